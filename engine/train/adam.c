@@ -1,12 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Deferred Adam: which clusters owe which steps, and the bounds that hold meanwhile. The arithmetic of a step is in
- * simd/adam.inl.
+/* Deferred Adam: keeps account of the pending steps of each cluster and computes cluster bounds that hold while steps
+ * are pending. The arithmetic of a step is in simd/adam.inl.
  *
- * Bounds. Without further gradients step s + j moves a parameter by rate c_(s+j) q^j u with one sign of u, so it
- * stays between p and p - W u, W = sum over all j >= 1 of rate c_(s+j) q^j. (With a constant rate, c <= 1 gives W <=
- * rate q / (1 - q) = 9.045 rate for the usual betas; the sum itself is tighter while c is small and holds for rates
- * that rise.) A cluster's box is the hull of both ends over its members, its sigma e to the largest end of ln sigma.
- * Replaying rounds `reach` times, by half an ulp each: the allowance is (reach + 8) 2^-24 of the largest coordinate. */
+ * Bounds. Without further gradients, step s + j moves a parameter by rate c_(s+j) q^j u, where u has one sign, so the
+ * parameter stays between p and p - W u, with W = sum over all j >= 1 of rate c_(s+j) q^j. (With a constant rate, c
+ * <= 1 gives W <= rate q / (1 - q) = 9.045 rate for the usual betas; the sum itself is tighter while c is small, and
+ * it holds for rates that rise.) A cluster's box is the hull of both ends over its Gaussians, its sigma is e to the
+ * power of the largest end of ln sigma. Replaying the steps rounds `reach` times, by half an ulp each: the box is
+ * widened by (reach + 8) 2^-24 of the largest coordinate to allow for that. */
 #include "train/adam.h"
 
 #include <assert.h>
@@ -19,6 +20,8 @@
 
 enum { REPLAY_CHUNK = 64, GROUPS = PAGS_RATE_GROUPS, MOST_ROWS = 256 };
 
+/* ---- Access to planes and clusters ---- */
+
 static pags_rate_group group_of(int plane) {
   return plane < PAGS_SCALE      ? PAGS_RATE_POSITION
          : plane < PAGS_ROTATION ? PAGS_RATE_SCALE
@@ -28,7 +31,8 @@ static pags_rate_group group_of(int plane) {
                                  : PAGS_RATE_SH_REST;
 }
 
-/* Where row `first` of a parameter or a moment lies: the `planes` active ones, then the Fourier terms. */
+/* Pointers to row `first` of one parameter and of its two moments. Columns are counted over the `planes` active
+ * planes first, then over the Fourier terms. */
 typedef struct column {
   float *p, *m, *v;
   pags_rate_group group;
@@ -51,7 +55,7 @@ static const pags_train_config *config_of(const pags_adam *adam) {
   return &adam->schedule->config;
 }
 
-/* Rows of a cluster. */
+/* Returns the number of rows of a cluster; `first` receives its first row. */
 static int cluster_rows(const pags_adam *adam, int64_t cluster, int64_t *first) {
   *first = cluster * adam->cluster_size;
   int64_t rest = adam->first.count - *first;
@@ -62,7 +66,7 @@ static int active_planes(const pags_adam *adam, int64_t step) {
   return pags_plane_count(pags_schedule_sh_degree(adam->schedule, step));
 }
 
-/* e_k of simd/adam.inl. */
+/* Returns e_k of simd/adam.inl: Adam's epsilon times sqrt(1 - beta2^k), k = step. */
 static float epsilon_at(const pags_adam *adam, int64_t step) {
   const pags_train_config *c = config_of(adam);
   return (float)(c->optimiser.epsilon * sqrt(-expm1((double)step * log(c->optimiser.beta2))));
@@ -71,6 +75,8 @@ static float epsilon_at(const pags_adam *adam, int64_t step) {
 static int64_t table_index(const pags_adam *adam, int64_t step) {
   return step < adam->table_steps ? step : adam->table_steps - 1;
 }
+
+/* ---- Tables, creation and memory ---- */
 
 pags_result pags_adam_retime(pags_adam *adam, int64_t last_step) {
   int64_t steps = last_step + adam->reach + 2;
@@ -87,7 +93,7 @@ pags_result pags_adam_retime(pags_adam *adam, int64_t last_step) {
   adam->position_rate = position;
   adam->table_steps = steps;
 
-  /* Fill tables. */
+  /* Fill the tables of c_k and of the positions' rate. */
   const pags_train_config *c = config_of(adam);
   for (int64_t k = 0; k < adam->table_steps; k++) {
     double rates[GROUPS];
@@ -114,7 +120,7 @@ static pags_result make_decay(pags_adam *adam) {
   return PAGS_OK;
 }
 
-/* Room for the clusters of `capacity` rows. */
+/* Makes room for the clusters of `capacity` rows. */
 static pags_result reserve_clusters(pags_adam *adam, int64_t capacity) {
   int64_t clusters = (capacity + adam->cluster_size - 1) / adam->cluster_size;
   if (clusters <= adam->cluster_capacity)
@@ -184,7 +190,10 @@ pags_result pags_adam_regroup(pags_adam *adam, int64_t count, int64_t step) {
   return PAGS_OK;
 }
 
-/* Sums of rate c_(step+j) q^j over all j >= 1; what lies beyond the table of q^j is added as a relative 1e-8. */
+/* ---- Applying pending steps ---- */
+
+/* Computes the sums of rate c_(step+j) q^j over all j >= 1. The terms beyond the table of q^j are covered by a
+ * relative 1e-8 on top. */
 static void reach_sums(const pags_adam *adam, int64_t step, double *position, double *unit) {
   double p = 0.0, u = 0.0;
   for (int j = adam->reach; j >= 1; j--) {
@@ -204,7 +213,7 @@ void pags_adam_begin(pags_adam *adam, int64_t step) {
 
 static void group_rates(const pags_adam *adam, double rates[GROUPS]) {
   const pags_train_config *c = config_of(adam);
-  rates[PAGS_RATE_POSITION] = 0.0; /* changes by step: from the table */
+  rates[PAGS_RATE_POSITION] = 0.0; /* changes with the step: the caller takes it from adam->position_rate */
   rates[PAGS_RATE_SCALE] = c->optimiser.scale_rate;
   rates[PAGS_RATE_ROTATION] = c->optimiser.rotation_rate;
   rates[PAGS_RATE_OPACITY] = c->optimiser.opacity_rate;
@@ -213,7 +222,7 @@ static void group_rates(const pags_adam *adam, double rates[GROUPS]) {
   rates[PAGS_RATE_FOURIER] = c->optimiser.sh_dc_rate;
 }
 
-/* Replays steps k0 .. k0 + count - 1 of a cluster whose moments are of step `last`. */
+/* Applies the pending steps k0 .. k0 + count - 1 to a cluster whose last gradient came at step `last`. */
 static void replay(const pags_adam *adam, pags_gaussians *g, int64_t cluster, int64_t last, int64_t k0, int count) {
   float weights[GROUPS][REPLAY_CHUNK];
   double rates[GROUPS];
@@ -234,7 +243,7 @@ static void replay(const pags_adam *adam, pags_gaussians *g, int64_t cluster, in
   }
 }
 
-/* Brings the parameters of a cluster up to `step`. */
+/* Applies the pending steps of a cluster up to `step`. */
 static void pay(pags_adam *adam, pags_gaussians *g, int64_t cluster, int64_t step) {
   int64_t last = adam->moment_step[cluster], k = adam->param_step[cluster] + 1;
   int64_t end = step < last + adam->reach ? step : last + adam->reach;
@@ -242,7 +251,7 @@ static void pay(pags_adam *adam, pags_gaussians *g, int64_t cluster, int64_t ste
     return;
   adam->param_step[cluster] = (int32_t)step;
   if (last == 0)
-    return; /* no gradient yet */
+    return; /* no gradient yet: both moments are zero and nothing moves */
   for (; k <= end; k += REPLAY_CHUNK)
     replay(adam, g, cluster, last, k, end - k + 1 < REPLAY_CHUNK ? (int)(end - k + 1) : REPLAY_CHUNK);
 }
@@ -251,7 +260,10 @@ void pags_adam_touch(pags_adam *adam, pags_gaussians *g, int64_t cluster, int64_
   pay(adam, g, cluster, step - 1);
 }
 
-/* Rows of a cluster that take no step. */
+/* ---- One step with gradients ---- */
+
+/* The rows of a cluster that keep their parameters and moments in this step because a number isn't finite: one bit
+ * each. */
 typedef struct left_out {
   uint16_t bits[MOST_ROWS / 16];
   int any;
@@ -261,7 +273,8 @@ static int is_left_out(const left_out *l, int row) {
   return l->bits[row / 16] >> (row % 16) & 1;
 }
 
-/* How many, and the first of them. */
+/* Returns the number of left-out rows; `out` (may be NULL) receives the first of them, its first offending plane and
+ * the reason. */
 static int name_left_out(const pags_adam *adam, const pags_gaussians *g, const left_out *l, int64_t first, int rows,
                          const float *gradient, int64_t stride, int planes, pags_nonfinite_row *out) {
   int count = 0, row = -1;
@@ -281,7 +294,7 @@ static int name_left_out(const pags_adam *adam, const pags_gaussians *g, const l
   return count;
 }
 
-/* One plane of a cluster in which some rows stay as they are. */
+/* Updates one plane of a cluster, then restores the left-out rows to what they were. */
 static void update_others(const pags_adam *adam, column c, const float *gradient, int rows, const left_out *l,
                           const pags_adam_step *s) {
   float kept[3][MOST_ROWS];
@@ -301,7 +314,7 @@ int pags_adam_update(pags_adam *adam, pags_gaussians *g, pags_clusters *clusters
   int rows = cluster_rows(adam, cluster, &first);
   pay(adam, g, cluster, step - 1);
 
-  /* Find left out. */
+  /* Find the rows whose parameters or gradients aren't finite. */
   left_out l = {.any = 0};
   l.any = adam->kernels->adam_check(g->data + first, g->stride, gradient, stride, planes, rows, l.bits);
   if (g->fourier)
@@ -332,14 +345,17 @@ int pags_adam_update(pags_adam *adam, pags_gaussians *g, pags_clusters *clusters
   return out.any ? name_left_out(adam, g, &out, first, rows, gradient, stride, planes, bad_row) : 0;
 }
 
-/* Interval that a plane's members stay in. */
+/* ---- Bounds and passes over all clusters ---- */
+
+/* Computes the interval that a plane's parameters stay in over the rows of a cluster, while no further gradient
+ * arrives. `weight`: the sum W of the head comment. */
 static void plane_reach(const pags_adam *adam, const pags_gaussians *g, int plane, int64_t cluster, double weight,
                         float range[2]) {
   int64_t first;
   int rows = cluster_rows(adam, cluster, &first);
   range[0] = INFINITY;
   range[1] = -INFINITY;
-  /* Without a gradient so far both moments are 0 and any positive eps will do. */
+  /* If the cluster has had no gradient so far, both moments are 0 and any positive eps will do. */
   int64_t last = adam->moment_step[cluster] > 0 ? adam->moment_step[cluster] : 1;
   adam->kernels->adam_reach(pags_plane(g, plane) + first, pags_plane(&adam->first, plane) + first,
                             pags_plane(&adam->second, plane) + first, rows, (float)weight, epsilon_at(adam, last),
@@ -362,7 +378,7 @@ void pags_adam_bound(const pags_adam *adam, const pags_gaussians *g, pags_cluste
     plane_reach(adam, g, PAGS_SCALE + axis, cluster, unit * config_of(adam)->optimiser.scale_rate, range);
     sigma = fmaxf(sigma, range[1]);
   }
-  clusters->sigma[cluster] = expf(sigma) * 1.00001f; /* the projection kernel rounds exp otherwise than libm */
+  clusters->sigma[cluster] = expf(sigma) * 1.00001f; /* covers exp's rounding in the projection kernel */
 }
 
 typedef struct sweep {
@@ -380,7 +396,7 @@ static void flush_block(void *context, int64_t begin, int64_t end, int worker) {
     pay(s->adam, s->g, c, s->step);
 }
 
-/* Moments scaled, tiny ones dropped as adam_update does. */
+/* Multiplies moments by a factor; results below `least` become zero, as in adam_update. */
 static void scale_rows(float *x, int rows, float factor, float least) {
   for (int i = 0; i < rows; i++) {
     float y = x[i] * factor;
@@ -414,9 +430,10 @@ static void bound_block(void *context, int64_t begin, int64_t end, int worker) {
     pags_adam_bound(s->adam, s->read, s->clusters, c);
 }
 
-enum { SWEEP_GRAIN = 16 }; /* clusters */
+enum { SWEEP_GRAIN = 16 }; /* clusters per task */
 
-/* Sweeps aren't cut short by cancellation: half a sweep would be a state that no step leaves. */
+/* Runs `fn` over all clusters. If the parallel loop is cancelled, the whole range is run again here, so that a pass
+ * is never left half done: no checkpointed step could produce such a state. */
 static void run(pags_adam *adam, pags_block_fn *fn, sweep *s, pags_tasks *tasks) {
   if (!tasks || !pags_parallel_for(tasks, adam->cluster_count, SWEEP_GRAIN, fn, s))
     fn(s, 0, adam->cluster_count, 0);

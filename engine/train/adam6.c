@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Adam on six numbers. */
+/* One Adam step (Kingma and Ba 2015) on a parameter of six numbers, in double. */
 #include "train/adam6.h"
 
 #include <math.h>
 
 int pags_adam6_step(pags_adam6 *m, const double gradient[6], const pags_train_config *c, double step[6]) {
   for (int i = 0; i < 6; i++)
-    if (!(fabs(gradient[i]) < 1e150)) /* its square is finite, too; false for NaN */
+    if (!(fabs(gradient[i]) < 1e150)) /* below this the square is finite, too; the test is false for NaN */
       return 0;
   m->count++;
   const double bias1 = 1.0 - pow(c->optimiser.beta1, (double)m->count),

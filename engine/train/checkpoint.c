@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Checkpoint files; the layout is in checkpoint.h. */
+/* Writes, reads and inspects checkpoints of training runs; the file layout is described in checkpoint.h. Every number
+ * read is checked before it is used, so that a damaged file gives an error message. */
 #include "train/checkpoint.h"
 
 #include <math.h>
@@ -17,22 +18,25 @@ static const char magic[8] = "PAGSRUN4";
 #error "checkpoints are written as little endian memory"
 #endif
 
-/* RUN0. */
+/* Payload of section RUN0: the numbers of the run. */
 typedef struct run_record {
   int64_t step, stop, resets, cap, clocked, views, models, knots, sky_size, exposures, lidar_points;
   double extent, loss, mse, sky_share;
   uint64_t fingerprint;
 } run_record;
 
-/* MODL. */
+/* Payload of section MODL: the numbers of one model. `fourier`, `object_ids`, `s_sem`, `squared`: 1 if the model has
+ * them. */
 typedef struct model_record {
   int64_t object, count, sh_degree, clusters, fourier, object_ids, s_sem, squared;
   double extent, fourier_gain;
 } model_record;
 
+/* ---- Writing ---- */
+
 static uint32_t crc_add(uint32_t crc, const void *bytes, size_t size) {
   const uint8_t *at = bytes;
-  while (size > 0) { /* zlib counts in 32 bits */
+  while (size > 0) { /* zlib takes 32-bit sizes */
     uInt piece = size < 1u << 30 ? (uInt)size : 1u << 30;
     crc = (uint32_t)crc32(crc, at, piece);
     at += piece;
@@ -41,7 +45,7 @@ static uint32_t crc_add(uint32_t crc, const void *bytes, size_t size) {
   return crc;
 }
 
-/* A section under way. */
+/* The file and the CRC of the section being written. */
 typedef struct section_writer {
   pags_file_writer file;
   uint32_t crc;
@@ -69,7 +73,7 @@ static pags_result put_whole(section_writer *w, const char tag[4], const void *b
   return close_section(w);
 }
 
-/* Planes of a model's parameters or moments, Fourier terms last. */
+/* Number of planes of a model's parameters or moments; Fourier terms come last. */
 static int plane_count(const pags_gaussians *g) {
   return pags_plane_count(g->sh_degree) + (g->fourier ? PAGS_FOURIER_PLANES : 0);
 }
@@ -132,13 +136,13 @@ static pags_result put_model(section_writer *w, const pags_train_model *m) {
   return m->density.squared ? put_whole(w, "SQUA", m->density.squared, (size_t)g->count * sizeof(float)) : PAGS_OK;
 }
 
-/* One knot as it lies in TRAK. */
+/* One knot's record in section TRAK. */
 typedef struct knot_record {
   double increment[6]; /* rotation, translation */
   pags_adam6 moments;
 } knot_record;
 
-/* BADR. */
+/* Payload of section BADR: updates left out because a number wasn't finite. */
 typedef struct nonfinite_record {
   int64_t count;
   pags_nonfinite_row first;
@@ -212,13 +216,16 @@ pags_result pags_checkpoint_save(const char *path, const pags_train_state *state
   return pags_file_writer_commit(&w.file);
 }
 
-/* What is left to read of a file in memory. */
+/* ---- Reading sections ---- */
+
+/* The part of a file in memory that hasn't been read yet. */
 typedef struct section_reader {
   const char *path;
   const uint8_t *at, *end;
 } section_reader;
 
-/* Steps over the next section, which must have that tag and a sound CRC. */
+/* Moves past the next section, which must have the given tag and a correct CRC; `payload` and `size` receive its
+ * payload. */
 static pags_result next(section_reader *r, const char tag[4], const uint8_t **payload, uint64_t *size) {
   size_t left = (size_t)(r->end - r->at);
   if (left < 16 || memcmp(r->at, tag, 4) != 0)
@@ -236,7 +243,7 @@ static pags_result next(section_reader *r, const char tag[4], const uint8_t **pa
   return PAGS_OK;
 }
 
-/* The same where the size is known. */
+/* As next(), for a section whose size must be `wanted` bytes. */
 static pags_result next_sized(section_reader *r, const char tag[4], uint64_t wanted, const uint8_t **payload) {
   uint64_t size = 0;
   PAGS_TRY(next(r, tag, payload, &size));
@@ -269,6 +276,8 @@ static pags_result out_of_range(const section_reader *r, const char *tag) {
   return pags_fail(PAGS_ERROR_FORMAT, "%s: section %s: a number is out of range", r->path, tag);
 }
 
+/* ---- Reading the state ---- */
+
 static int is_sound_run(const run_record *r, const pags_dataset *dataset, const pags_track_poses *tracks) {
   int64_t views = dataset ? pags_dataset_view_count(dataset) : 0;
   int in_order =
@@ -280,8 +289,8 @@ static int is_sound_run(const run_record *r, const pags_dataset *dataset, const 
          (r->sky_size == 0 || dataset);
 }
 
-/* The background (object -1) comes first, then objects in rising order; `before` is the last one's, -2 before the
- * first. */
+/* Checks a model's record. Models are stored in rising order of their object number, the background (-1) first;
+ * `before` is the object number of the model before this one, -2 if there is none. */
 static int is_sound_model(const model_record *m, const pags_train_config *config, int64_t before, int64_t objects) {
   int in_order = before == -2 ? m->object == -1 : m->object > before;
   return in_order && m->object < objects && m->count >= 0 && m->count <= INT32_MAX - 64 &&
@@ -303,7 +312,7 @@ static pags_result get_model_rest(section_reader *r, const model_record *record,
   PAGS_TRY(get_pair(r, "STEP", m->adam.moment_step, m->adam.param_step, m->adam.cluster_count));
   PAGS_TRY(get_pair(r, "STAT", m->density.gradient, m->density.seen, m->gaussians.count));
   if (record->object_ids) {
-    /* Get object ids. */
+    /* Read the object numbers; each must be -1 or an object of the data set. */
     const uint8_t *payload = NULL;
     size_t bytes = (size_t)m->gaussians.count * sizeof(int32_t);
     PAGS_TRY(next_sized(r, "OBJI", bytes, &payload));
@@ -314,7 +323,8 @@ static pags_result get_model_rest(section_reader *r, const model_record *record,
         return out_of_range(r, "OBJI");
   }
   if (record->s_sem) {
-    /* In 0..1: what is written to PLYs, and weighs what is pruned. */
+    /* Read the semantic priorities S_sem. Each must lie in 0..1, since they are written to PLYs and decide what is
+     * pruned. */
     const uint8_t *payload = NULL;
     size_t bytes = (size_t)m->gaussians.count * sizeof(float);
     PAGS_TRY(next_sized(r, "SSEM", bytes, &payload));
@@ -326,7 +336,7 @@ static pags_result get_model_rest(section_reader *r, const model_record *record,
         return out_of_range(r, "SSEM");
   }
   if (record->squared) {
-    /* Get squared. */
+    /* Read the sums of squared derivatives. */
     const uint8_t *payload = NULL;
     size_t bytes = (size_t)m->gaussians.count * sizeof(float);
     if (!m->density.squared)
@@ -335,7 +345,8 @@ static pags_result get_model_rest(section_reader *r, const model_record *record,
     memcpy(m->density.squared, payload, bytes);
   }
 
-  /* Steps that no run leaves would send replay over the ends of its tables. */
+  /* Check the clusters' steps: values that no run can produce would make the replay of pending steps read beyond its
+   * tables. */
   for (int64_t c = 0; c < m->adam.cluster_count; c++) {
     int32_t moment = m->adam.moment_step[c], param = m->adam.param_step[c];
     if (moment < 0 || param < moment || param > s->step)
@@ -356,7 +367,7 @@ static pags_result get_model(section_reader *r, pags_train_state *s) {
   memcpy(&record, payload, sizeof record);
   if (!is_sound_model(&record, config, before, s->tracks.count))
     return out_of_range(r, "MODL");
-  /* Before memory is asked for: can the file hold that many? */
+  /* Check that the file is long enough for this many Gaussians before memory is allocated for them. */
   if ((uint64_t)record.count * sizeof(float) * (uint64_t)pags_plane_count(config->color.sh_degree) >
       (uint64_t)(r->end - r->at))
     return pags_fail(PAGS_ERROR_FORMAT, "%s: section GAUS is cut off", r->path);
@@ -488,6 +499,8 @@ pags_result pags_checkpoint_load(const char *path, const pags_dataset *dataset, 
   return result;
 }
 
+/* ---- Inspecting ---- */
+
 static pags_result inspect(section_reader *r, pags_checkpoint_facts *out) {
   const uint8_t *payload = NULL;
   uint64_t size = 0;
@@ -500,7 +513,7 @@ static pags_result inspect(section_reader *r, pags_checkpoint_facts *out) {
     run_record run;
     model_record model;
 
-    /* Steps over a section whatever its tag; `tag` receives it. */
+    /* Move past the next section, whatever its tag; `tag` receives the tag. */
     if (r->end - r->at < 16)
       return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a section at its end, found %lld bytes", r->path,
                        (long long)(r->end - r->at));

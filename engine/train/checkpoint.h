@@ -1,24 +1,27 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A run on disk: one file from which it goes on to the same bits.
+/* The checkpoint of a training run: one file from which a resumed run computes the same bits as one that was never
+ * interrupted.
  *
- * "PAGSRUN4", then sections: tag (4 bytes), size of the payload (u64), payload, CRC-32 of tag, size and payload
- * (u32); all little endian. CONF is the configuration as text, RUN0 the numbers of run_record in checkpoint.c. Then for
- * each model: MODL the numbers of model_record, planes of count floats: GAUS the parameters, MOM1 and MOM2 the moments
- * (Fourier terms behind the others); STEP the two steps of each cluster (what rows owe is stored as owed), STAT the
- * densify statistics, OBJI object numbers, SSEM priorities, SQUA squared derivatives, each where there are any. TRAK
- * holds increments and moments of all knots (labels come from the data set), SKY0 texels, moments and visits, EXPO the
- * exposures, BADR (only where there was one) how many updates were left out and the first of them, END! nothing.
- * Sections come in this order. */
+ * The file begins with "PAGSRUN4"; sections follow: tag (4 bytes), size of the payload (u64), payload, CRC-32 of tag,
+ * size and payload (u32); all little endian. CONF is the configuration as text, RUN0 the numbers of run_record in
+ * checkpoint.c. Then, for each model: MODL the numbers of model_record; then planes of count floats: GAUS the
+ * parameters, MOM1 and MOM2 the moments (Fourier terms after the standard planes); STEP the two steps of each cluster
+ * (pending Adam steps are stored as pending); STAT the densify statistics; and, each only if the model has them, OBJI
+ * object numbers, SSEM priorities, SQUA squared derivatives. TRAK holds the increments and moments of all knots (the
+ * labelled poses come from the data set), SKY0 texels, moments and visits, EXPO the exposures, BADR (only if there
+ * was one) the number of updates left out and the first of them, END! nothing. Sections come in this order. */
 #ifndef PAGS_TRAIN_CHECKPOINT_H
 #define PAGS_TRAIN_CHECKPOINT_H
 
 #include "train/state.h"
 
-/* Written beside and renamed. `fingerprint` identifies the data set's views. */
+/* Writes the checkpoint to a temporary file beside `path`, then renames it. `fingerprint` identifies the data set's
+ * views. */
 pags_result pags_checkpoint_save(const char *path, const pags_train_state *state, uint64_t fingerprint);
 
-/* `state` is overwritten; nothing to free on failure. Messages name the file and the section. `dataset`: of the run;
- * its labels are what increments belong to. NULL where the run has no tracks, sky and exposures. */
+/* Reads a checkpoint. `state` is overwritten; on failure there is nothing to free. Error messages name the file and
+ * the section. `dataset` is the run's data set, whose labelled poses the increments are relative to; it may be NULL
+ * if the run has no tracks, sky or exposures. `fingerprint` receives the one that was saved. */
 pags_result pags_checkpoint_load(const char *path, const pags_dataset *dataset, pags_train_state *state,
                                  uint64_t *fingerprint);
 
@@ -28,7 +31,7 @@ typedef struct pags_checkpoint_facts {
   double loss;
 } pags_checkpoint_facts;
 
-/* Checks the CRC of every section and says what the file holds; needs no data set. */
+/* Checks the CRC of every section and reports what the file holds; needs no data set. */
 pags_result pags_checkpoint_inspect(const char *path, pags_checkpoint_facts *out);
 
 #endif

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Held-in test of colour over time. The least-squares fit is weighted by pixels; what it explains beyond a constant,
- * which the static colour would take up by itself, is the gain. */
+/* Decides which moving objects get a colour that changes over time, by their errors on the training views. The error
+ * of an object's pixels is fitted over time with Fourier terms, by least squares weighted by the number of pixels.
+ * The gain is what the fit explains beyond a constant term, which the static colour would learn by itself. */
 #include "train/color_over_time.h"
 
 #include <math.h>
@@ -13,14 +14,14 @@
 
 enum { TERMS = 5, SHRINK = 2 };
 
-/* Fewer pixels or time steps than these say nothing about an object. */
+/* Objects with fewer pixels or time steps than these get no Fourier terms: their errors say too little. */
 static const double least_pixels = 500.0;
 static const int least_steps = 8;
 
-/* Normal equations of one object, all channels. */
+/* Normal equations of one object's fit: matrix and, per channel, right side. */
 typedef struct object_fit {
   double a[TERMS][TERMS], b[3][TERMS];
-  double squares; /* sum of squared errors, pixel by pixel */
+  double squares; /* sum of squared errors over pixels and channels */
   double pixels;
   int steps, last_frame;
 } object_fit;
@@ -40,7 +41,8 @@ static int64_t model_of_id(const pags_trainer *t, int32_t id) {
   return 0;
 }
 
-/* The mean of factor x factor pixels of a plane; -1 where the mask leaves one of them out. */
+/* The mean of a channel over the factor x factor pixels of the photograph under pixel (x, y) of a smaller picture,
+ * 0..1; -1 if the mask excludes one of them. */
 static double target_at(const pags_photo *photo, int c, int x, int y, int factor) {
   const int64_t stride = photo->stride, plane = c * photo->height * stride;
   double sum = 0.0;
@@ -53,7 +55,8 @@ static double target_at(const pags_photo *photo, int c, int x, int y, int factor
   return sum / (255.0 * factor * factor);
 }
 
-/* b' A^-1 b by Cholesky, terms 0 .. n - 1, with a slight ridge: short tracks see only part of the basis. */
+/* Returns b' A^-1 b, the sum of squares that a fit with terms 0 .. n - 1 explains, by Cholesky factorisation. A
+ * slight ridge is added to A because short tracks see only part of the basis. */
 static double explained(const object_fit *f, const double b[TERMS], int n) {
   double l[TERMS][TERMS] = {{0.0}}, y[TERMS], sum = 0.0;
   for (int i = 0; i < n; i++) {
@@ -72,7 +75,7 @@ static double explained(const object_fit *f, const double b[TERMS], int n) {
   return sum;
 }
 
-/* dB that the time-varying terms promise. */
+/* The PSNR gain in dB on the object's pixels that the fit with time-varying terms promises over a constant one. */
 static double gain_of(const object_fit *f) {
   double less = 0.0;
   if (f->pixels < least_pixels || f->steps < least_steps)
@@ -98,7 +101,7 @@ static pags_result add_view(pags_trainer *t, int64_t index, object_error *errors
   PAGS_TRY(pags_view_render_draw(t, t->state.step + 1, &camera, &options, &picture));
   memset(errors, 0, (size_t)t->state.model_count * sizeof *errors);
 
-  /* Add picture. */
+  /* Sum up the errors per object over the pixels where an object's Gaussian has the largest weight. */
   int32_t background = (int32_t)t->state.models[0].gaussians.count;
   for (int y = 0; y < picture.height; y++)
     for (int x = 0; x < picture.width; x++) {
@@ -114,7 +117,7 @@ static pags_result add_view(pags_trainer *t, int64_t index, object_error *errors
       e->pixels += 1.0;
     }
 
-  /* Add errors. */
+  /* Add each object's errors in this view to the normal equations of its fit. */
   for (int i = 0; i < t->render.part_count; i++) {
     int64_t model = t->render.drawn[i].model;
     const object_error *e = &errors[model];

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Which objects' colours change over time. */
+/* Decides which moving objects get a colour that changes over time. */
 #ifndef PAGS_TRAIN_COLOR_OVER_TIME_H
 #define PAGS_TRAIN_COLOR_OVER_TIME_H
 
@@ -7,10 +7,10 @@ struct pags_trainer;
 
 #include <pags/base.h>
 
-/* Draws every training view as trained so far and asks, per moving object, how much of its error a colour that varies
- * over the track as five Fourier terms would take away: the mean error of its pixels at each time step, fitted by least
- * squares. Objects for which that promises at least fourier_gain dB get the terms, at zero. Everything must be settled.
- */
+/* Renders every training view with the Gaussians trained so far and estimates, per moving object, how much of its
+ * error a colour that varies over the track as five Fourier terms would remove: the mean error of the object's pixels
+ * at each time step is fitted by least squares. Objects for which the fit promises at least fourier_gain dB get the
+ * Fourier terms, all zero. No model may have pending Adam steps. */
 pags_result pags_color_over_time_decide(struct pags_trainer *trainer);
 
 #endif

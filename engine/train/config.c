@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The configuration: defaults, checks and text of its fields, by the table of train/fields.c. */
+/* The training configuration: defaults, checks and conversion of its fields to and from text, driven by the table of
+ * train/fields.c. */
 #include "train/config.h"
 
 #include <errno.h>
@@ -12,6 +13,8 @@
 #include "train/fields.h"
 
 #define CONFIG_COOKIE 0x70616773u
+
+/* ---- Fields and defaults ---- */
 
 const pags_train_field *pags_train_field_at(int index) {
   return index >= 0 && index < pags_field_count ? &pags_fields[index] : NULL;
@@ -41,7 +44,8 @@ pags_train_config pags_train_config_default(void) {
   return config;
 }
 
-/* The name of the `index`-th choice of `choices`, "a|b|c", NULL beyond the last; its length goes to `length`. */
+/* Returns the `index`-th name of the list `choices`, "a|b|c", or NULL beyond the last; `length` receives its
+ * length. */
 static const char *choice_at(const char *choices, int index, int *length) {
   for (; index > 0 && choices[strcspn(choices, "|")]; index--)
     choices += strcspn(choices, "|") + 1;
@@ -65,7 +69,7 @@ static void print_value(const pags_train_config *config, const pags_train_field 
       }
       break;
     }
-    case PAGS_FIELD_CHOICE: { /* out of range until the check: as a number */
+    case PAGS_FIELD_CHOICE: { /* a value out of range is printed as a number */
       int i = *(const int *)p, length;
       const char *choice = choice_at(f->choices, i, &length);
       if (choice)
@@ -77,13 +81,15 @@ static void print_value(const pags_train_config *config, const pags_train_field 
   }
 }
 
+/* ---- Checking, setting and resolving ---- */
+
 pags_result pags_train_config_check(const pags_train_config *config) {
   if (config->cookie != CONFIG_COOKIE)
     return pags_fail(PAGS_ERROR_ARGUMENT, "training configuration doesn't come from pags_train_config_default");
   for (int i = 0; i < pags_field_count; i++) {
     const pags_train_field *f = &pags_fields[i];
     const void *p = (const char *)config + f->offset;
-    double value = 0.0; /* 64-bit seeds have no range */
+    double value = 0.0; /* 64-bit seeds aren't range-checked */
     switch (f->type) {
       case PAGS_FIELD_SWITCH:
       case PAGS_FIELD_CHOICE:
@@ -124,7 +130,7 @@ pags_result pags_train_config_set(pags_train_config *config, const char *name, c
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: expected one of %s, got '%s'", f->name, f->choices, text);
   }
   if (f->rule && strcmp(text, "auto") == 0)
-    text = "-1"; /* PAGS_FIELD_AUTO */
+    text = "-1"; /* the value of PAGS_FIELD_AUTO */
   errno = 0;
   if (f->type == PAGS_FIELD_DOUBLE) {
     double value = strtod(text, &end);
@@ -151,9 +157,10 @@ pags_result pags_train_config_set(pags_train_config *config, const char *name, c
   return PAGS_OK;
 }
 
-/* What the fields with a rule are, in words also in their rows. Degree 1 on driving sets is that of Street Gaussians
- * (Yan et al. 2024): a road is passed once, in one direction. The figures of LEAN are those of docs/lab/priority.md.
- * SHORT and PAPER end densify at the same step of their runs, which is half of the schedule of PAPER. */
+/* Fills in the fields that are set to auto; their rows in train/fields.c state the same rules in words. SH degree 1
+ * on driving sets is that of Street Gaussians (Yan et al. 2024): a road is passed once, in one direction. The numbers
+ * of preset LEAN are those of docs/lab/priority.md. SHORT and PAPER both stop densifying at step 25 000, SHORT in a
+ * run of 30 000 steps, PAPER in one of 50 000, of which it is half. */
 pags_train_config pags_config_resolve(const pags_train_config *config, bool driving) {
   pags_train_config resolved = *config;
   pags_train_priority *priority = &resolved.priority;
@@ -175,7 +182,10 @@ pags_train_config pags_config_resolve(const pags_train_config *config, bool driv
   return resolved;
 }
 
-/* Appends formatted text; the table is far smaller than PAGS_CONFIG_TEXT. */
+/* ---- To and from text ---- */
+
+/* Appends the five strings to `text`, of which `used` bytes are taken; returns the new length. The table's text is
+ * far shorter than PAGS_CONFIG_TEXT, so that it always fits. */
 static size_t append(char *text, size_t used, const char *before, const char *name, const char *between,
                      const char *value, const char *after) {
   int written = snprintf(text + used, PAGS_CONFIG_TEXT - used, "%s%s%s%s%s", before, name, between, value, after);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The configuration as text: for checkpoints (name=value lines) and scene.json (a JSON object). */
+/* The training configuration as text: name=value lines for checkpoints, a JSON object for scene.json. Also resolves
+ * fields left to automatic choice and compares configurations. */
 #ifndef PAGS_TRAIN_CONFIG_H
 #define PAGS_TRAIN_CONFIG_H
 
@@ -7,18 +8,20 @@
 #include <stdbool.h>
 #include "train/fields.h"
 
-/* Most bytes a configuration takes as text, either way. */
+/* Size in bytes of a buffer that holds a configuration as text, in either form. */
 enum { PAGS_CONFIG_TEXT = 8192 };
 
-/* Every field as "name=value\n". */
+/* Writes every field as "name=value\n". */
 void pags_config_write(const pags_train_config *config, char text[PAGS_CONFIG_TEXT]);
-/* The way back; `where` names the source in messages. */
+/* Reads what pags_config_write wrote; `where` names the source in error messages. */
 pags_result pags_config_read(pags_train_config *config, const char *text, size_t size, const char *where);
-/* The same as a JSON object in one line. */
+/* Writes every field as a JSON object in one line. */
 void pags_config_write_json(const pags_train_config *config, char text[PAGS_CONFIG_TEXT]);
-/* `config` with what it leaves to the kind of data set filled in. */
+/* Returns `config` with the fields that are set to auto filled in; some depend on whether the data set is a driving
+ * set. */
 pags_train_config pags_config_resolve(const pags_train_config *config, bool driving);
-/* Name of the first field that differs, iterations and schedule_iterations left out; NULL when none does. */
+/* Returns the name of the first field that differs between `a` and `b`, iterations and schedule_iterations left out;
+ * NULL if none does. */
 const char *pags_config_difference(const pags_train_config *a, const pags_train_config *b);
 
 #endif

@@ -1,11 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Adaptive density control of Kerbl et al. (2023), section 5, with the constants and the order of their program.
  *
- * A Gaussian whose projected mean is pulled hard (mean norm of its NDC gradient over the views it was drawn in)
- * covers too much or too little: a large one is split in two samples of itself with sigmas divided, a small one is
- * doubled in place (the optimiser's noise parts the two). What has become transparent goes, and, once opacities were
- * reset, what has become huge. Where the bound on Gaussians leaves no room for all that ask, those with the largest
- * gradient come first, ties by row. */
+ * The statistic is the norm of the gradient by a Gaussian's projected mean, in NDC, averaged over the views in which
+ * the Gaussian was drawn. Where it is large, the Gaussian covers too much or too little: a large one is split into
+ * two samples of itself with smaller sigmas, a small one is cloned in place (the two then drift apart by the
+ * optimiser's noise). Gaussians that have become transparent are pruned, and, once opacities have been reset, those
+ * that have become too large. If the limit on Gaussians leaves no room for all clones and splits, those with the
+ * largest gradients are done, ties by row. */
 #include "train/densify.h"
 
 #include <math.h>
@@ -17,15 +18,19 @@
 #include "base/rng.h"
 #include "base/sort.h"
 
-/* A run that loses everything has failed already; keeping a few rows lets it end in an orderly way. */
+/* ---- Deciding ---- */
+
+/* Prunes that would leave fewer Gaussians than this are withdrawn: a run that loses everything has failed already,
+ * and with a few rows it can still end in an orderly way. */
 static const int64_t least_survivors = 16;
 
 static float logit(double probability) {
   return (float)log(probability / (1.0 - probability));
 }
 
-/* The loss counts critical pixels critical_weight times, growth critical_growth times; S_sem is their share of what
- * shows the Gaussian. */
+/* Returns the mean gradient of a Gaussian, reweighted. The loss counts critical pixels critical_weight times, growth
+ * shall count them critical_growth times; S_sem is the share of critical pixels among those that show the
+ * Gaussian. */
 static float mean_gradient(const pags_train_model *model, int64_t row) {
   const pags_density *density = &model->density;
   const pags_train_config *c = &model->schedule.config;
@@ -53,7 +58,8 @@ static thresholds thresholds_of(const pags_train_model *model) {
       .split_divisor = (float)c->density.split_divisor};
 }
 
-/* Boxes are labelled tightly: mirrors and what a label misses get half as much again. */
+/* An object's Gaussians are kept in its box times this factor: boxes are labelled tightly, and mirrors and other
+ * parts that the label misses stick out. */
 static const double box_margin = 1.5;
 
 static int strays(const pags_train_model *model, int64_t row) {
@@ -71,7 +77,7 @@ static pags_edit decide_row(const pags_train_model *model, const thresholds *t, 
                   pags_plane(g, PAGS_SCALE + 2)[row]);
   float sigma = expf(s);
   int pulled = mean_gradient(model, row) >= t->gradient;
-  if (pulled && sigma > t->dense_sigma) /* its children are what the size test sees */
+  if (pulled && sigma > t->dense_sigma) /* the limit on sigma applies to its children */
     return sigma / t->split_divisor > t->prune_sigma ? PAGS_EDIT_PRUNE : PAGS_EDIT_SPLIT;
   if (sigma > t->prune_sigma)
     return PAGS_EDIT_PRUNE;
@@ -91,7 +97,7 @@ static int by_gradient(const void *a, const void *b) {
 }
 
 /* Where there is room for only `room` more Gaussians: keeps the clones and splits with the largest gradients and
- * cancels the others. */
+ * cancels the rest. */
 static pags_result cut_growth(const pags_train_model *model, pags_edits *edits, int64_t room) {
   candidate *list = malloc((size_t)edits->wanted * sizeof *list);
   int64_t n = 0;
@@ -125,7 +131,7 @@ pags_result pags_densify_decide(const pags_train_model *model, pags_edits *edits
   }
   edits->wanted = edits->cloned + edits->split;
   if (edits->pruned > 0 && count - edits->pruned < least_survivors) {
-    /* Withdraws all prunes. Objects far away may well start from so few. */
+    /* Withdraw all prunes. No warning for objects: those far away may well start from so few Gaussians. */
     if (model->object < 0)
       pags_log(PAGS_LOG_WARNING, "densify would leave %lld of %lld Gaussians: nothing is pruned",
                (long long)(edits->count - edits->pruned), (long long)edits->count);
@@ -148,7 +154,10 @@ void pags_edits_destroy(pags_edits *edits) {
   *edits = (pags_edits){0};
 }
 
-/* Makes `row` a sample of the Gaussian it is a copy of; (step, child, parent) choose the sample. */
+/* ---- Applying ---- */
+
+/* Turns `row`, a copy of its parent, into a child of a split: draws its mean from the parent's distribution and
+ * divides its sigmas. (step, child, parent) determine the random numbers. */
 static void make_child(const pags_train_model *model, pags_gaussians *g, int64_t row, int child, int64_t parent) {
   const pags_train_config *c = &model->schedule.config;
   double n[4], q[4], r[9], offset[3];
@@ -163,17 +172,18 @@ static void make_child(const pags_train_model *model, pags_gaussians *g, int64_t
   for (int i = 0; i < 3; i++) {
     float *mean = &pags_plane(g, PAGS_MEAN + i)[row];
     double moved = (double)*mean + r[3 * i] * offset[0] + r[3 * i + 1] * offset[1] + r[3 * i + 2] * offset[2];
-    *mean = fabs(moved) < 3e38 ? (float)moved : *mean; /* ln sigma may be anything */
+    *mean = fabs(moved) < 3e38 ? (float)moved : *mean; /* sigma may be so large that the mean would overflow */
     pags_plane(g, PAGS_SCALE + i)[row] -= (float)log(c->density.split_divisor);
   }
   if (c->density.revised_opacity) {
     float *opacity = &pags_plane(g, PAGS_OPACITY)[row];
-    double rest = 1.0 / (1.0 + exp((double)*opacity)); /* 1 - o */
+    double rest = 1.0 / (1.0 + exp((double)*opacity)); /* 1 minus the opacity */
     *opacity = logit(fmin(fmax(1.0 - sqrt(rest), 1e-6), 1.0 - 1e-6));
   }
 }
 
-/* What stays, then the copies of what is cloned, then first and second halves of what is split. */
+/* Fills `source` with the old row of each new row: first the rows that stay (`kept` of them), then the copies of
+ * cloned rows, then the first and then the second children of split rows. */
 static void list_sources(const pags_edits *edits, int64_t *source, int64_t kept) {
   int64_t stay = 0, clone = kept, half = kept + edits->cloned;
   for (int64_t row = 0; row < edits->count; row++) {

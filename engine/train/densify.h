@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* 3DGS's adaptive density control: clone, split, prune, reset. */
+/* The adaptive density control of 3D Gaussian splatting (Kerbl et al. 2023): clone, split, prune, reset of
+ * opacities. */
 #ifndef PAGS_TRAIN_DENSIFY_H
 #define PAGS_TRAIN_DENSIFY_H
 
@@ -8,19 +9,21 @@
 typedef enum pags_edit { PAGS_EDIT_KEEP, PAGS_EDIT_CLONE, PAGS_EDIT_SPLIT, PAGS_EDIT_PRUNE } pags_edit;
 
 typedef struct pags_edits {
-  uint8_t *kind; /* pags_edit per row; freed by pags_edits_destroy */
-  int64_t count; /* rows */
+  uint8_t *kind; /* a pags_edit per row; freed by pags_edits_destroy */
+  int64_t count; /* number of rows (Gaussians) */
   int64_t cloned, split, pruned;
-  int64_t wanted; /* clones and splits before the bound on Gaussians cut them */
+  int64_t wanted; /* number of clones and splits before the limit on Gaussians cut them */
 } pags_edits;
 
-/* Decides from statistics and parameters of a settled model; changes nothing. */
+/* Decides for each Gaussian of a settled model (no pending Adam steps) what happens to it, from its statistics and
+ * parameters; changes nothing. `edits` receives the decisions. */
 pags_result pags_densify_decide(const pags_train_model *model, pags_edits *edits);
-/* Carries the edits out in parameters, moments and statistics, sorts, and clears the statistics. */
+/* Applies the edits to parameters, moments and statistics, sorts the Gaussians, and clears the statistics. */
 pags_result pags_densify_apply(pags_train_model *model, const pags_edits *edits, pags_tasks *tasks);
 void pags_edits_destroy(pags_edits *edits);
 
-/* Lowers all opacities to reset_opacity at most and forgets their moments. The model must be settled. */
+/* Opacity reset: lowers every opacity above reset_opacity to reset_opacity and sets the moments of opacity to zero.
+ * The model must be settled (no pending Adam steps). */
 void pags_densify_reset(pags_train_model *model);
 
 #endif

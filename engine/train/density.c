@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Density control after a step: adaptive density control (Kerbl et al. 2023) or MCMC (Kheradmand et al. 2024), and what
- * else the schedule names. */
+/* Density control after a training step: adaptive density control (Kerbl et al. 2023) or MCMC (Kheradmand et al.
+ * 2024), and the other operations on all Gaussians that the schedule names: pruning by score, colour over time, the
+ * pull onto LiDAR planes, opacity resets. */
 #include "train/density.h"
 
 #include <string.h>
@@ -52,7 +53,8 @@ static pags_result densify(pags_trainer *t, pags_train_model *m, pags_density_ch
   return result;
 }
 
-/* What the bound leaves to grow into is shared out in proportion to what the models have. */
+/* Shares out the number of Gaussians that the limits (max_gaussians, memory, target_size) still allow, in proportion
+ * to the models' numbers of Gaussians. */
 static pags_result share_cap(pags_trainer *t) {
   pags_train_state *s = &t->state;
   int64_t total = pags_state_gaussian_count(s), room;
@@ -68,7 +70,8 @@ static pags_result share_cap(pags_trainer *t) {
   return PAGS_OK;
 }
 
-/* Density control of all models after the step just done, settled. */
+/* Runs densify of all models, or MCMC's relocation and growth, after the step just done. The models must be settled
+ * (no pending Adam steps). */
 static pags_result refine(pags_trainer *t) {
   pags_train_state *s = &t->state;
   int mcmc = s->schedule.config.density.strategy == PAGS_STRATEGY_MCMC;
@@ -81,14 +84,14 @@ static pags_result refine(pags_trainer *t) {
   return pags_output_log_density(&t->output, s->step, &change, pags_state_gaussian_count(s));
 }
 
-/* What the schedule names for the step just done. */
+/* See density.h. */
 pags_result pags_density_control(pags_trainer *t) {
   pags_train_state *s = &t->state;
   int due = pags_schedule_is_densify(&s->schedule, s->step), reset = pags_schedule_is_reset(&s->schedule, s->step);
   int prune = pags_schedule_prune(&s->schedule, s->step);
   int fourier = s->schedule.config.objects.fourier && s->step == s->schedule.fourier_from && s->model_count > 1;
   for (int64_t i = 0; s->schedule.config.density.strategy == PAGS_STRATEGY_MCMC && i < s->model_count; i++) {
-    /* Under MCMC the regularisers and the noise move rows that no view shows, too. */
+    /* Under MCMC, the regularisers and the noise also move the Gaussians that the step's view doesn't show. */
     pags_adam_begin(&s->models[i].adam, s->models[i].step);
     if (!pags_parallel_for(t->tasks, s->models[i].adam.cluster_count, UNSEEN_GRAIN, move_unseen_block,
                            &(unseen_job){(&s->models[i]), &t->state.nonfinite}))
@@ -105,7 +108,7 @@ pags_result pags_density_control(pags_trainer *t) {
     PAGS_TRY(pags_color_over_time_decide(t));
   if (prune >= 0)
     PAGS_TRY(pags_prune(t, prune));
-  if (pulls) { /* the background onto the planes that LiDAR shows; its clusters' bounds anew */
+  if (pulls) { /* move the background's Gaussians towards the LiDAR planes, then recompute its clusters' bounds */
     pags_train_model *m = &s->models[0];
     if (!pags_lidar_planes_pull(&t->lidar_planes, &m->gaussians, s->schedule.config.density.lidar_pull, t->tasks))
       return pags_fail(PAGS_CANCELLED, "cancelled");

@@ -1,13 +1,18 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Loss terms of driving scenes: opacity where the sky is, depth where the LiDAR hit, opacity of moving objects in and
- * out of their boxes.
+/* Loss terms of driving scenes: opacity where the sky is, depth where the LiDAR hit, opacity of moving objects inside
+ * and outside of their boxes.
  *
- * With T the transmittance, alpha = 1 - T and n counted pixels:
- *   sky      -(w/n) log T where the label says sky, -(w/n) log(1 - T) elsewhere     d/dT = -(w/n) / T, (w/n) / (1 - T)
- *   objects  -(w/n) log T outside of the boxes, (w/n) H(T) within them              dH/dT = log((1 - T) / T)
- *   depth    (w/m) |D / alpha - sample|, m samples kept                             d/dD = s (w/m) / alpha, d/dT = s
- * (w/m) D / alpha^2 Arguments of the logarithms are clamped to [1e-6, 1 - 1e-6], outside of which the gradient is zero:
- * simd/opacity.inl. Every row has its own sum, added in order. */
+ * With T the transmittance, alpha = 1 - T, n counted pixels, m samples kept, D the depth sum, s the sign of D / alpha
+ * - sample:
+ *
+ *     sky      -(w/n) log T where the label says sky    d/dT = -(w/n) / T
+ *              -(w/n) log(1 - T) elsewhere              d/dT = (w/n) / (1 - T)
+ *     objects  -(w/n) log T outside of the boxes        d/dT = -(w/n) / T
+ *              (w/n) H(T) inside                        dH/dT = log((1 - T) / T)
+ *     depth    (w/m) |D / alpha - sample|               d/dD = s (w/m) / alpha, d/dT = s (w/m) D / alpha^2
+ *
+ * Arguments of the logarithms are clamped to [1e-6, 1 - 1e-6], outside of which the gradient is zero:
+ * simd/opacity.inl. Every row has its own sum; the sums are added in order. */
 #include "train/driving_losses.h"
 
 #include <assert.h>
@@ -21,14 +26,14 @@
 
 enum { IN_MOVING_BOX = PAGS_LABEL_VEHICLE | PAGS_LABEL_PEDESTRIAN | PAGS_LABEL_CYCLIST };
 
-static const float least_alpha = 0.05f; /* of a pixel whose depth counts */
+static const float least_alpha = 0.05f; /* the depth loss skips pixels whose alpha isn't larger */
 
 typedef struct term {
   const pags_kernels *kernels;
   const pags_picture *picture;
   const pags_photo *photo;
-  pags_opacity_row row; /* what is the same of all rows */
-  double *sums;         /* per row */
+  pags_opacity_row row; /* the members that are the same for all rows */
+  double *sums;         /* one per row of pixels */
 } term;
 
 static void sum_rows(void *context, int64_t begin, int64_t end, int worker) {
@@ -94,17 +99,16 @@ pags_result pags_driving_loss_objects(pags_tasks *tasks, const pags_picture *pic
   return sum_term(tasks, &t, weight, value);
 }
 
-/* Depth */
-
 typedef struct depth_hit {
   int64_t at;  /* pixel in the planes */
   float error; /* rendered minus measured, metres */
 } depth_hit;
 
-/* Samples in counted pixels that are not empty, in their order. Returns how many. */
+/* Lists, in order, the samples whose pixel lies in the picture, is counted and has enough alpha. Returns the number
+ * of them. */
 static int64_t find_hits(const pags_picture *picture, const pags_photo *photo, const pags_lidar_depth_sample *samples,
                          int64_t count, int shrink, depth_hit *hits) {
-  const float scale = 1.0f / (float)shrink; /* exact: a power of two */
+  const float scale = 1.0f / (float)shrink; /* exact, since shrink is a power of two */
   int64_t found = 0;
   for (int64_t i = 0; i < count; i++) {
     const float x = samples[i].x * scale, y = samples[i].y * scale;
@@ -121,15 +125,16 @@ static int64_t find_hits(const pags_picture *picture, const pags_photo *photo, c
   return found;
 }
 
-static uint32_t error_key(const depth_hit *hit) { /* bits of floats that aren't negative are in the floats' order */
+/* The bits of |error|: for floats >= 0, the order of the bits as integers is that of the values. */
+static uint32_t error_key(const depth_hit *hit) {
   const float size = fabsf(hit->error);
   uint32_t key;
   memcpy(&key, &size, sizeof key);
   return key;
 }
 
-/* The kept-th smallest key (from 1), and how many of the smaller keys there are: bit by bit from the top, 8 at a time.
- */
+/* Returns the kept-th smallest key (counted from 1) by radix selection, 8 bits at a time from the top; `smaller`
+ * receives the number of smaller keys. */
 static uint32_t select_key(const depth_hit *hits, int64_t count, int64_t kept, int64_t *smaller) {
   uint32_t prefix = 0;
   *smaller = 0;
@@ -163,7 +168,7 @@ pags_result pags_driving_loss_depth(const pags_picture *picture, const pags_phot
   if (kept > 0) {
     int64_t smaller;
     const uint32_t largest = select_key(hits, found, kept, &smaller);
-    int64_t ties = kept - smaller; /* of those that equal the largest, the first ones */
+    int64_t ties = kept - smaller; /* of the samples that equal the largest kept error, the first `ties` are kept */
     double sum = 0.0;
     for (int64_t i = 0; i < found; i++) {
       const uint32_t key = error_key(hits + i);

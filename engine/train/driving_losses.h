@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Loss terms of driving scenes. Each adds its gradient to planes that exist already and returns its weighted value;
- * each is a pure function of planes of `stride` floats a row, the same bits for any number of threads. Weights and
- * sources: facts of Street Gaussians. */
+/* Loss terms of driving scenes: sky opacity, LiDAR depth, opacity of moving objects, with the forms and weights of
+ * Street Gaussians (Yan et al. 2024). Each function adds its gradient to existing planes and returns its weighted
+ * value. Each is a pure function of planes of `stride` floats a row and gives the same bits for any number of
+ * threads. */
 #ifndef PAGS_TRAIN_DRIVING_LOSSES_H
 #define PAGS_TRAIN_DRIVING_LOSSES_H
 
@@ -11,26 +12,28 @@
 
 #include "train/lidar_depth.h"
 
-/* Values of a step's loss terms beside the photometric loss, weighted. */
+/* Weighted values of a step's loss terms, the photometric loss excluded. */
 typedef struct pags_driving_losses {
   double sky, depth, objects;
 } pags_driving_losses;
 
-/* Sky opacity: weight times the mean over counted pixels of the binary cross-entropy of alpha = 1 - T against 0 where
- * the label says sky and 1 elsewhere, alpha clamped to [1e-6, 1 - 1e-6] (zero gradient outside).
- * `transmittance_gradient`: added to. */
+/* Sky opacity: weight times the mean over counted pixels of the binary cross-entropy of alpha = 1 - T (T:
+ * transmittance), whose target is 0 where the label says sky and 1 elsewhere. alpha is clamped to [1e-6, 1 - 1e-6],
+ * with zero gradient outside. The gradient is added to `transmittance_gradient`. */
 pags_result pags_driving_loss_sky(pags_tasks *tasks, const pags_picture *picture, const pags_photo *photo,
                                   double weight, float *transmittance_gradient, double *value);
 
-/* LiDAR depth: weight times the mean of |depth_sum / alpha - sample| over the samples with the smallest `share` of
- * errors among those whose pixel has alpha > 0.05. `shrink`: of the picture. Gradients by depth_sum and T are added. */
+/* LiDAR depth: weight times the mean of |depth_sum / alpha - sample|, in metres, over the `share` (0..1) of samples
+ * with the smallest errors, among samples whose pixel has alpha > 0.05. `shrink`: the factor by which the picture is
+ * smaller than the camera's full size, a power of two. The gradients by depth_sum and by the transmittance are added
+ * to the planes. */
 pags_result pags_driving_loss_depth(const pags_picture *picture, const pags_photo *photo,
                                     const pags_lidar_depth_sample *samples, int64_t count, int shrink, double weight,
                                     double share, float *depth_gradient, float *transmittance_gradient, double *value);
 
 /* Opacity of objects, from a picture of the moving objects alone: weight times the mean over counted pixels of the
- * binary entropy of alpha where a moving object's box is (PAGS_LABEL_VEHICLE | _PEDESTRIAN | _CYCLIST), and of -log(1 -
- * alpha) elsewhere. */
+ * binary entropy of alpha inside of moving objects' boxes (PAGS_LABEL_VEHICLE | _PEDESTRIAN | _CYCLIST), and of
+ * -log(1 - alpha) elsewhere. */
 pags_result pags_driving_loss_objects(pags_tasks *tasks, const pags_picture *picture, const pags_photo *photo,
                                       double weight, float *transmittance_gradient, double *value);
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The draws of adaptive stochastic dropout; see dropout.h. */
+/* The random draws of adaptive stochastic dropout, a pure function of seed, step, model and row; see dropout.h. */
 #include "train/dropout.h"
 
 #include <assert.h>
@@ -7,7 +7,7 @@
 
 #include "base/rng.h"
 
-enum { WORDS = 4 }; /* of one draw: rows that share it */
+enum { WORDS = 4 }; /* 32-bit words of one draw: that many rows share it */
 
 pags_dropout pags_dropout_at(const pags_schedule *s, int64_t step, int64_t object) {
   const pags_train_config *c = &s->config;

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What a run will take: bytes from counts, seconds from a few passes.
+/* Estimates a run's memory from counts and its time from a few timed passes.
  *
- * Assumed: the count of Gaussians ends at its bound, or at 8 times the start (the usual factor of 3DGS from
- * structure-from-motion points), and grows evenly until densify_until; a pass's cost is a part that follows the count
- * (cull, project, shade, Adam) and a part that follows the pixels, which doubles as a scene fills up (measured
- * between an early and a finished state). */
+ * Assumptions: the number of Gaussians ends at its limit, or at 8 times the start if that is less (the usual factor
+ * of 3DGS from structure-from-motion points), and grows linearly until densify_until. The cost of a pass has a part
+ * proportional to the number of Gaussians (cull, project, shade, sort, Adam) and a part that depends on the pixels,
+ * which doubles as a scene fills up (measured between an early and a finished state). */
 #include <math.h>
 
 #include "base/clock.h"
@@ -17,10 +17,10 @@ enum { PROBES = 4 };
 static const double growth = 8.0;
 static const double pixel_growth = 2.0;
 
-/* Statement of memory. Per Gaussian: parameters and two moments (planes x 4 bytes each), each with half as much room
- * again for growth; statistics 8; scratch of reordering 12; the frame's splat 64, key, tiles and places 32, at 12 tiles
- * per Gaussian 12 entries of 8, masks of 2 and partial gradients of 48. Per pixel: the frame's planes 40, gradients 12,
- * loss 80, photo 3. */
+/* Returns the bytes that training needs. Per Gaussian: parameters and two moments (planes x 4 bytes each), each with
+ * half as much room again for growth; statistics 8; scratch of reordering 12; the frame's splat 64; key, tiles and
+ * places 32; at 12 tiles per Gaussian 12 entries of 8, masks of 2 and partial gradients of 48. Per pixel: the frame's
+ * planes 40, gradients 12, loss 80, photograph 3. Plus 64 MiB. */
 uint64_t pags_train_bytes(int64_t gaussians, int sh_degree, int width, int height) {
   uint64_t planes = (uint64_t)pags_plane_count(sh_degree);
   uint64_t each = planes * 4 * 3 * 3 / 2 + 8 + 12 + 64 + 32 + 12 * (8 + 2 + 48);
@@ -28,14 +28,15 @@ uint64_t pags_train_bytes(int64_t gaussians, int sh_degree, int width, int heigh
   return (uint64_t)gaussians * each + (uint64_t)width * (uint64_t)height * pixel + ((uint64_t)64 << 20);
 }
 
-/* Milliseconds of a pass at `level`: what follows the count, and what follows the pixels. */
+/* Milliseconds of a pass at one resolution level: `rows` is the part proportional to the number of Gaussians,
+ * `pixels` the part that depends on the pixels. */
 typedef struct cost {
   double rows, pixels;
 } cost;
 
 static pags_result probe(pags_trainer *t, int level, cost *out) {
   *out = (cost){0.0, 0.0};
-  for (int i = 0; i <= PROBES; i++) { /* the first warms up */
+  for (int i = 0; i <= PROBES; i++) { /* the first pass warms up and isn't measured */
     int64_t pick = i * t->view_count / (PROBES + 1);
     pags_step_view v = {.view = t->views[pick], .level = level};
     double begin = pags_clock_ms(), waited = t->ms.wait;
@@ -54,15 +55,16 @@ static pags_result probe(pags_trainer *t, int level, cost *out) {
   return PAGS_OK;
 }
 
-/* Mean count over the schedule, relative to now. */
+/* Returns the mean number of Gaussians over the run, relative to `now`. */
 static double mean_growth(const pags_train_state *s, double now, double final) {
   double share = fmin((double)s->schedule.densify_until / (double)s->stop, 1.0);
   return fmax((share * 0.5 * (now + final) + (1.0 - share) * final) / now, 1.0);
 }
 
-/* Training views drawn for scores. Each is charged like a step: drawing it is a step's forward half, summing what each
- * Gaussian did goes through the pairs like the backward half; at half size, as prunes have it, pairs are fewer, yet not
- * Gaussians: half of it. */
+/* Returns the number of step-equivalents of all score passes. A scored view costs as much as a step: drawing it is a
+ * step's forward half, and summing each Gaussian's contribution goes through the (Gaussian, pixel) pairs like the
+ * backward half. Prunes score at half size, where there are fewer pairs but as many Gaussians: those views count
+ * half. */
 static double scored_views(const pags_trainer *t) {
   const pags_schedule *s = &t->state.schedule;
   int at_end = pags_score_pass_has_labels(t->dataset) && s->config.priority.s_sem != PAGS_S_SEM_INIT;
@@ -84,12 +86,12 @@ pags_result pags_trainer_estimate(pags_trainer *t, pags_estimate *out) {
     PAGS_TRY(probe(t, 1 << k, &c));
     double each = c.rows * rows + c.pixels * pixel_growth;
     ms += (double)steps[k] * each;
-    full = full > 0.0 ? full : each; /* the finest level that the run sees */
+    full = full > 0.0 ? full : each; /* the time of a step at the finest level of the run */
   }
   out->step_seconds = ms / (double)s->stop / 1e3;
   out->scoring_seconds = scored_views(t) * full / 1e3;
 
-  /* Bytes of. */
+  /* Memory: that of training at the size of the largest view, of the image cache and of the sky. */
   int64_t gaussians = (int64_t) final;
   int width = 1, height = 1;
   for (int64_t i = 0; i < t->view_count; i++) {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Exposure of photographs. */
+/* Fits the exposures of training photographs (gain and offset per channel) by Adam; see exposure.h. */
 #include "train/exposure.h"
 
 #include <math.h>
@@ -7,7 +7,8 @@
 
 #include "base/memory.h"
 
-static const double final_share = 0.1; /* of the rate, at the schedule's end; log-linear */
+/* The learning rate at the schedule's end as a share of that at its beginning; log-linear between. */
+static const double final_share = 0.1;
 
 static int64_t camera_of(const pags_dataset *dataset, int64_t view) {
   int sensor = pags_dataset_view(dataset, view)->sensor;
@@ -56,7 +57,7 @@ int pags_exposures_update(pags_exposures *exposures, const pags_dataset *dataset
   int moved = move(&exposures->items[view], gradient, c, rate) &&
               move(&exposures->items[exposures->count + camera_of(dataset, view)], gradient, c, rate);
 
-  /* The cameras' parts take back what the mean has moved by. */
+  /* Subtract the deviation of the mean exposure over the training views from every camera's part. */
   double mean[6] = {0.0}, value[6];
   int64_t training = 0;
   for (int64_t i = 0; i < exposures->count; i++) {

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Exposure of each training photograph: photograph = gain * picture + offset, per channel, in display-referred sRGB. It
- * is the sum of a part of the camera's, which every photograph of that camera moves, and a small one of the
- * photograph's own, which has no more than some tens of visits in a run: cameras of one rig differ far more than the
- * photographs of a camera do. The means over all training photographs are held at 1 and 0 after every step, so that the
- * scene keeps its colours. */
+/* Exposure of each training photograph: photograph = gain * picture + offset, per channel, in display-referred sRGB.
+ * An exposure is the sum of a camera's part, which every photograph of that camera updates, and a small part of the
+ * photograph's own, which gets no more than some tens of updates in a run: the cameras of one rig differ far more
+ * than the photographs of one camera do. After every step, the means over all training photographs are set back to
+ * gain 1 and offset 0, so that the scene keeps its colours. */
 #ifndef PAGS_TRAIN_EXPOSURE_H
 #define PAGS_TRAIN_EXPOSURE_H
 
@@ -15,25 +15,26 @@
 #include "train/schedule.h"
 
 typedef struct pags_exposure {
-  double value[6]; /* gains, then offsets */
+  double value[6]; /* gains of R, G, B, then offsets */
   pags_adam6 moments;
 } pags_exposure;
 
 typedef struct pags_exposures {
-  int64_t count;        /* views of the data set; 0: not modelled */
-  int64_t sensors;      /* cameras of the rig, by number + 1 (number -1: unknown) */
-  pags_exposure *items; /* by view, those held out stay at 1 and 0; after them by camera, from 0 and 0 */
+  int64_t count;        /* views of the data set; 0: exposure isn't modelled */
+  int64_t sensors;      /* cameras of the rig, indexed by camera number + 1 (number -1: unknown) */
+  pags_exposure *items; /* parts of the `count` views, from 1 and 0 (held-out views stay there), then those of the
+                           cameras, from 0 and 0 */
 } pags_exposures;
 
 pags_result pags_exposures_create(pags_exposures *exposures, const pags_dataset *dataset);
 void pags_exposures_destroy(pags_exposures *exposures);
 
-/* Of a training view: gains, then offsets. Of those held out nothing is known but by their neighbours:
- * pags_scene_exposure. */
+/* Writes the exposure of a training view to `value`: gains, then offsets. A held-out view's exposure isn't trained;
+ * pags_scene_exposure interpolates it from its neighbours. */
 void pags_exposures_value(const pags_exposures *exposures, const pags_dataset *dataset, int64_t view, double value[6]);
 
-/* Adam for one view and its camera, then the means over the training views put back. Returns 0 where the gradient
- * isn't finite, which moves nothing. */
+/* One Adam step for one view's part and its camera's part, after which the means over the training views are set back
+ * to 1 and 0. Returns 0 if the gradient isn't finite; then no part takes a step. */
 int pags_exposures_update(pags_exposures *exposures, const pags_dataset *dataset, int64_t view,
                           const double gradient[6], const pags_schedule *schedule, int64_t step);
 

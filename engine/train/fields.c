@@ -1,15 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The one table of the training's fields. Defaults, range checks, --set, --fields, the help of `pags train`,
- * checkpoints, scene.json and the page of the command line come from it. A row without range, unit and text doesn't
- * compile. Units are words of the field; "1" is a number without a unit. Texts are in the imperative: the help of a
- * flag --no-NAME is "don't" and the text. */
+/* The table of the training configuration's fields. Defaults, range checks, --set, --fields, the help of `pags
+ * train`, checkpoints, scene.json and the documentation page of the command line are all derived from it. A row
+ * without range, unit and text doesn't compile. Units are words of the field; "1" stands for a number without a unit.
+ * Texts are in the imperative: the help of a flag --no-NAME is "don't" and the text. */
 #include "train/fields.h"
 
 #define MOST_STEPS 1e9
 #define MOST_COUNT 2147483584.0 /* 2^31 - 64: rows are counted in int32_t */
-#define LEAST_OPACITY 0.004     /* what is at or below 1/255 isn't drawn and never gets a gradient */
+#define LEAST_OPACITY 0.004     /* a Gaussian of opacity at or below 1/255 isn't drawn and never gets a gradient */
 #define STEPS "steps of 30 000"
 #define EXTENT "times the extent"
+
+/* ---- Macros for rows ---- */
 
 #define NOT_EMPTY(words)                                                                            \
   (&(words)[0 * sizeof(struct {                                                                     \
@@ -28,12 +30,12 @@
 
 #define NUMBER(group, member, standard, least, most, unit, text) \
   ROW(group, member, TYPE_OF(group.member), standard, least, most, NULL, unit, NULL, text)
-/* A number that follows a rule unless it is given. */
+/* A number that is computed by a rule unless the user sets it. */
 #define AUTO(group, member, least, most, unit, rule, text) \
   ROW(group, member, TYPE_OF(group.member), PAGS_FIELD_AUTO, least, most, NULL, unit, NOT_EMPTY("auto: " rule), text)
 #define SWITCH(group, member, standard, text) \
   ROW(group, member, PAGS_FIELD_SWITCH, standard, 0, 1, NULL, "0 or 1", NULL, text)
-/* `last` is the enum's last value. */
+/* A choice by name from an enum; `last` is the enum's last value. */
 #define CHOICE(group, member, standard, last, choices, text) \
   ROW(group, member, PAGS_FIELD_CHOICE, standard, 0, last, choices, "a name", NULL, text)
 #define BACKGROUND(suffix, i)                                              \
@@ -48,6 +50,8 @@
    "sRGB",                                                                 \
    NULL,                                                                   \
    "show this colour where nothing covers the view"}
+
+/* ---- The table ---- */
 
 _Static_assert(sizeof(pags_strategy) == sizeof(int) && sizeof(pags_preset) == sizeof(int), "enums are read as int");
 

@@ -1,12 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The table of the training's fields: <pags/train.h> reads it. */
+/* The table of the training configuration's fields, defined in fields.c and read by the functions of
+ * <pags/train.h>. */
 #ifndef PAGS_TRAIN_FIELDS_H
 #define PAGS_TRAIN_FIELDS_H
 
 #include <pags/train.h>
 
-/* Most steps of a run: each model's optimiser keeps 16 bytes for each, also where a damaged checkpoint promises them.
- */
+/* Largest number of steps of a run. Each model's optimiser allocates 16 bytes per step, so the limit also bounds the
+ * memory that a damaged checkpoint can ask for. */
 enum { PAGS_CONFIG_STEPS = 10000000 };
 
 extern const pags_train_field pags_fields[];

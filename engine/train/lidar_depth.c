@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* LiDAR as sparse depth of a view. */
+/* Projects the sweep of a view's time step into its camera, removes hidden points with a z-buffer and picks
+ * samples. */
 #include "train/lidar_depth.h"
 
 #include <stdlib.h>
@@ -31,7 +32,7 @@ static void project(const pags_camera *camera, const double camera_from_sweep[12
   }
 }
 
-/* Moves what the camera sees to the front; returns how many. */
+/* Moves the points that the camera sees to the front of the list; `count` becomes their number. */
 static pags_result keep_visible(const pags_camera *camera, pags_seen_point *points, int64_t *count) {
   pags_z_buffer z_buffer = {0};
   int64_t kept = 0;

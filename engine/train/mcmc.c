@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* MCMC density control. Each step moves every row (noise, regularisers), so nothing is deferred under this policy:
- * its cost follows the number of Gaussians, not of those in view. */
+/* MCMC density control (Kheradmand et al. 2024). Noise and regularisers move every Gaussian at each step, so no Adam
+ * step stays pending under this strategy: a step's cost follows the number of Gaussians, not of those in view. */
 #include "train/mcmc.h"
 
 #include <math.h>
@@ -9,9 +9,11 @@
 #include "base/memory.h"
 #include "base/rng.h"
 
-static const double dead_opacity = 0.005; /* a Gaussian at or under it is teleported, and shaken most */
-static const double gate_slope = 100.0;   /* of the noise over opacity */
+static const double dead_opacity = 0.005; /* a Gaussian at or below it is dead: relocated, and given most noise */
+static const double gate_slope = 100.0;   /* slope of the noise's gate over opacity */
 enum { MOST_COPIES = 51, NOISE_GRAIN = 16 };
+
+/* ---- Relocation and growth ---- */
 
 static double sigmoid(double x) {
   return 1.0 / (1.0 + exp(-x));
@@ -20,8 +22,10 @@ static double logit(double p) {
   return log(p / (1.0 - p));
 }
 
-/* n copies of opacity o' = 1 - (1 - o)^(1/n) let through what one of o did. Their sigma keeps the integral along a ray:
- *   factor = o / sum over i = 1 .. n, k = 0 .. i - 1 of C(i - 1, k) (-1)^k o'^(k + 1) / sqrt(k + 1). */
+/* n copies of opacity o' = 1 - (1 - o)^(1/n) transmit as much light as one Gaussian of opacity o. The factor on their
+ * sigma keeps the integral along a ray:
+ *
+ *     factor = o / sum over i = 1 .. n, k = 0 .. i - 1 of C(i - 1, k) (-1)^k o'^(k + 1) / sqrt(k + 1) */
 void pags_mcmc_relocation(double opacity, int copies, double *new_opacity, double *factor) {
   int n = copies < MOST_COPIES ? copies : MOST_COPIES;
   double o = 1.0 - pow(1.0 - opacity, 1.0 / n), sum = 0.0;
@@ -37,11 +41,11 @@ void pags_mcmc_relocation(double opacity, int copies, double *new_opacity, doubl
   *factor = sum > 0.0 ? opacity / sum : 1.0;
 }
 
-/* Draws of rows in proportion to opacity. */
+/* Data for drawing rows at random in proportion to opacity. */
 typedef struct lottery {
-  double *total;  /* total[i]: opacity of rows 0 .. i, dead ones left out */
-  int64_t *dead;  /* rows */
-  int32_t *drawn; /* per row: how often */
+  double *total;  /* total[i]: sum of the opacities of rows 0 .. i, dead Gaussians left out */
+  int64_t *dead;  /* rows of dead Gaussians */
+  int32_t *drawn; /* per row: how often it was drawn */
   int64_t dead_count, count;
 } lottery;
 
@@ -65,7 +69,7 @@ static pags_result make_lottery(const pags_train_model *model, lottery *l) {
   double sum = 0.0;
   for (int64_t i = 0; i < l->count; i++) {
     double o = sigmoid((double)opacity[i]);
-    if (o > dead_opacity) /* NaN is dead too */
+    if (o > dead_opacity) /* false for NaN, which counts as dead */
       sum += o;
     else
       l->dead[l->dead_count++] = i;
@@ -74,7 +78,8 @@ static pags_result make_lottery(const pags_train_model *model, lottery *l) {
   return PAGS_OK;
 }
 
-/* Draws `count` rows into `rows`, then makes each drawn row what 1 + (times drawn) copies of it should be. */
+/* Draws `count` rows into `rows`, in proportion to opacity, then gives each drawn row the opacity and sigma of one of
+ * 1 + (times drawn) copies of it. */
 static void draw_and_thin(pags_train_model *model, lottery *l, int purpose, int64_t *rows, int64_t count) {
   pags_gaussians *g = &model->gaussians;
   for (int64_t i = 0; i < l->count; i++)
@@ -82,7 +87,7 @@ static void draw_and_thin(pags_train_model *model, lottery *l, int purpose, int6
   for (int64_t i = 0; i < count; i++) {
     uint64_t seed = model->schedule.config.schedule.seed;
 
-    /* The row that `u` in [0, 1) falls on. */
+    /* Find the row whose interval of the cumulative opacities contains u times their total, by bisection. */
     double u = pags_rng_uniform(seed, pags_draw(model->step, purpose), (uint64_t)i);
     double at = u * l->total[l->count - 1];
     int64_t lo = 0, hi = l->count - 1;
@@ -131,7 +136,7 @@ static pags_result grow(pags_train_model *model, pags_tasks *tasks) {
 }
 
 pags_result pags_mcmc_refine(pags_train_model *model, pags_tasks *tasks) {
-  /* Relocate. */
+  /* Relocate: move each dead Gaussian onto a drawn one. */
   lottery l;
   PAGS_TRY(make_lottery(model, &l));
   int64_t *rows = malloc((size_t)(l.dead_count > 0 ? l.dead_count : 1) * sizeof *rows);
@@ -139,7 +144,7 @@ pags_result pags_mcmc_refine(pags_train_model *model, pags_tasks *tasks) {
   if (rows && l.dead_count < l.count) {
     draw_and_thin(model, &l, PAGS_DRAW_RELOCATE, rows, l.dead_count);
     for (int64_t i = 0; i < l.dead_count; i++) {
-      /* Row `to` becomes row `from`, both with moments of zero. */
+      /* The dead row becomes a copy of the drawn row; the moments of both become zero. */
       for (int p = 0; p < pags_plane_count(model->gaussians.sh_degree); p++) {
         float *x = pags_plane(&model->gaussians, p), *m = pags_plane(&model->adam.first, p);
         float *v = pags_plane(&model->adam.second, p);
@@ -158,15 +163,18 @@ pags_result pags_mcmc_refine(pags_train_model *model, pags_tasks *tasks) {
   return pags_model_sort(model, tasks);
 }
 
-/* d/d(logit o) of w mean(o) = w o (1 - o) / N; d/d(ln sigma) of w mean(sigma) over 3 N sigmas = w sigma / (3 N). */
-/* Metres become lengths of a world whose extent is 20 where it is more. The regulariser adds up metres, and the noise
- * goes with sigma squared times a rate that itself goes with the extent: at an extent of 2009 they left nothing of the
- * loss (gsplat's issue 542). */
+/* ---- Regularisers and noise ---- */
+
+/* Returns the factor from metres to the lengths of a world scaled down to an extent of 20, or 1 if the extent is
+ * less. The regulariser adds up metres, and the noise grows with sigma squared times a rate that itself grows with
+ * the extent: at an extent of 2009 the two outweighed the rest of the loss entirely (gsplat's issue 542). */
 static double shrink_of(const pags_train_model *model) {
   const double most = 20.0, extent = model->schedule.extent;
   return extent > most ? most / extent : 1.0;
 }
 
+/* The gradients added are d/d(logit o) of w mean(o) = w o (1 - o) / N and, over 3 N sigmas, d/d(ln sigma) of w
+ * mean(sigma) = w sigma / (3 N). */
 void pags_mcmc_regularise(const pags_train_model *model, int64_t first, int rows, float *gradient, int64_t stride) {
   const pags_gaussians *g = &model->gaussians;
   const pags_train_config *c = &model->schedule.config;
@@ -186,12 +194,13 @@ typedef struct noise_job {
   double weight; /* mcmc_noise times the position rate */
 } noise_job;
 
-/* mean += S n gate weight, S the covariance, n normal, gate = sigmoid(-100 (o - 0.005)). */
+/* Adds noise to a Gaussian's mean: mean += S n gate weight, with S the covariance, n normal deviates, gate =
+ * sigmoid(-100 (o - 0.005)). */
 static void shake_row(const noise_job *job, int64_t row) {
   pags_gaussians *g = &job->model->gaussians;
   double gate = sigmoid(-gate_slope * (sigmoid((double)pags_plane(g, PAGS_OPACITY)[row]) - dead_opacity));
   if (gate < 1e-9)
-    return; /* opacity over 0.21: with the usual weight, 80 extents at most, 1e-7 of sigma^2 */
+    return; /* opacity over 0.21: by default, weight is at most 80 extents and a move under 1e-7 extents sigma^2 */
   double n[4], q[4], r[9], local[3];
   uint64_t seed = job->model->schedule.config.schedule.seed;
   pags_rng_normal2(seed, pags_draw(job->step, PAGS_DRAW_NOISE), (uint64_t)row, n);
@@ -199,7 +208,7 @@ static void shake_row(const noise_job *job, int64_t row) {
   for (int i = 0; i < 4; i++)
     q[i] = (double)pags_plane(g, PAGS_ROTATION + i)[row];
   pags_rotation_from_quaternion(q, r);
-  for (int k = 0; k < 3; k++) { /* diag(sigma^2) R^T n */
+  for (int k = 0; k < 3; k++) { /* local = diag(sigma^2) R^T n */
     double sigma = exp((double)pags_plane(g, PAGS_SCALE + k)[row]);
     local[k] = sigma * sigma * (r[k] * n[0] + r[3 + k] * n[1] + r[6 + k] * n[2]);
   }
@@ -207,7 +216,7 @@ static void shake_row(const noise_job *job, int64_t row) {
     double move = r[3 * i] * local[0] + r[3 * i + 1] * local[1] + r[3 * i + 2] * local[2];
     float *mean = &pags_plane(g, PAGS_MEAN + i)[row];
     double moved = (double)*mean + move * gate * job->weight;
-    *mean = fabs(moved) < 3e38 ? (float)moved : *mean; /* ln sigma may be anything */
+    *mean = fabs(moved) < 3e38 ? (float)moved : *mean; /* sigma may be so large that the mean would overflow */
   }
 }
 
@@ -231,5 +240,5 @@ pags_result pags_mcmc_noise(pags_train_model *model, int64_t step, pags_tasks *t
   noise_job job = {model, step, model->schedule.config.mcmc.mcmc_noise * rates[PAGS_RATE_POSITION] * shrink * shrink};
   if (pags_parallel_for(tasks, model->adam.cluster_count, NOISE_GRAIN, shake_block, &job))
     return PAGS_OK;
-  return pags_fail(PAGS_CANCELLED, "cancelled"); /* some rows shaken, some not: not to be saved */
+  return pags_fail(PAGS_CANCELLED, "cancelled"); /* some rows have moved, some not: this state must not be saved */
 }

@@ -1,24 +1,26 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The second density policy: 3D Gaussian splatting as Markov chain Monte Carlo (Kheradmand et al. 2024). */
+/* The density control of 3D Gaussian splatting as Markov chain Monte Carlo (Kheradmand et al. 2024): relocation,
+ * growth, regularisers and noise. It replaces clone, split, prune and reset under strategy mcmc. */
 #ifndef PAGS_TRAIN_MCMC_H
 #define PAGS_TRAIN_MCMC_H
 
 #include "train/model.h"
 
-/* Every densify step, on a settled model: dead Gaussians move onto live ones drawn by opacity, then the count grows
- * by mcmc_growth up to the bound; opacity and sigma of what shares a place change so that the picture hardly does.
- * Sorts. */
+/* Call at every densify step, on a settled model (no pending Adam steps). Moves dead Gaussians onto live ones drawn
+ * in proportion to opacity, then adds mcmc_growth of the count, up to the limit on Gaussians. Opacity and sigma of
+ * the Gaussians that share a place are changed so that the picture hardly changes. Sorts the Gaussians. */
 pags_result pags_mcmc_refine(pags_train_model *model, pags_tasks *tasks);
 
-/* Gradient of the two regularisers added to a cluster's: `gradient` has planes 0 .. PAGS_OPACITY at gradient + p *
- * stride. */
+/* Adds the gradient of the two regularisers (mean opacity, mean sigma) to the gradients of `rows` Gaussians from row
+ * `first` on; plane p of `gradient` is at gradient + p * stride, planes 0 .. PAGS_OPACITY are used. */
 void pags_mcmc_regularise(const pags_train_model *model, int64_t first, int rows, float *gradient, int64_t stride);
 
-/* Every step, after the updates: shakes the positions of Gaussians near transparency, and bounds the clusters anew.
- * All rows must be current as of the step. */
+/* Call at every step, after the updates: adds noise to the positions of Gaussians near transparency and recomputes
+ * the bounds of the clusters. All rows must be current as of the step. */
 pags_result pags_mcmc_noise(pags_train_model *model, int64_t step, pags_tasks *tasks);
 
-/* The new opacity and the factor on sigma of a Gaussian that `copies` of it shall stand for (their equation 9). */
+/* Computes the opacity and the factor on sigma of each of `copies` Gaussians that together shall replace one of
+ * opacity `opacity` (equation 9 of Kheradmand et al. 2024). */
 void pags_mcmc_relocation(double opacity, int copies, double *new_opacity, double *factor);
 
 #endif

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The model of a run: rows that move together through parameters, moments and statistics. */
+/* A model in training: creation, and reordering, adding and removing of its rows, which move together through
+ * parameters, moments and statistics. */
 #include "train/model.h"
 
 #include <assert.h>
@@ -9,11 +10,13 @@
 
 #include "base/memory.h"
 
+/* ---- Creation and memory ---- */
+
 static pags_result reserve_density(pags_density *density, int64_t capacity, int with_squared) {
   if (capacity <= density->capacity)
     return PAGS_OK;
   if (with_squared) {
-    /* Reserve squared. */
+    /* Grow the array of squared derivatives, keeping its contents. */
     float *squared = calloc((size_t)capacity, sizeof *squared);
     if (!squared)
       return pags_out_of_memory("statistics of %lld Gaussians", (long long)capacity);
@@ -93,10 +96,12 @@ void pags_model_clear_density(pags_train_model *model) {
   memset(model->density.seen, 0, (size_t)model->density.capacity * sizeof(int32_t));
 }
 
-/* One column of 4-byte values after another: all that a row consists of. */
+/* ---- Reordering rows ---- */
+
+/* One array of 4-byte values with one value per row: a plane of parameters or moments, or a statistic. */
 typedef struct column {
   void *data;
-  int moment; /* 1: fresh rows start at zero */
+  int moment; /* 1: an optimiser moment, of which fresh rows start at zero */
 } column;
 
 enum { MAX_COLUMNS = 3 * PAGS_MAX_PLANES + 3 * PAGS_FOURIER_PLANES + 5 };
@@ -128,7 +133,7 @@ typedef struct gather_job {
   column columns[MAX_COLUMNS];
   const int64_t *source;
   int64_t count, fresh, old_count;
-  uint32_t *scratch; /* count per worker */
+  uint32_t *scratch; /* `count` values per worker */
 } gather_job;
 
 static void gather_columns(void *context, int64_t begin, int64_t end, int worker) {
@@ -148,8 +153,8 @@ static void gather_columns(void *context, int64_t begin, int64_t end, int worker
 pags_result pags_model_gather(pags_train_model *model, const int64_t *source, int64_t count, int64_t fresh,
                               pags_tasks *tasks) {
   assert(fresh <= count);
-  if (count >
-      model->gaussians.stride) /* half as much again, so that growth by shares copies each row a few times only */
+  if (count > model->gaussians.stride) /* with half as much room again, so that rows are copied a few times only while
+                                          the model grows step by step */
     PAGS_TRY(reserve(model, count + count / 2));
   int workers = pags_tasks_workers(tasks);
   gather_job *job = malloc(sizeof *job);
@@ -169,7 +174,7 @@ pags_result pags_model_gather(pags_train_model *model, const int64_t *source, in
   free(scratch);
   free(job);
   model->gaussians.count = count;
-  if (!done) /* some columns moved, some not: nothing may be saved from here on */
+  if (!done) /* some columns have been reordered, some not: this state must not be saved */
     return pags_fail(PAGS_CANCELLED, "cancelled while Gaussians were reordered");
   return pags_adam_regroup(&model->adam, count, model->step);
 }
@@ -185,6 +190,8 @@ pags_result pags_model_sort(pags_train_model *model, pags_tasks *tasks) {
   free(order);
   return result == PAGS_OK ? make_clusters(model, tasks) : result;
 }
+
+/* ---- Fourier terms and rows that aren't finite ---- */
 
 pags_result pags_model_add_fourier(pags_train_model *model) {
   PAGS_TRY(pags_gaussians_add_fourier(&model->gaussians));

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The account of a run's choices. */
+/* Writes the report of a run's modelling choices as JSON; see model_report.h. */
 #include "train/model_report.h"
 
 #include <math.h>
@@ -30,7 +30,7 @@ static void put_object(pags_json_writer *w, const pags_train_state *s, int64_t o
   if (model >= 0) {
     const pags_train_model *m = &s->models[model];
 
-    /* Mean length of a track's increments: how far training moved the labels. */
+    /* Mean length of a track's trained increments: how far smoothing and training moved the labelled poses. */
     double metres = 0.0, radians = 0.0;
     int64_t knots = 0;
     for (int64_t k = 0; k < o->knot_count; k++) {
@@ -60,7 +60,7 @@ pags_result pags_model_report_write(const pags_dataset *dataset, const pags_trai
   pags_json_writer_init(&w, 0);
   pags_json_begin_object(&w, NULL);
 
-  /* Put sky. */
+  /* The sky: whether it is modelled, at which resolution, and why. */
   pags_json_begin_object(&w, "sky");
   pags_json_put_bool(&w, "modelled", s->sky.sky.size > 0);
   pags_json_put_integer(&w, "texels", s->sky.sky.size);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What a run modelled and why, as JSON: the scene's "modelled". */
+/* Writes the report of what a run modelled and why (sky, exposure, tracks, each object), as JSON: the member
+ * "modelled" of scene.json. */
 #ifndef PAGS_TRAIN_MODEL_REPORT_H
 #define PAGS_TRAIN_MODEL_REPORT_H
 
@@ -7,7 +8,7 @@
 
 #include "train/state.h"
 
-/* `text` is freed by the caller. */
+/* `text` receives the JSON text; it is freed by the caller. */
 pags_result pags_model_report_write(const pags_dataset *dataset, const pags_train_state *state, char **text);
 
 #endif

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Counting and naming what isn't finite. */
+/* Counts the updates left out for a number that isn't finite, and describes the first; see nonfinite.h. */
 #include "train/nonfinite.h"
 
 #include <stdio.h>
@@ -11,7 +11,7 @@ void pags_nonfinite_init(pags_nonfinite *nonfinite) {
   atomic_flag_clear(&nonfinite->busy);
 }
 
-/* Gaussians before poses before exposures, as a step comes to them. */
+/* Returns the place of an update in a step: 0 for Gaussians, 1 for poses, 2 for exposures. */
 static int stage_of(const pags_nonfinite_row *o) {
   return o->kind == PAGS_NONFINITE_EXPOSURE ? 2 : o->kind == PAGS_NONFINITE_POSE;
 }
@@ -28,8 +28,8 @@ static int comes_before(const pags_nonfinite_row *a, const pags_nonfinite_row *b
   return a->plane < b->plane;
 }
 
-/* So rare that waiting in a loop doesn't matter. Sums and minima of whole numbers: the order of the calls doesn't
- * either. */
+/* Calls are so rare that a spin lock is good enough. The result is a sum and a minimum of integers, so it doesn't
+ * depend on the order of the calls. */
 void pags_nonfinite_note(pags_nonfinite *nonfinite, int64_t count, const pags_nonfinite_row *first) {
   while (atomic_flag_test_and_set_explicit(&nonfinite->busy, memory_order_acquire)) {
   }

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What a number that isn't finite kept from moving: counted, and the first remembered, the same for any number of
- * threads and through checkpoints. Nothing of the kind is ever put into a parameter or a moment. */
+/* Counts the updates that were left out because a gradient or a parameter wasn't finite, and remembers the first, the
+ * same for any number of threads and across checkpoints. A number that isn't finite is never written to a parameter
+ * or a moment. */
 #ifndef PAGS_TRAIN_NONFINITE_H
 #define PAGS_TRAIN_NONFINITE_H
 
@@ -9,32 +10,33 @@
 #include <pags/base.h>
 
 typedef enum pags_nonfinite_kind {
-  PAGS_NONFINITE_GRADIENT,  /* of a Gaussian: not finite, or so large that its square isn't */
-  PAGS_NONFINITE_PARAMETER, /* of a Gaussian */
+  PAGS_NONFINITE_GRADIENT,  /* the gradient of a Gaussian: not finite, or so large that its square isn't finite */
+  PAGS_NONFINITE_PARAMETER, /* a parameter of a Gaussian */
   PAGS_NONFINITE_POSE,      /* the gradient of a knot of an object's track */
   PAGS_NONFINITE_EXPOSURE   /* the gradient of a view's exposure */
 } pags_nonfinite_kind;
 
 typedef struct pags_nonfinite_row {
   int64_t step;
-  int64_t object; /* of the data set, whose model or track; -1: the background */
-  int64_t row;    /* of the model as it was then; knot of the track; view */
-  int32_t plane;  /* of a Gaussian: as in pags/gaussians.h, Fourier terms from PAGS_MAX_PLANES on; else 0 */
-  int32_t kind;   /* pags_offence */
+  int64_t object; /* object number in the data set, of the model or track; -1: the background */
+  int64_t row;    /* row of the model at that step; or knot of the track; or view */
+  int32_t plane;  /* plane of a Gaussian, as in pags/gaussians.h, Fourier terms from PAGS_MAX_PLANES on; else 0 */
+  int32_t kind;   /* pags_nonfinite_kind */
 } pags_nonfinite_row;
 
 typedef struct pags_nonfinite {
-  int64_t count; /* over the whole run: updates left out, a row or what stands for one each */
+  int64_t count; /* updates left out in the whole run: rows of Gaussians, knots' poses, views' exposures */
   pags_nonfinite_row first;
   atomic_flag busy;
 } pags_nonfinite;
 
-/* An empty one. */
+/* Sets the count to zero. */
 void pags_nonfinite_init(pags_nonfinite *nonfinite);
-/* `count` offences of one step, of which `first` comes first by (object, kind of thing, row). Safe from several
- * threads. */
+/* Records `count` left-out updates of one step. `first` is the first of them in the order Gaussians, poses,
+ * exposures, then by object, row and plane. Safe from several threads. */
 void pags_nonfinite_note(pags_nonfinite *nonfinite, int64_t count, const pags_nonfinite_row *first);
-/* One line about the first offender: what, where, when. `name`: of the object; not looked at for the background. */
+/* Describes the first left-out update in one line: what, where, when. `name` is the name of its object; it isn't used
+ * for the background. */
 enum { PAGS_GUARD_TEXT = 256 };
 void pags_nonfinite_describe(const pags_nonfinite *nonfinite, const char *name, char text[PAGS_GUARD_TEXT]);
 

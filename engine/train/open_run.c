@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* How a run begins: from nothing, or from its checkpoint. */
+/* Opens a training run. A fresh run chooses its limit on Gaussians and creates the first Gaussians, the sky and the
+ * exposures; a resumed run loads its checkpoint and checks that it belongs to the data set and configuration. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -15,6 +16,8 @@
 #include "train/score_pass.h"
 #include "train/size_limit.h"
 
+/* ---- Limit on Gaussians ---- */
+
 static void largest_picture(const pags_trainer *t, int *width, int *height) {
   int64_t most = 0;
   for (int64_t i = 0; i < t->view_count; i++) {
@@ -27,12 +30,13 @@ static void largest_picture(const pags_trainer *t, int *width, int *height) {
   }
 }
 
-/* The smaller of max_gaussians and of what max_memory has room for; 0: neither. */
+/* Returns the limit on Gaussians that the run keeps: the smaller of max_gaussians and the number that fits
+ * max_memory; 0: neither is set. */
 static int64_t choose_cap(const pags_trainer *t, const pags_train_config *config) {
   int width = 1, height = 1;
   uint64_t memory = t->options->max_memory;
-  int64_t most = config->priority.preset == PAGS_PRESET_NONE ? config->size_limit.max_gaussians
-                                                             : 0; /* with a preset its last prune sees to it */
+  /* With a preset, max_gaussians is applied by the last prune instead. */
+  int64_t most = config->priority.preset == PAGS_PRESET_NONE ? config->size_limit.max_gaussians : 0;
   if (memory == 0)
     return most;
   largest_picture(t, &width, &height);
@@ -47,11 +51,14 @@ static int64_t choose_cap(const pags_trainer *t, const pags_train_config *config
   return most > 0 && most < fits ? most : fits;
 }
 
+/* ---- Photograph sets ---- */
+
 static pags_result start_static(pags_trainer *t, const pags_train_config *config, double extent) {
   pags_train_state *s = &t->state;
   pags_gaussians g;
 
-  /* From the data set's points, or, where those are random, from as many that matching finds. */
+  /* Start from the data set's points; if those are random, from as many points that matching photographs finds
+   * instead, unless random_start is set. */
   int64_t most = s->cap > 0 ? s->cap : INT32_MAX - 64;
   int64_t points;
   const float *xyz;
@@ -74,10 +81,10 @@ static pags_result start_static(pags_trainer *t, const pags_train_config *config
   return pags_state_add_model(s, -1, extent, &g);
 }
 
-/* Driving sets. */
+/* ---- Driving sets ---- */
 
-/* Object numbers and priorities of the chosen points go to the nearest Gaussian's row: init sorts rows, so they are
- * found again by position. */
+/* A start point's position, object number and priority. Each Gaussian gets the number and priority of the point it
+ * was made from, which is found by its position, since the initialisation has sorted the rows. */
 typedef struct point_key {
   float xyz[3];
   int32_t object;
@@ -127,7 +134,8 @@ static pags_result add_background(pags_trainer *t, const pags_train_config *conf
   return result;
 }
 
-/* Half of the longest side of its box, as Street Gaussians has it. */
+/* Returns an object's extent in metres: half of the longest side of its box, as in Street Gaussians (Yan et al.
+ * 2024). */
 static double object_extent(const pags_object *o) {
   return 0.5 * fmax(fmax(o->size[0], o->size[1]), o->size[2]);
 }
@@ -151,7 +159,8 @@ static pags_result add_object(pags_trainer *t, const pags_train_config *config, 
   return PAGS_OK;
 }
 
-/* Where there is a cap, objects get half of it at most, each by its points. */
+/* Creates the background's and the objects' models. If the number of Gaussians is limited, objects get at most half
+ * of it, shared out in proportion to their numbers of points. */
 static pags_result add_models(pags_trainer *t, const pags_train_config *config, const pags_start *start,
                               double extent) {
   int64_t cap = t->state.cap > 0 ? t->state.cap : INT32_MAX - 64, points = 0;
@@ -159,7 +168,7 @@ static pags_result add_models(pags_trainer *t, const pags_train_config *config, 
     points += start->objects[i].count;
   int64_t most = points < cap / 2 ? points : cap / 2;
   PAGS_TRY(add_background(t, config, start, cap - most, extent));
-  for (int64_t i = 0; points > 0 && i < start->object_count; i++) /* both numbers are below 2^31 */
+  for (int64_t i = 0; points > 0 && i < start->object_count; i++) /* both factors are below 2^31 */
     PAGS_TRY(add_object(t, config, i, &start->objects[i], start->objects[i].count * most / points));
   return PAGS_OK;
 }
@@ -186,7 +195,10 @@ static pags_result start_driving(pags_trainer *t, const pags_train_config *confi
   return PAGS_OK;
 }
 
-/* Rows have a priority exactly where the data set says what is critical. */
+/* ---- Starting and resuming ---- */
+
+/* Makes sure that the Gaussians have a semantic priority S_sem exactly if the data set has labels that say what is
+ * critical. */
 static pags_result set_priorities(const pags_trainer *t, pags_gaussians *g) {
   if (pags_score_pass_has_labels(t->dataset))
     return pags_gaussians_add_s_sem(g);
@@ -215,7 +227,8 @@ pags_result pags_trainer_resume(pags_trainer *t, const pags_train_config *config
   const char *path = t->output.checkpoint;
   PAGS_TRY(pags_checkpoint_load(path, t->dataset, &t->state, &fingerprint));
   pags_train_state *s = &t->state;
-  /* With a preset, max_gaussians says what the last prune leaves: before it, another number may still be asked for. */
+  /* With a preset, max_gaussians only sets what the last prune leaves: before that prune, the user may still ask for
+   * another number. */
   const pags_schedule *d = &s->schedule;
   if (d->config.priority.preset != PAGS_PRESET_NONE && d->prunes > 0 && s->step < d->prune_step[d->prunes - 1])
     s->schedule.config.size_limit.max_gaussians = config->size_limit.max_gaussians;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The files of a run, checkpoint apart. All but report.json are functions of the run alone. */
+/* Writes the files of a run, except for the scene (write_scene.c) and the checkpoint (checkpoint.c). All but
+ * report.json depend on the run alone, not on the machine's speed. */
 #include "train/output.h"
 
 #include <math.h>
@@ -20,15 +21,17 @@
 #include "train/config.h"
 #include "train/model_report.h"
 
+/* ---- Finding and clearing the folder ---- */
+
 static const char *const preview_prefix = "preview_";
 
-/* Going on where there is no checkpoint is to begin, as a command line that is queued again does. But a scene comes
- * after its run's checkpoint: one without is another's, or its checkpoint was taken away, and isn't to be lost to a run
- * that begins. */
+/* Decides what --resume does if there is no checkpoint: the run begins, as a command line that is queued again needs.
+ * But a scene is written after its run's checkpoint: a folder with a scene and no checkpoint holds somebody else's
+ * scene, or one whose checkpoint was taken away, which a run that begins must not overwrite: an error. */
 static pags_result begin_instead(const pags_output *output) {
   bool scene = false;
 
-  /* Has scene. */
+  /* Look for a scene.json in the folder. */
   bool *out = &scene;
   char *path = pags_path_join(output->folder, "scene.json");
   if (!path)
@@ -73,8 +76,9 @@ static int is_ours(const char *name) {
   return strncmp(name, preview_prefix, strlen(preview_prefix)) == 0 && strcmp(pags_path_extension(name), ".png") == 0;
 }
 
-/* A file of the folder, if there. Of a link to one the link goes, or with `follow` the file: where this run writes, the
- * link stays and its target is made anew. FIFOs and devices stay. */
+/* Removes a file of the folder, if it exists. If it is a symbolic link, the link is removed; with `follow`, as for
+ * files that this run writes, the link stays and the file it points to is removed, to be made anew. FIFOs and devices
+ * stay. */
 static pags_result remove_file(const pags_output *output, const char *name, bool follow) {
   char *path = pags_path_join(output->folder, name), *target = NULL;
   if (!path)
@@ -91,8 +95,9 @@ static pags_result remove_file(const pags_output *output, const char *name, bool
   return result;
 }
 
-/* The files that the folder's scene.json names, and the folder of objects' models if that leaves it empty. A scene.json
- * that can't be read names nothing: what may be another's stays, and is written over where names meet. */
+/* Removes the files that the folder's scene.json names, and the subfolder "objects" if that leaves it empty. A
+ * scene.json that can't be read names nothing: files that may be somebody else's stay, and are overwritten only if a
+ * name is the same. */
 static pags_result remove_scene(const pags_output *output) {
   pags_scene scene = {0};
   pags_scene_files files = {0};
@@ -103,7 +108,7 @@ static pags_result remove_scene(const pags_output *output) {
       result = remove_file(output, scene.models[i].file, false);
     if (result == PAGS_OK && files.sky)
       result = remove_file(output, files.sky, false);
-    rmdir(objects); /* does nothing unless empty */
+    rmdir(objects); /* does nothing unless the folder is empty */
   }
   pags_scene_destroy(&scene);
   free(files.counts);
@@ -113,7 +118,8 @@ static pags_result remove_scene(const pags_output *output) {
   return result;
 }
 
-/* Bytes of the lines at the log's beginning that are whole and of steps up to `step`. */
+/* Returns the length in bytes of the lines at the log's beginning that are complete and belong to steps up to
+ * `step`. */
 static size_t sound_part(const char *text, size_t size, int64_t step) {
   static const char *const begin = "{\"step\": ";
   size_t at = 0;
@@ -143,10 +149,11 @@ pags_result pags_output_open(pags_output *output, int resumed, int64_t step) {
   if (resumed)
     PAGS_TRY(cut_log(output, step));
   else {
-    /* Remove earlier. */
+    /* Remove what an earlier run left. scene.json goes before its checkpoint, so that a run killed at any time never
+     * leaves a scene without a checkpoint. */
     pags_dir_list list;
     PAGS_TRY(remove_scene(output));
-    PAGS_TRY(remove_file(output, "scene.json", true)); /* not left without its checkpoint, whenever this is ended */
+    PAGS_TRY(remove_file(output, "scene.json", true));
     PAGS_TRY(pags_dir_list_read(output->folder, &list));
     pags_result result = PAGS_OK;
     for (int64_t i = 0; i < list.count && result == PAGS_OK; i++)
@@ -167,7 +174,7 @@ void pags_output_close(pags_output *output, int failed) {
       S_ISREG(status.st_mode))
     remove(output->log);
   if (failed && output->made && output->folder)
-    rmdir(output->folder); /* does nothing unless empty */
+    rmdir(output->folder); /* does nothing unless the folder is empty */
   free(output->folder);
   free(output->checkpoint);
   free(output->log);
@@ -175,7 +182,10 @@ void pags_output_close(pags_output *output, int failed) {
   *output = (pags_output){0};
 }
 
-/* Finishes a line and passes it to the system, so that a killed run's log ends near its end. */
+/* ---- The log ---- */
+
+/* Finishes a line and hands it to the operating system at once, so that the log of a killed run is almost
+ * complete. */
 static pags_result put_line(pags_output *output, pags_json_writer *writer) {
   pags_json_end_object(writer);
   pags_result result = pags_json_writer_finish(writer);
@@ -234,6 +244,8 @@ pags_result pags_output_log_prune(pags_output *output, int64_t step, int64_t pru
   return put_line(output, &w);
 }
 
+/* ---- Previews and report ---- */
+
 static uint8_t to_byte(float x) {
   float clamped = x > 0.0f ? (x < 1.0f ? x : 1.0f) : 0.0f;
   return (uint8_t)(clamped * 255.0f + 0.5f);
@@ -263,8 +275,6 @@ pags_result pags_output_preview(const pags_output *output, int64_t step, const p
   return result;
 }
 
-/* Everything but arrays is borrowed from the data set and the state. */
-
 pags_result pags_output_report(const pags_output *output, const pags_train_result *r, pags_tasks *tasks) {
   pags_json_writer w;
   pags_json_writer_init(&w, 2);
@@ -290,7 +300,7 @@ pags_result pags_output_report(const pags_output *output, const pags_train_resul
   pags_json_put_number(&w, "density", r->ms_density);
   pags_json_end_object(&w);
 
-  /* Put machine. */
+  /* The machine: threads, vector kernels and version. */
   const pags_kernels *kernels = pags_kernels_get(NULL);
   pags_json_put_integer(&w, "threads", pags_tasks_workers(tasks));
   pags_json_put_string(&w, "kernels", kernels ? kernels->name : NULL);

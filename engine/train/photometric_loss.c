@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Splits the picture into bands of rows, one block per band and channel, and adds the bands' sums in order. The
- * maths is in simd/ssim.inl. */
+/* Evaluates the photometric loss in parallel: splits the picture into bands of rows, one block per band and channel,
+ * and adds the bands' sums in order. The arithmetic is in simd/ssim.inl. */
 #include "train/photometric_loss.h"
 
 #include <assert.h>
@@ -9,7 +9,8 @@
 #include "base/memory.h"
 #include "simd/kernels.h"
 
-/* Rows of a band: few enough to share out, enough that the 20 around a band cost little. */
+/* Rows of a band: few enough for all threads to get work, enough that the 20 extra rows around a band (for SSIM's
+ * window and its gradient) cost little. */
 enum { BAND = 96 };
 
 typedef struct band_sums {
@@ -25,7 +26,7 @@ typedef struct loss_job {
   const pags_comparison *how;
   float *const *gradient;
   float l1_scale, ssim_scale;
-  band_sums *sums; /* per block */
+  band_sums *sums; /* one per block */
 } loss_job;
 
 int64_t pags_photo_counted(const pags_photo *photo) {
@@ -136,7 +137,8 @@ pags_result pags_photometric_loss_evaluate(pags_tasks *tasks, const pags_picture
                   .gradient = gradient};
   if (!job.kernels)
     return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s", why);
-  /* Blocks of this very loop stack their scratch on top of what the calling thread, worker 0, allocates here. */
+  /* The blocks that the calling thread (worker 0) computes allocate their scratch above what is allocated here, in
+   * the same arena. */
   pags_arena *arena = pags_tasks_arena(tasks, 0);
   const pags_arena_mark mark = pags_arena_save(arena);
   pags_result result = evaluate(&job, out);

@@ -1,11 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Pruning by priority.
+/* Pruning by score. The paper ranks all Gaussians by S_hybrid and removes the lowest; two ways to compute it are
+ * offered:
  *
- * The paper ranks all Gaussians by S_hybrid and removes the lowest. S_sem lies in 0..1, S_grad is heavy-tailed over
- * many powers of ten; as a percentile rank it spreads evenly over 0..1, so that alpha weighs the two as it says: in the
- * paper's sum what isn't critical scores up to 1 - alpha, what is from alpha on, though no pixel may need it. The
- * product asks more of what isn't critical and keeps nothing that doesn't matter. A Gaussian that no training view
- * shows has score 0 whatever it inherited. */
+ *     sum      S_hybrid = alpha S_sem + (1 - alpha) S_grad (the paper's)
+ *     product  S_hybrid = (1 - alpha + alpha S_sem) S_grad
+ *
+ * S_sem lies in 0..1; S_grad is heavy-tailed over many powers of ten, but its percentile rank is spread evenly over
+ * 0..1, so that alpha is the true weight of the two. With the sum, Gaussians that show nothing critical score up to 1
+ * - alpha, and those that show only critical things score at least alpha, even if no pixel needs them. The product
+ * demands more of what isn't critical and keeps no Gaussian that doesn't matter to the picture. A Gaussian that no
+ * training view shows has score 0, whatever S_sem it inherited. */
 #include "train/prune.h"
 
 #include <math.h>
@@ -19,7 +23,10 @@
 #include "train/score_pass.h"
 #include "train/size_limit.h"
 
-/* A run that loses everything has failed already; keeping a few rows lets it end in an orderly way. */
+/* ---- Normalising scores ---- */
+
+/* No prune leaves fewer Gaussians than this: a run that loses everything has failed already, and with a few rows it
+ * can still end in an orderly way. */
 static const int64_t least_survivors = 16;
 
 typedef struct ranked {
@@ -71,7 +78,7 @@ pags_result pags_prune_normalise(pags_s_grad kind, const double *raw, int64_t co
   ranked *list;
   PAGS_TRY(make_list(count, &list));
   for (int64_t i = 0; i < count; i++)
-    list[i] = (ranked){raw[i] > 0.0 ? raw[i] : 0.0, 0, i}; /* NaN: 0 */
+    list[i] = (ranked){raw[i] > 0.0 ? raw[i] : 0.0, 0, i}; /* NaN counts as 0 */
   pags_sort(list, count, sizeof *list, by_value);
   if (kind == PAGS_S_GRAD_RANK)
     rank_list(list, count, out);
@@ -80,6 +87,8 @@ pags_result pags_prune_normalise(pags_s_grad kind, const double *raw, int64_t co
   free(list);
   return PAGS_OK;
 }
+
+/* ---- Choosing rows ---- */
 
 pags_result pags_prune_choose(const pags_prune_request *r, uint8_t *drop, int64_t *dropped) {
   ranked *list;
@@ -99,8 +108,7 @@ pags_result pags_prune_choose(const pags_prune_request *r, uint8_t *drop, int64_
   }
   pags_sort(list, r->count, sizeof *list, by_value);
 
-  /* Drop lowest. */
-  /* Members per group; what group floors come to. */
+  /* The floor of each group, lowered so that all floors together take at most half of the target. */
   int64_t groups = 0;
   for (int64_t g = 1; g < r->groups; g++)
     groups += members[g] > 0;
@@ -128,7 +136,9 @@ int64_t pags_prune_target(const pags_schedule *s, int index, int64_t count) {
   return target > least_survivors ? target : least_survivors;
 }
 
-/* Of all models' rows, model after model. */
+/* ---- The prune of a run ---- */
+
+/* Arrays over the rows of all models, model after model. */
 typedef struct row_lists {
   float *score;
   int32_t *group;
@@ -154,7 +164,7 @@ double pags_prune_hybrid(const pags_train_config *c, double s_sem, double s_grad
                                                    : c->priority.alpha * s_sem + (1.0 - c->priority.alpha) * s_grad;
 }
 
-/* S_hybrid of all rows. */
+/* Computes S_hybrid and the group (object) of all rows of all models. */
 static pags_result score_rows(const pags_train_state *s, const pags_score_pass *scores, row_lists *l) {
   const pags_train_config *c = &s->schedule.config;
   int64_t at = 0;
@@ -193,7 +203,8 @@ static pags_result keep_rows(pags_train_model *m, const uint8_t *drop, pags_task
   return result;
 }
 
-/* With the last prune, the bytes that the scene may have, too. */
+/* Computes the number of Gaussians that a prune shall leave. The last prune also applies the size limit
+ * target_size. */
 static pags_result target_of(const pags_trainer *t, int index, int64_t count, int64_t *target) {
   const pags_train_state *s = &t->state;
   int64_t bytes = 0;
@@ -242,7 +253,6 @@ pags_result pags_prune(pags_trainer *t, int index) {
   if (result == PAGS_OK)
     result = prune_rows(t, index, &scores, &lists, &dropped);
 
-  /* Destroy lists. */
   free(lists.score);
   free(lists.group);
   free(lists.drop);

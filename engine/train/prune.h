@@ -1,36 +1,38 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Pruning by priority: the Gaussians with the lowest S_hybrid go, over all models together. */
+/* Pruning by score: removes the Gaussians with the lowest S_hybrid, which combines semantic priority S_sem and
+ * sensitivity S_grad, over all models together. */
 #ifndef PAGS_TRAIN_PRUNE_H
 #define PAGS_TRAIN_PRUNE_H
 
 #include "train/run.h"
 
-/* Prune number `index` of the schedule, of a settled run: takes scores, removes, sorts. */
+/* Runs prune number `index` of the schedule on a settled run (no pending Adam steps): measures scores, removes the
+ * Gaussians with the lowest, sorts the rest. */
 pags_result pags_prune(pags_trainer *trainer, int index);
 
-/* How many Gaussians the prune leaves of `count`. */
+/* Returns the number of Gaussians that prune number `index` leaves of `count`. */
 int64_t pags_prune_target(const pags_schedule *schedule, int index, int64_t count);
 
-/* Raw scores >= 0 brought to 0..1 in `out`.
- * RANK: the share of others that are lower (ties: none of them is). MINMAX: linear. LOG: log(1 + x / m), m the median
- * of those over 0, then linear. */
+/* Normalises raw scores >= 0 to 0..1 in `out`. RANK: the share of the other scores that are lower (equal scores don't
+ * count as lower). MINMAX: linear. LOG: log(1 + x / m), m the median of the scores over 0, then linear. */
 pags_result pags_prune_normalise(pags_s_grad kind, const double *raw, int64_t count, float *out);
 
-/* S_hybrid of both scores, in 0..1; of a resolved configuration. */
+/* Returns S_hybrid, in 0..1, of both scores, by a resolved configuration (pags_config_resolve). */
 double pags_prune_hybrid(const pags_train_config *config, double s_sem, double s_grad);
 
 typedef struct pags_prune_request {
   int64_t count;
   const float *score;
-  const int32_t *group; /* 0: no floor; else one object's */
-  int64_t groups;       /* groups are below it */
-  int64_t target;       /* rows to keep */
-  int64_t floor; /* of each group but 0; where floors would take more than half of the target they are lowered to it */
-  uint64_t seed, draw; /* order rows of equal scores by chance: neighbours in memory are neighbours in space */
+  const int32_t *group; /* per row: 0: no floor; else a number per object */
+  int64_t groups;       /* group numbers are below it */
+  int64_t target;       /* number of rows to keep */
+  int64_t floor; /* rows that each group but 0 keeps at least; if floors took more than half of the target, they are
+                    lowered to half */
+  uint64_t seed, draw; /* order rows of equal scores at random: neighbours in memory are neighbours in space */
 } pags_prune_request;
 
-/* drop[i] = 1 for rows to remove, 0 for others; returns through *dropped how many. Fewer than asked for where floors
- * forbid. */
+/* Chooses the rows to remove: drop[i] becomes 1 for those, 0 for the rest; `dropped` receives the number of rows to
+ * remove, which is less than the target asks for if floors forbid more. */
 pags_result pags_prune_choose(const pags_prune_request *request, uint8_t *drop, int64_t *dropped);
 
 #endif

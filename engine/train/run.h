@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A run at work: what the loop, its steps, its estimate and its opening share. */
+/* The data of a training run in progress, shared by the training loop, its steps, the estimate and the opening of a
+ * run. */
 #ifndef PAGS_TRAIN_RUN_H
 #define PAGS_TRAIN_RUN_H
 
@@ -16,25 +17,25 @@ typedef struct pags_trainer {
   pags_tasks *tasks;
   pags_train_state state;
   pags_output output;
-  uint64_t fingerprint; /* of the views */
+  uint64_t fingerprint; /* hash of the views, see pags_views_list */
   int64_t view_count;
-  int64_t *views;      /* training views: indices of the data set's */
-  int64_t *order;      /* of the pass under way and the next: 2 x view_count */
-  int64_t order_epoch; /* -1: none yet */
+  int64_t *views;      /* the training views, as indices of the data set's views */
+  int64_t *order;      /* permutations of the training views for the current pass and the next: 2 x view_count */
+  int64_t order_epoch; /* the current pass; -1: no permutation yet */
   pags_photo_cache *cache;
   pags_view_render render;
-  pags_lidar_planes lidar_planes; /* of the data set; none without lidar_pull */
-  int measuring;                  /* 1: gradients are thrown away */
+  pags_lidar_planes lidar_planes; /* of the data set; empty without lidar_pull */
+  int measuring;                  /* 1: a timing probe; gradients are computed but nothing is updated */
   struct {
     double wait, forward, loss, backward, density; /* ms, summed over the steps of this process */
   } ms;
 } pags_trainer;
 
-/* One view's way through the frame. */
+/* A training step's view, photograph, picture and losses. */
 typedef struct pags_step_view {
-  int64_t view; /* of the data set */
+  int64_t view; /* index of the data set's view */
   int level;
-  pags_camera camera; /* shrunk */
+  pags_camera camera; /* the view's camera at the resolution level */
   pags_photo photo;
   pags_picture picture;
   pags_photometric_loss loss;

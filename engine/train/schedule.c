@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The schedule of Kerbl et al. (2023), stretched to any number of iterations.
  *
- * Steps given "of 30 000" become round(step * length / 30 000). Two intervals don't shrink without end: the
- * statistics that densify decides from are means over the views a Gaussian was seen in, which one pass over the
- * training views makes complete, and a reset takes about three passes to recover from. */
+ * Steps that the configuration gives "of 30 000" become round(step * length / 30 000). Two intervals have a lower
+ * limit: densify waits for at least one pass over the training views, without which its statistics, means over the
+ * views in which a Gaussian was seen, are incomplete; a reset waits for at least three passes, about what opacities
+ * take to recover from the last one. */
 #include "train/schedule.h"
 
 #include <math.h>
@@ -21,12 +22,12 @@ static int64_t at_least(int64_t value, int64_t least) {
   return value < least ? least : value;
 }
 
-/* Steps after which the Gaussians with the lowest scores go: three times while densifying, then while it is over. The
- * first kind right after a densify, so that none follows closely. */
+/* Steps of the prunes by score of each preset. The first three prunes come while densify goes on and are moved to the
+ * next densify step, so that no densify follows them closely; the later ones come after densify has ended. */
 enum { EARLY_PRUNES = 3 };
 static const struct {
   int prunes;
-  double first, every, of; /* steps */
+  double first, every, of; /* steps of a run of `of` steps */
 } plans[] = {[PAGS_PRESET_LEAN] = {5, 4000, 4000, 30000},
              [PAGS_PRESET_SHORT] = {4, 10000, 5000, 30000},
              [PAGS_PRESET_PAPER] = {8, 10000, 5000, 50000}};
@@ -47,7 +48,7 @@ pags_schedule pags_schedule_make(const pags_train_config *config, double extent,
   s.tracks_from = scaled(config->objects.tracks_from, s.length);
   s.fourier_from = scaled(config->objects.fourier_from, s.length);
 
-  /* Set prunes. */
+  /* Set the prunes by score of the preset. */
   size_t preset = (size_t)s.config.priority.preset;
   for (int i = 0; i < plans[preset].prunes; i++) {
     int64_t step = llround((plans[preset].first + plans[preset].every * i) * (double)s.length / plans[preset].of);
@@ -55,7 +56,7 @@ pags_schedule pags_schedule_make(const pags_train_config *config, double extent,
     if (i < EARLY_PRUNES && after < s.densify_until)
       step = after;
     if (step <= 0 || step >= s.length || (s.prunes > 0 && step <= s.prune_step[s.prunes - 1]))
-      continue; /* so short a run that it falls together with another, or with the end */
+      continue; /* in a short run, a prune that coincides with another or with the end is left out */
     s.prune_rate[s.prunes] = i < EARLY_PRUNES ? s.config.priority.prune_early : s.config.priority.prune_late;
     s.prune_step[s.prunes++] = step;
   }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The pass over the training views that scores are taken from. */
+/* Measures the scores of all Gaussians by a pass over the training views; see score_pass.h. */
 #include "train/score_pass.h"
 
 #include <stdlib.h>
@@ -14,7 +14,7 @@ typedef struct score_pass {
   int64_t *first; /* per model: its first row in `scores` */
   float *counted, *critical;
   int64_t plane_floats;
-  int labelled; /* the view under way */
+  int labelled; /* 1: the current view has labels */
 } score_pass;
 
 static int64_t *list_first_rows(const pags_train_state *s) {
@@ -47,7 +47,7 @@ int pags_score_pass_has_labels(const pags_dataset *dataset) {
           (PAGS_PROVIDES_BOXES | PAGS_PROVIDES_SEMANTIC | PAGS_PROVIDES_DYNAMIC_MASKS)) != 0;
 }
 
-/* Planes as the frame reads them: whole tiles of rows. */
+/* Makes room for the two mask planes, with the number of rows rounded up to whole tiles, as the frame reads them. */
 static pags_result reserve_planes(score_pass *p, const pags_picture *picture) {
   int64_t floats = (int64_t)picture->stride * ((picture->height + 15) / 16 * 16);
   if (floats <= p->plane_floats)
@@ -73,7 +73,8 @@ static void add_cluster(void *user, const pags_cluster_score *c, int worker) {
   }
 }
 
-/* Rough is half the size of training's pictures, unless that is smaller than they ever are. */
+/* Returns the factor by which a rough pass shrinks training's picture: 2, or 1 if the picture would be smaller than
+ * training's pictures ever are. */
 static int factor_of(const pags_trainer *t, const pags_camera *camera, int level) {
   int shorter = camera->width < camera->height ? camera->width : camera->height;
   return level < 4 && shorter / (2 * level) >= t->state.schedule.config.schedule.resolution_floor ? 2 : 1;
@@ -94,7 +95,8 @@ static pags_result add_view(score_pass *p, int64_t index, int rough) {
   PAGS_TRY(pags_view_render_draw(t, t->state.step, &camera, &options, &picture));
   PAGS_TRY(reserve_planes(p, &picture));
 
-  /* A photograph's pixels count where it has any to compare with; of `factor` x `factor` of them one is asked. */
+  /* Fill the mask planes from the photograph's mask and labels; of each block of `factor` x `factor` pixels, one is
+   * sampled. */
   p->critical = p->counted + p->plane_floats;
   p->labelled = photo.labels != NULL;
   for (int y = 0; y < picture.height; y++) {
@@ -138,7 +140,7 @@ void pags_score_pass_write_s_sem(pags_train_state *s, const pags_score_pass *sco
     for (int64_t i = 0; i < g->count; i++, at++)
       if (g->s_sem && s->schedule.config.priority.s_sem != PAGS_S_SEM_INIT && scores->seen[at] > 0.0) {
         double share = scores->critical[at] / scores->seen[at];
-        g->s_sem[i] = share < 1.0 ? (float)share : 1.0f; /* rounding may take it over 1 */
+        g->s_sem[i] = share < 1.0 ? (float)share : 1.0f; /* rounding may give more than 1 */
       }
   }
 }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Which degree a Gaussian needs; see sh_trim.h. */
+/* Finds the lowest SH degree that each Gaussian needs over the training views, and trims the rest; see sh_trim.h. */
 #include "train/sh_trim.h"
 
 #include <math.h>
@@ -11,7 +11,10 @@
 
 enum { TRIM_GRAIN = 256, MOST_DEGREE = 3 };
 
-/* As the frame's culling has it: sigma at most s, |tx| at most its clamp, opacity at most 1, alpha down to 1/255. */
+/* ---- Views ---- */
+
+/* Largest extent of a Gaussian in standard deviations on the screen, as in the frame's culling: opacity at most 1,
+ * alpha down to 1/255. */
 static const double reach = 3.3291; /* sqrt(2 ln 255) */
 
 static double reach_of(double focal, double centre, double size) {
@@ -48,7 +51,7 @@ pags_sh_view pags_sh_view_make(const pags_camera *camera, const double world_fro
   return v;
 }
 
-/* Whether a Gaussian there, of sigma at most `sigma`, may show. */
+/* Returns whether a Gaussian at `p` whose sigmas are at most `sigma` may show in the view. Conservative. */
 static int may_show(const pags_sh_view *v, const float p[3], float sigma) {
   float z = v->r[6] * p[0] + v->r[7] * p[1] + v->r[8] * p[2] + v->t[2];
   if (!(z > v->near_plane))
@@ -60,8 +63,11 @@ static int may_show(const pags_sh_view *v, const float p[3], float sigma) {
   return u > -extent_x && u < v->width + extent_x && w > -extent_y && w < v->height + extent_y;
 }
 
-/* Real spherical harmonics of degrees 1 to 3 at a unit vector, with INRIA's signs; constants sqrt((2l+1)(l-|m|)! / (4
- * pi (l+|m|)!)) times sqrt 2 where m isn't 0, multiplied out. basis[0] isn't looked at. */
+/* ---- One Gaussian ---- */
+
+/* Real spherical harmonics of degrees 1 to 3 at a unit vector, with the signs of INRIA's 3DGS program. The constants
+ * are sqrt((2l + 1) (l - |m|)! / (4 pi (l + |m|)!)), times sqrt 2 where m isn't 0, multiplied out. basis[0] isn't
+ * set. */
 static void sh_basis(int degree, const float d[3], float basis[16]) {
   float x = d[0], y = d[1], z = d[2], xx = x * x, yy = y * y, zz = z * z;
   basis[1] = -0.48860251f * y;
@@ -85,7 +91,7 @@ static void sh_basis(int degree, const float d[3], float basis[16]) {
   basis[15] = -0.59004359f * x * (xx - 3.0f * yy);
 }
 
-/* Of one row: the range of what the terms beyond each degree add to a channel. */
+/* The range, over the views that see a row, of what the terms beyond each degree add to each channel. */
 typedef struct row_ranges {
   float lo[MOST_DEGREE][3], hi[MOST_DEGREE][3];
 } row_ranges;
@@ -112,7 +118,7 @@ static void find_ranges(const pags_gaussians *g, const pags_sh_view *views, int6
     for (int k = 0; k < 3; k++)
       d[k] *= inverse;
 
-    /* Add direction. */
+    /* Extend the ranges by this view's direction, summing the terms from the highest degree down. */
     float basis[16];
     sh_basis(g->sh_degree, d, basis);
     for (int c = 0; c < 3; c++) {
@@ -127,7 +133,8 @@ static void find_ranges(const pags_gaussians *g, const pags_sh_view *views, int6
   }
 }
 
-/* Half of the widest channel's range: what is left once the constant term takes the middle. */
+/* Returns whether a row's colour changes by at most `error` if the terms beyond `degree` are removed: with the middle
+ * of their range in the constant term, half of the range is left, channel by channel. */
 static int fits(const row_ranges *ranges, int degree, double error) {
   for (int c = 0; c < 3; c++) {
     float lo = ranges->lo[degree][c], hi = ranges->hi[degree][c];
@@ -144,7 +151,7 @@ void pags_sh_trim_rows(pags_gaussians *g, const pags_sh_view *views, int64_t vie
     find_ranges(g, views, view_count, row, &ranges);
     for (int degree = 0; degree < g->sh_degree; degree++)
       if (fits(&ranges, degree, error)) {
-        /* Lower. */
+        /* Move the middle of the range to the constant term and clear the terms beyond the degree. */
         for (int c = 0; c < 3; c++) {
           float lo = ranges.lo[degree][c], hi = ranges.hi[degree][c];
           if (lo <= hi)
@@ -157,6 +164,8 @@ void pags_sh_trim_rows(pags_gaussians *g, const pags_sh_view *views, int64_t vie
       }
   }
 }
+
+/* ---- All Gaussians of a run ---- */
 
 typedef struct trim_context {
   pags_gaussians *g;
@@ -172,7 +181,7 @@ static void trim_block(void *context, int64_t begin, int64_t end, int worker) {
   pags_sh_trim_rows(c->g, c->views, c->view_count, c->error, begin * TRIM_GRAIN, last);
 }
 
-/* The training views in which the model is there. */
+/* Lists the training views at whose time the model exists. */
 static int64_t list_views(const pags_trainer *t, const pags_train_model *m, pags_sh_view *views) {
   static const double still[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
   const pags_train_config *c = &t->state.schedule.config;

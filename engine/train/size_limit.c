@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Bytes of a scene folder as a bound on Gaussians. */
+/* Converts the size limit of the scene folder into limits on the number of Gaussians; see size_limit.h. */
 #include "train/size_limit.h"
 
 #include <math.h>
@@ -13,14 +13,14 @@
 
 enum {
   FOURIER_BYTES = 4 * PAGS_FOURIER_PLANES,
-  HEADER_BYTES = 4096,  /* of a PLY, at most */
-  GENERAL_BYTES = 8192, /* the data set's path; counts and notes that get longer */
-  KNOT_BYTES = 6 * 24,  /* six numbers that are 0 at the start */
-  VIEW_BYTES = 12 * 24  /* gain and offset, which may be missing at the start */
+  HEADER_BYTES = 4096,  /* header of a PLY, at most */
+  GENERAL_BYTES = 8192, /* the data set's path, and counts and notes that get longer */
+  KNOT_BYTES = 6 * 24,  /* six numbers of a knot's increment, which are 0 at the start */
+  VIEW_BYTES = 12 * 24  /* a view's gains and offsets, which may be missing at the start */
 };
 static const int64_t least_background = 16;
 
-/* Colour over time may still be decided for objects. */
+/* See size_limit.h. Counts Fourier terms for objects whose colour over time isn't decided yet. */
 int pags_size_limit_row(const pags_train_state *s, int64_t model) {
   const pags_train_model *m = &s->models[model];
   int undecided =
@@ -28,7 +28,8 @@ int pags_size_limit_row(const pags_train_state *s, int64_t model) {
   return pags_ply_row_bytes(&m->gaussians) + (undecided ? FOURIER_BYTES : 0);
 }
 
-/* Until then numbers that training will lengthen are short. */
+/* Returns the bytes by which scene.json may still grow: numbers that are short at the start get more digits in
+ * training. */
 static int64_t to_come(const pags_dataset *dataset, const pags_train_state *s) {
   int64_t bytes = GENERAL_BYTES;
   if (s->exposures.count > 0)
@@ -46,7 +47,7 @@ pags_result pags_size_limit_rows(const pags_dataset *dataset, const pags_train_s
   return PAGS_OK;
 }
 
-/* A prune by score is still to come, whose target the bound is part of. */
+/* Returns whether a prune by score is still to come, which will apply the size limit. */
 static int is_later(const pags_train_state *s) {
   int prunes = s->schedule.prunes;
   int64_t last = prunes > 0 ? s->schedule.prune_step[prunes - 1] : 0;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Fitting the sky's cube map (Street Gaussians: Adam, rate 0.01 to 1e-4 log-linear). */
+/* Fits the sky's cube map as in Street Gaussians (Yan et al. 2024): Adam, learning rate 0.01 falling log-linearly to
+ * 1e-4. Texels that no pixel sees keep their moments. */
 #include "train/sky_fit.h"
 
 #include <math.h>
@@ -10,9 +11,9 @@
 
 enum { LOOK_SHRINK = 8, LEAST_SIZE = 64, MOST_SIZE = 1024 };
 static const double least_share = 1e-3;
-static const double final_share = 0.01; /* of the rate, at the schedule's end */
+static const double final_share = 0.01; /* the learning rate's final share */
 
-/* Sums over the sky pixels of one photograph. */
+/* Adds up the colours and the number of one photograph's sky pixels, and the number of all its pixels. */
 static void add_photo(const pags_photo *photo, double colour[3], int64_t *sky, int64_t *all) {
   *all += (int64_t)photo->width * photo->height;
   for (int y = 0; photo->labels && y < photo->height; y++)
@@ -30,7 +31,7 @@ static int choose_size(const pags_dataset *dataset) {
   double focal = 0.0;
   for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++)
     focal = fmax(focal, pags_dataset_view(dataset, i)->camera.fx);
-  int size = LEAST_SIZE; /* a face of N texels spans 2 focal lengths of pixels at its middle */
+  int size = LEAST_SIZE; /* a cube face spans 2 focal lengths; at its middle a texel is 2 focal / N pixels */
   while (size < MOST_SIZE && size <= focal)
     size *= 2;
   return size;
@@ -91,22 +92,26 @@ void pags_sky_fit_destroy(pags_sky_fit *fit) {
   *fit = (pags_sky_fit){0};
 }
 
-enum { CORRECTIONS = 8192 }; /* by visits, the last for all beyond: 1 / (1 - beta1^k), 1 / (1 - beta2^k) */
+/* Size of the table of bias corrections 1 / (1 - beta1^k), 1 / (1 - beta2^k) by number of visits k; the last entry
+ * serves for all larger k. */
+enum { CORRECTIONS = 8192 };
 enum { BLOCK_FLOATS = 3 * PAGS_SKY_BLOCK, FLOATS_A_LINE = 16 };
 
 static const float epsilon = 1e-15f;
 
-typedef struct block_factors { /* per float; what leaves it as it is where no pixel saw the texel */
+/* Adam's factors per float; a texel that no pixel saw gets factors that leave it as it is. */
+typedef struct block_factors {
   float gradient[BLOCK_FLOATS], keep1[BLOCK_FLOATS], keep2[BLOCK_FLOATS], rate[BLOCK_FLOATS], correction[BLOCK_FLOATS];
 } block_factors;
 
-/* Without a branch, for compilers to make vectors of. */
+/* Does one Adam step for a block of texels. The arithmetic loop has no branches, so that compilers can vectorise
+ * it. */
 static void update_block(pags_sky_fit *f, int64_t first_texel, int64_t texels, const float *gradient) {
   const int64_t at = 3 * first_texel;
   block_factors by;
   float *restrict first = f->first + at, *restrict second = f->second + at, *restrict colour = f->sky.texels + at;
 
-  /* A gradient that isn't finite counts for nothing. */
+  /* Fill the factors of each texel. A gradient that isn't finite counts as none. */
   uint16_t *visits = f->visits + first_texel;
   for (int64_t i = 0; i < texels; i++) {
     const float *g = gradient + 3 * i;
@@ -154,7 +159,7 @@ pags_result pags_sky_fit_receive(pags_sky_fit *fit, const pags_schedule *schedul
   const pags_train_config *c = &schedule->config;
   const double t = fmin((double)step / (double)schedule->length, 1.0);
   if (!fit->correction) {
-    /* Make corrections. */
+    /* Compute the bias corrections once. */
     double power1 = 1.0, power2 = 1.0;
     fit->correction = malloc(CORRECTIONS * sizeof *fit->correction);
     if (!fit->correction)

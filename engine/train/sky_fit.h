@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The sky in training: its resolution, its first colour, and Adam over the texels that training views can see. */
+/* Fits the sky, a cube map, in training: chooses its resolution and first colour, and runs Adam over the texels that
+ * training views see. */
 #ifndef PAGS_TRAIN_SKY_FIT_H
 #define PAGS_TRAIN_SKY_FIT_H
 
@@ -10,27 +11,30 @@
 #include "train/schedule.h"
 
 typedef struct pags_sky_fit {
-  pags_sky sky;          /* size 0: the scene has none */
-  float *first, *second; /* Adam's moments, laid out as the texels; they move only when a gradient arrives */
-  uint16_t *visits; /* per texel: gradients so far, which is what the moments' bias is corrected by; stays at 65535 */
-  float (*correction)[2];   /* of the moments, by visits; made at the first step. Derived */
-  float beta1, beta2, rate; /* of the step under way */
+  pags_sky sky;          /* size 0: the scene has no sky */
+  float *first, *second; /* Adam's moments, as the texels; a texel's change only with a gradient */
+  uint16_t *visits; /* per texel: number of gradients so far, at most 65535, for the bias correction of the moments */
+  float (*correction)[2];   /* bias corrections by number of visits, made at the first step; not in the checkpoint */
+  float beta1, beta2, rate; /* of the current step */
 } pags_sky_fit;
 
-/* Decides by the labels of the training photographs, seen at an eighth of their size: below a thousandth of all pixels
- * there is no sky (size 0). Else texels as large as one to two pixels of the sharpest camera, 64 to 1024 a side, of the
- * mean colour of what is labelled sky. `share` receives that share of pixels. */
+/* Decides from the labels of the training photographs, sampled at an eighth of their size, whether the scene has a
+ * sky: if less than a thousandth of all pixels is sky, it has none (size 0). Otherwise creates a cube map whose
+ * texels are as large as one to two pixels of the sharpest camera, 64 to 1024 texels a side, filled with the mean
+ * colour of the pixels labelled sky. `share` receives the sky's share of pixels. */
 pags_result pags_sky_fit_create(pags_sky_fit *fit, const pags_dataset *dataset, pags_photo_cache *photos,
                                 double *share);
-/* Memory that a sky of `size` takes in training, and that of the data set's where it has one. */
+/* Returns the bytes that a sky of `size` takes in training; pags_sky_fit_most_bytes those of the data set's sky if it
+ * has one. */
 uint64_t pags_sky_fit_bytes(int size);
 uint64_t pags_sky_fit_most_bytes(const pags_dataset *dataset);
-/* Zero moments for a sky of `size`, as loaded from a checkpoint. */
+/* Allocates a sky of `size` with zero moments, as for loading a checkpoint. */
 pags_result pags_sky_fit_prepare(pags_sky_fit *fit, int size);
 void pags_sky_fit_destroy(pags_sky_fit *fit);
 
-/* Has the sky take one Adam step while a frame goes back, by pixels that show at least a 255th of it: by Adam's measure
- * the rest would move what lies behind walls as fast as what is seen. PAGS_ERROR_MEMORY. */
+/* Prepares one Adam step of the sky, done by the frame's backward pass through `gradient`. Only pixels in which the
+ * sky has a weight of at least 1/255 count: Adam normalises gradients, so the rest would move texels behind walls as
+ * fast as visible ones. PAGS_ERROR_MEMORY. */
 pags_result pags_sky_fit_receive(pags_sky_fit *fit, const pags_schedule *schedule, int64_t step,
                                  pags_picture_gradient *gradient);
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The models and the few numbers of a run. */
+/* The state of a training run: its models, their tracks, the sky, the exposures and a few numbers; see state.h. */
 #include "train/state.h"
 
 #include <assert.h>

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The pass of a training view.
+/* One training step on one view.
  *
- * The frame is rendered with owed updates paid for each cluster in view; the losses write dLoss/d(picture); the frame
- * goes back, and its receiver moves each cluster's rows while their gradients are in cache. Poses, sky and exposure
- * follow from sums that are taken in a fixed order. */
+ * The frame is rendered, with the pending Adam steps of each cluster in view applied before it is read; the losses
+ * write dLoss/d(picture); in the frame's backward pass, the receiver updates each cluster's Gaussians while their
+ * gradients are in cache. Poses, sky and exposure are updated from sums that are taken in a fixed order. */
 #include "train/step.h"
 
 #include <math.h>
@@ -18,10 +18,15 @@
 #include "train/score_pass.h"
 
 enum { LARGEST_CLUSTER = 256, MOST_SAMPLES = 16384, ROW_PLANES = PAGS_MAX_PLANES + PAGS_FOURIER_PLANES };
-enum { OBJECTS_EVERY = 4 }; /* steps: the objects' own picture changes slowly, and costs a tenth of a step */
+/* The object opacity term is evaluated every so many steps: its picture changes slowly, and it costs a tenth of a
+ * step. */
+enum { OBJECTS_EVERY = 4 };
 enum { GRADIENT, GRADIENT_T = 3, GRADIENT_DEPTH, ZEROS, ONES, PLANES };
 
-/* Planes for the gradients of a picture: whole tiles of rows, as the frame reads them. */
+/* ---- Memory ---- */
+
+/* Makes room for the planes of a picture's gradients, with the number of rows rounded up to whole tiles, as the frame
+ * reads them. */
 static pags_result reserve_planes(pags_trainer *t, const pags_picture *picture) {
   pags_view_render *p = &t->render;
   int64_t floats = (int64_t)picture->stride * ((picture->height + 15) / 16 * 16);
@@ -30,7 +35,8 @@ static pags_result reserve_planes(pags_trainer *t, const pags_picture *picture) 
   p->plane_floats = 0;
   for (int i = 0; i < PLANES; i++) {
     free(p->plane[i]);
-    p->plane[i] = aligned_alloc(64, (size_t)floats * sizeof(float)); /* stride is a multiple of 16 */
+    /* The stride is a multiple of 16 floats, so the size is one of 64 bytes. */
+    p->plane[i] = aligned_alloc(64, (size_t)floats * sizeof(float));
     if (!p->plane[i])
       return pags_out_of_memory("gradients of a picture of %d x %d", picture->width, picture->height);
     memset(p->plane[i], 0, (size_t)floats * sizeof(float));
@@ -63,7 +69,7 @@ static pags_result reserve_held(pags_trainer *t, int64_t model) {
   return PAGS_OK;
 }
 
-/* The way back. */
+/* ---- Receivers of the backward pass ---- */
 
 static int any_drawn(const pags_cluster_gradient *g) {
   int any = 0;
@@ -76,7 +82,7 @@ static float *held_rows(const pags_view_render *p, const pags_train_model *m, in
   return p->models[model].held + cluster * pags_plane_count(m->gaussians.sh_degree) * m->clusters.size;
 }
 
-/* Rows whose gradient the frame has set to zero because it wasn't finite. */
+/* Returns whether a cluster has rows whose gradient the frame has set to zero because it wasn't finite. */
 static int any_bad(const pags_cluster_gradient *g) {
   int any = 0;
   for (int i = 0; i < g->count; i++)
@@ -84,8 +90,8 @@ static int any_bad(const pags_cluster_gradient *g) {
   return any;
 }
 
-/* Keeps an object's gradients until the picture's arrive. A row's that isn't finite is nothing beside them, but is
- * counted. */
+/* Receiver of the object opacity term's backward pass: keeps an object's gradients until those of the whole picture
+ * arrive. A row whose gradient isn't finite gets none from this term, and is counted. */
 static void hold(void *user, const pags_cluster_gradient *g, int worker) {
   const pags_render_context *c = user;
   const pags_view_render *p = &c->trainer->render;
@@ -103,7 +109,8 @@ static void hold(void *user, const pags_cluster_gradient *g, int worker) {
   p->models[model].held_step[g->cluster] = (int32_t)c->step;
 }
 
-/* Gradients by the Fourier terms, behind the planes: the colour's times the basis. */
+/* Computes the gradients by the Fourier terms, stored after the other planes: the gradient by the constant colour
+ * term times each basis function. */
 static void add_fourier(const double basis[5], const pags_cluster_gradient *g, float *data) {
   for (int k = 1; k < 5; k++)
     for (int c = 0; c < 3; c++) {
@@ -114,7 +121,9 @@ static void add_fourier(const double basis[5], const pags_cluster_gradient *g, f
     }
 }
 
-/* A cluster in view that shows nothing goes on owing: whether it was in view must not change a bit. */
+/* Receiver of the backward pass: adds the densify statistics of a cluster and does an Adam step on its Gaussians. A
+ * cluster in view none of whose Gaussians was drawn is skipped and its step stays pending: whether a cluster was in
+ * view must not change a bit. */
 static void receive(void *user, const pags_cluster_gradient *g, int worker) {
   const pags_render_context *c = user;
   const pags_view_render *p = &c->trainer->render;
@@ -126,7 +135,7 @@ static void receive(void *user, const pags_cluster_gradient *g, int worker) {
   if (c->trainer->measuring || !any_drawn(g))
     return;
 
-  /* Add statistics. */
+  /* Add the densify statistics. */
   const float *pull = m->schedule.config.density.absgrad ? g->mean2d_abs : g->mean2d;
   for (int i = 0; i < g->count; i++) {
     if (!g->drawn[i])
@@ -155,7 +164,7 @@ static void receive(void *user, const pags_cluster_gradient *g, int worker) {
     add_fourier(p->models[model].basis, g, copy);
   for (int i = 0; bad && i < g->count; i++)
     if (g->bad[i])
-      copy[(g->bad[i] - 1) * g->stride + i] = NAN; /* as it was: the update leaves the row out */
+      copy[(g->bad[i] - 1) * g->stride + i] = NAN; /* not finite again, so that the update leaves the row out */
   pags_nonfinite_row first = {0};
   int left_out =
       pags_adam_update(&m->adam, &m->gaussians, &m->clusters, g->cluster, data, g->stride, g->planes, &first);
@@ -164,7 +173,7 @@ static void receive(void *user, const pags_cluster_gradient *g, int worker) {
     pags_nonfinite_note(&c->trainer->state.nonfinite, left_out, &first);
 }
 
-/* Loss terms. */
+/* ---- Loss terms ---- */
 
 static pags_result load_depth(pags_trainer *t, int64_t view) {
   if (t->render.depth[view].loaded)
@@ -174,8 +183,8 @@ static pags_result load_depth(pags_trainer *t, int64_t view) {
                                   &t->render.depth[view].samples);
 }
 
-/* Opacity of the moving objects by themselves: a picture of their own. Its gradients wait for those of the whole one;
- * they stand for those of the steps that do without, too. */
+/* Evaluates the opacity term of the moving objects on a picture of them alone. Its gradients are kept until those of
+ * the whole picture arrive. They are weighted by OBJECTS_EVERY, to stand for the steps without this term, too. */
 static pags_result object_term(pags_trainer *t, int64_t step, pags_step_view *v) {
   pags_view_render *p = &t->render;
   pags_render_context context = {t, step, 1};
@@ -197,8 +206,7 @@ static pags_result object_term(pags_trainer *t, int64_t step, pags_step_view *v)
   return pags_frame_backward(p->object_frame, &gradient, hold, &context, NULL);
 }
 
-/* Where the view shows something critical, its photograph counts critical_weight times; what is being measured counts
- * as it is. */
+/* Gives critical pixels of the view the weight critical_weight in the photometric loss; not in timing probes. */
 static void emphasise(pags_trainer *t, const pags_photo *photo, pags_comparison *how) {
   double times = t->state.schedule.config.priority.critical_weight;
   if (!photo->labels || !(times > 1.0) || t->measuring)
@@ -210,7 +218,8 @@ static void emphasise(pags_trainer *t, const pags_photo *photo, pags_comparison 
   how->times = times;
 }
 
-/* dLoss/d(picture) in the planes. `planes` receives which of T and sum(w z) have any. */
+/* Evaluates all loss terms and writes dLoss/d(picture) to the planes. `gradient` receives the planes; those of T and
+ * sum(w z) are NULL if no term has a gradient by them. */
 static pags_result losses(pags_trainer *t, int64_t step, pags_step_view *v, pags_picture_gradient *gradient) {
   pags_view_render *p = &t->render;
   const pags_train_config *c = &t->state.schedule.config;
@@ -219,7 +228,7 @@ static pags_result losses(pags_trainer *t, int64_t step, pags_step_view *v, pags
   if (late && c->losses.object_weight > 0.0 && step % OBJECTS_EVERY == 0)
     PAGS_TRY(object_term(t, step, v));
 
-  /* Photometric. */
+  /* The photometric loss, with exposure and emphasis. */
   pags_comparison how = {
       .ssim_weight = t->state.schedule.config.losses.ssim_weight, .exposure = {1.0, 1.0, 1.0}, .times = 1.0};
   if (t->state.exposures.count > 0)
@@ -249,6 +258,8 @@ static pags_result losses(pags_trainer *t, int64_t step, pags_step_view *v, pags
     PAGS_TRY(pags_sky_fit_receive(&t->state.sky, &t->state.schedule, step, gradient));
   return PAGS_OK;
 }
+
+/* ---- The step ---- */
 
 static void update_tracks(pags_trainer *t, int64_t step) {
   const pags_schedule *s = &t->state.schedule;
@@ -291,7 +302,7 @@ pags_result pags_train_step(pags_trainer *t, int64_t step, pags_step_view *v) {
   PAGS_TRY(losses(t, step, v, &gradient));
   t->ms.loss += pags_clock_lap_ms(&clock);
 
-  /* Clear poses. */
+  /* Set the pose gradients of the drawn objects to zero. */
   for (int i = 0; i < t->render.part_count; i++) {
     int64_t model = t->render.drawn[i].model;
     if (t->state.models[model].object >= 0)

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Track optimisation. */
+/* Optimises the poses of labelled objects in training: an increment per knot, by Adam. */
 #include "train/track_poses.h"
 
 #include <math.h>
@@ -9,10 +9,11 @@
 #include "base/memory.h"
 #include "base/text.h"
 
-/* As the positions' rates, log-linear over the schedule, but to a tenth (Street Gaussians ends at a fifth to a
- * hundredth). */
+/* The learning rates at the schedule's end as a share of the first. They fall log-linearly, as those of Gaussians'
+ * positions do, but only to a tenth (Street Gaussians ends at a fifth to a hundredth). */
 static const double final_share = 0.1;
-static const double reference_visits = 100.0; /* of each photograph in a run: about 30 000 steps over 300 */
+static const double reference_visits = 100.0; /* visits of each photograph in a run that need no correction of the
+                                                 rates: about 30 000 steps over 300 photographs */
 
 static pags_result copy_object(const pags_object *from, pags_object *to, pags_adam6 **moments) {
   *to = *from;
@@ -64,16 +65,17 @@ int64_t pags_track_poses_knot(const pags_object *object, int frame) {
   return -1;
 }
 
-/* A knot is moved once for each visit to one of its photographs, so that a short run, or one with many photographs,
- * must take longer steps to come as far. */
+/* Returns the factor on the learning rates, 0.25 to 4. A knot takes one step per visit of one of its photographs, so
+ * a run that is short or has many photographs must take longer steps to move a pose as far. */
 static double hurry(const pags_schedule *schedule) {
   double visits = (double)schedule->length / (double)schedule->views;
   return fmin(fmax(reference_visits / visits, 0.25), 4.0);
 }
 
-/* Where in its box a thing lies no photograph shows: moving all poses and the Gaussians against them changes no
- * picture. The labels' mean knows, so that what one knot has gone is taken back from all that photographs have moved.
- */
+/* Keeps the mean of a track's increments: the step `gone` that one knot was moved by is divided by the number of
+ * knots that photographs have moved so far and added back to each of them. No photograph shows where in its box an
+ * object lies, since moving all poses one way and the Gaussians the other way changes no picture; the mean of the
+ * labels is the best estimate. */
 static void hold_mean(pags_track_poses *tracks, int64_t object, const double gone[6]) {
   const pags_adam6 *m = tracks->moments[object];
   pags_object *o = &tracks->objects[object];

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Poses of labelled boxes and their optimisation: an increment per knot, in the box's frame (pags_knot). */
+/* Tracks of the labelled objects and their optimisation in training: each knot (labelled pose) has an increment in
+ * the frame of the object's box (pags_knot). */
 #ifndef PAGS_TRAIN_TRACK_POSES_H
 #define PAGS_TRAIN_TRACK_POSES_H
 
@@ -11,23 +12,24 @@
 
 typedef struct pags_track_poses {
   int64_t count;
-  pags_object *objects; /* copies: knots hold the increments */
-  pags_adam6 **moments; /* per object: one per knot */
+  pags_object *objects; /* copies of the data set's; their knots hold the increments */
+  pags_adam6 **moments; /* per object: Adam's moments, one per knot */
 } pags_track_poses;
 
-/* Copies of the data set's objects, increments zero. */
+/* Copies the data set's objects; increments are zero. */
 pags_result pags_track_poses_create(pags_track_poses *tracks, const pags_dataset *dataset);
 void pags_track_poses_destroy(pags_track_poses *tracks);
 
-/* Knot of an object at exactly this time step; -1: none. */
+/* Returns the index of an object's knot at exactly this time step; -1: none. */
 int64_t pags_track_poses_knot(const pags_object *object, int frame);
 
-/* Increments to begin with: they take the jitter out of the labels of what moves (track_smooth.c). */
+/* Sets the first increments of moving objects, which remove the jitter of their labels (track_smooth.c). */
 pags_result pags_tracks_smooth(pags_track_poses *tracks);
 
-/* One Adam step (Kingma and Ba) of one knot from dL/d(rotation, translation) of the perturbation world_from_model *
- * exp(xi): the gradient of pags_pose_gradient. Increments are small, so that exp(increment) exp(xi) is the increment
- * plus xi, its translation turned by the increment. */
+/* One Adam step (Kingma and Ba 2015) of one knot, from dL/d(rotation, translation) by the perturbation xi of the pose
+ * world_from_model * exp(xi), as pags_pose_gradient gives it. Increments are small, so exp(increment) exp(xi) is
+ * taken to be the increment plus xi, with xi's translation turned by the increment's rotation. Returns 0, and changes
+ * nothing, if the gradient isn't finite. */
 int pags_track_poses_update(pags_track_poses *tracks, int64_t object, int64_t knot, const double gradient[6],
                             const pags_schedule *schedule, int64_t step);
 

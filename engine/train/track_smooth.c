@@ -1,13 +1,18 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The jitter of labels. What rides on wheels or walks has little jerk, so that a labelled track is the true one plus
- * an error of its own at each time step. The smoothed track x minimises
- *   sum over knots |x_k - label_k|^2 + lambda * sum over four neighbouring knots |third divided difference|^2
- * (Whittaker 1923), times in median spacings; constant acceleration costs nothing. How much to
- * smooth is read off the labels themselves: one lambda for all positions of a data set and one for all rotations, those
- * with the least score of generalised cross-validation (Craven and Wahba 1979), N * sum |label - x|^2 / (N - trace)^2,
- * trace being of the matrix that takes labels to x, sums over all tracks. So labels without jitter stay as they are.
- * Rotations are smoothed as rotation vectors relative to the first knot, which is exact for rotations about one axis:
- * the yaw of what stands on a road. Trained knots only. */
+/* Removes the jitter of labelled tracks. An object on wheels or on foot moves with little jerk, so a labelled track
+ * is the true one plus an independent error at each time step. The smoothed track x minimises
+ *
+ *     sum over knots |x_k - label_k|^2 + lambda * sum over four neighbouring knots |third divided difference|^2
+ *
+ * (Whittaker 1923), with times in median spacings; constant acceleration costs nothing. The strength of smoothing is
+ * estimated from the labels themselves: one lambda for all positions of a data set and one for all rotations, those
+ * with the least score of generalised cross-validation (Craven and Wahba 1979),
+ *
+ *     N * sum |label - x|^2 / (N - trace)^2,
+ *
+ * where trace is that of the matrix that maps labels to x, and the sums are over all tracks. So labels without jitter
+ * stay as they are. Rotations are smoothed as rotation vectors relative to the first knot, which is exact for
+ * rotations about one axis, such as the yaw of an object on a road. Only trained knots are used. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -20,35 +25,38 @@
 #include "train/track_poses.h"
 
 enum { WINDOW = 4, CHANNELS = 6, LEAST_KNOTS = 8, STRENGTHS = 23 };
-enum { ROTATION, TRANSLATION, KINDS };   /* channels 0-2 and 3-5 */
-static const double least_lambda = 1e-4; /* next to nothing; each further strength is half a decade more */
-static const double longest_gap = 4.0;   /* median spacings; a longer one parts the track */
+enum { ROTATION, TRANSLATION, KINDS };   /* channels 0-2 are the rotation, 3-5 the translation */
+static const double least_lambda = 1e-4; /* hardly smooths; each further strength is half a decade more */
+static const double longest_gap = 4.0;   /* median spacings; a longer gap splits the track in two runs */
 
-/* A run of trained knots. */
+/* A run: consecutive trained knots of an object without a long gap. */
 typedef struct run {
   pags_object *object;
-  int64_t *knots; /* indices in the object */
+  int64_t *knots; /* indices of the run's knots in the object */
   int64_t count;
-  double spacing; /* s */
+  double spacing; /* median spacing of the object's trained knots, seconds */
   double (*label)[CHANNELS];
   double (*smooth)[CHANNELS];
-  double (*band)[WINDOW]; /* lower band of the matrix: band[i][j] = A[i][i - j]; then of its Cholesky factor */
+  double (*band)[WINDOW]; /* lower band of the matrix A: band[i][j] = A[i][i - j]; then of its Cholesky factor */
 } run;
 
-/* What cross-validation sums over runs. */
+/* Sums over runs for generalised cross-validation. */
 typedef struct scores {
-  double labels;                 /* N, per channel */
-  double freedom[STRENGTHS];     /* N - trace */
-  double rest[STRENGTHS][KINDS]; /* sum |label - x|^2 */
+  double labels;                 /* N, the number of labels per channel */
+  double freedom[STRENGTHS];     /* N - trace, per strength */
+  double rest[STRENGTHS][KINDS]; /* sum |label - x|^2, per strength and kind */
 } scores;
 
 static double strength(int i) {
   return least_lambda * pow(10.0, 0.5 * i);
 }
 
-/* Cholesky in place. The matrix is at least the identity. */
+/* ---- Solving one run ---- */
+
+/* Builds the matrix A = 1 + lambda D' D of a run and replaces it by its Cholesky factor. A is at least the identity,
+ * so the factorisation never fails. */
 static void factor(run *r, double lambda) {
-  /* A = 1 + lambda D' D, D's rows being the third divided differences (times 3! to be derivatives). */
+  /* Build A. The rows of D are the third divided differences, times 3! to be derivatives. */
   for (int64_t i = 0; i < r->count; i++)
     for (int j = 0; j < WINDOW; j++)
       r->band[i][j] = j == 0;
@@ -75,7 +83,7 @@ static void factor(run *r, double lambda) {
     }
 }
 
-/* Both substitutions, of channels [begin, end). */
+/* Solves A x' = x for channels [begin, end), by forward and backward substitution; x' replaces x. */
 static void solve(const run *r, double (*x)[CHANNELS], int begin, int end) {
   for (int c = begin; c < end; c++) {
     for (int64_t i = 0; i < r->count; i++) {
@@ -91,7 +99,7 @@ static void solve(const run *r, double (*x)[CHANNELS], int begin, int end) {
   }
 }
 
-/* Of the inverse: column by column. */
+/* Returns the trace of the inverse of A, computed column by column. */
 static double trace(run *r) {
   double sum = 0.0;
   for (int64_t k = 0; k < r->count; k++) {
@@ -102,6 +110,8 @@ static double trace(run *r) {
   }
   return sum;
 }
+
+/* ---- Choosing the strength ---- */
 
 static void score_run(run *r, scores *s) {
   s->labels += (double)r->count;
@@ -131,7 +141,10 @@ static int best_strength(const scores *s, int kind) {
   return best;
 }
 
-/* Rotation vector of `m` relative to the run's first knot, continued from `before` without jumps of a turn. */
+/* ---- Labels and increments ---- */
+
+/* Computes the rotation vector of `m` relative to the run's first knot. Of the equivalent vectors, whole turns apart,
+ * `out` receives the one nearest to `before`, the vector of the knot before. */
 static void rotation_from(const double first[12], const double m[12], const double before[3], double out[3]) {
   double back[12], relative[12], least[3], best = INFINITY;
   pags_rigid_inverse(first, back);
@@ -139,7 +152,7 @@ static void rotation_from(const double first[12], const double m[12], const doub
   pags_increment_rotation(relative, least);
   double angle = sqrt(least[0] * least[0] + least[1] * least[1] + least[2] * least[2]);
   double turn = angle > 1e-12 ? 6.283185307179586 / angle : 0.0;
-  for (int n = -2; n <= 2; n++) { /* the same rotation, whole turns apart */
+  for (int n = -2; n <= 2; n++) { /* the same rotation, n whole turns further */
     double apart = 0.0, v[3];
     for (int i = 0; i < 3; i++) {
       v[i] = least[i] * (1.0 + n * turn);
@@ -171,7 +184,7 @@ static void smooth_run(run *r, const int best[KINDS]) {
     solve(r, r->smooth, 3 * kind, 3 * kind + 3);
   }
 
-  /* The increment from each label to the smoothed pose. */
+  /* Compute each knot's increment from the label to the smoothed pose. */
   double first[12], zero[3] = {0.0, 0.0, 0.0};
   memcpy(first, r->object->knots[r->knots[0]].world_from_object, sizeof first);
   for (int64_t i = 0; i < r->count; i++) {
@@ -189,13 +202,15 @@ static void smooth_run(run *r, const int best[KINDS]) {
   }
 }
 
-/* All runs of a data set and what they point into. */
+/* ---- All tracks ---- */
+
+/* All runs of a data set and the arrays they point into. */
 typedef struct run_list {
   run *items;
   int64_t count;
   int64_t *knots;
   double (*label)[CHANNELS], (*smooth)[CHANNELS], (*band)[WINDOW];
-  int64_t used; /* knots */
+  int64_t used; /* knots taken from the arrays */
 } run_list;
 
 static void list_runs(run_list *list, pags_object *o) {
@@ -206,7 +221,7 @@ static void list_runs(run_list *list, pags_object *o) {
   if (count < LEAST_KNOTS)
     return;
 
-  /* Median spacing. */
+  /* The median spacing of the knots' times; `smooth` serves as scratch. */
   for (int64_t i = 1; i < count; i++)
     (&list->smooth[list->used][0])[i - 1] = o->knots[knots[i]].time - o->knots[knots[i - 1]].time;
   pags_sort_doubles(&list->smooth[list->used][0], count - 1);
@@ -245,7 +260,7 @@ pags_result pags_tracks_smooth(pags_track_poses *tracks) {
   run_list list;
   pags_result result = list_all(&list, tracks);
   if (result == PAGS_OK) {
-    /* Smooth all. */
+    /* Score all strengths over all runs, then smooth with the best. */
     scores s = {0};
     for (int64_t i = 0; i < list.count; i++) {
       fill_labels(&list.items[i]);

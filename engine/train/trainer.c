@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The training loop.
+/* The training loop: opens the run, does its steps, writes log, previews and checkpoints, and finally the scene.
  *
- * Step t: the view that the epoch's permutation names, at the resolution of t, goes through the frame and back
- * (step.c). Then, at the steps the schedule names, density control and the opacity reset, which look at all rows and
- * pay everything first. */
+ * Step t renders the view that the current pass's permutation gives, at the resolution of t, and updates the
+ * parameters by the backward pass (step.c). After the step, where the schedule says so, density control and the
+ * opacity reset follow, which look at all Gaussians and first apply all pending Adam steps. */
 #include <pags/train.h>
 
 #include <assert.h>
@@ -28,7 +28,7 @@
 
 enum { ESTIMATE_STEPS = 50 };
 
-/* One step. */
+/* ---- One step ---- */
 
 static double psnr_of(double mse) {
   return mse > 0.0 ? -10.0 * log10(mse) : 0.0;
@@ -39,8 +39,8 @@ static const char *bad_row_name(const pags_trainer *t) {
   return object >= 0 && object < t->state.tracks.count ? t->state.tracks.objects[object].id : NULL;
 }
 
-/* A number that isn't finite here and there costs a row a step. More of them are a sign that the run doesn't hold
- * together. */
+/* Fails if more updates were left out than bad_rows_most allows. Single numbers that aren't finite cost one Gaussian
+ * one step; many of them are a sign that the run diverges. */
 static pags_result check_nonfinite(const pags_trainer *t) {
   char text[PAGS_GUARD_TEXT];
   if (t->state.nonfinite.count <= t->options->bad_rows_most)
@@ -62,27 +62,28 @@ static pags_result do_step(pags_trainer *t, pags_step_view *v) {
   pags_train_state *s = &t->state;
   pags_state_set_step(s, step);
 
-  /* Running figures: exponential means over about one pass. */
+  /* Running means: exponential, over about one pass. */
   const double weight = 1.0 / (double)(step < t->view_count ? step : t->view_count);
   s->loss += weight * (v->loss.loss - s->loss);
   s->mse += weight * (v->loss.mse - s->mse);
 
   PAGS_TRY(check_nonfinite(t));
   PAGS_TRY(pags_density_control(t));
-  PAGS_TRY(check_nonfinite(t)); /* MCMC moves the others there */
+  PAGS_TRY(check_nonfinite(t)); /* under MCMC, density control has updated the Gaussians that the view doesn't show */
   t->ms.density += pags_clock_lap_ms(&clock);
   return PAGS_OK;
 }
 
-/* The run. */
+/* ---- The loop ---- */
 
-/* Clocks of this process's part of the run; time inside of callbacks is taken out by moving them all forward. */
+/* Clocks of this process's part of the run, in ms. Time spent in callbacks is excluded by moving all clocks
+ * forward. */
 typedef struct run_clock {
-  double begin;  /* ms */
-  double window; /* of it/s shown: when it began, at which step */
+  double begin;
+  double window; /* begin of the period for the displayed rate */
   int64_t window_step;
-  double rate; /* last shown, 1/s; 0: none yet */
-  double tail; /* when the last tenth began */
+  double rate; /* steps per second last displayed; 0: none yet */
+  double tail; /* begin of the run's last tenth */
   int64_t tail_step, first_step;
   uint64_t tail_heap_calls;
 } run_clock;
@@ -102,7 +103,7 @@ static void update_clock(const pags_trainer *t, run_clock *clock) {
   }
 }
 
-/* Calls the host; returns 0 when it asks to stop. */
+/* Calls the callbacks for progress and snapshots; returns 0 if one of them, or the cancel flag, asks to stop. */
 static int call_host(pags_trainer *t, run_clock *clock, int level) {
   const pags_train_options *o = t->options;
   const pags_train_state *s = &t->state;
@@ -126,7 +127,7 @@ static int call_host(pags_trainer *t, run_clock *clock, int level) {
     pags_state_flush(&t->state, t->tasks);
     o->snapshot(o->snapshot_user, &progress, &t->state.models[0].gaussians, pags_dataset_origin(t->dataset));
   }
-  /* The host's time is not training's. */
+  /* Exclude the time of the callbacks. */
   const double passed = pags_clock_ms() - since;
   clock->begin += passed;
   clock->window += passed;
@@ -157,7 +158,7 @@ static pags_result write_step(pags_trainer *t, const pags_step_view *v) {
   return PAGS_OK;
 }
 
-/* Sets the number of steps so that all of them take the time limit. */
+/* Sets the number of steps so that the run takes the time limit, by the estimate. */
 static pags_result fit_to_clock(pags_trainer *t, const run_clock *clock) {
   pags_train_state *s = &t->state;
   pags_estimate estimate;
@@ -197,16 +198,19 @@ static pags_result loop(pags_trainer *t, run_clock *clock, int *stopped) {
   return PAGS_OK;
 }
 
-/* Checkpoint first: should the scene fail to be written, nothing trained is lost. */
+/* ---- The end of a run ---- */
+
+/* Writes the results of a run. The checkpoint is written first, so that nothing trained is lost if writing the scene
+ * fails. */
 static pags_result write_end(pags_trainer *t, pags_train_result *r, const run_clock *clock) {
   pags_train_state *s = &t->state;
   PAGS_TRY(pags_checkpoint_save(t->output.checkpoint, s, t->fingerprint));
   pags_state_flush(s, t->tasks);
-  if (s->step >= s->stop && s->step >= s->schedule.length) /* a run that is to be gone on with doesn't pay for it */
+  if (s->step >= s->stop && s->step >= s->schedule.length) /* a run that will be resumed doesn't spend time on it */
     PAGS_TRY(pags_score_pass_finish(t));
   PAGS_TRY(pags_sh_trim(t));
 
-  /* A scene holds numbers alone; its reader would refuse it else. */
+  /* A scene must hold finite numbers only; its reader would refuse it otherwise. */
   int64_t dropped = 0;
   for (int64_t i = 0; i < t->state.model_count && dropped >= 0; i++) {
     int64_t rows = pags_model_drop_spoiled(&t->state.models[i]);
@@ -230,7 +234,7 @@ static pags_result run(pags_trainer *t, double begin, pags_train_result *r) {
   clock.window_step = clock.tail_step = clock.first_step = t->state.step;
   const pags_result code = loop(t, &clock, &stopped);
 
-  /* Fill result. */
+  /* Fill in the result, the times being means over this process's steps. */
   const pags_train_state *s = &t->state;
   double now = pags_clock_ms(), steps = (double)(s->step - clock.first_step);
   double per_step = steps > 0.0 ? 1.0 / steps : 0.0;
@@ -257,7 +261,7 @@ static pags_result run(pags_trainer *t, double begin, pags_train_result *r) {
 
   PAGS_TRY(code);
   if (t->options->estimate) {
-    /* Write estimate. */
+    /* Only an estimate was asked for: fill it in and write no files. */
     pags_estimate estimate;
     PAGS_TRY(pags_trainer_estimate(t, &estimate));
     r->estimated_seconds = estimate.step_seconds * (double)t->state.stop + estimate.scoring_seconds;
@@ -267,7 +271,7 @@ static pags_result run(pags_trainer *t, double begin, pags_train_result *r) {
   return write_end(t, r, &clock);
 }
 
-/* Opening. */
+/* ---- Opening and closing ---- */
 
 pags_train_options pags_train_options_default(void) {
   return (pags_train_options){.image_cache = (uint64_t)1 << 30,
@@ -308,7 +312,7 @@ pags_result pags_train(const pags_train_config *config, const pags_train_options
   if (code == PAGS_OK)
     code = run(t, begin, result);
 
-  /* Close run. */
+  /* Free everything; close the output folder. */
   int failed = code != PAGS_OK;
   pags_output_close(&t->output, failed);
   pags_photo_cache_destroy(t->cache);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* How training draws a view: the parts that exist at its time, with what is owed to each cluster in view paid before it
- * is read (exact Adam, adam.c), colour over time evaluated, and who is dropped out drawn. */
+/* Renders a view for training: composes the parts that exist at its time; before a cluster in view is read, applies
+ * its pending Adam steps (adam.c), evaluates colour over time and draws which Gaussians dropout leaves out. */
 #include "train/view_render.h"
 
 #include <stdlib.h>
@@ -46,7 +46,6 @@ void pags_view_render_destroy(pags_trainer *t) {
   *p = (pags_view_render){0};
 }
 
-/* Gives the parts that were composed the factors that `touch` draws. */
 pags_result pags_view_render_reserve_factors(pags_trainer *t, int64_t step) {
   pags_view_render *p = &t->render;
   pags_dropout dropout = pags_dropout_at(&t->state.schedule, step, -1);
@@ -112,19 +111,19 @@ pags_frame_options pags_view_render_options(const pags_trainer *t, int64_t step)
   o.near_plane = (float)c->picture.near_plane;
   o.low_pass = (float)c->picture.low_pass;
   o.antialiased = c->picture.antialiased;
-  o.early_z = PAGS_EARLY_Z_OFF; /* the view before says nothing of the next one */
+  o.early_z = PAGS_EARLY_Z_OFF; /* the previous view says nothing about the next */
   o.sh_degree = pags_schedule_sh_degree(&t->state.schedule, step);
   o.sky = t->state.sky.sky.size > 0 ? &t->state.sky.sky : NULL;
   return o;
 }
 
-/* The rows of one cluster, padding included. */
+/* Computes the rows of one cluster, padding included. */
 static void rows_of(const pags_train_model *m, int64_t cluster, int64_t *first, int64_t *last) {
   *first = cluster * m->clusters.size;
   *last = *first + m->clusters.size < m->gaussians.stride ? *first + m->clusters.size : m->gaussians.stride;
 }
 
-/* Who of one cluster is left out of the step. */
+/* Draws the dropout factors of one cluster's Gaussians. */
 static void drop(const pags_render_context *c, int64_t model, int64_t cluster) {
   const pags_train_model *m = &c->trainer->state.models[model];
   pags_dropout dropout = pags_dropout_at(&c->trainer->state.schedule, c->step, m->object);
@@ -154,7 +153,7 @@ pags_result pags_view_render_draw(pags_trainer *t, int64_t step, const pags_came
   for (int i = 0; i < t->render.part_count; i++) {
     int64_t model = t->render.drawn[i].model;
 
-    /* Room per model that follows its number of clusters. */
+    /* Make room for the buffers of the model, whose sizes follow its number of clusters or Gaussians. */
     pags_view_render *p = &t->render;
     const pags_train_model *m = &t->state.models[model];
     int64_t clusters = m->clusters.count;

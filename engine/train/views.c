@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The training views: their fingerprint, their order (a permutation an epoch, schedule.c), their level of resolution,
- * and what the photo cache is told ahead. */
+/* Lists the training views: their fingerprint, their order (one permutation per pass, schedule.c), their level of
+ * resolution, and which ones the photo cache decodes ahead. */
 #include "train/views.h"
 
 #include <stdlib.h>
@@ -15,8 +15,8 @@ static uint64_t hash_bytes(uint64_t hash, const void *bytes, size_t size) { /* F
   return hash;
 }
 
-/* Names, sizes, cameras and roles of all views, and what is critical where that was chosen: what a checkpoint's steps
- * depend on. */
+/* Returns a hash of the names, sizes, cameras and roles (training or held out) of all views, of the objects' labelled
+ * poses, and of the user's choice of what is critical: the data that the steps of a checkpoint depend on. */
 static uint64_t fingerprint_of(const pags_dataset *dataset) {
   uint64_t hash = 14695981039346656037u;
   for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++) {
@@ -58,7 +58,7 @@ pags_result pags_views_list(pags_trainer *t) {
   return PAGS_OK;
 }
 
-/* Permutations of the pass that `step` belongs to and of the next. */
+/* Computes the permutations of the pass that `step` belongs to and of the next pass. */
 static void prepare_order(pags_trainer *t, int64_t step) {
   int64_t epoch = (step - 1) / t->view_count;
   if (epoch == t->order_epoch)
@@ -68,7 +68,7 @@ static void prepare_order(pags_trainer *t, int64_t step) {
   t->order_epoch = epoch;
 }
 
-/* The data set's view of a step of these two passes. */
+/* Returns the data set's view of a step of these two passes. */
 static int64_t view_of(const pags_trainer *t, int64_t step) {
   return t->views[t->order[(step - 1) - t->order_epoch * t->view_count]];
 }
@@ -78,7 +78,7 @@ static int level_of(const pags_trainer *t, int64_t step, int64_t view) {
   return pags_schedule_level(&t->state.schedule, step, camera->width, camera->height);
 }
 
-/* Views to come, as long as they are wanted at the same size. */
+/* Tells the photo cache the next views, up to the first that is needed at another level. */
 static void announce(pags_trainer *t, int64_t step, int level) {
   int64_t ahead[PAGS_TRAIN_AHEAD], known = (t->order_epoch + 2) * t->view_count;
   int64_t last = known < t->state.stop ? known : t->state.stop;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The scene folder that a training leaves: scene.json with cameras, objects and tracks, a PLY a model, the sky. */
+/* Writes the scene folder of a training run: scene.json with cameras, objects and tracks, one or more PLYs per model,
+ * the sky. */
 #include "train/output.h"
 
 #include <math.h>
@@ -15,13 +16,15 @@
 #include "train/config.h"
 #include "train/model_report.h"
 
-/* A scene whose arrays are its own. */
+/* The scene to write, with the memory of its arrays. */
 typedef struct description {
   pags_scene scene;
   char config[PAGS_CONFIG_TEXT];
-  int by_degree;           /* 1: PLYs of the degrees that rows need */
-  pags_gaussians parts[4]; /* the background's rows then */
+  int by_degree;           /* 1: PLYs have only the SH degrees that their Gaussians need */
+  pags_gaussians parts[4]; /* with by_degree: the background's Gaussians, by degree */
 } description;
+
+/* ---- Views and models ---- */
 
 static char *borrow(const char *text) {
   return (char *)(uintptr_t)text;
@@ -40,7 +43,7 @@ static pags_result list_views(const pags_dataset *dataset, const pags_train_stat
                                         .sensor = view->sensor,
                                         .frame = view->frame};
 
-    /* Record exposure. */
+    /* The exposure of a training view; those of held-out views are interpolated below. */
     double value[6] = {1.0, 1.0, 1.0, 0.0, 0.0, 0.0};
     if (state->exposures.count > 0 && !scene->views[i].test)
       pags_exposures_value(&state->exposures, dataset, i, value);
@@ -61,7 +64,7 @@ static pags_result list_views(const pags_dataset *dataset, const pags_train_stat
   return PAGS_OK;
 }
 
-/* `file` NULL: named after the object that `name` is. */
+/* Adds a model to the scene. If `file` is NULL, its file is named after `name`, the object's name. */
 static pags_result add_model(pags_scene *scene, const char *name, const char *file, const pags_gaussians *g) {
   pags_model *model = &scene->models[scene->model_count];
   *model = (pags_model){.name = borrow(name), .gaussians = *g};
@@ -78,7 +81,8 @@ static pags_result add_background(const pags_train_state *state, description *d)
   if (!d->by_degree)
     return add_model(&d->scene, "background", "background.ply", g);
 
-  /* The background's rows by the degree they need, highest first: a PLY has one degree for all. */
+  /* Split the background's rows by the degree they need, highest first, since all rows of a PLY have the same
+   * degree. */
   int64_t *index = malloc((size_t)(g->count > 0 ? g->count : 1) * sizeof *index);
   pags_result result = index ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)g->count);
   for (int degree = g->sh_degree; degree >= 0 && result == PAGS_OK; degree--) {
@@ -92,7 +96,7 @@ static pags_result add_background(const pags_train_state *state, description *d)
     result = pags_gaussians_create_like(part, rows, g);
     if (result == PAGS_OK)
       pags_gaussians_gather(g, index, rows, part);
-    part->sh_degree = degree; /* the planes beyond lie at the end and are zeros */
+    part->sh_degree = degree; /* the planes of higher degrees come last and hold zeros */
   }
   free(index);
   PAGS_TRY(result);
@@ -114,7 +118,8 @@ static int highest_degree(const pags_gaussians *g) {
   return most;
 }
 
-/* Models' Gaussians are the state's; only their file names are new. */
+/* Lists the models of the scene, whose Gaussians remain the state's; only the file names (and the background's parts
+ * by degree) are newly allocated. */
 static pags_result list_models(const pags_train_state *state, description *d) {
   pags_scene *scene = &d->scene;
   scene->models = calloc((size_t)state->model_count + 3, sizeof *scene->models);
@@ -132,6 +137,8 @@ static pags_result list_models(const pags_train_state *state, description *d) {
   return PAGS_OK;
 }
 
+/* ---- Describing and writing ---- */
+
 static void destroy_description(description *d) {
   for (int64_t i = 0; i < d->scene.model_count; i++)
     free(d->scene.models[i].file);
@@ -143,7 +150,8 @@ static void destroy_description(description *d) {
   free(d->scene.notes);
 }
 
-/* To be destroyed on failure, too; it isn't to be moved. */
+/* Describes the scene to write. `d` must be destroyed on failure, too, and must not be moved, since the scene points
+ * into it. */
 static pags_result describe(const pags_dataset *dataset, const pags_train_state *state, description *d) {
   const pags_train_config *config = &state->schedule.config;
   pags_scene *scene = &d->scene;
@@ -163,7 +171,7 @@ static pags_result describe(const pags_dataset *dataset, const pags_train_state 
   }
   PAGS_TRY(list_views(dataset, state, scene));
 
-  /* List objects. */
+  /* The objects. */
   scene->object_count = state->tracks.count;
   scene->objects = calloc((size_t)(scene->object_count > 0 ? scene->object_count : 1), sizeof *scene->objects);
   if (!scene->objects)
@@ -196,7 +204,7 @@ pags_result pags_output_bytes(const pags_dataset *dataset, const pags_train_stat
   if (!d)
     return pags_out_of_memory("the description of a scene");
   pags_result result = describe(dataset, state, d);
-  d->scene.dataset = NULL; /* where the data set lies must not decide how many Gaussians a run has */
+  d->scene.dataset = NULL; /* the data set's path must not decide how many Gaussians a run has */
   if (result == PAGS_OK)
     result = pags_scene_json_size(&d->scene, bytes);
   *bytes += d->scene.sky.size > 0 ? pags_sky_file_size(&d->scene.sky) : 0;
