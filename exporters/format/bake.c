@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Bakes the parts of a scene at one time into one set of Gaussians in the world: means and rotations by the part's
- * rigid motion, harmonics by sh_rotate.c. Writes such a set as .splat and as SPZ. */
+/* Bakes the parts of a scene at one time into one set of Gaussians in the world's frame: means and rotations are
+ * moved by the part's rigid motion, spherical harmonics are rotated by sh_rotate.c. Writes such a set as .splat and
+ * as SPZ. */
 #include "exporters/format/bake.h"
 
 #include <math.h>
@@ -13,6 +14,11 @@
 #include "base/file.h"
 #include "base/memory.h"
 
+/* ---- Baking ---- */
+
+/* Writes Gaussian `i` of a part as Gaussian `at` of `out`, moved by the part's pose. `turn_q` is the pose's rotation
+ * as a quaternion, `turn` its rotation of harmonics; `turn` NULL: the pose doesn't rotate, and rotations and
+ * harmonics are copied to the bit. */
 static void bake_row(const pags_part *part, const pags_sh_rotation *turn, const double turn_q[4], int64_t i,
                      pags_gaussians *out, int64_t at) {
   const pags_gaussians *g = part->gaussians;
@@ -90,6 +96,8 @@ pags_result pags_splats_bake(const pags_part *parts, int count, int sh_degree, p
   return result;
 }
 
+/* ---- The .splat file ---- */
+
 static uint8_t to_byte(double value) {
   return (uint8_t)fmin(fmax(floor(value + 0.5), 0), 255);
 }
@@ -98,7 +106,7 @@ static double opacity_of(const pags_gaussians *g, int64_t i) {
   return 1 / (1 + exp(-(double)pags_plane(g, PAGS_OPACITY)[i]));
 }
 
-/* Unit quaternion w x y z. */
+/* The rotation of Gaussian `i` as a unit quaternion w, x, y, z. */
 static void rotation_of(const pags_gaussians *g, int64_t i, double q[4]) {
   double length = 0;
   for (int k = 0; k < 4; k++) {
@@ -109,7 +117,8 @@ static void rotation_of(const pags_gaussians *g, int64_t i, double q[4]) {
     q[k] = length > 0 ? q[k] / sqrt(length) : k == 0;
 }
 
-/* 32 bytes a Gaussian: position, sigma, colour, opacity, rotation. The order is kept. */
+/* A .splat file has 32 bytes a Gaussian: position and scales (standard deviations) as floats, then colour, opacity
+ * and rotation as bytes. The Gaussians keep their order. */
 pags_result pags_splat_save(const char *path, const pags_gaussians *g) {
   uint8_t *bytes = calloc((size_t)g->count + 1, 32);
   if (!bytes)
@@ -132,8 +141,11 @@ pags_result pags_splat_save(const char *path, const pags_gaussians *g) {
   return result;
 }
 
-/* ---- SPZ (nianticlabs/spz), versions 3 and 4. Its frame is OpenGL's: half a turn about x from ours. ---- */
+/* ---- SPZ ---- */
 
+/* Versions 3 and 4 as nianticlabs/spz reads them. SPZ has OpenGL's axes, half a turn about x from ours: y and z of
+ * means and quaternions change sign, and the harmonics by `signs` in pack_row. SPZ_FRACTION: bits after the binary
+ * point of the 24-bit fixed-point positions. */
 enum { SPZ_STREAMS = 6, SPZ_FRACTION = 12 };
 
 typedef struct spz_streams {
@@ -141,7 +153,9 @@ typedef struct spz_streams {
   size_t sizes[SPZ_STREAMS];
 } spz_streams;
 
-/* Largest left out; the others, the last lowest, ten bits each: nine of magnitude over 1 / sqrt 2, one of sign. */
+/* SPZ's "smallest three" packing of a unit quaternion: two bits for the index of the largest component, which is left
+ * out, then the other three with ten bits each: a sign bit and nine bits of magnitude relative to 1 / sqrt 2. Signs
+ * are flipped so that the component left out is positive. */
 static uint32_t pack_rotation(const double xyzw[4]) {
   int largest = 0;
   for (int k = 1; k < 4; k++)
@@ -158,7 +172,8 @@ static uint32_t pack_rotation(const double xyzw[4]) {
   return word;
 }
 
-/* Degree 1 in steps of 8, higher ones of 16, as the reference does: it is what makes them compress. */
+/* Quantises a harmonic coefficient to a byte in multiples of `step`: 8 for degree 1, 16 for higher degrees, as the
+ * reference implementation does. The coarse steps are what makes the stream compress well. */
 static uint8_t pack_sh(double value, int step) {
   double quantised = floor(value * 128 + 0.5) + 128;
   return (uint8_t)fmin(fmax(floor((quantised + step / 2.0) / step) * step, 0), 255);
@@ -200,6 +215,7 @@ static pags_result pack_streams(const pags_gaussians *g, spz_streams *s) {
   return PAGS_OK;
 }
 
+/* Deflates the header and then the streams into `file` as one gzip stream. */
 static pags_result deflate_pieces(z_stream *z, const spz_streams *s, const uint8_t header[16], pags_file_writer *file) {
   enum { BLOCK = 1 << 16 };
   uint8_t *out = malloc(BLOCK);
@@ -243,7 +259,8 @@ static pags_result save_gzip(const char *path, const spz_streams *s, const uint8
   return result;
 }
 
-/* Header of 32 bytes, a table of (packed, plain) sizes, the streams by zstd; SH only where there is any. */
+/* Version 4: a header of 32 bytes, a table of each stream's size packed and unpacked, then the streams, each packed
+ * by zstd. The stream of harmonics is left out at degree 0. */
 static pags_result save_zstd(const char *path, const spz_streams *s, uint8_t header[32]) {
   int streams = s->sizes[5] ? SPZ_STREAMS : SPZ_STREAMS - 1;
   uint8_t *packed[SPZ_STREAMS] = {NULL}, table[16 * SPZ_STREAMS];
@@ -286,7 +303,7 @@ pags_result pags_spz_save(const char *path, const pags_gaussians *g, int version
     return pags_fail(PAGS_ERROR_LIMIT, "%s: %lld Gaussians are too many for SPZ", path, (long long)g->count);
   pags_result result = pack_streams(g, &streams);
 
-  /* SPZ header. */
+  /* The header: magic "NGSP", version, count, degree, bits of fraction, flags (bit 0: trained with antialiasing). */
   pags_store_u32(header, 0x5053474e);
   pags_store_u32(header + 4, (uint32_t)version);
   pags_store_u32(header + 8, (uint32_t)g->count);

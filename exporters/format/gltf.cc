@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* glTF through tinygltf: the only file that sees it. No exception leaves it. */
+/* Builds glTF 2.0 files with tinygltf behind the C interface of gltf.h. This is the only file that includes tinygltf;
+ * every C++ exception is caught here and becomes a failure. */
 #include "exporters/format/gltf.h"
 
 #include <algorithm>
@@ -25,8 +26,9 @@ struct pags_gltf {
 
 namespace {
 
-/* Runs what may throw; -1 and the failure remembered when it does. Of any type: making a std::function could throw
- * before the try. */
+/* Calls `what`, which may throw, and returns its result; on an exception, or after an earlier failure, it sets
+ * `failed` and returns -1. `what` is of a template type, since the construction of a std::function could throw before
+ * the try. */
 template <typename Work>
 int guarded(pags_gltf *gltf, const Work &what) {
   if (gltf->failed)
@@ -72,7 +74,9 @@ tinygltf::Value parse(const char *text) {
   return convert(pags_json_root(json));
 }
 
-/* Appends to the buffer, aligned to 4; returns the view. */
+/* ---- The buffer and its accessors ---- */
+
+/* Appends `size` bytes to the buffer at a multiple of 4 bytes and adds a bufferView of them; returns its index. */
 int put_view(pags_gltf *gltf, const void *data, size_t size, int target, size_t stride) {
   gltf->bytes.resize((gltf->bytes.size() + 3) / 4 * 4);
   tinygltf::BufferView view;
@@ -131,7 +135,7 @@ int put_indices(pags_gltf *gltf, const uint32_t *triangles, size_t count, size_t
                       TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT, TINYGLTF_TYPE_SCALAR, count);
 }
 
-/* sRGB to linear light (IEC 61966-2-1), as glTF wants vertex colours. */
+/* Converts an sRGB value in 0..1 to linear light (IEC 61966-2-1), which glTF asks for in vertex colours. */
 double linear(double v) {
   v = std::min(std::max(v, 0.0), 1.0);
   return v <= 0.04045 ? v / 12.92 : std::pow((v + 0.055) / 1.055, 2.4);
@@ -148,13 +152,15 @@ int put_colors(pags_gltf *gltf, const float *colors, size_t count) {
   return put_accessor(gltf, view, TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT, TINYGLTF_TYPE_VEC4, count, true);
 }
 
+/* ---- Nodes and animation ---- */
+
 void use_extension(pags_gltf *gltf, const std::string &name) {
   std::vector<std::string> &used = gltf->model.extensionsUsed;
   if (std::find(used.begin(), used.end(), name) == used.end())
     used.push_back(name);
 }
 
-/* Quaternion x y z w of unit length. */
+/* The rotation of a rigid pose (3x4, row-major) as a unit quaternion in glTF's order x, y, z, w. */
 std::vector<double> quaternion(const double pose[12]) {
   const double r[9] = {pose[0], pose[1], pose[2], pose[4], pose[5], pose[6], pose[8], pose[9], pose[10]};
   double q[4];
@@ -180,6 +186,8 @@ void add_channel(pags_gltf *gltf, int node, int input, int output, const char *p
   animation.channels.push_back(channel);
 }
 
+/* ---- Saving ---- */
+
 std::string serialize(pags_gltf *gltf) {
   tinygltf::TinyGLTF writer;
   std::ostringstream stream(std::ios::binary);
@@ -201,7 +209,8 @@ uint32_t word_at(const std::string &bytes, size_t at) {
   return word;
 }
 
-/* A GLB is a header of 12 bytes and chunks of (length, kind, bytes): JSON, then the buffer. */
+/* Writes a GLB in memory as a .gltf and a .bin. A GLB is a header of 12 bytes and chunks of (length, kind, bytes):
+ * first the JSON, then the buffer. The name of the .bin is put into the JSON as the buffer's `uri`. */
 pags_result save_apart(const std::string &glb, const char *path) {
   std::string bin_path(path);
   bin_path.replace(bin_path.size() - 5, 5, ".bin");
@@ -209,7 +218,7 @@ pags_result save_apart(const std::string &glb, const char *path) {
   std::string json = glb.substr(20, json_size);
   while (!json.empty() && json.back() == ' ')
     json.pop_back();
-  const std::string mark = "\"buffers\":[{"; /* quotes within texts are escaped, so this can only be the member */
+  const std::string mark = "\"buffers\":[{"; /* quotes in JSON strings are escaped, so only the member matches */
   size_t at = json.find(mark);
   if (at != std::string::npos) {
     json.insert(at + mark.size(), "\"uri\":\"" + std::string(pags_path_name(bin_path.c_str())) + "\",");
@@ -276,7 +285,8 @@ int pags_gltf_mesh(pags_gltf *gltf, const char *name, const pags_proxy_mesh *sur
     mesh.name = name;
     mesh.primitives.push_back(primitive);
     if (flags & PAGS_GLTF_MANIFOLD) {
-      /* Corners are shared between faces already, so that the primitive's own indices are the manifold ones. */
+      /* EXT_mesh_manifold asks for indices by which faces share vertices. The proxy's triangles share theirs already,
+       * so the manifold primitive uses the same accessors. */
       tinygltf::Value::Object own, manifold, position;
       position["POSITION"] = tinygltf::Value(primitive.attributes["POSITION"]);
       own["attributes"] = tinygltf::Value(position);
@@ -332,7 +342,7 @@ int pags_gltf_camera(pags_gltf *gltf, const char *name, const pags_camera *camer
     out.perspective.yfov = 2 * std::atan(0.5 * camera->height / camera->fy);
     out.perspective.aspectRatio = camera->width / camera->fx / (camera->height / camera->fy);
     out.perspective.znear = 0.01;
-    out.perspective.zfar = 1e5; /* tinygltf would write 0 for infinity, which is no distance */
+    out.perspective.zfar = 1e5; /* finite: for an infinite far plane tinygltf would write zfar 0, which is invalid */
     gltf->model.cameras.push_back(out);
     return static_cast<int>(gltf->model.cameras.size()) - 1;
   });
@@ -393,7 +403,8 @@ void pags_gltf_node_track(pags_gltf *gltf, int node, int64_t count, const double
       if (!seconds.empty() && !(t > seconds.back()))
         continue;
       std::vector<double> q = quaternion(poses[i]);
-      /* The shorter way round from the one before. */
+      /* q and -q are the same rotation: take the one nearer to the key before, so that interpolation turns the
+       * shorter way round. */
       double along = q[0] * before[0] + q[1] * before[1] + q[2] * before[2] + q[3] * before[3];
       seconds.push_back(t);
       for (size_t k = 0; k < 4; k++) {

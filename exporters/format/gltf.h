@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Building a glTF 2.0 file. The first failure is remembered and reported by save; what comes after it does nothing. */
+/* Builds a glTF 2.0 file in memory: meshes, points, cameras, nodes, one animation. The first failure is kept and
+ * returned by pags_gltf_save; calls after a failure do nothing. */
 #ifndef PAGS_FORMAT_GLTF_H
 #define PAGS_FORMAT_GLTF_H
 
@@ -16,31 +17,35 @@ typedef struct pags_gltf pags_gltf;
 pags_result pags_gltf_create(pags_gltf **out);
 void pags_gltf_destroy(pags_gltf *gltf); /* NULL is allowed */
 
-/* All return an index, -1 after a failure. Names are copied. */
+/* The functions that return int add one item and return its glTF index, or -1 after a failure. Names are copied. */
 int pags_gltf_material(pags_gltf *gltf, const char *name, int double_sided);
 enum { PAGS_GLTF_NORMALS = 1, PAGS_GLTF_MANIFOLD = 2 };
-/* Positions, COLOR_0 (linear, 16 bits), smooth normals by flag (else readers shade flat), EXT_mesh_manifold by flag
- * (the surface must be closed). */
+/* Adds a triangle mesh with POSITION and COLOR_0 (linear light, 16 bits a channel). PAGS_GLTF_NORMALS adds smooth
+ * vertex normals (without normals, readers shade flat); PAGS_GLTF_MANIFOLD adds EXT_mesh_manifold (the mesh must be
+ * closed). */
 int pags_gltf_mesh(pags_gltf *gltf, const char *name, const pags_proxy_mesh *surface, int material, int flags);
-/* parent -1: a root of the scene; -2: in no scene (levels of detail). */
+/* Adds a node. `parent`: a node's index; -1: a root of the scene; -2: outside of the scene (coarser levels of detail,
+ * which only MSFT_lod names). */
 int pags_gltf_node(pags_gltf *gltf, int parent, const char *name);
 int pags_gltf_camera(pags_gltf *gltf, const char *name, const pags_camera *camera);
 
 void pags_gltf_node_pose(pags_gltf *gltf, int node, const double pose[12]);
 void pags_gltf_node_mesh(pags_gltf *gltf, int node, int mesh);
 void pags_gltf_node_camera(pags_gltf *gltf, int node, int camera);
-/* JSON text of an object. */
+/* Sets `extras` of a node, or of the asset, to the JSON object in the text `json`. */
 void pags_gltf_node_extras(pags_gltf *gltf, int node, const char *json);
 void pags_gltf_asset_extras(pags_gltf *gltf, const char *json);
-/* JSON text; the extension is named in extensionsUsed, never in extensionsRequired. */
+/* Sets an extension of a node, or of the whole file, to the JSON text `json`. The extension is listed in
+ * extensionsUsed, never in extensionsRequired. */
 void pags_gltf_node_extension(pags_gltf *gltf, int node, const char *name, const char *json);
 void pags_gltf_extension(pags_gltf *gltf, const char *name, const char *json);
 
-/* Translation and rotation at `times` (seconds, ascending, from 0 on), linear between; all nodes share one animation.
- */
+/* Animates a node's translation and rotation: `count` rigid poses (3x4, row-major) at `times` (seconds, ascending,
+ * from 0), interpolated linearly. The tracks of all nodes are channels of one animation. */
 void pags_gltf_node_track(pags_gltf *gltf, int node, int64_t count, const double *times, const double (*poses)[12]);
 
-/* Attributes of points (mode POINTS), for splats: see splat_files.c. */
+/* One vertex attribute of pags_gltf_points, which adds `count` points (primitive mode POINTS) whose primitive carries
+ * `extension` with the JSON text `extension_json`. splat_files.c writes KHR_gaussian_splatting with it. */
 typedef struct pags_gltf_attribute {
   const char *name;
   int components; /* 1, 3 or 4 */
@@ -49,7 +54,8 @@ typedef struct pags_gltf_attribute {
 int pags_gltf_points(pags_gltf *gltf, const char *name, int64_t count, const pags_gltf_attribute *attributes,
                      int attribute_count, const char *extension, const char *extension_json);
 
-/* .glb, or .gltf with its .bin beside it. */
+/* Writes a .glb, or for a path that ends in .gltf that file and its .bin beside it. To be called once, last: it
+ * empties the buffer. */
 pags_result pags_gltf_save(pags_gltf *gltf, const char *path);
 
 #ifdef __cplusplus

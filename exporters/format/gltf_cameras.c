@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Views as glTF cameras. What glTF's perspective can't say (principal point, held out or not) is in the node's extras.
- */
+/* Writes the views of a scene as glTF cameras, and the path of the ego vehicle as an animated node. A view's facts
+ * that glTF's perspective camera has no place for (principal point, held out or not) go to the node's extras. */
 #include "exporters/format/gltf_cameras.h"
 
 #include <stdio.h>
@@ -12,7 +12,8 @@
 #include "base/memory.h"
 #include "base/sort.h"
 
-typedef struct kind { /* of camera: views of one sensor share it */
+/* A glTF camera that is already in the file. Views of the same intrinsics share it. */
+typedef struct kind {
   int index;
   pags_camera camera;
 } kind;
@@ -21,6 +22,7 @@ static int same_lens(const pags_camera *a, const pags_camera *b) {
   return a->width == b->width && a->height == b->height && a->fx == b->fx && a->fy == b->fy;
 }
 
+/* The index of the glTF camera with the view's intrinsics; adds one if there is none. */
 static int camera_of(pags_gltf *gltf, kind *kinds, int64_t *count, const pags_scene_view *view) {
   char name[32];
   for (int64_t i = 0; i < *count; i++)
@@ -31,7 +33,8 @@ static int camera_of(pags_gltf *gltf, kind *kinds, int64_t *count, const pags_sc
   return kinds[(*count)++].index;
 }
 
-/* Columns of `from`'s rotation as `order` and `sign` say; relative to the origin. */
+/* Converts a camera's pose to other axes, relative to the scene's origin: column c of the rotation becomes sign[c]
+ * times column order[c] of the rotation of `from`. */
 static void turn(const pags_scene *scene, const double from[12], const int order[3], const double sign[3],
                  double out[12]) {
   for (int k = 0; k < 3; k++) {
@@ -41,7 +44,7 @@ static void turn(const pags_scene *scene, const double from[12], const int order
   }
 }
 
-/* glTF's camera looks along -z, y up; ours along z, y down. */
+/* Adds the node of one view. glTF's cameras look along -z with y up, ours along z with y down. */
 static pags_result add_view(pags_gltf *gltf, int parent, const pags_scene *scene, const pags_scene_view *view,
                             int camera, double time_zero) {
   static const int order[3] = {0, 1, 2};
@@ -56,7 +59,7 @@ static pags_result add_view(pags_gltf *gltf, int parent, const pags_scene *scene
   pags_gltf_node_pose(gltf, node, pose);
   pags_gltf_node_camera(gltf, node, camera);
 
-  /* Put extras. */
+  /* The extras: name, whether held out, time, sensor, and the full intrinsics in pixels. */
   const pags_camera *c = &view->camera;
   pags_json_writer w;
   pags_json_writer_init(&w, 0);
@@ -87,7 +90,7 @@ static int compare_times(const void *left, const void *right) {
   return strcmp(a->name, b->name);
 }
 
-/* The views of the sensor of the least number, by time. */
+/* Adds the node `ego`, animated with the poses of all views of the sensor of the least number, sorted by time. */
 static pags_result add_ego(pags_gltf *gltf, int parent, const pags_scene *scene, double time_zero) {
   static const int order[3] = {2, 0, 1};
   static const double sign[3] = {1, -1, -1};

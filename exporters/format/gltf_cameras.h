@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The training views and the recording car's way as cameras and nodes of a glTF file. */
+/* Adds the views of a scene and the path of the ego vehicle to a glTF file, as cameras and as an animated node. */
 #ifndef PAGS_FORMAT_GLTF_CAMERAS_H
 #define PAGS_FORMAT_GLTF_CAMERAS_H
 
@@ -11,9 +11,9 @@
 extern "C" {
 #endif
 
-/* Below `parent`, whose frame is the scene's relative to its origin: a node `cameras` with one of each view, held-out
- * ones too, and a node `ego` that moves as the first sensor does, x forward, y left, z up. `time_zero` is 0 in the
- * file. */
+/* Adds two nodes below `parent`, whose frame is the scene's frame relative to its origin: `cameras`, with a camera
+ * node for every view (held-out views, too), and `ego`, which is animated with the poses of the sensor of the least
+ * number (x forward, y left, z up). `time_zero` is the scene's time, in seconds, that is 0 in the file. */
 pags_result pags_gltf_add_views(pags_gltf *gltf, int parent, const pags_scene *scene, double time_zero);
 
 #ifdef __cplusplus

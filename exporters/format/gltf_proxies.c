@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pags_export_proxies: every labelled object, the ground and the background, into one glTF file. */
+/* pags_export_proxies: writes the proxy meshes of all labelled objects, of the ground and of the rest of the
+ * background into one glTF file, with tracks as animation, each proxy's measured error in `extras`, and, as asked,
+ * levels of detail, collision shapes and cameras. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -37,6 +39,7 @@ const char *pags_proxy_level_name(pags_proxy_level level) {
   return names[level];
 }
 
+/* A node that gathers the proxies of one class. */
 typedef struct group {
   char name[NAME_SIZE];
   int parent, node;
@@ -46,12 +49,12 @@ typedef struct exporter {
   pags_proxy_maker maker;
   pags_gltf *gltf;
   pags_proxy_report *report;
-  int root, critical, background; /* nodes; -1: not there yet */
-  int material, sheet;            /* of closed meshes, of open ones */
+  int root, critical, background; /* indices of nodes; -1: not added yet */
+  int material, sheet;            /* indices of materials: of closed meshes, of open ones (double-sided) */
   group groups[MOST_GROUPS];
   int group_count;
-  double time_zero;        /* seconds of the scene that are 0 in the file */
-  pags_json_writer shapes; /* of KHR_implicit_shapes */
+  double time_zero;        /* the scene's time, in seconds, that is 0 in the file */
+  pags_json_writer shapes; /* the JSON of KHR_implicit_shapes */
   int shape_count;
   pags_progress_fn *progress;
   void *user;
@@ -63,7 +66,9 @@ static pags_result tell(const exporter *self, double fraction, const char *what)
   return PAGS_OK;
 }
 
-/* "Pedestrian with Object" -> "pedestrian_with_object" */
+/* ---- Names, groups and extras ---- */
+
+/* Makes a node's name of a class name: "Pedestrian with Object" becomes "pedestrian_with_object". */
 static void plain_name(const char *name, char out[NAME_SIZE]) {
   size_t i = 0;
   for (; name[i] && i + 16 < NAME_SIZE; i++) {
@@ -73,7 +78,8 @@ static void plain_name(const char *name, char out[NAME_SIZE]) {
   out[i] = 0;
 }
 
-/* The group of a class under `critical` or `background`, made when first asked for. */
+/* The index of the node that gathers a class, below the node `critical` or `background`; adds both when they are
+ * first asked for. */
 static int class_node(exporter *self, int critical, const char *class_name) {
   int *half = critical ? &self->critical : &self->background;
   char name[NAME_SIZE];
@@ -81,7 +87,8 @@ static int class_node(exporter *self, int critical, const char *class_name) {
   if (*half < 0)
     *half = pags_gltf_node(self->gltf, self->root, critical ? "critical" : "background");
 
-  /* Group node. */
+  /* Look for the class among the groups, else add a node. Beyond MOST_GROUPS classes a node isn't remembered, and a
+   * class may get several. */
   for (int i = 0; i < self->group_count; i++)
     if (self->groups[i].parent == (*half) && !strcmp(self->groups[i].name, name))
       return self->groups[i].node;
@@ -152,7 +159,9 @@ static pags_result put_extras(exporter *self, int node, const pags_proxy_facts *
   return result;
 }
 
-/* Relative to the origin. */
+/* ---- Objects ---- */
+
+/* The pose of an object at one of its labels, relative to the scene's origin. */
 static void pose_at(const exporter *self, const pags_object *object, const pags_knot *knot, double out[12]) {
   if (!pags_object_pose(object, knot->time, out))
     memcpy(out, knot->world_from_object, 12 * sizeof *out);
@@ -160,6 +169,8 @@ static void pose_at(const exporter *self, const pags_object *object, const pags_
     out[4 * k + 3] -= self->maker.scene->origin[k];
 }
 
+/* Gives a node the object's pose: a moving object gets the pose of its first label and its track as animation, a
+ * parked one the pose of the middle one of its labels. */
 static pags_result place(exporter *self, int node, const pags_object *object) {
   double first[12];
   pose_at(self, object, &object->knots[object->moving ? 0 : object->knot_count / 2], first);
@@ -180,7 +191,8 @@ static pags_result place(exporter *self, int node, const pags_object *object) {
   return result;
 }
 
-/* One level of one object into the file; `mesh` receives its number there. */
+/* Adds the mesh of one level of one object to the file and its facts to the report; `mesh` receives the mesh's
+ * index. */
 static pags_result add_level(exporter *self, int64_t object, pags_built_level *built, const char *name, int *mesh) {
   pags_proxy_facts *facts = &built->facts;
   char mesh_name[NAME_SIZE];
@@ -198,7 +210,8 @@ static pags_result add_level(exporter *self, int64_t object, pags_built_level *b
   return pags_proxy_report_add(self->report, facts);
 }
 
-/* The levels below the finest as nodes outside of the scene, named by MSFT_lod of the node that holds the finest. */
+/* Adds the levels coarser than the finest as nodes outside of the scene, and lists them in the extension MSFT_lod of
+ * `node`, which holds the finest level. */
 static pags_result add_coarser(exporter *self, int64_t object, pags_built_object *built, const char *name, int node) {
   char ids[96] = "", child_name[NAME_SIZE];
   int used = 0;
@@ -213,7 +226,7 @@ static pags_result add_coarser(exporter *self, int64_t object, pags_built_object
   }
   snprintf(ids + used, sizeof ids - (size_t)used, "]}");
   pags_gltf_node_extension(self->gltf, node, "MSFT_lod", ids);
-  /* Shares of the screen's height under which the next level does. */
+  /* A level is replaced by the next coarser one when it covers less than this fraction of the screen; 0: never. */
   pags_gltf_node_extras(self->gltf, node, "{\"MSFT_screencoverage\":[0.2,0.05,0.02,0]}");
   return PAGS_OK;
 }
@@ -249,7 +262,8 @@ static pags_result add_object(exporter *self, int64_t object, pags_built_object 
     pags_gltf_node_mesh(self->gltf, node, mesh);
   }
   if (result == PAGS_OK && options->physics) {
-    /* Kinematic: it goes where its track says. */
+    /* A kinematic rigid body: it follows its track and no force moves it. The collider of a box is an implicit shape,
+     * that of the other levels the mesh. */
     char text[160];
     if (facts->level == PAGS_PROXY_BOX) {
       pags_json_begin_object(&self->shapes, NULL);
@@ -272,7 +286,10 @@ static pags_result add_object(exporter *self, int64_t object, pags_built_object 
   return result;
 }
 
-/* Y up: z-up worlds turn by -90 degrees about x, worlds whose y points down by 180. */
+/* ---- The asset ---- */
+
+/* The pose of the root node, which turns the scene to glTF's Y up: z-up worlds by -90 degrees about x, worlds whose y
+ * points down by 180 degrees. */
 static void root_pose(pags_up up, double out[12]) {
   static const double from_z[12] = {1, 0, 0, 0, 0, 0, 1, 0, 0, -1, 0, 0},
                       from_minus_y[12] = {1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, 0};
@@ -313,7 +330,9 @@ static int tell_background(void *user, double fraction, const char *what) {
   return tell(self, self->maker.scene->object_count ? 0.5 + 0.5 * fraction : fraction, what) == PAGS_OK;
 }
 
-/* All chunks as one mesh, and whose its triangles are. */
+/* ---- The background ---- */
+
+/* Joins all chunks into one mesh; `group_of` (freed by the caller) receives the chunk of each triangle. */
 static pags_result join_chunks(const pags_background *b, pags_proxy_mesh *all, int32_t **group_of) {
   int64_t triangles = 0;
   for (int64_t i = 0; i < b->chunk_count; i++)
@@ -362,6 +381,7 @@ static pags_result add_chunk(exporter *self, const pags_background *b, int64_t i
   return pags_proxy_report_add(self->report, facts);
 }
 
+/* Measures the error of all chunks, against the depth views of the background, into facts[chunk]. */
 static pags_result measure_chunks(exporter *self, const pags_background *b, pags_proxy_facts *facts) {
   pags_proxy_mesh all = {0};
   int32_t *group_of = NULL;
@@ -378,6 +398,8 @@ static int tell_objects(void *user, double fraction, const char *what) {
   const exporter *self = user;
   return tell(self, self->maker.options->background ? 0.5 * fraction : fraction, what) == PAGS_OK;
 }
+
+/* ---- The export ---- */
 
 static pags_result add_objects(exporter *self) {
   const pags_scene *scene = self->maker.scene;
@@ -403,12 +425,12 @@ static pags_result fill(exporter *self) {
   if (scene->object_count)
     PAGS_TRY(add_objects(self));
   if (self->maker.options->background) {
-    /* Add background. */
+    /* The background's chunks are added after their errors have been measured together. */
     pags_background b;
     PAGS_TRY(pags_background_make(&self->maker, tell_background, self, &b));
     pags_proxy_facts *facts = calloc((size_t)b.chunk_count + 1, sizeof *facts);
     pags_result result = facts ? PAGS_OK : pags_out_of_memory("%lld chunks", (long long)b.chunk_count);
-    if (b.chunk_count) /* a reader that knows one side only would show nothing from behind */
+    if (b.chunk_count) /* open meshes: readers that cull back faces would show nothing from behind */
       self->sheet = pags_gltf_material(self->gltf, "sheet", 1);
     if (result == PAGS_OK)
       result = measure_chunks(self, &b, facts);
@@ -422,7 +444,7 @@ static pags_result fill(exporter *self) {
     PAGS_TRY(pags_gltf_add_views(self->gltf, self->root, scene, self->time_zero));
   PAGS_TRY(put_asset(self));
 
-  /* Finish shapes. */
+  /* Close the list of implicit shapes; the extension is written if any box used one. */
   pags_json_end_array(&self->shapes);
   pags_json_end_object(&self->shapes);
   PAGS_TRY(pags_json_writer_finish(&self->shapes));

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The Gaussians of one object. It is placed where its frame is the world's, so that what is drawn there is in its
- * frame. */
+/* Extracts the Gaussians of one object in its own frame. The composition is asked to place the object at the identity
+ * pose, so that the Gaussians it would draw in the world are in the object's frame. Also makes objects' tracks. */
 #include "exporters/format/object_gaussians.h"
 
 #include <math.h>
@@ -10,7 +10,8 @@
 #include "base/memory.h"
 #include "exporters/format/bake.h"
 
-/* Where a parked object stands: its middle label, which its proxy is made by. Relative to the origin. */
+/* The pose of a parked object relative to the scene's origin: the pose of the middle one of its labels, by which its
+ * proxy is made, too. */
 static void parked_pose(const pags_scene *scene, const pags_object *record, double out[12]) {
   const pags_knot *knot = &record->knots[record->knot_count / 2];
   if (!pags_object_pose(record, knot->time, out))
@@ -25,7 +26,9 @@ pags_result pags_object_gaussians(pags_composition *composition, int64_t object,
   pags_placement placement = {.object = object, .world_from_object = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
   const pags_part *parts;
   int count;
-  if (object >= 0 && !pags_composition_is_tracked(composition, object)) { /* it is carried from its rest pose */
+  if (object >= 0 && !pags_composition_is_tracked(composition, object)) {
+    /* The composition moves a parked object's Gaussians by (placement x inverse of the rest pose). For Gaussians
+     * relative to the parked pose the placement must be (inverse of the parked pose x rest pose). */
     double parked[12], back[12], rest[12];
     parked_pose(scene, &scene->objects[object].record, parked);
     pags_rigid_inverse(parked, back);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A scene's Gaussians apart by whose they are, each object's in its own frame. */
+/* Takes a scene apart for export: the Gaussians of each object in the object's own frame, those of the background in
+ * the world's frame, and each object's track. */
 #ifndef PAGS_FORMAT_OBJECT_GAUSSIANS_H
 #define PAGS_FORMAT_OBJECT_GAUSSIANS_H
 
@@ -10,16 +11,17 @@
 extern "C" {
 #endif
 
-/* `object`'s, in its box's frame, harmonics turned with them; -1: nobody's, relative to the scene's origin. Colours
- * that change are as they are at `time` (NaN: the scene's begin). Empty where it has none. */
+/* The Gaussians of one object in the frame of its labelled box, spherical harmonics rotated with them. `object` -1:
+ * the Gaussians that belong to no object, relative to the scene's origin. Time-dependent colours are taken at `time`
+ * (seconds; NaN: the scene's begin). The result is empty if the object has no Gaussians. */
 pags_result pags_object_gaussians(pags_composition *composition, int64_t object, double time, int sh_degree,
                                   pags_gaussians *out);
 
-/* The highest degree of any of the scene's Gaussians at most `most`. */
+/* The highest degree of spherical harmonics of any Gaussians of the scene, but no more than `most`. */
 pags_result pags_object_gaussians_degree(pags_composition *composition, int most, int *out);
 
-/* An object's poses relative to the origin at its labelled times, in seconds after `time_zero`; parked ones have one,
- * of their middle label. */
+/* The track of an object: its poses (rigid, 3x4, relative to the scene's origin) at its labelled times (seconds after
+ * `time_zero`). A parked object has one pose, that of the middle one of its labels. */
 typedef struct pags_object_gaussians_track {
   int64_t count;
   double *times;

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Turning spherical harmonics. Each degree l turns by itself by a matrix of (2 l + 1)^2, found by asking what the
- * turned functions are in enough directions: least squares over a lattice of directions, exact but for rounding as the
- * functions lie in the space asked for. */
+/* Rotation of spherical harmonics, for Gaussians that are moved with their object. A rotation maps the functions of
+ * each degree l = 1..3 to themselves by a matrix of (2 l + 1) x (2 l + 1). The matrix is found by least squares:
+ * rotated basis functions are sampled in 40 directions and expressed in the basis. The result is exact up to
+ * rounding, since rotated functions of a degree lie in the space of that degree. */
 #include <math.h>
 #include <string.h>
 
@@ -9,8 +10,9 @@
 
 enum { DIRECTIONS = 40 };
 
-/* The basis of Kerbl et al. 2023, terms 1..15, without their constants: a factor of a row and of its column cancels but
- * for the ratio, so that they must be there. */
+/* Values of the real spherical harmonics in direction `d`, terms 1..15 (degrees 1 to 3) with the signs, the order and
+ * the constants of Kerbl et al. 2023. The constants matter: entry (a, b) of a rotation matrix scales with the ratio
+ * of the constants of terms b and a. */
 static void basis(const double d[3], double out[15]) {
   double x = d[0], y = d[1], z = d[2], xx = x * x, yy = y * y, zz = z * z;
   const double values[15] = {-0.4886025119029199 * y,
@@ -31,6 +33,9 @@ static void basis(const double d[3], double out[15]) {
   memcpy(out, values, sizeof values);
 }
 
+/* The matrix that rotates the coefficients of one degree, in the upper left (2 l + 1) x (2 l + 1) of `out`. With B
+ * the basis at the sample directions and B' the basis at the same directions turned back, it solves
+ *     (B^T B) out = B^T B'. */
 static void turn_degree(const double rotation[9], int degree, double out[7][7]) {
   int n = 2 * degree + 1, first = degree * degree - 1;
   double normal[7][7] = {{0}};
@@ -50,7 +55,8 @@ static void turn_degree(const double rotation[9], int degree, double out[7][7]) 
       }
   }
 
-  /* Solves a x = b for `columns` right sides, a being n x n and positive definite; b becomes x. */
+  /* Gauss-Jordan elimination with n right sides; `normal` is positive definite, so no pivoting is needed. The right
+   * sides in `out` become the solution. */
   for (int p = 0; p < n; p++)
     for (int i = 0; i < n; i++) {
       if (i == p)

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pags_export_splats: the formats that other programs take Gaussians in. */
+/* pags_export_splats: bakes a scene at one time into one set of Gaussians and saves it as .ply, .spz, .splat, .pagsz
+ * or glTF with KHR_gaussian_splatting; with `tracks`, glTF with one animated node for each object. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -25,23 +26,28 @@ int pags_export_is_splat(const char *path) {
          !strcmp(extension, ".pagsz");
 }
 
+/* ---- glTF with KHR_gaussian_splatting ---- */
+
 static double sigmoid(double x) {
   return 1 / (1 + exp(-x));
 }
 
+/* sRGB to linear light (IEC 61966-2-1). */
 static double linear(double v) {
   v = fmin(fmax(v, 0), 1);
   return v <= 0.04045 ? v / 12.92 : pow((v + 0.055) / 1.055, 2.4);
 }
 
+/* The attributes of a point primitive. */
 typedef struct columns {
-  float *block; /* all values, attribute after attribute */
+  float *block; /* the values of all attributes, one attribute after the other */
   pags_gltf_attribute list[24];
   char names[24][64];
   int count;
   size_t used, rows;
 } columns;
 
+/* Adds an attribute and returns where its values go: `rows` times `components` floats. */
 static float *add_column(columns *c, const char *name, int components) {
   float *values = c->block + c->used;
   snprintf(c->names[c->count], sizeof c->names[0], "%.63s", name);
@@ -51,7 +57,8 @@ static float *add_column(columns *c, const char *name, int components) {
   return values;
 }
 
-/* KHR_gaussian_splatting's attributes; COLOR_0 is for readers that know points alone. */
+/* Fills the attributes of KHR_gaussian_splatting. COLOR_0 (constant colour in linear light, opacity) is for readers
+ * that don't know the extension and draw points. */
 static void fill_columns(const pags_gaussians *g, columns *c) {
   float *position = add_column(c, "POSITION", 3), *color = add_column(c, "COLOR_0", 4);
   float *rotation = add_column(c, "KHR_gaussian_splatting:ROTATION", 4),
@@ -103,7 +110,8 @@ static pags_result add_points(pags_gltf *gltf, int node, const char *name, const
   return PAGS_OK;
 }
 
-/* Y up by the root node, as proxies have it: what is below keeps its axes, and its harmonics with them. */
+/* Saves one set of Gaussians as one glTF node. The rotation to glTF's Y up is the root node's, as in files of
+ * proxies, so that means, rotations and harmonics below it stay in the scene's axes. */
 static pags_result save_glb(const char *path, pags_up up, const pags_gaussians *g) {
   static const double from_z[12] = {1, 0, 0, 0, 0, 0, 1, 0, 0, -1, 0, 0},
                       from_minus_y[12] = {1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, 0};
@@ -120,7 +128,10 @@ static pags_result save_glb(const char *path, pags_up up, const pags_gaussians *
   return result;
 }
 
-/* One node an object, in its own frame, with its track; what is nobody's as `background`. */
+/* ---- glTF with a node for each object ---- */
+
+/* Adds the node of one object: its Gaussians in its own frame, its track as animation. `object` -1 adds the Gaussians
+ * of no object as the node `background`. Adds the number of Gaussians to `count`. */
 static pags_result add_owned(pags_gltf *gltf, int root, pags_composition *composition, int64_t object, double time_zero,
                              const pags_splat_options *options, int degree, int64_t *count) {
   pags_gaussians g;
@@ -173,6 +184,9 @@ static pags_result save_tracks(const char *path, pags_composition *composition, 
   return result;
 }
 
+/* ---- The export ---- */
+
+/* Saves the baked Gaussians in the format that the path's extension names. */
 static pags_result save(const char *path, const pags_scene *scene, const pags_splat_options *options,
                         const pags_gaussians *g) {
   const char *extension = pags_path_extension(path);
@@ -183,7 +197,7 @@ static pags_result save(const char *path, const pags_scene *scene, const pags_sp
   if (!strcmp(extension, ".spz"))
     return pags_spz_save(path, g, options->spz_version, scene->antialiased);
   if (!strcmp(extension, ".pagsz")) {
-    /* Save packed. */
+    /* PAGS's packed form, with the scene's up axis, origin and background colour in its head. */
     pags_packed head = {.up = (int)scene->up, .antialiased = scene->antialiased};
     memcpy(head.origin, scene->origin, sizeof head.origin);
     for (int k = 0; k < 3; k++)

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pags_export_usd: Gaussians and proxies as one USD stage, in text.
+/* pags_export_usd: writes the Gaussians and the proxies of a scene as one USD stage in text (.usda).
  *
- * Z up, metres; /scene holds one Xform an object, with its track as time samples: a kinematic body whose Gaussians are
- * a ParticleField3DGaussianSplat (OpenUSD 26.03) and whose proxy an invisible mesh that collides; and
- * /scene/background, likewise. Gaussians have no harmonics beyond the constant or all of degree 3: Isaac Sim hangs on
- * what lies between. */
+ * The stage is Z up, in metres. Each object is an Xform below /scene with its track as time samples: a kinematic
+ * rigid body. Below it are its Gaussians as a ParticleField3DGaussianSplat (OpenUSD 26.03) and its proxy as an
+ * invisible mesh with a collider. /scene/background holds Gaussians and meshes of the rest. Spherical harmonics are
+ * written of degree 0 or of degree 3 (missing terms zero), never between: Isaac Sim hangs on degrees 1 and 2. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -32,9 +32,9 @@ typedef struct usd_export {
   pags_background background;
   pags_composition *composition;
   pags_usd usd;
-  double time_zero, rate; /* time code = (time - time_zero) rate */
+  double time_zero, rate; /* USD time code = (time - time_zero) * rate; seconds, time codes a second */
   int degree;
-  int64_t gaussians; /* written */
+  int64_t gaussians; /* written so far */
 } usd_export;
 
 static pags_result tell(const usd_export *self, double fraction, const char *what) {
@@ -47,7 +47,7 @@ static int tell_background(void *user, double fraction, const char *what) {
   return tell(user, 0.4 + 0.4 * fraction, what) == PAGS_OK;
 }
 
-/* ---- Proxies. ---- */
+/* ---- Proxies ---- */
 
 static int tell_objects(void *user, double fraction, const char *what) {
   return tell(user, 0.4 * fraction, what) == PAGS_OK;
@@ -64,6 +64,8 @@ static pags_result make_proxies(usd_export *self, const pags_scene *scene) {
   return result;
 }
 
+/* Writes `extent`, the axis-aligned bounds of the points, each point widened by its `reach` in metres (NULL:
+ * none). */
 static void put_extent(pags_usd *usd, const float *positions, int64_t count, const float *reach) {
   float bounds[6] = {0};
   for (int64_t i = 0; i < count; i++)
@@ -107,8 +109,9 @@ static void put_mesh(usd_export *self, const char *name, const char *label, cons
   free(colors);
 }
 
-/* ---- Gaussians. ---- */
+/* ---- Gaussians ---- */
 
+/* The attributes of a splat prim, arrays in one block of memory. */
 typedef struct columns {
   float *positions, *orientations, *scales, *opacities, *harmonics, *reach, *block;
 } columns;
@@ -170,8 +173,9 @@ static pags_result put_splats(usd_export *self, int64_t object) {
   return result;
 }
 
-/* ---- The stage. ---- */
+/* ---- Objects and the stage ---- */
 
+/* Writes an object's track as time samples: its rotations with `turns`, else its translations. */
 static void put_samples(usd_export *self, const pags_object_gaussians_track *track, int turns) {
   pags_usd *usd = &self->usd;
   double before[4] = {0};
@@ -184,7 +188,7 @@ static void put_samples(usd_export *self, const pags_object_gaussians_track *tra
     for (int k = 0; k < 4; k++)
       along += q[k] * before[k];
     for (int k = 0; k < 4; k++)
-      before[k] = along < 0 ? -q[k] : q[k]; /* the shorter way round */
+      before[k] = along < 0 ? -q[k] : q[k]; /* q and -q are the same rotation: the nearer one turns the shorter way */
     if (turns)
       pags_usd_line(usd, "    %.9g: (%.9g, %.9g, %.9g, %.9g),", track->times[i] * self->rate, before[0], before[1],
                     before[2], before[3]);
@@ -194,7 +198,7 @@ static void put_samples(usd_export *self, const pags_object_gaussians_track *tra
   pags_usd_line(usd, "}");
 }
 
-/* One sample is a place, not a motion. */
+/* Writes an object's pose: a track of one pose as a constant transform, a longer one as time samples. */
 static void put_pose(usd_export *self, const pags_object_gaussians_track *track) {
   pags_usd *usd = &self->usd;
   const double *p = track->poses[0];
@@ -299,7 +303,7 @@ static pags_result put_stage(usd_export *self) {
   pags_usd_line(usd, ")");
   pags_usd_line(usd, "{");
   usd->depth++;
-  if (scene->up != PAGS_UP_Z) { /* -y is up: turned about x */
+  if (scene->up != PAGS_UP_Z) { /* worlds with -y up are turned by -90 degrees about x to z up */
     pags_usd_line(usd, "float xformOp:rotateX = -90");
     pags_usd_line(usd, "uniform token[] xformOpOrder = [\"xformOp:rotateX\"]");
   }

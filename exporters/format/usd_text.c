@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Text is gathered in a buffer a line or an array's piece at a time. Numbers are the shortest that read back to the
- * same float. */
+/* Writes USD's text format (.usda). Arrays are formatted in pieces of 64 KiB. A float is written with the fewest
+ * digits, 6 to 9, that read back as the same float. */
 #include "exporters/format/usd_text.h"
 
 #include <stdarg.h>
@@ -72,7 +72,8 @@ void pags_usd_close(pags_usd *usd) {
   pags_usd_line(usd, "}");
 }
 
-/* At most 24 characters. */
+/* Formats a float with the fewest digits (6 to 9) that read back as the same value; at most 24 characters, no
+ * terminating zero. Returns the length. */
 static size_t put_float(float value, char *out) {
   char text[PAGS_DOUBLE_TEXT];
   int length = 0;
@@ -81,7 +82,7 @@ static size_t put_float(float value, char *out) {
     if ((float)pags_text_to_double(text, NULL) == value)
       break;
   }
-  for (int i = 0; i < length; i++) /* whatever the locale */
+  for (int i = 0; i < length; i++) /* a decimal point, even if the locale has a comma */
     out[i] = text[i] == ',' ? '.' : text[i];
   return (size_t)length;
 }

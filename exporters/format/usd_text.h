@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Writing USD's text form (.usda): indentation, values, arrays. The first failure is remembered and reported by the
- * end. */
+/* A writer of USD's text format (.usda): indented lines, blocks in braces, arrays of numbers. The first failure (of
+ * the file or of memory) is kept in `result` and returned by pags_usd_end; after a failure nothing more is
+ * written. */
 #ifndef PAGS_FORMAT_USD_TEXT_H
 #define PAGS_FORMAT_USD_TEXT_H
 
@@ -17,23 +18,25 @@ typedef struct pags_usd {
 } pags_usd;
 
 void pags_usd_begin(pags_usd *usd, const char *path);
-pags_result pags_usd_end(pags_usd *usd); /* commits, or aborts after a failure */
+pags_result pags_usd_end(pags_usd *usd); /* commits the file; after a failure discards it and returns the failure */
 
-/* A line at the depth reached. */
+/* Writes one formatted line, indented by the present depth of blocks. */
 void pags_usd_line(pags_usd *usd, const char *format, ...) PAGS_PRINTF(2, 3);
-/* A line, then `{` and one step in; close: one step out and `}`. */
+/* pags_usd_open writes one formatted line, then a line `{`, and indents by one level more; pags_usd_close takes that
+ * level back and writes `}`. */
 void pags_usd_open(pags_usd *usd, const char *format, ...) PAGS_PRINTF(2, 3);
 void pags_usd_close(pags_usd *usd);
 
-/* `head = [(a, b, c), ...]`, `width` numbers a tuple (1: bare). With `interpolation` (may be NULL) as the attribute's
- * metadata. */
+/* Writes an array attribute `head = [(a, b, c), ...]` of `count` tuples of `width` numbers each (width 1: numbers
+ * without brackets). `interpolation` (may be NULL) is written as the attribute's metadata of that name. */
 void pags_usd_floats(pags_usd *usd, const char *head, const float *values, int64_t count, int width,
                      const char *interpolation);
 void pags_usd_integers(pags_usd *usd, const char *head, const uint32_t *values, int64_t count);
-/* The same `value` so many times. */
+/* Writes an array attribute that holds `value` `count` times. */
 void pags_usd_repeat(pags_usd *usd, const char *head, int value, int64_t count);
 
-/* Letters, digits and '_' stay, the rest becomes '_'; a leading digit gets one in front. */
+/* Makes a valid USD identifier of `text`: every character but letters, digits and '_' becomes '_', and a '_' is put
+ * before a leading digit. */
 void pags_usd_name(const char *text, char *out, size_t size);
 
 #ifdef __cplusplus

@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The background: drawn without labelled objects by a choice of the training cameras, its depth fused tile by tile.
+/* Makes the proxies of the background. The scene without its labelled objects is drawn by an even choice of the
+ * training cameras, and the depths are fused tile by tile into TSDFs (tsdf.h).
  *
- * A surface that is near the ground belongs to the ground. The rest is cut by class: by what the data set's semantic
- * pictures say where they are at hand, else by shape and colour. */
+ * Surface near the ground is left to the ground's mesh (ground.h). The rest is split by class: by the data set's
+ * semantic pictures if they are present, else by shape and colour. */
 #include "exporters/proxy/background.h"
 
 #include <math.h>
@@ -18,14 +19,15 @@
 #include <pags/image.h>
 #endif
 
+/* Most views that are drawn; Gaussians a cluster; a chunk of fewer triangles after decimation is left out. */
 enum { MOST_VIEWS = 120, CLUSTER = 64, LEAST_TRIANGLES = 8 };
 enum { ROAD, SIDEWALK, BUILDING, VEGETATION, POLE, OTHER, CLASSES, UNLABELLED = 255 };
 static const char *const class_names[CLASSES] = {"road", "sidewalk", "building", "vegetation", "pole", "other"};
 
-static const double ground_reach =
-    11; /* metres from the cameras that the ground covers without holes: 10 from the path between them */
-static const double ground_skin = 0.2; /* metres above the ground that still are the ground */
-static const double least_area = 0.4;  /* square metres of a part: less floats */
+/* The ground has no holes up to this distance from the cameras, metres: about 10 m from the path between them. */
+static const double ground_reach = 11;
+static const double ground_skin = 0.2; /* surface lower than this over the ground belongs to the ground, metres */
+static const double least_area = 0.4;  /* connected components of less area are floaters, square metres */
 
 void pags_background_destroy(pags_background *background) {
   pags_depth_views_destroy(&background->depth_views);
@@ -35,14 +37,16 @@ void pags_background_destroy(pags_background *background) {
   memset(background, 0, sizeof *background);
 }
 
-/* Cityscapes' train ids. */
+/* ---- Drawing the background ---- */
+
+/* The class of a Cityscapes train id; UNLABELLED for sky, people, vehicles and unknown ids. */
 static uint8_t class_of_label(uint8_t label) {
   static const uint8_t of[10] = {ROAD, SIDEWALK, BUILDING, BUILDING,   BUILDING,
                                  POLE, POLE,     POLE,     VEGETATION, VEGETATION};
   return label < 10 ? of[label] : UNLABELLED;
 }
 
-/* The scene's Gaussians that are nobody's: no object's number, in no parked object's box. */
+/* Gathers the Gaussians of the background model that belong to no parked object (pags_object_mark). */
 static pags_result gather_background(const pags_proxy_maker *w, pags_gaussians *out) {
   const pags_gaussians *g = &w->scene->models[0].gaussians;
   uint8_t *taken = calloc((size_t)g->count + 1, 1);
@@ -70,7 +74,7 @@ static pags_result gather_background(const pags_proxy_maker *w, pags_gaussians *
   return result;
 }
 
-/* The data set's semantic picture of a view, brought to the depth view's size; nothing where there is none. */
+/* Loads the data set's semantic picture of a view, if there is one, as classes at the depth view's size. */
 static void load_labels(const pags_proxy_maker *w, const pags_scene_view *view, pags_depth_view *depth_view) {
 #ifdef PAGS_WITH_IMAGES
   char path[1024];
@@ -102,6 +106,7 @@ static int shows_training(const pags_scene_view *view) {
   return !view->test;
 }
 
+/* Draws the depth views: all training views, or an even choice of MOST_VIEWS of them. */
 static pags_result look(const pags_proxy_maker *w, const pags_part *part, pags_progress_fn *tell, void *user,
                         pags_background *out) {
   int64_t count = 0, taken = 0, seen = 0;
@@ -125,7 +130,9 @@ static pags_result look(const pags_proxy_maker *w, const pags_part *part, pags_p
   return PAGS_OK;
 }
 
-/* Takes the mesh over. */
+/* ---- The ground ---- */
+
+/* Appends a chunk; takes over the mesh. */
 static pags_result add_chunk(pags_background *b, const char *class_name, pags_proxy_mesh *mesh) {
   if (b->chunk_count == b->chunk_capacity) {
     int64_t capacity = 2 * b->chunk_capacity + 64;
@@ -145,7 +152,7 @@ static pags_result add_chunk(pags_background *b, const char *class_name, pags_pr
   return PAGS_OK;
 }
 
-/* Where the cameras were, held-out views among them. */
+/* The positions of the cameras of all views, held-out ones, too, relative to the scene's origin. */
 static double *path_of(const pags_scene *scene) {
   double *path = malloc(((size_t)scene->view_count + 1) * 3 * sizeof *path);
   for (int64_t i = 0; path && i < scene->view_count; i++)
@@ -172,14 +179,17 @@ static pags_result add_ground(const pags_proxy_maker *w, pags_background *out, p
   return add_chunk(out, "ground", &mesh);
 }
 
+/* ---- Classes ---- */
+
 typedef struct naming {
   const pags_proxy_mesh *mesh;
   const pags_depth_views *depth_views;
   const pags_ground *ground;
   double tolerance;
-  uint8_t *class_of; /* one a vertex */
+  uint8_t *class_of; /* the class of each vertex */
 } naming;
 
+/* The class that most of the views that see a point give it (depth within the tolerance); OTHER if none does. */
 static uint8_t vote(const naming *self, const int64_t *seen, int64_t seen_count, const double point[3]) {
   int votes[CLASSES] = {0}, best = 0, x, y;
   double z;
@@ -196,7 +206,8 @@ static uint8_t vote(const naming *self, const int64_t *seen, int64_t seen_count,
   return votes[best] ? (uint8_t)best : OTHER;
 }
 
-/* Upright and not green: a building. Level: road. Else vegetation. Poles are not told. */
+/* Guesses a vertex's class without semantic pictures: level surface is road, upright and not green a building, green
+ * vegetation, else other. Poles are not recognised. */
 static uint8_t guess(const float normal[3], const float color[3]) {
   int green = color[1] > 1.05f * color[0] && color[1] > color[2];
   if (normal[2] > 0.9f)
@@ -209,7 +220,7 @@ static void name_vertices(void *context, int64_t begin, int64_t end, int worker)
   int64_t seen_count, *seen = malloc(((size_t)self->depth_views->count + 1) * sizeof *seen);
   (void)worker;
   if (!seen)
-    return; /* of class 0 */
+    return; /* out of memory: these vertices stay of class 0 */
   seen_count = pags_depth_views_of_run(self->depth_views, self->mesh, begin, end, seen);
   for (int64_t i = begin; i < end; i++) {
     const float *p = self->mesh->positions + 3 * i;
@@ -237,18 +248,19 @@ static pags_result find_classes(const pags_proxy_maker *w, const pags_background
   return PAGS_OK;
 }
 
-/* What a tile gives: a mesh of each class, or none. */
+/* A square tile of the background and its result: a mesh for each class, which may be empty. */
 typedef struct tile {
   double lo[3], hi[3];
-  int64_t first, last; /* of the points sorted by tile */
+  int64_t first, last; /* range of its points among those sorted by tile */
   pags_proxy_mesh parts[CLASSES];
   pags_result result;
-  char message[256]; /* of a failure: messages belong to threads */
+  char message[256]; /* the message of a failure, copied here since error messages are kept per thread */
 } tile;
 
+/* Copies the triangles of one class out of a tile's mesh, without floaters. */
 static pags_result take_class(const pags_proxy_mesh *scene_depth, const uint8_t *class_of, int class,
                               pags_proxy_mesh *part) {
-  pags_proxy_mesh view = *scene_depth; /* borrows the vertices */
+  pags_proxy_mesh view = *scene_depth; /* shares the vertices */
   *part = (pags_proxy_mesh){0};
   view.triangles = malloc(((size_t)scene_depth->triangle_count + 1) * 3 * sizeof *view.triangles);
   if (!view.triangles)
@@ -256,7 +268,7 @@ static pags_result take_class(const pags_proxy_mesh *scene_depth, const uint8_t 
   view.triangle_count = 0;
   for (int64_t i = 0; i < scene_depth->triangle_count; i++) {
     const uint32_t *t = scene_depth->triangles + 3 * i;
-    /* The class of two corners, else of the first. */
+    /* A triangle has the class that two of its corners have, else the class of the first. */
     int own = class_of[t[1]] == class_of[t[2]] ? class_of[t[1]] : class_of[t[0]];
     if (own == class)
       memcpy(view.triangles + 3 * view.triangle_count++, t, 3 * sizeof(uint32_t));
@@ -268,9 +280,10 @@ static pags_result take_class(const pags_proxy_mesh *scene_depth, const uint8_t 
   return result == PAGS_OK ? pags_proxy_mesh_drop_floaters(part, least_area) : result;
 }
 
+/* Removes ground and floaters from a tile's mesh, paints it and splits it by class. */
 static pags_result cut_by_class(const pags_proxy_maker *w, const pags_background *b, const pags_ground *ground,
                                 pags_proxy_mesh *scene_depth, tile *out) {
-  /* Leaves out triangles that are the ground, or below it. */
+  /* Leave out triangles whose centre is less than `ground_skin` above the ground, or below it. */
   int64_t kept = 0;
   for (int64_t i = 0; i < scene_depth->triangle_count; i++) {
     double p[3] = {0}, z;
@@ -299,15 +312,18 @@ static pags_result cut_by_class(const pags_proxy_maker *w, const pags_background
   return result;
 }
 
-/* Depths as points, those of a tile together; a point near a border belongs to all tiles that it is near to. */
+/* ---- Tiles ---- */
+
+/* The background divided into tiles, and the depths of all views as points grouped by tile. A point within `reach` of
+ * a tile is in that tile's group, too. */
 typedef struct tiling {
   const pags_proxy_maker *maker;
   const pags_background *background;
   const pags_ground *ground;
   pags_progress_fn *tell;
   void *user;
-  double side, step, reach;
-  int64_t origin[2], count[2];
+  double side, step, reach;    /* side of a tile, step of the TSDF, distance from points that is fused; metres */
+  int64_t origin[2], count[2]; /* number of the first tile along x and y, and how many there are */
   tile *tiles;
   float *points;
   atomic_llong done;
@@ -319,7 +335,8 @@ static int64_t tile_of(const tiling *t, double x, int axis) {
   return i < 0 ? 0 : i >= t->count[axis] ? t->count[axis] - 1 : i;
 }
 
-/* Twice over all depths: first counting into `last`, then putting. */
+/* Visits every second depth in x and y of all views: while `points` is NULL, it counts them in each tile's `last`,
+ * else it stores them. */
 static void visit_depths(tiling *t) {
   const pags_depth_views *depth_views = &t->background->depth_views;
   for (int64_t i = 0; i < depth_views->count; i++) {
@@ -356,6 +373,7 @@ static pags_result sort_depths(tiling *t) {
   return PAGS_OK;
 }
 
+/* Fuses the blocks of a tile that are near depths, extracts the surface and splits it by class. */
 static pags_result make_tile(const tiling *t, tile *own) {
   const pags_proxy_maker *w = t->maker;
   pags_tsdf grid;
@@ -396,7 +414,7 @@ static void make_tiles(void *context, int64_t begin, int64_t end, int worker) {
   }
 }
 
-/* Where depths within range are: the box that holds all but stray ones (a thousandth at either end of each axis). */
+/* The box that holds the depths within range, without outliers: a thousandth at either end of each axis. */
 static pags_result find_extent(const pags_proxy_maker *w, const pags_depth_views *depth_views, double lo[3],
                                double hi[3]) {
   enum { BINS = 4096 };
@@ -451,13 +469,14 @@ static pags_result take_tiles(tiling *t, pags_background *b) {
   return result;
 }
 
-/* Tiles are independent: each worker takes the next one. */
+/* Makes all tiles in parallel and appends their meshes as chunks. */
 static pags_result add_tiles(const pags_proxy_maker *w, pags_progress_fn *tell, void *user, const pags_ground *ground,
                              pags_background *b) {
   double lo[3], hi[3];
   tiling t = {.maker = w, .background = b, .ground = ground, .tell = tell, .user = user, .side = w->options->chunk};
   PAGS_TRY(find_extent(w, &b->depth_views, lo, hi));
-  t.step = t.side / ceil(t.side / w->options->voxel); /* tiles meet on points of both grids */
+  /* A tile's side is a whole number of steps, so the grids of neighbouring tiles share the points of their border. */
+  t.step = t.side / ceil(t.side / w->options->voxel);
   t.reach = 3 * t.step;
   for (int k = 0; k < 2; k++) {
     t.origin[k] = (int64_t)floor(lo[k] / t.side);
@@ -489,11 +508,13 @@ static pags_result add_tiles(const pags_proxy_maker *w, pags_progress_fn *tell, 
   return result;
 }
 
+/* ---- Decimation ---- */
+
 typedef struct decimation {
   const pags_proxy_maker *maker;
   pags_background *background;
-  int64_t total;        /* triangles of all chunks but the ground */
-  pags_result *results; /* one a chunk */
+  int64_t total;        /* number of triangles of all chunks but the ground */
+  pags_result *results; /* one for each chunk */
 } decimation;
 
 static void decimate_chunks(void *context, int64_t begin, int64_t end, int worker) {
@@ -511,7 +532,8 @@ static void decimate_chunks(void *context, int64_t begin, int64_t end, int worke
   }
 }
 
-/* Each chunk gets its share of the budget by triangles; what would have fewer than a few is left out. */
+/* Decimates all chunks to options->chunk_triangles together, each in proportion to its triangles. Chunks that would
+ * get fewer than LEAST_TRIANGLES are left out. */
 static pags_result decimate(const pags_proxy_maker *w, pags_background *b) {
   int64_t kept = 0;
   decimation d = {.maker = w, .background = b};
@@ -552,7 +574,6 @@ static pags_result make(const pags_proxy_maker *w, pags_progress_fn *tell, void 
       out->s_sem += (double)g->s_sem[i] / (double)g->count;
   }
 
-  /* Draw views. */
   pags_clusters clusters;
   pags_part part = {.gaussians = g, .clusters = &clusters, .world_from_model = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
   PAGS_TRY(pags_clusters_create(&clusters, g->count, CLUSTER));

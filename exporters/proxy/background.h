@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Everything that is no labelled object: the ground, and the rest in chunks by class. */
+/* Makes the proxies of everything that is not a labelled object: the ground, and the rest in chunks by tile and
+ * class. */
 #ifndef PAGS_PROXY_BACKGROUND_H
 #define PAGS_PROXY_BACKGROUND_H
 
@@ -12,21 +13,21 @@ extern "C" {
 
 typedef struct pags_chunk {
   const char *class_name; /* static: "ground", "road", "building", ... */
-  int number;             /* of its class */
-  int64_t gaussians;      /* of the background within its tile */
+  int number;             /* running number in its class, from 0 */
+  int64_t gaussians;      /* not set: 0 */
   pags_proxy_mesh mesh;   /* relative to the scene's origin */
 } pags_chunk;
 
 typedef struct pags_background {
   pags_depth_views depth_views; /* in the scene's frame */
-  int64_t gaussians;
-  double s_sem;
+  int64_t gaussians;            /* number of the background's Gaussians */
+  double s_sem;                 /* their mean semantic priority; NaN if unknown */
   int64_t chunk_count, chunk_capacity;
-  pags_chunk *chunks; /* the ground first, where there is one */
+  pags_chunk *chunks; /* the ground first, if there is one */
   int labelled;       /* 1: classes are from the data set's semantic pictures; 0: guessed from shape and colour */
 } pags_background;
 
-/* `tell` is called with 0..1. */
+/* Makes the ground and the chunks. `tell` is called with fractions 0..1. */
 pags_result pags_background_make(const pags_proxy_maker *maker, pags_progress_fn *tell, void *user,
                                  pags_background *out);
 void pags_background_destroy(pags_background *background);

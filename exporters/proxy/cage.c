@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Fitting a cage: a box of quads about the mesh, moved so that its limit surface comes to lie on the mesh.
+/* Fits a cage: a box of quads about the mesh, whose control points are moved until its limit surface lies on the
+ * mesh.
  *
- * Each round, every sample of the limit surface is drawn to the nearest point of the mesh, and the nearest sample to
- * every vertex of the mesh to that vertex (so that what sticks out is not lost). The control points that do this best
- * are found by linear least squares over the limit stencils, with a penalty on the cage's bending (the difference of
- * a point from the mean of its neighbours) whose weight falls from round to round. */
+ * In each round, every sample of the limit surface is pulled to the nearest point of the mesh, and for every vertex
+ * of the mesh the nearest sample is pulled to that vertex (so that protruding parts such as wheels are not lost). The
+ * control points are found by linear least squares over the limit stencils, with a penalty on the cage's bending (the
+ * difference of a control point from the mean of its neighbours) whose weight falls from round to round. */
 #include "exporters/proxy/cage.h"
 
 #include <math.h>
@@ -15,10 +16,12 @@
 #include "exporters/proxy/mesh_query.h"
 #include "exporters/proxy/subdiv.h"
 
+/* SIDE x SIDE samples of the limit surface on each quad; at most MOST_PULLS of the mesh's vertices pull. */
 enum { ROUNDS = 14, SIDE = 5, MOST_PULLS = 3000 };
 
-/* Weight of all pulls from the mesh's vertices, relative to that of all pulls from samples of the limit surface. It is
- * large for the sake of what sticks out, such as a wheel: few vertices lie there, and samples find nearer points. */
+/* Total weight of the pulls from the mesh's vertices, relative to that of the pulls from samples of the limit
+ * surface. It is large for the sake of protruding parts such as wheels: few vertices lie there, and the nearest
+ * points that samples find lie elsewhere. */
 static const double vertex_weight = 8;
 
 typedef struct cage {
@@ -29,11 +32,15 @@ typedef struct cage {
   int *lattice; /* vertex at each point of the (n + 1)^3 lattice; -1 inside */
 } cage;
 
+/* ---- The box of quads ---- */
+
 static int lattice_at(const cage *c, int x, int y, int z) {
   return (z * (c->n[1] + 1) + y) * (c->n[0] + 1) + x;
 }
 
-/* As many quads as the budget allows, as square as they can be; quads = 2 (ab + bc + ca). */
+/* Chooses the numbers of quads a, b, c along the axes of a box, such that quads are about square and their number
+ *     2 (a b + b c + c a)
+ * is at most `most_quads`; the longest axis gets at most 16. */
 static void choose_counts(const double size[3], int64_t most_quads, int n[3]) {
   for (int longest = 16;; longest--) {
     double side = fmax(size[0], fmax(size[1], size[2])) / longest;
@@ -44,7 +51,8 @@ static void choose_counts(const double size[3], int64_t most_quads, int n[3]) {
   }
 }
 
-/* The quads of one face of the box, axis `a` held at its low or high end, counter-clockwise from outside. */
+/* Adds the quads of one face of the box, at the low or the high end of axis `a`, counter-clockwise seen from
+ * outside. */
 static void add_face(cage *c, int a, int high) {
   int u = (a + 1) % 3, v = (a + 2) % 3;
   for (int j = 0; j < c->n[v]; j++)
@@ -61,6 +69,7 @@ static void add_face(cage *c, int a, int high) {
     }
 }
 
+/* Makes the first cage: the box `lo`..`hi` with a lattice of control points on its faces. */
 static pags_result build_box(cage *c, const double lo[3], const double hi[3], int64_t most_quads) {
   double size[3];
   for (int k = 0; k < 3; k++)
@@ -92,13 +101,16 @@ static pags_result build_box(cage *c, const double lo[3], const double hi[3], in
   return PAGS_OK;
 }
 
-/* Normal equations of the least squares: one symmetric matrix, three right sides. */
+/* ---- Least squares ---- */
+
+/* The normal equations of the least squares: one symmetric matrix, three right sides (x, y, z). */
 typedef struct equations {
   int n;
   double *matrix; /* n * n */
   double *right;  /* 3 * n */
 } equations;
 
+/* Adds the equation "the weighted sum of these control points is `target`" with the weight `price`. */
 static void add_equation(equations *e, const int32_t *indices, const float *weights, int64_t count,
                          const double target[3], double price) {
   for (int64_t i = 0; i < count; i++) {
@@ -121,7 +133,8 @@ static double dot(const double *a, const double *b, int n) {
   return (sum[0] + sum[1]) + (sum[2] + sum[3]);
 }
 
-/* Cholesky by rows, in place; the matrix is positive definite, for each control point has a price on it. */
+/* Solves the normal equations by a row-wise Cholesky factorisation in place. The matrix is positive definite, since
+ * each control point has a small positive weight on the diagonal. */
 static void solve(equations *e) {
   size_t n = (size_t)e->n;
   for (size_t i = 0; i < n; i++) {
@@ -142,6 +155,8 @@ static void solve(equations *e) {
   }
 }
 
+/* ---- Fitting ---- */
+
 typedef struct fit {
   const pags_proxy_mesh *mesh;
   const pags_mesh_query *query;
@@ -151,13 +166,15 @@ typedef struct fit {
   equations equations;
 } fit;
 
+/* Pulls a sample of the limit surface to `target` with the weight `price`. */
 static void pull(fit *f, int64_t sample, const double target[3], double price) {
   int64_t first = f->stencils.first[sample];
   add_equation(&f->equations, f->stencils.indices + first, f->stencils.weights + first,
                f->stencils.first[sample + 1] - first, target, price);
 }
 
-/* Each control point should be the mean of those it shares a quad's edge with. */
+/* Adds the penalty on bending: each control point should be the mean of the control points at the other ends of its
+ * edges. */
 static void add_smoothness(fit *f, double price) {
   const cage *c = f->cage;
   static const double nothing[3] = {0};
@@ -169,7 +186,7 @@ static void add_smoothness(fit *f, double price) {
     for (int q = 0; q < c->quad_count; q++)
       for (int k = 0; k < 4; k++)
         if (c->quads[4 * q + k] == v &&
-            count < 32) /* the edge that leaves it; each neighbour once, as all quads turn the same way */
+            count < 32) /* the edge that leaves v only: as all quads run the same way, each neighbour comes once */
           indices[++count] = c->quads[4 * q + (k + 1) % 4];
     weights[0] = 1;
     for (int i = 1; i <= count; i++)
@@ -178,11 +195,12 @@ static void add_smoothness(fit *f, double price) {
   }
 }
 
+/* One round of the fit: sets up and solves the normal equations for new control points. */
 static pags_result round_of(fit *f, int round) {
   int n = f->equations.n;
   pags_mesh_query *cloud;
 
-  /* Evaluate. */
+  /* Evaluate the samples of the limit surface by their stencils. */
   for (int64_t i = 0; i < f->stencils.count; i++) {
     double p[3] = {0};
     for (int64_t s = f->stencils.first[i]; s < f->stencils.first[i + 1]; s++)
@@ -212,7 +230,7 @@ static pags_result round_of(fit *f, int round) {
   }
   double samples_each = (double)f->stencils.count / (double)n;
   add_smoothness(f, samples_each * 2 * pow(0.003, (double)round / (ROUNDS - 1)));
-  for (int i = 0; i < n; i++) { /* stays where nothing else is asked */
+  for (int i = 0; i < n; i++) { /* a weak pull to where it is, for control points that nothing else determines */
     f->equations.matrix[(size_t)i * (size_t)n + (size_t)i] += 1e-4 * samples_each;
     for (int k = 0; k < 3; k++)
       f->equations.right[k * n + i] += 1e-4 * samples_each * (double)f->cage->positions[3 * i + k];
@@ -242,7 +260,10 @@ static pags_result fit_cage(const pags_proxy_mesh *mesh, const pags_mesh_query *
   return result;
 }
 
-/* Quads as triangles, colours and flags from the nearest place of the mesh. */
+/* ---- The result ---- */
+
+/* Writes quads as triangles. Each vertex takes colour and `observed` from a corner of the nearest triangle of the
+ * mesh. */
 static pags_result write_out(const pags_proxy_mesh *mesh, const pags_mesh_query *query, int vertex_count,
                              const float *positions, int quad_count, const int *quads, pags_proxy_mesh *out) {
   for (int i = 0; i < vertex_count; i++) {

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Draws Gaussians from the training cameras for their depth.
+/* Draws depth views of Gaussians from the training cameras, and answers questions about them.
  *
- * Where a pixel sees a front and a back surface, the mean depth sum(w z) / sum(w) lies between them. Such pixels are
- * recognised by a jump to the depth of a neighbour and count as unknown. */
+ * If a pixel sees two surfaces, its mean depth sum(w z) / sum(w) lies between them. Such pixels are recognised by a
+ * jump of depth to a neighbouring pixel and count as unknown. */
 #include "exporters/proxy/depth_view.h"
 
 #include <math.h>
@@ -11,13 +11,13 @@
 
 #include "base/memory.h"
 
-enum { SOLID = 166, CLEAR = 51 }; /* alpha over 0.65: a surface; under 0.2: nothing */
+enum { SOLID = 166, CLEAR = 51 }; /* alpha, 0..255: over 0.65 a surface, under 0.2 nothing, between unknown */
 
-/* Depths of neighbours that differ by more than this share are of different surfaces. A plane seen at 3 degrees changes
- * by 1 / (f tan 3 deg) a pixel: 0.04 at f = 480 px. */
+/* Depths of neighbouring pixels that differ by more than this share are of different surfaces. The depth of a plane
+ * seen at a grazing angle of 3 degrees changes by a share of 1 / (f tan 3 deg) a pixel: 0.04 at f = 480 px. */
 static const float jump = 0.05f;
 
-static const double flatness = 0.3; /* of flat Gaussians: their thinnest axis, as a share of the next */
+static const double flatness = 0.3; /* a Gaussian is flat if its smallest scale is at most this share of the next */
 
 void pags_depth_views_destroy(pags_depth_views *depth_views) {
   for (int64_t i = 0; i < depth_views->count; i++) {
@@ -32,11 +32,14 @@ void pags_depth_views_destroy(pags_depth_views *depth_views) {
   memset(depth_views, 0, sizeof *depth_views);
 }
 
+/* ---- Making a view ---- */
+
 static uint8_t byte_of(float value) {
   return (uint8_t)(value <= 0 ? 0 : value >= 1 ? 255 : value * 255.0f + 0.5f);
 }
 
-/* The thinnest axis of a Gaussian and its plane's reach; 0 where it isn't flat. */
+/* The plane of a flat Gaussian: its mean, its thinnest axis as normal, and as reach 4 of its largest scales. Returns
+ * 0 if the Gaussian isn't flat. */
 static int plane_of(const pags_part *part, int64_t row, double middle[3], double normal[3], double *reach) {
   const pags_gaussians *g = part->gaussians;
   double scale[3], q[4], length = 0, axis[3], mean[3];
@@ -75,7 +78,7 @@ static int jumps(const float *depth, int64_t at, int64_t other) {
   return b > 0 && (a > b ? a - b : b - a) > jump * (a < b ? a : b);
 }
 
-/* A pixel whose neighbour jumps is at an edge: the mean of two surfaces, or beside one. */
+/* Marks pixels at depth discontinuities as unknown: their depth may be the mean of two surfaces. */
 static void drop_edges(pags_depth_view *depth_view, float *scratch) {
   int w = depth_view->camera.width, h = depth_view->camera.height;
   memcpy(scratch, depth_view->depth, (size_t)w * (size_t)h * sizeof *scratch);
@@ -139,7 +142,7 @@ pags_result pags_depth_views_add(pags_depth_views *depth_views, pags_frame *fram
   }
   pags_rigid_inverse(camera->world_from_camera, depth_view->camera_from_model);
 
-  /* Read pixels. */
+  /* Copy alpha, depth and colour; the colour is divided by alpha, which removes the background's share. */
   for (int y = 0; y < picture.height; y++)
     for (int x = 0; x < picture.width; x++) {
       int64_t from = (int64_t)y * picture.stride + x, to = (int64_t)y * picture.width + x;
@@ -153,8 +156,9 @@ pags_result pags_depth_views_add(pags_depth_views *depth_views, pags_frame *fram
     }
 
   if (planes) {
-    /* Depth is a mean of middles, the nearer ones' before the farther ones': of wide flat Gaussians seen aslant it lies
-     * in front of the plane that they are in. */
+    /* A pixel's depth is a blend of the Gaussians' means, in which nearer Gaussians weigh more. For wide flat
+     * Gaussians seen at a grazing angle it lies in front of their plane; the ray's intersection with the plane is
+     * exact. */
     const double *m = depth_view->camera.world_from_camera;
     for (int y = 0; y < picture.height; y++)
       for (int x = 0; x < picture.width; x++) {
@@ -178,7 +182,7 @@ pags_result pags_depth_views_add(pags_depth_views *depth_views, pags_frame *fram
   drop_edges(depth_view, scratch);
   free(scratch);
 
-  /* Make cells. */
+  /* Allocate and fill the bounds of the cells. */
   int w = depth_view->camera.width, h = depth_view->camera.height;
   depth_view->cells_x = (w + PAGS_DEPTH_VIEW_CELL - 1) / PAGS_DEPTH_VIEW_CELL;
   depth_view->cells_y = (h + PAGS_DEPTH_VIEW_CELL - 1) / PAGS_DEPTH_VIEW_CELL;
@@ -190,6 +194,8 @@ pags_result pags_depth_views_add(pags_depth_views *depth_views, pags_frame *fram
   pags_depth_view_bound(depth_view);
   return PAGS_OK;
 }
+
+/* ---- Cropping and asking ---- */
 
 int pags_camera_crop(const pags_camera *camera, const double lo[3], const double hi[3], double near_plane,
                      pags_camera *out) {
@@ -213,7 +219,7 @@ int pags_camera_crop(const pags_camera *camera, const double lo[3], const double
   }
   if (behind == 8)
     return 0;
-  if (behind) { /* reaches beside the camera: where is not worth knowing */
+  if (behind) { /* the box reaches beside or behind the camera: keep the whole picture */
     box[0] = box[1] = 0;
     box[2] = camera->width;
     box[3] = camera->height;
@@ -256,7 +262,8 @@ pags_depth_view_verdict pags_depth_view_classify(const pags_depth_view *depth_vi
   double near = p[2] - radius;
   if (near < 0.1)
     return PAGS_DEPTH_VIEW_MIXED;
-  /* A point of the ball is off in u by at most f r (1 + |x / z|) / (z - r). */
+  /* The projection of any point of the ball differs in u from the middle's by at most
+   *     f r (1 + |x / z|) / (z - r). */
   double u = c->fx * p[0] / p[2] + c->cx, v = c->fy * p[1] / p[2] + c->cy;
   double du = c->fx * radius * (1 + fabs(p[0] / p[2])) / near, dv = c->fy * radius * (1 + fabs(p[1] / p[2])) / near;
   if (!(u - du >= 0 && v - dv >= 0 && u + du < c->width && v + dv < c->height))

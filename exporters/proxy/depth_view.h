@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What a training camera sees of some Gaussians: depth, cover and colour of its pixels, in the frame of a model. */
+/* A depth view: some Gaussians (an object's, the background's) drawn by one training camera, with depth, alpha and
+ * colour of each pixel, in the frame of these Gaussians. */
 #ifndef PAGS_PROXY_DEPTH_VIEW_H
 #define PAGS_PROXY_DEPTH_VIEW_H
 
@@ -11,28 +12,28 @@ extern "C" {
 #endif
 
 /* Depth codes of pixels without a surface. */
-#define PAGS_DEPTH_VIEW_UNKNOWN 0.0f /* half covered, or at an edge of depth: says nothing */
+#define PAGS_DEPTH_VIEW_UNKNOWN 0.0f /* the pixel is half covered or at a depth discontinuity: says nothing */
 #define PAGS_DEPTH_VIEW_FREE \
-  (-1e30f) /* nothing there: the ray is free all along. Any negative depth: free as far as that, unknown beyond */
+  (-1e30f) /* the ray meets nothing. Any other negative depth -d: the ray is free up to d and unknown beyond */
 
 enum {
   PAGS_DEPTH_VIEW_CELL = 8,
   PAGS_DEPTH_VIEW_WIDEST = 480
-}; /* pixels: of a cell's side, of a view of the background */
+}; /* pixels: side of a cell of depth bounds; most width of a view of the background */
 
 typedef struct pags_depth_view {
-  double blur;        /* pixels by which drawing widens each Gaussian: the low-pass's sigma */
-  pags_camera camera; /* of the part of the picture; its world is the model's frame */
+  double blur;        /* standard deviation of the low-pass filter by which drawing widens Gaussians, pixels */
+  pags_camera camera; /* the camera of the cropped picture, in the model's frame */
   double camera_from_model[12];
-  int64_t view; /* of the scene */
-  float *depth; /* camera z in metres, or as above */
-  float *plane; /* camera z where the ray meets the plane of the flat Gaussian that most of the pixel is of; 0: of none.
-                   NULL: not asked for */
-  uint8_t *cover;       /* alpha, 0..255 */
-  uint8_t *labels;      /* what its users make of them, one a pixel; NULL: none */
-  uint8_t *rgb;         /* 3 a pixel, display-referred sRGB without what is behind the Gaussians */
-  int cells_x, cells_y; /* of PAGS_DEPTH_VIEW_CELL pixels a side */
-  float *lo, *hi;       /* of a cell's depths: free pixels count as far as they are, unknown ones as 0 */
+  int64_t view;    /* index of the view in the scene */
+  float *depth;    /* camera z in metres, or a code above */
+  float *plane;    /* camera z where the ray meets the plane of the Gaussian that contributes most to the pixel, if it
+                      is flat; 0: it isn't. NULL: not asked for */
+  uint8_t *cover;  /* alpha, 0..255 */
+  uint8_t *labels; /* one class a pixel, set by the caller; NULL: none */
+  uint8_t *rgb;    /* 3 a pixel, display-referred sRGB of the Gaussians without the background */
+  int cells_x, cells_y; /* cells of PAGS_DEPTH_VIEW_CELL pixels a side */
+  float *lo, *hi;       /* least and greatest depth of each cell; of free pixels the free length, of unknown ones 0 */
 } pags_depth_view;
 
 typedef struct pags_depth_views {
@@ -42,34 +43,35 @@ typedef struct pags_depth_views {
 
 void pags_depth_views_destroy(pags_depth_views *depth_views); /* frees and zeroes */
 
-/* Draws `parts` (whose world is the model's frame) by `camera` (in the model's frame) and adds what is seen; `planes`
- * of the only part. */
+/* Draws `parts` by `camera`, both in the model's frame, and appends the result as a depth view. With `planes`, its
+ * member `plane` is filled in; there must then be one part only. */
 pags_result pags_depth_views_add(pags_depth_views *depth_views, pags_frame *frame, const pags_part *parts,
                                  int part_count, const pags_camera *camera, const pags_frame_options *options,
                                  int64_t view, int planes);
 
-/* Brings `lo` and `hi` up to date after a change of depths. */
+/* Updates `lo` and `hi` after a change of depths. */
 void pags_depth_view_bound(pags_depth_view *depth_view);
 
-/* Cuts the camera down to where the box `lo`..`hi` of its world may be seen; 0: nowhere. */
+/* Crops the camera's picture to the rectangle where the box `lo`..`hi` may be seen; returns 0 if it is nowhere. */
 int pags_camera_crop(const pags_camera *camera, const double lo[3], const double hi[3], double near_plane,
                      pags_camera *out);
 
-/* Whether any point of a ball may be in the picture, no farther than `range`. */
+/* Whether any point of a ball may be in the picture at a camera z of at most `range`. */
 int pags_depth_view_may_see(const pags_depth_view *depth_view, const double middle[3], double radius, double range);
 
 typedef enum pags_depth_view_verdict {
-  PAGS_DEPTH_VIEW_MIXED, /* look at its points */
-  PAGS_DEPTH_VIEW_CLEAR, /* all of it lies before everything seen by at least the margin */
-  PAGS_DEPTH_VIEW_HIDDEN /* all of it lies behind it by more than that, or where nothing is known */
+  PAGS_DEPTH_VIEW_MIXED, /* undecided: its points must be looked at one by one */
+  PAGS_DEPTH_VIEW_CLEAR, /* the whole ball lies in front of all depths there by at least the margin */
+  PAGS_DEPTH_VIEW_HIDDEN /* the whole ball lies behind all depths there by more than the margin, or all are unknown */
 } pags_depth_view_verdict;
-/* Of a ball that may be seen: how it lies to what is seen where it is in the picture. `z` receives its middle's. */
+/* Compares a ball with the depths of the pixels that it projects to, by the bounds of the cells. `z` receives the
+ * camera z of the ball's middle. */
 pags_depth_view_verdict pags_depth_view_classify(const pags_depth_view *depth_view, const double middle[3],
                                                  double radius, double margin, double *z);
 
-/* Pixel and camera z of a point of the model; 0 when it is not in the picture. */
+/* Projects a point in the model's frame to its pixel and camera z. Returns 0 if it is not in the picture. */
 int pags_depth_view_project(const pags_depth_view *depth_view, const double point[3], int *x, int *y, double *z);
-/* The point of the model at a pixel's centre and camera z. */
+/* The point, in the model's frame, on the ray through a pixel's centre at camera z. */
 void pags_depth_view_point(const pags_depth_view *depth_view, int x, int y, double z, double point[3]);
 
 #ifdef __cplusplus

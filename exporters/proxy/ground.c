@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Finding the ground.
+/* Finds the ground as a height field and makes its mesh.
  *
- * Pixels whose neighbours make a level plane give heights to the cells of a lattice. From below the cameras, where the
- * ground must be, it grows from cell to cell: a cell's height is the median of those near what its neighbours say, so
- * that tables, roofs and reflections are passed over and a kerb is not. Heights are LiDAR's where there are some,
- * else those of near pixels, else of far ones. */
+ * Each cell of a lattice collects heights from LiDAR points and from pixels that form a level plane with their
+ * neighbours. From below the cameras, where the ground must be, the ground grows from cell to cell: the height of a
+ * cell is the median of its heights near the height that its neighbours predict, so that tables, roofs and
+ * reflections are left out and a kerb is followed. Heights are taken from LiDAR if a cell has enough of them, else
+ * from near pixels, else from far pixels. */
 #include "exporters/proxy/ground.h"
 
 #include <math.h>
@@ -14,37 +15,44 @@
 #include "base/memory.h"
 #include "base/sort.h"
 
-static const double cell = 0.2; /* metres */
-static const double
-    farthest = 25,
-    nearer = 10; /* depths beyond which a pixel is too flat on the ground to tell its height, to tell it well; metres */
-static const double most_blur = 0.03; /* by which drawing may widen the ground upwards where it is looked at, metres */
-static const double seed_band = 0.3,
-                    grow_band = 0.18; /* about the height expected; above a kerb, below a low wall; metres */
-static const double lidar_band =
-    0.06; /* of pixels where there is a LiDAR, which is better at kerbs: they must go on as it begins */
-static const double upright = 2; /* how far above the ground to look for what stands on it, metres */
-enum {
-  LEAST_HEIGHTS = 3,
-  ENOUGH_HEIGHTS = 8,
-  WINDOW = 2,
-  LEAP = 7
-}; /* windows of cells: what lies about one, how far LiDAR rings lie apart */
+static const double cell = 0.2; /* distance of lattice points, metres */
 
-/* Of one source: LiDAR, near pixels, all pixels. */
+/* Depths in metres: pixels farther than `farthest` see the ground at too flat an angle to tell its height; those
+ * nearer than `nearer` tell it well. */
+static const double farthest = 25, nearer = 10;
+
+/* The low-pass filter of drawing widens Gaussians of the ground upwards: pixels where it does by more than this are
+ * not used, metres. */
+static const double most_blur = 0.03;
+
+/* Most difference, in metres, of a height from the expected height: for the first cells, and for growing. The latter
+ * is more than a kerb's height and less than a low wall's. */
+static const double seed_band = 0.3, grow_band = 0.18;
+
+/* The same for heights of pixels if there is LiDAR, which measures kerbs better: pixels only continue its surface. */
+static const double lidar_band = 0.06;
+static const double upright = 2; /* height above the ground up to which upright things are looked for, metres */
+
+/* Least number of heights of a cell; number from which near pixels are enough; half widths in cells of the windows in
+ * which known neighbours are looked for: next to a cell, and across the gap between two LiDAR rings. */
+enum { LEAST_HEIGHTS = 3, ENOUGH_HEIGHTS = 8, WINDOW = 2, LEAP = 7 };
+
+/* ---- Collecting heights ---- */
+
+/* The heights of all cells from one source: LiDAR, near pixels, or all pixels. */
 typedef struct heights {
-  int64_t *first;             /* cells + 1 */
-  float *values;              /* by cell, ascending */
-  int enough;                 /* of a cell, to ask no other source */
-  double most_band;           /* about the height expected */
-  const struct heights *next; /* the source to ask then; NULL: none */
+  int64_t *first;             /* index of each cell's first value; cells + 1 entries */
+  float *values;              /* grouped by cell, ascending in a cell */
+  int enough;                 /* number of heights of a cell from which no other source is asked */
+  double most_band;           /* most difference from the expected height, metres */
+  const struct heights *next; /* the source to ask if there are not enough; NULL: none */
 } heights;
 
-/* What gives heights. */
+/* Where heights are collected from. */
 typedef struct source {
-  const pags_depth_views *depth_views; /* NULL: LiDAR */
+  const pags_depth_views *depth_views; /* NULL: the source is LiDAR */
   const pags_lidar *lidar;
-  double reach; /* of pixels, metres */
+  double reach; /* largest depth of pixels, metres */
 } source;
 
 void pags_ground_destroy(pags_ground *ground) {
@@ -58,7 +66,8 @@ static int64_t cell_of(const pags_ground *g, double x, double y) {
   return i >= 0 && j >= 0 && i < g->nx && j < g->ny ? (int64_t)j * g->nx + (int64_t)i : -1;
 }
 
-/* The point of a pixel where it and its neighbours make a level plane. */
+/* The point of a pixel, if it forms a level plane with the pixels to the right and below; returns 0 if it doesn't.
+ * The point is taken from the plane of a flat Gaussian if the view has one. */
 static int level_point(const pags_depth_view *s, int x, int y, double reach, double p[3]) {
   int w = s->camera.width;
   double right[3], below[3], n[3];
@@ -79,7 +88,7 @@ static int level_point(const pags_depth_view *s, int x, int y, double reach, dou
   return fabs(n[2]) > 0.85 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
 }
 
-/* Twice over all pixels: first counting, then putting. */
+/* Visits all pixels of the views, without `values` to count the heights of each cell, with it to store them. */
 static void visit_pixels(const pags_ground *g, const source *from, int64_t *count, float *values) {
   for (int64_t i = 0; i < from->depth_views->count; i++) {
     const pags_depth_view *s = &from->depth_views->list[i];
@@ -100,7 +109,7 @@ static void visit(const pags_ground *g, const source *from, int64_t *count, floa
   if (from->depth_views)
     visit_pixels(g, from, count, values);
   else {
-    /* Visit points. */
+    /* The points of LiDAR, counted or stored likewise. */
     for (int64_t i = 0; i < from->lidar->count; i++) {
       const float *p = from->lidar->points + 3 * i;
       int64_t at = cell_of(g, (double)p[0], (double)p[1]);
@@ -112,6 +121,7 @@ static void visit(const pags_ground *g, const source *from, int64_t *count, floa
   }
 }
 
+/* Collects the heights of one source by a counting sort into cells, then sorts each cell's. */
 static pags_result gather_heights(const pags_ground *g, const source *from, heights *out) {
   int64_t cells = (int64_t)g->nx * g->ny;
   int64_t *next = calloc((size_t)cells + 1, sizeof *next);
@@ -134,8 +144,10 @@ static pags_result gather_heights(const pags_ground *g, const source *from, heig
   return PAGS_OK;
 }
 
-/* The median of a cell's heights within `band` of `expected`, of the first source that has enough; returns how many
- * there are. */
+/* ---- Growing ---- */
+
+/* The median of a cell's heights within `band` of `expected`, from the first source that has enough of them. Returns
+ * how many there are. */
 static int64_t median_near(const heights *h, int64_t at, double expected, double band, double *median) {
   for (;; h = h->next) {
     int64_t begin = h->first[at], end = h->first[at + 1];
@@ -152,8 +164,8 @@ static int64_t median_near(const heights *h, int64_t at, double expected, double
   }
 }
 
-/* How high the cameras are above what is level below and around them: the median over cells within 4 m of a camera of
- * its height above their lower quartile. NaN when nothing is seen there. */
+/* The height of the cameras above the ground: the median, over the cells within 4 m of a camera, of the camera's
+ * height above the lower quartile of the cell's heights. NaN if no cell there has heights. */
 static double camera_height(const pags_ground *g, const heights *h, const double *path, int64_t path_count) {
   int64_t most = path_count * 1681, found = 0;
   double *list = malloc((size_t)most * sizeof *list), result = (double)NAN;
@@ -175,6 +187,8 @@ static double camera_height(const pags_ground *g, const heights *h, const double
   return result;
 }
 
+/* Finds the first cells of the ground within 3 m of the cameras, near the expected height, and queues them. Returns
+ * how many. */
 static int64_t plant(pags_ground *g, const heights *h, const double *path, int64_t path_count, double height,
                      int64_t *queue) {
   int64_t count = 0;
@@ -192,7 +206,7 @@ static int64_t plant(pags_ground *g, const heights *h, const double *path, int64
   return count;
 }
 
-/* Mean height of the known cells within `window`; 0 when there is none. */
+/* The mean height of the known cells at most `window` cells away in x and y. Returns how many there are. */
 static int around(const pags_ground *g, int64_t x, int64_t y, int window, double *mean) {
   double sum = 0;
   int count = 0;
@@ -206,7 +220,7 @@ static int around(const pags_ground *g, int64_t x, int64_t y, int window, double
   return count;
 }
 
-/* Whether LiDAR met something upright in a cell: a wall's foot, which heights would climb. */
+/* Whether LiDAR hit something upright in a cell: the foot of a wall, whose heights the ground would climb. */
 static int is_foot(const heights *lidar, int64_t at, double expected) {
   int64_t level = 0, above = 0;
   for (int64_t i = lidar->first[at]; i < lidar->first[at + 1]; i++) {
@@ -217,6 +231,7 @@ static int is_foot(const heights *lidar, int64_t at, double expected) {
   return above >= LEAST_HEIGHTS && above > level / 2;
 }
 
+/* Grows the ground from the queued cells to their neighbours, breadth first. */
 static void grow(pags_ground *g, const heights *h, int64_t *queue, int64_t count) {
   static const int dx[4] = {1, -1, 0, 0}, dy[4] = {0, 0, 1, -1};
   for (int64_t head = 0; head < count; head++)
@@ -234,8 +249,8 @@ static void grow(pags_ground *g, const heights *h, int64_t *queue, int64_t count
     }
 }
 
-/* Growing stops where LiDAR's rings lie too far apart and no pixel says what is between them: cells that it measured
- * beyond go on. */
+/* Continues growing across gaps: where LiDAR rings lie far apart and no pixel shows the ground between them, cells
+ * with LiDAR heights up to LEAP cells from known ground are added, and the ground grows on from there. */
 static void leap(pags_ground *g, const heights *h, int64_t *queue) {
   heights lidar = *h;
   lidar.next = NULL;
@@ -255,8 +270,10 @@ static void leap(pags_ground *g, const heights *h, int64_t *queue) {
   }
 }
 
-/* Weights of cells for smoothing: a height of LiDAR counts 1, a pixel's nearly nothing beside it, since pixels blur
- * kerbs. */
+/* ---- Finding the ground ---- */
+
+/* The weights of cells for smoothing: each LiDAR height counts 1; the height of a pixel counts 0.004 if there is
+ * LiDAR, since pixels blur kerbs, else 0.5. */
 static pags_result weigh(const pags_ground *g, const heights *lidar, const heights *all, float **out) {
   int64_t cells = (int64_t)g->nx * g->ny;
   double of_pixel = lidar->first[cells] ? 0.004 : 0.5;
@@ -350,7 +367,9 @@ int pags_ground_height(const pags_ground *ground, double x, double y, double *z)
   return 1;
 }
 
-/* Every `stride`th point of the lattice; two triangles where all four corners are ground. */
+/* ---- The mesh ---- */
+
+/* Meshes every `stride`th lattice point in x and y: two triangles wherever all four corners are ground. */
 static pags_result mesh_lattice(const pags_ground *g, int stride, pags_proxy_mesh *out) {
   static const float grey[3] = {0.5f, 0.5f, 0.5f};
   int nx = (g->nx - 1) / stride + 1, ny = (g->ny - 1) / stride + 1;
@@ -379,7 +398,7 @@ static pags_result mesh_lattice(const pags_ground *g, int stride, pags_proxy_mes
   return pags_proxy_mesh_compact(out);
 }
 
-/* Whether seen from above every triangle turns the same way: then no point of the plane has two heights. */
+/* Whether all triangles have the same orientation as seen from above, so that the mesh doesn't fold over itself. */
 static int single_valued(const pags_proxy_mesh *s) {
   for (int64_t i = 0; i < s->triangle_count; i++) {
     const uint32_t *t = s->triangles + 3 * i;
@@ -397,8 +416,8 @@ pags_result pags_ground_mesh(const pags_ground *ground, int64_t budget, pags_pro
   pags_proxy_mesh full;
   PAGS_TRY(mesh_lattice(ground, 1, &full));
 
-  /* Moves places by up to a millimetre: of points in a row collapses would make triangles without an area, which turn
-   * over unnoticed. */
+  /* Move the vertices by up to a millimetre in x and y: with collinear vertices, edge collapses would make triangles
+   * of no area, which can turn over unnoticed. */
   uint32_t state = 1;
   for (int64_t i = 0; i < 3 * full.vertex_count; i++) {
     state = state * 1664525u + 1013904223u; /* Numerical Recipes' generator */
@@ -412,7 +431,8 @@ pags_result pags_ground_mesh(const pags_ground *ground, int64_t budget, pags_pro
     return PAGS_OK;
   if (result == PAGS_OK)
     pags_proxy_mesh_destroy(out);
-  for (int stride = 2;; stride++) { /* collapses have folded it: every second point, every third, ... */
+  /* The decimated mesh folds over: take every second lattice point instead, every third, and so on, until it fits. */
+  for (int stride = 2;; stride++) {
     PAGS_TRY(mesh_lattice(ground, stride, out));
     if (out->triangle_count <= budget)
       return PAGS_OK;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The ground as heights over a lattice of x and y: one value each, no holes near the recording car's path. World z up.
- */
+/* The ground as a height field over a lattice in x and y, without holes near the path of the ego vehicle. For worlds
+ * with z up. */
 #ifndef PAGS_PROXY_GROUND_H
 #define PAGS_PROXY_GROUND_H
 
@@ -14,24 +14,25 @@ extern "C" {
 
 typedef struct pags_ground {
   int nx, ny;
-  double x0, y0, step; /* of point 0, 0; metres */
-  float *z;
-  uint8_t *known; /* 0: no ground here; 1: measured; 2: filled in */
+  double x0, y0, step; /* position of lattice point (0, 0), distance of lattice points; metres */
+  float *z;            /* height of each lattice point, metres */
+  uint8_t *known;      /* 0: no ground here; 1: measured; 2: filled in */
 } pags_ground;
 
-/* From what the views (in the scene's frame) see and LiDAR measured; `path` are 3 doubles a camera. nx is 0 where
- * no ground was found. */
+/* Finds the ground from LiDAR points and depth views in the scene's frame. `path`: positions of the cameras, 3
+ * doubles each; within `reach` metres of it holes are filled. `out->nx` is 0 if no ground was found. */
 pags_result pags_ground_find(const pags_depth_views *depth_views, const pags_lidar *lidar, const double *path,
                              int64_t path_count, double reach, pags_ground *out);
-/* Ground everywhere within `reach` of the path, what is there smoothed; cells that are known count by their weights. */
+/* Fills the holes within `reach` metres of the path and smooths the ground; measured cells keep to their heights by
+ * their weights. */
 pags_result pags_ground_fill(pags_ground *ground, const float *weights, const double *path, int64_t path_count,
                              double reach);
 void pags_ground_destroy(pags_ground *ground);
 
-/* Height at x, y; 0 where there is no ground. */
+/* Interpolates the height at x, y into `z`. Returns 0 if there is no ground. */
 int pags_ground_height(const pags_ground *ground, double x, double y, double *z);
 
-/* At most `budget` triangles, none of them turned over. */
+/* Makes a mesh of at most `budget` triangles, of which none is turned over as seen from above. */
 pags_result pags_ground_mesh(const pags_ground *ground, int64_t budget, pags_proxy_mesh *out);
 
 #ifdef __cplusplus

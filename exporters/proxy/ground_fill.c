@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Filling the ground's holes near the path, and smoothing it.
+/* Fills the holes of the ground near the path, and smooths it.
  *
- * A membrane is laid over the lattice that follows what was measured. It is stiff along the path and soft across it,
- * for kerbs and ruts run along roads: what parked cars hide is as it is before and behind them. */
+ * An elastic membrane over the lattice follows the measured heights. It is stiff along the path and soft across it,
+ * since kerbs and ruts run along roads: ground that parked cars hide continues the ground before and behind them. */
 #include <math.h>
 #include <stdlib.h>
 
@@ -10,17 +10,18 @@
 
 #include "base/memory.h"
 
-enum { SWEEPS = 300, NEIGHBOURS = 8 };
+enum { SWEEPS = 300, NEIGHBOURS = 8 }; /* iterations over all cells; neighbours of a cell */
 static const int dx[NEIGHBOURS] = {1, -1, 0, 0, 1, -1, 1, -1}, dy[NEIGHBOURS] = {0, 0, 1, -1, 1, -1, -1, 1};
-static const double bend = 8;      /* metres of path about a place that tell its direction */
-static const double across = 0.01; /* stiffness, as a share of that along */
+static const double bend = 8;      /* radius, in metres, in which the path's direction at a place is estimated */
+static const double across = 0.01; /* stiffness across the path, as a share of the stiffness along it */
 
-/* Stiffness towards each neighbour of a cell. */
+/* The membrane's stiffness from a cell towards each of its eight neighbours. */
 typedef struct stiffness {
   double towards[NEIGHBOURS];
 } stiffness;
 
-/* By the main axis of the path about place `i`; the same to all four sides where it doesn't lead anywhere. */
+/* The stiffness at position `i` of the path, by the principal axis of the positions around it; the same towards the
+ * four nearest neighbours if these positions have no direction. */
 static stiffness stiffness_at(const double *path, int64_t count, int64_t i) {
   double n = 0, sx = 0, sy = 0, xx = 0, xy = 0, yy = 0, sum = 0;
   stiffness out = {{1, 1, 1, 1}};
@@ -55,7 +56,7 @@ static int inside(const pags_ground *g, int64_t x, int64_t y) {
   return x >= 0 && y >= 0 && x < g->nx && y < g->ny;
 }
 
-/* The nearest place of the path to each cell, by steps over the lattice. */
+/* Finds for each cell the nearest position of the path, by a breadth-first search over the lattice. */
 static void find_owners(const pags_ground *g, const double *path, int64_t count, int32_t *owner, int64_t *queue) {
   int64_t last = 0, cells = (int64_t)g->nx * g->ny;
   for (int64_t i = 0; i < cells; i++)
@@ -78,7 +79,8 @@ static void find_owners(const pags_ground *g, const double *path, int64_t count,
     }
 }
 
-/* Cells within `reach` of the path become ground: at first as high as the nearest that is. */
+/* Makes all cells within `reach` metres of the path ground. New cells start at the height of the nearest known
+ * cell. */
 static void extend(pags_ground *g, const double *path, int64_t path_count, double reach, int64_t *queue) {
   int64_t count = 0, cells = (int64_t)g->nx * g->ny, radius = (int64_t)ceil(reach / g->step);
   for (int64_t i = 0; i < path_count; i++) {
@@ -87,7 +89,7 @@ static void extend(pags_ground *g, const double *path, int64_t path_count, doubl
     for (int64_t j = -radius; j <= radius; j++)
       for (int64_t k = -radius; k <= radius; k++)
         if (k * k + j * j <= radius * radius && inside(g, x + k, y + j) && !g->known[(y + j) * g->nx + x + k])
-          g->known[(y + j) * g->nx + x + k] = 3; /* wanted */
+          g->known[(y + j) * g->nx + x + k] = 3; /* to be filled */
   }
   for (int64_t i = 0; i < cells; i++)
     if (g->known[i] == 1)
@@ -103,10 +105,12 @@ static void extend(pags_ground *g, const double *path, int64_t path_count, doubl
     }
   for (int64_t i = 0; i < cells; i++)
     if (g->known[i] == 3)
-      g->known[i] = 0; /* out of reach of any ground */
+      g->known[i] = 0; /* not connected to any known ground */
 }
 
-/* Minimises sum of w (z - measured)^2 + sum over neighbours of s (z - z')^2 by successive over-relaxation. */
+/* Minimises, by successive over-relaxation, the membrane's energy
+ *     sum over cells of w (z - measured)^2 + sum over neighbours of s (z - z')^2
+ * with the weights w of measured cells and the stiffness s. */
 static void relax(pags_ground *g, const float *weights, const float *measured, const int32_t *owner,
                   const stiffness *stiff) {
   int64_t cells = (int64_t)g->nx * g->ny;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Convex hulls by qhull (Barber, Dobkin and Huhdanpaa 1996). */
+/* Convex hulls of meshes with a limit of triangles, by qhull (Barber, Dobkin and Huhdanpaa 1996). */
 #include <libqhull_r/qhull_ra.h>
 #include <math.h>
 #include <stdio.h>
@@ -10,8 +10,9 @@
 
 #include "base/memory.h"
 
-/* The vertices farthest in evenly spread directions (a spherical Fibonacci lattice, stretched as the body is): their
- * hull has at most 2 count - 4 triangles. Returns how many; each once, in ascending order; -1 when memory is out. */
+/* Chooses the vertices that lie farthest in `count` evenly spread directions (a spherical Fibonacci lattice for the
+ * mesh scaled to a cube). The hull of at most `count` vertices has at most 2 count - 4 triangles. Writes the chosen
+ * vertices once each, in ascending order, and returns how many; -1 when out of memory. */
 static int64_t farthest(const pags_proxy_mesh *s, int64_t count, int64_t *chosen) {
   double lo[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, hi[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL};
   for (int64_t i = 0; i < 3 * s->vertex_count; i++) {
@@ -45,7 +46,7 @@ static int64_t farthest(const pags_proxy_mesh *s, int64_t count, int64_t *chosen
   return found;
 }
 
-/* The facets, which `Qt` made triangles, over those points. */
+/* Copies qhull's facets (qhull's option `Qt` made them triangles) and their vertices into `out`. */
 static void read_facets(qhT *qh, const pags_proxy_mesh *from, const int64_t *chosen, uint32_t *place,
                         pags_proxy_mesh *out) {
   facetT *facet;
@@ -53,7 +54,7 @@ static void read_facets(qhT *qh, const pags_proxy_mesh *from, const int64_t *cho
   FORALLfacets {
     uint32_t corners[3] = {0};
     int n = 0;
-    setT *vertices = qh_facet3vertex(qh, facet); /* clockwise from outside */
+    setT *vertices = qh_facet3vertex(qh, facet); /* clockwise seen from outside */
     FOREACHvertex_(vertices) {
       int point = qh_pointid(qh, vertex->point);
       if (place[point] == UINT32_MAX)

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Marching tetrahedra. Each cell of the grid is cut into six tetrahedra round its long diagonal (Kuhn 1960), the same
- * way in all cells, so that faces of neighbours meet; a tetrahedron has no ambiguous case, so the surface has no holes.
- */
+/* Extracts the zero surface of a TSDF by marching tetrahedra. Each cell of the grid is divided into six tetrahedra
+ * about its long diagonal (Kuhn 1960), in the same way in all cells, so that the faces of neighbouring cells match. A
+ * tetrahedron has no ambiguous case, so the surface has no holes. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -10,28 +10,31 @@
 
 #include "base/memory.h"
 
-/* Corners of the six tetrahedra as bits (1: +x, 2: +y, 4: +z), all of positive volume. */
+/* The corners of the six tetrahedra. A corner of the cell is given by bits (1: +x, 2: +y, 4: +z); all tetrahedra have
+ * positive volume. */
 static const int tetrahedra[6][4] = {{0, 1, 3, 7}, {0, 2, 6, 7}, {0, 4, 5, 7},
                                      {0, 3, 2, 7}, {0, 6, 4, 7}, {0, 5, 1, 7}};
 
-/* Even orders of the four corners by which of them are inside, those first. */
+/* Even permutations of a tetrahedron's four corners that put the one corner inside, or the two corners inside,
+ * first. */
 static const int one_first[4][4] = {{0, 1, 2, 3}, {1, 0, 3, 2}, {2, 0, 1, 3}, {3, 0, 2, 1}};
 static const int two_first[6][4] = {{0, 1, 2, 3}, {0, 2, 3, 1}, {0, 3, 1, 2}, {1, 2, 0, 3}, {1, 3, 2, 0}, {2, 3, 0, 1}};
 
 typedef struct marcher {
   const pags_tsdf *grid;
   pags_proxy_mesh *out;
-  uint32_t *edges; /* vertex + 1 on each of the 7 edges that begin at a point, of two layers of points; 0: none yet */
-  int64_t layer;   /* points in a layer */
+  uint32_t *edges; /* for each point of two layers of the grid and each of the 7 edges that begin there: index + 1 of
+                      the mesh vertex on that edge; 0: none yet */
+  int64_t layer;   /* grid points in a layer of equal z */
 } marcher;
 
 typedef struct corner {
-  int64_t point; /* of the grid */
-  int bits;      /* of the cell's corner */
+  int64_t point; /* index of the grid point */
+  int bits;      /* which corner of the cell it is */
 } corner;
 
-/* The vertex where the distance between two corners is zero. The edge belongs to the corner whose bits the other's
- * include. */
+/* Returns the mesh vertex on the edge between two corners, where the interpolated distance is zero; makes it if no
+ * cell has yet. The edge is stored at the corner whose bits are a subset of the other's. */
 static uint32_t vertex_on(marcher *self, const int cell[3], corner a, corner b) {
   const pags_tsdf *g = self->grid;
   if (a.bits > b.bits) {
@@ -46,7 +49,8 @@ static uint32_t vertex_on(marcher *self, const int cell[3], corner a, corner b) 
   if (self->edges[slot])
     return self->edges[slot] - 1;
   float da = g->distance[a.point], db = g->distance[b.point], grey[3] = {0.5f, 0.5f, 0.5f}, position[3];
-  double t = fmin(fmax((double)da / ((double)da - (double)db), 0.02), 0.98); /* no two vertices in one place */
+  /* At least 2 % off the ends, so that vertices on edges that share a grid point never coincide. */
+  double t = fmin(fmax((double)da / ((double)da - (double)db), 0.02), 0.98);
   for (int k = 0; k < 3; k++)
     position[k] = (float)(g->origin[k] + g->step * (begin[k] + t * ((a.bits ^ b.bits) >> k & 1)));
   uint32_t vertex = pags_proxy_mesh_vertex(self->out, position, grey, g->weight[a.point] > 0 && g->weight[b.point] > 0);
@@ -54,6 +58,7 @@ static uint32_t vertex_on(marcher *self, const int cell[3], corner a, corner b) 
   return vertex;
 }
 
+/* Adds the one or two triangles of a tetrahedron with corners `c`; bit i of `inside` says that corner i is inside. */
 static void march(marcher *self, const int cell[3], const corner c[4], int inside) {
   int count = (inside & 1) + (inside >> 1 & 1) + (inside >> 2 & 1) + (inside >> 3);
   if (count == 2) {
@@ -102,7 +107,7 @@ static void march_cell(marcher *self, const int cell[3], int known_only) {
   }
 }
 
-/* In a block that wasn't fused. */
+/* Whether the cell's first corner is in a block that wasn't fused. */
 static int is_idle(const pags_tsdf *g, const int cell[3]) {
   int64_t block = ((int64_t)(cell[2] / PAGS_GRID_BLOCK) * g->blocks[1] + cell[1] / PAGS_GRID_BLOCK) * g->blocks[0] +
                   cell[0] / PAGS_GRID_BLOCK;
@@ -120,12 +125,13 @@ pags_result pags_tsdf_surface(const pags_tsdf *grid, int known_only, pags_proxy_
   for (cell[2] = 0; cell[2] + 1 < grid->n[2] && !out->failed; ++cell[2]) {
     for (cell[1] = 0; cell[1] + 1 < grid->n[1]; ++cell[1])
       for (cell[0] = 0; cell[0] + 1 < grid->n[0]; ++cell[0]) {
-        if (known_only && is_idle(grid, cell)) /* its first corner isn't known */
+        if (known_only && is_idle(grid, cell)) /* skip the block's row: these cells have an unknown corner */
           cell[0] += PAGS_GRID_BLOCK - 1 - cell[0] % PAGS_GRID_BLOCK;
         else
           march_cell(&self, cell, known_only);
       }
-    memset((char *)self.edges + (size_t)(cell[2] % 2) * layer_bytes, 0, layer_bytes); /* becomes the layer after next */
+    /* The edges of this layer of points are done: their room is for the layer after next. */
+    memset((char *)self.edges + (size_t)(cell[2] % 2) * layer_bytes, 0, layer_bytes);
   }
   free(self.edges);
   pags_result result = pags_proxy_mesh_check(out);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Reads the training sweeps of LiDAR and parts their points: those in labelled boxes are the objects' (lidar_fit.c),
- * the rest tells the heights of the ground. */
+/* Reads the LiDAR sweeps of a scene's data set and separates their points: points in labelled boxes are kept per
+ * object, for lidar_fit.c; the rest are kept as one cloud, of which ground.c takes the ground's heights. */
 #include <pags/dataset.h>
 
 #include "exporters/proxy/lidar.h"
@@ -22,16 +22,18 @@ void pags_lidar_destroy(pags_lidar *lidar) {
 
 #ifdef PAGS_WITH_DATASET
 
-/* Metres about labelled boxes that aren't the ground's; that are the object's; over their lower face that aren't, for a
- * kerb may be there. */
+/* In metres. Points within `box_margin` of a labelled box are not the background's. Of these, points within
+ * `own_margin` of the box are the object's, if they lie `stand` or more above the box's lower face: a kerb may be
+ * below. */
 static const double box_margin = 0.2, own_margin = 0.1, stand = 0.3;
 
+/* A labelled box at the time of one sweep. `radius` is of a circle about `middle`, seen from above, that holds it. */
 typedef struct box {
   int64_t object;
   double middle[2], radius, half[3], box_from_world[12];
 } box;
 
-/* The boxes that are there at a time. */
+/* Lists the labelled boxes that exist at `time`; returns how many. */
 static int64_t find_boxes(const pags_scene *scene, double time, box *boxes) {
   int64_t count = 0;
   for (int64_t o = 0; o < scene->object_count; o++) {
@@ -51,7 +53,8 @@ static int64_t find_boxes(const pags_scene *scene, double time, box *boxes) {
   return count;
 }
 
-/* Gives a point to the object in whose box it is. `taken`: it is in a box, or beside one. */
+/* Adds a point to the points of the object in whose box it lies, if any. `taken` receives whether it lies in or near
+ * a box and is therefore not the background's. */
 static pags_result sort_point(const box *boxes, int64_t count, const double p[3], pags_lidar *out, int *taken) {
   *taken = 0;
   for (int64_t i = 0; i < count; i++) {
@@ -71,7 +74,8 @@ static pags_result sort_point(const box *boxes, int64_t count, const double p[3]
   return PAGS_OK;
 }
 
-/* Of a time step that the scene holds out, however the data set would be divided now. */
+/* Whether the sweep belongs to a time step of which the scene has a held-out view. The scene decides, since the data
+ * set could be split otherwise now. */
 static int is_held_out(const pags_scene *scene, const pags_sweep *sweep) {
   for (int64_t i = 0; i < scene->view_count; i++)
     if (scene->views[i].frame == sweep->frame && scene->views[i].test)

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Pulls an object's surface to the LiDAR points on it, which are sparse, but not wrong in depth as far views are. */
+/* Pulls the signed distance of an object to the LiDAR points on the object by multilevel approximation of scattered
+ * data (Lee, Wolberg and Shin 1997). LiDAR points are sparse, but accurate in depth, where distant views are not. */
 #include "exporters/proxy/lidar_fit.h"
 
 #include <math.h>
@@ -8,9 +9,9 @@
 
 #include "base/memory.h"
 
-/* Radii of neighbourhoods in metres, and how many points one must have for half of what they say to be taken off: doubt
- * / radius^2, the more the finer it is, or noise (of cars that move while a LiDAR turns, 5 to 10 cm) would be modelled.
- */
+/* Radii of the neighbourhoods in metres, coarse to fine. Half of the mean residual of a neighbourhood is subtracted
+ * when its points have a total weight of doubt / radius^2. Finer neighbourhoods thus need more points; else noise (5
+ * to 10 cm on cars that move during a LiDAR sweep) would be modelled. */
 static const double radii[] = {0.4, 0.2, 0.1};
 static const double doubt = 0.16;
 
@@ -34,7 +35,8 @@ pags_result pags_lidar_fit_add(pags_lidar_fit *cloud, const double point[3]) {
   return PAGS_OK;
 }
 
-/* The distance at a point, between the grid's points; 0 outside of the grid. */
+/* Samples the grid's signed distance at a point by trilinear interpolation. Returns 0 if the point is outside of the
+ * grid. */
 static int sample(const pags_tsdf *g, const float p[3], double *out) {
   int64_t row = g->n[0], layer = row * g->n[1], at = 0, stride[3] = {1, row, layer};
   double part[3];
@@ -54,7 +56,9 @@ static int sample(const pags_tsdf *g, const float p[3], double *out) {
   return 1;
 }
 
-/* Adds a residual to the neighbourhood of a point. */
+/* Adds a residual to `sum` and its weight to `weight` at all grid points within `radius` of a point p. The weight at
+ * distance d from p is
+ *     (1 - d^2 / radius^2)^2. */
 static void spread(const pags_tsdf *g, const float p[3], double radius, double residual, float *sum, float *weight) {
   int from[3], to[3];
   for (int k = 0; k < 3; k++) {

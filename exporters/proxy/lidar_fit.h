@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Points that a LiDAR measured on an object. */
+/* The LiDAR points on one object, and the correction of its TSDF by them. */
 #ifndef PAGS_PROXY_LIDAR_FIT_H
 #define PAGS_PROXY_LIDAR_FIT_H
 
@@ -17,9 +17,9 @@ typedef struct pags_lidar_fit {
 pags_result pags_lidar_fit_add(pags_lidar_fit *cloud, const double point[3]);
 void pags_lidar_fit_destroy(pags_lidar_fit *cloud); /* frees and zeroes */
 
-/* Draws the surface where the grid is zero to the points, passing over those farther than `reach` metres from it: what
- * the grid says at them is spread over coarse, then finer neighbourhoods and taken off (multilevel approximation of
- * scattered data, Lee, Wolberg and Shin 1997). */
+/* Moves the zero surface of the grid's signed distance to the LiDAR points. Points at which the distance is `reach`
+ * metres or more are ignored. The distance at each point (its residual) is spread over neighbourhoods, coarse ones
+ * first, and subtracted from the grid (multilevel approximation of scattered data, Lee, Wolberg and Shin 1997). */
 pags_result pags_lidar_fit_pull(const pags_lidar_fit *cloud, pags_tsdf *grid, double reach);
 
 #ifdef __cplusplus

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Triangle meshes: building, parts, and whether they are closed. */
+/* Triangle meshes: building, connected components (union-find over shared vertices), areas and normals, and whether a
+ * mesh is closed. */
 #include "exporters/proxy/mesh.h"
 
 #include <math.h>
@@ -23,7 +24,9 @@ pags_result pags_proxy_mesh_check(const pags_proxy_mesh *surface) {
   return surface->failed ? pags_out_of_memory("a mesh of %lld triangles", (long long)surface->triangle_count) : PAGS_OK;
 }
 
-/* Makes `*array` hold `count` items of `size`; false when memory is out. */
+/* ---- Building ---- */
+
+/* Reallocates `*array` to `count` items of `size` bytes; false when out of memory. */
 static bool grow(void **array, int64_t count, size_t size) {
   void *grown = realloc(*array, (size_t)count * size);
   if (grown)
@@ -111,7 +114,8 @@ pags_result pags_proxy_mesh_compact(pags_proxy_mesh *surface) {
 }
 
 pags_result pags_proxy_mesh_box(const double size[3], const float color[3], pags_proxy_mesh *out) {
-  /* Corner i lies at + along axis k where bit k is set. Outward, counter-clockwise. */
+  /* Corner i lies at the positive end of axis k if bit k of i is set. Faces run counter-clockwise seen from
+   * outside. */
   static const uint32_t faces[6][4] = {{0, 4, 6, 2}, {1, 3, 7, 5}, {0, 1, 5, 4},
                                        {2, 6, 7, 3}, {0, 2, 3, 1}, {4, 5, 7, 6}};
   *out = (pags_proxy_mesh){0};
@@ -131,7 +135,9 @@ pags_result pags_proxy_mesh_box(const double size[3], const float color[3], pags
   return result;
 }
 
-/* Twice the area as a vector, in double. */
+/* ---- Areas and normals ---- */
+
+/* The cross product of two edges of a triangle, in double: its normal with twice its area as length. */
 static void cross_of(const pags_proxy_mesh *s, int64_t triangle, double n[3]) {
   const uint32_t *t = s->triangles + 3 * triangle;
   const float *a = s->positions + 3 * (int64_t)t[0], *b = s->positions + 3 * (int64_t)t[1],
@@ -171,9 +177,12 @@ void pags_proxy_mesh_normals(const pags_proxy_mesh *surface, float *normals) {
   }
 }
 
-/* What is smaller, as a share of the largest part, hangs on nothing. */
+/* ---- Connected components ---- */
+
+/* Components smaller than this fraction of the largest are floaters and are removed, wherever they lie. */
 static const double crumb = 0.001;
 
+/* Union-find: the representative of a vertex's component. */
 static uint32_t root_of(uint32_t *parent, uint32_t i) {
   while (parent[i] != i) {
     parent[i] = parent[parent[i]];
@@ -182,10 +191,11 @@ static uint32_t root_of(uint32_t *parent, uint32_t i) {
   return i;
 }
 
-/* Each vertex's part, and the area of each part that is named by a vertex. */
+/* The connected components of a mesh as a union-find over vertices. The representative of a component is its vertex
+ * of the least number. */
 typedef struct parts {
   uint32_t *parent;
-  double *area, largest;
+  double *area, largest; /* area of the component, kept at its representative; the largest of them; square metres */
 } parts;
 
 static void forget_parts(parts *p) {
@@ -201,7 +211,7 @@ static pags_result measure_parts(const pags_proxy_mesh *s, parts *out) {
     return pags_out_of_memory("%lld vertices", (long long)s->vertex_count);
   }
 
-  /* Each vertex's part, named by a vertex of it. */
+  /* Join the corners of each triangle. */
   for (int64_t i = 0; i < s->vertex_count; i++)
     out->parent[i] = (uint32_t)i;
   for (int64_t i = 0; i < s->triangle_count; i++)
@@ -220,7 +230,8 @@ static pags_result measure_parts(const pags_proxy_mesh *s, parts *out) {
   return PAGS_OK;
 }
 
-/* Small parts count for large ones that they come close to. */
+/* Raises the area of a small component to `large`, so that it is kept, if one of its vertices lies in the box of this
+ * size and closer than `reach` metres to a component that is large. */
 static pags_result annex_parts(const pags_proxy_mesh *s, parts *p, double large, double reach, const double size[3]) {
   pags_proxy_mesh main = *s;
   pags_mesh_query *query = NULL;
@@ -273,12 +284,15 @@ pags_result pags_proxy_mesh_drop_floaters(pags_proxy_mesh *surface, double area)
   return result;
 }
 
+/* ---- Topology ---- */
+
 static int compare_edges(const void *left, const void *right) {
   uint64_t a = *(const uint64_t *)left, b = *(const uint64_t *)right;
   return a < b ? -1 : a > b;
 }
 
-/* Edges as smaller corner, larger corner, and which way the face runs: 31 + 31 + 1 bits, sorted. */
+/* The edges of all triangles, sorted, each packed in 31 + 31 + 1 bits: smaller vertex, larger vertex, and 1 if the
+ * face runs from the larger to the smaller. */
 static uint64_t *sorted_edges(const pags_proxy_mesh *s) {
   int64_t count = 3 * s->triangle_count;
   uint64_t *edges = malloc(((size_t)count + 1) * sizeof *edges);

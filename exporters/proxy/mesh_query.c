@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Nearest points, distances and rays against a triangle mesh or points, by Embree's bounding volume hierarchies. The
- * only file of the exporters that sees Embree, version 3 or 4. */
+/* Nearest points, distances and ray hits on a triangle mesh or a point cloud, by Embree's bounding volume
+ * hierarchies. This is the only file of the exporters that includes Embree, version 3 or 4. */
 #include "exporters/proxy/mesh_query.h"
 
 #include <math.h>
@@ -19,20 +19,23 @@
 struct pags_mesh_query {
   RTCDevice device;
   RTCScene scene;
-  const float *points;       /* vertices, or the points themselves */
-  const uint32_t *triangles; /* NULL: points */
+  const float *points;       /* the mesh's vertices, or the points of the cloud */
+  const uint32_t *triangles; /* NULL: the query is over points */
 };
 
+/* One search for the nearest point, and the best found so far. */
 typedef struct nearest_query {
   const pags_mesh_query *query;
   double point[3];
-  double best;    /* squared */
+  double best;    /* squared distance */
   double foot[3]; /* the nearest point, relative to `point` */
   uint32_t primitive;
 } nearest_query;
 
-/* Squared distance of the origin to the triangle a, b, c: to its inside where the foot of the perpendicular lies in it,
- * else to the nearest edge. `foot` receives the nearest point. */
+/* ---- Nearest points ---- */
+
+/* Returns the squared distance from the origin to the triangle a, b, c: to its plane if the foot of the perpendicular
+ * lies in the triangle, else to the nearest edge. `foot` receives the nearest point. */
 static double triangle_distance(const double a[3], const double b[3], const double c[3], double foot[3]) {
   const double *corners[3] = {a, b, c};
   double u[3], v[3], n[3], nearest = HUGE_VAL;
@@ -70,6 +73,8 @@ static double triangle_distance(const double a[3], const double b[3], const doub
   return height * height / area;
 }
 
+/* Embree's callback for each primitive whose bounds the query sphere touches: keeps the primitive if it is nearer
+ * than the best so far, and shrinks the sphere. */
 static bool visit(struct RTCPointQueryFunctionArguments *arguments) {
   nearest_query *q = arguments->userPtr;
   double corner[3][3], foot[3], squared;
@@ -86,10 +91,12 @@ static bool visit(struct RTCPointQueryFunctionArguments *arguments) {
   q->best = squared;
   memcpy(q->foot, foot, sizeof foot);
   q->primitive = arguments->primID;
-  /* Rounded up: what is equally near may still be asked. */
+  /* The radius is rounded up to float, so that rounding skips no primitive that is nearer than or as near as this. */
   arguments->query->radius = nextafterf((float)sqrt(squared), INFINITY);
   return true;
 }
+
+/* ---- Building ---- */
 
 static pags_result failed(const pags_mesh_query *query) {
   enum RTCError code = rtcGetDeviceError(query->device);
@@ -115,7 +122,9 @@ static pags_result attach(pags_mesh_query *query, RTCGeometry geometry) {
 }
 
 static pags_result open_scene(pags_mesh_query *query) {
-  query->device = rtcNewDevice("threads=1"); /* the same tree, hence the same of two equally near, every time */
+  /* One thread builds the same tree every time, so of two equally near primitives the same one is found every
+   * time. */
+  query->device = rtcNewDevice("threads=1");
   if (!query->device)
     return failed(query);
   query->scene = rtcNewScene(query->device);
@@ -125,7 +134,8 @@ static pags_result open_scene(pags_mesh_query *query) {
 static pags_result add_triangles(pags_mesh_query *query, const pags_proxy_mesh *surface) {
   PAGS_TRY(open_scene(query));
   RTCGeometry geometry = rtcNewGeometry(query->device, RTC_GEOMETRY_TYPE_TRIANGLE);
-  /* Embree reads 16 bytes at a vertex, so that a shared array needs padding behind the last: it gets its own. */
+  /* Embree reads 16 bytes at each vertex of 12, so that a shared array would need padding behind the last vertex. The
+   * vertices are copied into a buffer of Embree's instead. */
   float *vertices = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 12,
                                             (size_t)surface->vertex_count);
   uint32_t *triangles = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 12,
@@ -163,7 +173,7 @@ pags_result pags_mesh_query_of_points(const float *points, int64_t count, pags_m
     return pags_out_of_memory("points");
   query->points = points;
 
-  /* Add points. */
+  /* Embree has no geometry of bare points: they are user primitives with boxes of zero size as bounds. */
   PAGS_TRY(open_scene(query));
   RTCGeometry geometry = rtcNewGeometry(query->device, RTC_GEOMETRY_TYPE_USER);
   rtcSetGeometryUserPrimitiveCount(geometry, (unsigned)count);
@@ -187,6 +197,8 @@ void pags_mesh_query_destroy(pags_mesh_query *query) {
     rtcReleaseDevice(query->device);
   free(query);
 }
+
+/* ---- Asking ---- */
 
 static nearest_query ask(const pags_mesh_query *query, const double point[3]) {
   nearest_query q = {

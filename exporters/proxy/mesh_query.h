@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Distances to triangles or points, and rays against triangles, through Embree. */
+/* Nearest points of a triangle mesh or a point cloud, and first hits of rays on a mesh, through Embree. */
 #ifndef PAGS_PROXY_MESH_QUERY_H
 #define PAGS_PROXY_MESH_QUERY_H
 
@@ -11,18 +11,19 @@ extern "C" {
 
 typedef struct pags_mesh_query pags_mesh_query;
 
-/* `mesh` must outlive it. */
+/* Builds a query over the triangles of `mesh`, which must outlive the query. */
 pags_result pags_mesh_query_of_mesh(const pags_proxy_mesh *mesh, pags_mesh_query **out);
-/* 3 floats a point, which must outlive it. */
+/* Builds a query over points of 3 floats each, which must outlive the query. */
 pags_result pags_mesh_query_of_points(const float *points, int64_t count, pags_mesh_query **out);
 void pags_mesh_query_destroy(pags_mesh_query *query); /* NULL is allowed */
 
-/* By several threads at once. Distance to the nearest triangle or point; infinite when there is none. `primitive` may
- * be NULL. */
+/* The queries below may be called by several threads at once. Returns the distance from `point` to the nearest
+ * triangle or point, infinite if there is none; `primitive` (may be NULL) receives its index. */
 double pags_mesh_query_distance(const pags_mesh_query *query, const double point[3], uint32_t *primitive);
-/* The nearest point itself; same return. */
+/* As pags_mesh_query_distance, but `nearest` receives the nearest point on the mesh or of the cloud. */
 double pags_mesh_query_nearest(const pags_mesh_query *query, const double point[3], double nearest[3]);
-/* First triangle along the ray, in lengths of the direction; negative: none. */
+/* The first triangle that a ray hits. Returns the ray parameter t, where the hit is origin + t direction; negative:
+ * no hit. `primitive` (may be NULL) receives the triangle's index. */
 double pags_mesh_query_ray(const pags_mesh_query *query, const double origin[3], const double direction[3],
                            uint32_t *primitive);
 

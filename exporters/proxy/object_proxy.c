@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The proxy of an object at the level asked for: a mesh (simplify.c, repair.c), a subdivided cage (cage.c), a convex
- * hull (hull.c) or the labelled box. */
+/* Makes the proxy of an object at the level asked for: a decimated mesh (simplify.c, repair.c), a subdivided cage
+ * (cage.c), a convex hull (hull.c) or the labelled box. Also opens and closes the state that all proxies share. */
 #include "exporters/proxy/object_proxy.h"
 
 #include <math.h>
@@ -19,7 +19,7 @@ pags_result pags_proxy_maker_open(const pags_scene *scene, const pags_proxy_opti
   double value;
   out->drawing.antialiased = scene->antialiased;
   out->drawing.extra_channels = 1;
-  /* Drawn as it was trained. */
+  /* Use the low-pass filter that the scene was trained with. */
   if (scene->config && pags_json_parse_text("config", scene->config, strlen(scene->config), &json) == PAGS_OK) {
     if (pags_json_number_or(json, pags_json_root(json), "low_pass", 0.3, &value) == PAGS_OK && value >= 0)
       out->drawing.low_pass = (float)value;
@@ -82,7 +82,7 @@ pags_result pags_object_proxy_make(const pags_proxy_maker *maker, int64_t object
   }
   *level = PAGS_PROXY_BOX;
 
-  /* Mean color. */
+  /* The box gets the mean colour of the object's Gaussians; grey if there are none. */
   double sum[3] = {0};
   const pags_gaussians *g = &shape->gaussians;
   for (int c = 0; c < 3; c++) {

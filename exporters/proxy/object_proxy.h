@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The proxy of one labelled object, in its own frame. */
+/* Makes the proxy of one labelled object in the object's frame: first the surface fused from its depth views
+ * (object_surface.c), then of that surface the level asked for (object_proxy.c). */
 #ifndef PAGS_PROXY_OBJECT_PROXY_H
 #define PAGS_PROXY_OBJECT_PROXY_H
 
@@ -13,18 +14,18 @@
 extern "C" {
 #endif
 
-enum { PAGS_LEAST_GAUSSIANS = 16 }; /* of an object: of fewer no surface is made */
+enum { PAGS_LEAST_GAUSSIANS = 16 }; /* an object of fewer Gaussians is not drawn, so no surface is fused of it */
 
-/* What all objects of an export share. */
+/* The state that all objects of an export and the background share. */
 typedef struct pags_proxy_maker {
   const pags_scene *scene;
   const pags_proxy_options *options;
   pags_tasks *tasks;
   pags_frame *frame;
-  pags_frame_options drawing;     /* of the frame, origin zero */
-  pags_scene_depth scene_depth;   /* what hides what */
-  pags_lidar lidar;               /* what it measured, where there is one */
-  const pags_shape_prior *priors; /* of vehicles that are well seen, for what no camera sees of others */
+  pags_frame_options drawing;     /* options of drawing with the frame, as the scene was trained; origin zero */
+  pags_scene_depth scene_depth;   /* depth of the whole scene in each training view: says what is hidden */
+  pags_lidar lidar;               /* LiDAR points of the training sweeps; empty if there is no LiDAR */
+  const pags_shape_prior *priors; /* shapes of well-seen vehicles, to complete what no camera saw of others */
   int64_t prior_count;
 } pags_proxy_maker;
 
@@ -32,28 +33,31 @@ pags_result pags_proxy_maker_open(const pags_scene *scene, const pags_proxy_opti
                                   pags_proxy_maker *out);
 void pags_proxy_maker_close(pags_proxy_maker *maker);
 
-/* An object's Gaussians, how its training cameras see them, and the surface fused from that. */
+/* An object's Gaussians, the depth views of them from its training cameras, and the surface fused from these. */
 typedef struct pags_object_shape {
-  pags_gaussians gaussians;     /* relative to `world_from_model`'s frame: the object's or the scene's */
-  double s_sem;                 /* mean; NaN */
+  pags_gaussians gaussians;     /* in the object's frame if it has a model of its own, else in the scene's frame */
+  double s_sem;                 /* mean semantic priority of the Gaussians; NaN if unknown */
   pags_depth_views depth_views; /* in the object's frame */
-  int64_t surface_pixels;       /* of all depth views that have a depth within the box */
-  pags_proxy_mesh surface;      /* closed, at full resolution; empty where too little is seen */
-  double voxel;
-  const char *note; /* static: what was too little to see, and what stands for it; NULL: enough */
+  int64_t surface_pixels;       /* number of pixels of all depth views that have a depth */
+  pags_proxy_mesh surface;      /* closed, at full resolution; empty if too little was seen */
+  double voxel;                 /* step of the TSDF, metres */
+  const char *note; /* static: why the object was seen too little, and what replaces its surface; NULL: seen enough */
 } pags_object_shape;
 
-/* `shape->surface` stays empty when there is not enough to make one of; that is no error. */
+/* Draws the object's depth views, fuses them and makes the closed surface. `shape->surface` stays empty if too little
+ * was seen; that is no error. */
 pags_result pags_object_shape_make(const pags_proxy_maker *maker, int64_t object, pags_object_shape *shape);
-/* A rough form of it alone. Its distance stays NULL when nothing is seen. */
+/* Makes the shape prior of one vehicle of its own depth views alone. `out->distance` stays NULL if too little was
+ * seen. */
 pags_result pags_object_prior_make(const pags_proxy_maker *maker, int64_t object, pags_shape_prior *out);
-/* How much of the training views it may fill. */
+/* The number of pixels that the object's box covers in all training views, as they would be drawn. */
 double pags_object_pixels(const pags_proxy_maker *maker, int64_t object);
-/* Sets `taken` (one byte a Gaussian of the background) where it is this parked object's. */
+/* Sets taken[i] to 1 for each Gaussian i of the background model that belongs to this parked object. */
 void pags_object_mark(const pags_proxy_maker *maker, int64_t object, uint8_t *taken);
 void pags_object_shape_destroy(pags_object_shape *shape);
 
-/* The level asked for; where it can't be, the box, `note` (static) saying why. `level` receives what was made. */
+/* Makes the proxy of the level asked for. If that can't be made, it makes the labelled box, and `note` (static) says
+ * why. `level` receives the level made. */
 pags_result pags_object_proxy_make(const pags_proxy_maker *maker, int64_t object, const pags_object_shape *shape,
                                    pags_proxy_level wanted, pags_proxy_mesh *out, pags_proxy_level *level,
                                    const char **note);

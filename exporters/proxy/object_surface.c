@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Objects: which Gaussians are theirs, what the training cameras see of them, and a closed surface.
+/* Reconstructs the closed surface of one labelled object from its Gaussians.
  *
- * Depth and cover of the object drawn alone by each training camera that had it in view, without what the rest of the
- * scene hides, are fused in the box's frame into a signed distance. What no camera saw is completed (shape_prior.h), so
- * the surface is closed whatever was seen. */
+ * The object's Gaussians are drawn alone by each training camera that had the object in view. The depth and the cover
+ * of these views, without pixels where the rest of the scene hides the object, are fused in the box's frame into a
+ * TSDF (tsdf.h). Space that no camera saw is completed by the shape prior (shape_prior.h), so the surface is always
+ * closed. */
 #include "exporters/proxy/object_proxy.h"
 
 #include <math.h>
@@ -13,14 +14,16 @@
 #include "base/memory.h"
 #include "exporters/proxy/shadow_filter.h"
 
+/* LEAST_PIXELS: an object with fewer surface pixels counts as hardly seen. CLUSTER: Gaussians a cluster. */
 enum { LEAST_PIXELS = 64, CLUSTER = 64 };
 
-/* How closely to look at an object: most views, pixels of their longer side, steps of the grid along the longest side
- * of the box. */
+/* Limits of the effort for one object: number of views, pixels along a view's longer side, grid steps along the
+ * longest side of the box. */
 enum { MOST_VIEWS = 64, MOST_SIDE = 320, STEPS = 128 };
 
-/* Labels are tight or loose: Gaussians up to this much beyond the box, and no closer to its lower face than this if
- * they aren't known to be the object's; metres. */
+/* Which Gaussians of the background are a parked object's, in metres. Labelled boxes may be tight, so a Gaussian with
+ * the object's id may lie up to `margin` outside of the box. A Gaussian without an id must lie in the box and at
+ * least `lift` above its lower face, since the road is there. */
 static const double margin = 0.15, lift = 0.08;
 
 void pags_object_shape_destroy(pags_object_shape *shape) {
@@ -30,7 +33,9 @@ void pags_object_shape_destroy(pags_object_shape *shape) {
   memset(shape, 0, sizeof *shape);
 }
 
-/* Where a parked object stands: its middle label. */
+/* ---- The object's Gaussians ---- */
+
+/* The pose of a parked object relative to the scene's origin: the pose of the middle one of its labels. */
 static void parked_pose(const pags_proxy_maker *w, const pags_object *object, double out[12]) {
   const pags_knot *knot = &object->knots[object->knot_count / 2];
   if (!pags_object_pose(object, knot->time, out))
@@ -39,6 +44,7 @@ static void parked_pose(const pags_proxy_maker *w, const pags_object *object, do
     out[4 * k + 3] -= w->scene->origin[k];
 }
 
+/* Whether Gaussian `i`, whose object id is `id` (negative: none), belongs to the parked object. */
 static int is_its_own(const double object_from_scene[12], const double size[3], const float *x, const float *y,
                       const float *z, int64_t i, int32_t id, int64_t object) {
   const double p[3] = {(double)x[i], (double)y[i], (double)z[i]};
@@ -67,8 +73,11 @@ void pags_object_mark(const pags_proxy_maker *maker, int64_t object, uint8_t *ta
       taken[i] = 1;
 }
 
-/* The camera of a view in the object's frame at the view's time; 0 when the object isn't there or not in the picture.
- */
+/* ---- Depth views and fusion ---- */
+
+/* Makes the camera of a view in the object's frame at the view's time, cropped to the box of half extents `reach` and
+ * scaled down to at most MOST_SIDE pixels. Returns 0 if the view is held out, the object has no pose at that time, or
+ * it covers less than 6 x 6 pixels. */
 static int camera_of(const pags_object *object, const pags_scene_view *view, const double reach[3], pags_camera *out) {
   double world_from_object[12], object_from_world[12], lo[3];
   pags_camera camera = view->camera;
@@ -81,7 +90,7 @@ static int camera_of(const pags_object *object, const pags_scene_view *view, con
   if (!pags_camera_crop(&camera, lo, reach, 0.2, out))
     return 0;
   int side = out->width > out->height ? out->width : out->height;
-  if (side > MOST_SIDE) { /* finer than the grid by far */
+  if (side > MOST_SIDE) { /* the pixels would be much finer than the grid */
     camera = pags_camera_downscale(&camera, (double)side / MOST_SIDE);
     if (!pags_camera_crop(&camera, lo, reach, 0.2, out))
       return 0;
@@ -89,13 +98,14 @@ static int camera_of(const pags_object *object, const pags_scene_view *view, con
   return out->width >= 6 && out->height >= 6;
 }
 
-/* Half of the room that is looked at about the box's middle. */
+/* Half extents of the space about the box's middle that is drawn and fused: the labelled box with a margin. */
 static void reach_of(const pags_object *record, double reach[3]) {
   for (int k = 0; k < 3; k++)
     reach[k] = 0.5 * record->size[k] * 1.1 + margin;
 }
 
-/* The views that have it in the picture; of too many an even choice. */
+/* Draws the object's depth views: all training views that have it in the picture, or an even choice of MOST_VIEWS of
+ * them. What the rest of the scene hides, and the shadow under a vehicle, is marked as unknown or free. */
 static pags_result look(const pags_proxy_maker *w, int64_t object, const pags_part *part, const double reach[3],
                         pags_object_shape *shape) {
   const pags_object *record = &w->scene->objects[object].record;
@@ -120,7 +130,8 @@ static pags_result look(const pags_proxy_maker *w, int64_t object, const pags_pa
   return PAGS_OK;
 }
 
-/* Draws the object and fuses what is seen; weights stay 0 where nothing is. */
+/* Gathers the object's Gaussians, draws its depth views and fuses them into `grid`. The weight stays 0 at grid points
+ * that no view saw. */
 static pags_result look_and_fuse(const pags_proxy_maker *w, int64_t object, pags_object_shape *shape, pags_tsdf *grid) {
   static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
   const pags_scene_object *o = &w->scene->objects[object];
@@ -131,7 +142,7 @@ static pags_result look_and_fuse(const pags_proxy_maker *w, int64_t object, pags
   } else if (w->scene->model_count > 0) {
     parked_pose(w, &o->record, pose);
 
-    /* Of the background, what is known as the parked object's and what lies in its box. */
+    /* A parked object without a model of its own: take its Gaussians out of the background model. */
     const pags_gaussians *g = &w->scene->models[0].gaussians;
     int64_t count = 0, *index = malloc(((size_t)g->count + 1) * sizeof *index);
     uint8_t *taken = calloc((size_t)g->count + 1, 1);
@@ -152,7 +163,7 @@ static pags_result look_and_fuse(const pags_proxy_maker *w, int64_t object, pags
     pags_rigid_inverse(pose, model_pose);
   }
 
-  /* Mean s sem. */
+  /* The mean semantic priority. */
   double sum = 0;
   for (int64_t i = 0; shape->gaussians.s_sem && i < shape->gaussians.count; i++)
     sum += (double)shape->gaussians.s_sem[i];
@@ -160,7 +171,6 @@ static pags_result look_and_fuse(const pags_proxy_maker *w, int64_t object, pags
 
   reach_of(&o->record, reach);
   if (shape->gaussians.count >= PAGS_LEAST_GAUSSIANS) {
-    /* Draw views. */
     pags_clusters clusters;
     PAGS_TRY(pags_clusters_create(&clusters, shape->gaussians.count, CLUSTER));
     pags_clusters_update(&clusters, &shape->gaussians, 0, clusters.count);
@@ -171,7 +181,7 @@ static pags_result look_and_fuse(const pags_proxy_maker *w, int64_t object, pags
     PAGS_TRY(result);
   }
 
-  /* Count pixels. */
+  /* The number of pixels with a depth says whether the object was seen enough. */
   int64_t count = 0;
   for (int64_t i = 0; i < shape->depth_views.count; i++)
     for (int64_t p = 0; p < (int64_t)shape->depth_views.list[i].camera.width * shape->depth_views.list[i].camera.height;
@@ -179,10 +189,12 @@ static pags_result look_and_fuse(const pags_proxy_maker *w, int64_t object, pags
       count += shape->depth_views.list[i].depth[p] > 0;
   shape->surface_pixels = count;
 
-  /* Fuse. */
+  /* Fuse all depth views into a grid about the box's middle. */
   double lo[3], hi[3], longest = fmax(o->record.size[0], fmax(o->record.size[1], o->record.size[2]));
   shape->voxel = fmax(0.02, longest / STEPS);
-  for (int k = 0; k < 3; k++) { /* an odd number of points, even about 0, so that the mirror image falls on points */
+  for (int k = 0; k < 3; k++) {
+    /* The grid has an odd number of points along each axis, symmetric about 0, so that the mirror image of a grid
+     * point is a grid point. `hi` is half a step short, so that rounding can't add a point. */
     double half = ceil(reach[k] / shape->voxel) * shape->voxel;
     lo[k] = -half;
     hi[k] = half - 0.5 * shape->voxel;
@@ -193,10 +205,15 @@ static pags_result look_and_fuse(const pags_proxy_maker *w, int64_t object, pags
              : pags_fail(PAGS_CANCELLED, "interrupted");
 }
 
+/* ---- The surface ---- */
+
+/* The LiDAR points on the object; NULL if there is no LiDAR. */
 static const pags_lidar_fit *cloud_of(const pags_proxy_maker *w, int64_t object) {
   return w->lidar.objects ? &w->lidar.objects[object] : NULL;
 }
 
+/* Completes the grid by the shape prior and extracts the surface. A vehicle that was hardly seen becomes the blended
+ * prior of its size; another object that was hardly seen gets no surface. */
 static pags_result make_surface(const pags_proxy_maker *w, int64_t object, pags_object_shape *shape, pags_tsdf *grid) {
   const pags_object *record = &w->scene->objects[object].record;
   int vehicle = record->category == PAGS_CATEGORY_VEHICLE;

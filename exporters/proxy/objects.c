@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The proxies of all objects. Objects are independent: each worker takes the next one and draws it with a frame of its
- * own. */
+/* Makes the proxies of all objects in parallel: each worker takes the next object and draws it with its own frame.
+ * Before, rough shapes are made of the best-seen vehicles, as shape priors for what no camera saw of the others. */
 #include "exporters/proxy/objects.h"
 
 #include <stdatomic.h>
@@ -10,12 +10,13 @@
 #include "base/memory.h"
 #include "exporters/proxy/proxy_error.h"
 
-enum { MOST_FORMS = 24 };
+enum { MOST_FORMS = 24 }; /* most vehicles that shape priors are made of */
 
+/* The state of the parallel loop over objects. */
 typedef struct making {
   const pags_proxy_maker *maker;
   pags_built_object *objects;
-  pags_frame **frames; /* one a worker, made when first needed */
+  pags_frame **frames; /* one for each worker, made when first needed */
   pags_progress_fn *tell;
   void *user;
   int measure;
@@ -41,7 +42,7 @@ static pags_result make_level(const pags_proxy_maker *w, int64_t object, const p
   facts->volume = topology.closed ? topology.volume : 0;
   if (measure)
     PAGS_TRY(pags_proxy_compare(&out->mesh, &shape->depth_views, w->tasks, facts));
-  if (facts->level == PAGS_PROXY_BOX) /* a label's, not anything a camera saw */
+  if (facts->level == PAGS_PROXY_BOX) /* a box comes from the label, not from what cameras saw */
     facts->observed = 0;
   return PAGS_OK;
 }
@@ -58,7 +59,7 @@ static void make_objects(void *context, int64_t begin, int64_t end, int worker) 
         object->result = pags_frame_create(own.tasks, &self->frames[worker]);
       own.frame = self->frames[worker];
       if (object->result == PAGS_OK) {
-        /* Make object. */
+        /* Fuse the object's surface once, then make each level asked for of it. */
         pags_object_shape shape = {0};
         int first = own.options->lod ? PAGS_PROXY_MESH : (int)own.options->level;
         int last = own.options->lod ? PAGS_PROXY_LEVELS - 1 : first;
@@ -80,9 +81,10 @@ static void make_objects(void *context, int64_t begin, int64_t end, int worker) 
   }
 }
 
+/* The state of the parallel loop that makes shape priors. */
 typedef struct forming {
   const pags_proxy_maker *maker;
-  pags_shape_prior priors[MOST_FORMS]; /* `object` says whose are to be made */
+  pags_shape_prior priors[MOST_FORMS]; /* before they are made, only their member `object` is set */
   pags_result results[MOST_FORMS];
   int64_t count;
   pags_frame **frames;
@@ -101,7 +103,7 @@ static void make_priors(void *context, int64_t begin, int64_t end, int worker) {
 }
 
 static pags_result find_priors(forming *self) {
-  /* The vehicles that fill most of the views; of equals the first. */
+  /* Choose the vehicles that may fill most pixels of the training views; of equals the first. */
   const pags_scene *scene = self->maker->scene;
   double *pixels = calloc((size_t)scene->object_count + 1, sizeof *pixels);
   if (!pixels)

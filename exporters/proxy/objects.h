@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The proxies of all chosen objects, made and measured, several objects at once. */
+/* Makes the proxies of all chosen objects and measures their errors, several objects in parallel. */
 #ifndef PAGS_PROXY_OBJECTS_H
 #define PAGS_PROXY_OBJECTS_H
 
@@ -15,14 +15,15 @@ typedef struct pags_built_level {
 } pags_built_level;
 
 typedef struct pags_built_object {
-  int level_count; /* 0: not chosen; 1, or with options->lod all levels, finest first */
+  int level_count; /* levels made: 0 if the object is not chosen, else 1, or with options->lod all, finest first */
   pags_built_level levels[PAGS_PROXY_LEVELS];
   pags_result result;
-  char message[256]; /* of a failure: messages belong to threads */
+  char message[256]; /* the message of a failure, copied here since error messages are kept per thread */
 } pags_built_object;
 
-/* One a scene's object. With `measure` facts have distances and overlap. Same results for any number of threads. `tell`
- * is called with 0..1 by the calling thread alone; may be NULL. */
+/* Makes an array with an entry for each of the scene's objects. With `measure`, facts have the measured distances and
+ * the silhouettes' overlap. The results are the same for any number of threads. `tell` (may be NULL) is called with
+ * fractions 0..1, by the calling thread only. */
 pags_result pags_objects_make(const pags_proxy_maker *maker, int measure, pags_progress_fn *tell, void *user,
                               pags_built_object **out);
 void pags_objects_destroy(pags_built_object *objects, int64_t count); /* NULL is allowed */

@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Distances between a proxy and the surface that the training cameras see of the Gaussians, and between their
- * silhouettes.
+/* Measures the distances between a proxy and the Gaussians' surface as seen by the training cameras, and the overlap
+ * of their silhouettes.
  *
- * Each view is sampled on a lattice of at most SIDE x SIDE pixels. A sample gives a point of the Gaussians' surface
- * (its depth) and a point of the proxy (where its ray meets it first): the former is measured to the nearest triangle,
- * the latter to the nearest of the former. */
+ * Each view is sampled on a lattice of at most SIDE x SIDE pixels. A sample gives a point of the Gaussians' surface,
+ * from the pixel's depth, and a point of the proxy, where the pixel's ray first hits the proxy. Distances are
+ * measured from the former points to the nearest triangle of the proxy, and from the latter points to the nearest of
+ * the former. */
 #include "exporters/proxy/proxy_error.h"
 
 #include <math.h>
@@ -32,21 +33,23 @@ pags_proxy_distance pags_distance_summary(double *values, int64_t count) {
 }
 
 typedef struct sample {
-  float seen[3], met[3];                /* of the Gaussians, of the proxy */
-  uint32_t triangle_met, triangle_near; /* of the proxy: met by the ray, nearest to what is seen */
-  uint8_t has_seen, has_met, covered;
+  float seen[3], met[3];                /* point of the Gaussians' surface; point where the ray hits the proxy */
+  uint32_t triangle_met, triangle_near; /* triangles of the proxy: hit by the ray; nearest to `seen` */
+  uint8_t has_seen, has_met, covered;   /* whether `seen` is set, `met` is set, the pixel's alpha is at least 1/2 */
 } sample;
 
 typedef struct comparison {
   const pags_depth_views *depth_views;
-  const pags_mesh_query *query, *cloud;
-  sample *samples; /* SIDE * SIDE a view */
+  const pags_mesh_query *query, *cloud; /* over the proxy's triangles; over the points of the Gaussians' surface */
+  sample *samples;                      /* SIDE * SIDE for each view */
 
-  const int32_t *group_of; /* of the proxy's triangles; NULL: one group */
+  const int32_t *group_of; /* the group of each of the proxy's triangles; NULL: there is one group */
   int64_t group_count;
-  double range;      /* depths beyond are left out */
-  double *to, *from; /* one a sample; negative: none */
+  double range;      /* depths beyond it, in metres, are left out */
+  double *to, *from; /* each sample's distance from `met` to the Gaussians, from `seen` to the proxy; -1: none */
 } comparison;
+
+/* ---- Sampling the views ---- */
 
 static void take_sample(const comparison *self, const pags_depth_view *depth_view, int x, int y, sample *out) {
   int64_t pixel = (int64_t)y * depth_view->camera.width + x;
@@ -58,7 +61,8 @@ static void take_sample(const comparison *self, const pags_depth_view *depth_vie
   for (int k = 0; k < 3; k++)
     direction[k] -= origin[k];
   double t = pags_mesh_query_ray(self->query, origin, direction, &out->triangle_met);
-  /* Hidden by the rest of the scene, either of them: nothing is known. */
+  /* A negative depth is how far the ray is free: beyond, the rest of the scene hides it. If the Gaussians' cover or
+   * the proxy's hit lies in the hidden part, nothing is known of this pixel. */
   if (depth < 0 && (depth_view->cover[pixel] >= 128 || t > -depth))
     return;
   out->covered = depth_view->cover[pixel] >= 128;
@@ -87,6 +91,8 @@ static void sample_views(void *context, int64_t begin, int64_t end, int worker) 
   }
 }
 
+/* ---- Distances ---- */
+
 static void measure_samples(void *context, int64_t begin, int64_t end, int worker) {
   comparison *self = context;
   (void)worker;
@@ -104,7 +110,8 @@ static void measure_samples(void *context, int64_t begin, int64_t end, int worke
   }
 }
 
-/* Of one group, or of all where `group_of` is NULL, into `kept`. */
+/* Summarises the distances of the samples of one group, or of all samples if `group_of` is NULL. `near`: a sample's
+ * group is that of its nearest triangle, else that of the triangle hit. `kept` is room for `count` values. */
 static pags_proxy_distance summarise(const comparison *self, const double *values, int64_t count, int near,
                                      int64_t group, double *kept) {
   int64_t n = 0;
@@ -152,7 +159,7 @@ static pags_result compare(comparison *self, int64_t count, pags_tasks *tasks, p
   if (!pags_parallel_for(tasks, self->depth_views->count, 1, sample_views, self))
     return pags_fail(PAGS_CANCELLED, "interrupted");
   if (!self->group_of) {
-    /* Overlap. */
+    /* The silhouettes' intersection over union, over the samples of all views together. */
     int64_t both = 0, either = 0;
     for (int64_t i = 0; i < count; i++) {
       both += self->samples[i].covered && self->samples[i].has_met;
@@ -163,7 +170,8 @@ static pags_result compare(comparison *self, int64_t count, pags_tasks *tasks, p
   return measure(self, count, tasks, facts);
 }
 
-/* By area, over the corners' flags. */
+/* ---- The measures ---- */
+
 double pags_proxy_mesh_observed(const pags_proxy_mesh *surface) {
   double seen = 0, all = 0;
   for (int64_t i = 0; i < surface->triangle_count; i++) {

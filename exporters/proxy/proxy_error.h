@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* How far a proxy is from what it stands for. */
+/* Measures the error of proxies: distances between a proxy and the surface of the Gaussians, and the overlap of their
+ * silhouettes. */
 #ifndef PAGS_PROXY_PROXY_ERROR_H
 #define PAGS_PROXY_PROXY_ERROR_H
 
@@ -12,20 +13,21 @@
 extern "C" {
 #endif
 
-/* Mean, 95th percentile and largest; sorts `values`. NaN where there are none. */
+/* The mean, the 95th percentile and the largest of `values`, NaN if there are none. Sorts `values`. */
 pags_proxy_distance pags_distance_summary(double *values, int64_t count);
 
-/* Fills distances both ways, the share observed and the silhouette's overlap. Only points of the proxy that a view sees
- * count, since the rest has nothing to be compared with: a ray of the view meets it first, and the view has a depth
- * there. */
+/* Measures one proxy against the depth views of its Gaussians and fills in the distances in both directions, the
+ * share observed and the silhouettes' overlap. A point of the proxy counts only if it is the first hit of a view's
+ * ray whose pixel has a depth, since other points have nothing to be compared with. */
 pags_result pags_proxy_compare(const pags_proxy_mesh *proxy, const pags_depth_views *depth_views, pags_tasks *tasks,
                                pags_proxy_facts *facts);
 
-/* Share of the area whose corners are observed. */
+/* The share of the mesh's area that is observed: triangles weighted by area and by how many corners are observed. */
 double pags_proxy_mesh_observed(const pags_proxy_mesh *mesh);
 
-/* The same of several proxies in one mesh, `group_of` its triangles (`group_count` facts), depths beyond `range` left
- * out; a distance belongs to the group of the triangle met or nearest. Silhouettes are not measured. */
+/* Measures the distances of several proxies that are joined in one mesh. `group_of` is the proxy of each triangle;
+ * facts are filled in for `group_count` proxies. A distance counts for the proxy of the triangle that the ray hit or
+ * that is nearest. Depths beyond `range` metres are left out. Silhouettes are not measured. */
 pags_result pags_proxies_compare(const pags_proxy_mesh *proxies, const int32_t *group_of, int64_t group_count,
                                  const pags_depth_views *depth_views, double range, pags_tasks *tasks,
                                  pags_proxy_facts *facts);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The list of what was exported. */
+/* The report of an export: a growing list of the facts of all proxies written, with its own copies of their names. */
 #include "exporters/proxy/proxy_report.h"
 
 #include <stdlib.h>

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Making a decimated surface closed again.
+/* Makes a decimated mesh closed again.
  *
- * Collapses leave two faults in a surface that was closed: pairs of faces that cover each other, and edges where four
- * faces meet. The former are taken out; the latter are cut apart: going round the edge, each face is joined to the one
- * that bounds the same piece of solid, and vertices are doubled so that only joined faces share them. Where such sheets
- * hang together about both ends of the edge, that doesn't part them: then each pair of faces gets a vertex of its own
- * in the edge's middle. */
+ * Edge collapses leave two kinds of faults in a mesh that was closed: pairs of faces that cover each other, and edges
+ * where four or more faces meet. Such pairs are removed. Such edges are cut apart: around the edge, each face is
+ * joined to the face that bounds the same wedge of solid, and vertices are doubled so that only joined faces share
+ * them. If the joined faces are still connected around both ends of the edge, doubling doesn't separate them: then
+ * each pair of faces gets its own new vertex in the middle of the edge. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -15,11 +15,12 @@
 #include "base/vec3.h"
 #include "exporters/proxy/mesh.h"
 
+/* A half-edge: one edge of one face. */
 typedef struct half {
-  uint32_t low, high; /* vertices */
-  int64_t id;         /* 3 * triangle + corner it leaves from */
-  double angle;       /* about low -> high */
-  int backward;       /* runs from high to low */
+  uint32_t low, high; /* the vertices of the edge, the smaller index first */
+  int64_t id;         /* 3 * triangle + the corner that the half-edge leaves from; -1: joined already */
+  double angle;       /* the face's angle about the axis low -> high, radians */
+  int backward;       /* the face runs from high to low */
 } half;
 
 static int compare_halves(const void *left, const void *right) {
@@ -37,9 +38,10 @@ static int64_t next_corner(int64_t id) {
   return id % 3 == 2 ? id - 2 : id + 1;
 }
 
+/* A face with its vertices sorted, to find faces of the same three vertices. */
 typedef struct face_key {
   uint32_t v[3]; /* ascending */
-  int odd;       /* the face runs the other way */
+  int odd;       /* sorting took an odd permutation: the face has the opposite orientation */
   int64_t triangle;
 } face_key;
 
@@ -65,7 +67,10 @@ static void subtract(const float *a, const float *b, double out[3]) {
     out[k] = (double)a[k] - (double)b[k];
 }
 
-/* About the axis low -> high, of the face's third corner, against a direction that depends on the axis alone. */
+/* ---- Cutting edges by doubling vertices ---- */
+
+/* The angle, about the axis low -> high, of the face's third corner against a reference direction that depends only
+ * on the axis. Sorting by it puts the faces of an edge in order around the edge. */
 static double angle_of(const pags_proxy_mesh *s, const half *h) {
   uint32_t third = s->triangles[next_corner(next_corner(h->id))];
   const float *low = s->positions + 3 * (int64_t)h->low;
@@ -85,6 +90,7 @@ static double angle_of(const pags_proxy_mesh *s, const half *h) {
   return atan2(y, x * length);
 }
 
+/* Union-find over the corners of all triangles: corners of one set become one vertex. */
 static int64_t root_of(int64_t *parent, int64_t i) {
   while (parent[i] != i) {
     parent[i] = parent[parent[i]];
@@ -99,8 +105,8 @@ static void join(int64_t *parent, int64_t a, int64_t b) {
   parent[a < b ? b : a] = a < b ? a : b;
 }
 
-/* Joins the faces round one edge. A face that runs along the edge has its solid towards smaller angles: it is joined to
- * the nearest below that runs back. */
+/* Joins the faces around one edge, sorted by angle, in pairs. A face that runs from low to high has its solid side
+ * towards smaller angles, so it is joined to the next face at a smaller angle that runs from high to low. */
 static void join_edge(half *halves, int64_t count, int64_t *parent) {
   for (int64_t i = 0; i < count; i++) {
     if (halves[i].backward || halves[i].id < 0)
@@ -118,13 +124,14 @@ static void join_edge(half *halves, int64_t count, int64_t *parent) {
   }
 }
 
+/* Rebuilds the mesh with one vertex for each set of joined corners. */
 static pags_result renumber(pags_proxy_mesh *s, int64_t *parent) {
   pags_proxy_mesh out = {0};
   int64_t corners = 3 * s->triangle_count;
   uint32_t *place = malloc(((size_t)corners + 1) * sizeof *place);
   if (!place)
     return pags_out_of_memory("%lld corners", (long long)corners);
-  for (int64_t i = 0; i < corners; i++) { /* a root is the smallest of its class and comes first */
+  for (int64_t i = 0; i < corners; i++) { /* a root is the smallest of its set, so it comes first */
     int64_t root = root_of(parent, i), v = s->triangles[i];
     place[i] =
         root == i ? pags_proxy_mesh_vertex(&out, s->positions + 3 * v, s->colors + 3 * v, s->observed[v]) : place[root];
@@ -137,8 +144,10 @@ static pags_result renumber(pags_proxy_mesh *s, int64_t *parent) {
   return pags_proxy_mesh_check(s);
 }
 
-/* Puts a vertex into the middle of the edge that triangle `id / 3` leaves by its corner `id % 3`; the other half
- * becomes a new triangle. */
+/* ---- Cutting edges in their middle ---- */
+
+/* Splits triangle id / 3 at the vertex `middle` on the edge that leaves its corner id % 3: one half keeps the
+ * triangle's number, the other half becomes a new triangle. */
 static void split_face(pags_proxy_mesh *s, int64_t id, uint32_t middle) {
   const uint32_t corners[3] = {s->triangles[id], s->triangles[next_corner(id)],
                                s->triangles[next_corner(next_corner(id))]};
@@ -146,8 +155,8 @@ static void split_face(pags_proxy_mesh *s, int64_t id, uint32_t middle) {
   pags_proxy_mesh_triangle(s, middle, corners[1], corners[2]);
 }
 
-/* Parts the faces round one edge in pairs, as join_edge joins them; a face that was split already waits for the next
- * pass. */
+/* Separates the faces around one edge in the pairs that join_edge makes: each pair gets a new vertex in the middle of
+ * the edge. A face that was already split in this pass is left for the next pass. */
 static void part_edge(pags_proxy_mesh *s, half *halves, int64_t count, uint8_t *split) {
   for (int64_t i = 0; i < count; i++) {
     if (halves[i].backward || split[halves[i].id / 3])
@@ -171,7 +180,8 @@ static void part_edge(pags_proxy_mesh *s, half *halves, int64_t count, uint8_t *
   }
 }
 
-/* How many edges still have more than two faces, or two that run the same way; these are parted in their middle. */
+/* Finds the edges that still have more than two faces and separates their faces in the middle of the edge. `found`
+ * receives the number of such edges. */
 static pags_result part_edges(pags_proxy_mesh *s, int64_t *found) {
   int64_t count = 3 * s->triangle_count;
   half *halves = malloc(((size_t)count + 1) * sizeof *halves);
@@ -201,11 +211,13 @@ static pags_result part_edges(pags_proxy_mesh *s, int64_t *found) {
   return pags_proxy_mesh_check(s);
 }
 
+/* ---- The repair ---- */
+
 pags_result pags_proxy_mesh_repair(pags_proxy_mesh *surface) {
   enum { PASSES = 4 };
   int64_t left = 1;
 
-  /* Takes out faces in pairs that cover each other with opposite sides. */
+  /* Remove pairs of faces of the same three vertices and opposite orientation. */
   face_key *keys = malloc(((size_t)surface->triangle_count + 1) * sizeof *keys);
   if (!keys)
     return pags_out_of_memory("%lld triangles", (long long)surface->triangle_count);
@@ -222,7 +234,7 @@ pags_result pags_proxy_mesh_repair(pags_proxy_mesh *surface) {
     for (end = i; end < surface->triangle_count && !memcmp(keys[end].v, keys[i].v, sizeof keys[i].v); end++)
       even += !keys[end].odd;
     int64_t odd = end - i - even, pairs = even < odd ? even : odd;
-    for (int64_t p = 0; p < pairs; p++) /* evens come first */
+    for (int64_t p = 0; p < pairs; p++) /* faces of even orientation come first, odd ones last */
       surface->triangles[3 * keys[i + p].triangle] = surface->triangles[3 * keys[end - 1 - p].triangle] = UINT32_MAX;
   }
   free(keys);
@@ -232,7 +244,7 @@ pags_result pags_proxy_mesh_repair(pags_proxy_mesh *surface) {
       memmove(surface->triangles + 3 * kept++, surface->triangles + 3 * i, 3 * sizeof(uint32_t));
   surface->triangle_count = kept;
 
-  /* Cut edges. */
+  /* Join the faces around each edge in pairs, and double the vertices of faces that aren't joined. */
   int64_t count = 3 * surface->triangle_count;
   half *halves = malloc(((size_t)count + 1) * sizeof *halves);
   int64_t *parent = malloc(((size_t)count + 1) * sizeof *parent);

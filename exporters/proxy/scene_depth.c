@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Draws the whole scene for the depth of its training views: what the scene hides of an object says nothing of it. */
+/* Draws the whole scene's depth in each training view, and removes from depth views of a single object or of the
+ * background the pixels that the rest of the scene hides. */
 #include "exporters/proxy/scene_depth.h"
 
 #include <math.h>
@@ -11,8 +12,8 @@
 
 enum { CLUSTER = 64 };
 
-static const float query = 0.5f;          /* alpha from which a pixel's depth is one */
-static const float least_low_pass = 0.1f; /* px^2: below, small Gaussians would fall between pixels */
+static const float query = 0.5f;          /* least alpha of a pixel that has a depth */
+static const float least_low_pass = 0.1f; /* px^2: with a smaller one, small Gaussians would fall between pixels */
 
 void pags_scene_depth_destroy(pags_scene_depth *scene_depth) {
   for (int64_t i = 0; i < scene_depth->count; i++)
@@ -30,7 +31,7 @@ pags_frame_options pags_drawing_at(const pags_frame_options *drawing, const pags
   return out;
 }
 
-/* The scene's models in Morton order under clusters, colours left out. */
+/* Sorted copies of the scene's models with clusters, and room for the parts of a view. */
 typedef struct layout {
   int64_t count;
   pags_gaussians *models;
@@ -54,7 +55,8 @@ static pags_result lay_out(const pags_scene *scene, layout *out) {
   return PAGS_OK;
 }
 
-/* The background and the objects that are there; returns how many parts. */
+/* Fills in the parts to draw at `time`: the background and the models of the objects that have a pose then. Returns
+ * how many. */
 static int place(const pags_scene *scene, const layout *l, double time) {
   static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
   int count = 0;
@@ -111,7 +113,6 @@ pags_result pags_scene_depth_draw(const pags_scene *scene, pags_frame *frame, co
     result = draw_view(scene, &l, frame, drawing, trained, &out->views[v]);
   }
 
-  /* Clear away. */
   for (int64_t i = 0; i < scene->model_count; i++) {
     if (l.models)
       pags_gaussians_destroy(&l.models[i]);
@@ -127,7 +128,8 @@ pags_result pags_scene_depth_draw(const pags_scene *scene, pags_frame *frame, co
   return result;
 }
 
-/* The nearest and the farthest of the four pixels about a ray's place; 0: the ray is outside. */
+/* The least and the greatest depth of the four pixels around the ray with direction (u, v, 1). Returns 0 if the ray
+ * is outside of the picture or none of the pixels has a depth. */
 static int bounds_at(const pags_scene_depth_view *view, double u, double v, double *nearest, double *farthest) {
   const pags_camera *c = &view->camera;
   double px = u * c->fx + c->cx - 0.5, py = v * c->fy + c->cy - 0.5;
@@ -156,7 +158,8 @@ void pags_depth_view_hide(pags_depth_view *depth_view, const pags_scene_depth_vi
       float *depth = &depth_view->depth[(int64_t)y * c->width + x];
       if (!bounds_at(view, (x + 0.5 - c->cx) / c->fx, (y + 0.5 - c->cy) / c->fy, &nearest, &farthest))
         continue;
-      /* Depths are a blend's: what is a little behind may be the same surface. */
+      /* Rendered depths are blends of several Gaussians': a depth that is a little behind the scene's (2 % and 0.25
+       * m) may be of the same surface. */
       int hidden = *depth > 0 && (double)*depth > 1.02 * farthest + 0.25;
       if ((hidden || *depth < 0) && nearest < (double)-PAGS_DEPTH_VIEW_FREE)
         *depth = (float)-nearest;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Telling vehicles from their shadow and from what they park at, pixel by pixel of a view. */
+/* Tells the pixels of a vehicle's depth view that show its shadow, the road or a kerb beside it from those that show
+ * the vehicle, by darkness, height above the box's lower face, place in the box and surface slope. */
 #include "exporters/proxy/shadow_filter.h"
 
 #include <math.h>
@@ -7,21 +8,24 @@
 
 #include "base/memory.h"
 
-/* Under vehicles it is dark, and Gaussians that go along with them show their shadow: from behind a wall between the
- * wheels, from the side level on the ground. What is dark (display-referred), low and well within the box's sides is no
- * part of them, nor is what is level near the box's lower face; metres. */
+/* Gaussians that move with a vehicle also show its shadow: seen from behind as a dark wall between the wheels, seen
+ * from the side as a level dark surface on the ground. A pixel is shadow if its display-referred luminance is below
+ * `dark`, it is lower than `wall_height` over the box's lower face and more than `wheels` inwards of the box's sides;
+ * or if it is level and lower than `shadow` (dark pixels: `dark_shadow`). All but `dark` (0..1) in metres. */
 static const double dark = 0.25, wall_height = 0.3, wheels = 0.35, shadow = 0.12, dark_shadow = 0.16;
 
-/* Off the wheels the body of a car begins higher than `sill`, and what is level and lower than `footway` beside it is
- * one: a box is as wide as the mirrors, so the edge of what it parks at lies in it. Shares of the length that have the
- * wheels; metres. */
+/* Away from the wheels a car's body begins higher than `sill` (metres), so dark pixels below it are shadow, too. The
+ * wheels lie between the shares `wheels_from` and `wheels_to` of the length from the middle; boxes longer than
+ * `longest_car` are not cars. Within `beside` of the box's sides, a level surface lower than `footway` is a footway:
+ * a box is as wide as the mirrors, so the kerb that a car is parked at lies in it. */
 static const double sill = 0.25, wheels_from = 0.2, wheels_to = 0.4, longest_car = 6, footway = 0.3, beside = 0.2;
 
 static int is_dark(const uint8_t *rgb) {
   return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2] < 255 * dark;
 }
 
-/* By a neighbour to the side and one above or below; -1 where one of them shows no surface. */
+/* Whether the surface at a pixel, with the point `p`, is level (its normal within 45 degrees of z), by the points of
+ * a neighbour to the side and one above or below. Returns -1 if one of them has no depth. */
 static int is_level(const pags_depth_view *s, int x, int y, const double p[3]) {
   int w = s->camera.width, side = x + 1 < w ? x + 1 : x - 1, next = y + 1 < s->camera.height ? y + 1 : y - 1;
   double a = (double)s->depth[(int64_t)y * w + side], b = (double)s->depth[(int64_t)next * w + x], q[3], r[3], n[3];
@@ -38,6 +42,8 @@ static int is_level(const pags_depth_view *s, int x, int y, const double p[3]) {
   return fabs(n[2]) > 0.7 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
 }
 
+/* Whether a pixel shows shadow or ground instead of the vehicle, by the rules above. If its slope is unknown, it must
+ * be lower than half of the limit for level surfaces. */
 static int is_shadow(const pags_depth_view *s, int x, int y, const double size[3]) {
   int64_t at = (int64_t)y * s->camera.width + x;
   double p[3], limit = shadow;

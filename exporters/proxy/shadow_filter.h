@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What the views show under a vehicle and beside its wheels. */
+/* Removes the shadow under a vehicle and the ground beside it from the vehicle's depth views. */
 #ifndef PAGS_PROXY_SHADOW_FILTER_H
 #define PAGS_PROXY_SHADOW_FILTER_H
 
@@ -9,8 +9,9 @@
 extern "C" {
 #endif
 
-/* Rays of a view of a vehicle, drawn alone in its box's frame, that meet its shadow or the ground beside it are free as
- * far as that. `size` is the box's, metres. Fails for want of memory alone. */
+/* In a depth view of a vehicle drawn alone, in the frame of its box, marks pixels that show its shadow or the ground
+ * beside it: their rays become free up to that depth. `size` is the box's, in metres. Fails only when out of
+ * memory. */
 pags_result pags_depth_view_filter_shadow(pags_depth_view *depth_view, const double size[3]);
 
 #ifdef __cplusplus

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Completes what no camera saw of an object by a shape prior: signed distances of other objects of its class and about
- * its size, blended. */
+/* Completes what no camera saw of an object. For a vehicle: by its mirror image and by a shape prior, the blended
+ * signed distances of other vehicles of about its size, weighted by how well the LiDAR points on it fit them; then
+ * wheels and the space between its sides are completed by rule. Any other object: by its labelled box. */
 #include "exporters/proxy/shape_prior.h"
 
 #include <math.h>
@@ -9,52 +10,60 @@
 
 #include "base/memory.h"
 
-enum { NX = 112, NY = 56, NZ = 48, POINTS = NX * NY * NZ }; /* 4 to 5 cm on a car: a wing mirror is 10 */
-static const double reach = 0.55;                           /* of the lattice, in sizes of the box */
+enum { NX = 112, NY = 56, NZ = 48, POINTS = NX * NY * NZ }; /* points 4 to 5 cm apart on a car; a mirror has 10 cm */
+static const double reach = 0.55; /* half extents of the lattice, as a share of the box's size */
 
-/* Sizes that differ by a few per cent are of the same kind of vehicle, or labelled by another hand. */
+/* The likeness of two sizes is a Gaussian of the logarithm of their ratio with this standard deviation (vehicles of
+ * one kind, and labels of one vehicle, differ by a few per cent); a smaller likeness than `least_likeness` is 0. */
 static const double size_spread = 0.08, least_likeness = 0.02;
 
-/* Weights are counted in views that see every step of the grid with a pixel. A form is sure of a point from `sure` such
- * views on. What forms alike are together less sure of than `least_known` is nobody's: shadows, mostly. */
+/* Weights of grid points are in views that have a pixel for every step of the grid. A shape knows a point fully
+ * (`known` = 1) from `sure` such views on. Points that all shapes of alike size together know less than `least_known`
+ * are left out: mostly shadows. */
 static const double sure = 4;
 static const float least_known = 0.3f;
 
-/* A form that is sure counts for `form_weight` views beside what was hardly seen, less the more was, nothing from
- * `seen_well` views on. What far views show is no help: they all look from one side, and are wrong in depth alike. */
+/* At a point that the prior knows fully, the prior counts like `prior_weight` views; linearly less the more the
+ * object's own views saw of the point, and nothing from `seen_well` views on. Many distant views are no better than
+ * few: they all look from one side and have the same error in depth. */
 static const double prior_weight = 16, seen_well = 12;
 
-/* Points of LiDAR, metres: farther than `far_off` from a form's surface is all the same (forms end at four steps of
- * their grids), `tells` is what they are off by noise and by cars of a kind being different, and no more than
- * `most_points` tell anything new. A form that fits badly keeps `least_weight`, for what no better one knows. */
+/* How LiDAR points weigh the shapes. The distance of a point from a shape's surface is cut off at `far_off` metres
+ * (the shapes' TSDFs are truncated at four grid steps). `tells`, in metres, is the standard deviation of that
+ * distance, by noise and by the differences of cars of one kind. At most `most_points` points count as independent. A
+ * shape that fits badly keeps `least_weight`, for places that no better one knows. */
 static const double far_off = 0.14, tells = 0.08, most_points = 60, least_weight = 0.03;
-enum { ROUNDS = 3 }; /* of choosing by whom those that know less are measured */
+enum { ROUNDS = 3 }; /* rounds of reweighting the shapes: weigh_by_cloud */
 
-/* Points farther from the completed surface are of something else, or of what was seen to be different; metres. */
+/* LiDAR points farther than this from the completed surface are ignored, in metres: they lie on something else, or
+ * where the views saw a different shape. */
 static const double lidar_reach = 0.13;
 
-/* What so many such views say is free is. A vehicle's sides are looked for this far within its box's, which may be
- * those of its mirrors; metres. */
+/* A point that views of at least the weight `seen_free` say is free stays free. The search for a vehicle's sides
+ * begins `mirrors` metres inside the box's sides, which may be as wide as the mirrors. */
 static const double seen_free = 1, mirrors = 0.12;
 
-/* Unseen and lower than this over the box's lower face is the air under a vehicle; from here on there is nothing but
- * body between its sides; metres. */
+/* In metres above the box's lower face: unseen space below `clearance` is the air under the vehicle; between its
+ * sides above `body` there is only body. */
 static const double clearance = 0.20, body = 0.35;
 
-/* Boxes stand on the ground, and tyres are flat by so much there. What wheels are known from, over the box's lower
- * face, how long they are there, how wide they are, and how many steps of that a view shows; metres. How far from the
- * vehicle's middle they are at least, as a share of its length. */
+/* Wheels, in metres. They are looked for `wheels_from` above the box's lower face, where they are `shortest_wheel` to
+ * `longest_wheel` long and `wheel_width` wide; tyres are flattened by `flat` where they stand on the ground.
+ * `off_middle` is their least distance from the vehicle's middle as a share of its length. SEEN_DEPTH: grid steps of
+ * a wheel's width that the views themselves fill. */
 static const double flat = 0.02, wheels_from = 0.15, shortest_wheel = 0.3, longest_wheel = 0.8, wheel_width = 0.22,
                     off_middle = 0.15;
 enum { SEEN_DEPTH = 4 };
 
-static const float meet = 0.02f; /* half a step of the lattice; metres */
+static const float meet = 0.02f; /* distance to a surface half way between two lattice points; metres */
 
 void pags_shape_prior_destroy(pags_shape_prior *prior) {
   free(prior->distance);
   free(prior->known);
   memset(prior, 0, sizeof *prior);
 }
+
+/* ---- The lattice ---- */
 
 static pags_result make_room(const double size[3], int64_t object, pags_shape_prior *out) {
   *out = (pags_shape_prior){.object = object,
@@ -67,14 +76,16 @@ static pags_result make_room(const double size[3], int64_t object, pags_shape_pr
   return pags_out_of_memory("the form of an object");
 }
 
+/* The position of lattice point `i` of a box of this size, in the object's frame. */
 static void point_of(const double size[3], int i, double p[3]) {
   const int at[3] = {i % NX, i / NX % NY, i / NX / NY}, n[3] = {NX, NY, NZ};
   for (int k = 0; k < 3; k++)
     p[k] = size[k] * reach * (2.0 * at[k] / (n[k] - 1) - 1);
 }
 
-/* Between a lattice's points, of those known; returns how well it is known: not at all where most of what is next to it
- * isn't, or what is seen to be free would reach a step into what nobody sees. */
+/* Interpolates a lattice's values trilinearly at lattice coordinates `u`, over the known points only. Returns how
+ * well the value is known. Returns 0 if less than half of the interpolation weight is on known points, since else
+ * space that was seen to be free would reach a step into unseen space. */
 static double between(const int n[3], const float *values, const float *known, const double u[3], double *value) {
   int64_t stride[3] = {1, n[0], (int64_t)n[0] * n[1]}, at = 0;
   double part[3], sum = 0, weight = 0, share = 0;
@@ -96,6 +107,7 @@ static double between(const int n[3], const float *values, const float *known, c
   return share >= 0.5 ? weight : 0;
 }
 
+/* Samples a TSDF at a point; returns the weight, 0: unknown. */
 static double look_up(const pags_tsdf *g, const double p[3], double *distance) {
   double u[3];
   for (int k = 0; k < 3; k++)
@@ -118,9 +130,9 @@ pags_result pags_shape_prior_take(const pags_tsdf *grid, const double size[3], i
     out->known[i] = (float)fmin(1, weight / sure);
   }
 
-  /* Where nobody sees what is below a free point in the box, half way is a surface: a roof at the height of cameras.
-   * The free point is as free as can be, which says nothing of how far the roof is, and would outvote the forms that
-   * know better. */
+  /* If the lattice point below a free point in the box is unknown, put a surface half way between the two: the roof
+   * of a vehicle as high as the cameras is never seen. The free point's distance is the truncation, which says
+   * nothing of how far the roof is, but would outvote shapes that know the roof. */
   for (int i = NX * NY; i < POINTS; i++) {
     int below = i - NX * NY;
     double p[3];
@@ -136,6 +148,9 @@ pags_result pags_shape_prior_take(const pags_tsdf *grid, const double size[3], i
   return PAGS_OK;
 }
 
+/* ---- Blending shapes ---- */
+
+/* How alike two box sizes are, 0..1. */
 static double likeness(const double a[3], const double b[3]) {
   double sum = 0;
   for (int k = 0; k < 3; k++) {
@@ -145,6 +160,7 @@ static double likeness(const double a[3], const double b[3]) {
   return exp(-0.5 * sum) < least_likeness ? 0 : exp(-0.5 * sum);
 }
 
+/* Samples a shape at a point of its own vehicle's frame; returns how well it is known, 0..1. */
 static double sample(const pags_shape_prior *prior, const double p[3], double *distance) {
   static const int n[3] = {NX, NY, NZ};
   double u[3];
@@ -153,7 +169,7 @@ static double sample(const pags_shape_prior *prior, const double p[3], double *d
   return between(n, prior->distance, prior->known, u, distance);
 }
 
-/* How a point of LiDAR lies to a form: how well the form knows, and how far off its surface that is, squared. */
+/* A LiDAR point against one shape: how well the shape is known there, and the squared distance from its surface. */
 typedef struct fit {
   double known, square;
 } fit;
@@ -166,8 +182,8 @@ static fit fit_point(const pags_shape_prior *prior, const double size[3], const 
   return (fit){known, fmin(d * d, far_off * far_off)};
 }
 
-/* Adds to each form's misfit that of a point. For points that it knows nothing of, a form answers as the others do that
- * count (`trust`), or those that were hardly seen would win. */
+/* Adds the misfit of one LiDAR point to the misfit of each shape. As far as a shape doesn't know the point's place,
+ * it gets the mean misfit of the shapes that do, weighted by `trust`; else hardly seen shapes would win. */
 static void add_misfits(const fit *fits, int64_t count, const float *trust, float *misfits) {
   double sum = 0, weight = 0;
   for (int64_t f = 0; f < count; f++)
@@ -182,9 +198,10 @@ static void add_misfits(const fit *fits, int64_t count, const float *trust, floa
       misfits[f] += (float)(mean + fits[f].known * (fits[f].square - mean));
 }
 
-/* What each form counts beside the one that the points fit best: its likelihood, if points are off by normal deviates.
- * Who counts follows from who fits: first all do that are alike, then by what came of that. `weights` has room for
- * twice `count`. */
+/* Weighs the shapes by their likelihood given the LiDAR points, relative to the shape that fits best, for normally
+ * distributed distances. The mean misfit in add_misfits depends on these weights: the first round starts with the
+ * likeness of sizes `like`, each further round with the weights of the round before. `weights` has room for twice
+ * `count`. */
 static pags_result weigh_by_cloud(const pags_shape_prior *priors, int64_t count, const double size[3],
                                   const float *like, const pags_lidar_fit *cloud, float *weights) {
   double points = fmin((double)cloud->count, most_points);
@@ -213,8 +230,8 @@ static pags_result weigh_by_cloud(const pags_shape_prior *priors, int64_t count,
   return PAGS_OK;
 }
 
-/* What alike forms say, whether LiDAR fits them or not, is known; how far the surface is, those say that it fits.
- */
+/* Blends the shapes point by point: the distance is their mean by `weights` (which shapes LiDAR fits), how well it is
+ * known their sum by `like` (size alone). */
 static void add_priors(const pags_shape_prior *priors, int64_t count, const float *like, const float *weights,
                        pags_shape_prior *out) {
   for (int i = 0; i < POINTS; i++) {
@@ -252,7 +269,10 @@ pags_result pags_shape_prior_blend(const pags_shape_prior *priors, int64_t count
   return result;
 }
 
-/* Signed distance to the labelled box, negative inside, without the air under a vehicle. */
+/* ---- Completing a grid ---- */
+
+/* The signed distance to the labelled box, negative inside; a vehicle's box is cut off `clearance` above its lower
+ * face. */
 static double box_distance(const double size[3], int vehicle, const double p[3]) {
   double outside = 0, inside = -HUGE_VAL;
   for (int k = 0; k < 3; k++) {
@@ -264,7 +284,8 @@ static double box_distance(const double size[3], int vehicle, const double p[3])
   return vehicle ? fmax(d, clearance - 0.5 * size[2] - p[2]) : d;
 }
 
-/* One pass of 1 2 1 along each axis takes the steps out of what was seen at a pixel or less a voxel. */
+/* Smooths the distances by one pass of the filter 1 2 1 along each axis, which removes the steps where the views had
+ * a pixel or less for each voxel. */
 static pags_result smooth(pags_tsdf *grid) {
   int64_t strides[3] = {1, grid->n[0], (int64_t)grid->n[0] * grid->n[1]}, count = strides[2] * grid->n[2];
   float *from = malloc((size_t)count * sizeof *from);
@@ -282,6 +303,8 @@ static pags_result smooth(pags_tsdf *grid) {
   return PAGS_OK;
 }
 
+/* Completes one grid point: its own distance, or for a vehicle that of its mirror image if only that was seen,
+ * averaged with the prior where hardly seen; the labelled box where nothing is known. */
 static void fill_point(pags_tsdf *grid, const float *own, const double size[3], int vehicle,
                        const pags_shape_prior *prior, const int at[3]) {
   int64_t row = grid->n[0], layer = row * grid->n[1];
@@ -303,8 +326,9 @@ static void fill_point(pags_tsdf *grid, const float *own, const double size[3], 
   grid->distance[here] = (float)value;
 }
 
-/* Vehicles have no pits: between a left and a right side there is body, unless that was seen to be free. Cameras at the
- * height of a roof don't see it, and forms of cars with a tail say that there is none. */
+/* Fills the space between a vehicle's left and right side above `body` with body, unless it was seen to be free:
+ * cameras at the height of a roof don't see the roof, and a prior of cars with a notchback would leave a pit
+ * there. */
 static void fill_across(pags_tsdf *grid, const double size[3]) {
   int outer = (int)ceil(fmax(0, (-0.5 * size[1] + mirrors - grid->origin[1]) / grid->step));
   for (int z = 0; z < grid->n[2]; z++) {
@@ -313,7 +337,7 @@ static void fill_across(pags_tsdf *grid, const double size[3]) {
     for (int x = 0; x < grid->n[0]; x++) {
       int64_t row = grid->n[0], first = (int64_t)z * row * grid->n[1] + x;
       int side = outer,
-          other = grid->n[1] - 1 - outer; /* where both sides are solid: the grid is even about the middle */
+          other = grid->n[1] - 1 - outer; /* rows mirrored at the middle; both go inwards until both are solid */
       while (side < other && !(grid->distance[first + side * row] < 0 && grid->distance[first + other * row] < 0)) {
         side++;
         other--;
@@ -325,8 +349,8 @@ static void fill_across(pags_tsdf *grid, const double size[3]) {
   }
 }
 
-/* Where a row of points along x changes sign next, between the points; returns the first point behind it, -1 at the
- * row's end. */
+/* Finds the next sign change of the distance along a row of grid points in x, from point `x` on. `place` receives its
+ * interpolated x in metres. Returns the first point behind it; -1: the row ends before. */
 static int next_change(const pags_tsdf *g, int64_t row, int x, double *place) {
   for (; x + 1 < g->n[0]; x++) {
     double a = (double)g->distance[row + x], b = (double)g->distance[row + x + 1];
@@ -338,8 +362,9 @@ static int next_change(const pags_tsdf *g, int64_t row, int x, double *place) {
   return -1;
 }
 
-/* What is solid from `left` to `right` in a row of layer `top` goes on down to `lowest` by the circle through there,
- * and inwards as far as wheels are wide. */
+/* Completes a wheel. In layer `top`, row `y`, the wheel is solid from x = `left` to x = `right`; below, it is
+ * completed by the circle through these two points that touches the height `lowest`, and inwards as far as wheels are
+ * wide. */
 static void stand_wheel(pags_tsdf *g, int y, int top, double lowest, double left, double right) {
   double height = g->origin[2] + top * g->step - lowest, half = 0.5 * (right - left), middle = 0.5 * (left + right);
   double radius = (half * half + height * height) / (2 * height);
@@ -356,6 +381,7 @@ static void stand_wheel(pags_tsdf *g, int y, int top, double lowest, double left
     }
 }
 
+/* Makes the grid's border outside, so that the surface is closed. */
 static void close_border(pags_tsdf *grid) {
   for (int64_t i = 0; i < (int64_t)grid->n[0] * grid->n[1] * grid->n[2]; i++) {
     int64_t x = i % grid->n[0], y = i / grid->n[0] % grid->n[1], z = i / grid->n[0] / grid->n[1];
@@ -382,8 +408,8 @@ pags_result pags_shape_prior_complete(pags_tsdf *grid, const double size[3], int
   close_border(grid);
   PAGS_TRY(smooth(grid));
   if (vehicle) {
-    /* The lowest Gaussians are the ground's or the shadow's, and tyres are as dark as that, so views don't show where
-     * wheels end. */
+    /* Complete the wheels: the lowest Gaussians in the box are the ground's or the shadow's, and tyres are as dark as
+     * the shadow, so the views don't show where wheels end. Then cut everything off at the box's lower face. */
     double ground = -0.5 * size[2], left, right;
     int top = (int)ceil((wheels_from - 0.5 * size[2] - grid->origin[2]) / grid->step);
     for (int y = 0; top > 0 && top < grid->n[2] && y < grid->n[1]; y++) {

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Fewer triangles, by meshoptimizer's edge collapses under quadric errors (Garland and Heckbert 1997). */
+/* Decimates a mesh by meshoptimizer's edge collapses in the order of quadric errors (Garland and Heckbert 1997), and
+ * keeps closed meshes closed. */
 #include <float.h>
 #include <meshoptimizer.h>
 #include <stdlib.h>
@@ -9,7 +10,7 @@
 
 #include "base/memory.h"
 
-/* One try: at most `target` triangles where collapses allow it. */
+/* Decimates once, to at most `target` triangles if collapses that keep the topology allow it. */
 static pags_result collapse(const pags_proxy_mesh *from, int64_t target, pags_proxy_mesh *out) {
   size_t index_count = 3 * (size_t)from->triangle_count;
   *out = (pags_proxy_mesh){0};
@@ -18,7 +19,7 @@ static pags_result collapse(const pags_proxy_mesh *from, int64_t target, pags_pr
     return pags_out_of_memory("%lld triangles", (long long)from->triangle_count);
   size_t count = meshopt_simplify(triangles, from->triangles, index_count, from->positions, (size_t)from->vertex_count,
                                   3 * sizeof(float), 3 * (size_t)target, FLT_MAX, 0, NULL);
-  pags_proxy_mesh view = *from; /* borrows the vertices */
+  pags_proxy_mesh view = *from; /* shares the vertices of `from` */
   view.triangles = triangles;
   view.triangle_count = (int64_t)(count / 3);
   pags_result result = pags_proxy_mesh_copy(&view, out);

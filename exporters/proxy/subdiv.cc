@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Catmull-Clark subdivision (1978) and stencils of its limit surface, by OpenSubdiv: the only file that sees it. No
- * exception leaves it. */
+/* Subdivision of quad meshes (Catmull and Clark 1978) and stencils of the limit surface, by OpenSubdiv. This is the
+ * only file that includes OpenSubdiv; every C++ exception is caught here and becomes PAGS_ERROR_MEMORY. */
 #include "exporters/proxy/subdiv.h"
 
 #include <cstdlib>
@@ -19,6 +19,7 @@ namespace sdc = OpenSubdiv::Sdc;
 
 namespace {
 
+/* A position, with the operations that OpenSubdiv's interpolation calls. */
 struct point {
   float p[3];
   void Clear() {
@@ -81,7 +82,7 @@ pags_result pags_subdiv_stencils(int vertex_count, int quad_count, const int *qu
     far::LimitStencilTableFactory::LocationArrayVec places(static_cast<size_t>(quad_count));
     for (int q = 0; q < quad_count; q++) {
       far::LimitStencilTableFactory::LocationArray &place = places[static_cast<size_t>(q)];
-      place.ptexIdx = q; /* quads alone: one ptex face each */
+      place.ptexIdx = q; /* all faces are quads, so each is one ptex face */
       place.numLocations = side * side;
       place.s = s.data();
       place.t = t.data();
@@ -122,7 +123,7 @@ pags_result pags_subdiv_refine(int vertex_count, const float *positions, int qua
     if (!refiner)
       return failed();
     far::TopologyRefiner::UniformOptions uniform(level);
-    uniform.fullTopologyInLastLevel = true; /* limits of the last level ask for it */
+    uniform.fullTopologyInLastLevel = true; /* PrimvarRefiner::Limit needs it */
     refiner->RefineUniform(uniform);
     far::PrimvarRefiner primvar(*refiner);
     std::vector<point> from(static_cast<size_t>(vertex_count));

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Fuses depth views into a truncated signed distance field, a weighted mean per grid point (Curless and Levoy 1996). */
+/* Fuses depth views into a truncated signed distance field (TSDF), a weighted mean per grid point (Curless and Levoy
+ * 1996), block by block in parallel. Also paints meshes with the colours of the views. */
 #include "exporters/proxy/tsdf.h"
 
 #include <math.h>
@@ -9,6 +10,8 @@
 #include "base/memory.h"
 
 static const int64_t most_points = (int64_t)1 << 28;
+
+/* ---- The grid ---- */
 
 pags_result pags_tsdf_create(pags_tsdf *grid, const double lo[3], const double hi[3], double step, int sparse) {
   int64_t points = 1, blocks = 1;
@@ -57,6 +60,8 @@ void pags_tsdf_touch(pags_tsdf *grid, const double point[3], double reach) {
              (size_t)(to[0] - from[0] + 1));
 }
 
+/* ---- Fusion ---- */
+
 typedef struct fusion {
   pags_tsdf *grid;
   const pags_depth_views *depth_views;
@@ -64,13 +69,14 @@ typedef struct fusion {
   int carve;
 } fusion;
 
-/* By how finely the view sees a step of the grid: its share of a pixel, squared, as the variance of depth goes. */
+/* The weight of a view at camera z: the squared size in pixels of a grid step, at most 1, since the variance of depth
+ * goes with the inverse square. */
 static double weigh(const pags_depth_view *depth_view, double step, double z) {
   double pixels = depth_view->camera.fx * step / z;
   return fmin(1, pixels * pixels) + 1e-3;
 }
 
-/* What one view says of one point: returns its weight, 0 for nothing. */
+/* The truncated signed distance that one view gives for one point. Returns the weight; 0: the view says nothing. */
 static double ask(const fusion *self, const pags_depth_view *depth_view, const double point[3], double *distance) {
   int x, y;
   double z;
@@ -86,12 +92,13 @@ static double ask(const fusion *self, const pags_depth_view *depth_view, const d
   return weigh(depth_view, self->grid->step, z);
 }
 
-/* Views that say the same of all of a block. */
+/* Sums over the views that say of a whole block that it is free. */
 typedef struct known {
   double sum, weight;
 } known;
 
-/* Sorts the views by what they say of a ball around the block: nothing, that it is free, or point by point (`seen`). */
+/* Sorts the views by what they say of the ball around a block: nothing, that all of it is free (`sure`), or something
+ * that must be asked point by point (`seen`). Returns the number of the latter. */
 static int64_t choose_views(const fusion *self, const double middle[3], double radius, int64_t *seen, known *sure) {
   int64_t count = 0;
   *sure = (known){0};
@@ -131,7 +138,7 @@ static void fuse_block(const fusion *self, int64_t block, int64_t *seen) {
         const double point[3] = {grid->origin[0] + x * grid->step, grid->origin[1] + y * grid->step,
                                  grid->origin[2] + z * grid->step};
 
-        /* Fuse point. */
+        /* The weighted mean of the views that are sure of the whole block and of those asked for this point. */
         int64_t at = ((int64_t)z * grid->n[1] + y) * grid->n[0] + x;
         double sum = sure.sum, weight = sure.weight, distance = 0;
         for (int64_t i = 0; i < seen_count; i++) {
@@ -165,6 +172,8 @@ bool pags_tsdf_fuse(pags_tsdf *grid, const pags_depth_views *depth_views, double
   return pags_parallel_for(tasks, blocks, 16, fuse_blocks, &self);
 }
 
+/* ---- Colours ---- */
+
 int64_t pags_depth_views_of_run(const pags_depth_views *depth_views, const pags_proxy_mesh *mesh, int64_t begin,
                                 int64_t end, int64_t *seen) {
   double lo[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, hi[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL}, middle[3], radius = 0;
@@ -194,7 +203,7 @@ static void paint_vertices(void *context, int64_t begin, int64_t end, int worker
   int64_t seen_count, *seen = malloc(((size_t)self->depth_views->count + 1) * sizeof *seen);
   (void)worker;
   if (!seen)
-    return; /* grey */
+    return; /* out of memory: the vertices stay grey */
   seen_count = pags_depth_views_of_run(self->depth_views, self->surface, begin, end, seen);
   for (int64_t i = begin; i < end; i++) {
     float *position = self->surface->positions + 3 * i, *color = self->surface->colors + 3 * i;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Signed distance on a regular grid, fused from depths, and the surface where it is zero. */
+/* A truncated signed distance field (TSDF) on a regular grid, fused from depth views, and its zero surface as a
+ * mesh. */
 #ifndef PAGS_PROXY_TSDF_H
 #define PAGS_PROXY_TSDF_H
 
@@ -12,41 +13,45 @@
 extern "C" {
 #endif
 
-enum { PAGS_GRID_BLOCK = 8 }; /* points a side of the blocks that are fused or not together */
+enum { PAGS_GRID_BLOCK = 8 }; /* grid points along a side of a block; a block is fused as a whole or skipped */
 
 typedef struct pags_tsdf {
-  int n[3];         /* points along x, y, z */
-  double origin[3]; /* of point 0, 0, 0; metres, model frame */
-  double step;      /* metres */
-  float *distance;  /* metres, negative inside; point (x, y, z) at (z * n[1] + y) * n[0] + x */
-  float *weight;    /* how much is known of it; 0: nothing */
-  uint8_t *active;  /* one a block: to be fused; NULL: all */
-  int blocks[3];
+  int n[3];         /* grid points along x, y, z */
+  double origin[3]; /* position of grid point (0, 0, 0); metres, model frame */
+  double step;      /* distance of neighbouring grid points, metres */
+  float *distance;  /* metres, negative inside; grid point (x, y, z) is at (z * n[1] + y) * n[0] + x */
+  float *weight;    /* sum of the weights of the views that saw the point; 0: unknown */
+  uint8_t *active;  /* for each block 1: it is fused; 0: it is skipped. NULL: all are fused */
+  int blocks[3];    /* blocks along x, y, z */
 } pags_tsdf;
 
-/* PAGS_ERROR_LIMIT beyond 2^28 points. `sparse`: with blocks, none active. */
+/* Makes a grid over the box `lo`..`hi`. `sparse`: only blocks activated by pags_tsdf_touch are fused, none at first.
+ * PAGS_ERROR_LIMIT for more than 2^28 points. */
 pags_result pags_tsdf_create(pags_tsdf *grid, const double lo[3], const double hi[3], double step, int sparse);
 void pags_tsdf_destroy(pags_tsdf *grid);
 
-/* Activates the blocks within `reach` of a point. */
+/* Activates the blocks that a cube of half side `reach` metres about a point touches. */
 void pags_tsdf_touch(pags_tsdf *grid, const double point[3], double reach);
 
-/* Curless and Levoy 1996: the weighted mean of the distances along the rays, cut off at `truncation` in front and
- * unknown beyond it behind. With `carve`, rays that meet nothing say that they are free. Same bits for any number of
- * threads; false when cancelled. */
+/* Fuses depth views (Curless and Levoy 1996). A grid point gets the weighted mean, over the views, of the distance
+ * along camera z to the depth at its pixel. Distances are cut off at `truncation` in front of the surface; a view
+ * says nothing of points farther behind it, or farther than `range` from the camera. With `carve`, rays that are free
+ * also count, as `truncation` in front. The bits are the same for any number of threads; false when cancelled. */
 bool pags_tsdf_fuse(pags_tsdf *grid, const pags_depth_views *depth_views, double truncation, double range, int carve,
                     pags_tasks *tasks);
 
-/* Marching tetrahedra (Kuhn's six a cell), which leaves no hole and no edge with more than two faces: closed where the
- * border of the grid is outside. With `known_only`, cells with an unknown corner give nothing. Vertices are `observed`
- * where both ends of their edge have a weight of at least 0. */
+/* Extracts the zero surface by marching tetrahedra (Kuhn's six for each cell), which leaves no holes and no edges of
+ * more than two faces: the mesh is closed if the grid's border is outside. With `known_only`, cells with an unknown
+ * corner are skipped. A vertex is `observed` if both ends of its grid edge have a weight above 0. */
 pags_result pags_tsdf_surface(const pags_tsdf *grid, int known_only, pags_proxy_mesh *out);
 
-/* Views that may see any of a run of vertices; `seen` has room for all. */
+/* Lists in `seen` (with room for all) the views that may see any of the mesh's vertices `begin`..`end` - 1; returns
+ * how many. */
 int64_t pags_depth_views_of_run(const pags_depth_views *depth_views, const pags_proxy_mesh *mesh, int64_t begin,
                                 int64_t end, int64_t *seen);
 
-/* Colours of vertices: the mean over the views that see them, the nearer the more. Others take the mean of those. */
+/* Sets the colour of each vertex to the mean over the views that see it (whose depth agrees to within `tolerance`
+ * metres), weighted by 1 / z^2. Unseen vertices get the mean colour of the seen ones. False when cancelled. */
 bool pags_proxy_mesh_paint(pags_proxy_mesh *surface, const pags_depth_views *depth_views, double tolerance,
                            pags_tasks *tasks);
 
