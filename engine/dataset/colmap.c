@@ -1,8 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* COLMAP models, binary and text: cameras, images, points3D.
+/* Reads a COLMAP model (files cameras, images and points3D, all .bin or all .txt) into a parsed data set and finds
+ * the folder of its pictures.
  *
- * Poses are stored as camera_from_world (quaternion w x y z, translation), OpenCV axes, and are inverted here. Pixel
- * coordinates have image corners at 0. Observations (points2D) aren't needed: tracks say which images see a point. */
+ * COLMAP stores a pose as camera_from_world (quaternion w x y z, translation) with OpenCV axes; this file inverts the
+ * pose to world_from_camera. The corners of an image lie at pixel coordinate 0 and at its width or height. The
+ * observations of the images (points2D) are skipped, because the track of each point lists the images that see it. */
 #include "dataset/colmap.h"
 
 #include "base/file.h"
@@ -14,13 +16,15 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* ---- Camera models ---- */
+
 typedef struct model_kind {
   const char *name;
   int parameters;
   bool known;
 } model_kind;
 
-/* In the order of COLMAP's ids. */
+/* Camera models; the index is COLMAP's numeric id of the model. `known` says whether the model is supported. */
 static const model_kind kinds[] = {{"SIMPLE_PINHOLE", 3, true},
                                    {"PINHOLE", 4, true},
                                    {"SIMPLE_RADIAL", 4, true},
@@ -65,7 +69,8 @@ int pags_colmap_parameters(int kind) {
 }
 
 void pags_colmap_set_lens(int kind, const double *parameters, pags_lens *lens) {
-  /* SIMPLE_* and RADIAL have one focal length, the others two. */
+  /* Parameter order: focal lengths (one for SIMPLE_* and RADIAL, two for every other model), principal point, radial
+   * coefficients, then p1 and p2 (OPENCV only). */
   const double *p = parameters;
   bool single = kind == 0 || kind == 2 || kind == 3;
   lens->fx = p[0];
@@ -81,6 +86,8 @@ void pags_colmap_set_lens(int kind, const double *parameters, pags_lens *lens) {
   for (int i = 0; i < 2 && kind == 4; i++)
     lens->p[i] = p[2 + i];
 }
+
+/* ---- Adding cameras and images ---- */
 
 pags_colmap_camera *pags_colmap_add_camera(pags_colmap *model) {
   if (model->camera_count == model->camera_capacity) {
@@ -125,7 +132,7 @@ pags_result pags_colmap_add_image(pags_colmap *model, const char *where, const p
   if (!view)
     return pags_out_of_memory("%s", where);
   view->where = pags_text_copy(where);
-  view->image_path = pags_text_copy(image->name); /* the folder comes before it later */
+  view->image_path = pags_text_copy(image->name); /* relative; locate_pictures puts the folder in front */
   if (!view->where || !view->image_path)
     return pags_out_of_memory("%s", where);
   view->id = image->id;
@@ -140,14 +147,15 @@ pags_result pags_colmap_add_image(pags_colmap *model, const char *where, const p
   return PAGS_OK;
 }
 
-/* Where the pictures are. */
+/* ---- Finding the pictures ---- */
 
 bool pags_colmap_is_model(const char *folder) {
   return (pags_folder_has(folder, "cameras.bin") && pags_folder_has(folder, "images.bin")) ||
          (pags_folder_has(folder, "cameras.txt") && pags_folder_has(folder, "images.txt"));
 }
 
-/* The first of the usual places that holds any of the pictures; `images` beside the model's root where none does. */
+/* Returns the first of the usual folders that holds at least one of the model's pictures, or `root`/images when no
+ * folder does; NULL when out of memory. The caller frees the returned path. */
 static char *find_pictures(const char *root, const char *model, const pags_parsed_dataset *parsed) {
   const char *const bases[] = {root, root, model, model, model};
   static const char *const places[] = {"images", ".", "images", "../images", "../../images"};
@@ -181,7 +189,9 @@ static pags_result locate_pictures(const char *root, const char *model, pags_par
   return result;
 }
 
-/* Reads a file of the model; one that is not required may be absent. */
+/* ---- Reading a model ---- */
+
+/* Reads one file of the model (`part`.`extension`) with `read`. A missing file is an error only if it is required. */
 static pags_result read_part(const char *model, const char *part, const char *extension, pags_colmap_read_fn *read,
                              bool required, pags_colmap *into) {
   char *path = pags_text_format("%s/%s.%s", model, part, extension);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What colmap.c shares with the readers of the binary and of the text form. */
+/* Declarations shared by colmap.c and the readers of the two file formats of a COLMAP model: binary (colmap_bin.c)
+ * and text (colmap_txt.c). */
 #ifndef PAGS_DATASET_COLMAP_H
 #define PAGS_DATASET_COLMAP_H
 
@@ -13,7 +14,7 @@ typedef struct pags_colmap_camera {
 typedef struct pags_colmap {
   pags_parsed_dataset *parsed;
   int64_t camera_count, camera_capacity;
-  pags_colmap_camera *cameras; /* sorted by id once read */
+  pags_colmap_camera *cameras; /* sorted by id after the cameras file was read */
 } pags_colmap;
 
 typedef struct pags_colmap_image {
@@ -24,7 +25,7 @@ typedef struct pags_colmap_image {
 
 typedef struct pags_colmap_bytes {
   const char *path;
-  uint8_t *data; /* a zero byte follows the last */
+  uint8_t *data; /* content of the file, followed by a zero byte */
   size_t size;
 } pags_colmap_bytes;
 
@@ -33,13 +34,14 @@ typedef pags_result pags_colmap_read_fn(pags_colmap *model, const pags_colmap_by
 pags_colmap_read_fn pags_colmap_cameras_bin, pags_colmap_images_bin, pags_colmap_points_bin;
 pags_colmap_read_fn pags_colmap_cameras_txt, pags_colmap_images_txt, pags_colmap_points_txt;
 
-/* Camera models, by COLMAP's number and name; unsupported ones fail and are named. */
+/* Find a camera model by COLMAP's numeric id or by its name. An unsupported model is an error whose message names the
+ * model. */
 pags_result pags_colmap_kind_by_id(const char *where, int64_t id, int *out);
 pags_result pags_colmap_kind_by_name(const char *where, const char *name, int *out);
-int pags_colmap_parameters(int kind); /* at most 12 */
+int pags_colmap_parameters(int kind); /* number of parameters of the camera model, at most 12 */
 void pags_colmap_set_lens(int kind, const double *parameters, pags_lens *lens);
 
-pags_colmap_camera *pags_colmap_add_camera(pags_colmap *model); /* NULL when memory is out */
+pags_colmap_camera *pags_colmap_add_camera(pags_colmap *model); /* zeroed; NULL when out of memory */
 pags_result pags_colmap_sort_cameras(pags_colmap *model, const char *where);
 pags_result pags_colmap_add_image(pags_colmap *model, const char *where, const pags_colmap_image *image);
 

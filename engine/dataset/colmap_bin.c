@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The binary form: little-endian, 64-bit counts, records without padding. Every count is held against what is left of
- * the file before anything is allocated. */
+/* Reads the binary files of a COLMAP model: little-endian, 64-bit counts, records without padding. Every count is
+ * compared with the number of bytes left in the file before memory is allocated for it. */
 #include "dataset/colmap.h"
 
 #include <string.h>
@@ -31,7 +31,8 @@ static pags_result take_u32(cursor *c, int64_t *out) {
   return PAGS_OK;
 }
 
-/* A count of records that take at least `record` bytes each. */
+/* Reads a 64-bit count of records, each at least `record` bytes long. Fails when that many records don't fit into the
+ * rest of the file. */
 static pags_result take_count(cursor *c, size_t record, const char *what, int64_t *out) {
   uint64_t value = 0;
   size_t at = c->at;
@@ -48,7 +49,6 @@ pags_result pags_colmap_cameras_bin(pags_colmap *model, const pags_colmap_bytes 
   int64_t count = 0;
   PAGS_TRY(take_count(&c, 24 + 3 * sizeof(double), "cameras", &count));
   for (int64_t i = 0; i < count; i++) {
-    /* Take camera. */
     pags_colmap_camera *camera = pags_colmap_add_camera(model);
     if (!camera)
       return pags_out_of_memory("%s", c.bytes->path);
@@ -76,7 +76,6 @@ pags_result pags_colmap_images_bin(pags_colmap *model, const pags_colmap_bytes *
   int64_t count = 0;
   PAGS_TRY(take_count(&c, 4 + 7 * sizeof(double) + 4 + 1 + 8, "images", &count));
   for (int64_t i = 0; i < count; i++) {
-    /* Take image. */
     pags_colmap_image image;
     PAGS_TRY(take_u32(&c, &image.id));
     PAGS_TRY(take(&c, image.pose, sizeof image.pose));

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The text form: '#' comments, one record a line, fields between blanks. images.txt has a second line for each image,
- * its observations, which may be empty and is never needed here. */
+/* Reads the text files of a COLMAP model: lines that begin with '#' are comments, every other line is a record of
+ * fields separated by blanks. In images.txt each image has a second line that lists its observations and may be
+ * empty; its content is not used. */
 #include "dataset/colmap.h"
 
 #include "base/memory.h"
@@ -26,7 +27,8 @@ static char *skip_blanks(char *text) {
   return text;
 }
 
-/* The next line, cut off in place; false at the end of the file. A file with a zero byte in it ends there. */
+/* Goes to the next line and terminates it with a zero byte in place; returns false at the end of the file. A zero
+ * byte inside the file counts as its end. */
 static bool next_line(lines *l) {
   if (!*l->at)
     return false;
@@ -39,7 +41,7 @@ static bool next_line(lines *l) {
   return true;
 }
 
-/* The next line that is neither empty nor a comment. */
+/* Goes to the next line that is neither empty nor a comment; returns false at the end of the file. */
 static bool next_record(lines *l) {
   while (next_line(l))
     if (*l->field && *l->field != '#')
@@ -70,7 +72,8 @@ static pags_result take_integer(lines *l, const char *what, int64_t low, int64_t
   return PAGS_OK;
 }
 
-/* Ids are unsigned 32-bit, those of points 64-bit; both far below 2^53 in any real model. */
+/* Ids of cameras and images are unsigned 32-bit, ids of points 64-bit. Fields are read as doubles, which are exact up
+ * to 2^53; no real model has ids that large. */
 #define LARGEST_ID (INT64_C(1) << 53)
 
 static pags_result take_camera(lines *l, pags_colmap *model) {
@@ -110,8 +113,9 @@ pags_result pags_colmap_cameras_txt(pags_colmap *model, const pags_colmap_bytes 
   return pags_colmap_sort_cameras(model, bytes->path);
 }
 
-/* Observations come in threes (x, y, point). Anything else means that the empty line of an image without observations
- * was lost and that the next image would be skipped. */
+/* Checks that the line of observations has a multiple of three fields (x, y, point id). Any other number means that
+ * the empty line of an image without observations is missing from the file, so that the next image was read in its
+ * place. */
 static pags_result check_observations(lines *l) {
   int fields = 0;
   for (char *at = l->field; *at; fields++)
@@ -123,7 +127,6 @@ static pags_result check_observations(lines *l) {
 pags_result pags_colmap_images_txt(pags_colmap *model, const pags_colmap_bytes *bytes) {
   lines l = begin(bytes);
   while (next_record(&l)) {
-    /* Take image. */
     pags_colmap_image image;
     PAGS_TRY(take_integer(&l, "an image's number", 0, LARGEST_ID, &image.id));
     for (int i = 0; i < 7; i++)
@@ -132,7 +135,7 @@ pags_result pags_colmap_images_txt(pags_colmap *model, const pags_colmap_bytes *
     char *end = l.field + strlen(l.field);
     while (end > l.field && (end[-1] == ' ' || end[-1] == '\t' || end[-1] == '\r'))
       *--end = '\0';
-    image.name = l.field; /* may have blanks in it */
+    image.name = l.field; /* a file name may contain blanks */
     char *where = pags_text_format("%s:%d", l.bytes->path, l.number);
     pags_result result = where ? pags_colmap_add_image(model, where, &image) : pags_out_of_memory("%s", l.bytes->path);
     free(where);
@@ -145,7 +148,6 @@ pags_result pags_colmap_images_txt(pags_colmap *model, const pags_colmap_bytes *
 pags_result pags_colmap_points_txt(pags_colmap *model, const pags_colmap_bytes *bytes) {
   lines l = begin(bytes);
   while (next_record(&l)) {
-    /* Take point. */
     int64_t id = 0, colour = 0, view = 0, observation;
     double xyz[3], error;
     uint8_t rgb[3];

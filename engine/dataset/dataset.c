@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Opening a data set: choosing the reader, checking what it read against the pictures, and bringing every camera to an
- * upright pinhole. */
+/* Opens a data set: chooses the reader by the files it finds, compares the size of every picture with its camera,
+ * marks the held-out views and gives every view an undistorted, downscaled pinhole camera. Also holds the accessors
+ * of the public API. */
 #include "dataset/internal.h"
 
 #include "dataset/driving/reader.h"
@@ -22,7 +23,7 @@ pags_dataset_options pags_dataset_options_default(void) {
   return (pags_dataset_options){.downscale = 1, .split_every = -1, .random_points = 10000, .frame_last = -1};
 }
 
-/* Choice of the reader. */
+/* ---- Choosing the reader ---- */
 
 static const char *const model_folders[] = {".", "sparse/0", "sparse", "colmap/sparse/0"};
 
@@ -48,7 +49,7 @@ static pags_result read_parsed(const char *path, const pags_dataset_options *opt
   if (!pags_path_exists(path))
     return pags_fail(PAGS_ERROR_IO, "%s: no such file or folder", path);
   if (options->colmap) {
-    /* A model that was asked for; its path may be relative to the data set. */
+    /* The caller named a COLMAP model. Its path is tried as it stands, then relative to the data set's folder. */
     char *root = pags_dir_exists(path) ? pags_text_copy(path) : pags_path_folder(path);
     char *inside = root ? pags_path_join(root, options->colmap) : NULL;
     pags_result result;
@@ -66,7 +67,8 @@ static pags_result read_parsed(const char *path, const pags_dataset_options *opt
     return result;
   }
   if (pags_dir_exists(path)) {
-    /* Read folder. */
+    /* The order decides which format wins: an explicit kind of driving set, transforms.json, a driving set, a COLMAP
+     * model. */
     char *transforms = pags_path_join(path, "transforms.json");
     if (!transforms)
       return pags_out_of_memory("%s", path);
@@ -93,7 +95,7 @@ static pags_result read_parsed(const char *path, const pags_dataset_options *opt
   return pags_fail(PAGS_ERROR_FORMAT, "%s: not a data set: expected a folder or a transforms file (.json)", path);
 }
 
-/* Views: order, presence, sizes. */
+/* ---- Ordering the views and leaving out missing ones ---- */
 
 static int by_name(const void *a, const void *b) {
   const pags_parsed_view *left = a, *right = b;
@@ -104,7 +106,7 @@ static int by_name(const void *a, const void *b) {
 static pags_result sort_views(pags_parsed_dataset *parsed) {
   if (parsed->count == 0)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected at least one image, found none", parsed->source);
-  if (parsed->driving) /* by frame, then by camera, as its reader has left them */
+  if (parsed->driving) /* the driving reader has sorted the views by frame, then by camera */
     return PAGS_OK;
   pags_sort(parsed->views, parsed->count, sizeof *parsed->views, by_name);
   for (int64_t i = 1; i < parsed->count; i++) {
@@ -123,8 +125,9 @@ static void swap_views(pags_parsed_view *a, pags_parsed_view *b) {
   *b = keep;
 }
 
-/* Moves the views without an image behind the others, which keep their order; dataset->count is then that of the
- * others. */
+/* Moves the views without an image file to the end of the array; the views with an image keep their order, and
+ * dataset->count becomes their number. Missing images are an error unless `allowed` is nonzero and at least one image
+ * exists. */
 static pags_result leave_out_missing(pags_dataset *dataset, int allowed) {
   pags_parsed_dataset *parsed = &dataset->parsed;
   const char *first = NULL, *where = NULL;
@@ -150,7 +153,7 @@ static pags_result leave_out_missing(pags_dataset *dataset, int allowed) {
   return PAGS_OK;
 }
 
-/* Cameras. */
+/* ---- Cameras and views ---- */
 
 static bool same_lens(const pags_lens *a, const pags_lens *b) {
   return a->kind == b->kind && a->width == b->width && a->height == b->height && a->fx == b->fx && a->fy == b->fy &&
@@ -158,7 +161,8 @@ static bool same_lens(const pags_lens *a, const pags_lens *b) {
          memcmp(a->p, b->p, sizeof a->p) == 0;
 }
 
-/* Finding the pinhole of a lens costs milliseconds: one that was seen before is taken over. */
+/* Computes the pinhole camera of view `index` from its lens. Finding it costs milliseconds, so the result of an
+ * earlier view with an identical lens is copied instead. */
 static pags_result find_pinhole(pags_dataset *dataset, int64_t index) {
   pags_parsed_view *views = dataset->parsed.views;
   for (int64_t i = 0; i < index; i++)
@@ -171,7 +175,8 @@ static pags_result find_pinhole(pags_dataset *dataset, int64_t index) {
   return pags_lens_pinhole(&views[index].lens, views[index].where, &dataset->pinholes[index]);
 }
 
-/* Held out: driving sets by time step or camera, static ones by their order. */
+/* Fills in the sensor, frame and shutter time of a view and whether the view is held out: in a driving set by time
+ * step or by camera, in a static set every `every`-th view in file-name order. */
 static void choose_part(const pags_dataset *dataset, int64_t index, int every, pags_view *view) {
   const pags_driving *driving = dataset->parsed.driving;
   const pags_parsed_view *from = &dataset->parsed.views[index];
@@ -191,7 +196,6 @@ static pags_result make_views(pags_dataset *dataset, const pags_dataset_options 
     return pags_out_of_memory("%s", dataset->path);
   int64_t training = 0;
   for (int64_t i = 0; i < dataset->count; i++) {
-    /* Make view. */
     const pags_parsed_view *from = &dataset->parsed.views[i];
     pags_view *view = &dataset->views[i];
     view->name = pags_path_name(from->image_path);
@@ -216,7 +220,8 @@ static pags_result make_views(pags_dataset *dataset, const pags_dataset_options 
   return PAGS_OK;
 }
 
-/* Coordinates beyond this lose more than half a millimetre in float. */
+/* From 4096 on, neighbouring single-precision numbers are half a millimetre apart (2^-11 m) or more. Camera positions
+ * beyond it move the origin. */
 #define LARGE_COORDINATE 4096.0
 
 static pags_result open_into(pags_dataset *dataset, const char *path, const pags_dataset_options *options) {
@@ -226,10 +231,10 @@ static pags_result open_into(pags_dataset *dataset, const char *path, const pags
   PAGS_TRY(read_parsed(path, options, &dataset->parsed));
   pags_dataset_options resolved = *options;
   if (resolved.split_every == -1)
-    resolved.split_every = 8; /* of static sets; the driving reader has its own */
+    resolved.split_every = 8; /* default of static sets; the driving reader applies its own default */
   PAGS_TRY(sort_views(&dataset->parsed));
 
-  /* Check sizes. */
+  /* Every picture must have the size that its camera states. Only the picture's header is read. */
   for (int64_t i = 0; i < dataset->parsed.count; i++) {
     const pags_parsed_view *view = &dataset->parsed.views[i];
     int width, height;
@@ -244,7 +249,8 @@ static pags_result open_into(pags_dataset *dataset, const char *path, const pags
   PAGS_TRY(leave_out_missing(dataset, options->allow_missing));
   PAGS_TRY(make_views(dataset, &resolved));
 
-  /* Choose origin. */
+  /* With large coordinates (metres in a map grid), the origin is the mean camera position rounded to whole metres, so
+   * that positions relative to it fit single precision; otherwise the origin stays at zero. */
   double mean[3] = {0}, largest = 0;
   for (int64_t i = 0; i < dataset->count; i++)
     for (int c = 0; c < 3; c++) {
@@ -263,12 +269,14 @@ static pags_result open_into(pags_dataset *dataset, const char *path, const pags
   return pags_dataset_make_points(dataset, options);
 }
 
+/* ---- Opening, closing, and accessors of every set ---- */
+
 pags_result pags_dataset_open(const char *path, const pags_dataset_options *options, pags_dataset **out) {
   assert(path && out);
   *out = NULL;
   pags_dataset_options chosen = options ? *options : pags_dataset_options_default();
 
-  /* Check options. */
+  /* Reject numeric options out of range. */
   if (!(chosen.downscale >= 1) || !isfinite(chosen.downscale))
     return pags_fail(PAGS_ERROR_ARGUMENT, "downscale %g: expected 1 or more", chosen.downscale);
   if (chosen.split_every < -1 || chosen.split_every == 1)
@@ -336,7 +344,7 @@ void pags_dataset_points(const pags_dataset *dataset, int64_t *count, const floa
   *random = dataset->random;
 }
 
-/* Driving sets. */
+/* ---- Accessors of driving sets ---- */
 
 int pags_dataset_provides(const pags_dataset *dataset) {
   return dataset->parsed.driving ? dataset->parsed.driving->provides : 0;

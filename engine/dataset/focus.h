@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What a set of cameras looks at. */
+/* Estimates the distance of the subject that a set of cameras looks at, and draws depths around it for initial
+ * points. */
 #ifndef PAGS_DATASET_FOCUS_H
 #define PAGS_DATASET_FOCUS_H
 
@@ -7,15 +8,17 @@
 
 #include <pags/camera.h>
 
-/* The distance at which things are, metres: the median depth of the point nearest to all optical axes. Cameras that
- * have no subject in common (they look ahead, or outward) say nothing but how far they are apart, and it is 4 times
- * that; one camera alone says nothing at all, and it is 1. */
+/* Estimates the distance of the subject in metres: the median depth of the point nearest to all optical axes. When
+ * the cameras have no common subject (they look ahead in parallel, or outward), the distance is 4 times the root mean
+ * square distance of the camera centres from their mean; when that is zero, too (a single camera), the distance
+ * is 1. */
 pags_result pags_focus_distance(const pags_camera *const *cameras, int64_t count, double *out);
 
-/* A depth by chance, `draw` in [0, 1): evenly spread in its logarithm over 0.45 to 4 times the subject's distance. */
+/* Maps `draw`, a uniform random number in [0, 1), to a depth: log-uniform between 0.45 and 4 times the distance of
+ * the subject. */
 double pags_focus_depth(double distance, double draw);
 
-/* The point lies within the picture and at least `nearest` in front of the camera. */
+/* Whether `point` projects into the picture of the camera and its depth is at least `nearest` (metres). */
 bool pags_camera_sees(const pags_camera *camera, const double point[3], double nearest);
 
 #endif

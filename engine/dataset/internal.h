@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The inside of a data set, for the files of this folder. */
+/* The structure behind pags_dataset and the functions that the files of this folder share. */
 #ifndef PAGS_DATASET_INTERNAL_H
 #define PAGS_DATASET_INTERNAL_H
 
@@ -9,9 +9,9 @@
 
 struct pags_dataset {
   char *path;
-  pags_parsed_dataset parsed; /* owns the strings; its views are in the order of `views` */
+  pags_parsed_dataset parsed; /* owns the strings of `views`; parsed.views has the same order */
   pags_view *views;
-  pags_camera *pinholes; /* of each view: undistorted, not downscaled; intrinsics only */
+  pags_camera *pinholes; /* one per view: undistorted, not downscaled; only size and intrinsics are set */
   int64_t count;
   double origin[3];
   int64_t missing;
@@ -21,28 +21,32 @@ struct pags_dataset {
   int random;
 };
 
-/* Fills in the points to start from: the parsed set's, or random ones. */
+/* Fills in the initial points of training: those of the parsed data set if it has some, else random ones (see
+ * points.c). */
 pags_result pags_dataset_make_points(pags_dataset *dataset, const pags_dataset_options *options);
 
-/* Driving sets: where cameras see their own car. After the views are made. */
+/* Finds, for every camera of a driving set, the pixels that show the ego vehicle (ego_mask.c). Call it after the
+ * views are made. */
 pags_result pags_ego_masks_make(pags_dataset *dataset, const pags_dataset_options *options);
 
-/* One photograph in memory: planes of height * stride bytes: R, G, B, then the mask's and the labels' where it has
- * them. */
+/* A decoded photograph: planes of height * stride bytes in the order R, G, B, mask (if has_mask), labels (if
+ * has_labels). */
 typedef struct pags_photo_data {
   int width, height, stride;
   bool has_mask, has_labels;
   uint8_t *planes; /* aligned to 64 bytes; freed by the owner */
 } pags_photo_data;
 
-/* Reads, undistorts and shrinks; safe on several threads at once. */
+/* Decodes the photograph of a view, undistorts it, and shrinks it by `shrink` after the downscale of the data set.
+ * May be called from several threads at once. */
 pags_result pags_photo_decode(const pags_dataset *dataset, int64_t view, int shrink, pags_photo_data *out);
 
-/* Bytes of the photograph with its mask, and of everything that decoding one (8 bit a sample) holds at once, itself
- * included. */
+/* Computes two upper bounds in bytes: `kept` for the finished photograph with mask and labels, `decoding` for all
+ * buffers that pags_photo_decode holds while it decodes 8-bit samples, `kept` included. */
 void pags_photo_bytes(const pags_dataset *dataset, int64_t view, int shrink, uint64_t *kept, uint64_t *decoding);
 
-/* What a cache has in use now and had at most, in bytes, and how many photographs it has decoded. For tests. */
+/* Returns the bytes that the cache uses now (`used`) and used at most (`peak`), and the number of photographs it has
+ * decoded. For tests. */
 void pags_photo_cache_figures(const pags_photo_cache *cache, uint64_t *used, uint64_t *peak, uint64_t *decoded);
 
 #endif

@@ -1,23 +1,26 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Distortion models, their inverse, and the choice of the pinhole to resample to.
+/* Lens distortion: projection, inverse projection, and the choice of the pinhole camera to which photographs are
+ * resampled.
  *
- * Sources: the OpenCV manual (calib3d, fisheye) for the models; COLMAP's undistortion for the rule of the output size.
- */
+ * The perspective and fisheye models are those of OpenCV's manual (calib3d, fisheye); the size of the output follows
+ * the rule of COLMAP's undistorter. */
 #include "dataset/lens.h"
 
 #include <math.h>
+
+/* ---- Distortion models ---- */
 
 static inline double poly(const double k[4], double t) {
   return 1 + t * (k[0] + t * (k[1] + t * (k[2] + t * k[3])));
 }
 
-/* Derivative of s * poly(k, s^2) by s at t = s^2. */
+/* Derivative of s * poly(k, s^2) with respect to s, as a function of t = s^2. */
 static double slope(const double k[4], double t) {
   return 1 + t * (3 * k[0] + t * (5 * k[1] + t * (7 * k[2] + t * 9 * k[3])));
 }
 
-/* The first t = s^2 in (0, end) at which s * poly(k, s^2) stops growing, or end. Steps of 1/4096 of the range in s find
- * the sign change, bisection places it. */
+/* Returns the smallest t = s^2 in (0, end) at which s * poly(k, s^2) stops growing, or `end` if it grows throughout.
+ * A scan over s in 4096 steps finds the sign change of the derivative, bisection refines it. */
 static double growing_until(const double k[4], double end) {
   const int steps = 4096;
   double low = 0;
@@ -49,7 +52,7 @@ pags_result pags_lens_prepare(pags_lens *lens, const char *where) {
   if (!(lens->fx > 0) || !(lens->fy > 0))
     return pags_fail(PAGS_ERROR_FORMAT, "%s: focal lengths %g and %g, expected them above 0", where, lens->fx,
                      lens->fy);
-  /* 85 degrees from the axis: past it a pinhole has no use. */
+  /* Largest angle from the optical axis, 85 degrees: a pinhole image becomes useless beyond it. */
   const double widest = 85 * 3.14159265358979323846 / 180;
   if (lens->kind == PAGS_LENS_FISHEYE) {
     double t = tan(sqrt(growing_until(lens->k, widest * widest)));
@@ -69,7 +72,7 @@ bool pags_lens_is_pinhole(const pags_lens *lens) {
   return lens->p[0] == 0 && lens->p[1] == 0;
 }
 
-/* (x, y) -> distorted position on the plane z = 1. */
+/* Maps the undistorted point (x, y) on the plane z = 1 to its distorted position on the same plane. */
 static inline void distort(const pags_lens *lens, double x, double y, double out[2]) {
   double r2 = x * x + y * y;
   if (lens->kind == PAGS_LENS_FISHEYE) {
@@ -93,7 +96,7 @@ bool pags_lens_project(const pags_lens *lens, double x, double y, double *u, dou
 }
 
 void pags_lens_project_row(const pags_lens *lens, int count, double x, double step, double y, double *source) {
-  const pags_lens local = *lens; /* in registers: `source` could alias *lens */
+  const pags_lens local = *lens; /* stays in registers, whereas `source` could alias *lens */
   for (int i = 0; i < count; i++) {
     double d[2], here = x + i * step;
     distort(&local, here, y, d);
@@ -103,8 +106,11 @@ void pags_lens_project_row(const pags_lens *lens, int count, double x, double st
   }
 }
 
-/* The radial part alone: r with r * poly(r^2) = target (or theta, for a fisheye), by bisection where the function
- * grows. */
+/* ---- Inverse projection ---- */
+
+/* Inverts the radial distortion without the tangential part: returns the radius r on the plane z = 1 with r *
+ * poly(r^2) = target (perspective) or theta * poly(theta^2) = target with r = tan(theta) (fisheye). Bisection over
+ * the range in which the function grows. */
 static double invert_radial(const pags_lens *lens, double target) {
   bool fisheye = lens->kind == PAGS_LENS_FISHEYE;
   double low = 0, high = fisheye ? atan(sqrt(lens->limit)) : sqrt(lens->limit);
@@ -118,7 +124,8 @@ static double invert_radial(const pags_lens *lens, double target) {
   return fisheye ? tan(low) : low;
 }
 
-/* Newton from the radial solution, with the Jacobian by central differences; the tangential part is small. */
+/* Newton's method with a Jacobian by central differences. It starts from the solution of the radial part, which is
+ * close because the tangential part is small. The result is accepted if it reprojects within 0.001 pixel. */
 bool pags_lens_unproject(const pags_lens *lens, double u, double v, double *x, double *y) {
   double target[2] = {(u - lens->cx) / lens->fx, (v - lens->cy) / lens->fy};
   double radius = hypot(target[0], target[1]);
@@ -150,8 +157,11 @@ bool pags_lens_unproject(const pags_lens *lens, double u, double v, double *x, d
          fabs(check[1] - target[1]) * lens->fy < 1e-3;
 }
 
-/* Narrows bounds = {left, top, right, bottom} of the undistorted rectangle (pixels of the pinhole with the source's fx,
- * fy, cx, cy) by one point of the source's border. `side` indexes bounds. A point without a ray bounds nothing. */
+/* ---- The pinhole camera of a lens ---- */
+
+/* Narrows bounds = {left, top, right, bottom} of the undistorted rectangle by the border point (u, v) of the
+ * distorted picture. The bounds are pixels of a pinhole camera with the lens's fx, fy, cx, cy; `side` is the index of
+ * the bound to move. A border point that can't be unprojected leaves the bounds unchanged. */
 static void narrow(const pags_lens *lens, double u, double v, int side, double bounds[4]) {
   double x, y;
   if (!pags_lens_unproject(lens, u, v, &x, &y))
@@ -161,7 +171,8 @@ static void narrow(const pags_lens *lens, double u, double v, int side, double b
     bounds[side] = at;
 }
 
-/* Places `size` whole pixels in the middle of [low, high] and moves the principal point accordingly. */
+/* Returns the largest whole number of pixels that fits into [low, high], centred in the interval, or 0 if that is not
+ * 1..65535. Shifts the principal point *centre from the lens's pixel coordinates to those of the new rectangle. */
 static int whole_pixels(double low, double high, double *centre) {
   double size = floor(high - low + 1e-9);
   *centre -= low + 0.5 * (high - low - size);

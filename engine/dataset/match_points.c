@@ -1,16 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Points to start from, found in the photographs themselves.
+/* Computes initial points for training from the photographs themselves, by plane-sweep stereo.
  *
- * Random points leave it to training to move everything into place, and cost decibels that a short run never gets back
- * (on data/fox 4 dB after 1,000 steps at a quarter of the size, against the points of a structure-from-motion model).
- * Poses being known, depth is cheap to find: a small patch around a random pixel of a training photograph is projected,
- * for each of many depths along the pixel's ray, into a few other training photographs, and the depth at which they
- * agree best is taken (plane sweep: Collins, "A space-sweep approach to true multi-image matching", CVPR 1996; patches
- * and the choice of views as in multi-view stereo). Pixels without a clear answer (bare walls, sky) borrow the depth of
- * the nearest pixel of the same photograph that has one.
+ * From random points, training has to move everything into place, and a short run never gets back the quality that
+ * this costs (on data/fox 4 dB after 1,000 steps at a quarter of the size, compared with the points of a
+ * structure-from-motion model). The poses are known, so depth is cheap to find: a small patch around a random pixel
+ * of a training photograph is projected, for each of many depths along the pixel's ray, into a few other training
+ * photographs, and the depth with the highest correlation is taken (plane sweep: Collins, "A space-sweep approach to
+ * true multi-image matching", CVPR 1996; patches and the choice of views as in multi-view stereo). A pixel without a
+ * clear depth (bare walls, sky) takes the depth of the nearest pixel of the same photograph that has one.
  *
- * Works on photographs of 160 to 320 pixels; a ray costs some 8,000 samples. Each ray is decided by itself from its own
- * random numbers, so that the number of threads changes nothing. */
+ * The photographs are matched at 160 to 320 pixels on the longer side; a ray costs some 8,000 samples. Each ray has
+ * its own random numbers and doesn't depend on other rays, so that the result doesn't depend on the number of
+ * threads. */
 #include "dataset/internal.h"
 
 #include "base/log.h"
@@ -25,59 +26,63 @@
 #include <string.h>
 
 enum {
-  MOST_PICTURES = 256, /* of larger sets every nth view is used */
-  SMALL_SIDE = 320,    /* the longer side of the photographs matched, at most */
-  NEIGHBOURS = 4,
-  TRIES = 16,
-  DEPTHS = 96,
-  RADIUS = 2, /* of a patch */
+  MOST_PICTURES = 256, /* most photographs matched; from a larger set every nth training view is taken */
+  SMALL_SIDE = 320,    /* longest side of a matched photograph, pixels */
+  NEIGHBOURS = 4,      /* photographs that a patch is compared with */
+  TRIES = 16,          /* draws of a pixel that the mask allows */
+  DEPTHS = 96,         /* depths tested for a ray */
+  RADIUS = 2,          /* of a patch, pixels */
   TAPS = (2 * RADIUS + 1) * (2 * RADIUS + 1)
 };
 
-/* Depths tried, as multiples of the subject's, evenly spaced in 1 / depth as disparities are. */
+/* Range of the depths tested, as multiples of the distance of the subject; the depths are evenly spaced in 1 / depth,
+ * like disparities. */
 static const double nearest = 0.3, farthest = 6.0;
 
-static const double sure_score =
-    0.85;                       /* mean correlation of the better half of the neighbours from which on a depth counts */
-static const double flat = 2.0; /* standard deviation of a patch, of 255, below which noise decides */
+/* Least mean correlation, over the better half of the neighbours, at which a depth is accepted. */
+static const double sure_score = 0.85;
 
-/* What the draws of a seed are for; other users of the same seed take other streams. */
+/* Standard deviation of a patch's grey values (0..255) below which the patch is mostly noise and is not matched. */
+static const double flat = 2.0;
+
+/* Random number stream of this file, so that other users of the same seed draw independent numbers. */
 #define STREAM UINT64_C(0x6d61746368000000)
 
 typedef struct picture {
-  pags_camera camera; /* of the small photograph */
+  pags_camera camera; /* of the photograph at matching size */
   int width, height;
-  uint8_t *rgb; /* interleaved */
+  uint8_t *rgb; /* interleaved R, G, B */
   float *grey;
   uint8_t *mask;              /* NULL: every pixel counts */
-  int neighbours[NEIGHBOURS]; /* indices of pictures, -1: none */
+  int neighbours[NEIGHBOURS]; /* indices of the best partners in `pictures`, best first; -1: none */
 } picture;
 
 typedef struct ray {
   int picture;
   double u, v;    /* pixels */
-  double inverse; /* 1 / depth */
-  bool sure;
+  double inverse; /* 1 / depth, if sure */
+  bool sure;      /* a depth was accepted */
 } ray;
 
 typedef struct matcher {
   const pags_dataset *dataset;
   uint64_t seed;
-  double distance; /* of the subject */
+  double distance; /* of the subject (pags_focus_distance) */
   int count;
   int64_t *views;
   picture *pictures;
-  pags_result *results; /* of loading each */
+  pags_result *results; /* of loading each picture */
   char (*messages)[256];
   int64_t ray_count;
   ray *rays;
-  float *xyz; /* the result, a point a ray */
+  float *xyz; /* output: one point per ray */
   uint8_t *rgb;
 } matcher;
 
-/* Loading. */
+/* ---- Loading the photographs ---- */
 
-/* Bytes of one photograph: interleaved colour for the result, grey for matching. */
+/* Copies a decoded photograph into a picture: interleaved colours for the colours of the points, grey values (weights
+ * 1:2:1 of R, G, B) for matching, and the mask. */
 static pags_result keep_photo(const pags_photo_data *photo, picture *p) {
   size_t pixels = (size_t)photo->width * (size_t)photo->height, plane = (size_t)photo->stride * (size_t)photo->height;
   p->width = photo->width;
@@ -118,7 +123,7 @@ static void load_block(void *context, int64_t begin, int64_t end, int worker) {
   }
 }
 
-/* Geometry. */
+/* ---- Geometry and the choice of partners ---- */
 
 static void point_on_ray(const pags_camera *camera, double u, double v, double depth, double point[3]) {
   const double *m = camera->world_from_camera;
@@ -138,8 +143,9 @@ static double angle_at(const double point[3], const pags_camera *a, const pags_c
   return acos(fmax(-1, fmin(1, dot / sqrt(aa * bb))));
 }
 
-/* How good a partner the second view is: seen from the subject, ten degrees apart are wide enough to tell depths and
- * narrow enough to look alike. Smaller is better; infinity: no use. */
+/* Returns the cost of matching picture `a` with picture `b`; smaller is better, infinity means that `b` is of no use.
+ * The cost is |log(angle / 10 degrees)| of the angle between the two cameras as seen from the subject: ten degrees
+ * are wide enough to tell depths apart and narrow enough for the patches to look alike. */
 static double partner_cost(const matcher *m, const picture *a, const picture *b) {
   double point[3];
   point_on_ray(&a->camera, 0.5 * a->width, 0.5 * a->height, m->distance, point);
@@ -149,9 +155,9 @@ static double partner_cost(const matcher *m, const picture *a, const picture *b)
   return fabs(log(angle / 10));
 }
 
-/* Matching. */
+/* ---- Matching a ray ---- */
 
-/* An affine piece of a photograph: tap (i, j) lies at (u + a i + b j, v + c i + d j). */
+/* An affinely warped patch of a photograph: tap (i, j) lies at (u + a i + b j, v + c i + d j). */
 typedef struct patch {
   double u, v, a, b, c, d;
 } patch;
@@ -161,13 +167,13 @@ static bool inside(const picture *p, const patch *q) {
   return q->u - du >= 0.5 && q->v - dv >= 0.5 && q->u + du < p->width - 0.501 && q->v + dv < p->height - 0.501;
 }
 
-/* Taps less their mean, divided by their norm; false where the patch is flat. */
+/* Samples the grey values of a patch bilinearly, subtracts their mean and divides by their norm, so that the dot
+ * product of two patches is their normalised cross-correlation. Returns false if the patch is flat. */
 static bool normalised_taps(const picture *p, const patch *q, float taps[TAPS]) {
   float sum = 0, square = 0;
   int n = 0;
   for (int j = -RADIUS; j <= RADIUS; j++)
     for (int i = -RADIUS; i <= RADIUS; i++) {
-      /* Sample. */
       double u = q->u + q->a * i + q->b * j;
       double v = q->v + q->c * i + q->d * j;
       double x = u - 0.5, y = v - 0.5;
@@ -191,14 +197,16 @@ static bool normalised_taps(const picture *p, const patch *q, float taps[TAPS]) 
   return true;
 }
 
-/* Where the other camera sees a patch that faces this one at 1 / inverse: the centre through the pinhole, the rest by
- * its derivative. False outside of the photograph or where the patch is squeezed or blown up beyond use. */
+/* Projects a patch of picture `from`, centred at pixel (u, v), parallel to its image plane and at depth 1 / inverse,
+ * into picture `to`; m is to_camera_from_from_camera. The centre is projected exactly, the axes of the patch by the
+ * derivative of the projection. Returns false if the patch leaves the photograph or changes its area by more than a
+ * factor of 4. */
 static bool project_patch(const picture *from, const picture *to, const double m[12], double u, double v,
                           double inverse, patch *out) {
   const pags_camera *f = &from->camera, *t = &to->camera;
   double x = (u - f->cx) / f->fx, y = (v - f->cy) / f->fy, q[3];
   for (int i = 0; i < 3; i++)
-    q[i] = m[4 * i] * x + m[4 * i + 1] * y + m[4 * i + 2] + m[4 * i + 3] * inverse; /* over depth */
+    q[i] = m[4 * i] * x + m[4 * i + 1] * y + m[4 * i + 2] + m[4 * i + 3] * inverse; /* divided by the depth */
   if (!(q[2] > 0.05))
     return false;
   double px = q[0] / q[2], py = q[1] / q[2];
@@ -214,8 +222,8 @@ static bool project_patch(const picture *from, const picture *to, const double m
   return area > 0.25 && area < 4 && inside(to, out);
 }
 
-/* The mean correlation over the better half of the neighbours that see the patch (the others may be hidden behind
- * something); -1 where fewer than two see it. */
+/* Returns the mean correlation of a ray's patch at depth 1 / inverse with the better half (at least two) of the
+ * neighbours that see it; the worse half may be occluded. Returns -1 if fewer than two neighbours see the patch. */
 static double score_at(const matcher *m, const ray *r, const float own[TAPS], const double (*motions)[12],
                        double inverse) {
   const picture *p = &m->pictures[r->picture];
@@ -243,12 +251,14 @@ static double score_at(const matcher *m, const ray *r, const float own[TAPS], co
   return sum / half;
 }
 
+/* Returns 1 / depth of the test depth with index `step`, 0..DEPTHS - 1, from the farthest to the nearest. */
 static double inverse_of(const matcher *m, double step) {
   double low = 1 / (farthest * m->distance), high = 1 / (nearest * m->distance);
   return low + (high - low) * step / (DEPTHS - 1);
 }
 
-/* The best depth, between steps by the parabola through the best score and its two neighbours. */
+/* Finds the depth of a ray with the highest score. A parabola through the best score and the scores before and after
+ * it gives the position between the tested depths. */
 static void match_ray(const matcher *m, ray *r) {
   const picture *p = &m->pictures[r->picture];
   const patch straight = {.u = r->u, .v = r->v, .a = 1, .d = 1};
@@ -257,7 +267,7 @@ static void match_ray(const matcher *m, ray *r) {
   if (!inside(p, &straight) || !normalised_taps(p, &straight, own))
     return;
   for (int k = 0; k < NEIGHBOURS && p->neighbours[k] >= 0; k++) {
-    /* p_b = A p_a + t between the cameras of two pictures. */
+    /* The rigid motion from the camera of this picture to the camera of neighbour k. */
     double inverse[12];
     pags_rigid_inverse(m->pictures[p->neighbours[k]].camera.world_from_camera, inverse);
     pags_rigid_multiply(inverse, p->camera.world_from_camera, motions[k]);
@@ -283,7 +293,8 @@ static size_t pixel_of(const picture *p, double u, double v) {
   return (size_t)y * (size_t)p->width + (size_t)x;
 }
 
-/* A random pixel that the mask doesn't leave out, if some tries find one. */
+/* Draws a random pixel of the ray's picture; draws again, up to TRIES draws in all, while the mask excludes the
+ * pixel. */
 static void draw_ray(matcher *m, int64_t index) {
   ray *r = &m->rays[index];
   r->picture = (int)(index % m->count);
@@ -307,7 +318,10 @@ static void match_block(void *context, int64_t begin, int64_t end, int worker) {
   }
 }
 
-/* Rays of one picture are every count-th of all. The nearest sure one in the picture, NULL: it has none. */
+/* ---- Points from the rays ---- */
+
+/* Returns the ray nearest to `r`, in pixels, among the rays of the same picture with an accepted depth; NULL if the
+ * picture has none. The rays of a picture are every m->count-th of all rays. */
 static const ray *nearest_sure(const matcher *m, const ray *r) {
   const ray *best = NULL;
   double least = INFINITY;
@@ -341,8 +355,9 @@ static void emit_block(void *context, int64_t begin, int64_t end, int worker) {
   }
 }
 
+/* ---- The whole run ---- */
+
 static pags_result match_all(matcher *m, pags_tasks *tasks) {
-  /* Load. */
   if (!pags_parallel_for(tasks, m->count, 1, load_block, m))
     return pags_fail(PAGS_CANCELLED, "cancelled while reading photographs");
   for (int i = 0; i < m->count; i++)
@@ -350,7 +365,7 @@ static pags_result match_all(matcher *m, pags_tasks *tasks) {
       return pags_fail(m->results[i], "%s", m->messages[i]);
 
   for (int i = 0; i < m->count; i++) {
-    /* Choose neighbours. */
+    /* Choose the NEIGHBOURS pictures with the least partner cost. */
     picture *p = &m->pictures[i];
     double costs[NEIGHBOURS];
     for (int k = 0; k < NEIGHBOURS; k++) {
@@ -359,7 +374,7 @@ static pags_result match_all(matcher *m, pags_tasks *tasks) {
     }
     for (int j = 0; j < m->count; j++) {
       double cost = j == i ? INFINITY : partner_cost(m, p, &m->pictures[j]);
-      for (int k = NEIGHBOURS - 1; k >= 0 && cost < costs[k]; k--) { /* insertion, best first */
+      for (int k = NEIGHBOURS - 1; k >= 0 && cost < costs[k]; k--) { /* insertion sort, least cost first */
         if (k < NEIGHBOURS - 1) {
           costs[k + 1] = costs[k];
           p->neighbours[k + 1] = p->neighbours[k];
@@ -369,7 +384,7 @@ static pags_result match_all(matcher *m, pags_tasks *tasks) {
       }
     }
   }
-  /* Some fifty blocks of work for any usual number of points. */
+  /* Blocks of 128 rays: the usual number of points gives some fifty or more of them. */
   if (!pags_parallel_for(tasks, m->ray_count, 128, match_block, m) ||
       !pags_parallel_for(tasks, m->ray_count, 128, emit_block, m))
     return pags_fail(PAGS_CANCELLED, "cancelled while looking for points");
@@ -392,7 +407,7 @@ static pags_result prepare(matcher *m) {
   if (!m->views || !m->pictures || !m->results || !m->messages || !m->rays || !m->xyz || !m->rgb)
     return pags_out_of_memory("%s", m->dataset->path);
 
-  /* Every training view, or of very many an even choice. */
+  /* Take every training view, or an evenly spaced choice of MOST_PICTURES of them. */
   int64_t training = 0, seen = 0;
   int count = 0;
   for (int64_t i = 0; i < m->dataset->count; i++)

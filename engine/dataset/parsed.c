@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Storage of what readers read. */
+/* Allocation and release of the parsed data set that the readers fill in (parsed.h). */
 #include "dataset/driving/driving_set.h"
 
 #include <assert.h>
@@ -30,7 +30,7 @@ void pags_parsed_destroy(pags_parsed_dataset *parsed) {
   memset(parsed, 0, sizeof *parsed);
 }
 
-/* Room for one more item of `size` bytes in *items; doubles. */
+/* Makes room for one more item of `size` bytes in *items by doubling the capacity; false when out of memory. */
 static bool grow(void **items, int64_t count, int64_t *capacity, size_t size) {
   if (count < *capacity)
     return true;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* From a file to the bytes that the loss reads: decode, undistort, shrink, split into planes. */
+/* Decodes a photograph into the planes of bytes that the loss reads: load the files, undistort, shrink, split the
+ * colours, the mask and the labels into planes. */
 #include "dataset/internal.h"
 
 #include "base/memory.h"
@@ -14,8 +15,8 @@
 
 typedef struct pictures {
   pags_image colour;
-  pags_image mask;   /* data NULL: none */
-  pags_image labels; /* data NULL: none */
+  pags_image mask;   /* data NULL: no mask, every pixel is used */
+  pags_image labels; /* data NULL: no label files */
 } pictures;
 
 static const pictures nothing = {{0}, {0}, {0}};
@@ -60,7 +61,7 @@ static bool is_full_size(const pags_camera *from, const pags_camera *to) {
   return from->fx / to->fx < 1 + 1e-9;
 }
 
-/* The label at each pixel's centre: bits can't be averaged. */
+/* Shrinks a label image by taking the source label at each target pixel's centre; label bits can't be averaged. */
 static void pick_labels(const pags_image *from, double step_x, double step_y, pags_image *to) {
   const uint8_t *labels = from->data;
   uint8_t *out = to->data;
@@ -71,8 +72,9 @@ static void pick_labels(const pags_image *from, double step_x, double step_y, pa
   }
 }
 
-/* One area average from full size, whatever --downscale and the trainer's own shrink multiply to. The step is what the
- * two cameras say, so that pixels and intrinsics agree also where a size was rounded down. */
+/* Shrinks the pictures from camera `from` to camera `to` with a single area average, which covers both the downscale
+ * of the data set and the trainer's own shrink factor. The step is the ratio of the focal lengths, so that pixels and
+ * intrinsics agree even where a size was rounded down. */
 static pags_result shrink(const pags_camera *from, const pags_camera *to, pictures *p) {
   double step_x = fmax(from->fx / to->fx, 1), step_y = fmax(from->fy / to->fy, 1);
   if (is_full_size(from, to))
@@ -174,8 +176,9 @@ void pags_photo_bytes(const pags_dataset *dataset, int64_t index, int factor, ui
   const pags_camera *pinhole = &dataset->pinholes[index];
   pags_camera target = pags_camera_downscale(&dataset->views[index].camera, factor);
   bool straight = pags_lens_is_pinhole(lens), same = is_full_size(pinhole, &target);
-  /* The file's pixels, the undistorted ones, the shrunk ones, the planes: at any moment the input and the output of one
-   * step. Labels come from files that are held one at a time. */
+  /* Upper bound: the decoded files, the undistorted pictures, the shrunk pictures and the planes are counted as if
+   * they existed together, although each step only holds its input and its output. Two source planes are counted for
+   * labels: the label image and one of the files it is made of, which are loaded one at a time. */
   uint64_t labels = pags_label_planes_exist(dataset, index) ? 1 : 0;
   uint64_t source = (4 + 2 * labels) * (uint64_t)lens->width * (uint64_t)lens->height;
   uint64_t upright = straight ? 0 : (4 + labels) * (uint64_t)pinhole->width * (uint64_t)pinhole->height;

@@ -1,12 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Decoded photographs within a budget.
+/* A cache of decoded photographs within a size limit in bytes (`budget`), which decodes the announced views ahead on
+ * the thread pool.
  *
- * One slot a view. Bytes are booked before they are taken: a decode books what it holds at its worst, and hands back
- * all but the photograph itself when it has been harvested. The owner's thread does all booking; jobs touch nothing but
- * their own slot's result, and say so through `done`.
+ * There is one slot per view. Bytes are booked before they are allocated: a decode books the most that it can hold at
+ * once, and when its result is collected, all bytes except those of the finished photograph are given back. Only the
+ * owner's thread books bytes; a job writes nothing but the result in its own slot and then sets `done`.
  *
- * What goes first when room is needed: what is wanted latest (views outside of the announced order never are), then
- * what was used longest ago. For a background decode only what is wanted later than it may go. */
+ * When room is needed, the photograph that is wanted latest is evicted first (a view outside of the announced order
+ * counts as never wanted); among equals the least recently used one. A background decode may evict only photographs
+ * that are wanted later than its own. */
 #include "dataset/internal.h"
 
 #include <assert.h>
@@ -23,14 +25,14 @@ typedef struct slot {
   slot_state state;
   int shrink;
   uint64_t booked;   /* bytes */
-  uint64_t last_use; /* count of gets at the time */
-  int64_t wanted_at; /* position in the announced order, INT64_MAX: not in it */
+  uint64_t last_use; /* value of cache->gets when the view was last asked for */
+  int64_t wanted_at; /* position in the announced order; INT64_MAX: not announced */
   struct pags_photo_cache *cache;
   pags_job job;
-  /* Written by the job, read by the owner after done or pags_job_wait. */
+  /* Written by the job; the owner's thread reads them after `done` is set or after pags_job_wait. */
   atomic_bool done;
   pags_result result;
-  char *message; /* of a failure */
+  char *message; /* error message of a failed decode */
   pags_photo_data data;
 } slot;
 
@@ -38,14 +40,16 @@ struct pags_photo_cache {
   const pags_dataset *dataset;
   pags_tasks *tasks;
   uint64_t budget, used, peak, gets, decoded;
-  int64_t count, decoding; /* slots, and how many of them decode */
+  int64_t count, decoding; /* number of slots; number of background decodes */
   slot *slots;
-  int64_t current; /* view handed out last, -1: none; its planes must stay */
-  int64_t *order;  /* announced views */
+  int64_t current; /* view that get returned last, -1: none; its planes are never evicted */
+  int64_t *order;  /* the announced views in the order in which they are wanted */
   int64_t order_count, order_next;
   int order_shrink;
-  atomic_bool closing; /* jobs not begun yet need not decode any more */
+  atomic_bool closing; /* the cache is being destroyed: jobs that have not started skip the decode */
 };
+
+/* ---- Decoding jobs and booking ---- */
 
 static void run_job(void *context) {
   slot *s = context;
@@ -80,12 +84,14 @@ static void drop(pags_photo_cache *cache, slot *s) {
   book(cache, s, 0);
 }
 
-/* After the decode is over: gives back what it no longer holds. A failure stays in the slot for the next get. */
+/* Ends a decode: marks the slot as ready and books only the bytes of the photograph. A failed decode keeps its error
+ * in the slot, which the next get of the view returns. */
 static void settle(pags_photo_cache *cache, slot *s) {
   s->state = READY;
   book(cache, s, s->result == PAGS_OK ? held_bytes(&s->data) : 0);
 }
 
+/* Waits for the background decode of a slot and settles the slot. */
 static void harvest(pags_photo_cache *cache, slot *s) {
   pags_job_wait(cache->tasks, &s->job);
   cache->decoding--;
@@ -93,7 +99,10 @@ static void harvest(pags_photo_cache *cache, slot *s) {
   settle(cache, s);
 }
 
-/* The slot to give up first out of those wanted later than `position`, or NULL. */
+/* ---- Eviction and decoding ahead ---- */
+
+/* Returns the slot to evict next among the ready slots that are wanted later than `position` (-1: all of them); NULL
+ * if there is none. */
 static slot *find_victim(pags_photo_cache *cache, int64_t position) {
   slot *victim = NULL;
   for (int64_t i = 0; i < cache->count; i++) {
@@ -107,6 +116,8 @@ static slot *find_victim(pags_photo_cache *cache, int64_t position) {
   return victim;
 }
 
+/* Evicts photographs that are wanted later than `position` until `bytes` more fit into the size limit; returns false
+ * if they can't be made to fit. */
 static bool make_room(pags_photo_cache *cache, uint64_t bytes, int64_t position) {
   while (!(bytes <= cache->budget && cache->used <= cache->budget - bytes)) {
     slot *victim = find_victim(cache, position);
@@ -125,7 +136,8 @@ static void start(slot *s, int shrink, uint64_t bytes) {
   atomic_store(&s->done, false);
 }
 
-/* Starts background decodes in the announced order until memory or workers are busy. */
+/* Settles finished background decodes, then starts new ones in the announced order until the next one doesn't fit
+ * into the size limit or two decodes per worker are running. */
 static void pump(pags_photo_cache *cache) {
   int64_t limit = 2 * (int64_t)pags_tasks_workers(cache->tasks);
   for (int64_t i = 0; i < cache->count && cache->decoding > 0; i++)
@@ -137,7 +149,7 @@ static void pump(pags_photo_cache *cache) {
     if (s->wanted_at != i || s->state == DECODING || (s->state == READY && !other_size))
       continue;
     if (cache->order[i] == cache->current)
-      continue; /* in use at another size: decoded by its get */
+      continue; /* the caller still uses it at another size; its next get decodes it */
     uint64_t kept, decoding;
     pags_photo_bytes(cache->dataset, cache->order[i], cache->order_shrink, &kept, &decoding);
     if (other_size)
@@ -149,6 +161,8 @@ static void pump(pags_photo_cache *cache) {
     pags_job_submit(cache->tasks, &s->job);
   }
 }
+
+/* ---- Creation and destruction ---- */
 
 pags_result pags_photo_cache_create(const pags_dataset *dataset, pags_tasks *tasks, uint64_t budget,
                                     pags_photo_cache **out) {
@@ -195,7 +209,10 @@ void pags_photo_cache_destroy(pags_photo_cache *cache) {
   free(cache);
 }
 
-/* The announced order up to and including this view is over. Views skipped on the way are not waited for any longer. */
+/* ---- Getting photographs and announcing views ---- */
+
+/* Marks the announced order as done up to and including this view. Views before it that were never asked for count as
+ * unannounced from now on. */
 static void advance(pags_photo_cache *cache, int64_t view, int shrink) {
   int64_t position = cache->slots[view].wanted_at;
   if (position == INT64_MAX || shrink != cache->order_shrink)
@@ -205,16 +222,18 @@ static void advance(pags_photo_cache *cache, int64_t view, int shrink) {
   cache->order_next = position + 1;
 }
 
+/* Decodes a view on the caller's thread for a get. */
 static void decode_now(pags_photo_cache *cache, int64_t view, int shrink) {
   slot *s = &cache->slots[view];
   uint64_t kept, decoding;
   pags_photo_bytes(cache->dataset, view, shrink, &kept, &decoding);
-  /* For a get: background decodes are waited for where their memory is needed. */
+  /* A get may evict everything but the current view; if that isn't enough, background decodes are waited for one by
+   * one, which frees the memory they hold beyond their photographs. */
   for (int64_t i = 0; !make_room(cache, decoding, -1) && i < cache->count; i++)
     if (cache->slots[i].state == DECODING)
       harvest(cache, &cache->slots[i]);
   start(s, shrink, decoding);
-  pump(cache); /* the others decode meanwhile */
+  pump(cache); /* background decodes run while this thread decodes */
   run_job(s);
   cache->decoded++;
   settle(cache, s);
@@ -238,10 +257,10 @@ pags_result pags_photo_cache_get(pags_photo_cache *cache, int64_t view, int shri
   if (s->result != PAGS_OK) {
     cache->current = -1;
 
-    /* Fail again. */
+    /* Return the error of the decode, which may have happened in the background. */
     pags_result result =
         s->message ? pags_fail(s->result, "%s", s->message) : pags_out_of_memory("%s", cache->dataset->path);
-    drop(cache, s); /* the next get tries again */
+    drop(cache, s); /* the next get decodes anew */
     return result;
   }
   size_t plane = (size_t)s->data.stride * (size_t)s->data.height;
@@ -264,7 +283,7 @@ void pags_photo_cache_prefetch(pags_photo_cache *cache, const int64_t *views, in
     assert(views[i] >= 0 && views[i] < cache->count);
     slot *s = &cache->slots[views[i]];
     if (s->wanted_at != INT64_MAX)
-      continue; /* only the first occurrence counts */
+      continue; /* a view that occurs twice keeps its first position */
     s->wanted_at = cache->order_count;
     cache->order[cache->order_count++] = views[i];
   }

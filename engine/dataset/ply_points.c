@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Point clouds of PLY files: x y z and red green blue of the vertices, ascii or binary little-endian, any other scalar
- * property skipped. Splats have a reader of their own in scene/. */
+/* Reads the point cloud of a PLY file (ascii or binary little-endian): x y z and red green blue of the vertices;
+ * other scalar properties are skipped. PLY files of splats have a reader of their own in scene/. */
 #include "dataset/parsed.h"
 
 #include "base/file.h"
@@ -23,14 +23,14 @@ typedef struct ply {
   int64_t count;
   int properties;
   scalar types[MAX_PROPERTIES];
-  int wanted[WANTED]; /* property index of x y z red green blue, -1: none */
+  int wanted[WANTED]; /* index of the property x y z red green blue; -1: not in the file */
 } ply;
 
 static pags_result fail(const ply *p, const char *expected) {
   return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: expected %s", p->path, p->line, expected);
 }
 
-/* Copies the next line of the header, without its end, to `line`. */
+/* Copies the next line of the header, without its line end, to `line`. */
 static pags_result next_line(ply *p, char line[256]) {
   const char *stop = memchr(p->at, '\n', (size_t)(p->end - p->at));
   p->line++;
@@ -110,7 +110,8 @@ static pags_result read_header(ply *p) {
   }
   if (!seen_vertex || p->wanted[0] < 0 || p->wanted[1] < 0 || p->wanted[2] < 0)
     return fail(p, "vertices with x, y and z");
-  /* A row has at least two bytes a property as text ("0 "), one as binary: more rows than that can't be in the file. */
+  /* A row has at least two bytes per property as text ("0 ") and one as binary, so that a larger count can't be
+   * true. */
   if (p->count < 0 || p->count > (p->end - p->at) / p->properties)
     return fail(p, "no more vertices than the file has room for");
   return PAGS_OK;
@@ -159,7 +160,7 @@ static pags_result read_row(ply *p, double values[MAX_PROPERTIES]) {
   return PAGS_OK;
 }
 
-/* Integers are 0..255 (or of their type's range), floats 0..1. */
+/* Converts a colour to a byte. 16-bit unsigned integers hold 0..65535, all other integers 0..255, floats 0..1. */
 static uint8_t colour_of(double value, scalar type) {
   double unit = type == F32 || type == F64 ? value * 255 : type == U16 ? value / 257 : value;
   return (uint8_t)(unit > 0 ? (unit < 255 ? unit + 0.5 : 255) : 0);

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The points that training starts from: those of the data set's reconstruction (COLMAP or SfM) where it has some, else
- * random ones; driving sets without such points get none here, as they start from LiDAR. */
+/* Chooses the initial points of training: the points of the data set's reconstruction (COLMAP or SfM) if it has some,
+ * else random points. A driving set without such points gets none here, because its training starts from LiDAR
+ * points. */
 #include "dataset/driving/reader.h"
 #include "dataset/internal.h"
 
@@ -11,7 +12,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Whether the view with this id (the ids that points list as their observers) is a training view; sorted by id. */
+/* Whether the view with this id is a training view. The tracks of points name their observers by these ids; the table
+ * is sorted by id. */
 typedef struct id_use {
   int64_t id;
   int training;
@@ -34,8 +36,9 @@ static id_use *list_uses(const pags_dataset *dataset) {
   return uses;
 }
 
-/* A point counts if two training views see it. With fewer its position was triangulated with the help of held-out
- * views, which training must know nothing of. */
+/* Whether a point is used: at least two training views must observe it, if tracks are known. The position of any
+ * other point was triangulated with the help of held-out views, and training must not use information from held-out
+ * views. */
 static int is_used(const pags_parsed_points *points, const pags_parsed_point *point, const id_use *uses,
                    int64_t views) {
   int seen = 0;
@@ -79,7 +82,7 @@ pags_result pags_dataset_make_points(pags_dataset *dataset, const pags_dataset_o
   if (dataset->parsed.driving && options->sfm)
     PAGS_TRY(pags_sfm_points_read(options->sfm, &dataset->parsed));
   if (dataset->parsed.points.count > 0) {
-    /* Take model points. */
+    /* Copy the usable points of the reconstruction, relative to the origin. */
     const pags_parsed_points *points = &dataset->parsed.points;
     PAGS_TRY(allocate(dataset, points->count));
     id_use *uses = list_uses(dataset);

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Random points to start from where a data set has none.
+/* Draws random initial points for a data set without a reconstruction.
  *
- * A uniform cube would put most of them where no camera looks, or right in front of one. Ours are drawn along the
- * cameras' own rays: a random training view, a random pixel of it, a random depth; those that too few other views see
- * are drawn again. Depth is spread evenly in its logarithm, so that the density falls with distance as the size of a
- * pixel in space grows, around the depth of the subject: the point nearest to all optical axes. */
+ * A uniform cube would put most points where no camera looks, or right in front of a camera. Here each point is drawn
+ * on a ray of the cameras: a random training view, a random pixel of it and a random depth; a point that too few
+ * views see is drawn again. The depth is log-uniform around the depth of the subject (the point nearest to all
+ * optical axes), so that the density of the points falls with distance as the footprint of a pixel grows. */
 #include "dataset/parsed.h"
 
 #include "base/rng.h"
@@ -14,9 +14,10 @@
 
 enum { DRAW_VIEW, DRAW_PIXEL, DRAW_DEPTH, DRAW_COLOUR };
 
-/* What the draws of a seed are for; other users of the same seed take other streams. */
+/* Random number stream of this file, so that other users of the same seed draw independent numbers. */
 #define STREAM UINT64_C(0x706f696e74730000)
 
+/* Whether at least `enough` cameras see the point at a depth of `nearest` or more. */
 static bool seen_by(const pags_camera *const *cameras, int64_t count, const double point[3], double nearest,
                     int64_t enough) {
   for (int64_t i = 0; i < count && enough > 0; i++)
@@ -42,8 +43,8 @@ pags_result pags_random_points(const pags_camera *const *cameras, int64_t camera
   assert(camera_count > 0 && count > 0);
   double distance;
   PAGS_TRY(pags_focus_distance(cameras, camera_count, &distance));
-  /* Three views place a point; sets of fewer can't ask for more than they have. After enough misses any point will do:
-   * views that overlap with nothing still need something to start from. */
+  /* Each point must be seen by three views, or by all views of a set with fewer than three. After 16 * count rejected
+   * points every point is accepted, so that views without overlap get initial points, too. */
   int64_t enough = camera_count < 3 ? camera_count : 3, misses = 0;
   uint64_t draw = 0;
   for (int64_t i = 0; i < count;) {

@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* transforms.json of nerfstudio and instant-ngp.
+/* Reads a transforms.json file of nerfstudio or instant-ngp.
  *
- * Keys of a camera may stand at the top, shared by all frames, or in a frame, which then wins. transform_matrix is
- * camera-to-world with OpenGL camera axes (x right, y up, z backward): negating its y and z columns gives OpenCV's.
- * World axes are left as they are; nerfstudio's tools turn the world so that +z is up. */
+ * The keys of a camera may stand at the top level, where they apply to all frames, or in a frame; the value of the
+ * frame takes precedence. transform_matrix is camera-to-world with OpenGL camera axes (x right, y up, z backward);
+ * negating its y and z columns gives OpenCV's axes. The world axes are left as they are; nerfstudio's tools rotate
+ * the world so that +z is up. */
 #include "dataset/parsed.h"
 
 #include "base/file.h"
@@ -20,11 +21,14 @@
 typedef struct reader {
   pags_json *json;
   const pags_json_value *root;
-  char *folder; /* file_path is relative to it */
+  char *folder; /* folder of the file; file_path is relative to it */
   pags_parsed_dataset *parsed;
 } reader;
 
-/* The frame's own value, else the shared one; *given says whether there is either. */
+/* ---- Camera parameters of a frame ---- */
+
+/* Reads the number `key` of a frame or, if the frame doesn't have it, of the top level. *given says whether either of
+ * them has it; *out is unchanged if neither has. */
 static pags_result find_number(const reader *r, const pags_json_value *frame, const char *key, double *out,
                                bool *given) {
   const pags_json_value *own = pags_json_member(frame, key);
@@ -41,7 +45,8 @@ static pags_result find_number_or(const reader *r, const pags_json_value *frame,
   return find_number(r, frame, key, out, &given);
 }
 
-/* Width or height: a whole number, though often written 540.0. Zero where it is not given. */
+/* Reads a width or a height: a whole number of pixels, though often written as 540.0. The result is 0 if it is not
+ * given. */
 static pags_result find_side(const reader *r, const pags_json_value *frame, const char *key, int *out) {
   double value;
   PAGS_TRY(find_number_or(r, frame, key, 0, &value));
@@ -58,7 +63,7 @@ static pags_result find_kind(const reader *r, const pags_json_value *frame, pags
   const char *model;
   PAGS_TRY(pags_json_string_or(r->json, r->root, "camera_model", "OPENCV", &model));
   PAGS_TRY(pags_json_string_or(r->json, frame, "camera_model", model, &model));
-  bool fisheye; /* instant-ngp's way to say it */
+  bool fisheye; /* the key by which instant-ngp marks a fisheye lens */
   PAGS_TRY(pags_json_bool_or(r->json, r->root, "is_fisheye", false, &fisheye));
   PAGS_TRY(pags_json_bool_or(r->json, frame, "is_fisheye", fisheye, &fisheye));
   *kind = fisheye || strcmp(model, "OPENCV_FISHEYE") == 0 ? PAGS_LENS_FISHEYE : PAGS_LENS_PERSPECTIVE;
@@ -86,7 +91,8 @@ static pags_result find_lens(const reader *r, const pags_json_value *frame, pags
     view->sized = true;
   }
 
-  /* Focal lengths are given in pixels or as full angles of view. fl_y defaults to camera_angle_y's, then to fl_x. */
+  /* Focal lengths are given in pixels (fl_x, fl_y) or as full angles of view in radians (camera_angle_x,
+   * camera_angle_y). A missing fl_y is derived from camera_angle_y, else it equals fl_x. */
   bool given_x, given_y, angle_x, angle_y;
   double ax = 0, ay = 0;
   PAGS_TRY(find_number(r, frame, "fl_x", &lens->fx, &given_x));
@@ -117,7 +123,10 @@ static pags_result find_lens(const reader *r, const pags_json_value *frame, pags
   return PAGS_OK;
 }
 
-/* instant-ngp and the synthetic NeRF scenes leave the extension out. */
+/* ---- Files of a frame ---- */
+
+/* Finds the image file of a frame. Files of instant-ngp and of the synthetic NeRF scenes leave out the extension of
+ * file_path, so that the usual extensions are tried. */
 static pags_result find_image(const reader *r, const pags_json_value *frame, pags_parsed_view *view) {
   static const char *const extensions[] = {".png", ".jpg", ".jpeg", ".JPG", ".JPEG", ".PNG", ".exr"};
   const char *file;
@@ -169,6 +178,8 @@ static pags_result read_points(const reader *r) {
   return result;
 }
 
+/* ---- Reading the whole file ---- */
+
 static pags_result read_all(reader *r, const char *path) {
   r->folder = pags_path_folder(path);
   r->parsed->source = pags_text_copy(path);
@@ -182,7 +193,6 @@ static pags_result read_all(reader *r, const char *path) {
   const pags_json_value *frames;
   PAGS_TRY(pags_json_array(r->json, r->root, "frames", &frames));
   for (const pags_json_value *frame = frames->first; frame; frame = frame->next) {
-    /* Read frame. */
     PAGS_TRY(pags_json_as_object(r->json, frame, "a frame"));
     pags_parsed_view *view = pags_parsed_add(r->parsed);
     if (!view)
@@ -193,7 +203,7 @@ static pags_result read_all(reader *r, const char *path) {
     PAGS_TRY(find_image(r, frame, view));
     PAGS_TRY(find_mask(r, frame, view));
 
-    /* Find pose. */
+    /* The pose has 3 or 4 rows. Negating the y and z columns turns OpenGL camera axes into OpenCV axes. */
     const pags_json_value *rows;
     PAGS_TRY(pags_json_array(r->json, frame, "transform_matrix", &rows));
     double all[16];

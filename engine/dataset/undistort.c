@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Bilinear resampling through the distortion model, row by row; display-referred values as they are stored.
+/* Undistorts a photograph and its mask row by row by bilinear resampling through the distortion model. The stored
+ * (display-referred) values are interpolated without conversion to linear light.
  *
- * The centre of output pixel (x, y) lies at (x + 0.5, y + 0.5); its ray goes through the model to a source position (u,
- * v), which lies between the four pixels whose centres surround it. Within half a pixel of the border the outermost
- * pixels are repeated. */
+ * The centre of output pixel (x, y) lies at (x + 0.5, y + 0.5). The distortion model maps its ray to a source
+ * position (u, v), which lies between the four source pixels whose centres surround it. Within half a pixel of the
+ * border, the outermost source pixels are repeated. */
 #include "dataset/undistort.h"
 
 #include <assert.h>
@@ -11,13 +12,13 @@
 
 #include "base/memory.h"
 
-/* Weights are fixed-point with FRACTION bits a direction, far below what a byte shows; the four add up to UNIT exactly.
- */
+/* Bilinear weights are fixed-point numbers with FRACTION bits per direction, far finer than a step of a byte. The
+ * four weights of a pixel add up to exactly `unit`. */
 enum { FRACTION = 10 };
 static const uint32_t unit = UINT32_C(1) << 2 * FRACTION;
 
 typedef struct taps {
-  size_t at[4]; /* pixel indices */
+  size_t at[4]; /* indices of the four source pixels */
   uint32_t weight[4];
 } taps;
 
@@ -25,7 +26,8 @@ static int clamp(int value, int size) {
   return value < 0 ? 0 : value >= size ? size - 1 : value;
 }
 
-/* False where (u, v) lies outside of the picture. */
+/* Computes the four source pixels and their weights at position (u, v); returns false if (u, v) lies outside of the
+ * picture. */
 static bool find_taps(const pags_lens *lens, double u, double v, taps *out) {
   if (!(u >= 0 && u <= lens->width && v >= 0 && v <= lens->height))
     return false;
@@ -58,7 +60,8 @@ static bool mask_uses(const uint8_t *mask, const taps *t) {
   return true;
 }
 
-/* Returns whether every pixel of the row has a source. `source` has room for two numbers a pixel. */
+/* Resamples one row. Returns whether every pixel of the row has a source. `source` is scratch space for two numbers
+ * per pixel. */
 static bool resample_row(const pags_lens *lens, const pags_camera *pinhole, int y, const pags_image *from,
                          const pags_image *from_mask, double *source, uint8_t *row, uint8_t *mask) {
   bool complete = true;

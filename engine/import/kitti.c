@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Imports KITTI: the tracking benchmark and raw recordings.
+/* Imports KITTI data (tracking benchmark and raw recordings) into drivestudio's processed layout.
  *
- * World: east, north, up, metres, origin at the Velodyne's place in frame 0 of the sequence, whichever frames are
- * imported. Ego: the Velodyne, so that sweeps are copied as they are. Poses are KITTI's own: oxts by its development
- * kit, then Tr_imu_to_velo. */
+ * The world frame is east, north, up in metres; its origin is the position of the Velodyne LiDAR in frame 0 of the
+ * sequence, whichever frames are imported. The ego frame is that of the Velodyne, so that sweeps are copied
+ * unchanged. Poses are computed from oxts as in KITTI's development kit and then transformed by Tr_imu_to_velo. */
 #include <assert.h>
 #include <math.h>
 #include <pags/image.h>
@@ -28,12 +28,12 @@ static const char *const camera_names[CAMERAS] = {"left", "right"};
 typedef struct importer {
   pags_kitti_tree tree;
   pags_kitti_calib calib;
-  int64_t count;                 /* frames used */
-  double *oxts;                  /* PAGS_KITTI_OXTS of each */
-  double (*world_from_velo)[12]; /* of each */
-  double *times;                 /* of each */
+  int64_t count;                 /* number of imported frames */
+  double *oxts;                  /* PAGS_KITTI_OXTS values per frame */
+  double (*world_from_velo)[12]; /* one per frame */
+  double *times;                 /* one per frame, seconds */
   pags_layout_exposure *exposures;
-  double *sweep_times; /* NULL: unknown */
+  double *sweep_times; /* begin and end of each sweep, seconds; NULL: unknown */
   pags_place place;
   pags_kitti_tracks tracks;
   pags_layout_camera cameras[CAMERAS];
@@ -104,6 +104,7 @@ static pags_result read_oxts(importer *im, double first[PAGS_KITTI_OXTS]) {
   return PAGS_OK;
 }
 
+/* Computes world_from_velo of each frame and the place of the world on the earth from the oxts rows. */
 static pags_result compute_poses(importer *im) {
   double first[PAGS_KITTI_OXTS], imu_from_velo[12], origin[12];
   if (!im->calib.has_imu)
@@ -129,7 +130,8 @@ static pags_result compute_poses(importer *im) {
   return PAGS_OK;
 }
 
-/* The Velodyne's velocity: the unit's own, and what its turning adds at the lever between them. */
+/* Computes the velocity of the Velodyne at frame t, linear along world axes, angular along its own: the velocity of
+ * the IMU plus angular velocity x lever arm from the IMU to the Velodyne. */
 static void compute_velocity(const importer *im, int64_t t, double out[6]) {
   const double *row = im->oxts + t * PAGS_KITTI_OXTS, *velo_from_imu = im->calib.velo_from_imu;
   double imu_from_velo[12], pose[12];
@@ -148,7 +150,7 @@ static void compute_velocity(const importer *im, int64_t t, double out[6]) {
 
 /* ---- Times ---- */
 
-/* The used frames of a file of times. */
+/* Reads the times of the imported frames from a file of times into out[0], out[stride], ... */
 static pags_result read_times(const importer *im, const char *name, double *out, int stride) {
   int64_t count;
   double *all = NULL;
@@ -184,7 +186,8 @@ static pags_result read_sweep_times(importer *im) {
   return read_times(im, names[1], im->sweep_times + 1, 2);
 }
 
-/* A frame's time is its first photograph's; the Velodyne triggers all cameras when it faces forward. */
+/* Sets the times of frames, photographs and sweeps. The time of a frame is that of its first camera's photograph; the
+ * Velodyne triggers all cameras when it faces forward. */
 static pags_result set_times(importer *im) {
   const int cameras = im->tree.camera_count;
   for (int64_t t = 0; t < im->count; t++) {
@@ -210,7 +213,7 @@ static pags_result set_times(importer *im) {
   return read_sweep_times(im);
 }
 
-/* ---- Cameras, boxes ---- */
+/* ---- Cameras, boxes and the description of the set ---- */
 
 static pags_result set_cameras(importer *im) {
   double velo_from_cam0[12];
@@ -348,11 +351,11 @@ static pags_result put_frame(const importer *im, int64_t t) {
   return put_sweep(im, t);
 }
 
-enum { BATCH = 8 }; /* frames between two looks at progress, a worker */
+enum { BATCH = 8 }; /* frames per worker between two calls of the progress function */
 
 typedef struct outcome {
   pags_result result;
-  char message[1024]; /* of the worker's thread */
+  char message[1024]; /* the error message, copied because it is local to the worker's thread */
 } outcome;
 
 typedef struct batch {

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* KITTI's calibrations, of the benchmarks (one file a sequence) and of raw recordings (three files a day). */
+/* Reads KITTI's calibration files: of the benchmarks (one file per sequence) and of raw recordings (three files per
+ * day). */
 #include <math.h>
 #include <pags/camera.h>
 #include <stdio.h>
@@ -11,13 +12,13 @@
 #include "import/kitti_files.h"
 #include "import/kitti_text.h"
 
-/* A line "key: numbers" that is wanted, under one of two names. */
+/* A line "key: numbers" to be read; the key has one of two names. */
 typedef struct entry {
-  const char *name, *other; /* NULL: one name only */
+  const char *name, *other; /* `other` NULL: one name only */
   int count;
   double *out;
   int required;
-  int line; /* where it was found; 0: not yet */
+  int line; /* line number where it was found; 0: not found yet */
 } entry;
 
 static entry *find_entry(entry *entries, int count, const char *key) {
@@ -45,7 +46,7 @@ static pags_result read_entry(const pags_lines *lines, char *rest, const char *k
 static pags_result read_lines(pags_lines *lines, entry *entries, int count) {
   char *line;
   while ((line = pags_lines_next(lines))) {
-    char *key = pags_take_word(&line); /* "P2:", or in the tracking benchmark "Tr_velo_cam" without the colon */
+    char *key = pags_take_word(&line); /* "P2:"; in the tracking benchmark also "Tr_velo_cam" without the colon */
     if (!key)
       continue;
     const size_t length = strlen(key);
@@ -69,7 +70,8 @@ static pags_result read_entries(const char *path, entry *entries, int count) {
   return result;
 }
 
-/* Files have 7 to 13 digits: rotations are made exactly orthonormal once they are close to it. */
+/* Makes the rotation of a rigid motion exactly orthonormal, which numbers of 7 to 13 digits in the files are not;
+ * fails if the rotation is too far from orthonormal. */
 static pags_result make_rigid(const char *path, const char *what, double m[12]) {
   pags_camera camera = {.width = 1, .height = 1, .fx = 1, .fy = 1};
   memcpy(camera.world_from_camera, m, sizeof camera.world_from_camera);
@@ -111,7 +113,7 @@ pags_result pags_kitti_calib_read(const char *path, pags_kitti_calib *out) {
   return out->has_imu ? make_rigid(path, "Tr_imu_to_velo", out->velo_from_imu) : PAGS_OK;
 }
 
-/* A file of a rotation R and a translation T. */
+/* Reads a raw calibration file that consists of a rotation R and a translation T. */
 static pags_result read_rigid(const char *folder, const char *name, double out[12]) {
   double r[9], t[3];
   entry entries[] = {{"R", NULL, 9, r, 1, 0}, {"T", NULL, 3, t, 1, 0}};
@@ -161,7 +163,8 @@ pags_result pags_kitti_camera(const pags_kitti_calib *calib, int index, double i
     return pags_fail(PAGS_ERROR_FORMAT,
                      "P%d is no projection of a rectified camera: focal lengths %g and %g, last row's 1 is %g", index,
                      p[0], p[5], p[10]);
-  /* Corners of the picture lie half a pixel before the first pixel's centre. */
+  /* KITTI puts the centre of the first pixel at 0; in our convention the corner of the picture is at 0, half a pixel
+   * before. */
   intrinsics[0] = p[0];
   intrinsics[1] = p[5];
   intrinsics[2] = p[2] + 0.5;

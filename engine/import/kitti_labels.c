@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* KITTI's label files of the tracking and object benchmarks. */
+/* Reads the label files of KITTI's tracking and object benchmarks. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -18,8 +18,8 @@ bool pags_kitti_label_is_box(const pags_kitti_label *label) {
   return strcmp(label->type, "DontCare") != 0;
 }
 
-/* rotation_y turns about cam0's y, which points down: R_y (1, 0, 0) = (cos, 0, -sin). The box stands on its bottom
- * face. */
+/* rotation_y is an angle about cam0's y axis, which points down: R_y (1, 0, 0) = (cos, 0, -sin). The label's position
+ * is the centre of the bottom face, so that the centre of the box lies half its height above. */
 void pags_kitti_label_pose(const pags_kitti_label *label, double out[12]) {
   const double c = cos(label->rotation_y), s = sin(label->rotation_y);
   const double forward[3] = {c, 0, -s}, left[3] = {s, 0, c}, up[3] = {0, -1, 0};

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* KITTI's rows of numbers: oxts, poses, times, points. */
+/* Reads KITTI's files that are rows of numbers: oxts, poses, times and points; computes poses from oxts. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -18,7 +18,7 @@ void pags_kitti_table_destroy(pags_kitti_table *table) {
   *table = (pags_kitti_table){0};
 }
 
-/* Room for one more row of `width` doubles; doubles what there is. */
+/* Makes room for one more row of `width` doubles by doubling the capacity; returns false when out of memory. */
 static bool grow(double **values, int64_t rows, int64_t *capacity, int width) {
   if (rows < *capacity)
     return true;
@@ -84,9 +84,10 @@ double pags_kitti_oxts_scale(const double first[PAGS_KITTI_OXTS]) {
   return cos(first[PAGS_OXTS_LAT] * pi / 180);
 }
 
-static const double radius = 6378137; /* the development kit's: WGS84's at the equator, m */
+static const double radius = 6378137; /* m; the development kit's earth radius, WGS84's at the equator */
 
-/* x = s R lon, y = s R ln tan(45 deg + lat / 2), z = alt; R_world_imu = Rz(yaw) Ry(pitch) Rx(roll). */
+/* Mercator projection with scale s and radius R:
+ *     x = s R lon, y = s R ln tan(45 deg + lat / 2), z = alt; R_world_imu = Rz(yaw) Ry(pitch) Rx(roll) */
 void pags_kitti_oxts_pose(const double oxts[PAGS_KITTI_OXTS], double scale, double out[12]) {
   const double turn[3] = {oxts[PAGS_OXTS_ROLL], oxts[PAGS_OXTS_PITCH], oxts[PAGS_OXTS_YAW]};
   const double place[3] = {scale * radius * oxts[PAGS_OXTS_LON] * pi / 180,
@@ -103,7 +104,8 @@ pags_place pags_kitti_place(const double position[3], double scale) {
 
 /* ---- Times ---- */
 
-/* Days from 1970-01-01 in the Gregorian calendar, years counted from March so that the leap day comes last. */
+/* Returns the number of days from 1970-01-01 to a date of the Gregorian calendar. Years are counted from March, so
+ * that the leap day is the last day of a year. */
 static int64_t days_of(int64_t year, int64_t month, int64_t day) {
   const int64_t y = month > 2 ? year : year - 1;
   const int64_t in_year = (153 * (month > 2 ? month - 3 : month + 9) + 2) / 5 + day - 1;

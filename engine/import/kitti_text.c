@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Lines, words and numbers of KITTI's text files. */
+/* Splits KITTI's text files into lines and words and parses numbers strictly (kitti_text.h). */
 #include "import/kitti_text.h"
 
 #include <errno.h>
@@ -44,7 +44,7 @@ char *pags_lines_next(pags_lines *lines) {
   lines->line++;
   if (stop > line && stop[-1] == '\r')
     stop--;
-  *stop = 0; /* at the file's end this is the byte that pags_file_read put there */
+  *stop = 0; /* at the end of the file, this is the extra zero byte of pags_file_read */
   return line;
 }
 

@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* tracklet_labels.xml of KITTI's raw recordings: boost's archive of a vector of tracklets, read with expat.
+/* Reads tracklet_labels.xml of KITTI's raw recordings, a Boost serialization archive of a vector of tracklets, with
+ * the XML parser expat. These elements are used, all others are ignored:
  *
  *   tracklets / item / {objectType, h, w, l, first_frame} and poses / item / {tx, ty, tz, rx, ry, rz}
  *
- * Nothing else in it is used. What a file may hold is bounded by its size: entities are refused, depth is limited. */
+ * Memory use is bounded by the size of the file: entities are rejected and the depth of nesting is limited. */
 #include <expat.h>
 #include <limits.h>
 #include <math.h>
@@ -21,7 +22,7 @@
 
 enum { MAX_DEPTH = 16, TEXT = 64 };
 
-/* Depths of the elements that count: boost_serialization 1, tracklets 2, item 3, its members 4, a pose 5, its
+/* Depths of the elements that are used: boost_serialization 1, tracklets 2, item 3, its members 4, a pose 5, its
  * members 6. */
 enum { TRACKLETS = 2, TRACKLET, MEMBER, POSE, NUMBER };
 
@@ -33,9 +34,9 @@ typedef struct reader {
   int depth;
   char names[MAX_DEPTH + 1][32];
   char text[TEXT];
-  size_t length; /* of text; TEXT: too long */
-  unsigned seen; /* members of the tracklet: bit per row of `members` */
-  unsigned seen_pose;
+  size_t length;      /* length of `text`; TEXT: the text is too long */
+  unsigned seen;      /* bit i: members[i] of the tracklet has been read */
+  unsigned seen_pose; /* bit i: numbers[i] of the pose has been read */
   pags_result result;
 } reader;
 
@@ -55,6 +56,8 @@ static void fail(reader *r, pags_result code, const char *format, ...) {
   r->result = pags_fail(code, "%s:%lu: %s", r->path, (unsigned long)XML_GetCurrentLineNumber(r->parser), text);
   XML_StopParser(r->parser, XML_FALSE);
 }
+
+/* ---- Elements ---- */
 
 static int find(const char *const *names, const char *name) {
   for (int i = 0; i < 6; i++)
@@ -115,7 +118,7 @@ static void XMLCALL on_begin(void *user, const XML_Char *name, const XML_Char **
     fail(r, PAGS_ERROR_FORMAT, "expected no more than %d elements inside of each other", MAX_DEPTH);
     return;
   }
-  /* A name that is too long is none of those that count, whatever its beginning. */
+  /* A name that is too long is replaced by "?", so that its beginning never matches an element that is used. */
   snprintf(r->names[++r->depth], sizeof r->names[0], "%s", strlen(name) < sizeof r->names[0] ? name : "?");
   r->length = 0;
   if (r->depth == TRACKLET && in_tracklet(r))
@@ -134,7 +137,10 @@ static void XMLCALL on_text(void *user, const XML_Char *text, int length) {
   r->length += (size_t)length;
 }
 
-/* The element's text without blanks around it: NULL with an error when it is longer than any that is wanted. */
+/* ---- Texts and numbers ---- */
+
+/* Returns the text of the current element without surrounding blanks; fails and returns NULL if it is longer than any
+ * valid text. */
 static const char *element_text(reader *r) {
   if (r->length >= TEXT) {
     fail(r, PAGS_ERROR_FORMAT, "expected a short text in <%s>", r->names[r->depth]);
@@ -225,7 +231,9 @@ static void XMLCALL on_end(void *user, const XML_Char *name) {
   r->length = 0;
 }
 
-/* Entities can grow without bounds, and no tracklet file has any. */
+/* ---- Parsing the file ---- */
+
+/* Rejects entities: their expansion can grow without bound, and no tracklet file has any. */
 static void XMLCALL on_entity(void *user, const XML_Char *name, int is_parameter, const XML_Char *value, int length,
                               const XML_Char *base, const XML_Char *system, const XML_Char *public_id,
                               const XML_Char *notation) {
@@ -279,7 +287,7 @@ void pags_kitti_tracklets_destroy(pags_kitti_tracklets *tracklets) {
   *tracklets = (pags_kitti_tracklets){0};
 }
 
-/* R = Rz Ry Rx; the pose is that of the middle of the bottom face. */
+/* R = Rz Ry Rx. The pose in the file is that of the centre of the bottom face; half the height along z is added. */
 void pags_kitti_tracklet_pose(const pags_kitti_tracklet *tracklet, int64_t index, double out[12]) {
   const double *p = tracklet->poses[index];
   pags_rigid_from_angles(p + 3, p, out);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Boxes of KITTI's labels, gathered by track and brought to the world. */
+/* Groups the boxes of KITTI's labels by track and transforms them to world coordinates. */
 #include "import/kitti_tracks.h"
 
 #include <stdio.h>
@@ -17,7 +17,7 @@ void pags_kitti_tracks_destroy(pags_kitti_tracks *tracks) {
   *tracks = (pags_kitti_tracks){0};
 }
 
-/* An empty track with room for `knots`. */
+/* Makes a track without knots, with room for `knots` of them. */
 static pags_result begin_track(int64_t id, const char *type, int64_t knots, pags_layout_track *track) {
   char text[24];
   snprintf(text, sizeof text, "%lld", (long long)id);
@@ -50,7 +50,8 @@ static int compare_rows(const void *a, const void *b) {
   return (p->frame > q->frame) - (p->frame < q->frame);
 }
 
-/* The boxes of the used frames, by track and frame. */
+/* Copies the boxes of the imported frames to *rows, sorted by track and frame; two boxes of a track in one frame
+ * fail. */
 static pags_result choose_rows(const char *path, const pags_kitti_labels *labels, const pags_kitti_span *span,
                                pags_kitti_label **rows, int64_t *count) {
   *count = 0;

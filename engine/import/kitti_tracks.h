@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* KITTI's labels as tracks in the world. */
+/* Converts KITTI's labels to tracks in world coordinates. */
 #ifndef PAGS_IMPORT_KITTI_TRACKS_H
 #define PAGS_IMPORT_KITTI_TRACKS_H
 
@@ -11,15 +11,15 @@ typedef struct pags_kitti_tracks {
   pags_layout_track *items;
 } pags_kitti_tracks;
 
-/* The frames that are used, by their numbers in the source. */
+/* The imported frames; first, last and total are frame numbers of the source. */
 typedef struct pags_kitti_span {
-  int64_t first, last, total;          /* total: frames of the whole sequence */
-  const double *times;                 /* of each frame from `first` on */
+  int64_t first, last, total;          /* first and last included; total: number of frames of the whole sequence */
+  const double *times;                 /* seconds, one per frame from `first` on */
   const double (*world_from_velo)[12]; /* of each frame from `first` on */
 } pags_kitti_span;
 
-/* Boxes of the used frames; the others are left out, and tracks without any. `path` is for messages. The object that
- * moves is told from the one that doesn't by its poses in these frames. */
+/* Make tracks from the boxes of the imported frames; other boxes, and tracks without a box in these frames, are left
+ * out. Whether an object moves is decided from its poses in these frames. `path` is used in messages. */
 pags_result pags_kitti_tracks_from_labels(const char *path, const pags_kitti_labels *labels,
                                           const double cam0_from_velo[12], const pags_kitti_span *span,
                                           pags_kitti_tracks *out);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Finding one's way in KITTI's folders, and what is missing in them. */
+/* Recognises the kind of a KITTI folder tree, chooses the sequence and the frames, and lists the files that are
+ * missing. */
 #include "import/kitti_tree.h"
 
 #include <stdarg.h>
@@ -12,6 +13,8 @@
 #include "base/memory.h"
 #include "base/text.h"
 #include "import/options.h"
+
+/* ---- Paths ---- */
 
 static char *join_format(const char *folder, const char *format, ...) PAGS_PRINTF(2, 3);
 static char *join_format(const char *folder, const char *format, ...) {
@@ -57,11 +60,11 @@ void pags_kitti_tree_close(pags_kitti_tree *tree) {
   *tree = (pags_kitti_tree){0};
 }
 
-/* ---- What is missing ---- */
+/* ---- Missing files ---- */
 
 typedef struct missing {
   const char *root;
-  char text[640]; /* a message holds 1,023 bytes, with the path before these */
+  char text[640]; /* names of missing files; shorter than a message (1,023 bytes), which also has the path */
   size_t length;
   int64_t count, left_out;
 } missing;
@@ -79,7 +82,7 @@ static void add_missing(missing *m, const char *name) {
 
 typedef bool exists_fn(const char *path);
 
-/* Whether root/name is there; else it is one of those missing. */
+/* Whether root/name exists; if it does not, the name is added to the missing files. */
 static bool want(missing *m, exists_fn *exists, const char *format, ...) PAGS_PRINTF(3, 4);
 static bool want(missing *m, exists_fn *exists, const char *format, ...) {
   char name[512];
@@ -104,7 +107,7 @@ static pags_result report(const missing *m, const missing *optional, const char 
   return pags_fail(PAGS_ERROR_IO, "%s: %s lacks %s%s%s", m->root, what, m->text, more, also);
 }
 
-/* ---- Which tree ---- */
+/* ---- Kind of the tree ---- */
 
 static bool has(const char *folder, const char *name) {
   char *path = pags_path_join(folder, name);
@@ -130,7 +133,7 @@ static bool is_tracking(const char *path) {
   return false;
 }
 
-/* Names found, as a list for a message, and the only one. */
+/* Candidates found: the first one, their number, and their names as a list for a message. */
 typedef struct choice {
   char *first;
   int64_t count;
@@ -150,7 +153,8 @@ static pags_result add_choice(choice *c, const char *name) {
   return c->first ? PAGS_OK : pags_out_of_memory(NULL);
 }
 
-/* The part of a drive's name that --sequence may give: all of it, or its number. */
+/* Whether a folder name is a synchronised drive that --sequence selects by its whole name or by its number; NULL: any
+ * drive. */
 static bool is_wanted_drive(const char *name, const char *sequence) {
   const char *number = strstr(name, "_drive_");
   const size_t length = strlen(name);
@@ -161,7 +165,7 @@ static bool is_wanted_drive(const char *name, const char *sequence) {
   return !sequence || !strcmp(name, sequence) || (strlen(sequence) == digits && !strncmp(number, sequence, digits));
 }
 
-/* Drives below `path`, and one level deeper with `deeper`. */
+/* Collects the drives below `path` and, with `deeper`, one level further down. */
 static pags_result find_drives(const char *path, const char *sequence, bool deeper, choice *found) {
   pags_dir_list list;
   PAGS_TRY(pags_dir_list_read(path, &list));
@@ -230,7 +234,7 @@ static pags_result find_root(pags_kitti_tree *tree, const char *path, const char
   return result;
 }
 
-/* ---- Which sequence of the tracking benchmark ---- */
+/* ---- Sequence of the tracking benchmark ---- */
 
 static pags_result list_sequences(const char *root, const char *folder, const char *extension, choice *found) {
   pags_dir_list list = {0};
@@ -251,7 +255,8 @@ static pags_result list_sequences(const char *root, const char *folder, const ch
   return result;
 }
 
-/* The one asked for, else the only one that the first of these folders with any has. */
+/* Collects candidates for the sequence: the one that the caller named, else all sequences in the first of these
+ * folders that has any. */
 static pags_result find_sequence(pags_kitti_tree *tree, const char *wanted, choice *found) {
   static const struct {
     const char *folder, *extension;
@@ -298,9 +303,9 @@ static pags_result check_raw(pags_kitti_tree *tree) {
   return needed.count ? report(&needed, &optional, "KITTI's raw recording") : PAGS_OK;
 }
 
-/* ---- Which frames ---- */
+/* ---- Frames ---- */
 
-/* 1 + the highest number of a photograph of the first camera. */
+/* Sets tree->frames to 1 + the highest number of a photograph of the first camera. */
 static pags_result count_frames(pags_kitti_tree *tree) {
   pags_dir_list list;
   char *path = pags_kitti_image_path(tree, tree->cameras[0], 0);
@@ -342,7 +347,7 @@ static pags_result check_frames(pags_kitti_tree *tree) {
       want_file(&sweeps, pags_kitti_points_path(tree, frame));
   }
   if (tree->raw && tree->first > 0)
-    want_file(&needed, pags_kitti_oxts_path(tree, 0)); /* the origin */
+    want_file(&needed, pags_kitti_oxts_path(tree, 0)); /* frame 0 defines the world's origin */
   if (needed.count) {
     const missing none = {0};
     return report(&needed, &none, tree->raw ? "KITTI's raw recording" : "KITTI's tracking tree");

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Cameras and frames as an importer's options name them. */
+/* Parses the cameras and frames in an importer's options. */
 #include "import/options.h"
 
 #include <stdlib.h>

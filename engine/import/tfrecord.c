@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* TFRecord framing (tfrecord.h). */
+/* Reads TFRecord files and checks their CRCs (tfrecord.h). */
 #include "import/tfrecord.h"
 
 #include <assert.h>
@@ -15,8 +15,8 @@
 
 enum { HEADER = 12, FOOTER = 4, SLICES = 8 };
 
-/* Slicing by 8: slice[k][b] is the CRC of byte b followed by k zero bytes, so that eight bytes take eight look-ups that
- * don't wait for each other. */
+/* Tables of the slicing-by-8 CRC algorithm: slice[k][b] is the CRC of byte b followed by k zero bytes, so that eight
+ * bytes take eight independent look-ups. */
 typedef struct crc_table {
   uint32_t slice[SLICES][256];
 } crc_table;
@@ -24,8 +24,8 @@ typedef struct crc_table {
 struct pags_tfrecord {
   char *path;
   FILE *stream;
-  uint64_t size, offset; /* of the file; of the next record */
-  int64_t number;        /* of the next record */
+  uint64_t size, offset; /* size of the file; offset of the next record */
+  int64_t number;        /* number of the next record, from 0 */
   uint8_t *data;
   size_t capacity;
   crc_table crc;
@@ -35,7 +35,7 @@ static void crc_table_fill(crc_table *table) {
   for (uint32_t byte = 0; byte < 256; byte++) {
     uint32_t crc = byte;
     for (int bit = 0; bit < 8; bit++)
-      crc = crc >> 1 ^ (crc & 1 ? 0x82f63b78u : 0); /* the polynomial, reflected */
+      crc = crc >> 1 ^ (crc & 1 ? 0x82f63b78u : 0); /* the Castagnoli polynomial, bit-reflected */
     table->slice[0][byte] = crc;
   }
   for (int k = 1; k < SLICES; k++)
@@ -114,7 +114,7 @@ static pags_result damaged(const pags_tfrecord *reader, const char *what) {
                    (unsigned long long)reader->offset, what);
 }
 
-/* Length of the record's data, believed only if its CRC says so and the file has room for it. */
+/* Reads a record's header. The length of the data is accepted only if its CRC is right and it fits into the file. */
 static pags_result read_header(pags_tfrecord *reader, uint64_t *length) {
   uint8_t header[HEADER];
   const uint64_t left = reader->size - reader->offset;
@@ -135,7 +135,7 @@ static pags_result read_header(pags_tfrecord *reader, uint64_t *length) {
       (unsigned long long)room);
 }
 
-/* `length` has been found to fit the file. */
+/* Makes room for `length` bytes of data; `length` is known to fit into the file. */
 static pags_result reserve(pags_tfrecord *reader, size_t length) {
   if (length <= reader->capacity && reader->data)
     return PAGS_OK;

@@ -1,22 +1,24 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Imports Waymo Open Dataset v1 segments: TFRecord files of frames.
+/* Imports a segment of the Waymo Open Dataset v1 (a TFRecord file of frames) into drivestudio's processed layout.
  *
- * The file is gone through twice: once from length to length, which finds how many frames there are and any cut or
- * damage of the framing, then record by record. Boxes become tracks, and tracks masks, when all frames have been read.
+ * The file is read twice: first only the length of each record, which gives the number of frames and finds truncated
+ * or damaged framing, then record by record. Boxes are made into tracks, and masks are drawn from the tracks, after
+ * all frames have been read.
  *
- * Axes. Waymo's cameras look along x, with y to the left and z up; extrinsics are written for OpenCV's (x right, y
- * down, z forward): E * [0 0 1; -1 0 0; 0 -1 0], which only moves columns. The vehicle, LiDAR and boxes have x forward,
- * y left, z up, as ours.
+ * Axes. Waymo's cameras have x forward, y left, z up; the extrinsics are written for OpenCV's camera axes (x right, y
+ * down, z forward): E * [0 0 1; -1 0 0; 0 -1 0], which only permutes and negates columns. The vehicle, the LiDAR and
+ * the boxes have x forward, y left, z up, as in our layout.
  *
- * Poses. ego_pose is the frame's: boxes and LiDAR are given in it. It is the car's at about the middle of the laser's
- * turn, while each photograph has a pose of its own, up to 30 ms off (0.45 m at 15 m/s), within 5 ms of the middle of
- * its exposure. Hence extrinsics are written per photograph, camera-to-world: its pose, moved on to that middle by its
- * velocity, times the constant camera-to-vehicle, which is written, too. Columns are read one after another over some
- * 45 ms (rolling shutter, left to right): a single pose can't undo that; timestamps.json keeps what it takes (pose,
- * pose_time, velocity, trigger, readout and shutter of each photograph).
+ * Poses. ego_pose is the pose of the frame, in which boxes and LiDAR are given. It is that of the car at about the
+ * middle of the LiDAR sweep, while each photograph has a pose of its own up to 30 ms away (0.45 m at 15 m/s) and
+ * within 5 ms of the middle of its exposure. Therefore extrinsics are written per photograph, camera-to-world: the
+ * photograph's pose, moved by its velocity to the middle of the exposure, times the constant camera-to-vehicle
+ * extrinsics, which are also written. The columns of a photograph are read one after another over some 45 ms (rolling
+ * shutter, left to right), which a single pose can't correct; timestamps.json keeps the numbers that a correction
+ * needs (pose, pose_time, velocity, trigger, readout and shutter of each photograph).
  *
- * LiDAR rows are x y z intensity, 16 bytes, of both returns: drivestudio's 14 columns (56 bytes) add origin, flow,
- * ground, elongation and laser, of which we read nothing. */
+ * LiDAR rows are x y z intensity, 16 bytes, of both returns. drivestudio's rows have 14 columns (56 bytes) with
+ * origin, flow, ground, elongation and LiDAR id, which we don't use. */
 #include <assert.h>
 #include <math.h>
 #include <stdio.h>
@@ -46,7 +48,7 @@ typedef struct importer {
   pags_tasks *tasks;
   pags_progress_fn *progress;
   void *user;
-  int numbers[16];   /* of the cameras, drivestudio's; Waymo's names less one */
+  int numbers[16];   /* camera numbers of drivestudio; Waymo's camera names minus one */
   char context[256]; /* name of the segment */
   pags_layout_camera cameras[PAGS_WAYMO_CAMERAS];
   double ego_from_camera[PAGS_WAYMO_CAMERAS][12];
@@ -55,14 +57,15 @@ typedef struct importer {
   pags_waymo_boxes boxes;
   pags_layout_track *tracks;
   int64_t track_count;
-  double *times;                   /* of each frame */
-  double *ego_poses;               /* 12 of each frame */
+  double *times;                   /* one per frame, seconds */
+  double *ego_poses;               /* 12 numbers per frame */
   pags_layout_exposure *exposures; /* [frame * cameras + camera] */
-  double *camera_poses;            /* 12 of each photograph: camera-to-world */
-  int64_t labelled;                /* photographs with panoptic labels */
-  int64_t sweeps;                  /* frames with LiDAR */
+  double *camera_poses;            /* 12 numbers per photograph: camera-to-world */
+  int64_t labelled;                /* number of photographs with panoptic labels */
+  int64_t sweeps;                  /* number of frames with LiDAR points */
 } importer;
 
+/* Calls the progress function; fails if it asks to cancel. */
 static pags_result report(const importer *im, double fraction, const char *what) {
   if (im->progress && !im->progress(im->user, fraction, what))
     return pags_fail(PAGS_CANCELLED, "cancelled");
@@ -81,10 +84,11 @@ static const char *shutter_words(int direction) {
   return direction > 0 && direction < (int)(sizeof words / sizeof *words) ? words[direction] : NULL;
 }
 
+/* Converts a pose of a camera from Waymo's camera axes to OpenCV's. */
 static void to_opencv_axes(const double waymo[12], double opencv[12]) {
   for (int row = 0; row < 3; row++) {
     const double *m = waymo + 4 * row;
-    const double columns[4] = {0 - m[1], 0 - m[2], m[0], m[3]}; /* no -0 */
+    const double columns[4] = {0 - m[1], 0 - m[2], m[0], m[3]}; /* subtraction from 0 never gives -0 */
     memcpy(opencv + 4 * row, columns, sizeof columns);
   }
 }
@@ -119,7 +123,7 @@ static pags_result read_camera(importer *im, const pags_waymo_frame *frame, int 
 
 /* ---- One frame ---- */
 
-/* Angular velocity is given along the world's axes, wanted along the car's. */
+/* Rotates an angular velocity from world axes, as Waymo gives it, to the axes of the ego vehicle. */
 static void turn_back(const double m[12], const double w[3], double out[3]) {
   for (int i = 0; i < 3; i++)
     out[i] = m[i] * w[0] + m[4 + i] * w[1] + m[8 + i] * w[2];
@@ -151,8 +155,9 @@ static pags_result read_exposure(const Pags__Waymo__CameraImage *image, const ch
   return PAGS_OK;
 }
 
-/* Where the car was in the middle of the exposure: the photograph's pose moved on by its velocity, the frame's where it
- * has none. */
+/* Computes the pose of the car in the middle of the exposure: the photograph's pose moved by its velocity, or the
+ * pose of the frame if the photograph has none. Without a velocity, or if the exposure is 0.1 s or more away from the
+ * pose, the photograph's pose is used unchanged. */
 static void exposure_pose(const pags_layout_exposure *e, const double ego_pose[12], double out[12]) {
   static const double still[3] = {0, 0, 0};
   const double dt = e->time - e->pose_time;
@@ -167,6 +172,7 @@ static void exposure_pose(const pags_layout_exposure *e, const double ego_pose[1
     out[4 * i + 3] += e->velocity[i] * dt;
 }
 
+/* Computes the camera-to-world pose of a photograph and writes it as its extrinsics. */
 static pags_result put_camera_pose(importer *im, int64_t frame, int index) {
   const int64_t photo = frame * im->info.camera_count + index;
   double *out = im->camera_poses + 12 * photo, ego[12];
@@ -208,7 +214,7 @@ static pags_result read_lidar(importer *im, const pags_waymo_frame *message, int
   return result;
 }
 
-/* The frame is one of the segment's, later than the one before. */
+/* Checks that the frame belongs to the segment of the first frame and is later than the frame before. */
 static pags_result check_order(const importer *im, const pags_waymo_frame *message, int64_t frame, const char *where) {
   const char *name = message->context && message->context->name ? message->context->name : "";
   if (strncmp(name, im->context, sizeof im->context - 1) != 0)
@@ -232,7 +238,7 @@ static pags_result read_frame(importer *im, const pags_waymo_frame *message, int
   return pags_waymo_boxes_add(&im->boxes, message, frame, im->times[frame], pose, where);
 }
 
-/* ---- The whole ---- */
+/* ---- Reading the file ---- */
 
 static pags_result count_records(const char *source, int64_t *count) {
   pags_tfrecord *reader;
@@ -251,7 +257,7 @@ static pags_result count_records(const char *source, int64_t *count) {
 }
 
 static pags_result allocate_frames(importer *im) {
-  const size_t frames = (size_t)im->info.frame_count; /* each took 16 bytes of the file at least */
+  const size_t frames = (size_t)im->info.frame_count; /* each takes at least 16 bytes of the file */
   im->times = calloc(frames, sizeof *im->times);
   im->ego_poses = calloc(frames, 12 * sizeof *im->ego_poses);
   im->exposures = calloc(frames, (size_t)im->info.camera_count * sizeof *im->exposures);
@@ -261,7 +267,7 @@ static pags_result allocate_frames(importer *im) {
   return PAGS_OK;
 }
 
-/* The first frame's calibration is the segment's. */
+/* Begins the import with the first frame, whose calibration applies to the whole segment. */
 static pags_result begin(importer *im, const pags_waymo_frame *first, const char *where, const char *folder,
                          bool overwrite) {
   if (first->context && first->context->name)
@@ -305,7 +311,7 @@ static pags_result read_records(importer *im, pags_tfrecord *reader, const char 
   return PAGS_OK;
 }
 
-/* Folders that the layout makes for what this segment turned out not to have. */
+/* Removes a folder of the layout whose content this segment doesn't have. */
 static pags_result drop_folder(const importer *im, const char *name) {
   char *path = pags_path_join(im->layout.folder, name);
   if (!path)
@@ -317,7 +323,7 @@ static pags_result drop_folder(const importer *im, const char *name) {
 
 /* ---- Masks ---- */
 
-/* The first failure of a worker; messages live in their threads. */
+/* The first failure of a worker; the message is copied because error messages are local to threads. */
 typedef struct failure {
   pags_result result;
   int64_t at;
@@ -327,7 +333,7 @@ typedef struct failure {
 typedef struct mask_job {
   const importer *im;
   const pags_waymo_lens *lenses;
-  int64_t first; /* photograph that index 0 of the loop is */
+  int64_t first; /* photograph at index 0 of the parallel loop */
   failure *failures;
 } mask_job;
 
@@ -394,11 +400,11 @@ static pags_result put_masks(const importer *im) {
   return result;
 }
 
-/* ---- The end ---- */
+/* ---- Finishing ---- */
 
 static double frame_rate(const importer *im) {
   const int64_t n = im->info.frame_count;
-  const double usual = 10; /* Hz, Waymo's laser */
+  const double usual = 10; /* Hz, the rate of Waymo's LiDAR */
   if (n < 2)
     return usual;
   return round(100 * (double)(n - 1) / (im->times[n - 1] - im->times[0])) / 100;
@@ -442,7 +448,7 @@ static pags_result finish(importer *im) {
   log_findings(im);
   const pags_layout_times times = {.frames = im->times, .exposures = im->exposures};
   PAGS_TRY(pags_layout_finish(&im->layout, &times));
-  report(im, 1, "done"); /* nothing is left to cancel */
+  report(im, 1, "done"); /* the return value is ignored, as nothing is left to cancel */
   return PAGS_OK;
 }
 

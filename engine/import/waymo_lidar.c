@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Range images to points (waymo_lidar.h). */
+/* Converts Waymo's range images to points (waymo_lidar.h). */
 #include "import/waymo_lidar.h"
 
 #include <assert.h>
@@ -14,20 +14,20 @@
 
 #define PI 3.14159265358979323846
 
-/* Of a frame's range images together; Waymo's have 0.6 million. */
+/* MOST_PIXELS: size limit of all range images of a frame together; Waymo's have 0.6 million pixels. */
 enum { RANGE_DEPTH = 4, POSE_DEPTH = 6, MOST_PIXELS = 1 << 24 };
 
-/* One laser as its images are decoded. */
+/* A LiDAR while its range images are decoded. */
 typedef struct laser {
   const char *where;
   char name[32];
   double vehicle_from_laser[12];
   double frame_from_world[12];
   const Pags__Waymo__LaserCalibration *calibration;
-  const pags_waymo_matrix *poses; /* NULL: all pixels are seen from the frame's own vehicle */
-  double *inclination;            /* cosine and sine of each row's */
-  double *azimuth;                /* cosine and sine of each column's */
-  int rows, columns;              /* of the arrays; 0: not made */
+  const pags_waymo_matrix *poses; /* pose of the vehicle at each pixel; NULL: the frame's own pose for all pixels */
+  double *inclination;            /* cosine and sine of each row's inclination */
+  double *azimuth;                /* cosine and sine of each column's azimuth */
+  int rows, columns;              /* size of these arrays; 0: not made yet */
 } laser;
 
 void pags_waymo_points_destroy(pags_waymo_points *points) {
@@ -36,7 +36,7 @@ void pags_waymo_points_destroy(pags_waymo_points *points) {
 }
 
 static pags_result points_reserve(pags_waymo_points *points, int64_t more, const char *where) {
-  const int64_t needed = points->count + more; /* a matrix has at most 2^24 values */
+  const int64_t needed = points->count + more; /* no overflow: a matrix has at most 2^24 values */
   if (needed <= points->capacity)
     return PAGS_OK;
   if (needed > MOST_PIXELS)
@@ -49,6 +49,8 @@ static pags_result points_reserve(pags_waymo_points *points, int64_t more, const
   return PAGS_OK;
 }
 
+/* ---- Directions of rows and columns ---- */
+
 static void laser_forget_angles(laser *l) {
   free(l->inclination);
   free(l->azimuth);
@@ -56,7 +58,7 @@ static void laser_forget_angles(laser *l) {
   l->rows = l->columns = 0;
 }
 
-/* Inclination of the beam that is number `i` from below. */
+/* Returns the inclination in radians of beam `i`, counted from the lowest. */
 static double beam(const Pags__Waymo__LaserCalibration *c, int i, int rows) {
   if (c->n_beam_inclinations)
     return c->beam_inclinations[i];
@@ -74,6 +76,7 @@ static pags_result check_beams(const laser *l, int rows) {
   return PAGS_OK;
 }
 
+/* Computes the sines and cosines of the rows' inclinations and of the columns' azimuths (see waymo_lidar.h). */
 static pags_result laser_angles(laser *l, int rows, int columns) {
   if (l->rows == rows && l->columns == columns)
     return PAGS_OK;
@@ -99,14 +102,17 @@ static pags_result laser_angles(laser *l, int rows, int columns) {
   return PAGS_OK;
 }
 
-/* 3x4 of roll, pitch, yaw, x, y, z. */
+/* ---- Range images to points ---- */
+
+/* Computes the 3x4 matrix of a pixel's pose (roll, pitch, yaw, x, y, z). */
 static void pose_matrix(const float pose[POSE_DEPTH], double out[12]) {
   const double turn[3] = {(double)pose[0], (double)pose[1], (double)pose[2]};
   const double place[3] = {(double)pose[3], (double)pose[4], (double)pose[5]};
   pags_rigid_from_angles(turn, place, out);
 }
 
-/* One pixel; says 0 where there is no return or its numbers lead nowhere. */
+/* Converts a pixel of a range image to a point x y z intensity; returns 0 if the pixel has no return or if a number
+ * is not finite. */
 static int decode_pixel(const laser *l, const float *pixel, int64_t at, int row, int column, float out[4]) {
   const double range = (double)pixel[0];
   if (!(range > 0) || !isfinite(range) || !isfinite(pixel[1]))
@@ -155,6 +161,8 @@ static pags_result decode_return(laser *l, const Pags__Waymo__RangeImage *image,
   pags_waymo_free_matrix(matrix);
   return result;
 }
+
+/* ---- The LiDARs of a frame ---- */
 
 static pags_result laser_begin(laser *l, const pags_waymo_frame *frame, int name) {
   static const char *const names[] = {"TOP", "FRONT", "SIDE_LEFT", "SIDE_RIGHT", "REAR"};

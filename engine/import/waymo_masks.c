@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Pinhole cameras that cover what a distorted photograph shows: masks are drawn by the pinhole and looked up pixel by
- * pixel of the photograph (waymo_masks.h). */
+/* Computes, for a photograph with lens distortion, a pinhole camera that covers the photograph's field of view and
+ * the map from its pixels to pinhole pixels: masks are drawn with the pinhole camera and looked up for each pixel of
+ * the photograph (waymo_masks.h). */
 #include "import/waymo_masks.h"
 
 #include <assert.h>
@@ -11,7 +12,7 @@
 #include "dataset/lens.h"
 
 typedef struct bounds {
-  double x0, x1, y0, y1; /* on the plane z = 1 */
+  double x0, x1, y0, y1; /* rectangle on the plane z = 1 */
 } bounds;
 
 static void include_pixel(const pags_lens *lens, double u, double v, bounds *b) {
@@ -24,8 +25,9 @@ static void include_pixel(const pags_lens *lens, double u, double v, bounds *b) 
   b->y1 = fmax(b->y1, y);
 }
 
-/* What the photograph's border shows; twice the undistorted extent at most, since the distortion polynomial stretches
- * without bound at the end of its range. */
+/* Returns the bounds on the plane z = 1 of what the photograph shows, from its border. The bounds contain the field
+ * of view without distortion and exceed it on each side by at most half its extent, because the distortion polynomial
+ * stretches without bound at the end of its range. */
 static bounds seen_bounds(const pags_lens *lens) {
   const double w = lens->width, h = lens->height;
   bounds b = {INFINITY, -INFINITY, INFINITY, -INFINITY};
@@ -56,15 +58,16 @@ static pags_camera pinhole_of(const pags_lens *lens, const bounds *b) {
   return c;
 }
 
-/* The inverse of a lens takes a microsecond, so it is taken at every STEPth pixel's corner and linear between: its
- * second derivative is below 1e-4 / px for Waymo's lenses, which makes the error less than a thousandth of a pixel. */
+/* Unprojecting a pixel takes a microsecond, so that it is done only at the corner of every STEP-th pixel and
+ * interpolated bilinearly between. The second derivative of the inverse is below 1e-4 / px for Waymo's lenses, which
+ * makes the error less than a thousandth of a pixel. */
 enum { STEP = 8 };
 
 typedef struct map_job {
   const pags_lens *lens;
   const pags_camera *pinhole;
-  int columns;     /* of the lattice */
-  double *lattice; /* x and y of its points on the plane z = 1, NaN where the lens shows nothing */
+  int columns;     /* columns of the lattice */
+  double *lattice; /* x and y of the lattice's points on the plane z = 1; NaN where the lens can't be inverted */
   int32_t *source;
 } map_job;
 
@@ -90,7 +93,7 @@ static void map_rows(void *context, int64_t begin, int64_t end, int worker) {
       const double x = (1 - t) * ((1 - s) * a[0] + s * a[2]) + t * ((1 - s) * b[0] + s * b[2]);
       const double y = (1 - t) * ((1 - s) * a[1] + s * a[3]) + t * ((1 - s) * b[1] + s * b[3]);
       const double column = floor(p->cx + x * p->fx), row = floor(p->cy + y * p->fy);
-      const int seen = column >= 0 && column < p->width && row >= 0 && row < p->height; /* no for NaN */
+      const int seen = column >= 0 && column < p->width && row >= 0 && row < p->height; /* false for NaN */
       job->source[v * job->lens->width + u] = seen ? (int32_t)row * p->width + (int32_t)column : -1;
     }
 }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Dynamic masks of Waymo's photographs, whose lenses distort. */
+/* Maps Waymo's photographs, which have lens distortion, to pinhole cameras in which dynamic masks are drawn. */
 #ifndef PAGS_IMPORT_WAYMO_MASKS_H
 #define PAGS_IMPORT_WAYMO_MASKS_H
 
@@ -7,12 +7,12 @@
 
 #include "dataset/driving/writer.h"
 
-/* A camera's pinhole that sees all that the photograph sees, and which of its pixels each pixel of the photograph
- * shows. */
+/* A pinhole camera that covers the field of view of a photograph, and the pinhole pixel that each pixel of the
+ * photograph shows. */
 typedef struct pags_waymo_lens {
-  pags_camera pinhole; /* world_from_camera is the caller's */
+  pags_camera pinhole; /* the caller sets world_from_camera */
   pags_layout_lens lens;
-  int32_t *source; /* lens.source; NULL: no distortion, the pinhole is the photograph's */
+  int32_t *source; /* owns lens.source; NULL: no distortion, the photograph is the pinhole picture */
 } pags_waymo_lens;
 
 pags_result pags_waymo_lens_make(const pags_layout_camera *camera, const char *where, pags_tasks *tasks,

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Unpacking of Waymo's messages (waymo_message.h). */
+/* Unpacks and checks Waymo's protobuf messages within a memory limit (waymo_message.h). */
 #include "import/waymo_message.h"
 
 #include <assert.h>
@@ -10,10 +10,13 @@
 
 #include "base/memory.h"
 
+/* Size limit of an unpacked message: BUDGET bytes plus BUDGET_TIMES its packed size. */
 #define BUDGET ((size_t)64 << 20)
 #define BUDGET_TIMES 8
 
-/* What protobuf-c may still allocate. What it frees in between isn't given back. */
+/* ---- Unpacking within a size limit ---- */
+
+/* The bytes that protobuf-c may still allocate. Bytes that it frees during unpacking are not given back. */
 typedef struct budget {
   size_t left;
   int exceeded;
@@ -36,7 +39,8 @@ static void budget_free(void *user, void *block) {
   free(block);
 }
 
-/* What budget_alloc handed out is free's, which is also what protobuf-c's own allocator (NULL) calls. */
+/* Unpacks a message within the size limit. The blocks come from malloc, so that a later free_unpacked with
+ * protobuf-c's default allocator (NULL) frees them correctly. */
 static pags_result unpack(const ProtobufCMessageDescriptor *type, const uint8_t *bytes, size_t size, const char *where,
                           const char *what, ProtobufCMessage **out) {
   budget b = {.left = size < (SIZE_MAX - BUDGET) / BUDGET_TIMES ? BUDGET + size * BUDGET_TIMES : SIZE_MAX};
@@ -69,7 +73,10 @@ void pags_waymo_free_matrix(pags_waymo_matrix *matrix) {
     pags__waymo__matrix__free_unpacked(matrix, NULL);
 }
 
-/* Inflates into a block that doubles up to the limit; *out is the caller's also on failure. */
+/* ---- Compressed matrices ---- */
+
+/* Inflates a zlib stream into a block that doubles up to the size limit. The caller frees *out, also after a
+ * failure. */
 static pags_result inflate_all(z_stream *z, const char *where, const char *what, uint8_t **out, size_t *size) {
   size_t capacity = (size_t)1 << 20;
   *size = 0;
@@ -115,7 +122,7 @@ static pags_result check_shape(const pags_waymo_matrix *m, int depth, const char
   const Pags__Waymo__Shape *s = m->shape;
   if (!s || s->n_dims != 3 || s->dims[2] != depth || s->dims[0] < 1 || s->dims[1] < 1)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: %s: expected a shape of rows x columns x %d", where, what, depth);
-  const uint64_t values = (uint64_t)s->dims[0] * (uint64_t)s->dims[1]; /* < 2^62 */
+  const uint64_t values = (uint64_t)s->dims[0] * (uint64_t)s->dims[1]; /* less than 2^62, so no overflow */
   if (m->n_data % (size_t)depth || values != m->n_data / (size_t)depth)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: %s: %zu values, expected %d x %d x %d", where, what, m->n_data, s->dims[0],
                      s->dims[1], depth);
@@ -143,7 +150,9 @@ pags_result pags_waymo_unpack_matrix(const ProtobufCBinaryData *stream, int dept
   return result;
 }
 
-/* Largest entry of R R^T - 1. */
+/* ---- Rigid motions ---- */
+
+/* Returns the largest absolute entry of R R^T - I. */
 static double rotation_error(const double m[12]) {
   double worst = 0;
   for (int i = 0; i < 3; i++)
@@ -173,6 +182,8 @@ pags_result pags_waymo_transform(const Pags__Waymo__Transform *transform, const 
     return pags_fail(PAGS_ERROR_FORMAT, "%s: %s: expected a rotation and a translation", where, what);
   return PAGS_OK;
 }
+
+/* ---- Finding parts by name ---- */
 
 const Pags__Waymo__CameraCalibration *pags_waymo_camera(const pags_waymo_frame *frame, int name) {
   const Pags__Waymo__Context *c = frame->context;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Panoptic labels to masks (waymo_semantic.h). */
+/* Converts Waymo's panoptic labels to semantic masks and sky masks (waymo_semantic.h). */
 #include "import/waymo_semantic.h"
 
 #include <assert.h>

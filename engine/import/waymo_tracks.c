@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Boxes to tracks (waymo_tracks.h): all labels are sorted by id, frame by frame, so that nothing grows with the square
- * of their number. */
+/* Groups Waymo's boxes into tracks (waymo_tracks.h) by sorting all labels by id and order, so that the time doesn't
+ * grow with the square of their number. */
 #include "import/waymo_tracks.h"
 
 #include <assert.h>
@@ -14,8 +14,8 @@
 
 struct pags_waymo_box {
   char *id;
-  int64_t frame, order; /* order: of the label among all */
-  int64_t track;        /* order of the first label of its id */
+  int64_t frame, order; /* order: index of the label among all usable labels */
+  int64_t track;        /* track number: `order` of the first label with this id */
   int type;
   double time;
   double world_from_object[12];
@@ -27,7 +27,7 @@ static const char *class_name(int type) {
   return type >= 0 && type < (int)(sizeof names / sizeof *names) ? names[type] : names[0];
 }
 
-/* Ids go into JSON as they are. */
+/* An id is usable if it is 1..255 printable ASCII characters, since ids are written to JSON. */
 static int is_usable_id(const char *id) {
   size_t length = 0;
   for (; id && id[length]; length++)
@@ -43,7 +43,8 @@ static int is_usable(const Pags__Waymo__Label *label) {
          b->height < 1e4;
 }
 
-/* The box's frame in the vehicle's: turned about z, its origin at the middle. */
+/* Computes the pose of a box in the vehicle frame: a rotation about z by its heading, origin at the centre of the
+ * box. */
 static void vehicle_from_box(const Pags__Waymo__Box *b, double m[12]) {
   const double c = cos(b->heading), s = sin(b->heading);
   const double pose[12] = {c, -s, 0, b->center_x, s, c, 0, b->center_y, 0, 0, 1, b->center_z};
@@ -102,7 +103,7 @@ static int by_track(const void *left, const void *right) {
   return (a->order > b->order) - (a->order < b->order);
 }
 
-/* Gives each box the number of its track and returns how many tracks there are. */
+/* Sets the track number of each box, sorts the boxes by track and returns the number of tracks. */
 static int64_t group(pags_waymo_boxes *boxes) {
   int64_t tracks = 0;
   pags_sort(boxes->boxes, boxes->count, sizeof *boxes->boxes, by_id);

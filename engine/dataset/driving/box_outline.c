@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Boxes in pictures: the outline of a projected box, and the pixels inside of it.
+/* Computes the outline of a 3D box in a picture and fills the pixels inside of an outline.
  *
- * The box's part nearer than 0.1 m is cut off in space first (a corner behind the camera projects to nonsense): what
- * remains is spanned by the corners in front and by the edges' crossings with that plane, and its picture is the convex
- * hull of theirs. */
+ * The part of the box nearer than 0.1 m is clipped in camera space before projection, because a corner behind the
+ * camera has no valid projection. The corners in front of the clipping plane and the intersections of the edges with
+ * that plane span the rest of the box; its outline is the convex hull of their projections. */
 #include <pags/dataset.h>
 
 #include <assert.h>
@@ -11,25 +11,26 @@
 
 #include "base/sort.h"
 
-/* Eight corners, or four and the crossings: a plane cuts at most six of the twelve edges and then leaves at most seven
- * corners. */
+/* Most points that span a clipped box: 8 corners, or at most 7 corners and 6 intersections, because a plane cuts at
+ * most six of the twelve edges and then leaves at most seven corners. */
 enum { MOST_POINTS = 16 };
 
-static const double nearest = 0.1; /* metres */
+static const double nearest = 0.1; /* metres: distance of the clipping plane */
 
 static void project(const pags_camera *camera, const double p[3], double out[2]) {
   out[0] = camera->fx * p[0] / p[2] + camera->cx;
   out[1] = camera->fy * p[1] / p[2] + camera->cy;
 }
 
-/* Pictures of what spans the part in front of the plane; returns how many. */
+/* Clips the box, given by its corners in the camera frame, at `nearest` and projects the points that span the rest;
+ * returns their number. */
 static int clip(const pags_camera *camera, double corners[8][3], double out[MOST_POINTS][2]) {
   int count = 0;
   for (int i = 0; i < 8; i++) {
     if (corners[i][2] >= nearest)
       project(camera, corners[i], out[count++]);
     for (int axis = 0; axis < 3; axis++) {
-      int j = i | 1 << axis; /* each edge once, from its lower corner */
+      int j = i | 1 << axis; /* the edge from corner i to corner j, visited once */
       if (j == i || (corners[i][2] >= nearest) == (corners[j][2] >= nearest))
         continue;
       double share = (nearest - corners[i][2]) / (corners[j][2] - corners[i][2]), crossing[3];
@@ -53,7 +54,8 @@ static double turn(const double *a, const double *b, const double *c) {
   return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
 }
 
-/* Andrew's monotone chains: the lower one from left to right, then the upper one back. */
+/* Computes the convex hull with Andrew's monotone chain algorithm: the lower chain from left to right, then the upper
+ * chain back. Returns the number of corners. */
 static int hull(double points[][2], int count, double out[32]) {
   double chain[2 * MOST_POINTS + 1][2];
   int length = 0;
@@ -67,7 +69,7 @@ static int hull(double points[][2], int count, double out[32]) {
       chain[length][0] = p[0];
       chain[length++][1] = p[1];
     }
-    length--; /* the other chain begins with this point */
+    length--; /* the next chain begins with this point, or the first one began with it */
   }
   if (length > MOST_POINTS)
     length = MOST_POINTS;
@@ -82,7 +84,7 @@ int pags_box_outline(const pags_camera *camera, const double world_from_object[1
                      double corners[32]) {
   double box[8][3], points[MOST_POINTS][2];
   for (int i = 0; i < 8; i++) {
-    /* Corner i of the box in the camera's frame: bits of i choose the sides along x, y, z. */
+    /* Corner i of the box in the camera frame: bit k of i chooses the side along axis k. */
     const double *c = camera->world_from_camera;
     double local[3], world[3];
     for (int k = 0; k < 3; k++)
@@ -103,7 +105,8 @@ int pags_box_outline(const pags_camera *camera, const double world_from_object[1
   return length >= 3 ? length : 0;
 }
 
-/* The stretch of the line y that lies inside of a convex outline; false where there is none. */
+/* Intersects the horizontal line at y with a convex outline: the line lies inside from *left to *right. Returns false
+ * if they don't meet. */
 static int crossings(const double *corners, int count, double y, double *left, double *right) {
   *left = INFINITY;
   *right = -INFINITY;
@@ -118,7 +121,7 @@ static int crossings(const double *corners, int count, double y, double *left, d
   return *left <= *right;
 }
 
-/* The first pixel whose centre lies at or beyond x, within 0 .. size. */
+/* Returns the first pixel whose centre lies at or beyond x, clamped to 0..size. */
 static int first_centre(double x, int size) {
   return (int)fmin(fmax(ceil(x - 0.5), 0), size);
 }

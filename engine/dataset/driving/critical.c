@@ -1,10 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What counts as critical, and the notes that say where it comes from (critical.h).
+/* Decides which classes of label images, which boxes and which dynamic masks count as critical, and writes the notes
+ * that say so (critical.h).
  *
- * A word of --critical is a kind (vehicle, pedestrian, cyclist), a class of the label images by name or number, or the
- * class of boxes. A class of label images takes the boxes of the same name along, and where no box has that name those
- * of its kind; what only boxes know is drawn from them even where there are label images. Dynamic masks know vehicles
- * from people and no more; they count where a kind or a class of label images of theirs is named. */
+ * A word of --critical is a kind (vehicle, pedestrian, cyclist), a class of the label images by name or number, or
+ * the class of boxes. A class of label images also makes the boxes of the same class critical or, if no box has that
+ * class, all boxes of its kind; such boxes are drawn only in views without label images. A class that only boxes have
+ * is drawn from the boxes in every view. Dynamic masks distinguish only vehicles and people; they are used if a kind,
+ * or a class of label images of that kind, is named. */
 #include "dataset/driving/critical.h"
 
 #include <stdio.h>
@@ -22,7 +24,9 @@ bool pags_labels_know_sky(const pags_driving *driving) {
   return pags_label_class_named(driving->rules.labels, "sky") != NULL;
 }
 
-/* The word of a kind, with or without an s; OTHER: none. */
+/* ---- Kinds, classes and boxes ---- */
+
+/* Returns the kind that a word names, in singular or plural; PAGS_CATEGORY_OTHER if it names none. */
 static pags_category kind_of(const char *word) {
   static const char *const many[] = {"", "vehicles", "pedestrians", "cyclists"};
   for (int c = PAGS_CATEGORY_VEHICLE; c < CATEGORIES; c++)
@@ -31,6 +35,7 @@ static pags_category kind_of(const char *word) {
   return PAGS_CATEGORY_OTHER;
 }
 
+/* Marks all classes and boxes of a kind as critical. */
 static void take_kind(pags_driving *driving, pags_category category) {
   const pags_label_set *set = driving->rules.labels;
   driving->critical.kinds[category] = true;
@@ -42,7 +47,8 @@ static void take_kind(pags_driving *driving, pags_category category) {
       driving->critical.objects[i] = PAGS_CRITICAL_WITHOUT_LABELS;
 }
 
-/* Boxes whose class is called so; returns how many. */
+/* Marks the objects whose class is `name` as critical, in the manner `how` (PAGS_CRITICAL_*); returns how many there
+ * are. */
 static int64_t take_boxes(pags_driving *driving, const char *name, int how) {
   int64_t count = 0;
   for (int64_t i = 0; i < driving->object_count; i++) {
@@ -65,7 +71,9 @@ static void take_class(pags_driving *driving, const pags_label_class *class) {
       driving->critical.objects[i] = PAGS_CRITICAL_WITHOUT_LABELS;
 }
 
-/* A list of words that grows within a buffer. */
+/* ---- Reading the list ---- */
+
+/* A text of words with separators, appended to a buffer of fixed size. */
 typedef struct phrase {
   char *text;
   size_t size, used;
@@ -88,7 +96,7 @@ static pags_result unknown_word(const pags_driving *driving, const char *word) {
     add_word(&known, ", ", text);
   }
 
-  /* List boxes. */
+  /* List each class of boxes once. */
   for (int64_t i = 0; i < driving->object_count; i++) {
     bool seen = false;
     for (int64_t j = 0; j < i && !seen; j++)
@@ -104,7 +112,7 @@ static pags_result unknown_word(const pags_driving *driving, const char *word) {
       word, set->name, classes, *boxes ? ", or the class of boxes: " : "", boxes);
 }
 
-/* Cuts the list at its commas and the blanks around them. */
+/* Splits the list at its commas, strips blanks around the words, and marks what each word names as critical. */
 static pags_result take_list(pags_driving *driving, char *list) {
   for (char *word = list, *next; word; word = next) {
     next = strchr(word, ',');
@@ -115,7 +123,7 @@ static pags_result take_list(pags_driving *driving, char *list) {
     for (size_t length = strlen(word); length > 0 && word[length - 1] == ' '; length--)
       word[length - 1] = '\0';
 
-    /* Take word. */
+    /* A word that is a number is the id of a class. A kind takes precedence over a class, a class over boxes. */
     const pags_label_set *set = driving->rules.labels;
     char *end;
     long number = strtol(word, &end, 10);
@@ -146,7 +154,7 @@ pags_result pags_critical_choose(pags_driving *driving, const char *list, pags_p
   if (!driving->critical.objects)
     return pags_out_of_memory("%s", driving->root);
 
-  /* What every class of the label images is, critical or not. */
+  /* Bits of each class of the label images that don't depend on the list: sky, or a class of things that can move. */
   const pags_label_set *set = driving->rules.labels;
   const pags_label_class *sky = pags_label_class_named(set, "sky");
   for (int i = 0; i < set->count; i++)
@@ -161,7 +169,8 @@ pags_result pags_critical_choose(pags_driving *driving, const char *list, pags_p
     for (int c = PAGS_CATEGORY_VEHICLE; c < CATEGORIES; c++)
       take_kind(driving, (pags_category)c);
 
-  /* With vehicles and people dynamic_masks/all is taken, with one of them its own folder. */
+  /* If both vehicles and people are critical, dynamic_masks/all is used; if only one of them is, the folder of that
+   * one. */
   const bool *kinds = driving->critical.kinds;
   bool vehicle = kinds[PAGS_CATEGORY_VEHICLE], human = kinds[PAGS_CATEGORY_PEDESTRIAN] || kinds[PAGS_CATEGORY_CYCLIST];
   driving->critical.all_dynamic = vehicle && human;
@@ -174,11 +183,11 @@ pags_result pags_critical_choose(pags_driving *driving, const char *list, pags_p
   return PAGS_OK;
 }
 
-/* Notes. */
+/* ---- Notes ---- */
 
 typedef struct tally {
   int64_t views, sky, semantic, dynamic;
-  int64_t critical[8]; /* by the sources of a view's critical pixels: bits FROM_* */
+  int64_t critical[8]; /* number of views by the sources of their critical pixels (bits FROM_*) */
 } tally;
 
 enum { FROM_LABELS = 4, FROM_DYNAMIC = 2, FROM_BOXES = 1 };
@@ -237,7 +246,7 @@ pags_result pags_critical_note(pags_driving *driving, const pags_parsed_dataset 
                              : lidar ? "guessed: above the horizon and above all that LiDAR met"
                                      : "unknown (neither masks nor LiDAR)"));
 
-  /* "from semantic and dynamic_masks in 200 of 240 views, boxes in 40" */
+  /* The text has the form "semantic and dynamic_masks in 200 of 240 views, boxes in 40 of 240 views". */
   char text[300] = "", classes[500] = "", count[64];
   phrase sources = {text, sizeof text, 0}, names = {classes, sizeof classes, 0};
   for (int from = 7; from >= 0; from--) {

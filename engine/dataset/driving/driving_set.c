@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The storage of a driving set. */
+/* Release, lookup and notes of a driving set (driving_set.h). */
 #include "dataset/driving/driving_set.h"
 
 #include <stdarg.h>

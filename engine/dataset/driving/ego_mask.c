@@ -1,11 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Where the recording car sees itself: masks as given, else a search for pixels that never change.
+/* Finds the pixels in which each camera sees the ego vehicle: from masks of the user, else by a search for pixels
+ * that never change.
  *
- * The search looks at training photographs of one camera, at least half a metre apart and spread over the way driven,
- * shrunk to about 240 pixels. A pixel is still when the standard deviation of its brightness over them is below two
- * levels: a road's texture moves by more, grey as it may look. The still pixels, opened by 3x3 so that lone ones go,
- * propose a mask where they hang together, touch the picture's lower edge over a twentieth of it and cover a hundredth
- * of the picture. Four photographs rule most cameras out; only what they leave is looked at in twelve. */
+ * The search compares training photographs of one camera, at least half a metre apart and spread over the distance
+ * driven, shrunk to a width of about 240 pixels. A pixel is still if the standard deviation of its brightness over
+ * the photographs is below two of 255 levels; the texture of a road varies by more, however grey it looks. After a
+ * 3x3 morphological opening, which removes isolated pixels, a connected component of still pixels becomes the mask if
+ * it covers at least a hundredth of the picture and touches at least a twentieth of its lower edge. Four photographs
+ * rule out most cameras; only the remaining ones are searched with all chosen photographs (up to twelve). */
 #include "dataset/internal.h"
 
 #include "dataset/driving/driving_set.h"
@@ -21,16 +23,17 @@
 
 enum { SMALL_WIDTH = 240, FEW = 4, MANY = 12 };
 
-static const double still_deviation = 2; /* levels of 255 */
-static const double spacing = 0.5;       /* metres */
+static const double still_deviation = 2; /* brightness levels of 255, below which a pixel is still */
+static const double spacing = 0.5;       /* metres: least distance between two photographs */
 
-/* Given masks. */
+/* ---- Masks of the user ---- */
 
 static pags_result load_mask(const char *path, pags_sensor *sensor) {
   return pags_image_load(path, PAGS_U8, 1, &sensor->ego);
 }
 
-/* From a picture, or from a folder of C.png; a camera without a file there has no mask. */
+/* Loads the mask of one camera from a picture, which serves all cameras, or from a folder of C.png. *loaded becomes 0
+ * if the folder has no file for this camera. */
 static pags_result load_given(const pags_driving *driving, const char *given, pags_sensor *sensor, int *loaded) {
   if (!pags_dir_exists(given))
     return load_mask(given, sensor);
@@ -70,26 +73,27 @@ static pags_result take_given(pags_dataset *dataset, const char *given) {
   return pags_driving_note(driving, "ego mask: of %d cameras from %s", total, given);
 }
 
-/* The search. */
+/* ---- Choosing photographs ---- */
 
 typedef struct search {
   const pags_dataset *dataset;
   int64_t views[MANY];
   int count;
   int width, height;
-  double step;
-  float *sum, *square; /* of brightness */
-  uint8_t *still, *scratch;
+  double step;              /* source pixels per pixel of the search */
+  float *sum, *square;      /* sums of brightness and of its square over the photographs, by pixel */
+  uint8_t *still, *scratch; /* still: 0 no, 1 still, 2 in the component being filled, 3 proposed as mask */
   int *stack;
 } search;
 
+/* Distance between the camera centres of two views, metres. */
 static double distance(const pags_dataset *dataset, int64_t a, int64_t b) {
   const double *p = dataset->views[a].camera.world_from_camera, *q = dataset->views[b].camera.world_from_camera;
   return sqrt((p[3] - q[3]) * (p[3] - q[3]) + (p[7] - q[7]) * (p[7] - q[7]) + (p[11] - q[11]) * (p[11] - q[11]));
 }
 
-/* Views of one camera that train, in the order of time, whose way driven reaches `reach` metres more than the last
- * one's. */
+/* Chooses training views of camera `number` in order of time: the first one, then each view that is at least `reach`
+ * metres of driven path after the last chosen one; at most `most`. Returns their number. */
 static int choose_spaced(const search *s, int number, double reach, int most, int64_t *out) {
   int count = 0;
   double since = 0;
@@ -108,6 +112,7 @@ static int choose_spaced(const search *s, int number, double reach, int most, in
   return count;
 }
 
+/* Length of the path of camera `number` over its training views, metres. */
 static double way_driven(const search *s, int number) {
   double sum = 0;
   int64_t before = -1;
@@ -137,7 +142,9 @@ static pags_result add_photograph(search *s, int64_t view) {
   return result;
 }
 
-/* out = the minimum (or maximum) of 3x3; beyond the border nothing counts. */
+/* ---- Finding still pixels ---- */
+
+/* Writes the minimum (`smallest`) or maximum of each 3x3 neighbourhood (erosion or dilation) to `out`. */
 static void spread(const search *s, const uint8_t *from, bool smallest, uint8_t *out) {
   for (int y = 0; y < s->height; y++)
     for (int x = 0; x < s->width; x++) {
@@ -151,7 +158,8 @@ static void spread(const search *s, const uint8_t *from, bool smallest, uint8_t 
     }
 }
 
-/* Marks as 2 what hangs together with a still pixel; returns how many pixels, and how many of the lowest row. */
+/* Flood fill: marks the connected component of still pixels around `seed` with 2. Returns its number of pixels;
+ * *lowest is the number of them in the lowest row. */
 static int flood(search *s, int seed, int *lowest) {
   int depth = 0, size = 0;
   *lowest = 0;
@@ -172,7 +180,8 @@ static int flood(search *s, int seed, int *lowest) {
   return size;
 }
 
-/* Leaves 3 at the pixels proposed; returns how many. */
+/* Marks the components that are large enough and touch the lower edge with 3 and clears other components that touch
+ * it. Returns the number of pixels marked. */
 static int propose(search *s) {
   int total = 0;
   for (int x = 0; x < s->width; x++) {
@@ -190,13 +199,14 @@ static int propose(search *s) {
   return total;
 }
 
+/* Searches with `count` of the chosen photographs; *proposed is the number of mask pixels found. */
 static pags_result look_at(search *s, int count, int *proposed) {
   for (int i = 0; i < s->width * s->height; i++)
     s->sum[i] = s->square[i] = 0;
-  for (int i = 0; i < count; i++) /* spread over those chosen */
+  for (int i = 0; i < count; i++) /* evenly spread over the chosen photographs */
     PAGS_TRY(add_photograph(s, s->views[count == 1 ? 0 : i * (s->count - 1) / (count - 1)]));
 
-  /* Find still. */
+  /* A pixel is still if the variance of its brightness is small; then a morphological opening. */
   for (int i = 0; i < s->width * s->height; i++) {
     float mean = s->sum[i] / (float)count, variance = s->square[i] / (float)count - mean * mean;
     s->still[i] = (double)variance < still_deviation * still_deviation;
@@ -208,6 +218,8 @@ static pags_result look_at(search *s, int count, int *proposed) {
   return PAGS_OK;
 }
 
+/* ---- Searching the cameras ---- */
+
 static pags_result search_camera(search *s, pags_sensor *sensor) {
   pags_driving *driving = s->dataset->parsed.driving;
   const pags_lens *lens = &s->dataset->parsed.views[s->views[0]].lens;
@@ -218,7 +230,8 @@ static pags_result search_camera(search *s, pags_sensor *sensor) {
   if (proposed == 0)
     return PAGS_OK;
 
-  /* At full size, a small pixel wider on every side: the car's outline is mixed with what lies behind it. */
+  /* Scale the mask to full size, dilated by one pixel of the search: along the outline of the car, pixels are a
+   * mixture of the car and of what lies behind it. */
   for (int i = 0; i < s->width * s->height; i++)
     s->scratch[i] = s->still[i] == 3;
   spread(s, s->scratch, false, s->still);
@@ -266,7 +279,6 @@ static pags_result search_all(pags_dataset *dataset) {
     if (result == PAGS_OK)
       result = search_camera(&s, sensor);
 
-    /* End search. */
     free(s.sum);
     free(s.square);
     free(s.still);

@@ -1,8 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Labels of pixels: sky, critical, moving, kinds of moving things, parked. What is critical says critical.c.
+/* Makes the label plane of a photograph: bits PAGS_LABEL_* for sky, critical, moving, kinds of moving objects,
+ * parked. critical.c decides what is critical.
  *
- * Files come first and are read in the photograph's own pixels, where they are undistorted and shrunk with it. Boxes
- * come last, straight into the finished photograph: the box of time step t as it stands, for every camera. */
+ * Label files are loaded at the photograph's own resolution and are undistorted and shrunk with it. Boxes are drawn
+ * last, directly into the plane of the finished photograph: for every camera, the labelled pose of the box at the
+ * frame's time step is used without correction for the exposure time. */
 #include "dataset/driving/label_plane.h"
 
 #include "dataset/driving/critical.h"
@@ -22,7 +24,7 @@ static size_t area(const pags_lens *lens) {
   return (size_t)lens->width * (size_t)lens->height;
 }
 
-/* One channel of the lens's size. */
+/* Loads a one-channel picture and checks that it has the lens's size. */
 static pags_result load(const char *path, const pags_lens *lens, pags_image *out) {
   PAGS_TRY(pags_image_load(path, PAGS_U8, 1, out));
   if (out->width == lens->width && out->height == lens->height)
@@ -33,7 +35,7 @@ static pags_result load(const char *path, const pags_lens *lens, pags_image *out
   return result;
 }
 
-/* Sets `bits` where the mask is white, and clears `mask` there where it isn't NULL. */
+/* Sets `bits` in `labels` where the mask file is white (>= 128) and, unless `mask` is NULL, clears `mask` there. */
 static pags_result add_mask(const char *path, const pags_lens *lens, uint8_t bits, uint8_t *labels, uint8_t *mask) {
   pags_image white;
   PAGS_TRY(load(path, lens, &white));
@@ -47,6 +49,7 @@ static pags_result add_mask(const char *path, const pags_lens *lens, uint8_t bit
   return PAGS_OK;
 }
 
+/* Creates a mask that uses every pixel, unless there is a mask already. */
 static pags_result make_mask(const pags_lens *lens, pags_image *mask) {
   if (mask->data)
     return PAGS_OK;
@@ -55,6 +58,7 @@ static pags_result make_mask(const pags_lens *lens, pags_image *mask) {
   return PAGS_OK;
 }
 
+/* Excludes the pixels that show the ego vehicle from the mask. */
 static pags_result clear_ego(const pags_sensor *sensor, const pags_lens *lens, pags_image *mask) {
   const pags_image *ego = &sensor->ego;
   if (!ego->data)
@@ -70,7 +74,8 @@ static pags_result clear_ego(const pags_sensor *sensor, const pags_lens *lens, p
   return PAGS_OK;
 }
 
-/* Without boxes there is nothing to model moving things by: what masks know of them is left out of the loss. */
+/* Loads the label files of a view into `labels`. In a set without boxes no model can be trained for moving objects,
+ * so that pixels of moving classes and of dynamic masks are excluded from the loss by `mask`. */
 static pags_result load_files(const pags_driving *driving, const pags_parsed_view *view, uint8_t *labels,
                               pags_image *mask) {
   bool without =
@@ -81,7 +86,7 @@ static pags_result load_files(const pags_driving *driving, const pags_parsed_vie
   if (view->sky_path)
     PAGS_TRY(add_mask(view->sky_path, &view->lens, PAGS_LABEL_SKY, labels, NULL));
   if (view->semantic_path) {
-    /* Add semantic. */
+    /* Class ids become label bits; a sky mask takes precedence over the class sky. */
     pags_image classes;
     int wanted = PAGS_LABEL_CRITICAL | (view->sky_path ? 0 : PAGS_LABEL_SKY);
     PAGS_TRY(load(view->semantic_path, &view->lens, &classes));
@@ -116,8 +121,8 @@ pags_result pags_label_plane_load(const pags_dataset *dataset, int64_t index, pa
   return load_files(driving, view, labels->data, mask);
 }
 
-/* Boxes. */
-
+/* Label bits that the box of an object sets in a view. Where the view has dynamic masks, these say what moves, and
+ * where it has label images, these say what is critical, because both are more precise than boxes. */
 static uint8_t bits_of(const pags_driving *driving, int64_t index, const pags_parsed_view *view) {
   const pags_object *object = &driving->objects[index];
   static const uint8_t kinds[] = {0, PAGS_LABEL_VEHICLE, PAGS_LABEL_PEDESTRIAN, PAGS_LABEL_CYCLIST};
@@ -134,7 +139,6 @@ pags_result pags_label_plane_add(const pags_dataset *dataset, int64_t index, con
   const pags_driving *driving = dataset->parsed.driving;
   const pags_parsed_view *view = &dataset->parsed.views[index];
 
-  /* Add boxes. */
   for (int64_t i = 0; i < driving->object_count; i++) {
     const pags_object *object = &driving->objects[i];
     const pags_knot *knot = pags_object_knot(object, view->frame);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The label plane of a photograph, and what its mask adds to the view's own. */
+/* Makes the label plane of a photograph, and the part of its mask that labels determine. */
 #ifndef PAGS_DATASET_DRIVING_LABEL_PLANE_H
 #define PAGS_DATASET_DRIVING_LABEL_PLANE_H
 
@@ -8,18 +8,21 @@
 #include "dataset/driving/driving_set.h"
 #include "dataset/internal.h"
 
-/* Whether photographs of this view have a label plane. */
+/* Whether photographs of this view have a label plane: it has label files, or its set has boxes or LiDAR. */
 bool pags_label_planes_exist(const pags_dataset *dataset, int64_t view);
 
-/* What picture files say, in the source's pixels. `labels` (one channel, bits PAGS_LABEL_*) is created where any of
- * them exists; `mask` (one channel, 255 = use) is created where pixels are to be left out, or has them cleared. */
+/* Loads the label files of a view at the resolution of the source picture. `labels` (one channel, bits PAGS_LABEL_*)
+ * is created if the view has any label file. `mask` (one channel, 255 = use) is cleared at the pixels to exclude and
+ * created first if it does not exist. */
 pags_result pags_label_plane_load(const pags_dataset *dataset, int64_t view, pags_image *labels, pags_image *mask);
 
-/* What boxes and laser say, added to a plane of the finished photograph, whose camera is `camera`. */
+/* Adds the labels of boxes and, if nothing else labels the sky, the sky from LiDAR to the label plane of the finished
+ * photograph, whose camera is `camera`. */
 pags_result pags_label_plane_add(const pags_dataset *dataset, int64_t view, const pags_camera *camera, int stride,
                                  uint8_t *plane);
 
-/* Sets PAGS_LABEL_SKY where a direction rises above the horizon and above all that the LiDAR met there. */
+/* Sets PAGS_LABEL_SKY at pixels whose viewing direction lies above the horizon and above the highest LiDAR returns of
+ * its azimuth (sky_from_lidar.c). */
 pags_result pags_sky_from_lidar(const pags_driving *driving, int frame, const pags_camera *camera, int stride,
                                 uint8_t *plane);
 

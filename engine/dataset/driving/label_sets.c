@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Classes of label images.
+/* The classes of the label images of known data sets.
  *
  * Sources: Cityscapes' labels.py (mcordts/cityscapesScripts: train ids and ids), KITTI-360's labels.py
- * (autonomousvision/kitti360Scripts: Cityscapes' ids and some of its own), KITTI-STEP (Cityscapes' train ids), Waymo's
- * camera_segmentation.proto, PandaSet's classes.json (its cuboids' words are the same). Two-wheelers count with their
- * riders, as pags_category_of has them. */
+ * (autonomousvision/kitti360Scripts: Cityscapes' ids and some additional ones), KITTI-STEP (Cityscapes' train ids),
+ * Waymo's camera_segmentation.proto, PandaSet's classes.json (the class names of its cuboids are the same). A
+ * two-wheeler has the category cyclist, like its rider, as in pags_category_of. */
 #include "dataset/driving/label_sets.h"
 
 #include <ctype.h>
@@ -21,7 +21,7 @@ static const pags_label_class train_ids[] = {
     {10, O, "sky"}, {11, P, "person"},       {12, C, "rider"},       {13, V, "car"},       {14, V, "truck"},
     {15, V, "bus"}, {16, V, "train"},        {17, C, "motorcycle"},  {18, C, "bicycle"}};
 
-/* Cityscapes' ids end with 33; the rest is KITTI-360's. */
+/* Cityscapes' ids are 0 to 33; ids from 34 on are KITTI-360's. */
 static const pags_label_class ids[] = {{0, O, "unlabeled"},
                                        {1, O, "ego vehicle"},
                                        {2, O, "rectification border"},
@@ -68,7 +68,7 @@ static const pags_label_class ids[] = {{0, O, "unlabeled"},
                                        {43, V, "unknown vehicle"},
                                        {44, O, "unknown object"}};
 
-/* A pedestrian object is what someone carries or pushes. */
+/* "pedestrian object" is something that a pedestrian carries or pushes. */
 static const pags_label_class waymo[] = {{0, O, "undefined"},
                                          {1, O, "ego vehicle"},
                                          {2, V, "car"},
@@ -160,7 +160,8 @@ const pags_label_set *pags_label_set_find(const char *name) {
   return NULL;
 }
 
-/* The next letter or digit of a name, small; a blank for anything between words, 0 at the end. */
+/* Returns the next letter or digit of a name in lower case and moves on; one blank for any run of other characters
+ * between words; 0 at the end. */
 static int next_letter(const char **at) {
   bool gap = false;
   for (; **at && !isalnum((unsigned char)**at); ++*at)

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The masks that lie beside the photographs: FOLDER/TTT_C.png, TTT the frame's number, C the camera's. */
+/* Finds the mask pictures of a view: FOLDER/TTT_C.png, where TTT is the number of the frame and C that of the
+ * camera. */
 #include "dataset/driving/masks.h"
 
 #include <stdlib.h>

@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Driving sets in drivestudio's processed layout: which pictures there are, their cameras and poses.
+/* Reads a driving set in drivestudio's processed layout: lists the pictures, reads the calibration and the poses of
+ * their cameras, and calls the readers of boxes, times, masks and sweeps.
  *
- * docs/dataset-layout.md has every file. TTT is the frame's number, C the camera's, both decimal:
- *   images/TTT_C.jpg|png        extrinsics/TTT_C.txt or C.txt   intrinsics/C.txt   ego_pose/TTT.txt
- * World axes are the files' own, z up, metres. */
+ * docs/dataset-layout.md describes every file. TTT is the number of the frame, C that of the camera, both decimal:
+ *     images/TTT_C.jpg|png        extrinsics/TTT_C.txt or C.txt   intrinsics/C.txt   ego_pose/TTT.txt
+ * The world axes of the files are kept: z up, metres. */
 #include "dataset/driving/reader.h"
 
 #include "base/file.h"
@@ -37,16 +38,17 @@ bool pags_driving_is_set(const char *folder) {
          (has_folder(folder, "images") && (has_folder(folder, "ego_pose") || has_folder(folder, "extrinsics")));
 }
 
-/* Options. */
+/* ---- Selection of cameras and frames ---- */
 
 enum { LARGEST_NUMBER = 99999999, MOST_CAMERAS = 64 };
 
 typedef struct selection {
-  int64_t count; /* of cameras; 0: all */
+  int64_t count; /* number of selected cameras; 0: all cameras */
   int cameras[MOST_CAMERAS];
-  int64_t first, last;
+  int64_t first, last; /* selected frames, both included */
 } selection;
 
+/* Reads a decimal number and moves *at behind it; returns false if there is none or if it is too large. */
 static bool read_number(const char **at, int *out) {
   int64_t value = 0;
   const char *begin = *at;
@@ -65,14 +67,14 @@ static bool is_selected(const selection *selected, int camera, int frame) {
   return selected->count == 0;
 }
 
-/* Pictures. */
+/* ---- Pictures ---- */
 
 typedef struct picture {
   int frame, camera, digits;
-  const char *name; /* in the listing */
+  const char *name; /* file name, owned by the listing of the folder */
 } picture;
 
-/* "012_3.jpg" -> 12, 3 */
+/* Parses a file name like "012_3.jpg": frame 12, camera 3. */
 static bool parse_picture(const char *name, picture *out) {
   const char *at = name;
   out->name = name;
@@ -114,7 +116,7 @@ static pags_result check_pictures(const char *folder, const picture *pictures, i
   return PAGS_OK;
 }
 
-/* Time steps and cameras. */
+/* ---- Time steps and cameras ---- */
 
 static int by_number(const void *a, const void *b) {
   return ((const pags_sensor *)a)->number - ((const pags_sensor *)b)->number;
@@ -135,6 +137,8 @@ static pags_result add_sensor(pags_driving *driving, int number) {
   return PAGS_OK;
 }
 
+/* Makes the time steps and the cameras of the pictures, which are sorted by frame. Frames whose number is a multiple
+ * of `every` (0: none) are held out, except frame 0. */
 static pags_result make_steps(pags_driving *driving, const picture *pictures, int64_t count, int every) {
   driving->steps = calloc((size_t)count, sizeof *driving->steps);
   if (!driving->steps)
@@ -170,9 +174,10 @@ static pags_result choose_holdout(pags_driving *driving, const char *text) {
   return pags_driving_note(driving, "held out: all views of camera %d", driving->holdout);
 }
 
-/* Calibration. */
+/* ---- Calibration ---- */
 
-/* fx fy cx cy k1 k2 p1 p2 k3, or the camera matrix of 3x3, which is told by its zeros. */
+/* Reads intrinsics/C.txt, either fx fy cx cy k1 k2 p1 p2 k3 or a 3x3 camera matrix, which is recognised by its zeros
+ * and the one at its end. */
 static pags_result read_intrinsics(const pags_driving *driving, pags_sensor *sensor) {
   double n[9];
   int count = 0;
@@ -196,7 +201,8 @@ static pags_result read_intrinsics(const pags_driving *driving, pags_sensor *sen
   return result;
 }
 
-/* Columns: where OpenCV's x (right), y (down), z (forward) point in Waymo's camera axes (x forward, y left, z up). */
+/* Rotation whose columns are OpenCV's axes x (right), y (down), z (forward) in Waymo's camera axes (x forward, y
+ * left, z up). */
 static const double waymo_from_opencv[12] = {0, 0, 1, 0, -1, 0, 0, 0, 0, -1, 0, 0};
 
 static pags_result read_extrinsics(const pags_driving *driving, const char *path, double out[12]) {
@@ -217,9 +223,10 @@ static pags_result read_sensor(const pags_driving *driving, pags_sensor *sensor)
   return result;
 }
 
-/* Views. */
+/* ---- Views and the whole set ---- */
 
-/* `name` NULL: there is no such picture; it would have this extension. */
+/* Adds the view of a camera at a frame: image size, masks, pose. `name` NULL: the picture is missing; the view then
+ * gets a path with `extension` for messages. */
 static pags_result add_view(pags_driving *driving, const pags_sensor *sensor, int frame, const char *name,
                             const char *extension, pags_parsed_dataset *parsed) {
   pags_parsed_view *view = pags_parsed_add(parsed);
@@ -240,7 +247,6 @@ static pags_result add_view(pags_driving *driving, const pags_sensor *sensor, in
   view->lens = sensor->lens;
   PAGS_TRY(pags_image_size(view->image_path, &view->lens.width, &view->lens.height));
 
-  /* Find masks. */
   PAGS_TRY(pags_driving_find_mask(driving, "sky_masks", view, &view->sky_path));
   PAGS_TRY(pags_driving_find_mask(driving, "semantic", view, &view->semantic_path));
   PAGS_TRY(pags_driving_find_mask(driving, "dynamic_masks/all", view, &view->dynamic_path));
@@ -248,7 +254,7 @@ static pags_result add_view(pags_driving *driving, const pags_sensor *sensor, in
       (view->sky_path || (view->semantic_path && pags_labels_know_sky(driving)) ? PAGS_PROVIDES_SKY_MASKS : 0) |
       (view->semantic_path ? PAGS_PROVIDES_SEMANTIC : 0) | (view->dynamic_path ? PAGS_PROVIDES_DYNAMIC_MASKS : 0);
 
-  /* Read pose. */
+  /* The pose is camera-to-world itself (per-frame extrinsics) or ego-to-world times camera-to-ego. */
   const char *root = driving->root;
   int digits = driving->digits;
   char *path = driving->rules.per_frame
@@ -264,6 +270,7 @@ static pags_result add_view(pags_driving *driving, const pags_sensor *sensor, in
   return result;
 }
 
+/* Takes a camera's name from dataset.json (pags_camera_name_fn). */
 static pags_result name_sensor(void *context, int number, const char *name) {
   pags_driving *driving = context;
   pags_sensor *sensor = pags_driving_sensor(driving, number);
@@ -285,13 +292,13 @@ static bool has_per_frame_extrinsics(const pags_driving *driving) {
   return found;
 }
 
-/* Everything beside the pictures themselves. */
+/* Reads the conventions, calibration, views, times, objects and sweeps of the set; `pictures` is sorted by frame and
+ * camera. */
 static pags_result read_parts(pags_driving *driving, const pags_dataset_options *options, const picture *pictures,
                               int64_t count, pags_parsed_dataset *parsed) {
   PAGS_TRY(pags_rules_read(driving->root, options->kind, has_per_frame_extrinsics(driving), &driving->rules,
                            name_sensor, driving));
 
-  /* Note rules. */
   const pags_rules *rules = &driving->rules;
   PAGS_TRY(pags_driving_note(driving, "kind %s: %s, camera axes %s, sweeps in the %s frame, boxes' front %s",
                              rules->kind, rules->per_frame ? "extrinsics per frame" : "constant extrinsics",
@@ -302,7 +309,8 @@ static pags_result read_parts(pags_driving *driving, const pags_dataset_options 
   for (int64_t i = 0; i < driving->sensor_count; i++)
     PAGS_TRY(read_sensor(driving, &driving->sensors[i]));
 
-  /* Every camera at every time step, in that order. */
+  /* One view for every camera at every time step, ordered by step, then by camera, so that the index of a view is
+   * step * sensor_count + sensor. */
   const char *extension = pags_path_extension(pictures[0].name);
   int64_t at = 0;
   for (int64_t i = 0; i < driving->step_count; i++)
@@ -325,7 +333,6 @@ static pags_result read_listed(pags_driving *driving, const char *folder, const 
                                const pags_dataset_options *options, pags_parsed_dataset *parsed) {
   selection selected;
 
-  /* Make selection. */
   selected.count = 0;
   selected.first = options->frame_first;
   selected.last = options->frame_last < 0 ? INT64_MAX : options->frame_last;
@@ -333,7 +340,7 @@ static pags_result read_listed(pags_driving *driving, const char *folder, const 
     return pags_fail(PAGS_ERROR_ARGUMENT, "frames %lld to %lld: expected 0 <= first <= last",
                      (long long)options->frame_first, (long long)options->frame_last);
 
-  /* Select cameras. */
+  /* Parse the list of camera numbers. */
   const char *at = options->cameras;
   while (options->cameras) {
     if (selected.count == MOST_CAMERAS || !read_number(&at, &selected.cameras[selected.count]) || (*at && *at != ','))

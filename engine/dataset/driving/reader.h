@@ -1,36 +1,40 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Reads a driving set in drivestudio's processed layout, and the parts that it is read in. */
+/* Reads a driving set in drivestudio's processed layout, part by part. */
 #ifndef PAGS_DATASET_DRIVING_READER_H
 #define PAGS_DATASET_DRIVING_READER_H
 
 #include "dataset/driving/driving_set.h"
 
-/* A folder that has what only this layout has: dataset.json, or images with ego_pose or extrinsics. */
+/* Whether the folder is a driving set: it has dataset.json, or images together with ego_pose or extrinsics. */
 bool pags_driving_is_set(const char *folder);
-/* Leaves an empty parsed set on failure. */
+/* Reads the driving set in `folder`; leaves an empty parsed set on failure. */
 pags_result pags_driving_read(const char *folder, const pags_dataset_options *options, pags_parsed_dataset *parsed);
 
-/* `kind` as asked for, NULL: as dataset.json says. `per_frame_files`: there are extrinsics named TTT_C, which settles
- * the kind where neither says it. Names of cameras, as far as dataset.json has them, go to `names(context, number,
- * name)`. */
+/* Reads the conventions of a set (rules.c). `kind`: the caller's choice; NULL: as dataset.json says.
+ * `per_frame_files`: the set has extrinsics named TTT_C, which identify PandaSet's kind if neither the caller nor
+ * dataset.json names one. The camera names that dataset.json has are passed to `name(context, number, name)`. */
 typedef pags_result pags_camera_name_fn(void *context, int number, const char *name);
 pags_result pags_rules_read(const char *root, const char *kind, bool per_frame_files, pags_rules *rules,
                             pags_camera_name_fn *name, void *context);
 
-/* timestamps.json, or t / fps. Fills in the steps' times and driving->fps. */
+/* Reads the times of the steps and of the exposures from timestamps.json or, without that file, sets the time of
+ * frame t to t / fps. Also sets driving->fps. */
 pags_result pags_times_read(pags_driving *driving, pags_parsed_dataset *parsed);
-/* instances/: objects with their knots at the steps. */
+/* Reads the objects with their knots at the used time steps from instances/ (tracks.c). */
 pags_result pags_tracks_read(pags_driving *driving);
-/* lidar/: the sweeps of the steps. */
+/* Finds the sweep of each time step in lidar/ and reads its pose. */
 pags_result pags_sweeps_find(pags_driving *driving);
+/* Reads the points of a sweep: 3 floats per point, in the frame of the sweep; points with a coordinate that is not
+ * finite are left out. The caller frees *xyz. */
 pags_result pags_sweep_read(const pags_driving *driving, int64_t index, int64_t *count, float **xyz);
 
-/* The points of a COLMAP model in the same world are added to the parsed set's. */
+/* Reads the points of a COLMAP model in the same world and makes them the points of the parsed set. */
 pags_result pags_sfm_points_read(const char *model, pags_parsed_dataset *parsed);
 
-/* All numbers of a text file, separated by blanks, line breaks or commas; at most `capacity`. */
+/* Reads all numbers of a text file, separated by blanks, line breaks or commas; more than `capacity` numbers are an
+ * error. */
 pags_result pags_text_matrix_read(const char *path, int capacity, double *out, int *count);
-/* A rigid motion as 4x4 or 3x4 numbers. */
+/* Reads a rigid motion of 4x4 or 3x4 numbers from a text file. */
 pags_result pags_text_pose_read(const char *path, double out[12]);
 
 #endif

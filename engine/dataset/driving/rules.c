@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What drivestudio's layout leaves open, by kind and by dataset.json.
+/* Determines the conventions that drivestudio's layout does not fix (axes, extrinsics, columns of a sweep, ...) from
+ * the defaults of the set's kind and from dataset.json.
  *
- * Sources of the kinds' rules: drivestudio's loaders and converters (github.com/ziyc/drivestudio, datasets/), and for
- * PandaSet's boxes measurement: their front is +y. A key of dataset.json wins over the kind's rule. */
+ * The defaults follow drivestudio's loaders and converters (github.com/ziyc/drivestudio, datasets/); that the front
+ * of PandaSet's boxes is +y was measured. A key of dataset.json overrides the default of the kind. */
 #include "dataset/driving/reader.h"
 
 #include "base/file.h"
@@ -19,9 +20,11 @@
 #define CONSTANT false
 #define PER_FRAME true
 
-/* Waymo: origin 3, point 3, flow 3, flow class, ground, intensity, elongation, laser. PandaSet: xyz, intensity, sensor.
- * nuPlan: xyz, intensity, ring, laser. KITTI, nuScenes, Argoverse 2: xyz, reflectance. nuScenes alone stores sweeps in
- * the laser's frame. */
+/* ---- Kinds and their defaults ---- */
+
+/* Columns of a sweep. Waymo: origin (3), point (3), flow (3), flow class, ground, intensity, elongation, LiDAR id.
+ * PandaSet: x y z, intensity, sensor. nuPlan: x y z, intensity, ring, LiDAR id. KITTI, nuScenes, Argoverse 2: x y z,
+ * reflectance. Only nuScenes stores sweeps in the LiDAR's frame. */
 static const pags_rules kinds[] = {
     {"waymo", WAYMO, CONSTANT, false, false, 14, .position = {3, 4, 5}},
     {"pandaset", OPENCV, PER_FRAME, false, true, 5, .position = {0, 1, 2}},
@@ -29,7 +32,7 @@ static const pags_rules kinds[] = {
     {"nuscenes", OPENCV, PER_FRAME, true, false, 4, .position = {0, 1, 2}},
     {"argoverse2", OPENCV, CONSTANT, false, false, 4, .position = {0, 1, 2}},
     {"nuplan", OPENCV, CONSTANT, false, false, 6, .position = {0, 1, 2}},
-    {"pags", OPENCV, CONSTANT, false, false, 0, .position = {0, 1, 2}}, /* states all of them */
+    {"pags", OPENCV, CONSTANT, false, false, 0, .position = {0, 1, 2}}, /* dataset.json must state all of them */
 };
 
 #define KIND_NAMES "waymo, pandaset, kitti, nuscenes, argoverse2 or nuplan"
@@ -42,10 +45,11 @@ static const pags_rules *find_kind(const char *name) {
 }
 
 typedef struct source {
-  pags_json *json; /* NULL: there is no dataset.json */
+  pags_json *json; /* NULL if there is no dataset.json */
   const pags_json_value *root;
 } source;
 
+/* Whether dataset.json has a value for the key. */
 static bool states(const source *s, const char *key) {
   const pags_json_value *value = s->json ? pags_json_member(s->root, key) : NULL;
   return value && value->type != PAGS_JSON_NULL;
@@ -77,7 +81,10 @@ static pags_result choose_kind(const char *root, const char *asked, bool per_fra
   return PAGS_OK;
 }
 
-/* One of two words; `second` says which. A longer text may follow the word. */
+/* ---- Keys of dataset.json ---- */
+
+/* Reads a key whose text begins with one of two words; *second becomes whether it is the second one (`other`) and
+ * stays unchanged if dataset.json lacks the key. More text may follow the word. */
 static pags_result read_choice(const source *s, const char *key, const char *first, const char *other, bool *second) {
   const char *text;
   if (!states(s, key))
@@ -159,6 +166,8 @@ static pags_result require_all(const source *s, const char *root) {
                        keys[i]);
   return PAGS_OK;
 }
+
+/* ---- Reading all rules ---- */
 
 static pags_result read_rules(const char *root, const char *kind, bool per_frame_files, const source *s,
                               pags_rules *rules) {

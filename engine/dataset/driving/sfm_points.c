@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Points of a COLMAP model that stands in the world of a driving set: its poses are not used, its tracks are, so that
- * points that held-out photographs made can be told. */
+/* Reads the points of a COLMAP model that is in the world frame of a driving set. The poses of the model are not
+ * used. Its tracks are, so that points triangulated from held-out photographs can be left out. */
 #include "dataset/driving/reader.h"
 
 #include "base/file.h"
@@ -9,7 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* The folder itself, or where COLMAP puts a model below it; as given, or inside of the data set. */
+/* Finds the folder of the model: `named` itself or one of COLMAP's subfolders, taken as a path as it stands, then
+ * relative to the data set. Returns NULL if there is none; the caller frees the path. */
 static char *find_model(const char *root, const char *named) {
   static const char *const below[] = {"", "sparse/0", "sparse"};
   const char *const bases[] = {NULL, root};
@@ -25,7 +26,8 @@ static char *find_model(const char *root, const char *named) {
   return NULL;
 }
 
-/* Views that the model names take its numbers, the others one that no track has. Returns how many it names. */
+/* Sets the id of each view to the id of the model's image with the same file name, or to -1 (in no track) if the
+ * model has none. Returns the number of views with an image in the model. */
 static int64_t match_views(const pags_parsed_dataset *model, pags_parsed_dataset *parsed) {
   int64_t matched = 0;
   for (int64_t i = 0; i < parsed->count; i++) {

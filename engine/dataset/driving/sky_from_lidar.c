@@ -1,34 +1,37 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Sky without masks: where the LiDAR would have met something.
+/* Labels sky pixels of a set without sky masks, from the directions in which the LiDAR had no return.
  *
- * Directions from the camera are sorted by azimuth into bins of one degree, and each bin keeps the elevation of its
- * highest return. A pixel is sky when its direction is more than a degree above the horizon and MARGIN above the
- * highest return within two bins on either side. Two cases say nothing and are not called sky: no return at all in
- * those bins (the LiDAR didn't look there), and a highest return near the top of the LiDAR's field of view (whatever
- * stands there may go on above it; the upper beams of common LiDARs lie 3 to 4 degrees apart). That top is the highest
- * elevation among far returns, for which it doesn't matter where on the car the LiDAR sits. Thinned sweeps are made up
- * for by sweeps of other time steps, most things in the way of the sky being at rest. */
+ * Points are sorted by their azimuth from the camera into bins of one degree, and each bin keeps the highest
+ * elevation of its returns. A pixel is sky if its direction is more than one degree above the horizon and more than
+ * `margin` above the highest return within two bins on either side. Two cases are unknown and are not labelled sky:
+ * bins without any return (the LiDAR didn't scan there), and a highest return near the top of the LiDAR's field of
+ * view, because the object there may extend above it (the upper beams of common LiDARs are 3 to 4 degrees apart). The
+ * top of the field of view is the highest elevation among far returns, for which the LiDAR's position on the car
+ * doesn't matter. If a sweep has few points, sweeps of other time steps are added, since most things that hide the
+ * sky are static. */
 #include "dataset/driving/label_plane.h"
 #include "dataset/driving/reader.h"
 
 #include <math.h>
 #include <stdlib.h>
 
+/* Bins of azimuth; bins on either side that a direction is compared with. */
 enum { BINS = 360, REACH = 2 };
 
 #define DEGREE (3.14159265358979323846 / 180)
 
-static const double closest = 3; /* metres: nearer returns are the car's own or rain */
-static const double far = 15;    /* metres: 1 m aside is 4 degrees */
+static const double closest = 3; /* metres: nearer returns are the car itself or rain and are ignored */
+static const double far = 15;    /* metres: farther returns are far; an offset of 1 m is at most 4 degrees there */
+/* Least elevation above the highest return, above the horizon, and width of the unknown zone at the top. */
 static const double margin = 1.5 * DEGREE;
 static const double horizon = 1 * DEGREE;
 static const double ceiling_band = 5 * DEGREE;
 
-/* Sweeps are taken until there are so many points, or so many sweeps. */
+/* Sweeps are added until they have this many points together, or until there are this many sweeps. */
 enum { ENOUGH_POINTS = 100000, MOST_SWEEPS = 24 };
 
 typedef struct bins {
-  double top[BINS]; /* highest elevation; -inf: no return */
+  double top[BINS]; /* highest elevation of the returns in the bin; -inf: no return */
   double ceiling;   /* highest elevation of a far return; -inf: none */
 } bins;
 
@@ -37,8 +40,9 @@ static int bin_of(double x, double y) {
   return bin < 0 ? 0 : bin >= BINS ? BINS - 1 : bin;
 }
 
-/* The nearest sweep that is `rank` or more frames away; of training, unless it is the frame's own: what is held out
- * must not speak for other frames. Returns its distance in frames, -1: there is none. */
+/* Finds the sweep nearest to `frame` that is `rank` or more frames away; among sweeps at distance `rank` only those
+ * with an index above `after`. A sweep of a held-out time step is used for its own frame only, because held-out data
+ * must not influence other frames. Returns the distance in frames, -1 if there is no such sweep. */
 static int next_sweep(const pags_driving *driving, int frame, int rank, int64_t after, int64_t *index) {
   int best = -1;
   for (int64_t i = 0; i < driving->sweep_count; i++) {
@@ -54,6 +58,7 @@ static int next_sweep(const pags_driving *driving, int frame, int rank, int64_t 
   return best;
 }
 
+/* Fills the bins from the sweeps nearest in time, as seen from the camera. */
 static pags_result gather(const pags_driving *driving, int frame, const pags_camera *camera, bins *b) {
   int64_t total = 0, index = -1;
   int distance = 0;
@@ -65,7 +70,6 @@ static pags_result gather(const pags_driving *driving, int frame, const pags_cam
       break;
     PAGS_TRY(pags_sweep_read(driving, index, &count, &xyz));
 
-    /* Raise bins. */
     const double *m = driving->sweeps[index].world_from_sweep, *c = camera->world_from_camera;
     for (int64_t i = 0; i < count; i++) {
       double d[3];
@@ -96,7 +100,7 @@ pags_result pags_sky_from_lidar(const pags_driving *driving, int frame, const pa
     b.top[i] = -INFINITY;
   PAGS_TRY(gather(driving, frame, camera, &b));
 
-  /* The elevation above which a direction in this bin is sky; infinite where nothing can be said. */
+  /* limit[i]: the elevation above which a direction in bin i is sky; infinite where it is unknown. */
   for (int i = 0; i < BINS; i++) {
     double highest = -INFINITY;
     for (int j = -REACH; j <= REACH; j++)
@@ -105,7 +109,6 @@ pags_result pags_sky_from_lidar(const pags_driving *driving, int frame, const pa
     limit[i] = unknown ? INFINITY : fmax(highest + margin, horizon);
   }
 
-  /* Mark. */
   const double *c = camera->world_from_camera;
   for (int y = 0; y < camera->height; y++) {
     uint8_t *row = plane + (size_t)y * (size_t)stride;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* lidar/TTT.bin: rows of little-endian float32, of which three are the point. */
+/* Finds and reads the sweeps lidar/TTT.bin: rows of little-endian float32, three columns of which are the point.
+ * Which columns these are depends on the kind of the set (rules.c). */
 #include "dataset/driving/reader.h"
 
 #include "base/bytes.h"
@@ -65,7 +66,7 @@ pags_result pags_sweeps_find(pags_driving *driving) {
   if (driving->sweep_count > 0)
     driving->provides |= PAGS_PROVIDES_LIDAR;
 
-  /* "LiDAR: 76 sweeps, none for frames 056 057 058 071" */
+  /* The note reads like "LiDAR: 76 sweeps, none for 4 frames: 056 057 058 071". */
   char line[400];
   int length = snprintf(line, sizeof line, "LiDAR: %lld sweeps", (long long)driving->sweep_count);
   int64_t sweep = 0, missing = driving->step_count - driving->sweep_count;
@@ -87,6 +88,7 @@ pags_result pags_sweeps_find(pags_driving *driving) {
   return pags_driving_note(driving, "%s", line);
 }
 
+/* Copies the finite points of the rows to `xyz`; returns their number. */
 static int64_t take_points(const pags_rules *rules, const uint8_t *bytes, int64_t rows, float *xyz) {
   int64_t count = 0;
   for (int64_t i = 0; i < rows; i++) {
@@ -108,7 +110,7 @@ pags_result pags_sweep_read(const pags_driving *driving, int64_t index, int64_t 
   *count = 0;
   PAGS_TRY(pags_file_read(path, &bytes, &size));
   int64_t rows = (int64_t)(size / row_bytes(driving));
-  pags_result result = check_size(driving, path, size); /* it may have changed since */
+  pags_result result = check_size(driving, path, size); /* the file may have changed since the data set was opened */
   if (result == PAGS_OK)
     *xyz = malloc(((size_t)rows + 1) * 3 * sizeof **xyz);
   if (*xyz)

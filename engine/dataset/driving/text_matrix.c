@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Text files of numbers, as numpy's savetxt writes them: matrices, intrinsics. */
+/* Reads text files of numbers as written by numpy's savetxt: poses, extrinsics, intrinsics. */
 #include "dataset/driving/reader.h"
 
 #include "base/file.h"

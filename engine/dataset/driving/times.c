@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* timestamps.json: {"frames": [seconds of each time step], "cameras": {"0": [seconds of each exposure], ...}}; both are
- * indexed by the frame numbers of file names. */
+/* Reads the times of the time steps and of the exposures from timestamps.json:
+ *     {"frames": [seconds of each time step], "cameras": {"0": [seconds of each exposure], ...}}
+ * Both lists are indexed by the frame numbers of the file names. */
 #include "dataset/driving/reader.h"
 
 #include "base/file.h"
@@ -30,7 +31,7 @@ static pags_result read_file(const pags_json *json, pags_driving *driving, pags_
   PAGS_TRY(pags_json_as_object(json, root, "the times of a data set"));
   PAGS_TRY(pags_json_array(json, root, "frames", &frames));
 
-  /* Read steps. */
+  /* Times of the steps, which must ascend. */
   int64_t frame = 0;
   for (const pags_json_value *item = frames->first; item; item = item->next, frame++) {
     int64_t step = pags_driving_step(driving, frame);
@@ -50,7 +51,7 @@ static pags_result read_file(const pags_json *json, pags_driving *driving, pags_
     return PAGS_OK;
   PAGS_TRY(pags_json_object(json, root, "cameras", &cameras));
 
-  /* Read cameras. */
+  /* Exposure times of each camera of the set; other keys are ignored. */
   for (const pags_json_value *list = cameras->first; list; list = list->next) {
     char *end;
     long number = strtol(list->key, &end, 10);
@@ -83,7 +84,7 @@ pags_result pags_times_read(pags_driving *driving, pags_parsed_dataset *parsed) 
     if (result == PAGS_OK)
       result = read_file(json, driving, parsed);
     if (result == PAGS_OK) {
-      /* Measure fps. */
+      /* Without fps in dataset.json, the mean rate over the used frames is taken. */
       const pags_time_step *first = &driving->steps[0], *last = &driving->steps[driving->step_count - 1];
       driving->fps = driving->rules.fps;
       if (driving->fps == 0)

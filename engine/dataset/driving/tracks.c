@@ -1,12 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* instances/instances_info.json and frame_instances.json: labelled boxes over time.
+/* Reads the labelled objects of a driving set with their boxes over time, from instances/instances_info.json and
+ * instances/frame_instances.json.
  *
  *   instances_info:  {"0": {"id", "class_name", "frame_annotations": {"frame_idx": [t], "obj_to_world": [4x4],
  *     "box_size": [3]}}}
  *   frame_instances: {"0": [instances present in frame 0], ...}
- * box_size is along the box's own axes. Our objects look along +x: a box whose front is +y is turned by -90 degrees
- * about z, and its first two extents change places. An annotation counts where frame_instances has it, too; without
- * that file all do. */
+ * box_size is given along the box's own axes. The front of a pags_object is +x: a box whose front is +y gets axes
+ * rotated by 90 degrees about z, and its first two extents are swapped. An annotation is used only if frame_instances
+ * lists the instance at that frame; without that file all annotations are used. */
 #include "dataset/driving/reader.h"
 
 #include "base/file.h"
@@ -25,12 +26,15 @@
 typedef struct reader {
   pags_driving *driving;
   pags_json *info;
-  pags_json *frames; /* NULL: there is no frame_instances.json */
-  uint8_t *present;  /* [instances][steps]; NULL without `frames` */
+  pags_json *frames; /* NULL if there is no frame_instances.json */
+  uint8_t *present;  /* [instances][steps], 1 if listed in frame_instances.json; NULL without `frames` */
   int64_t instances;
 } reader;
 
-/* Exactly `count` numbers of an array, which may be nested. */
+/* ---- Numbers, poses and sizes ---- */
+
+/* Appends the numbers of an array, which may be nested, to `out`; *taken counts them. More than `count` numbers are
+ * an error. */
 static pags_result take_numbers(const pags_json *json, const pags_json_value *value, const char *what, int count,
                                 double *out, int *taken) {
   if (value->type != PAGS_JSON_ARRAY)
@@ -65,7 +69,8 @@ static pags_result take_pose(const reader *r, const pags_json_value *value, doub
   pags_result result = what ? pags_rigid_check(out, what) : pags_out_of_memory("%s", pags_json_path(r->info));
   free(what);
   if (result == PAGS_OK && r->driving->rules.forward_y) {
-    static const double turn[12] = {0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1, 0}; /* columns: our x, y, z in the file's axes */
+    /* The columns are the object's x, y, z axes in the axes of the file's box. */
+    static const double turn[12] = {0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1, 0};
     pags_rigid_multiply(out, turn, out);
   }
   return result;
@@ -84,7 +89,9 @@ static pags_result take_size(const reader *r, const pags_json_value *value, doub
   return PAGS_OK;
 }
 
-/* The three lists of frame_annotations run side by side. */
+/* ---- Knots and motion ---- */
+
+/* Position in the three parallel lists of frame_annotations. */
 typedef struct annotation {
   const pags_json_value *frame, *pose, *size;
 } annotation;
@@ -123,14 +130,14 @@ static pags_result read_knots(const reader *r, const pags_json_value *instance, 
       return pags_json_fail(r->info, at.frame, "expected a frame number, found %g", frame);
     int64_t step = pags_driving_step(r->driving, (int64_t)frame);
     if (step >= 0 && (!r->present || r->present[number * r->driving->step_count + step])) {
-      /* Take knot. */
       const pags_time_step *time = &r->driving->steps[step];
       pags_knot *knot = &object->knots[object->knot_count];
       double size[3] = {0};
       *knot = (pags_knot){.frame = time->frame, .trained = !time->test, .time = time->time};
       PAGS_TRY(take_pose(r, at.pose, knot->world_from_object));
       PAGS_TRY(take_size(r, at.size, size));
-      /* The mean of the extents, so that a box of changing size has one; equal ones stay to the bit. */
+      /* The size of an object is the mean of its labelled sizes, as a running mean that leaves equal sizes
+       * bit-identical. */
       for (int i = 0; i < 3; i++)
         object->size[i] = object->knot_count == 0
                               ? size[i]
@@ -146,7 +153,8 @@ static pags_result read_knots(const reader *r, const pags_json_value *instance, 
   return PAGS_OK;
 }
 
-/* Whether it moves is a matter of its whole track, not of the time steps that happen to be used. */
+/* Sets object->moving from all annotations of the instance, so that the result doesn't depend on the time steps
+ * used. */
 static pags_result classify(const reader *r, const pags_json_value *instance, pags_object *object) {
   annotation at = {NULL, NULL, NULL};
   pags_object whole = {0};
@@ -172,7 +180,9 @@ static pags_result classify(const reader *r, const pags_json_value *instance, pa
   return result;
 }
 
-/* Converters write ids as texts or as numbers. */
+/* ---- Instances ---- */
+
+/* Reads the id of an instance, which converters write as a text or as a number; without an id, its key is used. */
 static pags_result take_id(const reader *r, const pags_json_value *instance, char **out) {
   const pags_json_value *id = pags_json_member(instance, "id");
   if (!id || id->type == PAGS_JSON_NULL)
@@ -205,7 +215,7 @@ static pags_result check_id(const reader *r, const pags_json_value *instance, co
   return PAGS_OK;
 }
 
-/* The number of an instance is its key. */
+/* Parses the number of an instance, which is its key. */
 static pags_result instance_number(const reader *r, const pags_json_value *instance, int64_t *out) {
   char *end;
   long long number = strtoll(instance->key, &end, 10);
@@ -216,6 +226,8 @@ static pags_result instance_number(const reader *r, const pags_json_value *insta
   return PAGS_OK;
 }
 
+/* ---- Reading the files ---- */
+
 static pags_result read_files(reader *r, const char *info, const char *frames) {
   PAGS_TRY(pags_json_parse_file(info, &r->info));
   PAGS_TRY(pags_json_as_object(r->info, pags_json_root(r->info), "the instances"));
@@ -223,7 +235,6 @@ static pags_result read_files(reader *r, const char *info, const char *frames) {
   if (pags_file_exists(frames)) {
     PAGS_TRY(pags_json_parse_file(frames, &r->frames));
 
-    /* Read presence. */
     const pags_json_value *root = pags_json_root(r->frames);
     PAGS_TRY(pags_json_as_object(r->frames, root, "the instances of frames"));
     r->present = calloc((size_t)r->instances + 1, (size_t)r->driving->step_count);
@@ -236,7 +247,6 @@ static pags_result read_files(reader *r, const char *info, const char *frames) {
         return pags_json_fail(r->frames, list, "expected the number of a frame, found '%s'", list->key);
       int64_t step = pags_driving_step(r->driving, frame);
       if (step >= 0) {
-        /* Mark frame. */
         if (list->type != PAGS_JSON_ARRAY)
           return pags_json_fail(r->frames, list, "expected an array with the instances of frame '%s'", list->key);
         for (const pags_json_value *item = list->first; item; item = item->next) {
@@ -251,7 +261,7 @@ static pags_result read_files(reader *r, const char *info, const char *frames) {
     }
   }
 
-  /* Read instances. */
+  /* Read the instances and drop those without an annotation at a used time step. */
   pags_driving *driving = r->driving;
   driving->objects = calloc((size_t)r->instances + 1, sizeof *driving->objects);
   if (!driving->objects)
@@ -273,7 +283,6 @@ static pags_result read_files(reader *r, const char *info, const char *frames) {
 
   r->driving->provides |= PAGS_PROVIDES_BOXES;
 
-  /* Note objects. */
   int64_t moving = 0;
   for (int64_t i = 0; i < r->driving->object_count; i++)
     moving += r->driving->objects[i].moving;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The files of drivestudio's processed layout. A file that exists is never written again, so that an import that was
- * stopped can go on. */
+/* Writes the files of single frames in drivestudio's processed layout and begins an import (writer.h). A file of a
+ * frame that exists is not written again, so that an interrupted import can be continued. */
 #include "dataset/driving/writer.h"
 
 #include <assert.h>
@@ -17,8 +17,9 @@
 
 static const char *const folders[] = {"images",        "ego_pose",  "extrinsics", "intrinsics", "lidar",
                                       "dynamic_masks", "sky_masks", "semantic",   "panoptic",   "instances"};
-static const char *const files[] = {"dataset.json", "timestamps.json",
-                                    "import.json"}; /* dataset.json, the mark of a finished set, is removed first */
+/* dataset.json marks a finished set. It is first in the list because an import removes the files in this order: an
+ * interrupted removal then never leaves an incomplete set that opens. */
+static const char *const files[] = {"dataset.json", "timestamps.json", "import.json"};
 enum { FOLDERS = sizeof folders / sizeof folders[0], FILES = sizeof files / sizeof files[0] };
 
 pags_layout_exposure pags_layout_exposure_unknown(void) {
@@ -38,14 +39,14 @@ void pags_layout_track_destroy(pags_layout_track *track) {
   *track = (pags_layout_track){0};
 }
 
-/* ---- Names ---- */
+/* ---- File names ---- */
 
 static pags_result join(const pags_layout *layout, const char *name, char **out) {
   *out = pags_path_join(layout->folder, name);
   return *out ? PAGS_OK : pags_out_of_memory("%s", layout->folder);
 }
 
-/* folder/TTT_C.extension, folder/TTT.extension or folder/C.extension. */
+/* Makes the path folder/TTT_C.extension; folder/TTT.extension if camera is -1, folder/C.extension if frame is -1. */
 static pags_result file_path(const pags_layout *layout, const char *folder, int64_t frame, int camera,
                              const char *extension, char **out) {
   char name[128];
@@ -74,17 +75,18 @@ bool pags_layout_has(const pags_layout *layout, const char *folder, int64_t fram
 }
 
 bool pags_layout_is_finished(const pags_layout *layout) {
-  /* Has file. */
   char *path = pags_path_join(layout->folder, ("dataset.json"));
   const bool found = path && pags_file_exists(path);
   free(path);
   return found;
 }
 
-/* ---- Begin ---- */
+/* ---- Beginning an import ---- */
 
+/* What import.json in the folder says: missing; equal to the one of this import; of another import. */
 typedef enum work_state { WORK_NONE, WORK_SAME, WORK_OTHER } work_state;
 
+/* Compares the file `marker` with the import.json that this import would write. */
 static pags_result compare_work(const char *marker, const pags_json_writer *writer, work_state *out) {
   uint8_t *bytes = NULL;
   size_t size = 0;
@@ -97,6 +99,8 @@ static pags_result compare_work(const char *marker, const pags_json_writer *writ
   return PAGS_OK;
 }
 
+/* Prepares the folder: continues unfinished work of the same import; otherwise the folder must be empty, or
+ * `overwrite` set, in which case the files of the layout are removed. Then writes import.json. */
 static pags_result claim(const pags_layout *layout, const char *marker, const pags_json_writer *writer,
                          bool overwrite) {
   work_state state = WORK_NONE;
@@ -110,7 +114,7 @@ static pags_result claim(const pags_layout *layout, const char *marker, const pa
                      state == WORK_OTHER ? "was begun from another source or with other options (see its import.json)"
                                          : "holds something else already");
 
-  /* Clear. */
+  /* Remove the files of an earlier import. */
   pags_result result = PAGS_OK;
   for (int i = 0; i < FILES + FOLDERS && result == PAGS_OK; i++) {
     char *path = NULL;
@@ -133,7 +137,7 @@ pags_result pags_layout_begin(pags_layout *layout, const char *folder, const pag
   if (!layout->folder)
     return pags_out_of_memory("%s", folder);
 
-  /* What import.json says: everything that the files depend on. */
+  /* import.json lists everything that the content of the files depends on. */
   pags_json_writer_init(&writer, 2);
   pags_json_begin_object(&writer, NULL);
   pags_json_put_string(&writer, "kind", info->kind);
@@ -208,7 +212,8 @@ pags_result pags_layout_copy_image(const pags_layout *layout, int64_t frame, int
   return result;
 }
 
-/* Four lines of four numbers, 17 digits: what was computed reads back to the same bits. */
+/* Writes a rigid motion as four lines of four numbers with 17 significant digits, so that doubles are read back
+ * bit-identical. */
 static pags_result put_matrix(const pags_layout *layout, const char *folder, int64_t frame, int camera,
                               const double m[12]) {
   char text[16 * 32];

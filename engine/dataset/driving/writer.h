@@ -1,13 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Writes a driving data set in drivestudio's processed layout (docs/dataset-layout.md), for importers and `pags synth`.
+/* Writes a driving data set in drivestudio's processed layout (docs/dataset-layout.md), for importers and `pags
+ * synth`.
  *
- * Begin, any number of puts in any order, finish. A file that exists is complete, because files are written beside
- * and renamed: puts of such files do nothing, so that an import that was stopped goes on where it was. What the
- * folder was begun from stands in import.json, and a folder begun from something else, or that holds anything else,
- * is refused. dataset.json comes last.
+ * Use: begin, any number of puts in any order, finish. An interrupted import can be continued: files are written
+ * under a temporary name and renamed, so that a file that exists is complete, and a put of an existing file does
+ * nothing. Begin writes the source and the options of the import to import.json; a folder that was begun from another
+ * source, or that holds other files, is refused. dataset.json is written last.
  *
- * Frames count from 0 whatever their numbers in the source. Puts may be called by several threads at once for
- * different files. */
+ * Frames count from 0, whatever their numbers in the source are. Puts of different files may be called by several
+ * threads at once. */
 #ifndef PAGS_DATASET_DRIVING_WRITER_H
 #define PAGS_DATASET_DRIVING_WRITER_H
 
@@ -24,128 +25,130 @@ extern "C" {
 enum { PAGS_LAYOUT_CAMERAS = 16 };
 
 typedef struct pags_layout_camera {
-  int number;                  /* C of the file names */
-  const char *name;            /* "front_left" */
-  const char *rolling_shutter; /* "left_to_right", "none", ...; NULL: unknown */
+  int number;                  /* number C in file names */
+  const char *name;            /* e.g. "front_left" */
+  const char *rolling_shutter; /* direction, e.g. "left_to_right", or "none"; NULL: unknown */
   int width, height;           /* px */
-  double intrinsics[9];        /* fx fy cx cy, px, corners of the picture at 0 and width, height; k1 k2 p1 p2 k3 */
+  double intrinsics[9];        /* fx fy cx cy in px, corners of the picture at 0 and width, height; k1 k2 p1 p2 k3 */
 } pags_layout_camera;
 
-/* When a photograph was taken; NaN (see pags_layout_exposure_unknown) where the source doesn't say. Seconds, on the
- * frames' clock. */
+/* Times of a photograph in seconds on the clock of the frames, and the motion of the ego vehicle. Members that the
+ * source doesn't have are NaN (see pags_layout_exposure_unknown). */
 typedef struct pags_layout_exposure {
-  double time;        /* of the exposure: its middle */
-  double shutter;     /* duration of one row's exposure */
-  double trigger;     /* the camera was told to */
-  double readout;     /* the last row was read */
-  double velocity[6]; /* of the recording car at `time`: linear m/s, in the world; angular rad/s, in the ego frame */
-  double pose_time;   /* of `pose` (and, where it is known, of `velocity`) */
-  double pose[12]; /* 3x4 ego-to-world of the recording car near `time`, where it differs from the frame's ego_pose */
+  double time;        /* middle of the exposure */
+  double shutter;     /* exposure time of one row */
+  double trigger;     /* trigger time of the camera */
+  double readout;     /* end of the readout of the last row */
+  double velocity[6]; /* of the ego vehicle at `time`: linear in m/s, world axes; angular in rad/s, ego axes */
+  double pose_time;   /* time of `pose` and, if it is known, of `velocity` */
+  double pose[12];    /* 3x4 ego-to-world near `time`, if it differs from the frame's ego_pose */
 } pags_layout_exposure;
 
 typedef struct pags_layout_info {
-  const char *kind; /* "kitti", "waymo": whose rules the files follow */
-  const char *
-      source; /* path of what is imported, with everything that chooses what becomes of it: told apart by import.json */
+  const char *kind;   /* "kitti" or "waymo": the kind whose conventions the files follow */
+  const char *source; /* path and options of the import, compared by means of import.json */
   double fps;
-  pags_place place; /* of the world's zero */
+  pags_place place; /* position of the world's origin on the earth */
   int64_t frame_count;
   int64_t first_frame; /* number of frame 0 in the source */
   int camera_count;    /* <= PAGS_LAYOUT_CAMERAS */
   const pags_layout_camera *cameras;
   bool extrinsics_per_frame;        /* TTT_C.txt instead of C.txt */
-  bool extrinsics_from_world;       /* with extrinsics_per_frame: they are camera-to-world, not camera-to-ego */
-  const char *const *lidar_columns; /* "x", "y", "z", "reflectance", NULL; NULL: there is no LiDAR */
+  bool extrinsics_from_world;       /* with extrinsics_per_frame: extrinsics are camera-to-world, not camera-to-ego */
+  const char *const *lidar_columns; /* names ended by NULL, e.g. "x", "y", "z", "reflectance"; NULL: no LiDAR */
 } pags_layout_info;
 
-/* A labelled object; its knots' frames are those of the layout. `sizes` has 3 numbers a knot: NULL where the size is
- * object.size. */
+/* A labelled object; the frames of its knots are those of the layout. `sizes` has 3 numbers per knot, or is NULL if
+ * every knot has object.size. */
 typedef struct pags_layout_track {
   pags_object object;
   double *sizes;
 } pags_layout_track;
 
-/* What needs all frames: written by finish. */
+/* The times of all frames; finish writes them. */
 typedef struct pags_layout_times {
-  const double *frames;                  /* seconds, of each frame */
-  const pags_layout_exposure *exposures; /* [frame * camera_count + camera]; NULL: nothing is known */
-  const double *lidar;                   /* begin and end of each sweep, 2 a frame; NULL: unknown */
+  const double *frames;                  /* seconds, one per frame */
+  const pags_layout_exposure *exposures; /* [frame * camera_count + camera]; NULL: all unknown */
+  const double *lidar;                   /* begin and end of each sweep, 2 per frame; NULL: unknown */
 } pags_layout_times;
 
 typedef struct pags_layout {
   char *folder;
-  const pags_layout_info *info; /* the caller's, must outlive the layout */
+  const pags_layout_info *info; /* owned by the caller; must outlive the layout */
 } pags_layout;
 
 pags_layout_exposure pags_layout_exposure_unknown(void);
 void pags_layout_track_destroy(pags_layout_track *track);
 
-/* Makes the folder. `overwrite`: first removes what the folder has of this layout's names (images, lidar, ...
- * dataset.json), unless it is unfinished work begun from this same source. Other files are left alone. */
+/* Creates the folder and begins or continues an import. `overwrite`: first removes the files and folders of this
+ * layout (images, lidar, ..., dataset.json), unless they are unfinished work of the same import. Files with other
+ * names are left alone. */
 pags_result pags_layout_begin(pags_layout *layout, const char *folder, const pags_layout_info *info, bool overwrite);
-void pags_layout_destroy(pags_layout *layout); /* frees; a zeroed one is allowed */
+void pags_layout_destroy(pags_layout *layout); /* a zeroed layout is allowed */
 
-/* Makes the folder that a file of this path lies in, so that folders appear with their first file. */
+/* Creates the parent folder of a file, so that each folder appears together with its first file. */
 pags_result pags_layout_make_folder(const char *path);
 
-/* Whether `folder`/TTT_C.extension is there: what costs much to make need not be made. camera -1: TTT.extension;
- * frame -1: C.extension. extension NULL: any of .png .jpg .jpeg. `camera` is the number in file names here and
- * below. */
+/* Whether `folder`/TTT_C.extension exists, so that a caller can skip an expensive computation. camera -1:
+ * TTT.extension; frame -1: C.extension. extension NULL: any of .png .jpg .jpeg. Here and below, `camera` is the
+ * camera's number in file names. */
 bool pags_layout_has(const pags_layout *layout, const char *folder, int64_t frame, int camera, const char *extension);
-/* Whether the finished data set is there. */
+/* Whether the data set is finished, that is whether dataset.json exists. */
 bool pags_layout_is_finished(const pags_layout *layout);
 
-/* images/TTT_C.extension, the bytes as they are; extension with its dot. */
+/* Writes images/TTT_C.extension from the bytes of an encoded picture; `extension` includes its dot. */
 pags_result pags_layout_put_image(const pags_layout *layout, int64_t frame, int camera, const char *extension,
                                   const void *bytes, size_t size);
-/* `folder`/TTT_C.extension, any other picture, the bytes as they are. */
+/* Writes another picture, `folder`/TTT_C.extension, from its encoded bytes. */
 pags_result pags_layout_put_picture(const pags_layout *layout, const char *folder, int64_t frame, int camera,
                                     const char *extension, const void *bytes, size_t size);
-/* The same as put_image of a file, whose extension it keeps. */
+/* Copies a picture file to images/TTT_C with the extension of `path`. */
 pags_result pags_layout_copy_image(const pags_layout *layout, int64_t frame, int camera, const char *path);
-/* Poses and extrinsics: 3x4 row-major, written as 4x4. */
+/* Writes ego_pose/TTT.txt; poses and extrinsics are 3x4 row-major and are written as 4x4. */
 pags_result pags_layout_put_ego_pose(const pags_layout *layout, int64_t frame, const double world_from_ego[12]);
-/* Camera to ego (or to the world, as info says), OpenCV camera axes, for a frame if info says per frame. Frame -1: the
- * constant camera-to-ego C.txt, which sets with extrinsics per frame may have beside them. */
+/* Writes the extrinsics of a camera with OpenCV axes: camera-to-ego, or camera-to-world if
+ * info->extrinsics_from_world. `frame` is a frame if info->extrinsics_per_frame. Frame -1 writes the constant
+ * camera-to-ego extrinsics C.txt, which a set with extrinsics per frame may have in addition. */
 pags_result pags_layout_put_extrinsics(const pags_layout *layout, int64_t frame, int camera, const double m[12]);
-/* lidar/TTT.bin: rows of as many floats as info names columns. */
+/* Writes lidar/TTT.bin; each row has one float per column named by info->lidar_columns. */
 pags_result pags_layout_put_lidar(const pags_layout *layout, int64_t frame, int64_t rows, const float *values);
-/* `folder`/TTT_C.png (TTT the frame, C the camera), 8-bit grey; "sky_masks": 255 = sky; "semantic": Cityscapes train
- * ids, 255 = unknown. */
+/* Writes a mask `folder`/TTT_C.png, 8-bit grey, from width * height bytes. "sky_masks": 255 = sky; "semantic":
+ * Cityscapes train ids, 255 = unknown. */
 pags_result pags_layout_put_mask(const pags_layout *layout, const char *folder, int64_t frame, int camera, int width,
                                  int height, const uint8_t *pixels);
-/* dynamic_masks/{all,vehicle,human}/TTT_C.png: 255 in the outlines of the boxes of objects that move, whether hidden
- * or not. human: pedestrians and cyclists; all: every class. `camera` has the pose of the photograph; info's camera
- * is found by `number`. */
+/* Writes dynamic_masks/{all,vehicle,human}/TTT_C.png: 255 inside the box outlines of moving objects, occluded or not.
+ * human: pedestrians and cyclists; all: every class. `camera` has the pose of the photograph; `number` is the number
+ * of the camera in file names. */
 pags_result pags_layout_put_dynamic_masks(const pags_layout *layout, int64_t frame, int number,
                                           const pags_camera *camera, const pags_layout_track *tracks,
                                           int64_t track_count);
-/* How a photograph with lens distortion sees a pinhole camera: its pixel i, of width x height, shows the pinhole's
- * pixel source[i] (row-major), -1: none of them. */
+/* Maps a photograph with lens distortion to a pinhole camera: pixel i of the photograph (width x height) shows pixel
+ * source[i] of the pinhole picture (row-major); -1: no pixel of it. */
 typedef struct pags_layout_lens {
   int width, height;
   const int32_t *source;
 } pags_layout_lens;
-/* The same for such a photograph; `camera` is the pinhole. NULL lens: the photograph is the pinhole's. */
+/* Writes the dynamic masks of a photograph with lens distortion: they are drawn for the pinhole `camera` and mapped
+ * through `lens`. `lens` NULL: the photograph is the pinhole picture. */
 pags_result pags_layout_put_dynamic_masks_through(const pags_layout *layout, int64_t frame, int number,
                                                   const pags_camera *camera, const pags_layout_lens *lens,
                                                   const pags_layout_track *tracks, int64_t track_count);
-/* instances/{instances_info,frame_instances}.json. */
+/* Writes instances/instances_info.json and instances/frame_instances.json. */
 pags_result pags_layout_put_instances(const pags_layout *layout, const pags_layout_track *tracks, int64_t count);
 
-/* intrinsics/C.txt, timestamps.json and then dataset.json. */
+/* Writes intrinsics/C.txt, timestamps.json and, last, dataset.json. */
 pags_result pags_layout_finish(const pags_layout *layout, const pags_layout_times *times);
 
-/* ---- The files about the whole, each at a path of its own: for `pags synth`, which makes its folders itself ---- */
+/* ---- Single files about the whole set, at any path, for `pags synth`, which makes its folders itself ---- */
 
-/* instances_info.json: the tracks' keys are 0, 1, ... */
+/* Writes instances_info.json; the keys of the tracks are 0, 1, ... */
 pags_result pags_layout_write_instances(const char *path, const pags_layout_track *tracks, int64_t count);
-/* frame_instances.json: the tracks that have a knot at a frame. */
+/* Writes frame_instances.json: for each frame, the tracks that have a knot there. */
 pags_result pags_layout_write_frame_instances(const char *path, const pags_layout_track *tracks, int64_t count,
                                               int64_t frame_count);
-/* timestamps.json; of the exposures what is known of any. */
+/* Writes timestamps.json; a member of the exposures is written if any exposure has it. */
 pags_result pags_layout_write_times(const char *path, const pags_layout_info *info, const pags_layout_times *times);
-/* dataset.json, `indent` spaces a level; without source and first_frame where info->source is NULL. */
+/* Writes dataset.json, `indent` spaces per level; without source and first_frame if info->source is NULL. */
 pags_result pags_layout_write_description(const char *path, const pags_layout_info *info, int indent);
 
 #ifdef __cplusplus

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The layout's files about the whole: instances, intrinsics, times and dataset.json. */
+/* Writes the files of the layout that describe the whole set: instances, intrinsics, times and dataset.json. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -11,7 +11,7 @@
 #include "dataset/driving/writer.h"
 #include "scene/place_json.h"
 
-/* The path of a file of the layout, whose folder is made. */
+/* Makes the path of a file of the layout and creates its folder. */
 static pags_result make_path(const pags_layout *layout, const char *name, char **out) {
   *out = pags_path_join(layout->folder, name);
   return *out ? pags_layout_make_folder(*out) : pags_out_of_memory("%s", layout->folder);
@@ -122,7 +122,8 @@ static pags_result put_intrinsics(const pags_layout *layout) {
 
 /* ---- Times ---- */
 
-/* Members of pags_layout_exposure by their names in timestamps.json; each "": {"C": [of every frame]}. */
+/* The members of pags_layout_exposure by their keys in timestamps.json. The value of a key has the form {"C": [one
+ * value per frame]}. */
 static const struct column {
   const char *key;
   size_t offset;
@@ -156,7 +157,6 @@ pags_result pags_layout_write_times(const char *path, const pags_layout_info *in
   pags_json_end_array(&writer);
   for (size_t i = 0; i < sizeof columns / sizeof columns[0]; i++)
     if (is_known(times, info->frame_count * info->camera_count, &columns[i])) {
-      /* Put column. */
       char key[24];
       pags_json_begin_object(&writer, columns[i].key);
       for (int c = 0; c < info->camera_count; c++) {

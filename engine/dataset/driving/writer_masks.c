@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The mask pictures of a driving set: those that a recording has, and those drawn from the outlines of labelled boxes.
- */
+/* Writes the mask pictures of a driving set: masks that a recording has, and dynamic masks drawn from the outlines of
+ * labelled boxes. */
 #include <pags/dataset.h>
 #include <pags/image.h>
 #include <stdio.h>
@@ -57,7 +57,7 @@ static pags_result put_planes(const pags_layout *layout, int64_t frame, int numb
   const int width = lens ? lens->width : camera->width, height = lens ? lens->height : camera->height;
   for (int m = 0; m < MASKS; m++) {
     if (lens) {
-      /* The photograph's picture of a plane drawn for the pinhole. */
+      /* Map the mask from the pinhole picture to the photograph with lens distortion. */
       const size_t pixels = (size_t)lens->width * (size_t)lens->height;
       for (size_t i = 0; i < pixels; i++)
         seen[i] = lens->source[i] >= 0 ? planes[m][lens->source[i]] : 0;
