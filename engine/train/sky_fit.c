@@ -95,7 +95,7 @@ void pags_sky_fit_destroy(pags_sky_fit *fit) {
 /* Size of the table of bias corrections 1 / (1 - beta1^k), 1 / (1 - beta2^k) by number of visits k; the last entry
  * serves for all larger k. */
 enum { CORRECTIONS = 8192 };
-enum { BLOCK_FLOATS = 3 * PAGS_SKY_BLOCK, FLOATS_A_LINE = 16 };
+enum { BLOCK_FLOATS = 3 * PAGS_SKY_BLOCK };
 
 static const float epsilon = 1e-15f;
 

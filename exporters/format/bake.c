@@ -5,6 +5,7 @@
 #include "exporters/format/bake.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 #include <zlib.h>
@@ -53,12 +54,12 @@ static void bake_row(const pags_part *part, const pags_sh_rotation *turn, const 
   }
 }
 
-static int is_turned(const double m[12]) {
+static bool is_turned(const double m[12]) {
   static const double identity[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
   for (int i = 0; i < 9; i++)
     if (m[4 * (i / 3) + i % 3] != identity[i])
-      return 1;
-  return 0;
+      return true;
+  return false;
 }
 
 static void bake_part(const pags_part *part, pags_gaussians *out, int64_t first) {
@@ -202,13 +203,13 @@ static void pack_row(const pags_gaussians *g, int64_t i, spz_streams *s) {
 
 static pags_result pack_streams(const pags_gaussians *g, spz_streams *s) {
   const size_t each[SPZ_STREAMS] = {9, 1, 3, 3, 4, 3 * ((size_t)pags_sh_coefficients(g->sh_degree) - 1)};
-  int scene_depth = 1;
+  bool complete = true;
   for (int k = 0; k < SPZ_STREAMS; k++) {
     s->sizes[k] = each[k] * (size_t)g->count;
     s->bytes[k] = malloc(s->sizes[k] + 1);
-    scene_depth = scene_depth && s->bytes[k];
+    complete = complete && s->bytes[k];
   }
-  if (!scene_depth)
+  if (!complete)
     return pags_out_of_memory("%lld Gaussians", (long long)g->count);
   for (int64_t i = 0; i < g->count; i++)
     pack_row(g, i, s);

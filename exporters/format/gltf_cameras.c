@@ -3,6 +3,7 @@
  * that glTF's perspective camera has no place for (principal point, held out or not) go to the node's extras. */
 #include "exporters/format/gltf_cameras.h"
 
+#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -18,7 +19,7 @@ typedef struct kind {
   pags_camera camera;
 } kind;
 
-static int same_lens(const pags_camera *a, const pags_camera *b) {
+static bool same_lens(const pags_camera *a, const pags_camera *b) {
   return a->width == b->width && a->height == b->height && a->fx == b->fx && a->fy == b->fy;
 }
 

@@ -8,6 +8,7 @@
 
 #include <math.h>
 #include <stdatomic.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -102,7 +103,7 @@ static void load_labels(const pags_proxy_maker *w, const pags_scene_view *view, 
 #endif
 }
 
-static int shows_training(const pags_scene_view *view) {
+static bool shows_training(const pags_scene_view *view) {
   return !view->test;
 }
 
@@ -172,11 +173,11 @@ static pags_result add_ground(const pags_proxy_maker *w, pags_background *out, p
     return PAGS_OK;
   pags_proxy_mesh mesh;
   PAGS_TRY(pags_ground_mesh(ground, w->options->ground_triangles, &mesh));
-  if (!pags_proxy_mesh_paint(&mesh, &out->depth_views, 0.3, w->tasks)) {
-    pags_proxy_mesh_destroy(&mesh);
-    return pags_fail(PAGS_CANCELLED, "interrupted");
-  }
-  return add_chunk(out, "ground", &mesh);
+  result = pags_proxy_mesh_paint(&mesh, &out->depth_views, 0.3, w->tasks);
+  if (result == PAGS_OK)
+    return add_chunk(out, "ground", &mesh);
+  pags_proxy_mesh_destroy(&mesh);
+  return result;
 }
 
 /* ---- Classes ---- */
@@ -187,6 +188,7 @@ typedef struct naming {
   const pags_ground *ground;
   double tolerance;
   uint8_t *class_of; /* the class of each vertex */
+  int64_t *lists;    /* of views, one for each worker */
 } naming;
 
 /* The class that most of the views that see a point give it (depth within the tolerance); OTHER if none does. */
@@ -217,27 +219,27 @@ static uint8_t guess(const float normal[3], const float color[3]) {
 
 static void name_vertices(void *context, int64_t begin, int64_t end, int worker) {
   const naming *self = context;
-  int64_t seen_count, *seen = malloc(((size_t)self->depth_views->count + 1) * sizeof *seen);
-  (void)worker;
-  if (!seen)
-    return; /* out of memory: these vertices stay of class 0 */
-  seen_count = pags_depth_views_of_run(self->depth_views, self->mesh, begin, end, seen);
+  int64_t *seen = self->lists + worker * (self->depth_views->count + 1);
+  int64_t seen_count = pags_depth_views_of_run(self->depth_views, self->mesh, begin, end, seen);
   for (int64_t i = begin; i < end; i++) {
     const float *p = self->mesh->positions + 3 * i;
     const double point[3] = {(double)p[0], (double)p[1], (double)p[2]};
     self->class_of[i] = vote(self, seen, seen_count, point);
   }
-  free(seen);
 }
 
 static pags_result find_classes(const pags_proxy_maker *w, const pags_background *b, const pags_proxy_mesh *mesh,
                                 uint8_t *class_of) {
   naming self = {
       .mesh = mesh, .depth_views = &b->depth_views, .tolerance = 3 * w->options->voxel, .class_of = class_of};
-  if (b->labelled)
-    return pags_parallel_for(w->tasks, mesh->vertex_count, 256, name_vertices, &self)
-               ? PAGS_OK
-               : pags_fail(PAGS_CANCELLED, "interrupted");
+  if (b->labelled) {
+    self.lists = pags_depth_views_lists(&b->depth_views, w->tasks);
+    if (!self.lists)
+      return PAGS_ERROR_MEMORY;
+    bool done = pags_parallel_for(w->tasks, mesh->vertex_count, 256, name_vertices, &self);
+    free(self.lists);
+    return done ? PAGS_OK : pags_fail(PAGS_CANCELLED, "interrupted");
+  }
   float *normals = malloc(((size_t)mesh->vertex_count + 1) * 3 * sizeof *normals);
   if (!normals)
     return pags_out_of_memory("%lld vertices", (long long)mesh->vertex_count);
@@ -258,16 +260,15 @@ typedef struct tile {
 } tile;
 
 /* Copies the triangles of one class out of a tile's mesh, without floaters. */
-static pags_result take_class(const pags_proxy_mesh *scene_depth, const uint8_t *class_of, int class,
-                              pags_proxy_mesh *part) {
-  pags_proxy_mesh view = *scene_depth; /* shares the vertices */
+static pags_result take_class(const pags_proxy_mesh *mesh, const uint8_t *class_of, int class, pags_proxy_mesh *part) {
+  pags_proxy_mesh view = *mesh; /* shares the vertices */
   *part = (pags_proxy_mesh){0};
-  view.triangles = malloc(((size_t)scene_depth->triangle_count + 1) * 3 * sizeof *view.triangles);
+  view.triangles = malloc(((size_t)mesh->triangle_count + 1) * 3 * sizeof *view.triangles);
   if (!view.triangles)
-    return pags_out_of_memory("%lld triangles", (long long)scene_depth->triangle_count);
+    return pags_out_of_memory("%lld triangles", (long long)mesh->triangle_count);
   view.triangle_count = 0;
-  for (int64_t i = 0; i < scene_depth->triangle_count; i++) {
-    const uint32_t *t = scene_depth->triangles + 3 * i;
+  for (int64_t i = 0; i < mesh->triangle_count; i++) {
+    const uint32_t *t = mesh->triangles + 3 * i;
     /* A triangle has the class that two of its corners have, else the class of the first. */
     int own = class_of[t[1]] == class_of[t[2]] ? class_of[t[1]] : class_of[t[0]];
     if (own == class)
@@ -282,32 +283,31 @@ static pags_result take_class(const pags_proxy_mesh *scene_depth, const uint8_t 
 
 /* Removes ground and floaters from a tile's mesh, paints it and splits it by class. */
 static pags_result cut_by_class(const pags_proxy_maker *w, const pags_background *b, const pags_ground *ground,
-                                pags_proxy_mesh *scene_depth, tile *out) {
+                                pags_proxy_mesh *mesh, tile *out) {
   /* Leave out triangles whose centre is less than `ground_skin` above the ground, or below it. */
   int64_t kept = 0;
-  for (int64_t i = 0; i < scene_depth->triangle_count; i++) {
+  for (int64_t i = 0; i < mesh->triangle_count; i++) {
     double p[3] = {0}, z;
     for (int c = 0; c < 3; c++)
       for (int k = 0; k < 3; k++)
-        p[k] += (double)scene_depth->positions[3 * (int64_t)scene_depth->triangles[3 * i + c] + k] / 3;
+        p[k] += (double)mesh->positions[3 * (int64_t)mesh->triangles[3 * i + c] + k] / 3;
     if (pags_ground_height(ground, p[0], p[1], &z) && p[2] < z + ground_skin)
       continue;
-    memmove(scene_depth->triangles + 3 * kept++, scene_depth->triangles + 3 * i, 3 * sizeof(uint32_t));
+    memmove(mesh->triangles + 3 * kept++, mesh->triangles + 3 * i, 3 * sizeof(uint32_t));
   }
-  scene_depth->triangle_count = kept;
+  mesh->triangle_count = kept;
 
-  PAGS_TRY(pags_proxy_mesh_compact(scene_depth));
-  PAGS_TRY(pags_proxy_mesh_drop_floaters(scene_depth, least_area));
-  if (!scene_depth->triangle_count)
+  PAGS_TRY(pags_proxy_mesh_compact(mesh));
+  PAGS_TRY(pags_proxy_mesh_drop_floaters(mesh, least_area));
+  if (!mesh->triangle_count)
     return PAGS_OK;
-  if (!pags_proxy_mesh_paint(scene_depth, &b->depth_views, 3 * w->options->voxel, w->tasks))
-    return pags_fail(PAGS_CANCELLED, "interrupted");
-  uint8_t *class_of = calloc((size_t)scene_depth->vertex_count, 1);
+  PAGS_TRY(pags_proxy_mesh_paint(mesh, &b->depth_views, 3 * w->options->voxel, w->tasks));
+  uint8_t *class_of = calloc((size_t)mesh->vertex_count, 1);
   if (!class_of)
-    return pags_out_of_memory("%lld vertices", (long long)scene_depth->vertex_count);
-  pags_result result = find_classes(w, b, scene_depth, class_of);
+    return pags_out_of_memory("%lld vertices", (long long)mesh->vertex_count);
+  pags_result result = find_classes(w, b, mesh, class_of);
   for (int class = 0; class < CLASSES && result == PAGS_OK; class ++)
-    result = take_class(scene_depth, class_of, class, &out->parts[class]);
+    result = take_class(mesh, class_of, class, &out->parts[class]);
   free(class_of);
   return result;
 }
@@ -377,7 +377,7 @@ static pags_result sort_depths(tiling *t) {
 static pags_result make_tile(const tiling *t, tile *own) {
   const pags_proxy_maker *w = t->maker;
   pags_tsdf grid;
-  pags_proxy_mesh scene_depth = {0};
+  pags_proxy_mesh mesh = {0};
   if (own->first == own->last)
     return PAGS_OK;
   PAGS_TRY(pags_tsdf_create(&grid, own->lo, own->hi, t->step, 1));
@@ -386,15 +386,13 @@ static pags_result make_tile(const tiling *t, tile *own) {
     const double point[3] = {(double)p[0], (double)p[1], (double)p[2]};
     pags_tsdf_touch(&grid, point, t->reach);
   }
-  pags_result result = PAGS_OK;
-  if (!pags_tsdf_fuse(&grid, &t->background->depth_views, 3 * t->step, w->options->range, 1, w->tasks))
-    result = pags_fail(PAGS_CANCELLED, "interrupted");
+  pags_result result = pags_tsdf_fuse(&grid, &t->background->depth_views, 3 * t->step, w->options->range, 1, w->tasks);
   if (result == PAGS_OK)
-    result = pags_tsdf_surface(&grid, 1, &scene_depth);
+    result = pags_tsdf_surface(&grid, 1, &mesh);
   pags_tsdf_destroy(&grid);
   if (result == PAGS_OK)
-    result = cut_by_class(w, t->background, t->ground, &scene_depth, own);
-  pags_proxy_mesh_destroy(&scene_depth);
+    result = cut_by_class(w, t->background, t->ground, &mesh, own);
+  pags_proxy_mesh_destroy(&mesh);
   return result;
 }
 

@@ -14,7 +14,6 @@ extern "C" {
 typedef struct pags_chunk {
   const char *class_name; /* static: "ground", "road", "building", ... */
   int number;             /* running number in its class, from 0 */
-  int64_t gaussians;      /* not set: 0 */
   pags_proxy_mesh mesh;   /* relative to the scene's origin */
 } pags_chunk;
 

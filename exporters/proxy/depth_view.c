@@ -6,6 +6,7 @@
 #include "exporters/proxy/depth_view.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -40,7 +41,7 @@ static uint8_t byte_of(float value) {
 
 /* The plane of a flat Gaussian: its mean, its thinnest axis as normal, and as reach 4 of its largest scales. Returns
  * 0 if the Gaussian isn't flat. */
-static int plane_of(const pags_part *part, int64_t row, double middle[3], double normal[3], double *reach) {
+static bool plane_of(const pags_part *part, int64_t row, double middle[3], double normal[3], double *reach) {
   const pags_gaussians *g = part->gaussians;
   double scale[3], q[4], length = 0, axis[3], mean[3];
   int thin = 0, wide = 0;
@@ -56,7 +57,7 @@ static int plane_of(const pags_part *part, int64_t row, double middle[3], double
   }
   int other = thin == wide ? thin : 3 - thin - wide;
   if (!(length > 0) || scale[thin] > flatness * scale[other])
-    return 0;
+    return false;
   for (int k = 0; k < 4; k++)
     q[k] /= sqrt(length);
   const double columns[3][3] = {
@@ -70,10 +71,10 @@ static int plane_of(const pags_part *part, int64_t row, double middle[3], double
     normal[k] = m[0] * axis[0] + m[1] * axis[1] + m[2] * axis[2];
   }
   *reach = 4 * scale[wide];
-  return 1;
+  return true;
 }
 
-static int jumps(const float *depth, int64_t at, int64_t other) {
+static bool jumps(const float *depth, int64_t at, int64_t other) {
   float a = depth[at], b = depth[other];
   return b > 0 && (a > b ? a - b : b - a) > jump * (a < b ? a : b);
 }
@@ -197,8 +198,8 @@ pags_result pags_depth_views_add(pags_depth_views *depth_views, pags_frame *fram
 
 /* ---- Cropping and asking ---- */
 
-int pags_camera_crop(const pags_camera *camera, const double lo[3], const double hi[3], double near_plane,
-                     pags_camera *out) {
+bool pags_camera_crop(const pags_camera *camera, const double lo[3], const double hi[3], double near_plane,
+                      pags_camera *out) {
   double camera_from_world[12], box[4] = {HUGE_VAL, HUGE_VAL, -HUGE_VAL, -HUGE_VAL};
   int behind = 0;
   pags_rigid_inverse(camera->world_from_camera, camera_from_world);
@@ -218,7 +219,7 @@ int pags_camera_crop(const pags_camera *camera, const double lo[3], const double
     }
   }
   if (behind == 8)
-    return 0;
+    return false;
   if (behind) { /* the box reaches beside or behind the camera: keep the whole picture */
     box[0] = box[1] = 0;
     box[2] = camera->width;
@@ -227,30 +228,30 @@ int pags_camera_crop(const pags_camera *camera, const double lo[3], const double
   double x0 = fmax(0, floor(box[0]) - 2), y0 = fmax(0, floor(box[1]) - 2);
   double x1 = fmin(camera->width, ceil(box[2]) + 2), y1 = fmin(camera->height, ceil(box[3]) + 2);
   if (x1 - x0 < 1 || y1 - y0 < 1)
-    return 0;
+    return false;
   *out = *camera;
   out->width = (int)(x1 - x0);
   out->height = (int)(y1 - y0);
   out->cx -= x0;
   out->cy -= y0;
-  return 1;
+  return true;
 }
 
-int pags_depth_view_may_see(const pags_depth_view *depth_view, const double middle[3], double radius, double range) {
+bool pags_depth_view_may_see(const pags_depth_view *depth_view, const double middle[3], double radius, double range) {
   const pags_camera *c = &depth_view->camera;
   double p[3];
   pags_rigid_point(depth_view->camera_from_model, middle, p);
   if (p[2] < -radius || p[2] > range + radius)
-    return 0;
+    return false;
   const double edges[2][2] = {{-c->cx / c->fx, (c->width - c->cx) / c->fx},
                               {-c->cy / c->fy, (c->height - c->cy) / c->fy}};
   for (int k = 0; k < 2; k++) {
     double left = (p[k] - edges[k][0] * p[2]) / sqrt(1 + edges[k][0] * edges[k][0]);
     double right = (edges[k][1] * p[2] - p[k]) / sqrt(1 + edges[k][1] * edges[k][1]);
     if (left < -radius || right < -radius)
-      return 0;
+      return false;
   }
-  return 1;
+  return true;
 }
 
 pags_depth_view_verdict pags_depth_view_classify(const pags_depth_view *depth_view, const double middle[3],
@@ -281,19 +282,19 @@ pags_depth_view_verdict pags_depth_view_classify(const pags_depth_view *depth_vi
                                       : PAGS_DEPTH_VIEW_MIXED;
 }
 
-int pags_depth_view_project(const pags_depth_view *depth_view, const double point[3], int *x, int *y, double *z) {
+bool pags_depth_view_project(const pags_depth_view *depth_view, const double point[3], int *x, int *y, double *z) {
   double p[3];
   const pags_camera *camera = &depth_view->camera;
   pags_rigid_point(depth_view->camera_from_model, point, p);
   if (p[2] <= 0.05)
-    return 0;
+    return false;
   double u = camera->fx * p[0] / p[2] + camera->cx, v = camera->fy * p[1] / p[2] + camera->cy;
   if (!(u >= 0 && v >= 0 && u < camera->width && v < camera->height))
-    return 0;
+    return false;
   *x = (int)u;
   *y = (int)v;
   *z = p[2];
-  return 1;
+  return true;
 }
 
 void pags_depth_view_point(const pags_depth_view *depth_view, int x, int y, double z, double point[3]) {

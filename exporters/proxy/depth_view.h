@@ -4,6 +4,8 @@
 #ifndef PAGS_PROXY_DEPTH_VIEW_H
 #define PAGS_PROXY_DEPTH_VIEW_H
 
+#include <stdbool.h>
+
 #include <pags/frame.h>
 #include <pags/scene.h>
 
@@ -53,11 +55,11 @@ pags_result pags_depth_views_add(pags_depth_views *depth_views, pags_frame *fram
 void pags_depth_view_bound(pags_depth_view *depth_view);
 
 /* Crops the camera's picture to the rectangle where the box `lo`..`hi` may be seen; returns 0 if it is nowhere. */
-int pags_camera_crop(const pags_camera *camera, const double lo[3], const double hi[3], double near_plane,
-                     pags_camera *out);
+bool pags_camera_crop(const pags_camera *camera, const double lo[3], const double hi[3], double near_plane,
+                      pags_camera *out);
 
 /* Whether any point of a ball may be in the picture at a camera z of at most `range`. */
-int pags_depth_view_may_see(const pags_depth_view *depth_view, const double middle[3], double radius, double range);
+bool pags_depth_view_may_see(const pags_depth_view *depth_view, const double middle[3], double radius, double range);
 
 typedef enum pags_depth_view_verdict {
   PAGS_DEPTH_VIEW_MIXED, /* undecided: its points must be looked at one by one */
@@ -70,7 +72,7 @@ pags_depth_view_verdict pags_depth_view_classify(const pags_depth_view *depth_vi
                                                  double radius, double margin, double *z);
 
 /* Projects a point in the model's frame to its pixel and camera z. Returns 0 if it is not in the picture. */
-int pags_depth_view_project(const pags_depth_view *depth_view, const double point[3], int *x, int *y, double *z);
+bool pags_depth_view_project(const pags_depth_view *depth_view, const double point[3], int *x, int *y, double *z);
 /* The point, in the model's frame, on the ray through a pixel's centre at camera z. */
 void pags_depth_view_point(const pags_depth_view *depth_view, int x, int y, double z, double point[3]);
 

@@ -9,6 +9,7 @@
 #include "exporters/proxy/ground.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -68,12 +69,12 @@ static int64_t cell_of(const pags_ground *g, double x, double y) {
 
 /* The point of a pixel, if it forms a level plane with the pixels to the right and below; returns 0 if it doesn't.
  * The point is taken from the plane of a flat Gaussian if the view has one. */
-static int level_point(const pags_depth_view *s, int x, int y, double reach, double p[3]) {
+static bool level_point(const pags_depth_view *s, int x, int y, double reach, double p[3]) {
   int w = s->camera.width;
   double right[3], below[3], n[3];
   int64_t at = (int64_t)y * w + x;
   if (!(s->depth[at] > 0 && s->depth[at + 1] > 0 && s->depth[at + w] > 0) || (double)s->depth[at] > reach)
-    return 0;
+    return false;
   pags_depth_view_point(s, x, y, (double)s->depth[at], p);
   pags_depth_view_point(s, x + 1, y, (double)s->depth[at + 1], right);
   pags_depth_view_point(s, x, y + 1, (double)s->depth[at + w], below);
@@ -221,7 +222,7 @@ static int around(const pags_ground *g, int64_t x, int64_t y, int window, double
 }
 
 /* Whether LiDAR hit something upright in a cell: the foot of a wall, whose heights the ground would climb. */
-static int is_foot(const heights *lidar, int64_t at, double expected) {
+static bool is_foot(const heights *lidar, int64_t at, double expected) {
   int64_t level = 0, above = 0;
   for (int64_t i = lidar->first[at]; i < lidar->first[at + 1]; i++) {
     double over = (double)lidar->values[i] - expected;
@@ -352,19 +353,19 @@ pags_result pags_ground_find(const pags_depth_views *depth_views, const pags_lid
   return result;
 }
 
-int pags_ground_height(const pags_ground *ground, double x, double y, double *z) {
+bool pags_ground_height(const pags_ground *ground, double x, double y, double *z) {
   double u = (x - ground->x0) / ground->step, v = (y - ground->y0) / ground->step, sum = 0;
   double i = floor(u), j = floor(v);
   if (!ground->nx || !(i >= 0 && j >= 0 && i + 1 < ground->nx && j + 1 < ground->ny))
-    return 0;
+    return false;
   for (int c = 0; c < 4; c++) {
     int64_t at = ((int64_t)j + (c >> 1)) * ground->nx + (int64_t)i + (c & 1);
     if (!ground->known[at])
-      return 0;
+      return false;
     sum += (double)ground->z[at] * (c & 1 ? u - i : 1 - u + i) * (c >> 1 ? v - j : 1 - v + j);
   }
   *z = sum;
-  return 1;
+  return true;
 }
 
 /* ---- The mesh ---- */
@@ -399,7 +400,7 @@ static pags_result mesh_lattice(const pags_ground *g, int stride, pags_proxy_mes
 }
 
 /* Whether all triangles have the same orientation as seen from above, so that the mesh doesn't fold over itself. */
-static int single_valued(const pags_proxy_mesh *s) {
+static bool single_valued(const pags_proxy_mesh *s) {
   for (int64_t i = 0; i < s->triangle_count; i++) {
     const uint32_t *t = s->triangles + 3 * i;
     const float *a = s->positions + 3 * (int64_t)t[0], *b = s->positions + 3 * (int64_t)t[1],
@@ -407,9 +408,9 @@ static int single_valued(const pags_proxy_mesh *s) {
     double area = ((double)b[0] - (double)a[0]) * ((double)c[1] - (double)a[1]) -
                   ((double)b[1] - (double)a[1]) * ((double)c[0] - (double)a[0]);
     if (!(area > 0))
-      return 0;
+      return false;
   }
-  return 1;
+  return true;
 }
 
 pags_result pags_ground_mesh(const pags_ground *ground, int64_t budget, pags_proxy_mesh *out) {

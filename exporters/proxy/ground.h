@@ -4,6 +4,8 @@
 #ifndef PAGS_PROXY_GROUND_H
 #define PAGS_PROXY_GROUND_H
 
+#include <stdbool.h>
+
 #include "exporters/proxy/depth_view.h"
 #include "exporters/proxy/lidar.h"
 #include "exporters/proxy/mesh.h"
@@ -30,7 +32,7 @@ pags_result pags_ground_fill(pags_ground *ground, const float *weights, const do
 void pags_ground_destroy(pags_ground *ground);
 
 /* Interpolates the height at x, y into `z`. Returns 0 if there is no ground. */
-int pags_ground_height(const pags_ground *ground, double x, double y, double *z);
+bool pags_ground_height(const pags_ground *ground, double x, double y, double *z);
 
 /* Makes a mesh of at most `budget` triangles, of which none is turned over as seen from above. */
 pags_result pags_ground_mesh(const pags_ground *ground, int64_t budget, pags_proxy_mesh *out);

@@ -4,6 +4,7 @@
  * An elastic membrane over the lattice follows the measured heights. It is stiff along the path and soft across it,
  * since kerbs and ruts run along roads: ground that parked cars hide continues the ground before and behind them. */
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 
 #include "exporters/proxy/ground.h"
@@ -52,7 +53,7 @@ static stiffness stiffness_at(const double *path, int64_t count, int64_t i) {
   return out;
 }
 
-static int inside(const pags_ground *g, int64_t x, int64_t y) {
+static bool inside(const pags_ground *g, int64_t x, int64_t y) {
   return x >= 0 && y >= 0 && x < g->nx && y < g->ny;
 }
 

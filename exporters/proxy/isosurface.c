@@ -3,6 +3,7 @@
  * about its long diagonal (Kuhn 1960), in the same way in all cells, so that the faces of neighbouring cells match. A
  * tetrahedron has no ambiguous case, so the surface has no holes. */
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -108,7 +109,7 @@ static void march_cell(marcher *self, const int cell[3], int known_only) {
 }
 
 /* Whether the cell's first corner is in a block that wasn't fused. */
-static int is_idle(const pags_tsdf *g, const int cell[3]) {
+static bool is_idle(const pags_tsdf *g, const int cell[3]) {
   int64_t block = ((int64_t)(cell[2] / PAGS_GRID_BLOCK) * g->blocks[1] + cell[1] / PAGS_GRID_BLOCK) * g->blocks[0] +
                   cell[0] / PAGS_GRID_BLOCK;
   return g->active && !g->active[block];

@@ -6,6 +6,7 @@
 #include "exporters/proxy/lidar.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -76,11 +77,11 @@ static pags_result sort_point(const box *boxes, int64_t count, const double p[3]
 
 /* Whether the sweep belongs to a time step of which the scene has a held-out view. The scene decides, since the data
  * set could be split otherwise now. */
-static int is_held_out(const pags_scene *scene, const pags_sweep *sweep) {
+static bool is_held_out(const pags_scene *scene, const pags_sweep *sweep) {
   for (int64_t i = 0; i < scene->view_count; i++)
     if (scene->views[i].frame == sweep->frame && scene->views[i].test)
-      return 1;
-  return 0;
+      return true;
+  return false;
 }
 
 static pags_result add_sweep(const pags_scene *scene, pags_dataset *dataset, int64_t index, int held_out, box *boxes,

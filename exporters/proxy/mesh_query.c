@@ -134,6 +134,8 @@ static pags_result open_scene(pags_mesh_query *query) {
 static pags_result add_triangles(pags_mesh_query *query, const pags_proxy_mesh *surface) {
   PAGS_TRY(open_scene(query));
   RTCGeometry geometry = rtcNewGeometry(query->device, RTC_GEOMETRY_TYPE_TRIANGLE);
+  if (!geometry)
+    return failed(query);
   /* Embree reads 16 bytes at each vertex of 12, so that a shared array would need padding behind the last vertex. The
    * vertices are copied into a buffer of Embree's instead. */
   float *vertices = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 12,
@@ -174,13 +176,16 @@ pags_result pags_mesh_query_of_points(const float *points, int64_t count, pags_m
   query->points = points;
 
   /* Embree has no geometry of bare points: they are user primitives with boxes of zero size as bounds. */
-  PAGS_TRY(open_scene(query));
-  RTCGeometry geometry = rtcNewGeometry(query->device, RTC_GEOMETRY_TYPE_USER);
-  rtcSetGeometryUserPrimitiveCount(geometry, (unsigned)count);
-  rtcSetGeometryUserData(geometry, query);
-  rtcSetGeometryBoundsFunction(geometry, point_bounds, NULL);
-  pags_result result = attach(query, geometry);
-
+  pags_result result = open_scene(query);
+  RTCGeometry geometry = result == PAGS_OK ? rtcNewGeometry(query->device, RTC_GEOMETRY_TYPE_USER) : NULL;
+  if (geometry) {
+    rtcSetGeometryUserPrimitiveCount(geometry, (unsigned)count);
+    rtcSetGeometryUserData(geometry, query);
+    rtcSetGeometryBoundsFunction(geometry, point_bounds, NULL);
+    result = attach(query, geometry);
+  } else if (result == PAGS_OK) {
+    result = failed(query);
+  }
   if (result == PAGS_OK)
     *out = query;
   else

@@ -8,6 +8,7 @@
 #include "exporters/proxy/object_proxy.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -45,18 +46,18 @@ static void parked_pose(const pags_proxy_maker *w, const pags_object *object, do
 }
 
 /* Whether Gaussian `i`, whose object id is `id` (negative: none), belongs to the parked object. */
-static int is_its_own(const double object_from_scene[12], const double size[3], const float *x, const float *y,
-                      const float *z, int64_t i, int32_t id, int64_t object) {
+static bool is_its_own(const double object_from_scene[12], const double size[3], const float *x, const float *y,
+                       const float *z, int64_t i, int32_t id, int64_t object) {
   const double p[3] = {(double)x[i], (double)y[i], (double)z[i]};
   double q[3];
   if (id != object && id >= 0)
-    return 0;
+    return false;
   for (int k = 0; k < 3; k++) {
     q[k] = object_from_scene[4 * k] * p[0] + object_from_scene[4 * k + 1] * p[1] + object_from_scene[4 * k + 2] * p[2] +
            object_from_scene[4 * k + 3];
     double beyond = fabs(q[k]) - 0.5 * size[k];
     if (beyond > (id == object ? margin : 0))
-      return 0;
+      return false;
   }
   return q[2] > -0.5 * size[2] + (id == object ? -margin : lift);
 }
@@ -78,22 +79,22 @@ void pags_object_mark(const pags_proxy_maker *maker, int64_t object, uint8_t *ta
 /* Makes the camera of a view in the object's frame at the view's time, cropped to the box of half extents `reach` and
  * scaled down to at most MOST_SIDE pixels. Returns 0 if the view is held out, the object has no pose at that time, or
  * it covers less than 6 x 6 pixels. */
-static int camera_of(const pags_object *object, const pags_scene_view *view, const double reach[3], pags_camera *out) {
+static bool camera_of(const pags_object *object, const pags_scene_view *view, const double reach[3], pags_camera *out) {
   double world_from_object[12], object_from_world[12], lo[3];
   pags_camera camera = view->camera;
   if (view->test || !pags_object_pose(object, camera.time, world_from_object))
-    return 0;
+    return false;
   pags_rigid_inverse(world_from_object, object_from_world);
   pags_rigid_multiply(object_from_world, view->camera.world_from_camera, camera.world_from_camera);
   for (int k = 0; k < 3; k++)
     lo[k] = -reach[k];
   if (!pags_camera_crop(&camera, lo, reach, 0.2, out))
-    return 0;
+    return false;
   int side = out->width > out->height ? out->width : out->height;
   if (side > MOST_SIDE) { /* the pixels would be much finer than the grid */
     camera = pags_camera_downscale(&camera, (double)side / MOST_SIDE);
     if (!pags_camera_crop(&camera, lo, reach, 0.2, out))
-      return 0;
+      return false;
   }
   return out->width >= 6 && out->height >= 6;
 }
@@ -200,9 +201,7 @@ static pags_result look_and_fuse(const pags_proxy_maker *w, int64_t object, pags
     hi[k] = half - 0.5 * shape->voxel;
   }
   PAGS_TRY(pags_tsdf_create(grid, lo, hi, shape->voxel, 0));
-  return pags_tsdf_fuse(grid, &shape->depth_views, 4 * shape->voxel, HUGE_VAL, 1, w->tasks)
-             ? PAGS_OK
-             : pags_fail(PAGS_CANCELLED, "interrupted");
+  return pags_tsdf_fuse(grid, &shape->depth_views, 4 * shape->voxel, HUGE_VAL, 1, w->tasks);
 }
 
 /* ---- The surface ---- */
@@ -234,9 +233,7 @@ static pags_result make_surface(const pags_proxy_maker *w, int64_t object, pags_
     return result;
   PAGS_TRY(pags_tsdf_surface(grid, 0, &shape->surface));
   PAGS_TRY(pags_proxy_mesh_keep_parts(&shape->surface, 0.1, 0.1, record->size));
-  if (!pags_proxy_mesh_paint(&shape->surface, &shape->depth_views, 4 * shape->voxel, w->tasks))
-    return pags_fail(PAGS_CANCELLED, "interrupted");
-  return PAGS_OK;
+  return pags_proxy_mesh_paint(&shape->surface, &shape->depth_views, 4 * shape->voxel, w->tasks);
 }
 
 pags_result pags_object_shape_make(const pags_proxy_maker *maker, int64_t object, pags_object_shape *shape) {

@@ -4,6 +4,7 @@
 #include "exporters/proxy/scene_depth.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -130,13 +131,13 @@ pags_result pags_scene_depth_draw(const pags_scene *scene, pags_frame *frame, co
 
 /* The least and the greatest depth of the four pixels around the ray with direction (u, v, 1). Returns 0 if the ray
  * is outside of the picture or none of the pixels has a depth. */
-static int bounds_at(const pags_scene_depth_view *view, double u, double v, double *nearest, double *farthest) {
+static bool bounds_at(const pags_scene_depth_view *view, double u, double v, double *nearest, double *farthest) {
   const pags_camera *c = &view->camera;
   double px = u * c->fx + c->cx - 0.5, py = v * c->fy + c->cy - 0.5;
   *nearest = HUGE_VAL;
   *farthest = 0;
   if (!(px > -1 && py > -1 && px < c->width && py < c->height))
-    return 0;
+    return false;
   for (int i = 0; i < 4; i++) {
     int x = (int)floor(px) + (i & 1), y = (int)floor(py) + (i >> 1);
     if (x < 0 || y < 0 || x >= c->width || y >= c->height)

@@ -4,6 +4,7 @@
 #include "exporters/proxy/shadow_filter.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 
 #include "base/memory.h"
@@ -20,13 +21,13 @@ static const double dark = 0.25, wall_height = 0.3, wheels = 0.35, shadow = 0.12
  * a box is as wide as the mirrors, so the kerb that a car is parked at lies in it. */
 static const double sill = 0.25, wheels_from = 0.2, wheels_to = 0.4, longest_car = 6, footway = 0.3, beside = 0.2;
 
-static int is_dark(const uint8_t *rgb) {
+static bool is_dark(const uint8_t *rgb) {
   return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2] < 255 * dark;
 }
 
 /* Whether the surface at a pixel, with the point `p`, is level (its normal within 45 degrees of z), by the points of
  * a neighbour to the side and one above or below. Returns -1 if one of them has no depth. */
-static int is_level(const pags_depth_view *s, int x, int y, const double p[3]) {
+static bool is_level(const pags_depth_view *s, int x, int y, const double p[3]) {
   int w = s->camera.width, side = x + 1 < w ? x + 1 : x - 1, next = y + 1 < s->camera.height ? y + 1 : y - 1;
   double a = (double)s->depth[(int64_t)y * w + side], b = (double)s->depth[(int64_t)next * w + x], q[3], r[3], n[3];
   if (!(a > 0 && b > 0))
@@ -44,22 +45,22 @@ static int is_level(const pags_depth_view *s, int x, int y, const double p[3]) {
 
 /* Whether a pixel shows shadow or ground instead of the vehicle, by the rules above. If its slope is unknown, it must
  * be lower than half of the limit for level surfaces. */
-static int is_shadow(const pags_depth_view *s, int x, int y, const double size[3]) {
+static bool is_shadow(const pags_depth_view *s, int x, int y, const double size[3]) {
   int64_t at = (int64_t)y * s->camera.width + x;
   double p[3], limit = shadow;
   pags_depth_view_point(s, x, y, (double)s->depth[at], p);
   double height = p[2] + 0.5 * size[2], along = fabs(p[0]) / size[0], inwards = 0.5 * size[1] - fabs(p[1]);
   if (is_dark(s->rgb + 3 * at)) {
     if (height < wall_height && inwards > wheels)
-      return 1;
+      return true;
     if (height < sill && size[0] < longest_car && (along < wheels_from || along > wheels_to))
-      return 1;
+      return true;
     limit = dark_shadow;
   }
   if (inwards < beside)
     limit = footway;
   if (height > limit)
-    return 0;
+    return false;
   int level = is_level(s, x, y, p);
   return level < 0 ? height < 0.5 * limit : level;
 }

@@ -67,6 +67,7 @@ typedef struct fusion {
   const pags_depth_views *depth_views;
   double truncation, range;
   int carve;
+  int64_t *lists; /* of views, one for each worker */
 } fusion;
 
 /* The weight of a view at camera z: the squared size in pixels of a grid step, at most 1, since the variance of depth
@@ -157,22 +158,31 @@ static void fuse_block(const fusion *self, int64_t block, int64_t *seen) {
 
 static void fuse_blocks(void *context, int64_t begin, int64_t end, int worker) {
   const fusion *self = context;
-  (void)worker;
-  int64_t *seen = malloc(((size_t)self->depth_views->count + 1) * sizeof *seen);
-  for (int64_t block = begin; seen && block < end; block++)
+  for (int64_t block = begin; block < end; block++)
     if (!self->grid->active || self->grid->active[block])
-      fuse_block(self, block, seen);
-  free(seen);
+      fuse_block(self, block, self->lists + worker * (self->depth_views->count + 1));
 }
 
-bool pags_tsdf_fuse(pags_tsdf *grid, const pags_depth_views *depth_views, double truncation, double range, int carve,
-                    pags_tasks *tasks) {
-  fusion self = {grid, depth_views, truncation, range, carve};
+pags_result pags_tsdf_fuse(pags_tsdf *grid, const pags_depth_views *depth_views, double truncation, double range,
+                           int carve, pags_tasks *tasks) {
+  fusion self = {grid, depth_views, truncation, range, carve, pags_depth_views_lists(depth_views, tasks)};
   int64_t blocks = (int64_t)grid->blocks[0] * grid->blocks[1] * grid->blocks[2];
-  return pags_parallel_for(tasks, blocks, 16, fuse_blocks, &self);
+  if (!self.lists)
+    return PAGS_ERROR_MEMORY;
+  bool done = pags_parallel_for(tasks, blocks, 16, fuse_blocks, &self);
+  free(self.lists);
+  return done ? PAGS_OK : pags_fail(PAGS_CANCELLED, "interrupted");
 }
 
 /* ---- Colours ---- */
+
+int64_t *pags_depth_views_lists(const pags_depth_views *depth_views, const pags_tasks *tasks) {
+  size_t count = (size_t)pags_tasks_workers(tasks) * ((size_t)depth_views->count + 1);
+  int64_t *lists = malloc(count * sizeof *lists);
+  if (!lists)
+    pags_out_of_memory("lists of %lld views", (long long)depth_views->count);
+  return lists;
+}
 
 int64_t pags_depth_views_of_run(const pags_depth_views *depth_views, const pags_proxy_mesh *mesh, int64_t begin,
                                 int64_t end, int64_t *seen) {
@@ -196,15 +206,13 @@ typedef struct painting {
   pags_proxy_mesh *surface;
   const pags_depth_views *depth_views;
   double tolerance;
+  int64_t *lists; /* of views, one for each worker */
 } painting;
 
 static void paint_vertices(void *context, int64_t begin, int64_t end, int worker) {
   const painting *self = context;
-  int64_t seen_count, *seen = malloc(((size_t)self->depth_views->count + 1) * sizeof *seen);
-  (void)worker;
-  if (!seen)
-    return; /* out of memory: the vertices stay grey */
-  seen_count = pags_depth_views_of_run(self->depth_views, self->surface, begin, end, seen);
+  int64_t *seen = self->lists + worker * (self->depth_views->count + 1);
+  int64_t seen_count = pags_depth_views_of_run(self->depth_views, self->surface, begin, end, seen);
   for (int64_t i = begin; i < end; i++) {
     float *position = self->surface->positions + 3 * i, *color = self->surface->colors + 3 * i;
     const double point[3] = {(double)position[0], (double)position[1], (double)position[2]};
@@ -226,15 +234,18 @@ static void paint_vertices(void *context, int64_t begin, int64_t end, int worker
     for (int c = 0; c < 3; c++)
       color[c] = weight > 0 ? (float)(sum[c] / weight) : -1.0f;
   }
-  free(seen);
 }
 
-bool pags_proxy_mesh_paint(pags_proxy_mesh *surface, const pags_depth_views *depth_views, double tolerance,
-                           pags_tasks *tasks) {
-  painting self = {surface, depth_views, tolerance};
+pags_result pags_proxy_mesh_paint(pags_proxy_mesh *surface, const pags_depth_views *depth_views, double tolerance,
+                                  pags_tasks *tasks) {
+  painting self = {surface, depth_views, tolerance, pags_depth_views_lists(depth_views, tasks)};
   double mean[3] = {0}, count = 0;
-  if (!pags_parallel_for(tasks, surface->vertex_count, 256, paint_vertices, &self))
-    return false;
+  if (!self.lists)
+    return PAGS_ERROR_MEMORY;
+  bool done = pags_parallel_for(tasks, surface->vertex_count, 256, paint_vertices, &self);
+  free(self.lists);
+  if (!done)
+    return pags_fail(PAGS_CANCELLED, "interrupted");
   for (int64_t i = 0; i < surface->vertex_count; i++)
     if (surface->colors[3 * i] >= 0) {
       for (int c = 0; c < 3; c++)
@@ -247,5 +258,5 @@ bool pags_proxy_mesh_paint(pags_proxy_mesh *surface, const pags_depth_views *dep
       for (int c = 0; c < 3; c++)
         color[c] = count > 0 ? (float)(mean[c] / count) : 0.5f;
   }
-  return true;
+  return PAGS_OK;
 }

@@ -36,14 +36,19 @@ void pags_tsdf_touch(pags_tsdf *grid, const double point[3], double reach);
 /* Fuses depth views (Curless and Levoy 1996). A grid point gets the weighted mean, over the views, of the distance
  * along camera z to the depth at its pixel. Distances are cut off at `truncation` in front of the surface; a view
  * says nothing of points farther behind it, or farther than `range` from the camera. With `carve`, rays that are free
- * also count, as `truncation` in front. The bits are the same for any number of threads; false when cancelled. */
-bool pags_tsdf_fuse(pags_tsdf *grid, const pags_depth_views *depth_views, double truncation, double range, int carve,
-                    pags_tasks *tasks);
+ * also count, as `truncation` in front. The bits are the same for any number of threads. PAGS_CANCELLED;
+ * PAGS_ERROR_MEMORY. */
+pags_result pags_tsdf_fuse(pags_tsdf *grid, const pags_depth_views *depth_views, double truncation, double range,
+                           int carve, pags_tasks *tasks);
 
 /* Extracts the zero surface by marching tetrahedra (Kuhn's six for each cell), which leaves no holes and no edges of
  * more than two faces: the mesh is closed if the grid's border is outside. With `known_only`, cells with an unknown
  * corner are skipped. A vertex is `observed` if both ends of its grid edge have a weight above 0. */
 pags_result pags_tsdf_surface(const pags_tsdf *grid, int known_only, pags_proxy_mesh *out);
+
+/* Room for a list of views for each worker of `tasks`, count + 1 numbers each; free() it. NULL: out of memory, with the
+ * error set. */
+int64_t *pags_depth_views_lists(const pags_depth_views *depth_views, const pags_tasks *tasks);
 
 /* Lists in `seen` (with room for all) the views that may see any of the mesh's vertices `begin`..`end` - 1; returns
  * how many. */
@@ -51,9 +56,10 @@ int64_t pags_depth_views_of_run(const pags_depth_views *depth_views, const pags_
                                 int64_t end, int64_t *seen);
 
 /* Sets the colour of each vertex to the mean over the views that see it (whose depth agrees to within `tolerance`
- * metres), weighted by 1 / z^2. Unseen vertices get the mean colour of the seen ones. False when cancelled. */
-bool pags_proxy_mesh_paint(pags_proxy_mesh *surface, const pags_depth_views *depth_views, double tolerance,
-                           pags_tasks *tasks);
+ * metres), weighted by 1 / z^2. Unseen vertices get the mean colour of the seen ones. PAGS_CANCELLED;
+ * PAGS_ERROR_MEMORY. */
+pags_result pags_proxy_mesh_paint(pags_proxy_mesh *surface, const pags_depth_views *depth_views, double tolerance,
+                                  pags_tasks *tasks);
 
 #ifdef __cplusplus
 }
