@@ -1,11 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* LPIPS v0.1 (Zhang et al. 2018, arXiv:1801.03924) over SqueezeNet 1.1.
+/* The perceptual distance LPIPS v0.1 (Zhang et al. 2018, arXiv:1801.03924) over SqueezeNet 1.1.
  *
- *   x = (2 rgb - 1 - shift) / scale
- *   distance = sum over taps of mean over pixels of sum over channels of lin_c (a_c/(|a| + 1e-10) - b_c/(|b| +
- * 1e-10))^2
+ *     x = (2 rgb - 1 - shift) / scale
+ *     distance = sum over taps of mean over pixels of sum over channels of
+ *                lin_c (a_c / (|a| + 1e-10) - b_c / (|b| + 1e-10))^2
  *
- * Both pictures go through the network layer by layer side by side, so that only two layers of each are held. */
+ * x is the network's input. A tap is a layer whose features a and b of the two pictures are compared. Both pictures
+ * go through the network side by side, layer by layer, so that only two layers of each are in memory. */
 #include "base/memory.h"
 #include "eval/metric.h"
 #include "eval/npz.h"
@@ -19,7 +20,7 @@
 enum { FIRES = 8, TAP_COUNT = 7, SMALLEST = 32 };
 
 struct pags_lpips {
-  pags_npz npz; /* owns what the layers point to */
+  pags_npz npz; /* owns the weights that the layers point to */
   pags_conv first;
   pags_fire fire[FIRES];
   const float *lin[TAP_COUNT];
@@ -29,7 +30,7 @@ struct pags_lpips {
 static const int squeeze_planes[FIRES] = {16, 16, 32, 32, 48, 48, 64, 64};
 static const int expand_planes[FIRES] = {64, 64, 128, 128, 192, 192, 256, 256};
 
-/* ------------------------------------------------------------------------------------------------ weights */
+/* ---- Reading the weights ---- */
 
 typedef struct loader {
   const pags_npz *npz;
@@ -87,13 +88,13 @@ pags_result pags_lpips_load(const char *npz_path, pags_lpips **out) {
   if (!lpips)
     return pags_out_of_memory("%s", npz_path);
 
-  /* Load. */
+  /* All arrays are looked up by name and checked for shape and finite values. */
   PAGS_TRY(pags_npz_load(npz_path, &lpips->npz));
   const loader l = {.npz = &lpips->npz, .path = npz_path};
   PAGS_TRY(get_conv(&l, "conv1", 64, 3, 3, &lpips->first));
   int inputs = 64;
   for (int i = 0; i < FIRES; i++) {
-    /* Get fire. */
+    /* The three convolutions of one fire module; in the file, the modules are numbered from 2. */
     char name[32];
     const int s = squeeze_planes[i], e = expand_planes[i];
     snprintf(name, sizeof name, "fire%d.squeeze", i + 2);
@@ -121,15 +122,16 @@ void pags_lpips_destroy(pags_lpips *lpips) {
   free(lpips);
 }
 
-/* ------------------------------------------------------------------------------------------------ heads */
+/* ---- Distance at one tap ---- */
 
 typedef struct tap_job {
   const pags_map *a, *b;
   const float *lin;
-  float *scratch; /* three rows per worker */
-  double *row_sum;
+  float *scratch;  /* three rows for each worker */
+  double *row_sum; /* sum of distances of each row */
 } tap_job;
 
+/* norm[x] = 1 / (|v| + 1e-10), v being the feature vector of pixel (x, y). */
 static void inverse_norms(const pags_map *map, int y, float *restrict norm) {
   for (int x = 0; x < map->width; x++)
     norm[x] = 0.0f;
@@ -182,9 +184,10 @@ static pags_result tap_distance(const pags_map maps[2], const float *lin, pags_t
   return result;
 }
 
-/* ------------------------------------------------------------------------------------------------ network */
+/* ---- The network ---- */
 
-/* Normalised colours, split into even and odd columns as the first layer wants them. */
+/* Makes the network's input: normalised colours, with even and odd columns in separate planes, as pags_layer_first
+ * needs them. */
 static pags_result make_input(const pags_lpips *lpips, const pags_image *image, pags_map *out) {
   PAGS_TRY(pags_map_create(out, 6, (image->width + 1) / 2, image->height));
   for (int y = 0; y < image->height; y++) {
@@ -197,7 +200,8 @@ static pags_result make_input(const pags_lpips *lpips, const pags_image *image, 
   return PAGS_OK;
 }
 
-/* conv1 > pool > fire2 3 > pool > fire4 5 > pool > fire6 7 8 9; `tap` is the index of the head after the layer. */
+/* The layers in order: conv1 > pool > fire2 3 > pool > fire4 5 > pool > fire6 7 8 9. `fire` is the index of the fire
+ * module, `tap` that of the tap (and of its weights lin) after the layer; -1: none. */
 typedef struct stage {
   char kind; /* c(onvolution), p(ool), f(ire) */
   int fire, tap;
@@ -215,7 +219,8 @@ static pags_result run_stage(const pags_lpips *lpips, const stage *s, int width,
   }
 }
 
-/* `maps` holds the inputs and, on return, whatever is to be freed. */
+/* Runs both pictures through the network and adds up the distances at all taps. `maps` holds the inputs; on return it
+ * holds maps that the caller frees, also after an error. */
 static pags_result walk(const pags_lpips *lpips, int width, pags_map maps[2], pags_tasks *tasks, double *distance) {
   *distance = 0.0;
   for (size_t i = 0; i < sizeof stages / sizeof *stages; i++) {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* .npz: the zip container (APPNOTE 6.3.x, 4.3) and the .npy header (NumPy NEP 1). */
+/* Parses .npz files: the zip container (APPNOTE 6.3.x, 4.3) and the header of .npy arrays (NumPy NEP 1). */
 #include "eval/npz.h"
 
 #include "base/file.h"
@@ -12,11 +12,11 @@
 enum {
   END_RECORD = 22,     /* end of central directory, without its comment */
   CENTRAL_RECORD = 46, /* entry of the central directory, without name, extra field and comment */
-  LOCAL_RECORD = 30,
-  MAX_COMMENT = 65535
+  LOCAL_RECORD = 30,   /* local header of a member, without name and extra field */
+  MAX_COMMENT = 65535  /* longest comment of an archive, bytes */
 };
 
-/* What is read, for messages and bounds. */
+/* The file in memory; `path` is for error messages. */
 typedef struct archive {
   const uint8_t *bytes;
   size_t size;
@@ -24,11 +24,13 @@ typedef struct archive {
 } archive;
 
 typedef struct member {
-  const char *name; /* not terminated */
+  const char *name; /* not null-terminated */
   size_t name_length;
   size_t offset, size; /* of the stored data */
   uint32_t crc;
 } member;
+
+/* ---- The zip container ---- */
 
 static uint32_t get16(const uint8_t *p) {
   return (uint32_t)p[0] | (uint32_t)p[1] << 8;
@@ -37,7 +39,7 @@ static uint32_t get32(const uint8_t *p) {
   return get16(p) | get16(p + 2) << 16;
 }
 
-/* The last end record whose comment reaches exactly to the end of the file. */
+/* Finds the end-of-central-directory record: the last one whose comment ends exactly at the end of the file. */
 static pags_result find_end(const archive *zip, size_t *end) {
   if (zip->size >= END_RECORD) {
     size_t first = zip->size > END_RECORD + MAX_COMMENT ? zip->size - END_RECORD - MAX_COMMENT : 0;
@@ -52,7 +54,8 @@ static pags_result find_end(const archive *zip, size_t *end) {
   return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a zip archive, found no end record", zip->path);
 }
 
-/* Reads the central entry at *at and moves *at behind it. */
+/* Reads the central directory's entry at byte *at, finds and checks the member's data, and moves *at behind the
+ * entry. */
 static pags_result read_entry(const archive *zip, size_t *at, member *m) {
   if (zip->size - *at < CENTRAL_RECORD || get32(zip->bytes + *at) != 0x02014b50)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a directory entry at byte %zu", zip->path, *at);
@@ -71,8 +74,8 @@ static pags_result read_entry(const archive *zip, size_t *at, member *m) {
     return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: '%.*s' needs zip64", zip->path, (int)m->name_length, m->name);
   *at += length;
 
-  /* Where the data of a member lies: its local header repeats the name and may have an extra field of another length
-   * than the central one. */
+  /* The member's data follows its local header, which repeats the name and may have an extra field of another length
+   * than that of the central entry. */
   size_t local = get32(p + 42);
   if (local > zip->size || zip->size - local < LOCAL_RECORD || get32(zip->bytes + local) != 0x04034b50)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: '%.*s': expected a local header at byte %zu", zip->path,
@@ -87,7 +90,10 @@ static pags_result read_entry(const archive *zip, size_t *at, member *m) {
   return PAGS_OK;
 }
 
-/* Position behind "'key':" and blanks in the header's dictionary, NULL if there is no such key. */
+/* ---- The header and the values of an array ---- */
+
+/* Returns the position of a key's value in the header's dictionary, behind the key and blanks; NULL if the key is
+ * missing. `key` includes quotes and colon. */
 static const char *find_key(const char *header, const char *key) {
   const char *p = strstr(header, key);
   if (!p)
@@ -120,7 +126,8 @@ static int parse_shape(const char *p, pags_npz_array *array) {
   }
 }
 
-/* `text` is the header's dictionary, terminated. */
+/* Reads the shape from an .npy header and checks the element type and order. `text` is the header's dictionary,
+ * null-terminated. */
 static pags_result parse_header(const char *text, const char *path, pags_npz_array *array) {
   const char *descr = find_key(text, "'descr':"), *order = find_key(text, "'fortran_order':");
   const char *shape = find_key(text, "'shape':");
@@ -164,6 +171,8 @@ static pags_result parse_npy(const uint8_t *bytes, size_t size, const char *path
   return PAGS_OK;
 }
 
+/* ---- All members of an archive ---- */
+
 static pags_result read_members(const archive *zip, pags_npz *out) {
   size_t end = 0;
   PAGS_TRY(find_end(zip, &end));
@@ -182,8 +191,8 @@ static pags_result read_members(const archive *zip, pags_npz *out) {
     total += m.size;
     if (total > zip->size) /* a small file must not ask for more memory than it has bytes */
       return pags_fail(PAGS_ERROR_FORMAT, "%s: '%.*s' overlaps other members", zip->path, (int)m.name_length, m.name);
-    out->count++; /* first, so that a member that fails half-way is freed */
-    /* Read member. */
+    out->count++; /* counted first, so that a member that fails half-way is freed */
+    /* The array's name is the member's without ".npy". */
     size_t length = m.name_length;
     if (length > 4 && memcmp(m.name + length - 4, ".npy", 4) == 0)
       length -= 4;

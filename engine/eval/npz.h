@@ -21,14 +21,14 @@ typedef struct pags_npz {
   pags_npz_array *arrays;
 } pags_npz;
 
-/* Errors: PAGS_ERROR_IO, _FORMAT, _UNSUPPORTED (compressed, encrypted, zip64, other element types), _MEMORY. `out` is
- * zeroed on failure. */
+/* Reads all arrays of a file. Errors: PAGS_ERROR_IO, _FORMAT, _UNSUPPORTED (compressed, encrypted, zip64, other
+ * element types), _MEMORY. `out` is zeroed on failure. */
 pags_result pags_npz_load(const char *path, pags_npz *out);
-/* The same from memory; `path` is for messages. */
+/* Reads all arrays of a file that is in memory; `path` is only named in error messages. */
 pags_result pags_npz_parse(const uint8_t *bytes, size_t size, const char *path, pags_npz *out);
 void pags_npz_destroy(pags_npz *npz); /* frees and zeroes */
 
-/* NULL when there is none of that name. */
+/* Returns the array of that name, NULL if there is none. */
 const pags_npz_array *pags_npz_find(const pags_npz *npz, const char *name);
 
 #endif

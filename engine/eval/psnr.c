@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Peak signal-to-noise ratio: 10 log10(1 / MSE) in dB, MSE over the channels of the counted pixels. */
+/* Peak signal-to-noise ratio, 10 log10(1 / MSE) in dB, with the mean squared error over the three channels of the
+ * counted pixels: all, those of a mask, or those of each of several regions. */
 #include "eval/metric.h"
 
 #include <math.h>

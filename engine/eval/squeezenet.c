@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* See squeezenet.h. Blocks of the parallel loops are rows of the output: a row of all its channels needs three rows of
- * the input, which stay in the cache while the channels go by. */
+/* The layers of SqueezeNet 1.1, see squeezenet.h. The parallel loops run over rows of the output: one row of all
+ * output channels needs only three rows of the input, which stay in the cache while the channels are computed. */
 #include "eval/squeezenet.h"
 
 #include <stdlib.h>
@@ -42,7 +42,7 @@ static void add_nine(float *restrict out, int width, const float *const tap[9], 
   }
 }
 
-/* The same for eight planes that lie `plane` floats apart. */
+/* out[x] += sum over k of w[k] * in[k * plane + x], k = 0..7: eight input channels of a 1x1 convolution. */
 static void add_eight(float *restrict out, int width, const float *in, int64_t plane, const float w[8]) {
   const float *t0 = in, *t1 = in + plane, *t2 = in + 2 * plane, *t3 = in + 3 * plane, *t4 = in + 4 * plane,
               *t5 = in + 5 * plane, *t6 = in + 6 * plane, *t7 = in + 7 * plane;
@@ -74,7 +74,7 @@ static void rectify(float *row, int width) {
 typedef struct layer_job {
   const pags_map *in, *out;
   const pags_conv *conv;
-  int first_channel; /* of `out` */
+  int first_channel; /* channel of `out` that the convolution's first output goes to */
 } layer_job;
 
 static void first_rows(void *context, int64_t begin, int64_t end, int worker) {
@@ -87,7 +87,7 @@ static void first_rows(void *context, int64_t begin, int64_t end, int worker) {
       fill(row, job->out->width, conv->bias[o]);
       for (int c = 0; c < 3; c++) {
         const float *tap[9];
-        for (int k = 0; k < 3; k++) { /* columns 2x, 2x + 1, 2x + 2 */
+        for (int k = 0; k < 3; k++) { /* input columns 2x, 2x + 1, 2x + 2 */
           tap[3 * k] = pags_map_row(job->in, c, 2 * y + k);
           tap[3 * k + 1] = pags_map_row(job->in, 3 + c, 2 * y + k);
           tap[3 * k + 2] = tap[3 * k] + 1;
@@ -98,7 +98,7 @@ static void first_rows(void *context, int64_t begin, int64_t end, int worker) {
     }
 }
 
-/* Inputs are a multiple of 8 in every 1x1 layer. */
+/* A 1x1 convolution. In SqueezeNet its number of input channels is always a multiple of 8. */
 static void conv1_rows(void *context, int64_t begin, int64_t end, int worker) {
   (void)worker;
   const layer_job *job = context;
@@ -139,7 +139,7 @@ static void pool_rows(void *context, int64_t begin, int64_t end, int worker) {
   for (int y = (int)begin; y < (int)end; y++)
     for (int c = 0; c < out->channels; c++) {
       float *row = pags_map_row(out, c, y);
-      /* After ReLU nothing is under zero, so neither the zeros around a plane nor those to its right matter. */
+      /* After ReLU no value is negative, so that a maximum over part of a window may start from 0. */
       fill(row, out->width, 0.0f);
       for (int k = 0; k < 3 && 2 * y + k < in->height; k++) {
         const float *from = pags_map_row(in, c, 2 * y + k);

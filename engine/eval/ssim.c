@@ -3,11 +3,12 @@
  *
  *   SSIM = (2 mu_a mu_b + C1)(2 s_ab + C2) / ((mu_a^2 + mu_b^2 + C1)(s_aa + s_bb + C2))
  *
- * with means and (co)variances under an 11x11 Gaussian window of sigma 1.5 that sums to 1; pixels outside of the
- * picture are zeros. A mask selects which values of the map enter the mean; the windows see the unmasked pictures.
+ * with means mu and (co)variances s under an 11x11 Gaussian window of sigma 1.5 that sums to 1; pixels outside of the
+ * picture count as zeros. The metric is the mean of the SSIM map. A mask selects which values of the map enter the
+ * mean; the windows see the unmasked pictures.
  *
- * The window is separable: for a row of the map, first the 11 source rows are summed down each column, then the sums
- * along the row. */
+ * The window is separable: for a row of the map, first the 11 source rows are summed down each column, then these
+ * sums along the row. */
 #include "eval/metric.h"
 
 #include <assert.h>
@@ -22,18 +23,19 @@ enum { RADIUS = 5, TAPS = 2 * RADIUS + 1, MOMENTS = 5 /* a, b, a^2, b^2, ab */, 
 static const double C1 = 0.01 * 0.01, C2 = 0.03 * 0.03;
 
 typedef struct ssim_job {
-  const float *a, *b;      /* interleaved */
-  const uint8_t *mask;     /* with one region only; NULL: every pixel counts */
-  const uint16_t *regions; /* NULL: one region */
+  const float *a, *b;      /* pixels of the two pictures, channels interleaved */
+  const uint8_t *mask;     /* pixels that count, if `regions` is NULL; NULL: all */
+  const uint16_t *regions; /* bits of the regions of each pixel; NULL: one region */
   int region_count;
   int width, height;
-  double window[TAPS];
-  double *scratch;        /* per worker */
-  int64_t scratch_stride; /* doubles */
+  double window[TAPS];    /* the window in one dimension; sums to 1 */
+  double *scratch;        /* a piece for each worker */
+  int64_t scratch_stride; /* doubles in each piece */
   double *row_sum;        /* per row and region, over channels and counted pixels */
 } ssim_job;
 
-/* moments[m * stride + RADIUS + x] = sum over the window's rows; the margins stay zero. */
+/* moments[m * stride + RADIUS + x] = moment m of column x, weighted and summed over the window's rows about `row`;
+ * the RADIUS columns of margin at both sides stay zero. */
 static void sum_columns(const ssim_job *job, int row, int channel, double *moments, int64_t stride) {
   memset(moments, 0, (size_t)(MOMENTS * stride) * sizeof *moments);
   double *m = moments + RADIUS;
@@ -55,12 +57,13 @@ static void sum_columns(const ssim_job *job, int row, int channel, double *momen
   }
 }
 
+/* SSIM of one pixel from the window's means of a, b, a^2, b^2 and ab. */
 static double map_value(double mu_a, double mu_b, double aa, double bb, double ab) {
   double s_aa = aa - mu_a * mu_a, s_bb = bb - mu_b * mu_b, s_ab = ab - mu_a * mu_b;
   return (2.0 * mu_a * mu_b + C1) * (2.0 * s_ab + C2) / ((mu_a * mu_a + mu_b * mu_b + C1) * (s_aa + s_bb + C2));
 }
 
-/* Bits of the regions that pixel `at` counts in. */
+/* Returns a bit for each region that contains pixel `at`; with a mask or neither, bit 0 is the only region. */
 static unsigned regions_of(const ssim_job *job, int64_t at) {
   if (job->regions)
     return job->regions[at];
@@ -72,7 +75,7 @@ static void ssim_rows(void *context, int64_t begin, int64_t end, int worker) {
   double *scratch = job->scratch + worker * job->scratch_stride;
   for (int64_t y = begin; y < end; y++)
     for (int c = 0; c < 3; c++) {
-      /* Adds one channel of a row of the map to the row's sums. */
+      /* Compute one channel of this row of the SSIM map and add it to the row's sums by region. */
       int row = (int)y;
       int64_t stride = job->width + 2 * RADIUS;
       double *sums = job->row_sum + y * job->region_count;
@@ -80,7 +83,7 @@ static void ssim_rows(void *context, int64_t begin, int64_t end, int worker) {
       double own[MOST_REGIONS] = {0};
       sum_columns(job, row, c, scratch, stride);
       for (int m = 0; m < MOMENTS; m++) {
-        /* Sum along. */
+        /* Sum moment m along the row, over the window's columns. */
         const double *restrict in = scratch + m * stride;
         double *restrict out = blurred + m * stride;
         for (int x = 0; x < job->width; x++) {
@@ -103,7 +106,7 @@ static void ssim_rows(void *context, int64_t begin, int64_t end, int worker) {
     }
 }
 
-/* Mean of the map over each region. */
+/* ssim[r] = mean of the SSIM map over region r and the channels; NaN for an empty region. */
 static void take_means(const ssim_job *job, double *ssim) {
   int64_t counted[MOST_REGIONS] = {0}, pixels = (int64_t)job->width * job->height;
   for (int64_t i = 0; i < pixels; i++) {
@@ -120,7 +123,7 @@ static void take_means(const ssim_job *job, double *ssim) {
 }
 
 static pags_result run(ssim_job *job, pags_tasks *tasks, double *ssim) {
-  /* Make window. */
+  /* The Gaussian window of sigma 1.5 in one dimension, normalised. */
   double sum = 0.0;
   for (int i = 0; i < TAPS; i++) {
     double d = i - RADIUS;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Pictures in memory: the type, conversion of samples and channels, and files through the module (module.h). */
+/* Images in memory: creation, conversion of sample types and channels, and reading and writing files through the
+ * OpenImageIO module (module.h). */
 #include <pags/image.h>
 
 #include "base/file.h"
@@ -21,11 +22,14 @@
 
 #define MAX_SIDE 65535
 
+/* ---- Creation ---- */
+
 static size_t sample_bytes(pags_sample sample) {
   return sample == PAGS_U8 ? 1 : sample == PAGS_U16 ? 2 : 4;
 }
 
-/* 65535 * 65535 * 4 * 4 < 2^37: overflows only a 32-bit size_t. */
+/* Allocates memory for an image. The largest has 65535 * 65535 * 4 * 4 < 2^37 bytes, which overflows only a 32-bit
+ * size_t. */
 static pags_result allocate(uint64_t bytes, void **out) {
   *out = bytes <= SIZE_MAX ? malloc((size_t)bytes) : NULL;
   if (!*out)
@@ -60,8 +64,10 @@ void pags_image_destroy(pags_image *image) {
   memset(image, 0, sizeof *image);
 }
 
-/* Conversion goes through double on [0, 1], where U8 and U16 are exact, so that u8 -> u16 -> u8 gives the same bytes.
- * NaN becomes 0. */
+/* ---- Conversion ---- */
+
+/* Returns sample `index` as a double; U8 and U16 are mapped to [0, 1]. All conversions go through such doubles, which
+ * are exact enough that u8 -> u16 -> u8 gives the same bytes. */
 static double sample_get(const void *data, pags_sample sample, size_t index) {
   if (sample == PAGS_U8)
     return ((const uint8_t *)data)[index] / 255.0;
@@ -70,11 +76,13 @@ static double sample_get(const void *data, pags_sample sample, size_t index) {
   return (double)((const float *)data)[index];
 }
 
+/* Clamps to [0, 1]; NaN becomes 0. */
 static double clamp01(double value) {
   return value > 0 ? (value < 1 ? value : 1) : 0;
 }
 
-/* Source channel that fills channel `c` of `to`, out of `from` channels: -1 for opaque alpha, -2 for luma of RGB. */
+/* Returns which channel of an image with `from` channels fills channel `c` of one with `to` channels: -1 for opaque
+ * alpha, -2 for the luma of RGB. */
 static int source_channel(int from, int to, int c) {
   int from_alpha = from == 2 || from == 4;
   int is_alpha = (to == 2 && c == 1) || (to == 4 && c == 3);
@@ -85,7 +93,8 @@ static int source_channel(int from, int to, int c) {
   return to <= 2 ? -2 : c;
 }
 
-/* Rec. 709 weights on display-referred values: a grey version to look at or to threshold, not a measurement. */
+/* Luma by the Rec. 709 weights, applied to display-referred values: a grey version to look at or to threshold, not a
+ * photometric luminance. */
 static double luma(const void *data, pags_sample sample, size_t index) {
   return 0.2126 * sample_get(data, sample, index) + 0.7152 * sample_get(data, sample, index + 1) +
          0.0722 * sample_get(data, sample, index + 2);
@@ -102,7 +111,7 @@ static void convert(const pags_image *from, pags_image *to) {
                      : source == -2 ? luma(from->data, from->sample, at)
                                     : sample_get(from->data, from->sample, at + (size_t)source);
 
-      /* Sample set. */
+      /* Store the value in the sample type of `to`. */
       size_t index = i * (size_t)m + (size_t)c;
       if (to->sample == PAGS_U8)
         ((uint8_t *)to->data)[index] = (uint8_t)(clamp01(value) * 255 + 0.5);
@@ -114,7 +123,7 @@ static void convert(const pags_image *from, pags_image *to) {
   }
 }
 
-/* Replaces `image` by itself with other samples or channels; leaves it alone if it has them. */
+/* Converts `image` to the given sample type and number of channels, unless it has them already. */
 static pags_result convert_in_place(pags_image *image, pags_sample sample, int channels) {
   if (image->sample == sample && image->channels == channels)
     return PAGS_OK;
@@ -126,8 +135,10 @@ static pags_result convert_in_place(pags_image *image, pags_sample sample, int c
   return PAGS_OK;
 }
 
+/* ---- Reading files ---- */
+
 static pags_result open_picture(const char *path, const pags_oiio **oiio, void **reader, pags_oiio_info *info) {
-  /* Opening says itself what is wrong with a path before any decoder guesses at its contents. */
+  /* A missing, unreadable or wrong kind of path is reported here, before a decoder reports it as a broken picture. */
   struct stat status;
   if (stat(path, &status) != 0)
     return pags_fail(PAGS_ERROR_IO, "%s: %s", path, strerror(errno));
@@ -169,7 +180,8 @@ pags_result pags_image_load(const char *path, pags_sample sample, int channels, 
   void *reader;
   pags_oiio_info info;
   PAGS_TRY(open_picture(path, &oiio, &reader, &info));
-  /* Channels past those asked for are never read. Luma of a colour picture needs all three. */
+  /* Channels that are not needed are not read. For one or two wanted channels up to four are: the luma of a colour
+   * picture takes three, its alpha is the fourth. */
   int most = channels == 3 ? 3 : 4;
   int stored = info.channels < most ? info.channels : most;
   pags_result result = pags_image_create(out, (int)info.width, (int)info.height, stored, info.sample);
@@ -188,6 +200,8 @@ pags_result pags_image_load(const char *path, pags_sample sample, int channels, 
     pags_image_destroy(out);
   return result;
 }
+
+/* ---- Writing files ---- */
 
 static pags_result write_file(const char *path, const char *format, const pags_oiio_picture *picture) {
   const pags_oiio *oiio;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Looks for the end-of-image marker of a JPEG file (ITU-T T.81, annex B). */
+/* Checks that a JPEG file has its end-of-image marker (ITU-T T.81, annex B). */
 #include "image/jpeg.h"
 
 #include "base/file.h"
@@ -9,8 +9,9 @@
 
 enum { START_OF_IMAGE = 0xd8, END_OF_IMAGE = 0xd9, START_OF_SCAN = 0xda };
 
-/* Where the first scan begins; 0 where the segments before it don't fit together, which is the decoder's to report.
- * Skipping them matters: a thumbnail within them has an end-of-image marker of its own. */
+/* Returns the byte at which the first scan begins; 0 if the segments before it are malformed, which is left for the
+ * decoder to report. These segments must be skipped, because a thumbnail in them has an end-of-image marker of its
+ * own. */
 static size_t find_scan(const uint8_t *bytes, size_t size) {
   size_t at = 2;
   while (at + 4 <= size && bytes[at] == 0xff) {
@@ -24,7 +25,8 @@ static size_t find_scan(const uint8_t *bytes, size_t size) {
   return 0;
 }
 
-/* From the back: cameras append data of their own after the marker, but not much. */
+/* Is there an end-of-image marker after byte `begin`? The search runs from the end of the file, because cameras
+ * append data of their own after the marker, but not much. */
 static bool has_end(const uint8_t *bytes, size_t begin, size_t size) {
   for (size_t i = size - 1; i > begin; i--)
     if (bytes[i] == END_OF_IMAGE && bytes[i - 1] == 0xff)

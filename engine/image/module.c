@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Loading of the OpenImageIO module.
+/* Loads the OpenImageIO module pags_oiio.so by dlopen.
  *
- * It is looked for beside the running program, in ../lib/pags from there (an installation) and in the folder it was
- * built in (tests). Nothing is taken from the environment: what is loaded runs as us. */
+ * The module is looked for beside the running program, in ../lib/pags relative to it (an installation) and in the
+ * folder it was built in (tests). No path is taken from the environment, because the loaded code runs with our
+ * rights. */
 #include "image/module.h"
 
 #include <stdio.h>
@@ -28,20 +29,20 @@ pags_result pags_oiio_module(const pags_oiio **out) {
 
 #define MODULE_NAME "pags_oiio.so"
 
-/* Written under pthread_once, constant afterwards. */
+/* The loaded module, or why there is none. Written once under pthread_once, constant afterwards. */
 static pthread_once_t once = PTHREAD_ONCE_INIT;
 static const pags_oiio *table;
 static char reason[512];
 
-/* Whether loading it ends well, tried in a child: a hundred libraries are loaded, and where address space is short
- * (ulimit -v) some of their initialisers end the process. */
+/* Returns whether loading the module succeeds, tried in a child process if address space is limited (ulimit -v):
+ * loading brings in a hundred libraries, and some of their initialisers end the process when out of memory. */
 static int survives(const char *path) {
   struct rlimit limit;
   if (getrlimit(RLIMIT_AS, &limit) != 0 || limit.rlim_cur == RLIM_INFINITY)
     return 1;
   const pid_t child = fork();
   if (child == 0) {
-    close(STDERR_FILENO); /* what C++ has to say of it */
+    close(STDERR_FILENO); /* hides the C++ runtime's messages */
     void *const module = dlopen(path, RTLD_NOW | RTLD_LOCAL);
     void *const symbol = module ? dlsym(module, PAGS_OIIO_SYMBOL) : NULL;
     pags_oiio_table_fn *function = NULL;
@@ -65,7 +66,8 @@ static void open_module(const char *path) {
     snprintf(reason, sizeof reason, "%s", text ? text : path);
     return;
   }
-  /* ISO C has no conversion from an object pointer to a function pointer; POSIX promises that the bits are the same. */
+  /* ISO C has no conversion from an object pointer to a function pointer; POSIX guarantees that both have the same
+   * bits, so the bits are copied. */
   void *symbol = dlsym(module, PAGS_OIIO_SYMBOL);
   pags_oiio_table_fn *function = NULL;
   memcpy(&function, &symbol, sizeof function);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Walks the chunks of a PNG file (ISO/IEC 15948, 5.3: length, type, data, CRC) up to its pixels. */
+/* Checks the lengths of the chunks of a PNG file (ISO/IEC 15948, 5.3: length, type, data, CRC) up to its pixels. */
 #include "image/png.h"
 
 #include <stdint.h>

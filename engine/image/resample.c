@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Area average in two passes a row: rows first, into a row of floats, then columns. The sums run in a fixed order. */
+/* Shrinks images by area averaging. For each output row, the source rows are first summed into a row of floats, then
+ * that row's columns. The sums are taken in a fixed order. */
 #include "image/resample.h"
 
 #include <assert.h>
@@ -8,8 +9,9 @@
 
 #include "base/memory.h"
 
-/* Source pixels [first, last) touched by [index * step, (index + 1) * step). Borders that miss an integer by rounding
- * only are taken to be that integer, so that 540 / 270 never reads a third pixel of weight 1e-13. */
+/* The source pixels [first, last) that the interval [begin, end) = [index * step, (index + 1) * step) of an output
+ * pixel touches. Ends that miss an integer only by rounding are set to that integer, so that shrinking 540 to 270
+ * never reads a third pixel of weight 1e-13. */
 typedef struct span {
   int first, last;
   double begin, end;
@@ -33,12 +35,13 @@ static span span_of(int index, double step, int size) {
   return s;
 }
 
+/* Length of the part of source pixel i, [i, i + 1), that lies in the span. */
 static float weight_of(const span *s, int i) {
   double begin = s->begin > i ? s->begin : i, end = s->end < i + 1 ? s->end : i + 1;
   return end > begin ? (float)(end - begin) : 0;
 }
 
-/* row[] += the source rows of the span, each by its weight; returns the sum of weights. */
+/* Sets `row` to the weighted sum of the span's source rows; returns the sum of the weights. */
 static float sum_rows(const pags_image *from, const span *s, float *row) {
   size_t count = (size_t)from->width * (size_t)from->channels;
   float total = 0;

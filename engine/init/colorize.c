@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Colours for points.
+/* Colours LiDAR points from the training photographs.
  *
- * Every training photograph is looked at once, in order; within it every point finds out by itself whether it is seen
- * and what it looks like there. A point's colour is the mean over the photographs that see it, near ones counting more
- * (finer pixels), and those taken near the time of its measurement more than others (shadows move, labelled boxes
- * wander). What lies on pixels of something that moves, or of sky, counts only if there is nothing better. */
+ * Every training photograph is loaded once, in order; all points are projected into it in parallel, and a z-buffer
+ * tells which of them it shows. A point's colour is the weighted mean of its pixels over the photographs that show
+ * it. The weight falls with the square of the depth (finer pixels count more) and with the time between the
+ * photograph and the point's measurement (shadows move, labelled boxes drift). Pixels whose labels say that they show
+ * something else (sky, an object) get a weight so small that they count only if there is no better one. */
 #include "init/colorize.h"
 
 #include <math.h>
@@ -16,12 +17,13 @@
 enum { BLOCK = 4096, LONGEST_SIDE = 1200 };
 
 static const uint64_t cache_bytes = (uint64_t)128 << 20;
-static const float near_time = 0.5f;  /* seconds: half the weight */
-static const float doubtful = 1e-3f;  /* weight of a pixel that probably shows something else */
+static const float near_time = 0.5f;  /* seconds between photograph and measurement at which the weight is halved */
+static const float doubtful = 1e-3f;  /* factor on the weight of a pixel that probably shows something else */
 static const double near_plane = 0.1; /* metres */
 
+/* Pose of the background or of a moving object (the owner of points) for the current photograph. */
 typedef struct owner_pose {
-  int present;
+  int present; /* 0: the object is not there at this time */
   float m[12]; /* camera from the owner's frame */
 } owner_pose;
 
@@ -29,14 +31,16 @@ typedef struct colorizer {
   const pags_dataset *dataset;
   pags_tasks *tasks;
   pags_lidar_points *points;
-  int64_t measured;
-  double time_begin;
-  owner_pose *poses; /* 1 + objects; the background's first */
+  int64_t measured;  /* number of measured points, the first rows */
+  double time_begin; /* of the first sweep, seconds */
+  owner_pose *poses; /* the background's, then one for each object */
   pags_seen_point *seen;
   pags_z_buffer z_buffer;
   pags_photo photo;
   pags_camera camera;
 } colorizer;
+
+/* ---- Projection and weights ---- */
 
 static void set_motion(const colorizer *p, const double world_from_owner[12], owner_pose *out) {
   double inverse[12], m[12];
@@ -69,7 +73,9 @@ static void project_block(void *context, int64_t begin, int64_t end, int worker)
   }
 }
 
-/* Does a pixel of these labels show something else? Boxes of several kinds may overlap there: then nobody knows. */
+/* Do the labels of a pixel say that it probably shows something other than the point's owner? For the background that
+ * is any object's box, something moving or sky; for an object it is everything but a box of its own category alone,
+ * since where boxes of several categories overlap, the labels do not tell which object is visible. */
 static int is_doubtful(const colorizer *p, const pags_lidar_point *row, int labels) {
   static const int bits[] = {[PAGS_CATEGORY_VEHICLE] = PAGS_LABEL_VEHICLE,
                              [PAGS_CATEGORY_PEDESTRIAN] = PAGS_LABEL_PEDESTRIAN,
@@ -81,7 +87,8 @@ static int is_doubtful(const colorizer *p, const pags_lidar_point *row, int labe
   return (labels & (boxes | PAGS_LABEL_SKY)) != own && p->photo.labels;
 }
 
-/* 0: the pixel can't be used. */
+/* Weight of a photograph's pixel in the colour of a point; 0 if the pixel is masked out or the point is hidden.
+ * Points of a grid, which need not lie on a surface, are coloured even where hidden, with the factor `doubtful`. */
 static float weight_of(const colorizer *p, const pags_lidar_point *row, const pags_seen_point *at, int64_t pixel) {
   int visible = pags_z_buffer_visible(&p->z_buffer, at), labels = p->photo.labels ? p->photo.labels[pixel] : 0;
   if (p->photo.mask && !p->photo.mask[pixel])
@@ -97,13 +104,16 @@ static float weight_of(const colorizer *p, const pags_lidar_point *row, const pa
   return weight;
 }
 
-/* The share of the views that show a point in which something critical is there: S_sem to begin with. */
+/* Counts the labelled views that show a point, and those of them whose pixel is labelled critical. The ratio of the
+ * two becomes the initial s_sem. */
 static void count_view(const colorizer *p, pags_lidar_point *row, const pags_seen_point *at, int64_t pixel) {
   if (!p->photo.labels || (p->photo.mask && !p->photo.mask[pixel]) || !pags_z_buffer_visible(&p->z_buffer, at))
     return;
   row->views[0] += 1;
   row->views[1] += (p->photo.labels[pixel] & PAGS_LABEL_CRITICAL) != 0;
 }
+
+/* ---- One photograph ---- */
 
 static void colorize_block(void *context, int64_t begin, int64_t end, int worker) {
   (void)worker;
@@ -128,7 +138,7 @@ static pags_result colorize_view(colorizer *p, pags_photo_cache *photos, int64_t
   PAGS_TRY(pags_photo_cache_get(photos, view, shrink, &p->photo));
   p->camera = shrink == 1 ? v->camera : pags_camera_downscale(&v->camera, shrink);
 
-  /* Set poses. */
+  /* Camera-from-owner poses of the background and of each moving object at the time of this photograph. */
   const double *origin = pags_dataset_origin(p->dataset);
   const double shifted[12] = {1, 0, 0, origin[0], 0, 1, 0, origin[1], 0, 0, 1, origin[2]};
   set_motion(p, shifted, &p->poses[0]);
@@ -148,6 +158,8 @@ static pags_result colorize_view(colorizer *p, pags_photo_cache *photos, int64_t
     return pags_fail(PAGS_CANCELLED, "cancelled while colouring points");
   return PAGS_OK;
 }
+
+/* ---- All photographs ---- */
 
 static int shrink_of(const pags_camera *camera) {
   int side = camera->width > camera->height ? camera->width : camera->height, shrink = 1;

@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Points to start from in a driving scene.
+/* Makes the initial points of a driving scene.
  *
- * Yan et al. (Street Gaussians, 2024) start from LiDAR coloured by projection and split by boxes, the background in
- * voxels of 0.15 m, and from structure from motion; what the LiDAR never reaches is covered by random points as
- * drivestudio does it. Here voxels grow with the distance and with the number of points, colours are means over the
- * photographs that see a point, and points that no training photograph sees are left out. */
+ * Yan et al. (Street Gaussians, 2024) start from LiDAR points that are coloured by projection and split by the
+ * objects' boxes, the background's in voxels of 0.15 m, and from structure from motion; surfaces that the LiDAR never
+ * reaches are covered by random points, as drivestudio does it. Here, unlike there, the voxels grow with the distance
+ * and with the number of points, colours are means over all photographs that show a point, and points that no
+ * training photograph shows are left out. */
 #include "init/driving_points.h"
 
 #include <math.h>
@@ -17,18 +18,18 @@
 #include "init/colorize.h"
 
 enum {
-  MOST_READ = 3000000,      /* points of the background taken from sweeps */
-  MOST_PAINTED = 600000,    /* of them coloured */
-  MOST_BACKGROUND = 200000, /* of them kept */
-  MOST_OBJECT = 20000,      /* of each object (Street Gaussians) */
-  FEW_OBJECT = 2000,        /* fewer are filled up (Street Gaussians) */
-  LEAST_OBJECT = 500,
-  FAR_POINTS = 40000,
-  MATCHED_POINTS = 40000 /* without LiDAR and structure from motion */
+  MOST_READ = 3000000,      /* background points read from the sweeps */
+  MOST_PAINTED = 600000,    /* background points that are coloured */
+  MOST_BACKGROUND = 200000, /* background points that are kept */
+  MOST_OBJECT = 20000,      /* points of each object (Street Gaussians) */
+  FEW_OBJECT = 2000,        /* with fewer, an object gets mirrored points, too (Street Gaussians) */
+  LEAST_OBJECT = 500,       /* with fewer still, a grid of points in its box, too */
+  FAR_POINTS = 40000,       /* random points where there is no LiDAR */
+  MATCHED_POINTS = 40000    /* points matched between photographs, without LiDAR and structure from motion */
 };
 
-static const double finest_voxel = 0.05, voxel_step = 1.25; /* metres, times */
-static const double farthest_times = 4.0;                   /* of the scene's radius */
+static const double finest_voxel = 0.05, voxel_step = 1.25; /* smallest side, metres; factor of growth */
+static const double farthest_times = 4.0;                   /* depth of random points, in radii of the scene */
 
 void pags_start_destroy(pags_start *start) {
   pags_start_points *all = start->objects;
@@ -69,9 +70,10 @@ static void colour_of(const pags_lidar_point *row, uint8_t rgb[3]) {
     rgb[c] = (uint8_t)fminf(255.0f, row->sum[c] / row->sum[3] + 0.5f);
 }
 
-/* Objects. */
+/* ---- Points of objects ---- */
 
-/* What has a colour; a mirror image takes its source's. */
+/* Sets `rgb` to the colour of point i; returns 0 if no photograph gave it one. A mirrored point without a colour
+ * takes that of the measured point it mirrors. */
 static int seen_colour(const pags_lidar_points *points, int64_t i, uint8_t rgb[3]) {
   const pags_lidar_point *row = &points->rows[i];
   if (row->kind == PAGS_CANDIDATE_MIRRORED && !(row->sum[3] > 0))
@@ -108,7 +110,7 @@ static pags_result take_object(const pags_lidar_points *points, int32_t owner, i
   return PAGS_OK;
 }
 
-/* Background. */
+/* ---- Points of the background ---- */
 
 static int64_t background_count(const pags_lidar_points *points) {
   int64_t count = 0;
@@ -117,7 +119,8 @@ static int64_t background_count(const pags_lidar_points *points) {
   return count;
 }
 
-/* Voxels as fine as `most` points allow, from `side` on; `side` is what it has come to. */
+/* Merges the background's points by voxels until at most `most` are left. The voxels' side starts at *side and grows
+ * by the factor voxel_step; *side receives the final one. */
 static pags_result thin_background(pags_lidar_points *points, pags_tasks *tasks, const float *eyes, int64_t eye_count,
                                    int64_t most, double *side) {
   PAGS_TRY(pags_lidar_points_merge(points, tasks, eyes, eye_count, *side));
@@ -135,8 +138,9 @@ static double distance_from(const float *p, const double middle[3]) {
   return sqrt(sum);
 }
 
-/* Of the sphere about the cameras that holds 95 % of the background's points, at least 30 m; `largest`: that holds all.
- */
+/* Radius, metres, of the sphere about `middle`, the cameras' mean position, that holds 95 % of the background's
+ * points: at least 30 m, 100 m without points. `largest` is the radius that holds all of them, infinity without
+ * points. */
 static pags_result scene_radius(const pags_lidar_points *points, const double middle[3], double *radius,
                                 double *largest) {
   double *all = malloc((size_t)(points->count > 0 ? points->count : 1) * sizeof *all);
@@ -153,7 +157,8 @@ static pags_result scene_radius(const pags_lidar_points *points, const double mi
   return PAGS_OK;
 }
 
-/* Is a point ever inside of a moving object's box? Points from photographs can't be told apart by time. */
+/* Does a point lie in a moving object's box at any time? Points of structure from motion carry no time, so all of
+ * those are kept out of the background. */
 static int swept_by_object(const pags_dataset *dataset, const float *p) {
   const double *origin = pags_dataset_origin(dataset);
   for (int64_t i = 0; i < pags_dataset_object_count(dataset); i++) {
@@ -175,15 +180,17 @@ static int swept_by_object(const pags_dataset *dataset, const float *p) {
   return 0;
 }
 
+/* The points that do not come from LiDAR. */
 typedef struct extra_points {
   int64_t count;
   const float *xyz;
   const uint8_t *rgb;
-  float *matched_xyz; /* owned */
+  float *matched_xyz; /* owned; both NULL for points of the data set */
   uint8_t *matched_rgb;
 } extra_points;
 
-/* Structure from motion, or, where there is neither that nor LiDAR, points matched between photographs. */
+/* Finds the points of structure from motion, or, if the data set has neither those nor LiDAR, matches points between
+ * photographs (with random_start it takes the data set's random points instead). */
 static pags_result find_extra(const pags_dataset *dataset, const pags_train_config *config, int64_t lidar,
                               pags_tasks *tasks, extra_points *out) {
   int random;
@@ -205,6 +212,8 @@ static pags_result find_extra(const pags_dataset *dataset, const pags_train_conf
   return PAGS_OK;
 }
 
+/* ---- Putting all points together ---- */
+
 typedef struct work {
   pags_lidar_points points;
   pags_far_points far;
@@ -213,7 +222,8 @@ typedef struct work {
   int64_t eye_count;
 } work;
 
-/* Gathers, thins, colours; leaves the background's seen points in work->points and the objects in `out`. */
+/* Gathers, thins and colours the LiDAR points. Leaves the background's points that a photograph shows in w->points,
+ * and puts those of the objects into `out`. */
 static pags_result make_lidar(const pags_dataset *dataset, int lidar, pags_tasks *tasks, work *w, double middle[3],
                               double *largest, pags_start *out) {
   double radius = 0, side = finest_voxel;
@@ -229,12 +239,12 @@ static pags_result make_lidar(const pags_dataset *dataset, int lidar, pags_tasks
   w->far.farthest = farthest_times * radius;
   PAGS_TRY(pags_lidar_points_colorize(dataset, tasks, &w->points, measured, &w->far));
 
-  /* Take objects. */
+  /* The coloured points of the moving objects. */
   for (int64_t i = 0; i < out->object_count; i++)
     if (pags_dataset_object(dataset, i)->moving)
       PAGS_TRY(take_object(&w->points, (int32_t)i, measured, &out->objects[i]));
 
-  /* Keep seen background. */
+  /* Of the background, keep the points that got a colour. */
   int64_t kept = 0;
   for (int64_t i = 0; i < w->points.count; i++)
     if (w->points.rows[i].owner < 0 && w->points.rows[i].sum[3] > 0)
@@ -256,7 +266,7 @@ static pags_result make(const pags_dataset *dataset, const pags_train_config *co
   if (!out->objects)
     return pags_out_of_memory("%lld objects", (long long)out->object_count);
 
-  /* The eyes: where the training cameras stand, relative to the origin. */
+  /* The eyes: positions of the training cameras, relative to the data set's origin. */
   float **eyes = &w->eyes;
   int64_t *count = &w->eye_count;
   *count = 0;
@@ -272,7 +282,7 @@ static pags_result make(const pags_dataset *dataset, const pags_train_config *co
     ++*count;
   }
 
-  /* Mean eye. */
+  /* The mean position of the training cameras. */
   for (int k = 0; k < 3; k++) {
     middle[k] = 0;
     for (int64_t i = 0; i < w->eye_count; i++)
@@ -282,7 +292,7 @@ static pags_result make(const pags_dataset *dataset, const pags_train_config *co
   PAGS_TRY(make_lidar(dataset, lidar, tasks, w, middle, &largest, out));
   PAGS_TRY(find_extra(dataset, config, w->points.count, tasks, &w->extra));
 
-  /* Put background. */
+  /* The background's points in order: LiDAR, other points, random far points. */
   pags_start_points *to = &out->background;
   PAGS_TRY(reserve(to, w->points.count + w->extra.count + w->far.count, 1));
   for (int64_t i = 0; i < w->points.count; i++) {

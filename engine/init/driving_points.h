@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Points to start from in a driving scene: LiDAR coloured by the photographs and shared out between background and
- * objects. */
+/* The initial points of a driving scene: LiDAR points coloured by the photographs and split between the background
+ * and the moving objects, points of structure from motion, and random far points. */
 #ifndef PAGS_INIT_DRIVING_POINTS_H
 #define PAGS_INIT_DRIVING_POINTS_H
 
@@ -10,23 +10,22 @@
 
 typedef struct pags_start_points {
   int64_t count;
-  float *xyz;   /* 3 a point: background: relative to the data set's origin; objects: in the object's frame, metres */
-  uint8_t *rgb; /* 3 a point */
-  int32_t *object; /* background only: index of the data set's object in whose box a parked thing's point lies, else -1;
-                      NULL in those of objects */
-  float *s_sem; /* background only: share of the views showing a point that show something critical there, 0 where none
-                   is known; NULL in those of objects */
+  float *xyz;      /* 3 a point, metres: background relative to the data set's origin, objects in their own frames */
+  uint8_t *rgb;    /* 3 a point */
+  int32_t *object; /* background only, else NULL: index of the parked object in whose box the point lies, -1: none */
+  float *s_sem;    /* background only, else NULL: of the labelled views that show the point, the share in which its
+                      pixel is critical; 0 without such views */
 } pags_start_points;
 
 typedef struct pags_start {
   pags_start_points background;
   int64_t object_count;
-  pags_start_points *objects; /* one for each of the data set's objects; empty for those that don't move */
-  int64_t lidar_points;       /* of the background: how many came from LiDAR; the rest are SfM's and far random ones */
+  pags_start_points *objects; /* one for each object of the data set; empty for objects that do not move */
+  int64_t lidar_points;       /* how many background points, the first ones, are LiDAR's; SfM and far ones follow */
 } pags_start;
 
-/* Uses training time steps and training views only. `lidar`: 0 leaves the LiDAR out (for measuring what it brings). The
- * same points for any number of threads. */
+/* Makes the initial points from training time steps and training views only. `lidar` 0 leaves the LiDAR out, to
+ * measure what it brings. The points are the same for any number of threads. */
 pags_result pags_start_create(const pags_dataset *dataset, const pags_train_config *config, int lidar,
                               pags_tasks *tasks, pags_start *out);
 void pags_start_destroy(pags_start *start);

@@ -1,23 +1,24 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Points where the LiDAR doesn't reach: upper storeys, what is far away.
+/* Draws random points on pixels without LiDAR points nearby: upper storeys and distant surfaces.
  *
- * A wall goes on above the LiDAR's highest beam at the same depth, so half of the points are put at the depth of what
- * is below them in the picture; the others anywhere behind, evenly in 1 / depth as disparities are.
+ * A wall continues above the LiDAR's highest beam at the same depth, so half of the points get the depth of the first
+ * LiDAR point below them in the picture. The others get a random depth beyond that one, uniform in 1 / depth, like
+ * disparities.
  *
- * On the synthetic street (24 frames at half size, 800 steps) they bring 0.9 dB in held-out views and 0.7 to 1.1 dB in
- * shifted ones. */
+ * On the synthetic street (24 frames at half size, 800 steps) these points raise PSNR by 0.9 dB in held-out views and
+ * by 0.7 to 1.1 dB in shifted ones. */
 #include <math.h>
 #include <string.h>
 
 #include "base/rng.h"
 #include "init/colorize.h"
 
-/* Cells about a pixel that must be empty. */
+/* CLEAR: z-buffer cells on each side of a pixel's cell that must be empty. TRIES: pixels tried for each point. */
 enum { CLEAR = 2, TRIES = 24 };
 
 #define STREAM UINT64_C(0x6661720000000000)
 
-static const double nearest = 4.0; /* metres, where nothing is known at all */
+static const double nearest = 4.0; /* smallest depth where no LiDAR point lies below the pixel, metres */
 
 static int is_clear(const pags_z_buffer *o, int x, int y) {
   for (int j = y - CLEAR; j <= y + CLEAR; j++)
@@ -27,7 +28,7 @@ static int is_clear(const pags_z_buffer *o, int x, int y) {
   return 1;
 }
 
-/* Of the first point below; 0: there is none. */
+/* Depth of the first occupied z-buffer cell at or below cell (x, y) in its column; 0 if there is none. */
 static double depth_below(const pags_z_buffer *o, int x, int y) {
   for (; y < o->rows; y++)
     if (isfinite(o->depth[(int64_t)y * o->columns + x]))
@@ -42,6 +43,7 @@ static int usable(const pags_photo *photo, int x, int y) {
   return !(photo->mask && !photo->mask[at]) && !(photo->labels && photo->labels[at] & never);
 }
 
+/* Draws a depth up to `farthest`, metres; `below` is that of the LiDAR point below the pixel, 0: none. */
 static double draw_depth(uint64_t seed, uint64_t a, uint64_t b, double below, double farthest) {
   double draw[2];
   pags_rng_uniform2(seed, a, b, draw);

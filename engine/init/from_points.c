@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* From points to Gaussians, as Kerbl et al. (2023) do it. */
+/* Makes the initial Gaussians from points, as Kerbl et al. (2023) do it: scales from the distances of the three
+ * nearest neighbours. */
 #include "init/from_points.h"
 
 #include <math.h>
@@ -8,10 +9,11 @@
 #include "base/memory.h"
 #include "init/knn.h"
 
-/* Smallest square of the first sigma, m^2: duplicate points have no distance to take. INRIA's bound. */
+/* Lower bound of the mean squared neighbour distance, m^2: duplicate points have distance 0. It is INRIA's bound. */
 static const float least_square = 1e-7f;
 
-/* Half a level: colours are clamped at 0, where nothing flows back, so that a black cloud would stay black. */
+/* Smallest initial colour, in levels of 0..255: rendering clamps colours at 0, where no gradient flows back, so that
+ * a black point cloud would stay black. */
 static const double least_level = 0.5;
 
 double pags_init_extent(const pags_dataset *dataset, const int64_t *views, int64_t count) {
@@ -30,7 +32,7 @@ double pags_init_extent(const pags_dataset *dataset, const int64_t *views, int64
   return largest > 1e-6 ? 1.1 * largest : 1.0;
 }
 
-/* Indices of the points to use; returns how many. */
+/* Writes the indices of the points to use, finite ones and at most `most` of them, to `chosen`; returns how many. */
 static int64_t choose_points(int64_t points, const float *xyz, int64_t most, int64_t *chosen) {
   int64_t finite = 0, taken = 0;
   for (int64_t i = 0; i < points; i++)
@@ -38,7 +40,7 @@ static int64_t choose_points(int64_t points, const float *xyz, int64_t most, int
       chosen[finite++] = i;
   if (finite <= most)
     return finite;
-  for (; taken < most; taken++) /* evenly spread over the order of the file */
+  for (; taken < most; taken++) /* evenly spread over the order of the points */
     chosen[taken] = chosen[(int64_t)((double)taken * (double)finite / (double)most)];
   return taken;
 }
@@ -56,7 +58,8 @@ static void fill_row(const pags_train_config *config, const float *xyz, const ui
   pags_plane(g, PAGS_OPACITY)[row] = (float)log(config->start.init_opacity / (1.0 - config->start.init_opacity));
 }
 
-/* `xyz` and `square` hold the chosen points in order. */
+/* Makes the Gaussians in Morton order. `xyz` and `square` (mean squared neighbour distances) belong to the chosen
+ * points in their order, `rgb` to all points. */
 static pags_result sorted_rows(const pags_train_config *config, int64_t count, const float *xyz, const uint8_t *rgb,
                                const int64_t *chosen, const float *square, double extent, pags_gaussians *out) {
   pags_gaussians unsorted;
@@ -80,7 +83,7 @@ pags_result pags_init_gaussians(const pags_train_config *config, int64_t points,
   *out = (pags_gaussians){0};
   int64_t *chosen = malloc((size_t)(points > 0 ? points : 1) * sizeof *chosen);
   int64_t count = chosen ? choose_points(points, xyz, most, chosen) : 0;
-  float *positions = malloc((size_t)(count > 0 ? count : 1) * 4 * sizeof(float)); /* and the squares behind them */
+  float *positions = malloc((size_t)(count > 0 ? count : 1) * 4 * sizeof(float)); /* then their mean squares */
   pags_result result = PAGS_OK;
   if (!chosen || !positions)
     result = pags_out_of_memory("%lld points", (long long)points);

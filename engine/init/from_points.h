@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The first Gaussians. */
+/* Makes the initial Gaussians of a training run from coloured points. */
 #ifndef PAGS_INIT_FROM_POINTS_H
 #define PAGS_INIT_FROM_POINTS_H
 
@@ -8,13 +8,14 @@
 #include <pags/tasks.h>
 #include <pags/train.h>
 
-/* 1.1 times the largest distance of a training camera from their mean, metres; 1 for cameras that all stand in one
- * place. `views` are indices of the data set's. */
+/* The scene's extent: 1.1 times the largest distance of a camera from the cameras' mean position, metres; 1 if all
+ * cameras stand in one place. `views` are the indices of the training views in the data set. */
 double pags_init_extent(const pags_dataset *dataset, const int64_t *views, int64_t count);
 
-/* One Gaussian per point, in Morton order: isotropic, sigma from the three nearest neighbours, the point's colour,
- * opacity init_opacity. Of more than `most` points every (points / most)th is taken; points that are not finite are
- * left out. */
+/* Makes one isotropic Gaussian per point, in Morton order. Its sigma is init_scale times the root mean square
+ * distance of the three nearest neighbours, at most init_scale_max times `extent`; it has the point's colour and the
+ * opacity init_opacity. Points that are not finite are left out; of more than `most` points every (points / most)th
+ * is taken. */
 pags_result pags_init_gaussians(const pags_train_config *config, int64_t points, const float *xyz, const uint8_t *rgb,
                                 int64_t most, double extent, pags_tasks *tasks, pags_gaussians *out);
 

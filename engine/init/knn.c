@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Nearest neighbours by a k-d tree (Bentley 1975): the points themselves, partitioned in place about the median of the
- * widest axis of each range, so that the middle of a range is its node. Unlike a grid it does not care how unevenly
- * points lie, and structure-from-motion points lie very unevenly. On two threads a million points take 2.2 s where
- * Embree's point queries, a callback each, took 6.4 s.
+/* Nearest neighbours by a k-d tree (Bentley 1975). The tree is the array of points itself, partitioned in place about
+ * the median of the widest axis of each range, so that the middle point of a range is its node. Unlike a grid, a tree
+ * stays fast where points are spread very unevenly, as those of structure from motion are. On two threads a million
+ * points take 2.2 s, where Embree's point queries, with a callback each, took 6.4 s.
  *
- * Exact: |p - plane| <= |p - q| holds in float for every q beyond the plane, since rounding is monotone. */
+ * The result is exact in float, too: |p - plane| <= |p - q| holds for every q beyond the splitting plane, since
+ * rounding is monotone, so that no nearer point is ever skipped. */
 #include "init/knn.h"
 
 #include <float.h>
@@ -21,7 +22,7 @@ typedef struct tree_point {
 
 typedef struct tree {
   tree_point *points;
-  uint8_t *axis; /* of the node in the middle of a range */
+  uint8_t *axis; /* splitting axis of each point that is a node */
   int64_t count;
   float *out;
 } tree;
@@ -48,8 +49,8 @@ static void nearest_add(nearest *near, float d2) {
   }
 }
 
-/* Hoare's selection: afterwards points[middle] is what sorting would put there, none before it is larger, none behind
- * smaller. */
+/* Hoare's selection along one axis: afterwards points[middle] is the point that sorting would put there, no point
+ * before it is larger and none behind it is smaller. */
 static void select_middle(tree_point *points, int64_t begin, int64_t end, int64_t middle, int axis) {
   int64_t lo = begin, hi = end - 1;
   while (lo < hi) {
@@ -101,6 +102,7 @@ static void build(tree *t, int64_t begin, int64_t end) {
   }
 }
 
+/* Adds to `near` the distances from point `self` to the points of the range [begin, end) that may be nearer. */
 static void search(const tree *t, int64_t begin, int64_t end, int64_t self, nearest *near) {
   const float *p = t->points[self].p;
   while (end - begin > LEAF) {
@@ -128,7 +130,7 @@ static void search_block(void *context, int64_t begin, int64_t end, int worker) 
     nearest near = {{FLT_MAX, FLT_MAX, FLT_MAX}};
     search(t, 0, t->count, i, &near);
 
-    /* `others`: how many points there are besides this one. */
+    /* With fewer than three other points, the mean is over all of them. */
     int64_t others = t->count - 1;
     const int used = others < 3 ? (int)others : 3;
     float sum = 0.0f;

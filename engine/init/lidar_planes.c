@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Planes; see lidar_planes.h.
+/* Fits planes to LiDAR points and pulls Gaussians onto them; see lidar_planes.h.
  *
- * Points are sorted into cubic cells of three sizes. A cell whose points fit a plane (least squares: the eigenvector of
- * the smallest eigenvalue of their covariance) to within the LiDAR's noise is a plane; one whose points don't is
- * remembered as rough, so that nothing there is drawn to a plane of larger cells. */
+ * Points are sorted into cubic cells of three sizes. In each cell a plane is fitted by least squares: its normal is
+ * the eigenvector of the smallest eigenvalue of the points' covariance. If the points lie within the LiDAR's noise of
+ * it, the cell has a plane; else the cell is remembered as rough, so that Gaussians in it are not pulled to the plane
+ * of a larger cell either. */
 #include "init/lidar_planes.h"
 
 #include <math.h>
@@ -15,14 +16,16 @@
 
 enum { LEVELS = 3, MOST_POINTS = 2000000, LEAST_POINTS = 10, GRAIN = 4096, CELL_BITS = 20 };
 
-static const double finest = 0.4; /* side of the smallest cells, metres; then twice that, and so on */
+static const double finest = 0.4; /* side of the smallest cells, metres; the others are twice and four times it */
 static const double thickest =
-    0.04; /* standard deviation across a plane, metres: noise of the LiDAR, of the poses, a little relief */
+    0.04; /* largest standard deviation across a plane, metres: noise of LiDAR and poses, a little relief */
 static const double narrowest =
-    0.1; /* standard deviation along its second axis, of the side: a line of points has no plane */
-static const double widest = 0.75;  /* how far along the plane from its centre a plane reaches, of the side */
-static const double farthest = 0.3; /* and across, metres */
-static const double nearest = 0.03; /* what lies nearer than this is left alone: the planes are no better known */
+    0.1; /* smallest standard deviation along its second axis, in cell sides: points on a line have no plane */
+static const double widest = 0.75;  /* reach of a plane from its centre, along the plane, in cell sides */
+static const double farthest = 0.3; /* reach of a plane across it, metres */
+static const double nearest = 0.03; /* Gaussians nearer than this stay: the planes are not known better, metres */
+
+/* ---- Cells and their hash table ---- */
 
 static uint64_t key_of(const int64_t cell[3], int level) {
   uint64_t key = (uint64_t)level;
@@ -52,7 +55,7 @@ static const pags_lidar_plane *find(const pags_lidar_planes *self, uint64_t key)
   return NULL;
 }
 
-/* Fitting. */
+/* ---- Fitting planes ---- */
 
 typedef struct keyed {
   uint64_t key;
@@ -70,7 +73,7 @@ static pags_lidar_plane fit(const pags_lidar_points *points, const keyed *run, i
   double mean[3], a[3][3], v[3][3];
   pags_lidar_plane plane = {.key = run->key};
 
-  /* Moments of. */
+  /* Mean and covariance of the cell's points. */
   memset(a, 0, 9 * sizeof(double));
   for (int k = 0; k < 3; k++) {
     mean[k] = 0;
@@ -82,8 +85,8 @@ static pags_lidar_plane fit(const pags_lidar_points *points, const keyed *run, i
       a[k / 3][k % 3] += ((double)points->rows[run[i].row].p[k / 3] - mean[k / 3]) *
                          ((double)points->rows[run[i].row].p[k % 3] - mean[k % 3]) / (double)count;
 
-  /* Jacobi's rotations: `a` becomes diagonal, columns of `v` the eigenvectors (Golub and Van Loan, Matrix
-   * Computations, 8.5). */
+  /* Jacobi's eigenvalue iteration: rotations make `a` diagonal, and the columns of `v` become the eigenvectors (Golub
+   * and Van Loan, Matrix Computations, 8.5). */
   for (int i = 0; i < 9; i++)
     v[i / 3][i % 3] = i / 3 == i % 3;
   for (int sweep = 0; sweep < 12; sweep++)
@@ -152,7 +155,7 @@ pags_result pags_lidar_planes_fit(const pags_lidar_points *points, pags_lidar_pl
     return pags_out_of_memory("%lld points", (long long)points->count);
   }
   for (int level = 0; level < LEVELS; level++) {
-    /* All cells of one level; `keys` has room for all points. */
+    /* All cells of one size; `keys` has room for all points. */
     double side = ldexp(finest, level);
     int64_t n = 0;
     for (int64_t i = 0; i < points->count; i++) {
@@ -193,7 +196,7 @@ void pags_lidar_planes_destroy(pags_lidar_planes *self) {
   *self = (pags_lidar_planes){0};
 }
 
-/* Drawing. */
+/* ---- Pulling Gaussians onto planes ---- */
 
 typedef struct drawing {
   const pags_lidar_planes *planes;
@@ -201,6 +204,7 @@ typedef struct drawing {
   float share;
 } drawing;
 
+/* Is p within reach of a plane of cells of side `side`? `across` receives its signed distance from the plane. */
 static int reaches(const pags_lidar_plane *plane, const float p[3], float side, float *across) {
   float d[3], along2 = 0;
   *across = 0;
@@ -213,8 +217,9 @@ static int reaches(const pags_lidar_plane *plane, const float p[3], float side, 
   return fabsf(*across) <= (float)farthest && along2 <= (float)(widest * widest) * side * side;
 }
 
-/* The plane whose plane is nearest, in the point's own cell and the six beside it, of the smallest cells that have any.
- */
+/* Returns the plane nearest to p among those that reach it in its own cell and the six neighbours, at the smallest
+ * cell size that has one; NULL if there is none or if p's own cell is rough. `across` receives the signed
+ * distance. */
 static const pags_lidar_plane *nearest_plane(const pags_lidar_planes *self, const float p[3], float *across) {
   static const int8_t step[7][3] = {{0, 0, 0}, {1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
   for (int level = 0; level < LEVELS; level++) {

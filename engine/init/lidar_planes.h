@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Planes: flat pieces of the background's surface as the LiDAR measured them, and drawing Gaussians onto them.
+/* Planes fitted to the background's LiDAR points, and pulling Gaussians onto them.
  *
- * The picture and the expected depth leave open where along a ray its Gaussians lie, as long as they blend to the same:
- * they come to fill a surface's neighbourhood, below the road above all. Where many sweeps agree on a plane, that is
- * known better. */
+ * Losses on the picture and on the expected depth do not determine where along a ray its Gaussians lie, as long as
+ * they blend to the same value; during training, Gaussians come to fill a layer about a surface, above all below the
+ * road. Where the points of many sweeps agree on a plane, the surface's position is known better than that. */
 #ifndef PAGS_INIT_LIDAR_PLANES_H
 #define PAGS_INIT_LIDAR_PLANES_H
 
@@ -14,28 +14,29 @@
 #include "init/lidar_points.h"
 
 typedef struct pags_lidar_plane {
-  uint64_t key;    /* of its cell and level */
-  float centre[3]; /* mean of its points, metres, relative to the data set's origin */
-  float normal[3]; /* of length 1; 0: there are points, but they don't lie in a plane */
+  uint64_t key;    /* packed coordinates and size of its cell */
+  float centre[3]; /* mean of the cell's points, metres, relative to the data set's origin */
+  float normal[3]; /* unit normal; zero for a rough cell, whose points do not lie in a plane */
 } pags_lidar_plane;
 
 typedef struct pags_lidar_planes {
   int64_t count;
   pags_lidar_plane *list;
-  uint64_t mask;  /* slots - 1 */
-  int32_t *table; /* open addressing: indices of the list, -1: free */
+  uint64_t mask;  /* number of the table's slots - 1 */
+  int32_t *table; /* hash table with open addressing: indices into `list`, -1: free */
 } pags_lidar_planes;
 
-/* From the sweeps of training time steps; empty where there are none. The same for any number of threads. */
+/* Fits planes to the sweeps of the training time steps; without sweeps `out` is empty. The result is the same for any
+ * number of threads. */
 pags_result pags_lidar_planes_create(const pags_dataset *dataset, pags_tasks *tasks, pags_lidar_planes *out);
-/* From the background's among such points but those of parked things, whose panels and windows are no planes; those
- * that share a cell of 0.4, 0.8 or 1.6 m and fit a plane become a plane. */
+/* Fits planes to the background's points in cells of 0.4, 0.8 and 1.6 m. Points of parked objects are left out, since
+ * bodywork and windows are no planes. */
 pags_result pags_lidar_planes_fit(const pags_lidar_points *points, pags_lidar_planes *out);
 void pags_lidar_planes_destroy(pags_lidar_planes *self); /* a zeroed struct is allowed */
 
-/* Moves means that lie within 0.3 m of a plane, in front or behind, towards its plane by `share` (0..1) of what their
- * distance exceeds 3 cm by, but not those of parked things. Bounds of clusters no longer fit. Returns 0 when cancelled.
- */
+/* Moves the means of Gaussians within 0.3 m of a plane, on either side, towards it by `share` (0..1) of the amount by
+ * which their distance exceeds 3 cm. Gaussians of parked objects (object_id >= 0) stay. The caller must renew bounds
+ * of clusters, which no longer fit. Returns 0 when cancelled. */
 int pags_lidar_planes_pull(const pags_lidar_planes *self, pags_gaussians *g, double share, pags_tasks *tasks);
 
 #endif

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Gathering: sweeps shared out among boxes. */
+/* Reads the LiDAR sweeps of the training time steps and assigns each point to the object in whose box it lies, or to
+ * the background. */
 #include "init/lidar_points.h"
 
 #include <math.h>
@@ -8,9 +9,10 @@
 
 #include "base/memory.h"
 
-/* Boxes are drawn a little too small as often as too large; mirrors stick out. */
+/* Margin, metres, by which labelled boxes are enlarged on every side: they are drawn too small as often as too large,
+ * and mirrors stick out. */
 static const double slack = 0.1;
-/* The lowest layer of a box is road. */
+/* Points in the lowest layer of a box, of this height in metres, belong to the road. */
 static const double ground = 0.08;
 
 pags_result pags_lidar_points_reserve(pags_lidar_points *self, int64_t room) {
@@ -30,17 +32,18 @@ void pags_lidar_points_destroy(pags_lidar_points *self) {
   *self = (pags_lidar_points){0};
 }
 
-/* A box as it stands at a sweep. */
+/* An object's box, posed at the time of a sweep. */
 typedef struct box {
   int32_t object;
   int moving;
   double object_from_sweep[12];
-  double half[3];
-  double reach2;    /* square of the radius of the sphere about it */
-  double middle[3]; /* in the sweep's frame */
+  double half[3];   /* half of its enlarged sides, metres */
+  double reach2;    /* squared radius of its bounding sphere */
+  double middle[3]; /* its centre in the sweep's frame */
 } box;
 
-/* Moving ones first: where boxes overlap, a point belongs to what moves. */
+/* Lists the boxes at the time of a sweep and returns their number. Boxes of moving objects come first: where boxes
+ * overlap, a point belongs to the moving object. */
 static int list_boxes(const pags_dataset *dataset, const pags_sweep *sweep, box *boxes) {
   int count = 0;
   for (int moving = 1; moving >= 0; moving--)
@@ -65,6 +68,8 @@ static int list_boxes(const pags_dataset *dataset, const pags_sweep *sweep, box 
   return count;
 }
 
+/* Returns the first box that contains p (in the sweep's frame), NULL if none does; `local` is p in the box's
+ * frame. */
 static const box *find_box(const box *boxes, int count, const double p[3], double local[3]) {
   for (int i = 0; i < count; i++) {
     const box *b = &boxes[i];
@@ -85,9 +90,9 @@ typedef struct gathering {
   const float *xyz;
   const box *boxes;
   int box_count;
-  int64_t keep, of; /* of the background: the share keep / of, spread evenly */
+  int64_t keep, of; /* of the background, keep out of `of` points are taken, spread evenly */
   float time;
-  pags_lidar_point *rows; /* one a point; kind -1: left out */
+  pags_lidar_point *rows; /* one for each point of the sweep; kind -1: left out */
 } gathering;
 
 static void classify_block(void *context, int64_t begin, int64_t end, int worker) {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Objects that the LiDAR hardly touched: mirror images and grids. */
+/* Completes moving objects that have few LiDAR points by mirror images of these points and by grids of points. */
 #include <math.h>
 #include <stdlib.h>
 
@@ -9,7 +9,7 @@
 
 enum { GRID = 8 }; /* points along each side of a box */
 
-/* Thins the measured points of object `owner` to an even choice; returns how many it has then. */
+/* Thins the points of object `owner` to an even choice of at most `most`; returns how many are left. */
 static int64_t thin(pags_lidar_points *points, int32_t owner, int64_t most) {
   int64_t all = 0, seen = 0, kept = 0;
   for (int64_t i = 0; i < points->count; i++)
@@ -50,13 +50,13 @@ static pags_result add_grid(pags_lidar_points *points, const pags_object *object
     double at[3];
     for (int k = 0; k < 3; k++)
       at[k] = 0.9 * (2.0 * step[k] + 1 - GRID) / (GRID - 1); /* -0.9 .. 0.9 of half the size */
-    /* People are rounder than their boxes. */
+    /* For people, points in the corners of the box are left out. */
     if (object->category != PAGS_CATEGORY_VEHICLE && at[0] * at[0] + at[1] * at[1] > 0.7 * 0.7)
       continue;
     pags_lidar_point row = {.owner = owner, .parked = -1, .source = -1, .kind = PAGS_CANDIDATE_GRID};
     for (int k = 0; k < 3; k++)
       row.p[k] = (float)(0.5 * at[k] * object->size[k]);
-    row.time = NAN; /* at no time in particular */
+    row.time = NAN; /* it was not measured at any time */
     points->rows[points->count++] = row;
   }
   return PAGS_OK;
@@ -64,7 +64,8 @@ static pags_result add_grid(pags_lidar_points *points, const pags_object *object
 
 pags_result pags_lidar_points_complete(const pags_dataset *dataset, int64_t most, int64_t few,
                                        pags_lidar_points *points) {
-  /* All thinning first: a mirror image knows its source by row. */
+  /* All objects are thinned before any is mirrored: a mirrored point stores the row of its source, which thinning
+   * would move. */
   int64_t objects = pags_dataset_object_count(dataset);
   int64_t *measured = malloc((size_t)(objects > 0 ? objects : 1) * sizeof *measured);
   pags_result result = measured ? PAGS_OK : pags_out_of_memory("%lld objects", (long long)objects);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Thinning the background: voxels that grow with the distance, and outliers. */
+/* Thins the background's LiDAR points: merges them by voxels that grow with the distance from the cameras, and
+ * removes outliers and points of the ego vehicle. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -13,13 +14,16 @@ enum { LEVELS = 12, BLOCK = 2048 };
 
 static const double finest_until = 10.0; /* metres */
 
-/* How often the distance to the nearest eye doubles beyond finest_until. */
+/* A pass over all points. For voxels and outliers it computes each point's level: how many times finest_until must be
+ * doubled to reach the distance to the nearest eye. For the ego vehicle, `level` is 1 for points on it. */
 typedef struct levels {
   const pags_lidar_point *rows;
   const float *eyes;
   int64_t eye_count;
   uint8_t *level;
 } levels;
+
+/* ---- Levels by distance ---- */
 
 static void level_block(void *context, int64_t begin, int64_t end, int worker) {
   (void)worker;
@@ -55,6 +59,8 @@ static pags_result find_levels(const pags_lidar_points *points, pags_tasks *task
   return pags_fail(PAGS_CANCELLED, "cancelled while thinning points");
 }
 
+/* ---- Merging by voxels ---- */
+
 typedef struct key {
   int32_t cell[3];
   int32_t parked;
@@ -79,7 +85,8 @@ static uint64_t hash_of(const key *k) {
   return h ^ h >> 29;
 }
 
-/* Mean weighted by what each has been merged of; colours by their own weights. */
+/* Merges `from` into `to`. Position and time become means weighted by the numbers of measured points; the weighted
+ * sums of colours and the counts of views are added. */
 static void merge_into(pags_lidar_point *to, const pags_lidar_point *from) {
   float share = from->merged / (to->merged + from->merged);
   for (int k = 0; k < 3; k++)
@@ -109,7 +116,7 @@ pags_result pags_lidar_points_merge(pags_lidar_points *points, pags_tasks *tasks
   } else {
     memset(table, 0xff, size * sizeof *table);
 
-    /* Merge rows. */
+    /* Each point of the background is merged into the first one of its voxel; all other rows are kept. */
     uint64_t mask = size - 1;
     int64_t kept = 0;
     for (int64_t i = 0; i < points->count; i++) {
@@ -117,7 +124,7 @@ pags_result pags_lidar_points_merge(pags_lidar_points *points, pags_tasks *tasks
       if (row.owner < 0) {
         key k = key_of(&row, level[i], side);
 
-        /* Open addressing over indices of rows kept so far; `keys` are theirs. */
+        /* Hash table with open addressing: indices of the rows kept so far; keys[i] is the voxel of kept row i. */
         uint64_t at = hash_of(&k) & mask;
         while (table[at] >= 0 && memcmp(&keys[table[at]], &k, sizeof k) != 0)
           at = (at + 1) & mask;
@@ -140,8 +147,10 @@ pags_result pags_lidar_points_merge(pags_lidar_points *points, pags_tasks *tasks
   return result;
 }
 
-/* The recording car about its cameras: half its width, and how far below and above the cameras; metres. The road lies
- * deeper. */
+/* ---- Points of the ego vehicle ---- */
+
+/* The ego vehicle fills a cylinder about each camera: its radius, and how far it reaches below and above the camera;
+ * metres. The road lies lower. */
 static const float rig_radius = 1.2f, rig_below = 1.2f, rig_above = 1.5f;
 
 static void rig_block(void *context, int64_t begin, int64_t end, int worker) {
@@ -177,7 +186,10 @@ pags_result pags_lidar_points_remove_rig(pags_lidar_points *points, pags_tasks *
   return result;
 }
 
-/* `index` lists the rows of the background, `floats` has room for 5 a row: positions, squares, scratch. */
+/* ---- Outliers ---- */
+
+/* Sets kind = -1 for the outliers among the background's points, whose rows `index` lists. `floats` has room for 5
+ * floats a row (position, mean squared distance, scratch), `own` for a level a row. */
 static pags_result mark_outliers(pags_lidar_points *points, pags_tasks *tasks, const uint8_t *level,
                                  const int64_t *index, int64_t count, float *floats, uint8_t *own) {
   float *square = floats + 3 * count, limits[LEVELS];
@@ -187,7 +199,8 @@ static pags_result mark_outliers(pags_lidar_points *points, pags_tasks *tasks, c
   }
   PAGS_TRY(pags_knn_mean_squared(floats, count, tasks, square));
 
-  /* Sixteen times the median of the squares of each level; infinity where too few are to tell. */
+  /* The limit of each level is sixteen times the median of its mean squared distances; infinity with fewer than 16
+   * points. */
   float *scratch = square + count;
   for (int l = 0; l < LEVELS; l++) {
     int64_t n = 0;

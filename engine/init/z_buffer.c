@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A depth buffer of coarse cells for sparse points.
+/* A z-buffer of coarse cells for sparse LiDAR points.
  *
- * The laser sits elsewhere than the camera and sees things that the camera doesn't; drawn as single pixels its points
- * would hide nothing. How large a point has to be to close the surface it was measured on depends on how many there
- * are. */
+ * The LiDAR sits elsewhere than the camera and measures surfaces that are hidden from the camera. Drawn as single
+ * pixels, its points would hide nothing; so each covers a rectangle that is large enough to close the gaps to its
+ * neighbours, depending on the number of points in the picture. */
 #include "init/z_buffer.h"
 
 #include <math.h>
@@ -11,11 +11,12 @@
 
 #include "base/memory.h"
 
-/* Half the side of the smallest thing that a point stands for, and of the largest; metres. */
+/* Bounds of half the side of the rectangle that a point covers: smallest and largest, metres; largest, px. */
 static const double least_half = 0.08, most_half = 0.5;
 static const double most_pixels = 16.0;
 
-/* Nearer by less than this is taken for the same surface seen at a slant: metres and share of the depth. */
+/* A point is hidden only if it is deeper than its cell by more than this (metres, plus a share of the cell's depth):
+ * a smaller difference is taken for the same surface, seen at a slant. */
 static const float same_metres = 0.3f, same_share = 0.08f;
 
 pags_result pags_z_buffer_reset(pags_z_buffer *self, int width, int height, double focal) {
@@ -56,7 +57,7 @@ void pags_z_buffer_add(pags_z_buffer *self, const pags_seen_point *points, int64
   double spacing = 0.5 * sqrt((double)self->width * self->height / (double)seen);
   for (int64_t i = 0; i < count; i++)
     if (points[i].z > 0) {
-      /* Cover. */
+      /* Lower the depth of the cells in the rectangle that this point covers. */
       double u = (double)points[i].u, v = (double)points[i].v, scale = self->focal / (double)points[i].z;
       double half = fmin(fmax(spacing, least_half * scale), fmin(most_half * scale, most_pixels));
       int left = clamp_cell(u - half, self->columns), right = clamp_cell(u + half, self->columns);

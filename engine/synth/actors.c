@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Who is on the street: parked cars along both kerbs, cars, pedestrians and cyclists that move. */
+/* The labelled objects of the synthetic street (actors): parked cars along both kerbs, and moving cars, pedestrians
+ * and cyclists that the ego vehicle meets. Creates their meshes, starts and speeds, and gives their poses over
+ * time. */
 #include <math.h>
 #include <string.h>
 
@@ -10,6 +12,8 @@
 
 enum { STREAM_MODELS = 10, STREAM_PARKED, STREAM_MOVING };
 enum { BODY, LEFT_ARM, RIGHT_ARM, LEFT_LEG, RIGHT_LEG, PERSON_PARTS, BICYCLE = PERSON_PARTS, RIDER_PARTS };
+
+/* ---- Models and actors at rest ---- */
 
 static pags_person_kind make_person(pags_street *street, pags_dice *dice, uint8_t label) {
   pags_person_kind kind = {.body = pags_street_mesh(street),
@@ -50,7 +54,7 @@ static void add_car(pags_street *street, const pags_cast *models, pags_actor act
                     (float)actor.ground, (float)actor.heading, 1.0f);
 }
 
-/* The labelled box encloses the limbs through a whole stride. */
+/* The size of the labelled box is constant and large enough for the swinging limbs at every phase of a stride. */
 void pags_actors_stand(pags_street *street, const pags_person_kind *kind, pags_actor actor) {
   const int parts = kind->bicycle >= 0 ? RIDER_PARTS : PERSON_PARTS;
   const int meshes[RIDER_PARTS] = {kind->body, kind->arm, kind->arm, kind->leg, kind->leg, kind->bicycle};
@@ -86,15 +90,18 @@ void pags_actors_park(pags_street *street, pags_dice *dice, const pags_cast *mod
     }
 }
 
-/* When the recording car meets number `index` of `count` actors of a role: at least `gap` seconds after the one before.
- */
+/* ---- Moving actors ---- */
+
+/* Returns the time, seconds, at which the ego vehicle meets actor `index` of the `count` actors of one role. These
+ * times are spread about the middle of the recording, at least `gap` seconds apart. */
 static double meeting(const pags_street *street, int index, int count, double gap) {
   return 0.5 * street->duration + (index - 0.5 * (count - 1)) * fmax(street->duration / count, gap);
 }
 
+/* What tells one moving actor from the others of its role. */
 typedef struct part {
-  int index, count; /* which of how many that do the same */
-  int look;         /* chooses a model */
+  int index, count; /* its number within the role, and how many actors have that role */
+  int look;         /* any number; modulo the number of models of the kind, chooses the model */
 } part;
 
 static void drive_ahead(pags_street *street, const pags_cast *models, pags_dice *dice, part p, int right) {
@@ -135,13 +142,14 @@ static void walk(pags_street *street, const pags_cast *models, pags_dice *dice, 
                                  .phase = (double)pags_dice_between(dice, 0.0f, 6.0f)});
 }
 
-/* Crosses from the right while the recording car is still far enough away. */
+/* Adds a pedestrian who walks over a zebra crossing from the right and is in the middle of the ego lane when the ego
+ * vehicle is about 45 m before the crossing. */
 static void cross(pags_street *street, const pags_cast *models, pags_dice *dice, part p) {
   const double speed = 1.4, spacing = (double)street->markings.spacing;
   const int crossings = 1 + (int)(street->end / spacing), chosen = crossings - 1 - p.index % crossings;
   const double x = (double)street->markings.first_crossing - spacing * (crossings - 1 - chosen);
-  const double row = p.index / crossings; /* several on one crossing go side by side and after another */
-  const double when = fmax(0.0, (x - 45.0) / 10.0) - 0.9 * row; /* in the middle of the recording car's lane */
+  const double row = p.index / crossings; /* pedestrians on one crossing walk in up to four files, 0.9 s apart */
+  const double when = fmax(0.0, (x - 45.0) / 10.0) - 0.9 * row; /* time in the middle of the ego lane, seconds */
   pags_actors_stand(street, &models->people[p.look % PAGS_PERSON_KINDS],
                     (pags_actor){.moving = 1,
                                  .start = {x - 1.2 + 0.8 * fmod(row, 4.0), (double)PAGS_EGO_LANE - speed * when},
@@ -161,7 +169,8 @@ static void ride(pags_street *street, const pags_cast *models, pags_dice *dice, 
                                  .phase = (double)pags_dice_between(dice, 0.0f, 6.0f)});
 }
 
-/* The roles come in turn, so that even a few objects include every kind. */
+/* Adds the moving actors, options->objects of them. Their roles are dealt in turn (car ahead, oncoming car,
+ * pedestrian, cyclist, ...), so that even a few objects include every kind. */
 static void set_going(pags_street *street, const pags_cast *models) {
   enum { ROLES = 8 };
   pags_dice dice = {street->options->seed, STREAM_MOVING, 0};
@@ -169,7 +178,7 @@ static void set_going(pags_street *street, const pags_cast *models) {
   for (int i = 0; i < objects; i++) {
     const int role = i % ROLES, turn = i / ROLES,
               both = (objects + ROLES - 1 - 1) / ROLES + (objects + ROLES - 1 - 4) / ROLES;
-    const part p = {turn, (objects + ROLES - 1 - role) / ROLES, first + 3 * i}; /* 3: neighbours in a lane differ */
+    const part p = {turn, (objects + ROLES - 1 - role) / ROLES, first + 3 * i}; /* 3: the next in a lane differs */
     switch (role) {
       case 0: drive_ahead(street, models, &dice, p, 1); break;
       case 1: drive_towards(street, models, (part){2 * turn, both, p.look}); break;
@@ -194,18 +203,22 @@ void pags_actors_add(pags_street *street) {
   set_going(street, &models);
 }
 
+/* ---- Poses over time ---- */
+
 void pags_actor_pose(const pags_actor *actor, double time, double pose[12]) {
   const double c = cos(actor->heading), s = sin(actor->heading),
                way = actor->moving ? (actor->speed * time +
                                       actor->sway * (sin(actor->sway_rate * time + actor->phase) - sin(actor->phase)))
                                    : 0.0;
-  const double out[12] = {c,   -s,  0.0, actor->start[0] + c * way, /* origin in the box's middle */
+  const double out[12] = {c,   -s,  0.0, actor->start[0] + c * way, /* origin in the middle of the box */
                           s,   c,   0.0, actor->start[1] + s * way,
                           0.0, 0.0, 1.0, actor->ground + 0.5 * (double)actor->size[2]};
   memcpy(pose, out, sizeof out);
 }
 
-/* A part that hangs at `pivot` in the actor's frame (feet's middle at the origin), turned by `swing` about y. */
+/* Sets the pose of one mesh of an actor: the mesh's origin goes to `pivot` (actor's frame, metres, origin on the
+ * ground between the feet), and the mesh is rotated by `swing` radians about the actor's y axis. `box` is the pose of
+ * the actor's box, `ground` the height of the ground under it. */
 static void put_part(pags_stage_placement *placement, const double box[12], double ground, const double pivot[3],
                      double swing) {
   const double c = cos(swing), s = sin(swing), turn[9] = {c, 0, s, 0, 1, 0, -s, 0, c};
@@ -229,14 +242,15 @@ void pags_street_set_time(pags_street *street, double time) {
     if (actor->role == PAGS_ROLE_CAR)
       put_part(parts, box, actor->ground, (double[3]){0, 0, 0}, 0.0);
     else {
-      /* Arms swing against legs; on a bicycle the trunk leans forward, arms reach for the bar, feet go round. */
+      /* Walking: arms swing against legs. Cycling: the trunk leans forward, the arms stay stretched towards the
+       * handlebar, the legs swing in turn. */
       const double step = sin(actor->step_rate * time + actor->phase);
       const bool rides = actor->role == PAGS_ROLE_CYCLIST;
       const double lean = rides ? 0.45 : 0.03, seat = rides ? 0.07 : 0.0, back = rides ? -0.18 : 0.0;
       const double hip = (double)PAGS_HIP_HEIGHT + seat, reach = (double)(PAGS_SHOULDER_HEIGHT - PAGS_HIP_HEIGHT);
       const double shoulder[2] = {back + reach * sin(lean), hip + reach * cos(lean)};
       const double foot =
-          (double)PAGS_HIP_HEIGHT; /* the trunk's mesh has its origin at the feet: turn it about the hip */
+          (double)PAGS_HIP_HEIGHT; /* the trunk's mesh has its origin at the feet, but must turn about the hip */
       put_part(&parts[BODY], box, actor->ground, (double[3]){back - foot * sin(lean), 0, hip - foot * cos(lean)}, lean);
       for (int side = 0; side < 2; side++) {
         const double y = side ? -0.23 : 0.23, turn = side ? -1.0 : 1.0;

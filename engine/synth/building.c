@@ -1,36 +1,40 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Terraced houses: fronts with windows set back into the wall, doors, shops, cornices; flat or tiled roofs. */
+/* Adds meshes of terraced houses: fronts with windows set back into the wall, doors, shops, balconies and cornices;
+ * flat or tiled roofs. Measures and materials are drawn at random for each house. */
 #include <math.h>
 #include <string.h>
 
 #include "synth/models.h"
 
-/* A house's own measures and materials. */
+/* The measures and materials of the house that is being built. Below, u is metres along the front from its corner, z
+ * metres above the plot's ground. */
 typedef struct house {
   pags_mesh *mesh;
   pags_dice *dice;
   const pags_plot *plot;
   int floors, bays;
-  float ground, storey; /* heights, metres */
+  float ground, storey; /* height of the ground floor and of each floor above, metres */
   float window_width, window_height;
-  float shade; /* moves the texture's coordinates, so that no two houses share a pattern */
+  float shade; /* random offset of the walls' u texture coordinate, so that no two houses share a pattern */
   uint16_t wall, trim, glass, door, roof, shop_glass, sign, iron;
 } house;
 
 static const float up[3] = {0.0f, 0.0f, 1.0f};
+
+/* ---- Pieces of a front ---- */
 
 static void scaled(const float v[3], float by, float out[3]) {
   for (int k = 0; k < 3; k++)
     out[k] = v[k] * by;
 }
 
-/* World position of (u along the front, d into the house, z). */
+/* World position of the point u metres along the front, d metres into the house and z metres up. */
 static void at(const house *h, float u, float d, float z, float out[3]) {
   for (int k = 0; k < 3; k++)
     out[k] = h->plot->base[k] + u * h->plot->along[k] + d * h->plot->into[k] + z * up[k];
 }
 
-/* A piece of a wall parallel to the front, `d` behind it. */
+/* Adds the wall rectangle [u0, u1] x [z0, z1], parallel to the front and d metres behind it, unless it is empty. */
 static void piece(const house *h, float u0, float u1, float z0, float z1, float d, uint16_t material) {
   float corner[3], along[3], rise[3];
   const float uv[2] = {u0 + h->shade, z0};
@@ -42,7 +46,8 @@ static void piece(const house *h, float u0, float u1, float z0, float z1, float 
   pags_mesh_quad(h->mesh, corner, along, rise, uv, material);
 }
 
-/* A box from the front plane outwards by `out` (inwards where negative). */
+/* Adds a box over [u0, u1] x [z0, z1] that reaches `out` metres from the front plane towards the street (into the
+ * house where negative). */
 static void block(const house *h, float u0, float u1, float z0, float z1, float out, uint16_t material) {
   float center[3], half[3];
   at(h, 0.5f * (u0 + u1), -0.5f * out, 0.5f * (z0 + z1), center);
@@ -52,7 +57,7 @@ static void block(const house *h, float u0, float u1, float z0, float z1, float 
   pags_mesh_box(h->mesh, center, half, material);
 }
 
-/* The four sides of an opening, `depth` deep. */
+/* Adds the four side faces (reveal) of an opening in the front that is `depth` metres deep. */
 static void reveal(const house *h, float u0, float u1, float z0, float z1, float depth) {
   float corner[3], along[3], rise[3], in[3];
   const float uv[2] = {u0 + h->shade, z0};
@@ -68,7 +73,8 @@ static void reveal(const house *h, float u0, float u1, float z0, float z1, float
   pags_mesh_quad(h->mesh, corner, along, in, uv, h->wall);
 }
 
-/* A pane whose uv runs over [number, number + 1) and counts `panes` windows side by side. */
+/* Adds a quad of glass that shows `panes` windows side by side. Each window covers one unit of u and v; the whole
+ * parts of u and v are random numbers, from which the window's curtains are chosen (PAGS_FINISH_WINDOW). */
 static void pane(const house *h, float u0, float u1, float z0, float z1, float depth, int panes, uint16_t material) {
   const float number = floorf(pags_dice_between(h->dice, 0.0f, 4096.0f)),
               row = floorf(pags_dice_between(h->dice, 0.0f, 4096.0f));
@@ -83,7 +89,7 @@ static void pane(const house *h, float u0, float u1, float z0, float z1, float d
   pags_mesh_face(h->mesh, corner[0], corner[1], corner[2], corner[3], material);
 }
 
-/* The wall of [u0, u1] x [z0, z1] about an opening in it. */
+/* Adds the wall rectangle `wall` (u0, u1, z0, z1) without the opening `hole` (same order) in it. */
 static void wall_around(const house *h, const float wall[4], const float hole[4]) {
   piece(h, wall[0], hole[0], wall[2], wall[3], 0.0f, h->wall);
   piece(h, hole[1], wall[1], wall[2], wall[3], 0.0f, h->wall);
@@ -115,7 +121,7 @@ static void door_bay(const house *h, float u0, float u1, float z1) {
   block(h, hole[0] - 0.2f, hole[1] + 0.2f, 2.5f, 2.62f, 0.7f, h->trim);
 }
 
-/* Something like letters in a row on the board over a shop. */
+/* Adds a row of blocks that resemble letters on the signboard of a shop. */
 static void letters(const house *h, float z0, float z1) {
   const int count = 4 + pags_dice_pick(h->dice, 6);
   const float middle = h->plot->width * pags_dice_between(h->dice, 0.3f, 0.7f), step = 0.8f * (z1 - z0);
@@ -133,7 +139,7 @@ static void letters(const house *h, float z0, float z1) {
   }
 }
 
-/* A slab with a railing before a window. */
+/* Adds a balcony: a slab with a railing in front of a window. */
 static void balcony(const house *h, float u0, float u1, float z) {
   block(h, u0, u1, z - 0.12f, z, 0.95f, h->trim);
   for (int i = 0; i < 2; i++) { /* the rails at the sides */
@@ -152,7 +158,10 @@ static void balcony(const house *h, float u0, float u1, float z) {
   pags_mesh_tube(h->mesh, from, to, 0.03f, 0.03f, 6, h->iron);
 }
 
-/* A shop over the whole front: panes between pillars, a board above, an awning. */
+/* ---- Floors ---- */
+
+/* Adds a ground floor with a shop over the whole front: panes between pillars, a signboard above, an awning on half
+ * of the shops. */
 static void shop_floor(const house *h) {
   const float step = h->plot->width / (float)h->bays;
   for (int i = 0; i < h->bays; i++) {
@@ -186,7 +195,9 @@ static void living_floor(const house *h) {
   block(h, 0.0f, h->plot->width, 0.0f, 0.45f, 0.04f, h->trim);
 }
 
-/* Plain walls at the sides and the back. */
+/* ---- Walls and roofs ---- */
+
+/* Adds plain walls of height `top` at both sides and the back. */
 static void outer_walls(const house *h, float top) {
   const pags_plot *plot = h->plot;
   float corner[3], along[3], in[3], rise[3];
@@ -212,7 +223,7 @@ static void flat_roof(const house *h, float top) {
   block(h, -0.02f, plot->width + 0.02f, top - 0.12f, top + 0.08f, -0.35f, h->trim);
 }
 
-/* A ridge along the front; gables close the sides. */
+/* Adds a gable roof whose ridge runs along the front, the gable walls at both sides and a chimney. */
 static void tiled_roof(const house *h, float top) {
   const pags_plot *plot = h->plot;
   const float rise = 0.32f * plot->depth, half = 0.5f * plot->depth;
@@ -235,6 +246,8 @@ static void tiled_roof(const house *h, float top) {
   at(h, 0.3f * plot->width, 0.55f * plot->depth, top + rise, corner);
   pags_mesh_box(h->mesh, corner, (float[3]){0.35f, 0.35f, 0.9f}, h->wall);
 }
+
+/* ---- Materials and the whole house ---- */
 
 static void choose_wall(pags_material *wall, pags_dice *dice) {
   static const float bricks[4][3] = {
@@ -290,7 +303,7 @@ void pags_building_add(pags_mesh *mesh, pags_materials *materials, pags_dice *di
   const int shop = pags_dice_pick(dice, 5) < 2, tiled = h.floors <= 3 && pags_dice_pick(dice, 3) < 2;
   h.ground = shop ? 3.9f : h.storey;
 
-  /* Choose roof. */
+  /* Roof material: red tiles on a gable roof, plain grey on a flat one. */
   const float red = pags_dice_between(h.dice, 0.18f, 0.34f);
   const pags_material roof = {.finish = tiled ? PAGS_FINISH_TILES : PAGS_FINISH_PLAIN,
                               .label = PAGS_CLASS_BUILDING,
@@ -301,7 +314,7 @@ void pags_building_add(pags_mesh *mesh, pags_materials *materials, pags_dice *di
     shop_floor(&h);
   else
     living_floor(&h);
-  const int balconies = pags_dice_pick(dice, 3) ? -1 : pags_dice_pick(dice, h.bays); /* the bay that has them */
+  const int balconies = pags_dice_pick(dice, 3) ? -1 : pags_dice_pick(dice, h.bays); /* their bay; -1: none */
   const float step = plot->width / (float)h.bays,
               top = h.ground + h.storey * (float)(h.floors - 1) + (tiled ? 0.2f : 0.9f);
   for (int f = 1; f < h.floors; f++)

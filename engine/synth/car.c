@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Cars: a body lofted along x, a cabin lofted upwards, wheels, lamps. Also bicycles. */
+/* Adds meshes of cars (a body lofted along x, a cabin lofted upwards, wheels, lamps) and of bicycles (tubes). */
 #include <math.h>
 
 #include "synth/models.h"
@@ -10,7 +10,7 @@ typedef struct car_parts {
   uint16_t paint, glass, black, hub, white, red, amber, plate;
 } car_parts;
 
-/* A point of the superellipse |y|^n + |z|^n = 1. */
+/* Gives the point at parameter `angle` (radians) of the superellipse |y|^n + |z|^n = 1. */
 static void rounded(float angle, float n, float *y, float *z) {
   const float c = cosf(angle), s = sinf(angle);
   *y = copysignf(powf(fabsf(c), 2.0f / n), c);
@@ -23,21 +23,23 @@ static uint16_t all_paint(void *user, int ring, int column) {
   return ((const car_parts *)user)->paint;
 }
 
-/* Side view, from the tail to the nose: position (share of half the length), bottom, top (metres), half width (share).
- */
+/* The body's cross-sections from the tail to the nose. In each row: x (as a fraction of half the length), z of the
+ * bottom and of the top (metres), half width (as a fraction of half the car's width). */
 static const float side_view[STATIONS][4] = {
     {-1.000f, 0.48f, 0.70f, 0.80f}, {-0.985f, 0.36f, 0.86f, 0.90f}, {-0.93f, 0.27f, 0.94f, 0.96f},
     {-0.75f, 0.21f, 0.96f, 0.99f},  {-0.40f, 0.19f, 0.95f, 1.00f},  {0.00f, 0.19f, 0.94f, 1.00f},
     {0.32f, 0.19f, 0.93f, 1.00f},   {0.55f, 0.20f, 0.88f, 0.99f},   {0.80f, 0.22f, 0.80f, 0.96f},
     {0.93f, 0.25f, 0.73f, 0.91f},   {0.98f, 0.32f, 0.66f, 0.82f},   {1.000f, 0.42f, 0.58f, 0.70f}};
 
-/* The left half of the cabin's outline from above, from the windscreen to the rear window; shares of the half sides. */
+/* The left half of the cabin's outline seen from above, from the windscreen to the rear window: x and y as fractions
+ * of half the cabin's length and width. */
 enum { HALF_OUTLINE = 12, OUTLINE = 2 * HALF_OUTLINE };
 static const float outline[HALF_OUTLINE][2] = {{1.0f, 0.35f},    {0.99f, 0.70f},  {0.95f, 0.90f},  {0.88f, 0.985f},
                                                {0.45f, 1.0f},    {0.03f, 1.0f},   {-0.07f, 1.0f},  {-0.50f, 1.0f},
                                                {-0.88f, 0.985f}, {-0.95f, 0.90f}, {-0.99f, 0.70f}, {-1.0f, 0.35f}};
 
-/* Glass between belt and roof, but for pillars at the corners and between the doors. */
+/* Material of a cabin face (a callback of pags_mesh_loft): glass between the belt line and the roof, except for the
+ * painted pillars at the corners and between the doors. */
 static uint16_t cabin_material(void *user, int ring, int column) {
   const car_parts *parts = user;
   const int mirrored = column < HALF_OUTLINE ? column : OUTLINE - 2 - column;
@@ -46,7 +48,8 @@ static uint16_t cabin_material(void *user, int ring, int column) {
   return mirrored == 2 || mirrored == 5 || mirrored == 8 ? parts->paint : parts->glass;
 }
 
-/* Rings from the belt to the roof: height, rear and front end (shares of half the length), half width (share). */
+/* Lofts the cabin through rings from the belt line to the roof. In each row of `levels`: height (metres), rear and
+ * front end (as fractions of half the car's length), half width (as a fraction of half the car's width). */
 static void add_cabin(pags_mesh *mesh, car_parts *parts, float length, float width, float height, int estate) {
   const float back = estate ? -0.93f : -0.72f, roof_back = estate ? -0.84f : -0.38f;
   const float levels[LEVELS][4] = {{0.90f, back, 0.44f, 0.93f},
@@ -92,7 +95,7 @@ void pags_car_add(pags_mesh *mesh, pags_materials *materials, pags_dice *dice, i
   const float height = pags_dice_between(dice, 1.42f, 1.56f);
   choose_parts(&parts, materials, dice, kind);
 
-  /* Add body. */
+  /* The body: superellipses of exponent 4.5 across x, joined from tail to nose. */
   float points[STATIONS * AROUND * 3];
   for (int i = 0; i < STATIONS; i++)
     for (int j = 0; j < AROUND; j++) {
@@ -101,14 +104,14 @@ void pags_car_add(pags_mesh *mesh, pags_materials *materials, pags_dice *dice, i
       rounded(6.2831853f * ((float)j + 0.5f) / AROUND, 4.5f, &y, &z);
       float *p = points + 3 * (i * AROUND + j);
       p[0] = 0.5f * length * s[0];
-      p[1] = 0.5f * width * s[3] * y * (z > 0.0f ? 1.0f - 0.06f * z : 1.0f); /* sides lean in towards the belt */
+      p[1] = 0.5f * width * s[3] * y * (z > 0.0f ? 1.0f - 0.06f * z : 1.0f); /* sides lean inwards at the top */
       p[2] = 0.5f * (s[1] + s[2]) + 0.5f * (s[2] - s[1]) * z;
     }
   pags_mesh_loft(mesh, STATIONS, AROUND, points, all_paint, &parts);
 
   add_cabin(mesh, &parts, length, width, height, pags_dice_pick(dice, 2));
 
-  /* Add wheels. */
+  /* The wheels: dark wheel arch, tyre and hub, as discs one before another. */
   for (int i = 0; i < 4; i++) {
     const float x = (i & 1 ? 0.30f : -0.30f) * length, side = i & 2 ? 1.0f : -1.0f, outer = 0.5f * width * side;
     const float inner[3] = {x, outer - 0.24f * side, 0.32f}, rim[3] = {x, outer + 0.010f * side, 0.32f};
@@ -120,7 +123,7 @@ void pags_car_add(pags_mesh *mesh, pags_materials *materials, pags_dice *dice, i
     pags_mesh_tube(mesh, rim, (float[3]){x, outer + 0.020f * side, 0.32f}, 0.14f, 0.06f, 16, parts.hub);
   }
 
-  /* Add details. */
+  /* Head and tail lamps, side mirrors, door handles, grille, number plates. */
   const float nose = 0.5f * length, y = 0.33f * width;
   for (int side = -1; side <= 1; side += 2) {
     const float s = (float)side;
@@ -138,7 +141,7 @@ void pags_car_add(pags_mesh *mesh, pags_materials *materials, pags_dice *dice, i
   pags_mesh_box(mesh, (float[3]){-nose - 0.004f, 0, 0.60f}, (float[3]){0.008f, 0.26f, 0.055f}, parts.plate);
 
   size[0] = length + 0.04f;
-  size[1] = width + 0.32f; /* mirrors */
+  size[1] = width + 0.32f; /* with the side mirrors */
   size[2] = height + 0.02f;
 }
 
@@ -146,7 +149,7 @@ static void rod(pags_mesh *mesh, float x0, float z0, float x1, float z1, uint16_
   pags_mesh_tube(mesh, (float[3]){x0, 0, z0}, (float[3]){x1, 0, z1}, 0.02f, 0.02f, 6, material);
 }
 
-/* A ring of short tubes in the plane y = 0. */
+/* Adds a bicycle wheel in the plane y = 0: the tyre as a ring of short tubes, and spokes. */
 static void wheel(pags_mesh *mesh, float x, float radius, uint16_t tyre, uint16_t spoke) {
   enum { PARTS = 20 };
   for (int i = 0; i < PARTS; i++) {

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Embree 3 and 4, and its errors; stage.c alone sees it. */
+/* Includes the header of Embree 3 or 4, whichever was found, and turns Embree's error codes into results. Only
+ * stage.c uses Embree. */
 #ifndef PAGS_SYNTH_EMBREE_H
 #define PAGS_SYNTH_EMBREE_H
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Materials' list, trees, lamps, signs, bins. */
+/* The growing list of materials, and the meshes of trees, street lamps, traffic signs and bins. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -34,7 +34,7 @@ uint16_t pags_materials_plain(pags_materials *materials, uint8_t label, float r,
                             &(pags_material){.finish = PAGS_FINISH_PLAIN, .label = label, .color = {r, g, b}});
 }
 
-/* A point in the unit ball. */
+/* Draws a point uniformly in the unit ball, by rejection. */
 static void ball_point(pags_dice *dice, float out[3]) {
   do {
     for (int k = 0; k < 3; k++)
@@ -42,18 +42,20 @@ static void ball_point(pags_dice *dice, float out[3]) {
   } while (out[0] * out[0] + out[1] * out[1] + out[2] * out[2] > 1.0f);
 }
 
+/* A ball of leaves; a crown consists of several. */
 typedef struct clump {
   float center[3], radius;
 } clump;
 
-/* A leaf: a lozenge turned at random, shaded as the crown's surface there. */
+/* Adds a leaf to a clump: a lozenge of random orientation. Its shading normal points away from the crown's centre,
+ * with some jitter, so that the crown is shaded like a solid surface. */
 static void add_leaf(pags_mesh *mesh, pags_dice *dice, const clump *part, const float crown[3], int number,
                      uint16_t material) {
   float at[3], x[3], y[3], normal[3], length = 0.0f;
   ball_point(dice, at);
   ball_point(dice, x);
   ball_point(dice, y);
-  const float push = powf(at[0] * at[0] + at[1] * at[1] + at[2] * at[2] + 1e-6f, -0.3f); /* towards the clump's skin */
+  const float push = powf(at[0] * at[0] + at[1] * at[1] + at[2] * at[2] + 1e-6f, -0.3f); /* towards the surface */
   const float size = pags_dice_between(dice, 0.10f, 0.19f);
   for (int k = 0; k < 3; k++) {
     at[k] = part->center[k] + part->radius * at[k] * push;
@@ -112,7 +114,7 @@ void pags_lamp_add(pags_mesh *mesh, pags_materials *materials) {
   pags_mesh_box(mesh, (float[3]){0, 2.2f, 6.96f}, (float[3]){0.11f, 0.36f, 0.015f}, glass);
 }
 
-/* A disc that faces -x: `rim` around, `face` within. */
+/* Adds a round sign at height z that faces -x: a disc of material `rim`, and before it a smaller one of `face`. */
 static void disc(pags_mesh *mesh, float z, float radius, int sides, uint16_t rim, uint16_t face) {
   pags_mesh_tube(mesh, (float[3]){-0.045f, 0, z}, (float[3]){-0.03f, 0, z}, radius, radius, sides, rim);
   pags_mesh_tube(mesh, (float[3]){-0.052f, 0, z}, (float[3]){-0.04f, 0, z}, 0.78f * radius, 0.78f * radius, sides,

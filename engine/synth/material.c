@@ -1,11 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Patterns as sums of box-filtered pulses, so that they fade to their mean before samples could miss them. */
+/* Procedural textures of the street: reflectance of asphalt, brick, plaster, roof tiles, windows and so on. Patterns
+ * are sums of box-filtered pulses and of noise that fade to their mean where the sample's footprint becomes wider
+ * than the pattern, so that they do not alias. */
 #include "synth/material.h"
 
 #include <math.h>
 
 #include "synth/layout.h"
 #include "synth/noise.h"
+
+/* ---- Filtered pulses and noise ---- */
 
 static float mix(float a, float b, float t) {
   return a + (b - a) * t;
@@ -24,7 +28,8 @@ static float fraction(float v) {
   return v - floorf(v);
 }
 
-/* Smooth noise in the plane, in [-1, 1], gone where `width` reaches the size of its cells. */
+/* Value noise in the plane with cells of side `size`, in [-1, 1]. It fades to 0, its mean, as the filter width grows
+ * from half a cell to a whole one. */
 static float noise2(float x, float y, float size, float width, uint64_t seed) {
   const float keep = clamp01(2.0f - 2.0f * width / size);
   if (keep <= 0.0f)
@@ -32,7 +37,7 @@ static float noise2(float x, float y, float size, float width, uint64_t seed) {
   return keep * (2.0f * pags_noise2(x / size, y / size, (uint32_t)seed * 0x9e3779b1u) - 1.0f);
 }
 
-/* Random number in [0, 1) of a cell. */
+/* Random number in [0, 1) for the unit cell that contains (x, y): a hash of the cell and the seed. */
 static float cell_value(float x, float y, uint64_t seed) {
   uint64_t h =
       seed + (uint32_t)(int32_t)floorf(x) * 0x9e3779b97f4a7c15u + (uint32_t)(int32_t)floorf(y) * 0xc2b2ae3d27d4eb4fu;
@@ -41,30 +46,32 @@ static float cell_value(float x, float y, uint64_t seed) {
   return (float)(h >> 40) * 0x1p-24f;
 }
 
-/* How much of [x - width/2, x + width/2] lies within [lo, hi]. */
+/* Share, 0..1, of the interval [x - width/2, x + width/2] that lies within [lo, hi]: a box-filtered pulse. */
 static float pulse(float x, float lo, float hi, float width) {
   const float w = width > 1e-4f ? width : 1e-4f, half = 0.5f * w;
   const float from = fmaxf(x - half, lo), to = fminf(x + half, hi);
   return to > from ? (to - from) / w : 0.0f;
 }
 
-/* The integral from 0 to x of pulses that fill the first `duty` of each unit. */
+/* Integral from 0 to x of the pulse train that is 1 in the first `duty` (0..1) of each unit interval, else 0. */
 static float train_integral(float x, float duty) {
   return floorf(x) * duty + fminf(fraction(x), duty);
 }
 
-/* The same of a train of pulses with period 1. */
+/* Mean of that pulse train, whose period is 1, over [x - width/2, x + width/2]. */
 static float pulse_train(float x, float duty, float width) {
   const float w = width > 1e-4f ? width : 1e-4f;
   return (train_integral(x + 0.5f * w, duty) - train_integral(x - 0.5f * w, duty)) / w;
 }
 
-/* Across the road within [lo, hi]. */
+/* ---- Road and pavement ---- */
+
+/* Share of the footprint whose y, across the road, lies within [lo, hi]: a marking along the road. */
 static float line(const pags_touch *touch, const pags_footprint *print, float lo, float hi) {
   return pulse(touch->point[1], lo, hi, print->y);
 }
 
-/* Share of the footprint that is painted: lane lines, parking bays, zebra crossings. */
+/* Share of the footprint that is covered by road markings: lane lines, parking bays, zebra crossings, stop lines. */
 static float marking_share(const pags_markings *markings, const pags_touch *touch, const pags_footprint *print) {
   const float x = touch->point[0], phase = (x - markings->first_crossing) / markings->spacing;
   const float from_zebra = (phase - floorf(phase + 0.5f)) * markings->spacing, half = 0.5f * PAGS_ZEBRA;
@@ -92,8 +99,8 @@ static void asphalt(const pags_material *m, const pags_markings *markings, const
   static const float paint[3] = {0.70f, 0.69f, 0.65f};
   const float x = touch->point[0], y = touch->point[1];
   const float coarse = noise2(x, y * 3.0f, 5.0f, print->x, seed), fine = noise2(x, y, 0.07f, print->x, seed + 1);
-  const float patch = cell_value(x / 7.0f, y / 3.3f, seed + 2) < 0.12f ? 0.82f : 1.0f; /* mended here and there */
-  const float tracks = 0.06f * cosf(3.8080f * (y + 1.65f)); /* worn by wheels, a period a half lane */
+  const float patch = cell_value(x / 7.0f, y / 3.3f, seed + 2) < 0.12f ? 0.82f : 1.0f; /* darker repairs */
+  const float tracks = 0.06f * cosf(3.8080f * (y + 1.65f));                            /* two wheel tracks a lane */
   const float light = patch * (1.0f + 0.16f * coarse + 0.14f * fine + tracks);
   for (int c = 0; c < 3; c++)
     color[c] = m->color[c] * light;
@@ -112,6 +119,8 @@ static void paving(const pags_material *m, const pags_touch *touch, const pags_f
   for (int c = 0; c < 3; c++)
     color[c] = mix(m->color[c] * (1.0f + 0.22f * tone + 0.14f * dirt), m->second[c], joint);
 }
+
+/* ---- Houses ---- */
 
 enum { BRICK_LENGTH_MM = 250, BRICK_HEIGHT_MM = 83 };
 
@@ -145,7 +154,8 @@ static void tiles(const pags_material *m, const pags_touch *touch, float width, 
     color[c] = m->color[c] * light;
 }
 
-/* Curtains, lamps and dark rooms behind panes; `second` is the bars' colour. */
+/* A window: curtains, blinds or a dark room behind the panes, chosen by the window's number; `second` is the colour
+ * of its bars. */
 static void window(const pags_material *m, const pags_touch *touch, float width, uint64_t seed, float color[3]) {
   const float u = touch->uv[0], v = touch->uv[1], w = width / m->size;
   const float kind = cell_value(u, v, seed + 12), tone = cell_value(u, v, seed + 13);
@@ -160,7 +170,9 @@ static void window(const pags_material *m, const pags_touch *touch, float width,
   mix_color(color, m->second, bars, color);
 }
 
-/* Doors and bonnet are cut by thin dark lines along x. */
+/* ---- Cars, plants and the choice of the pattern ---- */
+
+/* Car paint with thin dark seams: upright door gaps at three positions along x, and one line along each sill. */
 static void paint(const pags_material *m, const pags_touch *touch, float width, float color[3]) {
   static const float seams[4] = {-0.95f, -0.02f, 0.95f, 1.35f}, dark[3] = {0.03f, 0.03f, 0.03f};
   const float *p = touch->local;
@@ -178,7 +190,7 @@ static void mottled(const pags_material *m, const pags_touch *touch, float width
   mix_color(m->color, m->second, t, color);
 }
 
-/* Each leaf has a shade of its own: uv is the leaf's number. */
+/* Each leaf has a random shade between the two colours; u is the leaf's number. */
 static void leaf(const pags_material *m, const pags_touch *touch, uint64_t seed, float color[3]) {
   mix_color(m->color, m->second, cell_value(touch->uv[0], touch->uv[1], seed + 15), color);
 }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What the street's surfaces are made of: reflectance from where on a surface a ray lands. Linear RGB. */
+/* Materials of the synthetic street: the reflectance (linear RGB) at the point of a surface where a ray lands. */
 #ifndef PAGS_SYNTH_MATERIAL_H
 #define PAGS_SYNTH_MATERIAL_H
 
@@ -7,7 +7,7 @@
 
 #include "synth/stage.h"
 
-/* Classes of Cityscapes, by train id. */
+/* Semantic classes: train ids of Cityscapes. */
 enum {
   PAGS_CLASS_ROAD = 0,
   PAGS_CLASS_SIDEWALK = 1,
@@ -27,38 +27,39 @@ enum {
 };
 
 typedef enum pags_finish {
-  PAGS_FINISH_PLAIN,   /* color */
-  PAGS_FINISH_MOTTLED, /* color to second by noise of `size` in the mesh's frame */
-  PAGS_FINISH_ASPHALT, /* with the lanes' markings, by world position */
-  PAGS_FINISH_PAVING,  /* slabs of `size` with joints, by world position */
-  PAGS_FINISH_BRICK,   /* by uv in metres; `second` is the mortar */
-  PAGS_FINISH_PLASTER, /* by uv in metres, stained */
-  PAGS_FINISH_TILES,   /* rows of roof tiles by uv */
-  PAGS_FINISH_WINDOW,  /* panes and bars: uv in panes, its whole part is the window's number */
-  PAGS_FINISH_LEAF,    /* light passes through */
-  PAGS_FINISH_PAINT    /* of cars, with the seams of doors */
+  PAGS_FINISH_PLAIN,   /* `color` everywhere */
+  PAGS_FINISH_MOTTLED, /* blends `color` and `second` by noise with cells of `size`, in the mesh's frame */
+  PAGS_FINISH_ASPHALT, /* asphalt with road markings, by world position */
+  PAGS_FINISH_PAVING,  /* slabs of `size` with joints of colour `second`, by world position */
+  PAGS_FINISH_BRICK,   /* bricks, by uv in metres; `second` is the mortar's colour */
+  PAGS_FINISH_PLASTER, /* stained plaster, by uv in metres */
+  PAGS_FINISH_TILES,   /* rows of roof tiles, by uv in metres */
+  PAGS_FINISH_WINDOW,  /* panes and bars; one window per unit of u and v, whose whole parts are the window's number */
+  PAGS_FINISH_LEAF,    /* a leaf: light passes through it; u is its number */
+  PAGS_FINISH_PAINT    /* car paint with door seams, by position in the mesh's frame */
 } pags_finish;
 
 typedef struct pags_material {
   pags_finish finish;
   uint8_t label; /* PAGS_CLASS_* */
   float color[3], second[3];
-  float size;  /* of the pattern, metres */
-  float gloss; /* share of light mirrored when seen head-on */
+  float size;  /* length of the pattern's cells, slabs or windows, metres */
+  float gloss; /* share of light, 0..1, that is mirrored when the surface is seen at a right angle */
 } pags_material;
 
-/* Lines across the road that the asphalt's markings leave room for. */
+/* Where the zebra crossings are; the markings along the road stop before them. */
 typedef struct pags_markings {
-  float first_crossing, spacing; /* x of a zebra crossing's middle, metres between one and the next */
+  float first_crossing, spacing; /* x of the middle of one crossing; metres from each crossing to the next */
 } pags_markings;
 
-/* How much of a surface one sample stands for, metres: patterns finer than that fade to their mean. */
+/* The size, in metres, of the piece of surface that one sample stands for. Finer patterns fade to their mean. */
 typedef struct pags_footprint {
-  float mean; /* the geometric mean of its two sides */
-  float x, y; /* its extent along the world's x and y */
+  float mean; /* geometric mean of the piece's two sides */
+  float x, y; /* extents of the piece along the world's x and y */
 } pags_footprint;
 
-/* Reflectance. */
+/* Sets `color` to the reflectance (linear RGB, 0..1) of `material` at the surface point `touch`, filtered over
+ * `footprint`. `seed` chooses the random patterns. */
 void pags_material_color(const pags_material *material, const pags_markings *markings, const pags_touch *touch,
                          const pags_footprint *footprint, uint64_t seed, float color[3]);
 

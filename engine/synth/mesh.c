@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Growing arrays of vertices and faces, and the bodies made of them. */
+/* Meshes as growing arrays of vertices and quads, and functions that append boxes, tubes, ellipsoids and lofts. */
 #include "synth/mesh.h"
 
 #include <math.h>
@@ -9,6 +9,8 @@
 #include "base/vec3.h"
 
 #define TWO_PI 6.2831853f
+
+/* ---- Vertices and faces ---- */
 
 void pags_mesh_destroy(pags_mesh *mesh) {
   free(mesh->vertices);
@@ -77,6 +79,8 @@ static void normalise(float v[3]) {
     v[k] /= length;
 }
 
+/* ---- Quads and boxes ---- */
+
 void pags_mesh_quad(pags_mesh *mesh, const float a[3], const float along[3], const float up[3], const float uv[2],
                     uint16_t material) {
   const float u = uv ? uv[0] : 0.0f, v = uv ? uv[1] : 0.0f;
@@ -106,6 +110,8 @@ void pags_mesh_box(pags_mesh *mesh, const float center[3], const float half[3], 
     }
 }
 
+/* ---- Tubes and ellipsoids ---- */
+
 static void end_cap(pags_mesh *mesh, const float center[3], const float x[3], const float y[3], float radius, int sides,
                     uint16_t material) {
   const uint32_t middle = pags_mesh_vertex(mesh, center, NULL, 0.0f, 0.0f);
@@ -133,7 +139,7 @@ void pags_mesh_tube(pags_mesh *mesh, const float from[3], const float to[3], flo
   const float height = pags_length3f(axis);
   normalise(axis);
 
-  /* Two unit vectors square to `axis`, a unit vector. */
+  /* x and y: unit vectors perpendicular to the unit vector `axis` and to each other. */
   const float other[3] = {fabsf(axis[2]) > 0.9f ? 1.0f : 0.0f, 0.0f, fabsf(axis[2]) > 0.9f ? 0.0f : 1.0f};
   pags_cross3f(other, axis, x);
   normalise(x);
@@ -182,6 +188,8 @@ void pags_mesh_ellipsoid(pags_mesh *mesh, const float center[3], const float rad
     }
 }
 
+/* ---- Lofts ---- */
+
 static void close_ring(pags_mesh *mesh, const float *ring, int columns, uint16_t material) {
   float middle[3] = {0};
   for (int i = 0; i < columns; i++)
@@ -203,7 +211,8 @@ void pags_mesh_loft(pags_mesh *mesh, int rings, int columns, const float *points
     for (int j = 0; j < columns; j++) {
       float normal[3];
 
-      /* Normal of a loft at a ring's column from its neighbours; it need not point outwards, since shading turns it. */
+      /* The vertex normal is the cross product of the differences between neighbours along the ring and between
+       * rings. It need not point outwards, since tracing turns normals towards the ray. */
       const int before = i ? i - 1 : 0, after = i + 1 < rings ? i + 1 : i;
       const float *left = points + 3 * (i * columns + (j + columns - 1) % columns);
       const float *right = points + 3 * (i * columns + (j + 1) % columns);

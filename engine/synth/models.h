@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What stands and moves in the street. Each function adds to a mesh; materials go into a shared list. */
+/* Models of the synthetic street: houses, trees, street furniture, cars, bicycles, people. Each function appends a
+ * model to a mesh, and its materials to a list that all models share. */
 #ifndef PAGS_SYNTH_MODELS_H
 #define PAGS_SYNTH_MODELS_H
 
@@ -9,38 +10,38 @@
 typedef struct pags_materials {
   pags_material *list;
   int count, capacity;
-  bool failed; /* memory ran out, or 65,535 are not enough */
+  bool failed; /* out of memory, or more than 65,535 materials */
 } pags_materials;
 
 void pags_materials_destroy(pags_materials *materials);
-/* Returns its number. */
+/* Appends a material and returns its number. */
 uint16_t pags_materials_add(pags_materials *materials, const pags_material *material);
-/* One of a single colour. */
+/* Appends a matt material of a single colour (linear RGB) and returns its number. */
 uint16_t pags_materials_plain(pags_materials *materials, uint8_t label, float r, float g, float b);
 
-/* A house: `base` is the corner of its front on the ground, fronts run along `along`, `into` points away from the
- * street. */
+/* The plot of a house: `base` is the corner of the front on the ground, the unit vector `along` runs along the front,
+ * the unit vector `into` points away from the street. Metres. */
 typedef struct pags_plot {
   float base[3], along[3], into[3];
   float width, depth;
 } pags_plot;
 void pags_building_add(pags_mesh *mesh, pags_materials *materials, pags_dice *dice, const pags_plot *plot);
 
-/* Trunk on the ground at the origin. */
+/* Adds a tree whose trunk stands on the ground at the origin. */
 void pags_tree_add(pags_mesh *mesh, pags_materials *materials, pags_dice *dice);
-/* Its arm reaches along +y. */
+/* Adds a street lamp at the origin whose arm reaches along +y. */
 void pags_lamp_add(pags_mesh *mesh, pags_materials *materials);
-/* Faces -x. */
+/* Adds a traffic sign on a post at the origin that faces -x. `kind` 0: speed limit, 1: crossing, 2: no parking. */
 void pags_sign_add(pags_mesh *mesh, pags_materials *materials, int kind);
 void pags_bin_add(pags_mesh *mesh, pags_materials *materials);
 
-/* Ground at z = 0, middle at x = y = 0, front at +x. Of 10 paints by `kind`. `size` receives length, width, height of a
- * box around it. */
+/* Adds a car on the ground z = 0, its middle at x = y = 0, its front towards +x. `kind` (modulo 10) chooses the
+ * paint. `size` receives length, width and height of a box around the car, metres. */
 void pags_car_add(pags_mesh *mesh, pags_materials *materials, pags_dice *dice, int kind, float size[3]);
 void pags_bicycle_add(pags_mesh *mesh, pags_materials *materials, pags_dice *dice);
 
-/* A person in parts, each in its own mesh: trunk and head about the feet's middle; an arm and a leg hanging from the
- * origin. */
+/* The meshes of a person: the body (trunk and head) with the origin on the ground between the feet; one arm and one
+ * leg that hang down from the origin, which is the shoulder or hip joint. */
 typedef struct pags_person {
   pags_mesh *body, *arm, *leg;
 } pags_person;

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* How far points are from the street's true surfaces.
+/* Distances from points to the true surfaces of a synthetic street, which is built again from truth/street.json.
  *
- * Points lie in a grid of cells; each triangle of the street, where it is at that time, visits the cells that its box,
- * widened by the reach, touches, and offers its distance to the points there. */
+ * The points are sorted into a grid of cells. Each triangle of the street, posed at the given time, visits the cells
+ * that its bounding box, enlarged by the reach, touches, and lowers the distances of the points in them. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -17,6 +17,8 @@ struct pags_street_truth {
   pags_street_options options;
   pags_street street;
 };
+
+/* ---- The options of a street in truth/street.json ---- */
 
 static const char *const truth_file = "truth/street.json";
 
@@ -98,20 +100,20 @@ void pags_street_truth_close(pags_street_truth *truth) {
   free(truth);
 }
 
-/* The grid. */
+/* ---- The grid of points ---- */
 
 typedef struct grid {
   const float *points;
   float lo[3], reach;
   int64_t size[3];
-  int64_t *start; /* cells + 1: of each cell in `order` */
-  int32_t *order; /* points by cell; those outside of the street are in none */
+  int64_t *start; /* cell c holds order[start[c]] .. order[start[c + 1] - 1] */
+  int32_t *order; /* point indices sorted by cell; points outside of the grid are left out */
 } grid;
 
 enum { LEAST_HEIGHT = -10, MOST_HEIGHT = 60, HALF_WIDTH = 120, MARGIN = 50 };
 static const float cell_side = 1.0f; /* metres */
 
-/* -1: outside. */
+/* Returns the index of the cell that contains p, -1 if p lies outside of the grid. */
 static int64_t cell_of(const grid *g, const float *p) {
   int64_t at[3];
   for (int k = 0; k < 3; k++) {
@@ -134,7 +136,7 @@ static pags_result make_grid(const pags_street *street, const float *points, int
   g->order = malloc((size_t)(count > 0 ? count : 1) * sizeof *g->order);
   if (!g->start || !g->order)
     return pags_out_of_memory("%lld points", (long long)count);
-  for (int64_t i = 0; i < count; i++) /* counts two places on, so that filling leaves the starts */
+  for (int64_t i = 0; i < count; i++) /* counted at cell + 2: start[cell] is right after filling */
     if (cell_of(g, points + 3 * i) >= 0)
       g->start[cell_of(g, points + 3 * i) + 2]++;
   for (int64_t c = 2; c <= cells; c++)
@@ -145,9 +147,10 @@ static pags_result make_grid(const pags_street *street, const float *points, int
   return PAGS_OK;
 }
 
-/* Distances. */
+/* ---- Distances ---- */
 
-/* Squared distance to a triangle: to its plane where the point stands over it, else to the nearest edge. */
+/* Squared distance from a point to a triangle: to its plane where the point projects into the triangle, else to the
+ * nearest edge. */
 static float to_triangle(const float p[3], const float corner[3][3]) {
   float edge[3][3], from[3][3], normal[3], nearest = INFINITY;
   for (int i = 0; i < 3; i++)
@@ -159,7 +162,7 @@ static float to_triangle(const float p[3], const float corner[3][3]) {
     normal[k] = edge[0][(k + 1) % 3] * edge[1][(k + 2) % 3] - edge[0][(k + 2) % 3] * edge[1][(k + 1) % 3];
   int inside = 1;
   for (int i = 0; i < 3; i++) {
-    /* Squared distance to the segment from a along `edge`; `from` = point - a. */
+    /* Squared distance to edge i, the segment from corner i along edge[i]; from[i] = point - corner i. */
     const float length = pags_dot3f(edge[i], edge[i]);
     float t = length > 0.0f ? pags_dot3f(from[i], edge[i]) / length : 0.0f, sum = 0.0f;
     t = t > 0.0f ? t < 1.0f ? t : 1.0f : 0.0f;
@@ -190,7 +193,7 @@ static void visit(const grid *g, const float corner[3][3], float *nearest) {
   for (int64_t z = first[2]; z <= last[2]; z++)
     for (int64_t y = first[1]; y <= last[1]; y++)
       for (int64_t x = first[0]; x <= last[0]; x++) {
-        /* Visit cell. */
+        /* Lower the squared distances of the points in this cell. */
         int64_t cell = (z * g->size[1] + y) * g->size[0] + x;
         for (int64_t i = g->start[cell]; i < g->start[cell + 1]; i++) {
           const int32_t at = g->order[i];

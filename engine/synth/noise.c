@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Value noise: random values at whole numbers, from a hash, blended by smooth steps. */
+/* Value noise: hashed random values at integer positions, interpolated by the smoothstep 3 t^2 - 2 t^3. */
 #include "synth/noise.h"
 
 #include <math.h>

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* People of rounded bodies: trunk, head, hair; an arm and a leg that the caller swings. */
+/* Adds meshes of people made of ellipsoids and tubes: a body with head and hair, and one arm and one leg that
+ * actors.c places twice and swings. Clothes and skin are chosen at random. */
 #include "synth/models.h"
 
 typedef struct clothes {

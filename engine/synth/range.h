@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The check of an option's range. */
+/* Checks that an option of the synthetic scenes lies within its range; the error message names the option. */
 #ifndef PAGS_SYNTH_RANGE_H
 #define PAGS_SYNTH_RANGE_H
 

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What doesn't move and has no box: ground, houses on both sides, what closes the view, trees, lamps, signs. */
+/* The unlabelled, static part of the street: ground, houses on both sides and across its end, trees, lamps, signs and
+ * bins. */
 #include <math.h>
 
 #include "synth/layout.h"
@@ -7,7 +8,7 @@
 
 enum { STREAM_HOUSES = 1, STREAM_TREES, STREAM_PLANTS };
 
-/* A level rectangle. */
+/* Adds the horizontal rectangle [x0, x1] x [y0, y1] at height z. */
 static void level(pags_mesh *mesh, float x0, float x1, float y0, float y1, float z, uint16_t material) {
   pags_mesh_quad(mesh, (float[3]){x0, y0, z}, (float[3]){x1 - x0, 0, 0}, (float[3]){0, y1 - y0, 0}, NULL, material);
 }
@@ -57,7 +58,7 @@ static void add_ground(pags_street *street, pags_mesh *mesh) {
   }
 }
 
-/* Houses wall to wall with a gap here and there, whose front gardens differ. */
+/* Adds a row of houses along one side of the street, wall to wall with a gap here and there; some are set back. */
 static void add_row(pags_street *street, pags_mesh *mesh, pags_dice *dice, int left) {
   const float front = left ? PAGS_FRONT_LEFT : PAGS_FRONT_RIGHT, out = left ? 1.0f : -1.0f;
   float x = street->begin_x + pags_dice_between(dice, 0.0f, 6.0f);
@@ -78,7 +79,7 @@ static bool near_crossing(const pags_street *street, float x, float reach) {
   return fabsf(phase - floorf(phase + 0.5f)) * street->markings.spacing < reach;
 }
 
-/* Trees, lamps, signs and bins along a kerb. */
+/* Places trees, lamps, signs and bins along one kerb, every 9.5 m; trees keep away from crossings. */
 static void plant_kerb(pags_street *street, pags_dice *dice, const pags_planting *kinds, int left) {
   const float kerb = left ? PAGS_KERB_LEFT : PAGS_KERB_RIGHT, out = left ? 1.0f : -1.0f, z = PAGS_KERB_HEIGHT;
   const float lamp_yaw = left ? 3.14159265f : 0.0f;
@@ -99,7 +100,7 @@ static void plant_kerb(pags_street *street, pags_dice *dice, const pags_planting
   }
 }
 
-/* A sign on either side of each crossing. */
+/* Places two signs at each zebra crossing, one for either direction of traffic. */
 static void add_crossing_signs(pags_street *street, int sign) {
   const float spacing = street->markings.spacing;
   float x = street->markings.first_crossing;
@@ -142,7 +143,7 @@ void pags_scenery_add(pags_street *street) {
   add_row(street, &street->meshes[ground], &dice, 0);
   add_row(street, &street->meshes[ground], &dice, 1);
 
-  /* The street ends at another one, whose houses close the view. */
+  /* The street ends in a T-junction: houses beyond the crossing road close the view. */
   for (float y = -62.0f; y < 60.0f;) {
     const pags_plot plot = {.base = {street->end_x + 16.0f, y, 0.0f},
                             .along = {0, 1, 0},

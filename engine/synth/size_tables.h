@@ -1,40 +1,44 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Sizes and opacities of trained streets' Gaussians, as quantiles.
+/* Quantiles of the scales and opacities of Gaussians in trained street scenes, from which surface.c draws the
+ * Gaussians of a town. Measured by scripts/size_tables.py.
  *
- * Measured by scripts/size_tables.py. Ground and fronts: on the background of the real street that `pags train
- * pandaset-002 --iterations 10000` made (3 cameras of 960x540, degree 1, 753 thousand Gaussians), on 22 x 8 m of road
- * before the car (33 thousand Gaussians) and on two house fronts 20 and 28 m beside it (8 thousand). Things: on parked
- * cars and trees of a street of `pags synth street` (40 frames, 3 cameras of 480x270; 3,000 steps; 59 thousand),
- * because the real one has few of them in sight. The same fronts in that synthetic street, which was trained for so
- * much shorter, are fainter: half the opacities below 0.12 against 0.27 here, and optically 4 thick against 8 to 14
- * (sum of -ln(1 - alpha) square to the wall). The axes of a Gaussian are sorted by length. The logarithm of the
- * longest, the differences to the others and the logit of opacity are drawn with the rank correlations of opacity with
- * the first two; those between the axes are below 0.13. */
+ * Ground and house fronts were measured on the background of a trained real street (`pags train pandaset-002
+ * --iterations 10000`; 3 cameras of 960x540, SH degree 1, 753 thousand Gaussians): 22 x 8 m of road in front of the
+ * car (33 thousand Gaussians) and two house fronts 20 and 28 m beside it (8 thousand). Things were measured on parked
+ * cars and trees of a trained synthetic street (`pags synth street`; 40 frames, 3 cameras of 480x270; 3,000 steps; 59
+ * thousand Gaussians), because few of them are visible in the real one. House fronts in that synthetic street are
+ * fainter, since it was trained for far fewer steps: half of the opacities lie below 0.12 instead of 0.27, and the
+ * optical thickness (sum of -ln(1 - alpha) along a line at right angles to the wall) is 4 instead of 8 to 14.
+ *
+ * The axes of a Gaussian are sorted by length. The logarithm of the longest scale, the two differences of logarithms
+ * from each axis to the next shorter one and the logit of opacity are drawn jointly, with the rank correlations of
+ * opacity with the first two; the rank correlations between the axes are below 0.13 and are left out. */
 #ifndef PAGS_SYNTH_SIZE_TABLES_H
 #define PAGS_SYNTH_SIZE_TABLES_H
 
 enum { PAGS_QUANTILES = 9 };
 
-/* Gaussians a square metre */
+/* Densities of the trained scenes, in Gaussians per square metre of surface */
 #define PAGS_TRAINED_DENSITY \
-  150.0 /* where nothing below applies: of the synthetic street; the unit of pags_surface.area */
-#define PAGS_TRAINED_FRONTS 107.0 /* 81 to 133 */
+  150.0 /* of surfaces not listed below, from the synthetic street; pags_surface.area is weighted relative to it */
+#define PAGS_TRAINED_FRONTS 107.0 /* measured: 81 to 133 */
 #define PAGS_TRAINED_GROUND 189.0
-#define PAGS_TRAINED_CARS 225.0  /* cars and people: the street side of parked cars */
-#define PAGS_TRAINED_LEAVES 37.0 /* so that crowns close */
+#define PAGS_TRAINED_CARS 225.0  /* for cars and people; measured on the street side of parked cars */
+#define PAGS_TRAINED_LEAVES 37.0 /* chosen so that tree crowns look closed */
 
 #define PAGS_TRAINED_SPREAD \
-  0.03f /* sigma of the distance from the surface, metres: half of what road and fronts showed */
-#define PAGS_TRAINED_DEGREE_1 0.0354f /* standard deviation of each coefficient of degree 1 */
+  0.03f /* sigma of the distance of means from the surface, metres: half of that measured on road and fronts */
+#define PAGS_TRAINED_DEGREE_1 0.0354f /* standard deviation of each SH coefficient of degree 1 */
 
+/* The cumulative probabilities that the tables below are given at. */
 static const float pags_quantile_shares[PAGS_QUANTILES] = {0.01f, 0.05f, 0.15f, 0.30f, 0.50f,
                                                            0.70f, 0.85f, 0.95f, 0.99f};
 
 typedef struct pags_size_table {
-  float ln_long[PAGS_QUANTILES]; /* ln sigma of the longest axis, metres */
+  float ln_long[PAGS_QUANTILES]; /* ln of the sigma of the longest axis, metres; below: ln of the ratios of axes */
   float ln_middle_by_long[PAGS_QUANTILES], ln_short_by_middle[PAGS_QUANTILES];
   float logit_opacity[PAGS_QUANTILES];
-  float opacity_with_long, opacity_with_middle; /* rank correlations of the last with the first and the second */
+  float opacity_with_long, opacity_with_middle; /* rank correlations of opacity with the first two rows */
 } pags_size_table;
 
 static const pags_size_table pags_size_ground = {

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A clear sky with fair-weather clouds in a layer above. */
+/* A procedural sky: a clear blue gradient, a glow about the sun and fair-weather clouds in a flat layer above. */
 #include "synth/sky.h"
 
 #include <math.h>
 
 #include "synth/noise.h"
 
-const float pags_sun[3] = {-0.42f, 0.50f, 0.7573639f}; /* behind on the left, 49 degrees high */
+const float pags_sun[3] = {-0.42f, 0.50f, 0.7573639f}; /* behind the car on its left, 49 degrees high */
 const float pags_sun_light[3] = {1.42f, 1.30f, 1.10f};
 
 static float mix(float a, float b, float t) {
@@ -18,7 +18,7 @@ static float smooth(float lo, float hi, float v) {
   return t * t * (3.0f - 2.0f * t);
 }
 
-/* Share of cloud: four octaves over a plane a unit above. */
+/* Cloud cover, 0..1, in the unit direction d: four octaves of value noise on a horizontal plane one unit above. */
 static float clouds(const float d[3], uint64_t seed) {
   const float height = d[2] + 0.12f;
   float sum = 0.0f, weight = 0.5f, size = 0.9f;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* One Embree scene a mesh, and one of instances of them, whose poses change from frame to frame. */
+/* Ray tracing with Embree: one scene for each mesh, and a top scene of instances of them, whose poses may change from
+ * frame to frame. */
 #include "synth/stage.h"
 
 #include <math.h>
@@ -14,10 +15,12 @@ struct pags_stage {
   const pags_stage_placement *placements;
   int mesh_count, placement_count;
   RTCDevice device;
-  RTCScene *parts; /* one a mesh */
-  RTCGeometry *instances;
+  RTCScene *parts;        /* one for each mesh */
+  RTCGeometry *instances; /* one for each placement */
   RTCScene scene;
 };
+
+/* ---- Building the scenes ---- */
 
 static pags_result check(const pags_stage *stage) {
   const enum RTCError code = rtcGetDeviceError(stage->device);
@@ -29,7 +32,8 @@ static pags_result check(const pags_stage *stage) {
 }
 
 static pags_result build(pags_stage *stage) {
-  /* One thread, so that the tree, and with it which of two equally near faces is met, is always the same. */
+  /* Embree builds on one thread, so that its tree is always the same, and with it the choice between two equally near
+   * faces. */
   stage->device = rtcNewDevice("threads=1");
   stage->parts = calloc((size_t)stage->mesh_count + 1, sizeof(RTCScene));
   stage->instances = calloc((size_t)stage->placement_count + 1, sizeof(RTCGeometry));
@@ -38,7 +42,7 @@ static pags_result build(pags_stage *stage) {
   if (!stage->device)
     return pags_embree_failed(NULL);
   for (int i = 0; i < stage->mesh_count; i++) {
-    /* Build part. */
+    /* The mesh's own scene: its quads. Vertices and faces are shared with Embree, not copied. */
     const pags_mesh *mesh = &stage->meshes[i];
     stage->parts[i] = rtcNewScene(stage->device);
     RTCGeometry geometry = rtcNewGeometry(stage->device, RTC_GEOMETRY_TYPE_QUAD);
@@ -60,7 +64,7 @@ static pags_result build(pags_stage *stage) {
     return pags_embree_failed(stage->device);
   rtcSetSceneFlags(stage->scene, RTC_SCENE_FLAG_ROBUST);
   for (int i = 0; i < stage->placement_count; i++) {
-    /* Place. */
+    /* An instance of the mesh's scene; its pose is set by pags_stage_commit. */
     RTCGeometry instance = rtcNewGeometry(stage->device, RTC_GEOMETRY_TYPE_INSTANCE);
     if (!instance)
       return pags_embree_failed(stage->device);
@@ -115,12 +119,16 @@ pags_result pags_stage_commit(pags_stage *stage, int first, int count) {
   return check(stage);
 }
 
+/* ---- Tracing rays ---- */
+
+/* Fills an Embree packet with the active rays, each to be traced over distances [from, to]; lanes that are not active
+ * get an empty range. */
 static void load_rays(const pags_rays *rays, float from, float to, struct RTCRay8 *out, int valid[PAGS_PACKET]) {
   memset(out, 0, sizeof *out);
   for (int i = 0; i < PAGS_PACKET; i++) {
     valid[i] = rays->active >> i & 1u ? -1 : 0;
     out->tfar[i] = -INFINITY;
-    out->dir_z[i] = 1.0f; /* Embree looks at lanes that aren't valid, too; their rays were never written */
+    out->dir_z[i] = 1.0f; /* Embree reads inactive lanes, too: they need a valid direction */
     if (!valid[i])
       continue;
     out->org_x[i] = rays->origin[i][0];
@@ -140,7 +148,7 @@ static void turn(const float pose[12], const float v[3], float out[3]) {
     out[k] = pose[4 * k] * v[0] + pose[4 * k + 1] * v[1] + pose[4 * k + 2] * v[2];
 }
 
-/* To unit length, against `direction`. */
+/* Normalises n and flips it, if needed, so that it points against `direction`, towards the ray's origin. */
 static void face_ray(float n[3], const float direction[3]) {
   const float length = sqrtf(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
   const float towards = n[0] * direction[0] + n[1] * direction[1] + n[2] * direction[2] > 0.0f ? -1.0f : 1.0f;
@@ -148,6 +156,7 @@ static void face_ray(float n[3], const float direction[3]) {
     n[k] *= towards / (length > 0.0f ? length : 1.0f);
 }
 
+/* Fills `out` for lane i of a traced packet; the point is left to the caller. */
 static void fill_touch(const pags_stage *stage, const struct RTCRayHit8 *ray, int i, const float direction[3],
                        pags_touch *out) {
   const pags_stage_placement *placement = &stage->placements[ray->hit.instID[0][i]];
@@ -160,7 +169,8 @@ static void fill_touch(const pags_stage *stage, const struct RTCRayHit8 *ray, in
                       .face = face,
                       .material = mesh->materials[face]};
 
-  /* Embree cuts a quad into corners 0 1 3 and 2 3 1; the second's u and v run backwards. */
+  /* Weights of the quad's corners. Embree splits a quad into the triangles of corners 0 1 3 and 2 3 1; in the second
+   * one, u and v count backwards from 1. */
   const int second = ray->hit.u[i] + ray->hit.v[i] > 1.0f;
   weight[0] = second ? 0.0f : 1.0f - ray->hit.u[i] - ray->hit.v[i];
   weight[1] = second ? 1.0f - ray->hit.v[i] : ray->hit.u[i];
@@ -230,7 +240,7 @@ unsigned pags_stage_blocked(const pags_stage *stage, const pags_rays *rays, bool
   rtcOccluded8(valid, stage->scene, &context, &ray);
 #endif
   for (int i = 0; i < PAGS_PACKET; i++)
-    if (valid[i] && ray.tfar[i] < 0.0f) /* -inf marks a hit */
+    if (valid[i] && ray.tfar[i] < 0.0f) /* Embree sets tfar to -infinity on a hit */
       blocked |= 1u << i;
   return blocked;
 }

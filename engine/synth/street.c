@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Lists of meshes, placements and actors, and the recording car's own motion and cameras. */
+/* The growing lists of a street's meshes, placements and actors, and the motion and the cameras of the ego
+ * vehicle. */
 #include "synth/street.h"
 
 #include <math.h>
@@ -10,7 +11,7 @@
 
 #define TWO_PI 6.283185307179586
 
-/* Room for one more in a list of things of `size` bytes. */
+/* Makes room for one more element of `size` bytes in a list; returns false when out of memory. */
 static bool grow(void **list, int count, int *capacity, size_t size) {
   if (count < *capacity)
     return true;
@@ -68,7 +69,7 @@ void pags_street_destroy(pags_street *street) {
   memset(street, 0, sizeof *street);
 }
 
-/* 10 m/s that vary by a tenth. */
+/* The ego vehicle drives at 10 m/s, varying by a tenth. */
 double pags_street_ego_x(double time) {
   return 10.0 * time + 0.9 * sin(1.1 * time);
 }
@@ -95,10 +96,10 @@ void pags_street_ego(double time, double pose[12]) {
 void pags_street_mount(int camera, double pose[12]) {
   static const double yaws[3] = {0.0, 50.0, -50.0},
                       places[3][3] = {{1.6, 0.0, 1.6}, {1.5, 0.25, 1.6}, {1.5, -0.25, 1.6}};
-  const double yaw = yaws[camera] * TWO_PI / 360.0, pitch = 0.02; /* looks down a little */
+  const double yaw = yaws[camera] * TWO_PI / 360.0, pitch = 0.02; /* radians, downwards */
   const double c = cos(yaw), s = sin(yaw), cp = cos(pitch), sp = sin(pitch);
-  const double out[12] = {s,   -c * sp, c * cp, places[camera][0], /* columns: right, down, forward */
-                          -c,  -s * sp, s * cp, places[camera][1], /* of a camera at that yaw */
+  const double out[12] = {s,   -c * sp, c * cp, places[camera][0], /* columns: right, down, forward, position */
+                          -c,  -s * sp, s * cp, places[camera][1], /* of the camera, in the ego frame */
                           0.0, -cp,     -sp,    places[camera][2]};
   memcpy(pose, out, sizeof out);
 }

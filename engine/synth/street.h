@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The street: its meshes, what is placed where, who moves, and the car that records it. */
+/* The synthetic street: its meshes and their placements, its labelled objects (actors) and their motion, and the ego
+ * vehicle with the cameras that record it. World: metres, x along the street, y to the left, z up. */
 #ifndef PAGS_SYNTH_STREET_H
 #define PAGS_SYNTH_STREET_H
 
@@ -10,57 +11,60 @@
 
 typedef enum pags_role { PAGS_ROLE_CAR, PAGS_ROLE_PEDESTRIAN, PAGS_ROLE_CYCLIST } pags_role;
 
-/* A labelled object. It goes straight at a speed that sways. */
+/* A labelled object. A moving one goes straight ahead; a sine of amplitude `sway` added to its path makes its speed
+ * vary. */
 typedef struct pags_actor {
   pags_role role;
   int moving;
-  float size[3];                 /* of its box: length, width, height; metres */
+  float size[3];                 /* length, width and height of its labelled box, metres */
   double start[2];               /* x, y of its middle at time 0, metres */
   double heading;                /* radians, 0 = along +x */
-  double speed;                  /* m/s */
-  double sway, sway_rate, phase; /* metres to and fro, radians a second, radians */
-  double ground;                 /* z of what it stands on */
-  double step_rate;              /* of a walk, radians a second */
+  double speed;                  /* mean speed, m/s */
+  double sway, sway_rate, phase; /* amplitude (metres), rate (radians a second), phase (radians) of the sine */
+  double ground;                 /* z of the road or pavement that it stands on, metres */
+  double step_rate;              /* rate at which legs swing, radians a second */
   int first_placement, placement_count;
-  int number; /* in the data set's list; -1: never near enough to be labelled */
+  int number; /* its number in the data set; -1: never near enough to the ego vehicle to be labelled */
 } pags_actor;
 
 typedef struct pags_street {
   const pags_street_options *options;
-  double duration, end; /* seconds of recording; x where the recording car is then */
-  float begin_x, end_x; /* of the street */
+  double duration, end; /* length of the recording, seconds; x of the ego vehicle at its end */
+  float begin_x, end_x; /* where the street begins and ends */
   pags_markings markings;
   pags_materials materials;
   pags_mesh *meshes;
-  pags_stage_placement *placements; /* the street's first, then those of actors, moving ones last */
+  pags_stage_placement *placements; /* scenery first, then parked actors', then moving actors' */
   pags_actor *actors;               /* parked ones first */
   int mesh_count, placement_count, actor_count;
   int mesh_capacity, placement_capacity, actor_capacity;
-  int first_moving; /* placement; from there on poses change with time */
-  bool failed;      /* memory ran out */
+  int first_moving; /* index of the first placement whose pose changes with time; all after it do, too */
+  bool failed;      /* out of memory */
 } pags_street;
 
 pags_result pags_street_build(const pags_street_options *options, pags_street *street);
 void pags_street_destroy(pags_street *street);
 
-/* For those who build it: numbers of new meshes, placements and actors. */
+/* For the functions that build a street: append an empty mesh, a placement or an actor and return its index (0 when
+ * out of memory, which sets `failed`). `yaw` is in radians about z. */
 int pags_street_mesh(pags_street *street);
 int pags_street_place(pags_street *street, int mesh, int actor, float x, float y, float z, float yaw, float scale);
 int pags_street_actor(pags_street *street, const pags_actor *actor);
 
-/* Ground, houses, trees, furniture (scenery.c). */
+/* Adds ground, houses, trees and street furniture (scenery.c). */
 void pags_scenery_add(pags_street *street);
-/* Parked and moving objects (actors.c). */
+/* Adds parked and moving objects (actors.c). */
 void pags_actors_add(pags_street *street);
 
-/* What those are put together from; a town (town.c) is, too. Along x, the street's middle line at y = 0. */
+/* The building blocks of these two functions, which town.c uses as well. They build along x, with the middle line of
+ * the street at y = 0. */
 typedef struct pags_ground {
-  uint16_t asphalt, slabs, stone, grass; /* materials */
+  uint16_t asphalt, slabs, stone, grass; /* numbers of materials */
 } pags_ground;
 pags_ground pags_ground_make(pags_materials *materials);
-/* A level rectangle. */
+/* Adds the horizontal rectangle [x0, x1] x [y0, y1] at height z. */
 void pags_ground_pave(pags_mesh *mesh, float x0, float x1, float y0, float y1, float z, uint16_t material);
-/* Kerb and pavement of one side. */
+/* Adds the kerb and the pavement of one side from x0 to x1. */
 void pags_ground_kerb(pags_mesh *mesh, const pags_ground *ground, float x0, float x1, int left);
 
 enum { PAGS_TREE_KINDS = 4, PAGS_CAR_KINDS = 10, PAGS_PERSON_KINDS = 6, PAGS_RIDER_KINDS = 3 };
@@ -68,37 +72,40 @@ typedef struct pags_planting {
   int trees[PAGS_TREE_KINDS], signs[3], lamp, bin; /* meshes */
 } pags_planting;
 void pags_planting_make(pags_street *street, pags_dice *dice, pags_planting *out);
-/* Trees, lamps, signs and bins along both kerbs from begin_x to end_x; none on crossings. */
+/* Places trees, lamps, signs and bins along both kerbs from begin_x to end_x; trees keep away from crossings. */
 void pags_planting_add(pags_street *street, pags_dice *dice, const pags_planting *kinds);
 
 typedef struct pags_person_kind {
-  int body, arm, leg, bicycle; /* meshes; bicycle -1: on foot */
+  int body, arm, leg, bicycle; /* indices of meshes; bicycle -1: a pedestrian */
 } pags_person_kind;
-/* The models that actors are cast from. */
+/* The meshes of all models of cars, pedestrians and cyclists; each actor is given one of them. */
 typedef struct pags_cast {
   int cars[PAGS_CAR_KINDS];
   float car_sizes[PAGS_CAR_KINDS][3];
   pags_person_kind people[PAGS_PERSON_KINDS], riders[PAGS_RIDER_KINDS];
 } pags_cast;
 void pags_cast_make(pags_street *street, pags_cast *out);
-/* Cars along both kerbs from begin_x to end_x. */
+/* Adds parked cars along both kerbs from begin_x to end_x; some bays stay empty. */
 void pags_actors_park(pags_street *street, pags_dice *dice, const pags_cast *models);
-/* Someone on foot or on a bicycle: role, size and placements of `actor` are filled in here, poses by
- * pags_street_set_time. */
+/* Adds a pedestrian or, if `kind` has a bicycle, a cyclist. Role, size and placements of `actor` are filled in here,
+ * the poses later by pags_street_set_time. */
 void pags_actors_stand(pags_street *street, const pags_person_kind *kind, pags_actor actor);
 
-/* The box's pose: x forward, y left, z up, origin in its middle. */
+/* Pose of the actor's box at `time` (seconds), world from box: x forward, y left, z up, origin in its middle. */
 void pags_actor_pose(const pags_actor *actor, double time, double pose[12]);
-/* Puts the parts of all moving actors where they are at `time`. */
+/* Sets the poses of the placements of all moving actors to those at `time` (seconds). */
 void pags_street_set_time(pags_street *street, double time);
 
-/* The recording car: x forward, y left, z up, origin on the road below its rear axle. */
+/* Pose of the ego vehicle at `time`, world from ego: x forward, y left, z up, origin on the road below its rear
+ * axle. */
 void pags_street_ego(double time, double pose[12]);
-/* Where the car is on the road at `time`; x only. */
+/* The x coordinate of the ego vehicle at `time`, metres. */
 double pags_street_ego_x(double time);
-/* Camera 0 front, 1 front left, 2 front right: constant pose in the ego frame, OpenCV axes. */
+/* Pose of a camera in the ego frame (ego from camera), which is constant. Camera 0 looks ahead, 1 to the front left,
+ * 2 to the front right. OpenCV axes: x right, y down, z forward. */
 void pags_street_mount(int camera, double pose[12]);
-/* That camera at `time`, moved `right` metres along its own x and `up` metres along the car's z. */
+/* The camera `camera` at `time`, shifted by `right` metres along its own x and `up` metres along the ego vehicle's
+ * z. */
 pags_camera pags_street_camera(const pags_street_options *options, double time, int camera, double right, double up);
 
 #endif

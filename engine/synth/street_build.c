@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Builds the street: its extent, then what stands on it, then who moves along it. */
+/* Builds the synthetic street from its options: its extent, then the scenery, then parked and moving objects. */
 #include <string.h>
 
 #include "base/memory.h"

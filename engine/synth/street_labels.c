@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What the street's labels say: ids, classes and boxes of objects by frame, times, cameras. The files of the layout are
- * written by dataset/driving/writer_json.c. */
+/* Makes the labels of the synthetic street: ids, classes and boxes of the objects in each frame, times, cameras. The
+ * JSON files are written by dataset/driving/writer_json.c. */
 #include "synth/street_labels.h"
 
 #include <math.h>
@@ -15,7 +15,7 @@
 #include "dataset/driving/writer.h"
 
 enum { STREAM_POSE_NOISE = 1 << 28 };
-#define REACH 90.0 /* metres from the recording car within which boxes are labelled */
+#define REACH 90.0 /* metres from the ego vehicle within which boxes are labelled */
 
 static double frame_time(const pags_street *street, int frame) {
   return frame / street->options->fps;
@@ -39,7 +39,9 @@ void pags_street_number(pags_street *street) {
   }
 }
 
-/* The track of a labelled actor. A parked car's label doesn't vary: whoever labels it draws one box. */
+/* Makes the track of a labelled actor: its box in each frame in which it is near the ego vehicle. Unless `exact`, the
+ * boxes of moving actors get the noise of the options; parked cars get none, since an annotator draws one box for all
+ * frames. */
 static bool make_track(const pags_street *street, const pags_actor *actor, bool exact, pags_layout_track *out) {
   static const char *const classes[] = {"Car", "Pedestrian", "Cyclist"};
   static const char *const words[] = {"car", "pedestrian", "cyclist"};
@@ -59,7 +61,7 @@ static bool make_track(const pags_street *street, const pags_actor *actor, bool 
     knot->frame = f;
     pags_actor_pose(actor, frame_time(street, f), knot->world_from_object);
     if (!exact && actor->moving && (o->pose_noise > 0.0 || o->yaw_noise > 0.0)) {
-      /* Errors of a box, independent from frame to frame: x and y, and about z. */
+      /* Label noise of a box: normal errors of x, y and yaw, independent from frame to frame. */
       double move[2], turn[2];
       const uint64_t stream = STREAM_POSE_NOISE + 2 * (uint64_t)actor->number;
       pags_rng_normal2(o->seed, stream, (uint64_t)f, move);
@@ -82,7 +84,7 @@ static void destroy_tracks(pags_layout_track *tracks, int64_t count) {
   free(tracks);
 }
 
-/* The tracks of all labelled actors, by number. */
+/* Makes the tracks of all labelled actors, in the order of their numbers. */
 static pags_result make_tracks(const pags_street *street, bool exact, pags_layout_track **out, int64_t *count) {
   pags_layout_track *tracks = calloc((size_t)street->actor_count + 1, sizeof *tracks);
   bool made = tracks != NULL;
@@ -115,7 +117,7 @@ pags_result pags_street_write_frame_instances(const pags_street *street, const c
   return result;
 }
 
-/* The street as the writer of the driving layout sees it. */
+/* Describes the street (cameras, frames, LiDAR columns) for the writer of the driving data set layout. */
 static pags_layout_info info_of(const pags_street *street, pags_layout_camera cameras[3]) {
   static const char *const names[] = {"front", "front_left", "front_right"};
   static const char *const columns[] = {"x", "y", "z", "intensity", NULL};
@@ -129,7 +131,7 @@ static pags_layout_info info_of(const pags_street *street, pags_layout_camera ca
                             .lidar_columns = columns};
 }
 
-/* Everything happens at the frame's time: cameras have no delay and no rolling shutter. */
+/* All exposures of a frame have the frame's time: cameras have no delay and no rolling shutter. */
 pags_result pags_street_write_timestamps(const pags_street *street, const char *path) {
   pags_layout_camera cameras[3];
   const pags_layout_info info = info_of(street, cameras);
@@ -157,7 +159,7 @@ pags_result pags_street_write_description(const pags_street *street, const char 
   return pags_layout_write_description(path, &info, 1);
 }
 
-/* Numbers one after another, `across` a line. */
+/* Writes a text file of `count` numbers, `across` of them on each line. */
 static pags_result write_numbers(const char *path, const double *numbers, int count, int across) {
   char text[16 * (PAGS_DOUBLE_TEXT + 1)];
   size_t used = 0;

@@ -1,23 +1,23 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The street's texts: boxes, cameras, times. */
+/* Writers of the text files of a synthetic street's data set: boxes, cameras, times, and the street's options. */
 #ifndef PAGS_SYNTH_STREET_LABELS_H
 #define PAGS_SYNTH_STREET_LABELS_H
 
 #include "synth/street.h"
 
-/* Numbers the actors that are ever labelled: those within reach of the recording car in some frame. */
+/* Gives a number to each actor that is labelled in some frame, because it is within 90 m of the ego vehicle there. */
 void pags_street_number(pags_street *street);
-/* instances_info.json; with pose noise as the options ask, or exact. */
+/* Writes instances_info.json, the boxes of all objects by frame: exact, or with the noise of the options. */
 pags_result pags_street_write_instances(const pags_street *street, const char *path, int exact);
 pags_result pags_street_write_frame_instances(const pags_street *street, const char *path);
 pags_result pags_street_write_timestamps(const pags_street *street, const char *path);
 pags_result pags_street_write_description(const pags_street *street, const char *path);
-/* 4x4, a row a line. */
+/* Writes a 4x4 matrix, one row a line. */
 pags_result pags_street_write_pose(const char *path, const double pose[12]);
 pags_result pags_street_write_intrinsics(const char *path, const pags_camera *camera);
 
-/* What the street is made from. Read from a data set's folder: *found = 0 and the default options where there is none.
- */
+/* truth/street.json holds the options from which the same street can be built again. Reading takes the data set's
+ * folder; without such a file *found is 0 and `out` the default options. */
 pags_result pags_street_write_truth(const pags_street *street, const char *path);
 pags_result pags_street_read_truth(const char *folder, pags_street_options *out, int *found);
 

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Writes a street as a driving set: frame by frame, its pictures drawn together, then its files written together. */
+/* Writes a synthetic street as a driving data set. Frame by frame, all pictures are traced in parallel, then all
+ * files of the frame are written in parallel. */
 #include <pags/image.h>
 #include <pags/synth.h>
 
@@ -34,6 +35,8 @@ pags_street_options pags_street_options_default(void) {
                                .lidar_noise = 0.02,
                                .shifts = 1};
 }
+
+/* ---- The folder and the images' memory ---- */
 
 typedef struct writer {
   const char *folder;
@@ -83,7 +86,8 @@ static pags_result make_folders(const writer *w) {
     free(path);
     PAGS_TRY(result);
   }
-  /* Without it the folder is no data set: an old one must not stand for a new one that is not finished. */
+  /* An old dataset.json is removed before anything is written, and the new one is written last: a folder left by an
+   * unfinished run does not open as a data set. */
   PAGS_TRY(join(w, "dataset.json", &old));
   const pags_result result = pags_remove_tree(old);
   free(old);
@@ -109,7 +113,9 @@ static pags_result make_views(writer *w) {
   return complete ? PAGS_OK : pags_out_of_memory("pictures of %dx%d", o->width, o->height);
 }
 
-/* A plane as a picture of one channel. */
+/* ---- Image files ---- */
+
+/* Returns the value at pixel index `at` of a one-channel image that is derived from a view's labels and actors. */
 typedef uint16_t pixel_fn(const writer *w, const pags_street_view *view, size_t at);
 
 static const pags_actor *actor_at(const writer *w, const pags_street_view *view, size_t at) {
@@ -184,7 +190,8 @@ static pags_result save_depth(const pags_street_view *view, const char *path) {
   return pags_image_save_exr(path, view->camera.width, view->camera.height, 1, &name, &plane, view->camera.width);
 }
 
-/* File `index` of a frame: each camera's plain planes, depth and picture, then the shifted pictures. */
+/* Writes file number `index` of the current frame. In order of numbers: for each camera its one-channel images, its
+ * depth and its picture, then the pictures from shifted cameras. */
 static pags_result save_file(const writer *w, int index) {
   enum { EACH = PLANES + 2 };
   const int cameras = w->street->options->cameras, camera = index / EACH, kind = index % EACH;
@@ -210,7 +217,7 @@ static pags_result save_file(const writer *w, int index) {
 typedef struct save_job {
   const writer *writer;
   pags_result results[VIEWS * (PLANES + 2)];
-  char messages[VIEWS * (PLANES + 2)][MESSAGE]; /* errors belong to the thread that made them */
+  char messages[VIEWS * (PLANES + 2)][MESSAGE]; /* copied, since error messages belong to a thread */
 } save_job;
 
 static void save_files(void *context, int64_t begin, int64_t end, int worker) {
@@ -222,6 +229,8 @@ static void save_files(void *context, int64_t begin, int64_t end, int worker) {
       snprintf(job->messages[i], MESSAGE, "%s", pags_error_message());
   }
 }
+
+/* ---- One frame ---- */
 
 static pags_result save_sweep(const writer *w) {
   char relative[32], *path = NULL;
@@ -257,7 +266,7 @@ static pags_result write_frame(writer *w, int frame) {
   PAGS_TRY(pags_stage_commit(w->stage, street->first_moving, street->placement_count - street->first_moving));
   for (int c = 0; c < o->cameras; c++)
     w->views[c].camera = pags_street_camera(o, time, c, 0.0, 0.0);
-  /* Shifted views come after those of the cameras there are, and have no truth but their picture. */
+  /* The views of the shifted cameras follow those of the cameras; of them, only the picture is drawn. */
   pags_street_view drawn[VIEWS];
   memcpy(drawn, w->views, sizeof drawn);
   for (int i = 0; is_shift_frame(o, frame) && i < SHIFTS; i++) {
@@ -269,7 +278,7 @@ static pags_result write_frame(writer *w, int frame) {
   memcpy(shown.views, drawn, sizeof drawn);
   PAGS_TRY(pags_street_draw(street, w->stage, drawn, w->view_count, w->tasks));
 
-  /* Save views. */
+  /* Write the images of all views. */
   const int files = (PLANES + 2) * shown.street->options->cameras + shown.view_count - shown.street->options->cameras;
   save_job *job = calloc(1, sizeof *job);
   if (!job)
@@ -287,6 +296,8 @@ static pags_result write_frame(writer *w, int frame) {
   PAGS_TRY(save_sweep(w));
   return save_ego(w, time);
 }
+
+/* ---- Text files and the whole data set ---- */
 
 typedef pags_result text_fn(const pags_street *street, const char *path);
 
@@ -307,7 +318,7 @@ static pags_result true_instances(const pags_street *street, const char *path) {
 }
 
 static pags_result write_texts(const writer *w) {
-  /* Write mounts. */
+  /* Poses of the cameras in the ego frame, and their intrinsics. */
   for (int c = 0; c < w->street->options->cameras; c++) {
     const pags_camera camera = pags_street_camera(w->street->options, 0.0, c, 0.0, 0.0);
     double mount[12];
@@ -330,9 +341,9 @@ static pags_result write_texts(const writer *w) {
   PAGS_TRY(write_text(w, "truth/instances/instances_info.json", true_instances));
   PAGS_TRY(write_text(w, "truth/street.json", pags_street_write_truth));
   PAGS_TRY(write_text(w, "timestamps.json", pags_street_write_timestamps));
-  /* Fewer frames than a shift needs: no path either. */
+  /* Camera paths of the shifted pictures; with too few frames there is no such picture, and no path. */
   for (int i = 0; w->street->options->shifts && w->street->options->frames > SHIFT_EVERY && i < SHIFTS; i++) {
-    /* Write shift path. */
+    /* The path of one shifted camera. */
     const pags_street_options *o = w->street->options;
     pags_camera_path cameras = {.fps = o->fps / SHIFT_EVERY};
     char relative[48], *path = NULL;
@@ -354,13 +365,13 @@ static pags_result write_texts(const writer *w) {
 }
 
 static pags_result write_all(writer *w, const pags_street_options *o, pags_progress_fn *progress, void *user) {
-  /* Check options. */
+  /* Ranges of the options. */
   PAGS_TRY(pags_synth_in_range("width", o->width, 16, 8192));
   PAGS_TRY(pags_synth_in_range("height", o->height, 16, 8192));
   PAGS_TRY(pags_synth_in_range("frames", o->frames, 2, 10000));
   PAGS_TRY(pags_synth_in_range("fps", o->fps, 0.1, 1000.0));
   PAGS_TRY(pags_synth_in_range("frames / fps", o->frames / o->fps, 0.0,
-                               1000.0)); /* seconds: the street is built as long as driven */
+                               1000.0)); /* seconds; the street is built as long as the car drives */
   PAGS_TRY(pags_synth_in_range("cameras", o->cameras, 1, CAMERAS));
   PAGS_TRY(pags_synth_in_range("samples", o->samples, 1, 1024));
   PAGS_TRY(pags_synth_in_range("objects", o->objects, 0, 64));
@@ -392,7 +403,7 @@ pags_result pags_synth_street(const char *folder, const pags_street_options *opt
   pags_stage_destroy(w.stage);
   pags_street_destroy(&street);
 
-  /* Free views. */
+  /* The views' images. */
   for (int i = 0; i < VIEWS; i++) {
     free(w.views[i].rgb);
     free(w.views[i].depth);

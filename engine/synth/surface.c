@@ -1,8 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A Gaussian of a town: a random point of a random face, by area; kept where at least one of eight places on the street
- * nearby sees it, as a trained scene has Gaussians only where photographs looked. It lies flat on its face, along the
- * face's edges where that is small, and no wider than the face. Its colour is the street's own shading (view.c) with
- * all of the sky's directions, filtered over its size. */
+/* Covers the surfaces of a town with Gaussians. A Gaussian's mean is a random point of a face that is chosen with a
+ * probability proportional to its area times its density. The point is drawn again until at least one of eight random
+ * viewpoints on the nearest street and lane sees it, because a trained scene, too, has Gaussians only where
+ * photographs show the surface. The Gaussian lies flat on its face, aligned with the face's edges where the face is
+ * small, and is no wider than the face. Its colour is the shading of view.c with all eight sky directions, filtered
+ * over its size. */
 #include "synth/surface.h"
 
 #include <math.h>
@@ -16,7 +18,7 @@
 #include "synth/size_tables.h"
 #include "synth/view.h"
 
-/* Purposes of draws; a try's are DRAWS * try + purpose, its row is the Gaussian's. */
+/* The purposes of random numbers. Attempt t at Gaussian i draws from stream DRAWS * t + purpose at index i. */
 enum {
   DRAW_FACE,
   DRAW_SPOT,
@@ -32,7 +34,7 @@ enum { TRIES = 48, BLOCK = 4096, CHUNK = 64 };
 #define EYE_HEIGHT 1.6f
 #define SH_C0 ((float)PAGS_SH_C0)
 
-/* Returns the length that it had. */
+/* Scales v to unit length and returns the length it had. */
 static float normalise(float v[3]) {
   const float length = sqrtf(pags_dot3f(v, v));
   for (int k = 0; k < 3 && length > 0.0f; k++)
@@ -43,6 +45,8 @@ static float normalise(float v[3]) {
 static const pags_vertex *corner_of(const pags_mesh *mesh, int64_t face, int corner) {
   return &mesh->vertices[mesh->faces[4 * face + corner]];
 }
+
+/* ---- Areas of faces, weighted by density ---- */
 
 static bool is_critical(uint8_t label) {
   return label == PAGS_CLASS_CAR || label == PAGS_CLASS_PERSON || label == PAGS_CLASS_RIDER ||
@@ -59,7 +63,7 @@ static const pags_size_table *table_of(uint8_t label) {
   }
 }
 
-/* Gaussians a square metre. */
+/* Gaussians per square metre of a surface of this material. */
 static double density_of(const pags_material *material) {
   const pags_size_table *table = table_of(material->label);
   return material->finish == PAGS_FINISH_LEAF ? PAGS_TRAINED_LEAVES
@@ -69,7 +73,9 @@ static double density_of(const pags_material *material) {
                                               : PAGS_TRAINED_DENSITY;
 }
 
-/* Half the cross product of the diagonals: right for flat quads, and for triangles, whose last corner repeats. */
+/* Returns the area of a face, in the mesh's frame, times the density of its Gaussians relative to
+ * PAGS_TRAINED_DENSITY. The area is half the length of the cross product of the diagonals, which holds for planar
+ * quads and for triangles, whose last corner is repeated. */
 static double face_weight(const pags_street *town, const pags_mesh *mesh, int64_t face) {
   float first[3], second[3], normal[3];
   for (int k = 0; k < 3; k++) {
@@ -119,7 +125,9 @@ void pags_surface_destroy(pags_surface *surface) {
   *surface = (pags_surface){0};
 }
 
-/* The first place whose sum exceeds `value`. */
+/* ---- Choosing a face ---- */
+
+/* Returns the first index whose cumulative sum exceeds `value` (binary search). */
 static int64_t find(const double *sums, int64_t count, double value) {
   int64_t low = 0, high = count - 1;
   while (low < high) {
@@ -132,7 +140,8 @@ static int64_t find(const double *sums, int64_t count, double value) {
   return low;
 }
 
-/* A face with its world frame: `edge` along its first side, `side` square to that, `normal` away from the surface. */
+/* A placed face with unit vectors in the world: `edge` along its first side, `side` in the face at right angles to
+ * `edge`, `normal` perpendicular to the face. */
 typedef struct facet {
   const pags_material *material;
   const pags_mesh *mesh;
@@ -140,7 +149,7 @@ typedef struct facet {
   int64_t face;
   float corner[4][3]; /* world */
   float edge[3], side[3], normal[3];
-  float length, width; /* along edge and side, metres */
+  float length, width; /* extents along `edge` and `side`, metres */
   bool triangle;
 } facet;
 
@@ -176,6 +185,8 @@ static facet choose_facet(const pags_surface *s, double share) {
   return out;
 }
 
+/* ---- Choosing scales and a visible point ---- */
+
 static float quantile(const float table[PAGS_QUANTILES], double share) {
   const float s = (float)share;
   int i = 0;
@@ -185,21 +196,22 @@ static float quantile(const float table[PAGS_QUANTILES], double share) {
   return table[i] + (table[i + 1] - table[i]) * (t < 0.0f ? 0.0f : t > 1.0f ? 1.0f : t);
 }
 
-/* What is drawn by chance about one Gaussian. */
+/* The random choices for one Gaussian. */
 typedef struct spot {
   facet face;
-  float ln_sigma[3]; /* along the axes below */
-  float axis[3][3];  /* columns of its rotation: the third is the normal */
-  float logit;
-  pags_touch touch; /* what the shading looks at: the centre */
+  float ln_sigma[3]; /* log scales along the axes below */
+  float axis[3][3];  /* columns of its rotation matrix; the third is the face's normal */
+  float logit;       /* of the opacity */
+  pags_touch touch;  /* its mean as a surface point, for the shading */
 } spot;
 
-/* The share of a normal distribution below. */
+/* Cumulative distribution function of the standard normal distribution. */
 static double share_below(double z) {
   return 0.5 * erfc(-z * 0.70710678118654752);
 }
 
-/* Three of the table's four columns, drawn jointly: normal deviates of its correlations say which quantiles (a Gaussian
+/* Draws the log scales of the longest and the middle axis and the logit of opacity jointly from the table. The
+ * standard normal deviates `draw` and `other`, combined by the table's correlations, choose the quantiles (Gaussian
  * copula). */
 static void choose_quantiles(const pags_size_table *table, const double draw[2], const double other[2], float *ln_long,
                              float *ln_middle, float *logit) {
@@ -210,12 +222,14 @@ static void choose_quantiles(const pags_size_table *table, const double draw[2],
       quantile(table->logit_opacity, share_below(a * draw[0] + b * draw[1] + sqrt(1.0 - a * a - b * b) * other[0]));
 }
 
-/* A share of a side, kept 0.7 sigma away from its ends so that faces' borders stay sharp. */
+/* Maps a uniform `share` to a fraction of a side that stays 0.7 sigma away from both ends, so that the borders of
+ * faces stay sharp. */
 static float within(double share, float sigma, float side) {
   const float margin = fminf(0.5f, 0.7f * sigma / fmaxf(side, 1e-4f));
   return margin + (1.0f - 2.0f * margin) * (float)share;
 }
 
+/* Chooses the mean on the face and fills out->touch there. */
 static void choose_point(const pags_surface *s, spot *out, uint64_t a, uint64_t row) {
   const facet *f = &out->face;
   const bool swap = fabsf(pags_dot3f(out->axis[0], f->side)) > 0.7f;
@@ -257,8 +271,8 @@ static bool try_spot(const pags_surface *s, uint64_t attempt, uint64_t row, spot
   const uint64_t a = attempt * DRAWS;
   out->face = choose_facet(s, pags_rng_uniform(s->town->options->seed, a + DRAW_FACE, row));
 
-  /* Sizes from the table; on small faces the longer axis lies along the longer side and neither is wider than half the
-   * face. */
+  /* Scales come from the table. On small faces the longer axis lies along the longer side; on all faces a sigma is at
+   * most half of the face's extent. */
   const uint64_t seed = s->town->options->seed;
   const facet *f = &out->face;
   const pags_size_table *table = table_of(f->material->label);
@@ -276,7 +290,7 @@ static bool try_spot(const pags_surface *s, uint64_t attempt, uint64_t row, spot
     out->axis[1][k] = c * v - d * u;
     out->axis[2][k] = f->normal[k];
   }
-  const float room = f->material->finish == PAGS_FINISH_LEAF ? 1.0f : 0.5f; /* one stands for a few leaves */
+  const float room = f->material->finish == PAGS_FINISH_LEAF ? 1.0f : 0.5f; /* a Gaussian covers several leaves */
   const float most = logf(fmaxf(room * fmaxf(f->length, f->width), 0.004f)),
               least = logf(fmaxf(room * fminf(f->length, f->width), 0.004f));
   out->ln_sigma[0] = fminf(ln_long, most);
@@ -285,12 +299,13 @@ static bool try_spot(const pags_surface *s, uint64_t attempt, uint64_t row, spot
 
   choose_point(s, out, a, row);
 
-  /* Whether any of them sees the point; turns its normals to the first that does. */
+  /* Does any of eight viewpoints see the point? If so, its normals are turned towards the first one that does. */
   float eyes[PAGS_PACKET][3];
   pags_touch *touch = &out->touch;
   pags_rays rays = {.active = (1u << PAGS_PACKET) - 1u};
 
-  /* Places on the street: half of them on the nearest one, half in the nearest lane, all within 30 m. */
+  /* The viewpoints, at eye height: half of them on the nearest street, half in the nearest lane, all within 30 m
+   * along it. */
   const float pitch = pags_town_pitch(), length = pags_town_length(s->plan), cell = s->plan->block + PAGS_TOWN_LANE;
   const float street = fminf(fmaxf(floorf(touch->point[1] / pitch + 0.5f), 0.0f), (float)(s->plan->streets - 1));
   const float lane = fminf(fmaxf(floorf(touch->point[0] / cell), 0.0f), (float)(s->plan->columns - 2));
@@ -310,7 +325,7 @@ static bool try_spot(const pags_surface *s, uint64_t attempt, uint64_t row, spot
   }
 
   for (int i = 0; i < PAGS_PACKET; i++)
-    for (int k = 0; k < 3; k++) { /* the point lies at distance 1 */
+    for (int k = 0; k < 3; k++) { /* the point lies at ray distance 1 */
       rays.origin[i][k] = eyes[i][k];
       rays.direction[i][k] = touch->point[k] - eyes[i][k];
     }
@@ -329,6 +344,8 @@ static bool try_spot(const pags_surface *s, uint64_t attempt, uint64_t row, spot
   }
   return false;
 }
+
+/* ---- Writing the Gaussians ---- */
 
 double pags_surface_seen(const pags_surface *surface, int tries) {
   int seen = 0;
@@ -349,7 +366,7 @@ static void put_row(const pags_surface *s, const spot *at, pags_gaussians *g, in
   double sheen[2], offset[2], r[9], q[4];
   float srgb[3];
 
-  /* Two sigma along each axis stand for the sample's width. */
+  /* Textures are filtered over a footprint two sigma wide along each axis. */
   const float wide = 2.0f * expf(at->ln_sigma[0]), high = 2.0f * expf(at->ln_sigma[1]);
   const pags_footprint print = {.mean = sqrtf(wide * high),
                                 .x = fabsf(at->axis[0][0]) * wide + fabsf(at->axis[1][0]) * high,
@@ -368,7 +385,7 @@ static void put_row(const pags_surface *s, const spot *at, pags_gaussians *g, in
     pags_plane(g, PAGS_SH + k)[row] = (srgb[k] - 0.5f) / SH_C0;
     for (int j = 0; j < 3; j++)
       r[3 * k + j] = (double)at->axis[j][k];
-    const double band = k == 0 ? sheen[0] : k == 1 ? sheen[1] : offset[0]; /* the same in all channels: grey sheen */
+    const double band = k == 0 ? sheen[0] : k == 1 ? sheen[1] : offset[0]; /* equal in all channels: a grey sheen */
     for (int c = 0; c < 3; c++)
       pags_plane(g, PAGS_SH + 3 * (1 + k) + c)[row] = PAGS_TRAINED_DEGREE_1 * (float)band;
   }
@@ -385,7 +402,8 @@ typedef struct sample_job {
   int64_t first;
 } sample_job;
 
-/* A row whose every try is hidden keeps the last one; one in a million where a third of the faces is seen. */
+/* Where all TRIES points are hidden, the last one is used: with a quarter of the surface visible, that happens to one
+ * Gaussian in a million. */
 static void sample_rows(void *context, int64_t begin, int64_t end, int worker) {
   const sample_job *job = context;
   (void)worker;

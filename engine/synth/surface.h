@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Gaussians on the surfaces of a town, where they are seen from its streets. */
+/* Covers the surfaces of a town with Gaussians where they are visible from its streets. */
 #ifndef PAGS_SYNTH_SURFACE_H
 #define PAGS_SYNTH_SURFACE_H
 
@@ -13,23 +13,24 @@ typedef struct pags_surface {
   const pags_street *town;
   const pags_town_plan *plan;
   const pags_stage *stage;
-  double area;            /* of all faces, by the weight their Gaussians get; square metres */
-  double *placement_area; /* sums up to and with each placement */
-  double **face_area;     /* of each mesh: sums up to and with each face; NULL for meshes that aren't placed */
+  double area;            /* of all faces, weighted by density relative to PAGS_TRAINED_DENSITY; square metres */
+  double *placement_area; /* cumulative weighted areas of the placements */
+  double **face_area;     /* for each mesh the cumulative weighted areas of its faces; NULL where it is not placed */
 } pags_surface;
 
 pags_result pags_surface_create(const pags_street *town, const pags_town_plan *plan, const pags_stage *stage,
                                 pags_surface *out);
 void pags_surface_destroy(pags_surface *surface);
 
-/* Weighted area that is seen from the streets, by `tries` random points. */
+/* Estimates the weighted area that is visible from the streets, square metres, from `tries` random points. */
 double pags_surface_seen(const pags_surface *surface, int tries);
 
-/* Fills rows 0 .. count - 1, s_sem included; degree 1. Row i depends on the seed and i alone. PAGS_CANCELLED. */
+/* Fills all rows of `gaussians` (SH degree 1, with s_sem). Row i depends only on the seed and i. Error:
+ * PAGS_CANCELLED. */
 pags_result pags_surface_sample(const pags_surface *surface, pags_gaussians *gaussians, pags_tasks *tasks,
                                 pags_progress_fn *progress, void *user);
 
-/* Display-referred sRGB of a linear value, cut to 0..1. */
+/* Converts a linear value, clamped to 0..1, to display-referred sRGB. */
 float pags_surface_srgb(float linear);
 
 #endif

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Beams above each other that turn: 32 from 22 degrees below the horizon to 8 above, denser near it. All rays leave at
- * the frame's time. */
+/* Simulates a spinning LiDAR: 32 beams one above another, from 22 degrees below the horizon to 8 above, densest at 3
+ * degrees below. All rays of a sweep leave at the frame's time. */
 #include "synth/sweep.h"
 
 #include <math.h>
@@ -16,10 +16,10 @@ typedef struct sweep_job {
   int frame;
   int64_t columns;
   double ego[12];
-  float *points; /* a ray's slot; intensity -1: no return */
+  float *points; /* 4 floats for each ray, as in sweep.h; intensity -1: no return */
 } sweep_job;
 
-static const double sensor[3] = {1.1, 0.0, 1.95}; /* in the ego frame */
+static const double sensor[3] = {1.1, 0.0, 1.95}; /* position in the ego frame, metres */
 
 static void set_point(const sweep_job *job, int64_t ray, const double direction[3], const pags_touch *touch) {
   float *out = job->points + 4 * ray;
@@ -50,7 +50,8 @@ static void trace_rays(void *context, int64_t begin, int64_t end, int worker) {
     pags_rays rays;
     memset(&rays, 0, sizeof rays);
     for (int i = 0; i < PAGS_PACKET && first + i < most; i++) {
-      /* Unit direction in the ego frame; each sweep begins a golden section of a step further on. */
+      /* Unit direction in the ego frame. Each sweep's azimuths are shifted by 0.618 of a column against the last
+       * one's, so that successive sweeps fill each other's gaps. */
       int64_t ray = first + i;
       const int beam = (int)(ray % BEAMS);
       const double share = (beam + 0.5) / BEAMS * 2.0 - 1.0,
@@ -82,7 +83,7 @@ int64_t pags_sweep_trace(const pags_street *street, const pags_stage *stage, int
   pags_street_ego(frame / street->options->fps, job.ego);
   const int64_t rays = job.columns * BEAMS;
   for (int64_t i = 0; i < rays; i++)
-    points[4 * i + 3] = -1.0f; /* a cancelled loop leaves rays out */
+    points[4 * i + 3] = -1.0f; /* for rays that a cancelled loop leaves out */
   pags_parallel_for(tasks, (rays + PAGS_PACKET - 1) / PAGS_PACKET, 64, trace_rays, &job);
   for (int64_t i = 0; i < rays; i++)
     if (points[4 * i + 3] >= 0.0f)

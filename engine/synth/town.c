@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Puts a town together from the street's own parts: its cross-section, houses, trees, lamps, cars and people. */
+/* Builds a town from the building blocks of the synthetic street: its cross-section, houses, trees, lamps, cars and
+ * people. */
 #include "synth/town.h"
 
 #include <math.h>
@@ -11,7 +12,7 @@
 enum { STREAM_HOUSES = 101, STREAM_KINDS, STREAM_PLANTS, STREAM_PARKED, STREAM_PEOPLE };
 
 #define PI 3.14159265358979324
-#define END_GAP 5.0f /* from a street's end to the houses that close it */
+#define END_GAP 5.0f /* metres from a street's end to the houses that close it */
 #define PEOPLE_PER_METRE 0.06f
 
 float pags_town_pitch(void) {
@@ -26,8 +27,8 @@ float pags_town_lane_x(const pags_town_plan *plan, int column) {
   return (float)(column + 1) * (plan->block + PAGS_TOWN_LANE) - 0.5f * PAGS_TOWN_LANE;
 }
 
-/* Fills [from, to] with houses, wall to wall. `plot` says where coordinate 0 lies, which way fronts run and how deep
- * houses are. */
+/* Adds houses wall to wall that fill [from, to], metres along plot.along. `plot` gives the position of coordinate 0,
+ * the direction of the fronts and the houses' depth. */
 static void add_row(pags_street *town, pags_mesh *mesh, pags_dice *dice, pags_plot plot, float from, float to) {
   const float length = to - from;
   const int houses = length > 18.0f ? (int)(length / 11.5f) : 1;
@@ -56,7 +57,7 @@ static void pave(pags_street *town, pags_mesh *mesh, const pags_town_plan *plan)
   }
 }
 
-/* Some stand, walk or ride on the pavements and the cycle line. */
+/* Adds pedestrians on both pavements and cyclists on the cycle line. */
 static void add_people(pags_street *town, pags_dice *dice, const pags_cast *models, float length) {
   const int count = (int)(PEOPLE_PER_METRE * length) + 1;
   for (int i = 0; i < count; i++) {
@@ -74,7 +75,8 @@ static void add_people(pags_street *town, pags_dice *dice, const pags_cast *mode
   }
 }
 
-/* What was put along y = 0 from placement and actor on belongs to the street at `y`. */
+/* Moves the placements and actors from the given indices on, which were built for a street at y = 0, to the one at
+ * `y`. */
 static void shift(pags_street *town, int placement, int actor, float y) {
   for (int i = placement; i < town->placement_count; i++)
     town->placements[i].pose[7] += y;
@@ -93,7 +95,7 @@ static void add_all(pags_street *town, const pags_town_plan *plan) {
     return;
   pags_street_place(town, walls, -1, 0, 0, 0, 0, 1);
 
-  /* Houses across both ends of all streets. */
+  /* Two rows of houses that close all streets at both ends. */
   const float length = pags_town_length(plan), top = (float)(plan->streets - 1) * pags_town_pitch() + PAGS_FRONT_LEFT;
   for (int end = 0; end < 2; end++) {
     const pags_plot plot = {.base = {end ? length + END_GAP : -END_GAP, 0, PAGS_KERB_HEIGHT - 0.02f},
@@ -109,7 +111,7 @@ static void add_all(pags_street *town, const pags_town_plan *plan) {
   for (int s = 0; s < plan->streets && !town->failed; s++) {
     const int placement = town->placement_count, actor = town->actor_count;
 
-    /* The houses on both sides of street `s`, column by column; the outermost rows have no lanes. */
+    /* The houses on both sides of street `s`, block by block; in the outermost rows houses fill the lanes, too. */
     const float y = (float)s * pags_town_pitch();
     for (int left = 0; left < 2; left++) {
       const bool outermost = left ? s + 1 == plan->streets : s == 0;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Plans a town for a number of Gaussians, covers it with them and writes the scene. */
+/* Plans a town as large as the wanted number of Gaussians covers, covers its surfaces with Gaussians (surface.c), and
+ * writes the scene with its sky and camera views. */
 #include <math.h>
 #include <pags/scene.h>
 #include <stdio.h>
@@ -16,7 +17,7 @@
 #include "synth/surface.h"
 
 enum { CAMERAS = 3, SKY_SIZE = 256, PROBES = 6000, FITS = 3 };
-#define SHORTEST_BLOCK 12.0 /* metres: one house */
+#define SHORTEST_BLOCK 12.0 /* metres; room for one house */
 
 pags_town_options pags_town_options_default(void) {
   return (pags_town_options){.gaussians = 2000000, .density = 1.0, .width = 960, .height = 540, .frames = 24};
@@ -29,7 +30,7 @@ typedef struct town_maker {
   pags_street town;
   pags_stage *stage;
   pags_surface surface;
-  double seen; /* square metres, weighted */
+  double seen; /* visible surface, square metres weighted by density */
 } town_maker;
 
 static void raze(town_maker *m) {
@@ -39,7 +40,7 @@ static void raze(town_maker *m) {
   m->stage = NULL;
 }
 
-/* The recording car drives along the middle street, from 4 m to 12 m before its end. */
+/* The camera of a view. The ego vehicle drives along the middle street, from x = 4 m to 12 m before its end. */
 static pags_camera camera_at(const town_maker *m, int frame, int camera) {
   const pags_town_options *o = m->options;
   const float length = pags_town_length(&m->plan);
@@ -64,18 +65,19 @@ static pags_result make_scene(town_maker *m, pags_tasks *tasks, pags_progress_fn
   m->street_options = pags_street_options_default();
   m->street_options.seed = m->options->seed;
 
-  /* A street's metre has about 90 square metres that are seen, each by its density. Deeper than long, so that from the
-   * middle street several blocks stand behind each other; blocks then as long as makes the surface right, found by
-   * measuring towns of other lengths. */
+  /* One metre of street has about 90 square metres of visible surface, weighted by density; that gives the total
+   * length of the streets. The town is made deeper than long, so that seen from the middle street several blocks
+   * stand behind each other. The length of the blocks is then fitted: a town is built, its visible surface measured,
+   * and the length corrected, up to FITS times. */
   const double wanted = (double)m->options->gaussians / PAGS_TRAINED_DENSITY, metres = wanted / 90.0;
-  const double shortest = 2.0 * SHORTEST_BLOCK + (double)PAGS_TOWN_LANE; /* of a street */
+  const double shortest = 2.0 * SHORTEST_BLOCK + (double)PAGS_TOWN_LANE; /* of a street, metres */
   const int streets = (int)fmin(sqrt(metres / 9.0) + 0.5, metres / shortest);
   m->plan.streets = streets < 2 ? 2 : streets;
   const int columns = (int)(metres / m->plan.streets / 36.0 + 0.5);
   m->plan.columns = columns < 2 ? 2 : columns;
   m->plan.block = 30.0f;
   for (int fit = 0; fit < FITS; fit++) {
-    /* Raise town. */
+    /* Build a town of this block length and measure its visible surface. */
     raze(m);
     PAGS_TRY(pags_town_build(&m->street_options, &m->plan, &m->town));
     PAGS_TRY(
@@ -89,7 +91,7 @@ static pags_result make_scene(town_maker *m, pags_tasks *tasks, pags_progress_fn
     m->plan.block = (float)fmin(fmax(block, SHORTEST_BLOCK), 60.0);
   }
 
-  /* Add views. */
+  /* The views: three cameras at each position of the drive. */
   scene->views = calloc((size_t)m->options->frames * CAMERAS, sizeof *scene->views);
   if (!scene->views)
     return pags_out_of_memory("the views of a town");
@@ -107,7 +109,7 @@ static pags_result make_scene(town_maker *m, pags_tasks *tasks, pags_progress_fn
     scene->view_count++;
   }
 
-  /* Add sky. */
+  /* The sky's cube map. */
   PAGS_TRY(pags_sky_create(&scene->sky, SKY_SIZE));
   float *texel = scene->sky.texels;
   for (int face = 0; face < 6; face++)
@@ -115,7 +117,7 @@ static pags_result make_scene(town_maker *m, pags_tasks *tasks, pags_progress_fn
       for (int column = 0; column < SKY_SIZE; column++, texel += 3) {
         float direction[3];
 
-        /* Direction of a texel's centre; faces as in pags/sky.h. */
+        /* Direction of the texel's centre; the order and axes of the faces are those of pags/sky.h. */
         double s = 2 * (column + 0.5) / SKY_SIZE - 1;
         double t = 2 * (row + 0.5) / SKY_SIZE - 1;
         const double ways[6][3] = {{1, -t, -s}, {-1, -t, s}, {s, 1, t}, {s, -1, -t}, {s, -t, 1}, {-s, -t, -1}};
@@ -128,7 +130,7 @@ static pags_result make_scene(town_maker *m, pags_tasks *tasks, pags_progress_fn
           texel[c] = pags_surface_srgb(texel[c]);
       }
 
-  /* Add background. */
+  /* The background model with all Gaussians. */
   scene->models = calloc(1, sizeof *scene->models);
   if (!scene->models)
     return pags_out_of_memory("a town");
@@ -150,7 +152,7 @@ pags_result pags_synth_town(const char *folder, const pags_town_options *options
   pags_scene scene = {0};
   bool empty = true;
 
-  /* Check options. */
+  /* Ranges of the options. */
   PAGS_TRY(pags_synth_in_range("gaussians", (double)options->gaussians, 1000, 2e8));
   PAGS_TRY(pags_synth_in_range("density", options->density, 0.05, 20));
   PAGS_TRY(pags_synth_in_range("gaussians times density", (double)options->gaussians * options->density, 1, 2e9));
@@ -166,7 +168,7 @@ pags_result pags_synth_town(const char *folder, const pags_town_options *options
   if (result == PAGS_OK)
     result = pags_scene_save(folder, &scene);
   if (result == PAGS_OK && facts) {
-    /* Tell. */
+    /* What was made, for the caller's report. */
     *facts = (pags_town_facts){.gaussians = pags_scene_gaussian_count(&scene),
                                .streets = maker.plan.streets,
                                .blocks = (maker.plan.streets + 1) * maker.plan.columns,

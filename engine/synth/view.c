@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Shading of the street: reflectance times (sun, where nothing stands before it, + sky from eight directions, each
- * where nothing stands before it either), plus what glossy surfaces mirror of the sky. Sample i of a pixel looks for
- * the sky in direction i, so that eight samples see all of them. */
+/* Draws pictures of the synthetic street by ray tracing. The colour of a surface is its reflectance times the light
+ * from the sun and from eight directions of the sky, each only if a shadow ray in its direction is free, plus the
+ * mirrored sky on glossy surfaces. Sample i of a pixel tests sky direction i alone, so that eight samples cover all
+ * of them. */
 #include "synth/view.h"
 
 #include <math.h>
@@ -10,7 +11,10 @@
 #include "base/vec3.h"
 #include "synth/sky.h"
 
-/* Direction in the world of the ray through pixel position (x, y), with a camera z of 1. */
+/* ---- Cameras and jobs ---- */
+
+/* Sets `direction` to the world direction of the ray through image position (x, y), px, scaled to a camera z of 1, so
+ * that distances along it are camera depths. */
 static void camera_ray(const pags_camera *camera, double x, double y, float direction[3]) {
   const double u = (x - camera->cx) / camera->fx, v = (y - camera->cy) / camera->fy;
   const double *m = camera->world_from_camera;
@@ -18,31 +22,36 @@ static void camera_ray(const pags_camera *camera, double x, double y, float dire
     direction[k] = (float)(m[4 * k] * u + m[4 * k + 1] * v + m[4 * k + 2]);
 }
 
-/* Display-referred sRGB of a linear value, rounded to a byte. */
+/* Converts a linear value, clamped to 0..1, to display-referred sRGB, rounded to a byte. */
 static uint8_t encode_srgb(float linear) {
   const float v = linear <= 0.0f ? 0.0f : linear >= 1.0f ? 1.0f : linear;
   const float s = v <= 0.0031308f ? 12.92f * v : 1.055f * powf(v, 1.0f / 2.4f) - 0.055f;
   return (uint8_t)(s * 255.0f + 0.5f);
 }
 
-enum { ROWS = 4 }; /* a block of work */
+enum { ROWS = 4 }; /* rows of a picture in one block of parallel work */
 
 typedef struct draw_job {
   const pags_street *street;
   const pags_stage *stage;
   pags_street_view *views;
-  int blocks; /* of rows, a view */
-  int step;   /* of the lattice of samples */
+  int blocks; /* blocks of ROWS rows in each view */
+  int step;   /* of the lattice of samples in a pixel (lattice_step) */
   uint64_t seed;
 } draw_job;
 
-/* Spread over the dome, 20 to 75 degrees high; `sky_norm` makes a surface that faces up get an ambient light of 1. */
+/* ---- Light, reflection and shading ---- */
+
+/* Eight unit directions spread over the sky, four 20 degrees and four 49 degrees high. `sky_norm` scales their light
+ * so that a surface that faces up and sees all of them gets an ambient light of 1. */
 static const float sky_ways[PAGS_PACKET][3] = {
     {0.883f, 0.318f, 0.345f}, {-0.398f, 0.849f, 0.348f}, {-0.849f, -0.398f, 0.348f}, {0.318f, -0.883f, 0.345f},
     {0.459f, 0.459f, 0.760f}, {-0.459f, 0.459f, 0.760f}, {-0.459f, -0.459f, 0.760f}, {0.459f, -0.459f, 0.760f}};
 static const float sky_norm = 8.0f / (4 * 0.3465f + 4 * 0.760f);
 
-/* Rays from the touched points towards the light; leaves let it through for a hand's breadth. */
+/* Makes the shadow rays from the surface points whose bit is set in `met`, in direction ways[step * i] for point i
+ * (step 0: one direction for all). They start just above the surface, on leaves 0.15 m away from it, since leaves let
+ * light through. Points of other materials that face away from the light get no ray. */
 static void light_rays(const draw_job *job, const pags_touch *touches, unsigned met, const float (*ways)[3], int step,
                        pags_rays *out) {
   out->active = 0;
@@ -63,11 +72,14 @@ static void light_rays(const draw_job *job, const pags_touch *touches, unsigned 
   }
 }
 
-/* What a surface adds to a picture by itself: its reflectance, and what it mirrors, weighted. */
+/* The contributions of a surface point that do not depend on shadows: the diffuse reflectance, and the mirrored
+ * colour times the share of light that is mirrored. */
 typedef struct surface {
   float reflectance[3], mirrored[3];
 } surface;
 
+/* Adds the mirrored surroundings to `out`. The mirrored share rises from material->gloss at a right angle towards
+ * grazing angles with the fifth power, like Schlick's approximation, but half as far. */
 static void mirror(const pags_material *material, const pags_touch *touch, const float unit[3], uint64_t seed,
                    surface *out) {
   const float facing = -pags_dot3f(unit, touch->normal), away = 1.0f - (facing > 0.0f ? facing : 0.0f);
@@ -82,7 +94,8 @@ static void mirror(const pags_material *material, const pags_touch *touch, const
   }
 }
 
-/* Of a sample that is `side` wide at a distance of 1 and seen along `unit`: long on surfaces seen at a slant. */
+/* Returns the footprint on the surface of a sample that is `side` wide at distance 1 and is seen along the unit
+ * vector `unit`. On surfaces seen at a slant it is longer in the viewing direction. */
 static pags_footprint footprint_of(const pags_touch *touch, const float unit[3], float side) {
   const float slant = fmaxf(fabsf(pags_dot3f(unit, touch->flat)), 0.03f), across = touch->distance * side,
               along = across / slant;
@@ -91,7 +104,9 @@ static pags_footprint footprint_of(const pags_touch *touch, const float unit[3],
   return (pags_footprint){.mean = across / sqrtf(slant), .x = along * x + across * y, .y = along * y + across * x};
 }
 
-/* Light on a surface: `sunny` and `open` say whether the sun and the sky in direction `way` are seen. */
+/* Sets `light` to the light on a surface point. `sunny`: no shadow ray to the sun is blocked; `open`: nor is the one
+ * along the sky direction `way`, else that direction brings light bounced off houses. Leaves are lit from both
+ * sides. */
 static void light_on(const pags_touch *touch, int leaf, int sunny, int open, const float way[3], float light[3]) {
   static const float above[3] = {0.45f, 0.52f, 0.65f}, bounced[3] = {0.17f, 0.155f, 0.135f},
                      below[3] = {0.16f, 0.15f, 0.14f};
@@ -103,6 +118,7 @@ static void light_on(const pags_touch *touch, int leaf, int sunny, int open, con
         pags_sun_light[c] * sun + (open ? above[c] : bounced[c]) * sky + below[c] * (0.5f - 0.5f * touch->normal[2]);
 }
 
+/* Bit i: point i of a packet sees the sun; sees the sky in its direction. */
 typedef struct lighting {
   unsigned sunny, open;
 } lighting;
@@ -124,8 +140,8 @@ static void add_haze(float distance, float color[3]) {
     color[c] = color[c] * clear + haze[c] * (1.0f - clear);
 }
 
-/* Colours of the samples that met something. Every other sample borrows its neighbour's surface if both are on one
- * face, and each look is filtered over half a pixel's width. */
+/* Adds to `sum` the colours of the packet's samples that hit a surface. An odd sample reuses the reflectance of the
+ * even one before it if both lie on one face. Textures are filtered over half a pixel's width. */
 static void add_surfaces(const draw_job *job, const pags_camera *camera, const pags_rays *rays,
                          const pags_touch *touches, unsigned met, float sum[3]) {
   const lighting light = find_light(job, touches, met);
@@ -138,7 +154,7 @@ static void add_surfaces(const draw_job *job, const pags_camera *camera, const p
     const bool borrowed =
         i & 1 && met >> (i - 1) & 1u && touch->face == touch[-1].face && touch->placement == touch[-1].placement;
     if (!borrowed) {
-      /* Look at. */
+      /* Evaluate the material at this sample. */
       float side = (float)(0.5 / camera->fx);
       const pags_material *material = &job->street->materials.list[touch->material];
       const float length = sqrtf(pags_dot3f(rays->direction[i], rays->direction[i]));
@@ -160,7 +176,8 @@ static void add_surfaces(const draw_job *job, const pags_camera *camera, const p
   }
 }
 
-/* Seen square on: a Gaussian has one colour from everywhere. */
+/* The surface is shaded as seen along its normal, because a Gaussian's base colour is the same from every
+ * direction. */
 void pags_street_shade(const pags_street *street, const pags_stage *stage, const pags_touch *touch,
                        const pags_footprint *footprint, float color[3]) {
   const draw_job job = {.street = street, .stage = stage, .seed = street->options->seed};
@@ -173,7 +190,7 @@ void pags_street_shade(const pags_street *street, const pags_stage *stage, const
     copies[i] = *touch;
   const lighting light = find_light(&job, copies, (1u << PAGS_PACKET) - 1u);
   if (material->finish == PAGS_FINISH_ASPHALT || material->finish == PAGS_FINISH_PAVING)
-    memcpy(texture.point, touch->local, sizeof texture.point); /* a town's streets are copies of one */
+    memcpy(texture.point, touch->local, sizeof texture.point); /* a town's streets share one mesh */
   pags_material_color(material, &street->markings, &texture, footprint, job.seed, seen.reflectance);
   if (material->gloss > 0.0f)
     mirror(material, touch, towards, job.seed, &seen);
@@ -186,8 +203,11 @@ void pags_street_shade(const pags_street *street, const pags_stage *stage, const
   }
 }
 
-/* Steps of a lattice of n samples that has one in each of n rows and n columns and whose mean is the pixel's middle:
- * near the golden section of n and without a common divisor. */
+/* ---- Pixels and pictures ---- */
+
+/* Returns the step s of the lattice of n samples in a pixel whose sample i lies in column i and row i * s mod n. The
+ * step is near 0.618 n (golden section) and coprime to n, so that each of the n rows and n columns holds one sample
+ * and the samples' mean is the pixel's centre. */
 static int lattice_step(int n) {
   for (int step = (int)(0.618 * n); step > 1; step--) {
     int a = n, b = step;
@@ -214,13 +234,14 @@ static void draw_pixel(const draw_job *job, const pags_street_view *view, int x,
       rays->active |= 1u << i;
     }
 
-    /* Adds eight samples' colours. */
+    /* Trace up to eight samples and add their colours. */
     pags_touch touches[PAGS_PACKET];
     const unsigned met = pags_stage_trace(job->stage, rays, touches);
     if (met)
       add_surfaces(job, &view->camera, rays, touches, met, sum);
     if (met != rays->active) {
-      /* The sky changes little within a pixel: one look in the rays' mean direction counts for all of them. */
+      /* The sky changes little within a pixel: its colour in the mean direction of these rays counts for all of
+       * them. */
       unsigned sky = rays->active & ~met;
       float mean[3] = {0}, color[3], count = 0.0f;
       for (int i = 0; i < PAGS_PACKET; i++)
@@ -239,7 +260,8 @@ static void draw_pixel(const draw_job *job, const pags_street_view *view, int x,
     out[c] = encode_srgb(sum[c] / (float)samples);
 }
 
-/* Eight neighbouring pixels' centres at a time. */
+/* Fills row y of the view's depth, labels and actors from rays through the pixels' centres, eight neighbours at a
+ * time. */
 static void draw_truth(const draw_job *job, const pags_street_view *view, int y, pags_rays *rays) {
   const int width = view->camera.width;
   pags_touch touches[PAGS_PACKET];
