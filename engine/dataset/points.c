@@ -9,6 +9,7 @@
 #include "base/memory.h"
 #include "base/sort.h"
 
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -39,11 +40,11 @@ static id_use *list_uses(const pags_dataset *dataset) {
 /* Whether a point is used: at least two training views must observe it, if tracks are known. The position of any
  * other point was triangulated with the help of held-out views, and training must not use information from held-out
  * views. */
-static int is_used(const pags_parsed_points *points, const pags_parsed_point *point, const id_use *uses,
-                   int64_t views) {
+static bool is_used(const pags_parsed_points *points, const pags_parsed_point *point, const id_use *uses,
+                    int64_t views) {
   int seen = 0;
   if (!points->tracked)
-    return 1;
+    return true;
   for (int64_t i = 0; i < point->track_count && seen < 2; i++) {
     int64_t id = points->track[point->track_begin + i];
     id_use key = {.id = id};

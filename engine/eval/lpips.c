@@ -82,13 +82,8 @@ static pags_result get_heads(const loader *l, pags_lpips *lpips) {
   return PAGS_OK;
 }
 
-pags_result pags_lpips_load(const char *npz_path, pags_lpips **out) {
-  *out = NULL;
-  pags_lpips *lpips = calloc(1, sizeof *lpips);
-  if (!lpips)
-    return pags_out_of_memory("%s", npz_path);
-
-  /* All arrays are looked up by name and checked for shape and finite values. */
+/* Finds all arrays by name and checks their shapes and that their values are finite. */
+static pags_result read_network(const char *npz_path, pags_lpips *lpips) {
   PAGS_TRY(pags_npz_load(npz_path, &lpips->npz));
   const loader l = {.npz = &lpips->npz, .path = npz_path};
   PAGS_TRY(get_conv(&l, "conv1", 64, 3, 3, &lpips->first));
@@ -106,8 +101,15 @@ pags_result pags_lpips_load(const char *npz_path, pags_lpips **out) {
 
     inputs = 2 * expand_planes[i];
   }
-  pags_result result = get_heads(&l, lpips);
+  return get_heads(&l, lpips);
+}
 
+pags_result pags_lpips_load(const char *npz_path, pags_lpips **out) {
+  *out = NULL;
+  pags_lpips *lpips = calloc(1, sizeof *lpips);
+  if (!lpips)
+    return pags_out_of_memory("%s", npz_path);
+  pags_result result = read_network(npz_path, lpips);
   if (result == PAGS_OK)
     *out = lpips;
   else

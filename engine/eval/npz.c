@@ -5,6 +5,7 @@
 #include "base/file.h"
 #include "base/memory.h"
 
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 #include <zlib.h>
@@ -102,26 +103,26 @@ static const char *find_key(const char *header, const char *key) {
   return p + strspn(p, " ");
 }
 
-static int parse_shape(const char *p, pags_npz_array *array) {
+static bool parse_shape(const char *p, pags_npz_array *array) {
   if (*p++ != '(')
-    return 0;
+    return false;
   array->rank = 0;
   array->count = 1;
   for (;;) {
     p += strspn(p, " ,");
     if (*p == ')')
-      return 1;
+      return true;
     if (*p < '0' || *p > '9' || array->rank == PAGS_NPZ_MAX_RANK)
-      return 0;
+      return false;
     int64_t extent = 0;
     for (; *p >= '0' && *p <= '9'; p++) {
       extent = extent * 10 + (*p - '0');
       if (extent > INT32_MAX)
-        return 0;
+        return false;
     }
     array->shape[array->rank++] = extent;
     if (extent != 0 && array->count > INT32_MAX / extent)
-      return 0;
+      return false;
     array->count *= extent;
   }
 }

@@ -23,6 +23,7 @@ pags_result pags_oiio_module(const pags_oiio **out) {
 #include <dlfcn.h>
 #include <limits.h>
 #include <pthread.h>
+#include <stdbool.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -36,10 +37,10 @@ static char reason[512];
 
 /* Returns whether loading the module succeeds, tried in a child process if address space is limited (ulimit -v):
  * loading brings in a hundred libraries, and some of their initialisers end the process when out of memory. */
-static int survives(const char *path) {
+static bool survives(const char *path) {
   struct rlimit limit;
   if (getrlimit(RLIMIT_AS, &limit) != 0 || limit.rlim_cur == RLIM_INFINITY)
-    return 1;
+    return true;
   const pid_t child = fork();
   if (child == 0) {
     close(STDERR_FILENO); /* hides the C++ runtime's messages */

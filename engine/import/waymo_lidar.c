@@ -4,6 +4,7 @@
 
 #include <assert.h>
 #include <math.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -113,10 +114,10 @@ static void pose_matrix(const float pose[POSE_DEPTH], double out[12]) {
 
 /* Converts a pixel of a range image to a point x y z intensity; returns 0 if the pixel has no return or if a number
  * is not finite. */
-static int decode_pixel(const laser *l, const float *pixel, int64_t at, int row, int column, float out[4]) {
+static bool decode_pixel(const laser *l, const float *pixel, int64_t at, int row, int column, float out[4]) {
   const double range = (double)pixel[0];
   if (!(range > 0) || !isfinite(range) || !isfinite(pixel[1]))
-    return 0;
+    return false;
   const double flat = range * l->inclination[2 * row];
   const double seen[3] = {flat * l->azimuth[2 * column], flat * l->azimuth[2 * column + 1],
                           range * l->inclination[2 * row + 1]};
@@ -194,7 +195,7 @@ static pags_result decode_laser(laser *l, const Pags__Waymo__Laser *message, pag
   return result;
 }
 
-static int has_image(const Pags__Waymo__RangeImage *image) {
+static bool has_image(const Pags__Waymo__RangeImage *image) {
   return image && image->range_image_compressed.len;
 }
 

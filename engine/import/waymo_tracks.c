@@ -5,6 +5,7 @@
 
 #include <assert.h>
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -28,15 +29,15 @@ static const char *class_name(int type) {
 }
 
 /* An id is usable if it is 1..255 printable ASCII characters, since ids are written to JSON. */
-static int is_usable_id(const char *id) {
+static bool is_usable_id(const char *id) {
   size_t length = 0;
   for (; id && id[length]; length++)
     if (id[length] < ' ' || id[length] > '~')
-      return 0;
+      return false;
   return length > 0 && length < 256;
 }
 
-static int is_usable(const Pags__Waymo__Label *label) {
+static bool is_usable(const Pags__Waymo__Label *label) {
   const Pags__Waymo__Box *b = label->box;
   return b && is_usable_id(label->id) && isfinite(b->center_x) && isfinite(b->center_y) && isfinite(b->center_z) &&
          isfinite(b->heading) && b->length > 0 && b->width > 0 && b->height > 0 && b->length < 1e4 && b->width < 1e4 &&

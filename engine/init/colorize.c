@@ -9,6 +9,7 @@
 #include "init/colorize.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -76,7 +77,7 @@ static void project_block(void *context, int64_t begin, int64_t end, int worker)
 /* Do the labels of a pixel say that it probably shows something other than the point's owner? For the background that
  * is any object's box, something moving or sky; for an object it is everything but a box of its own category alone,
  * since where boxes of several categories overlap, the labels do not tell which object is visible. */
-static int is_doubtful(const colorizer *p, const pags_lidar_point *row, int labels) {
+static bool is_doubtful(const colorizer *p, const pags_lidar_point *row, int labels) {
   static const int bits[] = {[PAGS_CATEGORY_VEHICLE] = PAGS_LABEL_VEHICLE,
                              [PAGS_CATEGORY_PEDESTRIAN] = PAGS_LABEL_PEDESTRIAN,
                              [PAGS_CATEGORY_CYCLIST] = PAGS_LABEL_CYCLIST};

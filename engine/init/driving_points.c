@@ -9,6 +9,7 @@
 #include "init/driving_points.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -74,14 +75,14 @@ static void colour_of(const pags_lidar_point *row, uint8_t rgb[3]) {
 
 /* Sets `rgb` to the colour of point i; returns 0 if no photograph gave it one. A mirrored point without a colour
  * takes that of the measured point it mirrors. */
-static int seen_colour(const pags_lidar_points *points, int64_t i, uint8_t rgb[3]) {
+static bool seen_colour(const pags_lidar_points *points, int64_t i, uint8_t rgb[3]) {
   const pags_lidar_point *row = &points->rows[i];
   if (row->kind == PAGS_CANDIDATE_MIRRORED && !(row->sum[3] > 0))
     row = &points->rows[row->source];
   if (!(row->sum[3] > 0))
-    return 0;
+    return false;
   colour_of(row, rgb);
-  return 1;
+  return true;
 }
 
 static int64_t take_kind(const pags_lidar_points *points, int32_t owner, int kind, int64_t from,
@@ -159,7 +160,7 @@ static pags_result scene_radius(const pags_lidar_points *points, const double mi
 
 /* Does a point lie in a moving object's box at any time? Points of structure from motion carry no time, so all of
  * those are kept out of the background. */
-static int swept_by_object(const pags_dataset *dataset, const float *p) {
+static bool swept_by_object(const pags_dataset *dataset, const float *p) {
   const double *origin = pags_dataset_origin(dataset);
   for (int64_t i = 0; i < pags_dataset_object_count(dataset); i++) {
     const pags_object *object = pags_dataset_object(dataset, i);
@@ -174,10 +175,10 @@ static int swept_by_object(const pags_dataset *dataset, const float *p) {
         inside = fabs(local) <= 0.5 * object->size[k];
       }
       if (inside)
-        return 1;
+        return true;
     }
   }
-  return 0;
+  return false;
 }
 
 /* The points that do not come from LiDAR. */

@@ -8,6 +8,7 @@
  * On the synthetic street (24 frames at half size, 800 steps) these points raise PSNR by 0.9 dB in held-out views and
  * by 0.7 to 1.1 dB in shifted ones. */
 #include <math.h>
+#include <stdbool.h>
 #include <string.h>
 
 #include "base/rng.h"
@@ -20,12 +21,12 @@ enum { CLEAR = 2, TRIES = 24 };
 
 static const double nearest = 4.0; /* smallest depth where no LiDAR point lies below the pixel, metres */
 
-static int is_clear(const pags_z_buffer *o, int x, int y) {
+static bool is_clear(const pags_z_buffer *o, int x, int y) {
   for (int j = y - CLEAR; j <= y + CLEAR; j++)
     for (int i = x - CLEAR; i <= x + CLEAR; i++)
       if (i >= 0 && j >= 0 && i < o->columns && j < o->rows && isfinite(o->depth[(int64_t)j * o->columns + i]))
-        return 0;
-  return 1;
+        return false;
+  return true;
 }
 
 /* Depth of the first occupied z-buffer cell at or below cell (x, y) in its column; 0 if there is none. */
@@ -36,7 +37,7 @@ static double depth_below(const pags_z_buffer *o, int x, int y) {
   return 0;
 }
 
-static int usable(const pags_photo *photo, int x, int y) {
+static bool usable(const pags_photo *photo, int x, int y) {
   const int never =
       PAGS_LABEL_SKY | PAGS_LABEL_MOVING | PAGS_LABEL_VEHICLE | PAGS_LABEL_PEDESTRIAN | PAGS_LABEL_CYCLIST;
   int64_t at = (int64_t)y * photo->stride + x;

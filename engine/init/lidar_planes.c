@@ -8,6 +8,7 @@
 #include "init/lidar_planes.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -205,7 +206,7 @@ typedef struct drawing {
 } drawing;
 
 /* Is p within reach of a plane of cells of side `side`? `across` receives its signed distance from the plane. */
-static int reaches(const pags_lidar_plane *plane, const float p[3], float side, float *across) {
+static bool reaches(const pags_lidar_plane *plane, const float p[3], float side, float *across) {
   float d[3], along2 = 0;
   *across = 0;
   for (int k = 0; k < 3; k++) {

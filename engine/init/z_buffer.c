@@ -7,6 +7,7 @@
 #include "init/z_buffer.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 
 #include "base/memory.h"
@@ -70,7 +71,7 @@ void pags_z_buffer_add(pags_z_buffer *self, const pags_seen_point *points, int64
     }
 }
 
-int pags_z_buffer_visible(const pags_z_buffer *self, const pags_seen_point *point) {
+bool pags_z_buffer_visible(const pags_z_buffer *self, const pags_seen_point *point) {
   int x = clamp_cell((double)point->u, self->columns), y = clamp_cell((double)point->v, self->rows);
   float nearest = self->depth[(int64_t)y * self->columns + x];
   return point->z <= nearest * (1 + same_share) + same_metres;

@@ -3,6 +3,8 @@
 #ifndef PAGS_INIT_Z_BUFFER_H
 #define PAGS_INIT_Z_BUFFER_H
 
+#include <stdbool.h>
+
 #include <pags/base.h>
 
 typedef struct pags_z_buffer {
@@ -32,6 +34,6 @@ void pags_z_buffer_destroy(pags_z_buffer *self);
 void pags_z_buffer_add(pags_z_buffer *self, const pags_seen_point *points, int64_t count);
 
 /* Returns 1 if no drawn point is clearly nearer to the camera at this pixel, so that the point is visible. */
-int pags_z_buffer_visible(const pags_z_buffer *self, const pags_seen_point *point);
+bool pags_z_buffer_visible(const pags_z_buffer *self, const pags_seen_point *point);
 
 #endif

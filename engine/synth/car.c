@@ -7,7 +7,7 @@
 enum { STATIONS = 12, AROUND = 20, LEVELS = 6 };
 
 typedef struct car_parts {
-  uint16_t paint, glass, black, hub, white, red, amber, plate;
+  uint16_t paint, glass, black, hub, white, red, plate;
 } car_parts;
 
 /* Gives the point at parameter `angle` (radians) of the superellipse |y|^n + |z|^n = 1. */

@@ -174,7 +174,7 @@ static void window(const pags_material *m, const pags_touch *touch, float width,
 
 /* Car paint with thin dark seams: upright door gaps at three positions along x, and one line along each sill. */
 static void paint(const pags_material *m, const pags_touch *touch, float width, float color[3]) {
-  static const float seams[4] = {-0.95f, -0.02f, 0.95f, 1.35f}, dark[3] = {0.03f, 0.03f, 0.03f};
+  static const float seams[3] = {-0.95f, -0.02f, 0.95f}, dark[3] = {0.03f, 0.03f, 0.03f};
   const float *p = touch->local;
   float seam = 0.0f;
   for (int i = 0; i < 3; i++)

@@ -12,6 +12,7 @@
 
 #include <assert.h>
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -269,7 +270,7 @@ typedef struct left_out {
   int any;
 } left_out;
 
-static int is_left_out(const left_out *l, int row) {
+static bool is_left_out(const left_out *l, int row) {
   return l->bits[row / 16] >> (row % 16) & 1;
 }
 

@@ -4,6 +4,7 @@
 #include "train/checkpoint.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 #include <zlib.h>
@@ -278,7 +279,7 @@ static pags_result out_of_range(const section_reader *r, const char *tag) {
 
 /* ---- Reading the state ---- */
 
-static int is_sound_run(const run_record *r, const pags_dataset *dataset, const pags_track_poses *tracks) {
+static bool is_sound_run(const run_record *r, const pags_dataset *dataset, const pags_track_poses *tracks) {
   int64_t views = dataset ? pags_dataset_view_count(dataset) : 0;
   int in_order =
       r->step >= 0 && r->stop >= r->step && r->stop <= PAGS_CONFIG_STEPS && r->resets >= 0 && r->resets <= r->step;
@@ -291,7 +292,7 @@ static int is_sound_run(const run_record *r, const pags_dataset *dataset, const 
 
 /* Checks a model's record. Models are stored in rising order of their object number, the background (-1) first;
  * `before` is the object number of the model before this one, -2 if there is none. */
-static int is_sound_model(const model_record *m, const pags_train_config *config, int64_t before, int64_t objects) {
+static bool is_sound_model(const model_record *m, const pags_train_config *config, int64_t before, int64_t objects) {
   int in_order = before == -2 ? m->object == -1 : m->object > before;
   return in_order && m->object < objects && m->count >= 0 && m->count <= INT32_MAX - 64 &&
          m->sh_degree == config->color.sh_degree && isfinite(m->extent) && m->extent > 0 &&

@@ -10,6 +10,7 @@
 #include "train/densify.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -62,11 +63,11 @@ static thresholds thresholds_of(const pags_train_model *model) {
  * parts that the label misses stick out. */
 static const double box_margin = 1.5;
 
-static int strays(const pags_train_model *model, int64_t row) {
+static bool strays(const pags_train_model *model, int64_t row) {
   for (int k = 0; k < 3 && model->half_size[k] > 0.0; k++)
     if (fabs((double)pags_plane(&model->gaussians, PAGS_MEAN + k)[row]) > box_margin * model->half_size[k])
-      return 1;
-  return 0;
+      return true;
+  return false;
 }
 
 static pags_edit decide_row(const pags_train_model *model, const thresholds *t, int64_t row) {

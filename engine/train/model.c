@@ -5,6 +5,7 @@
 
 #include <assert.h>
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -42,7 +43,7 @@ static pags_result reserve_density(pags_density *density, int64_t capacity, int 
   return PAGS_OK;
 }
 
-static int wants_squared(const pags_train_model *model) {
+static bool wants_squared(const pags_train_model *model) {
   const pags_train_config *c = &model->schedule.config;
   return c->priority.preset != PAGS_PRESET_NONE && c->priority.s_grad_from == PAGS_S_GRAD_FROM_TRAINING;
 }
@@ -199,14 +200,14 @@ pags_result pags_model_add_fourier(pags_train_model *model) {
   return pags_gaussians_add_fourier(&model->adam.second);
 }
 
-int pags_model_is_finite_row(const pags_gaussians *g, int64_t row) {
+bool pags_model_is_finite_row(const pags_gaussians *g, int64_t row) {
   for (int p = 0; p < pags_plane_count(g->sh_degree); p++)
     if (!isfinite(pags_plane(g, p)[row]))
-      return 0;
+      return false;
   for (int p = 0; g->fourier && p < PAGS_FOURIER_PLANES; p++)
     if (!isfinite(g->fourier[p * g->stride + row]))
-      return 0;
-  return 1;
+      return false;
+  return true;
 }
 
 int64_t pags_model_drop_spoiled(pags_train_model *model) {

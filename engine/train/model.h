@@ -5,6 +5,8 @@
 #ifndef PAGS_TRAIN_MODEL_H
 #define PAGS_TRAIN_MODEL_H
 
+#include <stdbool.h>
+
 #include <pags/frame.h>
 #include <pags/gaussians.h>
 #include <pags/tasks.h>
@@ -51,7 +53,7 @@ pags_result pags_model_gather(pags_train_model *model, const int64_t *source, in
 /* Sorts the rows in Morton order and rebuilds the clusters and their bounds. The model must be settled. */
 pags_result pags_model_sort(pags_train_model *model, pags_tasks *tasks);
 /* Returns whether all parameters of the row are finite. */
-int pags_model_is_finite_row(const pags_gaussians *gaussians, int64_t row);
+bool pags_model_is_finite_row(const pags_gaussians *gaussians, int64_t row);
 /* Removes the rows with parameters that aren't finite, for the finished scene; the model can't be trained any more.
  * Returns the number of rows removed, -1 when out of memory. */
 int64_t pags_model_drop_spoiled(pags_train_model *model);

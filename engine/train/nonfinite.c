@@ -2,6 +2,7 @@
 /* Counts the updates left out for a number that isn't finite, and describes the first; see nonfinite.h. */
 #include "train/nonfinite.h"
 
+#include <stdbool.h>
 #include <stdio.h>
 
 #include <pags/gaussians.h>
@@ -16,7 +17,7 @@ static int stage_of(const pags_nonfinite_row *o) {
   return o->kind == PAGS_NONFINITE_EXPOSURE ? 2 : o->kind == PAGS_NONFINITE_POSE;
 }
 
-static int comes_before(const pags_nonfinite_row *a, const pags_nonfinite_row *b) {
+static bool comes_before(const pags_nonfinite_row *a, const pags_nonfinite_row *b) {
   if (a->step != b->step)
     return a->step < b->step;
   if (stage_of(a) != stage_of(b))

@@ -4,6 +4,7 @@
 #include "train/output.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -68,11 +69,11 @@ pags_result pags_output_find(pags_output *output, const pags_train_options *opti
   return options->resume && !*found ? begin_instead(output) : PAGS_OK;
 }
 
-static int is_ours(const char *name) {
+static bool is_ours(const char *name) {
   static const char *const names[] = {"checkpoint.pags", "log.jsonl", "report.json", "scene.json"};
   for (size_t i = 0; i < sizeof names / sizeof *names; i++)
     if (strcmp(name, names[i]) == 0)
-      return 1;
+      return true;
   return strncmp(name, preview_prefix, strlen(preview_prefix)) == 0 && strcmp(pags_path_extension(name), ".png") == 0;
 }
 

@@ -8,6 +8,7 @@
 #include "train/schedule.h"
 
 #include <math.h>
+#include <stdbool.h>
 
 #include "base/rng.h"
 #include "train/config.h"
@@ -86,11 +87,11 @@ int pags_schedule_sh_degree(const pags_schedule *s, int64_t step) {
   return degree < s->config.color.sh_degree ? (int)degree : s->config.color.sh_degree;
 }
 
-int pags_schedule_is_densify(const pags_schedule *s, int64_t step) {
+bool pags_schedule_is_densify(const pags_schedule *s, int64_t step) {
   return step > s->densify_from && step < s->densify_until && step % s->densify_every == 0;
 }
 
-int pags_schedule_is_draw(const pags_schedule *s, int64_t step) {
+bool pags_schedule_is_draw(const pags_schedule *s, int64_t step) {
   return step > s->densify_from && step < s->length && step % s->densify_every == 0;
 }
 
@@ -101,21 +102,21 @@ int pags_schedule_prune(const pags_schedule *s, int64_t step) {
   return -1;
 }
 
-int pags_schedule_is_reset(const pags_schedule *s, int64_t step) {
+bool pags_schedule_is_reset(const pags_schedule *s, int64_t step) {
   int64_t recovery = s->reset_every / 3;
   if (s->config.density.strategy != PAGS_STRATEGY_DEFAULT || step >= s->densify_until)
-    return 0;
+    return false;
   for (int i = 0; i < s->prunes; i++) {
     int64_t prune = s->prune_step[i];
     if (step < prune && step > prune - recovery)
-      return 0;
+      return false;
     if (step == prune && prune / s->reset_every * s->reset_every > prune - recovery)
-      return 1;
+      return true;
   }
   return step % s->reset_every == 0;
 }
 
-int pags_schedule_prunes_large(const pags_schedule *s, int64_t step) {
+bool pags_schedule_prunes_large(const pags_schedule *s, int64_t step) {
   return step > s->reset_every;
 }
 

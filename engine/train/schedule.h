@@ -4,6 +4,8 @@
 #ifndef PAGS_TRAIN_SCHEDULE_H
 #define PAGS_TRAIN_SCHEDULE_H
 
+#include <stdbool.h>
+
 #include <pags/train.h>
 
 /* Groups of parameters that share a learning rate. */
@@ -57,19 +59,19 @@ pags_schedule pags_schedule_make(const pags_train_config *config, double extent,
 /* Learning rates of a step; that of positions is in metres. */
 void pags_schedule_rates(const pags_schedule *schedule, int64_t step, double rates[PAGS_RATE_GROUPS]);
 int pags_schedule_sh_degree(const pags_schedule *schedule, int64_t step);
-int pags_schedule_is_densify(const pags_schedule *schedule, int64_t step);
+bool pags_schedule_is_densify(const pags_schedule *schedule, int64_t step);
 /* Whether the step pulls Gaussians towards the planes that LiDAR shows (init/lidar_planes.h): at densify's interval,
  * but up to the end of the schedule. */
-int pags_schedule_is_draw(const pags_schedule *schedule, int64_t step);
+bool pags_schedule_is_draw(const pags_schedule *schedule, int64_t step);
 /* Whether opacities are reset after the step. A reset that would be followed by a prune by score within a third of
  * the interval between resets is put off until after that prune: while opacities haven't recovered, no Gaussian hides
  * another, and the scores say little. */
-int pags_schedule_is_reset(const pags_schedule *schedule, int64_t step);
+bool pags_schedule_is_reset(const pags_schedule *schedule, int64_t step);
 /* Returns the number, from 0, of the prune by score that follows a step; -1: none. */
 int pags_schedule_prune(const pags_schedule *schedule, int64_t step);
 /* Whether densify also prunes Gaussians that are too large: only once an opacity reset has happened, since before it
  * the large Gaussians are those that cover the background. */
-int pags_schedule_prunes_large(const pags_schedule *schedule, int64_t step);
+bool pags_schedule_prunes_large(const pags_schedule *schedule, int64_t step);
 /* Returns the factor by which a photograph of that size is shrunk at a step: 1, 2 or 4. */
 int pags_schedule_level(const pags_schedule *schedule, int64_t step, int width, int height);
 

@@ -2,6 +2,7 @@
 /* Measures the scores of all Gaussians by a pass over the training views; see score_pass.h. */
 #include "train/score_pass.h"
 
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -42,7 +43,7 @@ void pags_score_pass_destroy(pags_score_pass *scores) {
   *scores = (pags_score_pass){0};
 }
 
-int pags_score_pass_has_labels(const pags_dataset *dataset) {
+bool pags_score_pass_has_labels(const pags_dataset *dataset) {
   return (pags_dataset_provides(dataset) &
           (PAGS_PROVIDES_BOXES | PAGS_PROVIDES_SEMANTIC | PAGS_PROVIDES_DYNAMIC_MASKS)) != 0;
 }

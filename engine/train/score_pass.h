@@ -7,6 +7,8 @@
 #ifndef PAGS_TRAIN_SCORE_PASS_H
 #define PAGS_TRAIN_SCORE_PASS_H
 
+#include <stdbool.h>
+
 #include "train/run.h"
 
 typedef struct pags_score_pass {
@@ -24,7 +26,7 @@ pags_result pags_score_pass_measure(pags_trainer *trainer, int rough, pags_score
 void pags_score_pass_destroy(pags_score_pass *scores); /* a zeroed struct is allowed */
 
 /* Returns whether the data set has any labels that say what is critical. */
-int pags_score_pass_has_labels(const pags_dataset *dataset);
+bool pags_score_pass_has_labels(const pags_dataset *dataset);
 
 /* Sets S_sem of all rows that were seen. Does nothing if the data set has no labels, or if the configuration keeps
  * the initial S_sem. */

@@ -3,6 +3,7 @@
 #include "train/sh_trim.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -52,10 +53,10 @@ pags_sh_view pags_sh_view_make(const pags_camera *camera, const double world_fro
 }
 
 /* Returns whether a Gaussian at `p` whose sigmas are at most `sigma` may show in the view. Conservative. */
-static int may_show(const pags_sh_view *v, const float p[3], float sigma) {
+static bool may_show(const pags_sh_view *v, const float p[3], float sigma) {
   float z = v->r[6] * p[0] + v->r[7] * p[1] + v->r[8] * p[2] + v->t[2];
   if (!(z > v->near_plane))
-    return 0;
+    return false;
   float x = v->r[0] * p[0] + v->r[1] * p[1] + v->r[2] * p[2] + v->t[0];
   float y = v->r[3] * p[0] + v->r[4] * p[1] + v->r[5] * p[2] + v->t[1];
   float u = v->fx * x / z + v->cx, w = v->fy * y / z + v->cy;
@@ -135,13 +136,13 @@ static void find_ranges(const pags_gaussians *g, const pags_sh_view *views, int6
 
 /* Returns whether a row's colour changes by at most `error` if the terms beyond `degree` are removed: with the middle
  * of their range in the constant term, half of the range is left, channel by channel. */
-static int fits(const row_ranges *ranges, int degree, double error) {
+static bool fits(const row_ranges *ranges, int degree, double error) {
   for (int c = 0; c < 3; c++) {
     float lo = ranges->lo[degree][c], hi = ranges->hi[degree][c];
     if (lo < hi && !(0.5 * ((double)hi - (double)lo) <= error))
-      return 0;
+      return false;
   }
-  return 1;
+  return true;
 }
 
 void pags_sh_trim_rows(pags_gaussians *g, const pags_sh_view *views, int64_t view_count, double error, int64_t first,

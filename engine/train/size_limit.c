@@ -3,6 +3,7 @@
 #include "train/size_limit.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 
 #include <pags/scene.h>
@@ -48,7 +49,7 @@ pags_result pags_size_limit_rows(const pags_dataset *dataset, const pags_train_s
 }
 
 /* Returns whether a prune by score is still to come, which will apply the size limit. */
-static int is_later(const pags_train_state *s) {
+static bool is_later(const pags_train_state *s) {
   int prunes = s->schedule.prunes;
   int64_t last = prunes > 0 ? s->schedule.prune_step[prunes - 1] : 0;
   return s->step < last && last < s->stop;

@@ -8,6 +8,7 @@
 
 #include <assert.h>
 #include <math.h>
+#include <stdbool.h>
 
 #include "base/sort.h"
 
@@ -107,7 +108,7 @@ int pags_box_outline(const pags_camera *camera, const double world_from_object[1
 
 /* Intersects the horizontal line at y with a convex outline: the line lies inside from *left to *right. Returns false
  * if they don't meet. */
-static int crossings(const double *corners, int count, double y, double *left, double *right) {
+static bool crossings(const double *corners, int count, double y, double *left, double *right) {
   *left = INFINITY;
   *right = -INFINITY;
   for (int i = 0; i < count; i++) {

@@ -3,9 +3,9 @@
  * synth`.
  *
  * Use: begin, any number of puts in any order, finish. An interrupted import can be continued: files are written
- * under a temporary name and renamed, so that a file that exists is complete, and a put of an existing file does
- * nothing. Begin writes the source and the options of the import to import.json; a folder that was begun from another
- * source, or that holds other files, is refused. dataset.json is written last.
+ * under a temporary name and renamed, so that a file that exists is complete, and a put of an existing
+ * file of a frame does nothing. Begin writes the source and the options of the import to import.json; a folder that was
+ * begun from another source, or that holds other files, is refused. dataset.json is written last.
  *
  * Frames count from 0, whatever their numbers in the source are. Puts of different files may be called by several
  * threads at once. */
