@@ -7,8 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/embree.h"
 #include "base/memory.h"
-#include "synth/embree.h"
 
 struct pags_stage {
   const pags_mesh *meshes;
@@ -22,19 +22,8 @@ struct pags_stage {
 
 /* ---- Building the scenes ---- */
 
-static pags_result check(const pags_stage *stage) {
-  const enum RTCError code = rtcGetDeviceError(stage->device);
-  if (code == RTC_ERROR_NONE)
-    return PAGS_OK;
-  if (code == RTC_ERROR_OUT_OF_MEMORY)
-    return pags_out_of_memory("Embree");
-  return pags_fail(PAGS_ERROR_UNSUPPORTED, "Embree failed with error %d", (int)code);
-}
-
 static pags_result build(pags_stage *stage) {
-  /* Embree builds on one thread, so that its tree is always the same, and with it the choice between two equally near
-   * faces. */
-  stage->device = rtcNewDevice("threads=1");
+  stage->device = pags_embree_device();
   stage->parts = calloc((size_t)stage->mesh_count + 1, sizeof(RTCScene));
   stage->instances = calloc((size_t)stage->placement_count + 1, sizeof(RTCGeometry));
   if (!stage->parts || !stage->instances)
@@ -57,7 +46,7 @@ static pags_result build(pags_stage *stage) {
     rtcReleaseGeometry(geometry);
     rtcSetSceneFlags(stage->parts[i], RTC_SCENE_FLAG_ROBUST);
     rtcCommitScene(stage->parts[i]);
-    PAGS_TRY(check(stage));
+    PAGS_TRY(pags_embree_check(stage->device));
   }
   stage->scene = rtcNewScene(stage->device);
   if (!stage->scene)
@@ -116,7 +105,7 @@ pags_result pags_stage_commit(pags_stage *stage, int first, int count) {
     rtcCommitGeometry(stage->instances[i]);
   }
   rtcCommitScene(stage->scene);
-  return check(stage);
+  return pags_embree_check(stage->device);
 }
 
 /* ---- Tracing rays ---- */

@@ -1,20 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Nearest points, distances and ray hits on a triangle mesh or a point cloud, by Embree's bounding volume
- * hierarchies. This is the only file of the exporters that includes Embree, version 3 or 4. */
+ * hierarchies. This is the only file of the exporters that includes Embree (base/embree.h). */
 #include "exporters/proxy/mesh_query.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/embree.h"
 #include "base/memory.h"
 #include "base/vec3.h"
-
-#if PAGS_EMBREE >= 4 /* major version, from CMake */
-#include <embree4/rtcore.h>
-#else
-#include <embree3/rtcore.h>
-#endif
 
 struct pags_mesh_query {
   RTCDevice device;
@@ -98,13 +93,6 @@ static bool visit(struct RTCPointQueryFunctionArguments *arguments) {
 
 /* ---- Building ---- */
 
-static pags_result failed(const pags_mesh_query *query) {
-  enum RTCError code = rtcGetDeviceError(query->device);
-  if (code == RTC_ERROR_OUT_OF_MEMORY)
-    return pags_out_of_memory("Embree");
-  return pags_fail(PAGS_ERROR_UNSUPPORTED, "Embree failed with error %d", (int)code);
-}
-
 static void point_bounds(const struct RTCBoundsFunctionArguments *arguments) {
   const pags_mesh_query *query = arguments->geometryUserPtr;
   const float *p = query->points + 3 * (size_t)arguments->primID;
@@ -118,24 +106,22 @@ static pags_result attach(pags_mesh_query *query, RTCGeometry geometry) {
   rtcReleaseGeometry(geometry);
   rtcSetSceneFlags(query->scene, RTC_SCENE_FLAG_ROBUST);
   rtcCommitScene(query->scene);
-  return rtcGetDeviceError(query->device) == RTC_ERROR_NONE ? PAGS_OK : failed(query);
+  return pags_embree_check(query->device);
 }
 
 static pags_result open_scene(pags_mesh_query *query) {
-  /* One thread builds the same tree every time, so of two equally near primitives the same one is found every
-   * time. */
-  query->device = rtcNewDevice("threads=1");
+  query->device = pags_embree_device();
   if (!query->device)
-    return failed(query);
+    return pags_embree_failed(query->device);
   query->scene = rtcNewScene(query->device);
-  return query->scene ? PAGS_OK : failed(query);
+  return query->scene ? PAGS_OK : pags_embree_failed(query->device);
 }
 
 static pags_result add_triangles(pags_mesh_query *query, const pags_proxy_mesh *surface) {
   PAGS_TRY(open_scene(query));
   RTCGeometry geometry = rtcNewGeometry(query->device, RTC_GEOMETRY_TYPE_TRIANGLE);
   if (!geometry)
-    return failed(query);
+    return pags_embree_failed(query->device);
   /* Embree reads 16 bytes at each vertex of 12, so that a shared array would need padding behind the last vertex. The
    * vertices are copied into a buffer of Embree's instead. */
   float *vertices = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 12,
@@ -144,7 +130,7 @@ static pags_result add_triangles(pags_mesh_query *query, const pags_proxy_mesh *
                                                 (size_t)surface->triangle_count);
   if (!vertices || !triangles) {
     rtcReleaseGeometry(geometry);
-    return failed(query);
+    return pags_embree_failed(query->device);
   }
   for (int64_t i = 0; i < 3 * surface->vertex_count; i++)
     vertices[i] = surface->positions[i];
@@ -184,7 +170,7 @@ pags_result pags_mesh_query_of_points(const float *points, int64_t count, pags_m
     rtcSetGeometryBoundsFunction(geometry, point_bounds, NULL);
     result = attach(query, geometry);
   } else if (result == PAGS_OK) {
-    result = failed(query);
+    result = pags_embree_failed(query->device);
   }
   if (result == PAGS_OK)
     *out = query;
