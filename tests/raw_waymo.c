@@ -151,13 +151,13 @@ static void pose_from(const float pose[6], double out[12]) {
 }
 
 /* Row 0 is the highest beam. */
-static double inclination_of(const raw_laser *l, int row) {
+static double inclination_of(const raw_lidar *l, int row) {
   const int beam = l->rows - 1 - row;
   return l->inclinations ? l->inclinations[beam] : l->low + (l->high - l->low) * (beam + 0.5) / l->rows;
 }
 
 /* In the LiDAR's own frame; column 0 is the one that looks to the back of the vehicle and a bit to its left. */
-static void pixel_direction(const raw_laser *l, int row, int column, double out[3]) {
+static void pixel_direction(const raw_lidar *l, int row, int column, double out[3]) {
   const double yaw = atan2(l->vehicle_from_laser[4], l->vehicle_from_laser[0]);
   const double azimuth = PI - 2 * PI * (column + 0.5) / l->columns - yaw, up = inclination_of(l, row);
   out[0] = cos(azimuth) * cos(up);
@@ -165,7 +165,7 @@ static void pixel_direction(const raw_laser *l, int row, int column, double out[
   out[2] = sin(up);
 }
 
-static void scan(const raw_laser *l, const double world_from_frame[12], int which, float *image, float *poses) {
+static void scan(const raw_lidar *l, const double world_from_frame[12], int which, float *image, float *poses) {
   for (int c = 0; c < l->columns; c++) {
     double vehicle[12], laser[12], origin[3], direction[3], local[3];
     float pose[6];
@@ -188,7 +188,7 @@ static void scan(const raw_laser *l, const double world_from_frame[12], int whic
   }
 }
 
-static void add_calibration(raw_waymo *w, Pags__Waymo__Frame *frame, const raw_laser *l) {
+static void add_calibration(raw_waymo *w, Pags__Waymo__Frame *frame, const raw_lidar *l) {
   Pags__Waymo__LaserCalibration *c = raw_waymo_alloc(w, 1, sizeof *c);
   pags__waymo__laser_calibration__init(c);
   c->has_name = 1;
@@ -218,7 +218,7 @@ static Pags__Waymo__RangeImage *range_image(raw_waymo *w, const float *image, in
   return r;
 }
 
-static void add_returns(raw_waymo *w, Pags__Waymo__Frame *frame, const raw_laser *l, const float *first,
+static void add_returns(raw_waymo *w, Pags__Waymo__Frame *frame, const raw_lidar *l, const float *first,
                         const float *second, const float *poses) {
   Pags__Waymo__Laser *laser = raw_waymo_alloc(w, 1, sizeof *laser);
   pags__waymo__laser__init(laser);
@@ -229,7 +229,7 @@ static void add_returns(raw_waymo *w, Pags__Waymo__Frame *frame, const raw_laser
   frame->lasers[frame->n_lasers++] = laser;
 }
 
-void raw_laser_add(raw_waymo *w, Pags__Waymo__Frame *frame, const raw_laser *l) {
+void raw_lidar_add(raw_waymo *w, Pags__Waymo__Frame *frame, const raw_lidar *l) {
   const size_t pixels = (size_t)l->rows * (size_t)l->columns;
   float *images[2], *poses = l->pose ? raw_waymo_alloc(w, pixels, 6 * sizeof *poses) : NULL;
   for (int which = 0; which < 2; which++) {
@@ -447,15 +447,15 @@ static void add_labels(source *s, Pags__Waymo__Frame *frame, int64_t t, const do
 enum { ROWS = 192, COLUMNS = 2048 };
 
 /* The roof laser: turned by 148 degrees and tilted a little, as Waymo's. */
-static raw_laser roof_laser(void) {
-  raw_laser l = {.name = 1, .rows = ROWS, .columns = COLUMNS, .low = -0.9, .high = 0.5};
+static raw_lidar roof_lidar(void) {
+  raw_lidar l = {.name = 1, .rows = ROWS, .columns = COLUMNS, .low = -0.9, .high = 0.5};
   const double turned[12] = {cos(2.58), -sin(2.58), 0, 1.43, sin(2.58), cos(2.58), 0, 0, 0, 0, 1, 2.18};
   memcpy(l.vehicle_from_laser, turned, sizeof turned);
   return l;
 }
 
 /* Puts a point of the vehicle's frame into its beam's pixel. */
-static void put_point(const raw_laser *l, const double laser_from_vehicle[12], const double p[3], float value,
+static void put_point(const raw_lidar *l, const double laser_from_vehicle[12], const double p[3], float value,
                       float *images[2]) {
   double q[3];
   apply(laser_from_vehicle, p, 1, q);
@@ -485,7 +485,7 @@ static void add_lidar(source *s, Pags__Waymo__Frame *frame, int64_t t, const dou
   if (!stride || !pags_file_exists(name_of(s, "lidar/%03d.bin", (int)t)))
     return;
   const ProtobufCBinaryData rows = read_file(s, s->path);
-  const raw_laser l = roof_laser();
+  const raw_lidar l = roof_lidar();
   double back[12];
   float *images[2], *poses = raw_waymo_alloc(s->w, (size_t)ROWS * COLUMNS, 6 * sizeof *poses);
   for (int i = 0; i < 2; i++)

@@ -32,7 +32,7 @@ ProtobufCBinaryData raw_matrix(raw_waymo *w, const float *values, int rows, int 
 
 /* A laser that turns: its range images are filled through `range`, which is told the ray of a pixel in the world
  * (origin and unit direction) and the number of the return (0, 1), and gives the distance, 0 for none. */
-typedef struct raw_laser {
+typedef struct raw_lidar {
   int name, rows, columns;
   const double *inclinations; /* `rows` of them, ascending; NULL: evenly between low and high */
   double low, high;           /* radians */
@@ -42,10 +42,10 @@ typedef struct raw_laser {
   void (*pose)(void *user, int column, float out[6]);
   float (*range)(void *user, const double origin[3], const double direction[3], int which);
   void *user;
-} raw_laser;
+} raw_lidar;
 
 /* Appends calibration and both returns to the frame, whose pose must be set; room for both lists must be there. */
-void raw_laser_add(raw_waymo *w, Pags__Waymo__Frame *frame, const raw_laser *laser);
+void raw_lidar_add(raw_waymo *w, Pags__Waymo__Frame *frame, const raw_lidar *laser);
 
 /* Writes the data set in drivestudio's layout in `folder` (constant extrinsics in OpenCV axes, boxes' front +x, LiDAR
  * rows that begin with x y z) as a segment: photographs as they are (JPEGs of those that aren't), poses, times, boxes,

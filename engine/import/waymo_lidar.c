@@ -19,17 +19,17 @@
 enum { RANGE_DEPTH = 4, POSE_DEPTH = 6, MOST_PIXELS = 1 << 24 };
 
 /* A LiDAR while its range images are decoded. */
-typedef struct laser {
+typedef struct lidar {
   const char *where;
   char name[32];
-  double vehicle_from_laser[12];
+  double vehicle_from_lidar[12];
   double frame_from_world[12];
   const Pags__Waymo__LaserCalibration *calibration;
   const pags_waymo_matrix *poses; /* pose of the vehicle at each pixel; NULL: the frame's own pose for all pixels */
   double *inclination;            /* cosine and sine of each row's inclination */
   double *azimuth;                /* cosine and sine of each column's azimuth */
   int rows, columns;              /* size of these arrays; 0: not made yet */
-} laser;
+} lidar;
 
 void pags_waymo_points_destroy(pags_waymo_points *points) {
   free(points->rows);
@@ -52,7 +52,7 @@ static pags_result points_reserve(pags_waymo_points *points, int64_t more, const
 
 /* ---- Directions of rows and columns ---- */
 
-static void laser_forget_angles(laser *l) {
+static void forget_angles(lidar *l) {
   free(l->inclination);
   free(l->azimuth);
   l->inclination = l->azimuth = NULL;
@@ -66,22 +66,22 @@ static double beam(const Pags__Waymo__LaserCalibration *c, int i, int rows) {
   return c->beam_inclination_min + (i + 0.5) / rows * (c->beam_inclination_max - c->beam_inclination_min);
 }
 
-static pags_result check_beams(const laser *l, int rows) {
+static pags_result check_beams(const lidar *l, int rows) {
   const Pags__Waymo__LaserCalibration *c = l->calibration;
   if (c->n_beam_inclinations && c->n_beam_inclinations != (size_t)rows)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: laser %s has %zu beam inclinations, its range image %d rows", l->where,
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: LiDAR %s has %zu beam inclinations, its range image %d rows", l->where,
                      l->name, c->n_beam_inclinations, rows);
   for (int i = 0; i < rows; i++)
     if (!isfinite(beam(c, i, rows)))
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: laser %s: beam inclination %d isn't finite", l->where, l->name, i);
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: LiDAR %s: beam inclination %d isn't finite", l->where, l->name, i);
   return PAGS_OK;
 }
 
 /* Computes the sines and cosines of the rows' inclinations and of the columns' azimuths (see waymo_lidar.h). */
-static pags_result laser_angles(laser *l, int rows, int columns) {
+static pags_result find_angles(lidar *l, int rows, int columns) {
   if (l->rows == rows && l->columns == columns)
     return PAGS_OK;
-  laser_forget_angles(l);
+  forget_angles(l);
   PAGS_TRY(check_beams(l, rows));
   l->inclination = malloc((size_t)rows * 2 * sizeof *l->inclination);
   l->azimuth = malloc((size_t)columns * 2 * sizeof *l->azimuth);
@@ -92,7 +92,7 @@ static pags_result laser_angles(laser *l, int rows, int columns) {
     l->inclination[2 * r] = cos(angle);
     l->inclination[2 * r + 1] = sin(angle);
   }
-  const double yaw = atan2(l->vehicle_from_laser[4], l->vehicle_from_laser[0]);
+  const double yaw = atan2(l->vehicle_from_lidar[4], l->vehicle_from_lidar[0]);
   for (int c = 0; c < columns; c++) {
     const double angle = (1 - (2.0 * c + 1) / columns) * PI - yaw;
     l->azimuth[2 * c] = cos(angle);
@@ -114,7 +114,7 @@ static void pose_matrix(const float pose[POSE_DEPTH], double out[12]) {
 
 /* Converts a pixel of a range image to a point x y z intensity; returns 0 if the pixel has no return or if a number
  * is not finite. */
-static bool decode_pixel(const laser *l, const float *pixel, int64_t at, int row, int column, float out[4]) {
+static bool decode_pixel(const lidar *l, const float *pixel, int64_t at, int row, int column, float out[4]) {
   const double range = (double)pixel[0];
   if (!(range > 0) || !isfinite(range) || !isfinite(pixel[1]))
     return false;
@@ -122,7 +122,7 @@ static bool decode_pixel(const laser *l, const float *pixel, int64_t at, int row
   const double seen[3] = {flat * l->azimuth[2 * column], flat * l->azimuth[2 * column + 1],
                           range * l->inclination[2 * row + 1]};
   double p[3];
-  pags_rigid_point(l->vehicle_from_laser, seen, p);
+  pags_rigid_point(l->vehicle_from_lidar, seen, p);
   if (l->poses) {
     double world_from_pixel[12], world[3];
     pose_matrix(l->poses->data + POSE_DEPTH * at, world_from_pixel);
@@ -135,12 +135,12 @@ static bool decode_pixel(const laser *l, const float *pixel, int64_t at, int row
   return isfinite(out[0]) && isfinite(out[1]) && isfinite(out[2]);
 }
 
-static pags_result decode_matrix(laser *l, const pags_waymo_matrix *image, pags_waymo_points *points) {
+static pags_result decode_matrix(lidar *l, const pags_waymo_matrix *image, pags_waymo_points *points) {
   const int rows = image->shape->dims[0], columns = image->shape->dims[1];
   if (l->poses && (l->poses->shape->dims[0] != rows || l->poses->shape->dims[1] != columns))
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: laser %s: poses of %d x %d pixels for a range image of %d x %d", l->where,
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: LiDAR %s: poses of %d x %d pixels for a range image of %d x %d", l->where,
                      l->name, l->poses->shape->dims[0], l->poses->shape->dims[1], rows, columns);
-  PAGS_TRY(laser_angles(l, rows, columns));
+  PAGS_TRY(find_angles(l, rows, columns));
   PAGS_TRY(points_reserve(points, (int64_t)rows * columns, l->where));
   for (int r = 0; r < rows; r++)
     for (int c = 0; c < columns; c++) {
@@ -151,12 +151,12 @@ static pags_result decode_matrix(laser *l, const pags_waymo_matrix *image, pags_
   return PAGS_OK;
 }
 
-static pags_result decode_return(laser *l, const Pags__Waymo__RangeImage *image, pags_waymo_points *points) {
+static pags_result decode_return(lidar *l, const Pags__Waymo__RangeImage *image, pags_waymo_points *points) {
   if (!image || !image->range_image_compressed.len)
     return PAGS_OK;
   char what[64];
   pags_waymo_matrix *matrix;
-  snprintf(what, sizeof what, "range image of laser %s", l->name);
+  snprintf(what, sizeof what, "range image of LiDAR %s", l->name);
   PAGS_TRY(pags_waymo_unpack_matrix(&image->range_image_compressed, RANGE_DEPTH, l->where, what, &matrix));
   const pags_result result = decode_matrix(l, matrix, points);
   pags_waymo_free_matrix(matrix);
@@ -165,23 +165,23 @@ static pags_result decode_return(laser *l, const Pags__Waymo__RangeImage *image,
 
 /* ---- The LiDARs of a frame ---- */
 
-static pags_result laser_begin(laser *l, const pags_waymo_frame *frame, int name) {
+static pags_result begin_lidar(lidar *l, const pags_waymo_frame *frame, int name) {
   static const char *const names[] = {"TOP", "FRONT", "SIDE_LEFT", "SIDE_RIGHT", "REAR"};
   double world_from_frame[12];
   if (name >= 1 && name <= PAGS_WAYMO_LASERS)
     snprintf(l->name, sizeof l->name, "%s", names[name - 1]);
   else
     snprintf(l->name, sizeof l->name, "number %d", name);
-  l->calibration = pags_waymo_laser(frame, name);
+  l->calibration = pags_waymo_lidar_calibration(frame, name);
   if (!l->calibration)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: laser %s has a range image and no calibration", l->where, l->name);
-  PAGS_TRY(pags_waymo_transform(l->calibration->extrinsic, l->where, "extrinsic of a laser", l->vehicle_from_laser));
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: LiDAR %s has a range image and no calibration", l->where, l->name);
+  PAGS_TRY(pags_waymo_transform(l->calibration->extrinsic, l->where, "extrinsic of a LiDAR", l->vehicle_from_lidar));
   PAGS_TRY(pags_waymo_transform(frame->pose, l->where, "pose of the frame", world_from_frame));
   pags_rigid_inverse(world_from_frame, l->frame_from_world);
   return PAGS_OK;
 }
 
-static pags_result decode_laser(laser *l, const Pags__Waymo__Laser *message, pags_waymo_points *points) {
+static pags_result decode_lidar(lidar *l, const Pags__Waymo__Laser *message, pags_waymo_points *points) {
   const Pags__Waymo__RangeImage *first = message->ri_return1;
   pags_waymo_matrix *poses = NULL;
   if (first && first->range_image_pose_compressed.len)
@@ -205,11 +205,11 @@ pags_result pags_waymo_lidar_points(const pags_waymo_frame *frame, const char *w
     const Pags__Waymo__Laser *message = frame->lasers[i];
     if (!has_image(message->ri_return1) && !has_image(message->ri_return2))
       continue;
-    laser l = {.where = where};
-    pags_result result = laser_begin(&l, frame, message->name);
+    lidar l = {.where = where};
+    pags_result result = begin_lidar(&l, frame, message->name);
     if (result == PAGS_OK)
-      result = decode_laser(&l, message, points);
-    laser_forget_angles(&l);
+      result = decode_lidar(&l, message, points);
+    forget_angles(&l);
     PAGS_TRY(result);
   }
   return PAGS_OK;

@@ -193,7 +193,7 @@ const Pags__Waymo__CameraCalibration *pags_waymo_camera(const pags_waymo_frame *
   return NULL;
 }
 
-const Pags__Waymo__LaserCalibration *pags_waymo_laser(const pags_waymo_frame *frame, int name) {
+const Pags__Waymo__LaserCalibration *pags_waymo_lidar_calibration(const pags_waymo_frame *frame, int name) {
   const Pags__Waymo__Context *c = frame->context;
   for (size_t i = 0; c && i < c->n_laser_calibrations; i++)
     if (c->laser_calibrations[i]->name == name)

@@ -34,7 +34,7 @@ pags_result pags_waymo_transform(const Pags__Waymo__Transform *transform, const 
 
 /* Return the calibration or the image with Waymo's name `name` (1..5); NULL if there is none. */
 const Pags__Waymo__CameraCalibration *pags_waymo_camera(const pags_waymo_frame *frame, int name);
-const Pags__Waymo__LaserCalibration *pags_waymo_laser(const pags_waymo_frame *frame, int name);
+const Pags__Waymo__LaserCalibration *pags_waymo_lidar_calibration(const pags_waymo_frame *frame, int name);
 const Pags__Waymo__CameraImage *pags_waymo_image(const pags_waymo_frame *frame, int name);
 
 /* Returns "front", "front_left", ... for a Waymo camera name, a string constant; NULL for any other number. */

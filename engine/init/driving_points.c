@@ -32,8 +32,8 @@ enum {
 static const double finest_voxel = 0.05, voxel_step = 1.25; /* smallest side, metres; factor of growth */
 static const double farthest_times = 4.0;                   /* depth of random points, in radii of the scene */
 
-void pags_start_destroy(pags_start *start) {
-  pags_start_points *all = start->objects;
+void pags_driving_points_destroy(pags_driving_points *start) {
+  pags_point_set *all = start->objects;
   for (int64_t i = 0; i < start->object_count; i++) {
     free(all[i].xyz);
     free(all[i].rgb);
@@ -44,10 +44,10 @@ void pags_start_destroy(pags_start *start) {
   free(start->background.rgb);
   free(start->background.object);
   free(start->background.s_sem);
-  *start = (pags_start){0};
+  *start = (pags_driving_points){0};
 }
 
-static pags_result reserve(pags_start_points *points, int64_t count, int with_object) {
+static pags_result reserve(pags_point_set *points, int64_t count, int with_object) {
   size_t room = (size_t)(count > 0 ? count : 1);
   points->xyz = malloc(room * 3 * sizeof *points->xyz);
   points->rgb = malloc(room * 3);
@@ -58,7 +58,7 @@ static pags_result reserve(pags_start_points *points, int64_t count, int with_ob
   return pags_out_of_memory("%lld points", (long long)count);
 }
 
-static void put(pags_start_points *to, const float *xyz, const uint8_t *rgb, int32_t object) {
+static void put(pags_point_set *to, const float *xyz, const uint8_t *rgb, int32_t object) {
   memcpy(to->xyz + 3 * to->count, xyz, 3 * sizeof *xyz);
   memcpy(to->rgb + 3 * to->count, rgb, 3);
   if (to->object)
@@ -85,8 +85,7 @@ static bool seen_colour(const pags_lidar_points *points, int64_t i, uint8_t rgb[
   return true;
 }
 
-static int64_t take_kind(const pags_lidar_points *points, int32_t owner, int kind, int64_t from,
-                         pags_start_points *to) {
+static int64_t take_kind(const pags_lidar_points *points, int32_t owner, int kind, int64_t from, pags_point_set *to) {
   for (int64_t i = from; i < points->count; i++) {
     uint8_t rgb[3];
     if (points->rows[i].owner == owner && points->rows[i].kind == kind && seen_colour(points, i, rgb))
@@ -95,8 +94,7 @@ static int64_t take_kind(const pags_lidar_points *points, int32_t owner, int kin
   return to->count;
 }
 
-static pags_result take_object(const pags_lidar_points *points, int32_t owner, int64_t measured,
-                               pags_start_points *to) {
+static pags_result take_object(const pags_lidar_points *points, int32_t owner, int64_t measured, pags_point_set *to) {
   int64_t all = 0;
   for (int64_t i = 0; i < points->count; i++)
     all += points->rows[i].owner == owner;
@@ -226,7 +224,7 @@ typedef struct work {
 /* Gathers, thins and colours the LiDAR points. Leaves the background's points that a photograph shows in w->points,
  * and puts those of the objects into `out`. */
 static pags_result make_lidar(const pags_dataset *dataset, int lidar, pags_tasks *tasks, work *w, double middle[3],
-                              double *largest, pags_start *out) {
+                              double *largest, pags_driving_points *out) {
   double radius = 0, side = finest_voxel;
   if (lidar)
     PAGS_TRY(pags_lidar_points_gather(dataset, tasks, MOST_READ, &w->points));
@@ -260,7 +258,7 @@ static pags_result make_lidar(const pags_dataset *dataset, int lidar, pags_tasks
 }
 
 static pags_result make(const pags_dataset *dataset, const pags_train_config *config, int lidar, pags_tasks *tasks,
-                        work *w, pags_start *out) {
+                        work *w, pags_driving_points *out) {
   double middle[3], largest = INFINITY;
   out->object_count = pags_dataset_object_count(dataset);
   out->objects = calloc((size_t)out->object_count + 1, sizeof *out->objects);
@@ -294,7 +292,7 @@ static pags_result make(const pags_dataset *dataset, const pags_train_config *co
   PAGS_TRY(find_extra(dataset, config, w->points.count, tasks, &w->extra));
 
   /* The background's points in order: LiDAR, other points, random far points. */
-  pags_start_points *to = &out->background;
+  pags_point_set *to = &out->background;
   PAGS_TRY(reserve(to, w->points.count + w->extra.count + w->far.count, 1));
   for (int64_t i = 0; i < w->points.count; i++) {
     uint8_t rgb[3];
@@ -312,10 +310,10 @@ static pags_result make(const pags_dataset *dataset, const pags_train_config *co
   return PAGS_OK;
 }
 
-pags_result pags_start_create(const pags_dataset *dataset, const pags_train_config *config, int lidar,
-                              pags_tasks *tasks, pags_start *out) {
+pags_result pags_driving_points_create(const pags_dataset *dataset, const pags_train_config *config, int lidar,
+                                       pags_tasks *tasks, pags_driving_points *out) {
   work w = {.far = {.wanted = FAR_POINTS, .seed = config->schedule.seed}};
-  *out = (pags_start){0};
+  *out = (pags_driving_points){0};
   pags_result result = make(dataset, config, lidar, tasks, &w, out);
   pags_lidar_points_destroy(&w.points);
   free(w.far.xyz);
@@ -324,6 +322,6 @@ pags_result pags_start_create(const pags_dataset *dataset, const pags_train_conf
   free(w.extra.matched_rgb);
   free(w.eyes);
   if (result != PAGS_OK)
-    pags_start_destroy(out);
+    pags_driving_points_destroy(out);
   return result;
 }

@@ -134,7 +134,7 @@ static pags_result make_table(pags_lidar_planes *self) {
   self->mask = size - 1;
   self->table = malloc(size * sizeof *self->table);
   if (!self->table)
-    return pags_out_of_memory("%lld facets", (long long)self->count);
+    return pags_out_of_memory("%lld LiDAR planes", (long long)self->count);
   memset(self->table, 0xff, size * sizeof *self->table);
   for (int64_t i = 0; i < self->count; i++) {
     uint64_t at = hash_of(self->list[i].key) & self->mask;

@@ -164,7 +164,7 @@ const pags_train_field pags_fields[] = {
     CHOICE(
         priority, s_sem, PAGS_S_SEM_PASS, PAGS_S_SEM_OVERLAP, "pass|init|overlap",
         "find S_sem, the share of a Gaussian that shows vehicles and people; pass: by its weight in the photographs' "
-        "pixels, again before each prune; init: once at the start; overlap: as pass, without occlusion"),
+        "pixels, again before each prune; init: once at the start; overlap: as pass, as if nothing hid anything"),
     CHOICE(priority, s_grad, PAGS_S_GRAD_RANK, PAGS_S_GRAD_LOG, "rank|minmax|log", "bring S_grad to 0..1"),
     CHOICE(priority, s_grad_from, PAGS_S_GRAD_FROM_PASS, PAGS_S_GRAD_FROM_TRAINING, "pass|training",
            "measure S_grad in a pass over the training views, or take the loss's gradients since the last prune"),

@@ -99,7 +99,7 @@ static int by_position(const void *a, const void *b) {
   return 0;
 }
 
-static pags_result mark_rows(const pags_start_points *points, pags_gaussians *g) {
+static pags_result mark_rows(const pags_point_set *points, pags_gaussians *g) {
   point_key *keys = malloc((size_t)(points->count > 0 ? points->count : 1) * sizeof *keys);
   pags_result result =
       keys ? pags_gaussians_add_object_id(g) : pags_out_of_memory("%lld points", (long long)points->count);
@@ -121,9 +121,9 @@ static pags_result mark_rows(const pags_start_points *points, pags_gaussians *g)
   return result;
 }
 
-static pags_result add_background(pags_trainer *t, const pags_train_config *config, const pags_start *start,
+static pags_result add_background(pags_trainer *t, const pags_train_config *config, const pags_driving_points *start,
                                   int64_t most, double extent) {
-  const pags_start_points *p = &start->background;
+  const pags_point_set *p = &start->background;
   pags_train_state *s = &t->state;
   pags_gaussians g;
   PAGS_TRY(pags_init_gaussians(config, p->count, p->xyz, p->rgb, most, extent, t->tasks, &g));
@@ -140,8 +140,8 @@ static double object_extent(const pags_object *o) {
   return 0.5 * fmax(fmax(o->size[0], o->size[1]), o->size[2]);
 }
 
-static pags_result add_object(pags_trainer *t, const pags_train_config *config, int64_t object,
-                              const pags_start_points *p, int64_t most) {
+static pags_result add_object(pags_trainer *t, const pags_train_config *config, int64_t object, const pags_point_set *p,
+                              int64_t most) {
   pags_train_state *s = &t->state;
   const pags_object *o = &s->tracks.objects[object];
   pags_gaussians g;
@@ -161,7 +161,7 @@ static pags_result add_object(pags_trainer *t, const pags_train_config *config, 
 
 /* Creates the background's and the objects' models. If the number of Gaussians is limited, objects get at most half
  * of it, shared out in proportion to their numbers of points. */
-static pags_result add_models(pags_trainer *t, const pags_train_config *config, const pags_start *start,
+static pags_result add_models(pags_trainer *t, const pags_train_config *config, const pags_driving_points *start,
                               double extent) {
   int64_t cap = t->state.cap > 0 ? t->state.cap : INT32_MAX - 64, points = 0;
   for (int64_t i = 0; config->objects.objects && i < start->object_count; i++)
@@ -175,14 +175,14 @@ static pags_result add_models(pags_trainer *t, const pags_train_config *config, 
 
 static pags_result start_driving(pags_trainer *t, const pags_train_config *config, double extent) {
   pags_train_state *s = &t->state;
-  pags_start start;
+  pags_driving_points start;
   PAGS_TRY(pags_track_poses_create(&s->tracks, t->dataset));
   if (config->objects.tracks)
     PAGS_TRY(pags_tracks_smooth(&s->tracks));
-  PAGS_TRY(pags_start_create(t->dataset, config, config->start.lidar_start, t->tasks, &start));
+  PAGS_TRY(pags_driving_points_create(t->dataset, config, config->start.lidar_start, t->tasks, &start));
   s->lidar_points = start.lidar_points;
   pags_result result = add_models(t, config, &start, extent);
-  pags_start_destroy(&start);
+  pags_driving_points_destroy(&start);
   PAGS_TRY(result);
   if (config->sky.sky)
     PAGS_TRY(pags_sky_fit_create(&s->sky, t->dataset, t->cache, &s->sky_share));

@@ -10,7 +10,7 @@
 #include "base/memory.h"
 #include "exporters/proxy/proxy_error.h"
 
-enum { MOST_FORMS = 24 }; /* most vehicles that shape priors are made of */
+enum { MOST_PRIORS = 24 }; /* most vehicles that shape priors are made of */
 
 /* The state of the parallel loop over objects. */
 typedef struct making {
@@ -84,8 +84,8 @@ static void make_objects(void *context, int64_t begin, int64_t end, int worker) 
 /* The state of the parallel loop that makes shape priors. */
 typedef struct forming {
   const pags_proxy_maker *maker;
-  pags_shape_prior priors[MOST_FORMS]; /* before they are made, only their member `object` is set */
-  pags_result results[MOST_FORMS];
+  pags_shape_prior priors[MOST_PRIORS]; /* before they are made, only their member `object` is set */
+  pags_result results[MOST_PRIORS];
   int64_t count;
   pags_frame **frames;
 } forming;
@@ -111,7 +111,7 @@ static pags_result find_priors(forming *self) {
   for (int64_t i = 0; i < scene->object_count; i++)
     if (scene->objects[i].record.category == PAGS_CATEGORY_VEHICLE)
       pixels[i] = pags_object_pixels(self->maker, i);
-  for (; self->count < MOST_FORMS; self->count++) {
+  for (; self->count < MOST_PRIORS; self->count++) {
     int64_t best = 0;
     for (int64_t i = 1; i < scene->object_count; i++)
       best = pixels[i] > pixels[best] ? i : best;
@@ -126,7 +126,7 @@ static pags_result find_priors(forming *self) {
     return pags_fail(PAGS_CANCELLED, "interrupted");
   for (int64_t i = 0; i < self->count; i++)
     if (self->results[i] != PAGS_OK)
-      return pags_fail(self->results[i], "the form of object %s can't be made",
+      return pags_fail(self->results[i], "the shape prior of object %s can't be made",
                        self->maker->scene->objects[self->priors[i].object].record.id);
   return PAGS_OK;
 }

@@ -73,7 +73,7 @@ static pags_result make_room(const double size[3], int64_t object, pags_shape_pr
   if (out->distance && out->known)
     return PAGS_OK;
   pags_shape_prior_destroy(out);
-  return pags_out_of_memory("the form of an object");
+  return pags_out_of_memory("the shape prior of an object");
 }
 
 /* The position of lattice point `i` of a box of this size, in the object's frame. */

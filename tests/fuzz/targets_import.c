@@ -376,7 +376,7 @@ static void add_camera(raw_waymo *memory, Pags__Waymo__Frame *f, int name) {
 
 static Pags__Waymo__Frame *small_frame(raw_waymo *memory, int turning) {
   static const double beams[3] = {-0.2, -0.1, 0};
-  raw_laser laser = {.name = 1,
+  raw_lidar laser = {.name = 1,
                      .rows = 3,
                      .columns = 5,
                      .inclinations = turning ? beams : NULL,
@@ -402,7 +402,7 @@ static Pags__Waymo__Frame *small_frame(raw_waymo *memory, int turning) {
     add_camera(memory, f, i + 1);
     add_label(memory, f, i);
   }
-  raw_laser_add(memory, f, &laser);
+  raw_lidar_add(memory, f, &laser);
   return f;
 }
 

@@ -13,12 +13,12 @@
 #include "init/driving_points.h"
 #include "unit/driving_stub.h"
 
-static pags_start make(int lidar, int threads) {
+static pags_driving_points make(int lidar, int threads) {
   pags_dataset *d = stub_open();
   pags_tasks *tasks = pags_tasks_create(threads);
   pags_train_config config = pags_train_config_default();
-  pags_start start;
-  assert_int_equal(pags_start_create(d, &config, lidar, tasks, &start), PAGS_OK);
+  pags_driving_points start;
+  assert_int_equal(pags_driving_points_create(d, &config, lidar, tasks, &start), PAGS_OK);
   pags_tasks_destroy(tasks);
   stub_close(d);
   return start;
@@ -39,8 +39,8 @@ static const uint8_t *surface(const float *p) {
 
 static void background_lies_on_its_surfaces(void **state) {
   (void)state;
-  pags_start start = make(1, 1);
-  const pags_start_points *b = &start.background;
+  pags_driving_points start = make(1, 1);
+  const pags_point_set *b = &start.background;
   int64_t elsewhere = 0, miscoloured = 0, parked = 0;
   assert_true(start.lidar_points > 3000);
   for (int64_t i = 0; i < start.lidar_points; i++) {
@@ -55,13 +55,13 @@ static void background_lies_on_its_surfaces(void **state) {
   assert_int_equal(elsewhere, 0);
   assert_true((double)miscoloured < 0.04 * (double)start.lidar_points);
   assert_true(parked > 50);
-  pags_start_destroy(&start);
+  pags_driving_points_destroy(&start);
 }
 
 static void moving_things_have_their_own_points(void **state) {
   (void)state;
-  pags_start start = make(1, 1);
-  const pags_start_points *car = &start.objects[STUB_CAR];
+  pags_driving_points start = make(1, 1);
+  const pags_point_set *car = &start.objects[STUB_CAR];
   int64_t red = 0, left = 0;
   assert_int_equal(start.object_count, STUB_OBJECTS);
   assert_true(car->count > 300);
@@ -76,26 +76,26 @@ static void moving_things_have_their_own_points(void **state) {
   assert_true(left > 50); /* the LiDAR sees the right side only, the left is its mirror image */
   assert_true(car->count - left > 50);
   assert_int_equal(start.objects[STUB_CRATE].count, 0);
-  pags_start_destroy(&start);
+  pags_driving_points_destroy(&start);
 }
 
 static void unmeasured_things_are_filled_if_seen(void **state) {
   (void)state;
-  pags_start start = make(1, 1);
-  const pags_start_points *walker = &start.objects[STUB_WALKER];
+  pags_driving_points start = make(1, 1);
+  const pags_point_set *walker = &start.objects[STUB_WALKER];
   int64_t yellow = 0;
   assert_true(walker->count > 100);
   for (int64_t i = 0; i < walker->count; i++)
     yellow += is_colour(walker->rgb + 3 * i, stub_colours[STUB_WALKER]);
   assert_true((double)yellow > 0.8 * (double)walker->count);
   assert_int_equal(start.objects[STUB_BEHIND].count, 0);
-  pags_start_destroy(&start);
+  pags_driving_points_destroy(&start);
 }
 
 static void far_points_continue_the_wall(void **state) {
   (void)state;
-  pags_start start = make(1, 1);
-  const pags_start_points *b = &start.background;
+  pags_driving_points start = make(1, 1);
+  const pags_point_set *b = &start.background;
   int64_t count = b->count - start.lidar_points, near_wall = 0;
   assert_true(count > 1000);
   for (int64_t i = start.lidar_points; i < b->count; i++) {
@@ -104,26 +104,26 @@ static void far_points_continue_the_wall(void **state) {
     assert_int_equal(b->object[i], -1);
   }
   assert_true((double)near_wall > 0.4 * (double)count);
-  pags_start_destroy(&start);
+  pags_driving_points_destroy(&start);
 }
 
 static void held_out_data_is_not_used(void **state) {
   (void)state;
-  pags_start start = make(1, 1);
-  const pags_start_points *b = &start.background;
+  pags_driving_points start = make(1, 1);
+  const pags_point_set *b = &start.background;
   for (int64_t i = 0; i < b->count; i++) {
     const uint8_t *c = b->rgb + 3 * i;
     assert_false(c[0] > c[1] + 60 && c[2] > c[1] + 60); /* not even a little magenta */
   }
   for (int64_t i = 0; i < start.lidar_points; i++)
     assert_true(b->xyz[3 * i + 2] < 4.9f || b->xyz[3 * i] > 29);
-  pags_start_destroy(&start);
+  pags_driving_points_destroy(&start);
 }
 
 static void without_lidar_points_are_matched(void **state) {
   (void)state;
-  pags_start start = make(0, 1);
-  const pags_start_points *b = &start.background;
+  pags_driving_points start = make(0, 1);
+  const pags_point_set *b = &start.background;
   int64_t matched = 0;
   assert_int_equal(start.lidar_points, 0);
   for (int64_t i = 0; i < b->count; i++) {
@@ -132,10 +132,10 @@ static void without_lidar_points_are_matched(void **state) {
   }
   assert_true(matched > 1000);
   assert_true(start.objects[STUB_CAR].count > 100);
-  pags_start_destroy(&start);
+  pags_driving_points_destroy(&start);
 }
 
-static void same(const pags_start_points *a, const pags_start_points *b) {
+static void same(const pags_point_set *a, const pags_point_set *b) {
   assert_int_equal(a->count, b->count);
   if (!a->count)
     return;
@@ -145,12 +145,12 @@ static void same(const pags_start_points *a, const pags_start_points *b) {
 
 static void threads_change_nothing(void **state) {
   (void)state;
-  pags_start one = make(1, 1), three = make(1, 3);
+  pags_driving_points one = make(1, 1), three = make(1, 3);
   same(&one.background, &three.background);
   for (int i = 0; i < STUB_OBJECTS; i++)
     same(&one.objects[i], &three.objects[i]);
-  pags_start_destroy(&one);
-  pags_start_destroy(&three);
+  pags_driving_points_destroy(&one);
+  pags_driving_points_destroy(&three);
 }
 
 int main(void) {

@@ -57,7 +57,7 @@ static void test_directions_by_hand(void **state) {
   static const double turns[] = {0, 0.7, 2.5, -3};
   for (size_t k = 0; k < sizeof turns / sizeof *turns; k++) {
     const double c = cos(turns[k]), s = sin(turns[k]);
-    const raw_laser l = {.name = 1,
+    const raw_lidar l = {.name = 1,
                          .rows = 2,
                          .columns = 4,
                          .inclinations = beams,
@@ -65,7 +65,7 @@ static void test_directions_by_hand(void **state) {
                          .range = two_metres};
     Pags__Waymo__Frame *f = new_frame(identity);
     pags_waymo_points p;
-    raw_laser_add(&memory, f, &l);
+    raw_lidar_add(&memory, f, &l);
     decode(f, &p);
     assert_int_equal(p.count, 8);
     for (int i = 0; i < 8; i++) {
@@ -151,7 +151,7 @@ static void drive_through(double far_away, double allowed) {
     beams[i] = -0.4 + 0.5 * i / ROWS + 0.0003 * i * i;
   pose_in_the_middle(&w, pose);
   const double c = cos(2.58), s = sin(2.58), ct = cos(0.1), st = sin(0.1);
-  const raw_laser roof = {.name = 1,
+  const raw_lidar roof = {.name = 1,
                           .rows = ROWS,
                           .columns = COLUMNS,
                           .inclinations = beams,
@@ -159,7 +159,7 @@ static void drive_through(double far_away, double allowed) {
                           .pose = drive,
                           .range = see,
                           .user = &w};
-  const raw_laser front = {.name = 2,
+  const raw_lidar front = {.name = 2,
                            .rows = 40,
                            .columns = 100,
                            .low = -1.5,
@@ -169,8 +169,8 @@ static void drive_through(double far_away, double allowed) {
                            .user = &w};
   Pags__Waymo__Frame *f = new_frame(pose);
   pags_waymo_points p;
-  raw_laser_add(&memory, f, &roof);
-  raw_laser_add(&memory, f, &front);
+  raw_lidar_add(&memory, f, &roof);
+  raw_lidar_add(&memory, f, &front);
   decode(f, &p);
   assert_true(p.count > ROWS * COLUMNS + 4000); /* every first return, some second ones */
   const double worst = worst_miss(&w, pose, &p);
@@ -188,7 +188,7 @@ static void test_points_of_a_moving_car_lie_on_surfaces(void **state) {
 /* ---- What is refused ---- */
 
 static Pags__Waymo__Frame *frame_to_spoil(void) {
-  const raw_laser l = {.name = 1,
+  const raw_lidar l = {.name = 1,
                        .rows = 3,
                        .columns = 5,
                        .low = -0.2,
@@ -196,7 +196,7 @@ static Pags__Waymo__Frame *frame_to_spoil(void) {
                        .vehicle_from_laser = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0},
                        .range = two_metres};
   Pags__Waymo__Frame *f = new_frame(identity);
-  raw_laser_add(&memory, f, &l);
+  raw_lidar_add(&memory, f, &l);
   return f;
 }
 
