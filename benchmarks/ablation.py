@@ -3,14 +3,16 @@
 """Ablation: trains one data set once for each row of a table, the rows differing in one option or a few, and compares held-out quality,
 size, training and rendering time, at each row's own count, at equal training time and at equal count (docs/ablation.md).
 
-Rows that train alike share a run, a folder of TABLE.runs named by its options:
-  scene/                    what pags train writes
-  run.json                  the moments reached, and the time spent since the last one
-  known_STEP.pags           the checkpoint that run.json speaks of, a link to what was scene/checkpoint.pags then; for rows that are compared at
-                            equal count the earlier ones as well, and in the end the last one before the last prune
-  eval*.json, render*.json  of the finished scene
-A run is trained in stretches between moments. The time of a stretch is known once pags train has reported it, at its end or when it was
-interrupted. Work that ended without a report is done again from known_STEP.pags, so that the table misses no time."""
+Rows with the same training options share a run, which is a folder of TABLE.runs named by the options:
+  scene/                    the scene that pags train writes
+  run.json                  the step reached, the time spent so far, and the moments (measured intermediate states)
+  known_STEP.pags           the checkpoint of the step in run.json, a link to the former scene/checkpoint.pags; rows
+                            that are compared at equal count also keep the earlier ones, and after the end the last
+                            one before the last prune
+  eval*.json, render*.json  reports of pags eval and pags render on the finished scene
+A run is trained in stretches between moments. The time of a stretch is known once pags train has reported it, at its
+end or when it was interrupted. A stretch that ended without a report is trained again from known_STEP.pags, so that
+the table's times are complete."""
 
 import argparse
 import ctypes
@@ -30,13 +32,14 @@ from ablation_tables import OF_MOMENT, QUALITIES, Tables, write, write_plots
 MOST_SEEDS, MOST_MOMENTS = 16, 64
 SPR = "--preset short --alpha 0.4 --set dropout=1 --set dropout_beta=0.5"
 WHOLE = {"baseline": "", "sp": "--preset short --alpha 0", "sd": "--set dropout=1 --set dropout_beta=0", "spr": SPR, "lean": "--preset lean"}
-# These change one option of spr, or of sp, sd or lean where the row names one of them.
+# Each of these changes one option of spr, or of sp, sd or lean if the row names one of them.
 CHANGES = {"alpha": "--alpha", "rate": "--prune-rate", "preset": "--preset", "beta": "--set dropout_beta", "gamma": "--set dropout_gamma",
            "hybrid": "--set hybrid", "critical-weight": "--critical-weight", "s-sem": "--set s_sem", "s-grad": "--set s_grad",
            "s-grad-from": "--set s_grad_from"}
 SWITCHES = {"no-objects": "--no-objects", "no-tracks": "--no-tracks", "no-fourier": "--set fourier=0", "no-sky": "--no-sky",
             "no-lidar-start": "--no-lidar-start", "no-exposure": "--no-exposure", "no-lidar-loss": "--set depth_weight=0"}
-# Options for every row: of pags train, and where a scene does not record them of pags eval, too.
+# Options that apply to every row. They are passed to pags train; True: to pags eval, too, since the scene doesn't
+# record them.
 PASSED = {"downscale": False, "split-every": False, "cameras": False, "frames": False, "holdout-camera": False, "max-gaussians": False,
           "kind": True, "ego-mask": True, "sfm": True, "colmap": True, "critical": True}
 
@@ -53,7 +56,8 @@ class Interrupted(Exception):
 
 
 class Options:
-    """Options of pags by name. One given again takes the place of the earlier one; --set NAME=VALUE counts as an option named NAME."""
+    """Options of pags by name. An option given again replaces the earlier one; each NAME of --set NAME=VALUE counts
+    as an option of its own."""
 
     def __init__(self):
         self.given = {}
@@ -70,7 +74,7 @@ class Options:
         return [word for words in self.given.values() for word in words]
 
     def file_name(self):
-        """As in preset-short_alpha-0.4."""
+        """The options as a file name, such as preset-short_alpha-0.4."""
         return "_".join("-".join([words[0][2:], *words[1:]]) for words in self.given.values())
 
 
@@ -79,7 +83,7 @@ def safe_name(name):
 
 
 class Row:
-    """A row of the table. Its name is a list of parts joined by '+' and says all of its options."""
+    """A row of the table. Its name is a list of parts joined by '+', which determine all of its options."""
 
     def __init__(self, text, seeds):
         name, star, repeats = text.partition("*")
@@ -178,7 +182,8 @@ def die_with_parent():
 
 
 class Program:
-    """Runs pags, one process at a time. A signal is passed on to it once: it stops with its state saved."""
+    """Runs pags, one process at a time. The first SIGINT or SIGTERM is passed on to the process, which saves its
+    state and stops; a second SIGINT ends this program."""
 
     def __init__(self, path):
         self.path, self.child, self.interrupted = path, None, False
@@ -193,13 +198,14 @@ class Program:
             self.child.terminate()
 
     def run(self, words, on_line=None):
-        """Exit code, the last line of its errors, seconds of processor time."""
+        """Runs pags with these arguments; returns its exit code, the last line of its stderr, and the processor
+        seconds."""
         before = cpu_seconds()
         if self.interrupted:
             raise Interrupted
         with tempfile.TemporaryFile("w+", errors="replace") as errors:
             out = subprocess.PIPE if on_line else subprocess.DEVNULL
-            # In a session of its own, so that Ctrl-C on the terminal does not reach it twice.
+            # In a session of its own, so that Ctrl-C on the terminal doesn't reach the process twice.
             self.child = subprocess.Popen([self.path, *words], stdout=out, stderr=errors, text=True, start_new_session=True,
                                           preexec_fn=die_with_parent)
             if self.interrupted:
@@ -214,7 +220,7 @@ class Program:
 
 
 class Progress:
-    """Lines for people. On a terminal the next line overwrites one that does not stay."""
+    """Prints progress lines. On a terminal, a line that doesn't stay is overwritten by the next one."""
 
     def __init__(self, stream):
         self.stream, self.width = stream, 0
@@ -277,7 +283,8 @@ class Run:
         return seconds, code == 0
 
     def train_stretch(self):
-        """Trains to the next moment. What an earlier training did beyond the known checkpoint is forgotten."""
+        """Trains to the next moment from the known checkpoint; steps that an earlier training made beyond it are
+        discarded."""
         a, report = self.ablation, self.path("train.json")
         target = a.iterations * (len(self.moments) + 1) // a.moments
         if self.state["step"] == 0:
@@ -314,7 +321,7 @@ class Run:
             os.unlink(self.known(last))
 
     def measure(self, verb, path, more):
-        """pags eval or render of the held-out views; the report is there only once it is whole."""
+        """Runs pags eval or render on the held-out views; the report file exists only if it is complete."""
         if not self.call([verb, self.scene, "--split", "test", "--json", path, "--threads", self.ablation.threads, *more])[1]:
             raise Interrupted
 
@@ -329,7 +336,7 @@ class Run:
         self.save()
 
     def go_on(self):
-        """Trains and measures what is missing; returns the result."""
+        """Does the missing training and measurements of the run; returns its result."""
         os.makedirs(self.folder, exist_ok=True)
         while True:
             if self.moments and self.moments[-1]["psnr"] is None:
@@ -364,7 +371,7 @@ class Run:
         return result
 
     def scene_bytes(self):
-        """Of the files that drawing needs: neither log, reports, previews nor checkpoint."""
+        """Bytes of the scene's files that rendering needs, without log, reports, previews and checkpoint."""
         total = 0
         for folder in [self.scene, os.path.join(self.scene, "objects")]:
             for name in os.listdir(folder) if os.path.isdir(folder) else []:
@@ -373,7 +380,8 @@ class Run:
         return total
 
     def branch(self):
-        """The last moment before the last prune by score whose checkpoint is kept: a run with another bound goes on from it."""
+        """The last moment before the last prune by score whose checkpoint exists, from which a run with another bound
+        on the number of Gaussians goes on; None if there is none."""
         log, prune = os.path.join(self.scene, "log.jsonl"), 0
         if os.path.exists(log):
             with open(log, encoding="utf-8") as file:
@@ -384,7 +392,7 @@ class Run:
         return kept[-1] if kept else None
 
     def branch_off(self, source):
-        """Begins this run as `source` was before its last prune."""
+        """Starts this run from the state of the run `source` before its last prune."""
         moment = source.branch()
         if not moment or os.path.exists(self.state_path):
             return
@@ -421,7 +429,7 @@ class Ablation:
         self.plotted = True
 
     def check_rows(self):
-        """Asks pags whether it would take these options."""
+        """Lets pags check the options of every row; raises Failure if it rejects one."""
         for row in self.rows:
             train = ["train", self.dataset, "--output", self.folder, *self.train, *row.train.words()]
             for words in [train, ["eval", self.folder, *self.eval, *row.eval.words()]]:
@@ -430,7 +438,8 @@ class Ablation:
                     raise Failure(f"row '{row.name}': {message}")
 
     def check_settings(self):
-        """The folder of runs records what all rows share: its runs can be compared."""
+        """Compares the settings that all rows share with those recorded in the folder of runs, since only runs with
+        equal settings can be compared; records them in a new folder."""
         path = os.path.join(self.folder, "settings.json")
         settings = {key: getattr(self, key) for key in ["dataset", "iterations", "moments", "moment_views", "train", "eval"]}
         if not os.path.exists(path):
@@ -467,7 +476,8 @@ class Ablation:
         self.plotted = self.plotted and write_plots(self)
 
     def run(self):
-        """All rows with the first seed come first, so that a whole table is there early."""
+        """Runs all rows, seed by seed, so that a table of all rows with the first seed exists early; then, with
+        --equal-count, the pruning rows at equal count."""
         self.count_steps()
         order = [(seed, row) for seed in range(MOST_SEEDS) for row in self.rows if seed < row.seeds]
         for seed, row in order:

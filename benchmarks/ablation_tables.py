@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an ablation (ablation.py) found: TABLE.md for people, TABLE.csv and TABLE_curve.csv for machines, and with matplotlib TABLE.svg."""
+"""Writes the results of an ablation (ablation.py): TABLE.md for people, TABLE.csv and TABLE_curve.csv for programs,
+and TABLE.svg if matplotlib is installed."""
 
 import csv
 import io
 import math
 import os
 
-# Of each figure: its column in CSV and JSON; its title, unit and decimals in Markdown.
+# Key: column in CSV and JSON. Value: title, factor to its unit, and decimals in Markdown.
 FIGURES = {
     "psnr": ("PSNR", 1, 2),
     "psnr_unexposed": ("PSNR unexposed", 1, 2),
@@ -28,7 +29,7 @@ OF_MOMENT = ["psnr", "psnr_critical", "psnr_noncritical"]
 
 
 def write(path, text):
-    """A file is replaced in one step; a link is followed; a device, FIFO or socket is written to."""
+    """Writes a file by replacing it atomically; follows links, and writes directly to a device, FIFO or socket."""
     path = os.path.realpath(path)
     part = path if os.path.exists(path) and not os.path.isfile(path) else f"{path}.part"
     with open(part, "w", encoding="utf-8") as file:
@@ -41,7 +42,8 @@ def write(path, text):
 
 
 def mean_and_range(results, figure):
-    """Of the results that have the figure; the range (largest less smallest) is NaN of fewer than two, the mean of none."""
+    """Mean and range (largest less smallest) of a figure over the results that have it. The range of fewer than two
+    values is NaN, and so is the mean of none."""
     values = [result[figure] for result in results if result[figure] is not None]
     mean = math.fsum(values) / len(values) if values else math.nan
     return mean, max(values) - min(values) if len(values) > 1 else math.nan
@@ -57,7 +59,7 @@ def markdown_table(heads, rows):
 
 
 class Tables:
-    """TABLE.md for people; TABLE.csv with a line a row and seed and TABLE_curve.csv with a line a moment for machines."""
+    """Writes TABLE.md, TABLE.csv (one line per row and seed) and TABLE_curve.csv (one line per moment)."""
 
     def __init__(self, ablation):
         self.ablation, self.own, self.equal = ablation, ablation.results["own"], ablation.results["equal"]
@@ -82,7 +84,8 @@ class Tables:
         return text.getvalue()
 
     def spread(self, figure):
-        """The largest range of all rows with several seeds: what chance alone may do. NaN where no row has several."""
+        """The largest range over seeds of all rows, as an estimate of differences due to chance; NaN if no row has
+        several seeds."""
         ranges = [mean_and_range(results, figure)[1] for results in self.own.values()]
         return max([r for r in ranges if math.isfinite(r)], default=math.nan)
 
@@ -104,7 +107,8 @@ class Tables:
         return page + self.equal_time() + self.options()
 
     def figures(self, sets):
-        """Means of each finished row, and how it differs from `baseline`, else from the first row."""
+        """Tables of the means of each finished row and of their differences from the row `baseline`, or from the
+        first row if there is no baseline."""
         done = {name: results for name, results in sets.items() if results}
         shown = [f for f in FIGURES if any(result[f] is not None for results in done.values() for result in results)]
         rows = []
@@ -133,7 +137,7 @@ class Tables:
         return f"{page}\nAgainst `{reference}`:\n\n" + markdown_table(["row", *(FIGURES[f][0] for f in [*qualities, *RATIOS])], rows)
 
     def equal_time(self):
-        """What each row had reached when the quickest was done, and at half of that time."""
+        """Table of the quality that each row had reached when the fastest row finished, and at half of that time."""
         firsts = {name: results[0] for name, results in self.own.items() if results}
         if len(firsts) < 2:
             return ""
@@ -157,7 +161,7 @@ class Tables:
 
 
 def quality_at(moments, seconds, key):
-    """Quality at a time, between moments interpolated; NaN before the first."""
+    """Quality after `seconds` of training, interpolated linearly between moments; NaN before the first moment."""
     number = [(m["seconds"], math.nan if m[key] is None else m[key]) for m in moments]
     for (t0, q0), (t1, q1) in zip([(math.nan, math.nan), *number], number):
         if t1 > seconds:
@@ -169,7 +173,8 @@ def quality_at(moments, seconds, key):
 
 
 def write_plots(ablation):
-    """TABLE.svg: quality against time; over alpha and over a grid of rates, where rows differ in that part alone. False without matplotlib."""
+    """Writes TABLE.svg: quality against time; quality over alpha, and figures over a grid of pruning rates, for rows
+    that differ in that part only. Returns False without matplotlib."""
     try:
         import matplotlib
     except ImportError:
@@ -226,7 +231,7 @@ def write_plots(ablation):
 
 
 def families(rows, what):
-    """Rows whose names differ in the value of one part alone, by what else their names say."""
+    """Groups the rows that have a part beginning with `what` by the rest of their names; returns a dict of lists."""
     found = {}
     for row in rows:
         parts = row.name.split("+")

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pags-bench: the program that measures what the engine costs and what it gets wrong, on a scene or a data set of the
- * user's. It is apart from pags because `error` needs the double-precision renderer of the tests. */
+/* The program pags-bench: measures the engine's speed and its errors on a scene or data set of the user's. It is
+ * separate from pags because its verb `error` links the tests' double-precision renderer. */
 #include "benchmarks/bench.h"
 #include "benchmarks/verbs.h"
 #include "cli/camera_paths.h"
@@ -97,7 +97,9 @@ static const pags_verb train_verb = {
     .positionals = train_positionals,
     .options = train_options};
 
-/* Cameras, shrunk: all there are, and some of these, evenly spread. */
+/* ---- Benchmarks on a scene ---- */
+
+/* The cameras, downscaled: all of them, and the evenly spread selection that is measured. */
 typedef struct camera_list {
   pags_camera *all, *some;
   int64_t all_count;
@@ -126,7 +128,7 @@ static pags_result choose_cameras(const bench_arguments *arguments, const pags_s
 
 typedef pags_result scene_bench(const pags_bench_view *view, FILE *people, pags_json_writer *json);
 
-/* Makes room for the table once all is done. */
+/* Shows progress, and clears the progress line at fraction 1, before the table is printed. */
 static int show_progress(void *progress, double fraction, const char *what) {
   if (fraction < 1)
     return pags_progress_watch(progress, fraction, what);
@@ -134,7 +136,8 @@ static int show_progress(void *progress, double fraction, const char *what) {
   return !pags_interrupted();
 }
 
-/* Everything as it is at the first camera's time: what is measured are frames of one scene. */
+/* Runs one benchmark on a composed scene. All frames show the scene at the first camera's time, so that every
+ * measured frame is of the same scene. */
 static pags_result bench_scene(const bench_arguments *arguments, scene_bench *bench, pags_composition *composition,
                                const camera_list *cameras) {
   const pags_part *parts;
@@ -151,7 +154,7 @@ static pags_result bench_scene(const bench_arguments *arguments, scene_bench *be
                           .markdown = arguments->markdown,
                           .progress = show_progress,
                           .progress_user = &progress};
-  view.options.early_z = PAGS_EARLY_Z_OFF; /* each stage with all of its work */
+  view.options.early_z = PAGS_EARLY_Z_OFF; /* early-z off, so that each stage does all of its work */
   pags_compose(composition, cameras->some[0].time, &parts, &view.part_count);
   view.parts = parts;
   pags_json_writer_init(&json, 2);
@@ -185,6 +188,8 @@ static pags_result run_on_scene(bench_arguments *arguments, scene_bench *bench) 
   return result;
 }
 
+/* ---- Benchmark of the training ---- */
+
 static pags_result run_training(bench_arguments *arguments) {
   pags_dataset_options dataset_options = pags_dataset_options_default();
   dataset_options.downscale = arguments->downscale;
@@ -214,9 +219,11 @@ static pags_result run_training(bench_arguments *arguments) {
   return result;
 }
 
+/* ---- The program ---- */
+
 typedef struct bench_entry {
   const pags_verb *verb;
-  scene_bench *on_scene; /* NULL: training */
+  scene_bench *on_scene; /* NULL: the benchmark trains instead */
   double downscale;
   int repetitions;
 } bench_entry;
@@ -251,7 +258,7 @@ static const bench_entry entries[] = {
 };
 enum { ENTRY_COUNT = sizeof entries / sizeof entries[0] };
 
-/* Benches with a file of their own. */
+/* Benchmarks that parse their own options, each in a file of its own. */
 static const struct own_entry {
   const char *name, *about;
   int (*run)(int argc, char **argv);
@@ -286,7 +293,7 @@ static void print_help(void) {
 
 int main(int argc, char **argv) {
   setlocale(LC_ALL, "C");
-  signal(SIGPIPE, SIG_IGN); /* as in pags */
+  signal(SIGPIPE, SIG_IGN); /* a closed pipe makes a write fail instead of killing the process */
   const char *const what = argc > 1 ? argv[1] : "";
   if (!strcmp(what, "--help") || !strcmp(what, "-h")) {
     print_help();

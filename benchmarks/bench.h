@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The measurements behind `pags-bench`. Each prints a table for people and puts an object for machines.
+/* The measurements of pags-bench. Each prints a table for people and writes members into an open JSON object.
  *
- * Times are minima over repetitions: what the machine can do when nothing else disturbs it. */
+ * Times are minima over repetitions, which is what the machine can do when nothing else disturbs it. */
 #ifndef PAGS_BENCHMARKS_BENCH_H
 #define PAGS_BENCHMARKS_BENCH_H
 
@@ -11,7 +11,7 @@
 #include <stdio.h>
 #include "base/json.h"
 
-/* A scene from some cameras. */
+/* A scene and the cameras that it is measured from. */
 typedef struct pags_bench_view {
   pags_tasks *tasks;
   const pags_part *parts;
@@ -19,43 +19,44 @@ typedef struct pags_bench_view {
   const pags_camera *cameras;
   int camera_count;
   pags_frame_options options;
-  int repetitions; /* frames per camera that times are taken over, >= 1 */
-  /* Of pags_bench_error alone. */
-  const char *name;       /* of the scene */
-  const pags_camera *all; /* all cameras of training, of the same size; all_count 0: `cameras` */
+  int repetitions; /* timed frames per camera, >= 1 */
+  /* The following members are used by pags_bench_error only. */
+  const char *name;       /* name of the scene */
+  const pags_camera *all; /* all training cameras, downscaled like `cameras`; all_count 0: use `cameras` */
   int64_t all_count;
-  const char *markdown;       /* file for the table; NULL: none */
+  const char *markdown;       /* file to write the table to as Markdown; NULL: none */
   pags_progress_fn *progress; /* may be NULL */
   void *progress_user;
 } pags_bench_view;
 
 enum { PAGS_BENCH_ERROR_PARTS = 64 };
 
-/* Sums over the cameras of per-stage minima and of counts. */
+/* Times and counts of a frame, averaged over the cameras; each time is the minimum over the repetitions. */
 typedef struct pags_bench_frame {
-  pags_frame_stats stats; /* ms are per frame on average over the cameras, counts likewise */
+  pags_frame_stats stats; /* milliseconds and counts per frame, mean over the cameras */
   double pixels;
   double clusters;
-  size_t bytes; /* held by the frame */
+  size_t bytes; /* memory that the frame holds */
 } pags_bench_frame;
 
-/* Renders each camera and, with `backward`, sends a gradient back. Pairs are counted in a frame whose time isn't taken.
- */
+/* Renders each camera `repetitions` times and, with `backward`, runs the backward pass with a gradient of the size
+ * that a loss gives. Pairs are counted in an extra frame that isn't timed. */
 pags_result pags_bench_measure(const pags_bench_view *view, int backward, pags_bench_frame *out);
 
-/* ns and bytes per Gaussian, pair and pixel of each stage, forward and backward. */
+/* Milliseconds of each stage, forward and backward, and nanoseconds and bytes per unit of its work (Gaussian, pair,
+ * pixel pair). */
 pags_result pags_bench_stages(const pags_bench_view *view, FILE *people, pags_json_writer *json);
 
-/* Peak blended pairs of the bare kernel, read bandwidth, and the share that raster and its backward reach, for each
- * instruction set that runs here. */
+/* Roofline for each instruction set that runs here: pairs per second of the bare blending kernel, memory read
+ * bandwidth, and the share of the kernel's speed that the raster stage and its backward pass reach. */
 pags_result pags_bench_roofline(const pags_bench_view *view, FILE *people, pags_json_writer *json);
 
-/* Largest and mean error of each approximation of the engine, by the double-precision oracle or by the engine without
- * it, and what it saves. At most PAGS_BENCH_ERROR_PARTS models. */
+/* Largest and mean error of each approximation of the engine, against the double-precision oracle or against the
+ * engine without that approximation, and what it saves. Fails for more than PAGS_BENCH_ERROR_PARTS models. */
 pags_result pags_bench_error(const pags_bench_view *view, FILE *people, pags_json_writer *json);
 
-/* Trains, with held-out PSNR against seconds of training every `snapshot_every` steps, and ends with the roofline of
- * what was trained. `options` is complete but for snapshots. */
+/* Trains and measures held-out PSNR every `snapshot_every` steps; reports PSNR against training time, then stages and
+ * roofline of the trained Gaussians. `options` is complete except for the snapshot members, which are set here. */
 pags_result pags_bench_train(const pags_train_config *config, const pags_train_options *options, int64_t snapshot_every,
                              FILE *people, pags_json_writer *json);
 

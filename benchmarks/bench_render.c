@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pags-bench render: speed of drawing a scene against what it gets wrong, mode by mode and stage by stage. */
+/* pags-bench render: measures rendering speed against error, by mode (early-z, exp degree, SH degree) and by stage;
+ * writes a table, JSON, CSV and an SVG plot. */
 #include "benchmarks/modes.h"
 #include "benchmarks/plot.h"
 #include "benchmarks/verbs.h"
@@ -62,10 +63,10 @@ static const pags_verb verb = {.name = "render",
                                .options = options};
 
 typedef struct size_row {
-  int width, height; /* 0: the cameras' own */
+  int width, height; /* px; 0: the cameras' own size */
 } size_row;
 
-/* All of a run. Results are by size, then mode. */
+/* State of a run. Results are indexed by size, then mode. */
 typedef struct render_bench {
   const render_bench_arguments *arguments;
   pags_composition *composition;
@@ -78,6 +79,8 @@ typedef struct render_bench {
   pags_deadline_report deadlines[MOST_SIZES]; /* with --budget-ms */
   pags_progress progress;
 } render_bench;
+
+/* ---- Cameras and sizes ---- */
 
 static bool parse_sizes(const char *list, render_bench *self) {
   char word[NAME], rest;
@@ -92,7 +95,8 @@ static bool parse_sizes(const char *list, render_bench *self) {
   return !list || !*list;
 }
 
-/* The same view at another size: scaled by the widths' ratio, cut or widened evenly above and below. */
+/* The same camera at another picture size: scaled by the ratio of the widths, cropped or extended evenly above and
+ * below. */
 static pags_camera at_size(const pags_camera *camera, const size_row *size) {
   pags_camera out = *camera;
   if (size->width == 0)
@@ -123,11 +127,14 @@ static pags_result find_path(const render_bench_arguments *a, const pags_scene *
   return path->count > 0 ? PAGS_OK : pags_fail(PAGS_ERROR_FORMAT, "%s: there is no view to measure from", a->input);
 }
 
+/* ---- Measuring ---- */
+
 static void compose(void *user, double time, const pags_part **parts, int *count) {
   pags_compose(user, time, parts, count);
 }
 
-/* Along the path, as a viewer would ask for them. */
+/* With --budget-ms: renders the path's frames in order, as a viewer would request them, within the budget, and
+ * compares each with full quality. */
 static pags_result keep_deadline(render_bench *self, int index, const pags_camera *cameras) {
   pags_deadline_report *deadline = &self->deadlines[index];
   if (self->arguments->budget_ms <= 0)
@@ -167,7 +174,7 @@ static pags_result measure_size(render_bench *self, int index) {
                                     .progress_user = &self->progress};
   pags_result result = pags_bench_modes(&frames, self->results[index], NULL);
   if (result == PAGS_OK) {
-    /* Mean depth complexity of the cameras. */
+    /* Mean depth complexity over the cameras, in Gaussians per pixel. */
     double sum = 0;
     for (int64_t i = 0; i < self->path.count; i++) {
       const pags_part *parts;
@@ -182,6 +189,8 @@ static pags_result measure_size(render_bench *self, int index) {
   free(cameras);
   return result;
 }
+
+/* ---- Printed table and JSON ---- */
 
 static void say_size(const render_bench *self, int index) {
   const pags_session *session = &self->arguments->session;
@@ -204,7 +213,7 @@ static void say_size(const render_bench *self, int index) {
              (long long)s->pairs_binned, (double)s->pairs_evaluated * 1e-6, (double)s->pairs_blended * 1e-6,
              r->bytes * 1e-6);
 
-    /* Say error. */
+    /* Print the error against the first mode. */
     bool reference = k == 0;
     if (reference)
       pags_say(session, "%9s %9s %7s\n", "-", "-", "-");
@@ -233,7 +242,7 @@ static void put_mode(pags_json_writer *json, const char *name, const pags_bench_
   pags_json_put_string(json, "mode", name);
   pags_json_begin_object(json, "ms");
   for (int i = 0; i < PAGS_BENCH_STAGES; i++) {
-    /* Put span. */
+    /* Write the stage's median and 10 and 90 per cent quantiles. */
     pags_json_begin_object(json, pags_bench_stage_names[i]);
     pags_json_put_number(json, "median", r->ms[i].median);
     pags_json_put_number(json, "low", r->ms[i].low);
@@ -254,7 +263,7 @@ static void put_mode(pags_json_writer *json, const char *name, const pags_bench_
   pags_json_put_integer(json, "pairs_blended", s->pairs_blended);
   pags_json_put_number(json, "bytes_moved", r->bytes);
   if (isinf(r->psnr))
-    pags_json_put_null(json, "psnr"); /* the same picture */
+    pags_json_put_null(json, "psnr"); /* infinite: the pictures are equal */
   else
     pags_json_put_number(json, "psnr", r->psnr);
   pags_json_put_number(json, "max_error", r->max_error);
@@ -262,6 +271,8 @@ static void put_mode(pags_json_writer *json, const char *name, const pags_bench_
   pags_json_put_number(json, "differing", r->differing);
   pags_json_end_object(json);
 }
+
+/* ---- CSV and plot ---- */
 
 static pags_result put_csv_row(pags_file_writer *file, const render_bench *self, int size, int mode) {
   const pags_bench_mode_result *r = &self->results[size][mode];
@@ -304,7 +315,8 @@ static pags_result write_csv(const render_bench *self) {
   return pags_file_writer_commit(&file);
 }
 
-/* A point a mode: its speed against what it loses. Equal pictures are shown at 100 dB. */
+/* Plots one point per mode: error (PSNR or maximum) against speed-up. PSNR is cut at 100 dB, which then means equal
+ * pictures. */
 static void plot_error(const render_bench *self, pags_plot *plot, int size, bool decibels) {
   pags_plot_line lines[MOST_MODES];
   double x[MOST_MODES], y[MOST_MODES];
@@ -331,7 +343,7 @@ static pags_result write_plot(const render_bench *self) {
     numbers[i] = (double)i;
   pags_plot_begin(&plot, 3);
   for (int size = 0; size < self->size_count; size++) {
-    /* Milliseconds along the path, a panel a size. */
+    /* One panel per size: frame time along the path. */
     pags_plot_line lines[MOST_MODES];
     char title[64];
     for (int k = 0; k < self->modes.count; k++)
@@ -346,6 +358,8 @@ static pags_result write_plot(const render_bench *self) {
   free(numbers);
   return pags_plot_save(&plot, self->arguments->plot);
 }
+
+/* ---- The benchmark ---- */
 
 static pags_result load(render_bench *self) {
   const render_bench_arguments *a = self->arguments;
@@ -375,7 +389,7 @@ static pags_result run(render_bench *self) {
     PAGS_TRY(pags_check_writable(a->plot));
   PAGS_TRY(load(self));
 
-  /* Parse modes. */
+  /* Parse --modes, each mode being a change of the scene's options with early-z off. */
   pags_frame_options standard = pags_composition_options(self->composition);
   standard.early_z = PAGS_EARLY_Z_OFF;
   standard.exp_degree = self->arguments->exp_degree ? 5 : 3;
@@ -395,7 +409,7 @@ static pags_result run(render_bench *self) {
   PAGS_TRY(write_csv(self));
   PAGS_TRY(write_plot(self));
 
-  /* Write JSON. */
+  /* Write the results as JSON, by size and mode. */
   pags_json_writer json;
   pags_json_writer_init(&json, 2);
   pags_json_begin_object(&json, NULL);

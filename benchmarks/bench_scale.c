@@ -1,9 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pags-bench scale: whether the time of a frame follows what is visible or what exists.
+/* pags-bench scale: measures whether the time of a frame depends on the number of visible Gaussians or on the number
+ * in the scene.
  *
- * A scene's background is copied along a street, so that more and more exists while the same cameras look from the
- * first copy. Twice for each number: as parts that share one set of rows (memory of one copy, whatever the number: time
- * alone is measured), and as a real packed file with every row in it, mapped. */
+ * The scene's background is copied along x, so that the number of Gaussians grows while the same cameras look from
+ * the first copy. Each number is measured in two forms: as parts that share one set of rows (memory of one copy,
+ * whatever the number, so that only time is measured), and as a packed file that contains every row and is
+ * memory-mapped. */
 #include "benchmarks/modes.h"
 #include "benchmarks/verbs.h"
 #include "cli/camera_paths.h"
@@ -72,19 +74,21 @@ typedef struct scale_row {
 
 typedef struct scale_bench {
   const scale_arguments *arguments;
-  pags_gaussians rows; /* the background in Morton order */
+  pags_gaussians rows; /* the background's Gaussians in Morton order */
   pags_clusters clusters;
   pags_frame_options options;
   pags_sky sky;
   pags_camera_path path;
   double spacing;
   pags_bench_mode_list modes;
-  double steps[MOST_STEPS]; /* millions */
+  double steps[MOST_STEPS]; /* numbers of Gaussians to measure, in millions */
   int step_count;
   scale_row *table;
   int table_count;
   pags_progress progress;
 } scale_bench;
+
+/* ---- Loading the scene ---- */
 
 static bool parse_steps(const char *list, scale_bench *self) {
   char word[WORD], *end;
@@ -148,7 +152,8 @@ static pags_result load(scale_bench *self) {
   pags_scene_destroy(&scene);
   PAGS_TRY(result);
 
-  /* From one copy to the next: the length along x without the last thousandth at either end. */
+  /* The spacing of the copies: --spacing, else the background's length along x between its 0.1 % and 99.9 %
+   * quantiles. */
   const int64_t count = self->rows.count;
   float *x = malloc((size_t)(count + 1) * sizeof *x);
   if (!x)
@@ -162,7 +167,9 @@ static pags_result load(scale_bench *self) {
   return PAGS_OK;
 }
 
-/* What there is to draw at one step. */
+/* ---- Measuring ---- */
+
+/* The parts to render for one number of Gaussians. */
 typedef struct stage {
   pags_part *parts;
   int count;
@@ -175,7 +182,8 @@ static void compose(void *user, double time, const pags_part **parts, int *count
   *count = s->count;
 }
 
-/* Resident now, without what is mapped from files and what is mapped: bytes; 0 where the system doesn't tell. */
+/* Returns the resident memory of the process in bytes, pages of mapped files included; 0 if the system doesn't
+ * tell. */
 static int64_t resident_bytes(void) {
   FILE *file = fopen("/proc/self/statm", "r");
   long long all = 0, resident = 0;
@@ -214,7 +222,10 @@ static pags_result measure(scale_bench *self, stage *s, int form, double million
   return result;
 }
 
-/* Rows of a packed copy, cut short where fewer are left: whole clusters, the first along the curve. */
+/* ---- Shared and packed copies ---- */
+
+/* Returns the number of rows in a packed copy, in whole clusters: all of them, or, if only `left` more Gaussians are
+ * wanted, the first ones along the Morton curve. */
 static int64_t rows_of_copy(const scale_bench *self, int64_t left) {
   const int64_t whole = self->rows.count / PAGS_PACKED_ROWS * PAGS_PACKED_ROWS;
   return left < whole ? (left + PAGS_PACKED_ROWS - 1) / PAGS_PACKED_ROWS * PAGS_PACKED_ROWS : whole;
@@ -224,7 +235,7 @@ static pags_result measure_shared(scale_bench *self, double millions) {
   const int64_t wanted = (int64_t)(millions * 1e6 + 0.5), all = self->rows.count, copies = (wanted + all - 1) / all;
   const int64_t left = wanted - (copies - 1) * all,
                 rounded = (left + PAGS_PACKED_ROWS - 1) / PAGS_PACKED_ROWS * PAGS_PACKED_ROWS;
-  pags_gaussians cut = self->rows; /* the last copy's view of the same rows */
+  pags_gaussians cut = self->rows; /* the last copy: the first of the shared rows only */
   pags_clusters few = self->clusters;
   stage s = {calloc((size_t)copies, sizeof(pags_part)), (int)copies};
   if (!s.parts)
@@ -290,6 +301,8 @@ static pags_result measure_packed(scale_bench *self, double millions) {
   return result;
 }
 
+/* ---- Output ---- */
+
 static pags_result write_json(const scale_bench *self) {
   pags_json_writer json;
   pags_json_writer_init(&json, 2);
@@ -344,6 +357,8 @@ static pags_result write_csv(const scale_bench *self) {
   return pags_file_writer_commit(&file);
 }
 
+/* ---- The benchmark ---- */
+
 static pags_result run(scale_bench *self) {
   const scale_arguments *a = self->arguments;
   if (a->csv)
@@ -365,7 +380,7 @@ static pags_result run(scale_bench *self) {
   pags_progress_end(&self->progress);
   PAGS_TRY(result);
 
-  /* Say table. */
+  /* Print the table. */
   const pags_session *session = &self->arguments->session;
   pags_say(session, "%8s %-7s %-14s %12s %10s %10s %10s %9s %17s %9s %8s %9s %9s\n", "millions", "form", "mode",
            "Gaussians", "in view", "loaded", "shaded", "ms", "10..90 %", "rows MB", "B/Gauss", "frame MB", "RSS MB");

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the add-on itself costs, without a window: importing, memory, and our Python before each picture.
+"""Measures the cost of the Blender add-on without a window: import time, memory, and the add-on's Python code before
+each picture.
 
   make bench-blender SCENE=FOLDER
 
-Import: seconds of the clock and of the processors; the latter don't depend on what else the machine does. Our Python: processor milliseconds of
-one thread."""
+Import is measured in wall-clock and in processor seconds; the latter don't depend on the machine's load. The Python
+code is measured in processor milliseconds of one thread."""
 
 import json
 import os
@@ -32,21 +33,21 @@ def put(name, value):
 
 
 def memory():
-    """Resident megabytes, now and at most."""
+    """Resident memory in megabytes: now, and its peak."""
     with open("/proc/self/status") as file:
         rows = dict(line.split(":", 1) for line in file)
     return [round(int(rows[name].split()[0]) / 1024) for name in ("VmRSS", "VmHWM")]
 
 
 def bring_in(path):
-    """Seconds by the clock and of the processors."""
+    """Imports a scene; returns the wall-clock seconds and the processor seconds that the import took."""
     begin, work = time.monotonic(), time.process_time()
     assert bpy.ops.import_scene.pags(filepath=path) == {"FINISHED"}
     return [round(time.monotonic() - begin, 2), round(time.process_time() - work, 2)]
 
 
 def work_ms(function, times=15):
-    """Median and worst processor milliseconds of this thread."""
+    """Calls `function` repeatedly; returns median and maximum of its processor time in this thread, milliseconds."""
     values = []
     for _ in range(times):
         begin = time.thread_time()
@@ -56,7 +57,7 @@ def work_ms(function, times=15):
 
 
 def write_million(path):
-    """The background's Gaussians, repeated or cut, as a bare file."""
+    """Writes a PLY file of a million Gaussians: the background's, repeated or cut."""
     with open(os.path.join(SCENE, "background.ply"), "rb") as file:
         head = b""
         while not head.endswith(b"end_header\n"):
@@ -70,7 +71,7 @@ def write_million(path):
 
 
 def python_side():
-    """What view_update and view_draw do before a picture is submitted."""
+    """Measures the Python code that view_update and view_draw run before a render job is submitted."""
     scene = bpy.context.scene
     scene.frame_set((scene.frame_start + scene.frame_end) // 2)
     depsgraph = bpy.context.evaluated_depsgraph_get()

@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pags-bench error: what each approximation of the engine gets wrong, and what it saves.
+/* pags-bench error: measures the error of each approximation of the engine and what it saves; prints a table, writes
+ * JSON and Markdown.
  *
  * Errors are against the double-precision oracle (tests/reference), or against the engine without the approximation
- * where the engine can do without it. Gains are of processor time, variants taking turns, medians of ratios of
- * neighbours; beside them stand counts of work and bytes. */
+ * where it can be switched off. Gains are ratios of processor time, as medians over pairs of frames that were timed
+ * alternately; counts of work and bytes stand beside them. */
 #include "benchmarks/error.h"
 
 #include <math.h>
@@ -11,13 +12,13 @@
 #include "base/file.h"
 #include "simd/kernels.h"
 
-/* ---- What is told ---- */
+/* ---- Rows as JSON and text ---- */
 
 static void put_optional(pags_json_writer *json, const char *key, double value) {
   if (isfinite(value))
     pags_json_put_number(json, key, value);
   else
-    pags_json_put_null(json, key); /* NaN: there is none; infinite: the same picture */
+    pags_json_put_null(json, key); /* NaN: not applicable; infinite: equal pictures */
 }
 
 static void put_row(pags_json_writer *json, const error_row *row) {
@@ -42,7 +43,7 @@ static void put_row(pags_json_writer *json, const error_row *row) {
   pags_json_end_object(json);
 }
 
-/* 12345678 -> "12.3 M". */
+/* Formats a count with three digits and a unit: 12345678 gives "12.3 M". Returns its length. */
 static int write_amount(char *out, size_t size, double value) {
   const char *unit = "";
   if (value >= 1e6)
@@ -60,7 +61,7 @@ typedef struct row_text {
   char largest[24], mean[24], psnr[24], gain[48], counts[160];
 } row_text;
 
-/* Two digits. */
+/* Formats an error with two significant digits. */
 static void write_error(char *out, size_t size, double value) {
   snprintf(out, size, value < 99.5 ? "%.2g" : "%.0f", value);
 }
@@ -83,6 +84,8 @@ static row_text write_row(const error_row *row) {
   }
   return t;
 }
+
+/* ---- Markdown ---- */
 
 static pags_result put_line(pags_file_writer *file, const char *line) {
   return pags_file_writer_put(file, line, strlen(line));
@@ -108,6 +111,8 @@ static pags_result write_markdown(const char *path, const char *head, const erro
   return pags_file_writer_commit(&file);
 }
 
+/* ---- The benchmark ---- */
+
 pags_result pags_bench_error(const pags_bench_view *view, FILE *people, pags_json_writer *json) {
   if (view->part_count > PAGS_BENCH_ERROR_PARTS)
     return pags_fail(PAGS_ERROR_LIMIT, "%d models; the error bench takes at most %d", view->part_count,
@@ -119,7 +124,7 @@ pags_result pags_bench_error(const pags_bench_view *view, FILE *people, pags_jso
   PAGS_TRY(error_rows_of_training(view, &table));
   PAGS_TRY(error_go_on(view, 1, "done"));
 
-  /* Write head. */
+  /* Write the heading: scene, views, kernels and threads. */
   size_t size = sizeof head;
   char gaussians[24];
   double all = 0;
@@ -133,7 +138,7 @@ pags_result pags_bench_error(const pags_bench_view *view, FILE *people, pags_jso
            pags_tasks_workers(view->tasks) == 1 ? "" : "s");
 
   if (people) {
-    /* Print table. */
+    /* Print the table. */
     fprintf(people, "%s\n%-28s %-36s %-12s %9s %9s %7s  %-24s %s\n", head, "approximation", "against", "unit",
             "largest", "mean", "PSNR", "times as fast", "counts, exact -> used");
     for (int i = 0; i < table.count; i++) {

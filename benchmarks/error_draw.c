@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Approximations that can be switched off: the same views are drawn with each and without it, and compared.
+/* pags-bench error, approximations that the engine can switch off: renders the same views with and without each and
+ * compares pictures and times.
  *
- * Timed frames alternate, one with and one without; a gain is the median of the ratios of such pairs. */
+ * Timed frames alternate between the variants; a gain is the median of the ratios of neighbouring frames. */
 #include "benchmarks/error.h"
 
 #include <math.h>
@@ -11,23 +12,23 @@
 #include "base/memory.h"
 #include "train/sh_trim.h"
 
-enum { MOST_WAYS = 20, FINE = 4 /* small pixels a side of a pixel */, TRIM_VIEWS = 48, FRAMES = 2 };
+enum { MOST_WAYS = 20, FINE = 4 /* samples per side of a pixel */, TRIM_VIEWS = 48, FRAMES = 2 };
 
-/* What a trained scene may lose by the trimming of its colour: half a level of 8 bits. */
+/* Largest error of colour that trimming SH terms may cause: half a level of 8 bits. */
 #define TRIM_ERROR (0.5 / 255.0)
 
-/* Which Gaussians are drawn. */
+/* The form of the Gaussians that is rendered. */
 typedef enum content { AS_THEY_ARE, PACKED, TRIMMED, CONTENTS } content;
 
-/* A way to draw the pictures. */
+/* A variant of rendering: an approximation, or what approximations are compared with. */
 typedef struct way {
   const char *name, *exact;
   pags_frame_options options;
   content what;
-  bool fine; /* drawn FINE times as large, and averaged over FINE x FINE small pixels */
-  int base;  /* the way that it is held against */
-  int frame; /* early-z learns from the frame before: it has a frame of its own */
-  bool told; /* has a row */
+  bool fine; /* rendered FINE times as large, then averaged over FINE x FINE samples */
+  int base;  /* index of the variant that this one is compared with */
+  int frame; /* index of the pags_frame used; early-z has its own, since it learns from the previous frame */
+  bool told; /* has a row in the table */
 } way;
 
 typedef struct drawing {
@@ -37,15 +38,16 @@ typedef struct drawing {
   pags_part parts[CONTENTS][PAGS_BENCH_ERROR_PARTS];
   pags_packed packed[PAGS_BENCH_ERROR_PARTS];
   pags_gaussians trimmed[PAGS_BENCH_ERROR_PARTS];
-  double bytes[CONTENTS], terms[CONTENTS]; /* of rows; terms of colour beyond the constant that aren't 0 */
+  /* bytes of all rows; number of non-zero SH terms beyond the constant one */
+  double bytes[CONTENTS], terms[CONTENTS];
   pags_frame *frames[FRAMES];
-  double *pictures[MOST_WAYS]; /* of the camera at hand */
+  double *pictures[MOST_WAYS]; /* of the current camera */
   error_sum sums[MOST_WAYS];
   double binned[MOST_WAYS], lanes[MOST_WAYS], shaded[MOST_WAYS];
-  double *ms; /* per way, camera and repetition */
+  double *ms; /* times by variant, camera and repetition */
 } drawing;
 
-/* ---- Contents ---- */
+/* ---- Packed and trimmed Gaussians ---- */
 
 static double row_bytes(const pags_gaussians *g) {
   return 4.0 * pags_plane_count(g->sh_degree) * (double)g->count;
@@ -62,7 +64,7 @@ static double count_terms(const pags_gaussians *g) {
 static pags_result pack_part(drawing *d, int p) {
   pags_part *const part = &d->parts[PACKED][p];
   d->bytes[AS_THEY_ARE] += row_bytes(part->gaussians);
-  if (part->dc) { /* colour over time isn't packed */
+  if (part->dc) { /* parts whose colour changes over time can't be packed */
     d->bytes[PACKED] += row_bytes(part->gaussians);
     return PAGS_OK;
   }
@@ -86,7 +88,8 @@ static void trim_block(void *context, int64_t begin, int64_t end, int worker) {
   pags_sh_trim_rows(t->g, t->views, t->view_count, TRIM_ERROR, begin, end);
 }
 
-/* Against the pictures' own cameras and others of the scene. */
+/* Makes a copy of part p whose SH terms are trimmed for the measured cameras and up to TRIM_VIEWS others of the
+ * scene. Parts whose colour changes over time, or of SH degree 0, stay as they are. */
 static pags_result trim_part(drawing *d, int p) {
   const pags_bench_view *const v = d->view;
   pags_part *const part = &d->parts[TRIMMED][p];
@@ -118,7 +121,7 @@ static pags_result trim_part(drawing *d, int p) {
   return PAGS_OK;
 }
 
-/* ---- Ways ---- */
+/* ---- Variants ---- */
 
 static way *add_way(drawing *d, const char *name, const char *exact, int base) {
   way *const w = &d->ways[d->count++];
@@ -152,7 +155,9 @@ static void list_early_z_ways(drawing *d) {
   }
 }
 
-/* The light that falls on a pixel is the integral over its area, which the low-pass stands for. */
+/* Adds the low-pass variants. A pixel's true value is the integral over its area, which the low-pass filter
+ * approximates; the reference renders FINE x FINE samples a pixel with a correspondingly smaller low-pass and
+ * averages them. */
 static void list_filter_ways(drawing *d) {
   const int fine = d->count;
   way *w = add_way(d, NULL, NULL, fine);
@@ -172,13 +177,13 @@ static void list_filter_ways(drawing *d) {
   }
 }
 
-/* ---- Pictures ---- */
+/* ---- Rendering a variant ---- */
 
 static pags_result draw(drawing *d, int k, const pags_camera *camera, bool counted, pags_picture *picture) {
   const way *const w = &d->ways[k];
   pags_frame_options options = w->options;
 
-  /* Camera of. */
+  /* Enlarge the camera if the variant is rendered FINE times as large. */
   pags_camera out = *camera;
   const int times = w->fine ? FINE : 1;
   out.width *= times, out.height *= times;
@@ -190,10 +195,11 @@ static pags_result draw(drawing *d, int k, const pags_camera *camera, bool count
                            picture);
 }
 
-/* Means of FINE x FINE pixels, in place. */
+/* Averages blocks of FINE x FINE pixels of three planes, in place. */
 static void shrink(double *planes, int width, int height) {
   const int64_t wide = (int64_t)width * FINE;
-  for (int64_t k = 0; k < 3 * (int64_t)width * height; k++) { /* what is written lies before what is still to be read */
+  /* in place is safe: each mean is written before the samples that are still to be read */
+  for (int64_t k = 0; k < 3 * (int64_t)width * height; k++) {
     const int64_t row = k / width, x = k % width;
     double sum = 0;
     for (int64_t j = 0; j < FINE; j++)
@@ -203,7 +209,7 @@ static void shrink(double *planes, int width, int height) {
   }
 }
 
-/* ---- Rows ---- */
+/* ---- Measuring and table rows ---- */
 
 static void add_counts(const drawing *d, int k, error_row *row) {
   const way *const w = &d->ways[k];
@@ -222,7 +228,7 @@ static void add_counts(const drawing *d, int k, error_row *row) {
 static pags_result run(drawing *d) {
   PAGS_TRY(error_go_on(d->view, 0.5, "packing and trimming"));
 
-  /* Make contents. */
+  /* Make the packed and the trimmed form of every part. */
   for (int p = 0; p < d->view->part_count; p++) {
     for (int k = 0; k < CONTENTS; k++)
       d->parts[k][p] = d->view->parts[p];
@@ -233,7 +239,7 @@ static pags_result run(drawing *d) {
   for (int i = 0; i < FRAMES; i++)
     PAGS_TRY(pags_frame_create(d->view->tasks, &d->frames[i]));
 
-  /* List ways. */
+  /* List the variants; the first is the exact one, without a row of its own. */
   add_way(d, NULL, NULL, 0);
   if (d->view->options.exp_degree > 3)
     add_way(d, "exp by 3rd degree", "by 5th degree", 0)->options.exp_degree = 3;
@@ -247,13 +253,13 @@ static pags_result run(drawing *d) {
   if (!d->ms)
     return pags_out_of_memory("times");
 
-  /* Draw all. */
+  /* Render every variant from every camera: once to count and compare, then timed. */
   const pags_bench_view *const v = d->view;
   const int64_t turns = (int64_t)v->camera_count * v->repetitions;
   for (int c = 0; c < v->camera_count; c++) {
     PAGS_TRY(error_go_on(v, 0.5 + 0.4 * c / v->camera_count, "drawing"));
 
-    /* Look. */
+    /* Render each variant with pairs counted, and compare it with the variant that it is based on. */
     const pags_camera *camera = v->cameras + c;
     for (int k = 0; k < d->count; k++) {
       pags_picture picture;
@@ -291,7 +297,7 @@ pags_result error_rows_of_drawing(const pags_bench_view *view, error_table *tabl
   d->view = view;
   const pags_result result = run(d);
   if (result == PAGS_OK) {
-    /* Add rows. */
+    /* Add a row for each variant that has one. */
     const int64_t turns = (int64_t)d->view->camera_count * d->view->repetitions;
     for (int k = 0; k < d->count; k++) {
       const way *const w = &d->ways[k];

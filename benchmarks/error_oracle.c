@@ -1,12 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What the engine's arithmetic and the limits of blending cost, by the double-precision oracle (tests/reference).
+/* pags-bench error, comparison with the double-precision oracle (tests/reference): float arithmetic, limits of
+ * blending, exp polynomials and gradients.
  *
- * The limits (cut, stop, cap, clamp of the slope) are fixed in the kernels, so the oracle is drawn with and without
- * each; gains of these are of its own time, in which blending weighs less than in the engine's: the pairs beside them
- * say more. */
+ * The limits of blending (alpha cut, stop, alpha cap, clamp of the slope) are fixed in the kernels, so the oracle is
+ * rendered with and without each. Their gains are ratios of the oracle's time, of which blending is a smaller share
+ * than in the engine, so the pair counts beside them are more telling. */
 #include "benchmarks/error.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 #include "base/memory.h"
@@ -15,13 +17,15 @@
 
 enum { LIMITS = 4, GROUPS = 6, PROBES = 4096, EXP_VALUES = 1 << 16, KERNEL_STEPS = 1 << 16, ROUNDS = 9 };
 
-/* A cut this much lower stands for none: what it leaves out of one Gaussian is 1/256 of 1/255. */
+/* Alpha cut that stands for no cut: it removes at most 1/256 of 1/255 of one Gaussian. */
 #define LOW_CUT (REFERENCE_ALPHA_MIN / 256)
 
 enum { NO_STOP = 1, NO_CAP = 2, NO_CLAMP = 3 };
 
-/* Without the stop, a Gaussian of alpha 1 is blended: the cap is judged without it. The last one is what the clamp of
- * slopes is there against: both are held against what they stand for, values along rays. */
+/* The variants of the oracle, each without one limit. The cap is judged without the stop in both pictures, because
+ * with the stop a Gaussian of alpha 1 would not be blended at all. The last variant is the affine image without the
+ * clamp of slopes; the pictures with and without the clamp are both compared with values along rays, which the affine
+ * image approximates. */
 static const struct limit {
   const char *name, *exact;
   reference_limits limits;
@@ -34,7 +38,7 @@ static const struct limit {
      {REFERENCE_ALPHA_MIN, REFERENCE_ALPHA_CAP, REFERENCE_STOP, INFINITY}},
 };
 
-static const struct group { /* planes that share a unit */
+static const struct group { /* range [first, last) of parameter planes that share a unit */
   int first, last;
 } groups[GROUPS] = {{PAGS_MEAN, PAGS_SCALE}, {PAGS_SCALE, PAGS_ROTATION}, {PAGS_ROTATION, PAGS_OPACITY},
                     {PAGS_OPACITY, PAGS_SH}, {PAGS_SH, PAGS_SH + 3},      {PAGS_SH + 3, PAGS_MAX_PLANES}};
@@ -43,17 +47,19 @@ typedef struct oracle {
   const pags_bench_view *view;
   reference_part parts[PAGS_BENCH_ERROR_PARTS];
   pags_frame *frame;
-  float *gradient[PAGS_BENCH_ERROR_PARTS]; /* the engine's: parameter p of Gaussian i at p * count + i */
+  float *gradient[PAGS_BENCH_ERROR_PARTS]; /* the engine's gradient: parameter p of Gaussian i at p * count + i */
   error_sum picture, decided, limit[LIMITS], affine, group[GROUPS];
-  double oracle_ms, engine_ms, oracle_back_ms, engine_back_ms; /* forward; forward and back */
+  double oracle_ms, engine_ms, oracle_back_ms, engine_back_ms; /* forward; forward and backward */
   double limit_ms[LIMITS], limit_pairs[LIMITS], pairs, ray_ms;
-  double squares, binned, lanes; /* pairs with tiles; lanes evaluated */
-  double pixels, left_out;       /* of gradients */
+  /* pairs of Gaussian and tile: by the squares of the 3DGS code, as the engine bins; pixel pairs evaluated */
+  double squares, binned, lanes;
+  double pixels, left_out; /* pixels of the gradients: all, and those left out */
 } oracle;
 
-/* ---- Tiles ---- */
+/* ---- Tiles of the 3DGS code ---- */
 
-/* Tiles in the square of 3 sigma of the longer axis, which is what the 3DGS code bins by. */
+/* Returns the number of tiles touched by the square of 3 sigma of the longer axis, by which the 3DGS code bins (Kerbl
+ * et al. 2023). */
 static double square_tiles(const reference_splat *s, int tiles_x, int tiles_y) {
   const double middle = 0.5 * (s->cov[0] + s->cov[2]);
   const double largest = middle + sqrt(fmax(0.1, middle * middle - (s->cov[0] * s->cov[2] - s->cov[1] * s->cov[1])));
@@ -65,13 +71,14 @@ static double square_tiles(const reference_splat *s, int tiles_x, int tiles_y) {
 
 /* ---- Gradients ---- */
 
-/* Rounding may turn a decision of the pixel: to cut, cap or stop, or which of two depths is the less. */
-static int may_turn(const reference_picture *picture, int64_t pixel) {
+/* Whether float rounding may change a decision of the pixel: to cut, cap or stop, or which of two depths is
+ * smaller. */
+static bool may_turn(const reference_picture *picture, int64_t pixel) {
   return picture->margin[pixel] < 1e-4 || picture->depth_margin[pixel] < 1e-6;
 }
 
-/* A gradient of the size that a loss gives, different from pixel to pixel; none where rounding may turn a decision.
- * `left_out` grows by the pixels of these. */
+/* Makes a pseudo-random picture gradient of the size that a loss gives; 0 at pixels where rounding may change a
+ * decision, whose number is added to `left_out`. */
 static double *make_weights(const reference_picture *picture, double *left_out) {
   const int64_t pixels = (int64_t)picture->width * picture->height;
   double *const weights = calloc(3 * (size_t)pixels, sizeof *weights);
@@ -106,12 +113,13 @@ static double length(const struct group *group, const reference_part_gradient *e
   return sqrt(square);
 }
 
-/* |difference| / max(|exact|, 1 % of the group's root mean square), of rows that have a gradient. A group so small
- * beside another is the rounding of zeros, as rotations' is where all Gaussians are round. */
+/* Adds the relative errors of the engine's gradients, per group of parameters: |difference| / max(|exact|, 1 % of the
+ * group's root mean square), over the rows that have a gradient. A group whose gradients are negligible beside the
+ * others' is skipped, since it is only rounding, as for rotations if all Gaussians are round. */
 static void compare_gradients(oracle *o, const reference_part_gradient *exact) {
   double size[GROUPS], largest = 0;
   for (int g = 0; g < GROUPS; g++) {
-    /* Of rows that have a gradient. */
+    /* Root mean square over the rows that have a gradient. */
     double square = 0, rows = 0;
     for (int p = 0; p < o->view->part_count; p++)
       for (int64_t i = 0; i < exact[p].count; i++) {
@@ -137,7 +145,7 @@ static void compare_gradients(oracle *o, const reference_part_gradient *exact) {
   }
 }
 
-/* The engine's way back, its planes padded to whole tiles. */
+/* Runs the engine's forward and backward pass with the picture gradient `weights`, padded to whole tiles. */
 static pags_result go_back(oracle *o, const pags_camera *camera, const double *weights) {
   const int64_t stride = (camera->width + 15) / 16 * 16, rows = (camera->height + 15) / 16 * 16, plane = stride * rows;
   pags_frame_options options = o->view->options;
@@ -155,7 +163,8 @@ static pags_result go_back(oracle *o, const pags_camera *camera, const double *w
   options.exp_degree = 5;
   for (int p = 0; p < o->view->part_count; p++)
     memset(o->gradient[p], 0, (size_t)(o->parts[p].count * pags_plane_count(o->parts[p].sh_degree)) * sizeof(float));
-  for (int round = 0; round < 2 && result == PAGS_OK; round++) { /* the first one fetches memory */
+  /* only the second is timed: the first allocates memory */
+  for (int round = 0; round < 2 && result == PAGS_OK; round++) {
     const double begin = error_clock_ms();
     result = pags_frame_render(o->frame, o->view->parts, o->view->part_count, camera, &options, NULL, NULL, &picture);
     if (result == PAGS_OK)
@@ -166,7 +175,8 @@ static pags_result go_back(oracle *o, const pags_camera *camera, const double *w
   return result;
 }
 
-/* The oracle's gradient of its picture, which took `forward_ms`, against the engine's. */
+/* Computes the oracle's gradient of its picture, whose forward pass took `forward_ms`, and compares the engine's with
+ * it. */
 static pags_result add_gradients(oracle *o, const pags_camera *camera, const reference_picture *picture,
                                  double forward_ms) {
   reference_part_gradient exact[PAGS_BENCH_ERROR_PARTS];
@@ -211,7 +221,7 @@ static pags_result add_engine_picture(oracle *o, const pags_camera *camera, cons
   return PAGS_OK;
 }
 
-/* What the pictures without a limit are held against, in place of the usual one. */
+/* References other than the usual picture, with which some of the variants are compared. */
 typedef struct others {
   reference_picture no_stop;
   double *rays;
@@ -246,7 +256,7 @@ static pags_result add_camera(oracle *o, int index) {
   o->oracle_ms += ms;
   o->pairs += (double)usual.contribution_count;
 
-  /* All square tiles. */
+  /* Count the tiles that the 3DGS code would bin. */
   const int tiles_x = (usual.width + PAGS_TILE - 1) / PAGS_TILE, tiles_y = (usual.height + PAGS_TILE - 1) / PAGS_TILE;
   double sum = 0;
   for (int64_t i = 0; i < usual.splat_count; i++)
@@ -272,9 +282,9 @@ static pags_result add_camera(oracle *o, int index) {
   return result;
 }
 
-/* ---- exp ---- */
+/* ---- Polynomials of exp ---- */
 
-/* The rasteriser's alpha of a Gaussian that is flat over a tile: 2^exponent. */
+/* Returns the alpha that the rasteriser computes for a Gaussian whose value is 2^exponent over a whole tile. */
 static double kernel_alpha(const pags_kernels *kernels, int degree, float exponent) {
   float planes[4][PAGS_TILE_PIXELS] __attribute__((aligned(64)));
   const pags_splat flat = {
@@ -291,14 +301,15 @@ static double kernel_alpha(const pags_kernels *kernels, int degree, float expone
 static void add_exp_row(const pags_kernels *kernels, int degree, error_row *row) {
   error_sum sum = {0};
   for (int i = 0; i < PROBES; i++) {
-    const float exponent = -7.99f + 7.97f * (float)i / (float)PROBES; /* alpha from the cut to the cap */
+    /* alpha from the cut (1/255) to the cap (0.99) */
+    const float exponent = -7.99f + 7.97f * (float)i / (float)PROBES;
     const double exact = exp2((double)exponent);
     error_sum_add(&sum, (kernel_alpha(kernels, degree, exponent) - exact) / exact);
   }
   error_sum_put(&sum, 1, row);
 }
 
-/* ns a value of the C library's exp2f, one after the other. */
+/* Time of the C library's exp2f called in a loop, ns per value. */
 static double library_ns(void) {
   static float values[EXP_VALUES];
   double ns[ROUNDS];
@@ -316,7 +327,7 @@ static double library_ns(void) {
   return error_median(ns, ROUNDS);
 }
 
-/* ns a lane of a whole blending step. */
+/* Time of one whole blending step of the kernel, ns per lane (pixel). */
 static double kernel_ns(const pags_kernels *kernels, int degree) {
   const pags_splat faint = {
       .x = 1, .y = 1, .p = 0.1f, .h = 0.1f, .w = 0.1f, .log2_opacity = -7.5f, .r = 0.5f, .g = 0.5f, .b = 0.5f};
@@ -347,7 +358,7 @@ static void add_exp_rows(const oracle *o, error_table *table) {
   row->counts[0] = (error_count){"ns a lane of a step", five, three};
 }
 
-/* ---- Rows ---- */
+/* ---- Table rows ---- */
 
 static void add_rows(const oracle *o, error_table *table) {
   const double views = o->view->camera_count;

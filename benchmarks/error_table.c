@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What the parts of pags-bench error share: rows of the table, sums of errors, pictures, processor time. */
+/* Functions shared by the parts of pags-bench error: table rows, error sums, picture copies and processor time. */
 #include "benchmarks/error.h"
 
 #include <math.h>

@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Approximations of training: Adam whose cost follows what is in view, and scores measured at half the size.
+/* pags-bench error, approximations of training: Adam that updates only the clusters in view, and pruning scores
+ * measured at half the size.
  *
- * Adam runs on the largest model with gradients of its own pictures, which stay those of the scene as it is, so that
- * three optimisers get the same ones: the engine's, the same kernels over every row at every step, and dense Adam in
- * double on a sample of the rows. */
+ * Adam runs on the largest model, with gradients of pictures of the unchanged scene, so that three optimisers get the
+ * same gradients: the engine's, the engine's kernels over every row at every step, and dense Adam in double on a
+ * sample of the rows. */
 #include "benchmarks/error.h"
 
 #include <math.h>
@@ -16,14 +17,15 @@
 
 enum { STEPS = 24, FIRST_STEP = 15000, CLUSTER = 64, SAMPLE_ROWS = 1 << 15, SCORE_VIEWS = 12 };
 
-/* How far a view lies from the last, so that the cameras of a rig come up in turn. */
+/* Returns view i of `wanted` evenly spread ones, shifted by i so that the cameras of a rig take turns. */
 static const pags_camera *view_at(const pags_bench_view *v, int64_t i, int64_t wanted) {
   const int64_t count = v->all_count > 0 ? v->all_count : v->camera_count;
   const pags_camera *const cameras = v->all_count > 0 ? v->all : v->cameras;
   return cameras + (count <= wanted ? i % count : (i * count / wanted + i) % count);
 }
 
-/* A plane of numbers that differ from pixel to pixel, for all three channels and any picture up to its size. */
+/* Makes a plane large enough for every picture: constant `value` if it is 0 or more, else pseudo-random numbers of
+ * the size of a loss gradient. It is used for all three channels. */
 static float *make_plane(const pags_bench_view *v, int value) {
   const int64_t count = v->all_count > 0 ? v->all_count : v->camera_count;
   const pags_camera *const cameras = v->all_count > 0 ? v->all : v->cameras;
@@ -38,22 +40,22 @@ static float *make_plane(const pags_bench_view *v, int value) {
   return plane;
 }
 
-/* ---- Adam ---- */
+/* ---- Adam for the clusters in view ---- */
 
 typedef struct adam_bench {
   const pags_bench_view *view;
-  int part; /* the largest */
+  int part; /* index of the part with the most Gaussians */
   int planes;
   int64_t rows, clusters, stride;
-  float *gradient, *zeros; /* plane p at gradient + p * stride; zeros: one cluster's planes */
-  uint8_t *seen;           /* per cluster: in this step's picture */
+  float *gradient, *zeros; /* gradient: plane p at gradient + p * stride; zeros: the planes of one cluster */
+  uint8_t *seen;           /* per cluster: 1 if it is in this step's picture */
   pags_schedule schedule;
-  pags_gaussians own[2]; /* 0: paid when seen; 1: every row at every step */
+  pags_gaussians own[2]; /* [0]: updated only when in view; [1]: every row at every step */
   pags_clusters bounds[2];
   pags_adam adam[2];
   reference_adam exact;
   double *exact_gradient;
-  int64_t every; /* of so many clusters one is in the sample */
+  int64_t every; /* one cluster of every `every` ones is in the sample */
   double ms[2], updated;
 } adam_bench;
 
@@ -81,7 +83,7 @@ static void step_engine(adam_bench *a, int which, int64_t step) {
   a->ms[which] += error_clock_ms() - begin;
 }
 
-/* Where a row of the sample is: -1 beyond the Gaussians. */
+/* Returns the model's row of row i of the sample; -1 beyond the last Gaussian. */
 static int64_t sampled_row(const adam_bench *a, int64_t i) {
   const int64_t row = i / CLUSTER * a->every * CLUSTER + i % CLUSTER;
   return row < a->rows ? row : -1;
@@ -108,7 +110,8 @@ static pags_result create_adam(adam_bench *a) {
   pags_train_config config = pags_train_config_default();
   config.color.sh_degree = from->sh_degree;
   config.picture.cluster_size = CLUSTER;
-  a->schedule = pags_schedule_make(&config, 20, 100); /* a world of 20 m, as far as rates of positions go */
+  /* extent 20 m, which scales the learning rate of positions; 100 views */
+  a->schedule = pags_schedule_make(&config, 20, 100);
   a->planes = pags_plane_count(from->sh_degree);
   a->rows = from->count;
   a->clusters = (a->rows + CLUSTER - 1) / CLUSTER;
@@ -145,7 +148,7 @@ static pags_result run_adam(adam_bench *a, pags_frame *frame, const float *plane
   for (int64_t step = 0; step < STEPS; step++) {
     PAGS_TRY(error_go_on(a->view, 0.9 + 0.07 * (double)step / STEPS, "Adam"));
 
-    /* Find gradients. */
+    /* Compute the gradients of this step's view. */
     const pags_bench_view *const v = a->view;
     pags_frame_options options = v->options;
     pags_picture picture;
@@ -168,8 +171,8 @@ static pags_result run_adam(adam_bench *a, pags_frame *frame, const float *plane
   return PAGS_OK;
 }
 
-/* Differences as shares of the way that the plane's parameters went, root mean square over the sample. `other`: NULL
- * for the oracle. */
+/* Adds the differences between two optimisers' parameters, `got` against `other` (NULL: the double-precision Adam),
+ * each divided by the root mean square distance that the parameter's plane moved over the sample. */
 static void compare_adam(const adam_bench *a, const pags_gaussians *got, const pags_gaussians *other, error_sum *sum) {
   const pags_gaussians *const from = a->view->parts[a->part].gaussians;
   for (int p = 0; p < a->planes; p++) {
@@ -233,7 +236,7 @@ static pags_result add_adam(const pags_bench_view *view, pags_frame *frame, erro
   return result;
 }
 
-/* ---- Scores ---- */
+/* ---- Scores at half the size ---- */
 
 typedef struct ranked {
   double score;
@@ -241,9 +244,9 @@ typedef struct ranked {
 } ranked;
 
 typedef struct score_bench {
-  int64_t first[PAGS_BENCH_ERROR_PARTS]; /* row of each part's first Gaussian */
+  int64_t first[PAGS_BENCH_ERROR_PARTS]; /* index of each part's first Gaussian */
   int64_t rows;
-  double *score[2], ms[2]; /* 0: full size, 1: half */
+  double *score[2], ms[2]; /* [0]: at full size, [1]: at half size */
   double *target;
   const float *ones, *zeros;
 } score_bench;
@@ -277,7 +280,8 @@ static int lower_score(const void *a, const void *b) {
   return (x->row > y->row) - (x->row < y->row);
 }
 
-/* Percentile ranks, in place, of rows that any of the two saw; -1 of others. Returns how many. */
+/* Replaces the scores of the rows that some view saw by their percentile ranks; rows that no view saw keep their
+ * score. Returns how many were ranked. */
 static int64_t rank_scores(score_bench *s, ranked *list, int half) {
   int64_t count = 0;
   for (int64_t i = 0; i < s->rows; i++)
@@ -297,7 +301,7 @@ static pags_result compare_scores(score_bench *s, error_table *table) {
     return pags_out_of_memory("ranking %lld Gaussians", (long long)s->rows);
   for (int64_t i = 0; i < s->rows; i++)
     if (s->score[0][i] == 0 && s->score[1][i] == 0)
-      s->score[0][i] = -1; /* no view saw it: it ranks lowest either way */
+      s->score[0][i] = -1; /* no view saw it: left out, since it ranks lowest at both sizes */
   rank_scores(s, list, 1);
   rank_scores(s, list, 0);
   free(list);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Reading what pags-bench proxies measures. */
+/* Reads the JSON and the meshes of a GLB file, for pags-bench proxies. */
 #include "benchmarks/glb.h"
 
 #include <stdlib.h>
@@ -48,7 +48,8 @@ int64_t pags_glb_integer(const pags_json_value *object, const char *key, int64_t
   return value && value->type == PAGS_JSON_NUMBER ? (int64_t)value->number : fallback;
 }
 
-/* Where an accessor's values lie; NULL where they don't fit into the buffer. */
+/* Finds the values of an accessor in the buffer; NULL if they exceed it. `item_bytes` 0: the values are indices of 2
+ * or 4 bytes, by the component type. */
 static const uint8_t *values_of(const pags_glb *file, int64_t accessor, int64_t item_bytes, int64_t *count,
                                 int64_t *component) {
   const pags_json_value *a = element(file->root, "accessors", accessor);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* GLB files as pags export writes them: one buffer. */
+/* Reads meshes from GLB files (glTF 2.0 binary) as pags export writes them, with one buffer, for pags-bench
+ * proxies. */
 #ifndef PAGS_BENCHMARKS_GLB_H
 #define PAGS_BENCHMARKS_GLB_H
 
@@ -17,11 +18,11 @@ typedef struct pags_glb {
 pags_result pags_glb_open(const char *path, pags_glb *out);
 void pags_glb_close(pags_glb *file);
 
-/* NULL and `fallback` where there is none; NULL is allowed for `object` and `root`. */
+/* Look up a member of a JSON object; return NULL or `fallback` if it is missing. `object` may be NULL. */
 const pags_json_value *pags_glb_member(const pags_json_value *object, const char *key);
 int64_t pags_glb_integer(const pags_json_value *object, const char *key, int64_t fallback);
 
-/* Positions and triangles of a mesh's first primitive. */
+/* Reads positions and triangles of a mesh's first primitive. */
 pags_result pags_glb_mesh(const pags_glb *file, int64_t mesh, pags_proxy_mesh *out);
 
 #endif

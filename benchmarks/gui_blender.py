@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How fast the Blender add-on is in a 960x540 viewport: first picture, orbiting, scrubbing the timeline, still.
+"""Measures the Blender add-on in a 960x540 viewport: time to the first picture, orbiting, scrubbing the timeline, and
+a still view.
 
   make bench-blender SCENE=FOLDER
 
-Runs in a window under Xvfb, which Blender draws in software: what the upload and Blender's own drawing take says nothing of a
-machine with a GPU and is told apart. Times are of the wall's clock; `load` says what else the machine did, `stolen` what share of the
-processors' time other machines on the same hardware took meanwhile."""
+Runs in a window under Xvfb, which Blender draws in software. The times of the upload and of Blender's own drawing are
+reported separately, since they don't apply to a machine with a GPU. Times are wall clock; `load` is the machine's
+load average, `stolen` the share of the processors' time that the host gave to other virtual machines meanwhile."""
 
 import json
 import os
@@ -33,26 +34,27 @@ from gui_case import (  # noqa: E402
 
 WINDOW = "960x540"
 SCENE, OUTPUT = os.environ["PAGS_BENCH_SCENE"], os.environ.get("PAGS_BENCH_JSON", "")
-SECONDS = float(os.environ.get("PAGS_BENCH_SECONDS", "10"))  # of each movement
+SECONDS = float(os.environ.get("PAGS_BENCH_SECONDS", "10"))  # duration of each movement
 figures = {}
 
 
 def memory():
-    """Resident megabytes, now and at most."""
+    """Resident memory in megabytes: now, and its peak."""
     with open("/proc/self/status") as file:
         rows = dict(line.split(":", 1) for line in file)
     return [round(int(rows[name].split()[0]) / 1024) for name in ("VmRSS", "VmHWM")]
 
 
 def stolen():
-    """Seconds of all processors, and those of them that the host gave to others (proc(5), /proc/stat)."""
+    """Total time of all processors in seconds, and the part of it that the host gave to other virtual machines
+    (proc(5), /proc/stat)."""
     with open("/proc/stat") as file:
         row = [int(v) / os.sysconf("SC_CLK_TCK") for v in file.readline().split()[1:9]]
     return np.array([sum(row), row[7]])
 
 
 def spread(values):
-    """Median, 95th percentile and worst, rounded."""
+    """Median, 95th percentile and maximum, rounded; None without values."""
     if not len(values):
         return None
     return [round(float(v), 2) for v in (np.median(values), np.percentile(values, 95), max(values))]
@@ -84,7 +86,7 @@ def story():
 
 
 def bring_in(path):
-    """Seconds by the clock and of the processors."""
+    """Imports a scene; returns the wall-clock seconds and the processor seconds that the import took."""
     begin, work = time.monotonic(), time.process_time()
     assert bpy.ops.import_scene.pags(filepath=path) == {"FINISHED"}
     return [round(time.monotonic() - begin, 2), round(time.process_time() - work, 2)]
@@ -109,7 +111,7 @@ def imported():
 
 
 def both(measure, name, *arguments):
-    """With Blender's overlays, and without."""
+    """Runs a measurement with Blender's overlays and once more without them."""
     yield from measure(name, *arguments)
     view3d().overlay.show_overlays = False
     yield from measure(name + "_without_overlays", *arguments)
@@ -117,7 +119,8 @@ def both(measure, name, *arguments):
 
 
 def moving(name, step):
-    """`step(i)` moves something at each of the timer's ticks; then all stays still until the picture is sharp."""
+    """Measures pictures a second and times while `step(i)` moves something at each tick of the timer; then the time
+    until the still picture is at full quality."""
     view = the_view()
     view.watch = pace.Stopwatch()
     ticks, begin, before = [], time.monotonic(), stolen()
@@ -147,8 +150,10 @@ def count(keys):
 
 
 def tell_parts(name, watch):
-    """Medians, 95th percentiles and worst milliseconds. `redraw`: ours by the wall's clock, which counts the threads that share the processors,
-    of it `python`, `upload` and `draw`; `processor`: the same in its own thread's time; `fill`: ours in C, on the engine's threads."""
+    """Reports median, 95th percentile and maximum of the add-on's times in milliseconds. `redraw`: wall clock of the
+    add-on's part of a redraw, the sum of `python`, `upload` and `draw`, which grows when other threads share the
+    processors; `processor`: the same part in processor time of its own thread; `fill`: the add-on's C code on the
+    engine's threads; `engine`: the rest of the render job."""
     put(f"{name}_redraw_ms", spread(np.sum([watch.python, watch.upload, watch.draw], axis=0)))
     put(f"{name}_processor_ms", spread(watch.work))
     put(f"{name}_python_ms", spread(watch.python))
@@ -159,7 +164,7 @@ def tell_parts(name, watch):
 
 
 def orbiting():
-    """Round a point ten metres before the recording's camera in the middle of the drive."""
+    """Orbits a point ten metres in front of the recording's camera at the middle of the drive."""
     scene = bpy.context.scene
     scene.frame_set((scene.frame_start + scene.frame_end) // 2)
     eye = scene.camera.matrix_world.copy()
@@ -177,7 +182,8 @@ def orbiting():
 
 
 def scrubbing():
-    """A frame of the timeline each tick, where the orbit left the view and through the recording's camera, which moves, too."""
+    """Advances the timeline by one frame a tick: first from the view that the orbit left, then through the
+    recording's camera, which moves as well."""
     scene = bpy.context.scene
     frames = list(range(scene.frame_start, scene.frame_end + 1))
     frames += frames[-2:0:-1]
@@ -192,7 +198,7 @@ def scrubbing():
 
 
 def still(name):
-    """Redraws of what is there; Blender's own part is what is left of the whole."""
+    """Redraws an unchanged view repeatedly. Blender's own time is the whole redraw less the add-on's part."""
     view = the_view()
     view.watch = pace.Stopwatch()
     yield 0.2

@@ -1,16 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Depth complexity from the areas of projected Gaussians.
+/* Depth complexity of a picture from the areas of the projected Gaussians.
  *
- * alpha = o exp(-q/2) >= 1/255 holds in the ellipse q <= 2 ln(255 o), whose area is pi 2 ln(255 o) sqrt(det S), S being
- * the covariance on the picture plane. Summed over Gaussians whose middle lies in the picture, divided by its pixels;
- * what such a Gaussian has beyond the edge stands for what others beyond the edge have within. */
+ * alpha = o exp(-q/2) >= 1/255 holds in the ellipse q <= 2 ln(255 o), whose area is pi 2 ln(255 o) sqrt(det S), S
+ * being the covariance on the picture plane. The areas are summed over the Gaussians whose mean lies in the picture
+ * and divided by its number of pixels. Areas are not clipped at the picture's edge: the part of such a Gaussian
+ * beyond the edge stands for the parts within the picture of Gaussians whose mean lies outside. */
 #include "benchmarks/modes.h"
 
 #include <math.h>
 #include <string.h>
 #include "scene/packed_rows.h"
 
-/* Planes of some Gaussians. */
+/* Parameter planes of some Gaussians, of a model or of one unpacked cluster. */
 typedef struct rows {
   const float *data;
   int64_t stride, count;
@@ -29,7 +30,8 @@ static void camera_from_part(const pags_part *part, const pags_camera *camera, c
   pags_rigid_multiply(inverse, part->world_from_model, out);
 }
 
-/* S = J W R diag(sigma^2) R' W' J' + low_pass. */
+/* Returns the area in px^2 where the Gaussian's alpha is at least 1/255. Covariance: S = J W R diag(sigma^2) R' W' J'
+ * + low_pass. */
 static double ellipse_area(const rows *g, int64_t i, const double m[12], const pags_camera *camera, const double p[3],
                            double low_pass) {
   const double logit = (double)value(g, PAGS_OPACITY, i), reach = 2 * (log(255.0) - log1p(exp(-logit)));

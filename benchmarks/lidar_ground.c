@@ -1,9 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What of a sweep is ground is told by the sweep alone: cells of half a metre whose points are nearly level, outside of
- * labelled boxes, that can be reached from about the cameras without a step of more than 12 cm. */
+/* Compares a ground mesh with the ground points of LiDAR sweeps. The ground is found from the sweep alone, by region
+ * growing: half-metre cells whose points are nearly level and outside of labelled boxes, connected to the cameras'
+ * surroundings without a step of more than 12 cm. */
 #include "benchmarks/lidar_ground.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 #include "base/memory.h"
@@ -11,8 +13,11 @@
 
 #include <pags/dataset.h>
 
-enum { SIDE = 100, WINDOW = 3 }; /* cells; what neighbours are: LiDAR rings lie apart */
-static const double cell = 0.5, level = 0.12, step = 0.12, box_margin = 0.2, seeds = 10; /* metres */
+/* SIDE: cells per side of the grid; WINDOW: neighbourhood in cells, not 1 because LiDAR rings lie apart */
+enum { SIDE = 100, WINDOW = 3 };
+/* metres: size of a cell, height range of a level cell, step between neighbours, margin of boxes, radius of the
+ * seeds */
+static const double cell = 0.5, level = 0.12, step = 0.12, box_margin = 0.2, seeds = 10;
 
 typedef struct patch {
   double lo, hi, sum;
@@ -25,11 +30,11 @@ static int64_t patch_of(const double middle[3], const double p[3]) {
   return i >= 0 && j >= 0 && i < SIDE && j < SIDE ? (int64_t)j * SIDE + (int64_t)i : -1;
 }
 
-static int is_level(const patch *c) {
+static bool is_level(const patch *c) {
   return c->count >= 3 && c->hi - c->lo < level;
 }
 
-static int in_box(const pags_scene *scene, double time, const double p[3]) {
+static bool in_box(const pags_scene *scene, double time, const double p[3]) {
   for (int64_t o = 0; o < scene->object_count; o++) {
     double pose[12], back[12];
     const pags_object *record = &scene->objects[o].record;
@@ -41,12 +46,12 @@ static int in_box(const pags_scene *scene, double time, const double p[3]) {
       inside = inside && fabs(back[4 * k] * p[0] + back[4 * k + 1] * p[1] + back[4 * k + 2] * p[2] + back[4 * k + 3]) <
                              0.5 * record->size[k] + box_margin;
     if (inside)
-      return 1;
+      return true;
   }
-  return 0;
+  return false;
 }
 
-/* Where the cameras of a time step are; 0: there is none. */
+/* Computes the mean position of the cameras of a time step; returns 0 if it has none. */
 static int find_middle(const pags_scene *scene, int frame, double middle[3]) {
   int count = 0;
   memset(middle, 0, 3 * sizeof *middle);
@@ -61,7 +66,8 @@ static int find_middle(const pags_scene *scene, int frame, double middle[3]) {
   return count;
 }
 
-/* From level cells within 10 m, as high as their lower quartile: the recording car's own roof lies above. */
+/* Marks the ground cells by region growing. Seeds are the level cells within 10 m whose mean height is within 0.2 m
+ * of the lower quartile of these cells' heights, which excludes the roof of the ego vehicle. */
 static void grow(patch *patches) {
   static double heights[SIDE * SIDE];
   static int queue[SIDE * SIDE];

@@ -1,11 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Draws cameras by several modes and compares time and pictures.
+/* Renders cameras by several modes and compares times and pictures.
  *
- * Timed frames of the modes take turns, so that what else the machine does falls on all of them alike, and the speed-up
- * is the median of ratios of frames drawn one after the other. */
+ * Timed frames of the modes take turns, so that disturbances of the machine affect all of them alike, and the
+ * speed-up is the median of ratios of frames rendered one after the other. */
 #include "benchmarks/modes.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 #include "base/memory.h"
@@ -27,6 +28,8 @@ static const size_t count_at[] = {offsetof(pags_frame_stats, gaussians),    offs
                                   offsetof(pags_frame_stats, pairs_blended)};
 enum { COUNTS = sizeof count_at / sizeof count_at[0] };
 
+/* ---- Lists of cameras and modes ---- */
+
 void pags_bench_thin(pags_camera_path *path, int64_t most) {
   const int64_t count = path->count;
   if (most >= count)
@@ -39,14 +42,14 @@ void pags_bench_thin(pags_camera_path *path, int64_t most) {
   path->count = most;
 }
 
-int pags_bench_next_word(const char **list, char *word, size_t size) {
+bool pags_bench_next_word(const char **list, char *word, size_t size) {
   const size_t length = strcspn(*list, ",");
   if (length == 0 || length >= size)
-    return 0;
+    return false;
   memcpy(word, *list, length);
   word[length] = 0;
   *list += length + ((*list)[length] == ',');
-  return 1;
+  return true;
 }
 
 pags_result pags_bench_modes_parse(const char *text, const pags_frame_options *standard, pags_bench_mode_list *out) {
@@ -57,7 +60,7 @@ pags_result pags_bench_modes_parse(const char *text, const pags_frame_options *s
     pags_bench_mode *mode = &out->modes[out->count];
     *mode = (pags_bench_mode){out->names[out->count], *standard};
 
-    /* What the mode changes in the options. */
+    /* Apply the mode's change to the options. */
     if (!strcmp(mode->name, "exp3"))
       mode->options.exp_degree = 3;
     else if (!strncmp(mode->name, "sh", 2) && mode->name[2] >= '0' && mode->name[2] <= '2' && !mode->name[3])
@@ -73,6 +76,8 @@ pags_result pags_bench_modes_parse(const char *text, const pags_frame_options *s
              : PAGS_OK;
 }
 
+/* ---- Comparing pictures ---- */
+
 static double stage_ms(const pags_frame_stats *stats, int stage) {
   double ms = 0;
   if (stage < PAGS_BENCH_STAGES - 1) {
@@ -84,14 +89,15 @@ static double stage_ms(const pags_frame_stats *stats, int stage) {
   return ms;
 }
 
-/* Means are summed here, in double. */
+/* Sums of a mode over all frames, from which its means are computed. */
 typedef struct mode_sums {
   double counts[COUNTS], bytes;
-  double squared, samples, differing, pixels; /* errors' squares; channels; pixels */
-  double *ms;                                 /* PAGS_BENCH_STAGES x camera_count x repetitions */
+  /* squared errors; number of channel values; pixels that differ; all pixels */
+  double squared, samples, differing, pixels;
+  double *ms; /* PAGS_BENCH_STAGES x camera_count x repetitions */
 } mode_sums;
 
-/* The first mode's picture of the camera at hand. */
+/* The first mode's picture of the current camera. */
 typedef struct saved_picture {
   float *planes; /* red, green, blue, transmittance; width x height each */
   int64_t size;
@@ -141,6 +147,8 @@ static void compare(const pags_picture *picture, const saved_picture *saved, mod
   sums->pixels += (double)size;
 }
 
+/* ---- Measuring ---- */
+
 typedef struct measuring {
   const pags_bench_frames *frames;
   pags_bench_mode_result *results;
@@ -171,7 +179,7 @@ static pags_result time_camera(measuring *m, int64_t index, const pags_part *par
   return PAGS_OK;
 }
 
-/* Sorts. */
+/* Returns the median and the 10 % and 90 % quantiles of `values`, which are sorted in place. */
 static pags_bench_span span_of(double *values, int64_t count) {
   pags_sort_doubles(values, count);
   const double middle = 0.5 * (values[(count - 1) / 2] + values[count / 2]);
@@ -182,7 +190,8 @@ static void sum_up(measuring *m) {
   const pags_bench_frames *f = m->frames;
   const int64_t samples = f->camera_count * f->repetitions, whole = (PAGS_BENCH_STAGES - 1) * samples;
   double *const spare = m->sums[f->mode_count].ms;
-  for (int k = f->mode_count - 1; k >= 0; k--) { /* the first mode last: its times are asked for by all others */
+  /* the first mode last: its unsorted times are needed by all others */
+  for (int k = f->mode_count - 1; k >= 0; k--) {
     mode_sums *sums = &m->sums[k];
     pags_bench_mode_result *out = &m->results[k];
     for (int64_t i = 0; i < samples; i++)
@@ -221,7 +230,7 @@ static pags_result measure_all(measuring *m) {
       return pags_fail(PAGS_CANCELLED, "cancelled");
     f->compose(f->user, f->cameras[c].time, &parts, &part_count);
 
-    /* One frame of each mode with pairs counted, compared with the first's. */
+    /* Render one frame of each mode with pairs counted and compare it with the first mode's. */
     const pags_camera *camera = f->cameras + c;
     double clusters = 0;
     for (int p = 0; p < part_count; p++)
@@ -233,7 +242,7 @@ static pags_result measure_all(measuring *m) {
       PAGS_TRY(pags_frame_render(m->frame, parts, part_count, camera, &options, NULL, NULL, &picture));
       const pags_frame_stats *stats = pags_frame_stats_get(m->frame);
 
-      /* Add counts. */
+      /* Add the frame's counts to the mode's sums. */
       for (int i = 0; i < COUNTS; i++) {
         int64_t value;
         memcpy(&value, (const char *)stats + count_at[i], sizeof value);

@@ -1,12 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Ways to draw the same frames, measured side by side: time by stage, what was loaded and drawn, and what the picture
- * lost. */
+/* Renders the same frames by several modes (sets of frame options) and compares them: time by stage, amount of work,
+ * and error of the picture against the first mode. */
 #ifndef PAGS_BENCHMARKS_MODES_H
 #define PAGS_BENCHMARKS_MODES_H
 
+#include <stdbool.h>
+
 #include <pags/frame.h>
 
-enum { PAGS_BENCH_STAGES = 8 }; /* of a frame, the whole frame last */
+enum { PAGS_BENCH_STAGES = 8 }; /* the stages of a frame; the last entry is the whole frame */
 extern const char *const pags_bench_stage_names[PAGS_BENCH_STAGES];
 
 typedef struct pags_bench_mode {
@@ -16,7 +18,7 @@ typedef struct pags_bench_mode {
 
 enum { PAGS_BENCH_MOST_MODES = 16, PAGS_BENCH_MODE_NAME = 32 };
 
-/* What a mode is called, in words for people. */
+/* Names of the modes, for help and messages. */
 #define PAGS_BENCH_MODE_WORDS "off, lossless, bounded, bounded=EPS, paper, exp3, sh0, sh1, sh2"
 #define PAGS_BENCH_MODE_HELP                                                                                    \
   PAGS_BENCH_MODE_WORDS                                                                                         \
@@ -29,18 +31,20 @@ typedef struct pags_bench_mode_list {
   int count;
 } pags_bench_mode_list;
 
-/* Modes separated by commas, each changing `standard`. The list must not be moved afterwards. PAGS_ERROR_ARGUMENT. */
+/* Parses mode names separated by commas, each a change of `standard`. The names in `out` point into it, so it must
+ * not be moved. PAGS_ERROR_ARGUMENT for an unknown name or too many. */
 pags_result pags_bench_modes_parse(const char *text, const pags_frame_options *standard, pags_bench_mode_list *out);
-/* Keeps at most `most` views: one of each stretch of equal length, at a place in it that moves on by the golden
- * section, so that of views in turns of several cameras all cameras come up. */
+/* Thins a path to at most `most` cameras: one from each of `most` equal stretches, at an offset that advances by the
+ * golden ratio from stretch to stretch, so that a path that cycles through several sensors keeps cameras of each. */
 void pags_bench_thin(pags_camera_path *path, int64_t most);
-/* The next piece of a list separated by commas; false at its end or where it doesn't fit into `size` bytes. */
-int pags_bench_next_word(const char **list, char *word, size_t size);
+/* Copies the next word of a comma-separated list; returns false at the list's end or if the word doesn't fit into
+ * `size` bytes. */
+bool pags_bench_next_word(const char **list, char *word, size_t size);
 
-/* Frames to draw. The first mode is what the others are held against. */
+/* The frames to render. All other modes are compared with the first one. */
 typedef struct pags_bench_frames {
   pags_tasks *tasks;
-  void (*compose)(void *user, double time, const pags_part **parts, int *count); /* what there is to draw at a time */
+  void (*compose)(void *user, double time, const pags_part **parts, int *count); /* the parts to render at a time */
   void *user;
   const pags_camera *cameras;
   int64_t camera_count;
@@ -52,35 +56,36 @@ typedef struct pags_bench_frames {
 } pags_bench_frames;
 
 typedef struct pags_bench_span {
-  double median, low, high; /* low, high: the tenth and the ninetieth of a hundred */
+  double median, low, high; /* low, high: 10 % and 90 % quantiles */
 } pags_bench_span;
 
 typedef struct pags_bench_mode_result {
-  pags_bench_span ms[PAGS_BENCH_STAGES]; /* over all cameras and repetitions */
-  double speed_up; /* median ratio of the first mode's frame time to this mode's, of frames drawn one after the other */
-  pags_frame_stats counts; /* per frame, on average over the cameras; the times in it are not set */
-  double bytes;            /* per frame, by the stages' data structures */
-  double psnr;      /* dB against the first mode over all frames, values cut to 0..1; infinite where nothing differs */
-  double max_error; /* largest difference of a channel, not cut */
-  double max_alpha_error; /* of the transmittance */
-  double differing;       /* share of pixels whose colour or transmittance has other bits */
-  double *frame_ms;       /* camera_count: median of each camera's whole frame */
+  pags_bench_span ms[PAGS_BENCH_STAGES]; /* of all cameras and repetitions */
+  /* median ratio of the first mode's frame time to this mode's, of frames rendered one after the other */
+  double speed_up;
+  pags_frame_stats counts; /* per frame, mean over the cameras; its times are not set */
+  double bytes;            /* bytes moved per frame, by the stages' data structures */
+  double psnr;             /* dB against the first mode over all frames, values clamped to 0..1; infinite if equal */
+  double max_error;        /* largest difference of a colour channel, not clamped */
+  double max_alpha_error;  /* largest difference of the transmittance */
+  double differing;        /* share of pixels whose colour or transmittance differs in any bit */
+  double *frame_ms;        /* of each camera: median time of the whole frame */
 } pags_bench_mode_result;
 
-/* Draws each camera once per mode to count and to compare, then `repetitions` times with the clock, modes taking turns.
- * `results` has mode_count entries; free them with pags_bench_modes_free, also after a failure. `frame_bytes` (may be
- * NULL) receives what the frame held. */
+/* Renders each camera once per mode to count and to compare, then `repetitions` times with the clock, the modes
+ * taking turns. `results` has mode_count entries; free them with pags_bench_modes_free, also after a failure.
+ * `frame_bytes` (may be NULL) receives the memory that the frame held. */
 pags_result pags_bench_modes(const pags_bench_frames *frames, pags_bench_mode_result *results, int64_t *frame_bytes);
 void pags_bench_modes_free(pags_bench_mode_result *results, int mode_count);
 
-/* How deep a picture is: (Gaussian, pixel) pairs with alpha >= 1/255 by pixel, whether anything lies before them or
- * not. By the areas of the projected ellipses of Gaussians whose middle is in the picture, in double; low-pass
- * included, antialiasing not. */
+/* Returns the depth complexity of a picture: the number of (Gaussian, pixel) pairs with alpha >= 1/255, occluded ones
+ * included, divided by the number of pixels. Computed in double from the areas of the projected ellipses of the
+ * Gaussians whose mean lies in the picture; with the low-pass, without the antialiasing compensation. */
 double pags_bench_layers(const pags_part *parts, int part_count, const pags_camera *camera,
                          const pags_frame_options *options);
 
-/* Bytes that a forward frame reads and writes, as `pags-bench stages` counts them. `clusters`: the number of clusters
- * in the scene; `packed`: 1 where rows are read in the packed form. */
+/* Bytes that a forward frame reads and writes, by the model of `pags-bench stages`. `clusters`: number of clusters in
+ * the scene; `packed`: 1 if rows are read in the packed form. */
 double pags_bench_forward_bytes(const pags_frame_stats *stats, int sh_degree, double clusters, double pixels,
                                 int packed);
 

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A writer of charts: text appended panel by panel, its head written at the end, when the number of panels is known. */
+/* Writes charts as SVG: appends text panel by panel and writes the head at the end, when the number of panels is
+ * known. */
 #include "benchmarks/plot.h"
 
 #include <math.h>
@@ -13,7 +14,7 @@
 enum {
   PANEL_WIDTH = 560,
   PANEL_HEIGHT = 430,
-  LEFT = 70, /* of the axes within their panel */
+  LEFT = 70, /* edges of the axes within their panel, px */
   RIGHT = 530,
   TOP = 34,
   BOTTOM = 300,
@@ -22,10 +23,13 @@ enum {
   LEGEND_STEP = 15
 };
 
-/* Okabe and Ito's colours, told apart by colour-blind people, too; repeated with dashes. */
+/* The colour palette of Okabe and Ito, which colour-blind people can distinguish; beyond 7 lines the colours repeat
+ * with dashes. */
 static const char *const colours[] = {"#000000", "#e69f00", "#56b4e9", "#009e73", "#d55e00", "#0072b2", "#cc79a7"};
 static const char *const dashes[] = {"", "6 3", "2 2", "8 2 2 2"};
 enum { COLOURS = sizeof colours / sizeof colours[0], DASHES = sizeof dashes / sizeof dashes[0] };
+
+/* ---- Text ---- */
 
 static bool make_room(pags_plot *plot, size_t more) {
   if (plot->failed || plot->size + more + 1 <= plot->capacity)
@@ -55,7 +59,8 @@ static void put(pags_plot *plot, const char *format, ...) {
   plot->size += (size_t)length;
 }
 
-/* Text with what XML keeps for itself written out. `anchor`: start, middle or end. */
+/* Appends a text element, with the characters <, > and & escaped. `anchor`: start, middle or end; `more`: further
+ * attributes. */
 static void put_text(pags_plot *plot, double x, double y, const char *anchor, const char *more, const char *text) {
   put(plot, "<text x=\"%.1f\" y=\"%.1f\" text-anchor=\"%s\"%s>", x, y, anchor, more);
   for (const char *c = text; *c; c++) {
@@ -67,18 +72,19 @@ static void put_text(pags_plot *plot, double x, double y, const char *anchor, co
   put(plot, "</text>\n");
 }
 
-/* Lines. */
+/* ---- Axes and lines ---- */
 
 typedef struct axis {
-  double least, largest, step; /* between ticks */
-  double begin, end;           /* where these lie in the panel */
+  double least, largest, step; /* least and largest value of the axis; distance of its ticks */
+  double begin, end;           /* positions of the least and the largest value in the panel */
 } axis;
 
 static double place(const axis *a, double value) {
   return a->begin + (value - a->least) / (a->largest - a->least) * (a->end - a->begin);
 }
 
-/* Ticks at 1, 2 or 5 times a power of ten, about five of them; the axis is a little longer than the values need. */
+/* Makes an axis with about five ticks, at multiples of 1, 2 or 5 times a power of ten; the axis is 4 % longer than
+ * the values at either end. */
 static axis make_axis(double least, double largest, double begin, double end) {
   if (!(largest > least)) {
     const double more = fmax(fabs(least) * 0.05, 1e-3);
@@ -111,7 +117,7 @@ static void put_ticks(pags_plot *plot, const axis *a, bool vertical) {
   for (double k = ceil(a->least / a->step); k * a->step <= a->largest; k++) {
     char label[32];
     double at = place(a, k * a->step);
-    snprintf(label, sizeof label, "%.*f", decimals, k == 0 ? 0.0 : k * a->step); /* no "-0" */
+    snprintf(label, sizeof label, "%.*f", decimals, k == 0 ? 0.0 : k * a->step); /* avoids "-0" */
     if (vertical) {
       put(plot, "<path class=\"t\" d=\"M%d %.1fH%d\"/>\n", LEFT, at, RIGHT);
       put_text(plot, LEFT - 6, at + 4, "end", "", label);
@@ -161,6 +167,8 @@ static void put_legend(pags_plot *plot, const pags_plot_line *lines, int count) 
   }
 }
 
+/* ---- Panels and the file ---- */
+
 void pags_plot_begin(pags_plot *plot, int columns) {
   *plot = (pags_plot){.columns = columns};
 }
@@ -169,7 +177,7 @@ void pags_plot_lines(pags_plot *plot, const char *title, const char *x_name, con
                      const pags_plot_line *lines, int count) {
   axis x = span_axis(lines, count, false, LEFT, RIGHT), y = span_axis(lines, count, true, BOTTOM, TOP);
 
-  /* Begin panel. */
+  /* Begin the panel: its group and title. */
   int column = plot->panels % plot->columns, row = plot->panels / plot->columns;
   put(plot, "<g transform=\"translate(%d %d)\">\n", column * PANEL_WIDTH, row * PANEL_HEIGHT);
   put_text(plot, (LEFT + RIGHT) / 2.0, 20, "middle", " class=\"h\"", title);
@@ -179,7 +187,7 @@ void pags_plot_lines(pags_plot *plot, const char *title, const char *x_name, con
   put_ticks(plot, &y, true);
   put(plot, "<path class=\"a\" d=\"M%d %dV%dH%d\"/>\n", LEFT, TOP, BOTTOM, RIGHT);
 
-  /* Put axis names. */
+  /* Write the names of the axes. */
   put_text(plot, (LEFT + RIGHT) / 2.0, BOTTOM + 34, "middle", "", x_name);
   char turned[64];
   snprintf(turned, sizeof turned, " transform=\"rotate(-90 16 %d)\"", (TOP + BOTTOM) / 2);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Charts as SVG, which needs no package: panels of lines, side by side in columns. */
+/* Writes line charts as SVG without any library: panels of lines, arranged in columns. */
 #ifndef PAGS_BENCHMARKS_PLOT_H
 #define PAGS_BENCHMARKS_PLOT_H
 
@@ -9,11 +9,11 @@
 typedef struct pags_plot {
   char *text;
   size_t size, capacity;
-  bool failed; /* memory ran out */
+  bool failed; /* out of memory */
   int columns, panels;
 } pags_plot;
 
-/* Points that are joined where both are finite; a NaN breaks the line. */
+/* A line through points; a NaN in x or y breaks the line. */
 typedef struct pags_plot_line {
   const char *name;
   int count;
@@ -22,8 +22,8 @@ typedef struct pags_plot_line {
 
 void pags_plot_begin(pags_plot *plot, int columns);
 
-/* A panel of lines, with ticks at round numbers and a legend below. Lines of the same number have the same colour in
- * every panel. */
+/* Adds a panel of lines, with ticks at round numbers and a legend below. Line number i has the same colour in every
+ * panel. */
 void pags_plot_lines(pags_plot *plot, const char *title, const char *x_name, const char *y_name,
                      const pags_plot_line *lines, int count);
 

@@ -1,20 +1,22 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pags-bench proxies: how far proxies of a synthetic street (pags synth street, pags export) are from what they stand
- * for.
+/* pags-bench proxies: measures the distances between the proxies exported from a scene (pags export) and the true
+ * surfaces of the synthetic street that it was trained on (pags synth street).
  *
- * The street is built again from DATASET/truth/street.json; where that is missing, as in data sets of other programs,
- * DATASET/truth/depth and ids stand for it: then the proxy is compared where training cameras' rays truly meet the
- * vehicle, and nothing is known of the rest.
+ * The street is rebuilt from DATASET/truth/street.json. If that file is missing, as in data sets of other programs,
+ * DATASET/truth/depth and truth/ids are used instead: then a vehicle's proxy is compared only at the points where
+ * rays of training cameras truly meet the vehicle.
  *
- * The training cameras' rays are traced through the street: where they meet the vehicle first, its surface is observed.
- * The proxy is where the file's track puts it at that time, which training may have moved off the true one: what was
- * seen is brought into the proxy's own frame, the true surface as it is to the proxy at the middle of its track.
- * Measured are the distances from there to the proxy; from places spread evenly over the proxy to the true surface,
- * apart by whether the nearest place of it is observed; what both cover of each picture; the ground's heights against
- * the street's surfaces and against LiDAR's ground in held-out sweeps; and objects' distances from LiDAR's
- * points on them there. The last line says what exceeds the bounds: means of 0.1 m, an overlap of 0.9, a 95th
- * percentile of the ground of 0.05 m. */
+ * A vehicle's observed surface is where the training cameras' rays, traced through the street, meet it first.
+ * Training may have moved a track off the true one, so observed points are transformed into the proxy's own frame,
+ * and the true mesh is related to the proxy at the middle of its track. Measured are the distances from the
+ * observed points to the proxy; from samples spread evenly over the proxy to the true surface, separately for
+ * samples whose nearest true point is observed and for the rest; the overlap of the silhouettes; the heights of
+ * the ground mesh against the street and against LiDAR ground points of held-out sweeps; and the distances of
+ * held-out LiDAR points on objects to their proxies. A measurement fails if a vehicle's mean distance exceeds 0.1
+ * m, its overlap is below 0.9, its mesh is open, or the 95th percentile of a ground error exceeds 0.05 m; the last
+ * line counts the failures. */
 #include <math.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -28,34 +30,36 @@
 #include "benchmarks/proxies.h"
 #include "benchmarks/verbs.h"
 
-static const double ground_bound = 0.05, ground_reach = 10; /* metres */
+/* metres: largest 95th percentile of the ground error; distance from a camera that counts as near the path */
+static const double ground_bound = 0.05, ground_reach = 10;
 
-/* A node's mesh, to be asked for distances; both are the caller's to destroy, whatever is returned. */
+/* Reads a node's mesh and prepares it for distance queries. The caller destroys both, also after a failure. */
 static pags_result open_mesh(const pags_proxy_bench *self, const pags_json_value *node, pags_proxy_mesh *mesh,
                              pags_mesh_query **query) {
   PAGS_TRY(pags_glb_mesh(&self->file, pags_glb_integer(node, "mesh", -1), mesh));
   return pags_mesh_query_of_mesh(mesh, query);
 }
 
-/* ---- The ground. ---- */
+/* ---- The ground ---- */
 
-/* Height of the street below x, y (world), where that is no furniture, tree or actor; 0: none. */
-static int true_height(const pags_proxy_bench *self, double x, double y, double *z) {
+/* Finds the true height of the road or ground at x, y (world); returns false if something else is there: furniture, a
+ * tree or an actor. */
+static bool true_height(const pags_proxy_bench *self, double x, double y, double *z) {
   pags_rays rays = {.active = 1, .origin = {{(float)x, (float)y, 2.0f}}, .direction = {{0, 0, -1}}};
   pags_touch touches[PAGS_PACKET];
   if (!(pags_stage_trace(self->stage, &rays, touches) & 1) || self->street.placements[touches[0].placement].actor >= 0)
-    return 0;
+    return false;
   *z = (double)touches[0].point[2];
   return *z < 0.3 && (double)fabsf(touches[0].flat[2]) > 0.99;
 }
 
-static int near_path(const pags_proxy_bench *self, double x, double y) {
+static bool near_path(const pags_proxy_bench *self, double x, double y) {
   for (int64_t i = 0; i < self->scene.view_count; i++) {
     const double *m = self->scene.views[i].camera.world_from_camera;
     if (!self->scene.views[i].test && hypot(m[3] - x, m[7] - y) < ground_reach)
-      return 1;
+      return true;
   }
-  return 0;
+  return false;
 }
 
 static pags_result measure_ground(pags_proxy_bench *self, const pags_json_value *node) {
@@ -124,7 +128,7 @@ static pags_result measure_lidar(pags_proxy_bench *self, const pags_json_value *
              "ground against %lld points of %lld held-out sweeps: %.3f (p95 %.3f, max %.2f) m, %lld beyond it%s\n",
              (long long)found.points, (long long)found.sweeps, found.error.mean, found.error.p95, found.error.max,
              (long long)found.missed, good ? "" : "  <<<");
-    pags_json_begin_object(&self->json, "laser_ground");
+    pags_json_begin_object(&self->json, "lidar_ground");
     pags_proxy_bench_put(&self->json, "error", &found.error);
     pags_json_put_integer(&self->json, "points", found.points);
     pags_json_put_integer(&self->json, "missed", found.missed);
@@ -135,9 +139,9 @@ static pags_result measure_lidar(pags_proxy_bench *self, const pags_json_value *
   return result;
 }
 
-/* ---- Objects. ---- */
+/* ---- Objects against LiDAR ---- */
 
-/* How far each point of `cloud` is from a node's mesh. */
+/* Computes the distance of each point of `cloud` to a node's mesh. */
 static pags_result add_distances(pags_proxy_bench *self, const pags_json_value *node, const pags_lidar_fit *cloud,
                                  double *distances) {
   pags_proxy_mesh mesh = {0};
@@ -153,7 +157,7 @@ static pags_result add_distances(pags_proxy_bench *self, const pags_json_value *
   return result;
 }
 
-/* Parked ones, then moving ones, against LiDAR where nothing was trained. */
+/* Measures the proxies of parked, then of moving objects against the points of held-out LiDAR sweeps. */
 static pags_result measure_objects(pags_proxy_bench *self, const pags_json_value *nodes, const pags_lidar *lidar) {
   static const char *const kinds[] = {"parked", "moving"};
   for (int moving = 0; moving < 2; moving++) {
@@ -195,6 +199,8 @@ static pags_result measure_by_lidar(pags_proxy_bench *self, const pags_json_valu
   pags_lidar_destroy(&lidar);
   return result;
 }
+
+/* ---- The benchmark ---- */
 
 static pags_result run(pags_proxy_bench *self) {
   const pags_json_value *nodes = pags_glb_member(self->file.root, "nodes");

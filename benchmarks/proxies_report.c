@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What the measurements of pags-bench proxies share: the time that the street stands at, and distances in the report.
- */
+/* Functions shared by the measurements of pags-bench proxies: setting the street's time, and writing distances. */
 #include "benchmarks/proxies.h"
 
 pags_result pags_proxy_bench_time(pags_proxy_bench *self, double time) {

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* One vehicle's proxy beside its true surface. */
+/* pags-bench proxies: compares one vehicle's proxy with its true surface: distances in both directions and overlap of
+ * the silhouettes in the training views. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -15,10 +16,14 @@
 #include "benchmarks/proxies.h"
 
 enum { LATTICE = 64, PROXY_SAMPLES = 6000 };
-static const double cloud_cell = 0.02, near_observed = 0.06; /* metres */
+/* metres: cell size of the observed points; distance to an observed point within which a true point counts as
+ * observed */
+static const double cloud_cell = 0.02, near_observed = 0.06;
 static const double mean_bound = 0.1, iou_bound = 0.9;
 
-/* The actor's meshes in its box's own frame, as it is at the stage's time. */
+/* ---- The true mesh ---- */
+
+/* Collects the actor's meshes in the frame of its box, as at the stage's time. */
 static pags_result true_mesh(const pags_proxy_bench *self, int actor, pags_proxy_mesh *out) {
   static const float grey[3] = {0.5f, 0.5f, 0.5f};
   double world_from_box[12], box_from_world[12];
@@ -52,20 +57,24 @@ static pags_result true_mesh(const pags_proxy_bench *self, int actor, pags_proxy
   return pags_proxy_mesh_check(out);
 }
 
+/* ---- Rays of the training views ---- */
+
 typedef struct vehicle {
   const pags_object *record;
   int actor;
-  double truth_from_proxy[12]; /* frames: that of the true box, that of the proxy */
+  double truth_from_proxy[12]; /* from the proxy's frame to that of the true box */
   pags_proxy_mesh truth, proxy;
   pags_mesh_query *truth_query, *proxy_query, *cloud_query;
-  pags_lidar_fit cloud;           /* where rays of training cameras meet it first, in its frame; one point a cell */
-  int64_t pixels;                 /* of the lattice that see it */
-  int64_t both, either;           /* silhouettes of truth and proxy, each alone */
-  int64_t seen_both, seen_either; /* where nothing of the street hides them */
-  pags_lidar_fit met; /* of the rays that truly meet it: where they meet the proxy; the truth being in pictures */
+  /* where rays of training cameras meet the vehicle first, in its frame; one point per cell */
+  pags_lidar_fit cloud;
+  int64_t pixels;                 /* rays of the lattice that meet the vehicle first */
+  int64_t both, either;           /* rays in both or in either silhouette of truth and proxy, without occlusion */
+  int64_t seen_both, seen_either; /* the same where nothing of the street occludes them */
+  /* with the truth in pictures: points where the rays that truly meet the vehicle meet the proxy */
+  pags_lidar_fit met;
 } vehicle;
 
-/* Where the vehicle is when a view is taken. */
+/* Poses of the true vehicle and of its proxy at the time of a view. */
 typedef struct frames {
   double truth_from_world[12], proxy_from_world[12];
 } frames;
@@ -77,7 +86,8 @@ static void bring(const double m[12], const double origin[3], const double direc
     along[k] = m[4 * k] * direction[0] + m[4 * k + 1] * direction[1] + m[4 * k + 2] * direction[2];
 }
 
-/* One ray: what the street shows there, and what truth and proxy by themselves would. */
+/* Counts one camera ray: what the street shows along it (`met` something at `distance`; `is_it`: the vehicle), and
+ * whether truth and proxy alone would be hit; adds the observed point. */
 static pags_result take_ray(vehicle *v, const frames *f, const double origin[3], const double direction[3],
                             double distance, int met, int is_it) {
   double from[3], along[3], p[3], truth = -1;
@@ -109,13 +119,15 @@ typedef struct truth_pictures {
   pags_image depth, ids;
 } truth_pictures;
 
-/* Number at the end of an id: that of the data set's list. */
+/* Returns the number at the end of an id, which is the object's number in the data set's list; -1 if there is
+ * none. */
 static int number_of(const char *id) {
   const char *digits = strrchr(id, '_');
   return digits ? atoi(digits + 1) : -1;
 }
 
-/* Every pixel of where the box may be; distances are camera z, as the directions' z is 1. */
+/* Takes the rays of every pixel of `crop` from the truth's pictures. Depth is camera z, and the rays' directions have
+ * z = 1, so that depth is the distance along a ray. */
 static pags_result take_pictures(const pags_proxy_bench *self, vehicle *v, const pags_scene_view *view, const frames *f,
                                  const pags_camera *crop) {
   truth_pictures p;
@@ -123,7 +135,7 @@ static pags_result take_pictures(const pags_proxy_bench *self, vehicle *v, const
   const double *m = camera->world_from_camera;
   const double origin[3] = {m[3], m[7], m[11]};
 
-  /* Load pictures. */
+  /* Load the view's true depth and object ids. */
   truth_pictures *out = &p;
   char path[1024];
   const char *name = pags_path_name(view->name);
@@ -150,7 +162,8 @@ static pags_result take_pictures(const pags_proxy_bench *self, vehicle *v, const
   return result;
 }
 
-/* A lattice over where the box may be in the picture. */
+/* Takes the rays of one view: a lattice of at most LATTICE x LATTICE pixels over the part of the picture where the
+ * vehicle's box may be. */
 static pags_result take_view(pags_proxy_bench *self, vehicle *v, const pags_scene_view *view) {
   const pags_camera *camera = &view->camera;
   double world_from_box[12], lo[3], hi[3];
@@ -201,6 +214,8 @@ static pags_result take_view(pags_proxy_bench *self, vehicle *v, const pags_scen
   return PAGS_OK;
 }
 
+/* ---- Distances from the proxy ---- */
+
 static int compare_points(const void *left, const void *right) {
   const float *a = left, *b = right;
   for (int k = 0; k < 3; k++) {
@@ -225,7 +240,8 @@ static double triangle_area(const pags_proxy_mesh *s, int64_t triangle) {
   return 0.5 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
 }
 
-/* Place `n` of a sequence that fills a triangle evenly (the golden ratio's plastic cousin; Roberts 2018). */
+/* Returns point `n` of a low-discrepancy sequence in a triangle: the R2 sequence of Roberts 2018, based on the
+ * plastic number. */
 static void place_in(const pags_proxy_mesh *s, int64_t triangle, int64_t n, double out[3]) {
   double a = fmod(0.5 + 0.7548776662466927 * (double)n, 1), b = fmod(0.5 + 0.5698402909980532 * (double)n, 1);
   if (a + b > 1) {
@@ -241,11 +257,12 @@ static void place_in(const pags_proxy_mesh *s, int64_t triangle, int64_t n, doub
 }
 
 typedef struct spread {
-  double *seen, *rest; /* distances to the true surface */
+  double *seen, *rest; /* distances from the proxy to the true surface: where it is observed, and elsewhere */
   int64_t seen_count, rest_count;
 } spread;
 
-/* Even over the proxy's area. */
+/* Measures the distances from the proxy to the true surface at samples spread evenly over the proxy's area, or, with
+ * the truth in pictures, from the points in v->met to the observed points. */
 static void measure_proxy(const vehicle *v, spread *out) {
   if (!v->truth_query) {
     int64_t step = v->met.count / PROXY_SAMPLES + 1;
@@ -272,6 +289,8 @@ static void measure_proxy(const vehicle *v, spread *out) {
         out->rest[out->rest_count++] = distance;
     }
 }
+
+/* ---- Report ---- */
 
 static pags_result tell(pags_proxy_bench *self, vehicle *v, spread *to) {
   double *from = malloc(((size_t)v->cloud.count + 1) * sizeof *from);
@@ -314,6 +333,8 @@ static pags_result tell(pags_proxy_bench *self, vehicle *v, spread *to) {
   return PAGS_OK;
 }
 
+/* ---- Measuring a vehicle ---- */
+
 static pags_result measure(pags_proxy_bench *self, vehicle *v) {
   for (int64_t i = 0; i < self->scene.view_count; i++)
     if (!self->scene.views[i].test)
@@ -323,7 +344,7 @@ static pags_result measure(pags_proxy_bench *self, vehicle *v) {
     return PAGS_OK;
   }
 
-  /* One point a cell, so that near views don't count for more. */
+  /* Keep one observed point per cell, so that near views don't count for more. */
   int64_t kept = 0;
   pags_sort(v->cloud.points, v->cloud.count, 3 * sizeof(float), compare_points);
   for (int64_t i = 0; i < v->cloud.count; i++)
@@ -344,7 +365,7 @@ static pags_result measure(pags_proxy_bench *self, vehicle *v) {
   return result;
 }
 
-/* Ids end with the number of the street's list. */
+/* Returns the index of the street's actor with the number at the end of the id; -1 if there is none. */
 static int actor_of(const pags_proxy_bench *self, const char *id) {
   for (int i = 0; i < self->street.actor_count; i++)
     if (self->street.actors[i].number == number_of(id))
@@ -352,7 +373,7 @@ static int actor_of(const pags_proxy_bench *self, const char *id) {
   return -1;
 }
 
-/* At the middle of the track, where the stage is set to. */
+/* Computes truth_from_proxy at the middle of the track, to whose time the stage is set. */
 static pags_result relate(pags_proxy_bench *self, vehicle *v) {
   double truth[12], truth_from_world[12], proxy[12];
   const pags_knot *knot = &v->record->knots[v->record->knot_count / 2];

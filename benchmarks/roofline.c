@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pags-bench roofline: what share of the bare kernel's speed and of the memory's the real stages reach.
+/* pags-bench roofline: compares the raster stage and its backward pass with the speed of the bare blending kernel,
+ * and measures the memory's read bandwidth.
  *
- * The bare kernel is the rasteriser's own step, with the per-pixel stop, on splats in registers: no lists, no loads, no
- * tiles. It and the frame are timed in turn, so that a machine that changes its speed changes both. */
+ * The bare kernel is the rasteriser's own step, with the per-pixel stop, on splats in registers: no lists, no loads,
+ * no tiles. Kernel and frames are timed alternately, so that a machine that changes its clock rate changes both. */
 #include "benchmarks/bench.h"
 
 #include <stdlib.h>
@@ -14,7 +15,7 @@ enum { STEPS = 1 << 19, ROUNDS = 5, BANDWIDTH_BYTES = 256 << 20 };
 
 typedef struct peak_context {
   const pags_kernels *kernels;
-  float *kept; /* per block, so that nothing is optimised away */
+  float *kept; /* results per block, stored so that the compiler can't remove the work */
 } peak_context;
 
 static void run_peak(void *context, int64_t begin, int64_t end, int worker) {
@@ -39,7 +40,7 @@ static void read_block(void *context, int64_t begin, int64_t end, int worker) {
   c->sums[worker] += a + b + d + e;
 }
 
-/* Bytes per second read by all workers together; 0 when there is no memory for it. */
+/* Returns the bytes per second that all workers together read; 0 if out of memory. */
 static double read_bandwidth(pags_tasks *tasks) {
   const int64_t count = BANDWIDTH_BYTES / 8;
   uint64_t *const data = malloc(BANDWIDTH_BYTES);
@@ -60,19 +61,19 @@ static double read_bandwidth(pags_tasks *tasks) {
 }
 
 typedef struct share {
-  double peak, forward, backward; /* pairs evaluated per second */
-  double blended;                 /* of those evaluated */
-  double ratio;                   /* backward's time over forward's */
+  double peak, forward, backward; /* pixel pairs evaluated per second */
+  double blended;                 /* share of the evaluated pairs that are blended */
+  double ratio;                   /* time of the backward pass divided by that of the forward pass */
   double raster_ms, backward_ms;
 } share;
 
 static pags_result measure_isa(const pags_bench_view *view, const pags_kernels *kernels, share *out) {
   memset(out, 0, sizeof *out);
-  setenv("PAGS_CPU", kernels->name, 1); /* what pags_frame_create goes by */
+  setenv("PAGS_CPU", kernels->name, 1); /* pags_frame_create chooses its kernels by this variable */
   pags_bench_view once = *view;
   once.repetitions = (view->repetitions + ROUNDS - 1) / ROUNDS;
   for (int round = 0; round < ROUNDS; round++) {
-    /* Pairs per second of all workers together. */
+    /* Time the bare kernel on all workers together. */
     const int workers = pags_tasks_workers(view->tasks);
     float kept[256] = {0};
     peak_context c = {kernels, kept};
@@ -120,7 +121,7 @@ pags_result pags_bench_roofline(const pags_bench_view *view, FILE *people, pags_
     if (result != PAGS_OK)
       break;
 
-    /* Put share. */
+    /* Write and print the instruction set's figures. */
     pags_json_begin_object(json, names[i]);
     pags_json_put_number(json, "peak_pairs_per_second", s.peak);
     pags_json_put_number(json, "raster_pairs_per_second", s.forward);

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pags-bench stages: what each stage costs per thing it works on.
+/* pags-bench stages: time and bytes of each stage of a frame per unit of its work (cluster, Gaussian, pair).
  *
- * Bytes are those that the stage's own loops read and write, by its data structures, not measured: what a machine
- * without caches would move. */
+ * The bytes are not measured but follow from the stage's data structures: what its own loops read and write, as a
+ * machine without caches would move it. */
 #include "benchmarks/bench.h"
 #include "benchmarks/modes.h"
 
@@ -10,12 +10,12 @@
 
 typedef struct stage_row {
   const char *name, *unit;
-  double ms, units, bytes; /* of one frame */
+  double ms, units, bytes; /* per frame */
 } stage_row;
 
 enum { SPLAT = 64, ENTRY = 8, MASK = 2, SLOT = 48, KEY = 4, ROW = 8, BOX = 16, INDEX = 4 };
 
-/* Six of forward, two of backward. */
+/* Fills the rows of the stages, six of the forward and two of the backward pass; returns how many. */
 static int fill_rows(const pags_frame_stats *s, int degree, double clusters, double pixels, stage_row *rows) {
   const double loaded = (double)s->loaded, drawn = (double)s->shaded, pairs = (double)s->pairs_binned;
   const double geometry = 11 * 4.0, colour = 12.0 * pags_sh_coefficients(degree);
@@ -24,11 +24,12 @@ static int fill_rows(const pags_frame_stats *s, int degree, double clusters, dou
   rows[n++] = (stage_row){"project", "Gaussian loaded", s->ms_project, loaded,
                           loaded * (geometry + KEY) + drawn * (SPLAT + BOX)};
   rows[n++] = (stage_row){"shade", "Gaussian drawn", s->ms_shade, drawn, loaded * KEY + drawn * (colour + 12 + 16)};
-  /* Keys read twice to list what is drawn; the list written, then read twice with the boxes; entries written. */
+  /* Keys are read twice to list the drawn Gaussians; the list is written, then read twice with the boxes; the entries
+   * are written. */
   rows[n++] = (stage_row){"bin", "pair of tile", s->ms_bin, pairs,
                           loaded * 2 * KEY + drawn * (3 * INDEX + 2 * BOX) + pairs * (ENTRY + 4)};
-  /* Keys gathered; their digits counted (read); scattered three times (read and written); entries read, copied and put
-   * in order. */
+  /* Keys are gathered; their digits are counted (read); they are scattered three times (read and written); the
+   * entries are read, copied and put in order. */
   rows[n++] =
       (stage_row){"sort", "pair of tile", s->ms_sort, pairs, pairs * (KEY + ROW + ROW + 3 * 2 * ROW + ROW + 4 * ENTRY)};
   rows[n++] = (stage_row){"raster", "pixel pair evaluated", s->ms_raster, (double)s->pairs_evaluated,
@@ -44,7 +45,8 @@ double pags_bench_forward_bytes(const pags_frame_stats *stats, int sh_degree, do
                                 int packed) {
   stage_row rows[8];
   double bytes = 0;
-  if (packed) /* what is read less: geometry of 44 bytes as 21, colours' floats as halves and bytes, means again as 6 */
+  /* bytes saved by packing: 44 bytes of geometry become 21, colours are halves and bytes, means read again take 6 */
+  if (packed)
     bytes = -(double)stats->loaded * (44 - 21) -
             (double)stats->shaded * (12.0 * pags_sh_coefficients(sh_degree) + 12 -
                                      ((double)pags_packed_colour_bytes(sh_degree) / PAGS_PACKED_ROWS + 6));
@@ -68,7 +70,7 @@ pags_result pags_bench_stages(const pags_bench_view *view, FILE *people, pags_js
   if (people)
     fprintf(people, "%-17s %9s %12s  %-21s %9s %9s %8s\n", "stage", "ms", "units", "unit", "ns/unit", "B/unit", "GB/s");
   for (int i = 0; i < n; i++) {
-    /* Put row. */
+    /* Write the row as JSON. */
     const stage_row *row = rows + i;
     pags_json_begin_object(json, row->name);
     pags_json_put_number(json, "ms", row->ms);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pags-bench train: steps per second by stage, held-out PSNR against seconds, and the roofline of what was trained. */
+/* pags-bench train: trains a scene and reports milliseconds per step by stage, held-out PSNR against training time,
+ * and the stages and roofline of the trained Gaussians. */
 #include "benchmarks/bench.h"
 
 #include <math.h>
@@ -23,12 +24,14 @@ typedef struct training {
   FILE *people;
   snapshot snapshots[MOST_SNAPSHOTS];
   int count;
-  pags_gaussians last; /* of the last snapshot */
+  pags_gaussians last; /* copy of the Gaussians of the last snapshot */
   double origin[3];
   pags_result result;
 } training;
 
-/* Mean square error of a picture clamped to [0, 1] over the pixels that count. */
+/* ---- Held-out PSNR ---- */
+
+/* Mean squared error of a picture, clamped to [0, 1], over the pixels of the photograph's mask. */
 static double mean_square(const pags_picture *picture, const pags_photo *photo) {
   double sum = 0;
   int64_t count = 0;
@@ -88,6 +91,8 @@ static pags_result held_out_psnr(training *t, const pags_gaussians *gaussians, c
   return result;
 }
 
+/* ---- Snapshots ---- */
+
 static pags_result keep_copy(training *t, const pags_gaussians *gaussians) {
   pags_gaussians_destroy(&t->last);
   PAGS_TRY(pags_gaussians_create_like(&t->last, gaussians->count, gaussians));
@@ -116,7 +121,9 @@ static void take_snapshot(void *user, const pags_train_progress *progress, const
   }
 }
 
-/* The stages and roofline of the trained Gaussians from up to four training views. */
+/* ---- The trained scene and the report ---- */
+
+/* Measures stages and roofline of the trained Gaussians from up to four training views. */
 static pags_result put_trained(const training *t, FILE *people, pags_json_writer *json) {
   pags_camera cameras[4];
   int count = 0;
@@ -154,7 +161,7 @@ static pags_result run(training *t, int64_t snapshot_every, pags_json_writer *js
   PAGS_TRY(pags_train(t->config, &options, &trained));
   PAGS_TRY(t->result);
 
-  /* Put result. */
+  /* Write and print the training's figures. */
   pags_json_put_bool(json, "finished", trained.finished != 0);
   pags_json_put_integer(json, "iterations", trained.iterations);
   pags_json_put_integer(json, "gaussians", trained.gaussians);
@@ -188,7 +195,7 @@ static pags_result run(training *t, int64_t snapshot_every, pags_json_writer *js
   }
   pags_json_end_array(json);
 
-  /* Put reached. */
+  /* Report the training time at which each whole decibel from 20 to 30 was first reached. */
   pags_json_begin_object(json, "seconds_to_psnr");
   for (int level = 20; level <= 30; level++) {
     int i = 0;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Benches with a file of their own: each takes its arguments (without program and name) and returns the exit code. */
+/* Benchmarks of pags-bench that parse their own options: each takes its arguments (without program and name) and
+ * returns the exit code. */
 #ifndef PAGS_BENCHMARKS_VERBS_H
 #define PAGS_BENCHMARKS_VERBS_H
 

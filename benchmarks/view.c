@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Renders a view again and again and keeps each stage's best time. */
+/* Renders views repeatedly and keeps the minimum time of each stage, for pags-bench stages and roofline. */
 #include "benchmarks/bench.h"
 
 #include <math.h>
@@ -14,7 +14,7 @@ static void ignore_gradient(void *user, const pags_cluster_gradient *gradient, i
   (void)worker;
 }
 
-/* A gradient of the size that a loss gives, different from pixel to pixel. */
+/* Makes a pseudo-random picture gradient of the size that a loss gives. */
 static float *make_gradient(int stride, int rows) {
   const size_t size = (size_t)stride * (size_t)rows * 3;
   float *const gradient = malloc(size * sizeof *gradient);
@@ -51,7 +51,7 @@ static pags_result measure_camera(const pags_bench_view *view, const pags_camera
     if (result == PAGS_OK && backward)
       result = pags_frame_backward(frame, &planes, ignore_gradient, NULL, NULL);
     if (result == PAGS_OK) {
-      /* Keep times. */
+      /* Keep the minimum of each stage's time. */
       const pags_frame_stats *now = pags_frame_stats_get(frame);
       keep_least(&out->ms_cull, now->ms_cull);
       keep_least(&out->ms_project, now->ms_project);
@@ -76,7 +76,7 @@ pags_result pags_bench_measure(const pags_bench_view *view, int backward, pags_b
     pags_frame_stats one;
     result = measure_camera(view, view->cameras + c, backward, frame, &one);
     if (result == PAGS_OK) {
-      /* Add share. */
+      /* Add the camera's times and counts to the sums. */
       out->stats.ms_cull += one.ms_cull, out->stats.ms_project += one.ms_project, out->stats.ms_shade += one.ms_shade;
       out->stats.ms_sort += one.ms_sort, out->stats.ms_bin += one.ms_bin, out->stats.ms_raster += one.ms_raster;
       out->stats.ms_raster_backward += one.ms_raster_backward,
@@ -89,7 +89,7 @@ pags_result pags_bench_measure(const pags_bench_view *view, int backward, pags_b
     out->pixels += (double)view->cameras[c].width * view->cameras[c].height / view->camera_count;
   }
 
-  /* Divide. */
+  /* Divide the sums by the number of cameras. */
   out->stats.ms_cull /= view->camera_count, out->stats.ms_project /= view->camera_count,
       out->stats.ms_shade /= view->camera_count, out->stats.ms_sort /= view->camera_count,
       out->stats.ms_bin /= view->camera_count, out->stats.ms_raster /= view->camera_count;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Orbits, flights through cameras, drives. World coordinates are absolute, in double. */
+/* Computes the camera paths of camera_paths.h: positions by Catmull-Rom splines, rotations by spherical
+ * interpolation. World coordinates are absolute, in double. */
 #include "cli/camera_paths.h"
 
 #include <math.h>
@@ -15,6 +16,8 @@ typedef struct vec3 {
 
 static const double pi = 3.14159265358979323846;
 enum { DEFAULT_WIDTH = 1280, DEFAULT_HEIGHT = 720, DEFAULT_FOCAL = 1000, MAX_SAMPLES = 100000, PATH_FPS = 30 };
+
+/* ---- Vectors and poses ---- */
 
 static vec3 add(vec3 a, vec3 b) {
   return (vec3){a.x + b.x, a.y + b.y, a.z + b.z};
@@ -39,7 +42,7 @@ static vec3 normalized(vec3 a) {
   return l > 0 ? scale(a, 1 / l) : a;
 }
 
-/* Column `c` of world_from_camera: 0 right, 1 down, 2 forward, 3 position. */
+/* Returns column `c` of world_from_camera: 0 right, 1 down, 2 forward, 3 position. */
 static vec3 column(const pags_camera *camera, int c) {
   const double *m = camera->world_from_camera;
   return (vec3){m[c], m[4 + c], m[8 + c]};
@@ -52,7 +55,7 @@ static void set_column(pags_camera *camera, int c, vec3 v) {
   m[8 + c] = v.z;
 }
 
-/* Sorts `values`; the value below which `share` of them lie. */
+/* Sorts `values` and returns their `share` quantile (share 0..1). */
 static double percentile(double *values, int64_t count, double share) {
   pags_sort_doubles(values, count);
   return values[(int64_t)(share * (double)(count - 1) + 0.5)];
@@ -69,21 +72,24 @@ static vec3 scene_up(const pags_scene *scene) {
   return scene->up == PAGS_UP_Z ? (vec3){0, 0, 1} : (vec3){0, -1, 0};
 }
 
-/* What an orbit needs to know. */
+/* ---- Orbits ---- */
+
+/* An orbit's geometry and lens. */
 typedef struct orbit {
   vec3 centre, up;
-  double radius, height;         /* horizontal and upward distance of the eye from the centre */
-  double middle_angle, half_arc; /* of the azimuths to sweep; half_arc = pi: a full turn */
+  double radius, height;         /* horizontal distance of the eye from the centre, and its height above the centre */
+  double middle_angle, half_arc; /* of the azimuths covered; half_arc = pi: a full turn */
   pags_camera lens;
 } orbit;
 
-/* Two axes that span the plane across `up`. */
+/* Finds two axes u, v that span the plane perpendicular to `up`. */
 static void horizontal_axes(vec3 up, vec3 *u, vec3 *v) {
   *u = normalized(cross(up, fabs(up.x) < 0.9 ? (vec3){1, 0, 0} : (vec3){0, 1, 0}));
   *v = cross(up, *u);
 }
 
-/* Solves the symmetric 3x3 system a x = b by Cramer's rule; false when it is nearly singular for its trace. */
+/* Solves the symmetric 3x3 system a x = b by Cramer's rule; returns false if the determinant is nearly 0 relative to
+ * the trace. */
 static bool solve3(const double a[6], vec3 b, vec3 *x) { /* a: xx xy xz yy yz zz */
   vec3 r0 = {a[0], a[1], a[2]}, r1 = {a[1], a[3], a[4]}, r2 = {a[2], a[4], a[5]};
   double determinant = dot(r0, cross(r1, r2)), trace = (a[0] + a[3] + a[5]) / 3;
@@ -94,7 +100,8 @@ static bool solve3(const double a[6], vec3 b, vec3 *x) { /* a: xx xy xz yy yz zz
   return true;
 }
 
-/* The point with the least sum of squared distances to the optical axes: sum (I - d d') (x - p) = 0. */
+/* Finds the point with the least sum of squared distances to the views' optical axes: sum (I - d d') (x - p) = 0.
+ * Returns false if the axes are nearly parallel or the point isn't in front of most cameras. */
 static bool nearest_to_axes(const pags_scene *scene, vec3 *out) {
   double a[6] = {0};
   vec3 b = {0, 0, 0}, base = column(&scene->views[0].camera, 3);
@@ -113,10 +120,12 @@ static bool nearest_to_axes(const pags_scene *scene, vec3 *out) {
     const pags_camera *camera = &scene->views[i].camera;
     ahead += dot(sub(*out, column(camera, 3)), column(camera, 2)) > 0;
   }
-  return ahead * 10 >= scene->view_count * 8; /* cameras that look outwards have their axes' centre behind them */
+  /* for cameras that look outwards, the point nearest to their axes lies behind them */
+  return ahead * 10 >= scene->view_count * 8;
 }
 
-/* Medians of the Gaussians' positions, absolute, and half the diagonal of the box of their 10th to 90th percentiles. */
+/* Computes the median of the Gaussians' positions per axis (absolute), and half the diagonal of the box between their
+ * 10th and 90th percentiles, in metres. */
 static pags_result gaussian_middle(const pags_scene *scene, vec3 *centre, double *extent) {
   int64_t total = pags_scene_gaussian_count(scene), step = total / MAX_SAMPLES + 1;
   double middle[3], half[3],
@@ -147,7 +156,7 @@ static pags_result orbit_of_gaussians(const pags_scene *scene, orbit *out) {
   double extent;
   PAGS_TRY(gaussian_middle(scene, &out->centre, &extent));
   out->up = scene_up(scene);
-  out->radius = 3.2 * extent; /* then extent fits into the picture's height */
+  out->radius = 3.2 * extent; /* at this distance the extent fits into the picture's height */
   out->height = 0.8 * extent;
   out->half_arc = pi;
   out->lens = (pags_camera){.width = DEFAULT_WIDTH,
@@ -169,7 +178,7 @@ static pags_result orbit_of_views(const pags_scene *scene, orbit *out) {
   if (!nearest_to_axes(scene, &out->centre))
     result = gaussian_middle(scene, &out->centre, &extent);
 
-  /* Mean up. */
+  /* Up is the mean of the cameras' up axes; the scene's up if these disagree. */
   vec3 sum = {0, 0, 0};
   for (int64_t i = 0; i < scene->view_count; i++)
     sum = sub(sum, column(&scene->views[i].camera, 1));
@@ -186,7 +195,7 @@ static pags_result orbit_of_views(const pags_scene *scene, orbit *out) {
   out->height = percentile(heights, scene->view_count, 0.5);
   out->radius = fmax(percentile(radii, scene->view_count, 0.5), 1e-3);
 
-  /* The arc that the sorted azimuths cover: everything but their widest gap. */
+  /* The arc covered by the sorted azimuths is everything but the widest gap between two of them. */
   double *middle = &out->middle_angle;
   double *half_arc = &out->half_arc;
   pags_sort_doubles(angles, scene->view_count);
@@ -204,10 +213,10 @@ static pags_result orbit_of_views(const pags_scene *scene, orbit *out) {
   return result;
 }
 
-/* Cameras that look along a street have no common middle: from above, round a place ahead of the middle of the drive.
- */
+/* Orbit for a drive, whose cameras look along a street and so have no common centre: circles, from above, a place
+ * ahead of the mean camera position. */
 static pags_result orbit_of_drive(const pags_scene *scene, orbit *out) {
-  enum { AHEAD = 6, RADIUS = 14, HEIGHT = 9 }; /* metres; low enough for the sides that cameras saw */
+  enum { AHEAD = 6, RADIUS = 14, HEIGHT = 9 }; /* metres; low enough to show the sides that the cameras saw */
   vec3 base = column(&scene->views[0].camera, 3), sum = {0, 0, 0};
   for (int64_t i = 0; i < scene->view_count; i++)
     sum =
@@ -237,9 +246,9 @@ pags_result pags_camera_path_orbit(const pags_scene *scene, int64_t frames, pags
     vec3 eye = add(around.centre, add(scale(across, around.radius), scale(around.up, around.height)));
     out->cameras[i] = around.lens;
 
-    /* Places the camera at `eye` looking at `target`, its picture upright as far as can be. */
+    /* Orient the camera from `eye` towards the centre, with its picture as upright as possible. */
     vec3 forward = normalized(sub(around.centre, eye)), right = cross(forward, around.up);
-    if (length(right) < 1e-6) /* straight up or down: any right will do */
+    if (length(right) < 1e-6) /* looking straight up or down: any right axis will do */
       right = cross(forward, fabs(forward.x) < 0.9 ? (vec3){1, 0, 0} : (vec3){0, 1, 0});
     right = normalized(right);
     set_column(&out->cameras[i], 0, right);
@@ -250,6 +259,8 @@ pags_result pags_camera_path_orbit(const pags_scene *scene, int64_t frames, pags
   return PAGS_OK;
 }
 
+/* ---- Flights through the training views ---- */
+
 static double catmull_rom(double a, double b, double c, double d, double t) {
   return b + 0.5 * t * (c - a + t * (2 * a - 5 * b + 4 * c - d + t * (3 * (b - c) + d - a)));
 }
@@ -259,7 +270,7 @@ static vec3 catmull_rom3(vec3 a, vec3 b, vec3 c, vec3 d, double t) {
                 catmull_rom(a.z, b.z, c.z, d.z, t)};
 }
 
-/* Spherical interpolation the short way round. */
+/* Spherical linear interpolation of unit quaternions along the shorter arc (Shoemake 1985). */
 static void slerp(const double a[4], const double b[4], double t, double out[4]) {
   double cosine = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3], sign = cosine < 0 ? -1 : 1;
   double angle = acos(fmin(1, fabs(cosine))), sine = sin(angle);
@@ -268,7 +279,8 @@ static void slerp(const double a[4], const double b[4], double t, double out[4])
     out[i] = wa * a[i] + sign * wb * b[i];
 }
 
-/* The camera at parameter t of the stretch between knots[1] and knots[2]. Sizes are those of `lens`. */
+/* Interpolates a camera at parameter t (0..1) between knots[1] and knots[2]; knots[0] and knots[3] shape the position
+ * spline. Picture size and intrinsics are those of `lens`. */
 static pags_camera between(const pags_camera *const knots[4], const pags_camera *lens, double t) {
   pags_camera camera = *lens;
   const pags_camera *a = knots[1], *b = knots[2];
@@ -302,7 +314,7 @@ pags_result pags_camera_path_views(const pags_scene *scene, pags_camera_path *ou
 pags_result pags_camera_path_ego(const pags_scene *scene, int64_t frames, pags_camera_path *out) {
   size_t views = (size_t)scene->view_count;
   const pags_camera **knots = calloc(views + 1, sizeof *knots);
-  double *reached = calloc(views + 1, sizeof *reached); /* metres flown up to each knot */
+  double *reached = calloc(views + 1, sizeof *reached); /* path length up to each knot, metres */
   int64_t count = 0;
   pags_result result = knots && reached ? PAGS_OK : pags_out_of_memory(NULL);
   for (size_t i = 0; result == PAGS_OK && i < views; i++)
@@ -330,6 +342,8 @@ pags_result pags_camera_path_ego(const pags_scene *scene, int64_t frames, pags_c
   return result;
 }
 
+/* ---- Drives ---- */
+
 static bool is_recorded(const pags_scene_view *view) {
   return view->sensor >= 0 && isfinite(view->camera.time);
 }
@@ -355,7 +369,8 @@ int pags_camera_path_drive_sensor(const pags_scene *scene) {
   return sensor;
 }
 
-/* The cameras of the sensor with the lowest number in the order of time, no time twice. */
+/* Lists the cameras of the sensor with the lowest number in order of time, without repeated times; returns how
+ * many. */
 static int64_t first_sensor(const pags_scene *scene, const pags_camera **knots) {
   int64_t count = 0, kept = 0;
   const int sensor = pags_camera_path_drive_sensor(scene);
@@ -369,7 +384,8 @@ static int64_t first_sensor(const pags_scene *scene, const pags_camera **knots) 
   return kept;
 }
 
-/* The camera at `time`, which lies between the first and the last of `knots`. *knot only grows. */
+/* Interpolates the camera at `time`, which lies between the first and the last of `knots`. *knot is the index of the
+ * knot before it; calls must be in order of time, since it only grows. */
 static pags_camera driven(const pags_camera *const *knots, int64_t count, double time, int64_t *knot) {
   while (*knot + 2 < count && knots[*knot + 1]->time <= time)
     ++*knot;

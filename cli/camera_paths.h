@@ -1,35 +1,38 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Camera paths made from a scene: an orbit, and a flight through its training cameras. */
+/* Computes camera paths from a scene: an orbit, a smooth flight through the training views, and the recorded
+ * drive. */
 #ifndef PAGS_CLI_CAMERA_PATHS_H
 #define PAGS_CLI_CAMERA_PATHS_H
 
 #include <pags/scene.h>
 #include <stdbool.h>
 
-/* `frames` cameras that circle what the scene shows, upright, looking at its middle; the last leads back to the first.
- * With views: around the point their axes pass nearest to, at their typical distance and height, within the arc they
- * cover. Without: around the median of the Gaussians. Of a drive: from above, around its middle. 30 frames a second. */
+/* Makes an orbit of `frames` cameras at 30 frames a second, upright and looking at a centre; after the last frame the
+ * orbit closes at the first. With views: around the point nearest to their optical axes, at their median distance and
+ * height, within the arc of azimuths that they cover. Without views: around the median of the Gaussians. In a drive:
+ * from above, around a place ahead of the drive's middle. */
 pags_result pags_camera_path_orbit(const pags_scene *scene, int64_t frames, pags_camera_path *out);
 
-/* The training views themselves, maybe none. */
+/* Lists the cameras of the training views, unchanged; may be none. */
 pags_result pags_camera_path_views(const pags_scene *scene, pags_camera_path *out);
 
-/* `frames` cameras on a smooth curve through the training views in their order, at even speed. An error when the scene
- * has fewer than 2. */
+/* Makes `frames` cameras at constant speed on a smooth curve through the training views in their order. Fails if the
+ * scene has fewer than 2. */
 pags_result pags_camera_path_ego(const pags_scene *scene, int64_t frames, pags_camera_path *out);
 
-/* Whether the scene's views know which sensor took them and when: a drive rather than a walk round something. */
+/* Whether any view records its sensor and its time, which makes the scene a drive rather than a set of photographs
+ * around an object. */
 bool pags_scene_is_drive(const pags_scene *scene);
 
-/* The path that the sensor with the lowest number was driven along, through training and held-out views, with time
- * running: `frames` cameras evenly spaced in time; frames 0: `fps` cameras a second; both 0: the recorded cameras. An
- * error where fewer than 2 cameras were recorded. */
+/* Makes the recorded path of the sensor with the lowest number, through its training and held-out views, with time
+ * running: `frames` cameras evenly spaced in time; if frames is 0, `fps` cameras a second; if both are 0, the
+ * recorded cameras. Fails if fewer than 2 cameras were recorded. */
 pags_result pags_camera_path_drive(const pags_scene *scene, int64_t frames, double fps, pags_camera_path *out);
 
-/* That sensor's number; -1: the scene is no drive. */
+/* Returns the number of the sensor that pags_camera_path_drive follows; -1 if the scene is no drive. */
 int pags_camera_path_drive_sensor(const pags_scene *scene);
 
-/* Every camera so many metres to its own right, negative to its left. */
+/* Moves every camera `metres` to its own right; negative moves to the left. */
 void pags_camera_path_shift(pags_camera_path *path, double metres);
 
 #endif

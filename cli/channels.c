@@ -1,10 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What --channel writes besides colour: normals from differences of depth, priorities as colours. */
+/* Computes surface normals from a picture's depth plane, for --channel normal: cross products of depth differences
+ * between neighbouring pixels. */
 #include "cli/channels.h"
 
 #include <math.h>
 
-/* The point seen at pixel (x, y), camera axes; false where nothing is. */
+/* Unprojects pixel (x, y) by its depth into camera coordinates; returns false if the pixel lies outside or has no
+ * depth. */
 static int point_at(const pags_picture *picture, const pags_camera *camera, int x, int y, double p[3]) {
   if (x < 0 || y < 0 || x >= picture->width || y >= picture->height)
     return 0;
@@ -15,8 +17,8 @@ static int point_at(const pags_picture *picture, const pags_camera *camera, int 
   return z > 0;
 }
 
-/* The step along the surface for one pixel in direction (dx, dy): of the two neighbours the one nearer in depth, so
- * that at an edge both pixels keep the normal of their own side. */
+/* Computes the surface tangent for one pixel in direction (dx, dy): the difference to that of the two neighbours
+ * which is nearer in depth, so that at a depth edge both sides keep the normal of their own surface. */
 static int step_along(const pags_picture *picture, const pags_camera *camera, int x, int y, int dx, int dy,
                       const double here[3], double step[3]) {
   double ahead[3], behind[3];
@@ -31,7 +33,7 @@ static int step_along(const pags_picture *picture, const pags_camera *camera, in
   return has_ahead || has_behind;
 }
 
-/* Camera axes; zeros where it can't be told. */
+/* Computes the unit normal at a pixel in camera axes, facing the camera; zeros if it can't be determined. */
 static void normal_at(const pags_picture *picture, const pags_camera *camera, int x, int y, double n[3]) {
   double here[3], right[3], down[3];
   n[0] = n[1] = n[2] = 0;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pags render and pags-bench render --budget-ms: what was given up to keep within the time, and the error. */
+/* Statistics of --budget-ms, for pags render and pags-bench render: times, the quality steps taken, and PSNR and
+ * largest error against full quality. */
 #include "cli/deadline_report.h"
 
 #include <math.h>
@@ -48,8 +49,8 @@ pags_result pags_deadline_report_draw(pags_deadline_report *d, const pags_part *
   full.extra_channels = 1;
   PAGS_TRY(pags_frame_render(d->whole, parts, part_count, camera, &full, NULL, NULL, &whole));
 
-  /* Values cut to 0..1, as pictures show them. Critical: where a critical Gaussian has the largest weight in the full
-   * picture. */
+  /* Compare values clamped to 0..1, as pictures show them. A pixel is critical if the Gaussian with the largest
+   * weight there in the full-quality picture has a priority over 0.5. */
   for (int y = 0; y < whole.height; y++)
     for (int x = 0; x < whole.width; x++) {
       const int64_t at = (int64_t)y * whole.stride + x, id = whole.id[at];
@@ -74,7 +75,7 @@ pags_result pags_deadline_report_draw(pags_deadline_report *d, const pags_part *
   return PAGS_OK;
 }
 
-/* Infinite where nothing differs. */
+/* PSNR in dB of a sum of squared errors over `samples` values; infinite if nothing differs. */
 static double decibels(double squared, double samples) {
   return squared > 0 ? -10 * log10(squared / samples) : (double)INFINITY;
 }
@@ -95,9 +96,9 @@ void pags_deadline_report_print(const pags_deadline_report *d, const pags_sessio
   for (int k = 0; k < PAGS_DEADLINE_STEPS; k++) {
     const pags_deadline_step *step = &pags_deadline_steps()[k];
     if (d->at_step[k]) {
-      /* What `share` percent of the frames gave up. */
+      /* Print what this step reduces, and in which share of the frames (in per cent) it was used. */
       double share = 100 * (double)d->at_step[k] / n;
-      if (step->eps <= 0) /* the first: all others are bounded */
+      if (step->eps <= 0) /* only the first step draws in full; every other step is bounded */
         pags_say(session, "  %5.1f %% of frames: in full\n", share);
       else
         pags_say(session,
@@ -120,7 +121,7 @@ static void put_error(pags_json_writer *json, const char *name, double squared, 
   if (squared > 0)
     pags_json_put_number(json, "psnr", decibels(squared, samples));
   else
-    pags_json_put_null(json, "psnr"); /* nothing differs */
+    pags_json_put_null(json, "psnr"); /* no pixel differs */
   pags_json_put_number(json, "max_error", largest);
   pags_json_end_object(json);
 }

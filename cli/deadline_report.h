@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Frames within --budget-ms: draws them one after another and holds some against full quality. */
+/* Renders frames within the time budget of --budget-ms (pags/deadline.h) and gathers statistics: how many frames met
+ * the budget, what was reduced, and the error of every few frames against full quality. */
 #ifndef PAGS_CLI_DEADLINE_REPORT_H
 #define PAGS_CLI_DEADLINE_REPORT_H
 
@@ -10,18 +11,19 @@
 
 typedef struct pags_deadline_report {
   pags_deadline *budget;
-  pags_frame *whole; /* full quality, to compare with */
-  float *priority;   /* per id */
+  pags_frame *whole; /* renders the full-quality frames to compare with */
+  float *priority;   /* of each Gaussian id */
   int64_t ids;
-  double ms;       /* the target */
-  int check_every; /* frames */
+  double ms;       /* the budget */
+  int check_every; /* compare every so many frames with full quality */
   int64_t frames, met, checked;
   int64_t at_step[PAGS_DEADLINE_STEPS];
   double sum_ms, worst_ms, sum_full_tiles;
   double squared, samples, squared_critical, samples_critical, largest, largest_critical;
 } pags_deadline_report;
 
-/* Every `check_every`th frame is drawn in full as well, outside of the time. The composition must outlive it. */
+/* Every `check_every`th frame is also drawn at full quality, outside of the timed part, to measure the error. The
+ * composition must outlive the report. */
 pags_result pags_deadline_report_create(const pags_composition *composition, pags_tasks *tasks, double ms,
                                         int check_every, pags_deadline_report *out);
 void pags_deadline_report_destroy(pags_deadline_report *deadline); /* a zeroed struct is allowed */
@@ -30,8 +32,9 @@ pags_result pags_deadline_report_draw(pags_deadline_report *deadline, const pags
                                       pags_deadline_result *report);
 
 void pags_deadline_report_print(const pags_deadline_report *deadline, const pags_session *session);
-void pags_deadline_report_put(const pags_deadline_report *deadline, pags_json_writer *json); /* a member "budget" */
-void pags_deadline_report_put_frame(const pags_deadline_result *report,
-                                    pags_json_writer *json); /* members of a frame */
+/* Writes a JSON member "budget" with the statistics of all frames. */
+void pags_deadline_report_put(const pags_deadline_report *deadline, pags_json_writer *json);
+/* Writes the members of one frame into an open JSON object. */
+void pags_deadline_report_put_frame(const pags_deadline_result *report, pags_json_writer *json);
 
 #endif

@@ -1,12 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Ctrl-C and SIGTERM cancel the work under way, which then saves its state; a second Ctrl-C ends the program. */
+/* Signal handlers. Ctrl-C (SIGINT) and SIGTERM cancel the work under way, which then saves its state; a second Ctrl-C
+ * ends the program at once. SIGBUS on a mapped file ends it with a message. */
 #include "cli/interrupt.h"
 
 #include <signal.h>
 #include <string.h>
 #include <unistd.h>
 
-/* sig_atomic_t is int on every system we build for; the trainer's header, which knows no signals, asks for an int. */
+/* Set to 1 by the first signal. It is an int and not a sig_atomic_t because the trainer's header, which polls it,
+ * doesn't include <signal.h>; both are the same type on every system we build for. */
 static volatile int interrupted;
 _Static_assert(sizeof(sig_atomic_t) == sizeof(int), "the flag must be written in one piece");
 static pags_tasks *volatile cancelled_tasks;
@@ -19,7 +21,8 @@ static void on_signal(int signal_number) {
     pags_tasks_cancel(cancelled_tasks);
 }
 
-/* A packed scene is mapped: where its file ends too early by now, reading it raises this. Nothing can be drawn then. */
+/* SIGBUS: a packed scene (.pagsz) is memory-mapped, and reading it beyond the end of a file that has since been cut
+ * short raises this signal. Prints a message and exits, since nothing can be drawn then. */
 static void on_bus_error(int signal_number, siginfo_t *info, void *context) {
   static const char text[] = "pags: a mapped file (.pagsz) was cut short while it was in use\n";
   (void)context;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pags: the program. Finds the verb and runs it. */
+/* The program pags: prints the general help, or finds the verb and runs it. */
 #include "cli/options.h"
 #include "cli/verbs.h"
 
@@ -13,11 +13,11 @@ const char pags_program_name[] = "pags";
 
 typedef struct verb_entry {
   const char *name, *summary;
-  int (*run)(int argc, char **argv); /* NULL: not in this build */
-  const char *lacking;               /* what this build lacks then */
+  int (*run)(int argc, char **argv); /* NULL: the verb is not in this build */
+  const char *lacking;               /* if run is NULL: the library that this build lacks */
 } verb_entry;
 
-/* CMake defines PAGS_WITH_* for the parts that not every build has. */
+/* CMake defines PAGS_WITH_* for the optional parts that are built. */
 #ifdef PAGS_WITH_SYNTH
 #define IF_SYNTH(function) function, NULL
 #else
@@ -47,13 +47,14 @@ enum { VERB_COUNT = sizeof verbs / sizeof verbs[0] };
 
 int main(int argc, char **argv) {
   setlocale(LC_ALL, "C");
-  signal(SIGPIPE, SIG_IGN); /* `pags info x | head`: a failing write, not a killed process with half-written files */
+  /* with a closed pipe (`pags info x | head`), a write fails instead of killing the process with half-written
+   * files */
+  signal(SIGPIPE, SIG_IGN);
   if (argc < 2) {
     fprintf(stderr, "pags: no verb given; 'pags --help' lists them\n");
     return PAGS_EXIT_USAGE;
   }
   if (!strcmp(argv[1], "--help") || !strcmp(argv[1], "-h") || !strcmp(argv[1], "help")) {
-    /* Print help. */
     printf("usage: pags VERB [arguments]\n\n");
     printf("Priority-Adaptive Gaussian Splatting on CPUs, version %s\n\n", PAGS_VERSION_STRING);
     for (int i = 0; i < VERB_COUNT; i++)
@@ -77,7 +78,7 @@ int main(int argc, char **argv) {
       return PAGS_EXIT_FAILED;
     }
 
-  /* Unknown verb. */
+  /* The verb is unknown: suggest the nearest one. */
   if (!strcmp(argv[1], "bench")) {
     fprintf(stderr,
             "pags: 'bench' is not a verb; benchmarks are the program pags-bench, which a build puts beside pags\n");

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* --without, --move and --add: words of the command line to edits of objects. */
+/* Parses the arguments of --without, --move and --add and finds the objects that they name. */
 #include "cli/object_edits.h"
 
 #include <stdlib.h>
@@ -49,12 +49,12 @@ typedef struct edit_list {
   int64_t count, capacity;
 } edit_list;
 
-/* One edit for each object that `name` means. */
+/* Adds a copy of `edit` to the list for each object that `name` (an id or class:CLASS) matches. */
 static pags_result find_any(const pags_scene *scene, const char *name, size_t length, pags_edit edit, edit_list *list) {
   for (int64_t o = 0; o < scene->object_count; o++) {
     edit.object = o;
     if (is_meant(&scene->objects[o].record, name, length)) {
-      /* Append. */
+      /* Append to the list, growing it if it is full. */
       if (list->count == list->capacity) {
         int64_t capacity = 2 * list->capacity + 64;
         pags_edit *grown = realloc(list->edits, (size_t)capacity * sizeof *grown);
@@ -69,7 +69,7 @@ static pags_result find_any(const pags_scene *scene, const char *name, size_t le
   return PAGS_OK;
 }
 
-/* The same, where none is an error. */
+/* As find_any, but fails if `name` matches no object. */
 static pags_result find(const pags_scene *scene, const char *name, size_t length, pags_edit edit, edit_list *list) {
   static const char *const options[] = {
       [PAGS_EDIT_HIDE] = "without", [PAGS_EDIT_MOVE] = "move", [PAGS_EDIT_ADD] = "add"};
@@ -82,7 +82,8 @@ static pags_result find(const pags_scene *scene, const char *name, size_t length
                    options[edit.kind], (long long)scene->object_count, (int)(length < 200 ? length : 200), name);
 }
 
-/* A word is an id, which may have commas, or a list of ids. */
+/* Adds edits that hide the objects of one word of --without: the word is one id, which may contain commas, or a
+ * comma-separated list of ids. */
 static pags_result find_listed(const pags_scene *scene, const char *word, edit_list *list) {
   const pags_edit edit = {.kind = PAGS_EDIT_HIDE};
   int64_t before = list->count;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Objects that the command line hides, moves or adds. */
+/* Options --without, --move and --add, which hide, move or add objects, and their conversion to the scene's edits. */
 #ifndef PAGS_CLI_OBJECT_EDITS_H
 #define PAGS_CLI_OBJECT_EDITS_H
 
@@ -7,12 +7,13 @@
 
 #include <pags/compose.h>
 
-/* What --without, --move and --add gathered. */
+/* The arguments of --without, --move and --add, unparsed, in the order given. */
 typedef struct pags_object_edits {
   pags_words without, move, add;
 } pags_object_edits;
 
-/* Rows for a verb's table; `where` is the offset of a pags_object_edits. */
+/* Rows of these three options for a verb's option table; `where` is the offset of a pags_object_edits in the verb's
+ * struct. */
 #define PAGS_EDIT_OPTIONS(where)                                                                                  \
   PAGS_VALUE("without", 0, WORDS, (where) + offsetof(pags_object_edits, without), 0, 0, "OBJECT,...", NULL, NULL, \
              "leave out these objects; may be given again"),                                                      \
@@ -22,11 +23,12 @@ typedef struct pags_object_edits {
       PAGS_VALUE("add", 0, PAIRS, (where) + offsetof(pags_object_edits, add), 0, 0, "OBJECT X,Y,Z,YAW",           \
                  "as for --move", NULL, "draw an object there as well")
 
-/* NULL, or what of --move or --add is not X,Y,Z,YAW. */
+/* Returns the first value of --move or --add that is not of the form X,Y,Z,YAW; NULL if all are. */
 const char *pags_object_edits_misspelt(const pags_object_edits *words);
 
-/* The edits that the words stand for, in the scene's objects. An OBJECT is an id, or "class:" and a category or a class
- * of the data set (all of them). An error names what the scene doesn't have. `edits` is freed by the caller. */
+/* Converts the options' arguments to edits of the scene's objects. OBJECT is an object's id, or "class:" followed by
+ * a category or a class of the data set, which means every object of it. Fails, naming the OBJECT, if the scene has
+ * no such object. The caller frees `edits`. */
 pags_result pags_object_edits_find(const pags_object_edits *words, const pags_scene *scene, pags_edit **edits,
                                    int64_t *count);
 

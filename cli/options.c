@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Parsing, checking and printing of the option tables. */
+/* Parses and checks command lines by the verbs' option tables, and prints the tables as help. */
 #include "cli/options.h"
 
 #include <assert.h>
@@ -17,6 +17,8 @@ static bool is_end(const pags_option *option) {
   return option->type == PAGS_OPTION_END;
 }
 
+/* ---- Messages and nearest names ---- */
+
 int pags_usage_error(const pags_verb *verb, const char *format, ...) {
   va_list list;
   fprintf(stderr, "%s %s: ", pags_program_name, verb->name);
@@ -27,7 +29,8 @@ int pags_usage_error(const pags_verb *verb, const char *format, ...) {
   return PAGS_EXIT_USAGE;
 }
 
-/* Levenshtein's distance with one row of the table; words longer than the row count as far away. */
+/* Levenshtein distance of two words, computed with one row of the table; words longer than 64 characters get the
+ * distance 64. */
 static int edit_distance(const char *a, const char *b) {
   enum { LONGEST = 64 };
   int row[LONGEST + 1];
@@ -69,7 +72,7 @@ static const pags_option *find_long(const pags_verb *verb, const char *name, siz
   return NULL;
 }
 
-/* What a value should have been, for messages: "a whole number of at least 1". */
+/* Describes the values that an option accepts, for error messages: "a whole number of at least 1". */
 static void describe(const pags_option *option, char *text, size_t size) {
   static const char *const nouns[] = {[PAGS_OPTION_INT] = "a whole number",
                                       [PAGS_OPTION_INT64] = "a whole number",
@@ -94,6 +97,8 @@ static void describe(const pags_option *option, char *text, size_t size) {
   else
     snprintf(text, size, "%s from %.10g to %.10g", nouns[option->type], option->minimum, option->maximum);
 }
+
+/* ---- Parsing values ---- */
 
 static bool in_range(const pags_option *option, double value) {
   return option->minimum == option->maximum || (value >= option->minimum && value <= option->maximum);
@@ -132,7 +137,7 @@ static bool parse_size(const char *text, uint64_t *value) {
   }
   if (unit > 1)
     end++;
-  if (unit > 1 && (*end == 'i' || *end == 'B')) /* 2GiB, 2GB: the same, as memory is counted here */
+  if (unit > 1 && (*end == 'i' || *end == 'B')) /* 2GiB and 2GB: both mean powers of 1024 */
     end += end[0] == 'i' && end[1] == 'B' ? 2 : 1;
   if (*end || number * unit >= 9.2e18)
     return false;
@@ -266,6 +271,8 @@ static bool store(const pags_option *option, const char *text, void *slot) {
   return false;
 }
 
+/* ---- Parsing the command line ---- */
+
 static bool was_given(const pags_parsed *parsed, const pags_option *option) {
   size_t row = (size_t)(option - parsed->verb->options);
   return parsed->given[row / 64] >> (row % 64) & 1;
@@ -277,8 +284,9 @@ bool pags_option_given(const pags_parsed *parsed, const char *name) {
   return was_given(parsed, option);
 }
 
-/* NAME=VALUE in `text`, or NAME there and VALUE in `after`. A value has a comma: other '=' belong to the name. Returns
- * the number of words beyond `text`, -1 when it is neither. */
+/* Stores a pair given as NAME=VALUE in `text`, or as NAME in `text` and VALUE in `after`. A VALUE contains a comma,
+ * so an '=' with no comma after it belongs to the name. Returns how many arguments after `text` were used, -1 if
+ * neither form fits. */
 static int store_pair(pags_words *words, const char *text, const char *after) {
   const char *equals = strrchr(text, '=');
   if (equals && strchr(equals, ','))
@@ -286,8 +294,8 @@ static int store_pair(pags_words *words, const char *text, const char *after) {
   return after && store_word(words, text, strlen(text), after) ? 1 : -1;
 }
 
-/* `value` is the text behind '=' or directly behind a short name, or NULL: then the next argument is it. Returns how
- * many further arguments were used, or -1 after a message. */
+/* Stores one option's value. `value` is the text after '=' or directly after a short name; if NULL, the value is the
+ * next argument. Returns how many further arguments were used, or -1 after printing a message. */
 static int take_option(pags_parsed *parsed, const pags_option *option, const char *shown, const char *value,
                        char **next, void *values) {
   void *slot = (char *)values + option->offset;
@@ -427,7 +435,10 @@ pags_parse_status pags_options_parse(const pags_verb *verb, int argc, char **arg
   return status == PAGS_PARSE_OK && parsed->check_only ? PAGS_PARSE_HELP : status;
 }
 
-/* The shortest decimal that reads back as the same value of its type: 1e-4f prints as 0.0001; but 20, not 2e+01. */
+/* ---- Help ---- */
+
+/* Prints the shortest decimal that reads back as the same value of its type: 1e-4f prints as 0.0001, and whole
+ * numbers below a million print as 20, not 2e+01. */
 static void print_real(char *text, size_t size, double value, bool single) {
   if (value == floor(value) && fabs(value) < 1e6) {
     snprintf(text, size, "%.0f", value);
@@ -444,7 +455,7 @@ static void print_real(char *text, size_t size, double value, bool single) {
 void pags_options_real(char *text, size_t size, double value) {
   print_real(text, size, value, false);
   char *exponent = strchr(text, 'e');
-  if (exponent) { /* 1e+09 as 1e9, 1e-06 as 1e-6 */
+  if (exponent) { /* shorten the exponent: 1e+09 to 1e9, 1e-06 to 1e-6 */
     char *sign = exponent + 1, *digits = sign + 1 + strspn(sign + 1, "0");
     memmove(sign + (*sign == '-'), digits, strlen(digits) + 1);
   }
@@ -500,7 +511,8 @@ static void print_default(const pags_option *option, const void *defaults, char 
   }
 }
 
-/* Prints words from column `column`, `used` columns being taken already, indenting further lines. */
+/* Prints the words of `text` wrapped to `width` columns; `used` columns of the first line are taken already, and
+ * further lines are indented to `column`. */
 static void print_wrapped(const char *text, int used, int column, int width) {
   int at = used;
   while (*text) {

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Command-line options from a table.
+/* Command-line options declared in a table.
  *
- * Each verb declares one table; parsing, checking, `--help` and docs all come from it. Values are written into the
- * verb's own struct at `offset`; what that struct holds before parsing is the default, and help prints it from there,
- * so no default is written twice.
+ * Each verb declares one table, from which parsing, checking, `--help` and the docs are derived. Values are written
+ * into the verb's own struct at `offset`; the struct's contents before parsing are the defaults, and help prints them
+ * from there, so that no default is written twice.
  *
- * Accepted forms: --name VALUE, --name=VALUE, -n VALUE, -nVALUE; flags take no value; `--` ends the options. The last
- * one of several wins. */
+ * Accepted forms: --name VALUE, --name=VALUE, -n VALUE, -nVALUE; flags take no value; `--` ends the options. If an
+ * option is given several times, the last one counts. */
 #ifndef PAGS_CLI_OPTIONS_H
 #define PAGS_CLI_OPTIONS_H
 
@@ -22,32 +22,33 @@ extern const char pags_program_name[];
 enum { PAGS_EXIT_OK = 0, PAGS_EXIT_FAILED = 1, PAGS_EXIT_USAGE = 2, PAGS_EXIT_INTERRUPTED = 3 };
 
 typedef enum pags_option_type {
-  PAGS_OPTION_END,      /* no option: the end of the table, {0} */
-  PAGS_OPTION_GROUP,    /* no option: a heading in the help, its text in `help` */
+  PAGS_OPTION_END,      /* not an option: the end of the table, {0} */
+  PAGS_OPTION_GROUP,    /* not an option: a heading in the help; its text is in `help` */
   PAGS_OPTION_FLAG,     /* int, 1 when given; a flag whose name begins with "no-" sets 0 */
   PAGS_OPTION_INT,      /* int */
   PAGS_OPTION_INT64,    /* int64_t */
   PAGS_OPTION_UINT64,   /* uint64_t */
   PAGS_OPTION_FLOAT,    /* float */
   PAGS_OPTION_DOUBLE,   /* double */
-  PAGS_OPTION_SIZE,     /* uint64_t, bytes; suffix K, M, G = 1024, 1024^2, 1024^3 */
+  PAGS_OPTION_SIZE,     /* uint64_t, bytes; suffix K, M, G, T = 1024 to 1024^4 */
   PAGS_OPTION_DURATION, /* double, seconds; 90, 90s, 30m, 2h, 1h30m */
-  PAGS_OPTION_ENUM,     /* int, the index in `choices` */
+  PAGS_OPTION_ENUM,     /* int, the index in the choices, which `metavar` lists */
   PAGS_OPTION_COLOR,    /* double[3], "r,g,b", each 0..1 */
   PAGS_OPTION_SPAN,     /* int64_t[2], "A-B", both included, "A-" (to the end, -1) or "A" */
   PAGS_OPTION_STRING,   /* const char *, points into argv */
-  PAGS_OPTION_WORDS,    /* pags_words; may be given again and again */
-  PAGS_OPTION_PAIRS /* pags_words with values: NAME VALUE, or NAME=VALUE where VALUE has a comma; may be given again */
+  PAGS_OPTION_WORDS,    /* pags_words; may be given repeatedly */
+  PAGS_OPTION_PAIRS     /* pags_words with values: NAME VALUE, or NAME=VALUE where VALUE has a comma; may be given
+                           repeatedly */
 } pags_option_type;
 
-enum { PAGS_MAX_WORDS = 128 }; /* more than the training has fields */
+enum { PAGS_MAX_WORDS = 128 }; /* more than the number of fields of the training */
 
-/* What an option was given, in order. */
+/* The words given to one option, in order. */
 typedef struct pags_words {
   int count;
   struct {
     const char *name;  /* points into argv */
-    int length;        /* of the name, which "=VALUE" may follow */
+    int length;        /* of the name, since in argv "=VALUE" may follow it */
     const char *value; /* NULL for WORDS */
   } items[PAGS_MAX_WORDS];
 } pags_words;
@@ -58,16 +59,18 @@ typedef struct pags_option {
   bool required;
   pags_option_type type;
   size_t offset;           /* of the value in the verb's struct */
-  double minimum, maximum; /* of numbers, sizes and durations, both included; equal: unlimited */
-  const char *metavar;     /* "N", "FILE"; for ENUM the choices, "default|mcmc" */
+  double minimum, maximum; /* range of numbers, sizes and durations, both ends included; equal: unlimited */
+  const char *metavar;     /* "N", "FILE"; of an ENUM its choices, "default|mcmc" */
   const char *unit;        /* "steps"; NULL: none */
-  const char *fallback;    /* what help says of the default when the stored value doesn't say it; NULL: print the value;
-                              "": print nothing */
+  /* the default as help shows it, if the stored value doesn't tell; NULL: show the stored value; "": show nothing */
+  const char *fallback;
   const char *help;
-  const char *field; /* of the training's configuration, whose row says the rest; NULL: the row says all itself */
+  /* field of the training's configuration, whose row in the field table completes this one; NULL: this row is
+   * complete */
+  const char *field;
 } pags_option;
 
-/* Rows of a table; letter 0: no short name; `kind` is what follows PAGS_OPTION_. */
+/* Rows of a table. letter: the short name, 0 for none; `kind`: what follows PAGS_OPTION_. */
 #define PAGS_GROUP(heading) {.type = PAGS_OPTION_GROUP, .help = heading}
 #define PAGS_FLAG(long_name, letter, where, text) \
   {.name = long_name, .short_name = letter, .type = PAGS_OPTION_FLAG, .offset = where, .help = text}
@@ -77,10 +80,10 @@ typedef struct pags_option {
   {long_name, 0, false, PAGS_OPTION_ENUM, where, 0, 0, choices, NULL, standard, text, NULL}
 #define PAGS_VALUE(long_name, letter, kind, where, least, most, meta, units, standard, text) \
   {long_name, letter, false, PAGS_OPTION_##kind, where, least, most, meta, units, standard, text, NULL}
-/* -o, which must be given. */
+/* The option -o/--output, which is required. */
 #define PAGS_OUTPUT(where, meta, text) \
   {"output", 'o', true, PAGS_OPTION_STRING, where, 0, 0, meta, NULL, NULL, text, NULL}
-/* A field of the training's configuration; `meta` is NULL for switches and choices. */
+/* Row for a field of the training's configuration; `meta` is NULL for switches and choices. */
 #define PAGS_FIELD(long_name, letter, meta, field_name) \
   {.name = long_name, .short_name = letter, .type = PAGS_OPTION_FLAG, .metavar = meta, .field = field_name}
 #define PAGS_UNLIMITED HUGE_VAL
@@ -97,8 +100,8 @@ typedef struct pags_verb {
   const char *about;   /* a paragraph */
   const pags_positional *positionals;
   const pags_option *options; /* ends with a row of zeros */
-  /* What to give in place of an option that is no longer there, "--set densify_from=N", in `text`; false: unknown. May
-   * be NULL. */
+  /* Writes into `text` the replacement of a removed option, such as "--set densify_from=N"; returns false if the name
+   * is unknown. May be NULL. */
   bool (*replacement)(const char *name, char *text, size_t size);
 } pags_verb;
 
@@ -106,8 +109,8 @@ enum { PAGS_MAX_POSITIONALS = 4 };
 
 typedef enum pags_parse_status {
   PAGS_PARSE_OK,
-  PAGS_PARSE_HELP, /* --help was asked for and printed, or --check-options and all is well: exit 0 */
-  PAGS_PARSE_USAGE /* one line was printed on stderr: exit 2 */
+  PAGS_PARSE_HELP, /* --help was given and printed, or --check-options was given and all is valid: exit 0 */
+  PAGS_PARSE_USAGE /* usage error, one line was printed on stderr: exit 2 */
 } pags_parse_status;
 
 typedef struct pags_parsed {
@@ -117,10 +120,10 @@ typedef struct pags_parsed {
   bool check_only;   /* --check-options was given */
 } pags_parsed;
 
-/* `argv` without program and verb. `values` holds the defaults and receives what was given. */
+/* Parses `argv`, which excludes program and verb. `values` holds the defaults and receives the options' values. */
 pags_parse_status pags_options_parse(const pags_verb *verb, int argc, char **argv, void *values, pags_parsed *parsed);
 
-/* Whether the option was on the command line; `name` must be in the table. */
+/* Whether the option was given on the command line; `name` must be in the table. */
 bool pags_option_given(const pags_parsed *parsed, const char *name);
 
 /* Prints "PROGRAM VERB: <message>" on stderr; returns PAGS_EXIT_USAGE. */
@@ -130,15 +133,16 @@ int pags_usage_error(const pags_verb *verb, const char *format, ...)
 #endif
     ;
 
-/* Prints `left` and, from the help's column on, `text` wrapped to `width` columns. */
+/* Prints one help entry: `left`, then, from the help column on, `text` wrapped to `width` columns. */
 void pags_options_entry(const char *left, const char *text, int width);
 
-/* The shortest decimal that reads back as the same double: 0.0001, 20, 1e9. */
+/* Prints the shortest decimal that reads back as the same double: 0.0001, 20, 1e9. */
 void pags_options_real(char *text, size_t size, double value);
 
 void pags_options_help(const pags_verb *verb, const void *defaults);
 
-/* The entry of `names` (NULL ends it) nearest to `word`, or NULL when none is near enough to be meant. */
+/* Returns the entry of `names` (NULL-terminated) with the smallest edit distance to `word`; NULL if none is near
+ * enough to be meant. */
 const char *pags_nearest_name(const char *word, const char *const *names);
 
 #endif

@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Boxes and LiDAR beside photographs.
+/* pags info --overlay: draws LiDAR points and object boxes onto a driving set's photographs and measures how well
+ * they agree, to check the set's conventions.
  *
- * A wrong axis, a box at the wrong time or a pose from the wrong frame shows at once where a person looks; the figures
- * are for machines. */
+ * A wrong axis, a box at the wrong time or a pose in the wrong frame is obvious in the pictures; the figures and
+ * warnings let a program find the same errors. */
 #include "cli/overlay.h"
 
 #include "cli/interrupt.h"
@@ -18,11 +19,13 @@
 
 enum { MOST_STEPS = 20, MOST_SAMPLES = 20000 };
 
-/* Inside: in the box and this much more; about: this far around it; metres. The lowest layer is road. */
+/* Metres: a point counts as inside a box enlarged by inside_slack, and as near a box enlarged by about_slack. The
+ * lowest `ground` of a box is left out, since LiDAR points there lie on the road. */
 static const double inside_slack = 0.1, about_slack = 0.4, ground = 0.3;
-static const double least_speed = 2.0; /* m/s, from which on a vehicle's way tells where its front is */
+/* m/s: above this speed, a vehicle's motion tells its forward direction. */
+static const double least_speed = 2.0;
 
-/* A share of something, as counts. */
+/* A fraction hits / of, kept as two counts. */
 typedef struct share {
   int64_t of, hits;
 } share;
@@ -35,23 +38,21 @@ typedef struct overlay {
   const pags_dataset *dataset;
   const char *folder;
   pags_photo_cache *photos;
-  uint8_t *outlines; /* of the boxes of what moves; of the largest picture */
+  uint8_t *outlines; /* of the current picture, a byte a pixel: 1 inside a moving object's box */
   int64_t pictures, points;
-  share under_sky;   /* LiDAR points on pixels of sky */
-  share on_vehicles; /* points inside of moving vehicles' boxes that lie on pixels of critical things */
-  share in_boxes;    /* points about moving vehicles' boxes that lie inside */
-  share union_;      /* pixels of outlines or of the mask of what moves: of both */
-  share boxes;       /* boxes at hand: in the picture */
+  share under_sky;   /* of the LiDAR points: those on sky pixels */
+  share on_vehicles; /* of the points inside moving vehicles' boxes: those on pixels labelled critical */
+  share in_boxes;    /* of the points inside or near moving vehicles' boxes: those inside */
+  share union_;      /* of the pixels in a moving box's outline or in the moving-object mask: those in both */
+  share boxes;       /* of the boxes at the view's time: those in front of the camera */
 } overlay;
 
 static const uint8_t colours[4][3] = {{200, 200, 200}, {0, 255, 255}, {255, 80, 255}, {255, 220, 0}};
 static const uint8_t parked_colour[3] = {110, 150, 150};
 
-/* Boxes. */
+/* ---- LiDAR points against boxes and masks ---- */
 
-/* LiDAR. */
-
-/* 2: in the box, 1: about it, 0: neither. */
+/* Returns where a world point lies relative to a box: 2 inside, 1 near, 0 neither. */
 static int place_in_box(const pags_object *object, const double pose[12], const double world[3]) {
   double inverse[12], beyond = -HUGE_VAL, p[3];
   pags_rigid_inverse(pose, inverse);
@@ -65,7 +66,7 @@ static int place_in_box(const pags_object *object, const double pose[12], const 
   return beyond <= inside_slack ? 2 : beyond <= about_slack;
 }
 
-/* The best place that any moving vehicle offers. */
+/* Returns the highest place_in_box of a world point over the boxes of all moving vehicles at `time`. */
 static int place_of(const overlay *o, double time, const double world[3]) {
   int best = 0;
   for (int64_t i = 0; i < pags_dataset_object_count(o->dataset) && best < 2; i++) {
@@ -84,7 +85,7 @@ static void measure_point(overlay *o, const pags_view *view, const pags_photo *p
   double world[3];
   unsigned labels = photo->labels ? photo->labels[(size_t)sample->y * (size_t)photo->stride + (size_t)sample->x] : 0;
 
-  /* Unproject. */
+  /* Unproject the sample to the world. */
   double z = (double)sample->depth, x = ((double)sample->x - view->camera.cx) / view->camera.fx * z,
          y = ((double)sample->y - view->camera.cy) / view->camera.fy * z;
   for (int k = 0; k < 3; k++) {
@@ -119,7 +120,7 @@ static pags_result draw_points(overlay *o, int64_t index, const pags_photo *phot
   return PAGS_OK;
 }
 
-/* Pictures. */
+/* ---- Drawing the pictures ---- */
 
 static pags_result draw_view(overlay *o, int64_t index) {
   const pags_view *view = pags_dataset_view(o->dataset, index);
@@ -127,7 +128,7 @@ static pags_result draw_view(overlay *o, int64_t index) {
   pags_image image = {0};
   PAGS_TRY(pags_photo_cache_get(o->photos, index, 1, &photo));
 
-  /* Copy photo. */
+  /* Copy the photograph's planes into an interleaved image. */
   size_t plane = (size_t)photo.height * (size_t)photo.stride;
   PAGS_TRY(pags_image_create(&image, photo.width, photo.height, 3, PAGS_U8));
   uint8_t *out = image.data;
@@ -145,7 +146,7 @@ static pags_result draw_view(overlay *o, int64_t index) {
     result = draw_points(o, index, &photo, &image);
   }
   if (result == PAGS_OK) {
-    /* Draw boxes. */
+    /* Draw the boxes of all objects at the view's time; fill the outlines of the moving ones. */
     for (int64_t i = 0; i < pags_dataset_object_count(o->dataset); i++) {
       const pags_object *object = pags_dataset_object(o->dataset, i);
       double pose[12], corners[32];
@@ -163,7 +164,7 @@ static pags_result draw_view(overlay *o, int64_t index) {
     }
 
     if (photo.labels && pags_dataset_provides(o->dataset) & PAGS_PROVIDES_DYNAMIC_MASKS) {
-      /* Compare outlines. */
+      /* Compare the outlines with the mask of moving objects, pixel by pixel. */
       for (int y = 0; y < photo.height; y++)
         for (int x = 0; x < photo.width; x++) {
           bool box = o->outlines[(size_t)y * (size_t)photo.width + (size_t)x] != 0;
@@ -174,7 +175,7 @@ static pags_result draw_view(overlay *o, int64_t index) {
     }
     o->pictures++;
 
-    /* Save. */
+    /* Save the picture as NAME.jpg, NAME being the photograph's stem. */
     char stem[256], file[300];
     pags_stem(view->name, stem, sizeof stem);
     snprintf(file, sizeof file, "%s.jpg", stem);
@@ -184,7 +185,8 @@ static pags_result draw_view(overlay *o, int64_t index) {
   return result;
 }
 
-/* Is this one of the time steps drawn? `first` and `last` are those of the data set. */
+/* Returns whether a time step is among the at most MOST_STEPS evenly chosen ones. `first` and `last` are the data
+ * set's first and last time steps. */
 static bool is_drawn(int frame, int first, int last) {
   int64_t steps = (int64_t)last - first + 1, at = (int64_t)frame - first;
   return steps <= MOST_STEPS || at * MOST_STEPS / steps != (at + 1) * MOST_STEPS / steps;
@@ -213,7 +215,10 @@ static pags_result draw_all(overlay *o, const pags_session *session) {
   return result;
 }
 
-/* Mean cosine between the fronts of vehicles and the way they go; NaN where none goes fast enough. */
+/* ---- Figures and warnings ---- */
+
+/* Returns the mean cosine of the angle between the forward axis of vehicles and their direction of motion; NaN if no
+ * vehicle is fast enough. */
 static double front_cosine(const pags_dataset *dataset) {
   double sum = 0;
   int64_t count = 0;
@@ -252,7 +257,7 @@ pags_result pags_overlay(const pags_dataset *dataset, const char *folder, const 
   double cosine = front_cosine(dataset);
   pags_report_begin_group(report, "overlay");
 
-  /* Put figures. */
+  /* Report the figures. */
   pags_report_text(report, "folder", o.folder);
   pags_report_count(report, "pictures", o.pictures);
   pags_report_count(report, "lidar_points", o.points);
@@ -263,7 +268,7 @@ pags_result pags_overlay(const pags_dataset *dataset, const char *folder, const 
   pags_report_number(report, "boxes_in_pictures", share_value(o.boxes));
   pags_report_number(report, "front_cosine", cosine);
 
-  /* Put warnings. */
+  /* Report a warning for each figure that is out of its expected range. */
   bool lidar = (pags_dataset_provides(o.dataset) & PAGS_PROVIDES_LIDAR) != 0;
   const struct {
     bool holds;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Boxes and LiDAR drawn onto a data set's photographs, and how well the three agree: a look at its conventions. */
+/* pags info --overlay: draws object boxes and LiDAR points onto a driving set's photographs and measures how well the
+ * three agree, to check the set's conventions. */
 #ifndef PAGS_CLI_OVERLAY_H
 #define PAGS_CLI_OVERLAY_H
 
@@ -7,9 +8,9 @@
 
 #include <pags/dataset.h>
 
-/* Draws the photographs of at most twenty time steps, evenly chosen, into `folder` (NAME.jpg, made if missing) and adds
- * a group "overlay" of what they say, measured on the same photographs, with a list "warnings". PAGS_ERROR_ARGUMENT for
- * static sets. */
+/* Writes the annotated photographs of at most twenty evenly chosen time steps into `folder` (NAME.jpg, folder made if
+ * missing). Adds a report group "overlay" with figures of agreement, measured on the same photographs, and a list
+ * "warnings". Returns PAGS_ERROR_ARGUMENT for static sets. */
 pags_result pags_overlay(const pags_dataset *dataset, const char *folder, const pags_session *session,
                          pags_report *report);
 

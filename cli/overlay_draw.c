@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Lines, boxes and points onto pictures, for the overlay of pags info. */
+/* Draws dots and projected boxes onto pictures, for the overlay of pags info. Lines are clipped to the picture, boxes
+ * to a near plane. */
 #include "cli/overlay_draw.h"
 
 #include <math.h>
@@ -16,8 +17,8 @@ void pags_draw_dot(pags_image *image, double x, double y, int half, const uint8_
         memcpy(data + 3 * ((size_t)j * (size_t)image->width + (size_t)i), rgb, 3);
 }
 
-/* Cuts the segment a + s (b - a), s from lo to hi, down to where p + s d lies in 0..most; false where nothing is left.
- */
+/* Clips the parameter range [*lo, *hi] of a segment to the values of s where p + s d lies in [0, most] (one axis of a
+ * clip to the picture); returns false if nothing is left. */
 static int cut(double p, double d, double most, double *lo, double *hi) {
   if (fabs(d) < 1e-12)
     return p >= 0 && p <= most;
@@ -27,7 +28,7 @@ static int cut(double p, double d, double most, double *lo, double *hi) {
   return *lo < *hi;
 }
 
-/* Two pixels wide. */
+/* Draws a line two pixels wide, clipped to the picture. */
 static void draw_line(pags_image *image, const double a[2], const double b[2], const uint8_t rgb[3]) {
   double lo = 0, hi = 1, dx = b[0] - a[0], dy = b[1] - a[1];
   if (!cut(a[0], dx, image->width, &lo, &hi) || !cut(a[1], dy, image->height, &lo, &hi))
@@ -41,7 +42,7 @@ static void draw_line(pags_image *image, const double a[2], const double b[2], c
   }
 }
 
-/* Camera axes; what is nearer than the near plane is cut off. */
+/* Projects and draws the edge from a to b, both in camera coordinates, clipped at the near plane. */
 static void draw_edge(pags_image *image, const pags_camera *camera, const double a[3], const double b[3],
                       const uint8_t rgb[3]) {
   double ends[2][3], pixels[2][2];
@@ -64,7 +65,7 @@ void pags_draw_box(pags_image *image, const pags_camera *camera, const double wo
   double inverse[12], m[12], corners[8][3];
   pags_rigid_inverse(camera->world_from_camera, inverse);
   pags_rigid_multiply(inverse, world_from_object, m);
-  for (int i = 0; i < 8; i++) { /* bit k: on the far side along axis k */
+  for (int i = 0; i < 8; i++) { /* bit k of i: the corner lies on the positive side of axis k */
     double p[3];
     for (int k = 0; k < 3; k++)
       p[k] = (i >> k & 1 ? 0.5 : -0.5) * size[k];

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Drawing onto pictures: lines, dots and boxes as a camera sees them. */
+/* Draws dots and projected 3D boxes onto pictures, for the overlay of pags info. */
 #ifndef PAGS_CLI_OVERLAY_DRAW_H
 #define PAGS_CLI_OVERLAY_DRAW_H
 
@@ -7,15 +7,16 @@
 #include <pags/image.h>
 #include <pags/object.h>
 
-/* A square of 2 * half + 1 px about (x, y); what lies outside of the picture is left out. `image`: U8, 3 channels. */
+/* Draws a filled square with a side of 2 * half + 1 px, centred on pixel (x, y) and clipped to the picture. `image`
+ * is U8 with 3 channels. */
 void pags_draw_dot(pags_image *image, double x, double y, int half, const uint8_t rgb[3]);
 
-/* The twelve edges of a box where it stands, the part nearer than 0.1 m cut off; the face in front (+x) has its
- * diagonals, too. */
+/* Draws the twelve edges of a box at its pose, clipped to what is at least 0.1 m in front of the camera. The front
+ * face (+x) is marked by its two diagonals. `size`: edge lengths in metres. */
 void pags_draw_box(pags_image *image, const pags_camera *camera, const double world_from_object[12],
                    const double size[3], const uint8_t rgb[3]);
 
-/* From red (2 m) over green to blue (100 m and more). */
+/* Colour of a depth on a logarithmic scale: red (2 m and less) over green to blue (100 m and more). */
 void pags_depth_colour(double metres, uint8_t rgb[3]);
 
 #endif

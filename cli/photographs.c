@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The photographs that a scene's views are compared with: views are matched with those of the data set by name. */
+/* Opens a data set's photographs for comparison with a scene, matching the scene's views with the data set's by name
+ * and checking that their cameras agree. */
 #include "cli/photographs.h"
 
 #include <math.h>
@@ -8,7 +9,8 @@
 
 #include "base/memory.h"
 
-/* Poses written as decimals and read back differ by rounding only; metres and entries of a rotation. */
+/* Tolerance for poses, which differ by rounding after they were written as decimals and read back: metres, relative
+ * for large coordinates, and entries of the rotation matrix. */
 static const double pose_tolerance = 1e-5;
 
 static const pags_scene_view *find_view(const pags_scene *scene, const char *name) {
@@ -25,7 +27,8 @@ static int64_t find_dataset_view(const pags_dataset *dataset, const char *name) 
   return -1;
 }
 
-/* How much smaller than the data set's the scene's pictures are: the quotient of focal lengths, freed of rounding. */
+/* Computes the factor by which the scene's pictures are smaller than the data set's: the quotient of the focal
+ * lengths, rounded to 6 decimals, at least 1. */
 static pags_result scene_downscale(const pags_scene *scene, const pags_dataset *dataset, double *out) {
   int64_t index = find_dataset_view(dataset, scene->views[0].name);
   if (index < 0)
@@ -88,7 +91,7 @@ static pags_result open_dataset(const pags_scene *scene, const char *path, pags_
   if (!scene->view_count)
     return pags_dataset_open(path, &options, out);
   options.downscale = 1;
-  options.allow_missing = 1; /* the scene's own list of views says which must be there */
+  options.allow_missing = 1; /* the scene's own views decide which photographs are needed */
   PAGS_TRY(pags_dataset_open(path, &options, out));
   pags_result result = scene_downscale(scene, *out, &options.downscale);
   *downscale = options.downscale;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The photographs that a scene is to be compared with, brought to what the scene was trained on. */
+/* Opens the photographs that a scene is compared with, undistorted, shrunk and split as they were for its
+ * training. */
 #ifndef PAGS_CLI_PHOTOGRAPHS_H
 #define PAGS_CLI_PHOTOGRAPHS_H
 
@@ -9,22 +10,23 @@
 #include <stdbool.h>
 
 typedef struct pags_photographs_view {
-  int64_t index; /* of the view in the data set */
+  int64_t index; /* index of the view in the data set */
   int test;
-  const pags_scene_view *scene_view; /* NULL: the scene records no views */
+  const pags_scene_view *scene_view; /* the same view in the scene; NULL if the scene records no views */
 } pags_photographs_view;
 
 typedef struct pags_photographs {
   pags_dataset *dataset;
-  double downscale; /* times that its photographs have been shrunk */
+  double downscale; /* factor by which the photographs are shrunk */
   pags_photo_cache *photos;
   int64_t count;
-  pags_photographs_view *views; /* in the data set's order */
+  pags_photographs_view *views; /* the views to compare, in the data set's order */
 } pags_photographs;
 
-/* Opens the data set `path`; `scene` must outlive `out`. A scene that records its views decides by them: the downscale
- * (from the focal lengths), which views count and which of them were held out; a view whose photograph is gone, or
- * whose pose differs, is an error. A scene without views (a bare splat file) leaves all that to `options`. */
+/* Opens the data set `path`; `scene` must outlive `out`. If the scene records its views, they decide the downscale
+ * (from the focal lengths), which views are compared and which of them were held out; a view whose photograph is
+ * missing or whose camera differs is an error. If the scene has no views (a bare splat file), `options` decides all
+ * of this. */
 pags_result pags_photographs_open(const pags_scene *scene, const char *path, const pags_dataset_options *options,
                                   pags_tasks *tasks, uint64_t image_cache, pags_photographs *out);
 void pags_photographs_close(pags_photographs *photographs);
@@ -33,10 +35,10 @@ void pags_photographs_close(pags_photographs *photographs);
 typedef struct pags_photograph {
   pags_image image;
   uint8_t *mask;    /* one byte a pixel; NULL: every pixel counts */
-  pags_photo photo; /* as decoded, with its labels */
+  pags_photo photo; /* the photograph as decoded, with its labels */
 } pags_photograph;
 
-/* Of views[i]. Valid until the next call. */
+/* Reads the photograph of views[i]. out->photo is valid until the next call. */
 pags_result pags_photographs_read(pags_photographs *photographs, int64_t i, pags_photograph *out);
 void pags_photograph_destroy(pags_photograph *photo); /* a zeroed struct is allowed */
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Rendered planes to PNG and EXR files, one a channel. */
+/* Converts the planes of a rendered picture to images and writes PNG and EXR files, one per channel. */
 #include "cli/picture.h"
 
 #include "cli/channels.h"
@@ -9,11 +9,13 @@
 #include "base/file.h"
 #include "base/memory.h"
 
-/* Whole numbers beyond 2^24 are not all floats. */
+/* float32 can't represent every integer above 2^24. */
 static const int64_t largest_float_id = 16777216;
 
 static const char *const channel_names[PAGS_CHANNEL_COUNT] = {"color",  "alpha",    "depth",  "id",
                                                               "object", "priority", "normal", "heat"};
+
+/* ---- Channels ---- */
 
 static bool has(const pags_picture_writer *writer, pags_channel channel) {
   return writer->channels >> channel & 1;
@@ -76,9 +78,9 @@ void pags_picture_writer_destroy(pags_picture_writer *writer) {
   memset(writer, 0, sizeof *writer);
 }
 
-/* NaN becomes 0 */
+/* ---- Conversion to images ---- */
 
-/* Interleaves planes into an image, rounding to nearest. */
+/* Interleaves planes into an image, clamping to 0..1 and rounding to nearest; NaN becomes 0. */
 static void fill(const float *const *planes, int stride, pags_image *image) {
   int channels = image->channels;
   for (int y = 0; y < image->height; y++)
@@ -120,6 +122,8 @@ static pags_result save_png(const pags_picture *picture, const float *const *pla
   return result;
 }
 
+/* ---- Planes of a channel ---- */
+
 static void fill_values(const pags_picture_writer *writer, const pags_picture *picture, pags_channel channel,
                         float *out) {
   size_t count = (size_t)picture->stride * (size_t)picture->height;
@@ -143,7 +147,8 @@ static void fill_heat(const pags_picture_writer *writer, const pags_picture *pic
   }
 }
 
-/* Planes of a channel, computed into `scratch` where the picture doesn't have them. Returns how many. */
+/* Finds the planes of a channel, computing them into `scratch` if the picture doesn't have them. Returns how many
+ * planes. */
 static int channel_planes(const pags_picture_writer *writer, const pags_picture *picture, const pags_camera *camera,
                           pags_channel channel, float *scratch, const float *planes[3]) {
   size_t count = (size_t)picture->stride * (size_t)picture->height;
@@ -160,6 +165,8 @@ static int channel_planes(const pags_picture_writer *writer, const pags_picture 
     fill_values(writer, picture, channel, scratch);
   return channel == PAGS_CHANNEL_COLOR || channel == PAGS_CHANNEL_NORMAL || channel == PAGS_CHANNEL_HEAT ? 3 : 1;
 }
+
+/* ---- Writing ---- */
 
 static pags_result reserve(pags_plane_scratch *scratch, const pags_picture *picture) {
   size_t count = 3 * (size_t)picture->stride * (size_t)picture->height;

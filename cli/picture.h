@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A rendered picture's way into files. */
+/* Writes the channels of a rendered picture (colour, alpha, depth, ids, priorities, normals) to PNG and EXR files. */
 #ifndef PAGS_CLI_PICTURE_H
 #define PAGS_CLI_PICTURE_H
 
@@ -19,48 +19,48 @@ typedef enum pags_channel {
   PAGS_CHANNEL_COUNT
 } pags_channel;
 
-/* Reads "color,depth,..." into a set of bits 1 << channel. False, with the word not known in `unknown`, when one isn't.
- */
+/* Parses a list such as "color,depth" into a set of bits 1 << channel. Returns false if a word is not a channel's
+ * name, with that word in `unknown`. */
 bool pags_channels_parse(const char *list, unsigned *set, char *unknown, size_t unknown_size);
 
 typedef enum pags_picture_format { PAGS_PICTURE_PNG, PAGS_PICTURE_EXR } pags_picture_format;
 
-/* How pictures are written. Colour and alpha go to NAME.png or NAME.exr and NAME_alpha.*; depth (metres), id, object,
- * priority and normal always to NAME_depth.exr and so on, float32; heat, the priorities as colours, to NAME_heat.png.
- */
+/* Which channels of a picture are written, and how. Colour and alpha go to NAME.png and NAME_alpha.png, or .exr;
+ * depth (metres), id, object, priority and normal always to NAME_depth.exr and so on, as float32; heat (priority as a
+ * colour map) to NAME_heat.png. */
 typedef struct pags_picture_writer {
   unsigned channels; /* bits 1 << pags_channel */
   pags_picture_format format;
-  int bits;           /* of PNG: 8 or 16 */
-  int32_t *object_of; /* per id; NULL unless object is written */
-  float *priority_of; /* per id; NULL unless priority or heat is written */
+  int bits;           /* bits a PNG channel: 8 or 16 */
+  int32_t *object_of; /* object of each Gaussian id; NULL unless the object channel is written */
+  float *priority_of; /* priority of each Gaussian id; NULL unless priority or heat is written */
 } pags_picture_writer;
 
-/* Prepares what the channels need of the scene. PAGS_ERROR_LIMIT when ids don't fit a float exactly,
- * PAGS_ERROR_ARGUMENT when the scene holds no priorities. */
+/* Looks up the objects and priorities that the channels need. Returns PAGS_ERROR_LIMIT if float32 can't hold every id
+ * exactly (--channel id), PAGS_ERROR_ARGUMENT if the scene has no priorities for the priority channels. */
 pags_result pags_picture_writer_create(const pags_composition *composition, unsigned channels,
                                        pags_picture_format format, int bits, pags_picture_writer *out);
 void pags_picture_writer_destroy(pags_picture_writer *writer);
 
-/* Memory for three planes of the largest picture so far. Zero to begin with. */
+/* Scratch memory for three planes of the largest picture so far. Starts zeroed. */
 typedef struct pags_plane_scratch {
   float *data; /* freed by the owner */
   size_t capacity;
 } pags_plane_scratch;
 
-/* Writes every channel of one picture into `folder`; `camera` is what it was rendered with. Several threads may do so
- * at once, each with its own scratch. */
+/* Writes every channel of one picture into `folder`; `camera` is the one it was rendered with. Several threads may
+ * call this at once, each with its own scratch. */
 pags_result pags_picture_write(const pags_picture_writer *writer, const pags_picture *picture,
                                const pags_camera *camera, pags_plane_scratch *scratch, const char *folder,
                                const char *name);
 
-/* Whether the channels need a depth and id rendered. */
+/* Whether any channel needs the extra planes (depth and id) rendered. */
 bool pags_picture_writer_needs_extras(const pags_picture_writer *writer);
 
-/* Writes folder/file. */
+/* Saves an image as `file` in `folder`. */
 pags_result pags_image_save_in(const char *folder, const char *file, const pags_image *image);
 
-/* Colour as an image: F32 clamped to [0, 1], or U8 or U16 rounded. */
+/* Converts the colour planes to an image of 3 channels: F32 clamped to [0, 1], or U8 or U16 rounded. */
 pags_result pags_picture_to_image(const pags_picture *picture, pags_sample sample, pags_image *out);
 
 #endif

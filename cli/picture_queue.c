@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Writes several pictures at once, so that encoding doesn't hold up drawing. */
+/* Implements picture_queue.h: copies pictures into slots and writes all slots in parallel when they are full. */
 #include "cli/picture_queue.h"
 
 #include <stdio.h>
@@ -8,19 +8,19 @@
 
 #include "base/memory.h"
 
-/* Planes of a slot: rgb, transmittance, depth, id. */
+/* PLANES of a slot: red, green, blue, transmittance, depth, id. */
 enum { MOST_SLOTS = 16, PLANES = 6 };
 
 struct pags_picture_slot {
-  pags_picture picture; /* planes in `planes` */
+  pags_picture picture; /* its planes point into `planes` */
   pags_camera camera;
-  float *planes;   /* PLANES of the largest picture so far */
-  size_t capacity; /* floats a plane */
+  float *planes;   /* memory for PLANES planes of the largest picture so far */
+  size_t capacity; /* floats per plane */
   pags_plane_scratch scratch;
   char name[300];
   bool written;
   pags_result result;
-  char message[1024]; /* messages belong to the thread that failed */
+  char message[1024]; /* copy of the error message, which is local to the worker thread that failed */
 };
 
 static void write_slots(void *context, int64_t begin, int64_t end, int worker) {
@@ -68,7 +68,7 @@ pags_result pags_picture_queue_put(pags_picture_queue *queue, const pags_picture
                                    const char *name) {
   pags_picture_slot *slot = &queue->slots[queue->used];
 
-  /* Copy picture. */
+  /* Copy the picture's planes into the slot, growing it if the picture is larger than any before. */
   size_t count = (size_t)picture->stride * (size_t)picture->height, bytes = count * sizeof(float);
   if (count > slot->capacity) {
     free(slot->planes);

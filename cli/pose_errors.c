@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pags eval: trained and labelled tracks against a synthetic set's truth, in metres and degrees. */
+/* pags eval: errors of the labelled and the trained object poses against a synthetic set's true tracks, in metres and
+ * degrees. */
 #include "cli/pose_errors.h"
 
 #include <math.h>
@@ -9,14 +10,17 @@
 #include "base/memory.h"
 #include "base/vec3.h"
 
-/* Errors below these are rounding. */
+/* Label errors at or below these are rounding; no recovered share is given for them. */
 static const double least_metres = 1e-6, least_degrees = 1e-4;
 
-/* One pose beside the truth: where the origin lies in the true object's frame, and the turn about its upward axis. */
+/* Error of one pose against the truth: the pose's origin in the true object's frame, in metres, and its rotation
+ * about that frame's upward axis, in degrees. */
 typedef struct offset {
   double p[3];
   double degrees;
 } offset;
+
+/* ---- Errors of one knot and of one track ---- */
 
 static offset offset_of(const double photographs[12], const double pose[12]) {
   double inverse[12], between[12];
@@ -30,7 +34,8 @@ static void add_offset(pags_pose_error *sum, int labelled, const double p[3], do
   *(labelled ? &sum->label_degrees : &sum->degrees) += fabs(degrees);
 }
 
-/* Adds the offsets of one track to the sums: as they are, and with the track's mean offset taken off. */
+/* Adds the errors of one track to the sums: unchanged to `absolute`, and with the track's mean error subtracted to
+ * `relative`. */
 static void add_track(const offset *offsets, int64_t count, int labelled, pags_pose_errors *out) {
   offset mean = {{0, 0, 0}, 0};
   for (int64_t i = 0; i < count; i++) {
@@ -49,10 +54,13 @@ static void add_track(const offset *offsets, int64_t count, int labelled, pags_p
 
 typedef struct reading {
   const pags_json *json;
-  int forward_y; /* the file's objects face +y: turned to +x as the reader does */
+  /* the file's objects face +y: their poses are turned so that they face +x, as the data set's reader does */
+  int forward_y;
   offset *labelled, *trained;
   int64_t count, room;
 } reading;
+
+/* ---- Reading the true poses ---- */
 
 static pags_result make_room(reading *r) {
   int64_t room = 2 * r->room + 64;
@@ -68,12 +76,13 @@ static pags_result make_room(reading *r) {
   return PAGS_OK;
 }
 
-/* Those of trained knots are kept until the track's mean is known. */
+/* Computes the errors of one knot against the true pose `matrix`. Errors of held-out knots are added to the sums at
+ * once; those of trained knots are kept in `r` until the track's mean is known. */
 static pags_result add_knot(reading *r, const pags_object *object, const pags_knot *knot, const pags_json_value *matrix,
                             pags_pose_errors *out) {
   double photographs[12], pose[12];
 
-  /* The numbers of a 4x4 matrix given as rows. */
+  /* Read the 4x4 matrix, given as four rows, and keep its first three rows. */
   int n = 0;
   PAGS_TRY(matrix->type == PAGS_JSON_ARRAY
                ? PAGS_OK
@@ -88,7 +97,8 @@ static pags_result add_knot(reading *r, const pags_object *object, const pags_kn
     }
   if (n != 16)
     return pags_json_fail(r->json, matrix, "expected a 4x4 matrix, got %d numbers", n);
-  for (int k = 0; r->forward_y && k < 3; k++) { /* forward is its y, left its -x */
+  /* turn about z: the new x axis (forward) is the old y, the new y axis (left) the old -x */
+  for (int k = 0; r->forward_y && k < 3; k++) {
     double x = photographs[4 * k];
     photographs[4 * k] = photographs[4 * k + 1];
     photographs[4 * k + 1] = -x;
@@ -109,7 +119,8 @@ static pags_result add_knot(reading *r, const pags_object *object, const pags_kn
   return PAGS_OK;
 }
 
-/* One member of instances_info.json; objects that the scene doesn't move are passed over. */
+/* Adds the errors of one object of instances_info.json; skips objects that have no model of their own in the
+ * scene. */
 static pags_result add_object(reading *r, const pags_scene *scene, const pags_json_value *entry,
                               pags_pose_errors *out) {
   const char *id;
@@ -139,7 +150,7 @@ static pags_result add_object(reading *r, const pags_scene *scene, const pags_js
   return PAGS_OK;
 }
 
-/* Which way the data set's objects face. */
+/* Reads from dataset.json whether the data set's objects face +y instead of +x ("object_forward"). */
 static pags_result read_forward(const char *dataset, int *forward_y) {
   pags_json *json;
   const char *forward = "+x";
@@ -191,7 +202,9 @@ pags_result pags_pose_errors_measure(const char *dataset, const pags_scene *scen
   return result;
 }
 
-/* NaN where the labels have no error. */
+/* ---- JSON output ---- */
+
+/* Share of the labels' error that training removed; NaN if the labels have no error. */
 static double recovered(double labelled, double trained) {
   return labelled > 0 ? 1 - trained / labelled : (double)NAN;
 }

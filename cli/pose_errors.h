@@ -1,29 +1,32 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Where a scene's tracks lie beside the truth that synthetic data sets bring. */
+/* Errors of a scene's object tracks against the true tracks that synthetic data sets include. */
 #ifndef PAGS_CLI_POSE_ERRORS_H
 #define PAGS_CLI_POSE_ERRORS_H
 
 #include <pags/scene.h>
 #include "base/json.h"
 
-/* Means over knots. */
+/* Mean pose errors over the knots of the tracks. */
 typedef struct pags_pose_error {
-  double label_metres, label_degrees; /* of the poses as labelled */
-  double metres, degrees;             /* of the poses as the scene has them */
+  double label_metres, label_degrees; /* errors of the labelled poses */
+  double metres, degrees;             /* errors of the scene's poses, corrected by training */
 } pags_pose_error;
 
-/* Of moving objects. `relative` is after each track's mean error, in the object's frame, has been taken away: where in
- * its box a thing stands is a matter of convention, which no photograph decides. */
+/* Errors of the objects that have a model of their own. In `relative`, each track's mean error, in the object's
+ * frame, is subtracted first: where the origin lies in an object is a convention of the labels that no photograph
+ * determines. */
 typedef struct pags_pose_errors {
-  int64_t objects, knots, held_out_knots; /* objects 0: there is no truth */
-  pags_pose_error absolute, relative;     /* trained knots */
-  pags_pose_error held_out;               /* the others, whose time training never saw */
+  int64_t objects, knots, held_out_knots; /* objects 0: the data set has no truth */
+  pags_pose_error absolute, relative;     /* errors at trained knots */
+  pags_pose_error held_out;               /* errors at the other knots, whose times training never saw */
 } pags_pose_errors;
 
-/* Reads truth/instances/instances_info.json of the data set; all zero where there is none. */
+/* Measures the errors against truth/instances/instances_info.json of the data set; all zero if there is no such
+ * file. */
 pags_result pags_pose_errors_measure(const char *dataset, const pags_scene *scene, pags_pose_errors *out);
 
-/* An object `poses`, or null; shares recovered are 1 - trained / labelled, null where the labels have no error. */
+/* Writes the JSON member `poses`: an object, or null without truth. Its recovered shares are 1 - trained / labelled,
+ * null if the labels have no error. */
 void pags_pose_errors_put_json(pags_json_writer *writer, const pags_pose_errors *errors);
 
 #endif

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pags eval: priorities against a synthetic set's truth, which says whose surface each Gaussian lies on. */
+/* pags eval: compares the Gaussians' priorities with a synthetic street's truth, which tells whether the surface
+ * nearest to a Gaussian is critical. */
 #include "cli/priority_truth.h"
 
 #include <math.h>
@@ -14,7 +15,8 @@
 #include "cli/interrupt.h"
 
 static const double near_metres = 0.05, far_metres = 0.15;
-static const double least_weight = 1.0; /* pixels */
+/* sum of alpha T over all training views from which on a Gaussian counts as seen, in pixels */
+static const double least_weight = 1.0;
 
 typedef struct measuring {
   pags_composition *composition;
@@ -22,18 +24,21 @@ typedef struct measuring {
   pags_street_truth *street;
   pags_frame *frame;
   pags_frame_options options;
-  int64_t count; /* Gaussians; the arrays are by id */
+  int64_t count; /* number of Gaussians; the arrays below are indexed by Gaussian id */
   float *priority, *most;
   double *weight;
-  int32_t *view; /* where `most` is: index of the truth's views; -1: nowhere */
+  int32_t *view; /* index of the photographs' view in which the Gaussian has its largest weight `most`; -1: none */
   float *ones, *zeros;
   int64_t plane_floats;
-  const pags_part *parts; /* of the view under way */
+  const pags_part *parts; /* of the view being processed, whose index is `now` */
   int part_count;
   int32_t now;
-  float *points, *critical, *other; /* of the Gaussians of a time: their means and distances */
+  /* of the Gaussians listed for one time: means, and distances to the nearest critical and other surface */
+  float *points, *critical, *other;
   int64_t *id;
 } measuring;
+
+/* ---- Weights of the Gaussians in the training views ---- */
 
 static int64_t id_of(const pags_part *part, int64_t row) {
   return part->id ? part->id[row] : part->first_id + row;
@@ -67,7 +72,10 @@ static pags_result reserve_planes(measuring *m, const pags_picture *picture) {
   return PAGS_OK;
 }
 
-/* The seen Gaussians that views of that time show most. */
+/* ---- Comparing with the true surfaces ---- */
+
+/* Lists ids and world positions of the seen Gaussians whose best view (largest weight) was taken at `time`; returns
+ * how many. */
 static int64_t list_points(measuring *m, double time) {
   int64_t count = 0;
   pags_compose(m->composition, time, &m->parts, &m->part_count);
@@ -80,7 +88,7 @@ static int64_t list_points(measuring *m, double time) {
       if (pags_dataset_view(m->photographs->dataset, view)->camera.time != time)
         continue;
 
-      /* World position of the row; the parts are those of its time. */
+      /* World position of the Gaussian; the parts are placed as at `time`. */
       const double *w = m->parts[p].world_from_model;
       for (int k = 0; k < 3; k++) {
         double x = w[4 * k + 3] + m->options.origin[k];
@@ -101,7 +109,7 @@ static pags_result check_interrupted(void) {
 
 static pags_result judge_times(measuring *m, pags_priority_truth *out) {
   double left_out = 0, all = 0, before = (double)NAN;
-  for (int64_t v = 0; v < m->photographs->count; v++) { /* views are in the order of time */
+  for (int64_t v = 0; v < m->photographs->count; v++) { /* views are in order of time */
     double time = pags_dataset_view(m->photographs->dataset, m->photographs->views[v].index)->camera.time;
     if (m->photographs->views[v].test || time == before)
       continue;
@@ -110,7 +118,7 @@ static pags_result judge_times(measuring *m, pags_priority_truth *out) {
     int64_t count = list_points(m, time);
     PAGS_TRY(pags_street_truth_distances(m->street, time, m->points, count, 2 * far_metres, m->critical, m->other));
     for (int64_t i = 0; i < count; i++) {
-      /* Judge. */
+      /* Count the Gaussian as critical or other by its nearest surface, or leave it out if its owner isn't clear. */
       int64_t id = m->id[i];
       double critical = (double)m->critical[i], other = (double)m->other[i];
       int high = m->priority[id] > 0.5f;
@@ -152,7 +160,7 @@ static pags_result measure(measuring *m, pags_priority_truth *out) {
   for (int64_t i = 0; i < m->photographs->count; i++) {
     PAGS_TRY(check_interrupted());
     if (!m->photographs->views[i].test) {
-      /* Weigh view. */
+      /* Render the view and add its weights to each Gaussian. */
       const pags_camera *camera = &pags_dataset_view(m->photographs->dataset, m->photographs->views[i].index)->camera;
       pags_picture picture;
       m->now = (int32_t)i;
@@ -197,6 +205,8 @@ pags_result pags_priority_truth_measure(pags_composition *composition, const pag
 }
 
 #endif
+
+/* ---- JSON output ---- */
 
 static void put_share(pags_json_writer *writer, const char *key, int64_t part, int64_t whole) {
   pags_json_put_number(writer, key, whole ? (double)part / (double)whole : (double)NAN);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Priorities beside the truth of synthetic streets: does what shows something critical score high, and nothing else? */
+/* Compares the Gaussians' priorities with the truth of a synthetic street: Gaussians on critical objects should have
+ * a high priority, and only those. */
 #ifndef PAGS_CLI_PRIORITY_TRUTH_H
 #define PAGS_CLI_PRIORITY_TRUTH_H
 
@@ -8,19 +9,22 @@
 #include <pags/compose.h>
 #include "base/json.h"
 
-/* A Gaussian's owner is the nearest true surface at the time of the training view that shows it most. Seen are those
- * whose weights alpha T over all training views sum up to a pixel; counted those of them whose mean lies within 5 cm of
- * the owner and over 15 cm from any surface of the other kind. */
+/* A Gaussian's owner is the true surface nearest to its mean at the time of the training view in which the Gaussian
+ * has its largest weight. A Gaussian is seen if its weights alpha T over all training views sum up to at least one
+ * pixel. A seen Gaussian is counted if its mean lies within 5 cm of its owner and more than 15 cm from any surface of
+ * the other kind; the kinds are critical and other. */
 typedef struct pags_priority_truth {
-  int64_t seen, counted;   /* 0 seen: there is no truth */
-  int64_t astray, between; /* of those left out: further than 5 cm from any surface; within 15 cm of both kinds */
-  double left_out_weight;  /* share of the summed weights that those left out have */
-  int64_t critical, critical_high; /* Gaussians on critical things; of these, those with a priority over 0.5 */
-  int64_t other, other_high;       /* the same of Gaussians on other things */
+  int64_t seen, counted; /* seen 0: there is no truth */
+  /* of the seen ones not counted: further than 5 cm from any surface; within 15 cm of both kinds */
+  int64_t astray, between;
+  double left_out_weight; /* the left-out Gaussians' share of the summed weights of all seen ones */
+  /* counted Gaussians on critical surfaces; those of them with a priority over 0.5 */
+  int64_t critical, critical_high;
+  int64_t other, other_high; /* the same for counted Gaussians on other surfaces */
 } pags_priority_truth;
 
-/* Renders the training views once more. All zero where the data set has no truth/street.json, or the scene no
- * priorities. */
+/* Renders the training views once more and compares the priorities. `out` is all zero if the data set has no
+ * truth/street.json or the scene has no priorities. */
 pags_result pags_priority_truth_measure(pags_composition *composition, const pags_photographs *photographs,
                                         pags_frame *frame, const pags_frame_options *options, pags_priority_truth *out);
 

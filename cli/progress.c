@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The progress line of long work, with the time left; on a terminal it is written over itself. */
+/* Implements progress.h: the progress line with the estimated time left, and formatting of durations and sizes. */
 #include "cli/progress.h"
 #include "cli/interrupt.h"
 

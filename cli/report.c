@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Says each fact in two forms: a line for people, a member of the JSON for programs. */
+/* Implements report.h: gathers a report's facts as text lines and JSON members at the same time. */
 #include "cli/report.h"
 
 #include <math.h>

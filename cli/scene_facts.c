@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Facts of a scene: its models, objects, tracks, sky, exposure, and what training said of its choices. */
+/* Reports the facts of a scene for pags info: models, objects, tracks, priorities, views, sky, exposure, memory, and
+ * the notes that training left. */
 #include "cli/scene_facts.h"
 
 #include "cli/camera_paths.h"
@@ -18,7 +19,10 @@ const char *pags_up_name(pags_up up) {
   return up == PAGS_UP_Z ? "+z" : up == PAGS_UP_MINUS_Y ? "-y" : "unknown";
 }
 
-/* How many Gaussians need which degree of spherical harmonics: what packing by degree would have to store. */
+/* ---- Models ---- */
+
+/* Reports how many Gaussians need each degree of spherical harmonics, which is what packing by degree would have to
+ * store. */
 static void put_degrees(pags_report *report, const pags_scene *scene) {
   static const char *const names[] = {"degree_0", "degree_1", "degree_2", "degree_3"};
   int64_t count[4] = {0};
@@ -42,7 +46,8 @@ static const pags_scene_object *owner_of(const pags_scene *scene, int64_t model)
   return NULL;
 }
 
-/* Bounding box of the means of what stands in the world, absolute; false when there are none. */
+/* Computes the bounding box of the means of all models that aren't placed by an object's track, in absolute
+ * coordinates; returns false if there are no such Gaussians. */
 static bool scene_bounds(const pags_scene *scene, double lo[3], double hi[3]) {
   for (int axis = 0; axis < 3; axis++) {
     lo[axis] = HUGE_VAL;
@@ -59,7 +64,7 @@ static bool scene_bounds(const pags_scene *scene, double lo[3], double hi[3]) {
   return lo[0] <= hi[0];
 }
 
-/* Of the scene's only file, or of one in its folder. */
+/* Size in bytes of the splat file `path`, or, if `path` is a scene folder, of `file` in it. */
 static pags_result file_bytes(const char *path, const char *file, bool folder, uint64_t *bytes) {
   if (!folder)
     return pags_file_size(path, bytes);
@@ -83,7 +88,7 @@ static pags_result put_models(pags_report *report, const char *path, const pags_
     PAGS_TRY(file_bytes(path, model->file, folder, &bytes));
     *total += bytes;
     if (owner) {
-      /* One line for people: there may be a hundred. */
+      /* Print one line per object's model, since there may be a hundred of them. */
       const pags_gaussians *g = &model->gaussians;
       char size[32];
       pags_report_line(report, model->name, "%s, %lld Gaussians of SH degree %d, %s%s%s", owner->record.class_name,
@@ -116,7 +121,10 @@ static pags_result put_models(pags_report *report, const char *path, const pags_
   return PAGS_OK;
 }
 
-/* How many objects of a category there are, and what became of them. */
+/* ---- Objects and tracks ---- */
+
+/* Reports how many objects of a category there are, and how many of them are critical, moving, parked, and have
+ * models of their own. */
 static void put_category(pags_report *report, const pags_scene *scene, pags_category category) {
   int64_t count = 0, moving = 0, own = 0, critical = 0, rigid = 0, fourier = 0;
   for (int64_t o = 0; o < scene->object_count; o++) {
@@ -144,7 +152,7 @@ static void put_category(pags_report *report, const pags_scene *scene, pags_cate
 }
 
 static pags_result list_objects(pags_report *report, const pags_scene *scene) {
-  /* Gaussians of the background that are labelled as each object's. Freed by the caller; NULL: out of memory. */
+  /* Count the background's Gaussians labelled with each object's id; NULL means out of memory. */
   int64_t *counts = calloc((size_t)scene->object_count + 1, sizeof *counts);
   for (int64_t m = 0; counts && m < scene->model_count; m++) {
     const pags_gaussians *g = &scene->models[m].gaussians;
@@ -178,7 +186,7 @@ static pags_result list_objects(pags_report *report, const pags_scene *scene) {
   return PAGS_OK;
 }
 
-/* What training did to the poses of objects that have models. */
+/* Reports the mean correction that training made to the poses of objects with models, in metres and degrees. */
 static void put_tracks(pags_report *report, const pags_scene *scene) {
   int64_t tracks = 0, knots = 0, trained = 0;
   double metres = 0, radians = 0;
@@ -218,6 +226,8 @@ static pags_result put_objects(pags_report *report, const pags_scene *scene, boo
   put_tracks(report, scene);
   return every ? list_objects(report, scene) : PAGS_OK;
 }
+
+/* ---- Exposure, views and the trainer's notes ---- */
 
 static void put_exposure(pags_report *report, const pags_scene *scene) {
   int64_t exposed = 0;
@@ -266,7 +276,7 @@ static const char *spoken(const pags_json_value *v, char text[PAGS_DOUBLE_TEXT])
   return "...";
 }
 
-/* Members or elements on one line, but for the one called `but`. */
+/* Joins the members or elements of a JSON value on one line, except the member with the key `but`. */
 static void join(const pags_json_value *parent, const char *but, char *text, size_t size) {
   size_t used = 0;
   text[0] = 0;
@@ -278,7 +288,7 @@ static void join(const pags_json_value *parent, const char *but, char *text, siz
   }
 }
 
-/* An array of objects: a line each, beginning with its id. */
+/* Prints an array of JSON objects, one line each, beginning with the object's "id". */
 static void list_notes(pags_report *report, const pags_json_value *array) {
   char text[1000];
   pags_report_line(report, array->key, "%s", "");
@@ -299,7 +309,8 @@ static pags_result put_modelled(pags_report *report, const pags_scene *scene) {
   pags_report_line(report, "modelled", "%s", "");
   report->indent += 2;
 
-  /* What training noted, key by key, for people: the notes are the trainer's to choose. */
+  /* Print the trainer's notes for people key by key, whatever keys they have: the trainer alone decides what it
+   * notes. */
   const pags_json_value *object = pags_json_root(json);
   for (const pags_json_value *v = object->first; v; v = v->next) {
     char text[1000];
@@ -322,7 +333,9 @@ static pags_result put_modelled(pags_report *report, const pags_scene *scene) {
   return PAGS_OK;
 }
 
-/* Bytes of the parameters of all models, and the highest degree among them. */
+/* ---- Memory and priorities ---- */
+
+/* Returns the bytes of the parameters of all models (float32), and in `degree` the highest SH degree among them. */
 static double stored_bytes(const pags_scene *scene, int *degree) {
   double stored = 0;
   *degree = 0;
@@ -335,8 +348,8 @@ static double stored_bytes(const pags_scene *scene, int *degree) {
   return stored;
 }
 
-/* Renders one frame, from the first view or an orbit's first camera, and says what each stage holds per Gaussian. Takes
- * the scene. */
+/* Renders one frame from the first camera of an orbit and reports the bytes per Gaussian of storage, rendering and
+ * training. Takes over the scene's contents. */
 static pags_result put_memory(pags_report *report, pags_tasks *tasks, pags_scene *scene) {
   pags_camera_path path = {0};
   pags_frame *frame;
@@ -374,7 +387,7 @@ static pags_result put_memory(pags_report *report, pags_tasks *tasks, pags_scene
   return result;
 }
 
-/* How the Gaussians that have one spread over priorities. */
+/* Reports the mean priority of the Gaussians that have one, and the shares over 0.1, 0.5 and 0.9. */
 static void put_priorities(pags_report *report, const pags_scene *scene) {
   static const float bounds[3] = {0.1f, 0.5f, 0.9f};
   static const char *const names[3] = {"over_0.1", "over_0.5", "over_0.9"};
@@ -399,6 +412,8 @@ static void put_priorities(pags_report *report, const pags_scene *scene) {
   pags_report_end_group(report);
 }
 
+/* ---- The whole report ---- */
+
 pags_result pags_scene_facts(pags_report *report, const char *path, const char *kind,
                              const pags_scene_facts_options *options) {
   pags_scene scene;
@@ -410,7 +425,7 @@ pags_result pags_scene_facts(pags_report *report, const char *path, const char *
   pags_report_bytes(report, "bytes", (double)bytes);
   put_degrees(report, &scene);
 
-  /* Put world. */
+  /* Report up, origin, place and bounds in the world. */
   double lo[3], hi[3];
   pags_report_text(report, "up", pags_up_name(scene.up));
   pags_report_flag(report, "antialiased", scene.antialiased != 0);
@@ -428,7 +443,7 @@ pags_result pags_scene_facts(pags_report *report, const char *path, const char *
   put_priorities(report, &scene);
   put_views(report, &scene);
 
-  /* What only scenes with a time have. */
+  /* Report the time span and exposure of scenes that have time. */
   double time[2] = {scene.time_begin, scene.time_end};
   if (scene.time_end > scene.time_begin || scene.fps > 0) {
     pags_report_vector(report, "time", time, 2);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What pags info says of a scene. */
+/* The report of pags info about a scene folder or a splat file. */
 #ifndef PAGS_CLI_SCENE_FACTS_H
 #define PAGS_CLI_SCENE_FACTS_H
 
@@ -9,15 +9,16 @@
 
 typedef struct pags_scene_facts_options {
   pags_tasks *tasks;
-  bool memory;  /* render one frame and say what each stage holds */
+  bool memory;  /* render one frame and report the bytes per Gaussian of storage, rendering and training */
   bool objects; /* list every object */
 } pags_scene_facts_options;
 
-/* Loads the scene folder or splat file; `kind` is what it is called. */
+/* Loads the scene folder or splat file at `path` and adds its facts to the report; `kind` is the name of the file's
+ * format. */
 pags_result pags_scene_facts(pags_report *report, const char *path, const char *kind,
                              const pags_scene_facts_options *options);
 
-/* "+z", "-y", "unknown" */
+/* Name of an up axis: "+z", "-y" or "unknown". */
 const char *pags_up_name(pags_up up);
 
 #endif

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What every verb begins and ends with: threads, quiet, where --json goes, exit codes. */
+/* The start and end of every verb: threads, quiet mode, the destination of --json, the error line and the exit code;
+ * checks that outputs can be written before the work starts. */
 #include "cli/session.h"
 
 #include "cli/interrupt.h"
@@ -66,8 +67,8 @@ pags_result pags_session_json(const pags_session *session, pags_json_writer *wri
   return result;
 }
 
-/* Creates and removes a file, which tells more than permission bits do: of full, read-only and foreign file systems
- * too. */
+/* Tests whether files can be created in a folder by creating and removing one. This also detects full and read-only
+ * file systems, which permission bits don't show. */
 static pags_result try_create(const char *folder, const char *shown) {
   char *pattern = pags_path_join(folder, ".pags-XXXXXX");
   if (!pattern)

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What every verb shares: --threads, --json and --quiet, the pool of threads, the stream for people, the one line of
- * error. */
+/* State and functions shared by all verbs: --threads, --json and --quiet, the thread pool, the stream for messages,
+ * the error line and the exit code. */
 #ifndef PAGS_CLI_SESSION_H
 #define PAGS_CLI_SESSION_H
 
@@ -12,14 +12,14 @@
 #include "base/json.h"
 
 typedef struct pags_session {
-  int threads;      /* 0: as many processors as this process may use */
+  int threads;      /* 0: the number of processors that this process may use */
   const char *json; /* file, "-" for stdout, NULL: none */
   int quiet;
-  FILE *people; /* stdout, stderr when JSON goes to stdout, NULL when quiet */
+  FILE *people; /* stream for messages to people: stdout; stderr if JSON goes to stdout; NULL if quiet */
   pags_tasks *tasks;
 } pags_session;
 
-/* Rows for the end of a verb's table; `owner` is the verb's struct, which has a member `session`. */
+/* Rows for the end of a verb's option table; `owner` is the verb's struct, which has a member `session`. */
 #define PAGS_SESSION_OPTIONS(owner)                                                                                   \
   PAGS_GROUP("In general"),                                                                                           \
       PAGS_VALUE("threads", 'j', INT, offsetof(owner, session.threads), 0, 256, "N", NULL,                            \
@@ -28,7 +28,7 @@ typedef struct pags_session {
                 "write what a machine reads to FILE, or to standard output"),                                         \
       PAGS_FLAG("quiet", 'q', offsetof(owner, session.quiet), "print nothing but errors")
 
-/* Rows for verbs that open driving sets; `where` is the offset of a pags_dataset_options. */
+/* Rows for verbs that open driving sets; `where` is the offset of a pags_dataset_options in the verb's struct. */
 #define PAGS_DRIVING_OPTIONS(where)                                                                                   \
   PAGS_TEXT("kind", 0, (where) + offsetof(pags_dataset_options, kind),                                                \
             "waymo|pandaset|kitti|nuscenes|argoverse2|nuplan", "as dataset.json says",                                \
@@ -47,26 +47,27 @@ typedef struct pags_session {
       PAGS_TEXT("sfm", 0, (where) + offsetof(pags_dataset_options, sfm), "FOLDER", "none",                            \
                 "driving sets: add the points of this COLMAP model of the same world")
 
-/* Opens the streams, checks that --json can be written, sends the library's log lines to people, starts the threads. */
+/* Chooses the message stream, checks that the --json file can be written, sends the library's log lines to the
+ * message stream, and starts the threads. */
 pags_result pags_session_begin(pags_session *session);
 
-/* Frees the threads. Prints the error if `result` is one; returns the exit code. */
+/* Ends the threads, prints the error message if `result` is an error, and returns the exit code. */
 int pags_session_end(pags_session *session, pags_result result);
 
-/* Prints to people if there are any. */
+/* Prints to the message stream; nothing with --quiet. */
 void pags_say(const pags_session *session, const char *format, ...) PAGS_PRINTF(2, 3);
 
-/* Sends a finished document where --json says; nothing without --json. Destroys the writer. */
+/* Finishes the JSON document and writes it where --json says; nothing without --json. Destroys the writer. */
 pags_result pags_session_json(const pags_session *session, pags_json_writer *writer);
 
-/* Checks that a file of this name could be created, without leaving anything. */
+/* Checks that a file of this name could be created, without leaving one. */
 pags_result pags_check_writable(const char *path);
 
-/* Makes the folder if need be and checks that files can be created in it. `made` (may be NULL) tells whether it is new.
- */
+/* Creates the folder if it is missing and checks that files can be created in it. `made` (may be NULL) receives
+ * whether it was created. */
 pags_result pags_prepare_folder(const char *path, bool *made);
 
-/* "a/b/DSC_01.JPG" -> "DSC_01" into `out`; always a plain file name. */
+/* Writes the file name of a path without folder and extension into `out`: "a/b/DSC_01.JPG" -> "DSC_01". */
 void pags_stem(const char *name, char *out, size_t size);
 
 #endif

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pags eval --shift: pictures from shifted cameras against a synthetic set's true ones. */
+/* pags eval --shift: PSNR and SSIM of renderings from shifted cameras against a synthetic set's true pictures. */
 #include "cli/shifted_views.h"
 
 #include "cli/camera_paths.h"
@@ -27,7 +27,7 @@ void pags_shifted_view_scores_destroy(pags_shifted_view_scores *scores) {
   memset(scores, 0, sizeof *scores);
 }
 
-/* The truth, shrunk as photographs are. */
+/* Loads a true picture as F32 in [0, 1], shrunk to the size of `small` by area means as training photographs are. */
 static pags_result open_photographs(const char *path, const pags_camera *full, const pags_camera *small,
                                     pags_image *out) {
   pags_image bytes, shrunk;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pags eval: a scene beside its photographs. */
+/* pags eval: renders a scene's views and compares them with their photographs (PSNR, SSIM, LPIPS, by region), with
+ * LiDAR depth, and with the truth of synthetic data sets. */
 #include "cli/depth_errors.h"
 #include "cli/interrupt.h"
 #include "cli/photographs.h"
@@ -25,7 +26,7 @@ typedef struct eval_arguments {
   const char *dataset, *lpips_weights, *images;
   int split; /* index in "all|train|test" */
   int shift;
-  int64_t views; /* 0: all */
+  int64_t views; /* how many views to compare; 0: all */
   pags_dataset_options options;
   uint64_t image_cache;
 } eval_arguments;
@@ -89,12 +90,14 @@ typedef struct evaluation {
   pags_frame_options options;
   pags_view_score *scores;
   int64_t count;
-  pags_depth_errors depth_errors[2]; /* of training and held-out views */
+  pags_depth_errors depth_errors[2]; /* [0] training views, [1] held-out views */
   pags_depth_figures depth[2];
   pags_pose_errors poses;
   pags_shifted_view_scores shifts;
   pags_priority_truth priority_truth;
 } evaluation;
+
+/* ---- Comparing one view ---- */
 
 static pags_result save_image(const char *folder, const char *name, const char *what, const pags_image *image) {
   char stem[256], file[300];
@@ -105,7 +108,7 @@ static pags_result save_image(const char *folder, const char *name, const char *
 
 static pags_result measure(const evaluation *self, pags_image *render, const pags_photograph *photo,
                            pags_view_score *score) {
-  /* Measure regions. */
+  /* PSNR and SSIM of each region. */
   int width = render->width, height = render->height;
   uint16_t *regions = malloc((size_t)width * (size_t)height * sizeof *regions);
   if (!regions)
@@ -122,8 +125,8 @@ static pags_result measure(const evaluation *self, pags_image *render, const pag
   }
   if (self->lpips) {
     if (photo->mask) {
-      /* LPIPS knows no masks: where the mask is 0 the rendering takes the photograph's pixels, so that they add no
-       * distance of their own. */
+      /* LPIPS has no mask: copy the photograph's pixels into the rendering where the mask is 0, so that these pixels
+       * add no distance. */
       float *to = render->data;
       const float *from = photo->image.data;
       size_t count = (size_t)render->width * (size_t)render->height;
@@ -151,7 +154,7 @@ static pags_result compare_picture(evaluation *self, const pags_photographs_view
   return result;
 }
 
-/* The photograph beside the picture as the scene's colours are, without the camera's exposure. */
+/* Renders the scene's colours without the camera's exposure and measures their PSNR against the photograph. */
 static pags_result compare_unexposed(evaluation *self, const pags_camera *camera, const pags_part *parts,
                                      int part_count, const pags_photograph *photo, pags_view_score *score) {
   pags_picture picture;
@@ -191,13 +194,15 @@ static bool wanted(const eval_arguments *arguments, int test) {
   return arguments->split == 0 || (arguments->split == 2) == (test != 0);
 }
 
-/* Whether the `number`th of `count` views belongs to --views of them, evenly spread: those where number * views /
- * count changes. */
+/* Whether view `number` of `count` is among the --views evenly spread ones: those where number * views / count
+ * changes. */
 static bool chosen(const eval_arguments *arguments, int64_t number, int64_t count) {
   if (arguments->views == 0 || arguments->views >= count)
     return true;
   return number == 0 || number * arguments->views / count != (number - 1) * arguments->views / count;
 }
+
+/* ---- JSON and printed lines ---- */
 
 static void put_split(pags_json_writer *writer, const evaluation *self, const char *key, int test) {
   pags_mean_score mean = pags_view_scores_mean(self->scores, self->count, test);
@@ -289,6 +294,8 @@ static void print_more(const evaluation *self) {
   print_priority_truth(session, &self->priority_truth);
 }
 
+/* ---- The verb ---- */
+
 static pags_result open_all(evaluation *self, const char *scene_path) {
   const eval_arguments *arguments = self->arguments;
   PAGS_TRY(pags_composition_load(scene_path, &self->composition));
@@ -316,7 +323,7 @@ static pags_result evaluate(evaluation *self, const char *scene_path) {
   const eval_arguments *arguments = self->arguments;
   PAGS_TRY(open_all(self, scene_path));
 
-  /* Compare all. */
+  /* Compare every chosen view with its photograph. */
   pags_progress progress = pags_progress_begin(self->arguments->session.people);
   pags_result result = PAGS_OK;
   int64_t number = 0, count = 0;
@@ -352,7 +359,7 @@ static pags_result evaluate(evaluation *self, const char *scene_path) {
   pags_view_scores_print(&arguments->session, self->scores, self->count);
   print_more(self);
 
-  /* Write JSON. */
+  /* Write the scores as JSON. */
   pags_json_writer writer;
   pags_json_writer_init(&writer, 2);
   pags_json_begin_object(&writer, NULL);

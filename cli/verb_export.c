@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pags export: proxy geometry and splat files. */
+/* pags export: writes a scene's proxy geometry (glTF), its Gaussians (splat files), or both (USD). */
 #include "cli/interrupt.h"
 #include "cli/object_edits.h"
 #include "cli/session.h"
@@ -76,6 +76,8 @@ static const pags_verb verb = {
     .positionals = positionals,
     .options = options};
 
+/* ---- Exporting proxies ---- */
+
 static pags_result export_proxies(export_arguments *arguments, const pags_scene *scene, const char *path) {
   pags_progress progress = pags_progress_begin(arguments->session.people);
   const double begun = pags_seconds();
@@ -90,7 +92,7 @@ static pags_result export_proxies(export_arguments *arguments, const pags_scene 
     return result;
   int64_t triangles = 0;
   for (int64_t i = 0; i < report.count; i++) {
-    /* Say proxy. */
+    /* Print one line for the proxy: size, distances to the Gaussians and back, silhouette IoU, observed share. */
     pags_say(&arguments->session, "%-28s %-5s %7lld triangles", report.proxies[i].name,
              pags_proxy_level_name(report.proxies[i].level), (long long)report.proxies[i].triangles);
     if (!isnan(report.proxies[i].to_gaussians.mean))
@@ -110,7 +112,7 @@ static pags_result export_proxies(export_arguments *arguments, const pags_scene 
   pags_say(&arguments->session, "%s: %lld proxies, %lld triangles, %.1f s\n", path, (long long)report.count,
            (long long)triangles, seconds);
 
-  /* Write JSON. */
+  /* Write the same figures as JSON. */
   pags_json_writer writer;
   pags_json_writer_init(&writer, 2);
   pags_json_begin_object(&writer, NULL);
@@ -131,7 +133,8 @@ static pags_result export_proxies(export_arguments *arguments, const pags_scene 
   return result;
 }
 
-/* One byte an object; NULL when all are meant. */
+/* Finds the objects that --only names: one byte an object, 1 if chosen; NULL without --only, which means all
+ * objects. */
 static pags_result choose(const export_arguments *arguments, const pags_scene *scene, uint8_t **chosen) {
   pags_object_edits words = {.without = arguments->only};
   pags_edit *edits = NULL;
@@ -146,6 +149,8 @@ static pags_result choose(const export_arguments *arguments, const pags_scene *s
   free(edits);
   return *chosen ? PAGS_OK : pags_out_of_memory("%lld objects", (long long)scene->object_count);
 }
+
+/* ---- Exporting Gaussians ---- */
 
 static pags_result write_count(const export_arguments *arguments, const char *path, int64_t count) {
   pags_json_writer writer;
@@ -179,6 +184,8 @@ static pags_result export_usd(export_arguments *arguments, pags_scene *scene, co
   pags_say(&arguments->session, "%s: %lld Gaussians, %.1f s\n", path, (long long)count, pags_seconds() - begun);
   return write_count(arguments, path, count);
 }
+
+/* ---- The verb ---- */
 
 static pags_result run(export_arguments *arguments, const char *from, const char *to) {
   pags_scene scene;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pags import: recordings of driving data sets to drivestudio's layout. */
+/* pags import: converts recordings of KITTI or Waymo to a data set in drivestudio's layout. */
 #include "cli/interrupt.h"
 #include "cli/session.h"
 #include "cli/verbs.h"
@@ -62,7 +62,7 @@ static pags_result import(import_arguments *arguments, const struct kind *kind, 
     return pags_fail(result, "interrupted; the same command goes on from here");
   PAGS_TRY(result);
 
-  /* Report. */
+  /* Print the duration and write the JSON. */
   double seconds = pags_seconds() - begun;
   pags_json_writer writer;
   char text[32];

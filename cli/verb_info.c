@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pags info: what a file or folder is and what it holds. */
+/* pags info: recognises a file or folder by its content (data set, scene, splat file, camera, path, checkpoint,
+ * image) and reports what it holds. */
 #include "cli/overlay.h"
 #include "cli/report.h"
 #include "cli/scene_facts.h"
@@ -54,6 +55,8 @@ static const pags_verb verb = {.name = "info",
                                .positionals = positionals,
                                .options = options};
 
+/* ---- Scenes, data sets and cameras ---- */
+
 static pags_result describe_scene(pags_report *report, const info_arguments *arguments, const char *path,
                                   const char *kind) {
   const pags_scene_facts_options chosen = {arguments->session.tasks, arguments->memory, arguments->objects};
@@ -75,7 +78,7 @@ static void put_categories(pags_report *report, const char *key, const pags_data
   pags_report_end_group(report);
 }
 
-/* What a driving set has besides photographs. */
+/* Reports the frame rate, objects, LiDAR sweeps and notes of a driving set; nothing for a static set. */
 static void put_driving(pags_report *report, const pags_dataset *dataset) {
   int64_t sweeps = pags_dataset_sweep_count(dataset);
   if (!(pags_dataset_fps(dataset) > 0))
@@ -141,6 +144,8 @@ static pags_result describe_cameras(pags_report *report, const char *path) {
   return PAGS_OK;
 }
 
+/* ---- Recognising a file and the verb ---- */
+
 static bool is_image(const unsigned char *head) {
   static const struct {
     const char *magic;
@@ -158,7 +163,7 @@ static pags_result describe(pags_report *report, const info_arguments *arguments
     return pags_folder_has(path, "scene.json") ? describe_scene(report, arguments, path, "scene")
                                                : describe_dataset(report, arguments, path);
 
-  /* The first 16 bytes; fewer, zero-filled, of shorter files. */
+  /* Read the first 16 bytes, zero-filled if the file is shorter. */
   memset(head, 0, 16);
   FILE *file = fopen(path, "rb");
   if (!file)
@@ -171,7 +176,7 @@ static pags_result describe(pags_report *report, const info_arguments *arguments
   PAGS_TRY(got ? PAGS_OK : pags_fail(PAGS_ERROR_FORMAT, "%s: is empty", path));
 
   if (is_image(head)) {
-    /* Describe image. */
+    /* An image: report size and bytes. */
     int width, height;
     uint64_t bytes;
     PAGS_TRY(pags_image_size(path, &width, &height));
@@ -183,7 +188,7 @@ static pags_result describe(pags_report *report, const info_arguments *arguments
     return PAGS_OK;
   }
   if (!memcmp(head, "PAGSRUN", 7)) {
-    /* Describe checkpoint. */
+    /* A checkpoint: report its Gaussians, steps and loss. */
     pags_checkpoint_facts checkpoint;
     uint64_t bytes;
     PAGS_TRY(pags_file_size(path, &bytes));
@@ -201,7 +206,8 @@ static pags_result describe(pags_report *report, const info_arguments *arguments
   }
   for (int i = 0; i < 16; i++) {
     if (head[i] == '{') {
-      /* A JSON file is a transforms file when its frames have matrices, else a camera or a path. */
+      /* A JSON file is a transforms file (a data set) if its frames have matrices, otherwise a camera or path
+       * file. */
       pags_json *json;
       PAGS_TRY(pags_json_parse_file(path, &json));
       const pags_json_value *frames = pags_json_member(pags_json_root(json), "frames");
@@ -213,7 +219,7 @@ static pags_result describe(pags_report *report, const info_arguments *arguments
       break;
   }
 
-  /* Describe splat. */
+  /* Anything else must be a splat file: its loader tells the format. */
   pags_gaussians gaussians;
   const char *kind;
   int antialiased;

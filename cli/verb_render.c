@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pags render: draws a scene or a splat file into pictures. */
+/* pags render: renders a scene or a splat file from a list of cameras into picture files, with stage times as
+ * JSON. */
 #include "cli/camera_paths.h"
 #include "cli/deadline_report.h"
 #include "cli/interrupt.h"
@@ -122,21 +123,23 @@ static const pags_verb verb = {
     .positionals = positionals,
     .options = options};
 
-/* Everything a run of frames holds. */
+/* State of a render run. */
 typedef struct renderer {
   const render_arguments *arguments;
   pags_composition *composition;
-  bool packed; /* drawn from packed rows */
+  bool packed; /* the Gaussians are rendered from their packed form */
   pags_viewpoints viewpoints;
   pags_frame *frame;
   pags_frame_options options;
   pags_picture_writer writer;
   pags_picture_queue queue;
-  pags_frame_stats *stats;       /* per frame done */
+  pags_frame_stats *stats;       /* of each finished frame */
   pags_deadline_report deadline; /* with --budget-ms */
-  pags_deadline_result *report;  /* per frame done, with --budget-ms */
+  pags_deadline_result *report;  /* of each finished frame, with --budget-ms */
   int64_t done;
 } renderer;
+
+/* ---- Viewpoints and frame options ---- */
 
 static pags_result find_ego(const render_arguments *arguments, bool counted, const pags_scene *scene,
                             pags_camera_path *path) {
@@ -171,7 +174,7 @@ static pags_result find_viewpoints(const render_arguments *arguments, const pags
   pags_result result = pags_viewpoints_of_path(&path, out);
   pags_camera_path_destroy(&path);
   if (result == PAGS_OK && !arguments->camera && !strcmp(arguments->path, "ego")) {
-    /* As the sensor whose drive it is exposed at that moment. */
+    /* Expose each frame as the drive's sensor was exposed at the frame's time. */
     for (int64_t i = 0; i < out->count && pags_scene_is_drive(scene); i++) {
       pags_viewpoint *v = &out->items[i];
       pags_scene_exposure(scene, pags_camera_path_drive_sensor(scene), v->camera.time, v->gain, v->offset);
@@ -196,11 +199,13 @@ static void choose_options(renderer *self, const pags_parsed *parsed) {
     frame->low_pass = arguments->low_pass;
   frame->sh_degree = arguments->sh_degree;
   frame->exp_degree = arguments->exp_degree ? 5 : 3;
-  pags_early_z_parse(arguments->early_z, frame); /* check_usage has seen to it that it can be read */
+  pags_early_z_parse(arguments->early_z, frame); /* check_usage has checked that the value parses */
   frame->order = (pags_order)arguments->order;
   frame->extra_channels = pags_picture_writer_needs_extras(&self->writer);
   frame->count_pairs = arguments->session.json != NULL;
 }
+
+/* ---- Statistics as JSON ---- */
 
 static double total_ms(const pags_frame_stats *s) {
   return s->ms_cull + s->ms_project + s->ms_shade + s->ms_sort + s->ms_bin + s->ms_raster + s->ms_occlude;
@@ -235,7 +240,7 @@ static void put_stats(pags_json_writer *writer, const pags_frame_stats *s) {
   pags_json_put_integer(writer, "occluders", s->occluders);
 }
 
-/* Counts are rounded down. */
+/* Mean of the frames' times and counts; counts are rounded down. */
 static pags_frame_stats mean_stats(const pags_frame_stats *stats, int64_t count) {
   pags_frame_stats mean = {0};
   double n = count ? (double)count : 1;
@@ -274,6 +279,8 @@ static pags_result write_json(const renderer *self) {
   pags_json_end_object(&writer);
   return pags_session_json(&self->arguments->session, &writer);
 }
+
+/* ---- Drawing ---- */
 
 static pags_result draw(renderer *self, int64_t index) {
   const pags_viewpoint *viewpoint = &self->viewpoints.items[index];
@@ -320,12 +327,15 @@ static pags_result draw_all(renderer *self) {
   return result;
 }
 
+/* ---- Opening the scene ---- */
+
 static pags_result find_work(renderer *self, const pags_parsed *parsed, const pags_scene *scene, pags_edit **edits,
                              int64_t *edit_count) {
   const render_arguments *arguments = self->arguments;
   PAGS_TRY(find_viewpoints(arguments, parsed, scene, &self->viewpoints));
   if (pags_option_given(parsed, "time")) {
-    /* --time for all of them. A drive's last frame lasts as long as any. */
+    /* Set --time for all viewpoints. A time up to one frame interval after the last frame is allowed, since a drive's
+     * last frame lasts as long as any other. */
     double span = scene->time_end - scene->time_begin;
     if (arguments->time > span + (scene->fps > 0 ? 1 / scene->fps : 0) + 1e-6)
       return pags_fail(PAGS_ERROR_ARGUMENT, "--time: the scene lasts from 0 to %g s; got %g", span, arguments->time);
@@ -335,7 +345,7 @@ static pags_result find_work(renderer *self, const pags_parsed *parsed, const pa
   return pags_object_edits_find(&arguments->edits, scene, edits, edit_count);
 }
 
-/* A packed file is not read but mapped; it has neither views nor objects. */
+/* Opens a packed file (.pagsz), which is memory-mapped, not read. A packed file has neither views nor objects. */
 static pags_result open_packed(renderer *self, const pags_parsed *parsed, pags_edit **edits, int64_t *edit_count) {
   const char *path = parsed->positionals[0];
   const char *way = self->arguments->path;
@@ -347,7 +357,8 @@ static pags_result open_packed(renderer *self, const pags_parsed *parsed, pags_e
   return find_work(self, parsed, pags_composition_scene(self->composition), edits, edit_count);
 }
 
-/* Views, times and edits first: what is wrong with them is found before the Gaussians are put in order. */
+/* Loads a scene. Views, times and edits are resolved before the composition is made, so that errors in them are found
+ * before the Gaussians are sorted. */
 static pags_result open_scene(renderer *self, const pags_parsed *parsed, pags_edit **edits, int64_t *edit_count) {
   pags_scene scene;
   PAGS_TRY(pags_scene_load(parsed->positionals[0], &scene));
@@ -372,6 +383,8 @@ static pags_result compose(renderer *self, const pags_parsed *parsed) {
   free(edits);
   return result;
 }
+
+/* ---- The verb ---- */
 
 static pags_result begin_deadline(renderer *self) {
   enum { CHECK_EVERY = 8 };
@@ -400,11 +413,11 @@ static pags_result render(renderer *self, const pags_parsed *parsed, unsigned ch
   PAGS_TRY(pags_prepare_folder(arguments->output, &made));
   pags_result result = draw_all(self);
   if (result != PAGS_OK && made)
-    rmdir(arguments->output); /* leaves it where something lies in it */
+    rmdir(arguments->output); /* fails, and so keeps the folder, if it holds any file */
   if (result != PAGS_OK)
     return result;
 
-  /* Report. */
+  /* Print the mean times and the statistics of --budget-ms and --packed. */
   pags_frame_stats mean = mean_stats(self->stats, self->done);
   int threads = pags_tasks_workers(self->arguments->session.tasks);
   pags_say(

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pags synth: data sets with known truth, ray-traced, and a town of Gaussians. */
+/* pags synth: writes synthetic scenes with known truth: a street (a ray-traced driving set) or a town (a scene of
+ * Gaussians). */
 #include "cli/interrupt.h"
 #include "cli/session.h"
 #include "cli/verbs.h"
@@ -8,7 +9,8 @@
 #include <stdio.h>
 #include <string.h>
 
-/* Options that both kinds have are handed on; -1: the kind's own default. */
+/* Options that both kinds share are stored here and copied into the kind's own options by make_street and make_town;
+ * -1: the kind's own default. */
 typedef struct synth_arguments {
   pags_session session;
   const char *output, *size;
@@ -106,7 +108,7 @@ static const struct kind {
   const char *name;
   pags_result (*make)(synth_arguments *arguments, pags_progress_fn *progress, void *user);
   void (*tell)(const synth_arguments *arguments, double seconds, pags_json_writer *json);
-  const char *foreign[16]; /* options that it has no use for */
+  const char *foreign[16]; /* options that are an error for this kind */
 } kinds[] = {
     {"street", make_street, tell_street, {"gaussians", "density"}},
     {"town",
@@ -152,7 +154,7 @@ static pags_result make(synth_arguments *arguments, const struct kind *kind) {
   return pags_session_json(&arguments->session, &writer);
 }
 
-/* "480x270" */
+/* Parses --size, such as "480x270"; width and height 16..8192. */
 static bool parse_size(synth_arguments *arguments) {
   char rest;
   return sscanf(arguments->size, "%5dx%5d%c", &arguments->width, &arguments->height, &rest) == 2 &&

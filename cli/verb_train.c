@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pags train: from photographs to a scene folder. */
+/* pags train: reconstructs a scene folder from a data set of posed photographs. Options that are fields of the
+ * training configuration take type, range and help from its field table. */
 #include "cli/interrupt.h"
 #include "cli/session.h"
 #include "cli/verbs.h"
@@ -19,7 +20,7 @@ typedef struct train_arguments {
   pags_dataset_options dataset;
   int reconstruction;
   const char *prune_rate;
-  pags_words set; /* NAME=VALUE each */
+  pags_words set; /* of --set: NAME=VALUE each */
   int fields;
   pags_train_config config;
   pags_train_options options;
@@ -28,7 +29,8 @@ typedef struct train_arguments {
 #define AT(member) offsetof(train_arguments, member)
 #define RUN(member) offsetof(train_arguments, options.member)
 
-/* pags_verb_train completes the rows of fields from the table of the training before anything reads them. */
+/* Rows made by PAGS_FIELD are incomplete here; complete_rows fills them from the training's field table before the
+ * command line is parsed. */
 static pags_option options[] = {
     PAGS_TEXT("output", 'o', AT(output), "SCENE", NULL, "write the scene to this folder; needed unless --estimate"),
 
@@ -107,8 +109,11 @@ static const pags_positional positionals[] = {{"DATASET",
                                                "drivestudio's layout"},
                                               {NULL, NULL}};
 
-/* What a row of a field leaves open comes from the table of the training. The text of a switch says what it does when
- * it is on, so --no-NAME is "don't" and that. */
+/* ---- Completing the option table ---- */
+
+/* Completes the rows that name a field of the training: type, offset, range, unit, default and help come from the
+ * field table. A switch's help text is a verb phrase, so that the help of --no-NAME is "don't" followed by that
+ * text. */
 static void complete_rows(void) {
   static char negated[8][96];
   int negated_count = 0;
@@ -141,7 +146,8 @@ static void complete_rows(void) {
   }
 }
 
-/* --densify-from, which was an option until fields had --set: "--set densify_from=N". */
+/* Suggests the replacement of a removed option: --densify-from, an option before --set existed, gives "--set
+ * densify_from=N". Returns false if no field has that name. */
 static bool replacement(const char *name, char *text, size_t size) {
   static const char *const renamed[][2] = {{"position_rate", "position_rate_begin"}, {"near", "near_plane"}};
   const bool off = strncmp(name, "no-", 3) == 0;
@@ -173,7 +179,7 @@ static const pags_verb verb = {
     .options = options,
     .replacement = replacement};
 
-/* --fields: the table of the training, a group each. */
+/* --fields: prints the training's field table, group by group. */
 static void list_fields(void) {
   enum { WIDTH = 120 };
   const pags_train_field *f;
@@ -204,6 +210,8 @@ static void list_fields(void) {
     pags_options_entry(left, text, WIDTH);
   }
 }
+
+/* ---- Progress and results ---- */
 
 static int show_progress(void *user, const pags_train_progress *now) {
   pags_progress *progress = user;
@@ -272,11 +280,13 @@ static void report(const train_arguments *arguments, const pags_train_result *re
              (long long)result->bad_rows, result->first_bad_row);
 }
 
+/* ---- The verb ---- */
+
 static pags_result train(train_arguments *arguments, const char *path, pags_train_result *result) {
   pags_dataset *dataset;
   PAGS_TRY(pags_dataset_open(path, &arguments->dataset, &dataset));
   if (pags_dataset_view_count(dataset) > 0) {
-    /* Describe dataset. */
+    /* Print the data set's objects, notes, views and starting points. */
     int64_t count = pags_dataset_view_count(dataset), held_out = 0, points;
     const float *xyz;
     const uint8_t *rgb;
@@ -306,7 +316,7 @@ static pags_result train(train_arguments *arguments, const char *path, pags_trai
   arguments->options.cancel = pags_interrupt_flag();
   arguments->options.progress = show_progress;
   arguments->options.progress_user = &progress;
-  pags_interrupt_install(NULL); /* the trainer polls the flag and comes to the end of its step */
+  pags_interrupt_install(NULL); /* the trainer polls the flag and finishes its step before it stops */
   pags_result status = pags_train(&arguments->config, &arguments->options, result);
   pags_progress_end(&progress);
   pags_dataset_close(dataset);
@@ -317,7 +327,7 @@ static bool is_prune_rate(double share) {
   return share >= 0.0 && share <= 0.99;
 }
 
-/* "0.6/0.3" */
+/* Parses --prune-rate, "EARLY/LATE" such as "0.6/0.3", into the configuration; both 0..0.99. */
 static int read_prune_rate(train_arguments *arguments) {
   const char *text = arguments->prune_rate;
   char *end = NULL;
@@ -335,7 +345,7 @@ static int read_prune_rate(train_arguments *arguments) {
                           arguments->prune_rate);
 }
 
-/* --set NAME=VALUE, in the order given. */
+/* Applies every --set NAME=VALUE in the order given; suggests the nearest field if NAME is unknown. */
 static int apply_settings(train_arguments *arguments) {
   for (int i = 0; i < arguments->set.count; i++) {
     const char *word = arguments->set.items[i].name, *equals = strchr(word, '=');
@@ -382,7 +392,7 @@ int pags_verb_train(int argc, char **argv) {
   pags_train_result result = {0};
   pags_parsed parsed;
   complete_rows();
-  for (int i = 0; i < argc && strcmp(argv[i], "--"); i++) /* needs no DATASET */
+  for (int i = 0; i < argc && strcmp(argv[i], "--"); i++) /* --fields needs no DATASET */
     if (!strcmp(argv[i], "--fields")) {
       list_fields();
       return PAGS_EXIT_OK;
@@ -398,8 +408,8 @@ int pags_verb_train(int argc, char **argv) {
     arguments.dataset.split_every = 0;
   arguments.dataset.seed = arguments.config.schedule.seed;
 
-  /* Memory and image cache where the command line says nothing: from what this process may use. The cache changes no
-   * bit; the limit matters only to runs that would not fit. */
+  /* Without --max-memory and --image-cache, their defaults follow from the memory that this process may use. The
+   * cache size doesn't affect the result; the limit affects only runs that would not fit. */
   const uint64_t available = pags_available_memory();
   if (!pags_option_given(&parsed, "image-cache") && arguments.options.image_cache > available / 4)
     arguments.options.image_cache = available / 4;
@@ -409,7 +419,7 @@ int pags_verb_train(int argc, char **argv) {
   }
 
   pags_result outcome = pags_session_begin(&arguments.session);
-  /* An absolute path, so that eval finds the data set again from any folder. */
+  /* The scene records the data set's absolute path, so that eval finds it again from any folder. */
   char *absolute = realpath(parsed.positionals[0], NULL);
   if (outcome == PAGS_OK)
     outcome = train(&arguments, absolute ? absolute : parsed.positionals[0], &result);

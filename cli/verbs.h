@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The verbs: each takes its arguments (without program and verb) and returns the exit code. */
+/* The verbs of pags: each takes its arguments (without program and verb) and returns the exit code. */
 #ifndef PAGS_CLI_VERBS_H
 #define PAGS_CLI_VERBS_H
 

@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* PSNR, SSIM and LPIPS of views, by region, and their means.
+/* PSNR, SSIM and LPIPS of views, by region, and their means, as text and as JSON.
  *
- * By region: the squared error over its pixels and all three channels, in decibels, averaged over the views that have
- * such pixels; SSIM is the mean of the whole picture's map over them. */
+ * PSNR of a region is computed from the squared error over the region's pixels and all three channels; SSIM of a
+ * region is the mean of the whole picture's SSIM map over its pixels. Means are over the views that have pixels of
+ * the region. */
 #include "cli/view_scores.h"
 
 #include <math.h>
@@ -39,7 +40,7 @@ void pags_regions_fill(int width, int height, const uint8_t *mask, const uint8_t
     }
 }
 
-/* Sum and number of what was measured. */
+/* A mean over the values measured so far; NaN is skipped. */
 typedef struct running_mean {
   double sum;
   int64_t count;
@@ -53,7 +54,7 @@ static void mean_add(running_mean *m, double value) {
 }
 
 static double mean_of(const running_mean *m) {
-  return m->count ? m->sum / (double)m->count : (double)NAN; /* which JSON writes as null */
+  return m->count ? m->sum / (double)m->count : (double)NAN; /* JSON writes NaN as null */
 }
 
 pags_mean_score pags_view_scores_mean(const pags_view_score *scores, int64_t count, int test) {
@@ -112,7 +113,7 @@ void pags_view_scores_print(const pags_session *session, const pags_view_score *
   for (int test = 0; test < 2; test++) {
     pags_mean_score mean = pags_view_scores_mean(scores, count, test);
     if (mean.views) {
-      /* Print mean. */
+      /* Print the split's mean, then one line for each region that occurs, then the mean without exposure. */
       const pags_view_score *m = &mean.mean;
       char name[48];
       snprintf(name, sizeof name, "mean of %lld", (long long)mean.views);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Which cameras pags render draws: of the data set, of a file, along a path. */
+/* Collects the cameras that pags render draws, with the names of their pictures: from a scene's views, a data set's
+ * views, or the frames of a path. */
 #include "cli/viewpoints.h"
 
 #include "base/memory.h"
@@ -39,7 +40,8 @@ static bool taken(const pags_viewpoints *viewpoints, const char *name) {
   return false;
 }
 
-/* Named by the photograph's stem; by its whole name where another has that stem already (a.jpg beside a.png). */
+/* Adds a view under the stem of its photograph's file name; under the whole file name if another view already has
+ * that stem (a.jpg beside a.png). */
 static pags_result append_view(pags_viewpoints *viewpoints, const char *photograph, const pags_camera *camera) {
   char stem[256];
   pags_stem(photograph, stem, sizeof stem);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pick SCENE CAMERA.json X Y: says what is seen through pixel (X, Y). */
+/* pick SCENE CAMERA.json X Y: prints the Gaussian and the object that are visible at pixel (X, Y). */
 #include <stdio.h>
 #include <stdlib.h>
 

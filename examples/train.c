@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* train DATASET SCENE STEPS: trains a scene on a data set and prints how far it is at each tenth. */
+/* train DATASET SCENE STEPS: trains a scene on a data set and prints its progress after each tenth of the steps. */
 #include <inttypes.h>
 #include <stdio.h>
 
 #include <pags/train.h>
 
-/* Called after every step. Returning 0 stops the training; its checkpoint and its scene are written all the same. */
+/* Called after every step. Returning 0 stops the training; its checkpoint and its scene are still written. */
 static int print_progress(void *user, const pags_train_progress *progress) {
   (void)user;
   if (progress->step * 10 % progress->iterations < 10)

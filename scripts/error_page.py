@@ -1,13 +1,14 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""error_page.py A.json B.json ...: what `pags-bench error --json` found on several scenes, as the two tables of docs/lab/speed-and-error.md."""
+"""error_page.py A.json B.json ...: prints the results of `pags-bench error --json` on several scenes as the two
+tables of docs/lab/speed-and-error.md."""
 
 import json
 import sys
 
 
 def amount(value):
-    """As the program writes counts."""
+    """Formats a count as pags-bench error does: 12345678 gives 12.3 M."""
     for size, unit in [(1e6, " M"), (1e4, " k")]:
         if value >= size:
             scaled = value / (1e6 if unit == " M" else 1e3)
@@ -20,7 +21,8 @@ def error(value):
 
 
 def counts(rows):
-    """Per count "what: exact -> used" of each scene, scenes separated by slashes; nothing where no scene's differs."""
+    """Formats the counts of an approximation as "what: exact -> used", the scenes separated by slashes; leaves out
+    counts that the approximation changes in no scene."""
     parts = []
     for i, first in enumerate(rows[0]["counts"]):
         every = [row["counts"][i] for row in rows if len(row["counts"]) > i and row["counts"][i]["what"] == first["what"]]

@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the fuzz targets of a build with PAGS_FUZZ (docs/reliability.md) and prints a table of what was done.
+"""Runs the fuzz targets of a build with PAGS_FUZZ (docs/reliability.md) and prints a table of executions and
+findings.
 
 usage: fuzz.py [--minutes M] [--long-minutes M] [--corpus FOLDER] [--json FILE] BUILD [TARGET...]
 
-Each target gets M minutes of CPU time (default 1; --long-minutes for spz, spz_content, ply, checkpoint and tfrecord), its seeds,
-its dictionary and its corpus of earlier runs, which grows in FOLDER/TARGET (default BUILD/corpus). Inputs that fail are kept in FOLDER/TARGET-findings.
-Exits with 1 if there is one.
+Each target runs for M minutes of CPU time (default 1; --long-minutes for spz, spz_content, ply, checkpoint and
+tfrecord) with its seeds, its dictionary and its corpus, which grows from run to run in FOLDER/TARGET (default
+BUILD/corpus). Inputs that fail are kept in FOLDER/TARGET-findings. Exits with 1 if there is such an input.
 """
 
 import argparse
@@ -20,12 +21,12 @@ import sys
 import tempfile
 
 LONG = ("spz", "spz_content", "ply", "checkpoint", "tfrecord")
-PICTURES = ("waymo_segment",)  # OpenImageIO's known leak is told by its stack, and whole stacks are slow
-ROUND = 60  # seconds of wall clock between looks at the CPU time
+PICTURES = ("waymo_segment",)  # OpenImageIO's known leak is recognised by its stack, which needs the slow unwinder
+ROUND = 60  # wall-clock seconds of one run of the fuzzer, after which the CPU time is checked
 
 
 def targets_of(build):
-    """Name of each target and its program."""
+    """Finds the fuzz targets of a build; returns a dict from target to program."""
     found = {}
     for program in sorted(glob.glob(os.path.join(build, "tests", "fuzz", "fuzz_*"))):
         if os.path.isfile(program) and os.access(program, os.X_OK):

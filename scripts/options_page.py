@@ -13,7 +13,8 @@ BEGIN, END = "<!-- generated: options -->\n", "<!-- end -->\n"
 
 
 def sections(program, option):
-    """(heading, [(left, text)]) of a help; lines that are indented further go on with the entry above them."""
+    """Parses a help text into sections, each (heading, [(left, text)]); lines that are indented further continue the
+    entry above them."""
     printed = subprocess.run([program, "train", option], capture_output=True, text=True, check=True).stdout
     found = []
     for line in printed.split("\n"):
@@ -35,7 +36,7 @@ def table(heading, kind, entries):
 
 def generated(program):
     text = "\n"
-    for heading, entries in sections(program, "--help")[1:]:  # the first says DATASET and SCENE
+    for heading, entries in sections(program, "--help")[1:]:  # the first section lists DATASET and --output
         text += table(heading, "option", entries)
     text += "The fields, in the groups of `pags_train_config`; `auto` is a value, too:\n\n"
     for heading, entries in sections(program, "--fields"):

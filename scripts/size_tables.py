@@ -1,10 +1,12 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""size_tables.py pandaset|street SCENE: the quantile tables of engine/synth/size_tables.h from a trained street.
+"""size_tables.py pandaset|street SCENE: prints the quantile tables of engine/synth/size_tables.h, computed from the
+sizes and opacities of the Gaussians of a trained street.
 
-pandaset: SCENE is what `pags train pandaset-002 --iterations 10000` made (grounds, fronts). street: what `pags train` made of `pags synth
-street` (things). Regions are boxes (u, d, z) in metres: u along the street, d to the left of the recording car; in pandaset-002's
-world the street runs at 45 degrees. Standard library only.
+pandaset: SCENE is the result of `pags train pandaset-002 --iterations 10000` (regions ground and fronts). street: the
+result of `pags train` on `pags synth street` (region things). Regions are boxes (u, d, z) in metres: u along the
+street, d to the left of the ego vehicle; in pandaset-002's world the street runs at 45 degrees. Standard library
+only.
 """
 
 import array
@@ -13,7 +15,8 @@ import sys
 
 SHARES = (1, 5, 15, 30, 50, 70, 85, 95, 99)
 
-# By data set: the street's direction in degrees; boxes from, to, and the area in square metres that their density refers to, or None
+# By data set: the street's direction in degrees, and its regions as lists of boxes: lower corner, upper corner, and
+# the area in square metres for the density, or None
 SETS = {
     "pandaset": (
         45,
@@ -27,7 +30,7 @@ SETS = {
 
 
 def read_ply(path):
-    """A dict of columns, all of them floats."""
+    """Reads a binary PLY file whose properties are all floats; returns a dict of columns."""
     with open(path, "rb") as stream:
         names = []
         while True:
@@ -58,7 +61,7 @@ def ranks(values):
 
 
 def correlation(a, b):
-    """Spearman's."""
+    """Spearman's rank correlation of two columns."""
     a, b = ranks(a), ranks(b)
     middle = (len(a) - 1) / 2
     return sum((x - middle) * (y - middle) for x, y in zip(a, b)) / sum((x - middle) ** 2 for x in a)

@@ -112,7 +112,7 @@ def check_characters(path, text):
 # ---- Comments name files that exist ----
 def check_comments(path, text, names):
     for comment in re.finditer(r"/\*.*?\*/|//[^\n]*", text, re.S):
-        for match in re.finditer(r"\b[a-z]\w*\.(?:c|h|cc|inl)\b(?!\w)", comment.group(0)):
+        for match in re.finditer(r"(?<!<)\b[a-z]\w*\.(?:c|h|cc|inl)\b(?!\w)", comment.group(0)):
             if match.group(0) not in names:
                 fault(path, text.count("\n", 0, comment.start() + match.start()) + 1, f"names {match.group(0)}, which is nowhere")
 

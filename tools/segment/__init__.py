@@ -1,2 +1,3 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Label images and sky masks for driving sets, made by ONNX networks of the user's. docs/masks.md is the manual."""
+"""Makes label images and sky masks for driving sets with ONNX networks that the user provides. docs/masks.md is the
+manual."""

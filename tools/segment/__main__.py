@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""python tools/segment DATASET ...: runs the package whichever way it was called."""
+"""python tools/segment DATASET ...: runs the package, called as a folder or as a module."""
 
 import os
 import sys

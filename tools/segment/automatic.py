@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Segment Anything's automatic mode: masks of everything in a picture, from a grid of points.
+"""Segment Anything's automatic mode: masks of everything in a picture, prompted by a grid of points.
 
-As Kirillov et al. 2023, appendix B, with their defaults: every point gives up to three masks; those are kept whose predicted IoU and whose
-stability (the IoU of the masks cut at logits +1 and -1) are high and which don't end at the border of a crop; boxes of
-kept masks are freed of duplicates, first within a crop by predicted IoU, then between crops, smaller crops first.
+As in Kirillov et al. 2023, appendix B, with their defaults: every point gives up to three masks. A mask is kept if
+its predicted IoU and its stability (the IoU of the masks cut at logits +1 and -1) are high and if it doesn't end at
+the border of a crop. Duplicates are removed by non-maximum suppression of the boxes: first within a crop, preferring
+a higher predicted IoU, then between crops, preferring smaller crops.
 """
 
 import dataclasses
@@ -11,12 +12,12 @@ import math
 
 import numpy as np
 
-NEAR_EDGE = 20  # pixels: how near to a crop's border a box may come that was cut off there
+NEAR_EDGE = 20  # pixels: a box that ends this near to the border of its crop counts as cut off there
 
 
 @dataclasses.dataclass(frozen=True)
 class Settings:
-    points: int = 32  # a side of the grid
+    points: int = 32  # points per side of the grid
     predicted_iou: float = 0.88
     stability: float = 0.95
     stability_offset: float = 1.0
@@ -24,12 +25,12 @@ class Settings:
     crop_layers: int = 0  # layer n has 2^n x 2^n crops
     crop_nms: float = 0.7
     crop_overlap: float = 512 / 1500  # of the picture's shorter side, in the first layer
-    crop_points_divisor: int = 1  # layer n has points / divisor^n a side
+    crop_points_divisor: int = 1  # layer n has points / divisor^n per side
 
 
 @dataclasses.dataclass
 class Mask:
-    box: tuple  # x0, y0, x1, y1 in the picture; x1 and y1 beyond the last pixel
+    box: tuple  # x0, y0, x1, y1 in pixels of the picture; x1 and y1 are exclusive
     inside: np.ndarray  # bool [y1 - y0][x1 - x0]
     predicted_iou: float
     stability: float
@@ -41,13 +42,13 @@ class Mask:
 
 
 def point_grid(side):
-    """[side * side][2] within the unit square, rows from the top."""
+    """The grid's points in the unit square, [side * side][2], row by row from the top."""
     at = (np.arange(side) + 0.5) / side
     return np.stack(np.meshgrid(at, at), -1).reshape(-1, 2)
 
 
 def crop_boxes(width, height, layers, overlap_share):
-    """(x0, y0, x1, y1), layer: the whole picture, then the crops of each layer."""
+    """Lists the crops as ((x0, y0, x1, y1), layer): the whole picture, then the crops of each layer."""
     out = [((0, 0, width, height), 0)]
     for layer in range(1, layers + 1):
         a_side = 2**layer
@@ -66,7 +67,7 @@ def stability_score(logits, offset):
 
 
 def bounds(inside):
-    """The box of a mask's pixels; None where it has none."""
+    """The bounding box of a mask's pixels; None if the mask is empty."""
     rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
     if len(rows) == 0:
         return None
@@ -74,7 +75,7 @@ def bounds(inside):
 
 
 def is_cut_off(box, crop, width, height):
-    """Whether a box, in the picture's pixels, ends at a border of its crop that is none of the picture's."""
+    """Whether a box (pixels of the picture) ends at a border of its crop that isn't a border of the picture."""
     for side, limit in enumerate((0, 0, width, height)):
         if abs(box[side] - crop[side]) <= NEAR_EDGE and abs(box[side] - limit) > NEAR_EDGE:
             return True
@@ -82,7 +83,8 @@ def is_cut_off(box, crop, width, height):
 
 
 def suppress(boxes, scores, threshold):
-    """Indices of the boxes that are kept, best score first; of equal scores the earlier counts."""
+    """Non-maximum suppression: returns the indices of the boxes kept, best score first; the earlier one of equal
+    scores."""
     boxes = np.asarray(boxes, np.float64).reshape(-1, 4)
     areas = (boxes[:, 2] - boxes[:, 0]) * (boxes[:, 3] - boxes[:, 1])
     order = np.argsort(-np.asarray(scores, np.float64), kind="stable")
@@ -98,7 +100,7 @@ def suppress(boxes, scores, threshold):
 
 
 def masks_of_points(sam, points, crop, picture_size, settings):
-    """The masks of one batch that pass all filters."""
+    """The masks of one batch of points that pass all filters: predicted IoU, stability, not cut off by the crop."""
     logits, scores = sam.predict(points)
     found = []
     for point, mask in np.argwhere(scores > settings.predicted_iou):
@@ -130,7 +132,7 @@ def masks_of_crop(sam, photo, crop, side, settings, step):
 
 
 def automatic_masks(sam, photo, settings, progress=None):
-    """Masks of photo (uint8 [h][w][3]); progress(done, all) is called as points are done."""
+    """Returns the masks of photo (uint8 [h][w][3]); calls progress(done, all) after every batch of points."""
     crops = [
         (crop, max(1, settings.points // settings.crop_points_divisor**layer))
         for crop, layer in crop_boxes(photo.shape[1], photo.shape[0], settings.crop_layers, settings.crop_overlap)

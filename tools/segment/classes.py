@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From the classes of networks to Cityscapes' train ids, which label images hold; 255 is unknown.
+"""Maps the classes of networks to Cityscapes' train ids, which label images contain; 255 is unknown.
 
-Sources: cityscapesScripts' labels.py; ADE20K's objectInfo150; Mapillary Vistas v1.2's config.json; Pascal VOC. Only classes that a street
-has are mapped; the rest is unknown, which nothing is made of.
+Sources: cityscapesScripts' labels.py; ADE20K's objectInfo150; Mapillary Vistas v1.2's config.json; Pascal VOC. Only
+classes that occur on streets are mapped; the rest is unknown, and unknown pixels are used for nothing.
 """
 
 import numpy as np
@@ -77,7 +77,8 @@ CITYSCAPES_IDS = {
     32: MOTORCYCLE,
     33: BICYCLE,
 }
-# house, skyscraper, tower and hovel are buildings; grass, earth, field, path, land and the like terrain; minibike a motorcycle.
+# House, skyscraper, tower and hovel count as building; grass, earth, field, path, land and the like as terrain;
+# minibike as motorcycle.
 ADE20K = {
     0: WALL,
     1: BUILDING,
@@ -167,7 +168,7 @@ TABLES = {
     "mapillary": MAPILLARY,
     "voc": VOC,
 }
-# By the number of a network's channels. 20: Cityscapes with a class of its own for everything else.
+# Class list by the network's number of classes. 20: Cityscapes with an additional class for everything else.
 BY_COUNT = {
     19: "cityscapes",
     20: "cityscapes",
@@ -182,7 +183,8 @@ BY_COUNT = {
 
 
 def read_table(path):
-    """Lines of two numbers: the network's class, the train id; # begins a comment."""
+    """Reads a class table from a file with lines of two numbers, the network's class and the train id; # begins a
+    comment."""
     table = {}
     try:
         with open(path, encoding="utf-8") as file:
@@ -206,7 +208,8 @@ def read_table(path):
 
 
 def choose(asked, count):
-    """Name and table for a network of `count` channels (None: it gives classes, not scores)."""
+    """Chooses the class list: the one asked for, else by the network's number of classes `count` (None: the network
+    outputs classes, not scores). Returns its name and table."""
     if asked:
         return asked, TABLES.get(asked) or read_table(asked)
     if count is None:
@@ -220,7 +223,8 @@ def choose(asked, count):
 
 
 def lookup(table, count=None):
-    """An array from the network's class to the train id; classes beyond it are unknown."""
+    """Returns an array that maps the network's classes to train ids; its last entry, for classes beyond it, is
+    unknown."""
     size = max([*table, (count or 1) - 1]) + 1
     out = np.full(size + 1, UNKNOWN, np.uint8)
     for index, train_id in table.items():

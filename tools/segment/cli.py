@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command line: options, the loop over photographs, exit codes as pags has them."""
+"""The command line: options, the loop over photographs, and the same exit codes as pags."""
 
 import argparse
 import dataclasses
@@ -135,7 +135,7 @@ def automatic_settings(a):
 
 
 def record(a, semantic, sky):
-    """What the masks depend on, by names that messages can use."""
+    """The settings that the masks depend on, by names that error messages use."""
     out = {
         "choice of sky masks": sky,
         "semantic network": identity(a.semantic) | semantic.settings(),

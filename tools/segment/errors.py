@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The one kind of error that ends a run with a line for people."""
+"""The errors that end a run with a one-line message."""
 
 
 class SegmentError(Exception):
-    """Its text names the file, the place in it and what was expected."""
+    """Its text names the file, the place in the file and what was expected there."""
 
 
 class Interrupted(SegmentError):
-    """Ctrl-C or SIGTERM; what was finished is kept."""
+    """The run was stopped by Ctrl-C or SIGTERM; finished images are kept."""

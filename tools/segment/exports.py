@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Known exports of segmentation networks: how to tell them, and what they want to be fed.
+"""Table of the known exports of segmentation networks: how they are recognised, and which input they expect.
 
-An export is chosen by the signature of the file or by --export. The first that fits counts, so special ones come first. Mean and standard
-deviation are of samples from 0 to 1; `scale` is what samples from 0 to 255 are multiplied by before.
+An export is chosen by the signature of the file or by --export. The first one that fits is used, so special ones come
+first. Mean and standard deviation refer to samples from 0 to 1; samples from 0 to 255 are multiplied by `scale`
+before.
 """
 
 import dataclasses
@@ -16,15 +17,15 @@ RAW = ((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
 class Export:
     name: str
     about: str
-    inputs: tuple  # names that the picture's input may have; empty: any
+    inputs: tuple  # possible names of the picture's input; empty: any name
     layout: str  # NCHW or NHWC
     normal: tuple  # mean and standard deviation
     scale: float = 1 / 255
     integer_input: bool = False
-    integer_output: bool | None = None  # classes, not scores; None: either
+    integer_output: bool | None = None  # True: outputs classes; False: scores; None: either
     bgr: bool = False
-    longest: int = 1024  # where the file leaves the size open: the longer side, and
-    multiple: int = 32  # what both sides are multiples of
+    longest: int = 1024  # if the file leaves the size open: largest length of the longer side
+    multiple: int = 32  # and the number that both sides are multiples of
 
 
 EXPORTS = (
@@ -82,7 +83,7 @@ def named(name):
 
 
 def picture_layout(tensor):
-    """NCHW, NHWC or None, by where the three channels are."""
+    """Returns NCHW or NHWC, by the dimension that holds the three channels; None if neither."""
     if len(tensor.shape) != 4 or tensor.shape[0] not in (None, 1):
         return None
     first, last = tensor.shape[1], tensor.shape[3]
@@ -92,7 +93,8 @@ def picture_layout(tensor):
 
 
 def fits(export, picture, labels, ignore_names=False):
-    """Whether a network with this input and this output can be such an export; asked for by name it may differ in what only tells."""
+    """Whether a network with this input and output can be of this export. If it was asked for by name (ignore_names),
+    the properties that only serve recognition may differ: input name and output type."""
     if export.inputs and picture.name not in export.inputs and not ignore_names:
         return False
     if picture_layout(picture) != export.layout or picture.is_integer != export.integer_input:
@@ -103,7 +105,7 @@ def fits(export, picture, labels, ignore_names=False):
 
 
 def expectation(export=None):
-    """What a fitting signature looks like, for messages."""
+    """Describes the signature that an export expects, for error messages."""
     one = "one input with a picture, float or uint8 [1x3xHxW] or [1xHxWx3]"
     if export:
         kind = "uint8" if export.integer_input else "float"

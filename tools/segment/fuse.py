@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Masks take the label that most of their pixels have, so that labels end where things end."""
+"""Fuses labels with class-agnostic masks: each mask takes the label of most of its pixels, so that labels end at the
+masks' edges."""
 
 import numpy as np
 
@@ -7,7 +8,7 @@ from .classes import UNKNOWN
 
 
 def majority(labels, inside, share):
-    """The label of more than `share` of the mask's pixels that is most frequent; None: there is none."""
+    """The most frequent known label of the mask's pixels, if more than `share` of the pixels have it; else None."""
     counts = np.bincount(labels[inside], minlength=256)
     total = counts.sum()
     counts[UNKNOWN] = 0
@@ -16,7 +17,8 @@ def majority(labels, inside, share):
 
 
 def fuse(labels, masks, share=0.5):
-    """Labels [h][w] after each mask took its majority's: large masks first, so that what lies upon them keeps its own."""
+    """Returns the labels [h][w] after each mask took its majority label; larger masks first, so that smaller masks on
+    top of them keep their own label."""
     out = labels.copy()
     for mask in sorted(masks, key=lambda m: -m.area):
         x0, y0, x1, y1 = mask.box

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The data set on disk: which photographs there are, where masks go, what a former run has done.
+"""The data set on disk: lists the photographs, writes the masks, and finds the masks that a former run has written.
 
-drivestudio's layout: images/TTT_C.jpg or .png; semantic/TTT_C.png and sky_masks/TTT_C.png are written, each whole or not at all.
-semantic/segment.json records what made them, so that a run goes on only with what the former one used.
+The layout is drivestudio's: images/TTT_C.jpg or .png are read; semantic/TTT_C.png and sky_masks/TTT_C.png are
+written, each atomically. semantic/segment.json records the settings that the masks were made with, so that a run goes
+on only with the same settings.
 """
 
 import errno
@@ -32,7 +33,8 @@ class Photo:
         self.frame, self.camera = int(match[1]), int(match[2])
 
     def load(self):
-        """uint8 [h][w][3], RGB; a turned camera is left as it stands, as the reader leaves it."""
+        """Loads the photograph as uint8 [h][w][3], RGB; a rotation in its metadata is ignored, as the data set's
+        reader does."""
         try:
             with Image.open(self.path) as image:
                 return np.asarray(image.convert("RGB"))
@@ -60,7 +62,8 @@ def list_photos(dataset, cameras=None, frames=None):
 
 
 def check_labels(dataset):
-    """Label images are written in Cityscapes' train ids: dataset.json must not say otherwise."""
+    """Checks that dataset.json names no labels other than Cityscapes' train ids, in which label images are
+    written."""
     path = os.path.join(dataset, "dataset.json")
     if not os.path.exists(path):
         return
@@ -77,7 +80,8 @@ def check_labels(dataset):
 
 
 def writes_straight(path):
-    """Whether what lies at the path is a device or a FIFO. OSError for a folder, a loop of links and what is read-only, to root too."""
+    """Whether the path is a device or a FIFO, which is written directly. Raises OSError for a folder, a loop of
+    links, and a read-only file, even for root."""
     try:
         mode = os.stat(path).st_mode
     except FileNotFoundError:
@@ -92,12 +96,13 @@ def writes_straight(path):
 
 
 def write_whole(path, write):
-    """write(file) into a file beside, which then takes the name. What is no regular file is never replaced, as by the engine
-    (engine/base/file.h): devices and FIFOs are written straight, links followed."""
+    """Writes a file atomically: calls write(file) on a temporary file beside it, which is then renamed. As in the
+    engine (engine/base/file.h), only regular files are replaced: devices and FIFOs are written directly, links are
+    followed."""
     part = None
     try:
         if writes_straight(path):
-            whole = io.BytesIO()  # they can't seek
+            whole = io.BytesIO()  # devices and FIFOs can't seek
             write(whole)
             with open(path, "wb") as file:
                 file.write(whole.getbuffer())
@@ -117,7 +122,7 @@ def write_whole(path, write):
 
 
 class Output:
-    """The folders written to; `sky` False leaves sky_masks alone."""
+    """The output folders and the record of the settings; with `sky` False, sky_masks is left unchanged."""
 
     def __init__(self, root, sky):
         self.semantic = os.path.join(root, "semantic")
@@ -146,7 +151,8 @@ class Output:
             write_whole(self.record, lambda file: file.write(text.encode()))
 
     def clear(self):
-        """The record goes first: without it what is left is a stranger's, should this be cut short."""
+        """Removes the masks of a former run. The record is removed first, so that the masks left by an interrupted
+        removal count as made by another program and are not reused."""
         if os.path.exists(self.record):
             os.remove(self.record)
         for folder in self.folders():
@@ -183,7 +189,8 @@ class Output:
         return all(os.path.exists(self.path(folder, photo)) for folder in self.folders())
 
     def write(self, photo, labels, sky):
-        """The label image last: with it the photograph counts as done."""
+        """Writes the masks of a photograph; the label image last, so that an interrupted write doesn't count as
+        done."""
         if self.sky:
             self.save(self.sky, photo, np.where(sky, np.uint8(255), np.uint8(0)))
         self.save(self.semantic, photo, labels)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ONNX files: opening them, what goes in and out, running them."""
+"""Opens ONNX models, describes their inputs and outputs, and runs them."""
 
 import dataclasses
 import hashlib
@@ -22,7 +22,7 @@ TYPES = {
 
 @dataclasses.dataclass(frozen=True)
 class Tensor:
-    """One input or output; `shape` has None where a side is free."""
+    """One input or output of a model; free dimensions of `shape` are None."""
 
     name: str
     type: str
@@ -51,7 +51,7 @@ def tensor_of(value):
 
 
 class Model:
-    """A network that is ready to run."""
+    """An ONNX model opened by onnxruntime for the CPU."""
 
     def __init__(self, path, threads=0):
         try:
@@ -65,7 +65,7 @@ class Model:
             raise SegmentError(f"{path}: no such file; expected an ONNX model")
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = threads
-        options.log_severity_level = 4  # what goes wrong is told by the exception
+        options.log_severity_level = 4  # errors are reported by the exception
         try:
             self.session = onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
         except Exception as error:  # onnxruntime's own classes are not part of its documented interface
@@ -77,7 +77,7 @@ class Model:
         self.options = onnxruntime.RunOptions()
         self.options.log_severity_level = 4
         self.options.only_execute_path_to_fetches = (
-            True  # masks of full size, where the small ones do, are never computed
+            True  # don't compute unused outputs, such as full-size masks
         )
 
     def input(self, name):
@@ -101,7 +101,7 @@ class Model:
 
 
 def identity(path):
-    """What tells one file from another, for the record of a run."""
+    """Name and SHA-256 of a file, which identify the model in the record of a run."""
     digest = hashlib.sha256()
     with open(path, "rb") as file:
         while chunk := file.read(1 << 20):

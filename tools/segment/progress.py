@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tells people how far a run is: a line that moves on a terminal, now and then a line elsewhere."""
+"""Shows the progress of a run: one line rewritten in place on a terminal, a line every 30 seconds elsewhere."""
 
 import sys
 import time
 
-EVERY = 30  # seconds between lines where nobody watches
+EVERY = 30  # seconds between lines if the stream is no terminal
 
 
 def duration(seconds):
@@ -38,13 +38,13 @@ class Progress:
         return (self.clock() - self.begun) / max(1, self.done)
 
     def within(self, name, part, whole):
-        """Part of the picture in hand is done."""
+        """Shows how many of the current picture's points are done."""
         if self.moving and self.clock() - self.told >= 0.5:
             self.told = self.clock()
             self.show(f"{self.done + 1} of {self.total}, {name}: point {part} of {whole}", False)
 
     def finished(self, name):
-        """After the first picture: what each costs and what all will."""
+        """Counts a finished picture and shows the time per image and the time left."""
         self.done += 1
         left = duration(self.each() * (self.total - self.done))
         if self.done == 1:

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Segment Anything as two ONNX files: an image encoder, and a decoder from points to masks.
+"""Runs Segment Anything from two ONNX files: an image encoder, and a decoder from points to masks.
 
-Known exports, told by the decoder's inputs:
+Known exports, recognised by the decoder's inputs:
   segment-anything  facebookresearch's export_onnx_model.py for the decoder, with samexporter's, MobileSAM's or any encoder of
                     [1x3xSxS] (normalised and padded here) or [HxWx3] (which normalises and pads by itself)
   transformers      optimum's and transformers.js's vision_encoder and prompt_encoder_mask_decoder
   sam2              samexporter's and its kind: the picture stretched to a square, features of three sizes
-All of them give logits a quarter of the encoder's size. They are enlarged here: the full-size masks of segment-anything's exports are
-cropped for the picture that the export was traced with, and wrong for others.
+All of them output logits at a quarter of the encoder's size, which are enlarged here: the full-size masks of
+segment-anything's exports are cropped for the picture that the export was traced with, and wrong for other pictures.
 """
 
 import dataclasses
@@ -18,23 +18,23 @@ from PIL import Image
 from .errors import SegmentError
 from .models import Model
 
-# Of samples from 0 to 255: ImageNet's, as Segment Anything writes them.
+# Mean and standard deviation of ImageNet for samples from 0 to 255, as Segment Anything writes them.
 MEAN = np.array([123.675, 116.28, 103.53], np.float32)
 STD = np.array([58.395, 57.12, 57.375], np.float32)
 USUAL_SIZE = 1024
-BATCH = 16  # points at once where the decoder takes any number of prompts
+BATCH = 16  # points per call if the decoder takes any number of prompts
 
 
 @dataclasses.dataclass(frozen=True)
 class Kind:
     name: str
-    features: tuple  # decoder inputs that the encoder makes
+    features: tuple  # decoder inputs that the encoder outputs
     points: str
     labels: str
-    others: tuple  # further inputs that are fed
-    masks: tuple  # outputs that may hold the masks, the best first
+    others: tuple  # further decoder inputs that are set
+    masks: tuple  # outputs that may contain the masks, preferred ones first
     scores: str
-    stretched: bool = False  # to a square, not padded
+    stretched: bool = False  # the picture is stretched to the square instead of padded
 
 
 KINDS = (
@@ -93,13 +93,13 @@ def same_shape(a, b):
 
 
 def size_by_masks(decoder):
-    """The encoder's size where its file doesn't state it: four times that of the masks put in."""
+    """The encoder's size if its file doesn't state it: four times the size of the decoder's mask input, else 1024."""
     mask = decoder.input("mask_input")
     return 4 * mask.shape[2] if mask and len(mask.shape) == 4 and mask.shape[2] else USUAL_SIZE
 
 
 class Encoder:
-    """Makes a picture's features: a dict by the decoder's names."""
+    """The image encoder: computes a picture's features as a dict by the decoder's input names."""
 
     def __init__(self, path, decoder, kind, threads):
         self.model = Model(path, threads)
@@ -120,7 +120,8 @@ class Encoder:
         )
 
     def match(self, decoder):
-        """The decoder's feature names with this model's outputs: by name, a single one by its shape."""
+        """Assigns this model's outputs to the decoder's feature inputs: by name, or, if there is only one of each, by
+        shape."""
         found = {name: self.model.output(name) for name in self.kind.features}
         if len(found) == 1 and len(self.model.outputs) == 1:
             found = {self.kind.features[0]: self.model.outputs[0]}
@@ -130,7 +131,7 @@ class Encoder:
         return found
 
     def place(self, width, height):
-        """The size that a picture has within the encoder's square."""
+        """The size of a picture within the encoder's square, pixels."""
         if self.kind.stretched:
             return self.size, self.size
         scale = self.size / max(width, height)
@@ -152,7 +153,7 @@ class Encoder:
 
 
 class Sam:
-    """`set_picture`, then `predict` as often as wanted."""
+    """Encoder and decoder together: call `set_picture` once per picture, then `predict` for each batch of points."""
 
     def __init__(self, encoder_path, decoder_path, threads=0):
         self.decoder = Model(decoder_path, threads)
@@ -172,7 +173,8 @@ class Sam:
         self.features = self.encoder.features(photo)
 
     def feed(self, points):
-        """Each point is a prompt of its own; where the graph wants a box it is told by label -1 that there is none."""
+        """The decoder's inputs for a batch of points, each a prompt of its own; exports that expect a box get a
+        padding point of label -1, which means no box."""
         count, placed = len(points), self.encoder.place(self.width, self.height)
         coordinates = np.asarray(points, np.float32) * (np.array(placed, np.float32) / (self.width, self.height))
         if self.kind.name == "transformers":
@@ -196,7 +198,8 @@ class Sam:
         return feed | self.features
 
     def predict(self, points):
-        """points [n][2], pixels of the picture: logits [n][m][h][w] as the decoder has them, predicted IoU [n][m]."""
+        """Predicts masks for points [n][2] in pixels of the picture: returns logits [n][m][h][w] at the decoder's
+        size, and predicted IoU [n][m]."""
         logits, scores = self.decoder.run([self.masks, self.kind.scores], self.feed(points))
         if self.kind.name == "transformers":
             logits, scores = logits[0], scores[0]
@@ -205,12 +208,13 @@ class Sam:
                 f"{self.decoder.path}: gave masks {list(logits.shape)} and scores {list(scores.shape)} for "
                 f"{len(points)} points; expected [points, masks, h, w] and [points, masks]"
             )
-        if logits.shape[1] == 4:  # the first is for prompts of several points
+        if logits.shape[1] == 4:  # the first of four masks is meant for prompts of several points
             logits, scores = logits[:, 1:], scores[:, 1:]
         return logits.astype(np.float32, copy=False), scores.astype(np.float32, copy=False)
 
     def enlarge(self, logits):
-        """One mask's logits in the picture's pixels: bilinear from the part of the square that the picture fills."""
+        """Enlarges one mask's logits to the picture's size, bilinearly from the part of the square that the picture
+        fills."""
         if logits.shape == (self.height, self.width):
             return logits
         placed = self.encoder.place(self.width, self.height)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A segmentation network: from a photograph to the class of every pixel."""
+"""Runs a semantic segmentation network: from a photograph to the train id of every pixel."""
 
 import numpy as np
 from PIL import Image
@@ -8,11 +8,12 @@ from . import classes, exports
 from .errors import SegmentError
 from .models import Model
 
-STRIP = 64  # rows of the finished picture that are interpolated at once: 150 classes x 64 x 1920 floats are 74 MB
+STRIP = 64  # output rows interpolated at once, to bound memory: 150 classes x 64 x 1920 floats are 74 MB
 
 
 def find_output(model):
-    """The first output that can be labels: most exports put auxiliary ones behind it."""
+    """Returns the first output whose type and rank fit labels or scores; most exports put auxiliary outputs after
+    it."""
     for tensor in model.outputs:
         rank = len(tensor.shape)
         if (tensor.is_float and rank == 4) or (tensor.is_integer and rank in (3, 4)):
@@ -21,7 +22,8 @@ def find_output(model):
 
 
 def choose_export(model, asked):
-    """The export that a file is; raises where none fits."""
+    """Finds the export of a model; returns it with the picture's input and the labels' output. Raises if none
+    fits."""
     picture, labels = model.inputs[0] if len(model.inputs) == 1 else None, find_output(model)
     export = exports.named(asked) if asked else None
     if asked and not export:
@@ -41,7 +43,7 @@ def choose_export(model, asked):
 
 
 def channel_axis(tensor):
-    """Where scores have their classes: 1, or -1 when the last side is fixed and the second is not that of classes."""
+    """The axis of the classes in scores: -1 if only the last dimension is a known number of classes, else 1."""
     second, last = tensor.shape[1], tensor.shape[3]
     if last in classes.BY_COUNT and second not in classes.BY_COUNT:
         return -1
@@ -49,14 +51,15 @@ def channel_axis(tensor):
 
 
 def positions(count, size):
-    """Bilinear interpolation from `size` samples to `count`, edges at edges: lower index, upper index, weight of the upper."""
+    """Positions for linear interpolation from `size` samples to `count`, with the outer edges aligned: returns lower
+    index, upper index, and weight of the upper."""
     at = np.clip((np.arange(count) + 0.5) * size / count - 0.5, 0, size - 1)
     low = np.floor(at).astype(np.int64)
     return low, np.minimum(low + 1, size - 1), (at - low).astype(np.float32)
 
 
 def enlarge_argmax(scores, height, width):
-    """The best class of every pixel after the scores [C][h][w] were interpolated to height x width."""
+    """Interpolates scores [C][h][w] bilinearly to height x width and returns the best class of every pixel."""
     scores = np.ascontiguousarray(scores, np.float32)
     out = np.empty((height, width), np.int64)
     top, bottom, down = positions(height, scores.shape[1])
@@ -77,7 +80,7 @@ def nearest(labels, height, width):
 
 
 class Semantic:
-    """`size`, `mean` and `std` (None: as the export has them) override the table's."""
+    """A network, its export and its class list. `size`, `mean` and `std` override the export's values unless None."""
 
     def __init__(self, path, threads=0, export=None, class_list=None, size=None, mean=None, std=None):
         self.model = Model(path, threads)
@@ -135,7 +138,7 @@ class Semantic:
         return tuple(max(step, round(side * shrink / step) * step) for side in (width, height))
 
     def prepare(self, photo):
-        """photo: uint8 [h][w][3], RGB."""
+        """Converts a photograph (uint8 [h][w][3], RGB) to the network's input."""
         width, height = self.target_size(photo.shape[1], photo.shape[0])
         small = np.asarray(Image.fromarray(photo).resize((width, height), Image.Resampling.BILINEAR))
         if self.export.bgr:
@@ -157,7 +160,7 @@ class Semantic:
         return enlarge_argmax(scores, height, width)
 
     def label(self, photo):
-        """uint8 [h][w]: train ids, 255 unknown."""
+        """Labels a photograph: returns train ids, uint8 [h][w], 255 for unknown."""
         height, width = photo.shape[:2]
         found = self.model.run([self.labels.name], {self.picture.name: self.prepare(photo)})[0]
         best = self.best_classes(found, height, width)
