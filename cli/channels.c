@@ -4,12 +4,13 @@
 #include "cli/channels.h"
 
 #include <math.h>
+#include <stdbool.h>
 
 /* Unprojects pixel (x, y) by its depth into camera coordinates; returns false if the pixel lies outside or has no
  * depth. */
-static int point_at(const pags_picture *picture, const pags_camera *camera, int x, int y, double p[3]) {
+static bool point_at(const pags_picture *picture, const pags_camera *camera, int x, int y, double p[3]) {
   if (x < 0 || y < 0 || x >= picture->width || y >= picture->height)
-    return 0;
+    return false;
   double z = (double)picture->depth[(int64_t)y * picture->stride + x];
   p[0] = (x + 0.5 - camera->cx) / camera->fx * z;
   p[1] = (y + 0.5 - camera->cy) / camera->fy * z;
@@ -19,14 +20,14 @@ static int point_at(const pags_picture *picture, const pags_camera *camera, int 
 
 /* Computes the surface tangent for one pixel in direction (dx, dy): the difference to that of the two neighbours
  * which is nearer in depth, so that at a depth edge both sides keep the normal of their own surface. */
-static int step_along(const pags_picture *picture, const pags_camera *camera, int x, int y, int dx, int dy,
-                      const double here[3], double step[3]) {
+static bool step_along(const pags_picture *picture, const pags_camera *camera, int x, int y, int dx, int dy,
+                       const double here[3], double step[3]) {
   double ahead[3], behind[3];
-  int has_ahead = point_at(picture, camera, x + dx, y + dy, ahead);
-  int has_behind = point_at(picture, camera, x - dx, y - dy, behind);
+  bool has_ahead = point_at(picture, camera, x + dx, y + dy, ahead);
+  const bool has_behind = point_at(picture, camera, x - dx, y - dy, behind);
   if (has_ahead && has_behind) {
     if (fabs(behind[2] - here[2]) < fabs(ahead[2] - here[2]))
-      has_ahead = 0;
+      has_ahead = false;
   }
   for (int k = 0; k < 3; k++)
     step[k] = has_ahead ? ahead[k] - here[k] : here[k] - behind[k];

@@ -18,13 +18,13 @@ pags_result pags_deadline_report_create(const pags_composition *composition, pag
     return pags_out_of_memory("the priorities of %lld Gaussians", (long long)out->ids);
   pags_composition_priorities(composition, out->priority);
   PAGS_TRY(pags_deadline_create(tasks, ms, out->priority, out->ids, &out->budget));
-  return pags_frame_create(tasks, &out->whole);
+  return pags_frame_create(tasks, &out->full_frame);
 }
 
 void pags_deadline_report_destroy(pags_deadline_report *deadline) {
   pags_deadline_destroy(deadline->budget);
-  if (deadline->whole)
-    pags_frame_destroy(deadline->whole);
+  if (deadline->full_frame)
+    pags_frame_destroy(deadline->full_frame);
   free(deadline->priority);
   memset(deadline, 0, sizeof *deadline);
 }
@@ -37,7 +37,7 @@ pags_result pags_deadline_report_draw(pags_deadline_report *d, const pags_part *
                                       const pags_camera *camera, const pags_frame_options *options, pags_picture *out,
                                       pags_deadline_result *report) {
   pags_frame_options full = *options;
-  pags_picture whole;
+  pags_picture full_picture;
   PAGS_TRY(pags_deadline_render(d->budget, parts, part_count, camera, options, out, report));
   d->met += report->met;
   d->at_step[report->step]++;
@@ -47,17 +47,17 @@ pags_result pags_deadline_report_draw(pags_deadline_report *d, const pags_part *
   if (d->frames++ % d->check_every != 0)
     return PAGS_OK;
   full.extra_channels = 1;
-  PAGS_TRY(pags_frame_render(d->whole, parts, part_count, camera, &full, NULL, NULL, &whole));
+  PAGS_TRY(pags_frame_render(d->full_frame, parts, part_count, camera, &full, NULL, NULL, &full_picture));
 
   /* Compare values clamped to 0..1, as pictures show them. A pixel is critical if the Gaussian with the largest
    * weight there in the full-quality picture has a priority over 0.5. */
-  for (int y = 0; y < whole.height; y++)
-    for (int x = 0; x < whole.width; x++) {
-      const int64_t at = (int64_t)y * whole.stride + x, id = whole.id[at];
+  for (int y = 0; y < full_picture.height; y++)
+    for (int x = 0; x < full_picture.width; x++) {
+      const int64_t at = (int64_t)y * full_picture.stride + x, id = full_picture.id[at];
       const bool critical = id >= 0 && id < d->ids && d->priority[id] > 0.5f;
       double sum = 0, largest = 0;
       for (int k = 0; k < 3; k++) {
-        const double error = fabs(cut(out->rgb[k][at]) - cut(whole.rgb[k][at]));
+        const double error = fabs(cut(out->rgb[k][at]) - cut(full_picture.rgb[k][at]));
         sum += error * error;
         largest = fmax(largest, error);
       }

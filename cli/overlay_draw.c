@@ -4,6 +4,7 @@
 #include "cli/overlay_draw.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <string.h>
 
 static const double near_plane = 0.1;
@@ -19,7 +20,7 @@ void pags_draw_dot(pags_image *image, double x, double y, int half, const uint8_
 
 /* Clips the parameter range [*lo, *hi] of a segment to the values of s where p + s d lies in [0, most] (one axis of a
  * clip to the picture); returns false if nothing is left. */
-static int cut(double p, double d, double most, double *lo, double *hi) {
+static bool cut(double p, double d, double most, double *lo, double *hi) {
   if (fabs(d) < 1e-12)
     return p >= 0 && p <= most;
   double s0 = -p / d, s1 = (most - p) / d;

@@ -39,7 +39,7 @@ static void put_degrees(pags_report *report, const pags_scene *scene) {
   pags_report_end_group(report);
 }
 
-static const pags_scene_object *owner_of(const pags_scene *scene, int64_t model) {
+static const pags_scene_object *object_of(const pags_scene *scene, int64_t model) {
   for (int64_t o = 0; o < scene->object_count; o++)
     if (scene->objects[o].model == model)
       return &scene->objects[o];
@@ -54,7 +54,7 @@ static bool scene_bounds(const pags_scene *scene, double lo[3], double hi[3]) {
     hi[axis] = -HUGE_VAL;
     for (int64_t m = 0; m < scene->model_count; m++) {
       const pags_gaussians *gaussians = &scene->models[m].gaussians;
-      for (int64_t i = 0; i < gaussians->count && !owner_of(scene, m); i++) {
+      for (int64_t i = 0; i < gaussians->count && !object_of(scene, m); i++) {
         double at = scene->origin[axis] + (double)pags_plane(gaussians, PAGS_MEAN + axis)[i];
         lo[axis] = fmin(lo[axis], at);
         hi[axis] = fmax(hi[axis], at);
@@ -82,18 +82,18 @@ static pags_result put_models(pags_report *report, const char *path, const pags_
   pags_report_begin_list(report, "models");
   for (int64_t i = 0; i < scene->model_count; i++) {
     const pags_model *model = &scene->models[i];
-    const pags_scene_object *owner = owner_of(scene, i);
+    const pags_scene_object *object = object_of(scene, i);
     uint64_t bytes;
 
     PAGS_TRY(file_bytes(path, model->file, folder, &bytes));
     *total += bytes;
-    if (owner) {
+    if (object) {
       /* Print one line per object's model, since there may be a hundred of them. */
       const pags_gaussians *g = &model->gaussians;
       char size[32];
-      pags_report_line(report, model->name, "%s, %lld Gaussians of SH degree %d, %s%s%s", owner->record.class_name,
+      pags_report_line(report, model->name, "%s, %lld Gaussians of SH degree %d, %s%s%s", object->record.class_name,
                        (long long)g->count, g->sh_degree, pags_format_bytes((double)bytes, size, sizeof size),
-                       g->fourier ? ", colour over time" : "", owner->rigid ? "" : ", not rigid");
+                       g->fourier ? ", colour over time" : "", object->rigid ? "" : ", not rigid");
       pags_json_writer *w = &report->json;
       pags_json_begin_object(w, NULL);
       pags_json_put_string(w, "name", model->name);
@@ -101,10 +101,10 @@ static pags_result put_models(pags_report *report, const char *path, const pags_
       pags_json_put_integer(w, "gaussians", g->count);
       pags_json_put_integer(w, "sh_degree", g->sh_degree);
       pags_json_put_unsigned(w, "bytes", bytes);
-      pags_json_put_string(w, "object", owner->record.id);
-      pags_json_put_string(w, "class", owner->record.class_name);
+      pags_json_put_string(w, "object", object->record.id);
+      pags_json_put_string(w, "class", object->record.class_name);
       pags_json_put_bool(w, "fourier_colour", g->fourier != NULL);
-      pags_json_put_bool(w, "rigid", owner->rigid != 0);
+      pags_json_put_bool(w, "rigid", object->rigid != 0);
       pags_json_end_object(w);
 
       continue;
@@ -156,7 +156,7 @@ static pags_result list_objects(pags_report *report, const pags_scene *scene) {
   int64_t *counts = calloc((size_t)scene->object_count + 1, sizeof *counts);
   for (int64_t m = 0; counts && m < scene->model_count; m++) {
     const pags_gaussians *g = &scene->models[m].gaussians;
-    for (int64_t i = 0; g->object_id && !owner_of(scene, m) && i < g->count; i++)
+    for (int64_t i = 0; g->object_id && !object_of(scene, m) && i < g->count; i++)
       if (g->object_id[i] >= 0)
         counts[g->object_id[i]]++;
   }

@@ -446,7 +446,7 @@ static void add_labels(source *s, Pags__Waymo__Frame *frame, int64_t t, const do
 
 enum { ROWS = 192, COLUMNS = 2048 };
 
-/* The roof laser: turned by 148 degrees and tilted a little, as Waymo's. */
+/* The roof LiDAR: turned by 148 degrees and tilted a little, as Waymo's. */
 static raw_lidar roof_lidar(void) {
   raw_lidar l = {.name = 1, .rows = ROWS, .columns = COLUMNS, .low = -0.9, .high = 0.5};
   const double turned[12] = {cos(2.58), -sin(2.58), 0, 1.43, sin(2.58), cos(2.58), 0, 0, 0, 0, 1, 2.18};

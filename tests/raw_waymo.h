@@ -49,7 +49,7 @@ void raw_lidar_add(raw_waymo *w, Pags__Waymo__Frame *frame, const raw_lidar *las
 
 /* Writes the data set in drivestudio's layout in `folder` (constant extrinsics in OpenCV axes, boxes' front +x, LiDAR
  * rows that begin with x y z) as a segment: photographs as they are (JPEGs of those that aren't), poses, times, boxes,
- * semantic masks as panoptic labels, and each LiDAR point in the pixel of a roof laser whose beam is nearest, its range
+ * semantic masks as panoptic labels, and each LiDAR point in the pixel of a roof LiDAR whose beam is nearest, its range
  * exact; what finds its pixel taken goes to the second return, and what finds that taken is lost. Ends the program with
  * a message where a file is missing. */
 void raw_waymo_write(const char *folder, const char *path);

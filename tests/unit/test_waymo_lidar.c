@@ -141,7 +141,7 @@ static double worst_miss(const world *w, const double pose[12], const pags_waymo
   return worst;
 }
 
-/* The roof laser with a list of beams and poses, and one at the front, tilted down, without either. */
+/* The roof LiDAR with a list of beams and poses, and one at the front, tilted down, without either. */
 static void drive_through(double far_away, double allowed) {
   enum { ROWS = 24, COLUMNS = 180 };
   world w = {
@@ -217,7 +217,7 @@ static void test_refuses_what_does_not_fit(void **state) {
   Pags__Waymo__Frame *f = frame_to_spoil();
   f->context->laser_calibrations[0]->beam_inclinations = beams;
   f->context->laser_calibrations[0]->n_beam_inclinations = 2;
-  expect_refusal(f, PAGS_ERROR_FORMAT, "laser TOP has 2 beam inclinations, its range image 3 rows");
+  expect_refusal(f, PAGS_ERROR_FORMAT, "LiDAR TOP has 2 beam inclinations, its range image 3 rows");
   f = frame_to_spoil();
   f->context->n_laser_calibrations = 0;
   expect_refusal(f, PAGS_ERROR_FORMAT, "no calibration");
@@ -233,7 +233,7 @@ static void test_refuses_what_does_not_fit(void **state) {
   expect_refusal(f, PAGS_ERROR_FORMAT, "can't be inflated");
   f = frame_to_spoil();
   f->lasers[0]->ri_return1->range_image_compressed.data[4] ^= 0x55;
-  expect_refusal(f, PAGS_ERROR_FORMAT, "range image of laser TOP");
+  expect_refusal(f, PAGS_ERROR_FORMAT, "range image of LiDAR TOP");
   f = frame_to_spoil();
   f->context->laser_calibrations[0]->extrinsic->transform[0] = 2;
   expect_refusal(f, PAGS_ERROR_FORMAT, "expected a rotation");
@@ -266,7 +266,7 @@ static void test_leaves_out_what_is_not_finite(void **state) {
   pags_waymo_points_destroy(&p);
 }
 
-static void test_empty_lasers_give_no_points(void **state) {
+static void test_empty_lidars_give_no_points(void **state) {
   (void)state;
   Pags__Waymo__Frame *f = new_frame(identity);
   for (f->n_lasers = 0; f->n_lasers < 5; f->n_lasers++) {
@@ -305,7 +305,7 @@ int main(void) {
       cmocka_unit_test_teardown(test_refuses_what_does_not_fit, tear_down),
       cmocka_unit_test_teardown(test_inflates_no_more_than_stated, tear_down),
       cmocka_unit_test_teardown(test_leaves_out_what_is_not_finite, tear_down),
-      cmocka_unit_test_teardown(test_empty_lasers_give_no_points, tear_down),
+      cmocka_unit_test_teardown(test_empty_lidars_give_no_points, tear_down),
       cmocka_unit_test_teardown(test_messages_keep_to_a_budget, tear_down),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
