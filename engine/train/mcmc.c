@@ -143,16 +143,8 @@ pags_result pags_mcmc_refine(pags_train_model *model, pags_tasks *tasks) {
   pags_result result = rows ? PAGS_OK : pags_out_of_memory("Gaussians");
   if (rows && l.dead_count < l.count) {
     draw_and_thin(model, &l, PAGS_DRAW_RELOCATE, rows, l.dead_count);
-    for (int64_t i = 0; i < l.dead_count; i++) {
-      /* The dead row becomes a copy of the drawn row; the moments of both become zero. */
-      for (int p = 0; p < pags_plane_count(model->gaussians.sh_degree); p++) {
-        float *x = pags_plane(&model->gaussians, p), *m = pags_plane(&model->adam.first, p);
-        float *v = pags_plane(&model->adam.second, p);
-        x[l.dead[i]] = x[rows[i]];
-        m[l.dead[i]] = m[rows[i]] = 0.0f;
-        v[l.dead[i]] = v[rows[i]] = 0.0f;
-      }
-    }
+    for (int64_t i = 0; i < l.dead_count; i++)
+      pags_model_relocate(model, l.dead[i], rows[i]);
   }
   free(rows);
   free_lottery(&l);

@@ -180,6 +180,17 @@ pags_result pags_model_gather(pags_train_model *model, const int64_t *source, in
   return pags_adam_regroup(&model->adam, count, model->step);
 }
 
+void pags_model_relocate(pags_train_model *model, int64_t row, int64_t onto) {
+  column columns[MAX_COLUMNS];
+  const int n = list_columns(model, columns);
+  for (int c = 0; c < n; c++) {
+    uint32_t *data = columns[c].data;
+    data[row] = data[onto];
+    if (columns[c].moment)
+      data[row] = data[onto] = 0;
+  }
+}
+
 pags_result pags_model_sort(pags_train_model *model, pags_tasks *tasks) {
   int64_t count = model->gaussians.count;
   int64_t *order = malloc((size_t)(count > 0 ? count : 1) * sizeof(int64_t));

@@ -65,6 +65,33 @@ static void relocation_keeps_what_a_ray_sees(void **unused) {
   }
 }
 
+/* A Gaussian moved onto another takes all of it: colour over time, object and priority, too. */
+static void the_dead_take_everything_of_what_they_move_onto(void **unused) {
+  (void)unused;
+  fixture f;
+  begin(&f, ROWS);
+  pags_gaussians *g = &f.state.gaussians;
+  assert_int_equal(pags_model_add_fourier(&f.state), PAGS_OK);
+  assert_int_equal(pags_gaussians_add_s_sem(g), PAGS_OK);
+  assert_int_equal(pags_gaussians_add_object_id(g), PAGS_OK);
+  for (int64_t i = 0; i < ROWS; i++) {
+    g->object_id[i] = (int32_t)lrintf(pags_plane(g, PAGS_MEAN)[i]);
+    g->s_sem[i] = 0.001f * (float)g->object_id[i];
+    for (int p = 0; p < PAGS_FOURIER_PLANES; p++)
+      g->fourier[p * g->stride + i] = (float)(g->object_id[i] + p);
+  }
+  assert_int_equal(pags_mcmc_refine(&f.state, f.tasks), PAGS_OK);
+  g = &f.state.gaussians;
+  for (int64_t i = 0; i < g->count; i++) {
+    const int32_t was = (int32_t)lrintf(pags_plane(g, PAGS_MEAN)[i]);
+    assert_int_equal(g->object_id[i], was);
+    assert_true(g->s_sem[i] == 0.001f * (float)was);
+    for (int p = 0; p < PAGS_FOURIER_PLANES; p++)
+      assert_true(g->fourier[p * g->stride + i] == (float)(was + p));
+  }
+  end(&f);
+}
+
 static void the_dead_move_and_the_count_grows_to_its_bound(void **unused) {
   (void)unused;
   fixture f;
@@ -135,6 +162,7 @@ static void noise_has_the_covariance_and_stays_in_bounds(void **unused) {
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(relocation_keeps_what_a_ray_sees),
+      cmocka_unit_test(the_dead_take_everything_of_what_they_move_onto),
       cmocka_unit_test(the_dead_move_and_the_count_grows_to_its_bound),
       cmocka_unit_test(regularisers_match_finite_differences),
       cmocka_unit_test(noise_has_the_covariance_and_stays_in_bounds),
