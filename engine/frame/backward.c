@@ -1,10 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The way back: tiles write partial gradients to their own slots, then each cluster sums its slots, goes through shade
- * and project and hands the rows to the receiver while they are in cache. No array of all gradients exists.
+/* The backward pass of a frame: from the loss's gradient by the picture to the gradients of the Gaussians'
+ * parameters. Each tile writes one partial gradient per (Gaussian, tile) pair to a slot of its own, so no atomics are
+ * needed. Then each cluster sums its members' slots, goes back through shading and projection, and hands the
+ * gradients of its rows to the caller's receiver while they are in the cache. No array of all gradients exists.
  *
- * A sky needs nothing of the tiles: its share of the picture, T sky, depends on the transmittance as a background's
- * does, and both lie in what remains of the picture's colours once the Gaussians' have been taken off. Only its texels
- * have a gradient of their own. */
+ * A sky needs no extra work in the tiles: its term of the picture, T sky, depends on the transmittance T as that of a
+ * background colour does. The kernel (simd/raster_backward.inl) subtracts the Gaussians' contributions from the
+ * picture's colours front to back, so that either term is contained in the remainder. Only the texels of the sky have
+ * a gradient of their own (sky.c). */
 #include <assert.h>
 #include <stdatomic.h>
 #include <string.h>
@@ -17,19 +20,20 @@ typedef struct backward_context {
   float *slots;
   pags_receive_fn *receive;
   void *user;
-  float *scratch;       /* per worker */
-  uint8_t *drawn, *bad; /* per worker */
+  float *scratch;       /* per worker: SCRATCH_PLANES planes of MOST_MEMBERS floats */
+  uint8_t *drawn, *bad; /* per worker: MOST_MEMBERS flags each */
   atomic_llong bad_rows;
 } backward_context;
 
 enum { MOST_MEMBERS = 256, SCRATCH_PLANES = PAGS_MAX_PLANES + 3 };
-enum { TILES_AT_A_TIME = 4 }; /* as in raster.c */
+enum { TILES_AT_A_TIME = 4 }; /* a worker's block of tiles, as in raster.c */
 
 static const float *at_tile(const float *plane, int64_t at) {
   return plane ? plane + at : NULL;
 }
 
-/* Depth gradients are sparse (LiDAR): tiles without any go the way without depth, which gives the same bits. */
+/* The tile's part of the depth gradient, NULL where all of its pixels have 0. Depth gradients are sparse, since they
+ * come from LiDAR points; tiles without any take the faster kernel without depth, which gives the same bits. */
 static const float *tile_gradient(const pags_frame *f, const float *plane, int64_t at) {
   if (!plane)
     return NULL;
@@ -40,6 +44,7 @@ static const float *tile_gradient(const pags_frame *f, const float *plane, int64
   return NULL;
 }
 
+/* Tells the kernel which planes and entries the worker's next tile will read, so that it prefetches them. */
 static void name_next(const backward_context *c, int64_t tile, pags_raster_back *in) {
   const pags_frame *const f = c->frame;
   const pags_picture_gradient *const g = c->gradient;
@@ -58,6 +63,7 @@ static void name_next(const backward_context *c, int64_t tile, pags_raster_back 
     in->next[k] = at_tile(planes[k], frame_tile_offset(f, tile));
 }
 
+/* Block function: the backward pass of the rasteriser over tiles [begin, end). */
 static void tiles_backward(void *context, int64_t begin, int64_t end, int worker) {
   const backward_context *const c = context;
   const pags_frame *const f = c->frame;
@@ -92,6 +98,8 @@ static void tiles_backward(void *context, int64_t begin, int64_t end, int worker
   }
 }
 
+/* Block function: sums the slots of the members of clusters [begin, end), goes back through shading and projection,
+ * and calls the receiver. */
 static void clusters_backward(void *context, int64_t begin, int64_t end, int worker) {
   backward_context *const c = context;
   const pags_frame *const f = c->frame;

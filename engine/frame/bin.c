@@ -1,22 +1,25 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Lists, for each tile, of the splats that can change it, in the order of the list of what is drawn, which is about
- * that of memory: neighbours fall into the same tiles, so that few lines of few lists are written at a time. sort.c
- * then puts each list in order.
+/* Binning: makes each tile's list of the splats that can change it. The lists come in about the order of memory;
+ * there, neighbours fall into the same tiles, so that only few cache lines of few lists are written at a time. sort.c
+ * then sorts each list by depth.
  *
- * What is drawn is cut into fixed blocks. Each block counts its pairs per tile; sums over (tile, block) give every
- * block its own place in each tile's list; then each block writes its pairs there. Stable, and no atomics. */
+ * This is a stable counting sort by tile, without atomics. The drawn splats are cut into fixed blocks. Each block
+ * counts its (Gaussian, tile) pairs per tile; prefix sums over (tile, block) give each block its range in each tile's
+ * list; then each block writes its pairs there. */
 #include <string.h>
 
 #include "frame/stages.h"
 
+/* Binning uses at most MOST_BLOCKS blocks of at least LEAST_SPLATS drawn splats; `drawn` and slot_start are made in
+ * blocks of LISTED dense indices. */
 enum { MOST_BLOCKS = 32, LEAST_SPLATS = 1024, LISTED = 1 << 14 };
 
 typedef struct list_context {
   pags_frame *frame;
-  int64_t *place; /* per block of dense indices: how many, then where they begin */
+  int64_t *place; /* per block of LISTED dense indices: its count, then the sum of all counts before it */
 } list_context;
 
-/* Counts block by block, then turns counts into places. */
+/* Runs `count` over blocks of LISTED dense indices, then turns the counts into exclusive prefix sums; *sum: total. */
 static pags_result count_dense(list_context *c, pags_block_fn *count, int64_t *sum) {
   const int64_t dense = c->frame->dense_count, blocks = (dense + LISTED - 1) / LISTED;
   c->place = pags_frame_alloc(c->frame, blocks, sizeof *c->place, "counts of members");
@@ -32,6 +35,7 @@ static pags_result count_dense(list_context *c, pags_block_fn *count, int64_t *s
   return PAGS_OK;
 }
 
+/* Block function: counts the Gaussians of one block that are drawn. */
 static void count_drawn(void *context, int64_t begin, int64_t end, int worker) {
   const list_context *const c = context;
   const uint32_t *const keys = c->frame->keys;
@@ -42,6 +46,7 @@ static void count_drawn(void *context, int64_t begin, int64_t end, int worker) {
   c->place[begin / LISTED] = drawn;
 }
 
+/* Block function: writes the dense indices of a block's drawn Gaussians to the block's range of `drawn`. */
 static void list_drawn(void *context, int64_t begin, int64_t end, int worker) {
   const list_context *const c = context;
   const uint32_t *const keys = c->frame->keys;
@@ -50,7 +55,7 @@ static void list_drawn(void *context, int64_t begin, int64_t end, int worker) {
   for (int64_t first = begin; first < end; first += PAGS_LANES) { /* dense_count is a multiple of 16 */
     uint32_t some[PAGS_LANES];
     int n = 0;
-    for (int k = 0; k < PAGS_LANES; k++) { /* no branch: which are drawn can't be foreseen */
+    for (int k = 0; k < PAGS_LANES; k++) { /* without a branch, since it would be mispredicted often */
       some[n] = (uint32_t)(first + k);
       n += keys[first + k] != UINT32_MAX;
     }
@@ -70,8 +75,8 @@ pags_result pags_stage_list(pags_frame *frame) {
 typedef struct bin_context {
   pags_frame *frame;
   int64_t tiles, grain;
-  uint32_t *counts; /* tiles per block */
-  int64_t *offsets; /* tiles per block */
+  uint32_t *counts; /* [block][tile]: pairs */
+  int64_t *offsets; /* [block][tile]: where the block's next pair goes in `entries` */
   int64_t binned[MOST_BLOCKS], hidden[MOST_BLOCKS];
 } bin_context;
 
@@ -79,6 +84,7 @@ static pags_bin bin_input(const pags_frame *f, int64_t begin, int64_t end) {
   return (pags_bin){f->splats, f->boxes, f->drawn + begin, end - begin, f->tiles_x, f->tile_limits, NULL};
 }
 
+/* Block function: counts a block's pairs per tile, and the pairs that tile_limits leaves out. */
 static void count_block(void *context, int64_t begin, int64_t end, int worker) {
   bin_context *const c = context;
   const int64_t block = begin / c->grain;
@@ -90,6 +96,7 @@ static void count_block(void *context, int64_t begin, int64_t end, int worker) {
   c->binned[block] = c->frame->kernels->bin_count(&in, counts);
 }
 
+/* Block function: writes a block's pairs to the tiles' lists. */
 static void fill_block(void *context, int64_t begin, int64_t end, int worker) {
   const bin_context *const c = context;
   (void)worker;
@@ -97,6 +104,7 @@ static void fill_block(void *context, int64_t begin, int64_t end, int worker) {
   c->frame->kernels->bin_fill(&in, c->offsets + begin / c->grain * c->tiles, c->frame->entries);
 }
 
+/* Gradient slots of dense index i: one for each tile that its splat touches. */
 static int64_t slots_of(const pags_frame *f, int64_t i) {
   return f->keys[i] != UINT32_MAX ? f->splats[i].tiles : 0;
 }
@@ -120,7 +128,8 @@ static void fill_slots(void *context, int64_t begin, int64_t end, int worker) {
   }
 }
 
-/* Where each splat's gradient slots begin; in dense order, so that a cluster's slots lie together. */
+/* Computes slot_start: where each splat's gradient slots begin. Slots follow the dense order, so that those of a
+ * cluster are contiguous. */
 static pags_result place_slots(pags_frame *frame) {
   list_context c = {.frame = frame};
   frame->slot_start = pags_frame_alloc(frame, frame->dense_count + 1, sizeof *frame->slot_start, "slot places");
@@ -142,7 +151,8 @@ pags_result pags_stage_bin(pags_frame *frame) {
     return PAGS_ERROR_MEMORY;
   PAGS_TRY(pags_frame_for(frame, frame->drawn_count, c.grain, count_block, &c));
 
-  /* Row after row of the tables, which is how they lie. */
+  /* Prefix sums over (tile, block). The loops go through the tables block by block, in the order in which they lie in
+   * memory. */
   int64_t *const start = c.frame->tile_start;
   memset(start, 0, (size_t)(c.tiles + 1) * sizeof *start);
   for (int64_t b = 0; b < blocks; b++)

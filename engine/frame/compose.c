@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* From a scene to the parts of a frame.
+/* From a scene to the parts of a frame: sorts the scene's Gaussians into groups that are hidden and moved together,
+ * and lists the parts to draw at a time, with objects hidden, moved, added or placed.
  *
- * Each model's rows are brought into Morton order; a model that stands in the world is cut by object, so that a parked
- * car is a run of its own. Such a run is drawn with world_from_model = P D P^-1, P being its box and D the edit; one
- * that follows a track with P D. Positions stay relative to the scene's origin: of P, the origin is subtracted in
- * double. */
+ * Each model's rows are brought into Morton order. The background model is split by object, so that a parked car is a
+ * group of its own. With P the pose of an object's labelled box and D an edit's motion, a parked object's group is
+ * drawn with world_from_model = P D P^-1, and the group of an object that has its own model and follows its track,
+ * with P D. Positions stay relative to the scene's origin, which is subtracted from P in double. */
 #include <pags/compose.h>
 #include <pags/packed.h>
 
@@ -19,20 +20,21 @@
 
 enum { CLUSTER_SIZE = 64, ALIGNMENT = 64 };
 
-/* Gaussians that are drawn or not, and moved, together. */
+/* Gaussians that are hidden and moved together: the background, or one object's. */
 typedef struct group {
   pags_gaussians gaussians;
   pags_clusters clusters;
-  pags_packed packed; /* in place of `gaussians` and `clusters`, which are empty then; no rows where those are */
-  int32_t *id;        /* NULL: rows are ids, which a packed file's are */
-  int64_t object;     /* -1: none */
-  bool tracked;       /* in the frame of its object and following it; else in the world */
-  float *dc;          /* constant colour at dc_time; NULL: it doesn't change */
+  pags_packed packed; /* the rows in packed form; then `gaussians` and `clusters` are empty. Else this is empty */
+  int32_t *id;        /* id per row; NULL: the id is the row, as in a packed file */
+  int64_t object;     /* index of the scene's object; -1: none */
+  bool tracked;       /* positions are in the object's frame and follow its track; false: they are in the world */
+  float *dc;          /* constant SH term at dc_time, 3 planes; NULL: it doesn't change with time */
   double dc_time;     /* NaN: not computed yet */
   bool hidden, moved;
-  double motion[12]; /* where moved */
+  double motion[12]; /* D of the move edit; set where `moved` */
 } group;
 
+/* A second instance of a group, from an edit that adds the object once more. */
 typedef struct addition {
   int64_t group;
   double motion[12];
@@ -43,8 +45,8 @@ struct pags_composition {
   int64_t gaussian_count, group_count, group_capacity, addition_count;
   group *groups;
   addition *additions;
-  pags_part *parts; /* room for every group and addition */
-  pags_part *placed_parts;
+  pags_part *parts;        /* of pags_compose: room for every group and addition */
+  pags_part *placed_parts; /* of pags_compose_placed: placed_capacity */
   int64_t placed_capacity;
 };
 
@@ -52,7 +54,9 @@ static pags_result out_of_memory(const pags_composition *c) {
   return pags_out_of_memory("preparing %lld Gaussians for rendering", (long long)c->gaussian_count);
 }
 
-/* NULL when memory is out. */
+/* ---- Sorting a scene's Gaussians into groups ---- */
+
+/* Appends an empty group and returns it; NULL if out of memory. */
 static group *next_group(pags_composition *c) {
   if (c->group_count == c->group_capacity) {
     int64_t capacity = 2 * c->group_capacity + 16;
@@ -67,12 +71,14 @@ static group *next_group(pags_composition *c) {
   return next;
 }
 
+/* The bucket of sort_by_object: object + 1, or 0 where object_id names no object of the scene. */
 static int64_t bucket_of(int32_t object_id, int64_t object_count) {
   return object_id >= 0 && object_id < object_count ? object_id + 1 : 0;
 }
 
-/* Stable counting sort of `order` by object: bucket o + 1 holds the rows of object o, bucket 0 those of none. On return
- * `end` (object_count + 2 entries, zeros at first) says where each bucket ends in `sorted`. */
+/* Stable counting sort of the rows in `order` by object: bucket o + 1 holds the rows of object o, bucket 0 those
+ * without an object. `end` has object_count + 2 entries, zeros on entry; on return it holds the end of each bucket in
+ * `sorted`. */
 static void sort_by_object(const int32_t *object_id, const int64_t *order, int64_t count, int64_t object_count,
                            int64_t *end, int64_t *sorted) {
   for (int64_t i = 0; i < count; i++)
@@ -83,6 +89,7 @@ static void sort_by_object(const int32_t *object_id, const int64_t *order, int64
     sorted[end[bucket_of(object_id[order[i]], object_count)]++] = order[i];
 }
 
+/* Appends a group with copies of rows index[0 .. count) of `model`, in this order. Row r gets the id first_id + r. */
 static pags_result add_one_group(pags_composition *c, const pags_gaussians *model, int32_t first_id,
                                  const int64_t *index, int64_t count, int64_t object, bool tracked) {
   group *added = next_group(c);
@@ -91,7 +98,6 @@ static pags_result add_one_group(pags_composition *c, const pags_gaussians *mode
   added->object = object;
   added->tracked = tracked;
 
-  /* Rows index[0 .. count) of a model, which are first_id + index by number. */
   PAGS_TRY(pags_gaussians_create_like(&added->gaussians, count, model));
   pags_gaussians_gather(model, index, count, &added->gaussians);
   added->id = malloc((size_t)(count + 1) * sizeof *added->id);
@@ -110,6 +116,7 @@ static pags_result add_one_group(pags_composition *c, const pags_gaussians *mode
   return PAGS_OK;
 }
 
+/* Appends one group for each object that occurs in the model's object_id, and one for the rows without an object. */
 static pags_result split_by_object(pags_composition *c, const pags_gaussians *model, int32_t first_id,
                                    const int64_t *order) {
   int64_t objects = c->scene.object_count, begin = 0;
@@ -128,6 +135,8 @@ static pags_result split_by_object(pags_composition *c, const pags_gaussians *mo
   return result;
 }
 
+/* Adds a model's Gaussians in Morton order: the model of an object (`owner` >= 0) as one group, the background split
+ * by object. */
 static pags_result add_model(pags_composition *c, const pags_model *model, int32_t first_id, int64_t owner) {
   const pags_gaussians *g = &model->gaussians;
   int64_t *order = malloc((size_t)(g->count + 1) * sizeof *order);
@@ -142,6 +151,7 @@ static pags_result add_model(pags_composition *c, const pags_model *model, int32
   return result;
 }
 
+/* Per model: the index of the object whose model it is, -1 for the background. NULL if out of memory. */
 static int64_t *list_owners(const pags_scene *scene) {
   int64_t *owners = malloc((size_t)(scene->model_count + 1) * sizeof *owners);
   for (int64_t m = 0; owners && m < scene->model_count; m++)
@@ -152,6 +162,7 @@ static int64_t *list_owners(const pags_scene *scene) {
   return owners;
 }
 
+/* Moves the scene's Gaussians into groups, model by model, and frees the models' own copies. */
 static pags_result build(pags_composition *c) {
   c->gaussian_count = pags_scene_gaussian_count(&c->scene);
   if (c->gaussian_count > INT32_MAX - 64)
@@ -170,6 +181,8 @@ static pags_result build(pags_composition *c) {
   free(owners);
   return result == PAGS_OK ? pags_composition_edit(c, NULL, 0) : result;
 }
+
+/* ---- Creating and describing a composition ---- */
 
 pags_result pags_composition_create(pags_scene *scene, pags_composition **out) {
   pags_composition *c = calloc(1, sizeof *c);
@@ -236,8 +249,9 @@ size_t pags_composition_bytes(const pags_composition *composition) {
   return bytes;
 }
 
-/* Near plane and low-pass of the training, where the scene's configuration names them: a scene is to be drawn as it was
- * trained. A configuration of another program's is no error; the defaults stay. */
+/* Takes near_plane and low_pass from the scene's training configuration, if they are there, since a scene must be
+ * drawn with the values that it was trained with. A configuration that another program wrote is no error; the
+ * defaults stay. */
 static void read_config(const pags_scene *scene, pags_frame_options *options) {
   pags_json *json;
   double value;
@@ -264,13 +278,15 @@ pags_frame_options pags_composition_options(const pags_composition *composition)
   return options;
 }
 
-/* Whether an edit of the object moves this group: where an object has a model of its own, that; else what it has in the
- * background. */
+/* ---- Edits, and the parts at a time ---- */
+
+/* Whether an edit that moves or adds `object` applies to group `g`: to the object's own model if it has one, else to
+ * its Gaussians in the background. */
 static bool follows_edits(const pags_composition *c, const group *g, int64_t object) {
   return g->object == object && g->tracked == (c->scene.objects[object].model >= 0);
 }
 
-/* [Rz(yaw) | translation] */
+/* The motion D of an edit: [Rz(yaw) | translation], 3x4. */
 static void edit_motion(const pags_edit *edit, double out[12]) {
   double angle = edit->yaw * (3.14159265358979323846 / 180), c = cos(angle), s = sin(angle);
   const double motion[12] = {c, -s, 0, edit->translation[0], s, c, 0, edit->translation[1],
@@ -278,6 +294,7 @@ static void edit_motion(const pags_edit *edit, double out[12]) {
   memcpy(out, motion, sizeof motion);
 }
 
+/* Marks the groups that the edit hides or moves, and appends the groups that it adds to `additions`. */
 static void apply_edit(pags_composition *c, const pags_edit *edit) {
   for (int64_t i = 0; i < c->group_count; i++) {
     group *g = &c->groups[i];
@@ -293,7 +310,7 @@ static void apply_edit(pags_composition *c, const pags_edit *edit) {
 }
 
 pags_result pags_composition_edit(pags_composition *composition, const pags_edit *edits, int64_t count) {
-  /* Check edits. */
+  /* The edits are checked before anything changes, so that earlier edits stay where these are refused. */
   for (int64_t i = 0; i < count; i++) {
     const pags_edit *e = &edits[i];
     if (e->object < 0 || e->object >= composition->scene.object_count)
@@ -303,7 +320,7 @@ pags_result pags_composition_edit(pags_composition *composition, const pags_edit
       return pags_fail(PAGS_ERROR_ARGUMENT, "edit %lld: expected finite metres and degrees", (long long)i);
   }
 
-  /* Makes room for every part that these edits can ask for. */
+  /* Allocates room for the parts of all groups and additions, so that pags_compose needs no memory. */
   int64_t additions = 0;
   for (int64_t i = 0; i < count; i++)
     for (int64_t g = 0; edits[i].kind == PAGS_EDIT_ADD && g < composition->group_count; g++)
@@ -328,7 +345,7 @@ pags_result pags_composition_edit(pags_composition *composition, const pags_edit
   return PAGS_OK;
 }
 
-/* Where a parked object is when its label says nothing of `time`: at its nearest label. */
+/* The pose of a parked object at a time that its labels don't cover: that of the label nearest in time. */
 static void nearest_pose(const pags_object *object, double time, double out[12]) {
   double best = object->knots[0].time;
   for (int64_t i = 1; i < object->knot_count; i++)
@@ -338,7 +355,8 @@ static void nearest_pose(const pags_object *object, double time, double out[12])
     memcpy(out, object->knots[0].world_from_object, 12 * sizeof *out);
 }
 
-/* world_from_model relative to the origin; false when there is nothing to draw at `time`. */
+/* Computes a group's world_from_model, relative to the scene's origin, with the edit's `motion` (NULL: not edited).
+ * Returns false where the group follows a track that doesn't cover `time`: it isn't drawn then. */
 static bool place(const pags_composition *c, const group *g, const double *motion, double time, double out[12]) {
   static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
   double box[12], back[12];
@@ -361,7 +379,7 @@ static bool place(const pags_composition *c, const group *g, const double *motio
   return true;
 }
 
-/* Of the track's span; of the scene's for what has no track. */
+/* `time` as a fraction 0..1 of the object's track, or of the scene's time span for a group without an object. */
 static double phase(const pags_scene *scene, const group *g, double time) {
   if (g->object < 0)
     return pags_fourier_phase(scene->time_begin, scene->time_end, time);
@@ -369,6 +387,7 @@ static double phase(const pags_scene *scene, const group *g, double time) {
   return pags_fourier_phase(object->knots[0].time, object->knots[object->knot_count - 1].time, time);
 }
 
+/* Evaluates the group's Fourier series of the constant SH term at `time`, unless dc holds that time already. */
 static void evaluate_dc(const pags_scene *scene, group *g, double time) {
   double basis[5];
   if (g->dc_time == time)
@@ -382,12 +401,12 @@ static int64_t group_rows(const group *g) {
   return g->gaussians.count + g->packed.shape.count;
 }
 
-/* Of Gaussians that have no S_sem of their own. */
+/* S_sem of a group's Gaussians that have none of their own: 1 for a critical object, else 0. */
 static float priority_of_object(const pags_composition *c, const group *g) {
   return g->object >= 0 && c->scene.objects[g->object].critical ? 1 : 0;
 }
 
-/* All of a part but its place. */
+/* Fills in all members of a part but world_from_model, for drawing the group at `time`. */
 static void fill_part(pags_composition *c, group *g, double time, pags_part *part) {
   if (g->dc)
     evaluate_dc(&c->scene, g, time);
@@ -401,6 +420,7 @@ static void fill_part(pags_composition *c, group *g, double time, pags_part *par
   part->s_sem = priority_of_object(c, g);
 }
 
+/* Appends the group's part to c->parts, unless the group is empty or isn't there at `time`. */
 static void put_part(pags_composition *c, group *g, const double *motion, double time, int *count) {
   pags_part *part = &c->parts[*count];
   if (group_rows(g) == 0 || !place(c, g, motion, time, part->world_from_model))
@@ -431,11 +451,15 @@ void pags_composition_rest_pose(const pags_composition *composition, int64_t obj
     nearest_pose(&scene->objects[object].record, scene->time_begin, out);
 }
 
-/* Whether a placement of `object` draws this group; -1 draws what no object's does. */
+/* ---- Parts where the caller places them ---- */
+
+/* Whether a placement of `object` draws group `g`; `object` -1 stands for the background, which has all groups that
+ * no object's placement draws. */
 static bool is_placed_by(const pags_composition *c, const group *g, int64_t object) {
   return object < 0 ? g->object < 0 || !follows_edits(c, g, g->object) : follows_edits(c, g, object);
 }
 
+/* Grows placed_parts to the number of parts that the placements need. */
 static pags_result reserve_placed(pags_composition *c, const pags_placement *placements, int64_t count) {
   int64_t needed = 0;
   for (int64_t i = 0; i < count; i++)
@@ -454,13 +478,15 @@ static pags_result reserve_placed(pags_composition *c, const pags_placement *pla
   return PAGS_OK;
 }
 
-/* world_from_model, relative to the origin, of a group that a checked placement draws. */
+/* Computes world_from_model, relative to the scene's origin, of a group that a placement draws; the placement has
+ * passed pags_compose_placed's checks. A parked object's group is carried from the object's rest pose to the
+ * placement. */
 static void place_at(const pags_composition *c, const group *g, const pags_placement *placement, double out[12]) {
   double there[12], rest[12], back[12];
   memcpy(there, placement->world_from_object, sizeof there);
   pags_rigid_check(there, "placement");
   for (int k = 0; k < 3; k++)
-    for (int j = 0; placement->object < 0 && j < 3; j++) /* p -> R (p + origin) + t - origin */
+    for (int j = 0; placement->object < 0 && j < 3; j++) /* the background's p becomes R (p + origin) + t - origin */
       there[4 * k + 3] += there[4 * k + j] * c->scene.origin[j];
   for (int k = 0; k < 3; k++)
     there[4 * k + 3] -= c->scene.origin[k];
@@ -481,7 +507,7 @@ pags_result pags_compose_placed(pags_composition *composition, double time, cons
   *parts = NULL;
   *part_count = 0;
 
-  /* Check placements. */
+  /* Each placement must name an object of the scene, or -1, and hold a rigid motion. */
   for (int64_t i = 0; i < count; i++) {
     double pose[12];
     char what[64];
@@ -508,11 +534,14 @@ pags_result pags_compose_placed(pags_composition *composition, double time, cons
   return PAGS_OK;
 }
 
+/* ---- Ids, priorities and packing ---- */
+
+/* The id of a group's row. */
 static int64_t id_of(const group *g, int64_t row) {
   return g->id ? g->id[row] : row;
 }
 
-/* Its clusters are a group's. */
+/* Finds the part's group by its pointer to the group's clusters. */
 int64_t pags_composition_part_object(const pags_composition *composition, const pags_part *part) {
   for (int64_t i = 0; i < composition->group_count; i++)
     if (part->clusters == &composition->groups[i].clusters || part->clusters == &composition->groups[i].packed.clusters)
@@ -542,8 +571,8 @@ int pags_composition_priorities(const pags_composition *composition, float *prio
   return known;
 }
 
-/* Rows are in Morton order already. Where ids of objects are kept for rows without an object of the scene, they are
- * lost. */
+/* Packs group by group, but for those whose colour changes with time; the rows are in Morton order already. Packed
+ * rows have no object_id, so ids in the background that belong to no object of the scene are lost. */
 pags_result pags_composition_pack(pags_composition *composition) {
   for (int64_t k = 0; k < composition->group_count; k++) {
     group *g = &composition->groups[k];

@@ -1,35 +1,39 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Which clusters can put anything into the picture.
+/* Frustum culling of clusters: finds the clusters that can change a pixel of the picture.
  *
- * Conservative by interval arithmetic: for means in the box [x] x [y] x [z] (camera space, z cut at the near plane)
- * and sigma at most s, the per-Gaussian test of the projection kernel uses
+ * The test is conservative, by interval arithmetic. For means in the box [x] x [y] x [z] (camera space, z cut at the
+ * near plane) and sigma at most s, the per-Gaussian test of the projection kernel uses
  *   mx = fx x/z + cx       within fx [x]/[z] + cx
  *   extent_x = sqrt(reach (J0 W Sigma W' J0' + low_pass)) <= sqrt(reach_max (s^2 (fx/z)^2 (1 + tx^2) + low_pass))
  * with reach_max = log2(255 o)/k for the largest opacity o (1, or the part's largest factor) and |tx| at most its
- * clamp; likewise for y. The row norm of J W is J's, W being a rotation. Boxes are padded for the rounding of the
- * float transform. So a cluster that fails holds no Gaussian that would pass, and who a Gaussian's cluster neighbours
- * are can't change the picture. */
+ * clamp; likewise for y. The row norm of J W is that of J, since W is a rotation. Boxes are padded for the rounding
+ * of the float transform. So a cluster that fails the test holds no Gaussian that would pass the kernel's test, and
+ * the picture does not depend on how the Gaussians are grouped into clusters. */
 #include <math.h>
 #include <string.h>
 
 #include "frame/stages.h"
 
-enum { RUN = 64 }; /* clusters, of pags_clusters.runs */
+enum { RUN = 64 }; /* clusters that one entry of pags_clusters.runs bounds */
 
 typedef struct cull_context {
   pags_frame *frame;
   const pags_clusters *clusters;
   const pags_projection *view;
-  uint8_t *seen;
-  cluster_bound *bounds; /* of those seen; NULL: not wanted */
-  float lim2_x, lim2_y;  /* 1 + largest clamp^2 */
-  float reach_max;
+  uint8_t *seen;         /* per cluster: 1 where it is in view */
+  cluster_bound *bounds; /* per cluster, set for those in view; NULL: not wanted */
+  float lim2_x, lim2_y;  /* 1 + tx^2 and 1 + ty^2 at the largest clamp */
+  float reach_max;       /* largest squared distance at which alpha reaches 1/255, sigma^2 */
 } cull_context;
 
-typedef struct interval { /* of pixels that members can change, px */
+/* ---- Bounds of a cluster on the screen ---- */
+
+typedef struct interval { /* range of x or of y, px, in which a cluster's members can change pixels */
   float lo, hi;
 } interval;
 
+/* The pixels along one axis that Gaussians can change whose means lie in [lo, hi] on that axis and in [z0, z1] in
+ * depth (camera space, z0 > 0), by the formulas above. */
 static interval axis_reach(float lo, float hi, float z0, float z1, float focal, float centre, float sigma, float lim2,
                            float low_pass, float reach_max) {
   const float j = focal / z0;
@@ -41,12 +45,12 @@ static interval axis_reach(float lo, float hi, float z0, float z1, float focal, 
   return (interval){left - slack, right + slack};
 }
 
-/* false for NaN: keep */
+/* Whether the interval lies outside of [0, size]. False for NaN, so that the cluster is kept. */
 static bool is_outside(interval reach, float size) {
   return reach.hi <= 0.0f || reach.lo >= size;
 }
 
-/* Blocks of 4 px whose pixel centres the interval holds; all of them for NaN. */
+/* The range [*first, *end) of 4-pixel blocks along an axis that have a pixel centre in the interval; all for NaN. */
 static void reach_blocks(interval reach, float size, uint16_t *first, uint16_t *end) {
   const float blocks = ceilf(size * 0.25f);
   const float lo = floorf((reach.lo + 0.5f) * 0.25f), hi = floorf((reach.hi - 0.5f) * 0.25f) + 1.0f;
@@ -54,7 +58,7 @@ static void reach_blocks(interval reach, float size, uint16_t *first, uint16_t *
   *end = (uint16_t)(hi < blocks ? hi > 0.0f ? hi : 0.0f : blocks);
 }
 
-/* Where nothing that can be drawn is nearer than z, its key is no smaller than that of z. Everything, for NaN. */
+/* The bound of a cluster about whose members nothing is known: any depth from 0 on, all blocks of the picture. */
 static cluster_bound everywhere(const pags_projection *v) {
   cluster_bound bound = {.near = 0.0f};
   const interval all = {-INFINITY, INFINITY};
@@ -63,8 +67,9 @@ static cluster_bound everywhere(const pags_projection *v) {
   return bound;
 }
 
-/* Of clusters or of their runs: a run's box and sigma hold those of its clusters, so that nothing that passes by itself
- * is lost. */
+/* Whether entry i of `k` lies outside of the view; if not, *bound receives the bounds of its members' depth and
+ * pixels. `k` may be clusters or runs of clusters: a run's box and sigma bound those of its clusters, so a run that
+ * is outside holds no cluster that would be in view. */
 static bool cluster_outside(const cull_context *c, const pags_clusters *k, int64_t i, cluster_bound *bound) {
   const pags_projection *const v = c->view;
   float lo[3], hi[3], centre[3], half[3];
@@ -81,7 +86,7 @@ static bool cluster_outside(const cull_context *c, const pags_clusters *k, int64
       size += fabsf(r) * (fabsf(centre[b]) + half[b]);
     }
     const float slack =
-        4e-6f * size + 1e-20f; /* six roundings of 2^-24 each on terms no larger than size, here and there */
+        4e-6f * size + 1e-20f; /* six roundings of 2^-24 each, here and in the kernel, on terms of at most `size` */
     lo[a] = middle - reach - slack;
     hi[a] = middle + reach + slack;
   }
@@ -101,6 +106,9 @@ static bool cluster_outside(const cull_context *c, const pags_clusters *k, int64
   return false;
 }
 
+/* ---- Culling the clusters ---- */
+
+/* Block function: tests clusters [begin, end), whole runs first. */
 static void cull_block(void *context, int64_t begin, int64_t end, int worker) {
   const cull_context *const c = context;
   (void)worker;
@@ -129,6 +137,7 @@ static void touch_block(void *context, int64_t begin, int64_t end, int worker) {
     c->touch(c->user, c->frame->clusters[i].part, c->frame->clusters[i].cluster, worker);
 }
 
+/* reach_max of a part: log2(255 o)/k, plus the kernel's slack, for the part's largest opacity o; k = log2(e)/2. */
 static float largest_reach(const pags_part *part) {
   const bool boosted = part->opacity_factor && part->opacity_factor_most > 1.0f;
   return (PAGS_LOG2_255 + PAGS_CUT_SLACK + (boosted ? log2f(part->opacity_factor_most) : 0.0f)) / 0.72134752f;
@@ -138,6 +147,7 @@ static float largest_square(float a, float b) {
   return 1.0f + (a * a > b * b ? a * a : b * b);
 }
 
+/* Appends the clusters of a part that are in view to the frame's list, and gives each its range of dense indices. */
 static void append_seen(const cull_context *c, int part) {
   pags_frame *const frame = c->frame;
   const pags_clusters *const clusters = c->clusters;

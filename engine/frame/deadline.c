@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Frames within a time: a controller chooses how much quality what isn't critical (S_sem <= 0.5) gives up. */
+/* Rendering with a time budget per frame. A controller learns from measured frame times what each of eight quality
+ * steps costs, and picks the step of the next frame. The steps reduce the quality of what isn't critical (S_sem <=
+ * 0.5); critical Gaussians keep theirs but for a few grey levels. */
 #include <assert.h>
 #include <math.h>
 #include <pags/deadline.h>
@@ -10,17 +12,17 @@
 
 #include "base/memory.h"
 
-/* eps, degrees of colour less, smallest opacity x area in px, sampled (pags/deadline.h); by falling cost, as measured
- * on trained streets. */
+/* The steps (pags_deadline_step): eps, SH degrees taken off, smallest opacity x area in px, sampled or not. Sorted by
+ * falling cost, which was measured on trained streets. */
 #define GREY (1.0f / 255.0f)
 static const pags_deadline_step steps[PAGS_DEADLINE_STEPS] = {
     {0.0f, 0, 0.0f, 0}, {GREY, 0, 0.0f, 0},     {GREY, 3, 0.25f, 0},    {GREY, 3, 1.0f, 0},
     {GREY, 3, 0.0f, 1}, {2 * GREY, 3, 1.0f, 1}, {4 * GREY, 3, 4.0f, 1}, {4 * GREY, 3, 16.0f, 1}};
 
-/* Guesses to begin with; what is measured replaces them. */
+/* Initial guesses of each step's cost as a fraction of a full frame's; measurements replace them. */
 static const double first_shares[PAGS_DEADLINE_STEPS] = {1.0, 0.9, 0.85, 0.8, 0.65, 0.6, 0.55, 0.5};
 
-#define MARGIN 1.12 /* consecutive frames along a camera path differ by so much */
+#define MARGIN 1.12 /* frame times along a camera path vary by about 12 % from frame to frame */
 
 const pags_deadline_step *pags_deadline_steps(void) {
   return steps;
@@ -32,13 +34,14 @@ pags_deadline_controller pags_deadline_controller_begin(double target_ms) {
   return out;
 }
 
-/* Learns the ratio of two steps' costs from two consecutive frames drawn at these steps, whose views hardly differ. */
+/* Updates the cost shares after a frame of `ms` milliseconds at the current step, if the last frame was drawn at
+ * another step: their views hardly differ, so the ratio of the times is the ratio of the steps' costs. */
 static void learn(pags_deadline_controller *c, double ms) {
   const int k = c->step;
   if (c->last_step < 0 || c->last_step == k || !(c->last_ms > 0.0))
     return;
   const double told = c->share[c->last_step] * ms / c->last_ms;
-  if (k == 0) { /* step 0 is the unit of all shares, so the others are corrected; half of the way, on a log scale */
+  if (k == 0) { /* share[0] is fixed at 1, so all other shares are scaled instead, half of the way on a log scale */
     const double by = fmin(fmax(c->share[c->last_step] / told, 0.5), 2.0);
     for (int j = 1; j < PAGS_DEADLINE_STEPS; j++)
       c->share[j] *= sqrt(by);
@@ -46,7 +49,7 @@ static void learn(pags_deadline_controller *c, double ms) {
     c->share[k] = 0.5 * (c->share[k] + told);
   }
   c->share[k] = k == 0 ? 1.0 : c->share[k];
-  for (int j = 1; j < PAGS_DEADLINE_STEPS; j++) { /* a later step never costs more */
+  for (int j = 1; j < PAGS_DEADLINE_STEPS; j++) { /* keep the shares falling: a later step never costs more */
     c->share[j] = fmin(fmax(c->share[j], 0.01), 1.0);
     if (j < k)
       c->share[j] = fmax(c->share[j], c->share[k]);
@@ -60,7 +63,7 @@ void pags_deadline_controller_tell(pags_deadline_controller *c, double ms) {
     return;
   learn(c, ms);
   const double now = ms / c->share[c->step];
-  c->full = now > c->full ? now : 0.7 * c->full + 0.3 * now; /* up at once, down slowly */
+  c->full = now > c->full ? now : 0.7 * c->full + 0.3 * now; /* a rise counts at once, a fall only gradually */
   int next = 0;
   while (next + 1 < PAGS_DEADLINE_STEPS && c->full * c->share[next] * MARGIN > c->target)
     next++;
@@ -72,8 +75,8 @@ void pags_deadline_controller_tell(pags_deadline_controller *c, double ms) {
 struct pags_deadline {
   pags_deadline_controller controller;
   pags_frame *frame;
-  uint8_t *critical; /* per id */
-  int64_t count;
+  uint8_t *critical; /* per id: 1 where the Gaussian's priority is above 0.5 */
+  int64_t count;     /* ids */
 };
 
 pags_result pags_deadline_create(pags_tasks *tasks, double target_ms, const float *priority, int64_t count,

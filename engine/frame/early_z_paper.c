@@ -1,11 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Early-Z as the paper has it (Priority-Adaptive Gaussian Splatting, arXiv:2510.12282), to compare with: lossy, and not
- * what PAGS uses by itself. Two passes: occluders write depth, then nothing is drawn behind it.
+/* PAGS_EARLY_Z_PAPER: Early-Z as the paper describes it (Priority-Adaptive Gaussian Splatting, arXiv:2510.12282). It
+ * is lossy and only here for comparison; no other mode uses it. There are two passes: a depth pre-pass writes the
+ * depth of occluders, then the colour pass draws nothing that lies behind this depth.
  *
- * Occluders are Gaussians with S_sem > 0.5 and opacity >= 0.7; they cover a pixel where their alpha is >= 1/2. (The
- * paper names neither number but the first.) The second pass tests clusters, then Gaussians, then (Gaussian, tile)
- * pairs, then pixels. It drops what would have shone through: an occluder that covers a pixel with alpha a hides what
- * weighs up to 1 - a there. Nothing bounds that. */
+ * Occluders are Gaussians with S_sem > 0.5 and opacity >= 0.7; they write their depth at pixels where their alpha is
+ * >= 1/2. (Of these three numbers, the paper gives only the first.) The second pass tests clusters, then Gaussians,
+ * then (Gaussian, tile) pairs, then pixels. It loses what would have been visible through an occluder: one of alpha a
+ * hides Gaussians whose weights at the pixel sum to up to 1 - a. The error has no bound. */
 #include <math.h>
 #include <string.h>
 
@@ -13,29 +14,32 @@
 
 #define OCCLUDER_LOG2 (-0.51457317f) /* log2(0.7) */
 
-enum { SIDE = 4, LEVELS = 16 }; /* blocks of a tile's side; 2^16 blocks a side at most */
+enum { SIDE = 4, LEVELS = 16 }; /* 4x4-pixel blocks on a tile's side; pyramid levels, for up to 2^16 blocks a side */
 
 typedef struct paper {
   pags_frame *frame;
   pags_touch_fn *touch;
   void *user;
   uint8_t *loaded;      /* per cluster: projected */
-  uint8_t *hidden;      /* per cluster */
-  int32_t *dropped;     /* per cluster: members behind */
-  int32_t *occluders;   /* per cluster */
-  uint32_t *all_keys;   /* of the colour pass */
-  pags_reach *reaches;  /* per dense index */
-  float *limits;        /* per tile */
-  float *level[LEVELS]; /* the pyramid: farthest depth of 1, 2x2, 4x4, ... blocks */
+  uint8_t *hidden;      /* per cluster: 1 where all of it lies behind the occluders' depth */
+  int32_t *dropped;     /* per cluster: number of projected members that lie behind the occluders' depth */
+  int32_t *occluders;   /* per cluster: number of occluders */
+  uint32_t *all_keys;   /* per dense index: the keys for the colour pass, while `keys` holds those of the pre-pass */
+  pags_reach *reaches;  /* per dense index: the 4x4-pixel blocks that the splat may change */
+  float *limits;        /* per tile: the occluders' farthest depth over its pixels; infinity if one is uncovered */
+  float *level[LEVELS]; /* depth pyramid: the farthest depth over 1, 2x2, 4x4, ... blocks */
   int width[LEVELS], height[LEVELS], levels;
 } paper;
 
-/* Of a projected member. */
+/* ---- Finding occluders and drawing their depth ---- */
+
+/* Whether a projected member of a cluster is an occluder. */
 static bool is_occluder(const pags_frame *f, const view_cluster *c, int member) {
   return f->keys[c->base + member] != UINT32_MAX && f->splats[c->base + member].log2_opacity >= OCCLUDER_LOG2 &&
          frame_is_critical(f->parts + c->part, c->first + member);
 }
 
+/* Reads and projects cluster i, and finds the tiles of its members. */
 static void load(const paper *p, int64_t i, int worker) {
   const view_cluster *const c = p->frame->clusters + i;
   if (p->touch)
@@ -45,8 +49,8 @@ static void load(const paper *p, int64_t i, int worker) {
   p->loaded[i] = 1;
 }
 
-/* Projects clusters that hold something critical. Keys are left to occluders alone; those of all members go to
- * all_keys. */
+/* Block function of the pre-pass: projects the clusters that hold critical Gaussians. On return, only occluders have
+ * a key, so that only they are binned; the keys of all members are saved in all_keys. */
 static void find_occluders(void *context, int64_t begin, int64_t end, int worker) {
   const paper *const p = context;
   const pags_frame *const f = p->frame;
@@ -72,6 +76,8 @@ static void find_occluders(void *context, int64_t begin, int64_t end, int worker
   }
 }
 
+/* Block function: draws the occluders' depth into `hard`, tile by tile, and fills level 0 of the pyramid and the
+ * tiles' limits. */
 static void draw_depth(void *context, int64_t begin, int64_t end, int worker) {
   const paper *const p = context;
   const pags_frame *const f = p->frame;
@@ -96,6 +102,9 @@ static void draw_depth(void *context, int64_t begin, int64_t end, int worker) {
   }
 }
 
+/* ---- Testing against the depth pyramid ---- */
+
+/* Allocates the levels of the depth pyramid, down to one cell. */
 static pags_result make_pyramid(paper *p) {
   pags_frame *const f = p->frame;
   for (int l = 0; l < LEVELS; l++) {
@@ -111,7 +120,8 @@ static pags_result make_pyramid(paper *p) {
   return PAGS_OK;
 }
 
-/* Whether all of the reach lies nearer than z: at the level at which it covers at most 2 x 2 cells. */
+/* Whether depth z lies behind the occluders' depth at all blocks of `r`. The test is made on the pyramid level on
+ * which `r` covers at most 2 x 2 cells. */
 static bool is_behind(const paper *p, pags_reach r, float z) {
   if (r.x0 >= r.x1 || r.y0 >= r.y1)
     return true;
@@ -125,6 +135,8 @@ static bool is_behind(const paper *p, pags_reach r, float z) {
   return true;
 }
 
+/* Block function of the colour pass: projects the clusters that are not hidden and not projected yet, and drops
+ * members that lie behind the occluders' depth. */
 static void choose_members(void *context, int64_t begin, int64_t end, int worker) {
   const paper *const p = context;
   const pags_frame *const f = p->frame;
@@ -144,6 +156,8 @@ static void choose_members(void *context, int64_t begin, int64_t end, int worker
       }
   }
 }
+
+/* ---- The two passes ---- */
 
 static pags_result allocate(paper *p) {
   pags_frame *const f = p->frame;
@@ -165,6 +179,7 @@ static pags_result allocate(paper *p) {
   return make_pyramid(p);
 }
 
+/* The depth pre-pass: finds the occluders, bins them, draws their depth, and builds the depth pyramid from it. */
 static pags_result draw_occluders(paper *p) {
   pags_frame *const f = p->frame;
   const pags_frame_stats before = f->stats;
@@ -173,7 +188,7 @@ static pags_result draw_occluders(paper *p) {
   PAGS_TRY(pags_stage_bin(f));
   PAGS_TRY(pags_frame_for(f, (int64_t)f->tiles_x * f->tiles_y, 1, draw_depth, p));
   for (int l = 1; l < p->levels; l++) {
-    /* Fill level. */
+    /* A cell of level l holds the farthest depth of 2 x 2 cells of level l - 1. */
     const float *const from = p->level[l - 1];
     const int w = p->width[l - 1], h = p->height[l - 1];
     for (int y = 0; y < p->height[l]; y++)
@@ -187,7 +202,7 @@ static pags_result draw_occluders(paper *p) {
         p->level[l][(int64_t)y * p->width[l] + x] = farthest;
       }
   }
-  f->stats = before; /* its pairs and such are not the picture's */
+  f->stats = before; /* the pre-pass's pairs and Gaussians don't count in the picture's statistics */
   for (int64_t i = 0; i < f->cluster_count; i++)
     f->stats.occluders += p->occluders[i];
   return PAGS_OK;
@@ -201,7 +216,7 @@ pags_result pags_frame_early_z_paper(pags_frame *frame, pags_touch_fn *touch, vo
   const double t1 = pags_clock_ms();
   PAGS_TRY(pags_frame_for(frame, frame->cluster_count, 8, choose_members, &p));
 
-  /* Count clusters. */
+  /* Sums the statistics of the clusters. */
   pags_frame *const f = p.frame;
   for (int64_t i = 0; i < f->cluster_count; i++) {
     f->stats.clusters_hidden += p.hidden[i] && !p.loaded[i];

@@ -1,61 +1,65 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A frame drawn slab of depth by slab, front to back, so that what lies behind saturated pixels is never read: the
- * frame is its own depth pre-pass.
+/* Early-Z in the modes PAGS_EARLY_Z_LOSSLESS and PAGS_EARLY_Z_BOUNDED: a frame is drawn in slabs of depth, front to
+ * back, and clusters and Gaussians that only reach saturated pixels are left out before they are read or shaded. The
+ * slabs drawn so far take the place of a depth pre-pass.
  *
- * Clusters are taken in the order of a lower bound of their members' keys, some thousand Gaussians at a time. When
- * the next cluster's bound is K, every Gaussian whose key is below K has been read, so that those among them that
- * haven't been drawn yet are a contiguous run of the frame's order (key, id): they are sorted, binned and blended onto
- * what is there. The others wait. After each slab, tiles all of whose pixels have stopped are full.
+ * Clusters are taken in ascending order of a lower bound of their members' depth keys, some thousand Gaussians per
+ * slab. Let K be the bound of the next cluster. Every Gaussian whose key is below K has been read then, and those of
+ * them that have not been drawn yet are a contiguous range of the frame's order (key, id): they are sorted, binned
+ * and blended onto the state that earlier slabs left. Gaussians with keys from K on wait for a later slab. After each
+ * slab, the blocks and tiles whose pixels have all stopped are marked as saturated.
  *
- * Why the picture is that of PAGS_EARLY_Z_OFF to the bit:
- *   (a) stretch after stretch, each pixel runs the same kernel over the same list, its state kept as it is in
- *     between;
- *   (b) a pixel stops by itself, whatever its neighbours or its place in a list;
- *   (c) transmittance never grows, rounding being monotone: a pixel that has stopped stays so whatever is left out
- *     behind;
- *   (d) what is left out lies behind, and only full pixels' blocks are in its reach: K is a lower bound of the keys
- *     as floats, and reaches hold every pixel that the rasteriser could find (cull.c, project.inl);
- *   (e) pixels beyond the picture's edge count as full.
- * The same holds of PAGS_EARLY_Z_BOUNDED, compared with a frame without slabs whose pixels stop at T <= eps too: where
- * the cuts between slabs lie, and so how many there are, changes no bit in either mode.
+ * Why the picture has the same bits as with PAGS_EARLY_Z_OFF:
+ *   (a) slab after slab, each pixel runs the same kernel over the same list, with its state unchanged in between;
+ *   (b) whether a pixel stops depends on its own state only, not on its neighbours or on places in a list;
+ *   (c) transmittance never grows, since rounding is monotone: a pixel that has stopped stays stopped, whatever is
+ *       left out behind;
+ *   (d) a Gaussian that is left out lies behind what has been drawn, since K is a lower bound of the keys as floats,
+ *       and its reach, which holds every pixel that the rasteriser could change (cull.c, project.inl), has only
+ *       saturated blocks;
+ *   (e) pixels beyond the picture's edge count as saturated.
+ * The same holds for PAGS_EARLY_Z_BOUNDED, compared with a frame without slabs whose pixels also stop at T <= eps:
+ * the number of slabs and the depths at which they are cut change no bit in either mode.
  *
- * Bounded: let a pixel stop with T <= eps where OFF goes on. Until then both have done the same. OFF then adds
- * sum(w_k c_k) + T' s, w_k >= 0 summing to T - T', s the sky's colour, where this adds T s. The difference is sum(w_k
- * (c_k - s)); colours are >= 0, so |c_k - s| <= max(c_k, s), and no channel is off by more than T max(c, s) <= eps
- * times the largest of shaded colours, sky and background. Rounding adds, in OFF, at most 2^-24 of the sum per splat.
- * Transmittance: 0 <= T - T' <= eps. */
+ * Error of PAGS_EARLY_Z_BOUNDED: let a pixel stop at transmittance T <= eps where OFF goes on. Until then both have
+ * done the same. OFF then adds sum(w_k c_k) + T' s, with weights w_k >= 0 that sum to T - T', colours c_k, and s the
+ * colour of sky or background; BOUNDED adds T s. The difference is sum(w_k (c_k - s)). Colours are >= 0, so |c_k - s|
+ * <= max(c_k, s), and no channel is off by more than T max(c, s) <= eps times the largest of shaded colours, sky and
+ * background. Rounding adds, in OFF, at most 2^-24 of the sum per splat. Transmittance: 0 <= T - T' <= eps. */
 #include <string.h>
 
 #include "frame/stages.h"
 
-enum { GROUP = 16, MOST_GROUPS = 256 / GROUP };
+enum { GROUP = 16, MOST_GROUPS = 256 / GROUP }; /* members shaded as one vector; groups in the largest cluster */
 
-/* A cluster that has been read and has members left to draw. */
+/* A cluster that has been taken into a slab and may have members left to draw. */
 typedef struct active_cluster {
   int64_t view;                  /* index in the frame's clusters */
   bool fresh;                    /* not projected yet */
-  uint16_t shaded;               /* bit g: group g has its colours and tiles */
-  uint16_t waiting[MOST_GROUPS]; /* per group: members neither drawn nor hidden so far */
-  uint16_t ready[MOST_GROUPS];   /* per group: members to be drawn now */
+  uint16_t shaded;               /* bit g: the colours and tiles of group g have been computed */
+  uint16_t waiting[MOST_GROUPS]; /* per group, a bit per member: neither drawn nor found hidden so far */
+  uint16_t ready[MOST_GROUPS];   /* per group, a bit per member: to be drawn in this slab */
   int32_t ready_count, waiting_count, hidden_count, shaded_count;
-  int64_t place; /* index of its first member in the frame's list of drawn Gaussians */
+  int64_t place; /* where the cluster's ready members begin in the frame's `drawn` */
 } active_cluster;
 
 typedef struct slabs {
   pags_frame *frame;
   pags_touch_fn *touch;
   void *user;
-  depth_key *order;   /* clusters by the bound of their keys */
-  int64_t next;       /* in that order */
-  uint64_t *taken;    /* bit by bit, per cluster: taken into this slab */
-  int64_t dense_next; /* where the next cluster's members go */
+  depth_key *order;   /* clusters in view, by ascending lower bound of their members' keys */
+  int64_t next;       /* index in `order` of the next cluster to take */
+  uint64_t *taken;    /* a bit per cluster in view: taken into this slab */
+  int64_t dense_next; /* dense index at which the next active cluster's members begin */
   active_cluster *active;
   int64_t active_count;
-  pags_reach *reaches; /* per dense index */
-  uint32_t limit;      /* keys below are drawn in this slab */
+  pags_reach *reaches; /* per dense index: the 4x4-pixel blocks that the Gaussian may change */
+  uint32_t limit;      /* K: Gaussians with keys below are drawn in this slab */
 } slabs;
 
-/* Whether the reach holds a block that can still change. */
+/* ---- Ordering and taking clusters ---- */
+
+/* Whether the reach holds a block that isn't saturated. */
 static bool is_open(const saturation *f, pags_reach r) {
   if (r.x0 >= r.x1)
     return false;
@@ -76,6 +80,7 @@ static uint32_t bits_of(float z) {
   return bits;
 }
 
+/* Sorts the clusters in view by the lower bound of their members' depth. */
 static pags_result order_clusters(slabs *s) {
   pags_frame *const f = s->frame;
   s->order = pags_frame_alloc(f, f->cluster_count, sizeof *s->order, "cluster order");
@@ -88,6 +93,7 @@ static pags_result order_clusters(slabs *s) {
   return PAGS_OK;
 }
 
+/* Allocates what all slabs share, marks all blocks as unsaturated, and orders the clusters. */
 static pags_result begin(slabs *s) {
   pags_frame *const f = s->frame;
   PAGS_TRY(pags_frame_saturation_begin(f));
@@ -105,8 +111,8 @@ static pags_result begin(slabs *s) {
   return s->active && s->reaches && f->splats && f->keys && f->boxes ? PAGS_OK : PAGS_ERROR_MEMORY;
 }
 
-/* Those marked become active in the order in which they lie in memory, which is how they will be read; so do their
- * members in the dense arrays. */
+/* Makes the clusters marked in `taken` active, in memory order, since that is the best order to read them in. Their
+ * members follow each other in the dense arrays in the same order. */
 static void activate_taken(slabs *s) {
   pags_frame *const f = s->frame;
   for (int64_t word = 0; word * 64 < f->cluster_count; word++) {
@@ -120,7 +126,8 @@ static void activate_taken(slabs *s) {
   }
 }
 
-/* Takes clusters until `budget` Gaussians are together, leaving out those that are hidden. */
+/* Takes clusters into the slab until they have `budget` Gaussians in all, leaving out clusters that only reach
+ * saturated blocks, and sets the slab's limit K. */
 static void take_clusters(slabs *s, int64_t budget) {
   pags_frame *const f = s->frame;
   int64_t taken = 0;
@@ -139,7 +146,10 @@ static void take_clusters(slabs *s, int64_t budget) {
   s->limit = f->last_slab ? UINT32_MAX : s->order[s->next].key;
 }
 
-/* Finds out which members of a cluster are drawn in this slab. Those that are hidden are forgotten. */
+/* ---- Choosing and shading a slab's Gaussians ---- */
+
+/* Sorts the waiting members of a cluster: ready to be drawn in this slab (key below K), still waiting (key from K
+ * on), or hidden (only reaches saturated blocks). Hidden members lose their key and are never looked at again. */
 static void choose_members(const slabs *s, active_cluster *a) {
   const pags_frame *const f = s->frame;
   const view_cluster *const c = f->clusters + a->view;
@@ -165,6 +175,7 @@ static void choose_members(const slabs *s, active_cluster *a) {
   }
 }
 
+/* Projects a cluster that has just been taken; the members that pass the projection wait to be drawn. */
 static void project_fresh(const slabs *s, active_cluster *a) {
   const pags_frame *const f = s->frame;
   const view_cluster *const c = f->clusters + a->view;
@@ -175,6 +186,7 @@ static void project_fresh(const slabs *s, active_cluster *a) {
   a->fresh = false;
 }
 
+/* Block function: projects the fresh ones of the active clusters, and chooses the members to draw in this slab. */
 static void project_active(void *context, int64_t begin, int64_t end, int worker) {
   const slabs *const s = context;
   const pags_frame *const f = s->frame;
@@ -189,8 +201,8 @@ static void project_active(void *context, int64_t begin, int64_t end, int worker
   }
 }
 
-/* Colours and tiles of the groups that have a member to be drawn, once. The other members of a group share its
- * vector and cost nothing. */
+/* Computes colours and tiles of the groups of 16 members that have a member to be drawn, once per group. The group's
+ * other members are lanes of the same vector, so that they cost nothing. */
 static void shade_groups(const slabs *s, active_cluster *a) {
   const pags_frame *const f = s->frame;
   const view_cluster *const c = f->clusters + a->view;
@@ -215,6 +227,7 @@ static void shade_groups(const slabs *s, active_cluster *a) {
   }
 }
 
+/* Block function: shades the active clusters that have members to draw, and lists these members in `drawn`. */
 static void shade_active(void *context, int64_t begin, int64_t end, int worker) {
   const slabs *const s = context;
   (void)worker;
@@ -222,7 +235,7 @@ static void shade_active(void *context, int64_t begin, int64_t end, int worker) 
     if (s->active[i].ready_count) {
       shade_groups(s, s->active + i);
 
-      /* List ready. */
+      /* Lists the ready members from the cluster's place on. */
       const active_cluster *a = s->active + i;
       const view_cluster *const c = s->frame->clusters + a->view;
       uint32_t *out = s->frame->drawn + a->place;
@@ -232,6 +245,8 @@ static void shade_active(void *context, int64_t begin, int64_t end, int worker) 
     }
 }
 
+/* Projects, selects and shades the slab's Gaussians and lists them in `drawn`; then drops clusters that have no
+ * waiting members. */
 static pags_result select_and_shade(slabs *s) {
   pags_frame *const f = s->frame;
   const double t0 = pags_clock_ms();
@@ -248,7 +263,7 @@ static pags_result select_and_shade(slabs *s) {
   const double t1 = pags_clock_ms();
   PAGS_TRY(pags_frame_for(f, s->active_count, 8, shade_active, s));
 
-  /* Forgets clusters with nothing left to draw. */
+  /* Keeps the clusters that have waiting members active. */
   int64_t kept = 0;
   for (int64_t i = 0; i < s->active_count; i++) {
     s->frame->stats.shaded += s->active[i].shaded_count;
@@ -262,6 +277,8 @@ static pags_result select_and_shade(slabs *s) {
   f->stats.ms_shade += pags_clock_ms() - t1;
   return PAGS_OK;
 }
+
+/* ---- Drawing the slabs ---- */
 
 static pags_result draw_slab(slabs *s, int64_t budget) {
   pags_frame *const f = s->frame;
@@ -285,7 +302,9 @@ static pags_result draw_slab(slabs *s, int64_t budget) {
   return PAGS_OK;
 }
 
-/* A quarter of what is likely to be read: most of what is hidden then lies behind a slab that has been drawn. */
+/* Gaussians per slab: options.slab_size if set, else a quarter of the Gaussians that are likely to be read, by the
+ * last frame's hidden fraction, but at least 4096. With four slabs, most of what is hidden lies behind a slab that
+ * has been drawn. */
 static int64_t slab_budget(const pags_frame *f) {
   enum { SLABS = 4, LEAST = 4096 };
   const double read = (1.0 - f->hiding) * (double)f->stats.in_view;
@@ -294,8 +313,8 @@ static int64_t slab_budget(const pags_frame *f) {
   return read > SLABS * (double)LEAST ? (int64_t)(read / SLABS) : LEAST;
 }
 
-/* The hidden share of the Gaussians that would have been shaded. Clusters that were never read count like the others.
- */
+/* The fraction of the Gaussians that would have been shaded without Early-Z that were hidden. In clusters that were
+ * never read, as many are assumed to pass the projection as in those that were. */
 static double hidden_share(const pags_frame_stats *stats) {
   const double passed = (double)(stats->hidden + stats->shaded);
   if (stats->loaded == 0 || passed <= 0.0)
@@ -317,7 +336,8 @@ pags_result pags_frame_early_z_slabs(pags_frame *frame, pags_touch_fn *touch, vo
     pags_arena_release(frame->arena, mark);
   } while (!frame->last_slab && frame->full->tiles_full < stats->tiles);
   frame->stats.tiles_full = frame->full->tiles_full;
-  frame->stats.clusters_hidden += frame->cluster_count - s.next; /* never came up */
+  /* The clusters that no slab has taken are hidden too: all tiles were saturated before. */
+  frame->stats.clusters_hidden += frame->cluster_count - s.next;
   for (int64_t i = 0; i < s.active_count; i++)
     frame->stats.hidden += s.active[i].waiting_count;
   frame->hiding = hidden_share(stats);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Runs the stages of a frame in order; owns its memory. */
+/* pags_frame_render: prepares the planes and each part's projection, decides whether the frame is drawn at once, in
+ * slabs of depth or with the paper's Early-Z, and runs the stages in order. */
 #include <assert.h>
 #include <math.h>
 #include <stdlib.h>
@@ -8,7 +9,7 @@
 #include "base/memory.h"
 #include "frame/stages.h"
 
-/* Planes padded to whole tiles; grown, never shrunk. */
+/* Sets the planes' size, padded to whole tiles, and grows their memory where needed; it never shrinks. */
 static pags_result prepare_planes(pags_frame *frame) {
   frame->tiles_x = (frame->camera.width + PAGS_TILE - 1) / PAGS_TILE;
   frame->tiles_y = (frame->camera.height + PAGS_TILE - 1) / PAGS_TILE;
@@ -27,7 +28,8 @@ static pags_result prepare_planes(pags_frame *frame) {
   return PAGS_OK;
 }
 
-/* All differences of large coordinates are taken here, in double. */
+/* The projection of a part: camera_from_model and the intrinsics as floats. All differences of large world
+ * coordinates are taken here, in double. */
 static pags_projection make_projection(const pags_camera *camera, const pags_frame_options *options,
                                        const pags_part *part) {
   pags_projection v = {.fx = (float)camera->fx,
@@ -40,8 +42,8 @@ static pags_projection make_projection(const pags_camera *camera, const pags_fra
                        .low_pass = options->low_pass,
                        .antialiased = options->antialiased};
   v.sh_degree = options->sh_degree < part->gaussians->sh_degree ? options->sh_degree : part->gaussians->sh_degree;
-  /* Floats of a part are relative to the scene's origin when it stands still in the world, and to the part's own frame
-   * else; world_from_model carries the rest. */
+  /* The float positions of a part are relative to the scene's origin or, where it follows a track, in the object's
+   * frame; world_from_model takes either of them to the world relative to the origin. */
   double local[12], camera_from_world[12], camera_from_model[12], model_from_camera[12];
   memcpy(local, camera->world_from_camera, sizeof local);
   for (int k = 0; k < 3; k++)
@@ -85,7 +87,7 @@ pags_result pags_frame_draw(pags_frame *frame, pags_touch_fn *touch, void *user)
   return PAGS_OK;
 }
 
-/* What is in view of such a scene, drawn at once, might take more than two gigabytes. */
+/* Whether drawing all of the scene's Gaussians in view at once might take more than two gigabytes of memory. */
 static bool is_large(const pags_frame *frame) {
   return frame->stats.gaussians > 8000000;
 }
@@ -129,7 +131,8 @@ pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int par
   const bool early_z = frame->options.early_z != PAGS_EARLY_Z_OFF;
   const bool paper = frame->options.early_z == PAGS_EARLY_Z_PAPER;
 
-  /* The first frame has nothing to go by. Of large scenes it is drawn in slabs, as if three quarters would hide. */
+  /* Before the first frame there is no measured hidden fraction. That frame is drawn at once or, of a large scene, in
+   * slabs, as if three quarters were hidden. */
   if (!frame->guessed && early_z)
     frame->hiding = is_large(frame) ? 0.75 : 0.0;
   frame->guessed |= early_z;
@@ -147,14 +150,15 @@ pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int par
   else
     PAGS_TRY(pags_frame_draw(frame, touch, user));
 
-  /* What the next frame guesses by: of the pairs of a frame drawn at once, those that no pixel came to. */
+  /* The estimate for the next frame: of a frame drawn at once, the fraction of the (Gaussian, tile) pairs that the
+   * rasteriser did not reach because their tiles were saturated. */
   if (!slabs && !paper && !frame->apart && early_z) {
     const int64_t pairs = frame->stats.pairs_binned;
     frame->hiding = pairs > 0 ? 1.0 - (double)frame->looked_at / (double)pairs : 0.0;
   }
   frame->rendered = true;
 
-  /* Fill picture. */
+  /* The picture points into the frame's planes. */
   memset(out, 0, sizeof *out);
   out->width = frame->camera.width;
   out->height = frame->camera.height;

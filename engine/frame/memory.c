@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The memory of a frame: an arena that the stages draw from and that is reset by the next frame, and the planes of the
- * picture. From the third frame of a kind on there is no heap call. */
+/* The memory of a pags_frame: an arena that the stages allocate from and that is reset when the next frame begins,
+ * and the planes of the picture. From the third frame of the same kind on, no heap call is made. */
 #include <stdlib.h>
 
 #include "base/memory.h"

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The options of a frame: defaults, exposure, the words for Early-Z modes. */
+/* The options of a frame: their defaults, setting the exposure, and names and parsing of the Early-Z modes. */
 #include <errno.h>
 #include <pags/frame.h>
 #include <stdlib.h>

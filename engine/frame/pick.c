@@ -1,10 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pags_pick: clusters by where the ray enters their boxes, then Gaussian by Gaussian.
+/* pags_pick: finds the Gaussian by which a ray has lost a given fraction of its light. Rejects clusters by their
+ * boxes, then tests Gaussian by Gaussian.
  *
- * Whom the ray meets lies within sqrt(2 ln(255 opacity)) sigma of the ray, so a cluster's box, widened by that of its
- * largest sigma, holds every place where the ray meets a member: where the ray doesn't enter it, no member is met, and
- * none before it enters. Clusters are gone through by entry; as soon as those met before the next entry have blocked
- * enough, the rest can't matter. */
+ * A ray meets a Gaussian at the point where the Gaussian's density along the ray is largest, if alpha is >= 1/255
+ * there. Then the Gaussian's mean is within sqrt(2 ln(255 opacity)) sigma of this point. So a cluster's box, widened
+ * by that many of its largest sigma, holds every point where the ray meets a member: a ray that misses the widened
+ * box meets no member, and one that enters it meets none before. Clusters are visited in the order of their entry
+ * points. As soon as the Gaussians met before the next cluster's entry have blocked enough, the remaining clusters
+ * can't change the result. */
 #include <pags/pick.h>
 
 #include <math.h>
@@ -15,17 +18,17 @@
 #include "base/sort.h"
 #include "scene/packed_rows.h"
 
-enum { RUN = 64 }; /* clusters, of pags_clusters.runs */
+enum { RUN = 64 }; /* clusters that one entry of pags_clusters.runs bounds */
 
-static const double least_alpha = 1.0 / 255, most_alpha = 0.99; /* the renderer's */
+static const double least_alpha = 1.0 / 255, most_alpha = 0.99; /* alpha's limits, as in the rasteriser */
 
-typedef struct entry { /* of a cluster's box */
+typedef struct entry { /* where the ray enters a cluster's widened box */
   double t;
   int64_t cluster;
   int part;
 } entry;
 
-typedef struct meeting {
+typedef struct meeting { /* a Gaussian that the ray meets, at ray parameter t with this alpha */
   double t, alpha;
   int64_t row;
   int32_t id;
@@ -35,7 +38,7 @@ typedef struct meeting {
 typedef struct picking {
   const pags_part *parts;
   const pags_pick_options *options;
-  double origin[3], direction[3]; /* in the frame of the part under way */
+  double origin[3], direction[3]; /* the ray in the frame of part `part` */
   entry *entries;
   meeting *meetings;
   int64_t entry_count, entry_capacity, meeting_count, meeting_capacity;
@@ -46,7 +49,7 @@ pags_pick_options pags_pick_options_default(void) {
   return (pags_pick_options){.farthest = HUGE_VAL, .blocked = 0.5};
 }
 
-/* Room for one more. */
+/* Grows a list of `count` items of `size` bytes where it has no room for one more. */
 static pags_result reserve(void **list, int64_t count, int64_t *capacity, size_t size) {
   if (count < *capacity)
     return PAGS_OK;
@@ -59,14 +62,18 @@ static pags_result reserve(void **list, int64_t count, int64_t *capacity, size_t
   return PAGS_OK;
 }
 
-/* How many sigmas off alpha is still seen; negative: never. */
+/* ---- Clusters that the ray enters ---- */
+
+/* The largest distance from a mean, in sigmas, at which a Gaussian of the part can have an alpha of 1/255; negative:
+ * its opacity is below that. */
 static double reach_of(const pags_part *part) {
   double most = part->opacity_factor ? (double)part->opacity_factor_most : 1;
   return most * 255 > 1 ? sqrt(2 * log(255 * most)) : -1;
 }
 
-/* Where the ray enters the widened box; negative: it passes by, or leaves it before `nearest`. Floats bound floats, so
- * a hair is added. */
+/* The ray parameter at which the ray enters the box of cluster or run i, widened by `reach` sigmas; -1 where it
+ * misses the box between options.nearest and options.farthest. A small margin covers the rounding of the float
+ * bounds. */
 static double enter(const picking *self, const pags_clusters *clusters, int64_t i, double reach) {
   double begin = self->options->nearest, end = self->options->farthest,
          pad = reach * (double)clusters->sigma[i] * 1.0001 + 1e-9;
@@ -86,6 +93,7 @@ static double enter(const picking *self, const pags_clusters *clusters, int64_t 
   return begin <= end ? begin : -1;
 }
 
+/* Appends to `entries` the clusters of the current part whose widened boxes the ray enters. */
 static pags_result find_entries(picking *self) {
   const pags_part *part = &self->parts[self->part];
   const pags_clusters *clusters = part->clusters;
@@ -116,7 +124,7 @@ static int compare_entries(const void *left, const void *right) {
   return a->cluster < b->cluster ? -1 : a->cluster > b->cluster;
 }
 
-/* The ray in the part's frame. */
+/* Makes `part` the current part and transforms the ray into its frame. */
 static void enter_part(picking *self, int part, const double origin[3], const double direction[3]) {
   double model_from_world[12];
   self->part = part;
@@ -132,7 +140,10 @@ static void enter_part(picking *self, int part, const double origin[3], const do
   }
 }
 
-/* `planes` of `stride` floats; member i. Returns alpha, 0 where it isn't met. */
+/* ---- Gaussians that the ray meets ---- */
+
+/* Alpha of row i of `planes` (`stride` floats each) where the ray meets it, and *t, the ray parameter there. `factor`
+ * scales the opacity. Returns 0 where the ray doesn't meet it: alpha below 1/255, or *t out of range. */
 static double meet(const picking *self, const float *planes, int64_t stride, int64_t i, double factor, double *t) {
   const float *p = planes + i;
   const double q[4] = {(double)p[PAGS_ROTATION * stride], (double)p[(PAGS_ROTATION + 1) * stride],
@@ -141,7 +152,7 @@ static double meet(const picking *self, const float *planes, int64_t stride, int
   pags_rotation_from_quaternion(q, r);
   for (int k = 0; k < 3; k++)
     away[k] = self->origin[k] - (double)p[(PAGS_MEAN + k) * stride];
-  for (int k = 0; k < 3; k++) { /* in sigmas along the Gaussian's own axes, the columns of r */
+  for (int k = 0; k < 3; k++) { /* to the Gaussian's own axes, the columns of r, in units of its sigmas */
     double inverse = exp(-(double)p[(PAGS_SCALE + k) * stride]);
     unit_away[k] = (r[k] * away[0] + r[3 + k] * away[1] + r[6 + k] * away[2]) * inverse;
     unit_along[k] =
@@ -168,7 +179,8 @@ static int compare_meetings(const void *left, const void *right) {
   return a->part < b->part ? -1 : a->part > b->part;
 }
 
-/* The meeting, of those before `end`, by which enough is blocked; NULL: not yet. */
+/* Sorts the meetings and returns the one by which at least options.blocked of the ray is blocked, of those at t <
+ * `end`; NULL where these block less. *blocked: the fraction that is blocked with it. */
 static const meeting *settle(picking *self, double end, double *blocked) {
   double left = 1;
   pags_sort(self->meetings, self->meeting_count, sizeof *self->meetings, compare_meetings);
@@ -182,8 +194,9 @@ static const meeting *settle(picking *self, double end, double *blocked) {
   return NULL;
 }
 
-/* Clusters in the order of entry. Meetings are looked at again whenever their number has grown by half, so that what is
- * looked at in vain stays a fixed share. */
+/* Visits the clusters in the order in which the ray enters them and collects the Gaussians that it meets, until
+ * enough is blocked. The meetings are only sorted and summed again when their number has grown by half, so that the
+ * total cost of these checks stays proportional to the number of meetings. */
 static pags_result walk(picking *self, const double origin[3], const double direction[3], const meeting **found,
                         double *blocked) {
   int64_t looked = 0;
@@ -198,7 +211,7 @@ static pags_result walk(picking *self, const double origin[3], const double dire
     if (self->entries[i].part != self->part)
       enter_part(self, self->entries[i].part, origin, direction);
 
-    /* Read cluster. */
+    /* Collects the cluster's members that the ray meets. */
     const pags_part *part = &self->parts[self->entries[i].part];
     float unpacked[PAGS_PACKED_GEOMETRY_PLANES * PAGS_PACKED_ROWS];
     int64_t first = self->entries[i].cluster * part->clusters->size, end = first + part->clusters->size;
@@ -223,6 +236,8 @@ static pags_result walk(picking *self, const double origin[3], const double dire
   return PAGS_OK;
 }
 
+/* ---- Picking ---- */
+
 pags_result pags_pick(const pags_part *parts, int part_count, const double origin[3], const double direction[3],
                       const pags_pick_options *options, pags_picked *out) {
   const pags_pick_options fallback = pags_pick_options_default();
@@ -242,7 +257,7 @@ pags_result pags_pick(const pags_part *parts, int part_count, const double origi
   if (result == PAGS_OK)
     result = walk(&self, origin, direction, &found, &blocked);
   if (found) {
-    /* Report. */
+    /* Fills in the result, in world coordinates. */
     const pags_gaussians *g = self.parts[found->part].gaussians;
     out->part = found->part;
     out->row = found->row;

@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* From the gradients of a part's Gaussians to that of the part's pose.
+/* pags_pose_gradient: the loss's gradient by the pose of a part, from the gradients of the part's Gaussians. Training
+ * uses it to refine the poses of tracked objects.
  *
- * world_from_model * exp(w, v), w and v small, draws what the old pose would draw of Gaussians moved in the model's
- * frame:
+ * Drawing a part with the pose world_from_model * exp(w, v), for a small rotation w and translation v, is the same as
+ * keeping the old pose and moving the Gaussians in the model's frame:
  *   mean'       = mean + w x mean + v
  *   quaternion' = (1, w/2) * q = q + 1/2 (-w . q_v,  q_w w + w x q_v)       linear in q, which need not be of unit
  *     length
@@ -10,13 +11,15 @@
  * hence
  *   dL/dv   = g_mean
  *   dL/dw   = mean x g_mean + 1/2 (q_w g_v - g_w q_v + q_v x g_v) + (g_SH . G_a SH)_a
- * The constant term doesn't turn, so that it doesn't matter whose the part showed. */
+ * The constant SH term does not change when the Gaussians turn, so this holds too where the part shows the term of
+ * pags_part.dc in place of the Gaussians' own. */
 #include <pags/frame.h>
 
-enum { ROWS = 64 };
+enum { ROWS = 64 }; /* rows whose SH terms are summed at a time */
 
-/* d(sum_k c_k Y_k(exp(-w) d))/dw_axis = sum over the entries of value (c_row Y_column - c_column Y_row): the real
- * harmonics' angular momentum, with the signs of shade.inl. Roots of small whole numbers. */
+/* The generators G_a, the angular momentum matrices of the real spherical harmonics Y_k, with the signs of shade.inl:
+ * d(sum_k c_k Y_k(exp(-w) d))/dw_axis is the sum of value (c_row Y_column - c_column Y_row) over the entries of that
+ * axis. The values are roots of small whole numbers. */
 static const struct turn {
   int8_t axis, row, column;
   float value;
@@ -29,7 +32,8 @@ static const struct turn {
     {2, 5, 7, -1.0f},          {2, 9, 15, -3.0f},         {2, 10, 14, -2.0f},        {2, 11, 13, -1.0f},
 };
 
-/* turned[axis][i]: the part of row first + i that is owed to the harmonics. */
+/* The SH terms g_SH . G_a SH of rows [first, first + count), summed over the channels, to turned[axis][row - first];
+ * count <= ROWS. */
 static void turn_harmonics(const float *data, int64_t stride, int planes, const pags_gaussians *gaussians,
                            int64_t first, int count, float turned[3][ROWS]) {
   for (int i = 0; i < ROWS; i++)
@@ -54,7 +58,7 @@ static void add_cross(double scale, const double a[3], const double b[3], double
   out[2] += scale * (a[0] * b[1] - a[1] * b[0]);
 }
 
-/* Mean and rotation of one row. */
+/* Adds dL/dw and dL/dv of one row's mean and quaternion to out[0..2] and out[3..5]. */
 static void add_motion(const float *data, int64_t stride, const pags_gaussians *gaussians, int64_t row, double out[6]) {
   double value[PAGS_OPACITY], gradient[PAGS_OPACITY]; /* by plane: mean, scale, rotation */
   for (int p = 0; p < PAGS_OPACITY; p++) {
@@ -70,7 +74,8 @@ static void add_motion(const float *data, int64_t stride, const pags_gaussians *
   }
 }
 
-/* A row with a parameter that isn't finite has a gradient of zero, and 0 times infinity must not become the pose's. */
+/* Whether all six numbers are finite. A row with a parameter that isn't finite has a gradient of zero, but their
+ * product is NaN, which must not get into the pose's gradient. */
 static int is_finite(const double own[6]) {
   double sum = 0.0;
   for (int k = 0; k < 6; k++)

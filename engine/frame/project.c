@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Projection of Gaussians to the screen (EWA splatting, Zwicker et al. 2001) and their colours from spherical
- * harmonics. Runs the kernels (simd/project.inl and shade.inl, which have the maths) over the clusters in view. */
+/* The stages project and shade: projection of Gaussians to the screen (EWA splatting, Zwicker et al. 2001) and their
+ * colours from spherical harmonics. They run the kernels over the clusters in view; the maths is in simd/project.inl
+ * and simd/shade.inl. */
 #include <string.h>
 
 #include "frame/stages.h"
@@ -9,9 +10,10 @@ static int32_t splat_id(const pags_part *part, int64_t row) {
   return part->id ? part->id[row] : part->first_id + (int32_t)row;
 }
 
-/* 2^x to a third of a per cent for -100 < x < 100: which Gaussians are cut needs no more. */
+/* 2^x with a relative error of a third of a per cent, for -100 < x < 100. That is precise enough to decide which
+ * Gaussians rest_cut removes. */
 static float exp2_about(float x) {
-  const int whole = (int)(x + 128.0f) - 128; /* floor, without a call */
+  const int whole = (int)(x + 128.0f) - 128; /* floor(x), without a call of floorf */
   const float f = x - (float)whole;
   const uint32_t bits = (uint32_t)(whole + 127) << 23;
   float power;
@@ -19,11 +21,13 @@ static float exp2_about(float x) {
   return power * (1.0f + f * (0.6565f + 0.3435f * f));
 }
 
-/* Opacity times area, px: p w = k / sqrt(det), k = log2(e) / 2, area 2 pi sqrt(det). */
+/* The opacity of a projected Gaussian times its area on the screen, px. With k = log2(e) / 2:
+ *   area = 2 pi sqrt(det),  p w = k / sqrt(det). */
 static float weight_of(const pags_splat *s) {
   return exp2_about(s->log2_opacity) * 4.5323601f / (s->p * s->w);
 }
 
+/* Drops the cluster's Gaussians that aren't critical and whose opacity times area is below options.rest_cut. */
 static void cut_rest(const pags_frame *frame, const view_cluster *c, const pags_splat *splats, uint32_t *keys) {
   const pags_part *const part = frame->parts + c->part;
   for (int k = 0; k < c->count; k++)
@@ -47,7 +51,8 @@ void pags_frame_project_cluster(const pags_frame *frame, const view_cluster *c, 
   for (int k = 0; k < c->count; k++)
     if (keys[k] != UINT32_MAX)
       splats[k].id = splat_id(part, c->first + k);
-  if (frame->options.order == PAGS_ORDER_PAPER) /* bits of z > 0 leave the highest one free */
+  if (frame->options.order ==
+      PAGS_ORDER_PAPER) /* the sign bit, unused since z > 0, sorts the others behind critical ones */
     for (int k = 0; k < c->count; k++)
       if (keys[k] != UINT32_MAX && !frame_is_critical(part, c->first + k))
         keys[k] |= UINT32_C(1) << 31;

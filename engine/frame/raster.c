@@ -1,16 +1,22 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Blending, front to back (Kerbl et al. 2023): C += T alpha c, T *= 1 - alpha. Runs the kernel (simd/raster.inl, which
- * has the maths) over the tiles, or over samples of them. */
+/* The stages raster and sample: front-to-back blending of each tile's list (Kerbl et al. 2023),
+ *   C += T alpha c,  T *= 1 - alpha.
+ * They run the kernels over the tiles: raster at every pixel (simd/raster.inl, which has the maths), then adding sky
+ * and exposure; sample at points 4 pixels apart (simd/sample.inl). */
 #include "frame/stages.h"
 
-enum { TILES_AT_A_TIME = 4 }; /* whose splats are fetched ahead; more would leave some workers without any at the end */
+/* Tiles in a worker's block, within which it prefetches the next tile's splats. With more, some workers would have
+ * nothing left to do at the end. */
+enum { TILES_AT_A_TIME = 4 };
 
 typedef struct raster_context {
   pags_frame *frame;
-  const frame_samples *samples; /* NULL: of pixels */
-  int64_t (*counts)[8];         /* per worker: lanes evaluated, lanes blended, entries looked at; a cache line apart */
+  const frame_samples *samples; /* output of the sample stage; NULL: the raster stage */
+  int64_t (*counts)[8];         /* per worker: lanes evaluated, lanes blended, entries reached; a cache line apart */
 } raster_context;
 
+/* The kernel's output pointers into the frame's planes, at the plane offset `at` of a tile. Under a sky the
+ * background is black, since the sky is added afterwards. */
 static pags_raster_out tile_output(const pags_frame *frame, int64_t at) {
   pags_raster_out out = {.transmittance = frame_plane(frame, PLANE_T) + at, .stride = frame->stride};
   for (int c = 0; c < 3; c++) {
@@ -27,15 +33,16 @@ static pags_raster_out tile_output(const pags_frame *frame, int64_t at) {
   return out;
 }
 
-/* Whether there is nothing to do there: the tile isn't wanted or is finished, or this slab added nothing and more may
- * come. */
+/* Whether the raster stage can leave the tile out: it isn't wanted, it is saturated, or this slab put nothing into
+ * its list and isn't the last. */
 static bool tile_rests(const pags_frame *f, int64_t tile) {
   if (f->wanted && !f->wanted[tile])
     return true;
   return f->full && (f->full->limits[tile] < 0.0f || (!f->last_slab && f->tile_start[tile + 1] == f->tile_start[tile]));
 }
 
-/* `goes_on`: the same worker draws the next tile after this one. */
+/* The kernel's input for a tile. `goes_on`: the same worker draws the next tile after this one, so that tile's splats
+ * are prefetched. */
 static pags_raster_in tile_input(const raster_context *c, int64_t tile, bool goes_on, int worker) {
   const pags_frame *const f = c->frame;
   const int64_t start = f->tile_start[tile];
@@ -54,6 +61,8 @@ static pags_raster_in tile_input(const raster_context *c, int64_t tile, bool goe
                           .eps = f->options.early_z == PAGS_EARLY_Z_BOUNDED ? f->options.early_z_eps : 0.0f};
 }
 
+/* Blends a tile's list onto the state of earlier slabs, if any. If that finishes the tile (in the last slab, or since
+ * all of its pixels are saturated), adds sky and exposure. */
 static void raster_tile(const raster_context *c, int64_t tile, bool goes_on, int worker) {
   const pags_frame *const f = c->frame;
   pags_raster_in in = tile_input(c, tile, goes_on, worker);
@@ -65,7 +74,7 @@ static void raster_tile(const raster_context *c, int64_t tile, bool goes_on, int
   const pags_raster_out out = tile_output(f, at);
   pags_sky_tile sky;
   if (f->has_sky && !in.unfinished)
-    pags_frame_find_sky(f, tile, &sky); /* whose texels come while Gaussians are blended */
+    pags_frame_find_sky(f, tile, &sky); /* early, so that its texels are fetched while Gaussians are blended */
   const unsigned open = f->kernels->raster(&in, &out);
   if (f->full) {
     f->full->tile_begun[tile] = 1;
@@ -90,6 +99,7 @@ static void raster_tiles(void *context, int64_t begin, int64_t end, int worker) 
       raster_tile(c, tile, tile + 1 < end, worker);
 }
 
+/* Block function: blends tiles [begin, end) at their 4 x 4 samples, for variable-rate shading. */
 static void sample_tiles(void *context, int64_t begin, int64_t end, int worker) {
   const raster_context *const c = context;
   const pags_frame *const f = c->frame;
@@ -111,6 +121,7 @@ static void sample_tiles(void *context, int64_t begin, int64_t end, int worker) 
   }
 }
 
+/* Runs a block function over all tiles and adds the workers' counts to the frame's statistics. */
 static pags_result run_tiles(pags_frame *frame, const frame_samples *samples, pags_block_fn *fn) {
   raster_context c = {.frame = frame, .samples = samples};
   const int workers = pags_tasks_workers(frame->tasks);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Which parts of the picture can still change, while a frame is drawn slab by slab. */
+/* Keeps account of which 4x4-pixel blocks and tiles of the picture are saturated, while a frame is drawn slab by slab
+ * (early_z_slabs.c). */
 #include <math.h>
 #include <string.h>
 
@@ -7,7 +8,8 @@
 
 enum { BLOCK_SIDE = 4, BLOCKS = PAGS_TILE / BLOCK_SIDE, WORD = 64 };
 
-/* Rows of blocks from the tiles' masks: four bits of a tile go into each of four rows. */
+/* Builds the bitmap of unsaturated blocks from the tiles' masks (four bits of a tile's mask go into each of four rows
+ * of blocks), and counts the saturated tiles. */
 static void spread(const pags_frame *frame) {
   saturation *const f = frame->full;
   memset(f->open, 0, (size_t)(f->rows * f->words) * sizeof *f->open);
@@ -40,7 +42,7 @@ pags_result pags_frame_saturation_begin(pags_frame *frame) {
   for (int64_t tile = 0; tile < tiles; tile++) {
     f->limits[tile] = INFINITY;
 
-    /* Blocks of a tile that have a pixel inside of the picture: padding counts as full. */
+    /* Only blocks that have a pixel inside of the picture can change: padding counts as saturated. */
     int x0 = frame_tile_x(frame, tile);
     int y0 = frame_tile_y(frame, tile);
     unsigned inside = 0;

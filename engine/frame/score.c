@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What each Gaussian matters to a picture, as Speedy-Splat has it (Hanson et al. 2025): tiles write partial sums to
- * their own slots, each cluster adds up its own, in the slots' order. */
+/* Computes each Gaussian's importance for a picture: how much of it is seen, how much of that where critical pixels
+ * are, and the sensitivity score of Speedy-Splat (Hanson et al. 2025). Each tile writes partial sums to one slot per
+ * (Gaussian, tile) pair; each cluster then adds up its members' slots, always in the same order. */
 #include <assert.h>
 
 #include "frame/stages.h"
@@ -11,11 +12,12 @@ typedef struct score_context {
   float *slots;
   pags_score_fn *receive;
   void *user;
-  double *scratch; /* per worker */
+  double *scratch; /* per worker: PAGS_SCORE_SUMS arrays of MOST_MEMBERS */
 } score_context;
 
 enum { MOST_MEMBERS = 256 };
 
+/* Block function: writes the partial sums of the pairs in tiles [begin, end). */
 static void tiles_score(void *context, int64_t begin, int64_t end, int worker) {
   const score_context *const c = context;
   const pags_frame *const f = c->frame;
@@ -45,6 +47,7 @@ static void tiles_score(void *context, int64_t begin, int64_t end, int worker) {
   }
 }
 
+/* Sums the slots of the Gaussian at dense index `dense`; zeros where it isn't drawn. */
 static void add_member(const score_context *c, int64_t dense, double *seen, double *critical, double *squared) {
   const pags_frame *const f = c->frame;
   *seen = *critical = *squared = 0.0;
@@ -58,6 +61,7 @@ static void add_member(const score_context *c, int64_t dense, double *seen, doub
   }
 }
 
+/* Block function: sums the scores of the members of clusters [begin, end) and calls the receiver. */
 static void clusters_score(void *context, int64_t begin, int64_t end, int worker) {
   const score_context *const c = context;
   double *const seen = c->scratch + (int64_t)worker * PAGS_SCORE_SUMS * MOST_MEMBERS;

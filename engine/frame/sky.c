@@ -1,30 +1,30 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The sky behind a frame, and the gradient of its texels.
- *
+/* The sky behind a frame, a cube map that is blended in by the transmittance T, and the gradient of its texels:
  *   rgb += T sky(direction of the pixel's centre)
  *   dL/dtexel += T weight dL/drgb over the pixels that see the texel
+ * Every pixel of the picture shows some sky, since blending stops before T falls below 1e-4.
  *
- * Every pixel of the picture takes part: blending stops before T falls below 1e-4, so that none has lost all of the
- * sky.
- *
- * On the way back the cube map is cut into at most 64 runs of texels. First each tile finds out which runs it sees,
- * then each run is one task that goes through its tiles in order and is received: a texel's terms are added in the
- * same order for any number of threads, and a run's gradient stays in the cache. */
+ * For the backward pass the cube map is cut into at most 64 runs of consecutive texels. First each tile finds out
+ * which runs its pixels see. Then each run is one task, which adds up the terms of its tiles in the order of the
+ * tiles and hands the run's gradient to the caller's receiver. So a texel's terms are added in the same order for any
+ * number of threads, and a run's gradient stays in the cache. */
 #include <math.h>
 #include <string.h>
 
 #include "frame/stages.h"
 
-enum { MOST_RUNS = 64, LEAST_RUN_BITS = 12 };
+enum { MOST_RUNS = 64, LEAST_RUN_BITS = 12 }; /* a run has at least 2^12 texels */
 
 typedef struct sky_context {
   pags_frame *frame;
   const pags_picture_gradient *gradient;
-  uint64_t *runs_seen; /* per tile: bit r, it sees run r */
+  uint64_t *runs_seen; /* per tile: bit r is set where it sees run r */
   int run_bits;        /* a run is 2^run_bits texels */
-  float *runs;         /* per worker: the gradient of a run */
-  uint8_t *seen;       /* per worker: of a run's blocks */
+  float *runs;         /* per worker: the gradient of one run, 3 floats a texel */
+  uint8_t *seen;       /* per worker and block of the run: 1 where `runs` has been written */
 } sky_context;
+
+/* ---- Blending the sky ---- */
 
 void pags_frame_prepare_sky(pags_frame *frame) {
   const pags_sky *const sky = frame->options.sky;
@@ -55,14 +55,16 @@ void pags_frame_blend_sky(const pags_frame *frame, int64_t tile, const pags_sky_
                             frame_plane(frame, PLANE_T) + at, rgb);
 }
 
-/* Runs of texels first..last, both included. */
+/* ---- Finding the runs of texels that a tile sees ---- */
+
+/* The bit mask of the runs that texels first..last, both included, lie in. */
 static uint64_t runs_between(int64_t first, int64_t last, int run_bits) {
   const uint64_t upto = UINT64_MAX >> (MOST_RUNS - 1 - (last >> run_bits));
   return upto & UINT64_MAX << (first >> run_bits);
 }
 
-/* Of a row of a tile, which may reach beyond the picture's edge: whether any pixel lets as much of the sky through as
- * counts. */
+/* Whether any pixel of a tile's row has a transmittance of at least gradient->sky_cut, so that it counts for the sky.
+ * The row may reach beyond the picture's edge. */
 static bool row_shows_sky(const sky_context *c, int64_t at) {
   const float *const t = frame_plane(c->frame, PLANE_T) + at;
   int any = 0;
@@ -79,8 +81,9 @@ static bool tile_shows_sky(const sky_context *c, int64_t tile) {
   return false;
 }
 
-/* A face's directions are a convex cone: where a tile's four corners lie on one face, so do all its pixels, and in
- * between of the corners' rows. A row more on either side is for rounding. Elsewhere every pixel is looked at. */
+/* The bit mask of the runs that a tile's pixels see; 0 where the tile shows no sky. The directions of a cube face are
+ * a convex cone: if the tile's four corner pixels fall onto one face, all of its pixels do, in rows of texels between
+ * those of the corners, with a row more on either side for rounding. Otherwise every pixel is looked up. */
 static uint64_t tile_runs(const sky_context *c, int64_t tile) {
   enum { LAST = PAGS_TILE - 1 };
   if (!tile_shows_sky(c, tile))
@@ -105,14 +108,16 @@ static uint64_t tile_runs(const sky_context *c, int64_t tile) {
   }
   uint64_t seen = 0;
   f->kernels->sky_cells(&f->rays, x0, y0, 1, row, column, weight);
-  for (int i = 0; i < PAGS_TILE_PIXELS; i++) { /* those beyond the picture's edge do no harm */
+  for (int i = 0; i < PAGS_TILE_PIXELS; i++) { /* pixels beyond the picture's edge do no harm: they only add runs */
     const int64_t texel = (int64_t)row[i] * size + column[i];
-    /* From a cell's first texel to its last. A run is longer than that, so a cell lies in one run or two. */
+    /* From the first to the last of the cell's four texels; a run is longer, so that they lie in one run or in
+     * two. */
     seen |= runs_between(texel, texel + (size > 1 ? size + 1 : 0), c->run_bits);
   }
   return seen;
 }
 
+/* Block function: finds the runs that tiles [begin, end) see. */
 static void find_runs(void *context, int64_t begin, int64_t end, int worker) {
   const sky_context *const c = context;
   (void)worker;
@@ -120,22 +125,25 @@ static void find_runs(void *context, int64_t begin, int64_t end, int worker) {
     c->runs_seen[tile] = tile_runs(c, tile);
 }
 
+/* ---- Adding a tile's pixels to a run's gradient ---- */
+
+/* A run of texels whose gradient is being added up, in blocks of PAGS_SKY_BLOCK. */
 typedef struct texel_run {
   int32_t first, last; /* texels [first, last) */
-  int size;
-  float *gradient; /* of its texels, in blocks that are written when they are seen first */
-  uint8_t *seen;   /* per block */
+  int size;            /* of the cube map, texels a side */
+  float *gradient;     /* 3 floats a texel; a block is set to zeros when a pixel first adds to it */
+  uint8_t *seen;       /* per block: 1 where the gradient has been set */
 } texel_run;
 
-enum { PATCH_TEXELS = 1024 };
+enum { PATCH_TEXELS = 1024 }; /* in the largest patch */
 
-/* What a tile's pixels add to the sky: row after row, the cells they see, the weights of a cell's corners, and T
- * dL/drgb, zero where the sky doesn't count. */
+/* What a tile's pixels, row after row, add to the sky's gradient: the cell of four texels that each pixel sees, their
+ * bilinear weights, and T dL/drgb, which is zero where the sky doesn't count. */
 typedef struct tile_terms {
   int32_t row[PAGS_TILE_PIXELS],
-      column[PAGS_TILE_PIXELS]; /* of the cell's top left texel; rows count on from face to face */
+      column[PAGS_TILE_PIXELS]; /* the cell's top left texel; rows are numbered through all faces */
   float weight[4][PAGS_TILE_PIXELS];
-  float colour[PAGS_TILE_PIXELS][4]; /* the fourth is nothing */
+  float colour[PAGS_TILE_PIXELS][4]; /* the fourth is 0, to fill a vector */
   bool shows[PAGS_TILE];             /* per row: whether any of its pixels counts */
 } tile_terms;
 
@@ -143,11 +151,12 @@ typedef struct pixel_box {
   int x0, y0, x1, y1; /* pixels of a tile, [x0, x1) by [y0, y1) */
 } pixel_box;
 
+/* A rectangle of texels of the cube map, rows numbered through all faces. */
 typedef struct texel_patch {
   int32_t row, column, rows, columns;
 } texel_patch;
 
-/* All the texels that pixels add to, and what lies between them. */
+/* The smallest patch that holds all texels that the pixels of `box` add to. */
 static texel_patch patch_of(const tile_terms *t, const pixel_box *box, int size) {
   int32_t least[2] = {INT32_MAX, INT32_MAX}, most[2] = {0, 0};
   for (int y = box->y0; y < box->y1; y++)
@@ -162,6 +171,7 @@ static texel_patch patch_of(const tile_terms *t, const pixel_box *box, int size)
   return (texel_patch){least[0], least[1], most[0] - least[0] + beyond, most[1] - least[1] + beyond};
 }
 
+/* Adds up the terms of the pixels of `box`, texel by texel, in `sum`, which has the patch's rows and columns. */
 static void sum_patch(const tile_terms *t, const pixel_box *box, const texel_patch *p, int size, float (*sum)[4]) {
   const int32_t right = size > 1 ? 1 : 0, below = size > 1 ? p->columns : 0,
                 corner[4] = {0, right, below, below + right};
@@ -176,6 +186,7 @@ static void sum_patch(const tile_terms *t, const pixel_box *box, const texel_pat
     }
 }
 
+/* Adds a patch to the gradient of those of its texels that lie in the run. */
 static void add_patch(const texel_run *run, const texel_patch *p, float (*sum)[4]) {
   for (int32_t i = 0; i < p->rows; i++, sum += p->columns) {
     const int32_t row = (p->row + i) * run->size + p->column - run->first,
@@ -185,7 +196,7 @@ static void add_patch(const texel_run *run, const texel_patch *p, float (*sum)[4
     if (begin >= end)
       continue;
 
-    /* Blocks of the run from texel `first` on, up to `last`, are there to be added to. */
+    /* Blocks that hold texels first..last of the run are set to zeros when they are added to for the first time. */
     int32_t first = row + begin;
     int32_t last = row + end - 1;
     for (int32_t block = first / PAGS_SKY_BLOCK; block <= last / PAGS_SKY_BLOCK; block++)
@@ -201,9 +212,9 @@ static void add_patch(const texel_run *run, const texel_patch *p, float (*sum)[4
   }
 }
 
-/* Neighbouring pixels share texels: they are summed up in a patch of the map before they go to memory. Where the patch
- * would be large, as between faces or where texels are much smaller than pixels, each half of the pixels has its own.
- */
+/* Adds the terms of the pixels of `box` to the run. Neighbouring pixels share texels, so their terms are first summed
+ * in a small patch. Where the patch would be large, as across faces or where texels are much smaller than pixels,
+ * each half of the pixels is added with a patch of its own. */
 static void add_pixels(const texel_run *run, const tile_terms *t, const pixel_box *box) {
   const texel_patch patch = patch_of(t, box, run->size);
   if ((int64_t)patch.rows * patch.columns <= PATCH_TEXELS) {
@@ -221,7 +232,7 @@ static void add_pixels(const texel_run *run, const tile_terms *t, const pixel_bo
   add_pixels(run, t, half + 1);
 }
 
-/* Of one row. Values that aren't finite count for nothing, as with Gaussians. */
+/* T dL/drgb of one row of a tile; 0 where T is below sky_cut and where a value isn't finite, as with Gaussians. */
 static void find_colours(const sky_context *c, int64_t at, float (*restrict colour)[4]) {
   const float *const restrict t = frame_plane(c->frame, PLANE_T) + at;
   const float cut = c->gradient->sky_cut;
@@ -241,6 +252,9 @@ static void find_colours(const sky_context *c, int64_t at, float (*restrict colo
   }
 }
 
+/* ---- The gradient run by run ---- */
+
+/* The first tile from `tile` on that sees the run; the number of tiles if none does. */
 static int64_t next_tile(const sky_context *c, int64_t tile, int64_t run) {
   const int64_t tiles = (int64_t)c->frame->tiles_x * c->frame->tiles_y;
   while (tile < tiles && !(c->runs_seen[tile] >> run & 1))
@@ -248,7 +262,8 @@ static int64_t next_tile(const sky_context *c, int64_t tile, int64_t run) {
   return tile;
 }
 
-/* A tile's rows lie a picture's width apart, too far for a processor to guess the next one. */
+/* Prefetches the rows of a tile's planes. They lie a picture's width apart, too far for the processor to prefetch
+ * them by itself. */
 static void fetch_tile(const sky_context *c, int64_t tile) {
   const pags_frame *const f = c->frame;
   const int64_t at = frame_tile_offset(f, tile);
@@ -259,6 +274,7 @@ static void fetch_tile(const sky_context *c, int64_t tile) {
       __builtin_prefetch(planes[k] + at + y * f->stride);
 }
 
+/* Adds up the gradient of run `index` over all tiles that see it, and calls the receiver unless there are none. */
 static void add_run(const sky_context *c, int64_t index, int worker) {
   const int64_t tiles = (int64_t)c->frame->tiles_x * c->frame->tiles_y, texels = (int64_t)1 << c->run_bits;
   const texel_run run = {(int32_t)(index * texels), (int32_t)((index + 1) * texels), c->frame->rays.size,
@@ -272,7 +288,7 @@ static void add_run(const sky_context *c, int64_t index, int worker) {
     if (next < tiles)
       fetch_tile(c, next);
 
-    /* Add tile. */
+    /* Adds the tile's pixels, without rows at its top and bottom that show no sky. */
     const pags_frame *const f = c->frame;
     const int x0 = frame_tile_x(f, tile), y0 = frame_tile_y(f, tile), width = f->camera.width - x0,
               height = f->camera.height - y0;

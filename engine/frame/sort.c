@@ -1,20 +1,21 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Front to back, tile by tile: each tile's list is sorted by (bits of z, id) by whoever gets it, in its own cache. No
- * order of all Gaussians is ever made: lists come from memory's order (bin.c), in which neighbours fall into the same
- * tiles.
+/* The stage sort: brings each tile's list into front-to-back order, by (bits of z, id). Each list is sorted by one
+ * worker, in that worker's cache. The Gaussians as a whole are never sorted: binning writes the lists about in memory
+ * order (bin.c), in which neighbours fall into the same tiles.
  *
- * z > 0, so its bits order as an unsigned number does. */
+ * Since z > 0, the bits of z as an unsigned integer have the order of z. */
 #include <string.h>
 
 #include "frame/stages.h"
 
+/* Up to FEW items an insertion sort is used; up to SOME, the digits of the radix sort are one bit narrower. */
 enum { FEW = 32, SOME = 256, MOST_DIGIT_BITS = 9, MOST_PASSES = 4 };
 
-/* A radix sort, digit by digit from the lowest, over as many bits as the keys' range has: some 26 of a street's depths.
- */
+/* LSD radix sort over only as many bits as the range of the keys has, which is some 26 for the depths of a street.
+ * Short lists are sorted by insertion. */
 depth_key *pags_frame_sort_keys(depth_key *keys, depth_key *spare, int64_t count) {
   if (count <= FEW) {
-    /* Insertion sort. */
+    /* Insertion sort, which needs no histograms. */
     for (int64_t i = 1; i < count; i++) {
       const depth_key moving = keys[i];
       int64_t k = i;
@@ -33,11 +34,13 @@ depth_key *pags_frame_sort_keys(depth_key *keys, depth_key *spare, int64_t count
   if (least == most)
     return keys;
   const int bits = 32 - __builtin_clz(most - least);
-  const int most_bits = count <= SOME ? MOST_DIGIT_BITS - 1 : MOST_DIGIT_BITS; /* histograms cost, too */
+  /* Digits of short lists are one bit narrower, since clearing and summing the histograms takes time too. */
+  const int most_bits = count <= SOME ? MOST_DIGIT_BITS - 1 : MOST_DIGIT_BITS;
   const int passes = (bits + most_bits - 1) / most_bits, width = (bits + passes - 1) / passes;
   uint32_t place[MOST_PASSES][1 << MOST_DIGIT_BITS];
 
-  /* All digits' histograms in one go, then turned into the places where each value's keys begin. */
+  /* The histograms of all digits are made in one pass over the keys, then turned into exclusive prefix sums: where
+   * the keys with each digit value begin. */
   const uint32_t mask = (1u << width) - 1;
   for (int pass = 0; pass < passes; pass++)
     memset(place[pass], 0, sizeof(uint32_t) << width);
@@ -66,11 +69,12 @@ depth_key *pags_frame_sort_keys(depth_key *keys, depth_key *spare, int64_t count
 
 typedef struct sort_context {
   pags_frame *frame;
-  depth_key *scratch; /* two stretches per worker or, where that is less, per tile */
-  int64_t stretch;    /* 0: per tile */
+  depth_key *scratch; /* two buffers of `stretch` items per worker or, where that is less, two per tile */
+  int64_t stretch;    /* length of the longest list; 0: buffers per tile */
 } sort_context;
 
-/* Shell sort by id: runs of equal depth are short, and a long one (a wall) still costs n^1.3. */
+/* Sorts a run of items of equal depth by id, with Shell sort: most runs are short, and a long one (a wall that faces
+ * the camera) still takes only about n^1.3 steps. */
 static void order_run(const pags_frame *frame, const pags_entry *entries, depth_key *run, int64_t count) {
   int64_t gap = 1;
   while (gap < count / 9)
@@ -86,6 +90,7 @@ static void order_run(const pags_frame *frame, const pags_entry *entries, depth_
     }
 }
 
+/* Sorts one tile's list by (depth, id); `keys` and `spare` are buffers of `count` items. */
 static void sort_list(const pags_frame *f, pags_entry *entries, int64_t count, depth_key *keys, depth_key *spare) {
   bool sorted = true;
   for (int64_t i = 0; i < count; i++) {
@@ -95,8 +100,8 @@ static void sort_list(const pags_frame *f, pags_entry *entries, int64_t count, d
   if (sorted)
     return;
   depth_key *const order = pags_frame_sort_keys(keys, spare, count);
-  if (!f->ids_ascend || f->full) /* slabs put splats into memory as they meet them */
-    /* Equal depths are ordered by id; a stable sort has done so already where ids ascend with the index. */
+  if (!f->ids_ascend || f->full) /* the dense order of slabs isn't that of the ids */
+    /* Equal depths are ordered by id. Where ids ascend in memory order, the stable sort has done so already. */
     for (int64_t begin = 0, end = 1; end <= count; end++)
       if (end == count || order[end].key != order[begin].key) {
         if (end - begin > 1)

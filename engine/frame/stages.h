@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The stages of a frame and what they hand each other. Internal to engine/frame. */
+/* The stages that render one frame (cull, project, shade, list, bin, sort, raster) and the state that they share,
+ * struct pags_frame. Internal to engine/frame. */
 #ifndef PAGS_FRAME_STAGES_H
 #define PAGS_FRAME_STAGES_H
 
@@ -11,55 +12,59 @@
 #include "base/clock.h"
 #include "scene/packed_rows.h"
 
-/* A cluster in view. Its members' results lie at [base, base + count) of the dense arrays below; base is a multiple
- * of 16. */
+/* A cluster in view: cluster number `cluster` of part `part`, which holds rows [first, first + count) of the part's
+ * Gaussians. The results of these members (splats, keys, boxes) lie at [base, base + count) of the frame's dense
+ * arrays; base is a multiple of 16. */
 typedef struct view_cluster {
   int32_t part;
   int32_t count;
   int64_t cluster, first, base;
 } view_cluster;
 
-/* What can be said of a cluster's members that are drawn without reading them. */
+/* Bounds of a cluster's drawn members that are known from the cluster's box alone, without reading the members. */
 typedef struct cluster_bound {
-  float near;       /* no member's camera z, as the projection kernel rounds it, is smaller; metres, >= 0 */
-  pags_reach reach; /* no member changes a pixel beyond */
+  float near;       /* lower bound of the members' camera z as the projection kernel rounds it; metres, >= 0 */
+  pags_reach reach; /* the 4x4-pixel blocks outside of which no member changes a pixel */
 } cluster_bound;
 
-/* What is sorted: bits of z, and whose. */
+/* A sort item: the bits of a depth z, and the index of the Gaussian, list entry or cluster that has this depth. */
 typedef struct depth_key {
   uint32_t key, index;
 } depth_key;
 
-/* What is full while a frame is drawn slab by slab (early_z_slabs.c). */
+/* Which tiles and 4x4-pixel blocks are saturated while a frame is drawn slab by slab (early_z_slabs.c). A pixel is
+ * saturated when its blending has stopped; a block or a tile, when all of its pixels inside of the picture are. */
 typedef struct saturation {
-  float *limits;       /* per tile: -1 where every pixel has stopped and the tile is finished, else infinity */
-  uint8_t *tile_begun; /* per tile: 1, its planes hold what an earlier slab left */
-  uint16_t *tile_open; /* per tile: blocks that have a pixel which hasn't stopped */
-  uint64_t *open;      /* the same, row of blocks after row of blocks, a bit a block */
-  int words, rows;     /* a row's words, rows of blocks */
-  int64_t tiles_full;
+  float *limits;       /* per tile: -1 where the tile is saturated and its pixels are final, else infinity */
+  uint8_t *tile_begun; /* per tile: 1 where the planes hold the blending state of an earlier slab */
+  uint16_t *tile_open; /* per tile: bit b is set where block b is not saturated */
+  uint64_t *open;      /* the same bits as a bitmap of the picture's blocks: `rows` rows of `words` words each */
+  int words, rows;
+  int64_t tiles_full; /* number of saturated tiles */
 } saturation;
 
-/* What every 4 x 4 pixels see in their middle, without the sky. Planes have samples for whole tiles. */
+/* Samples for variable-rate shading: one sample in the middle of each block of 4 x 4 pixels, blended without the sky.
+ * `width` x `height` samples cover the picture; the planes are padded to whole tiles. */
 enum { SAMPLE_SIDE = 4 };
 typedef struct frame_samples {
   int width, height, stride;
   float *rgb[3], *transmittance;
-  float *critical;          /* weight of what is critical */
-  float *depth, *depth_sum; /* with extra channels, as is id */
+  float *critical;          /* sum of the blending weights of critical Gaussians */
+  float *depth, *depth_sum; /* these and id: only with options.extra_channels */
   int32_t *id;
 } frame_samples;
 
-/* How a frame is drawn of which only what is critical is wanted in full (variable_rate.c). */
+/* Variable-rate shading (variable_rate.c): which Gaussians are critical. Only tiles that show these are shaded at
+ * every pixel. */
 typedef struct frame_apart {
-  const uint8_t *critical; /* per id: 1, it is */
-  int64_t count;           /* of ids; those beyond aren't critical */
-  double full_tiles;       /* out: share of tiles drawn in full */
+  const uint8_t *critical; /* per id: 1 where the Gaussian is critical, else 0 */
+  int64_t count;           /* number of ids in `critical`; Gaussians with larger ids aren't critical */
+  double full_tiles;       /* out: fraction of the tiles that were shaded at every pixel */
 } frame_apart;
 
 struct pags_frame {
   pags_tasks *tasks;
-  pags_arena *arena; /* everything of one frame */
+  pags_arena *arena; /* memory of one frame, reset when the next one begins; all arrays below but `planes` */
   const pags_kernels *kernels;
 
   pags_part *parts;             /* copied into the arena */
@@ -67,38 +72,38 @@ struct pags_frame {
   int part_count;
   pags_camera camera;
   pags_frame_options options;
-  bool rendered, ids_ascend;
+  bool rendered, ids_ascend; /* a render has finished; the ids ascend in memory order */
   bool has_sky;
-  pags_sky_rays rays; /* where there is a sky */
+  pags_sky_rays rays; /* directions of the pixels in the sky's cube map; set where has_sky */
 
   view_cluster *clusters;
-  cluster_bound *bounds; /* per cluster, only of frames drawn slab by slab */
+  cluster_bound *bounds; /* per cluster in view; NULL unless drawn in slabs or with PAGS_EARLY_Z_PAPER */
   int64_t cluster_count, dense_count;
   pags_splat *splats;   /* dense_count */
-  uint32_t *keys;       /* dense_count: bits of z, by which lists are sorted; UINT32_MAX = nothing to draw */
-  pags_tile_box *boxes; /* dense_count; of what is drawn */
-  uint32_t *drawn;      /* drawn_count dense indices, about as they lie in memory */
+  uint32_t *keys;       /* dense_count sort keys: the bits of z; UINT32_MAX where the Gaussian isn't drawn */
+  pags_tile_box *boxes; /* dense_count; set for Gaussians that are drawn */
+  uint32_t *drawn;      /* drawn_count dense indices of the Gaussians that are drawn, about in memory order */
   int64_t drawn_count;
 
   int tiles_x, tiles_y;
-  int64_t *tile_start;   /* tiles + 1 */
-  pags_entry *entries;   /* tile after tile; front to back once sorted */
-  uint16_t *block_masks; /* per entry */
-  saturation *full;      /* NULL: one slab */
+  int64_t *tile_start;   /* tiles + 1: tile t's list is entries [tile_start[t], tile_start[t + 1]) */
+  pags_entry *entries;   /* the lists of all tiles; each goes front to back once it is sorted */
+  uint16_t *block_masks; /* per entry: the tile's 4x4-pixel blocks that the splat may change; if keep_for_backward */
+  saturation *full;      /* NULL: the frame is drawn at once, in one slab */
   bool last_slab;
-  frame_apart *apart;       /* how the next frame is drawn; NULL: all of it in full */
-  const uint8_t *wanted;    /* per tile: 0, it isn't drawn; NULL: all are */
-  const float *tile_limits; /* per tile: what has a larger z isn't binned; may be NULL */
-  float *hard;              /* a plane: what has a larger z isn't drawn; may be NULL */
-  int64_t looked_at;        /* entries that the rasteriser came to */
-  bool guessed;             /* whether `hiding` holds anything */
-  double hiding; /* share of what is in view that hid, or would have hidden, in the last frame with Early-Z; a guess */
-  int64_t *slot_start; /* dense_count + 1 */
+  frame_apart *apart;       /* variable rate for the next frame; NULL: every pixel is shaded */
+  const uint8_t *wanted;    /* per tile: 0 where the raster stage leaves the tile out; NULL: it draws all tiles */
+  const float *tile_limits; /* per tile: splats with a larger z aren't binned; NULL: no limits */
+  float *hard;              /* a plane of z: splats with a larger z don't change the pixel; NULL: none */
+  int64_t looked_at;        /* list entries that the rasteriser reached before their tiles saturated */
+  bool guessed;             /* `hiding` has been set */
+  double hiding; /* fraction hidden in the last Early-Z frame: of Gaussians (slabs) or of list entries (at once) */
+  int64_t *slot_start; /* dense_count + 1: each splat's first gradient slot; if keep_for_backward */
 
-  float *planes; /* 7 float planes and one of ids, of plane_size each */
-  int64_t plane_capacity, plane_size;
-  int stride, rows; /* padded to whole tiles */
-  uint64_t plane_calls;
+  float *planes; /* 7 float planes and one of int32 ids, plane_size pixels each, in the order of PLANE_R .. */
+  int64_t plane_capacity, plane_size; /* pixels per plane: allocated, used */
+  int stride, rows;                   /* width and height, padded to whole tiles */
+  uint64_t plane_calls;               /* heap allocations of `planes` so far */
   pags_frame_stats stats;
 };
 
@@ -106,7 +111,7 @@ enum { PLANE_R, PLANE_G, PLANE_B, PLANE_T, PLANE_DEPTH, PLANE_DEPTH_SUM, PLANE_B
 static inline float *frame_plane(const pags_frame *frame, int plane) {
   return frame->planes + plane * frame->plane_size;
 }
-/* A tile's first pixel, and where it lies in a plane. */
+/* A tile's top left pixel: its x and y, and its offset in a plane. */
 static inline int frame_tile_x(const pags_frame *frame, int64_t tile) {
   return (int)(tile % frame->tiles_x) * PAGS_TILE;
 }
@@ -117,73 +122,81 @@ static inline int64_t frame_tile_offset(const pags_frame *frame, int64_t tile) {
   return (int64_t)frame_tile_y(frame, tile) * frame->stride + frame_tile_x(frame, tile);
 }
 
-/* Slabs pay where much hides (docs/lab/early-z.md has the figures behind this), else all is drawn at once. What hid in
- * one frame tells of the next. */
+/* Whether enough of the scene is hidden for drawing in slabs to be faster than drawing at once. The threshold of 35 %
+ * was measured (docs/lab/early-z.md); the last frame's hidden fraction stands for that of the next frame. */
 static inline bool frame_hides_enough(const pags_frame *frame) {
   return frame->hiding > 0.35;
 }
 
-/* In the order in which frame.c runs them; each returns PAGS_OK, PAGS_CANCELLED or PAGS_ERROR_MEMORY. */
+/* The stages, in the order in which frame.c runs them, each with the members of pags_frame that it writes. They
+ * return PAGS_OK, PAGS_CANCELLED or PAGS_ERROR_MEMORY; culling also PAGS_ERROR_LIMIT. `bounded`: write `bounds`
+ * too. */
 pags_result pags_stage_cull(pags_frame *frame, bool bounded); /* -> clusters, bounds */
 pags_result pags_stage_touch(pags_frame *frame, pags_touch_fn *touch, void *user);
 pags_result pags_stage_project(pags_frame *frame); /* -> splats (no colour), keys, boxes */
 pags_result pags_stage_shade(pags_frame *frame);   /* -> colours */
 pags_result pags_stage_list(pags_frame *frame);    /* -> drawn */
-pags_result pags_stage_bin(pags_frame *frame);     /* -> tile lists, in the order of `drawn` */
-pags_result pags_stage_sort(pags_frame *frame);    /* -> tile lists, front to back */
+pags_result pags_stage_bin(pags_frame *frame);     /* -> tile_start, entries in the order of `drawn` */
+pags_result pags_stage_sort(pags_frame *frame);    /* -> entries of each tile front to back */
 pags_result pags_stage_raster(pags_frame *frame);  /* -> planes */
-pags_result pags_stage_sample(pags_frame *frame, const frame_samples *samples); /* -> samples, of all tiles */
-pags_result pags_stage_variable_rate(pags_frame *frame); /* -> planes, in place of raster, as `apart` says */
+pags_result pags_stage_sample(pags_frame *frame, const frame_samples *samples); /* -> samples of all tiles */
+pags_result pags_stage_variable_rate(pags_frame *frame); /* -> planes; in place of raster where `apart` is set */
 
-/* Saturation of the picture's blocks: begin marks none as saturated; update reads which pixels the last raster stage
- * has saturated. */
+/* Saturation of the picture's blocks (frame->full): begin allocates the state, with no block inside of the picture
+ * saturated; update gathers which blocks the last raster stage has left unsaturated. */
 pags_result pags_frame_saturation_begin(pags_frame *frame);
 void pags_frame_saturation_update(pags_frame *frame);
-/* Everything after culling, at once. */
+/* All stages after culling, over the whole frame at once. */
 pags_result pags_frame_draw(pags_frame *frame, pags_touch_fn *touch, void *user);
-/* The paper's two passes, after culling. */
+/* The PAGS paper's two passes after culling: a depth pre-pass of occluders, then colour (early_z_paper.c). */
 pags_result pags_frame_early_z_paper(pags_frame *frame, pags_touch_fn *touch, void *user);
-/* Everything after culling, slab of depth by slab. */
+/* All stages after culling, one slab of depth after another, front to back (early_z_slabs.c). */
 pags_result pags_frame_early_z_slabs(pags_frame *frame, pags_touch_fn *touch, void *user);
 
-/* Whether the row counts as critical: S_sem > 0.5. */
+/* Whether the part's Gaussian `row` is critical: its semantic priority S_sem is above 0.5. */
 static inline bool frame_is_critical(const pags_part *part, int64_t row) {
   if (part->packed && part->packed->has_s_sem)
     return pags_packed_s_sem(part->packed, row) > 0.5f;
   return (part->gaussians->s_sem ? part->gaussians->s_sem[row] : part->s_sem) > 0.5f;
 }
-/* Projects one cluster's members and gives them their ids. `reaches` may be NULL. */
+/* Projects one cluster's members: writes their splats (without colours), ids and keys and, unless `reaches` is NULL,
+ * the 4x4-pixel blocks that each may change. */
 void pags_frame_project_cluster(const pags_frame *frame, const view_cluster *cluster, pags_reach *reaches);
-/* The projection that a cluster is shaded by: of a lower degree where the options say so. */
+/* The projection to shade a cluster with: the part's own, with the SH degree lowered by options.rest_sh_less where
+ * the cluster holds nothing critical. */
 pags_projection pags_frame_shading(const pags_frame *frame, const view_cluster *cluster);
-/* Finds the tiles of projected members [first, first + count) of the dense arrays, at most 256. */
+/* Finds the tiles that projected Gaussians [first, first + count) of the dense arrays touch; count <= 256. */
 void pags_frame_box_members(const pags_frame *frame, int64_t first, int count);
-/* Sorts by key, stable; returns whichever of `keys` and `spare` holds the result. */
+/* Sorts `count` items by ascending key, stably, with `spare` as a second buffer of `count` items. Returns `keys` or
+ * `spare`, whichever holds the result. */
 depth_key *pags_frame_sort_keys(depth_key *keys, depth_key *spare, int64_t count);
 
-/* Of the sky (sky.c): directions, before anything is drawn; what a tile sees of it, best before its Gaussians are
- * blended; the tile when they have been blended over zeros; the way back, which adds to the gradient's texels. */
+/* The sky (sky.c). prepare sets has_sky and the pixels' directions, before any tile is drawn. find looks up the cube
+ * map cells that a tile's pixels see and prefetches their texels, so it is best called before the tile's Gaussians
+ * are blended. blend adds transmittance times sky to a tile whose Gaussians were blended over black. sky_backward
+ * passes the gradient of the texels to gradient->sky. */
 void pags_frame_prepare_sky(pags_frame *frame);
 void pags_frame_find_sky(const pags_frame *frame, int64_t tile, pags_sky_tile *out);
 void pags_frame_blend_sky(const pags_frame *frame, int64_t tile, const pags_sky_tile *found);
 pags_result pags_frame_sky_backward(pags_frame *frame, const pags_picture_gradient *gradient);
 
-void pags_frame_expose(const pags_frame *frame, int64_t tile); /* when all else is in it */
+void pags_frame_expose(const pags_frame *frame, int64_t tile); /* rgb = gain rgb + offset; after Gaussians and sky */
 
-/* What a packed cluster is unpacked into. */
+/* Buffer that one packed cluster is unpacked into. */
 typedef struct row_scratch {
   float planes[PAGS_MAX_PLANES * PAGS_PACKED_ROWS] __attribute__((aligned(64)));
 } row_scratch;
-/* Planes of a cluster's rows, `stride` floats apart: those of geometry; means and colours up to a degree. Unpacked into
- * the scratch where the part is packed. */
+/* Return a cluster's parameter planes, `*stride` floats apart and in the order of pags/gaussians.h: `geometry` those
+ * of mean, scale, rotation and opacity, `colours` those of the mean and of SH up to `sh_degree`. A packed part's
+ * cluster is unpacked into `scratch`; otherwise the planes are the part's own. */
 const float *pags_frame_geometry(const pags_part *part, const view_cluster *cluster, row_scratch *scratch,
                                  int64_t *stride);
 const float *pags_frame_colours(const pags_part *part, const view_cluster *cluster, int sh_degree, row_scratch *scratch,
                                 int64_t *stride);
 
-/* count * size bytes of this frame, or NULL after pags_fail. */
+/* Allocates count * size bytes from the frame's arena. Returns NULL after pags_fail if out of memory. */
 void *pags_frame_alloc(pags_frame *frame, int64_t count, size_t size, const char *what);
-/* pags_parallel_for as a result code. */
+/* pags_parallel_for over [0, count) that returns PAGS_OK, or PAGS_CANCELLED after pags_fail. */
 pags_result pags_frame_for(pags_frame *frame, int64_t count, int64_t grain, pags_block_fn *fn, void *context);
 
 #endif

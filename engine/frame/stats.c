@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Sums and means of the statistics of several frames: milliseconds by stage, counts. */
+/* Sums and means of pags_frame_stats (milliseconds by stage, counts of Gaussians, pairs and tiles) over several
+ * frames. */
 #include <pags/frame.h>
 
 enum { MOST = 32 };
 
-/* Pointers to all times and to all counts of `s`. */
+/* times_of and counts_of write pointers to all times, or all counts, of `s` to `out` and return their number. */
 static int times_of(pags_frame_stats *s, double *out[MOST]) {
   double *const all[] = {
       &s->ms_cull,    &s->ms_project,         &s->ms_shade,           &s->ms_sort, &s->ms_bin, &s->ms_raster,

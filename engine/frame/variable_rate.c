@@ -1,36 +1,42 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A frame of which only what is critical is wanted in full: all tiles are looked at by samples 4 pixels apart; tiles in
- * which a sample or its neighbour shows something critical are drawn pixel by pixel, with the bits that they have
- * without samples, and the others are interpolated between samples. Lists are made once for both. The sky is that of
- * the full size everywhere. */
+/* Variable-rate shading: only tiles that show critical Gaussians are shaded at every pixel. First all tiles are
+ * shaded at samples 4 pixels apart. Tiles in which a sample, or a neighbour of one, shows a critical Gaussian are
+ * then rasterised at every pixel, to the same bits as in a frame without variable rate; the other tiles are
+ * interpolated between their samples. Both use the same tile lists. The sky is blended at every pixel of either kind
+ * of tile. */
 #include <string.h>
 
 #include "frame/stages.h"
 
-enum { TILE_SAMPLES = PAGS_TILE / SAMPLE_SIDE };
-#define SHOWS 0.125f /* weight from which on a sample shows what is critical */
+enum { TILE_SAMPLES = PAGS_TILE / SAMPLE_SIDE }; /* along a tile's side */
+#define SHOWS 0.125f /* a sample shows critical Gaussians if the sum of their weights is at least this */
 
+/* Allocates a plane of samples, padded to whole tiles. */
 static float *sample_plane(pags_frame *f, const frame_samples *s) {
   return pags_frame_alloc(f, (int64_t)s->stride * (f->rows / SAMPLE_SIDE), sizeof(float), "samples");
 }
 
-/* The two rows of samples between which a row of pixels lies, and the weight of the latter; beyond the outermost ones
- * as these. */
+/* The two rows of samples a and b that a row of pixels lies between, and b's weight t in the linear interpolation.
+ * Pixels beyond the outermost rows of samples take the outermost row. */
 typedef struct between {
   int a, b;
   float t;
 } between;
 
+/* The rows of samples for pixel row y, of `height` rows of samples in all. */
 static between between_at(int y, int height) {
   const float at = ((float)y + 0.5f) / SAMPLE_SIDE - 0.5f;
   const int a = at > 0.0f ? (int)at : 0, last = height - 1;
   return (between){a < last ? a : last, a + 1 < last ? a + 1 : last, at > 0.0f ? at - (float)(int)at : 0.0f};
 }
 
-/* A tile's row of pixels: its samples and one on either side are taken down to the row, then from sample to sample. */
+/* Interpolates one row of 16 pixels of a tile bilinearly: the tile's samples, from sample `first` on, and one on
+ * either side are interpolated vertically to the row, then between neighbouring samples. `size`: samples in a row of
+ * the plane. */
 static void interpolate_row(const float *plane, int64_t stride, int first, int size, between v, float *out) {
-  static const float weight[SAMPLE_SIDE] = {0.625f, 0.875f, 0.125f,
-                                            0.375f}; /* of the right one; two pixels left of it, two beyond */
+  /* Weights of the right one of two samples, for pixels x mod 4. A sample lies between pixels 1 and 2 of its
+   * block. */
+  static const float weight[SAMPLE_SIDE] = {0.625f, 0.875f, 0.125f, 0.375f};
   const float *const top = plane + (int64_t)v.a * stride, *const bottom = plane + (int64_t)v.b * stride;
   float row[TILE_SAMPLES + 2];
   for (int k = 0; k < TILE_SAMPLES + 2; k++) {
@@ -43,7 +49,8 @@ static void interpolate_row(const float *plane, int64_t stride, int first, int s
   }
 }
 
-/* The sample whose square a pixel lies in. */
+/* Sets depth, depth sum and id of a row of 16 pixels of a tile to those of the nearest sample, in whose 4 x 4 pixels
+ * each pixel lies. */
 static void take_nearest(const pags_frame *f, const frame_samples *s, int x0, int y) {
   int32_t *const ids = (int32_t *)(void *)frame_plane(f, PLANE_ID);
   for (int x = x0; x < x0 + PAGS_TILE; x++) {
@@ -54,7 +61,7 @@ static void take_nearest(const pags_frame *f, const frame_samples *s, int x0, in
   }
 }
 
-/* What is left of the background there is at most. */
+/* The largest transmittance of a tile's pixels; `at` is the tile's offset in a plane. */
 static float most_transmittance(const pags_frame *f, int64_t at) {
   const float *row = frame_plane(f, PLANE_T) + at;
   float most = 0.0f;
@@ -69,12 +76,13 @@ typedef struct enlarging {
   const frame_samples *samples;
 } enlarging;
 
+/* Block function: interpolates those of tiles [begin, end) that were not rasterised, and adds sky and exposure. */
 static void enlarge_tiles(void *context, int64_t begin, int64_t end, int worker) {
   const enlarging *const e = context;
   (void)worker;
   for (int64_t tile = begin; tile < end; tile++)
     if (!e->frame->wanted[tile]) {
-      /* Enlarge tile. */
+      /* Interpolates colour and transmittance row by row; depth and ids are the nearest sample's. */
       const int x0 = frame_tile_x(e->frame, tile), y0 = frame_tile_y(e->frame, tile);
       const int64_t at = frame_tile_offset(e->frame, tile);
       const int first = x0 / SAMPLE_SIDE;
@@ -89,7 +97,8 @@ static void enlarge_tiles(void *context, int64_t begin, int64_t end, int worker)
         if (e->frame->options.extra_channels)
           take_nearest(e->frame, e->samples, x0, y0 + y);
       }
-      if (e->frame->has_sky && most_transmittance(e->frame, at) > 1.0f / 512.0f) { /* less is no grey level */
+      /* Less sky than 1/512 isn't visible: that is under half a grey level. */
+      if (e->frame->has_sky && most_transmittance(e->frame, at) > 1.0f / 512.0f) {
         pags_sky_tile sky;
         pags_frame_find_sky(e->frame, tile, &sky);
         pags_frame_blend_sky(e->frame, tile, &sky);
@@ -102,7 +111,7 @@ static void enlarge_tiles(void *context, int64_t begin, int64_t end, int worker)
 pags_result pags_stage_variable_rate(pags_frame *frame) {
   frame_samples samples;
 
-  /* Make samples. */
+  /* Allocates the planes of samples; depth and ids only with extra channels. */
   frame_samples *s = &samples;
   *s = (frame_samples){.width = (frame->camera.width + SAMPLE_SIDE - 1) / SAMPLE_SIDE,
                        .height = (frame->camera.height + SAMPLE_SIDE - 1) / SAMPLE_SIDE,
@@ -118,7 +127,7 @@ pags_result pags_stage_variable_rate(pags_frame *frame) {
 
   PAGS_TRY(pags_stage_sample(frame, &samples));
 
-  /* Mark tiles. */
+  /* Marks the tiles to rasterise at every pixel: those around samples that show critical Gaussians. */
   const int64_t tiles = (int64_t)frame->tiles_x * frame->tiles_y;
   uint8_t *const wanted = pags_frame_alloc(frame, tiles, 1, "tiles that are drawn in full");
   if (!wanted)
@@ -127,7 +136,7 @@ pags_result pags_stage_variable_rate(pags_frame *frame) {
   for (int y = 0; y < samples.height; y++)
     for (int x = 0; x < samples.width; x++)
       if (samples.critical[(int64_t)y * samples.stride + x] >= SHOWS) {
-        /* The tiles around a sample, up to a sample away. */
+        /* The tiles that hold the sample or one of its eight neighbours. */
         const int x0 = x > 0 ? (x - 1) / TILE_SAMPLES : 0, x1 = (x + 1 < samples.width ? x + 1 : x) / TILE_SAMPLES;
         const int y0 = y > 0 ? (y - 1) / TILE_SAMPLES : 0, y1 = (y + 1 < samples.height ? y + 1 : y) / TILE_SAMPLES;
         for (int ty = y0; ty <= y1; ty++)
