@@ -1,24 +1,26 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* PAGS: Priority-Adaptive Gaussian Splatting on CPUs.
+/* PAGS: Priority-Adaptive Gaussian Splatting on CPUs. This header holds the version, the result codes and error
+ * messages, and the conventions that every other header of the C API relies on.
  *
  * Conventions of the whole API
  *   World      right-handed, metres. `up` is stated per scene: +z (driving data), -y (COLMAP, bare PLY) or unknown.
  *   Camera     OpenCV axes: x right, y down, z forward. Poses are `world_from_camera` in double.
- *   Pixels     image corners lie at 0 and width/height; the centre of pixel i lies at i + 0.5.
+ *   Pixels     the image's edges lie at 0 and width/height; the centre of pixel i lies at i + 0.5.
  *   Time       seconds, double.
- *   Quaternion (w, x, y, z); need not be of unit length: users normalise.
- *   Gaussian   scales are stored as ln sigma (metres), opacity as a logit, colour as spherical harmonics of
+ *   Quaternion (w, x, y, z); need not be of unit length: functions that read one normalise it.
+ *   Gaussian   scales are stored as ln sigma (sigma in metres), opacity as a logit, colour as spherical harmonics of
  *              display-referred sRGB, exactly as the INRIA PLY stores them.
  *   Origin     every float position is relative to the double `origin` of its scene, so that UTM or ECEF coordinates
- *              lose nothing.
+ *              lose no precision.
  *   Matrices   row-major; points are columns: p_world = M * p_camera.
  *
- * Errors. A function that can fail returns a pags_result and leaves one line of text for the calling thread, which
- * names the file, the place in it and what was expected. Nothing in the library prints or exits. A wrong argument of
- * the programmer's asserts; wrong data never does.
+ * Errors. A function that can fail returns a pags_result. On failure it also stores one line of text for the calling
+ * thread (pags_error_message), which names the file, the place in the file and what was expected. The library never
+ * prints and never exits. A wrong argument that is a programming error (a NULL pointer, an index out of range) fails
+ * an assert; wrong data never does.
  *
- * Threads. Objects have no hidden global state. Two threads may use two objects at once; one object belongs to one
- * thread at a time unless its header says otherwise. */
+ * Threads. The library has no hidden state that its objects share. Two threads may use two objects at the same
+ * time; one object may be used by one thread at a time unless its header says otherwise. */
 #ifndef PAGS_BASE_H
 #define PAGS_BASE_H
 
@@ -44,26 +46,31 @@ extern "C" {
 
 typedef enum pags_result {
   PAGS_OK = 0,
-  PAGS_ERROR_ARGUMENT,    /* a value outside of its documented range */
+  PAGS_ERROR_ARGUMENT,    /* a value lies outside of its documented range */
   PAGS_ERROR_IO,          /* a file can't be opened, read or written */
-  PAGS_ERROR_FORMAT,      /* a file doesn't hold what its format asks for */
+  PAGS_ERROR_FORMAT,      /* a file doesn't hold what its format requires */
   PAGS_ERROR_MEMORY,      /* an allocation failed */
-  PAGS_ERROR_LIMIT,       /* a stated limit (count, size, budget) would be exceeded */
-  PAGS_ERROR_UNSUPPORTED, /* this build or this machine lacks a part; the message says which */
-  PAGS_CANCELLED          /* a callback or pags_tasks_cancel asked to stop */
+  PAGS_ERROR_LIMIT,       /* a stated limit (a count or a size) would be exceeded */
+  PAGS_ERROR_UNSUPPORTED, /* this build or this machine lacks a component; the message names the component */
+  PAGS_CANCELLED          /* a callback or pags_tasks_cancel asked the work to stop */
 } pags_result;
 
-/* Stores one line for the calling thread (printf style, at most 1023 bytes, no newline) and returns `code`, so that
- * `return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: expected a number", path, line);` reads as what it does. */
+/* Stores one line of text as the calling thread's error message (printf style, at most 1023 bytes, no newline) and
+ * returns `code`, so that a function can fail in one statement:
+ *
+ *     return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: expected a number", path, line);
+ *
+ * An argument may be the text of pags_error_message itself. */
 PAGS_API pags_result pags_fail(pags_result code, const char *format, ...) PAGS_PRINTF(2, 3);
 
-/* The last line stored by this thread; never NULL, valid until this thread's next failing call. */
+/* Returns the error message that the calling thread stored last, "" if it has stored none. Never NULL. The text
+ * is valid until the next failing call on this thread. */
 PAGS_API const char *pags_error_message(void);
 
-/* "format error", "cancelled", ...; static strings. */
+/* Returns the name of a result code ("format error", "cancelled", ...), a static string. */
 PAGS_API const char *pags_result_name(pags_result code);
 
-/* Returns from the calling function with the result of `call` unless it is PAGS_OK. */
+/* Evaluates `call`, a pags_result, and returns it from the calling function unless it is PAGS_OK. */
 #define PAGS_TRY(call)                    \
   do {                                    \
     pags_result pags_try_result = (call); \
@@ -71,10 +78,12 @@ PAGS_API const char *pags_result_name(pags_result code);
       return pags_try_result;             \
   } while (0)
 
-/* Which way is up in a scene or data set. */
+/* The direction of the world that is up in a scene or data set: unknown, +z or -y. */
 typedef enum pags_up { PAGS_UP_UNKNOWN, PAGS_UP_Z, PAGS_UP_MINUS_Y } pags_up;
 
-/* Long work reports through this. `fraction` lies in [0, 1]; returning 0 cancels with PAGS_CANCELLED. */
+/* A callback by which long work reports its progress. `fraction` is the share of the work that is done, 0..1;
+ * `what` names the present stage of the work and is valid during the call only. Returning 0 cancels the work,
+ * which then returns PAGS_CANCELLED; any other value continues it. */
 typedef int pags_progress_fn(void *user, double fraction, const char *what);
 
 #ifdef __cplusplus

@@ -1,11 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A scene made ready for drawing at any time, with objects hidden, moved or drawn once more.
+/* A composition: a scene made ready for drawing at any time, with objects hidden, moved or drawn again elsewhere.
  *
- * The background is drawn always; an object with a model of its own where its track has it at that time; the Gaussians
- * of a parked object, which lie in the background, are a part of their own, so that it can be hidden and moved like the
- * others. Ids number the Gaussians as the files do: model after model, row after row.
+ * The background is always drawn. An object with a model of its own is drawn where its track has it at the time
+ * drawn. The Gaussians of a parked object lie in the background; a composition makes them a part of their own, so
+ * that the object can be hidden and moved like the others. Ids number the Gaussians as the scene's files do: model
+ * after model, row after row.
  *
- * A composition belongs to one thread at a time. */
+ * A composition may be used by one thread at a time. */
 #ifndef PAGS_COMPOSE_H
 #define PAGS_COMPOSE_H
 
@@ -19,80 +20,107 @@ extern "C" {
 
 typedef struct pags_composition pags_composition;
 
-/* Takes the scene over (`scene` is zeroed, on failure as well) and brings its Gaussians into Morton order under
- * clusters. */
+/* Creates a composition of a scene: splits the background by object, sorts the Gaussians in Morton order and
+ * computes the bounds of their clusters. It takes over what the scene owns; `scene` is zeroed, on failure as
+ * well. PAGS_ERROR_LIMIT beyond 2^31 - 65 Gaussians; PAGS_ERROR_MEMORY. */
 PAGS_API pags_result pags_composition_create(pags_scene *scene, pags_composition **out);
-/* The same of a scene folder or a splat file; a packed one is opened packed. */
+
+/* Creates a composition of a scene folder or a splat file (pags_scene_load). A packed file is opened by
+ * pags_composition_open_packed. Errors as these functions and pags_composition_create; then *out is NULL. */
 PAGS_API pags_result pags_composition_load(const char *path, pags_composition **out);
-/* A packed splat file (pags/packed.h), mapped: a scene without views and objects whose ids are the file's rows. */
+
+/* Creates a composition of a packed splat file (pags/packed.h), which is mapped into memory: a scene without
+ * views and objects, in which the id of a Gaussian is its row in the file. Errors as pags_packed_open. */
 PAGS_API pags_result pags_composition_open_packed(const char *path, pags_composition **out);
-/* Replaces the Gaussians by their packed form, but for those whose colour changes with time. Pictures change by what
- * packing rounds. */
+
+/* Replaces the Gaussians by their packed form (pags/packed.h), except those whose colour changes with time.
+ * Pictures change by the rounding errors of packing. PAGS_ERROR_MEMORY; then part of the Gaussians may be packed
+ * already. */
 PAGS_API pags_result pags_composition_pack(pags_composition *composition);
-PAGS_API void pags_composition_destroy(pags_composition *composition); /* NULL is allowed */
 
-/* The scene, whose models have no Gaussians left: they are in the composition's own order now. */
+/* Frees a composition with its scene. NULL is allowed. */
+PAGS_API void pags_composition_destroy(pags_composition *composition);
+
+/* Returns the scene, owned by the composition. Its models are empty: their Gaussians have moved into the
+ * composition. */
 PAGS_API const pags_scene *pags_composition_scene(const pags_composition *composition);
-PAGS_API int64_t pags_composition_gaussian_count(const pags_composition *composition); /* ids are 0 .. count - 1 */
-PAGS_API size_t pags_composition_bytes(const pags_composition *composition); /* of Gaussians, ids and clusters */
 
-/* Frame options as the scene asks for: origin, background, sky, antialiasing, and the near plane and the low-pass that
- * its training's configuration names. Valid as long as the composition is. */
+/* Returns the number of Gaussians; ids are 0 .. count - 1. */
+PAGS_API int64_t pags_composition_gaussian_count(const pags_composition *composition);
+
+/* Returns the bytes that Gaussians, ids and cluster bounds take, in planes and packed. */
+PAGS_API size_t pags_composition_bytes(const pags_composition *composition);
+
+/* Returns the default frame options with the values that the scene asks for: origin, background, sky and
+ * antialiasing, and the near plane and low-pass of the training configuration, if the scene has one. The options
+ * are valid as long as the composition is, which owns the sky. */
 PAGS_API pags_frame_options pags_composition_options(const pags_composition *composition);
 
 typedef enum pags_edit_kind {
-  PAGS_EDIT_HIDE,
-  PAGS_EDIT_MOVE, /* drawn elsewhere; the last one of an object counts */
-  PAGS_EDIT_ADD   /* drawn elsewhere as well, hidden or not */
+  PAGS_EDIT_HIDE, /* the object isn't drawn */
+  PAGS_EDIT_MOVE, /* the object is drawn elsewhere; the last move of an object counts */
+  PAGS_EDIT_ADD   /* the object is also drawn elsewhere, even if it is hidden */
 } pags_edit_kind;
 
 typedef struct pags_edit {
   pags_edit_kind kind;
   int64_t object;        /* index in the scene's objects */
-  double translation[3]; /* metres, in the object's frame at the time drawn: forward, left, up */
-  double yaw; /* degrees about the object's upward axis, counter-clockwise from above; before the translation */
+  double translation[3]; /* metres forward, left and up, in the object's frame at the time drawn */
+  double yaw; /* degrees about the object's z axis, counter-clockwise from above; applied before translation */
 } pags_edit;
 
-/* Replaces all earlier edits. PAGS_ERROR_ARGUMENT for an object that the scene doesn't have or values that are not
- * finite, then the earlier ones stay. A moving object has its own motion after the edit, too: what is moved is moved
- * along its track. */
+/* Replaces all earlier edits; count 0 removes them. The translation and yaw of an edit are relative to the
+ * object's pose at the time drawn, so that a moved object keeps following its track. PAGS_ERROR_ARGUMENT for an
+ * object that the scene doesn't have or values that are not finite; PAGS_ERROR_MEMORY. On failure the earlier
+ * edits stay. */
 PAGS_API pags_result pags_composition_edit(pags_composition *composition, const pags_edit *edits, int64_t count);
 
-/* What is to be drawn at `time` (seconds as in the scene's tracks; NaN: the scene's begin). Makes no heap call; the
- * parts are the composition's, valid until its next compose, edit or destroy. */
+/* Computes the parts to draw at `time` (seconds, as in the scene's tracks; NaN: the beginning of the scene), with
+ * the edits applied. Never allocates memory and never fails. The array *parts belongs to the composition and is
+ * valid until its next pags_compose, pags_compose_placed, edit, pack or destroy. */
 PAGS_API void pags_compose(pags_composition *composition, double time, const pags_part **parts, int *part_count);
 
-/* One object drawn where the caller says. */
+/* One object drawn at a pose that the caller gives. */
 typedef struct pags_placement {
-  int64_t object; /* index in the scene's objects; -1: everything that belongs to none of them */
-  double
-      world_from_object[12]; /* where the object's frame is, absolute; for -1: how the world itself is moved. Rigid */
+  int64_t object; /* index in the scene's objects; -1: everything that belongs to no object */
+  /* Rigid 3x4 pose of the object's frame, metres, absolute (the origin is not subtracted). For object -1: the
+   * motion applied to the world, the identity for none. */
+  double world_from_object[12];
 } pags_placement;
 
-/* What is to be drawn at `time` when a host (an editor, a simulator) keeps the objects' places: the placements and
- * nothing else, whatever tracks and edits say. An object may come several times. A parked object is carried from its
- * rest pose (pags_composition_rest_pose); `time` is for colours that change. The parts are the composition's as those
- * of pags_compose are. PAGS_ERROR_ARGUMENT for an object that the scene doesn't have or a pose that is no rigid motion;
- * PAGS_ERROR_MEMORY. */
+/* Computes the parts to draw at `time` for a host (an editor, a simulator) that keeps the poses of objects itself:
+ * exactly the placements are drawn, and tracks and edits are ignored. An object may occur several times. A parked
+ * object is carried from its rest pose (pags_composition_rest_pose) to the given pose. `time` only matters to
+ * colours that change with time; NaN is the beginning of the scene. The array *parts belongs to the composition and
+ * is valid until its next pags_compose, pags_compose_placed, edit, pack or destroy.
+ *
+ * PAGS_ERROR_ARGUMENT for an object that the scene doesn't have, PAGS_ERROR_FORMAT for a pose that is no rigid
+ * motion (pags_rigid_check), PAGS_ERROR_LIMIT beyond 2^31 - 1 parts, PAGS_ERROR_MEMORY; then *part_count is 0. */
 PAGS_API pags_result pags_compose_placed(pags_composition *composition, double time, const pags_placement *placements,
                                          int64_t count, const pags_part **parts, int *part_count);
 
-/* Where an object whose Gaussians lie in the background was when they were put there: its pose at the scene's begin, or
- * at its label nearest to it. For an object with a model of its own the same rule says where it comes in first. */
+/* Computes the rest pose of an object, absolute: its pose at the beginning of the scene, or at its label nearest
+ * in time to it. The Gaussians of a parked object stand in the background at this pose; an object with a model of
+ * its own is first seen at it. */
 PAGS_API void pags_composition_rest_pose(const pags_composition *composition, int64_t object, double out[12]);
-/* 1: the object has a model of its own and follows its track; 0: its Gaussians lie in the background. */
+
+/* Returns 1 if the object has a model of its own and follows its track, 0 if its Gaussians lie in the background. */
 PAGS_API int pags_composition_is_tracked(const pags_composition *composition, int64_t object);
 
-/* Index of the object that a part of this composition's is of; -1: of none. */
+/* Returns the index of the object that a part of this composition belongs to; -1: none. */
 PAGS_API int64_t pags_composition_part_object(const pags_composition *composition, const pags_part *part);
-/* Per id: index of the object, -1 for none. Room for gaussian_count entries. */
+
+/* Writes the index of each Gaussian's object, -1 for none, to object_of[id]. `object_of` has room for
+ * pags_composition_gaussian_count entries. */
 PAGS_API void pags_composition_objects(const pags_composition *composition, int32_t *object_of);
-/* Per id: s_sem where it is known, else 1 for Gaussians of critical objects and 0 for others. Returns 0, and nothing
- * but zeros, when the scene has neither. */
+
+/* Writes the semantic priority of each Gaussian, 0..1, to priority_of[id]: s_sem where it is known, otherwise 1
+ * for Gaussians of critical objects and 0 for others. Returns 0, with all priorities 0, if the scene has neither
+ * s_sem nor objects; otherwise 1. `priority_of` has room for pags_composition_gaussian_count entries. */
 PAGS_API int pags_composition_priorities(const pags_composition *composition, float *priority_of);
 
-/* A priority as a colour, display-referred: dark violet at 0 over red to pale yellow at 1. Values beyond are held; NaN
- * is 0. */
+/* Computes a colour for a priority, display-referred sRGB 0..1: from dark violet at 0 over red to pale yellow at
+ * 1. Values outside of 0..1 are clamped; NaN counts as 0. */
 PAGS_API void pags_colormap_heat(float value, float rgb[3]);
 
 #ifdef __cplusplus

@@ -1,8 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A set of posed photographs, read from transforms.json (nerfstudio, instant-ngp), a COLMAP model or a driving set in
- * drivestudio's processed layout with its boxes, masks and LiDAR (docs/dataset-layout.md).
+/* A data set of posed photographs, read from transforms.json (nerfstudio, instant-ngp), a COLMAP model or a driving
+ * set in drivestudio's processed layout with its boxes, masks and LiDAR (docs/dataset-layout.md). It also decodes
+ * the photographs, with a cache.
  *
- * What a view's camera and image have been brought to: pinhole, undistorted, downscaled. */
+ * Every view has an undistorted pinhole camera, downscaled as asked for; photographs, masks and labels are
+ * undistorted and shrunk to it when they are decoded. An opened data set is never changed, so that several
+ * threads may read from it at the same time. Pointers that a function returns are owned by the data set and valid
+ * until it is closed. */
 #ifndef PAGS_DATASET_H
 #define PAGS_DATASET_H
 
@@ -16,54 +20,64 @@
 extern "C" {
 #endif
 
+/* ---- Options, views and labels ---- */
+
 typedef struct pags_dataset_options {
-  const char *colmap; /* model folder to use in place of transforms.json; NULL: choose (transforms.json wins) */
-  double downscale;   /* >= 1; 1 = full size */
-  int split_every;    /* held out. Static: every Nth view in file-name order (index % N == 0); driving: all cameras of
-                         every time step t > 0 with t % N == 0. 0: none; -1 (default): 8 for static sets, 4 for driving
-                         ones */
-  int allow_missing;  /* 1: leave out views whose image is missing (reported by log), 0: an error */
-  uint64_t seed;      /* of random points where the data set has none */
-  int64_t random_points; /* how many then; default 10000 */
-  /* Driving sets only */
+  const char *colmap; /* folder of a COLMAP model to use instead of transforms.json; NULL: transforms.json if present,
+                         else the model in the data set */
+  double downscale;   /* factor by which cameras and photographs are shrunk, >= 1; default 1 (full size) */
+  /* Which views are held out. Static sets: every Nth view in file-name order (index % N == 0). Driving sets: all
+   * cameras of every time step t > 0 with t % N == 0. N = 0: none; N >= 2; -1 (default): 8 for static sets, 4 for
+   * driving sets. */
+  int split_every;
+  int allow_missing;     /* 1: views whose image is missing are left out, with a warning in the log; 0: an error */
+  uint64_t seed;         /* seed of the random points that a static set without points of its own gets */
+  int64_t random_points; /* number of these, 1..10^8; default 10000 */
+  /* Driving sets only: */
   const char *kind;    /* waymo, pandaset, kitti, nuscenes, argoverse2, nuplan; NULL: as dataset.json says */
-  const char *cameras; /* numbers separated by commas; NULL: all there are */
-  int64_t frame_first, frame_last; /* time steps used, both included; frame_last -1 (default): to the end */
+  const char *cameras; /* numbers of the cameras to use, separated by commas; NULL: all */
+  int64_t frame_first, frame_last; /* time steps to use, both included; frame_last -1 (default): to the end */
   const char *holdout_camera;      /* number of a camera all of whose views are held out; NULL: none */
-  const char *ego_mask; /* picture, or folder of C.png, white where the recording car is seen; NULL: ego_masks/C.png,
-                           else a detector of pixels that never change */
-  const char *critical; /* what is critical: kinds, classes of the label images by name or number, classes of boxes,
-                           separated by commas (docs/masks.md); NULL: vehicles, pedestrians and cyclists */
-  const char *sfm;      /* folder of a COLMAP model in the same world: points to add; NULL: none */
+  /* Mask of the ego vehicle, whose pixels are left out of the loss: a picture for all cameras, or a folder with
+   * C.png per camera number C, white where the ego vehicle is visible. NULL: ego_masks/C.png of the data set; if
+   * there is none, pixels at the lower edge that never change are searched for. */
+  const char *ego_mask;
+  /* What is critical: kinds (vehicle, ...), classes of the label images by name or number, and classes of boxes,
+   * separated by commas (docs/masks.md). NULL: vehicles, pedestrians and cyclists. */
+  const char *critical;
+  const char *sfm; /* folder of a COLMAP model in the same world, whose points are added; NULL: none */
 } pags_dataset_options;
 
 PAGS_API pags_dataset_options pags_dataset_options_default(void);
 
+/* One photograph and its camera. */
 typedef struct pags_view {
-  const char *name;       /* file name without folders, unique */
-  const char *image_path; /* as opened */
-  const char *mask_path;  /* NULL: none. White (>= 128) = use the pixel */
+  const char *name;       /* file name of the image without folders, unique */
+  const char *image_path; /* path that the image is opened by */
+  const char *mask_path;  /* mask of the photograph: white (>= 128) where the pixel is used; NULL: none */
   pags_camera camera;     /* undistorted, downscaled */
-  int test;               /* 1: held out */
-  int sensor;             /* number of the camera as the files name it; -1: a static set */
-  int frame; /* time step as the files name it; -1: a static set. camera.time is this step's time, which boxes fit as
-                they stand; NaN in a static set */
-  double shutter_time; /* when the exposure was, seconds, where the set knows; NaN else. Never used to move boxes */
+  int test;               /* 1: held-out view */
+  int sensor;             /* number of the camera in the file names; -1 in a static set */
+  /* Time step in the file names; -1 in a static set. camera.time is the time of this step (NaN in a static set):
+   * boxes labelled at this step fit the photograph without correction for the time of the exposure. */
+  int frame;
+  double shutter_time; /* time of the exposure, seconds; NaN if unknown. Never used to move boxes */
 } pags_view;
 
-/* What the rows of a photograph's label plane consist of. */
+/* Bits of a pixel in the label plane of a photograph (pags_photo.labels). */
 enum {
-  PAGS_LABEL_SKY = 1,      /* from sky_masks, else semantic, else above the horizon without LiDAR returns */
-  PAGS_LABEL_CRITICAL = 2, /* vehicle, pedestrian or cyclist, or what options.critical says: of semantic's classes or in
-                              dynamic_masks/all; without semantic in a box of theirs, too */
-  PAGS_LABEL_MOVING = 4,   /* in dynamic_masks/all, else in the box of a moving object */
-  PAGS_LABEL_VEHICLE = 8,  /* in the box of a moving vehicle */
+  PAGS_LABEL_SKY = 1, /* from sky_masks; else from semantic; else guessed: above the horizon and all LiDAR returns */
+  /* Vehicle, pedestrian or cyclist, or what options.critical says: pixels of these classes in semantic and pixels
+   * in dynamic_masks/all; in a view without semantic also pixels in the boxes of such objects. */
+  PAGS_LABEL_CRITICAL = 2,
+  PAGS_LABEL_MOVING = 4,      /* in dynamic_masks/all; in a view without it, in the box of a moving object */
+  PAGS_LABEL_VEHICLE = 8,     /* in the box of a moving vehicle */
   PAGS_LABEL_PEDESTRIAN = 16, /* in the box of a moving pedestrian */
   PAGS_LABEL_CYCLIST = 32,    /* in the box of a moving cyclist */
   PAGS_LABEL_PARKED = 64      /* in the box of an object that doesn't move */
 };
 
-/* What a data set brings besides photographs: bits for pags_dataset_provides. */
+/* What a data set provides besides photographs: bits of pags_dataset_provides. */
 enum {
   PAGS_PROVIDES_BOXES = 1,
   PAGS_PROVIDES_LIDAR = 2,
@@ -73,99 +87,159 @@ enum {
   PAGS_PROVIDES_SFM = 32
 };
 
-/* One turn of the LiDAR. Points are in the sweep's own frame, corrected for the motion of the car. */
+/* A sweep: one turn of the LiDAR. Its points are in the sweep's own frame, corrected for the motion of the car. */
 typedef struct pags_sweep {
-  int frame;
-  int test;    /* 1: of a held-out time step: not for training */
-  double time; /* of the time step, seconds */
-  const char *path;
-  double world_from_sweep[12]; /* absolute */
+  int frame;                   /* time step */
+  int test;                    /* 1: of a held-out time step, not for training */
+  double time;                 /* time of the time step, seconds */
+  const char *path;            /* file with the points */
+  double world_from_sweep[12]; /* rigid 3x4 pose of the sweep's frame, metres, absolute */
 } pags_sweep;
+
+/* ---- Opening a data set ---- */
 
 typedef struct pags_dataset pags_dataset;
 
-/* `path`: a folder with transforms.json, or a transforms file itself, or a driving set (dataset.json, or images with
- * ego_pose or extrinsics), or a folder with a COLMAP model (., sparse/0, sparse, colmap/sparse/0) and images. Reads
- * every header, decodes no picture but checks that each exists and that its size fits its camera. Views are in
- * file-name order, those of driving sets by frame, then by camera. */
+/* Opens a data set. `path` is a folder with transforms.json, a transforms file itself, a driving set (a folder with
+ * dataset.json, or with images and ego_pose or extrinsics), or a folder with images and a COLMAP model in .,
+ * sparse/0, sparse or colmap/sparse/0. `options` may be NULL (the defaults).
+ *
+ * No picture is decoded, but every header is read: each image must exist and have the size that its camera states.
+ * Views of static sets are in file-name order, those of driving sets are sorted by frame, then by camera.
+ *
+ * PAGS_ERROR_ARGUMENT (an option out of range or that names nothing known), PAGS_ERROR_IO (missing files),
+ * PAGS_ERROR_FORMAT (no data set; damaged files; all views held out), PAGS_ERROR_LIMIT, PAGS_ERROR_UNSUPPORTED
+ * (an unknown camera model; no OpenImageIO) or PAGS_ERROR_MEMORY; then *out is NULL. */
 PAGS_API pags_result pags_dataset_open(const char *path, const pags_dataset_options *options, pags_dataset **out);
+
+/* Frees a data set. NULL is allowed. */
 PAGS_API void pags_dataset_close(pags_dataset *dataset);
 
+/* Returns the path that the data set was opened by. */
 PAGS_API const char *pags_dataset_path(const pags_dataset *dataset);
-PAGS_API const char *pags_dataset_kind(
-    const pags_dataset *dataset); /* "transforms.json", "colmap"; driving: "waymo", ... or "pags" */
+
+/* Returns "transforms.json" or "colmap", or the kind of a driving set ("waymo", ..., "pags"). */
+PAGS_API const char *pags_dataset_kind(const pags_dataset *dataset);
+
 PAGS_API int64_t pags_dataset_view_count(const pags_dataset *dataset);
 PAGS_API const pags_view *pags_dataset_view(const pags_dataset *dataset, int64_t index);
-PAGS_API pags_up pags_dataset_up(const pags_dataset *dataset);
-PAGS_API const double *pags_dataset_origin(const pags_dataset *dataset); /* 3 doubles: zero for small coordinates, else
-                                                                           the rounded mean of the camera centres */
-PAGS_API int64_t pags_dataset_missing(const pags_dataset *dataset);      /* views left out by allow_missing */
 
-/* Driving sets; zero or NULL for static ones. */
-PAGS_API int pags_dataset_provides(const pags_dataset *dataset);     /* bits PAGS_PROVIDES_* */
-PAGS_API double pags_dataset_fps(const pags_dataset *dataset);       /* time steps per second, 0: static */
-PAGS_API pags_place pags_dataset_place(const pags_dataset *dataset); /* as dataset.json says */
+/* Returns the direction of the world that is up. */
+PAGS_API pags_up pags_dataset_up(const pags_dataset *dataset);
+
+/* Returns the origin (3 doubles, metres) that is subtracted from positions stored as floats: zero if no
+ * coordinate of a camera exceeds 4096 m, otherwise the mean of the camera centres rounded to whole metres. */
+PAGS_API const double *pags_dataset_origin(const pags_dataset *dataset);
+
+/* Returns the number of views that were left out because of allow_missing. */
+PAGS_API int64_t pags_dataset_missing(const pags_dataset *dataset);
+
+/* ---- Driving sets ---- */
+
+/* The functions of this section return zero or NULL for static sets, except for pags_box_outline and
+ * pags_outline_fill, which need no data set. */
+
+/* Returns the bits PAGS_PROVIDES_* of what the data set provides. */
+PAGS_API int pags_dataset_provides(const pags_dataset *dataset);
+
+/* Returns the time steps per second. */
+PAGS_API double pags_dataset_fps(const pags_dataset *dataset);
+
+/* Returns the geographic position of the world, as dataset.json says. */
+PAGS_API pags_place pags_dataset_place(const pags_dataset *dataset);
+
+/* The objects: every labelled box with at least one knot within the frames used. Knots of held-out time steps
+ * have trained = 0. */
 PAGS_API int64_t pags_dataset_object_count(const pags_dataset *dataset);
-/* Every labelled box with at least one knot within the frames used; knots of held-out time steps have trained 0. */
 PAGS_API const pags_object *pags_dataset_object(const pags_dataset *dataset, int64_t index);
-/* Whether vehicles, pedestrians and cyclists, or what options.critical names instead, include this object. */
+
+/* Returns whether an object is critical: whether it is a vehicle, pedestrian or cyclist, or what options.critical
+ * names instead. */
 PAGS_API int pags_dataset_object_is_critical(const pags_dataset *dataset, int64_t index);
-PAGS_API const char *pags_dataset_critical(const pags_dataset *dataset); /* options.critical; NULL: the default */
+
+/* Returns options.critical; NULL: the default. */
+PAGS_API const char *pags_dataset_critical(const pags_dataset *dataset);
+
+/* The LiDAR sweeps, in the order of time. */
 PAGS_API int64_t pags_dataset_sweep_count(const pags_dataset *dataset);
-PAGS_API const pags_sweep *pags_dataset_sweep(const pags_dataset *dataset, int64_t index); /* in the order of time */
-/* Reads a sweep: 3 floats a point, metres, in its frame; points that are not finite are left out. `xyz` is freed by the
- * caller. */
+PAGS_API const pags_sweep *pags_dataset_sweep(const pags_dataset *dataset, int64_t index);
+
+/* Reads the points of a sweep: 3 floats per point (x, y, z), metres, in the sweep's frame. Points that are not
+ * finite are left out. The caller frees *xyz, which is not NULL on success. PAGS_ERROR_IO, PAGS_ERROR_FORMAT,
+ * PAGS_ERROR_MEMORY; then *xyz is NULL. */
 PAGS_API pags_result pags_dataset_sweep_load(const pags_dataset *dataset, int64_t index, int64_t *count, float **xyz);
-/* Names of the cameras, "front", ... or their number; NULL where there is no such sensor. */
+
+/* Returns the name of a camera ("front"), or its number as text if it has no name; NULL if there is no such
+ * camera. */
 PAGS_API const char *pags_dataset_sensor_name(const pags_dataset *dataset, int sensor);
-/* What was found out or assumed at opening, one line each ("sky from masks", ...), for logs and pags info. */
+
+/* The notes: one line of text each about what was found or assumed when the data set was opened ("sky from
+ * masks"), for logs and `pags info`. */
 PAGS_API int64_t pags_dataset_note_count(const pags_dataset *dataset);
 PAGS_API const char *pags_dataset_note(const pags_dataset *dataset, int64_t index);
 
-/* The convex outline of a box in a picture, the part nearer than 0.1 m cut off before projecting: at most 16 corners, x
- * and y in px by turns, in order around; returns how many (0: behind the camera). Not clipped to the picture. */
+/* Computes the outline of a 3D box in a picture: the convex hull of its projection, after clipping the part of
+ * the box nearer than 0.1 m to the camera. `size` is the full extents, metres; world_from_object is absolute.
+ * Writes x and y of each corner in pixels, in order around the outline, to `corners` and returns the number of
+ * corners: at most 16, or 0 if the box lies behind the camera. The outline is not clipped to the picture. */
 PAGS_API int pags_box_outline(const pags_camera *camera, const double world_from_object[12], const double size[3],
                               double corners[32]);
-/* Sets `bits` in `plane` (stride bytes a row) at pixels whose centre lies inside of the outline. */
+
+/* Sets `bits` in the bytes of `plane` (`height` rows that lie `stride` bytes apart) at all pixels whose centre
+ * lies inside of a convex outline of `count` corners. */
 PAGS_API void pags_outline_fill(const double *corners, int count, int width, int height, int stride, uint8_t bits,
                                 uint8_t *plane);
 
-/* Points to start from: the model's own (their colours; only those with at least 2 observations in training views
- * where tracks are known), else random ones in the cameras' common view. xyz is relative to the origin, 3 floats a
- * point; rgb 3 bytes a point. Owned by the data set. */
+/* ---- Points and photographs ---- */
+
+/* Returns the points to start a training from, owned by the data set. They are the points of the COLMAP model or
+ * the point file of the data set (with options.sfm those of that model) with their colours; where the tracks of
+ * the points are known, only points that at least 2 training views observe. A static set without such points gets
+ * random ones in the common view of its training cameras, and *random becomes 1; a driving set without them gets
+ * none (*count is 0). xyz: 3 floats per point, metres, relative to the origin; rgb: 3 bytes per point. */
 PAGS_API void pags_dataset_points(const pags_dataset *dataset, int64_t *count, const float **xyz, const uint8_t **rgb,
                                   int *random);
 
-/* Better than random points where the data set has none: `count` points on random pixels of the training photographs,
- * at the depth where other training photographs agree, with the photographs' colours. Reads every training photograph
- * (of more than 256 an even choice) at a small size. xyz (relative to the origin) and rgb are freed by the caller. */
+/* Computes points from the training photographs, which are better to start from than random points, by
+ * plane-sweep stereo (Collins 1996): `count` (1..2^31 - 2) points on random pixels, at the depth at which other
+ * training photographs agree best, or, if there is no clear depth, at that of the nearest pixel that has one.
+ * Colours are the photographs'. Reads every training photograph, or an even choice of 256, at a small size. The
+ * result depends on `seed` but not on the number of threads. The caller frees *xyz (3 floats per point, metres,
+ * relative to the origin) and *rgb (3 bytes per point). Errors of decoding as pags_image_load; PAGS_CANCELLED;
+ * then both are NULL. */
 PAGS_API pags_result pags_dataset_match_points(const pags_dataset *dataset, pags_tasks *tasks, int64_t count,
                                                uint64_t seed, float **xyz, uint8_t **rgb);
 
-/* A photograph ready for the loss: three planes of bytes R, G, B and, where the view has a mask or undistortion left
- * pixels without source, a plane of 255 (use) or 0. Row y of plane c begins at rgb + (c * height + y) * stride. */
+/* A photograph as the loss needs it: planes of bytes. Row y of colour plane c (R, G, B) begins at
+ *     rgb + (c * height + y) * stride */
 typedef struct pags_photo {
-  int width, height;
-  int stride; /* width rounded up to 16; the padding is 0 */
-  const uint8_t *rgb;
-  const uint8_t *mask;   /* NULL: every pixel counts */
-  const uint8_t *labels; /* bits PAGS_LABEL_*, stride as rgb's; NULL: nothing is known of this view */
+  int width, height;     /* pixels */
+  int stride;            /* bytes from row to row: width rounded up to 16; the padding is 0 */
+  const uint8_t *rgb;    /* display-referred sRGB */
+  const uint8_t *mask;   /* 255: use the pixel; 0: masked out, or undistortion found no source; NULL: use all */
+  const uint8_t *labels; /* bits PAGS_LABEL_* per pixel, rows `stride` apart; NULL: nothing is known of this view */
 } pags_photo;
 
-/* Decoded photographs within a budget of bytes, decoded ahead by the pool. Belongs to one thread. */
+/* A cache of decoded photographs within a size limit, which decodes announced views ahead on the thread pool. It
+ * may be used by one thread at a time. */
 typedef struct pags_photo_cache pags_photo_cache;
 
-/* `budget` bytes are an upper bound as long as it has room for three photographs. `tasks` and `dataset` must outlive
- * it. */
+/* Creates a cache. `budget` is the size limit in bytes; it holds as long as it has room for three photographs.
+ * `tasks` and `dataset` must outlive the cache. PAGS_ERROR_MEMORY. */
 PAGS_API pags_result pags_photo_cache_create(const pags_dataset *dataset, pags_tasks *tasks, uint64_t budget,
                                              pags_photo_cache **out);
+
+/* Waits for decodes under way and frees the cache. NULL is allowed. */
 PAGS_API void pags_photo_cache_destroy(pags_photo_cache *cache);
 
-/* The photograph of a view shrunk `shrink` times (1, 2, 4, ...; area average; size = pags_camera_downscale's), decoded
- * now if need be. Valid until the next call of get. */
+/* Gets the photograph of a view, shrunk by the factor `shrink` (1, 2, 4, ...) by area average, at the size of
+ * pags_camera_downscale(view's camera, shrink). Decodes it now unless it is in the cache. `out` points into the
+ * cache and is valid until the next get. Errors as pags_image_load, also if the decoding failed ahead in the
+ * background. */
 PAGS_API pags_result pags_photo_cache_get(pags_photo_cache *cache, int64_t view, int shrink, pags_photo *out);
 
-/* Says that these views will be wanted in this order; decoding starts in the background as the budget allows. */
+/* Announces that these views will be needed in this order, shrunk by `shrink`, and replaces an earlier
+ * announcement. Decoding starts in the background as far as the size limit allows. */
 PAGS_API void pags_photo_cache_prefetch(pags_photo_cache *cache, const int64_t *views, int64_t count, int shrink);
 
 #ifdef __cplusplus

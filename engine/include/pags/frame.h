@@ -1,12 +1,19 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* One frame: cull -> project -> shade -> bin -> raster and sky, and the way back.
+/* Rendering one frame of Gaussians, and its gradients: cull -> project -> shade -> bin -> raster and sky, and the
+ * backward pass through the same stages.
  *
- * A pags_frame owns the memory of a frame and is used again and again; from the third frame of a kind on it makes no
- * heap call. Results are the same bits for any number of threads, any cluster size and any order of the Gaussians whose
- * depths are distinct (equal depths: the smaller id in front).
+ * A pags_frame owns the memory of a frame and is reused for frame after frame; from the third frame of the same kind
+ * on it makes no heap calls. Results are the same bits for any number of threads, any cluster size and any order of
+ * the Gaussians as long as their depths are distinct (of equal depths, the smaller id is in front).
  *
- * Blending (Kerbl et al. 2023): front to back in the order (depth, id); alpha = min(0.99, opacity * exp(-d' S^-1 d /
- * 2)), skipped under 1/255; a pixel stops before the Gaussian that would take its transmittance below 1e-4. */
+ * Blending is that of Kerbl et al. 2023: front to back in the order (depth, id), with
+ *
+ *     alpha = min(0.99, opacity * exp(-d' S^-1 d / 2))
+ *
+ * where d is the pixel's centre minus the projected mean and S the 2D covariance. A Gaussian is skipped where
+ * alpha < 1/255, and a pixel stops before the Gaussian that would take its transmittance T below 1e-4. Such a
+ * pixel, and a tile all of whose pixels have stopped, is called saturated. "The paper" is Priority-Adaptive
+ * Gaussian Splatting (arXiv:2510.12282). */
 #ifndef PAGS_FRAME_H
 #define PAGS_FRAME_H
 
@@ -21,227 +28,280 @@
 extern "C" {
 #endif
 
-/* Gaussians that share a frame of reference. */
+/* ---- Parts and options ---- */
+
+/* A part: Gaussians that share a frame of reference, with their pose in the world. All pointers must stay valid
+ * for the render, and with keep_for_backward until the last call of pags_frame_backward and pags_frame_scores for
+ * it. */
 typedef struct pags_part {
-  const pags_gaussians *gaussians;  /* of packed ones: count and degree alone */
-  const struct pags_packed *packed; /* pags/packed.h: unpacked cluster by cluster while drawing. NULL: the planes of
-                                       `gaussians`. Not with keep_for_backward */
-  const pags_clusters *clusters;    /* over those Gaussians */
-  const int32_t *id;                /* id of each Gaussian, for output and for ties; NULL: first_id + row */
+  const pags_gaussians *gaussians; /* of a packed part only count and sh_degree are read */
+  /* Packed Gaussians (pags/packed.h), unpacked cluster by cluster while drawing. NULL: the planes of `gaussians`
+   * are drawn. Not with keep_for_backward. */
+  const struct pags_packed *packed;
+  const pags_clusters *clusters; /* clusters of these Gaussians */
+  const int32_t *id;             /* id of each Gaussian, for the output and for equal depths; NULL: first_id + row */
   int32_t first_id;
-  double world_from_model[12]; /* rigid, 3x4; relative to the options' origin */
-  const float *dc; /* used in place of the Gaussians' constant colour term: 3 planes of gaussians->stride floats,
-                      64-byte aligned, valid for a cluster once touch has returned for it; NULL: their own */
-  const float *opacity_factor; /* what each Gaussian's opacity is multiplied by, 0: it isn't drawn; gaussians->stride
-                                  floats, valid as dc is. The product may exceed 1: alpha's cap holds as ever. Gradients
-                                  are by the logit behind the factor; who is not drawn has none. NULL: 1 */
-  float opacity_factor_most;   /* no factor is larger; not looked at without factors */
-  float s_sem;                 /* semantic priority of Gaussians that have no s_sem of their own */
+  double world_from_model[12]; /* rigid 3x4 pose, metres, relative to the options' origin */
+  /* Constant colour terms to use instead of those of the Gaussians: 3 planes of gaussians->stride floats, 64-byte
+   * aligned; those of a cluster must be valid once `touch` has returned for it. NULL: the Gaussians' own. */
+  const float *dc;
+  /* Factor on each Gaussian's opacity, gaussians->stride floats, valid when `dc` is; 0: the Gaussian isn't drawn.
+   * The product may exceed 1, since alpha is capped anyway. Gradients are with respect to the logit, before the
+   * factor; Gaussians that are not drawn have none. NULL: 1. */
+  const float *opacity_factor;
+  float opacity_factor_most; /* upper bound of all factors; ignored if opacity_factor is NULL */
+  float s_sem;               /* semantic priority S_sem of the Gaussians if they have no s_sem of their own */
 } pags_part;
 
-/* What is hidden can be left out before it is read, shaded, sorted or binned: docs/render.md. */
+/* Early-Z: how Gaussians that are hidden are left out before they are read, shaded, sorted or binned;
+ * docs/render.md. */
 typedef enum pags_early_z {
-  PAGS_EARLY_Z_OFF,      /* draw everything; a pixel stops where it is full */
-  PAGS_EARLY_Z_LOSSLESS, /* the same bits as OFF: colour, transmittance, depth and id; drawn as OFF where little hides
-                          */
-  PAGS_EARLY_Z_BOUNDED, /* a pixel stops as soon as T <= eps; no colour channel is off from OFF's by more than eps x the
-                           largest of shaded colours, sky and background, transmittance by eps (before clamping; plus
-                           rounding); depth and ids carry no bound */
-  PAGS_EARLY_Z_PAPER    /* the paper's: what is critical and opaque (S_sem > 0.5, opacity >= 0.7) writes its depth where
-                           its alpha is
-                           >= 1/2; nothing is drawn behind that. Loses what shines through; its error carries no bound */
+  PAGS_EARLY_Z_OFF,      /* everything in view is drawn; only pixels stop when they are saturated */
+  PAGS_EARLY_Z_LOSSLESS, /* the same bits as OFF in colour, transmittance, depth and id; if little is hidden, drawn as
+                            OFF */
+  /* A pixel stops as soon as T <= eps. Compared with OFF, no colour channel is off by more than eps times the
+   * largest of the shaded colours, the sky and the background, and transmittance by no more than eps (before
+   * clamping, plus rounding). Depth and ids carry no bound. */
+  PAGS_EARLY_Z_BOUNDED,
+  /* As in the paper: critical, opaque Gaussians (S_sem > 0.5, opacity >= 0.7) write their depth at pixels where
+   * their alpha is >= 1/2, and nothing is drawn behind that depth. What would be visible through them is lost;
+   * the error carries no bound. */
+  PAGS_EARLY_Z_PAPER
 } pags_early_z;
 
 typedef enum pags_order {
   PAGS_ORDER_DEPTH, /* front to back by (depth, id) */
-  PAGS_ORDER_PAPER  /* the paper's composite key: Gaussians with S_sem > 0.5 in front of all others, each kind by depth.
-                       Blends wrongly; for  the ablation */
+  /* The paper's composite key: Gaussians with S_sem > 0.5 in front of all others, both kinds by depth. This
+   * blends wrongly; it is there for the ablation. */
+  PAGS_ORDER_PAPER
 } pags_order;
 
 typedef struct pags_frame_options {
-  double origin[3];    /* of the float positions, metres */
-  float background[3]; /* display-referred sRGB, 0..1; not used where there is a sky */
-  const pags_sky *sky; /* blended behind everything: rgb = sum of Gaussians + transmittance * sky(direction of the
-                          pixel's centre); NULL: the background colour. Must outlive the frame's use */
-  float near_plane;    /* Gaussians with camera z <= this are not drawn; metres, default 0.01 */
-  float low_pass;      /* px^2 added to both variances, default 0.3 (0.1 is Mip-Splatting's) */
-  int antialiased;     /* 1: opacity is scaled by sqrt(det before / det after the low-pass). Default 0 */
-  int sh_degree;       /* highest degree used, 0..3; default 3 */
-  int exp_degree;      /* polynomial degree of exp2 in the rasteriser: 3 (7.5e-5 relative; viewing only) or
-                          5 (2e-7, default, and what backward asks for) */
-  int extra_channels;  /* 1: depth, depth_sum and id too */
-  int depth_sum;   /* 1, with keep_for_backward: depth_sum too, which is all that a loss on depth needs and costs less.
-                      Default 0 */
-  int count_pairs; /* 1: fill pairs_evaluated and pairs_blended (costs some per cent) */
-  int keep_for_backward; /* 1: keep what pags_frame_backward needs */
-  int exposed;           /* 1: rgb becomes gain * rgb + offset per channel, as a camera of that exposure shows it
-                            (pags_scene_exposure).           Not with keep_for_backward. Default 0 */
+  double origin[3];    /* world position of the origin of all float positions, metres */
+  float background[3]; /* colour behind everything, display-referred sRGB, 0..1; not used if there is a sky */
+  /* Blended behind everything: rgb = sum of the Gaussians + T * sky(direction of the pixel's centre). NULL: the
+   * background colour. Must outlive the frame's use. */
+  const pags_sky *sky;
+  float near_plane;      /* Gaussians whose mean has camera z <= this are not drawn; metres, default 0.01 */
+  float low_pass;        /* px^2, added to both variances of the 2D covariance; default 0.3 (Mip-Splatting: 0.1) */
+  int antialiased;       /* 1: opacity is scaled by sqrt(det before / det after the low-pass). Default 0 */
+  int sh_degree;         /* highest SH degree used, 0..3; default 3 */
+  int exp_degree;        /* degree of the polynomial for exp2 in the rasteriser: 5 (relative error 2e-7; default, and
+                            required by keep_for_backward) or 3 (7.5e-5; for viewing only) */
+  int extra_channels;    /* 1: also compute depth, depth_sum and id. Default 0 */
+  int depth_sum;         /* 1: also compute depth_sum, which is all that a depth loss needs and is cheaper than
+                            extra_channels. Only with keep_for_backward. Default 0 */
+  int count_pairs;       /* 1: fill pairs_evaluated and pairs_blended (costs a few per cent). Default 0 */
+  int keep_for_backward; /* 1: keep what pags_frame_backward and pags_frame_scores need. Default 0 */
+  /* 1: rgb becomes gain * rgb + offset per channel, as a camera with that exposure shows the scene
+   * (pags_scene_exposure). Not with keep_for_backward. Default 0. */
+  int exposed;
   float gain[3], offset[3];
-  pags_early_z early_z; /* default LOSSLESS. A render with keep_for_backward is always drawn with OFF */
-  float early_z_eps;    /* of BOUNDED: 0 < eps < 1, default 1/255 */
-  pags_order order;     /* default DEPTH. PAPER is not for keep_for_backward */
-  int64_t slab_size;    /* with early_z: Gaussians read between two looks at what is full; 0 (default): chosen by
-                           what hid in the frame before, so that a view without occlusion is drawn at once, and so is the
-                           first frame of up to eight million Gaussians. Changes no bit */
-  float rest_cut;   /* px: Gaussians that aren't critical (S_sem <= 0.5) and whose opacity times area on the picture is
-                       less are left   out; default 0 */
-  int rest_sh_less; /* degrees of colour taken off clusters that hold nothing critical, 0..3; default 0 */
-  int absolute_gradient; /* 1: fill pags_cluster_gradient.mean2d_abs (costs some per cent of the backward pass), else 0s
-                          */
+  pags_early_z early_z; /* default LOSSLESS; a render with keep_for_backward is always drawn with OFF */
+  float early_z_eps;    /* eps of BOUNDED: 0 < eps < 1, default 1/255 */
+  pags_order order;     /* default DEPTH; PAPER not with keep_for_backward */
+  /* With early_z LOSSLESS or BOUNDED, a frame is drawn in slabs of depth, and before each slab the Gaussians
+   * behind saturated tiles are dropped. slab_size is the number of Gaussians read per slab. 0 (default): chosen
+   * by how much was hidden in the previous frame, so that a view without occlusion is drawn in one go; the first
+   * frame is, too, with up to eight million Gaussians. Changes no bit of the result. */
+  int64_t slab_size;
+  float rest_cut;        /* px: non-critical Gaussians (S_sem <= 0.5) whose opacity times area on the picture is
+                            smaller are not drawn; default 0 */
+  int rest_sh_less;      /* SH degrees taken off clusters without critical Gaussians, 0..3; default 0 */
+  int absolute_gradient; /* 1: fill pags_cluster_gradient.mean2d_abs (costs a few per cent of the backward pass);
+                            0 (default): it is 0 */
 } pags_frame_options;
 
 PAGS_API pags_frame_options pags_frame_options_default(void);
-/* Sets `exposed`, gain and offset; returns whether they change anything, which is what `exposed` becomes. */
+
+/* Sets gain and offset, and `exposed` to whether they change anything; returns `exposed`. */
 PAGS_API int pags_frame_options_expose(pags_frame_options *options, const double gain[3], const double offset[3]);
 
-/* Reads "off", "lossless", "paper", "bounded" or "bounded=EPS" (0 < EPS < 1) into early_z and early_z_eps.
- * PAGS_ERROR_ARGUMENT names what was expected; then the options stay as they were. */
+/* Parses "off", "lossless", "paper", "bounded" or "bounded=EPS" (0 < EPS < 1) into early_z and early_z_eps. For
+ * any other text it returns PAGS_ERROR_ARGUMENT, with a message that says what is expected, and `options` is
+ * unchanged. */
 PAGS_API pags_result pags_early_z_parse(const char *text, pags_frame_options *options);
-PAGS_API const char *pags_early_z_name(pags_early_z mode); /* as parse reads it, without EPS */
 
-/* Planes of `stride` floats a row, `height` rows (and up to 15 of padding); owned by the frame, valid until its next
- * render. */
+/* Returns the name of a mode as pags_early_z_parse reads it, without EPS; a static string. */
+PAGS_API const char *pags_early_z_name(pags_early_z mode);
+
+/* ---- Rendering ---- */
+
+/* A rendered picture: planes of `height` rows (in memory up to 15 more rows of padding) that lie `stride` floats
+ * apart. They are owned by the frame and valid until its next render. Members are NULL where the options didn't
+ * ask for them. w = alpha T is the weight of a Gaussian at a pixel. */
 typedef struct pags_picture {
-  int width, height;
-  int stride;                 /* width rounded up to 16 */
-  const float *rgb[3];        /* background included; not clamped */
-  const float *transmittance; /* what is left of the background: 1 - alpha */
-  const float *depth;     /* sum(w z)/sum(w), camera z in metres, 0 where nothing was blended; NULL without extras */
-  const int32_t *id;      /* id of the Gaussian with the largest weight (tie: the nearer), -1 for none; NULL without */
-  const float *depth_sum; /* sum(w z), what depth is the quotient of; NULL without */
+  int width, height;          /* pixels */
+  int stride;                 /* width rounded up to a multiple of 16 */
+  const float *rgb[3];        /* display-referred sRGB, background or sky included; not clamped */
+  const float *transmittance; /* T: the fraction of the background that remains, 1 - accumulated alpha */
+  const float *depth;         /* extra_channels: sum(w z) / sum(w), camera z in metres; 0 where nothing is blended */
+  const int32_t *id;          /* extra_channels: id of the Gaussian of the largest w (equal: the nearer); -1: none */
+  const float *depth_sum;     /* extra_channels or depth_sum: sum(w z), the numerator of `depth` */
 } pags_picture;
 
+/* What a frame took and did. A pair is a Gaussian and a tile that it touches, or a Gaussian and a pixel. */
 typedef struct pags_frame_stats {
-  double ms_cull, ms_project, ms_shade, ms_sort, ms_bin, ms_raster; /* forward */
-  double ms_raster_backward, ms_project_backward;                   /* backward; the latter with the receiver's work */
-  double ms_occlude;                 /* of early-z: ordering clusters, testing them, keeping account of what is full */
-  int64_t gaussians;                 /* that exist */
-  int64_t in_view;                   /* members of clusters in view */
-  int64_t loaded;                    /* read: in_view less the members of clusters known to be hidden */
-  int64_t hidden;                    /* projected, then known to be hidden before their colour was read */
-  int64_t shaded;                    /* colour computed */
-  int64_t binned;                    /* in at least one tile */
-  int64_t pairs_hidden;              /* (Gaussian, tile): not binned, the tile being full */
-  int64_t pairs_binned;              /* (Gaussian, tile) */
-  int64_t pairs_evaluated;           /* (Gaussian, pixel) lanes computed; 0 unless counted */
-  int64_t pairs_blended;             /* of these, blended; 0 unless counted */
-  int64_t clusters, clusters_hidden; /* in view; of these, never read */
-  int64_t tiles, tiles_full;         /* of the picture; of these, full before the last slab (0 with one) */
-  int64_t occluders;                 /* of PAPER: Gaussians that wrote depth */
-  int64_t slabs;                     /* of depth, drawn one after another: 1 with OFF */
+  double ms_cull, ms_project, ms_shade, ms_sort, ms_bin, ms_raster; /* forward stages */
+  /* Backward pass through the rasteriser, and through shade and project with the time of the receiver. */
+  double ms_raster_backward, ms_project_backward;
+  double ms_occlude;                 /* of Early-Z: sorting clusters, testing them, updating the saturation */
+  int64_t gaussians;                 /* Gaussians in all parts */
+  int64_t in_view;                   /* members of the clusters in view */
+  int64_t loaded;                    /* Gaussians read: in_view less the members of clusters known to be hidden */
+  int64_t hidden;                    /* Gaussians projected, then found to be hidden before their colour was read */
+  int64_t shaded;                    /* Gaussians whose colour was computed */
+  int64_t binned;                    /* Gaussians in at least one tile */
+  int64_t pairs_hidden;              /* (Gaussian, tile) pairs left out because the tile was saturated */
+  int64_t pairs_binned;              /* (Gaussian, tile) pairs in the tiles' lists */
+  int64_t pairs_evaluated;           /* (Gaussian, pixel) pairs computed, in vector lanes; 0 without count_pairs */
+  int64_t pairs_blended;             /* pairs_evaluated that were blended; 0 without count_pairs */
+  int64_t clusters, clusters_hidden; /* clusters in view; those of them that were hidden and never read */
+  int64_t tiles, tiles_full;         /* tiles of the picture; tiles saturated before the last slab (0 with one) */
+  int64_t occluders;                 /* EARLY_Z_PAPER: Gaussians that wrote depth */
+  int64_t slabs;                     /* slabs of depth drawn one after another; 1 with OFF */
 } pags_frame_stats;
 
-/* For means over frames: every member of `one` is added to `sum`; counts are rounded down by divide. */
+/* Compute means over frames: pags_frame_stats_add adds every member of `one` to `sum`; pags_frame_stats_divide
+ * divides every member by n, counts rounded down. */
 PAGS_API void pags_frame_stats_add(pags_frame_stats *sum, const pags_frame_stats *one);
 PAGS_API void pags_frame_stats_divide(pags_frame_stats *sum, double n);
 
+/* A renderer. It may be used by one thread at a time and runs its loops on `tasks`. */
 typedef struct pags_frame pags_frame;
 
-PAGS_API pags_result pags_frame_create(pags_tasks *tasks, pags_frame **out); /* `tasks` must outlive it */
+/* Creates a renderer; `tasks` must outlive it. PAGS_ERROR_MEMORY; PAGS_ERROR_UNSUPPORTED if this machine's
+ * processor lacks the instructions that the build needs. */
+PAGS_API pags_result pags_frame_create(pags_tasks *tasks, pags_frame **out);
+
+/* Frees a renderer. NULL is allowed. */
 PAGS_API void pags_frame_destroy(pags_frame *frame);
 
-/* Called for each cluster in view, before any of its Gaussians is read, from several threads at once but once per
- * cluster: a trainer brings deferred parameters up to date here. May change the members' parameters, not the bounds. */
+/* A callback that a render calls once for each cluster in view before any of its Gaussians is read, from several
+ * threads at once, e.g. for a trainer to apply deferred updates of the parameters. With Early-Z it isn't called
+ * for clusters that are hidden and never read. It may change the parameters of the cluster's Gaussians; the
+ * cluster's bounds must not be changed and must still hold. `part` is the index of the part. */
 typedef void pags_touch_fn(void *user, int part, int64_t cluster, int worker);
 
-/* PAGS_CANCELLED when the tasks were; PAGS_ERROR_MEMORY; PAGS_ERROR_LIMIT beyond 2^31 Gaussians. `touch` may be NULL.
- */
+/* Draws a frame. `camera` is absolute; `touch` may be NULL; `out` receives the planes. Options that exclude each
+ * other (see pags_frame_options) fail an assert. PAGS_ERROR_LIMIT beyond 2^31 - 1 Gaussians in view;
+ * PAGS_ERROR_MEMORY; PAGS_CANCELLED if the tasks were cancelled. After a failure no picture is valid. */
 PAGS_API pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int part_count,
                                        const pags_camera *camera, const pags_frame_options *options,
                                        pags_touch_fn *touch, void *user, pags_picture *out);
 
-enum { PAGS_SKY_BLOCK = 16 }; /* texels of the sky that follow each other */
+/* ---- Gradients ---- */
 
-/* Gradients of neighbouring texels of the sky, in the worker's scratch: read them before returning. */
+enum { PAGS_SKY_BLOCK = 16 }; /* consecutive texels of the sky that make up a block */
+
+/* Gradients of consecutive texels of the sky. They lie in the worker's scratch memory, valid during the call
+ * only. */
 typedef struct pags_sky_gradient {
-  int64_t first; /* the first texel, a multiple of PAGS_SKY_BLOCK; the last block may reach beyond the sky's end */
-  int64_t blocks;
-  const uint8_t *seen; /* per block: 1 where a pixel sees it or lies close by, 0 where data isn't written */
-  const float *data;   /* [blocks * PAGS_SKY_BLOCK][3] dLoss/d(texel) */
+  int64_t first;       /* index of the first texel, a multiple of PAGS_SKY_BLOCK */
+  int64_t blocks;      /* number of blocks; the last one may reach beyond the end of the sky */
+  const uint8_t *seen; /* per block: 1: `data` is set, since a pixel sees the block or a texel close by; 0: not set */
+  const float *data;   /* [blocks * PAGS_SKY_BLOCK][3]: dL/d(texel) */
 } pags_sky_gradient;
 
-/* Called with every texel that a pixel adds to, from several threads at once, at most once each. The same bits for any
- * number of threads. */
+/* A callback that receives the gradients of all texels that a pixel sees, from several threads at once, each
+ * texel at most once. The values are the same bits for any number of threads. */
 typedef void pags_sky_receive_fn(void *user, const pags_sky_gradient *gradient, int worker);
 
-/* dLoss/d(picture); each plane has the picture's stride and its height rounded up to 16 rows (the last
- * are not used but must be readable). NULL planes mean zero; rgb must be given. */
+/* dL/d(picture) of a loss L. Each plane has the picture's stride, and its height rounded up to 16 rows; the
+ * additional rows are not used but must be readable. A NULL plane stands for zeros; rgb must be given. */
 typedef struct pags_picture_gradient {
   const float *rgb[3];
   const float *transmittance;
-  const float *depth_sum;   /* by sum(w z), not by the quotient; asks for a render with extra_channels or depth_sum */
-  pags_sky_receive_fn *sky; /* called for the sky's gradient; NULL: not wanted */
+  const float *depth_sum;   /* dL/d sum(w z), not dL/d(depth), the quotient; needs extra_channels or depth_sum */
+  pags_sky_receive_fn *sky; /* receives the gradient of the sky; NULL: not wanted */
   void *sky_user;
-  float sky_cut; /* pixels with less transmittance add nothing to the sky's; 0: all do */
+  float sky_cut; /* pixels with a smaller transmittance add nothing to the sky's gradient; 0: all add */
 } pags_picture_gradient;
 
-/* Gradients of the Gaussians of one cluster, in the worker's scratch: read them before returning. */
+/* Gradients of the Gaussians of one cluster. They lie in the worker's scratch memory, valid during the call only. */
 typedef struct pags_cluster_gradient {
-  int part;
-  int64_t cluster;
-  int64_t first;       /* row of the first member */
-  int count;           /* members */
-  int stride;          /* floats from plane to plane, multiple of 16, >= count */
-  int planes;          /* pags_plane_count(active degree): planes beyond are zero and not stored */
-  const float *data;   /* plane p of member i: data[p * stride + i]; 0 for members not drawn. The constant colour term's
-                          is by the   term that was shown: the part's dc where it has one */
-  const float *mean2d; /* |dL/d mean2D| in NDC units (pixel gradient times W/2, H/2), 0 if not drawn */
-  const float *mean2d_abs; /* the same of the per-pixel absolute sums (gsplat's absgrad), if asked for */
-  const float *radius;     /* 3 sigma of the larger axis in px; 0 if not drawn */
-  const uint8_t *drawn;    /* 1: passed projection and fell into at least one tile */
-  const uint8_t
-      *bad; /* 0; for a member whose gradient wasn't finite, and is zero therefore, 1 + the first plane that wasn't */
+  int part;        /* index of the part */
+  int64_t cluster; /* index of the cluster in the part */
+  int64_t first;   /* row of the first member */
+  int count;       /* number of members */
+  int stride;      /* floats from plane to plane: a multiple of 16, >= count */
+  int planes;      /* pags_plane_count(active SH degree); gradients of further planes are zero and not stored */
+  /* dL/d(parameter): plane p of member i is data[p * stride + i]; 0 for members that were not drawn. The gradient
+   * of the constant colour term is with respect to the term that was drawn, the part's `dc` if it has one. */
+  const float *data;
+  const float *mean2d;     /* |dL/d(projected mean)| in NDC: the gradient per pixel times W/2, H/2; 0 if not drawn */
+  const float *mean2d_abs; /* the same of sums of absolute per-pixel gradients (gsplat's absgrad), if asked for */
+  const float *radius;     /* 3 sigma along the larger axis of the 2D covariance, px; 0 if not drawn */
+  const uint8_t *drawn;    /* 1: the member passed the projection and touches at least one tile */
+  /* 0, or 1 + the index of the first plane whose gradient wasn't finite; all gradients of such a member are set
+   * to 0. */
+  const uint8_t *bad;
 } pags_cluster_gradient;
 
-/* Called for every cluster in view (touched ones exactly), from several threads at once, once each. The gradient of a
- * row with a non-finite value is set to zero and counted. */
+/* A callback that receives the gradients of each cluster in view, exactly the clusters that `touch` was called
+ * for, once each, from several threads at once. */
 typedef void pags_receive_fn(void *user, const pags_cluster_gradient *gradient, int worker);
 
-/* After a render with keep_for_backward. `bad_rows` (may be NULL) receives the number of rows whose gradient was
- * not finite. */
+/* Computes the gradients of the last render, which must have had keep_for_backward. A row with a gradient that
+ * isn't finite is set to zero and counted; *bad_rows (`bad_rows` may be NULL) receives the number of these rows.
+ * PAGS_ERROR_MEMORY; PAGS_CANCELLED. */
 PAGS_API pags_result pags_frame_backward(pags_frame *frame, const pags_picture_gradient *gradient,
                                          pags_receive_fn *receive, void *user, int64_t *bad_rows);
 
-/* What the Gaussians of one cluster matter to a picture, in the worker's scratch: read it before returning. Members not
- * drawn have 0s. */
+/* ---- Scores ---- */
+
+/* How much each Gaussian of one cluster contributes to a picture; 0 for members that were not drawn. The arrays
+ * lie in the worker's scratch memory, valid during the call only. `counted` and `critical` of a pixel are those
+ * of pags_score_planes. */
 typedef struct pags_cluster_score {
-  int part;
-  int64_t cluster;
+  int part;               /* index of the part */
+  int64_t cluster;        /* index of the cluster in the part */
   int64_t first;          /* row of the first member */
-  int count;              /* members */
-  const double *seen;     /* sum over pixels of alpha T: about the pixels that show the Gaussian */
-  const double *critical; /* of these, where something critical is */
-  const double *squared;  /* sum over pixels of the squared derivative of L by the value of the projected Gaussian, L
-                             being the sum of  the picture's channels (Speedy-Splat's score, Hanson et al. 2025) or what
-                             `rgb` is the gradient of */
+  int count;              /* number of members */
+  const double *seen;     /* sum over pixels of counted * alpha T: about the pixels that show the Gaussian */
+  const double *critical; /* sum over pixels of counted * critical * alpha T: those with critical content */
+  /* Speedy-Splat's score (Hanson et al. 2025): sum over pixels of counted * (dL/dG)^2, G being the value of the
+   * projected Gaussian at the pixel, alpha = opacity * G, and L the sum of the picture's channels or the loss
+   * whose gradient `rgb` is. */
+  const double *squared;
 } pags_cluster_score;
 
+/* A callback that receives the scores of each cluster in view, once each, from several threads at once. */
 typedef void pags_score_fn(void *user, const pags_cluster_score *score, int worker);
 
-/* Planes as pags_picture_gradient's. */
+/* The weights of the pixels for pags_frame_scores; planes as in pags_picture_gradient. */
 typedef struct pags_score_planes {
-  const float *counted;  /* 0..1: how much a pixel counts */
-  const float *critical; /* 0..1 */
-  const float *rgb[3];   /* dL/d(picture); NULL: 1 */
-  int overlap;           /* 1: sums of alpha, not of alpha T: as if nothing hid anything. Not with rgb */
+  const float *counted;  /* 0..1: how much the pixel counts */
+  const float *critical; /* 0..1: how critical the content of the pixel is */
+  const float *rgb[3];   /* dL/d(picture); NULL: all 1 */
+  int overlap;           /* 1: `seen` and `critical` are sums of alpha instead of alpha T, as if nothing were hidden.
+                            Not with rgb */
 } pags_score_planes;
 
-/* After a render with keep_for_backward, instead of or before pags_frame_backward. Called for every cluster in view,
- * from several threads at once, once each; the same bits for any number of threads. */
+/* Computes the scores of the last render, which must have had keep_for_backward, instead of pags_frame_backward
+ * or before it. The scores are the same bits for any number of threads. PAGS_ERROR_MEMORY; PAGS_CANCELLED. */
 PAGS_API pags_result pags_frame_scores(pags_frame *frame, const pags_score_planes *planes, pags_score_fn *receive,
                                        void *user);
 
-/* The gradient by the pose of a part whose world_from_model becomes world_from_model * exp(increment) (pags/object.h)
- * at increment 0: out[0..2] by the rotation (axis times angle), out[3..5] by the translation, both in the model's
- * frame. Adds the rows [first, first + count) of `gaussians`, whose gradients are `data`, `stride` and `planes` of
- * their pags_cluster_gradient, in double and row after row: clusters added in a fixed order give the same bits. The
- * parameters must be those that were drawn. */
+/* ---- Gradient of a pose, and figures ---- */
+
+/* Adds to `out` the gradient with respect to the pose of a part, at increment 0, for a pose that becomes
+ *     world_from_model * exp(increment)                    (pags/object.h)
+ * out[0..2] by the rotation (axis times angle, radians), out[3..5] by the translation (metres), both in the
+ * model's frame. The rows [first, first + count) of `gaussians` are added; `data`, `stride` and `planes` are
+ * those of their pags_cluster_gradient. Sums are in double and row after row, so that clusters added in a fixed
+ * order give the same bits. The parameters must be those that were drawn. */
 PAGS_API void pags_pose_gradient(const float *data, int64_t stride, int planes, const pags_gaussians *gaussians,
                                  int64_t first, int count, double out[6]);
 
+/* Returns the statistics of the last render and its backward pass, owned by the frame. */
 PAGS_API const pags_frame_stats *pags_frame_stats_get(const pags_frame *frame);
-PAGS_API uint64_t pags_frame_heap_calls(const pags_frame *frame); /* made so far, for the test of steady state */
-PAGS_API size_t pags_frame_bytes(const pags_frame *frame);        /* held now */
+
+/* Returns the number of heap calls made so far, for tests that the steady state makes none. */
+PAGS_API uint64_t pags_frame_heap_calls(const pags_frame *frame);
+
+/* Returns the bytes of memory that the frame's arena and planes have needed at most. */
+PAGS_API size_t pags_frame_bytes(const pags_frame *frame);
 
 #ifdef __cplusplus
 }

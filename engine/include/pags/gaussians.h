@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* A set of 3D Gaussians as a structure of arrays.
  *
- * One allocation holds `plane_count(sh_degree)` planes of `stride` floats each; plane p of Gaussian i is
- * data[p * stride + i]. Gradients and optimiser moments use the same layout, so whatever walks planes serves all of
- * them.
+ * One allocation holds `plane_count(sh_degree)` planes of `stride` floats each; plane p of Gaussian (row) i is
+ * data[p * stride + i]. Gradients and optimiser moments have the same layout, so the same loops over planes serve
+ * all of them.
  *
  * Bytes per Gaussian: 4 * plane_count = 56, 92, 152 or 236 for SH degree 0..3. */
 #ifndef PAGS_GAUSSIANS_H
@@ -11,90 +11,116 @@
 
 #include <pags/base.h>
 
-/* C0 = 1 / (2 sqrt pi): the constant basis function; colour = 0.5 + C0 * dc. */
+/* C0 = 1 / (2 sqrt pi), the value of the constant spherical harmonic: colour = 0.5 + C0 * dc + higher terms. */
 #define PAGS_SH_C0 0.28209479177387814
 
 #ifdef __cplusplus
 extern "C" {
 #endif
 
+/* The index of the first plane of each attribute, and counts of planes. */
 enum {
-  PAGS_MEAN = 0,     /* x y z, metres, relative to the scene's origin */
-  PAGS_SCALE = 3,    /* ln sigma along the Gaussian's own axes */
-  PAGS_ROTATION = 6, /* quaternion w x y z, not necessarily of unit length */
-  PAGS_OPACITY = 10, /* logit */
-  PAGS_SH = 11, /* spherical harmonics, coefficient-major: plane PAGS_SH + 3*k + channel, k = 0 the constant term */
-  PAGS_MAX_PLANES = 59,
-  PAGS_FOURIER_PLANES = 12 /* of `fourier`: k = 1..4, three channels each */
+  PAGS_MEAN = 0,     /* 3 planes: x, y, z, metres, relative to the scene's origin */
+  PAGS_SCALE = 3,    /* 3 planes: ln sigma along the Gaussian's own axes, sigma in metres */
+  PAGS_ROTATION = 6, /* 4 planes: quaternion w, x, y, z, not necessarily of unit length */
+  PAGS_OPACITY = 10, /* 1 plane: logit of the opacity */
+  /* Spherical harmonics of the colour, coefficient-major: plane PAGS_SH + 3*k + channel holds coefficient k; k =
+   * 0 is the constant term (dc). */
+  PAGS_SH = 11,
+  PAGS_MAX_PLANES = 59,    /* planes in all for SH degree 3 */
+  PAGS_FOURIER_PLANES = 12 /* planes of the member `fourier`: terms k = 1..4 of three channels each */
 };
 
-/* Coefficients per channel, planes in all. */
+/* Returns the number of SH coefficients per colour channel: (degree + 1)^2. */
 static inline int pags_sh_coefficients(int degree) {
   return (degree + 1) * (degree + 1);
 }
+/* Returns the number of planes in all for an SH degree of 0..3: 14, 23, 38 or 59. */
 static inline int pags_plane_count(int sh_degree) {
   return PAGS_SH + 3 * pags_sh_coefficients(sh_degree);
 }
 
 typedef struct pags_gaussians {
-  int64_t count;      /* Gaussians in use */
-  int64_t stride;     /* floats from one plane to the next: capacity, a multiple of 16; planes are 64-byte aligned */
-  int sh_degree;      /* 0..3 */
-  float *data;        /* plane_count * stride floats, zero beyond count; NULL when stride is 0 */
-  float *s_sem;       /* semantic priority in [0, 1], `stride` floats; NULL when unknown */
-  int32_t *object_id; /* per Gaussian: index of the scene's object, -1 for none, `stride` entries; NULL when unknown */
-  float *fourier; /* colour over a track's time: 12 planes of `stride` floats, plane 3 * (k - 1) + channel for k = 1..4;
-                     NULL: the colour doesn't change. See pags_fourier_basis */
+  int64_t count;  /* Gaussians (rows) in use */
+  int64_t stride; /* floats from one plane to the next: the capacity, a multiple of 16; planes are 64-byte aligned */
+  int sh_degree;  /* 0..3 */
+  float *data;    /* plane_count * stride floats, zero from row `count` on; NULL if stride is 0 */
+  float *s_sem;   /* semantic priority S_sem in [0, 1], `stride` floats; NULL if unknown */
+  int32_t *object_id; /* index of the Gaussian's object in the scene, -1: none; `stride` entries; NULL if unknown */
+  /* Fourier terms by which the constant colour term changes over a track's time: 12 planes of `stride` floats,
+   * plane 3 * (k - 1) + channel for term k = 1..4; NULL if the colour doesn't change. See pags_fourier_basis. */
+  float *fourier;
 } pags_gaussians;
 
+/* Returns the first element of a plane: pags_plane(g, PAGS_MEAN + 1)[i] is the y coordinate of the mean of row i. */
 static inline float *pags_plane(const pags_gaussians *g, int plane) {
   return g->data + (int64_t)plane * g->stride;
 }
 
-/* The lowest degree that shows a row's colour as it is: no term beyond it differs from 0. */
+/* Returns the lowest SH degree that represents the colour of a row exactly: all its terms of higher degrees are
+ * 0. */
 PAGS_API int pags_gaussians_row_degree(const pags_gaussians *g, int64_t row);
 
-/* Makes room for `count` Gaussians of zeros; `g` is overwritten. PAGS_ERROR_MEMORY or PAGS_ERROR_LIMIT (2^31 - 64). */
+/* Allocates `count` Gaussians whose parameters are all 0, with SH degree 0..3 and without s_sem, object_id and
+ * fourier. `g` is overwritten without being freed. PAGS_ERROR_LIMIT if count > 2^31 - 64; PAGS_ERROR_MEMORY. */
 PAGS_API pags_result pags_gaussians_create(pags_gaussians *g, int64_t count, int sh_degree);
-PAGS_API void pags_gaussians_destroy(pags_gaussians *g); /* frees and zeroes; a zeroed struct is allowed */
 
-/* Grows the capacity to at least `capacity`, keeping contents. */
+/* Frees all planes and zeroes the struct. A zeroed struct is allowed. */
+PAGS_API void pags_gaussians_destroy(pags_gaussians *g);
+
+/* Grows the capacity (stride) to at least `capacity` rows and keeps the contents and `count`; never shrinks.
+ * Pointers to planes become invalid. On failure `g` is unchanged. PAGS_ERROR_LIMIT if capacity > 2^31 - 64,
+ * PAGS_ERROR_MEMORY. */
 PAGS_API pags_result pags_gaussians_reserve(pags_gaussians *g, int64_t capacity);
 
-/* Makes room for `count` Gaussians of zeros with the degree, s_sem, object_id (-1) and Fourier planes that `like` has.
- */
+/* Creates `count` Gaussians whose parameters are all 0, with the SH degree of `like`, and with s_sem (zeros),
+ * object_id (-1) and Fourier planes (zeros) where `like` has them. Errors as pags_gaussians_create; then `g` is
+ * empty. */
 PAGS_API pags_result pags_gaussians_create_like(pags_gaussians *g, int64_t count, const pags_gaussians *like);
 
-/* Adds s_sem (zeros) or object_id (-1) where they are missing. */
+/* Add the array s_sem (zeros) or object_id (-1) unless `g` has it already or has no capacity. PAGS_ERROR_MEMORY. */
 PAGS_API pags_result pags_gaussians_add_s_sem(pags_gaussians *g);
 PAGS_API pags_result pags_gaussians_add_object_id(pags_gaussians *g);
 
-/* Row i of the result is row index[i] of `from` (all planes, and those of s_sem, object_id and fourier that both have).
- * `to` must have been created with `count` rows and from's degree and must not be `from`. */
+/* Copies rows: row i of `to` becomes row index[i] of `from`, i = 0..count - 1, in all planes of `data` and in
+ * those of s_sem, object_id and fourier that both sets have. `to` must have been created with `count` rows and
+ * the SH degree of `from`, and must not be `from`. */
 PAGS_API void pags_gaussians_gather(const pags_gaussians *from, const int64_t *index, int64_t count,
                                     pags_gaussians *to);
 
-/* Street Gaussians (Yan et al. 2024): constant term at u = dc + sum_k basis[k] fourier_k, u = (t - t0) / (t1 - t0) over
- * the track's time, 0 where t1 = t0: basis = 1, sin 2 pi u, cos 2 pi u, sin 4 pi u, cos 4 pi u. */
+/* The colour over time of Street Gaussians (Yan et al. 2024). With u = (t - t0) / (t1 - t0) over the time t0..t1 of
+ * the track, 0 if t1 = t0, the constant colour term (dc) of a Gaussian at time t is
+ *
+ *     dc(t) = dc + sum over k = 1..4 of basis[k] * fourier_k
+ *     basis = 1, sin 2 pi u, cos 2 pi u, sin 4 pi u, cos 4 pi u
+ *
+ * pags_fourier_basis computes `basis` from u. */
 PAGS_API void pags_fourier_basis(double u, double basis[5]);
-/* u of `time`, held to 0..1. */
+
+/* Returns u for `time` on a track from `begin` to `end` (seconds), clamped to 0..1; 0 if end <= begin. */
 PAGS_API double pags_fourier_phase(double begin, double end, double time);
-/* Constant terms of rows [first, last) of a model with Fourier planes, to three planes g->stride floats apart; finite
- * for any terms. */
+
+/* Computes dc(t) of the rows [first, last) of a set with Fourier planes. `dc` receives three planes (one per
+ * channel) that lie g->stride floats apart, indexed by row. Results beyond the range of a float are clamped to
+ * it, so that they are finite for finite terms of any size. */
 PAGS_API void pags_fourier_colour(const pags_gaussians *g, const double basis[5], int64_t first, int64_t last,
                                   float *dc);
 
-/* Adds the Fourier planes (zeros) where they are missing. */
+/* Adds the Fourier planes (zeros) unless `g` has them already or has no capacity. PAGS_ERROR_MEMORY. */
 PAGS_API pags_result pags_gaussians_add_fourier(pags_gaussians *g);
 
-/* The order of the Gaussians along a Morton curve of 21 bits an axis over their bounding box: index[i] is the row that
- * comes i-th; ties by row. Rows with a non-finite mean come last. `index` has g->count entries. */
+/* Computes the order of the rows along a Morton curve with 21 bits per axis over the bounding cube of the means:
+ * index[i] is the row that comes i-th. Rows with equal codes keep their order; rows with a mean that isn't finite
+ * come last. `index` has room for g->count entries. PAGS_ERROR_MEMORY. */
 PAGS_API pags_result pags_gaussians_morton_order(const pags_gaussians *g, int64_t *index);
-/* A copy, all planes of it, in that order; on failure `out` is empty. `out` is not `from`. */
+
+/* Makes a copy of `from` with all its planes, s_sem, object_id and fourier, in Morton order. `out` is overwritten
+ * and must not be `from`; on failure it is empty. PAGS_ERROR_MEMORY. */
 PAGS_API pags_result pags_gaussians_sorted_copy(pags_gaussians *out, const pags_gaussians *from);
 
-/* Counts rows that can't be drawn: a non-finite value or an all-zero quaternion. `index`, when not NULL, receives the
- * rows that can, in order (room for g->count). Returns the number of bad rows. */
+/* Returns the number of rows that can't be drawn: those with a value that isn't finite (parameters or Fourier
+ * terms) or with an all-zero quaternion. Unless `index` is NULL, it receives the numbers of the rows that can be
+ * drawn, in ascending order; it has room for g->count entries. */
 PAGS_API int64_t pags_gaussians_find_bad(const pags_gaussians *g, int64_t *index);
 
 #ifdef __cplusplus

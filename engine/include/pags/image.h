@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Pictures in memory and in files. The only door to OpenImageIO, which is loaded when the first file is touched, so
- * that programs that read no picture don't pay its start-up. */
+/* Pictures in memory, and reading and writing them as files through OpenImageIO. OpenImageIO is loaded when the
+ * first file is read or written, so that programs that read no picture don't pay for its start-up. */
 #ifndef PAGS_IMAGE_H
 #define PAGS_IMAGE_H
 
@@ -10,33 +10,48 @@
 extern "C" {
 #endif
 
+/* The type of a sample: uint8_t, uint16_t or float. */
 typedef enum pags_sample { PAGS_U8, PAGS_U16, PAGS_F32 } pags_sample;
 
 /* Interleaved samples, row 0 at the top, no padding: sample (x, y, c) is data[(y * width + x) * channels + c]. */
 typedef struct pags_image {
-  int width, height; /* 1..65535 */
+  int width, height; /* pixels, 1..65535 */
   int channels;      /* 1..4: grey, grey+alpha, RGB, RGBA */
   pags_sample sample;
   void *data; /* freed by pags_image_destroy */
 } pags_image;
 
+/* Allocates a picture whose samples are all 0; `image` is overwritten without being freed. PAGS_ERROR_ARGUMENT
+ * for a size or a number of channels out of range; PAGS_ERROR_MEMORY. On failure `image` is zeroed. */
 PAGS_API pags_result pags_image_create(pags_image *image, int width, int height, int channels, pags_sample sample);
-PAGS_API void pags_image_destroy(pags_image *image); /* frees and zeroes; a zeroed struct is allowed */
 
-/* Width and height without decoding. */
+/* Frees the samples and zeroes the struct. A zeroed struct is allowed. */
+PAGS_API void pags_image_destroy(pags_image *image);
+
+/* Reads the width and height of a picture file (pixels) without decoding its samples. Errors as pags_image_load. */
 PAGS_API pags_result pags_image_size(const char *path, int *width, int *height);
 
-/* Reads PNG, JPEG, EXR or whatever else OpenImageIO reads. The samples are converted to `sample` (integers stay
- * display-referred; 255 or 65535 <-> 1.0) and to `channels` (0: as in the file, at most 4; 3 from grey repeats; alpha
- * is dropped, not multiplied). EXIF orientation is ignored, as structure-from-motion tools do. Errors: PAGS_ERROR_IO,
- * _FORMAT (with the decoder's message), _UNSUPPORTED (OpenImageIO module missing), _MEMORY. */
+/* Reads PNG, JPEG, EXR or any other format that OpenImageIO reads.
+ *
+ * The samples are converted to `sample`: 0..255 or 0..65535 correspond to 0..1 of a float, and no transfer curve is
+ * applied, so that display-referred files give display-referred samples. They are converted to `channels` (0: as in
+ * the file, at most 4): RGB from grey repeats the grey; grey from RGB is the Rec. 709 luma of the display-referred
+ * samples; alpha that isn't wanted is dropped, not multiplied in; alpha that is missing is opaque. An EXIF
+ * orientation is ignored, as structure-from-motion tools do.
+ *
+ * PAGS_ERROR_IO (no readable file), PAGS_ERROR_FORMAT (with the decoder's message, or a side beyond 1..65535),
+ * PAGS_ERROR_UNSUPPORTED (the OpenImageIO module is missing) or PAGS_ERROR_MEMORY; then `out` is zeroed. */
 PAGS_API pags_result pags_image_load(const char *path, pags_sample sample, int channels, pags_image *out);
 
-/* Writes by extension: .png (U8 or U16 as the image is; F32 is rounded to 8 bits), .jpg (quality 95), .exr (float). The
- * file appears complete or not at all: written beside and renamed. */
+/* Writes a picture in the format of the extension: .png (8 or 16 bits as the image has; float samples are clamped
+ * to 0..1 and rounded to 8 bits), .jpg or .jpeg (8 bits, quality 95, alpha dropped) or .exr (float). The file is
+ * written under another name beside the final one and then renamed: it appears complete or not at all.
+ * PAGS_ERROR_ARGUMENT for another extension, PAGS_ERROR_IO, PAGS_ERROR_UNSUPPORTED or PAGS_ERROR_MEMORY. */
 PAGS_API pags_result pags_image_save(const char *path, const pags_image *image);
 
-/* An EXR with named float channels, e.g. {"R","G","B"} or {"Z"}; planes[c] has `stride` floats a row. */
+/* Writes an EXR file with `channels` (1..64) float channels of the given names, e.g. {"R","G","B"} or {"Z"}.
+ * planes[c] holds channel c as `height` rows that lie `stride` floats apart. The file appears complete or not at
+ * all. Errors as pags_image_save. */
 PAGS_API pags_result pags_image_save_exr(const char *path, int width, int height, int channels,
                                          const char *const *names, const float *const *planes, int stride);
 

@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Importers: recordings of driving data sets to drivestudio's layout (docs/dataset-layout.md), with dataset.json beside
- * it.
+/* Importers: convert recordings of public driving data sets (KITTI, Waymo) to a data set in drivestudio's layout
+ * (docs/dataset-layout.md), with a dataset.json beside it, which pags_dataset_open reads.
  *
- * Work that was stopped and is begun again with the same source goes on where it was: files that are complete stay,
- * dataset.json comes last. Photographs are copied byte by byte. */
+ * An import that was stopped and is started again with the same source and folder continues: files that are
+ * complete are kept. dataset.json is written last, so that an unfinished import is not taken for a data set.
+ * Photographs are copied byte by byte, not encoded anew. */
 #ifndef PAGS_IMPORT_H
 #define PAGS_IMPORT_H
 
@@ -15,22 +16,29 @@ extern "C" {
 #endif
 
 typedef struct pags_import_options {
-  const char *cameras; /* numbers separated by commas; NULL: the source's usual ones (Waymo 0,1,2; KITTI 0,1 = image_02,
-                          image_03) */
-  int64_t frame_first, frame_last; /* both included; frame_last -1 (default): to the end */
-  const char *sequence;            /* KITTI tracking: "0000"; NULL: the only one there is */
+  /* Numbers of the cameras to import, separated by commas. NULL: the usual cameras of the source, which are 0,1,2
+   * for Waymo and 0,1 for KITTI (image_02 and image_03). */
+  const char *cameras;
+  int64_t frame_first, frame_last; /* frames to import, counted from 0, both included; frame_last -1 (default): to the
+                                      end */
+  const char *sequence;            /* KITTI: the sequence or drive, e.g. "0000"; NULL: the only one in the source */
   int overwrite;                   /* 1: write into a folder that holds something else. Default 0 */
 } pags_import_options;
 
+/* Returns the defaults: the usual cameras, all frames, the only sequence, no overwriting. */
 PAGS_API pags_import_options pags_import_options_default(void);
 
-/* `source`: the root of a KITTI tracking or raw tree; which of the two is found out. Missing files are named, all of
- * them. */
+/* Imports a KITTI tracking sequence or a KITTI raw drive into `folder`. `source` is the root of a KITTI tracking or
+ * raw tree; which of the two is detected. `options` may be NULL (the defaults), and so may `progress`.
+ *
+ * PAGS_ERROR_ARGUMENT (unknown camera, no frame left, several sequences and none chosen), PAGS_ERROR_IO (files
+ * are missing: the message names all of them; or `folder` holds something else and `overwrite` is 0),
+ * PAGS_ERROR_FORMAT (damaged file), PAGS_ERROR_LIMIT, PAGS_ERROR_UNSUPPORTED, PAGS_ERROR_MEMORY, PAGS_CANCELLED. */
 PAGS_API pags_result pags_import_kitti(const char *source, const char *folder, const pags_import_options *options,
                                        pags_tasks *tasks, pags_progress_fn *progress, void *user);
 
-/* `source`: a Waymo Open Dataset v1 segment, .tfrecord. A record that is damaged is refused with its number and offset.
- */
+/* Imports a segment of the Waymo Open Dataset v1, a .tfrecord file, into `folder`. A damaged record is an error
+ * whose message gives the record's number and byte offset. Parameters and errors as pags_import_kitti. */
 PAGS_API pags_result pags_import_waymo(const char *source, const char *folder, const pags_import_options *options,
                                        pags_tasks *tasks, pags_progress_fn *progress, void *user);
 

@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Objects of a scene: labelled boxes, and where they are at any time.
+/* Objects of a scene: labelled boxes, their tracks, and their poses at any time.
  *
- * Object frame: x forward, y left, z up, origin at the middle of the box. Poses are `world_from_object`, rigid 3x4
- * row-major, absolute (the scene's origin not subtracted). A record is shared by data sets, which fill it from labels,
- * and by scenes, which add what training found out. */
+ * Object frame: x forward, y left, z up, origin at the centre of the box. Poses are `world_from_object`, rigid
+ * 3x4 row-major, in absolute world coordinates (the scene's origin is not subtracted). Data sets and scenes share
+ * the record pags_object: a data set fills it from its labels, a scene adds the pose increments found in
+ * training. */
 #ifndef PAGS_OBJECT_H
 #define PAGS_OBJECT_H
 
@@ -20,59 +21,75 @@ typedef enum pags_category {
   PAGS_CATEGORY_CYCLIST /* riders with their bicycle or motorcycle */
 } pags_category;
 
-/* "other", "vehicle", "pedestrian", "cyclist"; static. */
+/* Returns "other", "vehicle", "pedestrian" or "cyclist", a static string. */
 PAGS_API const char *pags_category_name(pags_category category);
-/* From a label's class name of Waymo, KITTI, PandaSet, nuScenes, Argoverse 2 or nuPlan, any case ("Car", "Pedestrian
- * with Object", "Van", "REGULAR_VEHICLE", ...); what none of them knows is PAGS_CATEGORY_OTHER. A parked bicycle's
- * label is a CYCLIST's where its data set makes no difference. */
+
+/* Returns the category of a label's class name in the vocabulary of Waymo, KITTI, PandaSet, nuScenes, Argoverse 2
+ * or nuPlan ("Car", "Pedestrian with Object", "Van", "REGULAR_VEHICLE", ...), in upper or lower case; unknown
+ * names are PAGS_CATEGORY_OTHER. The label of a parked bicycle is PAGS_CATEGORY_CYCLIST if its data set doesn't
+ * distinguish parked bicycles from ridden ones. */
 PAGS_API pags_category pags_category_of(const char *class_name);
-/* Vehicles, pedestrians and cyclists: what the paper calls critical. */
+
+/* Returns whether the paper calls a category critical: vehicles, pedestrians and cyclists are. */
 static inline int pags_category_is_critical(pags_category category) {
   return category != PAGS_CATEGORY_OTHER;
 }
 
-/* One labelled pose of a track and what training adds to it. A trained knot's pose is world_from_object *
- * exp(increment): p_world = R (Exp(rotation) p + translation) + t. */
+/* One labelled pose of a track, with the increment that training adds to it. The pose of a trained knot is
+ * world_from_object * exp(increment), which maps a point of the object as
+ *
+ *     p_world = R (Exp(rotation) p + translation) + t        with world_from_object = [R|t] */
 typedef struct pags_knot {
   int32_t frame;                /* time step of the data set */
-  int32_t trained;              /* 1: this frame was trained on, so its increment counts; 0: held out */
-  double time;                  /* seconds; ascending */
+  int32_t trained;              /* 1: this frame was trained on, so that its increment counts; 0: held out */
+  double time;                  /* seconds; ascending along the track */
   double world_from_object[12]; /* as labelled */
   double rotation[3];           /* increment: axis times angle, radians, in the object's frame */
   double translation[3];        /* increment: metres, in the object's frame */
 } pags_knot;
 
 typedef struct pags_object {
-  char *id;         /* the data set's, unique */
-  char *class_name; /* the data set's own word */
+  char *id;         /* the data set's name of the track, unique */
+  char *class_name; /* the class name as the data set spells it */
   pags_category category;
   double size[3]; /* full extents along the object's x, y, z: length, width, height; metres, > 0 */
-  int moving;     /* 1: travels more than 2 m or its positions spread more than 0.5 m on an axis */
+  int moving;     /* 1: moves, by the rule of pags_object_classify_motion; 0: parked */
   int64_t knot_count;
   pags_knot *knots; /* at least one */
 } pags_object;
 
-PAGS_API void pags_object_destroy(pags_object *object); /* frees what it owns and zeroes */
+/* Frees the strings and the knots, and zeroes the struct. A zeroed struct is allowed. */
+PAGS_API void pags_object_destroy(pags_object *object);
 
-/* Sets object->moving by the rule above from the labelled poses. */
+/* Sets object->moving from the labelled poses by the rule of Street Gaussians: 1 if the first and the last
+ * position are more than 2 m apart, or if the standard deviation of the positions exceeds 0.5 m on an axis of the
+ * world. */
 PAGS_API void pags_object_classify_motion(pags_object *object);
 
-/* The knot of a time step, NULL where it has none. */
+/* Returns the knot of a time step, which the object owns; NULL if the track has none there. */
 PAGS_API const pags_knot *pags_object_knot(const pags_object *object, int64_t frame);
 
-/* Where the object is at `time`; returns 0, and leaves `out` alone, when it isn't there.
- * At a knot (within 1e-6 s) the label is taken as it stands, between two knots at most 1.5 times the track's median
- * spacing apart the labels are interpolated (translation linear, rotation along the shorter arc); up to half a median
- * spacing beyond an end or into a longer gap the nearest knot holds. That is the pose where no increment is. Where one
- * of the trained knots on either side has an increment, these at most 2.5 median spacings apart, the pose is on the
- * cubic through the trained poses, whatever a held-out knot between them says (docs/scene-folder.md, "Pose at a time");
- * otherwise the label is multiplied by the increment, interpolated linearly between them (beyond them: the nearest
- * trained one's). */
+/* Computes the pose of an object at `time` (seconds). Returns 1; or 0, with `out` unchanged, if the object isn't
+ * present at that time.
+ *
+ * The labelled pose: at a knot (within 1e-6 s) the label itself; between two knots at most 1.5 median spacings of
+ * the track apart the interpolated labels (translation linear, rotation along the shorter arc); up to half a median
+ * spacing beyond an end of the track, or into a longer gap, the label of the nearest knot. Otherwise the object
+ * isn't present.
+ *
+ * Increments: without increments the pose is the labelled pose. If the nearest trained knots before and after
+ * `time` are at most 2.5 median spacings apart and at least one of them has an increment, the pose lies on the
+ * cubic through the trained poses, and a held-out knot between them is ignored (docs/scene-folder.md, "Pose at a
+ * time"). Otherwise the labelled pose is multiplied by the increment, which is interpolated linearly between
+ * these two knots; before the first and after the last trained knot, that knot's increment holds. */
 PAGS_API int pags_object_pose(const pags_object *object, double time, double out[12]);
 
-/* out = exp(increment): 3x4 [Exp(rotation) | translation]. */
+/* Computes the rigid motion exp(increment) = [Exp(rotation) | translation], 3x4; `rotation` is axis times angle
+ * in radians (Rodrigues). */
 PAGS_API void pags_increment_matrix(const double rotation[3], const double translation[3], double out[12]);
-/* Its inverse for rotations: the axis times the angle, 0 to pi, of m's rotation. */
+
+/* Computes the rotation vector (axis times angle, radians, angle 0..pi) of the rotation of `m`: the inverse of
+ * pags_increment_matrix for rotations. */
 PAGS_API void pags_increment_rotation(const double m[12], double rotation[3]);
 
 #ifdef __cplusplus

@@ -1,14 +1,19 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Picking: which Gaussian a ray meets.
+/* Picking: which Gaussian, and which object, a ray hits.
  *
- * Along the ray o + t d a Gaussian's density is largest at one t, where alpha = min(0.99, opacity * exp(-m^2 / 2)), m
- * being the ray's distance from the middle in sigmas. There the ray meets it; under 1/255, or at t below the options'
- * nearest, it doesn't. Gaussians met are gone through by t, each leaving 1 - alpha of the ray; picked is the one by
- * which at least `blocked` of the ray is gone. With blocked = 0 that is the nearest of all, however faint; with the
- * default, 1/2, what one would say is seen there, floaters passed over. The picture's alpha differs by the low-pass
- * alone, which widens what is smaller than a pixel.
+ * Along the ray o + t d the density of a Gaussian is largest at one t. The ray hits the Gaussian there with
  *
- * Clusters whose boxes the ray passes by are never read. Any number of threads may pick from the same parts at once. */
+ *     alpha = min(0.99, opacity * exp(-m^2 / 2))
+ *
+ * where m is the distance of the ray from the mean in sigmas (Mahalanobis distance). A Gaussian is missed if alpha
+ * is below 1/255 or t lies outside of nearest..farthest. The hits are visited by ascending t and blended front to
+ * back: each leaves 1 - alpha of the ray. The picked Gaussian is the one after which at least the share `blocked` of
+ * the ray is used up. A value of 0 picks the nearest hit, however faint; the default of 1/2 passes over floaters and
+ * picks what is visible there. The alpha of a drawn picture differs only by the low-pass filter, which widens
+ * Gaussians smaller than a pixel.
+ *
+ * Clusters whose bounds the ray misses are never read. Any number of threads may pick from the same parts at
+ * once. */
 #ifndef PAGS_PICK_H
 #define PAGS_PICK_H
 
@@ -21,36 +26,39 @@ extern "C" {
 #endif
 
 typedef struct pags_pick_options {
-  double origin[3]; /* of the parts' positions, metres, as pags_frame_options has it; default 0 */
-  double nearest;   /* t below which nothing is met, >= 0; default 0 */
-  double farthest;  /* and beyond which; default infinite */
-  double blocked;   /* share of the ray, 0..1; default 1/2 */
+  double origin[3]; /* origin of the parts' positions, metres, as in pags_frame_options; default 0 */
+  double nearest;   /* hits with a smaller t are ignored, >= 0; default 0 */
+  double farthest;  /* hits with a larger t are ignored; default infinity */
+  double blocked;   /* share of the ray that the picked Gaussian and those before it use up, 0..1; default 1/2 */
 } pags_pick_options;
 
 PAGS_API pags_pick_options pags_pick_options_default(void);
 
 typedef struct pags_picked {
-  int part;        /* index; -1: nothing is met, the rest of this means nothing then */
-  int64_t row;     /* of that part's Gaussians */
-  int32_t id;      /* as pictures have it */
-  double depth;    /* t, in lengths of the direction: camera z for a direction whose z in the camera's axes is 1 */
-  double point[3]; /* o + t d */
-  double alpha;    /* of this Gaussian */
-  double blocked;  /* share of the ray that is gone with it */
-  int64_t object;  /* index of the scene's object; -1: none, or not known */
-  const char *class_name; /* "Car", ... as the data set has it; NULL: none. The scene's */
-  const char *object_id;  /* its track's name; NULL: none. The scene's */
-  int critical;
+  int part;               /* index of the part; -1: nothing is hit, and then no other member means anything */
+  int64_t row;            /* row of the Gaussian in that part */
+  int32_t id;             /* id of the Gaussian, as in pags_picture.id */
+  double depth;           /* t, in multiples of the direction's length: camera z if the direction's camera z is 1 */
+  double point[3];        /* o + t d, world, metres */
+  double alpha;           /* alpha of this Gaussian alone */
+  double blocked;         /* share of the ray that is used up after this Gaussian */
+  int64_t object;         /* index of the object in the scene; -1: none, or unknown */
+  const char *class_name; /* the object's class as the data set spells it ("Car"), owned by the scene; NULL: none */
+  const char *object_id;  /* the id of the object's track, owned by the scene; NULL: none */
+  int critical;           /* 1: the object is critical */
 } pags_picked;
 
-/* Origin and direction in the world; the direction need not be of unit length. Where nothing is met that is no error.
- * The object is set where the part's Gaussians carry an object_id, its class and name are not. PAGS_ERROR_ARGUMENT for
- * a direction of no length or values that are not finite; PAGS_ERROR_MEMORY. */
+/* Picks from `parts`. `origin` and `direction` of the ray are in absolute world coordinates (metres); the
+ * direction may have any length > 0. `options` may be NULL (the defaults). Hitting nothing is not an error.
+ * out->object is set if the Gaussians of the part carry an object_id (packed parts don't); class_name, object_id
+ * and critical are not set. PAGS_ERROR_ARGUMENT for a direction of length 0 or values that are not finite;
+ * PAGS_ERROR_MEMORY. */
 PAGS_API pags_result pags_pick(const pags_part *parts, int part_count, const double origin[3],
                                const double direction[3], const pags_pick_options *options, pags_picked *out);
 
-/* The same of parts that pags_compose or pags_compose_placed gave, with everything known of the object; the scene's
- * origin is put in for the options'. `options` may be NULL. */
+/* Picks, as pags_pick does, from parts that pags_compose or pags_compose_placed returned for this composition,
+ * and sets every member of the object that is hit. The scene's origin replaces options->origin. `options` may be
+ * NULL. */
 PAGS_API pags_result pags_composition_pick(const pags_composition *composition, const pags_part *parts, int part_count,
                                            const double origin[3], const double direction[3],
                                            const pags_pick_options *options, pags_picked *out);

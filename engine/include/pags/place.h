@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Where on the earth a world lies. */
+/* The position of a world's coordinate system on the earth. */
 #ifndef PAGS_PLACE_H
 #define PAGS_PLACE_H
 
@@ -7,11 +7,11 @@
 extern "C" {
 #endif
 
-/* Of a world whose x points east, y north, z up. */
+/* Geographic position of the world point (0, 0, 0) of a world whose x axis points east, y north and z up. */
 typedef struct pags_place {
-  double latitude, longitude; /* of its zero: degrees, WGS84, north and east positive */
+  double latitude, longitude; /* degrees, WGS84, north and east positive */
   double altitude;            /* metres, in the height system of the recording's GNSS receiver */
-  int known;                  /* 0: nothing is known of it */
+  int known;                  /* 1: the members above are set; 0: the position is unknown */
 } pags_place;
 
 #ifdef __cplusplus

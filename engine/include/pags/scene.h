@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A reconstructed scene: what `pags train` writes, and what a bare splat file is read as.
+/* A reconstructed scene: models of Gaussians, objects with tracks, views and a sky, as `pags train` writes them; and
+ * bare splat files, which are read as a scene of one model.
  *
  * On disk a scene is a folder with scene.json and one PLY per model; see docs/scene-folder.md. */
 #ifndef PAGS_SCENE_H
@@ -16,81 +17,106 @@
 extern "C" {
 #endif
 
+/* A set of Gaussians with its own PLY: the background, or the model of one object in the object's frame. */
 typedef struct pags_model {
-  char *name; /* "background" first */
-  char *file; /* relative path of its PLY in the scene folder */
+  char *name; /* the first model is "background" */
+  char *file; /* path of its PLY relative to the scene folder; lies inside of the folder */
   pags_gaussians gaussians;
 } pags_model;
 
-typedef struct pags_scene_view { /* a photograph the scene was trained on or tested with */
+/* A photograph that the scene was trained on or is tested with. */
+typedef struct pags_scene_view {
   char *name;
-  pags_camera camera; /* its time is that of the frame: boxes of the frame fit the photograph as they stand */
-  int test;
-  int sensor;       /* which camera of the rig took it; -1: unknown */
-  int frame;        /* time step; -1: unknown */
-  double gain[3];   /* exposure found in training, per channel: photograph = gain * picture + offset; 1 */
-  double offset[3]; /* 0. Held-out views: interpolated in time between training views of the same sensor */
+  /* The time of `camera` is that of the frame (time step), at which the objects' boxes fit the photograph. */
+  pags_camera camera;
+  int test;   /* 1: held-out view */
+  int sensor; /* number of the camera of the rig that took it; -1: unknown */
+  int frame;  /* time step; -1: unknown */
+  /* Exposure found in training, per channel: photograph = gain * picture + offset; gain 1 and offset 0 if there
+   * is none. The exposure of a held-out view is interpolated in time between training views of the same sensor. */
+  double gain[3];
+  double offset[3];
 } pags_scene_view;
 
 typedef struct pags_scene_object {
   pags_object record; /* box, class, track */
   int64_t model;      /* index of its own model; -1: its Gaussians lie in the background and carry object_id */
-  int critical;
-  int rigid; /* 0: moves within its frame, too (means over time); 1 else */
+  int critical;       /* 1: its detail is to be kept first */
+  int rigid;          /* 1: rigid; 0: its parts also move against each other in its frame (means over time) */
 } pags_scene_object;
 
 typedef struct pags_scene {
-  double origin[3]; /* metres; added to every float position */
+  double origin[3]; /* metres; world position = origin + float position */
   pags_up up;
-  int antialiased;             /* 1: opacities expect the antialiased projection (Mip-Splatting, spz flag) */
-  float background[3];         /* display-referred sRGB behind everything, 0..1 */
+  int antialiased;             /* 1: opacities expect the antialiased projection (Mip-Splatting; the flag in .spz) */
+  float background[3];         /* colour behind everything where there is no sky: display-referred sRGB, 0..1 */
   double time_begin, time_end; /* seconds; both 0 for a static scene */
-  uint64_t seed;
-  char *dataset;      /* path the scene was trained from, NULL if unknown */
-  char *config;       /* JSON text of the training configuration, NULL if unknown */
-  int64_t iterations; /* steps done, 0 if unknown */
+  uint64_t seed;               /* seed of the training */
+  char *dataset;               /* path of the data set that the scene was trained from; NULL if unknown */
+  char *config;                /* the training configuration as JSON text; NULL if unknown */
+  int64_t iterations;          /* training steps done; 0 if unknown */
   int64_t model_count;
   pags_model *models;
   int64_t view_count;
   pags_scene_view *views;
   double fps;       /* time steps per second of a driving scene; 0: unknown or static */
-  pags_place place; /* of the recording's world: `origin` has to be added to float positions first */
+  pags_place place; /* geographic position of the recording's world, in which a point is origin + float position */
   int64_t object_count;
-  pags_scene_object *objects; /* every labelled box, parked or moving; Gaussians' object_id is the index here */
-  pags_sky sky;               /* size 0: none */
-  char *notes; /* JSON text: what was modelled and why (see docs/scene-folder.md, "modelled"); NULL: nothing is known */
+  pags_scene_object *objects; /* every labelled box, parked or moving; object_id of a Gaussian is an index here */
+  pags_sky sky;               /* size 0: no sky */
+  char *notes; /* JSON text: what was modelled and why (docs/scene-folder.md, "modelled"); NULL: nothing is known */
 } pags_scene;
 
-/* Reads a scene folder or a bare splat file: .ply (INRIA layout in any property order, or PlayCanvas compressed),
- * .splat, .spz (v2-v4), chosen by content. Gaussians that can't be drawn (non-finite values) are an error naming the
- * first; all-zero quaternions become the identity and are counted in a log line. The scene is zeroed on failure. */
+/* Reads a scene folder (or its scene.json) or a bare splat file: .ply (INRIA's layout with the properties in any
+ * order, or PlayCanvas compressed), .spz (versions 2 to 4), .pagsz (packed) or .splat. The format is detected by the
+ * content, that of .splat, which has no signature, by the name.
+ *
+ * A Gaussian with a value that isn't finite is an error that names the first such Gaussian. All-zero quaternions
+ * are replaced by the identity, and a warning with their number goes to the log. PAGS_ERROR_IO,
+ * PAGS_ERROR_FORMAT, PAGS_ERROR_LIMIT, PAGS_ERROR_UNSUPPORTED (a newer version of a format) or PAGS_ERROR_MEMORY;
+ * then the scene is zeroed. */
 PAGS_API pags_result pags_scene_load(const char *path, pags_scene *scene);
 
-/* Writes the folder, made if missing. Each file is written beside and renamed. */
+/* Writes the scene folder, which is created if missing. Each file is written under another name and then renamed;
+ * scene.json is written last, so that a new scene.json only names files that exist. PAGS_ERROR_IO,
+ * PAGS_ERROR_MEMORY, PAGS_ERROR_ARGUMENT (a sky that float16 can't hold). */
 PAGS_API pags_result pags_scene_save(const char *folder, const pags_scene *scene);
+
+/* Frees everything that the scene owns and zeroes the struct. A zeroed struct is allowed. */
 PAGS_API void pags_scene_destroy(pags_scene *scene);
+
+/* Returns the number of Gaussians of all models together. */
 PAGS_API int64_t pags_scene_gaussian_count(const pags_scene *scene);
-/* The labelled object whose track has this id, owned by the scene; NULL: there is none. */
+
+/* Returns the labelled object whose track has this id, owned by the scene; NULL if there is none. */
 PAGS_API const pags_scene_object *pags_scene_find_object(const pags_scene *scene, const char *id);
 
-/* How a camera of the rig exposes at a time (seconds), display-referred sRGB per channel: photograph = gain * picture +
- * offset. Between training views of that sensor linear in time, beyond them as at the last one; 1 and 0 where the scene
- * has none. */
+/* Computes the exposure of a camera of the rig at a time (seconds), per channel of display-referred sRGB:
+ * photograph = gain * picture + offset. The exposure is linear in time between training views of that sensor, and
+ * constant before the first and after the last one. Gain 1 and offset 0 if the scene has no training view of that
+ * sensor. */
 PAGS_API void pags_scene_exposure(const pags_scene *scene, int sensor, double time, double gain[3], double offset[3]);
 
-/* "objects/NAME.ply" for the model of the object `id`: letters, digits, '-' and '.' stay, the rest becomes '_'; a
- * number is added where a model of the scene has that file already (case ignored). Models whose file is NULL are passed
- * over. Freed by the caller; NULL when memory is out. */
+/* Returns an unused relative file name "objects/NAME.ply" for the model of the object with the track id `id`.
+ * NAME is the id with every character but letters, digits, '-' and '.' replaced by '_', at most 99 characters; a
+ * number is appended if a model of the scene already has that file (case is ignored; models whose file is NULL
+ * are skipped). The caller frees the string. NULL if out of memory. */
 PAGS_API char *pags_scene_model_file(const pags_scene *scene, const char *id);
 
-/* Splat files by themselves. Reading a file that pags_ply_save or INRIA's trainer wrote and writing it again gives the
- * same bytes; normals are kept as zeros. */
+/* Read and write a single PLY of Gaussians (Kerbl et al. 2023), with s_sem, object_id and Fourier planes if it
+ * has them. pags_ply_load also reads PlayCanvas's compressed PLY. Reading a file that pags_ply_save or INRIA's
+ * trainer wrote and writing it again gives the same bytes; normals are not kept but written as zeros, as INRIA's
+ * trainer does. A file appears complete or not at all. Errors as pags_scene_load; a failed load leaves `out`
+ * empty. */
 PAGS_API pags_result pags_ply_load(const char *path, pags_gaussians *out);
 PAGS_API pags_result pags_ply_save(const char *path, const pags_gaussians *gaussians);
-/* What each of its Gaussians takes in such a file, bytes; the header takes less than 4 KiB. */
+
+/* Returns the bytes per Gaussian in a file of pags_ply_save; the header takes less than 4 KiB. */
 PAGS_API int pags_ply_row_bytes(const pags_gaussians *gaussians);
-/* `kind` receives a static string ("PLY", "compressed PLY", "splat", "SPZ v4"); antialiased 1 if the file says so. Both
- * may be NULL. */
+
+/* Reads a splat file of any of the formats of pags_scene_load. `kind` receives the name of the format, a static
+ * string ("PLY", "compressed PLY", "splat", "SPZ v4", "packed"); `antialiased` receives 1 if the file says that
+ * its opacities expect the antialiased projection, otherwise 0. Both may be NULL. Errors as pags_scene_load. */
 PAGS_API pags_result pags_splat_load(const char *path, pags_gaussians *out, const char **kind, int *antialiased);
 
 #ifdef __cplusplus

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Training: from posed photographs to a scene folder.
+/* Training: from a data set of posed photographs to a scene folder.
  *
- * The run is a pure function of (data set, configuration, seed): not of the number of threads, of the moments at
- * which it was interrupted and resumed, of checkpoint_every, log_every or preview_every. The one exception is
- * time_limit_seconds, which reads a clock once.
+ * The result is a pure function of the data set, the configuration and the seed: it doesn't depend on the number of
+ * threads, on when the run was interrupted and resumed, or on checkpoint_every, log_every and preview_every. The one
+ * exception is time_limit_seconds, with which the number of steps depends on the speed of the machine.
  *
- * Steps are counted from 1. A step renders one training view, compares it with its photograph and moves the
- * Gaussians. */
+ * Steps are counted from 1. A step renders one training view, compares the picture with the photograph and
+ * updates the Gaussians by the gradient of the loss. */
 #ifndef PAGS_TRAIN_H
 #define PAGS_TRAIN_H
 
@@ -19,84 +19,97 @@
 extern "C" {
 #endif
 
+/* ---- The configuration ---- */
+
+/* The strategy of density control, which adds and removes Gaussians. */
 typedef enum pags_strategy {
-  PAGS_STRATEGY_DEFAULT, /* clone, split, prune and reset (Kerbl et al. 2023) */
-  PAGS_STRATEGY_MCMC     /* relocate, grow and shake (Kheradmand et al. 2024) */
+  PAGS_STRATEGY_DEFAULT, /* clone, split, prune and reset opacities (Kerbl et al. 2023) */
+  PAGS_STRATEGY_MCMC     /* relocate, grow and add noise to positions (Kheradmand et al. 2024) */
 } pags_strategy;
 
-/* When the Gaussians with the lowest scores are removed (docs/priority.md). */
+/* The steps after which the Gaussians with the lowest scores S_hybrid are pruned (docs/priority.md). */
 typedef enum pags_preset {
   PAGS_PRESET_NONE,
-  PAGS_PRESET_LEAN,  /* after 4000, 8000, 12 000, 16 000 and 20 000 of 30 000 steps: what was measured to lose least for
-                        its time */
-  PAGS_PRESET_SHORT, /* at 10 000, 15 000, 20 000 and 25 000 of 30 000 steps */
-  PAGS_PRESET_PAPER  /* at 10 000, 15 000, ... 45 000 of 50 000 steps */
+  PAGS_PRESET_LEAN,  /* 4000, 8000, 12 000, 16 000 and 20 000 of 30 000: measured to lose least for its time */
+  PAGS_PRESET_SHORT, /* 10 000, 15 000, 20 000 and 25 000 of 30 000 */
+  PAGS_PRESET_PAPER  /* 10 000, 15 000, ... 45 000 of 50 000: the paper's (arXiv:2510.12282) */
 } pags_preset;
 
-/* How S_hybrid comes of S_sem and S_grad. */
+/* The score S_hybrid of a Gaussian, as a function of its semantic score S_sem and its gradient score S_grad, both
+ * in 0..1. */
 typedef enum pags_hybrid {
-  PAGS_HYBRID_OF_PRESET, /* PRODUCT with LEAN, otherwise SUM */
-  PAGS_HYBRID_SUM,       /* alpha S_sem + (1 - alpha) S_grad: the paper's */
-  PAGS_HYBRID_PRODUCT /* (1 - alpha + alpha S_sem) S_grad: what isn't critical must matter 1 / (1 - alpha) times as much
-                         to be kept */
+  PAGS_HYBRID_OF_PRESET, /* PRODUCT with preset LEAN, otherwise SUM */
+  PAGS_HYBRID_SUM,       /* alpha S_sem + (1 - alpha) S_grad, the paper's */
+  /* (1 - alpha + alpha S_sem) S_grad: to be kept, a Gaussian that isn't critical needs 1 / (1 - alpha) times the
+   * S_grad of a critical one. */
+  PAGS_HYBRID_PRODUCT
 } pags_hybrid;
 
-/* How S_sem, the share of a Gaussian that shows something critical, is found. */
+/* How S_sem is found: the share of what is visible of a Gaussian that shows something critical. */
 typedef enum pags_s_sem {
-  PAGS_S_SEM_PASS,   /* by its weight in the training photographs' pixels (alpha T), anew before each prune */
+  PAGS_S_SEM_PASS,   /* by the Gaussian's blending weights (alpha T) in the pixels of the training photographs,
+                        measured anew before each prune and at the end */
   PAGS_S_SEM_INIT,   /* once, at the start */
-  PAGS_S_SEM_OVERLAP /* as PASS, by alpha alone: as if nothing hid anything */
+  PAGS_S_SEM_OVERLAP /* as PASS, but by alpha alone, as if nothing were hidden */
 } pags_s_sem;
 
-/* How S_grad is brought to 0..1 ... */
+/* How the raw gradient scores are mapped to S_grad in 0..1: to their percentile rank; linearly from their minimum
+ * and maximum; or by a logarithm. */
 typedef enum pags_s_grad { PAGS_S_GRAD_RANK, PAGS_S_GRAD_MINMAX, PAGS_S_GRAD_LOG } pags_s_grad;
-/* ... and where it comes from: a pass over the training views, or the loss's own gradients since the last prune. */
+
+/* Where the raw gradient scores come from: a pass over the training views (Speedy-Splat's score, Hanson et al.
+ * 2025), or the gradients of the loss since the last prune. */
 typedef enum pags_s_grad_from { PAGS_S_GRAD_FROM_PASS, PAGS_S_GRAD_FROM_TRAINING } pags_s_grad_from;
 
-/* Every constant of the training. engine/train/fields.c holds the one table of them: name, type, default, range, unit
- * and text; `pags train --fields` prints it. `set`, checkpoints and scene.json call a member by its own name, without
- * that of its struct. Members counted in "steps of 30 000" are steps of a run of 30 000 iterations: they are multiplied
- * by schedule_iterations / 30 000, so that one set of constants serves runs of any length. `extent` is 1.1 times the
- * largest distance of a training camera from their mean, in metres. int members are 0 or 1 where no unit is given. */
+/* The structs below hold every constant of the training. Their fields are listed in one table,
+ * engine/train/fields.c, with name, type, default, range, unit and text; `pags train --fields` prints it, and
+ * pags_train_field_at reads it. pags_train_config_set, checkpoints and scene.json call a member by its own name,
+ * without the name of its struct.
+ *
+ * Members in "steps of 30 000" are steps of a run of 30 000 iterations: they are multiplied by
+ * schedule_iterations / 30 000, so that one set of constants serves runs of any length. `extent` is, in metres,
+ * 1.1 times the largest distance of a training camera from the mean of the training cameras (for the model of an
+ * object: half of the longest side of its box). int members without a unit are 0 or 1. */
 
-/* How long, from which seed, and at which resolution. The first steps see shrunk photographs. */
+/* Length, seed and resolution of the run. The first steps see shrunk photographs. */
 typedef struct pags_train_schedule {
   int64_t iterations;          /* steps of the run */
-  int64_t schedule_iterations; /* steps that the schedule is stretched over; 0: iterations. Later steps keep its last
-                                  rates */
-  uint64_t seed;               /* any number: of everything that is random */
-  double quarter_until;        /* fraction of the schedule that sees photographs at a quarter of their size */
-  double half_until;           /* fraction of the schedule, counted from 0, that sees them at half size or less */
-  int resolution_floor;        /* px: a level is skipped where the shorter side would be smaller */
+  int64_t schedule_iterations; /* steps that the schedule is stretched over; 0: iterations. Steps beyond them keep the
+                                  schedule's last rates */
+  uint64_t seed;               /* seed of everything that is random; any number */
+  double quarter_until;        /* fraction of the schedule during which photographs have a quarter of their size */
+  double half_until;           /* fraction of it, from its begin, during which they have half of their size or less */
+  int resolution_floor;        /* px: a smaller size is skipped if its shorter side would be less than this */
 } pags_train_schedule;
 
 /* Adam (Kingma and Ba 2015), with one learning rate for each group of planes. */
 typedef struct pags_train_optimiser {
-  double position_rate_begin; /* fraction of extent per step, at step 0 */
-  double position_rate_end;   /* fraction of extent per step, at the schedule's end; log-linear between */
+  double position_rate_begin; /* rate of means at step 0: fraction of extent per step */
+  double position_rate_end;   /* rate of means at the end of the schedule, likewise; log-linear between the two */
   double scale_rate;          /* per step, of ln sigma */
-  double rotation_rate;       /* per step, of the raw quaternion */
+  double rotation_rate;       /* per step, of the quaternion as stored, not normalised */
   double opacity_rate;        /* per step, of the logit of opacity */
-  double sh_dc_rate;          /* per step, of the constant term of colour */
-  double sh_rest_rate;        /* per step, of the higher terms of colour */
-  double beta1, beta2;        /* fraction kept per step of the first and the second moment */
-  double epsilon;             /* added to the root of the second moment */
+  double sh_dc_rate;          /* per step, of the constant SH term */
+  double sh_rest_rate;        /* per step, of the higher SH terms */
+  double beta1, beta2;        /* decay per step of the first and the second moment: the fraction that is kept */
+  double epsilon;             /* added to the square root of the second moment */
 } pags_train_optimiser;
 
-/* Weights of the loss. The terms of driving sets follow Street Gaussians (Yan et al. 2024). */
+/* Weights of the loss. The terms for driving sets follow Street Gaussians (Yan et al. 2024). */
 typedef struct pags_train_losses {
-  double ssim_weight;   /* w of (1 - w) L1 + w (1 - SSIM) */
-  double depth_weight;  /* of the LiDAR depth term, per metre */
-  double depth_share;   /* fraction of the LiDAR samples that count: those with the smallest error */
-  double object_weight; /* of the object opacity term, from densify_until on */
-  double sky_weight;    /* of the sky opacity term */
+  double ssim_weight;   /* w of the photometric loss (1 - w) L1 + w (1 - SSIM) */
+  double depth_weight;  /* weight of the LiDAR depth term, per metre */
+  double depth_share;   /* fraction of the LiDAR samples that count: those with the smallest errors */
+  double object_weight; /* weight of the object opacity term, which acts from densify_until on */
+  double sky_weight;    /* weight of the sky opacity term */
 } pags_train_losses;
 
-/* The first Gaussians: from the data set's points; where it has none, from points found by matching photographs. */
+/* The first Gaussians. They are made from the points of the data set, or, if it has none, from points that
+ * matching the photographs finds (pags_dataset_match_points). */
 typedef struct pags_train_start {
-  int random_start;      /* 1: random points in the cameras' common view in place of matched ones */
-  double init_opacity;   /* opacity, more than 1/255, below which nothing is drawn */
-  double init_scale;     /* sigma, times the root mean square distance to the 3 nearest neighbours */
+  int random_start;      /* 1: random points in the common view of the cameras instead of matched ones */
+  double init_opacity;   /* their opacity; more than 1/255, below which nothing is drawn */
+  double init_scale;     /* their sigma, times the root mean square distance to the 3 nearest points */
   double init_scale_max; /* upper bound of that sigma, fraction of extent */
   int lidar_start;       /* 1: driving sets start from LiDAR points */
   double extent_most;    /* metres: upper bound of the extent of a driving set's background */
@@ -104,99 +117,115 @@ typedef struct pags_train_start {
 
 /* Spherical harmonics of the colour. */
 typedef struct pags_train_color {
-  int sh_degree;       /* highest degree; -1: 3 for static sets, 1 for driving ones */
-  int64_t sh_interval; /* steps of 30 000 from one degree to the next */
+  int sh_degree;       /* highest degree, 0..3; -1: 3 for static sets, 1 for driving sets */
+  int64_t sh_interval; /* steps of 30 000 from one degree to the next, from 0 up; 0: the highest degree at once */
 } pags_train_color;
 
 /* Density control (Kerbl et al. 2023). */
 typedef struct pags_train_density {
   pags_strategy strategy;
-  int64_t densify_from;  /* steps of 30 000: densify after this step */
-  int64_t densify_until; /* steps of 30 000: densify before this step; -1: 15000; with preset LEAN 12000, SHORT 25000 */
-  int64_t densify_every; /* steps of 30 000, but at least one pass over the training views */
-  double densify_gradient; /* NDC: a Gaussian with a larger mean screen gradient is cloned or split */
-  int absgrad;             /* 1: the mean of absolute per-pixel gradients (Ye et al. 2024) */
+  int64_t densify_from;    /* steps of 30 000: densify only after this step */
+  int64_t densify_until;   /* steps of 30 000: densify only before this; -1: 15000, preset LEAN 12000, SHORT 25000 */
+  int64_t densify_every;   /* steps of 30 000 between densify steps, but at least one pass over the training views */
+  double densify_gradient; /* NDC: a Gaussian with a larger mean screen-space gradient is cloned or split */
+  int absgrad;             /* 1: use the mean of absolute per-pixel gradients instead (Ye et al. 2024) */
   double absgrad_gradient; /* NDC: the threshold with absgrad */
-  double dense_percent;    /* fraction of extent: a larger sigma is split, a smaller one cloned */
-  double split_divisor;    /* a child's sigma is its parent's over this */
-  int revised_opacity;     /* 1: children of a split get 1 - sqrt(1 - o) (Rota Bulo et al. 2024) */
-  double prune_opacity;    /* opacity: Gaussians below are removed */
+  double dense_percent;    /* fraction of extent: a Gaussian with a larger sigma is split, others are cloned */
+  double split_divisor;    /* the sigma of a split's children is the parent's divided by this */
+  int revised_opacity;     /* 1: children of a split get the opacity 1 - sqrt(1 - o) (Rota Bulo et al. 2024) */
+  double prune_opacity;    /* Gaussians with a lower opacity are removed */
   double prune_scale;      /* fraction of extent: Gaussians with a larger sigma are removed after the first reset */
-  int64_t reset_every;     /* steps of 30 000 between opacity resets, but at least three passes; until densify_until */
-  double reset_opacity;    /* upper bound of opacity that a reset sets */
-  double lidar_pull;       /* fraction of the way to a plane that LiDAR shows nearby, by which each densify interval
-                              moves Gaussians of the background (docs/driving.md); 0: none */
+  int64_t reset_every;     /* steps of 30 000 between opacity resets, but at least three passes over the training
+                              views; until densify_until */
+  double reset_opacity;    /* a reset lowers opacities to at most this */
+  /* Every densify_every steps from densify_from to the end of the schedule, Gaussians of the background move by
+   * this fraction of the way to the plane that LiDAR shows nearby (docs/driving.md); 0: they don't. */
+  double lidar_pull;
 } pags_train_density;
 
 /* The strategy MCMC (Kheradmand et al. 2024). */
 typedef struct pags_train_mcmc {
-  double mcmc_growth;      /* fraction of new Gaussians per densify step */
-  double mcmc_noise;       /* position noise, times the position rate */
+  double mcmc_growth;      /* Gaussians added at each densify step, fraction of those there are */
+  double mcmc_noise;       /* scale of the noise added to positions, times the position rate */
   double mcmc_opacity_reg; /* weight of the mean opacity in the loss */
   double mcmc_scale_reg;   /* weight of the mean sigma in the loss */
 } pags_train_mcmc;
 
-/* How large the scene may become. */
+/* Limits on the size of the scene. */
 typedef struct pags_train_size_limit {
-  int64_t max_gaussians; /* Gaussians; 0: 2^31 - 64 (MCMC: 1 000 000). With a preset the run may have more until the
-                            last prune, which keeps those with the highest scores */
-  double target_size;    /* MB (10^6 bytes) of the scene folder's scene.json, models and sky; 0: none */
-  double sh_error;       /* 255ths: each Gaussian of the finished scene keeps the lowest SH degree that changes its
-                            colour, in any direction from which a training view sees it, by no more; 0: all keep theirs */
+  /* Most Gaussians; 0: 2^31 - 64, with strategy MCMC 1 000 000. With a preset, the run may have more until the
+   * last prune, which keeps those with the highest scores. */
+  int64_t max_gaussians;
+  double target_size; /* MB (10^6 bytes): limit on scene.json, models and sky together, as files; 0: none */
+  /* In 255ths: each Gaussian of the finished scene keeps the lowest SH degree that changes its colour by at most
+   * this, in every direction from which a training view sees it; 0: all keep their degree. */
+  double sh_error;
 } pags_train_size_limit;
 
-/* Scores, pruning by them, and adaptive stochastic dropout (docs/priority.md). */
+/* Scores, pruning by score, and adaptive stochastic dropout (docs/priority.md). */
 typedef struct pags_train_priority {
-  pags_preset preset;     /* others than NONE not with MCMC */
-  double alpha;           /* fraction of S_hybrid, and with LEAN of the loss, that is semantic */
-  pags_hybrid hybrid;     /* how S_hybrid comes of S_sem and S_grad */
-  double critical_weight; /* times a critical pixel counts in the photometric loss; -1: 1 + 5 alpha with LEAN, else 1 */
-  double critical_growth; /* times it counts for densify: the mean gradient is multiplied by (1 + (critical_growth - 1)
-                             s_sem) / (1 + (critical_weight - 1) s_sem). -1: as critical_weight */
-  double prune_early;     /* fraction removed at each of the first three prunes; -1: 0.5 with LEAN, else 0.6 */
-  double prune_late;      /* fraction removed at each later prune; -1: 0.2 with LEAN, else 0.3 */
-  int64_t prune_floor;    /* Gaussians: no object is pruned below */
-  pags_s_sem s_sem;
-  pags_s_grad s_grad;
-  pags_s_grad_from s_grad_from;
-  int dropout;          /* 1: each step leaves Gaussians out at random */
-  double dropout_beta;  /* 0..1: how much semantic priority protects a Gaussian from dropout */
-  double dropout_gamma; /* fraction left out by the last step of those without priority; rises from 0 */
+  pags_preset preset;     /* must be NONE with strategy MCMC */
+  double alpha;           /* 0..1: share of semantics in S_hybrid, and with preset LEAN in the loss */
+  pags_hybrid hybrid;     /* the formula of S_hybrid */
+  double critical_weight; /* weight of a critical pixel in the photometric loss, other pixels having 1;
+                             -1: 1 + 5 alpha with preset LEAN, otherwise 1 */
+  /* Weight of critical content in densify: the mean gradient of a Gaussian is multiplied by
+   *     (1 + (critical_growth - 1) s_sem) / (1 + (critical_weight - 1) s_sem)
+   * -1: as critical_weight. */
+  double critical_growth;
+  double prune_early;           /* fraction removed at each of the first three prunes; -1: 0.5 with LEAN, else 0.6 */
+  double prune_late;            /* fraction removed at each later prune; -1: 0.2 with LEAN, else 0.3 */
+  int64_t prune_floor;          /* no object is pruned below this number of Gaussians */
+  pags_s_sem s_sem;             /* how S_sem is found */
+  pags_s_grad s_grad;           /* how S_grad is mapped to 0..1 */
+  pags_s_grad_from s_grad_from; /* where S_grad comes from */
+  int dropout;                  /* 1: each step leaves Gaussians out at random */
+  /* The probability that a Gaussian is left out of a step is
+   *     (1 - dropout_beta S_sem) dropout_gamma step / steps
+   * where dropout_beta, 0..1, is how much semantic priority protects from dropout, and dropout_gamma is the
+   * fraction left out of the last step among Gaussians without priority. */
+  double dropout_beta;
+  double dropout_gamma;
 } pags_train_priority;
 
-/* How pictures are drawn. */
+/* How pictures are rendered (see pags_frame_options). */
 typedef struct pags_train_picture {
   double near_plane;    /* metres */
-  double low_pass;      /* px^2, added to both variances on the screen */
+  double low_pass;      /* px^2, added to both variances of the 2D covariance */
   int antialiased;      /* 1: the 2D filter of Mip-Splatting */
-  double background[3]; /* display-referred sRGB, 0..1; its fields are background_r, _g and _b */
+  double background[3]; /* display-referred sRGB, 0..1; its fields are background_r, background_g and background_b */
   int cluster_size;     /* Gaussians culled together, a multiple of 16; changes speed, not results */
 } pags_train_picture;
 
-/* Moving objects of driving sets (Street Gaussians). */
+/* Moving objects of driving sets (Street Gaussians, Yan et al. 2024). */
 typedef struct pags_train_objects {
-  int objects;                   /* 1: a track that moves has Gaussians of its own; 0: all is background */
-  int box_prune;                 /* 1: densify removes an object's Gaussians outside of its box enlarged by half */
-  int tracks;                    /* 1: poses of moving objects are optimised */
-  int64_t tracks_from;           /* steps of 30 000 for which poses are held fixed */
-  double track_translation_rate; /* metres per step in a run that visits each photograph 100 times (inversely more or
-                                    less in others, by 4 at most), falling to a tenth */
-  double track_rotation_rate;    /* radians per step, likewise */
-  int fourier;                   /* 1: an object's colour may change over time where that pays */
-  int64_t fourier_from;          /* steps of 30 000: when that is decided */
-  double fourier_gain;           /* dB that it must promise on the object's pixels */
+  int objects;         /* 1: each moving object has a model of its own; 0: everything is background */
+  int box_prune;       /* 1: densify removes an object's Gaussians outside of its box enlarged by half */
+  int tracks;          /* 1: the poses of moving objects are optimised */
+  int64_t tracks_from; /* steps of 30 000 for which poses are held fixed */
+  /* Learning rates of poses: metres and radians per step at the start of a run that visits each photograph 100
+   * times, falling to a tenth. With fewer visits the rates are inversely larger, with more visits smaller, by a
+   * factor of at most 4. */
+  double track_translation_rate;
+  double track_rotation_rate;
+  int fourier;          /* 1: an object's colour may change over time where that pays */
+  int64_t fourier_from; /* steps of 30 000: when it is decided which objects' colours change */
+  double fourier_gain;  /* dB: least gain on the object's pixels that the change must promise */
 } pags_train_objects;
 
+/* The sky of driving sets. */
 typedef struct pags_train_sky {
-  int sky;         /* 1: a cube map where training views show sky */
+  int sky;         /* 1: a cube map is fitted if training views show sky */
   double sky_rate; /* per step, of texels, falling to a hundredth */
 } pags_train_sky;
 
+/* The exposures of driving sets. */
 typedef struct pags_train_exposure {
-  int exposure;         /* 1: a gain and an offset per channel of each camera and, beside it, of each photograph */
-  double exposure_rate; /* per step, of these, falling to a tenth */
+  int exposure;         /* 1: a gain and an offset per channel are fitted, sums of a camera's and a photograph's */
+  double exposure_rate; /* per step, of gains and offsets, falling to a tenth */
 } pags_train_exposure;
 
+/* The whole configuration. */
 typedef struct pags_train_config {
   uint32_t cookie; /* set by pags_train_config_default; a struct that doesn't come from there is refused */
   pags_train_schedule schedule;
@@ -214,10 +243,14 @@ typedef struct pags_train_config {
   pags_train_exposure exposure;
 } pags_train_config;
 
+/* Returns the default configuration. */
 PAGS_API pags_train_config pags_train_config_default(void);
 
-/* Checks the cookie and every range; the message names the field. */
+/* Checks the cookie, every range and the combination of fields. Returns PAGS_ERROR_ARGUMENT if a check fails; the
+ * message names the field. */
 PAGS_API pags_result pags_train_config_check(const pags_train_config *config);
+
+/* ---- The table of fields ---- */
 
 typedef enum pags_field_type {
   PAGS_FIELD_SWITCH, /* int, 0 or 1 */
@@ -225,109 +258,136 @@ typedef enum pags_field_type {
   PAGS_FIELD_INT64,  /* int64_t */
   PAGS_FIELD_UINT64, /* uint64_t */
   PAGS_FIELD_DOUBLE, /* double */
-  PAGS_FIELD_CHOICE  /* int, the index in `choices` */
+  PAGS_FIELD_CHOICE  /* int, the index of a name in `choices` */
 } pags_field_type;
 
-enum { PAGS_FIELD_AUTO = -1 }; /* the value of a field that follows its rule */
+enum { PAGS_FIELD_AUTO = -1 }; /* the value of a field that is computed by its rule */
 
-/* A row of the table of fields. */
+/* A row of the table of fields. All strings are static. */
 typedef struct pags_train_field {
-  const char *name;  /* "densify_from"; background has three: background_r, _g, _b */
-  const char *group; /* "density", the struct that it lies in */
+  const char *name;  /* "densify_from"; `background` has three fields: background_r, _g, _b */
+  const char *group; /* the member of pags_train_config that holds the field: "density" */
   pags_field_type type;
   size_t offset;       /* of the value in pags_train_config, bytes */
   double standard;     /* the default */
-  double least, most;  /* both included */
-  const char *choices; /* "default|mcmc"; NULL for other types */
+  double least, most;  /* the range, both ends included */
+  const char *choices; /* names of a CHOICE: "default|mcmc"; NULL for other types */
   const char *unit;    /* "1": no unit */
-  const char *rule;    /* "auto: ...", what PAGS_FIELD_AUTO means; NULL: the field has no such value */
-  const char *text;    /* what a value does, in the imperative */
+  const char *rule;    /* "auto: ...", the rule that PAGS_FIELD_AUTO stands for; NULL: the field has no such value */
+  const char *text;    /* what the value does, as an imperative sentence */
 } pags_train_field;
 
-/* The i-th row, or NULL beyond the last; rows of a group follow each other. */
+/* Returns row `index` of the table, or NULL beyond its end. The rows of a group follow each other. */
 PAGS_API const pags_train_field *pags_train_field_at(int index);
-/* The row of that name, or NULL. */
+
+/* Returns the row of the field `name`, or NULL if there is none. */
 PAGS_API const pags_train_field *pags_train_field_find(const char *name);
 
-/* Sets the field `name` from text: a number, "auto" where the field has a rule, one of its choices.
- * PAGS_ERROR_ARGUMENT names an unknown field or a value that is no number. Ranges are left to the check. */
+/* Sets the field `name` from text: a number, one of the field's choices, or "auto" if the field has a rule.
+ * Returns PAGS_ERROR_ARGUMENT for an unknown field or for text that is no such value. Ranges are not checked here
+ * but by pags_train_config_check. */
 PAGS_API pags_result pags_train_config_set(pags_train_config *config, const char *name, const char *value);
 
-/* What a step tells. Running figures are exponential means over about one pass of the training views. */
+/* ---- Options and callbacks of a run ---- */
+
+/* The state of a run after a step. Running figures are exponential means over about one pass of the training
+ * views. */
 typedef struct pags_train_progress {
-  int64_t step, iterations;
-  double it_per_second; /* over the last second or so, waiting included */
-  int64_t gaussians;
-  double loss;    /* running */
-  double psnr;    /* running, dB, of the training views at the present level */
-  double seconds; /* of this process's training, time inside of callbacks left out */
-  double eta_seconds;
-  int level;        /* 1, 2 or 4: how much the photographs are shrunk */
-  int64_t bad_rows; /* as in the result */
+  int64_t step, iterations; /* steps done, those before a resume included; steps of the whole run */
+  double it_per_second;     /* steps per second over the last second or so, waiting for photographs included */
+  int64_t gaussians;        /* Gaussians of all models */
+  double loss;              /* running mean */
+  double psnr;              /* running mean, dB, of the training views at their present size */
+  double seconds;           /* time of this process's training, without the time spent in callbacks */
+  double eta_seconds;       /* estimated time to the last step */
+  int level;                /* 1, 2 or 4: factor by which the photographs are shrunk at present */
+  int64_t bad_rows;         /* as pags_train_result.bad_rows */
 } pags_train_progress;
 
-/* Returning 0 stops as options.cancel does. */
+/* A callback on the thread that called pags_train, after every step. Returning 0 stops the run as options.cancel
+ * does. */
 typedef int pags_train_progress_fn(void *user, const pags_train_progress *progress);
 
-/* `gaussians` is a copy brought up to date, valid during the call. */
+/* A callback that looks at the Gaussians of the background, with all pending updates applied. `gaussians` belongs
+ * to the run, must not be changed and is valid during the call; positions are relative to `origin`. */
 typedef void pags_train_snapshot_fn(void *user, const pags_train_progress *progress, const pags_gaussians *gaussians,
                                     const double origin[3]);
 
 typedef struct pags_train_options {
-  const pags_dataset *dataset; /* must hold at least one training view */
-  const char *output;          /* scene folder */
+  const pags_dataset *dataset; /* must have at least one training view */
+  const char *output;          /* path of the scene folder; may be NULL with `estimate` */
   pags_tasks *tasks;
-  uint64_t image_cache;     /* bytes for decoded photographs; default 1 GiB */
-  uint64_t max_memory;      /* bytes; converted to a bound on Gaussians by pags_train_bytes. 0: none */
-  int64_t checkpoint_every; /* steps; 0: only when stopped or done. Default 1000 */
+  uint64_t image_cache;     /* size limit of the cache of decoded photographs, bytes; default 1 GiB */
+  uint64_t max_memory;      /* memory limit, bytes, from which pags_train_bytes gives a limit on Gaussians; 0: none */
+  int64_t checkpoint_every; /* steps between checkpoints; 0: only when the run stops or is done. Default 1000 */
   int64_t log_every;        /* steps per line of log.jsonl; default 100 */
   int64_t preview_every;    /* steps per preview PNG; 0: none. Default 1000 */
-  int resume;    /* 1: go on from the folder's checkpoint, or start where there is neither that nor a scene */
-  int overwrite; /* 1: a non-empty folder is trained into afresh */
-  double time_limit_seconds; /* seconds; > 0: the number of steps is chosen once, from the speed measured early, so that
-                                the run takes this long; not reproducible. 0: no limit */
-  int64_t bad_rows_most;     /* more updates left out (bad_rows of the result) are PAGS_ERROR_LIMIT; default 1000 */
-  int estimate;              /* 1: run 50 steps, fill the estimates of the result, write nothing */
-  const volatile int *cancel; /* polled once a step; non-zero stops, with checkpoint and scene written. May be NULL */
-  pags_train_progress_fn *progress; /* after every step; may be NULL */
+  /* 1: continue from the checkpoint in the folder; if the folder has neither a checkpoint nor a scene, begin a
+   * run. */
+  int resume;
+  int overwrite; /* 1: begin a run even if the folder isn't empty; files of an earlier run are removed */
+  /* > 0, seconds: the number of steps is chosen once, from the speed measured over the first steps, so that the
+   * run takes this long, and the run stops when the time has passed; such a run is not reproducible. 0: no limit. */
+  double time_limit_seconds;
+  int64_t bad_rows_most; /* the run fails with PAGS_ERROR_LIMIT beyond this number of bad_rows; default 1000 */
+  int estimate;          /* 1: only run 50 steps and fill the estimates of the result; no file is written */
+  /* Checked once per step; a non-zero value stops the run, which then writes its checkpoint and its scene. May be
+   * NULL. */
+  const volatile int *cancel;
+  pags_train_progress_fn *progress; /* called after every step; may be NULL */
   void *progress_user;
-  int64_t snapshot_every;           /* steps; 0: never */
+  int64_t snapshot_every;           /* steps between calls of `snapshot`; 0: never */
   pags_train_snapshot_fn *snapshot; /* may be NULL */
   void *snapshot_user;
 } pags_train_options;
 
 PAGS_API pags_train_options pags_train_options_default(void);
 
+/* ---- Training ---- */
+
 typedef struct pags_train_result {
-  int finished;       /* 0: stopped before the last step */
-  int resumed;        /* 1: went on from a checkpoint */
-  int64_t iterations; /* steps done, those before a resume included */
-  int64_t gaussians;
-  double seconds;               /* of training in this process: set-up, decoding and files included, callbacks not */
-  double iterations_per_second; /* over the last tenth of the run; over what this process ran of it */
-  uint64_t peak_rss_bytes;      /* of the process */
-  double loss, psnr;            /* running figures at the end */
-  int64_t bad_rows; /* updates left out because a gradient or a parameter wasn't finite, over the whole run: a Gaussian,
-                       an object's pose or a view's exposure each that didn't move in a step. None of it spreads */
-  char first_bad_row[256];    /* what and where the first of them was, in words; empty: none */
-  uint64_t heap_calls_steady; /* heap calls of the frame in the last tenth of the run */
-  double ms_wait, ms_forward, ms_loss, ms_backward, ms_density; /* mean per step of this process */
-  double estimated_seconds;                                     /* options.estimate: of the whole run */
-  uint64_t estimated_bytes; /* options.estimate: of memory at the bound on Gaussians, or at 8 times the start */
+  int finished;                 /* 1: the last step is done; 0: stopped before */
+  int resumed;                  /* 1: continued from a checkpoint */
+  int64_t iterations;           /* steps done, those before a resume included */
+  int64_t gaussians;            /* Gaussians of all models at the end */
+  double seconds;               /* time of training in this process with set-up, decoding, files; without callbacks */
+  double iterations_per_second; /* over the last tenth of the run, or what this process did of it */
+  uint64_t peak_rss_bytes;      /* peak resident memory of the process */
+  double loss, psnr;            /* running means at the end, as in pags_train_progress */
+  /* Updates left out, over the whole run, because a gradient or a parameter wasn't finite: each counts one
+   * Gaussian, one object's pose or one view's exposure that wasn't moved in one step. Values that are not finite
+   * never spread to others. */
+  int64_t bad_rows;
+  char first_bad_row[256];    /* what and where the first of these was, in words; empty if there was none */
+  uint64_t heap_calls_steady; /* heap calls of the frame renderer in the last tenth of the run */
+  /* Mean times per step in this process, ms: waiting for photographs, rendering, loss, backward pass with Adam,
+   * density control. */
+  double ms_wait, ms_forward, ms_loss, ms_backward, ms_density;
+  double estimated_seconds; /* with options.estimate: time of the whole run */
+  uint64_t estimated_bytes; /* with options.estimate: memory at 8 times the first Gaussians, or at their limit */
 } pags_train_result;
 
-/* Trains and leaves in options->output: scene.json and background.ply, checkpoint.pags, log.jsonl, report.json,
- * preview PNGs. `config` is what a fresh run uses. A resumed run takes the checkpoint's; fields that differ are
- * refused by name, except for iterations, which may be larger (the run goes on at the end-of-schedule rates),
- * max_gaussians before a preset's last prune, and except after a time limit. A non-empty folder is refused, untouched,
- * without resume or overwrite; so is, without overwrite, one with a scene but no checkpoint. Stopping early is PAGS_OK
- * with finished = 0. PAGS_CANCELLED when pags_tasks_cancel was called: then the last checkpoint stands and nothing is
- * written. */
+/* Trains, and writes to the folder options->output: scene.json with the models (background.ply, ...) and the sky,
+ * checkpoint.pags, log.jsonl, report.json and preview PNGs. Loops run on options->tasks; the call blocks until the
+ * run ends.
+ *
+ * `config` is the configuration of a fresh run. A resumed run takes the checkpoint's, and `config` must be the same,
+ * except that iterations may be larger (the run continues at the rates of the schedule's end; after a time limit the
+ * number is ignored), that schedule_iterations is ignored, and that with a preset max_gaussians may differ before
+ * the last prune. A folder that isn't empty is refused, and not changed, without `resume` or `overwrite`; so is,
+ * without `overwrite`, a folder with a scene but no checkpoint.
+ *
+ * Stopping early by options.cancel or the progress callback is PAGS_OK with finished = 0. PAGS_CANCELLED if
+ * pags_tasks_cancel was called: then nothing is written and the last checkpoint stands. PAGS_ERROR_ARGUMENT (a
+ * bad configuration, a folder that is refused, a checkpoint of another data set or configuration; the message
+ * names the field), PAGS_ERROR_IO, PAGS_ERROR_FORMAT (a damaged checkpoint or file of the data set),
+ * PAGS_ERROR_LIMIT (bad_rows_most; a target_size that is too small), PAGS_ERROR_UNSUPPORTED or PAGS_ERROR_MEMORY. */
 PAGS_API pags_result pags_train(const pags_train_config *config, const pags_train_options *options,
                                 pags_train_result *result);
 
-/* Bytes a training of `gaussians` of that degree at the given largest picture needs at most, image cache and sky left
- * out: the statement that max_memory, less these, is converted by. */
+/* Returns an upper bound of the bytes of memory that training needs with `gaussians` Gaussians of an SH degree,
+ * the largest picture having width x height pixels; the image cache and the sky come on top. max_memory, less
+ * these two, is converted to a limit on Gaussians by this figure. */
 PAGS_API uint64_t pags_train_bytes(int64_t gaussians, int sh_degree, int width, int height);
 
 #ifdef __cplusplus

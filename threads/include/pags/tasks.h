@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A runner for parallel loops: our own pool of threads, or the host's.
+/* Parallel loops and background jobs, on a pool of threads of the library or on a host's own threads; and arenas.
  *
- * Knows nothing of scenes. All scheduling is dynamic, so nothing may depend on which worker ran which block; work that
- * sums must write one partial per block and add the partials in block order (the same bits for any number of threads).
- */
+ * This header doesn't depend on the rest of the library. All scheduling is dynamic, so that a result must never
+ * depend on which worker ran which block. To add numbers up, write one partial sum per block and add the partial
+ * sums in block order: that gives the same bits for any number of threads. */
 #ifndef PAGS_TASKS_H
 #define PAGS_TASKS_H
 
@@ -22,82 +22,98 @@ extern "C" {
 typedef struct pags_tasks pags_tasks;
 typedef struct pags_arena pags_arena;
 
-/* A host's own threads. `run` calls entry(argument, w) once for every w in [0, workers), at the same time where it
- * can, and returns when all have returned. */
+/* A host's own threads. `run` must call entry(argument, w) exactly once for every w in [0, workers), concurrently
+ * where it can, and return when all calls have returned. */
 typedef struct pags_runner {
-  void *user;
+  void *user;  /* passed to `run` */
   int workers; /* 1..256 */
   void (*run)(void *user, void (*entry)(void *argument, int worker), void *argument);
 } pags_runner;
 
-/* A pool of `threads` workers, the calling thread being worker 0. threads = 0: as many as pags_available_threads().
- * NULL when memory or threads can't be had. */
+/* Creates a pool of `threads` workers, of which worker 0 is the thread that calls pags_parallel_for. 0: as many
+ * as pags_available_threads(). Returns NULL if out of memory or if threads can't be started. */
 pags_tasks *pags_tasks_create(int threads);
 
-/* The same interface over a host's threads; `runner` is copied. */
+/* Creates the same interface over a host's threads; `runner` is copied. Returns NULL if out of memory. */
 pags_tasks *pags_tasks_create_with_runner(const pags_runner *runner);
 
-/* Waits for submitted jobs, joins the threads, frees everything. NULL is allowed. */
+/* Runs the submitted jobs to their end, joins the threads and frees everything. NULL is allowed. */
 void pags_tasks_destroy(pags_tasks *tasks);
 
-/* Number of workers, >= 1. */
+/* Returns the number of workers, >= 1. */
 int pags_tasks_workers(const pags_tasks *tasks);
 
-/* Processors this process may use: the smaller of its affinity mask and its cgroup's (v1 or v2) CPU quota, >= 1. */
+/* Returns the number of processors that this process may use, >= 1: the smaller of its affinity mask and the CPU
+ * quota of its cgroup (v1 or v2). */
 int pags_available_threads(void);
 
-/* Bytes of memory this process may use: the smaller of physical memory and the limits of its cgroup and ancestors. */
+/* Returns the bytes of memory that this process may use: the smallest of the physical memory and the limits of
+ * its cgroup and that cgroup's ancestors. */
 uint64_t pags_available_memory(void);
 
-/* Does [begin, end) of a loop as worker `worker` (0 <= worker < pags_tasks_workers, stable within one call: use it to
- * choose per-worker scratch, never to decide a result). */
+/* The body of a loop: does the items [begin, end) as worker `worker`, 0 <= worker < pags_tasks_workers. The
+ * number of the worker stays the same within one call: use it to choose per-worker scratch memory, never to
+ * decide a result. */
 typedef void pags_block_fn(void *context, int64_t begin, int64_t end, int worker);
 
-/* Calls fn over [0, count) in blocks of `grain` items (the last may be shorter), each claimed atomically by whichever
- * worker is free. Block b is always [b*grain, min(count, (b+1)*grain)). Returns when all blocks are done.
- * A call from inside of fn is allowed and runs its blocks on the calling worker alone, with the same worker index.
- * Only one thread at a time may call it on the same `tasks` from outside.
- * Returns false, leaving unclaimed blocks undone, when pags_tasks_cancel was called. */
+/* Calls fn for the items [0, count) in blocks of `grain` > 0 items. Block b is always
+ *     [b*grain, min(count, (b+1)*grain))
+ * and each block is claimed atomically by a worker that is free. Returns true when all blocks are done; false, with
+ * unclaimed blocks left undone, if pags_tasks_cancel was called.
+ *
+ * A call from inside of fn is allowed: it runs its blocks on the calling worker alone, with the same worker
+ * number. Otherwise only one thread at a time may call this function on the same `tasks`. */
 bool pags_parallel_for(pags_tasks *tasks, int64_t count, int64_t grain, pags_block_fn *fn, void *context);
 
-/* Makes the running and all later loops return false until pags_tasks_reset. Safe from any thread and from a signal
- * handler. */
+/* Makes the running loop and all later loops return false until pags_tasks_reset. May be called from any thread
+ * and from a signal handler. */
 void pags_tasks_cancel(pags_tasks *tasks);
+/* Ends the effect of pags_tasks_cancel. */
 void pags_tasks_reset(pags_tasks *tasks);
+/* Returns whether loops are cancelled at present. */
 bool pags_tasks_cancelled(const pags_tasks *tasks);
 
-/* One piece of background work (decoding an image, say), done by a worker that has no loop to help with; loops never
- * wait for a running job. With a single worker, or a host's runner, jobs run inside pags_job_wait. The struct is
- * the caller's, must stay in place until waited for and may then be submitted again. */
+/* One piece of background work, e.g. decoding an image, done by a worker that has no loop to work on; loops never
+ * wait for a running job. With a single worker or with a host's runner, a job runs inside of pags_job_wait. The
+ * caller owns the struct, sets `run` and `context`, zeroes the rest and must keep the struct in place until
+ * pags_job_wait has returned; then it may be submitted again. */
 typedef struct pags_job {
   void (*run)(void *context);
   void *context;
-  struct pags_job *next; /* ours */
-  int state;             /* ours */
+  struct pags_job *next; /* private */
+  int state;             /* private */
 } pags_job;
 
+/* Queues a job, which must not be queued or running already. May be called from any thread. */
 void pags_job_submit(pags_tasks *tasks, pags_job *job);
-/* Returns when `job` has run; runs it on this thread if nobody has begun it. A job never submitted returns at once. */
+
+/* Returns when the job has run; runs it on the calling thread if no worker has started it. Returns at once for a
+ * job that was never submitted. */
 void pags_job_wait(pags_tasks *tasks, pags_job *job);
 
-/* Worker `worker`'s own arena, reset by its user. */
+/* Returns the arena of a worker, for the code that this worker runs; that code also resets it. */
 pags_arena *pags_tasks_arena(pags_tasks *tasks, int worker);
 
-/* A bump allocator that stops calling the heap once it has seen its high-water mark. Blocks are aligned to 64 bytes.
- * Not for several threads at once. */
+/* Creates an arena: a bump allocator that makes no heap calls any more once it has seen its high-water mark.
+ * Blocks are aligned to 64 bytes. An arena may be used by one thread at a time. Returns NULL if out of memory. */
 pags_arena *pags_arena_create(void);
+/* Frees an arena with all its blocks. NULL is allowed. */
 void pags_arena_destroy(pags_arena *arena);
-/* count * size bytes, not cleared; NULL when the product overflows or memory is out. Valid until the next reset. */
+/* Allocates count * size bytes, not cleared, valid until the next reset. Returns NULL if the product overflows or
+ * if out of memory. */
 void *pags_arena_alloc(pags_arena *arena, size_t count, size_t size);
-/* Forgets all blocks. If the last round needed more than one heap chunk, they become a single one here. */
+/* Frees all blocks, but keeps the memory for the next round. If the last round needed more than one heap chunk,
+ * the chunks are replaced by a single one here. */
 void pags_arena_reset(pags_arena *arena);
-/* A place to come back to: release frees everything allocated since the mark. */
+/* A mark in an arena: pags_arena_release frees all blocks that were allocated since pags_arena_save returned the
+ * mark. */
 typedef struct pags_arena_mark {
   size_t chunk, used;
 } pags_arena_mark;
 pags_arena_mark pags_arena_save(const pags_arena *arena);
 void pags_arena_release(pags_arena *arena, pags_arena_mark mark);
-/* Most bytes that were ever in use at once, and heap calls made so far (for the test that steady state makes none). */
+/* Return the most bytes that were ever in use at once, and the number of heap calls made so far (for tests that
+ * the steady state makes none). */
 size_t pags_arena_high_water(const pags_arena *arena);
 uint64_t pags_arena_heap_calls(const pags_arena *arena);
 
