@@ -90,7 +90,6 @@ static void tiles_backward(void *context, int64_t begin, int64_t end, int worker
     for (int k = 0; k < 3; k++) {
       in.rgb[k] = frame_plane(f, PLANE_R + k) + at;
       in.rgb_gradient[k] = c->gradient->rgb[k] + at;
-      in.background[k] = f->options.background[k];
     }
     if (tile + 1 < end)
       name_next(c, tile + 1, &in);

@@ -135,50 +135,56 @@ static pags_result split_by_object(pags_composition *c, const pags_gaussians *mo
   return result;
 }
 
-/* Adds a model's Gaussians in Morton order: the model of an object (`owner` >= 0) as one group, the background split
+/* Adds a model's Gaussians in Morton order: the model of an object (`object` >= 0) as one group, the background split
  * by object. */
-static pags_result add_model(pags_composition *c, const pags_model *model, int32_t first_id, int64_t owner) {
+static pags_result add_model(pags_composition *c, const pags_model *model, int32_t first_id, int64_t object) {
   const pags_gaussians *g = &model->gaussians;
   int64_t *order = malloc((size_t)(g->count + 1) * sizeof *order);
   if (!order)
     return out_of_memory(c);
   pags_result result = pags_gaussians_morton_order(g, order);
-  if (result == PAGS_OK && owner < 0 && g->object_id && c->scene.object_count)
+  if (result == PAGS_OK && object < 0 && g->object_id && c->scene.object_count)
     result = split_by_object(c, g, first_id, order);
   else if (result == PAGS_OK)
-    result = add_one_group(c, g, first_id, order, g->count, owner, owner >= 0);
+    result = add_one_group(c, g, first_id, order, g->count, object, object >= 0);
   free(order);
   return result;
 }
 
 /* Per model: the index of the object whose model it is, -1 for the background. NULL if out of memory. */
-static int64_t *list_owners(const pags_scene *scene) {
-  int64_t *owners = malloc((size_t)(scene->model_count + 1) * sizeof *owners);
-  for (int64_t m = 0; owners && m < scene->model_count; m++)
-    owners[m] = -1;
-  for (int64_t o = 0; owners && o < scene->object_count; o++)
+static int64_t *objects_of_models(const pags_scene *scene) {
+  int64_t *object_of = malloc((size_t)(scene->model_count + 1) * sizeof *object_of);
+  for (int64_t m = 0; object_of && m < scene->model_count; m++)
+    object_of[m] = -1;
+  for (int64_t o = 0; object_of && o < scene->object_count; o++)
     if (scene->objects[o].model >= 0)
-      owners[scene->objects[o].model] = o;
-  return owners;
+      object_of[scene->objects[o].model] = o;
+  return object_of;
+}
+
+enum { MOST_GAUSSIANS = INT32_MAX - 63 }; /* 2^31 - 64: counts rounded up to 64 stay within int32_t */
+
+static pags_result too_many(int64_t count) {
+  return pags_fail(PAGS_ERROR_LIMIT, "%lld Gaussians are more than the 2^31 - 64 that can be rendered at once",
+                   (long long)count);
 }
 
 /* Moves the scene's Gaussians into groups, model by model, and frees the models' own copies. */
 static pags_result build(pags_composition *c) {
   c->gaussian_count = pags_scene_gaussian_count(&c->scene);
-  if (c->gaussian_count > INT32_MAX - 64)
-    return pags_fail(PAGS_ERROR_LIMIT, "%lld Gaussians are more than the 2^31 - 64 that can be rendered at once",
-                     (long long)c->gaussian_count);
-  int64_t *owners = list_owners(&c->scene);
-  pags_result result = owners ? PAGS_OK : out_of_memory(c);
+  if (c->gaussian_count > MOST_GAUSSIANS)
+    return too_many(c->gaussian_count);
+  int64_t *object_of = objects_of_models(&c->scene);
+  pags_result result = object_of ? PAGS_OK : out_of_memory(c);
   int32_t first_id = 0;
   for (int64_t m = 0; m < c->scene.model_count && result == PAGS_OK; m++) {
     pags_model *model = &c->scene.models[m];
     int32_t count = (int32_t)model->gaussians.count;
-    result = add_model(c, model, first_id, owners[m]);
+    result = add_model(c, model, first_id, object_of[m]);
     pags_gaussians_destroy(&model->gaussians);
     first_id += count;
   }
-  free(owners);
+  free(object_of);
   return result == PAGS_OK ? pags_composition_edit(c, NULL, 0) : result;
 }
 
@@ -589,9 +595,14 @@ pags_result pags_composition_open_packed(const char *path, pags_composition **ou
   pags_packed packed;
   *out = NULL;
   PAGS_TRY(pags_packed_open(path, &packed));
+  if (packed.shape.count > MOST_GAUSSIANS) {
+    pags_result result = too_many(packed.shape.count);
+    pags_packed_destroy(&packed);
+    return result;
+  }
   pags_composition *c = calloc(1, sizeof *c);
   group *g = c ? next_group(c) : NULL;
-  if (!g || packed.shape.count > INT32_MAX - 64) {
+  if (!g) {
     pags_packed_destroy(&packed);
     pags_composition_destroy(c);
     return pags_out_of_memory("%s: a scene", path);

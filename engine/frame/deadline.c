@@ -117,7 +117,7 @@ pags_result pags_deadline_render_step(pags_deadline *b, int step, const pags_par
          options->order == PAGS_ORDER_DEPTH);
   const double begun = pags_clock_ms();
   const pags_deadline_step *const s = steps + step;
-  frame_apart apart = {.critical = b->critical, .count = b->count, .full_tiles = 1.0};
+  frame_variable_rate rate = {.critical = b->critical, .count = b->count, .full_tiles = 1.0};
   pags_frame_options reduced = *options;
   if (s->eps > 0.0f) {
     reduced.early_z_eps = options->early_z == PAGS_EARLY_Z_BOUNDED ? fmaxf(options->early_z_eps, s->eps) : s->eps;
@@ -126,12 +126,12 @@ pags_result pags_deadline_render_step(pags_deadline *b, int step, const pags_par
   }
   reduced.rest_cut = s->cut;
   reduced.rest_sh_less = s->sh_less;
-  b->frame->apart = s->sampled ? &apart : NULL;
+  b->frame->variable_rate = s->sampled ? &rate : NULL;
   const pags_result result = pags_frame_render(b->frame, parts, part_count, camera, &reduced, NULL, NULL, out);
-  b->frame->apart = NULL;
+  b->frame->variable_rate = NULL;
   PAGS_TRY(result);
   *facts =
-      (pags_deadline_result){.step = step, .full_tiles = apart.full_tiles, .stats = *pags_frame_stats_get(b->frame)};
+      (pags_deadline_result){.step = step, .full_tiles = rate.full_tiles, .stats = *pags_frame_stats_get(b->frame)};
   facts->ms = pags_clock_ms() - begun;
   facts->met = facts->ms <= b->controller.target;
   return PAGS_OK;

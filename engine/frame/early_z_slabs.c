@@ -305,7 +305,7 @@ static pags_result draw_slab(slabs *s, int64_t budget) {
 /* Gaussians per slab: options.slab_size if set, else a quarter of the Gaussians that are likely to be read, by the
  * last frame's hidden fraction, but at least 4096. With four slabs, most of what is hidden lies behind a slab that
  * has been drawn. */
-static int64_t slab_budget(const pags_frame *f) {
+static int64_t slab_share(const pags_frame *f) {
   enum { SLABS = 4, LEAST = 4096 };
   const double read = (1.0 - f->hiding) * (double)f->stats.in_view;
   if (f->options.slab_size > 0)
@@ -329,7 +329,7 @@ pags_result pags_frame_early_z_slabs(pags_frame *frame, pags_touch_fn *touch, vo
   const double t0 = pags_clock_ms();
   PAGS_TRY(begin(&s));
   frame->stats.ms_occlude = pags_clock_ms() - t0;
-  const int64_t budget = slab_budget(frame);
+  const int64_t budget = slab_share(frame);
   do {
     const pags_arena_mark mark = pags_arena_save(frame->arena);
     PAGS_TRY(draw_slab(&s, budget));

@@ -78,7 +78,7 @@ pags_result pags_frame_draw(pags_frame *frame, pags_touch_fn *touch, void *user)
   const double t4 = pags_clock_ms();
   PAGS_TRY(pags_stage_sort(frame));
   const double t5 = pags_clock_ms();
-  PAGS_TRY(frame->apart ? pags_stage_variable_rate(frame) : pags_stage_raster(frame));
+  PAGS_TRY(frame->variable_rate ? pags_stage_variable_rate(frame) : pags_stage_raster(frame));
   const double t6 = pags_clock_ms();
   pags_frame_stats *const s = &frame->stats;
   s->ms_cull += t1 - t0, s->ms_project = t2 - t1, s->ms_shade = t3 - t2, s->ms_bin = t4 - t3;
@@ -136,7 +136,8 @@ pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int par
   if (!frame->guessed && early_z)
     frame->hiding = is_large(frame) ? 0.75 : 0.0;
   frame->guessed |= early_z;
-  const bool slabs = early_z && !paper && options->order == PAGS_ORDER_DEPTH && (!frame->apart || is_large(frame)) &&
+  const bool slabs = early_z && !paper && options->order == PAGS_ORDER_DEPTH &&
+                     (!frame->variable_rate || is_large(frame)) &&
                      (options->slab_size > 0 || frame_hides_enough(frame));
 
   const double t0 = pags_clock_ms();
@@ -152,7 +153,7 @@ pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int par
 
   /* The estimate for the next frame: of a frame drawn at once, the fraction of the (Gaussian, tile) pairs that the
    * rasteriser did not reach because their tiles were saturated. */
-  if (!slabs && !paper && !frame->apart && early_z) {
+  if (!slabs && !paper && !frame->variable_rate && early_z) {
     const int64_t pairs = frame->stats.pairs_binned;
     frame->hiding = pairs > 0 ? 1.0 - (double)frame->looked_at / (double)pairs : 0.0;
   }

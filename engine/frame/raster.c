@@ -117,7 +117,7 @@ static void sample_tiles(void *context, int64_t begin, int64_t end, int worker) 
       out.depth_sum = s->depth_sum + at;
       out.id = s->id + at;
     }
-    f->kernels->sample(&in, f->apart->critical, f->apart->count, &out, s->critical + at);
+    f->kernels->sample(&in, f->variable_rate->critical, f->variable_rate->count, &out, s->critical + at);
   }
 }
 

@@ -56,11 +56,11 @@ typedef struct frame_samples {
 
 /* Variable-rate shading (variable_rate.c): which Gaussians are critical. Only tiles that show these are shaded at
  * every pixel. */
-typedef struct frame_apart {
+typedef struct frame_variable_rate {
   const uint8_t *critical; /* per id: 1 where the Gaussian is critical, else 0 */
   int64_t count;           /* number of ids in `critical`; Gaussians with larger ids aren't critical */
   double full_tiles;       /* out: fraction of the tiles that were shaded at every pixel */
-} frame_apart;
+} frame_variable_rate;
 
 struct pags_frame {
   pags_tasks *tasks;
@@ -91,7 +91,7 @@ struct pags_frame {
   uint16_t *block_masks; /* per entry: the tile's 4x4-pixel blocks that the splat may change; if keep_for_backward */
   saturation *full;      /* NULL: the frame is drawn at once, in one slab */
   bool last_slab;
-  frame_apart *apart;       /* variable rate for the next frame; NULL: every pixel is shaded */
+  frame_variable_rate *variable_rate; /* variable rate for the next frame; NULL: every pixel is shaded */
   const uint8_t *wanted;    /* per tile: 0 where the raster stage leaves the tile out; NULL: it draws all tiles */
   const float *tile_limits; /* per tile: splats with a larger z aren't binned; NULL: no limits */
   float *hard;              /* a plane of z: splats with a larger z don't change the pixel; NULL: none */
@@ -140,7 +140,8 @@ pags_result pags_stage_bin(pags_frame *frame);     /* -> tile_start, entries in 
 pags_result pags_stage_sort(pags_frame *frame);    /* -> entries of each tile front to back */
 pags_result pags_stage_raster(pags_frame *frame);  /* -> planes */
 pags_result pags_stage_sample(pags_frame *frame, const frame_samples *samples); /* -> samples of all tiles */
-pags_result pags_stage_variable_rate(pags_frame *frame); /* -> planes; in place of raster where `apart` is set */
+pags_result pags_stage_variable_rate(
+    pags_frame *frame); /* -> planes; in place of raster where `variable_rate` is set */
 
 /* Saturation of the picture's blocks (frame->full): begin allocates the state, with no block inside of the picture
  * saturated; update gathers which blocks the last raster stage has left unsaturated. */

@@ -146,7 +146,7 @@ pags_result pags_stage_variable_rate(pags_frame *frame) {
   int64_t marked = 0;
   for (int64_t i = 0; i < tiles; i++)
     marked += wanted[i];
-  frame->apart->full_tiles = (double)marked / (double)tiles;
+  frame->variable_rate->full_tiles = (double)marked / (double)tiles;
   frame->wanted = wanted;
 
   PAGS_TRY(pags_stage_raster(frame));

@@ -29,7 +29,6 @@ static pags_raster_back arguments(const tile *t, choice c, float *slots) {
   for (int j = 0; j < 3; j++) {
     in.rgb[j] = t->plane[j];
     in.rgb_gradient[j] = t->gradient[j];
-    in.background[j] = tile_background[j];
   }
   if (c.transmittance)
     in.transmittance_gradient = t->gradient[3];
