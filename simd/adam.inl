@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Adam (Kingma & Ba 2015) over one plane of rows, cut in two so that steps without a gradient cost one multiply-add.
+/* Adam (Kingma & Ba 2015) over one plane of rows, divided into an update for steps with a gradient and a replay that
+ * catches up on steps without one later, at one multiply-add per step.
  *
  * Dense Adam at step k, gradient g, rate r, bias corrections 1 - b1^k and 1 - b2^k:
  *     m = b1 m + (1 - b1) g;   v = b2 v + (1 - b2) g^2;   p -= r c_k m / (sqrt v + e_k)
@@ -7,17 +8,17 @@
  * which is the usual r (m / (1 - b1^k)) / (sqrt(v / (1 - b2^k)) + eps) with both sides of the quotient times sqrt(1 -
  * b2^k). After a last gradient at step s, with u = m_s / (sqrt v_s + e_s), step s + j without one is
  *     p -= r c_(s+j) q^j u,   q = b1 / sqrt b2,
- * up to a share (1 - b2^(j/2)) eps / sqrt v of the step: under 2e-6 while gradients exceed 1e5 eps = 1e-10. So m and
- * v stay as they were at step s, and each owed step is p -= weight[j] u: rounding takes place step by step, whenever
- * the replay is done and in however many pieces. */
+ * up to a relative error of (1 - b2^(j/2)) eps / sqrt v: under 2e-6 while gradients exceed 1e5 eps = 1e-10. So m and
+ * v stay as they were at step s, and each step that is owed is p -= weight[j] u. Each of them is rounded by itself,
+ * so that the bits do not depend on when the replay is done and in how many pieces. */
 
-/* u, 0 where both moments are 0. */
+/* Returns u = m / (sqrt v + eps), which is 0 where both moments are 0. */
 static inline vf adam_direction(const float *m, const float *v, vf eps) {
   return v_div(v_load(m), v_add(v_sqrt(v_load(v)), eps));
 }
 
-/* p -= weight[j] u for j = 0 .. steps - 1 in order; four vectors at a time hide the latency of the chain. `rows` is
- * rounded up to 16; rows beyond hold zeros. */
+/* Replays steps without a gradient: p -= weights[j] u for j = 0 .. steps - 1, in this order. Four vectors at a time
+ * hide the latency of the chain of subtractions. `rows` is rounded up to 16; the rows beyond hold zeros. */
 static void adam_replay(float *p, const float *m, const float *v, int rows, const float *weights, int steps,
                         float eps) {
   const vf e = v_set(eps);
@@ -47,8 +48,8 @@ static void adam_replay(float *p, const float *m, const float *v, int rows, cons
   }
 }
 
-/* One step with a gradient. Moments too small to move anything become zero before they turn denormal: a first moment of
- * 1e-30 moves p by 1e-15 rates at most. */
+/* One step with a gradient. Moments that are too small to matter are set to zero before they become denormal numbers,
+ * which are slow: a first moment of 1e-30 moves p by at most 1e-15 times the rate. */
 static void adam_update(float *p, float *m, float *v, const float *gradient, int rows, const pags_adam_step *step) {
   const vf d1 = v_set(step->decay1), d2 = v_set(step->decay2), b1 = v_set(step->blend1), b2 = v_set(step->blend2);
   const vf r = v_set(step->rate), e = v_set(step->eps), small1 = v_set(1e-30f), small2 = v_set(1e-36f);
@@ -64,7 +65,8 @@ static void adam_update(float *p, float *m, float *v, const float *gradient, int
   }
 }
 
-/* Comparisons are false for NaN. Runs before the update of the same rows, which then finds them in cache. */
+/* Marks the rows that must not be updated (kernels.h): comparisons are false for NaN, so that NaN counts as too
+ * large. Runs before the update of the same rows, which then finds them in the cache. */
 static int adam_check(const float *p, int64_t p_stride, const float *gradient, int64_t gradient_stride, int planes,
                       int rows, uint16_t *bad) {
   const vf most = v_set(3e38f), steep = v_set(1e18f);
@@ -81,8 +83,8 @@ static int adam_check(const float *p, int64_t p_stride, const float *gradient, i
   return any != 0;
 }
 
-/* Widens [range[0], range[1]] by where rows can get without a further gradient: between p and p - weight u, the steps
- * all having the sign of u. Rows that are not finite are left out. */
+/* Widens [range[0], range[1]] by the values that the rows can reach through replayed steps alone: those between p and
+ * p - weight u, since all these steps have the same sign. Rows that are not finite are left out. */
 static void adam_reach(const float *p, const float *m, const float *v, int rows, float weight, float eps,
                        float range[2]) {
   const vf w = v_set(weight), e = v_set(eps);

@@ -1,18 +1,19 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Which tiles, and which 4x4 blocks of a tile, a Gaussian can change: the exact minimum of its quadratic over the
- * rectangle of pixel centres, sixteen rectangles at once (the idea of exact ellipse-rectangle tests: Radl et al. 2024,
- * Hanson et al. 2025). */
+/* Finds the tiles, and the 4x4 blocks of a tile, that a Gaussian can change, and writes the lists of splats per tile.
+ * A tile or block is tested by the exact minimum of the Gaussian's quadratic form over the rectangle of its pixel
+ * centres, sixteen rectangles at once (exact ellipse-rectangle tests: Radl et al. 2024, Hanson et al. 2025). */
 
 typedef struct quadratic {
-  vf p, h, w, slope; /* of pags_splat */
+  vf p, h, w, slope; /* as in pags_splat */
 } quadratic;
 
 static inline quadratic quadratic_of(const pags_splat *s) {
   return (quadratic){v_set(s->p), v_set(s->h), v_set(s->w), v_set(s->slope)};
 }
 
-/* Smallest u^2 + v^2 over [x0, x1] x [y0, y1], all relative to the mean. A convex quadratic with its minimum at the
- * origin has its minimum over a rectangle on an edge that faces the origin, or at the origin. */
+/* Returns the smallest u^2 + v^2 over the rectangle [x0, x1] x [y0, y1], coordinates relative to the mean. A convex
+ * quadratic with its minimum at the origin has its minimum over a rectangle on an edge that faces the origin, or at
+ * the origin if that lies inside. */
 static inline vf quadratic_min(quadratic q, vf x0, vf x1, vf y0, vf y1) {
   const vf zero = v_zero();
   const vf x = v_clamp(zero, x0, x1), y = v_clamp(zero, y0, y1); /* nearest to the origin */
@@ -23,31 +24,34 @@ static inline vf quadratic_min(quadratic q, vf x0, vf x1, vf y0, vf y1) {
   return v_min(v_fma(u1, u1, v_mul(v1, v1)), v_fma(u2, u2, v_mul(v2, v2)));
 }
 
+/* Returns the value of u^2 + v^2 above which alpha is below 1/255, with PAGS_CUT_SLACK added. */
 static inline float cut_off(const pags_splat *s) {
   return s->log2_opacity + (PAGS_LOG2_255 + PAGS_CUT_SLACK);
 }
 
-/* Truth lane by lane of whether the tile at (column, row) of the picture is touched; mean and cut-off may differ from
- * lane to lane. */
+/* Returns, for each of `lanes`, whether the Gaussian touches the tile at (column, row) of the picture. Mean, cut-off
+ * and quadratic may differ from lane to lane. */
 static inline vm tile_touched(vm lanes, quadratic q, vf cut, vf mean_x, vf mean_y, vf column, vf row) {
   const vf tile = v_set((float)PAGS_TILE), half = v_set(0.5f), side = v_set((float)(PAGS_TILE - 1));
   const vf x0 = v_sub(v_fma(column, tile, half), mean_x), y0 = v_sub(v_fma(row, tile, half), mean_y);
   return v_ge_and(lanes, cut, quadratic_min(q, x0, v_add(x0, side), y0, v_add(y0, side)));
 }
 
-/* Bit k < lanes: the tile at (column, row) of the box in lane k is touched. */
+/* Returns a mask whose bit k < `lanes` is set if the splat touches the tile that lane k of (column, row), relative to
+ * the box, holds. */
 static inline unsigned box_touched(const pags_splat *s, const pags_tile_box *box, int lanes, vf column, vf row) {
   return m_bits(tile_touched(m_first(lanes), quadratic_of(s), v_set(cut_off(s)), v_set(s->x), v_set(s->y),
                              v_add(column, v_set((float)box->x0)), v_add(row, v_set((float)box->y0))));
 }
 
-/* All of a box of at most 64 tiles. */
+/* Returns the mask of touched tiles, row by row, of a box of at most 64 tiles. */
 static inline uint64_t small_box_touched(const pags_splat *s, const pags_tile_box *box) {
   const int tiles = box->nx * box->ny;
   const vf nx = v_set((float)box->nx), inv_nx = v_set(1.0f / (float)box->nx), half = v_set(0.5f);
   uint64_t touched = 0;
-  for (int first = 0; first < tiles;
-       first += V_LANES) { /* lane l is tile (l mod nx, l / nx); + 0.5 keeps l / nx off whole numbers */
+  /* Lane l holds tile (l mod nx, l / nx). The row is computed from l + 0.5, so that rounding errors of the quotient
+   * cannot cross a whole number. */
+  for (int first = 0; first < tiles; first += V_LANES) {
     const vf l = v_add(v_iota(), v_set((float)first));
     const vf row = i_to_v(v_to_i(v_sub(v_mul(v_add(l, half), inv_nx), half)));
     touched |= (uint64_t)box_touched(s, box, tiles - first, v_fnma(row, nx, l), row) << first;
@@ -57,7 +61,8 @@ static inline uint64_t small_box_touched(const pags_splat *s, const pags_tile_bo
 
 /* ---- Boxes: sixteen splats at once ---- */
 
-/* A lane is a splat here. Boxes of more tiles than this are finished one by one, their tiles in lanes. */
+/* In this section each lane holds one splat, and the tiles of the boxes are tested in turn. Boxes of more than
+ * LANE_TILES tiles are done one by one instead, with their tiles in the lanes. */
 enum { LANE_TILES = 9 };
 
 typedef struct box_lanes {
@@ -72,14 +77,15 @@ static inline void box_lanes_put(box_lanes *l, int k, const pags_splat *s) {
   l->extent_x[k] = s->extent_x, l->extent_y[k] = s->extent_y;
 }
 
-/* t cut to [0, tiles] and to whole numbers. */
+/* Returns t clamped to [0, tiles] and rounded down. */
 static inline vf tile_floor(vf t, int tiles) {
   const vf cut = v_clamp(t, v_zero(), v_set((float)tiles)), nearest = i_to_v(v_to_i(cut));
   return v_sub(nearest, v_maskz(v_gt(nearest, cut), v_set(1.0f)));
 }
 
-/* Bit k of a lane: tile k of its box is touched, for boxes of 2..LANE_TILES tiles; 1 for boxes of one, 0 for larger
- * ones. */
+/* Returns, in each lane, the mask of touched tiles of that splat's box: bit k for tile k, row by row, if the box has
+ * 2 to LANE_TILES tiles. 1 for a box of one tile, which is not tested; 0 for larger boxes, which are tested
+ * elsewhere. */
 static inline vi few_touched(const box_lanes *l, vf x0, vf y0, vf nx, vf tiles) {
   const quadratic q = {v_load(l->p), v_load(l->h), v_load(l->w), v_load(l->slope)};
   const vf x = v_load(l->x), y = v_load(l->y), cut = v_load(l->cut), one = v_set(1.0f);
@@ -100,6 +106,7 @@ static inline vi few_touched(const box_lanes *l, vf x0, vf y0, vf nx, vf tiles) 
   return touched;
 }
 
+/* Counts the touched tiles of a box of more than 64 tiles. */
 static inline uint32_t large_box_tiles(const pags_splat *s, const pags_tile_box *box) {
   uint32_t tiles = 0;
   for (int y = 0; y < box->ny; y++)
@@ -109,6 +116,7 @@ static inline uint32_t large_box_tiles(const pags_splat *s, const pags_tile_box 
   return tiles;
 }
 
+/* Computes the boxes, touched tiles and tile counts of up to sixteen splats. */
 static inline void box_lanes_finish(const box_lanes *l, const uint16_t *members, int count, int tiles_x, int tiles_y,
                                     pags_splat *splats, pags_tile_box *boxes) {
   const vf inv = v_set(1.0f / (float)PAGS_TILE), one = v_set(1.0f);
@@ -140,7 +148,7 @@ static inline void box_lanes_finish(const box_lanes *l, const uint16_t *members,
 
 static void tile_boxes(pags_splat *splats, const uint32_t *keys, int count, int tiles_x, int tiles_y,
                        pags_tile_box *boxes) {
-  uint16_t members[256 + 1]; /* those drawn */
+  uint16_t members[256 + 1]; /* indices of the splats that are drawn */
   int drawn = 0;
   for (int k = 0; k < count; k++) {
     members[drawn] = (uint16_t)k;
@@ -158,16 +166,16 @@ static void tile_boxes(pags_splat *splats, const uint32_t *keys, int count, int 
 
 /* ---- Lists ---- */
 
-/* Where pairs are counted or written. */
+/* The destination of (splat, tile) pairs, which are counted (counts) or written (offsets, entries). */
 typedef struct bin_sink {
   int tiles_x;
   uint32_t splat, rank;
   uint32_t *counts;
   int64_t *offsets;
   pags_entry *entries;
-  const float *limits; /* per tile; NULL: none */
+  const float *limits; /* per tile, largest z that is drawn; NULL: no limit */
   float z;
-  int64_t hidden;
+  int64_t hidden; /* pairs left out because z exceeds the limit */
 } bin_sink;
 
 V_INLINE void bin_tile(bin_sink *sink, int64_t tile, bool fill) {
@@ -182,8 +190,9 @@ V_INLINE void bin_tile(bin_sink *sink, int64_t tile, bool fill) {
   sink->rank++;
 }
 
-/* One loop over the touched tiles whatever their rows: how often a loop runs can't be foreseen, and each one's end
- * costs as much as several pairs. Tile k is in row k / nx; + 0.5 keeps that off whole numbers. */
+/* Handles a box of at most 64 tiles. One loop over all touched tiles rather than one per row: the end of a loop whose
+ * length varies is a mispredicted branch, which costs as much as several pairs. Tile k is in row k / nx, computed
+ * from k + 0.5 so that rounding errors cannot cross a whole number. */
 V_INLINE void bin_small(bin_sink *sink, const pags_tile_box *box, bool fill) {
   const int64_t first = (int64_t)box->y0 * sink->tiles_x + box->x0;
   const float inv_nx = 1.0f / (float)box->nx;
@@ -202,7 +211,8 @@ V_INLINE void bin_large(bin_sink *sink, const pags_splat *s, const pags_tile_box
     }
 }
 
-/* The splats in the order of `drawn`, which is about that of memory. */
+/* Counts or writes the pairs of all splats, in the order of `drawn`, which is about that of memory. Returns the
+ * number of splats that have a pair. */
 V_INLINE int64_t bin_all(const pags_bin *in, bin_sink sink, bool fill, bool limited) {
   int64_t binned = 0;
   for (int64_t i = 0; i < in->count; i++) {

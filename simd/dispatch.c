@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Chooses the kernel table at run time. */
+/* Chooses the kernel table at run time, by what the processor supports or by the environment variable PAGS_CPU. */
 #include "kernels.h"
 
 #include <stdlib.h>

@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Compiled once per ISA: all kernels and the table that names them. */
+/* All kernels, and the table of pointers to them. This file is compiled once per instruction set
+ * (simd/CMakeLists.txt). */
 #include "kernels.h"
 #include "vec.h"
 
-/* In this order: later sources use what earlier ones define. */
+/* The order matters: later files use functions of earlier ones. */
 /* clang-format off */
 #include "project.inl"
 #include "shade.inl"

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The table of vector kernels: every stage's inner loop over plain arrays. Knows neither scenes nor threads.
+/* The table of vector kernels: the inner loops of all stages, over plain arrays, without scenes and threads.
  *
  * pags_kernels_get() picks the best table this processor runs, or the one that PAGS_CPU=scalar|avx2|avx512|neon names.
  * The scalar table is always complete and is what the others are tested against. */
@@ -22,9 +22,9 @@ enum {
 #define PAGS_T_STOP 1e-4f
 #define PAGS_COLOUR_MAX 1e6f /* of a Gaussian's shaded colour; the loss takes four of these in a product */
 #define PAGS_LOG2_255 7.99435344f
-/* Added to the cut-off, in powers of two, by whatever rules out pixels before they are computed: the rasteriser's
- * rounding of u^2 + v^2 must never find a pixel that was ruled out. u carries an error of about 2^-23 p |d| <= 1e-3 for
- * |d| <= 4096 px, hence u^2 at most 0.01. */
+/* Added to the cut-off, in powers of two, by every test that excludes pixels before they are computed, so that no
+ * pixel is excluded at which the rasteriser, with its rounding of u^2 + v^2, would blend. u has an error of about
+ * 2^-23 p |d| <= 1e-3 for |d| <= 4096 px, hence u^2 one of at most 0.01. */
 #define PAGS_CUT_SLACK 0.02f
 
 /* A projected Gaussian, 64 bytes, one cache line.
@@ -34,7 +34,7 @@ enum {
 typedef struct pags_splat {
   float x, y;         /* mean, px */
   float p, h, w;      /* p = sqrt(k C / D), h = B / C, w = sqrt(k / C); covariance [A B; B C], D = det, k = log2(e)/2 */
-  float log2_opacity; /* <= 0 but where projection was given factors: the cap on alpha is the rasteriser's */
+  float log2_opacity; /* <= 0 unless projection was given factors; alpha is capped in the rasteriser */
   float r, g, b;      /* colour, >= 0 */
   float z;            /* camera depth, metres; its bits are the sort key */
   float slope;        /* B / A: the other regression line, for the tile test */
@@ -44,20 +44,20 @@ typedef struct pags_splat {
   uint32_t clamped; /* bit c: channel c was clamped at 0 */
 } pags_splat;
 
-/* The tiles that a splat's bounding box meets, from (x0, y0), nx by ny. Bit k: tile k of the box, row by row, is
- * touched, where the box has at most 64; larger ones are tested again. */
+/* The tiles that a splat's bounding box overlaps: nx by ny tiles from (x0, y0). Bit k of `touched`: the splat touches
+ * tile k of the box, row by row, if the box has at most 64 tiles; for larger boxes the tiles are tested again. */
 typedef struct pags_tile_box {
   uint64_t touched;
   uint16_t x0, y0, nx, ny;
 } pags_tile_box;
 
-/* The 4x4-pixel blocks of the picture, [x0, x1) x [y0, y1), outside of which a splat can't change a pixel. Empty: it
- * changes none. */
+/* The rectangle [x0, x1) x [y0, y1) of the picture's 4x4-pixel blocks outside of which a splat can't change a pixel.
+ * If it is empty, the splat changes no pixel at all. */
 typedef struct pags_reach {
   uint16_t x0, x1, y0, y1;
 } pags_reach;
 
-/* What projection needs of a camera and a part; floats derived in double. */
+/* The parameters of projection: a camera and the pose of a part, computed in double and stored as floats. */
 typedef struct pags_projection {
   float r[9], t[3];                     /* camera_from_model: p_cam = r p + t */
   float eye[3];                         /* camera centre in the model's frame */
@@ -70,7 +70,7 @@ typedef struct pags_projection {
 } pags_projection;
 
 enum { PAGS_SLOT_FLOATS = 12 }; /* partial gradient of one (Gaussian, tile) pair */
-enum {                          /* its layout: sums over the pair's pixels; s = dL/d(exponent, base 2) */
+enum {                          /* the layout of a slot: sums over the pair's pixels; s = dL/d(exponent), base 2 */
        PAGS_SLOT_S,
        PAGS_SLOT_SU,
        PAGS_SLOT_SV,
@@ -85,8 +85,8 @@ enum {                          /* its layout: sums over the pair's pixels; s = 
        PAGS_SLOT_ABS_Y
 };
 
-/* One entry of a tile's list: which splat, and which of that splat's tiles this is (row by row, from 0,
- * those left out not counted). */
+/* One entry of a tile's list: the index of the splat, and the rank of the tile among the tiles of that splat that
+ * have an entry (row by row, from 0). */
 typedef struct pags_entry {
   uint32_t splat, rank;
 } pags_entry;
@@ -94,16 +94,17 @@ typedef struct pags_entry {
 typedef struct pags_bin {
   const pags_splat *splats;
   const pags_tile_box *boxes; /* per splat */
-  const uint32_t *drawn;      /* count of them */
+  const uint32_t *drawn;      /* indices of the `count` splats that are drawn */
   int64_t count;
   int tiles_x;
-  const float *limits; /* per tile: pairs with a larger z are left out; NULL: none */
-  int64_t *hidden;     /* out, of bin_count: how many; may be NULL */
+  const float *limits; /* per tile: pairs with a larger z are left out; NULL: no limits */
+  int64_t *hidden;     /* out, by bin_count: number of pairs left out; may be NULL */
 } pags_bin;
 
-/* Top left pixel of the tile in each plane; NULL where not wanted (all of depth, depth_sum, best and id, or none, or
- * depth_sum alone where nothing is resumed or left unfinished). A tile that is not finished leaves what it is resumed
- * from: colour without background, transmittance with the sign set where the pixel has stopped, sum(w) in depth. */
+/* Output planes of a tile: pointers to its top left pixel in each plane; NULL if not wanted. Of depth, depth_sum,
+ * best and id either all or none are given, or depth_sum alone if nothing is resumed or left unfinished. An
+ * unfinished tile leaves in the planes the state that it is resumed from: colour without background, transmittance
+ * with a negative sign where the pixel has stopped, sum(w) in depth. */
 typedef struct pags_raster_out {
   float *rgb[3];
   float *transmittance;
@@ -119,22 +120,22 @@ typedef struct pags_raster_in {
   const pags_entry *entries; /* front to back */
   int64_t count;
   const pags_entry
-      *ahead; /* ahead_count entries that will be drawn next: their splats are fetched meanwhile; changes no result */
+      *ahead; /* ahead_count entries that will be drawn next: their splats are prefetched; changes no result */
   int64_t ahead_count;
   int x0, y0;            /* of the tile, px */
   int width, height;     /* of the picture: pixels outside count as stopped */
   int exp_degree;        /* 3 or 5 */
-  uint16_t *block_masks; /* count entries: blocks of the tile that each pair may still change; written; may be NULL */
+  uint16_t *block_masks; /* out, count entries: blocks of the tile that each pair may still change; may be NULL */
   int64_t *pairs;        /* [2], lanes evaluated and lanes blended, added to; NULL: not counted */
-  int64_t *looked_at;    /* entries before the tile was full, in steps of some ten, added to; may be NULL */
-  bool resume;           /* go on from what the planes hold, not from nothing */
-  bool unfinished;       /* more may follow: don't finish the tile unless all of its pixels have stopped */
+  int64_t *looked_at;    /* entries processed until saturation, rounded up to a chunk, added to; may be NULL */
+  bool resume;           /* continue from the state in the planes instead of from empty pixels */
+  bool unfinished;       /* more entries may follow: leave the tile unfinished unless all pixels have stopped */
   float eps;             /* > 0: a pixel also stops as soon as its transmittance is <= eps */
   const float
       *hard; /* a plane as the output's: a splat with z > hard changes no pixel there; NULL: none. Not with eps */
 } pags_raster_in;
 
-enum { PAGS_BACK_PLANES = 10 }; /* that a tile reads at most */
+enum { PAGS_BACK_PLANES = 10 }; /* most planes that a tile reads */
 
 typedef struct pags_raster_back {
   const pags_splat *splats;
@@ -152,9 +153,8 @@ typedef struct pags_raster_back {
   const float *transmittance_gradient; /* NULL: zero */
   const float *depth_gradient;         /* NULL: zero */
   int32_t absolute;                    /* 1: fill the absolute sums too, else zeros */
-  float background[3];
-  /* What the same worker goes on with, to be fetched meanwhile. */
-  int64_t next_count;                  /* entries that follow these */
+  /* The tile that the same worker processes next, to be prefetched. */
+  int64_t next_count;                  /* its entries, which follow these */
   const float *next[PAGS_BACK_PLANES]; /* planes at the tile's top left pixel, NULL: none */
 } pags_raster_back;
 
@@ -200,8 +200,8 @@ typedef struct pags_row_gradient {
   float *data; /* plane p at data + p * stride */
   int64_t stride;
   float *mean2d, *mean2d_abs, *radius;
-  uint8_t *bad; /* of rows set to zero because a value wasn't finite: 1 + the first plane that wasn't; others aren't
-                   written. May be NULL */
+  uint8_t *bad; /* written only for rows set to zero, a value not being finite: 1 + the first such plane; may be
+                 * NULL */
 } pags_row_gradient;
 
 typedef struct pags_adam_step { /* of one plane; symbols as in adam.inl */
@@ -220,7 +220,7 @@ typedef struct pags_loss_rows {
   const float *prediction;
   float exposure[2];       /* gain and offset: what is compared is gain * prediction + offset. 1, 0: as it is */
   const uint8_t *target;   /* 0..255 for 0..1; readable to the stride */
-  const uint8_t *mask;     /* 0: neither picture is seen there and nothing counts; NULL: every pixel does */
+  const uint8_t *mask;     /* 0: both pictures are taken as 0 there and the pixel doesn't count; NULL: all count */
   const uint8_t *emphasis; /* how often a pixel counts: 1 + emphasis * gain; NULL: once */
   float gain;
   float *gradient;            /* by the prediction: rows [begin, end) written, zero beyond the width */
@@ -228,22 +228,23 @@ typedef struct pags_loss_rows {
   float *scratch;             /* pags_loss_scratch(stride) floats, aligned to 64 bytes */
   double l1, squared, ssim; /* out: sums over the band's counted pixels, each once; `squared` of x clamped to [0, 1] */
   double more_l1,
-      more_dssim; /* out: sums of what pixels count more than once: |x - y| and 1 - SSIM, times emphasis and gain */
+      more_dssim;        /* out: sums of |x - y| and of 1 - SSIM times emphasis * gain, to be added to those above */
   double by_exposure[2]; /* out: the band's part of the gradient by the exposure */
 } pags_loss_rows;
 
 typedef struct pags_opacity_row {
   int width;
   const float
-      *transmittance; /* this and what follows up to the next multiple of 16 pixels readable, `gradient` writable */
+      *transmittance; /* all arrays must be readable, `gradient` writable, up to the next multiple of 16 pixels */
   const uint8_t *labels, *mask; /* mask: 0 doesn't count; NULL: every pixel does */
-  uint8_t chosen;               /* pixels with any of these labels are to be empty and the others full; */
-  bool unsure;                  /* or, where it is true: they may be either, and the others are to be empty */
+  uint8_t chosen;               /* label bits: pixels with any of these should be empty, the others full; */
+  bool unsure;                  /* or, if true: the former should be empty or full, the others empty */
   float *gradient;              /* by the transmittance, times `scale`: added to */
   float scale;
 } pags_opacity_row;
 
-/* Floats from row to row of the scratch: an odd number of cache lines, so that rows don't fall into the same set. */
+/* Distance between rows of the scratch, in floats: an odd number of cache lines, so that rows lie in different
+ * cache sets. */
 static inline int64_t pags_loss_pitch(int64_t stride) {
   return 16 * ((stride + 2 * 16) / 16 | 1);
 }
@@ -279,31 +280,35 @@ typedef struct pags_kernels {
 
   /* Returns the tile's blocks that have a pixel which hasn't stopped, bit by bit. */
   unsigned (*raster)(const pags_raster_in *in, const pags_raster_out *out);
-  /* 4 x 4 samples of the tile, in the middle of each 4 x 4 pixels, one after the other in planes of `out`; inside of
-   * the picture or not. Of `in`, splats, entries, count, x0, y0 and eps (which may be 0) count. marked: the sum of
-   * weights of splats whose id has marks[id] = 1, ids >= mark_count being without. */
+  /* Blends the tile at 4 x 4 sample points, in the middle of each 4 x 4 pixels, and writes them to a 4x4 rectangle of
+   * the planes of `out`; also samples outside of the picture. Only splats, entries, count, x0, y0 and eps (which may
+   * be 0) of `in` are used. marked: the sum of the weights of splats whose id has marks[id] = 1; others
+   * and ids >= mark_count have no mark. */
   void (*sample)(const pags_raster_in *in, const uint8_t *marks, int64_t mark_count, const pags_raster_out *out,
                  float *marked);
-  /* The depth-only pre-pass of the paper: the least z of the tile's splats whose alpha at the pixel is >= 1/2, infinity
-   * where there is none, to depth (stride as out's); in any order. farthest[b]: the largest of block b's pixels inside
-   * of the picture. Of `in`, splats, entries, count, x0, y0, width and height count. */
+  /* The depth-only pre-pass of the paper: writes to `depth`, for each pixel, the smallest z of the tile's splats
+   * whose alpha there is >= 1/2, infinity if there is none; the entries may have any order. farthest[b]: the largest
+   * depth of block b's pixels inside of the picture. Only splats, entries, count, x0, y0, width and height of `in`
+   * are used. */
   void (*raster_depth)(const pags_raster_in *in, float *depth, int64_t stride, float farthest[PAGS_TILE_BLOCKS]);
   void (*raster_backward)(const pags_raster_back *in);
   void (*raster_score)(const pags_raster_score *in);
 
-  /* Fills `tile` for the tile with its top left pixel at (x0, y0) and has the texels fetched, which takes a while. */
+  /* Fills `tile` for the tile with its top left pixel at (x0, y0) and prefetches its texels for sky_blend. */
   void (*sky_find)(const pags_sky_rays *rays, const float *texels, int x0, int y0, pags_sky_tile *tile);
   /* rgb += transmittance * sky over a whole tile, to whose top left pixel the planes point; sky.inl. */
   void (*sky_blend)(const pags_sky_rays *rays, const float *texels, const pags_sky_tile *tile, int64_t stride,
                     const float *transmittance, float *const rgb[3]);
-  /* What sky_blend takes for the tile's rows y0, y0 + step, ... (1 + 15 / step of them): of each pixel, row after row,
-   * where the top left texel of four is (texel = row * size + column, rows counting on from face to face; the others: +
-   * 1, + size, + size + 1; at size 1 it stands for all) and the four weights, weight[k] that of the k-th. */
+  /* Computes, for the pixels of the tile's rows y0, y0 + step, ... (1 + 15 / step rows), the texels and weights that
+   * sky_blend uses: the row and column of the top left one of four texels (its index is row * size + column, rows
+   * counting on from face to face; the others are at + 1, + size and + size + 1; at size 1 all four are the same),
+   * and the weight weight[k] of the k-th texel. */
   void (*sky_cells)(const pags_sky_rays *rays, int x0, int y0, int step, int32_t *row, int32_t *column,
                     float *const weight[4]);
 
-  /* Sums `slots` of each drawn row and goes on to the raw parameters (shade's and project's backward). Rows whose key
-   * is UINT32_MAX or whose splat has no tiles get zeros. Returns how many rows were not finite (and set to zero). */
+  /* Sums the slots of each drawn row and computes from them the gradients of the raw parameters (backward of shade
+   * and project). Rows whose key is UINT32_MAX or whose splat has no tiles get zeros. Returns how many rows were not
+   * finite (and set to zero). */
   int (*project_backward)(const pags_projection *view, const float *data, int64_t stride, int count,
                           const uint32_t *keys, const pags_splat *splats, const int64_t *slot_start, const float *slots,
                           const pags_row_gradient *out);
@@ -312,9 +317,9 @@ typedef struct pags_kernels {
    * read and written too, with a gradient of zero. */
   void (*adam_replay)(float *p, const float *m, const float *v, int rows, const float *weights, int steps, float eps);
   void (*adam_update)(float *p, float *m, float *v, const float *gradient, int rows, const pags_adam_step *step);
-  /* Which rows can't take a step: bit i & 15 of bad[i / 16] is set where a plane of row i has a parameter of 3e38 or
-   * more, or a gradient of 1e18 or more (its square would not be a float for long). Plane k lies at p + k * p_stride
-   * and gradient + k * gradient_stride. Other bits stay; returns whether any was set. */
+  /* Finds rows that must not be updated: bit i & 15 of bad[i / 16] is set if a plane of row i has a parameter of 3e38
+   * or more, or a gradient of 1e18 or more (sums of its square would overflow a float), or NaN. Plane k lies at
+   * p + k * p_stride and gradient + k * gradient_stride. Other bits stay; returns whether any was set. */
   int (*adam_check)(const float *p, int64_t p_stride, const float *gradient, int64_t gradient_stride, int planes,
                     int rows, uint16_t *bad);
   /* range[0] = min, range[1] = max over rows of p and p - weight u, and of what range held. */
@@ -322,11 +327,12 @@ typedef struct pags_kernels {
 
   /* L1 + D-SSIM and their gradient (ssim.inl). */
   void (*loss_rows)(pags_loss_rows *io);
-  /* Cross-entropy (of those that may be either: entropy) of a row of pixels; opacity.inl. Returns its sum, without
-   * `scale`. */
+  /* Cross-entropy of the opacity of a row of pixels, or entropy for those that may be empty or full (opacity.inl).
+   * Returns the sum, not multiplied by `scale`. */
   double (*opacity_row)(const pags_opacity_row *in);
 
-  /* Peak blended lanes: `steps` Gaussians over one 4x4 block, all from registers. Returns something to keep. */
+  /* Benchmark of the peak blending rate: blends `steps` Gaussians over one 4x4 block, all in registers. Returns a sum
+   * of the result, so that the work isn't optimised away. */
   float (*roofline)(const pags_splat *splats, int64_t steps, int exp_degree);
 } pags_kernels;
 

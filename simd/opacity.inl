@@ -12,14 +12,16 @@ V_INLINE vf opacity_log(vf x) {
   return v_mul(v_log2(x), v_set(0.693147181f));
 }
 
-/* The clamped argument; `within`: that it needed no clamp. */
+/* Returns x clamped to [1e-6, 1 - 1e-6]; *within: whether x was inside of that interval. */
 V_INLINE vf opacity_argument(vf x, vm *within) {
   const vf least = v_set(1e-6f), most = v_set(1.0f - 1e-6f);
   *within = v_ge_and(v_ge(x, least), most, x);
   return v_clamp(x, least, most);
 }
 
-/* Sixteen pixels: `chosen` are unsure and the others empty, or empty and the others full. */
+/* Returns the loss of sixteen pixels and its slope by T. If `unsure`, `chosen` pixels have the entropy (unsure) and
+ * the others the loss of empty pixels; otherwise `chosen` pixels have that of empty and the others that of full
+ * ones. */
 V_INLINE vf opacity_pixels(vf t, vm chosen, bool unsure, vf *slope) {
   const vf zero = v_zero(), one = v_set(1.0f);
   vm within;

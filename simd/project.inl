@@ -7,7 +7,7 @@
  *
  * Every term of D is non-negative, so a needle's determinant keeps its digits where A C - B^2 loses all of them. */
 
-/* Everything that the forward writes out or the backward starts from. */
+/* Intermediate values of the projection of sixteen Gaussians, which the backward pass computes again and uses. */
 typedef struct projected {
   vf x, y, z;       /* camera space */
   vf mx, my;        /* px */
@@ -23,7 +23,7 @@ typedef struct projected {
   vf a, b, c, d0, d;
   vf compensation;      /* sqrt(max(2.5e-5, D0 / D)), 1 without antialiasing */
   vf opacity;           /* compensated */
-  vf raw_opacity, rest; /* sigmoid(logit), and what it leaves of 1, to all its digits */
+  vf raw_opacity, rest; /* sigmoid(logit), and 1 - sigmoid(logit) computed without cancellation */
 } projected;
 
 static inline void rotation_from_quaternion(projected *s, const float *data, int64_t stride) {
@@ -31,7 +31,7 @@ static inline void rotation_from_quaternion(projected *s, const float *data, int
   for (int k = 0; k < 4; k++)
     q[k] = v_load(data + (6 + k) * stride);
   const vf norm2 = v_fma(q[0], q[0], v_dot3(q[1], q[2], q[3], q[1], q[2], q[3]));
-  const vm none = v_le(norm2, v_set(1e-30f)); /* false for NaN, which stays one and takes the row out */
+  const vm none = v_le(norm2, v_set(1e-30f)); /* false for NaN, which stays NaN: such a row is not drawn */
   s->q_inv_norm = v_select(none, v_zero(), v_div(v_set(1.0f), v_sqrt(v_select(none, v_set(1.0f), norm2))));
   s->q[0] = v_select(none, v_set(1.0f), v_mul(q[0], s->q_inv_norm));
   for (int k = 1; k < 4; k++)
@@ -49,8 +49,9 @@ static inline void rotation_from_quaternion(projected *s, const float *data, int
   s->rotation[8] = v_fnma(two, v_add(xx, yy), one);
 }
 
-/* Camera-space mean; J at the clamped direction. The clamp (INRIA's 1.3 tan, around the principal point as in gsplat)
- * bounds what a Gaussian beside the picture can smear into it; the mean itself is not clamped. */
+/* Computes the mean in camera space and in pixels, and the Jacobian J at the clamped direction. The clamp (INRIA's
+ * 1.3 tan, around the principal point as in gsplat) bounds how far a Gaussian outside of the picture is stretched
+ * into it; the mean itself is not clamped. */
 static inline void project_mean(projected *s, const pags_projection *view, const float *data, int64_t stride) {
   const vf px = v_load(data), py = v_load(data + stride), pz = v_load(data + 2 * stride);
   vf cam[3];
@@ -58,7 +59,7 @@ static inline void project_mean(projected *s, const pags_projection *view, const
     cam[k] = v_fma(v_set(view->r[3 * k]), px,
                    v_fma(v_set(view->r[3 * k + 1]), py, v_fma(v_set(view->r[3 * k + 2]), pz, v_set(view->t[k]))));
   s->x = cam[0], s->y = cam[1], s->z = cam[2];
-  /* A member behind the near plane is masked later; until then keep the division harmless. */
+  /* A Gaussian behind the near plane is masked later; z = 1 keeps the division finite until then. */
   const vf z = v_select(v_gt(s->z, v_set(view->near_plane)), s->z, v_set(1.0f));
   s->inv_z = v_div(v_set(1.0f), z);
   const vf dx = v_mul(s->x, s->inv_z), dy = v_mul(s->y, s->inv_z);
@@ -118,8 +119,10 @@ static inline void project_all(projected *s, const pags_projection *view, const 
 
 #define PAGS_HALF_LOG2E 0.72134752f
 
-/* Blocks whose pixel centres lie within `extent` of the mean: first[k] = floor((m - e + 1/2)/4), end[k] = floor((m + e
- * - 1/2)/4) + 1, floors being roundings half a block away; e gets a hair more for the roundings before. */
+/* Computes the range [first, end) of 4-pixel blocks along one axis that have a pixel centre within `extent` of the
+ * mean:
+ *     first = floor((m - e + 1/2) / 4),  end = floor((m + e - 1/2) / 4) + 1
+ * floor(x) being computed as round(x - 1/2). e is slightly larger than `extent`, to cover earlier rounding errors. */
 static inline void project_blocks(vm drawn, vf mean, vf extent, float size, int32_t *first, int32_t *end) {
   const vf e = v_fma(extent, v_set(1.00001f), v_fma(v_abs(mean), v_set(1e-6f), v_set(1e-3f)));
   const vf zero = v_zero(), blocks = v_set(ceilf(size * 0.25f)), quarter = v_set(0.25f), half = v_set(0.5f);
@@ -128,8 +131,8 @@ static inline void project_blocks(vm drawn, vf mean, vf extent, float size, int3
   i_store(end, v_to_i(v_clamp(v_maskz(drawn, v_add(hi, half)), zero, blocks)));
 }
 
-/* Beyond the reach, u^2 + v^2 exceeds what the rasteriser's test of blocks lets pass (bin.inl): the cut-off with its
- * slack. */
+/* Computes the rectangles of blocks outside of which u^2 + v^2 exceeds the cut-off, slack included, of the
+ * rasteriser's test of blocks (bin.inl). */
 static inline void project_reaches(const projected *s, const pags_projection *view, vf log2_opacity, vm drawn,
                                    int lanes, pags_reach *reaches) {
   const vf reach = v_mul(v_add(log2_opacity, v_set(PAGS_LOG2_255 + PAGS_CUT_SLACK)), v_set(1.0f / PAGS_HALF_LOG2E));
@@ -148,7 +151,7 @@ static void project(const pags_projection *view, const float *data, int64_t stri
     if (factor)
       s.opacity = v_mul(s.opacity, v_load(factor + first));
     const vf l = v_log2(v_max(s.opacity, v_set(1e-30f)));
-    /* |d| along an axis where the falloff reaches 1/255 (StopThePop's opacity-aware bound, not 3 sigma). */
+    /* Half size of the box in which alpha >= 1/255 (the opacity-aware bound of StopThePop, not 3 sigma). */
     const vf reach = v_mul(v_add(l, v_set(PAGS_LOG2_255)), v_set(1.0f / PAGS_HALF_LOG2E));
     const vf extent_x = v_sqrt(v_max(v_mul(reach, s.a), v_zero()));
     const vf extent_y = v_sqrt(v_max(v_mul(reach, s.c), v_zero()));

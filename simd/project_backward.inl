@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* From the pairs' partial sums to the raw parameters: backward of shade and project, in the notation of project.inl.
+/* The backward pass of shade and project: gradients of the raw parameters from the partial sums of (splat, tile)
+ * pairs, in the notation of project.inl.
  *
  * Per row, with S.. the sums over its slots (times ln 2, since the falloff is a power of two):
  *   dL/dmx = 2 p Su               dL/dmy = 2 (w Sv - p h Su)
@@ -12,7 +13,8 @@ typedef struct slot_sums {
   vf field[PAGS_SLOT_FLOATS];
 } slot_sums;
 
-/* Adds a row's slots in the order of its tiles: the same bits however the tiles were scheduled. */
+/* Adds up each row's slots in the order of its tiles, so that the bits don't depend on how tiles were scheduled.
+ * Returns the mask of rows that were drawn. */
 static inline unsigned gather_slots(slot_sums *sums, int lanes, const uint32_t *keys, const pags_splat *splats,
                                     const int64_t *slot_start, const float *slots) {
   float transposed[PAGS_SLOT_FLOATS][V_LANES];
@@ -56,6 +58,7 @@ static inline void covariance_backward(const projected *s, vf ga, vf gb, vf gc, 
   gm[5] = v_fma(e[1], m[0], v_fma(e[2], m[1], gm[5]));
 }
 
+/* dL/dq of the quaternion as stored from dL/dR. */
 static inline void quaternion_backward(const projected *s, const vf *gr, vf *gq) {
   const vf w = s->q[0], x = s->q[1], y = s->q[2], z = s->q[3], two = v_set(2.0f), four = v_set(4.0f);
   const vf a = v_sub(gr[7], gr[5]), b = v_sub(gr[2], gr[6]), c = v_sub(gr[3], gr[1]);
@@ -65,13 +68,13 @@ static inline void quaternion_backward(const projected *s, const vf *gr, vf *gq)
   g[1] = v_fnma(v_mul(four, x), v_add(gr[4], gr[8]), v_mul(two, v_dot3(y, z, w, d, e, a)));
   g[2] = v_fnma(v_mul(four, y), v_add(gr[0], gr[8]), v_mul(two, v_dot3(x, z, w, d, f, b)));
   g[3] = v_fnma(v_mul(four, z), v_add(gr[0], gr[4]), v_mul(two, v_dot3(x, y, w, e, f, c)));
-  /* Through the normalisation: (I - q q') / |q|. */
+  /* The derivative of the normalisation is (I - q q') / |q|. */
   const vf along = v_fma(w, g[0], v_dot3(x, y, z, g[1], g[2], g[3]));
   for (int k = 0; k < 4; k++)
     gq[k] = v_mul(v_fnma(along, s->q[k], g[k]), s->q_inv_norm);
 }
 
-/* J and the mean's own projection back to camera space. */
+/* dL/d(mean in camera space), from dL/d(J W), from dL/d(mean in pixels) and from dL/d(depth). */
 static inline void camera_backward(const projected *s, const pags_projection *view, const vf *gt, vf gmx, vf gmy,
                                    vf gdepth, vf *gcam) {
   vf g00 = v_zero(), g02 = v_zero(), g11 = v_zero(), g12 = v_zero();
@@ -93,7 +96,8 @@ static inline void camera_backward(const projected *s, const pags_projection *vi
   gcam[2] = v_fma(free_x, s->tx, v_fma(free_y, s->ty, v_fnma(gj, s->inv_z, v_sub(gdepth, gshift))));
 }
 
-/* Spherical harmonics: coefficients, and the mean through the direction. d(basis)/d(direction) in Cartesian terms. */
+/* dL/d(direction), the three coordinates taken as independent, from k, the sums over channels of dL/dcolour times
+ * coefficient of each basis function. */
 static inline void sh_direction_gradient(int degree, const vf *d, const vf *k, vf *g) {
   const vf x = d[0], y = d[1], z = d[2];
   g[0] = g[1] = g[2] = v_zero();

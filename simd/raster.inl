@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Front-to-back blending of a tile (Kerbl et al. 2023), organised for vectors.
  *
- * A tile is sixteen 4x4 blocks, one vector each. The list is taken in chunks: for every splat of a chunk the blocks it
- * can change are found at once (bin.inl's exact test, one lane a block) and written down as pairs of splat and block,
- * which one loop then blends. Neighbouring pairs are mostly of different blocks, so that several blocks' chains of
- * transmittance are under way at once. A stopped pixel carries its transmittance with the sign set, so that no separate
- * mask is kept: what would be blended next turns out below the stop threshold by itself. */
+ * A tile is sixteen 4x4 blocks, one vector each. The tile's list of splats is processed in chunks: for every splat of
+ * a chunk the blocks that it can change are found at once (the exact test of bin.inl, one lane per block) and
+ * appended to a list of (splat, block) pairs, which one loop then blends. Neighbouring pairs mostly have different
+ * blocks, so that the processor overlaps the chains of transmittance of several blocks. Stopped pixels need no mask:
+ * their transmittance is stored negative, so that the test against the stop threshold fails for every later splat. */
 
-/* In splats. Blocks are looked at for having stopped once a chunk: with twice as many splats three per cent more pairs
- * are blended for nothing, with half as many the loops are left too often. */
+/* Splats of a chunk. Once per chunk it is tested which blocks have stopped: with twice as many splats, three per cent
+ * more pairs are blended in vain; with half as many, the inner loops end too often. */
 enum { RASTER_CHUNK = 32 };
 
 typedef struct raster_state { /* of one block */
@@ -16,8 +16,8 @@ typedef struct raster_state { /* of one block */
   vf t, r, g, b;
   vf depth, weight, best; /* extra channels only */
   vi id;
-  vf hard;   /* depth beyond which nothing blends; where that is asked for */
-  vf marked; /* weight of marked splats; likewise */
+  vf hard;   /* only if raster_how.hard: depth beyond which no splat is blended */
+  vf marked; /* only if raster_how.marks: sum of the weights of marked splats */
 } raster_state;
 
 /* The exponent (base 2) of one splat's falloff at 16 pixel centres; below log2(1/255) it does not contribute. */
@@ -28,27 +28,35 @@ V_INLINE vf raster_exponent(const pags_splat *s, vf px, vf py, vf *u, vf *v) {
   return v_fnma(*u, *u, v_fnma(*v, *v, v_set(s->log2_opacity)));
 }
 
-/* What a splat takes away, before transmittance; 0 where it does not contribute. */
+/* Returns alpha, at most 0.99, from the exponent; 0 where it is below 1/255, so that the splat does not
+ * contribute. */
 V_INLINE vf raster_alpha(vf exponent, int degree) {
   return v_maskz(v_ge(exponent, v_set(-PAGS_LOG2_255)), v_min(v_set(PAGS_ALPHA_MAX), v_exp2(exponent, degree)));
 }
 
-/* What one call of the rasteriser does throughout. */
+/* The variant of the rasteriser: constant within each function made from it, so that unused code is removed.
+ *   sum      the sum of w z, which `extra` needs, too
+ *   extra    depth, sum of weights, and the id of the splat with the largest weight
+ *   counted  blended lanes are counted
+ *   bounded  pixels stop at transmittance eps
+ *   hard     splats behind a given depth plane are not blended */
 typedef struct raster_how {
-  int degree;
-  bool sum, extra, counted, bounded, hard; /* sum: of w z, which extra channels take */
-  float eps;                               /* where bounded */
-  const uint8_t *marks;                    /* per id, 0 or 1; NULL: not asked for */
+  int degree; /* of the polynomial for 2^x: 3 or 5 */
+  bool sum, extra, counted, bounded, hard;
+  float eps;            /* if bounded */
+  const uint8_t *marks; /* per id, 0 or 1; NULL: no sum of marked weights */
   int64_t mark_count;
 } raster_how;
 
-/* Transmittance never grows, and rounding is monotone: what blends later can't take it above where it was. So a pixel
- * that has stopped, for either reason, would stop there whatever came in between. */
+/* Blends one splat over the sixteen pixels of a block. Returns how many it was blended at if how.counted, else 0.
+ *
+ * Transmittance never grows, and rounding is monotone. So a pixel whose transmittance has fallen below a threshold
+ * stays below it, and it stops whatever splats are blended in between. */
 V_INLINE unsigned raster_blend(raster_state *state, const pags_splat *s, vf alpha, raster_how how) {
   const vf t = state->t;
   if (how.hard)
     alpha = v_maskz(v_le(v_set(s->z), state->hard), alpha);
-  if (how.bounded) /* whatever remains weighs no more than eps: stop */
+  if (how.bounded) /* all remaining splats together weigh no more than eps: stop */
     alpha = v_maskz(v_gt(t, v_set(how.eps)), alpha);
   const vf next = v_fnma(t, alpha, t);
   const vm goes_on = v_ge(next, v_set(PAGS_T_STOP));
@@ -82,12 +90,12 @@ V_INLINE vf pair_exponent(raster_pair pair) {
   return raster_exponent(pair.splat, pair.block->px, pair.block->py, &u, &v);
 }
 
-/* Three pairs are under way at once: the exponent of k + 2, alpha of k + 1, the blending of k. A pair's chain of
- * dependent operations is some 70 cycles long, more than the scheduler's window covers when they are written one after
- * another. */
+/* A software pipeline of three pairs: a step computes the exponent of pair k + 2, alpha of pair k + 1, and blends
+ * pair k. The chain of dependent operations of one pair takes some 70 cycles, more than the processor's out-of-order
+ * window covers if the pairs are computed one after another. */
 typedef struct raster_pipeline {
-  vf now, next;
-  raster_pair pair, next_pair; /* whose they are */
+  vf now, next; /* alpha of `pair`, exponent of `next_pair` */
+  raster_pair pair, next_pair;
 } raster_pipeline;
 
 V_INLINE raster_pipeline raster_prime(raster_pair first, raster_pair second, int degree) {
@@ -137,11 +145,12 @@ static inline uint16_t block_mask(const pags_splat *s, const block_corners *corn
 
 typedef struct raster_chunk {
   pags_splat splats[RASTER_CHUNK] __attribute__((aligned(64)));
-  int32_t pairs[RASTER_CHUNK * PAGS_TILE_BLOCKS + V_LANES]; /* 16 splat + block; 2 more than there are can be read */
+  int32_t pairs[RASTER_CHUNK * PAGS_TILE_BLOCKS + V_LANES]; /* 16 splat + block; 2 beyond the end are read */
 } raster_chunk;
 
-/* Copies splats and lists their pairs in one loop, so that these are worked out while splats come from memory. Returns
- * how many there are; masks[i], unless NULL, receives the active blocks that splat i can change. */
+/* Copies the splats of a chunk and lists their (splat, block) pairs, in one loop, so that pairs are computed while
+ * further splats are being loaded from memory. Returns the number of pairs. masks[i], unless NULL, receives the
+ * active blocks that splat i can change. */
 V_INLINE int load_chunk(const pags_splat *splats, const pags_entry *entries, int count, const block_corners *corners,
                         unsigned active, raster_chunk *chunk, uint16_t *masks) {
   const vm blocks = m_from_bits(active);
@@ -177,7 +186,8 @@ V_INLINE void raster_pairs(raster_state *state, const raster_chunk *chunk, int p
   }
 }
 
-/* Splats lie anywhere in memory: those after the chunk are fetched while it is blended. */
+/* Prefetches the splats of the next chunk, or of the next tile, while this chunk is blended: they are scattered in
+ * memory. */
 V_INLINE void fetch_ahead(const pags_raster_in *in, int64_t next) {
   const bool more = next < in->count;
   const pags_entry *const entries = more ? in->entries + next : in->ahead;
@@ -186,6 +196,7 @@ V_INLINE void fetch_ahead(const pags_raster_in *in, int64_t next) {
     __builtin_prefetch(in->splats + entries[i].splat);
 }
 
+/* Returns whether all sixteen pixels have stopped. */
 V_INLINE bool raster_stopped(const raster_state *state, raster_how how) {
   return m_bits(v_le(state->t, v_set(how.bounded ? how.eps : 0.0f))) == 0xFFFFu;
 }
@@ -194,6 +205,7 @@ static inline int64_t block_at(const pags_raster_out *out, int block) {
   return (int64_t)(block >> 2) * 4 * out->stride + 4 * (block & 3);
 }
 
+/* Writes the finished block: colour over the background, and the extra channels. */
 V_INLINE void raster_write(const pags_raster_out *out, const raster_state *state, int block, raster_how how) {
   const int64_t at = block_at(out, block);
   const vf t = v_abs(state->t);
@@ -211,7 +223,7 @@ V_INLINE void raster_write(const pags_raster_out *out, const raster_state *state
   }
 }
 
-/* As it is, to be resumed. */
+/* Writes the state of an unfinished block, to be resumed by raster_resume. */
 V_INLINE void raster_suspend(const pags_raster_out *out, const raster_state *state, int block, bool extra) {
   const int64_t at = block_at(out, block);
   v_store_4x4(out->rgb[0] + at, out->stride, state->r);
@@ -240,7 +252,7 @@ V_INLINE void raster_resume(const pags_raster_out *out, raster_state *state, int
   }
 }
 
-/* Returns the blocks that are to be blended: those inside of the picture that haven't stopped. */
+/* Initialises the blocks. Returns the mask of active ones: those inside of the picture that haven't stopped. */
 V_INLINE unsigned raster_begin(raster_state *state, const pags_raster_in *in, const pags_raster_out *out,
                                raster_how how) {
   unsigned active = 0;
@@ -293,8 +305,9 @@ V_INLINE unsigned raster_tile(const pags_raster_in *in, const pags_raster_out *o
   return active;
 }
 
-/* Every choice is a function of its own, so that none is left to the inner loop. Extra channels and counting go
- * together: who asks for either doesn't mind the other's few per cent, and each function costs seconds of compiling. */
+/* Each variant is a function of its own, so that nothing is decided in the inner loop. Extra channels and counting
+ * share one variant: callers that want one can afford the few per cent of the other, and each function takes seconds
+ * to compile. */
 #define RASTER_VARIANT(name, exp_degree, extras, stops, hidden)                \
   static unsigned name(const pags_raster_in *in, const pags_raster_out *out) { \
     return raster_tile(in, out,                                                \
@@ -319,7 +332,7 @@ RASTER_VARIANT(raster_3_extra_bounded, 3, true, true, false)
 RASTER_VARIANT(raster_3_hard, 3, false, false, true)
 RASTER_VARIANT(raster_3_extra_hard, 3, true, false, true)
 
-/* What training asks for. */
+/* The variant for training: colour, transmittance and the sum of w z. */
 static unsigned raster_5_sum(const pags_raster_in *in, const pags_raster_out *out) {
   return raster_tile(in, out, (raster_how){.degree = 5, .sum = true});
 }
@@ -336,7 +349,8 @@ static unsigned raster(const pags_raster_in *in, const pags_raster_out *out) {
   return variants[exact][out->depth_sum || in->pairs][stop](in, out);
 }
 
-#define RASTER_COVERS (-1.0f) /* log2 of the alpha at which an occluder writes its depth */
+/* log2 of the alpha (1/2) from which a splat counts as an occluder in the depth pre-pass. */
+#define RASTER_COVERS (-1.0f)
 
 static void raster_depth(const pags_raster_in *in, float *depth, int64_t stride, float farthest[PAGS_TILE_BLOCKS]) {
   const block_corners corners = corners_of(in->x0, in->y0);
@@ -363,7 +377,8 @@ static void raster_depth(const pags_raster_in *in, float *depth, int64_t stride,
   }
 }
 
-/* The same steps with nothing to fetch: the block moves by a hair each step so that no part of one is invariant. */
+/* Measures the peak rate of blending: the steps of the rasteriser with all data in registers. The pixel centres move
+ * by 1e-6 each step, so that the compiler cannot move any part of a step out of the loop. */
 V_INLINE float roofline_steps(const pags_splat *splats, int64_t steps, int degree) {
   const pags_splat s = *splats;
   raster_state state;

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Gradient of blending, front to back like the forward pass.
+/* The gradient of blending, computed front to back like the forward pass.
  *
- * With behind_i = what all splats after i and the background contribute to dL/dC . C, found by subtracting each
- * splat's own part from the total that forward left:
+ * Let behind_i be the contribution of all splats after i and of the background to dL/dC . C. It is found by
+ * subtracting each splat's own part from the total, which the picture of the forward pass gives:
  *   dL/dcolour_i = w_i dL/dC                       w_i = alpha_i T_i
  *   dL/dalpha_i  = T_i (colour_i . dL/dC) - behind_i / (1 - alpha_i)
  * No division recovers T (it is blended again, to the same bits), no per-pixel index is stored, and pixels stop where
@@ -43,7 +43,7 @@ V_INLINE void backward_load(backward_tile *tile, const pags_raster_back *in, boo
   }
 }
 
-typedef struct backward_cover { /* of one splat over one block: independent of what lies in front */
+typedef struct backward_cover { /* the part of one splat over one block that doesn't depend on the splats in front */
   vf u, v, alpha;
 } backward_cover;
 
@@ -90,9 +90,10 @@ V_INLINE void backward_step(backward_tile *tile, const pags_splat *s, const back
   }
 }
 
-enum { BACKWARD_SOON = 8, BACKWARD_LATER = 16 }; /* splats from here */
+enum { BACKWARD_SOON = 8, BACKWARD_LATER = 16 }; /* how many splats ahead is prefetched */
 
-/* Where the slot is, then the slot itself and the splat: they lie anywhere. */
+/* Prefetches, for a splat BACKWARD_LATER entries ahead, the index of its first slot; for one BACKWARD_SOON entries
+ * ahead, the slot itself and the splat. They are scattered in memory. */
 V_INLINE void backward_fetch(const pags_raster_back *in, int64_t i) {
   const int64_t count = in->count + in->next_count;
   if (i + BACKWARD_LATER < count)
@@ -104,8 +105,8 @@ V_INLINE void backward_fetch(const pags_raster_back *in, int64_t i) {
   }
 }
 
-/* Rows of the next tile's planes, two a splat: a picture's width apart, too far for a processor to guess the next one,
- * and all at once they would only be waited for. */
+/* Prefetches rows of the next tile's planes, two per splat. They are a picture's width apart, too far for the
+ * hardware prefetcher; prefetched all at once, they would exceed what the processor can have in flight. */
 V_INLINE void backward_fetch_row(const pags_raster_back *in, int64_t i) {
   const int64_t pair = i / PAGS_TILE, row = i % PAGS_TILE * in->stride;
   for (int64_t k = 2 * pair; k < 2 * pair + 2 && k < PAGS_BACK_PLANES; k++)
@@ -129,7 +130,8 @@ V_INLINE void backward_all(const pags_raster_back *in, bool depth, bool absolute
     vf sum[PAGS_SLOT_FLOATS];
     for (int k = 0; k < PAGS_SLOT_FLOATS; k++)
       sum[k] = v_zero();
-    /* The next block's alpha is under way while this one's gradient is taken: see raster_pipeline. */
+    /* The alpha of the next block is computed before the gradient of this one, so that both overlap: see
+     * raster_pipeline. */
     int b = __builtin_ctz(blocks);
     backward_cover cover = backward_alpha(&tile, s, b);
     for (blocks &= blocks - 1; blocks; blocks &= blocks - 1) {

@@ -1,8 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A tile seen by 4 x 4 samples, 4 pixels apart, each in the middle of the 16 pixels that it stands for: one vector,
- * whose state stays in registers. They are blended as pixels are (raster.inl), with the short exponential. */
+/* Blends a tile at 4 x 4 sample points only, 4 pixels apart, each in the middle of the 4x4 pixels that it represents.
+ * The samples fill one vector, whose state stays in registers. They are blended like pixels (raster.inl), with the
+ * shorter polynomial for 2^x. */
 
-enum { SAMPLES_AHEAD = 16, SAMPLES_LOOK = 16 }; /* splats fetched ahead; splats between two looks at what has stopped */
+enum {
+  SAMPLES_AHEAD = 16, /* how many splats ahead are prefetched */
+  SAMPLES_LOOK = 16   /* after how many splats it is tested whether all samples have stopped */
+};
 
 V_INLINE void sample_tile(const pags_raster_in *in, const pags_raster_out *out, float *marked, raster_how how) {
   static const float middle_x[V_LANES] = {2, 6, 10, 14, 2, 6, 10, 14, 2, 6, 10, 14, 2, 6, 10, 14};

@@ -1,14 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What a splat matters to a tile: how much of it is seen, how much of that where something critical is, and how hard
- * the picture hangs on it (Speedy-Splat's score, Hanson et al. 2025).
+/* Pruning scores of a (splat, tile) pair: how much of the splat is visible, how much of that where pixels are
+ * critical, and how strongly the picture or the loss depends on it (the score of Speedy-Splat, Hanson et al. 2025).
  *
- * Front to back as the gradient goes (raster_backward.inl), with w = alpha T:
- *   seen     = sum of w n              n: how much a pixel counts
- *   critical = sum of w n m            m: how critical it is
- *   squared  = sum of n (dL/dG)^2      G: value of the projected Gaussian at the pixel, alpha = o G, L = what the
- *                                      gradient planes say, without them the sum of the picture's channels
- * dL/dG = o dL/dalpha. The 0.99 cap is let through, as in Speedy-Splat (and INRIA's backward): what is opaque would
- * have no weight at all where it covers most.
+ * Pairs are walked front to back as in the backward pass (raster_backward.inl), with w = alpha T:
+ *   seen     = sum of w n              n: weight of the pixel
+ *   critical = sum of w n m            m: how critical the pixel is, 0..1
+ *   squared  = sum of n (dL/dG)^2      G: value of the projected Gaussian at the pixel, alpha = o G; L: the loss,
+ *                                      if its gradient by the picture is given, else the sum of the picture's
+ *                                      channels
+ * dL/dG = o dL/dalpha. The derivative of the cap on alpha (0.99) is taken as 1, as in Speedy-Splat (and INRIA's
+ * backward), since otherwise an opaque splat would have no score where it covers most.
  *
  * With overlap `seen` and `critical` are sums of alpha instead, as if every splat were alone in the picture. */
 
@@ -78,7 +79,7 @@ V_INLINE void score_all(const pags_raster_score *in, bool overlap, bool loss) {
     const pags_splat *const s = in->splats + in->entries[i].splat;
     float *const slot = in->slots + (in->slot_start[in->entries[i].splat] + in->entries[i].rank) * PAGS_SCORE_SUMS;
     uint16_t blocks = in->block_masks[i];
-    if (overlap) /* what lies behind counts, too */
+    if (overlap) /* a splat counts also where it is hidden by others */
       blocks = block_mask(s, &corners);
     vf sum[3] = {v_zero(), v_zero(), v_zero()};
     for (unsigned left = blocks; left; left &= left - 1)

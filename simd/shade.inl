@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Colour of a Gaussian seen from the camera: real spherical harmonics to degree 3 with INRIA's constants and signs,
  * colour = max(0, 0.5 + sum_k basis_k(direction) coefficient_k), direction = normalise(mean - eye) in the model's
- * frame. No colour is more than PAGS_COLOUR_MAX: infinity times a weight of 0 is NaN, and what covers a light of 1e20
- * would have a gradient of that size. */
+ * frame. Colours are clamped to PAGS_COLOUR_MAX: infinity times a weight of 0 would be NaN, and a splat in front of
+ * one of colour 1e20 would get a gradient of that size. */
 
 #define SH_C0 0.28209479177387814f
 #define SH_C1 0.4886025119029199f
@@ -11,7 +11,7 @@ static const float sh_c2[5] = {1.0925484305920792f, -1.0925484305920792f, 0.3153
 static const float sh_c3[7] = {-0.5900435899266435f, 2.890611442640554f, -0.4570457994644658f, 0.3731763325901154f,
                                -0.4570457994644658f, 1.445305721320277f, -0.5900435899266435f};
 
-/* basis[0 .. (degree+1)^2). */
+/* Computes the basis functions basis[0 .. (degree+1)^2) of the unit direction (x, y, z). */
 static inline void sh_basis(int degree, vf x, vf y, vf z, vf *basis) {
   basis[0] = v_set(SH_C0);
   if (degree < 1)

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The cube map behind the Gaussians (pags/sky.h): which texels a pixel sees, and their colour blended in by what
- * transmittance is left.
+/* The cube map behind the Gaussians (pags/sky.h): finds the texels that each pixel sees, and adds their colour times
+ * the transmittance that the Gaussians leave.
  *
- * A cell is the square between four texel centres, named by its top left texel; a pixel's texels are the cell's
- * corners, weighted bilinearly by where in the cell (along, down in [0, 1]) its direction falls. Half a texel from a
- * face's border the clamp puts directions onto the cell's edge. A map of one texel a side has one cell a face, all of
- * whose corners are that texel. */
+ * A cell is the square between four texel centres, named by its top left texel. A pixel's colour is interpolated
+ * bilinearly between the four corners of the cell that its direction meets, at the position (along, down) in [0, 1]
+ * within the cell. Directions less than half a texel from the border of a face are clamped to the edge of the
+ * outermost cell. A map of one texel a side has one cell per face, all of whose corners are that texel. */
 
 typedef struct sky_cells16 {
   vi row, column; /* of the top left texel; rows count on from face to face */
@@ -16,14 +16,14 @@ V_INLINE vf sky_negated(vf x) {
   return v_sub(v_zero(), x);
 }
 
-/* From -1..1 over a face to the first texel and the rest. NaN, of a direction without length, becomes the last texel.
- */
+/* Converts a position on a face along one axis, -1..1, to the first texel of the cell (returned) and the position
+ * 0..1 in the cell (*rest). NaN, which a direction of length 0 gives, becomes the last texel. */
 V_INLINE vi sky_axis(vf position, int size, vf *rest) {
   const float half = 0.5f * (float)size;
   const vf last = v_set((float)(size - 1)), last_cell = v_set(size > 1 ? (float)(size - 2) : 0.0f);
   const vf u = v_max(v_min(v_fma(position, v_set(half), v_set(half - 0.5f)), last), v_zero());
-  const vi first =
-      v_to_i(v_min(v_sub(u, v_set(0.5f)), last_cell)); /* a whole u may fall to the left: the rest is 1 then */
+  /* A whole u may be rounded to the cell on its left: *rest is 1 then, which is the same point. */
+  const vi first = v_to_i(v_min(v_sub(u, v_set(0.5f)), last_cell));
   *rest = v_sub(u, i_to_v(first));
   return first;
 }
@@ -54,7 +54,7 @@ V_INLINE sky_cells16 sky_cells_of(const pags_sky_rays *rays, int x0, int y) {
   return c;
 }
 
-/* Of a cell's corners, times `t`. */
+/* Computes the bilinear weights of a cell's four corners, times t. */
 V_INLINE void sky_weights(vf along, vf down, vf t, vf weight[4]) {
   const vf lower = v_mul(t, down), upper = v_sub(t, lower);
   weight[0] = v_fnma(upper, along, upper), weight[1] = v_mul(upper, along);
@@ -74,8 +74,9 @@ static void sky_cells(const pags_sky_rays *rays, int x0, int y0, int step, int32
   }
 }
 
-/* Texels lie in a map of tens of megabytes: without this, waiting for them is two thirds of the blending. Enough of a
- * row's are asked for to name each cache line that a row of one texel a pixel or fewer comes to. */
+/* Prefetches the texels of sixteen pixels: the map has tens of megabytes, and without prefetching, two thirds of the
+ * blending time is spent waiting for it. Every fifth pixel suffices to reach each cache line, as long as neighbouring
+ * pixels are at most one texel apart. */
 V_INLINE void sky_fetch(const float *texels, const int32_t *texel, int below) {
   for (int k = 0; k < V_LANES; k += 5) {
     const float *const at = texels + 3 * (int64_t)texel[k];
@@ -95,8 +96,9 @@ static void sky_find(const pags_sky_rays *rays, const float *texels, int x0, int
   }
 }
 
-/* The four corners of four pixels' cells, each a texel and one float more; `right` and `below` floats on. After the
- * map's very last texel nothing comes: where a cell belongs to it, it is taken from `ending`. */
+/* Addresses of the corners of four pixels' cells: at[k] is the top left one, the others lie `right` and `below`
+ * floats further. Loads read one float beyond a texel's three. There is none after the last texel of the map, so a
+ * cell that has this texel as its last corner reads it from the copy `ending`. */
 typedef struct sky_corners {
   const float *at[4], *last[4];
 } sky_corners;
@@ -115,8 +117,8 @@ V_INLINE vf sky_load(const float *const at[4], int64_t on) {
   return v_load_fours(at[0] + on, at[1] + on, at[2] + on, at[3] + on);
 }
 
-/* Four pixels at a time, red, green, blue and what comes after them in a group of lanes: gathers of a lane each take
- * five times as long. */
+/* Adds the sky to a tile. Four pixels at a time: each group of four lanes loads red, green, blue and the float after
+ * them at once, since gathering lane by lane takes five times as long. */
 static void sky_blend(const pags_sky_rays *rays, const float *texels, const pags_sky_tile *tile, int64_t stride,
                       const float *transmittance, float *const rgb[3]) {
   const int64_t right = rays->size > 1 ? 3 : 0, below = right * rays->size,

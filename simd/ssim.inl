@@ -1,23 +1,24 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The training loss and its gradient for a band of rows of one channel: weighted L1 and D-SSIM (Wang et al. 2004), both
- * of sums over pixels that may count more than once.
+/* The training loss and its gradient for a band of rows of one channel: L1 and D-SSIM (Wang et al. 2004), both as
+ * sums over pixels weighted by how often a pixel counts.
  *
  *   S = A1 A2 / (B1 B2),  A1 = 2 mx my + C1,  A2 = 2 s_xy + C2,  B1 = mx^2 + my^2 + C1,  B2 = s_xx + s_yy + C2
  *
  * with mx = G*x, my = G*y, s_xy = G*(xy) - mx my, s_xx + s_yy = G*(xx + yy) - mx^2 - my^2; G* is the 11x11 Gaussian of
- * sigma 1.5 with zeros outside. S never needs s_xx and s_yy apart, so four blurs do. G being symmetric,
+ * sigma 1.5 with zeros outside. S needs only the sum of s_xx and s_yy, so four blurs suffice. G being symmetric,
  *
  *   d(sum S)/dx = G*(dS/dmx) + 2 x G*(dS/dq) + y G*(dS/dp),  q = G*(xx + yy), p = G*(xy)
  *   dS/dp = 2 A1 / (B1 B2),  dS/dq = -S / B2,  dS/dmx = 2 (my (A2 - A1) - mx S (B2 - B1)) / (B1 B2)
  *
- * Rows stream through rings that stay in the cache: loaded (x, y) > blurred down the columns, two rows at a time so
- * that each load serves both > along the row > the three derivatives > down the columns > along the row > gradient. A
- * band computes 5 rows of derivatives more than it owns on either side and loads 10. */
+ * Rows pass through ring buffers that stay in the cache: x and y are loaded; blurred along the columns, two rows at a
+ * time so that each load serves both; blurred along the row; the three derivatives are computed from them, and
+ * blurred along the columns and along the row; these give the gradient. A band computes the derivatives of 5 further
+ * rows on either side and loads 10. */
 
 enum {
   LOSS_RADIUS = 5,
   LOSS_TAPS = 11,
-  LOSS_WINDOW = LOSS_TAPS + 1, /* rows that two neighbouring results see */
+  LOSS_WINDOW = LOSS_TAPS + 1, /* rows that the blurs of two neighbouring rows depend on */
   LOSS_RING = 16,
   LOSS_MARGIN = 16 /* zeros on either side of a row */
 };
@@ -29,9 +30,9 @@ static const float loss_weight[LOSS_RADIUS + 1] = {0.266011725f,  0.213005538f, 
 typedef struct loss_state {
   const pags_loss_rows *io;
   int64_t pitch;        /* floats from row to row of the scratch */
-  float *x, *y;         /* rings of LOSS_RING rows, times the mask */
+  float *x, *y;         /* rings of LOSS_RING rows of prediction and target, 0 where masked */
   float *derivative[3]; /* rings of dS/dmx, dS/dq, dS/dp, times ssim_scale, the mask and how often the pixel counts */
-  float *sums[2][4];    /* what the pass down the columns leaves for the one along the row */
+  float *sums[2][4];    /* two rows of up to four quantities blurred along the columns, not yet along the row */
   double l1, squared, ssim, more_l1, more_dssim, by_exposure[2];
 } loss_state;
 
@@ -51,12 +52,13 @@ static inline vm loss_counted(const pags_loss_rows *io, int row, int column) {
   return m_and(inside, v_gt(v_load_u8(io->mask + row * io->stride + column), v_zero()));
 }
 
-/* How much more than once pixels count. */
+/* Returns by how much more than once each pixel counts: gain * emphasis. */
 static inline vf loss_more(const pags_loss_rows *io, int row, int column) {
   return io->emphasis ? v_mul(v_load_u8(io->emphasis + row * io->stride + column), v_set(io->gain)) : v_zero();
 }
 
-/* Brings a row into the rings; in the band, adds up |x - y| and the square of clamped x - y (as PSNR has it). */
+/* Loads a row of prediction and target into the rings. For rows of the band, also sums |x - y| and the squares of
+ * x - y with x clamped to [0, 1], as PSNR needs them. */
 static void loss_load(loss_state *s, int row) {
   const pags_loss_rows *io = s->io;
   float *x = loss_ring(s, s->x, row), *y = loss_ring(s, s->y, row);
@@ -69,7 +71,7 @@ static void loss_load(loss_state *s, int row) {
   vf l1 = v_zero(), squared = v_zero(), more = v_zero();
   for (int i = 0; i < io->width; i += V_LANES) {
     const vm use = loss_counted(io, row, i);
-    /* Products of four values must stay floats; a NaN becomes the lower bound. */
+    /* Bounded so that products of four values stay finite; a NaN becomes the lower bound. */
     const vf exposed = v_fma(v_load(io->prediction + row * io->stride + i), gain, offset);
     const vf bounded = v_min(v_max(exposed, v_set(-PAGS_COLOUR_MAX)), v_set(PAGS_COLOUR_MAX));
     const vf a = v_maskz(use, bounded);
@@ -88,7 +90,7 @@ static void loss_load(loss_state *s, int row) {
   }
 }
 
-/* Sums down the columns of x, y, xx + yy, xy for rows `row` and `row` + 1. */
+/* Blurs x, y, xx + yy and xy along the columns, for rows `row` and `row` + 1. */
 static void loss_moments_down(const loss_state *s, int row) {
   vf w[LOSS_RADIUS + 1];
   const float *x[LOSS_WINDOW];
@@ -127,7 +129,7 @@ static void loss_moments_down(const loss_state *s, int row) {
   }
 }
 
-/* The same of the three derivatives. */
+/* Blurs the three derivatives along the columns, for rows `row` and `row` + 1. */
 static void loss_derivatives_down(const loss_state *s, int row) {
   vf w[LOSS_RADIUS + 1];
   const float *d[LOSS_WINDOW];
@@ -159,7 +161,7 @@ static void loss_derivatives_down(const loss_state *s, int row) {
   }
 }
 
-/* Eleven taps along a row, the sums of equal weights first. */
+/* The blur along a row: eleven taps, adding the two values of equal weight first. */
 static inline vf loss_along(const float *row) {
   vf sum = v_mul(v_set(loss_weight[0]), v_load(row));
 #pragma GCC unroll 5
@@ -168,7 +170,8 @@ static inline vf loss_along(const float *row) {
   return sum;
 }
 
-/* Derivatives of one row from its sums. */
+/* Computes SSIM and the three derivatives of one row from its sums along the columns; sums SSIM for rows of the
+ * band. */
 static void loss_differentiate(loss_state *s, int row, float *const sums[4]) {
   const pags_loss_rows *io = s->io;
   float *out[3];
@@ -215,8 +218,9 @@ static void loss_derivatives(loss_state *s, int row) {
   }
 }
 
-/* The gradient of one row from the sums of its derivatives, by the prediction and summed up by its exposure; zero in
- * the padding and where nothing counts. */
+/* Computes the gradient of the loss by the prediction for one row, from the sums of the derivatives along the
+ * columns, and adds the row's part of the gradient by the exposure. Zero in the padding and where a pixel doesn't
+ * count. */
 static void loss_gradient(loss_state *s, int row, float *const sums[3]) {
   const pags_loss_rows *io = s->io;
   const float *x = loss_ring(s, s->x, row), *y = loss_ring(s, s->y, row);

@@ -27,11 +27,12 @@
 
 enum { V_LANES = 16 };
 
-/* For kernels whose constant arguments choose what is compiled: gcc's own judgement leaves the choice in the inner
- * loop. */
+/* Forces inlining, for functions whose constant arguments select a variant: by itself gcc leaves the selection in the
+ * inner loop. */
 #define V_INLINE static inline __attribute__((always_inline))
 
-/* Where the bytes of four lanes go when those of set bits are moved together; 128: nowhere. */
+/* Byte shuffles that move the lanes, of four, whose bits are set in the mask (the first index) to the front; 128
+ * clears a byte. */
 #if defined(PAGS_ISA_AVX2) || defined(PAGS_ISA_NEON)
 static const uint8_t v_compress4[16][16] __attribute__((aligned(16))) = {
     {128, 128, 128, 128, 128, 128, 128, 128, 128, 128, 128, 128, 128, 128, 128, 128},
@@ -99,8 +100,9 @@ V_INLINE vf v_exp2(vf x, int degree) {
   vf f, p;
   const vf shifted = v_exp2_scale(x, &f);
   if (degree >= 5) {
-    const vf f2 = v_mul(f, f); /* Estrin's scheme: 12 cycles from f where Horner's takes 20, and out-of-order
-                                  execution is what bounds the blending loop */
+    /* Estrin's scheme: 12 cycles of latency where Horner's takes 20. The blending loop is limited by how much latency
+     * out-of-order execution can hide. */
+    const vf f2 = v_mul(f, f);
     const vf c45 = v_fma(v_set(1.32764721e-3f), f, v_set(9.67554141e-3f));
     const vf c23 = v_fma(v_set(5.55071327e-2f), f, v_set(2.40221197e-1f));
     const vf c01 = v_fma(v_set(6.93146967e-1f), f, v_set(1.00000007f));

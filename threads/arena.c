@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A bump allocator over a few growing heap chunks, which a reset folds into one: after the first rounds it makes no
- * heap call any more. Under AddressSanitizer memory that isn't handed out is poisoned, and blocks lie apart, so that
- * overruns and stale pointers are caught as they would be with malloc. */
+/* A bump allocator over a few growing heap chunks. A reset replaces them by one chunk of the size that was needed, so
+ * that after the first rounds no heap call is made any more. Under AddressSanitizer, memory that isn't handed out is
+ * poisoned and blocks are separated by gaps, so that overruns and stale pointers are caught as with malloc. */
 #include <pags/tasks.h>
 
 #include <assert.h>
@@ -27,7 +27,8 @@ enum { GAP = 0 };
 /* One cache line, and one AVX-512 register. */
 enum { ALIGNMENT = 64 };
 enum { FIRST_CHUNK = 64 * 1024 };
-/* Each new chunk is as large as all before it together while memory lasts: the address space bounds their number. */
+/* Each new chunk is as large as all earlier ones together (unless memory is short), so that 64 of them exceed the
+ * address space. */
 enum { CHUNKS_MAX = 64 };
 
 typedef struct chunk {
@@ -39,9 +40,9 @@ typedef struct chunk {
 
 struct pags_arena {
   chunk chunks[CHUNKS_MAX];
-  size_t count;   /* chunks that exist */
-  size_t current; /* the one being filled; those behind it are empty */
-  size_t high_water;
+  size_t count;      /* chunks that exist */
+  size_t current;    /* index of the chunk being filled; later chunks are empty */
+  size_t high_water; /* most bytes ever in use at once */
   uint64_t heap_calls;
 };
 
@@ -96,7 +97,7 @@ static size_t in_use(const pags_arena *arena) {
   return c->before + c->used;
 }
 
-/* Moves on to a chunk behind the current one with room for `bytes`, a new one if need be. */
+/* Makes a later chunk that has room for `bytes` the current one; appends a new chunk if there is none. */
 static bool advance(pags_arena *arena, size_t bytes) {
   size_t used_before = in_use(arena);
   size_t next = arena->count == 0 ? 0 : arena->current + 1;
@@ -105,7 +106,7 @@ static bool advance(pags_arena *arena, size_t bytes) {
   if (next == arena->count) {
     size_t grown = total_capacity(arena);
     size_t capacity = grown > FIRST_CHUNK ? grown : FIRST_CHUNK;
-    /* When memory is short the doubling is what we can do without. */
+    /* If the heap cannot give a chunk that doubles the total, a chunk of just `bytes` is tried. */
     if (!(bytes < capacity && add_chunk(arena, capacity)) && !add_chunk(arena, bytes))
       return false;
   }
@@ -141,12 +142,12 @@ void *pags_arena_alloc(pags_arena *arena, size_t count, size_t size) {
 
 void pags_arena_reset(pags_arena *arena) {
   if (arena->count > 1) {
-    /* A quarter more than ever needed, lest a slowly growing scene comes back here every frame. */
+    /* A quarter more than was ever needed, so that a slowly growing scene doesn't need a new chunk every frame. */
     size_t capacity = arena->high_water;
     if (capacity < SIZE_MAX / 2)
       capacity += capacity / 4 / ALIGNMENT * ALIGNMENT;
     free_chunks(arena);
-    /* Should this fail, the next allocation tries again and reports it. */
+    /* If this fails, the next allocation tries to add a chunk again and reports the failure. */
     (void)add_chunk(arena, capacity);
   }
   pags_arena_release(arena, (pags_arena_mark){0, 0});

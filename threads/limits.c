@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Processors and memory this process may use: affinity mask, physical memory, and the limits of its control group.
+/* Determines how many processors and how much memory this process may use: from the affinity mask, the physical
+ * memory and the limits of its control group (cgroup).
  *
- * A limit may sit on the process's group or on any ancestor, so all are read. Inside a container /proc/self/cgroup may
- * name the path as the host sees it while the mount shows the container's own group as the root; levels that don't
- * exist are therefore passed over, and the walk always ends at the root. Both layouts of Linux are read: version 2 (one
- * tree) and version 1 (a tree per controller).
+ * A limit may be set on the process's group or on any ancestor, so all are read. Inside a container /proc/self/cgroup
+ * may give the path as the host sees it, while the mount shows the container's own group as the root; levels that
+ * don't exist are therefore skipped, and the walk always ends at the root. Both layouts of Linux are read: version 2
+ * (one tree) and version 1 (a tree per controller).
  * Source: Documentation/admin-guide/cgroup-v2.rst and cgroup-v1/memory.rst of the Linux kernel. */
 #define _GNU_SOURCE /* sched_getaffinity */
 #include "limits.h"
@@ -19,7 +20,7 @@
 
 enum { PATH_BYTES = 4096 };
 
-/* A limit of one group: reads from the folder `group` and lowers *limit. */
+/* Reads a limit of one group from its folder `group` and lowers *limit to it. */
 typedef void limit_fn(const char *group, uint64_t *limit);
 
 /* Reads the first line of group/name. */
@@ -41,7 +42,8 @@ static void lower(uint64_t *limit, uint64_t value) {
     *limit = value;
 }
 
-/* Part of a processor counts as one: half of two threads' time is more than one thread's. */
+/* Lowers *limit to a CPU quota in whole threads, rounded up: with a quota of 1.5 processors, two threads get more
+ * done than one. */
 static void lower_to_quota(uint64_t *limit, int64_t quota, int64_t period) {
   if (quota > 0 && period > 0)
     lower(limit, (uint64_t)(quota / period) + (quota % period != 0));
@@ -69,7 +71,8 @@ static void memory_limit_from(const char *group, const char *name, uint64_t *lim
     lower(limit, bytes);
 }
 
-/* Above memory.high the kernel slows a group down until it is of no use, so that counts as a limit too. */
+/* memory.high counts as a limit, too, since the kernel throttles a group that exceeds it until it makes no
+ * progress. */
 static void memory_limit_v2(const char *group, uint64_t *limit) {
   memory_limit_from(group, "memory.max", limit);
   memory_limit_from(group, "memory.high", limit);
@@ -105,7 +108,8 @@ static bool list_has(const char *list, const char *name) {
   return false;
 }
 
-/* A line is "id:controllers:path"; version 2 has no controllers there. */
+/* Applies the limits that a line "id:controllers:path" of /proc/self/cgroup leads to; version 2 has no
+ * controllers. */
 static void apply_line(const char *root, char *line, const char *controller, limit_fn *v1, limit_fn *v2,
                        uint64_t *limit) {
   line[strcspn(line, "\n")] = '\0';
@@ -119,7 +123,7 @@ static void apply_line(const char *root, char *line, const char *controller, lim
     walk_up(root, "", path, v2, limit);
     walk_up(root, "/unified", path, v2, limit);
   } else if (list_has(controllers, controller)) {
-    /* The folder is called after all controllers of the tree; distributions link the single names to it. */
+    /* The folder is named by all controllers of the tree ("cpu,cpuacct"); single names may be links to it. */
     char mount[256];
     int length = snprintf(mount, sizeof mount, "/%s", controllers);
     if (length > 0 && length < (int)sizeof mount)
@@ -153,7 +157,8 @@ uint64_t pags_cgroup_memory(const char *root, uint64_t ceiling) {
   return cgroup_limit(root, "memory", memory_limit_v1, memory_limit_v2, ceiling);
 }
 
-/* The mask must be as large as the kernel's own, which isn't known beforehand. */
+/* Returns the number of processors in the affinity mask. The set must be at least as large as the kernel's, which is
+ * not known, so larger and larger ones are tried. */
 static int affinity_count(void) {
   for (int cpus = 1024; cpus <= 1 << 20; cpus *= 4) {
     cpu_set_t *set = CPU_ALLOC((size_t)cpus);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What a control group allows, read below any root: the tests bring trees of their own. */
+/* Reads the limits of the process's control group (cgroup) on threads and memory, below a given root folder, so that
+ * tests can use files of their own. */
 #ifndef PAGS_THREADS_LIMITS_H
 #define PAGS_THREADS_LIMITS_H
 

@@ -1,15 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The pool: parallel loops, background jobs, and the same interface over a host's threads.
+/* The thread pool (pags/tasks.h): parallel loops, background jobs, and the same interface over a host's threads.
  *
- * A loop is joined, not handed out. The caller writes its description, opens the gate, and works on it like everybody
- * else; a worker that sees the gate open counts itself in, draws blocks until there are none, closes the gate and
- * counts itself out. The loop is over when the gate is closed and the count is zero. So a worker busy with a job, or
- * asleep, holds nobody up, and the description may be overwritten as soon as the loop is over, since nobody can join a
- * closed one.
+ * Workers join a loop by themselves; nothing is assigned to them. The caller writes the description of the loop, sets
+ * the "open" bit of the atomic `gate`, and works on the loop like every worker. A worker that sees the bit set adds
+ * itself to the count in `gate`, takes blocks until none is left, clears the bit and subtracts itself. The loop is
+ * over when the bit is clear and the count is zero. So nobody waits for a worker that is busy with a job or asleep,
+ * and the description may be overwritten as soon as the loop is over, since nobody can join a loop that is closed.
  *
- * A training step runs dozens of loops with little between them, hence idle workers watch the gate for a moment before
- * they sleep. Sleeping and opening use sequentially consistent atomics: of "I sleep" and "the gate is open" at least
- * one is seen by the other side, so that no wake-up is lost. */
+ * A training step runs dozens of loops in short succession, hence idle workers spin on the gate for a moment before
+ * they sleep. The count of sleepers and the gate are sequentially consistent atomics: either the worker that is about
+ * to sleep sees the open gate, or the caller sees the sleeper, so that no wake-up is lost. */
 #include <pags/tasks.h>
 
 #include <assert.h>
@@ -19,10 +19,10 @@
 #include <stdlib.h>
 #include <time.h>
 
-/* How long to watch before sleeping: a few times the cost of a wake-up through the kernel (5 to 10 us). */
+/* How long a thread spins before it sleeps: a few times the cost of a wake-up through the kernel (5 to 10 us). */
 enum { SPIN_NANOSECONDS = 40000 };
 
-/* The gate's bits; those below count the workers inside. */
+/* Bits of the gate; the lower 30 bits count the workers that have joined the loop. */
 #define GATE_OPEN 0x80000000u
 #define GATE_AWAITED 0x40000000u /* the caller sleeps until the count is zero */
 #define GATE_COUNT 0x3fffffffu
@@ -44,19 +44,19 @@ typedef struct hand {
 
 struct pags_tasks {
   int workers;
-  int started; /* threads of ours that run */
-  bool hosted; /* `runner` brings the threads */
+  int started; /* threads of the pool that run */
+  bool hosted; /* the threads are the host's, by `runner` */
   pags_runner runner;
   hand *crew;          /* [workers]; entry 0 is the caller */
   pags_arena **arenas; /* [workers] */
   loop loop;           /* written with the gate closed and nobody inside */
 
-  /* Each of these is hammered by other threads than its neighbours are, hence lines of their own. */
+  /* Different sets of threads access these at high rates, hence each group has cache lines of its own. */
   _Alignas(64) atomic_uint gate;
   _Alignas(64) atomic_uint_fast64_t next_block;
   _Alignas(64) atomic_int cancelled;
   atomic_int sleepers;
-  atomic_int queued; /* jobs in the list, for looks without the lock */
+  atomic_int queued; /* number of jobs in the list, readable without the lock */
   atomic_int stopping;
 
   _Alignas(64) pthread_mutex_t lock; /* guards the list and the jobs' states */
@@ -66,7 +66,8 @@ struct pags_tasks {
   pags_job *first_job, *last_job;
 };
 
-/* Which workers of which pools this thread is at the moment, innermost first. */
+/* A stack, innermost entry first, of the pools in which this thread is working at the moment and its worker index in
+ * each: by it a nested loop of the same pool is recognised and run inline. */
 typedef struct inside {
   const pags_tasks *tasks;
   int worker;
@@ -96,7 +97,7 @@ static int64_t now_nanoseconds(void) {
   return (int64_t)now.tv_sec * 1000000000 + now.tv_nsec;
 }
 
-/* Watches until `ready` or until it isn't worth it any more; says which. */
+/* Spins until `ready` returns true, for at most about SPIN_NANOSECONDS. Returns whether it did. */
 static bool spin_until(bool (*ready)(pags_tasks *), pags_tasks *tasks) {
   int64_t deadline = 0;
   for (;;) {
@@ -144,7 +145,7 @@ static bool nobody_inside(pags_tasks *tasks) {
   return (atomic_load(&tasks->gate) & GATE_COUNT) == 0;
 }
 
-/* Counts the calling worker in; false when there is no loop to join. */
+/* Adds the calling worker to the count in the gate; false if there is no loop to join. */
 static bool enter_gate(pags_tasks *tasks) {
   unsigned seen = atomic_load(&tasks->gate);
   while (seen & GATE_OPEN)
@@ -153,7 +154,8 @@ static bool enter_gate(pags_tasks *tasks) {
   return false;
 }
 
-/* No block is left, so nobody else need enter; being counted in, we know that it is still the same loop we close. */
+/* Closes the gate, since no block is left for others, and takes the calling worker off the count. While it is
+ * counted, the loop cannot end, so that it is its own loop that it closes, not the next. */
 static void leave_gate(pags_tasks *tasks) {
   atomic_fetch_and(&tasks->gate, ~GATE_OPEN);
   unsigned before = atomic_fetch_sub(&tasks->gate, 1);
@@ -176,8 +178,9 @@ static void close_gate(pags_tasks *tasks) {
   pthread_mutex_unlock(&tasks->lock);
 }
 
-/* Wakes up to `wanted` sleepers for work that has just become visible. A sleeper counts itself before it looks for
- * work, under the lock: either it saw the work, or we see it here, and taking the lock waits until it really waits. */
+/* Wakes up to `wanted` sleeping workers for work that has just become visible. A worker that is about to sleep takes
+ * the lock, counts itself in `sleepers` and then looks for work: either it sees the work, or it is counted here, and
+ * taking the lock here waits until it has released it by waiting on the condition, so that it receives the signal. */
 static void wake_sleepers(pags_tasks *tasks, uint64_t wanted) {
   int sleepers = atomic_load(&tasks->sleepers);
   if (sleepers == 0)
@@ -259,7 +262,7 @@ static void append_job(pags_tasks *tasks, pags_job *job) {
   atomic_fetch_add(&tasks->queued, 1);
 }
 
-/* Lock held; `job` is in the list. */
+/* Takes `job` out of the list. The lock is held and the job is in the list. */
 static void remove_job(pags_tasks *tasks, pags_job *job) {
   pags_job *previous = NULL;
   for (pags_job *at = tasks->first_job; at != job; at = at->next)
@@ -273,8 +276,8 @@ static void remove_job(pags_tasks *tasks, pags_job *job) {
   atomic_fetch_sub(&tasks->queued, 1);
 }
 
-/* Takes `job` out of the list and runs it. Lock held at entry and at return, but not while the job runs; once it counts
- * as done it is the submitter's again, and we don't touch it any more. */
+/* Takes `job` out of the list and runs it. The lock is held at entry and at return, but not while the job runs. Once
+ * its state is JOB_DONE the job belongs to the submitter again and must not be accessed here. */
 static void run_job_locked(pags_tasks *tasks, pags_job *job) {
   remove_job(tasks, job);
   job->state = JOB_RUNNING;
@@ -306,7 +309,7 @@ void pags_job_submit(pags_tasks *tasks, pags_job *job) {
 }
 
 void pags_job_wait(pags_tasks *tasks, pags_job *job) {
-  /* Loops inside of the job then run inline, as they do on a worker. */
+  /* If the job runs on this thread, its loops run inline, as they do on a worker. */
   const inside *already = find_inside(tasks);
   const inside here = {tasks, already ? already->worker : 0, innermost};
   innermost = &here;
@@ -356,7 +359,7 @@ static void *worker_main(void *argument) {
   return NULL;
 }
 
-/* Workers take no signals: handlers belong to the threads of the program. */
+/* Starts the worker threads with all signals blocked: signal handlers run on the threads of the program. */
 static bool start_workers(pags_tasks *tasks) {
   sigset_t all, before;
   sigfillset(&all);
@@ -423,7 +426,7 @@ pags_tasks *pags_tasks_create_with_runner(const pags_runner *runner) {
   return tasks;
 }
 
-/* The caller lends a hand, and is the only one to do so where there are no threads. */
+/* Runs jobs on the calling thread until none is queued; without threads of the pool, nobody else would run them. */
 static void finish_jobs(pags_tasks *tasks) {
   const inside here = {tasks, 0, innermost};
   innermost = &here;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Numbers from and to little-endian bytes at any address; compilers make single loads and stores of these. */
+/* Loads and stores integers and floats as little-endian bytes at any address, aligned or not, on any machine.
+ * Compilers turn each of these functions into a single load or store. */
 #ifndef PAGS_BASE_BYTES_H
 #define PAGS_BASE_BYTES_H
 

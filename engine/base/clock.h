@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Milliseconds of a clock that only goes forward, from wherever it began. */
+/* Time in milliseconds by a monotonic clock with an arbitrary zero: only differences have a meaning. */
 #ifndef PAGS_BASE_CLOCK_H
 #define PAGS_BASE_CLOCK_H
 
@@ -11,7 +11,7 @@ static inline double pags_clock_ms(void) {
   return (double)t.tv_sec * 1e3 + (double)t.tv_nsec * 1e-6;
 }
 
-/* What has passed since `*since`, which becomes now. */
+/* Returns the milliseconds since *since and sets *since to the present time. */
 static inline double pags_clock_lap_ms(double *since) {
   double now = pags_clock_ms(), passed = now - *since;
   *since = now;

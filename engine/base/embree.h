@@ -14,13 +14,14 @@
 #include <embree3/rtcore.h>
 #endif
 
-/* A device that builds on one thread: it makes the same tree every time, and with it the same choice between two
- * primitives that are equally near. NULL on failure. */
+/* Creates an Embree device that builds on one thread: it then builds the same tree every time, and of two primitives
+ * that are equally near, queries always find the same one. NULL on failure. */
 static inline RTCDevice pags_embree_device(void) {
   return rtcNewDevice("threads=1");
 }
 
-/* PAGS_OK, or the device's last error; NULL: that of creating a device. */
+/* Returns PAGS_OK or fails with the last error of `device`; NULL: with that of the last attempt to create a
+ * device. */
 static inline pags_result pags_embree_check(RTCDevice device) {
   const enum RTCError code = rtcGetDeviceError(device);
   if (code == RTC_ERROR_NONE)
@@ -30,7 +31,7 @@ static inline pags_result pags_embree_check(RTCDevice device) {
   return pags_fail(PAGS_ERROR_UNSUPPORTED, "Embree failed with error %d", (int)code);
 }
 
-/* As pags_embree_check, for a call that returned NULL: an error even where the device reports none. */
+/* For an Embree call that returned NULL: fails like pags_embree_check, but also if the device reports no error. */
 static inline pags_result pags_embree_failed(RTCDevice device) {
   const pags_result result = pags_embree_check(device);
   return result != PAGS_OK ? result : pags_fail(PAGS_ERROR_UNSUPPORTED, "Embree failed without an error code");

@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Files as a whole, and their atomic replacement. What is no regular file is written straight to, never replaced. */
+/* Reads and writes whole files. A regular file is written to PATH.part, which is then renamed, so that the old file
+ * or the whole new one is there at any moment; devices, FIFOs and sockets are written directly. Writes end in an
+ * error, not in SIGPIPE, when a reader goes away. */
 #include "base/file.h"
 
 #include <assert.h>
@@ -25,6 +27,7 @@ pags_result pags_fail_errno(const char *path, const char *what) {
 
 /* ---- Reading ---- */
 
+/* Opens a regular file for reading and returns its size in bytes; anything else is refused. */
 static pags_result open_regular(const char *path, FILE **stream, uint64_t *size) {
   struct stat status;
   *stream = fopen(path, "rb");
@@ -81,15 +84,16 @@ pags_result pags_file_read(const char *path, uint8_t **bytes, size_t *size) {
   return PAGS_OK;
 }
 
-/* ---- Where a write goes ---- */
+/* ---- Finding the target of a write ---- */
 
-/* Links in /proc lead to open descriptors, not to paths: /dev/stdout is one. */
+/* Returns whether a link lies in /proc. Such links, like the target of /dev/stdout, lead to open descriptors, not to
+ * paths. */
 static bool is_of_proc(const struct stat *link) {
   struct stat proc;
   return stat("/proc", &proc) == 0 && link->st_dev == proc.st_dev;
 }
 
-/* What the link at `path` points to, one step further; NULL with errno. */
+/* Returns the path that the symbolic link `path` points to, one step only, freed by the caller; NULL with errno. */
 static char *follow_link(const char *path) {
   char to[PATH_MAX];
   const ssize_t length = readlink(path, to, sizeof to);
@@ -106,7 +110,7 @@ static char *follow_link(const char *path) {
 }
 
 pags_result pags_file_find_target(const char *path, char **target, bool *straight) {
-  enum { MOST_LINKS = 40 }; /* as Linux follows */
+  enum { MOST_LINKS = 40 }; /* as many as Linux follows */
   struct stat status;
   *target = NULL;
   *straight = false;
@@ -117,7 +121,8 @@ pags_result pags_file_find_target(const char *path, char **target, bool *straigh
     return pags_fail_errno(path, "can't write");
   if (there && S_ISDIR(status.st_mode))
     return pags_fail(PAGS_ERROR_IO, "%s: can't write a file, a folder of that name exists", path);
-  /* Root may write whatever the mode says, and a rename needs no permission for the file: ask for both. */
+  /* A rename needs no permission for the file it replaces, and access() allows root everything: so both the mode and
+   * access() are asked, and a read-only file isn't replaced. */
   if (there && !(status.st_mode & (S_IWUSR | S_IWGRP | S_IWOTH)))
     return pags_fail(PAGS_ERROR_IO, "%s: can't write: it is read-only (mode %04o)", path,
                      (unsigned)(status.st_mode & 07777));
@@ -145,15 +150,15 @@ pags_result pags_file_find_target(const char *path, char **target, bool *straigh
   return PAGS_OK;
 }
 
-/* Regular files are opened to append: here they are logs, or the program's own output (/dev/stdout). Block devices
- * would be written to behind their end with O_APPEND. */
+/* Opens `path` for writing without a part file; connects to it if it is a socket. Returns the descriptor, -1 with
+ * errno. Regular files are opened to append, since those that come here are logs or the program's own output
+ * (/dev/stdout). Devices are not: with O_APPEND a block device would be written to behind its end. */
 static int open_straight(const char *path) {
   struct stat status;
   const int common = O_WRONLY | O_NOCTTY | O_CLOEXEC;
   if (stat(path, &status) != 0)
     return open(path, common | O_CREAT | O_APPEND, 0666);
   if (S_ISSOCK(status.st_mode)) {
-    /* A descriptor that writes into the socket's server; -1 with errno. */
     struct sockaddr_un address = {.sun_family = AF_UNIX};
     if (strlen(path) >= sizeof address.sun_path) {
       errno = ENAMETOOLONG;
@@ -172,11 +177,12 @@ static int open_straight(const char *path) {
   return open(path, common | (S_ISREG(status.st_mode) ? O_APPEND : 0));
 }
 
-/* A reader of a FIFO or a socket that goes away is an error of the write, not the end of the process. The signal is
- * blocked on this thread alone while it writes, and taken away where it came: a library mustn't set handlers. */
+/* If the reader of a FIFO or a socket goes away, a write must fail, not end the process by SIGPIPE. The signal is
+ * blocked on this thread while it writes, and a signal that came meanwhile is consumed. No handler is set, since that
+ * is not for a library to do. */
 typedef struct held_signal {
-  sigset_t before;
-  bool pending;
+  sigset_t before; /* signal mask before the write */
+  bool pending;    /* SIGPIPE was pending before the write already: must stay so */
 } held_signal;
 
 static held_signal hold_sigpipe(void) {
@@ -224,7 +230,8 @@ static pags_result writer_fail(pags_file_writer *writer, const char *what) {
   return result;
 }
 
-/* The file beside the target. Where a killed process left one it is written over; what is no regular file stays. */
+/* Opens the part file TARGET.part. One that a killed process has left is overwritten; anything else than a regular
+ * file of that name is an error. */
 static pags_result open_part(pags_file_writer *writer, int *descriptor) {
   struct stat status;
   const size_t length = strlen(writer->target);
@@ -242,6 +249,7 @@ static pags_result open_part(pags_file_writer *writer, int *descriptor) {
   return *descriptor < 0 ? pags_fail_errno(writer->path, "can't write") : PAGS_OK;
 }
 
+/* Opens the writer on `path`: on a part file, or directly on what can't be replaced or is to be appended to. */
 static pags_result writer_open(pags_file_writer *writer, const char *path, bool append) {
   bool straight = false;
   int descriptor = -1;
@@ -282,7 +290,7 @@ pags_result pags_file_writer_append(pags_file_writer *writer, const char *path) 
 pags_result pags_file_writer_put(pags_file_writer *writer, const void *bytes, size_t size) {
   assert(writer->stream);
   held_signal held;
-  if (!writer->part) /* many small puts go into regular files, which raise no signal */
+  if (!writer->part) /* part files raise no signal: saves system calls for many small puts */
     held = hold_sigpipe();
   const bool written = !size || fwrite(bytes, 1, size, writer->stream) == size;
   if (!writer->part)
@@ -290,7 +298,7 @@ pags_result pags_file_writer_put(pags_file_writer *writer, const void *bytes, si
   return written ? PAGS_OK : writer_fail(writer, "can't write");
 }
 
-/* FIFOs and most devices can't be synced. */
+/* Flushes the stream and, if `sync`, syncs the file to disk. FIFOs and most devices cannot be synced: no failure. */
 static bool flush_and_sync(pags_file_writer *writer, bool sync) {
   if (fflush(writer->stream) != 0)
     return false;
@@ -298,6 +306,7 @@ static bool flush_and_sync(pags_file_writer *writer, bool sync) {
          (!writer->part && (errno == EINVAL || errno == EROFS || errno == ENOTSUP));
 }
 
+/* Flushes, closes and, for a part file, renames it to the target; on failure the part file is removed. */
 static pags_result writer_finish(pags_file_writer *writer, bool sync) {
   assert(writer->stream);
   const held_signal held = hold_sigpipe();
@@ -316,7 +325,7 @@ static pags_result writer_finish(pags_file_writer *writer, bool sync) {
   release_sigpipe(&held);
   if (!done)
     return writer_fail(writer, "can't write");
-  pags_file_writer_abort(writer); /* closed by now: frees the names only */
+  pags_file_writer_abort(writer); /* the stream is closed already: this only frees the names */
   return PAGS_OK;
 }
 
@@ -339,7 +348,7 @@ pags_result pags_file_write_unsynced(const char *path, const void *bytes, size_t
   return write_whole(path, bytes, size, false);
 }
 
-/* ---- Questions ---- */
+/* ---- Existence ---- */
 
 bool pags_file_exists(const char *path) {
   struct stat status;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Files and folders. Sizes are 64 bits; messages name the path and what the system said. */
+/* Files, folders and paths: whole-file reading, atomic replacement, listing and removal. Sizes are 64 bits. Messages
+ * name the path and the system's reason. */
 #ifndef PAGS_BASE_FILE_H
 #define PAGS_BASE_FILE_H
 
@@ -12,42 +13,42 @@
 extern "C" {
 #endif
 
-/* The whole file in a block that the caller frees, with a zero byte after the end that `size` doesn't count. Folders
- * are refused. PAGS_ERROR_IO or PAGS_ERROR_MEMORY. */
+/* Reads a whole regular file into a block that the caller frees, with a zero byte after the end that `size` doesn't
+ * count. Anything but a regular file is refused. PAGS_ERROR_IO or PAGS_ERROR_MEMORY. */
 pags_result pags_file_read(const char *path, uint8_t **bytes, size_t *size);
 pags_result pags_file_size(const char *path, uint64_t *size);
 
-/* What errno says of `what`, which failed; PAGS_ERROR_IO, or _MEMORY for ENOMEM. */
+/* Fails with "path: what: " and the text of errno. PAGS_ERROR_IO, or PAGS_ERROR_MEMORY for ENOMEM. */
 pags_result pags_fail_errno(const char *path, const char *what);
 
-/* Writes beside (path + ".part"), syncs, renames: at `path` lies the old file or the whole new one at any moment. On
- * failure what was written beside is removed.
+/* Writes the file to PATH.part, syncs it and renames it to PATH, so that the old file or the whole new one is at PATH
+ * at any moment. On failure the part file is removed.
  *
  * A path that is no regular file is never replaced:
- * - A link is followed, its target is made or replaced as above, and the link stays. A loop of links is refused.
- * - A device, a FIFO or a link into /proc (/dev/stdout) is opened and written straight; a socket is connected to, as a
- *   stream. Nothing lies beside, nothing is renamed, and on failure the first bytes may have gone out.
- *   Opening a FIFO waits for its reader. A reader that goes away is PAGS_ERROR_IO ("Broken pipe"), not SIGPIPE.
- * - A folder is refused, and so is what the user may not write or what has no write bit in its mode, which root is held
- *   to as well. */
+ * - A symbolic link is followed; its target is created or replaced as above, and the link stays. A loop is refused.
+ * - A device, a FIFO or a link into /proc (/dev/stdout) is opened and written directly; a stream socket is connected
+ *   to. There is no part file and no rename, and on failure the first bytes may have been written already. Opening a
+ *   FIFO waits for its reader. A reader that goes away causes PAGS_ERROR_IO ("Broken pipe"), not SIGPIPE.
+ * - A folder is refused. So is a file that the user may not write or, even for root, whose mode lacks write bits. */
 pags_result pags_file_write(const char *path, const void *bytes, size_t size);
-/* The same without the sync: for pictures, which are many and can be drawn again. */
+/* The same without syncing to disk: for rendered pictures, since these are many and can be rendered again. */
 pags_result pags_file_write_unsynced(const char *path, const void *bytes, size_t size);
 
-/* Where a write to `path` would go, with the refusals above; opens nothing. `target` is `path` with its links followed,
- * freed by the caller. `straight`: no part file, no rename. */
+/* Finds where a write to `path` would go and fails where the write would be refused (see above); opens nothing.
+ * *target is `path` with symbolic links followed, freed by the caller. *straight: it would be written directly,
+ * without part file and rename. */
 pags_result pags_file_find_target(const char *path, char **target, bool *straight);
 
-/* The same in pieces: begin, any number of puts, then commit or abort. A failed put or commit has aborted already;
- * abort of a writer that is not open does nothing. */
+/* Writes a file as pags_file_write does, but in pieces: begin, any number of puts, then commit or abort. A put or
+ * commit that fails has aborted already; aborting a writer that is not open does nothing. */
 typedef struct pags_file_writer {
-  FILE *stream;        /* NULL when not open */
-  char *path, *target; /* as given; with its links followed */
-  char *part;          /* beside the target; NULL when written straight */
+  FILE *stream;        /* NULL if the writer is not open */
+  char *path, *target; /* the path as given, and with symbolic links followed */
+  char *part;          /* path of the part file; NULL if the target is written directly */
 } pags_file_writer;
 
 pags_result pags_file_writer_begin(pags_file_writer *writer, const char *path);
-/* For logs: each put goes to the end of the file at once, and an abort closes it and keeps what is there. */
+/* For logs: each put is appended to the file at once, unbuffered; an abort closes the file and keeps its contents. */
 pags_result pags_file_writer_append(pags_file_writer *writer, const char *path);
 pags_result pags_file_writer_put(pags_file_writer *writer, const void *bytes, size_t size);
 pags_result pags_file_writer_commit(pags_file_writer *writer);
@@ -55,24 +56,25 @@ void pags_file_writer_abort(pags_file_writer *writer);
 
 bool pags_file_exists(const char *path); /* a regular file, or a link to one */
 bool pags_dir_exists(const char *path);
-bool pags_path_exists(const char *path);                    /* anything */
-bool pags_folder_has(const char *folder, const char *name); /* as pags_file_exists; false when memory is out */
+bool pags_path_exists(const char *path);                    /* file, folder, link or anything else of that name */
+bool pags_folder_has(const char *folder, const char *name); /* pags_file_exists of it; false if out of memory */
 
-/* "a" + "b" -> "a/b"; an absolute b stays as it is. Freed by the caller; NULL when memory is out. */
+/* Joins "a" and "b" to "a/b"; an absolute `name` is returned as it is. Freed by the caller; NULL if out of memory. */
 char *pags_path_join(const char *folder, const char *name);
-/* What follows the last slash; points into `path`. */
+/* Returns what follows the last slash of `path`: a pointer into `path`. */
 const char *pags_path_name(const char *path);
-/* What precedes the last slash: "." where there is none. Freed by the caller; NULL when memory is out. */
+/* Returns what precedes the last slash; "." if there is no slash. Freed by the caller; NULL if out of memory. */
 char *pags_path_folder(const char *path);
-/* Extension with the dot, "" where there is none; points into `path`. */
+/* Returns the extension with its dot, "" if there is none: a pointer into `path`. */
 const char *pags_path_extension(const char *path);
-/* A relative path that stays inside of the folder it is relative to: no leading slash, no "..", not empty. */
+/* Returns whether `path` is relative and stays inside of the folder it is relative to: not empty, no leading slash,
+ * no component "..". */
 bool pags_path_is_inside(const char *path);
 
-/* The folder and its parents; one that exists is fine. */
+/* Creates the folder and its parents where they are missing. */
 pags_result pags_make_dirs(const char *path);
 
-/* Names in a folder without "." and "..", in byte order. */
+/* The names in a folder without "." and "..", sorted by bytes. */
 typedef struct pags_dir_list {
   int64_t count;
   char **names;
@@ -80,9 +82,9 @@ typedef struct pags_dir_list {
 pags_result pags_dir_list_read(const char *path, pags_dir_list *out);
 void pags_dir_list_destroy(pags_dir_list *list);
 
-/* True for a missing folder as well. */
+/* Sets *empty to whether the folder has no entries; also true if there is no such folder. */
 pags_result pags_dir_is_empty(const char *path, bool *empty);
-/* Removes a file or a folder with all that is in it, not following links. A missing one is fine. */
+/* Removes a file, or a folder with all its contents, without following links. A missing path is no error. */
 pags_result pags_remove_tree(const char *path);
 
 #ifdef __cplusplus

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Folders: made, listed, removed. */
+/* Creates, lists and removes folders (base/file.h). */
 #include <dirent.h>
 #include <errno.h>
 #include <stdlib.h>
@@ -55,6 +55,7 @@ static bool is_dots(const char *name) {
   return strcmp(name, ".") == 0 || strcmp(name, "..") == 0;
 }
 
+/* Appends a copy of `name` to the list; false if out of memory. */
 static bool append_name(pags_dir_list *list, int64_t *capacity, const char *name) {
   if (list->count == *capacity) {
     int64_t grown = *capacity ? *capacity * 2 : 64;
@@ -119,7 +120,6 @@ pags_result pags_remove_tree(const char *path) {
   if (lstat(path, &status) != 0)
     return errno == ENOENT ? PAGS_OK : pags_fail_errno(path, "can't remove");
   if (S_ISDIR(status.st_mode)) {
-    /* Remove children. */
     pags_dir_list list;
     PAGS_TRY(pags_dir_list_read(path, &list));
     pags_result result = PAGS_OK;

@@ -1,12 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* IEEE 754 binary16 from and to float, by bits, so that no instruction set of its own is asked for. */
+/* Converts between float and IEEE 754 binary16 (half) by integer operations on the bits, so that no half-precision
+ * instructions are needed. */
 #ifndef PAGS_BASE_HALF_H
 #define PAGS_BASE_HALF_H
 
 #include <stdint.h>
 #include <string.h>
 
-/* Exact; infinities and NaNs stay what they are. */
+/* Converts a half to a float. Exact; infinities stay infinities, NaNs stay NaNs. */
 static inline float pags_float_from_half(uint16_t half) {
   uint32_t sign = (uint32_t)(half & 0x8000) << 16, magnitude = half & 0x7FFFu;
   float value;
@@ -20,7 +21,7 @@ static inline float pags_float_from_half(uint16_t half) {
   return value;
 }
 
-/* The nearest, ties to even; from 65520 on infinity; a NaN gives a NaN. */
+/* Rounds a float to the nearest half, ties to even. Magnitudes from 65520 on become infinity; a NaN gives a NaN. */
 static inline uint16_t pags_half_from_float(float value) {
   uint32_t bits;
   memcpy(&bits, &value, sizeof bits);
@@ -29,16 +30,16 @@ static inline uint16_t pags_half_from_float(float value) {
     return (uint16_t)(sign | 0x7E00u);
   if (magnitude >= 0x477FF000u) /* 65520 */
     return (uint16_t)(sign | 0x7C00u);
-  if (magnitude < 0x33000000u) /* below 2^-25, half the smallest subnormal; the tie at 2^-25 goes to even below */
+  if (magnitude < 0x33000000u) /* below 2^-25, half of the smallest subnormal: 0 */
     return (uint16_t)sign;
   uint32_t dropped = 13, mantissa = magnitude - (127u - 15u) * 0x800000u;
-  if (magnitude < 0x38800000u) { /* below 2^-14: subnormal, its unit 2^-24 */
+  if (magnitude < 0x38800000u) { /* below 2^-14: a subnormal half, a multiple of 2^-24 */
     dropped = 126u - (magnitude >> 23);
     mantissa = (magnitude & 0x7FFFFFu) | 0x800000u;
   }
   uint32_t rest = mantissa & ((1u << dropped) - 1), tie = 1u << (dropped - 1);
   half = mantissa >> dropped;
-  half += rest > tie || (rest == tie && (half & 1)); /* a carry into the exponent is what rounding up means */
+  half += rest > tie || (rest == tie && (half & 1)); /* a carry into the exponent gives the right result, too */
   return (uint16_t)(sign | half);
 }
 

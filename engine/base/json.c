@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The JSON reader: a recursive descent over the whole text into a tree of values in file order. */
+/* The JSON reader (base/json.h): a recursive-descent parser of the whole text, which builds a tree of values in the
+ * order of the file. */
 #include "base/json.h"
 
 #include <math.h>
@@ -14,7 +15,7 @@
 
 enum { DEPTH_LIMIT = 128, BLOCK_VALUES = 512 };
 
-/* Values never move, since parents and siblings point to them. */
+/* Values are allocated in blocks that are never resized, since parents and siblings point to values. */
 typedef struct block {
   struct block *next;
   int used;
@@ -23,8 +24,8 @@ typedef struct block {
 
 struct pags_json {
   char *path;
-  char *source;  /* the text, terminated */
-  char *strings; /* decoded strings and numbers, each terminated: never longer than the source plus one */
+  char *source;  /* the text of the file, with a final zero */
+  char *strings; /* decoded strings, and numbers as written, each with a final zero: at most the source's size + 1 */
   block *blocks;
   const pags_json_value *root;
 };
@@ -66,6 +67,8 @@ static pags_json_value *new_value(reader *r) {
   }
   return &json->blocks->values[json->blocks->used++];
 }
+
+/* ---- Numbers ---- */
 
 static bool is_digit(const reader *r) {
   return r->at < r->end && *r->at >= '0' && *r->at <= '9';
@@ -111,6 +114,8 @@ static pags_result read_number(reader *r, pags_json_value *value) {
   return PAGS_OK;
 }
 
+/* ---- Strings ---- */
+
 static int hex_digit(char c) {
   if (c >= '0' && c <= '9')
     return c - '0';
@@ -121,7 +126,7 @@ static int hex_digit(char c) {
   return -1;
 }
 
-/* The four digits after "\u". */
+/* Reads the four hexadecimal digits after "\u". */
 static pags_result read_hex4(reader *r, unsigned *code) {
   *code = 0;
   for (int i = 0; i < 4; ++i, ++r->at) {
@@ -133,6 +138,7 @@ static pags_result read_hex4(reader *r, unsigned *code) {
   return PAGS_OK;
 }
 
+/* Reads what follows "\u", a second half of a surrogate pair included, and stores the character as UTF-8. */
 static pags_result read_unicode_escape(reader *r) {
   unsigned code, low;
   PAGS_TRY(read_hex4(r, &code));
@@ -150,7 +156,7 @@ static pags_result read_unicode_escape(reader *r) {
   if (code == 0)
     return syntax_error(r, "a string without \\u0000 before this");
 
-  /* Put utf8. */
+  /* Encodes the code point in UTF-8, which takes at most as many bytes as the escape. */
   char *out = r->string_at;
   if (code < 0x80) {
     *out++ = (char)code;
@@ -205,6 +211,8 @@ static pags_result read_string(reader *r, const char **out) {
   return PAGS_OK;
 }
 
+/* ---- Values ---- */
+
 static pags_result read_word(reader *r, const char *word) {
   size_t length = strlen(word);
   if ((size_t)(r->end - r->at) < length || memcmp(r->at, word, length) != 0)
@@ -215,6 +223,7 @@ static pags_result read_word(reader *r, const char *word) {
 
 static pags_result read_value(reader *r, const char *key, pags_json_value **out);
 
+/* Reads the members of an object or the elements of an array up to `close`, from the opening bracket on. */
 static pags_result read_children(reader *r, pags_json_value *parent, char close) {
   const pags_json_value **link = &parent->first;
   r->at++;
@@ -227,7 +236,6 @@ static pags_result read_children(reader *r, pags_json_value *parent, char close)
     const char *key = NULL;
     pags_json_value *child;
     if (close == '}') {
-      /* Read key. */
       skip_space(r);
       if (r->at >= r->end || *r->at != '"')
         return syntax_error(r, "a key in quotes");
@@ -300,7 +308,9 @@ static pags_result read_document(pags_json *json, size_t size) {
   return PAGS_OK;
 }
 
-/* Takes over `source`. */
+/* ---- Documents ---- */
+
+/* Parses `source`, a block of size + 1 bytes with a final zero, and takes ownership of it, also on failure. */
 static pags_result parse_owned(const char *path, char *source, size_t size, pags_json **out) {
   *out = NULL;
   pags_json *json = calloc(1, sizeof *json);

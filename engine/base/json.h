@@ -1,14 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* JSON: a reader whose every value knows its line, so that messages can say "path:12: expected a number for 'fl_x'",
- * and a writer that gives the same bytes for the same calls.
+/* A JSON reader and writer. The reader stores the line of every value, so that messages can say "path:12: expected a
+ * number for 'fl_x'". The writer produces the same bytes for the same calls.
  *
- * The reader takes RFC 8259 and nothing more. Nesting is limited to 128 levels; strings pass through as UTF-8 and must
- * not contain U+0000; of duplicate keys the last wins; numbers are read as double, independent of the locale, and as
- * exact 64-bit integers where one is asked for.
+ * The reader accepts RFC 8259 without extensions, but for a byte order mark at the beginning. Nesting is limited to
+ * 128 levels; strings are UTF-8, which is not validated, and must not contain U+0000; of duplicate keys the last one
+ * counts; numbers are read as double, independent of the locale, and as exact 64-bit integers by the integer getters.
  *
- * Getters take the document for its path, an object of it and a key. The plain ones fail with PAGS_ERROR_FORMAT when
- * the key is missing or of another type; the _or ones give the fallback when it is missing or null, and fail only when
- * it is of another type. Strings and values belong to the document. */
+ * A getter takes the document (for the path in messages), an object of it and a key. The getters without _or fail
+ * with PAGS_ERROR_FORMAT if the key is missing or its value has another type; those with _or return the fallback if
+ * the key is missing or null, and fail only if the value has another type. Strings and values belong to the
+ * document. */
 #ifndef PAGS_BASE_JSON_H
 #define PAGS_BASE_JSON_H
 
@@ -31,39 +32,41 @@ typedef enum pags_json_type {
 
 typedef struct pags_json_value {
   pags_json_type type;
-  int line;                              /* where it begins, from 1 */
-  bool boolean;                          /* BOOL */
-  double number;                         /* NUMBER; finite */
-  const char *text;                      /* STRING: decoded, terminated; NUMBER: as written, terminated */
-  const char *key;                       /* of a member of an object, else NULL */
-  int64_t count;                         /* ARRAY, OBJECT: children */
+  int line;                              /* line of the file where the value begins, from 1 */
+  bool boolean;                          /* BOOL: the value */
+  double number;                         /* NUMBER: the value, finite */
+  const char *text;                      /* STRING: decoded; NUMBER: as written in the file; both end with a zero */
+  const char *key;                       /* key of a member of an object; NULL for other values */
+  int64_t count;                         /* ARRAY, OBJECT: number of children */
   const struct pags_json_value *first;   /* ARRAY, OBJECT: first child, in file order */
-  const struct pags_json_value *next;    /* sibling */
-  const char *source_begin, *source_end; /* its text in the file */
+  const struct pags_json_value *next;    /* next child of the same parent; NULL: none */
+  const char *source_begin, *source_end; /* text of the value in the file */
 } pags_json_value;
 
 typedef struct pags_json pags_json; /* a document; owns all its values */
 
-/* `path` is also what messages begin with. PAGS_ERROR_IO, _FORMAT ("path:line: ..."), _MEMORY. */
+/* Parses the file at `path`. PAGS_ERROR_IO, PAGS_ERROR_FORMAT ("path:line: ..."), PAGS_ERROR_LIMIT (nested too
+ * deeply) or PAGS_ERROR_MEMORY. */
 pags_result pags_json_parse_file(const char *path, pags_json **out);
-/* `name` stands for the path in messages; `text` need not be terminated and may go away afterwards. */
+/* Parses `size` bytes of text, which are copied and need no final zero. `name` stands in for the path in messages. */
 pags_result pags_json_parse_text(const char *name, const char *text, size_t size, pags_json **out);
 void pags_json_destroy(pags_json *json); /* NULL is allowed */
 
 const pags_json_value *pags_json_root(const pags_json *json);
 const char *pags_json_path(const pags_json *json);
 
-/* The member, NULL when there is none (a null member is returned as such). `object` may be of any type. */
+/* Returns the member of `object` with that key; NULL if there is none or `object` is not an object. A member that is
+ * null is returned as a value of type PAGS_JSON_NULL. */
 const pags_json_value *pags_json_member(const pags_json_value *object, const char *key);
 
-/* Fails with "path:line: " before the message; `value` gives the line. */
+/* Fails with PAGS_ERROR_FORMAT and the message "path:line: ...", the line being that of `value`. */
 pags_result pags_json_fail(const pags_json *json, const pags_json_value *value, const char *format, ...)
     PAGS_PRINTF(3, 4);
 
 pags_result pags_json_number(const pags_json *json, const pags_json_value *object, const char *key, double *out);
 pags_result pags_json_number_or(const pags_json *json, const pags_json_value *object, const char *key, double fallback,
                                 double *out);
-/* An integer without fraction or exponent within [lo, hi]. */
+/* An integer in [lo, hi], written without fraction or exponent. */
 pags_result pags_json_integer(const pags_json *json, const pags_json_value *object, const char *key, int64_t lo,
                               int64_t hi, int64_t *out);
 pags_result pags_json_integer_or(const pags_json *json, const pags_json_value *object, const char *key, int64_t lo,
@@ -81,27 +84,28 @@ pags_result pags_json_array(const pags_json *json, const pags_json_value *object
                             const pags_json_value **out);
 pags_result pags_json_object(const pags_json *json, const pags_json_value *object, const char *key,
                              const pags_json_value **out);
-/* Exactly `count` numbers in an array, which may be nested (a 4x4 matrix as four arrays of four is 16 numbers). */
+/* An array of exactly `count` numbers; it may be nested (a 4x4 matrix as four arrays of four is 16 numbers). */
 pags_result pags_json_numbers(const pags_json *json, const pags_json_value *object, const char *key, int count,
                               double *out);
 
-/* Values by themselves, for the elements of arrays; `what` names the value in the message. */
+/* Getters for a value without a key, such as an element of an array; `what` names the value in messages. */
 pags_result pags_json_as_number(const pags_json *json, const pags_json_value *value, const char *what, double *out);
 pags_result pags_json_as_string(const pags_json *json, const pags_json_value *value, const char *what,
                                 const char **out);
 pags_result pags_json_as_object(const pags_json *json, const pags_json_value *value, const char *what);
 
-/* The writer: begin ... end around objects and arrays, put between; `key` is NULL in arrays and at the top. Failed
- * allocations are remembered and reported by finish. Doubles are written as the shortest text that reads back to the
- * same bits; NaN and infinities, which JSON can't express, as null. */
+/* The writer. An object or array is opened by begin, filled by put and closed by end; `key` is NULL for elements of
+ * an array and for the outermost value. A failed allocation is remembered and reported by pags_json_writer_finish.
+ * Doubles are written as the shortest text that reads back to the same bits; NaN and infinities, which JSON cannot
+ * express, are written as null. */
 typedef struct pags_json_writer {
-  char *data; /* terminated once anything was put */
+  char *data; /* the text so far, with a final zero; NULL while it is empty */
   size_t size, capacity;
-  int indent;       /* spaces a level; 0: everything on one line */
-  int depth;        /* open objects and arrays */
-  bool has_sibling; /* something was put at this level */
-  bool flat;        /* inside put_numbers */
-  bool failed;
+  int indent;       /* spaces per level; 0: everything on one line */
+  int depth;        /* number of open objects and arrays */
+  bool has_sibling; /* the innermost open object or array has a value already */
+  bool flat;        /* no line breaks: inside of pags_json_put_numbers */
+  bool failed;      /* an allocation failed */
 } pags_json_writer;
 
 void pags_json_writer_init(pags_json_writer *writer, int indent);
@@ -118,12 +122,12 @@ void pags_json_put_null(pags_json_writer *writer, const char *key);
 void pags_json_put_string(pags_json_writer *writer, const char *key, const char *value); /* NULL: null */
 void pags_json_put_numbers(pags_json_writer *writer, const char *key, const double *values,
                            int count); /* on one line */
-/* `text` must be valid JSON by itself; it goes in as it is. */
+/* Writes `text`, which must be a valid JSON value, unchanged. */
 void pags_json_put_raw(pags_json_writer *writer, const char *key, const char *text);
-/* PAGS_ERROR_MEMORY when anything failed; everything must have been ended. The text stays in data until destroy and
- * ends with a newline. */
+/* Ends the text with a line break; all objects and arrays must have been closed. PAGS_ERROR_MEMORY if an allocation
+ * has failed. The text stays in `data` until pags_json_writer_destroy. */
 pags_result pags_json_writer_finish(pags_json_writer *writer);
-/* finish + pags_file_write. */
+/* Finishes the text and writes it to the file at `path` with pags_file_write. */
 pags_result pags_json_writer_save(pags_json_writer *writer, const char *path);
 
 #ifdef __cplusplus

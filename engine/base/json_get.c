@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Typed getters over the tree of values. */
+/* Getters of base/json.h: look up a member by key, check its type and range, and convert it. */
 #include <errno.h>
 #include <stdlib.h>
 #include <string.h>
@@ -25,6 +25,7 @@ static pags_result fail_type(const pags_json *json, const pags_json_value *value
   return pags_json_fail(json, value, "expected %s for '%s', found %s", expected, key, type_names[value->type]);
 }
 
+/* Returns the member under `key`; fails if it is missing or not of the type. */
 static pags_result get(const pags_json *json, const pags_json_value *object, const char *key, pags_json_type type,
                        const pags_json_value **out) {
   if (object->type != PAGS_JSON_OBJECT)
@@ -38,6 +39,7 @@ static pags_result get(const pags_json *json, const pags_json_value *object, con
   return PAGS_OK;
 }
 
+/* Returns whether `object` is an object in which the key is missing or null. */
 static bool is_absent(const pags_json_value *object, const char *key) {
   const pags_json_value *value = pags_json_member(object, key);
   return object->type == PAGS_JSON_OBJECT && (!value || value->type == PAGS_JSON_NULL);
@@ -134,7 +136,9 @@ pags_result pags_json_object(const pags_json *json, const pags_json_value *objec
   return get(json, object, key, PAGS_JSON_OBJECT, out);
 }
 
-/* Appends the numbers below `value` in file order; `filled` counts on beyond `count`. The reader bounds the depth. */
+/* Appends all numbers of the array `value` and the arrays within it to `out`, in file order. *filled counts them,
+ * also beyond `count`, but no more than `count` are stored. Returns the first value that is neither array nor number,
+ * NULL if there is none. The recursion is bounded, since the reader limits the nesting. */
 static const pags_json_value *flatten(const pags_json_value *value, int count, double *out, int64_t *filled) {
   for (const pags_json_value *child = value->first; child; child = child->next) {
     if (child->type == PAGS_JSON_ARRAY) {

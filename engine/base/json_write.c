@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The JSON writer: a growing text with commas, indents and escapes put in. */
+/* The JSON writer (base/json.h): appends values to a growing text and puts in commas, line breaks, indents and
+ * escapes. */
 #include <assert.h>
 #include <math.h>
 #include <stdio.h>
@@ -11,6 +12,7 @@
 #include "base/memory.h"
 #include "base/text.h"
 
+/* Appends `size` bytes and a final zero; the buffer doubles when it is full. */
 static void put(pags_json_writer *w, const char *text, size_t size) {
   if (w->failed)
     return;
@@ -35,6 +37,7 @@ static void put_text(pags_json_writer *w, const char *text) {
   put(w, text, strlen(text));
 }
 
+/* Breaks the line and indents the new one by the depth; nothing if the writer writes one line. */
 static void put_line_break(pags_json_writer *w) {
   if (!w->indent || w->flat)
     return;
@@ -62,7 +65,7 @@ static void put_quoted(pags_json_writer *w, const char *text) {
   put(w, "\"", 1);
 }
 
-/* What precedes every value: the comma after its sibling, a new line, its key. */
+/* Writes what comes before a value: the comma after the previous value, the line break, the key (NULL: none). */
 static void begin_value(pags_json_writer *w, const char *key) {
   if (w->has_sibling)
     put_text(w, w->flat || !w->indent ? ", " : ",");

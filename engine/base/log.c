@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The one receiver of log lines. */
+/* Formats log lines and hands them to the one receiver of the process (base/log.h). */
 #include "base/log.h"
 
 #include <stdarg.h>

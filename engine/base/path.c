@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Paths as text: nothing here touches a file. */
+/* Functions on paths as text (base/file.h), without access to the file system. */
 #include <stdlib.h>
 #include <string.h>
 

@@ -1,17 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Result codes and the line of text that goes with a failure. */
+/* Result codes, their names, and the message of the last failure, one for each thread (pags/base.h). */
 #include <pags/base.h>
 #include <stdarg.h>
 #include <stdio.h>
 
 #include "base/memory.h"
 
-/* One line per thread: two threads may fail at once without seeing each other's. */
+/* The message of this thread's last failure. */
 static _Thread_local char message[1024];
 
 pags_result pags_fail(pags_result code, const char *format, ...) {
-  /* The arguments may include the message stored before, as in pags_fail(code, "%s: %s", path, pags_error_message()),
-   * so it is put together elsewhere. */
+  /* Formats into a buffer of its own, since the arguments may include the previous message, as in
+   * pags_fail(code, "%s: %s", path, pags_error_message()). */
   char text[sizeof message];
   va_list arguments;
   va_start(arguments, format);

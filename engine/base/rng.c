@@ -1,9 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Philox4x32-10; constants from Salmon et al. 2011, table 2. */
+/* The counter-based random number generator Philox4x32-10, with the constants of Salmon et al. 2011, table 2, and
+ * uniform, normal and bounded integer numbers and permutations from it. */
 #include "base/rng.h"
 
 #include <math.h>
 
+/* Returns the high 32 bits of a * b; *low receives the low ones. */
 static uint32_t multiply_high_low(uint32_t a, uint32_t b, uint32_t *low) {
   uint64_t product = (uint64_t)a * b;
   *low = (uint32_t)product;
@@ -30,6 +32,7 @@ void pags_rng_u32x4(uint64_t seed, uint64_t a, uint64_t b, uint32_t out[4]) {
   out[3] = c3;
 }
 
+/* Returns the top 53 of the 64 bits as a number in [0, 1). */
 static double unit_from_words(uint32_t high, uint32_t low) {
   uint64_t bits = ((uint64_t)high << 32 | low) >> 11;
   return (double)bits * 0x1p-53;
@@ -51,7 +54,7 @@ double pags_rng_uniform(uint64_t seed, uint64_t a, uint64_t b) {
 void pags_rng_normal2(uint64_t seed, uint64_t a, uint64_t b, double out[2]) {
   double pair[2];
   pags_rng_uniform2(seed, a, b, pair);
-  /* 1 - u lies in (0, 1], so that the logarithm is finite. */
+  /* 1 - pair[0] is in (0, 1], so that its logarithm is finite. */
   double radius = sqrt(-2.0 * log(1.0 - pair[0]));
   double angle = 6.283185307179586477 * pair[1];
   out[0] = radius * cos(angle);
@@ -61,7 +64,7 @@ void pags_rng_normal2(uint64_t seed, uint64_t a, uint64_t b, double out[2]) {
 uint64_t pags_rng_below(uint64_t seed, uint64_t a, uint64_t b, uint64_t n) {
   uint32_t words[4];
   pags_rng_u32x4(seed, a, b, words);
-  /* The high 64 bits of (64 random bits) * n, from 32-bit halves. */
+  /* The high 64 bits of the 128-bit product of 64 random bits and n, computed from 32-bit halves. */
   uint64_t x1 = words[0], x0 = words[1], n1 = n >> 32, n0 = (uint32_t)n;
   uint64_t middle = x1 * n0 + (x0 * n0 >> 32);
   uint64_t middle_low = (middle & 0xFFFFFFFFu) + x0 * n1;

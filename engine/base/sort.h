@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Sorting, of lists of any size, and of numbers in ascending order, none of which may be NaN. */
+/* Sorting: qsort for lists that may be empty, and of numbers in ascending order, none of which may be NaN. */
 #ifndef PAGS_BASE_SORT_H
 #define PAGS_BASE_SORT_H
 
@@ -16,7 +16,7 @@ static inline int pags_compare_floats(const void *a, const void *b) {
   return (x > y) - (x < y);
 }
 
-/* qsort, which must not be given NULL even to sort nothing. */
+/* Sorts as qsort does, which must not be called with NULL even for 0 items; this function may. */
 static inline void pags_sort(void *items, int64_t count, size_t size, int (*compare)(const void *, const void *)) {
   if (count > 1)
     qsort(items, (size_t)count, size, compare);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Numbers to and from text in the C locale, whatever locale the host program has set. */
+/* Converts numbers to and from text in the C locale, whatever locale the host program has set; copies and formats
+ * strings. */
 #include "base/text.h"
 
 #include <locale.h>
@@ -8,8 +9,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* A program around us may have called setlocale, and then strtod stops at the point of "0.5". uselocale changes the
- * calling thread only; a failing newlocale leaves the host's locale in place. */
+/* The C locale for the calling thread, entered and left. The host program may have called setlocale, by which strtod
+ * may stop at the point of "0.5"; uselocale changes the calling thread only. If newlocale fails, the host's locale
+ * stays. */
 typedef struct c_locale {
   locale_t c, previous;
 } c_locale;

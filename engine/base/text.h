@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Numbers to and from text, the same in every locale. */
+/* Conversion between numbers and text that doesn't depend on the locale, and strings on the heap. */
 #ifndef PAGS_BASE_TEXT_H
 #define PAGS_BASE_TEXT_H
 
@@ -9,16 +9,17 @@
 extern "C" {
 #endif
 
-/* strtod as the C locale does it; `end` may be NULL. */
+/* strtod in the C locale. `end` may be NULL. */
 double pags_text_to_double(const char *text, char **end);
 
 enum { PAGS_DOUBLE_TEXT = 32 };
-/* The shortest of %.15g, %.16g and %.17g that reads back to the same bits: "0.1", "1e-07", "nan"; returns its length */
+/* Writes the shortest of %.15g, %.16g and %.17g that reads back to the same bits ("0.1", "1e-07", "nan"). Returns its
+ * length. */
 int pags_text_from_double(double value, char out[PAGS_DOUBLE_TEXT]);
 
-/* A copy on the heap, NULL when memory is out or `text` is NULL. */
+/* Returns a copy of `text` that the caller frees; NULL if out of memory or if `text` is NULL. */
 char *pags_text_copy(const char *text);
-/* As printf would print it, on the heap; NULL when memory is out. */
+/* Formats as printf does into a string that the caller frees; NULL if out of memory. */
 char *pags_text_format(const char *format, ...) PAGS_PRINTF(1, 2);
 
 #ifdef __cplusplus

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Vectors of three numbers, in double and (suffix f) in float. Sums are taken from left to right, (x + y) + z: where a
- * result must keep its bits, that order is part of the contract. */
+/* Dot product, length and cross product of 3-vectors, in double and (suffix f) in float. Sums are taken from left to
+ * right, (x + y) + z; callers whose results must not change by a bit rely on that order. */
 #ifndef PAGS_BASE_VEC3_H
 #define PAGS_BASE_VEC3_H
 

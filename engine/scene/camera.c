@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Rigid motions, rotations and the pinhole camera. */
+/* Rigid motions as 3x4 matrices, rotations as 3x3 matrices and quaternions, and checks and scaling of the pinhole
+ * camera (pags/camera.h). All in double. */
 #include <pags/camera.h>
 
 #include <math.h>
@@ -68,11 +69,13 @@ void pags_rotation_from_quaternion(const double q[4], double r[9]) {
   r[8] = 1 - 2 * (x * x + y * y);
 }
 
-/* Shepperd 1978: divides by the largest of the four components, so that nothing cancels. w >= 0 in the result. */
+/* Converts a rotation matrix to a quaternion (w, x, y, z) by the method of Shepperd 1978: the largest of the four
+ * components is a square root and the others are quotients by it, so that nothing cancels. The sign is chosen such
+ * that w >= 0. */
 void pags_quaternion_from_rotation(const double r[9], double q[4]) {
   double trace = r[0] + r[4] + r[8];
-  double square[4] = {trace, r[0], r[4],
-                      r[8]}; /* in the order of q_k^2 = (1 + 2 r_kk - trace) / 4, w^2 = (1 + trace) / 4 */
+  /* The squares are w^2 = (1 + trace) / 4 and q_k^2 = (1 + 2 r_kk - trace) / 4: these numbers have the same order. */
+  double square[4] = {trace, r[0], r[4], r[8]};
   int largest = 0;
   for (int k = 1; k < 4; k++)
     if (square[k] > square[largest])
@@ -97,7 +100,7 @@ void pags_quaternion_from_rotation(const double r[9], double q[4]) {
     q[k] = sign * out[k];
 }
 
-/* Largest entry of |R R^T - I|. */
+/* Returns the largest absolute entry of R R^T - I, R the 3x3 part of m. */
 static double orthonormal_error(const double m[12]) {
   double error = 0;
   for (int i = 0; i < 3; i++)
@@ -108,7 +111,8 @@ static double orthonormal_error(const double m[12]) {
   return error;
 }
 
-/* Rows of cofactors: for a rotation they are its own rows. */
+/* Computes the 3x3 cofactor matrix c of the 3x3 part R of m, which is det(R) R^-T (for a rotation, R itself). Returns
+ * det(R). */
 static double cofactors(const double m[12], double c[9]) {
   for (int i = 0; i < 3; i++) {
     const double *a = m + (i + 1) % 3 * 4, *b = m + (i + 2) % 3 * 4;
@@ -119,8 +123,9 @@ static double cofactors(const double m[12], double c[9]) {
   return m[0] * c[0] + m[1] * c[1] + m[2] * c[2];
 }
 
-/* The nearest rotation: Newton's iteration for the polar factor, R <- (R + R^-T) / 2 (Higham 1986), quadratic from
- * within 1e-3. An already orthonormal matrix is left alone: cameras keep their bits from one check to the next. */
+/* Replaces the 3x3 part R of m by the nearest rotation: Newton's iteration for the polar factor, R <- (R + R^-T) / 2
+ * (Higham 1986), which converges quadratically from an error of 1e-3. A matrix that is orthonormal to 1e-15 is not
+ * changed, so that a camera keeps its bits however often it is checked. */
 static void make_orthonormal(double m[12]) {
   for (int step = 0; step < 4 && orthonormal_error(m) > 1e-15; step++) {
     double c[9];
@@ -157,6 +162,7 @@ pags_result pags_camera_check(pags_camera *camera, const char *what) {
   return pags_rigid_check(camera->world_from_camera, what);
 }
 
+/* Returns `size` / `factor` pixels, rounded down, at least 1. */
 static int scaled_size(int size, double factor) {
   int scaled = (int)floor((double)size / factor);
   return scaled < 1 ? 1 : scaled;

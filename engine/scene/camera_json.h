@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The keys of a camera in JSON, shared by camera files, path files and scene.json. */
+/* Reads and writes the JSON keys of one camera, which camera files, path files and scene.json share. */
 #ifndef PAGS_SCENE_CAMERA_JSON_H
 #define PAGS_SCENE_CAMERA_JSON_H
 
@@ -7,10 +7,10 @@
 
 #include "base/json.h"
 
-/* Reads and checks the camera whose keys `object` has. */
+/* Reads a camera from the keys of the JSON object `object` and checks it with pags_camera_check. */
 pags_result pags_camera_from_json(const pags_json *json, const pags_json_value *object, pags_camera *camera);
 
-/* Puts the keys into the object that `writer` has open. */
+/* Writes the keys of `camera` into the JSON object that is open in `writer`. */
 void pags_camera_to_json(pags_json_writer *writer, const pags_camera *camera);
 
 #endif

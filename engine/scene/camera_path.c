@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Camera files and path files. */
+/* Reads and writes camera files (one camera) and path files (fps and an array of cameras), both JSON, and the keys of
+ * one camera, which scene.json shares. */
 #include <assert.h>
 #include <math.h>
 #include <stdio.h>
@@ -23,7 +24,7 @@ pags_result pags_camera_from_json(const pags_json *json, const pags_json_value *
   PAGS_TRY(pags_json_number(json, object, "cy", &camera->cy));
   PAGS_TRY(pags_json_number_or(json, object, "time", (double)NAN, &camera->time));
 
-  /* Read pose. */
+  /* The file holds camera_from_world as a quaternion of any length and a translation, the struct the inverse. */
   double q[4], t[3], r[9], pose[12];
   PAGS_TRY(pags_json_numbers(json, object, "camera_from_world_quaternion_wxyz", 4, q));
   PAGS_TRY(pags_json_numbers(json, object, "camera_from_world_translation", 3, t));
@@ -67,11 +68,12 @@ void pags_camera_to_json(pags_json_writer *writer, const pags_camera *camera) {
     pags_json_put_number(writer, "time", camera->time);
 }
 
+/* Reads a path file, which has the key "frames", or else a camera file, as a path of one camera with fps 0. */
 static pags_result read_path(const pags_json *json, pags_camera_path *path) {
   const pags_json_value *root = pags_json_root(json);
   PAGS_TRY(pags_json_as_object(json, root, "a camera or a path"));
   if (pags_json_member(root, "frames")) {
-    /* Read frames. */
+    /* A path file. */
     const pags_json_value *frames;
     PAGS_TRY(pags_json_array(json, root, "frames", &frames));
     PAGS_TRY(pags_json_number(json, root, "fps", &path->fps));

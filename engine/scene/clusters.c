@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Bounds of runs of Gaussians. */
+/* Bounds of clusters (pags/clusters.h): for each run of consecutive Gaussians the box of its means and its largest
+ * sigma, in seven planes of floats, and the same for runs of 64 clusters. */
 #include <math.h>
 #include <pags/clusters.h>
 #include <stdlib.h>
@@ -7,8 +8,12 @@
 
 #include "base/memory.h"
 
-enum { BOUND_PLANES = 7, RUN = 64 };
+enum {
+  BOUND_PLANES = 7, /* lo x y z, hi x y z, sigma */
+  RUN = 64          /* clusters of a run */
+};
 
+/* Allocates and zeroes the bounds of `count` clusters of `size` Gaussians, in one block that begins at lo[0]. */
 static pags_result allocate(pags_clusters *clusters, int64_t count, int size) {
   clusters->size = size;
   clusters->count = count;
@@ -84,7 +89,7 @@ void pags_clusters_update(pags_clusters *clusters, const pags_gaussians *gaussia
       clusters->lo[k][c] = lo;
       clusters->hi[k][c] = hi;
     }
-    /* A hair more than exp of the largest, since the projection kernel's exp rounds otherwise than libm's. */
+    /* One part in 1e5 is added because the exp of the projection kernel rounds differently from that of libm. */
     clusters->sigma[c] = expf(largest) * 1.00001f;
   }
 }

@@ -1,11 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* PlayCanvas' compressed PLY: chunks of 256 Gaussians with bounds, four packed words a Gaussian, SH as bytes.
+/* Decodes PlayCanvas' compressed PLY: chunks of 256 Gaussians, each with bounds, four packed words per Gaussian, and
+ * spherical harmonics as bytes.
  *
  * word      bits                      value
  * position  11 10 11                  x y z between the chunk's bounds
- * rotation  2 10 10 10                index of the largest of w x y z, the others in order over +- 1/sqrt 2
+ * rotation  2 10 10 10                index of the largest of w x y z, the other three in order, +- 1/sqrt 2
  * scale     11 10 11                  ln sigma between the chunk's bounds
- * colour    8 8 8 8                   r g b between the chunk's bounds (0 and 1 in older files), opacity as it is */
+ * colour    8 8 8 8                   r g b between the chunk's bounds (0 and 1 in older files), opacity 0..1 */
 #include <math.h>
 #include <stdio.h>
 
@@ -21,10 +22,12 @@ static const char *const word_names[4] = {"packed_position", "packed_rotation", 
 typedef struct reader {
   const ply_table *table;
   const ply_element *chunk, *vertex, *sh;
-  const ply_property *bounds[BOUNDS]; /* those of the colour may be NULL */
+  const ply_property *bounds[BOUNDS]; /* NULL for the colour bounds (the last six) in files that have none */
   const ply_property *words[4];
 } reader;
 
+/* Finds the elements and properties of the format in `table` and checks that their rows are all in the file and that
+ * there is a chunk for every 256 vertices. */
 static pags_result bind(reader *r, const ply_table *table) {
   *r = (reader){table,
                 pags_ply_table_find(table, "chunk"),
@@ -54,6 +57,7 @@ static pags_result bind(reader *r, const ply_table *table) {
   return PAGS_OK;
 }
 
+/* Derives the SH degree from the number of properties of the element "sh": 0 if there is no such element. */
 static pags_result find_degree(const reader *r, int *degree) {
   *degree = 0;
   if (!r->sh)
@@ -66,7 +70,7 @@ static pags_result find_degree(const reader *r, int *degree) {
   return pags_ply_table_need(r->table, r->sh);
 }
 
-/* The `bits` bits above `shift` as a fraction of their largest value. */
+/* Returns bits [shift, shift + bits) of `word` divided by their largest value: 0..1. */
 static double unit(uint32_t word, int shift, int bits) {
   uint32_t mask = (1u << bits) - 1;
   return (double)(word >> shift & mask) / (double)mask;
@@ -76,6 +80,7 @@ static double mix(double lo, double hi, double t) {
   return lo * (1 - t) + hi * t;
 }
 
+/* Unpacks 11, 10 and 11 bits into three planes from `plane` on: values between lo[k] and hi[k]. */
 static void unpack_vector(uint32_t word, const double *lo, const double *hi, int plane, int64_t row,
                           pags_gaussians *out) {
   static const int shifts[3] = {21, 11, 0}, bits[3] = {11, 10, 11};
@@ -83,6 +88,7 @@ static void unpack_vector(uint32_t word, const double *lo, const double *hi, int
     pags_plane(out, plane + k)[row] = (float)mix(lo[k], hi[k], unit(word, shifts[k], bits[k]));
 }
 
+/* Unpacks a rotation (see the table above); the largest component follows from the unit length. */
 static void unpack_rotation(uint32_t word, int64_t row, pags_gaussians *out) {
   int largest = (int)(word >> 30), shift = 20;
   double sum = 0;
@@ -97,7 +103,8 @@ static void unpack_rotation(uint32_t word, int64_t row, pags_gaussians *out) {
   pags_plane(out, PAGS_ROTATION + largest)[row] = (float)sqrt(fmax(0, 1 - sum));
 }
 
-/* Bytes over -4 .. 4, channel-major as in INRIA's PLY. */
+/* Unpacks the coefficients of degrees 1 and above: a byte stands for a value in -4..4, and the order is channel-major
+ * as in INRIA's PLY. */
 static pags_result unpack_sh(const reader *r, pags_gaussians *out) {
   int rest = pags_sh_coefficients(out->sh_degree) - 1;
   for (int i = 0; i < 3 * rest; i++) {
@@ -120,7 +127,7 @@ pags_result pags_compressed_ply_decode(const ply_table *table, pags_gaussians *o
   PAGS_TRY(find_degree(&r, &degree));
   PAGS_TRY(pags_gaussians_create(out, r.vertex->count, degree));
   for (int64_t chunk = 0; chunk * CHUNK_ROWS < out->count; chunk++) {
-    /* Unpack chunk. */
+    /* Colour bounds are 0 and 1 unless the file has them. */
     double bounds[BOUNDS] = {[15] = 1, [16] = 1, [17] = 1};
     for (int i = 0; i < BOUNDS; i++)
       if (r.bounds[i])
@@ -133,7 +140,7 @@ pags_result pags_compressed_ply_decode(const ply_table *table, pags_gaussians *o
       unpack_rotation(words[1], row, out);
       unpack_vector(words[2], bounds + 6, bounds + 9, PAGS_SCALE, row, out);
 
-      /* Unpack colour. */
+      /* Colour 0..1 to the constant SH coefficient, opacity byte to its logit. */
       const double *lo = bounds + 12;
       const double *hi = bounds + 15;
       for (int k = 0; k < 3; k++) {

@@ -1,10 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The exposure of a camera of the rig at any time. */
+/* The exposure (gain and offset per channel) of one camera of the rig at any time, interpolated linearly in time
+ * between the exposures that training found for that camera's training views. */
 #include <math.h>
 
 #include <pags/scene.h>
 
-/* Nearest training view of the sensor at or before `time` (sign -1) or at or after it (+1); NULL: none. */
+/* Returns the training view of camera `sensor` that is nearest to `time` (seconds) among those at or before `time`
+ * (sign -1) or at or after it (sign +1); NULL if there is none. */
 static const pags_scene_view *neighbour(const pags_scene *scene, int sensor, double time, int sign) {
   const pags_scene_view *best = NULL;
   double least = INFINITY;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The set of Gaussians: memory, gathering of rows, search for rows that can't be drawn. */
+/* The set of Gaussians (pags/gaussians.h): allocation and growth, copying of chosen rows, the Fourier series of a
+ * colour that changes over time, and the search for rows that cannot be drawn. */
 #include <pags/gaussians.h>
 
 #include <assert.h>
@@ -11,11 +12,12 @@
 #include "base/memory.h"
 
 enum { LANES = 16, ALIGNMENT = 64 };
-enum { FOURIER_PLANES = 12 }; /* four terms of three channels; the fifth, constant one is the Gaussians' own */
-static const int64_t count_limit =
-    INT64_C(0x7FFFFFFF) - 63; /* rows are 32-bit ids, and rounding up must not overflow them */
+enum { FOURIER_PLANES = 12 }; /* 4 terms of 3 channels; the constant term is f_dc */
+/* Row numbers are stored in 32 bits and must not overflow when a count is rounded up to a multiple of 64. */
+static const int64_t count_limit = INT64_C(0x7FFFFFFF) - 63;
 
-/* `rows` is a multiple of 16, so that the size is one of 64 bytes. */
+/* Allocates `planes` planes of `rows` 4-byte values, aligned to 64 bytes. `rows` must be a multiple of 16, so that
+ * the size is a multiple of 64 bytes, as aligned_alloc demands. NULL if out of memory or if `rows` is 0. */
 static void *allocate(int64_t rows, int64_t planes) {
   if (rows == 0 || (uint64_t)rows > SIZE_MAX / 4 / (uint64_t)planes)
     return NULL;
@@ -33,6 +35,8 @@ static pags_result check_count(int64_t count) {
                      (long long)count_limit);
   return PAGS_OK;
 }
+
+/* ---- Allocation ---- */
 
 pags_result pags_gaussians_create(pags_gaussians *g, int64_t count, int sh_degree) {
   assert(sh_degree >= 0 && sh_degree <= 3);
@@ -74,6 +78,7 @@ pags_result pags_gaussians_add_s_sem(pags_gaussians *g) {
   return PAGS_OK;
 }
 
+/* Sets the object of rows [first, last) to none (-1). */
 static void fill_object_id(int32_t *object_id, int64_t first, int64_t last) {
   for (int64_t i = first; i < last; i++)
     object_id[i] = -1;
@@ -99,6 +104,8 @@ pags_result pags_gaussians_add_fourier(pags_gaussians *g) {
   return PAGS_OK;
 }
 
+/* ---- Colour: Fourier series over time, SH degree ---- */
+
 void pags_fourier_basis(double u, double basis[5]) {
   const double turn = 6.283185307179586477;
   basis[0] = 1;
@@ -123,7 +130,7 @@ double pags_fourier_phase(double begin, double end, double time) {
   return end > begin ? fmin(fmax((time - begin) / (end - begin), 0.0), 1.0) : 0.0;
 }
 
-/* Summed in double and held within what a float can say, so that no terms add up to infinity. */
+/* Sums in double and clamps to the range of float, so that no terms add up to infinity. */
 void pags_fourier_colour(const pags_gaussians *g, const double basis[5], int64_t first, int64_t last, float *dc) {
   const double most = (double)FLT_MAX;
   for (int channel = 0; channel < 3; channel++) {
@@ -138,7 +145,9 @@ void pags_fourier_colour(const pags_gaussians *g, const double basis[5], int64_t
   }
 }
 
-/* Moves planes of `count` used floats to a wider stride, the rest zero. */
+/* ---- Growing and copying ---- */
+
+/* Copies the first `count` floats of each of `planes` planes to planes of a larger stride; the rest becomes zero. */
 static void widen(const float *from, int64_t from_stride, float *to, int64_t to_stride, int64_t count, int planes) {
   for (int p = 0; p < planes; p++) {
     float *plane = to + p * to_stride;
@@ -203,8 +212,11 @@ void pags_gaussians_gather(const pags_gaussians *from, const int64_t *index, int
     to->object_id[i] = from->object_id[index[i]];
 }
 
+/* ---- Rows that cannot be drawn ---- */
+
 enum { BLOCK = 256 };
 
+/* Sets bad[i] where plane[i] is not finite. */
 static void mark_not_finite(const float *plane, int count, uint8_t bad[BLOCK]) {
   for (int i = 0; i < count; i++)
     bad[i] = bad[i] || !isfinite(plane[i]);
@@ -216,7 +228,7 @@ int64_t pags_gaussians_find_bad(const pags_gaussians *g, int64_t *index) {
   for (int64_t first = 0; first < g->count; first += BLOCK) {
     int count = g->count - first < BLOCK ? (int)(g->count - first) : BLOCK;
 
-    /* Mark bad. */
+    /* A row is bad if one of its values is not finite or its quaternion is zero. */
     memset(bad, 0, BLOCK);
     for (int p = 0; p < pags_plane_count(g->sh_degree); p++)
       mark_not_finite(pags_plane(g, p) + first, count, bad);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The order of Gaussians along a Morton curve: neighbours in memory are neighbours in space, and clusters are small. */
+/* The order of Gaussians along a Morton curve (Morton 1966), by a radix sort of 63-bit codes: Gaussians that are
+ * neighbours in memory are then neighbours in space, so that the bounds of clusters are small. */
 #include <math.h>
 #include <stdlib.h>
 
@@ -7,14 +8,15 @@
 
 #include "base/memory.h"
 
-enum { AXIS_BITS = 21, DIGIT_BITS = 11, DIGITS = 1 << DIGIT_BITS, PASSES = 6 };
+enum { AXIS_BITS = 21, DIGIT_BITS = 11, DIGITS = 1 << DIGIT_BITS, PASSES = 6 }; /* 6 digits of 11 bits hold a code */
 
 typedef struct keyed_row {
   uint64_t code;
   int64_t row;
 } keyed_row;
 
-/* A cube around the finite means: its cells are cubes, whatever the shape of the scene. */
+/* The bounding cube of all finite means, divided into 2^21 cells a side. A cube rather than a box, so that the cells
+ * are cubes whatever the shape of the scene. */
 typedef struct cube {
   double lo[3], cells_per_metre;
 } cube;
@@ -39,7 +41,7 @@ static cube bounding_cube(const pags_gaussians *g) {
   return (cube){{lo[0], lo[1], lo[2]}, extent > 0 ? (double)(1 << AXIS_BITS) / extent : 0};
 }
 
-/* Spreads 21 bits to every third place. */
+/* Moves bit k of the 21 low bits of x to bit 3 k. */
 static uint64_t spread(uint64_t x) {
   x = (x | x << 32) & 0x001F00000000FFFFu;
   x = (x | x << 16) & 0x001F0000FF0000FFu;
@@ -48,9 +50,10 @@ static uint64_t spread(uint64_t x) {
   return (x | x << 2) & 0x1249249249249249u;
 }
 
+/* Returns the Morton code of the mean of row i: the bits of its cell numbers along x, y and z interleaved. */
 static uint64_t code_of(const pags_gaussians *g, int64_t i, const cube *box) {
   if (!is_finite_mean(g, i))
-    return UINT64_MAX; /* above every code, which has 63 bits */
+    return UINT64_MAX; /* larger than any code, which has 63 bits: such rows come last */
   uint64_t code = 0;
   for (int k = 0; k < 3; k++) {
     double cell = (pags_plane(g, PAGS_MEAN + k)[i] - box->lo[k]) * box->cells_per_metre;
@@ -60,7 +63,8 @@ static uint64_t code_of(const pags_gaussians *g, int64_t i, const cube *box) {
   return code;
 }
 
-/* One stable pass by the digit at `shift`; false when all rows share it and nothing was moved. */
+/* One pass of the radix sort, stable, by the 11 bits of the code from bit `shift` on. Returns 0, having moved
+ * nothing, if all rows have the same digit. */
 static int scatter(const keyed_row *from, keyed_row *to, int64_t count, int shift) {
   int64_t start[DIGITS] = {0};
   for (int64_t i = 0; i < count; i++)

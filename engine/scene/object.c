@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Objects: what their class names mean, whether they move. Where they are at a time: object_pose.c. */
+/* Objects: maps the class names of data sets to categories and decides whether a labelled track moves. object_pose.c
+ * computes an object's pose at a time. */
 #include <pags/object.h>
 
 #include <assert.h>
@@ -8,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Categories. */
+/* ---- Categories ---- */
 
 const char *pags_category_name(pags_category category) {
   static const char *const names[] = {"other", "vehicle", "pedestrian", "cyclist"};
@@ -16,7 +17,8 @@ const char *pags_category_name(pags_category category) {
   return names[category];
 }
 
-/* Class names as the data sets' documents list them, lower case, everything but letters and digits a single blank. */
+/* Class names as the data sets' documents list them, in the form that normalise gives: lower case, each run of other
+ * characters than letters and digits replaced by one blank. */
 static const char *const vehicles[] = {
     /* Waymo, nuPlan; KITTI */
     "vehicle", "type vehicle", "car", "van", "truck", "tram",
@@ -24,7 +26,7 @@ static const char *const vehicles[] = {
     "pickup truck", "medium sized truck", "semi truck", "towed object", "other vehicle",
     "other vehicle construction vehicle", "other vehicle uncommon", "emergency vehicle", "bus", "train", "trolley",
     "tram subway",
-    /* nuScenes: by its prefix "vehicle"; short names of its detection task */
+    /* nuScenes: most have the prefix "vehicle", which pags_category_of tests; these are of its detection task */
     "construction vehicle", "trailer",
     /* Argoverse 2 */
     "regular vehicle", "large vehicle", "box truck", "truck cab", "vehicular trailer", "school bus", "articulated bus",
@@ -51,6 +53,7 @@ static const char *const cyclists[] = {"cyclist",
 
 enum { NAME_LENGTH = 64 };
 
+/* Brings a class name into the form of the lists above, cut to 63 characters. */
 static void normalise(const char *name, char out[NAME_LENGTH]) {
   size_t length = 0;
   for (; *name && length < NAME_LENGTH - 1; name++) {
@@ -90,7 +93,7 @@ pags_category pags_category_of(const char *class_name) {
   return PAGS_CATEGORY_OTHER;
 }
 
-/* Motion. */
+/* ---- Motion ---- */
 
 void pags_object_destroy(pags_object *object) {
   free(object->id);
@@ -99,8 +102,8 @@ void pags_object_destroy(pags_object *object) {
   memset(object, 0, sizeof *object);
 }
 
-/* Street Gaussians' rule (facts 2.1): the distance between the first and the last position, and the positions' standard
- * deviation. */
+/* The rule of Street Gaussians (Yan et al. 2024): an object moves if its first and last labelled position are more
+ * than 2 m apart, or if the standard deviation of its positions along x, y or z exceeds 0.5 m. */
 void pags_object_classify_motion(pags_object *object) {
   assert(object->knot_count > 0);
   const double *first = object->knots[0].world_from_object;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Objects to and from scene.json. */
+/* Reads and checks the objects (box, class, track, model) of scene.json, and writes them. */
 #include "scene/object_json.h"
 
 #include <math.h>
@@ -12,6 +12,8 @@
 
 enum { CATEGORIES = PAGS_CATEGORY_CYCLIST + 1 };
 
+/* ---- Checks ---- */
+
 static pags_result fail_memory(const pags_json *json) {
   return pags_out_of_memory("%s: the objects", pags_json_path(json));
 }
@@ -22,7 +24,7 @@ static int compare_names(const void *a, const void *b) {
   return strcmp(*x, *y);
 }
 
-/* Sorted, so that a file of very many names takes no quadratic time. */
+/* Sorts the names and compares neighbours, so that a file of very many names takes no quadratic time. */
 pags_result pags_json_names_differ(const pags_json *json, const pags_json_value *value, const char *what,
                                    const char *const *names, int64_t count) {
   const char **sorted = malloc((size_t)(count + 1) * sizeof *sorted);
@@ -39,6 +41,8 @@ pags_result pags_json_names_differ(const pags_json *json, const pags_json_value 
   return result;
 }
 
+/* Checks that the 3x3 part of the pose m is a rotation: R R^T within 2e-3 of the identity, determinant positive.
+ * Unlike pags_rigid_check, leaves m as it is. */
 static pags_result check_rigid(const pags_json *json, const pags_json_value *value, const double m[12]) {
   double error = 0;
   for (int i = 0; i < 3; i++)
@@ -53,6 +57,8 @@ static pags_result check_rigid(const pags_json *json, const pags_json_value *val
                           determinant < 0 ? 2.0 : error);
   return PAGS_OK;
 }
+
+/* ---- Reading ---- */
 
 static pags_result read_category(const pags_json *json, const pags_json_value *object, pags_category *category) {
   const char *name;
@@ -79,7 +85,7 @@ static pags_result read_record(const pags_json *json, const pags_json_value *obj
   PAGS_TRY(pags_json_bool_or(json, object, "moving", false, &moving));
   record->moving = moving;
 
-  /* Read knots. */
+  /* The knots: labelled poses in ascending order of time. */
   const pags_json_value *knots;
   PAGS_TRY(pags_json_array(json, object, "knots", &knots));
   if (knots->count == 0)
@@ -90,7 +96,6 @@ static pags_result read_record(const pags_json *json, const pags_json_value *obj
   for (const pags_json_value *value = knots->first; value; value = value->next) {
     pags_knot *knot = &record->knots[record->knot_count++];
 
-    /* Read knot. */
     int64_t frame;
     bool trained;
     PAGS_TRY(pags_json_integer(json, value, "frame", INT32_MIN, INT32_MAX, &frame));
@@ -110,7 +115,8 @@ static pags_result read_record(const pags_json *json, const pags_json_value *obj
   return PAGS_OK;
 }
 
-/* Model by name. `taken` says which models belong to an object already; the first one is the background. */
+/* Looks up the object's own model by its name; *model is its index, or -1 if the object has none. Model 0 is the
+ * background and no object's. `taken` marks the models that another object has, and then this one, too. */
 static pags_result read_model(const pags_json *json, const pags_json_value *object, const pags_scene *scene,
                               bool *taken, int64_t *model) {
   const char *name;
@@ -144,6 +150,7 @@ static pags_result read_objects(const pags_json *json, const pags_json_value *ob
   return PAGS_OK;
 }
 
+/* Fails if two objects have the same id. */
 static pags_result check_ids(const pags_json *json, const pags_json_value *objects, const pags_scene *scene) {
   const char **ids = malloc((size_t)(scene->object_count + 1) * sizeof *ids);
   if (!ids)
@@ -168,6 +175,8 @@ pags_result pags_scene_objects_from_json(const pags_json *json, const pags_json_
   free(taken);
   return result == PAGS_OK ? check_ids(json, objects, scene) : result;
 }
+
+/* ---- Writing ---- */
 
 static void write_knots(pags_json_writer *w, const pags_object *record) {
   pags_json_begin_array(w, "knots");

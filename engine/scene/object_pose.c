@@ -1,13 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Where an object is at a time.
+/* Computes the pose of an object at a time from its track.
  *
- * A track that has been trained is the curve through its trained knots' poses, label * Exp(increment), for these are
- * better known than any label: what a held-out label says is off by its own jitter, and what it would be corrected by,
- * the neighbours' increments, by theirs. Between two trained knots the curve is the cubic of Hermite whose velocity at
- * a knot is that of the parabola through it and its neighbours, in the six numbers of the pose relative to the first of
- * the two (translation and rotation vector): continuous velocities, and exact wherever acceleration is constant. A
- * track without increments, or across a longer gap, is its labels, interpolated on their own (translation linear,
- * rotation along the shorter arc of quaternions), times the increments, interpolated linearly. */
+ * A trained track is a curve through the poses of its trained knots, label * Exp(increment). Labels of held-out knots
+ * are not used: such a label carries its own jitter, and the increments of its neighbours, by which it would have to
+ * be corrected, make up for the jitter of the neighbours' labels. Between two trained knots the curve is a cubic
+ * Hermite spline in six numbers, the rotation vector and the translation relative to the first of the two. Its
+ * velocity at a knot is that of the parabola through the knot and its two neighbours, so that velocities are
+ * continuous and motion of constant acceleration is met exactly.
+ *
+ * Where no increment is, or the gap between trained knots is too long, the labels are interpolated (translation
+ * linearly, rotation along the shorter arc of the quaternions) and multiplied by the linearly interpolated
+ * increments.
+ */
 #include <pags/object.h>
 
 #include <pags/camera.h>
@@ -15,15 +19,19 @@
 #include <math.h>
 #include <string.h>
 
-/* Two times are the same: a tenth of the shortest shutter, and four steps of a double at Unix time. */
+/* Times that differ by at most this many seconds count as the same: a tenth of the shortest shutter time, and four
+ * steps of a double at Unix time. */
 static const double same_time = 1e-6;
-/* Median spacings of the knots: no curve is drawn across a longer gap between trained ones. One held-out knot is
- * bridged. */
+/* The longest gap between two trained knots that the curve spans, in multiples of the median spacing of the knots:
+ * long enough for one held-out knot between them. */
 static const double longest_bridge = 2.5;
 
-enum { CHANNELS = 6 }; /* of a pose beside another: rotation vector, translation */
+enum { CHANNELS = 6 }; /* of a relative pose: rotation vector (3), translation (3) */
 
-/* Exp([r]x) = I + sin a / a [r]x + (1 - cos a) / a^2 [r]x^2, a = |r| (Rodrigues); near 0 by its series. */
+/* ---- Rotations and poses ---- */
+
+/* Rodrigues' formula for the rotation, with the Taylor series of its two coefficients for a < 1e-4:
+ *     Exp([r]x) = I + sin a / a [r]x + (1 - cos a) / a^2 [r]x^2,   a = |r| */
 void pags_increment_matrix(const double rotation[3], const double translation[3], double out[12]) {
   double x = rotation[0], y = rotation[1], z = rotation[2];
   double square = x * x + y * y + z * z, angle = sqrt(square), half = sin(0.5 * angle);
@@ -38,12 +46,14 @@ void pags_increment_matrix(const double rotation[3], const double translation[3]
   }
 }
 
+/* Computes the unit quaternion q of the rotation of m. */
 static void quaternion_of(const double m[12], double q[4]) {
   const double r[9] = {m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]};
   pags_quaternion_from_rotation(r, q);
 }
 
-/* Along the shorter arc; where that is below 1e-3 rad a straight line differs by less than 1e-10. */
+/* Spherical linear interpolation (Shoemake 1985) of unit quaternions along the shorter arc, `share` (0..1) of the way
+ * from a to b. Below 1e-3 rad it is linear, which differs by less than 1e-10. */
 static void interpolate_rotation(const double a[4], const double b[4], double share, double out[4]) {
   double dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3];
   double sign = dot < 0 ? -1 : 1, angle = acos(fmin(fabs(dot), 1)), sine = sin(angle);
@@ -62,6 +72,7 @@ void pags_increment_rotation(const double m[12], double rotation[3]) {
     rotation[i] = scale * q[1 + i];
 }
 
+/* The pose `share` (0..1) of the way from a to b: rotation by slerp, translation linearly. */
 static void interpolate_pose(const double a[12], const double b[12], double share, double out[12]) {
   double from[4], to[4], q[4], r[9];
   quaternion_of(a, from);
@@ -74,8 +85,10 @@ static void interpolate_pose(const double a[12], const double b[12], double shar
   }
 }
 
-/* Whether the median spacing of the knots (of an even number the upper middle one) is at least `length`: counting says
- * it without sorting. One knot alone has no spacing. */
+/* ---- Labels ---- */
+
+/* Returns whether the median time between neighbouring knots (for an even number, the upper of the middle two) is at
+ * least `length` seconds. It suffices to count the shorter ones, without sorting. A single knot has no spacing: 0. */
 static int median_reaches(const pags_object *object, double length) {
   int64_t spacings = object->knot_count - 1, shorter = 0;
   for (int64_t i = 0; i < spacings; i++)
@@ -83,14 +96,16 @@ static int median_reaches(const pags_object *object, double length) {
   return spacings > 0 && shorter <= spacings / 2;
 }
 
-/* The label at `time`, `after` knots lying at or before it. */
+/* Computes the labelled pose at `time` into `out`, `after` being the number of knots at or before `time`. Returns 0
+ * if the object isn't there: more than half a median spacing beyond an end of its track or into a gap of more than
+ * 1.5. */
 static int label_at(const pags_object *object, double time, int64_t after, double out[12]) {
   const pags_knot *before = after > 0 ? &object->knots[after - 1] : NULL;
   const pags_knot *behind = after < object->knot_count ? &object->knots[after] : NULL;
   double since = before ? time - before->time : INFINITY, until = behind ? behind->time - time : INFINITY;
   const pags_knot *nearest = since <= until ? before : behind;
   double distance = fmin(since, until);
-  if (!(distance < INFINITY)) /* a time that is no number */
+  if (!(distance < INFINITY)) /* `time` is NaN or infinite */
     return 0;
   if (distance > same_time && before && behind && median_reaches(object, (since + until) / 1.5))
     interpolate_pose(before->world_from_object, behind->world_from_object, since / (since + until), out);
@@ -101,7 +116,9 @@ static int label_at(const pags_object *object, double time, int64_t after, doubl
   return 1;
 }
 
-/* The last trained knot of those before index `end`, the first one from `begin` on; NULL: none. */
+/* ---- The curve through trained knots ---- */
+
+/* Returns the last trained knot before index `end`; NULL if there is none. */
 static const pags_knot *last_trained(const pags_object *object, int64_t end) {
   for (int64_t i = end - 1; i >= 0; i--)
     if (object->knots[i].trained)
@@ -109,6 +126,7 @@ static const pags_knot *last_trained(const pags_object *object, int64_t end) {
   return NULL;
 }
 
+/* Returns the first trained knot from index `begin` on; NULL if there is none. */
 static const pags_knot *first_trained(const pags_object *object, int64_t begin) {
   for (int64_t i = begin; i < object->knot_count; i++)
     if (object->knots[i].trained)
@@ -121,18 +139,20 @@ static int has_increment(const pags_knot *k) {
          k->translation[1] != 0 || k->translation[2] != 0;
 }
 
+/* The pose of a trained knot: label * Exp(increment). */
 static void trained_pose(const pags_knot *k, double out[12]) {
   double motion[12];
   pags_increment_matrix(k->rotation, k->translation, motion);
   pags_rigid_multiply(k->world_from_object, motion, out);
 }
 
-/* Whether a curve is drawn from one trained knot to the next. */
+/* Returns whether the curve spans the gap from trained knot a to b, the next (either may be NULL: no). */
 static int bridges(const pags_object *object, const pags_knot *a, const pags_knot *b) {
   return a && b && b->time - a->time > same_time && median_reaches(object, (b->time - a->time) / longest_bridge);
 }
 
-/* A trained knot's pose relative to `from`: rotation vector, then translation along the world's axes. */
+/* Computes the pose of trained knot k relative to the pose `from`: the rotation vector in the frame of `from`, then
+ * the translation along the world's axes. */
 static void displacement(const double from[12], const pags_knot *k, double out[CHANNELS]) {
   double to[12], back[12], between[12];
   trained_pose(k, to);
@@ -143,14 +163,15 @@ static void displacement(const double from[12], const pags_knot *k, double out[C
     out[3 + i] = to[4 * i + 3] - from[4 * i + 3];
 }
 
-/* The velocity at the middle one of three knots of the parabola through them; v0 and v1 are the mean velocities before
- * and behind it, over h0 and h1 seconds. */
+/* The velocity, at the middle one of three knots, of the parabola through the three: v0 is the mean velocity over the
+ * h0 seconds before it, v1 that over the h1 seconds after it. */
 static double middle_velocity(double v0, double h0, double v1, double h1) {
   return (v0 * h1 + v1 * h0) / (h0 + h1);
 }
 
-/* The curve between trained knots a and b. Where a knot has none before or behind it to take its velocity from, the
- * parabola through the other three goes on, or a straight line through the two. */
+/* Computes the pose at `time` on the curve between trained knots a and b. If no trained knot is near enough before a
+ * (or after b), the velocity there is that of the parabola through the other three knots; if neither side has one,
+ * the curve is a straight line from a to b. */
 static void curve_at(const pags_object *object, const pags_knot *a, const pags_knot *b, double time, double out[12]) {
   const pags_knot *before = last_trained(object, a - object->knots),
                   *behind = first_trained(object, b - object->knots + 1);
@@ -178,7 +199,10 @@ static void curve_at(const pags_object *object, const pags_knot *a, const pags_k
     out[4 * i + 3] = pose[4 * i + 3] + x[3 + i];
 }
 
-/* Multiplies the labelled pose by the increment between those of a and b, at least one of which is a knot. */
+/* ---- Increments and the pose at a time ---- */
+
+/* Multiplies the labelled pose `out` by the increment at `time`, interpolated linearly between those of trained knots
+ * a and b. One of them may be NULL: then the other's increment is taken. */
 static void correct(const pags_knot *a, const pags_knot *b, double time, double out[12]) {
   double rotation[3], translation[3], motion[12];
   a = a ? a : b;
@@ -195,7 +219,7 @@ static void correct(const pags_knot *a, const pags_knot *b, double time, double 
 }
 
 int pags_object_pose(const pags_object *object, double time, double out[12]) {
-  /* The number of knots at or before `time`. */
+  /* Bisection: `after` is the number of knots at or before `time`. */
   int64_t low = 0, high = object->knot_count;
   while (low < high) {
     int64_t middle = low + (high - low) / 2;
@@ -208,7 +232,7 @@ int pags_object_pose(const pags_object *object, double time, double out[12]) {
 
   if (!label_at(object, time, after, out))
     return 0;
-  /* A knot at this very time is on both sides. */
+  /* A knot at this very time counts both as the last one before it and as the first one after it. */
   const int next_is_now = after < object->knot_count && object->knots[after].time - time <= same_time;
   const int last_is_now = after > 0 && time - object->knots[after - 1].time <= same_time;
   const pags_knot *a = last_trained(object, after + next_is_now), *b = first_trained(object, after - last_is_now);

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Packing, and the file: a head of 128 bytes, then bounds (seven planes of floats), geometry and colours, each at a
- * multiple of 64. */
+/* Packs Gaussians into quantised clusters (pags/packed.h, which has the bit layout), and writes, maps and checks
+ * packed files (.pagsz): a header of 128 bytes, then the bounds of the clusters (seven planes of floats), the
+ * geometry and the colours, each at a multiple of 64 bytes. */
 #include <pags/packed.h>
 
 #include <math.h>
@@ -22,7 +23,7 @@
 enum { ROWS = PAGS_PACKED_ROWS, HEAD = 128, ALIGNMENT = 64, BOUND_PLANES = 7, CHUNK = 4096 };
 static const char magic[8] = {'P', 'A', 'G', 'S', 'P', 'K', '0', '1'};
 
-/* Where things lie in a file or block; `size` is all of it. */
+/* Byte offsets of the three arrays in a file or memory block of packed Gaussians, and the size of the whole. */
 typedef struct places {
   size_t bounds, geometry, colour, size;
 } places;
@@ -39,7 +40,8 @@ static places find_places(int64_t clusters, int sh_degree) {
   return p;
 }
 
-/* Points the struct's members into `bytes`. */
+/* Makes `packed` a view of `bytes`, a block of the layout above with `count` Gaussians: sets its counts, its pointers
+ * and its size. */
 static void attach(pags_packed *packed, uint8_t *bytes, int64_t count, int sh_degree) {
   const int64_t clusters = (count + ROWS - 1) / ROWS;
   const places p = find_places(clusters, sh_degree);
@@ -57,16 +59,22 @@ static void attach(pags_packed *packed, uint8_t *bytes, int64_t count, int sh_de
   packed->block_size = p.size;
 }
 
+/* ---- Packing ---- */
+
+/* Returns the code 0..most of `value`: the nearest whole number of `step`s above `lowest`, clamped. */
 static uint16_t quantise(float value, float lowest, float step, float most) {
   const float code = floorf((value - lowest) / step + 0.5f);
   return (uint16_t)(code > 0.0f ? code < most ? code : most : 0.0f); /* 0 for NaN */
 }
 
+/* Stores a 16-bit word of row `row` in plane `plane` of a cluster's block. */
 static void put_word(uint8_t *block, int plane, int row, uint16_t word) {
   memcpy(block + 2 * ((size_t)plane * ROWS + (size_t)row), &word, sizeof word);
 }
 
-/* The smallest three of a unit quaternion whose largest part is positive. A zero quaternion is the identity. */
+/* Packs the rotation of Gaussian `row` as row i of a cluster's block: the quaternion is normalised and its sign
+ * chosen such that its largest component is positive; the other three are stored with 15 bits each, and the index of
+ * the largest in the top bits of the first two. A zero quaternion is packed as the identity. */
 static void pack_rotation(const pags_gaussians *g, int64_t row, int i, uint8_t *block) {
   double q[4], norm = 0;
   int largest = 0, place = 0;
@@ -86,6 +94,9 @@ static void pack_rotation(const pags_gaussians *g, int64_t row, int i, uint8_t *
   }
 }
 
+/* Packs the colours of `rows` Gaussians from `first` on as one cluster's block: the constant SH coefficients as half
+ * floats (clamped to the largest finite one), the others as int8 in steps of 1/127 of the largest of cluster and
+ * plane. */
 static void pack_colours(const pags_gaussians *g, int64_t first, int rows, uint8_t *block) {
   const int rest = 3 * (pags_sh_coefficients(g->sh_degree) - 1);
   uint8_t *const steps = block + pags_packed_steps_at(g->sh_degree);
@@ -120,10 +131,9 @@ pags_result pags_packed_create(const pags_gaussians *gaussians, pags_packed *out
     const int64_t first = c * ROWS;
     const int rows = (int)(gaussians->count - first < ROWS ? gaussians->count - first : ROWS);
 
-    /* Pack geometry. */
     uint8_t *block = bytes + (out->geometry - bytes) + c * PAGS_PACKED_GEOMETRY;
 
-    /* Pack means. */
+    /* Means: 16 bits between the bounds of the cluster on each axis. */
     for (int a = 0; a < 3; a++) {
       const float *const mean = pags_plane(gaussians, PAGS_MEAN + a) + first;
       float lo = mean[0], hi = mean[0];
@@ -138,6 +148,7 @@ pags_result pags_packed_create(const pags_gaussians *gaussians, pags_packed *out
         put_word(block, a, i, step > 0.0f ? quantise(mean[i], lo, step, 65535.0f) : 0);
     }
 
+    /* The logarithm of sigma, rotation, opacity logit and semantic priority. */
     for (int i = 0; i < rows; i++) {
       for (int k = 0; k < 3; k++)
         put_word(
@@ -155,7 +166,8 @@ pags_result pags_packed_create(const pags_gaussians *gaussians, pags_packed *out
     pack_colours(gaussians, first, rows,
                  bytes + (out->colour - bytes) + (size_t)c * pags_packed_colour_bytes(gaussians->sh_degree));
 
-    /* A hair more than exp of the largest, since the projection kernel's exp rounds otherwise than libm's. */
+    /* The bound on sigma, from the unpacked values. One part in 1e5 is added because the exp of the projection kernel
+     * rounds differently from that of libm. */
     float planes[PAGS_PACKED_GEOMETRY_PLANES * ROWS], largest = PAGS_PACKED_LOWEST;
     pags_packed_geometry(out, c, planes);
     for (int k = 0; k < 3; k++)
@@ -206,7 +218,10 @@ pags_result pags_packed_unpack(const pags_packed *packed, pags_gaussians *out) {
   return PAGS_OK;
 }
 
-/* Head: magic, count, degree, rows a cluster, s_sem, up, antialiased, origin, background; the rest zeros. */
+/* ---- Writing the file ---- */
+
+/* Fills the header: magic (byte 0), count (8), SH degree (16), rows per cluster (17), whether it has s_sem (18), up
+ * axis (19), antialiased (20), origin (24, three doubles), background (48, three floats); all other bytes are 0. */
 static void fill_head(const pags_packed *packed, int64_t count, uint8_t head[HEAD]) {
   memset(head, 0, HEAD);
   memcpy(head, magic, sizeof magic);
@@ -220,12 +235,14 @@ static void fill_head(const pags_packed *packed, int64_t count, uint8_t head[HEA
   memcpy(head + 48, packed->background, sizeof packed->background);
 }
 
+/* Writes `count` zero bytes, at most 64. */
 static pags_result put_zeros(pags_file_writer *file, size_t count) {
   static const uint8_t zeros[ALIGNMENT];
   return count ? pags_file_writer_put(file, zeros, count) : PAGS_OK;
 }
 
-/* One plane of bounds for all copies, moved along `axis` (-1: not at all). */
+/* Writes one plane of the clusters' bounds once per copy, each time moved by the copy's offset along `axis`; axis -1:
+ * not moved. */
 static pags_result put_bounds(pags_file_writer *file, const float *plane, int64_t clusters, int64_t copies, int axis,
                               const double *offsets) {
   float moved[CHUNK];
@@ -249,7 +266,7 @@ pags_result pags_packed_save(const char *path, const pags_packed *packed, int64_
                      (long long)count);
   PAGS_TRY(pags_file_writer_begin(&file, path));
 
-  /* Put all. */
+  /* The header, the bounds (six planes of boxes, one of sigmas), the padding, the geometry, the colours. */
   uint8_t head[HEAD];
   const places p = find_places(clusters * copies, packed->shape.sh_degree);
   fill_head(packed, count, head);
@@ -284,6 +301,9 @@ pags_result pags_packed_export(const char *path, const pags_gaussians *gaussians
   return result;
 }
 
+/* ---- Mapping the file ---- */
+
+/* Fails unless the bounds of all clusters in the file are finite and in order. */
 static pags_result check_bounds(const char *path, const pags_packed *packed) {
   const pags_clusters *const c = &packed->clusters;
   for (int64_t i = 0; i < c->count; i++) {
@@ -296,6 +316,7 @@ static pags_result check_bounds(const char *path, const pags_packed *packed) {
   return PAGS_OK;
 }
 
+/* Reads and checks the header and compares the file's size in bytes with the one it implies. */
 static pags_result read_head(const char *path, const uint8_t *head, uint64_t size, int64_t *count, int *degree,
                              pags_packed *out) {
   memcpy(count, head + 8, sizeof *count);
@@ -320,7 +341,7 @@ static pags_result read_head(const char *path, const uint8_t *head, uint64_t siz
   return PAGS_OK;
 }
 
-/* Maps a file of known size, privately: it is never written to. */
+/* Maps a file of `size` bytes as a private copy-on-write mapping, so that the file itself is never written to. */
 static pags_result map_file(const char *path, uint64_t size, uint8_t **bytes) {
   const int file = open(path, O_RDONLY);
   void *const map = file < 0 ? MAP_FAILED : mmap(NULL, (size_t)size, PROT_READ | PROT_WRITE, MAP_PRIVATE, file, 0);

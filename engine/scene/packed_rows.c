@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Unpacking: plain loops over arrays, which compilers make vectors of; products and sums stay apart
- * (-ffp-contract=off), so that every machine gives the same bits. */
+/* Unpacks one cluster of packed Gaussians into planes of floats. Plain loops over arrays, which the compiler
+ * vectorises; it must not fuse products and sums (-ffp-contract=off), so that every machine gives the same bits. */
 #include "scene/packed_rows.h"
 
 #include <math.h>
@@ -8,8 +8,9 @@
 
 enum { ROWS = PAGS_PACKED_ROWS };
 
-/* Exponent and mantissa moved into a float's place and scaled by 2^112, which is exact, zeros and subnormals included.
- * Infinities and NaNs become large numbers: a picture from a bad file is wrong, but it is a picture. */
+/* Converts a half float: its exponent and mantissa bits are moved to their places in a float, which is then
+ * multiplied by 2^112 to correct the exponent's bias. This is exact, also for zeros and subnormals. Infinities and
+ * NaNs, which only a damaged file has, become large finite numbers, so that no NaN reaches the picture. */
 static inline float half_to_float(uint32_t half) {
   const uint32_t bits = (half & 0x7FFFu) << 13, sign = (half & 0x8000u) << 16;
   float value;
@@ -22,6 +23,7 @@ static inline float half_to_float(uint32_t half) {
   return value;
 }
 
+/* Unpacks the means; clamped to the upper bound, beyond which rounding could take them. */
 static void unpack_means(const uint16_t words[][ROWS], const pags_clusters *clusters, int64_t cluster, float *planes) {
   for (int a = 0; a < 3; a++) {
     const float from = clusters->lo[a][cluster], to = clusters->hi[a][cluster], step = (to - from) * (1.0f / 65535.0f);
@@ -33,12 +35,14 @@ static void unpack_means(const uint16_t words[][ROWS], const pags_clusters *clus
   }
 }
 
+/* Unpacks ln sigma or an opacity logit: 16 bits over -16..16. */
 static void unpack_scaled(const uint16_t words[ROWS], float *out) {
   for (int i = 0; i < ROWS; i++)
     out[i] = (float)words[i] * PAGS_PACKED_STEP + PAGS_PACKED_LOWEST;
 }
 
-/* Two bits say which of w, x, y, z was the largest and left out. */
+/* Unpacks quaternions w, x, y, z from three words each: 15 bits of a component, while the top bits of the first two
+ * words are the index of the component that was left out, the largest, which follows from the unit length. */
 static void unpack_rotations(const uint16_t words[3][ROWS], float *q) {
   float part[3][ROWS], largest[ROWS];
   for (int k = 0; k < 3; k++)
@@ -86,7 +90,7 @@ void pags_packed_colours(const pags_packed *packed, int64_t cluster, int sh_degr
   for (int p = 0; p < rest; p++) {
     float step;
     memcpy(&step, steps + 4 * p, sizeof step);
-    step = fabsf(step) < 1e30f ? step : 0.0f; /* of a bad file: no NaN either */
+    step = fabsf(step) < 1e30f ? step : 0.0f; /* infinite or NaN in a damaged file only */
     memcpy(bytes, block + (6 + p) * ROWS, sizeof bytes);
     for (int i = 0; i < ROWS; i++)
       planes[(3 + p) * ROWS + i] = (float)bytes[i] * step;

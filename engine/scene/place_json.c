@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* Reads and writes the key "geographic_origin" of scene.json and dataset.json. */
 #include "scene/place_json.h"
 
 #include <math.h>

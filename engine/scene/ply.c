@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The PLY of INRIA's 3D Gaussian splatting (Kerbl et al. 2023), read by property name and written in its own order.
+/* Reads and writes the PLY files of INRIA's 3D Gaussian splatting (Kerbl et al. 2023): properties are found by name
+ * in any order and written in INRIA's order, with the optional s_sem, object_id and Fourier terms after them.
  *
- * f_rest is channel-major (all of R, then G, then B), our planes are coefficient-major. Values pass through untouched,
- * so that reading and writing gives the same bytes. Normals are neither kept nor used; they are written as zeros. */
+ * f_rest is channel-major in the file (all of R, then G, then B) and coefficient-major in memory. Values are not
+ * changed, so that reading and writing gives the same bytes. Normals are not read; they are written as zeros. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -18,12 +19,15 @@
 enum { NORMALS = 3, MAX_COLUMNS = PAGS_MAX_PLANES + NORMALS, BLOCK_ROWS = 256, NAME_SIZE = 24 };
 enum { FOURIER_TERMS = 4, FOURIER_PLANES = 3 * FOURIER_TERMS };
 
-/* A column of the file: its property's name and the plane it is, -1 for a normal. */
+/* ---- Columns ---- */
+
+/* A column of the file: the name of its property and the plane that holds it in memory, -1 for a normal. */
 typedef struct column {
   char name[NAME_SIZE];
   int plane;
 } column;
 
+/* Appends `count` columns named stem_0, stem_1, ... for planes from `first_plane` on and moves *at behind them. */
 static void put_columns(column **at, const char *stem, int count, int first_plane) {
   for (int i = 0; i < count; ++i, ++*at) {
     snprintf((*at)->name, NAME_SIZE, "%s_%d", stem, i);
@@ -31,7 +35,7 @@ static void put_columns(column **at, const char *stem, int count, int first_plan
   }
 }
 
-/* INRIA's order. Returns the number of columns. */
+/* Lists the columns of a file of SH degree `sh_degree` in INRIA's order. Returns their number. */
 static int list_columns(int sh_degree, column columns[MAX_COLUMNS]) {
   static const char *const plain[] = {"x", "y", "z", "nx", "ny", "nz"};
   column *at = columns;
@@ -52,6 +56,7 @@ static int list_columns(int sh_degree, column columns[MAX_COLUMNS]) {
   return (int)(at - columns);
 }
 
+/* Derives the SH degree from the number of properties whose names begin with f_rest_. */
 static pags_result find_degree(const ply_table *table, const ply_element *vertex, int *degree) {
   int rest = 0;
   for (int i = 0; i < vertex->property_count; i++)
@@ -62,7 +67,9 @@ static pags_result find_degree(const ply_table *table, const ply_element *vertex
   return PAGS_OK;
 }
 
-/* Fills rows [first, first + rows) of the planes; false when any value is not finite. */
+/* ---- Reading ---- */
+
+/* Reads rows [first, first + rows) into the planes of `out`. Returns false if any of the values is not finite. */
 static bool read_block(const ply_table *table, const ply_element *vertex, int count, const column columns[],
                        const ply_property *const properties[], int64_t first, int64_t rows, pags_gaussians *out) {
   bool finite = true;
@@ -77,6 +84,7 @@ static bool read_block(const ply_table *table, const ply_element *vertex, int co
   return finite;
 }
 
+/* Reads the semantic priority, if the file has it; values outside of 0..1 are an error. */
 static pags_result read_s_sem(const ply_table *table, const ply_element *vertex, pags_gaussians *out) {
   const ply_property *s_sem = pags_ply_property_find(table, vertex, "s_sem");
   if (!s_sem)
@@ -105,11 +113,12 @@ static pags_result read_object_id(const ply_table *table, const ply_element *ver
   return PAGS_OK;
 }
 
+/* Writes the property name of a Fourier plane: f_dc_tK_C for term K (1..4) and channel C (0..2). */
 static void name_fourier(int plane, char name[NAME_SIZE]) {
   snprintf(name, NAME_SIZE, "f_dc_t%d_%d", 1 + plane / 3, plane % 3);
 }
 
-/* All twelve or none. */
+/* Reads the Fourier terms of the colour. A file must have all twelve properties or none. */
 static pags_result read_fourier(const ply_table *table, const ply_element *vertex, pags_gaussians *out) {
   const ply_property *properties[FOURIER_PLANES];
   char names[FOURIER_PLANES][NAME_SIZE];
@@ -144,7 +153,7 @@ static pags_result read_vertices(const ply_table *table, const ply_element *vert
   PAGS_TRY(find_degree(table, vertex, &degree));
   int count = list_columns(degree, columns);
 
-  /* Bind columns. */
+  /* Finds the property of each column; only normals may be missing. */
   for (int i = 0; i < count; i++) {
     properties[i] = pags_ply_property_find(table, vertex, columns[i].name);
     if (!properties[i] && columns[i].plane >= 0)
@@ -157,7 +166,7 @@ static pags_result read_vertices(const ply_table *table, const ply_element *vert
   for (int64_t first = 0; first < out->count; first += BLOCK_ROWS) {
     int64_t rows = out->count - first < BLOCK_ROWS ? out->count - first : BLOCK_ROWS;
     if (!read_block(table, vertex, count, columns, properties, first, rows, out)) {
-      /* Fail not finite. */
+      /* Looks for the first value of the block that is not finite and names it. */
       for (int64_t row = first;; row++)
         for (int i = 0; i < count; i++) {
           float value = columns[i].plane < 0 ? 0 : pags_plane(out, columns[i].plane)[row];
@@ -213,6 +222,9 @@ pags_result pags_ply_load(const char *path, pags_gaussians *out) {
   return result;
 }
 
+/* ---- Writing ---- */
+
+/* Stores `rows` floats `stride` bytes apart, little-endian; zeros if `values` is NULL. */
 static void pack_floats(const float *values, int64_t rows, size_t stride, uint8_t *out) {
   for (int64_t row = 0; row < rows; ++row, out += stride)
     pags_store_f32(out, values ? values[row] : 0.0f);
@@ -233,7 +245,6 @@ pags_result pags_ply_save(const char *path, const pags_gaussians *gaussians) {
   pags_file_writer writer;
   pags_result result = pags_file_writer_begin(&writer, path);
   if (result == PAGS_OK) {
-    /* Write header. */
     char text[(MAX_COLUMNS + FOURIER_PLANES) * 32 + 256], name[NAME_SIZE];
     int length = snprintf(text, sizeof text, "ply\nformat binary_little_endian 1.0\nelement vertex %lld\n",
                           (long long)gaussians->count);
@@ -252,7 +263,8 @@ pags_result pags_ply_save(const char *path, const pags_gaussians *gaussians) {
   for (int64_t first = 0; first < gaussians->count && result == PAGS_OK; first += BLOCK_ROWS) {
     int64_t rows = gaussians->count - first < BLOCK_ROWS ? gaussians->count - first : BLOCK_ROWS;
 
-    /* Rows [first, first + rows) as the file has them; column by column, so that each plane is read in one run. */
+    /* Builds rows [first, first + rows) in the file's order, column by column, so that each plane is read in one
+     * run. */
     uint8_t *out = block;
     for (int i = 0; i < count; ++i, out += 4)
       pack_floats(columns[i].plane < 0 ? NULL : pags_plane(gaussians, columns[i].plane) + first, rows, stride, out);

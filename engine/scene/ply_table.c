@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* PLY (Turk 1994): a text header of elements and properties, then rows as text or as bytes of either order. */
+/* Parses PLY files (Turk 1994): a text header of elements and properties, then the rows of each element as text or as
+ * binary numbers of either byte order. Rows of text are converted to little-endian binary. */
 #include "scene/ply_table.h"
 
 #include <errno.h>
@@ -22,7 +23,10 @@ static const int type_sizes[] = {1, 1, 2, 2, 4, 4, 4, 8};
 
 enum { MAX_PROPERTIES = 4096, MAX_WORDS = 5 };
 
-/* Cuts a line into words; those beyond MAX_WORDS stay together in the last. */
+/* ---- Reading the header ---- */
+
+/* Cuts a header line into words at blanks and tabs, in place. Returns their number, at most MAX_WORDS; the last of
+ * that many holds the whole rest of the line. */
 static int split(char *line, char *words[MAX_WORDS]) {
   int count = 0;
   while (count < MAX_WORDS) {
@@ -47,6 +51,7 @@ static bool parse_type(const char *name, ply_type *type) {
   return false;
 }
 
+/* Parses a line "property TYPE NAME" and appends the property to the last element. */
 static pags_result parse_property(ply_table *t, int line, int words, char *word[]) {
   ply_type type;
   if (t->element_count == 0)
@@ -58,7 +63,7 @@ static pags_result parse_property(ply_table *t, int line, int words, char *word[
   if (words != 3 || !parse_type(word[1], &type))
     return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: expected 'property', a type and a name", t->path, line);
 
-  /* Add property. */
+  /* Appends the property at the end of the element's row. */
   ply_element *element = &t->elements[t->element_count - 1];
   if (t->property_count == MAX_PROPERTIES)
     return pags_fail(PAGS_ERROR_LIMIT, "%s:%d: more than %d properties", t->path, line, MAX_PROPERTIES);
@@ -78,6 +83,7 @@ static pags_result parse_property(ply_table *t, int line, int words, char *word[
   return PAGS_OK;
 }
 
+/* Parses one line of the header. Comments are skipped but for the one by which a mip-splatting file is marked. */
 static pags_result parse_line(ply_table *t, int line, char *text) {
   char *word[MAX_WORDS] = {0};
   if (strcmp(text, "comment SplatRenderMode: mip") == 0)
@@ -86,7 +92,6 @@ static pags_result parse_line(ply_table *t, int line, char *text) {
   if (words == 0 || strcmp(word[0], "comment") == 0 || strcmp(word[0], "obj_info") == 0)
     return PAGS_OK;
   if (strcmp(word[0], "format") == 0) {
-    /* Parse format. */
     if (words < 3 || strcmp(word[2], "1.0") != 0)
       return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: expected a format of version 1.0", t->path, line);
     t->ascii = strcmp(word[1], "ascii") == 0;
@@ -98,7 +103,6 @@ static pags_result parse_line(ply_table *t, int line, char *text) {
     return PAGS_OK;
   }
   if (strcmp(word[0], "element") == 0) {
-    /* Parse element. */
     if (t->element_count == PLY_MAX_ELEMENTS)
       return pags_fail(PAGS_ERROR_LIMIT, "%s:%d: more than %d elements", t->path, line, PLY_MAX_ELEMENTS);
     char *end = NULL;
@@ -116,7 +120,8 @@ static pags_result parse_line(ply_table *t, int line, char *text) {
                    t->path, line, word[0]);
 }
 
-/* Length of the header with the line break after end_header; 0 when there is none. */
+/* Returns the length of the header in bytes, including the line break after "end_header"; 0 if there is no such
+ * line. */
 static size_t header_length(const uint8_t *bytes, size_t size) {
   static const char mark[] = "end_header";
   size_t mark_length = sizeof mark - 1;
@@ -134,6 +139,7 @@ static size_t header_length(const uint8_t *bytes, size_t size) {
   return 0;
 }
 
+/* Copies the header of `length` bytes, cuts it into lines and parses them. Fails if no line gives the format. */
 static pags_result parse_header(ply_table *t, size_t length) {
   t->header = malloc(length + 1);
   if (!t->header)
@@ -145,7 +151,7 @@ static pags_result parse_header(ply_table *t, size_t length) {
   if (memchr(t->header, 0, length))
     return pags_fail(PAGS_ERROR_FORMAT, "%s: the header holds a zero byte", t->path);
   for (char *at = strchr(t->header, '\n') + 1; strncmp(at, "end_header", 10) != 0;) {
-    char *end = strchr(at, '\n'); /* there is the one behind end_header at least */
+    char *end = strchr(at, '\n'); /* never NULL: at least the line of end_header ends with a line break */
     *end = 0;
     if (end > at && end[-1] == '\r')
       end[-1] = 0;
@@ -156,11 +162,14 @@ static pags_result parse_header(ply_table *t, size_t length) {
   return has_format ? PAGS_OK : pags_fail(PAGS_ERROR_FORMAT, "%s:%d: expected a 'format' line", t->path, line);
 }
 
-/* Turns the rows of a text file into little-endian ones; `at` moves on. False when the text ends before the rows do. */
+/* ---- Finding the rows ---- */
+
+/* Converts the rows of element `index` of a text file to little-endian binary and moves *at behind them. If the text
+ * ends before the rows do, the element's `rows` stay NULL, which pags_ply_table_need reports. */
 static pags_result convert_text(ply_table *t, int index, const char **at) {
   ply_element *e = &t->elements[index];
   uint64_t left = (uint64_t)(t->bytes + t->size - (const uint8_t *)*at);
-  /* A number takes two bytes at least: refuse counts that can't be before allocating for them. */
+  /* A number and the blank after it take two bytes: a count that cannot be true is refused before allocating. */
   if (e->property_count == 0 || (uint64_t)e->count > left / 2 / (uint64_t)e->property_count + 1)
     return PAGS_OK;
   uint8_t *rows = malloc((size_t)(e->count * e->stride) + 1);
@@ -181,14 +190,13 @@ static pags_result convert_text(ply_table *t, int index, const char **at) {
                          (long long)row);
       }
 
-      /* Store number. */
       uint8_t *out = rows + row * e->stride + property->offset;
       switch (property->type) {
         case PLY_FLOAT: pags_store_f32(out, (float)value); break;
         case PLY_DOUBLE: pags_store_f64(out, value); break;
         default: {
-          /* Out of range values would be undefined as integers: they become 0, as no property of ours is an integer in
-           * text. */
+          /* A value outside of -2^31..2^32 - 1 becomes 0, since converting it to an integer type could be
+           * undefined. */
           int64_t whole = value >= -2147483648.0 && value <= 4294967295.0 ? (int64_t)value : 0;
           uint8_t word[4];
           pags_store_u32(word, (uint32_t)whole);
@@ -203,6 +211,8 @@ static pags_result convert_text(ply_table *t, int index, const char **at) {
   return PAGS_OK;
 }
 
+/* Sets where the rows of each element begin, in the file or converted. Stops at the first element that cannot be
+ * reached (a list property, or the file is too short): its `rows` and those of all later elements stay NULL. */
 static pags_result find_rows(ply_table *t, size_t header) {
   uint64_t offset = header;
   const char *at = (const char *)t->bytes + header;
@@ -245,6 +255,8 @@ void pags_ply_table_close(ply_table *table) {
   free(table->header);
   *table = (ply_table){0};
 }
+
+/* ---- Access ---- */
 
 const ply_element *pags_ply_table_find(const ply_table *table, const char *element) {
   for (int i = 0; i < table->element_count; i++)

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A PLY file as tables of numbers: elements, their properties by name, their rows. Knows nothing of Gaussians. */
+/* A PLY file as tables of numbers: elements, their properties by name, and the rows of each element. Independent of
+ * what the file holds; ply.c and compressed_ply.c read Gaussians through it. */
 #ifndef PAGS_SCENE_PLY_TABLE_H
 #define PAGS_SCENE_PLY_TABLE_H
 
@@ -12,46 +13,51 @@ typedef enum ply_type { PLY_CHAR, PLY_UCHAR, PLY_SHORT, PLY_USHORT, PLY_INT, PLY
 typedef struct ply_property {
   const char *name;
   ply_type type;
-  int64_t offset; /* bytes from the begin of the row */
+  int64_t offset; /* bytes from the beginning of the row */
 } ply_property;
 
 typedef struct ply_element {
   const char *name;
-  int64_t count;
-  int64_t stride; /* bytes a row */
+  int64_t count;  /* rows */
+  int64_t stride; /* bytes per row */
   int property_count;
-  int first_property;  /* of this element in ply_table.properties */
-  bool has_list;       /* rows of differing lengths: can't be read, nor can what follows */
-  const uint8_t *rows; /* NULL when they can't be reached */
-  uint64_t offset;     /* of the rows in the file; 0 for text files */
+  int first_property;  /* index in ply_table.properties of its first property */
+  bool has_list;       /* its rows differ in length: neither they nor later elements can be read */
+  const uint8_t *rows; /* binary, count * stride bytes; NULL if they cannot be read */
+  uint64_t offset;     /* byte in the file where the rows begin; meaningless for text files */
 } ply_element;
 
 enum { PLY_MAX_ELEMENTS = 16 };
 
 typedef struct ply_table {
   const char *path;
-  const uint8_t *bytes; /* the file; the caller's */
+  const uint8_t *bytes; /* contents of the file, owned by the caller */
   size_t size;
-  char *header;                        /* a copy, cut into words */
-  bool ascii, big_endian, antialiased; /* the last from "comment SplatRenderMode: mip" */
+  char *header;                        /* copy of the header, cut into words; names point into it */
+  bool ascii, big_endian, antialiased; /* antialiased: has "comment SplatRenderMode: mip" */
   int element_count, property_count, property_capacity;
   ply_element elements[PLY_MAX_ELEMENTS];
   ply_property *properties;
-  uint8_t *converted[PLY_MAX_ELEMENTS]; /* rows of text files in binary */
+  uint8_t *converted[PLY_MAX_ELEMENTS]; /* rows of a text file, converted to binary; NULL for a binary file */
 } ply_table;
 
 /* Parses the header and finds the rows of each element. `bytes` must be terminated by a zero byte that `size` doesn't
- * count, and must outlive the table, as must `path`. */
+ * count. `bytes` and `path` must outlive the table. */
 pags_result pags_ply_table_open(ply_table *table, const char *path, const uint8_t *bytes, size_t size);
 void pags_ply_table_close(ply_table *table);
 
+/* Returns the element of that name, NULL if there is none. */
 const ply_element *pags_ply_table_find(const ply_table *table, const char *element);
-/* Fails, with place and sizes, when the element's rows are not all there. */
+/* Fails if the rows of `element` cannot be read: a list property comes before them or the file is truncated. The
+ * message names the element, the byte and the sizes. */
 pags_result pags_ply_table_need(const ply_table *table, const ply_element *element);
 
+/* Returns the property of that name of `element`, NULL if there is none. */
 const ply_property *pags_ply_property_find(const ply_table *table, const ply_element *element, const char *property);
+/* Returns the value of a property in row `row`, whatever its type. */
 double pags_ply_value(const ply_table *table, const ply_element *element, const ply_property *property, int64_t row);
-/* Rows [first, first + count) of a property as float; float bits are kept. */
+/* Writes rows [first, first + count) of a property to `out` as floats; the bits of values that are floats are
+ * kept. */
 void pags_ply_column(const ply_table *table, const ply_element *element, const ply_property *property, int64_t first,
                      int64_t count, float *out);
 

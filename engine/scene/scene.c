@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A scene in memory, its folder, and bare splat files as scenes. */
+/* Loads and saves scenes (pags/scene.h): a scene folder with scene.json, a PLY per model and sky.npy, or a bare splat
+ * file, which is read as a scene of one model. */
 #include <assert.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -13,8 +14,11 @@
 #include "base/text.h"
 #include "scene/scene_json.h"
 
-enum { SAFE_NAME = 100 };
+enum { SAFE_NAME = 100 }; /* bytes of an object's id in a file name, with the final zero */
 
+/* ---- Loading ---- */
+
+/* Loads the PLY of a model and checks its count and SH degree against those that scene.json gives. */
 static pags_result load_model(const char *folder, pags_model *model, int64_t expected) {
   int expected_degree = model->gaussians.sh_degree;
   char *path = pags_path_join(folder, model->file);
@@ -29,7 +33,8 @@ static pags_result load_model(const char *folder, pags_model *model, int64_t exp
   return result;
 }
 
-/* So that whoever has an object_id may use it as an index. Scenes without objects may number theirs as they like. */
+/* Fails if an object_id of the model isn't below the number of objects, so that an object_id can be used as an index
+ * of scene->objects. In a scene without objects any object_id is allowed. */
 static pags_result check_object_ids(const char *folder, const pags_scene *scene, const pags_model *model) {
   const int32_t *id = model->gaussians.object_id;
   for (int64_t i = 0; id && scene->object_count && i < model->gaussians.count; i++)
@@ -67,6 +72,7 @@ static pags_result load_folder(const char *folder, pags_scene *scene) {
   return result;
 }
 
+/* Loads a bare splat file as a scene of one model, "background", with the up axis -y. */
 static pags_result load_bare(const char *path, pags_scene *scene) {
   scene->models = calloc(1, sizeof *scene->models);
   if (!scene->models)
@@ -79,7 +85,7 @@ static pags_result load_bare(const char *path, pags_scene *scene) {
   if (!model->name || !model->file)
     return pags_out_of_memory("%s: a model", path);
   if (pags_packed_is_file(path)) {
-    /* A packed file knows where its scene stood. */
+    /* A packed file holds the origin, up axis and background of the scene that it was made from. */
     pags_packed packed;
     PAGS_TRY(pags_packed_open(path, &packed));
     scene->up = (pags_up)packed.up;
@@ -92,7 +98,7 @@ static pags_result load_bare(const char *path, pags_scene *scene) {
   return pags_splat_load(path, &model->gaussians, NULL, &scene->antialiased);
 }
 
-/* SCENE/scene.json means SCENE. */
+/* Loads the scene folder that holds the scene.json at `path`. */
 static pags_result load_beside(const char *path, pags_scene *scene) {
   char *folder = pags_path_folder(path);
   if (!folder)
@@ -111,6 +117,8 @@ pags_result pags_scene_load(const char *path, pags_scene *scene) {
     pags_scene_destroy(scene);
   return result;
 }
+
+/* ---- Saving ---- */
 
 static pags_result save_model(const char *folder, const pags_model *model) {
   assert(pags_path_is_inside(model->file));
@@ -131,7 +139,8 @@ static pags_result save_sky(const char *folder, const pags_sky *sky) {
   return result;
 }
 
-/* scene.json goes last: where it is new, all that it names is. */
+/* scene.json is written last: if saving is interrupted, a new scene.json never names a model or sky that has not been
+ * written completely. */
 pags_result pags_scene_save(const char *folder, const pags_scene *scene) {
   PAGS_TRY(pags_make_dirs(folder));
   for (int64_t i = 0; i < scene->model_count; i++)
@@ -149,7 +158,7 @@ pags_result pags_scene_save(const char *folder, const pags_scene *scene) {
 char *pags_scene_model_file(const pags_scene *scene, const char *id) {
   char safe[SAFE_NAME], file[SAFE_NAME + 64];
 
-  /* `name` with what some file system or shell trips over made '_'. */
+  /* Replaces by '_' every character of the id that is not a letter, a digit, '-', or a '.' after the first one. */
   size_t room = sizeof safe;
   size_t length = 0;
   for (const char *c = id; *c && length + 1 < room; c++) {
@@ -162,6 +171,7 @@ char *pags_scene_model_file(const pags_scene *scene, const char *id) {
     safe[length++] = '_';
   safe[length] = 0;
 
+  /* Numbers the file from 2 on until no model of the scene has it; comparing starts again with each number. */
   snprintf(file, sizeof file, "objects/%s.ply", safe);
   for (int64_t i = 0, number = 2; i < scene->model_count; i++) {
     if (scene->models[i].file && strcasecmp(scene->models[i].file, file) == 0) {
@@ -171,6 +181,8 @@ char *pags_scene_model_file(const pags_scene *scene, const char *id) {
   }
   return pags_text_copy(file);
 }
+
+/* ---- Objects, destruction, counts ---- */
 
 const pags_scene_object *pags_scene_find_object(const pags_scene *scene, const char *id) {
   for (int64_t i = 0; i < scene->object_count; i++)

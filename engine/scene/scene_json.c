@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Reading and writing scene.json. */
+/* Reads and writes scene.json (docs/scene-folder.md lists its keys); models' Gaussians and the sky are files of their
+ * own. */
 #include "scene/scene_json.h"
 
 #include <ctype.h>
@@ -21,6 +22,8 @@ static const char *const up_names[] = {[PAGS_UP_UNKNOWN] = "unknown", [PAGS_UP_Z
 static pags_result fail_memory(const pags_json *json) {
   return pags_out_of_memory("%s: the scene", pags_json_path(json));
 }
+
+/* ---- Reading ---- */
 
 static pags_result read_up(const pags_json *json, const pags_json_value *root, pags_up *up) {
   const char *name;
@@ -46,7 +49,7 @@ static pags_result read_models(const pags_json *json, const pags_json_value *roo
   for (const pags_json_value *model = models->first; model; model = model->next) {
     int64_t i = scene->model_count++;
 
-    /* Read model. */
+    /* One model, without its Gaussians. */
     int64_t degree;
     PAGS_TRY(pags_json_string_copy(json, model, "name", &scene->models[i].name));
     PAGS_TRY(pags_json_string_copy(json, model, "file", &scene->models[i].file));
@@ -58,7 +61,7 @@ static pags_result read_models(const pags_json *json, const pags_json_value *roo
                             "expected a 'file' inside of the scene's folder, found \"%s\"", scene->models[i].file);
   }
 
-  /* Check names. */
+  /* Names of models must differ, since objects refer to models by name. */
   const char **names = malloc((size_t)(scene->model_count + 1) * sizeof *names);
   if (!names)
     return fail_memory(json);
@@ -69,7 +72,7 @@ static pags_result read_models(const pags_json *json, const pags_json_value *roo
   return result;
 }
 
-/* Three numbers under a key that may be missing. */
+/* Reads the three numbers under `key`; if the key is missing or null, all three are `fallback`. */
 static pags_result read_three_or(const pags_json *json, const pags_json_value *object, const char *key, double fallback,
                                  double out[3]) {
   const pags_json_value *value = pags_json_member(object, key);
@@ -78,7 +81,8 @@ static pags_result read_three_or(const pags_json *json, const pags_json_value *o
   return value && value->type != PAGS_JSON_NULL ? pags_json_numbers(json, object, key, 3, out) : PAGS_OK;
 }
 
-/* The text of an object as the file has it; NULL where there is none. */
+/* Copies the JSON text of the object under `key` unparsed, to be written back unchanged; leaves *out alone if the key
+ * is missing or null. */
 static pags_result read_raw(const pags_json *json, const pags_json_value *root, const char *key, char **out) {
   const pags_json_value *value = pags_json_member(root, key);
   if (!value || value->type == PAGS_JSON_NULL)
@@ -111,7 +115,7 @@ static pags_result read_root(const pags_json *json, pags_scene *scene, pags_scen
   bool antialiased;
   PAGS_TRY(pags_json_as_object(json, root, "a scene"));
 
-  /* Read version. */
+  /* Version and units come first, since they decide whether the other keys can be understood. */
   int64_t version;
   const char *units;
   PAGS_TRY(pags_json_integer(json, root, "version", 1, INT32_MAX, &version));
@@ -139,7 +143,7 @@ static pags_result read_root(const pags_json *json, pags_scene *scene, pags_scen
                           scene->fps);
   PAGS_TRY(pags_place_from_json(json, root, &scene->place));
 
-  /* Read origins. */
+  /* How the scene was trained: data set, seed, steps, configuration, notes on what was modelled. */
   const char *dataset;
   PAGS_TRY(pags_json_string_or(json, root, "dataset", NULL, &dataset));
   if (dataset && !(scene->dataset = pags_text_copy(dataset)))
@@ -153,14 +157,13 @@ static pags_result read_root(const pags_json *json, pags_scene *scene, pags_scen
   PAGS_TRY(read_models(json, root, scene, &files->counts));
   PAGS_TRY(pags_scene_objects_from_json(json, root, scene));
 
-  /* Read views. */
+  /* The photographs of the data set with their cameras and exposures. */
   const pags_json_value *views;
   PAGS_TRY(pags_json_array(json, root, "cameras", &views));
   scene->views = calloc((size_t)views->count + 1, sizeof *scene->views);
   if (!scene->views)
     return fail_memory(json);
   for (const pags_json_value *value = views->first; value; value = value->next) {
-    /* Read view. */
     pags_scene_view *view = &scene->views[scene->view_count++];
     bool test;
     int64_t sensor, frame;
@@ -187,6 +190,9 @@ pags_result pags_scene_json_read(const char *path, pags_scene *scene, pags_scene
   return result;
 }
 
+/* ---- Writing ---- */
+
+/* Returns whether a view has an exposure other than gain 1 and offset 0. */
 static bool is_exposed(const pags_scene_view *view) {
   for (int k = 0; k < 3; k++)
     if (view->gain[k] != 1 || view->offset[k] != 0)
@@ -202,7 +208,7 @@ static void write_views(pags_json_writer *w, const pags_scene *scene) {
     pags_json_put_string(w, "name", view->name);
     pags_json_put_bool(w, "test", view->test);
 
-    /* What a static scene's views don't have is left out. */
+    /* Keys that only views of driving scenes have; left out where they have no value. */
     if (view->sensor >= 0)
       pags_json_put_integer(w, "sensor", view->sensor);
     if (view->frame >= 0)
@@ -218,7 +224,8 @@ static void write_views(pags_json_writer *w, const pags_scene *scene) {
   pags_json_end_array(w);
 }
 
-/* Without the white space around it, so that reading and writing again gives the same bytes. */
+/* Writes `text`, which is JSON, under `key`; null if it is NULL. White space around it is cut off, so that reading
+ * and writing a file again gives the same bytes. */
 static pags_result write_raw(pags_json_writer *w, const char *key, const char *text) {
   if (!text) {
     pags_json_put_null(w, key);
@@ -238,6 +245,7 @@ static pags_result write_raw(pags_json_writer *w, const char *key, const char *t
   return PAGS_OK;
 }
 
+/* Writes the whole of scene.json. */
 static pags_result write_root(pags_json_writer *w, const pags_scene *scene) {
   double background[3] = {(double)scene->background[0], (double)scene->background[1], (double)scene->background[2]};
   pags_json_begin_object(w, NULL);
@@ -247,7 +255,6 @@ static pags_result write_root(pags_json_writer *w, const pags_scene *scene) {
   pags_json_put_string(w, "up", up_names[scene->up]);
   pags_json_put_numbers(w, "time", (double[]){scene->time_begin, scene->time_end}, 2);
 
-  /* Write models. */
   pags_json_begin_array(w, "models");
   for (int64_t i = 0; i < scene->model_count; i++) {
     const pags_model *model = &scene->models[i];

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The sky's cube map: memory, sky.npy (NumPy's format, NEP 1, float16), a colour towards a direction. */
+/* The cube map of the sky (pags/sky.h): allocation, reading and writing of sky.npy (NumPy's format, NEP 1, float16),
+ * and the bilinear lookup of the colour in a direction. */
 #include <pags/sky.h>
 
 #include <assert.h>
@@ -38,7 +39,8 @@ void pags_sky_destroy(pags_sky *sky) {
   *sky = (pags_sky){0};
 }
 
-/* What follows `'key':` and blanks in a Python dictionary's text; NULL when it isn't there. */
+/* Finds `'key':` in the text of a Python dictionary and returns what follows it, blanks skipped; NULL: no such
+ * key. */
 static const char *find_entry(const char *header, const char *key) {
   char quoted[32];
   snprintf(quoted, sizeof quoted, "'%s':", key);
@@ -46,7 +48,8 @@ static const char *find_entry(const char *header, const char *key) {
   return at ? at + strlen(quoted) + strspn(at + strlen(quoted), " ") : NULL;
 }
 
-/* The header's text, which `length` bytes at `bytes` hold. */
+/* Parses the npy header, the text of a Python dictionary of `length` bytes: *size is the number N of texels a side of
+ * a float16 array of shape (6, N, N, 3). */
 static pags_result read_header(const char *path, const uint8_t *bytes, size_t length, int *size) {
   char header[MAX_HEADER];
   if (length >= sizeof header)
@@ -62,7 +65,6 @@ static pags_result read_header(const char *path, const uint8_t *bytes, size_t le
     return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: expected little-endian float16 ('<f2') in C order, found %.8s", path,
                      type);
 
-  /* Read shape. */
   int faces, rows, columns, channels;
   if (sscanf(shape, "(%4d , %5d , %5d , %4d", &faces, &rows, &columns, &channels) != 4 || faces != FACES ||
       channels != CHANNELS || rows != columns || rows < 1 || rows > MAX_SIZE)
@@ -72,6 +74,7 @@ static pags_result read_header(const char *path, const uint8_t *bytes, size_t le
   return PAGS_OK;
 }
 
+/* Decodes the contents of an npy file of versions 1 to 3. */
 static pags_result decode(const char *path, const uint8_t *bytes, size_t size, pags_sky *sky) {
   int texels;
   if (size < PREFIX + 2 || memcmp(bytes, magic, 6) != 0 || bytes[6] < 1 || bytes[6] > 3)
@@ -107,7 +110,8 @@ pags_result pags_sky_load(const char *path, pags_sky *sky) {
   return result;
 }
 
-/* NumPy's own: padded with blanks so that the values begin at a multiple of 64 bytes, ended by a line break. */
+/* Builds the npy header (version 1), byte by byte as NumPy writes it: padded with blanks so that the values begin at
+ * a multiple of 64 bytes, the last character a line break. Returns its length. */
 static size_t make_header(int size, uint8_t out[2 * HEADER_ALIGNMENT]) {
   size_t total = 2 * HEADER_ALIGNMENT;
   memset(out, ' ', total);
@@ -118,7 +122,7 @@ static size_t make_header(int size, uint8_t out[2 * HEADER_ALIGNMENT]) {
   out[9] = 0;
   int length = snprintf((char *)out + PREFIX, total - PREFIX,
                         "{'descr': '<f2', 'fortran_order': False, 'shape': (6, %d, %d, 3), }", size, size);
-  out[PREFIX + length] = ' '; /* where snprintf put its zero */
+  out[PREFIX + length] = ' '; /* overwrites the zero that snprintf put there */
   out[total - 1] = '\n';
   return total;
 }
@@ -136,7 +140,7 @@ pags_result pags_sky_save(const char *path, const pags_sky *sky) {
   PAGS_TRY(pags_file_writer_begin(&writer, path));
   PAGS_TRY(pags_file_writer_put(&writer, header, length));
 
-  /* Put texels. */
+  /* The texels as little-endian float16, in blocks; a value that float16 cannot hold is an error. */
   uint8_t block[2 * BLOCK];
   size_t count = value_count(sky->size);
   for (size_t first = 0; first < count; first += BLOCK) {
@@ -157,7 +161,7 @@ pags_result pags_sky_save(const char *path, const pags_sky *sky) {
   return pags_file_writer_commit(&writer);
 }
 
-/* The face that `r` meets and its texture coordinates there, 0..1. */
+/* Returns the face (0..5) of the cube that direction r meets, and the texture coordinates (0..1) of that point. */
 static int find_face(const double r[3], double *s, double *t) {
   double x = fabs(r[0]), y = fabs(r[1]), z = fabs(r[2]);
   int axis = x >= y && x >= z ? 0 : y >= z ? 1 : 2;
@@ -169,7 +173,8 @@ static int find_face(const double r[3], double *s, double *t) {
   return 2 * axis + (sign < 0);
 }
 
-/* The two texels on either side of a texture coordinate, clamped at the face's border, and the share of the second. */
+/* Finds the two texels on either side of a texture coordinate (0..1), clamped at the border of the face. Returns the
+ * weight (0..1) of the second one in linear interpolation. */
 static double neighbours(double coordinate, int size, int index[2]) {
   double at = fmin(fmax(coordinate * size - 0.5, 0), size - 1.0);
   index[0] = (int)at;

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* antimatter15's .splat: 32 bytes a Gaussian and nothing else. Position f32 x 3, sigma f32 x 3 (not its logarithm),
- * colour and opacity u8 x 4, rotation u8 x 4 (w x y z, (b - 128) / 128). No spherical harmonics beyond the constant. */
+/* Decodes antimatter15's .splat format: 32 bytes per Gaussian and no header. Position f32 x 3, sigma f32 x 3 (not its
+ * logarithm), colour and opacity u8 x 4, rotation u8 x 4 (w x y z, (b - 128) / 128). The only spherical harmonic is
+ * the constant one. */
 #include <math.h>
 
 #include "base/bytes.h"
@@ -8,7 +9,8 @@
 
 enum { ROW_BYTES = 32 };
 
-/* Sigmas of zero occur in files: their logarithm is kept finite, at a thousandth of a nanometre. */
+/* Lower bound of sigma, metres (a thousandth of a nanometre): files with a sigma of zero occur, whose logarithm would
+ * not be finite. */
 static const double smallest_sigma = 1e-12;
 
 static pags_result decode_row(const char *path, const uint8_t *row, int64_t i, pags_gaussians *out) {

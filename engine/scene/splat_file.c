@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Splat files of any format, told apart by content. */
+/* Loads a splat file of any format. The format is recognised by the first bytes of the file, for .splat, which has no
+ * signature, by the extension. */
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
@@ -16,7 +17,7 @@ static pags_result decode(const char *path, const uint8_t *bytes, size_t size, p
     return pags_ply_decode(path, bytes, size, out, kind, antialiased);
   if (size >= 4 && (memcmp(bytes, "NGSP", 4) == 0 || (bytes[0] == 0x1f && bytes[1] == 0x8b)))
     return pags_spz_decode(path, bytes, size, out, kind, antialiased);
-  /* A .splat has no signature: only its name tells. */
+  /* A .splat file has no signature and is recognised by its extension. */
   if (strcasecmp(pags_path_extension(path), ".splat") == 0) {
     *kind = "splat";
     return pags_splat_decode(path, bytes, size, out);

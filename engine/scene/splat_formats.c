@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What the decoders of all splat formats share. */
+/* Functions that the decoders of all splat formats share: conversions, and the check of what was decoded. */
 #include "scene/splat_formats.h"
 
 #include <math.h>
@@ -19,6 +19,7 @@ static const char *plane_name(int plane) {
                                  : "colour";
 }
 
+/* Replaces all-zero quaternions by the identity. Returns how many. */
 static int64_t fix_rotations(pags_gaussians *g) {
   int64_t fixed = 0;
   float *q[4];
@@ -37,7 +38,7 @@ pags_result pags_splat_accept(const char *path, pags_gaussians *g) {
   if (g->count == 0 || pags_gaussians_find_bad(g, NULL) == 0)
     return PAGS_OK;
 
-  /* Fail first bad. */
+  /* Names the first value that is not finite. */
   for (int64_t i = 0; i < g->count; i++)
     for (int p = 0; p < pags_plane_count(g->sh_degree); p++)
       if (!isfinite(pags_plane(g, p)[i]))

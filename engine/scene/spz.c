@@ -1,12 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Niantic's SPZ, versions 2 to 4: attributes quantised to bytes, one attribute after the other, then compressed.
+/* Decodes Niantic's SPZ format, versions 2 to 4: attributes are quantised to bytes, stored one attribute after the
+ * other and compressed.
  *
  * v2, v3  one gzip stream of a 16-byte header and the attributes
- * v4      a plain 32-byte header, a table of (compressed, plain) sizes, one zstd frame an attribute
+ * v4      an uncompressed 32-byte header, a table of (compressed, plain) sizes, one zstd frame per attribute
  *
- * The order is positions, opacities, colours, scales, rotations, SH. Its axes are OpenGL's (x right, y up, z back); a
- * PLY's are x right, y down, z forward: half a turn about x, which flips y and z of positions and rotations and the
- * sign of those SH functions that are odd in y z together. */
+ * The order is positions, opacities, colours, scales, rotations, SH. The axes of SPZ are those of OpenGL (x right, y
+ * up, z back), the axes of a PLY file x right, y down, z forward. Half a turn about x converts one to the other: it
+ * changes the sign of y and z of positions and rotations, and of the SH functions that are odd in (y, z). */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -26,16 +27,19 @@ static const char *const stream_names[STREAMS] = {"positions", "opacities", "col
 typedef struct spz_header {
   uint32_t version;
   int64_t count;
-  int sh_degree; /* 0..4; the fourth is dropped */
+  int sh_degree; /* 0..4; coefficients of degree 4 are not read */
   int fractional_bits, flags;
-  uint64_t sizes[STREAMS]; /* bytes of each attribute */
+  uint64_t sizes[STREAMS]; /* bytes of each attribute, uncompressed */
 } spz_header;
 
+/* ---- Header and attributes ---- */
+
+/* Returns the number of SH coefficients per channel besides the constant one. */
 static int rest_coefficients(int degree) {
   return (degree + 1) * (degree + 1) - 1;
 }
 
-/* The first 16 bytes, the same in all versions. */
+/* Parses and checks the first 16 bytes of the header, which are the same in all versions, and computes h->sizes. */
 static pags_result read_header(const char *path, const uint8_t *bytes, spz_header *h) {
   if (memcmp(bytes, "NGSP", 4) != 0)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected 'NGSP' at the begin of the SPZ data", path);
@@ -87,7 +91,7 @@ static void decode_scales(const spz_header *h, const uint8_t *bytes, pags_gaussi
       pags_plane(out, PAGS_SCALE + k)[i] = (float)(bytes[3 * i + k] / 16.0 - 10.0);
 }
 
-/* Version 2: x y z as bytes over -1 .. 1, w the rest of the unit length. */
+/* Unpacks a quaternion of version 2: x, y, z as bytes over -1..1; w follows from the unit length. */
 static void unpack_first_three(const uint8_t *bytes, double xyzw[4]) {
   double sum = 0;
   for (int k = 0; k < 3; k++) {
@@ -103,8 +107,8 @@ static void decode_rotations(const spz_header *h, const uint8_t *bytes, pags_gau
     if (h->version == 2)
       unpack_first_three(bytes + 3 * i, q);
     else {
-      /* Versions 3 and 4: two bits say which is the largest; the others, from the last on, take ten bits from the
-       * bottom up: nine of magnitude over 1/sqrt 2 and one of sign. */
+      /* Versions 3 and 4: the top two bits are the index of the largest component. The other three have ten bits
+       * each, the last one lowest: nine bits of magnitude, in units of 1/sqrt 2 / 511, and a sign. */
       uint32_t word = pags_load_u32(bytes + 4 * i);
       int largest = (int)(word >> 30);
       double sum = 0;
@@ -126,7 +130,7 @@ static void decode_rotations(const spz_header *h, const uint8_t *bytes, pags_gau
 }
 
 static void decode_sh(const spz_header *h, const uint8_t *bytes, pags_gaussians *out) {
-  /* Half a turn about x, in the order m = -l .. l of each degree. */
+  /* Signs that half a turn about x gives the SH functions of degrees l = 1, 2, 3, in the order m = -l .. l. */
   static const signed char signs[15] = {-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1};
   int stride = 3 * rest_coefficients(h->sh_degree), used = 3 * rest_coefficients(out->sh_degree);
   for (int64_t i = 0; i < out->count; i++)
@@ -138,6 +142,7 @@ typedef void decode_fn(const spz_header *h, const uint8_t *bytes, pags_gaussians
 static decode_fn *const decoders[STREAMS] = {decode_positions, decode_opacities, decode_colours,
                                              decode_scales,    decode_rotations, decode_sh};
 
+/* Creates the Gaussians that the header describes, and logs what of the file is not read. */
 static pags_result create(const char *path, const spz_header *h, pags_gaussians *out) {
   if (h->sh_degree > 3)
     pags_log(PAGS_LOG_WARNING, "%s: spherical harmonics of degree 4 are dropped, degrees 0 to 3 kept", path);
@@ -146,13 +151,16 @@ static pags_result create(const char *path, const spz_header *h, pags_gaussians 
   return pags_gaussians_create(out, h->count, h->sh_degree > 3 ? 3 : h->sh_degree);
 }
 
-/* Of a buffer for unpacked data: first what usual files come to, then twice as much each time. */
+/* ---- Versions 2 and 3: gzip ---- */
+
+/* Returns the next larger capacity of a buffer for decompressed data, in bytes: at first (capacity 0) eight times the
+ * `packed` bytes, which suffices for usual files, then twice as much each time, at most `size`. */
 static uint64_t next_capacity(uint64_t capacity, uint64_t packed, uint64_t size) {
   uint64_t next = capacity ? 2 * capacity : 8 * packed + (1u << 16);
   return next < size ? next : size;
 }
 
-/* Inflates exactly `size` bytes. */
+/* Inflates exactly `size` bytes to `out`; fails if the stream is damaged or ends before. */
 static pags_result inflate_exactly(const char *path, z_stream *stream, uint8_t *out, uint64_t size) {
   while (size) {
     uInt step = size < 1u << 30 ? (uInt)size : 1u << 30;
@@ -172,8 +180,8 @@ static pags_result inflate_exactly(const char *path, z_stream *stream, uint8_t *
   return PAGS_OK;
 }
 
-/* Inflates `size` bytes into a block that grows as they come: what the header claims is no reason to allocate. *out is
- * the caller's, also on failure. */
+/* Inflates `size` bytes into a block that grows as data arrive, since `size` comes from the header, which may be
+ * wrong, and must not cause a large allocation by itself. The caller frees *out, also on failure. */
 static pags_result inflate_growing(const char *path, z_stream *stream, uint64_t file_size, uint64_t size,
                                    uint8_t **out) {
   uint64_t capacity = 0;
@@ -188,7 +196,8 @@ static pags_result inflate_growing(const char *path, z_stream *stream, uint64_t 
   return PAGS_OK;
 }
 
-/* Reads on to the checksum. Extension records may follow the attributes; a limit keeps a bomb from taking for ever. */
+/* Inflates and drops what follows the attributes, up to the end of the stream, so that zlib verifies the checksum.
+ * Extension records may follow; at most 16 MiB of them are read, so that a decompression bomb ends in an error. */
 static pags_result inflate_rest(const char *path, z_stream *stream, int extensions) {
   uint8_t scratch[4096];
   uint64_t extra = 0, limit = extensions ? 1u << 24 : 0;
@@ -205,6 +214,7 @@ static pags_result inflate_rest(const char *path, z_stream *stream, int extensio
   return PAGS_OK;
 }
 
+/* Decodes the gzip stream of versions 2 and 3; `file_size` is its compressed size in bytes. */
 static pags_result decode_gzip(const char *path, z_stream *stream, size_t file_size, spz_header *h,
                                pags_gaussians *out) {
   uint8_t bytes[GZIP_HEADER];
@@ -215,7 +225,7 @@ static pags_result decode_gzip(const char *path, z_stream *stream, size_t file_s
   uint64_t total = 0;
   for (int i = 0; i < STREAMS; i++)
     total += h->sizes[i];
-  /* Deflate can't do better than 1032 to 1: a count beyond that is refused before memory is asked for it. */
+  /* Deflate compresses at most 1032 to 1: a count that would need more is refused before memory is allocated. */
   if (total / 1032 > file_size)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: %lld Gaussians can't be in %zu bytes", path, (long long)h->count,
                      file_size);
@@ -235,7 +245,7 @@ static pags_result decode_gzip(const char *path, z_stream *stream, size_t file_s
 static pags_result decode_legacy(const char *path, const uint8_t *bytes, size_t size, spz_header *h,
                                  pags_gaussians *out) {
   z_stream stream = {0};
-  /* 16: expect a gzip header. zlib counts input in 32 bits. */
+  /* zlib counts input in 32 bits. 16 + MAX_WBITS makes it expect a gzip header. */
   if (size > UINT32_MAX)
     return pags_fail(PAGS_ERROR_LIMIT, "%s: SPZ files of more than 4 GB can't be read", path);
   if (inflateInit2(&stream, 16 + MAX_WBITS) != Z_OK)
@@ -247,13 +257,17 @@ static pags_result decode_legacy(const char *path, const uint8_t *bytes, size_t 
   return result;
 }
 
+/* ---- Version 4: zstd ---- */
+
+/* Decompresses and decodes the zstd frame of one attribute of version 4, `packed` bytes at `bytes`, which lie at byte
+ * `offset` of the file. The first attribute creates `out`. */
 static pags_result decode_stream(const char *path, const spz_header *h, int index, const uint8_t *bytes,
                                  uint64_t packed, uint64_t offset, pags_gaussians *out) {
   uint64_t size = h->sizes[index], capacity = 0;
   uint8_t *plain = NULL;
   size_t got = 0;
   pags_result result = PAGS_OK;
-  do { /* again with more room: the sizes that the file claims are no reason to allocate */
+  do { /* the size that the file gives may be wrong and must not cause a large allocation: start small and grow */
     free(plain);
     capacity = next_capacity(capacity, packed, size);
     plain = malloc((size_t)capacity + 1);
@@ -269,7 +283,7 @@ static pags_result decode_stream(const char *path, const spz_header *h, int inde
   else if (got != size)
     result = pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: expected %llu bytes of %s, found %zu", path,
                        (unsigned long long)offset, (unsigned long long)size, stream_names[index], got);
-  else if (index == 0) /* there are so many Gaussians: room for them can be made */
+  else if (index == 0) /* as many positions as the header gives Gaussians were there: allocate them now */
     result = create(path, h, out);
   if (result == PAGS_OK)
     decoders[index](h, plain, out);
@@ -277,7 +291,8 @@ static pags_result decode_stream(const char *path, const spz_header *h, int inde
   return result;
 }
 
-/* Checks the table of sizes against what the count asks for and what the file has, before anything is allocated. */
+/* Checks the table of sizes of version 4, before anything is allocated: the plain sizes must be those that the count
+ * of Gaussians implies, and the compressed ones must fit into the file. */
 static pags_result check_table(const char *path, const uint8_t *bytes, size_t size, const spz_header *h, uint64_t table,
                                int streams) {
   if (table < V4_HEADER || table > size || size - table < 16u * (unsigned)streams)
@@ -292,7 +307,7 @@ static pags_result check_table(const char *path, const uint8_t *bytes, size_t si
       return pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: expected %llu bytes of %s for %lld Gaussians, found %llu",
                        path, (unsigned long long)(table + 16u * (unsigned)i + 8), (unsigned long long)h->sizes[i],
                        stream_names[i], (long long)h->count, (unsigned long long)plain);
-    /* A zstd block of at least three bytes gives at most 128 KiB. */
+    /* A zstd block has at least three bytes and decompresses to at most 128 KiB. */
     if (packed > size - offset || plain / (1 << 17) * 3 > packed)
       return pags_fail(PAGS_ERROR_FORMAT, "%s: truncated: expected the %s from byte %llu on, the file ends at byte %zu",
                        path, stream_names[i], (unsigned long long)offset, size);
@@ -311,7 +326,7 @@ static pags_result decode_v4(const char *path, const uint8_t *bytes, size_t size
   int streams = bytes[15], expected = h->sh_degree ? STREAMS : SH_STREAM;
   uint64_t table = pags_load_u32(bytes + 16);
   if (h->count == 0)
-    return create(path, h, out); /* empty streams are left out */
+    return create(path, h, out); /* a file without Gaussians has no streams */
   if (streams != expected)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: byte 15: expected %d streams for SH degree %d, found %d", path, expected,
                      h->sh_degree, streams);
