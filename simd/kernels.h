@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The table of vector kernels: the inner loops of all stages, over plain arrays, without scenes and threads.
  *
- * pags_kernels_get() picks the best table this processor runs, or the one that PAGS_CPU=scalar|avx2|avx512|neon names.
- * The scalar table is always complete and is what the others are tested against. */
+ * pags_kernels_get() picks the best table that this processor can run, or the one that the environment variable
+ * PAGS_CPU=scalar|avx2|avx512|neon names. The scalar table is the reference that the others are tested against. */
 #ifndef PAGS_SIMD_KERNELS_H
 #define PAGS_SIMD_KERNELS_H
 
@@ -32,12 +32,12 @@ enum {
  * factor of log2(e)/2 times the inverse covariance. Writing it as a sum of squares keeps long thin Gaussians exact
  * where the usual a dx^2 + 2 b dx dy + c dy^2 cancels, and cannot grow. */
 typedef struct pags_splat {
-  float x, y;         /* mean, px */
-  float p, h, w;      /* p = sqrt(k C / D), h = B / C, w = sqrt(k / C); covariance [A B; B C], D = det, k = log2(e)/2 */
+  float x, y;    /* mean, px */
+  float p, h, w; /* p = sqrt(k C / D), h = B / C, w = sqrt(k / C); covariance [A B; B C], D its det, k = log2(e)/2 */
   float log2_opacity; /* <= 0 unless projection was given factors; alpha is capped in the rasteriser */
   float r, g, b;      /* colour, >= 0 */
   float z;            /* camera depth, metres; its bits are the sort key */
-  float slope;        /* B / A: the other regression line, for the tile test */
+  float slope;        /* B / A: dy / dx of the line where the falloff is largest for a given dx; for the tile test */
   float extent_x, extent_y; /* half size of the box in which alpha >= 1/255, px */
   int32_t id;
   uint32_t tiles;   /* tiles it touches; set by tile_boxes */
@@ -180,22 +180,24 @@ typedef struct pags_raster_score {
   int32_t overlap;                 /* 1: sums of alpha in place of alpha T; without rgb_gradient */
 } pags_raster_score;
 
-/* Directions of a picture's points (px, py), world axes, not of unit length: forward + (px - cx) across + (py - cy)
- * downwards. */
+/* The direction of a picture's point (px, py), along the world's axes, not of unit length, is
+ *     forward + (px - cx) across + (py - cy) downwards. */
 typedef struct pags_sky_rays {
   float forward[3], across[3], downwards[3];
   float cx, cy; /* px */
   int32_t size; /* of the cube map, texels a side, >= 1 */
 } pags_sky_rays;
 
-/* Where a tile's pixels, row after row, meet the cube map: the top left texel of four and how far they are from it,
- * 0..1. */
+/* Where a tile's pixels, row after row, meet the cube map: the index of the top left one of the four texels around
+ * that point, and the distance from it along the row and down the columns, 0..1 texel. */
 typedef struct pags_sky_tile {
   int32_t texel[PAGS_TILE_PIXELS];
   float along[PAGS_TILE_PIXELS], down[PAGS_TILE_PIXELS];
 } pags_sky_tile;
 
-/* dL/d(raw parameters) of up to 16 neighbouring rows and what densification asks for. */
+/* Output of project_backward: dL/d(raw parameters) of consecutive rows, and three values for densification, as in
+ * pags_cluster_gradient: |dL/d(projected mean)| in NDC, the same of sums of absolute per-pixel gradients, and the
+ * radius of three sigma, px. */
 typedef struct pags_row_gradient {
   float *data; /* plane p at data + p * stride */
   int64_t stride;
@@ -226,7 +228,7 @@ typedef struct pags_loss_rows {
   float *gradient;            /* by the prediction: rows [begin, end) written, zero beyond the width */
   float l1_scale, ssim_scale; /* d(loss)/d(sum |x - y|), d(loss)/d(sum of SSIM values), of pixels that count once */
   float *scratch;             /* pags_loss_scratch(stride) floats, aligned to 64 bytes */
-  double l1, squared, ssim; /* out: sums over the band's counted pixels, each once; `squared` of x clamped to [0, 1] */
+  double l1, squared, ssim;   /* out: sums over the band's pixels that count; `squared` with x clamped to [0, 1] */
   double more_l1,
       more_dssim;        /* out: sums of |x - y| and of 1 - SSIM times emphasis * gain, to be added to those above */
   double by_exposure[2]; /* out: the band's part of the gradient by the exposure */
@@ -255,22 +257,23 @@ static inline int64_t pags_loss_scratch(int64_t stride) {
 typedef struct pags_kernels {
   const char *name; /* "scalar", "avx2", "avx512", "neon" */
 
-  /* Projects rows [0, count) of the planes (plane p at data + p * stride; rounded up to 16 rows must be readable) into
-   * `splats` (colour untouched), `keys`: the bits of z, or UINT32_MAX where nothing is to be drawn, and `reaches` of
-   * what is to be drawn, unless that is NULL. count <= 256. Zhou/Zwicker's EWA with INRIA's constants; det by
-   * Cauchy-Binet (a sum of squares: never negative). `factor`: what each row's opacity is multiplied by, 0 for a row
-   * that isn't to be drawn, readable as the planes are; NULL: 1. The way back needs none: it goes by the logarithm of
-   * the opacity. */
+  /* Projects rows [0, count), count <= 256, of the planes (plane p at data + p * stride; rows up to the next multiple
+   * of 16 must be readable). Writes `splats` but for the colours, `keys` (the bits of z; UINT32_MAX if the row isn't
+   * drawn) and, unless NULL, the `reaches` of the rows that are drawn. The method is EWA splatting (Zwicker et al.
+   * 2001) with INRIA's constants; the determinant of the covariance is computed by the Cauchy-Binet formula, as a sum
+   * of squares that is never negative. `factor`: per row, the opacity is multiplied by this, readable as far as the
+   * planes; 0: the row isn't drawn; NULL: 1. The backward pass needs no factor, since it differentiates by the
+   * logarithm of the opacity. */
   void (*project)(const pags_projection *view, const float *data, int64_t stride, const float *factor, int count,
                   pags_splat *splats, uint32_t *keys, pags_reach *reaches);
 
-  /* Colours of the rows whose key is not UINT32_MAX: max(0, 0.5 + SH(direction)). `dc`: three planes of the constant
-   * term, as far apart as the data's, to be used in place of the data's own; NULL: the own. */
+  /* Computes the colours of the rows whose key is not UINT32_MAX: max(0, 0.5 + SH(direction)). `dc`: three planes of
+   * the constant SH term, `stride` floats apart, that replace those of the data; NULL: those of the data are used. */
   void (*shade)(const pags_projection *view, const float *data, int64_t stride, const float *dc, int count,
                 const uint32_t *keys, pags_splat *splats);
 
-  /* The tiles of the rows whose key is not UINT32_MAX, in a picture of tiles_x by tiles_y, and their .tiles; count <=
-   * 256. */
+  /* Finds the tiles that the splats touch whose key is not UINT32_MAX, in a picture of tiles_x by tiles_y tiles, and
+   * sets their member `tiles`; count <= 256. */
   void (*tile_boxes)(pags_splat *splats, const uint32_t *keys, int count, int tiles_x, int tiles_y,
                      pags_tile_box *boxes);
   /* Adds to counts[tile] for each tile that a splat touches. Returns how many splats have a pair. */
@@ -278,7 +281,7 @@ typedef struct pags_kernels {
   /* Writes each pair to entries[offsets[tile]++]. */
   void (*bin_fill)(const pags_bin *in, int64_t *offsets, pags_entry *entries);
 
-  /* Returns the tile's blocks that have a pixel which hasn't stopped, bit by bit. */
+  /* Blends a tile's entries front to back. Returns the mask of blocks that have a pixel which hasn't stopped. */
   unsigned (*raster)(const pags_raster_in *in, const pags_raster_out *out);
   /* Blends the tile at 4 x 4 sample points, in the middle of each 4 x 4 pixels, and writes them to a 4x4 rectangle of
    * the planes of `out`; also samples outside of the picture. Only splats, entries, count, x0, y0 and eps (which may

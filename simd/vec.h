@@ -6,16 +6,16 @@
  * (PAGS_REPRODUCIBLE) agree to the bit on all ISAs.
  *
  * Rules that hold for every implementation
- *   v_fma, v_fnma   fused only where the ISA has it and the build allows it (PAGS_FUSED); a product and a sum else
- *   v_min(a, b)     a < b ? a : b, v_max(a, b)  a > b ? a : b: where a or b is NaN the result is b
- *   comparisons     false where either side is NaN
- *   v_to_i          rounds to the nearest, ties to even; |x| < 2^31 is the caller's duty
- *   sums            ((lane i + lane i+8) + 4) + 2) + 1, always that tree
+ *   v_fma, v_fnma   fused if the ISA has it and the build allows it (PAGS_FUSED), else a product and a sum
+ *   v_min(a, b)     a < b ? a : b, v_max(a, b)  a > b ? a : b: if a or b is NaN the result is b
+ *   comparisons     false if either side is NaN
+ *   v_to_i          rounds to the nearest integer, ties to even; the caller must ensure |x| < 2^31
+ *   sums            always in the same order: lane i + lane i + 8, of these i + (i + 4), then i + (i + 2), then 0 + 1
  *   loads, stores   need no alignment
- *   v_load_fours    four floats from each of four places
- *   v_spread        lanes 4 k, ..., 4 k + 3, each four times
- *   i_compress      appends the lanes that m chooses; writes up to 16 numbers, returns how many count
- *   v_columns3      16 groups of four lanes: the first, second and third of each
+ *   v_load_fours    loads four floats from each of four addresses
+ *   v_spread        repeats each of the lanes 4 k, ..., 4 k + 3 four times
+ *   i_compress      stores the lanes that m selects, without gaps, and returns their number; writes up to 16 numbers
+ *   v_columns3      of 16 groups of four lanes (four vectors), the first, second and third lane of each
  * vf = 16 floats, vi = 16 int32, vm = 16 truth values. */
 #ifndef PAGS_SIMD_VEC_H
 #define PAGS_SIMD_VEC_H
@@ -66,7 +66,7 @@ static const uint8_t v_compress4[16][16] __attribute__((aligned(16))) = {
 #error "compile kernels through simd/CMakeLists.txt, which names the ISA"
 #endif
 
-/* Four rows of four floats, `stride` floats apart. */
+/* Loads four rows of four floats, `stride` floats apart. */
 static inline vf v_load_4x4(const float *p, int64_t stride) {
   return v_load_fours(p, p + stride, p + 2 * stride, p + 3 * stride);
 }
@@ -88,14 +88,17 @@ static inline vf v_dot3(vf a, vf b, vf c, vf x, vf y, vf z) {
   return v_fma(a, x, v_fma(b, y, v_mul(c, z)));
 }
 
-/* 2^x for |x| < 126: 2^round(x) by adding to the exponent, times a polynomial on [-0.5, 0.5], minimax in relative error
- * (Lawson's reweighted least squares): 7.5e-5 at degree 3, 7.5e-8 (plus float rounding) at degree 5. */
+/* First step of v_exp2 and v_exp: returns x + 1.5 * 2^23, whose low mantissa bits hold round(x); *fraction is
+ * x - round(x). */
 static inline vf v_exp2_scale(vf x, vf *fraction) {
   const vf magic = v_set(12582912.0f); /* 1.5 * 2^23: adding it rounds to an integer kept in the low mantissa bits */
   const vf shifted = v_add(x, magic);
   *fraction = v_sub(x, v_sub(shifted, magic));
   return shifted;
 }
+/* 2^x for |x| < 126: 2^round(x), by adding to the exponent bits, times a polynomial in x - round(x) on [-0.5, 0.5].
+ * The polynomials are minimax in relative error (found by Lawson's reweighted least squares): 7.5e-5 at degree 3,
+ * 7.5e-8 (plus float rounding) at degree 5. */
 V_INLINE vf v_exp2(vf x, int degree) {
   vf f, p;
   const vf shifted = v_exp2_scale(x, &f);
@@ -132,10 +135,10 @@ static inline vf v_exp(vf x) {
   p = v_fma(p, f, v_set(5.0000001201e-1f));
   p = v_fma(v_mul(p, f), f, v_add(f, v_set(1.0f)));
   const vf scaled = v_from_bits(i_add(v_bits(p), i_shl(v_bits(shifted), 23)));
-  return v_select(v_ge(x, x), scaled, x); /* the addition would make numbers of NaNs whose low bits are set */
+  return v_select(v_ge(x, x), scaled, x); /* adding to the bits of a NaN may give a number */
 }
 
-/* log2 x for finite normal x > 0; 1.5 ulp or so. Cephes logf's polynomial. */
+/* log2 x for finite normal x > 0, with an error of about 1.5 ulp, by the polynomial of Cephes' logf. */
 static inline vf v_log2(vf x) {
   const vi bits = v_bits(x);
   vi e = i_sub(i_shr(bits, 23), i_set(126));

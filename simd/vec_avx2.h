@@ -195,8 +195,8 @@ static inline vf v_spread(vf x, int k) {
   const __m256i first = _mm256_add_epi32(lo, shift);
   return (vf){_mm256_permutevar8x32_ps(half, first), _mm256_permutevar8x32_ps(half, _mm256_add_epi32(first, two))};
 }
-/* Eight groups, of which rows[0] and rows[1] hold four each: k is paired with k + 4 across the halves, so that two
- * rounds of unpacking give columns in order. */
+/* v_columns3 of eight groups, four in each of rows[0] and rows[1]. Group k is paired with group k + 4 in the other
+ * half of a register, so that two rounds of unpacking give the columns in order. */
 static inline void v_columns3_8(const vf *rows, __m256 *x, __m256 *y, __m256 *z) {
   const __m256 r0 = _mm256_permute2f128_ps(rows[0].a, rows[1].a, 0x20),
                r1 = _mm256_permute2f128_ps(rows[0].a, rows[1].a, 0x31);

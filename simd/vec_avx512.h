@@ -173,7 +173,8 @@ static inline void v_columns3(const vf rows[4], vf *x, vf *y, vf *z) {
   }
 }
 
-/* Lane i of the result is the sum of the lanes of a[i], 12 vectors; lanes 12..15 are 0. */
+/* v_foldN: one step of summing the lanes of two vectors at once. Each vector consists of parts of N lanes; the two
+ * halves of each part are added, so that the result holds the partial sums of both vectors. */
 static inline vf v_fold16(vf a, vf b) {
   return _mm512_add_ps(_mm512_shuffle_f32x4(a, b, 0x44), _mm512_shuffle_f32x4(a, b, 0xEE));
 }
@@ -186,12 +187,14 @@ static inline vf v_fold4(vf a, vf b) {
 static inline vf v_fold2(vf a, vf b) {
   return _mm512_add_ps(_mm512_shuffle_ps(a, b, 0x88), _mm512_shuffle_ps(a, b, 0xDD));
 }
+/* Lane i of the result is the sum of the lanes of a[i], 12 vectors; lanes 12..15 are 0. */
 static inline vf v_sum12(const vf a[12]) {
-  /* After fold8 the 128-bit blocks hold one input each: [0 1 2 3], [4 5 6 7], [8 9 10 11], four partial sums apiece. */
+  /* After v_fold8 each 128-bit block holds four partial sums of one input: x those of 0 to 3, y 4 to 7, z 8 to 11. */
   const vf x = v_fold8(v_fold16(a[0], a[1]), v_fold16(a[2], a[3]));
   const vf y = v_fold8(v_fold16(a[4], a[5]), v_fold16(a[6], a[7]));
   const vf z = v_fold8(v_fold16(a[8], a[9]), v_fold16(a[10], a[11]));
-  /* Block j, lane pairs: (x_j, y_j) and (z_j, 0); then lanes x_j y_j z_j 0 of block j hold inputs j, 4+j, 8+j. */
+  /* v_fold4 leaves lane pairs (x_j, y_j) and (z_j, 0) in block j; v_fold2 sums them to lanes x_j y_j z_j 0 of block
+   * j, which are the sums of inputs j, 4 + j and 8 + j; `order` then sorts them. */
   const vf s = v_fold2(v_fold4(x, y), v_fold4(z, _mm512_setzero_ps()));
   const __m512i order = _mm512_setr_epi32(0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15);
   return _mm512_permutexvar_ps(order, s);

@@ -46,7 +46,7 @@ static inline vf v_div(vf x, vf y) {
 static inline vf v_sqrt(vf x) {
   V_DO(vf, vsqrtq_f32(x.r[k]));
 }
-/* By comparison: vminq and vminnmq treat NaN otherwise than vec.h promises. */
+/* By comparison and selection, since vminq and vminnmq treat NaN in other ways than vec.h defines. */
 static inline vf v_min(vf x, vf y) {
   V_DO(vf, vbslq_f32(vcltq_f32(x.r[k], y.r[k]), x.r[k], y.r[k]));
 }

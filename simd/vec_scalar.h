@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* vec.h in plain C: arrays of sixteen. The reference that the other ISAs are held against. */
+/* vec.h in plain C: arrays of sixteen. The reference that the other ISAs are tested against. */
 
 typedef struct vf {
   float l[16];
@@ -112,7 +112,7 @@ static inline vi i_load(const int32_t *p) {
 static inline void i_store(int32_t *p, vi x) {
   memcpy(p, x.l, sizeof x.l);
 }
-/* Unsigned inside, so that wrapping is defined as it is in a register. */
+/* Adds as unsigned, so that overflow wraps as it does in a vector register and isn't undefined. */
 static inline vi i_add(vi x, vi y) {
   V_DO(vi, (int32_t)((uint32_t)x.l[k] + (uint32_t)y.l[k]));
 }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Includes the header of Embree 3 or 4, whichever CMake found, and turns Embree's error codes into results. For the two
- * files that use Embree: synth/stage.c traces rays, exporters/proxy/mesh_query.c finds nearest points. */
+/* Includes the header of Embree 3 or 4, whichever CMake found, and turns Embree's error codes into results. For the
+ * two files that use Embree: synth/stage.c traces rays, exporters/proxy/mesh_query.c finds nearest points. */
 #ifndef PAGS_BASE_EMBREE_H
 #define PAGS_BASE_EMBREE_H
 

@@ -126,12 +126,12 @@ static void activate_taken(slabs *s) {
   }
 }
 
-/* Takes clusters into the slab until they have `budget` Gaussians in all, leaving out clusters that only reach
+/* Takes clusters into the slab until they have `most` Gaussians in all, leaving out clusters that only reach
  * saturated blocks, and sets the slab's limit K. */
-static void take_clusters(slabs *s, int64_t budget) {
+static void take_clusters(slabs *s, int64_t most) {
   pags_frame *const f = s->frame;
   int64_t taken = 0;
-  for (; s->next < f->cluster_count && taken < budget; s->next++) {
+  for (; s->next < f->cluster_count && taken < most; s->next++) {
     const int64_t i = s->order[s->next].index;
     if (!is_open(f->full, f->bounds[i].reach)) {
       f->stats.clusters_hidden++;
@@ -280,11 +280,11 @@ static pags_result select_and_shade(slabs *s) {
 
 /* ---- Drawing the slabs ---- */
 
-static pags_result draw_slab(slabs *s, int64_t budget) {
+static pags_result draw_slab(slabs *s, int64_t most) {
   pags_frame *const f = s->frame;
   pags_frame_stats *const stats = &f->stats;
   const double t0 = pags_clock_ms();
-  take_clusters(s, budget);
+  take_clusters(s, most);
   stats->ms_occlude += pags_clock_ms() - t0;
   PAGS_TRY(select_and_shade(s));
   const double t1 = pags_clock_ms();
@@ -305,7 +305,7 @@ static pags_result draw_slab(slabs *s, int64_t budget) {
 /* Gaussians per slab: options.slab_size if set, else a quarter of the Gaussians that are likely to be read, by the
  * last frame's hidden fraction, but at least 4096. With four slabs, most of what is hidden lies behind a slab that
  * has been drawn. */
-static int64_t slab_share(const pags_frame *f) {
+static int64_t slab_size(const pags_frame *f) {
   enum { SLABS = 4, LEAST = 4096 };
   const double read = (1.0 - f->hiding) * (double)f->stats.in_view;
   if (f->options.slab_size > 0)
@@ -329,10 +329,10 @@ pags_result pags_frame_early_z_slabs(pags_frame *frame, pags_touch_fn *touch, vo
   const double t0 = pags_clock_ms();
   PAGS_TRY(begin(&s));
   frame->stats.ms_occlude = pags_clock_ms() - t0;
-  const int64_t budget = slab_share(frame);
+  const int64_t most = slab_size(frame);
   do {
     const pags_arena_mark mark = pags_arena_save(frame->arena);
-    PAGS_TRY(draw_slab(&s, budget));
+    PAGS_TRY(draw_slab(&s, most));
     pags_arena_release(frame->arena, mark);
   } while (!frame->last_slab && frame->full->tiles_full < stats->tiles);
   frame->stats.tiles_full = frame->full->tiles_full;

@@ -13,6 +13,8 @@
  *   dL/dw   = mean x g_mean + 1/2 (q_w g_v - g_w q_v + q_v x g_v) + (g_SH . G_a SH)_a
  * The constant SH term does not change when the Gaussians turn, so this holds too where the part shows the term of
  * pags_part.dc in place of the Gaussians' own. */
+#include <stdbool.h>
+
 #include <pags/frame.h>
 
 enum { ROWS = 64 }; /* rows whose SH terms are summed at a time */
@@ -76,7 +78,7 @@ static void add_motion(const float *data, int64_t stride, const pags_gaussians *
 
 /* Whether all six numbers are finite. A row with a parameter that isn't finite has a gradient of zero, but their
  * product is NaN, which must not get into the pose's gradient. */
-static int is_finite(const double own[6]) {
+static bool is_finite(const double own[6]) {
   double sum = 0.0;
   for (int k = 0; k < 6; k++)
     sum += own[k] * 0.0;

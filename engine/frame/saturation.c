@@ -27,15 +27,15 @@ static void spread(const pags_frame *frame) {
 
 pags_result pags_frame_saturation_begin(pags_frame *frame) {
   const int64_t tiles = (int64_t)frame->tiles_x * frame->tiles_y;
-  saturation *const f = frame->full = pags_frame_alloc(frame, 1, sizeof *f, "full tiles");
+  saturation *const f = frame->full = pags_frame_alloc(frame, 1, sizeof *f, "saturated tiles");
   if (!f)
     return PAGS_ERROR_MEMORY;
   f->words = (BLOCKS * frame->tiles_x + WORD - 1) / WORD;
   f->rows = BLOCKS * frame->tiles_y;
-  f->limits = pags_frame_alloc(frame, tiles, sizeof *f->limits, "full tiles");
-  f->tile_begun = pags_frame_alloc(frame, tiles, sizeof *f->tile_begun, "full tiles");
-  f->tile_open = pags_frame_alloc(frame, tiles, sizeof *f->tile_open, "full tiles");
-  f->open = pags_frame_alloc(frame, (int64_t)f->rows * f->words, sizeof *f->open, "full tiles");
+  f->limits = pags_frame_alloc(frame, tiles, sizeof *f->limits, "saturated tiles");
+  f->tile_begun = pags_frame_alloc(frame, tiles, sizeof *f->tile_begun, "saturated tiles");
+  f->tile_open = pags_frame_alloc(frame, tiles, sizeof *f->tile_open, "saturated tiles");
+  f->open = pags_frame_alloc(frame, (int64_t)f->rows * f->words, sizeof *f->open, "saturated tiles");
   if (!f->limits || !f->tile_begun || !f->tile_open || !f->open)
     return PAGS_ERROR_MEMORY;
   memset(f->tile_begun, 0, (size_t)tiles);

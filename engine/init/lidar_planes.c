@@ -264,7 +264,7 @@ static void draw_block(void *context, int64_t begin, int64_t end, int worker) {
   }
 }
 
-int pags_lidar_planes_pull(const pags_lidar_planes *self, pags_gaussians *g, double share, pags_tasks *tasks) {
+bool pags_lidar_planes_pull(const pags_lidar_planes *self, pags_gaussians *g, double share, pags_tasks *tasks) {
   drawing d = {self, g, (float)share};
   return self->count == 0 || pags_parallel_for(tasks, g->count, GRAIN, draw_block, &d);
 }

@@ -7,6 +7,8 @@
 #ifndef PAGS_INIT_LIDAR_PLANES_H
 #define PAGS_INIT_LIDAR_PLANES_H
 
+#include <stdbool.h>
+
 #include <pags/dataset.h>
 #include <pags/gaussians.h>
 #include <pags/tasks.h>
@@ -37,6 +39,6 @@ void pags_lidar_planes_destroy(pags_lidar_planes *self); /* a zeroed struct is a
 /* Moves the means of Gaussians within 0.3 m of a plane, on either side, towards it by `share` (0..1) of the amount by
  * which their distance exceeds 3 cm. Gaussians of parked objects (object_id >= 0) stay. The caller must renew bounds
  * of clusters, which no longer fit. Returns 0 when cancelled. */
-int pags_lidar_planes_pull(const pags_lidar_planes *self, pags_gaussians *g, double share, pags_tasks *tasks);
+bool pags_lidar_planes_pull(const pags_lidar_planes *self, pags_gaussians *g, double share, pags_tasks *tasks);
 
 #endif

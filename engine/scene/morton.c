@@ -2,6 +2,7 @@
 /* The order of Gaussians along a Morton curve (Morton 1966), by a radix sort of 63-bit codes: Gaussians that are
  * neighbours in memory are then neighbours in space, so that the bounds of clusters are small. */
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 
 #include <pags/gaussians.h>
@@ -21,7 +22,7 @@ typedef struct cube {
   double lo[3], cells_per_metre;
 } cube;
 
-static int is_finite_mean(const pags_gaussians *g, int64_t i) {
+static bool is_finite_mean(const pags_gaussians *g, int64_t i) {
   return isfinite(pags_plane(g, PAGS_MEAN)[i]) && isfinite(pags_plane(g, PAGS_MEAN + 1)[i]) &&
          isfinite(pags_plane(g, PAGS_MEAN + 2)[i]);
 }

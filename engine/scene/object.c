@@ -6,6 +6,7 @@
 #include <assert.h>
 #include <ctype.h>
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -68,14 +69,14 @@ static void normalise(const char *name, char out[NAME_LENGTH]) {
   out[length] = '\0';
 }
 
-static int is_listed(const char *name, const char *const *list, size_t count) {
+static bool is_listed(const char *name, const char *const *list, size_t count) {
   for (size_t i = 0; i < count; i++)
     if (strcmp(name, list[i]) == 0)
-      return 1;
-  return 0;
+      return true;
+  return false;
 }
 
-static int begins(const char *name, const char *prefix) {
+static bool begins(const char *name, const char *prefix) {
   return strncmp(name, prefix, strlen(prefix)) == 0;
 }
 

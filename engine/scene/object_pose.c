@@ -17,6 +17,7 @@
 #include <pags/camera.h>
 
 #include <math.h>
+#include <stdbool.h>
 #include <string.h>
 
 /* Times that differ by at most this many seconds count as the same: a tenth of the shortest shutter time, and four
@@ -89,7 +90,7 @@ static void interpolate_pose(const double a[12], const double b[12], double shar
 
 /* Returns whether the median time between neighbouring knots (for an even number, the upper of the middle two) is at
  * least `length` seconds. It suffices to count the shorter ones, without sorting. A single knot has no spacing: 0. */
-static int median_reaches(const pags_object *object, double length) {
+static bool median_reaches(const pags_object *object, double length) {
   int64_t spacings = object->knot_count - 1, shorter = 0;
   for (int64_t i = 0; i < spacings; i++)
     shorter += object->knots[i + 1].time - object->knots[i].time < length - same_time;
@@ -99,21 +100,21 @@ static int median_reaches(const pags_object *object, double length) {
 /* Computes the labelled pose at `time` into `out`, `after` being the number of knots at or before `time`. Returns 0
  * if the object isn't there: more than half a median spacing beyond an end of its track or into a gap of more than
  * 1.5. */
-static int label_at(const pags_object *object, double time, int64_t after, double out[12]) {
+static bool label_at(const pags_object *object, double time, int64_t after, double out[12]) {
   const pags_knot *before = after > 0 ? &object->knots[after - 1] : NULL;
   const pags_knot *behind = after < object->knot_count ? &object->knots[after] : NULL;
   double since = before ? time - before->time : INFINITY, until = behind ? behind->time - time : INFINITY;
   const pags_knot *nearest = since <= until ? before : behind;
   double distance = fmin(since, until);
   if (!(distance < INFINITY)) /* `time` is NaN or infinite */
-    return 0;
+    return false;
   if (distance > same_time && before && behind && median_reaches(object, (since + until) / 1.5))
     interpolate_pose(before->world_from_object, behind->world_from_object, since / (since + until), out);
   else if (distance <= same_time || median_reaches(object, 2 * distance))
     memcpy(out, nearest->world_from_object, 12 * sizeof *out);
   else
-    return 0;
-  return 1;
+    return false;
+  return true;
 }
 
 /* ---- The curve through trained knots ---- */
@@ -134,7 +135,7 @@ static const pags_knot *first_trained(const pags_object *object, int64_t begin) 
   return NULL;
 }
 
-static int has_increment(const pags_knot *k) {
+static bool has_increment(const pags_knot *k) {
   return k->rotation[0] != 0 || k->rotation[1] != 0 || k->rotation[2] != 0 || k->translation[0] != 0 ||
          k->translation[1] != 0 || k->translation[2] != 0;
 }
@@ -147,7 +148,7 @@ static void trained_pose(const pags_knot *k, double out[12]) {
 }
 
 /* Returns whether the curve spans the gap from trained knot a to b, the next (either may be NULL: no). */
-static int bridges(const pags_object *object, const pags_knot *a, const pags_knot *b) {
+static bool bridges(const pags_object *object, const pags_knot *a, const pags_knot *b) {
   return a && b && b->time - a->time > same_time && median_reaches(object, (b->time - a->time) / longest_bridge);
 }
 

@@ -170,12 +170,15 @@ static pags_result read_vertices(const ply_table *table, const ply_element *vert
       for (int64_t row = first;; row++)
         for (int i = 0; i < count; i++) {
           float value = columns[i].plane < 0 ? 0 : pags_plane(out, columns[i].plane)[row];
-          if (!isfinite(value))
-            return pags_fail(PAGS_ERROR_FORMAT,
-                             "%s: vertex %lld: expected a finite number for '%s', found %s (at byte %llu)", table->path,
-                             (long long)row, columns[i].name, isnan(value) ? "nan" : "inf",
-                             (unsigned long long)(vertex->offset + (uint64_t)(row * vertex->stride) +
-                                                  (uint64_t)properties[i]->offset));
+          if (isfinite(value))
+            continue;
+          char place[40] = ""; /* a row of a text file has no fixed place */
+          if (!table->converted[vertex - table->elements])
+            snprintf(place, sizeof place, " (at byte %llu)",
+                     (unsigned long long)(vertex->offset + (uint64_t)(row * vertex->stride) +
+                                          (uint64_t)properties[i]->offset));
+          return pags_fail(PAGS_ERROR_FORMAT, "%s: vertex %lld: expected a finite number for '%s', found %s%s",
+                           table->path, (long long)row, columns[i].name, isnan(value) ? "nan" : "inf", place);
         }
     }
   }

@@ -3,6 +3,7 @@
 #include "train/exposure.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 
 #include "base/memory.h"
@@ -41,13 +42,13 @@ void pags_exposures_value(const pags_exposures *exposures, const pags_dataset *d
     value[k] = exposures->items[view].value[k] + camera->value[k];
 }
 
-static int move(pags_exposure *e, const double gradient[6], const pags_train_config *config, double rate) {
+static bool move(pags_exposure *e, const double gradient[6], const pags_train_config *config, double rate) {
   double direction[6];
   if (!pags_adam6_step(&e->moments, gradient, config, direction))
-    return 0;
+    return false;
   for (int k = 0; k < 6; k++)
     e->value[k] -= rate * direction[k];
-  return 1;
+  return true;
 }
 
 int pags_exposures_update(pags_exposures *exposures, const pags_dataset *dataset, int64_t view,

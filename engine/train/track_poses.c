@@ -3,6 +3,7 @@
 #include "train/track_poses.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -89,8 +90,8 @@ static void hold_mean(pags_track_poses *tracks, int64_t object, const double gon
     }
 }
 
-int pags_track_poses_update(pags_track_poses *tracks, int64_t object, int64_t knot, const double gradient[6],
-                            const pags_schedule *schedule, int64_t step) {
+bool pags_track_poses_update(pags_track_poses *tracks, int64_t object, int64_t knot, const double gradient[6],
+                             const pags_schedule *schedule, int64_t step) {
   const pags_train_config *c = &schedule->config;
   pags_knot *k = &tracks->objects[object].knots[knot];
   double turn[12], zero[3] = {0.0, 0.0, 0.0}, g[6], direction[6];
@@ -100,7 +101,7 @@ int pags_track_poses_update(pags_track_poses *tracks, int64_t object, int64_t kn
     g[3 + i] = turn[4 * i] * gradient[3] + turn[4 * i + 1] * gradient[4] + turn[4 * i + 2] * gradient[5];
   double t = fmin((double)step / (double)schedule->length, 1.0), fall = pow(final_share, t) * hurry(schedule);
   if (!pags_adam6_step(&tracks->moments[object][knot], g, c, direction))
-    return 0;
+    return false;
   for (int i = 0; i < 3; i++) {
     direction[i] *= fall * c->objects.track_rotation_rate;
     direction[3 + i] *= fall * c->objects.track_translation_rate;
@@ -108,5 +109,5 @@ int pags_track_poses_update(pags_track_poses *tracks, int64_t object, int64_t kn
     k->translation[i] -= direction[3 + i];
   }
   hold_mean(tracks, object, direction);
-  return 1;
+  return true;
 }

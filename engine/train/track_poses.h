@@ -4,6 +4,8 @@
 #ifndef PAGS_TRAIN_TRACK_POSES_H
 #define PAGS_TRAIN_TRACK_POSES_H
 
+#include <stdbool.h>
+
 #include <pags/dataset.h>
 #include <pags/object.h>
 
@@ -30,7 +32,7 @@ pags_result pags_tracks_smooth(pags_track_poses *tracks);
  * world_from_model * exp(xi), as pags_pose_gradient gives it. Increments are small, so exp(increment) exp(xi) is
  * taken to be the increment plus xi, with xi's translation turned by the increment's rotation. Returns 0, and changes
  * nothing, if the gradient isn't finite. */
-int pags_track_poses_update(pags_track_poses *tracks, int64_t object, int64_t knot, const double gradient[6],
-                            const pags_schedule *schedule, int64_t step);
+bool pags_track_poses_update(pags_track_poses *tracks, int64_t object, int64_t knot, const double gradient[6],
+                             const pags_schedule *schedule, int64_t step);
 
 #endif

@@ -4,6 +4,7 @@
 #include "exporters/proxy/lidar_fit.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -37,13 +38,13 @@ pags_result pags_lidar_fit_add(pags_lidar_fit *cloud, const double point[3]) {
 
 /* Samples the grid's signed distance at a point by trilinear interpolation. Returns 0 if the point is outside of the
  * grid. */
-static int sample(const pags_tsdf *g, const float p[3], double *out) {
+static bool sample(const pags_tsdf *g, const float p[3], double *out) {
   int64_t row = g->n[0], layer = row * g->n[1], at = 0, stride[3] = {1, row, layer};
   double part[3];
   for (int k = 0; k < 3; k++) {
     double u = ((double)p[k] - g->origin[k]) / g->step, low = floor(u);
     if (!(low >= 0 && low + 1 < g->n[k]))
-      return 0;
+      return false;
     part[k] = u - low;
     at += (int64_t)low * stride[k];
   }
@@ -53,7 +54,7 @@ static int sample(const pags_tsdf *g, const float p[3], double *out) {
     *out += (double)g->distance[i] * (c & 1 ? part[0] : 1 - part[0]) * (c & 2 ? part[1] : 1 - part[1]) *
             (c & 4 ? part[2] : 1 - part[2]);
   }
-  return 1;
+  return true;
 }
 
 /* Adds a residual to `sum` and its weight to `weight` at all grid points within `radius` of a point p. The weight at
