@@ -7,6 +7,8 @@
 
 enum { MOST_CUT = 1000 }; /* pixels; culls nearly everything already */
 
+/* ---- Single arguments ---- */
+
 static unsigned output_named(const char *name) {
   static const char *const names[OUTPUT_KINDS] = {"rgba", "depth", "object", "id", "priority", "heat"};
   for (unsigned i = 0; i < OUTPUT_KINDS; i++)
@@ -163,6 +165,8 @@ static bool read_arguments(const native_job_arguments *w, native_job *job) {
   return read_window(w->window, job) && (w->placements == Py_None || read_placements(w->placements, job)) &&
          read_object_values(w->object_values, job) && read_options(w, (const native_scene *)job->scene, job);
 }
+
+/* ---- The job ---- */
 
 static bool check_scene(const native_state *state, PyObject *scene) {
   if (PyObject_TypeCheck(scene, state->scene))
