@@ -12,7 +12,7 @@
 typedef struct pags_deadline_report {
   pags_deadline *budget;
   pags_frame *full_frame; /* renders the full-quality frames to compare with */
-  float *priority;   /* of each Gaussian id */
+  float *priority;        /* of each Gaussian id */
   int64_t ids;
   double ms;       /* the budget */
   int check_every; /* compare every so many frames with full quality */

@@ -30,7 +30,7 @@ def read(path):
 
 
 def anchors(text):
-    """The fragments that its headings answer to, as GitHub makes them."""
+    """The URL fragments of a page's headings, as GitHub makes them."""
     heads = re.findall(r"^#+ (.*)$", re.sub(r"^```.*?^```", "", text, flags=re.M | re.S), re.M)
     return {re.sub(r"[^\w\- ]", "", head.lower()).replace(" ", "-") for head in heads}
 
@@ -42,7 +42,7 @@ def check_length(path, text):
 
 
 def check_links(path, text):
-    """Returns the files that it links to."""
+    """Checks a page's links; returns the files that it links to."""
     targets = set()
     for number, line in enumerate(text.split("\n"), 1):
         for link in re.findall(r"\]\(([^)\s]+)\)", line):
@@ -69,7 +69,7 @@ def check_listings(path, text):
 
 
 def check_sources():
-    """Returns the names pags_... in them, and those of the files."""
+    """Checks the paths of pages that sources name; returns all names pags_... in the sources, and the sources' file names."""
     names = set()
     for path in find_files():
         names.add(os.path.basename(path))

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Counts what can be counted of the code's shape and of the manual: at a commit and now (--reference COMMIT), or fails where a rule is
+"""Measures the structure of the code and the size of the manual: at a commit and now (--reference COMMIT), or fails if a rule is
 broken (--check). Both states are counted after the same clang-format, so that a line means the same in both.
 
     tests/figures.py --reference COMMIT     a table in Markdown, before and after
@@ -46,7 +46,7 @@ KEYWORDS = set("if for while switch return sizeof do else case goto default type
                "catch throw new delete alignas _Alignas decltype static_cast reinterpret_cast const_cast noexcept operator".split())
 
 
-# ---- Files of a state ----
+# ---- The files of a commit or of the working tree ----
 def walk(root, folders):
     for folder in folders:
         for base, names, files in os.walk(root / folder):
@@ -73,7 +73,7 @@ def root_of_repository():
 
 
 class State:
-    """Sources of one commit, formatted in a copy."""
+    """A formatted copy of the sources of one commit or of the working tree."""
 
     def __init__(self, root, formatter, style, scratch):
         self.root, self.copy = root, scratch
@@ -100,7 +100,7 @@ TOKEN = re.compile(r"[A-Za-z_]\w*|->|::|&&|\|\||==|!=|<=|>=|\.?\d[\w.]*|\S")
 
 
 def without_comments(text):
-    """The same lines with comments and the insides of literals blanked."""
+    """The text with comments and the contents of literals replaced by blanks, so that line numbers stay."""
     def blank(match):
         word = match.group(0)
         if word[0] in "\"'":
@@ -116,7 +116,7 @@ class Function:
 
 
 class CFile:
-    """Functions of a file, and what the rest of it (initialisers, macros) mentions."""
+    """The functions of a C file, and the names that the rest of it (initialisers, macros) mentions."""
 
     def __init__(self, path, text):
         self.path, self.functions, self.rest = path, [], []
@@ -176,7 +176,7 @@ class CFile:
 
     @staticmethod
     def function_name(head):
-        """The identifier before the parameters, or None where `head` is no function's."""
+        """The function's name, that is the identifier before the parameters, or None if `head` isn't the head of a function."""
         if "=" in head or "(" not in head or head[0] in ("typedef", "enum"):
             return None
         while len(head) > 1 and head[1] == "(" and re.fullmatch(r"[A-Z][A-Z0-9_]+", head[0]) and CFile.after_parenthesis(head, 1) < len(head):
@@ -211,7 +211,7 @@ class CFile:
 
 
 def uses(tokens):
-    """(name, is a call) of each identifier that may be a function's, local names left out."""
+    """Yields (name, is a call) for each identifier that may name a function, without local names."""
     words = [token[0] for token in tokens]
     local = set()
     for k in range(1, len(words) - 1):
@@ -260,7 +260,7 @@ class PythonFile:
         self.names = {f.name for f in self.functions} | self.classes
 
     def uses(self):
-        """(node of the name, name, is a call, module it is taken from or '')."""
+        """Yields (node of the name, name, is a call, module that it is taken from or '')."""
         called = {id(node.func) for node in ast.walk(self.tree) if isinstance(node, ast.Call)}
         for node in ast.walk(self.tree):
             if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load):
@@ -274,7 +274,7 @@ class PythonFile:
 
 
 def python_code_lines(text, tree):
-    """Numbers of the lines that hold code: neither empty, nor comment, nor docstring."""
+    """Numbers of the lines that hold code, not only comments or docstrings."""
     lines = set()
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
         if token.type not in (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER):
@@ -287,7 +287,7 @@ def python_code_lines(text, tree):
 
 # ---- The call graph ----
 def node_of(path):
-    """A header and its source are one."""
+    """The node of a file in the graph: a header and its source are one node."""
     return str(path.with_suffix("")) if path.suffix in C_KINDS else str(path)
 
 
@@ -318,7 +318,7 @@ class Program:
                     targets = private.get((file.path, name)) or [f for f in targets if f.path == file.path] or targets
                     for target in targets:
                         self.count(target, call, f"{file.path}: {owner.name}" if owner else str(file.path))
-                        if call and len(targets) == 1:  # a name that several files define, one for each ISA, leads nowhere
+                        if call and len(targets) == 1:  # a function that several files define, one for each ISA, gives no edge
                             self.edge(file.path, target.path, name)
 
     def count_python(self):
@@ -449,7 +449,7 @@ def figures(state, program_path):
 
 
 def check(state):
-    """Lines of what is wrong."""
+    """Returns a line for each broken rule."""
     program = Program(state)
     faults = [f"{path}: out of format; make format mends it" for path in state.unformatted]
     faults += [f"{f.path}:{f.line}: {f.name} has {f.length} lines, more than {LONGEST_FUNCTION}" for f in program.functions if f.length > LONGEST_FUNCTION]
@@ -494,7 +494,7 @@ def main():
             return 0
         extract(options.reference, root, scratch / "tree")
         before = State(scratch / "tree", formatter, style, scratch / "before")
-        own = scratch / "tree" / ".clang-format"  # out of format is what differs from the commit's own rules
+        own = scratch / "tree" / ".clang-format"  # a file counts as badly formatted if it differs from the format rules of its own commit
         if own.exists() and own.read_bytes() != style.read_bytes():
             before.unformatted = State(scratch / "tree", formatter, own, scratch / "own").unformatted
         commit = subprocess.run(["git", "rev-parse", options.reference], cwd=root, capture_output=True, text=True).stdout.strip()

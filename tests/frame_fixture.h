@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A frame and the threads it draws with, for a group of cmocka's tests. */
+/* A frame and its thread pool, set up once for a group of cmocka tests. */
 #ifndef PAGS_TESTS_FRAME_FIXTURE_H
 #define PAGS_TESTS_FRAME_FIXTURE_H
 

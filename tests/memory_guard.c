@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The allocator's front that tests put before it (memory_guard.h). */
+/* The wrappers around malloc and its relatives that tests are linked with; see memory_guard.h. */
 #include "memory_guard.h"
 
 #include <errno.h>
@@ -9,7 +9,7 @@
 #include <string.h>
 #include <unistd.h>
 
-/* What --wrap makes of the real ones' names and expects ours to be called. */
+/* The linker's --wrap gives the real functions these names, and calls of malloc end in ours. */
 void *__real_malloc(size_t size);
 void *__real_calloc(size_t count, size_t size);
 void *__real_realloc(void *block, size_t size);
@@ -50,7 +50,7 @@ size_t memory_guard_peak(void) {
   return (size_t)peak;
 }
 
-/* Without stdio, which may be what allocates. */
+/* Writes its message without stdio, which may itself be the caller of malloc. */
 static void stop(size_t size) {
   static const char head[] = "memory_guard: more memory is asked for than the input justifies: ";
   char digits[24];

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* KITTI's files, written as its development kits describe them. */
+/* Writes KITTI's files as its development kits describe them; see raw_kitti.h. */
 #include "raw_kitti.h"
 
 #include <assert.h>
@@ -114,7 +114,8 @@ typedef struct rig {
   double projection[4][12];
 } rig;
 
-/* KITTI's numbers, about: the unit 0.8 m behind and below the Velodyne, camera 2 six centimetres beside camera 0. */
+/* A sensor rig with about KITTI's dimensions: the inertial unit 0.8 m behind and below the Velodyne, camera 2 six
+ * centimetres beside camera 0. */
 static rig make_rig(const raw_kitti *s) {
   static const double lever[3] = {-0.8086759, 0.3195559, -0.7997231}, none[3] = {0, 0, 0};
   const double t2[3] = {0.0597, -0.0003, 0.0027}, shifts[4] = {0, -s->baseline, t2[0], t2[0] - s->baseline};
@@ -131,7 +132,7 @@ static rig make_rig(const raw_kitti *s) {
     r.cam0_from_velo[4 * i + 3] -= t2[i];
   pags_rigid_inverse(r.rect, inverse);
   pags_rigid_multiply(inverse, r.cam0_from_velo, r.cam_from_velo);
-  for (int c = 0; c < 4; c++) { /* P = K [I | t] with the first pixel's centre at 0 */
+  for (int c = 0; c < 4; c++) { /* P = K [I | t], in which the first pixel's centre is at 0 */
     const double t[3] = {shifts[c], c < 2 ? 0 : t2[1], c < 2 ? 0 : t2[2]}, cx = camera->cx - 0.5, cy = camera->cy - 0.5;
     const double p[12] = {camera->fx, 0,          cx, camera->fx * t[0] + cx * t[2],
                           0,          camera->fy, cy, camera->fy * t[1] + cy * t[2],
@@ -151,7 +152,7 @@ static double time_of(const raw_kitti *s, int64_t frame) {
   return pags_dataset_sweep(s->dataset, frame)->time - pags_dataset_sweep(s->dataset, 0)->time;
 }
 
-/* Velocities by differences between the frames before and after. */
+/* Velocities from differences between the frames before and after. */
 static void fill_velocity(const raw_kitti *s, const rig *r, int64_t frame, double row[OXTS]) {
   const int64_t last = pags_dataset_sweep_count(s->dataset) - 1;
   const int64_t before = frame > 0 ? frame - 1 : 0, after = frame < last ? frame + 1 : last;
@@ -176,7 +177,8 @@ static void fill_velocity(const raw_kitti *s, const rig *r, int64_t frame, doubl
     row[WX + i] = 0.5 * axis[i] * factor / seconds;
 }
 
-/* The inverse of the development kit's Mercator projection about 49 degrees north, where frame 0 is. */
+/* Writes latitude, longitude and angles: the inverse of the development kit's Mercator projection about 49 degrees
+ * north, where frame 0 is. */
 static void fill_oxts(const raw_kitti *s, const rig *r, int64_t frame, double row[OXTS]) {
   const double lat = 49.0150, lon = 8.4343, radius = 6378137, scale = cos(lat * pi / 180);
   double first[12], pose[12];
@@ -192,7 +194,7 @@ static void fill_oxts(const raw_kitti *s, const rig *r, int64_t frame, double ro
   fill_velocity(s, r, frame, row);
 }
 
-/* KITTI's files have 14 digits, roll and pitch six decimals. */
+/* Writes an oxts row: KITTI's files have 14 digits, for roll and pitch six decimals. */
 static void put_oxts(const raw_kitti *s, const rig *r, int64_t frame, out_file *f) {
   double row[OXTS];
   fill_oxts(s, r, frame, row);
@@ -228,7 +230,7 @@ static pags_result write_benchmark_calib(const raw_kitti *s, const rig *r, const
     snprintf(key, sizeof key, "P%d:", c);
     put_numbers(s, &f, key, r->projection[c], 12);
   }
-  put_rotation(s, &f, "R_rect", r->rect); /* the tracking benchmark's have no colon */
+  put_rotation(s, &f, "R_rect", r->rect); /* the tracking benchmark's file has no colon after this name */
   put_numbers(s, &f, "Tr_velo_cam", r->cam_from_velo, 12);
   put_numbers(s, &f, "Tr_imu_velo", r->velo_from_imu, 12);
   return save(&f, folder, "calib/0000.txt");
@@ -283,7 +285,8 @@ static void put_label(const raw_kitti *s, const rig *r, out_file *f, int64_t tra
   pags_rigid_inverse(world_from_velo(s, knot->frame), velo_from_world);
   pags_rigid_multiply(velo_from_world, knot->world_from_object, cam0_from_object);
   pags_rigid_multiply(r->cam0_from_velo, cam0_from_object, cam0_from_object);
-  const double *m = cam0_from_object, yaw = atan2(-m[8], m[0]); /* forward is (cos, ., -sin) */
+  /* The forward axis is (cos, ., -sin) of the label's rotation_y. */
+  const double *m = cam0_from_object, yaw = atan2(-m[8], m[0]);
   const double numbers[7] = {
       object->size[2], object->size[1], object->size[0], m[3], m[7] + object->size[2] / 2, m[11], yaw};
   put(f, "%d %lld %s 0 0 %.6f ", knot->frame, (long long)track, object->class_name, yaw - atan2(m[3], m[11]));
@@ -376,7 +379,8 @@ static pags_result write_sweep(const raw_kitti *s, int64_t frame, const char *fo
   return result;
 }
 
-/* `format`: how a frame's number becomes a path, of the pictures (with a camera before) and of the sweep. */
+/* Writes pictures and sweeps; the formats turn the number of a frame into the path of a picture (with a camera
+ * before) and of a sweep. */
 static pags_result write_frames(const raw_kitti *s, const char *folder, bool raw) {
   char name[128];
   for (int64_t frame = 0; frame < pags_dataset_sweep_count(s->dataset); frame++) {
@@ -409,7 +413,7 @@ pags_result raw_kitti_write_tracking(const raw_kitti *source, const char *folder
   return write_labels(source, &r, folder);
 }
 
-/* 13:02:25 and `shift` seconds, on the recording's day. */
+/* Writes timestamps that begin at 13:02:25 plus `shift` seconds on the day of the recording. */
 static pags_result write_times(const raw_kitti *s, const char *folder, const char *name, double shift) {
   out_file f = {0};
   for (int64_t frame = 0; frame < pags_dataset_sweep_count(s->dataset); frame++) {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Waymo segments for tests (raw_waymo.h). */
+/* Writes Waymo segments for tests; see raw_waymo.h. */
 #include "raw_waymo.h"
 
 #include <math.h>
@@ -138,7 +138,7 @@ static void apply(const double m[12], const double p[3], double w, double out[3]
     out[i] = m[4 * i] * p[0] + m[4 * i + 1] * p[1] + m[4 * i + 2] * p[2] + m[4 * i + 3] * w;
 }
 
-/* Rz(yaw) Ry(pitch) Rx(roll), one turn after the other. */
+/* R = Rz(yaw) Ry(pitch) Rx(roll), multiplied one rotation after the other. */
 static void pose_from(const float pose[6], double out[12]) {
   const double r = (double)pose[0], p = (double)pose[1], y = (double)pose[2];
   const double x[12] = {1, 0, 0, 0, 0, cos(r), -sin(r), 0, 0, sin(r), cos(r), 0};
@@ -150,13 +150,14 @@ static void pose_from(const float pose[6], double out[12]) {
   pags_rigid_multiply(turn_z, both, out);
 }
 
-/* Row 0 is the highest beam. */
+/* Inclination of a row's beam; row 0 is the highest beam. */
 static double inclination_of(const raw_lidar *l, int row) {
   const int beam = l->rows - 1 - row;
   return l->inclinations ? l->inclinations[beam] : l->low + (l->high - l->low) * (beam + 0.5) / l->rows;
 }
 
-/* In the LiDAR's own frame; column 0 is the one that looks to the back of the vehicle and a bit to its left. */
+/* Direction of a pixel in the LiDAR's own frame; column 0 looks to the back of the vehicle and slightly to its left.
+ * */
 static void pixel_direction(const raw_lidar *l, int row, int column, double out[3]) {
   const double yaw = atan2(l->vehicle_from_laser[4], l->vehicle_from_laser[0]);
   const double azimuth = PI - 2 * PI * (column + 0.5) / l->columns - yaw, up = inclination_of(l, row);
@@ -240,7 +241,7 @@ void raw_lidar_add(raw_waymo *w, Pags__Waymo__Frame *frame, const raw_lidar *l) 
   add_returns(w, frame, l, images[0], images[1], poses);
 }
 
-/* ---- A data set ---- */
+/* ---- Converting a data set ---- */
 
 typedef struct source {
   raw_waymo *w;
@@ -295,7 +296,7 @@ static const char *photo_path(source *s, int64_t t, int camera) {
   return name_of(s, "images/%03d_%d.png", (int)t, camera);
 }
 
-/* The photograph as it is, or made a JPEG. */
+/* The photograph's bytes if it is a JPEG, else the photograph encoded as one. */
 static ProtobufCBinaryData jpeg_of(source *s, int64_t t, int camera) {
   char path[PATH_SIZE + 16];
   pags_image image;
@@ -311,7 +312,7 @@ static ProtobufCBinaryData jpeg_of(source *s, int64_t t, int camera) {
 }
 
 static void add_camera(source *s, Pags__Waymo__Frame *frame, int camera) {
-  /* Columns of OpenCV's axes in Waymo's: x forward = z, y left = -x, z up = -y. */
+  /* Rotation from Waymo's camera axes to OpenCV's: x forward = z, y left = -x, z up = -y. */
   static const double cv_from_waymo[12] = {0, -1, 0, 0, 0, 0, -1, 0, 1, 0, 0, 0};
   double intrinsics[9], extrinsics[12], waymo[12];
   int width, height;
@@ -335,7 +336,7 @@ static void add_camera(source *s, Pags__Waymo__Frame *frame, int camera) {
 
 static const int waymo_classes[19] = {20, 23, 19, 19, 19, 15, 18, 17, 24, 24, 25, 9, 10, 2, 3, 4, 4, 7, 6};
 
-/* Class * 1000 + some instance, as a 16-bit PNG; 255 (unknown) becomes class 28. */
+/* The semantic mask as a 16-bit PNG of class * 1000 + an instance number; 255 (unknown) becomes class 28. */
 static Pags__Waymo__CameraSegmentationLabel *panoptic_of(source *s, int64_t t, int camera) {
   pags_image mask, label;
   if (!pags_file_exists(name_of(s, "semantic/%03d_%d.png", (int)t, camera)))
@@ -412,7 +413,7 @@ static Pags__Waymo__Label *label_of(source *s, const double ego[12], const char 
   return l;
 }
 
-/* Element `index` of an array of arrays of numbers: `count` numbers, whatever their nesting. */
+/* Reads `count` numbers of element `index` of an array of arrays, however deep they are nested. */
 static void numbers_of(const pags_json_value *v, int *at, int count, double *out) {
   for (; v && *at < count; v = v->next)
     if (v->type == PAGS_JSON_NUMBER)
@@ -442,11 +443,11 @@ static void add_labels(source *s, Pags__Waymo__Frame *frame, int64_t t, const do
   }
 }
 
-/* ---- The data set's LiDAR ---- */
+/* ---- The data set's LiDAR points ---- */
 
 enum { ROWS = 192, COLUMNS = 2048 };
 
-/* The roof LiDAR: turned by 148 degrees and tilted a little, as Waymo's. */
+/* The roof LiDAR: rotated by a yaw of 148 degrees and slightly tilted, like Waymo's. */
 static raw_lidar roof_lidar(void) {
   raw_lidar l = {.name = 1, .rows = ROWS, .columns = COLUMNS, .low = -0.9, .high = 0.5};
   const double turned[12] = {cos(2.58), -sin(2.58), 0, 1.43, sin(2.58), cos(2.58), 0, 0, 0, 0, 1, 2.18};
@@ -454,7 +455,7 @@ static raw_lidar roof_lidar(void) {
   return l;
 }
 
-/* Puts a point of the vehicle's frame into its beam's pixel. */
+/* Writes a point of the vehicle's frame into the range image pixel of its nearest beam. */
 static void put_point(const raw_lidar *l, const double laser_from_vehicle[12], const double p[3], float value,
                       float *images[2]) {
   double q[3];
@@ -509,7 +510,7 @@ static void add_lidar(source *s, Pags__Waymo__Frame *frame, int64_t t, const dou
   add_returns(s->w, frame, &l, images[0], images[1], poses);
 }
 
-/* ---- The whole ---- */
+/* ---- The whole segment ---- */
 
 static Pags__Waymo__Frame *frame_of(source *s, int64_t t) {
   double ego[12];
@@ -527,7 +528,9 @@ static Pags__Waymo__Frame *frame_of(source *s, int64_t t) {
   c->laser_calibrations = raw_waymo_alloc(s->w, 1, sizeof *c->laser_calibrations);
   f->images = raw_waymo_alloc(s->w, MOST_CAMERAS, sizeof *f->images);
   f->lasers = raw_waymo_alloc(s->w, 1, sizeof *f->lasers);
-  for (int i = s->camera_count - 1; i >= 0; i--) { /* backwards: who goes by index finds the wrong one */
+  /* The cameras are written in reverse order, so that a reader that takes them by index instead of by name gets the
+   * wrong one. */
+  for (int i = s->camera_count - 1; i >= 0; i--) {
     add_camera(s, f, s->cameras[i]);
     f->images[f->n_images++] = image_of(s, t, s->cameras[i], ego);
   }

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Compares what two builds of pags write, bit by bit: a commit before a change, and the program here.
+"""Compares the output of two builds of pags bit by bit: of a commit before a change, and of the program built here.
 
 A row is one use of the program (a training, a render, an export, an import). Both programs run it on the same input; where a row needs a
-data set or a scene, both get the one that the reference wrote. Payloads are compared, not files: every number of PLY rows, sky, tracks
+data set or a scene, both get the one that the reference wrote. Payloads are compared instead of files: every number of PLY rows, sky, tracks
 and exposures (of scene.json those and the cameras alone), pixels of PNG and EXR, accessors and names of glTF, unpacked SPZ (of version 4
 its bytes), text of USD without comments. Headers, the scene's configuration, report.json, log.jsonl and checkpoints are left out.
 
@@ -33,7 +33,7 @@ from pathlib import Path
 
 
 class Program:
-    """A build of pags: where it is, its hash, and how it spells options."""
+    """A build of pags: its path, its hash, and the form of its options."""
 
     def __init__(self, path):
         path = Path(path).resolve()
@@ -44,7 +44,7 @@ class Program:
             sys.exit(f"same_bits: {path}: no such program; build it first")
         self.path = path
         digest = hashlib.sha256()
-        for part in [path, *sorted(path.parent.glob("pags_*.so"))]:  # the picture module is loaded at run time
+        for part in [path, *sorted(path.parent.glob("pags_*.so"))]:  # the image module is loaded at run time, so it belongs to the program
             digest.update(part.read_bytes())
         self.hash = digest.hexdigest()[:16]
         self.store = path.parent / "same-bits" / self.hash
@@ -57,7 +57,8 @@ class Program:
         return self.texts[arguments]
 
     def spell(self, verb, flag, value):
-        """Arguments that mean `flag value` to this program; a value of True is a switch. A flag that train no longer has is --set of its field."""
+        """The arguments for `flag value` in the form that this program takes; a value of True stands for a switch. An option that train no
+        longer has becomes --set of its field."""
         if re.search(rf"(?<![\w-]){re.escape(flag)}(?![\w-])", self.text(verb, "--help")):
             return [flag] if value is True else [flag, str(value)]
         if flag == "--size":
@@ -77,7 +78,7 @@ class Failure(Exception):
 
 # ---- Rows ----
 class Command:
-    """VERB, what it works on and writes ({out}, {ref:ROW}, {data}, {kitti}), its options, and variables of the environment."""
+    """A verb, its input and output paths ({out}, {ref:ROW}, {data}, {kitti}), its options, and environment variables."""
 
     def __init__(self, verb, *positional, environment=None, **options):
         self.verb, self.positional, self.environment = verb, positional, environment or {}
@@ -94,8 +95,8 @@ class Command:
 class Row:
     def __init__(self, name, *commands, needs=(), quick=False, events=(), reference=None):
         self.name, self.commands, self.quick, self.events = name, commands, quick, events
-        self.needs = list(needs)  # files or folders below {data}
-        self.reference = reference or name  # the row whose reference output this one is held against
+        self.needs = list(needs)  # files or folders that must exist below {data}
+        self.reference = reference or name  # the row with whose reference output this row is compared
         self.slug = re.sub(r"[^a-z0-9]+", "-", name.lower())
 
     def rows_used(self):
@@ -103,11 +104,12 @@ class Row:
         return re.findall(r"\{ref:([^}]+)\}", " ".join(words))
 
 
-# What must have happened in a training, by the reference's log.jsonl and scene.json: a function of (log's lines, scene) each.
+# Events that must have occurred in a training, each a test of the reference's log.jsonl and scene.json: a function of (log's lines, scene).
 EVENTS = {
     "densify": lambda log, scene: any(line.get("cloned", 0) + line.get("split", 0) > 0 for line in log),
     "prune": lambda log, scene: any(line.get("pruned", 0) > 0 for line in log),
-    # A reset leaves no line of its own. It follows a densify, and the next view is drawn with hardly any opacity.
+    # An opacity reset has no line of its own in the log. It follows a densify, and the loss of the next view, drawn almost
+    # transparent, jumps.
     "reset": lambda log, scene: any(after > 1.5 * max(before) for step, before, after in jumps(log) if step in densifies(log)),
     "SH rise": lambda log, scene: len({line["sh_degree"] for line in log if "sh_degree" in line}) > 1,
     "resolution rise": lambda log, scene: len({line["shrink"] for line in log if "shrink" in line}) > 1,
@@ -122,7 +124,7 @@ def densifies(log):
 
 
 def jumps(log):
-    """(step, losses of it and the five before, loss of the next)."""
+    """Yields (step, losses of the step and the five before it, loss of the next step) for each densify."""
     views = [(line["step"], line["view_loss"]) for line in log if "view_loss" in line]
     return [(views[i][0], [loss for _, loss in views[max(0, i - 5):i + 1]], views[i + 1][1]) for i in range(len(views) - 1)]
 
@@ -135,7 +137,8 @@ DRIVING = STATIC + ["object term", "colour over time"]
 
 
 def trainings(name, dataset, needs, events, **options):
-    """A data set by both presets on two threads and one, and by plain C. The reference runs on two threads only: one must give the same."""
+    """Rows that train on a data set with both presets, on two threads and on one, and with the scalar kernels. The reference runs on two
+    threads only, as one thread must give the same bits."""
     for preset in ("none", "lean"):
         label = f"train {name}" + (" lean" if preset == "lean" else "")
         lean = dict(preset="lean") if preset == "lean" else {}
@@ -167,7 +170,8 @@ def all_rows():
     yield Row("synth street, noise", Command("synth", "street", output="{out}/street", size="128x72", frames=3, cameras=3, objects=4,
                                              lidar_points=2000, samples=1, pose_noise=0.1, yaw_noise=1, no_shifts=True, seed=7))
     yield Row("synth town", Command("synth", "town", output="{out}/town", size="128x72", frames=3, gaussians=20000))
-    # Between the others' needs: enough views that each part is seen, few enough that each interval, no shorter than a pass, fits in 300 steps.
+    # A compromise: enough views that each part is seen, few enough that each interval, which isn't shorter than a pass over the
+    # views, fits in 300 steps.
     yield from trainings("street", street, [], DRIVING, fourier_gain=0)
     yield from trainings("pandaset-002", "{data}/pandaset-002", ["pandaset-002"], DRIVING, cameras="0,1", frames="20-27", downscale=3,
                          split_every=4, fourier_gain=0)
@@ -214,10 +218,10 @@ def all_rows():
     yield Row("import kitti", Command("import", "kitti", "{kitti}", output="{out}/set"), needs=["kitti/raw_2011_09_26", "kitti/tracking"])
 
 
-# ---- A tree of KITTI's tracking benchmark, of the samples at hand ----
+# ---- A tree of KITTI's tracking benchmark, made of the available samples ----
 def make_kitti(data, folder):
-    """Four frames of a raw recording, its calibration and the first labels of a sequence, in the folders that the importer reads. The
-    second camera gets the first one's pictures; the vehicle drives a metre a frame (oxts is made up)."""
+    """Writes four frames of a raw recording, its calibration and the first labels of a sequence to the folders that the importer reads. The
+    second camera gets the first camera's pictures; the vehicle drives a metre a frame (oxts is made up)."""
     if folder.exists():
         return
     part = folder.with_name(folder.name + ".part")
@@ -311,7 +315,7 @@ def read_png(data):
 
 
 def read_exr(data):
-    """Scan-line files, uncompressed or ZIP; of others the compressed bytes."""
+    """The channels of a scan-line EXR, uncompressed or ZIP; of other EXR files the compressed bytes."""
     position, header = 8, {}
     while data[position]:
         name_end = data.index(0, position)
@@ -354,7 +358,7 @@ def read_exr(data):
 
 
 def flatten(value, path=""):
-    """JSON as lines `path=value`, numbers in full."""
+    """A JSON value as lines `path=value` with all digits of its numbers."""
     if isinstance(value, dict):
         for key in sorted(value):
             yield from flatten(value[key], f"{path}.{key}")
@@ -367,7 +371,7 @@ def flatten(value, path=""):
 
 
 def read_scene(data):
-    """Of scene.json: models, tracks, exposures, cameras. Not the configuration, nor what is said about the training."""
+    """The models, tracks, exposures and cameras of a scene.json, without the configuration and the facts about the training."""
     scene = json.loads(data)
     take = lambda thing, keys: {key: thing.get(key) for key in keys if key in thing}
     return [("models", None, list(flatten(scene.get("models", [])))),
@@ -492,7 +496,7 @@ def files_of(folder):
 
 
 def compare_folders(was, now):
-    """A line for each file that differs."""
+    """Returns lines for each file that differs between two folders."""
     old, new = files_of(was), files_of(now)
     lines = [f"{path}: only the reference writes it" for path in old if path not in new]
     lines += [f"{path}: the reference doesn't write it" for path in new if path not in old]
@@ -516,7 +520,7 @@ class Bench:
         return [[sorted(c.environment.items()), *c.spelled(program)] for c in row.commands]
 
     def run(self, row, program, folder):
-        """Runs the row's commands with {out} at `folder`, which is emptied first."""
+        """Runs the row's commands with `folder`, which is emptied first, as {out}."""
         kitti = self.reference.store / "kitti-tree"
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
@@ -533,7 +537,8 @@ class Bench:
                 raise Failure(f"exit code {done.returncode} of {program.path.name} {' '.join(words)}: {done.stderr.strip()[-400:]}")
 
     def reference_folder(self, row):
-        """Where the reference's output of a row is; runs it where it has not been run. Several of this script may ask at once."""
+        """The folder of the reference's output of a row, which is run if that hasn't been done. Several instances of this script may ask at
+        the same time."""
         folder = self.reference.store / row.slug
         folder.parent.mkdir(parents=True, exist_ok=True)
         mark = folder.with_suffix(".done")
@@ -562,7 +567,7 @@ class Bench:
             raise Failure(f"the reference's training shows no {', no '.join(missing)}: its schedule has to be changed, or EVENTS read its log")
 
     def row(self, row):
-        """'same', or the lines of what differs."""
+        """Runs a row and compares: returns 'same' or the lines of its differences."""
         reference_row = self.rows[row.reference]
         was = self.reference_folder(reference_row)
         self.check_events(reference_row, was)
@@ -581,7 +586,8 @@ class Bench:
 
 
 def prove(bench):
-    """Flips a byte of one file of each kind that the reference wrote, late in the file where its payload is, and asks for a difference."""
+    """Tests the comparison itself: flips a byte of one file of each kind, late in the file where its payload is, and expects a
+        difference."""
     seen, failed = set(), 0
     scratch = bench.reference.store / "prove"
     for mark in sorted(bench.reference.store.glob("*.done")):
@@ -609,7 +615,7 @@ def prove(bench):
 
 
 def build_reference(commit):
-    """The program of a commit, built in a worktree below build/."""
+    """Builds the program of a commit in a git worktree below build/; returns its path."""
     git = lambda *words: subprocess.run(["git", *words], capture_output=True, text=True)
     found = git("rev-parse", "--verify", "--quiet", commit + "^{commit}")
     if found.returncode != 0:

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A folder for the files of one test program, and whole small files in it. */
+/* A temporary folder for the files of one test program, and a function to write small files into it. */
 #ifndef PAGS_TESTS_SCRATCH_FOLDER_H
 #define PAGS_TESTS_SCRATCH_FOLDER_H
 
@@ -10,7 +10,7 @@
 
 enum { SCRATCH_PATH = 512 };
 
-/* Made by scratch_make, removed with all that is in it by scratch_remove. */
+/* The folder's path: scratch_make creates it, scratch_remove removes it with its contents. */
 static char scratch_folder[SCRATCH_PATH];
 
 static inline int scratch_make(void) {
@@ -23,7 +23,7 @@ static inline int scratch_remove(void) {
   return pags_remove_tree(scratch_folder) == PAGS_OK ? 0 : -1;
 }
 
-/* The same for a group of cmocka's tests. */
+/* Set-up and tear-down of the folder for a group of cmocka tests. */
 static inline int scratch_setup(void **state) {
   (void)state;
   return scratch_make();
@@ -34,7 +34,7 @@ static inline int scratch_teardown(void **state) {
   return scratch_remove();
 }
 
-/* The path of `name` in the folder; good until the fourth call from now. */
+/* The path of `name` in the folder; valid until the fourth call from now. */
 static inline const char *scratch(const char *name) {
   static char paths[4][SCRATCH_PATH + 128];
   static int next;
@@ -43,7 +43,7 @@ static inline const char *scratch(const char *name) {
   return path;
 }
 
-/* Writes a file there and returns its path. */
+/* Writes a file in the folder and returns its path. */
 static inline const char *scratch_file(const char *name, const void *bytes, size_t size) {
   const char *path = scratch(name);
   FILE *stream = fopen(path, "wb");

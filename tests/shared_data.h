@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Test data that is not part of the repository: the folder named by PAGS_SHARED_DATA, else ../shared/data beside the
+/* Test data outside of the repository: in the folder named by PAGS_SHARED_DATA, or else in ../shared/data beside the
  * sources. */
 #ifndef PAGS_TESTS_SHARED_DATA_H
 #define PAGS_TESTS_SHARED_DATA_H
@@ -8,8 +8,8 @@
 #include <stdlib.h>
 #include <unistd.h>
 
-/* Puts the path of `name` into `path` and returns 1 if it can be read; else prints what is wanted and returns 0: the
- * test then calls skip(). */
+/* Writes the path of `name` to `path` and returns 1 if the file can be read; else prints which file is missing and
+ * returns 0, and the test calls skip(). */
 static inline int pags_shared_data(const char *name, char *path, size_t size) {
   const char *folder = getenv("PAGS_SHARED_DATA");
   if (folder)

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The scene of small_scene.h. */
+/* The small driving scene for tests; see small_scene.h. */
 #include "small_scene.h"
 
 #include <stdlib.h>

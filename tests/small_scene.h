@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A driving scene of ten Gaussians for tests: a parked and a moving object, a sky, a camera, everything a scene.json
- * can say. */
+/* A driving scene of ten Gaussians for tests: a parked and a moving object, a sky, a camera, and a value for
+ * everything that scene.json can hold. */
 #ifndef PAGS_TESTS_SMALL_SCENE_H
 #define PAGS_TESTS_SMALL_SCENE_H
 
 #include <pags/scene.h>
 
-/* Aborts when memory is out. */
+/* Makes the scene; aborts if memory runs out. */
 void small_scene_make(pags_scene *scene);
 
 #endif

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Makers of small splat files. */
+/* Makes small splat files; see splat_files.h. */
 #include "splat_files.h"
 
 #include <stdarg.h>
@@ -70,7 +70,8 @@ void sample_gaussians(pags_gaussians *g, int64_t count, int sh_degree, uint64_t 
     }
 }
 
-/* Plane and name of property k of a PLY with so many coefficients a channel beyond the first; -1 for a normal. */
+/* Plane and name of property k of a PLY with `rest` SH coefficients a channel beyond the constant one; returns -1 for
+ * a normal. */
 static int property(int k, int rest, char name[24]) {
   static const char *const head[] = {"x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"};
   static const char *const tail[] = {"opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"};
@@ -119,7 +120,8 @@ static void put_number(file_bytes *out, const char *format, int is_double, float
   uint8_t bytes[8];
   int size = is_double ? 8 : 4;
   memcpy(bytes, is_double ? (const void *)&wide : (const void *)&value, (size_t)size);
-  for (int i = 0; i < size; i++) /* the machine itself is little-endian */
+  /* The machine that runs this is little-endian itself. */
+  for (int i = 0; i < size; i++)
     bytes_u8(out, bytes[format[7] == 'b' ? size - 1 - i : i]);
 }
 
@@ -186,7 +188,7 @@ file_bytes make_compressed_ply(int64_t count, int sh_degree, int colour_bounds, 
     bytes_text(&out, "property uchar f_rest_%d\n", k);
   bytes_text(&out, "end_header\n");
   for (int c = 0; c < chunks; c++)
-    for (int k = 0; k < (colour_bounds ? 18 : 12); k++) /* lower bounds below zero, upper ones above */
+    for (int k = 0; k < (colour_bounds ? 18 : 12); k++) /* lower bounds are negative, upper bounds positive */
       bytes_f32(&out, (float)((k / 3 % 2 ? 1 : -1) * pags_rng_uniform(seed, (uint64_t)k, (uint64_t)c)));
   for (int64_t i = 0; i < count; i++)
     for (uint64_t k = 0; k < 4; k++)
@@ -254,7 +256,7 @@ static file_bytes gzip_bytes(const file_bytes *plain) {
 static file_bytes pack_v4(const spz_parts *parts) {
   int streams = parts->sh_degree ? 6 : 5;
   file_bytes out = spz_header(parts, streams), packed[6] = {{0}};
-  bytes_u32(&out, 32 + 8); /* eight bytes of extensions before the table */
+  bytes_u32(&out, 32 + 8); /* eight bytes of extensions precede the table */
   for (int i = 0; i < 3; i++)
     bytes_u32(&out, 0);
   bytes_u64(&out, 0x1234);

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""style.py [CC [CXX]]: what can be said about the sources without running them. Prints each fault as FILE:LINE: what is wrong, and fails
+"""style.py [CC [CXX]]: checks the sources without running them. Prints each fault as FILE:LINE: what is wrong, and fails
 if there was one. Format, circles of files and the length of functions are tests/figures.py's.
 
 - Characters: no tabs, no blanks at the end of a line, a newline at the end of a file; C and C++ in ASCII, without notes of unfinished work.
@@ -21,8 +21,8 @@ SKIPPED = re.compile(r"^(build.*|\.git|\.venv|node_modules|__pycache__)$")
 TEXT = re.compile(r"\.([ch]|inl|cc|py|sh|cmake|json|md)$|(^|/)(CMakeLists\.txt|Makefile)$|^\.ci/run$")
 CODE = re.compile(r"\.([ch]|inl|cc)$")
 
-# ---- Who may know whom ----
-CORE = ["threads", "simd", "engine/base", "engine/scene", "engine/frame"]  # what libpags.so and the Python module hold
+# ---- Which folder may include from which ----
+CORE = ["threads", "simd", "engine/base", "engine/scene", "engine/frame"]  # the folders linked into libpags.so and the Python module
 DATA = ["engine/image", "engine/dataset"]
 ENGINE = CORE + DATA + ["engine/import", "engine/init", "engine/train", "engine/eval", "engine/synth"]
 
@@ -74,7 +74,7 @@ EXCEPTIONS = {
 }
 
 faults = []
-needed = set()  # of EXCEPTIONS
+needed = set()  # entries of EXCEPTIONS that are used
 
 
 def fault(path, line, text):
@@ -117,7 +117,7 @@ def check_comments(path, text, names):
                 fault(path, text.count("\n", 0, comment.start() + match.start()) + 1, f"names {match.group(0)}, which is nowhere")
 
 
-# ---- Which way includes go ----
+# ---- The direction of includes ----
 def room_of(path):
     """The folder of KNOWS that `path` belongs to, or None."""
     header = re.fullmatch(r".*include/pags/(\w+)\.h", path)
@@ -127,7 +127,7 @@ def room_of(path):
 
 
 def resolve(path, name, files):
-    """Where an include of `name` in `path` leads, or None."""
+    """The file to which an include of `name` in `path` leads, or None."""
     for folder in [os.path.dirname(path), "engine/include", "threads/include", "exporters/include", ".", "engine", "tests"]:
         target = os.path.normpath(os.path.join(folder, name))
         if target in files:

@@ -14,7 +14,7 @@ ROOT = os.path.abspath(os.path.join(os.path.dirname(__file__), ".."))
 
 
 def read_table():
-    """{(linked file, product)} of THIRD_PARTY.md, and {linked file: library}."""
+    """Reads THIRD_PARTY.md: returns {(linked file, product)} and {linked file: library}."""
     pairs, names = set(), {}
     with open(os.path.join(ROOT, "THIRD_PARTY.md"), encoding="utf-8") as file:
         for line in file:
@@ -32,7 +32,7 @@ def needed(binary):
 
 
 def static_libraries(build, binary):
-    """Of the link line, as the generator (make or Ninja) keeps it."""
+    """The static libraries of a program's link line, which the generator (make or Ninja) has stored."""
     name = os.path.relpath(os.path.realpath(binary), build)
     lines = []
     for base, _, files in os.walk(build):

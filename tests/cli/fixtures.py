@@ -36,25 +36,25 @@ SMALL = ["--random-points", "500", "--max-gaussians", "1500"]
 
 
 def program(arguments):
-    """The program under test, or pags-bench beside it where that is the first word, and the words for it."""
+    """The command line: the program under test (or pags-bench beside it, if that is the first word) and its arguments."""
     words = [str(word) for word in arguments]
     return [os.path.join(os.path.dirname(PAGS), *words[:1]), *words[1:]] if words[:1] == ["pags-bench"] else [PAGS, *words]
 
 
 def run(*arguments, timeout=300, **more):
-    """Runs the program under test; the result has returncode, stdout and stderr as text."""
+    """Runs the program under test to its end; the result has returncode, stdout and stderr as text."""
     return subprocess.run(program(arguments), capture_output=True, text=True, timeout=timeout, **more)
 
 
 def ply_bytes(rows):
-    """An INRIA PLY of degree 0; each row holds the 17 values of PLY_NAMES."""
+    """The bytes of a PLY of degree 0 in INRIA's layout; each row holds the 17 values of PLY_NAMES."""
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}"]
     header += [f"property float {name}" for name in PLY_NAMES] + ["end_header", ""]
     return "\n".join(header).encode() + b"".join(struct.pack("<17f", *row) for row in rows)
 
 
 def splat(x, y, z, rgb, sigma=0.1, opacity=4.0):
-    """One row: a round Gaussian of the given display colour; opacity is a logit."""
+    """A row for ply_bytes: a round Gaussian of the given display colour; opacity is a logit."""
     dc = [(c - 0.5) / 0.28209479177387814 for c in rgb]
     return [x, y, z, 0, 0, 0, *dc, opacity, *[math.log(sigma)] * 3, 1, 0, 0, 0]
 
@@ -65,7 +65,7 @@ def some_splats():
 
 
 def png_bytes(width, height, pixels):
-    """8-bit RGB; pixels: bytes of width * height * 3."""
+    """The bytes of an 8-bit RGB PNG; pixels: bytes of width * height * 3."""
 
     def chunk(kind, data):
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
@@ -76,7 +76,7 @@ def png_bytes(width, height, pixels):
 
 
 def read_png(path):
-    """Width, height, channels, bits and rows' raw samples of a PNG without interlace, filters undone."""
+    """Returns width, height, channels, bits and the raw samples of a PNG without interlace, after undoing its filters."""
     data = read(path)
     assert data[:8] == b"\x89PNG\r\n\x1a\n", path
     at, packed = 8, b""
@@ -120,7 +120,7 @@ def undo_filter(kind, row, before, step):
 
 
 def ring_pose(angle, radius=3.0, height=0.8):
-    """Camera-to-world, OpenGL axes, looking at the origin; z is up."""
+    """A camera-to-world pose in OpenGL axes on a ring around the origin, looking at the origin; world z is up."""
     eye = [radius * math.cos(angle), radius * math.sin(angle), height]
     size = math.sqrt(sum(e * e for e in eye))
     back = [e / size for e in eye]
@@ -133,7 +133,7 @@ def ring_pose(angle, radius=3.0, height=0.8):
     return [[right[i], up[i], back[i], eye[i]] for i in range(3)] + [[0, 0, 0, 1]]
 
 
-# Centre, radius, colour.
+# Centre, radius and colour of each sphere.
 SPHERES = [
     ((0.0, 0.0, 0.0), 0.5, (220, 60, 40)),
     ((0.6, 0.3, 0.2), 0.3, (40, 180, 60)),
@@ -142,7 +142,7 @@ SPHERES = [
 
 
 def sphere_picture(pose, width, height, focal):
-    """Shaded spheres before a grey wall, one ray a pixel."""
+    """Renders shaded spheres in front of a grey wall with one ray per pixel."""
     pixels = bytearray()
     eye = [pose[i][3] for i in range(3)]
     for v in range(height):
@@ -180,7 +180,7 @@ def read(path):
 
 
 def make_dataset(folder, views=9, width=64, height=48):
-    """A transforms.json data set of three spheres."""
+    """Writes a transforms.json data set of three spheres."""
     focal, frames = 60.0, []
     for i in range(views):
         pose = ring_pose(2 * math.pi * i / views)
@@ -199,7 +199,7 @@ def files_below(folder):
 
 
 class Case(unittest.TestCase):
-    """A test with a folder of its own."""
+    """A test case with a temporary folder of its own."""
 
     def setUp(self):
         holder = tempfile.TemporaryDirectory(prefix="pags-cli-")
@@ -208,7 +208,7 @@ class Case(unittest.TestCase):
 
     @classmethod
     def shared_folder(cls):
-        """A folder for all tests of the class, for setUpClass."""
+        """Makes a folder that all tests of the class share; call it in setUpClass."""
         holder = tempfile.TemporaryDirectory(prefix="pags-cli-")
         cls.addClassCleanup(holder.cleanup)
         return holder.name

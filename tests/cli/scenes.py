@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A small driving scene made by hand: a street with a wall, a parked car, a moving one, one of three Gaussians, a flat one."""
+"""A small synthetic driving scene: a street with a wall, a parked car, a moving car, an object of three Gaussians, a flat object."""
 
 import json
 import math
@@ -21,7 +21,7 @@ def gaussian(x, y, z, rgb, sigma=(0.08, 0.08, 0.08), opacity=4.0):
 
 
 def ply(rows, objects=None):
-    """An INRIA PLY of degree 0, with object_id where `objects` has a number for each row."""
+    """The bytes of a PLY of degree 0 in INRIA's layout, with the property object_id if `objects` has a number for each row."""
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}"]
     header += [f"property float {name}" for name in fixtures.PLY_NAMES]
     if objects is not None:
@@ -33,7 +33,7 @@ def ply(rows, objects=None):
 
 
 def on_box(count, size, at, rgb, seed):
-    """Places spread over a box's sides."""
+    """Flat Gaussians at random places on the sides of a box."""
     dice, rows = random.Random(seed), []
     for _ in range(count):
         p = [dice.uniform(-0.5, 0.5) * s for s in size]
@@ -60,11 +60,11 @@ def knot(frame, position, yaw=0.0):
 
 
 def camera(frame, x, yaw):
-    """1.6 m above the ground, looking along yaw, a little down."""
+    """A camera 1.6 m above the ground that looks along yaw and slightly down."""
     c, s = math.cos(yaw), math.sin(yaw)
     cp, sp = math.cos(0.15), math.sin(0.15)
     right, down, forward = [s, -c, 0], [-sp * c, -sp * s, -cp], [cp * c, cp * s, -sp]
-    r = [right, down, forward]  # rows of camera from world
+    r = [right, down, forward]  # rows of the rotation from world to camera
     eye = [x + ORIGIN[0], ORIGIN[1], 1.6 + ORIGIN[2]]
     t = [-sum(row[k] * eye[k] for k in range(3)) for row in r]
     return {
@@ -85,7 +85,7 @@ def camera(frame, x, yaw):
 
 
 def quaternion(r):
-    """Of a rotation, by the largest of its four squares."""
+    """The quaternion of a rotation matrix, computed from the largest of its four squared components for accuracy."""
     squares = [
         1 + r[0][0] + r[1][1] + r[2][2],
         1 + r[0][0] - r[1][1] - r[2][2],
@@ -101,7 +101,7 @@ def quaternion(r):
 
 
 def make_scene(folder):
-    """Objects: 0 a parked car, 1 one that moves, 2 of three Gaussians, 3 a flat one, 4 without any."""
+    """Writes the scene. Objects: 0 a parked car, 1 a moving car, 2 of three Gaussians, 3 flat, 4 without Gaussians."""
     size = [4.0, 1.8, 1.5]
     rows, owner = [], []
     for i in range(-20, 60):
@@ -170,7 +170,7 @@ def make_scene(folder):
 
 
 def make_empty_scene(folder):
-    """No Gaussian, no object, no camera."""
+    """Writes a scene without Gaussians, objects and cameras."""
     fixtures.write(os.path.join(folder, "background.ply"), ply([]))
     scene = {
         "version": 1,

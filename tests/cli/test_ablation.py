@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""benchmarks/ablation.py: rows and their names, what is written, stopping and going on, the same bits as pags train alone."""
+"""benchmarks/ablation.py: rows and their names, written files, stopping and resuming, and the same bits as pags train alone."""
 
 import csv
 import importlib.util
@@ -36,7 +36,7 @@ class Ablation(DataCase):
         return done
 
     def refuses(self, *arguments, words, code=1, **more):
-        """One line that names the program and holds each of `words`."""
+        """Asserts that the script fails with one line that names the program and holds each of `words`."""
         lines = self.run_script(*arguments, code=code, **more).stderr.splitlines()
         self.assertEqual(len(lines), 1, lines)
         self.assertTrue(lines[0].startswith("ablation.py: "), lines)
@@ -61,7 +61,7 @@ class Ablation(DataCase):
         return sorted(n for n in os.listdir(runs) if os.path.isdir(os.path.join(runs, n)))
 
     def written(self):
-        """When each run's scene and evaluation were written."""
+        """Modification times of each run's scene and evaluation."""
         return {
             name: [os.stat(self.path("t.runs", name, f)).st_mtime_ns for f in ["scene/background.ply", "eval.json"]]
             for name in self.folders()
@@ -81,7 +81,7 @@ class Ablation(DataCase):
             self.assertIsNone(row["psnr_critical"])
         self.assertLess(rows[2]["bytes"], 0.5 * rows[0]["bytes"])
         self.assertNotEqual(rows[0]["psnr"], rows[1]["psnr"])
-        # Both held-out views were measured at the moments, too.
+        # At the intermediate moments both held-out views are evaluated, too.
         self.assertEqual(rows[0]["moments"][-1]["psnr"], rows[0]["psnr"])
 
         table = read(self.path("t.md")).decode()
@@ -100,7 +100,7 @@ class Ablation(DataCase):
             self.assertEqual(self.said.count("the plot needs matplotlib"), 1, self.said)
             self.assertFalse(os.path.exists(self.path("t.svg")))
 
-        # Nothing but what is missing is run; a row may be added, and LPIPS asked for later.
+        # Only missing runs are done: rows may be added, and LPIPS requested later.
         before = self.written()
         again = self.ablate("sh=0,baseline*2,sh=1")
         self.assertEqual(again[0], rows[2])
@@ -110,7 +110,7 @@ class Ablation(DataCase):
         self.refuses("sh=0", "--moments", 4, *SMALL, iterations=39, words=["t.runs/settings.json", "another -o"])
 
     def test_a_difference_within_the_spread_is_none(self):
-        """Two names of one training can't differ."""
+        """Two rows that name the same training show no difference."""
         self.ablate("baseline*2,--sh-degree=3")
         table = read(self.path("t.md")).decode()
         compared = table[table.index("Against `baseline`") :].splitlines()
@@ -130,7 +130,8 @@ class Ablation(DataCase):
         self.assertEqual(here, read(os.path.join(out, "background.ply")))
 
     def test_rows_at_equal_count(self):
-        """The last prune leaves each row as many as the smallest, and the run goes on from before it."""
+        """With --equal-count each pruning row resumes from before its last prune, which then leaves as many Gaussians as in the
+        smallest row."""
         options = ["--moments", 4, "--equal-count", "--json", "-", *SMALL]
         done = self.run_script("baseline,sp,sp+rate=30/10", *options, iterations=120)
         result = json.loads(done.stdout)
@@ -145,7 +146,7 @@ class Ablation(DataCase):
         self.assertEqual(equal["moments"][:3], own["moments"][:3])
         self.assertNotEqual(equal["moments"][3], own["moments"][3])
         self.assertIn("## At equal count", read(self.path("t.md")).decode())
-        # The same as if that bound had been asked for from the start.
+        # The same bits as a run that had this bound from the start.
         out = self.path("alone")
         bounded = ["--preset", "short", "--alpha", 0, "--prune-rate", "0.3/0.1", "--max-gaussians", counts["sp"]]
         self.succeeds("train", self.data, "-o", out, "-n", 120, "-j", 1, "-q", "--random-points", 500, *bounded)
@@ -154,7 +155,7 @@ class Ablation(DataCase):
         self.assertEqual(here, read(os.path.join(out, "background.ply")))
 
     def stopped(self, how, wait):
-        """Starts the whole, stops it while its first run trains, and returns the exit code."""
+        """Starts the script, stops it with the signal while its first run trains, and returns exit code and stderr."""
         command = self.command("sh=1", "--moments", 2, *SMALL, iterations=800)
         running = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
         log = self.path("t.runs", "sh-degree-1_seed-0", "scene", "log.jsonl")
@@ -180,7 +181,7 @@ class Ablation(DataCase):
         self.assertGreater(state["seconds"], 0)
         code, _ = self.stopped(signal.SIGKILL, 200)
         self.assertEqual(code, -signal.SIGKILL)
-        time.sleep(0.5)  # the orphan's end
+        time.sleep(0.5)  # until the orphaned training has ended
         result = self.finish()
         ply = ("t.runs", "sh-degree-1_seed-0", "scene", "background.ply")
         disturbed = read(self.path(*ply))
@@ -228,7 +229,7 @@ class Ablation(DataCase):
         self.assertFalse(row("sd", 1).prunes or row("lean+preset=none", 1).prunes)
 
     def test_what_is_no_file_is_written_to(self):
-        """Links are followed, a FIFO is not replaced."""
+        """Output paths may be links, which are followed, or FIFOs, which aren't replaced by a file."""
         write = ablation.write
         os.mkfifo(self.path("fifo"))
         reader = subprocess.Popen(["cat", self.path("fifo")], stdout=subprocess.PIPE, text=True)

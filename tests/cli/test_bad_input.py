@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bad input: one line that names file and place, exit code 1, nothing half-written left behind."""
+"""Bad input: one line on stderr that names file and place, exit code 1, and no partial output."""
 
 import json
 import os
@@ -11,7 +11,7 @@ from fixtures import FRONT, Case, files_below, make_dataset, ply_bytes, png_byte
 
 class BadSplats(Case):
     def refused(self, path, *words):
-        """By render, which must not make its folder, and by info."""
+        """Asserts that render (which must not create its folder) and info refuse the file."""
         out = self.path("out")
         self.fails(["render", path, "-o", out], path, *words)
         self.assertFalse(os.path.exists(out), files_below(self.folder))
@@ -121,7 +121,7 @@ class BadDatasets(Case):
         self.fails(["info", path], *words)
 
     def change(self, **more):
-        """The data set with changed keys of transforms.json."""
+        """Changes keys of the data set's transforms.json; returns the data set."""
         path = self.path("data", "transforms.json")
         transforms = json.loads(read(path))
         self.write("data/transforms.json", json.dumps({**transforms, **more}, indent=1))
@@ -163,11 +163,11 @@ class BadDatasets(Case):
         self.refused(self.data, "001.png")
 
     def test_cut_png(self):
-        # Its header is whole: only decoding finds the fault, when training has begun.
+        # The header is complete, so that only decoding finds the fault, after training has begun.
         path = self.path("data", "images", "001.png")
         whole = read(path)
         self.write("data/images/001.png", whole[: len(whole) * 2 // 3])
-        # libpng jumps out of OpenImageIO's reader, which then leaks a string: not ours to report.
+        # libpng leaves OpenImageIO's reader by longjmp, which leaks a string there: not a leak of this program.
         environment = {**os.environ, "ASAN_OPTIONS": "detect_leaks=0"}
         arguments = ["train", self.data, "-o", self.path("out"), "--iterations", "30", "--quiet"]
         self.fails(arguments, "001.png", env=environment)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""pags-bench render, scale and error: their tables, CSV, JSON, Markdown and plot. No time is asserted."""
+"""pags-bench render, scale and error: their tables, CSV, JSON, Markdown and plot. No timing is asserted."""
 
 import csv
 import json
@@ -67,7 +67,7 @@ class Bench(Case):
         kinds = [("shared", "off"), ("shared", "lossless"), ("packed", "off"), ("packed", "lossless")]
         self.assertEqual([(r["form"], r["mode"]) for r in rows], 2 * kinds)
         for row in rows:
-            # Whole clusters of 64 of the 120 rows are copied.
+            # The scene is enlarged by copies of whole clusters of 64 rows, of which it has 120.
             self.assertTrue(abs(row["gaussians"] - row["millions"] * 1e6) <= 64, row)
             self.assertTrue(0 < row["loaded"] <= row["in_view"] <= row["gaussians"])
             if row["mode"] == "lossless":
@@ -78,7 +78,7 @@ class Bench(Case):
         self.assertEqual([n for n in os.listdir(self.path()) if n.endswith(".pagsz")], [])
 
     def errors(self, splats, *more):
-        """Rows of pags-bench error by name."""
+        """The rows that pags-bench error prints, by name."""
         scene = self.write("a.ply", ply_bytes(splats))
         camera = self.write("camera.json", json.dumps(CAMERA))
         self.succeeds("error", scene, "--camera", camera, "--downscale", 1, "-r", 1, "--json", self.path("e.json"), *more)
@@ -102,12 +102,12 @@ class Bench(Case):
         for name in ["alpha cut at 1/255", "stop at T < 1e-4", "tiles by exact extent", "packed form"]:
             count = rows[name]["counts"][0]
             self.assertTrue(0 < count["used"] <= count["exact"], name)
-        # A pixel has few layers here, each of which loses less than 1/255 by the cut.
+        # A pixel has few layers here, each of which loses less than 1/255 by the alpha cut-off.
         self.assertTrue(0 < rows["alpha cut at 1/255"]["max"] < 10)
         self.assertTrue(0 < rows["affine image, slopes clamped"]["max"] < 5)
         self.assertTrue(rows["gradient by means"]["max"] < 0.01)
         self.assertTrue(rows["Adam, paid when seen"]["max"] < 1e-3 and rows["Adam in float"]["max"] < 1e-2)
-        self.assertNotIn("colour of degree 0", rows)  # which the splats are of
+        self.assertNotIn("colour of degree 0", rows)  # the splats are of degree 0
         table = [line.split(" | ") for line in read(self.path("e.md")).decode().splitlines() if line.startswith("| ")]
         self.assertEqual([cells[0][2:] for cells in table[1:]], list(rows))
         script = os.path.join(os.path.dirname(__file__), "../../scripts/error_page.py")
@@ -119,7 +119,8 @@ class Bench(Case):
     def test_error_sees_the_cap_and_the_clamp(self):
         rows = self.errors([splat(0, 0, 0, (0.9, 0.9, 0.9), sigma=0.4, opacity=12.0)])
         self.assertTrue(2 < rows["alpha capped at 0.99"]["max"] < 3)  # 1 % of 0.9 * 255
-        # In the middle the affine image is nearly exact, with and without the clamp of slopes; a giant beside the picture needs it.
+        # In the picture's centre the affine projection is nearly exact, with and without the clamp of the Jacobian's slopes; a giant
+        # Gaussian beside the picture needs the clamp.
         self.assertTrue(rows["affine image, slopes clamped"]["max"] < 5)
         self.assertEqual(rows["affine image, slopes clamped"]["max"], rows["affine image, no clamp"]["max"])
         beside = self.errors([splat(12, 0, -3, (0.9, 0.9, 0.9), sigma=1.5, opacity=4.0)])
@@ -148,7 +149,7 @@ class Bench(Case):
         chapter = read(os.path.join(docs, "pags-bench.md")).decode()
         chapter += read(os.path.join(docs, "command-line.md")).decode().split("\n## train\n")[0]
         for what in ["stages", "roofline", "error", "train", "render", "scale", "proxies"]:
-            shown = fixtures.run(what, "--help").stdout  # nothing where this build lacks it
+            shown = fixtures.run(what, "--help").stdout  # empty if this build lacks the command
             for name in re.findall(r"^  (?:-., |    )(--[a-z0-9-]+)", shown, re.M):
                 self.assertTrue(name in chapter or name == "--help", f"{what} {name} is not in docs/pags-bench.md")
 

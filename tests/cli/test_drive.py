@@ -8,13 +8,13 @@ import struct
 import fixtures
 from fixtures import Case, files_below, ply_bytes, read, read_png, splat, write
 
-# World: x ahead, y left, z up. A point (10, y, 0) before the camera at the origin falls on column 50.5 - 10 y.
+# World: x ahead, y left, z up. A point (10, y, 0) in front of the camera at the origin projects to column 50.5 - 10 y.
 ORIGIN = [500000.0, 2000.0, 10.0]
 AHEAD = [0.5, 0.5, -0.5, 0.5]  # camera from world: right = -y, down = -z, forward = x
 
 
 def camera(x=0.0, **more):
-    """OpenCV camera at ORIGIN + (x, 0, 0), looking along the world's x."""
+    """A camera (OpenCV axes) at ORIGIN + (x, 0, 0) that looks along the world's x axis."""
     eye = [ORIGIN[0] + x, ORIGIN[1], ORIGIN[2]]
     lens = {"width": 101, "height": 101, "fx": 100.0, "fy": 100.0, "cx": 50.5, "cy": 50.5}
     pose = {
@@ -39,7 +39,7 @@ def knot(frame, y, yaw_right):
 
 
 def with_object_id(rows, ids):
-    """ply_bytes with the property object_id."""
+    """The bytes of ply_bytes with the property object_id added."""
     plain = ply_bytes(rows)
     head, body = plain.split(b"end_header\n", 1)
     size = len(body) // len(rows)
@@ -96,7 +96,7 @@ def make_drive(folder, more=()):
 
 
 def column(path, channel):
-    """Where the middle row of a picture is brightest in a channel over the others; None where it is nowhere."""
+    """The column of the picture's middle row at which a channel is brightest; None if it is dark there or not of that colour."""
     width, height, _, _, rows = read_png(path)
     row = rows[height // 2 * width * 3 :][: width * 3]
     best = max(range(width), key=lambda x: row[3 * x + channel])
@@ -118,12 +118,12 @@ class Drive(Case):
         return out
 
     def columns(self, *options):
-        """Of red and green in the picture of the camera at the origin."""
+        """The columns of the red and the green object in the picture of the camera at the origin."""
         picture = os.path.join(self.render("--camera", self.front, *options), "00000.png")
         return column(picture, 0), column(picture, 1)
 
     def test_time(self):
-        self.assertEqual(self.columns(), (10, 35))  # the scene's begin
+        self.assertEqual(self.columns(), (10, 35))  # the begin of the scene
         self.assertEqual(self.columns("--time", 1), (50, 35))
         self.assertEqual(self.columns("--time", 0.5), (30, 35))
         self.assertEqual(self.columns("--time", 2.25), (90, 35))
@@ -162,11 +162,11 @@ class Drive(Case):
     def test_ego(self):
         out = self.render("--path", "ego")
         self.assertEqual(files_below(out), ["00000.png", "00001.png", "00002.png"])
-        # The car moves from (10, 4) to (10, -4); the camera 2 m towards it.
+        # The car moves from (10, 4) to (10, -4), the camera 2 m ahead.
         self.assertEqual([column(os.path.join(out, f"{i:05d}.png"), 0) for i in (0, 1)], [10, 50])
         out = self.render("--path", "ego", "--fps", 2)
         self.assertEqual(len(files_below(out)), 5)
-        middle = column(os.path.join(out, "00001.png"), 0)  # at 100.5 s, 0.5 m on: 50.5 - 100 * 2 / 9.5
+        middle = column(os.path.join(out, "00001.png"), 0)  # at 100.5 s the camera is 0.5 m ahead: 50.5 - 100 * 2 / 9.5
         self.assertEqual(middle, int(50.5 - 200 / 9.5))
         self.assertEqual(len(files_below(self.render("--path", "ego", "-n", 7))), 7)
         out = self.render("--path", "ego", "-n", 2, "--shift", 1, "--time", 1)
@@ -195,9 +195,9 @@ class Drive(Case):
         self.assertEqual(files_below(out), names)
         width, _, _, _, rows = read_png(os.path.join(out, "00000_heat.png"))
         at = (50 * width + 50) * 3
-        self.assertGreater(rows[at], 240)  # critical: light
+        self.assertGreater(rows[at], 240)  # critical objects are light
         at = (20 * width + 50) * 3
-        self.assertLess(rows[at], 30)  # the wall
+        self.assertLess(rows[at], 30)  # the wall is dark
         self.assertGreater(rows[at + 2], 30)
 
     def test_info(self):

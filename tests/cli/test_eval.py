@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""pags eval of a driving scene and pags info --overlay of its data set, on a small street made here."""
+"""pags eval of a driving scene and pags info --overlay of its data set, on a small synthetic street."""
 
 import json
 import os
@@ -48,7 +48,7 @@ class Eval(fixtures.Case):
     def test_errors_of_noisy_poses(self):
         poses = json.loads(self.succeeds("eval", self.scene, "--split", "test", "--json", "-").stdout)["poses"]
         self.assertGreater(poses["objects"], 0)
-        # Sigma 0.1 m on x and y is 0.125 m on the mean; 2 degrees are 1.6.
+        # Label noise of sigma 0.1 m in x and y has a mean length of 0.125 m; 2 degrees of noise have a mean of 1.6 degrees.
         self.assertGreater(poses["absolute"]["label_metres"], 0.06)
         self.assertLess(poses["absolute"]["label_metres"], 0.25)
         self.assertGreater(poses["absolute"]["label_degrees"], 0.7)

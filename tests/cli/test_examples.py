@@ -19,7 +19,7 @@ SOURCES = os.path.join(os.path.dirname(__file__), "..", "..", "examples")
 class Examples(fixtures.Case):
     @classmethod
     def setUpClass(cls):
-        """train.c makes the scene that the others read."""
+        """The example train.c makes the scene that the other examples read."""
         folder = cls.shared_folder()
         cls.scene, street = os.path.join(folder, "scene"), os.path.join(folder, "street")
         fixtures.run("synth", "street", "--size", "96x64", "--frames", 4, "--cameras", 1, "--objects", 2, "--lidar-points", 2000,
@@ -38,7 +38,7 @@ class Examples(fixtures.Case):
         return done.stdout
 
     def check_picture(self, path, width, height):
-        """Of the right size and with something on it."""
+        """Asserts that the picture has the right size and isn't of one colour."""
         head, pixels = fixtures.read(path).split(b"\n", 1)
         self.assertEqual(head, f"P6 {width} {height} 255".encode())
         self.assertEqual(len(pixels), 3 * width * height)

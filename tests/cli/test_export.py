@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""pags export: budgets are kept, what is said of a proxy is so, odd objects become boxes, odd scenes give a message or a file."""
+"""pags export: size limits are kept, a proxy's report is true, unusual objects become boxes, unusual scenes give a message or a file."""
 
 import collections
 import json
@@ -12,11 +12,11 @@ import scenes
 from fixtures import Case, main
 
 
-QUICK = ["--range", 15, "--chunk", 40, "--voxel", 0.4]  # of the background
+QUICK = ["--range", 15, "--chunk", 40, "--voxel", 0.4]  # options of the background mesh
 
 
 class Glb:
-    """A GLB of one buffer, its JSON checked by Python's own reader."""
+    """A GLB file with one buffer, read with Python's own JSON parser."""
 
     def __init__(self, path):
         data = fixtures.read(path)
@@ -49,7 +49,7 @@ class Glb:
 
 
 def open_edges(triangles):
-    """Edges that don't have exactly two faces, running opposite ways."""
+    """Counts edges that aren't shared by exactly two faces in opposite directions."""
     edges = collections.Counter()
     for t in triangles:
         for k in range(3):
@@ -121,7 +121,7 @@ class Proxies(Case):
         glb, _, _ = self.export("proxy.glb", *QUICK, "--only", "car_1")
         nodes = glb.nodes()
         heights = [p[2] for p in glb.positions(nodes["ground"])]
-        self.assertLess(max(map(abs, heights)), 0.06)  # the street is level at 0, relative to the origin
+        self.assertLess(max(map(abs, heights)), 0.06)  # the street is level at height 0 relative to the origin
 
     def test_groups_and_tracks(self):
         glb, _, _ = self.export("proxy.glb", "--no-background")
@@ -159,12 +159,12 @@ class Proxies(Case):
         glb, _, _ = self.export("proxy.glb", "--cameras", "--no-background", "--only", "car_1")
         cameras = [node for node in glb.json["nodes"] if "camera" in node]
         self.assertEqual(len(cameras), 30)
-        self.assertEqual(len(glb.json["cameras"]), 1)  # all alike
+        self.assertEqual(len(glb.json["cameras"]), 1)  # all views have the same intrinsics
         nodes = glb.nodes()
         first = nodes["000_0.00"]
         for got, wanted in zip(first["translation"], (0, 0, 1.6)):
             self.assertAlmostEqual(got, wanted, 5)
-        x, y, z, w = first["rotation"]  # what lies at -z of a glTF camera is looked at
+        x, y, z, w = first["rotation"]  # a glTF camera looks along its -z axis
         looked = [-2 * (x * z + w * y), -2 * (y * z - w * x), -(1 - 2 * (x * x + y * y))]
         for got, wanted in zip(looked, (math.cos(0.15), 0, -math.sin(0.15))):
             self.assertAlmostEqual(got, wanted, 5)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""pags import: a small tree of KITTI's tracking benchmark made here; stopping and going on; what is missing."""
+"""pags import: a small synthetic tree of KITTI's tracking benchmark; stopping and resuming; missing files."""
 
 import json
 import os
@@ -30,7 +30,7 @@ def calibration():
 
 
 def make_tree(folder, frames):
-    """A car that goes north at 10 m/s behind one that goes at 12 m/s."""
+    """Writes the tree: the ego vehicle drives north at 10 m/s behind a car at 12 m/s."""
     dice = random.Random(0)
     picture = png_bytes(WIDTH, HEIGHT, dice.randbytes(WIDTH * HEIGHT * 3))
     oxts = labels = ""
@@ -66,7 +66,7 @@ class Import(Case):
         for t in range(6):
             for name in [f"images/{t:03d}_0.png", f"images/{t:03d}_1.png", f"ego_pose/{t:03d}.txt", f"lidar/{t:03d}.bin"]:
                 self.assertIn(name, names)
-        # To the north at 10 m/s: y grows by one metre a frame, 9e-6 degrees at KITTI's radius being 1.0019 m.
+        # Northwards at 10 m/s: y grows by one metre a frame; 9e-6 degrees are 1.0019 m at the Earth's radius that KITTI uses.
         pose = [float(word) for word in read(os.path.join(out, "ego_pose/005.txt")).split()]
         self.assertAlmostEqual(pose[7], 5 * 1.00187, 3)
         self.assertAlmostEqual(pose[3], 0, 9)

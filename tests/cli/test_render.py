@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""pags render and pags info on splat files made here."""
+"""pags render and pags info on small synthetic splat files."""
 
 import json
 import os
@@ -19,7 +19,7 @@ class Render(Case):
         return struct.unpack(f">{channels}{'H' if bits == 16 else 'B'}", rows[at : at + channels * bits // 8])
 
     def test_colour_of_one_splat(self):
-        # One almost opaque Gaussian before the camera: alpha 0.99 at its centre, its colour over the background.
+        # One almost opaque Gaussian in front of the camera: alpha 0.99 at its centre, blended over the background.
         scene = self.write("one.ply", ply_bytes([splat(0, 0, 4, (0.8, 0.4, 0.2), sigma=0.5, opacity=12.0)]))
         self.succeeds("render", scene, "--camera", self.camera(), "-o", self.path("out"), "--bits", 16)
         red, green, blue = [v / 65535 for v in self.pixel(self.path("out", "00000.png"), 32, 24)]
@@ -39,12 +39,12 @@ class Render(Case):
     def test_budget(self):
         scene, out = self.write("a.ply", ply_bytes(some_splats())), self.path("out")
         common = ["render", scene, "-n", 6, "-o", out, "--json", self.path("r.json"), "--budget-ms"]
-        self.succeeds(*common, 100000)  # time for everything: nothing is given up
+        self.succeeds(*common, 100000)  # the time budget suffices: quality isn't reduced
         told = json.loads(read(self.path("r.json")))
         self.assertEqual((told["budget"]["met"], told["budget"]["steps"][0]["frames"]), (6, 6))
         self.assertIsNone(told["budget"]["error"]["psnr"])
         self.assertTrue(all(frame["met"] and frame["step"] == 0 for frame in told["frames"]))
-        self.succeeds(*common, 0.1)  # hardly any: what was given up and the error are told
+        self.succeeds(*common, 0.1)  # hardly any time: the reductions and their error are reported
         told = json.loads(read(self.path("r.json")))["budget"]
         self.assertEqual(sum(step["frames"] for step in told["steps"]), 6)
         self.assertLess(told["met"], 7)

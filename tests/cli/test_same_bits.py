@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A build with PAGS_REPRODUCIBLE: every instruction set that this machine has gives the same bits. A street is trained, judged and drawn on each."""
+"""In a build with PAGS_REPRODUCIBLE every instruction set of this machine gives the same bits: a street is trained, evaluated and
+rendered on each."""
 
 import os
 import unittest
@@ -8,7 +9,7 @@ import fixtures
 from fixtures import Case, files_below, ply_bytes, read, run, splat
 
 SETS = ["scalar", "avx2", "avx512", "neon"]
-TIMED = {"report.json", "log.jsonl"}  # seconds a step, too
+TIMED = {"report.json", "log.jsonl"}  # log.jsonl holds seconds per step, too
 
 
 class SameBits(Case):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""pags train, eval and render on a small data set made here; interruption and resumption."""
+"""pags train, eval and render on a small synthetic data set; interruption and resumption."""
 
 import json
 import os
@@ -14,7 +14,7 @@ import zlib
 import fixtures
 from fixtures import SMALL, DataCase, files_below, make_dataset, read
 
-# What may differ between runs that must give the same bits.
+# Files that hold times, which differ between otherwise identical runs.
 TIMED = {"report.json"}
 
 
@@ -26,12 +26,12 @@ class Train(DataCase):
         return json.loads(done.stdout)
 
     def scene_files(self, folder):
-        """Contents of what must be the same bits."""
+        """Contents of the files that must have the same bits in repeated runs."""
         wanted = [n for n in files_below(folder) if n not in TIMED and not n.endswith(".pags")]
         return {name: read(os.path.join(folder, name)) for name in wanted}
 
     def spoil(self, checkpoint):
-        """Makes the x of every fourth Gaussian a NaN. Sections are tag, size, payload and CRC."""
+        """Sets the mean's x of every fourth Gaussian in a checkpoint to NaN. Its sections are tag, size, payload and CRC."""
         data = bytearray(read(checkpoint))
         at = 8
         while data[at:at + 4] != b"GAUS":
@@ -57,7 +57,7 @@ class Train(DataCase):
         with open(os.path.join(out, "log.jsonl"), encoding="utf-8") as file:
             last = json.loads(file.read().splitlines()[-1])
         self.assertEqual(last["bad_rows"], result["bad_rows"])
-        self.succeeds("info", out)  # the scene holds numbers alone
+        self.succeeds("info", out)  # every number of the scene is finite
 
     def test_train_eval_render_info(self):
         out = self.path("scene")
@@ -116,7 +116,7 @@ class Train(DataCase):
         self.assertEqual(self.scene_files(self.path("one")), self.scene_files(self.path("two")))
 
     def start(self, out, iterations, *more):
-        """A training under way: returns once its log has a line."""
+        """Starts a training in the background; returns when its log has a new line."""
         command = [fixtures.PAGS, "train", self.data, "-o", out, "--iterations", str(iterations), "--json"]
         command += [self.path("result.json"), "--log-every", "10", "--checkpoint-every", "50", "--resume"]
         command += [*SMALL, *more]
@@ -131,14 +131,14 @@ class Train(DataCase):
         return running
 
     def left_alone(self, iterations, options):
-        """What a run that nothing disturbs leaves; made once."""
+        """The files of an uninterrupted run, which is done once."""
         if Train.alone is None:
             self.train(self.path("alone"), *options, iterations=iterations)
             Train.alone = self.scene_files(self.path("alone"))
         return Train.alone
 
     def interrupted(self, how):
-        """Interrupts a long run once, goes on to its end, and compares with a run left alone."""
+        """Interrupts a run by a signal, resumes it to its end, and compares the files with an uninterrupted run's."""
         out, iterations = self.path("scene"), 600
         running = self.start(out, iterations)
         running.send_signal(how)
@@ -196,13 +196,13 @@ class Train(DataCase):
 
     def test_resume_without_a_checkpoint(self):
         out, more = self.path("scene"), ["--iterations", 60, "--resume", *SMALL]
-        begun = self.succeeds("train", self.data, "-o", out, *more)  # there is nothing yet: it says that it begins
+        begun = self.succeeds("train", self.data, "-o", out, *more)  # there is no checkpoint yet: it reports that the run begins
         self.assertIn("no checkpoint to go on from: the run begins", begun.stdout)
         os.remove(os.path.join(out, "checkpoint.pags"))
         before = {name: read(os.path.join(out, name)) for name in files_below(out)}
         self.fails(["train", self.data, "-o", out, *more, "-q"], out, "no checkpoint to go on from", "--overwrite")
         self.assertEqual({name: read(os.path.join(out, name)) for name in files_below(out)}, before)
-        os.remove(os.path.join(out, "scene.json"))  # as a run that was killed before its first checkpoint leaves it
+        os.remove(os.path.join(out, "scene.json"))  # the folder as left by a run that was killed before its first checkpoint
         again = self.succeeds("train", self.data, "-o", out, *more)
         self.assertIn("the run begins", again.stdout)
         self.assertIn("checkpoint.pags", files_below(out))

@@ -8,7 +8,7 @@ import fixtures
 from fixtures import Case, run
 
 VERBS = ["train", "render", "eval", "info"]
-OPTIONAL_VERBS = ["import", "synth"]  # not in every build
+OPTIONAL_VERBS = ["import", "synth"]  # verbs that some builds lack
 
 
 class Usage(Case):
@@ -88,7 +88,7 @@ class Usage(Case):
                 self.assertIn(general, shown)
 
     def test_help_mentions_every_option(self):
-        # Every option that help lists must parse, and one of each kind must show its unit and default.
+        # Every option that --help lists must parse, and one of each kind must show its unit and default.
         for verb in VERBS:
             shown = run(verb, "--help").stdout
             names = re.findall(r"^  (?:-., |    )(--[a-z0-9-]+)( \S+)?", shown, re.M)
@@ -118,12 +118,12 @@ class Usage(Case):
         self.refused([*train, "--set", "densify_from=-1"], "densify_from: -1 lies outside of 0..1000000000")
         self.refused([*train, "--set", "critical_weight=0.5"], "critical_weight: 0.5 lies outside of 1..100 and isn't auto")
         self.refused([*train, "--set", "strategy=mc"], "strategy: expected one of default|mcmc, got 'mc'")
-        self.refused([*train, "--set", "alpha=0.1", "--set", "alpha=2", "--set", "beta1=0"], "alpha: 2")  # the last one counts
+        self.refused([*train, "--set", "alpha=0.1", "--set", "alpha=2", "--set", "beta1=0"], "alpha: 2")  # the last --set of a field counts
         self.succeeds(*train, "--set", "alpha=2", "--set", "alpha=1")
         self.succeeds(*train, "--set", "alpha=1", "--alpha", "0.5")
 
     def test_fields(self):
-        """Each in the group of its struct, with unit, range and default; nothing that is decided later shows as -1."""
+        """--fields lists every field once with unit, range and default; a default that is decided later isn't shown as -1."""
         shown = self.succeeds("train", "--fields").stdout
         self.assertLessEqual(max(map(len, shown.splitlines())), 120)
         fields = re.findall(r"^  ([a-z]\w*) ", shown, re.M)
@@ -140,7 +140,7 @@ class Usage(Case):
             self.refused(["train", "x", "-o", "y", "--check-options", "--set", f"{field}=?"], field)
 
     def test_options_of_old_are_told(self):
-        """A flag that is a field now is refused with the form that took its place."""
+        """A former option that is now a field is refused with a message that shows the form --set FIELD=VALUE."""
         for flag, form in [(["--densify-from", "500"], "--set densify_from=N"), (["--no-fourier"], "--set fourier=0"), (["--absgrad"], "--set absgrad=1"),
                            (["--near=1"], "--set near_plane=N"), (["--position-rate", "1"], "--set position_rate_begin=N"),
                            (["--hybrid", "sum"], "--set hybrid=preset|sum|product")]:
@@ -151,7 +151,7 @@ class Usage(Case):
     def test_manual_names_every_option(self):
         manual = fixtures.read(os.path.join(os.path.dirname(__file__), "../../docs/command-line.md")).decode()
         for verb in [*VERBS, "import", "synth"]:
-            shown = run(verb, "--help").stdout  # nothing where this build lacks it
+            shown = run(verb, "--help").stdout  # empty if this build lacks the verb
             chapter = manual.split(f"\n## {verb}\n")[-1].split("\n## ")[0] + manual.split("\n## train\n")[0]
             for name in re.findall(r"^  (?:-., |    )(--[a-z0-9-]+)", shown, re.M):
                 self.assertTrue(name in chapter or name == "--help", f"{verb} {name} is not in docs/command-line.md")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is written to: devices, FIFOs and links stay what they are, whatever verb and option names them."""
+"""Output paths that are devices, FIFOs or links stay what they are, whichever verb and option writes to them."""
 
 import json
 import os
@@ -18,7 +18,7 @@ def kind(path):
 
 
 def make_device(path):
-    """A null device of the test's own, never the machine's; why not where that isn't permitted."""
+    """Makes a null device of the test's own (the machine's devices are never touched); returns why not if that isn't permitted."""
     try:
         os.mknod(path, stat.S_IFCHR | 0o666, os.makedev(1, 3))
         os.chmod(path, 0o666)
@@ -29,7 +29,7 @@ def make_device(path):
 
 
 class Reader:
-    """Reads a FIFO to its end; with `most`, that many bytes, and goes away."""
+    """A thread that reads a FIFO to its end, or, with `most`, reads that many bytes and closes it."""
 
     def __init__(self, path, most=-1):
         self.path, self.most, self.got = path, most, b""
@@ -61,7 +61,7 @@ class Writes(DataCase):
             print(f"devices are left out: mknod isn't permitted here ({cls.no_device})")
 
     def table(self):
-        """Command up to the path that is written to, and how that ends."""
+        """Yields each command up to its output path, and that path's ending."""
         ring = ["pags-bench", "render", self.splats, "-n", 1, "-r", 1, "--sizes", "32x24", "--modes", "off"]
         many = self.write("many.ply", ply_bytes(3 * some_splats()))
         scale = ["pags-bench", "scale", many, "--camera", self.camera, "--millions", "0.001", "--spacing", 3]
@@ -113,7 +113,7 @@ class Writes(DataCase):
         self.assertEqual(kind(fifo), stat.S_IFIFO)
         got = reader.end()
         self.assertGreater(len(got), 3)
-        if command[0] in ("info", "export"):  # others hold times
+        if command[0] in ("info", "export"):  # the output of other verbs holds times
             named = lambda data: data.replace(b"_fifo", b"_link")
             self.assertEqual(named(got), read(target))
 
@@ -122,7 +122,7 @@ class Writes(DataCase):
             self.succeeds(*command, device, **more)
             self.assertEqual(kind(device), stat.S_IFCHR)
 
-        # Refused, most of it before any work is done.
+        # Refused, for most verbs before any work is done.
         os.chmod(target, 0o444)
         before = read(target)
         self.fails([*command, link], "is read-only (mode 0444)", link, **more)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""memory_of_module.py MODULE SCENE: the Python module with less and less room: MemoryError, and it goes on working."""
+"""memory_of_module.py MODULE SCENE: with less and less memory allowed, the Python module raises MemoryError and stays usable."""
 
 import resource
 import sys

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Allocation failures: reading, rendering, training and exporting with the n-th allocation refused, for every n. Each
- * run must end with PAGS_ERROR_MEMORY or, where what was refused could be done without, with the same result as ever;
- * nothing may crash or leak.
+ * run must end with PAGS_ERROR_MEMORY or, where the allocation was optional, with the same result as without the
+ * failure; nothing may crash or leak.
  *
- * Operations that allocate too often for every n to be tried are sampled, the first hundred whole; PAGS_FAULTS=N tries
- * N times as many. */
+ * Of operations with too many allocations to try every n, the first hundred are all tried and the others sampled;
+ * PAGS_FAULTS=N tries N times as many. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -40,20 +40,20 @@ enum { VIEWS = 4, WIDTH = 32, HEIGHT = 24, WHOLE = 100, SAMPLES = 150 };
 typedef struct operation {
   const char *name;
   pags_result (*run)(const char *path);
-  const char *path; /* in the scratch folder */
-  int samples;      /* beyond the first WHOLE; 0: SAMPLES */
-  int foreign;      /* blocks that it frees and that the C library made, out of sight of the guard */
+  const char *path; /* relative to the scratch folder */
+  int samples;      /* number of samples beyond the first WHOLE allocations; 0: SAMPLES */
+  int foreign;      /* blocks that it frees but that the C library allocated, which the guard doesn't see */
 } operation;
 
-static char place[SCRATCH_PATH + 128]; /* of the operation's path */
-static uint64_t outcome;               /* a hash of what the last run made, where it makes something */
+static char place[SCRATCH_PATH + 128]; /* the operation's path in the scratch folder */
+static uint64_t outcome;               /* hash of the output of the last run, where it has one */
 
-static void note(const void *bytes, size_t size) { /* FNV-1a */
+static void note(const void *bytes, size_t size) { /* FNV-1a hash */
   for (size_t i = 0; i < size; i++)
     outcome = (outcome ^ ((const uint8_t *)bytes)[i]) * UINT64_C(1099511628211);
 }
 
-/* With stdio, whose own allocations aren't watched. */
+/* Adds a file's contents to the hash; reads with stdio, whose own allocations aren't watched. */
 static void note_file(const char *path) {
   uint8_t block[4096];
   FILE *const file = fopen(path, "rb");
@@ -131,7 +131,7 @@ static pags_result draw(pags_composition *composition, pags_tasks *tasks, pags_e
   return result;
 }
 
-/* Without pictures' files: a scene or a splat file, packed on the way or not. */
+/* Renders a scene or a splat file, packed before or not, without writing a picture file. */
 static pags_result render_as(const char *path, int pack, pags_early_z mode) {
   pags_composition *composition;
   PAGS_TRY(pags_composition_load(path, &composition));
@@ -202,7 +202,7 @@ static pags_result train(const char *path) {
 }
 static pags_result go_on(const char *path) {
   return train_on(path, 1);
-} /* from a finished run's checkpoint: loads and writes */
+} /* resumes from the checkpoint of a finished run: loads and writes only */
 
 /* ---- Exporting ---- */
 
@@ -247,7 +247,7 @@ static pags_result export_usd(const char *path) {
   return export_proxies_at(path, PAGS_PROXY_BOX, 1);
 }
 
-/* What becomes of a solid: ball and ring, meshed, simplified, mended, hulled, caged. */
+/* Mesh operations on a ball and a ring: meshing, simplification, repair, hull, cage. */
 static pags_result shape(const char *path) {
   const double lo[3] = {-2, -2, -2}, hi[3] = {2, 2, 2}, step = 0.25;
   pags_tsdf grid;
@@ -307,7 +307,7 @@ static const operation operations[] = {
     {"export cages", export_cages, "cage.glb", 0, 0},
     {"export hulls", export_hulls, "hull.glb", 0, 0},
     {"export usd", export_usd, "out.usda", 0, 0},
-    {"shape a proxy", shape, "", 40, 1}, /* the text stream for what qhull says */
+    {"shape a proxy", shape, "", 40, 1}, /* the text stream for qhull's messages */
     {"train", train, "data", 0, 0},
     {"resume", go_on, "data", 0, 0},
 };
@@ -344,7 +344,8 @@ static void run_operation(void **state) {
   const char *const more = getenv("PAGS_FAULTS");
   const int64_t samples = (o->samples ? o->samples : SAMPLES) * (more ? strtoll(more, NULL, 10) : 1);
   snprintf(place, sizeof place, "%s", scratch(o->path));
-  for (int i = 0; i < 2; i++) /* twice: the first fills what is made once for the process */
+  /* Twice: the first run allocates what is kept for the whole process. */
+  for (int i = 0; i < 2; i++)
     if (run_with(o, 0) != PAGS_OK)
       fail_msg("%s: %s", o->name, pags_error_message());
   assert_int_equal(memory_guard_live(), -o->foreign);
@@ -356,7 +357,7 @@ static void run_operation(void **state) {
   const int64_t rest = count - WHOLE, step = rest > samples ? rest / samples : 1;
   for (int64_t n = WHOLE + 1; n <= count; n += step)
     try_once(o, n, expected);
-  assert_int_equal(run_with(o, 0), PAGS_OK); /* and nothing is broken */
+  assert_int_equal(run_with(o, 0), PAGS_OK); /* without a failure everything still works */
   assert_true(outcome == expected);
   print_message("%s: %lld allocations, %lld refused one by one: %lld errors, %lld done without\n", o->name,
                 (long long)count, (long long)tried, (long long)refused, (long long)tolerated);
@@ -394,7 +395,7 @@ static void make_splat_files(void) {
   }
 }
 
-/* Coloured noise from a row of places: enough to densify on. */
+/* Writes a data set of coloured noise seen from a row of positions: enough for densification. */
 static void make_dataset(void) {
   file_bytes text = {0};
   must(pags_make_dirs(scratch("data")));
@@ -430,7 +431,7 @@ static int make_data(void) {
   return 0;
 }
 
-/* `test_faults_allocation NAME`: operations whose names match the pattern alone. */
+/* `test_faults_allocation NAME` runs only the operations whose names match the pattern. */
 int main(int argc, char **argv) {
   enum { COUNT = sizeof operations / sizeof *operations };
   struct CMUnitTest tests[COUNT];

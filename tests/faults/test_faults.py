@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What goes wrong around the program: it is killed, disks are full or read-only, files change under it, memory is short.
+"""Faults around the program: it is killed, disks are full or read-only, files change while in use, memory is short.
 
-Short by default; PAGS_FAULTS=100 kills each of training, import and export at so many moments (docs/reliability.md).
+Short by default; PAGS_FAULTS=100 kills each of training, import and export at 100 moments (docs/reliability.md).
 """
 
 import json
@@ -26,7 +26,7 @@ from test_import import make_tree  # noqa: E402
 MOMENTS = int(os.environ.get("PAGS_FAULTS", "3"))
 SMALL = ["--random-points", "500", "--max-gaussians", "1500", "--checkpoint-every", "20", "--preview-every", "40", "--log-every", "10"]
 ITERATIONS = 150
-LIMITS = max(6, min(MOMENTS, 60))  # of memory between too little and enough
+LIMITS = max(6, min(MOMENTS, 60))  # number of memory limits tried between too little and enough
 SANITIZED = os.environ.get("PAGS_SANITIZED", "") not in ("", "OFF")
 
 
@@ -41,7 +41,7 @@ def many_splats(count):
 
 
 def catches(pid, number):
-    """Whether the process has begun to catch the signal; a slow machine, or a sanitizer, takes a while until then."""
+    """Whether the process has installed its handler of the signal, which takes a while on a slow machine or with a sanitizer."""
     try:
         caught = re.search(rb"SigCgt:\s*([0-9a-f]+)", read(f"/proc/{pid}/status"))
     except FileNotFoundError:
@@ -50,7 +50,7 @@ def catches(pid, number):
 
 
 class Faults(Case):
-    """Shared: a data set and what an undisturbed training makes of it."""
+    """Base class: a data set and the files of an undisturbed training on it."""
 
     @classmethod
     def setUpClass(cls):
@@ -61,7 +61,7 @@ class Faults(Case):
         return ["train", data or self.data, "-o", out, "-n", str(ITERATIONS), "-j", "2", "-q", *SMALL, *more]
 
     def undisturbed(self):
-        """Files of a training left alone, and the seconds it took; made once a class, since a scene names its data set."""
+        """Files of an undisturbed training, and the seconds it took; done once for each class, since a scene names its data set."""
         own = type(self)
         if "whole" not in own.__dict__:
             out, begin = os.path.join(self.shared, "alone"), time.monotonic()
@@ -81,7 +81,7 @@ class Faults(Case):
         return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, **more)
 
     def kill_at(self, running, seconds):
-        """Kills after so long; False where it had ended before."""
+        """Runs a command and kills it after some seconds; returns False if it had ended before."""
         try:
             running.wait(timeout=seconds)
             _, errors = running.communicate()
@@ -93,7 +93,7 @@ class Faults(Case):
             return True
 
     def fails_somehow(self, done, *words):
-        """Ended by itself with 1 and one line of ours."""
+        """Asserts that the program ended by itself with exit code 1 and one line of its own on stderr."""
         self.assertEqual(done.returncode, 1, f"{done.args}: {done.returncode} {done.stderr[-2000:]}")
         lines = [line for line in done.stderr.splitlines() if line.startswith("pags: ")]
         self.assertTrue(lines, done.stderr)
@@ -120,7 +120,7 @@ class Kills(Faults):
         print(f"training: killed {kills} times in {round_number} runs, the same bits in the end")
 
     def check_scene(self, out):
-        """Whatever has its name is whole."""
+        """Asserts that every output file that has its final name is complete."""
         if os.path.exists(os.path.join(out, "scene.json")):
             self.succeeds("info", out)
         for name in files_below(out) if os.path.isdir(out) else []:
@@ -174,7 +174,8 @@ class Kills(Faults):
 
 
 class Signals(Faults):
-    """SIGTERM ends in order (3, saying how to go on); a second Ctrl-C at once; no output is torn. Training's are in test_train.py."""
+    """SIGTERM ends the program regularly (exit code 3 and how to resume), a second Ctrl-C ends it at once, and no output is partial. The
+    tests of training are in test_train.py."""
 
     def check(self, arguments, check_files):
         for second in [False, True]:
@@ -215,7 +216,7 @@ class Signals(Faults):
 
 
 class Disks(Faults):
-    """Small and read-only file systems, which take root to mount."""
+    """Small and read-only file systems; mounting them requires root."""
 
     def mount(self, size):
         folder = self.path("disk")
@@ -273,7 +274,7 @@ class Disks(Faults):
             self.fails_somehow(fixtures.run(*arguments), disk)
 
     def test_limit_on_files(self):
-        """The same without root: no file may grow beyond 20 kB."""
+        """A full disk simulated without root: a limit by which no file may grow beyond 20 kB."""
         scene, target = self.write("scene.ply", many_splats(3000)), self.path("a.ply")
 
         def limit():
@@ -286,7 +287,7 @@ class Disks(Faults):
 
 
 class Changes(Faults):
-    """Files that go or change while they are in use."""
+    """Files that are removed or changed while they are in use."""
 
     def begin_training(self, data):
         out = self.path("scene")
@@ -326,13 +327,13 @@ class Changes(Faults):
 
     def test_output(self):
         running, out = self.begin_training(make_dataset(self.path("data"), views=5))
-        gone = self.path("gone")  # at once: what is being written comes and goes under a folder's removal
+        gone = self.path("gone")  # in one step, as files being written appear and vanish while a folder is being removed
         os.rename(out, gone)
         shutil.rmtree(gone, ignore_errors=True)
         self.ends_with(running, out)
 
     def test_packed_scene_is_cut(self):
-        """A mapped file: what is no longer there can't be drawn, and that is said."""
+        """A packed scene is a mapped file: if it is truncated while in use, rendering fails with a message."""
         scene, packed = self.write("scene.ply", many_splats(20000)), self.path("a.pagsz")
         self.succeeds("export", scene, packed)
         out = self.path("out")
@@ -359,14 +360,14 @@ class Changes(Faults):
 
 @unittest.skipIf(SANITIZED, "sanitizers reserve terabytes")
 class Memory(Faults):
-    """ulimit -v: from what lets the program just begin to what is enough, it ends by itself and says that memory is out."""
+    """ulimit -v: with any limit between what the program needs to start and what is enough, it ends by itself and reports out of memory."""
 
     def limited(self, megabytes, *arguments):
         size = int(megabytes * 2**20)
         return fixtures.run(*arguments, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (size, size)))
 
     def check(self, *arguments):
-        """Finds what is enough, then tries limits below it."""
+        """Finds a sufficient memory limit, then tries limits below it."""
         enough = 64
         while (done := self.limited(enough, *arguments)).returncode != 0:
             self.assertLess(enough, 16384, done.stderr)
@@ -374,7 +375,7 @@ class Memory(Faults):
         said = 0
         for share in [0.4 + 0.6 * i / LIMITS for i in range(LIMITS)]:
             done = self.limited(share * enough, *arguments)
-            if done.returncode == 127 and "shared libraries" in done.stderr:  # the loader, before the program begins
+            if done.returncode == 127 and "shared libraries" in done.stderr:  # the dynamic loader failed before the program began
                 continue
             if done.returncode == 0:
                 continue

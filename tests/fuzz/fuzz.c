@@ -29,10 +29,10 @@ static struct {
   size_t size;
 } seeds[MOST_SEEDS];
 static int seed_count;
-static const uint8_t *current; /* under test, for fuzz_stop */
+static const uint8_t *current; /* the input under test, which fuzz_stop saves */
 static size_t current_size;
 
-/* ---- What targets call ---- */
+/* ---- Functions that targets call ---- */
 
 void fuzz_seed(const void *bytes, size_t size) {
   if (seed_count == MOST_SEEDS)
@@ -135,7 +135,7 @@ void fuzz_stop(const char *file, int line, const char *what) {
 /* ---- Running ---- */
 
 static int run(const uint8_t *data, size_t size) {
-  /* A block of that very size, for the address sanitizer to guard its end. */
+  /* The input in a block of exactly its size, so that the address sanitizer guards its end. */
   uint8_t *const copy = malloc(size ? size : 1);
   if (!copy)
     abort();
@@ -180,7 +180,7 @@ static void list_targets(void) {
     puts(fuzz_targets[i]->name);
 }
 
-/* The dictionary as libFuzzer reads it. */
+/* Writes the format's words as a dictionary for libFuzzer. */
 static void write_words(const char *path) {
   FILE *const file = fopen(path, "w");
   if (!file)
@@ -195,7 +195,7 @@ static void write_words(const char *path) {
   fclose(file);
 }
 
-/* Chooses the target, does what needs no driver. */
+/* Selects the target and handles the options that need no driver. */
 static void begin(int argc, char **argv) {
   const char *const name = argument(argc, argv, "--target");
   if (argc > 1 && strcmp(argv[1], "--list") == 0) {
@@ -210,7 +210,7 @@ static void begin(int argc, char **argv) {
     list_targets();
     exit(2);
   }
-  if (access("/dev/shm", W_OK) == 0) /* thousands of small files */
+  if (access("/dev/shm", W_OK) == 0) /* a file system in memory, as the targets write thousands of small files */
     setenv("TMPDIR", "/dev/shm", 0);
   if (scratch_make() != 0)
     exit(1);
@@ -288,7 +288,7 @@ static void put_number(dice *d, input *in) {
   const size_t width = (size_t)1 << draw(d, 4);
   if (in->size >= width)
     memcpy(in->bytes + draw(d, in->size - width + 1), &number,
-           width); /* little-endian machines only, which is fine here */
+           width); /* on little-endian machines, the only ones that run this */
 }
 
 static void remove_range(dice *d, input *in) {
@@ -298,7 +298,7 @@ static void remove_range(dice *d, input *in) {
   in->size -= cut;
 }
 
-/* In place of `old` bytes at `at`. */
+/* Replaces `old` bytes at `at` by other bytes. */
 static void splice(input *in, size_t at, size_t old, const void *bytes, size_t size) {
   if (in->size - old + size > in->capacity)
     return;
@@ -327,7 +327,7 @@ static void put_word(dice *d, input *in) {
   }
 }
 
-/* A number in text replaced by one that hurts. */
+/* Replaces a number in a text by one that is likely to cause errors. */
 static void edit_number(dice *d, input *in) {
   static const char *const numbers[] = {"0",
                                         "-1",
@@ -358,7 +358,7 @@ static void edit_number(dice *d, input *in) {
     splice(in, at, end - at, number, strlen(number));
 }
 
-/* The end replaced by another seed's. */
+/* Replaces the end by that of another seed. */
 static void cross(dice *d, input *in) {
   const int other = (int)draw(d, (size_t)seed_count);
   const size_t from = draw(d, seeds[other].size), at = draw(d, in->size);
@@ -370,7 +370,8 @@ static void mutate(dice *d, input *in) {
     put_word(d, in);
     return;
   }
-  const size_t reach = draw(d, 2) && in->size > 400 ? 400 : in->size; /* half of the times where headers are */
+  /* Half of the mutations go to the first 400 bytes, where headers are. */
+  const size_t reach = draw(d, 2) && in->size > 400 ? 400 : in->size;
   switch (target->nested && draw(d, 8) ? draw(d, 3) : draw(d, 10)) {
     case 0: in->bytes[draw(d, reach)] ^= (uint8_t)(1u << draw(d, 8)); break;
     case 1: in->bytes[draw(d, reach)] = (uint8_t)draw(d, 256); break;
@@ -396,7 +397,7 @@ static int run_mutated(uint64_t seed, uint64_t number, input *in) {
   return run(in->bytes, in->size);
 }
 
-/* A file, or all files of a folder. */
+/* Runs a file, or all files of a folder. */
 static int run_path(const char *path) {
   if (pags_dir_exists(path)) {
     pags_dir_list names;

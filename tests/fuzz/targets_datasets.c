@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What data sets are read from: transforms.json, COLMAP models, driving sets' texts and boxes, points. */
+/* Fuzz targets of the readers of data sets: transforms.json, COLMAP models, driving sets' texts and boxes, point
+ * clouds. */
 #include "fuzz/fuzz.h"
 
 #include <math.h>
@@ -22,7 +23,7 @@ static void check_draft(const pags_parsed_dataset *parsed) {
   }
 }
 
-/* The whole data set; all of its pictures are missing, so that it rarely opens. */
+/* Opens the whole data set; it rarely opens, as all of its pictures are missing. */
 static void open_dataset(const char *folder) {
   pags_dataset *dataset;
   pags_dataset_options options = pags_dataset_options_default();
@@ -42,7 +43,7 @@ static int run_transforms(const uint8_t *data, size_t size) {
   const pags_result result = pags_transforms_read(fuzz_file("set/transforms.json", data, size), &parsed);
   if (result != PAGS_OK) {
     FUZZ_CHECK(!parsed.views && !parsed.points.items);
-    fuzz_refused(result, ""); /* a build without pictures names none */
+    fuzz_refused(result, ""); /* in a build without picture formats the message names no file */
     return 0;
   }
   check_draft(&parsed);
@@ -99,7 +100,7 @@ static const fuzz_target transforms = {.name = "transforms",
                                        .times = 512,
                                        .smoke = 2000};
 
-/* ---- COLMAP: three files parted by cuts ---- */
+/* ---- COLMAP: three files in one input, separated by cut lines ---- */
 
 static int run_model(const uint8_t *data, size_t size, const char *extension) {
   static const char *const names[] = {"cameras", "images", "points3D"};
@@ -200,8 +201,8 @@ static const fuzz_target colmap_bin = {
 static const fuzz_target colmap_txt = {
     .name = "colmap_txt", .seeds = seed_colmap_txt, .run = run_colmap_txt, .words = colmap_words, .smoke = 6000};
 
-/* ---- A driving set's dataset.json, timestamps.json, instances_info.json and frame_instances.json, parted by cuts;
- * then the poses' and intrinsics' texts ---- */
+/* ---- A driving set's dataset.json, timestamps.json, instances_info.json and frame_instances.json in one input,
+ * separated by cut lines; then the texts of poses and intrinsics ---- */
 
 enum { STEPS = 4 };
 static const char *const driving_files[] = {"drive/dataset.json", "drive/timestamps.json",

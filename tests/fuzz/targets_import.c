@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What importers read: KITTI's texts and tracklets, TFRecord files, Waymo's frames, range images and whole segments. */
+/* Fuzz targets of the importers: KITTI's texts and tracklets, TFRecord files, Waymo's frames, range images and whole
+ * segments. */
 #include "fuzz/fuzz.h"
 
 #include <math.h>
@@ -21,7 +22,7 @@
 #include "raw_waymo.h"
 #include "shared_data.h"
 
-/* ---- KITTI's texts, parted by cuts ---- */
+/* ---- KITTI's texts, separated by cut lines ---- */
 
 static const char *const kitti_names[] = {"calib.txt",
                                           "day/calib_cam_to_cam.txt",
@@ -92,8 +93,8 @@ static pags_result read_points(const char *path) {
   int64_t count;
   float *rows;
   PAGS_TRY(pags_kitti_points_read(path, &count, &rows));
-  FUZZ_CHECK(count >= 0 &&
-             (count == 0 || rows)); /* numbers pass as they are: readers of sweeps leave out what isn't finite */
+  /* Values aren't checked here: users of a sweep leave out points that aren't finite. */
+  FUZZ_CHECK(count >= 0 && (count == 0 || rows));
   free(rows);
   return PAGS_OK;
 }
@@ -235,7 +236,8 @@ static int run_tfrecord(const uint8_t *data, size_t size) {
   pags_tfrecord_close(reader);
   int end = 0;
   FUZZ_CHECK(pags_tfrecord_open(path, &reader) == PAGS_OK);
-  for (int64_t i = 0; i < records && !end; i++) /* what can be read can be passed over */
+  /* Every record that can be read can also be skipped. */
+  for (int64_t i = 0; i < records && !end; i++)
     FUZZ_CHECK(pags_tfrecord_skip(reader, &end) == PAGS_OK && !end);
   pags_tfrecord_close(reader);
   return result == PAGS_OK;
@@ -412,7 +414,7 @@ static void seed_message(raw_waymo *memory, const Pags__Waymo__Frame *f) {
   fuzz_seed(bytes, size);
 }
 
-/* The shared test data's frame without its pictures, which are nearly all of it. */
+/* The frame of the shared test data without its pictures, which are nearly all of its bytes. */
 static void seed_real_frame(raw_waymo *memory) {
   char path[512];
   pags_tfrecord *reader;
@@ -440,7 +442,7 @@ static void seed_frame(void) {
   raw_waymo_free(&memory);
 }
 
-/* protobuf-c works within a budget of 64 MiB; range images are inflated, up to 64 MiB each and one at a time. */
+/* The memory limit: protobuf-c may use 64 MiB; range images are inflated to up to 64 MiB each, one at a time. */
 static const fuzz_target frame = {.name = "waymo_frame",
                                   .seeds = seed_frame,
                                   .run = run_frame,
@@ -449,7 +451,7 @@ static const fuzz_target frame = {.name = "waymo_frame",
                                   .nested = 1,
                                   .smoke = 5000};
 
-/* A range image's content, in a zlib stream that stores it. */
+/* The content of a range image, wrapped in a zlib stream of stored blocks. */
 static int run_matrix(const uint8_t *data, size_t size) {
   file_bytes stream = {0};
   bytes_put(&stream, "\x78\x01", 2);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* scene.json with the files beside it, cameras and paths. */
+/* Fuzz targets of scene.json with the files beside it, and of camera and path files. */
 #include "fuzz/fuzz.h"
 
 #include <math.h>
@@ -46,7 +46,7 @@ static int run_scene(const uint8_t *data, size_t size) {
           FUZZ_CHECK(isfinite(pose[j]));
   }
   pags_composition_destroy(composition);
-  /* What was read is written and read again. */
+  /* An accepted scene can be written and read again. */
   char copy[1024];
   snprintf(copy, sizeof copy, "%.900s/copy", fuzz_folder());
   FUZZ_CHECK(pags_scene_save(copy, &scene) == PAGS_OK);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Splat files of every format, packed scenes and skies. */
+/* Fuzz targets of splat files of every format, packed scenes and skies. */
 #include "fuzz/fuzz.h"
 
 #include <math.h>
@@ -15,7 +15,7 @@
 #include "base/file.h"
 #include "scene/splat_formats.h"
 
-/* What every reader promises of what it accepts. */
+/* Checks the guarantees that every reader gives for an accepted file. */
 static int accept(pags_result result, pags_gaussians *g, const char *name) {
   if (result != PAGS_OK) {
     FUZZ_CHECK(!g->data && g->count == 0);
@@ -27,7 +27,7 @@ static int accept(pags_result result, pags_gaussians *g, const char *name) {
   return 1;
 }
 
-/* As pags_file_read leaves a file. */
+/* A copy with a zero byte after its end, as pags_file_read returns it. */
 static uint8_t *terminated(const uint8_t *data, size_t size) {
   uint8_t *const copy = malloc(size + 1);
   if (!copy)
@@ -37,15 +37,15 @@ static uint8_t *terminated(const uint8_t *data, size_t size) {
   return copy;
 }
 
-/* ---- PLY, plain and compressed: header words, rows of text and bytes of either order ---- */
+/* ---- PLY, plain and compressed: header words, rows as text and as bytes of either order ---- */
 
 static int run_ply(const uint8_t *data, size_t size) {
   pags_gaussians g;
   const char *kind;
   int antialiased;
   uint8_t *const bytes = terminated(data, size);
-  const int is_ply =
-      size >= 4 && memcmp(bytes, "ply", 3) == 0 && (bytes[3] == '\n' || bytes[3] == '\r'); /* as loaders ask */
+  /* The format check by which loaders choose the reader. */
+  const int is_ply = size >= 4 && memcmp(bytes, "ply", 3) == 0 && (bytes[3] == '\n' || bytes[3] == '\r');
   const int accepted = is_ply && accept(pags_ply_decode("a.ply", bytes, size, &g, &kind, &antialiased), &g, "a.ply");
   free(bytes);
   return accepted;
@@ -87,7 +87,8 @@ static void seed_compressed(void) {
 static const fuzz_target compressed = {
     .name = "compressed_ply", .seeds = seed_compressed, .run = run_ply, .words = ply_words};
 
-/* ---- SPZ: whole files, and what is inside of the gzip stream, which its checksum would hide ---- */
+/* ---- SPZ: whole files, and the content of the gzip stream, which mutations of whole files rarely reach because of
+ * its checksum ---- */
 
 static int run_spz(const uint8_t *data, size_t size) {
   pags_gaussians g;
@@ -105,12 +106,11 @@ static void seed_spz(void) {
     }
 }
 
-/* Deflate packs up to 1032 to 1, zstd more; planes of floats take 3 times what the attributes take, and growing
- * doubles. */
+/* The memory limit: deflate compresses by up to 1032, zstd by more; planes of floats take 3 times the bytes of the
+ * attributes, and growing buffers double their size. */
 static const fuzz_target spz = {.name = "spz", .seeds = seed_spz, .run = run_spz, .memory = 64u << 20, .times = 4096};
 
-/* A gzip file that stores its content: no room is saved, so nothing justifies more memory than a multiple of the size.
- */
+/* A gzip file of stored blocks: nothing is compressed, so that only a small multiple of the size may be allocated. */
 static int run_spz_content(const uint8_t *data, size_t size) {
   file_bytes file = {0};
   bytes_put(&file, "\x1f\x8b\x08\0\0\0\0\0\0\xff", 10);
@@ -147,7 +147,8 @@ static int run_packed(const uint8_t *data, size_t size) {
   }
   FUZZ_CHECK(pags_packed_unpack(&packed, &g) == PAGS_OK);
   FUZZ_CHECK(pags_gaussians_find_bad(&g, NULL) == 0);
-  for (int64_t c = 0; c < packed.clusters.count; c++) /* bounds must hold what is drawn by them */
+  /* Clusters' bounds must contain what is drawn of their rows. */
+  for (int64_t c = 0; c < packed.clusters.count; c++)
     FUZZ_CHECK(isfinite(packed.clusters.lo[0][c]) && isfinite(packed.clusters.sigma[c]));
   pags_gaussians_destroy(&g);
   pags_packed_destroy(&packed);
@@ -168,7 +169,7 @@ static void seed_packed(void) {
 
 static const fuzz_target packed = {.name = "packed", .seeds = seed_packed, .run = run_packed};
 
-/* ---- .splat, by the way that a user's files take: PLY and packed ones are told apart by their first bytes ---- */
+/* ---- .splat, through the loader for any file: PLY and packed files are recognised by their first bytes ---- */
 
 static int run_splat(const uint8_t *data, size_t size) {
   pags_gaussians g;

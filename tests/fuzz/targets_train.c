@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Checkpoints, and the weights of LPIPS. */
+/* Fuzz targets of checkpoints and of the weights file of LPIPS. */
 #include "fuzz/fuzz.h"
 
 #include <math.h>
@@ -22,7 +22,7 @@
 
 enum { VIEWS = 3, OBJECTS = 2, KNOTS = 3, SECTION = 12 };
 
-/* A driving set made in memory, never read from files: what a checkpoint's tracks, sky and exposures belong to. */
+/* A driving set made in memory, to which a checkpoint's tracks, sky and exposures belong. */
 static struct pags_dataset set;
 static pags_view views[VIEWS];
 static pags_driving driving;
@@ -100,8 +100,8 @@ static void check_state(const pags_train_state *state) {
   }
 }
 
-/* The steps that RUN0 promises, where it is in its place: each takes 16 bytes of a model's optimiser, which is no claim
- * about the file. */
+/* Whether the run length in the section RUN0 is short. Each step takes 16 bytes in a model's optimiser, memory that
+ * isn't in proportion to the file's size. */
 static int is_short_run(const uint8_t *data, size_t size) {
   const size_t head = 8 + SECTION;
   if (size < head)
@@ -127,7 +127,8 @@ static int run_checkpoint(const uint8_t *data, size_t size) {
     return 0;
   }
   check_state(&state);
-  /* What was read is written and gives the same bytes, or the run would not go on to the same bits. */
+  /* A checkpoint that was read must give the same bytes when written, or a resumed run would not have the same bits.
+   * */
   uint8_t *bytes = NULL;
   size_t again = 0;
   const char *const copy = fuzz_file("b.run", "", 0);
@@ -161,7 +162,8 @@ static const fuzz_target checkpoint = {.name = "checkpoint",
                                        .words = run_words,
                                        .smoke = 6000};
 
-/* ---- LPIPS weights: the archive and its arrays; the network's own shapes take 5 MB and are refused by name ---- */
+/* ---- LPIPS weights: the archive and its arrays; a file with the network's real shapes would take 5 MB, so the
+ * inputs' arrays are refused, with their names in the message ---- */
 
 static int run_npz(const uint8_t *data, size_t size) {
   pags_npz npz;
@@ -247,7 +249,7 @@ static void seed_npz(void) {
   fuzz_seed_bytes(w.file);
 }
 
-/* Members' CRCs by the central directory, wherever entries look like ones. */
+/* Corrects the members' CRCs by the central directory, at all places that look like entries. */
 static size_t mend_npz(uint8_t *data, size_t size, size_t capacity) {
   (void)capacity;
   for (size_t at = 0; size >= 46 && at <= size - 46; at++) {

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Pictures with a known answer: one Gaussian in closed form, crops, and the engine against the oracle.
  *
- * Where the oracle came within a relative 1e-4 of another decision (1/255, stop, clamps) or drew neighbours whose
- * depths agree to 1e-6, float may decide otherwise: such pixels are held to a loose bound, and their share is bounded.
- */
+ * Where the oracle is within a relative 1e-4 of a different decision (1/255, stop, clamps) or blends neighbours whose
+ * depths agree to 1e-6, float may decide otherwise: such pixels form a band that has a loose bound, and their share
+ * is bounded. */
 #include "frame_fixture.h"
 #include "reference/frame_scene.h"
 #include "reference/reference_scene.h"
@@ -17,7 +17,7 @@
 #include <cmocka.h>
 #include <math.h>
 
-/* One isotropic Gaussian in front of a camera at the origin, by hand. */
+/* ---- One isotropic Gaussian in front of a camera at the origin, in closed form ---- */
 
 static const pags_camera plain_camera = {.width = 45,
                                          .height = 33,
@@ -86,21 +86,21 @@ static void check_single_splat(const double mean[3], double sigma, double opacit
   reference_part_destroy(&part);
 }
 
-/* Facts 6 #20: half a pixel, an axis or a factor of two anywhere shows here. */
+/* Case 20 of docs/lab/numerics.md: an error of half a pixel, of an axis or of a factor of two shows here. */
 static void test_single_splat(void **state) {
   (void)state;
   check_single_splat((const double[3]){0, 0, 2}, 0.125, 0.8);
   check_single_splat((const double[3]){0.25, -0.125, 1.5}, 0.0625, 0.95);
   check_single_splat((const double[3]){-0.5, 0.375, 2}, 0.25, 0.3);
-  check_single_splat((const double[3]){0.0078125, 0.01, 1}, 1e-5, 0.6); /* all low-pass */
-  check_single_splat((const double[3]){0, 0, 4}, 0.5, 0.999);           /* capped */
+  check_single_splat((const double[3]){0.0078125, 0.01, 1}, 1e-5, 0.6); /* size given by the low-pass filter */
+  check_single_splat((const double[3]){0, 0, 4}, 0.5, 0.999);           /* alpha is capped */
 }
 
-/* Engine against oracle */
+/* ---- Engine against oracle ---- */
 
 typedef struct tolerance {
-  double colour, depth; /* largest error outside of the band; depth relative */
-  double band_share;    /* of pixels that may lie in the band */
+  double colour, depth; /* largest errors outside of the band; that of depth is relative */
+  double band_share;    /* share of pixels that may lie in the band */
 } tolerance;
 
 typedef struct comparison {
@@ -146,7 +146,8 @@ static void check_against_oracle(const char *name, reference_part *parts, int pa
   assert_true(c.colour < allowed.colour);
   assert_true(c.depth < allowed.depth);
   assert_true((double)c.in_band <= allowed.band_share * (double)c.pixels);
-  assert_true((double)c.wrong_ids <= 1e-3 * (double)c.pixels); /* equal weights to float */
+  /* Ids may differ where two weights are equal in float. */
+  assert_true((double)c.wrong_ids <= 1e-3 * (double)c.pixels);
   frame_result_destroy(&drawn);
   frame_scene_destroy(&scene);
   reference_picture_destroy(&exact);
@@ -204,7 +205,7 @@ static void test_against_oracle(void **state) {
   run_case(&c);
 }
 
-/* Two rigid parts, the scene's origin and the camera a million metres away (facts 6 #18). */
+/* Two rigid parts, with the scene's origin and the camera a million metres away (case 18 of docs/lab/numerics.md). */
 static void test_parts_far_from_zero(void **state) {
   (void)state;
   reference_random random = {8};
@@ -223,14 +224,15 @@ static void test_parts_far_from_zero(void **state) {
     for (int64_t i = 0; i < parts[p].count; i++)
       reference_random_gaussian(&random, &recipe, &camera, &options, &parts[p], i);
   }
-  const tolerance far = {4e-5, 1e-4, 0.1}; /* means up to 15 m from the parts' origins: 1e-6 m is 1e-4 px at 1 m */
+  /* Means are up to 15 m from the parts' origins: their rounding of 1e-6 m is 1e-4 px at a depth of 1 m. */
+  const tolerance far = {4e-5, 1e-4, 0.1};
   check_against_oracle("two parts", parts, 2, &camera, &options, far);
   reference_part_destroy(&parts[0]);
   reference_part_destroy(&parts[1]);
 }
 
-/* Facts 6 #21: a window of a picture is the picture of a camera with a shifted principal point. Means stay within the
- * window: the Jacobian's clamp depends on the size of the picture. */
+/* Case 21 of docs/lab/numerics.md: a window of a picture equals the picture of a camera with a shifted principal
+ * point. The means stay within the window, as the clamp of the Jacobian depends on the picture's size. */
 static void test_crop(void **state) {
   (void)state;
   enum { X0 = 23, Y0 = 17, WIDTH = 51, HEIGHT = 38 };

@@ -1,12 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The engine's backward (float, vectorised, tiled) against the oracle's over more than ten thousand Gaussians.
+/* The gradients of the engine's backward pass (float, SIMD, tiled) against the oracle's over more than ten thousand
+ * Gaussians.
  *
- * Boundary band: where the oracle came within a relative 1e-4 of another decision (alpha at 1/255 or at its cap,
- * transmittance at the stop, a Gaussian's clamps) or drew neighbours whose depths agree to 1e-6, float may decide
- * otherwise and its gradient is a different one. The loss gives such pixels no weight.
+ * Boundary band: where the oracle is within a relative 1e-4 of a different decision (alpha at 1/255 or at its cap,
+ * transmittance at the early stop, a Gaussian's clamps) or blends neighbours whose depths agree to 1e-6, float may
+ * decide otherwise and its gradient then differs. The loss gives such pixels no weight.
  *
  * Error of a Gaussian in a group of planes: |engine - oracle| / max(|oracle|, 1e-2 of the group's root mean square in
- * this scene), vector norms over the group. */
+ * this scene), with vector norms over the group. */
 #include "base/sort.h"
 #include "frame_fixture.h"
 #include "reference/frame_scene.h"
@@ -23,7 +24,7 @@
 
 typedef struct parameter_group {
   const char *name;
-  int first, planes; /* past the last plane: dL/dmean2D statistics */
+  int first, planes; /* planes past the last parameter plane: the statistics of dL/dmean2D */
 } parameter_group;
 
 enum { GROUPS = 8, SH_REST = 5, MEAN2D = 6, MEAN2D_ABS = 7 };
@@ -49,14 +50,19 @@ typedef struct gradient_case {
   int count, scenes;
   reference_recipe recipe;
   pags_frame_options options;
-  double limit; /* of the 99.9th percentile */
-  int behind;   /* 1: two of three rows are mirrored behind the camera, first rows included (facts 6 #22) */
-  int plain;    /* 1: no loss on depth, no absolute gradient: what a trainer asks for by default */
-  int dropped;  /* 1: a quarter is left out, the others' opacities are raised by up to a third: above 1 for some */
-  int street;   /* not 0: three parts of which one shows another constant term, and a sky of so many texels a side */
+  double limit; /* bound on the 99.9th percentile of the error */
+  /* 1: two of three rows, the first ones included, are mirrored behind the camera (case 22 of docs/lab/numerics.md).
+   * */
+  int behind;
+  int plain; /* 1: no loss on depth and no absolute gradient, as a trainer requests by default */
+  /* 1: a quarter of the rows are dropped, the opacities of the others are raised by up to a third, for some above 1.
+   * */
+  int dropped;
+  /* Not 0: three parts, one of which has separate constant terms, and a sky of this many texels a side. */
+  int street;
 } gradient_case;
 
-/* Length of the gradient of row i in a group, by the oracle. */
+/* Norm of the oracle's gradient of row i in a group. */
 static double exact_norm(const reference_part_gradient *gradient, const parameter_group *group, int64_t i) {
   double sum = 0;
   for (int k = 0; k < group->planes; k++) {
@@ -77,7 +83,7 @@ static double difference_norm(const reference_part_gradient *exact, const frame_
   return sqrt(sum);
 }
 
-/* The densification statistic: length of dL/dmean2D in NDC units. */
+/* The densification statistic: norm of dL/dmean2D in NDC units. */
 static double exact_mean2d(const double *pixels, const pags_camera *camera, int64_t i) {
   return hypot(pixels[2 * i] * camera->width / 2, pixels[2 * i + 1] * camera->height / 2);
 }
@@ -108,8 +114,8 @@ static void find_group_errors(const reference_part_gradient *exact, const frame_
   free(norm);
 }
 
-/* Random weights in [-1, 1], of depth in [-1, 1] / 4 m so that it doesn't drown the colours; none where a float
- * renderer may decide otherwise. Returns the share of pixels left out. */
+/* Random loss weights in [-1, 1], those of depth in [-1, 1] / 4 m so that depth doesn't dominate, zero where rounding
+ * may change a decision. Returns the share of pixels left out. */
 static double make_weights(reference_random *random, const reference_picture *picture, double *weights) {
   int64_t pixels = (int64_t)picture->width * picture->height, left_out = 0;
   for (int64_t k = 0; k < pixels; k++) {
@@ -139,7 +145,8 @@ static void drop_rows(reference_random *random, reference_part *part) {
     part->factor[i] = reference_uniform(random, 0, 1) < 0.25 ? 0 : reference_uniform(random, 1, 4.0 / 3);
 }
 
-/* A camera that sees three faces or so of a sky, and `parts` parts. */
+/* Makes a scene of `part_count` parts and a camera that sees about three faces of the sky; returns the oracle's
+ * picture. */
 static reference_picture make_scene(const gradient_case *c, reference_random *random, pags_camera *camera,
                                     pags_frame_options *options, pags_sky *sky, reference_part *parts, int part_count) {
   *camera = reference_random_camera(random, 160, 120);
@@ -169,8 +176,8 @@ static reference_picture make_scene(const gradient_case *c, reference_random *ra
   return reference_render(parts, part_count, camera, options);
 }
 
-/* Blocks that aren't marked have no gradient; a camera doesn't see all of them, but for the one or two of the smallest
- * maps. */
+/* Blocks of the sky that aren't marked as written have no gradient; a camera doesn't see all blocks, except of the
+ * smallest maps of one or two blocks. */
 static void check_blocks(const frame_result *drawn) {
   int64_t marked = 0, blocks = (drawn->sky_floats / 3 + PAGS_SKY_BLOCK - 1) / PAGS_SKY_BLOCK;
   for (int64_t k = 0; k < drawn->sky_floats; k++)
@@ -180,9 +187,9 @@ static void check_blocks(const frame_result *drawn) {
   assert_true(marked > 0 && (marked < blocks || blocks <= 2));
 }
 
-/* Rounding only: a texel's gradient is a sum of thousands of terms. Where texels are smaller than pixels it is one
- * pixel's, by its place between texels, of which floats leave some 1e-4, and most texels have none, which lowers the
- * floor thirtyfold. */
+/* Compares the sky's gradients, which may differ by rounding only: a texel's gradient is a sum of thousands of terms.
+ * Where texels are smaller than pixels it comes from one pixel by that pixel's position between texels, which float
+ * gives to 1e-4; most texels then have no gradient, which lowers the floor by a factor of thirty. */
 static void check_sky(const frame_result *drawn, const double *exact) {
   const double bound = drawn->sky_floats > 18 * 100 * 100 ? 2e-2 : 1e-3;
   double square = 0, worst = 0;
@@ -230,7 +237,7 @@ static void run_scene(const gradient_case *c, uint64_t seed, error_list *errors,
       find_group_errors(&exact[p], &drawn.parts[p], picture.splats + first, &camera, group, &planes, errors);
     }
     check_dropped(&parts[p], &drawn.parts[p]);
-    for (int64_t i = 0; i < parts[p].count; i++) /* facts 6 #29 */
+    for (int64_t i = 0; i < parts[p].count; i++) /* case 29 of docs/lab/numerics.md */
       assert_true(drawn.parts[p].mean2d_abs[i] >= (c->plain ? 0 : drawn.parts[p].mean2d[i] * 0.9999f));
   }
   if (c->street) {
@@ -259,7 +266,7 @@ static void errors_destroy(error_list *errors) {
     free(errors[group].values);
 }
 
-/* Prints each group's percentiles; 1 when the 99.9th lies under the limit everywhere. */
+/* Prints each group's percentiles; returns 1 if the 99.9th is below the limit in every group. */
 static int judge(error_list *errors, int group_count, double limit) {
   int good = 1;
   for (int group = 0; group < group_count; group++) {
@@ -274,7 +281,7 @@ static int judge(error_list *errors, int group_count, double limit) {
   return good;
 }
 
-/* Runs a case, judges it by its own limit and adds its errors to `pool` unless that is NULL. */
+/* Runs a case, compares it with its own limit, and adds its errors to `pool` unless that is NULL. */
 static void run_case(const gradient_case *c, error_list *pool) {
   error_list errors[GROUPS];
   double left_out = 0;
@@ -293,8 +300,9 @@ static void run_case(const gradient_case *c, error_list *pool) {
   assert_true(good);
 }
 
-/* The figure that the engine promises: under 1e-3 for 99.9 % of more than ten thousand Gaussians of all kinds. Each
- * kind alone is held to five times that, since a few thousand say little about their 99.9th percentile. */
+/* The engine's stated accuracy: an error below 1e-3 for 99.9 % of more than ten thousand Gaussians of all kinds. Each
+ * kind alone has a limit of five times that, since a few thousand Gaussians determine their 99.9th percentile poorly.
+ * */
 static void test_random_gaussians(void **state) {
   (void)state;
   enum { KINDS = 5, MOST = 20000 };
@@ -323,7 +331,7 @@ static void test_random_gaussians(void **state) {
   assert_true(good);
 }
 
-/* The path of the rasteriser's backward without depth. */
+/* The code path of the rasteriser's backward pass without depth. */
 static void test_plain(void **state) {
   (void)state;
   gradient_case c = {"no depth", 700, 1000, 1, reference_recipe_default(), reference_options(), 5e-3, .plain = 1};
@@ -352,11 +360,12 @@ static void test_street(void **state) {
   run_case(&c, NULL);
   c.street = 400; /* texels much smaller than pixels */
   run_case(&c, NULL);
-  for (c.street = 1, c.scenes = 5; c.street <= 2; c.street++) /* all of a cell is one texel; the smallest cell */
+  /* The smallest maps: all corners of a cell are one texel; then the smallest real cell. */
+  for (c.street = 1, c.scenes = 5; c.street <= 2; c.street++)
     run_case(&c, NULL);
 }
 
-/* Rows that are left out have no gradient, the others' goes through their factor. */
+/* Dropped rows have no gradient; the gradients of the others include their opacity factor. */
 static void test_dropped(void **state) {
   (void)state;
   gradient_case c = {"dropped", 900, 1500, 2, reference_recipe_default(), reference_options(), 5e-3, .dropped = 1};

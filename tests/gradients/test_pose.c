@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The gradient by a part's pose, from the engine's rows, against finite differences of the oracle's picture. */
+/* The gradient by a part's pose, summed from the engine's row gradients, against finite differences of the oracle's
+ * picture. */
 #include "reference/frame_scene.h"
 #include "reference/reference_scene.h"
 
@@ -13,7 +14,7 @@
 
 enum { WIDTH = 72, HEIGHT = 56, PIXELS = WIDTH * HEIGHT, PARTS = 2, COUNT = 70 };
 
-static int other_dc; /* 1: the parts that are made have one */
+static int other_dc; /* 1: the parts have separate constant terms */
 
 typedef struct pose_scene {
   reference_random random;
@@ -73,7 +74,7 @@ static reference_picture render(pose_scene *s) {
   return reference_render(s->parts, PARTS, &s->camera, &s->options);
 }
 
-/* Loss weights on all planes, none where a pixel is about to decide otherwise. */
+/* Random loss weights on all planes, zero where a pixel is close to a different decision. */
 static void make_weights(pose_scene *s) {
   reference_picture picture = render(s);
   for (int k = 0; k < PIXELS; k++) {
@@ -98,7 +99,7 @@ static double loss(pose_scene *s) {
 }
 
 static double difference(pose_scene *s, int part, int axis) {
-  const double step = 1e-7; /* moves no exponent by the margin that make_weights leaves */
+  const double step = 1e-7; /* too small to move an exponent by the margin that make_weights requires */
   double base[12], central[2];
   memcpy(base, s->parts[part].world_from_model, sizeof base);
   for (int k = 0; k < 2; k++) {
@@ -114,7 +115,7 @@ static double difference(pose_scene *s, int part, int axis) {
   return (8 * central[0] - central[1]) / (12 * step);
 }
 
-/* Cluster by cluster, as a trainer adds them. */
+/* Adds up the pose gradient cluster by cluster, as a trainer does. */
 static void engine_gradient(const frame_scene *scene, const frame_result *drawn, int part, double out[6]) {
   enum { SIZE = 128 };
   memset(out, 0, 6 * sizeof *out);
@@ -160,7 +161,7 @@ static void test_every_degree(void **state) {
   }
 }
 
-/* With a constant term in place of the Gaussians' own. */
+/* With separate constant terms in place of the Gaussians' own. */
 static void test_other_dc(void **state) {
   (void)state;
   other_dc = 1;

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The oracle's gradient against finite differences of the oracle's picture, parameter by parameter.
  *
- * Loss: a fixed random weight on every channel of every pixel. Differences are five-point stencils, taken per pixel
- * before they are summed so that pixels which don't move cost no digits. Where a stencil point decides something
- * differently from the base point (contributor, cap, clamp, order) the loss has a kink there and the parameter is left
- * out; each test bounds the share of these. */
+ * Loss: a fixed random weight on every channel of every pixel. Differences are five-point stencils, taken for each
+ * pixel before they are summed so that pixels that don't change cost no digits. Where a point of the stencil decides
+ * something differently from the base point (contributor, cap, clamp, order) the loss isn't smooth and the parameter
+ * is left out; each test bounds the share of these. */
 #include "reference/reference.h"
 #include "reference/reference_scene.h"
 
@@ -25,8 +25,8 @@ typedef struct test_scene {
   pags_frame_options options;
   reference_part parts[MAX_PARTS];
   int part_count;
-  pags_sky sky;    /* size 0: none */
-  double step;     /* of the differences: pixels for means, else as the parameter */
+  pags_sky sky;    /* size 0: no sky */
+  double step;     /* step of the differences: in pixels for means, else in units of the parameter */
   double *weights; /* rgb, transmittance, depth_sum: five planes */
 } test_scene;
 
@@ -75,7 +75,7 @@ static double loss_difference(const test_scene *scene, const reference_picture *
   return sum;
 }
 
-/* dLoss/d*value; 0 in *smooth when a stencil point crosses a decision. */
+/* Derivative of the loss by *value; *smooth is 0 if a point of the stencil crosses a decision. */
 static double finite_difference(const test_scene *scene, double *value, double step, uint64_t decisions, int *smooth) {
   double base = *value, difference[2];
   *smooth = 1;
@@ -102,7 +102,8 @@ static void scene_backward(const test_scene *scene, const reference_picture *pic
   reference_backward(scene->parts, scene->part_count, &scene->camera, &options, picture, &gradient, out);
 }
 
-/* Compares every parameter; at most `skip_share` of those of drawn Gaussians may sit on a kink. */
+/* Compares every parameter; at most `skip_share` of the parameters of drawn Gaussians may be at a non-smooth point.
+ * */
 static void check_gradient(test_scene *scene, double skip_share) {
   reference_picture picture = scene_render(scene);
   reference_part_gradient gradient[MAX_PARTS];
@@ -118,16 +119,18 @@ static void check_gradient(test_scene *scene, double skip_share) {
           assert_true(analytic == 0);
           continue;
         }
-        double pixel = picture.splats[splat].camera[2] / scene->camera.fx; /* metres that make a pixel */
+        /* Size of a pixel in metres at this depth. */
+        double pixel = picture.splats[splat].camera[2] / scene->camera.fx;
         double step = scene->step * (plane < PAGS_SCALE ? pixel : 1);
         int smooth;
         double *at = &part->planes[plane * part->count + i];
-        if (part->dc && plane >= PAGS_SH && plane < PAGS_SH + 3) /* what the part shows in place of it */
+        /* The separate constant term that the part draws instead. */
+        if (part->dc && plane >= PAGS_SH && plane < PAGS_SH + 3)
           at = &part->dc[(plane - PAGS_SH) * part->count + i];
         double numeric = finite_difference(scene, at, step, picture.decisions, &smooth);
         compared += smooth;
         skipped += !smooth;
-        /* The floor is the rounding of the difference itself, far below any gradient that matters. */
+        /* The floor of the scale is the rounding of the difference, far below any relevant gradient. */
         double scale = fmax(fabs(analytic), fabs(numeric)) + 1e-3 / (plane < PAGS_SCALE ? pixel : 1);
         double error = smooth ? fabs(analytic - numeric) / scale : 0;
         if (error > 1e-6)
@@ -163,14 +166,14 @@ static void test_anisotropic_off_axis(void **state) {
     reference_recipe recipe = reference_recipe_default();
     recipe.anisotropy = 30;
     scene_fill(&scene, &recipe);
-    scene.camera.cx += 9; /* principal point far from the middle */
+    scene.camera.cx += 9; /* principal point far from the picture's centre */
     scene.camera.cy -= 7;
     check_gradient(&scene, 0.05);
     scene_destroy(&scene);
   }
 }
 
-/* Means outside of the widened picture, ellipses that reach into it. */
+/* Means outside of the widened picture whose ellipses reach into it. */
 static void test_clamped_jacobian(void **state) {
   (void)state;
   test_scene scene = scene_create(11, 16, 0);
@@ -188,24 +191,24 @@ static void test_clamped_jacobian(void **state) {
   }
   assert_true(clamped > 1000);
   reference_picture_destroy(&picture);
-  check_gradient(&scene, 0.3); /* ellipses as large as the picture: more pixels at the cut-off */
+  check_gradient(&scene, 0.3); /* ellipses as large as the picture have more pixels at the cut-off */
   scene_destroy(&scene);
 }
 
-/* Facts 6 #22: rows that aren't drawn come before, between and after those which are. */
+/* Case 22 of docs/lab/numerics.md: rows that aren't drawn come before, between and after drawn ones. */
 static void test_culled_in_front(void **state) {
   (void)state;
   test_scene scene = scene_create(21, 18, 3);
   reference_recipe recipe = reference_recipe_default();
   scene_fill(&scene, &recipe);
   reference_part *part = &scene.parts[0];
-  for (int64_t i = 0; i < part->count; i += 3) { /* behind: mirrored through the camera */
+  for (int64_t i = 0; i < part->count; i += 3) { /* mirrored behind the camera */
     for (int k = 0; k < 3; k++) {
       double *mean = &part->planes[(PAGS_MEAN + k) * part->count + i];
       *mean = 2 * scene.camera.world_from_camera[4 * k + 3] - *mean;
     }
   }
-  part->planes[PAGS_OPACITY * part->count + 1] = -6; /* opacity under 1/255 */
+  part->planes[PAGS_OPACITY * part->count + 1] = -6; /* opacity below 1/255 */
   for (int k = 0; k < 3; k++)                        /* at the camera centre */
     part->planes[(PAGS_MEAN + k) * part->count + 4] = scene.camera.world_from_camera[4 * k + 3];
   part->planes[PAGS_SCALE * part->count + 7] = INFINITY;
@@ -231,7 +234,7 @@ static void test_antialiased(void **state) {
   }
 }
 
-/* Under its floor the compensation is a constant. */
+/* At its floor the compensation is constant. */
 static void test_compensation_floor(void **state) {
   (void)state;
   test_scene scene = scene_create(35, 1, 3);
@@ -248,7 +251,7 @@ static void test_compensation_floor(void **state) {
   scene_destroy(&scene);
 }
 
-/* Two rigid parts of different SH degree, an origin far away. */
+/* Two rigid parts of different SH degree, with the scene's origin far away. */
 static void test_two_parts(void **state) {
   (void)state;
   test_scene scene = scene_create(41, 7, 3);
@@ -268,7 +271,7 @@ static void test_two_parts(void **state) {
   scene_destroy(&scene);
 }
 
-/* The loss is linear in a texel: the difference over any step is the derivative. */
+/* The loss is linear in a texel, so that a difference over any step is the derivative. */
 static void check_texels(test_scene *scene) {
   const int64_t floats = 18 * (int64_t)scene->sky.size * scene->sky.size;
   double *gradient = reference_alloc(floats, sizeof(double));
@@ -278,7 +281,7 @@ static void check_texels(test_scene *scene) {
   int64_t seen = 0;
   for (int64_t k = 0; k < floats; k++) {
     const float texel = scene->sky.texels[k];
-    scene->sky.texels[k] = texel + 1.0f; /* which rounds */
+    scene->sky.texels[k] = texel + 1.0f; /* float, which rounds */
     const double step = (double)scene->sky.texels[k] - (double)texel;
     reference_picture moved = scene_render(scene);
     assert_true(fabs(loss_difference(scene, &moved, &base) / step - gradient[k]) < 1e-10);
@@ -292,8 +295,8 @@ static void check_texels(test_scene *scene) {
   free(gradient);
 }
 
-/* Behind two parts, one of which shows a constant term of its own. The parameters' differences see the sky through
- * alpha. */
+/* The sky behind two parts, one of which has separate constant terms. The parameters' differences include the sky
+ * through alpha. */
 static void test_sky_and_other_dc(void **state) {
   (void)state;
   const int sizes[] = {1, 2, 7};
@@ -304,7 +307,7 @@ static void test_sky_and_other_dc(void **state) {
     scene.parts[1].first_id = 6;
     for (int p = 0; p < 2; p++)
       reference_random_pose(&scene.random, 5, scene.parts[p].world_from_model);
-    scene.camera.fx *= 0.4, scene.camera.fy *= 0.4; /* several faces at once */
+    scene.camera.fx *= 0.4, scene.camera.fy *= 0.4; /* sees several faces at once */
     scene.sky = reference_random_sky(&scene.random, sizes[k]);
     reference_recipe recipe = reference_recipe_default();
     scene_fill(&scene, &recipe);
@@ -315,7 +318,7 @@ static void test_sky_and_other_dc(void **state) {
   }
 }
 
-/* Facts 6 #7: 1:1e4 at 45 degrees on the picture. */
+/* Case 7 of docs/lab/numerics.md: needles of 1:1e4 at 45 degrees in the picture. */
 static void test_needles(void **state) {
   (void)state;
   test_scene scene = scene_create(51, 6, 1);
@@ -342,7 +345,8 @@ static void test_needles(void **state) {
     for (int plane = 0; plane < 11; plane++)
       part->planes[plane * n + i] = values[plane];
   }
-  scene.step = 1e-3; /* the quadratic form cancels most of its digits along a needle: rounding needs a longer step */
+  /* Along a needle the quadratic form loses most digits to cancellation: the rounding requires a longer step. */
+  scene.step = 1e-3;
   reference_picture picture = scene_render(&scene);
   for (int64_t k = 0; k < n; k++) {
     const double *cov = picture.splats[k].cov;
@@ -422,7 +426,7 @@ static void test_zero_quaternion_is_identity(void **state) {
   scene_destroy(&scene);
 }
 
-/* Coefficients above options.sh_degree neither colour nor learn. */
+/* SH coefficients above options.sh_degree don't contribute to the colour and have no gradient. */
 static void test_lower_sh_degree(void **state) {
   (void)state;
   for (int degree = 0; degree < 3; degree++) {
@@ -435,7 +439,8 @@ static void test_lower_sh_degree(void **state) {
   }
 }
 
-/* Moving the principal point moves every mean alike, so the sum of dL/dmean2D is dL/dcx where nothing is clamped. */
+/* dL/dmean2D is in pixels: moving the principal point moves every mean alike, so that the sum of dL/dmean2D is dL/dcx
+ * where nothing is clamped. */
 static void test_mean2d_is_in_pixels(void **state) {
   (void)state;
   test_scene scene = scene_create(101, 5, 3);

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Fixtures of the hard cases (docs/lab/numerics.md): a picture held to the oracle, forward and backward, and a small
- * data set to train on. What isn't finite, or fails in the engine, fails the running cmocka test. */
+/* Fixtures of the hard cases (docs/lab/numerics.md, whose numbers the tests quote): pictures and gradients compared
+ * with the oracle, and a small data set to train on. Results that aren't finite and errors of the engine fail the
+ * running cmocka test. */
 #ifndef PAGS_TESTS_HARD_H
 #define PAGS_TESTS_HARD_H
 
@@ -16,7 +17,7 @@
 
 #include <pags/train.h>
 
-/* Pictures: a camera at the world's origin that looks along z, and one part. */
+/* ---- Pictures: a camera at the world's origin that looks along z, and one part ---- */
 
 enum { HARD_WIDTH = 96, HARD_HEIGHT = 64, HARD_PIXELS = HARD_WIDTH * HARD_HEIGHT };
 #define HARD_FOCAL 80.0
@@ -26,81 +27,84 @@ typedef struct hard_scene {
   pags_camera camera;
   pags_frame_options options;
   reference_part part;
-  uint8_t *hidden;        /* per row, 1: the oracle doesn't draw it; zeros */
-  pags_frame_stats stats; /* of the last hard_run */
+  uint8_t *hidden;        /* for each row, 1: the oracle doesn't draw it; initially zeros */
+  pags_frame_stats stats; /* statistics of the last hard_run */
 } hard_scene;
 
-/* `count` rows of which all are ordinary Gaussians in the picture, degree 3. */
+/* A scene of `count` ordinary Gaussians of degree 3 in the picture. */
 hard_scene hard_scene_create(uint64_t seed, int64_t count);
 void hard_scene_destroy(hard_scene *scene);
 double *hard_at(hard_scene *scene, int plane, int64_t row);
-/* A ball. */
+/* Writes a round Gaussian into a row. */
 void hard_put(hard_scene *scene, int64_t row, double x, double y, double z, double sigma, double logit);
 
-/* Picture and gradients, two threads; everything that comes out is finite. `weights` of the loss: five planes, or NULL.
- */
+/* Renders the picture and its gradients with two threads and asserts that all results are finite. `weights` of the
+ * loss: five planes, or NULL. */
 frame_result hard_run(hard_scene *scene, const double *weights);
 
 typedef struct hard_error {
-  double colour;     /* largest of the picture's channels and transmittance, where float can't decide otherwise */
+  /* Largest error of colour channels and transmittance, over pixels where rounding can't change a decision. */
+  double colour;
   double gradient;   /* largest over rows and groups of parameters: |difference| / max(|exact|, 1 % of the group's root
                         mean square) */
-  double left_out;   /* share of pixels where float may decide otherwise */
-  int64_t drawn;     /* rows, by the oracle */
-  int64_t disagreed; /* rows that only one of the two draws */
+  double left_out;   /* share of pixels where rounding may change a decision */
+  int64_t drawn;     /* number of rows that the oracle draws */
+  int64_t disagreed; /* number of rows that only engine or oracle draws */
 } hard_error;
 
-/* The engine against the oracle, whose values are rounded to float first. */
+/* Compares the engine with the oracle, whose parameters are rounded to float first. */
 hard_error hard_compare(hard_scene *scene);
-/* Compares, prints one line and asserts the bounds and that the two draw the same rows. */
+/* Compares, prints one line, and asserts the bounds and that engine and oracle draw the same rows. */
 hard_error hard_expect(const char *what, hard_scene *scene, double colour, double gradient);
 
-/* Training: views on a circle of radius 4 that look at the origin, of `TRUTH` Gaussians in [-1, 1]^3. */
+/* ---- Training: views on a circle of radius 4 that look at the origin, of HARD_TRUTH Gaussians in [-1, 1]^3 ---- */
 
 enum { HARD_VIEWS = 6, HARD_VIEW_WIDTH = 64, HARD_VIEW_HEIGHT = 48, HARD_TRUTH = 120, HARD_STEPS = 200 };
 #define HARD_VIEW_FOCAL 64.0
 
-typedef struct hard_points { /* of points.ply; count 0: none is written and the reader takes random ones */
+/* Contents of points.ply; count 0: no file is written and the reader makes random points. */
+typedef struct hard_points {
   int64_t count;
   const float *xyz;
   const uint8_t *rgb; /* NULL: grey */
 } hard_points;
 
 typedef struct hard_data_options {
-  double scale;     /* of the whole world; 0: 1 */
+  double scale;     /* factor on the whole world; 0: 1 */
   double offset[3]; /* added to all coordinates, metres */
   int views;        /* 0: HARD_VIEWS */
   hard_points points;
-  int level; /* photographs of one 16-bit level instead of pictures; -1: pictures */
+  int level; /* grey level of all photographs, 16 bits; -1: photographs of the scene */
 } hard_data_options;
 #define HARD_DATA_DEFAULT ((hard_data_options){.level = -1})
 
-/* Whether HARD_SHORT is set, as it is where a program is run once more for each instruction set: then a case that takes
- * long prints that it is left out (a case does so by itself). */
+/* Whether HARD_SHORT is set, as in the runs repeated for each instruction set: a case that takes long then prints
+ * that it is left out, and returns. */
 int hard_leaves_out(void);
 
-/* Set-up and tear-down of a group of tests that use data sets: a scratch folder. */
+/* Set-up and tear-down of a group of tests that use data sets: makes and removes a scratch folder. */
 int hard_begin(void **state);
 int hard_end(void **state);
-/* A path in it, good until the fourth call from now. */
+/* The path of a file in the scratch folder; valid until the fourth call from now. */
 const char *hard_path(const char *name);
 
-/* What the photographs show. */
+/* The Gaussians that the photographs show. */
 void hard_truth(pags_gaussians *truth);
-/* Writes photographs and transforms.json into hard_path(name) and opens it. Without `points` the rows of the truth are
- * the points. */
+/* Writes photographs and transforms.json into hard_path(name) and opens the data set. Without `points` the means of
+ * the true Gaussians are the points. */
 pags_dataset *hard_data(const char *name, const hard_data_options *options);
 
-/* Few Gaussians, full size from the first step, densification, no reset. */
+/* A configuration of few Gaussians, at full picture size from the first step, with densification and without opacity
+ * resets. */
 pags_train_config hard_config(int64_t steps);
-/* A run into hard_path(name). `start`, when not NULL, takes the place of what the run would start from (degree
+/* Trains into hard_path(name). If `start` isn't NULL, it replaces the run's initial Gaussians (degree
  * config->color.sh_degree). */
 pags_result hard_try(const pags_dataset *dataset, const char *name, const pags_train_config *config,
                      const pags_gaussians *start, int threads, pags_train_options options, pags_train_result *result);
-/* The same with two threads, which must succeed and leave a finite scene. */
+/* The same with two threads; asserts that it succeeds and that the scene is finite. */
 pags_train_result hard_train(const pags_dataset *dataset, const char *name, const pags_train_config *config,
                              const pags_gaussians *start);
-/* Fails unless every number of the scene in hard_path(name) is finite; returns its Gaussians. */
+/* Asserts that every number of the scene in hard_path(name) is finite; returns its number of Gaussians. */
 int64_t hard_check_scene(const char *name);
 
 #endif

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Pictures and gradients of the hard cases against the oracle; see hard.h. */
+/* Compares pictures and gradients of the hard cases with the oracle; see hard.h. */
 #include "hard/hard.h"
 
 #include <math.h>
@@ -62,7 +62,8 @@ static int is_in_band(const reference_picture *picture, int64_t pixel) {
   return picture->margin[pixel] < 1e-4 || picture->depth_margin[pixel] < 1e-6;
 }
 
-/* Random weights, of depth small enough not to drown the colours; none in the band. Returns the band's share. */
+/* Random loss weights, those of depth small enough not to dominate the colours, zero in the band where rounding may
+ * change a decision. Returns in `left_out` the band's share of pixels. */
 static double *make_weights(hard_scene *scene, const reference_picture *picture, double *left_out) {
   const int64_t pixels = (int64_t)picture->width * picture->height;
   double *weights = reference_alloc(5 * pixels, sizeof(double));
@@ -91,7 +92,7 @@ static double colour_error(const reference_picture *exact, const frame_result *d
   return worst;
 }
 
-/* Planes that share a unit. */
+/* Groups of parameter planes with the same unit. */
 static const struct group {
   int first, last;
 } groups[] = {{PAGS_MEAN, PAGS_SCALE}, {PAGS_SCALE, PAGS_ROTATION}, {PAGS_ROTATION, PAGS_OPACITY},
@@ -119,7 +120,8 @@ static double group_size(const struct group *group, const reference_part_gradien
   return sqrt(square / (double)(rows > 0 ? rows : 1));
 }
 
-/* Turning a ball changes nothing: what rounding leaves of that gradient is seen against the scales'. */
+/* Largest relative error of a group of parameters. Rotating a ball changes nothing, so that its rotation gradient is
+ * only rounding noise, which is compared with the gradient of the scales. */
 static double group_error(size_t g, const reference_part_gradient *exact, const frame_part_result *drawn,
                           const reference_splat *splats) {
   const struct group *group = &groups[g];
@@ -136,7 +138,7 @@ static double group_error(size_t g, const reference_part_gradient *exact, const 
   return worst;
 }
 
-/* What the oracle is given. */
+/* A copy of the part for the oracle, without the rows that are marked as hidden. */
 static reference_part exact_part(const hard_scene *scene) {
   reference_part part = reference_part_create(scene->part.count, scene->part.sh_degree);
   memcpy(part.planes, scene->part.planes, (size_t)(part.count * pags_plane_count(part.sh_degree)) * sizeof(double));

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Hard blending (facts 6 #1, 8, 11, 15, 26, 30): a million Gaussians in one pixel, opaque stacks, more pairs than 32
- * bits count, everything dropped, colours and exposures that aren't numbers to be seen. */
+/* Hard blending (cases 1, 8, 11, 15, 26, 30 of docs/lab/numerics.md): a million Gaussians in one pixel, opaque
+ * stacks, more pairs than 32 bits count, every Gaussian dropped, colours and exposures that aren't finite. */
 #include "hard/hard.h"
 
 #include <math.h>
@@ -31,7 +31,8 @@ static void receive(void *user, const pags_cluster_gradient *from, int worker) {
     p->by_dc[from->first + i] = (double)from->data[PAGS_SH * from->stride + i];
 }
 
-/* Over the middle pixel of 16 x 16, from 1 m on; `spacing` metres apart. Red, on black. */
+/* A pile of red Gaussians over the centre pixel of a 16 x 16 picture, from a depth of 1 m on, `spacing` metres apart,
+ * on black. */
 static void pile_up(pile *p, float logit, double spacing) {
   const pags_camera camera = {.width = 16,
                               .height = 16,
@@ -80,9 +81,9 @@ static void pile_destroy(pile *p) {
   pags_tasks_destroy(p->tasks);
 }
 
-/* By hand: with opacity o at every pixel centre, T_n = (1 - o)^n, the pixel stops before T would fall under 1e-4, its
- * red is 1 - T, and the derivative by the n-th constant term is c0 o T_n. `depths`: rows come in their order, whether
- * by depth or by index. */
+/* Compares with the closed form: with opacity o at every pixel centre T_n = (1 - o)^n, the pixel stops before T would
+ * fall below 1e-4, its red is 1 - T, and the derivative by the n-th constant term is c0 o T_n. Rows are blended in
+ * their order, by depth or, at equal depth, by index. */
 static void check_pile(const char *what, float logit, double spacing) {
   pile p;
   pile_up(&p, logit, spacing);
@@ -99,7 +100,8 @@ static void check_pile(const char *what, float logit, double spacing) {
   print_message("  %-40s %lld blended; colour %.1e, T %.1e and gradient %.1e relative\n", what, (long long)n, red, left,
                 worst);
   assert_true(red < 1e-5 && left < 1e-3 && worst < 1e-3);
-  for (int64_t i = n + 1; i < MILLION; i++) /* one more or less may be drawn where T comes to 1e-4 */
+  /* One more row or one fewer may be drawn where T reaches 1e-4. */
+  for (int64_t i = n + 1; i < MILLION; i++)
     assert_true(p.by_dc[i] == 0);
   pile_destroy(&p);
 }
@@ -113,8 +115,8 @@ static void a_million_in_one_pixel(void **state) {
   check_pile("a million of 1 - 1e-7", 16.1180956f, 1e-5);
 }
 
-/* #15: T goes from 1 to 1e-4 through alphas of all sizes, capped ones among them; what is recovered on the way back
- * gives the oracle's gradients. */
+/* #15: T falls from 1 to 1e-4 through alphas of all sizes, some of them capped; the transmittances recovered in the
+ * backward pass give the oracle's gradients. */
 static void deep_stacks(void **state) {
   (void)state;
   enum { ROWS = 120 };
@@ -131,8 +133,8 @@ static void deep_stacks(void **state) {
   }
 }
 
-/* #30: everything dropped is the background with no gradient; factors that take opacities beyond 1 stay under the cap
- * of alpha. */
+/* #30: with every Gaussian dropped the picture is the background and gradients are zero; with dropout factors that
+ * raise opacities beyond 1, alpha stays below its cap. */
 static void dropped(void **state) {
   (void)state;
   enum { ROWS = 60 };
@@ -147,7 +149,8 @@ static void dropped(void **state) {
   for (int64_t k = 0; k < ROWS * PAGS_MAX_PLANES; k++)
     assert_true(none.parts[0].planes[k] == 0);
   frame_result_destroy(&none);
-  for (int i = 0; i < ROWS; i++) { /* the largest factor there is: dropout_gamma 0.9 gives 1 / (1 - 0.9) */
+  /* The largest possible factor: a dropout_gamma of 0.9 gives 1 / (1 - 0.9). */
+  for (int i = 0; i < ROWS; i++) {
     s.part.factor[i] = i % 3 == 0 ? 0 : 10;
     *hard_at(&s, PAGS_OPACITY, i) = 2;
   }
@@ -161,8 +164,8 @@ static void dropped(void **state) {
   hard_scene_destroy(&s);
 }
 
-/* #26: colours far below 0, huge, and not numbers: no NaN in a pixel, no negative light, and a gradient of 0 through
- * the clamp. */
+/* #26: colours far below 0, huge, and not finite: pixels hold no NaN and no negative values, and the gradient through
+ * the clamp is 0. */
 static void bad_colours(void **state) {
   (void)state;
   enum { ROWS = 48 };
@@ -178,7 +181,7 @@ static void bad_colours(void **state) {
   hard_scene_destroy(&s);
 }
 
-/* Gains of 0 and of 65535 and such offsets, over the finished picture. */
+/* Exposure gains of 0 and 65535, and such offsets, applied to the finished picture. */
 static void exposures(void **state) {
   (void)state;
   hard_scene s = hard_scene_create(42, 60);
@@ -200,7 +203,8 @@ static void exposures(void **state) {
 }
 
 #if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-/* #11: rows that cover all of 1024 tiles, more than 2^31 pairs: 32 GiB of lists. In a child that may have 1 GiB. */
+/* #11: rows that each cover all of 1024 tiles, more than 2^31 pairs in total, whose lists would take 32 GiB. Runs in
+ * a child process limited to 1 GiB. */
 static int overflow_in_child(void) {
   enum { ROWS = 2100000 };
   const pags_camera camera = {.width = 512,
@@ -231,13 +235,13 @@ static int overflow_in_child(void) {
   const pags_result result = pags_frame_render(frame, &part, 1, &camera, &options, NULL, NULL, &picture);
   if (result != PAGS_ERROR_MEMORY || !strstr(pags_error_message(), "2150400000"))
     return 3;
-  options.near_plane = 100.0f; /* and the frame can be used again */
+  options.near_plane = 100.0f; /* after the error the frame can be used again */
   return pags_frame_render(frame, &part, 1, &camera, &options, NULL, NULL, &picture) == PAGS_OK ? 0 : 4;
 }
 
 static void more_pairs_than_32_bits(void **state) {
   (void)state;
-  if (hard_leaves_out()) /* counting 2^31 pairs takes minutes in plain C */
+  if (hard_leaves_out()) /* the scalar kernels take minutes to count 2^31 pairs */
     return;
   int status = 0;
   const pid_t child = fork();

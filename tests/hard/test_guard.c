@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What isn't finite is left out, counted, named and never spread (docs/numerics.md, "finite by construction"): in the
- * optimiser, in runs begun from spoiled Gaussians, over threads and resumes, and in the message of a run that has too
- * much of it. */
+/* Rows that aren't finite are left out, counted and named, and never spread (docs/numerics.md, "finite by
+ * construction"): in the optimiser, in runs that start from damaged Gaussians, for any number of threads and after
+ * resuming, and in the error message of a run with too many of them. */
 #include "hard/hard.h"
 
 #include <math.h>
@@ -15,7 +15,7 @@
 
 enum { ROWS = 100, PLANES = PAGS_MAX_PLANES };
 
-/* The optimiser by itself: a model of 100 rows in clusters of 64, with colour over time. */
+/* ---- The optimiser alone: a model of 100 rows in clusters of 64, with colour over time ---- */
 
 static void begin(pags_train_model *m) {
   pags_gaussians g;
@@ -30,8 +30,8 @@ static void begin(pags_train_model *m) {
   assert_int_equal(pags_model_add_fourier(m), PAGS_OK);
 }
 
-/* Takes step `step` of cluster 0 with gradients of 1e-3; `plane` of `row` gets `value`, in the gradients or in the
- * parameters. */
+/* Takes step `step` of cluster 0 with gradients of 1e-3, except that `plane` of `row` is set to `value` in the
+ * gradients or in the parameters. */
 static int take(pags_train_model *m, int64_t step, int row, int plane, float value, int in_gradient,
                 pags_nonfinite_row *first) {
   enum { ALL = PLANES + PAGS_FOURIER_PLANES };
@@ -59,8 +59,8 @@ static void assert_row(const pags_train_model *a, const pags_train_model *b, int
         assert_int_equal(pags_plane(x[k], p)[row] == pags_plane(y[k], p)[row], same);
 }
 
-/* Every plane, every kind of number, in gradient and parameter: that row stays to the bit, the others move as they
- * would have. */
+/* For every plane and every kind of non-finite or too large number, in gradient and parameter: that row keeps its
+ * bits, the others move as they would have without it. */
 static void a_bad_row_stays_and_others_move(void **state) {
   (void)state;
   static const float values[] = {NAN, INFINITY, -INFINITY, 1e18f, 3.1e38f};
@@ -91,7 +91,8 @@ static void a_bad_row_stays_and_others_move(void **state) {
       }
 }
 
-/* The pose of an object: a row that isn't finite adds nothing, and the others' sum stays a number. */
+/* A row that isn't finite adds nothing to the gradient of its object's pose, so that the sum over the other rows
+ * stays finite. */
 static void a_bad_row_moves_no_pose(void **state) {
   (void)state;
   pags_gaussians g;
@@ -112,7 +113,7 @@ static void a_bad_row_moves_no_pose(void **state) {
   pags_gaussians_destroy(&g);
 }
 
-/* Whole runs. */
+/* ---- Whole runs ---- */
 
 static pags_dataset *dataset;
 
@@ -143,7 +144,7 @@ static int is_same_file(const char *a, const char *b, const char *file) {
   return same;
 }
 
-/* The truth, of which three rows can't be moved: what keeps them there is a parameter. */
+/* The true Gaussians, three of which have a parameter that isn't finite, so that their updates are left out. */
 static void spoil(pags_gaussians *g) {
   hard_truth(g);
   pags_plane(g, PAGS_MEAN)[30] = NAN;
@@ -155,8 +156,8 @@ static int stop_at(void *user, const pags_train_progress *progress) {
   return progress->step < *(const int64_t *)user;
 }
 
-/* Counted the same by any number of threads and through two interruptions; without density control, which would take
- * them out. */
+/* The count of left-out updates is the same for any number of threads and after two interruptions. Density control is
+ * off, as it would remove the rows. */
 static void the_count_is_the_run_s(void **state) {
   (void)state;
   static const int64_t stops[] = {9, 41, 60};
@@ -189,8 +190,8 @@ static void the_count_is_the_run_s(void **state) {
   pags_gaussians_destroy(&g);
 }
 
-/* Nobody else notices: the picture is that of a run in which those rows are transparent. Density control takes them
- * out. */
+/* The spoiled rows don't affect the others: the picture is that of a run in which those rows are transparent. Density
+ * control removes them. */
 static void nothing_spreads(void **state) {
   (void)state;
   pags_train_config config = hard_config(HARD_STEPS);
@@ -213,8 +214,8 @@ static void nothing_spreads(void **state) {
   hard_check_scene("with");
 }
 
-/* Beyond the threshold the run fails, naming what came first; the checkpoint before stands and a higher one goes on
- * from it. */
+/* Above the allowed number the run fails with a message that names the first left-out update; its last checkpoint
+ * stays valid, and a higher limit resumes from it. */
 static void too_much_fails(void **state) {
   (void)state;
   pags_train_config config = hard_config(60);
@@ -238,8 +239,8 @@ static void too_much_fails(void **state) {
   assert_true(result.resumed && result.finished && result.bad_rows > 51);
 }
 
-/* Colours of 1e20 and 2e38: finite, but the loss multiplies four of them, and what covers such a light gains as much by
- * it. They are shaded as 1e6; every gradient stays a number and no row is left out. */
+/* Colours of 1e20 and 2e38 are finite, but the loss multiplies four of them, and the gradient of whatever covers them
+ * grows as much. They are shaded as 1e6: every gradient stays finite and no row is left out. */
 static void a_blinding_row(void **state) {
   (void)state;
   const pags_train_config config = hard_config(HARD_STEPS);

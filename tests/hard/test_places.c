@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Hard places and pictures (facts 6 #3, 9, 10, 13, 18): at, beside and behind the camera, inside of things, far from
- * the world's origin; pictures of one pixel and of 16384 x 16. */
+/* Hard positions and pictures (cases 3, 9, 10, 13, 18 of docs/lab/numerics.md): Gaussians at, beside and behind the
+ * camera, cameras inside of objects and far from the world's origin; pictures of one pixel and of 16384 x 16. */
 #include "hard/hard.h"
 
 #include <math.h>
@@ -24,8 +24,8 @@ static double *random_weights(hard_scene *s) {
   return weights;
 }
 
-/* #3: rows at the camera's centre and in its plane z = 0, which are not drawn and have no gradient, and rows just
- * beyond a near plane of 1e-6 m, where 1/z is 1e6. Their neighbours are as the oracle has them. */
+/* #3: rows at the camera's centre and in its plane z = 0, which aren't drawn and have no gradient, and rows just
+ * beyond a near plane of 1e-6 m, where 1/z is 1e6. The other rows agree with the oracle. */
 static void at_the_camera(void **state) {
   (void)state;
   enum { ROWS = 40, AT = 8 };
@@ -64,7 +64,8 @@ static void beside_the_picture(void **state) {
   hard_scene_destroy(&s);
 }
 
-/* A thing's Gaussians all around the camera, many wider than they are far: what a camera driven into a car sees. */
+/* An object's Gaussians all around the camera, many wider than their distance: the view of a camera that was driven
+ * into a car. */
 static void inside_of_an_object(void **state) {
   (void)state;
   enum { ROWS = 200 };
@@ -85,8 +86,8 @@ static void inside_of_an_object(void **state) {
   hard_scene_destroy(&s);
 }
 
-/* #10: a scene of millimetres, and the same through three near planes: what lies beyond is drawn, what doesn't is not.
- */
+/* #10: a scene of millimetres and larger ones with three near planes each: Gaussians beyond the near plane are drawn,
+ * the others aren't. */
 static void small_scenes(void **state) {
   (void)state;
   static const float planes[] = {0.001f, 0.01f, 0.2f};
@@ -146,8 +147,8 @@ static void far_from_the_origin(void **state) {
   hard_scene_destroy(&s);
 }
 
-/* The camera, too, moves by fractions of a millimetre out there: its position is a double until the scene's origin is
- * taken off. */
+/* Camera motions of fractions of a millimetre survive far from the origin: the camera's position is a double until
+ * the scene's origin is subtracted. */
 static void small_steps_far_away(void **state) {
   (void)state;
   hard_scene s = hard_scene_create(16, 100), moved = hard_scene_create(16, 100);
@@ -177,7 +178,8 @@ static void small_steps_far_away(void **state) {
   hard_scene_destroy(&moved);
 }
 
-/* Rows a kilometre to 1e15 m away, as large as their distance has it: skies made of Gaussians. */
+/* Rows at distances of a kilometre to 1e15 m, with sizes in proportion to the distance, like a sky made of Gaussians.
+ * */
 static void far_rows(void **state) {
   (void)state;
   enum { ROWS = 60 };
@@ -220,8 +222,8 @@ static void resize(hard_scene *s, int width, int height, double focal) {
     reference_random_gaussian(&s->random, &recipe, &s->camera, &s->options, &s->part, i);
 }
 
-/* 1 x 1, and 16384 x 16 both ways: a field of view of 90 degrees, its tiles in one row. Floats beyond 8192 are 1/1024
- * px apart, which is what the error of the long ones comes from. */
+/* Pictures of 1 x 1, and of 16384 pixels in either direction with a field of view of 90 degrees and a single row of
+ * tiles. Floats beyond 8192 are 1/1024 px apart, which causes the error of the long pictures. */
 static void odd_pictures(void **state) {
   (void)state;
   static const struct {
@@ -241,8 +243,8 @@ static void odd_pictures(void **state) {
   }
 }
 
-/* #13: rows, none of them in view: behind, beside, under 1/255, all in one. The picture is the background, gradients
- * are 0. */
+/* #13: rows of which none is in view: behind the camera, beside it, below 1/255, and all of these. The picture is the
+ * background and the gradients are 0. */
 static void nothing_in_view(void **state) {
   (void)state;
   enum { ROWS = 200 };

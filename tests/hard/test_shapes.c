@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Hard shapes (facts 6 #2, 5-9, 12, 16, 19, 22, 23): rows of such Gaussians among ordinary ones, held to the oracle in
- * picture and gradients, and trained for 200 steps in the place of good ones. */
+/* Hard shapes (cases 2, 5-9, 12, 16, 19, 22, 23 of docs/lab/numerics.md): rows of such Gaussians among ordinary ones,
+ * compared with the oracle in picture and gradients, and trained for 200 steps in place of ordinary rows. */
 #include "hard/hard.h"
 
 #include <math.h>
@@ -10,14 +10,14 @@
 
 enum { ORDINARY = 40, HARD_ROWS = 16 };
 
-/* Where a row goes: its mean is there already, `pixel` is how many metres a pixel covers at it. */
+/* A hard row's place: its mean is already set, `pixel` is the size in metres of a pixel at its depth. */
 typedef struct spot {
   reference_random *random;
   double pixel;
-  int index; /* of the hard rows */
+  int index; /* index among the hard rows */
 } spot;
 
-/* Writes a row's parameters, mean to opacity; those of an ordinary ball are in it. */
+/* Writes a row's parameters from mean to opacity; on entry the row holds those of an ordinary round Gaussian. */
 typedef void shape_fn(const spot *at, double *row);
 
 static void set_scales(double *row, double a, double b, double c) {
@@ -34,42 +34,42 @@ static void turn_at_random(const spot *at, double *row, double length) {
     row[PAGS_ROTATION + k] = length * q[k] / sqrt(square);
 }
 
-/* #5 */
+/* #5: the zero quaternion. */
 static void zero_quaternion(const spot *at, double *row) {
   set_scales(row, 4 * at->pixel, 2 * at->pixel, at->pixel);
   for (int k = 0; k < 4; k++)
     row[PAGS_ROTATION + k] = 0;
 }
 
-/* #6: lengths from 1e-12 to 1e18. */
+/* #6: quaternions of lengths from 1e-12 to 1e18. */
 static void any_length(const spot *at, double *row) {
   set_scales(row, 5 * at->pixel, 2 * at->pixel, at->pixel);
   turn_at_random(at, row, pow(10, -12 + 2 * at->index));
 }
 
-/* #7: 1:1e4, lying in the picture at 45 degrees either way. */
+/* #7: needles of 1:1e4 that lie parallel to the picture at 45 degrees, in both diagonals. */
 static void needle(const spot *at, double *row) {
   const double half = 0.39269908169872414;
   set_scales(row, (4 + at->index) * at->pixel, 4e-4 * at->pixel, 4e-4 * at->pixel);
   row[PAGS_ROTATION] = cos(half), row[PAGS_ROTATION + 3] = at->index % 2 ? sin(half) : -sin(half);
 }
 
-/* Condition numbers of the covariance, the square of the ratio of sigmas, up to 1e12; flat and long in turn. */
+/* Condition numbers of the covariance (the squared ratio of sigmas) up to 1e12, alternately flat and long. */
 static void condition(const spot *at, double *row) {
   const double large = 6 * at->pixel, small = large * pow(10, -6.0 * (at->index + 1) / HARD_ROWS);
   set_scales(row, large, at->index % 2 ? large : small, small);
   turn_at_random(at, row, 1);
 }
 
-/* #8: up to 3,857 pictures wide, as the worst that users report. */
+/* #8: up to 3,857 pictures wide, the largest that users of other programs report. */
 static void giant(const spot *at, double *row) {
   const double sigma = 10 * pow(3857 * HARD_WIDTH / 10.0, at->index / (HARD_ROWS - 1.0)) * at->pixel;
   set_scales(row, sigma, sigma, 0.1 * sigma);
   row[PAGS_OPACITY] = -3;
 }
 
-/* #2: finite logarithms whose exponentials are not, or whose squares are not. The engine's definition is that what is
- * wider than 1e9 px is not drawn. */
+/* #2: finite ln sigma whose exponentials, or the squares of those, aren't finite. By the engine's definition a
+ * Gaussian wider than 1e9 px isn't drawn. */
 static void overflowing_scale(const spot *at, double *row) {
   const double large[] = {25, 30, 44.5, 88.7, 89, 100, 1e30, 2e38};
   row[PAGS_SCALE + at->index % 3] = large[at->index % 8];
@@ -81,20 +81,20 @@ static void vanishing_scale(const spot *at, double *row) {
     row[PAGS_SCALE + k] = small[at->index % 6];
 }
 
-/* #12: around and below 1/255, which is at -5.537. */
+/* #12: opacities around and below 1/255, whose logit is -5.537. */
 static void faint(const spot *at, double *row) {
   set_scales(row, 3 * at->pixel, 3 * at->pixel, 3 * at->pixel);
   row[PAGS_OPACITY] = at->index < 8 ? -5.5 + 0.1 * at->index : -6.0 * at->index;
 }
 
-/* #16: 1 - 1e-7 is at 16.1; beyond about 17 float holds it for 1. */
+/* #16: the logit of 1 - 1e-7 is 16.1; beyond about 17 the opacity rounds to 1 in float. */
 static void opaque(const spot *at, double *row) {
   const double logits[] = {9, 13, 16.118095550958319, 16.7, 17, 20, 88, 1e5};
   set_scales(row, 2 * at->pixel, 2 * at->pixel, 2 * at->pixel);
   row[PAGS_OPACITY] = logits[at->index % 8];
 }
 
-/* #19: in half precision a plate of 100 m by 1 mm loses an axis: its variances are 1e4 and 1e-6 m^2. */
+/* #19: a plate of 100 m by 1 mm, which loses an axis in half precision: its variances are 1e4 and 1e-6 m^2. */
 static void plate(const spot *at, double *row) {
   set_scales(row, 1e5 * 2e-3 * at->pixel, 2e-3 * at->pixel, 1e5 * 2e-3 * at->pixel);
   turn_at_random(at, row, 1);
@@ -106,8 +106,8 @@ typedef struct shape {
   shape_fn *write;
   double colour, gradient; /* bounds on the errors of the picture and of its gradients */
   double left_out;         /* bound on the share of pixels where float may decide otherwise */
-  double lost;             /* dB that 200 steps may fall short of those of the truth */
-  int hidden;              /* 1: none of them is to be drawn */
+  double lost;             /* dB by which 200 steps may fall short of training from the true Gaussians */
+  int hidden;              /* 1: no row of this shape may be drawn */
 } shape;
 
 static const shape shapes[] = {
@@ -124,7 +124,7 @@ static const shape shapes[] = {
 };
 enum { SHAPES = sizeof shapes / sizeof *shapes };
 
-/* The first rows are hard, the others are as they come. */
+/* Compares a scene whose first rows have the hard shape and whose other rows are ordinary. */
 static void pictures_and_gradients(int antialiased) {
   for (int k = 0; k < SHAPES; k++) {
     hard_scene s = hard_scene_create(100 + (uint64_t)k, ORDINARY + HARD_ROWS);
@@ -157,8 +157,8 @@ static void antialiased_pictures(void **state) {
   pictures_and_gradients(1);
 }
 
-/* A third of the truth's rows made hard, trained against the truth's photographs: nothing breaks, and the picture is
- * found again as far as rows that can be seen allow. */
+/* Makes a third of the true Gaussians hard and trains against the true photographs: all results stay finite, and the
+ * picture is recovered as far as rows that can be seen allow. */
 static void two_hundred_steps(void **state) {
   (void)state;
   pags_dataset *dataset = hard_data("data", &HARD_DATA_DEFAULT);

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Hard times (facts 6 #24): ranges of one instant and of 1e6 s, in tracks, colours over time and exposures, which have
- * closed forms, and in 200 steps of a street of one time step and of one that is as long as twelve days. */
+/* Hard times (case 24 of docs/lab/numerics.md): time ranges of zero length and of 1e6 s, in tracks, colours over time
+ * and exposures, which have closed forms, and in 200 steps of training on a street of one time step and on one that
+ * lasts twelve days. */
 #include "hard/hard.h"
 
 #include <math.h>
@@ -14,7 +15,7 @@
 
 #include "base/file.h"
 
-static const double long_time = 1e6; /* s */
+static const double long_time = 1e6; /* seconds */
 
 /* A straight drive of a kilometre that turns by 90 degrees about z. */
 static void drive(pags_knot *knots, int count, double begin, double end) {
@@ -43,7 +44,7 @@ static void tracks(void **state) {
   print_message("  a track of 1e6 s                         %.1e m or radians off\n", worst);
   assert_true(worst < 1e-9);
   assert_int_equal(pags_object_pose(&o, 2 * long_time, pose), 0);
-  for (int k = 0; k < 2; k++) { /* an instant, also one in Unix time */
+  for (int k = 0; k < 2; k++) { /* a range of zero length, also at a Unix time */
     const double when = k ? 1.7e9 : 0;
     drive(knots, 1, when, when);
     o.knot_count = 1;
@@ -70,7 +71,8 @@ static void colours_over_time(void **state) {
               fabs(basis[4] + 1) < 1e-12);
 }
 
-/* Gains of 0 and 65535 at the two ends, interpolated; all views at one instant; a time that isn't known. */
+/* Exposure gains of 0 and 65535 at the two ends are interpolated; also with all views at one time, and at an unknown
+ * time. */
 static void exposures(void **state) {
   (void)state;
   pags_scene_view views[2] = {{.camera = {.time = 0}, .gain = {0, 0, 0}, .offset = {0, 0, 0}},
@@ -134,7 +136,7 @@ static void train(const char *what, const char *name, const pags_dataset_options
   pags_dataset_close(dataset);
 }
 
-/* #24: the first and the last frame are the same. */
+/* #24: a street whose first and last frame are the same. */
 static void a_street_of_one_instant(void **state) {
   (void)state;
   pags_dataset_options reading = pags_dataset_options_default();

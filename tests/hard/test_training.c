@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Hard starts, places and rates of training (facts 6 #1, 3, 4, 10, 14, 17, 18, 24, 25, 27): 200 steps that stay finite
- * and come to a picture, or stop with a reason. */
+/* Hard initial points, positions and learning rates (cases 1, 3, 4, 10, 14, 17, 18, 24, 25, 27 of
+ * docs/lab/numerics.md): 200 steps stay finite and reach a minimum PSNR, or stop with an error message. */
 #include "hard/hard.h"
 
 #include <math.h>
@@ -10,13 +10,13 @@
 
 #include <pags/image.h>
 
-/* HARD_STEPS of the environment: a longer run of the absurd rates. */
+/* Number of steps with the absurd rates: the environment variable HARD_STEPS sets a longer run. */
 static int64_t absurd_steps(void) {
   const char *text = getenv("HARD_STEPS");
   return text ? atoll(text) : getenv("HARD_SHORT") ? 40 : 300;
 }
 
-/* Trains on a data set of its own and closes it. */
+/* Writes a data set, trains on it and closes it. */
 static pags_train_result train_on(const char *what, const char *name, const hard_data_options *data,
                                   const pags_train_config *config) {
   char run[64];
@@ -38,7 +38,7 @@ static void an_easy_start(void **state) {
   assert_true(plain_psnr > 18);
 }
 
-/* #4: every point twice, a third of them a hundred times: the nearest neighbours lie at distance 0. */
+/* #4: every point twice, a third of them a hundred times, so that the nearest neighbours are at distance 0. */
 static void duplicate_points(void **state) {
   (void)state;
   if (hard_leaves_out())
@@ -59,7 +59,7 @@ static void duplicate_points(void **state) {
   assert_true(train_on("duplicate points", "twice", &data, &config).psnr > 15);
 }
 
-/* #3: points on the camera centres, where directions and depths are 0 / 0. */
+/* #3: points at the camera centres, where the viewing direction is 0 / 0. */
 static void points_on_cameras(void **state) {
   (void)state;
   float xyz[3 * (HARD_TRUTH + HARD_VIEWS)];
@@ -96,8 +96,9 @@ static void few_points(void **state) {
   }
 }
 
-/* #27: a cloud of black points, and of white ones. Clamped colours have no gradient: black ones start half a level
- * above that and come to the photographs' colours as all do, at 0.0007 a step. */
+/* #27: a cloud of black points, and of white ones. Clamped colours have no gradient, so that black points are
+ * initialised half a level above the clamp; they reach the photographs' colours like all others, at a rate of 0.0007
+ * a step. */
 static void black_points(void **state) {
   (void)state;
   if (hard_leaves_out())
@@ -120,8 +121,8 @@ static void black_points(void **state) {
   }
 }
 
-/* #10, #14, #25: the world a thousand times smaller and larger (where cameras are 4 mm and 4 km from its middle), with
- * a near plane that goes along. Training is the same up to rounding. */
+/* #10, #14, #25: the world scaled down and up by a factor of a thousand (cameras 4 mm and 4 km from its centre), with
+ * the near plane scaled alike. Training is the same up to rounding. */
 static void any_extent(void **state) {
   (void)state;
   if (hard_leaves_out())
@@ -139,7 +140,8 @@ static void any_extent(void **state) {
   }
 }
 
-/* #25: MCMC's noise is in squared sigmas times a rate that goes with the extent: 2009 metres broke it elsewhere. */
+/* #25: MCMC's noise is the covariance times a rate in proportion to the extent; an extent of 2009 metres broke it in
+ * other programs. */
 static void mcmc_of_any_extent(void **state) {
   (void)state;
   if (hard_leaves_out())
@@ -158,8 +160,8 @@ static void mcmc_of_any_extent(void **state) {
   }
 }
 
-/* #18: coordinates of 1e7 m. The start is the same Gaussians and cameras but for what the file's doubles round, so is
- * the training but for what comes of that. */
+/* #18: coordinates of 1e7 m. Initial Gaussians and cameras are the same up to the rounding of the doubles in the
+ * file, and so is the training up to the effect of that rounding. */
 static void far_from_the_origin(void **state) {
   (void)state;
   if (hard_leaves_out())
@@ -170,7 +172,7 @@ static void far_from_the_origin(void **state) {
   assert_true(fabs(r.psnr - plain_psnr) < 1);
 }
 
-/* #14: what a reset to 0.01 and pruning at 0.9 would take is everything: a few rows stay and the run ends in order. */
+/* #14: resets to 0.01 and pruning at 0.9 would remove every row: a few rows are kept and the run ends regularly. */
 static void everything_pruned(void **state) {
   (void)state;
   pags_train_config config = hard_config(HARD_STEPS);
@@ -180,8 +182,9 @@ static void everything_pruned(void **state) {
   assert_true(r.gaussians >= 16);
 }
 
-/* #17: a reset to 0.01 shrinks what a Gaussian reaches to 1.37 sigma, one to 0.004 to 0.2 sigma. One below 1/255, or a
- * start there, would leave rows that nothing is drawn of and that no gradient ever comes to: it is refused. */
+/* #17: a reset to opacity 0.01 shrinks the reach of a Gaussian to 1.37 sigma, one to 0.004 to 0.2 sigma. A reset or
+ * an initial opacity below 1/255, at which nothing would be drawn and no row would ever have a gradient, is refused.
+ * */
 static void resets(void **state) {
   (void)state;
   if (hard_leaves_out())
@@ -190,7 +193,7 @@ static void resets(void **state) {
   for (int k = 0; k < 2; k++) {
     char name[32], what[48];
     pags_train_config config = hard_config(HARD_STEPS);
-    config.density.reset_every = 3000; /* of 30 000: every 24 steps here */
+    config.density.reset_every = 3000; /* in a schedule of 30 000 steps: every 24 steps here */
     config.density.reset_opacity = levels[k];
     snprintf(name, sizeof name, "reset%d", k);
     snprintf(what, sizeof what, "opacities reset to %g", levels[k]);
@@ -205,7 +208,7 @@ static void resets(void **state) {
   }
 }
 
-/* Photographs of one level: all black and all white, of 16 bits. */
+/* Photographs of one level, all black and all white, of 16 bits. */
 static void flat_photographs(void **state) {
   (void)state;
   if (hard_leaves_out())
@@ -233,14 +236,15 @@ static void one_view(void **state) {
 
 typedef struct absurd {
   const char *name;
-  double rate; /* of everything */
+  double rate; /* of all parameters */
   double beta2, epsilon;
   pags_strategy strategy;
   int densify;
 } absurd;
 
-/* The largest rates there may be, 1 a step: ln sigma and logits wander by hundreds, positions by the scene's size,
- * under both strategies. Finite, or stopped with a reason; the number of Gaussians stays in its bound. */
+/* The largest allowed learning rates, 1 a step: ln sigma and logits change by hundreds, positions by the scene's
+ * size, under both strategies. The run stays finite or stops with an error message, and the number of Gaussians stays
+ * within its bound. */
 static void absurd_rates(void **state) {
   (void)state;
   static const absurd cases[] = {
@@ -281,7 +285,7 @@ static void absurd_rates(void **state) {
   pags_dataset_close(dataset);
 }
 
-/* What is beyond is refused by name. */
+/* Rates above the allowed range are refused by name. */
 static void rates_out_of_range(void **state) {
   (void)state;
   pags_train_config config = hard_config(10);
@@ -292,7 +296,7 @@ static void rates_out_of_range(void **state) {
   assert_int_equal(pags_train_config_check(&config), PAGS_ERROR_ARGUMENT);
 }
 
-/* #26: what isn't a colour becomes one where pictures are packed into whole numbers. */
+/* #26: values that aren't valid colours become valid ones where pictures are converted to integers. */
 static void pictures_of_no_colours(void **state) {
   (void)state;
   static const float values[6] = {NAN, INFINITY, -INFINITY, -1.0f, 2.0f, 1e30f};

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A small data set and runs on it; see hard.h. */
+/* Writes the small data set of the hard cases and trains on it; see hard.h. */
 #include "hard/hard.h"
 
 #include <math.h>
@@ -46,7 +46,7 @@ static void join(char path[NAME], const char *folder, const char *file) {
   assert_true(snprintf(path, NAME, "%s/%s", folder, file) < NAME);
 }
 
-/* Data */
+/* ---- Data ---- */
 
 static float uniform(uint64_t purpose, int i) {
   return (float)pags_rng_uniform(88, purpose, (uint64_t)i);
@@ -65,7 +65,8 @@ void hard_truth(pags_gaussians *g) {
   }
 }
 
-/* On a circle of radius 4 at height 0.5, looking at the middle; OpenCV axes, world z up; nothing moved or scaled. */
+/* A camera on a circle of radius 4 at height 0.5 that looks at the centre; OpenCV axes, world z up; before scaling
+ * and offset. */
 static pags_camera camera_of(int view, int views) {
   const double angle = 6.283185307179586 * view / views, eye[3] = {4.0 * cos(angle), 4.0 * sin(angle), 0.5};
   const double length = sqrt(16.25), x[3] = {-sin(angle), cos(angle), 0.0};
@@ -133,7 +134,7 @@ static void save_views(const pags_gaussians *truth, const char *name, const hard
   pags_tasks_destroy(tasks);
 }
 
-/* transforms.json holds OpenGL axes: y and z turned. */
+/* Writes transforms.json, whose poses are in OpenGL axes: y and z are flipped. */
 static void save_transforms(const char *name, const hard_data_options *o, int views, double scale) {
   char file[NAME];
   join(file, name, "transforms.json");
@@ -199,7 +200,7 @@ pags_dataset *hard_data(const char *name, const hard_data_options *options) {
   return dataset;
 }
 
-/* Runs */
+/* ---- Runs ---- */
 
 pags_train_config hard_config(int64_t steps) {
   pags_train_config c = pags_train_config_default();
@@ -220,7 +221,8 @@ static int stop_at_once(void *user, const pags_train_progress *progress) {
   return 0;
 }
 
-/* The run's checkpoint after its first step, with other Gaussians at step 0. */
+/* Writes a checkpoint from which a run starts with given Gaussians: the checkpoint of a run's first step with its
+ * Gaussians replaced and its step set to 0. */
 static void save_start(const pags_dataset *dataset, const char *name, const pags_gaussians *start) {
   char file[NAME];
   pags_train_state state, fresh;
@@ -261,7 +263,8 @@ pags_result hard_try(const pags_dataset *dataset, const char *name, const pags_t
 
 int64_t hard_check_scene(const char *name) {
   pags_scene scene;
-  check(pags_scene_load(hard_path(name), &scene)); /* which refuses what isn't finite, and names it */
+  /* The scene loader refuses numbers that aren't finite and names them. */
+  check(pags_scene_load(hard_path(name), &scene));
   int64_t count = 0;
   for (int64_t i = 0; i < scene.model_count; i++) {
     const pags_gaussians *g = &scene.models[i].gaussians;

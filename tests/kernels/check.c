@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#define _DEFAULT_SOURCE /* MAP_ANONYMOUS */
+#define _DEFAULT_SOURCE /* for MAP_ANONYMOUS */
 #include "check.h"
 
 #include <math.h>
@@ -15,7 +15,7 @@
 enum { FILLING = 0xA5, SHOWN_FAILURES = 5, MAX_BUFFERS = 256 };
 
 typedef struct buffer {
-  unsigned char *pages; /* the first that may be touched */
+  unsigned char *pages; /* the first accessible page */
   size_t pages_size;
   unsigned char *data;
   size_t size;
@@ -23,7 +23,7 @@ typedef struct buffer {
 
 static struct {
   const char *case_name, *table;
-  char where[128]; /* for the signal handler: no formatting there */
+  char where[128]; /* formatted in advance, as the signal handler must not format */
   uint64_t seed, rng;
   int case_failures;
   bool at_end, bench;
@@ -92,7 +92,8 @@ float check_normal(void) {
 
 void *check_buffer(size_t size) {
   const size_t page = (size_t)sysconf(_SC_PAGESIZE);
-  const size_t pages_size = (size / page + 1) * page; /* never full, so that an empty buffer has an address too */
+  /* Always larger than size, so that an empty buffer has an address too. */
+  const size_t pages_size = (size / page + 1) * page;
   if (state.buffer_count == MAX_BUFFERS) {
     fprintf(stderr, "more than %d buffers in a case\n", MAX_BUFFERS);
     exit(2);
@@ -186,7 +187,7 @@ static double seconds(void) {
   return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
 }
 
-/* Batches of at least 2 ms; the best of 20 counts: other work on the machine only ever adds. */
+/* Measures batches of at least 2 ms; the fastest of 20 counts, as other work on the machine only ever adds time. */
 bool check_timed(check_timer *t, const char *what, double items, const char *unit) {
   if (!state.bench || !state.at_end)
     return false;
@@ -240,7 +241,8 @@ static bool wanted(const arguments *a, const char *name) {
   return a->filter_count == 0;
 }
 
-/* The seed comes from the case's name, so that filters and the order of cases change nothing. */
+/* The seed is made from the case's name, so that neither filters nor the order of the cases change its random
+ * numbers. */
 static int run_case(const check_case *c, const pags_kernels *table, bool at_end) {
   state.case_name = c->name;
   state.table = table->name;

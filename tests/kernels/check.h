@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What every kernel test needs, after dav1d's checkasm: a main that runs each case on each table of kernels this
- * machine has (whatever PAGS_CPU says), reproducible random numbers, buffers that catch stray reads and writes,
- * float comparison and a benchmark of the very calls that were tested.
+/* The test driver of the kernel tests, after dav1d's checkasm: a main that runs each case on each kernel table that
+ * this machine can run (whatever PAGS_CPU says), reproducible random numbers, buffers that catch stray reads and
+ * writes, float comparison and a benchmark of the very calls that were tested.
  *
  *   test_x [NAME...] [--cpu NAME] [--seed N] [--bench]     NAME: part of a case's name */
 #ifndef PAGS_TESTS_CHECK_H
@@ -13,7 +13,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* Fused builds round differently from ISA to ISA; the others must agree to the bit. */
+/* Whether kernel tables must agree to the bit. Builds with fused multiply-add round differently on each ISA. */
 #if defined(PAGS_FUSED)
 enum { CHECK_EXACT = 0 };
 #else
@@ -25,8 +25,8 @@ typedef struct check_case {
   void (*run)(const pags_kernels *kernels);
 } check_case;
 
-/* Runs the cases: for each table, once with all buffers ending at a guard page and once with all beginning at one.
- * The return value is main's. */
+/* Runs the cases on each table, once with every buffer ending at a guard page and once with every buffer beginning at
+ * one. Returns main's exit code. */
 int check_main(int argc, char **argv, const check_case *cases, int count);
 
 /* Counts and prints a failure. The first few of a case are shown. */
@@ -37,10 +37,10 @@ int check_main(int argc, char **argv, const check_case *cases, int count);
       CHECK_FAIL("%s", #condition); \
   } while (0)
 void check_fail(const char *file, int line, const char *format, ...) __attribute__((format(printf, 3, 4)));
-/* One line about the case, after its name and the table's; printed for one of the two placements. */
+/* Prints one line about the case after its name and the table's; only for one of the two buffer placements. */
 void check_note(const char *format, ...) __attribute__((format(printf, 1, 2)));
 
-/* ---- Random numbers: the same in every case whatever ran before it ---- */
+/* ---- Random numbers, which don't depend on the cases that ran before ---- */
 
 uint32_t check_u32(void);
 int check_below(int n); /* 0 .. n - 1 */
@@ -49,12 +49,13 @@ float check_normal(void);
 
 /* ---- Buffers ---- */
 
-/* `size` bytes between pages that can't be touched; the rest of the first and last page is filled and looked at on
- * release. Filled with 0xA5 bytes (floats: about -2.9e-16). Every buffer of a case is released after it. */
+/* Allocates `size` bytes between guard pages, filled with 0xA5 bytes (floats: about -2.9e-16). The rest of the first
+ * and last page is filled, too, and checked for stray writes on release. All buffers are released at the end of the
+ * case. */
 void *check_buffer(size_t size);
-/* From here on `buffer` can't be written. */
+/* Makes `buffer` read-only. */
 void check_freeze(const void *buffer);
-/* Looks at the filling of all buffers and releases them; for cases with many rounds. */
+/* Checks all buffers for stray writes and releases them; for cases with many rounds. */
 void check_release(void);
 
 #define CHECK_NEW(type, count) ((type *)check_buffer((size_t)(count) * sizeof(type)))
@@ -63,22 +64,23 @@ void check_release(void);
 
 typedef struct check_tolerance {
   int ulp;
-  double relative, absolute; /* passes within ulp, or within relative |want| + absolute */
-  double flips;              /* share of values that may be off, by flip_size at most: where a threshold decides */
+  double relative, absolute; /* passes within `ulp`, or within relative * |want| + absolute */
+  /* Share of values that may be off by up to flip_size, because rounding decided a threshold otherwise. */
+  double flips;
   double flip_size;
 } check_tolerance;
 
-/* Distance in representable floats, 0 and -0 being the same; INT64_MAX where one is NaN. */
+/* Distance in representable floats; 0 and -0 are equal; INT64_MAX if either is NaN. */
 int64_t check_ulps(float a, float b);
 bool check_close(float got, float want, const check_tolerance *tolerance);
-bool check_same_bits(const float *got, const float *want, int64_t count); /* any NaN is the same as any other */
-/* Compares with the tolerance; on builds that must agree to the bit, for that. */
+bool check_same_bits(const float *got, const float *want, int64_t count); /* any two NaNs are equal */
+/* Compares with the tolerance; where kernel tables must agree to the bit, compares bits. */
 #define CHECK_FLOATS(what, got, want, count, ...) \
   check_floats(__FILE__, __LINE__, what, got, want, count, &(check_tolerance){__VA_ARGS__}, CHECK_EXACT)
-/* With the tolerance on every build: against an oracle. */
+/* Compares with the tolerance on every build: for results against an oracle. */
 #define CHECK_NEAR(what, got, want, count, ...) \
   check_floats(__FILE__, __LINE__, what, got, want, count, &(check_tolerance){__VA_ARGS__}, 0)
-/* To the bit on every build: the same kernels asked in two ways. */
+/* Compares bits on every build: for the same kernel called in two ways. */
 #define CHECK_SAME(what, got, want, count) \
   check_floats(__FILE__, __LINE__, what, got, want, count, &(check_tolerance){.ulp = 0}, 1)
 void check_floats(const char *file, int line, const char *what, const float *got, const float *want, int64_t count,
@@ -89,7 +91,7 @@ void check_floats(const char *file, int line, const char *what, const float *got
 typedef struct check_timer {
   int64_t repeats, left;
   int batches;
-  double began, best; /* s */
+  double began, best; /* seconds */
 } check_timer;
 
 /* CHECK_BENCH("raster", pairs, "pair") kernels->raster(&in, &out); runs the call only under --bench and prints ns

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* on_cpu NAME PROGRAM ARGS...: runs a program with PAGS_CPU=NAME, or exits with 77 (skipped) where this machine has no
- * such kernels. */
+/* on_cpu NAME PROGRAM ARGS...: runs a program with PAGS_CPU=NAME, or exits with 77 (skipped) if this machine can't
+ * run that kernel table. */
 #include "simd/kernels.h"
 
 #include <stdio.h>

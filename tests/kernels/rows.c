@@ -64,7 +64,8 @@ static void place(const pags_projection *v, float row[ROW_FLOATS], float x, floa
 
 static void ordinary(const pags_projection *v, float row[ROW_FLOATS], row_kind kind) {
   const float z = check_uniform(0.5f, 12.0f), size = z / v->fx * expf(check_uniform(-1.0f, 4.0f));
-  const float spread = kind == ROWS_NEEDLES ? 9.2f : 3.0f; /* in each logarithm: 1:1e4, 1:20 */
+  /* Spread of the sigmas' logarithms: ratios up to 1:1e4 or 1:20. */
+  const float spread = kind == ROWS_NEEDLES ? 9.2f : 3.0f;
   place(v, row, check_uniform(-60.0f, v->width + 60.0f), check_uniform(-60.0f, v->height + 60.0f), z);
   for (int k = 0; k < 3; k++)
     row[ROW_SCALE + k] = logf(size) - check_uniform(0.0f, spread);
@@ -133,7 +134,7 @@ bool row_usable(const double row[ROW_FLOATS], int planes) {
   return true;
 }
 
-/* ---- In double ---- */
+/* ---- The same computations in double ---- */
 
 static double clamped(double x, double lo, double hi) {
   return fmin(fmax(x, lo), hi);
@@ -171,7 +172,7 @@ static void colour_plainly(const pags_projection *v, const double row[ROW_FLOATS
   norm = sqrt(norm);
   const bool at_eye = norm * norm <= 1e-30;
   const double x = at_eye ? 0.0 : d[0] / norm, y = at_eye ? 0.0 : d[1] / norm, z = at_eye ? 1.0 : d[2] / norm;
-  /* Real spherical harmonics with Condon and Shortley's sign, m = -l .. l. */
+  /* Real spherical harmonics with the Condon-Shortley phase, m = -l .. l. */
   const double basis[16] = {0.28209479177387814,
                             -0.4886025119029199 * y,
                             0.4886025119029199 * z,
@@ -195,7 +196,8 @@ static void colour_plainly(const pags_projection *v, const double row[ROW_FLOATS
   }
 }
 
-/* a > b, noting if that hangs on rounding; `size` is what the two were summed from. */
+/* Returns whether a > b; clears `certain` if rounding could change the answer, `size` being the magnitude of the
+ * terms from which a and b were summed. */
 static bool above(double a, double b, double size, bool *certain) {
   *certain = *certain && fabs(a - b) > 1e-4 * size;
   return a > b;

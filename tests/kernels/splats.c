@@ -30,7 +30,8 @@ static float log_uniform(float lo, float hi) {
   return lo * powf(hi / lo, check_uniform(0.0f, 1.0f));
 }
 
-/* Axes of `major` and `minor` px (standard deviations) at a random angle; low_pass as projection adds it. */
+/* A splat with axes of `major` and `minor` px (standard deviations) at a random angle; low_pass is added to the
+ * variances as by projection. */
 static pags_splat from_axes(double x, double y, double minor, double major, double low_pass, double alpha) {
   const double angle = (double)check_uniform(0.0f, 6.2831853f), co = cos(angle), si = sin(angle);
   const double l1 = major * major, l2 = minor * minor;
@@ -45,12 +46,14 @@ pags_splat splat_awkward(const splat_mix *mix) {
     case 0: return from_axes(x, y, 0.02, 200.0, 0.3, at); /* needle */
     case 1: return from_axes(x, y, 0.3, 3000.0, 0.0, at); /* needle without the low-pass filter */
     case 2: return from_axes(floor(x) + 0.5, floor(y) + 0.5, 2.0, 5.0, 0.3, cut * (1.0 + 3e-7 * (check_below(5) - 2)));
-    case 3: return from_axes(x, y, 3.0, 9.0, 0.3, 1.0);       /* capped around its mean */
-    case 4: return from_axes(x, y, 3.0, 3.0, 0.3, 0.9900001); /* capped at the mean alone */
+    case 3: return from_axes(x, y, 3.0, 9.0, 0.3, 1.0);       /* alpha is capped around its mean */
+    case 4: return from_axes(x, y, 3.0, 3.0, 0.3, 0.9900001); /* alpha is capped at the mean only */
     case 5: return from_axes(x + 1000.0, y - 1500.0, 400.0, 900.0, 0.3, at);
-    case 6: return from_axes(x, y, 1e8, 1e8, 0.3, at);        /* flat over the whole picture */
-    case 7: return from_axes(x, y, 0.0, 0.0, 0.3, at);        /* the low-pass filter alone */
-    default: return from_axes(x + 1e9, y, 1.0, 1.0, 0.3, at); /* powers of two that no float holds */
+    case 6: return from_axes(x, y, 1e8, 1e8, 0.3, at); /* constant over the whole picture */
+    case 7:
+      return from_axes(x, y, 0.0, 0.0, 0.3, at); /* only the low-pass filter's size */
+    /* The exponent's powers of two exceed the range of float. */
+    default: return from_axes(x + 1e9, y, 1.0, 1.0, 0.3, at);
   }
 }
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Adam over planes: each ISA against the scalar kernel, and against the textbook's recurrence in double. Scalar and
- * fused builds differ by rounding alone: nothing here has a threshold that matters. */
+/* The Adam kernels over parameter planes: each ISA against the scalar kernel, and against Adam's published recurrence
+ * in double. Scalar and fused builds differ by rounding only, as no threshold affects the results here. */
 #include "check.h"
 
 #include <math.h>
@@ -16,7 +16,8 @@ typedef struct plane {
   int rows, padded;
 } plane;
 
-/* Parameters about 1, gradients over many orders of magnitude; rows beyond hold zeros, their gradient NaN. */
+/* Parameters of magnitude 1, gradients over many orders of magnitude; rows beyond the count hold zeros with NaN
+ * gradients. */
 static plane make_plane(int rows) {
   plane a = {.rows = rows, .padded = (rows + 15) / 16 * 16};
   a.p = CHECK_NEW(float, a.padded);
@@ -25,7 +26,7 @@ static plane make_plane(int rows) {
   a.gradient = CHECK_NEW(float, a.padded);
   for (int i = 0; i < a.padded; i++) {
     const float size = ldexpf(1.0f, -check_below(24));
-    const bool fresh = check_below(5) == 0; /* no step so far */
+    const bool fresh = check_below(5) == 0; /* a row that has had no step yet */
     a.p[i] = i < rows ? check_normal() : 0.0f;
     a.m[i] = i < rows && !fresh ? 0.3f * size * check_normal() : 0.0f;
     a.v[i] = i < rows && !fresh ? size * size * check_uniform(0.1f, 2.0f) : 0.0f;
@@ -46,7 +47,7 @@ static plane copy_plane(const plane *from) {
   return a;
 }
 
-/* The first moment may cancel, so fused builds hold it against the textbook alone. */
+/* The terms of the first moment may cancel, so that fused builds compare it with the double recurrence only. */
 static void compare(const plane *got, const plane *want, double p_absolute) {
   CHECK_FLOATS("p", got->p, want->p, got->padded, .ulp = 1, .absolute = p_absolute);
   CHECK_FLOATS("v", got->v, want->v, got->padded, .ulp = 2, .relative = 1e-6);
@@ -76,7 +77,7 @@ static void test_update(const pags_kernels *k) {
       k->adam_update(got.p, got.m, got.v, got.gradient, got.rows, &step);
       pags_kernels_scalar.adam_update(want.p, want.m, want.v, want.gradient, want.rows, &step);
       compare(&got, &want, 1e-5 * rate);
-      for (int i = 0; i < got.rows; i++) { /* the textbook's step */
+      for (int i = 0; i < got.rows; i++) { /* one step of the recurrence in double */
         const double g = (double)got.gradient[i];
         const double m = (double)step.decay1 * (double)before.m[i] + (double)step.blend1 * g;
         const double v = (double)step.decay2 * (double)before.v[i] + (double)step.blend2 * g * g;
@@ -90,8 +91,7 @@ static void test_update(const pags_kernels *k) {
   }
 }
 
-/* Moments that are next to nothing become zero, not denormal; a NaN gradient is the caller's affair but stays in
- * its row. */
+/* Tiny moments become zero, not denormal; a NaN gradient, which the caller has to prevent, stays within its row. */
 static void test_small(const pags_kernels *k) {
   plane a = make_plane(16);
   float *const gradient = CHECK_NEW(float, 16);
@@ -106,7 +106,8 @@ static void test_small(const pags_kernels *k) {
       CHECK(a.m[i] == 0.0f && a.v[i] == 0.0f && isfinite(a.p[i]));
 }
 
-/* Owed steps one after another, each rounded: in one call, in two, and in plain C. */
+/* Deferred steps applied one after another, each rounded: in one call, in two calls, and by the scalar kernel give
+ * the same parameters. */
 static void test_replay(const pags_kernels *k) {
   float weights[STEPS];
   for (int j = 0; j < STEPS; j++)
@@ -133,7 +134,8 @@ static void test_replay(const pags_kernels *k) {
   }
 }
 
-/* Each kind of number in each place of parameters and gradients, alone and together; bits that were set stay. */
+/* Every kind of non-finite or too large number in every place of parameters and gradients, alone and together, sets
+ * its row's bit; bits that were set before stay. */
 static void test_check(const pags_kernels *k) {
   static const float odd[] = {NAN, INFINITY, -INFINITY, 1e18f, 9.99e17f, 3.1e38f, 0.0f, -1e-40f};
   enum { PLANES = 7 };
@@ -162,7 +164,8 @@ static void test_check(const pags_kernels *k) {
   }
 }
 
-/* Where a row gets lies within the reach, and some row gets there; NaNs are left out; what the range held counts. */
+/* The range by adam_reach contains every row's final parameter, and is attained by some row or by the range's initial
+ * value; NaNs are ignored. */
 static void test_reach(const pags_kernels *k) {
   for (size_t n = 0; n < sizeof counts / sizeof *counts; n++) {
     const plane a = make_plane(counts[n]);
@@ -194,7 +197,7 @@ static void test_bench(const pags_kernels *k) {
   float weights[STEPS] = {0.0f}, range[2] = {0.0f, 0.0f};
   const pags_adam_step step = step_at(100, 0.0, 1);
   CHECK_BENCH("adam_update", a.rows, "row") k->adam_update(a.p, a.m, a.v, a.gradient, a.rows, &step);
-  enum { MANY = 59 }; /* planes, of 64 rows each as a cluster has */
+  enum { MANY = 59 }; /* parameter planes, of 64 rows each as in a cluster */
   float *const planes = CHECK_NEW(float, MANY * 64), *const gradients = CHECK_NEW(float, MANY * 64);
   uint16_t bad[16] = {0};
   CHECK_BENCH("adam_check, 59 planes", 64 * MANY, "row and plane")

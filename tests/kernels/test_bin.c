@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Tiles of splats and lists of tiles: the lists are well formed, the same on every ISA, hold every tile and 4x4 block
- * with a pixel that the splat reaches, and few without. What a pixel sees is worked out one by one, in the rasteriser's
- * own operations, fused and not. */
+/* Binning, splats' tile boxes and tiles' splat lists: the lists are well formed, the same on every ISA, hold every
+ * tile and 4x4 block with a pixel that the splat reaches, and few others. Which pixels a splat reaches is computed
+ * one by one with the rasteriser's own float operations, fused and not. */
 #include "check.h"
 #include "splats.h"
 
@@ -15,11 +15,11 @@ typedef struct bins {
   uint32_t *keys; /* UINT32_MAX: not drawn */
   uint32_t *order, *counts;
   pags_tile_box *boxes;
-  int64_t *start; /* per tile and one more */
+  int64_t *start; /* begin of each tile's list, and the end of the last */
   pags_entry *entries;
 } bins;
 
-/* Two of three splats, in random order. */
+/* Makes `splat_count` splats of which two of three are drawn, in random order. */
 static bins make_bins(int64_t splat_count, int tiles_x, int tiles_y) {
   bins b = {.tiles_x = tiles_x, .tiles_y = tiles_y, .splat_count = splat_count, .count = splat_count - splat_count / 3};
   uint32_t all[4096];
@@ -41,7 +41,7 @@ static bins make_bins(int64_t splat_count, int tiles_x, int tiles_y) {
   return b;
 }
 
-/* Leaves alone what isn't drawn. */
+/* Computes the tile boxes; those of splats that aren't drawn must not be written. */
 static void find_boxes(const pags_kernels *k, bins *b) {
   b->boxes = CHECK_NEW(pags_tile_box, b->splat_count);
   memset(b->boxes, 0xA5, (size_t)b->splat_count * sizeof *b->boxes);
@@ -81,8 +81,8 @@ static bins bin(const pags_kernels *k, const bins *in) {
   return b;
 }
 
-/* Each list in `order`'s order; each splat's ranks 0, 1, ... tile after tile; .tiles their number, of those in
- * `order` alone. */
+/* Checks that each tile's list is in the order of `order`, that a splat's entries have the ranks 0, 1, ... in the
+ * order of tiles, and that `.tiles` is their number, set only for splats in `order`. */
 static void check_lists(const bins *b, const bins *before) {
   int64_t *const position = CHECK_NEW(int64_t, b->splat_count);
   uint32_t *const next_rank = CHECK_NEW(uint32_t, b->splat_count);
@@ -110,7 +110,8 @@ static void check_lists(const bins *b, const bins *before) {
 
 static void compare(const bins *got, const bins *want) {
   const int64_t tiles = (int64_t)got->tiles_x * got->tiles_y;
-  if (!CHECK_EXACT) { /* each is held against the pixels; they may take different sides of a rim */
+  /* Each table is compared with the pixels; two tables may decide differently at a splat's rim. */
+  if (!CHECK_EXACT) {
     const int64_t apart = got->total < want->total ? want->total - got->total : got->total - want->total;
     CHECK(apart <= 2 + want->total / 500);
     return;
@@ -121,17 +122,18 @@ static void compare(const bins *got, const bins *want) {
         memcmp(got->entries, want->entries, (size_t)got->total * sizeof *got->entries) == 0);
 }
 
-/* ---- What pixels see ---- */
+/* ---- Which pixels a splat reaches ---- */
 
-/* The two never differ by as much as 1. */
+/* Whether the splat's alpha reaches 1/255 at the pixel in fused or unfused arithmetic. The two exponents never differ
+ * by as much as 1. */
 static bool reaches(const pags_splat *s, float px, float py) {
   const float exponent = splat_exponent(s, px, py, false);
   return exponent >= -PAGS_LOG2_255 ||
          (exponent >= -PAGS_LOG2_255 - 1.0f && splat_exponent(s, px, py, true) >= -PAGS_LOG2_255);
 }
 
-/* Blocks of the tile at (x0, y0) px with a pixel that the splat reaches. Tiles well beyond its box are not looked
- * into. */
+/* Mask of the 4x4 blocks of the tile at (x0, y0) px with a pixel that the splat reaches; 0 for tiles well beyond the
+ * splat's box. */
 static unsigned blocks_reached(const pags_splat *s, int x0, int y0) {
   unsigned blocks = 0;
   const float half = 0.5f * PAGS_TILE, margin = half + 16.0f;
@@ -143,7 +145,7 @@ static unsigned blocks_reached(const pags_splat *s, int x0, int y0) {
   return blocks;
 }
 
-/* What the rasteriser would look at for this splat in this tile. */
+/* Mask of the 4x4 blocks that the rasteriser evaluates for this splat in this tile. */
 static unsigned blocks_listed(const pags_kernels *k, const pags_splat *s, int x0, int y0) {
   float planes[4][PAGS_TILE_PIXELS];
   uint16_t mask;
@@ -209,7 +211,8 @@ static void check_mix(const pags_kernels *k, const splat_mix *mix, int64_t count
   CHECK(empty_tiles <= tile_share && empty_blocks <= block_share);
 }
 
-/* Small splats waste most: a rim between two rows of pixel centres counts as touching. */
+/* Small splats have the largest share of needless pairs: a rim between two rows of pixel centres counts as touching.
+ * */
 static void test_small(const pags_kernels *k) {
   check_mix(k, &(splat_mix){-10, -10, 154, 122, 0.1f, 3, 4, 0.004f, 1.0f, false}, 400, 0.03, 0.015);
 }
@@ -223,8 +226,8 @@ static void test_needles(const pags_kernels *k) {
   check_mix(k, &(splat_mix){-10, -10, 154, 122, 0.01f, 0.2f, 1e4f, 0.004f, 1.0f, false}, 200, 0.03, 0.015);
 }
 
-/* Boxes of every shape about the 9 tiles up to which sixteen splats are tested at once, and the 64 up to which
- * `touched` serves: n x 1, 1 x n, 2 x n / 2, ... */
+/* Tile boxes of every shape (n x 1, 1 x n, 2 x n / 2, ...) around two limits: 9 tiles, up to which sixteen splats are
+ * tested at once, and 64 tiles, up to which a bit mask of touched tiles is used. */
 static void test_shapes(const pags_kernels *k) {
   for (int tall = 0; tall < 2; tall++)
     for (int across = 1; across <= 9; across += across < 3 ? 1 : 3) {
@@ -247,7 +250,7 @@ static void test_shapes(const pags_kernels *k) {
     }
 }
 
-/* Limits leave out pairs with a larger z, and count them. */
+/* With depth limits per tile, pairs of a larger z are left out and counted. */
 static void test_limits(const pags_kernels *k) {
   const splat_mix mix = {-10, -10, 154, 122, 0.3f, 40, 10, 0.004f, 1.0f, true};
   bins in = make_bins(400, 9, 7);

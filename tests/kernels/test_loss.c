@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The training loss: each ISA against the scalar kernel, and against SSIM pixel by pixel in double. */
+/* The kernels of the training loss: each ISA against the scalar kernel, and against SSIM computed pixel by pixel in
+ * double. */
 #include "check.h"
 
 #include <math.h>
@@ -10,14 +11,14 @@ typedef struct picture {
   int64_t stride;
   float *prediction, exposure[2];
   uint8_t *target, *mask; /* mask NULL: every pixel counts */
-  uint8_t *emphasis;      /* with a mask: how often pixels count is 1 + gain times this */
+  uint8_t *emphasis;      /* only with a mask: a pixel counts 1 + gain * emphasis times */
 } picture;
 
 static const float gain = 0.37f;
 
 typedef enum content { NOISE, NEAR, EQUAL, HUGE_VALUES, ABSURD } content;
 
-/* Padding beyond the width holds what must not come in. */
+/* A random picture; its padding beyond the width holds values that must not influence the results. */
 static picture make_picture(int width, int height, bool masked, content what) {
   picture p = {.width = width, .height = height, .stride = (width + 15) / 16 * 16 + 16 * check_below(2)};
   p.prediction = CHECK_NEW(float, p.stride *height);
@@ -74,7 +75,7 @@ static void run(const pags_kernels *k, const picture *p, int begin, int end, res
                        .l1_scale = 0.8f,
                        .ssim_scale = -0.1f,
                        .scratch = check_buffer(bytes)};
-  memset(io.scratch, 0xFF, bytes); /* NaN: left over from another picture */
+  memset(io.scratch, 0xFF, bytes); /* NaN, as if left over from another picture */
   k->loss_rows(&io);
   r->l1 += io.l1;
   r->squared += io.squared;
@@ -85,7 +86,7 @@ static void run(const pags_kernels *k, const picture *p, int begin, int end, res
     r->by_exposure[i] += io.by_exposure[i];
 }
 
-/* In bands of `rows` rows. */
+/* Evaluates the loss in bands of `rows` rows. */
 static result in_bands(const pags_kernels *k, const picture *p, int rows) {
   result r = {.gradient = CHECK_NEW(float, p->stride * p->height)};
   for (int begin = 0; begin < p->height; begin += rows)
@@ -104,9 +105,9 @@ static void check_sums(const result *got, const result *want, const picture *p, 
     CHECK(fabs(got->by_exposure[i] - want->by_exposure[i]) <= share * pixels);
 }
 
-/* ---- In double ---- */
+/* ---- Evaluation in double ---- */
 
-/* The eleven weights exp(-d^2 / 4.5) of sum 1. */
+/* The eleven weights of SSIM's window, exp(-d^2 / 4.5) scaled to a sum of 1. */
 static void weights(double w[11]) {
   double sum = 0.0;
   for (int k = 0; k < 11; k++)
@@ -147,7 +148,8 @@ static void fill(const picture *p, double *const planes[5]) {
     }
 }
 
-/* Central differences of the weighted sum of SSIM by the prediction of one pixel, over those windows that hold it. */
+/* Derivative of the weighted sum of SSIM by the prediction of one pixel: central differences over the windows that
+ * contain it. */
 static double ssim_gradient(const picture *p, double *const planes[5], int x, int y) {
   const int at = y * p->width + x;
   const double a = planes[0][at], b = planes[1][at], step = 1e-4;
@@ -179,7 +181,8 @@ static void check_plainly(const picture *p, const result *got) {
       const double ssim = counted(p, x, y) ? ssim_at(p, planes, x, y) : 0.0;
       want.ssim += ssim;
       want.more_l1 += more(p, x, y) * fabs(a - b);
-      if (counted(p, x, y)) { /* the gradient, which is checked below, once more by the exposure */
+      /* The derivative by the exposure follows from the gradient by the prediction, which is checked below. */
+      if (counted(p, x, y)) {
         const double g = (double)got->gradient[y * p->stride + x] / exposed_by;
         want.by_exposure[0] += g * (double)p->prediction[y * p->stride + x];
         want.by_exposure[1] += g;
@@ -215,8 +218,9 @@ static void check_all(const pags_kernels *k, content what, bool masked) {
   for (size_t n = 0; n < sizeof sizes / sizeof *sizes; n++) {
     const picture p = make_picture(sizes[n][0], sizes[n][1], masked, what);
     const result got = in_bands(k, &p, p.height), want = in_bands(&pags_kernels_scalar, &p, p.height);
+    /* The L1 gradient's sign flips where a difference rounds to 0 or not. */
     CHECK_FLOATS("gradient", got.gradient, want.gradient, p.stride * p.height, .absolute = 2e-5, .relative = 2e-5,
-                 .flips = 1e-3, .flip_size = 1.7); /* the sign of a difference that rounds to 0 or not */
+                 .flips = 1e-3, .flip_size = 1.7);
     check_sums(&got, &want, &p, CHECK_EXACT ? 0.0 : 1e-6);
     check_padding(&p, got.gradient);
     static const int bands[] = {1, 2, 3, 5, 8, 16};
@@ -243,7 +247,7 @@ static void test_masked(const pags_kernels *k) {
   check_all(k, NEAR, true);
 }
 
-/* A perfect picture: no difference, SSIM 1. */
+/* A prediction equal to the target: difference 0, SSIM 1. */
 static void test_equal(const pags_kernels *k) {
   const picture p = make_picture(37, 29, false, EQUAL);
   const result r = in_bands(k, &p, p.height);
@@ -252,7 +256,7 @@ static void test_equal(const pags_kernels *k) {
     CHECK(fabsf(r.gradient[i]) <= 0.8f + 1e-3f);
 }
 
-/* What a diverging training may predict: numbers come out. */
+/* Predictions as of diverging training must still give finite results. */
 static void check_huge(const pags_kernels *k, content what) {
   const picture p = make_picture(37, 29, false, what);
   const result got = in_bands(k, &p, p.height), want = in_bands(&pags_kernels_scalar, &p, p.height);

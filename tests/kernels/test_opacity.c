@@ -1,19 +1,19 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The opacity terms of a row: each ISA against the scalar kernel, and against the formulas in double. */
+/* The loss terms on a row's opacities: each ISA against the scalar kernel, and against the formulas in double. */
 #include "check.h"
 
 #include <math.h>
 #include <string.h>
 
-enum { CHOSEN = 5 }; /* either of two labels */
+enum { CHOSEN = 5 }; /* a mask of two labels */
 
 typedef struct row_case {
   pags_opacity_row row;
-  const float *before; /* the gradient's */
-  int padded;          /* pixels up to where lanes end */
+  const float *before; /* the gradient before the call, to which the kernel adds */
+  int padded;          /* pixels up to the end of the last SIMD lane */
 } row_case;
 
-/* Transmittances down to 1e-7 and up to 1, beyond the row's end NaN; something in the gradient already. */
+/* Transmittances from 1e-7 to 1, NaN beyond the row's end; the gradient already holds values. */
 static row_case make_case(int width, bool masked, bool unsure) {
   row_case c = {.padded = (width + 15) / 16 * 16};
   float *const t = CHECK_NEW(float, c.padded), *const before = CHECK_NEW(float, c.padded);
@@ -46,7 +46,7 @@ static double run(const pags_kernels *k, const row_case *c, float *gradient) {
   return k->opacity_row(&row);
 }
 
-/* Value and slope of a pixel by the letter, but for what floats make of 1 - T. */
+/* Value and derivative of a pixel by the formula, except that 1 - T is rounded to float. */
 static double value_of(const pags_opacity_row *row, int i, double *slope) {
   const float t = row->transmittance[i], argument = row->unsure || row->labels[i] & CHOSEN ? t : 1.0f - t;
   const float clamped = fminf(fmaxf(argument, 1e-6f), 1.0f - 1e-6f);

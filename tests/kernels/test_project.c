@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Projection: each ISA against the scalar kernel to the bit where builds allow that, and all against double. */
+/* The projection kernel: each ISA against the scalar kernel (to the bit where builds allow that), and all against
+ * double. */
 #include "rows.h"
 
 #include <math.h>
@@ -24,7 +25,7 @@ static projection project(const pags_kernels *k, const pags_projection *view, co
 
 static void check_scalar(const projection *got, const projection *want, int count) {
   if (!CHECK_EXACT)
-    return; /* held against double instead */
+    return; /* fused builds are compared with double only */
   for (int i = 0; i < count; i++)
     if (got->keys[i] != want->keys[i] || memcmp(got->splats + i, want->splats + i, sizeof *got->splats) != 0)
       CHECK_FAIL("row %d: not the scalar kernel's splat (keys %08x, %08x)", i, got->keys[i], want->keys[i]);
@@ -36,7 +37,8 @@ static void check_field(const char *what, int row, float got, double want, doubl
                relative * fabs(want) + absolute);
 }
 
-/* D is a sum of squares of minors, each rounded to a share of sqrt(A C): the thinner, the fewer digits. */
+/* The determinant D is a sum of squares of minors, each rounded relative to sqrt(A C): the thinner the ellipse, the
+ * fewer digits are right. */
 static void check_splat(const pags_splat *s, uint32_t key, const plain_row *want, const pags_projection *view,
                         int row) {
   const double k = 0.5 * log2(exp(1.0)), thin = sqrt(want->a * want->c / want->d);
@@ -106,8 +108,8 @@ static void test_awkward(const pags_kernels *k) {
   check_kind(k, ROWS_AWKWARD);
 }
 
-/* A factor of 0 takes a row out, one of 1 changes nothing, others move the logarithm of the opacity and the reach that
- * follows. */
+/* An opacity factor of 0 removes a row, a factor of 1 changes nothing, others shift the logarithm of the opacity and
+ * change the extent accordingly. */
 static void check_factor(const pags_splat *got, const pags_splat *plain, float factor, int row) {
   const double bits = log2(255.0), l = (double)got->log2_opacity + bits;
   check_field("log2_opacity", row, got->log2_opacity, (double)plain->log2_opacity + log2((double)factor), 1e-5, 1e-5);
@@ -145,8 +147,8 @@ static void test_factor(const pags_kernels *k) {
   CHECK(taken > 100 && kept > 200);
 }
 
-/* At the near plane to the bit: not drawn; the next float beyond: drawn. NaNs with any payload in any parameter:
- * not drawn. */
+/* A depth exactly at the near plane isn't drawn, the next larger float is. NaNs of any payload in any parameter
+ * aren't drawn. */
 static void test_edges(const pags_kernels *k) {
   const pags_projection view = view_straight(0);
   float data[14][16] = {{0.0f}};
@@ -184,19 +186,21 @@ static void test_bench(const pags_kernels *k) {
   CHECK_BENCH("project", r.count, "row") k->project(&view, r.data, r.stride, NULL, r.count, p.splats, p.keys, NULL);
 }
 
-/* Along one axis: blocks [first, end) must hold every pixel centre of the picture within `extent` of the mean, and no
- * block more than one beyond either side. */
+/* Checks one axis: blocks [first, end) must contain every pixel centre of the picture within `extent` of the mean,
+ * and extend at most one block beyond on either side. */
 static void check_reach_axis(int row, double mean, double extent, double size, int first, int end) {
   const double lo = fmax(ceil(mean - extent - 0.5), 0.0), hi = fmin(floor(mean + extent - 0.5), size - 1.0);
   if (lo > hi)
     return;
   if (first > (int)lo / 4 || end <= (int)hi / 4 || end > (int)ceil(size / 4))
     CHECK_FAIL("row %d: blocks %d to %d don't hold pixels %.0f to %.0f of %.0f", row, first, end, lo, hi, size);
-  const double wide = extent * 1.05 + 3.0; /* the cut-off's slack at a reach that counts */
+  /* Slack for the rounding of the cut-off, for extents of at least a pixel. */
+  const double wide = extent * 1.05 + 3.0;
   CHECK(extent < 1.0 || ((first + 1) * 4 >= mean - wide - 4.0 && (end - 1) * 4 <= mean + wide + 4.0) || first == 0);
 }
 
-/* Reaches hold all that the rasteriser's own form of the Gaussian has above the cut-off. */
+/* The blocks that a splat may reach, as computed by projection, must contain all pixels where the rasteriser's form
+ * of the Gaussian is above the cut-off. */
 static void check_reaches(const pags_kernels *k, row_kind kind) {
   int64_t drawn = 0;
   for (size_t n = 0; n < sizeof counts / sizeof *counts; n++) {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* From slots to parameters: each ISA against the scalar kernel to the bit where builds allow that, and all against
- * central differences of projection and colour in double. */
+/* The backward kernel from the splats' gradient slots to Gaussian parameters: each ISA against the scalar kernel (to
+ * the bit where builds allow that), and all against central differences of projection and colour in double. */
 #include "rows.h"
 
 #include <math.h>
@@ -15,7 +15,7 @@ typedef struct frame {
   uint32_t *keys;
   int64_t *slot_start, slot_count;
   float *slots;
-  bool *poisoned; /* a slot of this row holds a NaN or infinity */
+  bool *poisoned; /* whether a slot of this row holds a NaN or infinity that must matter */
 } frame;
 
 static frame make_frame(const pags_kernels *k, int count, row_kind kind, int degree, bool antialiased, bool poison) {
@@ -28,7 +28,8 @@ static frame make_frame(const pags_kernels *k, int count, row_kind kind, int deg
   k->project(&f.view, f.rows.data, f.rows.stride, NULL, count, f.splats, f.keys, NULL);
   k->shade(&f.view, f.rows.data, f.rows.stride, NULL, count, f.keys, f.splats);
   for (int i = 0; i < count; i++) {
-    f.slot_start[i] = f.keys[i] == UINT32_MAX ? INT64_MAX / 2 : f.slot_count; /* of no row that isn't drawn */
+    /* Rows that aren't drawn have no valid slot. */
+    f.slot_start[i] = f.keys[i] == UINT32_MAX ? INT64_MAX / 2 : f.slot_count;
     f.poisoned[i] = false;
     if (f.keys[i] != UINT32_MAX)
       f.slot_count += f.splats[i].tiles = i >= 32 && i < 48 ? 0 : (uint32_t)check_below(5);
@@ -39,7 +40,8 @@ static frame make_frame(const pags_kernels *k, int count, row_kind kind, int deg
   for (int i = 0; i < count; i++)
     if (poison && f.keys[i] != UINT32_MAX && f.splats[i].tiles > 0 && check_below(6) == 0) {
       const int field = check_below(PAGS_SLOT_Z + 1);
-      const bool colour = field >= PAGS_SLOT_R && field <= PAGS_SLOT_B; /* nobody looks at those of clamped channels */
+      /* Gradients of channels clamped at 0 are ignored. */
+      const bool colour = field >= PAGS_SLOT_R && field <= PAGS_SLOT_B;
       f.poisoned[i] = !colour || !(f.splats[i].clamped >> (field - PAGS_SLOT_R) & 1u);
       f.slots[f.slot_start[i] * PAGS_SLOT_FLOATS + field] = check_below(2) ? NAN : INFINITY;
     }
@@ -76,8 +78,8 @@ static bool has_gradient(const frame *f, int i) {
   return i < f->rows.count && f->keys[i] != UINT32_MAX && f->splats[i].tiles > 0;
 }
 
-/* Zeros where nothing was drawn, up to the next multiple of 16; numbers everywhere; the gap between planes as it
- * was. */
+/* Checks that the gradient is zero for rows that weren't drawn, up to the next multiple of 16, and finite everywhere,
+ * and that the gap between planes isn't written. */
 static void check_form(const frame *f, const gradient *g) {
   static const unsigned char untouched[4] = {0xA5, 0xA5, 0xA5, 0xA5};
   const int64_t padded = round_up_16(f->rows.count);
@@ -115,7 +117,7 @@ static void terms_of(const pags_projection *view, const double row[ROW_FLOATS], 
   memcpy(terms, values, sizeof values);
 }
 
-/* What the loss's derivative by each term is, from the sums over the row's slots. */
+/* Derivatives of the loss by each term, from the sums over the row's slots. */
 static void weights_of(const frame *f, int i, const plain_row *p, double weights[TERMS],
                        double sums[PAGS_SLOT_FLOATS]) {
   const double ln2 = log(2.0), k = 0.5 / ln2, root_d = sqrt(p->d);
@@ -178,8 +180,8 @@ static void check_row(const frame *f, const gradient *g, int i, const double row
       CHECK_FAIL("row %d, statistic %d: %.9g, should be %.9g", i, j, (double)got[j], others[j]);
 }
 
-/* Differences say nothing across the clamp of the Jacobian, the floor of the compensation or where a parameter is
- * out of reach. */
+/* Whether central differences are valid for a row: not next to the clamp of the Jacobian or the floor of the
+ * compensation, nor with extreme parameters. */
 static bool differentiable(const pags_projection *v, const double row[ROW_FLOATS], int planes) {
   if (!row_usable(row, planes))
     return false;

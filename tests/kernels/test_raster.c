@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Blending a tile: each ISA against the scalar kernel and all of them against a plain loop over pixels and splats;
- * and that a pixel depends on nothing but the splats that reach it. */
+/* The blending kernel for a tile: each ISA against the scalar kernel and all of them against a direct loop over
+ * pixels and splats; and that a pixel depends only on the splats that reach it. */
 #include "check.h"
 #include "splats.h"
 
@@ -16,10 +16,10 @@ typedef struct scene {
   pags_entry *entries;
   int64_t count;
   int x0, y0, width, height;
-  const float *hard; /* a plane, or NULL */
+  const float *hard; /* a plane of depth limits by pixel, or NULL */
 } scene;
 
-/* Output of one call, in buffers of exactly what may be written. */
+/* Output of one call, in buffers that end exactly where the kernel may write. */
 typedef struct picture {
   float *rgb[3], *transmittance, *depth, *depth_sum;
   int32_t *id;
@@ -29,7 +29,7 @@ typedef struct picture {
 
 static const float background[3] = {0.25f, 0.5f, 0.125f};
 
-/* The list visits the splats in an order of its own. Tiles at the border reach outside of the picture. */
+/* A tile of splats whose list visits them in random order. With a border the tile extends beyond the picture. */
 static scene make_scene(int64_t count, const splat_mix *mix, bool border) {
   scene s = {.splats = CHECK_NEW(pags_splat, count), .entries = CHECK_NEW(pags_entry, count), .count = count};
   s.x0 = 32, s.y0 = 48, s.width = border ? 32 + 1 + check_below(15) : 100,
@@ -48,7 +48,7 @@ static scene make_scene(int64_t count, const splat_mix *mix, bool border) {
   return s;
 }
 
-enum { SUM_ALONE = 2 }; /* of channels: 0 none, 1 all extra ones */
+enum { SUM_ALONE = 2 }; /* values of `channels`: 0 none, 1 all extra channels, 2 only the depth sum */
 
 static picture blend(const pags_kernels *k, const scene *s, int degree, int channels, bool counted) {
   picture p = {.masks = CHECK_NEW(uint16_t, s->count), .pairs = {0, 0}};
@@ -82,7 +82,7 @@ static bool inside(const scene *s, int i) {
   return i % STRIDE < 16 && s->x0 + i % STRIDE < s->width && s->y0 + i / STRIDE < s->height;
 }
 
-/* Keeps the picture's own pixels; what lies outside of it nobody reads. Gaps between rows must be as they were. */
+/* Sets pixels outside of the picture, which no one reads, to zero; checks that gaps between rows weren't written. */
 static void crop(const scene *s, float *plane) {
   static const unsigned char untouched[4] = {0xA5, 0xA5, 0xA5, 0xA5};
   for (int i = 0; plane && i < PLANE; i++) {
@@ -107,7 +107,7 @@ static int64_t differ_by(int64_t a, int64_t b) {
 }
 
 static void compare(const picture *got, const picture *want, int64_t count) {
-  /* At the stop a splat of weight 0.0099 at most comes or goes; at the cut-off one of 1/255. */
+  /* Rounding may add or remove a splat of weight at most 0.0099 at the early stop, and of 1/255 at the cut-off. */
   const double flips = 0.004, size = 0.012;
   for (int c = 0; c < 3; c++)
     CHECK_FLOATS("rgb", got->rgb[c], want->rgb[c], PLANE, .absolute = 3e-6, .flips = flips, .flip_size = size);
@@ -145,17 +145,17 @@ static void test_scalar(const pags_kernels *k) {
     }
 }
 
-/* ---- Against a plain loop ---- */
+/* ---- Against a direct loop ---- */
 
 typedef struct pixel {
   double rgb[3], t, depth_sum, weight, best, marked;
   int32_t id;
 } pixel;
 
-enum { MARKS = 200 }; /* ids that may be marked */
+enum { MARKS = 200 }; /* number of ids that may be marked */
 
-/* In double but for the exponent, which decides what is below the cut-off. *evaluated, *blended: as `pairs` would
- * count. marks: of MARKS ids, or NULL. */
+/* Blends one pixel in double, except for the exponent, which decides the cut-off. `blended` is counted like the
+ * kernel's `pairs`. `marks`: a flag for each of MARKS ids, or NULL. */
 static pixel blend_pixel(const scene *s, float px, float py, bool fused, const uint8_t *marks, int64_t *blended) {
   pixel out = {.t = 1.0, .id = -1};
   for (int64_t i = 0; i < s->count; i++) {
@@ -231,7 +231,7 @@ static void test_plainly(const pags_kernels *k) {
     }
 }
 
-/* ---- Samples ---- */
+/* ---- Variable rate: one sample for each 4x4 pixels ---- */
 
 enum { SAMPLES = 16, SAMPLE_STRIDE = 5, SAMPLE_PLANE = 3 * SAMPLE_STRIDE + 4 };
 
@@ -284,7 +284,7 @@ static samples sample_plainly(const scene *s, const uint8_t *marks, bool fused) 
   return p;
 }
 
-/* Returns how many samples stopped sooner with a bound. */
+/* Checks the sampling kernel; returns how many samples stopped earlier with an error bound. */
 static int check_samples(const pags_kernels *k, const scene *s, const uint8_t *marks, bool extra) {
   const double close = 1.5e-4, flips = 0.004, size = 0.012;
   const samples got = take_samples(k, s, marks, 0.0f, extra), want = sample_plainly(s, marks, splat_fused(k));
@@ -303,7 +303,7 @@ static int check_samples(const pags_kernels *k, const scene *s, const uint8_t *m
   const samples scalar = take_samples(&pags_kernels_scalar, s, marks, 0.0f, extra);
   CHECK_FLOATS("rgb", got.rgb[0], scalar.rgb[0], SAMPLE_PLANE, .absolute = 3e-6, .flips = flips, .flip_size = size);
   CHECK_FLOATS("marked", got.marked, scalar.marked, SAMPLE_PLANE, .absolute = 3e-6, .flips = flips, .flip_size = size);
-  const float eps = 0.05f; /* what is left out weighs no more */
+  const float eps = 0.05f; /* bound on the weight of what is left out */
   const samples bounded = take_samples(k, s, marks, eps, extra);
   int sooner = 0;
   for (int i = 0; i < SAMPLES; i++) {
@@ -325,7 +325,7 @@ static void test_samples(const pags_kernels *k) {
         marks[i] = (uint8_t)check_below(2);
       scene s = make_scene(counts[n], mixes[choice / 2], false);
       pags_splat *const splats = CHECK_NEW(pags_splat, s.count);
-      for (int64_t i = 0; i < s.count; i++) { /* ids within the table and beyond it */
+      for (int64_t i = 0; i < s.count; i++) { /* ids inside and outside of the table of marks */
         splats[i] = s.splats[i];
         splats[i].id = check_below(MARKS + 20) - 5;
       }
@@ -336,7 +336,7 @@ static void test_samples(const pags_kernels *k) {
   CHECK(sooner > 100);
 }
 
-/* ---- What must not change a bit ---- */
+/* ---- Variations that must not change a bit ---- */
 
 static void check_same_picture(const picture *a, const picture *b, const scene *s) {
   crop_all(s, a);
@@ -352,7 +352,7 @@ static void check_same_picture(const picture *a, const picture *b, const scene *
     CHECK_SAME("depth_sum", a->depth_sum, b->depth_sum, PLANE);
 }
 
-/* Extra channels and counting. */
+/* Extra channels and the counting of pairs don't change the picture. */
 static void test_variants(const pags_kernels *k) {
   for (int round = 0; round < 12; round++) {
     const scene s = make_scene(300, round % 2 ? &splats_opaque : &splats_awkward, round & 2);
@@ -367,7 +367,8 @@ static void test_variants(const pags_kernels *k) {
   }
 }
 
-/* Splats that reach no pixel, put in between: they move every other one to another place in another chunk. */
+/* Inserted splats that reach no pixel, which move the others to other places and chunks of the list, don't change the
+ * picture. */
 static void test_strangers(const pags_kernels *k) {
   for (int round = 0; round < 12; round++) {
     const scene s = make_scene(150 + check_below(200), round % 2 ? &splats_opaque : &splats_translucent, round & 2);
@@ -392,12 +393,12 @@ static void test_strangers(const pags_kernels *k) {
   }
 }
 
-/* Differs from pixel to pixel and from block to block. */
+/* One of two sides for each pixel, alternating from pixel to pixel and from block to block. */
 static int side_of(int i) {
   return (i % STRIDE + i % STRIDE / 4 + i / STRIDE / 4) % 2;
 }
 
-/* What the hard test leaves of each pixel's list, drawn from a list of no more. */
+/* With a depth limit for each pixel, a pixel has the bits of a list that holds only the splats within its limit. */
 static void test_hard(const pags_kernels *k) {
   for (int round = 0; round < 8; round++) {
     scene s = make_scene(200, round % 2 ? &splats_opaque : &splats_awkward, round & 2);
@@ -434,7 +435,7 @@ static void test_hard(const pags_kernels *k) {
   }
 }
 
-/* A pixel's own list: only those splats that are above the cut-off there. */
+/* A pixel has the bits of its own list, which holds only the splats above the cut-off at that pixel. */
 static void test_own_list(const pags_kernels *k) {
   for (int round = 0; round < 4; round++) {
     const scene s = make_scene(400, round % 2 ? &splats_opaque : &splats_awkward, false);
@@ -459,8 +460,8 @@ static void test_own_list(const pags_kernels *k) {
   }
 }
 
-/* The list in pieces, each resuming where the last one left off, gives the bits of the whole list; what comes after the
- * tile is full changes none. Returns whether it became full before the end. */
+/* A list blended in pieces, each resuming where the previous one ended, gives the bits of the whole list; entries
+ * after the tile is saturated change nothing. Returns whether the tile was saturated before the end. */
 static bool blend_in_pieces(const pags_kernels *k, const scene *s, int degree, float eps, const picture *whole) {
   picture p = {0};
   for (int c = 0; c < 3; c++)
@@ -514,7 +515,8 @@ static void test_resume(const pags_kernels *k) {
   CHECK(full > 3);
 }
 
-/* Masks hold every block that a splat changed, and nothing behind the place where the block stopped. */
+/* The block masks contain every block that a splat changed, and are zero behind the entry where all blocks had
+ * stopped. */
 static void test_masks(const pags_kernels *k) {
   static const splat_mix wall = {39, 55, 41, 57, 40, 60, 1, 0.6f, 0.9f, false};
   const scene s = make_scene(600, &wall, false);
@@ -522,7 +524,8 @@ static void test_masks(const pags_kernels *k) {
   int64_t after = s.count;
   while (after > 0 && p.masks[after - 1] == 0)
     after--;
-  CHECK(after > 4 && after < 64); /* 0.4^11 is below the stop; stopping is looked for every 8 splats */
+  /* Transmittance falls below the stop after 11 splats of alpha 0.6; the stop is tested every 8 splats. */
+  CHECK(after > 4 && after < 64);
   scene head = s;
   head.count = after;
   const picture q = blend(k, &head, 5, false, false);

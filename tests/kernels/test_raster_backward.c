@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Gradient of blending: each ISA against the scalar kernel, and all against a plain loop in double that goes back
- * to front and keeps, beside each sum, how large the terms were that it came from: rounding may cost a share of
+/* The gradient of blending: each ISA against the scalar kernel, and all against a direct loop in double that goes
+ * back to front. Beside each sum it keeps the sum of the terms' magnitudes, as the rounding error is relative to
  * those. */
 #include "check.h"
 #include "tile.h"
@@ -46,15 +46,16 @@ static float *backward(const pags_kernels *k, const tile *t, choice c) {
   return slots;
 }
 
-/* ---- The plain loop ---- */
+/* ---- The direct loop ---- */
 
-typedef struct step { /* of a pixel through one splat */
+typedef struct step { /* one splat blended into a pixel */
   int64_t entry;
   double alpha, t; /* transmittance in front */
   bool capped;
 } step;
 
-/* `total`: what a float sum of all terms of dL/dC . C is rounded to. */
+/* Adds the gradients of one step to its slot's sums. `total`: magnitude to which a float sum of all terms dL/dC . C
+ * is rounded. */
 static void add_step(tile_sums *s, const tile *t, choice c, const pags_splat *g, const step *at, int i, double behind,
                      double total, float px, float py) {
   const double dx = (double)px - (double)g->x, dy = (double)py - (double)g->y, w = at->alpha * at->t;
@@ -153,7 +154,7 @@ static void test_scalar(const pags_kernels *k) {
     tile_draw(k, &t);
     const float *const got = backward(k, &t, c), *const want = backward(&pags_kernels_scalar, &t, c);
     tile_check_others(&t, got, PAGS_SLOT_FLOATS);
-    if (CHECK_EXACT) /* else only the plain loop knows how much rounding may cost */
+    if (CHECK_EXACT) /* in fused builds only the direct loop knows how large rounding errors may be */
       CHECK_SAME("slots", got, want, t.slot_count * PAGS_SLOT_FLOATS);
     check_release();
   }

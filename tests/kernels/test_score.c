@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Scores of splats: each ISA against a plain loop in double that goes back to front, with how large the terms were
- * beside each sum: rounding may cost a share of those. */
+/* The kernel of the splats' scores: each ISA against a direct loop in double that goes back to front. Beside each sum
+ * it keeps the sum of the terms' magnitudes, as the rounding error is relative to those. */
 #include "check.h"
 #include "tile.h"
 
@@ -9,7 +9,7 @@
 
 typedef enum choice { SEEN, OVERLAP, LOSS, CHOICES } choice;
 
-/* Colours' gradients are normal numbers, how much a pixel counts 1 or 1/4, how critical it is 1 or 0. */
+/* A tile whose colour gradients are normally distributed; a pixel counts 1 or 1/4, and is critical by 1 or 0. */
 static tile make_tile(int64_t count, const splat_mix *mix, bool border) {
   tile t = tile_make(count, mix, border);
   for (int i = 0; i < TILE_PLANE; i++)
@@ -49,14 +49,15 @@ static float *score(const pags_kernels *k, const tile *t, choice c) {
   return slots;
 }
 
-/* ---- The plain loop ---- */
+/* ---- The direct loop ---- */
 
-typedef struct step { /* of a pixel through one splat */
+typedef struct step { /* one splat blended into a pixel */
   int64_t entry;
   double alpha, t; /* transmittance in front */
 } step;
 
-/* `total`: what a float sum of all terms of dL/dC . C is rounded to. */
+/* Adds the scores of one step to its slot's sums. `total`: magnitude to which a float sum of all terms dL/dC . C is
+ * rounded. */
 static void add_step(tile_sums *s, const tile *t, choice c, const pags_splat *g, const step *at, int i, double behind,
                      double total) {
   const double counted = (double)t->gradient[3][i], critical = (double)t->gradient[4][i];
@@ -149,7 +150,7 @@ static void test_scalar(const pags_kernels *k) {
     tile_draw(k, &t);
     const float *const got = score(k, &t, c), *const want = score(&pags_kernels_scalar, &t, c);
     tile_check_others(&t, got, PAGS_SCORE_SUMS);
-    if (CHECK_EXACT) /* else only the plain loop knows how much rounding may cost */
+    if (CHECK_EXACT) /* in fused builds only the direct loop knows how large rounding errors may be */
       CHECK_SAME("slots", got, want, t.slot_count * PAGS_SCORE_SUMS);
     check_release();
   }

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Colours: each ISA against the scalar kernel to the bit where builds allow that, and all against double. */
+/* The colour kernel: each ISA against the scalar kernel (to the bit where builds allow that), and all against double.
+ * */
 #include "rows.h"
 
 #include <math.h>
@@ -7,7 +8,7 @@
 
 static const int counts[] = {0, 1, 7, 8, 9, 15, 16, 17, 63, 64, 255, 256};
 
-/* Whole vectors of rows that are not drawn too. */
+/* Depth keys of which one in three, and one whole SIMD vector, are of rows that aren't drawn. */
 static uint32_t *make_keys(int count) {
   uint32_t *const keys = CHECK_NEW(uint32_t, count);
   for (int i = 0; i < count; i++)
@@ -22,7 +23,7 @@ static pags_splat *shade(const pags_kernels *k, const pags_projection *view, con
   return splats;
 }
 
-/* With the constant term of other planes: as if it stood in the rows. */
+/* Constant terms given in separate planes give the same bits as in the rows. */
 static void test_other_dc(const pags_kernels *k) {
   for (size_t n = 0; n < sizeof counts / sizeof *counts; n++)
     for (int degree = 0; degree <= 3; degree++) {
@@ -45,7 +46,7 @@ static void test_other_dc(const pags_kernels *k) {
     }
 }
 
-/* Nothing else of the splat may change, and nothing of one that isn't drawn. */
+/* Only the colour of a splat may change, and nothing of a splat that isn't drawn. */
 static void check_untouched(const pags_splat *s, bool drawn) {
   pags_splat want;
   memset(&want, 0xA5, sizeof want);
@@ -58,7 +59,7 @@ static void check_colour(const pags_splat *s, const double row[ROW_FLOATS], cons
                          int index) {
   const float got[3] = {s->r, s->g, s->b};
   for (int c = 0; c < 3; c++) {
-    double size = 0.5; /* of the terms */
+    double size = 0.5; /* magnitude of the summed terms */
     for (int p = ROW_SH + c; p < planes; p += 3)
       size += fabs(row[p]);
     if (!(fabs((double)got[c] - fmin(fmax(want->rgb[c], 0.0), (double)PAGS_COLOUR_MAX)) <= 1e-6 * size))
@@ -90,10 +91,10 @@ static void check_kind(const pags_kernels *k, row_kind kind) {
           double position = 0.0;
           for (int j = 0; j < 3; j++)
             position = fmax(position, fabs(row[ROW_MEAN + j]));
-          if (plain.drawn && position < 1e15) /* beyond, the square of the distance overflows */
+          if (plain.drawn && position < 1e15) /* beyond 1e15 the squared distance overflows */
             check_colour(got + i, row, &plain, r.planes, i), checked++;
         }
-        if (drawn) /* whatever the coefficients were, the blend gets numbers */
+        if (drawn) /* whatever the coefficients are, the colours are finite and in range */
           CHECK(got[i].r >= 0.0f && got[i].r <= PAGS_COLOUR_MAX && got[i].g >= 0.0f && got[i].g <= PAGS_COLOUR_MAX &&
                 got[i].b >= 0.0f && got[i].b <= PAGS_COLOUR_MAX);
       }

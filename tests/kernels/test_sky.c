@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The sky's cells and colours: each ISA against the scalar kernel to the bit where builds allow that, and all against
- * double. */
+/* The sky kernels, which find each pixel's texel cell and blend its colour: each ISA against the scalar kernel (to
+ * the bit where builds allow that), and all against double. */
 #include "check.h"
 
 #include <math.h>
@@ -15,7 +15,7 @@ typedef struct sky_case {
   float *texels;
 } sky_case;
 
-/* A camera of about 60 degrees or, `wide`, one that sees four faces at once. */
+/* A camera of about 60 degrees, or, if `wide`, one that sees four cube faces at once. */
 static sky_case make_case(int size, bool wide) {
   sky_case s = {.rays = {.size = size}};
   double q[4], norm = 0.0;
@@ -40,7 +40,8 @@ static sky_case make_case(int size, bool wide) {
   return s;
 }
 
-/* pags/sky.h by the letter. Returns how near the direction is to another face, relative. */
+/* The sky's colour of pixel i as pags/sky.h defines it. Returns the relative distance of the direction to the nearest
+ * other face. */
 static double sample(const sky_case *s, int i, double rgb[3]) {
   const double px = X0 + i % 16 + 0.5 - (double)s->rays.cx, py = Y0 + i / 16 + 0.5 - (double)s->rays.cy;
   double d[3], a[3];
@@ -71,7 +72,7 @@ static double sample(const sky_case *s, int i, double rgb[3]) {
 }
 
 typedef struct tile {
-  float *plane[4]; /* rgb, transmittance */
+  float *plane[4]; /* red, green, blue, transmittance */
 } tile;
 
 static tile make_tile(void) {
@@ -100,7 +101,8 @@ static void check_colours(const sky_case *s, const tile *before, const tile *aft
     for (int c = 0; c < 3; c++) {
       const int64_t at = i / 16 * STRIDE + i % 16;
       const double want = (double)before->plane[c][at] + (double)before->plane[3][at] * rgb[c];
-      if (!(fabs((double)after->plane[c][at] - want) <= 1e-6 * (2 + s->rays.size))) /* of a texel's place */
+      /* Tolerance for the rounding of the position between texels. */
+      if (!(fabs((double)after->plane[c][at] - want) <= 1e-6 * (2 + s->rays.size)))
         CHECK_FAIL("size %d, pixel %d, channel %d: %.9g, should be %.9g", s->rays.size, i, c,
                    (double)after->plane[c][at], want);
     }
@@ -125,7 +127,7 @@ static void test_blend(const pags_kernels *k) {
       for (int c = 0; c < 3; c++) {
         if (CHECK_EXACT)
           CHECK_SAME("blended", got.plane[c], want.plane[c], PLANE);
-        for (int i = 0; i < PLANE; i++) /* between the tile's rows */
+        for (int i = 0; i < PLANE; i++) /* the gaps between the tile's rows aren't written */
           CHECK(i % STRIDE < 16 || got.plane[c][i] == before.plane[c][i]);
       }
       check_release();
@@ -159,7 +161,7 @@ static void check_cell(const cells *c, int i, int size) {
   CHECK(c->column[i] + step < size && c->row[i] % size + step < size);
 }
 
-/* Cells lie within their face, and say what blending takes. */
+/* Cells lie within their face, and their texels and weights are those that blending uses. */
 static void test_cells(const pags_kernels *k) {
   for (int round = 0; round < 40; round++)
     for (size_t n = 0; n < sizeof sizes / sizeof *sizes; n++) {
@@ -191,7 +193,7 @@ static void test_cells(const pags_kernels *k) {
     }
 }
 
-/* A camera of nonsense must not lead out of the map. */
+/* Non-finite and huge camera vectors must not lead to reads outside of the map. */
 static void test_nonsense(const pags_kernels *k) {
   static const float values[] = {0.0f, NAN, INFINITY, -INFINITY, 3e38f, -3e38f, 1e-40f};
   for (int round = 0; round < 500; round++) {
@@ -207,13 +209,14 @@ static void test_nonsense(const pags_kernels *k) {
   }
 }
 
-/* The cell after whose last texel the map ends. */
+/* The cell whose last texel is the last of the map. */
 static void test_last_cell(const pags_kernels *k) {
   for (size_t n = 0; n < sizeof sizes / sizeof *sizes; n++) {
     sky_case s = make_case(sizes[n], false);
     for (int j = 0; j < 3; j++)
       s.rays.across[j] = s.rays.downwards[j] = 0.0f;
-    s.rays.forward[0] = s.rays.forward[1] = s.rays.forward[2] = -1.0f; /* -Z: right is -x, down is -y */
+    /* The face -Z, whose right is -x and down is -y. */
+    s.rays.forward[0] = s.rays.forward[1] = s.rays.forward[2] = -1.0f;
     s.rays.forward[2] = -1.0001f;
     tile t = make_tile();
     for (int i = 0; i < PLANE; i++)

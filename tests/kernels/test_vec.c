@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Every operation of vec.h on every ISA against plain C, to the bit (any NaN being the same as any other), and the
- * bounds that vec.h states for exp2, exp and log2. */
+/* Every operation of vec.h on every ISA against plain C, to the bit (any two NaNs are equal), and the error bounds
+ * that vec.h states for exp2, exp and log2. */
 #include "check.h"
 #include "vec_ops.h"
 
@@ -66,7 +66,7 @@ static const vec_ops *ops_of(const pags_kernels *k) {
   return &vec_ops_scalar;
 }
 
-/* Ordinary numbers, any bits at all, and the values where implementations differ. */
+/* A random word: an ordinary number, random bits, or one of the values where implementations differ. */
 static uint32_t awkward_word(void) {
   static const float special[] = {0.0f,      -0.0f,           1.0f,       -1.0f,  0.5f,          -1.5f,
                                   2.5f,      INFINITY,        -INFINITY,  NAN,    0x1p-149f,     -0x1.8p-130f,
@@ -112,7 +112,7 @@ static void test_masks(const pags_kernels *k) {
     CHECK(ops->from_and_to_bits(bits) == bits);
 }
 
-/* Writes up to sixteen numbers, whatever is chosen. */
+/* compress writes at most sixteen lanes, for every choice of lanes. */
 static void test_compress(const pags_kernels *k) {
   const vec_ops *const ops = ops_of(k);
   int32_t *const in = CHECK_NEW(int32_t, VEC_LANES), *const out = CHECK_NEW(int32_t, VEC_LANES);
@@ -201,8 +201,8 @@ static void test_sums(const pags_kernels *k) {
   }
 }
 
-/* Largest relative error (absolute for log2, whose result passes through 0) over a fine grid, in steps that hit no
- * lattice. */
+/* Largest relative error (absolute for log2, whose result passes through 0) over a fine grid with random offsets, so
+ * that no regular lattice is hit. */
 static double worst_error(const vec_ops *ops, vec_math math, double (*exact)(double), double lo, double hi) {
   enum { POINTS = 1 << 17 };
   float in[VEC_LANES], out[VEC_LANES];
@@ -224,10 +224,10 @@ static void test_exp2(const pags_kernels *k) {
   const double at3 = worst_error(ops, VEC_EXP2_3, exp2, -125.9, 125.9),
                at5 = worst_error(ops, VEC_EXP2_5, exp2, -125.9, 125.9);
   check_note("relative error %.3g at degree 3, %.3g at 5", at3, at5);
-  const double rounding = 4 * 0x1p-24; /* of the last few operations */
+  const double rounding = 4 * 0x1p-24; /* rounding of the last few operations */
   CHECK(at3 <= 7.5e-5 + rounding);
   CHECK(at5 <= 7.5e-8 + rounding);
-  for (int x = -125; x <= 125; x++) { /* whole numbers: the polynomial's constant term alone */
+  for (int x = -125; x <= 125; x++) { /* for whole numbers the polynomial is its constant term */
     float in[VEC_LANES], out[VEC_LANES];
     for (int l = 0; l < VEC_LANES; l++)
       in[l] = (float)x;
@@ -248,7 +248,7 @@ static void test_exp(const pags_kernels *k) {
   CHECK(out[0] == 1.0f && out[1] == 1.0f);
   CHECK(out[3] == out[2] && out[4] == out[2] && out[9] == out[2] && isfinite(out[2]));
   CHECK(out[6] == out[5] && out[7] == out[5] && out[8] == out[5] && out[5] > 0.0f);
-  for (int l = 10; l < 14; l++) /* whatever a file put into the NaN's payload */
+  for (int l = 10; l < 14; l++) /* any NaN payload that a file may hold */
     if (!isnan(out[l]))
       CHECK_FAIL("exp(NaN %08x) is %g", plain_bits(in[l]), (double)out[l]);
 }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Blended tiles (tile.h). */
+/* Tiles blended by the forward kernel, and the checks of gradient slots; see tile.h. */
 #include "tile.h"
 
 #include <math.h>

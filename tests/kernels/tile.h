@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A tile that the forward kernel has blended, for the tests of the kernels that go back through it. */
+/* A tile that the forward kernel has blended, for the tests of the kernels that go through it backwards. */
 #ifndef PAGS_TESTS_TILE_H
 #define PAGS_TESTS_TILE_H
 
@@ -14,22 +14,22 @@ typedef struct tile {
   pags_entry *entries;
   int64_t count, *slot_start, slot_count;
   int x0, y0, width, height;
-  float *gradient[5]; /* normal numbers; outside of the picture NaN, which must not come in */
-  float *plane[5];    /* as forward left them: rgb, transmittance, depth sum */
+  float *gradient[5]; /* normally distributed; NaN outside of the picture, where they must not be used */
+  float *plane[5];    /* planes that the forward kernel wrote: rgb, transmittance, depth sum */
   uint16_t *masks;
 } tile;
 
-/* With a border it reaches out of the picture. Slots of other tiles lie between its own. The gradients may be changed
- * until it is drawn. */
+/* Makes a tile of `count` splats. With a border the tile extends beyond the picture. The slots of other tiles lie
+ * between its own. The gradients may be changed until tile_draw. */
 tile tile_make(int64_t count, const splat_mix *mix, bool border);
 void tile_draw(const pags_kernels *k, tile *t);
-/* Whether plane element i is a pixel of the picture, and the pixel's middle. */
+/* Returns whether plane element i is a pixel of the picture, and that pixel's centre. */
 bool tile_pixel(const tile *t, int i, float *px, float *py);
-/* Lanes that going back through it works on. */
+/* Number of SIMD lanes that the backward pass processes. */
 int64_t tile_lanes(const tile *t);
 
-/* What the slot of an entry should hold, and how large the terms were that each sum came from: rounding may cost a
- * share of those. */
+/* The expected values of an entry's slot, and for each the sum of its terms' magnitudes, to which the rounding error
+ * is relative. */
 typedef struct tile_sums {
   double value[PAGS_SLOT_FLOATS], size[PAGS_SLOT_FLOATS];
 } tile_sums;
@@ -39,10 +39,10 @@ static inline void tile_add(tile_sums *s, int field, double term, double size) {
   s->size[field] += size;
 }
 
-/* Slots of `fields` floats against the entries' sums; one value in two hundred may have lost a term at the cut-off or
- * the stop. `choice` is for the message. */
+/* Compares the slots of `fields` floats with the entries' sums; one value in two hundred may differ by a term at the
+ * cut-off or at the early stop. `choice` is printed in the message. */
 void tile_check(const tile *t, const float *slots, int fields, const tile_sums *want, int choice);
-/* Slots of other pairs stay as they were: 0xA5 all over. */
+/* Checks that the slots of other pairs still hold 0xA5 bytes. */
 void tile_check_others(const tile *t, const float *slots, int fields);
 
 #endif

@@ -59,8 +59,8 @@ typedef void vec_lane_op(const uint32_t in[3][VEC_LANES], uint32_t out[VEC_LANES
 typedef enum vec_math { VEC_EXP2_3, VEC_EXP2_5, VEC_EXP, VEC_LOG2, VEC_MATHS } vec_math;
 
 typedef struct vec_ops {
-  bool fused;                /* what v_fma should be */
-  vec_lane_op *const *lanes; /* in the order of the list */
+  bool fused;                /* whether v_fma should be a fused multiply-add */
+  vec_lane_op *const *lanes; /* in the order of VEC_LANE_OPS */
   void (*math[VEC_MATHS])(const float *in, float *out);
   void (*iota)(float *out);
   unsigned (*first)(int count);
@@ -68,14 +68,14 @@ typedef struct vec_ops {
   int (*compress)(int32_t *out, unsigned chosen, const int32_t *in);
   void (*spread)(const float *in, int quarter, float *out);
   void (*load_fours)(const float *a, const float *b, const float *c, const float *d, float *out);
-  void (*columns3)(const float *in, float *out); /* 64 floats to 48 */
+  void (*columns3)(const float *in, float *out); /* transposes 64 floats to 48 */
   void (*load_u8)(const uint8_t *in, float *out);
   void (*load_4x4)(const float *in, int64_t stride, float *out);
   void (*store_4x4)(float *out, int64_t stride, const float *in);
   void (*load12)(const float *in, float *out);
   void (*store12)(float *out, const float *in);
   float (*sum)(const float *in);
-  void (*sum12)(const float *in, float *out); /* in: 12 vectors */
+  void (*sum12)(const float *in, float *out); /* `in` holds 12 vectors */
 } vec_ops;
 
 extern const vec_ops vec_ops_scalar, vec_ops_avx2, vec_ops_avx512, vec_ops_neon;

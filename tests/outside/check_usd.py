@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What OpenUSD says of a stage, as JSON: what usdchecker's validators find, and what a reader sees."""
+"""Prints what OpenUSD reads from a stage, as JSON: the errors found by usdchecker's validators, and the prims' contents."""
 
 import json
 import sys

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files that pags export writes, read by programs of others: gltf-validator, @gltf-transform/core, splat-transform, Babylon.js, usdchecker.
+"""Files written by pags export are read by third-party programs: gltf-validator, @gltf-transform/core, splat-transform, Babylon.js, usdchecker.
 
 Exits with 77, saying what is missing, where none of them is installed (make setup)."""
 
@@ -27,7 +27,7 @@ SPLAT_TRANSFORM = os.path.join(MODULES, "@playcanvas", "splat-transform", "bin",
 # gltf-validator 2.0.0-dev.3.10 doesn't know KHR_gaussian_splatting's names.
 SPLAT_CODES = {"MESH_PRIMITIVE_INVALID_ATTRIBUTE"}
 
-QUICK = ["--range", 15, "--chunk", 40, "--voxel", 0.4]  # of the background
+QUICK = ["--range", 15, "--chunk", 40, "--voxel", 0.4]  # options of the background mesh
 has_gltf = bool(NODE) and all(os.path.isdir(os.path.join(MODULES, m)) for m in ("gltf-validator", "@gltf-transform"))
 has_splat_transform = bool(NODE) and os.path.exists(SPLAT_TRANSFORM)
 has_babylon = bool(NODE and CHROMIUM) and all(os.path.isdir(os.path.join(MODULES, m)) for m in ("@babylonjs", "puppeteer-core"))
@@ -41,7 +41,7 @@ def check(*paths):
 
 
 def read_splats(path):
-    """Columns by name of a PLY of floats."""
+    """The columns of a PLY of floats, by name."""
     data = fixtures.read(path)
     head, body = data.split(b"end_header\n", 1)
     lines = head.decode().splitlines()
@@ -103,7 +103,7 @@ class SplatTransform(Case):
         self.assertEqual(done.returncode, 0, done.stderr + done.stdout)
 
     def compare(self, a, b, position):
-        """Rows of the same Gaussians, which may come in another order; b is half a turn about x from a.
+        """Compares the rows of two files with the same Gaussians in any order; b is rotated by half a turn about x from a.
 
         SPZ's axes are OpenGL's (y up), a PLY's are y down, and Niantic's library and ours turn between them. splat-transform 3.7 copies the
         numbers: what has been SPZ for one of us and PLY for the other is upside down."""
@@ -143,8 +143,8 @@ class SplatTransform(Case):
         scene = scenes.make_scene(self.path("scene"))
         for name in ("ours.ply", "ours.spz"):
             self.succeeds("export", scene, self.path(name), "--time", "0.3")
-        self.convert(self.path("ours.ply"), self.path("ply.spz"))  # they read our PLY, we read their SPZ
-        self.convert(self.path("ours.spz"), self.path("spz.ply"))  # they read our SPZ
+        self.convert(self.path("ours.ply"), self.path("ply.spz"))  # splat-transform reads our PLY, we read its SPZ
+        self.convert(self.path("ours.spz"), self.path("spz.ply"))  # splat-transform reads our SPZ
         self.succeeds("export", self.path("ply.spz"), self.path("back.ply"))
         self.compare(self.path("ours.ply"), self.path("back.ply"), 0.6 / 4096)
         self.compare(self.path("ours.ply"), self.path("spz.ply"), 0.6 / 4096)
@@ -153,7 +153,7 @@ class SplatTransform(Case):
 @unittest.skipUnless(has_babylon, "needs node, Babylon.js and Debian's chromium: make setup")
 class Babylon(Case):
     def draw(self, file, x, yaw, picture):
-        """As scenes.camera sees it at x, in the file's axes: y up."""
+        """Draws the file as seen by scenes.camera at x, in the file's axes (y up)."""
         c, s, cp, sp = math.cos(yaw), math.sin(yaw), math.cos(0.15), math.sin(0.15)
         turned = lambda v: [v[0], v[2], -v[1]]
         camera = {"width": 160, "height": 120, "fx": 90, "fy": 90, "cx": 80, "cy": 60, "background": [0.5, 0.6, 0.8]}
@@ -173,13 +173,14 @@ class Babylon(Case):
         return 10 * math.log10(255**2 * len(rows_a) / max(1, sum((p - q) ** 2 for p, q in zip(rows_a, rows_b))))
 
     def colours(self, path):
-        """Red, green and blue of all pixels; Chromium's pictures may have alpha."""
+        """Red, green and blue of all pixels; alpha, which Chromium's pictures may have, is dropped."""
         _, _, channels, bits, data = fixtures.read_png(path)
         self.assertEqual(bits, 8)
         return [v for i, v in enumerate(data) if i % channels < 3]
 
     def test_it_draws_what_we_draw(self):
-        """It keeps colours in 8 bits and cuts Gaussians elsewhere: 36 dB were measured. A mirrored axis comes to 12."""
+        """The other renderer stores colours in 8 bits and cuts Gaussians off at another radius: 36 dB were measured. A mirrored axis would
+        give 12 dB."""
         scene = scenes.make_scene(self.path("scene"))
         self.succeeds("export", scene, self.path("splats.glb"), "--splats", "--time", "0.3")
         self.succeeds("render", scene, "--split", "test", "--time", "0.3", "--no-exposure", "-o", self.path("ours"))

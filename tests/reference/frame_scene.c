@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The engine's frame behind the oracle's data; see frame_scene.h. */
+/* Runs the engine's frame on the oracle's data; see frame_scene.h. */
 #include "reference/frame_scene.h"
 
 #include <setjmp.h>
@@ -17,7 +17,7 @@ static void check(pags_result result) {
     fail_msg("%s: %s", pags_result_name(result), pags_error_message());
 }
 
-/* Scenes */
+/* ---- Scenes ---- */
 
 static int64_t *row_order(int64_t count, uint64_t shuffle_seed) {
   reference_random random = {shuffle_seed};
@@ -78,7 +78,8 @@ static void create_part(frame_scene *scene, int p, const reference_part *from, i
     create_factor(scene, p, from);
 }
 
-static void point_parts(frame_scene *scene) { /* the struct is returned by value */
+/* Sets the pointers into the struct again, as it is returned by value. */
+static void point_parts(frame_scene *scene) {
   for (int p = 0; p < scene->part_count; p++) {
     scene->parts[p].gaussians = &scene->gaussians[p];
     scene->parts[p].clusters = &scene->clusters[p];
@@ -115,7 +116,7 @@ void frame_scene_round(reference_part *part) {
     part->factor[i] = (double)(float)part->factor[i];
 }
 
-/* Runs */
+/* ---- Runs ---- */
 
 typedef struct run_context {
   const frame_scene *scene;
@@ -186,8 +187,8 @@ static void copy_plane(const pags_picture *picture, const void *from, void *to) 
   }
 }
 
-/* Widens a plane of doubles to the picture's stride and whole tiles, as float; NULL stays NULL. Padding must not
- * matter: it is NaN. */
+/* Copies a plane of doubles to a float plane of the picture's stride and of whole tiles; NULL stays NULL. The padding
+ * is NaN, as it must not be used. */
 static float *pad_plane(const pags_picture *picture, const double *from) {
   if (!from)
     return NULL;
@@ -312,7 +313,7 @@ int frame_result_finite(const frame_result *result) {
   return finite;
 }
 
-static void hash_bytes(uint64_t *hash, const void *bytes, int64_t count) { /* FNV-1a */
+static void hash_bytes(uint64_t *hash, const void *bytes, int64_t count) { /* FNV-1a hash */
   const unsigned char *next = bytes;
   for (int64_t k = 0; k < count; k++)
     *hash = (*hash ^ next[k]) * 0x100000001b3u;

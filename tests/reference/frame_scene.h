@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The engine's frame behind the oracle's data: the same Gaussians as float parts, pictures and gradients without
- * padding. Failures of the engine fail the running cmocka test. */
+/* Runs the engine's frame on the oracle's data: the same Gaussians as float parts; pictures and gradients are
+ * returned without padding. An error of the engine fails the running cmocka test. */
 #ifndef PAGS_TESTS_FRAME_SCENE_H
 #define PAGS_TESTS_FRAME_SCENE_H
 
@@ -13,13 +13,13 @@ typedef struct frame_scene {
   pags_part parts[FRAME_SCENE_PARTS];
   pags_gaussians gaussians[FRAME_SCENE_PARTS];
   pags_clusters clusters[FRAME_SCENE_PARTS];
-  int32_t *id[FRAME_SCENE_PARTS];     /* NULL: in order */
+  int32_t *id[FRAME_SCENE_PARTS];     /* NULL: ids are first_id + row */
   int64_t *source[FRAME_SCENE_PARTS]; /* row of the reference part that each row came from */
-  float
-      *dc[FRAME_SCENE_PARTS]; /* where the reference part has one: NaN until the cluster is touched, then `dc_values` */
+  /* Constant SH terms, where the reference part has its own: NaN until the cluster is touched, then `dc_values`. */
+  float *dc[FRAME_SCENE_PARTS];
   float *dc_values[FRAME_SCENE_PARTS];
-  float *factor[FRAME_SCENE_PARTS]; /* where the reference part has one */
-  float sky_cut;                    /* of the way back */
+  float *factor[FRAME_SCENE_PARTS]; /* opacity factors, where the reference part has them */
+  float sky_cut;                    /* sky_cut of the backward pass */
 } frame_scene;
 
 /* Rounds the parts' values to float. `shuffle_seed` != 0: rows in a random order, their ids given explicitly. */
@@ -29,14 +29,14 @@ void frame_scene_destroy(frame_scene *scene);
 /* Rounds the values of a reference part to float in place, so that engine and oracle start from the same numbers. */
 void frame_scene_round(reference_part *part);
 
-typedef struct frame_part_result { /* by row of the reference part, whatever the shuffle */
+typedef struct frame_part_result { /* results by row of the reference part, however the rows were shuffled */
   int64_t count;
   int plane_count;
   float *planes; /* dL/d raw parameters, plane p of row i at p * count + i */
   float *mean2d, *mean2d_abs, *radius;
   uint8_t *drawn;
   int64_t cluster_count;
-  uint8_t *touched, *received; /* calls per cluster */
+  uint8_t *touched, *received; /* number of callback calls for each cluster */
 } frame_part_result;
 
 typedef struct frame_result {
@@ -45,19 +45,19 @@ typedef struct frame_result {
   float *transmittance, *depth, *depth_sum; /* depths and id only with extra_channels */
   int32_t *id;
   int64_t sky_floats;
-  float *sky;          /* gradient of the texels, where there is a sky and a way back */
-  uint8_t *sky_blocks; /* which of its blocks were added to */
+  float *sky;          /* gradient of the texels, if there is a sky and a backward pass */
+  uint8_t *sky_blocks; /* which blocks of the sky's gradient were written */
   frame_part_result parts[FRAME_SCENE_PARTS];
   int64_t bad_rows;
 } frame_result;
 
-/* Renders, and goes back when `gradient` isn't NULL: keep_for_backward is then set, and depth_sum where the loss
- * looks at depth. */
+/* Renders the scene and, if `gradient` isn't NULL, runs the backward pass: keep_for_backward is then set, and
+ * depth_sum if the loss uses depth. */
 frame_result frame_run(pags_frame *frame, const frame_scene *scene, const pags_camera *camera,
                        const pags_frame_options *options, const reference_picture_gradient *gradient);
 void frame_result_destroy(frame_result *result);
 
-/* Every float of the result is finite. */
+/* Whether every float of the result is finite. */
 int frame_result_finite(const frame_result *result);
 /* 64-bit hash of all bits that a caller can see, gradients included. */
 uint64_t frame_result_hash(const frame_result *result);

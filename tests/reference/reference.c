@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Forward of the double-precision oracle; see reference.h for the definition. */
+/* Forward pass of the double-precision oracle; see reference.h for the definition. */
 #include "reference/reference.h"
 
 #include <math.h>
@@ -16,7 +16,7 @@ void *reference_alloc(int64_t count, size_t size) {
   return memory;
 }
 
-/* Parts */
+/* ---- Parts ---- */
 
 reference_part reference_part_create(int64_t count, int sh_degree) {
   reference_part part = {.count = count, .sh_degree = sh_degree};
@@ -51,7 +51,7 @@ void reference_part_destroy(reference_part *part) {
   *part = (reference_part){0};
 }
 
-/* Geometry */
+/* ---- Geometry ---- */
 
 reference_view reference_view_of(const reference_part *part, const pags_camera *camera,
                                  const pags_frame_options *options) {
@@ -155,7 +155,7 @@ static double gram_determinant(const double f[6]) {
   return x * x + y * y + z * z;
 }
 
-/* Covariance, conic and compensation; 0 when the Gaussian has no area or isn't finite. */
+/* Computes covariance, conic and compensation; returns 0 when the Gaussian has no area or isn't finite. */
 static int find_covariance(const reference_projection *p, const pags_frame_options *options, reference_splat *splat) {
   const double *f = p->factor;
   double low_pass = (double)options->low_pass;
@@ -182,7 +182,7 @@ static int find_covariance(const reference_projection *p, const pags_frame_optio
   return 1;
 }
 
-/* Colour */
+/* ---- Colour ---- */
 
 double reference_direction(const reference_part *part, int64_t i, const reference_view *view, double direction[3]) {
   double square = 0;
@@ -258,7 +258,7 @@ static void find_colour(const reference_part *part, int64_t i, const reference_v
     double sum = 0.5;
     for (int k = 0; k < coefficients; k++)
       sum += basis[k] * reference_value(part, PAGS_SH + 3 * k + channel, i);
-    splat->clamped_colour[channel] = !(sum >= 0); /* NaN too */
+    splat->clamped_colour[channel] = !(sum >= 0); /* also if the sum is NaN */
     splat->colour[channel] = splat->clamped_colour[channel] ? 0 : sum;
     splat->margin = fmin(splat->margin, fabs(sum));
   }
@@ -286,7 +286,7 @@ static reference_splat find_splat(const reference_part *part, int64_t i, const r
   return splat;
 }
 
-/* Blending */
+/* ---- Blending ---- */
 
 typedef struct pixel_state {
   double weight_sum, best_weight, last_depth;
@@ -351,7 +351,8 @@ static void blend(reference_picture *picture, int64_t *capacity, pixel_state *st
   hash_in(&picture->decisions, (uint64_t)pixel << 32 ^ (uint64_t)gaussian << 1 ^ (raw > picture->limits.alpha_cap));
 }
 
-/* Pixels outside of the ellipse's box fail alpha >= 1/255; one more pixel on each side is visited for the margins. */
+/* Blends a Gaussian into the pixels of its ellipse's box; outside of it alpha is below 1/255. One more pixel on each
+ * side is visited, as it may lie close to the threshold. */
 static void blend_box(reference_picture *picture, int64_t *capacity, pixel_state *states, int64_t gaussian) {
   const reference_splat *splat = &picture->splats[gaussian];
   double reach = fmax(0, 2 * log(splat->opacity / picture->limits.alpha_min));

@@ -33,17 +33,17 @@ typedef struct reference_part {
   double world_from_model[12];
   double *dc; /* used in place of the constant SH term: channel c of Gaussian i at dc[c * count + i]; NULL: the planes'
                  own */
-  double *factor; /* of the opacity of Gaussian i, 0: not drawn; NULL: 1 */
+  double *factor; /* factor of the opacity of Gaussian i, 0: not drawn; NULL: all are 1 */
 } reference_part;
 
 /* Allocates zeroed planes with an identity pose. */
 reference_part reference_part_create(int64_t count, int sh_degree);
-/* The same Gaussians, ids, pose, constant terms and factors as the engine's part, as they are now, widened to double.
- * Not of a packed one. */
+/* The same Gaussians, ids, pose, constant terms and factors as the engine's part at present, converted to double. The
+ * part must not be packed. */
 reference_part reference_part_from(const pags_part *part);
 void reference_part_destroy(reference_part *part);
 
-/* What one Gaussian looks like in the picture. Everything but `drawn` is only defined when it is drawn. */
+/* A Gaussian projected to the picture. Everything but `drawn` is defined only if it is drawn. */
 typedef struct reference_splat {
   int drawn;
   int32_t id;
@@ -69,8 +69,8 @@ typedef struct reference_contribution {
   double transmittance; /* before this Gaussian */
 } reference_contribution;
 
-/* Where blending departs from the plain product of alphas, and how far beyond the picture J is taken as it is: in
- * tangents of half the field of view on every side. */
+/* Limits by which blending departs from the plain product of alphas, and the margin beyond the picture within which J
+ * isn't clamped: in tangents of half the field of view on every side. */
 typedef struct reference_limits {
   double alpha_min, alpha_cap, stop, widened;
 } reference_limits;
@@ -84,11 +84,11 @@ typedef struct reference_picture {
   double *transmittance;
   double *depth_sum; /* sum of w z */
   double *depth;     /* depth_sum / sum of w; 0 where nothing was blended */
-  int32_t *id;       /* of the largest weight (tie: the nearer); -1 for none */
+  int32_t *id;       /* id of the Gaussian of the largest weight (tie: the nearer); -1 for none */
 
-  /* How near a pixel came to a different decision, relative: alpha to 1/255 or 0.99, transmittance to 1e-4, its
-   * Gaussians to their clamps; and the smallest gap of depth between neighbours in its list. A float renderer may
-   * decide otherwise where these are of the order of its rounding. */
+  /* margin: how close a pixel is to a different decision, relative: alpha to 1/255 or 0.99, transmittance to 1e-4,
+   * its Gaussians to their clamps. depth_margin: the smallest gap of depth between neighbours in its list. A float
+   * renderer may decide otherwise where these are of the order of its rounding. */
   double *margin;
   double *depth_margin;
 
@@ -103,18 +103,18 @@ typedef struct reference_picture {
 reference_picture reference_render(const reference_part *parts, int part_count, const pags_camera *camera,
                                    const pags_frame_options *options);
 
-/* With other limits: for pictures that nothing goes back from. */
+/* The same with other limits, for pictures whose gradient isn't needed. */
 reference_picture reference_render_within(reference_limits limits, const reference_part *parts, int part_count,
                                           const pags_camera *camera, const pags_frame_options *options);
 void reference_picture_destroy(reference_picture *picture);
 
-/* Those that are drawn in the order in which pixels see them: by depth, ties by id. `gaussians`: room for splat_count
- * indices over all parts. Returns how many. */
+/* Writes the drawn Gaussians in blending order: by depth, ties by id. `gaussians`: room for splat_count indices over
+ * all parts. Returns their number. */
 int64_t reference_front_to_back(const reference_picture *picture, int64_t *gaussians);
 
-/* The colours of the same Gaussians in the same order and within the same limits as `from`, a render of the same
- * arguments, but by each one's largest value along a pixel's ray in place of its affine image (reference_rays.c). Three
- * planes, freed by the caller. */
+/* The colours of a picture in which each Gaussian's alpha comes from its largest density along the pixel's ray
+ * instead of from its affine projection (reference_rays.c); Gaussians, order and limits are those of `from`, a render
+ * of the same arguments. Three planes, freed by the caller. */
 double *reference_ray_picture(const reference_part *parts, int part_count, const pags_camera *camera,
                               const pags_frame_options *options, const reference_picture *from);
 
@@ -128,7 +128,8 @@ typedef struct reference_picture_gradient {
 
 typedef struct reference_part_gradient {
   int64_t count;
-  double *planes;     /* as reference_part.planes; those of the constant SH term are by `dc` where the part has one */
+  /* Laid out like reference_part.planes; the gradient of the constant SH term is by `dc` if the part has one. */
+  double *planes;
   double *mean2d;     /* dL/d mean2D in px, x and y of Gaussian i at 2 i */
   double *mean2d_abs; /* sums over pixels of the absolute values */
 } reference_part_gradient;
@@ -139,30 +140,30 @@ void reference_backward(const reference_part *parts, int part_count, const pags_
                         const reference_picture_gradient *gradient, reference_part_gradient *out);
 void reference_gradient_destroy(reference_part_gradient *gradients, int part_count);
 
-/* Shared by the two directions. */
+/* ---- Shared by the forward and the backward pass ---- */
 
 #define REFERENCE_ALPHA_MIN (1.0 / 255.0)
 #define REFERENCE_ALPHA_CAP 0.99
 #define REFERENCE_STOP 1e-4
 #define REFERENCE_WIDENED 0.3
-#define REFERENCE_COMPENSATION_FLOOR 2.5e-5 /* of the determinants' ratio */
+#define REFERENCE_COMPENSATION_FLOOR 2.5e-5 /* floor of the ratio of determinants */
 
-/* The frame of a part as seen from the camera. */
+/* A part's frame of reference seen from the camera. */
 typedef struct reference_view {
   double rotation[9]; /* camera_from_model */
   double translation[3];
-  double position[3]; /* of the camera in the model's frame */
-  double widened;     /* as of reference_limits; REFERENCE_WIDENED */
+  double position[3]; /* camera position in the model's frame */
+  double widened;     /* reference_limits.widened; by default REFERENCE_WIDENED */
 } reference_view;
 
 reference_view reference_view_of(const reference_part *part, const pags_camera *camera,
                                  const pags_frame_options *options);
 
-/* The steps from raw parameters to the 2D covariance, kept for the way back. */
+/* Intermediate results from raw parameters to the 2D covariance, kept for the backward pass. */
 typedef struct reference_projection {
   double sigma[3];
   double unit_quaternion[4];
-  double quaternion_length; /* 0: identity was taken */
+  double quaternion_length; /* 0: the identity was taken instead */
   double rotation[9];       /* R(q) */
   double slope[2];          /* x/z, y/z after the clamp */
   double jacobian[6];       /* 2x3 */
@@ -178,15 +179,15 @@ double reference_direction(const reference_part *part, int64_t i, const referenc
 void reference_sh(const double direction[3], double basis[16], double derivative[16][3]);
 int reference_sh_degree(const reference_part *part, const pags_frame_options *options);
 
-/* The four texels that a pixel sees. */
+/* The four texels that a pixel interpolates. */
 typedef struct reference_sky_taps {
   int64_t texel[4]; /* (face * size + row) * size + column */
   double weight[4];
-  double margin; /* relative distance to another face */
+  double margin; /* relative distance of the direction to another face */
 } reference_sky_taps;
 
 reference_sky_taps reference_sky_look(const pags_sky *sky, const pags_camera *camera, int x, int y);
-/* What lies behind all Gaussians of a pixel; *margin falls to that of its choice. */
+/* The sky or background behind all Gaussians of a pixel; *margin is lowered to that of the choice of face. */
 void reference_behind(const pags_camera *camera, const pags_frame_options *options, int64_t pixel, double rgb[3],
                       double *margin);
 void reference_sky_colour(const pags_sky *sky, const reference_sky_taps *taps, double rgb[3]);
@@ -201,6 +202,6 @@ static inline double reference_value(const reference_part *part, int plane, int6
   return part->planes[(int64_t)plane * part->count + i];
 }
 
-void *reference_alloc(int64_t count, size_t size); /* zeroed; aborts without memory */
+void *reference_alloc(int64_t count, size_t size); /* zeroed memory; aborts if there is none */
 
 #endif

@@ -19,7 +19,7 @@ void reference_adam_destroy(reference_adam *adam) {
   *adam = (reference_adam){0};
 }
 
-/* Replaces one array by rows from[0..count) of it; a negative row is a new one of zeros. */
+/* Replaces an array by its rows from[0..count); a negative index makes a new row of zeros. */
 static void gather_rows(double **array, int planes, const int64_t *from, int64_t count) {
   double *gathered = reference_alloc(count * planes, sizeof(double));
   for (int64_t i = 0; i < count; i++) {

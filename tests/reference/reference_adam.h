@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Dense Adam in double precision, as torch.optim.Adam without weight decay does it (Kingma and Ba 2015): the oracle for
- * an optimiser that puts off the updates of rows it doesn't see.
+/* Dense Adam in double precision, as in torch.optim.Adam without weight decay (Kingma and Ba 2015): the oracle for an
+ * optimiser that defers the updates of rows that no view sees.
  *
- * Every step updates every row, rows with a zero gradient included (their moments decay and still move them). One step
+ * Every step updates every row, also rows with a zero gradient (their moments decay and still move them). One step
  * counter serves all rows, also those appended later, whose moments start at zero. */
 #ifndef PAGS_TESTS_REFERENCE_ADAM_H
 #define PAGS_TESTS_REFERENCE_ADAM_H
@@ -12,7 +12,7 @@
 typedef struct reference_adam {
   int planes;
   int64_t count;
-  int64_t step; /* taken so far */
+  int64_t step; /* number of steps done */
   double beta1, beta2, epsilon;
   double *value, *first, *second; /* plane p of row i at [i * planes + p] */
 } reference_adam;
@@ -21,13 +21,13 @@ typedef struct reference_adam {
 reference_adam reference_adam_create(int planes);
 void reference_adam_destroy(reference_adam *adam);
 
-/* Adds rows at the end; their moments are zero. `value` is laid out like adam->value. */
+/* Appends rows with zero moments. `value` is laid out like adam->value. */
 void reference_adam_append(reference_adam *adam, const double *value, int64_t count);
-/* Drops the rows whose `keep` is zero; the others close up in order, with their moments. */
+/* Removes the rows whose `keep` is zero; the others keep their order and moments. */
 void reference_adam_remove(reference_adam *adam, const uint8_t *keep);
-/* Row i becomes the old row from[i], moments too; a permutation or any selection of `count` rows. */
+/* Row i becomes the old row from[i] with its moments; `from` may be any selection of `count` rows. */
 void reference_adam_gather(reference_adam *adam, const int64_t *from, int64_t count);
-/* Zeroes both moments of one plane: 3DGS's opacity reset. */
+/* Zeroes both moments of one plane, as the opacity reset of 3DGS does. */
 void reference_adam_forget(reference_adam *adam, int plane);
 
 /* One step: m = b1 m + (1-b1) g, v = b2 v + (1-b2) g^2,

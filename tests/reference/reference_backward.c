@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Backward of the double-precision oracle: the chain rule of reference.c, last step first.
+/* Backward pass of the double-precision oracle: the chain rule through reference.c, from the last step to the first.
  *
  * Convention for symmetric 2x2 matrices (xx, xy, yy): the derivative by xy counts both off-diagonal entries. */
 #include "reference/reference.h"
@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Derivatives of the loss by what a pixel reads of a Gaussian. */
+/* Derivatives of the loss by the values of a Gaussian that pixels use. */
 typedef struct splat_gradient {
   double mean2d[2], mean2d_abs[2], conic[3], opacity, colour[3], depth;
 } splat_gradient;
@@ -110,7 +110,7 @@ static void compensation_backward(const reference_splat *splat, double low_pass,
   by_cov[2] += by_ratio * ((xx - low_pass) - ratio * xx) / after;
 }
 
-/* R(q) of a unit quaternion, entry by entry. */
+/* Derivative of the matrix R(q) of a unit quaternion, entry by entry. */
 static void rotation_backward(const double q[4], const double g[9], double by_q[4]) {
   double w = q[0], x = q[1], y = q[2], z = q[3];
   by_q[0] = 2 * (x * (g[7] - g[5]) + y * (g[2] - g[6]) + z * (g[3] - g[1]));

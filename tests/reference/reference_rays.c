@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What the affine projection stands for: each Gaussian's largest value along the ray through a pixel's centre, in
- * double.
+/* The exact counterpart of the affine projection: the largest value of each Gaussian along the ray through a pixel's
+ * centre, in double.
  *
- * With S the covariance in camera axes, m the mean and d the ray, the value at t d is exp(-(t d - m)' S^-1 (t d - m) /
- * 2); it is largest at t = d' S^-1 m / d' S^-1 d. The integral along the ray is that value times what doesn't depend on
- * how far the ray passes. The low-pass is a widening of S by low_pass (z / f)^2 across the picture's axes, whose affine
- * image is low_pass I. */
+ * With S the covariance in camera axes, m the mean and d the ray, the value at t d is exp(-(t d - m)' S^-1 (t d - m)
+ * / 2); it is largest at t = d' S^-1 m / d' S^-1 d. The integral along the ray is that value times a factor that
+ * doesn't depend on how far from the mean the ray passes. The low-pass filter widens S by low_pass (z / f)^2 across
+ * the picture's axes, whose affine image is low_pass I. */
 #include "reference/reference.h"
 
 #include <math.h>
@@ -16,7 +16,7 @@ typedef struct ray_splat {
   double s[6]; /* S: xx xy xz yy yz zz */
   double q[6]; /* its inverse */
   double qm[3], mqm;
-  double limit; /* largest distance squared that is drawn */
+  double limit; /* largest squared Mahalanobis distance that is drawn */
 } ray_splat;
 
 static int find_inverse(ray_splat *r, const double m[3]) {
@@ -56,8 +56,9 @@ static int find_ray_splat(const reference_part *part, int64_t i, const reference
   return find_inverse(out, splat->camera);
 }
 
-/* Pixels [first, end) of `size` along an axis that may see the Gaussian: slopes at which a plane through the eye
- * touches the ellipsoid of that distance; all of them where it reaches the plane of the eye. */
+/* Finds the pixels [first, end) of `size` along an axis that may see the Gaussian: the slopes at which a plane
+ * through the eye touches the ellipsoid of the largest distance; all pixels if the ellipsoid reaches the plane z = 0
+ * of the eye. */
 static void find_span(double mean, double z, double s_aa, double s_az, double s_zz, double limit, double f, double c,
                       int size, int *first, int *end) {
   const double a = z * z - limit * s_zz, b = mean * z - limit * s_az, d = b * b - a * (mean * mean - limit * s_aa);
@@ -73,7 +74,7 @@ static double ray_distance(const ray_splat *r, double x, double y) {
   const double *q = r->q;
   const double dqm = x * r->qm[0] + y * r->qm[1] + r->qm[2];
   const double dqd = q[0] * x * x + 2 * q[1] * x * y + 2 * q[2] * x + q[3] * y * y + 2 * q[4] * y + q[5];
-  return dqm > 0 ? r->mqm - dqm * dqm / dqd : INFINITY; /* nearest behind the eye: not seen */
+  return dqm > 0 ? r->mqm - dqm * dqm / dqd : INFINITY; /* the largest value lies behind the eye: not seen */
 }
 
 typedef struct ray_picture {
@@ -112,7 +113,8 @@ static void blend_splat(const reference_picture *from, const reference_splat *sp
     }
 }
 
-/* The part that a Gaussian of all parts, in order, belongs to; `row` becomes its place in it. */
+/* Returns the part to which the Gaussian belongs, by its index over all parts; `row` receives its row in that part.
+ * */
 static int part_of(const reference_part *parts, int64_t gaussian, int64_t *row) {
   int p = 0;
   for (*row = gaussian; *row >= parts[p].count; p++)

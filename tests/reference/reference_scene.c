@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Random cameras and Gaussians; see reference_scene.h. */
+/* Random cameras and Gaussians from a seed; see reference_scene.h. */
 #include "reference/reference_scene.h"
 
 #include <math.h>

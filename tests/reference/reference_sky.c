@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The oracle's sky: pags/sky.h by the letter, in double. */
+/* The oracle's sky: the definition in pags/sky.h, evaluated in double. */
 #include "reference/reference.h"
 
 #include <math.h>

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Small networks with the inputs and outputs of real ones, which do by arithmetic what those do by learning.
+"""Small ONNX networks with the inputs and outputs of real ones, whose results follow from plain arithmetic instead of learning.
 
-Labels: the class whose colour is nearest. Segment Anything: of a point, everything of the point's colour.
+Semantic networks label a pixel with the class of the nearest colour. Segment Anything: a point's mask is everything of its colour.
 """
 
 import numpy as np
@@ -9,7 +9,7 @@ import numpy as np
 from onnx_writer import Graph
 
 IMAGENET = (np.array([0.485, 0.456, 0.406]), np.array([0.229, 0.224, 0.225]))
-PLAIN = (np.zeros(3), np.full(3, 1 / 255))  # samples from 0 to 255
+PLAIN = (np.zeros(3), np.full(3, 1 / 255))  # mean and deviation for networks whose inputs are samples from 0 to 255
 HALF = (np.full(3, 0.5), np.full(3, 0.5))
 # Train ids and their colours: road, sky, person, car.
 COLOURS = {0: (120, 120, 120), 10: (60, 160, 250), 11: (250, 40, 40), 13: (30, 200, 40)}
@@ -29,7 +29,8 @@ def semantic(
     shrink=2,
     bgr=False,
 ):
-    """size None: free. last: channels last. classes: 3 or 4, the rank of an output of classes in place of scores."""
+    """Writes a semantic network. size: of the input, None for any. last: channels come last. classes: the rank (3 or 4) of an output of
+    class numbers, which replaces the scores."""
     colours = COLOURS if colours is None else colours
     mean, std = normal
     weights, bias = np.zeros((count, 3, 1, 1)), np.full(count, -1e6)
@@ -57,7 +58,7 @@ def semantic(
 
 
 def encoder(path, kind="segment-anything", size=128, prepares=False, channels=3):
-    """Features: the mean colours of squares of four pixels."""
+    """Writes an image encoder whose features are the mean colours of squares of 4 x 4 pixels."""
     g = Graph()
     small = size // 4
     if prepares:
@@ -84,7 +85,7 @@ def encoder(path, kind="segment-anything", size=128, prepares=False, channels=3)
 
 
 def same_colour(g, features, x, y, small):
-    """Logits [n][1][small][small]: positive where the colour is that of the points, whose x and y [n][1][1][1] are in squares."""
+    """Logits [n][1][small][small], positive where the colour is that of the point; the points' x and y [n][1][1][1] are in feature squares."""
     across = g.constant((np.arange(small) + 0.5).reshape(1, 1, 1, small))
     down = g.constant((np.arange(small) + 0.5).reshape(1, 1, small, 1))
     dx, dy = g.op("Sub", across, x), g.op("Sub", down, y)
@@ -98,7 +99,8 @@ def same_colour(g, features, x, y, small):
 
 
 def decoder(path, kind="segment-anything", size=128, free=False, single=False, low=True):
-    """Four masks a point: one that must not be used, a good one, one of low predicted IoU, one that is not stable."""
+    """Writes a mask decoder with four masks for each point: one that must not be used, a good one, one of low predicted IoU, an unstable
+    one."""
     g = Graph()
     small, many = size // 4, "points" if free or kind != "segment-anything" else 1
     names = {
@@ -117,7 +119,7 @@ def decoder(path, kind="segment-anything", size=128, free=False, single=False, l
         coordinates, all_labels = g.input("point_coords", [many, "n", 2]), g.input("point_labels", [many, "n"])
         at = g.op("Gather", coordinates, g.constant(0, np.int64), axis=1)
         second = g.op("Gather", all_labels, g.constant([1], np.int64), axis=1)
-        labels = g.op("Neg", second)  # 1 where the second point is told to be none
+        labels = g.op("Neg", second)  # 1 if the second point is labelled as padding (-1)
         g.input("mask_input", ["points" if kind == "sam2" else 1, 1, small, small])
         g.input("has_mask_input", [1])
         if kind == "segment-anything":

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes ONNX files without the onnx package: protocol buffers by hand (onnx.proto of ONNX 1.8, opset 13)."""
+"""Writes ONNX files without the onnx package: protocol buffers encoded by hand (onnx.proto of ONNX 1.8, opset 13)."""
 
 import struct
 
@@ -18,7 +18,7 @@ def varint(value):
 
 
 def field(number, value):
-    """One field: integers as varints, floats as 32 bits, texts and messages with their length."""
+    """Encodes one field: integers as varints, floats as 32 bits, texts and messages with their length."""
     if isinstance(value, float):
         return varint(number << 3 | 5) + struct.pack("<f", value)
     if isinstance(value, int):
@@ -34,7 +34,7 @@ def tensor(name, array):
 
 
 def value_info(name, dtype, shape):
-    """A side that is a text is free."""
+    """Describes a tensor; a dimension given as a text is a free dimension of that name."""
     sides = b"".join(field(1, field(2, side) if isinstance(side, str) else field(1, side)) for side in shape)
     return field(1, name) + field(2, field(1, field(1, TYPES[np.dtype(dtype)]) + field(2, sides)))
 
@@ -68,7 +68,7 @@ class Graph:
         return name
 
     def op(self, kind, *inputs, **attributes):
-        """Adds a node of one output; numbers among the inputs become constants."""
+        """Adds a node with one output; numbers among its inputs become constants."""
         self.count += 1
         name = f"n{self.count}"
         named = [i if isinstance(i, str) else self.constant(i) for i in inputs]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""tools/segment: its parts, and runs of the whole on a tiny driving set that pags reads back.
+"""tools/segment: its modules, and runs of the whole tool on a tiny driving set whose output pags reads back.
 
 test_segment.py PAGS. Runs with tools/segment/.venv where there is one; without onnxruntime it says so and exits with 77.
 """
@@ -27,7 +27,7 @@ NEEDED = ("onnxruntime", "numpy", "PIL")
 
 
 def find_python():
-    """Goes on with the tool's own Python, or skips."""
+    """Restarts the test with the tool's own Python environment, or skips it."""
     if all(importlib.util.find_spec(name) for name in NEEDED):
         return
     if os.path.exists(PYTHON) and os.environ.get("SEGMENT_TEST") != "own":
@@ -53,7 +53,7 @@ PAGS = os.environ.get("PAGS", "build/pags")
 
 
 def picture(width, height, parts):
-    """Road everywhere but in the parts: class, x0, y0, x1, y1. Returns the photograph and its labels."""
+    """Paints road everywhere except in the rectangles `parts` (class, x0, y0, x1, y1). Returns the photograph and its labels."""
     labels = np.zeros((height, width), np.uint8)
     for index, x0, y0, x1, y1 in parts:
         labels[y0:y1, x0:x1] = index
@@ -63,7 +63,7 @@ def picture(width, height, parts):
     return table[labels], labels
 
 
-# Borders are where no point of a grid of 8 x 8 is.
+# The borders avoid the points of a grid of 8 x 8.
 STREET = ((10, 0, 0, 96, 24), (13, 9, 39, 33, 57), (11, 60, 30, 72, 57))
 
 
@@ -134,7 +134,7 @@ class Parts(unittest.TestCase):
     def test_majority(self):
         labels = np.array([[13, 13, 13, 0, 0, 255]], np.uint8)
         whole = np.ones((1, 6), bool)
-        self.assertIsNone(fuse.majority(labels, whole, 0.5))  # a half is no more than a half
+        self.assertIsNone(fuse.majority(labels, whole, 0.5))  # exactly a half isn't a majority
         self.assertEqual(fuse.majority(labels, whole, 0.4), 13)
         self.assertEqual(fuse.majority(labels, labels != 0, 0.5), 13)
         self.assertIsNone(fuse.majority(np.full((2, 2), 255, np.uint8), np.ones((2, 2), bool), 0.5))
@@ -150,7 +150,7 @@ class Parts(unittest.TestCase):
 
     def test_scores_are_interpolated_before_the_best_is_taken(self):
         scores = np.array([[[0.0, 1.0]], [[0.6, 0.6]]])
-        # Across 8 pixels class 0 goes 0, 0, 0.125, 0.375, 0.625, 0.875, 1, 1.
+        # Enlarged to 8 pixels the scores of class 0 are 0, 0, 0.125, 0.375, 0.625, 0.875, 1, 1.
         self.assertEqual(enlarge_argmax(scores, 1, 8).tolist(), [[1, 1, 1, 1, 0, 0, 0, 0]])
 
     def test_class_lists(self):
@@ -191,7 +191,7 @@ class Labels(Scratch):
         self.assertEqual((found.dtype, found.shape), (np.uint8, truth.shape))
         if exact:
             self.assertTrue((found == truth).all(), how)
-        elif how.get("size", 1) is None:  # sides are brought to multiples of 32: borders move by a pixel
+        elif how.get("size", 1) is None:  # sides are rounded to multiples of 32, which moves borders by a pixel
             self.assertGreater((found == truth).mean(), 0.85, how)
         return semantic
 
@@ -271,7 +271,7 @@ class Masks(Scratch):
         return (found & truth).sum() / (found | truth).sum()
 
     def check(self, sam, **how):
-        """Everything in the street is found once, and nothing else is."""
+        """Asserts that everything in the street is found once, and nothing else."""
         photo, truth = picture(96, 64, STREET)
         steps = []
         masks = automatic.automatic_masks(sam, photo, automatic.Settings(points=8, **how), lambda *a: steps.append(a))
@@ -279,7 +279,7 @@ class Masks(Scratch):
         self.assertEqual(len(masks), 4)
         for index in (0, 10, 11, 13):
             best = max(self.overlap(mask, truth == index) for mask in masks)
-            self.assertGreater(best, 0.7, index)  # logits have a pixel where the picture has three
+            self.assertGreater(best, 0.7, index)  # a pixel of the logits covers three of the picture
         self.assertTrue(all(abs(mask.predicted_iou - 0.95) < 1e-6 for mask in masks))
 
     def test_every_known_export(self):
@@ -302,11 +302,11 @@ class Masks(Scratch):
     def test_filters(self):
         photo, _ = picture(96, 64, STREET)
         count = lambda **how: len(automatic.automatic_masks(self.sam(), photo, automatic.Settings(points=8, **how)))
-        self.assertEqual(count(predicted_iou=0.96), 0)  # the first of four, of 0.99, is not looked at
+        self.assertEqual(count(predicted_iou=0.96), 0)  # the first of the four masks, of IoU 0.99, isn't used
         self.assertEqual(count(), 4)
-        self.assertEqual(count(predicted_iou=0.4), 5)  # the whole picture, of 0.5
+        self.assertEqual(count(predicted_iou=0.4), 5)  # adds the mask of the whole picture, of IoU 0.5
         self.assertEqual(count(box_nms=1.0), 64)
-        self.assertEqual(count(box_nms=1.0, stability=0.0), 128)  # the last of four
+        self.assertEqual(count(box_nms=1.0, stability=0.0), 128)  # adds the last of the four masks, the unstable one
 
     def test_crops_find_what_the_whole_is_too_coarse_for(self):
         parts = ((13, 20, 20, 26, 26),)
@@ -341,7 +341,7 @@ class Masks(Scratch):
 
 
 class Runs(Scratch):
-    """The program on a driving set of two cameras."""
+    """Runs of the program on a driving set of two cameras."""
 
     FRAMES = 3
 
@@ -403,7 +403,7 @@ class Runs(Scratch):
         self.assertIn("pedestrians and cyclists from semantic in 6 of 6 views", notes)
 
     def test_masks_mend_labels(self):
-        """A network of labels that is coarse and a Segment Anything that is fine."""
+        """Coarse labels of a semantic network are refined by the masks of a finer Segment Anything."""
         networks.semantic(self.network, size=(96, 64), shrink=8)
         networks.encoder(self.path("e.onnx"), size=384)
         networks.decoder(self.path("d.onnx"), size=384)
@@ -469,13 +469,13 @@ class Runs(Scratch):
         self.assertIn("33 of 33 images are done already", self.run_tool())
 
     def test_what_is_no_regular_file_is_never_replaced(self):
-        """Masks go through links and into FIFOs and devices, which stay what they are."""
+        """Masks are written through links and into FIFOs and devices, which aren't replaced by files."""
         masks, kind = os.path.join(self.data, "semantic"), lambda path: stat.S_IFMT(os.lstat(path).st_mode)
         write = lambda path, data=b"new": layout.write_whole(path, lambda file: file.write(data))
         self.run_tool()
         link, away = os.path.join(masks, "000_0.png"), self.path("away.png")
         os.remove(link)
-        os.symlink(away, link)  # dangling: the photograph isn't done
+        os.symlink(away, link)  # a dangling link: the photograph counts as not done
         self.run_tool()
         self.assertEqual((kind(link), kind(away)), (stat.S_IFLNK, stat.S_IFREG))
         self.assertTrue((self.mask("semantic", "000_0") == self.truth).all())

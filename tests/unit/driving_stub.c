@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A data set in memory with known truth. */
+/* A synthetic driving data set in memory whose geometry and colours are known exactly; see driving_stub.h. */
 #include "unit/driving_stub.h"
 
 #include <math.h>
@@ -37,7 +37,7 @@ static void make_object(pags_object *o, int index) {
   memcpy(o->size, sizes[index], sizeof o->size);
   o->knots = calloc(STUB_STEPS, sizeof *o->knots);
   for (int t = 0; t < STUB_STEPS; t++) {
-    /* Forward is world +y, left is world -x. */
+    /* The objects' poses: their forward axis is world +y, their left axis is world -x. */
     const double pose[12] = {0, -1, 0, stub_origin[0] + begin[index][0],
                              1, 0,  0, stub_origin[1] + begin[index][1] + speed[index] * t,
                              0, 0,  1, 0.5 * sizes[index][2]};
@@ -52,7 +52,8 @@ pags_dataset *stub_open(void) {
     make_object(&d->objects[i], i);
   for (int t = 0; t < STUB_STEPS; t++) {
     const double camera[12] = {0, 0, 1, stub_origin[0] + 0.5 * t, -1, 0, 0, stub_origin[1], 0, -1, 0, 1.5};
-    /* The laser stands 2 m left of the camera and higher, so that it looks behind things. */
+    /* The LiDAR stands 2 m to the left of the camera and 1 m above it, so that it sees surfaces that are occluded in
+     * the photograph. */
     const double sweep[12] = {1, 0, 0, stub_origin[0] + 0.5 * t, 0, 1, 0, stub_origin[1] + 2, 0, 0, 1, 2.5};
     pags_view *v = &d->views[t];
     *v = (pags_view){.name = d->names[t], .image_path = d->names[t], .test = t == STUB_HELD_OUT, .frame = t};
@@ -71,7 +72,8 @@ void stub_close(pags_dataset *d) {
   free(d);
 }
 
-/* Where a ray enters a box, infinity if it doesn't. */
+/* Returns the distance along the ray at which it enters an object's box at a time step, or infinity if the ray misses
+ * the box. */
 static double enter_box(const pags_object *o, int step, const double from[3], const double direction[3]) {
   double inverse[12], low = 1e-6, high = INFINITY;
   pags_rigid_inverse(o->knots[step].world_from_object, inverse);
@@ -122,7 +124,7 @@ static double trace_pixel(const pags_dataset *d, int step, double u, double v, i
   double x = (u - c->cx) / c->fx, y = (v - c->cy) / c->fy, from[3], direction[3];
   for (int k = 0; k < 3; k++) {
     from[k] = m[4 * k + 3];
-    direction[k] = m[4 * k] * x + m[4 * k + 1] * y + m[4 * k + 2]; /* 1 of camera z */
+    direction[k] = m[4 * k] * x + m[4 * k + 1] * y + m[4 * k + 2]; /* per unit of camera z */
   }
   return stub_trace(d, step, from, direction, skip, object, colour);
 }
@@ -133,7 +135,7 @@ double stub_depth(const pags_dataset *d, int step, double u, double v, int skip)
   return trace_pixel(d, step, u, v, skip, &object, &colour);
 }
 
-/* pags/dataset.h */
+/* ---- The stand-in functions of pags/dataset.h ---- */
 
 const char *pags_dataset_path(const pags_dataset *d) {
   (void)d;
@@ -159,7 +161,7 @@ const pags_object *pags_dataset_object(const pags_dataset *d, int64_t index) {
 }
 int64_t pags_dataset_sweep_count(const pags_dataset *d) {
   (void)d;
-  return STUB_STEPS - 1; /* the last step has none */
+  return STUB_STEPS - 1; /* the last time step has no sweep */
 }
 const pags_sweep *pags_dataset_sweep(const pags_dataset *d, int64_t index) {
   return &d->sweeps[index];
@@ -195,7 +197,7 @@ void pags_dataset_points(const pags_dataset *d, int64_t *count, const float **xy
   *random = 0;
 }
 
-/* The first inside of the car's way, the second on the wall. */
+/* Matched points: the first lies inside the lane of the moving car and is magenta, the others lie on the wall. */
 pags_result pags_dataset_match_points(const pags_dataset *d, pags_tasks *tasks, int64_t count, uint64_t seed,
                                       float **xyz, uint8_t **rgb) {
   static const float on_wall[3] = {30, 1, 2}, in_car[3] = {12, 0, 0.5f};

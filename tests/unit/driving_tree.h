@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A tiny driving set with known truth, written in the convention of any kind: five frames, two cameras, two boxes, two
- * laser points. */
+/* Writes a tiny driving data set with known truth in the file conventions of any supported kind: five frames, two
+ * cameras, two boxes, two LiDAR points. */
 #ifndef PAGS_TESTS_UNIT_DRIVING_TREE_H
 #define PAGS_TESTS_UNIT_DRIVING_TREE_H
 
@@ -16,7 +16,7 @@ enum { TREE_FRAMES = 5, TREE_CAMERAS = 2, TREE_WIDTH = 48, TREE_HEIGHT = 32 };
 
 typedef struct tree_kind {
   const char *name;
-  int waymo_axes, per_frame, laser_frame, forward_y, columns, first; /* first: column of x */
+  int waymo_axes, per_frame, laser_frame, forward_y, columns, first; /* first: index of the column that holds x */
 } tree_kind;
 
 static const tree_kind tree_kinds[] = {{"waymo", 1, 0, 0, 0, 14, 3},     {"pandaset", 0, 1, 0, 1, 5, 0},
@@ -29,7 +29,7 @@ static inline void tree_turn(double yaw, double x, double y, double z, double ou
   memcpy(out, m, sizeof m);
 }
 
-/* Small files without the sync of scratch_write: there are hundreds. */
+/* Writes a small file without the fsync of scratch_write, as there are hundreds of files. */
 static inline void tree_bytes(scratch *s, const char *name, const void *bytes, size_t size) {
   char *folder = pags_path_folder(scratch_path(s, name));
   scratch_ok(pags_make_dirs(folder));
@@ -44,7 +44,7 @@ static inline void tree_text(scratch *s, const char *name, const char *text) {
   tree_bytes(s, name, text, strlen(text));
 }
 
-/* The same picture under another name. */
+/* Copies a file of the scratch folder to another name. */
 static inline void tree_copy(scratch *s, const char *from, const char *name) {
   uint8_t *bytes;
   size_t size;
@@ -53,13 +53,13 @@ static inline void tree_copy(scratch *s, const char *from, const char *name) {
   free(bytes);
 }
 
-/* Truth. */
+/* ---- The true poses, boxes and points ---- */
 
 static inline void tree_ego(int frame, double out[12]) {
   tree_turn(0.1 * frame, 2 * frame, 0.5 * frame, 0.1, out);
 }
 
-/* Of camera-to-ego, OpenCV axes. */
+/* A camera's pose on the ego vehicle (camera-to-ego, OpenCV axes). */
 static inline void tree_camera(int camera, double out[12]) {
   static const double axes[12] = {0, 0, 1, 0, -1, 0, 0, 0, 0, -1, 0, 0};
   double place[12];
@@ -74,7 +74,7 @@ static inline void tree_view(int frame, int camera, double out[12]) {
   pags_rigid_multiply(ego, inside, out);
 }
 
-/* A car ahead that drives off, and a pedestrian who stands. */
+/* Pose of a box at a frame: object 0 is a car ahead that drives off, object 1 is a pedestrian who stands. */
 static inline void tree_box(int object, int frame, double out[12]) {
   if (object == 0)
     tree_turn(0.2 + 0.05 * frame, 12 + 3 * frame, 2, 0.8, out);
@@ -83,13 +83,13 @@ static inline void tree_box(int object, int frame, double out[12]) {
 }
 
 static const double tree_sizes[2][3] = {{4.5, 2, 1.6}, {0.6, 0.7, 1.8}};
-static const double tree_points[2][3] = {{9, 1, 0.5}, {20, -3, 2}}; /* in the ego frame, at every time */
+static const double tree_points[2][3] = {{9, 1, 0.5}, {20, -3, 2}}; /* in the ego frame, the same at every frame */
 
 static inline void tree_laser(double out[12]) {
   tree_turn(-1.5, 0.9, 0.1, 1.8, out);
 }
 
-/* Files. */
+/* ---- Writing the files ---- */
 
 static inline void tree_write_matrix(scratch *s, const char *name, const double m[12]) {
   char text[1024];
@@ -179,7 +179,7 @@ static inline int tree_write_box(char *text, size_t size, const tree_kind *kind,
   return length + snprintf(text + length, size - (size_t)length, "]}");
 }
 
-/* Object 0 in all frames, object 1 in frames 1 to 3. */
+/* Writes the annotations: object 0 has a box in all frames, object 1 in frames 1 to 3. */
 static inline void tree_write_boxes(scratch *s, const tree_kind *kind) {
   static char text[16384];
   int length = snprintf(text, sizeof text, "{\"0\":{\"id\":\"a\",\"class_name\":\"Car\",\n\"frame_annotations\":");
@@ -201,14 +201,14 @@ static inline void tree_write(scratch *s, const tree_kind *kind) {
             "\"cameras\": {\"0\": [99.9, 100.4, 100.9, 101.4, 101.9], \"1\": [99.8, 100.3, 100.8, 101.3, null]}}");
 }
 
-/* A set of the kind; NULL: as dataset.json says. */
+/* Options that open the set as the given kind; NULL leaves the kind to dataset.json. */
 static inline pags_dataset_options tree_options(const char *kind) {
   pags_dataset_options options = pags_dataset_options_default();
   options.kind = kind;
   return options;
 }
 
-/* Whether it opens. */
+/* Opens the set and closes it again; returns the result of opening. */
 static inline pags_result tree_open(scratch *s, const pags_dataset_options *options) {
   pags_dataset *dataset;
   pags_result result = pags_dataset_open(s->folder, options, &dataset);
@@ -223,7 +223,7 @@ static inline bool tree_has_note(const pags_dataset *dataset, const char *part) 
   return false;
 }
 
-/* A grey picture of the tree's size. */
+/* Writes a grey picture of TREE_WIDTH x TREE_HEIGHT whose samples are paint(x, y). */
 static inline void tree_write_grey(scratch *s, const char *name, uint8_t (*paint)(int x, int y)) {
   pags_image image;
   scratch_ok(pags_image_create(&image, TREE_WIDTH, TREE_HEIGHT, 1, PAGS_U8));
@@ -232,7 +232,7 @@ static inline void tree_write_grey(scratch *s, const char *name, uint8_t (*paint
   scratch_image(s, name, &image);
 }
 
-/* PandaSet's scene 002, NULL where it isn't. */
+/* Opens scene 002 of PandaSet from the shared test data; returns NULL where that data isn't installed. */
 static inline pags_dataset *tree_pandaset(void) {
   char path[1024];
   pags_dataset *dataset;

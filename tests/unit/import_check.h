@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Whether an imported KITTI set says the same as the driving set that its raw files were written from. */
+/* Compares an imported KITTI set with the driving set from which its raw files were written. */
 #ifndef PAGS_TESTS_UNIT_IMPORT_CHECK_H
 #define PAGS_TESTS_UNIT_IMPORT_CHECK_H
 
@@ -10,9 +10,9 @@
 #include "raw_kitti.h"
 #include "unit/scratch.h"
 
-/* Largest differences found. */
+/* Largest differences found between the imported poses and the source's: places in metres, turns in radians. */
 typedef struct import_error {
-  double view_place, view_turn; /* metres, radians */
+  double view_place, view_turn;
   double sweep_place, sweep_turn;
   double box_place, box_turn;
 } import_error;
@@ -25,7 +25,8 @@ static inline double turn_between(const double a[12], const double b[12]) {
   return 2 * asin(fmin(1, sqrt(sum / 8)));
 }
 
-/* `expected` lies in the source's world, `found` in the import's, whose origin is the source's `origin`. */
+/* Compares two poses. `expected` is in the source's world, `found` in the import's world, whose origin is the
+ * source's `origin`. */
 static inline void compare_pose(const double found[12], const double expected[12], const double origin[12],
                                 double *place, double *turn) {
   double sum = 0;
@@ -96,7 +97,7 @@ static inline void check_import_sweeps(const raw_kitti *raw, const pags_dataset 
   }
 }
 
-/* Objects have their numbers for names. */
+/* Compares the objects; an imported object's id is its index in the source set. */
 static inline void check_import_objects(const raw_kitti *raw, const pags_dataset *imported, const double origin[12],
                                         double size_slack, import_error *error) {
   assert_int_equal(pags_dataset_object_count(imported), pags_dataset_object_count(raw->dataset));
@@ -117,8 +118,8 @@ static inline void check_import_objects(const raw_kitti *raw, const pags_dataset
   }
 }
 
-/* The mask that ought to be there, from the source's own boxes and camera; at most this share of its pixels, and a few
- * whose centres lie on an outline, may differ. */
+/* Compares an imported dynamic mask with the outlines of the source's moving boxes, drawn with the source's camera.
+ * Up to `share` of the pixels, and four more whose centres lie on an outline, may differ. */
 static inline void check_import_mask(const raw_kitti *raw, const char *folder, int frame, double share) {
   const pags_camera *camera = &view_of(raw->dataset, raw->sensor, frame)->camera;
   char path[512];
@@ -147,7 +148,8 @@ static inline void check_import_mask(const raw_kitti *raw, const char *folder, i
   free(plane);
 }
 
-/* Opens the import in `folder` and compares all of it. */
+/* Opens the imported set in `folder`, compares everything with the source and returns the largest differences of
+ * poses. */
 static inline import_error check_import(const raw_kitti *raw, const char *folder, double size_slack,
                                         double mask_share) {
   pags_dataset_options options = pags_dataset_options_default();

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The scene that tests of a whole frame share. */
+/* The random scene that the tests of whole frames share; see random_scene.h. */
 #include "unit/random_scene.h"
 
 #include <setjmp.h>

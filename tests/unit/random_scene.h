@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A random scene, its camera and loss, and an engine to draw it with, for tests of a whole frame. Test code: what fails
- * ends the test. */
+/* A random scene, its camera and loss, and an engine to draw it with, for tests of a whole frame. An error inside
+ * these functions fails the test. */
 #ifndef PAGS_TESTS_UNIT_RANDOM_SCENE_H
 #define PAGS_TESTS_UNIT_RANDOM_SCENE_H
 
@@ -14,7 +14,7 @@ typedef struct fixture {
   pags_camera camera;
   pags_frame_options options;
   reference_part part;
-  double *weights; /* of the loss: five planes */
+  double *weights; /* weights of the loss on the picture's five planes */
   float sky_cut;
 } fixture;
 
@@ -23,18 +23,19 @@ typedef struct engine {
   pags_frame *frame;
 } engine;
 
-/* `count` random Gaussians of degree 3 in front of a random camera; the options ask for everything. */
+/* Creates `count` random Gaussians of degree 3 in front of a random camera; the frame options ask for every output.
+ * */
 fixture fixture_create(uint64_t seed, int64_t count);
 void fixture_destroy(fixture *f);
-/* Plane `plane` of Gaussian i. */
+/* Address of parameter plane `plane` of Gaussian i. */
 double *fixture_at(fixture *f, int plane, int64_t i);
 
 engine engine_create(int threads);
 void engine_destroy(engine *e);
 
-/* There and back. */
+/* Renders the frame and computes its gradients (forward and backward pass). */
 frame_result fixture_run(engine *e, const fixture *f, int cluster_size, uint64_t shuffle_seed);
-/* With two threads; whatever the input, everything that comes out must be finite. */
+/* The same with an engine of two threads; also asserts that the picture and all gradients are finite. */
 frame_result fixture_run_finite(const fixture *f);
 int fixture_is_background(const fixture *f, const frame_result *result);
 

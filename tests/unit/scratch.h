@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A folder for the files of one test, and files to put there. */
+/* A temporary folder for the files of one test, and functions that write files into it. */
 #ifndef PAGS_TESTS_UNIT_SCRATCH_H
 #define PAGS_TESTS_UNIT_SCRATCH_H
 
@@ -18,7 +18,7 @@
 
 typedef struct scratch {
   char folder[64];
-  char path[256]; /* of the last call of scratch_path */
+  char path[256]; /* result of the last call of scratch_path */
 } scratch;
 
 /* Fails with the message unless `result` is PAGS_OK. */
@@ -36,7 +36,7 @@ static inline void scratch_end(scratch *s) {
   scratch_ok(pags_remove_tree(s->folder));
 }
 
-/* A test whose state is the folder. */
+/* Registers a test whose state is the scratch folder. */
 #define scratch_test(f) cmocka_unit_test_setup_teardown(f, scratch_setup, scratch_teardown)
 
 static inline int scratch_setup(void **state) {
@@ -67,7 +67,7 @@ static inline void scratch_text(scratch *s, const char *name, const char *text) 
   scratch_write(s, name, text, strlen(text));
 }
 
-/* Saves and destroys the image. */
+/* Saves the image under the name and destroys it. */
 static inline void scratch_image(scratch *s, const char *name, pags_image *image) {
   char *folder = pags_path_folder(scratch_path(s, name));
   scratch_ok(pags_make_dirs(folder));
@@ -76,7 +76,7 @@ static inline void scratch_image(scratch *s, const char *name, pags_image *image
   pags_image_destroy(image);
 }
 
-/* An RGB picture of 8 bits whose samples are paint(x, y, c). */
+/* Saves an 8-bit RGB picture whose samples are paint(x, y, c). */
 static inline void scratch_picture(scratch *s, const char *name, int width, int height,
                                    uint8_t (*paint)(int x, int y, int c)) {
   pags_image image;
@@ -89,7 +89,7 @@ static inline void scratch_picture(scratch *s, const char *name, int width, int 
   scratch_image(s, name, &image);
 }
 
-/* Fails unless `result` is `code` and the message has `part` in it and is one line. */
+/* Fails unless `result` is `code` and the error message is one line that contains `part`. */
 static inline void scratch_expect(pags_result result, pags_result code, const char *part) {
   const char *message = pags_error_message();
   if (result != code || !strstr(message, part) || strchr(message, '\n'))

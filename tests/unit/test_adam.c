@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Deferred Adam against dense Adam in double precision, and the promises that let it be deferred: when it is paid
- * changes no bit, and bounds hold until the next update. */
+/* Deferred Adam against dense Adam in double precision, and the two properties that deferral relies on: the step at
+ * which a cluster's outstanding updates are applied changes no bit, and the clusters' bounds hold until the next
+ * update. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -23,8 +24,8 @@ enum { DRAW_VALUE = 1 << 20, DRAW_VIEW, DRAW_GRADIENT };
 typedef struct run {
   pags_train_model state;
   pags_tasks *tasks;
-  reference_adam dense; /* planes = 0 where not wanted */
-  float *gradient;      /* of one cluster */
+  reference_adam dense; /* planes is 0 if no dense reference is kept */
+  float *gradient;      /* gradient of one cluster */
   double *dense_gradient;
 } run;
 
@@ -70,14 +71,15 @@ static void end(run *r) {
   free(r->dense_gradient);
 }
 
-/* Whether a view at `step` shows the cluster; the last one hides for 600 steps. */
+/* Whether a view at `step` shows the cluster; the last cluster is hidden from step 40 to step 640. */
 static int in_view(int64_t step, int64_t cluster, int64_t clusters) {
   if (cluster == clusters - 1)
     return step < 40 || step > 640;
   return pags_rng_uniform(SEED, DRAW_VIEW, (uint64_t)(step * 100 + cluster)) < 0.3;
 }
 
-/* Gradient of one row: a size that differs by row and plane, a sign that wanders, and nothing for every third row. */
+/* Gradient of one row: its magnitude depends on the row and the plane, its sign varies by step, and it is zero for
+ * every third row. */
 static float row_gradient(int64_t step, int64_t row, int plane) {
   if ((row + step) % 3 == 0)
     return 0.0f;
@@ -118,7 +120,8 @@ static void dense_step(run *r, int64_t step) {
   reference_adam_step(&r->dense, r->dense_gradient, rate);
 }
 
-/* Drops 7 rows, appends copies of 17 with zero moments, sorts; in both. */
+/* Edits the rows as densification does, in the model and in the dense reference: drops 7 rows, appends copies of 17
+ * with zero moments, sorts by Morton order. */
 static void edit(run *r) {
   pags_train_model *s = &r->state;
   int64_t count = s->gaussians.count, source[MOST_ROWS], order[MOST_ROWS], kept = 0;
@@ -152,8 +155,8 @@ static void reset(run *r) {
   reference_adam_forget(&r->dense, PAGS_OPACITY);
 }
 
-/* All steps, five densifies and a reset; pays everything every `flush_every` steps, every cluster every step if
- * touch_all. */
+/* Runs all steps with five edits and one opacity reset. Applies the outstanding updates of all clusters every
+ * `flush_every` steps (0: never before the end), or updates every cluster in every step if touch_all. */
 static void train(run *r, int flush_every, int touch_all) {
   for (int64_t step = 1; step <= STEPS; step++) {
     sparse_step(r, step, touch_all);
@@ -235,7 +238,7 @@ static void bounds_hold_until_the_next_update(void **unused) {
     if (step == 150)
       edit(&r);
   }
-  /* Nor are they wasteful: what is bounded moves by less than a step's rate times 9.05. */
+  /* The bounds must not be wasteful either: their slack is less than 9.05 times the rate of one step. */
   float slack = (float)(9.05 * 2.0 * 1e-2) + 1e-4f;
   pags_adam_flush(&r.state.adam, &r.state.gaussians, STEPS, r.tasks);
   for (int64_t c = 0; c < r.state.clusters.count; c++) {

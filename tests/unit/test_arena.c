@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The arena: alignment, marks, overflow, folding, and no heap call in steady state. */
+/* The arena allocator: alignment, marks, overflow, folding of its chunks into one, and no heap call in steady state.
+ * */
 #include <pags/tasks.h>
 
 #include <setjmp.h>
@@ -43,11 +44,11 @@ static void impossible_sizes_are_refused(void **state) {
   assert_null(pags_arena_alloc(arena, SIZE_MAX, 1));
   assert_null(pags_arena_alloc(arena, SIZE_MAX / 8 + 1, 8));
   assert_int_equal(pags_arena_high_water(arena), 0);
-  assert_non_null(pags_arena_alloc(arena, 1, 1)); /* still of use */
+  assert_non_null(pags_arena_alloc(arena, 1, 1)); /* the arena is still usable */
   pags_arena_destroy(arena);
 }
 
-/* One frame's worth of blocks, most of them larger than the first chunk. */
+/* Allocates the blocks of one frame, most of them larger than the arena's first chunk. */
 static void fill(pags_arena *arena, size_t scale) {
   for (size_t i = 1; i <= 20; i++) {
     unsigned char *block = pags_arena_alloc(arena, i * scale, 1000);
@@ -75,12 +76,14 @@ static void steady_state_calls_no_heap(void **state) {
 
 static void a_reset_folds_the_chunks(void **state) {
   (void)state;
-  for (size_t scale = 10; scale < 80; scale++) { /* for some of these the last chunk alone would do without folding */
+  /* For some of these sizes the last chunk alone would hold the request even if chunks were not folded into one. */
+  for (size_t scale = 10; scale < 80; scale++) {
     pags_arena *arena = pags_arena_create();
     fill(arena, scale);
     pags_arena_reset(arena);
     uint64_t calls = pags_arena_heap_calls(arena);
-    assert_non_null(pags_arena_alloc(arena, pags_arena_high_water(arena) - 64, 1)); /* 64: the gap under sanitizers */
+    /* 64: the gap that the arena leaves between blocks under sanitizers. */
+    assert_non_null(pags_arena_alloc(arena, pags_arena_high_water(arena) - 64, 1));
     assert_int_equal(pags_arena_heap_calls(arena), calls);
     pags_arena_destroy(arena);
   }
@@ -102,7 +105,7 @@ static void marks_give_back_what_came_later(void **state) {
   uint64_t calls = pags_arena_heap_calls(arena);
   pags_arena_release(arena, mark);
   fill(arena, 50);
-  assert_int_equal(pags_arena_heap_calls(arena), calls); /* chunks behind the mark were kept */
+  assert_int_equal(pags_arena_heap_calls(arena), calls); /* chunks allocated after the mark were kept for reuse */
   assert_string_equal(kept, "keep this");
   pags_arena_release(arena, empty);
   assert_ptr_equal(pags_arena_alloc(arena, 1, 1), kept);

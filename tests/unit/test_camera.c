@@ -50,7 +50,7 @@ static void quaternions_come_back(void **state) {
     double q[4], r[9], back[4], again[9];
     pags_rng_normal2(1, 0, i, q);
     pags_rng_normal2(1, 1, i, q + 2);
-    if (i % 4) /* near half turns, where w is small */
+    if (i % 4) /* rotations near half turns, where the quaternion's w is small */
       q[0] *= 1e-9;
     pags_rotation_from_quaternion(q, r);
     pags_quaternion_from_rotation(r, back);
@@ -112,7 +112,7 @@ static void the_check_refuses(void **state) {
   assert_refused(bad, "pose is not finite");
   bad = camera;
   for (int i = 0; i < 3; i++)
-    bad.world_from_camera[4 * i] *= -1; /* a mirror image */
+    bad.world_from_camera[4 * i] *= -1; /* a reflection instead of a rotation */
   assert_refused(bad, "not a rotation");
   bad = camera;
   bad.world_from_camera[0] += 0.01;

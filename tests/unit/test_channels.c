@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Normals from depth, and the colours of priorities. */
+/* Normals computed from depth, and the colour map of priorities. */
 #include "cli/channels.h"
 
 #include <math.h>
@@ -18,7 +18,7 @@ typedef struct fixture {
   pags_picture picture;
 } fixture;
 
-/* Turned a quarter about its own axis: the camera's right is the world's down. */
+/* A camera rolled by a quarter turn about its viewing axis: its right axis is the world's down axis. */
 static fixture *make(void) {
   fixture *f = calloc(1, sizeof *f);
   assert_non_null(f);
@@ -71,7 +71,7 @@ static void where_nothing_is_there_is_no_normal(void **state) {
   fixture *f = make();
   const double front[3] = {0, 0, -1};
   put_plane(f, front, -4, 3, 6);
-  f->depth[5 * STRIDE + 12] = 2; /* alone */
+  f->depth[5 * STRIDE + 12] = 2; /* a single pixel without neighbours */
   compute(f);
   assert_normals(f, 3, 6, front);
   assert_normals(f, 6, WIDTH, (const double[]){0, 0, 0});

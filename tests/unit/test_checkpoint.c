@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Checkpoints: all that a run holds comes back, and no damaged file is taken for a sound one. */
+/* Checkpoints: the whole state of a run comes back, and no damaged file is loaded as a sound one. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -83,7 +83,7 @@ static void comes_back_whole(void **unused) {
   pags_state_destroy(&b);
 }
 
-/* Saving is a function of the state alone: no clock, no padding. */
+/* A saved file depends on the state alone: it holds no time and no uninitialised padding. */
 static void same_state_same_bytes(void **unused) {
   (void)unused;
   pags_train_state a, b;
@@ -128,7 +128,7 @@ static void damage_is_found(void **unused) {
   pags_state_destroy(&a);
 }
 
-/* A sound CRC over nonsense must not send the optimiser astray. */
+/* A file with a valid CRC whose step numbers are impossible must be refused, as the optimiser would use them. */
 static void impossible_steps_are_refused(void **unused) {
   (void)unused;
   pags_train_state a, b;
@@ -140,8 +140,8 @@ static void impossible_steps_are_refused(void **unused) {
   pags_state_destroy(&a);
 }
 
-/* Nor may a file of a few kilobytes ask for the gigabytes that billions of steps would take, or make the schedule's
- * sums overflow. */
+/* A checkpoint of a few kilobytes whose step or view counts would make the loader allocate gigabytes, or the
+ * schedule's sums overflow, is refused. */
 static void impossible_runs_are_refused(void **unused) {
   (void)unused;
   pags_train_state a, b;
@@ -171,7 +171,8 @@ static void impossible_runs_are_refused(void **unused) {
   pags_state_destroy(&a);
 }
 
-/* Counts under a sound CRC that can't be, which a mere look at the file would add up. */
+/* Impossible counts under a valid CRC: inspecting the file, which adds counts up without loading the rows, must
+ * refuse them. */
 static void impossible_counts_are_refused(void **unused) {
   (void)unused;
   pags_train_state a;

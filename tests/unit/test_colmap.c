@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* COLMAP models: both forms, every camera model, tracks, damaged files, and the fox against its other poses. */
+/* COLMAP models: the text and the binary form, every camera model, tracks, damaged files, and the real fox data set
+ * against its other set of poses. */
 #include <pags/dataset.h>
 
 #include "shared_data.h"
@@ -25,8 +26,8 @@ static void open_fails(const char *path, pags_result code, const char *part) {
   scratch_expect(result, code, part);
 }
 
-/* Three images, the first without observations, the last with a blank in its name. Image 30 (a.png, first by name) is
- * held out by a split of 8. Point 5 is seen by one training view, point 7 by two. */
+/* A text model of three images: the first has no observations, the last has a blank in its name. Image 30 (a.png,
+ * first by name) is held out by a split of 8. Point 5 is seen by one training view, point 7 by two. */
 static const char cameras_text[] = "# a comment\n\n4 PINHOLE 8 6 10 11 4 3\n";
 static const char images_text[] =
     "# more\n"
@@ -65,7 +66,8 @@ static void test_text(void **state) {
     assert_string_equal(pags_dataset_view(dataset, i)->name, names[i]);
   const pags_camera *a = &pags_dataset_view(dataset, 0)->camera, *b = &pags_dataset_view(dataset, 1)->camera;
   assert_true(a->width == 8 && a->height == 6 && a->fx == 10 && a->fy == 11 && a->cx == 4 && a->cy == 3);
-  /* b: no rotation, x_camera = x_world - (1, 2, 3). a: a quarter turn about z, centre = -R^T (1, 0, 0) = (0, 1, 0). */
+  /* View b: no rotation, x_camera = x_world - (1, 2, 3). View a: a quarter turn about z, centre = -R^T (1, 0, 0) =
+   * (0, 1, 0). */
   assert_true(b->world_from_camera[3] == 1 && b->world_from_camera[7] == 2 && b->world_from_camera[11] == 3);
   assert_true(fabs(a->world_from_camera[3]) < 1e-12 && fabs(a->world_from_camera[7] - 1) < 1e-12);
   assert_true(fabs(a->world_from_camera[1] - 1) < 1e-12 && fabs(a->world_from_camera[4] + 1) < 1e-12);
@@ -78,7 +80,7 @@ static void test_text(void **state) {
   pags_dataset_close(dataset);
 
   pags_dataset_options options = pags_dataset_options_default();
-  options.split_every = 0; /* now both points count, in the order of their numbers */
+  options.split_every = 0; /* without a held-out view both points count, in the order of their ids */
   dataset = open_ok(s->folder, &options);
   pags_dataset_points(dataset, &count, &xyz, &rgb, &random);
   assert_true(count == 2 && xyz[0] == 4 && xyz[3] == 1);
@@ -107,7 +109,8 @@ static void test_places(void **state) {
     scratch_path(s, name);
     assert_int_equal(remove(s->path), 0);
   }
-  /* A model that is named wins over transforms.json; relative to the data set is fine. */
+  /* A COLMAP model named in the options takes precedence over transforms.json; its path may be relative to the data
+   * set. */
   scratch_text(s, "transforms.json", "{}");
   scratch_text(s, "other/cameras.txt", cameras_text);
   scratch_text(s, "other/images.txt", "10 1 0 0 0 -1 -2 -3 4 b.png\n\n11 1 0 0 0 0 0 0 4 a.png\n");
@@ -177,7 +180,7 @@ static void test_bad_text(void **state) {
   }
 }
 
-/* The binary form of one camera, two images and one point, to be damaged. */
+/* The binary files of a model of one camera, two images and one point; the tests damage them. */
 typedef struct buffer {
   uint8_t bytes[1024];
   size_t size;
@@ -265,7 +268,8 @@ static void test_binary(void **state) {
   pags_dataset_close(dataset);
 }
 
-/* Every prefix of every file, and counts beyond the file, must be refused with the file's name. */
+/* Every truncation of every file, and record counts larger than the file, must be refused with a message that names
+ * the file. */
 static void test_damaged_binary(void **state) {
   scratch *s = *state;
   static const char *const names[] = {"cameras.bin", "images.bin", "points3D.bin"};
@@ -280,7 +284,7 @@ static void test_damaged_binary(void **state) {
       open_fails(s->folder, PAGS_ERROR_FORMAT, names[i]);
     }
     files[i].size = size;
-    memset(files[i].bytes, 0x7f, 8); /* the count of records */
+    memset(files[i].bytes, 0x7f, 8); /* overwrites the count of records */
     write_binary(s, &files[0], &files[1], &files[2]);
     open_fails(s->folder, PAGS_ERROR_FORMAT, names[i]);
   }
@@ -294,7 +298,7 @@ static void test_damaged_binary(void **state) {
   open_fails(s->folder, PAGS_ERROR_UNSUPPORTED, "number 200");
 }
 
-/* Real data. */
+/* ---- Real data ---- */
 
 static void test_fox_forms_agree(void **state) {
   scratch *s = *state;
@@ -362,8 +366,8 @@ static double mean_centre(const pags_dataset *dataset, double mean[3]) {
   return sqrt(square / (double)count);
 }
 
-/* The rotation between two worlds: the mean of R_a R_b^T over the views, brought back to a rotation by the camera
- * check. */
+/* The rotation between the worlds of two data sets: the mean of R_a R_b^T over the views, made a rotation again by
+ * the camera check. */
 static void mean_rotation(const pags_dataset *a, const pags_dataset *b, double r[9]) {
   pags_camera mean = pags_dataset_view(a, 0)->camera;
   int64_t count = pags_dataset_view_count(a);
@@ -380,8 +384,8 @@ static void mean_rotation(const pags_dataset *a, const pags_dataset *b, double r
     r[i] = mean.world_from_camera[i / 3 * 4 + i % 3];
 }
 
-/* The folder's README: after a similarity of scale 0.87549 the camera centres of both sets of poses lie within 0.0029
- * RMS, 0.012 at most. */
+/* As the data set's README says: after a similarity of scale 0.87549 the camera centres of both sets of poses lie
+ * within 0.0029 RMS, 0.012 at most. */
 static void test_fox_poses_agree(void **state) {
   (void)state;
   char path[512];

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Scenes at a time: objects where their tracks are, hidden, moved and added; parked ones; colour over time. */
+/* Composing a scene at a time: objects are drawn where their tracks are, can be hidden, moved and added; parked
+ * objects; colour that varies over time. */
 #include <pags/compose.h>
 #include "frame_fixture.h"
 
@@ -15,16 +16,16 @@
 #include <cmocka.h>
 
 enum { SIZE = 101 };
-enum { PARKED, CAR }; /* objects */
+enum { PARKED, CAR }; /* indices of the scene's objects */
 
 static const double origin[3] = {500000, 2000, 10};
 
-/* A round, almost opaque Gaussian of one pure colour. */
+/* Writes a round, almost opaque Gaussian of one pure colour (sigma 0.1 m). */
 static void put_gaussian(pags_gaussians *g, int64_t row, double x, double y, double z, int channel) {
   const double mean[3] = {x, y, z};
   for (int k = 0; k < 3; k++) {
     pags_plane(g, PAGS_MEAN + k)[row] = (float)mean[k];
-    pags_plane(g, PAGS_SCALE + k)[row] = -2.3f; /* 0.1 m */
+    pags_plane(g, PAGS_SCALE + k)[row] = -2.3f; /* ln of 0.1 m */
     pags_plane(g, PAGS_SH + k)[row] = k == channel ? 1.7f : -1.7f;
   }
   pags_plane(g, PAGS_ROTATION)[row] = 1;
@@ -49,8 +50,9 @@ static pags_object make_track(const char *id, int knots, const double from[3], c
   return object;
 }
 
-/* Ten metres ahead: a parked object's green Gaussian half a metre left of its box's middle, and a red car that drives
- * from the left to the right between 100 s and 102 s, facing right. A blue Gaussian is nobody's. */
+/* A scene ten metres ahead of the camera: a parked object's green Gaussian half a metre left of its box's centre, and
+ * a red car that drives from the left to the right between 100 s and 102 s, facing right. A blue Gaussian belongs to
+ * no object. */
 static pags_scene make_scene(void) {
   static const double parked[3] = {10, 1, 0}, left[3] = {10, 4, 0}, right[3] = {10, -4, 0};
   pags_scene scene = {
@@ -83,7 +85,7 @@ static pags_composition *compose_scene(pags_scene scene) {
   return c;
 }
 
-/* At the scene's origin, looking along x: a point (10, y, 0) falls on column 50.5 - 10 y. */
+/* A camera at the scene's origin that looks along x: a point (10, y, 0) projects to column 50.5 - 10 y. */
 static pags_camera ahead(void) {
   return (pags_camera){.width = SIZE,
                        .height = SIZE,
@@ -105,7 +107,7 @@ static pags_picture draw(pags_composition *c, double time) {
   return picture;
 }
 
-/* The columns of the middle row where a channel has its highest values, -1 for none. */
+/* Asserts in which column of the middle row a channel is brightest; -1: it is nowhere above 0.5. */
 static void assert_column(pags_composition *c, double time, int channel, int wanted) {
   pags_picture picture = draw(c, time);
   int best = -1;
@@ -135,18 +137,19 @@ static void objects_are_where_their_tracks_are(void **state) {
     assert_column(c, times[i], 0, columns[i]);
     assert_column(c, times[i], 1, 35);
   }
-  assert_column(c, 103, 0, -1); /* gone */
-  assert_column(c, 99, 0, -1);  /* not there yet */
+  assert_column(c, 103, 0, -1); /* after the end of the car's track */
+  assert_column(c, 99, 0, -1);  /* before the begin of the car's track */
   assert_column(c, 103, 1, 35);
-  assert_column(c, (double)NAN, 0, 10); /* the scene's begin */
+  assert_column(c, (double)NAN, 0, 10); /* NaN stands for the begin of the scene */
   pags_composition_destroy(c);
 }
 
 static void corrections_move_the_track(void **state) {
   (void)state;
   pags_scene scene = make_scene();
+  /* Along the car's forward axis, which points right in the picture. */
   for (int i = 0; i < 3; i++)
-    scene.objects[CAR].record.knots[i].translation[0] = 0.5; /* forward: to the right */
+    scene.objects[CAR].record.knots[i].translation[0] = 0.5;
   pags_composition *c = compose_scene(scene);
   assert_column(c, 101, 0, 55);
   pags_composition_destroy(c);
@@ -173,10 +176,12 @@ static void moved_objects_move_in_their_own_frame(void **state) {
   assert_column(c, 101, 0, 60);
   edit(c, &(pags_edit){.kind = PAGS_EDIT_MOVE, .object = PARKED, .translation = {0, 1, 0}}, 1);
   assert_column(c, 101, 1, 25);
-  edit(c, &(pags_edit){.kind = PAGS_EDIT_MOVE, .object = PARKED, .yaw = 180}, 1); /* about the box's middle */
+  /* Half a turn about the box's centre, which the Gaussian isn't at. */
+  edit(c, &(pags_edit){.kind = PAGS_EDIT_MOVE, .object = PARKED, .yaw = 180}, 1);
   assert_column(c, 101, 1, 45);
   edit(c, &(pags_edit){.kind = PAGS_EDIT_MOVE, .object = PARKED, .translation = {0, 1, 0}, .yaw = 180}, 1);
-  assert_column(c, 101, 1, 35); /* turned first, then pushed to the left of where the box faced before */
+  /* The turn comes first; the push goes along the left axis that the box had before the turn. */
+  assert_column(c, 101, 1, 35);
   const pags_edit both[] = {{.kind = PAGS_EDIT_HIDE, .object = CAR},
                             {.kind = PAGS_EDIT_ADD, .object = CAR, .translation = {-2, 0, 0}}};
   edit(c, both, 2);
@@ -194,7 +199,7 @@ static void added_objects_leave_the_first_ones(void **state) {
   const float *green = picture.rgb[1] + 50 * picture.stride, *red = picture.rgb[0] + 50 * picture.stride;
   assert_true(green[35] > 0.5f && green[65] > 0.5f);
   assert_true(red[50] > 0.5f && red[80] > 0.5f);
-  picture = draw(c, 103); /* the car's copy goes with it, the parked one's stays */
+  picture = draw(c, 103); /* at 103 s the car's copy is gone with the car's track, the parked object's copy stays */
   green = picture.rgb[1] + 50 * picture.stride, red = picture.rgb[0] + 50 * picture.stride;
   assert_true(green[65] > 0.5f && red[80] < 0.1f);
   pags_composition_destroy(c);
@@ -218,7 +223,7 @@ static void colour_follows_the_track(void **state) {
   assert_int_equal(pags_gaussians_add_fourier(car), PAGS_OK);
   const double terms[4] = {0.3, -0.2, 0.1, 0.05};
   for (int k = 0; k < 4; k++)
-    car->fourier[(3 * k + 1) * car->stride] = (float)terms[k]; /* green */
+    car->fourier[(3 * k + 1) * car->stride] = (float)terms[k]; /* the terms of the green channel */
   pags_composition *c = compose_scene(scene);
   static const double times[] = {100, 100.3, 101.9, 100.3};
   for (int i = 0; i < 4; i++) {
@@ -289,7 +294,8 @@ static void ids_and_objects_are_those_of_the_files(void **state) {
   pags_composition_destroy(c);
 }
 
-/* 600 Gaussians before the camera, cut into the runs of two objects and the rest, against the same in one part. */
+/* 600 Gaussians before the camera: cut by object id into the parts of two objects and the background, they give the
+ * same bits as in one part. */
 static void cutting_changes_no_bit(void **state) {
   (void)state;
   pags_composition *c[2];
@@ -340,7 +346,8 @@ static void steady_composition_keeps_its_memory(void **state) {
   pags_composition_destroy(c);
 }
 
-/* Placements of the tracks' own poses give the tracks' picture; others move, leave out and repeat. */
+/* Placements that repeat the tracks' poses give the same parts as the tracks; other placements move, leave out or
+ * repeat objects. */
 static void placements_are_drawn_where_they_say(void **state) {
   (void)state;
   pags_composition *c = compose_scene(make_scene());

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What is critical: label sets, --critical, the order of sources, PandaSet's union of semantic classes and dynamic
- * masks. */
+/* Which pixels are critical: label sets, the option --critical, the precedence of the sources, and for PandaSet the
+ * union of semantic classes and dynamic masks. */
 #include <pags/dataset.h>
 
 #include "dataset/driving/label_sets.h"
@@ -8,7 +8,8 @@
 #include "shared_data.h"
 #include "unit/driving_tree.h"
 
-/* Every set has vehicles, pedestrians and cyclists; numbers ascend; a class is found by its name and its number. */
+/* Every label set has vehicles, pedestrians and cyclists; its numbers ascend; a class is found by its name and by its
+ * number. */
 static void label_sets_are_sound(void **state) {
   (void)state;
   for (int i = 0; i < PAGS_LABEL_SETS; i++) {
@@ -29,7 +30,8 @@ static void label_sets_are_sound(void **state) {
   assert_null(pags_label_set_find("cityscape"));
 }
 
-/* PandaSet's label images and its boxes use the same words: both tables must agree on what they are. */
+/* PandaSet's label images and its boxes use the same class names: the tables of both must agree on each name's
+ * category. */
 static void label_images_and_boxes_agree(void **state) {
   (void)state;
   const pags_label_set *set = pags_label_set_find("pandaset");
@@ -40,7 +42,7 @@ static void label_images_and_boxes_agree(void **state) {
   assert_false(pags_same_word("car", "cart") || pags_same_word("traffic light", "trafficlight"));
 }
 
-/* On pictures. */
+/* ---- On pictures ---- */
 
 enum { LEFT = 1, MIDDLE = 2, RIGHT = 4, TOP = 8, PEDESTRIAN_BOX = 16, CAR_BOX = 32 };
 
@@ -63,7 +65,7 @@ static uint8_t white_both(int x, int y) {
   return white_right(x, y) | white_top(x, y);
 }
 
-/* Where view 4 (frame 2, camera 0), which has both boxes, shows critical pixels: bits of the regions. */
+/* Finds in which regions of the picture view 4 (frame 2, camera 0), which shows both boxes, has critical pixels. */
 static void critical_plane(const pags_dataset *dataset, int64_t view, uint8_t *plane, int width, int height) {
   pags_tasks *tasks = pags_tasks_create(1);
   pags_photo_cache *cache;
@@ -87,7 +89,8 @@ static void draw_box(const pags_dataset *dataset, const pags_view *view, int obj
 }
 
 typedef struct critical_case {
-  const char *list, *files; /* c semantic classes, d dynamic_masks/all, p its vehicle and human */
+  /* Files that are written: c semantic classes, d dynamic_masks/all, p dynamic_masks/vehicle and human. */
+  const char *list, *files;
   int regions;
   const char *note;
 } critical_case;
@@ -138,15 +141,16 @@ static void sources_come_in_order(void **state) {
       {"car", "cdp", LEFT | RIGHT, "critical: car from semantic and dynamic_masks"},
       {"Vehicles", "", CAR_BOX, "critical: Vehicles from boxes"},
       {"11", "cp", MIDDLE | TOP, "classes of cityscapes: person"},
-      {"person", "d", PEDESTRIAN_BOX, "from boxes"}, /* the mask of all moving things says nothing of people alone */
+      /* The mask of all moving objects doesn't tell persons from others, so it isn't used for one class. */
+      {"person", "d", PEDESTRIAN_BOX, "from boxes"},
       {"pedestrian", "cp", MIDDLE | TOP, "from semantic and dynamic_masks"},
-      {"truck", "", CAR_BOX, "from boxes"}, /* no box is called truck: boxes of its kind */
+      {"truck", "", CAR_BOX, "from boxes"}, /* no box has the class truck: boxes of its category are taken */
   };
   for (size_t i = 0; i < sizeof cases / sizeof *cases; i++)
     check_case(&cases[i]);
 }
 
-/* dataset.json says whose classes label images hold. */
+/* dataset.json states by which label set's numbers the label images are to be read. */
 static void other_sets_are_read(void **state) {
   (void)state;
   pags_dataset_options options = pags_dataset_options_default();
@@ -163,7 +167,8 @@ static void other_sets_are_read(void **state) {
   assert_true(pags_dataset_object_is_critical(dataset, 1) && !pags_dataset_object_is_critical(dataset, 0));
   assert_string_equal(pags_dataset_critical(dataset), "Pedestrian");
   pags_dataset_close(dataset);
-  options.critical = "11, Car"; /* building; Cityscapes' train id of a person means nothing here */
+  /* 11 is a building in this label set; that Cityscapes' train id 11 is a person must not matter here. */
+  options.critical = "11, Car";
   scratch_ok(pags_dataset_open(s.folder, &options, &dataset));
   critical_plane(dataset, 4, found, TREE_WIDTH, TREE_HEIGHT);
   for (int i = 0; i < TREE_WIDTH * TREE_HEIGHT; i++) {
@@ -188,7 +193,8 @@ static void other_sets_are_read(void **state) {
   scratch_end(&s);
 }
 
-/* A class that no label image has: its boxes count beside label images and dynamic masks, and nothing else does. */
+/* For a class that no label image has, boxes are used even though label images and dynamic masks exist, and they
+ * alone. */
 static void boxes_know_more_words(void **state) {
   (void)state;
   pags_dataset_options options = pags_dataset_options_default();
@@ -244,7 +250,7 @@ static void unknown_words_are_refused(void **state) {
   scratch_end(&s);
 }
 
-/* On the real scene, against the files themselves: every critical pixel of a view, and no other. */
+/* On the real scene, against its files read directly: the critical pixels of a view are exactly that union. */
 static void pandaset_is_the_union(void **state) {
   (void)state;
   enum { WIDTH = 960, HEIGHT = 540 };

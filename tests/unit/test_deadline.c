@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Frames within a time: the controller against a made-up clock, and what each reduction changes and leaves alone. */
+/* Rendering frames within a time budget: the controller against a simulated clock, and what each quality reduction
+ * changes and what it leaves alone. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -13,7 +14,8 @@
 /* ---- The controller ---- */
 
 typedef struct clock_model {
-  double share[PAGS_DEADLINE_STEPS]; /* what steps really cost */
+  /* True cost of each reduction step as a share of the full frame's cost; the controller doesn't know them. */
+  double share[PAGS_DEADLINE_STEPS];
   double noise;
   unsigned state;
 } clock_model;
@@ -25,8 +27,8 @@ static double noise_of(clock_model *m) {
 
 static const clock_model steep = {{1, 0.95, 0.85, 0.7, 0.5, 0.35, 0.2, 0.1}, 0.04, 1};
 
-/* Frames whose full cost runs between `low` and `high` within 60 frames. Returns the share that met the target; adds up
- * steps. */
+/* Simulates frames whose full cost varies between `low` and `high` milliseconds with a period of 60 frames. Returns
+ * the share of frames that met the target, and the mean reduction step. */
 static double drive(pags_deadline_controller *c, clock_model m, double low, double high, int frames,
                     double *mean_step) {
   int met = 0, sum = 0;
@@ -55,9 +57,10 @@ static void test_the_time_is_kept(void **state) {
   for (int i = 0; i < 5; i++) {
     double first, step, later;
     pags_deadline_controller c = pags_deadline_controller_begin(50);
-    drive(&c, steep, costs[i][0], costs[i][1], 30, &first); /* learns */
+    drive(&c, steep, costs[i][0], costs[i][1], 30, &first); /* the controller learns the costs */
     assert_true(drive(&c, steep, costs[i][0], costs[i][1], 400, &step) >= 0.95);
-    /* no more than needed: the mean step of who knows all costs, and one and a half */
+    /* Quality isn't reduced more than needed: the mean step is at most 1.5 above that of a controller that knows all
+     * costs. */
     double wanted = 0;
     for (int k = 0; k < 400; k++) {
       const double full = costs[i][0] + (costs[i][1] - costs[i][0]) * 0.5 * (1 + sin(k * 6.28318 / 60));
@@ -67,7 +70,7 @@ static void test_the_time_is_kept(void **state) {
       wanted += j / 400.0;
     }
     assert_true(step <= wanted + 1.5);
-    drive(&c, steep, 10, 20, 100, &later); /* quality comes back */
+    drive(&c, steep, 10, 20, 100, &later); /* on cheap frames full quality comes back */
     assert_int_equal(c.step, 0);
   }
 }
@@ -117,7 +120,7 @@ static void put(const scene *s, int64_t i, const float mean[3], float sigma, flo
     pags_plane(g, p)[i] = between(-0.4f, 0.6f);
 }
 
-/* A rest that fills the picture, 8 m away, and something critical on the left, 4 m away. */
+/* A scene whose background fills the picture, 8 m away, with a critical object on the left, 4 m away. */
 static void create(scene *s) {
   memset(s, 0, sizeof *s);
   seed = 5;
@@ -160,7 +163,7 @@ static pags_picture draw(scene *s, const pags_frame_options *options) {
   return out;
 }
 
-/* Pixels of these tiles whose bits differ. */
+/* Counts the pixels of the marked tiles whose bits differ. */
 static int differing(const pags_picture *a, const pags_picture *b, const uint8_t *tiles) {
   const int tiles_x = (WIDTH + 15) / 16;
   int count = 0;
@@ -187,7 +190,7 @@ static double psnr(const pags_picture *a, const pags_picture *b) {
   return -10 * log10(sum / (3.0 * WIDTH * HEIGHT) + 1e-12);
 }
 
-/* What is critical is neither cut nor shaded at a lower degree. */
+/* Cutting small Gaussians and lowering SH degrees applies to the background only, never to critical Gaussians. */
 static void test_rest_is_cut(void **state) {
   (void)state;
   scene s;
@@ -204,7 +207,7 @@ static void test_rest_is_cut(void **state) {
   assert_true(pags_frame_stats_get(s.frame)->shaded <= CRITICAL &&
               pags_frame_stats_get(s.frame)->shaded > CRITICAL / 2);
   options.rest_sh_less = 3;
-  scene other; /* nothing but what is critical */
+  scene other; /* a scene with only the critical Gaussians visible */
   create(&other);
   for (int64_t i = CRITICAL; i < COUNT; i++)
     pags_plane(&other.gaussians, PAGS_OPACITY)[i] = -20;
@@ -229,7 +232,7 @@ static void test_rest_is_cut(void **state) {
   destroy(&other);
 }
 
-/* A frame of the step but for the samples. */
+/* Renders a frame with all reductions of the step except variable rate shading. */
 static pags_picture draw_step(scene *s, int step) {
   const pags_deadline_step *const k = pags_deadline_steps() + step;
   pags_frame_options options = s->options;
@@ -243,7 +246,7 @@ static pags_picture draw_step(scene *s, int step) {
   return draw(s, &options);
 }
 
-/* Tiles with a pixel in which something critical has the largest weight. */
+/* Marks the tiles with a pixel in which a critical Gaussian has the largest blending weight. */
 static void mark_critical(const pags_picture *whole, uint8_t *tiles) {
   const int tiles_x = (WIDTH + 15) / 16;
   memset(tiles, 0, 1024);
@@ -272,8 +275,8 @@ static void test_steps(void **state) {
     pags_deadline_result facts;
     assert_int_equal(pags_deadline_render_step(budget, step, &s.part, 1, &s.camera, &s.options, &out, &facts), PAGS_OK);
     const pags_picture full = draw_step(&other, step);
-    /* the critical object and its surroundings have the bits of a frame without samples, as has all else where there
-     * are none */
+    /* Tiles of critical objects and around them have the bits of a frame shaded at every pixel, and so have all tiles
+     * at steps without variable rate shading. */
     assert_int_equal(differing(&full, &out, sampled ? tiles : all_tiles), 0);
     if (sampled)
       assert_true(facts.full_tiles > 0.02 && facts.full_tiles < 0.5 &&
@@ -290,7 +293,7 @@ static void test_steps(void **state) {
   destroy(&other);
 }
 
-/* Something critical just right of a tile's edge, which that tile's last sample doesn't see and its last pixel does. */
+/* A critical object just right of a tile's edge: the tile's last sample doesn't see it, but its last pixel does. */
 static void test_neighbours_are_full(void **state) {
   (void)state;
   scene s, other;
@@ -298,12 +301,14 @@ static void test_neighbours_are_full(void **state) {
   create(&s);
   create(&other);
   scene *const both[] = {&s, &other};
-  const float right = (64.9f - 75) / 100 * 4; /* x = 64.9 px, 4 m away; a sample at 62 px and one at 66 */
+  /* Projects to x = 64.9 px at 4 m; the samples are at 62 px and 66 px. */
+  const float right = (64.9f - 75) / 100 * 4;
   for (int k = 0; k < 2; k++) {
     for (int64_t i = 0; i < CRITICAL; i++)
       pags_plane(&both[k]->gaussians, PAGS_OPACITY)[i] = i == 0 ? 5 : -20;
     seed = 6;
-    put(both[k], 0, (const float[]){right, 0, 4}, 0.02f, 5); /* half a pixel across, which the low-pass makes 0.74 */
+    /* Half a pixel wide; the low-pass filter makes it 0.74 px. */
+    put(both[k], 0, (const float[]){right, 0, 4}, 0.02f, 5);
     pags_plane(&both[k]->gaussians, PAGS_SCALE + 1)[0] = logf(0.6f);
     pags_clusters_update(&both[k]->clusters, &both[k]->gaussians, 0, both[k]->clusters.count);
   }
@@ -323,7 +328,8 @@ static void test_neighbours_are_full(void **state) {
   destroy(&other);
 }
 
-/* Between samples a picture that is linear is drawn as it is, up to the edges' half of a sample, and so is the sky. */
+/* Where the picture is linear, interpolation between the shaded samples reproduces it, up to half a sample from the
+ * picture's edges; the same holds for the sky. */
 static void test_samples_are_interpolated(void **state) {
   (void)state;
   scene s;
@@ -332,7 +338,7 @@ static void test_samples_are_interpolated(void **state) {
   create(&s);
   for (int64_t i = 0; i < COUNT; i++)
     pags_plane(&s.gaussians, PAGS_OPACITY)[i] = -20;
-  put(&s, CRITICAL, (const float[]){0, -9, 10}, 8, -2); /* two large faint things, the rest nowhere */
+  put(&s, CRITICAL, (const float[]){0, -9, 10}, 8, -2); /* two large faint Gaussians; all others are transparent */
   put(&s, CRITICAL + 1, (const float[]){0, 9, 11}, 8, -2);
   pags_clusters_update(&s.clusters, &s.gaussians, 0, s.clusters.count);
   for (int i = 0; i < 72; i++)
@@ -355,7 +361,8 @@ static void test_samples_are_interpolated(void **state) {
         assert_true(fabsf(full.rgb[k][at] - out.rgb[k][at]) < 2e-3f);
         assert_true(fabsf(full.transmittance[at] - out.transmittance[at]) < 2e-3f);
       }
-  int64_t others = 0; /* ids are the nearest sample's: they differ within half of a sample of where they change */
+  /* Ids are taken from the nearest sample: they may differ only within half a sample of where the id changes. */
+  int64_t others = 0;
   for (int y = 0; y < HEIGHT; y++)
     for (int x = 0; x < WIDTH; x++)
       others += full.id[(int64_t)y * full.stride + x] != out.id[(int64_t)y * full.stride + x];

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Adaptive density control on hand-made rows: each rule of 3DGS, the bound on the count, and what becomes of the
- * moments. */
+/* Adaptive density control on hand-made rows: each rule of 3DGS, the bound on the count, and which optimiser moments
+ * rows keep. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -21,7 +21,7 @@ typedef struct fixture {
   pags_tasks *tasks;
 } fixture;
 
-/* Rows on a line, opaque, small (sigma 0.01), not pulled, at step `AT` of 30 000. */
+/* A model of opaque, small rows (sigma 0.01) along a line, without accumulated gradient, at step `AT` of 30 000. */
 static void begin(fixture *f, pags_train_config config) {
   pags_gaussians g;
   f->tasks = pags_tasks_create(2);
@@ -32,7 +32,7 @@ static void begin(fixture *f, pags_train_config config) {
       pags_plane(&g, PAGS_SCALE + a)[i] = logf(0.01f);
     pags_plane(&g, PAGS_ROTATION)[i] = 1.0f;
     pags_plane(&g, PAGS_OPACITY)[i] = 1.0f;
-    pags_plane(&g, PAGS_SH)[i] = (float)i; /* who it was */
+    pags_plane(&g, PAGS_SH)[i] = (float)i; /* the constant colour identifies the row */
   }
   config.color.sh_degree = 1;
   pags_schedule schedule = pags_schedule_make(&config, extent, 10);
@@ -63,17 +63,18 @@ static void each_rule_decides(void **unused) {
   fixture f;
   pags_edits e;
   begin(&f, pags_train_config_default());
-  f.state.step = 3100;                                     /* after the first reset: large ones are pruned */
-  pull(&f, 1, 3e-4f);                                      /* small and pulled */
-  pull(&f, 2, 3e-4f), set_sigma(&f, 2, 0.2f);              /* larger than 1 % of the extent and pulled */
-  pull(&f, 3, 1.9e-4f);                                    /* pulled too little */
-  pags_plane(&f.state.gaussians, PAGS_OPACITY)[4] = -6.0f; /* 0.0025 */
+  f.state.step = 3100; /* after the first opacity reset large rows are pruned */
+  pull(&f, 1, 3e-4f);  /* small, gradient above the threshold */
+  /* Larger than 1 % of the extent, gradient above the threshold. */
+  pull(&f, 2, 3e-4f), set_sigma(&f, 2, 0.2f);
+  pull(&f, 3, 1.9e-4f);                                    /* gradient below the threshold */
+  pags_plane(&f.state.gaussians, PAGS_OPACITY)[4] = -6.0f; /* opacity 0.0025 */
   pull(&f, 5, 3e-4f), pags_plane(&f.state.gaussians, PAGS_OPACITY)[5] = -6.0f;
   set_sigma(&f, 6, 1.1f);                     /* larger than 10 % of the extent */
-  pull(&f, 7, 3e-4f), set_sigma(&f, 7, 1.5f); /* its children would be under */
-  pull(&f, 8, 3e-4f), set_sigma(&f, 8, 1.7f); /* and of this one not */
+  pull(&f, 7, 3e-4f), set_sigma(&f, 7, 1.5f); /* larger than 10 %, but its split children would not be */
+  pull(&f, 8, 3e-4f), set_sigma(&f, 8, 1.7f); /* larger than 10 %, and its split children would be, too */
   pags_plane(&f.state.gaussians, PAGS_MEAN)[9] = NAN;
-  f.state.density.gradient[10] = 1.0f; /* never seen */
+  f.state.density.gradient[10] = 1.0f; /* gradient without a view that saw the row */
   assert_int_equal(pags_densify_decide(&f.state, &e), PAGS_OK);
   static const uint8_t wanted[12] = {PAGS_EDIT_KEEP,  PAGS_EDIT_CLONE, PAGS_EDIT_SPLIT, PAGS_EDIT_KEEP,
                                      PAGS_EDIT_PRUNE, PAGS_EDIT_PRUNE, PAGS_EDIT_PRUNE, PAGS_EDIT_SPLIT,
@@ -83,7 +84,7 @@ static void each_rule_decides(void **unused) {
   assert_int_equal(e.split, 2);
   assert_int_equal(e.pruned, 5);
   pags_edits_destroy(&e);
-  f.state.step = AT; /* before it they stay */
+  f.state.step = AT; /* before the first reset large rows stay */
   assert_int_equal(pags_densify_decide(&f.state, &e), PAGS_OK);
   assert_int_equal(e.kind[6], PAGS_EDIT_KEEP);
   assert_int_equal(e.kind[8], PAGS_EDIT_SPLIT);
@@ -107,15 +108,17 @@ static void absgrad_has_its_own_threshold(void **unused) {
   end(&f);
 }
 
-/* A threshold of 2e-4. Row 1 shows nothing critical, 2 nothing else, 3 does by a quarter. */
+/* The threshold is 2e-4. Row 1 shows nothing critical (S_sem 0), row 2 only critical things (1), row 3 a quarter
+ * (0.25). */
 static void growth_counts_what_is_critical_by_itself(void **unused) {
   (void)unused;
   static const struct {
     double weight, growth;
-    float least[3]; /* pull at which rows 1, 2 and 3 grow */
+    float least[3]; /* gradients from which on rows 1, 2 and 3 grow */
   } cases[] = {
-      {8, -1, {2e-4f, 2e-4f, 2e-4f}},   /* as the loss has it */
-      {8, 1, {2e-4f, 16e-4f, 5.5e-4f}}, /* 1 + 7 / 4 = 2.75 */
+      {8, -1, {2e-4f, 2e-4f, 2e-4f}}, /* a growth of -1: the gradients count as the loss gives them */
+      /* Row 3's gradient holds a mean weight of 1 + 7 / 4 = 2.75, which is divided out. */
+      {8, 1, {2e-4f, 16e-4f, 5.5e-4f}},
       {8, 3, {2e-4f, 16e-4f / 3, 5.5e-4f / 1.5f}},
       {1, 3, {2e-4f, 2e-4f / 3, 2e-4f / 1.5f}},
   };
@@ -151,7 +154,7 @@ static void the_bound_takes_the_strongest(void **unused) {
   pull(&f, 12, 6e-4f), set_sigma(&f, 12, 0.2f);
   pull(&f, 13, 5e-4f);
   pull(&f, 14, 5e-4f);
-  pags_plane(&f.state.gaussians, PAGS_OPACITY)[20] = -9.0f; /* makes room for one more */
+  pags_plane(&f.state.gaussians, PAGS_OPACITY)[20] = -9.0f; /* this row is pruned, which makes room for one more */
   assert_int_equal(pags_densify_decide(&f.state, &e), PAGS_OK);
   assert_int_equal(e.wanted, 4);
   assert_int_equal(e.cloned + e.split, 3);
@@ -175,7 +178,7 @@ static void a_run_is_never_left_with_nothing(void **unused) {
   end(&f);
 }
 
-/* Rows whose SH plane says `who`. */
+/* Finds the rows whose constant colour is `who`; returns their number, at most 4. */
 static int find(const pags_gaussians *g, float who, int64_t rows[4]) {
   int n = 0;
   for (int64_t i = 0; i < g->count; i++)
@@ -199,18 +202,19 @@ static void apply_moves_rows_moments_and_statistics_together(void **unused) {
   assert_int_equal(g->count, ROWS + 1 + 1 - 1);
   assert_int_equal(f.state.clusters.count, (g->count + 63) / 64);
   assert_int_equal(find(g, 4.0f, rows), 0);
-  assert_int_equal(find(g, 50.0f, rows), 1); /* untouched: its moments came along */
+  assert_int_equal(find(g, 50.0f, rows), 1); /* a row left alone keeps its moments */
   assert_true(pags_plane(&f.state.adam.first, PAGS_SH)[rows[0]] == 51.0f);
   assert_true(pags_plane(&f.state.adam.second, PAGS_SH)[rows[0]] == 51.0f);
-  assert_int_equal(find(g, 1.0f, rows), 2); /* cloned: the same in all, moments with the elder only */
+  /* Cloned: both copies have the same parameters, only the original keeps its moments. */
+  assert_int_equal(find(g, 1.0f, rows), 2);
   assert_true(pags_plane(g, PAGS_MEAN)[rows[0]] == pags_plane(g, PAGS_MEAN)[rows[1]]);
   float moments = pags_plane(&f.state.adam.first, PAGS_SH)[rows[0]] + pags_plane(&f.state.adam.first, PAGS_SH)[rows[1]];
   assert_true(moments == 2.0f);
-  assert_int_equal(find(g, 2.0f, rows), 2); /* split: two samples, smaller, no moments */
+  assert_int_equal(find(g, 2.0f, rows), 2); /* split: two samples, smaller, with zero moments */
   for (int k = 0; k < 2; k++) {
     assert_true(fabsf(pags_plane(g, PAGS_SCALE + 1)[rows[k]] - logf(0.2f / 1.6f)) < 1e-6f);
     assert_true(pags_plane(&f.state.adam.first, PAGS_SH)[rows[k]] == 0.0f);
-    assert_true(fabsf(pags_plane(g, PAGS_MEAN + 1)[rows[k]]) < 1.2f); /* sigma 0.2 along y */
+    assert_true(fabsf(pags_plane(g, PAGS_MEAN + 1)[rows[k]]) < 1.2f); /* drawn with sigma 0.2 along y */
     assert_true(fabsf(pags_plane(g, PAGS_MEAN)[rows[k]] - 2.0f) < 0.06f);
   }
   assert_true(pags_plane(g, PAGS_MEAN + 1)[rows[0]] != pags_plane(g, PAGS_MEAN + 1)[rows[1]]);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* LiDAR as sparse depth: at the right pixels, without what the camera doesn't see. */
+/* Sparse depth from LiDAR for the depth loss: samples lie at the right pixels, and points that the camera doesn't see
+ * are left out. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Training of a driving scene: a small street with moving cars. What it is made of, that its bits follow from data,
- * configuration and seed alone, and that each part can be left out. */
+/* Training of a driving scene, a small street with moving cars: which parts the result has, that its bits follow from
+ * data, configuration and seed alone, and that each part can be left out. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -112,7 +112,7 @@ static void scene_has_what_the_street_has(void **unused) {
   pags_train_result result = train(&config, "whole", tasks, 1000, 0);
   assert_int_equal(result.finished, 1);
   assert_int_equal(result.bad_rows, 0);
-  assert_true(result.psnr > 18.0); /* a picture of the mean colour reaches about 13 dB */
+  assert_true(result.psnr > 18.0); /* predicting the mean colour everywhere reaches about 13 dB */
   assert_int_equal(pags_scene_load(scratch("whole"), &scene), PAGS_OK);
   assert_true(scene.sky.size > 0);
   assert_int_equal(scene.object_count, pags_dataset_object_count(dataset));
@@ -128,8 +128,8 @@ static void scene_has_what_the_street_has(void **unused) {
   for (int64_t i = 0; scene.models[0].gaussians.object_id && i < scene.models[0].gaussians.count; i++)
     parked += scene.models[0].gaussians.object_id[i] >= 0;
   assert_true(moving >= 1 && moving == scene.model_count - 1);
-  assert_true(moved > 0);  /* poses were optimised */
-  assert_true(parked > 0); /* and parked cars can be told from the street */
+  assert_true(moved > 0);  /* the poses of moving objects were optimised */
+  assert_true(parked > 0); /* parked cars are separated from the background */
   pags_scene_destroy(&scene);
 }
 
@@ -141,7 +141,7 @@ static void threads_and_interruptions_change_no_bit(void **unused) {
   train(&config, "two", tasks, 37, 0);
   assert_same_run("one", "two");
   half.schedule.schedule_iterations = ITERATIONS;
-  half.schedule.iterations = 71; /* past the start of tracks, before the end of densifying */
+  half.schedule.iterations = 71; /* after the tracks' optimisation began, before densification ends */
   train(&half, "resumed", tasks, 1000, 0);
   half.schedule.iterations = ITERATIONS;
   pags_train_result result = train(&half, "resumed", one, 1000, 1);
@@ -160,7 +160,8 @@ static double mean_s_sem(const pags_gaussians *g) {
   return sum;
 }
 
-/* Two prunes lie before the interruption, two after it. */
+/* A run that is interrupted and resumed has the bits of one that wasn't; two prunes lie before the interruption and
+ * two after it. */
 static void pruned_runs_go_on(const pags_train_config *config, const char *name) {
   char whole[32], parts[32];
   pags_train_config half = *config;
@@ -223,7 +224,8 @@ static void parts_can_be_left_out(void **unused) {
   pags_scene_destroy(&scene);
 }
 
-/* Objects and background together; the objects' share of a small bound is not all of it, nor nothing. */
+/* The bound on the count holds for objects and background together; of a small bound the background gets at least a
+ * third, and objects get some. */
 static void a_bound_holds_for_all_models(void **unused) {
   (void)unused;
   pags_train_config config = quick();
@@ -258,7 +260,7 @@ static int64_t within_memory(int sky, uint64_t bytes) {
   return result.gaussians;
 }
 
-/* A sky leaves room for so many Gaussians fewer. */
+/* The memory of a sky is counted: with a sky fewer Gaussians fit into the same memory. */
 static void a_bound_of_memory_counts_the_sky(void **unused) {
   (void)unused;
   pags_scene scene;
@@ -271,7 +273,8 @@ static void a_bound_of_memory_counts_the_sky(void **unused) {
   pags_scene_destroy(&scene);
 }
 
-/* Exposures of held-out views lie between their neighbours', and the mean over training views stays what it was. */
+/* Exposures of held-out views are interpolated between their neighbours', and the mean exposure over the training
+ * views doesn't change. */
 static void exposures_keep_their_mean(void **unused) {
   (void)unused;
   pags_scene scene;
@@ -293,7 +296,7 @@ static void exposures_keep_their_mean(void **unused) {
   pags_scene_destroy(&scene);
 }
 
-/* A rig of two, small. */
+/* A small street seen by a rig of two cameras. */
 static pags_dataset *open_pair(void) {
   pags_street_options options = pags_street_options_default();
   pags_dataset_options reading = pags_dataset_options_default();
@@ -322,7 +325,8 @@ static double mean_gain(const pags_exposures *e, const pags_dataset *pair) {
   return sum / training;
 }
 
-/* One camera of two is exposed more: its photographs that were never looked at have it, too, and the mean stays. */
+/* If one camera of two is exposed more, its photographs that training hasn't visited get that exposure, too, and the
+ * mean over the training views stays 1. */
 static void a_camera_is_exposed_as_its_photographs(void **unused) {
   (void)unused;
   enum { STEPS = 2000 };
@@ -331,7 +335,8 @@ static void a_camera_is_exposed_as_its_photographs(void **unused) {
   config.schedule.iterations = STEPS;
   pags_schedule schedule = pags_schedule_make(&config, 10.0, pags_dataset_view_count(pair));
   pags_exposures e;
-  int64_t seen[2] = {-1, -1}, other[2] = {-1, -1}; /* the first of each camera, and its last */
+  /* For each camera its first training view, which is trained, and its last, which is not. */
+  int64_t seen[2] = {-1, -1}, other[2] = {-1, -1};
   double value[6];
   assert_int_equal(pags_exposures_create(&e, pair), PAGS_OK);
   for (int64_t i = 0; i < e.count; i++) {
@@ -353,7 +358,7 @@ static void a_camera_is_exposed_as_its_photographs(void **unused) {
   pags_dataset_close(pair);
 }
 
-/* A run as it stands before its last step, in which photographs are seen in full. */
+/* Sets up a run before its last step, when photographs are used at full size. */
 static void begin_run(pags_train_options *options, pags_trainer *t) {
   *options = pags_train_options_default();
   options->dataset = dataset;
@@ -381,16 +386,16 @@ static uint64_t decoded_by(const pags_trainer *t) {
   return decoded;
 }
 
-/* At half size a Gaussian has a quarter of the pixels, and some more as the low-pass is as wide in pixels (9 per cent
- * here), and shows what it shows: of those that are seen well, the shares agree but for pixels at outlines. No
- * photograph is decoded twice for it, nor for the test of colour over time. */
+/* Scores measured at half size: each Gaussian covers a quarter of the pixels, plus 9 per cent here as the low-pass
+ * filter is equally wide in pixels, and its critical share agrees with that at full size except for pixels at
+ * outlines. Neither this pass nor the test for colour over time decodes a photograph twice. */
 static void half_size_scores_alike_from_the_same_photographs(void **unused) {
   (void)unused;
   pags_train_options options;
   pags_trainer t;
   pags_score_pass whole, rough;
   begin_run(&options, &t);
-  const uint64_t before = decoded_by(&t); /* the sky's start may have looked at some, smaller */
+  const uint64_t before = decoded_by(&t); /* the start of the sky may have decoded some at a smaller size */
   assert_int_equal(pags_score_pass_measure(&t, 0, &whole), PAGS_OK);
   const uint64_t once = decoded_by(&t);
   assert_true(once - before <= (uint64_t)t.view_count);
@@ -417,8 +422,8 @@ static void half_size_scores_alike_from_the_same_photographs(void **unused) {
   end_run(&t);
 }
 
-/* Colours are compared at half size: averaged over photographs of full size, or decoded at half, they promise the same.
- */
+/* The test for colour over time compares colours at half size: photographs of full size that are averaged and
+ * photographs decoded at half size give the same gain. */
 static void colour_over_time_is_judged_alike_at_any_level(void **unused) {
   (void)unused;
   pags_train_options options;
@@ -429,7 +434,8 @@ static void colour_over_time_is_judged_alike_at_any_level(void **unused) {
   pags_state_set_step(&t.state, ITERATIONS / 6);
   assert_int_equal(pags_color_over_time_decide(&t), PAGS_OK);
   assert_true(whole > 0.01);
-  assert_true(fabs(t.state.models[1].fourier_gain / whole - 1.0) < 0.02); /* bytes are rounded before or after */
+  /* The two differ by the rounding to bytes, before or after averaging. */
+  assert_true(fabs(t.state.models[1].fourier_gain / whole - 1.0) < 0.02);
   end_run(&t);
 }
 

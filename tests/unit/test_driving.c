@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Driving sets: every kind's conventions on a set with known truth, options, errors; PandaSet's scene 002. */
+/* Driving data sets: the conventions of every kind on a set with known truth, options, errors; scene 002 of PandaSet.
+ * */
 #include <pags/dataset.h>
 
 #include "dataset/internal.h"
@@ -106,8 +107,8 @@ static void every_kind_reads_the_same(void **state) {
     }
 }
 
-/* dataset.json states everything: kind pags, which has no rules of its own, and another kind whose rules it overrules.
- */
+/* dataset.json may state every convention: once for the kind pags, which has no rules of its own, and once for other
+ * kinds whose rules it overrides. */
 static void stated_keys_win(void **state) {
   (void)state;
   const tree_kind mixed = {"pags", 1, 1, 1, 1, 7, 2};
@@ -130,7 +131,8 @@ static void stated_keys_win(void **state) {
     tree_write_matrix(&s, name, pose);
   }
   for (int i = 0; i < 4; i++) {
-    pags_dataset_options options = tree_options(i == 3 ? "nuplan" : NULL); /* overrides the file's kind, not its keys */
+    /* The kind in the options overrides the kind in the file, but not the file's other keys. */
+    pags_dataset_options options = tree_options(i == 3 ? "nuplan" : NULL);
     pags_dataset *dataset;
     char text[1024];
     snprintf(text, sizeof text, "%s%s", kinds[i % 3], stated);
@@ -207,7 +209,7 @@ static void without_times_and_boxes(void **state) {
   tree_write_cameras(&s, &tree_kinds[1]);
   tree_text(&s, "dataset.json", "{}");
   scratch_ok(pags_dataset_open(scratch_path(&s, "dataset.json"), &options,
-                               &dataset)); /* TTT_C files say that it is PandaSet's */
+                               &dataset)); /* recognised as PandaSet by its TTT_C file names */
   assert_string_equal(pags_dataset_kind(dataset), "pandaset");
   assert_int_equal(pags_dataset_provides(dataset), 0);
   assert_true(pags_dataset_fps(dataset) == 10);
@@ -218,7 +220,8 @@ static void without_times_and_boxes(void **state) {
   scratch_end(&s);
 }
 
-/* Each: one file of a sound set replaced, and what is said about it. A replacement of NULL removes the file. */
+/* For each case one file of a sound set is replaced (or removed, if the replacement is NULL), and the message must
+ * say what is wrong. */
 static void bad_files_are_explained(void **state) {
   (void)state;
   static const struct {
@@ -305,7 +308,7 @@ static void pandaset_reads(void **state) {
   pags_dataset_close(dataset);
 }
 
-/* Vehicles faster than 2 m/s look where they go. */
+/* The boxes of vehicles faster than 2 m/s face their direction of motion. */
 static void pandaset_boxes_look_ahead(void **state) {
   (void)state;
   pags_dataset *dataset = tree_pandaset();
@@ -358,7 +361,7 @@ static void missing_pictures_may_be_left_out(void **state) {
   scratch_end(&s);
 }
 
-/* SfM points: those that fewer than two training views see are left out; ids go by image name. */
+/* SfM points: points that fewer than two training views see are left out; image ids are matched by image name. */
 static void sfm_points_are_added(void **state) {
   (void)state;
   pags_dataset_options options = tree_options("pandaset");

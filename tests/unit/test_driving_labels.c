@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What driving sets' photographs show: labels by pixel from pictures and boxes, the guessed sky, the recording car
- * itself. */
+/* Labels by pixel of driving sets' photographs, from label pictures and from boxes; sky guessed from LiDAR; the mask
+ * of the ego vehicle. */
 #include <pags/dataset.h>
 
 #include "dataset/internal.h"
@@ -61,7 +61,7 @@ static int label_at(const pags_photo *photo, int x, int y) {
   return photo->labels[y * photo->stride + x];
 }
 
-/* Bits that boxes give, drawn here from their outlines. */
+/* The label bits that the boxes give a pixel, drawn here from the boxes' outlines. */
 static int box_bits(const pags_dataset *dataset, const pags_view *view, int x, int y, const int bits[2]) {
   int sum = 0;
   for (int i = 0; i < 2; i++) {
@@ -77,7 +77,8 @@ static int box_bits(const pags_dataset *dataset, const pags_view *view, int x, i
   return sum;
 }
 
-/* Expected bits of every pixel; files are named by letters: s sky, c semantic classes, d dynamic, b boxes. */
+/* Compares the label bits of every pixel with the expected ones. `files` lists the sources that were written: s sky
+ * masks, c semantic classes, d dynamic masks, b boxes. */
 static void check_labels(scratch *s, const char *files, int shrink) {
   pags_dataset_options options = tree_options("pandaset");
   pags_dataset *dataset;
@@ -133,7 +134,8 @@ static void labels_come_from_what_there_is(void **state) {
     }
 }
 
-/* The budget holds with label planes, too, and all of them come out the same as with plenty. */
+/* The cache's size limit holds with label planes, too, and photographs and labels are the same as with plenty of
+ * room. */
 static void budgets_count_labels(void **state) {
   (void)state;
   pags_dataset *dataset;
@@ -146,7 +148,7 @@ static void budgets_count_labels(void **state) {
     tree_write_grey(&s, name, classes);
   }
   scratch_ok(pags_dataset_open(s.folder, NULL, &dataset));
-  /* Three photographs with a label plane; a decode holds the source's six bytes a pixel besides. */
+  /* Room for three photographs with a label plane; a decode also holds the source's six bytes a pixel. */
   const uint64_t room = 3 * (5 * 48 * TREE_HEIGHT + 64) + 6 * 48 * TREE_HEIGHT;
   for (int round = 0; round < 3; round++) {
     uint64_t budget = room + (uint64_t)round * 9000, used, peak, decoded;
@@ -192,8 +194,8 @@ static void a_mask_of_another_size_is_refused(void **state) {
   scratch_end(&s);
 }
 
-/* Barrel distortion: labels move with the picture. The mask's border, straight in the source, is found where the lens
- * puts it. */
+/* With barrel distortion labels are undistorted like the picture: a border that is straight in the source mask is
+ * found where the lens model maps it. */
 static void labels_are_undistorted(void **state) {
   (void)state;
   pags_dataset *dataset;
@@ -220,7 +222,8 @@ static void labels_are_undistorted(void **state) {
   scratch_end(&s);
 }
 
-/* A wall of laser points over the left half, up to some 5 degrees; the right half has a road only. */
+/* Without label files sky is guessed from LiDAR. Here a wall fills the left half up to an elevation of some 5
+ * degrees, and the right half has only a road. */
 static void sky_is_guessed_from_the_laser(void **state) {
   (void)state;
   enum { COUNT = 40 * 60 };
@@ -237,7 +240,7 @@ static void sky_is_guessed_from_the_laser(void **state) {
     float *row = rows + 5 * i;
     row[0] = (float)(range * cos(azimuth) + 1.5), row[1] = (float)(range * sin(azimuth) + 0.3);
     row[2] = (float)(1.6 + range * tan(wall ? elevation : -0.1));
-    if (!wall && i == 0) /* a mast far to the right shows how high the LiDAR looks */
+    if (!wall && i == 0) /* a point on a mast far to the right sets the LiDAR's highest elevation */
       row[2] = (float)(1.6 + range * tan(0.4));
   }
   tree_bytes(&s, "lidar/000.bin", rows, sizeof rows);
@@ -263,13 +266,13 @@ static void sky_is_guessed_from_the_laser(void **state) {
   scratch_end(&s);
 }
 
-/* Ego masks. */
+/* ---- Masks of the ego vehicle ---- */
 
 enum { WIDE = 320, HIGH = 200, DRIVE = 24 };
 
 static int drive_frame;
 
-/* Noise that goes by, and, below, a patterned bonnet that stays. */
+/* Paints noise that changes with each frame and below it a patterned bonnet that stays. */
 static uint8_t paint_drive(int x, int y, int c) {
   bool bonnet = y > 150 + (x - 160) * (x - 160) / 400;
   unsigned seed =
@@ -308,7 +311,7 @@ static void the_own_car_is_found(void **state) {
   assert_non_null(photo.mask);
   for (int y = 0; y < HIGH; y++)
     for (int x = 0; x < WIDE; x++) {
-      int depth = y - (150 + (x - 160) * (x - 160) / 400); /* px below the bonnet's edge */
+      int depth = y - (150 + (x - 160) * (x - 160) / 400); /* pixels below the bonnet's edge */
       if (depth > 4 && abs(x - 160) < 100)
         assert_int_equal(photo.mask[y * photo.stride + x], 0);
       if (depth < -8)
@@ -336,7 +339,7 @@ static void given_ego_masks_are_used(void **state) {
     snprintf(path, sizeof path, "%s/%s", s.folder, given == 1 ? "elsewhere" : "elsewhere/1.png");
     options.ego_mask = given > 0 ? path : NULL;
     scratch_ok(pags_dataset_open(s.folder, &options, &dataset));
-    for (int view = 0; view < 2; view++) { /* cameras 0 and 1 */
+    for (int view = 0; view < 2; view++) { /* the first views of cameras 0 and 1 */
       pags_photo photo;
       with_photo(dataset, view, 1, copy_photo, &photo);
       bool masked = given == 2 || view == 1;
@@ -353,9 +356,9 @@ static void given_ego_masks_are_used(void **state) {
   }
 }
 
-/* PandaSet's scene 002. */
+/* ---- Scene 002 of PandaSet ---- */
 
-/* Boxes of all objects against dynamic_masks/all, which were drawn from them by other code. */
+/* The boxes of all objects against dynamic_masks/all, which other software drew from the same boxes. */
 static void pandaset_boxes_match_masks(void **state) {
   (void)state;
   pags_dataset *dataset = tree_pandaset();
@@ -390,7 +393,7 @@ static void pandaset_boxes_match_masks(void **state) {
   pags_dataset_close(dataset);
 }
 
-/* Whether a point of the world lies in the box of a moving vehicle at that frame. */
+/* Whether a point of the world lies in the box of a moving vehicle at a frame. */
 static bool in_vehicle(const pags_dataset *dataset, int frame, const double p[3]) {
   for (int64_t k = 0; k < pags_dataset_object_count(dataset); k++) {
     const pags_object *object = pags_dataset_object(dataset, k);
@@ -408,8 +411,8 @@ static bool in_vehicle(const pags_dataset *dataset, int frame, const double p[3]
   return false;
 }
 
-/* Laser points in boxes of moving vehicles, projected, fall on dynamic_masks/vehicle: poses, axes and times of all fit.
- */
+/* LiDAR points inside boxes of moving vehicles project into dynamic_masks/vehicle, which shows that poses, axes and
+ * times agree. */
 static void pandaset_laser_hits_masks(void **state) {
   (void)state;
   char path[1024], name[1100];

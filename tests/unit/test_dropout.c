@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Adaptive stochastic dropout: what its draws are, and that their mean is the full picture where blending has no
- * limits. The limits' bias is printed; docs/lab/dropout.md quotes it. */
+/* Adaptive stochastic dropout: the distribution of its draws, and that the mean picture over draws is the full
+ * picture where blending has no limits (alpha cap and threshold, early stop). The bias that the limits cause is
+ * printed; docs/lab/dropout.md quotes it. */
 #include "reference/reference_scene.h"
 
 #include <setjmp.h>
@@ -15,7 +16,7 @@
 
 enum { WIDTH = 40, HEIGHT = 26, PIXELS = WIDTH * HEIGHT, COUNT = 28, DRAWS = 4096 };
 
-/* At the end of a schedule: D = gamma (1 - beta S_sem). */
+/* The dropout at the end of a schedule, when its rate is D = gamma (1 - beta S_sem). */
 static pags_dropout last_step(int64_t step, int64_t object) {
   pags_train_config config = pags_train_config_default();
   config.priority.dropout = 1;
@@ -33,11 +34,12 @@ static void rates_follow_step_and_priority(void **unused) {
   pags_train_config config = pags_train_config_default();
   config.schedule.iterations = 1000;
   pags_schedule schedule = pags_schedule_make(&config, 1.0, 10);
-  assert_true(pags_dropout_at(&schedule, 1000, -1).most == 0.0); /* off by default */
+  assert_true(pags_dropout_at(&schedule, 1000, -1).most == 0.0); /* dropout is off by default */
   config.priority.dropout = 1;
   schedule = pags_schedule_make(&config, 1.0, 10);
   assert_true(fabs(pags_dropout_at(&schedule, 400, -1).most - 0.1) < 1e-15);
-  assert_true(fabs(pags_dropout_at(&schedule, 1700, -1).most - 0.25) < 1e-15); /* resumed beyond its end */
+  /* A run resumed beyond the schedule's end keeps the final rate. */
+  assert_true(fabs(pags_dropout_at(&schedule, 1700, -1).most - 0.25) < 1e-15);
   for (int i = 0; i < ROWS; i++)
     s_sem[i] = i < ROWS / 2 ? 0.0f : 0.8f;
   const pags_dropout d = last_step(77, 3);
@@ -51,7 +53,7 @@ static void rates_follow_step_and_priority(void **unused) {
   }
   print_message("left out: %.4f of no priority (0.25), %.4f of priority 0.8 (0.15)\n", out[0] / (ROWS / 2.0),
                 out[1] / (ROWS / 2.0));
-  assert_true(abs(out[0] - ROWS / 8) < 4 * 79); /* sqrt(n D (1 - D)) */
+  assert_true(abs(out[0] - ROWS / 8) < 4 * 79); /* within 4 standard deviations sqrt(n D (1 - D)) = 79 */
   assert_true(fabs(out[1] - 0.15 * ROWS / 2) < 4 * 64.7);
 }
 
@@ -65,7 +67,8 @@ static void a_draw_is_a_function_of_step_model_and_row(void **unused) {
     pags_dropout_draw(&d, NULL, first, 16, pieces);
   assert_memory_equal(whole, pieces, sizeof whole);
   const pags_dropout others[] = {last_step(13, 0), last_step(12, 1), last_step(12, -1)};
-  for (int k = 0; k < 3; k++) { /* two independent draws agree in 1 - 2 D (1 - D) = 0.625 of the rows */
+  /* Two independent draws agree in a share 1 - 2 D (1 - D) = 0.625 of the rows. */
+  for (int k = 0; k < 3; k++) {
     int same = 0;
     pags_dropout_draw(&others[k], NULL, 0, ROWS, other);
     for (int i = 0; i < ROWS; i++)
@@ -98,7 +101,8 @@ static world make_world(const double logit[2]) {
   return w;
 }
 
-/* Renders with the factors of `draws` steps, some rows being critical. */
+/* Renders `draws` pictures, each with the dropout factors of another step, some rows being critical; returns the
+ * moments of the pixels. */
 static moments *draw_pictures(world *w, reference_limits limits, int draws) {
   moments *m = reference_alloc(1, sizeof *m);
   float factor[COUNT], s_sem[COUNT];
@@ -131,7 +135,8 @@ static void destroy_world(world *w, reference_picture *picture, moments *m) {
   free(m);
 }
 
-/* A boost of 0.6 by 4/3 stays under any cap, and without limits the picture is multilinear in the alphas. */
+/* The largest factor is 4/3, so an opacity of 0.6 stays below the alpha cap. Without limits the picture is
+ * multilinear in the alphas, so that the mean over draws is exact. */
 static void the_mean_of_many_draws_is_the_full_picture(void **unused) {
   (void)unused;
   world w = make_world((double[]){-3.0, log(0.6 / 0.4)});
@@ -158,8 +163,8 @@ static void the_mean_of_many_draws_is_the_full_picture(void **unused) {
   destroy_world(&w, &full, m);
 }
 
-/* Mean and root mean square over pixels and channels of (mean of draws - full picture), in 1/255, less what the draws'
- * own spread adds. */
+/* Prints the mean and the root mean square over pixels and channels of (mean of draws - full picture), in 1/255, less
+ * the share that the draws' own variance contributes. */
 static void print_bias(const char *what, const double logit[2], reference_limits limits, double most) {
   enum { FEW = 512 };
   world w = make_world(logit);

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Early-Z: LOSSLESS gives OFF's bits and BOUNDED keeps its bound on random and on adversarial scenes, however the frame
- * is cut into slabs, for any number of threads and any cluster size.
+/* Early-Z: the mode LOSSLESS gives the bits of OFF, and BOUNDED keeps its error bound, on random and on adversarial
+ * scenes, however the frame is cut into depth slabs, for any number of threads and any cluster size.
  *
- *   PAGS_EARLY_Z_SCENES=N runs N random scenes in place of 200. */
+ * PAGS_EARLY_Z_SCENES=N runs N random scenes in place of 200. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -33,7 +33,7 @@ static float log_uniform(float lo, float hi) {
   return expf(uniform(logf(lo), logf(hi)));
 }
 
-/* Scenes, all in front of a camera at the origin that looks along z. */
+/* ---- Scenes, all in front of a camera at the origin that looks along z ---- */
 
 typedef enum recipe {
   OPAQUE_WALLS,
@@ -131,7 +131,8 @@ static void add_part(scene *s, recipe r, int64_t count, int32_t *first_id) {
   *first_id += (int32_t)count;
 }
 
-static void sort_near_together(pags_gaussians *g) { /* as scenes are: neighbours lie together */
+/* Sorts the rows in Morton order, as in real scenes, where neighbouring rows lie close together. */
+static void sort_near_together(pags_gaussians *g) {
   int64_t *const index = malloc((size_t)(g->count + 1) * sizeof *index);
   pags_gaussians sorted;
   assert_int_equal(pags_gaussians_morton_order(g, index), PAGS_OK);
@@ -181,9 +182,9 @@ static void scene_destroy(scene *s) {
   }
 }
 
-/* Pictures without padding. */
+/* The planes of a rendered picture, copied without row padding. */
 typedef struct shot {
-  float *planes; /* r g b T depth depth_sum */
+  float *planes; /* red, green, blue, transmittance, depth, depth sum */
   int32_t *id;
   int64_t pixels;
   pags_frame_stats stats;
@@ -235,9 +236,9 @@ static int same_bits(const shot *a, const shot *b) {
          memcmp(a->id, b->id, (size_t)a->pixels * sizeof(int32_t)) == 0;
 }
 
-/* The largest colour that can show: of any Gaussian that OFF draws, sky or background. SH of degree 3 with coefficients
- * in [-1, 1] sums |Y_k| <= 4 over 16 terms each; the exact one is taken from what is shaded, by drawing each Gaussian's
- * colour bound. */
+/* An upper bound on every colour that the picture can show: of any Gaussian, of the sky and of the background. The SH
+ * coefficients lie in [-1, 1], so that a colour is at most 0.5 plus the largest sum of |Y_k| up to the Gaussian's
+ * degree. */
 static float largest_colour(const scene *s) {
   float largest = 1; /* background and sky texels are <= 1 */
   static const float bound[4] = {0.2821f, 0.2821f + 0.8463f, 0.2821f + 0.8463f + 2.4f, 0.2821f + 0.8463f + 2.4f + 4.6f};
@@ -248,7 +249,7 @@ static float largest_colour(const scene *s) {
 }
 
 static void check_bound(const shot *off, const shot *bounded, float eps, float largest, uint64_t seed) {
-  const float rounding = 1e-4f * largest; /* 2^-24 a splat, 1700 of them */
+  const float rounding = 1e-4f * largest; /* float rounding: 2^-24 per blended Gaussian, 1700 of them */
   for (int64_t i = 0; i < off->pixels; i++) {
     const float t = fabsf(off->planes[3 * off->pixels + i] - bounded->planes[3 * off->pixels + i]);
     if (t > eps)
@@ -321,7 +322,7 @@ static void test_every_recipe(void **unused) {
   print_totals("recipes", RECIPES, &sum);
 }
 
-/* Words. */
+/* The names of the modes are parsed. */
 static void test_parse(void **unused) {
   (void)unused;
   pags_frame_options o = pags_frame_options_default();
@@ -346,7 +347,7 @@ static void test_parse(void **unused) {
 
 enum { LAYERS = 12, BEHIND_WALL = 800 };
 
-/* A wall of layers before a picture that is no multiple of a tile, and what is behind it. */
+/* A wall of opaque layers that fills a picture whose size is no multiple of a tile, and Gaussians behind it. */
 static void walled(scene *s) {
   state = 9;
   scene_create(s, NOTHING, 0);
@@ -368,7 +369,8 @@ static void walled(scene *s) {
   s->ids[0] = NULL;
 }
 
-/* Padding counts as full: the wall fills every tile, and what is behind is never read. */
+/* The padding pixels of border tiles count as saturated: the wall saturates every tile, and Gaussians behind it are
+ * never loaded. */
 static void test_padding(void **unused) {
   (void)unused;
   scene s;
@@ -381,7 +383,8 @@ static void test_padding(void **unused) {
   scene_destroy(&s);
 }
 
-/* Of millions, the first frame, too, reads what it needs: thousands of copies, one behind the other. */
+/* Of a scene of millions even the first frame loads only what it needs: here thousands of copies, one behind the
+ * other. */
 static void test_first_of_many(void **unused) {
   (void)unused;
   enum { COPIES = 10000 };
@@ -409,8 +412,8 @@ static void test_first_of_many(void **unused) {
   scene_destroy(&s);
 }
 
-/* Left to choose, a frame looks first and cuts into slabs when much hid; the bits stay. The paper's modes draw, too,
- * and say what they left out. */
+/* If the number of slabs is left to the frame, it probes the scene first and cuts into slabs when much is hidden; the
+ * bits stay. The modes of the paper draw as well, and report what they left out. */
 static void test_choice(void **unused) {
   (void)unused;
   scene s;
@@ -428,14 +431,15 @@ static void test_choice(void **unused) {
   shot paper = shoot_parts(tasks, &s, &options), again;
   assert_true(paper.stats.occluders > 0 && paper.stats.hidden > 0 && paper.stats.pairs_hidden > 0);
   assert_false(same_bits(&off, &paper));
-  for (int64_t i = 0; i < paper.pixels; i++) /* what is drawn is drawn as ever, less of it */
+  for (int64_t i = 0; i < paper.pixels; i++) /* transmittances stay within [0, 1] */
     assert_true(paper.planes[3 * paper.pixels + i] >= 0 && paper.planes[3 * paper.pixels + i] <= 1);
   for (int p = 0; p < s.part_count; p++)
     s.parts[p].s_sem = 0;
-  again = shoot_parts(tasks, &s, &options); /* no occluders: nothing is left out */
+  /* Without critical parts there are no occluders, and nothing is left out. */
+  again = shoot_parts(tasks, &s, &options);
   assert_true(again.stats.occluders == 0 && same_bits(&off, &again));
   options.early_z = PAGS_EARLY_Z_OFF;
-  options.order = PAGS_ORDER_PAPER; /* all of one kind: the same order */
+  options.order = PAGS_ORDER_PAPER; /* all parts are of one kind: the paper's order is the same order */
   shot sorted = shoot_parts(tasks, &s, &options);
   assert_true(same_bits(&off, &sorted));
   s.parts[s.part_count - 1].s_sem = 1;
@@ -447,7 +451,7 @@ static void test_choice(void **unused) {
   scene_destroy(&s);
 }
 
-/* From the third frame on no heap call, whatever is hidden. */
+/* From the third frame on no heap call is made, whatever is hidden. */
 static void test_steady(void **unused) {
   (void)unused;
   scene s;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* PSNR and SSIM against closed forms and a plain evaluation of the definitions. */
+/* PSNR and SSIM against closed forms and a direct evaluation of their definitions. */
 #include <pags/eval.h>
 
 #include <math.h>
@@ -9,7 +9,7 @@
 
 #include <cmocka.h>
 
-/* cmocka's own comparison is in float. */
+/* cmocka's own comparison works in float; this one works in double. */
 #define assert_near(value, expected, tolerance) assert_true(fabs((value) - (expected)) <= (tolerance))
 
 static pags_image make_image(int width, int height) {
@@ -23,7 +23,7 @@ static float noise(uint32_t *state) {
   return (float)(*state >> 8) / 16777216.0f;
 }
 
-/* Smooth colours plus noise; some values leave [0, 1]. */
+/* Paints smooth colours plus noise; some values leave [0, 1]. */
 static void paint(pags_image *image, uint32_t seed, float amount) {
   float *p = image->data;
   for (int y = 0; y < image->height; y++)
@@ -46,7 +46,7 @@ static void test_psnr_closed_form(void **state) {
   assert_int_equal(pags_eval_psnr(&a, &a, NULL, &psnr), PAGS_OK);
   assert_true(isinf(psnr) && psnr > 0.0);
 
-  /* Out of range counts as the end of the range, NaN as black. */
+  /* Values outside of [0, 1] are clamped, NaN counts as black. */
   for (int i = 0; i < 7 * 5 * 3; i++) {
     ((float *)a.data)[i] = i % 2 ? -3.0f : NAN;
     ((float *)b.data)[i] = 2.0f;
@@ -74,7 +74,7 @@ static void test_psnr_mask(void **state) {
   pags_image_destroy(&b);
 }
 
-/* The definition with 121 products a moment. */
+/* SSIM by its definition, with 121 products for each moment of the 11 x 11 window. */
 static double plain_ssim(const pags_image *a, const pags_image *b, const uint8_t *mask) {
   double window[11][11], total = 0.0, sum = 0.0;
   int64_t counted = 0;
@@ -149,7 +149,7 @@ static void test_ssim_threads(void **state) {
   pags_image_destroy(&b);
 }
 
-/* Each region gives what a mask of the same pixels gives. */
+/* The metrics of each region equal those with a mask of the same pixels. */
 static void test_regions(void **state) {
   (void)state;
   enum { WIDTH = 37, HEIGHT = 29, COUNT = 4 };
@@ -159,7 +159,7 @@ static void test_regions(void **state) {
   double psnr[COUNT], ssim[COUNT], one;
   paint(&a, 1, 0.1f);
   paint(&b, 2, 0.4f);
-  for (int i = 0; i < WIDTH * HEIGHT; i++) /* all, a third, the lower half; none */
+  for (int i = 0; i < WIDTH * HEIGHT; i++) /* regions: all pixels, a third of them, the lower half, none */
     regions[i] = (uint16_t)(1 | (i % 3 == 0) << 1 | (i > WIDTH * HEIGHT / 2) << 2);
   assert_int_equal(pags_eval_regions(&a, &b, regions, COUNT, tasks, psnr, ssim), PAGS_OK);
   for (int r = 0; r < COUNT - 1; r++) {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Exporters: meshes stay closed through everything done to them, budgets are kept, odd scenes give boxes, splat files
- * read back. */
+/* Exporters: meshes stay closed through every operation, size limits are kept, unusual scenes give boxes, and splat
+ * files read back. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -24,13 +24,13 @@
 #include "scratch_folder.h"
 #include "splat_files.h"
 
-/* Unlike cmocka's, in double. */
+/* cmocka's own comparison works in float; this one works in double. */
 static void assert_near(double a, double b, double tolerance) {
   if (!(fabs(a - b) <= tolerance))
     fail_msg("%.9g and %.9g differ by more than %g", a, b, tolerance);
 }
 
-/* Two balls that overlap and a ring around them, in a grid whose border is outside. */
+/* Signed distance of two overlapping balls and a ring around them. */
 static double built_distance(const double p[3]) {
   double a = sqrt(pow(p[0] - 0.5, 2) + p[1] * p[1] + p[2] * p[2]) - 0.8;
   double b = sqrt(pow(p[0] + 0.5, 2) + p[1] * p[1] + p[2] * p[2]) - 0.7;
@@ -100,7 +100,7 @@ static void test_budgets(void **state) {
   pags_proxy_mesh_destroy(&mesh);
 }
 
-/* Two tetrahedra that share an edge: four faces meet there, and a cut makes two closed parts of them. */
+/* Two tetrahedra that share an edge: four faces meet at that edge, and the repair cuts them into two closed parts. */
 static void test_repair(void **state) {
   (void)state;
   static const float points[6][3] = {{0, 0, 0}, {0, 0, 1}, {1, 0, 0}, {1, 1, 0}, {-1, 0, 0}, {-1, -1, 0}},
@@ -109,7 +109,7 @@ static void test_repair(void **state) {
   for (int i = 0; i < 6; i++)
     pags_proxy_mesh_vertex(&s, points[i], grey, 1);
   static const uint32_t tetrahedra[2][4] = {{0, 1, 2, 3}, {0, 1, 4, 5}};
-  for (int t = 0; t < 2; t++) { /* outward, given that 0 1 2 3 runs so that the volume is positive */
+  for (int t = 0; t < 2; t++) { /* oriented outward if vertices 0 1 2 3 have a positive volume */
     const uint32_t *v = tetrahedra[t];
     pags_proxy_mesh_triangle(&s, v[0], v[2], v[1]);
     pags_proxy_mesh_triangle(&s, v[0], v[1], v[3]);
@@ -148,18 +148,18 @@ static void add_box(pags_proxy_mesh *to, double side, double x, double z) {
   pags_proxy_mesh_destroy(&box);
 }
 
-/* A body, and five smaller parts: which of them are kept with it. */
+/* Which of five smaller parts are kept together with the main body. */
 static void test_parts(void **state) {
   (void)state;
   const double size[3] = {1.6, 1.2, 1.05};
   for (int annex = 0; annex < 2; annex++) {
     pags_proxy_mesh s = {0};
     add_box(&s, 1, 0, 0);
-    add_box(&s, 0.2, 0.65, 0);   /* a mirror, 0.05 from it */
-    add_box(&s, 0.2, -0.75, 0);  /* 0.15 from it */
-    add_box(&s, 0.2, 0, 0.65);   /* near, but beyond the box */
-    add_box(&s, 0.02, -0.55, 0); /* a crumb, near */
-    add_box(&s, 0.5, 0, 3);      /* large, anywhere */
+    add_box(&s, 0.2, 0.65, 0);   /* like a mirror: 0.05 from the body, kept if a size is given */
+    add_box(&s, 0.2, -0.75, 0);  /* 0.15 from the body, too far */
+    add_box(&s, 0.2, 0, 0.65);   /* near the body, but outside of the object's box */
+    add_box(&s, 0.02, -0.55, 0); /* near the body, but too small */
+    add_box(&s, 0.5, 0, 3);      /* large enough to be kept at any distance */
     assert_int_equal(pags_proxy_mesh_keep_parts(&s, 0.1, 0.1, annex ? size : NULL), PAGS_OK);
     assert_int_equal(s.vertex_count, annex ? 24 : 16);
     assert_near(inspect(&s).volume, 1 + 0.125 + (annex ? 0.008 : 0), 1e-5);
@@ -185,7 +185,7 @@ static void test_hull(void **state) {
   pags_proxy_mesh_destroy(&mesh);
 }
 
-/* Mean distance of one mesh's vertices from another. */
+/* Mean distance of the vertices of one mesh from the surface of another. */
 static double mean_off(const pags_proxy_mesh *from, const pags_proxy_mesh *to) {
   pags_mesh_query *query;
   double sum = 0;
@@ -200,7 +200,8 @@ static double mean_off(const pags_proxy_mesh *from, const pags_proxy_mesh *to) {
 }
 
 static void test_cage(void **state) {
-  static const double sticks_out[3] = {0, 0.0135, 0.043}; /* fewer quads of the cage itself, the higher the level */
+  /* Bound on the mean distance by level: the higher the level, the fewer quads the cage has. */
+  static const double sticks_out[3] = {0, 0.0135, 0.043};
   (void)state;
   pags_proxy_mesh mesh = built_mesh(0.1), cage;
   assert_int_equal(pags_proxy_mesh_keep_parts(&mesh, 0.9, 0, NULL), PAGS_OK);
@@ -208,7 +209,7 @@ static void test_cage(void **state) {
     assert_int_equal(pags_proxy_mesh_cage(&mesh, level, 3000, &cage), PAGS_OK);
     assert_true(cage.triangle_count <= 3000);
     assert_true(inspect(&cage).closed);
-    if (level) { /* the cage itself lies outside of its surface */
+    if (level) { /* the cage's vertices lie outside of the surface that it encloses */
       assert_true(mean_off(&cage, &mesh) < 0.04);
       assert_true(mean_off(&mesh, &cage) < sticks_out[level]);
     }
@@ -235,7 +236,7 @@ static void test_nearest_point(void **state) {
   pags_proxy_mesh_destroy(&box);
 }
 
-/* ---- Turned harmonics ---- */
+/* ---- Rotated spherical harmonics ---- */
 
 static void rotation_about(int axis, double angle, double r[9]) {
   int u = (axis + 1) % 3, v = (axis + 2) % 3;
@@ -260,7 +261,8 @@ static void test_half_turns(void **state) {
     assert_near(rest[k], about_x[k] * (k + 1), 1e-9);
 }
 
-/* The first degree is a vector, (-x, -y, z) of its terms 3, 1, 2. Two turns are the turn by their product. */
+/* SH of degree 1 rotate like a vector, whose components (-x, -y, z) are the terms 3, 1, 2. Two rotations one after
+ * the other give the rotation by their product. */
 static void test_turns_compose(void **state) {
   (void)state;
   double a[9], b[9], ab[9] = {0}, one[15], two[15];
@@ -337,7 +339,7 @@ static void test_splat_files(void **state) {
 
 /* ---- Scenes ---- */
 
-/* A ball of opaque Gaussians of radius r; flat: in the plane z = 0. */
+/* Fills a ball of radius r with opaque Gaussians; if `flat`, a disc in the plane z = 0. */
 static void fill_ball(pags_gaussians *g, int64_t count, double r, int flat) {
   assert_int_equal(pags_gaussians_create(g, count, 0), PAGS_OK);
   for (int64_t i = 0; i < count; i++) {
@@ -352,13 +354,13 @@ static void fill_ball(pags_gaussians *g, int64_t count, double r, int flat) {
   }
 }
 
-/* Cameras round the middle, 6 m away. */
+/* Adds cameras on a circle around the centre, 6 m away. */
 static void add_views(pags_scene *scene, int count) {
   scene->view_count = count;
   scene->views = calloc((size_t)count, sizeof *scene->views);
   for (int i = 0; i < count; i++) {
     double a = 6.283185307 * i / count, c = cos(a), s = sin(a), lift = i % 3 - 1.0, d = sqrt(36 + lift * lift * 9);
-    /* x right, y down, z forward, looking at the middle from (6 c, 6 s, 3 lift) */
+    /* x right, y down, z forward, looking at the centre from (6 c, 6 s, 3 lift) */
     const double forward[3] = {-6 * c / d, -6 * s / d, -3 * lift / d}, right[3] = {-s, c, 0};
     pags_camera camera = {.width = 320, .height = 240, .fx = 400, .fy = 400, .cx = 160, .cy = 120};
     for (int k = 0; k < 3; k++) {
@@ -395,8 +397,8 @@ static void add_object(pags_scene *scene, const char *id, int64_t model, double 
   }
 }
 
-/* Background without Gaussians, a ball, an object of three Gaussians, a flat one, all of sizes of their own; one of
- * three Gaussians and the ball's size. */
+/* A scene of a background without Gaussians, a ball, an object of three Gaussians and a flat object, each of another
+ * size; and a fourth object of the three Gaussians, but of the ball's size. */
 static pags_scene built_scene(void) {
   pags_scene scene = {.up = PAGS_UP_Z};
   scene.model_count = 4;
@@ -407,7 +409,8 @@ static pags_scene built_scene(void) {
     scene.models[i].file = NULL;
   }
   assert_int_equal(pags_gaussians_create(&scene.models[0].gaussians, 0, 0), PAGS_OK);
-  fill_ball(&scene.models[1].gaussians, 7000, 0.7, 0); /* clear of the ground: low and level would be a shadow */
+  /* Clear of the ground: low and level Gaussians would count as shadow. */
+  fill_ball(&scene.models[1].gaussians, 7000, 0.7, 0);
   fill_ball(&scene.models[2].gaussians, 3, 0.8, 0);
   fill_ball(&scene.models[3].gaussians, 400, 0.8, 1);
   add_object(&scene, "ball", 1, 1.7, 0, 3);
@@ -444,7 +447,8 @@ static void test_proxies_of_a_scene(void **state) {
       assert_true(report.proxies[0].silhouette_iou > 0.9);
       assert_int_equal(report.proxies[1].level, PAGS_PROXY_BOX);
       assert_non_null(report.proxies[1].note);
-      assert_int_equal(report.proxies[3].level, level); /* the ball's form, and said so */
+      /* The ball's shape is taken as the prior for it, and the note says so. */
+      assert_int_equal(report.proxies[3].level, level);
       assert_non_null(strstr(report.proxies[3].note, "of its size"));
       assert_true(report.proxies[3].observed < 0.01);
       assert_true(fabs(report.proxies[3].volume / report.proxies[0].volume - 1) < 0.06);
@@ -455,7 +459,7 @@ static void test_proxies_of_a_scene(void **state) {
   pags_tasks_destroy(tasks);
 }
 
-/* A small ball beside the large one, which nothing joins to it, is in the mesh. */
+/* A small ball beside the large one, not connected to it, is part of the mesh. */
 static void test_what_stands_off_is_kept(void **state) {
   (void)state;
   char path[1024];

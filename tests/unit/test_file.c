@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Files, folders and paths. */
-#define _XOPEN_SOURCE 700 /* mknod */
+/* Reading and writing files, folders and paths. */
+#define _XOPEN_SOURCE 700 /* for mknod */
 #include "base/file.h"
 
 #include <errno.h>
@@ -29,7 +29,7 @@ static void a_file_comes_back(void **state) {
   assert_int_equal(pags_file_write(path, "ab\0cd", 5), PAGS_OK);
   assert_int_equal(pags_file_read(path, &bytes, &size), PAGS_OK);
   assert_int_equal(size, 5);
-  assert_memory_equal(bytes, "ab\0cd", 6); /* with the zero behind */
+  assert_memory_equal(bytes, "ab\0cd", 6); /* the reader puts a zero behind the bytes */
   free(bytes);
   assert_int_equal(pags_file_write(path, "", 0), PAGS_OK);
   assert_int_equal(pags_file_read(path, &bytes, &size), PAGS_OK);
@@ -149,7 +149,7 @@ static void paths_come_apart_and_together(void **state) {
   assert_false(pags_path_is_inside(""));
 }
 
-/* ---- What is no ordinary file is never replaced ---- */
+/* ---- Links, FIFOs, sockets and devices are never replaced by a file ---- */
 
 static mode_t kind_of(const char *path) {
   struct stat status;
@@ -185,12 +185,13 @@ static void a_link_is_followed(void) {
   assert_holds(scratch("target"), "new");
   assert_false(pags_path_exists(scratch("target.part")));
 
-  assert_int_equal(unlink(scratch("target")), 0); /* now both dangle */
+  assert_int_equal(unlink(scratch("target")), 0); /* now both links dangle */
   assert_int_equal(pags_file_write(scratch("second"), "made", 4), PAGS_OK);
   assert_int_equal(kind_of(scratch("link")), S_IFLNK);
   assert_holds(scratch("target"), "made");
 
-  pags_file_writer writer; /* the part file lies beside the target, which may be on another disk than the link */
+  /* The temporary ".part" file lies beside the link's target, which may be on another file system than the link. */
+  pags_file_writer writer;
   assert_int_equal(pags_make_dirs(scratch("far")), PAGS_OK);
   assert_int_equal(symlink("far/away", scratch("there")), 0);
   assert_int_equal(pags_file_writer_begin(&writer, scratch("there")), PAGS_OK);
@@ -224,7 +225,7 @@ static void folders_and_read_only_files_are_refused(void) {
   assert_holds(scratch("kept"), "kept");
   assert_int_equal(kind_of(scratch("to_kept")), S_IFLNK);
   if (geteuid() == 0)
-    return; /* root writes into any folder */
+    return; /* root may write into any folder, so there is nothing to test */
   assert_int_equal(pags_make_dirs(scratch("shut")), PAGS_OK);
   assert_int_equal(chmod(scratch("shut"), 0555), 0);
   assert_int_equal(pags_file_write(scratch("shut/x"), "new", 3), PAGS_ERROR_IO);
@@ -242,10 +243,10 @@ static void what_lies_where_the_part_file_goes_stays(void) {
   assert_int_equal(unlink(scratch("new.part")), 0);
 }
 
-/* What comes out of a FIFO or a socket while it is written to. */
+/* A thread that reads a FIFO or a socket while the test writes to it. */
 typedef struct reader {
   pthread_t thread;
-  int descriptor; /* of a listening socket; -1: `path` is opened */
+  int descriptor; /* a listening socket, or -1: `path` is opened */
   const char *path;
   char got[64];
 } reader;
@@ -266,11 +267,12 @@ static void a_fifo_is_written_straight(void) {
   assert_int_equal(mkfifo(path, 0600), 0);
   assert_int_equal(pthread_create(&self.thread, NULL, read_all, &self), 0);
   assert_int_equal(pags_file_write(path, "through", 7), PAGS_OK);
-  assert_int_equal(kind_of(path), S_IFIFO); /* before the reader is waited for, which else waits for ever */
+  /* Checked before the join, which would wait for ever if the FIFO had been replaced. */
+  assert_int_equal(kind_of(path), S_IFIFO);
   assert_int_equal(pthread_join(self.thread, NULL), 0);
   assert_string_equal(self.got, "through");
 
-  /* A reader that goes away: SIGPIPE has its default here, which would end the process. */
+  /* A reader that closes its end: SIGPIPE has its default action here and would end the process if it were raised. */
   static char much[1 << 18];
   pags_file_writer writer;
   const int from = open(path, O_RDONLY | O_NONBLOCK);
@@ -296,7 +298,7 @@ static void a_socket_is_connected_to(void) {
   snprintf(address.sun_path, sizeof address.sun_path, "%.*s", (int)sizeof address.sun_path - 1, path);
   reader self = {.descriptor = socket(AF_UNIX, SOCK_STREAM, 0)};
   assert_int_equal(bind(self.descriptor, (const struct sockaddr *)&address, sizeof address), 0);
-  assert_refused(path, "can't write: Connection refused"); /* nobody listens */
+  assert_refused(path, "can't write: Connection refused"); /* no process listens */
   assert_int_equal(listen(self.descriptor, 1), 0);
   assert_int_equal(pthread_create(&self.thread, NULL, read_all, &self), 0);
   assert_int_equal(pags_file_write(path, "through", 7), PAGS_OK);
@@ -306,7 +308,7 @@ static void a_socket_is_connected_to(void) {
   assert_int_equal(kind_of(path), S_IFSOCK);
 }
 
-/* `device`, a null device made for the test; "" where that isn't permitted. */
+/* `device` is a null device made for the test, or "" where making one isn't permitted. */
 static void a_device_is_written_straight(const char *device) {
   pags_file_writer writer;
   if (!device[0])
@@ -347,7 +349,7 @@ static void an_appended_file_keeps_what_it_holds(void) {
   for (int i = 0; i < 2; i++) {
     assert_int_equal(pags_file_writer_append(&writer, scratch("to_log")), PAGS_OK);
     assert_int_equal(pags_file_writer_put(&writer, i ? "two" : "one ", i ? 3 : 4), PAGS_OK);
-    if (i) /* each put is there at once */
+    if (i) /* each put is written at once */
       assert_holds(scratch("log"), "one two");
     pags_file_writer_abort(&writer);
   }
@@ -366,7 +368,8 @@ static void check_all(const char *device) {
   an_appended_file_keeps_what_it_holds();
 }
 
-/* A null device of the test's own, writable by all; "" where it can't be made or opened. Never one of the machine's. */
+/* Makes a null device of the test's own that all may write to; `out` is "" where it can't be made or opened. The
+ * machine's own devices are never touched. */
 static void make_device(char out[SCRATCH_PATH + 128]) {
   snprintf(out, SCRATCH_PATH + 128, "%s", scratch("device"));
   const bool made = mknod(out, S_IFCHR | 0666, makedev(1, 3)) == 0 && chmod(out, 0666) == 0;
@@ -384,7 +387,7 @@ static void what_is_no_ordinary_file_is_never_replaced(void **state) {
   char device[SCRATCH_PATH + 128], root[SCRATCH_PATH];
   make_device(device);
   snprintf(root, sizeof root, "%s", scratch_folder);
-  alarm(60); /* a FIFO that nobody reads would wait for ever */
+  alarm(60); /* a FIFO without a reader would block for ever */
   snprintf(scratch_folder, sizeof scratch_folder, "%.*s/caller", SCRATCH_PATH - 8, root);
   assert_int_equal(pags_make_dirs(scratch_folder), PAGS_OK);
   check_all(device);
@@ -392,7 +395,8 @@ static void what_is_no_ordinary_file_is_never_replaced(void **state) {
   snprintf(scratch_folder, sizeof scratch_folder, "%s", root);
 }
 
-/* The same as nobody: root may do what a user may not. Assertions jump, so the child has a cmocka group of its own. */
+/* The same checks in a child process that runs as the user nobody, since root may do what a user may not. cmocka's
+ * assertions use longjmp, so the child runs a cmocka group of its own. */
 static const char *device_of_child;
 
 static void check_as_nobody(void **state) {
@@ -413,7 +417,8 @@ static void nor_by_a_user(void **state) {
   snprintf(scratch_folder, sizeof scratch_folder, "%.*s/nobody", SCRATCH_PATH - 8, root);
   assert_int_equal(mkdir(scratch_folder, 0777), 0);
   assert_int_equal(chmod(scratch_folder, 0777), 0);
-  scratch_file("foreign", "root's", 6); /* mode 0644: replaceable by a rename in a folder of one's own, but not to be */
+  /* Mode 0644: a user could replace it by a rename in a folder of their own, but must not. */
+  scratch_file("foreign", "root's", 6);
   const pid_t child = fork();
   assert_true(child >= 0);
   if (child == 0) {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* One frame and its way back: the same bits for any threads, clusters and order of rows; no heap calls in steady state;
- * the sky behind it. */
+/* A frame's forward and backward pass: the same bits for any number of threads, cluster size and order of rows; no
+ * heap calls in steady state; the sky behind the Gaussians. */
 #include "unit/random_scene.h"
 
 #include <setjmp.h>
@@ -12,7 +12,7 @@
 #include <cmocka.h>
 #include <math.h>
 
-/* Determinism */
+/* ---- Determinism ---- */
 
 static uint64_t hash_of(const fixture *f, int threads, int cluster_size, uint64_t shuffle_seed) {
   engine e = engine_create(threads);
@@ -29,12 +29,13 @@ static void test_threads_change_nothing(void **state) {
   uint64_t expected = hash_of(&f, 1, 64, 0);
   for (int threads = 2; threads <= 8; threads++)
     assert_true(hash_of(&f, threads, 64, 0) == expected);
-  *fixture_at(&f, PAGS_OPACITY, 1000) += 0.01; /* the hash sees a change */
+  *fixture_at(&f, PAGS_OPACITY, 1000) += 0.01; /* the hash depends on every parameter */
   assert_true(hash_of(&f, 1, 64, 0) != expected);
   fixture_destroy(&f);
 }
 
-/* A run of texels is one task, whoever takes it: sizes of few and of many runs. */
+/* The sky's gradient is reduced in fixed runs of texels, one task each, so that the number of threads changes no bit;
+ * sizes with few and with many runs. */
 static void test_threads_change_no_sky(void **state) {
   (void)state;
   const int sizes[] = {1, 30, 250};
@@ -55,7 +56,7 @@ static void test_threads_change_no_sky(void **state) {
   }
 }
 
-/* Gain and offset come last: over the sky, too, and T, depth and ids stay. */
+/* Exposure (gain and offset) is applied last, over the sky as well; transmittance, depth and ids don't change. */
 static void test_exposure(void **state) {
   (void)state;
   fixture f = fixture_create(12, 300);
@@ -80,13 +81,14 @@ static void test_exposure(void **state) {
   fixture_destroy(&f);
 }
 
-/* Nothing before it: the sky as it is, no background. A map without texels is none. */
+/* Without Gaussians the picture is the sky as it is, not the background colour. A map without texels counts as no
+ * sky. */
 static void test_bare_sky(void **state) {
   (void)state;
   fixture f = fixture_create(12, 0);
   pags_sky sky = reference_random_sky(&f.random, 6);
   for (int i = 0; i < 18 * 36; i++)
-    sky.texels[i] = i % 3 == 0 ? 0.3f : i % 3 == 1 ? 1.7f : -0.2f; /* not clamped */
+    sky.texels[i] = i % 3 == 0 ? 0.3f : i % 3 == 1 ? 1.7f : -0.2f; /* sky values aren't clamped */
   f.options.sky = &sky;
   frame_result result = fixture_run_finite(&f);
   for (int k = 0; k < PIXELS; k++) {
@@ -105,7 +107,8 @@ static void test_bare_sky(void **state) {
   fixture_destroy(&f);
 }
 
-/* A frame shows what pags_sky_sample says, but where rounding may choose the other face. */
+/* A frame shows the colours that pags_sky_sample gives, except at directions where rounding may choose the other cube
+ * face. */
 static void test_sky_is_the_scene_s(void **state) {
   (void)state;
   fixture f = fixture_create(14, 0);
@@ -136,7 +139,7 @@ static void test_sky_is_the_scene_s(void **state) {
   fixture_destroy(&f);
 }
 
-/* Pixels whose gradient isn't finite leave no mark on the texels. */
+/* Pixels whose gradient isn't finite add nothing to the texels' gradient. */
 static void test_sky_without_nan(void **state) {
   (void)state;
   fixture f = fixture_create(13, 0);
@@ -154,7 +157,7 @@ static void test_sky_without_nan(void **state) {
   fixture_destroy(&f);
 }
 
-/* What is below the cut counts as if it had no gradient. */
+/* Pixels whose transmittance is below sky_cut add nothing to the texels' gradient. */
 static void test_sky_of_pixels_that_show_it(void **state) {
   (void)state;
   fixture f = fixture_create(13, 400);
@@ -184,7 +187,8 @@ static void test_sky_of_pixels_that_show_it(void **state) {
 static void test_clusters_and_order_change_nothing(void **state) {
   (void)state;
   fixture f = fixture_create(2, 1500);
-  for (int64_t i = 0; i < f.part.count; i += 2) { /* half of them out of sight, so that clusters are rejected */
+  /* Half of the rows are moved out of view so that clusters are rejected. */
+  for (int64_t i = 0; i < f.part.count; i += 2) {
     for (int k = 0; k < 3; k++)
       *fixture_at(&f, PAGS_MEAN + k, i) = 2 * f.camera.world_from_camera[4 * k + 3] - *fixture_at(&f, PAGS_MEAN + k, i);
   }
@@ -202,7 +206,7 @@ static void test_clusters_and_order_change_nothing(void **state) {
   fixture_destroy(&f);
 }
 
-/* Frames before this one, of other sizes, leave no trace. */
+/* Frames of other sizes drawn before with the same engine don't change a frame's bits. */
 static void test_a_used_frame_is_as_good_as_new(void **state) {
   (void)state;
   fixture f = fixture_create(3, 700), other = fixture_create(4, 1900);
@@ -237,7 +241,7 @@ static void test_steady_state_makes_no_heap_call(void **state) {
   fixture_destroy(&f);
 }
 
-/* Interface */
+/* ---- Interface ---- */
 
 static void test_statistics(void **state) {
   (void)state;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The hard cases of the field's issue trackers that a frame meets: whatever comes in, finite numbers come out. Numbers
- * are those of docs/lab/numerics.md. */
+/* Hard cases at which other programs fail, applied to a whole frame: for any input the results are finite. The
+ * numbers (#2, #13, ...) are those of the cases in docs/lab/numerics.md. */
 #include "unit/random_scene.h"
 
 #include <setjmp.h>
@@ -47,7 +47,7 @@ static void test_empty_part(void **state) {
   fixture_destroy(&f);
 }
 
-/* #13 and #22's extreme: rows exist, none is in view. */
+/* #13 and the extreme of #22: there are rows, but none is in view. */
 static void test_nothing_in_view(void **state) {
   (void)state;
   fixture f = fixture_create(10, 200);
@@ -55,15 +55,15 @@ static void test_nothing_in_view(void **state) {
   for (int64_t i = 0; i < 200; i++)
     place(&f, i, 0.01 * (double)i, 0, i % 2 ? -3.0 : 0.005, 0.001, 1);
   expect_nothing_drawn(&f);
-  for (int64_t i = 0; i < 200; i++) /* in front, far beside */
+  for (int64_t i = 0; i < 200; i++) /* in front of the camera, far to the side */
     place(&f, i, 100 + (double)i, 0, 3, 0.01, 1);
   expect_nothing_drawn(&f);
   fixture_destroy(&f);
 }
 
-/* #2: scales whose exponential overflows, and every other parameter that isn't finite. The picture is finite, and where
- * the row can't be drawn its neighbours, of the same vector and cluster, don't notice. (A quaternion that isn't finite
- * may be taken for the identity, as the zero quaternion is.) */
+/* #2: scales whose exponential overflows, and every other parameter that isn't finite. The picture is finite; where
+ * the row can't be drawn, its neighbours in the same SIMD vector and cluster aren't affected. (A quaternion that
+ * isn't finite may be replaced by the identity, as the zero quaternion is.) */
 static void test_non_finite_rows(void **state) {
   (void)state;
   fixture f = fixture_create(11, 24);
@@ -97,7 +97,7 @@ static void test_non_finite_rows(void **state) {
   fixture_destroy(&f);
 }
 
-/* #3: at the camera centre, with z = 0 beside it, and next to it. */
+/* #3: Gaussians at the camera centre, at z = 0 beside it, and close to it. */
 static void test_at_the_camera(void **state) {
   (void)state;
   fixture f = fixture_create(12, 6);
@@ -109,7 +109,7 @@ static void test_at_the_camera(void **state) {
   fixture_destroy(&f);
 }
 
-/* #5, #6 */
+/* #5, #6: the zero quaternion. */
 static void test_zero_quaternion(void **state) {
   (void)state;
   fixture f = fixture_create(13, 8);
@@ -129,7 +129,7 @@ static void test_zero_quaternion(void **state) {
   fixture_destroy(&f);
 }
 
-/* #7: a needle of 1:1e4 at 45 degrees through the middle covers its line and nothing else. */
+/* #7: a needle with axes of 1:1e4 at 45 degrees through the picture's centre covers its line and nothing else. */
 static void test_needle_does_not_flash(void **state) {
   (void)state;
   fixture f = fixture_create(14, 1);
@@ -145,7 +145,7 @@ static void test_needle_does_not_flash(void **state) {
     for (int k = 0; k < PIXELS; k++) {
       double dx = k % WIDTH + 0.5 - f.camera.cx, dy = k / WIDTH + 0.5 - f.camera.cy;
       double across = fabs(dy - direction * dx) / sqrt(2), along = fabs(dx + direction * dy) / sqrt(2);
-      if (across > 1.85) /* sqrt(2 ln(255 o) 0.3) px */
+      if (across > 1.85) /* extent of the low-pass filter across the needle: sqrt(2 ln(255 o) 0.3) px */
         assert_true(result.transmittance[k] == 1);
       if (across < 0.1 && along < 18)
         assert_true(result.transmittance[k] < 0.5f);
@@ -157,7 +157,7 @@ static void test_needle_does_not_flash(void **state) {
   fixture_destroy(&f);
 }
 
-/* #8: thousands of pictures wide; costs no more pairs than there are tiles. */
+/* #8: Gaussians thousands of pictures wide produce at most one pair for each tile. */
 static void test_giants(void **state) {
   (void)state;
   fixture f = fixture_create(15, 4);
@@ -170,15 +170,16 @@ static void test_giants(void **state) {
   assert_true(frame_result_finite(&result));
   const int64_t tiles = ((WIDTH + 15) / 16) * ((HEIGHT + 15) / 16);
   assert_true(pags_frame_stats_get(e.frame)->pairs_binned <= 4 * tiles);
-  assert_true(result.transmittance[0] < 0.9f); /* the smaller ones are drawn, corner to corner */
+  /* The smaller ones are drawn, from corner to corner of the picture. */
+  assert_true(result.transmittance[0] < 0.9f);
   assert_true(result.transmittance[PIXELS - 1] < 0.9f);
   frame_result_destroy(&result);
   engine_destroy(&e);
   fixture_destroy(&f);
 }
 
-/* #9: long Gaussians outside of the frustum, close to the camera's plane. Held to the oracle, which holds the
- * definition. */
+/* #9: long Gaussians outside of the frustum, close to the camera's plane; compared with the oracle, which evaluates
+ * the definition. */
 static void test_fans_beside_the_picture(void **state) {
   (void)state;
   fixture f = fixture_create(16, 24);
@@ -206,7 +207,7 @@ static void test_fans_beside_the_picture(void **state) {
   fixture_destroy(&f);
 }
 
-/* #10 */
+/* #10: near planes. */
 static void test_near_planes(void **state) {
   (void)state;
   fixture f = fixture_create(17, 1);
@@ -226,12 +227,12 @@ static void test_near_planes(void **state) {
   fixture_destroy(&f);
 }
 
-/* #12: ln(255 o) is negative. */
+/* #12: opacities below 1/255, for which ln(255 o) is negative. */
 static void test_below_one_level(void **state) {
   (void)state;
   fixture f = fixture_create(18, 40);
   for (int64_t i = 0; i < 40; i++)
-    *fixture_at(&f, PAGS_OPACITY, i) = -5.6 - 0.5 * (double)i; /* 1/255 is at -5.537 */
+    *fixture_at(&f, PAGS_OPACITY, i) = -5.6 - 0.5 * (double)i; /* the logit of 1/255 is -5.537 */
   engine e = engine_create(1);
   frame_result result = fixture_run(&e, &f, 16, 0);
   assert_int_equal(pags_frame_stats_get(e.frame)->pairs_binned, 0);
@@ -241,7 +242,8 @@ static void test_below_one_level(void **state) {
   fixture_destroy(&f);
 }
 
-/* #15, #16: stacks of the most opaque Gaussians there are: the stop keeps T away from underflow, both ways. */
+/* #15, #16: stacks of Gaussians of the largest opacity: the early stop keeps the transmittance away from underflow in
+ * the forward and the backward pass. */
 static void test_opaque_stacks(void **state) {
   (void)state;
   const double logits[5] = {4, 8, 17, 100, 1e30};
@@ -260,7 +262,7 @@ static void test_opaque_stacks(void **state) {
   }
 }
 
-/* #18: the same scene a million metres away. */
+/* #18: the same scene a million metres away from the origin. */
 static void test_far_from_the_origin(void **state) {
   (void)state;
   fixture f = fixture_create(20, 500);
@@ -279,7 +281,7 @@ static void test_far_from_the_origin(void **state) {
   fixture_destroy(&f);
 }
 
-/* #26: negative colours are clamped, NaN doesn't spread to pixels. */
+/* #26: negative colours are clamped to 0, and NaN doesn't reach the pixels. */
 static void test_negative_and_nan_colour(void **state) {
   (void)state;
   fixture f = fixture_create(21, 32);
@@ -313,7 +315,7 @@ static void test_negative_and_nan_colour(void **state) {
   fixture_destroy(&f);
 }
 
-/* A picture smaller than a tile, one pixel, and one far longer than high. */
+/* Pictures smaller than a tile, of one pixel, and far wider than high. */
 static void test_odd_sizes(void **state) {
   (void)state;
   const int sizes[5][2] = {{1, 1}, {3, 2}, {16, 16}, {17, 1}, {1, 200}};

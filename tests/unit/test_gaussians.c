@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Sets of Gaussians: memory, gathering, Morton order, rows that can't be drawn. */
+/* Arrays of Gaussians: memory, gathering, Morton order, rows that can't be drawn. */
 #include <pags/gaussians.h>
 
 #include <math.h>
@@ -99,7 +99,7 @@ static void gathering_takes_whole_rows(void **state) {
   pags_gaussians_destroy(&out);
 }
 
-/* The code bit by bit, the slow way. */
+/* The Morton code of row i, computed bit by bit. */
 static uint64_t plain_code(const pags_gaussians *g, int64_t i, const double lo[3], double extent) {
   uint64_t code = 0;
   for (int k = 0; k < 3; k++) {
@@ -118,7 +118,8 @@ static void morton_order_is_that_of_the_codes(void **state) {
   static int64_t index[N];
   assert_int_equal(pags_gaussians_create(&g, N, 0), PAGS_OK);
   fill(&g, 3);
-  for (int k = 0; k < 3; k++) { /* equal rows, for ties, and corners of a known cube */
+  /* Two equal rows, for ties, and two corners that fix the bounding cube. */
+  for (int k = 0; k < 3; k++) {
     pags_plane(&g, k)[100] = pags_plane(&g, k)[4000];
     pags_plane(&g, k)[7] = -2;
     pags_plane(&g, k)[8] = 2;

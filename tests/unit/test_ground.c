@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The ground's heights, from what a camera sees under it and what a LiDAR measured around it. */
+/* The ground's height map from the depths that a camera sees and from LiDAR points. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -16,7 +16,8 @@ enum { WIDE = 64, STEPS = 6, MOST = 100000 };
 
 static const double eye = 1.6; /* metres above the road */
 
-/* Straight down from `eye` above the origin: x right, y away, the road at z = 0. */
+/* The depth picture of a camera `eye` metres above the origin that looks straight down at the road z = 0: x right, y
+ * up in the picture. */
 static void look_down(pags_depth_view *depth_view, float depth[WIDE * WIDE]) {
   const double pose[12] = {1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, eye};
   *depth_view = (pags_depth_view){.depth = depth};
@@ -35,7 +36,7 @@ static pags_lidar no_points(void) {
   return lidar;
 }
 
-/* Points every 5 cm of a rectangle, all as high as `z`. */
+/* Adds LiDAR points every 5 cm of a rectangle at height `z`. */
 static void measure(pags_lidar *lidar, double x0, double x1, double y0, double y1, double z) {
   int nx = (int)lround((x1 - x0) / 0.05), ny = (int)lround((y1 - y0) / 0.05);
   for (int j = 0; j <= ny; j++)
@@ -48,13 +49,13 @@ static void measure(pags_lidar *lidar, double x0, double x1, double y0, double y
     }
 }
 
-/* Points of a wall along x, every 5 cm from the road up. */
+/* Adds LiDAR points of a wall along x, every 5 cm from the road to height `top`. */
 static void measure_wall(pags_lidar *lidar, double x0, double x1, double y, double top) {
   for (double z = 0; z < top; z += 0.05)
     measure(lidar, x0, x1, y, y, z);
 }
 
-/* The camera takes the road to be `lift` above where it is. */
+/* Finds the ground from camera depths that put the road `lift` metres too high, and LiDAR points. */
 static void find_seen(const pags_lidar *lidar, double lift, pags_ground *out) {
   float depth[WIDE * WIDE];
   double path[3 * STEPS];
@@ -81,14 +82,15 @@ static double height(const pags_ground *ground, double x, double y) {
   return z;
 }
 
-/* A LiDAR's rings lie a metre apart: what they meet beyond is ground if it goes on about as high, a table is not. */
+/* Between a LiDAR's rings there is a gap of a metre: a surface beyond the gap is ground if it continues at about the
+ * same height, a table is not. */
 static void rings_are_leapt_over(void **state) {
   (void)state;
   pags_lidar lidar = no_points();
   pags_ground ground;
   measure(&lidar, -3, 3, -3, 3, 0);
-  measure(&lidar, -3, 3, 4, 5, -0.12); /* a pavement's dip */
-  measure(&lidar, -3, 3, 6, 7, -0.2);  /* on from there */
+  measure(&lidar, -3, 3, 4, 5, -0.12); /* beyond a gap: the road dips */
+  measure(&lidar, -3, 3, 6, 7, -0.2);  /* the road continues from there */
   measure(&lidar, -3, 3, -5, -4, 0.8); /* a table */
   find(&lidar, &ground);
   assert_true(fabs(height(&ground, 0, 1)) < 0.005);
@@ -99,14 +101,16 @@ static void rings_are_leapt_over(void **state) {
   free(lidar.points);
 }
 
-/* Where LiDAR meets a wall its foot is left out: what lies before and behind says how high the ground is there. */
+/* Where LiDAR meets a wall the cells at its foot are left out: the ground before and behind it gives the height
+ * there. */
 static void walls_are_not_climbed(void **state) {
   (void)state;
   pags_lidar lidar = no_points();
   pags_ground ground;
   measure(&lidar, -3, 3, -3, 4, 0);
+  /* A leaning wall: each row of cells holds a lower part of it. */
   for (int i = 0; i < 6; i++)
-    measure_wall(&lidar, -3, 3, 4.05 + 0.1 * i, 2.5 - 0.3 * i); /* it leans: each row of cells holds a lower part */
+    measure_wall(&lidar, -3, 3, 4.05 + 0.1 * i, 2.5 - 0.3 * i);
   find(&lidar, &ground);
   for (int i = 0; i < 12; i++)
     assert_true(fabs(height(&ground, 0.5, 3.9 + 0.1 * i)) < 0.01);
@@ -114,7 +118,7 @@ static void walls_are_not_climbed(void **state) {
   free(lidar.points);
 }
 
-/* Between LiDAR's rings the ground goes on as they say, though pixels there say 5 cm more. */
+/* Between LiDAR rings the ground is interpolated from them, even though camera depths there are 5 cm higher. */
 static void lidar_outweighs_pixels(void **state) {
   (void)state;
   pags_lidar lidar = no_points();
@@ -129,7 +133,8 @@ static void lidar_outweighs_pixels(void **state) {
   free(lidar.points);
 }
 
-/* With nearly as many triangles as the lattice has, nearly all are used, and seen from above each turns left. */
+/* With a limit of nearly as many triangles as the lattice has, nearly all are used, and each runs counter-clockwise
+ * seen from above. */
 static void the_budget_is_used(void **state) {
   (void)state;
   enum { SIDE = 150, FULL = 2 * (SIDE - 1) * (SIDE - 1), BUDGET = FULL * 9 / 10 };
@@ -140,7 +145,7 @@ static void the_budget_is_used(void **state) {
   for (int i = 0; i < SIDE * SIDE; i++) {
     ground.known[i] = 1;
     ground.z[i] = (i / SIDE < 100 ? 0 : 0.13f) +
-                  0.001f * (float)((uint32_t)i * 2654435761u >> 24) / 256; /* a kerb on a level street */
+                  0.001f * (float)((uint32_t)i * 2654435761u >> 24) / 256; /* a kerb across a level street */
   }
   assert_int_equal(pags_ground_mesh(&ground, BUDGET, &mesh), PAGS_OK);
   assert_in_range(mesh.triangle_count, BUDGET * 3 / 4, BUDGET);
@@ -156,7 +161,7 @@ static void the_budget_is_used(void **state) {
   pags_ground_destroy(&ground);
 }
 
-/* Without a LiDAR the camera's pixels alone, and around them as high as they are. */
+/* Without LiDAR the camera's depths alone give the ground; around them it continues at their height. */
 static void pixels_are_enough(void **state) {
   (void)state;
   const pags_lidar none = {0};
@@ -167,7 +172,7 @@ static void pixels_are_enough(void **state) {
   pags_ground_destroy(&ground);
 }
 
-/* Nothing level below the cameras: no ground, and no error. */
+/* Without a level surface below the cameras no ground is found, and that is no error. */
 static void no_ground_is_none(void **state) {
   (void)state;
   const pags_lidar none = {0};

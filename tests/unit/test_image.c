@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Pictures: conversion, files there and back, what is refused, shrinking, and several threads at once. */
+/* Pictures: conversion, writing and reading of files, refused files, shrinking, and decoding in several threads at
+ * once. */
 #include <pags/image.h>
 #include <pags/tasks.h>
 
@@ -33,11 +34,11 @@ static void test_create_checks_its_arguments(void **state) {
   scratch_expect(pags_image_create(&image, 0, 5, 3, PAGS_U8), PAGS_ERROR_ARGUMENT, "0 x 5");
   scratch_expect(pags_image_create(&image, 5, 65536, 3, PAGS_U8), PAGS_ERROR_ARGUMENT, "65536");
   scratch_expect(pags_image_create(&image, 5, 5, 5, PAGS_U8), PAGS_ERROR_ARGUMENT, "5 channels");
-  pags_image_destroy(&image); /* zeroed by the failure */
+  pags_image_destroy(&image); /* the failed call has set it to zeros */
   pags_image_destroy(NULL);
 }
 
-/* Every channel count through PNG at 8 and 16 bits: the same samples come back, alpha untouched. */
+/* Every channel count written to PNG at 8 and 16 bits reads back the same, alpha included. */
 static void test_png_round_trip(void **state) {
   scratch *s = *state;
   for (int channels = 1; channels <= 4; channels++) {
@@ -51,7 +52,7 @@ static void test_png_round_trip(void **state) {
     assert_int_equal(pags_image_load(path, PAGS_U16, 0, &back), PAGS_OK);
     for (size_t i = 0; i < samples_of(&image); i++)
       assert_int_equal(((uint16_t *)back.data)[i], 257 * ((uint8_t *)image.data)[i]);
-    assert_int_equal(pags_image_save(path, &back), PAGS_OK); /* 16 bit now */
+    assert_int_equal(pags_image_save(path, &back), PAGS_OK); /* now of 16 bits */
     pags_image_destroy(&back);
     assert_int_equal(pags_image_load(path, PAGS_U8, 0, &back), PAGS_OK);
     assert_memory_equal(back.data, image.data, samples_of(&image));
@@ -66,7 +67,7 @@ static void test_channels_are_converted(void **state) {
   const char *path = scratch_path(s, "rgba.png");
   assert_int_equal(pags_image_save(path, &rgba), PAGS_OK);
   assert_int_equal(pags_image_load(path, PAGS_U8, 3, &out), PAGS_OK);
-  for (size_t i = 0; i < 20; i++) /* alpha is dropped, not multiplied */
+  for (size_t i = 0; i < 20; i++) /* alpha is dropped without multiplying by it */
     assert_memory_equal((uint8_t *)out.data + 3 * i, (uint8_t *)rgba.data + 4 * i, 3);
   pags_image_destroy(&out);
   pags_image_destroy(&rgba);
@@ -162,7 +163,7 @@ static void test_bad_files(void **state) {
   scratch_expect(pags_image_size(scratch_path(s, "text.jpg"), &width, &height), PAGS_ERROR_FORMAT, "text.jpg");
 }
 
-/* The first `keep` thousandths of a file that decodes as a whole. */
+/* Cuts a file that decodes to `keep` thousandths of its size and expects a refusal. */
 static void expect_cut(scratch *s, const char *name, size_t keep) {
   uint8_t *bytes;
   size_t size;
@@ -184,8 +185,8 @@ static void test_cut_off_files(void **state) {
     }
 }
 
-/* A chunk between header (33 bytes) and pixels that claims more than the file has; libpng would make room for it first.
- */
+/* A PNG chunk between header (33 bytes) and pixels that claims more bytes than the file has is refused; libpng would
+ * allocate them before it notices. */
 static void test_png_that_claims_too_much(void **state) {
   scratch *s = *state;
   static const uint8_t chunk[] = {0x46, 0x46, 0x49, 0x2a, 'e', 'X', 'I', 'f', 'I', 'I', 0x2a, 0};
@@ -216,13 +217,12 @@ static void test_saving_fails_cleanly(void **state) {
   pags_dir_list list;
   assert_int_equal(pags_dir_list_read(s->folder, &list), PAGS_OK);
   for (int64_t i = 0; i < list.count; i++)
-    assert_null(strstr(list.names[i], "part")); /* nothing half-written is left */
+    assert_null(strstr(list.names[i], "part")); /* no temporary file is left */
   pags_dir_list_destroy(&list);
   pags_image_destroy(&image);
 }
 
-/* The same pixels give the same bytes: no date, no host in the file. */
-/* What a process that was killed has left is written over, not left for good. */
+/* The temporary file that a killed process has left is overwritten and then renamed, so that it doesn't stay. */
 static void test_saving_clears_up(void **state) {
   scratch *s = *state;
   scratch_text(s, "again.png.part", "half of a picture");
@@ -231,6 +231,7 @@ static void test_saving_clears_up(void **state) {
   assert_false(pags_file_exists(scratch_path(s, "again.png.part")));
 }
 
+/* Saving the same pixels twice gives the same bytes: the file holds no date and no host name. */
 static void test_saving_is_deterministic(void **state) {
   scratch *s = *state;
   const char *const names[] = {"x.png", "x.jpg", "x.exr"};
@@ -282,7 +283,7 @@ static void test_shrink_mask(void **state) {
   pags_image from, to;
   assert_int_equal(pags_image_create(&from, 9, 6, 1, PAGS_U8), PAGS_OK);
   memset(from.data, 200, 54);
-  ((uint8_t *)from.data)[2 * 9 + 4] = 127; /* below one half: not to be used */
+  ((uint8_t *)from.data)[2 * 9 + 4] = 127; /* below one half: the pixel is masked */
   assert_int_equal(pags_image_create(&to, 3, 2, 1, PAGS_U8), PAGS_OK);
   pags_shrink_mask(&from, 3, 3, &to);
   const uint8_t expected[6] = {255, 0, 255, 255, 255, 255};
@@ -313,7 +314,7 @@ typedef struct race {
   pags_result results[8];
 } race;
 
-/* Nothing has been opened before: the threads race to load the module. */
+/* The first image call of the process: the threads race to load the image module. */
 static void race_block(void *user, int64_t begin, int64_t end, int worker) {
   (void)end, (void)worker;
   race *r = user;
@@ -343,7 +344,7 @@ static void test_threads(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_create_checks_its_arguments),
-      scratch_test(test_threads), /* first: see race_block */
+      scratch_test(test_threads), /* must be first: see race_block */
       scratch_test(test_png_round_trip),
       scratch_test(test_channels_are_converted),
       scratch_test(test_float_is_rounded_and_clamped),

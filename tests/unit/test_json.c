@@ -181,7 +181,8 @@ static void doubles_survive(void **state) {
   }
 }
 
-/* Needs a locale with a decimal comma; machines that have none can't show the fault. */
+/* A locale with a decimal comma doesn't change how numbers are read and written. Machines without such a locale can't
+ * run this test. */
 static void the_locale_changes_nothing(void **state) {
   (void)state;
   static const char *const names[] = {"de_DE.UTF-8", "de_DE.utf8", "fr_FR.UTF-8", "de_DE", "fr_FR"};

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Importing KITTI: trees written from a driving set come back the same; stopping, going on, refusing. */
+/* The KITTI importer: raw trees written from a driving set come back the same; stopping and resuming an import; input
+ * that is refused. */
 #include "unit/import_check.h"
 
 #include <unistd.h>
@@ -72,9 +73,10 @@ static int end(void **state) {
   return 0;
 }
 
-/* ---- What comes back ---- */
+/* ---- The imported data ---- */
 
-/* With all digits: what remains is rounding of a projection at 6,378 km, of which a double keeps 1e-9 m. */
+/* With all digits in the raw files the only error left is the rounding in double of Mercator coordinates, which are
+ * scaled by the Earth's radius of 6,378 km: 1e-9 m. */
 static void check_all_digits(const char *from, const char *to) {
   const raw_kitti raw = source(0);
   scratch_ok(import(from, to, NULL));
@@ -93,9 +95,9 @@ static void a_drive_comes_back(void **state) {
   check_all_digits("all/2011_09_26", "drive");
 }
 
-/* KITTI's own digits: latitude to 1e-12 degrees (1e-7 m), roll and pitch to 1e-6, labels to 1e-6 m and 1e-6 rad.
- * Measured: sweeps 1.5e-7 m, cameras (1.6 m from the unit that roll and pitch turn) 0.9e-6 m, boxes 20 m away 3e-6
- * m, 0.6e-6 rad all. */
+/* With as few digits as KITTI's files have: latitude to 1e-12 degrees (1e-7 m), roll and pitch to 1e-6, labels to
+ * 1e-6 m and 1e-6 rad. Measured: sweeps 1.5e-7 m, cameras (1.6 m from the inertial unit that roll and pitch turn)
+ * 0.9e-6 m, boxes 20 m away 3e-6 m, 0.6e-6 rad all. */
 static void kittis_digits_bound_the_error(void **state) {
   static const char *const names[2][2] = {{"few", "tracking_few"}, {"few/2011_09_26", "drive_few"}};
   const raw_kitti raw = source(1);
@@ -105,7 +107,7 @@ static void kittis_digits_bound_the_error(void **state) {
     const import_error e = check(&raw, names[i][1], 1e-6);
     assert_true(e.view_place < 2e-6 && e.sweep_place < 1e-6 && e.box_place < 2e-5);
     assert_true(e.view_turn < 1e-6 && e.sweep_turn < 1e-6 && e.box_turn < 2e-6);
-    assert_true(e.view_turn > 1e-9); /* the digits were really left out */
+    assert_true(e.view_turn > 1e-9); /* the raw files really were written with fewer digits */
   }
 }
 
@@ -133,8 +135,9 @@ static void times_and_velocities_come_with_a_drive(void **state) {
                 fabs(right[t] - left[t] - 0.001) < 1e-6);
     assert_true(fabs(lidar[2 * t] - left[t] + 0.053) < 1e-6 && fabs(lidar[2 * t + 1] - left[t] - 0.047) < 1e-6);
   }
-  /* The set's ego goes 4 m/s and 1 m/s along x and y and turns by 0.2 rad/s. Its velocity is the Velodyne's, not the
-   * inertial unit's, which the turn moves at 0.17 m/s; the writer's differences over a second give that to 1 %. */
+  /* The ego vehicle drives at 4 m/s and 1 m/s along x and y and turns at 0.2 rad/s. The imported velocity is that of
+   * the Velodyne; the inertial unit moves relative to it at 0.17 m/s because of the turn, a speed that the writer's
+   * differences over a second give to 1 %. */
   const double *v = velocity + 6 * 2;
   assert_true(fabs(v[0] - 4) < 0.003 && fabs(v[1] - 1) < 0.003 && fabs(v[2]) < 1e-6);
   assert_true(fabs(v[3]) < 1e-6 && fabs(v[4]) < 1e-6 && fabs(v[5] - 0.2) < 1e-6);
@@ -173,7 +176,7 @@ static void frames_and_cameras_are_chosen(void **state) {
   assert_int_equal(pags_dataset_view_count(part), 3);
   assert_string_equal(pags_dataset_view(part, 0)->name, "000_1.png");
   compare_files(pags_dataset_view(part, 0)->image_path, view_of(dataset, 1, 1)->image_path);
-  /* The same world as the whole sequence's. */
+  /* The part has the same world frame as the whole sequence. */
   double place = 0, turn = 0;
   compare_pose(pags_dataset_sweep(part, 0)->world_from_sweep, pags_dataset_sweep(dataset, 1)->world_from_sweep,
                pags_dataset_sweep(dataset, 0)->world_from_sweep, &place, &turn);
@@ -213,7 +216,7 @@ static void options_out_of_range_are_refused(void **state) {
   free(none);
 }
 
-/* ---- Stopping and going on ---- */
+/* ---- Stopping and resuming ---- */
 
 static void compare_trees(const char *a, const char *b) {
   pags_dir_list x, y;
@@ -256,7 +259,8 @@ static void what_was_stopped_goes_on(void **state) {
   free(path);
   scratch_ok(import("all", "stopped", NULL));
   compare_imports("stopped", "tracking");
-  /* A file that is there stays, whatever is in it; one that is missing comes back; a file half written is no file. */
+  /* A file that exists is kept, whatever it holds; one that is missing is written again; a half-written ".part" file
+   * doesn't count. */
   path = pags_path_join(folder, "ego_pose/001.txt");
   scratch_ok(pags_file_write(path, "kept", 4));
   free(path);
@@ -320,7 +324,7 @@ static void folders_of_others_are_refused(void **state) {
   free(old);
 }
 
-/* ---- What is missing or damaged ---- */
+/* ---- Missing and damaged files ---- */
 
 static void samples_name_what_they_lack(void **state) {
   static const struct {
@@ -343,7 +347,7 @@ static void samples_name_what_they_lack(void **state) {
   }
 }
 
-/* Renames the file away, imports, and puts it back. */
+/* Imports while the file is renamed away, then puts it back. */
 static pags_result import_without(const char *file, const char *from) {
   char *path = path_of(file), *away = path_of("away");
   assert_int_equal(rename(path, away), 0);
@@ -366,7 +370,7 @@ static void missing_files_are_named(void **state) {
   scratch_expect(import("nowhere", "none", NULL), PAGS_ERROR_IO, "nowhere: no such folder");
 }
 
-/* Puts other bytes in a file's place while importing. */
+/* Imports while the file has other contents, then restores it. */
 static pags_result import_with(const char *file, const char *text, const char *from, const char *to) {
   char *path = path_of(file), *away = path_of("away");
   assert_int_equal(rename(path, away), 0);
@@ -398,7 +402,7 @@ static void damaged_files_are_named(void **state) {
                  PAGS_ERROR_FORMAT, "tracklet_labels.xml:1:");
 }
 
-/* Sweeps and labels may be missing: the set has none then. */
+/* Sweeps and labels are optional: without them the imported set has none. */
 static void sweeps_and_labels_are_optional(void **state) {
   const pags_dataset_options reading = pags_dataset_options_default();
   pags_dataset *part;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* KITTI's files: the real samples by the importer's readers, and damaged ones. */
+/* The readers of KITTI's files: the real samples of the shared test data, and damaged files. */
 #include "unit/scratch.h"
 
 #include <math.h>
@@ -9,7 +9,7 @@
 #include "import/kitti_files.h"
 #include "shared_data.h"
 
-/* ---- The samples ---- */
+/* ---- The real samples ---- */
 
 static pags_kitti_calib object_calib(int frame) {
   char name[64], path[512];
@@ -21,8 +21,8 @@ static pags_kitti_calib object_calib(int frame) {
   return calib;
 }
 
-/* Points of the sweep inside of the label's box, which may reach 5 cm below its bottom as it did where the figures
- * below come from (the sample's README), and how many of them project into its 2D box (2 px slack). */
+/* Counts the points of a sweep inside a label's box, extended by 5 cm below its bottom as for the figures in the
+ * sample's README, and how many of these points project into its 2D box (2 px slack). */
 static void count_points(const pags_kitti_calib *calib, const pags_kitti_label *label, int64_t count, const float *xyzr,
                          int *inside, int *seen) {
   double cam0_from_object[12], object_from_cam0[12], intrinsics[4], cam0_from_camera[12], camera_from_cam0[12];
@@ -103,7 +103,7 @@ static void sweeps_have_their_points(void **state) {
   }
 }
 
-/* P2 = K [I | t]: its camera 6 cm to the left of camera 0, P3's 47 cm to the right, 53 cm apart. */
+/* P2 = K [I | t]: camera 2 is 6 cm to the left of camera 0, camera 3 is 47 cm to the right of it, 53 cm apart. */
 static void projections_give_the_stereo_pair(void **state) {
   (void)state;
   const pags_kitti_calib calib = object_calib(1);
@@ -116,7 +116,8 @@ static void projections_give_the_stereo_pair(void **state) {
   assert_true(fabs(left[3] + (44.85728 - 609.5593 * 2.745884e-3) / 721.5377) < 1e-12);
   assert_true(fabs(left[11] + 2.745884e-3) < 1e-12);
   assert_true(fabs(right[3] - left[3] - 0.5327) < 1e-3);
-  /* The same pixel as the projection matrix itself, whose first pixel's centre is at 0. */
+  /* The pinhole camera gives the same pixel as the projection matrix, in whose convention the centre of the first
+   * pixel is at 0. */
   const double p[3] = {2, 1, 10}, *m = calib.projection[2];
   double camera_from_cam0[12], c[3];
   pags_rigid_inverse(left, camera_from_cam0);
@@ -159,7 +160,7 @@ static void tracking_labels_count(void **state) {
   pags_kitti_labels_destroy(&labels);
 }
 
-/* Poses of the samples are camera-to-first-camera rows of 12: rotations, the first the identity. */
+/* Checks a file of poses (3x4 rows, camera to first camera): each is a rotation and the first is the identity. */
 static void check_poses(const char *name, int64_t rows) {
   char path[512];
   pags_kitti_table table;
@@ -187,7 +188,7 @@ static void odometry_clips_parse(void **state) {
     check_poses(name, 51);
     snprintf(name, sizeof name, "kitti/odometry_clip_%d/calib.txt", clip);
     assert_true(pags_shared_data(name, path, sizeof path));
-    scratch_ok(pags_kitti_table_read(path, 12, &calib)); /* P0 and P1 without labels */
+    scratch_ok(pags_kitti_table_read(path, 12, &calib)); /* a file with rows but without the labels P0: and P1: */
     assert_int_equal(calib.rows, 2);
     assert_true(calib.values[0] == calib.values[5] && calib.values[3] == 0 && calib.values[15] < -370);
     pags_kitti_table_destroy(&calib);
@@ -195,8 +196,8 @@ static void odometry_clips_parse(void **state) {
   check_poses("kitti/tracking/poses_orbslam3/0000.txt", 154);
 }
 
-/* How strong the picture's edges are where the sweep has edges of depth, with the pixels shifted: the calibration
- * fits if no shift does better. */
+/* Mean image gradient at the pixels where the sweep has depth edges, with the pixels shifted horizontally: the
+ * calibration fits if every shift gives a lower value. */
 static double edge_strength(const pags_image *image, const pags_kitti_calib *calib, int64_t count, const float *xyzr,
                             int shift) {
   const uint8_t *grey = image->data;
@@ -210,7 +211,7 @@ static double edge_strength(const pags_image *image, const pags_kitti_calib *cal
     const double range = sqrt(velo[0] * velo[0] + velo[1] * velo[1] + velo[2] * velo[2]), step = last - range;
     double cam0[3], c[3];
     last = range;
-    if (step < 1 || step > 20) /* a nearer thing begins here */
+    if (step < 1 || step > 20) /* only steps to a nearer surface, by 1 m to 20 m */
       continue;
     pags_rigid_point(calib->cam0_from_velo, velo, cam0);
     pags_rigid_point(camera_from_cam0, cam0, c);
@@ -249,14 +250,14 @@ static void raw_sweeps_fit_their_pictures(void **state) {
     const double here = edge_strength(&image, &calib, count, xyzr, 0);
     for (size_t i = 0; i < sizeof shifts / sizeof shifts[0]; i++) {
       const double aside = edge_strength(&image, &calib, count, xyzr, shifts[i]);
-      assert_true(aside < 0.75 * here); /* measured: 0.31 to 0.57 */
+      assert_true(aside < 0.75 * here); /* measured: ratios of 0.31 to 0.57 */
     }
     pags_image_destroy(&image);
     free(xyzr);
   }
 }
 
-/* ---- Files written here ---- */
+/* ---- Written files ---- */
 
 static void oxts_follow_the_development_kit(void **state) {
   double row[PAGS_KITTI_OXTS] = {49, 8.4, 112.5, 0.02, -0.03, 0.7}, pose[12], next[12];
@@ -265,11 +266,12 @@ static void oxts_follow_the_development_kit(void **state) {
   assert_true(fabs(scale - cos(49 * pi / 180)) < 1e-15);
   pags_kitti_oxts_pose(row, scale, pose);
   assert_true(pose[11] == 112.5);
-  /* forward = Rz Ry x, up's tilt by roll and pitch. */
+  /* The forward axis is Rz Ry x; roll and pitch tilt the up axis. */
   assert_true(fabs(pose[0] - cos(0.7) * cos(-0.03)) < 1e-15 && fabs(pose[4] - sin(0.7) * cos(-0.03)) < 1e-15 &&
               fabs(pose[8] - sin(0.03)) < 1e-15);
   assert_true(fabs(pose[9] - cos(-0.03) * sin(0.02)) < 1e-15);
-  /* A thousandth of a degree: 6378137 * pi / 180 * 0.001 m to the north, cos(lat) times that to the east. */
+  /* A thousandth of a degree moves the pose by 6378137 * pi / 180 * 0.001 m to the north, cos(lat) times that to the
+   * east. */
   row[PAGS_OXTS_LAT] += 0.001;
   row[PAGS_OXTS_LON] += 0.001;
   pags_kitti_oxts_pose(row, scale, next);
@@ -409,7 +411,7 @@ static void tracklets_parse(void **state) {
 static void bad_tracklets_are_refused_with_their_line(void **state) {
   static const struct {
     const char *text, *part;
-  } cases[] = {{XML_HEAD XML_BODY "<poses>" POSE "</poses>", ":8: "}, /* ends early */
+  } cases[] = {{XML_HEAD XML_BODY "<poses>" POSE "</poses>", ":8: "}, /* the document ends early */
                {XML_HEAD XML_BODY XML_TAIL, ":8: expected objectType h w l first_frame poses"},
                {XML_HEAD XML_BODY "<poses><item><tx>1</tx></item></poses>" XML_TAIL, ":8: expected tx ty tz rx ry rz"},
                {XML_HEAD "<h>-1</h>" XML_TAIL, ":7: expected a size above 0 in <h>"},

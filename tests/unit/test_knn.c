@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Nearest neighbours: against all pairs, to the bit. */
+/* The nearest-neighbour search gives the bits of a search over all pairs. */
 #include <float.h>
 #include <math.h>
 #include <setjmp.h>
@@ -41,7 +41,7 @@ static float *make_points(int kind, int64_t count) {
   for (int64_t i = 0; i < count; i++)
     for (int k = 0; k < 3; k++) {
       float v = (float)(pags_rng_uniform(3, (uint64_t)k, (uint64_t)i) * 10.0 - 5.0);
-      if (kind == OUTLIERS) /* a dense heap, and few points a million times as far */
+      if (kind == OUTLIERS) /* a dense cluster, and a few points a million times as far away */
         v *= i % 50 == 0 ? 1e5f : 0.1f;
       if (kind == DUPLICATES)
         v = floorf(v);

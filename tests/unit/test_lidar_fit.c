@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* LiDAR points on objects: which they are, and surfaces that are held to them. */
+/* LiDAR points on objects: which points belong to an object, and TSDF surfaces that are pulled to them. */
 #include <pags/scene.h>
 
 #include "exporters/proxy/lidar.h"
@@ -7,7 +7,7 @@
 
 static const double step = 0.05;
 
-/* A level surface at z = 0, cut off at four steps. */
+/* A TSDF of the level surface z = 0, truncated at four steps. */
 static pags_tsdf level_grid(void) {
   static const double lo[3] = {-1, -1, -0.5}, hi[3] = {1, 1, 0.5};
   pags_tsdf grid;
@@ -19,7 +19,7 @@ static pags_tsdf level_grid(void) {
   return grid;
 }
 
-/* Height of the surface over the lattice's point next to x, y. */
+/* Height of the surface above the lattice column nearest to x, y. */
 static double height(const pags_tsdf *g, double x, double y) {
   int64_t layer = (int64_t)g->n[0] * g->n[1];
   int64_t at =
@@ -32,7 +32,7 @@ static double height(const pags_tsdf *g, double x, double y) {
   return (double)NAN;
 }
 
-/* Points every 0.1 m over x, y of -0.3..0.3. */
+/* A patch of points at height z, every 0.1 m for x and y in -0.3..0.3. */
 static pags_lidar_fit patch_at(double z) {
   pags_lidar_fit cloud = {0};
   for (int i = -3; i <= 3; i++)
@@ -49,11 +49,11 @@ static void a_surface_comes_to_its_points(void **state) {
   pags_tsdf grid = level_grid();
   pags_lidar_fit cloud = patch_at(0.06);
   scratch_ok(pags_lidar_fit_pull(&cloud, &grid, 0.13));
-  assert_true(fabs(height(&grid, 0, 0) - 0.06) <
-              0.002); /* what doubt leaves: a twentieth at first, then less of that */
+  /* The doubt about few points leaves a twentieth of the distance at first, then less of that. */
+  assert_true(fabs(height(&grid, 0, 0) - 0.06) < 0.002);
   assert_true(fabs(height(&grid, 0.25, -0.25) - 0.06) < 0.006);
   assert_true(height(&grid, 0.5, 0) > 0 && height(&grid, 0.5, 0) < 0.06);
-  assert_true(fabs(height(&grid, -0.9, 0.9)) < 1e-6); /* 0.85 m from the nearest */
+  assert_true(fabs(height(&grid, -0.9, 0.9)) < 1e-6); /* 0.85 m from the nearest point */
   pags_lidar_fit_destroy(&cloud);
   pags_tsdf_destroy(&grid);
 }
@@ -63,13 +63,14 @@ static void one_point_is_doubted(void **state) {
   static const double p[3] = {0, 0, 0.06}, outside[3] = {5, 0, 0};
   pags_tsdf grid = level_grid();
   pags_lidar_fit cloud = {0};
-  scratch_ok(pags_lidar_fit_pull(&cloud, &grid, 0.13)); /* none */
+  scratch_ok(pags_lidar_fit_pull(&cloud, &grid, 0.13)); /* a cloud without points */
   scratch_ok(pags_lidar_fit_add(&cloud, outside));
   scratch_ok(pags_lidar_fit_pull(&cloud, &grid, 0.13));
   assert_true(fabs(height(&grid, 0, 0)) < 1e-6);
   scratch_ok(pags_lidar_fit_add(&cloud, p));
   scratch_ok(pags_lidar_fit_pull(&cloud, &grid, 0.13));
-  assert_true(fabs(height(&grid, 0, 0) - 0.0374) < 0.002); /* 1/2, 1/5 and 1/17 of what is left each time */
+  /* Three passes move the surface by 1/2, 1/5 and 1/17 of the remaining distance. */
+  assert_true(fabs(height(&grid, 0, 0) - 0.0374) < 0.002);
   pags_lidar_fit_destroy(&cloud);
   pags_tsdf_destroy(&grid);
 }
@@ -84,15 +85,15 @@ static void what_is_far_off_is_passed_over(void **state) {
   pags_tsdf_destroy(&grid);
 }
 
-/* Where a point of the tree is in the world at a time step. */
+/* Position in the world of LiDAR point `index` of the test tree at a frame. */
 static void world_point(int frame, int index, double out[3]) {
   double ego[12];
   tree_ego(frame, ego);
   pags_rigid_point(ego, tree_points[index], out);
 }
 
-/* Two boxes that go along with LiDAR's first point: it is at the foot of the first, where something else may be, in
- * the upper half of the other. */
+/* Makes an object whose box moves along with the first LiDAR point, `above` metres below it. At the foot of a box,
+ * where the point may belong to something else, it isn't taken; in the upper half it is. */
 static void follow(pags_object *object, pags_knot *knots, double above) {
   *object = (pags_object){
       .category = PAGS_CATEGORY_VEHICLE, .moving = 1, .size = {2, 1, 2}, .knot_count = TREE_FRAMES, .knots = knots};
@@ -132,7 +133,7 @@ static void points_are_sorted_by_boxes(void **state) {
     for (int64_t i = 0; i < sweeps; i++)
       for (int k = 0; k < 3; k++)
         assert_true(fabs((double)lidar.objects[1].points[3 * i + k] - expected[k]) < 1e-5);
-    assert_int_equal(lidar.count, sweeps); /* the other point, which is in no box */
+    assert_int_equal(lidar.count, sweeps); /* the second point, which is in no box */
     world_point(held_out ? 4 : 0, 1, first);
     assert_true(fabs((double)lidar.points[0] + 7 - first[0]) < 1e-5 && fabs((double)lidar.points[2] - first[2]) < 1e-5);
     pags_lidar_destroy(&lidar);

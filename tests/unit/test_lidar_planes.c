@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Planes fitted to LiDAR points, and Gaussians drawn onto them. */
+/* Planes fitted to LiDAR points, and Gaussians that are pulled onto the planes. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -22,12 +22,12 @@ static double noise(int64_t i, int draw) {
   return n[0];
 }
 
-/* The road: z = 0.05 x - 0.02 y + 3. */
+/* Height of the road plane z = 0.05 x - 0.02 y + 3. */
 static double height(double x, double y) {
   return 0.05 * x - 0.02 * y + 3.0;
 }
 
-/* A point every 5 cm of 6 m by 6 m of road, off by 2 cm as a laser is, and at its edge a bush of 2 m. */
+/* LiDAR points every 5 cm of a road of 6 m by 6 m with noise of 2 cm, and at the road's edge a bush 2 m high. */
 static pags_lidar_points make_points(void) {
   pags_lidar_points points = {0};
   assert_int_equal(pags_lidar_points_reserve(&points, COUNT), PAGS_OK);
@@ -65,11 +65,12 @@ static double above(const pags_gaussians *g, int64_t i) {
   return (double)pags_plane(g, PAGS_MEAN + 2)[i] - height(x, y);
 }
 
-/* Below and above the road alike; from further than 30 cm nothing is drawn, nor in the bush, nor beyond the road's
- * edge. */
+/* With a strength of 0.5 Gaussians above and below the road move half of the way towards it. Those further off than
+ * 30 cm, those in the bush and those beyond the road's edge don't move. */
 static void they_come_halfway(void **unused) {
   (void)unused;
-  static const float bush[3] = {6.05f, 1.0f, 3.4f}; /* 10 cm above the road's plane, within reach of its last plane */
+  /* 10 cm above the plane of the road, within reach of the outermost fitted plane. */
+  static const float bush[3] = {6.05f, 1.0f, 3.4f};
   float means[6][3] = {{3, 3, 0}, {2, 4.4f, 0}, {4, 1, 0}, {3.1f, 2.5f, 0}, {6.05f, 1, 3.4f}, {-2, 3, 0}};
   static const double off[6] = {0.2, -0.2, 0.01, 0.5, 0, 0.1}, halfway[3] = {0.115, -0.115, 0.01};
   for (int i = 0; i < 6; i++)
@@ -81,9 +82,10 @@ static void they_come_halfway(void **unused) {
   assert_int_equal(pags_lidar_planes_fit(&points, &planes), PAGS_OK);
   pags_gaussians g = make_gaussians(6, (const float(*)[3])means);
   assert_true(pags_lidar_planes_pull(&planes, &g, 0.5, tasks));
+  /* Only the distance in excess of 3 cm is halved; 2 cm of noise over some 60 points leave the plane off by less than
+   * 1 cm. */
   for (int i = 0; i < 3; i++)
-    assert_true(fabs(above(&g, i) - halfway[i]) <
-                0.01); /* of what exceeds 3 cm, from where 2 cm of noise over some 60 points leave the plane */
+    assert_true(fabs(above(&g, i) - halfway[i]) < 0.01);
   for (int i = 3; i < 6; i += 2)
     assert_true(fabs(above(&g, i) - off[i]) < 1e-5);
   for (int k = 0; k < 3; k++)
@@ -94,7 +96,7 @@ static void they_come_halfway(void **unused) {
   pags_tasks_destroy(tasks);
 }
 
-/* Points of moving and of parked things are no part of the background's surface. */
+/* Points on moving and on parked objects aren't used for the planes of the background. */
 static void objects_have_no_facets(void **unused) {
   (void)unused;
   pags_lidar_points points = make_points();

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Points to start from: where they lie, what colour they have, whose they are. */
+/* The points that initialise a training of a driving scene: their positions, their colours, and which object they
+ * belong to. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -28,7 +29,7 @@ static int is_colour(const uint8_t *rgb, const uint8_t *wanted) {
   return abs(rgb[0] - wanted[0]) <= 20 && abs(rgb[1] - wanted[1]) <= 20 && abs(rgb[2] - wanted[2]) <= 20;
 }
 
-/* The colour of the surface that a point of the background lies on, NULL: of none. */
+/* The colour of the surface on which a background point lies; NULL if it lies on none. */
 static const uint8_t *surface(const float *p) {
   if (fabsf(p[0] - 15) < 1.1f && fabsf(p[1] - 6) < 1.1f && p[2] > 0.07f && p[2] < 2.1f)
     return stub_colours[STUB_CRATE];
@@ -73,7 +74,8 @@ static void moving_things_have_their_own_points(void **state) {
     left += p[1] > 0.5f;
   }
   assert_true((double)red > 0.95 * (double)car->count);
-  assert_true(left > 50); /* the LiDAR sees the right side only, the left is its mirror image */
+  /* The LiDAR sees only the car's right side; the points of the left side are mirrored from it. */
+  assert_true(left > 50);
   assert_true(car->count - left > 50);
   assert_int_equal(start.objects[STUB_CRATE].count, 0);
   pags_driving_points_destroy(&start);
@@ -113,7 +115,8 @@ static void held_out_data_is_not_used(void **state) {
   const pags_point_set *b = &start.background;
   for (int64_t i = 0; i < b->count; i++) {
     const uint8_t *c = b->rgb + 3 * i;
-    assert_false(c[0] > c[1] + 60 && c[2] > c[1] + 60); /* not even a little magenta */
+    /* No trace of magenta, the colour of the held-out photograph. */
+    assert_false(c[0] > c[1] + 60 && c[2] > c[1] + 60);
   }
   for (int64_t i = 0; i < start.lidar_points; i++)
     assert_true(b->xyz[3 * i + 2] < 4.9f || b->xyz[3 * i] > 29);
@@ -127,7 +130,8 @@ static void without_lidar_points_are_matched(void **state) {
   int64_t matched = 0;
   assert_int_equal(start.lidar_points, 0);
   for (int64_t i = 0; i < b->count; i++) {
-    assert_false(is_colour(b->rgb + 3 * i, stub_magenta)); /* matched in a moving car's way */
+    /* Points matched in the lane of a moving car are left out. */
+    assert_false(is_colour(b->rgb + 3 * i, stub_magenta));
     matched += is_colour(b->rgb + 3 * i, stub_wall);
   }
   assert_true(matched > 1000);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Processor and memory limits, read from trees of files laid out as Linux does. */
+/* Detection of processor and memory limits, from file trees laid out like Linux's /proc and /sys. */
 #include <pags/tasks.h>
 #include "threads/limits.h"
 
@@ -15,7 +15,7 @@
 
 enum { PATH_BYTES = 512 };
 
-/* A root of its own for each test; files are removed again from this list. */
+/* A root folder for each test; the list of its files is used to remove them. */
 typedef struct tree {
   char root[64];
   char made[64][PATH_BYTES];
@@ -91,7 +91,8 @@ static void part_of_a_processor_counts_as_one(void **state) {
 static void version_1_finds_the_controller_among_others(void **state) {
   tree *t = *state;
   put(t, "proc/self/cgroup", "12:cpuset:/box\n5:cpu,cpuacct:/box/in\n4:memory:/box\n1:name=systemd:/box\n0::/box\n");
-  put(t, "sys/fs/cgroup/cpuset/cpu.cfs_quota_us", "100000\n"); /* not the CPU controller's */
+  /* In another controller's folder, not the CPU controller's. */
+  put(t, "sys/fs/cgroup/cpuset/cpu.cfs_quota_us", "100000\n");
   put(t, "sys/fs/cgroup/cpuset/cpu.cfs_period_us", "100000\n");
   put(t, "sys/fs/cgroup/cpu,cpuacct/box/cpu.cfs_quota_us", "400000\n");
   put(t, "sys/fs/cgroup/cpu,cpuacct/box/cpu.cfs_period_us", "100000\n");

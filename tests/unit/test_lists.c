@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Tiles' lists: the sort of their keys, and the lists of whole frames, which look into the frame for it. Each list runs
- * front to back by (bits of z, id) and each splat has each of its ranks once, whatever the depths, the ids and the
- * number of threads. */
+/* The tiles' splat lists: the sort by depth key, and the lists of whole frames, read from the frame's internals. Each
+ * list is sorted front to back by (bits of z, id), and a splat's entries are numbered 0, 1, 2, ... by their ranks
+ * without a gap, whatever the depths, the ids and the number of threads. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -30,7 +30,8 @@ static int compare_keys(const void *a, const void *b) {
   return x->key != y->key ? (x->key > y->key) - (x->key < y->key) : (x->index > y->index) - (x->index < y->index);
 }
 
-/* Of every length about where the sort changes its ways, of every range of bits: by key, and stable. */
+/* The sort is stable and by key, for lengths around those at which it changes its algorithm and for every number of
+ * significant bits. */
 static void test_keys(void **unused) {
   (void)unused;
   static const int64_t counts[] = {0, 1, 2, 3, 31, 32, 33, 34, 255, 256, 257, 1000, 20000};
@@ -53,11 +54,11 @@ static void test_keys(void **unused) {
 typedef struct crowd {
   pags_gaussians gaussians;
   pags_clusters clusters;
-  int32_t *id; /* NULL: as they lie */
+  int32_t *id; /* NULL: ids are the row numbers */
 } crowd;
 
-/* In front of a camera at the origin that looks along z; `depths` different z or, for 0, all different. They lie within
- * `reach` of the picture's corner, in widths of 2 at z = 1. */
+/* Gaussians in front of a camera at the origin that looks along z, at `depths` different values of z (0: all
+ * different). At z = 1 they lie within `reach` of the corner (-1, -1) in both directions. */
 static crowd crowd_create(int64_t count, int depths, float reach, bool own_ids) {
   crowd c = {.id = own_ids ? malloc((size_t)(count + 1) * sizeof *c.id) : NULL};
   assert_int_equal(pags_gaussians_create(&c.gaussians, count, 0), PAGS_OK);
@@ -116,7 +117,7 @@ static void check_list(const pags_frame *f, int64_t tile) {
   }
 }
 
-/* Returns the length of the longest list. */
+/* Checks every tile's list; returns the length of the longest. */
 static int64_t check_lists(const pags_frame *f) {
   int64_t pairs = 0, longest = 0;
   for (int64_t i = 0; i < f->dense_count; i++)
@@ -139,7 +140,8 @@ static int64_t check_lists(const pags_frame *f) {
   return longest;
 }
 
-/* Slots of splats follow each other without a gap. */
+/* Checks that the slots of each splat (one for each tile it covers) follow those of the previous splat without a gap.
+ * */
 static void check_slots(const pags_frame *f) {
   int64_t place = 0;
   for (int64_t i = 0; i <= f->dense_count; i++) {
@@ -149,7 +151,7 @@ static void check_slots(const pags_frame *f) {
   }
 }
 
-/* Renders with several numbers of threads; returns the longest list's length. */
+/* Renders with several numbers of threads and checks the lists; returns the length of the longest. */
 static int64_t check_crowd(crowd c, int width, int height) {
   static const int threads[] = {1, 2, 7};
   pags_entry *first = NULL;
@@ -184,12 +186,14 @@ static void test_depths(void **unused) {
   for (int own = 0; own < 2; own++) {
     assert_true(check_crowd(crowd_create(40000, 0, 2, own), 150, 100) > 512);
     assert_true(check_crowd(crowd_create(3000, 0, 2, own), 300, 200) < 256);
-    assert_true(check_crowd(crowd_create(20000, 3, 2, own), 150, 100) > 512); /* walls of equal depth */
+    /* Walls of Gaussians of equal depth. */
+    assert_true(check_crowd(crowd_create(20000, 3, 2, own), 150, 100) > 512);
     assert_true(check_crowd(crowd_create(5000, 1, 2, own), 150, 100) > 32);
   }
 }
 
-/* Everything in one list, in a picture of one tile and in a corner of a large one whose other tiles are empty. */
+/* All Gaussians in one list: in a picture of one tile, and in the corner of a large picture whose other tiles are
+ * empty. */
 static void test_one_list(void **unused) {
   (void)unused;
   for (int own = 0; own < 2; own++) {

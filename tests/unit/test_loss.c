@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The training loss and its gradient: against a plain double evaluation, against finite differences of that
- * evaluation, for every kernel table this machine runs, and for any number of threads. */
+/* The photometric training loss and its gradient: against a direct evaluation in double, that evaluation against
+ * finite differences, for every SIMD kernel table that this machine runs, and for any number of threads. */
 #include <pags/frame.h>
 
 #include <math.h>
@@ -15,20 +15,20 @@
 #include "simd/kernels.h"
 #include "train/photometric_loss.h"
 
-/* cmocka's own comparison is in float. */
+/* cmocka's own comparison works in float; this one works in double. */
 #define assert_near(value, expected, tolerance) assert_true(fabs((value) - (expected)) <= (tolerance))
 
 typedef struct pair {
   int width, height, stride;
   float *planes, *gradient;
   double exposure[6];
-  uint8_t *rgb, *mask, *emphasis; /* emphasis NULL: every pixel counts once */
+  uint8_t *rgb, *mask, *emphasis; /* emphasis: how often each pixel counts; NULL: once */
   pags_picture picture;
   pags_photo photo;
 } pair;
 
-/* Prediction: colours that leave [0, 1], a flat part, a part that equals the target; the padding holds what must not be
- * read into any result. */
+/* Fills the prediction with colours some of which leave [0, 1], a flat part and a part that equals the target; the
+ * padding holds `garbage`, which must not influence any result. */
 static void fill(pair *p, uint64_t seed, float garbage) {
   for (int c = 0; c < 3; c++)
     for (int y = 0; y < p->height; y++)
@@ -80,7 +80,7 @@ static void free_pair(pair *p) {
 
 static const double times = 2.75;
 
-/* An upright stripe, part of which the mask hides. */
+/* Emphasises an upright stripe, part of which the mask hides. */
 static void emphasise(pair *p) {
   p->emphasis = calloc((size_t)p->stride * (size_t)p->height, 1);
   for (int y = 0; y < p->height; y++)
@@ -119,8 +119,8 @@ static void plain_blur(const double *in, double *out, int width, int height) {
   free(rows);
 }
 
-/* Sums over pixels of SSIM values, each `use` times: of those used at all once, and of all. `derivative` receives d/dx
- * of the latter. x and y are masked already. */
+/* Sums of SSIM values: `once` over the pixels whose `use` isn't zero, `all` over all pixels times their `use`.
+ * `derivative` receives the derivative of `all` by x. x and y are masked already. */
 typedef struct plain_sums {
   double once, all;
 } plain_sums;
@@ -155,7 +155,7 @@ static plain_sums plain_ssim(const double *x, const double *y, const double *use
   return total;
 }
 
-/* The whole loss; `gradient` has 3 * width * height values. */
+/* The whole loss; `gradient` receives its 3 * width * height derivatives by the prediction. */
 static pags_photometric_loss plain_loss(const pair *p, double weight, double *gradient) {
   const int n = p->width * p->height;
   pags_photometric_loss out = {0};
@@ -181,7 +181,7 @@ static pags_photometric_loss plain_loss(const pair *p, double weight, double *gr
     out.ssim += sums.once / values;
     weighted += sums.all / values;
     for (int i = 0; i < n; i++) {
-      /* Equal within rounding of k/255: no side. */
+      /* Values that are equal up to the rounding of k/255 have a derivative of 0. */
       const double sign = fabs(x[i] - y[i]) < 1e-7 ? 0.0 : x[i] > y[i] ? 1.0 : -1.0;
       gradient[c * n + i] = use[i] > 0.0 ? ((1.0 - weight) * use[i] * sign - weight * ssim[i]) / values : 0.0;
     }
@@ -194,8 +194,8 @@ static pags_photometric_loss plain_loss(const pair *p, double weight, double *gr
 
 /* ------------------------------------------------------------------------------------------------ tests */
 
-/* Largest error of the gradient over its root mean square (of at least 1e-3 of a pixel's L1 gradient, as it may
- * vanish); also sees to it that the padding is zero. */
+/* Largest error of the gradient relative to its root mean square (which is taken as at least 1e-3 of a pixel's L1
+ * gradient, as it may vanish); also asserts that the gradient is zero in the padding. */
 static double gradient_error(const pair *p, const double *expected) {
   double worst = 0.0, power = 0.0;
   const int n = p->width * p->height;
@@ -262,7 +262,8 @@ static void test_plain(void **state) {
   pags_tasks_destroy(tasks);
 }
 
-/* The plain gradient is the derivative of the plain loss, so that the comparison above means something. */
+/* The directly evaluated gradient is the derivative of the directly evaluated loss by finite differences, on which
+ * the comparisons above rely. */
 static void test_finite_differences(void **state) {
   (void)state;
   pair p = make_pair(37, 29, 5, 1);
@@ -276,7 +277,7 @@ static void test_finite_differences(void **state) {
     const float middle = *at, low = middle - 1.0f / 1024, high = middle + 1.0f / 1024;
     const double target = p.rgb[at - p.planes] / 255.0;
     if (fabs((double)middle - target) < 2e-3)
-      continue; /* |x - y| has no derivative here */
+      continue; /* within 2e-3 of the target |x - y| isn't differentiable */
     *at = high;
     const double above = plain_loss(&p, 0.2, unused).loss;
     *at = low;
@@ -288,8 +289,8 @@ static void test_finite_differences(void **state) {
   free_pair(&p);
 }
 
-/* An exposed picture is compared as if its planes held gain * x + offset; the gradient is by what they hold, and by
- * gains and offsets. */
+/* With an exposure the loss is that of a picture whose planes hold gain * x + offset; the gradients are by the
+ * planes' own values, by the gains and by the offsets. */
 static void test_exposure(void **state) {
   (void)state;
   static const double value[6] = {1.2, 0.9, 1.05, 0.03, -0.02, 0.01};
@@ -309,16 +310,17 @@ static void test_exposure(void **state) {
   for (int k = 0; k < 6; k++)
     p.exposure[k] = k < 3;
   assert_int_equal(evaluate(&p, tasks, 0.2, &written), PAGS_OK);
-  assert_near(exposed.loss, written.loss, 1e-6); /* flat parts have a variance of rounding */
+  assert_near(exposed.loss, written.loss, 1e-6); /* in flat parts the variance is rounding noise only */
   for (int64_t i = 0; i < count; i++) {
-    assert_near(gradient[i], value[i / plane] * (double)p.gradient[i], 1e-7); /* L1 alone is 8e-5 */
+    /* The L1 gradient of a pixel is 8e-5. */
+    assert_near(gradient[i], value[i / plane] * (double)p.gradient[i], 1e-7);
     if (p.gradient[i] != 0.0f)
       by[i / plane] += (double)p.gradient[i] * (double)picture[i];
     by[3 + i / plane] += (double)p.gradient[i];
   }
   memcpy(p.planes, picture, (size_t)count * sizeof *picture);
   for (int k = 0; k < 6; k++) {
-    const double step = 1e-3; /* many signs of x - y change within it, each by little */
+    const double step = 1e-3; /* within this step many signs of x - y change, each with little effect */
     pags_photometric_loss above, below;
     assert_near(exposed.by_exposure[k], by[k], 1e-6);
     memcpy(p.exposure, value, sizeof value);
@@ -357,7 +359,7 @@ static void test_threads(void **state) {
   free_pair(&p);
 }
 
-/* What lies under the mask or in the padding of the prediction changes nothing. */
+/* Values of the prediction under the mask or in the padding change nothing. */
 static void test_unseen_pixels(void **state) {
   (void)state;
   pair p = make_pair(90, 60, 4, 1);
@@ -384,7 +386,7 @@ static void test_unseen_pixels(void **state) {
   pags_tasks_destroy(tasks);
 }
 
-/* Rounding must not turn huge colours into negative variances and these into huge SSIM values. */
+/* For huge colours rounding must not give negative variances, and thereby huge SSIM values. */
 static void test_huge_colours(void **state) {
   (void)state;
   pair p = make_pair(64, 40, 8, 0);

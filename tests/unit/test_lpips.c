@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* LPIPS: against a plain double evaluation with generated weights, against the reference distances of the test data,
- * and the reader of its weights file on broken input. */
+/* LPIPS: against a direct evaluation in double with random weights, against the reference distances of the shared
+ * test data, and the reader of its weights file on broken input. */
 #include <pags/eval.h>
 
 #include <math.h>
@@ -20,7 +20,7 @@
 #include "eval/npz.h"
 #include "shared_data.h"
 
-/* cmocka's own comparison is in float. */
+/* cmocka's own comparison works in float; this one works in double. */
 #define assert_near(value, expected, tolerance) assert_true(fabs((value) - (expected)) <= (tolerance))
 
 /* ------------------------------------------------------------------------------------------------ a writer of .npz */
@@ -58,7 +58,8 @@ static void put_member(npz_writer *w, const char *name, uint32_t method, const b
   put(&w->file, "PK\3\4", 4);
   put_number(&w->file, 20, 2), put_number(&w->file, 0, 2), put_number(&w->file, method, 2), put_number(&w->file, 0, 4);
   put_number(&w->file, crc, 4), put_number(&w->file, size, 4), put_number(&w->file, size, 4);
-  put_number(&w->file, length, 2), put_number(&w->file, 4, 2); /* an extra field, as zip64-minded writers leave */
+  /* An extra field, as some zip writers add for zip64. */
+  put_number(&w->file, length, 2), put_number(&w->file, 4, 2);
   put(&w->file, full, length), put_number(&w->file, 0, 4);
   put(&w->file, data->bytes, data->size);
   buffer *d = &w->directory;
@@ -111,7 +112,7 @@ static float *random_floats(int64_t count, uint64_t stream, double lo, double hi
   return data;
 }
 
-/* Weights that keep the size of the activations; leaves out the member named `without`. */
+/* Adds random weights that keep the size of the activations; skips the member named `without`. */
 static void put_random(npz_writer *w, const char *name, int rank, const int *shape, double lo, double hi,
                        const char *without) {
   int64_t count = 1;
@@ -194,7 +195,7 @@ static const float *weights_of(const pags_npz *npz, const char *layer, const cha
   return array->data;
 }
 
-/* Writes channels [first, first + outputs) of `out`. */
+/* A convolution that writes channels [first, first + outputs) of `out`. */
 static void convolve(const map *in, const pags_npz *npz, const char *layer, int outputs, int size, int step, int pad,
                      map *out, int first) {
   const float *weight = weights_of(npz, layer, "weight"), *bias = weights_of(npz, layer, "bias");
@@ -431,14 +432,16 @@ static void test_npz_broken(void **state) {
   buffer file = small_archive("<f4"), doubles = small_archive("<f8");
   pags_npz npz = {0};
   assert_int_equal(pags_npz_parse(doubles.bytes, doubles.size, "x", &npz), PAGS_ERROR_UNSUPPORTED);
-  for (size_t size = 0; size < file.size; size++) { /* in a block of its own, for the address sanitizer */
+  /* In a heap block of exactly this size, so that the address sanitizer sees reads beyond it. */
+  for (size_t size = 0; size < file.size; size++) {
     uint8_t *part = malloc(size + 1);
     memcpy(part, file.bytes, size);
     assert_int_not_equal(pags_npz_parse(part, size, "x", &npz), PAGS_OK);
     assert_null(npz.arrays);
     free(part);
   }
-  /* Any byte of the end record, the directory or the headers may be anything: no crash, and no leak. */
+  /* Whatever any byte of the end record, the directory or the headers is changed to, the reader must not crash or
+   * leak. */
   for (size_t i = 0; i < file.size; i++)
     for (int k = 0; k < 8; k++) {
       file.bytes[i] ^= (uint8_t)(1 << k);
@@ -446,7 +449,7 @@ static void test_npz_broken(void **state) {
         pags_npz_destroy(&npz);
       file.bytes[i] ^= (uint8_t)(1 << k);
     }
-  file.bytes[100] ^= 1; /* within the first member's data */
+  file.bytes[100] ^= 1; /* a byte within the first member's data */
   assert_int_equal(pags_npz_parse(file.bytes, file.size, "x", &npz), PAGS_ERROR_FORMAT);
   assert_non_null(strstr(pags_error_message(), "CRC"));
   free(file.bytes);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The MCMC policy: relocation keeps what a ray sees, regularisers match finite differences, noise is the
- * covariance's. */
+/* The MCMC densification policy: relocation preserves the opacity along a ray, the regularisers' gradients match
+ * finite differences, and the noise has the Gaussian's covariance. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -33,7 +33,7 @@ static void begin(fixture *f, int64_t cap) {
     for (int k = 0; k < 3; k++)
       pags_plane(&g, PAGS_SCALE + k)[i] = logf(0.1f * (float)(k + 1));
     pags_plane(&g, PAGS_ROTATION)[i] = 1.0f;
-    pags_plane(&g, PAGS_OPACITY)[i] = i % 4 ? 1.0f : -7.0f; /* every fourth is dead */
+    pags_plane(&g, PAGS_OPACITY)[i] = i % 4 ? 1.0f : -7.0f; /* every fourth Gaussian is dead */
   }
   pags_schedule schedule = pags_schedule_make(&config, 1.0, 10);
   assert_int_equal(pags_model_create(&f->state, &schedule, 30000, &g), PAGS_OK);
@@ -53,8 +53,8 @@ static void relocation_keeps_what_a_ray_sees(void **unused) {
   assert_true(fabs(opacity - 0.7) < 1e-12 && fabs(factor - 1.0) < 1e-12);
   for (int n = 2; n <= 20; n++) {
     pags_mcmc_relocation(0.7, n, &opacity, &factor);
-    assert_true(fabs(1.0 - pow(1.0 - opacity, n) - 0.7) < 1e-9); /* through the middle */
-    /* And all along the axis: n copies composited, integrated numerically, against one. */
+    assert_true(fabs(1.0 - pow(1.0 - opacity, n) - 0.7) < 1e-9); /* opacity through the centre */
+    /* The opacity integrated along the axis agrees as well: n composited copies against one Gaussian. */
     double one = 0.0, many = 0.0;
     for (int i = -4000; i <= 4000; i++) {
       double x = i * 0.002;
@@ -97,7 +97,7 @@ static void the_dead_move_and_the_count_grows_to_its_bound(void **unused) {
   fixture f;
   begin(&f, 205);
   assert_int_equal(pags_mcmc_refine(&f.state, f.tasks), PAGS_OK);
-  assert_int_equal(f.state.gaussians.count, 205); /* 5 % would be 210 */
+  assert_int_equal(f.state.gaussians.count, 205); /* the cap, where growth by 5 % would give 210 */
   for (int64_t i = 0; i < f.state.gaussians.count; i++) {
     int64_t was = lrintf(pags_plane(&f.state.gaussians, PAGS_MEAN)[i]);
     assert_true(was % 4 != 0);
@@ -147,14 +147,14 @@ static void noise_has_the_covariance_and_stays_in_bounds(void **unused) {
   const pags_gaussians *g = &f.state.gaussians;
   for (int i = 0; i < ROWS; i++) {
     double moved = fabs((double)pags_plane(g, PAGS_MEAN)[i] - i);
-    assert_true(i % 4 == 0 || moved == 0.0); /* opaque ones stand still */
+    assert_true(i % 4 == 0 || moved == 0.0); /* opaque Gaussians aren't moved */
     for (int k = 0; k < 3; k++) {
       float x = pags_plane(g, PAGS_MEAN + k)[i];
       square[k] += i % 4 ? 0.0 : pow((double)x - (k == 0 ? i : 0), 2);
       assert_true(x >= f.state.clusters.lo[k][i / 64] && x <= f.state.clusters.hi[k][i / 64]);
     }
   }
-  double y = sqrt(square[1] / square[0]), z = sqrt(square[2] / square[0]); /* as sigma^2: 4 and 9 */
+  double y = sqrt(square[1] / square[0]), z = sqrt(square[2] / square[0]); /* in proportion to sigma^2: 4 and 9 */
   assert_true(y > 2.5 && y < 6.0 && z > 6.0 && z < 13.0);
   end(&f);
 }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Objects: categories, motion, poses between knots, increments. */
+/* Objects: categories, classification of motion, poses between labelled knots, optimised pose increments. */
 #include <pags/object.h>
 
 #include <pags/camera.h>
@@ -20,7 +20,7 @@ static void turn_about_z(double angle, double x, double y, double z, double out[
   memcpy(out, m, sizeof m);
 }
 
-/* A car on an arc: knots at `count` of the times 1000 + 0.1 i, heading 0.1 i, all trained. */
+/* A car on an arc: `count` knots at the times 1000 + 0.1 i with heading 0.1 i, all of them trained. */
 static pags_object sample(int count) {
   pags_object object = {.category = PAGS_CATEGORY_VEHICLE, .size = {4, 2, 1.5}, .knot_count = count};
   object.knots = calloc((size_t)count, sizeof *object.knots);
@@ -96,12 +96,13 @@ static int moves(const double (*positions)[3], int count) {
 
 static void motion_is_travel_or_spread(void **state) {
   (void)state;
-  /* Two positions spread by half their distance. */
+  /* The spread of two positions is half their distance, so that 1 m is the threshold here. */
   assert_false(moves((const double[][3]){{0, 0, 0}}, 1));
   assert_false(moves((const double[][3]){{0, 0, 0}, {0.99, 0, 0}}, 2));
   assert_true(moves((const double[][3]){{0, 0, 0}, {1.01, 0, 0}}, 2));
   assert_true(moves((const double[][3]){{0, 0, 0}, {0, 4, 0}, {0, 0, 0}}, 3));
-  /* Ten knots, only the last one off: the spread is 0.3 of the distance, so that the travel decides. */
+  /* Of ten knots only the last is displaced: the spread is 0.3 of its distance, so that the distance travelled
+   * decides. */
   double late[10][3] = {{0}};
   late[9][0] = 1.25, late[9][1] = 1.25, late[9][2] = 0.9;
   assert_false(moves((const double(*)[3])late, 10));
@@ -127,7 +128,7 @@ static void between_knots_labels_are_interpolated(void **state) {
   turn_about_z(0.125, 1.25, 2.5, 0, expected);
   assert_true(pags_object_pose(&object, 1000.125, pose));
   assert_true(difference(pose, expected) < 1e-9);
-  /* Across half a turn the shorter arc is taken. */
+  /* Between headings on either side of half a turn the interpolation takes the shorter arc. */
   turn_about_z(3.0, 0, 0, 0, object.knots[1].world_from_object);
   turn_about_z(-3.0, 0, 0, 0, object.knots[2].world_from_object);
   turn_about_z(acos(-1.0), 0, 0, 0, expected);
@@ -142,7 +143,7 @@ static void ends_and_gaps_hold_half_a_spacing(void **state) {
   const double untouched[12] = {7, 7, 7, 7, 7, 7, 7, 7, 7, 7, 7, 7};
   double pose[12];
   for (int i = 4; i < 7; i++)
-    object.knots[i].time += 0.1; /* a gap from 1000.3 to 1000.5: twice the median */
+    object.knots[i].time += 0.1; /* a gap from 1000.3 to 1000.5, twice the median, isn't bridged */
   memcpy(pose, untouched, sizeof pose);
   assert_true(pags_object_pose(&object, 999.951, pose));
   assert_memory_equal(pose, object.knots[0].world_from_object, sizeof pose);
@@ -166,20 +167,20 @@ static void ends_and_gaps_hold_half_a_spacing(void **state) {
   pags_object_destroy(&object);
 }
 
-/* A car that accelerates and turns at even rates. */
+/* The true pose of a car that accelerates and turns at constant rates. */
 static void true_pose(double time, double out[12]) {
   double s = time - 1000;
   turn_about_z(2.9 + 0.7 * s + 0.4 * s * s, 12 * s + 3 * s * s, 5 - 2 * s * s, 0.3 * s, out);
 }
 
-/* Labels of such a car, off by up to half a metre and 0.2 rad; increments that make up for it where it was trained: all
- * knots but those in `held_out`, whose increments must not be looked at. */
+/* Labels of that car with errors of up to half a metre and 0.2 rad, and increments that correct them exactly at
+ * trained knots: all but those in `held_out`, whose increments must not be used. */
 static pags_object trained_sample(int count, const int *held_out, int held_out_count) {
   pags_object object = sample(count);
   for (int i = 0; i < count; i++) {
     pags_knot *k = &object.knots[i];
     double truth[12], back[12], off[12], random[4];
-    k->time += 0.02 * sin(2.0 * i); /* uneven */
+    k->time += 0.02 * sin(2.0 * i); /* uneven time steps */
     pags_rng_normal2(1, 0, (uint64_t)i, random);
     pags_rng_normal2(1, 1, (uint64_t)i, random + 2);
     for (int j = 0; j < 3; j++) {
@@ -198,8 +199,8 @@ static pags_object trained_sample(int count, const int *held_out, int held_out_c
   return object;
 }
 
-/* Constant accelerations are kept to the last digits: at trained knots, between them, and at knots held out one by one.
- */
+/* A track with constant accelerations is reproduced to rounding: at trained knots, between them, and at single
+ * held-out knots. */
 static void a_trained_track_follows_its_trained_knots(void **state) {
   (void)state;
   const int held_out[] = {2, 4, 8};
@@ -215,7 +216,8 @@ static void a_trained_track_follows_its_trained_knots(void **state) {
     assert_true(pags_object_pose(&object, object.knots[i].time, pose));
     assert_true(difference(pose, truth) < 1e-8);
   }
-  for (int i = 0; i < 12; i++) /* without increments a label is what it is, held out or not */
+  /* Without increments the pose at a knot is its label, whether held out or not. */
+  for (int i = 0; i < 12; i++)
     memset(object.knots[i].rotation, 0, 6 * sizeof(double));
   for (int i = 0; i < 12; i++) {
     assert_true(pags_object_pose(&object, object.knots[i].time, pose));
@@ -224,7 +226,7 @@ static void a_trained_track_follows_its_trained_knots(void **state) {
   pags_object_destroy(&object);
 }
 
-/* Neither place nor velocity jumps, however the knots jerk. */
+/* Neither position nor velocity jumps between knots, however irregular the knots are. */
 static void a_trained_track_has_no_corners(void **state) {
   (void)state;
   const int held_out[] = {5};
@@ -237,7 +239,8 @@ static void a_trained_track_has_no_corners(void **state) {
     double p[5][12], largest = 0;
     for (int j = 0; j < 5; j++)
       assert_true(pags_object_pose(&object, object.knots[i].time + (j - 2) * h, p[j]));
-    for (int k = 0; k < 12; k++) /* one-sided differences of second order: a corner of 1 m/s would leave 1 */
+    /* One-sided differences of second order: a jump of the velocity by 1 m/s would give 1. */
+    for (int k = 0; k < 12; k++)
       largest =
           fmax(largest, fabs((-3 * p[2][k] + 4 * p[3][k] - p[4][k]) - (3 * p[2][k] - 4 * p[1][k] + p[0][k])) / (2 * h));
     assert_true(largest < 0.01);
@@ -245,7 +248,8 @@ static void a_trained_track_has_no_corners(void **state) {
   pags_object_destroy(&object);
 }
 
-/* Beyond the trained knots, and in holes of more than one, labels with the increments of those next to them. */
+/* Before the first and after the last trained knot, and in gaps of several held-out knots, the pose is the label with
+ * the increments of the neighbouring trained knots. */
 static void elsewhere_labels_are_corrected(void **state) {
   (void)state;
   const int held_out[] = {0, 3, 4, 7};
@@ -271,7 +275,7 @@ static void elsewhere_labels_are_corrected(void **state) {
   pags_object_destroy(&object);
 }
 
-/* exp of the 4x4 twist-free increment by its power series in long double. */
+/* Rotation matrix of a rotation vector by the power series of the matrix exponential in long double. */
 static void series(const double rotation[3], double out[9]) {
   const long double w[9] = {0, -rotation[2], rotation[1], rotation[2], 0, -rotation[0], -rotation[1], rotation[0], 0};
   long double term[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, sum[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, next[9];
@@ -306,7 +310,7 @@ static void the_exponential_is_exact(void **state) {
         for (int c = 0; c < 3; c++)
           assert_true(fabs(m[4 * r + c] - expected[3 * r + c]) < 1e-14);
       }
-      double back[3]; /* the same rotation by the shorter way */
+      double back[3]; /* the rotation vector of length <= pi of the same rotation */
       const double turns = lengths[i] > 3.141592653589793 ? 1 - 6.283185307179586 / lengths[i] : 1;
       pags_increment_rotation(m, back);
       for (int r = 0; r < 3; r++)

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Packed Gaussians: the stated error of each attribute, the same picture from packed and from unpacked rows, files and
- * their faults. */
+/* Packed Gaussians: the stated error of each attribute, the same picture from packed and from unpacked rows, files
+ * and damaged files. */
 #include <math.h>
 #include <pags/compose.h>
 #include <pags/packed.h>
@@ -17,7 +17,7 @@ static float normal(uint64_t what, int64_t row) {
   return (float)pair[0];
 }
 
-/* A cloud before a camera at the origin that looks along z, and as many behind it. */
+/* Half of the Gaussians lie in front of a camera at the origin that looks along z, half behind it. */
 static pags_gaussians make_cloud(int64_t count, int degree) {
   pags_gaussians g;
   scratch_ok(pags_gaussians_create(&g, count, degree));
@@ -55,7 +55,8 @@ static void check_mean(const pags_gaussians *g, const pags_gaussians *back, cons
   }
 }
 
-/* By the angle between the rotations: 2 acos |q . p|, from |q - p|, which float can tell. */
+/* The angle 2 acos |q . p| between the rotations, computed from |q - p|, which is accurate in float for small angles.
+ * */
 static void check_rotation(const pags_gaussians *g, const pags_gaussians *back, int64_t i) {
   double q[4], p[4], norm = 0, dot = 0, apart = 0;
   for (int k = 0; k < 4; k++) {
@@ -101,7 +102,8 @@ static void test_errors(void **state) {
   }
 }
 
-/* What lies beyond the range is held at its end; a zero quaternion is no rotation; one row is enough. */
+/* Values beyond an attribute's range are clamped to its end, a zero quaternion becomes the identity, and a single row
+ * can be packed. */
 static void test_ends(void **state) {
   (void)state;
   pags_gaussians g, back;
@@ -132,12 +134,13 @@ static void test_bytes(void **state) {
   pags_packed packed;
   scratch_ok(pags_packed_create(&g, &packed));
   const double each = (double)pags_packed_bytes(&packed) / 64000;
-  assert_true(each > 37 && each < 39); /* 21 + 6 + 9, bounds 0.44, steps 0.56 and what fills them up to 64 */
+  /* 21 + 6 + 9 bytes for a row, 0.44 for bounds, 0.56 for quantisation steps, and padding to 64 bytes. */
+  assert_true(each > 37 && each < 39);
   pags_packed_destroy(&packed);
   pags_gaussians_destroy(&g);
 }
 
-/* A composition of one model; takes `g` over. */
+/* A composition of a scene with one model; takes ownership of `g`. */
 static pags_composition *compose(pags_gaussians *g) {
   pags_scene scene = {.model_count = 1, .up = PAGS_UP_Z};
   pags_composition *out;
@@ -148,7 +151,8 @@ static pags_composition *compose(pags_gaussians *g) {
   return out;
 }
 
-enum { WIDTH = 96, HEIGHT = 64, CLOUD = 16000 }; /* 125 clusters on either side: a run of 64 that is culled as one */
+/* 125 clusters in front and 125 behind, so that a run of 64 clusters is culled as a whole. */
+enum { WIDTH = 96, HEIGHT = 64, CLOUD = 16000 };
 typedef struct drawn {
   float rgb[3][WIDTH * HEIGHT];
   int32_t id[WIDTH * HEIGHT];
@@ -187,7 +191,7 @@ static void draw(pags_composition *composition, drawn *out) {
   draw_by(composition, PAGS_EARLY_Z_OFF, out);
 }
 
-/* Drawing packed rows is drawing what unpacking gives, to the bit, and near to the picture of the originals. */
+/* Drawing packed rows gives the bits of drawing the unpacked rows, and is close to the picture of the originals. */
 static void test_picture(void **state) {
   (void)state;
   static drawn original, packed, unpacked;
@@ -206,8 +210,9 @@ static void test_picture(void **state) {
     assert_true(fabsf(priority[1234] - same.s_sem[1234]) <= 1.0f / 510.0f + 1e-6f);
     free(priority);
     pags_composition_destroy(composition);
-    double squares = 0,
-           lit = 0; /* not the worst pixel: means that are rounded past each other are blended in another order there */
+    /* The RMS error rather than the largest: means whose depth order changes by rounding are blended in another
+     * order. */
+    double squares = 0, lit = 0;
     for (int k = 0; k < 3; k++)
       for (int i = 0; i < WIDTH * HEIGHT; i++) {
         const double error = (double)original.rgb[k][i] - (double)packed.rgb[k][i];
@@ -261,7 +266,7 @@ static void test_file(void **state) {
   pags_composition_destroy(composition);
   scratch_ok(pags_packed_unpack(&packed, &back));
   pags_scene scene;
-  scratch_ok(pags_scene_load(path, &scene)); /* as planes, for whoever asks for a scene */
+  scratch_ok(pags_scene_load(path, &scene)); /* the scene loader unpacks the rows to planes */
   assert_int_equal(scene.models[0].gaussians.count, 700);
   assert_memory_equal(pags_plane(&scene.models[0].gaussians, 4), pags_plane(&back, 4), 700 * sizeof(float));
   scratch_ok(pags_composition_create(&scene, &composition));
@@ -299,7 +304,7 @@ static void test_copies(void **state) {
   pags_gaussians_destroy(&g);
 }
 
-/* Writes the bytes and expects a refusal that says `part`. */
+/* Writes the bytes to a file and expects a refusal whose message contains `part`. */
 static void refuses(const uint8_t *bytes, size_t size, const char *part) {
   pags_packed opened;
   scratch_write(&place, "bad.pagsz", bytes, size);
@@ -307,7 +312,7 @@ static void refuses(const uint8_t *bytes, size_t size, const char *part) {
   assert_null(opened.block);
 }
 
-/* Colours aren't looked at when a file is opened: whatever is there becomes numbers. */
+/* Colours aren't checked when a file is opened: any bits decode to finite values. */
 static void test_bad_colours(void **state) {
   (void)state;
   pags_gaussians g = make_cloud(100, 1), back;
@@ -315,7 +320,7 @@ static void test_bad_colours(void **state) {
   const float bad[3] = {(float)NAN, INFINITY, -3e38f};
   scratch_ok(pags_packed_create(&g, &packed));
   uint8_t *const colour = (uint8_t *)(uintptr_t)packed.colour;
-  memset(colour, 0x7F, 2 * 64); /* halves that are NaN */
+  memset(colour, 0x7F, 2 * 64); /* half-precision values that are NaN */
   memcpy(colour + 64 * (6 + 9), bad, sizeof bad);
   scratch_path(&place, "colours.pagsz");
   scratch_ok(pags_packed_save(place.path, &packed, 1, NULL));

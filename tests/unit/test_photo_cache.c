@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The cache of photographs: what it hands out, its budget, background failures, any number of threads. */
+/* The cache of photographs: the pictures that it returns, its size limit, errors of background decodes, any number of
+ * threads. */
 #include <pags/dataset.h>
 
 #include "dataset/internal.h"
@@ -7,7 +8,7 @@
 
 enum { VIEWS = 12, WIDTH = 52, HEIGHT = 40 };
 
-static int painted; /* which picture is being written */
+static int painted; /* index of the picture that is being painted */
 
 static uint8_t paint(int x, int y, int c) {
   return (uint8_t)(x * 3 + y * 5 + c * 40 + painted * 17);
@@ -18,7 +19,7 @@ typedef struct fixture {
   pags_dataset *dataset;
 } fixture;
 
-/* Twelve pictures, the third with a mask whose pixel (20, 10) is black. */
+/* Writes a data set of twelve pictures, the third with a mask whose pixel (20, 10) is black. */
 static int begin(void **state) {
   static fixture f;
   char text[8192] = "{\"fl_x\": 50, \"frames\": [", name[32];
@@ -60,7 +61,7 @@ static void check_budget(const pags_photo_cache *cache, uint64_t budget) {
     fail_msg("%llu bytes of %llu", (unsigned long long)peak, (unsigned long long)budget);
 }
 
-/* All samples of a photograph against its paint, averaged over squares of `shrink`. */
+/* Compares all samples of a photograph with its painted values averaged over squares of `shrink` pixels. */
 static void check_photo(int64_t view, int shrink, const pags_photo *photo) {
   assert_true(photo->width == WIDTH / shrink && photo->height == HEIGHT / shrink);
   assert_int_equal(photo->stride, (photo->width + 15) / 16 * 16);
@@ -95,7 +96,7 @@ static uint64_t decoded_by(const pags_photo_cache *cache) {
 }
 
 static const uint64_t plenty = UINT64_C(1) << 30;
-/* Three photographs of four planes, rows padded to 64. */
+/* The smallest size limit: three photographs of four planes, rows padded to 64 bytes. */
 static const uint64_t smallest = 3 * (4 * 64 * HEIGHT + 64);
 
 static void test_contents(void **state) {
@@ -109,14 +110,14 @@ static void test_contents(void **state) {
   assert_int_equal(decoded_by(cache), 3 * VIEWS);
   for (int64_t i = VIEWS; i-- > 0;)
     check_get(cache, i, 1);
-  assert_int_equal(decoded_by(cache), 3 * VIEWS); /* all were there */
+  assert_int_equal(decoded_by(cache), 3 * VIEWS); /* all were still in the cache */
   check_get(cache, 3, 2);
   assert_int_equal(decoded_by(cache), 3 * VIEWS + 1);
   pags_photo_cache_destroy(cache);
   pags_tasks_destroy(tasks);
 }
 
-/* Orders as a trainer announces them, with budgets from the smallest to plenty, one thread and more. */
+/* Orders as a trainer announces them, with size limits from the smallest to plenty, and with one thread and more. */
 static void test_budget(void **state) {
   fixture *f = *state;
   for (int threads = 1; threads <= 4; threads++)
@@ -134,7 +135,7 @@ static void test_budget(void **state) {
         for (int64_t i = 0; i < VIEWS; i++) {
           check_get(cache, order[i], shrink);
           check_budget(cache, budget);
-          if (i == 5) /* something out of order, as a preview is */
+          if (i == 5) /* a photograph out of order, as for a preview */
             check_get(cache, 7, 1);
         }
       }
@@ -144,7 +145,7 @@ static void test_budget(void **state) {
     }
 }
 
-/* With room for all, an announced pass decodes each photograph once, and a second pass none. */
+/* With room for all photographs an announced pass decodes each photograph once, and a second pass none. */
 static void test_prefetch_is_used(void **state) {
   fixture *f = *state;
   for (int threads = 1; threads <= 3; threads++) {
@@ -154,7 +155,7 @@ static void test_prefetch_is_used(void **state) {
     for (int pass = 0; pass < 2; pass++) {
       int64_t order[VIEWS + 2] = {0, 0};
       for (int64_t i = 0; i < VIEWS; i++)
-        order[i + 2] = VIEWS - 1 - i; /* view 0 three times */
+        order[i + 2] = VIEWS - 1 - i; /* the order has view 0 three times */
       pags_photo_cache_prefetch(cache, order, VIEWS + 2, 1);
       for (int i = 0; i < VIEWS + 2; i++)
         check_get(cache, order[i], 1);
@@ -170,7 +171,8 @@ static void test_failures_surface(void **state) {
   pags_photo photo;
   scratch_text(&f->scratch, "04.png", "\x89PNG");
   painted = 5;
-  scratch_picture(&f->scratch, "05.png", WIDTH + 1, HEIGHT, paint); /* changed after the data set was opened */
+  /* The file changes after the data set was opened. */
+  scratch_picture(&f->scratch, "05.png", WIDTH + 1, HEIGHT, paint);
   for (int threads = 1; threads <= 2; threads++) {
     pags_tasks *tasks = pags_tasks_create(threads);
     pags_photo_cache *cache;
@@ -185,7 +187,7 @@ static void test_failures_surface(void **state) {
     pags_photo_cache_destroy(cache);
     pags_tasks_destroy(tasks);
   }
-  painted = 4; /* repaired: the next get tries again */
+  painted = 4; /* after the file is repaired, the next get decodes it again */
   scratch_picture(&f->scratch, "04.png", WIDTH, HEIGHT, paint);
   painted = 5;
   scratch_picture(&f->scratch, "05.png", WIDTH, HEIGHT, paint);
@@ -208,8 +210,8 @@ static void test_destroy_with_work_under_way(void **state) {
   pags_photo_cache_destroy(NULL);
 }
 
-/* Pixels and intrinsics agree where neither factor divides the size: a vertical edge at x = 20 of the picture must
- * appear at 20 * fx' / fx of the small one. */
+/* Where the shrink factors don't divide the picture's size, pixels and intrinsics still agree: a vertical edge at x =
+ * 20 of the picture must appear at x = 20 * fx' / fx of the small one. */
 static uint8_t edge(int x, int y, int c) {
   (void)y, (void)c;
   return x < 20 ? 0 : 250;
@@ -236,7 +238,7 @@ static void test_odd_factors(void **state) {
     pags_camera camera = pags_camera_downscale(&pags_dataset_view(dataset, 0)->camera, shrink);
     scratch_ok(pags_photo_cache_get(cache, 0, shrink, &photo));
     assert_true(photo.width == camera.width && photo.height == camera.height);
-    double dark = 0; /* width of the dark part, in pixels of the small picture */
+    double dark = 0; /* width of the dark part left of the edge, in pixels of the small picture */
     for (int x = 0; x < photo.width; x++)
       dark += 1 - photo.rgb[x] / 250.0;
     double expected = 20 * camera.fx / 50;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Picking against every Gaussian tried one by one and, for the nearest, against Embree; over parts that are turned and
- * packed; what is known of the object. */
+/* Picking: compared with testing every Gaussian, and for the nearest hit with Embree, over rotated and packed parts;
+ * and what is reported of the hit's object. */
 #include <pags/pick.h>
 
 #include <math.h>
@@ -34,7 +34,7 @@ static double random_between(uint64_t stream, uint64_t index, double lo, double 
   return lo + (hi - lo) * pags_rng_uniform(7, stream, index);
 }
 
-/* Flat, long and round ones of every opacity in a box of 20 m, Morton-ordered. */
+/* Fills a box of 20 m with flat, long and round Gaussians of every opacity, in Morton order. */
 static void fill(pags_gaussians *g, uint64_t stream) {
   pags_gaussians loose;
   int64_t index[ROWS];
@@ -55,7 +55,7 @@ static void fill(pags_gaussians *g, uint64_t stream) {
   pags_gaussians_destroy(&loose);
 }
 
-/* The second part is turned about z and moved. */
+/* Two parts, the second rotated about z and translated. */
 static void make_world(world *w) {
   const double c = cos(0.7), s = sin(0.7),
                poses[PARTS][12] = {{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}, {c, -s, 0, 3, s, c, 0, -2, 0, 0, 1, 1}};
@@ -75,7 +75,7 @@ static void destroy_world(world *w) {
   }
 }
 
-/* From outside, through a place within, of a length other than 1. */
+/* A ray from outside of the box through a point within; its direction isn't of unit length. */
 static void make_ray(int number, double from[3], double along[3]) {
   for (int k = 0; k < 3; k++) {
     from[k] = origin[k] + random_between(9, 8 * (uint64_t)number + (uint64_t)k, -25, 25);
@@ -90,7 +90,9 @@ typedef struct hit {
   int32_t id;
 } hit;
 
-/* By the inverse of the covariance: t = -a' S^-1 d / d' S^-1 d, m^2 = a' S^-1 a - (a' S^-1 d)^2 / d' S^-1 d. */
+/* Intersects a ray with one Gaussian by the inverse covariance S^-1, a being the ray's origin relative to the mean
+ * and d its direction: the largest density lies at t = -a' S^-1 d / d' S^-1 d, with m^2 = a' S^-1 a - (a' S^-1 d)^2 /
+ * d' S^-1 d. */
 static int meet(const pags_part *part, int64_t row, const double from[3], const double along[3], hit *out) {
   const pags_gaussians *g = part->gaussians;
   const double *m = part->world_from_model;
@@ -173,7 +175,7 @@ static void test_brute_force(void **state) {
   destroy_world(&w);
 }
 
-/* What lies between nearest and farthest alone counts. */
+/* Only hits between the options' nearest and farthest distance count. */
 static void test_limits(void **state) {
   (void)state;
   hit *hits = malloc(PARTS * ROWS * sizeof *hits);
@@ -202,8 +204,8 @@ static void test_limits(void **state) {
   destroy_world(&w);
 }
 
-/* A ray that passes a lone Gaussian of opacity 0.99 at 3 sigma meets it (alpha 0.011), at 3.5 it doesn't (0.0022): its
- * cluster must reach as far, though no neighbour widens it. */
+/* A ray that passes a lone Gaussian of opacity 0.99 at 3 sigma hits it (alpha 0.011); at 3.5 sigma it doesn't
+ * (0.0022). The cluster's bounds must extend to that distance, though no neighbour widens them here. */
 static void test_grazing(void **state) {
   (void)state;
   pags_pick_options options = pags_pick_options_default();
@@ -238,7 +240,8 @@ static void test_grazing(void **state) {
   pags_gaussians_destroy(&g);
 }
 
-/* Packing rounds, so that of two nearly as near the other may be picked: depths agree, and nearly all ids. */
+/* Packing rounds positions, so that of two Gaussians of nearly the same depth the other may be picked: all depths
+ * agree, and nearly all ids. */
 static void test_packed(void **state) {
   (void)state;
   pags_packed packed[PARTS];
@@ -280,7 +283,7 @@ static void test_bad_rays(void **state) {
   assert_int_equal(picked.part, -1);
 }
 
-/* A parked object in the background, a moving one ten metres on, nothing else. */
+/* A scene of a parked object in the background model and a moving object ten metres further. */
 static void test_objects(void **state) {
   (void)state;
   pags_scene scene = {.up = PAGS_UP_Z, .model_count = 2, .object_count = 2};
@@ -339,11 +342,12 @@ static void test_objects(void **state) {
 
 #ifdef PAGS_EMBREE
 typedef struct ray_query {
-  struct RTCIntersectContext context; /* first */
+  struct RTCIntersectContext context; /* must be the first member */
   double from[3], along[3];
 } ray_query;
 
-/* A box about where alpha reaches 1/255: in world axes, 3.4 sigmas of the largest axis either way. */
+/* The bounding box for Embree, which contains the region where alpha reaches 1/255: 3.4 sigmas of the largest axis in
+ * every direction. */
 static void bounds_of(const struct RTCBoundsFunctionArguments *arguments) {
   const world *w = arguments->geometryUserPtr;
   const pags_part *part = &w->parts[arguments->primID / ROWS];
@@ -376,7 +380,7 @@ static void intersect(const struct RTCIntersectFunctionNArguments *arguments) {
   ray->hit.geomID = arguments->geomID;
 }
 
-/* The nearest of all, found by a tree that isn't ours. */
+/* The nearest hit found by Embree's BVH. */
 static void test_embree(void **state) {
   (void)state;
   world w;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Reading and writing INRIA's PLY. */
+/* Reading and writing PLY files in the layout of the INRIA implementation of 3DGS. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -74,7 +74,7 @@ static void extras_follow_the_standard_properties(void **state) {
   assert_int_equal(pags_gaussians_add_s_sem(&g), PAGS_OK);
   assert_int_equal(pags_gaussians_add_object_id(&g), PAGS_OK);
   g.s_sem[3] = 0.75f;
-  g.object_id[4] = 16777217; /* not a float */
+  g.object_id[4] = 16777217; /* an integer that float can't represent */
   assert_int_equal(pags_ply_save(scratch("e.ply"), &g), PAGS_OK);
   load(scratch("e.ply"), &back);
   assert_same(&g, &back);
@@ -148,7 +148,7 @@ static void an_empty_file_round_trips(void **state) {
   assert_int_equal(back.sh_degree, 3);
 }
 
-/* Replaces the first `from` by `to` of any length. */
+/* Replaces the first occurrence of `from` by `to`, which may have another length. */
 static void replace(file_bytes *file, const char *from, const char *to) {
   size_t length = strlen(from);
   for (size_t at = 0; at + length <= file->size; at++) {
@@ -289,8 +289,8 @@ static void inrias_file_round_trips(void **state) {
   pags_gaussians_destroy(&g);
 }
 
-/* A real file in scrambled order: every value is found by name, and what is written again is the same in INRIA's order.
- */
+/* A real file whose properties are in another order: every value is found by its name, and the file written again has
+ * the same values in INRIA's order. */
 static void a_scrambled_file_keeps_its_bits(void **state) {
   (void)state;
   char path[1024];
@@ -299,7 +299,8 @@ static void a_scrambled_file_keeps_its_bits(void **state) {
     skip();
   load(path, &g);
   assert_int_equal(g.count, 11458);
-  for (int64_t i = 0; i < g.count; i++) { /* a trained model: sigmas below 10 cm, no quaternion far from unit length */
+  /* The values of a trained model: sigmas below 10 cm, quaternions near unit length. */
+  for (int64_t i = 0; i < g.count; i++) {
     double norm = 0;
     for (int k = 0; k < 4; k++)
       norm += pow((double)pags_plane(&g, PAGS_ROTATION + k)[i], 2);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Points found by matching photographs: a textured plane whose depth is known, masks, pictures without anything to
- * match. */
+/* Points triangulated by matching photographs: a textured plane whose depth is known, masks, and pictures without
+ * texture. */
 #include <pags/dataset.h>
 
 #include "dataset/focus.h"
@@ -77,8 +77,8 @@ static void test_plane_is_found(void **state) {
   pags_dataset_close(dataset);
 }
 
-/* Half of the points lie at the edge of the photographs at worst, but each has the colour that its photograph shows
- * there. */
+/* Every point has the colour that photograph i % VIEWS shows at its projection, even at the photographs' edges, where
+ * up to half of the points lie. */
 static void test_colours(void **state) {
   scratch *s = *state;
   write_set(s, plane, "");
@@ -91,7 +91,7 @@ static void test_colours(void **state) {
     double x = (double)xyz[3 * i] - camera_x(current), z = (double)xyz[3 * i + 2];
     double u = 90 * x / z + 48, v = 90 * (double)xyz[3 * i + 1] / z + 40;
     if (fabs(u - round(u)) < 1e-3 || fabs(v - round(v)) < 1e-3)
-      continue; /* between two pixels as far as floats can tell */
+      continue; /* on a border between two pixels, up to float rounding */
     for (int c = 0; c < 3; c++)
       assert_int_equal(rgb[3 * i + c], plane((int)u, (int)v, c));
   }
@@ -111,7 +111,7 @@ static void test_same_for_any_threads(void **state) {
   assert_memory_equal(xyz[0], xyz[1], COUNT * 12);
   assert_memory_equal(xyz[0], xyz[2], COUNT * 12);
   assert_memory_equal(rgb[0], rgb[2], COUNT * 3);
-  assert_memory_not_equal(xyz[0], xyz[3], COUNT * 12); /* another seed */
+  assert_memory_not_equal(xyz[0], xyz[3], COUNT * 12); /* another seed gives other points */
   for (int i = 0; i < 4; i++) {
     free(xyz[i]);
     free(rgb[i]);
@@ -125,7 +125,7 @@ static void test_masked_pixels_give_none(void **state) {
   pags_image mask;
   scratch_ok(pags_image_create(&mask, WIDTH, HEIGHT, 1, PAGS_U8));
   for (int i = 0; i < WIDTH * HEIGHT; i++)
-    ((uint8_t *)mask.data)[i] = i < WIDTH * HEIGHT / 2 ? 255 : 0; /* the lower half is left out */
+    ((uint8_t *)mask.data)[i] = i < WIDTH * HEIGHT / 2 ? 255 : 0; /* the lower half is masked */
   scratch_ok(pags_image_save(scratch_path(s, "mask.png"), &mask));
   pags_image_destroy(&mask);
   pags_dataset *dataset = open_all(s);
@@ -151,7 +151,7 @@ static void test_nothing_to_match(void **state) {
   free(xyz);
   free(rgb);
 
-  /* A photograph that can't be decoded any more is an error, with its name. */
+  /* A photograph that can't be decoded any more is an error whose message names it. */
   scratch_text(s, "3.png", "\x89PNG");
   pags_tasks *tasks = pags_tasks_create(2);
   scratch_expect(pags_dataset_match_points(dataset, tasks, COUNT, 0, &xyz, &rgb), PAGS_ERROR_FORMAT, "3.png");
@@ -174,13 +174,15 @@ static void test_subject(void **state) {
   pags_camera cameras[4];
   const pags_camera *list[4] = {&cameras[0], &cameras[1], &cameras[2], &cameras[3]};
   double distance;
-  for (int i = 0; i < 4; i++) { /* on an arc of radius 5 round the point (1, 0, 2) */
+  /* Cameras on an arc of radius 5 around the point (1, 0, 2): they focus on its centre. */
+  for (int i = 0; i < 4; i++) {
     double yaw = 0.3 * i - 0.5;
     cameras[i] = looking_from(1 - 5 * sin(yaw), 2 - 5 * cos(yaw), yaw);
   }
   scratch_ok(pags_focus_distance(list, 4, &distance));
   assert_true(fabs(distance - 5) < 1e-9);
-  for (int i = 0; i < 4; i++) /* side by side, looking the same way: 4 times their spread */
+  /* Cameras side by side with parallel axes: the focus distance is 4 times their spread. */
+  for (int i = 0; i < 4; i++)
     cameras[i] = looking_from(i % 2 ? 1 : -1, 0, 0);
   scratch_ok(pags_focus_distance(list, 4, &distance));
   assert_true(fabs(distance - 4) < 1e-9);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Optimised poses and exposures: their gradients, their steps, and what is held fixed. */
+/* Optimised poses of objects and exposures of views: their gradients, their updates, and which parameters stay fixed.
+ * */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -26,13 +27,14 @@ static pags_track_poses one_track(void) {
   return t;
 }
 
-/* The loss |p - target|^2 / 2 of a point that the box carries, and its gradient by the perturbation. */
+/* Adds the gradient of the loss |p - target|^2 / 2 by a perturbation of the knot's pose, p being a point fixed in the
+ * object's box. */
 static void gradient_of(const pags_knot *k, const double point[3], const double target[3], double g[6]) {
   double m[12], error[3], local[3];
   pags_increment_matrix(k->rotation, k->translation, m);
   for (int i = 0; i < 3; i++)
     error[i] = m[4 * i] * point[0] + m[4 * i + 1] * point[1] + m[4 * i + 2] * point[2] + m[4 * i + 3] - target[i];
-  for (int i = 0; i < 3; i++) /* back into the frame that is perturbed */
+  for (int i = 0; i < 3; i++) /* rotates the error into the object's frame, in which the pose is perturbed */
     local[i] = m[i] * error[0] + m[4 + i] * error[1] + m[8 + i] * error[2];
   for (int i = 0; i < 3; i++) {
     int a = (i + 1) % 3, b = (i + 2) % 3;
@@ -41,7 +43,8 @@ static void gradient_of(const pags_knot *k, const double point[3], const double 
   }
 }
 
-/* One knot off to one side, one to the other, as far as errors go that have no mean; a third in no photograph. */
+/* The labels of two knots are off by opposite amounts, so that the errors have zero mean, which the optimisation
+ * keeps; a third knot is seen in no photograph. */
 static void poses_are_found(void **unused) {
   (void)unused;
   static const double points[4][3] = {{2, 0, 0}, {0, 1, 0}, {0, 0, 1}, {-2, 1, 0.5}};
@@ -68,7 +71,8 @@ static void poses_are_found(void **unused) {
   for (int i = 0; i < 3; i++) {
     assert_true(fabs(knot->rotation[i] - turn[i]) < 0.005 && fabs(opposite->rotation[i] + turn[i]) < 0.005);
     assert_true(fabs(knot->translation[i] - way[i]) < 0.01 && fabs(opposite->translation[i] + way[i]) < 0.01);
-    assert_true(fabs(knot->translation[i] + opposite->translation[i]) < 1e-12); /* the labels' mean */
+    /* The mean of the increments stays zero. */
+    assert_true(fabs(knot->translation[i] + opposite->translation[i]) < 1e-12);
     assert_true(tracks.objects[0].knots[2].translation[i] == 0.0);
   }
   double bad[6] = {NAN};
@@ -79,8 +83,8 @@ static void poses_are_found(void **unused) {
   pags_track_poses_destroy(&tracks);
 }
 
-/* A car that brakes in a bend, labelled with errors at each step: most of them go. A clean track stays, even one that
- * swerves twice a second, which a fixed amount of smoothing would flatten. */
+/* A car that brakes in a bend, labelled with noise at each time step: smoothing removes most of the noise. A clean
+ * track doesn't change, even one that swerves twice a second, which a fixed amount of smoothing would flatten. */
 static void jitter_goes_and_motion_stays(void **unused) {
   (void)unused;
   enum { KNOTS = 40 };
@@ -96,7 +100,7 @@ static void jitter_goes_and_motion_stays(void **unused) {
       pags_rng_normal2(7, 1, (uint64_t)k, e);
       pags_rng_normal2(7, 2, (uint64_t)k, e + 2);
       u[0] = noisy * 0.2 * e[0], u[1] = noisy * 0.2 * e[1];
-      truth[k][0] = 10.0 * s - 0.5 * s * s; /* 1 m/s2 */
+      truth[k][0] = 10.0 * s - 0.5 * s * s; /* brakes at 1 m/s^2 */
       truth[k][1] = 0.2 * s * s + swerve * sin(12.0 * s);
       truth[k][2] = 0.04 * s;
       double yaw = truth[k][2] + noisy * 0.05 * e[2];
@@ -121,7 +125,8 @@ static void jitter_goes_and_motion_stays(void **unused) {
       assert_true(after < 0.5 * before);
       assert_true(yaw_after < 0.5 * yaw_before);
     } else {
-      assert_true(after < 0.01 && yaw_after < 1e-3); /* the least smoothing leaves a hundredth of the swerve */
+      /* The weakest smoothing still leaves an error of a hundredth of the swerve. */
+      assert_true(after < 0.01 && yaw_after < 1e-3);
     }
     pags_track_poses_destroy(&t);
   }

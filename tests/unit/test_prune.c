@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Pruning by score: when, how many, which, and what becomes of moments and priorities. */
+/* Pruning by score: at which steps, how many and which rows, and what happens to moments and priorities. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -60,7 +60,8 @@ static void lean_begins_earlier_and_asks_less(void **unused) {
   assert_true(s.config.priority.critical_weight == 1.0 && s.config.priority.hybrid == PAGS_HYBRID_SUM);
 }
 
-/* At alpha 0 nothing of lean knows what is critical. */
+/* The weight of critical pixels in the loss of the preset "lean" follows alpha: at alpha 0 it is 1, so that nothing
+ * of the preset depends on what is critical. */
 static void leans_loss_follows_alpha(void **unused) {
   (void)unused;
   pags_train_config config = pags_train_config_default();
@@ -76,7 +77,7 @@ static void leans_loss_follows_alpha(void **unused) {
   assert_true(pags_config_resolve(&config, 1).priority.critical_growth == 1.0);
 }
 
-/* Between the preset's -1 and 1 there is nothing to ask for. */
+/* Values between -1 (the preset's choice) and the range of the parameter are refused. */
 static void what_lies_between_is_refused(void **unused) {
   (void)unused;
   pags_train_config config = pags_train_config_default();
@@ -104,15 +105,17 @@ static void they_stretch_and_none_is_the_last_step(void **unused) {
         assert_true(i == 0 || s.prune_step[i] > s.prune_step[i - 1]);
       }
     }
-  pags_schedule s = schedule_of(PAGS_PRESET_SHORT, 7000, 180); /* pandaset-002's three cameras */
+  /* As for the three cameras of PandaSet's scene 002. */
+  pags_schedule s = schedule_of(PAGS_PRESET_SHORT, 7000, 180);
   static const int64_t want[] = {2340, 3600, 4680, 5833};
   assert_int_equal(s.prunes, 4);
   assert_memory_equal(s.prune_step, want, sizeof want);
   assert_true(s.prune_rate[2] == 0.6 && s.prune_rate[3] == 0.3);
 }
 
-/* In 7000 steps resets would come at 720, 1440, 2160, 2880 ...: 2160 is 180 steps before a prune, 3600 is one, 5760 is
- * 73 before the last, when densifying is over. */
+/* Opacity resets before a prune are put off until the prune. In 7000 steps they would come at 720, 1440, 2160, 2880
+ * ...: 2160 is 180 steps before a prune, 3600 is one, and 5760 is 73 steps before the last prune, when densification
+ * is over. */
 static void resets_wait_for_a_prune_that_is_near(void **unused) {
   (void)unused;
   pags_schedule s = schedule_of(PAGS_PRESET_SHORT, 7000, 180);
@@ -125,7 +128,7 @@ static void resets_wait_for_a_prune_that_is_near(void **unused) {
       assert_int_equal(step, want[count++]);
     }
   assert_int_equal(count, 7);
-  s = schedule_of(PAGS_PRESET_SHORT, 30000, 10); /* at full length nothing moves */
+  s = schedule_of(PAGS_PRESET_SHORT, 30000, 10); /* at full length no reset is put off */
   for (int64_t step = 1; step <= 30000; step++)
     assert_int_equal(pags_schedule_is_reset(&s, step), step % 3000 == 0 && step < 25000);
 }
@@ -142,7 +145,7 @@ static void scores_come_into_0_to_1(void **unused) {
   assert_true(out[0] == 0 && fabsf(out[1] - 4e-6f) < 1e-9f && out[3] == 1);
   assert_int_equal(pags_prune_normalise(PAGS_S_GRAD_LOG, raw, 6, out), PAGS_OK);
   assert_true(out[0] == 0 && out[3] == 1 && fabs((double)out[1] - log(2) / log1p(250000)) < 1e-6);
-  const double odd[2] = {(double)NAN, -1}; /* nothing is made of nothing */
+  const double odd[2] = {(double)NAN, -1}; /* values that aren't valid count as 0 */
   for (int kind = PAGS_S_GRAD_RANK; kind <= PAGS_S_GRAD_LOG; kind++) {
     assert_int_equal(pags_prune_normalise((pags_s_grad)kind, odd, 2, out), PAGS_OK);
     assert_true(out[0] == 0 && out[1] == 0);
@@ -150,7 +153,8 @@ static void scores_come_into_0_to_1(void **unused) {
   }
 }
 
-/* 0.4 of what is semantic: in the sum a critical Gaussian needs nothing else, in the product it must matter, too. */
+/* With an alpha of 0.4 for the semantic score: in the sum a critical Gaussian keeps 0.4 even with a gradient score of
+ * 0; in the product it needs a gradient score as well. */
 static void the_two_scores_come_together(void **unused) {
   (void)unused;
   pags_train_config c = pags_train_config_default();
@@ -176,7 +180,7 @@ static void floors_hold_and_the_lowest_go(void **unused) {
   static int32_t group[ROWS];
   static uint8_t drop[ROWS];
   int64_t dropped, left[3] = {0};
-  for (int i = 0; i < ROWS; i++) { /* 100 rows of object 1 and 40 of object 2 score lowest */
+  for (int i = 0; i < ROWS; i++) { /* the 100 rows of object 1 and 40 rows of object 2 have the lowest scores */
     group[i] = i < 100 ? 1 : i < 140 ? 2 : 0;
     score[i] = (float)i;
   }
@@ -189,7 +193,7 @@ static void floors_hold_and_the_lowest_go(void **unused) {
   }
   assert_int_equal(left[1], 60);
   assert_int_equal(left[2], 40);
-  r.target = 100; /* floors may take half of it: 25 each */
+  r.target = 100; /* the objects' floors may take up half of the target: 25 rows each */
   assert_int_equal(pags_prune_choose(&r, drop, &dropped), PAGS_OK);
   assert_int_equal(dropped, 900);
   left[0] = left[1] = left[2] = 0;
@@ -200,7 +204,7 @@ static void floors_hold_and_the_lowest_go(void **unused) {
   assert_int_equal(left[0], 50);
 }
 
-/* Where all score the same, what goes is spread evenly, by the seed. */
+/* Among rows of equal score the dropped ones are chosen at random by the seed and spread evenly. */
 static void ties_are_drawn(void **unused) {
   (void)unused;
   static const float score[ROWS];
@@ -230,10 +234,11 @@ static void the_bound_holds_at_the_last_prune(void **unused) {
   assert_int_equal(pags_prune_target(&s, 3, 1000), 300);
   s.config.size_limit.max_gaussians = 800;
   assert_int_equal(pags_prune_target(&s, 3, 1000), 700);
-  assert_int_equal(pags_prune_target(&s, 3, 3), 16); /* more than there are: none goes */
+  assert_int_equal(pags_prune_target(&s, 3, 3), 16); /* more than there are rows: none is dropped */
 }
 
-/* Children inherit, and a checkpoint keeps, priorities and what was summed since the last prune. */
+/* Rows made by splitting and cloning inherit their parent's priorities and the sums collected since the last prune,
+ * and a checkpoint keeps both. */
 static void rows_take_their_scores_along(void **unused) {
   (void)unused;
   pags_gaussians g;
@@ -262,7 +267,7 @@ static void rows_take_their_scores_along(void **unused) {
   pags_state_settle(&s, tasks);
   for (int i = 0; i < 40; i++) {
     m->density.squared[i] = (float)(100 + i);
-    m->density.gradient[i] = i == 7 || i == 9 ? 1.0f : 0.0f; /* split and cloned */
+    m->density.gradient[i] = i == 7 || i == 9 ? 1.0f : 0.0f; /* row 7 is split, row 9 is cloned */
     m->density.seen[i] = 1;
   }
   assert_int_equal(pags_densify_decide(m, &edits), PAGS_OK);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Results and their messages. */
+/* Result codes and error messages. */
 #include <pags/base.h>
 
 #include <pthread.h>

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Random numbers: known answers, moments, ranges. */
+/* The random number generator: known-answer vectors, moments, ranges. */
 #include "base/rng.h"
 
 #include <math.h>
@@ -42,7 +42,7 @@ static void moments_are_right(void **state) {
     fourth += pow(z[1], 4) / N;
     cross += z[0] * z[1] / N;
   }
-  /* About five standard errors each. */
+  /* Tolerances are about five standard errors. */
   assert_true(fabs(uniform - 0.5) < 0.0033);
   assert_true(fabs(uniform_square - 1.0 / 3) < 0.0034);
   assert_true(fabs(mean) < 0.0112);
@@ -60,7 +60,7 @@ static void below_stays_below_and_reaches_all(void **state) {
     assert_in_range(seen[k], 850, 1150);
   for (uint64_t i = 0; i < 1000; i++)
     assert_true(pags_rng_below(3, 1, i, UINT64_C(0xC000000000000001)) < UINT64_C(0xC000000000000001));
-  /* floor(x n / 2^64) against a wide product. */
+  /* floor(x n / 2^64) against a product of 128 bits. */
   __extension__ typedef unsigned __int128 wide;
   for (uint64_t i = 0; i < 1000; i++) {
     uint32_t words[4];

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Scene folders and bare files as scenes. */
+/* Scene folders, and splat files opened as scenes. */
 #include <pags/scene.h>
 
 #include <math.h>
@@ -14,7 +14,7 @@
 
 #include <cmocka.h>
 
-/* Two models, two views, all fields off their defaults. */
+/* A scene of two models and two views in which no field has its default value. */
 static pags_scene sample(void) {
   pags_scene scene = {.origin = {500000.125, -0.1, 1e-300},
                       .up = PAGS_UP_Z,
@@ -42,7 +42,7 @@ static pags_scene sample(void) {
   return scene;
 }
 
-/* The sample as a driving scene: a sky, a parked and a moving object. */
+/* The sample extended to a driving scene: a sky, a parked object and a moving object. */
 static pags_scene driving_sample(void) {
   pags_scene scene = sample();
   scene.fps = 10;
@@ -230,7 +230,8 @@ static void a_bare_file_is_a_scene(void **state) {
   bytes_free(&file);
 }
 
-/* Saves the sample, replaces `from` in scene.json by `to` (of the same length or shorter, padded) and loads it. */
+/* Saves the scene, replaces `from` in its scene.json by `to` (of the same length, or shorter and padded), and expects
+ * loading it to fail. */
 static void assert_edit_of_fails(pags_scene scene, const char *from, const char *to, pags_result code,
                                  const char *message) {
   pags_scene back;
@@ -283,7 +284,7 @@ static void bad_objects_are_explained(void **state) {
                        "background.ply: vertex 7: expected 'object_id' of one of 2 objects, found 2");
 }
 
-/* Bytes changed at random: an error or a scene, never a crash. */
+/* Random changes of bytes give an error or a scene, never a crash. */
 static void damaged_scenes_are_survived(void **state) {
   (void)state;
   static const char *const files[] = {"f/scene.json", "f/sky.npy", "f/objects/car 1.ply"};

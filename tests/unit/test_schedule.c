@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The schedule and the configuration: figures of 3DGS at 30 000 steps, their scaling, and text both ways. */
+/* The training schedule and configuration: the values of 3DGS at 30 000 steps, their scaling to other lengths, and
+ * the configuration as text, written and read. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -39,7 +40,7 @@ static void events_of_30000_steps(void **unused) {
     densify += pags_schedule_is_densify(&s, step);
     resets += pags_schedule_is_reset(&s, step);
   }
-  assert_int_equal(densify, 144); /* 600, 700, ... 14900 */
+  assert_int_equal(densify, 144); /* at the steps 600, 700, ... 14900 */
   assert_int_equal(resets, 4);
   assert_int_equal(pags_schedule_sh_degree(&s, 999), 0);
   assert_int_equal(pags_schedule_sh_degree(&s, 2000), 2);
@@ -56,9 +57,9 @@ static void short_runs_keep_whole_passes(void **unused) {
   assert_int_equal(s.densify_from, 50);
   assert_int_equal(s.densify_until, 1500);
   assert_int_equal(s.densify_every, 43);
-  assert_int_equal(s.reset_every, 301); /* 300 raised to a multiple of 43 */
+  assert_int_equal(s.reset_every, 301); /* 300 rounded up to a multiple of the 43 steps between densifications */
   assert_true(pags_schedule_is_densify(&s, 301) && pags_schedule_is_reset(&s, 301));
-  config.schedule.schedule_iterations = 30000; /* stretched over another length than is run */
+  config.schedule.schedule_iterations = 30000; /* the schedule is stretched over another length than the run has */
   assert_int_equal(pags_schedule_make(&config, 1.0, 43).densify_from, 500);
 }
 
@@ -127,7 +128,7 @@ static void configuration_is_checked(void **unused) {
   assert_int_equal(pags_train_config_check(&raw), PAGS_ERROR_ARGUMENT);
 }
 
-/* Every row says what it is, and its default passes the check by the row's own range or rule. */
+/* Every field has a description, and its default passes the check by the field's own range or rule. */
 static void every_field_is_described(void **unused) {
   (void)unused;
   const pags_train_config config = pags_train_config_default();
@@ -143,7 +144,7 @@ static void every_field_is_described(void **unused) {
     snprintf(text, sizeof text, "%.17g", f->standard);
     assert_int_equal(f->type == PAGS_FIELD_CHOICE || pags_train_config_set(&again, f->name, text) == PAGS_OK, 1);
     assert_null(pags_config_difference(&config, &again));
-    /* Beyond the row's range nothing is taken; "auto" is what the rule is called. */
+    /* Values beyond the field's range are refused; "auto" selects the field's rule. */
     if (f->type == PAGS_FIELD_DOUBLE) {
       snprintf(text, sizeof text, "%.17g", 2 * f->most + 1);
       assert_int_equal(pags_train_config_set(&again, f->name, text), PAGS_OK);
@@ -158,7 +159,7 @@ static void every_field_is_described(void **unused) {
   assert_true(config.optimiser.sh_rest_rate == 0.0025 / 20 && config.density.densify_until == -1);
 }
 
-/* The lines of a checkpoint written before the fields were grouped: the same names in another order. */
+/* A configuration from a checkpoint of an older format: the same field names in another order. */
 static void a_configuration_of_old_is_read(void **unused) {
   (void)unused;
   static const char old[] =
@@ -184,7 +185,7 @@ static void a_configuration_of_old_is_read(void **unused) {
   expected.priority.preset = PAGS_PRESET_LEAN;
   expected.objects.fourier_gain = 0.0;
   expected.color.sh_degree = 3;
-  /* What the run had resolved when it was written */
+  /* Values that the older version had already resolved when it wrote the file. */
   expected.density.densify_until = 12000;
   expected.priority.hybrid = PAGS_HYBRID_PRODUCT;
   expected.priority.critical_weight = expected.priority.critical_growth = 3.0;

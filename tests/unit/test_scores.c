@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Scores of a frame's Gaussians: against the double-precision oracle, its own finite differences, and the cases that
- * the scores are there for; and S_sem as it is written to the rows of a run. */
+/* The per-Gaussian scores that a frame computes for pruning: against the double-precision oracle, the oracle against
+ * finite differences, the cases that the scores are meant to handle; and the semantic score S_sem written to the rows
+ * of a run. */
 #include "reference/frame_scene.h"
 #include "reference/reference_scene.h"
 
@@ -16,7 +17,7 @@
 
 enum { WIDTH = 101, HEIGHT = 67, PIXELS = WIDTH * HEIGHT, STRIDE = 112, ROWS = 80, COUNT = 600 };
 
-typedef struct sums { /* of every Gaussian, parts one after another */
+typedef struct sums { /* per Gaussian, one part's after the other's */
   double seen[COUNT], critical[COUNT], squared[COUNT];
 } sums;
 
@@ -68,7 +69,8 @@ static void score(const fixture *f, int threads, int cluster_size, int overlap, 
   pags_score_planes planes = {.counted = f->counted, .critical = f->critical, .overlap = overlap};
   options.keep_for_backward = 1;
   *out = (sums){{0}, {0}, {0}};
-  scene.parts[0].gaussians = &scene.gaussians[0]; /* the struct was returned by value */
+  /* `scene` was returned by value, so the pointer into it must be set again. */
+  scene.parts[0].gaussians = &scene.gaussians[0];
   scene.parts[0].clusters = &scene.clusters[0];
   assert_int_equal(pags_frame_create(tasks, &frame), PAGS_OK);
   assert_int_equal(pags_frame_render(frame, scene.parts, 1, &f->camera, &options, NULL, NULL, &picture), PAGS_OK);
@@ -79,7 +81,8 @@ static void score(const fixture *f, int threads, int cluster_size, int overlap, 
   pags_tasks_destroy(tasks);
 }
 
-/* dL/dG of a contribution, given what lies behind it; L is the sum of the channels. */
+/* Derivative of L by the Gaussian's falloff G for one contribution; L is the sum of the pixel's channels, `behind`
+ * the colour composited behind it. */
 static double by_value(const reference_contribution *c, const reference_splat *splat, double behind) {
   double alpha = fmin(REFERENCE_ALPHA_CAP, c->alpha_raw), opacity = c->alpha_raw / c->falloff;
   double value = splat->colour[0] + splat->colour[1] + splat->colour[2];
@@ -113,7 +116,7 @@ static void score_plainly(const fixture *f, const reference_picture *picture, su
   free(behind);
 }
 
-/* Pixels that rounding may decide otherwise don't count. */
+/* Leaves out pixels at which float rounding may decide a threshold or a depth order otherwise than double. */
 static void leave_out_doubtful(fixture *f, const reference_picture *picture) {
   int64_t left_out = 0;
   for (int64_t pixel = 0; pixel < PIXELS; pixel++)
@@ -141,12 +144,14 @@ static void sums_are_the_oracle_s(void **unused) {
     total += want.seen[i];
     critical += want.critical[i];
   }
-  assert_true(critical > 0.1 * total && critical < 0.9 * total); /* both kinds were there */
+  /* Critical and other Gaussians both have a substantial share. */
+  assert_true(critical > 0.1 * total && critical < 0.9 * total);
   reference_picture_destroy(&picture);
   end(&f);
 }
 
-/* The sum of a pixel's channels with one contribution's Gaussian raised by a hair; `list` is front to back. */
+/* The sum of a pixel's channels when the falloff of one contribution is increased by `hair`, for finite differences;
+ * `list` is front to back. */
 static double channel_sum(const reference_picture *picture, const int64_t *list, int count, int raised, double hair,
                           double background) {
   double sum = 0.0, through = 1.0;
@@ -221,8 +226,8 @@ static void place(fixture *f, int64_t i, double z, double sigma, double logit) {
     f->part.planes[plane * f->part.count + i] = values[plane];
 }
 
-/* A car, 12 layers of it, before a wall of its size on the screen: the mask is where the car lets next to nothing
- * through. */
+/* A car of 12 layers in front of a wall of the same size on the screen; the critical mask covers the pixels where the
+ * car is almost opaque. The wall must get almost no critical weight. */
 static void a_wall_behind_a_car_gets_no_credit(void **unused) {
   (void)unused;
   enum { LAYERS = 12 };
@@ -234,7 +239,7 @@ static void a_wall_behind_a_car_gets_no_credit(void **unused) {
   for (int i = 0; i < LAYERS; i++)
     place(&f, i, 4.0 + 0.01 * i, 0.5, 8.0);
   place(&f, LAYERS, 8.0, 1.0, 8.0);
-  double edge = 1.5 * 0.5 * f.camera.fx / 4.0; /* there a layer's alpha is 0.32 */
+  double edge = 1.5 * 0.5 * f.camera.fx / 4.0; /* at this radius a layer's alpha is 0.32 */
   for (int y = 0; y < HEIGHT; y++)
     for (int x = 0; x < WIDTH; x++)
       f.critical[y * STRIDE + x] = hypot(x + 0.5 - f.camera.cx, y + 0.5 - f.camera.cy) < edge;
@@ -242,12 +247,12 @@ static void a_wall_behind_a_car_gets_no_credit(void **unused) {
   assert_true(got.critical[0] > 0.5 * got.seen[0]);
   assert_true(got.seen[LAYERS] > 1.0);
   assert_true(got.critical[LAYERS] < 0.05 * got.seen[LAYERS]);
-  score(&f, 1, 64, 1, &got); /* mere overlap is fooled */
+  score(&f, 1, 64, 1, &got); /* the score by mere overlap credits the wall */
   assert_true(got.critical[LAYERS] > 0.2 * got.seen[LAYERS]);
   end(&f);
 }
 
-/* Writing S_sem. */
+/* ---- Writing S_sem ---- */
 
 static void fill_state(pags_train_state *s, pags_s_sem kind) {
   pags_gaussians g;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Lowering of SH degrees: colours within the stated error from every direction that counts, no degree higher than
- * needed. */
+/* Lowering of SH degrees per Gaussian: colours stay within the stated error in every direction from which a view sees
+ * the Gaussian, and no degree is higher than needed. */
 #include "reference/reference_scene.h"
 
 #include <setjmp.h>
@@ -23,19 +23,20 @@ typedef struct fixture {
   pags_gaussians before, after;
 } fixture;
 
-/* Rows in front of one camera or another, colours from nearly constant to lively. */
+/* Gaussians in front of one of several cameras, with view dependence from almost none to strong. */
 static fixture make_fixture(int degree) {
   fixture f;
   reference_random random = {(uint64_t)degree + 8};
   reference_recipe recipe = reference_recipe_default();
   pags_frame_options options = reference_options();
-  recipe.sigma[0] = 0.2,
-  recipe.sigma[1] = 0.5; /* small: a view counts nearly always just when the mean lies in its picture */
+  /* Small Gaussians: a view counts almost only if the mean projects into its picture. */
+  recipe.sigma[0] = 0.2, recipe.sigma[1] = 0.5;
   reference_part part = reference_part_create(COUNT, degree);
   memcpy(options.origin, origin, sizeof origin);
   for (int v = 0; v < VIEWS; v++) {
     f.cameras[v] = v < VIEWS - 1 && v > 0 ? f.cameras[0] : reference_random_camera(&random, 256, 192);
-    for (int k = 0; k < 3; k++) /* most look the same way from places up to 2 m apart, the last one anywhere */
+    /* Most cameras look the same way from places up to 2 m apart; the last one is placed at random. */
+    for (int k = 0; k < 3; k++)
       f.cameras[v].world_from_camera[4 * k + 3] +=
           v == 0 || v == VIEWS - 1 ? origin[k] : reference_uniform(&random, -1, 1);
     f.views[v] = pags_sh_view_make(&f.cameras[v], still, origin, 0.01, 0.3);
@@ -44,7 +45,7 @@ static fixture make_fixture(int degree) {
     recipe.colour = 0.25 * pow(10, -3.0 * (double)(i % 10) / 9);
     reference_random_gaussian(&random, &recipe, &f.cameras[i % (VIEWS - 1)], &options, &part, i);
   }
-  for (int64_t i = 0; i < 5; i++) { /* nobody sees these */
+  for (int64_t i = 0; i < 5; i++) { /* five Gaussians that no view sees */
     part.planes[i] = 1e4;
     part.planes[COUNT + i] = 1e4;
   }
@@ -62,7 +63,8 @@ static void destroy_fixture(fixture *f) {
   pags_gaussians_destroy(&f->after);
 }
 
-/* Whether the mean itself lies in the picture: such a view must have been counted. */
+/* Computes the viewing direction; returns whether the mean projects into the picture, in which case the view must
+ * count. */
 static int direction_from(const pags_camera *camera, const pags_gaussians *g, int64_t i, double direction[3]) {
   const double *m = camera->world_from_camera;
   double offset[3], at[3] = {0, 0, 0}, length = 0;
@@ -86,7 +88,8 @@ static double colour_of(const pags_gaussians *g, int64_t i, int channel, const d
   return sum;
 }
 
-/* Largest half range, over channels, of what lies beyond `degree` from the directions that certainly count. */
+/* Half the largest range, over channels, of the colour terms above `degree`, over the directions of the views that
+ * must count. */
 static double beyond(const fixture *f, int64_t i, int degree) {
   double worst = 0;
   for (int c = 0; c < 3; c++) {
@@ -123,8 +126,8 @@ static void check_degree(int degree) {
         assert_true(now < degree || change == 0);
       }
     assert_true(beyond(&f, i, now) <= error + 1e-5);
-    needed +=
-        now > 0 && beyond(&f, i, now - 1) > error; /* more views may count than those whose picture the mean lies in */
+    /* The degree may also be needed because of views that count though the mean isn't in their picture. */
+    needed += now > 0 && beyond(&f, i, now - 1) > error;
     for (int plane = 0; plane < PAGS_SH; plane++)
       assert_true(pags_plane(&f.after, plane)[i] == pags_plane(&f.before, plane)[i]);
     if (i < 5)
@@ -143,7 +146,8 @@ static void colours_stay_within_the_error(void **unused) {
     check_degree(degree);
 }
 
-/* One view: all its directions' terms fit into the constant one. No error allowed: only what shows nowhere goes. */
+/* With one view the colour terms of all degrees can be folded into the constant term. With an error of 0 only
+ * Gaussians that no view sees are trimmed. */
 static void one_direction_needs_no_degree(void **unused) {
   (void)unused;
   fixture f = make_fixture(3);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What is told from a vehicle as its shadow, and what isn't. */
+/* The filter that separates a vehicle from the shadow and the road below it: what it removes from a depth view, and
+ * what it keeps. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -12,10 +13,11 @@
 
 enum { SIDE = 4, PIXELS = SIDE * SIDE };
 
-/* A view from `from` along `z`, x to the right, of a patch at one depth about a metre off; of one brightness. */
+/* Filters a depth view taken 1 m from `place`, from above or from the vehicle's side, of a patch at one depth and of
+ * one brightness; returns whether the filter cleared the patch. */
 static int is_cleared(const double size[3], const double place[3], int from_above, uint8_t brightness) {
-  static const double aside[9] = {1, 0, 0, 0, 0, 1, 0, -1, 0},
-                      above[9] = {1, 0, 0, 0, -1, 0, 0, 0, -1}; /* looks along +y; down */
+  /* Camera axes: aside looks along +y, above looks down. */
+  static const double aside[9] = {1, 0, 0, 0, 0, 1, 0, -1, 0}, above[9] = {1, 0, 0, 0, -1, 0, 0, 0, -1};
   float depth[PIXELS], bounds[2];
   uint8_t cover[PIXELS], rgb[3 * PIXELS];
   pags_depth_view depth_view = {
@@ -43,7 +45,7 @@ static int is_cleared(const double size[3], const double place[3], int from_abov
 
 static const double car[3] = {4.5, 2, 1.5}, lorry[3] = {9, 2, 1.5};
 
-/* Height above the box's lower face, metres. */
+/* An upright patch at `height` metres above the box's lower face. */
 static int upright(const double size[3], double along, double across, double height, uint8_t brightness) {
   const double place[3] = {along, across, height - 0.5 * size[2]};
   return is_cleared(size, place, 0, brightness);
@@ -56,22 +58,22 @@ static int level(const double size[3], double along, double across, double heigh
 
 static void test_dark_under_the_sill_is_air(void **state) {
   (void)state;
-  assert_true(upright(car, 0, -0.9, 0.15, 30));    /* between the wheels, in the plane of the side */
-  assert_true(upright(car, 2, -0.9, 0.15, 30));    /* behind them */
-  assert_false(upright(car, 1.3, -0.9, 0.15, 30)); /* a wheel */
-  assert_true(upright(car, 1.3, -0.3, 0.15, 30));  /* between the left and the right one */
+  assert_true(upright(car, 0, -0.9, 0.15, 30));    /* the dark gap between front and rear wheels */
+  assert_true(upright(car, 2, -0.9, 0.15, 30));    /* behind the rear wheels */
+  assert_false(upright(car, 1.3, -0.9, 0.15, 30)); /* a wheel must stay */
+  assert_true(upright(car, 1.3, -0.3, 0.15, 30));  /* between the left and the right wheel */
   assert_false(upright(car, 0, -0.9, 0.35, 30));   /* the body */
-  assert_false(upright(car, 0, -0.9, 0.15, 120));  /* painted */
-  assert_false(upright(lorry, 0, -0.9, 0.15, 30)); /* wheels may be anywhere */
+  assert_false(upright(car, 0, -0.9, 0.15, 120));  /* bright: painted bodywork */
+  assert_false(upright(lorry, 0, -0.9, 0.15, 30)); /* a lorry's wheels may be anywhere along it */
 }
 
 static void test_level_ground_is_no_part(void **state) {
   (void)state;
   assert_true(level(car, 0, 0, 0.08, 120));
-  assert_false(level(car, 0, 0, 0.2, 120));   /* too high for the road */
-  assert_true(level(car, 0, 0.95, 0.2, 120)); /* a footway beside it */
+  assert_false(level(car, 0, 0, 0.2, 120));   /* too high above the road */
+  assert_true(level(car, 0, 0.95, 0.2, 120)); /* a footway beside the car */
   assert_false(level(car, 0, 0.95, 0.4, 120));
-  assert_false(upright(car, 0, -0.95, 0.2, 120)); /* its side */
+  assert_false(upright(car, 0, -0.95, 0.2, 120)); /* the car's side */
 }
 
 int main(void) {

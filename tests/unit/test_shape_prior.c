@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Completing vehicles: what well-seen ones of their size are like, and no pits. */
+/* Completing the meshes of vehicles with shape priors, blended from well-observed vehicles of similar size, and
+ * without pits. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -15,7 +16,7 @@ static const double size[3] = {4, 2, 1.5}, step = 0.1;
 static pags_tsdf grid_of(double spacing) {
   pags_tsdf grid;
   double lo[3], hi[3];
-  for (int k = 0; k < 3; k++) { /* even about the middle, 0.2 m beyond the box */
+  for (int k = 0; k < 3; k++) { /* symmetric about the centre, 0.2 m beyond the box */
     hi[k] = 0.5 * size[k] + 0.2;
     lo[k] = -hi[k];
   }
@@ -35,7 +36,7 @@ static int64_t index_of(const pags_tsdf *g, double x, double y, double z) {
   return (at[2] * g->n[1] + at[1]) * g->n[0] + at[0];
 }
 
-/* Every point within lo..hi. */
+/* Sets distance and weight of every lattice point within lo..hi. */
 static void say(pags_tsdf *g, const double lo[3], const double hi[3], float distance, float weight) {
   for (int64_t i = 0; i < (int64_t)g->n[0] * g->n[1] * g->n[2]; i++) {
     const int64_t at[3] = {i % g->n[0], i / g->n[0] % g->n[1], i / g->n[0] / g->n[1]};
@@ -64,7 +65,7 @@ static pags_shape_prior prior_of(float distance, float weight, int64_t object) {
 
 static double middle_of(const pags_shape_prior *prior, double *known) {
   pags_tsdf grid = empty_grid();
-  say(&grid, all_lo, all_hi, 0, 1e-6f); /* next to nothing, as of a view far off */
+  say(&grid, all_lo, all_hi, 0, 1e-6f); /* almost no weight of its own, like a vehicle seen from far away */
   assert_int_equal(pags_shape_prior_complete(&grid, size, 0, prior, NULL), PAGS_OK);
   double distance = (double)grid.distance[index_of(&grid, 0, 0, 0)];
   pags_tsdf_destroy(&grid);
@@ -74,7 +75,7 @@ static double middle_of(const pags_shape_prior *prior, double *known) {
   return distance;
 }
 
-/* What was seen twenty times as well counts twenty times. */
+/* An observation with twenty times the weight counts twenty times as much. */
 static void test_the_well_seen_count(void **state) {
   (void)state;
   pags_shape_prior priors[2] = {prior_of(0.2f, 4, 1), prior_of(-0.2f, 0.2f, 2)}, blended;
@@ -83,7 +84,8 @@ static void test_the_well_seen_count(void **state) {
   assert_true(fabs(middle_of(&blended, &known) - expected) < 0.002);
   assert_true(known == 1);
   pags_shape_prior_destroy(&blended);
-  assert_int_equal(pags_shape_prior_blend(priors, 2, size, 1, NULL, &blended), PAGS_OK); /* its own doesn't count */
+  /* An object's own shape isn't used as its prior. */
+  assert_int_equal(pags_shape_prior_blend(priors, 2, size, 1, NULL, &blended), PAGS_OK);
   middle_of(&blended, &known);
   assert_true(known == 0);
   pags_shape_prior_destroy(&blended);
@@ -91,7 +93,7 @@ static void test_the_well_seen_count(void **state) {
   pags_shape_prior_destroy(&priors[1]);
 }
 
-/* Points along a side. */
+/* LiDAR points along one side of the vehicle. */
 static pags_lidar_fit side_cloud(void) {
   pags_lidar_fit cloud = {0};
   for (int i = 0; i < 40; i++) {
@@ -101,7 +103,8 @@ static pags_lidar_fit side_cloud(void) {
   return cloud;
 }
 
-/* A form on whose surface the points lie, one that is 0.2 m off, and one that fits, too, but knows next to nothing. */
+/* LiDAR selects among shapes: one whose surface contains the points, one that is 0.2 m off, and one that fits as well
+ * but has almost no weight. */
 static void test_lidar_chooses(void **state) {
   (void)state;
   pags_shape_prior priors[3] = {prior_of(0, 4, 1), prior_of(0.2f, 4, 2), prior_of(0, 0.02f, 4)}, blended;
@@ -111,17 +114,19 @@ static void test_lidar_chooses(void **state) {
   assert_true(fabs((double)blended.distance[0] - 0.1) < 1e-6);
   pags_shape_prior_destroy(&blended);
   assert_int_equal(pags_shape_prior_blend(priors, 2, size, 3, &cloud, &blended), PAGS_OK);
-  assert_true(blended.distance[0] > 0 &&
-              (double)blended.distance[0] < 0.2 * 0.04); /* the other keeps 0.03 of its weight */
+  /* The shape that fits worse keeps 0.03 of its weight. */
+  assert_true(blended.distance[0] > 0 && (double)blended.distance[0] < 0.2 * 0.04);
   middle_of(&blended, &known);
   assert_true(known == 1);
   pags_shape_prior_destroy(&blended);
   assert_int_equal(pags_shape_prior_blend(priors + 1, 2, size, 3, &cloud, &blended), PAGS_OK);
-  assert_true((double)blended.distance[0] > 0.15); /* what the worse one knows better stays known */
+  /* Where the badly fitting shape has the greater weight, it still decides. */
+  assert_true((double)blended.distance[0] > 0.15);
   middle_of(&blended, &known);
   assert_true(known == 1);
   pags_shape_prior_destroy(&blended);
-  for (int k = 0; k < 3; k++) /* as a smaller car's the form is stretched: the points are in it, just */
+  /* The shape of a smaller car is stretched to the box: the points are just inside it. */
+  for (int k = 0; k < 3; k++)
     priors[0].size[k] *= 0.95;
   for (int64_t i = 0; i < cloud.count; i++)
     cloud.points[3 * i] = (float)(0.53 * size[0]);
@@ -133,8 +138,9 @@ static void test_lidar_chooses(void **state) {
   pags_lidar_fit_destroy(&cloud);
 }
 
-/* A form that fits the fifth or so of the points that it knows of doesn't win by that from one that is 0.04 m off all
- * of them: where both know, that counts more than half as much. Nor does a third that fits badly make it lose. */
+/* A shape that fits the fifth of the points that it covers doesn't win against one that is 0.04 m off all of them:
+ * where both cover, the latter counts more than half as much as the former. Nor does a third shape that fits badly
+ * take the former's weight away. */
 static void test_knowing_little_does_not_win(void **state) {
   (void)state;
   static const double lo[3] = {1, -9, -9};
@@ -151,7 +157,8 @@ static void test_knowing_little_does_not_win(void **state) {
   pags_shape_prior_destroy(&blended);
   priors[2] = prior_of(-0.2f, 4, 4);
   assert_int_equal(pags_shape_prior_blend(priors, 3, size, 3, &cloud, &blended), PAGS_OK);
-  assert_true((double)blended.distance[both] < 0.028); /* 0.032 if it counted 0.03 */
+  /* Would be 0.032 if the shape that covers few points kept a weight of only 0.03. */
+  assert_true((double)blended.distance[both] < 0.028);
   pags_shape_prior_destroy(&blended);
   for (int i = 0; i < 3; i++)
     pags_shape_prior_destroy(&priors[i]);
@@ -159,7 +166,7 @@ static void test_knowing_little_does_not_win(void **state) {
   pags_lidar_fit_destroy(&cloud);
 }
 
-/* A level surface at z = 0 that many views saw, and points that say 0.06 m. */
+/* The surface z = 0, which many views observed, is pulled to LiDAR points at z = 0.06 m. */
 static void test_the_mesh_is_pulled_to_lidar(void **state) {
   (void)state;
   pags_lidar_fit cloud = {0};
@@ -177,14 +184,15 @@ static void test_the_mesh_is_pulled_to_lidar(void **state) {
     }
     assert_int_equal(pags_shape_prior_complete(&grid, size, 0, NULL, held ? &cloud : NULL), PAGS_OK);
     assert_true(fabs((double)grid.distance[index_of(&grid, 0, 0, 0.05)] - (held ? -0.01 : 0.05)) < 0.002);
-    assert_true(grid.distance[index_of(&grid, 0, 0, -0.95)] > 0); /* the border stays outside */
+    /* The lattice's border stays outside of the mesh. */
+    assert_true(grid.distance[index_of(&grid, 0, 0, -0.95)] > 0);
   }
   pags_tsdf_destroy(&grid);
   pags_lidar_fit_destroy(&cloud);
 }
 
-/* Sides up to a roof, seen; between them what a form says is free, `weight` views having looked. Distance in the
- * middle. */
+/* Completes a grid with two observed sides of a vehicle up to the roof and with free space between them by the prior,
+ * observed with `weight`; returns the distance at the centre, which is negative if the space is filled. */
 static double between_sides(int vehicle, float weight) {
   static const double left_lo[3] = {-1, 0.6, -0.8}, left_hi[3] = {1, 0.8, 0.5}, right_lo[3] = {-1, -0.8, -0.8},
                       right_hi[3] = {1, -0.6, 0.5};
@@ -195,9 +203,9 @@ static double between_sides(int vehicle, float weight) {
   say(&grid, right_lo, right_hi, -0.1f, 12);
   assert_int_equal(pags_shape_prior_complete(&grid, size, vehicle, &prior, NULL), PAGS_OK);
   double distance = (double)grid.distance[index_of(&grid, 0, 0, 0.1)];
-  assert_true(grid.distance[index_of(&grid, 0, 0, 0.7)] > 0);   /* over the roof */
-  assert_true(grid.distance[index_of(&grid, 1.5, 0, 0.1)] > 0); /* where there are no sides */
-  assert_true(grid.distance[index_of(&grid, 0, 0, -0.6)] > 0);  /* under it */
+  assert_true(grid.distance[index_of(&grid, 0, 0, 0.7)] > 0);   /* above the roof */
+  assert_true(grid.distance[index_of(&grid, 1.5, 0, 0.1)] > 0); /* beyond the ends of the sides */
+  assert_true(grid.distance[index_of(&grid, 0, 0, -0.6)] > 0);  /* below the sides */
   pags_tsdf_destroy(&grid);
   pags_shape_prior_destroy(&prior);
   return distance;
@@ -206,11 +214,12 @@ static double between_sides(int vehicle, float weight) {
 static void test_vehicles_have_no_pits(void **state) {
   (void)state;
   assert_true(between_sides(1, 0.1f) < 0);
-  assert_true(between_sides(1, 4) > 0);    /* that was seen */
-  assert_true(between_sides(0, 0.1f) > 0); /* no vehicle */
+  assert_true(between_sides(1, 4) > 0);    /* free space that was really observed stays free */
+  assert_true(between_sides(0, 0.1f) > 0); /* other objects than vehicles aren't filled */
 }
 
-/* What lies beyond the vehicle on both sides, between it and the box as wide as its mirrors, makes no body. */
+/* Surfaces beyond both sides of the vehicle, in the margin that its box has for the mirrors, must not make the space
+ * between them a body. */
 static void test_sides_are_within_the_mirrors(void **state) {
   (void)state;
   static const double left_lo[3] = {-1, 0.9, -0.3}, left_hi[3] = {1, 1.1, 0.5}, right_lo[3] = {-1, -1.1, -0.3},
@@ -225,8 +234,9 @@ static void test_sides_are_within_the_mirrors(void **state) {
   pags_tsdf_destroy(&grid);
 }
 
-/* Of a vehicle seen free below its body but for what is solid for `length` metres about x, at the left side and down to
- * 0.1 m: the distance so far from that's middle along x, from the side inwards and over the box's lower face. */
+/* Completes a vehicle that was observed as free below its body except for a solid piece on the left side, `length`
+ * metres long about x, down to 0.1 m above the ground. Returns the distance at a point given relative to the piece's
+ * centre along x, to the vehicle's side inwards, and to the box's lower face. */
 static double below_wheel_at(double x, double length, int vehicle, double along, double inwards, double height) {
   const double lo[3] = {x - 0.5 * length, 0.9, -0.65}, hi[3] = {x + 0.5 * length, 0.98, -0.5};
   const double body_lo[3] = {-1.9, -0.98, -0.5}, body_hi[3] = {1.9, 0.98, 0.6};
@@ -244,22 +254,25 @@ static double below_wheel(double length, int vehicle, double along, double inwar
   return below_wheel_at(-1, length, vehicle, along, inwards, height);
 }
 
-/* The circle through both ends of 0.64 m at 0.16 m that would end 0.02 m below the box: its radius is 0.37 m. */
+/* A wheel is completed by a circle: it passes through both ends of the piece, 0.64 m long, at 0.16 m height and would
+ * reach 0.02 m below the box; its radius is 0.37 m. */
 static void test_wheels_stand_on_the_ground(void **state) {
   (void)state;
   assert_true(below_wheel(0.6, 1, 0, 0.06, 0.02) < 0);
-  assert_true(below_wheel(0.6, 1, 0.28, 0.06, 0.02) > 0); /* round */
-  assert_true(fabs(below_wheel(0.6, 1, 0.16, 0.06, 0.04) + 0.022) <
-              0.01); /* -0.006 if the circle ended at the box, -0.05 if 0.06 m lower */
-  assert_true(below_wheel(0.6, 1, 0, 0.12, 0.06) < 0); /* as wide as a wheel, though seen free there */
+  assert_true(below_wheel(0.6, 1, 0.28, 0.06, 0.02) > 0); /* the circle curves away from the ground here */
+  /* Would be -0.006 if the circle ended at the box, and -0.05 if it ended 0.06 m lower. */
+  assert_true(fabs(below_wheel(0.6, 1, 0.16, 0.06, 0.04) + 0.022) < 0.01);
+  /* Filled to a wheel's width although it was observed as free there. */
+  assert_true(below_wheel(0.6, 1, 0, 0.12, 0.06) < 0);
   assert_true(below_wheel(0.6, 1, 0, 0.2, 0.06) > 0);
-  assert_true(below_wheel(0.6, 0, 0, 0.06, 0.02) > 0); /* no vehicle */
+  assert_true(below_wheel(0.6, 0, 0, 0.06, 0.02) > 0); /* not a vehicle */
   assert_true(below_wheel(0.2, 1, 0, 0.06, 0.02) > 0);
-  assert_true(below_wheel(1, 1, 0, 0.06, 0.02) > 0);           /* a skirt */
-  assert_true(below_wheel_at(0.3, 0.6, 1, 0, 0.06, 0.02) > 0); /* where no wheels are */
+  assert_true(below_wheel(1, 1, 0, 0.06, 0.02) > 0); /* too long for a wheel: a side skirt */
+  /* In the middle of the vehicle, where no wheels are. */
+  assert_true(below_wheel_at(0.3, 0.6, 1, 0, 0.06, 0.02) > 0);
 }
 
-/* Nothing of a vehicle is below its box's lower face, whatever was seen there; of others it is. */
+/* A vehicle has no surface below its box's lower face, whatever was observed there; other objects may. */
 static void test_vehicles_end_at_the_ground(void **state) {
   (void)state;
   for (int vehicle = 0; vehicle < 2; vehicle++) {
@@ -274,13 +287,13 @@ static void test_vehicles_end_at_the_ground(void **state) {
   }
 }
 
-/* How high the surface in the middle of an unseen vehicle is, whose kind were seen to be free from `free_from` up, and
- * not at all below. */
+/* Height of the roof of an unobserved vehicle completed by a prior that is free from `free_from` upwards and unknown
+ * below. */
 static double roof_below(double free_from) {
   const double lo[3] = {-9, -9, free_from}, hi[3] = {9, 9, 9};
   pags_tsdf seen = empty_grid(), grid = grid_of(0.04);
   pags_shape_prior prior;
-  say(&seen, lo, hi, 0.4f, 20); /* four steps: as far as can be */
+  say(&seen, lo, hi, 0.4f, 20); /* four steps: the truncation distance */
   assert_int_equal(pags_shape_prior_take(&seen, size, 1, &prior), PAGS_OK);
   assert_int_equal(pags_shape_prior_complete(&grid, size, 1, &prior, NULL), PAGS_OK);
   int64_t layer = (int64_t)grid.n[0] * grid.n[1], at = index_of(&grid, 0, 0, 0);
@@ -294,15 +307,15 @@ static double roof_below(double free_from) {
   return height + 0.04 * below / (below - above);
 }
 
-/* Between the lowest point that is known and the highest that isn't, to half a step of the lattice of forms, 0.0175 m,
- * and what smoothing takes. */
+/* The surface lies halfway between the lowest lattice point known to be free and the highest unknown one, up to half
+ * a step of the prior's lattice, 0.0175 m, and the effect of smoothing. */
 static void test_roofs_are_half_way(void **state) {
   (void)state;
   for (int i = 0; i < 5; i++)
     assert_true(fabs(roof_below(0.25 + 0.1 * i) - (0.2 + 0.1 * i)) < 0.022);
 }
 
-/* Of what nobody saw, a vehicle's body begins 0.2 m over its box's lower face. */
+/* Where nothing was observed, a vehicle's body begins 0.2 m above its box's lower face. */
 static void test_air_under_vehicles(void **state) {
   (void)state;
   pags_tsdf grid = grid_of(0.04);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The sky: half precision, sky.npy, faces and directions. */
+/* The sky's cube map: half precision, the file sky.npy, faces and directions. */
 #include <pags/sky.h>
 
 #include <math.h>
@@ -12,7 +12,7 @@
 
 #include <cmocka.h>
 
-/* The value of a half by its definition. */
+/* The value of a half-precision number by the definition of the format. */
 static double half_value(unsigned half) {
   int exponent = (int)(half >> 10 & 31);
   double mantissa = half & 1023, sign = half & 0x8000 ? -1 : 1;
@@ -40,7 +40,8 @@ static void halves_are_the_nearest_with_ties_to_even(void **state) {
   for (unsigned half = 0; half < 0x7BFF; half++) {
     double lo = half_value(half), hi = half_value(half + 1), middle = 0.5 * (lo + hi);
     unsigned even = half & 1 ? half + 1 : half;
-    assert_int_equal(pags_half_from_float((float)middle), even); /* 12 bits: exact as float */
+    /* A midpoint needs 12 bits, so it is exact in float. */
+    assert_int_equal(pags_half_from_float((float)middle), even);
     assert_int_equal(pags_half_from_float(nextafterf((float)middle, 0)), half);
     assert_int_equal(pags_half_from_float(nextafterf((float)middle, INFINITY)), half + 1);
     assert_int_equal(pags_half_from_float(-(float)middle), even | 0x8000);
@@ -119,7 +120,8 @@ static void bad_files_are_explained(void **state) {
   pags_sky_destroy(&sky);
 }
 
-/* Towards the middle of texel (i, j) of each face as OpenGL's table has it, where the texel's own colour is due. */
+/* The direction to the centre of texel (i, j) of each face, by the table of cube map faces in the OpenGL
+ * specification, must give that texel's colour. */
 static void directions_meet_their_texels(void **state) {
   (void)state;
   enum { SIZE = 4 };
@@ -136,7 +138,7 @@ static void directions_meet_their_texels(void **state) {
         for (int c = 0; c < 3; c++)
           assert_float_equal(rgb[c], sky.texels[((face * SIZE + i) * SIZE + j) * 3 + c], 1e-5);
       }
-  float rgb[3]; /* between four texels, and beyond the middles at a corner */
+  float rgb[3]; /* Bilinear between four texels, and clamped beyond the texel centres at a corner. */
   pags_sky_sample(&sky, (double[]){1, 0, 0}, rgb);
   assert_float_equal(rgb[0], (5 + 6 + 9 + 10) / 4.0 * 3 / 256, 1e-5);
   pags_sky_sample(&sky, (double[]){1, 0.999, 0.999}, rgb);

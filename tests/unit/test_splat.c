@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* .splat and PlayCanvas' compressed PLY. */
+/* Reading .splat files and PlayCanvas' compressed PLY. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -70,20 +70,21 @@ static void bad_splats_are_explained(void **state) {
   assert_fails("a.splat", &file, 128, "byte 64: expected a finite position and a sigma >= 0, found nan");
   bytes_free(&file);
   file = make_splat(1, 1);
-  file.data[15] |= 0x80; /* sigma x < 0 */
+  file.data[15] |= 0x80; /* sets the sign bit of the first sigma */
   assert_fails("a.splat", &file, 32, "byte 0: expected a finite position and a sigma >= 0");
   bytes_free(&file);
 }
 
-/* Chunk bounds and one vertex chosen so that every field has a known value. */
+/* A compressed PLY whose chunk bounds and single vertex are chosen so that every decoded field has a known value. */
 static void a_packed_vertex_decodes(void **state) {
   (void)state;
   file_bytes file = make_compressed_ply(1, 1, 1, 1);
   uint8_t *chunk = file.data + file.size - 9 - 16 - 72, *vertex = chunk + 72, *sh = vertex + 16;
-  for (int i = 0; i < 18; i++) /* lower bounds -i, upper bounds i */
+  for (int i = 0; i < 18; i++) /* the lower bound of value i is -i, the upper bound i */
     pags_store_f32(chunk + 4 * i, (float)(i / 3 % 2 ? i : -i));
   pags_store_u32(vertex, 2047u << 21 | 0u << 11 | 2047u);
-  pags_store_u32(vertex + 4, 2u << 30 | 1023u << 20 | 0u << 10 | 512u); /* y largest; w, x, z stored */
+  /* Y is the largest component; w, x, z are stored. */
+  pags_store_u32(vertex + 4, 2u << 30 | 1023u << 20 | 0u << 10 | 512u);
   pags_store_u32(vertex + 8, 0u << 21 | 1023u << 11 | 0u);
   pags_store_u32(vertex + 12, 255u << 24 | 0u << 16 | 51u << 8 | 204u);
   for (int i = 0; i < 9; i++)

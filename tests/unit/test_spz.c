@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* SPZ, versions 2 to 4. */
+/* Reading the SPZ format, versions 2 to 4. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -43,7 +43,8 @@ static void kinds_and_flags_are_told(void **state) {
       assert_int_equal(g.count, 500);
       assert_int_equal(g.sh_degree, degree > 3 ? 3 : degree);
       assert_int_equal(pags_gaussians_find_bad(&g, NULL), 0);
-      if (degree == 4) /* degrees 0 to 3 of a file with a fourth: 24 coefficients a Gaussian */
+      /* Of a file of degree 4, degrees 0 to 3 are kept: the file has 24 coefficients for each Gaussian. */
+      if (degree == 4)
         assert_true(plane(&g, PAGS_SH + 3 + 44, 7) == (parts.stream[5].data[7 * 72 + 44] - 128) / 128.0);
       pags_gaussians_destroy(&g);
       bytes_free(&file);
@@ -54,13 +55,13 @@ static void kinds_and_flags_are_told(void **state) {
 static void known_bytes_decode(void **state) {
   (void)state;
   spz_parts parts = make_spz_parts(3, 1, 0, 1);
-  /* 1.5, -2 and 0.25 in 1/4096; y and z turn round */
+  /* 1.5, -2 and 0.25 in units of 1/4096; y and z change sign */
   const uint8_t position[9] = {0x00, 0x18, 0x00, 0x00, 0xE0, 0xFF, 0x00, 0x04, 0x00};
   memcpy(parts.stream[0].data, position, 9);
   parts.stream[1].data[0] = 51;
   parts.stream[2].data[1] = 204;
   parts.stream[3].data[2] = 96;
-  /* w largest; x = -511/511, y = 255/511, z = 0 of sqrt 1/2 */
+  /* w is the largest; x = -511/511, y = 255/511, z = 0 in units of sqrt 1/2 */
   pags_store_u32(parts.stream[4].data, 3u << 30 | (512u | 511u) << 20 | 255u << 10 | 0u);
   file_bytes file = pack_spz(&parts);
   pags_gaussians g;
@@ -78,7 +79,8 @@ static void known_bytes_decode(void **state) {
   free_spz_parts(&parts);
 }
 
-/* The real spherical harmonics as INRIA writes them, up to normalisation: degrees 1 to 3, m ascending. */
+/* The real spherical harmonics of degrees 1 to 3 with INRIA's signs and order (m ascending), without normalisation.
+ * */
 static void basis(double x, double y, double z, double out[15]) {
   const double values[15] = {-y,
                              z,
@@ -98,7 +100,7 @@ static void basis(double x, double y, double z, double out[15]) {
   memcpy(out, values, sizeof values);
 }
 
-/* The colour seen along a direction must not depend on the axes it is expressed in. */
+/* The colour seen from a direction is the same in the file's axes and in ours. */
 static void sh_turns_with_the_axes(void **state) {
   (void)state;
   spz_parts parts = make_spz_parts(4, 50, 3, 2);
@@ -122,8 +124,8 @@ static void sh_turns_with_the_axes(void **state) {
   free_spz_parts(&parts);
 }
 
-/* Half a turn about x before and after a rotation flips y and z of its quaternion; all come out at unit length or,
- * where version 2's three random bytes exceed it, above. */
+/* Turning the axes by half a turn about x flips y and z of a rotation's quaternion. All quaternions come out at unit
+ * length, or above where version 2's three random bytes exceed it. */
 static void rotations_turn_with_the_axes(void **state) {
   (void)state;
   for (int version = 2; version <= 4; version++) {
@@ -179,7 +181,7 @@ static void bad_v4_files_are_explained(void **state) {
   assert_fails(&file, file.size, format, "SPZ version 3 without gzip");
   file.data[4] = 4;
   file.data[40 + 96 + 20] ^= 255;
-  file.data[40 + 96] ^= 255; /* the frame's magic number */
+  file.data[40 + 96] ^= 255; /* damages the magic number of the zstd frame */
   assert_fails(&file, file.size, format, "the zstd data of the positions are damaged");
   bytes_free(&file);
   free_spz_parts(&parts);
@@ -191,7 +193,7 @@ static void bad_gzip_files_are_explained(void **state) {
   file_bytes file = pack_spz(&parts);
   assert_fails(&file, file.size / 2, PAGS_ERROR_FORMAT, "the gzip data ends");
   assert_fails(&file, file.size - 1, PAGS_ERROR_FORMAT, "expected the end of the gzip data");
-  file.data[file.size - 8] ^= 1; /* the checksum */
+  file.data[file.size - 8] ^= 1; /* damages the checksum */
   assert_fails(&file, file.size, PAGS_ERROR_FORMAT, "expected the end of the gzip data");
   bytes_free(&file);
   parts.count = 4000000000u;
@@ -201,17 +203,17 @@ static void bad_gzip_files_are_explained(void **state) {
   free_spz_parts(&parts);
 }
 
-/* Zeros compress a thousandfold: more than the count asks for must not be read on and on. */
+/* Zeros compress by a factor of a thousand: the reader must not inflate more bytes than the count requires. */
 static void bombs_are_refused(void **state) {
   (void)state;
   spz_parts parts = make_spz_parts(3, 10, 0, 6);
   static const uint8_t zeros[1 << 16];
-  for (int i = 0; i < 1024; i++) /* 64 MB */
+  for (int i = 0; i < 1024; i++) /* 64 MB of zeros */
     bytes_put(&parts.stream[5], zeros, sizeof zeros);
   file_bytes file = pack_spz(&parts);
   assert_fails(&file, file.size, PAGS_ERROR_FORMAT, "expected the end of the gzip data");
   bytes_free(&file);
-  parts.flags = 2; /* what follows would be extensions */
+  parts.flags = 2; /* a flag by which the extra bytes would be extensions */
   file = pack_spz(&parts);
   assert_fails(&file, file.size, PAGS_ERROR_FORMAT, "expected the end of the gzip data");
   bytes_free(&file);
@@ -245,7 +247,7 @@ static void an_empty_file_reads(void **state) {
   }
 }
 
-/* Half the angle between two rotations, in radians. */
+/* Half the angle in radians between the rotations of row i. */
 static double half_angle(const pags_gaussians *a, const pags_gaussians *b, int64_t i) {
   double dot = 0, aa = 0, bb = 0;
   for (int k = 0; k < 4; k++) {
@@ -257,7 +259,8 @@ static double half_angle(const pags_gaussians *a, const pags_gaussians *b, int64
   return acos(fmin(1, fabs(dot) / sqrt(aa * bb)));
 }
 
-/* Two lossy coders, one model, the same order: each field differs by at most half a step of the two together. */
+/* The same model in the same order in two lossy formats: each field differs by at most half of the sum of both
+ * quantisation steps. */
 static void both_bikers_agree(void **state) {
   (void)state;
   char spz[1024], ply[1024];
@@ -274,7 +277,7 @@ static void both_bikers_agree(void **state) {
   for (int64_t i = 0; i < a.count; i++) {
     for (int k = 0; k < 3; k++) {
       assert_true(fabs(plane(&a, k, i) - plane(&b, k, i)) < 0.00025);
-      double scale = fmax(-10, plane(&b, PAGS_SCALE + k, i)); /* SPZ's smallest */
+      double scale = fmax(-10, plane(&b, PAGS_SCALE + k, i)); /* SPZ's lower limit of ln sigma */
       assert_true(fabs(plane(&a, PAGS_SCALE + k, i) - scale) < 0.035);
       assert_true(fabs(plane(&a, PAGS_SH + k, i) - plane(&b, PAGS_SH + k, i)) < 0.02);
     }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The street: every file of a driving set is there, the same for any number of threads; LiDAR, boxes, masks and depth
- * agree with each other; noise goes only where it is asked for. */
+/* The synthetic street: it has every file of a driving set, the same for any number of threads; LiDAR, boxes, masks
+ * and depth agree with each other; and noise affects only what it was requested for. */
 #include <pags/camera.h>
 #include <pags/dataset.h>
 #include <pags/image.h>
@@ -51,7 +51,7 @@ static int make_sets(void **state) {
   return 0;
 }
 
-/* The path of a file of a set; good until the fourth call from now. */
+/* The path of a file of a set; valid until the fourth call from now. */
 static const char *file_of(const char *set, const char *format, ...) {
   char relative[64], name[96];
   va_list arguments;
@@ -91,7 +91,7 @@ static pags_camera read_camera(const char *set, int frame, int camera) {
   return out;
 }
 
-/* Of U8 or U16 or F32 with one channel. */
+/* Loads a picture of one channel and checks its size. */
 static pags_image load(const char *path, pags_sample sample) {
   pags_image image = {0};
   if (pags_image_load(path, sample, 1, &image) != PAGS_OK)
@@ -141,7 +141,7 @@ static void test_files(void **state) {
       }
   pags_camera_path path = {0};
   assert_int_equal(pags_camera_path_load(file_of("street", "truth/shift/right2/path.json"), &path), PAGS_OK);
-  assert_int_equal(path.count, 1); /* frame 4 */
+  assert_int_equal(path.count, 1); /* one camera: that of frame 4 */
   const pags_camera front = read_camera("street", 4, 0);
   double aside[3], to[12];
   pags_rigid_inverse(front.world_from_camera, to);
@@ -155,7 +155,7 @@ static void test_files(void **state) {
   pags_camera_path_destroy(&path);
 }
 
-/* FNV-1a over names and contents of a folder, in the order of names. */
+/* FNV-1a hash over names and contents of a folder, in the order of names. */
 static uint64_t hash_tree(const char *folder, uint64_t hash, int *files) {
   pags_dir_list list;
   assert_int_equal(pags_dir_list_read(folder, &list), PAGS_OK);
@@ -193,7 +193,7 @@ static void test_threads(void **state) {
   assert_true(hash_tree(scratch("other"), 1, &files[2]) != one);
 }
 
-/* Pixel and camera z of a world point; 0 outside of the picture. */
+/* Projects a world point: pixel and camera z; returns 0 outside of the picture. */
 static int project(const pags_camera *camera, const double p[3], int *x, int *y, double *z) {
   double from[12], q[3];
   pags_rigid_inverse(camera->world_from_camera, from);
@@ -208,8 +208,8 @@ static int project(const pags_camera *camera, const double p[3], int *x, int *y,
   return u >= 0.0 && u < WIDTH && v >= 0.0 && v < HEIGHT;
 }
 
-/* The laser sits elsewhere than the camera, and a small picture's pixels are large: most points, not all, lie between
- * the depths of the pixels around. */
+/* LiDAR against the depth pictures. The LiDAR isn't at the camera, and a small picture's pixels are large: most
+ * points, not all, lie within the depth range of the 3 x 3 pixels around their projection. */
 static void test_lidar(void **state) {
   (void)state;
   int64_t seen = 0, agree = 0;
@@ -249,8 +249,8 @@ static void test_lidar(void **state) {
   assert_true((double)agree > 0.97 * (double)seen);
 }
 
-/* Every pixel's surface lies on a true surface of its label's kind, and a step towards the camera takes it at most that
- * far off. */
+/* The surface point of every pixel lies on a true surface of its label's kind (critical or other), and a point 3 cm
+ * in front of it is about that far from one. */
 static void test_nearest_surfaces(void **state) {
   (void)state;
   enum { MOST = PIXELS };
@@ -261,7 +261,7 @@ static void test_nearest_surfaces(void **state) {
   assert_non_null(truth);
   int64_t of_kind[2] = {0};
   for (int f = 0; f < FRAMES; f += FRAMES - 1)
-    for (int step = 0; step < 2; step++) { /* the second time 3 cm before the surface */
+    for (int step = 0; step < 2; step++) { /* the second time at points 3 cm in front of the surface */
       const pags_camera camera = read_camera("street", f, 1);
       pags_image depth = load(file_of("street", "truth/depth/%03d_1.exr", f), PAGS_F32);
       pags_image labels = load(file_of("street", "semantic/%03d_1.png", f), PAGS_U8);
@@ -277,7 +277,8 @@ static void test_nearest_surfaces(void **state) {
           const double *m = camera.world_from_camera + 4 * r;
           points[3 * count + r] = (float)(m[0] * q[0] + m[1] * q[1] + m[2] * q[2] + m[3]);
         }
-        const int label = ((const uint8_t *)labels.data)[i]; /* Cityscapes: person, rider, vehicles, bicycle */
+        /* Cityscapes ids 11 to 18: person, rider, vehicles, bicycle. */
+        const int label = ((const uint8_t *)labels.data)[i];
         is_critical[count++] = label >= 11 && label <= 18;
       }
       pags_image_destroy(&depth);
@@ -287,7 +288,7 @@ static void test_nearest_surfaces(void **state) {
                        PAGS_OK);
       for (int64_t i = 0; i < count; i++) {
         const double own = (double)(is_critical[i] ? critical : other)[i];
-        assert_true(own < (step ? 0.05 : 0.003)); /* along the ray: longer than along z */
+        assert_true(own < (step ? 0.05 : 0.003)); /* 3 cm in z are longer along the ray */
         assert_true(critical[i] > 0.3f ? far_critical[i] > 0.3f : far_critical[i] == critical[i]);
         assert_true(other[i] > 0.3f ? far_other[i] > 0.3f : far_other[i] == other[i]);
         of_kind[is_critical[i]]++;
@@ -304,7 +305,7 @@ typedef struct box {
   int moving, vehicle;
 } box;
 
-/* The annotation of `frame`; 0 where there is none. */
+/* Reads an object's box at `frame`; returns 0 if it has none. */
 static int read_box(const pags_json *json, int number, int frame, box *out) {
   char key[16];
   snprintf(key, sizeof key, "%d", number);
@@ -333,7 +334,7 @@ static int read_box(const pags_json *json, int number, int frame, box *out) {
   return 0;
 }
 
-/* Whether a pixel's surface, at its true depth, lies in a box, with a centimetre to spare. */
+/* Whether the surface point of a pixel, at its true depth z, lies inside a box, with a centimetre of tolerance. */
 static int inside(const pags_camera *camera, int x, int y, double z, const box *b) {
   const double q[3] = {(x + 0.5 - camera->cx) / camera->fx * z, (y + 0.5 - camera->cy) / camera->fy * z, z};
   double p[3], from[12];
@@ -368,7 +369,8 @@ static void check_pixels(const pags_json *json, int frame, int camera, int64_t c
     assert_int_equal(at[1], at[0] == 10 ? 255 : 0);
     counts[0] += at[0] == 10;
     if (id > 0 && !read_box(json, id - 1, frame, &b)) {
-      assert_true(z > 45.0); /* labels end 90 m from the car, which is less in z where a camera looks aside */
+      /* Labels end 90 m from the car; in camera z this is less where a camera looks to the side. */
+      assert_true(z > 45.0);
       continue;
     }
     if (id > 0) {
@@ -389,7 +391,7 @@ static void check_pixels(const pags_json *json, int frame, int camera, int64_t c
 static void test_masks_and_boxes(void **state) {
   (void)state;
   pags_json *json = load_instances(file_of("street", "instances/instances_info.json"));
-  int64_t counts[3] = {0}; /* sky, parked, moving */
+  int64_t counts[3] = {0}; /* pixels of the sky, of parked and of moving objects */
   for (int f = 0; f < FRAMES; f += 2)
     for (int c = 0; c < CAMERAS; c++)
       check_pixels(json, f, c, counts);
@@ -423,7 +425,7 @@ static void test_noise(void **state) {
     if (!read_box(exact, number, frame, &a))
       continue;
     assert_true(read_box(noisy, number, frame, &b) && read_box(plain, number, frame, &c));
-    assert_memory_equal(a.pose, c.pose, sizeof a.pose); /* noise doesn't move the truth */
+    assert_memory_equal(a.pose, c.pose, sizeof a.pose); /* the true pose is the same with and without noise */
     assert_true(fabs(a.pose[11] - b.pose[11]) < 1e-12);
     if (!a.moving) {
       assert_memory_equal(a.pose, b.pose, sizeof a.pose);
@@ -442,7 +444,7 @@ static void test_noise(void **state) {
   pags_json_destroy(plain);
 }
 
-/* As the trainer gets it. */
+/* The set as the dataset reader opens it for training. */
 static void test_reads_back(void **state) {
   (void)state;
   const int provided = PAGS_PROVIDES_BOXES | PAGS_PROVIDES_LIDAR | PAGS_PROVIDES_SKY_MASKS | PAGS_PROVIDES_SEMANTIC |
@@ -464,17 +466,18 @@ static void test_reads_back(void **state) {
     assert_true(fabs(view->camera.cx - camera.cx) < 1e-9 && fabs(view->camera.time - view->frame / 10.0) < 1e-9);
     held_out += view->test;
   }
-  assert_int_equal(held_out, CAMERAS); /* frame 4 */
+  assert_int_equal(held_out, CAMERAS); /* both views of frame 4 */
   for (int64_t i = 0; i < pags_dataset_object_count(dataset); i++) {
     const pags_object *object = pags_dataset_object(dataset, i);
     moving += object->moving;
     assert_true(object->category != PAGS_CATEGORY_OTHER);
     if (object->category == PAGS_CATEGORY_VEHICLE)
-      assert_true(object->size[0] > 4.0 && object->size[1] < 2.3); /* x is forward */
+      assert_true(object->size[0] > 4.0 && object->size[1] < 2.3); /* x is the forward axis */
     if (object->moving)
       assert_true(strncmp(object->id, "moving", 6) == 0);
   }
-  assert_true(moving >= 4 && moving <= 8); /* half a second is too short for some to move far */
+  /* Within half a second some objects don't move far enough to count as moving. */
+  assert_true(moving >= 4 && moving <= 8);
   pags_dataset_close(dataset);
 }
 
@@ -488,7 +491,8 @@ static void test_refusals(void **state) {
   (void)state;
   pags_street_options options = small_street();
   pags_tasks *tasks = pags_tasks_create(1);
-  assert_int_equal(pags_synth_street(scratch("street"), &options, tasks, NULL, NULL), PAGS_ERROR_IO); /* not empty */
+  /* Refused, as the folder isn't empty. */
+  assert_int_equal(pags_synth_street(scratch("street"), &options, tasks, NULL, NULL), PAGS_ERROR_IO);
   options.frames = 1;
   assert_int_equal(pags_synth_street(scratch("bad"), &options, tasks, NULL, NULL), PAGS_ERROR_ARGUMENT);
   options = small_street();

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The loss terms of driving scenes: values by hand, gradients against differences of the same formulas in double, the
- * same bits for any number of threads. */
+/* The loss terms of driving scenes (sky, objects, depth): hand-computed values, gradients against finite differences
+ * of the same formulas in double, and the same bits for any number of threads. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdlib.h>
@@ -24,14 +24,15 @@ typedef struct fixture {
 } fixture;
 
 static uint64_t random_state;
-static double uniform(double lo, double hi) { /* SplitMix64 */
+static double uniform(double lo, double hi) { /* splitmix64 */
   uint64_t z = random_state += 0x9E3779B97F4A7C15u;
   z = (z ^ z >> 30) * 0xBF58476D1CE4E5B9u;
   z = (z ^ z >> 27) * 0x94D049BB133111EBu;
   return lo + (hi - lo) * (double)((z ^ z >> 31) >> 11) * 0x1p-53;
 }
 
-/* Transmittances down to 1e-7, a tenth of them 1; something in the gradients already; NaN in the padding. */
+/* Random transmittances down to 1e-7, a tenth of them exactly 1; the gradient planes already hold values, to which
+ * the terms must add; the padding holds NaN. */
 static fixture *create(uint64_t seed, int masked) {
   fixture *const f = calloc(1, sizeof *f);
   assert_non_null(f);
@@ -62,7 +63,7 @@ static int64_t count_pixels(const fixture *f) {
   return n;
 }
 
-/* The terms of a pixel by the letter, of any transmittance. */
+/* The term of one pixel by its definition, as a function of the transmittance t. */
 static double sky_pixel(uint8_t labels, double t) {
   const double alpha = fmin(fmax(1 - t, 1e-6), 1 - 1e-6), wanted = labels & PAGS_LABEL_SKY ? 0 : 1;
   return -wanted * log(alpha) - (1 - wanted) * log(1 - alpha);
@@ -97,7 +98,7 @@ static void check_term(pixel_term *term, double (*pixel)(uint8_t, double), uint6
     }
     const double t = (double)f->transmittance[i], step = 1e-4 * fmin(t, 1 - t);
     want += scale * pixel(f->labels[i], t);
-    const double away = fmin(t, 1 - t) / 1e-6; /* from the clamp, where the slope jumps */
+    const double away = fmin(t, 1 - t) / 1e-6; /* distance to the clamp at 1e-6, where the derivative jumps */
     if (fabs(away - 1) < 0.1)
       continue;
     const double slope = step > 0 ? (pixel(f->labels[i], t + step) - pixel(f->labels[i], t - step)) / (2 * step) : 0;
@@ -118,7 +119,8 @@ static void test_differences(void **state) {
   }
 }
 
-/* Every pixel alike. */
+/* The value of a term when all pixels have the same label and transmittance, and its derivative by one pixel's
+ * transmittance, times the pixels' number. */
 static double uniform_value(pixel_term *term, uint8_t labels, float t, double *slope) {
   fixture *const f = create(1, 0);
   for (int i = 0; i < PLANE; i++)
@@ -167,7 +169,8 @@ static void test_threads(void **state) {
   }
 }
 
-/* No labels, nothing counted, another size. */
+/* Without labels or without counted pixels a term is 0 and leaves the gradients alone; a photograph of another size
+ * is refused. */
 static void test_nothing(void **state) {
   (void)state;
   pixel_term *const terms[] = {pags_driving_loss_sky, pags_driving_loss_objects};
@@ -192,7 +195,7 @@ static void test_nothing(void **state) {
   pags_tasks_destroy(tasks);
 }
 
-/* Depth */
+/* ---- Depth ---- */
 
 enum { SAMPLES = 400 };
 
@@ -209,32 +212,34 @@ static void test_depth_by_hand(void **state) {
   fixture *const f = create(7, 1);
   memset(f->by_transmittance, 0, sizeof f->by_transmittance);
   for (int i = 0; i < PLANE; i++)
-    f->transmittance[i] = 0.5f, f->depth_sum[i] = 5.0f, f->mask[i] = 255; /* 10 m */
+    f->transmittance[i] = 0.5f, f->depth_sum[i] = 5.0f, f->mask[i] = 255; /* an expected depth of 10 m */
   f->transmittance[3 * STRIDE + 7] = 0.96f;
   f->mask[4 * STRIDE + 8] = 0;
   const pags_lidar_depth_sample samples[] = {
-      {20.9f, 10.1f, 12.0f},                                            /* shrunk twice: pixel (10, 5), 2 m too near */
-      {22.0f, 10.0f, 9.0f},                                             /* pixel (11, 5), 1 m too far */
-      {24.0f, 10.0f, 40.0f},                                            /* the worst: left out */
-      {14.5f, 6.5f, 11.0f},                                             /* too transparent */
-      {16.5f, 8.5f, 11.0f},                                             /* masked */
-      {-0.1f, 5.0f, 1.0f},   {202.0f, 5.0f, 1.0f}, {5.0f, 74.0f, 1.0f}, /* outside */
-      {NAN, 5.0f, 1.0f},     {5.0f, 1e30f, 1.0f},  {5.0f, 5.0f, INFINITY}, /* no numbers */
-      {20.0f, 11.0f, 9.5f},  /* pixel (10, 5) again, half a metre too far */
-      {26.0f, 10.0f, 10.0f}, /* right */
+      /* At half size in pixel (10, 5): rendered 2 m too near. */
+      {20.9f, 10.1f, 12.0f}, {22.0f, 10.0f, 9.0f},                         /* pixel (11, 5): rendered 1 m too far */
+      {24.0f, 10.0f, 40.0f},                                               /* the largest error: trimmed */
+      {14.5f, 6.5f, 11.0f},                                                /* too transparent */
+      {16.5f, 8.5f, 11.0f},                                                /* masked */
+      {-0.1f, 5.0f, 1.0f},   {202.0f, 5.0f, 1.0f}, {5.0f, 74.0f, 1.0f},    /* outside of the picture */
+      {NAN, 5.0f, 1.0f},     {5.0f, 1e30f, 1.0f},  {5.0f, 5.0f, INFINITY}, /* not finite */
+      {20.0f, 11.0f, 9.5f},  /* pixel (10, 5) again: rendered half a metre too far */
+      {26.0f, 10.0f, 10.0f}, /* no error */
   };
-  const double value = run_depth(f, samples, (int64_t)(sizeof samples / sizeof *samples), 2, 0.8); /* 4 of 5 */
+  /* The smallest 4 of 5 errors are kept. */
+  const double value = run_depth(f, samples, (int64_t)(sizeof samples / sizeof *samples), 2, 0.8);
   assert_true(fabs(value - 0.7 * (2 + 1 + 0.5 + 0) / 4) < 1e-6);
   for (int i = 0; i < PLANE; i++) {
     const int at_10 = i == 5 * STRIDE + 10, at_11 = i == 5 * STRIDE + 11;
-    const double slope = at_10 ? 0 : at_11 ? 0.7 / 4 : 0; /* twice in (10, 5), both ways */
+    const double slope = at_10 ? 0 : at_11 ? 0.7 / 4 : 0; /* the two errors in pixel (10, 5) have opposite signs */
     assert_true(fabs((double)f->by_depth_sum[i] - slope / 0.5) < 1e-7);
     assert_true(fabs((double)f->by_transmittance[i] - slope * 5 / 0.25) < 1e-6);
   }
   free(f);
 }
 
-/* The same in double over one sample a pixel; `moved`, if not negative, has its transmittance and depth sum changed. */
+/* The depth term in double for one sample a pixel; at pixel `moved`, if not negative, transmittance and depth sum are
+ * changed by by_t and by_sum. */
 static double plain_depth(const fixture *f, const pags_lidar_depth_sample *samples, double share, int moved,
                           double by_t, double by_sum) {
   double errors[SAMPLES];
@@ -259,7 +264,7 @@ static void test_depth_differences(void **state) {
   memset(f->by_transmittance, 0, sizeof f->by_transmittance);
   pags_lidar_depth_sample samples[SAMPLES];
   for (int k = 0; k < SAMPLES; k++) {
-    const int at = k * 9; /* no pixel twice */
+    const int at = k * 9; /* each pixel at most once */
     samples[k] =
         (pags_lidar_depth_sample){(float)(at % WIDTH) + 0.5f, (float)(at / WIDTH) + 0.25f, (float)uniform(1, 60)};
   }

@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* TFRecord files: framing, both CRCs, damage in every part, and that no length is believed that the file has no room
- * for. */
+/* TFRecord files: framing, both CRCs, damage in every part, and lengths that exceed the file. */
 #include "unit/scratch.h"
 
 #include "base/bytes.h"
@@ -39,7 +38,7 @@ static void save(const file *f) {
   scratch_ok(pags_file_write(path, f->bytes, f->size));
 }
 
-/* Reads to the end or to the first failure; `good` counts records. */
+/* Reads records up to the end or the first failure; `good` receives their number. */
 static pags_result read_all(int *good) {
   pags_tfrecord *reader;
   pags_tfrecord_item item;
@@ -62,7 +61,7 @@ static file three_records(void) {
 
 static void test_crc_is_castagnolis(void **state) {
   (void)state;
-  /* The check value of CRC-32C, and RFC 3720 B.4: 32 bytes of zero, of ones, ascending. */
+  /* The published check value of CRC-32C, and the vectors of RFC 3720 B.4: 32 bytes of zero, of ones, ascending. */
   uint8_t block[32] = {0};
   assert_int_equal(pags_crc32c("123456789", 9), 0xe3069283u);
   assert_int_equal(pags_crc32c(block, 32), 0x8a9136aau);
@@ -126,7 +125,7 @@ static void test_an_empty_file_has_no_records(void **state) {
   assert_int_equal(good, 0);
 }
 
-/* Any changed bit of the third record, which begins at byte 37: the length or its CRC, the data, or the data's CRC. */
+/* Flips each bit of the third record, which begins at byte 37: the length, its CRC, the data or the data's CRC. */
 static void test_refuses_every_flipped_bit(void **state) {
   (void)state;
   for (size_t at = 37; at < three_records().size; at++)
@@ -154,7 +153,7 @@ static void test_refuses_every_cut(void **state) {
   }
 }
 
-/* A length with its right CRC that the file can't hold. */
+/* A length with a valid CRC that exceeds the file. */
 static void test_believes_no_length_beyond_the_file(void **state) {
   (void)state;
   static const uint64_t lengths[] = {17, 1u << 30, UINT64_C(1) << 62, UINT64_MAX, UINT64_MAX - 11};

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Parallel loops and background jobs: each index once, nesting, cancellation, jobs beside loops, hosts' threads. */
+/* Parallel loops and background jobs: each index runs once, nested loops, cancellation, jobs beside loops, and a host
+ * application's own threads. */
 #include <pags/tasks.h>
 
 #include <pthread.h>
@@ -12,12 +13,12 @@
 
 #include <cmocka.h>
 
-/* cmocka's assertions may only fail on the thread of the test; elsewhere we count and assert later. */
+/* cmocka's assertions may only fail on the test's thread: other threads count faults, which are asserted later. */
 typedef struct visit {
   int64_t count, grain;
   int workers;
-  atomic_int *visits; /* [count] */
-  atomic_int faults;  /* blocks or workers that should not be */
+  atomic_int *visits; /* how often each of the `count` indices ran */
+  atomic_int faults;  /* number of blocks or worker numbers that were out of range */
 } visit;
 
 static void visit_block(void *context, int64_t begin, int64_t end, int worker) {
@@ -85,7 +86,8 @@ static void largest_count_does_not_overflow(void **state) {
 
 static void sum_indices(void *context, int64_t begin, int64_t end, int worker) {
   (void)worker;
-  int64_t *partials = context; /* one per block of 64, not atomic: the loop's end must publish them */
+  /* One sum per block of 64, not atomic: the end of the loop must make them visible to the caller. */
+  int64_t *partials = context;
   int64_t sum = 0;
   for (int64_t i = begin; i < end; i++)
     sum += i;
@@ -103,7 +105,8 @@ static void ten_thousand_tiny_loops(void **state) {
     for (int64_t b = 0; b < (count + 63) / 64; b++)
       sum += partials[b];
     assert_int_equal(sum, count * (count - 1) / 2);
-    /* From time to time long enough a pause for the workers to fall asleep, and some that end just as they do. */
+    /* From time to time a pause that is long enough for the workers to fall asleep, and some that end just as they do
+     * so. */
     if (round % 100 == 0)
       nanosleep(&(struct timespec){.tv_nsec = 30000 + round * 7}, NULL);
   }
@@ -151,7 +154,7 @@ static void nested_loops_run_inline(void **state) {
 static void back_again_block(void *context, int64_t begin, int64_t end, int worker) {
   (void)begin, (void)end, (void)worker;
   nest *n = context;
-  inner_place p = {n, 0}; /* the outermost loop has one block, hence runs as worker 0 */
+  inner_place p = {n, 0}; /* the outermost loop has one block, so it runs as worker 0 */
   pags_parallel_for(n->tasks, 10, 1, inner_block, &p);
 }
 
@@ -238,8 +241,8 @@ static void another_thread_can_cancel(void **state) {
 typedef struct work {
   pags_job job;
   pags_tasks *tasks;
-  int value;        /* not atomic: waiting must publish it */
-  atomic_int *gate; /* waited for, where there is one */
+  int value;        /* not atomic: waiting for the job must make it visible */
+  atomic_int *gate; /* the job waits for this flag, if there is one */
   atomic_int *begun;
 } work;
 
@@ -264,10 +267,11 @@ static void jobs_run_on_any_number_of_threads(void **state) {
         pags_job_submit(tasks, &works[i].job);
       }
       for (int i = 0; i < 50; i++) {
-        int k = (i * 7 + round) % 50; /* out of order: from the middle of the list too */
+        /* The jobs are waited for out of order, so that some are taken from the middle of the queue. */
+        int k = (i * 7 + round) % 50;
         pags_job_wait(tasks, &works[k].job);
         assert_int_equal(works[k].value, round);
-        pags_job_wait(tasks, &works[k].job); /* again: returns at once */
+        pags_job_wait(tasks, &works[k].job); /* waiting again returns at once */
         assert_int_equal(works[k].value, round);
       }
     }
@@ -292,8 +296,9 @@ static void a_loop_does_not_wait_for_a_running_job(void **state) {
   pags_job_submit(tasks, &w.job);
   while (!atomic_load(&begun))
     nanosleep(&(struct timespec){.tv_nsec = 10000}, NULL);
+  /* Would never return if a loop waited for the blocked job, whose gate opens only below. */
   for (int i = 0; i < 100; i++)
-    visit_all(tasks, 1000, 3); /* would never return if it waited: the gate opens below */
+    visit_all(tasks, 1000, 3);
   atomic_store(&gate, 1);
   pags_job_wait(tasks, &w.job);
   assert_int_equal(w.value, 1);
@@ -357,7 +362,7 @@ static void destroy_finishes_pending_jobs(void **state) {
   }
 }
 
-/* ---- A host's threads ---- */
+/* ---- Threads of a host application ---- */
 
 typedef struct host_call {
   void (*entry)(void *argument, int worker);
@@ -385,7 +390,7 @@ static void host_with_threads(void *user, void (*entry)(void *argument, int work
     pthread_join(threads[i], NULL);
 }
 
-/* A host may have fewer threads than it says and call one worker after the other, in any order. */
+/* A host that has fewer threads than it states and runs its workers one after the other, in any order. */
 static void host_in_turn(void *user, void (*entry)(void *argument, int worker), void *argument) {
   int *runs = user;
   ++*runs;
@@ -416,7 +421,7 @@ static void a_host_can_run_loops(void **state) {
   }
 }
 
-/* ---- Arenas of workers ---- */
+/* ---- The workers' arenas ---- */
 
 static void use_arena(void *context, int64_t begin, int64_t end, int worker) {
   pags_tasks *tasks = context;

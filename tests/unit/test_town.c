@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pags_synth_town: how many Gaussians where, of what sizes, the same bytes for any number of threads. */
+/* pags_synth_town: how many Gaussians lie where, their sizes, and the same bytes for any number of threads. */
 #include <math.h>
 #include <pags/scene.h>
 #include <pags/synth.h>
@@ -91,7 +91,8 @@ static void test_scene(void **state) {
   free(folder);
 }
 
-/* Inside of a block's houses, 4 m behind the fronts and 3 m from its ends, nothing is seen from any street. */
+/* Inside a block of houses, 4 m behind the fronts and 3 m from its ends, there are no Gaussians, as no street sees
+ * that space. */
 static void test_hidden_is_empty(void **state) {
   (void)state;
   const pags_town_options options = small_town();
@@ -110,8 +111,8 @@ static void test_hidden_is_empty(void **state) {
   free(folder);
 }
 
-/* On roads nothing clips the sizes: their quantiles are the table's, within four standard errors (bounded by a tenth
- * here). */
+/* On roads no size is clipped: the quantiles of sizes and opacities are those of the generator's table within four
+ * standard errors (bounded by a tenth here). */
 static void test_histograms(void **state) {
   (void)state;
   pags_town_options options = small_town();
@@ -130,7 +131,7 @@ static void test_histograms(void **state) {
   assert_true(count > 800);
   pags_sort_floats(longest, count);
   pags_sort_floats(logit, count);
-  for (int q = 2; q < 7; q++) { /* 15 to 85 per cent */
+  for (int q = 2; q < 7; q++) { /* the quantiles from 15 to 85 per cent */
     const int at = (int)(pags_quantile_shares[q] * (float)count);
     assert_true(fabsf(longest[at] - pags_size_ground.ln_long[q]) < 0.1f);
     assert_true(fabsf(logit[at] - pags_size_ground.logit_opacity[q]) < 0.25f);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Whole training runs on a small scene rendered here: what they learn, and that nothing but data, configuration and
- * seed decides their bits. */
+/* Whole training runs on a small scene rendered here: what they learn, and that their bits depend only on data,
+ * configuration and seed. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -56,7 +56,7 @@ static void make_truth(pags_gaussians *g) {
   }
 }
 
-/* On a circle of radius 4 at height 0.5, looking at the middle; OpenCV axes, world z up. */
+/* A camera on a circle of radius 4 at height 0.5 that looks at the centre; OpenCV axes, world z up. */
 static pags_camera make_camera(int view) {
   double angle = 6.283185307 * view / VIEWS, eye[3] = {4.0 * cos(angle), 4.0 * sin(angle), 0.5};
   double length = sqrt(16.25), z[3], x[3] = {-sin(angle), cos(angle), 0.0};
@@ -88,7 +88,7 @@ static void save_view(pags_frame *frame, const pags_part *part, const pags_camer
   pags_image_destroy(&image);
 }
 
-/* transforms.json holds OpenGL axes: y and z turned. */
+/* Writes transforms.json, whose poses are in OpenGL axes: y and z are flipped. */
 static void save_transforms(void) {
   FILE *f = fopen(in_root("data/transforms.json"), "w");
   assert_non_null(f);
@@ -174,7 +174,7 @@ static pags_result run(const pags_train_config *config, const char *output, int 
   return code;
 }
 
-/* A whole run from nothing. */
+/* Runs a whole training without resuming. */
 static void train(const pags_train_config *config, const char *output, int threads, int checkpoint_every) {
   pags_train_options options = pags_train_options_default();
   pags_train_result result;
@@ -202,7 +202,7 @@ static int is_same_file(const char *a, const char *b, const char *name) {
   return same;
 }
 
-/* All files but the report, by name and content. */
+/* Compares all files of two folders except the report, by name and content. */
 static void assert_same_folder(const char *a, const char *b) {
   pags_dir_list x, y;
   assert_int_equal(pags_dir_list_read(a, &x), PAGS_OK);
@@ -250,7 +250,8 @@ static int stop_at(void *user, const pags_train_progress *progress) {
   return progress->step < *(const int64_t *)user;
 }
 
-/* Also through resuming; and it does something. */
+/* Dropout gives the same bits for any number of threads and through resuming, and other bits than a run without
+ * dropout. */
 static void dropout_is_reproducible_too(void **unused) {
   (void)unused;
   static const int64_t stops[] = {77, 118, ITERATIONS};
@@ -303,7 +304,7 @@ static void stopping_and_resuming_changes_no_bit(void **unused) {
   assert_same_folder(in_root("straight"), in_root("stopped"));
 }
 
-/* A child trains and is killed after a while. Returns 1 if it had finished before. */
+/* Trains in a child process that is killed after some milliseconds. Returns 1 if it had finished before. */
 static int train_and_kill(const pags_train_config *config, const char *output, long milliseconds) {
   int status;
   pid_t child = fork();
@@ -356,7 +357,8 @@ static void resuming_may_go_further_but_not_elsewhere(void **unused) {
   assert_int_equal(run(&config, in_root("further"), 2, options, &result), PAGS_OK);
   assert_true(result.finished && result.resumed);
   assert_int_equal(result.iterations, ITERATIONS + 30);
-  assert_int_equal(run(&config, in_root("further"), 2, options, &result), PAGS_OK); /* requeued: nothing left to do */
+  /* The finished job is started again, as by a requeue: nothing is left to do. */
+  assert_int_equal(run(&config, in_root("further"), 2, options, &result), PAGS_OK);
   assert_int_equal(result.iterations, ITERATIONS + 30);
 }
 
@@ -375,13 +377,13 @@ static void a_folder_in_use_is_refused_untouched(void **unused) {
   pags_dir_list_destroy(&list);
   options.overwrite = 1;
   assert_int_equal(run(&config, in_root("mine"), 1, options, &result), PAGS_OK);
-  assert_true(pags_file_exists(in_root("mine/letter.txt"))); /* not ours to remove */
+  assert_true(pags_file_exists(in_root("mine/letter.txt"))); /* a file that isn't the trainer's is kept */
   assert_int_equal(run(&config, in_root("mine/letter.txt"), 1, options, &result), PAGS_ERROR_IO);
   options.overwrite = 0;
   assert_int_equal(run(&config, "/proc/no/such/place", 1, options, &result), PAGS_ERROR_IO);
 }
 
-/* A scene with a background and two models, one of them in the folder of objects. */
+/* Saves a scene of a background and two models, one of them in the folder objects. */
 static void save_old_scene(const char *folder) {
   pags_model models[3] = {{.name = (char[]){"background"}, .file = (char[]){"background.ply"}},
                           {.name = (char[]){"car"}, .file = (char[]){"objects/car.ply"}},
@@ -435,7 +437,8 @@ static void a_time_limit_sets_the_steps(void **unused) {
   assert_int_equal(run(&config, in_root("limit"), 2, options, &result), PAGS_OK);
   print_message("%lld steps in %.2f s\n", (long long)result.iterations, result.seconds);
   assert_true(result.iterations < 1000000);
-  assert_true(result.finished || result.seconds >= 2.0); /* a loaded machine may not get as far as fitting */
+  /* On a busy machine the run may not reach the stage that fits its length to the time. */
+  assert_true(result.finished || result.seconds >= 2.0);
 }
 
 static void memory_becomes_a_bound_on_the_count(void **unused) {
@@ -444,7 +447,7 @@ static void memory_becomes_a_bound_on_the_count(void **unused) {
   pags_train_options options = pags_train_options_default();
   pags_train_result result;
   config.size_limit.max_gaussians = 0;
-  options.max_memory = 1; /* too little for anything: the least bound, 1024 */
+  options.max_memory = 1; /* too little memory for any count: the lower bound of 1024 applies */
   assert_int_equal(run(&config, in_root("memory"), 2, options, &result), PAGS_OK);
   assert_true(result.gaussians <= 1024);
 }
@@ -463,14 +466,15 @@ static uint64_t scene_bytes(const char *folder) {
   return sum;
 }
 
-/* Growth stops at the size; a start that is too large is thinned; what can't be is refused. */
+/* target_size bounds the count: growth stops there, a start that is too large is thinned, and a size that can't be
+ * reached is refused. */
 static void a_size_becomes_a_bound_on_the_count(void **unused) {
   (void)unused;
   pags_train_config config = small_config();
   pags_train_options options = pags_train_options_default();
   pags_train_result result;
   config.size_limit.max_gaussians = 0;
-  for (int i = 0; i < 3; i++) { /* the third time the last prune sees to it */
+  for (int i = 0; i < 3; i++) { /* in the third run it is the last prune that reaches the size */
     char name[16];
     snprintf(name, sizeof name, "size%d", i);
     config.size_limit.target_size = i ? 0.036 : 0.1;
@@ -480,7 +484,8 @@ static void a_size_becomes_a_bound_on_the_count(void **unused) {
     print_message("%g MB: %lld Gaussians, %llu bytes\n", config.size_limit.target_size, (long long)result.gaussians,
                   (unsigned long long)bytes);
     assert_true((double)bytes <= config.size_limit.target_size * 1e6);
-    assert_true((double)bytes >= config.size_limit.target_size * 1e6 - 14000.0); /* what is set aside */
+    /* The reserve by which scene.json may still grow. */
+    assert_true((double)bytes >= config.size_limit.target_size * 1e6 - 14000.0);
   }
   config.size_limit.target_size = 0.001;
   config.priority.preset = PAGS_PRESET_NONE;
@@ -489,7 +494,7 @@ static void a_size_becomes_a_bound_on_the_count(void **unused) {
   assert_non_null(strstr(pags_error_message(), "target_size"));
   assert_non_null(needed);
   const double least = atof(needed + strlen("take "));
-  config.size_limit.target_size = least - 0.001; /* the message is rounded up to a thousandth */
+  config.size_limit.target_size = least - 0.001; /* the size in the message is rounded up to a thousandth */
   assert_int_equal(run(&config, in_root("size3"), 2, options, &result), PAGS_ERROR_LIMIT);
   config.size_limit.target_size = least;
   assert_int_equal(run(&config, in_root("size3"), 2, options, &result), PAGS_OK);
@@ -514,8 +519,8 @@ static float largest_difference(pags_frame *frames[2], pags_composition *scenes[
   return most;
 }
 
-/* The same run with and without: pictures of training views within the error, fewer bytes, and the checkpoint as if
- * nothing were. */
+/* The same training with and without trimming of SH: pictures of training views agree within the stated error, the
+ * scene has fewer bytes, and the checkpoint isn't changed by it. */
 static void colour_terms_go_where_they_do_not_show(void **unused) {
   (void)unused;
   pags_train_config config = small_config();

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* transforms.json, and what opening a data set checks whatever it was read from. */
+/* Reading transforms.json, and the checks on opening a data set that apply to every format. */
 #include <pags/dataset.h>
 
 #include "base/log.h"
@@ -28,7 +28,8 @@ static void open_fails(const char *path, const pags_dataset_options *options, pa
   scratch_expect(result, code, part);
 }
 
-/* Three pictures of 8 x 6 pixels, a.png, b.png and c.png, and a file with `top` before the frames and `in_b` in b's. */
+/* Writes three pictures of 8 x 6 pixels, a.png, b.png and c.png, and a transforms.json with the text `top` before the
+ * frames and `in_b` inside b's frame. */
 static const char *write_set(scratch *s, const char *top, const char *in_b) {
   char text[4096];
   const char *const pose = "\"transform_matrix\": [[1,0,0,%d],[0,1,0,2],[0,0,1,3],[0,0,0,1]]";
@@ -75,7 +76,8 @@ static void test_order_axes_and_split(void **state) {
 
 static void test_intrinsics(void **state) {
   scratch *s = *state;
-  /* A frame's own values win; angles serve where there is no focal length; size comes from the picture if it must. */
+  /* A frame's own values take precedence; angles of view are used where there is no focal length; without a stated
+   * size the picture's size is used. */
   write_set(s, "\"camera_angle_x\": 1.5707963267948966,", "\"fl_x\": 7, \"cx\": 3.5, \"camera_model\": \"PINHOLE\",");
   pags_dataset *dataset = open_ok(s->folder, NULL);
   const pags_camera *a = &pags_dataset_view(dataset, 0)->camera, *b = &pags_dataset_view(dataset, 1)->camera;
@@ -214,7 +216,7 @@ static void test_bad_files(void **state) {
   open_fails(s->folder, NULL, PAGS_ERROR_FORMAT, "frame");
 }
 
-/* Each entry breaks one thing in the middle frame, which begins on line 3. */
+/* Each entry breaks one value of the middle frame, which begins on line 3. */
 static void test_bad_frames(void **state) {
   scratch *s = *state;
   static const struct {
@@ -232,7 +234,7 @@ static void test_bad_frames(void **state) {
     const char *path = write_set(s, cases[i].top, cases[i].in_b);
     open_fails(path, NULL, cases[i].code, cases[i].part);
   }
-  /* Distortion beyond sense: an error or a small picture, but nothing worse. */
+  /* Absurd distortion gives an error or a small picture, never a crash. */
   pags_dataset *dataset = NULL;
   if (pags_dataset_open(write_set(s, "\"fl_x\": 5,", "\"k1\": -100,"), NULL, &dataset) == PAGS_OK)
     pags_dataset_close(dataset);
@@ -311,7 +313,7 @@ static void test_random_points(void **state) {
     pags_dataset_points(datasets[i], &count, &xyz[i], &rgb, &random);
     assert_true(count == 777 && random);
     for (int64_t j = 0; j < count; j++)
-      assert_true(xyz[i][3 * j + 2] < 3); /* the cameras stand at z = 3 and look along -z */
+      assert_true(xyz[i][3 * j + 2] < 3); /* in view: the cameras stand at z = 3 and look along -z */
   }
   assert_memory_equal(xyz[0], xyz[1], 777 * 12);
   assert_memory_not_equal(xyz[0], xyz[2], 777 * 12);
@@ -319,7 +321,7 @@ static void test_random_points(void **state) {
     pags_dataset_close(datasets[i]);
 }
 
-/* Real data. */
+/* ---- Real data ---- */
 
 static int fox(const char *name, char path[512]) {
   char below[64];
@@ -338,7 +340,7 @@ static void test_fox(void **state) {
   for (int64_t i = 0; i < 50; i++) {
     const pags_view *view = pags_dataset_view(dataset, i);
     test += view->test;
-    /* COLMAP's undistorter makes 534 x 948 of these 540 x 960. */
+    /* COLMAP's undistorter gives 534 x 948 pixels for these pictures of 540 x 960. */
     assert_true(view->camera.width >= 530 && view->camera.width <= 540);
     assert_true(view->camera.height >= 945 && view->camera.height <= 960);
   }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Distortion models and resampling: against the models' definitions, analytic pictures and COLMAP's own choice of size.
- */
+/* Lens models and undistortion: against the models' definitions, against analytic pictures, and against the picture
+ * size that COLMAP chooses. */
 #include <pags/image.h>
 
 #include "dataset/undistort.h"
@@ -51,7 +51,7 @@ static pags_camera pinhole_of(const pags_lens *lens) {
   return camera;
 }
 
-/* One point through each model, worked out from the definition with other code. */
+/* A point through each lens model, computed from the definition by separate code. */
 static void test_models(void **state) {
   (void)state;
   const double x = 0.3, y = -0.2, r = sqrt(0.13);
@@ -100,7 +100,8 @@ static void test_row_equals_points(void **state) {
   }
 }
 
-/* Past the radius where the radial function turns back, a picture would appear a second time. */
+/* The model is limited to the radius where its radial function stops increasing; beyond it the picture would appear a
+ * second time. */
 static void test_limit(void **state) {
   (void)state;
   pags_lens lens = {.width = 100, .height = 100, .fx = 50, .fy = 50, .cx = 50, .cy = 50, .k = {-0.3}};
@@ -109,11 +110,11 @@ static void test_limit(void **state) {
   double u, v;
   assert_true(pags_lens_project(&lens, 1.05, 0, &u, &v));
   assert_false(pags_lens_project(&lens, 1.06, 0, &u, &v));
-  assert_false(pags_lens_unproject(&lens, 95, 95, &u, &v)); /* no ray bends that far out */
+  assert_false(pags_lens_unproject(&lens, 95, 95, &u, &v)); /* no ray is projected that far out */
 }
 
-/* Every pixel of the pinhole has a source, and it is as large as that allows: one more pixel on any side has some
- * without. */
+/* Every pixel of the pinhole picture has a source pixel, and the picture is as large as that allows: with one more
+ * pixel on any side some pixels have none. */
 static void test_pinhole_is_filled(void **state) {
   (void)state;
   for (int i = 0; i < 2; i++) {
@@ -140,7 +141,7 @@ static void test_fox_size(void **state) {
   (void)state;
   pags_lens lens = prepared(&fox_lens);
   pags_camera camera = pinhole_of(&lens);
-  /* COLMAP makes 534 x 948 of it. */
+  /* COLMAP's undistorter gives 534 x 948. */
   assert_in_range(camera.width, 532, 536);
   assert_in_range(camera.height, 946, 954);
 }
@@ -155,9 +156,9 @@ static void test_pinhole_stays(void **state) {
   assert_true(camera.cx == 15.5 && camera.cy == 9);
 }
 
-/* A picture of rays: red and green are smooth functions of the ray (x, y, 1), which the distorted photograph shows
- * where the model puts that ray. Undistorted, every pixel must show its own ray's colour; straight lines are straight
- * with it. */
+/* The distorted photograph shows, where the lens model projects a ray (x, y, 1), a colour that is a smooth function
+ * of that ray (red, green). After undistortion every pixel must show the colour of its own ray, which also makes
+ * straight lines straight. */
 static double red(double x, double y) {
   return 128 + 60 * sin(7 * x + 2 * y) + 60 * cos(5 * y);
 }
@@ -204,7 +205,7 @@ static void test_analytic_picture(void **state) {
         largest = fmax(largest, off);
         assert_in_range(p[2], 199, 200);
       }
-    /* Rounding twice gives 0.4 RMS; half a pixel's error in the position would give 2 and more. */
+    /* Rounding to 8 bits twice gives 0.4 RMS; an error of half a pixel in the position would give more than 2. */
     assert_true(sqrt(square) < 0.7);
     assert_true(largest < 4);
     pags_image_destroy(&from);
@@ -219,7 +220,7 @@ static void test_masks(void **state) {
   pags_camera camera = pinhole_of(&lens);
   pags_image from = photograph(&lens), from_mask, to, mask;
   scratch_ok(pags_image_create(&from_mask, lens.width, lens.height, 1, PAGS_U8));
-  for (int i = 0; i < lens.width * lens.height; i++) /* the left half is not to be used */
+  for (int i = 0; i < lens.width * lens.height; i++) /* the left half is masked */
     ((uint8_t *)from_mask.data)[i] = i % lens.width < 160 ? 127 : 128;
   scratch_ok(pags_undistort(&lens, &camera, &from, &from_mask, &to, &mask));
   assert_non_null(mask.data);
@@ -237,7 +238,7 @@ static void test_masks(void **state) {
   pags_image_destroy(&to);
   pags_image_destroy(&mask);
 
-  /* A larger frame than the lens fills: what has no source is masked and black. */
+  /* A pinhole picture larger than the lens covers: pixels without a source are masked and black. */
   camera.width += 100;
   camera.cx += 50;
   scratch_ok(pags_undistort(&lens, &camera, &from, NULL, &to, &mask));
@@ -263,7 +264,7 @@ static void test_bad_numbers(void **state) {
   lens.width = 0;
   scratch_expect(pags_lens_prepare(&lens, "a.json:7"), PAGS_ERROR_FORMAT, "0 x 960");
   lens = fox_lens;
-  lens.cx = 5000; /* the whole picture lies to the left of the axis */
+  lens.cx = 5000; /* the whole picture lies to the left of the optical axis */
   scratch_ok(pags_lens_prepare(&lens, "a.json:7"));
   pags_camera camera = {0};
   pags_result result = pags_lens_pinhole(&lens, "a.json:7", &camera);

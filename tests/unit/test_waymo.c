@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Import of Waymo segments: the real frame of the shared test data, and a written segment that must read back the same.
- */
+/* Importing Waymo segments: the real frame of the shared test data, and a synthetic segment that must read back the
+ * same. */
 #include "unit/scratch.h"
 
 #include <math.h>
@@ -21,7 +21,7 @@
 static scratch s;
 static pags_tasks *tasks;
 
-/* Path in the scratch folder; good until the eighth call from now. */
+/* A path in the scratch folder; valid until the eighth call from now. */
 static const char *at(const char *format, ...) __attribute__((format(printf, 1, 2)));
 static const char *at(const char *format, ...) {
   static char paths[8][512];
@@ -92,7 +92,8 @@ static void close_real(real *r) {
 }
 
 static void check_real_images(const real *r, const char *folder) {
-  static const size_t sizes[5] = {446413, 545376, 460925, 248605, 275682}; /* of the record, by camera's number */
+  /* Sizes of the JPEGs in the record, by camera number. */
+  static const size_t sizes[5] = {446413, 545376, 460925, 248605, 275682};
   for (int c = 0; c < 5; c++) {
     const Pags__Waymo__CameraImage *image = pags_waymo_image(r->frame, c + 1);
     const bytes b = read_bytes(at("%s/images/000_%d.jpg", folder, c));
@@ -107,9 +108,9 @@ static void check_real_images(const real *r, const char *folder) {
   }
 }
 
-/* Columns of C.txt are OpenCV's x, y, z in the vehicle's frame: right, down, forward of where the camera looks. */
+/* The columns of C.txt are OpenCV's x, y, z axes (right, down, forward) in the vehicle's frame. */
 static void check_real_calibration(const real *r, const char *folder) {
-  static const double headings[5] = {0, 45, -45, 90, -90}; /* degrees to the left of the vehicle's x */
+  static const double headings[5] = {0, 45, -45, 90, -90}; /* degrees to the left of the vehicle's x axis */
   for (int c = 0; c < 5; c++) {
     const Pags__Waymo__CameraCalibration *k = pags_waymo_camera(r->frame, c + 1);
     const double *e = k->extrinsic->transform;
@@ -120,7 +121,7 @@ static void check_real_calibration(const real *r, const char *folder) {
                   m[4 * row + 3] == e[4 * row + 3]);
     }
     assert_true(m[2] * cos(heading) + m[6] * sin(heading) > 0.99);
-    assert_true(m[9] < -0.99); /* down */
+    assert_true(m[9] < -0.99); /* the camera's y axis points down */
     FILE *stream = fopen(at("%s/intrinsics/%d.txt", folder, c), "r");
     assert_non_null(stream);
     for (int i = 0; i < 9; i++) {
@@ -137,7 +138,8 @@ static void check_real_poses(const real *r, const char *folder) {
   for (int i = 0; i < 16; i++)
     assert_true(ego[i] == r->frame->pose->transform[i]);
   assert_true(fabs(ego[3] + 25211.26) < 0.01 && fabs(ego[7] - 42391.08) < 0.01 && fabs(ego[11] + 160.62) < 0.01);
-  for (int c = 0; c < 5; c++) { /* the car stands: poses of photographs differ by 0.1 mm and 1e-4 rad */
+  /* The ego vehicle stands still: poses of photographs differ from its own by 0.1 mm and 1e-4 rad. */
+  for (int c = 0; c < 5; c++) {
     read_matrix(at("%s/extrinsics/%d.txt", folder, c), extrinsics);
     read_matrix(at("%s/extrinsics/000_%d.txt", folder, c), camera);
     pags_rigid_multiply(ego, extrinsics, expected);
@@ -164,7 +166,7 @@ static void check_real_boxes(const char *folder) {
   pags_json_destroy(json);
 }
 
-/* Box -zRacoa4APhIbgKYpgbiDQ, a pedestrian 10.23 m ahead and 1.98 m to the left, walks to the left. */
+/* Box -zRacoa4APhIbgKYpgbiDQ: a pedestrian 10.23 m ahead and 1.98 m to the left who walks to the left. */
 static void check_a_real_box(const char *folder) {
   pags_dataset *dataset;
   pags_dataset_options options = pags_dataset_options_default();
@@ -230,7 +232,7 @@ static void test_imports_the_real_frame(void **state) {
   close_real(&r);
 }
 
-/* The file with one byte changed, or cut. */
+/* Imports the file with one byte changed, or cut at that byte, and expects an error. */
 static void expect_damage(const bytes *file, size_t place, int cut, const char *part) {
   bytes copy = {.data = malloc(file->size), .size = cut ? place : file->size};
   assert_non_null(copy.data);
@@ -262,10 +264,10 @@ static void test_refuses_damage_of_the_real_frame(void **state) {
   close_real(&r);
 }
 
-/* ---- A written segment ---- */
+/* ---- A synthetic segment ---- */
 
-/* The middle of the car that drives lies in the masks of "all" and "vehicle" wherever it is seen, and the corner of the
- * picture doesn't; parked cars are in none. */
+/* The centre of the moving car lies inside the masks of "all" and "vehicle" wherever it is in the picture, and the
+ * picture's corner doesn't; parked cars are in no dynamic mask. */
 static void check_dynamic_masks(const pags_dataset *set, const char *folder) {
   int seen = 0;
   for (int t = 0; t < FRAMES; t++)
@@ -338,13 +340,13 @@ static void test_a_written_segment_reads_back_the_same(void **state) {
   check_dynamic_masks(b, "again");
   assert_int_equal(pags_dataset_sweep_count(b), FRAMES);
   for (int64_t t = 0; t < FRAMES; t++)
-    check_same_points(a, b, t, 0.95, 0.006); /* poses in float32, 42 km from the origin */
+    check_same_points(a, b, t, 0.95, 0.006); /* poses are float32, 42 km from the origin */
   assert_true(pags_dataset_fps(b) == 10);
   pags_dataset_close(a);
   pags_dataset_close(b);
 }
 
-/* ---- Stopping and going on; options ---- */
+/* ---- Stopping and resuming; options ---- */
 
 static void assert_same_tree(const char *a, const char *b) {
   pags_dir_list left, right;
@@ -384,7 +386,7 @@ static void test_goes_on_where_it_was_stopped(void **state) {
     scratch_ok(import_to(at("segment.tfrecord"), folder, NULL));
     assert_same_tree(at("again"), folder);
   }
-  /* What is complete isn't made again. */
+  /* Files that are complete aren't written again. */
   int left = 3;
   scratch_expect(pags_import_waymo(at("segment.tfrecord"), at("kept"), NULL, tasks, stop_after, &left), PAGS_CANCELLED,
                  "cancelled");
@@ -396,7 +398,7 @@ static void test_goes_on_where_it_was_stopped(void **state) {
   assert_int_equal(sweep.size, 4);
   free(image.data);
   free(sweep.data);
-  /* A finished one is left alone, another source refused. */
+  /* A finished import isn't changed, and importing other cameras into its folder is refused. */
   scratch_ok(import_to(at("segment.tfrecord"), at("again"), NULL));
   scratch_expect(import_to(at("segment.tfrecord"), at("again"), "0"), PAGS_ERROR_IO, "again");
 }
@@ -424,7 +426,8 @@ static void test_takes_the_frames_asked_for(void **state) {
 
 /* ---- Poses of photographs ---- */
 
-/* A car at 20 m/s that turns: the photograph's pose is taken 4 ms before the middle of its exposure. */
+/* A car at 20 m/s that turns: the record's pose is of a time 4 ms before the middle of the exposure, and the import
+ * moves the pose on to that middle. */
 static void test_moves_poses_on_to_the_exposure(void **state) {
   (void)state;
   raw_waymo w = {0};
@@ -453,14 +456,14 @@ static void test_moves_poses_on_to_the_exposure(void **state) {
   waymo_set_ego(0, ego);
   const double turn = 0.5 * 0.004, turned[12] = {cos(turn), -sin(turn), 0, 0, sin(turn), cos(turn), 0, 0, 0, 0, 1, 0};
   const double place[3] = {ego[3] + 12 * 0.004, ego[7] + 16 * 0.004, ego[11]};
-  pags_rigid_multiply(turned, ego, moved); /* about the world's z, then put where the car is */
+  pags_rigid_multiply(turned, ego, moved); /* rotated about the world's z axis, then moved to the car's position */
   for (int i = 0; i < 3; i++)
     moved[4 * i + 3] = place[i];
   waymo_set_camera(0, on);
   pags_rigid_multiply(moved, on, expected);
   read_matrix(at("moving/extrinsics/000_0.txt"), found);
   for (int i = 0; i < 12; i++)
-    assert_true(fabs(found[i] - expected[i]) < 2e-5); /* Unix times come in steps of 0.24 us */
+    assert_true(fabs(found[i] - expected[i]) < 2e-5); /* Unix times in double have steps of 0.24 us */
   read_matrix(at("moving/ego_pose/000.txt"), found);
   assert_true(found[3] == ego[3]);
   image->velocity = NULL;
@@ -487,7 +490,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_imports_the_real_frame),
       cmocka_unit_test(test_refuses_damage_of_the_real_frame),
-      cmocka_unit_test(test_a_written_segment_reads_back_the_same), /* those below use what it wrote */
+      cmocka_unit_test(test_a_written_segment_reads_back_the_same), /* the tests below use its segment */
       cmocka_unit_test(test_goes_on_where_it_was_stopped),
       cmocka_unit_test(test_takes_the_frames_asked_for),
       cmocka_unit_test(test_moves_poses_on_to_the_exposure),

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Range images to points: directions by hand, and a world of a floor and a round wall that a moving car's lasers see.
- */
+/* Waymo's range images to points: hand-computed directions, and a synthetic world of a floor and a round wall seen by
+ * the LiDARs of a moving car. */
 #include "unit/scratch.h"
 
 #include <math.h>
@@ -24,7 +24,7 @@ static Pags__Waymo__Frame *new_frame(const double pose[12]) {
   return f;
 }
 
-/* Written and read again, as from a file. */
+/* Packs the frame and unpacks it again, as from a file. */
 static pags_waymo_frame *reread(const Pags__Waymo__Frame *frame) {
   size_t size;
   pags_waymo_frame *out;
@@ -49,8 +49,8 @@ static float two_metres(void *user, const double origin[3], const double directi
   return which == 0 ? 2 : 0;
 }
 
-/* Four columns look at 135, 45, -45 and -135 degrees from the vehicle's x, to the left first, wherever the LiDAR's own
- * x looks. Rows begin with the highest beam. */
+/* Four columns look at 135, 45, -45 and -135 degrees from the vehicle's x axis, in this order, whatever the LiDAR's
+ * own yaw. The first row is the highest beam. */
 static void test_directions_by_hand(void **state) {
   (void)state;
   static const double beams[2] = {-PI / 6, 0};
@@ -78,19 +78,19 @@ static void test_directions_by_hand(void **state) {
   }
 }
 
-/* ---- A car that drives ---- */
+/* ---- A moving car ---- */
 
 #define FLOOR (-2.5)
 #define RADIUS 35.0
 
 typedef struct world {
-  double middle[3]; /* of the round wall and of the floor, in the world */
-  double start[3];  /* where the car is in the middle of the turn */
+  double middle[3]; /* centre of the round wall, in the world */
+  double start[3];  /* the car's position in the middle of the sweep */
   int columns;
 } world;
 
-/* Distance to the floor or to the wall around `middle`, the nearer; the second return lies on a wall of 4/5 the radius,
- * for rays that rise. */
+/* Distance to the floor or to the round wall, whichever is nearer. The second return, which only rising rays have,
+ * lies on a wall of 4/5 of the radius. */
 static float see(void *user, const double origin[3], const double direction[3], int which) {
   const world *w = user;
   const double x = origin[0] - w->middle[0], y = origin[1] - w->middle[1], z = origin[2] - w->middle[2];
@@ -104,7 +104,8 @@ static float see(void *user, const double origin[3], const double direction[3], 
   return (float)fmin(wall, down);
 }
 
-/* 15 m/s ahead and a turn of 0.3 rad/s over the tenth of a second that the LiDAR turns, pitched and rolled. */
+/* The pose of the car at a column: 15 m/s ahead and 0.3 rad/s of yaw during the tenth of a second of a sweep, with
+ * pitch and roll. */
 static void drive(void *user, int column, float out[6]) {
   const world *w = user;
   const double t = 0.1 * ((double)column / w->columns - 0.5);
@@ -123,7 +124,7 @@ static void pose_in_the_middle(const world *w, double out[12]) {
   memcpy(out, rows, sizeof rows);
 }
 
-/* The distance of a point of the vehicle's frame from the nearest surface. */
+/* Distance of a point, given in the vehicle's frame, from the nearest surface. */
 static double miss(const world *w, const double m[12], const float *p) {
   double q[3];
   for (int i = 0; i < 3; i++)
@@ -141,7 +142,8 @@ static double worst_miss(const world *w, const double pose[12], const pags_waymo
   return worst;
 }
 
-/* The roof LiDAR with a list of beams and poses, and one at the front, tilted down, without either. */
+/* Decodes the roof LiDAR, with a list of beam inclinations and a pose for each column, and a front LiDAR, tilted down,
+ * without either; every point must lie within `allowed` metres of a surface. */
 static void drive_through(double far_away, double allowed) {
   enum { ROWS = 24, COLUMNS = 180 };
   world w = {
@@ -172,7 +174,7 @@ static void drive_through(double far_away, double allowed) {
   raw_lidar_add(&memory, f, &roof);
   raw_lidar_add(&memory, f, &front);
   decode(f, &p);
-  assert_true(p.count > ROWS * COLUMNS + 4000); /* every first return, some second ones */
+  assert_true(p.count > ROWS * COLUMNS + 4000); /* all first returns and some second returns */
   const double worst = worst_miss(&w, pose, &p);
   if (worst > allowed)
     fail_msg("a point lies %g m from all surfaces", worst);
@@ -182,10 +184,10 @@ static void drive_through(double far_away, double allowed) {
 static void test_points_of_a_moving_car_lie_on_surfaces(void **state) {
   (void)state;
   drive_through(0, 1e-4);
-  drive_through(40000, 0.02); /* poses are float32: steps of 4 mm in x and y */
+  drive_through(40000, 0.02); /* poses are float32, with steps of 4 mm in x and y at this distance */
 }
 
-/* ---- What is refused ---- */
+/* ---- Refused input ---- */
 
 static Pags__Waymo__Frame *frame_to_spoil(void) {
   const raw_lidar l = {.name = 1,
@@ -239,7 +241,7 @@ static void test_refuses_what_does_not_fit(void **state) {
   expect_refusal(f, PAGS_ERROR_FORMAT, "expected a rotation");
 }
 
-/* 80 MiB of zeros in a stream of a few hundred KiB. */
+/* A stream of a few hundred KiB that inflates to 80 MiB of zeros, more than the stated size. */
 static void test_inflates_no_more_than_stated(void **state) {
   (void)state;
   enum { SIDE = 2290 };
@@ -249,7 +251,7 @@ static void test_inflates_no_more_than_stated(void **state) {
   expect_refusal(f, PAGS_ERROR_LIMIT, "larger than 64 MiB");
 }
 
-/* No number of a pixel, finite or not, gives a point that isn't finite. */
+/* No pixel value, finite or not, gives a point that isn't finite. */
 static void test_leaves_out_what_is_not_finite(void **state) {
   (void)state;
   const float n = NAN, i = INFINITY;
@@ -279,7 +281,7 @@ static void test_empty_lidars_give_no_points(void **state) {
   pags_waymo_points_destroy(&p);
 }
 
-/* Two million empty labels in four million bytes would take 300 MB. */
+/* Four million bytes of two million empty labels, which would take 300 MB unpacked, are refused. */
 static void test_messages_keep_to_a_budget(void **state) {
   (void)state;
   const size_t size = 4000000;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The synthetic street written as a Waymo segment and imported: the same poses, boxes, points, masks and pictures. */
+/* The synthetic street written as a Waymo segment and imported again: the same poses, boxes, points, masks and
+ * pictures. */
 #include <pags/import.h>
 #include <pags/synth.h>
 
@@ -10,7 +11,7 @@ enum { FRAMES = 5, CAMERAS = 3 };
 
 typedef struct street {
   scratch s;
-  char path[3][256]; /* street, segment, imported */
+  char path[3][256]; /* folders of the street, the segment and the imported set */
   pags_dataset *made, *imported;
 } street;
 
@@ -57,8 +58,8 @@ static int end(void **state) {
   return 0;
 }
 
-/* The street's car rolls and pitches by 0.003 rad; Waymo's labels are upright in the car's frame, so that boxes lose
- * that much. */
+/* The street's car rolls and pitches by 0.003 rad. Waymo's labels are upright in the car's frame, so that boxes lose
+ * this tilt. */
 static void poses_and_boxes_come_back(void **state) {
   const street *st = *state;
   check_same_views(st->made, st->imported, 1e-9, 1e-12);
@@ -73,7 +74,7 @@ static void points_come_back(void **state) {
     check_same_points(st->made, st->imported, t, 0.9, 1e-4);
 }
 
-/* Ids that Waymo has no class for came as their nearest: wall, fence and terrain, train. */
+/* Label ids for which Waymo has no class (wall, fence, terrain, train) come back as the nearest class. */
 static void labels_come_back(void **state) {
   const street *st = *state;
   int64_t compared = 0;
@@ -99,7 +100,7 @@ static void labels_come_back(void **state) {
   assert_true(compared > FRAMES * CAMERAS * 160 * 96 / 2);
 }
 
-/* The street's pictures are PNG, Waymo's JPEG. */
+/* The street's pictures are PNG, Waymo's are JPEG, hence the tolerance. */
 static void pictures_come_back(void **state) {
   const street *st = *state;
   for (int t = 0; t < FRAMES; t++)
@@ -116,7 +117,8 @@ static void pictures_come_back(void **state) {
     }
 }
 
-/* The street's are exact outlines of what is seen, imported ones whole boxes: they have the former in them. */
+/* The street's dynamic masks are exact outlines of the visible parts, the imported ones are outlines of whole boxes,
+ * which must contain the former. */
 static void dynamic_masks_come_back(void **state) {
   const street *st = *state;
   int64_t exact = 0, boxes = 0, both = 0;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Compares a driving set with what importing it as a Waymo segment gives. */
+/* Compares a driving set with the result of writing it as a Waymo segment and importing that. */
 #ifndef PAGS_TESTS_UNIT_WAYMO_CHECK_H
 #define PAGS_TESTS_UNIT_WAYMO_CHECK_H
 
@@ -57,13 +57,14 @@ static inline double point_distance(const float *p, const float *q) {
   return sqrt(x * x + y * y + z * z);
 }
 
-/* Distance of a point from the roof LiDAR that raw_waymo.c writes. */
+/* Distance of a point from the position of the roof LiDAR that raw_waymo.c writes. */
 static inline double point_range(const float *p) {
   const float roof[3] = {1.43f, 0, 2.18f};
   return point_distance(p, roof);
 }
 
-/* Every point lies within half a beam of one that was given, and nearly all are there: `share` of them. */
+/* Every imported point lies within half a beam's spacing of a source point, and at least `share` of the points are
+ * there. */
 static inline void check_same_points(const pags_dataset *a, const pags_dataset *b, int64_t sweep, double share,
                                      double poses) {
   int64_t given, got;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The written data set. */
+/* The synthetic data set; see waymo_set.h. */
 #include "unit/waymo_set.h"
 
 #include <math.h>
@@ -26,18 +26,19 @@ void waymo_set_camera(int c, double out[12]) {
   memcpy(out, m, sizeof m);
 }
 
-/* In the vehicle's frame: a car that drives ahead of ours, a parked one, somebody on foot, a sign. */
+/* Box poses in the vehicle's frame: a car that drives ahead, a parked car, a pedestrian, a sign. */
 static void box_at(int track, int t, double out[12]) {
   static const double places[TRACKS][3] = {{14, 1, 0.8}, {9, -6, 0.7}, {8, 6, 0.9}, {20, -3, 2}};
   const double yaw = 0.3 * track - 0.2, c = cos(yaw), sn = sin(yaw);
   const double m[12] = {c, -sn, 0, places[track][0], sn, c, 0, places[track][1], 0, 0, 1, places[track][2]};
   double world[12], ego[12], start[12], back[12];
-  waymo_set_ego(track ? 0 : t, start); /* the first one keeps its place ahead of us, the others in the world */
+  /* The first box keeps its place ahead of the ego vehicle, the others stand still in the world. */
+  waymo_set_ego(track ? 0 : t, start);
   pags_rigid_multiply(start, m, world);
   waymo_set_ego(t, ego);
   pags_rigid_inverse(ego, back);
   pags_rigid_multiply(back, world, out);
-  /* Waymo's boxes are upright in the vehicle's frame. */
+  /* Waymo's boxes are upright in the vehicle's frame, so only the yaw is kept. */
   const double turn = atan2(out[4], out[0]);
   const double upright[12] = {cos(turn), -sin(turn), 0, out[3], sin(turn), cos(turn), 0, out[7], 0, 0, 1, out[11]};
   memcpy(out, upright, sizeof upright);
@@ -55,7 +56,7 @@ static pags_layout_track make_track(int i) {
   o->category = pags_category_of(o->class_name);
   o->knots = calloc(FRAMES, sizeof *o->knots);
   assert_non_null(o->knots);
-  for (int t = i; t < FRAMES; t++) { /* the i-th appears with frame i */
+  for (int t = i; t < FRAMES; t++) { /* object i is labelled from frame i on */
     double ego[12], box[12];
     waymo_set_ego(t, ego);
     box_at(i, t, box);
@@ -71,7 +72,7 @@ static pags_layout_track make_track(int i) {
 
 static void put_photos(const pags_layout *layout, const char *path, int t, int c) {
   static const uint8_t ids[] = {0,  1,  2,  5,  6,  7,  8,  10,
-                                11, 12, 13, 14, 15, 17, 18, 255}; /* those that Waymo has, too */
+                                11, 12, 13, 14, 15, 17, 18, 255}; /* only ids for which Waymo has a class */
   uint8_t mask[WIDTH * HEIGHT];
   pags_image image;
   scratch_ok(pags_image_create(&image, WIDTH, HEIGHT, 3, PAGS_U8));
