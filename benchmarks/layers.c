@@ -3,8 +3,8 @@
  *
  * alpha = o exp(-q/2) >= 1/255 holds in the ellipse q <= 2 ln(255 o), whose area is pi 2 ln(255 o) sqrt(det S), S
  * being the covariance on the picture plane. The areas are summed over the Gaussians whose mean lies in the picture
- * and divided by its number of pixels. Areas are not clipped at the picture's edge: the part of such a Gaussian
- * beyond the edge stands for the parts within the picture of Gaussians whose mean lies outside. */
+ * and divided by its number of pixels. An area counts as at most the picture's, but is not clipped at its edges: the
+ * parts beyond an edge make up for Gaussians with their mean outside that reach into the picture. */
 #include "benchmarks/modes.h"
 
 #include <math.h>

@@ -10,7 +10,8 @@
 #include "base/memory.h"
 #include "base/vec3.h"
 
-/* Label errors at or below these are rounding; no recovered share is given for them. */
+/* A labelled pose that is off by no more than these is right but for rounding: the share of its error that training
+ * has removed is not reported. */
 static const double least_metres = 1e-6, least_degrees = 1e-4;
 
 /* Error of one pose against the truth: the pose's origin in the true object's frame, in metres, and its rotation

@@ -25,6 +25,6 @@ typedef struct pags_shifted_view_scores {
 pags_result pags_shifted_views_measure(const char *dataset, double downscale, pags_composition *composition,
                                        pags_frame *frame, const pags_frame_options *options,
                                        const pags_session *session, const char *images, pags_shifted_view_scores *out);
-void pags_shifted_view_scores_destroy(pags_shifted_view_scores *scores); /* a zeroed struct is allowed */
+void pags_shifted_view_scores_destroy(pags_shifted_view_scores *scores); /* for a zeroed struct does nothing */
 
 #endif

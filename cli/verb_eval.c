@@ -265,14 +265,13 @@ static void print_priority_truth(const pags_session *session, const pags_priorit
   if (!o->seen)
     return;
   pags_say(session,
-           "priorities beside the truth: over 0.5 have %.1f %% of %lld Gaussians on something critical and %.1f %% of "
-           "%lld others\n",
+           "priorities beside the truth: %.1f %% of %lld Gaussians on critical objects and %.1f %% of %lld others have "
+           "one over 0.5\n",
            percent(o->critical_high, o->critical), (long long)o->critical, percent(o->other_high, o->other),
            (long long)o->other);
   pags_say(session,
-           "  left out: %.1f %% of %lld seen (%.1f %% of what is seen): %.1f %% over 5 cm from any surface, %.1f %% "
-           "within 15 cm of both "
-           "kinds\n",
+           "  not counted: %.1f %% of %lld seen Gaussians (%.1f %% by weight): %.1f %% over 5 cm from any surface, "
+           "%.1f %% within 15 cm of a critical and another surface\n",
            percent(o->seen - o->counted, o->seen), (long long)o->seen, 100 * o->left_out_weight,
            percent(o->astray, o->seen), percent(o->between, o->seen));
 }
@@ -345,8 +344,10 @@ static pags_result evaluate(evaluation *self, const char *scene_path) {
   PAGS_TRY(result);
 
   if (!self->count)
-    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: no %s views to compare", scene_path,
-                     arguments->split == 2 ? "held-out" : "training");
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: no %s to compare", scene_path,
+                     arguments->split == 0   ? "views"
+                     : arguments->split == 1 ? "training views"
+                                             : "held-out views");
   for (int test = 0; test < 2; test++)
     self->depth[test] = pags_depth_errors_figures(&self->depth_errors[test]);
   const char *dataset = pags_dataset_path(self->photographs.dataset);

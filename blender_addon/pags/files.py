@@ -53,7 +53,7 @@ def write_bytes(path, data):
 
 
 class NewFiles:
-    """Context manager (`with NewFiles(folder) as new`) for the files of one new folder: if any of them fails, all are removed again."""
+    """Context manager (`with NewFiles(folder) as new`) for files made together: if one fails, all of them, and the folders made for them, are removed again."""
 
     def __init__(self, folder):
         self.folder, self.made = folder, []

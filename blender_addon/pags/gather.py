@@ -97,7 +97,7 @@ def placements(state, entry, time, critical_only=False):
     difference = np.abs(exact - poses)
     difference[:, :, 3] = np.abs(exact[:, :, 3] - np.where(mine, origin, 0) - poses[:, :, 3])
     same = (difference[:, :, :3] < SNAP_ROTATION).all(axis=(1, 2)) & (difference[:, :, 3] < SNAP_METRES).all(axis=1)
-    moved = poses.copy()  # relative to the scene's origin, the pivot of the background's rotation as well
+    moved = poses.copy()  # poses relative to the scene's origin; the background is rotated about that origin
     moved[:, :, 3] += np.where(mine, origin, origin - poses[:, :, :3] @ origin)
     rows = np.where(same[:, None, None], exact, moved).reshape(-1, 12).tolist()
     return list(zip(indices.tolist(), rows))

@@ -38,7 +38,7 @@ class Pace:
     drawing takes the same processors, and a picture that keeps its deadline still appears late."""
 
     PERIOD = 0.095  # target time between pictures, seconds: slightly below 0.1
-    PAUSE = 0.5  # seconds; a longer gap separates two movements and is not counted
+    PAUSE = 0.5  # seconds; pictures further apart belong to two movements of the view, and their distance is not a period
     LEAST = 0.25
     COARSEST = 4.0  # largest divisor: coarser pictures are hardly faster
 

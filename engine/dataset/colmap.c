@@ -132,7 +132,7 @@ pags_result pags_colmap_add_image(pags_colmap *model, const char *where, const p
   if (!view)
     return pags_out_of_memory("%s", where);
   view->where = pags_text_copy(where);
-  view->image_path = pags_text_copy(image->name); /* relative; locate_pictures puts the folder in front */
+  view->image_path = pags_text_copy(image->name); /* relative; locate_pictures prepends the folder of images */
   if (!view->where || !view->image_path)
     return pags_out_of_memory("%s", where);
   view->id = image->id;

@@ -71,8 +71,8 @@ bool pags_colmap_is_model(const char *folder);
 /* Reads the vertices of a PLY file: x y z and, if present, red green blue. */
 pags_result pags_ply_points_read(const char *path, pags_parsed_points *points);
 
-/* Draws `count` random points in the common view of the cameras, with xyz relative to `origin` and greyish random
- * colours (random_points.c). */
+/* Samples `count` random points that several of the cameras see (random_points.c): xyz in metres relative to `origin`,
+ * and greyish random colours. */
 pags_result pags_random_points(const pags_camera *const *cameras, int64_t camera_count, const double origin[3],
                                uint64_t seed, int64_t count, float *xyz, uint8_t *rgb);
 

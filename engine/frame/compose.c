@@ -316,7 +316,7 @@ static void apply_edit(pags_composition *c, const pags_edit *edit) {
 }
 
 pags_result pags_composition_edit(pags_composition *composition, const pags_edit *edits, int64_t count) {
-  /* The edits are checked before anything changes, so that earlier edits stay where these are refused. */
+  /* All edits are checked before anything changes: if one is refused, the earlier edits stay in force. */
   for (int64_t i = 0; i < count; i++) {
     const pags_edit *e = &edits[i];
     if (e->object < 0 || e->object >= composition->scene.object_count)

@@ -32,7 +32,8 @@
 
 enum { GROUP = 16, MOST_GROUPS = 256 / GROUP }; /* members shaded as one vector; groups in the largest cluster */
 
-/* A cluster that has been taken into a slab and may have members left to draw. */
+/* A cluster that belongs to a slab of depth that is being drawn or has been drawn, and that may have Gaussians left for
+ * later slabs. */
 typedef struct active_cluster {
   int64_t view;                  /* index in the frame's clusters */
   bool fresh;                    /* not projected yet */

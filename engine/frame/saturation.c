@@ -42,7 +42,7 @@ pags_result pags_frame_saturation_begin(pags_frame *frame) {
   for (int64_t tile = 0; tile < tiles; tile++) {
     f->limits[tile] = INFINITY;
 
-    /* Only blocks that have a pixel inside of the picture can change: padding counts as saturated. */
+    /* Blocks of 4x4 pixels that lie wholly in the padding count as saturated from the beginning. */
     int x0 = frame_tile_x(frame, tile);
     int y0 = frame_tile_y(frame, tile);
     unsigned inside = 0;

@@ -131,7 +131,7 @@ static void find_runs(void *context, int64_t begin, int64_t end, int worker) {
 typedef struct texel_run {
   int32_t first, last; /* texels [first, last) */
   int size;            /* of the cube map, texels a side */
-  float *gradient;     /* 3 floats a texel; a block is set to zeros when a pixel first adds to it */
+  float *gradient;     /* 3 floats a texel; a block is set to zeros before the first gradient is added to it */
   uint8_t *seen;       /* per block: 1 where the gradient has been set */
 } texel_run;
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Parses the cameras and frames in an importer's options. */
+/* Parses the texts of an importer's options that choose cameras ("0,2,3") and frames ("10-50"). */
 #include "import/options.h"
 
 #include <stdlib.h>

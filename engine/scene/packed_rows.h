@@ -11,7 +11,7 @@ enum {
   PAGS_PACKED_GEOMETRY_PLANES = PAGS_SH /* planes of floats that they unpack to */
 };
 
-/* Unpacks the means, ln sigma, rotations and opacity logits of a cluster: PAGS_SH planes. */
+/* Unpacks the means, ln sigma, rotations and opacity logits of a cluster, the planes 0 to PAGS_SH - 1. */
 void pags_packed_geometry(const pags_packed *packed, int64_t cluster, float *planes);
 /* Unpacks only the means: three planes. */
 void pags_packed_means(const pags_packed *packed, int64_t cluster, float *planes);

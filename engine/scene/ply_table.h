@@ -46,7 +46,7 @@ typedef struct ply_table {
 pags_result pags_ply_table_open(ply_table *table, const char *path, const uint8_t *bytes, size_t size);
 void pags_ply_table_close(ply_table *table);
 
-/* Returns the element of that name, NULL if there is none. */
+/* Returns the PLY element ("vertex", ...) of that name, NULL if there is none. */
 const ply_element *pags_ply_table_find(const ply_table *table, const char *element);
 /* Fails if the rows of `element` cannot be read: a list property comes before them or the file is truncated. The
  * message names the element, the byte and the sizes. */

@@ -158,7 +158,7 @@ pags_result pags_scene_save(const char *folder, const pags_scene *scene) {
 char *pags_scene_model_file(const pags_scene *scene, const char *id) {
   char safe[SAFE_NAME], file[SAFE_NAME + 64];
 
-  /* Replaces by '_' every character of the id that is not a letter, a digit, '-', or a '.' after the first one. */
+  /* Keeps the id's letters, digits and '-', and a '.' unless it is the first character; other characters become '_'. */
   size_t room = sizeof safe;
   size_t length = 0;
   for (const char *c = id; *c && length + 1 < room; c++) {

@@ -29,7 +29,7 @@ typedef struct spz_header {
   int64_t count;
   int sh_degree; /* 0..4; coefficients of degree 4 are not read */
   int fractional_bits, flags;
-  uint64_t sizes[STREAMS]; /* bytes of each attribute, uncompressed */
+  uint64_t sizes[STREAMS]; /* of each attribute's stream (means, opacities, ...) before compression, bytes */
 } spz_header;
 
 /* ---- Header and attributes ---- */

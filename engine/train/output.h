@@ -33,11 +33,11 @@ void pags_output_close(pags_output *output, int failed);
 /* A line of the log. It contains no times, so that the logs of equal runs are equal. */
 typedef struct pags_log_entry {
   int64_t step, gaussians;
-  int level, sh_degree;
-  double loss, psnr;                               /* running means over about one pass */
+  int level, sh_degree;                            /* level of downscaled photographs, 0: full size; SH degree in use */
+  double loss, psnr;                               /* running means over about one pass through the training views */
   double step_loss, step_l1, step_ssim, step_psnr; /* of the step's view alone */
-  pags_driving_losses terms;                       /* of the step's view alone, weighted */
-  int64_t bad_rows; /* updates left out for a number that isn't finite, in the run so far */
+  pags_driving_losses terms;                       /* of the step's view alone, times their weights in the loss */
+  int64_t bad_rows; /* Gaussians' updates left out for a number that isn't finite, in the run so far */
 } pags_log_entry;
 pags_result pags_output_log(pags_output *output, const pags_log_entry *entry);
 typedef struct pags_density_change { /* sums over all models */
@@ -51,12 +51,12 @@ pags_result pags_output_log_prune(pags_output *output, int64_t step, int64_t pru
 pags_result pags_output_preview(const pags_output *output, int64_t step, const pags_picture *picture,
                                 const pags_photo *photo);
 
-/* Writes scene.json, its PLYs and the sky; the state's parameters must be current. With sh_error, the background gets
- * one PLY for each SH degree that its Gaussians need, and an object's PLY has the highest degree that one of its
+/* Writes scene.json, its PLYs and the sky; no Adam steps may be pending. With the setting sh_error > 0, the background
+ * gets one PLY for each SH degree that its Gaussians need, and an object's PLY has the highest degree that one of its
  * Gaussians needs. */
 pags_result pags_output_scene(const pags_output *output, const pags_dataset *dataset, const pags_train_state *state);
-/* Computes the bytes that pags_output_scene would write now, without the PLYs and without the data set's path in
- * scene.json. */
+/* Computes the number of bytes that pags_output_scene would write now, for the limit on the scene's size; without the
+ * PLYs and the data set's path in scene.json. */
 pags_result pags_output_bytes(const pags_dataset *dataset, const pags_train_state *state, uint64_t *bytes);
 
 pags_result pags_output_report(const pags_output *output, const pags_train_result *result, pags_tasks *tasks);

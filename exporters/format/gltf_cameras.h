@@ -11,9 +11,10 @@
 extern "C" {
 #endif
 
-/* Adds two nodes below `parent`, whose frame is the scene's frame relative to its origin: `cameras`, with a camera
- * node for every view (held-out views, too), and `ego`, which is animated with the poses of the sensor of the least
- * number (x forward, y left, z up). `time_zero` is the scene's time, in seconds, that is 0 in the file. */
+/* Adds two nodes below `parent`: `cameras`, with a camera node for every view (held-out views, too), and `ego`, the ego
+ * vehicle, animated with the poses of the camera with the lowest number, turned to x forward, y left, z up. Positions
+ * below `parent` are those of the scene relative to its origin. `time_zero` is the scene's time, in seconds, that is 0
+ * in the file. */
 pags_result pags_gltf_add_views(pags_gltf *gltf, int parent, const pags_scene *scene, double time_zero);
 
 #ifdef __cplusplus

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Writes USD's text format (.usda). Arrays are formatted in pieces of 64 KiB. A float is written with the fewest
- * digits, 6 to 9, that read back as the same float. */
+/* Writes USD's text format (.usda). Arrays of floats are formatted in pieces of 64 KiB. A float is written with the
+ * fewest digits, 6 to 9, that read back as the same float. */
 #include "exporters/format/usd_text.h"
 
 #include <stdarg.h>
@@ -79,11 +79,13 @@ static size_t put_float(float value, char *out) {
   int length = 0;
   for (int digits = 6; digits <= 9; digits++) {
     length = snprintf(text, sizeof text, "%.*g", digits, (double)value);
+    char *comma = strchr(text, ','); /* the decimal separator of some locales */
+    if (comma)
+      *comma = '.';
     if ((float)pags_text_to_double(text, NULL) == value)
       break;
   }
-  for (int i = 0; i < length; i++) /* a decimal point, even if the locale has a comma */
-    out[i] = text[i] == ',' ? '.' : text[i];
+  memcpy(out, text, (size_t)length);
   return (size_t)length;
 }
 

@@ -131,7 +131,8 @@ static pags_result renumber(pags_proxy_mesh *s, int64_t *parent) {
   uint32_t *place = malloc(((size_t)corners + 1) * sizeof *place);
   if (!place)
     return pags_out_of_memory("%lld corners", (long long)corners);
-  for (int64_t i = 0; i < corners; i++) { /* a root is the smallest of its set, so it comes first */
+  for (int64_t i = 0; i < corners; i++) { /* the root of a set of corners is its smallest
+                                               number, so the loop meets it first */
     int64_t root = root_of(parent, i), v = s->triangles[i];
     place[i] =
         root == i ? pags_proxy_mesh_vertex(&out, s->positions + 3 * v, s->colors + 3 * v, s->observed[v]) : place[root];

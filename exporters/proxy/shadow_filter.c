@@ -27,7 +27,7 @@ static bool is_dark(const uint8_t *rgb) {
 
 /* Whether the surface at a pixel, with the point `p`, is level (its normal within 45 degrees of z), by the points of
  * a neighbour to the side and one above or below. Returns -1 if one of them has no depth. */
-static bool is_level(const pags_depth_view *s, int x, int y, const double p[3]) {
+static int is_level(const pags_depth_view *s, int x, int y, const double p[3]) {
   int w = s->camera.width, side = x + 1 < w ? x + 1 : x - 1, next = y + 1 < s->camera.height ? y + 1 : y - 1;
   double a = (double)s->depth[(int64_t)y * w + side], b = (double)s->depth[(int64_t)next * w + x], q[3], r[3], n[3];
   if (!(a > 0 && b > 0))

@@ -76,8 +76,35 @@ static void test_level_ground_is_no_part(void **state) {
   assert_false(upright(car, 0, -0.95, 0.2, 120)); /* the car's side */
 }
 
+/* A pixel whose neighbours have no depth has no known slope: then only half the height of level ground is cleared. */
+static int lone_pixel(double height) {
+  float depth[PIXELS] = {0}, bounds[2];
+  uint8_t cover[PIXELS] = {0}, rgb[3 * PIXELS];
+  pags_depth_view view = {
+      .depth = depth, .cover = cover, .rgb = rgb, .cells_x = 1, .cells_y = 1, .lo = bounds, .hi = bounds + 1};
+  view.camera = (pags_camera){.width = SIDE, .height = SIDE, .fx = 200, .fy = 200, .cx = 0.5, .cy = 0.5};
+  static const double above[12] = {1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, 0};
+  for (int i = 0; i < 12; i++)
+    view.camera.world_from_camera[i] = above[i];
+  view.camera.world_from_camera[11] = 1 + height - 0.5 * car[2];
+  for (int i = 0; i < 3 * PIXELS; i++)
+    rgb[i] = 120;
+  depth[0] = 1;
+  cover[0] = 255;
+  assert_int_equal(pags_depth_view_filter_shadow(&view, car), PAGS_OK);
+  return depth[0] < 0;
+}
+
+static void test_unknown_slope_is_cleared_to_half_the_height(void **state) {
+  (void)state;
+  assert_true(level(car, 0, 0, 0.08, 120));
+  assert_false(lone_pixel(0.08));
+  assert_true(lone_pixel(0.03));
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_dark_under_the_sill_is_air),
-                                     cmocka_unit_test(test_level_ground_is_no_part)};
+                                     cmocka_unit_test(test_level_ground_is_no_part),
+                                     cmocka_unit_test(test_unknown_slope_is_cleared_to_half_the_height)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -31,8 +31,8 @@ static const double ceiling_band = 5 * DEGREE;
 enum { ENOUGH_POINTS = 100000, MOST_SWEEPS = 24 };
 
 typedef struct bins {
-  double top[BINS]; /* highest elevation of the returns in the bin; -inf: no return */
-  double ceiling;   /* highest elevation of a far return; -inf: none */
+  double top[BINS]; /* highest elevation, radians, of the LiDAR returns in the azimuth bin; -inf: no return */
+  double ceiling;   /* highest elevation, radians, of a far return; -inf: none */
 } bins;
 
 static int bin_of(double x, double y) {

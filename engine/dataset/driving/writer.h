@@ -53,8 +53,8 @@ typedef struct pags_layout_info {
   int64_t first_frame; /* number of frame 0 in the source */
   int camera_count;    /* <= PAGS_LAYOUT_CAMERAS */
   const pags_layout_camera *cameras;
-  bool extrinsics_per_frame;        /* TTT_C.txt instead of C.txt */
-  bool extrinsics_from_world;       /* with extrinsics_per_frame: extrinsics are camera-to-world, not camera-to-ego */
+  bool extrinsics_per_frame;  /* extrinsics/TTT_C.txt for each frame TTT of camera C, instead of extrinsics/C.txt */
+  bool extrinsics_from_world; /* with extrinsics_per_frame: extrinsics are camera-to-world, not camera-to-ego */
   const char *const *lidar_columns; /* names ended by NULL, e.g. "x", "y", "z", "reflectance"; NULL: no LiDAR */
 } pags_layout_info;
 

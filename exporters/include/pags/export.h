@@ -120,8 +120,8 @@ PAGS_API pags_result pags_export_splats(pags_scene *scene, const char *path, con
 /* Writes the Gaussians and the proxies as a USD stage in text (.usda), Z up, in metres. Gaussians are
  * ParticleField3DGaussianSplat prims, each object's below an Xform with its track as time samples; proxies are
  * invisible meshes with UsdPhysics colliders and semantic labels; objects are kinematic bodies. Harmonics are written
- * of degree 0 if splats->sh_degree or the scene's degree is 0, else of degree 3 with missing terms zero. Takes over
- * the scene as pags_export_splats does. `count` (may be NULL) receives the number of Gaussians written. */
+ * of degree 0 if splats->sh_degree or the scene's degree is 0, else of degree 3 with missing terms zero. The scene
+ * is destroyed, as by pags_export_splats. `count` (may be NULL) receives the number of Gaussians written. */
 PAGS_API pags_result pags_export_usd(pags_scene *scene, const char *path, const pags_proxy_options *proxies,
                                      const pags_splat_options *splats, pags_tasks *tasks, pags_progress_fn *progress,
                                      void *user, int64_t *count);
