@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <time.h>
 #include "base/sort.h"
+#include "maths/maths.h"
 
 error_row *error_table_add(error_table *table, const char *name, const char *exact, const char *unit) {
   error_row *row = &table->rows[table->count < ERROR_MOST_ROWS ? table->count++ : ERROR_MOST_ROWS - 1];
@@ -25,7 +26,7 @@ void error_sum_put(const error_sum *sum, double scale, error_row *row) {
   row->largest = scale * sum->largest;
   row->mean = sum->samples > 0 ? scale * sum->absolute / sum->samples : 0;
   if (scale == 255.0)
-    row->psnr = sum->square > 0 ? -10 * log10(sum->square / sum->samples) : (double)INFINITY;
+    row->psnr = sum->square > 0 ? -10 * pags_log10(sum->square / sum->samples) : (double)INFINITY;
 }
 
 double *error_picture_copy(const pags_picture *picture) {

@@ -9,6 +9,7 @@
 
 #include <math.h>
 #include <string.h>
+#include "maths/maths.h"
 #include "scene/packed_rows.h"
 
 /* Parameter planes of some Gaussians, of a model or of one unpacked cluster. */
@@ -34,7 +35,7 @@ static void camera_from_part(const pags_part *part, const pags_camera *camera, c
  * + low_pass. */
 static double ellipse_area(const rows *g, int64_t i, const double m[12], const pags_camera *camera, const double p[3],
                            double low_pass) {
-  const double logit = (double)value(g, PAGS_OPACITY, i), reach = 2 * (log(255.0) - log1p(exp(-logit)));
+  const double logit = (double)value(g, PAGS_OPACITY, i), reach = 2 * (pags_log(255.0) - pags_log1p(pags_exp(-logit)));
   const double jx[3] = {camera->fx / p[2], 0, -camera->fx * p[0] / (p[2] * p[2])};
   const double jy[3] = {0, camera->fy / p[2], -camera->fy * p[1] / (p[2] * p[2])};
   double q[4], r[9], a = low_pass, b = 0, c = low_pass;
@@ -44,7 +45,7 @@ static double ellipse_area(const rows *g, int64_t i, const double m[12], const p
     q[k] = (double)value(g, PAGS_ROTATION + k, i);
   pags_rotation_from_quaternion(q, r);
   for (int axis = 0; axis < 3; axis++) {
-    const double sigma = exp((double)value(g, PAGS_SCALE + axis, i));
+    const double sigma = pags_exp((double)value(g, PAGS_SCALE + axis, i));
     double u = 0, v = 0;
     for (int row = 0; row < 3; row++) {
       const double w = m[4 * row] * r[axis] + m[4 * row + 1] * r[3 + axis] + m[4 * row + 2] * r[6 + axis];

@@ -10,6 +10,7 @@
 #include <string.h>
 #include "base/memory.h"
 #include "base/sort.h"
+#include "maths/maths.h"
 
 #include <pags/dataset.h>
 
@@ -39,7 +40,7 @@ static bool in_box(const pags_scene *scene, double time, const double p[3]) {
     double pose[12], back[12];
     const pags_object *record = &scene->objects[o].record;
     int inside = pags_object_pose(record, time, pose);
-    if (!inside || hypot(pose[3] - p[0], pose[7] - p[1]) > record->size[0] + record->size[1])
+    if (!inside || pags_hypot(pose[3] - p[0], pose[7] - p[1]) > record->size[0] + record->size[1])
       continue;
     pags_rigid_inverse(pose, back);
     for (int k = 0; k < 3; k++)
@@ -73,7 +74,7 @@ static void grow(patch *patches) {
   static int queue[SIDE * SIDE];
   int count = 0, head = 0;
   for (int i = 0; i < SIDE * SIDE; i++)
-    if (is_level(&patches[i]) && hypot(i % SIDE - SIDE / 2, i / SIDE - SIDE / 2) * cell < seeds)
+    if (is_level(&patches[i]) && pags_hypot(i % SIDE - SIDE / 2, i / SIDE - SIDE / 2) * cell < seeds)
       heights[count++] = patches[i].sum / (double)patches[i].count;
   if (!count)
     return;
@@ -81,7 +82,7 @@ static void grow(patch *patches) {
   double below = heights[count / 4];
   count = 0;
   for (int i = 0; i < SIDE * SIDE; i++)
-    if (is_level(&patches[i]) && hypot(i % SIDE - SIDE / 2, i / SIDE - SIDE / 2) * cell < seeds &&
+    if (is_level(&patches[i]) && pags_hypot(i % SIDE - SIDE / 2, i / SIDE - SIDE / 2) * cell < seeds &&
         fabs(patches[i].sum / (double)patches[i].count - below) < 0.2) {
       patches[i].ground = 1;
       queue[count++] = i;

@@ -11,6 +11,7 @@
 #include <string.h>
 #include "base/memory.h"
 #include "base/sort.h"
+#include "maths/maths.h"
 
 const char *const pags_bench_stage_names[PAGS_BENCH_STAGES] = {"cull", "occlude", "project", "shade",
                                                                "sort", "bin",     "raster",  "frame"};
@@ -208,7 +209,7 @@ static void sum_up(measuring *m) {
       memcpy((char *)&out->counts + count_at[i], &mean, sizeof mean);
     }
     out->bytes = sums->bytes / (double)f->camera_count;
-    out->psnr = sums->squared > 0 ? -10 * log10(sums->squared / sums->samples) : (double)INFINITY;
+    out->psnr = sums->squared > 0 ? -10 * pags_log10(sums->squared / sums->samples) : (double)INFINITY;
     out->differing = sums->pixels > 0 ? sums->differing / sums->pixels : 0;
   }
 }

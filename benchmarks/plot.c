@@ -10,6 +10,7 @@
 #include <string.h>
 #include "base/file.h"
 #include "base/memory.h"
+#include "maths/maths.h"
 
 enum {
   PANEL_WIDTH = 560,
@@ -91,7 +92,7 @@ static axis make_axis(double least, double largest, double begin, double end) {
     least -= more;
     largest += more;
   }
-  double raw = (largest - least) / 5, power = pow(10, floor(log10(raw))), step = 10 * power;
+  double raw = (largest - least) / 5, power = pags_pow(10, floor(pags_log10(raw))), step = 10 * power;
   for (int i = 2; i >= 0; i--)
     if (raw <= (double[]){1, 2, 5}[i] * power)
       step = (double[]){1, 2, 5}[i] * power;
@@ -113,7 +114,7 @@ static axis span_axis(const pags_plot_line *lines, int count, bool vertical, dou
 }
 
 static void put_ticks(pags_plot *plot, const axis *a, bool vertical) {
-  int decimals = (int)fmax(0, ceil(-log10(a->step) - 1e-9));
+  int decimals = (int)fmax(0, ceil(-pags_log10(a->step) - 1e-9));
   for (double k = ceil(a->least / a->step); k * a->step <= a->largest; k++) {
     char label[32];
     double at = place(a, k * a->step);

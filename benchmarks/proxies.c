@@ -29,6 +29,7 @@
 #include "benchmarks/lidar_ground.h"
 #include "benchmarks/proxies.h"
 #include "benchmarks/verbs.h"
+#include "maths/maths.h"
 
 /* metres: largest 95th percentile of the ground error; distance from a camera that counts as near the path */
 static const double ground_bound = 0.05, ground_reach = 10;
@@ -56,7 +57,7 @@ static bool true_height(const pags_proxy_bench *self, double x, double y, double
 static bool near_path(const pags_proxy_bench *self, double x, double y) {
   for (int64_t i = 0; i < self->scene.view_count; i++) {
     const double *m = self->scene.views[i].camera.world_from_camera;
-    if (!self->scene.views[i].test && hypot(m[3] - x, m[7] - y) < ground_reach)
+    if (!self->scene.views[i].test && pags_hypot(m[3] - x, m[7] - y) < ground_reach)
       return true;
   }
   return false;

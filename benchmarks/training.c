@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "maths/maths.h"
 
 enum { MOST_SNAPSHOTS = 1000 };
 
@@ -82,7 +83,7 @@ static pags_result held_out_psnr(training *t, const pags_gaussians *gaussians, c
     if (result == PAGS_OK)
       result = pags_frame_render(t->frame, &part, 1, &view->camera, &options, NULL, NULL, &picture);
     if (result == PAGS_OK) {
-      sum += -10 * log10(fmax(mean_square(&picture, &photo), 1e-12));
+      sum += -10 * pags_log10(fmax(mean_square(&picture, &photo), 1e-12));
       count++;
     }
   }

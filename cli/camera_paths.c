@@ -9,6 +9,7 @@
 #include <string.h>
 #include "base/memory.h"
 #include "base/sort.h"
+#include "maths/maths.h"
 
 typedef struct vec3 {
   double x, y, z;
@@ -189,8 +190,8 @@ static pags_result orbit_of_views(const pags_scene *scene, orbit *out) {
   for (size_t i = 0; i < count; i++) {
     vec3 offset = sub(column(&scene->views[i].camera, 3), out->centre);
     heights[i] = dot(offset, out->up);
-    radii[i] = hypot(dot(offset, u), dot(offset, v));
-    angles[i] = atan2(dot(offset, v), dot(offset, u));
+    radii[i] = pags_hypot(dot(offset, u), dot(offset, v));
+    angles[i] = pags_atan2(dot(offset, v), dot(offset, u));
   }
   out->height = percentile(heights, scene->view_count, 0.5);
   out->radius = fmax(percentile(radii, scene->view_count, 0.5), 1e-3);
@@ -241,8 +242,8 @@ pags_result pags_camera_path_orbit(const pags_scene *scene, int64_t frames, pags
   for (int64_t i = 0; i < frames; i++) {
     double turn = 2 * pi * (double)i / (double)frames;
     bool full = around.half_arc >= pi;
-    double angle = around.middle_angle + (full ? turn : around.half_arc * sin(turn));
-    vec3 across = add(scale(u, cos(angle)), scale(v, sin(angle)));
+    double angle = around.middle_angle + (full ? turn : around.half_arc * pags_sin(turn));
+    vec3 across = add(scale(u, pags_cos(angle)), scale(v, pags_sin(angle)));
     vec3 eye = add(around.centre, add(scale(across, around.radius), scale(around.up, around.height)));
     out->cameras[i] = around.lens;
 
@@ -273,8 +274,8 @@ static vec3 catmull_rom3(vec3 a, vec3 b, vec3 c, vec3 d, double t) {
 /* Spherical linear interpolation of unit quaternions along the shorter arc (Shoemake 1985). */
 static void slerp(const double a[4], const double b[4], double t, double out[4]) {
   double cosine = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3], sign = cosine < 0 ? -1 : 1;
-  double angle = acos(fmin(1, fabs(cosine))), sine = sin(angle);
-  double wa = sine > 1e-9 ? sin((1 - t) * angle) / sine : 1 - t, wb = sine > 1e-9 ? sin(t * angle) / sine : t;
+  double angle = pags_acos(fmin(1, fabs(cosine))), sine = pags_sin(angle);
+  double wa = sine > 1e-9 ? pags_sin((1 - t) * angle) / sine : 1 - t, wb = sine > 1e-9 ? pags_sin(t * angle) / sine : t;
   for (int i = 0; i < 4; i++)
     out[i] = wa * a[i] + sign * wb * b[i];
 }

@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "maths/maths.h"
 
 pags_result pags_deadline_report_create(const pags_composition *composition, pags_tasks *tasks, double ms,
                                         int check_every, pags_deadline_report *out) {
@@ -77,7 +78,7 @@ pags_result pags_deadline_report_draw(pags_deadline_report *d, const pags_part *
 
 /* PSNR in dB of a sum of squared errors over `samples` values; infinite if nothing differs. */
 static double decibels(double squared, double samples) {
-  return squared > 0 ? -10 * log10(squared / samples) : (double)INFINITY;
+  return squared > 0 ? -10 * pags_log10(squared / samples) : (double)INFINITY;
 }
 
 static void say_error(const pags_session *session, const char *what, double squared, double samples, double largest) {

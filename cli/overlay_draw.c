@@ -7,6 +7,8 @@
 #include <stdbool.h>
 #include <string.h>
 
+#include "maths/maths.h"
+
 static const double near_plane = 0.1;
 
 void pags_draw_dot(pags_image *image, double x, double y, int half, const uint8_t rgb[3]) {
@@ -81,7 +83,7 @@ void pags_draw_box(pags_image *image, const pags_camera *camera, const double wo
 }
 
 void pags_depth_colour(double metres, uint8_t rgb[3]) {
-  double h = log(fmax(metres, 2) / 2) / log(50.0), s = fmin(h, 1);
+  double h = pags_log(fmax(metres, 2) / 2) / pags_log(50.0), s = fmin(h, 1);
   rgb[0] = (uint8_t)(255 * fmax(0, 1 - 2 * s));
   rgb[1] = (uint8_t)(255 * (1 - fabs(2 * s - 1)));
   rgb[2] = (uint8_t)(255 * fmax(0, 2 * s - 1));

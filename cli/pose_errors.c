@@ -9,6 +9,7 @@
 #include "base/file.h"
 #include "base/memory.h"
 #include "base/vec3.h"
+#include "maths/maths.h"
 
 /* A labelled pose that is off by no more than these is right but for rounding: the share of its error that training
  * has removed is not reported. */
@@ -27,7 +28,8 @@ static offset offset_of(const double photographs[12], const double pose[12]) {
   double inverse[12], between[12];
   pags_rigid_inverse(photographs, inverse);
   pags_rigid_multiply(inverse, pose, between);
-  return (offset){{between[3], between[7], between[11]}, atan2(between[4], between[0]) * 180 / 3.14159265358979323846};
+  return (offset){{between[3], between[7], between[11]},
+                  pags_atan2(between[4], between[0]) * 180 / 3.14159265358979323846};
 }
 
 static void add_offset(pags_pose_error *sum, int labelled, const double p[3], double degrees) {

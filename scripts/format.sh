@@ -8,5 +8,5 @@ if [ ! -x "$formatter" ]; then
   echo "format: $formatter is missing; run make setup" >&2
   exit 1
 fi
-find . \( -path './.git' -o -path './build*' -o -name '.venv' -o -name node_modules \) -prune -o \
+find . \( -path './.git' -o -path './build*' -o -name '.venv' -o -name node_modules -o -name musl \) -prune -o \
   -type f \( -name '*.[ch]' -o -name '*.inl' -o -name '*.cc' \) -print | sort | xargs "$formatter" -i

@@ -84,10 +84,10 @@ V_INLINE void score_all(const pags_raster_score *in, bool overlap, bool loss) {
     vf sum[3] = {v_zero(), v_zero(), v_zero()};
     for (unsigned left = blocks; left; left &= left - 1)
       score_step(&tile, s, __builtin_ctz(left), overlap, loss, sum);
-    const float opacity = exp2f(s->log2_opacity);
+    const vf opacity = v_exp2(v_set(s->log2_opacity), 5);
     slot[PAGS_SCORE_SEEN] = v_sum(sum[0]);
     slot[PAGS_SCORE_CRITICAL] = v_sum(sum[1]);
-    slot[PAGS_SCORE_SQUARED] = v_sum(sum[2]) * (opacity * opacity);
+    slot[PAGS_SCORE_SQUARED] = v_sum(v_mul(sum[2], v_mul(opacity, opacity)));
   }
 }
 

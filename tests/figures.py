@@ -40,7 +40,7 @@ LONGEST_PAGE = 1500     # words
 PROGRAM_FOLDERS = ["engine", "simd", "threads", "exporters", "cli", "blender_addon", "benchmarks"]
 LINE_FOLDERS = PROGRAM_FOLDERS + ["tools", "scripts"]
 FORMATTED_FOLDERS = LINE_FOLDERS + ["tests", "examples"]
-SKIPPED = re.compile(r"^(build.*|\.git|\.venv|node_modules|__pycache__|external|third_party)$")
+SKIPPED = re.compile(r"^(build.*|\.git|\.venv|node_modules|__pycache__|external|third_party|musl)$")
 C_KINDS = {".c", ".h", ".inl", ".cc", ".hh", ".cpp"}
 KEYWORDS = set("if for while switch return sizeof do else case goto default typeof alignof _Alignof _Static_assert static_assert defined "
                "catch throw new delete alignas _Alignas decltype static_cast reinterpret_cast const_cast noexcept operator".split())

@@ -17,12 +17,12 @@ import sys
 import tempfile
 
 ROOT = os.path.abspath(os.path.join(os.path.dirname(__file__), ".."))
-SKIPPED = re.compile(r"^(build.*|\.git|\.venv|node_modules|__pycache__)$")
+SKIPPED = re.compile(r"^(build.*|\.git|\.venv|node_modules|__pycache__|musl)$")  # musl: third-party code
 TEXT = re.compile(r"\.([ch]|inl|cc|py|sh|cmake|json|md)$|(^|/)(CMakeLists\.txt|Makefile)$|^\.ci/run$")
 CODE = re.compile(r"\.([ch]|inl|cc)$")
 
 # ---- Which folder may include from which ----
-CORE = ["threads", "simd", "engine/base", "engine/scene", "engine/frame"]  # the folders linked into libpags.so and the Python module
+CORE = ["threads", "simd", "engine/maths", "engine/base", "engine/scene", "engine/frame"]  # the folders linked into libpags.so and the Python module
 DATA = ["engine/image", "engine/dataset"]
 ENGINE = CORE + DATA + ["engine/import", "engine/init", "engine/train", "engine/eval", "engine/synth"]
 
@@ -30,16 +30,17 @@ ENGINE = CORE + DATA + ["engine/import", "engine/init", "engine/train", "engine/
 KNOWS = {
     "threads": [],
     "simd": [],
-    "engine/base": ["threads"],
-    "engine/scene": ["threads", "engine/base"],
+    "engine/maths": [],
+    "engine/base": ["threads", "engine/maths"],
+    "engine/scene": ["threads", "engine/maths", "engine/base"],
     "engine/frame": CORE,
-    "engine/image": ["threads", "engine/base"],
-    "engine/dataset": ["threads", "engine/base", "engine/scene", "engine/image"],
-    "engine/import": ["threads", "engine/base", "engine/scene"] + DATA,
-    "engine/init": ["threads", "engine/base", "engine/scene"] + DATA,
+    "engine/image": ["threads", "engine/maths", "engine/base"],
+    "engine/dataset": ["threads", "engine/maths", "engine/base", "engine/scene", "engine/image"],
+    "engine/import": ["threads", "engine/maths", "engine/base", "engine/scene"] + DATA,
+    "engine/init": ["threads", "engine/maths", "engine/base", "engine/scene"] + DATA,
     "engine/train": CORE + DATA + ["engine/init"],
-    "engine/eval": ["threads", "engine/base", "engine/image"],
-    "engine/synth": ["threads", "engine/base", "engine/scene"] + DATA,
+    "engine/eval": ["threads", "engine/maths", "engine/base", "engine/image"],
+    "engine/synth": ["threads", "engine/maths", "engine/base", "engine/scene"] + DATA,
     "exporters/proxy": CORE + DATA,
     "exporters/format": CORE + DATA + ["exporters/proxy"],
     "cli": ENGINE + ["exporters"],

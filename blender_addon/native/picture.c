@@ -11,6 +11,7 @@
 #include <pags/tasks.h>
 
 #include "base/memory.h"
+#include "maths/maths.h"
 
 /* sRGB to linear light for [0, 1] by linear interpolation in a table of spacing h: the error is under h^2 / 8 times the
  * largest second derivative above the knee, 2e-8. */
@@ -21,7 +22,7 @@ typedef struct decoder {
 } decoder;
 
 static float decode_exactly(float v) {
-  return v <= 0.04045f ? v / 12.92f : powf((v + 0.055f) / 1.055f, 2.4f);
+  return v <= 0.04045f ? v / 12.92f : pags_powf((v + 0.055f) / 1.055f, 2.4f);
 }
 
 static float decode(const decoder *d, float v) {
@@ -49,7 +50,7 @@ bool native_layout_needs_extras(const native_layout *layout) {
 
 /* Maps a length to [0, 1] on a logarithmic scale: `least` to 0, `most` to 1. */
 static float on_scale(float length, float least, float most) {
-  return length > 0 ? logf(length / least) / logf(most / least) : 0;
+  return length > 0 ? pags_logf(length / least) / pags_logf(most / least) : 0;
 }
 
 static bool is_critical(const native_scene *scene, int32_t id) {

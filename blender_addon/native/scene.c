@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "maths/maths.h"
 #include "scene/packed_rows.h"
 
 enum { ROWS = PAGS_PACKED_ROWS }; /* rows read at a time: the size of a packed cluster */
@@ -106,7 +107,7 @@ static void fill_sizes(const pags_part *part, float *size_of) {
       float largest = planes[PAGS_SCALE * stride + i - first];
       for (int k = 1; k < 3; k++)
         largest = fmaxf(largest, planes[(PAGS_SCALE + k) * stride + i - first]);
-      size_of[part->id ? part->id[i] : part->first_id + (int32_t)i] = expf(largest);
+      size_of[part->id ? part->id[i] : part->first_id + (int32_t)i] = pags_expf(largest);
     }
   }
 }
@@ -311,7 +312,7 @@ static PyObject *scene_track(PyObject *self, PyObject *arguments) {
 /* ---- A sample as points ---- */
 
 static float logistic(float x) {
-  return 1 / (1 + expf(-x));
+  return 1 / (1 + pags_expf(-x));
 }
 
 /* SH coefficients of degree 0 of the rows that read_geometry gave, as planes of distance `*stride` floats; where colour
@@ -328,7 +329,7 @@ static void put_color(const float *dc, int64_t stride, float *color) {
   for (int c = 0; c < 3; c++) {
     float v = 0.5f + 0.28209479f * dc[c * stride];
     v = v > 0 ? (v < 1 ? v : 1) : 0; /* NaN: 0 */
-    color[c] = v <= 0.04045f ? v / 12.92f : powf((v + 0.055f) / 1.055f, 2.4f);
+    color[c] = v <= 0.04045f ? v / 12.92f : pags_powf((v + 0.055f) / 1.055f, 2.4f);
   }
   color[3] = 1;
 }

@@ -13,7 +13,7 @@ void pags_log_set(pags_log_fn *receiver, void *user) {
   log_user = user;
 }
 
-void pags_log(pags_log_level level, const char *format, ...) {
+void pags_log_message(pags_log_level level, const char *format, ...) {
   if (!log_receiver)
     return;
   char line[1024];

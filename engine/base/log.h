@@ -20,7 +20,7 @@ typedef void pags_log_fn(void *user, pags_log_level level, const char *line);
 PAGS_API void pags_log_set(pags_log_fn *receiver, void *user);
 
 /* Logs one line, formatted as by printf and cut off after 1023 bytes. */
-void pags_log(pags_log_level level, const char *format, ...) PAGS_PRINTF(2, 3);
+void pags_log_message(pags_log_level level, const char *format, ...) PAGS_PRINTF(2, 3);
 
 #ifdef __cplusplus
 }

@@ -5,6 +5,8 @@
 
 #include <math.h>
 
+#include "maths/maths.h"
+
 /* Returns the high 32 bits of a * b; *low receives the low ones. */
 static uint32_t multiply_high_low(uint32_t a, uint32_t b, uint32_t *low) {
   uint64_t product = (uint64_t)a * b;
@@ -55,10 +57,10 @@ void pags_rng_normal2(uint64_t seed, uint64_t a, uint64_t b, double out[2]) {
   double pair[2];
   pags_rng_uniform2(seed, a, b, pair);
   /* 1 - pair[0] is in (0, 1], so that its logarithm is finite. */
-  double radius = sqrt(-2.0 * log(1.0 - pair[0]));
+  double radius = sqrt(-2.0 * pags_log(1.0 - pair[0]));
   double angle = 6.283185307179586477 * pair[1];
-  out[0] = radius * cos(angle);
-  out[1] = radius * sin(angle);
+  out[0] = radius * pags_cos(angle);
+  out[1] = radius * pags_sin(angle);
 }
 
 uint64_t pags_rng_below(uint64_t seed, uint64_t a, uint64_t b, uint64_t n) {

@@ -11,6 +11,7 @@
 #include "base/memory.h"
 #include "base/sort.h"
 #include "base/text.h"
+#include "maths/maths.h"
 
 #include <pags/image.h>
 
@@ -148,8 +149,8 @@ static pags_result leave_out_missing(pags_dataset *dataset, int allowed) {
     return pags_fail(PAGS_ERROR_IO,
                      "%s: no such image: %s; %lld of %lld images are missing (--allow-missing leaves them out)", where,
                      first, missing, all);
-  pags_log(PAGS_LOG_WARNING, "%s: %lld of %lld images are missing and left out, the first is %s", parsed->source,
-           missing, all, first);
+  pags_log_message(PAGS_LOG_WARNING, "%s: %lld of %lld images are missing and left out, the first is %s",
+                   parsed->source, missing, all, first);
   return PAGS_OK;
 }
 
@@ -259,7 +260,7 @@ static pags_result open_into(pags_dataset *dataset, const char *path, const pags
       largest = fmax(largest, fabs(at));
     }
   for (int c = 0; c < 3; c++)
-    dataset->origin[c] = largest > LARGE_COORDINATE ? round(mean[c]) : 0;
+    dataset->origin[c] = largest > LARGE_COORDINATE ? pags_round(mean[c]) : 0;
 
   if (options->critical && !dataset->parsed.driving)
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: critical '%s' is asked for, but only driving sets have labels", path,

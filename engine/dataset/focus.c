@@ -7,6 +7,7 @@
 #include "base/memory.h"
 #include "base/sort.h"
 #include "dataset/parsed.h"
+#include "maths/maths.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -114,5 +115,5 @@ bool pags_camera_sees(const pags_camera *camera, const double point[3], double n
  * goes on to 4 times because outdoors the background begins there. */
 double pags_focus_depth(double distance, double draw) {
   const double low = 0.45, high = 4;
-  return distance * low * pow(high / low, draw);
+  return distance * low * pags_pow(high / low, draw);
 }

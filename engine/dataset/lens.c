@@ -8,6 +8,8 @@
 
 #include <math.h>
 
+#include "maths/maths.h"
+
 /* ---- Distortion models ---- */
 
 static inline double poly(const double k[4], double t) {
@@ -55,10 +57,10 @@ pags_result pags_lens_prepare(pags_lens *lens, const char *where) {
   /* Largest angle from the optical axis, 85 degrees: a pinhole image becomes useless beyond it. */
   const double widest = 85 * 3.14159265358979323846 / 180;
   if (lens->kind == PAGS_LENS_FISHEYE) {
-    double t = tan(sqrt(growing_until(lens->k, widest * widest)));
+    double t = pags_tan(sqrt(growing_until(lens->k, widest * widest)));
     lens->limit = t * t;
   } else {
-    lens->limit = growing_until(lens->k, tan(widest) * tan(widest));
+    lens->limit = growing_until(lens->k, pags_tan(widest) * pags_tan(widest));
   }
   return PAGS_OK;
 }
@@ -76,7 +78,7 @@ bool pags_lens_is_pinhole(const pags_lens *lens) {
 static inline void distort(const pags_lens *lens, double x, double y, double out[2]) {
   double r2 = x * x + y * y;
   if (lens->kind == PAGS_LENS_FISHEYE) {
-    double r = sqrt(r2), theta = atan(r);
+    double r = sqrt(r2), theta = pags_atan(r);
     double scale = r > 1e-12 ? theta * poly(lens->k, theta * theta) / r : 1;
     out[0] = x * scale;
     out[1] = y * scale;
@@ -113,7 +115,7 @@ void pags_lens_project_row(const pags_lens *lens, int count, double x, double st
  * the range in which the function grows. */
 static double invert_radial(const pags_lens *lens, double target) {
   bool fisheye = lens->kind == PAGS_LENS_FISHEYE;
-  double low = 0, high = fisheye ? atan(sqrt(lens->limit)) : sqrt(lens->limit);
+  double low = 0, high = fisheye ? pags_atan(sqrt(lens->limit)) : sqrt(lens->limit);
   for (int i = 0; i < 60; i++) {
     double middle = 0.5 * (low + high);
     if (middle * poly(lens->k, middle * middle) < target)
@@ -121,19 +123,19 @@ static double invert_radial(const pags_lens *lens, double target) {
     else
       high = middle;
   }
-  return fisheye ? tan(low) : low;
+  return fisheye ? pags_tan(low) : low;
 }
 
 /* Newton's method with a Jacobian by central differences. It starts from the solution of the radial part, which is
  * close because the tangential part is small. The result is accepted if it reprojects within 0.001 pixel. */
 bool pags_lens_unproject(const pags_lens *lens, double u, double v, double *x, double *y) {
   double target[2] = {(u - lens->cx) / lens->fx, (v - lens->cy) / lens->fy};
-  double radius = hypot(target[0], target[1]);
+  double radius = pags_hypot(target[0], target[1]);
   double start = radius > 0 ? invert_radial(lens, radius) / radius : 1;
   double at[2] = {target[0] * start, target[1] * start};
   for (int i = 0; i < 20; i++) {
     double here[2], left[2], right[2], up[2], down[2];
-    double h = 1e-6 * (1 + hypot(at[0], at[1]));
+    double h = 1e-6 * (1 + pags_hypot(at[0], at[1]));
     distort(lens, at[0], at[1], here);
     distort(lens, at[0] - h, at[1], left);
     distort(lens, at[0] + h, at[1], right);

@@ -18,6 +18,7 @@
 #include "base/memory.h"
 #include "base/rng.h"
 #include "dataset/focus.h"
+#include "maths/maths.h"
 
 #include <assert.h>
 #include <math.h>
@@ -140,7 +141,7 @@ static double angle_at(const double point[3], const pags_camera *a, const pags_c
     aa += p * p;
     bb += q * q;
   }
-  return acos(fmax(-1, fmin(1, dot / sqrt(aa * bb))));
+  return pags_acos(fmax(-1, fmin(1, dot / sqrt(aa * bb))));
 }
 
 /* Returns the cost of matching picture `a` with picture `b`; smaller is better, infinity means that `b` is of no use.
@@ -152,7 +153,7 @@ static double partner_cost(const matcher *m, const picture *a, const picture *b)
   double angle = angle_at(point, &a->camera, &b->camera) * 180 / 3.14159265358979323846;
   if (!(angle > 1.5 && angle < 40) || !pags_camera_sees(&b->camera, point, 0.1 * m->distance))
     return INFINITY;
-  return fabs(log(angle / 10));
+  return fabs(pags_log(angle / 10));
 }
 
 /* ---- Matching a ray ---- */
@@ -391,8 +392,8 @@ static pags_result match_all(matcher *m, pags_tasks *tasks) {
   int64_t sure = 0;
   for (int64_t i = 0; i < m->ray_count; i++)
     sure += m->rays[i].sure;
-  pags_log(PAGS_LOG_INFO, "%s: %lld points to start from, %lld of them matched between photographs", m->dataset->path,
-           (long long)m->ray_count, (long long)sure);
+  pags_log_message(PAGS_LOG_INFO, "%s: %lld points to start from, %lld of them matched between photographs",
+                   m->dataset->path, (long long)m->ray_count, (long long)sure);
   return PAGS_OK;
 }
 

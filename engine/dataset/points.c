@@ -102,8 +102,8 @@ pags_result pags_dataset_make_points(pags_dataset *dataset, const pags_dataset_o
     free(uses);
     dataset->point_count = kept;
     if (kept < points->count)
-      pags_log(PAGS_LOG_INFO, "%s: %lld of %lld points are left out: fewer than 2 training views see them",
-               dataset->parsed.source, (long long)(points->count - kept), (long long)points->count);
+      pags_log_message(PAGS_LOG_INFO, "%s: %lld of %lld points are left out: fewer than 2 training views see them",
+                       dataset->parsed.source, (long long)(points->count - kept), (long long)points->count);
   }
   if (dataset->point_count > 0)
     return PAGS_OK;

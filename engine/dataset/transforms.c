@@ -11,6 +11,7 @@
 #include "base/json.h"
 #include "base/memory.h"
 #include "base/text.h"
+#include "maths/maths.h"
 
 #include <pags/image.h>
 
@@ -100,11 +101,11 @@ static pags_result find_lens(const reader *r, const pags_json_value *frame, pags
   PAGS_TRY(find_number(r, frame, "camera_angle_x", &ax, &angle_x));
   PAGS_TRY(find_number(r, frame, "camera_angle_y", &ay, &angle_y));
   if (!given_x && angle_x) {
-    lens->fx = 0.5 * lens->width / tan(0.5 * ax);
+    lens->fx = 0.5 * lens->width / pags_tan(0.5 * ax);
     given_x = true;
   }
   if (!given_y && angle_y) {
-    lens->fy = 0.5 * lens->height / tan(0.5 * ay);
+    lens->fy = 0.5 * lens->height / pags_tan(0.5 * ay);
     given_y = true;
   }
   if (!given_x && !given_y)

@@ -2,6 +2,7 @@
 /* Peak signal-to-noise ratio, 10 log10(1 / MSE) in dB, with the mean squared error over the three channels of the
  * counted pixels: all, those of a mask, or those of each of several regions. */
 #include "eval/metric.h"
+#include "maths/maths.h"
 
 #include <math.h>
 
@@ -29,7 +30,7 @@ static double square_error(const float *a, const float *b) {
 static double decibels(double sum, int64_t counted) {
   if (counted == 0)
     return NAN;
-  return sum > 0.0 ? -10.0 * log10(sum / (3.0 * (double)counted)) : INFINITY;
+  return sum > 0.0 ? -10.0 * pags_log10(sum / (3.0 * (double)counted)) : INFINITY;
 }
 
 pags_result pags_eval_psnr(const pags_image *a, const pags_image *b, const uint8_t *mask, double *psnr) {

@@ -17,6 +17,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "maths/maths.h"
 
 enum { RADIUS = 5, TAPS = 2 * RADIUS + 1, MOMENTS = 5 /* a, b, a^2, b^2, ab */, MOST_REGIONS = 16 };
 
@@ -127,7 +128,7 @@ static pags_result run(ssim_job *job, pags_tasks *tasks, double *ssim) {
   double sum = 0.0;
   for (int i = 0; i < TAPS; i++) {
     double d = i - RADIUS;
-    job->window[i] = exp(-d * d / (2.0 * 1.5 * 1.5));
+    job->window[i] = pags_exp(-d * d / (2.0 * 1.5 * 1.5));
     sum += job->window[i];
   }
   for (int i = 0; i < TAPS; i++)

@@ -16,6 +16,7 @@
 
 #include "base/json.h"
 #include "base/memory.h"
+#include "maths/maths.h"
 #include "scene/packed_rows.h"
 
 enum { CLUSTER_SIZE = 64, ALIGNMENT = 64 };
@@ -294,7 +295,7 @@ static bool follows_edits(const pags_composition *c, const group *g, int64_t obj
 
 /* The motion D of an edit: [Rz(yaw) | translation], 3x4. */
 static void edit_motion(const pags_edit *edit, double out[12]) {
-  double angle = edit->yaw * (3.14159265358979323846 / 180), c = cos(angle), s = sin(angle);
+  double angle = edit->yaw * (3.14159265358979323846 / 180), c = pags_cos(angle), s = pags_sin(angle);
   const double motion[12] = {c, -s, 0, edit->translation[0], s, c, 0, edit->translation[1],
                              0, 0,  1, edit->translation[2]};
   memcpy(out, motion, sizeof motion);

@@ -13,6 +13,7 @@
 #include <string.h>
 
 #include "frame/stages.h"
+#include "maths/maths.h"
 
 enum { RUN = 64 }; /* clusters that one entry of pags_clusters.runs bounds */
 
@@ -140,7 +141,7 @@ static void touch_block(void *context, int64_t begin, int64_t end, int worker) {
 /* reach_max of a part: log2(255 o)/k, plus the kernel's slack, for the part's largest opacity o; k = log2(e)/2. */
 static float largest_reach(const pags_part *part) {
   const bool boosted = part->opacity_factor && part->opacity_factor_most > 1.0f;
-  return (PAGS_LOG2_255 + PAGS_CUT_SLACK + (boosted ? log2f(part->opacity_factor_most) : 0.0f)) / 0.72134752f;
+  return (PAGS_LOG2_255 + PAGS_CUT_SLACK + (boosted ? pags_log2f(part->opacity_factor_most) : 0.0f)) / 0.72134752f;
 }
 
 static float largest_square(float a, float b) {

@@ -16,6 +16,7 @@
 
 #include "base/memory.h"
 #include "base/sort.h"
+#include "maths/maths.h"
 #include "scene/packed_rows.h"
 
 enum { RUN = 64 }; /* clusters that one entry of pags_clusters.runs bounds */
@@ -68,7 +69,7 @@ static pags_result reserve(void **list, int64_t count, int64_t *capacity, size_t
  * its opacity is below that. */
 static double reach_of(const pags_part *part) {
   double most = part->opacity_factor ? (double)part->opacity_factor_most : 1;
-  return most * 255 > 1 ? sqrt(2 * log(255 * most)) : -1;
+  return most * 255 > 1 ? sqrt(2 * pags_log(255 * most)) : -1;
 }
 
 /* The ray parameter at which the ray enters the box of cluster or run i, widened by `reach` sigmas; -1 where it
@@ -153,7 +154,7 @@ static double meet(const picking *self, const float *planes, int64_t stride, int
   for (int k = 0; k < 3; k++)
     away[k] = self->origin[k] - (double)p[(PAGS_MEAN + k) * stride];
   for (int k = 0; k < 3; k++) { /* to the Gaussian's own axes, the columns of r, in units of its sigmas */
-    double inverse = exp(-(double)p[(PAGS_SCALE + k) * stride]);
+    double inverse = pags_exp(-(double)p[(PAGS_SCALE + k) * stride]);
     unit_away[k] = (r[k] * away[0] + r[3 + k] * away[1] + r[6 + k] * away[2]) * inverse;
     unit_along[k] =
         (r[k] * self->direction[0] + r[3 + k] * self->direction[1] + r[6 + k] * self->direction[2]) * inverse;
@@ -165,7 +166,7 @@ static double meet(const picking *self, const float *planes, int64_t stride, int
     double d = unit_away[k] + *t * unit_along[k];
     off += d * d;
   }
-  double alpha = factor / (1 + exp(-(double)p[PAGS_OPACITY * stride])) * exp(-0.5 * off);
+  double alpha = factor / (1 + pags_exp(-(double)p[PAGS_OPACITY * stride])) * pags_exp(-0.5 * off);
   int met = *t >= self->options->nearest && *t <= self->options->farthest && alpha >= least_alpha; /* false for NaN */
   return !met ? 0 : alpha < most_alpha ? alpha : most_alpha;
 }

@@ -8,6 +8,7 @@
 #include <stdlib.h>
 
 #include "base/memory.h"
+#include "maths/maths.h"
 
 /* The source pixels [first, last) that the interval [begin, end) = [index * step, (index + 1) * step) of an output
  * pixel touches. Ends that miss an integer only by rounding are set to that integer, so that shrinking 540 to 270
@@ -18,7 +19,7 @@ typedef struct span {
 } span;
 
 static double snap(double value) {
-  double whole = round(value);
+  double whole = pags_round(value);
   return fabs(value - whole) < 1e-6 ? whole : value;
 }
 

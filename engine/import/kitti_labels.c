@@ -8,6 +8,7 @@
 #include "base/memory.h"
 #include "import/kitti_files.h"
 #include "import/kitti_text.h"
+#include "maths/maths.h"
 
 void pags_kitti_labels_destroy(pags_kitti_labels *labels) {
   free(labels->rows);
@@ -21,7 +22,7 @@ bool pags_kitti_label_is_box(const pags_kitti_label *label) {
 /* rotation_y is an angle about cam0's y axis, which points down: R_y (1, 0, 0) = (cos, 0, -sin). The label's position
  * is the centre of the bottom face, so that the centre of the box lies half its height above. */
 void pags_kitti_label_pose(const pags_kitti_label *label, double out[12]) {
-  const double c = cos(label->rotation_y), s = sin(label->rotation_y);
+  const double c = pags_cos(label->rotation_y), s = pags_sin(label->rotation_y);
   const double forward[3] = {c, 0, -s}, left[3] = {s, 0, c}, up[3] = {0, -1, 0};
   for (int i = 0; i < 3; i++) {
     out[4 * i] = forward[i];

@@ -12,6 +12,7 @@
 #include "base/memory.h"
 #include "import/kitti_files.h"
 #include "import/kitti_text.h"
+#include "maths/maths.h"
 
 void pags_kitti_table_destroy(pags_kitti_table *table) {
   free(table->values);
@@ -81,7 +82,7 @@ pags_result pags_kitti_table_read(const char *path, int columns, pags_kitti_tabl
 static const double pi = 3.14159265358979323846;
 
 double pags_kitti_oxts_scale(const double first[PAGS_KITTI_OXTS]) {
-  return cos(first[PAGS_OXTS_LAT] * pi / 180);
+  return pags_cos(first[PAGS_OXTS_LAT] * pi / 180);
 }
 
 static const double radius = 6378137; /* m; the development kit's earth radius, WGS84's at the equator */
@@ -91,12 +92,13 @@ static const double radius = 6378137; /* m; the development kit's earth radius, 
 void pags_kitti_oxts_pose(const double oxts[PAGS_KITTI_OXTS], double scale, double out[12]) {
   const double turn[3] = {oxts[PAGS_OXTS_ROLL], oxts[PAGS_OXTS_PITCH], oxts[PAGS_OXTS_YAW]};
   const double place[3] = {scale * radius * oxts[PAGS_OXTS_LON] * pi / 180,
-                           scale * radius * log(tan((90 + oxts[PAGS_OXTS_LAT]) * pi / 360)), oxts[PAGS_OXTS_ALT]};
+                           scale * radius * pags_log(pags_tan((90 + oxts[PAGS_OXTS_LAT]) * pi / 360)),
+                           oxts[PAGS_OXTS_ALT]};
   pags_rigid_from_angles(turn, place, out);
 }
 
 pags_place pags_kitti_place(const double position[3], double scale) {
-  return (pags_place){.latitude = 360 / pi * atan(exp(position[1] / (scale * radius))) - 90,
+  return (pags_place){.latitude = 360 / pi * pags_atan(pags_exp(position[1] / (scale * radius))) - 90,
                       .longitude = position[0] / (scale * radius) * 180 / pi,
                       .altitude = position[2],
                       .known = 1};

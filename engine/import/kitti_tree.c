@@ -356,13 +356,14 @@ static pags_result check_frames(pags_kitti_tree *tree) {
   if (sweeps.count == count)
     tree->has_points = false;
   if (!tree->has_points)
-    pags_log(PAGS_LOG_WARNING, "%s: no LiDAR: velodyne%s is missing or empty", tree->root, tree->raw ? "_points" : "");
+    pags_log_message(PAGS_LOG_WARNING, "%s: no LiDAR: velodyne%s is missing or empty", tree->root,
+                     tree->raw ? "_points" : "");
   else if (sweeps.count)
-    pags_log(PAGS_LOG_WARNING, "%s: %lld of %lld sweeps are missing: %.400s", tree->root, (long long)sweeps.count,
-             (long long)count, sweeps.text);
+    pags_log_message(PAGS_LOG_WARNING, "%s: %lld of %lld sweeps are missing: %.400s", tree->root,
+                     (long long)sweeps.count, (long long)count, sweeps.text);
   if (!tree->has_labels)
-    pags_log(PAGS_LOG_WARNING, "%s: no boxes: %s is missing", tree->root,
-             tree->raw ? "tracklet_labels.xml" : "label_02");
+    pags_log_message(PAGS_LOG_WARNING, "%s: no boxes: %s is missing", tree->root,
+                     tree->raw ? "tracklet_labels.xml" : "label_02");
   return PAGS_OK;
 }
 

@@ -38,6 +38,7 @@
 #include "import/waymo_message.h"
 #include "import/waymo_semantic.h"
 #include "import/waymo_tracks.h"
+#include "maths/maths.h"
 
 enum { WHERE = 1024, MOST_PHOTO_PIXELS = 1 << 26 };
 
@@ -407,21 +408,21 @@ static double frame_rate(const importer *im) {
   const double usual = 10; /* Hz, the rate of Waymo's LiDAR */
   if (n < 2)
     return usual;
-  return round(100 * (double)(n - 1) / (im->times[n - 1] - im->times[0])) / 100;
+  return pags_round(100 * (double)(n - 1) / (im->times[n - 1] - im->times[0])) / 100;
 }
 
 static void log_findings(const importer *im) {
   const long long frames = im->info.frame_count;
   if (im->sweeps < frames)
-    pags_log(PAGS_LOG_WARNING, "%s: %lld of %lld frames have no LiDAR", im->source, frames - (long long)im->sweeps,
-             frames);
+    pags_log_message(PAGS_LOG_WARNING, "%s: %lld of %lld frames have no LiDAR", im->source,
+                     frames - (long long)im->sweeps, frames);
   if (!im->boxes.count)
-    pags_log(PAGS_LOG_WARNING, "%s: no boxes: no instances and no dynamic masks are written", im->source);
+    pags_log_message(PAGS_LOG_WARNING, "%s: no boxes: no instances and no dynamic masks are written", im->source);
   if (im->boxes.unusable)
-    pags_log(PAGS_LOG_WARNING, "%s: %lld boxes without id, size or finite numbers were left out", im->source,
-             (long long)im->boxes.unusable);
-  pags_log(PAGS_LOG_INFO, "%s: %lld of %lld photographs have panoptic labels", im->source, (long long)im->labelled,
-           frames * im->info.camera_count);
+    pags_log_message(PAGS_LOG_WARNING, "%s: %lld boxes without id, size or finite numbers were left out", im->source,
+                     (long long)im->boxes.unusable);
+  pags_log_message(PAGS_LOG_INFO, "%s: %lld of %lld photographs have panoptic labels", im->source,
+                   (long long)im->labelled, frames * im->info.camera_count);
 }
 
 static pags_result put_boxes(importer *im) {

@@ -12,6 +12,7 @@
 #include <pags/camera.h>
 
 #include "base/memory.h"
+#include "maths/maths.h"
 
 #define PI 3.14159265358979323846
 
@@ -89,14 +90,14 @@ static pags_result find_angles(lidar *l, int rows, int columns) {
     return pags_out_of_memory("%s", l->where);
   for (int r = 0; r < rows; r++) {
     const double angle = beam(l->calibration, rows - 1 - r, rows);
-    l->inclination[2 * r] = cos(angle);
-    l->inclination[2 * r + 1] = sin(angle);
+    l->inclination[2 * r] = pags_cos(angle);
+    l->inclination[2 * r + 1] = pags_sin(angle);
   }
-  const double yaw = atan2(l->vehicle_from_lidar[4], l->vehicle_from_lidar[0]);
+  const double yaw = pags_atan2(l->vehicle_from_lidar[4], l->vehicle_from_lidar[0]);
   for (int c = 0; c < columns; c++) {
     const double angle = (1 - (2.0 * c + 1) / columns) * PI - yaw;
-    l->azimuth[2 * c] = cos(angle);
-    l->azimuth[2 * c + 1] = sin(angle);
+    l->azimuth[2 * c] = pags_cos(angle);
+    l->azimuth[2 * c + 1] = pags_sin(angle);
   }
   l->rows = rows;
   l->columns = columns;

@@ -12,6 +12,7 @@
 #include "base/memory.h"
 #include "base/sort.h"
 #include "base/text.h"
+#include "maths/maths.h"
 
 struct pags_waymo_box {
   char *id;
@@ -47,7 +48,7 @@ static bool is_usable(const Pags__Waymo__Label *label) {
 /* Computes the pose of a box in the vehicle frame: a rotation about z by its heading, origin at the centre of the
  * box. */
 static void vehicle_from_box(const Pags__Waymo__Box *b, double m[12]) {
-  const double c = cos(b->heading), s = sin(b->heading);
+  const double c = pags_cos(b->heading), s = pags_sin(b->heading);
   const double pose[12] = {c, -s, 0, b->center_x, s, c, 0, b->center_y, 0, 0, 1, b->center_z};
   memcpy(m, pose, sizeof pose);
 }

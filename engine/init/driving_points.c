@@ -252,8 +252,8 @@ static pags_result make_lidar(const pags_dataset *dataset, int lidar, pags_tasks
 
   PAGS_TRY(pags_lidar_points_remove_outliers(&w->points, tasks, w->eyes, w->eye_count));
   PAGS_TRY(thin_background(&w->points, tasks, w->eyes, w->eye_count, MOST_BACKGROUND, &side));
-  pags_log(PAGS_LOG_INFO, "%s: %lld points of the background from LiDAR in voxels of %.3f m and more",
-           pags_dataset_path(dataset), (long long)w->points.count, side);
+  pags_log_message(PAGS_LOG_INFO, "%s: %lld points of the background from LiDAR in voxels of %.3f m and more",
+                   pags_dataset_path(dataset), (long long)w->points.count, side);
   return PAGS_OK;
 }
 

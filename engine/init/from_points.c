@@ -8,6 +8,7 @@
 
 #include "base/memory.h"
 #include "init/knn.h"
+#include "maths/maths.h"
 
 /* Lower bound of the mean squared neighbour distance, m^2: duplicate points have distance 0. It is INRIA's bound. */
 static const float least_square = 1e-7f;
@@ -48,14 +49,14 @@ static int64_t choose_points(int64_t points, const float *xyz, int64_t most, int
 static void fill_row(const pags_train_config *config, const float *xyz, const uint8_t *rgb, float square, double extent,
                      pags_gaussians *g, int64_t row) {
   double sigma = config->start.init_scale * sqrt((double)fmaxf(square, least_square));
-  float log_sigma = (float)log(fmin(sigma, config->start.init_scale_max * extent));
+  float log_sigma = (float)pags_log(fmin(sigma, config->start.init_scale_max * extent));
   for (int k = 0; k < 3; k++) {
     pags_plane(g, PAGS_MEAN + k)[row] = xyz[k];
     pags_plane(g, PAGS_SCALE + k)[row] = log_sigma;
     pags_plane(g, PAGS_SH + k)[row] = (float)((fmax((double)rgb[k], least_level) / 255.0 - 0.5) / PAGS_SH_C0);
   }
   pags_plane(g, PAGS_ROTATION)[row] = 1.0f;
-  pags_plane(g, PAGS_OPACITY)[row] = (float)log(config->start.init_opacity / (1.0 - config->start.init_opacity));
+  pags_plane(g, PAGS_OPACITY)[row] = (float)pags_log(config->start.init_opacity / (1.0 - config->start.init_opacity));
 }
 
 /* Makes the Gaussians in Morton order. `xyz` and `square` (mean squared neighbour distances) belong to the chosen

@@ -6,6 +6,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "maths/maths.h"
+
 void pags_rigid_inverse(const double m[12], double out[12]) {
   double inverse[12];
   for (int i = 0; i < 3; i++) {
@@ -32,8 +34,8 @@ void pags_rigid_point(const double m[12], const double p[3], double out[3]) {
 }
 
 void pags_rigid_from_angles(const double turn[3], const double place[3], double out[12]) {
-  const double cx = cos(turn[0]), sx = sin(turn[0]), cy = cos(turn[1]), sy = sin(turn[1]), cz = cos(turn[2]),
-               sz = sin(turn[2]);
+  const double cx = pags_cos(turn[0]), sx = pags_sin(turn[0]), cy = pags_cos(turn[1]), sy = pags_sin(turn[1]),
+               cz = pags_cos(turn[2]), sz = pags_sin(turn[2]);
   const double m[12] = {cz * cy,
                         cz * sy * sx - sz * cx,
                         cz * sy * cx + sz * sx,

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "maths/maths.h"
 
 enum {
   BOUND_PLANES = 7, /* lo x y z, hi x y z, sigma */
@@ -90,6 +91,6 @@ void pags_clusters_update(pags_clusters *clusters, const pags_gaussians *gaussia
       clusters->hi[k][c] = hi;
     }
     /* One part in 1e5 is added because the exp of the projection kernel rounds differently from that of libm. */
-    clusters->sigma[c] = expf(largest) * 1.00001f;
+    clusters->sigma[c] = pags_expf(largest) * 1.00001f;
   }
 }

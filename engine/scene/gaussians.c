@@ -10,6 +10,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "maths/maths.h"
 
 enum { LANES = 16, ALIGNMENT = 64 };
 enum { FOURIER_PLANES = 12 }; /* 4 terms of 3 channels; the constant term is f_dc */
@@ -109,10 +110,10 @@ pags_result pags_gaussians_add_fourier(pags_gaussians *g) {
 void pags_fourier_basis(double u, double basis[5]) {
   const double turn = 6.283185307179586477;
   basis[0] = 1;
-  basis[1] = sin(turn * u);
-  basis[2] = cos(turn * u);
-  basis[3] = sin(2 * turn * u);
-  basis[4] = cos(2 * turn * u);
+  basis[1] = pags_sin(turn * u);
+  basis[2] = pags_cos(turn * u);
+  basis[3] = pags_sin(2 * turn * u);
+  basis[4] = pags_cos(2 * turn * u);
 }
 
 int pags_gaussians_row_degree(const pags_gaussians *g, int64_t row) {

@@ -20,6 +20,8 @@
 #include <stdbool.h>
 #include <string.h>
 
+#include "maths/maths.h"
+
 /* Times that differ by at most this many seconds count as the same: a tenth of the shortest shutter time, and four
  * steps of a double at Unix time. */
 static const double same_time = 1e-6;
@@ -35,8 +37,8 @@ enum { CHANNELS = 6 }; /* of a relative pose: rotation vector (3), translation (
  *     Exp([r]x) = I + sin a / a [r]x + (1 - cos a) / a^2 [r]x^2,   a = |r| */
 void pags_increment_matrix(const double rotation[3], const double translation[3], double out[12]) {
   double x = rotation[0], y = rotation[1], z = rotation[2];
-  double square = x * x + y * y + z * z, angle = sqrt(square), half = sin(0.5 * angle);
-  double s = angle < 1e-4 ? 1 - square / 6 : sin(angle) / angle;
+  double square = x * x + y * y + z * z, angle = sqrt(square), half = pags_sin(0.5 * angle);
+  double s = angle < 1e-4 ? 1 - square / 6 : pags_sin(angle) / angle;
   double c = angle < 1e-4 ? 0.5 - square / 24 : 2 * half * half / square;
   const double turn[9] = {1 - c * (y * y + z * z), c * x * y - s * z,       c * x * z + s * y,
                           c * x * y + s * z,       1 - c * (x * x + z * z), c * y * z - s * x,
@@ -57,9 +59,9 @@ static void quaternion_of(const double m[12], double q[4]) {
  * from a to b. Below 1e-3 rad it is linear, which differs by less than 1e-10. */
 static void interpolate_rotation(const double a[4], const double b[4], double share, double out[4]) {
   double dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3];
-  double sign = dot < 0 ? -1 : 1, angle = acos(fmin(fabs(dot), 1)), sine = sin(angle);
-  double from = angle < 1e-3 ? 1 - share : sin((1 - share) * angle) / sine;
-  double to = angle < 1e-3 ? share : sin(share * angle) / sine;
+  double sign = dot < 0 ? -1 : 1, angle = pags_acos(fmin(fabs(dot), 1)), sine = pags_sin(angle);
+  double from = angle < 1e-3 ? 1 - share : pags_sin((1 - share) * angle) / sine;
+  double to = angle < 1e-3 ? share : pags_sin(share * angle) / sine;
   for (int i = 0; i < 4; i++)
     out[i] = from * a[i] + sign * to * b[i];
 }
@@ -68,7 +70,7 @@ void pags_increment_rotation(const double m[12], double rotation[3]) {
   double q[4];
   quaternion_of(m, q);
   double sine = sqrt(q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
-  double scale = sine > 1e-12 ? 2 * atan2(sine, q[0]) / sine : 2;
+  double scale = sine > 1e-12 ? 2 * pags_atan2(sine, q[0]) / sine : 2;
   for (int i = 0; i < 3; i++)
     rotation[i] = scale * q[1 + i];
 }

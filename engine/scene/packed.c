@@ -18,6 +18,7 @@
 #include "base/file.h"
 #include "base/half.h"
 #include "base/memory.h"
+#include "maths/maths.h"
 #include "scene/packed_rows.h"
 
 enum { ROWS = PAGS_PACKED_ROWS, HEAD = 128, ALIGNMENT = 64, BOUND_PLANES = 7, CHUNK = 4096 };
@@ -113,7 +114,7 @@ static void pack_colours(const pags_gaussians *g, int64_t first, int rows, uint8
     const float step = most / 127.0f;
     memcpy(steps + 4 * p, &step, sizeof step);
     for (int i = 0; i < rows; i++)
-      block[(6 + p) * ROWS + i] = (uint8_t)(int8_t)(step > 0.0f ? lrintf(values[i] / step) : 0);
+      block[(6 + p) * ROWS + i] = (uint8_t)(int8_t)(step > 0.0f ? (long)rintf(values[i] / step) : 0);
   }
 }
 
@@ -173,7 +174,7 @@ pags_result pags_packed_create(const pags_gaussians *gaussians, pags_packed *out
     for (int k = 0; k < 3; k++)
       for (int i = 0; i < rows; i++)
         largest = planes[(PAGS_SCALE + k) * ROWS + i] > largest ? planes[(PAGS_SCALE + k) * ROWS + i] : largest;
-    out->clusters.sigma[c] = expf(largest) * 1.00001f;
+    out->clusters.sigma[c] = pags_expf(largest) * 1.00001f;
   }
   const pags_result result = pags_clusters_add_runs(&out->clusters);
   if (result != PAGS_OK)

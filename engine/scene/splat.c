@@ -5,6 +5,7 @@
 #include <math.h>
 
 #include "base/bytes.h"
+#include "maths/maths.h"
 #include "scene/splat_formats.h"
 
 enum { ROW_BYTES = 32 };
@@ -20,7 +21,7 @@ static pags_result decode_row(const char *path, const uint8_t *row, int64_t i, p
       return pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: expected a finite position and a sigma >= 0, found %g and %g",
                        path, (unsigned long long)i * ROW_BYTES, (double)position, (double)sigma);
     pags_plane(out, PAGS_MEAN + k)[i] = position;
-    pags_plane(out, PAGS_SCALE + k)[i] = (float)log(fmax((double)sigma, smallest_sigma));
+    pags_plane(out, PAGS_SCALE + k)[i] = (float)pags_log(fmax((double)sigma, smallest_sigma));
     pags_plane(out, PAGS_SH + k)[i] = (float)((row[24 + k] / 255.0 - 0.5) / PAGS_SH_C0);
   }
   pags_plane(out, PAGS_OPACITY)[i] = pags_logit_of_byte(row[27]);

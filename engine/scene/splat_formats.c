@@ -5,10 +5,11 @@
 #include <math.h>
 
 #include "base/log.h"
+#include "maths/maths.h"
 
 float pags_logit_of_byte(uint8_t alpha) {
   double p = fmin(fmax(alpha / 255.0, 1e-6), 1 - 1e-6);
-  return (float)log(p / (1 - p));
+  return (float)pags_log(p / (1 - p));
 }
 
 static const char *plane_name(int plane) {
@@ -46,7 +47,7 @@ pags_result pags_splat_accept(const char *path, pags_gaussians *g) {
                          plane_name(p));
 
   int64_t fixed = fix_rotations(g);
-  pags_log(PAGS_LOG_WARNING, "%s: %lld all-zero quaternions taken as no rotation", path, (long long)fixed);
+  pags_log_message(PAGS_LOG_WARNING, "%s: %lld all-zero quaternions taken as no rotation", path, (long long)fixed);
   return PAGS_OK;
 }
 

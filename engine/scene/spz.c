@@ -145,9 +145,9 @@ static decode_fn *const decoders[STREAMS] = {decode_positions, decode_opacities,
 /* Creates the Gaussians that the header describes, and logs what of the file is not read. */
 static pags_result create(const char *path, const spz_header *h, pags_gaussians *out) {
   if (h->sh_degree > 3)
-    pags_log(PAGS_LOG_WARNING, "%s: spherical harmonics of degree 4 are dropped, degrees 0 to 3 kept", path);
+    pags_log_message(PAGS_LOG_WARNING, "%s: spherical harmonics of degree 4 are dropped, degrees 0 to 3 kept", path);
   if (h->flags & FLAG_EXTENSIONS)
-    pags_log(PAGS_LOG_INFO, "%s: extension records are skipped", path);
+    pags_log_message(PAGS_LOG_INFO, "%s: extension records are skipped", path);
   return pags_gaussians_create(out, h->count, h->sh_degree > 3 ? 3 : h->sh_degree);
 }
 

@@ -5,6 +5,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "maths/maths.h"
 #include "synth/layout.h"
 #include "synth/street.h"
 
@@ -206,10 +207,11 @@ void pags_actors_add(pags_street *street) {
 /* ---- Poses over time ---- */
 
 void pags_actor_pose(const pags_actor *actor, double time, double pose[12]) {
-  const double c = cos(actor->heading), s = sin(actor->heading),
-               way = actor->moving ? (actor->speed * time +
-                                      actor->sway * (sin(actor->sway_rate * time + actor->phase) - sin(actor->phase)))
-                                   : 0.0;
+  const double c = pags_cos(actor->heading), s = pags_sin(actor->heading),
+               way = actor->moving
+                         ? (actor->speed * time +
+                            actor->sway * (pags_sin(actor->sway_rate * time + actor->phase) - pags_sin(actor->phase)))
+                         : 0.0;
   const double out[12] = {c,   -s,  0.0, actor->start[0] + c * way, /* origin in the middle of the box */
                           s,   c,   0.0, actor->start[1] + s * way,
                           0.0, 0.0, 1.0, actor->ground + 0.5 * (double)actor->size[2]};
@@ -221,7 +223,7 @@ void pags_actor_pose(const pags_actor *actor, double time, double pose[12]) {
  * the actor's box, `ground` the height of the ground under it. */
 static void put_part(pags_stage_placement *placement, const double box[12], double ground, const double pivot[3],
                      double swing) {
-  const double c = cos(swing), s = sin(swing), turn[9] = {c, 0, s, 0, 1, 0, -s, 0, c};
+  const double c = pags_cos(swing), s = pags_sin(swing), turn[9] = {c, 0, s, 0, 1, 0, -s, 0, c};
   for (int r = 0; r < 3; r++) {
     const double *b = box + 4 * r;
     for (int k = 0; k < 3; k++)
@@ -244,14 +246,15 @@ void pags_street_set_time(pags_street *street, double time) {
     else {
       /* Walking: arms swing against legs. Cycling: the trunk leans forward, the arms stay stretched towards the
        * handlebar, the legs swing in turn. */
-      const double step = sin(actor->step_rate * time + actor->phase);
+      const double step = pags_sin(actor->step_rate * time + actor->phase);
       const bool rides = actor->role == PAGS_ROLE_CYCLIST;
       const double lean = rides ? 0.45 : 0.03, seat = rides ? 0.07 : 0.0, back = rides ? -0.18 : 0.0;
       const double hip = (double)PAGS_HIP_HEIGHT + seat, reach = (double)(PAGS_SHOULDER_HEIGHT - PAGS_HIP_HEIGHT);
-      const double shoulder[2] = {back + reach * sin(lean), hip + reach * cos(lean)};
+      const double shoulder[2] = {back + reach * pags_sin(lean), hip + reach * pags_cos(lean)};
       const double foot =
           (double)PAGS_HIP_HEIGHT; /* the trunk's mesh has its origin at the feet, but must turn about the hip */
-      put_part(&parts[BODY], box, actor->ground, (double[3]){back - foot * sin(lean), 0, hip - foot * cos(lean)}, lean);
+      put_part(&parts[BODY], box, actor->ground,
+               (double[3]){back - foot * pags_sin(lean), 0, hip - foot * pags_cos(lean)}, lean);
       for (int side = 0; side < 2; side++) {
         const double y = side ? -0.23 : 0.23, turn = side ? -1.0 : 1.0;
         const double arm = rides ? -0.75 : 0.45 * step * turn,

@@ -2,6 +2,7 @@
 /* Adds meshes of cars (a body lofted along x, a cabin lofted upwards, wheels, lamps) and of bicycles (tubes). */
 #include <math.h>
 
+#include "maths/maths.h"
 #include "synth/models.h"
 
 enum { STATIONS = 12, AROUND = 20, LEVELS = 6 };
@@ -12,9 +13,9 @@ typedef struct car_parts {
 
 /* Gives the point at parameter `angle` (radians) of the superellipse |y|^n + |z|^n = 1. */
 static void rounded(float angle, float n, float *y, float *z) {
-  const float c = cosf(angle), s = sinf(angle);
-  *y = copysignf(powf(fabsf(c), 2.0f / n), c);
-  *z = copysignf(powf(fabsf(s), 2.0f / n), s);
+  const float c = pags_cosf(angle), s = pags_sinf(angle);
+  *y = copysignf(pags_powf(fabsf(c), 2.0f / n), c);
+  *z = copysignf(pags_powf(fabsf(s), 2.0f / n), s);
 }
 
 static uint16_t all_paint(void *user, int ring, int column) {
@@ -154,8 +155,8 @@ static void wheel(pags_mesh *mesh, float x, float radius, uint16_t tyre, uint16_
   enum { PARTS = 20 };
   for (int i = 0; i < PARTS; i++) {
     const float a = 6.2831853f * (float)i / PARTS, b = 6.2831853f * (float)(i + 1) / PARTS;
-    const float from[3] = {x + radius * cosf(a), 0, radius + 0.02f + radius * sinf(a)};
-    const float to[3] = {x + radius * cosf(b), 0, radius + 0.02f + radius * sinf(b)};
+    const float from[3] = {x + radius * pags_cosf(a), 0, radius + 0.02f + radius * pags_sinf(a)};
+    const float to[3] = {x + radius * pags_cosf(b), 0, radius + 0.02f + radius * pags_sinf(b)};
     pags_mesh_tube(mesh, from, to, 0.02f, 0.02f, 6, tyre);
     if (i % 2 == 0)
       pags_mesh_tube(mesh, from, (float[3]){x, 0, radius + 0.02f}, 0.004f, 0.004f, 3, spoke);

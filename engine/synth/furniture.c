@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "maths/maths.h"
 #include "synth/models.h"
 
 enum { MOST_MATERIALS = 65535, LEAVES = 5400 };
@@ -55,7 +56,7 @@ static void add_leaf(pags_mesh *mesh, pags_dice *dice, const clump *part, const 
   ball_point(dice, at);
   ball_point(dice, x);
   ball_point(dice, y);
-  const float push = powf(at[0] * at[0] + at[1] * at[1] + at[2] * at[2] + 1e-6f, -0.3f); /* towards the surface */
+  const float push = pags_powf(at[0] * at[0] + at[1] * at[1] + at[2] * at[2] + 1e-6f, -0.3f); /* towards the surface */
   const float size = pags_dice_between(dice, 0.10f, 0.19f);
   for (int k = 0; k < 3; k++) {
     at[k] = part->center[k] + part->radius * at[k] * push;

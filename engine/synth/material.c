@@ -6,6 +6,7 @@
 
 #include <math.h>
 
+#include "maths/maths.h"
 #include "synth/layout.h"
 #include "synth/noise.h"
 
@@ -100,7 +101,7 @@ static void asphalt(const pags_material *m, const pags_markings *markings, const
   const float x = touch->point[0], y = touch->point[1];
   const float coarse = noise2(x, y * 3.0f, 5.0f, print->x, seed), fine = noise2(x, y, 0.07f, print->x, seed + 1);
   const float patch = cell_value(x / 7.0f, y / 3.3f, seed + 2) < 0.12f ? 0.82f : 1.0f; /* darker repairs */
-  const float tracks = 0.06f * cosf(3.8080f * (y + 1.65f));                            /* two wheel tracks a lane */
+  const float tracks = 0.06f * pags_cosf(3.8080f * (y + 1.65f));                       /* two wheel tracks a lane */
   const float light = patch * (1.0f + 0.16f * coarse + 0.14f * fine + tracks);
   for (int c = 0; c < 3; c++)
     color[c] = m->color[c] * light;
@@ -164,7 +165,7 @@ static void window(const pags_material *m, const pags_touch *touch, float width,
                            fmaxf(pulse(x, 0.475f, 0.525f, w), pulse(y, 0.66f, 0.70f, w)));
   const float open = 0.2f + 0.3f * tone, curtain = kind < 0.55f ? 1.0f - pulse(x, open, 1.0f - open, 0.06f + w) : 0.0f;
   const float blind = kind > 0.8f ? 1.0f - pulse(y, -1.0f, 0.35f + 0.5f * tone, 0.02f + w) : 0.0f;
-  const float fold = 0.75f + 0.2f * sinf(70.0f * x) * clamp01(1.0f - 12.0f * w);
+  const float fold = 0.75f + 0.2f * pags_sinf(70.0f * x) * clamp01(1.0f - 12.0f * w);
   const float cloth[3] = {0.50f * fold, 0.46f * fold, 0.38f * fold};
   mix_color(m->color, cloth, fmaxf(curtain, blind), color);
   mix_color(color, m->second, bars, color);

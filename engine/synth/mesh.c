@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "base/vec3.h"
+#include "maths/maths.h"
 
 #define TWO_PI 6.2831853f
 
@@ -120,7 +121,7 @@ static void end_cap(pags_mesh *mesh, const float center[3], const float x[3], co
     const float angle = TWO_PI * (float)i / (float)sides;
     float p[3];
     for (int k = 0; k < 3; k++)
-      p[k] = center[k] + radius * (cosf(angle) * x[k] + sinf(angle) * y[k]);
+      p[k] = center[k] + radius * (pags_cosf(angle) * x[k] + pags_sinf(angle) * y[k]);
     const uint32_t at = pags_mesh_vertex(mesh, p, NULL, 0.0f, 0.0f);
     if (i)
       pags_mesh_face(mesh, middle, last, at, at, material);
@@ -150,7 +151,7 @@ void pags_mesh_tube(pags_mesh *mesh, const float from[3], const float to[3], flo
     const float angle = TWO_PI * (float)i / (float)sides;
     float n[3], low[3], high[3];
     for (int k = 0; k < 3; k++) {
-      n[k] = cosf(angle) * x[k] + sinf(angle) * y[k];
+      n[k] = pags_cosf(angle) * x[k] + pags_sinf(angle) * y[k];
       low[k] = from[k] + radius_from * n[k];
       high[k] = to[k] + radius_to * n[k];
     }
@@ -172,7 +173,8 @@ void pags_mesh_ellipsoid(pags_mesh *mesh, const float center[3], const float rad
   for (int i = 0; i <= stacks; i++)
     for (int j = 0; j < slices; j++) {
       const float polar = 0.5f * TWO_PI * (float)i / (float)stacks, around = TWO_PI * (float)j / (float)slices;
-      const float unit[3] = {sinf(polar) * cosf(around), sinf(polar) * sinf(around), cosf(polar)};
+      const float unit[3] = {pags_sinf(polar) * pags_cosf(around), pags_sinf(polar) * pags_sinf(around),
+                             pags_cosf(polar)};
       float p[3], n[3];
       for (int k = 0; k < 3; k++) {
         p[k] = center[k] + radii[k] * unit[k];

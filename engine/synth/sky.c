@@ -4,6 +4,7 @@
 
 #include <math.h>
 
+#include "maths/maths.h"
 #include "synth/noise.h"
 
 const float pags_sun[3] = {-0.42f, 0.50f, 0.7573639f}; /* behind the car on its left, 49 degrees high */
@@ -32,9 +33,9 @@ static float clouds(const float d[3], uint64_t seed) {
 void pags_sky_color(const float direction[3], uint64_t seed, float color[3]) {
   static const float zenith[3] = {0.13f, 0.29f, 0.66f}, horizon[3] = {0.62f, 0.72f, 0.84f},
                      cloud[3] = {0.93f, 0.93f, 0.95f};
-  const float up = direction[2] > 0.0f ? direction[2] : 0.0f, t = powf(1.0f - up, 3.0f);
+  const float up = direction[2] > 0.0f ? direction[2] : 0.0f, t = pags_powf(1.0f - up, 3.0f);
   const float cosine = direction[0] * pags_sun[0] + direction[1] * pags_sun[1] + direction[2] * pags_sun[2];
-  const float glow = cosine > 0.0f ? 0.5f * powf(cosine, 40.0f) : 0.0f;
+  const float glow = cosine > 0.0f ? 0.5f * pags_powf(cosine, 40.0f) : 0.0f;
   const float share = direction[2] > 0.0f ? 0.85f * clouds(direction, seed) : 0.0f;
   for (int c = 0; c < 3; c++)
     color[c] = mix(mix(zenith[c], horizon[c], t), cloud[c], share) + glow * pags_sun_light[c];

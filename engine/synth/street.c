@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "maths/maths.h"
 #include "synth/layout.h"
 
 #define TWO_PI 6.283185307179586
@@ -42,7 +43,7 @@ int pags_street_place(pags_street *street, int mesh, int actor, float x, float y
   street->placements = list;
   if (street->failed)
     return 0;
-  const float c = scale * cosf(yaw), s = scale * sinf(yaw);
+  const float c = scale * pags_cosf(yaw), s = scale * pags_sinf(yaw);
   street->placements[street->placement_count] =
       (pags_stage_placement){.mesh = mesh, .actor = actor, .pose = {c, -s, 0, x, s, c, 0, y, 0, 0, scale, z}};
   return street->placement_count++;
@@ -71,13 +72,15 @@ void pags_street_destroy(pags_street *street) {
 
 /* The ego vehicle drives at 10 m/s, varying by a tenth. */
 double pags_street_ego_x(double time) {
-  return 10.0 * time + 0.9 * sin(1.1 * time);
+  return 10.0 * time + 0.9 * pags_sin(1.1 * time);
 }
 
 void pags_street_ego(double time, double pose[12]) {
-  const double forward = 10.0 + 0.99 * cos(1.1 * time), aside = 0.198 * cos(0.9 * time + 0.4);
-  const double yaw = atan2(aside, forward), pitch = 0.003 * sin(5.0 * time), roll = 0.003 * sin(3.7 * time + 1.0);
-  const double cy = cos(yaw), sy = sin(yaw), cp = cos(pitch), sp = sin(pitch), cr = cos(roll), sr = sin(roll);
+  const double forward = 10.0 + 0.99 * pags_cos(1.1 * time), aside = 0.198 * pags_cos(0.9 * time + 0.4);
+  const double yaw = pags_atan2(aside, forward), pitch = 0.003 * pags_sin(5.0 * time),
+               roll = 0.003 * pags_sin(3.7 * time + 1.0);
+  const double cy = pags_cos(yaw), sy = pags_sin(yaw), cp = pags_cos(pitch), sp = pags_sin(pitch), cr = pags_cos(roll),
+               sr = pags_sin(roll);
   const double out[12] = {cy * cp,
                           cy * sp * sr - sy * cr,
                           cy * sp * cr + sy * sr,
@@ -85,7 +88,7 @@ void pags_street_ego(double time, double pose[12]) {
                           sy * cp,
                           sy * sp * sr + cy * cr,
                           sy * sp * cr - cy * sr,
-                          PAGS_EGO_LANE + 0.22 * sin(0.9 * time + 0.4),
+                          PAGS_EGO_LANE + 0.22 * pags_sin(0.9 * time + 0.4),
                           -sp,
                           cp * sr,
                           cp * cr,
@@ -97,7 +100,7 @@ void pags_street_mount(int camera, double pose[12]) {
   static const double yaws[3] = {0.0, 50.0, -50.0},
                       places[3][3] = {{1.6, 0.0, 1.6}, {1.5, 0.25, 1.6}, {1.5, -0.25, 1.6}};
   const double yaw = yaws[camera] * TWO_PI / 360.0, pitch = 0.02; /* radians, downwards */
-  const double c = cos(yaw), s = sin(yaw), cp = cos(pitch), sp = sin(pitch);
+  const double c = pags_cos(yaw), s = pags_sin(yaw), cp = pags_cos(pitch), sp = pags_sin(pitch);
   const double out[12] = {s,   -c * sp, c * cp, places[camera][0], /* columns: right, down, forward, position */
                           -c,  -s * sp, s * cp, places[camera][1], /* of the camera, in the ego frame */
                           0.0, -cp,     -sp,    places[camera][2]};

@@ -13,6 +13,7 @@
 #include "base/rng.h"
 #include "base/text.h"
 #include "dataset/driving/writer.h"
+#include "maths/maths.h"
 
 enum { STREAM_POSE_NOISE = 1 << 28 };
 #define REACH 90.0 /* metres from the ego vehicle within which boxes are labelled */
@@ -25,7 +26,7 @@ static bool labelled(const pags_street *street, const pags_actor *actor, int fra
   double box[12], ego[12];
   pags_actor_pose(actor, frame_time(street, frame), box);
   pags_street_ego(frame_time(street, frame), ego);
-  return hypot(box[3] - ego[3], box[7] - ego[7]) <= REACH;
+  return pags_hypot(box[3] - ego[3], box[7] - ego[7]) <= REACH;
 }
 
 void pags_street_number(pags_street *street) {
@@ -66,9 +67,9 @@ static bool make_track(const pags_street *street, const pags_actor *actor, bool 
       const uint64_t stream = STREAM_POSE_NOISE + 2 * (uint64_t)actor->number;
       pags_rng_normal2(o->seed, stream, (uint64_t)f, move);
       pags_rng_normal2(o->seed, stream + 1, (uint64_t)f, turn);
-      const double yaw =
-          atan2(knot->world_from_object[4], knot->world_from_object[0]) + turn[0] * o->yaw_noise * 0.017453292519943295;
-      const double c = cos(yaw), s = sin(yaw);
+      const double yaw = pags_atan2(knot->world_from_object[4], knot->world_from_object[0]) +
+                         turn[0] * o->yaw_noise * 0.017453292519943295;
+      const double c = pags_cos(yaw), s = pags_sin(yaw);
       memcpy(knot->world_from_object,
              (double[12]){c, -s, 0, knot->world_from_object[3] + o->pose_noise * move[0], s, c, 0,
                           knot->world_from_object[7] + o->pose_noise * move[1], 0, 0, 1, knot->world_from_object[11]},

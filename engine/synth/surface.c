@@ -14,6 +14,7 @@
 #include "base/memory.h"
 #include "base/rng.h"
 #include "base/vec3.h"
+#include "maths/maths.h"
 #include "synth/layout.h"
 #include "synth/size_tables.h"
 #include "synth/view.h"
@@ -207,7 +208,7 @@ typedef struct spot {
 
 /* Cumulative distribution function of the standard normal distribution. */
 static double share_below(double z) {
-  return 0.5 * erfc(-z * 0.70710678118654752);
+  return 0.5 * pags_erfc(-z * 0.70710678118654752);
 }
 
 /* Draws the log scales of the longest and the middle axis and the logit of opacity jointly from the table. The
@@ -241,8 +242,8 @@ static void choose_point(const pags_surface *s, spot *out, uint64_t a, uint64_t 
     const float u = (float)(over ? 1.0 - at[0] : at[0]), v = (float)(over ? 1.0 - at[1] : at[1]);
     memcpy(weight, (float[4]){1.0f - u - v, u, v, 0.0f}, sizeof weight);
   } else {
-    const float u = within(at[0], expf(out->ln_sigma[swap]), f->length),
-                v = within(at[1], expf(out->ln_sigma[!swap]), f->width);
+    const float u = within(at[0], pags_expf(out->ln_sigma[swap]), f->length),
+                v = within(at[1], pags_expf(out->ln_sigma[!swap]), f->width);
     memcpy(weight, (float[4]){(1.0f - u) * (1.0f - v), u * (1.0f - v), u * v, (1.0f - u) * v}, sizeof weight);
   }
   pags_touch *touch = &out->touch;
@@ -283,7 +284,7 @@ static bool try_spot(const pags_surface *s, uint64_t attempt, uint64_t row, spot
   choose_quantiles(table, draw, other, &ln_long, &ln_middle, &out->logit);
   const bool small = fminf(f->length, f->width) < 3.0f, swap = small && f->width > f->length;
   const float turn = small ? 0.0f : 6.2831853f * (float)pags_rng_uniform(seed, a + DRAW_TURN, row);
-  const float c = cosf(turn), d = sinf(turn);
+  const float c = pags_cosf(turn), d = pags_sinf(turn);
   for (int k = 0; k < 3; k++) {
     const float u = swap ? f->side[k] : f->edge[k], v = swap ? -f->edge[k] : f->side[k];
     out->axis[0][k] = c * u + d * v;
@@ -291,8 +292,8 @@ static bool try_spot(const pags_surface *s, uint64_t attempt, uint64_t row, spot
     out->axis[2][k] = f->normal[k];
   }
   const float room = f->material->finish == PAGS_FINISH_LEAF ? 1.0f : 0.5f; /* a Gaussian covers several leaves */
-  const float most = logf(fmaxf(room * fmaxf(f->length, f->width), 0.004f)),
-              least = logf(fmaxf(room * fminf(f->length, f->width), 0.004f));
+  const float most = pags_logf(fmaxf(room * fmaxf(f->length, f->width), 0.004f)),
+              least = pags_logf(fmaxf(room * fminf(f->length, f->width), 0.004f));
   out->ln_sigma[0] = fminf(ln_long, most);
   out->ln_sigma[1] = fminf(ln_middle, least);
   out->ln_sigma[2] = out->ln_sigma[1] + quantile(table->ln_short_by_middle, share_below(other[1]));
@@ -358,7 +359,7 @@ double pags_surface_seen(const pags_surface *surface, int tries) {
 
 float pags_surface_srgb(float linear) {
   const float v = linear <= 0.0f ? 0.0f : linear >= 1.0f ? 1.0f : linear;
-  return v <= 0.0031308f ? 12.92f * v : 1.055f * powf(v, 1.0f / 2.4f) - 0.055f;
+  return v <= 0.0031308f ? 12.92f * v : 1.055f * pags_powf(v, 1.0f / 2.4f) - 0.055f;
 }
 
 static void put_row(const pags_surface *s, const spot *at, pags_gaussians *g, int64_t row) {
@@ -367,7 +368,7 @@ static void put_row(const pags_surface *s, const spot *at, pags_gaussians *g, in
   float srgb[3];
 
   /* Textures are filtered over a footprint two sigma wide along each axis. */
-  const float wide = 2.0f * expf(at->ln_sigma[0]), high = 2.0f * expf(at->ln_sigma[1]);
+  const float wide = 2.0f * pags_expf(at->ln_sigma[0]), high = 2.0f * pags_expf(at->ln_sigma[1]);
   const pags_footprint print = {.mean = sqrtf(wide * high),
                                 .x = fabsf(at->axis[0][0]) * wide + fabsf(at->axis[1][0]) * high,
                                 .y = fabsf(at->axis[0][1]) * wide + fabsf(at->axis[1][1]) * high};

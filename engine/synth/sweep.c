@@ -6,6 +6,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "maths/maths.h"
+
 enum { BEAMS = 32, STREAM_RANGE = 1 << 20 };
 #define TWO_PI 6.283185307179586
 #define REACH 80.0 /* metres */
@@ -58,9 +60,9 @@ static void trace_rays(void *context, int64_t begin, int64_t end, int worker) {
                    degrees = -3.0 + (share > 0.0 ? 11.0 : 19.0) * share * fabs(share);
       const double turn = ((double)(ray / BEAMS) + fmod(job->frame * 0.6180339887498949, 1.0)) / (double)job->columns;
       const double high = degrees * TWO_PI / 360.0, around = TWO_PI * turn;
-      directions[i][0] = cos(high) * cos(around);
-      directions[i][1] = -cos(high) * sin(around);
-      directions[i][2] = sin(high);
+      directions[i][0] = pags_cos(high) * pags_cos(around);
+      directions[i][1] = -pags_cos(high) * pags_sin(around);
+      directions[i][2] = pags_sin(high);
 
       for (int r = 0; r < 3; r++) {
         const double *m = job->ego + 4 * r;

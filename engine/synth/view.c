@@ -9,6 +9,7 @@
 #include <string.h>
 
 #include "base/vec3.h"
+#include "maths/maths.h"
 #include "synth/sky.h"
 
 /* ---- Cameras and jobs ---- */
@@ -25,7 +26,7 @@ static void camera_ray(const pags_camera *camera, double x, double y, float dire
 /* Converts a linear value, clamped to 0..1, to display-referred sRGB, rounded to a byte. */
 static uint8_t encode_srgb(float linear) {
   const float v = linear <= 0.0f ? 0.0f : linear >= 1.0f ? 1.0f : linear;
-  const float s = v <= 0.0031308f ? 12.92f * v : 1.055f * powf(v, 1.0f / 2.4f) - 0.055f;
+  const float s = v <= 0.0031308f ? 12.92f * v : 1.055f * pags_powf(v, 1.0f / 2.4f) - 0.055f;
   return (uint8_t)(s * 255.0f + 0.5f);
 }
 
@@ -135,7 +136,7 @@ static lighting find_light(const draw_job *job, const pags_touch *touches, unsig
 
 static void add_haze(float distance, float color[3]) {
   static const float haze[3] = {0.62f, 0.68f, 0.75f};
-  const float clear = expf(-distance / 900.0f);
+  const float clear = pags_expf(-distance / 900.0f);
   for (int c = 0; c < 3; c++)
     color[c] = color[c] * clear + haze[c] * (1.0f - clear);
 }

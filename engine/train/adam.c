@@ -17,6 +17,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "maths/maths.h"
 #include "simd/kernels.h"
 
 enum { REPLAY_CHUNK = 64, GROUPS = PAGS_RATE_GROUPS, MOST_ROWS = 256 };
@@ -70,7 +71,7 @@ static int active_planes(const pags_adam *adam, int64_t step) {
 /* Returns e_k of simd/adam.inl: Adam's epsilon times sqrt(1 - beta2^k), k = step. */
 static float epsilon_at(const pags_adam *adam, int64_t step) {
   const pags_train_config *c = config_of(adam);
-  return (float)(c->optimiser.epsilon * sqrt(-expm1((double)step * log(c->optimiser.beta2))));
+  return (float)(c->optimiser.epsilon * sqrt(-pags_expm1((double)step * pags_log(c->optimiser.beta2))));
 }
 
 static int64_t table_index(const pags_adam *adam, int64_t step) {
@@ -100,9 +101,10 @@ pags_result pags_adam_retime(pags_adam *adam, int64_t last_step) {
     double rates[GROUPS];
     pags_schedule_rates(adam->schedule, k, rates);
     adam->position_rate[k] = rates[PAGS_RATE_POSITION];
-    adam->correction[k] = k == 0 ? 0.0
-                                 : sqrt(-expm1((double)k * log(c->optimiser.beta2))) /
-                                       (c->optimiser.beta1 > 0.0 ? -expm1((double)k * log(c->optimiser.beta1)) : 1.0);
+    adam->correction[k] =
+        k == 0 ? 0.0
+               : sqrt(-pags_expm1((double)k * pags_log(c->optimiser.beta2))) /
+                     (c->optimiser.beta1 > 0.0 ? -pags_expm1((double)k * pags_log(c->optimiser.beta1)) : 1.0);
   }
 
   return PAGS_OK;
@@ -111,7 +113,7 @@ pags_result pags_adam_retime(pags_adam *adam, int64_t last_step) {
 static pags_result make_decay(pags_adam *adam) {
   const pags_train_config *c = config_of(adam);
   double q = c->optimiser.beta1 / sqrt(c->optimiser.beta2);
-  adam->reach = q > 0.0 ? (int)ceil(log(1e-9) / log(q)) : 0;
+  adam->reach = q > 0.0 ? (int)ceil(pags_log(1e-9) / pags_log(q)) : 0;
   adam->decay = malloc((size_t)(adam->reach + 1) * sizeof(double));
   if (!adam->decay)
     return pags_out_of_memory("the optimiser");
@@ -324,8 +326,8 @@ int pags_adam_update(pags_adam *adam, pags_gaussians *g, pags_clusters *clusters
   left_out out = l;
 
   int64_t n = step - adam->moment_step[cluster];
-  pags_adam_step s = {.decay1 = (float)(n == 1 ? c->optimiser.beta1 : pow(c->optimiser.beta1, (double)n)),
-                      .decay2 = (float)(n == 1 ? c->optimiser.beta2 : pow(c->optimiser.beta2, (double)n)),
+  pags_adam_step s = {.decay1 = (float)(n == 1 ? c->optimiser.beta1 : pags_pow(c->optimiser.beta1, (double)n)),
+                      .decay2 = (float)(n == 1 ? c->optimiser.beta2 : pags_pow(c->optimiser.beta2, (double)n)),
                       .blend1 = (float)(1.0 - c->optimiser.beta1),
                       .blend2 = (float)(1.0 - c->optimiser.beta2),
                       .eps = epsilon_at(adam, step)};
@@ -379,7 +381,7 @@ void pags_adam_bound(const pags_adam *adam, const pags_gaussians *g, pags_cluste
     plane_reach(adam, g, PAGS_SCALE + axis, cluster, unit * config_of(adam)->optimiser.scale_rate, range);
     sigma = fmaxf(sigma, range[1]);
   }
-  clusters->sigma[cluster] = expf(sigma) * 1.00001f; /* covers exp's rounding in the projection kernel */
+  clusters->sigma[cluster] = pags_expf(sigma) * 1.00001f; /* covers exp's rounding in the projection kernel */
 }
 
 typedef struct sweep {
@@ -414,7 +416,7 @@ static void settle_block(void *context, int64_t begin, int64_t end, int worker) 
     double n = (double)(s->step - adam->moment_step[c]);
     int64_t first;
     int rows = cluster_rows(adam, c, &first), planes = n > 0 ? active_planes(adam, adam->moment_step[c]) : 0;
-    float decay1 = (float)pow(config->optimiser.beta1, n), decay2 = (float)pow(config->optimiser.beta2, n);
+    float decay1 = (float)pags_pow(config->optimiser.beta1, n), decay2 = (float)pags_pow(config->optimiser.beta2, n);
     for (int i = 0; n > 0 && i < column_count(s->g, planes); i++) {
       column at = column_at(adam, s->g, planes, i, first);
       scale_rows(at.m, rows, decay1, 1e-30f);

@@ -10,6 +10,7 @@
 
 #include "base/log.h"
 #include "base/memory.h"
+#include "maths/maths.h"
 #include "train/views.h"
 
 enum { TERMS = 5, SHRINK = 2 };
@@ -82,7 +83,7 @@ static double gain_of(const object_fit *f) {
     return 0.0;
   for (int c = 0; c < 3; c++)
     less += explained(f, f->b[c], TERMS) - explained(f, f->b[c], 1);
-  return f->squares > 0.0 ? -10.0 * log10(fmax(1.0 - less / f->squares, 1e-6)) : 0.0;
+  return f->squares > 0.0 ? -10.0 * pags_log10(fmax(1.0 - less / f->squares, 1e-6)) : 0.0;
 }
 
 static pags_result add_view(pags_trainer *t, int64_t index, object_error *errors, object_fit *fits) {
@@ -159,7 +160,8 @@ pags_result pags_color_over_time_decide(pags_trainer *t) {
     given++;
   }
   if (result == PAGS_OK)
-    pags_log(PAGS_LOG_INFO, "colour over time for %lld of %lld objects", (long long)given, (long long)models - 1);
+    pags_log_message(PAGS_LOG_INFO, "colour over time for %lld of %lld objects", (long long)given,
+                     (long long)models - 1);
   free(errors);
   free(fits);
   return result;

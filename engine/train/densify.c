@@ -18,6 +18,7 @@
 #include "base/memory.h"
 #include "base/rng.h"
 #include "base/sort.h"
+#include "maths/maths.h"
 
 /* ---- Deciding ---- */
 
@@ -26,7 +27,7 @@
 static const int64_t least_survivors = 16;
 
 static float logit(double probability) {
-  return (float)log(probability / (1.0 - probability));
+  return (float)pags_log(probability / (1.0 - probability));
 }
 
 /* Returns the mean gradient of a Gaussian, reweighted. The loss counts critical pixels critical_weight times, growth
@@ -76,7 +77,7 @@ static pags_edit decide_row(const pags_train_model *model, const thresholds *t, 
     return PAGS_EDIT_PRUNE;
   float s = fmaxf(fmaxf(pags_plane(g, PAGS_SCALE)[row], pags_plane(g, PAGS_SCALE + 1)[row]),
                   pags_plane(g, PAGS_SCALE + 2)[row]);
-  float sigma = expf(s);
+  float sigma = pags_expf(s);
   int pulled = mean_gradient(model, row) >= t->gradient;
   if (pulled && sigma > t->dense_sigma) /* the limit on sigma applies to its children */
     return sigma / t->split_divisor > t->prune_sigma ? PAGS_EDIT_PRUNE : PAGS_EDIT_SPLIT;
@@ -134,8 +135,8 @@ pags_result pags_densify_decide(const pags_train_model *model, pags_edits *edits
   if (edits->pruned > 0 && count - edits->pruned < least_survivors) {
     /* Withdraw all prunes. No warning for objects: those far away may well start from so few Gaussians. */
     if (model->object < 0)
-      pags_log(PAGS_LOG_WARNING, "densify would leave %lld of %lld Gaussians: nothing is pruned",
-               (long long)(edits->count - edits->pruned), (long long)edits->count);
+      pags_log_message(PAGS_LOG_WARNING, "densify would leave %lld of %lld Gaussians: nothing is pruned",
+                       (long long)(edits->count - edits->pruned), (long long)edits->count);
     for (int64_t row = 0; row < edits->count; row++)
       if (edits->kind[row] == PAGS_EDIT_PRUNE)
         edits->kind[row] = PAGS_EDIT_KEEP;
@@ -169,16 +170,16 @@ static void make_child(const pags_train_model *model, pags_gaussians *g, int64_t
     q[i] = (double)pags_plane(g, PAGS_ROTATION + i)[row];
   pags_rotation_from_quaternion(q, r);
   for (int i = 0; i < 3; i++)
-    offset[i] = n[i] * exp((double)pags_plane(g, PAGS_SCALE + i)[row]);
+    offset[i] = n[i] * pags_exp((double)pags_plane(g, PAGS_SCALE + i)[row]);
   for (int i = 0; i < 3; i++) {
     float *mean = &pags_plane(g, PAGS_MEAN + i)[row];
     double moved = (double)*mean + r[3 * i] * offset[0] + r[3 * i + 1] * offset[1] + r[3 * i + 2] * offset[2];
     *mean = fabs(moved) < 3e38 ? (float)moved : *mean; /* sigma may be so large that the mean would overflow */
-    pags_plane(g, PAGS_SCALE + i)[row] -= (float)log(c->density.split_divisor);
+    pags_plane(g, PAGS_SCALE + i)[row] -= (float)pags_log(c->density.split_divisor);
   }
   if (c->density.revised_opacity) {
     float *opacity = &pags_plane(g, PAGS_OPACITY)[row];
-    double rest = 1.0 / (1.0 + exp((double)*opacity)); /* 1 minus the opacity */
+    double rest = 1.0 / (1.0 + pags_exp((double)*opacity)); /* 1 minus the opacity */
     *opacity = logit(fmin(fmax(1.0 - sqrt(rest), 1e-6), 1.0 - 1e-6));
   }
 }

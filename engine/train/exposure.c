@@ -7,6 +7,7 @@
 #include <stdlib.h>
 
 #include "base/memory.h"
+#include "maths/maths.h"
 
 /* The learning rate at the schedule's end as a share of that at its beginning; log-linear between. */
 static const double final_share = 0.1;
@@ -54,7 +55,8 @@ static bool move(pags_exposure *e, const double gradient[6], const pags_train_co
 int pags_exposures_update(pags_exposures *exposures, const pags_dataset *dataset, int64_t view,
                           const double gradient[6], const pags_schedule *schedule, int64_t step) {
   const pags_train_config *c = &schedule->config;
-  double t = fmin((double)step / (double)schedule->length, 1.0), rate = c->exposure.exposure_rate * pow(final_share, t);
+  double t = fmin((double)step / (double)schedule->length, 1.0),
+         rate = c->exposure.exposure_rate * pags_pow(final_share, t);
   int moved = move(&exposures->items[view], gradient, c, rate) &&
               move(&exposures->items[exposures->count + camera_of(dataset, view)], gradient, c, rate);
 

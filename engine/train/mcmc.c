@@ -8,6 +8,7 @@
 
 #include "base/memory.h"
 #include "base/rng.h"
+#include "maths/maths.h"
 
 static const double dead_opacity = 0.005; /* a Gaussian at or below it is dead: relocated, and given most noise */
 static const double gate_slope = 100.0;   /* slope of the noise's gate over opacity */
@@ -16,10 +17,10 @@ enum { MOST_COPIES = 51, NOISE_GRAIN = 16 };
 /* ---- Relocation and growth ---- */
 
 static double sigmoid(double x) {
-  return 1.0 / (1.0 + exp(-x));
+  return 1.0 / (1.0 + pags_exp(-x));
 }
 static double logit(double p) {
-  return log(p / (1.0 - p));
+  return pags_log(p / (1.0 - p));
 }
 
 /* n copies of opacity o' = 1 - (1 - o)^(1/n) transmit as much light as one Gaussian of opacity o. The factor on their
@@ -28,7 +29,7 @@ static double logit(double p) {
  *     factor = o / sum over i = 1 .. n, k = 0 .. i - 1 of C(i - 1, k) (-1)^k o'^(k + 1) / sqrt(k + 1) */
 void pags_mcmc_relocation(double opacity, int copies, double *new_opacity, double *factor) {
   int n = copies < MOST_COPIES ? copies : MOST_COPIES;
-  double o = 1.0 - pow(1.0 - opacity, 1.0 / n), sum = 0.0;
+  double o = 1.0 - pags_pow(1.0 - opacity, 1.0 / n), sum = 0.0;
   for (int i = 1; i <= n; i++) {
     double binomial = 1.0, power = o;
     for (int k = 0; k < i; k++) {
@@ -110,7 +111,7 @@ static void draw_and_thin(pags_train_model *model, lottery *l, int purpose, int6
     pags_mcmc_relocation(sigmoid((double)*o), l->drawn[row] + 1, &opacity, &factor);
     *o = (float)logit(opacity);
     for (int k = 0; k < 3; k++)
-      pags_plane(g, PAGS_SCALE + k)[row] += (float)log(factor);
+      pags_plane(g, PAGS_SCALE + k)[row] += (float)pags_log(factor);
   }
 }
 
@@ -173,10 +174,10 @@ void pags_mcmc_regularise(const pags_train_model *model, int64_t first, int rows
   float opacity_weight = (float)(c->mcmc.mcmc_opacity_reg / (double)g->count);
   float scale_weight = (float)(c->mcmc.mcmc_scale_reg * shrink_of(model) / (3.0 * (double)g->count));
   for (int i = 0; i < rows; i++) {
-    float o = 1.0f / (1.0f + expf(-pags_plane(g, PAGS_OPACITY)[first + i]));
+    float o = 1.0f / (1.0f + pags_expf(-pags_plane(g, PAGS_OPACITY)[first + i]));
     gradient[PAGS_OPACITY * stride + i] += opacity_weight * o * (1.0f - o);
     for (int k = PAGS_SCALE; k < PAGS_SCALE + 3; k++)
-      gradient[k * stride + i] += scale_weight * expf(pags_plane(g, k)[first + i]);
+      gradient[k * stride + i] += scale_weight * pags_expf(pags_plane(g, k)[first + i]);
   }
 }
 
@@ -201,7 +202,7 @@ static void shake_row(const noise_job *job, int64_t row) {
     q[i] = (double)pags_plane(g, PAGS_ROTATION + i)[row];
   pags_rotation_from_quaternion(q, r);
   for (int k = 0; k < 3; k++) { /* local = diag(sigma^2) R^T n */
-    double sigma = exp((double)pags_plane(g, PAGS_SCALE + k)[row]);
+    double sigma = pags_exp((double)pags_plane(g, PAGS_SCALE + k)[row]);
     local[k] = sigma * sigma * (r[k] * n[0] + r[3 + k] * n[1] + r[6 + k] * n[2]);
   }
   for (int i = 0; i < 3; i++) {

@@ -188,10 +188,10 @@ static pags_result start_driving(pags_trainer *t, const pags_train_config *confi
     PAGS_TRY(pags_sky_fit_create(&s->sky, t->dataset, t->cache, &s->sky_share));
   if (config->exposure.exposure)
     PAGS_TRY(pags_exposures_create(&s->exposures, t->dataset));
-  pags_log(PAGS_LOG_INFO, "start: %lld Gaussians in the background, %lld in %lld moving objects; sky %s",
-           (long long)s->models[0].gaussians.count,
-           (long long)(pags_state_gaussian_count(s) - s->models[0].gaussians.count), (long long)s->model_count - 1,
-           s->sky.sky.size > 0 ? "modelled" : "not seen");
+  pags_log_message(PAGS_LOG_INFO, "start: %lld Gaussians in the background, %lld in %lld moving objects; sky %s",
+                   (long long)s->models[0].gaussians.count,
+                   (long long)(pags_state_gaussian_count(s) - s->models[0].gaussians.count),
+                   (long long)s->model_count - 1, s->sky.sky.size > 0 ? "modelled" : "not seen");
   return PAGS_OK;
 }
 

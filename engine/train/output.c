@@ -46,7 +46,7 @@ static pags_result begin_instead(const pags_output *output) {
                      "pass --overwrite to "
                      "begin afresh, or another folder",
                      output->folder);
-  pags_log(PAGS_LOG_INFO, "%s: no checkpoint to go on from: the run begins with step 1", output->folder);
+  pags_log_message(PAGS_LOG_INFO, "%s: no checkpoint to go on from: the run begins with step 1", output->folder);
   return PAGS_OK;
 }
 

@@ -20,6 +20,7 @@
 #include "base/memory.h"
 #include "base/rng.h"
 #include "base/sort.h"
+#include "maths/maths.h"
 #include "train/score_pass.h"
 #include "train/size_limit.h"
 
@@ -63,9 +64,9 @@ static void log_list(const ranked *list, int64_t count, float *out) {
   while (zeros < count && !(list[zeros].value > 0.0))
     zeros++;
   double median = zeros < count ? list[zeros + (count - zeros) / 2].value : 1.0;
-  double most = count > zeros ? log1p(list[count - 1].value / median) : 1.0;
+  double most = count > zeros ? pags_log1p(list[count - 1].value / median) : 1.0;
   for (int64_t i = 0; i < count; i++)
-    out[list[i].row] = (float)(log1p(list[i].value / median) / most);
+    out[list[i].row] = (float)(pags_log1p(list[i].value / median) / most);
 }
 
 static void stretch_list(const ranked *list, int64_t count, float *out) {
@@ -261,7 +262,7 @@ pags_result pags_prune(pags_trainer *t, int index) {
   int64_t before = scores.count;
   pags_score_pass_destroy(&scores);
   PAGS_TRY(result);
-  pags_log(PAGS_LOG_INFO, "step %lld: %lld of %lld Gaussians pruned by score", (long long)t->state.step,
-           (long long)dropped, (long long)before);
+  pags_log_message(PAGS_LOG_INFO, "step %lld: %lld of %lld Gaussians pruned by score", (long long)t->state.step,
+                   (long long)dropped, (long long)before);
   return t->output.lines.stream ? pags_output_log_prune(&t->output, t->state.step, dropped, before - dropped) : PAGS_OK;
 }

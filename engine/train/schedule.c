@@ -11,12 +11,13 @@
 #include <stdbool.h>
 
 #include "base/rng.h"
+#include "maths/maths.h"
 #include "train/config.h"
 
 static const double reference_iterations = 30000.0;
 
 static int64_t scaled(int64_t step, int64_t length) {
-  return llround((double)step * (double)length / reference_iterations);
+  return (long long)pags_round((double)step * (double)length / reference_iterations);
 }
 
 static int64_t at_least(int64_t value, int64_t least) {
@@ -44,15 +45,16 @@ pags_schedule pags_schedule_make(const pags_train_config *config, double extent,
   int64_t reset = at_least(scaled(config->density.reset_every, s.length), at_least(3 * views, 1));
   s.reset_every = (reset + s.densify_every - 1) / s.densify_every * s.densify_every;
   s.sh_interval = at_least(scaled(config->color.sh_interval, s.length), 1);
-  s.quarter_until = llround(config->schedule.quarter_until * (double)s.length);
-  s.half_until = llround(config->schedule.half_until * (double)s.length);
+  s.quarter_until = (long long)pags_round(config->schedule.quarter_until * (double)s.length);
+  s.half_until = (long long)pags_round(config->schedule.half_until * (double)s.length);
   s.tracks_from = scaled(config->objects.tracks_from, s.length);
   s.fourier_from = scaled(config->objects.fourier_from, s.length);
 
   /* Set the prunes by score of the preset. */
   size_t preset = (size_t)s.config.priority.preset;
   for (int i = 0; i < plans[preset].prunes; i++) {
-    int64_t step = llround((plans[preset].first + plans[preset].every * i) * (double)s.length / plans[preset].of);
+    int64_t step =
+        (long long)pags_round((plans[preset].first + plans[preset].every * i) * (double)s.length / plans[preset].of);
     int64_t after = (step + s.densify_every - 1) / s.densify_every * s.densify_every;
     if (i < EARLY_PRUNES && after < s.densify_until)
       step = after;
@@ -69,10 +71,10 @@ void pags_schedule_rates(const pags_schedule *s, int64_t step, double rates[PAGS
   const pags_train_config *c = &s->config;
   double t = (double)step / (double)s->length;
   t = t > 1.0 ? 1.0 : t;
-  double position =
-      c->optimiser.position_rate_begin <= 0.0
-          ? 0.0
-          : exp((1.0 - t) * log(c->optimiser.position_rate_begin) + t * log(c->optimiser.position_rate_end));
+  double position = c->optimiser.position_rate_begin <= 0.0
+                        ? 0.0
+                        : pags_exp((1.0 - t) * pags_log(c->optimiser.position_rate_begin) +
+                                   t * pags_log(c->optimiser.position_rate_end));
   rates[PAGS_RATE_POSITION] = position * s->extent;
   rates[PAGS_RATE_SCALE] = c->optimiser.scale_rate;
   rates[PAGS_RATE_ROTATION] = c->optimiser.rotation_rate;

@@ -9,6 +9,7 @@
 
 #include "base/log.h"
 #include "base/memory.h"
+#include "maths/maths.h"
 
 enum { TRIM_GRAIN = 256, MOST_DEGREE = 3 };
 
@@ -100,8 +101,8 @@ typedef struct row_ranges {
 static void find_ranges(const pags_gaussians *g, const pags_sh_view *views, int64_t view_count, int64_t row,
                         row_ranges *ranges) {
   float p[3], coefficients[48];
-  float sigma = expf(fmaxf(fmaxf(pags_plane(g, PAGS_SCALE)[row], pags_plane(g, PAGS_SCALE + 1)[row]),
-                           pags_plane(g, PAGS_SCALE + 2)[row]));
+  float sigma = pags_expf(fmaxf(fmaxf(pags_plane(g, PAGS_SCALE)[row], pags_plane(g, PAGS_SCALE + 1)[row]),
+                                pags_plane(g, PAGS_SCALE + 2)[row]));
   for (int k = 0; k < 3; k++)
     p[k] = pags_plane(g, PAGS_MEAN + k)[row];
   for (int k = 0; k < 3 * pags_sh_coefficients(g->sh_degree); k++)
@@ -228,7 +229,8 @@ pags_result pags_sh_trim(pags_trainer *t) {
     count += add_degrees(context.g, degrees);
   }
   free(views);
-  pags_log(PAGS_LOG_INFO, "colour: of %lld Gaussians, %lld keep degree 0, %lld 1, %lld 2, %lld 3", (long long)count,
-           (long long)degrees[0], (long long)degrees[1], (long long)degrees[2], (long long)degrees[3]);
+  pags_log_message(PAGS_LOG_INFO, "colour: of %lld Gaussians, %lld keep degree 0, %lld 1, %lld 2, %lld 3",
+                   (long long)count, (long long)degrees[0], (long long)degrees[1], (long long)degrees[2],
+                   (long long)degrees[3]);
   return PAGS_OK;
 }

@@ -106,7 +106,7 @@ pags_result pags_size_limit_start(const pags_dataset *dataset, pags_train_state 
         ceil(1e3 * s->schedule.config.size_limit.target_size + 1e-3 * (double)((least - kept) * row)) / 1e3);
   if (kept == count || is_later(s))
     return PAGS_OK;
-  pags_log(PAGS_LOG_INFO, "start: %lld of %lld Gaussians of the background fit the target size", (long long)kept,
-           (long long)count);
+  pags_log_message(PAGS_LOG_INFO, "start: %lld of %lld Gaussians of the background fit the target size",
+                   (long long)kept, (long long)count);
   return keep_evenly(&s->models[0], kept, tasks);
 }

@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "maths/maths.h"
 
 enum { LOOK_SHRINK = 8, LEAST_SIZE = 64, MOST_SIZE = 1024 };
 static const double least_share = 1e-3;
@@ -174,7 +175,7 @@ pags_result pags_sky_fit_receive(pags_sky_fit *fit, const pags_schedule *schedul
   }
   fit->beta1 = (float)c->optimiser.beta1;
   fit->beta2 = (float)c->optimiser.beta2;
-  fit->rate = (float)(c->sky.sky_rate * pow(final_share, t));
+  fit->rate = (float)(c->sky.sky_rate * pags_pow(final_share, t));
   gradient->sky = update;
   gradient->sky_user = fit;
   gradient->sky_cut = 1.0f / 255.0f;

@@ -9,6 +9,7 @@
 
 #include "base/memory.h"
 #include "base/text.h"
+#include "maths/maths.h"
 
 /* The learning rates at the schedule's end as a share of the first. They fall log-linearly, as those of Gaussians'
  * positions do, but only to a tenth (Street Gaussians ends at a fifth to a hundredth). */
@@ -99,7 +100,7 @@ bool pags_track_poses_update(pags_track_poses *tracks, int64_t object, int64_t k
   memcpy(g, gradient, sizeof g);
   for (int i = 0; i < 3; i++)
     g[3 + i] = turn[4 * i] * gradient[3] + turn[4 * i + 1] * gradient[4] + turn[4 * i + 2] * gradient[5];
-  double t = fmin((double)step / (double)schedule->length, 1.0), fall = pow(final_share, t) * hurry(schedule);
+  double t = fmin((double)step / (double)schedule->length, 1.0), fall = pags_pow(final_share, t) * hurry(schedule);
   if (!pags_adam6_step(&tracks->moments[object][knot], g, c, direction))
     return false;
   for (int i = 0; i < 3; i++) {

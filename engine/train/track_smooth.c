@@ -22,6 +22,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/sort.h"
+#include "maths/maths.h"
 #include "train/track_poses.h"
 
 enum { WINDOW = 4, CHANNELS = 6, LEAST_KNOTS = 8, STRENGTHS = 23 };
@@ -48,7 +49,7 @@ typedef struct scores {
 } scores;
 
 static double strength(int i) {
-  return least_lambda * pow(10.0, 0.5 * i);
+  return least_lambda * pags_pow(10.0, 0.5 * i);
 }
 
 /* ---- Solving one run ---- */
@@ -270,9 +271,9 @@ pags_result pags_tracks_smooth(pags_track_poses *tracks) {
     for (int64_t i = 0; i < list.count; i++)
       smooth_run(&list.items[i], best);
     if (list.count > 0)
-      pags_log(PAGS_LOG_INFO, "labels of moving objects jitter by about %.3f m and %.2f degrees: smoothed",
-               sqrt(s.rest[best[TRANSLATION]][TRANSLATION] / s.freedom[best[TRANSLATION]]),
-               sqrt(s.rest[best[ROTATION]][ROTATION] / s.freedom[best[ROTATION]]) * 57.29577951308232);
+      pags_log_message(PAGS_LOG_INFO, "labels of moving objects jitter by about %.3f m and %.2f degrees: smoothed",
+                       sqrt(s.rest[best[TRANSLATION]][TRANSLATION] / s.freedom[best[TRANSLATION]]),
+                       sqrt(s.rest[best[ROTATION]][ROTATION] / s.freedom[best[ROTATION]]) * 57.29577951308232);
   }
   free(list.items);
   free(list.knots);

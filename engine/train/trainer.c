@@ -15,6 +15,7 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "maths/maths.h"
 #include "train/checkpoint.h"
 #include "train/config.h"
 #include "train/density.h"
@@ -31,7 +32,7 @@ enum { ESTIMATE_STEPS = 50 };
 /* ---- One step ---- */
 
 static double psnr_of(double mse) {
-  return mse > 0.0 ? -10.0 * log10(mse) : 0.0;
+  return mse > 0.0 ? -10.0 * pags_log10(mse) : 0.0;
 }
 
 static const char *bad_row_name(const pags_trainer *t) {
@@ -175,7 +176,7 @@ static pags_result fit_to_clock(pags_trainer *t, const run_clock *clock) {
   PAGS_TRY(pags_state_retime(s, &schedule, steps));
   for (int64_t i = 0; i < s->model_count; i++)
     pags_adam_bound_all(&s->models[i].adam, &s->models[i].gaussians, &s->models[i].clusters, t->tasks);
-  pags_log(PAGS_LOG_INFO, "time limit: %lld steps", (long long)steps);
+  pags_log_message(PAGS_LOG_INFO, "time limit: %lld steps", (long long)steps);
   return PAGS_OK;
 }
 
@@ -219,8 +220,8 @@ static pags_result write_end(pags_trainer *t, pags_train_result *r, const run_cl
   if (dropped < 0)
     return pags_out_of_memory("the scene");
   if (dropped > 0)
-    pags_log(PAGS_LOG_WARNING, "%lld Gaussians with parameters that are not finite are left out of the scene",
-             (long long)dropped);
+    pags_log_message(PAGS_LOG_WARNING, "%lld Gaussians with parameters that are not finite are left out of the scene",
+                     (long long)dropped);
 
   PAGS_TRY(pags_output_scene(&t->output, t->dataset, s));
   r->seconds = (pags_clock_ms() - clock->begin) / 1e3;

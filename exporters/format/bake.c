@@ -14,6 +14,7 @@
 #include "base/bytes.h"
 #include "base/file.h"
 #include "base/memory.h"
+#include "maths/maths.h"
 
 /* ---- Baking ---- */
 
@@ -104,7 +105,7 @@ static uint8_t to_byte(double value) {
 }
 
 static double opacity_of(const pags_gaussians *g, int64_t i) {
-  return 1 / (1 + exp(-(double)pags_plane(g, PAGS_OPACITY)[i]));
+  return 1 / (1 + pags_exp(-(double)pags_plane(g, PAGS_OPACITY)[i]));
 }
 
 /* The rotation of Gaussian `i` as a unit quaternion w, x, y, z. */
@@ -130,7 +131,7 @@ pags_result pags_splat_save(const char *path, const pags_gaussians *g) {
     rotation_of(g, i, q);
     for (int k = 0; k < 3; k++) {
       pags_store_f32(row + 4 * k, pags_plane(g, PAGS_MEAN + k)[i]);
-      pags_store_f32(row + 12 + 4 * k, (float)exp((double)pags_plane(g, PAGS_SCALE + k)[i]));
+      pags_store_f32(row + 12 + 4 * k, (float)pags_exp((double)pags_plane(g, PAGS_SCALE + k)[i]));
       row[24 + k] = to_byte(255 * (0.5 + PAGS_SH_C0 * (double)pags_plane(g, PAGS_SH + k)[i]));
     }
     row[27] = to_byte(255 * opacity_of(g, i));

@@ -17,6 +17,7 @@
 #include "base/file.h"
 #include "base/json.h"
 #include "base/memory.h"
+#include "maths/maths.h"
 
 struct pags_gltf {
   tinygltf::Model model;
@@ -138,14 +139,15 @@ int put_indices(pags_gltf *gltf, const uint32_t *triangles, size_t count, size_t
 /* Converts an sRGB value in 0..1 to linear light (IEC 61966-2-1), which glTF asks for in vertex colours. */
 double linear(double v) {
   v = std::min(std::max(v, 0.0), 1.0);
-  return v <= 0.04045 ? v / 12.92 : std::pow((v + 0.055) / 1.055, 2.4);
+  return v <= 0.04045 ? v / 12.92 : pags_pow((v + 0.055) / 1.055, 2.4);
 }
 
 int put_colors(pags_gltf *gltf, const float *colors, size_t count) {
   std::vector<uint16_t> values(4 * count);
   for (size_t i = 0; i < count; i++) {
     for (size_t c = 0; c < 3; c++)
-      values[4 * i + c] = static_cast<uint16_t>(std::lround(65535 * linear(static_cast<double>(colors[3 * i + c]))));
+      values[4 * i + c] =
+          static_cast<uint16_t>((long)pags_round(65535 * linear(static_cast<double>(colors[3 * i + c]))));
     values[4 * i + 3] = 65535;
   }
   int view = put_view(gltf, values.data(), 8 * count, TINYGLTF_TARGET_ARRAY_BUFFER, 0);
@@ -339,7 +341,7 @@ int pags_gltf_camera(pags_gltf *gltf, const char *name, const pags_camera *camer
     tinygltf::Camera out;
     out.name = name;
     out.type = "perspective";
-    out.perspective.yfov = 2 * std::atan(0.5 * camera->height / camera->fy);
+    out.perspective.yfov = 2 * pags_atan(0.5 * camera->height / camera->fy);
     out.perspective.aspectRatio = camera->width / camera->fx / (camera->height / camera->fy);
     out.perspective.znear = 0.01;
     out.perspective.zfar = 1e5; /* finite: for an infinite far plane tinygltf would write zfar 0, which is invalid */

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "exporters/format/bake.h"
+#include "maths/maths.h"
 
 enum { DIRECTIONS = 40 };
 
@@ -42,7 +43,7 @@ static void turn_degree(const double rotation[9], int degree, double out[7][7]) 
   memset(out, 0, 49 * sizeof(double));
   for (int i = 0; i < DIRECTIONS; i++) {
     double z = 1 - (2 * i + 1.0) / DIRECTIONS, r = sqrt(1 - z * z), angle = 2.39996322972865332 * i;
-    const double d[3] = {r * cos(angle), r * sin(angle), z};
+    const double d[3] = {r * pags_cos(angle), r * pags_sin(angle), z};
     double back[3], here[15], there[15];
     for (int k = 0; k < 3; k++)
       back[k] = rotation[k] * d[0] + rotation[3 + k] * d[1] + rotation[6 + k] * d[2];

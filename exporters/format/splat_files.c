@@ -15,6 +15,7 @@
 #include "exporters/format/bake.h"
 #include "exporters/format/gltf.h"
 #include "exporters/format/object_gaussians.h"
+#include "maths/maths.h"
 
 pags_splat_options pags_splat_options_default(void) {
   return (pags_splat_options){.time = (double)NAN, .sh_degree = 3, .spz_version = 3};
@@ -29,13 +30,13 @@ int pags_export_is_splat(const char *path) {
 /* ---- glTF with KHR_gaussian_splatting ---- */
 
 static double sigmoid(double x) {
-  return 1 / (1 + exp(-x));
+  return 1 / (1 + pags_exp(-x));
 }
 
 /* sRGB to linear light (IEC 61966-2-1). */
 static double linear(double v) {
   v = fmin(fmax(v, 0), 1);
-  return v <= 0.04045 ? v / 12.92 : pow((v + 0.055) / 1.055, 2.4);
+  return v <= 0.04045 ? v / 12.92 : pags_pow((v + 0.055) / 1.055, 2.4);
 }
 
 /* The attributes of a point primitive. */
@@ -74,7 +75,7 @@ static void fill_columns(const pags_gaussians *g, columns *c) {
       rotation[4 * i + k] = length > 0 ? (float)(q[k] / sqrt(length)) : (float)(k == 3);
     for (int k = 0; k < 3; k++) {
       position[3 * i + k] = pags_plane(g, PAGS_MEAN + k)[i];
-      scale[3 * i + k] = (float)exp((double)pags_plane(g, PAGS_SCALE + k)[i]);
+      scale[3 * i + k] = (float)pags_exp((double)pags_plane(g, PAGS_SCALE + k)[i]);
       color[4 * i + k] = (float)linear(0.5 + PAGS_SH_C0 * (double)pags_plane(g, PAGS_SH + k)[i]);
     }
     opacity[i] = color[4 * i + 3] = (float)sigmoid((double)pags_plane(g, PAGS_OPACITY)[i]);

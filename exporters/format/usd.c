@@ -18,6 +18,7 @@
 #include "exporters/format/usd_text.h"
 #include "exporters/proxy/background.h"
 #include "exporters/proxy/objects.h"
+#include "maths/maths.h"
 
 enum { NAME_SIZE = 96, PADDED_DEGREE = 3 };
 
@@ -94,7 +95,7 @@ static void put_mesh(usd_export *self, const char *name, const char *label, cons
   pags_usd_floats(usd, "point3f[] points", mesh->positions, mesh->vertex_count, 3, NULL);
   for (int64_t i = 0; colors && i < 3 * mesh->vertex_count; i++) {
     double c = fmin(fmax((double)mesh->colors[i], 0), 1);
-    colors[i] = (float)(c <= 0.04045 ? c / 12.92 : pow((c + 0.055) / 1.055, 2.4));
+    colors[i] = (float)(c <= 0.04045 ? c / 12.92 : pags_pow((c + 0.055) / 1.055, 2.4));
   }
   if (colors)
     pags_usd_floats(usd, "color3f[] primvars:displayColor", colors, mesh->vertex_count, 3, "vertex");
@@ -138,10 +139,10 @@ static pags_result fill_columns(const pags_gaussians *g, int degree, columns *c)
     c->reach[i] = 0;
     for (int k = 0; k < 3; k++) {
       c->positions[3 * i + k] = pags_plane(g, PAGS_MEAN + k)[i];
-      c->scales[3 * i + k] = expf(pags_plane(g, PAGS_SCALE + k)[i]);
+      c->scales[3 * i + k] = pags_expf(pags_plane(g, PAGS_SCALE + k)[i]);
       c->reach[i] = fmaxf(c->reach[i], 3 * c->scales[3 * i + k]);
     }
-    c->opacities[i] = (float)(1 / (1 + exp(-(double)pags_plane(g, PAGS_OPACITY)[i])));
+    c->opacities[i] = (float)(1 / (1 + pags_exp(-(double)pags_plane(g, PAGS_OPACITY)[i])));
     for (size_t k = 0; k < 3 * coefficients; k++)
       c->harmonics[(size_t)i * 3 * coefficients + k] =
           (int)k < 3 * pags_sh_coefficients(g->sh_degree) ? pags_plane(g, PAGS_SH + (int)k)[i] : 0;

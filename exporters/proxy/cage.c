@@ -15,6 +15,7 @@
 #include "base/memory.h"
 #include "exporters/proxy/mesh_query.h"
 #include "exporters/proxy/subdiv.h"
+#include "maths/maths.h"
 
 /* SIDE x SIDE samples of the limit surface on each quad; at most MOST_PULLS of the mesh's vertices pull. */
 enum { ROUNDS = 14, SIDE = 5, MOST_PULLS = 3000 };
@@ -229,7 +230,7 @@ static pags_result round_of(fit *f, int round) {
     pull(f, sample, target, vertex_weight * share);
   }
   double samples_each = (double)f->stencils.count / (double)n;
-  add_smoothness(f, samples_each * 2 * pow(0.003, (double)round / (ROUNDS - 1)));
+  add_smoothness(f, samples_each * 2 * pags_pow(0.003, (double)round / (ROUNDS - 1)));
   for (int i = 0; i < n; i++) { /* a weak pull to where it is, for control points that nothing else determines */
     f->equations.matrix[(size_t)i * (size_t)n + (size_t)i] += 1e-4 * samples_each;
     for (int k = 0; k < 3; k++)

@@ -11,6 +11,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "maths/maths.h"
 
 enum { SOLID = 166, CLEAR = 51 }; /* alpha, 0..255: over 0.65 a surface, under 0.2 nothing, between unknown */
 
@@ -46,7 +47,7 @@ static bool plane_of(const pags_part *part, int64_t row, double middle[3], doubl
   double scale[3], q[4], length = 0, axis[3], mean[3];
   int thin = 0, wide = 0;
   for (int k = 0; k < 3; k++) {
-    scale[k] = exp((double)pags_plane(g, PAGS_SCALE + k)[row]);
+    scale[k] = pags_exp((double)pags_plane(g, PAGS_SCALE + k)[row]);
     mean[k] = (double)pags_plane(g, PAGS_MEAN + k)[row];
     thin = scale[k] < scale[thin] ? k : thin;
     wide = scale[k] > scale[wide] ? k : wide;
@@ -175,7 +176,7 @@ pags_result pags_depth_views_add(pags_depth_views *depth_views, pags_frame *fram
           slant += normal[k] * along[k];
         }
         for (int k = 0; k < 3; k++)
-          off += pow(m[4 * k + 3] + above / slant * along[k] - middle[k], 2);
+          off += pags_pow(m[4 * k + 3] + above / slant * along[k] - middle[k], 2);
         if (above / slant > 0 && off < reach * reach)
           depth_view->plane[to] = (float)(above / slant);
       }

@@ -10,6 +10,7 @@
 #include "exporters/proxy/ground.h"
 
 #include "base/memory.h"
+#include "maths/maths.h"
 
 enum { SWEEPS = 300, NEIGHBOURS = 8 }; /* iterations over all cells; neighbours of a cell */
 static const int dx[NEIGHBOURS] = {1, -1, 0, 0, 1, -1, 1, -1}, dy[NEIGHBOURS] = {0, 0, 1, -1, 1, -1, -1, 1};
@@ -42,10 +43,10 @@ static stiffness stiffness_at(const double *path, int64_t count, int64_t i) {
   yy = yy / n - sy * sy / n / n;
   if (xx + yy < 1)
     return out;
-  double angle = 0.5 * atan2(2 * xy, xx - yy), c = cos(angle), s = sin(angle);
+  double angle = 0.5 * pags_atan2(2 * xy, xx - yy), c = pags_cos(angle), s = pags_sin(angle);
   for (int d = 0; d < NEIGHBOURS; d++) {
-    double along = (dx[d] * c + dy[d] * s) / hypot(dx[d], dy[d]);
-    out.towards[d] = across + pow(along, 16);
+    double along = (dx[d] * c + dy[d] * s) / pags_hypot(dx[d], dy[d]);
+    out.towards[d] = across + pags_pow(along, 16);
     sum += out.towards[d];
   }
   for (int d = 0; d < NEIGHBOURS; d++)

@@ -9,6 +9,7 @@
 #include "exporters/proxy/mesh.h"
 
 #include "base/memory.h"
+#include "maths/maths.h"
 
 /* Chooses the vertices that lie farthest in `count` evenly spread directions (a spherical Fibonacci lattice for the
  * mesh scaled to a cube). The hull of at most `count` vertices has at most 2 count - 4 triangles. Writes the chosen
@@ -25,8 +26,8 @@ static int64_t farthest(const pags_proxy_mesh *s, int64_t count, int64_t *chosen
     return -1;
   for (int64_t d = 0; d < count; d++) {
     double z = 1 - (2 * (double)d + 1) / (double)count, r = sqrt(1 - z * z), angle = 2.39996322972865332 * (double)d;
-    const double direction[3] = {r * cos(angle) / (hi[0] - lo[0] + 1e-9), r * sin(angle) / (hi[1] - lo[1] + 1e-9),
-                                 z / (hi[2] - lo[2] + 1e-9)};
+    const double direction[3] = {r * pags_cos(angle) / (hi[0] - lo[0] + 1e-9),
+                                 r * pags_sin(angle) / (hi[1] - lo[1] + 1e-9), z / (hi[2] - lo[2] + 1e-9)};
     double best = -HUGE_VAL;
     int64_t at = 0;
     for (int64_t i = 0; i < s->vertex_count; i++) {

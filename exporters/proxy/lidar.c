@@ -12,6 +12,7 @@
 
 #include "base/log.h"
 #include "base/memory.h"
+#include "maths/maths.h"
 
 void pags_lidar_destroy(pags_lidar *lidar) {
   for (int64_t i = 0; lidar->objects && i < lidar->object_count; i++)
@@ -46,7 +47,7 @@ static int64_t find_boxes(const pags_scene *scene, double time, box *boxes) {
     b->object = o;
     b->middle[0] = pose[3];
     b->middle[1] = pose[7];
-    b->radius = 0.5 * hypot(record->size[0], record->size[1]) + 2 * box_margin;
+    b->radius = 0.5 * pags_hypot(record->size[0], record->size[1]) + 2 * box_margin;
     for (int k = 0; k < 3; k++)
       b->half[k] = 0.5 * record->size[k];
     pags_rigid_inverse(pose, b->box_from_world);
@@ -145,7 +146,7 @@ pags_result pags_lidar_read(const pags_scene *scene, int held_out, pags_lidar *o
   pags_lidar_destroy(out);
   if (result == PAGS_ERROR_MEMORY)
     return result;
-  pags_log(PAGS_LOG_INFO, "proxies do without LiDAR: %s", pags_error_message());
+  pags_log_message(PAGS_LOG_INFO, "proxies do without LiDAR: %s", pags_error_message());
   return PAGS_OK;
 }
 

@@ -10,6 +10,7 @@
 #include "base/embree.h"
 #include "base/memory.h"
 #include "base/vec3.h"
+#include "maths/maths.h"
 
 struct pags_mesh_query {
   RTCDevice device;
@@ -87,7 +88,7 @@ static bool visit(struct RTCPointQueryFunctionArguments *arguments) {
   memcpy(q->foot, foot, sizeof foot);
   q->primitive = arguments->primID;
   /* The radius is rounded up to float, so that rounding skips no primitive that is nearer than or as near as this. */
-  arguments->query->radius = nextafterf((float)sqrt(squared), INFINITY);
+  arguments->query->radius = pags_nextafterf((float)sqrt(squared), INFINITY);
   return true;
 }
 

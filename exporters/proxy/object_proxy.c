@@ -76,7 +76,7 @@ pags_result pags_object_proxy_make(const pags_proxy_maker *maker, int64_t object
                 (long long)topology.crossed_edges, topology.volume);
     }
     if (shape->surface.triangle_count)
-      pags_log(PAGS_LOG_INFO, "%s: %s", maker->scene->objects[object].record.id, pags_error_message());
+      pags_log_message(PAGS_LOG_INFO, "%s: %s", maker->scene->objects[object].record.id, pags_error_message());
     if (!*note || shape->surface.triangle_count)
       *note = "no closed surface could be made: the labelled box";
   }

@@ -14,6 +14,7 @@
 #include "base/sort.h"
 #include "base/vec3.h"
 #include "exporters/proxy/mesh.h"
+#include "maths/maths.h"
 
 /* A half-edge: one edge of one face. */
 typedef struct half {
@@ -87,7 +88,7 @@ static double angle_of(const pags_proxy_mesh *s, const half *h) {
   double length = sqrt(axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2]);
   double x = arm[0] * first[0] + arm[1] * first[1] + arm[2] * first[2];
   double y = arm[0] * second[0] + arm[1] * second[1] + arm[2] * second[2];
-  return atan2(y, x * length);
+  return pags_atan2(y, x * length);
 }
 
 /* Union-find over the corners of all triangles: corners of one set become one vertex. */

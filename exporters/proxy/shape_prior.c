@@ -9,6 +9,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "maths/maths.h"
 
 enum { NX = 112, NY = 56, NZ = 48, POINTS = NX * NY * NZ }; /* points 4 to 5 cm apart on a car; a mirror has 10 cm */
 static const double reach = 0.55; /* half extents of the lattice, as a share of the box's size */
@@ -154,10 +155,10 @@ pags_result pags_shape_prior_take(const pags_tsdf *grid, const double size[3], i
 static double likeness(const double a[3], const double b[3]) {
   double sum = 0;
   for (int k = 0; k < 3; k++) {
-    double r = log(a[k] / b[k]) / size_spread;
+    double r = pags_log(a[k] / b[k]) / size_spread;
     sum += r * r;
   }
-  return exp(-0.5 * sum) < least_likeness ? 0 : exp(-0.5 * sum);
+  return pags_exp(-0.5 * sum) < least_likeness ? 0 : pags_exp(-0.5 * sum);
 }
 
 /* Samples a shape at a point of its own vehicle's frame; returns how well it is known, 0..1. */
@@ -223,7 +224,8 @@ static pags_result weigh_by_cloud(const pags_shape_prior *priors, int64_t count,
         least = fmin(least, (double)misfits[f]);
     for (int64_t f = 0; f < count; f++) {
       double worse = ((double)misfits[f] - least) / (double)cloud->count;
-      weights[f] = like[f] > 0 ? like[f] * (float)(least_weight + exp(-0.5 * points * worse / (tells * tells))) : 0;
+      weights[f] =
+          like[f] > 0 ? like[f] * (float)(least_weight + pags_exp(-0.5 * points * worse / (tells * tells))) : 0;
     }
   }
   free(fits);

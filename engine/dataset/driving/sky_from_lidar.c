@@ -11,6 +11,7 @@
  * sky are static. */
 #include "dataset/driving/label_plane.h"
 #include "dataset/driving/reader.h"
+#include "maths/maths.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -36,7 +37,7 @@ typedef struct bins {
 } bins;
 
 static int bin_of(double x, double y) {
-  int bin = (int)floor((atan2(y, x) / DEGREE + 180) * BINS / 360);
+  int bin = (int)floor((pags_atan2(y, x) / DEGREE + 180) * BINS / 360);
   return bin < 0 ? 0 : bin >= BINS ? BINS - 1 : bin;
 }
 
@@ -78,7 +79,7 @@ static pags_result gather(const pags_driving *driving, int frame, const pags_cam
         d[k] = row[0] * (double)xyz[3 * i] + row[1] * (double)xyz[3 * i + 1] + row[2] * (double)xyz[3 * i + 2] +
                row[3] - c[4 * k + 3];
       }
-      double flat = hypot(d[0], d[1]), elevation = atan2(d[2], flat);
+      double flat = pags_hypot(d[0], d[1]), elevation = pags_atan2(d[2], flat);
       int bin = bin_of(d[0], d[1]);
       if (flat > closest)
         b->top[bin] = fmax(b->top[bin], elevation);
@@ -117,7 +118,7 @@ pags_result pags_sky_from_lidar(const pags_driving *driving, int frame, const pa
       double u = (x + 0.5 - camera->cx) / camera->fx, d[3];
       for (int k = 0; k < 3; k++)
         d[k] = c[4 * k] * u + c[4 * k + 1] * v + c[4 * k + 2];
-      if (d[2] > 0 && atan2(d[2], hypot(d[0], d[1])) > limit[bin_of(d[0], d[1])])
+      if (d[2] > 0 && pags_atan2(d[2], pags_hypot(d[0], d[1])) > limit[bin_of(d[0], d[1])])
         row[x] |= PAGS_LABEL_SKY;
     }
   }
