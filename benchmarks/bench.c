@@ -9,11 +9,11 @@
 
 #include <locale.h>
 #include <pags/compose.h>
-#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
 #include "base/file.h"
 #include "base/memory.h"
+#include "port/port.h"
 
 const char pags_program_name[] = "pags-bench";
 
@@ -293,7 +293,7 @@ static void print_help(void) {
 
 int main(int argc, char **argv) {
   setlocale(LC_ALL, "C");
-  signal(SIGPIPE, SIG_IGN); /* a closed pipe makes a write fail instead of killing the process */
+  pags_port_ignore_broken_pipes(); /* a closed pipe makes a write fail instead of killing the process */
   const char *const what = argc > 1 ? argv[1] : "";
   if (!strcmp(what, "--help") || !strcmp(what, "-h")) {
     print_help();

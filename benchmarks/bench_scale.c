@@ -17,10 +17,10 @@
 #include <pags/packed.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 #include "base/file.h"
 #include "base/memory.h"
 #include "base/sort.h"
+#include "port/port.h"
 
 enum { MOST_STEPS = 16, WORD = 32, FORMS = 2 };
 static const char *const form_names[FORMS] = {"shared", "packed"};
@@ -182,19 +182,6 @@ static void compose(void *user, double time, const pags_part **parts, int *count
   *count = s->count;
 }
 
-/* Returns the resident memory of the process in bytes, pages of mapped files included; 0 if the system doesn't
- * tell. */
-static int64_t resident_bytes(void) {
-  FILE *file = fopen("/proc/self/statm", "r");
-  long long all = 0, resident = 0;
-  if (!file)
-    return 0;
-  if (fscanf(file, "%lld %lld", &all, &resident) != 2)
-    resident = 0;
-  fclose(file);
-  return resident * sysconf(_SC_PAGESIZE);
-}
-
 static pags_result measure(scale_bench *self, stage *s, int form, double millions, int64_t rows_bytes) {
   const pags_bench_frames frames = {.tasks = self->arguments->session.tasks,
                                     .compose = compose,
@@ -216,7 +203,7 @@ static pags_result measure(scale_bench *self, stage *s, int form, double million
                                                    .gaussians = results[k].counts.gaussians,
                                                    .rows_bytes = rows_bytes,
                                                    .frame_bytes = frame_bytes,
-                                                   .resident = resident_bytes(),
+                                                   .resident = (int64_t)pags_port_resident_memory(),
                                                    .result = results[k]};
   pags_bench_modes_free(results, self->modes.count);
   return result;
@@ -296,7 +283,7 @@ static pags_result measure_packed(scale_bench *self, double millions) {
     result = measure(self, &s, 1, millions, (int64_t)pags_packed_bytes(&packed));
     pags_packed_destroy(&packed);
   }
-  remove(path);
+  pags_port_remove_file(path);
   free(path);
   return result;
 }

@@ -9,6 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/clock.h"
+#include "base/text.h"
+#include "port/port.h"
 #include "simd/kernels.h"
 
 enum { STEPS = 1 << 19, ROUNDS = 5, BANDWIDTH_BYTES = 256 << 20 };
@@ -69,7 +71,7 @@ typedef struct share {
 
 static pags_result measure_isa(const pags_bench_view *view, const pags_kernels *kernels, share *out) {
   memset(out, 0, sizeof *out);
-  setenv("PAGS_CPU", kernels->name, 1); /* pags_frame_create chooses its kernels by this variable */
+  pags_port_set_environment("PAGS_CPU", kernels->name); /* pags_frame_create chooses its kernels by this variable */
   pags_bench_view once = *view;
   once.repetitions = (view->repetitions + ROUNDS - 1) / ROUNDS;
   for (int round = 0; round < ROUNDS; round++) {
@@ -99,7 +101,7 @@ static pags_result measure_isa(const pags_bench_view *view, const pags_kernels *
 pags_result pags_bench_roofline(const pags_bench_view *view, FILE *people, pags_json_writer *json) {
   static const char *const names[] = {"avx512", "avx2", "neon", "scalar"};
   const char *const set = getenv("PAGS_CPU");
-  char *const before = set ? strdup(set) : NULL;
+  char *const before = set ? pags_text_copy(set) : NULL;
   const double bandwidth = read_bandwidth(view->tasks);
   pags_json_begin_object(json, "roofline");
   pags_json_put_integer(json, "threads", pags_tasks_workers(view->tasks));
@@ -148,9 +150,9 @@ pags_result pags_bench_roofline(const pags_bench_view *view, FILE *people, pags_
   }
   pags_json_end_object(json);
   if (before)
-    setenv("PAGS_CPU", before, 1);
+    pags_port_set_environment("PAGS_CPU", before);
   else
-    unsetenv("PAGS_CPU");
+    pags_port_set_environment("PAGS_CPU", NULL);
   free(before);
   return result;
 }

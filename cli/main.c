@@ -2,10 +2,10 @@
 /* The program pags: prints the general help, or finds the verb and runs it. */
 #include "cli/options.h"
 #include "cli/verbs.h"
+#include "port/port.h"
 
 #include <locale.h>
 #include <pags/base.h>
-#include <signal.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -47,9 +47,10 @@ enum { VERB_COUNT = sizeof verbs / sizeof verbs[0] };
 
 int main(int argc, char **argv) {
   setlocale(LC_ALL, "C");
+  pags_port_begin_program(&argc, &argv);
   /* with a closed pipe (`pags info x | head`), a write fails instead of killing the process with half-written
    * files */
-  signal(SIGPIPE, SIG_IGN);
+  pags_port_ignore_broken_pipes();
   if (argc < 2) {
     fprintf(stderr, "pags: no verb given; 'pags --help' lists them\n");
     return PAGS_EXIT_USAGE;

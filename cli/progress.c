@@ -4,8 +4,9 @@
 #include "cli/interrupt.h"
 
 #include <stdarg.h>
-#include <unistd.h>
+
 #include "base/clock.h"
+#include "port/port.h"
 
 static const double terminal_seconds = 0.2, plain_seconds = 10;
 
@@ -15,7 +16,7 @@ double pags_seconds(void) {
 
 pags_progress pags_progress_begin(FILE *stream) {
   pags_progress progress = {.stream = stream};
-  progress.terminal = stream && isatty(fileno(stream));
+  progress.terminal = stream && pags_port_is_terminal(stream);
   progress.shown_at = pags_seconds();
   return progress;
 }

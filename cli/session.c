@@ -9,10 +9,10 @@
 #include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 #include "base/file.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "port/port.h"
 
 static void print_log(void *user, pags_log_level level, const char *line) {
   FILE *people = user;
@@ -73,14 +73,9 @@ static pags_result try_create(const char *folder, const char *shown) {
   char *pattern = pags_path_join(folder, ".pags-XXXXXX");
   if (!pattern)
     return pags_out_of_memory(NULL);
-  int descriptor = mkstemp(pattern);
-  pags_result result = PAGS_OK;
-  if (descriptor < 0)
-    result = pags_fail(PAGS_ERROR_IO, "%s: can't write there: %s", shown, strerror(errno));
-  else {
-    close(descriptor);
-    unlink(pattern);
-  }
+  const pags_result result = pags_port_try_file(pattern)
+                                 ? PAGS_OK
+                                 : pags_fail(PAGS_ERROR_IO, "%s: can't write there: %s", shown, strerror(errno));
   free(pattern);
   return result;
 }
@@ -104,7 +99,7 @@ pags_result pags_prepare_folder(const char *path, bool *made) {
     PAGS_TRY(pags_make_dirs(path));
   pags_result result = try_create(path, path);
   if (result != PAGS_OK && !existed)
-    rmdir(path);
+    pags_port_remove_folder(path);
   if (made)
     *made = !existed;
   return result;

@@ -16,6 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/file.h"
+#include "port/port.h"
 #include "train/checkpoint.h"
 
 typedef struct info_arguments {
@@ -165,7 +166,7 @@ static pags_result describe(pags_report *report, const info_arguments *arguments
 
   /* Read the first 16 bytes, zero-filled if the file is shorter. */
   memset(head, 0, 16);
-  FILE *file = fopen(path, "rb");
+  FILE *file = pags_port_open(path, "rb");
   if (!file)
     return pags_fail(PAGS_ERROR_IO, "%s: %s", path, strerror(errno));
   size_t got = fread(head, 1, 16, file);

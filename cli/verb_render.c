@@ -14,9 +14,9 @@
 #include <pags/packed.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 #include "base/file.h"
 #include "base/memory.h"
+#include "port/port.h"
 
 typedef struct render_arguments {
   pags_session session;
@@ -413,7 +413,7 @@ static pags_result render(renderer *self, const pags_parsed *parsed, unsigned ch
   PAGS_TRY(pags_prepare_folder(arguments->output, &made));
   pags_result result = draw_all(self);
   if (result != PAGS_OK && made)
-    rmdir(arguments->output); /* fails, and so keeps the folder, if it holds any file */
+    pags_port_remove_folder(arguments->output); /* fails, and so keeps the folder, if it holds any file */
   if (result != PAGS_OK)
     return result;
 

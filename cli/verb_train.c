@@ -13,6 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/text.h"
+#include "port/port.h"
 
 typedef struct train_arguments {
   pags_session session;
@@ -420,7 +421,7 @@ int pags_verb_train(int argc, char **argv) {
 
   pags_result outcome = pags_session_begin(&arguments.session);
   /* The scene records the data set's absolute path, so that eval finds it again from any folder. */
-  char *absolute = realpath(parsed.positionals[0], NULL);
+  char *absolute = pags_port_real_path(parsed.positionals[0]);
   if (outcome == PAGS_OK)
     outcome = train(&arguments, absolute ? absolute : parsed.positionals[0], &result);
   free(absolute);

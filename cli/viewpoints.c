@@ -4,6 +4,7 @@
 #include "cli/viewpoints.h"
 
 #include "base/memory.h"
+#include "base/text.h"
 #include "cli/session.h"
 
 #include <stdlib.h>
@@ -23,7 +24,7 @@ void pags_viewpoints_destroy(pags_viewpoints *viewpoints) {
 
 static pags_result append(pags_viewpoints *viewpoints, const char *name, const pags_camera *camera) {
   pags_viewpoint *item = &viewpoints->items[viewpoints->count];
-  item->name = strdup(name);
+  item->name = pags_text_copy(name);
   item->camera = *camera;
   for (int c = 0; c < 3; c++)
     item->gain[c] = 1;

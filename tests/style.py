@@ -22,25 +22,26 @@ TEXT = re.compile(r"\.([ch]|inl|cc|py|sh|cmake|json|md)$|(^|/)(CMakeLists\.txt|M
 CODE = re.compile(r"\.([ch]|inl|cc)$")
 
 # ---- Which folder may include from which ----
-CORE = ["threads", "simd", "engine/maths", "engine/base", "engine/scene", "engine/frame"]  # the folders linked into libpags.so and the Python module
+CORE = ["engine/port", "threads", "simd", "engine/maths", "engine/base", "engine/scene", "engine/frame"]  # the folders linked into libpags.so and the Python module
 DATA = ["engine/image", "engine/dataset"]
 ENGINE = CORE + DATA + ["engine/import", "engine/init", "engine/train", "engine/eval", "engine/synth"]
 
 # A folder -> the folders, with those inside of them, that it includes from. Itself is always allowed.
 KNOWS = {
-    "threads": [],
+    "engine/port": [],
+    "threads": ["engine/port"],
     "simd": [],
     "engine/maths": [],
-    "engine/base": ["threads", "engine/maths"],
-    "engine/scene": ["threads", "engine/maths", "engine/base"],
+    "engine/base": ["engine/port", "threads", "engine/maths"],
+    "engine/scene": ["engine/port", "threads", "engine/maths", "engine/base"],
     "engine/frame": CORE,
-    "engine/image": ["threads", "engine/maths", "engine/base"],
-    "engine/dataset": ["threads", "engine/maths", "engine/base", "engine/scene", "engine/image"],
-    "engine/import": ["threads", "engine/maths", "engine/base", "engine/scene"] + DATA,
-    "engine/init": ["threads", "engine/maths", "engine/base", "engine/scene"] + DATA,
+    "engine/image": ["engine/port", "threads", "engine/maths", "engine/base"],
+    "engine/dataset": ["engine/port", "threads", "engine/maths", "engine/base", "engine/scene", "engine/image"],
+    "engine/import": ["engine/port", "threads", "engine/maths", "engine/base", "engine/scene"] + DATA,
+    "engine/init": ["engine/port", "threads", "engine/maths", "engine/base", "engine/scene"] + DATA,
     "engine/train": CORE + DATA + ["engine/init"],
-    "engine/eval": ["threads", "engine/maths", "engine/base", "engine/image"],
-    "engine/synth": ["threads", "engine/maths", "engine/base", "engine/scene"] + DATA,
+    "engine/eval": ["engine/port", "threads", "engine/maths", "engine/base", "engine/image"],
+    "engine/synth": ["engine/port", "threads", "engine/maths", "engine/base", "engine/scene"] + DATA,
     "exporters/proxy": CORE + DATA,
     "exporters/format": CORE + DATA + ["exporters/proxy"],
     "cli": ENGINE + ["exporters"],
@@ -49,6 +50,24 @@ KNOWS = {
     "examples": ENGINE + ["exporters"],
     "tests/reference": CORE + ["engine/train"],
     "tests": ENGINE + ["exporters", "cli", "blender_addon", "benchmarks", "tests/reference"],
+}
+
+# What systems differ in is asked for in one folder. POSIX threads are everywhere. Tests run on Linux alone, and examples are what users write.
+PORT = "engine/port"
+SYSTEM_HEADERS = re.compile(r"^(unistd|fcntl|dirent|dlfcn|sched|signal|poll|termios|pwd|glob|libgen|langinfo|malloc|xlocale|windows|io|direct|process"
+                            r"|sys/\w+|mach/\w+|arpa/\w+|netinet/\w+|linux/\w+|asm/\w+)\.h$")
+SYSTEM_CALLS = re.compile(r"\b(fopen|freopen|fdopen|fileno|isatty|rename|remove|unlink|rmdir|mkdir|stat|lstat|fstat|access|opendir|readdir|realpath|readlink"
+                          r"|mkstemp|mmap|munmap|fsync|fseeko|ftello|aligned_alloc|posix_memalign|clock_gettime|nanosleep|usleep|sysconf|getrusage|getrlimit"
+                          r"|setenv|unsetenv|putenv|strdup|strndup|strtok_r|getline|open_memstream|fmemopen|newlocale|uselocale|strtod_l|sigaction|signal"
+                          r"|pthread_sigmask|pthread_condattr_setclock|pthread_cond_timedwait|fork|waitpid|popen|dlopen|dlsym)\(")
+
+LIMITS = "reads limits of control groups from files below /proc and /sys, which are named in ASCII"
+SYSTEM_EXCEPTIONS = {
+    "engine/image/image.c": "pictures",
+    "engine/image/module.c": "loads OpenImageIO's module, on Linux alone",
+    "engine/image/oiio.cc": "OpenImageIO's own open and close",
+    "engine/image/png.c": "pictures",
+    "threads/limits.c": LIMITS,
 }
 
 # The folder that implements a public header.
@@ -116,6 +135,18 @@ def check_comments(path, text, names):
         for match in re.finditer(r"(?<!<)\b[a-z]\w*\.(?:c|h|cc|inl)\b(?!\w)", comment.group(0)):
             if match.group(0) not in names:
                 fault(path, text.count("\n", 0, comment.start() + match.start()) + 1, f"names {match.group(0)}, which is nowhere")
+
+
+# ---- System headers and calls ----
+def check_system(path, text):
+    if path.startswith((PORT + "/", "tests/", "examples/")) or room_of(path) is None or path in SYSTEM_EXCEPTIONS:
+        return
+    for match in re.finditer(r"^[ \t]*#[ \t]*include[ \t]*<([^>\n]+)>", text, re.M):
+        if SYSTEM_HEADERS.match(match.group(1)):
+            fault(path, text.count("\n", 0, match.start()) + 1, f"includes <{match.group(1)}>, which belongs into {PORT}")
+    code = re.sub(r"/\*.*?\*/|//[^\n]*|\"(?:\\.|[^\"\\])*\"", lambda m: re.sub(r"[^\n]", " ", m.group(0)), text, flags=re.S)
+    for match in SYSTEM_CALLS.finditer(code):
+        fault(path, code.count("\n", 0, match.start()) + 1, f"calls {match.group(1)}, which belongs into {PORT}")
 
 
 # ---- The direction of includes ----
@@ -188,6 +219,7 @@ def main():
         if CODE.search(path):
             check_includes(path, text, known)
             check_comments(path, text, names)
+            check_system(path, text)
     for path, target in EXCEPTIONS.keys() - needed:
         fault("tests/style.py", 1, f"the exception that {path} may include {target} is no longer needed")
     check_headers(files, *(sys.argv[1:3] + ["cc", "c++"][len(sys.argv) - 1:]))

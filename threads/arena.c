@@ -7,6 +7,8 @@
 #include <assert.h>
 #include <stdlib.h>
 
+#include "port/port.h"
+
 #if defined(__SANITIZE_ADDRESS__)
 #define PAGS_ARENA_ASAN 1
 #elif defined(__has_feature)
@@ -17,6 +19,7 @@
 
 #if defined(PAGS_ARENA_ASAN)
 #include <sanitizer/asan_interface.h>
+
 enum { GAP = 64 };
 #else
 #define ASAN_POISON_MEMORY_REGION(address, size) ((void)(address), (void)(size))
@@ -56,7 +59,7 @@ pags_arena *pags_arena_create(void) {
 static void free_chunks(pags_arena *arena) {
   for (size_t i = 0; i < arena->count; ++i) {
     ASAN_UNPOISON_MEMORY_REGION(arena->chunks[i].bytes, arena->chunks[i].capacity);
-    free(arena->chunks[i].bytes);
+    pags_port_aligned_free(arena->chunks[i].bytes);
     ++arena->heap_calls;
   }
   arena->count = 0;
@@ -75,7 +78,7 @@ static bool add_chunk(pags_arena *arena, size_t capacity) {
   if (arena->count == CHUNKS_MAX)
     return false;
   ++arena->heap_calls;
-  unsigned char *bytes = aligned_alloc(ALIGNMENT, capacity);
+  unsigned char *bytes = pags_port_aligned_alloc(ALIGNMENT, capacity);
   if (!bytes)
     return false;
   ASAN_POISON_MEMORY_REGION(bytes, capacity);

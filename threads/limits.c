@@ -7,16 +7,15 @@
  * don't exist are therefore skipped, and the walk always ends at the root. Both layouts of Linux are read: version 2
  * (one tree) and version 1 (a tree per controller).
  * Source: Documentation/admin-guide/cgroup-v2.rst and cgroup-v1/memory.rst of the Linux kernel. */
-#define _GNU_SOURCE /* sched_getaffinity */
 #include "limits.h"
 
 #include <pags/tasks.h>
 
 #include <inttypes.h>
-#include <sched.h>
 #include <stdio.h>
 #include <string.h>
-#include <unistd.h>
+
+#include "port/port.h"
 
 enum { PATH_BYTES = 4096 };
 
@@ -157,30 +156,10 @@ uint64_t pags_cgroup_memory(const char *root, uint64_t ceiling) {
   return cgroup_limit(root, "memory", memory_limit_v1, memory_limit_v2, ceiling);
 }
 
-/* Returns the number of processors in the affinity mask. The set must be at least as large as the kernel's, which is
- * not known, so larger and larger ones are tried. */
-static int affinity_count(void) {
-  for (int cpus = 1024; cpus <= 1 << 20; cpus *= 4) {
-    cpu_set_t *set = CPU_ALLOC((size_t)cpus);
-    if (!set)
-      break;
-    size_t bytes = CPU_ALLOC_SIZE((size_t)cpus);
-    int count = sched_getaffinity(0, bytes, set) == 0 ? CPU_COUNT_S(bytes, set) : 0;
-    CPU_FREE(set);
-    if (count > 0)
-      return count;
-  }
-  long online = sysconf(_SC_NPROCESSORS_ONLN);
-  return online > 0 ? (int)online : 1;
-}
-
 int pags_available_threads(void) {
-  return pags_cgroup_threads("", affinity_count());
+  return pags_cgroup_threads("", pags_port_processors());
 }
 
 uint64_t pags_available_memory(void) {
-  long pages = sysconf(_SC_PHYS_PAGES);
-  long page_bytes = sysconf(_SC_PAGESIZE);
-  uint64_t physical = pages > 0 && page_bytes > 0 ? (uint64_t)pages * (uint64_t)page_bytes : UINT64_MAX;
-  return pags_cgroup_memory("", physical);
+  return pags_cgroup_memory("", pags_port_physical_memory());
 }

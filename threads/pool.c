@@ -14,10 +14,10 @@
 
 #include <assert.h>
 #include <pthread.h>
-#include <signal.h>
 #include <stdatomic.h>
 #include <stdlib.h>
-#include <time.h>
+
+#include "port/port.h"
 
 /* How long a thread spins before it sleeps: a few times the cost of a wake-up through the kernel (5 to 10 us). */
 enum { SPIN_NANOSECONDS = 40000 };
@@ -91,12 +91,6 @@ static void relax(void) {
 #endif
 }
 
-static int64_t now_nanoseconds(void) {
-  struct timespec now;
-  clock_gettime(CLOCK_MONOTONIC, &now);
-  return (int64_t)now.tv_sec * 1000000000 + now.tv_nsec;
-}
-
 /* Spins until `ready` returns true, for at most about SPIN_NANOSECONDS. Returns whether it did. */
 static bool spin_until(bool (*ready)(pags_tasks *), pags_tasks *tasks) {
   int64_t deadline = 0;
@@ -106,7 +100,7 @@ static bool spin_until(bool (*ready)(pags_tasks *), pags_tasks *tasks) {
         return true;
       relax();
     }
-    int64_t now = now_nanoseconds();
+    int64_t now = pags_port_clock_ns();
     if (deadline == 0)
       deadline = now + SPIN_NANOSECONDS;
     else if (now >= deadline)
@@ -361,9 +355,7 @@ static void *worker_main(void *argument) {
 
 /* Starts the worker threads with all signals blocked: signal handlers run on the threads of the program. */
 static bool start_workers(pags_tasks *tasks) {
-  sigset_t all, before;
-  sigfillset(&all);
-  pthread_sigmask(SIG_SETMASK, &all, &before);
+  const pags_port_signals before = pags_port_block_signals();
   bool started = true;
   for (int i = 1; i < tasks->workers && started; ++i) {
     hand *h = &tasks->crew[i];
@@ -371,7 +363,7 @@ static bool start_workers(pags_tasks *tasks) {
     started = pthread_create(&h->thread, NULL, worker_main, h) == 0;
     tasks->started += started;
   }
-  pthread_sigmask(SIG_SETMASK, &before, NULL);
+  pags_port_restore_signals(&before);
   return started;
 }
 
@@ -388,7 +380,7 @@ static bool create_arenas(pags_tasks *tasks) {
 }
 
 static pags_tasks *create_without_threads(int workers) {
-  pags_tasks *tasks = aligned_alloc(_Alignof(pags_tasks), sizeof *tasks);
+  pags_tasks *tasks = pags_port_aligned_alloc(_Alignof(pags_tasks), sizeof *tasks);
   if (!tasks)
     return NULL;
   *tasks = (pags_tasks){.workers = workers};
@@ -451,7 +443,7 @@ void pags_tasks_destroy(pags_tasks *tasks) {
   pthread_mutex_destroy(&tasks->lock);
   free(tasks->arenas);
   free(tasks->crew);
-  free(tasks);
+  pags_port_aligned_free(tasks);
 }
 
 int pags_tasks_workers(const pags_tasks *tasks) {

@@ -5,7 +5,8 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
+
+#include "port/port.h"
 
 pags_result native_job_compose(native_scene *scene, const native_job *job, const pags_part **parts, int *count) {
   if (job->placements)
@@ -48,22 +49,18 @@ static void cancel(native_job *job) {
 /* Waits at most so many seconds; < 0: until the job is done. */
 static bool wait_for(native_job *job, double seconds) {
   native_renderer *r = (native_renderer *)job->renderer;
-  struct timespec until;
   if (!r)
     return true;
-  clock_gettime(CLOCK_MONOTONIC, &until);
-  if (seconds >= 0) {
-    double whole = floor(seconds < 1e6 ? seconds : 1e6);
-    until.tv_sec += (time_t)whole;
-    until.tv_nsec += (long)((seconds < 1e6 ? seconds - whole : 0) * 1e9);
-    until.tv_sec += until.tv_nsec / 1000000000;
-    until.tv_nsec %= 1000000000;
-  }
+  const int64_t begin = pags_port_clock_ns();
+  double left = seconds;
   pthread_mutex_lock(&r->lock);
-  int late = 0;
-  while (job->state != JOB_DONE && !late)
-    late = seconds < 0 ? pthread_cond_wait(&r->finished, &r->lock)
-                       : pthread_cond_timedwait(&r->finished, &r->lock, &until);
+  while (job->state != JOB_DONE && (seconds < 0 || left > 0)) {
+    if (seconds < 0)
+      pthread_cond_wait(&r->finished, &r->lock);
+    else
+      pags_port_condition_wait(&r->finished, &r->lock, left);
+    left = seconds - 1e-9 * (double)(pags_port_clock_ns() - begin);
+  }
   bool done = job->state == JOB_DONE;
   pthread_mutex_unlock(&r->lock);
   return done;

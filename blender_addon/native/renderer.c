@@ -1,14 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Renderer: a thread with a thread pool of its own that renders submitted jobs in order. */
 #include "blender_addon/native/job.h"
+#include "port/port.h"
 
 #include <string.h>
-#include <time.h>
 
 static double now_ms(void) {
-  struct timespec t;
-  clock_gettime(CLOCK_MONOTONIC, &t);
-  return (double)t.tv_sec * 1e3 + (double)t.tv_nsec * 1e-6;
+  return (double)pags_port_clock_ns() * 1e-6;
 }
 
 /* ---- The renderer's thread ---- */
@@ -89,12 +87,8 @@ static void *serve(void *context) {
 static bool start(native_renderer *self, int threads) {
   if (pthread_mutex_init(&self->lock, NULL) != 0)
     return false;
-  pthread_condattr_t attributes;
-  pthread_condattr_init(&attributes);
-  pthread_condattr_setclock(&attributes, CLOCK_MONOTONIC);
   pthread_cond_init(&self->wake, NULL);
-  pthread_cond_init(&self->finished, &attributes);
-  pthread_condattr_destroy(&attributes);
+  pags_port_condition_create(&self->finished);
   self->has_lock = true;
   self->tasks = pags_tasks_create(threads);
   if (!self->tasks)

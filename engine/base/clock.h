@@ -3,12 +3,10 @@
 #ifndef PAGS_BASE_CLOCK_H
 #define PAGS_BASE_CLOCK_H
 
-#include <time.h>
+#include "port/port.h"
 
 static inline double pags_clock_ms(void) {
-  struct timespec t;
-  clock_gettime(CLOCK_MONOTONIC, &t);
-  return (double)t.tv_sec * 1e3 + (double)t.tv_nsec * 1e-6;
+  return (double)pags_port_clock_ns() * 1e-6;
 }
 
 /* Returns the milliseconds since *since and sets *since to the present time. */

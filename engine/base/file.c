@@ -6,20 +6,12 @@
 
 #include <assert.h>
 #include <errno.h>
-#include <fcntl.h>
-#include <limits.h>
-#include <pthread.h>
-#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/socket.h>
-#include <sys/stat.h>
-#include <sys/un.h>
-#include <time.h>
-#include <unistd.h>
 
 #include "base/memory.h"
 #include "base/text.h"
+#include "port/port.h"
 
 pags_result pags_fail_errno(const char *path, const char *what) {
   return pags_fail(errno == ENOMEM ? PAGS_ERROR_MEMORY : PAGS_ERROR_IO, "%s: %s: %s", path, what, strerror(errno));
@@ -29,23 +21,23 @@ pags_result pags_fail_errno(const char *path, const char *what) {
 
 /* Opens a regular file for reading and returns its size in bytes; anything else is refused. */
 static pags_result open_regular(const char *path, FILE **stream, uint64_t *size) {
-  struct stat status;
-  *stream = fopen(path, "rb");
+  pags_port_status status;
+  *stream = pags_port_open(path, "rb");
   if (!*stream)
     return pags_fail_errno(path, "can't open");
   pags_result result = PAGS_OK;
-  if (fstat(fileno(*stream), &status) != 0)
+  if (!pags_port_stream_stat(*stream, &status))
     result = pags_fail_errno(path, "can't open");
-  else if (S_ISDIR(status.st_mode))
+  else if (status.kind == PAGS_PORT_FOLDER)
     result = pags_fail(PAGS_ERROR_IO, "%s: expected a file, found a folder", path);
-  else if (!S_ISREG(status.st_mode))
+  else if (status.kind != PAGS_PORT_FILE)
     result = pags_fail(PAGS_ERROR_IO, "%s: expected a regular file", path);
   if (result != PAGS_OK) {
     fclose(*stream);
     *stream = NULL;
     return result;
   }
-  *size = (uint64_t)status.st_size;
+  *size = status.size;
   return PAGS_OK;
 }
 
@@ -86,52 +78,42 @@ pags_result pags_file_read(const char *path, uint8_t **bytes, size_t *size) {
 
 /* ---- Finding the target of a write ---- */
 
-/* Returns whether a link lies in /proc. Such links, like the target of /dev/stdout, lead to open descriptors, not to
- * paths. */
-static bool is_of_proc(const struct stat *link) {
-  struct stat proc;
-  return stat("/proc", &proc) == 0 && link->st_dev == proc.st_dev;
-}
-
 /* Returns the path that the symbolic link `path` points to, one step only, freed by the caller; NULL with errno. */
 static char *follow_link(const char *path) {
-  char to[PATH_MAX];
-  const ssize_t length = readlink(path, to, sizeof to);
-  if (length < 0 || length == (ssize_t)sizeof to) {
-    errno = length < 0 ? errno : ENAMETOOLONG;
+  char *to = pags_port_read_link(path);
+  if (!to)
     return NULL;
-  }
-  to[length] = 0;
   char *folder = pags_path_folder(path);
   char *next = folder ? pags_path_join(folder, to) : NULL;
   free(folder);
+  free(to);
   errno = ENOMEM;
   return next;
 }
 
 pags_result pags_file_find_target(const char *path, char **target, bool *straight) {
   enum { MOST_LINKS = 40 }; /* as many as Linux follows */
-  struct stat status;
+  pags_port_status status;
   *target = NULL;
   *straight = false;
-  const bool there = stat(path, &status) == 0;
+  const bool there = pags_port_stat(path, true, &status);
   if (!there && errno == ELOOP)
     return pags_fail(PAGS_ERROR_IO, "%s: can't write: its links lead in a loop", path);
   if (!there && errno != ENOENT)
     return pags_fail_errno(path, "can't write");
-  if (there && S_ISDIR(status.st_mode))
+  if (there && status.kind == PAGS_PORT_FOLDER)
     return pags_fail(PAGS_ERROR_IO, "%s: can't write a file, a folder of that name exists", path);
-  /* A rename needs no permission for the file it replaces, and access() allows root everything: so both the mode and
-   * access() are asked, and a read-only file isn't replaced. */
-  if (there && !(status.st_mode & (S_IWUSR | S_IWGRP | S_IWOTH)))
-    return pags_fail(PAGS_ERROR_IO, "%s: can't write: it is read-only (mode %04o)", path,
-                     (unsigned)(status.st_mode & 07777));
-  if (there && access(path, W_OK) != 0)
+  /* A rename needs no permission for the file it replaces, and root may write everything: so both the mode and the
+   * permission are asked, and a read-only file isn't replaced. */
+  if (there && !(status.mode & 0222))
+    return pags_fail(PAGS_ERROR_IO, "%s: can't write: it is read-only (mode %04o)", path, status.mode);
+  if (there && status.kind != PAGS_PORT_DEVICE && !pags_port_may_write(path))
     return pags_fail_errno(path, "can't write");
-  *straight = there && !S_ISREG(status.st_mode);
+  *straight = there && status.kind != PAGS_PORT_FILE;
   char *at = pags_text_copy(path);
-  for (int links = 0; at && !*straight && lstat(at, &status) == 0 && S_ISLNK(status.st_mode); links++) {
-    if (is_of_proc(&status)) {
+  for (int links = 0; at && !*straight && pags_port_stat(at, false, &status) && status.kind == PAGS_PORT_LINK;
+       links++) {
+    if (status.of_proc) {
       *straight = true;
       break;
     }
@@ -150,73 +132,15 @@ pags_result pags_file_find_target(const char *path, char **target, bool *straigh
   return PAGS_OK;
 }
 
-/* Opens `path` for writing without a part file; connects to it if it is a socket. Returns the descriptor, -1 with
- * errno. Regular files are opened to append, since those that come here are logs or the program's own output
- * (/dev/stdout). Devices are not: with O_APPEND a block device would be written to behind its end. */
-static int open_straight(const char *path) {
-  struct stat status;
-  const int common = O_WRONLY | O_NOCTTY | O_CLOEXEC;
-  if (stat(path, &status) != 0)
-    return open(path, common | O_CREAT | O_APPEND, 0666);
-  if (S_ISSOCK(status.st_mode)) {
-    struct sockaddr_un address = {.sun_family = AF_UNIX};
-    if (strlen(path) >= sizeof address.sun_path) {
-      errno = ENAMETOOLONG;
-      return -1;
-    }
-    memcpy(address.sun_path, path, strlen(path) + 1);
-    const int descriptor = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
-    if (descriptor >= 0 && connect(descriptor, (const struct sockaddr *)&address, sizeof address) != 0) {
-      const int error = errno;
-      close(descriptor);
-      errno = error;
-      return -1;
-    }
-    return descriptor;
-  }
-  return open(path, common | (S_ISREG(status.st_mode) ? O_APPEND : 0));
-}
-
-/* If the reader of a FIFO or a socket goes away, a write must fail, not end the process by SIGPIPE. The signal is
- * blocked on this thread while it writes, and a signal that came meanwhile is consumed. No handler is set, since that
- * is not for a library to do. */
-typedef struct held_signal {
-  sigset_t before; /* signal mask before the write */
-  bool pending;    /* SIGPIPE was pending before the write already: must stay so */
-} held_signal;
-
-static held_signal hold_sigpipe(void) {
-  held_signal held;
-  sigset_t pending, pipe;
-  sigemptyset(&pending);
-  sigpending(&pending);
-  held.pending = sigismember(&pending, SIGPIPE) == 1;
-  sigemptyset(&pipe);
-  sigaddset(&pipe, SIGPIPE);
-  pthread_sigmask(SIG_BLOCK, &pipe, &held.before);
-  return held;
-}
-
-static void release_sigpipe(const held_signal *held) {
-  const int error = errno;
-  sigset_t pipe;
-  sigemptyset(&pipe);
-  sigaddset(&pipe, SIGPIPE);
-  while (!held->pending && sigtimedwait(&pipe, NULL, &(struct timespec){0}) < 0 && errno == EINTR)
-    ;
-  pthread_sigmask(SIG_SETMASK, &held->before, NULL);
-  errno = error;
-}
-
 /* ---- Writing ---- */
 
 void pags_file_writer_abort(pags_file_writer *writer) {
   if (writer->stream) {
-    const held_signal held = hold_sigpipe();
+    const pags_port_signals held = pags_port_hold_broken_pipe();
     fclose(writer->stream);
-    release_sigpipe(&held);
+    pags_port_release_broken_pipe(&held);
     if (writer->part)
-      unlink(writer->part);
+      pags_port_remove_file(writer->part);
   }
   free(writer->path);
   free(writer->target);
@@ -232,45 +156,35 @@ static pags_result writer_fail(pags_file_writer *writer, const char *what) {
 
 /* Opens the part file TARGET.part. One that a killed process has left is overwritten; anything else than a regular
  * file of that name is an error. */
-static pags_result open_part(pags_file_writer *writer, int *descriptor) {
-  struct stat status;
+static pags_result open_part(pags_file_writer *writer) {
+  pags_port_status status;
   const size_t length = strlen(writer->target);
   writer->part = malloc(length + sizeof ".part");
   if (!writer->part)
     return pags_out_of_memory("%s", writer->path);
   memcpy(writer->part, writer->target, length);
   memcpy(writer->part + length, ".part", sizeof ".part");
-  if (lstat(writer->part, &status) == 0 && !S_ISREG(status.st_mode))
+  if (pags_port_stat(writer->part, false, &status) && status.kind != PAGS_PORT_FILE)
     return pags_fail(PAGS_ERROR_IO, "%s: can't write: %s is in the way; expected a regular file there or nothing",
                      writer->path, writer->part);
-  *descriptor = open(writer->part, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC | O_NOFOLLOW, 0666);
-  if (*descriptor < 0 && (errno == EACCES || errno == EROFS))
+  writer->stream = pags_port_open_part(writer->part);
+  if (!writer->stream && (errno == EACCES || errno == EROFS))
     return pags_fail_errno(writer->path, "can't write into its folder");
-  return *descriptor < 0 ? pags_fail_errno(writer->path, "can't write") : PAGS_OK;
+  return writer->stream ? PAGS_OK : pags_fail_errno(writer->path, "can't write");
 }
 
 /* Opens the writer on `path`: on a part file, or directly on what can't be replaced or is to be appended to. */
 static pags_result writer_open(pags_file_writer *writer, const char *path, bool append) {
   bool straight = false;
-  int descriptor = -1;
   *writer = (pags_file_writer){0};
   PAGS_TRY(pags_file_find_target(path, &writer->target, &straight));
   writer->path = pags_text_copy(path);
   pags_result result = writer->path ? PAGS_OK : pags_out_of_memory("%s", path);
   if (result == PAGS_OK && (straight || append)) {
-    descriptor = open_straight(writer->target);
-    result = descriptor < 0 ? pags_fail_errno(path, "can't write") : PAGS_OK;
+    writer->stream = pags_port_open_straight(writer->target);
+    result = writer->stream ? PAGS_OK : pags_fail_errno(path, "can't write");
   } else if (result == PAGS_OK) {
-    result = open_part(writer, &descriptor);
-  }
-  if (result == PAGS_OK) {
-    writer->stream = fdopen(descriptor, "wb");
-    if (!writer->stream) {
-      result = pags_fail_errno(path, "can't write");
-      close(descriptor);
-      if (writer->part)
-        unlink(writer->part);
-    }
+    result = open_part(writer);
   }
   if (result != PAGS_OK)
     pags_file_writer_abort(writer);
@@ -289,12 +203,12 @@ pags_result pags_file_writer_append(pags_file_writer *writer, const char *path) 
 
 pags_result pags_file_writer_put(pags_file_writer *writer, const void *bytes, size_t size) {
   assert(writer->stream);
-  held_signal held;
+  pags_port_signals held;
   if (!writer->part) /* part files raise no signal: saves system calls for many small puts */
-    held = hold_sigpipe();
+    held = pags_port_hold_broken_pipe();
   const bool written = !size || fwrite(bytes, 1, size, writer->stream) == size;
   if (!writer->part)
-    release_sigpipe(&held);
+    pags_port_release_broken_pipe(&held);
   return written ? PAGS_OK : writer_fail(writer, "can't write");
 }
 
@@ -302,27 +216,26 @@ pags_result pags_file_writer_put(pags_file_writer *writer, const void *bytes, si
 static bool flush_and_sync(pags_file_writer *writer, bool sync) {
   if (fflush(writer->stream) != 0)
     return false;
-  return !sync || fsync(fileno(writer->stream)) == 0 ||
-         (!writer->part && (errno == EINVAL || errno == EROFS || errno == ENOTSUP));
+  return !sync || pags_port_sync(writer->stream);
 }
 
 /* Flushes, closes and, for a part file, renames it to the target; on failure the part file is removed. */
 static pags_result writer_finish(pags_file_writer *writer, bool sync) {
   assert(writer->stream);
-  const held_signal held = hold_sigpipe();
+  const pags_port_signals held = pags_port_hold_broken_pipe();
   bool done = flush_and_sync(writer, sync);
   if (done) {
     done = fclose(writer->stream) == 0;
     writer->stream = NULL;
     if (writer->part) {
-      done = done && rename(writer->part, writer->target) == 0;
+      done = done && pags_port_rename(writer->part, writer->target);
       const int error = errno;
       if (!done)
-        unlink(writer->part);
+        pags_port_remove_file(writer->part);
       errno = error;
     }
   }
-  release_sigpipe(&held);
+  pags_port_release_broken_pipe(&held);
   if (!done)
     return writer_fail(writer, "can't write");
   pags_file_writer_abort(writer); /* the stream is closed already: this only frees the names */
@@ -351,16 +264,16 @@ pags_result pags_file_write_unsynced(const char *path, const void *bytes, size_t
 /* ---- Existence ---- */
 
 bool pags_file_exists(const char *path) {
-  struct stat status;
-  return stat(path, &status) == 0 && S_ISREG(status.st_mode);
+  pags_port_status status;
+  return pags_port_stat(path, true, &status) && status.kind == PAGS_PORT_FILE;
 }
 
 bool pags_dir_exists(const char *path) {
-  struct stat status;
-  return stat(path, &status) == 0 && S_ISDIR(status.st_mode);
+  pags_port_status status;
+  return pags_port_stat(path, true, &status) && status.kind == PAGS_PORT_FOLDER;
 }
 
 bool pags_path_exists(const char *path) {
-  struct stat status;
-  return lstat(path, &status) == 0;
+  pags_port_status status;
+  return pags_port_stat(path, false, &status);
 }

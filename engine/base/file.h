@@ -68,7 +68,7 @@ char *pags_path_folder(const char *path);
 /* Returns the extension with its dot, "" if there is none: a pointer into `path`. */
 const char *pags_path_extension(const char *path);
 /* Returns whether `path` is relative and stays inside of the folder it is relative to: not empty, no leading slash,
- * no component "..". */
+ * no drive, no component "..", with '\\' as a separator, too. */
 bool pags_path_is_inside(const char *path);
 
 /* Creates the folder and its parents where they are missing. */

@@ -1,16 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Creates, lists and removes folders (base/file.h). */
-#include <dirent.h>
 #include <errno.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
-#include <unistd.h>
 
 #include "base/file.h"
 #include "base/memory.h"
 #include "base/sort.h"
 #include "base/text.h"
+#include "port/port.h"
 
 bool pags_folder_has(const char *folder, const char *name) {
   char *path = pags_path_join(folder, name);
@@ -24,7 +22,7 @@ static pags_result fail_memory(const char *path) {
 }
 
 static pags_result make_dir(const char *path) {
-  if (mkdir(path, 0777) == 0 || (errno == EEXIST && pags_dir_exists(path)))
+  if (pags_port_make_folder(path) || (errno == EEXIST && pags_dir_exists(path)))
     return PAGS_OK;
   return pags_fail_errno(path, "can't make the folder");
 }
@@ -51,10 +49,6 @@ static int compare_names(const void *a, const void *b) {
   return strcmp(*(char *const *)a, *(char *const *)b);
 }
 
-static bool is_dots(const char *name) {
-  return strcmp(name, ".") == 0 || strcmp(name, "..") == 0;
-}
-
 /* Appends a copy of `name` to the list; false if out of memory. */
 static bool append_name(pags_dir_list *list, int64_t *capacity, const char *name) {
   if (list->count == *capacity) {
@@ -71,25 +65,24 @@ static bool append_name(pags_dir_list *list, int64_t *capacity, const char *name
 
 pags_result pags_dir_list_read(const char *path, pags_dir_list *out) {
   *out = (pags_dir_list){0};
-  DIR *dir = opendir(path);
+  pags_port_folder *dir = pags_port_folder_open(path);
   if (!dir)
     return pags_fail_errno(path, "can't list the folder");
   pags_result result = PAGS_OK;
   int64_t capacity = 0;
   for (;;) {
-    errno = 0;
-    struct dirent *entry = readdir(dir);
-    if (!entry) {
+    const char *name = pags_port_folder_next(dir);
+    if (!name) {
       if (errno)
         result = pags_fail_errno(path, "can't list the folder");
       break;
     }
-    if (!is_dots(entry->d_name) && !append_name(out, &capacity, entry->d_name)) {
+    if (!append_name(out, &capacity, name)) {
       result = fail_memory(path);
       break;
     }
   }
-  closedir(dir);
+  pags_port_folder_close(dir);
   if (result != PAGS_OK)
     pags_dir_list_destroy(out);
   else if (out->count)
@@ -116,10 +109,10 @@ pags_result pags_dir_is_empty(const char *path, bool *empty) {
 }
 
 pags_result pags_remove_tree(const char *path) {
-  struct stat status;
-  if (lstat(path, &status) != 0)
+  pags_port_status status;
+  if (!pags_port_stat(path, false, &status))
     return errno == ENOENT ? PAGS_OK : pags_fail_errno(path, "can't remove");
-  if (S_ISDIR(status.st_mode)) {
+  if (status.kind == PAGS_PORT_FOLDER) {
     pags_dir_list list;
     PAGS_TRY(pags_dir_list_read(path, &list));
     pags_result result = PAGS_OK;
@@ -131,7 +124,7 @@ pags_result pags_remove_tree(const char *path) {
     pags_dir_list_destroy(&list);
     PAGS_TRY(result);
 
-    return rmdir(path) == 0 ? PAGS_OK : pags_fail_errno(path, "can't remove the folder");
+    return pags_port_remove_folder(path) ? PAGS_OK : pags_fail_errno(path, "can't remove the folder");
   }
-  return unlink(path) == 0 ? PAGS_OK : pags_fail_errno(path, "can't remove");
+  return pags_port_remove_file(path) ? PAGS_OK : pags_fail_errno(path, "can't remove");
 }

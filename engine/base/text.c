@@ -3,42 +3,23 @@
  * strings. */
 #include "base/text.h"
 
-#include <locale.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-/* The C locale for the calling thread, entered and left. The host program may have called setlocale, by which strtod
- * may stop at the point of "0.5"; uselocale changes the calling thread only. If newlocale fails, the host's locale
- * stays. */
-typedef struct c_locale {
-  locale_t c, previous;
-} c_locale;
+#include "port/port.h"
 
-static c_locale c_locale_enter(void) {
-  c_locale scope = {newlocale(LC_ALL_MASK, "C", (locale_t)0), (locale_t)0};
-  if (scope.c != (locale_t)0)
-    scope.previous = uselocale(scope.c);
-  return scope;
-}
-
-static void c_locale_leave(c_locale scope) {
-  if (scope.c == (locale_t)0)
-    return;
-  uselocale(scope.previous);
-  freelocale(scope.c);
-}
-
+/* The host program may have called setlocale, by which strtod may stop at the point of "0.5". */
 double pags_text_to_double(const char *text, char **end) {
-  c_locale scope = c_locale_enter();
+  const pags_port_locale scope = pags_port_enter_c_locale();
   double value = strtod(text, end);
-  c_locale_leave(scope);
+  pags_port_leave_c_locale(scope);
   return value;
 }
 
 int pags_text_from_double(double value, char out[PAGS_DOUBLE_TEXT]) {
-  c_locale scope = c_locale_enter();
+  const pags_port_locale scope = pags_port_enter_c_locale();
   int length = 0;
   for (int digits = 15; digits <= 17; digits++) {
     length = snprintf(out, PAGS_DOUBLE_TEXT, "%.*g", digits, value);
@@ -46,7 +27,7 @@ int pags_text_from_double(double value, char out[PAGS_DOUBLE_TEXT]) {
     if (memcmp(&back, &value, sizeof back) == 0)
       break;
   }
-  c_locale_leave(scope);
+  pags_port_leave_c_locale(scope);
   return length;
 }
 

@@ -19,6 +19,7 @@
 #include "base/rng.h"
 #include "dataset/focus.h"
 #include "maths/maths.h"
+#include "port/port.h"
 
 #include <assert.h>
 #include <math.h>
@@ -120,7 +121,7 @@ static void load_block(void *context, int64_t begin, int64_t end, int worker) {
       m->results[i] = keep_photo(&photo, &m->pictures[i]);
     if (m->results[i] != PAGS_OK)
       snprintf(m->messages[i], sizeof m->messages[i], "%s", pags_error_message());
-    free(photo.planes);
+    pags_port_aligned_free(photo.planes);
   }
 }
 

@@ -7,6 +7,7 @@
 #include "dataset/driving/label_plane.h"
 #include "dataset/undistort.h"
 #include "image/resample.h"
+#include "port/port.h"
 
 #include <assert.h>
 #include <math.h>
@@ -123,7 +124,7 @@ static pags_result split(const pictures *p, bool has_labels, pags_photo_data *ou
   out->has_labels = has_labels;
   uint64_t plane = plane_bytes(out->width, out->height);
   uint64_t bytes = plane * (uint64_t)(3 + out->has_mask + out->has_labels);
-  out->planes = aligned_alloc(64, (size_t)((bytes + 63) & ~(uint64_t)63));
+  out->planes = pags_port_aligned_alloc(64, (size_t)((bytes + 63) & ~(uint64_t)63));
   if (!out->planes)
     return pags_out_of_memory("a photograph of %d x %d pixels", out->width, out->height);
   const uint8_t *colour = p->colour.data;
@@ -148,7 +149,7 @@ static pags_result add_labels(const pags_dataset *dataset, int64_t index, const 
   pags_result result = pags_label_plane_add(dataset, index, target, out->stride, plane);
   if (result == PAGS_OK)
     return PAGS_OK;
-  free(out->planes);
+  pags_port_aligned_free(out->planes);
   memset(out, 0, sizeof *out);
   return result;
 }

@@ -18,6 +18,7 @@
 
 #include "base/memory.h"
 #include "base/text.h"
+#include "port/port.h"
 
 typedef enum slot_state { EMPTY, DECODING, READY } slot_state;
 
@@ -76,7 +77,7 @@ static uint64_t held_bytes(const pags_photo_data *data) {
 
 static void drop(pags_photo_cache *cache, slot *s) {
   assert(s->state != DECODING);
-  free(s->data.planes);
+  pags_port_aligned_free(s->data.planes);
   free(s->message);
   s->message = NULL;
   memset(&s->data, 0, sizeof s->data);

@@ -82,16 +82,25 @@ static pags_result read_format(ply *p) {
              : fail(p, "'format ascii 1.0' or 'format binary_little_endian 1.0'");
 }
 
+/* Cuts the next word off `*rest`; NULL at the end. */
+static char *next_word(char **rest) {
+  char *const word = *rest + strspn(*rest, " ");
+  *rest = word + strcspn(word, " ");
+  if (**rest)
+    *(*rest)++ = 0;
+  return *word ? word : NULL;
+}
+
 static pags_result read_header(ply *p) {
   char line[256];
   bool in_vertex = false, seen_vertex = false;
   PAGS_TRY(read_format(p));
   for (;;) {
     PAGS_TRY(next_line(p, line));
-    char *rest = NULL, *word = strtok_r(line, " ", &rest);
+    char *rest = line, *word = next_word(&rest);
     if (!word || strcmp(word, "comment") == 0 || strcmp(word, "obj_info") == 0)
       continue;
-    char *second = strtok_r(NULL, " ", &rest), *third = strtok_r(NULL, " ", &rest);
+    char *second = next_word(&rest), *third = next_word(&rest);
     if (strcmp(word, "end_header") == 0)
       break;
     if (strcmp(word, "element") == 0 && second && third) {

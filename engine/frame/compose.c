@@ -17,6 +17,7 @@
 #include "base/json.h"
 #include "base/memory.h"
 #include "maths/maths.h"
+#include "port/port.h"
 #include "scene/packed_rows.h"
 
 enum { CLUSTER_SIZE = 64, ALIGNMENT = 64 };
@@ -107,7 +108,7 @@ static pags_result add_one_group(pags_composition *c, const pags_gaussians *mode
   for (int64_t i = 0; i < count; i++)
     added->id[i] = first_id + (int32_t)index[i];
   if (added->gaussians.fourier) {
-    added->dc = aligned_alloc(ALIGNMENT, (size_t)added->gaussians.stride * 3 * sizeof *added->dc);
+    added->dc = pags_port_aligned_alloc(ALIGNMENT, (size_t)added->gaussians.stride * 3 * sizeof *added->dc);
     if (!added->dc)
       return out_of_memory(c);
     memset(added->dc, 0, (size_t)added->gaussians.stride * 3 * sizeof *added->dc);
@@ -225,7 +226,7 @@ void pags_composition_destroy(pags_composition *composition) {
     pags_clusters_destroy(&composition->groups[i].clusters);
     pags_packed_destroy(&composition->groups[i].packed);
     free(composition->groups[i].id);
-    free(composition->groups[i].dc);
+    pags_port_aligned_free(composition->groups[i].dc);
   }
   free(composition->groups);
   free(composition->additions);

@@ -8,6 +8,7 @@
 
 #include "base/memory.h"
 #include "frame/stages.h"
+#include "port/port.h"
 
 /* Sets the planes' size, padded to whole tiles, and grows their memory where needed; it never shrinks. */
 static pags_result prepare_planes(pags_frame *frame) {
@@ -18,9 +19,9 @@ static pags_result prepare_planes(pags_frame *frame) {
   frame->plane_size = (int64_t)frame->stride * frame->rows;
   if (frame->plane_size <= frame->plane_capacity)
     return PAGS_OK;
-  free(frame->planes);
+  pags_port_aligned_free(frame->planes);
   frame->plane_capacity = 0;
-  frame->planes = aligned_alloc(64, (size_t)frame->plane_size * PLANE_COUNT * sizeof(float));
+  frame->planes = pags_port_aligned_alloc(64, (size_t)frame->plane_size * PLANE_COUNT * sizeof(float));
   frame->plane_calls++;
   if (!frame->planes)
     return pags_out_of_memory("a picture of %d x %d", frame->camera.width, frame->camera.height);

@@ -5,6 +5,7 @@
 
 #include "base/memory.h"
 #include "frame/stages.h"
+#include "port/port.h"
 
 pags_result pags_frame_create(pags_tasks *tasks, pags_frame **out) {
   *out = NULL;
@@ -29,7 +30,7 @@ void pags_frame_destroy(pags_frame *frame) {
   if (!frame)
     return;
   pags_arena_destroy(frame->arena);
-  free(frame->planes);
+  pags_port_aligned_free(frame->planes);
   free(frame);
 }
 

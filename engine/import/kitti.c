@@ -19,6 +19,7 @@
 #include "import/kitti_files.h"
 #include "import/kitti_tracks.h"
 #include "import/kitti_tree.h"
+#include "port/port.h"
 
 enum { CAMERAS = 2 };
 
@@ -258,7 +259,7 @@ static pags_result read_tracks(importer *im) {
 }
 
 static pags_result set_info(importer *im) {
-  char *full = realpath(im->tree.root, NULL);
+  char *full = pags_port_real_path(im->tree.root);
   const size_t size = full ? strlen(full) + strlen(im->tree.sequence) + 32 : 0;
   im->source = full ? malloc(size) : NULL;
   if (im->source)

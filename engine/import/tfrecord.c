@@ -12,6 +12,7 @@
 #include "base/file.h"
 #include "base/memory.h"
 #include "base/text.h"
+#include "port/port.h"
 
 enum { HEADER = 12, FOOTER = 4, SLICES = 8 };
 
@@ -79,7 +80,7 @@ pags_result pags_tfrecord_open(const char *path, pags_tfrecord **out) {
     free(reader);
     return pags_out_of_memory("%s", path);
   }
-  reader->stream = fopen(path, "rb");
+  reader->stream = pags_port_open(path, "rb");
   if (!reader->stream) {
     const pags_result result = pags_fail(PAGS_ERROR_IO, "%s: %s", path, strerror(errno));
     pags_tfrecord_close(reader);
@@ -179,7 +180,7 @@ pags_result pags_tfrecord_skip(pags_tfrecord *reader, int *end) {
     return PAGS_OK;
   uint64_t length;
   PAGS_TRY(read_header(reader, &length));
-  if (fseeko(reader->stream, (off_t)(length + FOOTER), SEEK_CUR) != 0)
+  if (!pags_port_seek(reader->stream, (int64_t)(length + FOOTER), SEEK_CUR))
     return pags_fail(PAGS_ERROR_IO, "%s: record %lld at byte %llu: %s", reader->path, (long long)reader->number,
                      (unsigned long long)reader->offset, strerror(errno));
   advance(reader, length);

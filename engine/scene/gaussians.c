@@ -11,6 +11,7 @@
 
 #include "base/memory.h"
 #include "maths/maths.h"
+#include "port/port.h"
 
 enum { LANES = 16, ALIGNMENT = 64 };
 enum { FOURIER_PLANES = 12 }; /* 4 terms of 3 channels; the constant term is f_dc */
@@ -18,11 +19,11 @@ enum { FOURIER_PLANES = 12 }; /* 4 terms of 3 channels; the constant term is f_d
 static const int64_t count_limit = INT64_C(0x7FFFFFFF) - 63;
 
 /* Allocates `planes` planes of `rows` 4-byte values, aligned to 64 bytes. `rows` must be a multiple of 16, so that
- * the size is a multiple of 64 bytes, as aligned_alloc demands. NULL if out of memory or if `rows` is 0. */
+ * the size is a multiple of 64 bytes, as aligned memory needs. NULL if out of memory or if `rows` is 0. */
 static void *allocate(int64_t rows, int64_t planes) {
   if (rows == 0 || (uint64_t)rows > SIZE_MAX / 4 / (uint64_t)planes)
     return NULL;
-  return aligned_alloc(ALIGNMENT, (size_t)rows * (size_t)planes * 4);
+  return pags_port_aligned_alloc(ALIGNMENT, (size_t)rows * (size_t)planes * 4);
 }
 
 static pags_result fail_memory(int64_t count, int64_t planes) {
@@ -62,10 +63,10 @@ pags_result pags_gaussians_create_like(pags_gaussians *g, int64_t count, const p
 }
 
 void pags_gaussians_destroy(pags_gaussians *g) {
-  free(g->data);
-  free(g->s_sem);
-  free(g->object_id);
-  free(g->fourier);
+  pags_port_aligned_free(g->data);
+  pags_port_aligned_free(g->s_sem);
+  pags_port_aligned_free(g->object_id);
+  pags_port_aligned_free(g->fourier);
   *g = (pags_gaussians){0};
 }
 
@@ -169,10 +170,10 @@ pags_result pags_gaussians_reserve(pags_gaussians *g, int64_t capacity) {
   int32_t *object_id = g->object_id ? allocate(stride, 1) : NULL;
   float *fourier = g->fourier ? allocate(stride, FOURIER_PLANES) : NULL;
   if (!data || (g->s_sem && !s_sem) || (g->object_id && !object_id) || (g->fourier && !fourier)) {
-    free(data);
-    free(s_sem);
-    free(object_id);
-    free(fourier);
+    pags_port_aligned_free(data);
+    pags_port_aligned_free(s_sem);
+    pags_port_aligned_free(object_id);
+    pags_port_aligned_free(fourier);
     return fail_memory(stride, planes);
   }
   widen(g->data, g->stride, data, stride, g->count, planes);
@@ -184,10 +185,10 @@ pags_result pags_gaussians_reserve(pags_gaussians *g, int64_t capacity) {
   }
   if (fourier)
     widen(g->fourier, g->stride, fourier, stride, g->count, FOURIER_PLANES);
-  free(g->data);
-  free(g->s_sem);
-  free(g->object_id);
-  free(g->fourier);
+  pags_port_aligned_free(g->data);
+  pags_port_aligned_free(g->s_sem);
+  pags_port_aligned_free(g->object_id);
+  pags_port_aligned_free(g->fourier);
   g->data = data;
   g->s_sem = s_sem;
   g->object_id = object_id;

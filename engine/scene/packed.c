@@ -9,16 +9,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include <fcntl.h>
-#include <sys/mman.h>
-#include <sys/stat.h>
-#include <unistd.h>
-
 #include "base/bytes.h"
 #include "base/file.h"
 #include "base/half.h"
 #include "base/memory.h"
 #include "maths/maths.h"
+#include "port/port.h"
 #include "scene/packed_rows.h"
 
 enum { ROWS = PAGS_PACKED_ROWS, HEAD = 128, ALIGNMENT = 64, BOUND_PLANES = 7, CHUNK = 4096 };
@@ -122,7 +118,7 @@ pags_result pags_packed_create(const pags_gaussians *gaussians, pags_packed *out
   const int64_t clusters = (gaussians->count + ROWS - 1) / ROWS;
   const size_t size = find_places(clusters, gaussians->sh_degree).size;
   *out = (pags_packed){0};
-  uint8_t *const bytes = aligned_alloc(ALIGNMENT, align(size));
+  uint8_t *const bytes = pags_port_aligned_alloc(ALIGNMENT, align(size));
   if (!bytes)
     return pags_out_of_memory("packing %lld Gaussians", (long long)gaussians->count);
   memset(bytes, 0, align(size));
@@ -185,9 +181,9 @@ pags_result pags_packed_create(const pags_gaussians *gaussians, pags_packed *out
 void pags_packed_destroy(pags_packed *packed) {
   pags_clusters_drop_runs(&packed->clusters);
   if (packed->mapped)
-    munmap(packed->block, packed->block_size);
+    pags_port_unmap(packed->block, packed->block_size);
   else
-    free(packed->block);
+    pags_port_aligned_free(packed->block);
   *packed = (pags_packed){0};
 }
 
@@ -344,14 +340,7 @@ static pags_result read_head(const char *path, const uint8_t *head, uint64_t siz
 
 /* Maps a file of `size` bytes as a private copy-on-write mapping, so that the file itself is never written to. */
 static pags_result map_file(const char *path, uint64_t size, uint8_t **bytes) {
-  const int file = open(path, O_RDONLY);
-  void *const map = file < 0 ? MAP_FAILED : mmap(NULL, (size_t)size, PROT_READ | PROT_WRITE, MAP_PRIVATE, file, 0);
-  if (file >= 0)
-    close(file);
-  if (map == MAP_FAILED)
-    return pags_fail(PAGS_ERROR_IO, "%s: can't be mapped into memory", path);
-  *bytes = map;
-  return PAGS_OK;
+  return pags_port_map(path, size, bytes) ? PAGS_OK : pags_fail(PAGS_ERROR_IO, "%s: can't be mapped into memory", path);
 }
 
 pags_result pags_packed_open(const char *path, pags_packed *out) {
@@ -373,7 +362,7 @@ pags_result pags_packed_open(const char *path, pags_packed *out) {
     if (result == PAGS_OK)
       result = pags_clusters_add_runs(&out->clusters);
   } else {
-    munmap(bytes, (size_t)size);
+    pags_port_unmap(bytes, size);
   }
   if (result != PAGS_OK)
     pags_packed_destroy(out);
@@ -382,7 +371,7 @@ pags_result pags_packed_open(const char *path, pags_packed *out) {
 
 int pags_packed_is_file(const char *path) {
   char start[sizeof magic];
-  FILE *const file = fopen(path, "rb");
+  FILE *const file = pags_port_open(path, "rb");
   const bool is =
       file && fread(start, 1, sizeof start, file) == sizeof start && memcmp(start, magic, sizeof magic) == 0;
   if (file)

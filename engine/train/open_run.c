@@ -10,6 +10,7 @@
 #include "base/sort.h"
 #include "init/driving_points.h"
 #include "init/from_points.h"
+#include "port/port.h"
 #include "train/checkpoint.h"
 #include "train/config.h"
 #include "train/open_run.h"
@@ -202,7 +203,7 @@ static pags_result start_driving(pags_trainer *t, const pags_train_config *confi
 static pags_result set_priorities(const pags_trainer *t, pags_gaussians *g) {
   if (pags_score_pass_has_labels(t->dataset))
     return pags_gaussians_add_s_sem(g);
-  free(g->s_sem);
+  pags_port_aligned_free(g->s_sem);
   g->s_sem = NULL;
   return PAGS_OK;
 }

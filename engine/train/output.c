@@ -7,8 +7,6 @@
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
-#include <unistd.h>
 
 #include <pags/image.h>
 #include <pags/scene.h>
@@ -17,6 +15,7 @@
 #include "base/json.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "port/port.h"
 #include "scene/scene_json.h"
 #include "simd/kernels.h"
 #include "train/config.h"
@@ -109,7 +108,7 @@ static pags_result remove_scene(const pags_output *output) {
       result = remove_file(output, scene.models[i].file, false);
     if (result == PAGS_OK && files.sky)
       result = remove_file(output, files.sky, false);
-    rmdir(objects); /* does nothing unless the folder is empty */
+    pags_port_remove_folder(objects); /* does nothing unless the folder is empty */
   }
   pags_scene_destroy(&scene);
   free(files.counts);
@@ -169,13 +168,13 @@ pags_result pags_output_open(pags_output *output, int resumed, int64_t step) {
 }
 
 void pags_output_close(pags_output *output, int failed) {
-  struct stat status;
+  pags_port_status status;
   pags_file_writer_abort(&output->lines);
-  if (output->begun && failed && !pags_file_exists(output->checkpoint) && lstat(output->log, &status) == 0 &&
-      S_ISREG(status.st_mode))
-    remove(output->log);
+  if (output->begun && failed && !pags_file_exists(output->checkpoint) && pags_port_stat(output->log, false, &status) &&
+      status.kind == PAGS_PORT_FILE)
+    pags_port_remove_file(output->log);
   if (failed && output->made && output->folder)
-    rmdir(output->folder); /* does nothing unless the folder is empty */
+    pags_port_remove_folder(output->folder); /* does nothing unless the folder is empty */
   free(output->folder);
   free(output->checkpoint);
   free(output->log);

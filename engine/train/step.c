@@ -12,6 +12,7 @@
 
 #include "base/clock.h"
 #include "base/memory.h"
+#include "port/port.h"
 #include "train/driving_losses.h"
 #include "train/dropout.h"
 #include "train/mcmc.h"
@@ -34,9 +35,9 @@ static pags_result reserve_planes(pags_trainer *t, const pags_picture *picture) 
     return PAGS_OK;
   p->plane_floats = 0;
   for (int i = 0; i < PLANES; i++) {
-    free(p->plane[i]);
+    pags_port_aligned_free(p->plane[i]);
     /* The stride is a multiple of 16 floats, so the size is one of 64 bytes. */
-    p->plane[i] = aligned_alloc(64, (size_t)floats * sizeof(float));
+    p->plane[i] = pags_port_aligned_alloc(64, (size_t)floats * sizeof(float));
     if (!p->plane[i])
       return pags_out_of_memory("gradients of a picture of %d x %d", picture->width, picture->height);
     memset(p->plane[i], 0, (size_t)floats * sizeof(float));
@@ -57,11 +58,11 @@ static pags_result reserve_held(pags_trainer *t, int64_t model) {
   int64_t clusters = m->clusters.count, planes = pags_plane_count(m->gaussians.sh_degree);
   if (clusters * planes * m->clusters.size <= p->models[model].held_room)
     return PAGS_OK;
-  free(p->models[model].held);
+  pags_port_aligned_free(p->models[model].held);
   free(p->models[model].held_step);
   clusters += clusters / 2;
   p->models[model].held_room = 0;
-  p->models[model].held = aligned_alloc(64, (size_t)(clusters * planes * m->clusters.size) * sizeof(float));
+  p->models[model].held = pags_port_aligned_alloc(64, (size_t)(clusters * planes * m->clusters.size) * sizeof(float));
   p->models[model].held_step = calloc((size_t)clusters, sizeof(int32_t));
   if (!p->models[model].held || !p->models[model].held_step)
     return pags_out_of_memory("gradients of an object");

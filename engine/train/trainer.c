@@ -10,12 +10,12 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/resource.h>
 
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/memory.h"
 #include "maths/maths.h"
+#include "port/port.h"
 #include "train/checkpoint.h"
 #include "train/config.h"
 #include "train/density.h"
@@ -245,9 +245,7 @@ static pags_result run(pags_trainer *t, double begin, pags_train_result *r) {
   r->seconds = (now - clock.begin) / 1e3;
   if (s->step > clock.tail_step)
     r->iterations_per_second = 1e3 * (double)(s->step - clock.tail_step) / fmax(now - clock.tail, 1e-6);
-  struct rusage usage;
-  getrusage(RUSAGE_SELF, &usage);
-  r->peak_rss_bytes = (uint64_t)usage.ru_maxrss * 1024;
+  r->peak_rss_bytes = pags_port_peak_memory();
   r->loss = s->loss;
   r->psnr = psnr_of(s->mse);
   r->bad_rows = s->nonfinite.count;

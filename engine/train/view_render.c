@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "port/port.h"
 #include "train/dropout.h"
 #include "train/run.h"
 
@@ -29,15 +30,15 @@ void pags_view_render_destroy(pags_trainer *t) {
   pags_frame_destroy(p->object_frame);
   for (int64_t i = 0; p->models && i < t->state.model_count; i++) {
     free(p->models[i].pose);
-    free(p->models[i].dc);
-    free(p->models[i].factor);
-    free(p->models[i].held);
+    pags_port_aligned_free(p->models[i].dc);
+    pags_port_aligned_free(p->models[i].factor);
+    pags_port_aligned_free(p->models[i].held);
     free(p->models[i].held_step);
   }
   for (int64_t i = 0; p->depth && i < pags_dataset_view_count(t->dataset); i++)
     free(p->depth[i].samples);
   for (int i = 0; i < PAGS_RENDER_PLANES; i++)
-    free(p->plane[i]);
+    pags_port_aligned_free(p->plane[i]);
   free(p->emphasis);
   free(p->parts);
   free(p->drawn);
@@ -52,9 +53,9 @@ pags_result pags_view_render_reserve_factors(pags_trainer *t, int64_t step) {
   for (int i = 0; dropout.most > 0.0 && i < p->part_count; i++) {
     int64_t model = p->drawn[i].model, stride = t->state.models[model].gaussians.stride;
     if (stride > p->models[model].factor_room) {
-      free(p->models[model].factor);
+      pags_port_aligned_free(p->models[model].factor);
       p->models[model].factor_room = 0;
-      p->models[model].factor = aligned_alloc(64, (size_t)stride * sizeof(float));
+      p->models[model].factor = pags_port_aligned_alloc(64, (size_t)stride * sizeof(float));
       if (!p->models[model].factor)
         return pags_out_of_memory("the dropout of %lld Gaussians", (long long)stride);
       memset(p->models[model].factor, 0, (size_t)stride * sizeof(float));
@@ -165,9 +166,9 @@ pags_result pags_view_render_draw(pags_trainer *t, int64_t step, const pags_came
         return p->models[model].pose_room = 0, pags_out_of_memory("pose gradients");
     }
     if (m->gaussians.fourier && p->models[model].dc_stride != m->gaussians.stride) {
-      free(p->models[model].dc);
+      pags_port_aligned_free(p->models[model].dc);
       p->models[model].dc_stride = m->gaussians.stride;
-      p->models[model].dc = aligned_alloc(64, 3 * (size_t)m->gaussians.stride * sizeof(float));
+      p->models[model].dc = pags_port_aligned_alloc(64, 3 * (size_t)m->gaussians.stride * sizeof(float));
       if (!p->models[model].dc)
         return p->models[model].dc_stride = 0, pags_out_of_memory("colours over time");
       memset(p->models[model].dc, 0, 3 * (size_t)m->gaussians.stride * sizeof(float));

@@ -71,9 +71,8 @@ static void read_facets(qhT *qh, const pags_proxy_mesh *from, const int64_t *cho
 
 static pags_result run_qhull(const pags_proxy_mesh *from, const int64_t *chosen, int64_t count, double *points,
                              uint32_t *place, pags_proxy_mesh *out) {
-  char options[] = "qhull Qt", *said = NULL;
-  size_t said_size = 0;
-  FILE *errors = open_memstream(&said, &said_size);
+  char options[] = "qhull Qt", said[256] = "";
+  FILE *errors = tmpfile();
   if (!errors)
     return pags_out_of_memory("a convex hull");
   qhT qh;
@@ -84,12 +83,14 @@ static pags_result run_qhull(const pags_proxy_mesh *from, const int64_t *chosen,
     read_facets(&qh, from, chosen, place, out);
   qh_freeqhull(&qh, !qh_ALL);
   qh_memfreeshort(&qh, &left, &total);
+  rewind(errors);
+  if (!code || !fgets(said, sizeof said, errors))
+    said[0] = 0;
   fclose(errors);
   pags_result result = PAGS_OK;
   if (code)
     result = pags_fail(PAGS_ERROR_ARGUMENT, "no convex hull of %lld points: %.*s", (long long)count,
                        (int)strcspn(said, "\n"), said);
-  free(said);
   return result == PAGS_OK ? pags_proxy_mesh_check(out) : result;
 }
 

@@ -33,7 +33,11 @@ extern "C" {
 
 #if defined(__GNUC__)
 #define PAGS_API __attribute__((visibility("default")))
+#if defined(__MINGW32__) && !defined(__clang__) /* where "printf" means the formats of Microsoft's old library */
+#define PAGS_PRINTF(format_index, first_index) __attribute__((format(gnu_printf, format_index, first_index)))
+#else
 #define PAGS_PRINTF(format_index, first_index) __attribute__((format(printf, format_index, first_index)))
+#endif
 #else
 #define PAGS_API
 #define PAGS_PRINTF(format_index, first_index)

@@ -1,0 +1,231 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Files and folders (port.h) by POSIX, for Linux and macOS. */
+#ifndef _WIN32
+#define _XOPEN_SOURCE 700 /* realpath */
+#include "port/port.h"
+
+#include <dirent.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+/* ---- What lies at a path ---- */
+
+/* Whether a link lies in /proc. Such links, like the target of /dev/stdout, lead to open descriptors. */
+static bool is_of_proc(const struct stat *link) {
+  struct stat proc;
+  return stat("/proc", &proc) == 0 && link->st_dev == proc.st_dev;
+}
+
+static void describe(const struct stat *from, pags_port_status *out) {
+  *out = (pags_port_status){.kind = S_ISREG(from->st_mode)    ? PAGS_PORT_FILE
+                                    : S_ISDIR(from->st_mode)  ? PAGS_PORT_FOLDER
+                                    : S_ISLNK(from->st_mode)  ? PAGS_PORT_LINK
+                                    : S_ISSOCK(from->st_mode) ? PAGS_PORT_SOCKET
+                                                              : PAGS_PORT_DEVICE,
+                            .size = (uint64_t)from->st_size,
+                            .mode = from->st_mode & 07777};
+  out->of_proc = out->kind == PAGS_PORT_LINK && is_of_proc(from);
+}
+
+bool pags_port_stat(const char *path, bool follow, pags_port_status *status) {
+  struct stat found;
+  if ((follow ? stat(path, &found) : lstat(path, &found)) != 0)
+    return false;
+  describe(&found, status);
+  return true;
+}
+
+bool pags_port_stream_stat(FILE *stream, pags_port_status *status) {
+  struct stat found;
+  if (fstat(fileno(stream), &found) != 0)
+    return false;
+  describe(&found, status);
+  return true;
+}
+
+bool pags_port_may_write(const char *path) {
+  return access(path, W_OK) == 0;
+}
+
+char *pags_port_read_link(const char *path) {
+  for (size_t size = 256; size <= 65536; size *= 4) {
+    char *text = malloc(size);
+    if (!text) {
+      errno = ENOMEM;
+      return NULL;
+    }
+    const ssize_t length = readlink(path, text, size);
+    if (length >= 0 && (size_t)length < size) {
+      text[length] = 0;
+      return text;
+    }
+    const int error = length < 0 ? errno : ENAMETOOLONG;
+    free(text);
+    errno = error;
+    if (length < 0)
+      return NULL;
+  }
+  return NULL;
+}
+
+char *pags_port_real_path(const char *path) {
+  return realpath(path, NULL);
+}
+
+/* ---- Streams ---- */
+
+FILE *pags_port_open(const char *path, const char *mode) {
+  return fopen(path, mode);
+}
+
+/* A stream over a descriptor, which is closed if that fails. */
+static FILE *stream_of(int descriptor) {
+  FILE *stream = descriptor < 0 ? NULL : fdopen(descriptor, "wb");
+  if (!stream && descriptor >= 0) {
+    const int error = errno;
+    close(descriptor);
+    errno = error;
+  }
+  return stream;
+}
+
+FILE *pags_port_open_part(const char *path) {
+  return stream_of(open(path, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC | O_NOFOLLOW, 0666));
+}
+
+static int connect_to(const char *path) {
+  struct sockaddr_un address = {.sun_family = AF_UNIX};
+  if (strlen(path) >= sizeof address.sun_path) {
+    errno = ENAMETOOLONG;
+    return -1;
+  }
+  memcpy(address.sun_path, path, strlen(path) + 1);
+  const int descriptor = socket(AF_UNIX, SOCK_STREAM, 0);
+  if (descriptor < 0)
+    return -1;
+  fcntl(descriptor, F_SETFD, FD_CLOEXEC);
+  if (connect(descriptor, (const struct sockaddr *)&address, sizeof address) == 0)
+    return descriptor;
+  const int error = errno;
+  close(descriptor);
+  errno = error;
+  return -1;
+}
+
+/* Regular files are opened to append, since those that come here are logs or the program's own output (/dev/stdout).
+ * Devices are not: with O_APPEND a block device would be written to behind its end. */
+FILE *pags_port_open_straight(const char *path) {
+  struct stat status;
+  const int common = O_WRONLY | O_NOCTTY | O_CLOEXEC;
+  if (stat(path, &status) != 0)
+    return stream_of(open(path, common | O_CREAT | O_APPEND, 0666));
+  return stream_of(S_ISSOCK(status.st_mode) ? connect_to(path)
+                                            : open(path, common | (S_ISREG(status.st_mode) ? O_APPEND : 0)));
+}
+
+bool pags_port_sync(FILE *stream) {
+  return fsync(fileno(stream)) == 0 || errno == EINVAL || errno == EROFS || errno == ENOTSUP;
+}
+
+bool pags_port_seek(FILE *stream, int64_t offset, int whence) {
+  return fseeko(stream, (off_t)offset, whence) == 0;
+}
+
+bool pags_port_is_terminal(FILE *stream) {
+  return isatty(fileno(stream)) == 1;
+}
+
+void pags_port_binary(FILE *stream) {
+  (void)stream; /* streams carry bytes as they are */
+}
+
+/* ---- Names ---- */
+
+bool pags_port_rename(const char *from, const char *to) {
+  return rename(from, to) == 0;
+}
+
+bool pags_port_remove_file(const char *path) {
+  return unlink(path) == 0;
+}
+
+bool pags_port_make_folder(const char *path) {
+  return mkdir(path, 0777) == 0;
+}
+
+bool pags_port_remove_folder(const char *path) {
+  return rmdir(path) == 0;
+}
+
+bool pags_port_try_file(char *pattern) {
+  const int descriptor = mkstemp(pattern);
+  if (descriptor < 0)
+    return false;
+  close(descriptor);
+  unlink(pattern);
+  return true;
+}
+
+struct pags_port_folder {
+  DIR *dir;
+};
+
+pags_port_folder *pags_port_folder_open(const char *path) {
+  pags_port_folder *folder = malloc(sizeof *folder);
+  if (!folder) {
+    errno = ENOMEM;
+    return NULL;
+  }
+  folder->dir = opendir(path);
+  if (folder->dir)
+    return folder;
+  const int error = errno;
+  free(folder);
+  errno = error;
+  return NULL;
+}
+
+const char *pags_port_folder_next(pags_port_folder *folder) {
+  for (;;) {
+    errno = 0;
+    const struct dirent *entry = readdir(folder->dir);
+    if (!entry)
+      return NULL;
+    if (strcmp(entry->d_name, ".") != 0 && strcmp(entry->d_name, "..") != 0)
+      return entry->d_name;
+  }
+}
+
+void pags_port_folder_close(pags_port_folder *folder) {
+  closedir(folder->dir);
+  free(folder);
+}
+
+/* ---- Mapping ---- */
+
+bool pags_port_map(const char *path, uint64_t size, uint8_t **bytes) {
+  const int file = open(path, O_RDONLY | O_CLOEXEC);
+  if (file < 0)
+    return false;
+  void *const map = mmap(NULL, (size_t)size, PROT_READ | PROT_WRITE, MAP_PRIVATE, file, 0);
+  const int error = errno;
+  close(file);
+  errno = error;
+  *bytes = map == MAP_FAILED ? NULL : map;
+  return map != MAP_FAILED;
+}
+
+void pags_port_unmap(uint8_t *bytes, uint64_t size) {
+  munmap(bytes, (size_t)size);
+}
+
+#else
+typedef int pags_port_files_are_in_files_windows;
+#endif

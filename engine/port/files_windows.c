@@ -1,0 +1,375 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Files and folders (port.h) by Windows's wide functions. */
+#ifdef _WIN32
+#include "port/windows.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <io.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+/* ---- Paths and errors ---- */
+
+wchar_t *pags_port_wide(const char *text) {
+  const int count = MultiByteToWideChar(CP_UTF8, MB_ERR_INVALID_CHARS, text, -1, NULL, 0);
+  wchar_t *wide = count > 0 ? malloc((size_t)count * sizeof *wide) : NULL;
+  if (!wide) {
+    errno = count > 0 ? ENOMEM : EILSEQ;
+    return NULL;
+  }
+  MultiByteToWideChar(CP_UTF8, 0, text, -1, wide, count);
+  return wide;
+}
+
+char *pags_port_narrow(const wchar_t *text) {
+  const int count = WideCharToMultiByte(CP_UTF8, 0, text, -1, NULL, 0, NULL, NULL);
+  char *narrow = count > 0 ? malloc((size_t)count) : NULL;
+  if (!narrow) {
+    errno = count > 0 ? ENOMEM : EILSEQ;
+    return NULL;
+  }
+  WideCharToMultiByte(CP_UTF8, 0, text, -1, narrow, count, NULL, NULL);
+  return narrow;
+}
+
+/* A path for Windows's functions: with '\\' and, where it is long, absolute and behind "\\?\", which lifts the limit of
+ * 260 characters. Freed by the caller; NULL with errno. */
+static wchar_t *path_of(const char *path) {
+  wchar_t *wide = pags_port_wide(path);
+  if (!wide)
+    return NULL;
+  for (wchar_t *at = wide; *at; at++)
+    if (*at == L'/')
+      *at = L'\\';
+  if (wcslen(wide) < 240 || wcsncmp(wide, L"\\\\?\\", 4) == 0)
+    return wide;
+  const DWORD size = GetFullPathNameW(wide, 0, NULL, NULL);
+  wchar_t *full = size ? malloc((size + 8) * sizeof *full) : NULL;
+  if (!full) {
+    free(wide);
+    errno = ENOMEM;
+    return NULL;
+  }
+  const bool shared = wcsncmp(wide, L"\\\\", 2) == 0; /* \\server\share becomes \\?\UNC\server\share */
+  wchar_t *at = full + (shared ? 6 : 4);
+  GetFullPathNameW(wide, size, at, NULL);
+  memcpy(full, shared ? L"\\\\?\\UNC" : L"\\\\?\\", (shared ? 7 : 4) * sizeof *full);
+  free(wide);
+  return full;
+}
+
+static void set_errno(void) {
+  switch (GetLastError()) {
+    case ERROR_FILE_NOT_FOUND:
+    case ERROR_PATH_NOT_FOUND:
+    case ERROR_INVALID_NAME:
+    case ERROR_BAD_NETPATH: errno = ENOENT; break;
+    case ERROR_ACCESS_DENIED:
+    case ERROR_SHARING_VIOLATION:
+    case ERROR_LOCK_VIOLATION: errno = EACCES; break;
+    case ERROR_FILE_EXISTS:
+    case ERROR_ALREADY_EXISTS: errno = EEXIST; break;
+    case ERROR_DIR_NOT_EMPTY: errno = ENOTEMPTY; break;
+    case ERROR_DISK_FULL: errno = ENOSPC; break;
+    case ERROR_NOT_ENOUGH_MEMORY:
+    case ERROR_OUTOFMEMORY: errno = ENOMEM; break;
+    case ERROR_WRITE_PROTECT: errno = EROFS; break;
+    default: errno = EIO;
+  }
+}
+
+/* ---- What lies at a path ---- */
+
+static void describe(DWORD attributes, uint64_t size, bool link, pags_port_status *out) {
+  *out = (pags_port_status){
+      .kind = link                                    ? PAGS_PORT_LINK
+              : attributes & FILE_ATTRIBUTE_DIRECTORY ? PAGS_PORT_FOLDER
+              : attributes & FILE_ATTRIBUTE_DEVICE    ? PAGS_PORT_DEVICE
+                                                      : PAGS_PORT_FILE,
+      .size = size,
+      .mode = attributes & FILE_ATTRIBUTE_READONLY && !(attributes & FILE_ATTRIBUTE_DIRECTORY) ? 0444 : 0666};
+}
+
+/* Names like NUL and CON are devices in every folder. */
+static bool is_device_name(const char *path) {
+  static const char *const names[] = {"NUL", "CON", "PRN", "AUX", "CONIN$", "CONOUT$"};
+  for (size_t i = 0; i < sizeof names / sizeof *names; i++)
+    if (_stricmp(path, names[i]) == 0)
+      return true;
+  return false;
+}
+
+bool pags_port_stat(const char *path, bool follow, pags_port_status *status) {
+  if (is_device_name(path)) {
+    describe(FILE_ATTRIBUTE_DEVICE, 0, false, status);
+    return true;
+  }
+  wchar_t *wide = path_of(path);
+  if (!wide)
+    return false;
+  WIN32_FILE_ATTRIBUTE_DATA data;
+  bool found = GetFileAttributesExW(wide, GetFileExInfoStandard, &data) != 0;
+  const bool link = found && data.dwFileAttributes & FILE_ATTRIBUTE_REPARSE_POINT;
+  if (found && (!link || !follow)) {
+    describe(data.dwFileAttributes, (uint64_t)data.nFileSizeHigh << 32 | data.nFileSizeLow, link, status);
+  } else if (found) {
+    const HANDLE file = CreateFileW(wide, 0, FILE_SHARE_READ | FILE_SHARE_WRITE | FILE_SHARE_DELETE, NULL,
+                                    OPEN_EXISTING, FILE_FLAG_BACKUP_SEMANTICS, NULL);
+    BY_HANDLE_FILE_INFORMATION info;
+    found = file != INVALID_HANDLE_VALUE && GetFileInformationByHandle(file, &info) != 0;
+    if (found)
+      describe(info.dwFileAttributes & ~(DWORD)FILE_ATTRIBUTE_REPARSE_POINT,
+               (uint64_t)info.nFileSizeHigh << 32 | info.nFileSizeLow, false, status);
+    else
+      set_errno();
+    if (file != INVALID_HANDLE_VALUE)
+      CloseHandle(file);
+  } else {
+    set_errno();
+  }
+  free(wide);
+  return found;
+}
+
+bool pags_port_stream_stat(FILE *stream, pags_port_status *status) {
+  const HANDLE file = (HANDLE)_get_osfhandle(_fileno(stream));
+  BY_HANDLE_FILE_INFORMATION info;
+  if (GetFileType(file) != FILE_TYPE_DISK) {
+    describe(FILE_ATTRIBUTE_DEVICE, 0, false, status);
+    return true;
+  }
+  if (!GetFileInformationByHandle(file, &info)) {
+    set_errno();
+    return false;
+  }
+  describe(info.dwFileAttributes & ~(DWORD)FILE_ATTRIBUTE_REPARSE_POINT,
+           (uint64_t)info.nFileSizeHigh << 32 | info.nFileSizeLow, false, status);
+  return true;
+}
+
+bool pags_port_may_write(const char *path) {
+  wchar_t *wide = path_of(path);
+  const bool allowed = wide && _waccess(wide, 2) == 0;
+  free(wide);
+  return allowed;
+}
+
+char *pags_port_real_path(const char *path) {
+  wchar_t *wide = path_of(path), *full = NULL;
+  char *narrow = NULL;
+  const HANDLE file = wide ? CreateFileW(wide, 0, FILE_SHARE_READ | FILE_SHARE_WRITE | FILE_SHARE_DELETE, NULL,
+                                         OPEN_EXISTING, FILE_FLAG_BACKUP_SEMANTICS, NULL)
+                           : INVALID_HANDLE_VALUE;
+  const DWORD size = file != INVALID_HANDLE_VALUE ? GetFinalPathNameByHandleW(file, NULL, 0, 0) : 0;
+  if (size && (full = malloc((size + 1) * sizeof *full)) && GetFinalPathNameByHandleW(file, full, size + 1, 0)) {
+    /* Without "\\?\" where the rest is a drive's path; '/' separates, as everywhere here. */
+    narrow = pags_port_narrow(wcsncmp(full, L"\\\\?\\", 4) == 0 && full[4] && full[5] == L':' ? full + 4 : full);
+    for (char *at = narrow; at && *at && *narrow != '\\'; at++)
+      if (*at == '\\')
+        *at = '/';
+  } else if (wide) {
+    set_errno();
+  }
+  if (file != INVALID_HANDLE_VALUE)
+    CloseHandle(file);
+  free(full);
+  free(wide);
+  return narrow;
+}
+
+char *pags_port_read_link(const char *path) {
+  return pags_port_real_path(path); /* where the link leads in the end: all that is asked of it */
+}
+
+/* ---- Streams ---- */
+
+FILE *pags_port_open(const char *path, const char *mode) {
+  wchar_t *wide = path_of(path), *wide_mode = pags_port_wide(mode);
+  FILE *stream = wide && wide_mode ? _wfopen(wide, wide_mode) : NULL;
+  free(wide);
+  free(wide_mode);
+  return stream;
+}
+
+FILE *pags_port_open_part(const char *path) {
+  return pags_port_open(path, "wb");
+}
+
+FILE *pags_port_open_straight(const char *path) {
+  return pags_port_open(path, "ab");
+}
+
+bool pags_port_sync(FILE *stream) {
+  return _commit(_fileno(stream)) == 0 || errno == EBADF || errno == EINVAL;
+}
+
+bool pags_port_seek(FILE *stream, int64_t offset, int whence) {
+  return _fseeki64(stream, offset, whence) == 0;
+}
+
+bool pags_port_is_terminal(FILE *stream) {
+  return _isatty(_fileno(stream)) != 0;
+}
+
+void pags_port_binary(FILE *stream) {
+  _setmode(_fileno(stream), _O_BINARY);
+}
+
+/* ---- Names ---- */
+
+bool pags_port_rename(const char *from, const char *to) {
+  wchar_t *old_name = path_of(from), *new_name = path_of(to);
+  bool done = false;
+  /* A program that looks at the file for a moment (a virus scanner, an indexer) makes the first tries fail. */
+  for (int i = 0; old_name && new_name && !done && i < 20; i++) {
+    done = MoveFileExW(old_name, new_name, MOVEFILE_REPLACE_EXISTING | MOVEFILE_WRITE_THROUGH) != 0;
+    if (done || (GetLastError() != ERROR_ACCESS_DENIED && GetLastError() != ERROR_SHARING_VIOLATION))
+      break;
+    Sleep(10);
+  }
+  if (!done && old_name && new_name)
+    set_errno();
+  free(old_name);
+  free(new_name);
+  return done;
+}
+
+typedef BOOL(WINAPI *name_fn)(LPCWSTR path);
+
+static bool call(name_fn fn, const char *path) {
+  wchar_t *wide = path_of(path);
+  const bool done = wide && fn(wide);
+  if (wide && !done)
+    set_errno();
+  free(wide);
+  return done;
+}
+
+static BOOL WINAPI make_folder(LPCWSTR path) {
+  return CreateDirectoryW(path, NULL);
+}
+
+bool pags_port_remove_file(const char *path) {
+  return call(DeleteFileW, path);
+}
+
+bool pags_port_make_folder(const char *path) {
+  return call(make_folder, path);
+}
+
+bool pags_port_remove_folder(const char *path) {
+  return call(RemoveDirectoryW, path);
+}
+
+bool pags_port_try_file(char *pattern) {
+  static const char letters[] = "abcdefghijklmnopqrstuvwxyz012345";
+  char *end = pattern + strlen(pattern) - 6;
+  for (uint64_t i = 0, seed = GetTickCount64() ^ (uint64_t)GetCurrentProcessId() << 20; i < 100; i++) {
+    for (int k = 0; k < 6; k++)
+      end[k] = letters[(seed + i * 2654435761u) >> (5 * k) & 31];
+    wchar_t *wide = path_of(pattern);
+    const HANDLE file = wide ? CreateFileW(wide, GENERIC_WRITE, 0, NULL, CREATE_NEW, FILE_FLAG_DELETE_ON_CLOSE, NULL)
+                             : INVALID_HANDLE_VALUE;
+    if (file == INVALID_HANDLE_VALUE && wide)
+      set_errno();
+    free(wide);
+    if (file != INVALID_HANDLE_VALUE)
+      return CloseHandle(file) != 0;
+    if (errno != EEXIST)
+      return false;
+  }
+  return false;
+}
+
+struct pags_port_folder {
+  HANDLE find;
+  WIN32_FIND_DATAW entry;
+  bool first;
+  char *name;
+};
+
+pags_port_folder *pags_port_folder_open(const char *path) {
+  pags_port_folder *folder = calloc(1, sizeof *folder);
+  const size_t length = strlen(path);
+  char *pattern = folder ? malloc(length + 3) : NULL;
+  wchar_t *wide = NULL;
+  if (pattern) {
+    memcpy(pattern, path, length);
+    memcpy(pattern + length, "/*", 3);
+    wide = path_of(pattern);
+  } else {
+    errno = ENOMEM;
+  }
+  if (wide) {
+    folder->find = FindFirstFileW(wide, &folder->entry);
+    folder->first = true;
+    if (folder->find == INVALID_HANDLE_VALUE)
+      set_errno();
+  }
+  free(pattern);
+  if (wide && folder->find != INVALID_HANDLE_VALUE) {
+    free(wide);
+    return folder;
+  }
+  free(wide);
+  free(folder);
+  return NULL;
+}
+
+const char *pags_port_folder_next(pags_port_folder *folder) {
+  for (;;) {
+    errno = 0;
+    if (!folder->first && !FindNextFileW(folder->find, &folder->entry)) {
+      if (GetLastError() != ERROR_NO_MORE_FILES)
+        set_errno();
+      return NULL;
+    }
+    folder->first = false;
+    if (wcscmp(folder->entry.cFileName, L".") == 0 || wcscmp(folder->entry.cFileName, L"..") == 0)
+      continue;
+    free(folder->name);
+    folder->name = pags_port_narrow(folder->entry.cFileName);
+    return folder->name;
+  }
+}
+
+void pags_port_folder_close(pags_port_folder *folder) {
+  FindClose(folder->find);
+  free(folder->name);
+  free(folder);
+}
+
+/* ---- Mapping ---- */
+
+bool pags_port_map(const char *path, uint64_t size, uint8_t **bytes) {
+  wchar_t *wide = path_of(path);
+  *bytes = NULL;
+  const HANDLE file = wide ? CreateFileW(wide, GENERIC_READ, FILE_SHARE_READ | FILE_SHARE_DELETE, NULL, OPEN_EXISTING,
+                                         FILE_ATTRIBUTE_NORMAL, NULL)
+                           : INVALID_HANDLE_VALUE;
+  const HANDLE mapping =
+      file != INVALID_HANDLE_VALUE
+          ? CreateFileMappingW(file, NULL, PAGE_WRITECOPY, (DWORD)(size >> 32), (DWORD)(size & 0xffffffffu), NULL)
+          : NULL;
+  if (mapping)
+    *bytes = MapViewOfFile(mapping, FILE_MAP_COPY, 0, 0, (SIZE_T)size);
+  if (!*bytes && wide)
+    set_errno();
+  if (mapping)
+    CloseHandle(mapping); /* the view keeps both */
+  if (file != INVALID_HANDLE_VALUE)
+    CloseHandle(file);
+  free(wide);
+  return *bytes != NULL;
+}
+
+void pags_port_unmap(uint8_t *bytes, uint64_t size) {
+  (void)size;
+  UnmapViewOfFile(bytes);
+}
+
+#else
+typedef int pags_port_files_are_in_files_posix;
+#endif

@@ -1,0 +1,173 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Clock, processors, memory, locale, interrupts and timed waits (port.h) on Windows. */
+#ifdef _WIN32
+#include "port/windows.h"
+
+#include <errno.h>
+#include <locale.h>
+#include <process.h>
+#include <psapi.h>
+#include <shellapi.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+/* ---- Clock and resources ---- */
+
+int64_t pags_port_clock_ns(void) {
+  LARGE_INTEGER frequency, now;
+  QueryPerformanceFrequency(&frequency);
+  QueryPerformanceCounter(&now);
+  return now.QuadPart / frequency.QuadPart * 1000000000 +
+         now.QuadPart % frequency.QuadPart * 1000000000 / frequency.QuadPart;
+}
+
+int pags_port_processors(void) {
+  DWORD_PTR process = 0, system = 0;
+  int count = 0;
+  if (GetActiveProcessorGroupCount() > 1) /* the mask is of one group of 64 */
+    return (int)GetActiveProcessorCount(ALL_PROCESSOR_GROUPS);
+  if (GetProcessAffinityMask(GetCurrentProcess(), &process, &system))
+    for (; process; process &= process - 1)
+      count++;
+  return count > 0 ? count : 1;
+}
+
+uint64_t pags_port_physical_memory(void) {
+  MEMORYSTATUSEX status = {.dwLength = sizeof status};
+  return GlobalMemoryStatusEx(&status) ? status.ullTotalPhys : UINT64_MAX;
+}
+
+static bool memory_counters(PROCESS_MEMORY_COUNTERS *counters) {
+  counters->cb = sizeof *counters;
+  return K32GetProcessMemoryInfo(GetCurrentProcess(), counters, sizeof *counters) != 0;
+}
+
+uint64_t pags_port_peak_memory(void) {
+  PROCESS_MEMORY_COUNTERS counters;
+  return memory_counters(&counters) ? counters.PeakWorkingSetSize : 0;
+}
+
+uint64_t pags_port_resident_memory(void) {
+  PROCESS_MEMORY_COUNTERS counters;
+  return memory_counters(&counters) ? counters.WorkingSetSize : 0;
+}
+
+bool pags_port_set_environment(const char *name, const char *value) {
+  return _putenv_s(name, value ? value : "") == 0;
+}
+
+/* ---- Locale ---- */
+
+pags_port_locale pags_port_enter_c_locale(void) {
+  pags_port_locale scope = {0};
+  const int before = _configthreadlocale(_ENABLE_PER_THREAD_LOCALE);
+  const char *name = setlocale(LC_NUMERIC, NULL);
+  scope.previous = name ? _strdup(name) : NULL;
+  if (scope.previous && setlocale(LC_NUMERIC, "C"))
+    scope.c = (void *)(intptr_t)(before + 16); /* any number but 0 */
+  else
+    free(scope.previous);
+  return scope;
+}
+
+void pags_port_leave_c_locale(pags_port_locale scope) {
+  if (!scope.c)
+    return;
+  setlocale(LC_NUMERIC, scope.previous);
+  free(scope.previous);
+  _configthreadlocale((int)(intptr_t)scope.c - 16);
+}
+
+/* ---- Signals: there are none to be blocked, and writing to a broken pipe fails ---- */
+
+pags_port_signals pags_port_block_signals(void) {
+  return (pags_port_signals){0};
+}
+
+void pags_port_restore_signals(const pags_port_signals *signals) {
+  (void)signals;
+}
+
+pags_port_signals pags_port_hold_broken_pipe(void) {
+  return (pags_port_signals){0};
+}
+
+void pags_port_release_broken_pipe(const pags_port_signals *held) {
+  (void)held;
+}
+
+static void (*on_interrupt)(bool keyboard);
+
+static BOOL WINAPI interrupted(DWORD event) {
+  on_interrupt(event == CTRL_C_EVENT || event == CTRL_BREAK_EVENT);
+  if (event != CTRL_C_EVENT && event != CTRL_BREAK_EVENT)
+    Sleep(
+        10000); /* the console closes or the user logs off: the process ends on return, so the work gets time to save */
+  return TRUE;
+}
+
+void pags_port_on_interrupt(void (*handler)(bool keyboard)) {
+  on_interrupt = handler;
+  SetConsoleCtrlHandler(interrupted, TRUE);
+}
+
+void pags_port_exit_at_once(int code) {
+  _exit(code);
+}
+
+void pags_port_ignore_broken_pipes(void) {}
+
+static const char *lost_mapping;
+
+static LONG WINAPI on_exception(EXCEPTION_POINTERS *exception) {
+  DWORD written;
+  if (exception->ExceptionRecord->ExceptionCode != EXCEPTION_IN_PAGE_ERROR)
+    return EXCEPTION_CONTINUE_SEARCH;
+  WriteFile(GetStdHandle(STD_ERROR_HANDLE), lost_mapping, (DWORD)strlen(lost_mapping), &written, NULL);
+  _exit(1);
+}
+
+void pags_port_on_lost_mapping(const char *message) {
+  lost_mapping = message;
+  AddVectoredExceptionHandler(0, on_exception);
+}
+
+void pags_port_begin_program(int *argc, char ***argv) {
+  int count = 0;
+  wchar_t **wide = CommandLineToArgvW(GetCommandLineW(), &count);
+  char **narrow = wide ? calloc((size_t)count + 1, sizeof *narrow) : NULL;
+  SetConsoleOutputCP(CP_UTF8);
+  if (!narrow)
+    return;
+  for (int i = 0; i < count; i++)
+    if (!(narrow[i] = pags_port_narrow(wide[i])))
+      return; /* out of memory: the arguments stay as they are */
+  LocalFree(wide);
+  *argc = count;
+  *argv = narrow; /* lives as long as the program */
+}
+
+/* ---- Waiting ---- */
+
+bool pags_port_condition_create(pthread_cond_t *condition) {
+  return pthread_cond_init(condition, NULL) == 0;
+}
+
+/* The system's clock may be set meanwhile, so a wait may be longer or shorter; callers look at their own clock. */
+bool pags_port_condition_wait(pthread_cond_t *condition, pthread_mutex_t *lock, double seconds) {
+  const double wait = seconds > 1e9 ? 1e9 : seconds > 0 ? seconds : 0;
+  struct timespec until;
+  clock_gettime(CLOCK_REALTIME, &until);
+  until.tv_sec += (time_t)wait;
+  until.tv_nsec += (long)((wait - (double)(time_t)wait) * 1e9);
+  if (until.tv_nsec >= 1000000000) {
+    until.tv_sec++;
+    until.tv_nsec -= 1000000000;
+  }
+  return pthread_cond_timedwait(condition, lock, &until) != ETIMEDOUT;
+}
+
+#else
+typedef int pags_port_system_is_in_system_posix;
+#endif
