@@ -23,11 +23,6 @@ typedef struct verb_entry {
 #else
 #define IF_SYNTH(function) NULL, "Embree (CMake option PAGS_EMBREE)"
 #endif
-#ifdef PAGS_WITH_EXPORT
-#define IF_EXPORT(function) function, NULL
-#else
-#define IF_EXPORT(function) NULL, "tinygltf, meshoptimizer or qhull (CMake option PAGS_EXPORT)"
-#endif
 #ifdef PAGS_WITH_IMPORT
 #define IF_IMPORT(function) function, NULL
 #else
@@ -39,7 +34,7 @@ static const verb_entry verbs[] = {
     {"render", "draw a scene or a splat file into pictures", pags_verb_render, NULL},
     {"eval", "compare a scene with its photographs: PSNR, SSIM, LPIPS", pags_verb_eval, NULL},
     {"info", "say what a data set, scene, splat, camera, image or checkpoint file holds", pags_verb_info, NULL},
-    {"export", "write proxy geometry or splat files of a scene", IF_EXPORT(pags_verb_export)},
+    {"export", "write proxy geometry or splat files of a scene", pags_verb_export, NULL},
     {"import", "turn a recording of KITTI or Waymo into a data set", IF_IMPORT(pags_verb_import)},
     {"synth", "write a data set with known truth, ray-traced", IF_SYNTH(pags_verb_synth)},
 };

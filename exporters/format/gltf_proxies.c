@@ -22,23 +22,6 @@
 
 enum { NAME_SIZE = 96, MOST_GROUPS = 256 };
 
-pags_proxy_options pags_proxy_options_default(void) {
-  return (pags_proxy_options){.level = PAGS_PROXY_MESH,
-                              .triangles = 4000,
-                              .ground_triangles = 60000,
-                              .chunk_triangles = 200000,
-                              .voxel = 0.15,
-                              .chunk = 20,
-                              .range = 60,
-                              .cage_level = 1,
-                              .background = 1};
-}
-
-const char *pags_proxy_level_name(pags_proxy_level level) {
-  static const char *const names[] = {"mesh", "cage", "hull", "box"};
-  return names[level];
-}
-
 /* A node that gathers the proxies of one class. */
 typedef struct group {
   char name[NAME_SIZE];
@@ -100,43 +83,6 @@ static int class_node(exporter *self, int critical, const char *class_name) {
     snprintf(added->name, NAME_SIZE, "%s", name);
   }
   return node;
-}
-
-static void put_distance(pags_json_writer *w, const char *key, const pags_proxy_distance *d) {
-  if (isnan(d->mean))
-    return;
-  pags_json_begin_object(w, key);
-  pags_json_put_number(w, "mean", d->mean);
-  pags_json_put_number(w, "p95", d->p95);
-  pags_json_put_number(w, "max", d->max);
-  pags_json_end_object(w);
-}
-
-void pags_proxy_facts_put(pags_json_writer *w, const pags_proxy_facts *f) {
-  pags_json_put_string(w, "level", pags_proxy_level_name(f->level));
-  pags_json_put_string(w, "class", f->class_name);
-  pags_json_put_bool(w, "critical", f->critical);
-  pags_json_put_bool(w, "moving", f->moving);
-  pags_json_put_integer(w, "gaussians", f->gaussians);
-  if (!isnan(f->s_sem))
-    pags_json_put_number(w, "s_sem", f->s_sem);
-  pags_json_put_integer(w, "vertices", f->vertices);
-  pags_json_put_integer(w, "triangles", f->triangles);
-  pags_json_put_bool(w, "watertight", f->closed);
-  if (f->closed)
-    pags_json_put_number(w, "volume", f->volume);
-  pags_json_put_number(w, "observed", f->observed);
-  pags_json_begin_object(w, "error");
-  pags_json_put_string(w, "unit", "metres");
-  put_distance(w, "proxy_to_gaussians", &f->to_gaussians);
-  put_distance(w, "gaussians_to_proxy", &f->from_gaussians);
-  if (!isnan(f->silhouette_iou)) {
-    pags_json_put_number(w, "silhouette_iou", f->silhouette_iou);
-    pags_json_put_integer(w, "silhouette_views", f->silhouette_views);
-  }
-  pags_json_end_object(w);
-  if (f->note)
-    pags_json_put_string(w, "note", f->note);
 }
 
 static pags_result put_extras(exporter *self, int node, const pags_proxy_facts *facts, const pags_object *record) {

@@ -1,12 +1,32 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The report of an export: a growing list of the facts of all proxies written, with its own copies of their names. */
+/* What an export of proxies is asked for and what it reports: the default options, a growing list of the facts of all
+ * proxies written, with its own copies of their names, and those facts as JSON. */
 #include "exporters/proxy/proxy_report.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/json.h"
 #include "base/memory.h"
 #include "base/text.h"
+
+pags_proxy_options pags_proxy_options_default(void) {
+  return (pags_proxy_options){.level = PAGS_PROXY_MESH,
+                              .triangles = 4000,
+                              .ground_triangles = 60000,
+                              .chunk_triangles = 200000,
+                              .voxel = 0.15,
+                              .chunk = 20,
+                              .range = 60,
+                              .cage_level = 1,
+                              .background = 1};
+}
+
+const char *pags_proxy_level_name(pags_proxy_level level) {
+  static const char *const names[] = {"mesh", "cage", "hull", "box"};
+  return names[level];
+}
 
 pags_result pags_proxy_report_add(pags_proxy_report *report, const pags_proxy_facts *facts) {
   pags_proxy_facts *grown = realloc(report->proxies, (size_t)(report->count + 1) * sizeof *grown);
@@ -32,4 +52,41 @@ void pags_proxy_report_destroy(pags_proxy_report *report) {
   }
   free(report->proxies);
   memset(report, 0, sizeof *report);
+}
+
+static void put_distance(pags_json_writer *w, const char *key, const pags_proxy_distance *d) {
+  if (isnan(d->mean))
+    return;
+  pags_json_begin_object(w, key);
+  pags_json_put_number(w, "mean", d->mean);
+  pags_json_put_number(w, "p95", d->p95);
+  pags_json_put_number(w, "max", d->max);
+  pags_json_end_object(w);
+}
+
+void pags_proxy_facts_put(pags_json_writer *w, const pags_proxy_facts *f) {
+  pags_json_put_string(w, "level", pags_proxy_level_name(f->level));
+  pags_json_put_string(w, "class", f->class_name);
+  pags_json_put_bool(w, "critical", f->critical);
+  pags_json_put_bool(w, "moving", f->moving);
+  pags_json_put_integer(w, "gaussians", f->gaussians);
+  if (!isnan(f->s_sem))
+    pags_json_put_number(w, "s_sem", f->s_sem);
+  pags_json_put_integer(w, "vertices", f->vertices);
+  pags_json_put_integer(w, "triangles", f->triangles);
+  pags_json_put_bool(w, "watertight", f->closed);
+  if (f->closed)
+    pags_json_put_number(w, "volume", f->volume);
+  pags_json_put_number(w, "observed", f->observed);
+  pags_json_begin_object(w, "error");
+  pags_json_put_string(w, "unit", "metres");
+  put_distance(w, "proxy_to_gaussians", &f->to_gaussians);
+  put_distance(w, "gaussians_to_proxy", &f->from_gaussians);
+  if (!isnan(f->silhouette_iou)) {
+    pags_json_put_number(w, "silhouette_iou", f->silhouette_iou);
+    pags_json_put_integer(w, "silhouette_views", f->silhouette_views);
+  }
+  pags_json_end_object(w);
+  if (f->note)
+    pags_json_put_string(w, "note", f->note);
 }

@@ -1,0 +1,171 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Gaussians as glTF with KHR_gaussian_splatting: one set of them, or one animated node for each object. */
+#include "exporters/format/gltf_splats.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/memory.h"
+#include "exporters/format/gltf.h"
+#include "exporters/format/object_gaussians.h"
+#include "maths/maths.h"
+
+/* ---- One set of Gaussians ---- */
+
+static double sigmoid(double x) {
+  return 1 / (1 + pags_exp(-x));
+}
+
+/* sRGB to linear light (IEC 61966-2-1). */
+static double linear(double v) {
+  v = fmin(fmax(v, 0), 1);
+  return v <= 0.04045 ? v / 12.92 : pags_pow((v + 0.055) / 1.055, 2.4);
+}
+
+/* The attributes of a point primitive. */
+typedef struct columns {
+  float *block; /* the values of all attributes, one attribute after the other */
+  pags_gltf_attribute list[24];
+  char names[24][64];
+  int count;
+  size_t used, rows;
+} columns;
+
+/* Adds an attribute and returns where its values go: `rows` times `components` floats. */
+static float *add_column(columns *c, const char *name, int components) {
+  float *values = c->block + c->used;
+  snprintf(c->names[c->count], sizeof c->names[0], "%.63s", name);
+  c->list[c->count] = (pags_gltf_attribute){c->names[c->count], components, values};
+  c->count++;
+  c->used += c->rows * (size_t)components;
+  return values;
+}
+
+/* Fills the attributes of KHR_gaussian_splatting. COLOR_0 (constant colour in linear light, opacity) is for readers
+ * that don't know the extension and draw points. */
+static void fill_columns(const pags_gaussians *g, columns *c) {
+  float *position = add_column(c, "POSITION", 3), *color = add_column(c, "COLOR_0", 4);
+  float *rotation = add_column(c, "KHR_gaussian_splatting:ROTATION", 4),
+        *scale = add_column(c, "KHR_gaussian_splatting:SCALE", 3);
+  float *opacity = add_column(c, "KHR_gaussian_splatting:OPACITY", 1);
+  for (int64_t i = 0; i < g->count; i++) {
+    double q[4], length = 0;
+    for (int k = 0; k < 4; k++) {
+      q[k] = (double)pags_plane(g, PAGS_ROTATION + (k + 1) % 4)[i];
+      length += q[k] * q[k];
+    }
+    for (int k = 0; k < 4; k++)
+      rotation[4 * i + k] = length > 0 ? (float)(q[k] / sqrt(length)) : (float)(k == 3);
+    for (int k = 0; k < 3; k++) {
+      position[3 * i + k] = pags_plane(g, PAGS_MEAN + k)[i];
+      scale[3 * i + k] = (float)pags_exp((double)pags_plane(g, PAGS_SCALE + k)[i]);
+      color[4 * i + k] = (float)linear(0.5 + PAGS_SH_C0 * (double)pags_plane(g, PAGS_SH + k)[i]);
+    }
+    opacity[i] = color[4 * i + 3] = (float)sigmoid((double)pags_plane(g, PAGS_OPACITY)[i]);
+  }
+  for (int degree = 0, k = 0; degree <= g->sh_degree; degree++)
+    for (int n = 0; n <= 2 * degree; ++n, ++k) {
+      char name[64];
+      snprintf(name, sizeof name, "KHR_gaussian_splatting:SH_DEGREE_%d_COEF_%d", degree, n);
+      float *values = add_column(c, name, 3);
+      for (int64_t i = 0; i < g->count; i++)
+        for (int channel = 0; channel < 3; channel++)
+          values[3 * i + channel] = pags_plane(g, PAGS_SH + 3 * k + channel)[i];
+    }
+}
+
+static pags_result add_points(pags_gltf *gltf, int node, const char *name, const pags_gaussians *g) {
+  static const char extension[] =
+      "{\"kernel\":\"ellipse\",\"colorSpace\":\"srgb_rec709_display\",\"projection\":\"perspective\","
+      "\"sortingMethod\":\"cameraDistance\"}";
+  columns *c = calloc(1, sizeof *c);
+  if (c)
+    c->block = malloc(((size_t)g->count * (15 + 3 * (size_t)pags_sh_coefficients(g->sh_degree)) + 1) * sizeof(float));
+  if (!c || !c->block) {
+    free(c);
+    return pags_out_of_memory("%lld Gaussians", (long long)g->count);
+  }
+  c->rows = (size_t)g->count;
+  fill_columns(g, c);
+  pags_gltf_node_mesh(gltf, node,
+                      pags_gltf_points(gltf, name, g->count, c->list, c->count, "KHR_gaussian_splatting", extension));
+  free(c->block);
+  free(c);
+  return PAGS_OK;
+}
+
+/* The rotation to glTF's Y up is the root node's, as in files of proxies, so that means, rotations and harmonics below
+ * it stay in the scene's axes. */
+pags_result pags_gltf_splats_save(const char *path, pags_up up, const pags_gaussians *g) {
+  static const double from_z[12] = {1, 0, 0, 0, 0, 0, 1, 0, 0, -1, 0, 0},
+                      from_minus_y[12] = {1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, 0};
+  pags_gltf *gltf;
+  if (!g->count)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: there is no Gaussian at that time", path);
+  PAGS_TRY(pags_gltf_create(&gltf));
+  int root = pags_gltf_node(gltf, -1, "scene");
+  pags_gltf_node_pose(gltf, root, up == PAGS_UP_Z ? from_z : from_minus_y);
+  pags_result result = add_points(gltf, pags_gltf_node(gltf, root, "splats"), "splats", g);
+  if (result == PAGS_OK)
+    result = pags_gltf_save(gltf, path);
+  pags_gltf_destroy(gltf);
+  return result;
+}
+
+/* ---- A node for each object ---- */
+
+/* Adds the node of one object: its Gaussians in its own frame, its track as animation. `object` -1 adds the Gaussians
+ * of no object as the node `background`. Adds the number of Gaussians to `count`. */
+static pags_result add_owned(pags_gltf *gltf, int root, pags_composition *composition, int64_t object, double time_zero,
+                             const pags_splat_options *options, int degree, int64_t *count) {
+  pags_gaussians g;
+  pags_object_gaussians_track track = {0};
+  char name[96];
+  const pags_scene *scene = pags_composition_scene(composition);
+  PAGS_TRY(pags_object_gaussians(composition, object, options->time, degree, &g));
+  pags_result result = PAGS_OK;
+  if (g.count) {
+    snprintf(name, sizeof name, "%.80s", object < 0 ? "background" : scene->objects[object].record.id);
+    int node = pags_gltf_node(gltf, root, name);
+    if (object >= 0)
+      result = pags_object_gaussians_track_make(composition, object, time_zero, &track);
+    if (result == PAGS_OK && track.count)
+      pags_gltf_node_pose(gltf, node, track.poses[0]);
+    if (result == PAGS_OK && track.count > 1)
+      pags_gltf_node_track(gltf, node, track.count, track.times, (const double(*)[12])track.poses);
+    pags_object_gaussians_track_destroy(&track);
+    if (result == PAGS_OK)
+      result = add_points(gltf, node, name, &g);
+    *count += g.count;
+  }
+  pags_gaussians_destroy(&g);
+  return result;
+}
+
+pags_result pags_gltf_tracks_save(const char *path, pags_composition *composition, const pags_splat_options *options,
+                                  int64_t *count) {
+  static const double from_z[12] = {1, 0, 0, 0, 0, 0, 1, 0, 0, -1, 0, 0},
+                      from_minus_y[12] = {1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, 0};
+  const pags_scene *scene = pags_composition_scene(composition);
+  int degree;
+  double time_zero = scene->time_begin;
+  pags_gltf *gltf;
+  PAGS_TRY(pags_object_gaussians_degree(composition, options->sh_degree, &degree));
+  PAGS_TRY(pags_gltf_create(&gltf));
+  int root = pags_gltf_node(gltf, -1, "scene");
+  pags_gltf_node_pose(gltf, root, scene->up == PAGS_UP_Z ? from_z : from_minus_y);
+  for (int64_t i = 0; i < scene->object_count; i++)
+    time_zero = fmin(time_zero, scene->objects[i].record.knots[0].time);
+  pags_result result = PAGS_OK;
+  *count = 0;
+  for (int64_t i = -1; i < scene->object_count && result == PAGS_OK; i++)
+    result = add_owned(gltf, root, composition, i, time_zero, options, degree, count);
+  if (result == PAGS_OK && !*count)
+    result = pags_fail(PAGS_ERROR_ARGUMENT, "%s: there is no Gaussian", path);
+  if (result == PAGS_OK)
+    result = pags_gltf_save(gltf, path);
+  pags_gltf_destroy(gltf);
+  return result;
+}
