@@ -36,16 +36,6 @@ static const pags_option scene_options[] = {
     PAGS_SESSION_OPTIONS(bench_arguments),
     {0}};
 
-static const pags_option error_options[] = {
-    PAGS_TEXT("camera", 0, AT(camera), "FILE", "the scene's training views, or an orbit", "measure from this camera"),
-    PAGS_VALUE("views", 'n', INT, AT(views), 1, 64, "N", "pictures", NULL, "how many views to take the mean over"),
-    PAGS_VALUE("repetitions", 'r', INT, AT(repetitions), 1, 1000, "N", "frames", NULL,
-               "timed frames of each view and way to draw, which take turns"),
-    PAGS_VALUE("downscale", 0, DOUBLE, AT(downscale), 1, 64, "F", "times", NULL, "shrink the pictures"),
-    PAGS_TEXT("markdown", 0, AT(markdown), "FILE", NULL, "write the table as Markdown too"),
-    PAGS_SESSION_OPTIONS(bench_arguments),
-    {0}};
-
 static const pags_option train_options[] = {
     PAGS_OUTPUT(AT(output), "SCENE", "folder to train into; written afresh"),
     PAGS_VALUE("iterations", 'n', INT64, AT(iterations), 1, PAGS_UNLIMITED, "N", "steps", NULL, "how long to train"),
@@ -75,6 +65,16 @@ static const pags_verb roofline_verb =
                "peak rasterising this scene reaches, forward and backward, on each instruction set that "
                "runs here (PAGS_CPU: on that one).");
 #ifdef PAGS_WITH_REFERENCE
+static const pags_option error_options[] = {
+    PAGS_TEXT("camera", 0, AT(camera), "FILE", "the scene's training views, or an orbit", "measure from this camera"),
+    PAGS_VALUE("views", 'n', INT, AT(views), 1, 64, "N", "pictures", NULL, "how many views to take the mean over"),
+    PAGS_VALUE("repetitions", 'r', INT, AT(repetitions), 1, 1000, "N", "frames", NULL,
+               "timed frames of each view and way to draw, which take turns"),
+    PAGS_VALUE("downscale", 0, DOUBLE, AT(downscale), 1, 64, "F", "times", NULL, "shrink the pictures"),
+    PAGS_TEXT("markdown", 0, AT(markdown), "FILE", NULL, "write the table as Markdown too"),
+    PAGS_SESSION_OPTIONS(bench_arguments),
+    {0}};
+
 static const pags_verb error_verb = {.name = "error",
                                      .usage = "SCENE [options]",
                                      .about =

@@ -241,7 +241,7 @@ static void find_colours(const sky_context *c, int64_t at, float (*restrict colo
     const float *const restrict gradient = c->gradient->rgb[k] + at;
     for (int x = 0; x < PAGS_TILE; x++) {
       const float p = t[x] * gradient[x];
-      product[k][x] = (fabsf(p) < 3e38f) & (t[x] >= cut) ? p : 0.0f;
+      product[k][x] = ((fabsf(p) < 3e38f) & (t[x] >= cut)) ? p : 0.0f;
     }
   }
   for (int x = 0; x < PAGS_TILE; x++) {

@@ -13,7 +13,7 @@
 #include "train/config.h"
 #include "train/run.h"
 
-static const char magic[8] = "PAGSRUN4";
+static const char magic[8] = {'P', 'A', 'G', 'S', 'R', 'U', 'N', '4'};
 
 #if defined(__BYTE_ORDER__) && __BYTE_ORDER__ != __ORDER_LITTLE_ENDIAN__
 #error "checkpoints are written as little endian memory"
