@@ -10,6 +10,10 @@
 #   make valgrind  the program's way from a data set to exported files under valgrind (docs/reliability.md)
 #   make bench   run the benchmarks on the demo's scene: roofline, stages, speed against error
 #   make addon   the Blender add-on as build/pags-blender-*.zip, validated where a Blender of 4.2 or newer is found
+#   make setup-cross  what make cross needs, into PAGS_CROSS (~/.cache/pags-cross): a compiler and the sources of libraries, checked by hash
+#   make cross TARGET=NAME  program, library, Python module and add-on for another system, into build-cross/NAME (docs/porting.md); NAME is
+#                windows-x64, macos-arm64, macos-x64, linux-x64-glibc2.17 or linux-arm64
+#   make check-arm64  the engine's unit tests and a short training for 64-bit ARM, under an emulator; beside the same of x86-64, bit by bit
 #   make check-blender      the add-on's tests in Debian's Blender; part of make check
 #   make check-blender-new  the same in a newer one: BLENDER_NEW=PROGRAM, a Blender or a Python with the module bpy
 #   make bench-blender SCENE=FOLDER  what the add-on takes: importing, memory, the viewport in a window under Xvfb
@@ -28,11 +32,12 @@ SCENE ?= build/demo/scene
 MINUTES ?= 1
 LONG_MINUTES ?= $(MINUTES)
 TARGETS ?=
+TARGET ?=
 REFERENCE ?= HEAD
 OPTIONS ?=
 
 # Checks that take hours, or programs that make setup doesn't install.
-NOT_CHECKED := check-blender-new fuzz sanitize valgrind
+NOT_CHECKED := check-arm64 check-blender-new fuzz sanitize valgrind
 
 all:
 	cmake --preset release
@@ -94,6 +99,15 @@ guide: addon build/demo/scene/scene.json
 	PAGS_GUIDE_SCENE="$(CURDIR)/build/demo/scene" PAGS_GUIDE_IMAGES="$(CURDIR)/docs/images" \
 	  python3 tests/addon/run_blender.py gui_guide.py "$(CURDIR)/build/pags" "$(CURDIR)"/build/pags-blender-*.zip
 
+setup-cross:
+	sh scripts/setup_cross.sh
+
+cross:
+	JOBS=$(JOBS) sh scripts/cross.sh $(TARGET)
+
+check-arm64:
+	JOBS=$(JOBS) sh tests/check_arm64.sh
+
 same-bits: all
 	python3 tests/same_bits.py --reference "$(REFERENCE)" $(OPTIONS)
 
@@ -112,4 +126,4 @@ install: all
 clean:
 	rm -rf build
 
-.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-blender-new bench-blender guide same-bits figures docs install clean
+.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-blender-new bench-blender guide setup-cross cross check-arm64 same-bits figures docs install clean
