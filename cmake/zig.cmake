@@ -61,6 +61,8 @@ if(CMAKE_SYSTEM_NAME STREQUAL "Darwin")
   set(CMAKE_OSX_SYSROOT "")
   set(CMAKE_OSX_DEPLOYMENT_TARGET "" CACHE STRING "" FORCE) # it is in zig's name of the target
   set(CMAKE_INSTALL_NAME_TOOL true CACHE FILEPATH "" FORCE)
+  set(CMAKE_INSTALL_NAME_DIR @rpath) # what a library says that it is called, in place of its path on this machine
+  set(CMAKE_BUILD_WITH_INSTALL_NAME_DIR ON)
 endif()
 if(PAGS_TARGET STREQUAL "linux-arm64")
   set(CMAKE_CROSSCOMPILING_EMULATOR qemu-aarch64 -L /usr/aarch64-linux-gnu)

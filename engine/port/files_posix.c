@@ -2,6 +2,7 @@
 /* Files and folders (port.h) by POSIX, for Linux and macOS. */
 #ifndef _WIN32
 #define _XOPEN_SOURCE 700 /* realpath */
+#define _DARWIN_C_SOURCE  /* O_NOFOLLOW on macOS */
 #include "port/port.h"
 
 #include <dirent.h>
