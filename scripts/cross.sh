@@ -42,7 +42,7 @@ if [ "$(cat "$cross/$target/recipe" 2>/dev/null)" != "$recipe" ]; then
 fi
 
 # The engine. What needs a library that isn't among those is left out: synth, proxies, and pictures other than PNG, JPEG and EXR.
-build=build-cross/$target
+build=${PAGS_BUILD:-build-cross/$target}
 cmake -S . -B "$build" -DCMAKE_BUILD_TYPE=Release -DCMAKE_TOOLCHAIN_FILE="$PWD/cmake/zig.cmake" -DPAGS_TARGET="$target" -DPAGS_CROSS="$cross" \
   -DPAGS_IMAGES=OFF -DPAGS_EMBREE=OFF -DPAGS_EXPORT=OFF -DPAGS_TESTS=OFF "$@"
 cmake --build "$build" --parallel "$jobs"

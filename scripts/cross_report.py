@@ -101,8 +101,9 @@ def main():
             else:
                 continue
             kind, machine, needed, floor = facts
+            needed = list(dict.fromkeys("UCRT" if word.startswith("api-ms-win-crt-") else os.path.basename(word) for word in needed))
             rows.append(f"{os.path.relpath(path, folder):24} {kind} {PROCESSORS.get(machine, machine)}, {len(data) / 1e6:.2f} MB; needs "
-                        f"{' '.join(os.path.basename(word) for word in needed) or 'no library'}; {floor or 'any version'}")
+                        f"{' '.join(needed) or 'no library'}; {floor or 'any version'}")
     print("\n".join(rows) if rows else f"{folder}: no program or library is there")
     return 0 if rows else 1
 

@@ -160,6 +160,8 @@ def all_rows():
                                             lidar_points=1500, samples=2), quick=True)
     yield Row("train street, tiny", Command("train", tiny, output="{out}/scene", iterations=60, threads=2, fourier_gain=0, preset="lean",
                                             **TRAINED), quick=True)
+    yield Row("train street, tiny, plain C", Command("train", tiny, output="{out}/scene", iterations=20, threads=2, fourier_gain=0,
+                                                     environment={"PAGS_CPU": "scalar"}, **TRAINED), quick=True)
     for mode, form in (("lossless", "png"), ("bounded", "exr")):
         yield Row(f"render street, tiny, {mode}", Command("render", tiny_scene, output="{out}", path="ego", early_z=mode, format=form,
                                                           channel="color,depth,id,priority"), quick=True)
