@@ -51,17 +51,18 @@ foreach(tool ar ranlib)
   set(CMAKE_${name} ${script} CACHE FILEPATH "" FORCE)
 endforeach()
 
-# What is built is shipped: without symbols of its own. Nothing is installed in place, so no path of libraries has to be rewritten.
+# What is built is shipped: without symbols of its own, and without this machine's paths.
 foreach(kind EXE SHARED MODULE)
   set(CMAKE_${kind}_LINKER_FLAGS_INIT "-s")
 endforeach()
-set(CMAKE_SKIP_RPATH ON)
+set(CMAKE_BUILD_WITH_INSTALL_RPATH ON)
 set(CMAKE_STRIP true CACHE FILEPATH "" FORCE)
 if(CMAKE_SYSTEM_NAME STREQUAL "Darwin")
   set(CMAKE_OSX_SYSROOT "")
   set(CMAKE_OSX_DEPLOYMENT_TARGET "" CACHE STRING "" FORCE) # it is in zig's name of the target
   set(CMAKE_INSTALL_NAME_TOOL true CACHE FILEPATH "" FORCE)
-  set(CMAKE_INSTALL_NAME_DIR @rpath) # what a library says that it is called, in place of its path on this machine
+  set(CMAKE_MACOSX_RPATH OFF)
+  set(CMAKE_INSTALL_NAME_DIR @loader_path/../lib) # where a program in bin/ looks for the library
   set(CMAKE_BUILD_WITH_INSTALL_NAME_DIR ON)
 endif()
 if(PAGS_TARGET STREQUAL "linux-arm64")
