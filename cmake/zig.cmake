@@ -67,6 +67,8 @@ if(CMAKE_SYSTEM_NAME STREQUAL "Darwin")
 endif()
 if(PAGS_TARGET STREQUAL "linux-arm64")
   set(CMAKE_CROSSCOMPILING_EMULATOR qemu-aarch64 -L /usr/aarch64-linux-gnu)
+elseif(PAGS_TARGET STREQUAL "windows-x64")
+  set(CMAKE_CROSSCOMPILING_EMULATOR wine)
 endif()
 
 # Headers and libraries are those of scripts/cross.sh, programs the machine's.
