@@ -1,17 +1,76 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Checks that a JPEG file has its end-of-image marker (ITU-T T.81, annex B). */
+/* JPEG files through libjpeg-turbo. libjpeg reports errors by longjmp: every function here that calls it sets the
+ * target itself and returns at once after a jump, so that no local variable is read after one. */
 #include "image/jpeg.h"
 
-#include "base/file.h"
-
-#include <stdbool.h>
+#include <assert.h>
+#include <setjmp.h>
+#include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
+
+#include <jerror.h>
+#include <jpeglib.h>
+
+#include "base/memory.h"
 
 enum { START_OF_IMAGE = 0xd8, END_OF_IMAGE = 0xd9, START_OF_SCAN = 0xda };
+enum { QUALITY = 95 };
+enum { MOST_SCANS = 500 }; /* progressive files have about ten; each takes time in proportion to the pixels */
 
-/* Returns the byte at which the first scan begins; 0 if the segments before it are malformed, which is left for the
- * decoder to report. These segments must be skipped, because a thumbnail in them has an end-of-image marker of its
- * own. */
+/* libjpeg's error manager, first, and what comes out of it. */
+typedef struct jpeg_errors {
+  struct jpeg_error_mgr manager;
+  jmp_buf jump;
+  bool out_of_memory;
+  char message[JMSG_LENGTH_MAX];
+} jpeg_errors;
+
+typedef struct jpeg_reader {
+  struct jpeg_decompress_struct jpeg;
+  struct jpeg_progress_mgr progress;
+  jpeg_errors errors;
+  const pags_encoded *file;
+} jpeg_reader;
+
+/* ---- Errors ---- */
+
+static void on_error(j_common_ptr jpeg) {
+  jpeg_errors *const errors = (jpeg_errors *)jpeg->err;
+  errors->out_of_memory = jpeg->err->msg_code == JERR_OUT_OF_MEMORY;
+  jpeg->err->format_message(jpeg, errors->message);
+  longjmp(errors->jump, 1);
+}
+
+/* Warnings, as of a damaged block that is decoded as far as it goes. */
+static void ignore_message(j_common_ptr jpeg) {
+  (void)jpeg;
+}
+
+static struct jpeg_error_mgr *set_errors(jpeg_errors *errors) {
+  jpeg_std_error(&errors->manager);
+  errors->manager.error_exit = on_error;
+  errors->manager.output_message = ignore_message;
+  return &errors->manager;
+}
+
+static void check_scans(j_common_ptr jpeg) {
+  jpeg_errors *const errors = (jpeg_errors *)jpeg->err;
+  if (((j_decompress_ptr)jpeg)->input_scan_number <= MOST_SCANS)
+    return;
+  snprintf(errors->message, sizeof errors->message, "it has more than %d scans", MOST_SCANS);
+  longjmp(errors->jump, 1);
+}
+
+/* Fails with libjpeg's message, as `bad` puts it. */
+static pags_result explain(const jpeg_reader *r, pags_result (*bad)(const pags_encoded *, const char *, const char *)) {
+  return r->errors.out_of_memory ? pags_out_of_memory("%s", r->file->path) : bad(r->file, "JPEG", r->errors.message);
+}
+
+/* ---- Reading ---- */
+
+/* Returns the byte at which the first scan begins; 0 if the segments before it are malformed, which the decoder
+ * reports. These segments must be skipped, because a thumbnail in them has an end-of-image marker of its own. */
 static size_t find_scan(const uint8_t *bytes, size_t size) {
   size_t at = 2;
   while (at + 4 <= size && bytes[at] == 0xff) {
@@ -25,23 +84,202 @@ static size_t find_scan(const uint8_t *bytes, size_t size) {
   return 0;
 }
 
-/* Is there an end-of-image marker after byte `begin`? The search runs from the end of the file, because cameras
- * append data of their own after the marker, but not much. */
-static bool has_end(const uint8_t *bytes, size_t begin, size_t size) {
-  for (size_t i = size - 1; i > begin; i--)
-    if (bytes[i] == END_OF_IMAGE && bytes[i - 1] == 0xff)
-      return true;
-  return false;
+/* Is the file cut off: is there no end-of-image marker after the beginning of the first scan? The search runs from the
+ * end of the file, because cameras append data of their own after the marker, but not much. */
+static bool is_cut_off(const pags_encoded *file) {
+  const size_t scan = find_scan(file->bytes, file->size);
+  if (scan == 0)
+    return false;
+  for (size_t i = file->size - 1; i > scan; i--)
+    if (file->bytes[i] == END_OF_IMAGE && file->bytes[i - 1] == 0xff)
+      return false;
+  return true;
 }
 
-pags_result pags_jpeg_check_end(const char *path) {
-  uint8_t *bytes;
-  size_t size;
-  PAGS_TRY(pags_file_read(path, &bytes, &size));
-  bool jpeg = size > 3 && bytes[0] == 0xff && bytes[1] == START_OF_IMAGE;
-  size_t scan = jpeg ? find_scan(bytes, size) : 0;
-  bool cut = scan > 0 && !has_end(bytes, scan, size);
-  free(bytes);
-  return cut ? pags_fail(PAGS_ERROR_FORMAT, "%s: can't be decoded: the file is cut off after %zu bytes", path, size)
-             : PAGS_OK;
+static bool read_header(jpeg_reader *r) {
+  if (setjmp(r->errors.jump))
+    return false;
+  jpeg_create_decompress(&r->jpeg);
+  r->progress.progress_monitor = check_scans;
+  r->jpeg.progress = &r->progress;
+  jpeg_mem_src(&r->jpeg, r->file->bytes, r->file->size);
+  jpeg_read_header(&r->jpeg, TRUE);
+  return true;
+}
+
+static bool start(jpeg_reader *r) {
+  if (setjmp(r->errors.jump))
+    return false;
+  if (r->jpeg.jpeg_color_space == JCS_YCCK)
+    r->jpeg.out_color_space = JCS_CMYK;
+  jpeg_start_decompress(&r->jpeg);
+  return true;
+}
+
+static uint8_t times_black(uint8_t colour, uint8_t black) {
+  const float scale = 1 / 255.0f;
+  return (uint8_t)((float)colour * scale * ((float)black * scale) * 255.0f + 0.5f);
+}
+
+/* Reads all rows into `out`. A row whose channels differ from the file's goes through `row`. */
+static bool read_rows(jpeg_reader *r, uint8_t *row, pags_image *out) {
+  if (setjmp(r->errors.jump))
+    return false;
+  const size_t width = (size_t)out->width, channels = (size_t)out->channels, stored = (size_t)r->jpeg.output_components;
+  while (r->jpeg.output_scanline < r->jpeg.output_height) {
+    uint8_t *const to = (uint8_t *)out->data + r->jpeg.output_scanline * width * channels;
+    JSAMPROW rows[1] = {row ? row : to};
+    jpeg_read_scanlines(&r->jpeg, rows, 1);
+    for (size_t x = 0; row && x < width; x++)
+      for (size_t c = 0; c < channels; c++)
+        to[x * channels + c] = r->jpeg.out_color_space == JCS_CMYK
+                                   ? times_black(row[x * stored + c], row[x * stored + 3])
+                                   : row[x * stored + c];
+  }
+  return true;
+}
+
+/* The fewest bytes of a file with so many pixels: one bit for each block of 8 x 8. Arithmetic coding takes less. */
+static uint64_t least_bytes(const struct jpeg_decompress_struct *jpeg) {
+  const uint64_t blocks = (((uint64_t)jpeg->image_width + 7) / 8) * (((uint64_t)jpeg->image_height + 7) / 8);
+  return blocks / (jpeg->arith_code ? 512 : 8);
+}
+
+/* Reads the header and checks the size. Whatever it returns, jpeg_destroy_decompress is due. */
+static pags_result begin(jpeg_reader *r) {
+  r->jpeg.err = set_errors(&r->errors);
+  if (!read_header(r))
+    return explain(r, pags_encoded_bad_header);
+  const pags_picture_info info = {
+      .width = r->jpeg.image_width, .height = r->jpeg.image_height, .channels = r->jpeg.num_components};
+  return pags_encoded_check(r->file, &info, 0);
+}
+
+static pags_result decode(jpeg_reader *r, int most, pags_image *out) {
+  PAGS_TRY(begin(r));
+  const pags_picture_info info = {
+      .width = r->jpeg.image_width, .height = r->jpeg.image_height, .channels = r->jpeg.num_components};
+  PAGS_TRY(pags_encoded_check(r->file, &info, least_bytes(&r->jpeg)));
+  if (!start(r))
+    return explain(r, pags_encoded_bad_header);
+  const int stored = r->jpeg.output_components;
+  const int channels = r->jpeg.out_color_space == JCS_CMYK ? 3 : stored < most ? stored : most;
+  PAGS_TRY(pags_image_create(out, (int)r->jpeg.output_width, (int)r->jpeg.output_height, channels, PAGS_U8));
+  uint8_t *const row = channels == stored ? NULL : malloc(r->jpeg.output_width * (size_t)stored);
+  if (channels != stored && !row)
+    return pags_out_of_memory("%s", r->file->path);
+  const bool read = read_rows(r, row, out);
+  free(row);
+  if (!read)
+    return explain(r, pags_encoded_bad_samples);
+  return is_cut_off(r->file) ? pags_fail(PAGS_ERROR_FORMAT, "%s: can't be decoded: the file is cut off after %zu bytes",
+                                         r->file->path, r->file->size)
+                             : PAGS_OK;
+}
+
+pags_result pags_jpeg_size(const pags_encoded *file, int *width, int *height) {
+  jpeg_reader r = {.file = file};
+  const pags_result result = begin(&r);
+  if (result == PAGS_OK) {
+    *width = (int)r.jpeg.image_width;
+    *height = (int)r.jpeg.image_height;
+  }
+  jpeg_destroy_decompress(&r.jpeg);
+  return result;
+}
+
+pags_result pags_jpeg_decode(const pags_encoded *file, int most, pags_image *out) {
+  jpeg_reader r = {.file = file};
+  memset(out, 0, sizeof *out);
+  const pags_result result = decode(&r, most, out);
+  jpeg_destroy_decompress(&r.jpeg);
+  if (result != PAGS_OK)
+    pags_image_destroy(out);
+  return result;
+}
+
+/* ---- Writing ---- */
+
+/* A destination of libjpeg's, first, that flushes a buffer into a sink. */
+typedef struct jpeg_target {
+  struct jpeg_destination_mgr manager;
+  pags_sink *sink;
+  uint8_t buffer[4096];
+} jpeg_target;
+
+typedef struct jpeg_writer {
+  struct jpeg_compress_struct jpeg;
+  jpeg_errors errors;
+  jpeg_target target;
+} jpeg_writer;
+
+static void begin_target(j_compress_ptr jpeg) {
+  jpeg_target *const target = (jpeg_target *)jpeg->dest;
+  target->manager.next_output_byte = target->buffer;
+  target->manager.free_in_buffer = sizeof target->buffer;
+}
+
+static void put(j_compress_ptr jpeg, size_t size) {
+  jpeg_target *const target = (jpeg_target *)jpeg->dest;
+  if (!pags_sink_put(target->sink, target->buffer, size))
+    ERREXIT1(jpeg, JERR_OUT_OF_MEMORY, 0);
+}
+
+static boolean flush_target(j_compress_ptr jpeg) {
+  put(jpeg, sizeof((jpeg_target *)jpeg->dest)->buffer);
+  begin_target(jpeg);
+  return TRUE;
+}
+
+static void end_target(j_compress_ptr jpeg) {
+  put(jpeg, sizeof((jpeg_target *)jpeg->dest)->buffer - jpeg->dest->free_in_buffer);
+}
+
+/* An EXIF segment that says: version 2.3, components in the order Y Cb Cr, colours are sRGB. A TIFF header,
+ * directory 0 with the place of the EXIF directory, and that directory; entries are tag, type, count and value,
+ * little-endian (CIPA DC-008). */
+static const uint8_t exif[] = {'E', 'x', 'i', 'f', 0, 0,    'I', 'I', 42,  0,   8, 0,    0,   0,   1,   0,   0x69, 0x87,
+                               4,   0,   1,   0,   0, 0,    26,  0,   0,   0,   0, 0,    0,   0,   4,   0,   0,    0x90,
+                               7,   0,   4,   0,   0, 0,    '0', '2', '3', '0', 1, 0x91, 7,   0,   4,   0,   0,    0,
+                               1,   2,   3,   0,   0, 0xa0, 7,   0,   4,   0,   0, 0,    '0', '1', '0', '0', 1,    0xa0,
+                               3,   0,   1,   0,   0, 0,    1,   0,   0,   0,   0, 0,    0,   0};
+
+static bool write_all(jpeg_writer *w, const pags_image *image) {
+  if (setjmp(w->errors.jump))
+    return false;
+  struct jpeg_compress_struct *const jpeg = &w->jpeg;
+  jpeg_create_compress(jpeg);
+  jpeg->dest = &w->target.manager;
+  jpeg->image_width = (JDIMENSION)image->width;
+  jpeg->image_height = (JDIMENSION)image->height;
+  jpeg->input_components = image->channels;
+  jpeg->in_color_space = image->channels == 3 ? JCS_RGB : JCS_GRAYSCALE;
+  jpeg_set_defaults(jpeg);
+  jpeg_set_quality(jpeg, QUALITY, TRUE);
+  jpeg->comp_info[0].h_samp_factor = jpeg->comp_info[0].v_samp_factor = 1; /* chroma's factors are 1 */
+  jpeg_start_compress(jpeg, TRUE);
+  jpeg_write_marker(jpeg, JPEG_APP0 + 1, exif, sizeof exif);
+  const size_t bytes = (size_t)image->width * (size_t)image->channels;
+  while (jpeg->next_scanline < jpeg->image_height) {
+    JSAMPROW rows[1] = {(uint8_t *)image->data + jpeg->next_scanline * bytes};
+    jpeg_write_scanlines(jpeg, rows, 1);
+  }
+  jpeg_finish_compress(jpeg);
+  return true;
+}
+
+pags_result pags_jpeg_encode(const char *path, const pags_image *image, pags_sink *out) {
+  assert(image->sample == PAGS_U8 && (image->channels == 1 || image->channels == 3));
+  jpeg_writer w = {.target = {.manager = {.init_destination = begin_target,
+                                          .empty_output_buffer = flush_target,
+                                          .term_destination = end_target},
+                              .sink = out}};
+  w.jpeg.err = set_errors(&w.errors);
+  pags_result result = PAGS_OK;
+  if (!write_all(&w, image))
+    result = w.errors.out_of_memory
+                 ? pags_out_of_memory("%s", path)
+                 : pags_fail(PAGS_ERROR_IO, "%s: can't be written: JPEG: %s", path, w.errors.message);
+  jpeg_destroy_compress(&w.jpeg);
+  return result;
 }

@@ -1,12 +1,25 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A check of JPEG files that OpenImageIO does not make. */
+/* JPEG files (ITU-T T.81), read and written through libjpeg-turbo. All functions may be called on any thread. */
 #ifndef PAGS_IMAGE_JPEG_H
 #define PAGS_IMAGE_JPEG_H
 
-#include <pags/base.h>
+#include <pags/image.h>
 
-/* Fails with PAGS_ERROR_FORMAT for a JPEG file that is cut off: the decoder would fill the rest of the picture with
- * grey and report no error. Files of other formats pass. */
-pags_result pags_jpeg_check_end(const char *path);
+#include "image/encoded.h"
+
+/* Reads width and height. Errors as pags_jpeg_decode. */
+pags_result pags_jpeg_size(const pags_encoded *file, int *width, int *height);
+
+/* Decodes a picture: U8, grey or RGB. CMYK, which Adobe's programs store inverted, becomes RGB by multiplying each
+ * colour with black. An EXIF orientation is ignored. No file has alpha: `most` (3 or 4) only bounds the channels of
+ * files of an unknown colour space.
+ *
+ * PAGS_ERROR_FORMAT, also for a file that is cut off: libjpeg would fill the rest of the picture with grey.
+ * PAGS_ERROR_MEMORY. On failure `out` is zeroed. */
+pags_result pags_jpeg_decode(const pags_encoded *file, int most, pags_image *out);
+
+/* Encodes a U8 picture of 1 or 3 channels with quality 95 and full-resolution chroma, marked as sRGB.
+ * PAGS_ERROR_MEMORY or PAGS_ERROR_IO; the caller frees out->bytes in either case. */
+pags_result pags_jpeg_encode(const char *path, const pags_image *image, pags_sink *out);
 
 #endif

@@ -14,8 +14,7 @@
 pags_result pags_oiio_module(const pags_oiio **out) {
   *out = NULL;
   return pags_fail(PAGS_ERROR_UNSUPPORTED,
-                   "this build reads no pictures: configure it with -DPAGS_IMAGES=ON and "
-                   "OpenImageIO (Debian: libopenimageio-dev)");
+                   "this build leaves it out: configure with -DPAGS_IMAGES=ON (Debian: libopenimageio-dev)");
 }
 
 #else
@@ -106,10 +105,10 @@ pags_result pags_oiio_module(const pags_oiio **out) {
   if (table)
     return PAGS_OK;
   if (strncmp(reason, "there is no memory", 18) == 0)
-    return pags_fail(PAGS_ERROR_MEMORY, "pictures can't be read or written: %s", reason);
+    return pags_fail(PAGS_ERROR_MEMORY, "%s", reason);
   return pags_fail(PAGS_ERROR_UNSUPPORTED,
-                   "pictures can't be read or written: %s; expected %s beside the program or in ../lib/pags, and "
-                   "OpenImageIO (Debian: libopenimageio2.4) installed",
+                   "%s; expected %s beside the program or in ../lib/pags, and OpenImageIO (Debian: libopenimageio2.4) "
+                   "installed",
                    reason[0] ? reason : "the module was not found", MODULE_NAME);
 }
 

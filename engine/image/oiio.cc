@@ -5,7 +5,6 @@
 
 #include "image/oiio.h"
 
-#include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
 
 #include <cstdio>
@@ -14,7 +13,6 @@
 #include <memory>
 #include <new>
 #include <string>
-#include <vector>
 
 namespace {
 
@@ -105,49 +103,10 @@ void close_reader(void *handle) {
   });
 }
 
-pags_result write_picture(const char *path, const char *format, const pags_oiio_picture *picture, pags_oiio_put *put,
-                          pags_oiio_message *message) {
-  return guarded(message, [&] {
-    auto output = OIIO::ImageOutput::create(format);
-    if (!output) {
-      set_message(message, OIIO::geterror());
-      return PAGS_ERROR_UNSUPPORTED;
-    }
-    OIIO::ImageSpec spec(picture->width, picture->height, picture->channels, type_of(picture->sample));
-    if (picture->names)
-      for (int c = 0; c < picture->channels; c++)
-        spec.channelnames[static_cast<size_t>(c)] = picture->names[c];
-    // PNG: 9 takes ten times as long as 4 for a few per cent. Alpha and colours go out as they came in.
-    spec.attribute("png:compressionLevel", 4);
-    spec.attribute("oiio:UnassociatedAlpha", 1);
-    if (std::string(format) == "exr") {
-      spec.attribute("Compression", "zip");
-      // Without one the time of writing goes in, and two files of the same picture differ.
-      spec.attribute("DateTime", "1970:01:01 00:00:00");
-    } else {
-      spec.attribute("oiio:ColorSpace", "sRGB");
-      spec.attribute("CompressionQuality", 95);
-      spec.attribute("jpeg:subsampling", "4:4:4");
-    }
-    // OpenImageIO's own writers don't look whether the disk took what they gave it, and replace what lies at the path.
-    std::vector<unsigned char> bytes;
-    OIIO::Filesystem::IOVecOutput memory(bytes);
-    if (!output->supports("ioproxy") || !output->set_ioproxy(&memory)) {
-      set_message(message, "this OpenImageIO can't write it to memory");
-      return PAGS_ERROR_UNSUPPORTED;
-    }
-    if (!output->open(path, spec) || !output->write_image(spec.format, picture->data) || !output->close()) {
-      set_message(message, output->geterror());
-      return PAGS_ERROR_IO;
-    }
-    return put(path, bytes.data(), bytes.size());
-  });
-}
-
 } // namespace
 
 extern "C" const pags_oiio *pags_oiio_table(void) {
-  static const pags_oiio table = {PAGS_OIIO_VERSION, open_reader, read_pixels, close_reader, write_picture};
+  static const pags_oiio table = {PAGS_OIIO_VERSION, open_reader, read_pixels, close_reader};
   try {
     // Our own pool decodes several pictures at once; threads of OpenImageIO's and OpenEXR's would only add to them.
     OIIO::attribute("threads", 1);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The table through which image.c reaches the OpenImageIO module (oiio.cc, built as pags_oiio.so).
+/* The table through which files.c reaches the OpenImageIO module (oiio.cc, built as pags_oiio.so).
  *
  * The module links none of the engine's code, so it cannot set the engine's error message: every call takes a buffer
  * for a one-line message instead. All calls may run on several threads at once, each with its own reader. */
@@ -12,7 +12,7 @@
 extern "C" {
 #endif
 
-#define PAGS_OIIO_VERSION 2 /* version of this table; a module built for another one is refused */
+#define PAGS_OIIO_VERSION 3 /* version of this table; a module built for another one is refused */
 #define PAGS_OIIO_SYMBOL "pags_oiio_table"
 
 typedef struct pags_oiio_message {
@@ -28,28 +28,12 @@ typedef struct pags_oiio_info {
   char format[16]; /* "png", "jpeg", "openexr", ... */
 } pags_oiio_info;
 
-/* An image to write: `channels` interleaved samples a pixel, of type `sample`. */
-typedef struct pags_oiio_picture {
-  int width, height, channels;
-  pags_sample sample;
-  const void *data;
-  const char *const *names; /* of the channels; NULL: the format's default names */
-} pags_oiio_picture;
-
-/* Writes a whole file; given by the engine. */
-typedef pags_result pags_oiio_put(const char *path, const void *bytes, size_t size);
-
 typedef struct pags_oiio {
   int version;
   pags_result (*open)(const char *path, void **reader, pags_oiio_info *info, pags_oiio_message *message);
   /* Reads the first `channels` channels as `sample`, interleaved, without conversion of alpha or colour. */
   pags_result (*read)(void *reader, int channels, pags_sample sample, void *data, pags_oiio_message *message);
   void (*close)(void *reader);
-  /* Encodes a picture in memory, hands the whole file to `put` once and returns its result. If encoding fails before
-   * that, `message` says why and is not empty. `format` is "png", "jpg" or "exr", whatever the path ends in; the
-   * module itself writes no file. */
-  pags_result (*write)(const char *path, const char *format, const pags_oiio_picture *picture, pags_oiio_put *put,
-                       pags_oiio_message *message);
 } pags_oiio;
 
 typedef const pags_oiio *pags_oiio_table_fn(void);

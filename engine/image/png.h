@@ -1,13 +1,22 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A check of PNG files that libpng does not make. */
+/* PNG files (ISO/IEC 15948), read and written through libpng. All functions may be called on any thread. */
 #ifndef PAGS_IMAGE_PNG_H
 #define PAGS_IMAGE_PNG_H
 
-#include <pags/base.h>
+#include <pags/image.h>
 
-/* Fails with PAGS_ERROR_FORMAT if a chunk before a PNG file's pixels claims to reach beyond the end of the file:
- * libpng (1.6.39) would allocate the length that a chunk claims, up to 2 GB, before it reads the chunk. Files of
- * other formats, unreadable files and the pixels themselves are left to the decoder. May be called on any thread. */
-pags_result pags_png_check_chunks(const char *path);
+#include "image/encoded.h"
+
+/* Reads width and height. Errors as pags_png_decode. */
+pags_result pags_png_size(const pags_encoded *file, int *width, int *height);
+
+/* Decodes a picture: U16 for 16 bits a sample, else U8. Fewer bits are scaled to 8, a palette becomes RGB, a
+ * transparent colour becomes alpha; alpha is straight, and gamma and colour profile are ignored. With `most` 3, alpha
+ * is left out. PAGS_ERROR_FORMAT or PAGS_ERROR_MEMORY; then `out` is zeroed. */
+pags_result pags_png_decode(const pags_encoded *file, int most, pags_image *out);
+
+/* Encodes a U8 or U16 picture, marked as sRGB. PAGS_ERROR_MEMORY or PAGS_ERROR_IO; the caller frees out->bytes in
+ * either case. */
+pags_result pags_png_encode(const char *path, const pags_image *image, pags_sink *out);
 
 #endif

@@ -489,8 +489,6 @@ static const fuzz_target matrix = {
 
 /* ---- A segment of one frame, imported: its pictures are decoded and written ---- */
 
-#ifdef PAGS_IMAGES
-
 static pags_tasks *tasks;
 
 static int run_segment(const uint8_t *data, size_t size) {
@@ -560,10 +558,4 @@ static const fuzz_target segment = {.name = "waymo_segment",
                                     .nested = 1,
                                     .smoke = 3000};
 
-#endif
-
-const fuzz_target *const fuzz_targets[] = {&kitti,   &tracklets, &tfrecord, &frame, &matrix,
-#ifdef PAGS_IMAGES
-                                           &segment,
-#endif
-                                           NULL};
+const fuzz_target *const fuzz_targets[] = {&kitti, &tracklets, &tfrecord, &frame, &matrix, &segment, NULL};

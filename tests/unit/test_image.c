@@ -4,10 +4,12 @@
 #include <pags/image.h>
 #include <pags/tasks.h>
 
+#include "image/module.h"
 #include "image/resample.h"
 #include "unit/scratch.h"
 
 #include <math.h>
+#include <zlib.h>
 
 static uint8_t pattern(int x, int y, int c) {
   return (uint8_t)(x * 7 + y * 13 + c * 61);
@@ -147,20 +149,115 @@ static void test_jpeg(void **state) {
   pags_image_destroy(&image);
 }
 
+/* Is OpenImageIO there, for what is neither PNG, JPEG nor EXR? */
+static bool has_oiio(void) {
+  const pags_oiio *oiio;
+  return pags_oiio_module(&oiio) == PAGS_OK;
+}
+
 static void test_bad_files(void **state) {
   scratch *s = *state;
   pags_image image = {0};
+  const pags_result unknown = has_oiio() ? PAGS_ERROR_FORMAT : PAGS_ERROR_UNSUPPORTED;
   scratch_text(s, "four.png", "\x89PNG");
   scratch_expect(pags_image_load(scratch_path(s, "four.png"), PAGS_U8, 3, &image), PAGS_ERROR_FORMAT, "four.png");
   assert_null(image.data);
   scratch_text(s, "text.jpg", "This is not a picture.\n");
-  scratch_expect(pags_image_load(scratch_path(s, "text.jpg"), PAGS_U8, 3, &image), PAGS_ERROR_FORMAT, "text.jpg");
+  scratch_expect(pags_image_load(scratch_path(s, "text.jpg"), PAGS_U8, 3, &image), unknown, "text.jpg");
   scratch_text(s, "empty.png", "");
   scratch_expect(pags_image_load(scratch_path(s, "empty.png"), PAGS_U8, 3, &image), PAGS_ERROR_FORMAT, "empty.png");
   scratch_expect(pags_image_load(s->folder, PAGS_U8, 3, &image), PAGS_ERROR_IO, "folder");
   scratch_expect(pags_image_load(scratch_path(s, "none.png"), PAGS_U8, 3, &image), PAGS_ERROR_IO, "none.png");
   int width, height;
-  scratch_expect(pags_image_size(scratch_path(s, "text.jpg"), &width, &height), PAGS_ERROR_FORMAT, "text.jpg");
+  scratch_expect(pags_image_size(scratch_path(s, "text.jpg"), &width, &height), unknown, "text.jpg");
+}
+
+/* Without OpenImageIO the refusal says what is read and what the file is; with it the file is read. */
+static void test_other_formats(void **state) {
+  scratch *s = *state;
+  pags_image image;
+  scratch_text(s, "a.ppm", "P6\n1 1\n255\nabc");
+  if (has_oiio()) {
+    assert_int_equal(pags_image_load(s->path, PAGS_U8, 3, &image), PAGS_OK);
+    assert_memory_equal(image.data, "abc", 3);
+    pags_image_destroy(&image);
+    return;
+  }
+  scratch_expect(pags_image_load(s->path, PAGS_U8, 3, &image), PAGS_ERROR_UNSUPPORTED,
+                 "a.ppm: PNG, JPEG and EXR are read; this file is a PPM; OpenImageIO reads more: ");
+  assert_null(image.data);
+}
+
+/* The decoder is chosen by what a file holds, not by its name. */
+static void test_names_mislead(void **state) {
+  scratch *s = *state;
+  static const char *const names[] = {"a.png", "a.jpg", "a.exr"};
+  for (int i = 0; i < 3; i++) {
+    uint8_t *bytes;
+    size_t size;
+    int width, height;
+    scratch_picture(s, names[i], 12, 9, pattern);
+    assert_int_equal(pags_file_read(s->path, &bytes, &size), PAGS_OK);
+    scratch_write(s, names[(i + 1) % 3], bytes, size);
+    free(bytes);
+    assert_int_equal(pags_image_size(s->path, &width, &height), PAGS_OK);
+    assert_true(width == 12 && height == 9);
+  }
+}
+
+/* A header that is longer than what is read at first: an EXIF segment of 65 kB, thrice, before the size. */
+static void test_size_after_a_long_header(void **state) {
+  scratch *s = *state;
+  enum { LENGTH = 65535 };
+  static const uint8_t head[4] = {0xff, 0xe1, LENGTH >> 8, LENGTH & 255};
+  uint8_t *bytes, *longer;
+  size_t size;
+  int width, height;
+  scratch_picture(s, "long.jpg", 40, 30, pattern);
+  assert_int_equal(pags_file_read(s->path, &bytes, &size), PAGS_OK);
+  longer = calloc(1, size + 3 * (LENGTH + 2));
+  assert_non_null(longer);
+  memcpy(longer, bytes, 2);
+  for (size_t i = 0; i < 3; i++)
+    memcpy(longer + 2 + i * (LENGTH + 2), head, 4);
+  memcpy(longer + 2 + 3 * (LENGTH + 2), bytes + 2, size - 2);
+  scratch_write(s, "long.jpg", longer, size + 3 * (LENGTH + 2));
+  free(longer);
+  free(bytes);
+  assert_int_equal(pags_image_size(s->path, &width, &height), PAGS_OK);
+  assert_true(width == 40 && height == 30);
+}
+
+/* A header that claims more pixels than its file can hold is refused before memory for them is allocated. */
+static void test_sizes_that_a_file_can_not_hold(void **state) {
+  scratch *s = *state;
+  static const struct {
+    const char *name;
+    size_t width, height; /* bytes of the file at which they lie, 2 of them */
+  } files[] = {{"claims.png", 18, 22}, {"claims.jpg", 0, 0}};
+  for (int i = 0; i < 2; i++) {
+    uint8_t *bytes;
+    size_t size, width = files[i].width, height = files[i].height;
+    pags_image image = {0};
+    scratch_picture(s, files[i].name, 12, 9, pattern);
+    assert_int_equal(pags_file_read(s->path, &bytes, &size), PAGS_OK);
+    for (size_t at = 0; width == 0 && at + 9 < size; at++)
+      if (bytes[at] == 0xff && bytes[at + 1] == 0xc0) { /* start of frame: length, precision, height, width */
+        height = at + 5;
+        width = at + 7;
+      }
+    for (size_t k = 0; k < 2; k++)
+      bytes[width + k] = bytes[height + k] = 0xf0;
+    if (i == 0) { /* the header's CRC, after its 17 bytes */
+      const uint32_t crc = (uint32_t)crc32(0, bytes + 12, 17);
+      for (int k = 0; k < 4; k++)
+        bytes[29 + k] = (uint8_t)(crc >> (24 - 8 * k));
+    }
+    scratch_write(s, files[i].name, bytes, size);
+    free(bytes);
+    scratch_expect(pags_image_load(s->path, PAGS_U8, 3, &image), PAGS_ERROR_FORMAT, "too few for 61680 x 61680 pixels");
+    assert_null(image.data);
+  }
 }
 
 /* Cuts a file that decodes to `keep` thousandths of its size and expects a refusal. */
@@ -314,7 +411,7 @@ typedef struct race {
   pags_result results[8];
 } race;
 
-/* The first image call of the process: the threads race to load the image module. */
+/* The first image call of the process: the threads race to load the OpenImageIO module. */
 static void race_block(void *user, int64_t begin, int64_t end, int worker) {
   (void)end, (void)worker;
   race *r = user;
@@ -330,7 +427,7 @@ static void test_threads(void **state) {
   pags_tasks *tasks = pags_tasks_create(4);
   assert_true(pags_parallel_for(tasks, 8, 1, race_block, &racing));
   for (int i = 0; i < 8; i++)
-    assert_int_equal(racing.results[i], PAGS_OK);
+    assert_int_equal(racing.results[i], has_oiio() ? PAGS_OK : PAGS_ERROR_UNSUPPORTED);
   scratch_picture(s, "t.png", 50, 40, pattern);
   snprintf(other, sizeof other, "%s", s->path);
   scratch_picture(s, "t.exr", 50, 40, pattern);
@@ -351,6 +448,10 @@ int main(void) {
       scratch_test(test_exr_keeps_floats),
       scratch_test(test_jpeg),
       scratch_test(test_bad_files),
+      scratch_test(test_other_formats),
+      scratch_test(test_names_mislead),
+      scratch_test(test_size_after_a_long_header),
+      scratch_test(test_sizes_that_a_file_can_not_hold),
       scratch_test(test_cut_off_files),
       scratch_test(test_png_that_claims_too_much),
       scratch_test(test_saving_fails_cleanly),

@@ -109,7 +109,8 @@ typedef struct pags_dataset pags_dataset;
  *
  * PAGS_ERROR_ARGUMENT (an option out of range or that names nothing known), PAGS_ERROR_IO (missing files),
  * PAGS_ERROR_FORMAT (no data set; damaged files; all views held out), PAGS_ERROR_LIMIT, PAGS_ERROR_UNSUPPORTED
- * (an unknown camera model; no OpenImageIO) or PAGS_ERROR_MEMORY; then *out is NULL. */
+ * (an unknown camera model; a picture that takes OpenImageIO where there is none) or PAGS_ERROR_MEMORY; then *out is
+ * NULL. */
 PAGS_API pags_result pags_dataset_open(const char *path, const pags_dataset_options *options, pags_dataset **out);
 
 /* Frees a data set. NULL is allowed. */

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Pictures in memory, and reading and writing them as files through OpenImageIO. OpenImageIO is loaded when the
- * first file is read or written, so that programs that read no picture don't pay for its start-up. */
+/* Pictures in memory, and reading and writing them as files. PNG, JPEG and EXR are read and written here; OpenImageIO,
+ * if there is one, reads other formats, and is loaded when the first such file is read. */
 #ifndef PAGS_IMAGE_H
 #define PAGS_IMAGE_H
 
@@ -31,7 +31,8 @@ PAGS_API void pags_image_destroy(pags_image *image);
 /* Reads the width and height of a picture file (pixels) without decoding its samples. Errors as pags_image_load. */
 PAGS_API pags_result pags_image_size(const char *path, int *width, int *height);
 
-/* Reads PNG, JPEG, EXR or any other format that OpenImageIO reads.
+/* Reads PNG, JPEG and EXR, and any other format that OpenImageIO reads where it is there. The format is found by the
+ * file's first bytes, whatever its name. Alpha is straight or not as the file has it, and nothing is multiplied by it.
  *
  * The samples are converted to `sample`: 0..255 or 0..65535 correspond to 0..1 of a float, and no transfer curve is
  * applied, so that display-referred files give display-referred samples. They are converted to `channels` (0: as in
@@ -40,13 +41,14 @@ PAGS_API pags_result pags_image_size(const char *path, int *width, int *height);
  * orientation is ignored, as structure-from-motion tools do.
  *
  * PAGS_ERROR_IO (no readable file), PAGS_ERROR_FORMAT (with the decoder's message, or a side beyond 1..65535),
- * PAGS_ERROR_UNSUPPORTED (the OpenImageIO module is missing) or PAGS_ERROR_MEMORY; then `out` is zeroed. */
+ * PAGS_ERROR_UNSUPPORTED (another format, and the OpenImageIO module is missing) or PAGS_ERROR_MEMORY; then `out` is
+ * zeroed. */
 PAGS_API pags_result pags_image_load(const char *path, pags_sample sample, int channels, pags_image *out);
 
 /* Writes a picture in the format of the extension: .png (8 or 16 bits as the image has; float samples are clamped
  * to 0..1 and rounded to 8 bits), .jpg or .jpeg (8 bits, quality 95, alpha dropped) or .exr (float). The file is
  * written under another name beside the final one and then renamed: it appears complete or not at all.
- * PAGS_ERROR_ARGUMENT for another extension, PAGS_ERROR_IO, PAGS_ERROR_UNSUPPORTED or PAGS_ERROR_MEMORY. */
+ * PAGS_ERROR_ARGUMENT for another extension, PAGS_ERROR_IO or PAGS_ERROR_MEMORY. */
 PAGS_API pags_result pags_image_save(const char *path, const pags_image *image);
 
 /* Writes an EXR file with `channels` (1..64) float channels of the given names, e.g. {"R","G","B"} or {"Z"}.

@@ -38,8 +38,8 @@ PAGS_API pags_street_options pags_street_options_default(void);
  *
  * The result is the same bytes for any number of threads. dataset.json is written last: without it the folder is
  * no data set. `progress` may be NULL. PAGS_ERROR_ARGUMENT (an option out of range), PAGS_ERROR_IO (also if the
- * folder isn't empty and `overwrite` is 0), PAGS_ERROR_MEMORY, PAGS_ERROR_UNSUPPORTED (Embree or OpenImageIO
- * failed) or PAGS_CANCELLED. */
+ * folder isn't empty and `overwrite` is 0), PAGS_ERROR_MEMORY, PAGS_ERROR_UNSUPPORTED (Embree failed) or
+ * PAGS_CANCELLED. */
 PAGS_API pags_result pags_synth_street(const char *folder, const pags_street_options *options, pags_tasks *tasks,
                                        pags_progress_fn *progress, void *user);
 

@@ -1,0 +1,33 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* OpenEXR files (openexr.com/en/latest/OpenEXRFileLayout.html), read through OpenEXRCore and written here. All
+ * functions may be called on any thread. */
+#ifndef PAGS_IMAGE_EXR_H
+#define PAGS_IMAGE_EXR_H
+
+#include <pags/image.h>
+
+#include "image/encoded.h"
+
+/* Reads width and height, those of the data window. Errors as pags_exr_decode. */
+pags_result pags_exr_size(const pags_encoded *file, int *width, int *height);
+
+/* Decodes the first `most` (1..4) channels of the first part of a file: F32, as they are stored, so alpha isn't divided
+ * out. R, G, B, Y, A and Z (or Red, Green, ...) come in that order and before other channels, which follow by name;
+ * channels without a layer come before those of layers. Unsigned integers are divided by 2^32.
+ *
+ * Scan lines are read, uncompressed or compressed by RLE, ZIP, ZIPS or PIZ, from channels as large as the picture:
+ * PAGS_ERROR_UNSUPPORTED for others. PAGS_ERROR_FORMAT or PAGS_ERROR_MEMORY. On failure `out` is zeroed. */
+pags_result pags_exr_decode(const pags_encoded *file, int most, pags_image *out);
+
+/* Float channels to write: sample (x, y) of channel c is planes[c][y * row_step + x * pixel_step]. */
+typedef struct pags_exr_planes {
+  int width, height, channels; /* 1..64 channels */
+  const char *const *names;
+  const float *const *planes;
+  size_t pixel_step, row_step; /* floats */
+} pags_exr_planes;
+
+/* Encodes scan lines compressed by ZIP. PAGS_ERROR_MEMORY; the caller frees out->bytes in either case. */
+pags_result pags_exr_encode(const char *path, const pags_exr_planes *picture, pags_sink *out);
+
+#endif

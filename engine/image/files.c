@@ -1,0 +1,256 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Reading and writing picture files. The decoder is chosen by how a file begins: PNG, JPEG and EXR have their own, what
+ * is none of these is given to the OpenImageIO module (module.h), if this build has it. */
+#include <pags/image.h>
+
+#include "base/file.h"
+#include "base/memory.h"
+#include "image/convert.h"
+#include "image/encoded.h"
+#include "image/exr.h"
+#include "image/jpeg.h"
+#include "image/module.h"
+#include "image/oiio.h"
+#include "image/png.h"
+
+#include <assert.h>
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <sys/stat.h>
+
+/* ---- Formats ---- */
+
+enum { MAGIC = 8 };
+
+typedef struct picture_format {
+  uint8_t magic[MAGIC]; /* how its files begin */
+  size_t magic_size;
+  pags_result (*size)(const pags_encoded *file, int *width, int *height);
+  pags_result (*decode)(const pags_encoded *file, int most, pags_image *out);
+} picture_format;
+
+/* Returns the format of a file that begins so, NULL for another. A file that ends within the first bytes of a format is
+ * one of that format, cut off. */
+static const picture_format *find_format(const uint8_t *bytes, size_t size) {
+  static const picture_format formats[] = {
+      {{0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'}, 8, pags_png_size, pags_png_decode},
+      {{0xff, 0xd8}, 2, pags_jpeg_size, pags_jpeg_decode},
+      {{0x76, 0x2f, 0x31, 0x01}, 4, pags_exr_size, pags_exr_decode},
+  };
+  for (size_t i = 0; i < sizeof formats / sizeof *formats; i++)
+    if (size > 0 && memcmp(bytes, formats[i].magic, size < formats[i].magic_size ? size : formats[i].magic_size) == 0)
+      return &formats[i];
+  return NULL;
+}
+
+/* Fails with PAGS_ERROR_UNSUPPORTED because a file is of none of the formats above, or with PAGS_ERROR_FORMAT if it is
+ * empty. */
+static pags_result refuse(const char *path, const uint8_t *bytes, size_t size) {
+  static const struct {
+    const char *magic, *name;
+  } known[] = {{"RIFF", "a WebP"}, {"II*", "a TIFF"}, {"MM", "a TIFF"}, {"GIF8", "a GIF"},
+               {"BM", "a BMP"},    {"P6", "a PPM"},   {"P5", "a PGM"},  {"#?", "a Radiance HDR"},
+               {"8BPS", "a PSD"},  {"SDPX", "a DPX"}, {"XPDS", "a DPX"}};
+  const char *name = "no picture that is known by its first bytes";
+  for (size_t i = 0; i < sizeof known / sizeof *known; i++)
+    if (size >= strlen(known[i].magic) && memcmp(bytes, known[i].magic, strlen(known[i].magic)) == 0)
+      name = known[i].name;
+  if (size == 0)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: is empty, expected a picture", path);
+  return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: PNG, JPEG and EXR are read; this file is %s", path, name);
+}
+
+/* ---- Reading ---- */
+
+enum { BEGIN = 1 << 17 }; /* bytes, in which most headers lie */
+
+/* Reads the first `most` bytes of a file, or all if it has fewer. A missing, unreadable or wrong kind of path is
+ * reported here, before a decoder reports it as a broken picture. */
+static pags_result read_begin(const char *path, uint8_t *bytes, size_t most, size_t *size) {
+  struct stat status;
+  if (stat(path, &status) != 0)
+    return pags_fail(PAGS_ERROR_IO, "%s: %s", path, strerror(errno));
+  if (S_ISDIR(status.st_mode))
+    return pags_fail(PAGS_ERROR_IO, "%s: is a folder, expected a picture", path);
+  if (!S_ISREG(status.st_mode))
+    return pags_fail(PAGS_ERROR_IO, "%s: expected a regular file", path);
+  FILE *const file = fopen(path, "rb");
+  if (!file)
+    return pags_fail(PAGS_ERROR_IO, "%s: %s", path, strerror(errno));
+  *size = fread(bytes, 1, most, file);
+  const bool failed = ferror(file);
+  fclose(file);
+  return failed ? pags_fail(PAGS_ERROR_IO, "%s: can't read", path) : PAGS_OK;
+}
+
+/* A file that OpenImageIO has opened. */
+typedef struct other_picture {
+  const pags_oiio *oiio;
+  void *reader;
+  pags_oiio_info info;
+} other_picture;
+
+/* Opens with OpenImageIO a picture that was refused with PAGS_ERROR_UNSUPPORTED and a message. Where there is no
+ * OpenImageIO the refusal stands. */
+static pags_result open_other(const char *path, other_picture *other) {
+  char refusal[512];
+  snprintf(refusal, sizeof refusal, "%s", pags_error_message());
+  const pags_result loaded = pags_oiio_module(&other->oiio);
+  if (loaded != PAGS_OK)
+    return pags_fail(loaded, "%s; OpenImageIO reads more: %s", refusal, pags_error_message());
+  pags_oiio_message message;
+  const pags_oiio_info *const info = &other->info;
+  const pags_result result = other->oiio->open(path, &other->reader, &other->info, &message);
+  if (result != PAGS_OK)
+    return pags_fail(result, "%s: not a readable picture: %s", path, message.text);
+  if (info->width >= 1 && info->width <= PAGS_IMAGE_MAX_SIDE && info->height >= 1 &&
+      info->height <= PAGS_IMAGE_MAX_SIDE && info->depth <= 1 && info->channels >= 1)
+    return PAGS_OK;
+  other->oiio->close(other->reader);
+  return pags_fail(PAGS_ERROR_FORMAT, "%s: %lld x %lld x %lld pixels with %d channels, expected sides of 1..%d", path,
+                   (long long)info->width, (long long)info->height, (long long)info->depth, info->channels,
+                   PAGS_IMAGE_MAX_SIDE);
+}
+
+/* Reads the size of a PNG, JPEG or EXR file from its first bytes; where these are not enough, from the whole file. */
+static pags_result size_of_known(const char *path, uint8_t *begin, int *width, int *height) {
+  size_t size;
+  PAGS_TRY(read_begin(path, begin, BEGIN, &size));
+  const picture_format *const format = find_format(begin, size);
+  if (!format)
+    return refuse(path, begin, size);
+  pags_result result = format->size(&(pags_encoded){.path = path, .bytes = begin, .size = size}, width, height);
+  if (result != PAGS_OK && size == BEGIN) {
+    uint8_t *bytes;
+    PAGS_TRY(pags_file_read(path, &bytes, &size));
+    result = format->size(&(pags_encoded){.path = path, .bytes = bytes, .size = size}, width, height);
+    free(bytes);
+  }
+  return result;
+}
+
+pags_result pags_image_size(const char *path, int *width, int *height) {
+  assert(path && width && height);
+  uint8_t *const begin = malloc(BEGIN);
+  if (!begin)
+    return pags_out_of_memory("%s", path);
+  const pags_result result = size_of_known(path, begin, width, height);
+  free(begin);
+  if (result != PAGS_ERROR_UNSUPPORTED)
+    return result;
+  other_picture other;
+  PAGS_TRY(open_other(path, &other));
+  other.oiio->close(other.reader);
+  *width = (int)other.info.width;
+  *height = (int)other.info.height;
+  return PAGS_OK;
+}
+
+static pags_result load_known(const char *path, int most, pags_image *out) {
+  uint8_t magic[MAGIC], *bytes;
+  size_t size;
+  PAGS_TRY(read_begin(path, magic, sizeof magic, &size));
+  const picture_format *const format = find_format(magic, size);
+  if (!format)
+    return refuse(path, magic, size);
+  PAGS_TRY(pags_file_read(path, &bytes, &size));
+  const pags_result result = format->decode(&(pags_encoded){.path = path, .bytes = bytes, .size = size}, most, out);
+  free(bytes);
+  return result;
+}
+
+static pags_result load_other(const char *path, int most, pags_image *out) {
+  other_picture other;
+  PAGS_TRY(open_other(path, &other));
+  const int stored = other.info.channels < most ? other.info.channels : most;
+  pags_result result = pags_image_create(out, (int)other.info.width, (int)other.info.height, stored, other.info.sample);
+  if (result == PAGS_OK) {
+    pags_oiio_message message;
+    result = other.oiio->read(other.reader, stored, other.info.sample, out->data, &message);
+    if (result != PAGS_OK)
+      pags_fail(result, "%s: can't be decoded: %s", path, message.text);
+  }
+  other.oiio->close(other.reader);
+  return result;
+}
+
+pags_result pags_image_load(const char *path, pags_sample sample, int channels, pags_image *out) {
+  assert(path && out && channels >= 0 && channels <= 4);
+  memset(out, 0, sizeof *out);
+  /* Channels that are not needed are not read. For one or two wanted channels up to four are: the luma of a colour
+   * picture takes three, its alpha is the fourth. */
+  const int most = channels == 3 ? 3 : 4;
+  pags_result result = load_known(path, most, out);
+  if (result == PAGS_ERROR_UNSUPPORTED)
+    result = load_other(path, most, out);
+  if (result == PAGS_OK)
+    result = pags_image_convert(out, sample, channels ? channels : out->channels);
+  if (result != PAGS_OK)
+    pags_image_destroy(out);
+  return result;
+}
+
+/* ---- Writing ---- */
+
+/* Writes what was encoded with the result `encoded` as a whole file, and frees it. */
+static pags_result write_file(const char *path, pags_result encoded, pags_sink *sink) {
+  const pags_result result = encoded == PAGS_OK ? pags_file_write_unsynced(path, sink->bytes, sink->size) : encoded;
+  free(sink->bytes);
+  return result;
+}
+
+static pags_result save_exr(const char *path, const pags_image *image, pags_sink *sink) {
+  static const char *const grey[] = {"Y", "A"}, *const colour[] = {"R", "G", "B", "A"};
+  const float *const data = image->data;
+  const float *const planes[] = {data, data + 1, data + 2, data + 3};
+  const pags_exr_planes picture = {.width = image->width,
+                                   .height = image->height,
+                                   .channels = image->channels,
+                                   .names = image->channels <= 2 ? grey : colour,
+                                   .planes = planes,
+                                   .pixel_step = (size_t)image->channels,
+                                   .row_step = (size_t)image->channels * (size_t)image->width};
+  return pags_exr_encode(path, &picture, sink);
+}
+
+pags_result pags_image_save(const char *path, const pags_image *image) {
+  assert(path && image && image->data);
+  const char *const dot = pags_path_extension(path);
+  const bool png = strcasecmp(dot, ".png") == 0, exr = strcasecmp(dot, ".exr") == 0;
+  const bool jpeg = strcasecmp(dot, ".jpg") == 0 || strcasecmp(dot, ".jpeg") == 0;
+  if (!png && !exr && !jpeg)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: expected a name ending in .png, .jpg or .exr", path);
+  const bool alpha = image->channels == 2 || image->channels == 4;
+  const int channels = jpeg && alpha ? image->channels - 1 : image->channels;
+  const pags_sample sample = exr ? PAGS_F32 : image->sample == PAGS_F32 || jpeg ? PAGS_U8 : image->sample;
+  pags_image copy = {0};
+  const bool same = sample == image->sample && channels == image->channels;
+  if (!same)
+    PAGS_TRY(pags_image_converted(image, sample, channels, &copy));
+  const pags_image *const written = same ? image : &copy;
+  pags_sink sink = {0};
+  const pags_result result = png   ? pags_png_encode(path, written, &sink)
+                             : exr ? save_exr(path, written, &sink)
+                                   : pags_jpeg_encode(path, written, &sink);
+  pags_image_destroy(&copy);
+  return write_file(path, result, &sink);
+}
+
+pags_result pags_image_save_exr(const char *path, int width, int height, int channels, const char *const *names,
+                                const float *const *planes, int stride) {
+  assert(path && names && planes && width >= 1 && width <= PAGS_IMAGE_MAX_SIDE && height >= 1 &&
+         height <= PAGS_IMAGE_MAX_SIDE);
+  assert(channels >= 1 && channels <= 64 && stride >= width);
+  const pags_exr_planes picture = {.width = width,
+                                   .height = height,
+                                   .channels = channels,
+                                   .names = names,
+                                   .planes = planes,
+                                   .pixel_step = 1,
+                                   .row_step = (size_t)stride};
+  pags_sink sink = {0};
+  return write_file(path, pags_exr_encode(path, &picture, &sink), &sink);
+}
