@@ -14,6 +14,7 @@
 #   make cross TARGET=NAME  program, library, Python module and add-on for another system, into build-cross/NAME (docs/porting.md); NAME is
 #                windows-x64, macos-arm64, macos-x64, linux-x64-glibc2.17 or linux-arm64
 #   make check-arm64  the engine's unit tests and a short training for 64-bit ARM, under an emulator; beside the same of x86-64, bit by bit
+#   make check-windows  tests and program of the build for Windows, under wine; beside the program of Linux, bit by bit
 #   make check-blender      the add-on's tests in Debian's Blender; part of make check
 #   make check-blender-new  the same in a newer one: BLENDER_NEW=PROGRAM, a Blender or a Python with the module bpy
 #   make bench-blender SCENE=FOLDER  what the add-on takes: importing, memory, the viewport in a window under Xvfb
@@ -37,7 +38,7 @@ REFERENCE ?= HEAD
 OPTIONS ?=
 
 # Checks that take hours, or programs that make setup doesn't install.
-NOT_CHECKED := check-arm64 check-blender-new fuzz sanitize valgrind
+NOT_CHECKED := check-arm64 check-blender-new check-windows fuzz sanitize valgrind
 
 all:
 	cmake --preset release
@@ -108,6 +109,9 @@ cross:
 check-arm64:
 	JOBS=$(JOBS) sh tests/check_arm64.sh
 
+check-windows: all
+	JOBS=$(JOBS) sh scripts/check_windows.sh
+
 same-bits: all
 	python3 tests/same_bits.py --reference "$(REFERENCE)" $(OPTIONS)
 
@@ -126,4 +130,4 @@ install: all
 clean:
 	rm -rf build
 
-.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-blender-new bench-blender guide setup-cross cross check-arm64 same-bits figures docs install clean
+.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-blender-new bench-blender guide setup-cross cross check-arm64 check-windows same-bits figures docs install clean

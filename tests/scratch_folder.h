@@ -7,6 +7,7 @@
 #include <stdlib.h>
 
 #include "base/file.h"
+#include "system.h"
 
 enum { SCRATCH_PATH = 512 };
 
@@ -14,9 +15,7 @@ enum { SCRATCH_PATH = 512 };
 static char scratch_folder[SCRATCH_PATH];
 
 static inline int scratch_make(void) {
-  const char *base = getenv("TMPDIR");
-  snprintf(scratch_folder, sizeof scratch_folder, "%s/pags_test_XXXXXX", base ? base : "/tmp");
-  return mkdtemp(scratch_folder) ? 0 : -1;
+  return system_make_scratch(scratch_folder, sizeof scratch_folder) ? 0 : -1;
 }
 
 static inline int scratch_remove(void) {

@@ -6,7 +6,8 @@
 
 #include <stdio.h>
 #include <stdlib.h>
-#include <unistd.h>
+
+#include "port/port.h"
 
 /* Writes the path of `name` to `path` and returns 1 if the file can be read; else prints which file is missing and
  * returns 0, and the test calls skip(). */
@@ -16,8 +17,11 @@ static inline int pags_shared_data(const char *name, char *path, size_t size) {
     snprintf(path, size, "%s/%s", folder, name);
   else
     snprintf(path, size, "%s/../shared/data/%s", PAGS_SOURCE_DIR, name);
-  if (access(path, R_OK) == 0)
+  FILE *file = pags_port_open(path, "rb");
+  if (file) {
+    fclose(file);
     return 1;
+  }
   printf("skipped: needs %s (set PAGS_SHARED_DATA to the folder of the test data)\n", path);
   return 0;
 }

@@ -23,6 +23,8 @@ pags_result pags_fail_errno(const char *path, const char *what) {
 static pags_result open_regular(const char *path, FILE **stream, uint64_t *size) {
   pags_port_status status;
   *stream = pags_port_open(path, "rb");
+  if (!*stream && errno == EISDIR)
+    return pags_fail(PAGS_ERROR_IO, "%s: expected a file, found a folder", path);
   if (!*stream)
     return pags_fail_errno(path, "can't open");
   pags_result result = PAGS_OK;

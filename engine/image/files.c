@@ -12,6 +12,7 @@
 #include "image/module.h"
 #include "image/oiio.h"
 #include "image/png.h"
+#include "port/port.h"
 
 #include <assert.h>
 #include <errno.h>
@@ -19,7 +20,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
-#include <sys/stat.h>
 
 /* ---- Formats ---- */
 
@@ -70,14 +70,14 @@ enum { BEGIN = 1 << 17 }; /* bytes, in which most headers lie */
 /* Reads the first `most` bytes of a file, or all if it has fewer. A missing, unreadable or wrong kind of path is
  * reported here, before a decoder reports it as a broken picture. */
 static pags_result read_begin(const char *path, uint8_t *bytes, size_t most, size_t *size) {
-  struct stat status;
-  if (stat(path, &status) != 0)
+  pags_port_status status;
+  if (!pags_port_stat(path, true, &status))
     return pags_fail(PAGS_ERROR_IO, "%s: %s", path, strerror(errno));
-  if (S_ISDIR(status.st_mode))
+  if (status.kind == PAGS_PORT_FOLDER)
     return pags_fail(PAGS_ERROR_IO, "%s: is a folder, expected a picture", path);
-  if (!S_ISREG(status.st_mode))
+  if (status.kind != PAGS_PORT_FILE)
     return pags_fail(PAGS_ERROR_IO, "%s: expected a regular file", path);
-  FILE *const file = fopen(path, "rb");
+  FILE *const file = pags_port_open(path, "rb");
   if (!file)
     return pags_fail(PAGS_ERROR_IO, "%s: %s", path, strerror(errno));
   *size = fread(bytes, 1, most, file);

@@ -102,7 +102,7 @@ static bool read_header(jpeg_reader *r) {
   jpeg_create_decompress(&r->jpeg);
   r->progress.progress_monitor = check_scans;
   r->jpeg.progress = &r->progress;
-  jpeg_mem_src(&r->jpeg, r->file->bytes, r->file->size);
+  jpeg_mem_src(&r->jpeg, r->file->bytes, (unsigned long)r->file->size);
   jpeg_read_header(&r->jpeg, TRUE);
   return true;
 }

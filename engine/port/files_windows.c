@@ -188,6 +188,10 @@ char *pags_port_read_link(const char *path) {
 FILE *pags_port_open(const char *path, const char *mode) {
   wchar_t *wide = path_of(path), *wide_mode = pags_port_wide(mode);
   FILE *stream = wide && wide_mode ? _wfopen(wide, wide_mode) : NULL;
+  if (!stream && wide && errno == EACCES) {
+    const DWORD attributes = GetFileAttributesW(wide);
+    errno = attributes != INVALID_FILE_ATTRIBUTES && attributes & FILE_ATTRIBUTE_DIRECTORY ? EISDIR : EACCES;
+  }
   free(wide);
   free(wide_mode);
   return stream;

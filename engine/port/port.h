@@ -67,7 +67,7 @@ bool pags_port_may_write(const char *path);
 char *pags_port_read_link(const char *path);
 char *pags_port_real_path(const char *path);
 
-/* As fopen. */
+/* As fopen; a folder is opened or fails with EISDIR. */
 FILE *pags_port_open(const char *path, const char *mode);
 /* Opens an empty part file for writing; an existing file of that name is emptied, a link is refused. */
 FILE *pags_port_open_part(const char *path);

@@ -13,7 +13,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #include <cmocka.h>
 
@@ -434,8 +433,7 @@ static int make_data(void) {
 int main(int argc, char **argv) {
   enum { COUNT = sizeof operations / sizeof *operations };
   struct CMUnitTest tests[COUNT];
-  if (access("/dev/shm", W_OK) == 0)
-    setenv("TMPDIR", "/dev/shm", 0);
+  system_prefer_memory();
   if (make_data() != 0)
     return 1;
   for (int i = 0; i < COUNT; i++)

@@ -11,7 +11,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #include "base/file.h"
 #include "base/rng.h"
@@ -210,8 +209,7 @@ static void begin(int argc, char **argv) {
     list_targets();
     exit(2);
   }
-  if (access("/dev/shm", W_OK) == 0) /* a file system in memory, as the targets write thousands of small files */
-    setenv("TMPDIR", "/dev/shm", 0);
+  system_prefer_memory(); /* the targets write thousands of small files */
   if (scratch_make() != 0)
     exit(1);
   atexit(remove_scratch);
@@ -473,9 +471,13 @@ static void run_all(int argc, char **argv) {
 }
 
 int main(int argc, char **argv) {
-  static const int crashes[] = {SIGABRT, SIGSEGV, SIGBUS, SIGFPE};
+#ifdef SIGBUS
+  static const int crashes[] = {SIGABRT, SIGSEGV, SIGFPE, SIGBUS};
+#else
+  static const int crashes[] = {SIGABRT, SIGSEGV, SIGFPE};
+#endif
   begin(argc, argv);
-  for (int i = 0; i < 4; i++)
+  for (size_t i = 0; i < sizeof crashes / sizeof *crashes; i++)
     signal(crashes[i], on_crash);
   run_all(argc, argv);
   for (int i = 0; i < seed_count; i++)

@@ -1,27 +1,20 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#define _DEFAULT_SOURCE  /* for MAP_ANONYMOUS */
-#define _DARWIN_C_SOURCE /* the same on macOS */
 #include "check.h"
 
 #include <math.h>
-#include <signal.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
-#include <unistd.h>
-#ifdef _WIN32
-#include <windows.h>
-#else
-#include <sys/mman.h>
-#endif
+
+#include "pages.h"
 
 enum { FILLING = 0xA5, SHOWN_FAILURES = 5, MAX_BUFFERS = 256 };
 
 typedef struct buffer {
   unsigned char *pages; /* the first accessible page */
-  size_t pages_size;
+  size_t length;        /* of the accessible pages, bytes */
   unsigned char *data;
   size_t size;
 } buffer;
@@ -61,16 +54,6 @@ void check_note(const char *format, ...) {
   putchar('\n');
 }
 
-static void crashed(int signal_number) {
-  static const char what[] = "crashed (a guard page or a frozen buffer touched?) in ";
-  ssize_t ignored = write(STDOUT_FILENO, what, sizeof what - 1);
-  ignored = write(STDOUT_FILENO, state.where, (unsigned)strlen(state.where));
-  ignored = write(STDOUT_FILENO, "\n", 1);
-  (void)ignored;
-  signal(signal_number, SIG_DFL);
-  raise(signal_number);
-}
-
 /* ---- Random numbers: SplitMix64 (Steele et al. 2014) ---- */
 
 uint32_t check_u32(void) {
@@ -93,89 +76,46 @@ float check_normal(void) {
   return (float)(radius * cos(6.283185307179586 * check_u32() * 0x1p-32));
 }
 
-/* ---- Pages ---- */
-
-#ifdef _WIN32
-static size_t page_size(void) {
-  SYSTEM_INFO system;
-  GetSystemInfo(&system);
-  return system.dwPageSize;
-}
-
-static unsigned char *pages_create(size_t size) {
-  return VirtualAlloc(NULL, size, MEM_RESERVE | MEM_COMMIT, PAGE_READWRITE);
-}
-
-/* Takes writing away, and if they are not `readable` reading, too. */
-static bool pages_protect(void *pages, size_t size, bool readable) {
-  DWORD was;
-  return VirtualProtect(pages, size, readable ? PAGE_READONLY : PAGE_NOACCESS, &was);
-}
-
-static void pages_destroy(void *pages, size_t size) {
-  (void)size;
-  VirtualFree(pages, 0, MEM_RELEASE);
-}
-#else
-static size_t page_size(void) {
-  return (size_t)sysconf(_SC_PAGESIZE);
-}
-
-static unsigned char *pages_create(size_t size) {
-  void *const pages = mmap(NULL, size, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
-  return pages == MAP_FAILED ? NULL : pages;
-}
-
-/* Takes writing away, and if they are not `readable` reading, too. */
-static bool pages_protect(void *pages, size_t size, bool readable) {
-  return mprotect(pages, size, readable ? PROT_READ : PROT_NONE) == 0;
-}
-
-static void pages_destroy(void *pages, size_t size) {
-  munmap(pages, size);
-}
-#endif
-
 /* ---- Buffers ---- */
 
 void *check_buffer(size_t size) {
-  const size_t page = page_size();
+  const size_t page = pages_size();
   /* Always larger than size, so that an empty buffer has an address too. */
-  const size_t pages_size = (size / page + 1) * page;
+  const size_t length = (size / page + 1) * page;
   if (state.buffer_count == MAX_BUFFERS) {
     fprintf(stderr, "more than %d buffers in a case\n", MAX_BUFFERS);
     exit(2);
   }
-  unsigned char *const all = pages_create(pages_size + 2 * page);
-  if (!all || !pages_protect(all, page, false) || !pages_protect(all + page + pages_size, page, false)) {
+  unsigned char *const all = pages_make(length + 2 * page);
+  if (!all || !pages_allow(all, page, PAGES_SHUT) || !pages_allow(all + page + length, page, PAGES_SHUT)) {
     perror("check_buffer");
     exit(2);
   }
   buffer *const b = &state.buffers[state.buffer_count++];
-  *b = (buffer){.pages = all + page, .pages_size = pages_size, .size = size};
-  memset(b->pages, FILLING, pages_size);
-  b->data = state.at_end ? b->pages + pages_size - size : b->pages;
+  *b = (buffer){.pages = all + page, .length = length, .size = size};
+  memset(b->pages, FILLING, length);
+  b->data = state.at_end ? b->pages + length - size : b->pages;
   return b->data;
 }
 
 void check_freeze(const void *data) {
   for (int i = 0; i < state.buffer_count; i++)
-    if (state.buffers[i].data == data && !pages_protect(state.buffers[i].pages, state.buffers[i].pages_size, true))
+    if (state.buffers[i].data == data && !pages_allow(state.buffers[i].pages, state.buffers[i].length, PAGES_READ))
       perror("check_freeze");
 }
 
 void check_release(void) {
-  const size_t page = page_size();
+  const size_t page = pages_size();
   while (state.buffer_count > 0) {
     const buffer *const b = &state.buffers[--state.buffer_count];
-    for (size_t i = 0; i < b->pages_size; i++) {
+    for (size_t i = 0; i < b->length; i++) {
       unsigned char *const at = b->pages + i;
       if ((at < b->data || at >= b->data + b->size) && *at != FILLING) {
         CHECK_FAIL("stray write %td bytes from the start of a buffer of %zu", at - b->data, b->size);
         break;
       }
     }
-    pages_destroy(b->pages - page, b->pages_size + 2 * page);
+    pages_free(b->pages - page, b->length + 2 * page);
   }
 }
 
@@ -316,10 +256,7 @@ int check_main(int argc, char **argv, const check_case *cases, int count) {
     return 2;
   }
   setvbuf(stdout, NULL, _IOLBF, 0);
-  signal(SIGSEGV, crashed);
-#ifdef SIGBUS
-  signal(SIGBUS, crashed);
-#endif
+  pages_on_crash(state.where);
   int runs = 0, failures = 0;
   for (size_t t = 0; t < sizeof names / sizeof *names; t++) {
     const pags_kernels *const table = pags_kernels_named(names[t]);

@@ -10,6 +10,7 @@
 #include <cmocka.h>
 #include <math.h>
 
+#include "port/port.h"
 #include "reference/reference_scene.h"
 
 static void check(pags_result result) {
@@ -32,7 +33,7 @@ static int64_t *row_order(int64_t count, uint64_t shuffle_seed) {
 
 static void create_dc(frame_scene *scene, int p, const reference_part *from) {
   const int64_t stride = scene->gaussians[p].stride;
-  scene->dc[p] = aligned_alloc(64, (size_t)(3 * stride) * sizeof(float));
+  scene->dc[p] = pags_port_aligned_alloc(64, (size_t)(3 * stride) * sizeof(float));
   scene->dc_values[p] = reference_alloc(3 * stride, sizeof(float));
   assert_non_null(scene->dc[p]);
   scene->parts[p].dc = scene->dc[p];
@@ -100,7 +101,7 @@ void frame_scene_destroy(frame_scene *scene) {
     pags_gaussians_destroy(&scene->gaussians[p]);
     free(scene->id[p]);
     free(scene->source[p]);
-    free(scene->dc[p]);
+    pags_port_aligned_free(scene->dc[p]);
     free(scene->dc_values[p]);
     free(scene->factor[p]);
   }

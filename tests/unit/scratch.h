@@ -6,6 +6,7 @@
 #include <pags/image.h>
 
 #include "base/file.h"
+#include "system.h"
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -17,8 +18,8 @@
 #include <cmocka.h>
 
 typedef struct scratch {
-  char folder[64];
-  char path[256]; /* result of the last call of scratch_path */
+  char folder[200];
+  char path[512]; /* result of the last call of scratch_path */
 } scratch;
 
 /* Fails with the message unless `result` is PAGS_OK. */
@@ -28,8 +29,7 @@ static inline void scratch_ok(pags_result result) {
 }
 
 static inline void scratch_begin(scratch *s) {
-  snprintf(s->folder, sizeof s->folder, "/tmp/pags-test-XXXXXX");
-  assert_non_null(mkdtemp(s->folder));
+  assert_true(system_make_scratch(s->folder, sizeof s->folder));
 }
 
 static inline void scratch_end(scratch *s) {

@@ -10,17 +10,17 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 #include <zlib.h>
 
 #include "base/file.h"
 #include "base/rng.h"
+#include "system.h"
 #include "train/checkpoint.h"
 #include "train/config.h"
 
 enum { ROWS = 150, CLUSTERS = 3 };
 
-static char path[64];
+static char folder[200], path[256];
 
 static float *fill(float *x, uint64_t purpose) {
   for (int i = 0; i < ROWS; i++)
@@ -196,12 +196,14 @@ static void impossible_counts_are_refused(void **unused) {
 
 static int make_path(void **unused) {
   (void)unused;
-  snprintf(path, sizeof path, "/tmp/pags_checkpoint_%ld", (long)getpid());
+  if (!system_make_scratch(folder, sizeof folder))
+    return -1;
+  snprintf(path, sizeof path, "%s/checkpoint", folder);
   return 0;
 }
 static int remove_path(void **unused) {
   (void)unused;
-  return remove(path);
+  return pags_remove_tree(folder) == PAGS_OK ? 0 : -1;
 }
 
 int main(void) {

@@ -3,8 +3,6 @@
  * that is refused. */
 #include "unit/import_check.h"
 
-#include <unistd.h>
-
 #include "base/json.h"
 #include "shared_data.h"
 #include "unit/driving_tree.h"
@@ -265,7 +263,7 @@ static void what_was_stopped_goes_on(void **state) {
   scratch_ok(pags_file_write(path, "kept", 4));
   free(path);
   path = pags_path_join(folder, "dataset.json");
-  assert_int_equal(unlink(path), 0);
+  assert_true(pags_port_remove_file(path));
   free(path);
   path = pags_path_join(folder, "lidar/002.bin");
   char *part = pags_path_join(folder, "lidar/002.bin.part");

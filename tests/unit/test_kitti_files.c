@@ -4,7 +4,6 @@
 
 #include <math.h>
 #include <pags/camera.h>
-#include <unistd.h>
 
 #include "import/kitti_files.h"
 #include "shared_data.h"

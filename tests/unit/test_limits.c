@@ -8,32 +8,32 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
-#include <unistd.h>
 
 #include <cmocka.h>
+
+#include "system.h"
 
 enum { PATH_BYTES = 512 };
 
 /* A root folder for each test; the list of its files is used to remove them. */
 typedef struct tree {
-  char root[64];
+  char root[200];
   char made[64][PATH_BYTES];
   int count;
 } tree;
 
 static int make_tree(void **state) {
   tree *t = calloc(1, sizeof *t);
-  snprintf(t->root, sizeof t->root, "/tmp/pags-limits-XXXXXX");
   *state = t;
-  return mkdtemp(t->root) ? 0 : -1;
+  return system_make_scratch(t->root, sizeof t->root) ? 0 : -1;
 }
 
 static int remove_tree(void **state) {
   tree *t = *state;
   while (t->count > 0)
-    remove(t->made[--t->count]);
-  int result = rmdir(t->root);
+    if (!pags_port_remove_file(t->made[--t->count]))
+      pags_port_remove_folder(t->made[t->count]);
+  int result = pags_port_remove_folder(t->root) ? 0 : -1;
   free(t);
   return result;
 }
@@ -48,10 +48,10 @@ static void put(tree *t, const char *name, const char *text) {
   snprintf(path, sizeof path, "%s/%s", t->root, name);
   for (char *at = path + strlen(t->root) + 1; (at = strchr(at, '/')) != NULL; *at++ = '/') {
     *at = '\0';
-    if (mkdir(path, 0700) == 0)
+    if (pags_port_make_folder(path))
       note_made(t, path);
   }
-  FILE *file = fopen(path, "w");
+  FILE *file = pags_port_open(path, "wb");
   assert_non_null(file);
   fputs(text, file);
   fclose(file);

@@ -12,6 +12,7 @@
 #include <cmocka.h>
 
 #include "base/rng.h"
+#include "port/port.h"
 #include "simd/kernels.h"
 #include "train/photometric_loss.h"
 
@@ -244,7 +245,7 @@ static void test_plain(void **state) {
   for (size_t t = 0; t < sizeof tables / sizeof *tables; t++) {
     if (!pags_kernels_named(tables[t]))
       continue;
-    setenv("PAGS_CPU", tables[t], 1);
+    pags_port_set_environment("PAGS_CPU", tables[t]);
     for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++)
       for (int masked = 0; masked < 2; masked++)
         if (!masked || sizes[i][0] > 50)
@@ -254,10 +255,7 @@ static void test_plain(void **state) {
       check_against_plain(70, 50, 1, emphasised, 0.0, tasks);
     }
   }
-  if (kept)
-    setenv("PAGS_CPU", kept, 1);
-  else
-    unsetenv("PAGS_CPU");
+  pags_port_set_environment("PAGS_CPU", kept);
   free(kept);
   pags_tasks_destroy(tasks);
 }

@@ -9,7 +9,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #include <cmocka.h>
 #include <zlib.h>
@@ -19,6 +18,7 @@
 #include "base/rng.h"
 #include "eval/npz.h"
 #include "shared_data.h"
+#include "system.h"
 
 /* cmocka's own comparison works in float; this one works in double. */
 #define assert_near(value, expected, tolerance) assert_true(fabs((value) - (expected)) <= (tolerance))
@@ -156,17 +156,13 @@ static buffer make_weights(const char *without) {
   return w.file;
 }
 
-static void temporary_path(char *path, size_t size) {
-  const char *folder = getenv("TMPDIR");
-  snprintf(path, size, "%s/pags_lpips_%ld.npz", folder ? folder : "/tmp", (long)getpid());
-}
-
 static pags_result load_bytes(const uint8_t *bytes, size_t size, pags_lpips **out) {
-  char path[256];
-  temporary_path(path, sizeof path);
+  char folder[200], path[256];
+  assert_true(system_make_scratch(folder, sizeof folder));
+  snprintf(path, sizeof path, "%s/weights.npz", folder);
   assert_int_equal(pags_file_write(path, bytes, size), PAGS_OK);
   pags_result result = pags_lpips_load(path, out);
-  unlink(path);
+  assert_int_equal(pags_remove_tree(folder), PAGS_OK);
   return result;
 }
 

@@ -41,6 +41,19 @@ typedef struct float_case {
   double most;
 } float_case;
 
+/* The half-angle formula: the acosl of some systems (mingw's) is off by more than ours. */
+static long double exact_acos(long double x) {
+  return 2 * atan2l(sqrtl(1 - x), sqrtl(1 + x));
+}
+
+/* How far powl itself may be off, in ulp of a double: mingw's takes y log2(x) to 64 bits, ten of which are spent on the
+ * exponent. */
+#ifdef _WIN32
+static const double powl_error = 0.125;
+#else
+static const double powl_error = 0;
+#endif
+
 static const double_case double_cases[] = {
     {"exp", pags_exp, expl, -700, 700, 0.53},
     {"exp2", pags_exp2, exp2l, -1000, 1000, 0.53},
@@ -55,7 +68,7 @@ static const double_case double_cases[] = {
     {"cos", pags_cos, cosl, -10, 10, 1},
     {"cos far out", pags_cos, cosl, 1e5, 1e15, 1},
     {"tan", pags_tan, tanl, -1.5, 1.5, 1},
-    {"acos", pags_acos, acosl, -1, 1, 1},
+    {"acos", pags_acos, exact_acos, -1, 1, 1},
     {"atan", pags_atan, atanl, -20, 20, 1},
     {"erfc", pags_erfc, erfcl, -5, 5, 3},
 };
@@ -114,7 +127,7 @@ static void test_errors_of_two_arguments(void **state) {
     powf_worst = fmax(powf_worst, ulps_of_float(pags_powf(s, t), pow((double)s, (double)t)));
   }
   print_message("pow %.4f, atan2 %.4f, hypot %.4f, powf %.4f ulp\n", pow_worst, atan2_worst, hypot_worst, powf_worst);
-  assert_true(pow_worst < 0.53 && atan2_worst < 2 && hypot_worst < 1 && powf_worst < 0.83);
+  assert_true(pow_worst < 0.53 + powl_error && atan2_worst < 2 && hypot_worst < 1 && powf_worst < 0.83);
 }
 
 static void test_errors_in_float(void **state) {

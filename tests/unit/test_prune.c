@@ -10,8 +10,9 @@
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
-#include <unistd.h>
 
+#include "base/file.h"
+#include "system.h"
 #include "train/checkpoint.h"
 #include "train/config.h"
 #include "train/densify.h"
@@ -281,13 +282,14 @@ static void rows_take_their_scores_along(void **unused) {
     like9 += m->gaussians.s_sem[i] == 9.0f / 40.0f && m->density.squared[i] == 109.0f;
   }
   assert_true(like7 == 2 && like9 == 2);
-  char path[64];
-  snprintf(path, sizeof path, "/tmp/pags_prune_%ld", (long)getpid());
+  char folder[200], path[256];
+  assert_true(system_make_scratch(folder, sizeof folder));
+  snprintf(path, sizeof path, "%s/checkpoint", folder);
   assert_int_equal(pags_checkpoint_save(path, &s, 5), PAGS_OK);
   assert_int_equal(pags_checkpoint_load(path, NULL, &back, &fingerprint), PAGS_OK);
   assert_memory_equal(back.models[0].gaussians.s_sem, m->gaussians.s_sem, 42 * sizeof(float));
   assert_memory_equal(back.models[0].density.squared, m->density.squared, 42 * sizeof(float));
-  remove(path);
+  assert_int_equal(pags_remove_tree(folder), PAGS_OK);
   pags_state_destroy(&back);
   pags_state_destroy(&s);
   pags_tasks_destroy(tasks);

@@ -108,7 +108,7 @@ static void ten_thousand_tiny_loops(void **state) {
     /* From time to time a pause that is long enough for the workers to fall asleep, and some that end just as they do
      * so. */
     if (round % 100 == 0)
-      nanosleep(&(struct timespec){.tv_nsec = 30000 + round * 7}, NULL);
+      nanosleep(&(struct timespec){.tv_nsec = (long)(30000 + round * 7)}, NULL);
   }
   pags_tasks_destroy(tasks);
 }

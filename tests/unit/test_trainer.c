@@ -14,21 +14,24 @@
 #include <pags/image.h>
 #include <pags/scene.h>
 #include <pags/train.h>
-#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#ifndef _WIN32
+#include <signal.h>
 #include <sys/wait.h>
 #include <time.h>
 #include <unistd.h>
+#endif
 
 #include "base/file.h"
 #include "base/rng.h"
+#include "system.h"
 
 enum { VIEWS = 9, WIDTH = 80, HEIGHT = 64, TRUTH = 150, ITERATIONS = 160 };
 static const double focal = 80.0;
 
-static char root[64];
+static char root[200];
 static pags_dataset *dataset;
 
 static const char *in_root(const char *name) {
@@ -112,8 +115,7 @@ static int make_data(void **unused) {
   pags_gaussians truth;
   pags_clusters clusters;
   pags_frame *frame;
-  snprintf(root, sizeof root, "/tmp/pags_trainer_%ld", (long)getpid());
-  if (pags_make_dirs(in_root("data")) != PAGS_OK)
+  if (!system_make_scratch(root, sizeof root) || pags_make_dirs(in_root("data")) != PAGS_OK)
     return -1;
   pags_tasks *tasks = pags_tasks_create(1);
   make_truth(&truth);
@@ -304,6 +306,7 @@ static void stopping_and_resuming_changes_no_bit(void **unused) {
   assert_same_folder(in_root("straight"), in_root("stopped"));
 }
 
+#ifndef _WIN32 /* there is no fork */
 /* Trains in a child process that is killed after some milliseconds. Returns 1 if it had finished before. */
 static int train_and_kill(const pags_train_config *config, const char *output, long milliseconds) {
   int status;
@@ -339,6 +342,7 @@ static void being_killed_changes_no_bit(void **unused) {
   assert_true(result.finished);
   assert_same_folder(in_root("alive"), in_root("killed"));
 }
+#endif
 
 static void resuming_may_go_further_but_not_elsewhere(void **unused) {
   (void)unused;
@@ -380,7 +384,7 @@ static void a_folder_in_use_is_refused_untouched(void **unused) {
   assert_true(pags_file_exists(in_root("mine/letter.txt"))); /* a file that isn't the trainer's is kept */
   assert_int_equal(run(&config, in_root("mine/letter.txt"), 1, options, &result), PAGS_ERROR_IO);
   options.overwrite = 0;
-  assert_int_equal(run(&config, "/proc/no/such/place", 1, options, &result), PAGS_ERROR_IO);
+  assert_int_equal(run(&config, SYSTEM_NO_PLACE, 1, options, &result), PAGS_ERROR_IO);
 }
 
 /* Saves a scene of a background and two models, one of them in the folder objects. */
@@ -561,7 +565,9 @@ int main(void) {
       cmocka_unit_test(dropout_is_reproducible_too),
       cmocka_unit_test(mcmc_is_reproducible_too),
       cmocka_unit_test(stopping_and_resuming_changes_no_bit),
+#ifndef _WIN32
       cmocka_unit_test(being_killed_changes_no_bit),
+#endif
       cmocka_unit_test(resuming_may_go_further_but_not_elsewhere),
       cmocka_unit_test(a_folder_in_use_is_refused_untouched),
       cmocka_unit_test(overwriting_removes_what_the_scene_names),

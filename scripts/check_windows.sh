@@ -1,0 +1,24 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# check_windows.sh: builds the program and the tests for Windows (scripts/cross.sh), runs the tests under wine, those of the kernels per
+# instruction set, and compares the program with the Linux build in build/ (tests/windows.py). WINEPREFIX is wine's own folder.
+set -eu
+cd "$(dirname "$0")/.."
+for tool in wine ctest python3; do
+  if ! command -v $tool >/dev/null; then
+    echo "check-windows: no $tool; on Debian: apt-get install wine wine64 cmake python3" >&2
+    exit 1
+  fi
+done
+build=build-cross/windows-x64
+export WINEDEBUG="${WINEDEBUG:--all}"
+sh scripts/cross.sh windows-x64 -DPAGS_TESTS=ON -DCMAKE_CROSSCOMPILING_EMULATOR=wine
+wine cmd /c exit 0 # makes the prefix, which takes a while, before a test's time runs
+
+failed=0
+# What is left out needs no Windows: checks of the sources. A test may be named twice: for the machine's best kernels and for a set of them.
+ctest --test-dir "$build" --parallel "${JOBS:-$(nproc)}" --output-on-failure -E '^(style|figures|docs|tools\.|outside\.|faults\.program)' || failed=1
+grep -v '^#' tests/windows_lacks.txt | sed 's/^/left out: /'
+python3 -B tests/windows.py "$build/pags.exe" build/pags || failed=1
+[ $failed = 0 ] && echo "check-windows: all passed" || echo "check-windows: there are failures" >&2
+exit $failed

@@ -1,0 +1,49 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* windows_interrupt SECONDS PROGRAM [ARGUMENT...]: starts the program in a process group of its own, sends it Ctrl-Break
+ * after that time and returns its exit code; 125: it had ended before, 126: it couldn't be started. */
+#define WIN32_LEAN_AND_MEAN
+#define _WIN32_WINNT 0x0A00
+#include <windows.h>
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <wchar.h>
+
+/* The rest of the command line after two words; words in quotes may have blanks. */
+static wchar_t *skip_two_words(wchar_t *at) {
+  for (int word = 0; word < 2; word++) {
+    int quoted = 0;
+    for (; *at && (quoted || *at != L' '); at++)
+      quoted ^= *at == L'"';
+    while (*at == L' ')
+      at++;
+  }
+  return at;
+}
+
+int main(int argc, char **argv) {
+  STARTUPINFOW startup = {.cb = sizeof startup};
+  PROCESS_INFORMATION process;
+  DWORD code = 126;
+  if (argc < 3) {
+    fprintf(stderr, "usage: %s SECONDS PROGRAM [ARGUMENT...]\n", argv[0]);
+    return 2;
+  }
+  if (!GetConsoleCP())
+    AllocConsole(); /* the event goes to programs of the same console */
+  if (!CreateProcessW(NULL, skip_two_words(GetCommandLineW()), NULL, NULL, TRUE, CREATE_NEW_PROCESS_GROUP, NULL, NULL,
+                      &startup, &process)) {
+    fprintf(stderr, "%s: can't start %s (error %lu)\n", argv[0], argv[2], GetLastError());
+    return 126;
+  }
+  const DWORD wait = (DWORD)(1000 * strtod(argv[1], NULL));
+  if (WaitForSingleObject(process.hProcess, wait) != WAIT_TIMEOUT)
+    return 125;
+  if (!GenerateConsoleCtrlEvent(CTRL_BREAK_EVENT, process.dwProcessId)) {
+    fprintf(stderr, "%s: can't send Ctrl-Break (error %lu)\n", argv[0], GetLastError());
+    TerminateProcess(process.hProcess, 126);
+  }
+  WaitForSingleObject(process.hProcess, INFINITE);
+  GetExitCodeProcess(process.hProcess, &code);
+  return (int)code;
+}
