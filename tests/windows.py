@@ -89,8 +89,6 @@ class Bits(Case):
 
     def inputs(self):
         shared = os.environ.get("PAGS_SHARED_DATA") or os.path.join(os.path.dirname(ROOT), "shared", "data")
-        if not os.path.isdir(shared):
-            shared = os.path.join(ROOT, "..", "..", "shared", "data")
         found = [path for path in sorted(glob.glob(os.path.join(shared, "splats", "*"))) if path.endswith((".ply", ".spz", ".splat"))]
         if not found:
             print(f"no splat files in {shared}/splats (PAGS_SHARED_DATA says where they are): the small ones alone", file=sys.stderr)
@@ -104,7 +102,7 @@ class Bits(Case):
                     ours, theirs = run_windows("info", path, *options), run_linux("info", path, *options)
                     self.assertEqual(ours.returncode, theirs.returncode, ours.stderr)
                     if "--memory" not in options:  # what is measured differs
-                        self.assertEqual(ours.stdout.replace(b"\r\n", b"\n"), theirs.stdout)
+                        self.assertEqual(ours.stdout, theirs.stdout)
 
     def test_export(self):
         kinds = list(self.kinds)
@@ -181,7 +179,7 @@ class Places(Case):
     def test_characters_beyond_ascii(self):
         self.goes_both_ways(self.path(JAPANESE))
         said = self.fails(["info", self.path(JAPANESE + "/none.ply")], JAPANESE + "/none.ply")
-        self.assertIn("no such file", said.stderr.decode())
+        self.assertIn("No such file", said.stderr.decode())
 
     def test_over_260_characters(self):
         folder = self.folder

@@ -1,8 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* windows_interrupt SECONDS PROGRAM [ARGUMENT...]: starts the program in a process group of its own, sends it Ctrl-Break
- * after that time and returns its exit code; 125: it had ended before, 126: it couldn't be started. */
+/* windows_interrupt SECONDS PROGRAM [ARGUMENT...]: starts the program in a process group of its own, sends it
+ * Ctrl-Break after that time and returns its exit code; 125: it had ended before, 126: it couldn't be started. */
 #define WIN32_LEAN_AND_MEAN
-#define _WIN32_WINNT 0x0A00
 #include <windows.h>
 
 #include <stdio.h>

@@ -143,10 +143,6 @@ bool pags_port_is_terminal(FILE *stream) {
   return isatty(fileno(stream)) == 1;
 }
 
-void pags_port_binary(FILE *stream) {
-  (void)stream; /* streams carry bytes as they are */
-}
-
 /* ---- Names ---- */
 
 bool pags_port_rename(const char *from, const char *to) {

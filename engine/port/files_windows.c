@@ -202,11 +202,12 @@ FILE *pags_port_open_part(const char *path) {
 }
 
 FILE *pags_port_open_straight(const char *path) {
-  return pags_port_open(path, "ab");
+  return pags_port_open(path, is_device_name(path) ? "wb" : "ab"); /* devices have no end */
 }
 
 bool pags_port_sync(FILE *stream) {
-  return _commit(_fileno(stream)) == 0 || errno == EBADF || errno == EINVAL;
+  const HANDLE file = (HANDLE)_get_osfhandle(_fileno(stream));
+  return GetFileType(file) != FILE_TYPE_DISK || _commit(_fileno(stream)) == 0;
 }
 
 bool pags_port_seek(FILE *stream, int64_t offset, int whence) {
@@ -215,10 +216,6 @@ bool pags_port_seek(FILE *stream, int64_t offset, int whence) {
 
 bool pags_port_is_terminal(FILE *stream) {
   return _isatty(_fileno(stream)) != 0;
-}
-
-void pags_port_binary(FILE *stream) {
-  _setmode(_fileno(stream), _O_BINARY);
 }
 
 /* ---- Names ---- */

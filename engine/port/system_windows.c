@@ -4,6 +4,8 @@
 #include "port/windows.h"
 
 #include <errno.h>
+#include <fcntl.h>
+#include <io.h>
 #include <locale.h>
 #include <process.h>
 #include <psapi.h>
@@ -138,6 +140,9 @@ void pags_port_begin_program(int *argc, char ***argv) {
   wchar_t **wide = CommandLineToArgvW(GetCommandLineW(), &count);
   char **narrow = wide ? calloc((size_t)count + 1, sizeof *narrow) : NULL;
   SetConsoleOutputCP(CP_UTF8);
+  _setmode(_fileno(stdin), _O_BINARY);
+  _setmode(_fileno(stdout), _O_BINARY); /* else each line break becomes two characters */
+  _setmode(_fileno(stderr), _O_BINARY);
   if (!narrow)
     return;
   for (int i = 0; i < count; i++)

@@ -251,6 +251,8 @@ static pags_result save_gzip(const char *path, const spz_streams *s, const uint8
   z_stream z = {0};
   if (deflateInit2(&z, Z_DEFAULT_COMPRESSION, Z_DEFLATED, 16 + MAX_WBITS, 8, Z_DEFAULT_STRATEGY) != Z_OK)
     return pags_out_of_memory("%s", path);
+  gz_header same = {.os = 3}; /* zlib would write the number of this system, so that files differed */
+  deflateSetHeader(&z, &same);
   pags_result result = pags_file_writer_begin(&file, path);
   if (result == PAGS_OK)
     result = deflate_pieces(&z, s, header, &file);

@@ -18,8 +18,8 @@
 #include <cmocka.h>
 
 typedef struct scratch {
-  char folder[200];
-  char path[512]; /* result of the last call of scratch_path */
+  char folder[160];
+  char path[256]; /* result of the last call of scratch_path */
 } scratch;
 
 /* Fails with the message unless `result` is PAGS_OK. */

@@ -31,11 +31,11 @@
 enum { VIEWS = 9, WIDTH = 80, HEIGHT = 64, TRUTH = 150, ITERATIONS = 160 };
 static const double focal = 80.0;
 
-static char root[200];
+static char root[160];
 static pags_dataset *dataset;
 
 static const char *in_root(const char *name) {
-  static char path[4][128];
+  static char path[4][320];
   static int next;
   next = (next + 1) % 4;
   snprintf(path[next], sizeof path[next], "%s/%s", root, name);
