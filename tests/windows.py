@@ -1,16 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """windows.py PAGS.EXE PAGS: the program for Windows under wine beside the one for Linux: what both write has the same bits; paths that Windows
-treats in its own way, places that can't be written to, Ctrl-Break.
+treats in its own way, places that can't be written to, Ctrl-C.
 
 Splat files are read from the folder splats of PAGS_SHARED_DATA, or of ../shared/data beside the sources, if it is there."""
 
 import glob
 import json
 import os
+import pty
 import shutil
 import subprocess
 import sys
 import tempfile
+import threading
 import unittest
 
 HERE = os.path.dirname(os.path.abspath(__file__))
@@ -249,17 +251,47 @@ class Places(Case):
 
 
 class Interrupt(Case):
-    def test_training_goes_on_where_it_was(self):
-        if not has_pictures():
-            self.skipTest("this build reads no pictures")
+    """Ctrl-C, which reaches programs that have a console: wine gives them one on a terminal."""
+
+    def interrupted(self, seconds, *arguments):
+        """Exit code and output of a program that Ctrl-C interrupts after some seconds."""
         helper = os.path.join(os.path.dirname(WINDOWS), "tests", "windows_interrupt.exe")
         if not os.path.exists(helper):
             self.skipTest(f"no {helper}: the build has no tests")
+        ours, theirs = pty.openpty()
+        shown = []
+
+        def drain():
+            try:
+                while data := os.read(ours, 65536):
+                    shown.append(data)
+            except OSError:  # the other end is closed
+                pass
+
+        command = ["wine", helper, str(seconds), *[str(word) for word in arguments]]
+        environment = {**os.environ, "WINEDEBUG": "-all"}
+        running = subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs, env=environment)
+        threading.Thread(target=drain, daemon=True).start()
+        try:
+            code = running.wait(timeout=600)
+        finally:
+            running.kill()
+            os.close(theirs)
+        return code, b"".join(shown)
+
+    def test_a_program_ends_in_order(self):
+        big = write(self.path("big.ply"), ply_bytes(some_splats() * 1000))
+        bench = os.path.join(os.path.dirname(WINDOWS), "pags-bench.exe")
+        code, shown = self.interrupted(1, drive(bench), "stages", big)
+        self.assertEqual(code, 3, shown)
+
+    def test_training_goes_on_where_it_was(self):
+        if not has_pictures():
+            self.skipTest("this build reads no pictures")
         fixtures.make_dataset(self.path("data"))
         options = ["--iterations", "400", "--threads", "1", *fixtures.SMALL]
-        command = ["wine", helper, "5", drive(WINDOWS), "train", self.path("data"), "-o", self.path("stopped"), *options]
-        said = subprocess.run(command, capture_output=True, timeout=600, env={**os.environ, "WINEDEBUG": "-all"})
-        self.assertEqual(said.returncode, 3, said.stderr)
+        code, shown = self.interrupted(5, drive(WINDOWS), "train", self.path("data"), "-o", self.path("stopped"), *options)
+        self.assertEqual(code, 3, shown)
         self.succeeds("train", self.path("data"), "-o", self.path("stopped"), "--resume", *options)
         self.succeeds("train", self.path("data"), "-o", self.path("whole"), *options)
         self.assertEqual(read(self.path("stopped/background.ply")), read(self.path("whole/background.ply")))

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* windows_interrupt SECONDS PROGRAM [ARGUMENT...]: starts the program in a process group of its own, sends it
- * Ctrl-Break after that time and returns its exit code; 125: it had ended before, 126: it couldn't be started. */
+/* windows_interrupt SECONDS PROGRAM [ARGUMENT...]: starts the program, presses Ctrl-C in its console after that time
+ * and returns its exit code; 125: it had ended before, 126: it couldn't be started or has no console. */
 #define WIN32_LEAN_AND_MEAN
 #include <windows.h>
 
@@ -30,16 +30,16 @@ int main(int argc, char **argv) {
   }
   if (!GetConsoleCP())
     AllocConsole(); /* the event goes to programs of the same console */
-  if (!CreateProcessW(NULL, skip_two_words(GetCommandLineW()), NULL, NULL, TRUE, CREATE_NEW_PROCESS_GROUP, NULL, NULL,
-                      &startup, &process)) {
+  if (!CreateProcessW(NULL, skip_two_words(GetCommandLineW()), NULL, NULL, TRUE, 0, NULL, NULL, &startup, &process)) {
     fprintf(stderr, "%s: can't start %s (error %lu)\n", argv[0], argv[2], GetLastError());
     return 126;
   }
   const DWORD wait = (DWORD)(1000 * strtod(argv[1], NULL));
   if (WaitForSingleObject(process.hProcess, wait) != WAIT_TIMEOUT)
     return 125;
-  if (!GenerateConsoleCtrlEvent(CTRL_BREAK_EVENT, process.dwProcessId)) {
-    fprintf(stderr, "%s: can't send Ctrl-Break (error %lu)\n", argv[0], GetLastError());
+  SetConsoleCtrlHandler(NULL, TRUE); /* all programs of the console get it, this one, too */
+  if (!GenerateConsoleCtrlEvent(CTRL_C_EVENT, 0)) {
+    fprintf(stderr, "%s: can't send Ctrl-C (error %lu)\n", argv[0], GetLastError());
     TerminateProcess(process.hProcess, 126);
   }
   WaitForSingleObject(process.hProcess, INFINITE);
