@@ -52,7 +52,7 @@ KNOWS = {
     "tests": ENGINE + ["exporters", "cli", "blender_addon", "benchmarks", "tests/reference"],
 }
 
-# What systems differ in is asked for in one folder. POSIX threads are everywhere. Tests run on Linux alone, and examples are what users write.
+# What systems differ in is asked for in one folder. POSIX threads are everywhere. Tests ask tests/system.h for most of it, and examples are what users write.
 PORT = "engine/port"
 SYSTEM_HEADERS = re.compile(r"^(unistd|fcntl|dirent|dlfcn|sched|signal|poll|termios|pwd|glob|libgen|langinfo|malloc|xlocale|windows|io|direct|process"
                             r"|sys/\w+|mach/\w+|arpa/\w+|netinet/\w+|linux/\w+|asm/\w+)\.h$")
