@@ -18,7 +18,7 @@ if ! command -v dpkg-query >/dev/null || ! command -v apt-get >/dev/null; then
   echo "setup: this is no Debian; please see to these yourself:"
   echo "  a C17 and C++17 compiler (gcc 12 or clang 14 or later), CMake 3.24, make, pkg-config,"
   echo "  zlib and zstd with their static libraries, libpng 1.6, libjpeg-turbo 2, OpenEXR 3.1 or later, OpenImageIO 2.4 to 3,"
-  echo "  Embree 3 or 4,
+  echo "  Embree 3 or 4,"
   echo "  protobuf-c with protoc-c, expat, tinygltf, meshoptimizer, qhull, OpenSubdiv, cmocka, Python 3;"
   echo "  for the NEON kernels' tests: aarch64-linux-gnu-gcc and qemu-aarch64;"
   echo "  for the Python module and the Blender add-on: the headers of Python 3.11 or later; for their tests Blender, Xvfb, ImageMagick;"
