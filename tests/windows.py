@@ -81,7 +81,10 @@ class Case(unittest.TestCase):
     def same_files(self, a, b):
         self.assertEqual(files_below(a), files_below(b))
         for name in files_below(a):
-            self.assertEqual(read(os.path.join(a, name)), read(os.path.join(b, name)), name)
+            windows = read(os.path.join(a, name))
+            if name.endswith(".json"):  # names the source by its absolute path, which has a drive there
+                windows = windows.replace(b"Z:/", b"/")
+            self.assertEqual(windows, read(os.path.join(b, name)), name)
 
 
 class Bits(Case):
@@ -151,7 +154,7 @@ class Bits(Case):
             said = run("render", self.path("linux"), "-o", self.path(name + "-pictures"))
             self.assertEqual(said.returncode, 0, said.stderr)
         self.same_files(self.path("windows-pictures"), self.path("linux-pictures"))
-        self.succeeds("eval", self.path("linux"), self.path("data"))
+        self.succeeds("eval", self.path("linux"), "--dataset", self.path("data"))
 
 
 class Places(Case):
