@@ -160,6 +160,12 @@ void pags_port_release_broken_pipe(const pags_port_signals *held) {
   errno = error;
 }
 
+/* Installs a handler: a plain one, or one that is told the place (SA_SIGINFO). */
+static void install(int signal_number, struct sigaction action) {
+  sigemptyset(&action.sa_mask);
+  sigaction(signal_number, &action, NULL);
+}
+
 static void (*on_interrupt)(bool keyboard);
 
 static void interrupted(int signal_number) {
@@ -167,14 +173,10 @@ static void interrupted(int signal_number) {
 }
 
 void pags_port_on_interrupt(void (*handler)(bool keyboard)) {
-  struct sigaction action;
-  memset(&action, 0, sizeof action);
-  action.sa_handler = interrupted;
-  action.sa_flags = SA_RESTART;
-  sigemptyset(&action.sa_mask);
+  const struct sigaction action = {.sa_handler = interrupted, .sa_flags = SA_RESTART};
   on_interrupt = handler;
-  sigaction(SIGINT, &action, NULL);
-  sigaction(SIGTERM, &action, NULL);
+  install(SIGINT, action);
+  install(SIGTERM, action);
 }
 
 void pags_port_exit_at_once(int code) {
@@ -195,13 +197,8 @@ static void on_bus_error(int signal_number, siginfo_t *info, void *context) {
 }
 
 void pags_port_on_lost_mapping(const char *message) {
-  struct sigaction action;
-  memset(&action, 0, sizeof action);
-  action.sa_sigaction = on_bus_error;
-  action.sa_flags = SA_SIGINFO;
-  sigemptyset(&action.sa_mask);
   lost_mapping = message;
-  sigaction(SIGBUS, &action, NULL);
+  install(SIGBUS, (struct sigaction){.sa_sigaction = on_bus_error, .sa_flags = SA_SIGINFO});
 }
 
 void pags_port_begin_program(int *argc, char ***argv) {

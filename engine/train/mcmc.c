@@ -144,8 +144,7 @@ pags_result pags_mcmc_refine(pags_train_model *model, pags_tasks *tasks) {
   pags_result result = rows ? PAGS_OK : pags_out_of_memory("Gaussians");
   if (rows && l.dead_count < l.count) {
     draw_and_thin(model, &l, PAGS_DRAW_RELOCATE, rows, l.dead_count);
-    for (int64_t i = 0; i < l.dead_count; i++)
-      pags_model_relocate(model, l.dead[i], rows[i]);
+    pags_model_relocate(model, l.dead, rows, l.dead_count);
   }
   free(rows);
   free_lottery(&l);

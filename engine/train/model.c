@@ -180,14 +180,16 @@ pags_result pags_model_gather(pags_train_model *model, const int64_t *source, in
   return pags_adam_regroup(&model->adam, count, model->step);
 }
 
-void pags_model_relocate(pags_train_model *model, int64_t row, int64_t onto) {
+void pags_model_relocate(pags_train_model *model, const int64_t *rows, const int64_t *onto, int64_t count) {
   column columns[MAX_COLUMNS];
   const int n = list_columns(model, columns);
   for (int c = 0; c < n; c++) {
     uint32_t *data = columns[c].data;
-    data[row] = data[onto];
-    if (columns[c].moment)
-      data[row] = data[onto] = 0;
+    for (int64_t i = 0; i < count; i++) {
+      if (columns[c].moment)
+        data[onto[i]] = 0;
+      data[rows[i]] = data[onto[i]];
+    }
   }
 }
 

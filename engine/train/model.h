@@ -50,8 +50,9 @@ void pags_model_settle(pags_train_model *model, pags_tasks *tasks);
  * pags_model_sort afterwards. */
 pags_result pags_model_gather(pags_train_model *model, const int64_t *source, int64_t count, int64_t fresh,
                               pags_tasks *tasks);
-/* Makes `row` a copy of the row `onto` in all planes and statistics; the moments of both become zero. */
-void pags_model_relocate(pags_train_model *model, int64_t row, int64_t onto);
+/* Makes each of `count` rows a copy of the row onto[i] in all planes and statistics; the moments of both become zero.
+ * No row may be in both lists. */
+void pags_model_relocate(pags_train_model *model, const int64_t *rows, const int64_t *onto, int64_t count);
 /* Sorts the rows in Morton order and rebuilds the clusters and their bounds. The model must be settled. */
 pags_result pags_model_sort(pags_train_model *model, pags_tasks *tasks);
 /* Returns whether all parameters of the row are finite. */
