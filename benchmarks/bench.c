@@ -161,7 +161,6 @@ static pags_result bench_scene(const bench_arguments *arguments, scene_bench *be
   pags_json_begin_object(&json, NULL);
   pags_result result = bench(&view, arguments->session.people, &json);
   pags_progress_end(&progress);
-  pags_json_end_object(&json);
   if (result == PAGS_OK)
     return pags_session_json(&arguments->session, &json);
   pags_json_writer_destroy(&json);
@@ -210,7 +209,6 @@ static pags_result run_training(bench_arguments *arguments) {
   pags_json_writer_init(&json, 2);
   pags_json_begin_object(&json, NULL);
   pags_result result = pags_bench_train(&config, &options, arguments->snapshot_every, arguments->session.people, &json);
-  pags_json_end_object(&json);
   if (result == PAGS_OK)
     result = pags_session_json(&arguments->session, &json);
   else

@@ -432,7 +432,6 @@ static pags_result run(render_bench *self) {
     pags_json_end_object(&json);
   }
   pags_json_end_array(&json);
-  pags_json_end_object(&json);
   return pags_session_json(&self->arguments->session, &json);
 }
 

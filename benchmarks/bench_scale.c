@@ -318,7 +318,6 @@ static pags_result write_json(const scale_bench *self) {
     pags_json_end_object(&json);
   }
   pags_json_end_array(&json);
-  pags_json_end_object(&json);
   return pags_session_json(&self->arguments->session, &json);
 }
 

@@ -273,7 +273,6 @@ int pags_bench_proxies(int argc, char **argv) {
     result = pags_glb_open(parsed.positionals[1], &self.file);
   if (result == PAGS_OK)
     result = run(&self);
-  pags_json_end_object(&self.json);
   if (result == PAGS_OK)
     result = pags_session_json(&self.session, &self.json);
   else

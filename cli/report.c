@@ -65,7 +65,6 @@ pags_result pags_report_end(pags_report *report, const pags_session *session, pa
   if (result == PAGS_OK && report->failed)
     result = pags_out_of_memory(NULL);
   if (result == PAGS_OK) {
-    pags_json_end_object(&report->json);
     bool json_instead = session->json && !strcmp(session->json, "-");
     if (report->text && !json_instead)
       pags_say(session, "%s", report->text);

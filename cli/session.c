@@ -1,29 +1,65 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The start and end of every verb: threads, quiet mode, the destination of --json, the error line and the exit code;
- * checks that outputs can be written before the work starts. */
+/* The start and end of every verb: threads, quiet mode, the destination of --json, the warnings, the error line and the
+ * exit code; checks that outputs can be written before the work starts. */
 #include "cli/session.h"
 
 #include "cli/interrupt.h"
 
 #include <errno.h>
+#include <pthread.h>
 #include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
 #include "base/file.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/text.h"
 #include "port/port.h"
 
-static void print_log(void *user, pags_log_level level, const char *line) {
-  FILE *people = user;
-  if (people && level != PAGS_LOG_DEBUG)
-    fprintf(people, "%s%s\n", level == PAGS_LOG_WARNING ? "warning: " : "", line);
+/* ---- Warnings ---- */
+
+static pthread_mutex_t warnings_lock = PTHREAD_MUTEX_INITIALIZER;
+
+/* Keeps a warning; false if it is there already, as it is when an input is opened twice. One that there is no memory
+ * for is printed and lost to --json. */
+static bool keep_warning(pags_session *session, const char *line) {
+  for (int64_t i = 0; i < session->warning_count; i++)
+    if (!strcmp(session->warnings[i], line))
+      return false;
+  char **grown = realloc(session->warnings, ((size_t)session->warning_count + 1) * sizeof *grown);
+  if (grown) {
+    session->warnings = grown;
+    grown[session->warning_count] = pags_text_copy(line);
+    session->warning_count += grown[session->warning_count] != NULL;
+  }
+  return true;
 }
+
+static void receive_log(void *user, pags_log_level level, const char *line) {
+  pags_session *session = user;
+  pthread_mutex_lock(&warnings_lock);
+  const bool warning = level == PAGS_LOG_WARNING;
+  const bool said = level == PAGS_LOG_DEBUG || (warning && !keep_warning(session, line));
+  if (session->people && !said)
+    fprintf(session->people, "%s%s\n", warning ? "warning: " : "", line);
+  pthread_mutex_unlock(&warnings_lock);
+}
+
+pags_result pags_session_check(const pags_session *session) {
+  if (!session->strict || !session->warning_count)
+    return PAGS_OK;
+  if (session->warning_count == 1)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s (an error because of --strict)", session->warnings[0]);
+  return pags_fail(PAGS_ERROR_FORMAT, "%s; and %lld more (errors because of --strict)", session->warnings[0],
+                   (long long)session->warning_count - 1);
+}
+
+/* ---- Start and end ---- */
 
 pags_result pags_session_begin(pags_session *session) {
   bool json_on_stdout = session->json && !strcmp(session->json, "-");
   session->people = session->quiet ? NULL : json_on_stdout ? stderr : stdout;
-  pags_log_set(print_log, session->people);
+  pags_log_set(receive_log, session);
   if (session->json && !json_on_stdout)
     PAGS_TRY(pags_check_writable(session->json));
   session->tasks = pags_tasks_create(session->threads);
@@ -36,8 +72,14 @@ int pags_session_end(pags_session *session, pags_result result) {
   pags_interrupt_install(NULL);
   pags_tasks_destroy(session->tasks);
   session->tasks = NULL;
+  pags_log_set(NULL, NULL);
   if (session->people)
     fflush(session->people);
+  if (result == PAGS_OK)
+    result = pags_session_check(session);
+  for (int64_t i = 0; i < session->warning_count; i++)
+    free(session->warnings[i]);
+  free(session->warnings);
   if (result == PAGS_OK)
     return PAGS_EXIT_OK;
   fprintf(stderr, "%s: %s\n", pags_program_name, pags_error_message());
@@ -56,6 +98,11 @@ void pags_say(const pags_session *session, const char *format, ...) {
 
 pags_result pags_session_json(const pags_session *session, pags_json_writer *writer) {
   pags_result result = PAGS_OK;
+  pags_json_begin_array(writer, "warnings");
+  for (int64_t i = 0; i < session->warning_count; i++)
+    pags_json_put_string(writer, NULL, session->warnings[i]);
+  pags_json_end_array(writer);
+  pags_json_end_object(writer);
   if (session->json && !strcmp(session->json, "-")) {
     result = pags_json_writer_finish(writer);
     if (result == PAGS_OK && (fwrite(writer->data, 1, writer->size, stdout) != writer->size || fflush(stdout)))
@@ -66,6 +113,8 @@ pags_result pags_session_json(const pags_session *session, pags_json_writer *wri
   pags_json_writer_destroy(writer);
   return result;
 }
+
+/* ---- Outputs ---- */
 
 /* Tests whether files can be created in a folder by creating and removing one. This also detects full and read-only
  * file systems, which permission bits don't show. */

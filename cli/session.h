@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* State and functions shared by all verbs: --threads, --json and --quiet, the thread pool, the stream for messages,
- * the error line and the exit code. */
+/* State and functions shared by all verbs: --threads, --json, --strict and --quiet, the thread pool, the stream for
+ * messages, the warnings, the error line and the exit code. */
 #ifndef PAGS_CLI_SESSION_H
 #define PAGS_CLI_SESSION_H
 
@@ -14,9 +14,12 @@
 typedef struct pags_session {
   int threads;      /* 0: the number of processors that this process may use */
   const char *json; /* file, "-" for stdout, NULL: none */
-  int quiet;
+  int strict, quiet;
   FILE *people; /* stream for messages to people: stdout; stderr if JSON goes to stdout; NULL if quiet */
   pags_tasks *tasks;
+  /* The warnings that the library logged so far, each once. */
+  char **warnings;
+  int64_t warning_count;
 } pags_session;
 
 /* Rows for the end of a verb's option table; `owner` is the verb's struct, which has a member `session`. */
@@ -26,6 +29,8 @@ typedef struct pags_session {
                  "0: as affinity and cgroup allow", "use so many threads; results are the same bits for any number"), \
       PAGS_TEXT("json", 0, offsetof(owner, session.json), "FILE|-", NULL,                                             \
                 "write what a machine reads to FILE, or to standard output"),                                         \
+      PAGS_FLAG("strict", 0, offsetof(owner, session.strict),                                                         \
+                "treat each warning (what is ignored, guessed, clamped or left out of an input) as an error"),        \
       PAGS_FLAG("quiet", 'q', offsetof(owner, session.quiet), "print nothing but errors")
 
 /* Rows for verbs that open driving sets; `where` is the offset of a pags_dataset_options in the verb's struct. */
@@ -57,7 +62,12 @@ int pags_session_end(pags_session *session, pags_result result);
 /* Prints to the message stream; nothing with --quiet. */
 void pags_say(const pags_session *session, const char *format, ...) PAGS_PRINTF(2, 3);
 
-/* Finishes the JSON document and writes it where --json says; nothing without --json. Destroys the writer. */
+/* Fails if --strict was given and there are warnings. Verbs call it once their inputs are open; pags_session_end does
+ * as well. */
+pags_result pags_session_check(const pags_session *session);
+
+/* Adds the warnings to the JSON document, closes its object and writes it where --json says; nothing without --json.
+ * Destroys the writer. */
 pags_result pags_session_json(const pags_session *session, pags_json_writer *writer);
 
 /* Checks that a file of this name could be created, without leaving one. */

@@ -307,6 +307,7 @@ static pags_result open_all(evaluation *self, const char *scene_path) {
     PAGS_TRY(pags_lpips_load(arguments->lpips_weights, &self->lpips));
   PAGS_TRY(pags_photographs_open(self->scene, dataset, &arguments->options, arguments->session.tasks,
                                  arguments->image_cache, &self->photographs));
+  PAGS_TRY(pags_session_check(&arguments->session));
   self->scores = calloc((size_t)self->photographs.count, sizeof *self->scores);
   if (!self->scores)
     return pags_out_of_memory("%lld views", (long long)self->photographs.count);
@@ -370,7 +371,6 @@ static pags_result evaluate(evaluation *self, const char *scene_path) {
   put_shifts(&writer, self);
   pags_pose_errors_put_json(&writer, &self->poses);
   pags_priority_truth_put_json(&writer, &self->priority_truth);
-  pags_json_end_object(&writer);
   return pags_session_json(&self->arguments->session, &writer);
 }
 

@@ -126,7 +126,6 @@ static pags_result export_proxies(export_arguments *arguments, const pags_scene 
     pags_json_end_object(&writer);
   }
   pags_json_end_array(&writer);
-  pags_json_end_object(&writer);
   result = pags_session_json(&arguments->session, &writer);
 
   pags_proxy_report_destroy(&report);
@@ -158,7 +157,6 @@ static pags_result write_count(const export_arguments *arguments, const char *pa
   pags_json_begin_object(&writer, NULL);
   pags_json_put_string(&writer, "file", path);
   pags_json_put_integer(&writer, "gaussians", count);
-  pags_json_end_object(&writer);
   return pags_session_json(&arguments->session, &writer);
 }
 
@@ -193,6 +191,8 @@ static pags_result run(export_arguments *arguments, const char *from, const char
   PAGS_TRY(pags_scene_load(from, &scene));
   uint8_t *chosen;
   pags_result result = choose(arguments, &scene, &chosen);
+  if (result == PAGS_OK)
+    result = pags_session_check(&arguments->session);
   arguments->proxy.chosen = chosen;
   if (result == PAGS_OK && (arguments->splats || pags_export_is_splat(to)))
     result = export_splats(arguments, &scene, to);

@@ -73,7 +73,6 @@ static pags_result import(import_arguments *arguments, const struct kind *kind, 
   pags_json_put_string(&writer, "kind", kind->name);
   pags_json_put_string(&writer, "dataset", arguments->output);
   pags_json_put_number(&writer, "seconds", seconds);
-  pags_json_end_object(&writer);
   return pags_session_json(&arguments->session, &writer);
 }
 

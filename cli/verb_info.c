@@ -240,6 +240,8 @@ int pags_verb_info(int argc, char **argv) {
   if (result == PAGS_OK) {
     pags_report_begin(&report);
     result = describe(&report, &arguments, parsed.positionals[0]);
+    if (result == PAGS_OK)
+      result = pags_session_check(&arguments.session);
     result = pags_report_end(&report, &arguments.session, result);
   }
   return pags_session_end(&arguments.session, result);

@@ -276,7 +276,6 @@ static pags_result write_json(const renderer *self) {
   pags_json_begin_object(&writer, "mean");
   put_stats(&writer, &mean);
   pags_json_end_object(&writer);
-  pags_json_end_object(&writer);
   return pags_session_json(&self->arguments->session, &writer);
 }
 
@@ -380,6 +379,8 @@ static pags_result compose(renderer *self, const pags_parsed *parsed) {
                                                                    : open_scene(self, parsed, &edits, &edit_count);
   if (result == PAGS_OK)
     result = pags_composition_edit(self->composition, edits, edit_count);
+  if (result == PAGS_OK)
+    result = pags_session_check(&self->arguments->session);
   free(edits);
   return result;
 }

@@ -150,7 +150,6 @@ static pags_result make(synth_arguments *arguments, const struct kind *kind) {
   pags_json_put_string(&writer, "kind", kind->name);
   kind->tell(arguments, seconds, &writer);
   pags_json_put_number(&writer, "seconds", seconds);
-  pags_json_end_object(&writer);
   return pags_session_json(&arguments->session, &writer);
 }
 

@@ -258,7 +258,6 @@ static pags_result write_json(const train_arguments *arguments, const pags_train
   pags_json_put_number(&writer, "backward", result->ms_backward);
   pags_json_put_number(&writer, "density", result->ms_density);
   pags_json_end_object(&writer);
-  pags_json_end_object(&writer);
   return pags_session_json(&arguments->session, &writer);
 }
 
@@ -318,7 +317,9 @@ static pags_result train(train_arguments *arguments, const char *path, pags_trai
   arguments->options.progress = show_progress;
   arguments->options.progress_user = &progress;
   pags_interrupt_install(NULL); /* the trainer polls the flag and finishes its step before it stops */
-  pags_result status = pags_train(&arguments->config, &arguments->options, result);
+  pags_result status = pags_session_check(&arguments->session);
+  if (status == PAGS_OK)
+    status = pags_train(&arguments->config, &arguments->options, result);
   pags_progress_end(&progress);
   pags_dataset_close(dataset);
   return status;
