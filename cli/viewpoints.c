@@ -3,6 +3,7 @@
  * views, or the frames of a path. */
 #include "cli/viewpoints.h"
 
+#include "base/file.h"
 #include "base/memory.h"
 #include "base/text.h"
 #include "cli/session.h"
@@ -46,11 +47,7 @@ static bool taken(const pags_viewpoints *viewpoints, const char *name) {
 static pags_result append_view(pags_viewpoints *viewpoints, const char *photograph, const pags_camera *camera) {
   char stem[256];
   pags_stem(photograph, stem, sizeof stem);
-  if (taken(viewpoints, stem)) {
-    const char *slash = strrchr(photograph, '/');
-    return append(viewpoints, slash ? slash + 1 : photograph, camera);
-  }
-  return append(viewpoints, stem, camera);
+  return append(viewpoints, taken(viewpoints, stem) ? pags_path_name(photograph) : stem, camera);
 }
 
 static bool wanted(pags_split split, int test) {

@@ -30,18 +30,14 @@ static pags_result make_dir(const char *path) {
 pags_result pags_make_dirs(const char *path) {
   if (pags_dir_exists(path))
     return PAGS_OK;
-  char *prefix = pags_text_copy(path);
-  if (!prefix)
+  char *parent = pags_path_folder(path);
+  if (!parent)
     return fail_memory(path);
-  pags_result result = PAGS_OK;
-  for (char *slash = strchr(prefix + 1, '/'); slash && result == PAGS_OK; slash = strchr(slash + 1, '/')) {
-    *slash = 0;
-    result = make_dir(prefix);
-    *slash = '/';
-  }
+  const bool root = strcmp(parent, path) == 0; /* also of a drive that isn't there */
+  pags_result result = root ? PAGS_OK : pags_make_dirs(parent);
   if (result == PAGS_OK)
-    result = make_dir(prefix);
-  free(prefix);
+    result = make_dir(path);
+  free(parent);
   return result;
 }
 
