@@ -291,7 +291,7 @@ class PAGS_OT_write_path(OnScene, bpy.types.Operator, ExportHelper):
         frames = self.frames(context, Frame(context, root))
         if os.path.exists(self.filepath) and not os.stat(self.filepath).st_mode & 0o222:  # refused even for root, which could write it
             raise native.SceneError(f"{self.filepath}: can't write: it is read-only")
-        with open(self.filepath, "w") as file:
+        with open(self.filepath, "w", encoding="utf-8") as file:
             json.dump(
                 frames[0] if self.single else {"fps": scene.render.fps / scene.render.fps_base, "frames": frames},
                 file,
@@ -339,7 +339,7 @@ class PAGS_OT_read_path(OnScene, bpy.types.Operator, ImportHelper):
             raise native.SceneError(f"{self.filepath}: not a camera or path file ({type(error).__name__}: {error})") from error
 
     def read(self, context, frame):
-        with open(self.filepath) as file:
+        with open(self.filepath, encoding="utf-8") as file:
             data = json.load(file)
         records = data["frames"] if "frames" in data else [data]
         poses, lenses, frames = [], [], []

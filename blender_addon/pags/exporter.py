@@ -32,7 +32,8 @@ def run_program(context, *arguments):
     command = program(context)
     if command is None:
         raise native.SceneError("the pags program isn't there: install it, or name it in the add-on's preferences")
-    done = subprocess.run([command, *arguments], capture_output=True, text=True)
+    hidden = getattr(subprocess, "CREATE_NO_WINDOW", 0)  # Windows opens a console for the program otherwise
+    done = subprocess.run([command, *arguments], capture_output=True, encoding="utf-8", errors="replace", creationflags=hidden)
     if done.returncode != 0:
         raise native.SceneError((done.stderr.strip().splitlines() or [f"pags {arguments[0]} failed"])[-1])
 
@@ -63,7 +64,7 @@ class Edited:
             raise native.SceneError(
                 f"{self.entry.path}: edits are exported of scene folders; this is a bare splat file"
             )
-        with open(os.path.join(self.entry.path, "scene.json")) as file:
+        with open(os.path.join(self.entry.path, "scene.json"), encoding="utf-8") as file:
             self.scene = json.load(file)
         self.inverse = np.linalg.inv(lens.matrix(root.matrix_world))
         self.moved, self.gone = [], []

@@ -71,14 +71,17 @@ class NewFiles:
 
     def path(self, name):
         """Path for a new file of this name; missing folders are created."""
-        path = os.path.join(self.folder, name)
+        path = os.path.normpath(os.path.join(self.folder, name))  # scene files have '/' on Windows, too
         check_free(path)
         missing, folder = [], os.path.dirname(path)
         while folder and not os.path.isdir(folder):
             missing.append(folder)
             folder = os.path.dirname(folder)
         for folder in reversed(missing):
-            os.mkdir(folder)
+            try:
+                os.mkdir(folder)
+            except OSError as error:
+                raise SceneError(f"{folder}: can't make the folder: {error.strerror}") from error
             self.made.append(folder)
         return path
 

@@ -10,10 +10,10 @@ VERSION = "0.1"
 problem = ""
 module = None
 try:
-    from . import pags as module  # pags.abi3.so beside this file
+    from . import pags as module  # pags.abi3.so, on Windows pags.pyd, beside this file
 
     if not module.version.startswith(VERSION + "."):
-        problem = f"the add-on is for version {VERSION} of the PAGS module, and pags.abi3.so is {module.version}"
+        problem = f"the add-on is for version {VERSION} of the PAGS module, and the module beside it is {module.version}"
         module = None
 except ImportError as error:
     problem = f"the PAGS module can't be loaded: {error}"

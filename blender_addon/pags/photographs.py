@@ -28,7 +28,7 @@ def lens_file(entry, sensor):
     """Nine numbers fx fy cx cy k1 k2 p1 p2 k3 of a driving set's camera where it has distortion, else None."""
     path = os.path.join(entry.info.get("dataset") or "", "intrinsics", f"{sensor}.txt")
     try:
-        with open(path) as file:
+        with open(path, encoding="utf-8") as file:
             numbers = [float(word) for word in file.read().split()]
     except (OSError, ValueError):
         return None
