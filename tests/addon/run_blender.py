@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""run_blender.py TEST.py PAGS ADDON.zip [BLENDER]: runs a test inside of Blender with settings of its own. Exit code 77 and a
-line where there is no Blender, or no screen for a test that needs one."""
+"""run_blender.py TEST.py PAGS ADDON.zip [BLENDER]: runs a test inside of Blender with settings of its own. BLENDER is a Blender or a Python
+with the module bpy; a python.exe runs under wine. Exit code 77 and a line where there is no Blender, or no screen for a test that needs one."""
 
 import os
 import re
@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import threading
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 
@@ -43,6 +44,24 @@ def environment(folder):
     }
 
 
+def drive(path):
+    """The path as Windows has it: wine shows the root folder as the drive Z."""
+    return "Z:" + os.path.abspath(path).replace("/", "\\")
+
+
+def run(command, environment):
+    """Exit code and output. Doesn't wait for other programs that the command has started and that keep its output open, as wine's own do."""
+    running = subprocess.Popen(
+        command, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, encoding="utf-8", errors="replace"
+    )
+    lines = []
+    reader = threading.Thread(target=lambda: lines.extend(running.stdout), daemon=True)
+    reader.start()
+    code = running.wait()
+    reader.join(5)
+    return code, "".join(lines)
+
+
 def main():
     test, pags, package = sys.argv[1:4]
     blender = shutil.which(sys.argv[4] if len(sys.argv) > 4 else "blender")
@@ -68,6 +87,8 @@ def main():
         screen = ["xvfb-run", "-a", "-s", f"-screen 0 {size[0]}x{size[1]}x24 +extension GLX"]
         place = ["--no-window-focus", "--enable-event-simulate", "-p", "0", "0", *size]
         command = [*screen, blender, *place, *common]
+    elif blender.endswith(".exe"):
+        command = ["wine", blender, "-B", drive(os.path.join(HERE, test)), "--", drive(pags), drive(package)]
     elif os.path.basename(blender).startswith("python"):
         command = [blender, "-B", os.path.join(HERE, test), "--", pags, package]  # the bpy module
     else:
@@ -75,14 +96,12 @@ def main():
     with tempfile.TemporaryDirectory(prefix="pags-blender-") as folder:
         for name in ("scripts", "config", "datafiles"):
             os.makedirs(os.path.join(folder, name, "addons") if name == "scripts" else os.path.join(folder, name))
-        done = subprocess.run(
-            command, env=environment(folder), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
-        )
-    print(done.stdout)
-    if done.returncode == 0 and "all tests passed" not in done.stdout:
+        code, said = run(command, environment(drive(folder) if blender.endswith(".exe") else folder))
+    print(said)
+    if code == 0 and "all tests passed" not in said:
         print("Blender ended without the tests' last word")
         return 1
-    return done.returncode
+    return code
 
 
 if __name__ == "__main__":
