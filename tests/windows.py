@@ -2,12 +2,13 @@
 """windows.py PAGS.EXE PAGS: the program for Windows under wine beside the one for Linux: what both write has the same bits; paths that Windows
 treats in its own way, places that can't be written to, Ctrl-C.
 
-Splat files are read from the folder splats of PAGS_SHARED_DATA, or of ../shared/data beside the sources, if it is there."""
+Splat files and the capture fox are read from PAGS_SHARED_DATA, or from ../shared/data beside the sources, if they are there."""
 
 import glob
 import json
 import os
 import pty
+import pwd
 import shutil
 import subprocess
 import sys
@@ -23,13 +24,14 @@ import fixtures  # noqa: E402
 import scenes  # noqa: E402
 from fixtures import files_below, ply_bytes, read, some_splats, write  # noqa: E402
 
+SHARED = os.environ.get("PAGS_SHARED_DATA") or os.path.join(os.path.dirname(ROOT), "shared", "data")
 WINDOWS, LINUX = "", ""
 JAPANESE = "日本語 と Ümläüte"
 
 
-def run_windows(*arguments, **more):
-    command = ["wine", WINDOWS, *[str(word) for word in arguments]]
-    return subprocess.run(command, capture_output=True, timeout=600, env={**os.environ, "WINEDEBUG": "-all"}, **more)
+def run_windows(*arguments, program=None, **more):
+    command = ["wine", program or WINDOWS, *[str(word) for word in arguments]]
+    return subprocess.run(command, capture_output=True, timeout=600, **{"env": {**os.environ, "WINEDEBUG": "-all"}, **more})
 
 
 def run_linux(*arguments, **more):
@@ -71,8 +73,8 @@ class Case(unittest.TestCase):
         self.assertEqual(said.returncode, 0, said.stderr.decode(errors="replace"))
         return said
 
-    def fails(self, arguments, *words):
-        said = run_windows(*arguments)
+    def fails(self, arguments, *words, **more):
+        said = run_windows(*arguments, **more)
         self.assertEqual(said.returncode, 1, said.stdout)
         for word in words:
             self.assertIn(word, said.stderr.decode())
@@ -93,10 +95,9 @@ class Bits(Case):
     kinds = [("out.ply",), ("out.spz", "--spz-version", "3"), ("out.spz", "--spz-version", "4"), ("out.splat",), ("out.pagsz",)]
 
     def inputs(self):
-        shared = os.environ.get("PAGS_SHARED_DATA") or os.path.join(os.path.dirname(ROOT), "shared", "data")
-        found = [path for path in sorted(glob.glob(os.path.join(shared, "splats", "*"))) if path.endswith((".ply", ".spz", ".splat"))]
+        found = [path for path in sorted(glob.glob(os.path.join(SHARED, "splats", "*"))) if path.endswith((".ply", ".spz", ".splat"))]
         if not found:
-            print(f"no splat files in {shared}/splats (PAGS_SHARED_DATA says where they are): the small ones alone", file=sys.stderr)
+            print(f"no splat files in {SHARED}/splats (PAGS_SHARED_DATA says where they are): the small ones alone", file=sys.stderr)
         scenes.make_scene(self.path("scene"))
         return [self.path("scene"), write(self.path("small.ply"), ply_bytes(some_splats()))] + found
 
@@ -156,6 +157,18 @@ class Bits(Case):
         self.same_files(self.path("windows-pictures"), self.path("linux-pictures"))
         self.succeeds("eval", self.path("linux"), "--dataset", self.path("data"))
 
+    def test_train_a_capture(self):
+        """Photographs of a camera, with COLMAP's poses, in JPEG files."""
+        if not has_pictures():
+            self.skipTest("this build reads no pictures")
+        capture = os.path.join(SHARED, "fox")
+        if not os.path.isdir(capture):
+            self.skipTest(f"there is no capture {capture} (PAGS_SHARED_DATA says where it is)")
+        for name, run in [("windows", run_windows), ("linux", run_linux)]:
+            said = run("train", capture, "-o", self.path(name), "--iterations", "200")
+            self.assertEqual(said.returncode, 0, said.stderr)
+        self.assertEqual(read(self.path("windows/background.ply")), read(self.path("linux/background.ply")))
+
 
 class Places(Case):
     """Paths, folders and files that Windows treats in its own way."""
@@ -199,6 +212,10 @@ class Places(Case):
         self.succeeds("export", "a\\..\\small.ply", ".\\a\\out.spz", cwd=self.folder)
         self.assertEqual(read(self.path("a/out.spz")), self.expected())
 
+    def test_missing_folders_are_made(self):
+        self.succeeds("render", "small.ply", "-o", "new\\folders/of\\pictures", "--frames", "1", cwd=self.folder)
+        self.assertEqual(files_below(self.folder), ["new/folders/of/pictures/00000.png", "small.ply"])
+
     def test_a_file_is_replaced(self):
         out = write(self.path("out.spz"), b"old")
         self.succeeds("export", self.ply, out)
@@ -227,14 +244,29 @@ class Places(Case):
         self.fails(["export", self.ply, self.path("none/out.spz")], "none")
 
     def test_a_folder_that_cannot_be_written_to(self):
-        if os.geteuid() == 0:
-            self.skipTest("root may write to any folder")
         os.makedirs(self.path("shut"))
         write(self.path("shut/kept"), b"precious")
+        someone = {} if os.geteuid() else self.someone_else()  # root may write to any folder
         os.chmod(self.path("shut"), 0o555)
         self.addCleanup(os.chmod, self.path("shut"), 0o755)
-        self.fails(["export", self.ply, self.path("shut/out.spz")], "shut/out.spz")
+        self.fails(["export", self.ply, self.path("shut/out.spz")], "shut/out.spz", "Permission denied", **someone)
         self.assertEqual(files_below(self.path("shut")), ["kept"])
+        os.chmod(self.path("shut"), 0o755)
+        self.succeeds("export", self.ply, self.path("shut/out.spz"), **someone)
+
+    def someone_else(self):
+        """What run_windows takes to run as the user nobody, who gets this test's folder, a copy of the program and a folder of wine's own."""
+        nobody = pwd.getpwnam("nobody")
+        home = os.path.join(self.folder, "home")
+        os.makedirs(home)
+        program = shutil.copy(WINDOWS, home)
+        for where, _, names in os.walk(self.folder):
+            for path in [where, *(os.path.join(where, name) for name in names)]:
+                os.chown(path, nobody.pw_uid, nobody.pw_gid)
+        environment = {**os.environ, "HOME": home, "WINEPREFIX": os.path.join(home, "wine"), "WINEDEBUG": "-all"}
+        someone = {"user": nobody.pw_uid, "group": nobody.pw_gid, "extra_groups": [], "env": environment, "cwd": self.folder}
+        self.addCleanup(subprocess.run, ["wineserver", "-k"], **someone)
+        return {"program": program, **someone}
 
     def test_null_device(self):
         for name in ["NUL", "nul"]:
@@ -256,8 +288,8 @@ class Places(Case):
 class Interrupt(Case):
     """Ctrl-C, which reaches programs that have a console: wine gives them one on a terminal."""
 
-    def interrupted(self, seconds, *arguments):
-        """Exit code and output of a program that Ctrl-C interrupts after some seconds."""
+    def interrupted(self, when, *arguments):
+        """Exit code and output of a program that Ctrl-C interrupts after so many seconds, or once there is a file of that path."""
         helper = os.path.join(os.path.dirname(WINDOWS), "tests", "windows_interrupt.exe")
         if not os.path.exists(helper):
             self.skipTest(f"no {helper}: the build has no tests")
@@ -271,7 +303,7 @@ class Interrupt(Case):
             except OSError:  # the other end is closed
                 pass
 
-        command = ["wine", helper, str(seconds), *[str(word) for word in arguments]]
+        command = ["wine", helper, str(when), *[str(word) for word in arguments]]
         environment = {**os.environ, "WINEDEBUG": "-all"}
         running = subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs, env=environment)
         threading.Thread(target=drain, daemon=True).start()
@@ -292,12 +324,16 @@ class Interrupt(Case):
         if not has_pictures():
             self.skipTest("this build reads no pictures")
         fixtures.make_dataset(self.path("data"))
-        options = ["--iterations", "400", "--threads", "1", *fixtures.SMALL]
-        code, shown = self.interrupted(5, drive(WINDOWS), "train", self.path("data"), "-o", self.path("stopped"), *options)
+        options = ["--iterations", "20000", "--checkpoint-every", "1000", "--threads", "1", "--quiet", *fixtures.SMALL]
+        begun = drive(self.path("stopped/checkpoint.pags"))
+        code, shown = self.interrupted(begun, drive(WINDOWS), "train", self.path("data"), "-o", self.path("stopped"), *options)
         self.assertEqual(code, 3, shown)
+        half = read(self.path("stopped/background.ply"))
         self.succeeds("train", self.path("data"), "-o", self.path("stopped"), "--resume", *options)
         self.succeeds("train", self.path("data"), "-o", self.path("whole"), *options)
-        self.assertEqual(read(self.path("stopped/background.ply")), read(self.path("whole/background.ply")))
+        whole = read(self.path("whole/background.ply"))
+        self.assertEqual(read(self.path("stopped/background.ply")), whole)
+        self.assertNotEqual(half, whole)  # it was stopped on its way
 
 
 def main():

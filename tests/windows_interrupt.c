@@ -1,9 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* windows_interrupt SECONDS PROGRAM [ARGUMENT...]: starts the program, presses Ctrl-C in its console after that time
- * and returns its exit code; 125: it had ended before, 126: it couldn't be started or has no console. */
+/* windows_interrupt WHEN PROGRAM [ARGUMENT...]: starts the program, presses Ctrl-C in its console and returns its exit
+ * code; 125: it had ended before, 126: it couldn't be started or has no console. WHEN is a number of seconds, or the
+ * path of a file: once that is there. */
 #define WIN32_LEAN_AND_MEAN
 #include <windows.h>
 
+#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <wchar.h>
@@ -20,12 +22,24 @@ static wchar_t *skip_two_words(wchar_t *at) {
   return at;
 }
 
+/* Waits for the time to press; false if the program ends before. */
+static bool wait_for(const char *when, HANDLE program) {
+  char *end;
+  const double seconds = strtod(when, &end);
+  if (!*end)
+    return WaitForSingleObject(program, (DWORD)(1000 * seconds)) == WAIT_TIMEOUT;
+  while (GetFileAttributesA(when) == INVALID_FILE_ATTRIBUTES)
+    if (WaitForSingleObject(program, 20) != WAIT_TIMEOUT)
+      return false;
+  return true;
+}
+
 int main(int argc, char **argv) {
   STARTUPINFOW startup = {.cb = sizeof startup};
   PROCESS_INFORMATION process;
   DWORD code = 126;
   if (argc < 3) {
-    fprintf(stderr, "usage: %s SECONDS PROGRAM [ARGUMENT...]\n", argv[0]);
+    fprintf(stderr, "usage: %s WHEN PROGRAM [ARGUMENT...]\n", argv[0]);
     return 2;
   }
   if (!GetConsoleCP())
@@ -34,8 +48,7 @@ int main(int argc, char **argv) {
     fprintf(stderr, "%s: can't start %s (error %lu)\n", argv[0], argv[2], GetLastError());
     return 126;
   }
-  const DWORD wait = (DWORD)(1000 * strtod(argv[1], NULL));
-  if (WaitForSingleObject(process.hProcess, wait) != WAIT_TIMEOUT)
+  if (!wait_for(argv[1], process.hProcess))
     return 125;
   SetConsoleCtrlHandler(NULL, TRUE); /* all programs of the console get it, this one, too */
   if (!GenerateConsoleCtrlEvent(CTRL_C_EVENT, 0)) {
