@@ -383,6 +383,24 @@ class Files(BlenderCase):
         os.rename(self.path("elsewhere"), self.path("scene"))
         self.assertGreater(max(self.f12()[4]), 100)
 
+    def test_characters_beyond_ascii(self):
+        """In paths, in scene.json and in what the program says."""
+        folder, name = "日本語 Ümläüte", "車=2"
+        make_drive(self.path(folder))
+        record = json.loads(fixtures.read(self.path(folder, "scene.json")))
+        record["objects"][1]["id"] = name
+        self.write(os.path.join(folder, "scene.json"), json.dumps(record, ensure_ascii=False).encode())
+        self.bring_in(folder)
+        self.assertEqual(self.part(1)["pags_id"], name)
+        self.part(1).location.x += 0.7
+        bpy.ops.pags.save_edited(directory=self.path(folder, "Änderung"))
+        saved = os.path.join(folder, "Änderung")
+        self.assertEqual(json.loads(fixtures.read(self.path(saved, "scene.json")))["objects"][1]["id"], name)
+        self.assert_close(self.f12("Blick ü"), self.program(scene=saved))
+        bpy.ops.export_scene.pags_path(filepath=self.path(folder, "Weg ü.json"))
+        bpy.ops.import_scene.pags_path(filepath=self.path(folder, "Weg ü.json"))
+        self.raises([folder], bpy.ops.export_scene.pags, filepath=self.path(folder, "none", "x.ply"))
+
     def test_undo(self):
         self.bring_in()
         bpy.ops.ed.undo_push(message="imported")
