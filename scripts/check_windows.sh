@@ -17,7 +17,7 @@ python=""
 if sh scripts/setup_windows.sh; then
   python=$(cd "${PAGS_CROSS:-$HOME/.cache/pags-cross}" && pwd)/windows-python/python.exe
 else
-  echo "check-windows: the add-on's tests are left out: there is no Python for Windows"
+  echo "check-windows: the add-on's tests are left out: there is no Python for Windows (it takes pip and, of Debian, maven)"
 fi
 sh scripts/cross.sh windows-x64 -DPAGS_TESTS=ON -DCMAKE_CROSSCOMPILING_EMULATOR=wine -DPAGS_WINDOWS_PYTHON="$python"
 
