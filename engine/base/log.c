@@ -23,3 +23,12 @@ void pags_log_message(pags_log_level level, const char *format, ...) {
   va_end(arguments);
   log_receiver(log_user, level, line);
 }
+
+void pags_tally_add(pags_tally *tally, const char *format, ...) {
+  if (tally->count++ > 0)
+    return;
+  va_list arguments;
+  va_start(arguments, format);
+  vsnprintf(tally->first, sizeof tally->first, format, arguments);
+  va_end(arguments);
+}

@@ -22,6 +22,15 @@ PAGS_API void pags_log_set(pags_log_fn *receiver, void *user);
 /* Logs one line, formatted as by printf and cut off after 1023 bytes. */
 void pags_log_message(pags_log_level level, const char *format, ...) PAGS_PRINTF(2, 3);
 
+/* Counts findings of one kind, so that one line tells of all of them: how many, and the name of the first. */
+typedef struct pags_tally {
+  int64_t count;
+  char first[320]; /* name of the first finding, cut off if it is longer */
+} pags_tally;
+
+/* Adds a finding; `format` gives its name, as printf does. */
+void pags_tally_add(pags_tally *tally, const char *format, ...) PAGS_PRINTF(2, 3);
+
 #ifdef __cplusplus
 }
 #endif

@@ -1,0 +1,220 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Finds poses of a car that leap and labels of objects that lie aside (motion.h).
+ *
+ * A fault is told from motion by its neighbours: a value is compared with the median of what the poses around it
+ * predict. The median stays right as long as most of them are, so that one wrong pose, or two in a row, don't make
+ * their neighbours suspicious. */
+#include "dataset/driving/motion.h"
+
+#include <math.h>
+#include <string.h>
+
+#include <pags/camera.h>
+
+#include "base/sort.h"
+
+static const double degrees = 57.29577951308232;
+
+/* ---- The motion of a car ---- */
+
+enum { AROUND = 3 }; /* steps on either side that a step is compared with */
+
+static double median(double *values, int count) {
+  pags_sort_doubles(values, count);
+  return count ? 0.5 * (values[(count - 1) / 2] + values[count / 2]) : 0;
+}
+
+/* The angle in radians between two rotations. */
+static double angle_between(const double a[12], const double b[12]) {
+  double back[12], relative[12], turn[3];
+  pags_rigid_inverse(a, back);
+  pags_rigid_multiply(back, b, relative);
+  pags_increment_rotation(relative, turn);
+  return sqrt(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]);
+}
+
+/* How far the step from pose `at` to the next differs from the steps around it, in metres. */
+static double step_error(const double (*poses)[12], const double *times, int64_t count, int64_t at) {
+  const double dt = times[at + 1] - times[at];
+  double square = 0;
+  for (int axis = 3; axis < 12; axis += 4) {
+    double speeds[2 * AROUND];
+    int n = 0;
+    for (int64_t i = at - AROUND; i <= at + AROUND; i++)
+      if (i >= 0 && i + 1 < count && i != at)
+        speeds[n++] = (poses[i + 1][axis] - poses[i][axis]) / (times[i + 1] - times[i]);
+    const double step = poses[at + 1][axis] - poses[at][axis];
+    const double off = n >= 2 ? step - dt * median(speeds, n) : 0;
+    square += off * off;
+  }
+  return sqrt(square);
+}
+
+pags_leaps pags_find_leaps(const double (*poses)[12], const double *times, int64_t count) {
+  pags_leaps leaps = {0};
+  for (int64_t i = 0; i + 1 < count; i++) {
+    const double dt = times[i + 1] - times[i];
+    const double off = step_error(poses, times, count, i);
+    const double angle = degrees * angle_between(poses[i], poses[i + 1]);
+    if (!(dt > 0) || (off <= 0.8 + 30 * dt * dt && angle <= 4 + 90 * dt))
+      continue;
+    if (leaps.count++ == 0)
+      leaps = (pags_leaps){.count = 1, .first = i, .metres = off, .degrees = angle, .seconds = dt};
+  }
+  return leaps;
+}
+
+/* ---- Labels that are turned by half a turn ---- */
+
+/* Whether no object of this category turns so far from one label to the next. Walkers may turn on the spot. */
+static bool is_flip(const pags_object *object, const pags_knot *a, const pags_knot *b) {
+  const double angle = degrees * angle_between(a->world_from_object, b->world_from_object);
+  const double fastest = object->category == PAGS_CATEGORY_PEDESTRIAN ? 500 : 200; /* degrees a second */
+  return angle > 135 && angle > fastest * (b->time - a->time);
+}
+
+static void turn_back(double m[12]) {
+  for (int row = 0; row < 12; row += 4) {
+    m[row] = -m[row];
+    m[row + 1] = -m[row + 1];
+  }
+}
+
+/* The labels fall into two groups, which face opposite ways. The smaller one is turned; of two equal ones that which
+ * faces against the way that the object goes. */
+static void turn_flips(pags_object *object, uint8_t *mended) {
+  int64_t flips = 0, turned = 0;
+  bool side = false;
+  double along = 0; /* way along the front of the first group minus that of the second */
+  for (int64_t i = 0; i < object->knot_count; i++) {
+    const double *m = object->knots[i].world_from_object, *next = m;
+    if (i > 0 && is_flip(object, &object->knots[i - 1], &object->knots[i]))
+      side = !side, flips++;
+    turned += side;
+    if (i + 1 < object->knot_count)
+      next = object->knots[i + 1].world_from_object;
+    for (int k = 0; k < 3; k++)
+      along += (side ? -1 : 1) * m[4 * k] * (next[4 * k + 3] - m[4 * k + 3]);
+    mended[i] = side ? PAGS_MENDED_TURNED : PAGS_MENDED_NOT;
+  }
+  const bool swap = 2 * turned > object->knot_count || (2 * turned == object->knot_count && along < 0);
+  for (int64_t i = 0; i < object->knot_count && flips; i++) {
+    if (swap)
+      mended[i] = mended[i] == PAGS_MENDED_NOT ? PAGS_MENDED_TURNED : PAGS_MENDED_NOT;
+    if (mended[i] == PAGS_MENDED_TURNED)
+      turn_back(object->knots[i].world_from_object);
+  }
+}
+
+/* ---- Labels that lie aside ---- */
+
+enum { LEAST_KNOTS = 5, NEAR = 2 }; /* NEAR: labels on either side that predict the one between them */
+
+/* Collects the nearest good labels before (step -1) or behind (step 1) a label; returns their number. */
+static int near_labels(const pags_object *object, const uint8_t *mended, int64_t at, int step, double longest,
+                       int64_t out[NEAR]) {
+  int n = 0;
+  for (int64_t i = at + step; i >= 0 && i < object->knot_count && n < NEAR; i += step)
+    if (mended[i] != PAGS_MENDED_MOVED && fabs(object->knots[i].time - object->knots[at].time) <= longest)
+      out[n++] = i;
+  return n;
+}
+
+/* Predicts the place of a label from those around it: the median over all pairs of one before and one behind, or, at
+ * an end, over the pairs of the first three. Returns 0 without such pairs, 1 between labels, 2 at an end. */
+static int predict(const pags_object *object, const uint8_t *mended, int64_t at, double longest, double place[3]) {
+  int64_t before[NEAR], behind[NEAR], pairs[2 * NEAR][2];
+  const int a = near_labels(object, mended, at, -1, longest, before);
+  const int b = near_labels(object, mended, at, 1, longest, behind);
+  int n = 0;
+  for (int i = 0; i < a; i++)
+    for (int j = 0; j < b; j++)
+      pairs[n][0] = before[i], pairs[n++][1] = behind[j];
+  if (n == 0 && a + b == NEAR)
+    pairs[n][0] = a ? before[1] : behind[0], pairs[n++][1] = a ? before[0] : behind[1];
+  for (int k = 0; k < 3 && n; k++) {
+    double values[2 * NEAR];
+    for (int i = 0; i < n; i++) {
+      const pags_knot *from = &object->knots[pairs[i][0]], *to = &object->knots[pairs[i][1]];
+      const double share = (object->knots[at].time - from->time) / (to->time - from->time);
+      const double p = from->world_from_object[4 * k + 3], q = to->world_from_object[4 * k + 3];
+      values[i] = p + share * (q - p);
+    }
+    place[k] = median(values, n);
+  }
+  return n == 0 ? 0 : a && b ? 1 : 2;
+}
+
+/* How far a label lies beside its prediction, in units of what motion and noise explain; `place` is the prediction. */
+static double place_error(const pags_object *object, const uint8_t *mended, int64_t at, double spacing,
+                          double place[3]) {
+  const double *m = object->knots[at].world_from_object;
+  double square = 0;
+  const int kind = predict(object, mended, at, 4.5 * spacing, place);
+  for (int k = 0; k < 3 && kind; k++)
+    square += (m[4 * k + 3] - place[k]) * (m[4 * k + 3] - place[k]);
+  /* 0.7 m of noise; 6 m/s^2 over two spacings on either side, over three spacings at an end */
+  return sqrt(square) / ((kind == 2 ? 1.4 : 1.0) * (0.7 + 12 * spacing * spacing));
+}
+
+/* Whether most labels are off by more than a quarter of `worst`: then jitter explains the worst. */
+static bool is_noisy(const pags_object *object, const uint8_t *mended, double spacing, double worst) {
+  int64_t off = 0;
+  double place[3];
+  for (int64_t i = 0; i < object->knot_count; i++)
+    off += 4 * place_error(object, mended, i, spacing, place) > worst;
+  return 2 * off > object->knot_count;
+}
+
+/* Turns a label as the one before it if that and the one behind agree and it differs. */
+static bool mend_turn(pags_object *object, int64_t at) {
+  if (at == 0 || at + 1 == object->knot_count)
+    return false;
+  double *m = object->knots[at].world_from_object;
+  const pags_knot *a = &object->knots[at - 1], *b = &object->knots[at + 1];
+  const double apart = degrees * angle_between(a->world_from_object, b->world_from_object);
+  const double off =
+      fmin(degrees * angle_between(a->world_from_object, m), degrees * angle_between(b->world_from_object, m));
+  if (off < 30 || off < 3 * apart ||
+      off < 200 * fmax(b->time - object->knots[at].time, object->knots[at].time - a->time))
+    return false;
+  for (int row = 0; row < 12; row += 4)
+    memcpy(m + row, a->world_from_object + row, 3 * sizeof *m);
+  return true;
+}
+
+void pags_track_mend(pags_object *object, uint8_t *mended) {
+  memset(mended, PAGS_MENDED_NOT, (size_t)object->knot_count);
+  turn_flips(object, mended);
+  if (object->knot_count < LEAST_KNOTS)
+    return;
+  double spacing = INFINITY;
+  for (int64_t i = 1; i < object->knot_count; i++)
+    spacing = fmin(spacing, object->knots[i].time - object->knots[i - 1].time);
+
+  /* Move the label that is farthest off first, since a wrong label makes its neighbours' predictions worse; at most a
+   * quarter of them, for a track of which more is wrong has no neighbours to trust. */
+  for (int64_t moved = 0; 4 * moved < object->knot_count; moved++) {
+    double worst = 1, place[3] = {0};
+    int64_t at = -1;
+    for (int64_t i = 0; i < object->knot_count; i++) {
+      const double error = mended[i] == PAGS_MENDED_MOVED ? 0 : place_error(object, mended, i, spacing, place);
+      if (error > worst) {
+        worst = error;
+        at = i;
+      }
+    }
+    if (at < 0 || is_noisy(object, mended, spacing, worst))
+      break;
+    mended[at] = PAGS_MENDED_MOVED;
+  }
+  for (int64_t i = 0; i < object->knot_count; i++) {
+    double place[3]; /* from the labels that weren't moved */
+    if (mended[i] == PAGS_MENDED_MOVED && predict(object, mended, i, 4.5 * spacing, place))
+      for (int k = 0; k < 3; k++)
+        object->knots[i].world_from_object[4 * k + 3] = place[k];
+  }
+  for (int64_t i = 0; i < object->knot_count; i++)
+    if (mend_turn(object, i) && mended[i] == PAGS_MENDED_NOT)
+      mended[i] = PAGS_MENDED_TURNED;
+}

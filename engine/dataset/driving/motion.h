@@ -1,0 +1,36 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Tells motion that a car can make from faults of its poses and labels. */
+#ifndef PAGS_DATASET_DRIVING_MOTION_H
+#define PAGS_DATASET_DRIVING_MOTION_H
+
+#include <pags/object.h>
+#include <stdbool.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* What doesn't fit among the poses of a car. */
+typedef struct pags_leaps {
+  int64_t count;                   /* steps from one pose to the next that no car makes */
+  int64_t first;                   /* the first of them leads from pose `first` to the next */
+  double metres, degrees, seconds; /* of that step: how far it is off the motion around it, and its length in time */
+} pags_leaps;
+
+/* Compares the step from each pose to the next with the median of the six steps around it. A step is a leap if its
+ * speed differs by more than a car's can, which is 30 m/s^2 plus 0.8 m of noise, or if it turns faster than 90 degrees
+ * a second plus 4 degrees of noise. `times`: seconds, ascending; `poses`: 3x4, world from car or camera. */
+pags_leaps pags_find_leaps(const double (*poses)[12], const double *times, int64_t count);
+
+/* What was done to a label. */
+enum { PAGS_MENDED_NOT, PAGS_MENDED_TURNED, PAGS_MENDED_MOVED };
+
+/* Mends the labelled poses of a track, whose knots are sorted by time. Labels that face the other way than most of
+ * their track are turned by half a turn; a label that lies aside or is turned, while those around it agree on where it
+ * ought to be, is put there. `mended` has a byte per knot and becomes PAGS_MENDED_*. */
+void pags_track_mend(pags_object *object, uint8_t *mended);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
