@@ -149,6 +149,9 @@ class Labels(Street):
         self.save()
         self.fails(["info", self.set], "the id 'moving_car_027' occurs twice", "of a Car")
 
+    def test_walkers_of_a_short_clip_move(self):
+        self.assertEqual(self.info()["objects_moving"]["pedestrian"], 3)
+
 
 if __name__ == "__main__":
     fixtures.main()
