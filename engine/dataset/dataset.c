@@ -126,32 +126,43 @@ static void swap_views(pags_parsed_view *a, pags_parsed_view *b) {
   *b = keep;
 }
 
-/* Moves the views without an image file to the end of the array; the views with an image keep their order, and
- * dataset->count becomes their number. Missing images are an error unless `allowed` is nonzero and at least one image
- * exists. */
+/* Refuses or tells of views that lack a file; `what` is "image" or "pose". */
+static pags_result report_missing(const pags_dataset *dataset, const pags_parsed_view *first, int64_t count,
+                                  int allowed) {
+  if (!first)
+    return PAGS_OK;
+  const long long missing = (long long)count, all = (long long)dataset->parsed.count;
+  const char *what = first->no_pose ? "pose" : "image", *path = first->no_pose ? first->no_pose : first->image_path;
+  if (dataset->count == 0)
+    return pags_fail(PAGS_ERROR_IO, "%s: no such %s: %s; all %lld %ss are missing", first->where, what, path, all,
+                     what);
+  if (!allowed)
+    return pags_fail(PAGS_ERROR_IO,
+                     "%s: no such %s: %s; %lld of %lld %ss are missing (--allow-missing leaves them out)", first->where,
+                     what, path, missing, all, what);
+  pags_log_message(PAGS_LOG_WARNING, "%s: %lld of %lld %ss are missing and left out, the first is %s",
+                   dataset->parsed.source, missing, all, what, path);
+  return PAGS_OK;
+}
+
+/* Moves the views without an image file or without a pose to the end of the array; the others keep their order, and
+ * dataset->count becomes their number. What is missing is an error unless `allowed` is nonzero and a view is left. */
 static pags_result leave_out_missing(pags_dataset *dataset, int allowed) {
   pags_parsed_dataset *parsed = &dataset->parsed;
-  const char *first = NULL, *where = NULL;
+  pags_parsed_view first_image = {0}, first_pose = {0}; /* copies, since views change places */
+  int64_t images = 0, poses = 0;
   for (int64_t i = 0; i < parsed->count; i++) {
     pags_parsed_view *view = &parsed->views[i];
     if (!view->missing)
       swap_views(view, &parsed->views[dataset->count++]);
-    else if (!first)
-      first = view->image_path, where = view->where;
+    else if (view->no_pose && poses++ == 0)
+      first_pose = *view;
+    else if (!view->no_pose && images++ == 0)
+      first_image = *view;
   }
-  dataset->missing = parsed->count - dataset->count;
-  if (!first)
-    return PAGS_OK;
-  long long missing = (long long)dataset->missing, all = (long long)parsed->count;
-  if (dataset->count == 0)
-    return pags_fail(PAGS_ERROR_IO, "%s: no such image: %s; all %lld images are missing", where, first, all);
-  if (!allowed)
-    return pags_fail(PAGS_ERROR_IO,
-                     "%s: no such image: %s; %lld of %lld images are missing (--allow-missing leaves them out)", where,
-                     first, missing, all);
-  pags_log_message(PAGS_LOG_WARNING, "%s: %lld of %lld images are missing and left out, the first is %s",
-                   parsed->source, missing, all, first);
-  return PAGS_OK;
+  dataset->missing = images + poses;
+  PAGS_TRY(report_missing(dataset, images ? &first_image : NULL, images, allowed));
+  return report_missing(dataset, poses ? &first_pose : NULL, poses, allowed);
 }
 
 /* ---- Cameras and views ---- */

@@ -21,6 +21,7 @@ void pags_parsed_destroy(pags_parsed_dataset *parsed) {
     free(parsed->views[i].semantic_path);
     free(parsed->views[i].dynamic_path);
     free(parsed->views[i].part_path);
+    free(parsed->views[i].no_pose);
   }
   free(parsed->views);
   free(parsed->source);

@@ -13,7 +13,8 @@ typedef struct pags_parsed_view {
   char *image_path;             /* path to open */
   char *mask_path;              /* NULL: none */
   char *where;                  /* file and line, e.g. "transforms.json:12"; begins messages about this view */
-  bool missing;                 /* the image file does not exist */
+  bool missing;                 /* the image file, or the pose, does not exist */
+  char *no_pose;                /* if the pose is missing: the file that ought to have it; NULL: the image is missing */
   bool sized;                   /* the size was read from the picture because the data set does not state it */
   pags_lens lens;               /* before pags_lens_prepare; not set if `missing` and the data set gives no size */
   double world_from_camera[12]; /* OpenCV axes */

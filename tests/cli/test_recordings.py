@@ -153,5 +153,43 @@ class Labels(Street):
         self.assertEqual(self.info()["objects_moving"]["pedestrian"], 3)
 
 
+class Poses(Street):
+    def pose(self, frame, change):
+        path = os.path.join(self.set, f"ego_pose/{frame:03d}.txt")
+        rows = [[float(x) for x in line.split()] for line in read(path).decode().splitlines()]
+        change(rows)
+        write(path, "".join(" ".join(map(repr, row)) + "\n" for row in rows))
+
+    def test_leaps(self):
+        def off(rows):
+            rows[1][3] += 8
+
+        def turned(rows):
+            c, s = math.cos(0.35), math.sin(0.35)
+            for row in rows[:3]:
+                row[0], row[1] = c * row[0] + s * row[1], c * row[1] - s * row[0]
+
+        self.pose(9, off)
+        self.warned("ego_pose: 2 of 11 steps between poses leap", "from frame 008 to 009, 8.", "in 0.10 s")
+        self.pose(6, turned)
+        self.warned("4 of 11 steps", "from frame 005 to 006", "20.")
+
+    def test_missing(self):
+        os.remove(os.path.join(self.set, "ego_pose/005.txt"))
+
+        def unknown(rows):
+            rows[0][3] = math.nan
+
+        self.pose(7, unknown)
+        self.fails(["info", self.set], "no such pose", "ego_pose/005.txt", "2 of 12 poses are missing", "--allow-missing")
+        said = self.info("--allow-missing")
+        self.assertEqual((said["views_missing"], said["lidar_sweeps"]), (2, 10))
+        self.assertEqual(len(said["warnings"]), 1)
+        self.assertIn("2 of 12 poses are missing and left out", said["warnings"][0])
+        self.succeeds("train", self.set, "--allow-missing", "-o", self.path("scene"), "--iterations", "2")
+        write(os.path.join(self.set, "ego_pose/005.txt"), "1 2 x\n")
+        self.fails(["info", self.set, "--allow-missing"], "ego_pose/005.txt:1: expected a number, found 'x'")
+
+
 if __name__ == "__main__":
     fixtures.main()

@@ -266,6 +266,11 @@ static pags_result add_view(pags_driving *driving, const pags_sensor *sensor, in
                                                 : pags_text_pose_read(path, view->world_from_camera);
   if (result == PAGS_OK && !driving->rules.per_frame)
     pags_rigid_multiply(view->world_from_camera, sensor->ego_from_camera, view->world_from_camera);
+  if (result != PAGS_OK && pags_text_pose_is_missing(path)) {
+    view->missing = true; /* dataset.c says so, or refuses */
+    view->no_pose = path;
+    return PAGS_OK;
+  }
   free(path);
   return result;
 }
@@ -323,6 +328,7 @@ static pags_result read_parts(pags_driving *driving, const pags_dataset_options 
     }
 
   PAGS_TRY(pags_times_read(driving, parsed));
+  PAGS_TRY(pags_driving_check_motion(driving, parsed));
   PAGS_TRY(pags_tracks_read(driving));
   PAGS_TRY(pags_critical_choose(driving, options->critical, parsed));
   PAGS_TRY(pags_sweeps_find(driving));

@@ -36,5 +36,10 @@ pags_result pags_sfm_points_read(const char *model, pags_parsed_dataset *parsed)
 pags_result pags_text_matrix_read(const char *path, int capacity, double *out, int *count);
 /* Reads a rigid motion of 4x4 or 3x4 numbers from a text file. */
 pags_result pags_text_pose_read(const char *path, double out[12]);
+/* Whether there is no pose: the file doesn't exist, is empty, or holds numbers that aren't finite, as programs write
+ * for the frames of which they know none. */
+bool pags_text_pose_is_missing(const char *path);
+/* Warns of poses that leap: steps between neighbouring time steps that no car makes. */
+pags_result pags_driving_check_motion(const pags_driving *driving, const pags_parsed_dataset *parsed);
 
 #endif

@@ -5,6 +5,7 @@
 
 #include "base/bytes.h"
 #include "base/file.h"
+#include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
 
@@ -26,15 +27,19 @@ static pags_result check_size(const pags_driving *driving, const char *path, uin
                    driving->rules.kind);
 }
 
-static pags_result read_pose(const pags_driving *driving, int frame, double out[12]) {
+/* Reads the pose of a sweep; *missing: there is none, and the sweep is left out as its photographs are. */
+static pags_result read_pose(const pags_driving *driving, int frame, double out[12], bool *missing, pags_tally *lost) {
   const char *folder = driving->rules.lidar_frame ? "lidar_pose" : "ego_pose";
   char *path = pags_text_format("%s/%s/%0*d.txt", driving->root, folder, driving->digits, frame);
   pags_result result = path ? pags_text_pose_read(path, out) : pags_out_of_memory("%s", driving->root);
+  *missing = path && result != PAGS_OK && pags_text_pose_is_missing(path);
+  if (*missing && driving->rules.lidar_frame)
+    pags_tally_add(lost, "%s", path);
   free(path);
-  return result;
+  return *missing ? PAGS_OK : result;
 }
 
-static pags_result add_sweep(pags_driving *driving, const pags_time_step *step, char *path) {
+static pags_result add_sweep(pags_driving *driving, const pags_time_step *step, char *path, pags_tally *lost) {
   uint64_t size;
   pags_sweep *sweep = &driving->sweeps[driving->sweep_count];
   if (driving->rules.columns == 0)
@@ -43,13 +48,17 @@ static pags_result add_sweep(pags_driving *driving, const pags_time_step *step, 
   PAGS_TRY(pags_file_size(path, &size));
   PAGS_TRY(check_size(driving, path, size));
   *sweep = (pags_sweep){.frame = step->frame, .test = step->test, .time = step->time};
-  PAGS_TRY(read_pose(driving, step->frame, sweep->world_from_sweep));
+  bool missing;
+  PAGS_TRY(read_pose(driving, step->frame, sweep->world_from_sweep, &missing, lost));
+  if (missing)
+    return PAGS_OK;
   sweep->path = path;
   driving->sweep_count++;
   return PAGS_OK;
 }
 
 pags_result pags_sweeps_find(pags_driving *driving) {
+  pags_tally lost = {0};
   driving->sweeps = calloc((size_t)driving->step_count, sizeof *driving->sweeps);
   if (!driving->sweeps)
     return pags_out_of_memory("%s", driving->root);
@@ -58,11 +67,14 @@ pags_result pags_sweeps_find(pags_driving *driving) {
     if (!path)
       return pags_out_of_memory("%s", driving->root);
     int64_t before = driving->sweep_count;
-    pags_result result = pags_file_exists(path) ? add_sweep(driving, &driving->steps[i], path) : PAGS_OK;
+    pags_result result = pags_file_exists(path) ? add_sweep(driving, &driving->steps[i], path, &lost) : PAGS_OK;
     if (driving->sweep_count == before)
       free(path);
     PAGS_TRY(result);
   }
+  if (lost.count)
+    pags_log_message(PAGS_LOG_WARNING, "%s: %lld of %lld sweeps have no pose and are left out; the first pose is %s",
+                     driving->root, (long long)lost.count, (long long)driving->step_count, lost.first);
   if (driving->sweep_count > 0)
     driving->provides |= PAGS_PROVIDES_LIDAR;
 

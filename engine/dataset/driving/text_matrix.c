@@ -14,7 +14,9 @@ static bool is_gap(char c) {
   return c == ' ' || c == '\t' || c == '\r' || c == '\n' || c == ',';
 }
 
-static pags_result parse(const char *path, const char *text, size_t size, int capacity, double *out, int *count) {
+/* `finite`: numbers that aren't finite are an error. */
+static pags_result parse(const char *path, const char *text, size_t size, int capacity, bool finite, double *out,
+                         int *count) {
   const char *at = text;
   int line = 1;
   for (*count = 0;; ++*count) {
@@ -24,7 +26,7 @@ static pags_result parse(const char *path, const char *text, size_t size, int ca
       return PAGS_OK;
     char *end;
     double value = pags_text_to_double(at, &end);
-    if (end == at || !isfinite(value) || (*end && !is_gap(*end)))
+    if (end == at || (finite && !isfinite(value)) || (*end && !is_gap(*end)))
       return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: expected a number, found '%.*s'", path, line,
                        (int)strcspn(at, " \t\r\n,") > 20 ? 20 : (int)strcspn(at, " \t\r\n,"), at);
     if (*count == capacity)
@@ -38,9 +40,25 @@ pags_result pags_text_matrix_read(const char *path, int capacity, double *out, i
   uint8_t *bytes;
   size_t size;
   PAGS_TRY(pags_file_read(path, &bytes, &size));
-  pags_result result = parse(path, (const char *)bytes, size, capacity, out, count);
+  pags_result result = parse(path, (const char *)bytes, size, capacity, true, out, count);
   free(bytes);
   return result;
+}
+
+bool pags_text_pose_is_missing(const char *path) {
+  uint8_t *bytes;
+  size_t size;
+  double numbers[16];
+  int count = 0, unknown = 0;
+  if (!pags_file_exists(path))
+    return true;
+  if (pags_file_read(path, &bytes, &size) != PAGS_OK)
+    return false;
+  if (parse(path, (const char *)bytes, size, 16, false, numbers, &count) == PAGS_OK)
+    for (int i = 0; i < count; i++)
+      unknown += !isfinite(numbers[i]);
+  free(bytes);
+  return size == 0 || unknown > 0;
 }
 
 pags_result pags_text_pose_read(const char *path, double out[12]) {

@@ -1,0 +1,66 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Looks for leaps among the poses of a driving set's cameras. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/log.h"
+#include "base/memory.h"
+#include "base/text.h"
+#include "dataset/driving/motion.h"
+#include "dataset/driving/reader.h"
+
+typedef struct track {
+  int64_t *steps; /* time step of each pose */
+  double *times;
+  double (*poses)[12];
+} track;
+
+/* Copies the poses of a camera at the time steps where it has one; returns their number. */
+static int64_t take_poses(const pags_driving *driving, const pags_parsed_dataset *parsed, int64_t sensor, track *out) {
+  int64_t count = 0;
+  for (int64_t step = 0; step < driving->step_count; step++) {
+    const pags_parsed_view *view = &parsed->views[step * driving->sensor_count + sensor];
+    if (view->missing)
+      continue;
+    out->steps[count] = step;
+    out->times[count] = driving->steps[step].time;
+    memcpy(out->poses[count++], view->world_from_camera, sizeof *out->poses);
+  }
+  return count;
+}
+
+/* With constant extrinsics, all cameras have the ego vehicle's motion, so that one is looked at. */
+pags_result pags_driving_check_motion(const pags_driving *driving, const pags_parsed_dataset *parsed) {
+  const bool per_frame = driving->rules.per_frame;
+  const size_t steps = (size_t)driving->step_count;
+  pags_tally found = {0};
+  int64_t all = 0;
+  track t = {malloc(steps * sizeof *t.steps), malloc(steps * sizeof *t.times), malloc(steps * sizeof *t.poses)};
+  pags_result result = t.steps && t.times && t.poses ? PAGS_OK : pags_out_of_memory("%s", driving->root);
+  for (int64_t sensor = 0; result == PAGS_OK && sensor < (per_frame ? driving->sensor_count : 1); sensor++) {
+    const int64_t count = take_poses(driving, parsed, sensor, &t);
+    const pags_leaps leaps = pags_find_leaps((const double(*)[12])t.poses, t.times, count);
+    all += count > 0 ? count - 1 : 0;
+    if (leaps.count) {
+      char camera[24] = "";
+      if (per_frame)
+        snprintf(camera, sizeof camera, " of camera %d", driving->sensors[sensor].number);
+      pags_tally_add(&found, "from frame %0*d to %0*d%s, %.2f m and %.1f degrees off in %.2f s", driving->digits,
+                     driving->steps[t.steps[leaps.first]].frame, driving->digits,
+                     driving->steps[t.steps[leaps.first + 1]].frame, camera, leaps.metres, leaps.degrees,
+                     leaps.seconds);
+      found.count += leaps.count - 1;
+    }
+  }
+  if (found.count)
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s/%s: %lld of %lld steps between poses leap as no car does, so poses or times may be wrong; the "
+                     "first is %s",
+                     driving->root, per_frame ? "extrinsics" : "ego_pose", (long long)found.count, (long long)all,
+                     found.first);
+  free(t.steps);
+  free(t.times);
+  free(t.poses);
+  return result;
+}
