@@ -13,8 +13,10 @@
 #include <string.h>
 
 #include "base/file.h"
+#include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
+#include "dataset/driving/motion.h"
 #include "dataset/driving/writer.h"
 #include "import/kitti_files.h"
 #include "import/kitti_tracks.h"
@@ -151,19 +153,53 @@ static void compute_velocity(const importer *im, int64_t t, double out[6]) {
 
 /* ---- Times ---- */
 
-/* Reads the times of the imported frames from a file of times into out[0], out[stride], ... */
-static pags_result read_times(const importer *im, const char *name, double *out, int stride) {
+/* Fills in the times that were lost (NaN): on the line through the known ones before and after, or through the two
+ * nearest at an end. Returns the number of the first one; -1 if none was lost. */
+static int64_t fill_times(double *times, int64_t count) {
+  int64_t first = -1;
+  for (int64_t t = 0; t < count; t++) {
+    if (!isnan(times[t]))
+      continue;
+    first = first < 0 ? t : first;
+    int64_t before = t - 1, behind = t + 1; /* all times before t are known or filled in */
+    while (behind < count && isnan(times[behind]))
+      behind++;
+    int64_t from = before, to = behind;
+    if (before < 0) {
+      for (from = behind, to = from + 1; to < count && isnan(times[to]);)
+        to++;
+    } else if (behind >= count)
+      from = before - 1, to = before;
+    if (from >= 0 && to < count)
+      times[t] = times[from] + (times[to] - times[from]) * (double)(t - from) / (double)(to - from);
+  }
+  return first;
+}
+
+/* Reads the times of the imported frames from a file of times into out[0], out[stride], ... The times of photographs
+ * must be there, but for empty lines, which are filled in; those of lost sweeps may be missing and are NaN. */
+static pags_result read_times(const importer *im, const char *name, bool sweeps, double *out, int stride) {
   int64_t count;
   double *all = NULL;
   char *path = pags_kitti_times_path(&im->tree, name);
   if (!path)
     return no_memory(im);
   pags_result result = pags_kitti_times_read(path, &count, &all);
-  if (result == PAGS_OK && count < im->tree.frames)
-    result = pags_fail(PAGS_ERROR_FORMAT, "%s: expected a time for each of %lld frames, found %lld", path,
-                       (long long)im->tree.frames, (long long)count);
+  if (result == PAGS_OK && !sweeps) {
+    int64_t lost = 0, known = 0;
+    for (int64_t t = 0; t < count; t++)
+      *(isnan(all[t]) ? &lost : &known) += 1;
+    const int64_t first = fill_times(all, count);
+    if (count < im->tree.frames || (lost && known < 2))
+      result = pags_fail(PAGS_ERROR_FORMAT, "%s: expected a time for each of %lld frames, found %lld", path,
+                         (long long)im->tree.frames, (long long)known);
+    else if (lost)
+      pags_log_message(PAGS_LOG_WARNING,
+                       "%s: %lld of %lld times are empty lines and were filled in; the first is frame %lld's", path,
+                       (long long)lost, (long long)count, (long long)first);
+  }
   for (int64_t t = 0; result == PAGS_OK && t < im->count; t++)
-    out[t * stride] = all[im->tree.first + t];
+    out[t * stride] = im->tree.first + t < count ? all[im->tree.first + t] : (double)NAN;
   free(all);
   free(path);
   return result;
@@ -183,8 +219,8 @@ static pags_result read_sweep_times(importer *im) {
   im->sweep_times = malloc((size_t)im->count * 2 * sizeof *im->sweep_times);
   if (!im->sweep_times)
     return no_memory(im);
-  PAGS_TRY(read_times(im, names[0], im->sweep_times, 2));
-  return read_times(im, names[1], im->sweep_times + 1, 2);
+  PAGS_TRY(read_times(im, names[0], true, im->sweep_times, 2));
+  return read_times(im, names[1], true, im->sweep_times + 1, 2);
 }
 
 /* Sets the times of frames, photographs and sweeps. The time of a frame is that of its first camera's photograph; the
@@ -203,7 +239,7 @@ static pags_result set_times(importer *im) {
   for (int c = cameras - 1; c >= 0; c--) {
     char name[40];
     snprintf(name, sizeof name, "image_%02d/timestamps.txt", im->tree.cameras[c] + 2);
-    PAGS_TRY(read_times(im, name, im->times, 1));
+    PAGS_TRY(read_times(im, name, false, im->times, 1));
     for (int64_t t = 0; t < im->count; t++)
       im->exposures[t * cameras + c].time = im->times[t];
   }
@@ -214,7 +250,47 @@ static pags_result set_times(importer *im) {
   return read_sweep_times(im);
 }
 
+/* Warns of poses that no car takes, and of positions that the receiver itself calls rough: 5 m and more. */
+static void check_motion(const importer *im) {
+  enum { ACCURACY = 23 }; /* column of the accuracy of the position, m */
+  pags_tally rough = {0};
+  const long long first = (long long)im->tree.first, count = (long long)im->count;
+  const pags_leaps leaps = pags_find_leaps((const double(*)[12])im->world_from_velo, im->times, im->count);
+  for (int64_t t = 0; t < im->count; t++) {
+    const double accuracy = im->oxts[t * PAGS_KITTI_OXTS + ACCURACY];
+    if (accuracy >= 5)
+      pags_tally_add(&rough, "frame %lld, %g m", first + (long long)t, accuracy);
+  }
+  if (leaps.count)
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s: %lld of %lld steps between poses leap (oxts may be wrong there); the first is from frame "
+                     "%lld to %lld, %.2f m and %.1f degrees off in %.2f s",
+                     im->tree.root, (long long)leaps.count, count - 1, first + (long long)leaps.first,
+                     first + (long long)leaps.first + 1, leaps.metres, leaps.degrees, leaps.seconds);
+  if (rough.count)
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s: oxts says of %lld of %lld frames that the position is known to 5 m or worse; the first is %s",
+                     im->tree.root, (long long)rough.count, count, rough.first);
+}
+
 /* ---- Cameras, boxes and the description of the set ---- */
+
+/* The calibration holds for pictures of KITTI's size. Pictures that were resized or cut need the original ones. */
+static pags_result check_size(const importer *im, const pags_layout_camera *camera, const char *path) {
+  const double *size = im->calib.size[camera->number + 2];
+  const double x = camera->intrinsics[2] / camera->width, y = camera->intrinsics[3] / camera->height;
+  if (size[0] > 0 && (fabs(size[0] - camera->width) > 0.5 || fabs(size[1] - camera->height) > 0.5))
+    return pags_fail(PAGS_ERROR_FORMAT,
+                     "%s: has %d x %d pixels, expected %g x %g as S_rect_%02d of the calibration says; the original "
+                     "pictures are needed",
+                     path, camera->width, camera->height, size[0], size[1], camera->number + 2);
+  if (!(x > 0.25 && x < 0.75 && y > 0.1 && y < 0.9))
+    return pags_fail(PAGS_ERROR_FORMAT,
+                     "%s: has %d x %d pixels, but the calibration's principal point is %.1f, %.1f, far from its "
+                     "middle; pictures that were resized or cut need the original ones",
+                     path, camera->width, camera->height, camera->intrinsics[2], camera->intrinsics[3]);
+  return PAGS_OK;
+}
 
 static pags_result set_cameras(importer *im) {
   double velo_from_cam0[12];
@@ -227,7 +303,9 @@ static pags_result set_cameras(importer *im) {
     PAGS_TRY(pags_kitti_camera(&im->calib, number + 2, camera->intrinsics, pose));
     pags_rigid_multiply(velo_from_cam0, pose, im->velo_from_camera[c]);
     char *path = pags_kitti_image_path(&im->tree, number, im->tree.first);
-    const pags_result result = path ? pags_image_size(path, &camera->width, &camera->height) : no_memory(im);
+    pags_result result = path ? pags_image_size(path, &camera->width, &camera->height) : no_memory(im);
+    if (result == PAGS_OK)
+      result = check_size(im, camera, path);
     free(path);
     PAGS_TRY(result);
   }
@@ -301,6 +379,7 @@ static pags_result prepare(importer *im) {
   PAGS_TRY(read_calib(im));
   PAGS_TRY(compute_poses(im));
   PAGS_TRY(set_times(im));
+  check_motion(im);
   PAGS_TRY(set_cameras(im));
   PAGS_TRY(read_tracks(im));
   return set_info(im);
@@ -311,7 +390,13 @@ static pags_result prepare(importer *im) {
 static pags_result put_image(const importer *im, int64_t t, int c) {
   const pags_layout_camera *camera = &im->cameras[c];
   char *path = pags_kitti_image_path(&im->tree, camera->number, im->tree.first + t);
-  const pags_result result = path ? pags_layout_copy_image(&im->layout, t, camera->number, path) : no_memory(im);
+  int width = 0, height = 0;
+  pags_result result = path ? pags_image_size(path, &width, &height) : no_memory(im);
+  if (result == PAGS_OK && (width != camera->width || height != camera->height))
+    result = pags_fail(PAGS_ERROR_FORMAT, "%s: has %d x %d pixels, the first photograph of this camera %d x %d", path,
+                       width, height, camera->width, camera->height);
+  if (result == PAGS_OK)
+    result = pags_layout_copy_image(&im->layout, t, camera->number, path);
   free(path);
   PAGS_TRY(result);
   if (!im->tree.has_labels)

@@ -136,7 +136,9 @@ pags_result pags_kitti_calib_read_raw(const char *folder, pags_kitti_calib *out)
                      {"P_rect_01", NULL, 12, out->projection[1], 1, 0},
                      {"P_rect_02", NULL, 12, out->projection[2], 1, 0},
                      {"P_rect_03", NULL, 12, out->projection[3], 1, 0},
-                     {"R_rect_00", NULL, 9, rect, 1, 0}};
+                     {"R_rect_00", NULL, 9, rect, 1, 0},
+                     {"S_rect_02", NULL, 2, out->size[2], 0, 0},
+                     {"S_rect_03", NULL, 2, out->size[3], 0, 0}};
   char *path = pags_path_join(folder, "calib_cam_to_cam.txt");
   if (!path)
     return pags_out_of_memory("%s", folder);

@@ -31,7 +31,8 @@ void pags_kitti_table_destroy(pags_kitti_table *table);
 /* ---- Calibration ---- */
 
 typedef struct pags_kitti_calib {
-  double projection[4][12];  /* P0..P3 (raw: P_rect_00..): pixel = P * cam0, with the first pixel's centre at 0 */
+  double projection[4][12]; /* P0..P3 (raw: P_rect_00..): pixel = P * cam0, with the first pixel's centre at 0 */
+  double size[4][2]; /* raw: width and height of the rectified pictures, px (S_rect_00..); 0: the file doesn't say */
   double cam0_from_velo[12]; /* with an exactly orthonormal rotation */
   double velo_from_imu[12];
   bool has_imu; /* whether velo_from_imu is known; older files of the object benchmark lack it */
@@ -76,6 +77,8 @@ typedef struct pags_kitti_label {
   double height, width, length; /* m */
   double bottom[3];             /* centre of the bottom face in cam0, m */
   double rotation_y;            /* radians about cam0's y axis; 0: the object faces along x */
+  double score;                 /* of a detector or tracker, any unit; see `scored` */
+  bool scored;                  /* whether the line has a score as its last column */
   int line;
 } pags_kitti_label;
 
@@ -84,10 +87,12 @@ typedef struct pags_kitti_labels {
   pags_kitti_label *rows;
 } pags_kitti_labels;
 
-/* Reads label_02/SSSS.txt (`tracking`) or label_2/NNNNNN.txt. An empty file has no labels and is valid. */
+/* Reads label_02/SSSS.txt (`tracking`) or label_2/NNNNNN.txt. An empty file has no labels and is valid. Sizes, places
+ * and angles that can't be metres and radians are PAGS_ERROR_FORMAT; a label without a size in space isn't. */
 pags_result pags_kitti_labels_read(const char *path, bool tracking, pags_kitti_labels *out);
 void pags_kitti_labels_destroy(pags_kitti_labels *labels);
-bool pags_kitti_label_is_box(const pags_kitti_label *label); /* false for DontCare regions */
+bool pags_kitti_label_is_box(const pags_kitti_label *label);     /* false for DontCare regions */
+bool pags_kitti_label_has_volume(const pags_kitti_label *label); /* false for labels in the picture only */
 /* Computes the pose of the box in cam0: object axes x forward, y left, z up, origin at the centre of the box. */
 void pags_kitti_label_pose(const pags_kitti_label *label, double cam0_from_object[12]);
 
@@ -95,7 +100,7 @@ void pags_kitti_label_pose(const pags_kitti_label *label, double cam0_from_objec
 
 typedef struct pags_kitti_tracklet {
   char type[32];
-  double height, width, length; /* m */
+  double height, width, length; /* m; may be 0 or less, which is no size */
   int64_t first_frame;
   int64_t count;
   double (*poses)[6]; /* per frame: tx ty tz (m, velo, centre of the bottom face), rx ry rz (radians) */
@@ -117,7 +122,9 @@ void pags_kitti_tracklet_pose(const pags_kitti_tracklet *tracklet, int64_t index
 pags_result pags_kitti_points_read(const char *path, int64_t *count, float **xyzr);
 
 /* Reads timestamps.txt of a raw recording, lines like "2011-09-26 13:02:25.594360375", as seconds since 1970; the
- * clock is taken as UTC, whatever it was. The caller frees *seconds. */
+ * clock is taken as UTC, whatever it was. An empty line stands for a time that was lost, as in drives with
+ * lost sweeps: it becomes NaN, and the lines behind it keep their numbers. Empty lines at the end aren't counted. The
+ * caller frees *seconds. */
 pags_result pags_kitti_times_read(const char *path, int64_t *count, double **seconds);
 
 #ifdef __cplusplus

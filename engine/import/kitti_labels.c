@@ -4,11 +4,18 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
 #include "base/memory.h"
 #include "import/kitti_files.h"
 #include "import/kitti_text.h"
 #include "maths/maths.h"
+
+/* Sizes and places (m) and angles (rad) above these can't be right: a LiDAR reaches 250 m, a train's car has 30 m, and
+ * no angle needs two turns. */
+#define LARGEST_SIZE 100.0
+#define LARGEST_DISTANCE 1000.0
+#define LARGEST_ANGLE 12.6
 
 void pags_kitti_labels_destroy(pags_kitti_labels *labels) {
   free(labels->rows);
@@ -16,7 +23,7 @@ void pags_kitti_labels_destroy(pags_kitti_labels *labels) {
 }
 
 bool pags_kitti_label_is_box(const pags_kitti_label *label) {
-  return strcmp(label->type, "DontCare") != 0;
+  return strcasecmp(label->type, "DontCare") != 0;
 }
 
 /* rotation_y is an angle about cam0's y axis, which points down: R_y (1, 0, 0) = (cos, 0, -sin). The label's position
@@ -32,11 +39,12 @@ void pags_kitti_label_pose(const pags_kitti_label *label, double out[12]) {
   }
 }
 
+/* Takes a whole number, which some programs write as "3.0" or "3.000000". */
 static pags_result take_integer(const pags_lines *lines, char **text, const char *what, int64_t lo, int64_t hi,
                                 int *out) {
-  int64_t value;
+  double value;
   const char *word = pags_take_word(text);
-  if (!word || !pags_word_integer(word, lo, hi, &value))
+  if (!word || !pags_word_number(word, &value) || value != floor(value) || value < (double)lo || value > (double)hi)
     return pags_lines_fail(lines, "expected an integer of %lld..%lld for '%s', found '%.40s'", (long long)lo,
                            (long long)hi, what, word ? word : "");
   *out = (int)value;
@@ -58,6 +66,31 @@ static pags_result take_type(const pags_lines *lines, char **text, char type[32]
   return PAGS_OK;
 }
 
+/* Whether a label gives a box in space: those of detectors in pictures have sizes of -1 and a place of -1000. */
+bool pags_kitti_label_has_volume(const pags_kitti_label *label) {
+  return label->height > 0 && label->width > 0 && label->length > 0 && label->bottom[2] > -1000;
+}
+
+static pags_result check_box(const pags_lines *lines, bool tracking, const pags_kitti_label *label) {
+  char name[96];
+  if (tracking && label->track < 0)
+    return pags_lines_fail(lines, "a %s without track id", label->type);
+  snprintf(name, sizeof name, tracking ? "%s of track %d in frame %d" : "%s", label->type, label->track, label->frame);
+  if (!pags_kitti_label_has_volume(label))
+    return PAGS_OK;
+  if (label->height > LARGEST_SIZE || label->width > LARGEST_SIZE || label->length > LARGEST_SIZE)
+    return pags_lines_fail(lines, "%s: expected a height, width and length below %g m, found %g x %g x %g", name,
+                           LARGEST_SIZE, label->height, label->width, label->length);
+  if (fabs(label->rotation_y) > LARGEST_ANGLE)
+    return pags_lines_fail(lines, "%s: expected rotation_y in radians (-pi to pi), found %g: are these degrees?", name,
+                           label->rotation_y);
+  for (int i = 0; i < 3; i++)
+    if (fabs(label->bottom[i]) > LARGEST_DISTANCE)
+      return pags_lines_fail(lines, "%s: expected a place in the camera's axes in metres, below %g, found %g %g %g",
+                             name, LARGEST_DISTANCE, label->bottom[0], label->bottom[1], label->bottom[2]);
+  return PAGS_OK;
+}
+
 static pags_result read_label(const pags_lines *lines, char *text, bool tracking, pags_kitti_label *out) {
   *out = (pags_kitti_label){.frame = -1, .track = -1, .line = lines->line};
   const struct {
@@ -76,13 +109,12 @@ static pags_result read_label(const pags_lines *lines, char *text, bool tracking
   PAGS_TRY(take_integer(lines, &text, "occluded", -1, 9, &out->occluded));
   for (size_t i = 0; i < sizeof numbers / sizeof numbers[0]; i++)
     PAGS_TRY(take_number(lines, &text, numbers[i].name, numbers[i].value));
-  if (pags_take_word(&text))
-    return pags_lines_fail(lines, "expected %d columns, found more", tracking ? 17 : 15);
-  if (!pags_kitti_label_is_box(out))
-    return PAGS_OK;
-  if (!(out->height > 0 && out->width > 0 && out->length > 0))
-    return pags_lines_fail(lines, "expected sizes above 0, found %g x %g x %g", out->height, out->width, out->length);
-  return !tracking || out->track >= 0 ? PAGS_OK : pags_lines_fail(lines, "a %s without track id", out->type);
+  const char *word = pags_take_word(&text);
+  out->scored = word && pags_word_number(word, &out->score);
+  if ((word && !out->scored) || pags_take_word(&text))
+    return pags_lines_fail(lines, "expected %d columns, or %d with a score, found more", tracking ? 17 : 15,
+                           tracking ? 18 : 16);
+  return pags_kitti_label_is_box(out) ? check_box(lines, tracking, out) : PAGS_OK;
 }
 
 static pags_result read_labels(pags_lines *lines, bool tracking, pags_kitti_labels *labels) {

@@ -136,16 +136,19 @@ pags_result pags_kitti_times_read(const char *path, int64_t *count, double **sec
   *count = 0;
   *seconds = NULL;
   PAGS_TRY(pags_lines_open(&lines, path));
+  int64_t last = 0; /* number of times up to the last one that is known */
   while (result == PAGS_OK && (line = pags_lines_next(&lines))) {
-    if (!*line)
-      continue;
+    const bool empty = !line[strspn(line, " \t")];
     if (!grow(seconds, *count, &capacity, 1))
       result = pags_out_of_memory("%s: its times", path);
+    else if (empty)
+      (*seconds)[(*count)++] = (double)NAN;
     else if (!parse_time(line, &(*seconds)[*count]))
       result = pags_lines_fail(&lines, "expected a time such as 2011-09-26 13:02:25.594360375, found '%.40s'", line);
     else
-      ++*count;
+      last = ++*count;
   }
+  *count = last;
   pags_lines_close(&lines);
   if (result != PAGS_OK) {
     free(*seconds);

@@ -162,10 +162,12 @@ static double element_number(reader *r) {
   return r->result == PAGS_OK ? value : 0;
 }
 
+/* A size of 0 or less is left to the caller, who can name the tracklet. */
 static double element_size(reader *r) {
   const double value = element_number(r);
-  if (r->result == PAGS_OK && !(value > 0))
-    fail(r, PAGS_ERROR_FORMAT, "expected a size above 0 in <%s>, found %g", r->names[r->depth], value);
+  if (r->result == PAGS_OK && value > 100)
+    fail(r, PAGS_ERROR_FORMAT, "expected a size below 100 m in <%s> of tracklet %lld, found %g", r->names[r->depth],
+         (long long)r->out->count - 1, value);
   return value;
 }
 
@@ -209,7 +211,12 @@ static void end_number(reader *r) {
   const int which = find(numbers, r->names[NUMBER]);
   if (which < 0)
     return;
-  tracklet->poses[tracklet->count - 1][which] = element_number(r);
+  const double value = element_number(r);
+  if (r->result == PAGS_OK && fabs(value) > (which < 3 ? 1000 : 12.6))
+    fail(r, PAGS_ERROR_FORMAT, "expected %s in <%s> of tracklet %lld, a %s, found %g",
+         which < 3 ? "metres in the axes of the Velodyne, below 1000," : "an angle in radians (-pi to pi)",
+         numbers[which], (long long)r->out->count - 1, tracklet->type, value);
+  tracklet->poses[tracklet->count - 1][which] = value;
   r->seen_pose |= 1U << which;
 }
 

@@ -19,7 +19,10 @@ typedef struct pags_kitti_span {
 } pags_kitti_span;
 
 /* Make tracks from the boxes of the imported frames; other boxes, and tracks without a box in these frames, are left
- * out. Whether an object moves is decided from its poses in these frames. `path` is used in messages. */
+ * out. A warning tells of labels past the last photograph, of labels without a size, of scores, and of track numbers
+ * whose classes differ: each class is an object of its own, unless one object of one category goes by two names (a car
+ * and a van). The id of an object is its track number, or "NUMBER-Class" for the second and further classes. Whether an
+ * object moves is decided from its poses in these frames. `path` is used in messages. */
 pags_result pags_kitti_tracks_from_labels(const char *path, const pags_kitti_labels *labels,
                                           const double cam0_from_velo[12], const pags_kitti_span *span,
                                           pags_kitti_tracks *out);

@@ -26,9 +26,23 @@ static char *join_format(const char *folder, const char *format, ...) {
   return pags_path_join(folder, name);
 }
 
+/* Extensions of photographs: KITTI's own first, then those of copies that were made to save room. */
+static const char *const extensions[] = {".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG"};
+enum { EXTENSIONS = sizeof extensions / sizeof extensions[0] };
+
+/* Returns the path of the photograph that is there; with KITTI's own extension if there is none. */
 char *pags_kitti_image_path(const pags_kitti_tree *tree, int camera, int64_t frame) {
-  return tree->raw ? join_format(tree->root, "image_%02d/data/%010lld.png", camera + 2, (long long)frame)
-                   : join_format(tree->root, "image_%02d/%s/%06lld.png", camera + 2, tree->sequence, (long long)frame);
+  for (int i = 0; i <= EXTENSIONS; i++) {
+    const char *extension = extensions[i % EXTENSIONS];
+    char *path = tree->raw
+                     ? join_format(tree->root, "image_%02d/data/%010lld%s", camera + 2, (long long)frame, extension)
+                     : join_format(tree->root, "image_%02d/%s/%06lld%s", camera + 2, tree->sequence, (long long)frame,
+                                   extension);
+    if (!path || i == EXTENSIONS || pags_file_exists(path))
+      return path;
+    free(path);
+  }
+  return NULL;
 }
 
 char *pags_kitti_points_path(const pags_kitti_tree *tree, int64_t frame) {
@@ -98,13 +112,28 @@ static bool want(missing *m, exists_fn *exists, const char *format, ...) {
   return there;
 }
 
-static pags_result report(const missing *m, const missing *optional, const char *what) {
-  char more[64] = "", also[128] = "";
+/* Says what is missing of the cameras, if nothing else is, and what would do. */
+static void add_camera_hint(const pags_kitti_tree *tree, char *hint, size_t size) {
+  char *grey = pags_path_join(tree->root, "image_00");
+  char *left = pags_path_join(tree->root, "image_02");
+  if (grey && left && pags_path_exists(grey) && !pags_path_exists(left))
+    snprintf(hint, size, "; image_00 and image_01 are grey and aren't imported");
+  else if (tree->camera_count > 1)
+    snprintf(hint, size, "; --cameras chooses among 0 (image_02) and 1 (image_03), --frames among the frames");
+  free(grey);
+  free(left);
+}
+
+static pags_result report(const pags_kitti_tree *tree, const missing *m, const missing *optional) {
+  const char *what = tree->raw ? "KITTI's raw recording" : "KITTI's tracking tree";
+  char more[64] = "", also[128] = "", hint[128] = "";
   if (m->left_out)
     snprintf(more, sizeof more, " and %lld more", (long long)m->left_out);
   if (optional->count)
     snprintf(also, sizeof also, "; also missing, but not needed: %.60s", optional->text);
-  return pags_fail(PAGS_ERROR_IO, "%s: %s lacks %s%s%s", m->root, what, m->text, more, also);
+  if (strstr(m->text, "image_"))
+    add_camera_hint(tree, hint, sizeof hint);
+  return pags_fail(PAGS_ERROR_IO, "%s: %s lacks %s%s%s%s", m->root, what, m->text, more, also, hint);
 }
 
 /* ---- Kind of the tree ---- */
@@ -234,6 +263,16 @@ static pags_result find_root(pags_kitti_tree *tree, const char *path, const char
   return result;
 }
 
+/* Returns the number of a photograph's file, "000012.png"; -1 if it is no photograph. */
+static int64_t number_of_picture(const char *name) {
+  char *end = NULL;
+  const long long number = *name >= '0' && *name <= '9' ? strtoll(name, &end, 10) : -1;
+  for (int i = 0; i < EXTENSIONS && number >= 0 && number < 1000000; i++)
+    if (!strcmp(end, extensions[i]))
+      return number;
+  return -1;
+}
+
 /* ---- Sequence of the tracking benchmark ---- */
 
 static pags_result list_sequences(const char *root, const char *folder, const char *extension, choice *found) {
@@ -281,11 +320,44 @@ static pags_result check_tracking(pags_kitti_tree *tree, const choice *found) {
   tree->has_labels = want(&optional, s ? pags_file_exists : pags_dir_exists, "label_02%s%s%s", s ? "/" : "", s ? s : "",
                           s ? ".txt" : "");
   if (needed.count)
-    return report(&needed, &optional, "KITTI's tracking tree");
+    return report(tree, &needed, &optional);
   if (!s)
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: holds %lld sequences (%s); choose one by --sequence", tree->root,
                      (long long)found->count, found->names);
   return PAGS_OK;
+}
+
+/* Whether the camera has a folder with photographs of the drive or the sequence. */
+static bool has_pictures(const pags_kitti_tree *tree, int camera) {
+  bool found = false;
+  pags_dir_list list = {0};
+  char *path = tree->raw ? join_format(tree->root, "image_%02d/data", camera + 2)
+                         : join_format(tree->root, "image_%02d/%s", camera + 2, tree->sequence);
+  if (path && pags_dir_exists(path) && pags_dir_list_read(path, &list) == PAGS_OK)
+    for (int64_t i = 0; i < list.count && !found; i++)
+      found = number_of_picture(list.names[i]) >= 0;
+  pags_dir_list_destroy(&list);
+  free(path);
+  return found;
+}
+
+/* Drops the cameras without photographs, unless the caller chose the cameras or none would be left. */
+static void keep_cameras_with_pictures(pags_kitti_tree *tree) {
+  int kept = 0;
+  int numbers[16];
+  for (int c = 0; c < tree->camera_count; c++)
+    if (has_pictures(tree, tree->cameras[c]))
+      numbers[kept++] = tree->cameras[c];
+  if (kept == 0 || kept == tree->camera_count)
+    return;
+  for (int c = 0; c < tree->camera_count; c++)
+    if (!has_pictures(tree, tree->cameras[c]))
+      pags_log_message(PAGS_LOG_WARNING,
+                       "%s: camera %d is left out: image_%02d has no photographs (--cameras %d says that it isn't "
+                       "wanted)",
+                       tree->root, tree->cameras[c], tree->cameras[c] + 2, numbers[0]);
+  memcpy(tree->cameras, numbers, (size_t)kept * sizeof *numbers);
+  tree->camera_count = kept;
 }
 
 static pags_result check_raw(pags_kitti_tree *tree) {
@@ -300,7 +372,7 @@ static pags_result check_raw(pags_kitti_tree *tree) {
   want(&needed, pags_file_exists, "../calib_imu_to_velo.txt");
   tree->has_points = want(&optional, pags_dir_exists, "velodyne_points/data");
   tree->has_labels = want(&optional, pags_file_exists, "tracklet_labels.xml");
-  return needed.count ? report(&needed, &optional, "KITTI's raw recording") : PAGS_OK;
+  return needed.count ? report(tree, &needed, &optional) : PAGS_OK;
 }
 
 /* ---- Frames ---- */
@@ -315,14 +387,12 @@ static pags_result count_frames(pags_kitti_tree *tree) {
     return pags_out_of_memory("%s", tree->root);
   pags_result result = pags_dir_list_read(folder, &list);
   for (int64_t i = 0; result == PAGS_OK && i < list.count; i++) {
-    char *end = NULL;
-    const char *name = list.names[i];
-    const long long number = *name >= '0' && *name <= '9' ? strtoll(name, &end, 10) : -1;
-    if (number >= 0 && number < 1000000 && !strcmp(end, ".png") && number >= tree->frames)
+    const int64_t number = number_of_picture(list.names[i]);
+    if (number >= tree->frames)
       tree->frames = number + 1;
   }
   if (result == PAGS_OK && tree->frames == 0)
-    result = pags_fail(PAGS_ERROR_IO, "%s: expected photographs, %s", folder,
+    result = pags_fail(PAGS_ERROR_IO, "%s: expected photographs, %s (or .jpg)", folder,
                        tree->raw ? "0000000000.png ..." : "000000.png ...");
   if (result == PAGS_OK)
     pags_dir_list_destroy(&list);
@@ -350,7 +420,7 @@ static pags_result check_frames(pags_kitti_tree *tree) {
     want_file(&needed, pags_kitti_oxts_path(tree, 0)); /* frame 0 defines the world's origin */
   if (needed.count) {
     const missing none = {0};
-    return report(&needed, &none, tree->raw ? "KITTI's raw recording" : "KITTI's tracking tree");
+    return report(tree, &needed, &none);
   }
   const int64_t count = tree->last - tree->first + 1;
   if (sweeps.count == count)
@@ -371,15 +441,15 @@ static pags_result open_tree(const char *path, const pags_import_options *option
                              pags_kitti_tree *tree) {
   PAGS_TRY(pags_import_cameras(options->cameras, 2, 2, tree->cameras, &tree->camera_count));
   PAGS_TRY(find_root(tree, path, options->sequence));
-  if (tree->raw)
-    PAGS_TRY(check_raw(tree));
-  else {
+  if (!tree->raw) {
     PAGS_TRY(find_sequence(tree, options->sequence, found));
-    PAGS_TRY(check_tracking(tree, found));
-    tree->sequence = pags_text_copy(found->first);
-    if (!tree->sequence)
+    tree->sequence = found->count == 1 ? pags_text_copy(found->first) : NULL;
+    if (found->count == 1 && !tree->sequence)
       return pags_out_of_memory("%s", path);
   }
+  if (!options->cameras && tree->sequence)
+    keep_cameras_with_pictures(tree);
+  PAGS_TRY(tree->raw ? check_raw(tree) : check_tracking(tree, found));
   PAGS_TRY(count_frames(tree));
   PAGS_TRY(pags_import_frames(options, tree->frames, &tree->first, &tree->last));
   return check_frames(tree);

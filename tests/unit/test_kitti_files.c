@@ -293,6 +293,11 @@ static void times_parse(void **state) {
   assert_true(fabs(seconds[0] - 1317042145.594360375) < 1e-6);
   assert_true(seconds[1] == 1330473600 && seconds[2] == 1.5);
   free(seconds);
+  scratch_text(&s, "t.txt", "\n1970-01-01 00:00:01\n \n\r\n1970-01-01 00:00:04\n\n\n"); /* times that were lost */
+  scratch_ok(pags_kitti_times_read(s.path, &count, &seconds));
+  assert_int_equal(count, 5);
+  assert_true(isnan(seconds[0]) && seconds[1] == 1 && isnan(seconds[2]) && isnan(seconds[3]) && seconds[4] == 4);
+  free(seconds);
   scratch_text(&s, "t.txt", "2011-09-26 13:02:25.5\n2011-09-26 13:99:25.5\n");
   scratch_expect(pags_kitti_times_read(s.path, &count, &seconds), PAGS_ERROR_FORMAT, "t.txt:2: expected a time");
   scratch_end(&s);
@@ -331,8 +336,13 @@ static void bad_labels_are_refused_with_their_line(void **state) {
     const char *text, *part;
   } cases[] = {
       {LABEL "\n0 4 Car 0 0 -1.5 10 20 30 40 1.5 1.6 4.0 1 2 20\n", ":2: expected a number for 'rotation_y', found ''"},
-      {LABEL " 7\n", ":1: expected 17 columns, found more"},
-      {"0 3 Car 0 0 -1.5 10 20 30 40 0 1.6 4.0 1 2 20 0.1\n", ":1: expected sizes above 0"},
+      {LABEL " 7 8\n", ":1: expected 17 columns, or 18 with a score, found more"},
+      {LABEL " x\n", ":1: expected 17 columns, or 18"},
+      {"0 3 Car 0 0 -1.5 10 20 30 40 1500 1600 4000 1 2 20 0.1\n",
+       ":1: Car of track 3 in frame 0: expected a height, width and length below 100 m"},
+      {"0 3 Car 0 0 -1.5 10 20 30 40 1.5 1.6 4 1 2 20 90\n", "expected rotation_y in radians"},
+      {"0 3 Car 0 0 -1.5 10 20 30 40 1.5 1.6 4 100 200 20000 0\n", "expected a place in the camera's axes in metres"},
+      {"0.5 3 Car 0 0 -1.5 10 20 30 40 1.5 1.6 4.0 1 2 20 0.1\n", ":1: expected an integer of 0..1000000 for 'frame'"},
       {"-4 3 Car 0 0 -1.5 10 20 30 40 1 1.6 4.0 1 2 20 0.1\n", ":1: expected an integer of 0..1000000 for 'frame'"},
       {"0 -1 Car 0 0 -1.5 10 20 30 40 1 1.6 4.0 1 2 20 0.1\n", ":1: a Car without track id"},
       {"0 1 Caaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaar 0 0 0 0 0 0 0 1 1 1 1 1 1 1\n", ":1: expected a class name"}};
@@ -347,6 +357,20 @@ static void bad_labels_are_refused_with_their_line(void **state) {
   scratch_text(&s, "labels.txt", "");
   scratch_ok(pags_kitti_labels_read(s.path, true, &labels));
   assert_int_equal(labels.count, 0);
+
+  /* A score, whole numbers with a point, another spelling of DontCare, and a detection that has no place in space. */
+  scratch_text(&s, "labels.txt",
+               LABEL
+               " 0.75\n1.0 3.0 Car 0 0.0 -1.5 10 20 30 40 1.5 1.6 4.0 1 2 20 0.1\n"
+               "1 -1 dontcare -1 -1 -10 1 2 3 4 -1 -1 -1 -1000 -1000 -1000 -10\n"
+               "1 4 Car -1 -1 -10 10 20 30 40 -1 -1 -1 -1000 -1000 -1000 -10 0.5\n");
+  scratch_ok(pags_kitti_labels_read(s.path, true, &labels));
+  assert_int_equal(labels.count, 4);
+  assert_true(labels.rows[0].scored && labels.rows[0].score == 0.75 && !labels.rows[1].scored);
+  assert_true(labels.rows[1].frame == 1 && labels.rows[1].track == 3);
+  assert_true(!pags_kitti_label_is_box(&labels.rows[2]) && pags_kitti_label_is_box(&labels.rows[3]));
+  assert_true(pags_kitti_label_has_volume(&labels.rows[0]) && !pags_kitti_label_has_volume(&labels.rows[3]));
+  pags_kitti_labels_destroy(&labels);
   scratch_end(&s);
 }
 
@@ -413,7 +437,7 @@ static void bad_tracklets_are_refused_with_their_line(void **state) {
   } cases[] = {{XML_HEAD XML_BODY "<poses>" POSE "</poses>", ":8: "}, /* the document ends early */
                {XML_HEAD XML_BODY XML_TAIL, ":8: expected objectType h w l first_frame poses"},
                {XML_HEAD XML_BODY "<poses><item><tx>1</tx></item></poses>" XML_TAIL, ":8: expected tx ty tz rx ry rz"},
-               {XML_HEAD "<h>-1</h>" XML_TAIL, ":7: expected a size above 0 in <h>"},
+               {XML_HEAD "<h>1500</h>" XML_TAIL, ":7: expected a size below 100 m in <h> of tracklet 0"},
                {XML_HEAD "<h>one</h>" XML_TAIL, ":7: expected a number in <h>, found 'one'"},
                {XML_HEAD "<h>1</h><h>1</h>" XML_TAIL, ":7: <h> stands twice"},
                {XML_HEAD "<first_frame>-3</first_frame>" XML_TAIL, ":7: expected the number of a frame"},
