@@ -38,6 +38,7 @@ typedef struct importer {
   pags_layout_exposure *exposures;
   double *sweep_times; /* begin and end of each sweep, seconds; NULL: unknown */
   pags_place place;
+  pags_kitti_form form; /* of the sweeps */
   pags_kitti_tracks tracks;
   pags_layout_camera cameras[CAMERAS];
   double velo_from_camera[CAMERAS][12];
@@ -273,6 +274,52 @@ static void check_motion(const importer *im) {
                      im->tree.root, (long long)rough.count, count, rough.first);
 }
 
+/* ---- Sweeps ---- */
+
+/* Finds the form of the sweeps by the first and the last one that have points. The last one is the farther from the
+ * world's origin, where the world's axes show. */
+static pags_result find_form(importer *im) {
+  pags_kitti_form last;
+  pags_tally empty = {0};
+  char *ends[2] = {NULL, NULL};
+  pags_result result = PAGS_OK;
+  for (int64_t frame = im->tree.first; im->tree.has_points && frame <= im->tree.last && result == PAGS_OK; frame++) {
+    uint64_t size = 0;
+    char *path = pags_kitti_points_path(&im->tree, frame);
+    result = path ? PAGS_OK : no_memory(im);
+    const bool there = path && pags_file_exists(path);
+    if (there)
+      result = pags_file_size(path, &size);
+    if (there && size == 0)
+      pags_tally_add(&empty, "%s", path);
+    if (size == 0) {
+      free(path);
+      continue;
+    }
+    char **end = &ends[ends[0] != NULL];
+    free(*end);
+    *end = path;
+  }
+  if (result == PAGS_OK && ends[0])
+    result = pags_kitti_form_find(ends[0], &im->form);
+  if (result == PAGS_OK && ends[1])
+    result = pags_kitti_form_find(ends[1], &last);
+  if (result == PAGS_OK && ends[1] &&
+      (last.columns != im->form.columns || last.width != im->form.width || last.scale != im->form.scale))
+    result = pags_fail(PAGS_ERROR_FORMAT, "%s: has rows of another form than %s", ends[1], ends[0]);
+  if (result == PAGS_OK && ends[0] && !pags_kitti_form_is_usual(&im->form))
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s: taken for rows of %d %s in %s, as all other sweeps; KITTI's have 4 floats in metres", ends[0],
+                     im->form.columns, im->form.width == 8 ? "doubles" : "floats",
+                     im->form.scale == 1 ? "metres" : "millimetres");
+  if (empty.count)
+    pags_log_message(PAGS_LOG_WARNING, "%s: %lld of %lld sweeps are empty files and are left out; the first is %s",
+                     im->tree.root, (long long)empty.count, (long long)im->count, empty.first);
+  free(ends[0]);
+  free(ends[1]);
+  return result;
+}
+
 /* ---- Cameras, boxes and the description of the set ---- */
 
 /* The calibration holds for pictures of KITTI's size. Pictures that were resized or cut need the original ones. */
@@ -380,6 +427,7 @@ static pags_result prepare(importer *im) {
   PAGS_TRY(compute_poses(im));
   PAGS_TRY(set_times(im));
   check_motion(im);
+  PAGS_TRY(find_form(im));
   PAGS_TRY(set_cameras(im));
   PAGS_TRY(read_tracks(im));
   return set_info(im);
@@ -421,8 +469,8 @@ static pags_result put_sweep(const importer *im, int64_t t) {
   char *path = pags_kitti_points_path(&im->tree, im->tree.first + t);
   pags_result result = path ? PAGS_OK : no_memory(im);
   if (result == PAGS_OK && pags_file_exists(path)) {
-    result = pags_kitti_points_read(path, &count, &points);
-    if (result == PAGS_OK)
+    result = pags_kitti_points_read(path, &im->form, &count, &points);
+    if (result == PAGS_OK && count)
       result = pags_layout_put_lidar(&im->layout, t, count, points);
   }
   free(points);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Reads KITTI's files that are rows of numbers: oxts, poses, times and points; computes poses from oxts. */
+/* Reads KITTI's files that are rows of numbers: oxts, poses and times; computes poses from oxts. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -7,7 +7,6 @@
 
 #include <pags/camera.h>
 
-#include "base/bytes.h"
 #include "base/file.h"
 #include "base/memory.h"
 #include "import/kitti_files.h"
@@ -155,29 +154,4 @@ pags_result pags_kitti_times_read(const char *path, int64_t *count, double **sec
     *seconds = NULL;
   }
   return result;
-}
-
-/* ---- Points ---- */
-
-pags_result pags_kitti_points_read(const char *path, int64_t *count, float **xyzr) {
-  uint8_t *bytes = NULL;
-  size_t size = 0;
-  *count = 0;
-  *xyzr = NULL;
-  PAGS_TRY(pags_file_read(path, &bytes, &size));
-  if (size % 16) {
-    free(bytes);
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected rows of 4 floats (16 bytes), found %zu bytes", path, size);
-  }
-  float *values = malloc(size ? size : 1);
-  if (!values) {
-    free(bytes);
-    return pags_out_of_memory("%s: its points", path);
-  }
-  for (size_t i = 0; i < size / 4; i++)
-    values[i] = pags_load_f32(bytes + 4 * i);
-  free(bytes);
-  *count = (int64_t)(size / 16);
-  *xyzr = values;
-  return PAGS_OK;
 }

@@ -4,11 +4,12 @@
 import json
 import math
 import os
-import re
 import shutil
+import struct
 
 import fixtures
 from fixtures import Case, read, run, write
+from test_import import make_tree
 
 FRAMES = 12
 
@@ -189,6 +190,164 @@ class Poses(Street):
         self.succeeds("train", self.set, "--allow-missing", "-o", self.path("scene"), "--iterations", "2")
         write(os.path.join(self.set, "ego_pose/005.txt"), "1 2 x\n")
         self.fails(["info", self.set, "--allow-missing"], "ego_pose/005.txt:1: expected a number, found 'x'")
+
+
+class Kitti(Case):
+    """A tree of KITTI's tracking benchmark, to which a test does one thing."""
+
+    def setUp(self):
+        super().setUp()
+        if run("import", "--help").returncode:
+            self.skipTest("this build has no pags import")
+        self.raw = make_tree(self.path("raw"), 6)
+        self.labels = os.path.join(self.raw, "label_02/0000.txt")
+
+    def imports(self, *parts, options=()):
+        """Imports the tree; exactly these warnings are given."""
+        out = self.path("out")
+        shutil.rmtree(out, ignore_errors=True)
+        said = json.loads(self.succeeds("import", "kitti", self.raw, "-o", out, "--json", "-", *options).stdout)
+        self.assertEqual(len(said["warnings"]), len(parts), said["warnings"])
+        for part, warning in zip(parts, said["warnings"]):
+            self.assertIn(part, warning)
+        file = os.path.join(out, "instances/instances_info.json")
+        return json.loads(read(file)) if os.path.exists(file) else None
+
+    def rewrite(self, change):
+        """Replaces each label, a list of words, by what `change` makes of it."""
+        rows = [line.split() for line in read(self.labels).decode().splitlines()]
+        write(self.labels, "".join(" ".join(row) + "\n" for row in map(change, rows) if row))
+
+    def frames_of(self, instances):
+        return {v["id"]: (v["class_name"], v["frame_annotations"]["frame_idx"]) for v in instances.values()}
+
+    def test_good_tree(self):
+        self.assertEqual(self.frames_of(self.imports()), {"0": ("Car", [0, 1, 2, 3, 4, 5])})
+
+    def test_labels_past_the_photographs(self):
+        for camera in ["image_02", "image_03"]:
+            for frame in [4, 5]:
+                os.remove(os.path.join(self.raw, f"{camera}/0000/{frame:06d}.png"))
+        found = self.imports("2 of 6 labels are left out, as there are photographs of frames 0 to 3 only; the first is a Car of track 0 in frame 4")
+        self.assertEqual(self.frames_of(found), {"0": ("Car", [0, 1, 2, 3])})
+
+    def test_one_camera(self):
+        shutil.rmtree(os.path.join(self.raw, "image_03"))
+        self.imports("camera 1 is left out: image_03 has no photographs")
+        self.assertFalse(os.path.exists(self.path("out/images/000_1.png")))
+        self.imports(options=["--cameras", "0"])
+        self.fails(["import", "kitti", self.raw, "-o", self.path("no"), "--cameras", "0,1"], "lacks image_03/0000", "--cameras")
+        os.rename(os.path.join(self.raw, "image_02"), os.path.join(self.raw, "image_00"))
+        self.fails(["import", "kitti", self.raw, "-o", self.path("no")], "image_00 and image_01 are grey")
+
+    def test_jpeg(self):
+        jpeg = bytes.fromhex("ffd8ffc0000b080018004001011100ffda0008010100003f00ffd9")  # only the header is read: 64 x 24 pixels
+        folder = os.path.join(self.raw, "image_02/0000")
+        for name in os.listdir(folder):
+            write(os.path.join(folder, name[:-4] + ".jpg"), jpeg)
+            os.remove(os.path.join(folder, name))
+        self.imports(options=["--cameras", "0"])
+        self.assertEqual(read(self.path("out/images/005_0.jpg")), jpeg)
+
+    def test_pictures_of_another_size(self):
+        picture = fixtures.png_bytes(32, 12, bytes(32 * 12 * 3))
+        write(os.path.join(self.raw, "image_03/0000/000002.png"), picture)
+        self.fails(["import", "kitti", self.raw, "-o", self.path("no")], "image_03/0000/000002.png: has 32 x 12 pixels", "64 x 24")
+        for frame in range(6):
+            write(os.path.join(self.raw, f"image_03/0000/{frame:06d}.png"), picture)
+        self.fails(["import", "kitti", self.raw, "-o", self.path("no")], "image_03/0000/000000.png", "principal point", "original ones")
+
+    def test_scores(self):
+        self.rewrite(lambda row: row + ["0.5"])
+        self.imports("the scores of 6 labels are ignored, all boxes count alike; the first is 0.5 in line 1")
+
+    def test_labels_without_a_place(self):
+        self.rewrite(lambda row: row[:10] + "-1 -1 -1 -1000 -1000 -1000 -10".split() if row[0] == "2" else row)
+        found = self.imports("1 of 6 labels are left out, having no height, width, length or place in space; the first is a Car of track 0 in frame 2")
+        self.assertEqual(self.frames_of(found), {"0": ("Car", [0, 1, 3, 4, 5])})
+
+    def test_degrees(self):
+        self.rewrite(lambda row: row[:16] + ["-90"])
+        self.fails(["import", "kitti", self.raw, "-o", self.path("no")], "0000.txt:1: Car of track 0 in frame 0: expected rotation_y in radians")
+
+    def test_numbers_unique_within_a_class(self):
+        person = [line.replace("Car", "Pedestrian") for line in read(self.labels).decode().splitlines()]
+        write(self.labels, read(self.labels).decode() + "\n".join(person) + "\n")
+        found = self.frames_of(self.imports("1 track numbers belong to things of several classes"))
+        self.assertEqual({id: c for id, (c, _) in found.items()}, {"0": "Car", "0-Pedestrian": "Pedestrian"})
+        self.assertEqual([len(frames) for _, frames in found.values()], [6, 6])
+
+    def test_class_that_changes(self):
+        self.rewrite(lambda row: row[:2] + ["Van"] + row[3:] if row[0] in "14" else row)
+        found = self.imports("the class of 1 tracks changes")
+        self.assertEqual(self.frames_of(found), {"0": ("Car", [0, 1, 2, 3, 4, 5])})
+        self.rewrite(lambda row: row[:13] + ["300"] + row[14:] if row[2] == "Van" else row)  # two things, far from each other
+        self.assertEqual(len(self.imports("track numbers belong to things of several classes")), 2)
+
+    def test_leap_of_oxts(self):
+        file = os.path.join(self.raw, "oxts/0000.txt")
+        rows = [line.split() for line in read(file).decode().splitlines()]
+        rows[3][2] = "140"
+        rows[3][23] = "25"
+        write(file, "".join(" ".join(row) + "\n" for row in rows))
+        self.imports("2 of 5 steps between poses leap", "position is known to 5 m or worse; the first is frame 3, 25 m")
+
+    def test_sweeps_of_another_form(self):
+        for frame in range(6):
+            file = os.path.join(self.raw, f"velodyne/0000/{frame:06d}.bin")
+            data = read(file)
+            values = struct.unpack(f"<{len(data) // 4}f", data)
+            write(file, b"".join(struct.pack("<d", 1000 * v if i % 4 < 3 else v) for i, v in enumerate(values)))
+            if frame == 0:
+                self.first = data
+        self.imports("taken for rows of 4 doubles in millimetres")
+        got, true = (struct.unpack(f"<{len(self.first) // 4}f", data) for data in [read(self.path("out/lidar/000.bin")), self.first])
+        self.assertLess(max(abs(a - b) for a, b in zip(got, true)), 1e-5)
+        write(os.path.join(self.raw, "velodyne/0000/000005.bin"), self.first)
+        self.fails(["import", "kitti", self.raw, "-o", self.path("no")], "000005.bin: has rows of another form than")
+
+
+class Foreign(Case):
+    def test_named_with_what_would_do(self):
+        self.write("av2/city_SE3_egovehicle.feather", b"ARROW1\0\0")
+        self.write("v2/vehicle_pose/1.parquet", b"PAR1" + bytes(60))
+        self.write("nusc/samples/a", "")
+        self.write("nusc/sweeps/a", "")
+        self.write("k360/data_2d_raw/a", "")
+        self.write("object/image_2/000000.png", "")
+        self.write("object/label_2/000000.txt", "")
+        self.write("drive/image_02/data/0.png", "")
+        self.write("drive/oxts/data/0.txt", "")
+        self.write("bag/x.bag", b"#ROSBAG V2.0\n")
+        self.write("w/segment.tfrecord", bytes(20))
+        for name, words in {
+            "av2": ["Argoverse 2", "--kind argoverse2"],
+            "v2": ["Waymo Open v2", ".tfrecord"],
+            "v2/vehicle_pose/1.parquet": ["parquet", ".tfrecord"],
+            "av2/city_SE3_egovehicle.feather": ["feather", "--kind argoverse2"],
+            "nusc": ["nuScenes", "--kind nuscenes"],
+            "k360": ["KITTI-360", "docs/dataset-layout.md"],
+            "object": ["object benchmark", "raw recording is needed"],
+            "drive": ["raw recording of KITTI", "pags import kitti"],
+            "bag": ["ROS bags"],
+            "bag/x.bag": ["ROS bag"],
+            "w": ["Waymo Open v1", "pags import waymo"],
+            "w/segment.tfrecord": ["Waymo Open", "pags import waymo"],
+        }.items():
+            self.fails(["info", self.path(name)], self.path(name), *words)
+            self.fails(["train", self.path(name), "-o", self.path("scene")], self.path(name), *words)
+
+    def test_importers_say_so_too(self):
+        if run("import", "--help").returncode:
+            self.skipTest("this build has no pags import")
+        out = self.path("out")
+        self.fails(["import", "waymo", self.write("a.parquet", b"PAR1" + bytes(60)), "-o", out], "parquet", "TFRecord")
+        self.fails(["import", "waymo", self.write("a.tfrecord", b"\x1f\x8b" + bytes(60)), "-o", out], "gunzip")
+        self.fails(["import", "waymo", self.write("b.tfrecord", b"<!DOCTYPE html>" + bytes(60)), "-o", out], "download failed")
+        self.fails(["import", "waymo", os.path.dirname(self.write("w/a.tfrecord", b"")), "-o", out], "is a folder")
+        self.write("av2/city_SE3_egovehicle.feather", b"ARROW1\0\0")
+        self.fails(["import", "kitti", self.path("av2"), "-o", out], "Argoverse 2")
+        self.assertFalse(os.path.exists(out))
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@
 #include <math.h>
 #include <pags/camera.h>
 
+#include "base/bytes.h"
 #include "import/kitti_files.h"
 #include "shared_data.h"
 
@@ -22,6 +23,8 @@ static pags_kitti_calib object_calib(int frame) {
 
 /* Counts the points of a sweep inside a label's box, extended by 5 cm below its bottom as for the figures in the
  * sample's README, and how many of these points project into its 2D box (2 px slack). */
+static const pags_kitti_form usual = {4, 4, 1};
+
 static void count_points(const pags_kitti_calib *calib, const pags_kitti_label *label, int64_t count, const float *xyzr,
                          int *inside, int *seen) {
   double cam0_from_object[12], object_from_cam0[12], intrinsics[4], cam0_from_camera[12], camera_from_cam0[12];
@@ -69,7 +72,7 @@ static void object_boxes_hold_the_lasers_points(void **state) {
     scratch_ok(pags_kitti_labels_read(path, false, &labels));
     snprintf(name, sizeof name, "kitti/object/velodyne/%06d.bin", e->frame);
     assert_true(pags_shared_data(name, path, sizeof path));
-    scratch_ok(pags_kitti_points_read(path, &count, &xyzr));
+    scratch_ok(pags_kitti_points_read(path, &usual, &count, &xyzr));
     assert_true(e->row < labels.count);
     assert_string_equal(labels.rows[e->row].type, e->type);
     count_points(&calib, &labels.rows[e->row], count, xyzr, &inside, &seen);
@@ -94,7 +97,7 @@ static void sweeps_have_their_points(void **state) {
     float *xyzr;
     if (!pags_shared_data(sweeps[i].name, path, sizeof path))
       skip();
-    scratch_ok(pags_kitti_points_read(path, &count, &xyzr));
+    scratch_ok(pags_kitti_points_read(path, &usual, &count, &xyzr));
     assert_int_equal(count, sweeps[i].count);
     for (int64_t k = 0; k < count; k++)
       assert_true(xyzr[4 * k + 3] >= 0 && xyzr[4 * k + 3] <= 1 && fabsf(xyzr[4 * k]) < 130);
@@ -245,7 +248,7 @@ static void raw_sweeps_fit_their_pictures(void **state) {
     assert_true(image.width == 1242 && image.height == 375);
     snprintf(name, sizeof name, "kitti/raw_2011_09_26/velodyne_points/data/%010d.bin", frame);
     assert_true(pags_shared_data(name, path, sizeof path));
-    scratch_ok(pags_kitti_points_read(path, &count, &xyzr));
+    scratch_ok(pags_kitti_points_read(path, &usual, &count, &xyzr));
     const double here = edge_strength(&image, &calib, count, xyzr, 0);
     for (size_t i = 0; i < sizeof shifts / sizeof shifts[0]; i++) {
       const double aside = edge_strength(&image, &calib, count, xyzr, shifts[i]);
@@ -325,7 +328,52 @@ static void bad_rows_are_refused_with_their_line(void **state) {
   scratch_write(&s, "points.bin", "0123456789abcdefg", 17);
   int64_t count;
   float *xyzr;
-  scratch_expect(pags_kitti_points_read(s.path, &count, &xyzr), PAGS_ERROR_FORMAT, "16 bytes");
+  scratch_expect(pags_kitti_points_read(s.path, &usual, &count, &xyzr), PAGS_ERROR_FORMAT, "16 bytes");
+  scratch_end(&s);
+}
+
+/* Writes 400 points on the ground and on walls in a form, each place multiplied by `unit` and moved by `shift`. */
+static void write_sweep(scratch *s, int columns, int width, double unit, double shift) {
+  static uint8_t bytes[400 * 5 * 8];
+  for (int i = 0; i < 400; i++) {
+    const double row[5] = {unit * (0.1 * (i % 97) + 3 - i % 2 * 20) + shift, unit * (0.2 * (i % 61) - 6) + shift,
+                           unit * (0.01 * (i % 200) - 1.7), 0.0025 * i, i % 64};
+    for (int c = 0; c < columns; c++)
+      if (width == 8)
+        pags_store_f64(bytes + 8 * (i * columns + c), row[c]);
+      else
+        pags_store_f32(bytes + 4 * (i * columns + c), (float)row[c]);
+  }
+  scratch_write(s, "sweep.bin", bytes, (size_t)(400 * columns * width));
+}
+
+static void forms_of_sweeps_are_recognised(void **state) {
+  static const pags_kitti_form cases[] = {{4, 4, 1}, {3, 4, 1}, {5, 4, 1},     {4, 8, 1},
+                                          {3, 8, 1}, {5, 8, 1}, {4, 4, 0.001}, {5, 8, 0.001}};
+  scratch s;
+  (void)state;
+  scratch_begin(&s);
+  for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+    pags_kitti_form found;
+    int64_t count;
+    float *xyzr;
+    write_sweep(&s, cases[i].columns, cases[i].width, 1 / cases[i].scale, 0);
+    scratch_ok(pags_kitti_form_find(s.path, &found));
+    assert_true(found.columns == cases[i].columns && found.width == cases[i].width && found.scale == cases[i].scale);
+    assert_int_equal(pags_kitti_form_is_usual(&found), i == 0);
+    scratch_ok(pags_kitti_points_read(s.path, &found, &count, &xyzr));
+    assert_int_equal(count, 400);
+    assert_true(fabs((double)xyzr[4 * 3] - (0.3 + 3 - 20)) < 1e-4 && fabs((double)xyzr[4 * 3 + 2] + 1.67) < 1e-5);
+    assert_true(fabs((double)xyzr[4 * 3 + 3] - (cases[i].columns > 3 ? 0.0075 : 0)) < 1e-7);
+    free(xyzr);
+  }
+  pags_kitti_form found;
+  write_sweep(&s, 4, 4, 1, 100);
+  scratch_expect(pags_kitti_form_find(s.path, &found), PAGS_ERROR_FORMAT, "no point lies within 15 m");
+  write_sweep(&s, 4, 4, 1, 4e6);
+  scratch_expect(pags_kitti_form_find(s.path, &found), PAGS_ERROR_FORMAT, "not those of the world");
+  scratch_write(&s, "sweep.bin", "0123456789abcdefghijklmnopqrstuv", 32);
+  scratch_expect(pags_kitti_form_find(s.path, &found), PAGS_ERROR_FORMAT, "within a LiDAR's reach");
   scratch_end(&s);
 }
 
@@ -466,6 +514,7 @@ int main(void) {
       cmocka_unit_test(oxts_follow_the_development_kit),
       cmocka_unit_test(times_parse),
       cmocka_unit_test(bad_rows_are_refused_with_their_line),
+      cmocka_unit_test(forms_of_sweeps_are_recognised),
       cmocka_unit_test(bad_labels_are_refused_with_their_line),
       cmocka_unit_test(bad_calibrations_are_refused),
       cmocka_unit_test(tracklets_parse),
