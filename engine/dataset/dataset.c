@@ -5,6 +5,7 @@
 #include "dataset/internal.h"
 
 #include "dataset/driving/reader.h"
+#include "dataset/foreign.h"
 
 #include "base/file.h"
 #include "base/log.h"
@@ -39,6 +40,7 @@ static pags_result read_default_model(const char *root, pags_parsed_dataset *par
     if (found)
       return result;
   }
+  PAGS_TRY(pags_foreign_check(root, true));
   return pags_fail(
       PAGS_ERROR_FORMAT,
       "%s: not a data set: it has no dataset.json, no images with ego_pose or extrinsics, no transforms.json, and no "
@@ -93,6 +95,7 @@ static pags_result read_parsed(const char *path, const pags_dataset_options *opt
   }
   if (strcmp(pags_path_extension(path), ".json") == 0)
     return pags_transforms_read(path, parsed);
+  PAGS_TRY(pags_foreign_check(path, true));
   return pags_fail(PAGS_ERROR_FORMAT, "%s: not a data set: expected a folder or a transforms file (.json)", path);
 }
 

@@ -31,6 +31,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "dataset/driving/writer.h"
+#include "dataset/foreign.h"
 #include "import/options.h"
 #include "import/tfrecord.h"
 #include "import/waymo_lidar.h"
@@ -241,10 +242,23 @@ static pags_result read_frame(importer *im, const pags_waymo_frame *message, int
 
 /* ---- Reading the file ---- */
 
+/* Says what a file is that begins with no record, if that is known; else keeps the message that there is. */
+static pags_result explain(const char *source, pags_result result) {
+  if (pags_foreign_check(source, false) == PAGS_OK)
+    return result;
+  char message[WHERE];
+  snprintf(message, sizeof message, "%s", pags_error_message());
+  return pags_fail(PAGS_ERROR_FORMAT, "%.900s; expected an uncompressed TFRecord file of Waymo Open v1", message);
+}
+
 static pags_result count_records(const char *source, int64_t *count) {
   pags_tfrecord *reader;
   int end = 0;
   *count = -1;
+  if (pags_dir_exists(source)) {
+    PAGS_TRY(pags_foreign_check(source, false));
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: is a folder, expected one segment's .tfrecord file", source);
+  }
   PAGS_TRY(pags_tfrecord_open(source, &reader));
   pags_result result = PAGS_OK;
   while (!end && result == PAGS_OK) {
@@ -252,6 +266,8 @@ static pags_result count_records(const char *source, int64_t *count) {
     ++*count;
   }
   pags_tfrecord_close(reader);
+  if (result == PAGS_ERROR_FORMAT && *count == 0)
+    result = explain(source, result);
   if (result == PAGS_OK && *count == 0)
     result = pags_fail(PAGS_ERROR_FORMAT, "%s: expected a TFRecord file of Waymo frames, found no record", source);
   return result;
@@ -418,9 +434,15 @@ static void log_findings(const importer *im) {
                      frames - (long long)im->sweeps, frames);
   if (!im->boxes.count)
     pags_log_message(PAGS_LOG_WARNING, "%s: no boxes: no instances and no dynamic masks are written", im->source);
-  if (im->boxes.unusable)
-    pags_log_message(PAGS_LOG_WARNING, "%s: %lld boxes without id, size or finite numbers were left out", im->source,
-                     (long long)im->boxes.unusable);
+  if (im->boxes.unusable.count)
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s: %lld boxes without id, size or finite numbers were left out; the first is %s", im->source,
+                     (long long)im->boxes.unusable.count, im->boxes.unusable.first);
+  if (im->boxes.renamed.count)
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s: %lld ids belong to things of several classes, each of which became an object of its own; the "
+                     "first is %s",
+                     im->source, (long long)im->boxes.renamed.count, im->boxes.renamed.first);
   pags_log_message(PAGS_LOG_INFO, "%s: %lld of %lld photographs have panoptic labels", im->source,
                    (long long)im->labelled, frames * im->info.camera_count);
 }

@@ -19,6 +19,7 @@ struct pags_waymo_box {
   int64_t frame, order; /* order: index of the label among all usable labels */
   int64_t track;        /* track number: `order` of the first label with this id */
   int type;
+  bool renamed; /* another class has the same id: this one's name is added */
   double time;
   double world_from_object[12];
   double size[3];
@@ -72,7 +73,8 @@ pags_result pags_waymo_boxes_add(pags_waymo_boxes *boxes, const pags_waymo_frame
   for (size_t i = 0; i < message->n_laser_labels; i++) {
     const Pags__Waymo__Label *label = message->laser_labels[i];
     if (!is_usable(label)) {
-      boxes->unusable++;
+      pags_tally_add(&boxes->unusable, "%s '%.40s' in frame %lld", class_name(label->type),
+                     is_usable_id(label->id) ? label->id : "", (long long)frame);
       continue;
     }
     pags_waymo_box *box = &boxes->boxes[boxes->count];
@@ -95,7 +97,9 @@ pags_result pags_waymo_boxes_add(pags_waymo_boxes *boxes, const pags_waymo_frame
 static int by_id(const void *left, const void *right) {
   const pags_waymo_box *a = left, *b = right;
   const int order = strcmp(a->id, b->id);
-  return order ? order : (a->order > b->order) - (a->order < b->order);
+  if (order || a->type != b->type)
+    return order ? order : (a->type > b->type) - (a->type < b->type);
+  return (a->order > b->order) - (a->order < b->order);
 }
 
 static int by_track(const void *left, const void *right) {
@@ -105,14 +109,19 @@ static int by_track(const void *left, const void *right) {
   return (a->order > b->order) - (a->order < b->order);
 }
 
-/* Sets the track number of each box, sorts the boxes by track and returns the number of tracks. */
+/* Sets the track number of each box, sorts the boxes by track and returns the number of tracks. Boxes of one id and two
+ * types are two objects: trackers that count each class for itself write such ids. */
 static int64_t group(pags_waymo_boxes *boxes) {
   int64_t tracks = 0;
   pags_sort(boxes->boxes, boxes->count, sizeof *boxes->boxes, by_id);
   for (int64_t i = 0; i < boxes->count; i++) {
     pags_waymo_box *box = &boxes->boxes[i];
     const pags_waymo_box *before = i ? box - 1 : NULL;
-    const int same = before && strcmp(before->id, box->id) == 0;
+    const bool same_id = before && strcmp(before->id, box->id) == 0, same = same_id && before->type == box->type;
+    if (same_id && !same)
+      pags_tally_add(&boxes->renamed, "'%.40s', of a %s and a %s", box->id, class_name(before->type),
+                     class_name(box->type));
+    box->renamed = same ? before->renamed : same_id;
     box->track = same ? before->track : box->order;
     tracks += !same;
   }
@@ -140,7 +149,8 @@ static pags_result make_track(const pags_waymo_box *boxes, int64_t count, const 
       return pags_fail(PAGS_ERROR_FORMAT, "%s: frame %lld has two boxes of id '%s'", where, (long long)boxes[i].frame,
                        boxes[i].id);
   pags_object *object = &track->object;
-  object->id = pags_text_copy(boxes->id);
+  object->id =
+      boxes->renamed ? pags_text_format("%s-%s", boxes->id, class_name(boxes->type)) : pags_text_copy(boxes->id);
   object->class_name = pags_text_copy(class_name(boxes->type));
   object->category = pags_category_of(class_name(boxes->type));
   object->knots = calloc((size_t)count, sizeof *object->knots);
