@@ -112,7 +112,8 @@ static pags_result read_oxts(importer *im, double first[PAGS_KITTI_OXTS]) {
 static pags_result compute_poses(importer *im) {
   double first[PAGS_KITTI_OXTS], imu_from_velo[12], origin[12];
   if (!im->calib.has_imu)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: the calibration lacks a line 'Tr_imu_to_velo:'", im->tree.root);
+    return pags_fail(PAGS_ERROR_FORMAT, "%s/calib/%s.txt: expected a line 'Tr_imu_to_velo:'", im->tree.root,
+                     im->tree.sequence);
   PAGS_TRY(read_oxts(im, first));
   const double scale = pags_kitti_oxts_scale(first);
   pags_rigid_inverse(im->calib.velo_from_imu, imu_from_velo);

@@ -74,7 +74,8 @@ bool pags_kitti_label_has_volume(const pags_kitti_label *label) {
 static pags_result check_box(const pags_lines *lines, bool tracking, const pags_kitti_label *label) {
   char name[96];
   if (tracking && label->track < 0)
-    return pags_lines_fail(lines, "a %s without track id", label->type);
+    return pags_lines_fail(lines, "a %s without track id; expected labels of a tracker, which numbers the objects",
+                           label->type);
   snprintf(name, sizeof name, tracking ? "%s of track %d in frame %d" : "%s", label->type, label->track, label->frame);
   if (!pags_kitti_label_has_volume(label))
     return PAGS_OK;

@@ -49,10 +49,10 @@ char *pags_lines_next(pags_lines *lines) {
 }
 
 char *pags_take_word(char **text) {
-  char *word = *text + strspn(*text, " \t");
+  char *word = *text + strspn(*text, " \t,");
   if (!*word)
     return NULL;
-  char *stop = word + strcspn(word, " \t");
+  char *stop = word + strcspn(word, " \t,");
   *text = *stop ? stop + 1 : stop;
   *stop = 0;
   return word;

@@ -19,7 +19,7 @@ void pags_lines_close(pags_lines *lines);
 /* Returns the next line without its line end; NULL at the end of the file. */
 char *pags_lines_next(pags_lines *lines);
 
-/* Takes the next word, ended by blanks, from *text and moves *text behind it; NULL at the end. */
+/* Takes the next word, ended by blanks or commas, from *text and moves *text behind it; NULL at the end. */
 char *pags_take_word(char **text);
 /* Parse a whole word as a finite number, or as an integer of lo..hi; false if it is none. */
 bool pags_word_number(const char *word, double *out);

@@ -114,6 +114,17 @@ class Labels(Street):
                 far = math.dist(m[3::4], true[frame][3::4])
                 self.assertLess(far, 0.6 if frame in frames else 1e-9, frame)
 
+    def test_boxes_that_leap_for_long_are_warned_of(self):
+        self.aside([5, 6, 7], 1, 3)
+        self.warned("the boxes of 1 of ", "leap", "Car 'moving_car_027' from frame 4 to 5, 3.00 m off in 0.10 s")
+
+    def test_unlisted_boxes(self):
+        listing = os.path.join(self.set, "instances/frame_instances.json")
+        listed = json.loads(read(listing))
+        lost, listed["4"] = len(listed["4"]), []
+        write(listing, json.dumps(listed))
+        self.warned(f"instances_info.json: {lost} of ", "frame_instances.json doesn't list them", "in frame 4")
+
     def test_parked_car_with_a_box_aside_is_parked(self):
         parked = self.info()["objects_parked"]["vehicle"]
         name = next(v["id"] for v in self.instances.values() if "parked" in v["id"] and len(v["frame_annotations"]["frame_idx"]) > 6)

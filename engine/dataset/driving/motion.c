@@ -33,35 +33,65 @@ static double angle_between(const double a[12], const double b[12]) {
   return sqrt(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]);
 }
 
+/* Poses with their times at equal distances in memory, as arrays or as members of knots. */
+typedef struct sequence {
+  const double *poses, *times;
+  size_t pose_stride, time_stride; /* in doubles */
+  int64_t count;
+} sequence;
+
+static const double *pose_at(const sequence *s, int64_t i) {
+  return s->poses + (size_t)i * s->pose_stride;
+}
+
+static double step_time(const sequence *s, int64_t i) {
+  return s->times[(size_t)(i + 1) * s->time_stride] - s->times[(size_t)i * s->time_stride];
+}
+
 /* How far the step from pose `at` to the next differs from the steps around it, in metres. */
-static double step_error(const double (*poses)[12], const double *times, int64_t count, int64_t at) {
-  const double dt = times[at + 1] - times[at];
+static double step_error(const sequence *s, int64_t at) {
   double square = 0;
   for (int axis = 3; axis < 12; axis += 4) {
     double speeds[2 * AROUND];
     int n = 0;
     for (int64_t i = at - AROUND; i <= at + AROUND; i++)
-      if (i >= 0 && i + 1 < count && i != at)
-        speeds[n++] = (poses[i + 1][axis] - poses[i][axis]) / (times[i + 1] - times[i]);
-    const double step = poses[at + 1][axis] - poses[at][axis];
-    const double off = n >= 2 ? step - dt * median(speeds, n) : 0;
+      if (i >= 0 && i + 1 < s->count && i != at)
+        speeds[n++] = (pose_at(s, i + 1)[axis] - pose_at(s, i)[axis]) / step_time(s, i);
+    const double step = pose_at(s, at + 1)[axis] - pose_at(s, at)[axis];
+    const double off = n >= 2 ? step - step_time(s, at) * median(speeds, n) : 0;
     square += off * off;
   }
   return sqrt(square);
 }
 
+/* No car, and nothing else on a street, gains 30 m/s in a second; positions are known to 0.8 m. */
+static bool is_leap(double metres, double dt) {
+  return metres > 0.8 + 30 * dt * dt;
+}
+
 pags_leaps pags_find_leaps(const double (*poses)[12], const double *times, int64_t count) {
+  const sequence s = {poses ? *poses : NULL, times, 12, 1, count};
   pags_leaps leaps = {0};
   for (int64_t i = 0; i + 1 < count; i++) {
-    const double dt = times[i + 1] - times[i];
-    const double off = step_error(poses, times, count, i);
+    const double dt = step_time(&s, i), off = step_error(&s, i);
     const double angle = degrees * angle_between(poses[i], poses[i + 1]);
-    if (!(dt > 0) || (off <= 0.8 + 30 * dt * dt && angle <= 4 + 90 * dt))
+    if (!(dt > 0) || (!is_leap(off, dt) && angle <= 4 + 90 * dt))
       continue;
     if (leaps.count++ == 0)
       leaps = (pags_leaps){.count = 1, .first = i, .metres = off, .degrees = angle, .seconds = dt};
   }
   return leaps;
+}
+
+pags_track_leap pags_track_find_leap(const pags_object *object) {
+  const size_t stride = sizeof(pags_knot) / sizeof(double);
+  const sequence s = {object->knots->world_from_object, &object->knots->time, stride, stride, object->knot_count};
+  for (int64_t i = 0; i + 1 < s.count; i++) {
+    const double dt = step_time(&s, i), off = step_error(&s, i);
+    if (dt > 0 && is_leap(off, dt))
+      return (pags_track_leap){i, off, dt};
+  }
+  return (pags_track_leap){0};
 }
 
 /* ---- Labels that are turned by half a turn ---- */

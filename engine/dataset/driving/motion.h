@@ -22,6 +22,14 @@ typedef struct pags_leaps {
  * a second plus 4 degrees of noise. `times`: seconds, ascending; `poses`: 3x4, world from car or camera. */
 pags_leaps pags_find_leaps(const double (*poses)[12], const double *times, int64_t count);
 
+/* The first step of a track, from knot `knot` to the next, whose speed differs by more than 30 m/s^2 and 0.8 m of noise
+ * from the steps around it: how far it is off and its length in time. `metres` 0: there is none. */
+typedef struct pags_track_leap {
+  int64_t knot;
+  double metres, seconds;
+} pags_track_leap;
+pags_track_leap pags_track_find_leap(const pags_object *object);
+
 /* What was done to a label. */
 enum { PAGS_MENDED_NOT, PAGS_MENDED_TURNED, PAGS_MENDED_MOVED };
 

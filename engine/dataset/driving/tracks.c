@@ -33,7 +33,7 @@ typedef struct reader {
   int64_t instances;
   int64_t *numbers; /* key of each instance in the file's order; keys may have gaps, where objects were removed */
   int64_t boxes;    /* number of annotations */
-  pags_tally flat, turned, moved, renamed, unknown;
+  pags_tally flat, turned, moved, leaping, unlisted, renamed, unknown;
 } reader;
 
 /* ---- Numbers, poses and sizes ---- */
@@ -190,6 +190,10 @@ static pags_result mend_and_classify(reader *r, pags_object *object, box *boxes,
       pags_tally_add(mended[i] == PAGS_MENDED_TURNED ? &r->turned : &r->moved, "%s '%s' in frame %d",
                      object->class_name, object->id, boxes[i].knot.frame);
   }
+  const pags_track_leap leap = pags_track_find_leap(&whole);
+  if (leap.metres > 0)
+    pags_tally_add(&r->leaping, "%s '%s' from frame %d to %d, %.2f m off in %.2f s", object->class_name, object->id,
+                   whole.knots[leap.knot].frame, whole.knots[leap.knot + 1].frame, leap.metres, leap.seconds);
   pags_object_classify_motion(&whole);
   object->moving = whole.moving;
   free(mended);
@@ -198,11 +202,15 @@ static pags_result mend_and_classify(reader *r, pags_object *object, box *boxes,
 }
 
 /* Makes the knots of the boxes at the time steps used. */
-static void use_boxes(const reader *r, int64_t number, const box *boxes, int64_t count, pags_object *object) {
+static void use_boxes(reader *r, int64_t number, const box *boxes, int64_t count, pags_object *object) {
   for (int64_t i = 0; i < count; i++) {
     int64_t step = pags_driving_step(r->driving, boxes[i].knot.frame);
-    if (step < 0 || (r->present && !r->present[number * r->driving->step_count + step]))
+    if (step < 0)
       continue;
+    if (r->present && !r->present[number * r->driving->step_count + step]) {
+      pags_tally_add(&r->unlisted, "%s '%s' in frame %d", object->class_name, object->id, boxes[i].knot.frame);
+      continue;
+    }
     const pags_time_step *time = &r->driving->steps[step];
     pags_knot *knot = &object->knots[object->knot_count];
     *knot = boxes[i].knot;
@@ -359,11 +367,17 @@ static void warn(const reader *r) {
     const char *what;
   } kinds[] = {{&r->flat, "boxes are left out, as their size is 0 or less"},
                {&r->turned, "boxes are turned against most others of their object and were turned back"},
-               {&r->moved, "boxes lie aside of those before and after and were put between them"}};
+               {&r->moved, "boxes lie aside of those before and after and were put between them"},
+               {&r->unlisted, "boxes are left out, as frame_instances.json doesn't list them"}};
   for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++)
     if (kinds[i].tally->count)
       pags_log_message(PAGS_LOG_WARNING, "%s: %lld of %lld %s; the first is %s", info, (long long)kinds[i].tally->count,
                        (long long)r->boxes, kinds[i].what, kinds[i].tally->first);
+  if (r->leaping.count)
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s: the boxes of %lld of %lld objects leap as nothing does that moves, so some may be wrong; the "
+                     "first is %s",
+                     info, (long long)r->leaping.count, (long long)r->instances, r->leaping.first);
   if (r->renamed.count)
     pags_log_message(PAGS_LOG_WARNING,
                      "%s: %lld ids are used in several classes, the class was added to them; the first is %s", info,
