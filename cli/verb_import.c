@@ -17,7 +17,7 @@ typedef struct import_arguments {
 
 static const pags_option options[] = {
     PAGS_OUTPUT(AT(output), "DATASET", "folder to write the data set to"),
-    PAGS_TEXT("cameras", 0, AT(options.cameras), "N,N,...", "waymo 0,1,2; kitti 0,1",
+    PAGS_TEXT("cameras", 0, AT(options.cameras), "N,N,...", "waymo 0,1,2; kitti 0,1 if there",
               "cameras to import: waymo 0 front, 1 front left, 2 front right, 3 side left, 4 side right; kitti 0 "
               "image_02, 1 image_03"),
     PAGS_VALUE("frames", 0, SPAN, AT(options.frame_first), 0, 0, "A-B", NULL, "all",

@@ -59,7 +59,7 @@ static pags_option options[] = {
     PAGS_FLAG("reconstruction", 0, AT(reconstruction), "hold nothing out: train on every photograph"),
     PAGS_TEXT("colmap", 0, AT(dataset.colmap), "FOLDER", NULL,
               "take cameras and points from this COLMAP model in place of transforms.json"),
-    PAGS_FLAG("allow-missing", 0, AT(dataset.allow_missing), "leave out views whose photograph is missing"),
+    PAGS_FLAG("allow-missing", 0, AT(dataset.allow_missing), "leave out views whose photograph or pose is missing"),
     PAGS_DRIVING_OPTIONS(AT(dataset)),
     PAGS_VALUE("random-points", 0, INT64, AT(dataset.random_points), 1, 1e8, "N", NULL, NULL,
                "start from so many points where the data set has none"),

@@ -30,8 +30,8 @@ typedef struct pags_dataset_options {
    * cameras of every time step t > 0 with t % N == 0. N = 0: none; N >= 2; -1 (default): 8 for static sets, 4 for
    * driving sets. */
   int split_every;
-  int allow_missing;     /* 1: views whose image is missing are left out, with a warning in the log; 0: an error */
-  uint64_t seed;         /* seed of the random points that a static set without points of its own gets */
+  int allow_missing; /* 1: views whose image or pose is missing are left out, with a warning in the log; 0: an error */
+  uint64_t seed;     /* seed of the random points that a static set without points of its own gets */
   int64_t random_points; /* number of these, 1..10^8; default 10000 */
   /* Driving sets only: */
   const char *kind;    /* waymo, pandaset, kitti, nuscenes, argoverse2, nuplan; NULL: as dataset.json says */
@@ -105,7 +105,8 @@ typedef struct pags_dataset pags_dataset;
  * sparse/0, sparse or colmap/sparse/0. `options` may be NULL (the defaults).
  *
  * No picture is decoded, but every header is read: each image must exist and have the size that its camera states.
- * Views of static sets are in file-name order, those of driving sets are sorted by frame, then by camera.
+ * Labels with faults are mended or left out, with a warning in the log (docs/dataset-layout.md). Views of static sets
+ * are in file-name order, those of driving sets are sorted by frame, then by camera.
  *
  * PAGS_ERROR_ARGUMENT (an option out of range or that names nothing known), PAGS_ERROR_IO (missing files),
  * PAGS_ERROR_FORMAT (no data set; damaged files; all views held out), PAGS_ERROR_LIMIT, PAGS_ERROR_UNSUPPORTED

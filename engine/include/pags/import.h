@@ -17,7 +17,7 @@ extern "C" {
 
 typedef struct pags_import_options {
   /* Numbers of the cameras to import, separated by commas. NULL: the usual cameras of the source, which are 0,1,2
-   * for Waymo and 0,1 for KITTI (image_02 and image_03). */
+   * for Waymo and, for KITTI, those of 0,1 (image_02 and image_03) that have photographs. */
   const char *cameras;
   int64_t frame_first, frame_last; /* frames to import, counted from 0, both included; frame_last -1 (default): to the
                                       end */
