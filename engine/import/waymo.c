@@ -30,6 +30,7 @@
 #include "base/file.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "dataset/driving/motion.h"
 #include "dataset/driving/writer.h"
 #include "dataset/foreign.h"
 #include "import/options.h"
@@ -189,7 +190,8 @@ static pags_result read_image(importer *im, const pags_waymo_frame *message, int
   const Pags__Waymo__CameraImage *image = pags_waymo_image(message, camera->number + 1);
   int labelled;
   if (!image || image->image.len < 4)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: no photograph of camera %d (%s)", where, camera->number, camera->name);
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: no photograph of camera %d (%s); --cameras and --frames choose others",
+                     where, camera->number, camera->name);
   if (image->image.data[0] != 0xff || image->image.data[1] != 0xd8)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: the photograph of camera %d is no JPEG", where, camera->number);
   PAGS_TRY(read_exposure(image, where, &im->exposures[frame * im->info.camera_count + index]));
@@ -429,6 +431,13 @@ static double frame_rate(const importer *im) {
 
 static void log_findings(const importer *im) {
   const long long frames = im->info.frame_count;
+  const pags_leaps leaps = pags_find_leaps((const double(*)[12])im->ego_poses, im->times, im->info.frame_count);
+  if (leaps.count)
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s: %lld of %lld steps between poses leap; the first is from frame %lld to %lld, %.2f m and %.1f "
+                     "degrees off in %.2f s",
+                     im->source, (long long)leaps.count, frames - 1, (long long)leaps.first, (long long)leaps.first + 1,
+                     leaps.metres, leaps.degrees, leaps.seconds);
   if (im->sweeps < frames)
     pags_log_message(PAGS_LOG_WARNING, "%s: %lld of %lld frames have no LiDAR", im->source,
                      frames - (long long)im->sweeps, frames);

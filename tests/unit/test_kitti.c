@@ -4,6 +4,7 @@
 #include "unit/import_check.h"
 
 #include "base/json.h"
+#include "base/log.h"
 #include "shared_data.h"
 #include "unit/driving_tree.h"
 
@@ -326,11 +327,14 @@ static void folders_of_others_are_refused(void **state) {
 
 static void samples_name_what_they_lack(void **state) {
   static const struct {
-    const char *name, *parts[3];
-  } cases[] = {{"kitti/object", {"image_02", "image_03", "oxts"}},
-               {"kitti/raw_2011_09_26", {"oxts/data", "image_03/data", "calib_imu_to_velo.txt"}},
-               {"kitti/tracking", {"image_02/0000", "calib/0000.txt", "oxts/0000.txt"}},
-               {"kitti/odometry_clip_1", {"is no KITTI tree", "image_02", "calib_cam_to_cam.txt"}}};
+    const char *name;
+    pags_result code;
+    const char *parts[3];
+  } cases[] = {
+      {"kitti/object", PAGS_ERROR_UNSUPPORTED, {"object benchmark", "single photographs", "raw recording is needed"}},
+      {"kitti/raw_2011_09_26", PAGS_ERROR_IO, {"oxts/data", "image_02/timestamps.txt", "calib_imu_to_velo.txt"}},
+      {"kitti/tracking", PAGS_ERROR_IO, {"image_02/0000", "calib/0000.txt", "oxts/0000.txt"}},
+      {"kitti/odometry_clip_1", PAGS_ERROR_UNSUPPORTED, {"odometry benchmark", "isn't imported", "raw recording"}}};
   char path[512];
   (void)state;
   for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
@@ -339,7 +343,7 @@ static void samples_name_what_they_lack(void **state) {
     char *folder = path_of("none");
     const pags_result result = pags_import_kitti(path, folder, NULL, tasks, NULL, NULL);
     for (int k = 0; k < 3; k++)
-      scratch_expect(result, PAGS_ERROR_IO, cases[i].parts[k]);
+      scratch_expect(result, cases[i].code, cases[i].parts[k]);
     assert_false(pags_path_exists(folder));
     free(folder);
   }
@@ -378,6 +382,52 @@ static pags_result import_with(const char *file, const char *text, const char *f
   free(path);
   free(away);
   return result;
+}
+
+/* Counts the warnings and keeps the last one. */
+static int warnings;
+static char last_warning[1024];
+
+static void take_warning(void *user, pags_log_level level, const char *line) {
+  (void)user;
+  if (level != PAGS_LOG_WARNING)
+    return;
+  warnings++;
+  snprintf(last_warning, sizeof last_warning, "%s", line);
+}
+
+static void faults_of_raw_drives_are_told(void **state) {
+#define AT(s) "2011-09-26 13:02:" s "\n"
+#define TRACKLET(height, first)                                                            \
+  "<item><objectType>Car</objectType><h>" height "</h><w>2</w><l>4</l><first_frame>" first \
+  "</first_frame><poses><item><tx>9</tx><ty>0</ty><tz>0</tz><rx>0</rx><ry>0</ry><rz>0</rz></item></poses></item>"
+#define TRACKLETS(items) "<boost_serialization><tracklets>" items "</tracklets></boost_serialization>"
+  static const struct {
+    const char *file, *text, *warning; /* NULL: no warning */
+  } cases[] = {
+      {"/image_02/timestamps.txt", "\n" AT("01.1") AT("01.2") "\n" AT("01.4"),
+       "2 of 5 times are empty lines and were filled in; the first is frame 0's"},
+      {"/velodyne_points/timestamps_start.txt", AT("01.0") "\n" AT("01.2") "\n", NULL},
+      {"/tracklet_labels.xml", TRACKLETS(TRACKLET("2", "4")), NULL},
+      {"/tracklet_labels.xml", TRACKLETS(TRACKLET("2", "5")),
+       "the boxes of 1 of 1 tracklets past frame 4, the last photograph's, are left out; the first is tracklet "
+       "0, a Car of frames 5 to 5"},
+      {"/tracklet_labels.xml", TRACKLETS(TRACKLET("0", "2")),
+       "1 of 1 tracklets are left out, having no poses or no size; the first is tracklet 0, a Car of frame 2"}};
+  (void)state;
+  for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+    char file[256], to[32];
+    snprintf(file, sizeof file, "all/" RAW_KITTI_DRIVE "%s", cases[i].file);
+    snprintf(to, sizeof to, "told_%d", (int)i);
+    warnings = 0;
+    pags_log_set(take_warning, NULL);
+    const pags_result result = import_with(file, cases[i].text, "all/2011_09_26", to);
+    pags_log_set(NULL, NULL);
+    scratch_ok(result);
+    assert_int_equal(warnings, cases[i].warning != NULL);
+    if (cases[i].warning && !strstr(last_warning, cases[i].warning))
+      fail_msg("%s", last_warning);
+  }
 }
 
 static void damaged_files_are_named(void **state) {
@@ -437,6 +487,7 @@ int main(void) {
       cmocka_unit_test(folders_of_others_are_refused),
       cmocka_unit_test(samples_name_what_they_lack),
       cmocka_unit_test(missing_files_are_named),
+      cmocka_unit_test(faults_of_raw_drives_are_told),
       cmocka_unit_test(damaged_files_are_named),
       cmocka_unit_test(sweeps_and_labels_are_optional),
   };
