@@ -203,6 +203,27 @@ class Poses(Street):
         self.fails(["info", self.set, "--allow-missing"], "ego_pose/005.txt:1: expected a number, found 'x'")
 
 
+    def per_frame(self):
+        """Gives each photograph a pose of its own, as PandaSet has them."""
+        file = os.path.join(self.set, "dataset.json")
+        write(file, json.dumps({**json.loads(read(file)), "extrinsics": "per-frame"}))
+        load = lambda name: [[float(x) for x in line.split()] for line in read(os.path.join(self.set, name)).decode().splitlines()]
+        camera = load("extrinsics/0.txt")
+        for frame in range(FRAMES):
+            ego = load(f"ego_pose/{frame:03d}.txt")
+            rows = [[sum(ego[i][k] * camera[k][j] for k in range(4)) for j in range(4)] for i in range(4)]
+            write(os.path.join(self.set, f"extrinsics/{frame:03d}_0.txt"), "".join(" ".join(map(repr, row)) + "\n" for row in rows))
+
+    def test_of_photographs_and_sweeps(self):
+        self.per_frame()
+        os.remove(os.path.join(self.set, "ego_pose/005.txt"))
+        self.warned("1 of 12 sweeps have no pose and are left out; the first pose is ", "ego_pose/005.txt")
+        write(os.path.join(self.set, "extrinsics/007_0.txt"), "")
+        self.fails(["info", self.set], "no such pose", "extrinsics/007_0.txt", "1 of 12 poses are missing")
+        said = self.info("--allow-missing")
+        self.assertEqual((said["views_missing"], said["lidar_sweeps"], len(said["warnings"])), (1, 11, 2))
+
+
 class Kitti(Case):
     """A tree of KITTI's tracking benchmark, to which a test does one thing."""
 

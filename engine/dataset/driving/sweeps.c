@@ -33,7 +33,7 @@ static pags_result read_pose(const pags_driving *driving, int frame, double out[
   char *path = pags_text_format("%s/%s/%0*d.txt", driving->root, folder, driving->digits, frame);
   pags_result result = path ? pags_text_pose_read(path, out) : pags_out_of_memory("%s", driving->root);
   *missing = path && result != PAGS_OK && pags_text_pose_is_missing(path);
-  if (*missing && driving->rules.lidar_frame)
+  if (*missing && (driving->rules.lidar_frame || driving->rules.per_frame)) /* else its photographs are, too */
     pags_tally_add(lost, "%s", path);
   free(path);
   return *missing ? PAGS_OK : result;
