@@ -339,6 +339,89 @@ class Kitti(Case):
         self.fails(["import", "kitti", self.raw, "-o", self.path("no")], "000005.bin: has rows of another form than")
 
 
+def crc32c(data):
+    crc = 0xFFFFFFFF
+    for byte in data:
+        crc ^= byte
+        for _ in range(8):
+            crc = crc >> 1 ^ (0x82F63B78 if crc & 1 else 0)
+    crc ^= 0xFFFFFFFF
+    return struct.pack("<I", ((crc >> 15 | crc << 17) + 0xA282EAD8) & 0xFFFFFFFF)
+
+
+def record(data):
+    length = struct.pack("<Q", len(data))
+    return length + crc32c(length) + data + crc32c(data)
+
+
+def varint(value):
+    out = b""
+    while value > 127:
+        out, value = out + bytes([value & 127 | 128]), value >> 7
+    return out + bytes([value])
+
+
+def field(number, value):
+    """A field of a protobuf message: an int, a float as double, or the bytes of a text or message."""
+    if isinstance(value, float):
+        return varint(number << 3 | 1) + struct.pack("<d", value)
+    if isinstance(value, int):
+        return varint(number << 3) + varint(value)
+    data = value.encode() if isinstance(value, str) else value
+    return varint(number << 3 | 2) + varint(len(data)) + data
+
+
+def transform(number, x=0.0, y=0.0):
+    m = [1, 0, 0, x, 0, 1, 0, y, 0, 0, 1, 0, 0, 0, 0, 1]
+    return field(number, b"".join(field(1, float(v)) for v in m))
+
+
+class Waymo(Case):
+    """Segments of one camera and of boxes that the tests make."""
+
+    def segment(self, labels, offsets=(0,) * 6):
+        """labels[t]: (id, type, x) of each box of frame t. The car drives at 10 m/s, `offsets` beside its line."""
+        lens = b"".join(field(2, v) for v in [40.0, 40.0, 32.0, 12.0] + [0.0] * 5)
+        camera = field(1, 1) + lens + transform(3) + field(4, 64) + field(5, 24) + field(6, 2)
+        jpeg = bytes.fromhex("ffd8ffc0000b080018004001011100ffda0008010100003f00ffd9")
+        out = b""
+        for t, boxes in enumerate(labels):
+            frame = field(1, field(1, "a") + field(2, camera)) + field(2, 10**15 + 100000 * t) + transform(3, t, offsets[t])
+            frame += field(4, field(1, 1) + field(2, jpeg) + transform(3, t, offsets[t]))
+            for name, kind, x in boxes:
+                box = b"".join(field(i + 1, float(v)) for i, v in enumerate([x, 2, 0, 1.8, 4, 1.5, 0]))
+                frame += field(6, field(1, box) + field(3, kind) + field(4, name))
+            out += record(frame)
+        return self.write("segment.tfrecord", out)
+
+    def imports(self, *arguments):
+        if run("import", "--help").returncode:
+            self.skipTest("this build has no pags import")
+        file = self.segment(*arguments)
+        said = json.loads(self.succeeds("import", "waymo", file, "-o", self.path("out"), "--cameras", "0", "--json", "-").stdout)
+        file = self.path("out/instances/instances_info.json")
+        objects = {v["id"]: len(v["frame_annotations"]["frame_idx"]) for v in json.loads(read(file)).values()}
+        return objects, [w for w in said["warnings"] if "have no LiDAR" not in w]
+
+    def test_ids_unique_within_a_class(self):
+        objects, warnings = self.imports([[("7", 1, 20), ("7", 2, 10)]] * 3)
+        self.assertEqual(objects, {"7": 3, "7-Pedestrian": 3})
+        self.assertEqual(len(warnings), 1)
+        self.assertIn("1 ids belong to things of several classes", warnings[0])
+        self.assertIn("the first is '7', of a Vehicle and a Pedestrian", warnings[0])
+
+    def test_odd_labels(self):
+        objects, warnings = self.imports([[("7", 1, 20), ("8", 2, math.nan)], [("7", 1, 20), ("", 1, 30)], [("7", 1, 20)]])
+        self.assertEqual(objects, {"7": 3})
+        self.assertEqual(len(warnings), 1)
+        self.assertIn("2 boxes without id, size or finite numbers were left out; the first is Pedestrian '8' in frame 0", warnings[0])
+
+    def test_leap(self):
+        _, warnings = self.imports([[("7", 1, 20)]] * 6, (0, 0, 0, 5, 0, 0))
+        self.assertEqual(len(warnings), 1)
+        self.assertIn("2 of 5 steps between poses leap; the first is from frame 2 to 3, 5.00 m", warnings[0])
+
+
 class Foreign(Case):
     def test_named_with_what_would_do(self):
         self.write("av2/city_SE3_egovehicle.feather", b"ARROW1\0\0")
