@@ -171,7 +171,7 @@ static int run_tracklets(const uint8_t *data, size_t size) {
   }
   for (int64_t i = 0; i < tracklets.count; i++) {
     const pags_kitti_tracklet *const t = &tracklets.items[i];
-    FUZZ_CHECK(t->count > 0 && t->first_frame >= 0 && t->height > 0 && isfinite(t->length));
+    FUZZ_CHECK(t->count >= 0 && t->first_frame >= 0 && isfinite(t->height) && isfinite(t->length));
     for (int64_t k = 0; k < t->count; k++) {
       double pose[12];
       pags_kitti_tracklet_pose(t, k, pose);

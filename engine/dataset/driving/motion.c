@@ -9,9 +9,7 @@
 #include <math.h>
 #include <string.h>
 
-#include <pags/camera.h>
-
-#include "base/sort.h"
+#include "maths/maths.h"
 
 static const double degrees = 57.29577951308232;
 
@@ -19,18 +17,24 @@ static const double degrees = 57.29577951308232;
 
 enum { AROUND = 3 }; /* steps on either side that a step is compared with */
 
+/* Few values, which are sorted by insertion. */
 static double median(double *values, int count) {
-  pags_sort_doubles(values, count);
+  for (int i = 1; i < count; i++)
+    for (int j = i; j > 0 && values[j - 1] > values[j]; j--) {
+      const double keep = values[j];
+      values[j] = values[j - 1];
+      values[j - 1] = keep;
+    }
   return count ? 0.5 * (values[(count - 1) / 2] + values[count / 2]) : 0;
 }
 
-/* The angle in radians between two rotations. */
+/* The angle in degrees between two rotations, to some thousandths: the trace of the rotation from one to the other is
+ * 1 + 2 cos(angle). */
 static double angle_between(const double a[12], const double b[12]) {
-  double back[12], relative[12], turn[3];
-  pags_rigid_inverse(a, back);
-  pags_rigid_multiply(back, b, relative);
-  pags_increment_rotation(relative, turn);
-  return sqrt(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]);
+  double trace = 0;
+  for (int row = 0; row < 12; row += 4)
+    trace += a[row] * b[row] + a[row + 1] * b[row + 1] + a[row + 2] * b[row + 2];
+  return degrees * pags_acos(fmax(-1, fmin(1, 0.5 * (trace - 1))));
 }
 
 /* Poses with their times at equal distances in memory, as arrays or as members of knots. */
@@ -74,7 +78,7 @@ pags_leaps pags_find_leaps(const double (*poses)[12], const double *times, int64
   pags_leaps leaps = {0};
   for (int64_t i = 0; i + 1 < count; i++) {
     const double dt = step_time(&s, i), off = step_error(&s, i);
-    const double angle = degrees * angle_between(poses[i], poses[i + 1]);
+    const double angle = angle_between(poses[i], poses[i + 1]);
     if (!(dt > 0) || (!is_leap(off, dt) && angle <= 4 + 90 * dt))
       continue;
     if (leaps.count++ == 0)
@@ -98,7 +102,7 @@ pags_track_leap pags_track_find_leap(const pags_object *object) {
 
 /* Whether no object of this category turns so far from one label to the next. Walkers may turn on the spot. */
 static bool is_flip(const pags_object *object, const pags_knot *a, const pags_knot *b) {
-  const double angle = degrees * angle_between(a->world_from_object, b->world_from_object);
+  const double angle = angle_between(a->world_from_object, b->world_from_object);
   const double fastest = object->category == PAGS_CATEGORY_PEDESTRIAN ? 500 : 200; /* degrees a second */
   return angle > 135 && angle > fastest * (b->time - a->time);
 }
@@ -202,9 +206,8 @@ static bool mend_turn(pags_object *object, int64_t at) {
     return false;
   double *m = object->knots[at].world_from_object;
   const pags_knot *a = &object->knots[at - 1], *b = &object->knots[at + 1];
-  const double apart = degrees * angle_between(a->world_from_object, b->world_from_object);
-  const double off =
-      fmin(degrees * angle_between(a->world_from_object, m), degrees * angle_between(b->world_from_object, m));
+  const double apart = angle_between(a->world_from_object, b->world_from_object);
+  const double off = fmin(angle_between(a->world_from_object, m), angle_between(b->world_from_object, m));
   if (off < 30 || off < 3 * apart ||
       off < 200 * fmax(b->time - object->knots[at].time, object->knots[at].time - a->time))
     return false;
