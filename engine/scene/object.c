@@ -29,13 +29,21 @@ static const char *const vehicles[] = {
     "tram subway",
     /* nuScenes: most have the prefix "vehicle", which pags_category_of tests; these are of its detection task */
     "construction vehicle", "trailer",
+    /* DGP; other programs */
+    "bus rv caravan", "caravan", "automobile", "suv", "pickup", "minivan", "minibus", "lorry",
     /* Argoverse 2 */
     "regular vehicle", "large vehicle", "box truck", "truck cab", "vehicular trailer", "school bus", "articulated bus",
     "message board trailer", "traffic light trailer", "railed vehicle"};
 
-static const char *const pedestrians[] = {
-    "pedestrian", "type pedestrian",        "person",           "person sitting", "wheelchair",
-    "stroller",   "pedestrian with object", "official signaler"};
+static const char *const pedestrians[] = {"pedestrian",
+                                          "type pedestrian",
+                                          "person",
+                                          "person sitting",
+                                          "wheelchair",
+                                          "stroller",
+                                          "pedestrian with object",
+                                          "official signaler",
+                                          "walker"};
 
 static const char *const cyclists[] = {"cyclist",
                                        "type cyclist",
@@ -46,6 +54,8 @@ static const char *const cyclists[] = {"cyclist",
                                        "other vehicle pedicab",
                                        "bicyclist",
                                        "motorcyclist",
+                                       "motorbike",
+                                       "bike",
                                        "wheeled rider",
                                        "wheeled device",
                                        "rider",
@@ -87,7 +97,7 @@ pags_category pags_category_of(const char *class_name) {
   normalise(class_name, name);
   if (LISTED(name, cyclists))
     return PAGS_CATEGORY_CYCLIST;
-  if (LISTED(name, pedestrians) || begins(name, "human pedestrian"))
+  if (LISTED(name, pedestrians) || begins(name, "human pedestrian") || begins(name, "walker "))
     return PAGS_CATEGORY_PEDESTRIAN;
   if (LISTED(name, vehicles) || begins(name, "vehicle "))
     return PAGS_CATEGORY_VEHICLE;

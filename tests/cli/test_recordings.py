@@ -118,6 +118,26 @@ class Labels(Street):
         self.aside([5, 6, 7], 1, 3)
         self.warned("the boxes of 1 of ", "leap", "Car 'moving_car_027' from frame 4 to 5, 3.00 m off in 0.10 s")
 
+    def test_box_of_another_size(self):
+        name, at = self.cyclist()
+        at["box_size"][2][0] *= 10
+        self.save()
+        self.warned("instances_info.json: 1 of ", "three times as large", f"Cyclist '{name}' in frame {at['frame_idx'][2]}")
+
+    def test_boxes_in_other_axes(self):
+        at = self.annotations("moving_car_027")
+        for m in at["obj_to_world"]:
+            m[0][3] += 4e5
+        self.save()
+        self.warned(f"instances_info.json: {FRAMES} of ", "more than 500 m from the cameras", "Car 'moving_car_027' in frame 0")
+
+    def test_classes_that_are_no_road_users_are_named(self):
+        self.instances["0"]["class_name"] = "Autobus"
+        self.save()
+        said = self.info()
+        self.assertIn("neither vehicles nor pedestrians nor cyclists: Autobus", said["notes"])
+        self.assertEqual(said["warnings"], [])
+
     def test_unlisted_boxes(self):
         listing = os.path.join(self.set, "instances/frame_instances.json")
         listed = json.loads(read(listing))

@@ -48,6 +48,9 @@ static void names_become_categories(void **state) {
     pags_category category;
   } known[] = {
       {"Car", PAGS_CATEGORY_VEHICLE},
+      {"Bus/RV/Caravan", PAGS_CATEGORY_VEHICLE},
+      {"walker.pedestrian.0001", PAGS_CATEGORY_PEDESTRIAN},
+      {"Motorbike", PAGS_CATEGORY_CYCLIST},
       {"REGULAR_VEHICLE", PAGS_CATEGORY_VEHICLE},
       {"Van", PAGS_CATEGORY_VEHICLE},
       {"Tram", PAGS_CATEGORY_VEHICLE},
@@ -108,6 +111,34 @@ static void motion_is_travel_or_spread(void **state) {
   assert_false(moves((const double(*)[3])late, 10));
   late[9][2] = 1;
   assert_true(moves((const double(*)[3])late, 10));
+}
+
+/* Whether an object moves that goes `metres` in `count` equal steps of 0.1 s, with every other label `jitter` aside. */
+static int walks(pags_category category, double metres, int count, double jitter) {
+  pags_object object = sample(count);
+  object.category = category;
+  for (int i = 0; i < count; i++) {
+    object.knots[i].time = 50 + 0.1 * i;
+    turn_about_z(0, metres * i / (count - 1), i % 2 ? jitter : 0, 0, object.knots[i].world_from_object);
+  }
+  pags_object_classify_motion(&object);
+  int moving = object.moving;
+  pags_object_destroy(&object);
+  return moving;
+}
+
+static void walkers_of_a_short_clip_move(void **state) {
+  (void)state;
+  assert_true(walks(PAGS_CATEGORY_PEDESTRIAN, 1.4, 12, 0.05));
+  assert_true(walks(PAGS_CATEGORY_CYCLIST, 0.81, 6, 0));
+  assert_false(walks(PAGS_CATEGORY_PEDESTRIAN, 0.79, 6, 0));
+  assert_false(walks(PAGS_CATEGORY_PEDESTRIAN, 0.9, 21, 0));    /* 0.45 m/s */
+  assert_false(walks(PAGS_CATEGORY_PEDESTRIAN, 1.4, 12, 0.45)); /* labels that jitter */
+  assert_false(walks(PAGS_CATEGORY_PEDESTRIAN, 0.9, 2, 0));     /* two labels */
+  assert_true(walks(PAGS_CATEGORY_VEHICLE, 1.25, 12, 0));
+  assert_false(walks(PAGS_CATEGORY_VEHICLE, 1.15, 12, 0));
+  assert_false(walks(PAGS_CATEGORY_VEHICLE, 1.5, 17, 0)); /* 0.94 m/s: a label that drifts */
+  assert_false(walks(PAGS_CATEGORY_OTHER, 1.5, 12, 0));
 }
 
 static void a_knot_is_taken_as_it_stands(void **state) {
@@ -329,11 +360,17 @@ static void destroying_zeroes(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(names_become_categories),           cmocka_unit_test(motion_is_travel_or_spread),
-      cmocka_unit_test(a_knot_is_taken_as_it_stands),      cmocka_unit_test(between_knots_labels_are_interpolated),
-      cmocka_unit_test(ends_and_gaps_hold_half_a_spacing), cmocka_unit_test(a_trained_track_follows_its_trained_knots),
-      cmocka_unit_test(a_trained_track_has_no_corners),    cmocka_unit_test(elsewhere_labels_are_corrected),
-      cmocka_unit_test(the_exponential_is_exact),          cmocka_unit_test(destroying_zeroes),
+      cmocka_unit_test(names_become_categories),
+      cmocka_unit_test(motion_is_travel_or_spread),
+      cmocka_unit_test(walkers_of_a_short_clip_move),
+      cmocka_unit_test(a_knot_is_taken_as_it_stands),
+      cmocka_unit_test(between_knots_labels_are_interpolated),
+      cmocka_unit_test(ends_and_gaps_hold_half_a_spacing),
+      cmocka_unit_test(a_trained_track_follows_its_trained_knots),
+      cmocka_unit_test(a_trained_track_has_no_corners),
+      cmocka_unit_test(elsewhere_labels_are_corrected),
+      cmocka_unit_test(the_exponential_is_exact),
+      cmocka_unit_test(destroying_zeroes),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Looks for leaps among the poses of a driving set's cameras. */
+/* Looks for leaps among the poses of a driving set's cameras, and for boxes that are out of sight. */
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -63,4 +64,33 @@ pags_result pags_driving_check_motion(const pags_driving *driving, const pags_pa
   free(t.times);
   free(t.poses);
   return result;
+}
+
+enum { FARTHEST = 500 }; /* m; no label of a LiDAR or a photograph lies beyond */
+
+void pags_driving_check_places(const pags_driving *driving, const pags_parsed_dataset *parsed) {
+  pags_tally far = {0};
+  int64_t all = 0;
+  for (int64_t i = 0; i < driving->object_count; i++) {
+    const pags_object *object = &driving->objects[i];
+    for (int64_t k = 0; k < object->knot_count; k++, all++) {
+      const int64_t step = pags_driving_step(driving, object->knots[k].frame);
+      const pags_parsed_view *view = &parsed->views[step * driving->sensor_count], *end = view + driving->sensor_count;
+      while (view < end && view->missing)
+        view++;
+      double square = 0;
+      for (int axis = 3; axis < 12 && view < end; axis += 4) {
+        const double d = object->knots[k].world_from_object[axis] - view->world_from_camera[axis];
+        square += d * d;
+      }
+      if (square > (double)FARTHEST * FARTHEST)
+        pags_tally_add(&far, "%s '%s' in frame %d, at %.0f m", object->class_name, object->id, object->knots[k].frame,
+                       sqrt(square));
+    }
+  }
+  if (far.count)
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s/instances/instances_info.json: %lld of %lld boxes lie more than %d m from the cameras, so "
+                     "obj_to_world may be in other axes than those of the world; the first is %s",
+                     driving->root, (long long)far.count, (long long)all, FARTHEST, far.first);
 }

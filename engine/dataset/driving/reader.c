@@ -330,6 +330,7 @@ static pags_result read_parts(pags_driving *driving, const pags_dataset_options 
   PAGS_TRY(pags_times_read(driving, parsed));
   PAGS_TRY(pags_driving_check_motion(driving, parsed));
   PAGS_TRY(pags_tracks_read(driving));
+  pags_driving_check_places(driving, parsed);
   PAGS_TRY(pags_critical_choose(driving, options->critical, parsed));
   PAGS_TRY(pags_sweeps_find(driving));
   return pags_critical_note(driving, parsed);

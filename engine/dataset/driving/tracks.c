@@ -33,7 +33,7 @@ typedef struct reader {
   int64_t instances;
   int64_t *numbers; /* key of each instance in the file's order; keys may have gaps, where objects were removed */
   int64_t boxes;    /* number of annotations */
-  pags_tally flat, turned, moved, leaping, unlisted, renamed, unknown;
+  pags_tally flat, sized, turned, moved, leaping, unlisted, renamed, unknown;
 } reader;
 
 /* ---- Numbers, poses and sizes ---- */
@@ -201,6 +201,32 @@ static pags_result mend_and_classify(reader *r, pags_object *object, box *boxes,
   return PAGS_OK;
 }
 
+/* Gives a box the extents that its object has in the middle of all labels where its own are three times or a third of
+ * them, since an object's size is the mean of its labels'. */
+static pags_result mend_sizes(reader *r, const pags_object *object, box *boxes, int64_t count) {
+  double *sorted = malloc(((size_t)count + 1) * sizeof *sorted), middle[3];
+  if (!sorted)
+    return pags_out_of_memory("%s", pags_json_path(r->info));
+  for (int k = 0; k < 3 && count; k++) {
+    for (int64_t i = 0; i < count; i++)
+      sorted[i] = boxes[i].size[k];
+    pags_sort_doubles(sorted, count);
+    middle[k] = sorted[count / 2];
+  }
+  free(sorted);
+  for (int64_t i = 0; i < count && count > 2; i++) {
+    bool wrong = false;
+    for (int k = 0; k < 3; k++)
+      if (boxes[i].size[k] > 3 * middle[k] || boxes[i].size[k] < middle[k] / 3) {
+        boxes[i].size[k] = middle[k];
+        wrong = true;
+      }
+    if (wrong)
+      pags_tally_add(&r->sized, "%s '%s' in frame %d", object->class_name, object->id, boxes[i].knot.frame);
+  }
+  return PAGS_OK;
+}
+
 /* Makes the knots of the boxes at the time steps used. */
 static void use_boxes(reader *r, int64_t number, const box *boxes, int64_t count, pags_object *object) {
   for (int64_t i = 0; i < count; i++) {
@@ -235,6 +261,8 @@ static pags_result read_knots(reader *r, const pags_json_value *instance, int64_
   pags_result result = boxes && object->knots ? PAGS_OK : pags_out_of_memory("%s", pags_json_path(r->info));
   if (result == PAGS_OK)
     result = read_boxes(r, instance, object, boxes, at, &count);
+  if (result == PAGS_OK)
+    result = mend_sizes(r, object, boxes, count);
   if (result == PAGS_OK && count)
     result = mend_and_classify(r, object, boxes, count);
   if (result == PAGS_OK)
@@ -366,6 +394,7 @@ static void warn(const reader *r) {
     const pags_tally *tally;
     const char *what;
   } kinds[] = {{&r->flat, "boxes are left out, as their size is 0 or less"},
+               {&r->sized, "boxes are three times as large as their object's others, or a third, and got their size"},
                {&r->turned, "boxes are turned against most others of their object and were turned back"},
                {&r->moved, "boxes lie aside of those before and after and were put between them"},
                {&r->unlisted, "boxes are left out, as frame_instances.json doesn't list them"}};
@@ -386,6 +415,24 @@ static void warn(const reader *r) {
     pags_log_message(PAGS_LOG_WARNING,
                      "%s: %lld entries name instances that instances_info.json doesn't have; the first is %s",
                      pags_json_path(r->frames), (long long)r->unknown.count, r->unknown.first);
+}
+
+/* Names the classes that are neither vehicles nor pedestrians nor cyclists, as a misspelt one would be. */
+static pags_result note_others(pags_driving *driving) {
+  char names[400] = "";
+  size_t length = 0;
+  for (int64_t i = 0; i < driving->object_count; i++) {
+    const pags_object *object = &driving->objects[i];
+    bool known = object->category != PAGS_CATEGORY_OTHER;
+    for (int64_t j = 0; j < i && !known; j++)
+      known = strcmp(driving->objects[j].class_name, object->class_name) == 0;
+    const size_t room = sizeof names - length, wanted = strlen(object->class_name) + 2;
+    if (known || wanted >= room)
+      continue;
+    snprintf(names + length, room, "%s%s", length ? ", " : "", object->class_name);
+    length = strlen(names);
+  }
+  return length ? pags_driving_note(driving, "neither vehicles nor pedestrians nor cyclists: %s", names) : PAGS_OK;
 }
 
 static pags_result read_files(reader *r, const char *info, const char *frames) {
@@ -418,8 +465,9 @@ static pags_result read_files(reader *r, const char *info, const char *frames) {
   int64_t moving = 0;
   for (int64_t i = 0; i < r->driving->object_count; i++)
     moving += r->driving->objects[i].moving;
-  return pags_driving_note(r->driving, "boxes: %lld objects, %lld of them moving", (long long)r->driving->object_count,
-                           (long long)moving);
+  PAGS_TRY(pags_driving_note(r->driving, "boxes: %lld objects, %lld of them moving",
+                             (long long)r->driving->object_count, (long long)moving));
+  return note_others(r->driving);
 }
 
 pags_result pags_tracks_read(pags_driving *driving) {

@@ -24,9 +24,9 @@ typedef enum pags_category {
 /* Returns "other", "vehicle", "pedestrian" or "cyclist", a static string. */
 PAGS_API const char *pags_category_name(pags_category category);
 
-/* Returns the category of a label's class name in the vocabulary of Waymo, KITTI, PandaSet, nuScenes, Argoverse 2
- * or nuPlan ("Car", "Pedestrian with Object", "Van", "REGULAR_VEHICLE", ...), in upper or lower case; unknown
- * names are PAGS_CATEGORY_OTHER. The label of a parked bicycle is PAGS_CATEGORY_CYCLIST if its data set doesn't
+/* Returns the category of a label's class name in the vocabulary of Waymo, KITTI, PandaSet, nuScenes, Argoverse 2,
+ * nuPlan, DGP or CARLA ("Car", "Pedestrian with Object", "Van", "REGULAR_VEHICLE", ...), in upper or lower case;
+ * unknown names are PAGS_CATEGORY_OTHER. The label of a parked bicycle is PAGS_CATEGORY_CYCLIST if its data set doesn't
  * distinguish parked bicycles from ridden ones. */
 PAGS_API pags_category pags_category_of(const char *class_name);
 
