@@ -25,6 +25,8 @@ pags_result pags_lines_open(pags_lines *lines, const char *path) {
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected text, found a zero byte at byte %lld", path, at);
   }
   lines->text = lines->at = (char *)bytes;
+  if (size >= 3 && memcmp(bytes, "\xef\xbb\xbf", 3) == 0)
+    lines->at += 3; /* a byte order mark, as some editors write it */
   lines->end = lines->text + size;
   return PAGS_OK;
 }

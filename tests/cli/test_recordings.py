@@ -145,6 +145,20 @@ class Labels(Street):
         write(listing, json.dumps(listed))
         self.warned(f"instances_info.json: {lost} of ", "frame_instances.json doesn't list them", "in frame 4")
 
+    def test_recording_that_was_paused(self):
+        file = os.path.join(self.set, "timestamps.json")
+        times = json.loads(read(file))
+        times["frames"] = [t if i < 6 else t + 2 for i, t in enumerate(times["frames"])]
+        write(file, json.dumps({"frames": times["frames"]}))
+        for v in self.instances.values():  # all that moves goes on during the pause
+            at = v["frame_annotations"]
+            first, last = at["obj_to_world"][0], at["obj_to_world"][-1]
+            for frame, m in zip(at["frame_idx"], at["obj_to_world"]):
+                for k in range(3):
+                    m[k][3] += 20 / 11 * (last[k][3] - first[k][3]) if frame >= 6 else 0
+        self.save()
+        self.assertEqual([w for w in self.info()["warnings"] if "instances_info" in w], [])
+
     def test_parked_car_with_a_box_aside_is_parked(self):
         parked = self.info()["objects_parked"]["vehicle"]
         name = next(v["id"] for v in self.instances.values() if "parked" in v["id"] and len(v["frame_annotations"]["frame_idx"]) > 6)

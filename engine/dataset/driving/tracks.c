@@ -133,12 +133,27 @@ static pags_result begin_annotations(const reader *r, const pags_json_value *ins
 
 /* A labelled box: the pose as it is in the file, then as mended. */
 typedef struct box {
-  pags_knot knot; /* knot.time counts in frames / fps */
+  pags_knot knot;
   double size[3];
 } box;
 
 static int by_frame(const void *a, const void *b) {
   return ((const box *)a)->knot.frame - ((const box *)b)->knot.frame;
+}
+
+/* The time of a frame in seconds: of its time step; between two steps in proportion, beyond them at the usual rate. */
+static double time_of(const pags_driving *driving, int frame) {
+  int64_t low = 0, high = driving->step_count - 1; /* the steps before and behind, or the two at an end */
+  while (high - low > 1) {
+    const int64_t middle = (low + high) / 2;
+    *(driving->steps[middle].frame <= frame ? &low : &high) = middle;
+  }
+  const pags_time_step *a = &driving->steps[low], *b = &driving->steps[high];
+  if (frame <= a->frame)
+    return a->time + (frame - a->frame) / driving->fps;
+  if (frame >= b->frame)
+    return b->time + (frame - b->frame) / driving->fps;
+  return a->time + (b->time - a->time) * (frame - a->frame) / (b->frame - a->frame);
 }
 
 /* Reads all boxes of an instance, sorted by frame; those without a size are left out. */
@@ -153,7 +168,7 @@ static pags_result read_boxes(reader *r, const pags_json_value *instance, const 
       return pags_json_fail(r->info, at.frame, "%s '%s': expected a frame number, found %g", object->class_name,
                             object->id, frame);
     const place where = {object->id, object->class_name, (int)frame};
-    *next = (box){.knot = {.frame = (int32_t)frame, .time = frame / r->driving->fps}};
+    *next = (box){.knot = {.frame = (int32_t)frame, .time = time_of(r->driving, (int)frame)}};
     PAGS_TRY(take_pose(r, at.pose, &where, next->knot.world_from_object));
     PAGS_TRY(take_size(r, at.size, &where, next->size, &flat));
     r->boxes++;
