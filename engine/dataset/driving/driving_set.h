@@ -58,6 +58,9 @@ typedef struct pags_driving {
   char *root;
   pags_rules rules;
   int digits; /* number of digits of a frame number in file names */
+  /* Folders of the masks: sky_masks and dynamic_masks/all or, where these aren't there, sky_mask and dynamic_mask, as
+   * Street Gaussians' converter names them. String constants. */
+  const char *sky_folder, *dynamic_folder;
   int provides;
   double fps;
   int64_t sensor_count;

@@ -11,17 +11,17 @@
 #include "base/memory.h"
 #include "base/sort.h"
 #include "base/text.h"
+#include "dataset/driving/checks.h"
 #include "dataset/driving/critical.h"
 #include "dataset/driving/masks.h"
+#include "dataset/driving/pictures.h"
 
 #include <pags/camera.h>
 
 #include <assert.h>
-#include <ctype.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <strings.h>
 
 static bool has_folder(const char *root, const char *name) {
   char *path = pags_path_join(root, name);
@@ -40,7 +40,7 @@ bool pags_driving_is_set(const char *folder) {
 
 /* ---- Selection of cameras and frames ---- */
 
-enum { LARGEST_NUMBER = 99999999, MOST_CAMERAS = 64 };
+enum { MOST_CAMERAS = 64 };
 
 typedef struct selection {
   int64_t count; /* number of selected cameras; 0: all cameras */
@@ -48,69 +48,25 @@ typedef struct selection {
   int64_t first, last; /* selected frames, both included */
 } selection;
 
-/* Reads a decimal number and moves *at behind it; returns false if there is none or if it is too large. */
-static bool read_number(const char **at, int *out) {
-  int64_t value = 0;
-  const char *begin = *at;
-  for (; isdigit((unsigned char)**at) && value <= LARGEST_NUMBER; ++*at)
-    value = 10 * value + (**at - '0');
-  *out = (int)value;
-  return *at > begin && value <= LARGEST_NUMBER;
-}
-
-static bool is_selected(const selection *selected, int camera, int frame) {
-  if (frame < selected->first || frame > selected->last)
+static bool is_selected(const selection *selected, const pags_driving_picture *picture) {
+  if (picture->frame < selected->first || picture->frame > selected->last)
     return false;
   for (int64_t i = 0; i < selected->count; i++)
-    if (selected->cameras[i] == camera)
+    if (selected->cameras[i] == picture->camera)
       return true;
   return selected->count == 0;
 }
 
-/* ---- Pictures ---- */
-
-typedef struct picture {
-  int frame, camera, digits;
-  const char *name; /* file name, owned by the listing of the folder */
-} picture;
-
-/* Parses a file name like "012_3.jpg": frame 12, camera 3. */
-static bool parse_picture(const char *name, picture *out) {
-  const char *at = name;
-  out->name = name;
-  if (!read_number(&at, &out->frame) || *at != '_')
-    return false;
-  out->digits = (int)(at - name);
-  at++;
-  if (!read_number(&at, &out->camera))
-    return false;
-  return strcasecmp(at, ".jpg") == 0 || strcasecmp(at, ".jpeg") == 0 || strcasecmp(at, ".png") == 0;
-}
-
-static int by_frame(const void *a, const void *b) {
-  const picture *left = a, *right = b;
-  if (left->frame != right->frame)
-    return left->frame < right->frame ? -1 : 1;
-  return left->camera < right->camera ? -1 : left->camera > right->camera;
-}
-
-static int64_t choose_pictures(const pags_dir_list *list, const selection *selected, picture *out) {
-  int64_t count = 0;
-  for (int64_t i = 0; i < list->count; i++)
-    if (parse_picture(list->names[i], &out[count]) && is_selected(selected, out[count].camera, out[count].frame))
-      count++;
-  pags_sort(out, count, sizeof *out, by_frame);
-  return count;
-}
-
-static pags_result check_pictures(const char *folder, const picture *pictures, int64_t count) {
+static pags_result check_pictures(const char *folder, const pags_dir_list *list, const pags_driving_picture *pictures,
+                                  int64_t count, int64_t all) {
   if (count == 0)
     return pags_fail(PAGS_ERROR_FORMAT,
                      "%s: expected pictures named TTT_C.jpg or TTT_C.png (frame, camera) of the cameras and frames "
-                     "asked for, found none",
-                     folder);
+                     "asked for, found none among %lld files%s%s and %lld such pictures",
+                     folder, (long long)list->count, list->count ? ", the first is " : "",
+                     list->count ? list->names[0] : "", (long long)all);
   for (int64_t i = 1; i < count; i++)
-    if (by_frame(&pictures[i - 1], &pictures[i]) == 0)
+    if (pags_driving_same_picture(&pictures[i - 1], &pictures[i]))
       return pags_fail(PAGS_ERROR_FORMAT, "%s: %s and %s are the same frame and camera; expected one picture", folder,
                        pictures[i - 1].name, pictures[i].name);
   return PAGS_OK;
@@ -139,7 +95,7 @@ static pags_result add_sensor(pags_driving *driving, int number) {
 
 /* Makes the time steps and the cameras of the pictures, which are sorted by frame. Frames whose number is a multiple
  * of `every` (0: none) are held out, except frame 0. */
-static pags_result make_steps(pags_driving *driving, const picture *pictures, int64_t count, int every) {
+static pags_result make_steps(pags_driving *driving, const pags_driving_picture *pictures, int64_t count, int every) {
   driving->steps = calloc((size_t)count, sizeof *driving->steps);
   if (!driving->steps)
     return pags_out_of_memory("%s", driving->root);
@@ -169,7 +125,7 @@ static pags_result choose_holdout(pags_driving *driving, const char *text) {
   driving->holdout = -1;
   if (!text)
     return PAGS_OK;
-  if (!read_number(&at, &driving->holdout) || *at || !pags_driving_sensor(driving, driving->holdout))
+  if (!pags_driving_number(&at, &driving->holdout) || *at || !pags_driving_sensor(driving, driving->holdout))
     return pags_fail(PAGS_ERROR_ARGUMENT, "held-out camera '%s': expected the number of one of the cameras used", text);
   return pags_driving_note(driving, "held out: all views of camera %d", driving->holdout);
 }
@@ -247,9 +203,9 @@ static pags_result add_view(pags_driving *driving, const pags_sensor *sensor, in
   view->lens = sensor->lens;
   PAGS_TRY(pags_image_size(view->image_path, &view->lens.width, &view->lens.height));
 
-  PAGS_TRY(pags_driving_find_mask(driving, "sky_masks", view, &view->sky_path));
+  PAGS_TRY(pags_driving_find_mask(driving, driving->sky_folder, view, &view->sky_path));
   PAGS_TRY(pags_driving_find_mask(driving, "semantic", view, &view->semantic_path));
-  PAGS_TRY(pags_driving_find_mask(driving, "dynamic_masks/all", view, &view->dynamic_path));
+  PAGS_TRY(pags_driving_find_mask(driving, driving->dynamic_folder, view, &view->dynamic_path));
   driving->provides |=
       (view->sky_path || (view->semantic_path && pags_labels_know_sky(driving)) ? PAGS_PROVIDES_SKY_MASKS : 0) |
       (view->semantic_path ? PAGS_PROVIDES_SEMANTIC : 0) | (view->dynamic_path ? PAGS_PROVIDES_DYNAMIC_MASKS : 0);
@@ -299,8 +255,8 @@ static bool has_per_frame_extrinsics(const pags_driving *driving) {
 
 /* Reads the conventions, calibration, views, times, objects and sweeps of the set; `pictures` is sorted by frame and
  * camera. */
-static pags_result read_parts(pags_driving *driving, const pags_dataset_options *options, const picture *pictures,
-                              int64_t count, pags_parsed_dataset *parsed) {
+static pags_result read_parts(pags_driving *driving, const pags_dataset_options *options,
+                              const pags_driving_picture *pictures, int64_t count, pags_parsed_dataset *parsed) {
   PAGS_TRY(pags_rules_read(driving->root, options->kind, has_per_frame_extrinsics(driving), &driving->rules,
                            name_sensor, driving));
 
@@ -310,6 +266,8 @@ static pags_result read_parts(pags_driving *driving, const pags_dataset_options 
                              rules->waymo_axes ? "Waymo's" : "OpenCV's", rules->lidar_frame ? "LiDAR's" : "ego",
                              rules->forward_y ? "+y" : "+x"));
 
+  driving->sky_folder = has_folder(driving->root, "sky_masks") ? "sky_masks" : "sky_mask";
+  driving->dynamic_folder = has_folder(driving->root, "dynamic_masks/all") ? "dynamic_masks/all" : "dynamic_mask";
   PAGS_TRY(choose_holdout(driving, options->holdout_camera));
   for (int64_t i = 0; i < driving->sensor_count; i++)
     PAGS_TRY(read_sensor(driving, &driving->sensors[i]));
@@ -350,7 +308,8 @@ static pags_result read_listed(pags_driving *driving, const char *folder, const 
   /* Parse the list of camera numbers. */
   const char *at = options->cameras;
   while (options->cameras) {
-    if (selected.count == MOST_CAMERAS || !read_number(&at, &selected.cameras[selected.count]) || (*at && *at != ','))
+    if (selected.count == MOST_CAMERAS || !pags_driving_number(&at, &selected.cameras[selected.count]) ||
+        (*at && *at != ','))
       return pags_fail(PAGS_ERROR_ARGUMENT, "cameras '%s': expected at most %d numbers separated by commas",
                        options->cameras, (int)MOST_CAMERAS);
     selected.count++;
@@ -358,17 +317,27 @@ static pags_result read_listed(pags_driving *driving, const char *folder, const 
       break;
   }
 
-  picture *pictures = malloc(((size_t)list->count + 1) * sizeof *pictures);
-  if (!pictures)
+  int64_t all, count = 0;
+  pags_driving_picture *pictures, *chosen;
+  PAGS_TRY(pags_driving_pictures(folder, list, &all, &pictures));
+  chosen = malloc(((size_t)all + 1) * sizeof *chosen);
+  if (!chosen) {
+    free(pictures);
     return pags_out_of_memory("%s", folder);
-  int64_t count = choose_pictures(list, &selected, pictures);
-  pags_result result = check_pictures(folder, pictures, count);
+  }
+  for (int64_t i = 0; i < all; i++)
+    if (is_selected(&selected, &pictures[i]))
+      chosen[count++] = pictures[i];
+  pags_result result = check_pictures(folder, list, chosen, count, all);
   if (result == PAGS_OK)
-    result = make_steps(driving, pictures, count, options->split_every == -1 ? 4 : options->split_every);
+    result = make_steps(driving, chosen, count, options->split_every == -1 ? 4 : options->split_every);
   if (result == PAGS_OK)
     result = check_cameras(driving, &selected);
   if (result == PAGS_OK)
-    result = read_parts(driving, options, pictures, count, parsed);
+    result = read_parts(driving, options, chosen, count, parsed);
+  if (result == PAGS_OK)
+    result = pags_driving_say_unread(driving, list, pictures, all);
+  free(chosen);
   free(pictures);
   return result;
 }

@@ -1,0 +1,16 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What is checked when a driving set is opened, beyond what its readers need: files that lie there but aren't read,
+ * and values that can't be right or look wrong. Each check looks at a few files; it warns with one line a kind of
+ * fault, or fails where nothing right can come of the data. */
+#ifndef PAGS_DATASET_DRIVING_CHECKS_H
+#define PAGS_DATASET_DRIVING_CHECKS_H
+
+#include "dataset/driving/driving_set.h"
+#include "dataset/driving/pictures.h"
+
+/* Warns of files and folders that look like a part of the set but aren't read (unread.c). `list` is the listing of
+ * images/, `pictures` all the photographs among it, sorted. */
+pags_result pags_driving_say_unread(const pags_driving *driving, const pags_dir_list *list,
+                                    const pags_driving_picture *pictures, int64_t count);
+
+#endif

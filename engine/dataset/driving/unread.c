@@ -1,0 +1,330 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Warns of masks, sweeps, labels and poses that lie in a driving set under names that aren't read: another extension,
+ * another number of digits, a number that no photograph has, a folder of another name. */
+#include "dataset/driving/checks.h"
+
+#include "base/file.h"
+#include "base/log.h"
+#include "base/memory.h"
+#include "base/text.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+typedef struct survey {
+  const pags_driving *driving;
+  const pags_driving_picture *pictures;
+  int64_t count;
+} survey;
+
+/* What the names of a folder's files are made of. */
+typedef enum name_form { FRAME_AND_CAMERA, FRAME, CAMERA } name_form;
+
+typedef struct known_folder {
+  const char *name;
+  name_form form;
+  const char *extension;
+} known_folder;
+
+/* ---- Names ---- */
+
+/* Files that tools leave beside data: hidden ones, notes, records and films. */
+static bool is_companion(const char *name) {
+  static const char *const extensions[] = {".json", ".md", ".mp4", ".log", ".part", ".yaml", ".yml", ".db", ".ini"};
+  if (*name == '.')
+    return true;
+  for (size_t i = 0; i < sizeof extensions / sizeof *extensions; i++)
+    if (strcasecmp(pags_path_extension(name), extensions[i]) == 0)
+      return true;
+  return strncasecmp(name, "readme", 6) == 0 || strncasecmp(name, "license", 7) == 0;
+}
+
+/* Writes the name that the reader opens for a frame and a camera. */
+static void write_name(const survey *s, const known_folder *folder, int frame, int camera, char *out, size_t size) {
+  const int digits = s->driving->digits;
+  if (folder->form == FRAME_AND_CAMERA)
+    snprintf(out, size, "%0*d_%d%s", digits, frame, camera, folder->extension);
+  else if (folder->form == FRAME)
+    snprintf(out, size, "%0*d%s", digits, frame, folder->extension);
+  else
+    snprintf(out, size, "%d%s", camera, folder->extension);
+}
+
+/* Whether a name has the form that is read in the folder; *used: whether there is a photograph that it belongs to. */
+static bool has_form(const survey *s, const known_folder *folder, const char *name, bool *used) {
+  char exact[64];
+  const char *at = name;
+  int frame = -1, camera = -1;
+  *used = false;
+  if (folder->form != CAMERA && !pags_driving_number(&at, &frame))
+    return false;
+  if (folder->form == FRAME_AND_CAMERA && *at++ != '_')
+    return false;
+  if (folder->form != FRAME && !pags_driving_number(&at, &camera))
+    return false;
+  write_name(s, folder, frame, camera, exact, sizeof exact);
+  if (strcmp(name, exact) != 0)
+    return false;
+  *used = pags_driving_has_picture(s->pictures, s->count, frame, camera);
+  return true;
+}
+
+/* ---- Known folders ---- */
+
+/* Warns of the files of a folder that aren't read. A folder that isn't there has none. */
+static pags_result survey_folder(const survey *s, const known_folder *folder) {
+  const pags_driving *driving = s->driving;
+  char *path = pags_path_join(driving->root, folder->name);
+  pags_dir_list list = {0};
+  if (!path)
+    return pags_out_of_memory("%s", driving->root);
+  pags_result result = pags_dir_exists(path) ? pags_dir_list_read(path, &list) : PAGS_OK;
+  int64_t files = 0, odd = 0, lone = 0;
+  const char *first_odd = NULL, *first_lone = NULL;
+  for (int64_t i = 0; i < list.count; i++) {
+    const char *name = list.names[i];
+    bool used;
+    if (is_companion(name) || !*pags_path_extension(name))
+      continue;
+    files++;
+    if (!has_form(s, folder, name, &used)) {
+      first_odd = odd++ ? first_odd : name;
+    } else if (!used) {
+      first_lone = lone++ ? first_lone : name;
+    }
+  }
+  char expected[64];
+  write_name(s, folder, s->pictures[0].frame, s->pictures[0].camera, expected, sizeof expected);
+  if (odd > 0)
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s: %lld of %lld files aren't read, the first is %s; expected names like %s (%s, as the "
+                     "photographs have them)",
+                     path, (long long)odd, (long long)files, first_odd, expected,
+                     folder->form == FRAME_AND_CAMERA ? "frame_camera"
+                     : folder->form == FRAME          ? "frame"
+                                                      : "camera");
+  if (lone > 0)
+    pags_log_message(
+        PAGS_LOG_WARNING,
+        "%s: %lld of %lld files aren't read, since there is no photograph of their number; the first is %s", path,
+        (long long)lone, (long long)files, first_lone);
+  pags_dir_list_destroy(&list);
+  free(path);
+  return result;
+}
+
+/* Warns of files in images/ that aren't photographs of the set. */
+static void survey_images(const survey *s, const pags_dir_list *list) {
+  int64_t files = 0, others = 0;
+  const char *first = NULL;
+  for (int64_t i = 0; i < list->count; i++) {
+    const char *name = list->names[i];
+    pags_driving_picture picture;
+    if (is_companion(name) || !*pags_path_extension(name))
+      continue;
+    files++;
+    if (!pags_driving_parse_picture(name, &picture))
+      first = others++ ? first : name;
+  }
+  if (others > 0)
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s/images: %lld of %lld files aren't read, the first is %s; expected names like %s, .jpg or .png",
+                     s->driving->root, (long long)others, (long long)files, first, s->pictures[0].name);
+}
+
+/* ---- Other folders and files ---- */
+
+/* Other names under which the parts of a set are found, in lower case. */
+static const struct {
+  const char *other, *name;
+} synonyms[] = {{"sky", "sky_masks"},
+                {"skymask", "sky_masks"},
+                {"sky_mask", "sky_masks"},
+                {"sky_masks", "sky_masks"},
+                {"semantics", "semantic"},
+                {"semantic", "semantic"},
+                {"semantic_mask", "semantic"},
+                {"semantic_masks", "semantic"},
+                {"segmentation", "semantic"},
+                {"segmentations", "semantic"},
+                {"seg", "semantic"},
+                {"labels", "semantic"},
+                {"dynamic", "dynamic_masks/all"},
+                {"dynamic_mask", "dynamic_masks/all"},
+                {"dynamic_masks", "dynamic_masks/all"},
+                {"fine_dynamic_masks", "dynamic_masks/all"},
+                {"ego_mask", "ego_masks"},
+                {"lidar", "lidar"},
+                {"lidars", "lidar"},
+                {"velodyne", "lidar"},
+                {"velodyne_points", "lidar"},
+                {"pointcloud", "lidar"},
+                {"pointclouds", "lidar"},
+                {"point_clouds", "lidar"},
+                {"points", "lidar"},
+                {"pcd", "lidar"},
+                {"pose", "ego_pose"},
+                {"poses", "ego_pose"},
+                {"ego_poses", "ego_pose"},
+                {"lidar_poses", "lidar_pose"},
+                {"instance", "instances"},
+                {"objects", "instances"},
+                {"tracks", "instances"},
+                {"track", "instances"}};
+
+static const char *meant_by(const char *name) {
+  for (size_t i = 0; i < sizeof synonyms / sizeof *synonyms; i++)
+    if (strcasecmp(synonyms[i].other, name) == 0)
+      return synonyms[i].name;
+  return NULL;
+}
+
+/* Whether a name of the set's folder is one that the reader opens, or another tool's beside it. */
+static bool is_known(const pags_driving *driving, const char *name) {
+  static const char *const names[] = {"images",    "intrinsics", "extrinsics",    "ego_pose",  "lidar",
+                                      "sky_masks", "semantic",   "dynamic_masks", "ego_masks", "instances",
+                                      "truth",     "sparse",     "colmap"};
+  for (size_t i = 0; i < sizeof names / sizeof *names; i++)
+    if (strcmp(name, names[i]) == 0)
+      return true;
+  if (strcmp(name, driving->sky_folder) == 0 || strcmp(name, driving->dynamic_folder) == 0)
+    return true;
+  return strcmp(name, "lidar_pose") == 0 && driving->rules.lidar_frame;
+}
+
+/* Counts the files of a folder, and those whose names begin with the number of a frame and go on as data do. */
+static pags_result count_files(const survey *s, const char *path, int64_t *files, int64_t *numbered) {
+  pags_dir_list list;
+  *files = *numbered = 0;
+  PAGS_TRY(pags_dir_list_read(path, &list));
+  for (int64_t i = 0; i < list.count; i++) {
+    const char *at = list.names[i];
+    int frame;
+    if (*at == '.')
+      continue;
+    ++*files;
+    *numbered += pags_driving_number(&at, &frame) && (*at == '_' || *at == '.') && at - list.names[i] >= 2 &&
+                 pags_driving_has_picture(s->pictures, s->count, frame, -1);
+  }
+  pags_dir_list_destroy(&list);
+  return PAGS_OK;
+}
+
+/* Whether a file beside the folders holds data of a part of the set, by its name. */
+static bool is_data_file(const char *name) {
+  static const char *const extensions[] = {".npz", ".npy", ".pkl", ".pcd",     ".las",     ".laz",
+                                           ".bin", ".h5",  ".bag", ".feather", ".parquet", ".tfrecord"};
+  static const char *const words[] = {"timestamp", "instance", "track", "label", "annotation", "calib", "pose"};
+  const char *extension = pags_path_extension(name);
+  for (size_t i = 0; i < sizeof extensions / sizeof *extensions; i++)
+    if (strcasecmp(extension, extensions[i]) == 0)
+      return true;
+  if (strcasecmp(extension, ".json") != 0 && strcasecmp(extension, ".txt") != 0 && strcasecmp(extension, ".csv") != 0)
+    return false;
+  for (size_t i = 0; i < sizeof words / sizeof *words; i++)
+    for (const char *at = name; *at; at++)
+      if (strncasecmp(at, words[i], strlen(words[i])) == 0)
+        return true;
+  return false;
+}
+
+typedef struct finds {
+  int64_t folders, files;
+  char first_folder[200], first_file[200];
+} finds;
+
+/* Looks at one entry of the set's folder, or of dynamic_masks/, that isn't known. */
+static pags_result look_at(const survey *s, const char *path, const char *name, const char *meant, finds *found) {
+  if (pags_dir_exists(path)) {
+    int64_t files, numbered;
+    PAGS_TRY(count_files(s, path, &files, &numbered));
+    if (numbered == 0 && !(meant && files > 0))
+      return PAGS_OK;
+    if (found->folders++ == 0)
+      snprintf(found->first_folder, sizeof found->first_folder, "%s with %lld files%s%s", name, (long long)files,
+               meant ? ", expected as " : "", meant ? meant : "");
+  } else if (*name != '.' && is_data_file(name)) {
+    if (found->files++ == 0)
+      snprintf(found->first_file, sizeof found->first_file, "%s", name);
+  }
+  return PAGS_OK;
+}
+
+/* Warns of unknown folders and files of the set's folder. */
+static pags_result survey_root(const survey *s) {
+  const char *root = s->driving->root;
+  pags_dir_list list;
+  finds found = {0};
+  PAGS_TRY(pags_dir_list_read(root, &list));
+  pags_result result = PAGS_OK;
+  for (int64_t i = 0; i < list.count && result == PAGS_OK; i++) {
+    const char *name = list.names[i];
+    if (*name == '.' || is_known(s->driving, name) || strcmp(name, "timestamps.json") == 0 ||
+        strcmp(name, "dataset.json") == 0)
+      continue;
+    char *path = pags_path_join(root, name);
+    result = path ? look_at(s, path, name, meant_by(name), &found) : pags_out_of_memory("%s", root);
+    free(path);
+  }
+  pags_dir_list_destroy(&list);
+  if (found.folders > 0)
+    pags_log_message(PAGS_LOG_WARNING, "%s: %lld folders aren't read that look like parts of the set, the first is %s",
+                     root, (long long)found.folders, found.first_folder);
+  if (found.files > 0)
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s: %lld files aren't read that look like parts of the set, the first is %s; expected names are "
+                     "those of docs/dataset-layout.md",
+                     root, (long long)found.files, found.first_file);
+  return result;
+}
+
+/* Warns of entries of `folder` that have none of the `count` names which are read there. If not `all`, only where none
+ * of these is there. */
+static pags_result survey_names(const survey *s, const char *folder, const char *const *names, int count, bool all,
+                                const char *expected) {
+  char *path = pags_path_join(s->driving->root, folder);
+  pags_dir_list list = {0};
+  if (!path)
+    return pags_out_of_memory("%s", folder);
+  pags_result result = pags_dir_exists(path) ? pags_dir_list_read(path, &list) : PAGS_OK;
+  int64_t others = 0, read = 0;
+  const char *first = NULL;
+  for (int64_t i = 0; i < list.count; i++) {
+    bool known = false;
+    for (int j = 0; j < count; j++)
+      known = known || strcmp(list.names[i], names[j]) == 0;
+    read += known;
+    if (!known && *list.names[i] != '.')
+      first = others++ ? first : list.names[i];
+  }
+  if (others > 0 && (all || read == 0))
+    pags_log_message(PAGS_LOG_WARNING, "%s: %lld of %lld entries aren't read, the first is %s; expected %s", path,
+                     (long long)others, (long long)(others + read), first, expected);
+  pags_dir_list_destroy(&list);
+  free(path);
+  return result;
+}
+
+pags_result pags_driving_say_unread(const pags_driving *driving, const pags_dir_list *list,
+                                    const pags_driving_picture *pictures, int64_t count) {
+  const survey s = {driving, pictures, count};
+  const known_folder folders[] = {{driving->sky_folder, FRAME_AND_CAMERA, ".png"},
+                                  {"semantic", FRAME_AND_CAMERA, ".png"},
+                                  {driving->dynamic_folder, FRAME_AND_CAMERA, ".png"},
+                                  {"dynamic_masks/vehicle", FRAME_AND_CAMERA, ".png"},
+                                  {"dynamic_masks/human", FRAME_AND_CAMERA, ".png"},
+                                  {"ego_masks", CAMERA, ".png"},
+                                  {"lidar", FRAME, ".bin"}};
+  for (size_t i = 0; i < sizeof folders / sizeof *folders; i++)
+    PAGS_TRY(survey_folder(&s, &folders[i]));
+  survey_images(&s, list);
+
+  /* Masks that lie in dynamic_masks itself, and boxes under other names. */
+  static const char *const parts[] = {"all", "vehicle", "human"};
+  static const char *const labels[] = {"instances_info.json", "frame_instances.json"};
+  PAGS_TRY(survey_names(&s, "dynamic_masks", parts, 3, true, "all, vehicle and human with a mask each"));
+  PAGS_TRY(survey_names(&s, "instances", labels, 2, false, labels[0]));
+  return survey_root(&s);
+}
