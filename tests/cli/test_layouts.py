@@ -70,6 +70,15 @@ class StreetCase(Case):
         return self.fails(["info", self.street], *words)
 
 
+    def repaint(self, folder, change):
+        """Rewrites the masks of a folder: change(value, y, height) is the new value of a pixel."""
+        for name in self.names(folder):
+            width, height, channels, bits, pixels = fixtures.read_png(self.at(folder, name))
+            assert channels == 1 and bits == 8
+            new = [change(value, i // width, height) for i, value in enumerate(pixels)]
+            write(self.at(folder, name), grey_png(width, height, new))
+
+
 class UnreadTest(StreetCase):
     def test_a_good_set_gives_none(self):
         self.assertEqual(self.warnings(), [])
@@ -139,6 +148,81 @@ class UnreadTest(StreetCase):
         done = self.succeeds("info", self.street)
         self.assertIn("12 have sky_masks, 12 semantic, 12 dynamic_masks", done.stdout)
         self.assertEqual(self.warnings(), [])
+
+
+class MaskTest(StreetCase):
+    def test_masks_of_0_and_1_are_masks(self):
+        self.repaint("sky_masks", lambda value, y, height: value // 255)
+        self.warns("sky_masks: masks of 0 and 1, as 003_0.png is", "1 is taken as white", "12 masks")
+        shutil.rmtree(self.at("lidar"))
+        done = self.succeeds("train", self.street, "-o", self.path("scene"), "--iterations", "1", *fixtures.SMALL)
+        self.assertIn("sky modelled", done.stdout)
+        self.assertIn("warning: ", done.stdout)
+
+    def test_an_empty_mask_says_nothing_of_the_others(self):
+        self.repaint("dynamic_masks/all", lambda value, y, height: 1 if y > 40 else 0)
+        name = self.at("dynamic_masks/all/003_0.png")
+        write(name, grey_png(96, 54, [0] * 96 * 54))
+        self.warns("dynamic_masks/all: masks of 0 and 1")
+
+    def test_masks_without_white(self):
+        self.repaint("sky_masks", lambda value, y, height: 70 if value else 0)
+        self.warns("sky_masks: no pixel of 003_0.png is white", "up to 70", "expected 0 and 255")
+
+    def test_pictures_in_place_of_masks(self):
+        self.repaint("dynamic_masks/all", lambda value, y, height: (7 * y) % 251)
+        self.warns("dynamic_masks/all:", "are grey")
+
+    def test_inverted_sky(self):
+        self.repaint("sky_masks", lambda value, y, height: 255 - value)
+        self.warns("sky_masks: masks look inverted: the lower quarter is white", "expected white for the sky")
+
+    def test_inverted_dynamic_masks(self):
+        self.repaint("dynamic_masks/all", lambda value, y, height: 255 - value)
+        self.warns("dynamic_masks/all: masks look inverted: more than half is white")
+
+    def test_masks_of_another_size(self):
+        for name in self.names("sky_masks"):
+            write(self.at("sky_masks", name), grey_png(48, 27, [0] * 48 * 27))
+        self.refused("sky_masks/003_0.png: 48 x 27 pixels", "expected 96 x 54")
+
+    def test_ego_masks(self):
+        pixels = [1 if i // 96 > 45 else 0 for i in range(96 * 54)]
+        write(self.at("ego_masks/0.png"), grey_png(96, 54, pixels))
+        write(self.at("ego_masks/1.png"), grey_png(96, 54, [255 * p for p in pixels]))
+        self.warns("1 of 2 ego masks are of 0 and 1, the first is camera 0's")
+        write(self.at("ego_masks/0.png"), grey_png(96, 54, [255 - 255 * p for p in pixels]))
+        self.warns("1 of 2 ego masks leave out more than half", "camera 0's", "inverted")
+
+
+class LabelTest(StreetCase):
+    COLOURS = {10: (70, 130, 180), 13: (0, 0, 142), 11: (220, 20, 60)}
+
+    def test_colours_in_place_of_classes(self):
+        for name in self.names("semantic"):
+            width, height, _, _, pixels = fixtures.read_png(self.at("semantic", name))
+            colours = b"".join(bytes(self.COLOURS.get(p, (128, 64, 128))) for p in pixels)
+            write(self.at("semantic", name), fixtures.png_bytes(width, height, colours))
+        self.refused("semantic/003_0.png: the pixel at", "has the colour", "expected the id of its class", "8 bits")
+
+    def test_classes_saved_in_three_channels(self):
+        for name in self.names("semantic"):
+            width, height, _, _, pixels = fixtures.read_png(self.at("semantic", name))
+            write(self.at("semantic", name), fixtures.png_bytes(width, height, b"".join(bytes([p] * 3) for p in pixels)))
+        self.assertEqual(self.warnings(), [])
+
+    def test_classes_of_16_bits(self):
+        for name in self.names("semantic"):
+            width, height, _, _, pixels = fixtures.read_png(self.at("semantic", name))
+            write(self.at("semantic", name), grey_png(width, height, pixels, 16))
+        self.assertEqual(self.warnings(), [])
+        name = self.at("semantic/003_0.png")
+        write(name, grey_png(96, 54, [26001] * 96 * 54, 16))
+        self.refused("semantic/003_0.png: values up to 26001", "up to 255")
+
+    def test_classes_of_another_set(self):
+        self.repaint("semantic", lambda value, y, height: {10: 23, 13: 26, 0: 7}.get(value, 11))
+        self.warns("semantic:", "that cityscapes labels don't have", "such as cityscapes-ids", "'labels' of dataset.json")
 
 
 if __name__ == "__main__":

@@ -13,4 +13,8 @@
 pags_result pags_driving_say_unread(const pags_driving *driving, const pags_dir_list *list,
                                     const pags_driving_picture *pictures, int64_t count);
 
+/* Warns of masks and label images that look like none of their kind (check_masks.c); fails for one that can't be
+ * loaded. */
+pags_result pags_masks_check(const pags_driving *driving, const pags_parsed_dataset *parsed);
+
 #endif

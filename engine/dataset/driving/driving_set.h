@@ -32,7 +32,8 @@ typedef struct pags_sensor {
   char *name;
   pags_lens lens;             /* width and height are not set */
   double ego_from_camera[12]; /* OpenCV axes; only with constant extrinsics */
-  pags_image ego; /* one channel, size of the photographs, 255 where the ego vehicle is seen; data NULL: none */
+  pags_image ego;   /* one channel, size of the photographs, 255 where the ego vehicle is seen; data NULL: none */
+  bool ego_of_ones; /* the file of `ego` has 1 in place of 255 */
 } pags_sensor;
 
 typedef struct pags_time_step {

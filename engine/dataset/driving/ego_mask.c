@@ -11,9 +11,11 @@
 #include "dataset/internal.h"
 
 #include "dataset/driving/driving_set.h"
+#include "dataset/driving/masks.h"
 #include "image/resample.h"
 
 #include "base/file.h"
+#include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
 
@@ -29,7 +31,13 @@ static const double spacing = 0.5;       /* metres: least distance between two p
 /* ---- Masks of the user ---- */
 
 static pags_result load_mask(const char *path, pags_sensor *sensor) {
-  return pags_image_load(path, PAGS_U8, 1, &sensor->ego);
+  PAGS_TRY(pags_image_load(path, PAGS_U8, 1, &sensor->ego));
+  const size_t size = (size_t)sensor->ego.width * (size_t)sensor->ego.height;
+  uint8_t *data = sensor->ego.data;
+  sensor->ego_of_ones = pags_driving_white(&sensor->ego) == 1;
+  for (size_t i = 0; sensor->ego_of_ones && i < size; i++)
+    data[i] = data[i] ? 255 : 0;
+  return PAGS_OK;
 }
 
 /* Loads the mask of one camera from a picture, which serves all cameras, or from a folder of C.png. *loaded becomes 0
@@ -59,6 +67,36 @@ static pags_result check_size(const pags_dataset *dataset, const pags_sensor *se
   return PAGS_OK;
 }
 
+/* Warns of masks of 0 and 1, and of masks that leave out most of the picture. */
+static void warn_of_masks(const pags_driving *driving, const char *given) {
+  int ones = 0, wide = 0, first_one = 0, first_wide = 0, total = 0;
+  for (int64_t i = 0; i < driving->sensor_count; i++) {
+    const pags_sensor *sensor = &driving->sensors[i];
+    const size_t size = (size_t)sensor->ego.width * (size_t)sensor->ego.height;
+    const uint8_t *data = sensor->ego.data;
+    size_t white = 0;
+    for (size_t k = 0; data && k < size; k++)
+      white += data[k] >= 128;
+    total += data != NULL;
+    if (sensor->ego_of_ones)
+      first_one = ones++ ? first_one : sensor->number;
+    if (2 * white > size)
+      first_wide = wide++ ? first_wide : sensor->number;
+  }
+  if (ones > 0)
+    pags_log_message(
+        PAGS_LOG_WARNING,
+        "%s: %d of %d ego masks are of 0 and 1, the first is camera %d's, in place of 0 and 255: 1 is taken "
+        "as white",
+        given, ones, total, first_one);
+  if (wide > 0)
+    pags_log_message(
+        PAGS_LOG_WARNING,
+        "%s: %d of %d ego masks leave out more than half of the picture, the first is camera %d's: they may "
+        "be inverted; expected white for the recording car",
+        given, wide, total, first_wide);
+}
+
 static pags_result take_given(pags_dataset *dataset, const char *given) {
   pags_driving *driving = dataset->parsed.driving;
   int total = 0;
@@ -70,6 +108,7 @@ static pags_result take_given(pags_dataset *dataset, const char *given) {
     if (loaded)
       PAGS_TRY(check_size(dataset, sensor, given));
   }
+  warn_of_masks(driving, given);
   return pags_driving_note(driving, "ego mask: of %d cameras from %s", total, given);
 }
 

@@ -8,6 +8,7 @@
 #include "dataset/driving/label_plane.h"
 
 #include "dataset/driving/critical.h"
+#include "dataset/driving/masks.h"
 
 #include <assert.h>
 #include <stdlib.h>
@@ -24,25 +25,14 @@ static size_t area(const pags_lens *lens) {
   return (size_t)lens->width * (size_t)lens->height;
 }
 
-/* Loads a one-channel picture and checks that it has the lens's size. */
-static pags_result load(const char *path, const pags_lens *lens, pags_image *out) {
-  PAGS_TRY(pags_image_load(path, PAGS_U8, 1, out));
-  if (out->width == lens->width && out->height == lens->height)
-    return PAGS_OK;
-  pags_result result = pags_fail(PAGS_ERROR_FORMAT, "%s: %d x %d pixels, expected %d x %d as its photograph has", path,
-                                 out->width, out->height, lens->width, lens->height);
-  pags_image_destroy(out);
-  return result;
-}
-
-/* Sets `bits` in `labels` where the mask file is white (>= 128) and, unless `mask` is NULL, clears `mask` there. */
+/* Sets `bits` in `labels` where the mask file is white and, unless `mask` is NULL, clears `mask` there. */
 static pags_result add_mask(const char *path, const pags_lens *lens, uint8_t bits, uint8_t *labels, uint8_t *mask) {
   pags_image white;
-  PAGS_TRY(load(path, lens, &white));
-  const uint8_t *from = white.data;
+  PAGS_TRY(pags_driving_load_mask(path, lens, &white));
+  const uint8_t *from = white.data, least = pags_driving_white(&white);
   for (size_t i = 0; i < area(lens); i++) {
-    labels[i] |= from[i] >= 128 ? bits : 0;
-    if (mask && from[i] >= 128)
+    labels[i] |= from[i] >= least ? bits : 0;
+    if (mask && from[i] >= least)
       mask[i] = 0;
   }
   pags_image_destroy(&white);
@@ -89,7 +79,7 @@ static pags_result load_files(const pags_driving *driving, const pags_parsed_vie
     /* Class ids become label bits; a sky mask takes precedence over the class sky. */
     pags_image classes;
     int wanted = PAGS_LABEL_CRITICAL | (view->sky_path ? 0 : PAGS_LABEL_SKY);
-    PAGS_TRY(load(view->semantic_path, &view->lens, &classes));
+    PAGS_TRY(pags_driving_load_labels(view->semantic_path, &view->lens, &classes));
     const uint8_t *from = classes.data;
     for (size_t i = 0; i < area(&view->lens); i++) {
       int bits = driving->critical.classes[from[i]];

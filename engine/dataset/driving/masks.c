@@ -1,13 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Finds the mask pictures of a view: FOLDER/TTT_C.png, where TTT is the number of the frame and C that of the
- * camera. */
+/* Finds and loads the mask pictures and label images of a view: FOLDER/TTT_C.png, where TTT is the number of the frame
+ * and C that of the camera. */
 #include "dataset/driving/masks.h"
 
+#include <errno.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "base/file.h"
 #include "base/memory.h"
 #include "base/text.h"
+#include "port/port.h"
 
 pags_result pags_driving_find_mask(const pags_driving *driving, const char *folder, const pags_parsed_view *view,
                                    char **out) {
@@ -19,4 +22,96 @@ pags_result pags_driving_find_mask(const pags_driving *driving, const char *fold
     *out = NULL;
   }
   return PAGS_OK;
+}
+
+static pags_result check_size(const char *path, const pags_lens *lens, const pags_image *image) {
+  if (image->width == lens->width && image->height == lens->height)
+    return PAGS_OK;
+  return pags_fail(PAGS_ERROR_FORMAT, "%s: %d x %d pixels, expected %d x %d as its photograph has", path, image->width,
+                   image->height, lens->width, lens->height);
+}
+
+static pags_result finish(pags_result result, pags_image *out) {
+  if (result != PAGS_OK)
+    pags_image_destroy(out);
+  return result;
+}
+
+pags_result pags_driving_load_mask(const char *path, const pags_lens *lens, pags_image *out) {
+  PAGS_TRY(pags_image_load(path, PAGS_U8, 1, out));
+  return finish(check_size(path, lens, out), out);
+}
+
+uint8_t pags_driving_white(const pags_image *mask) {
+  const uint8_t *from = mask->data;
+  const size_t count = (size_t)mask->width * (size_t)mask->height;
+  unsigned all = 0; /* every bit that some pixel has */
+  for (size_t i = 0; i < count; i++)
+    all |= from[i];
+  return all == 1 ? 1 : 128;
+}
+
+/* ---- Label images ---- */
+
+/* Whether the file is a PNG with 16 bits a sample (ISO/IEC 15948, 11.2.2: the depth is byte 24). */
+static bool has_16_bits(const char *path) {
+  uint8_t head[25] = {0};
+  FILE *file = pags_port_open(path, "rb");
+  if (!file)
+    return false;
+  const size_t got = fread(head, 1, sizeof head, file);
+  fclose(file);
+  return got == sizeof head && memcmp(head, "\x89PNG", 4) == 0 && head[24] == 16;
+}
+
+/* Makes the 16-bit samples of a label image 8 bits wide, without scaling them. */
+static pags_result narrow(const char *path, pags_image *image) {
+  const uint16_t *from = image->data;
+  const size_t count = (size_t)image->width * (size_t)image->height;
+  pags_image narrowed;
+  PAGS_TRY(pags_image_create(&narrowed, image->width, image->height, 1, PAGS_U8));
+  uint8_t *to = narrowed.data;
+  unsigned most = 0;
+  for (size_t i = 0; i < count; i++) {
+    most = from[i] > most ? from[i] : most;
+    to[i] = (uint8_t)from[i];
+  }
+  pags_image_destroy(image);
+  *image = narrowed;
+  if (most <= 255)
+    return PAGS_OK;
+  return pags_fail(
+      PAGS_ERROR_FORMAT,
+      "%s: values up to %u, expected ids of classes up to 255; ids of instances (class x 1000 + number) are "
+      "to be divided",
+      path, most);
+}
+
+/* Keeps the first of the channels of a label image, which must be equal but for alpha. */
+static pags_result keep_one(const char *path, pags_image *image) {
+  const size_t count = (size_t)image->width * (size_t)image->height, step = (size_t)image->channels;
+  uint8_t *data = image->data;
+  for (size_t i = 0; i < count; i++) {
+    const uint8_t *pixel = data + i * step;
+    if (step >= 3 && (pixel[0] != pixel[1] || pixel[0] != pixel[2]))
+      return pags_fail(PAGS_ERROR_FORMAT,
+                       "%s: the pixel at %d, %d has the colour %d %d %d, expected the id of its class as one number (a "
+                       "grey PNG of 8 bits); colours and palettes have to be turned into ids first",
+                       path, (int)(i % (size_t)image->width), (int)(i / (size_t)image->width), pixel[0], pixel[1],
+                       pixel[2]);
+    data[i] = pixel[0];
+  }
+  image->channels = 1;
+  return PAGS_OK;
+}
+
+pags_result pags_driving_load_labels(const char *path, const pags_lens *lens, pags_image *out) {
+  const bool wide = has_16_bits(path);
+  PAGS_TRY(pags_image_load(path, wide ? PAGS_U16 : PAGS_U8, wide ? 1 : 0, out));
+  pags_result result = check_size(path, lens, out);
+  if (result == PAGS_OK && wide)
+    result = narrow(path, out);
+  else if (result == PAGS_OK && out->channels > 1)
+    result = keep_one(path, out);
+  return finish(result, out);
 }

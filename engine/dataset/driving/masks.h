@@ -1,12 +1,24 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Finds the mask pictures of a view of a driving set. */
+/* Finds and loads the mask pictures and label images of a driving set. */
 #ifndef PAGS_DATASET_DRIVING_MASKS_H
 #define PAGS_DATASET_DRIVING_MASKS_H
+
+#include <pags/image.h>
 
 #include "dataset/driving/driving_set.h"
 
 /* Sets *out to the path of the view's FOLDER/TTT_C.png, or to NULL if there is no such file. The caller frees it. */
 pags_result pags_driving_find_mask(const pags_driving *driving, const char *folder, const pags_parsed_view *view,
                                    char **out);
+
+/* Loads a mask: U8, one channel, of the photograph's size. PAGS_ERROR_FORMAT for another size. */
+pags_result pags_driving_load_mask(const char *path, const pags_lens *lens, pags_image *out);
+
+/* Loads a label image in the same way; the samples are ids of classes. Fails with PAGS_ERROR_FORMAT if the picture has
+ * colours in place of ids, or ids above 255. */
+pags_result pags_driving_load_labels(const char *path, const pags_lens *lens, pags_image *out);
+
+/* Returns the least value that is white in a mask: 128, or 1 if the mask holds nothing but 0 and 1. */
+uint8_t pags_driving_white(const pags_image *mask);
 
 #endif

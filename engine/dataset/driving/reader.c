@@ -291,6 +291,7 @@ static pags_result read_parts(pags_driving *driving, const pags_dataset_options 
   pags_driving_check_places(driving, parsed);
   PAGS_TRY(pags_critical_choose(driving, options->critical, parsed));
   PAGS_TRY(pags_sweeps_find(driving));
+  PAGS_TRY(pags_masks_check(driving, parsed));
   return pags_critical_note(driving, parsed);
 }
 
