@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Driving sets as people bring them: what lies there unread, and what can't be right, is said."""
 
+import array
 import json
 import os
 import shutil
@@ -223,6 +224,91 @@ class LabelTest(StreetCase):
     def test_classes_of_another_set(self):
         self.repaint("semantic", lambda value, y, height: {10: 23, 13: 26, 0: 7}.get(value, 11))
         self.warns("semantic:", "that cityscapes labels don't have", "such as cityscapes-ids", "'labels' of dataset.json")
+
+
+class SweepTest(StreetCase):
+    def rewrite(self, change):
+        """Rewrites every sweep: change(points, frame) gets lists of x, y, z, intensity and returns bytes."""
+        for name in self.names("lidar"):
+            values = array.array("f", read(self.at("lidar", name)))
+            points = [list(values[i : i + 4]) for i in range(0, len(values), 4)]
+            write(self.at("lidar", name), change(points, name[:3]))
+
+    def columns(self, count):
+        """Rewrites the sweeps with another number of columns, cut off so that the sizes divide by 16 as well."""
+
+        def change(points, frame):
+            rows = [(p + [float(i % 32), 0.0, 1.0, 2.0])[:count] for i, p in enumerate(points)]
+            rows = rows[: len(rows) // 4 * 4]
+            return array.array("f", [v for row in rows for v in row]).tobytes()
+
+        self.rewrite(change)
+
+    def flat(self, points, kind="f"):
+        return array.array(kind, [v for p in points for v in p])
+
+    def matrix(self, folder, frame):
+        return [float(v) for v in read(self.at(folder, f"{frame}.txt")).split()]
+
+    def test_float64(self):
+        self.rewrite(lambda points, frame: self.flat(points, "d").tobytes())
+        self.refused("lidar/003.bin", "farther than 1000 m", "rows of 4 float32", "read as float64 they would be")
+
+    def test_millimetres_and_centimetres(self):
+        self.rewrite(lambda points, frame: self.flat([[1000 * v for v in p] for p in points]).tobytes())
+        self.refused("lidar/003.bin", "taken as millimetres", "divide them by 1000")
+        self.rewrite(lambda points, frame: self.flat([[v / 10 for v in p] for p in points]).tobytes())
+        self.refused("lidar/003.bin", "taken as centimetres", "divide them by 100")
+
+    def test_big_endian(self):
+        def change(points, frame):
+            values = self.flat(points)
+            values.byteswap()
+            return values.tobytes()
+
+        self.rewrite(change)
+        self.refused("lidar/003.bin", "read as big-endian")
+
+    def test_files_of_other_formats(self):
+        write(self.at("lidar/003.bin"), b"\x93NUMPY\x01\0" + b" " * 120 + read(self.at("lidar/003.bin")))
+        self.refused("lidar/003.bin: is a .npy file", "tofile")
+        write(self.at("lidar/003.bin"), b"version https://git-lfs.github.com/spec/v1\noid sha256:12 ")
+        self.refused("lidar/003.bin", "Git LFS", "git lfs pull")
+
+    def test_five_columns(self):
+        self.columns(5)
+        self.refused("lidar/003.bin: by its values it has 5 floats a row, expected 4", "'lidar_columns' of dataset.json")
+
+    def test_three_columns(self):
+        self.columns(3)
+        self.refused("lidar/003.bin: by its values it has 3 floats a row")
+
+    def test_eight_columns(self):
+        self.columns(8)
+        self.refused("lidar/003.bin: by its values it has 8 floats a row")
+
+    def test_the_world_frame(self):
+        def change(points, frame):
+            m = self.matrix("ego_pose", frame)
+            for p in points:
+                p[:3] = [sum(m[4 * k + i] * p[i] for i in range(3)) + m[4 * k + 3] for k in range(3)]
+            return self.flat(points).tobytes()
+
+        self.rewrite(change)
+        self.warns("lidar: ", "of the points of two sweeps meet without ego_pose", "lidar_frame may be wrong")
+        described = json.loads(read(self.at("dataset.json")))
+        write(self.at("dataset.json"), json.dumps({**described, "lidar_frame": "world"}))
+        self.assertEqual(self.warnings(), [])
+        self.assertIn("sweeps in the world's frame", self.succeeds("info", self.street).stdout)
+
+    def test_inverse_poses(self):
+        for name in self.names("ego_pose"):
+            m = self.matrix("ego_pose", name[:3])
+            rows = [[m[k], m[4 + k], m[8 + k], -sum(m[4 * i + k] * m[4 * i + 3] for i in range(3))] for k in range(3)]
+            text = "\n".join(" ".join(repr(v) for v in row) for row in rows + [[0, 0, 0, 1]])
+            write(self.at("ego_pose", name), text)
+        lines = self.warnings()
+        self.assertTrue(any("ego_pose: " in line and "meet with the inverse poses" in line for line in lines), lines)
 
 
 if __name__ == "__main__":

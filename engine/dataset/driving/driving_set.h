@@ -18,6 +18,7 @@ typedef struct pags_rules {
   bool waymo_axes;  /* camera axes: Waymo's (x forward, y left, z up); else OpenCV's (x right, y down, z forward) */
   bool per_frame;   /* extrinsics/TTT_C.txt, camera-to-world; else extrinsics/C.txt, camera-to-ego, constant */
   bool lidar_frame; /* sweeps are in the LiDAR's frame, with poses lidar_pose/TTT.txt; else in the ego frame */
+  bool lidar_world; /* sweeps are in the world's frame */
   bool forward_y;   /* the front of a box is its +y side; else +x */
   int columns;      /* float32 values per point of a sweep; 0: not stated */
   int position[3];  /* column indices of x, y, z */

@@ -263,7 +263,10 @@ static pags_result read_parts(pags_driving *driving, const pags_dataset_options 
   const pags_rules *rules = &driving->rules;
   PAGS_TRY(pags_driving_note(driving, "kind %s: %s, camera axes %s, sweeps in the %s frame, boxes' front %s",
                              rules->kind, rules->per_frame ? "extrinsics per frame" : "constant extrinsics",
-                             rules->waymo_axes ? "Waymo's" : "OpenCV's", rules->lidar_frame ? "LiDAR's" : "ego",
+                             rules->waymo_axes ? "Waymo's" : "OpenCV's",
+                             rules->lidar_frame   ? "LiDAR's"
+                             : rules->lidar_world ? "world's"
+                                                  : "ego",
                              rules->forward_y ? "+y" : "+x"));
 
   driving->sky_folder = has_folder(driving->root, "sky_masks") ? "sky_masks" : "sky_mask";
@@ -291,6 +294,8 @@ static pags_result read_parts(pags_driving *driving, const pags_dataset_options 
   pags_driving_check_places(driving, parsed);
   PAGS_TRY(pags_critical_choose(driving, options->critical, parsed));
   PAGS_TRY(pags_sweeps_find(driving));
+  PAGS_TRY(pags_sweeps_check(driving));
+  PAGS_TRY(pags_sweep_poses_check(driving));
   PAGS_TRY(pags_masks_check(driving, parsed));
   return pags_critical_note(driving, parsed);
 }

@@ -26,13 +26,13 @@
  * PandaSet: x y z, intensity, sensor. nuPlan: x y z, intensity, ring, LiDAR id. KITTI, nuScenes, Argoverse 2: x y z,
  * reflectance. Only nuScenes stores sweeps in the LiDAR's frame. */
 static const pags_rules kinds[] = {
-    {"waymo", WAYMO, CONSTANT, false, false, 14, .position = {3, 4, 5}},
-    {"pandaset", OPENCV, PER_FRAME, false, true, 5, .position = {0, 1, 2}},
-    {"kitti", OPENCV, CONSTANT, false, false, 4, .position = {0, 1, 2}},
-    {"nuscenes", OPENCV, PER_FRAME, true, false, 4, .position = {0, 1, 2}},
-    {"argoverse2", OPENCV, CONSTANT, false, false, 4, .position = {0, 1, 2}},
-    {"nuplan", OPENCV, CONSTANT, false, false, 6, .position = {0, 1, 2}},
-    {"pags", OPENCV, CONSTANT, false, false, 0, .position = {0, 1, 2}}, /* dataset.json must state all of them */
+    {"waymo", WAYMO, CONSTANT, false, false, false, 14, .position = {3, 4, 5}},
+    {"pandaset", OPENCV, PER_FRAME, false, false, true, 5, .position = {0, 1, 2}},
+    {"kitti", OPENCV, CONSTANT, false, false, false, 4, .position = {0, 1, 2}},
+    {"nuscenes", OPENCV, PER_FRAME, true, false, false, 4, .position = {0, 1, 2}},
+    {"argoverse2", OPENCV, CONSTANT, false, false, false, 4, .position = {0, 1, 2}},
+    {"nuplan", OPENCV, CONSTANT, false, false, false, 6, .position = {0, 1, 2}},
+    {"pags", OPENCV, CONSTANT, false, false, false, 0, .position = {0, 1, 2}}, /* dataset.json must state all of them */
 };
 
 #define KIND_NAMES "waymo, pandaset, kitti, nuscenes, argoverse2 or nuplan"
@@ -118,6 +118,20 @@ static pags_result read_columns(const source *s, pags_rules *rules) {
   return PAGS_OK;
 }
 
+/* Reads lidar_frame: "ego", "laser" or "world". */
+static pags_result read_lidar_frame(const source *s, pags_rules *rules) {
+  const char *text;
+  if (states(s, "lidar_frame")) {
+    PAGS_TRY(pags_json_string(s->json, s->root, "lidar_frame", &text));
+    rules->lidar_world = strncmp(text, "world", 5) == 0;
+    if (rules->lidar_world) {
+      rules->lidar_frame = false;
+      return PAGS_OK;
+    }
+  }
+  return read_choice(s, "lidar_frame", "ego", "laser", &rules->lidar_frame);
+}
+
 static pags_result read_fps(const source *s, pags_rules *rules) {
   if (!states(s, "fps"))
     return PAGS_OK;
@@ -178,7 +192,7 @@ static pags_result read_rules(const char *root, const char *kind, bool per_frame
   PAGS_TRY(read_choice(s, "camera_axes", "opencv", "waymo", &rules->waymo_axes));
   PAGS_TRY(read_choice(s, "extrinsics", "per-frame", "constant", &constant));
   rules->per_frame = !constant;
-  PAGS_TRY(read_choice(s, "lidar_frame", "ego", "laser", &rules->lidar_frame));
+  PAGS_TRY(read_lidar_frame(s, rules));
   PAGS_TRY(read_choice(s, "object_forward", "+x", "+y", &rules->forward_y));
   PAGS_TRY(read_columns(s, rules));
   PAGS_TRY(read_labels(s, rules));

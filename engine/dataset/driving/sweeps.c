@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Finds and reads the sweeps lidar/TTT.bin: rows of little-endian float32, three columns of which are the point.
  * Which columns these are depends on the kind of the set (rules.c). */
+#include "dataset/driving/checks.h"
 #include "dataset/driving/reader.h"
 
 #include "base/bytes.h"
@@ -22,13 +23,21 @@ static uint64_t row_bytes(const pags_driving *driving) {
 static pags_result check_size(const pags_driving *driving, const char *path, uint64_t size) {
   if (size % row_bytes(driving) == 0)
     return PAGS_OK;
-  return pags_fail(PAGS_ERROR_FORMAT, "%s: %llu bytes, expected a multiple of %llu (%d floats a row, as kind %s has)",
-                   path, (unsigned long long)size, (unsigned long long)row_bytes(driving), driving->rules.columns,
-                   driving->rules.kind);
+  const char *format = pags_sweep_format(path);
+  return pags_fail(
+      PAGS_ERROR_FORMAT,
+      "%s: %s%s%llu bytes, expected a multiple of %llu (%d floats a row, as kind %s has; 'lidar_columns' of "
+      "dataset.json names others)",
+      path, format ? format : "", format ? "; " : "", (unsigned long long)size, (unsigned long long)row_bytes(driving),
+      driving->rules.columns, driving->rules.kind);
 }
 
 /* Reads the pose of a sweep; *missing: there is none, and the sweep is left out as its photographs are. */
 static pags_result read_pose(const pags_driving *driving, int frame, double out[12], bool *missing, pags_tally *lost) {
+  static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+  memcpy(out, identity, sizeof identity);
+  if (driving->rules.lidar_world)
+    return PAGS_OK;
   const char *folder = driving->rules.lidar_frame ? "lidar_pose" : "ego_pose";
   char *path = pags_text_format("%s/%s/%0*d.txt", driving->root, folder, driving->digits, frame);
   pags_result result = path ? pags_text_pose_read(path, out) : pags_out_of_memory("%s", driving->root);

@@ -1,0 +1,156 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Tells by two sweeps whether their poses belong to them: what stands still is met twice.
+ *
+ * Two sweeps between which the car has driven some metres are put into the world, and the share of the points of one
+ * that lie in a voxel of the other is measured. It is measured again with the points left where they are, which fits
+ * better if they are in the world's frame already, and with the inverse poses. Points near the ground don't count,
+ * since a road fits a road anywhere. */
+#include "dataset/driving/checks.h"
+#include "dataset/driving/reader.h"
+
+#include "base/log.h"
+#include "base/memory.h"
+#include "base/sort.h"
+
+#include <pags/camera.h>
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { MOST_POINTS = 1500, MOST_HEIGHTS = 256, SLOTS = 4096 };
+
+/* Metres: side of a voxel, distance driven between the sweeps (least, best), height above the ground and distance from
+ * the car of the points that count. */
+static const double voxel = 1, least_way = 2, best_way = 6, above_ground = 0.7, reach = 60;
+/* Another reading of the poses is told if its share is so much larger and at least so large. */
+static const double least_ratio = 1.4, least_share = 0.35;
+
+typedef struct points {
+  int64_t count;
+  float xyz[MOST_POINTS][3];
+  double pose[12];
+} points;
+
+static int by_height(const void *a, const void *b) {
+  const float left = *(const float *)a, right = *(const float *)b;
+  return left < right ? -1 : left > right;
+}
+
+/* Takes at most MOST_POINTS points of a sweep that are above the ground, which is where a fifth of all are below. */
+static pags_result take(const pags_driving *driving, int64_t index, points *out) {
+  float heights[MOST_HEIGHTS], *xyz;
+  int64_t count, looked = 0;
+  PAGS_TRY(pags_sweep_read(driving, index, &count, &xyz));
+  for (int64_t i = 0; i < MOST_HEIGHTS && count > 0; i++)
+    heights[looked++] = xyz[3 * (i * count / MOST_HEIGHTS) + 2];
+  pags_sort(heights, looked, sizeof *heights, by_height);
+  const double ground = looked ? (double)heights[looked / 5] + above_ground : 0;
+  const int64_t step = count / (2 * MOST_POINTS) + 1;
+  out->count = 0;
+  for (int64_t i = 0; i < count && out->count < MOST_POINTS; i += step) {
+    const float *p = xyz + 3 * i;
+    if ((double)p[2] > ground)
+      memcpy(out->xyz[out->count++], p, sizeof out->xyz[0]);
+  }
+  free(xyz);
+  memcpy(out->pose, driving->sweeps[index].world_from_sweep, sizeof out->pose);
+  return PAGS_OK;
+}
+
+/* Whether a point, moved by the pose, can be counted; *key: its voxel. */
+static bool voxel_of(const points *from, int64_t index, const double pose[12], uint64_t *key) {
+  const double p[3] = {(double)from->xyz[index][0], (double)from->xyz[index][1], (double)from->xyz[index][2]};
+  double world[3];
+  pags_rigid_point(pose, p, world);
+  *key = 0;
+  for (int k = 0; k < 3; k++) {
+    const double at = floor(world[k] / voxel);
+    if (!(fabs(at) < 1e9))
+      return false;
+    *key = *key * 2000003 + (uint64_t)(int64_t)at;
+  }
+  *key |= (uint64_t)1 << 63; /* no key is zero */
+  return true;
+}
+
+static int64_t slot_of(const uint64_t *slots, uint64_t key) {
+  int64_t slot = (int64_t)((key * 0x9E3779B97F4A7C15u) >> 52);
+  while (slots[slot] && slots[slot] != key)
+    slot = (slot + 1) % SLOTS;
+  return slot;
+}
+
+/* Returns the share of b's points that lie in a voxel of a's, each moved by its pose. */
+static double overlap(const points *a, const double pose_a[12], const points *b, const double pose_b[12],
+                      uint64_t *slots) {
+  int64_t hits = 0;
+  uint64_t key;
+  memset(slots, 0, SLOTS * sizeof *slots);
+  for (int64_t i = 0; i < a->count; i++)
+    if (voxel_of(a, i, pose_a, &key))
+      slots[slot_of(slots, key)] = key;
+  for (int64_t i = 0; i < b->count; i++)
+    hits += voxel_of(b, i, pose_b, &key) && slots[slot_of(slots, key)] == key;
+  return b->count ? (double)hits / (double)b->count : 0;
+}
+
+/* Finds the sweep before or after the middle one to which the car's way is nearest to best_way; -1: it stands. */
+static int64_t find_partner(const pags_driving *driving, int64_t middle) {
+  int64_t best = -1;
+  double nearest = INFINITY;
+  for (int64_t i = 0; i < driving->sweep_count; i++) {
+    const double *a = driving->sweeps[middle].world_from_sweep, *b = driving->sweeps[i].world_from_sweep;
+    const double way =
+        sqrt((a[3] - b[3]) * (a[3] - b[3]) + (a[7] - b[7]) * (a[7] - b[7]) + (a[11] - b[11]) * (a[11] - b[11]));
+    if (way < least_way || way > reach || fabs(way - best_way) >= nearest)
+      continue;
+    nearest = fabs(way - best_way);
+    best = i;
+  }
+  return best;
+}
+
+static void warn(const pags_driving *driving, const points *a, const points *b, uint64_t *slots) {
+  static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+  double back_a[12], back_b[12];
+  pags_rigid_inverse(a->pose, back_a);
+  pags_rigid_inverse(b->pose, back_b);
+  const double as_read = overlap(a, a->pose, b, b->pose, slots);
+  const double world = overlap(a, identity, b, identity, slots), inverse = overlap(a, back_a, b, back_b, slots);
+  const double better = fmax(world, inverse);
+  const char *folder = driving->rules.lidar_frame ? "lidar_pose" : "ego_pose";
+  if (better < least_share || better < least_ratio * as_read)
+    return;
+  if (world >= inverse)
+    pags_log_message(
+        PAGS_LOG_WARNING,
+        "%s/lidar: %.0f %% of the points of two sweeps meet without %s, %.0f %% with it: lidar_frame may be "
+        "wrong; points in the world's frame want \"lidar_frame\": \"world\" in dataset.json",
+        driving->root, 100 * world, folder, 100 * as_read);
+  else
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s/%s: %.0f %% of the points of two sweeps meet with the inverse poses, %.0f %% with those read: "
+                     "the poses may be wrong; expected car-to-world, not world-to-car",
+                     driving->root, folder, 100 * inverse, 100 * as_read);
+}
+
+pags_result pags_sweep_poses_check(const pags_driving *driving) {
+  const int64_t middle = driving->sweep_count / 2;
+  const int64_t partner = driving->rules.lidar_world ? -1 : find_partner(driving, middle);
+  if (partner < 0)
+    return PAGS_OK;
+  struct work {
+    points a, b;
+    uint64_t slots[SLOTS];
+  } *w = malloc(sizeof *w);
+  if (!w)
+    return pags_out_of_memory("%s", driving->root);
+  pags_result result = take(driving, middle, &w->a);
+  if (result == PAGS_OK)
+    result = take(driving, partner, &w->b);
+  if (result == PAGS_OK && w->a.count >= 100 && w->b.count >= 100)
+    warn(driving, &w->a, &w->b, w->slots);
+  free(w);
+  return result;
+}

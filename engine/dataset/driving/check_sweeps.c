@@ -1,0 +1,280 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Looks at the sweep of the middle of a driving set: refuses values that can't be points in metres, and rows of another
+ * number of columns, and says what the file looks like instead.
+ *
+ * The number of columns is told by their spread. Read with the right number, x, y, z, intensity, ... differ in their
+ * standard deviations s_j; read with another, every column mixes all of them and has the standard deviation s of all
+ * values. The gain mean_j log(s / s_j) is 0.6 and more for the first and about 0 for the second; multiples of the right
+ * number have its gain, and divisors a part of it. */
+#include "dataset/driving/checks.h"
+#include "dataset/driving/reader.h"
+
+#include "base/bytes.h"
+#include "base/file.h"
+#include "base/memory.h"
+#include "base/sort.h"
+#include "maths/maths.h"
+#include "port/port.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Pieces of the file that are looked at, bytes of a piece (a multiple of 8), fewest and most columns looked for. */
+enum { PIECES = 8, PIECE = 2048, FEWEST = 3, MOST = 16, FEW_VALUES = 512 };
+
+static const double farthest = 1000;      /* metres: no LiDAR of cars sees as far */
+static const double nearest_median = 0.3; /* metres: half of the points are farther than this */
+static const double small = 1e-6;         /* numbers nearer to zero, but for zero, are no coordinates */
+
+typedef struct sample {
+  uint8_t bytes[PIECES][PIECE];
+  uint64_t at[PIECES]; /* offset of each piece in the file, a multiple of 8 */
+  size_t size[PIECES]; /* bytes read */
+  uint64_t file;       /* size of the file */
+} sample;
+
+static pags_result read_sample(const char *path, sample *out) {
+  PAGS_TRY(pags_file_size(path, &out->file));
+  FILE *stream = pags_port_open(path, "rb");
+  if (!stream)
+    return pags_fail_errno(path, "can't be read");
+  const uint64_t room = out->file > PIECE ? out->file - PIECE : 0;
+  for (int i = 0; i < PIECES; i++) {
+    out->at[i] = (uint64_t)i * PIECE < out->file ? room * (uint64_t)i / (PIECES - 1) / 8 * 8 : 0;
+    out->size[i] = 0;
+    if (out->file <= (uint64_t)PIECES * PIECE)
+      out->at[i] = (uint64_t)i * PIECE; /* a small file is looked at as a whole */
+    if (out->at[i] < out->file && pags_port_seek(stream, (int64_t)out->at[i], SEEK_SET))
+      out->size[i] = fread(out->bytes[i], 1, PIECE, stream);
+  }
+  fclose(stream);
+  return PAGS_OK;
+}
+
+/* ---- Points ---- */
+
+/* How the bytes are read as points. */
+typedef struct reading {
+  int columns, position[3];
+  bool wide;      /* float64 */
+  bool swapped;   /* big-endian */
+  double unit;    /* metres of 1 */
+  double from[3]; /* subtracted */
+} reading;
+
+/* What the points are like. */
+typedef struct points_look {
+  int64_t rows, finite, wrong; /* wrong: of the finite ones, those that no LiDAR gives */
+  double median;               /* metres: of the distances of the finite ones */
+  double first[3];             /* the first wrong one */
+  int64_t first_row;
+} points_look;
+
+static double load(const reading *how, const uint8_t *at) {
+  uint8_t turned[8];
+  const int size = how->wide ? 8 : 4;
+  for (int i = 0; how->swapped && i < size; i++)
+    turned[i] = at[size - 1 - i];
+  const uint8_t *from = how->swapped ? turned : at;
+  return how->wide ? pags_load_f64(from) : (double)pags_load_f32(from);
+}
+
+static int by_value(const void *a, const void *b) {
+  const double left = *(const double *)a, right = *(const double *)b;
+  return left < right ? -1 : left > right;
+}
+
+static void look_at_points(const sample *s, const reading *how, points_look *out) {
+  double distances[PIECES * PIECE / 12];
+  const uint64_t row = (uint64_t)how->columns * (how->wide ? 8 : 4);
+  *out = (points_look){0};
+  for (int i = 0; i < PIECES; i++)
+    for (uint64_t at = (s->at[i] + row - 1) / row * row; at + row <= s->at[i] + s->size[i]; at += row) {
+      const uint8_t *bytes = s->bytes[i] + (at - s->at[i]);
+      double p[3], square = 0;
+      bool odd = false;
+      out->rows++;
+      for (int k = 0; k < 3; k++) {
+        p[k] = (load(how, bytes + how->position[k] * (how->wide ? 8 : 4)) - how->from[k]) * how->unit;
+        square += p[k] * p[k];
+        odd = odd || (p[k] != 0 && fabs(p[k]) < small);
+      }
+      if (!isfinite(p[0]) || !isfinite(p[1]) || !isfinite(p[2]))
+        continue;
+      distances[out->finite++] = sqrt(square);
+      if (!odd && square <= farthest * farthest)
+        continue;
+      if (out->wrong++ == 0) {
+        memcpy(out->first, p, sizeof p);
+        out->first_row = (int64_t)(at / row);
+      }
+    }
+  pags_sort(distances, out->finite, sizeof *distances, by_value);
+  out->median = out->finite ? distances[out->finite / 2] : 0;
+}
+
+static bool is_plausible(const points_look *look) {
+  return 2 * look->finite >= look->rows && 20 * look->wrong <= look->finite && look->median >= nearest_median;
+}
+
+/* ---- What else the file may be ---- */
+
+const char *pags_sweep_format(const char *path) {
+  static const struct {
+    const char *magic, *name;
+  } known[] = {{"\x93NUMPY", "a .npy file of numpy (write its array with tofile)"},
+               {"ply\n", "a PLY file"},
+               {"ply\r", "a PLY file"},
+               {"# .PCD", "a PCD file"},
+               {"VERSION", "a PCD file"},
+               {"LASF", "a LAS file"},
+               {"PK\x03\x04", "a zip archive (.npz)"},
+               {"version https://git-lfs", "a pointer of Git LFS (fetch the file itself with 'git lfs pull')"}};
+  char head[32] = {0};
+  FILE *stream = pags_port_open(path, "rb");
+  if (!stream)
+    return NULL;
+  const size_t got = fread(head, 1, sizeof head, stream);
+  fclose(stream);
+  for (size_t i = 0; i < sizeof known / sizeof *known; i++)
+    if (got >= strlen(known[i].magic) && memcmp(head, known[i].magic, strlen(known[i].magic)) == 0)
+      return known[i].name;
+  return NULL;
+}
+
+static bool fits(const sample *s, const reading *how) {
+  points_look look;
+  look_at_points(s, how, &look);
+  return look.rows > 0 && is_plausible(&look) && look.median >= 4 && look.median <= 60;
+}
+
+/* Says what the points look like, if they aren't what the rules say. */
+static const char *guess(const sample *s, const reading *declared, const pags_sweep *sweep) {
+  reading how = *declared;
+  how.wide = true;
+  if (s->file % ((uint64_t)how.columns * 8) == 0 && fits(s, &how))
+    return "; read as float64 they would be: write them as float32";
+  how = *declared;
+  how.swapped = true;
+  if (fits(s, &how))
+    return "; read as big-endian they would be: write them as little-endian";
+  how = *declared;
+  for (int k = 0; k < 3; k++)
+    how.from[k] = sweep->world_from_sweep[4 * k + 3];
+  if (fits(s, &how))
+    return "; they lie about the car's place in the world: if they are in the world's frame, put \"lidar_frame\": "
+           "\"world\" into dataset.json";
+  how = *declared;
+  how.unit = 0.001;
+  if (fits(s, &how))
+    return "; taken as millimetres they would be: divide them by 1000";
+  how.unit = 0.01;
+  if (fits(s, &how))
+    return "; taken as centimetres they would be: divide them by 100";
+  return "";
+}
+
+/* ---- Columns ---- */
+
+/* Returns the gain of reading the values in rows of so many columns (see above). */
+static double gain_of(const sample *s, int columns) {
+  double sum[MOST] = {0}, square[MOST] = {0}, total = 0, squares = 0, gain = 0;
+  int64_t counts[MOST] = {0}, all = 0;
+  for (int i = 0; i < PIECES; i++) {
+    int column = (int)(s->at[i] / 4 % (uint64_t)columns);
+    for (size_t at = 0; at + 4 <= s->size[i]; at += 4, column = column + 1 == columns ? 0 : column + 1) {
+      const double v = (double)pags_load_f32(s->bytes[i] + at);
+      if (!(fabs(v) < 10 * farthest))
+        continue;
+      sum[column] += v;
+      square[column] += v * v;
+      counts[column]++;
+    }
+  }
+  for (int j = 0; j < columns; j++) {
+    total += sum[j];
+    squares += square[j];
+    all += counts[j];
+  }
+  if (all < FEW_VALUES)
+    return 0;
+  const double mean = total / (double)all, spread = sqrt(fmax(squares / (double)all - mean * mean, 0));
+  if (!(spread > 0))
+    return 0;
+  for (int j = 0; j < columns; j++) {
+    const double m = counts[j] ? sum[j] / (double)counts[j] : 0;
+    const double own = counts[j] ? sqrt(fmax(square[j] / (double)counts[j] - m * m, 0)) : 0;
+    gain -= pags_log(own / spread + 1e-3) / columns;
+  }
+  return gain;
+}
+
+/* Returns the number of columns that the file has by its values; 0 if it is the declared one or can't be told. */
+static int other_columns(const sample *s, int declared) {
+  double gains[MOST + 1] = {0}, best = 0;
+  for (int c = FEWEST; c <= MOST; c++) {
+    gains[c] = s->file % (4 * (uint64_t)c) == 0 || c == declared ? gain_of(s, c) : 0;
+    best = fmax(best, gains[c]);
+  }
+  if (best < 0.5 || declared > MOST)
+    return 0;
+  int found = FEWEST;
+  while (gains[found] < 0.95 * best)
+    found++;
+  /* The declared number is right if it is the smallest of those with the best gain, or no multiple of that one and
+   * nearly as good. */
+  const bool repeats = declared % found == 0 && declared > found;
+  return gains[declared] >= 0.4 * best && !repeats ? 0 : found;
+}
+
+/* ---- The check ---- */
+
+static pags_result check_rows(const pags_driving *driving, const char *path, const sample *s, const reading *how,
+                              const pags_sweep *sweep) {
+  const char *known = pags_sweep_format(path);
+  points_look look;
+  if (known)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: is %s; expected rows of %d little-endian float32 without a header", path,
+                     known, how->columns);
+  look_at_points(s, how, &look);
+  if (look.rows > 0 && !driving->rules.lidar_world && !is_plausible(&look)) {
+    const char *other = guess(s, how, sweep);
+    if (look.wrong > 0)
+      return pags_fail(PAGS_ERROR_FORMAT,
+                       "%s: %lld of %lld points looked at are farther than %g m or next to nothing, the first is row "
+                       "%lld: %g %g %g; expected rows of %d float32, metres, about the car (kind %s)%s",
+                       path, (long long)look.wrong, (long long)look.rows, farthest, (long long)look.first_row,
+                       look.first[0], look.first[1], look.first[2], how->columns, driving->rules.kind, other);
+    return pags_fail(PAGS_ERROR_FORMAT,
+                     "%s: %lld of %lld points looked at are numbers, and half of them are nearer than %g m; expected "
+                     "rows of %d float32, metres, about the car (kind %s)%s",
+                     path, (long long)look.finite, (long long)look.rows, look.median, how->columns, driving->rules.kind,
+                     other);
+  }
+  const int columns = other_columns(s, how->columns);
+  if (columns > 0)
+    return pags_fail(PAGS_ERROR_FORMAT,
+                     "%s: by its values it has %d floats a row, expected %d as kind %s has; name them in "
+                     "'lidar_columns' of dataset.json",
+                     path, columns, how->columns, driving->rules.kind);
+  return PAGS_OK;
+}
+
+pags_result pags_sweeps_check(pags_driving *driving) {
+  if (driving->sweep_count == 0)
+    return PAGS_OK;
+  const pags_sweep *sweep = &driving->sweeps[driving->sweep_count / 2];
+  reading how = {.columns = driving->rules.columns, .unit = 1};
+  memcpy(how.position, driving->rules.position, sizeof how.position);
+  sample *s = malloc(sizeof *s);
+  if (!s)
+    return pags_out_of_memory("%s", sweep->path);
+  pags_result result = read_sample(sweep->path, s);
+  if (result == PAGS_OK)
+    result = check_rows(driving, sweep->path, s, &how, sweep);
+  free(s);
+  return result;
+}
