@@ -226,6 +226,111 @@ class LabelTest(StreetCase):
         self.warns("semantic:", "that cityscapes labels don't have", "such as cityscapes-ids", "'labels' of dataset.json")
 
 
+def numbers(path):
+    return [float(v) for v in read(path).split()]
+
+
+def inverse(m):
+    """The inverse of a rigid motion, 16 numbers."""
+    rows = [[m[k], m[4 + k], m[8 + k], -sum(m[4 * i + k] * m[4 * i + 3] for i in range(3))] for k in range(3)]
+    return [v for row in rows for v in row] + [0, 0, 0, 1]
+
+
+def matrix_text(m):
+    return "\n".join(" ".join(repr(float(v)) for v in m[4 * k : 4 * k + 4]) for k in range(4))
+
+
+class CalibrationTest(StreetCase):
+    def intrinsics(self, change):
+        """Rewrites intrinsics/C.txt: change(fx, fy, cx, cy) is the text."""
+        for name in self.names("intrinsics"):
+            write(self.at("intrinsics", name), change(*numbers(self.at("intrinsics", name))[:4]))
+
+    def without_masks(self):
+        for name in ("sky_masks", "semantic", "dynamic_masks"):
+            shutil.rmtree(self.at(name))
+
+    def halve(self, name):
+        """Makes a photograph half as wide and high, of every second pixel."""
+        width, height, _, _, pixels = fixtures.read_png(self.at("images", name))
+        half = b"".join(
+            pixels[3 * (y * width + x) : 3 * (y * width + x) + 3] for y in range(0, height, 2) for x in range(0, width, 2)
+        )
+        write(self.at("images", name), fixtures.png_bytes(width // 2, height // 2, half))
+
+    def test_one_photograph_of_another_size(self):
+        self.without_masks()
+        self.halve("003_1.png")
+        self.refused("images/003_1.png: 48 x 27 pixels", "expected 96 x 54 as 5 photographs of camera 1 have", "000_1.png")
+
+    def test_the_first_photograph_of_another_size(self):
+        self.without_masks()
+        self.halve("000_0.png")
+        self.refused("images/000_0.png: 48 x 27 pixels", "expected 96 x 54", "(001_0.png)")
+
+    def test_all_photographs_of_another_size(self):
+        self.without_masks()
+        for name in self.names("images"):
+            self.halve(name)
+        self.warns("2 of 2 cameras have intrinsics of photographs of another size", "of about 96 x 54 pixels", "have 48 x 27")
+
+    def test_intrinsics_of_smaller_photographs(self):
+        self.intrinsics(lambda fx, fy, cx, cy: f"{fx / 2} {fy / 2} {cx / 2} {cy / 2} 0 0 0 0 0")
+        self.warns("of another size", "of about 48 x 27 pixels")
+
+    def test_intrinsics_by_the_size_of_the_picture(self):
+        self.intrinsics(lambda fx, fy, cx, cy: f"{fx / 96} {fy / 54} {cx / 96} {cy / 54} 0 0 0 0 0")
+        self.refused("intrinsics/0.txt:1: focal lengths", "expected pixels", "to be multiplied by it")
+
+    def test_a_principal_point_aside(self):
+        self.intrinsics(lambda fx, fy, cx, cy: f"{fx} {fy} 5 {cy} 0 0 0 0 0")
+        self.warns("principal point far from the middle", "camera 0: 5 ")
+
+    def test_focal_lengths_that_differ(self):
+        self.intrinsics(lambda fx, fy, cx, cy: f"{fx} {2 * fy} {cx} {cy} 0 0 0 0 0")
+        self.warns("focal lengths that differ by more than a quarter")
+
+    def test_every_form_of_intrinsics(self):
+        self.succeeds("train", self.street, "-o", self.path("nine"), "--iterations", "1", *fixtures.SMALL)
+        forms = [
+            lambda fx, fy, cx, cy: f"{fx}\n{fy}\n{cx}\n{cy}\n",
+            lambda fx, fy, cx, cy: f"{fx} {fy} {cx} {cy} 0 0 0 0",
+            lambda fx, fy, cx, cy: f"{fx} 0 {cx}\n0 {fy} {cy}\n0 0 1",
+            lambda fx, fy, cx, cy: f"{fx} 0 {cx} 0\n0 {fy} {cy} 0\n0 0 1 0",
+            lambda fx, fy, cx, cy: f"{fx} 0 {cx} 0\n0 {fy} {cy} 0\n0 0 1 0\n0 0 0 1",
+        ]
+        files = [[form(*numbers(self.at("intrinsics", name))[:4]) for name in ("0.txt", "1.txt")] for form in forms]
+        for number, (left, right) in enumerate(files):
+            write(self.at("intrinsics/0.txt"), left)
+            write(self.at("intrinsics/1.txt"), right)
+            scene = self.path(f"scene{number}")
+            if number == 0:
+                self.succeeds("train", self.street, "-o", scene, "--iterations", "1", *fixtures.SMALL)
+                self.assertEqual(read(os.path.join(scene, "background.ply")), read(self.path("nine", "background.ply")))
+            self.assertEqual(self.warnings(), [])
+        write(self.at("intrinsics/0.txt"), "80 1.5 48\n0 80 27\n0 0 1")
+        self.refused("intrinsics/0.txt: 9 numbers", "fx fy cx cy", "without skew")
+        write(self.at("intrinsics/0.txt"), "80 80 48")
+        self.refused("intrinsics/0.txt: 3 numbers", "fx fy cx cy")
+
+    def test_inverted_extrinsics(self):
+        for name in self.names("extrinsics"):
+            write(self.at("extrinsics", name), matrix_text(inverse(numbers(self.at("extrinsics", name)))))
+        self.warns("extrinsics: 2 of 2 cameras don't stand upright", "extrinsics or camera_axes may be wrong", "inverted they")
+
+    def test_extrinsics_of_other_axes(self):
+        described = json.loads(read(self.at("dataset.json")))
+        write(self.at("dataset.json"), json.dumps({**described, "camera_axes": "waymo"}))
+        self.warns("extrinsics: 2 of 2 cameras", "with the other camera_axes")
+
+    def test_a_world_whose_z_is_not_up(self):
+        shutil.rmtree(self.at("lidar"))
+        for name in self.names("ego_pose"):
+            m = numbers(self.at("ego_pose", name))
+            write(self.at("ego_pose", name), matrix_text(m[0:4] + [-v for v in m[8:12]] + m[4:8] + m[12:]))
+        self.warns("ego_pose: 2 of 2 cameras don't stand upright in the world", "z to point up")
+
+
 class SweepTest(StreetCase):
     def rewrite(self, change):
         """Rewrites every sweep: change(points, frame) gets lists of x, y, z, intensity and returns bytes."""
@@ -246,9 +351,6 @@ class SweepTest(StreetCase):
 
     def flat(self, points, kind="f"):
         return array.array(kind, [v for p in points for v in p])
-
-    def matrix(self, folder, frame):
-        return [float(v) for v in read(self.at(folder, f"{frame}.txt")).split()]
 
     def test_float64(self):
         self.rewrite(lambda points, frame: self.flat(points, "d").tobytes())
@@ -289,7 +391,7 @@ class SweepTest(StreetCase):
 
     def test_the_world_frame(self):
         def change(points, frame):
-            m = self.matrix("ego_pose", frame)
+            m = numbers(self.at("ego_pose", f"{frame}.txt"))
             for p in points:
                 p[:3] = [sum(m[4 * k + i] * p[i] for i in range(3)) + m[4 * k + 3] for k in range(3)]
             return self.flat(points).tobytes()
@@ -303,10 +405,7 @@ class SweepTest(StreetCase):
 
     def test_inverse_poses(self):
         for name in self.names("ego_pose"):
-            m = self.matrix("ego_pose", name[:3])
-            rows = [[m[k], m[4 + k], m[8 + k], -sum(m[4 * i + k] * m[4 * i + 3] for i in range(3))] for k in range(3)]
-            text = "\n".join(" ".join(repr(v) for v in row) for row in rows + [[0, 0, 0, 1]])
-            write(self.at("ego_pose", name), text)
+            write(self.at("ego_pose", name), matrix_text(inverse(numbers(self.at("ego_pose", name)))))
         lines = self.warnings()
         self.assertTrue(any("ego_pose: " in line and "meet with the inverse poses" in line for line in lines), lines)
 

@@ -229,7 +229,7 @@ static void bad_files_are_explained(void **state) {
   } cases[] = {
       {"images/003_1.png", NULL, "images/003_1.png"},
       {"intrinsics/1.txt", NULL, "intrinsics/1.txt"},
-      {"intrinsics/1.txt", "1 2 3\n", "found 3"},
+      {"intrinsics/1.txt", "1 2 3\n", "intrinsics/1.txt: 3 numbers, expected fx fy cx cy"},
       {"intrinsics/1.txt", "1 2\n3 x 5", "intrinsics/1.txt:2: expected a number, found 'x'"},
       {"intrinsics/1.txt", "0 0 0\n0 0 0\n0 0 0", "focal lengths above 0"},
       {"extrinsics/0.txt", NULL, "extrinsics/0.txt"},

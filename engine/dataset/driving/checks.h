@@ -13,6 +13,10 @@
 pags_result pags_driving_say_unread(const pags_driving *driving, const pags_dir_list *list,
                                     const pags_driving_picture *pictures, int64_t count);
 
+/* Fails for photographs of a camera that differ in size and for focal lengths that can't be pixels; warns of intrinsics
+ * of another size and of cameras that don't stand upright (check_calibration.c). */
+pags_result pags_calibration_check(const pags_driving *driving, const pags_parsed_dataset *parsed);
+
 /* Warns of masks and label images that look like none of their kind (check_masks.c); fails for one that can't be
  * loaded. */
 pags_result pags_masks_check(const pags_driving *driving, const pags_parsed_dataset *parsed);

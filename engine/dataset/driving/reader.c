@@ -132,24 +132,39 @@ static pags_result choose_holdout(pags_driving *driving, const char *text) {
 
 /* ---- Calibration ---- */
 
-/* Reads intrinsics/C.txt, either fx fy cx cy k1 k2 p1 p2 k3 or a 3x3 camera matrix, which is recognised by its zeros
- * and the one at its end. */
+/* Makes the lens of the numbers of intrinsics/C.txt: fx fy cx cy, which may go on with k1 k2 p1 p2 and k3, or a camera
+ * matrix of 3x3, 3x4 or 4x4, recognised by its last numbers. Returns false if they are neither. */
+static bool take_lens(const double *n, int count, pags_lens *out) {
+  const int stride = count == 9 ? 3 : 4;
+  const double *last = n + 2 * stride; /* the third row of a matrix */
+  const bool matrix = count >= 9 && last[0] == 0 && last[1] == 0 && last[2] == 1;
+  *out = (pags_lens){.fx = n[0], .fy = n[1], .cx = n[2], .cy = n[3]};
+  if (matrix) {
+    *out = (pags_lens){.fx = n[0], .fy = n[stride + 1], .cx = n[2], .cy = n[stride + 2]};
+    return n[1] == 0 && n[stride] == 0 && (stride == 3 || (n[3] == 0 && n[7] == 0 && n[11] == 0));
+  }
+  if (count != 4 && count != 8 && count != 9)
+    return false;
+  for (int i = 0; i < 2 && count >= 8; i++) {
+    out->k[i] = n[4 + i];
+    out->p[i] = n[6 + i];
+  }
+  out->k[2] = count == 9 ? n[8] : 0;
+  return true;
+}
+
 static pags_result read_intrinsics(const pags_driving *driving, pags_sensor *sensor) {
-  double n[9];
+  double n[16] = {0};
   int count = 0;
   char *path = pags_text_format("%s/intrinsics/%d.txt", driving->root, sensor->number);
   if (!path)
     return pags_out_of_memory("%s", driving->root);
-  pags_result result = pags_text_matrix_read(path, 9, n, &count);
-  if (result == PAGS_OK && count != 9)
-    result =
-        pags_fail(PAGS_ERROR_FORMAT,
-                  "%s: expected 9 numbers (fx fy cx cy k1 k2 p1 p2 k3, or a matrix of 3x3), found %d", path, count);
-  if (result == PAGS_OK && n[1] == 0 && n[3] == 0 && n[6] == 0 && n[7] == 0 && n[8] == 1)
-    sensor->lens = (pags_lens){.fx = n[0], .fy = n[4], .cx = n[2], .cy = n[5]};
-  else if (result == PAGS_OK)
-    sensor->lens =
-        (pags_lens){.fx = n[0], .fy = n[1], .cx = n[2], .cy = n[3], .k = {n[4], n[5], n[8], 0}, .p = {n[6], n[7]}};
+  pags_result result = pags_text_matrix_read(path, 16, n, &count);
+  if (result == PAGS_OK && !take_lens(n, count, &sensor->lens))
+    result = pags_fail(PAGS_ERROR_FORMAT,
+                       "%s: %d numbers, expected fx fy cx cy, or these and k1 k2 p1 p2 or k1 k2 p1 p2 k3, or a camera "
+                       "matrix of 3x3, 3x4 or 4x4 without skew and without a fourth column",
+                       path, count);
   if (result == PAGS_OK && !(sensor->lens.fx > 0 && sensor->lens.fy > 0))
     result = pags_fail(PAGS_ERROR_FORMAT, "%s:1: expected focal lengths above 0, found %g and %g", path,
                        sensor->lens.fx, sensor->lens.fy);
@@ -288,6 +303,7 @@ static pags_result read_parts(pags_driving *driving, const pags_dataset_options 
       at += found;
     }
 
+  PAGS_TRY(pags_calibration_check(driving, parsed));
   PAGS_TRY(pags_times_read(driving, parsed));
   PAGS_TRY(pags_driving_check_motion(driving, parsed));
   PAGS_TRY(pags_tracks_read(driving));
