@@ -35,6 +35,7 @@ typedef struct reader {
   const char *at, *end;
   char *string_at;
   int line, depth;
+  const pags_json_value *open[DEPTH_LIMIT]; /* the value that is read, and those that it is in */
 } reader;
 
 static pags_result syntax_error(const reader *r, const char *expected) {
@@ -45,6 +46,36 @@ static pags_result syntax_error(const reader *r, const char *expected) {
   if (c > 32 && c < 127)
     return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: expected %s, found '%c'", path, r->line, expected, c);
   return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: expected %s, found byte 0x%02x", path, r->line, expected, c);
+}
+
+/* Writes where the value that is read is, like "4.frame_annotations.obj_to_world[2][0][3]"; long texts are cut off. */
+static void write_place(const reader *r, char *out, size_t size) {
+  size_t used = 0;
+  *out = 0;
+  for (int i = 1; i < r->depth && used + 1 < size; i++) {
+    const char *key = r->open[i]->key;
+    const int length = key ? snprintf(out + used, size - used, "%s%s", used ? "." : "", key)
+                           : snprintf(out + used, size - used, "[%lld]", (long long)r->open[i - 1]->count);
+    used += length > 0 ? (size_t)length : 0;
+  }
+}
+
+/* Fails if a number that JSON doesn't have is next, as Python's json.dump writes it. */
+static pags_result check_finite(const reader *r) {
+  static const char *const words[] = {"NaN", "nan", "-nan", "-NaN", "Infinity", "-Infinity", "inf", "-inf"};
+  for (size_t i = 0; i < sizeof words / sizeof *words; i++) {
+    const size_t length = strlen(words[i]);
+    char place[200];
+    if ((size_t)(r->end - r->at) < length || memcmp(r->at, words[i], length) != 0)
+      continue;
+    write_place(r, place, sizeof place);
+    return pags_fail(
+        PAGS_ERROR_FORMAT,
+        "%s:%d: expected a number for %s, found %s, which JSON doesn't have (Python's json.dump writes it); "
+        "leave out what isn't known",
+        r->json->path, r->line, *place ? place : "the value", words[i]);
+  }
+  return PAGS_OK;
 }
 
 static void skip_space(reader *r) {
@@ -262,6 +293,8 @@ static pags_result read_children(reader *r, pags_json_value *parent, char close)
 
 static pags_result read_content(reader *r, pags_json_value *value) {
   char c = r->at < r->end ? *r->at : 0;
+  if (c == 'N' || c == 'n' || c == 'I' || c == 'i' || c == '-')
+    PAGS_TRY(check_finite(r));
   switch (c) {
     case '{':
     case '[':
@@ -285,6 +318,7 @@ static pags_result read_value(reader *r, const char *key, pags_json_value **out)
     return pags_out_of_memory("%s:%d: the values of the file", r->json->path, r->line);
   if (++r->depth > DEPTH_LIMIT)
     return pags_fail(PAGS_ERROR_LIMIT, "%s:%d: nested deeper than %d levels", r->json->path, r->line, DEPTH_LIMIT);
+  r->open[r->depth - 1] = value;
   value->line = r->line;
   value->key = key;
   value->source_begin = r->at;

@@ -331,6 +331,65 @@ class CalibrationTest(StreetCase):
         self.warns("ego_pose: 2 of 2 cameras don't stand upright in the world", "z to point up")
 
 
+class TimeTest(StreetCase):
+    def times(self, change, **more):
+        """Rewrites timestamps.json: change(seconds) is what is written; fps is left out of dataset.json."""
+        old = json.loads(read(self.at("timestamps.json")))
+        new = {"frames": [change(t) for t in old["frames"]], **more}
+        write(self.at("timestamps.json"), json.dumps(new))
+        described = json.loads(read(self.at("dataset.json")))
+        write(self.at("dataset.json"), json.dumps({key: v for key, v in described.items() if key != "fps"}))
+
+    def fps(self):
+        return json.loads(self.succeeds("info", self.street, "--json", "-").stdout)["fps"]
+
+    def test_other_units_are_turned_into_seconds(self):
+        start = read(self.at("timestamps.json"))
+        for unit, name in ((1e9, "nanoseconds"), (1e6, "microseconds"), (1e3, "milliseconds")):
+            self.times(lambda t: int((1315967811 + t) * unit))
+            self.warns(f"timestamps.json: times are taken as {name}", "expected seconds")
+            self.assertAlmostEqual(self.fps(), 10, places=3)
+            write(self.at("timestamps.json"), start)
+        self.times(lambda t: 1000 * t)
+        self.warns("times are taken as milliseconds, since frames are 100 apart")
+
+    def test_one_frame_in_nanoseconds(self):
+        self.times(lambda t: int((1315967811 + t) * 1e9))
+        lines = self.warnings("--frames", "2-2")
+        self.assertIn("taken as nanoseconds", lines[0])
+
+    def test_exposures_of_another_unit(self):
+        old = json.loads(read(self.at("timestamps.json")))["frames"]
+        self.times(lambda t: 1315967811 + t, cameras={"0": [(1315967811 + t) * 1e6 for t in old]})
+        self.warns("timestamps.json: times of exposures are taken as microseconds")
+        self.times(lambda t: t, cameras={"0": [t + 500 for t in range(6)]})
+        self.warns("6 of 6 exposures are far from the time of their frame")
+
+    def test_times_that_no_unit_explains(self):
+        self.times(lambda t: 86400 * t)
+        self.warns("the times may not be seconds")
+
+    def test_a_rate_that_the_times_deny(self):
+        described = json.loads(read(self.at("dataset.json")))
+        write(self.at("dataset.json"), json.dumps({**described, "fps": 2}))
+        self.warns("timestamps.json: frames are 0.1 s apart, 10 a second, but dataset.json says fps 2")
+
+    def test_times_as_street_gaussians_writes_them(self):
+        old = json.loads(read(self.at("timestamps.json")))["frames"]
+        keyed = {f"{i:06d}": 1315967811 + t for i, t in enumerate(old)}
+        write(self.at("timestamps.json"), json.dumps({"FRAME": keyed, "FRONT": keyed, "SIDE_LEFT": keyed}))
+        self.assertEqual(self.warnings(), [])
+        del keyed["000004"]
+        write(self.at("timestamps.json"), json.dumps({"FRAME": keyed}))
+        self.refused("timestamps.json:1: 'FRAME' has 5 times", "frame 4 has none")
+
+    def test_nan_in_a_pose(self):
+        info = json.loads(read(self.at("instances/instances_info.json")))
+        info["4"]["frame_annotations"]["obj_to_world"][2][0][3] = float("nan")
+        write(self.at("instances/instances_info.json"), json.dumps(info))
+        self.refused("instances_info.json:1: expected a number for 4.frame_annotations.obj_to_world[2][0][3], found NaN")
+
+
 class SweepTest(StreetCase):
     def rewrite(self, change):
         """Rewrites every sweep: change(points, frame) gets lists of x, y, z, intensity and returns bytes."""
