@@ -240,6 +240,7 @@ typedef struct pags_opacity_row {
       *transmittance; /* all arrays must be readable, `gradient` writable, up to the next multiple of 16 pixels */
   const uint8_t *labels, *mask; /* mask: 0 doesn't count; NULL: every pixel does */
   uint8_t chosen;               /* label bits: pixels with any of these should be empty, the others full; */
+  uint8_t unknown;              /* label bits: pixels with any of these don't count */
   bool unsure;                  /* or, if true: the former should be empty or full, the others empty */
   float *gradient;              /* by the transmittance, times `scale`: added to */
   float scale;

@@ -42,9 +42,11 @@ V_INLINE double opacity_all(const pags_opacity_row *in, bool unsure) {
     vm use = m_first(in->width - i);
     if (in->mask)
       use = m_and(use, v_gt(v_load_u8(in->mask + i), v_zero()));
-    const vi labels = i_and(v_to_i(v_load_u8(in->labels + i)), i_set(in->chosen));
+    const vi labels = v_to_i(v_load_u8(in->labels + i));
+    const vf chosen = i_to_v(i_and(labels, i_set(in->chosen))), unknown = i_to_v(i_and(labels, i_set(in->unknown)));
     vf slope;
-    const vf value = opacity_pixels(v_load(in->transmittance + i), v_gt(i_to_v(labels), v_zero()), unsure, &slope);
+    use = m_and(use, v_gt(v_set(0.5f), unknown));
+    const vf value = opacity_pixels(v_load(in->transmittance + i), v_gt(chosen, v_zero()), unsure, &slope);
     sum = v_add(sum, v_maskz(use, value));
     v_store(in->gradient + i, v_fma(v_maskz(use, slope), v_set(in->scale), v_load(in->gradient + i)));
   }

@@ -6,7 +6,7 @@
  * - sample:
  *
  *     sky      -(w/n) log T where the label says sky    d/dT = -(w/n) / T
- *              -(w/n) log(1 - T) elsewhere              d/dT = (w/n) / (1 - T)
+ *              -(w/n) log(1 - T) elsewhere              d/dT = (w/n) / (1 - T); nothing where it is unknown
  *     objects  -(w/n) log T outside of the boxes        d/dT = -(w/n) / T
  *              (w/n) H(T) inside                        dH/dT = log((1 - T) / T)
  *     depth    (w/m) |D / alpha - sample|               d/dD = s (w/m) / alpha, d/dT = s (w/m) D / alpha^2
@@ -87,7 +87,9 @@ static pags_result sum_term(pags_tasks *tasks, term *t, double weight, double *v
 
 pags_result pags_driving_loss_sky(pags_tasks *tasks, const pags_picture *picture, const pags_photo *photo,
                                   double weight, float *transmittance_gradient, double *value) {
-  term t = {.picture = picture, .photo = photo, .row = {.chosen = PAGS_LABEL_SKY, .gradient = transmittance_gradient}};
+  term t = {.picture = picture,
+            .photo = photo,
+            .row = {.chosen = PAGS_LABEL_SKY, .unknown = PAGS_LABEL_SKY_UNKNOWN, .gradient = transmittance_gradient}};
   return sum_term(tasks, &t, weight, value);
 }
 

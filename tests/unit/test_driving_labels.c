@@ -97,6 +97,8 @@ static void check_labels(scratch *s, const char *files, int shrink) {
       int u = x * shrink + shrink / 2, v = y * shrink + shrink / 2,
           expected = boxes ? box_bits(dataset, view, x, y, bits) : 0;
       expected |= (sky ? white_above(u, v) : semantic && classes(u, v) == 10) ? PAGS_LABEL_SKY : 0;
+      const bool known = sky || (semantic && classes(u, v) <= 18); /* of the sky; other ids are no classes */
+      expected |= known ? 0 : PAGS_LABEL_SKY_UNKNOWN;
       expected |= semantic && classes(u, v) >= 11 && classes(u, v) <= 18 ? PAGS_LABEL_CRITICAL : 0;
       expected |= dynamic && white_right(u, v) ? PAGS_LABEL_MOVING | PAGS_LABEL_CRITICAL : 0;
       if (label_at(&photo, x, y) != expected)
@@ -222,7 +224,8 @@ static void labels_are_undistorted(void **state) {
     for (int x = 0; x < photo.width; x++) {
       double a = (x + 0.5 - camera->cx) / camera->fx, b = (y + 0.5 - camera->cy) / camera->fy, r = a * a + b * b;
       double u = 40 * a * (1 - 0.2 * r + 0.01 * r * r) + 24;
-      assert_int_equal(label_at(&photo, x, y), u >= 40 ? PAGS_LABEL_MOVING | PAGS_LABEL_CRITICAL : 0);
+      assert_int_equal(label_at(&photo, x, y),
+                       PAGS_LABEL_SKY_UNKNOWN | (u >= 40 ? PAGS_LABEL_MOVING | PAGS_LABEL_CRITICAL : 0));
       moving += u >= 40;
     }
   assert_true(moving > 0 && photo.width < TREE_WIDTH + 8);
@@ -264,12 +267,25 @@ static void sky_is_guessed_from_the_laser(void **state) {
       int found = label_at(&photo, x, y) & PAGS_LABEL_SKY;
       if (fabs(azimuth) < 0.06 || azimuth < -0.4)
         continue;
+      assert_false(label_at(&photo, x, y) & PAGS_LABEL_SKY_UNKNOWN);
       double top = azimuth > 0 ? 39 * 0.006 - 0.14 + 0.026 : 0.0175;
       if (fabs(elevation - top) > 0.02)
         assert_int_equal(found, elevation > top);
       sky += found;
     }
   assert_true(sky > 100);
+  drop_photo(&photo);
+  pags_dataset_close(dataset);
+
+  /* Of the mast alone nothing is known above the horizon, and nothing there is taken for something else than sky. */
+  tree_bytes(&s, "lidar/000.bin", rows, 5 * sizeof *rows);
+  scratch_ok(pags_dataset_open(s.folder, NULL, &dataset));
+  with_photo(dataset, 0, 1, copy_photo, &photo);
+  for (int y = 0; y < photo.height; y++) {
+    int bits = label_at(&photo, 24, y) & (PAGS_LABEL_SKY | PAGS_LABEL_SKY_UNKNOWN);
+    if (abs(y - 15) > 4) /* the horizon */
+      assert_int_equal(bits, y < 15 ? PAGS_LABEL_SKY_UNKNOWN : 0);
+  }
   drop_photo(&photo);
   pags_dataset_close(dataset);
   scratch_end(&s);

@@ -145,6 +145,8 @@ static void test_by_hand(void **state) {
   expect(pags_driving_loss_sky, PAGS_LABEL_SKY | PAGS_LABEL_MOVING, 1.0f, 1e-6, 0);
   expect(pags_driving_loss_sky, 0, 0.25f, log(4.0 / 3), 4.0 / 3);
   expect(pags_driving_loss_sky, 0, 1.0f, log(1e6), 0);
+  expect(pags_driving_loss_sky, PAGS_LABEL_SKY_UNKNOWN | PAGS_LABEL_MOVING, 0.25f, 0, 0);
+  expect(pags_driving_loss_objects, PAGS_LABEL_SKY_UNKNOWN, 1.0f, 1e-6, 0);
   expect(pags_driving_loss_sky, PAGS_LABEL_CRITICAL, 0.9999f, -log(1 - (double)0.9999f), 1 / (1 - (double)0.9999f));
   expect(pags_driving_loss_objects, PAGS_LABEL_VEHICLE, 0.5f, log(2), 0);
   expect(pags_driving_loss_objects, PAGS_LABEL_PEDESTRIAN, 0.75f, 0.75 * log(4.0 / 3) + 0.25 * log(4), log(1.0 / 3));

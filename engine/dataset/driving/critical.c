@@ -154,12 +154,16 @@ pags_result pags_critical_choose(pags_driving *driving, const char *list, pags_p
   if (!driving->critical.objects)
     return pags_out_of_memory("%s", driving->root);
 
-  /* Bits of each class of the label images that don't depend on the list: sky, or a class of things that can move. */
+  /* Bits of each class of the label images that don't depend on the list: sky, a class of things that can move, or no
+   * class. */
   const pags_label_set *set = driving->rules.labels;
   const pags_label_class *sky = pags_label_class_named(set, "sky");
   for (int i = 0; i < set->count; i++)
     driving->critical.classes[set->classes[i].id] =
         set->classes[i].category == PAGS_CATEGORY_OTHER ? 0 : PAGS_LABEL_MOVING;
+  for (int id = 0; sky && id < 256; id++)
+    if (!pags_label_class_numbered(set, id))
+      driving->critical.classes[id] = PAGS_LABEL_SKY_UNKNOWN;
   if (sky)
     driving->critical.classes[sky->id] = PAGS_LABEL_SKY;
 

@@ -78,7 +78,7 @@ static pags_result load_files(const pags_driving *driving, const pags_parsed_vie
   if (view->semantic_path) {
     /* Class ids become label bits; a sky mask takes precedence over the class sky. */
     pags_image classes;
-    int wanted = PAGS_LABEL_CRITICAL | (view->sky_path ? 0 : PAGS_LABEL_SKY);
+    int wanted = PAGS_LABEL_CRITICAL | (view->sky_path ? 0 : PAGS_LABEL_SKY | PAGS_LABEL_SKY_UNKNOWN);
     PAGS_TRY(pags_driving_load_labels(view->semantic_path, &view->lens, &classes));
     const uint8_t *from = classes.data;
     for (size_t i = 0; i < area(&view->lens); i++) {
@@ -137,7 +137,12 @@ pags_result pags_label_plane_add(const pags_dataset *dataset, int64_t index, con
     pags_outline_fill(corners, count, camera->width, camera->height, stride, bits_of(driving, i, view), plane);
   }
 
-  if (view->sky_path || (view->semantic_path && pags_labels_know_sky(driving)) || driving->sweep_count == 0)
+  if (view->sky_path || (view->semantic_path && pags_labels_know_sky(driving)))
+    return PAGS_OK;
+  for (int y = 0; y < camera->height && driving->sweep_count == 0; y++)
+    for (int x = 0; x < camera->width; x++)
+      plane[(size_t)y * (size_t)stride + (size_t)x] |= PAGS_LABEL_SKY_UNKNOWN;
+  if (driving->sweep_count == 0)
     return PAGS_OK;
   return pags_sky_from_lidar(driving, view->frame, camera, stride, plane);
 }

@@ -3,12 +3,12 @@
  *
  * Points are sorted by their azimuth from the camera into bins of one degree, and each bin keeps the highest
  * elevation of its returns. A pixel is sky if its direction is more than one degree above the horizon and more than
- * `margin` above the highest return within two bins on either side. Two cases are unknown and are not labelled sky:
- * bins without any return (the LiDAR didn't scan there), and a highest return near the top of the LiDAR's field of
- * view, because the object there may extend above it (the upper beams of common LiDARs are 3 to 4 degrees apart). The
- * top of the field of view is the highest elevation among far returns, for which the LiDAR's position on the car
- * doesn't matter. If a sweep has few points, sweeps of other time steps are added, since most things that hide the
- * sky are static. */
+ * `margin` above the highest return within two bins on either side. Two cases are unknown and are not labelled sky, but
+ * as unknown: bins without any return (the LiDAR didn't scan there), and a highest return near the top of the LiDAR's
+ * field of view, because the object there may extend above it (the upper beams of common LiDARs are 3 to 4 degrees
+ * apart). The top of the field of view is the highest elevation among far returns, for which the LiDAR's position on
+ * the car doesn't matter. If a sweep has few points, sweeps of other time steps are added, since most things that hide
+ * the sky are static. */
 #include "dataset/driving/label_plane.h"
 #include "dataset/driving/reader.h"
 #include "maths/maths.h"
@@ -118,8 +118,14 @@ pags_result pags_sky_from_lidar(const pags_driving *driving, int frame, const pa
       double u = (x + 0.5 - camera->cx) / camera->fx, d[3];
       for (int k = 0; k < 3; k++)
         d[k] = c[4 * k] * u + c[4 * k + 1] * v + c[4 * k + 2];
-      if (d[2] > 0 && pags_atan2(d[2], pags_hypot(d[0], d[1])) > limit[bin_of(d[0], d[1])])
+      if (d[2] <= 0)
+        continue;
+      const double elevation = pags_atan2(d[2], pags_hypot(d[0], d[1]));
+      const int bin = bin_of(d[0], d[1]);
+      if (elevation > limit[bin])
         row[x] |= PAGS_LABEL_SKY;
+      else if (limit[bin] == INFINITY && elevation > fmax(b.top[bin], horizon))
+        row[x] |= PAGS_LABEL_SKY_UNKNOWN;
     }
   }
 

@@ -74,7 +74,10 @@ enum {
   PAGS_LABEL_VEHICLE = 8,     /* in the box of a moving vehicle */
   PAGS_LABEL_PEDESTRIAN = 16, /* in the box of a moving pedestrian */
   PAGS_LABEL_CYCLIST = 32,    /* in the box of a moving cyclist */
-  PAGS_LABEL_PARKED = 64      /* in the box of an object that doesn't move */
+  PAGS_LABEL_PARKED = 64,     /* in the box of an object that doesn't move */
+  /* Nothing says whether this is sky: the view has no mask and the set no LiDAR, the label image has an id that its
+   * label set doesn't have (255), or LiDAR didn't look there. The pixel isn't taken for something that isn't sky. */
+  PAGS_LABEL_SKY_UNKNOWN = 128
 };
 
 /* What a data set provides besides photographs: bits of pags_dataset_provides. */
