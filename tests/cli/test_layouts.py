@@ -3,6 +3,7 @@
 
 import array
 import json
+import math
 import os
 import shutil
 import struct
@@ -388,6 +389,88 @@ class TimeTest(StreetCase):
         info["4"]["frame_annotations"]["obj_to_world"][2][0][3] = float("nan")
         write(self.at("instances/instances_info.json"), json.dumps(info))
         self.refused("instances_info.json:1: expected a number for 4.frame_annotations.obj_to_world[2][0][3], found NaN")
+
+
+def product(a, b):
+    return [sum(a[4 * i + k] * b[4 * k + j] for k in range(4)) for i in range(4) for j in range(4)]
+
+
+class StreetGaussiansTest(StreetCase):
+    """The street as Street Gaussians' converter writes it."""
+
+    def setUp(self):
+        super().setUp()
+        self.facts = json.loads(self.succeeds("info", self.street, "--json", "-").stdout)
+        for folder in ("images", "sky_masks", "dynamic_masks/all"):
+            self.rename_all(folder, lambda name: "000" + name)
+        os.rename(self.at("sky_masks"), self.at("sky_mask"))
+        os.rename(self.at("dynamic_masks/all"), self.at("dynamic_mask"))
+        info = json.loads(read(self.at("instances/instances_info.json")))
+        for name in ("dynamic_masks", "semantic", "lidar", "instances", "truth"):
+            shutil.rmtree(self.at(name))
+        os.remove(self.at("dataset.json"))
+        poses = [numbers(self.at("ego_pose", f"{t:03d}.txt")) for t in range(6)]
+        self.lines = ["frame_id track_id object_class alpha box_height box_width box_length box_center_x ..."]
+        for key, item in info.items():
+            notes = item["frame_annotations"]
+            kind = {"Pedestrian": "pedestrian", "Cyclist": "cyclist"}.get(item["class_name"], "vehicle")
+            for t, pose, size in zip(notes["frame_idx"], notes["obj_to_world"], notes["box_size"]):
+                m = product(inverse(poses[t]), [v for row in pose for v in row])
+                numbers_ = [size[2], size[1], size[0], m[3], m[7], m[11], math.atan2(m[4], m[0]), 0]
+                self.lines.append(f"{t} {key} {kind} -10 " + " ".join(repr(v) for v in numbers_) + " ")
+        self.write_tracks(self.lines)
+        times = json.loads(read(self.at("timestamps.json")))["frames"]
+        keyed = {f"{i:06d}": t for i, t in enumerate(times)}
+        write(self.at("timestamps.json"), json.dumps({"FRAME": keyed, "FRONT": keyed, "FRONT_LEFT": keyed}))
+        self.rename_all("ego_pose", lambda name: "000" + name)
+        for t, pose in enumerate(poses):
+            for camera in range(2):
+                write(self.at("ego_pose", f"{t:06d}_{camera}.txt"), matrix_text(pose))
+
+    def write_tracks(self, lines):
+        write(self.at("track/track_info.txt"), "\n".join(lines) + "\n")
+
+    def test_it_is_known_and_read(self):
+        found = json.loads(self.succeeds("info", self.street, "--json", "-").stdout)
+        self.assertEqual(found["warnings"], [])
+        self.assertEqual(found["format"], "street-gaussians")
+        for key in ("views_train", "views_test", "objects_moving", "objects_parked", "fps"):
+            self.assertEqual(found[key], self.facts[key], key)
+        notes = "\n".join(found["notes"])
+        self.assertIn("12 have sky_masks, 0 semantic, 12 dynamic_masks", notes)
+        self.assertIn("ego_pose/TTT_C.txt", notes)
+
+    def test_boxes_are_where_they_were(self):
+        done = self.succeeds("info", self.street, "--overlay", self.path("look"), "--json", "-")
+        overlay = json.loads(done.stdout)["overlay"]
+        self.assertGreater(overlay["outline_mask_overlap"], 0.3)
+        self.assertGreater(overlay["front_cosine"], 0.99)
+
+    def test_poses_at_the_exposure_count(self):
+        for t in range(6):
+            path = self.at("ego_pose", f"{t:06d}_1.txt")
+            moved = numbers(path)
+            moved[3] += 5000  # so that the origin moves
+            write(path, matrix_text(moved))
+        origin = json.loads(self.succeeds("info", self.street, "--json", "-").stdout)["origin"]
+        self.assertGreater(origin[0], 2000)
+
+    def test_what_is_not_read_is_named(self):
+        write(self.at("pointcloud.npz"), b"PK")
+        write(self.at("lidar_depth/000000_0.npy"), b"NUMPY")
+        lines = "\n".join(self.warnings())
+        self.assertIn("pointcloud.npz", lines)
+        self.assertIn("lidar_depth with 1 files", lines)
+
+    def test_faults_name_the_line(self):
+        self.write_tracks(self.lines[:3] + ["0 7 vehicle"])
+        self.refused("track_info.txt:4: 3 words, expected at least 11")
+        self.write_tracks(self.lines[:3] + ["0 7 vehicle -10 1 1 nan 0 0 0 0 0"])
+        self.refused("track_info.txt:4: expected a number, found 'nan'")
+        self.write_tracks(self.lines[:3] + ["0 7 vehicle -10 1 1 0 0 0 0 0 0"])
+        self.refused("track_info.txt:4: expected extents above 0")
+        self.write_tracks(self.lines[:3] + [self.lines[2]])
+        self.refused("track_info.txt:4: track", "has a second box at frame")
 
 
 class SweepTest(StreetCase):

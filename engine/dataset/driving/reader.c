@@ -228,9 +228,10 @@ static pags_result add_view(pags_driving *driving, const pags_sensor *sensor, in
   /* The pose is camera-to-world itself (per-frame extrinsics) or ego-to-world times camera-to-ego. */
   const char *root = driving->root;
   int digits = driving->digits;
-  char *path = driving->rules.per_frame
-                   ? pags_text_format("%s/extrinsics/%0*d_%d.txt", root, digits, frame, sensor->number)
-                   : pags_text_format("%s/ego_pose/%0*d.txt", root, digits, frame);
+  char *path =
+      driving->rules.per_frame  ? pags_text_format("%s/extrinsics/%0*d_%d.txt", root, digits, frame, sensor->number)
+      : driving->exposure_poses ? pags_text_format("%s/ego_pose/%0*d_%d.txt", root, digits, frame, sensor->number)
+                                : pags_text_format("%s/ego_pose/%0*d.txt", root, digits, frame);
   if (!path)
     return pags_out_of_memory("%s", root);
   pags_result result = driving->rules.per_frame ? read_extrinsics(driving, path, view->world_from_camera)
@@ -260,8 +261,9 @@ static pags_result name_sensor(void *context, int number, const char *name) {
   return PAGS_OK;
 }
 
-static bool has_per_frame_extrinsics(const pags_driving *driving) {
-  char *path = pags_text_format("%s/extrinsics/%0*d_%d.txt", driving->root, driving->digits, driving->steps[0].frame,
+/* Whether the folder has a file TTT_C.txt for the first frame and camera. */
+static bool has_poses_per_view(const pags_driving *driving, const char *folder) {
+  char *path = pags_text_format("%s/%s/%0*d_%d.txt", driving->root, folder, driving->digits, driving->steps[0].frame,
                                 driving->sensors[0].number);
   bool found = path && pags_file_exists(path);
   free(path);
@@ -272,7 +274,7 @@ static bool has_per_frame_extrinsics(const pags_driving *driving) {
  * camera. */
 static pags_result read_parts(pags_driving *driving, const pags_dataset_options *options,
                               const pags_driving_picture *pictures, int64_t count, pags_parsed_dataset *parsed) {
-  PAGS_TRY(pags_rules_read(driving->root, options->kind, has_per_frame_extrinsics(driving), &driving->rules,
+  PAGS_TRY(pags_rules_read(driving->root, options->kind, has_poses_per_view(driving, "extrinsics"), &driving->rules,
                            name_sensor, driving));
 
   const pags_rules *rules = &driving->rules;
@@ -286,6 +288,9 @@ static pags_result read_parts(pags_driving *driving, const pags_dataset_options 
 
   driving->sky_folder = has_folder(driving->root, "sky_masks") ? "sky_masks" : "sky_mask";
   driving->dynamic_folder = has_folder(driving->root, "dynamic_masks/all") ? "dynamic_masks/all" : "dynamic_mask";
+  driving->exposure_poses = !rules->per_frame && has_poses_per_view(driving, "ego_pose");
+  if (driving->exposure_poses)
+    PAGS_TRY(pags_driving_note(driving, "poses: the car's at each exposure, ego_pose/TTT_C.txt"));
   PAGS_TRY(choose_holdout(driving, options->holdout_camera));
   for (int64_t i = 0; i < driving->sensor_count; i++)
     PAGS_TRY(read_sensor(driving, &driving->sensors[i]));
@@ -306,7 +311,9 @@ static pags_result read_parts(pags_driving *driving, const pags_dataset_options 
   PAGS_TRY(pags_calibration_check(driving, parsed));
   PAGS_TRY(pags_times_read(driving, parsed));
   PAGS_TRY(pags_driving_check_motion(driving, parsed));
-  PAGS_TRY(pags_tracks_read(driving));
+  driving->street_tracks =
+      !pags_folder_has(driving->root, "instances/instances_info.json") && pags_street_tracks_exist(driving->root);
+  PAGS_TRY(driving->street_tracks ? pags_street_tracks_read(driving) : pags_tracks_read(driving));
   pags_driving_check_places(driving, parsed);
   PAGS_TRY(pags_critical_choose(driving, options->critical, parsed));
   PAGS_TRY(pags_sweeps_find(driving));

@@ -22,6 +22,9 @@ pags_result pags_rules_read(const char *root, const char *kind, bool per_frame_f
 pags_result pags_times_read(pags_driving *driving, pags_parsed_dataset *parsed);
 /* Reads the objects with their knots at the used time steps from instances/ (tracks.c). */
 pags_result pags_tracks_read(pags_driving *driving);
+/* Whether the set has track/track_info.txt, and reads the objects from it (street_tracks.c). */
+bool pags_street_tracks_exist(const char *root);
+pags_result pags_street_tracks_read(pags_driving *driving);
 /* Finds the sweep of each time step in lidar/ and reads its pose. */
 pags_result pags_sweeps_find(pags_driving *driving);
 /* Reads the points of a sweep: 3 floats per point, in the frame of the sweep; points with a coordinate that is not

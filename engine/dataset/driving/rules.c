@@ -32,10 +32,11 @@ static const pags_rules kinds[] = {
     {"nuscenes", OPENCV, PER_FRAME, true, false, false, 4, .position = {0, 1, 2}},
     {"argoverse2", OPENCV, CONSTANT, false, false, false, 4, .position = {0, 1, 2}},
     {"nuplan", OPENCV, CONSTANT, false, false, false, 6, .position = {0, 1, 2}},
+    {"street-gaussians", OPENCV, CONSTANT, false, false, false, 0, .position = {0, 1, 2}},
     {"pags", OPENCV, CONSTANT, false, false, false, 0, .position = {0, 1, 2}}, /* dataset.json must state all of them */
 };
 
-#define KIND_NAMES "waymo, pandaset, kitti, nuscenes, argoverse2 or nuplan"
+#define KIND_NAMES "waymo, pandaset, kitti, nuscenes, argoverse2, nuplan or street-gaussians"
 
 static const pags_rules *find_kind(const char *name) {
   for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++)
@@ -71,6 +72,8 @@ static pags_result choose_kind(const char *root, const char *asked, bool per_fra
                             "kind '%s' is not known; expected " KIND_NAMES ", or pags", name);
   } else if (per_frame_files) {
     kind = find_kind("pandaset");
+  } else if (pags_street_tracks_exist(root)) {
+    kind = find_kind("street-gaussians");
   } else {
     return pags_fail(PAGS_ERROR_FORMAT,
                      "%s: nothing says whose axes these files have: pass --kind " KIND_NAMES

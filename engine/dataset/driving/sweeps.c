@@ -36,6 +36,7 @@ static pags_result check_size(const pags_driving *driving, const char *path, uin
 static pags_result read_pose(const pags_driving *driving, int frame, double out[12], bool *missing, pags_tally *lost) {
   static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
   memcpy(out, identity, sizeof identity);
+  *missing = false;
   if (driving->rules.lidar_world)
     return PAGS_OK;
   const char *folder = driving->rules.lidar_frame ? "lidar_pose" : "ego_pose";

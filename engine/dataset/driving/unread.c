@@ -191,6 +191,8 @@ static bool is_known(const pags_driving *driving, const char *name) {
       return true;
   if (strcmp(name, driving->sky_folder) == 0 || strcmp(name, driving->dynamic_folder) == 0)
     return true;
+  if (strcmp(name, "track") == 0 && driving->street_tracks)
+    return true;
   return strcmp(name, "lidar_pose") == 0 && driving->rules.lidar_frame;
 }
 

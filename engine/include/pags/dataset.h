@@ -34,8 +34,9 @@ typedef struct pags_dataset_options {
   uint64_t seed;     /* seed of the random points that a static set without points of its own gets */
   int64_t random_points; /* number of these, 1..10^8; default 10000 */
   /* Driving sets only: */
-  const char *kind;    /* waymo, pandaset, kitti, nuscenes, argoverse2, nuplan; NULL: as dataset.json says */
-  const char *cameras; /* numbers of the cameras to use, separated by commas; NULL: all */
+  const char
+      *kind; /* waymo, pandaset, kitti, nuscenes, argoverse2, nuplan, street-gaussians; NULL: as dataset.json says */
+  const char *cameras;             /* numbers of the cameras to use, separated by commas; NULL: all */
   int64_t frame_first, frame_last; /* time steps to use, both included; frame_last -1 (default): to the end */
   const char *holdout_camera;      /* number of a camera all of whose views are held out; NULL: none */
   /* Mask of the ego vehicle, whose pixels are left out of the loss: a picture for all cameras, or a folder with
