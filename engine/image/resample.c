@@ -5,6 +5,7 @@
 
 #include <assert.h>
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 
 #include "base/memory.h"
@@ -58,6 +59,36 @@ static float sum_rows(const pags_image *from, const span *s, float *row) {
   return total;
 }
 
+/* The spans of a row's output pixels, which are the same in every row, and the weights of their source pixels. */
+typedef struct columns {
+  int *first, *last;
+  float *weights; /* of all source pixels of the first span, then of the second, ... */
+} columns;
+
+/* Returns false if there is no memory. */
+static bool find_columns(int width, double step, int count, columns *out) {
+  out->first = malloc((size_t)count * sizeof *out->first);
+  out->last = malloc((size_t)count * sizeof *out->last);
+  out->weights = malloc(((size_t)width + 2 * (size_t)count) * sizeof *out->weights);
+  if (!out->first || !out->last || !out->weights)
+    return false;
+  float *weight = out->weights;
+  for (int x = 0; x < count; x++) {
+    const span s = span_of(x, step, width);
+    out->first[x] = s.first;
+    out->last[x] = s.last;
+    for (int i = s.first; i < s.last; i++)
+      *weight++ = weight_of(&s, i);
+  }
+  return true;
+}
+
+static void destroy_columns(columns *c) {
+  free(c->first);
+  free(c->last);
+  free(c->weights);
+}
+
 static uint8_t to_byte(float value) {
   return (uint8_t)(value > 254.5f ? 255 : value + 0.5f);
 }
@@ -67,20 +98,24 @@ pags_result pags_shrink_mean(const pags_image *from, double step_x, double step_
   assert(step_x >= 1 && step_y >= 1);
   int channels = from->channels;
   float *row = malloc((size_t)from->width * (size_t)channels * sizeof *row);
-  if (!row)
+  columns spans = {0};
+  if (!row || !find_columns(from->width, step_x, to->width, &spans)) {
+    free(row);
+    destroy_columns(&spans);
     return pags_out_of_memory("a row of %d pixels", from->width);
+  }
   uint8_t *out = to->data;
   for (int y = 0; y < to->height; y++) {
     span sy = span_of(y, step_y, from->height);
     float row_weight = sum_rows(from, &sy, row);
+    const float *weight = spans.weights;
     for (int x = 0; x < to->width; x++) {
-      span sx = span_of(x, step_x, from->width);
+      const int first = spans.first[x], last = spans.last[x];
       float sum[4] = {0}, total = 0;
-      for (int i = sx.first; i < sx.last; i++) {
-        float weight = weight_of(&sx, i);
-        total += weight;
+      for (int i = first; i < last; i++, weight++) {
+        total += *weight;
         for (int c = 0; c < channels; c++)
-          sum[c] += weight * row[i * channels + c];
+          sum[c] += *weight * row[i * channels + c];
       }
       float scale = 1 / (total * row_weight);
       for (int c = 0; c < channels; c++)
@@ -88,6 +123,7 @@ pags_result pags_shrink_mean(const pags_image *from, double step_x, double step_
     }
   }
   free(row);
+  destroy_columns(&spans);
   return PAGS_OK;
 }
 

@@ -52,20 +52,24 @@ static void write_name(const survey *s, const known_folder *folder, int frame, i
     snprintf(out, size, "%d%s", camera, folder->extension);
 }
 
+/* Reads a number that is filled up with zeros to so many digits, and to no more. */
+static bool has_number(const char **at, int digits, int *out) {
+  const char *begin = *at;
+  return pags_driving_number(at, out) && (*at - begin == digits || (*at - begin > digits && *begin != '0'));
+}
+
 /* Whether a name has the form that is read in the folder; *used: whether there is a photograph that it belongs to. */
 static bool has_form(const survey *s, const known_folder *folder, const char *name, bool *used) {
-  char exact[64];
   const char *at = name;
   int frame = -1, camera = -1;
   *used = false;
-  if (folder->form != CAMERA && !pags_driving_number(&at, &frame))
+  if (folder->form != CAMERA && !has_number(&at, s->driving->digits, &frame))
     return false;
   if (folder->form == FRAME_AND_CAMERA && *at++ != '_')
     return false;
-  if (folder->form != FRAME && !pags_driving_number(&at, &camera))
+  if (folder->form != FRAME && !has_number(&at, 1, &camera))
     return false;
-  write_name(s, folder, frame, camera, exact, sizeof exact);
-  if (strcmp(name, exact) != 0)
+  if (strcmp(at, folder->extension) != 0)
     return false;
   *used = pags_driving_has_picture(s->pictures, s->count, frame, camera);
   return true;
@@ -86,13 +90,13 @@ static pags_result survey_folder(const survey *s, const known_folder *folder) {
   for (int64_t i = 0; i < list.count; i++) {
     const char *name = list.names[i];
     bool used;
-    if (is_companion(name) || !*pags_path_extension(name))
-      continue;
-    files++;
-    if (!has_form(s, folder, name, &used)) {
+    if (has_form(s, folder, name, &used)) {
+      files++;
+      if (!used)
+        first_lone = lone++ ? first_lone : name;
+    } else if (!is_companion(name) && *pags_path_extension(name)) {
+      files++;
       first_odd = odd++ ? first_odd : name;
-    } else if (!used) {
-      first_lone = lone++ ? first_lone : name;
     }
   }
   char expected[64];
@@ -122,11 +126,12 @@ static void survey_images(const survey *s, const pags_dir_list *list) {
   for (int64_t i = 0; i < list->count; i++) {
     const char *name = list->names[i];
     pags_driving_picture picture;
-    if (is_companion(name) || !*pags_path_extension(name))
-      continue;
-    files++;
-    if (!pags_driving_parse_picture(name, &picture))
+    if (pags_driving_parse_picture(name, &picture)) {
+      files++;
+    } else if (!is_companion(name) && *pags_path_extension(name)) {
+      files++;
       first = others++ ? first : name;
+    }
   }
   if (others > 0)
     pags_log_message(PAGS_LOG_WARNING,
