@@ -244,28 +244,33 @@ static void check_drive(const pags_driving *driving) {
   }
 }
 
-static int run_driving(const uint8_t *data, size_t size) {
-  fuzz_part parts[DRIVING_FILES];
-  char root[1024];
-  fuzz_parts(data, size, DRIVING_FILES, parts);
-  for (int i = 0; i < DRIVING_FILES; i++)
-    fuzz_file(driving_files[i], parts[i].bytes, parts[i].size);
-  fuzz_parts_free(DRIVING_FILES, parts);
-  snprintf(root, sizeof root, "%.900s/drive", fuzz_folder());
-  pags_parsed_dataset parsed = {0};
-  parsed.driving = calloc(1, sizeof *parsed.driving);
-  pags_driving *const driving = parsed.driving;
+/* Makes an empty set in the folder `name` with one camera and STEPS time steps. */
+static void begin_drive(const char *name, pags_parsed_dataset *parsed) {
+  *parsed = (pags_parsed_dataset){0};
+  parsed->driving = calloc(1, sizeof *parsed->driving);
+  pags_driving *const driving = parsed->driving;
   if (!driving)
     abort();
-  driving->root = pags_text_format("%s", root);
+  driving->root = pags_text_format("%s/%s", fuzz_folder(), name);
   driving->sensor_count = 1;
   driving->sensors = calloc(1, sizeof *driving->sensors);
   driving->step_count = STEPS;
   driving->steps = calloc(STEPS, sizeof *driving->steps);
   for (int i = 0; i < STEPS; i++) {
-    driving->steps[i].frame = i;
-    pags_parsed_add(&parsed);
+    driving->steps[i] = (pags_time_step){.frame = i, .time = i};
+    pags_parsed_add(parsed);
   }
+}
+
+static int run_driving(const uint8_t *data, size_t size) {
+  fuzz_part parts[DRIVING_FILES];
+  fuzz_parts(data, size, DRIVING_FILES, parts);
+  for (int i = 0; i < DRIVING_FILES; i++)
+    fuzz_file(driving_files[i], parts[i].bytes, parts[i].size);
+  fuzz_parts_free(DRIVING_FILES, parts);
+  pags_parsed_dataset parsed;
+  begin_drive("drive", &parsed);
+  pags_driving *const driving = parsed.driving;
   const pags_result result = read_drive(&parsed, driving);
   if (result == PAGS_OK)
     check_drive(driving);
@@ -337,6 +342,40 @@ static const fuzz_target driving = {.name = "instances",
                                     .times = 512,
                                     .smoke = 6000};
 
+/* ---- Boxes of Street Gaussians' converter ---- */
+
+static int run_street(const uint8_t *data, size_t size) {
+  static const char pose[] = "1 0 0 1\n0 1 0 2\n0 0 1 3\n0 0 0 1\n";
+  pags_parsed_dataset parsed;
+  fuzz_file("street/track/track_info.txt", data, size);
+  fuzz_file("street/ego_pose/0.txt", pose, sizeof pose - 1);
+  fuzz_file("street/ego_pose/1.txt", pose, sizeof pose - 1);
+  begin_drive("street", &parsed);
+  parsed.driving->fps = 1;
+  const pags_result result = pags_street_tracks_read(parsed.driving);
+  if (result == PAGS_OK)
+    check_drive(parsed.driving);
+  else
+    fuzz_refused(result, "street");
+  pags_parsed_destroy(&parsed);
+  return result == PAGS_OK;
+}
+
+static void seed_street(void) {
+  fuzz_seed_text(
+      "frame_id track_id object_class alpha box_height box_width box_length ...\n"
+      "0 3 vehicle -10 1.5 1.8 4.2 10 -2 0.7 0.1 3 \n0 4 pedestrian -10 1.7 0.5 0.6 12 2 0.9 -3 0\n"
+      "1 3 vehicle -10 1.5 1.8 4.2 13 -2 0.7 0.1 3 \n2 3 vehicle -10 1.5 1.8 4.2 16 -2 0.7 0.1 3 \n");
+}
+
+static const char *const street_words[] = {"frame_id", "vehicle ", "-1 ", "1e300 ", "nan ", "0 3 ", "\n", NULL};
+static const fuzz_target street = {.name = "street_tracks",
+                                   .seeds = seed_street,
+                                   .run = run_street,
+                                   .words = street_words,
+                                   .times = 512,
+                                   .smoke = 3000};
+
 /* ---- Point clouds ---- */
 
 static int run_points(const uint8_t *data, size_t size) {
@@ -377,4 +416,4 @@ static const char *const point_words[] = {"property float ",
                                           NULL};
 static const fuzz_target points = {.name = "ply_points", .seeds = seed_points, .run = run_points, .words = point_words};
 
-const fuzz_target *const fuzz_targets[] = {&transforms, &colmap_bin, &colmap_txt, &driving, &points, NULL};
+const fuzz_target *const fuzz_targets[] = {&transforms, &colmap_bin, &colmap_txt, &driving, &street, &points, NULL};

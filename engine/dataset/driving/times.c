@@ -207,6 +207,10 @@ static pags_result read_times(pags_driving *driving, const char *path, pags_pars
     find_exposure_unit(&t, path, find_unit(driving, path));
     choose_fps(driving, path);
   }
+  for (int64_t i = 1; i < driving->step_count && result == PAGS_OK; i++)
+    if (!(driving->steps[i].time > driving->steps[i - 1].time)) /* equal in seconds, if not in the file's unit */
+      result = pags_fail(PAGS_ERROR_FORMAT, "%s: frame %d: expected a later time than frame %d's", path,
+                         driving->steps[i].frame, driving->steps[i - 1].frame);
   pags_json_destroy(json);
   return result;
 }
