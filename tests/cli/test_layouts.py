@@ -136,6 +136,13 @@ class UnreadTest(StreetCase):
         os.remove(self.at("instances/frame_instances.json"))
         self.warns("instances: 1 of 1 entries aren't read", "info.json", "expected instances_info.json")
 
+    def test_masks_in_a_folder_for_each_camera(self):
+        os.makedirs(self.at("sky_masks/0"))
+        for name in self.names("sky_masks"):
+            if name.endswith("_0.png"):
+                os.rename(self.at("sky_masks", name), self.at("sky_masks/0", name))
+        self.warns("sky_masks: 1 of 7 files aren't read, the first is 0")
+
     def test_what_tools_leave_is_no_data(self):
         write(self.at("semantic/segment.json"), "{}")
         write(self.at("README.md"), "a street")
@@ -318,6 +325,20 @@ class CalibrationTest(StreetCase):
         for name in self.names("extrinsics"):
             write(self.at("extrinsics", name), matrix_text(inverse(numbers(self.at("extrinsics", name)))))
         self.warns("extrinsics: 2 of 2 cameras don't stand upright", "extrinsics or camera_axes may be wrong", "inverted they")
+
+    def test_inverted_extrinsics_of_each_exposure(self):
+        cameras = {c: numbers(self.at("extrinsics", f"{c}.txt")) for c in range(2)}
+        described = json.loads(read(self.at("dataset.json")))
+        write(self.at("dataset.json"), json.dumps({**described, "extrinsics": "per-frame"}))
+        for turn in (0, 1, 2, 3):  # the car's heading in the world
+            cos, sin = ((1, 0), (0, 1), (-1, 0), (0, -1))[turn]
+            world = [cos, -sin, 0, 0, sin, cos, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
+            for t in range(6):
+                ego = product(world, numbers(self.at("ego_pose", f"{t:03d}.txt")))
+                for c, camera in cameras.items():
+                    write(self.at("extrinsics", f"{t:03d}_{c}.txt"), matrix_text(inverse(product(ego, camera))))
+            lines = "\n".join(self.warnings())
+            self.assertTrue("don't stand upright" in lines or "move up or down" in lines, lines)
 
     def test_extrinsics_of_other_axes(self):
         described = json.loads(read(self.at("dataset.json")))
@@ -544,6 +565,20 @@ class SweepTest(StreetCase):
         write(self.at("dataset.json"), json.dumps({**described, "lidar_frame": "world"}))
         self.assertEqual(self.warnings(), [])
         self.assertIn("sweeps in the world's frame", self.succeeds("info", self.street).stdout)
+
+    def test_axes_of_a_camera(self):
+        self.rewrite(lambda points, frame: self.flat([[-p[1], -p[2], p[0], p[3]] for p in points]).tobytes())
+        lines = self.warnings()
+        self.assertIn("lidar/003.bin: its points spread by", lines[0])
+        self.assertIn("expected z to point up", lines[0])
+
+    def test_x_to_the_right(self):
+        self.rewrite(lambda points, frame: self.flat([[-p[1], p[0], p[2], p[3]] for p in points]).tobytes())
+        self.warns("meet if they are turned by 270 degrees about z", "axes may be wrong")
+
+    def test_empty_sweeps(self):
+        write(self.at("lidar/001.bin"), b"")
+        self.warns("lidar: 1 of 6 sweeps have no points, the first is of frame 1")
 
     def test_inverse_poses(self):
         for name in self.names("ego_pose"):

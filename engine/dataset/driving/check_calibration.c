@@ -129,7 +129,10 @@ static pags_result check_lenses(const pags_driving *driving, const pags_parsed_d
   return PAGS_OK;
 }
 
-/* ---- Cameras that stand upright ---- */
+/* ---- Cameras that stand upright and drive ---- */
+
+/* Metres that a camera must have come for its way to be judged, and the sine of the steepest way. */
+static const double least_way = 2, steepest = 0.7;
 
 /* Another reading of the extrinsics. */
 enum { AS_READ, INVERTED, OTHER_AXES, BOTH, READINGS };
@@ -195,9 +198,42 @@ static void check_upright(const pags_driving *driving, const pags_parsed_dataset
         driving->root, tilted, total, first_tilted);
 }
 
+/* Warns of cameras that move up or down rather than forward, as they do with inverted poses of each exposure: these
+ * have the way of the car along the camera's axis as height. */
+static void check_way(const pags_driving *driving, const pags_parsed_dataset *parsed) {
+  int total = 0, climbing = 0, first = 0;
+  double height = 0, way = 0;
+  for (int64_t i = 0; i < driving->sensor_count; i++) {
+    const pags_parsed_view *begin = find_view(parsed, &driving->sensors[i], NULL), *end = begin;
+    for (int64_t j = 0; j < parsed->count; j++)
+      if (is_seen_by(&parsed->views[j], &driving->sensors[i]))
+        end = &parsed->views[j];
+    if (!begin)
+      continue;
+    double d[3], square = 0;
+    for (int k = 0; k < 3; k++) {
+      d[k] = end->world_from_camera[4 * k + 3] - begin->world_from_camera[4 * k + 3];
+      square += d[k] * d[k];
+    }
+    total++;
+    if (square < least_way * least_way || fabs(d[2]) < steepest * sqrt(square) || climbing++ > 0)
+      continue;
+    first = driving->sensors[i].number;
+    height = d[2];
+    way = sqrt(square);
+  }
+  if (climbing > 0)
+    pags_log_message(
+        PAGS_LOG_WARNING,
+        "%s/%s: %d of %d cameras move up or down, the first is camera %d: by %.1f m on %.1f m; poses may be "
+        "inverted, expected camera-to-world (or car-to-world), z up",
+        driving->root, driving->rules.per_frame ? "extrinsics" : "ego_pose", climbing, total, first, height, way);
+}
+
 pags_result pags_calibration_check(const pags_driving *driving, const pags_parsed_dataset *parsed) {
   PAGS_TRY(check_sizes(driving, parsed));
   PAGS_TRY(check_lenses(driving, parsed));
   check_upright(driving, parsed);
+  check_way(driving, parsed);
   return PAGS_OK;
 }

@@ -3,8 +3,8 @@
  *
  * Two sweeps between which the car has driven some metres are put into the world, and the share of the points of one
  * that lie in a voxel of the other is measured. It is measured again with the points left where they are, which fits
- * better if they are in the world's frame already, and with the inverse poses. Points near the ground don't count,
- * since a road fits a road anywhere. */
+ * better if they are in the world's frame already, with the inverse poses, and with the points turned about z. Points
+ * near the ground don't count, since a road fits a road anywhere. */
 #include "dataset/driving/checks.h"
 #include "dataset/driving/reader.h"
 
@@ -111,18 +111,43 @@ static int64_t find_partner(const pags_driving *driving, int64_t middle) {
   return best;
 }
 
+/* Returns the largest overlap with the points turned about z by 90, 180 or 270 degrees before they are moved; *degrees
+ * is the turn. */
+static double best_turn(const points *a, const points *b, uint64_t *slots, int *degrees) {
+  static const double turns[3][12] = {{0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1, 0},
+                                      {-1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1, 0},
+                                      {0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1, 0}};
+  double best = 0;
+  for (int i = 0; i < 3; i++) {
+    double pose_a[12], pose_b[12];
+    pags_rigid_multiply(a->pose, turns[i], pose_a);
+    pags_rigid_multiply(b->pose, turns[i], pose_b);
+    const double share = overlap(a, pose_a, b, pose_b, slots);
+    *degrees = share > best ? 90 * (i + 1) : *degrees;
+    best = fmax(best, share);
+  }
+  return best;
+}
+
 static void warn(const pags_driving *driving, const points *a, const points *b, uint64_t *slots) {
   static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
   double back_a[12], back_b[12];
+  int degrees = 0;
   pags_rigid_inverse(a->pose, back_a);
   pags_rigid_inverse(b->pose, back_b);
   const double as_read = overlap(a, a->pose, b, b->pose, slots);
   const double world = overlap(a, identity, b, identity, slots), inverse = overlap(a, back_a, b, back_b, slots);
-  const double better = fmax(world, inverse);
+  const double turned = best_turn(a, b, slots, &degrees), better = fmax(fmax(world, inverse), turned);
   const char *folder = driving->rules.lidar_frame ? "lidar_pose" : "ego_pose";
   if (better < least_share || better < least_ratio * as_read)
     return;
-  if (world >= inverse)
+  if (turned > world && turned > inverse)
+    pags_log_message(
+        PAGS_LOG_WARNING,
+        "%s/lidar: %.0f %% of the points of two sweeps meet if they are turned by %d degrees about z, %.0f "
+        "%% as they are: their axes may be wrong; expected those of %s",
+        driving->root, 100 * turned, degrees, 100 * as_read, folder);
+  else if (world >= inverse)
     pags_log_message(
         PAGS_LOG_WARNING,
         "%s/lidar: %.0f %% of the points of two sweeps meet without %s, %.0f %% with it: lidar_frame may be "

@@ -11,6 +11,7 @@
 
 #include "base/bytes.h"
 #include "base/file.h"
+#include "base/log.h"
 #include "base/memory.h"
 #include "base/sort.h"
 #include "maths/maths.h"
@@ -23,7 +24,7 @@
 #include <string.h>
 
 /* Pieces of the file that are looked at, bytes of a piece (a multiple of 8), fewest and most columns looked for. */
-enum { PIECES = 8, PIECE = 2048, FEWEST = 3, MOST = 16, FEW_VALUES = 512 };
+enum { PIECES = 8, PIECE = 2048, FEWEST = 3, MOST = 16, FEW_VALUES = 512, FEW_POINTS = 200 };
 
 static const double farthest = 1000;      /* metres: no LiDAR of cars sees as far */
 static const double nearest_median = 0.3; /* metres: half of the points are farther than this */
@@ -69,6 +70,7 @@ typedef struct reading {
 typedef struct points_look {
   int64_t rows, finite, wrong; /* wrong: of the finite ones, those that no LiDAR gives */
   double median;               /* metres: of the distances of the finite ones */
+  double spread[3];            /* metres: standard deviations of x, y, z of the finite ones */
   double first[3];             /* the first wrong one */
   int64_t first_row;
 } points_look;
@@ -88,7 +90,7 @@ static int by_value(const void *a, const void *b) {
 }
 
 static void look_at_points(const sample *s, const reading *how, points_look *out) {
-  double distances[PIECES * PIECE / 12];
+  double distances[PIECES * PIECE / 12], sum[3] = {0}, squares[3] = {0};
   const uint64_t row = (uint64_t)how->columns * (how->wide ? 8 : 4);
   *out = (points_look){0};
   for (int i = 0; i < PIECES; i++)
@@ -105,6 +107,10 @@ static void look_at_points(const sample *s, const reading *how, points_look *out
       if (!isfinite(p[0]) || !isfinite(p[1]) || !isfinite(p[2]))
         continue;
       distances[out->finite++] = sqrt(square);
+      for (int k = 0; k < 3; k++) {
+        sum[k] += p[k];
+        squares[k] += p[k] * p[k];
+      }
       if (!odd && square <= farthest * farthest)
         continue;
       if (out->wrong++ == 0) {
@@ -112,6 +118,10 @@ static void look_at_points(const sample *s, const reading *how, points_look *out
         out->first_row = (int64_t)(at / row);
       }
     }
+  for (int k = 0; k < 3 && out->finite; k++) {
+    const double mean = sum[k] / (double)out->finite;
+    out->spread[k] = sqrt(fmax(squares[k] / (double)out->finite - mean * mean, 0));
+  }
   pags_sort(distances, out->finite, sizeof *distances, by_value);
   out->median = out->finite ? distances[out->finite / 2] : 0;
 }
@@ -260,6 +270,13 @@ static pags_result check_rows(const pags_driving *driving, const char *path, con
                      "%s: by its values it has %d floats a row, expected %d as kind %s has; name them in "
                      "'lidar_columns' of dataset.json",
                      path, columns, how->columns, driving->rules.kind);
+  const double flattest = fmin(look.spread[0], look.spread[1]);
+  if (look.finite >= FEW_POINTS && look.spread[2] > 1.5 * flattest)
+    pags_log_message(
+        PAGS_LOG_WARNING,
+        "%s: its points spread by %.1f m along z, but %.1f m along %s: their axes may be wrong; expected z to "
+        "point up",
+        path, look.spread[2], flattest, look.spread[0] < look.spread[1] ? "x" : "y");
   return PAGS_OK;
 }
 

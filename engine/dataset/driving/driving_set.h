@@ -76,7 +76,9 @@ typedef struct pags_driving {
   pags_object *objects;
   pags_critical critical;
   int64_t sweep_count;
-  pags_sweep *sweeps; /* each sweep owns its `path` */
+  pags_sweep *sweeps;   /* each sweep owns its `path` */
+  int64_t empty_sweeps; /* how many have no points, and the frame of the first of them */
+  int first_empty_sweep;
   int64_t note_count;
   char **notes;
 } pags_driving;

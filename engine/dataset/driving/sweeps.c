@@ -57,6 +57,8 @@ static pags_result add_sweep(pags_driving *driving, const pags_time_step *step, 
                      path);
   PAGS_TRY(pags_file_size(path, &size));
   PAGS_TRY(check_size(driving, path, size));
+  if (size == 0 && driving->empty_sweeps++ == 0)
+    driving->first_empty_sweep = step->frame;
   *sweep = (pags_sweep){.frame = step->frame, .test = step->test, .time = step->time};
   bool missing;
   PAGS_TRY(read_pose(driving, step->frame, sweep->world_from_sweep, &missing, lost));
@@ -87,6 +89,10 @@ pags_result pags_sweeps_find(pags_driving *driving) {
                      driving->root, (long long)lost.count, (long long)driving->step_count, lost.first);
   if (driving->sweep_count > 0)
     driving->provides |= PAGS_PROVIDES_LIDAR;
+  if (driving->empty_sweeps > 0)
+    pags_log_message(PAGS_LOG_WARNING, "%s/lidar: %lld of %lld sweeps have no points, the first is of frame %d",
+                     driving->root, (long long)driving->empty_sweeps, (long long)driving->sweep_count,
+                     driving->first_empty_sweep);
 
   /* The note reads like "LiDAR: 76 sweeps, none for 4 frames: 056 057 058 071". */
   char line[400];

@@ -77,6 +77,13 @@ static bool has_form(const survey *s, const known_folder *folder, const char *na
 
 /* ---- Known folders ---- */
 
+static bool is_folder(const char *parent, const char *name) {
+  char *path = pags_path_join(parent, name);
+  const bool found = path && pags_dir_exists(path);
+  free(path);
+  return found;
+}
+
 /* Warns of the files of a folder that aren't read. A folder that isn't there has none. */
 static pags_result survey_folder(const survey *s, const known_folder *folder) {
   const pags_driving *driving = s->driving;
@@ -94,7 +101,7 @@ static pags_result survey_folder(const survey *s, const known_folder *folder) {
       files++;
       if (!used)
         first_lone = lone++ ? first_lone : name;
-    } else if (!is_companion(name) && *pags_path_extension(name)) {
+    } else if (!is_companion(name) && (*pags_path_extension(name) || is_folder(path, name))) {
       files++;
       first_odd = odd++ ? first_odd : name;
     }
@@ -188,9 +195,10 @@ static const char *meant_by(const char *name) {
 
 /* Whether a name of the set's folder is one that the reader opens, or another tool's beside it. */
 static bool is_known(const pags_driving *driving, const char *name) {
-  static const char *const names[] = {"images",    "intrinsics", "extrinsics",    "ego_pose",  "lidar",
-                                      "sky_masks", "semantic",   "dynamic_masks", "ego_masks", "instances",
-                                      "truth",     "sparse",     "colmap"};
+  static const char *const
+      names[] = {"images",    "intrinsics", "extrinsics",    "ego_pose",  "lidar",
+                 "sky_masks", "semantic",   "dynamic_masks", "ego_masks", "instances",
+                 "truth",     "sparse",     "colmap",        "panoptic"}; /* panoptic: kept by 'pags import waymo' */
   for (size_t i = 0; i < sizeof names / sizeof *names; i++)
     if (strcmp(name, names[i]) == 0)
       return true;
