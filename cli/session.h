@@ -36,7 +36,7 @@ typedef struct pags_session {
 /* Rows for verbs that open driving sets; `where` is the offset of a pags_dataset_options in the verb's struct. */
 #define PAGS_DRIVING_OPTIONS(where)                                                                                   \
   PAGS_TEXT("kind", 0, (where) + offsetof(pags_dataset_options, kind),                                                \
-            "waymo|pandaset|kitti|nuscenes|argoverse2|nuplan", "as dataset.json says",                                \
+            "waymo|pandaset|kitti|nuscenes|argoverse2|nuplan|street-gaussians", "as dataset.json says",               \
             "driving sets: read drivestudio's layout by the rules of this source"),                                   \
       PAGS_TEXT("cameras", 0, (where) + offsetof(pags_dataset_options, cameras), "LIST", "all",                       \
                 "driving sets: use these cameras, numbers separated by commas"),                                      \
