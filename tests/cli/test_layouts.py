@@ -212,7 +212,11 @@ class LabelTest(StreetCase):
             width, height, _, _, pixels = fixtures.read_png(self.at("semantic", name))
             colours = b"".join(bytes(self.COLOURS.get(p, (128, 64, 128))) for p in pixels)
             write(self.at("semantic", name), fixtures.png_bytes(width, height, colours))
-        self.refused("semantic/003_0.png: the pixel at", "has the colour", "expected the id of its class", "8 bits")
+        self.refused("semantic/000_0.png: the pixel at", "has the colour", "expected the id of its class", "8 bits")
+
+    def test_one_picture_of_colours(self):
+        write(self.at("semantic/001_1.png"), fixtures.png_bytes(96, 54, bytes([128, 64, 128]) * 96 * 54))
+        self.refused("semantic/001_1.png: the pixel at 0, 0 has the colour 128 64 128")
 
     def test_classes_saved_in_three_channels(self):
         for name in self.names("semantic"):
@@ -551,6 +555,11 @@ class SweepTest(StreetCase):
     def test_eight_columns(self):
         self.columns(8)
         self.refused("lidar/003.bin: by its values it has 8 floats a row")
+
+    def test_columns_one_after_the_other(self):
+        self.rewrite(lambda points, frame: array.array("f", [p[k] for k in range(4) for p in points]).tobytes())
+        lines = self.warnings()
+        self.assertIn("lidar/003.bin: its 4 columns hold the same kind of values", lines[0])
 
     def test_the_world_frame(self):
         def change(points, frame):

@@ -143,10 +143,26 @@ static int64_t count_unknown(const pags_label_set *set, const int64_t counts[256
   return unknown;
 }
 
+/* Loads up to MOST_LOOKS label images that have colours by their headers: they are refused unless these are greys. */
+static pags_result check_colours(const files *f) {
+  int looks = 0;
+  for (int64_t i = 0; i < f->parsed->count && looks < MOST_LOOKS; i++) {
+    const pags_parsed_view *view = &f->parsed->views[i];
+    pags_image labels;
+    if (!view->semantic_path || !pags_driving_has_colours(view->semantic_path))
+      continue;
+    looks++;
+    PAGS_TRY(pags_driving_load_labels(view->semantic_path, &view->lens, &labels));
+    pags_image_destroy(&labels);
+  }
+  return PAGS_OK;
+}
+
 static pags_result check_labels(const pags_driving *driving, const files *f) {
   const pags_label_set *set = driving->rules.labels, *other = NULL;
   if (f->count == 0)
     return PAGS_OK;
+  PAGS_TRY(check_colours(f));
   const pags_parsed_view *view = choose(f, 0);
   pags_image labels;
   int64_t counts[256] = {0};

@@ -53,15 +53,23 @@ uint8_t pags_driving_white(const pags_image *mask) {
 
 /* ---- Label images ---- */
 
-/* Whether the file is a PNG with 16 bits a sample (ISO/IEC 15948, 11.2.2: the depth is byte 24). */
-static bool has_16_bits(const char *path) {
-  uint8_t head[25] = {0};
+/* Reads the depth of the samples (1 to 16) and the type of colour of a PNG (ISO/IEC 15948, 11.2.2: bytes 24 and 25);
+ * zeros for another file. */
+static void read_form(const char *path, int *depth, int *type) {
+  uint8_t head[26] = {0};
   FILE *file = pags_port_open(path, "rb");
-  if (!file)
-    return false;
-  const size_t got = fread(head, 1, sizeof head, file);
-  fclose(file);
-  return got == sizeof head && memcmp(head, "\x89PNG", 4) == 0 && head[24] == 16;
+  const size_t got = file ? fread(head, 1, sizeof head, file) : 0;
+  const bool png = got == sizeof head && memcmp(head, "\x89PNG", 4) == 0;
+  if (file)
+    fclose(file);
+  *depth = png ? head[24] : 0;
+  *type = png ? head[25] : 0;
+}
+
+bool pags_driving_has_colours(const char *path) {
+  int depth, type;
+  read_form(path, &depth, &type);
+  return type & 2; /* RGB, a palette, RGBA */
 }
 
 /* Makes the 16-bit samples of a label image 8 bits wide, without scaling them. */
@@ -106,7 +114,9 @@ static pags_result keep_one(const char *path, pags_image *image) {
 }
 
 pags_result pags_driving_load_labels(const char *path, const pags_lens *lens, pags_image *out) {
-  const bool wide = has_16_bits(path);
+  int depth, type;
+  read_form(path, &depth, &type);
+  const bool wide = depth == 16;
   PAGS_TRY(pags_image_load(path, wide ? PAGS_U16 : PAGS_U8, wide ? 1 : 0, out));
   pags_result result = check_size(path, lens, out);
   if (result == PAGS_OK && wide)

@@ -18,6 +18,9 @@ pags_result pags_driving_load_mask(const char *path, const pags_lens *lens, pags
  * colours in place of ids, or ids above 255. */
 pags_result pags_driving_load_labels(const char *path, const pags_lens *lens, pags_image *out);
 
+/* Whether a label image is a PNG with colours or a palette, by its header. */
+bool pags_driving_has_colours(const char *path);
+
 /* Returns the least value that is white in a mask: 128, or 1 if the mask holds nothing but 0 and 1. */
 uint8_t pags_driving_white(const pags_image *mask);
 
