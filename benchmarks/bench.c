@@ -113,7 +113,7 @@ static pags_result choose_cameras(const bench_arguments *arguments, const pags_s
   } else if (scene->view_count > 0) {
     PAGS_TRY(pags_camera_path_views(scene, &path));
   } else {
-    PAGS_TRY(pags_camera_path_orbit(scene, arguments->views, &path));
+    PAGS_TRY(pags_camera_path_orbit(scene, arguments->views, PAGS_STAND_AUTO, &path));
   }
   const int64_t wanted = path.count < arguments->views ? path.count : arguments->views;
   for (int64_t i = 0; i < path.count; i++)

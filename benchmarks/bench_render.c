@@ -116,7 +116,7 @@ static pags_result find_path(const render_bench_arguments *a, const pags_scene *
   if (!strcmp(kind, "views"))
     PAGS_TRY(pags_camera_path_views(scene, path));
   else if (!strcmp(kind, "orbit"))
-    PAGS_TRY(pags_camera_path_orbit(scene, a->frames, path));
+    PAGS_TRY(pags_camera_path_orbit(scene, a->frames, PAGS_STAND_AUTO, path));
   else if (strcmp(kind, "ego"))
     PAGS_TRY(pags_camera_path_load(kind, path));
   else if (pags_scene_is_drive(scene))

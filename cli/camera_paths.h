@@ -6,12 +6,14 @@
 
 #include <pags/scene.h>
 #include <stdbool.h>
+#include "scene/survey.h"
 
 /* Makes an orbit of `frames` cameras at 30 frames a second, upright and looking at a centre; after the last frame the
- * orbit closes at the first. With views: around the point nearest to their optical axes, at their median distance and
- * height, within the arc of azimuths that they cover. Without views: around the median of the Gaussians. In a drive:
- * from above, around a place ahead of the drive's middle. */
-pags_result pags_camera_path_orbit(const pags_scene *scene, int64_t frames, pags_camera_path *out);
+ * orbit closes at the first, or goes back along the arc that the photographs cover. With photographs: around the point
+ * nearest to their optical axes, near their cameras. Without: around all that is there, as near as shows it whole, or
+ * within the room that it makes. In a drive: from above, around a place ahead of the drive's middle. `stand` other than
+ * PAGS_STAND_AUTO: from outside, or from within, whatever there is. The eye stays out of what is solid. */
+pags_result pags_camera_path_orbit(const pags_scene *scene, int64_t frames, pags_stand stand, pags_camera_path *out);
 
 /* Lists the cameras of the training views, unchanged; may be none. */
 pags_result pags_camera_path_views(const pags_scene *scene, pags_camera_path *out);

@@ -358,7 +358,7 @@ static pags_result put_memory(pags_report *report, pags_tasks *tasks, pags_scene
   const pags_part *parts;
   int part_count, degree;
   double stored = stored_bytes(scene, &degree);
-  PAGS_TRY(pags_camera_path_orbit(scene, 1, &path));
+  PAGS_TRY(pags_camera_path_orbit(scene, 1, PAGS_STAND_AUTO, &path));
   pags_camera camera = path.cameras[0];
   pags_camera_path_destroy(&path);
   PAGS_TRY(pags_frame_create(tasks, &frame));

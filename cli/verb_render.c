@@ -31,6 +31,7 @@ typedef struct render_arguments {
   int exposure, antialiased, sh_degree, exp_degree; /* exp_degree: index in "3|5" */
   const char *early_z;
   int order; /* pags_order */
+  int stand; /* pags_stand */
   pags_dataset_options dataset_options;
   int packed;
   double budget_ms; /* 0: none */
@@ -48,6 +49,8 @@ static const pags_option options[] = {
         "a path file; orbit: round the scene; ego: smoothly through the training views, or along the drive that was "
         "recorded, time running"),
     PAGS_TEXT("camera", 0, AT(camera), "FILE", NULL, "a camera file"),
+    PAGS_CHOICE("stand", AT(stand), "auto|around|inside", NULL,
+                "of orbit: from outside, or from within a room; auto: near the photographs' cameras, else what fits"),
     PAGS_VALUE("frames", 'n', INT64, AT(frames), 1, 1e6, "N", NULL, "120; a drive: as recorded",
                "frames of orbit and ego"),
     PAGS_VALUE("fps", 0, DOUBLE, AT(fps), 1e-3, 1e4, "F", "frames a second", "as recorded",
@@ -166,7 +169,7 @@ static pags_result find_viewpoints(const render_arguments *arguments, const pags
   if (arguments->camera)
     PAGS_TRY(pags_camera_path_load(arguments->camera, &path));
   else if (!strcmp(arguments->path, "orbit"))
-    PAGS_TRY(pags_camera_path_orbit(scene, arguments->frames, &path));
+    PAGS_TRY(pags_camera_path_orbit(scene, arguments->frames, (pags_stand)arguments->stand, &path));
   else if (!strcmp(arguments->path, "ego"))
     PAGS_TRY(find_ego(arguments, pags_option_given(parsed, "frames"), scene, &path));
   else

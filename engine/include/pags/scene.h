@@ -67,6 +67,13 @@ typedef struct pags_scene {
   char *notes; /* JSON text: what was modelled and why (docs/scene-folder.md, "modelled"); NULL: nothing is known */
 } pags_scene;
 
+/* From where a scene without photographs is looked at. */
+typedef enum pags_stand {
+  PAGS_STAND_AUTO,   /* from inside if what is there surrounds its own middle, else from around it */
+  PAGS_STAND_AROUND, /* from outside, all round it: an object */
+  PAGS_STAND_INSIDE  /* from places within it: a room, a street */
+} pags_stand;
+
 /* Reads a scene folder (or its scene.json) or a bare splat file: .ply (INRIA's layout with the properties in any
  * order, or PlayCanvas compressed), .spz (versions 2 to 4), .pagsz (packed) or .splat. The format is detected by the
  * content, that of .splat, which has no signature, by the name.
