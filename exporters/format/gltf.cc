@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstring>
 #include <memory>
+#include <set>
 #include <sstream>
 #include <stdexcept>
 #include <string>
@@ -22,6 +23,7 @@
 struct pags_gltf {
   tinygltf::Model model;
   std::vector<unsigned char> bytes;
+  std::set<std::string> nodes, meshes, cameras; /* names that are taken */
   bool failed = false;
 };
 
@@ -40,6 +42,15 @@ int guarded(pags_gltf *gltf, const Work &what) {
     gltf->failed = true;
     return -1;
   }
+}
+
+/* Makes a name unique among those taken: importers tell things apart by it, or overwrite one by the other. */
+std::string unique(std::set<std::string> &taken, const char *name) {
+  const std::string wanted = *name ? name : "unnamed";
+  std::string out = wanted;
+  for (int i = 2; !taken.insert(out).second; i++)
+    out = wanted + "_" + std::to_string(i);
+  return out;
 }
 
 tinygltf::Value convert(const pags_json_value *value) {
@@ -284,7 +295,7 @@ int pags_gltf_mesh(pags_gltf *gltf, const char *name, const pags_proxy_mesh *sur
     primitive.attributes["COLOR_0"] = put_colors(gltf, surface->colors, vertices);
     primitive.indices = put_indices(gltf, surface->triangles, indices, vertices);
     tinygltf::Mesh mesh;
-    mesh.name = name;
+    mesh.name = unique(gltf->meshes, name);
     mesh.primitives.push_back(primitive);
     if (flags & PAGS_GLTF_MANIFOLD) {
       /* EXT_mesh_manifold asks for indices by which faces share vertices. The proxy's triangles share theirs already,
@@ -315,7 +326,7 @@ int pags_gltf_points(pags_gltf *gltf, const char *name, int64_t count, const pag
     primitive.extensions[extension] = parse(extension_json);
     use_extension(gltf, extension);
     tinygltf::Mesh mesh;
-    mesh.name = name;
+    mesh.name = unique(gltf->meshes, name);
     mesh.primitives.push_back(primitive);
     gltf->model.meshes.push_back(mesh);
     return static_cast<int>(gltf->model.meshes.size()) - 1;
@@ -326,7 +337,7 @@ int pags_gltf_node(pags_gltf *gltf, int parent, const char *name) {
   return guarded(gltf, [&] {
     int index = static_cast<int>(gltf->model.nodes.size());
     tinygltf::Node node;
-    node.name = name;
+    node.name = unique(gltf->nodes, name);
     gltf->model.nodes.push_back(node);
     if (parent >= 0)
       node_at(gltf, parent).children.push_back(index);
@@ -339,7 +350,7 @@ int pags_gltf_node(pags_gltf *gltf, int parent, const char *name) {
 int pags_gltf_camera(pags_gltf *gltf, const char *name, const pags_camera *camera) {
   return guarded(gltf, [&] {
     tinygltf::Camera out;
-    out.name = name;
+    out.name = unique(gltf->cameras, name);
     out.type = "perspective";
     out.perspective.yfov = 2 * pags_atan(0.5 * camera->height / camera->fy);
     out.perspective.aspectRatio = camera->width / camera->fx / (camera->height / camera->fy);

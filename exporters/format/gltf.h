@@ -17,7 +17,8 @@ typedef struct pags_gltf pags_gltf;
 pags_result pags_gltf_create(pags_gltf **out);
 void pags_gltf_destroy(pags_gltf *gltf); /* NULL is allowed */
 
-/* The functions that return int add one item and return its glTF index, or -1 after a failure. Names are copied. */
+/* The functions that return int add one item and return its glTF index, or -1 after a failure. Names are copied; a
+ * number is appended to a name that another thing of its kind has, and what has none is "unnamed". */
 int pags_gltf_material(pags_gltf *gltf, const char *name, int double_sided);
 enum { PAGS_GLTF_NORMALS = 1, PAGS_GLTF_MANIFOLD = 2 };
 /* Adds a triangle mesh with POSITION and COLOR_0 (linear light, 16 bits a channel). PAGS_GLTF_NORMALS adds smooth

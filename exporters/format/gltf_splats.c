@@ -10,6 +10,7 @@
 #include "base/memory.h"
 #include "exporters/format/gltf.h"
 #include "exporters/format/object_gaussians.h"
+#include "exporters/format/presence.h"
 #include "maths/maths.h"
 
 /* ---- One set of Gaussians ---- */
@@ -152,6 +153,7 @@ pags_result pags_gltf_tracks_save(const char *path, pags_composition *compositio
   int degree;
   double time_zero = scene->time_begin;
   pags_gltf *gltf;
+  PAGS_TRY(pags_presence_tell(scene));
   PAGS_TRY(pags_object_gaussians_degree(composition, options->sh_degree, &degree));
   PAGS_TRY(pags_gltf_create(&gltf));
   int root = pags_gltf_node(gltf, -1, "scene");
