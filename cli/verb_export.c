@@ -20,7 +20,7 @@ typedef struct export_arguments {
   int splats;
   double time;
   pags_words only;
-  int level, naming;
+  int level, naming, stand;
 } export_arguments;
 
 #define AT(member) offsetof(export_arguments, member)
@@ -43,11 +43,14 @@ static const pags_option options[] = {
                "most of the ground"),
     PAGS_VALUE("chunk-triangles", 0, INT64, AT(proxy.chunk_triangles), 12, 1e8, "N", "triangles", NULL,
                "most of all chunks of the background together"),
-    PAGS_VALUE("chunk", 0, DOUBLE, AT(proxy.chunk), 2, 1000, "M", "metres", NULL, "side of the background's chunks"),
-    PAGS_VALUE("voxel", 0, DOUBLE, AT(proxy.voxel), 0.02, 2, "M", "metres", NULL,
+    PAGS_VALUE("chunk", 0, DOUBLE, AT(proxy.chunk), 2, 1000, "M", "metres", "20; of a splat file a quarter of its side",
+               "side of the background's chunks"),
+    PAGS_VALUE("voxel", 0, DOUBLE, AT(proxy.voxel), 1e-4, 2, "M", "metres", "0.15; of a splat file by its extent",
                "fineness of the background's surface"),
-    PAGS_VALUE("range", 0, DOUBLE, AT(proxy.range), 1, 10000, "M", "metres", NULL,
+    PAGS_VALUE("range", 0, DOUBLE, AT(proxy.range), 0.1, 10000, "M", "metres", "60; of a splat file its side",
                "what is farther from the cameras is left out of the background"),
+    PAGS_CHOICE("stand", AT(stand), "auto|around|inside", NULL,
+                "from where to look at what has no photographs, to find its surface: all round it, or within a room"),
     PAGS_FLAG("cameras", 0, AT(proxy.cameras), "the training views as cameras, and the recording car's way"),
     PAGS_FLAG("invisible", 0, AT(proxy.visibility), "KHR_node_visibility: readers that know it show nothing"),
     PAGS_FLAG("physics", 0, AT(proxy.physics), "KHR_physics_rigid_bodies: objects as kinematic bodies"),
@@ -84,6 +87,7 @@ static pags_result export_proxies(export_arguments *arguments, const pags_scene 
   pags_proxy_report report;
   arguments->proxy.level = (pags_proxy_level)arguments->level;
   arguments->proxy.naming = (pags_proxy_naming)arguments->naming;
+  arguments->proxy.stand = (pags_stand)arguments->stand;
   pags_interrupt_install(arguments->session.tasks);
   pags_result result = pags_export_proxies(scene, path, &arguments->proxy, arguments->session.tasks,
                                            pags_progress_watch, &progress, &report);
@@ -174,6 +178,7 @@ static pags_result export_usd(export_arguments *arguments, pags_scene *scene, co
   int64_t count = 0;
   arguments->splat.time = scene->time_begin + arguments->time;
   arguments->proxy.level = (pags_proxy_level)arguments->level;
+  arguments->proxy.stand = (pags_stand)arguments->stand;
   pags_interrupt_install(arguments->session.tasks);
   const pags_result result = pags_export_usd(scene, path, &arguments->proxy, &arguments->splat,
                                              arguments->session.tasks, pags_progress_watch, &progress, &count);

@@ -10,10 +10,12 @@
 #include <pags/export.h>
 
 #include "base/json.h"
+#include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
 #include "exporters/format/gltf.h"
 #include "exporters/format/gltf_cameras.h"
+#include "exporters/format/presence.h"
 #include "exporters/proxy/background.h"
 #include "exporters/proxy/objects.h"
 #include "exporters/proxy/proxy_error.h"
@@ -309,7 +311,12 @@ static pags_result add_chunk(exporter *self, const pags_background *b, int64_t i
     snprintf(name, NAME_SIZE, "%s_%03d", chunk->class_name, chunk->number);
   facts->name = name;
   facts->class_name = chunk->class_name;
-  facts->level = PAGS_PROXY_MESH;
+  pags_proxy_mesh_topology topology;
+  PAGS_TRY(pags_proxy_mesh_inspect(&chunk->mesh, &topology));
+  facts->closed = self->maker.bare && topology.closed;
+  facts->volume = facts->closed ? topology.volume : 0;
+  facts->note = chunk->note;
+  facts->level = chunk->level;
   facts->object = -1;
   facts->gaussians = b->gaussians;
   facts->s_sem = b->s_sem;
@@ -320,7 +327,10 @@ static pags_result add_chunk(exporter *self, const pags_background *b, int64_t i
     self->background = pags_gltf_node(self->gltf, self->root, "background");
   int parent = strcmp(chunk->class_name, "ground") ? class_node(self, 0, chunk->class_name) : self->background;
   int node = pags_gltf_node(self->gltf, parent, name);
-  pags_gltf_node_mesh(self->gltf, node, pags_gltf_mesh(self->gltf, name, &chunk->mesh, self->sheet, PAGS_GLTF_NORMALS));
+  pags_gltf_node_mesh(self->gltf, node,
+                      pags_gltf_mesh(self->gltf, name, &chunk->mesh, self->sheet,
+                                     (chunk->level < PAGS_PROXY_HULL ? PAGS_GLTF_NORMALS : 0) |
+                                         (facts->closed ? PAGS_GLTF_MANIFOLD : 0)));
   if (self->maker.options->visibility)
     pags_gltf_node_extension(self->gltf, node, "KHR_node_visibility", "{\"visible\":false}");
   PAGS_TRY(put_extras(self, node, facts, NULL));
@@ -386,7 +396,10 @@ static pags_result fill(exporter *self) {
     pags_background_destroy(&b);
     PAGS_TRY(result);
   }
-  if (self->maker.options->cameras)
+  PAGS_TRY(pags_presence_tell(scene));
+  if (self->maker.options->cameras && self->maker.bare)
+    pags_log_message(PAGS_LOG_WARNING, "there are no photographs, so no cameras are written");
+  else if (self->maker.options->cameras)
     PAGS_TRY(pags_gltf_add_views(self->gltf, self->root, scene, self->time_zero));
   PAGS_TRY(put_asset(self));
 

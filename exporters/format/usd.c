@@ -15,6 +15,7 @@
 #include "base/memory.h"
 #include "exporters/format/bake.h"
 #include "exporters/format/object_gaussians.h"
+#include "exporters/format/presence.h"
 #include "exporters/format/usd_text.h"
 #include "exporters/proxy/background.h"
 #include "exporters/proxy/objects.h"
@@ -78,8 +79,25 @@ static void put_extent(pags_usd *usd, const float *positions, int64_t count, con
   pags_usd_floats(usd, "float3[] extent", bounds, 2, 3, NULL);
 }
 
+/* Writes an attribute that changes when an object comes and goes. */
+static void put_presence(usd_export *self, const pags_presence *presence, const char *attribute, const char *there,
+                         const char *gone) {
+  pags_usd *usd = &self->usd;
+  if (!presence || presence->always)
+    return;
+  pags_usd_line(usd, "%s.timeSamples = {", attribute);
+  if (presence->spans[0][0] > self->time_zero)
+    pags_usd_line(usd, "    0: %s,", gone);
+  for (int64_t i = 0; i < presence->count; i++) {
+    pags_usd_line(usd, "    %.9g: %s,", fmax(0, presence->spans[i][0] - self->time_zero) * self->rate, there);
+    pags_usd_line(usd, "    %.9g: %s,", (presence->spans[i][1] - self->time_zero) * self->rate, gone);
+  }
+  pags_usd_line(usd, "}");
+}
+
+/* `presence` may be NULL: it is there all the time. */
 static void put_mesh(usd_export *self, const char *name, const char *label, const pags_proxy_mesh *mesh,
-                     const char *approximation) {
+                     const char *approximation, const pags_presence *presence) {
   pags_usd *usd = &self->usd;
   float *colors = malloc(((size_t)mesh->vertex_count * 3 + 1) * sizeof *colors);
   pags_usd_line(usd, "def Mesh \"%s\" (", name);
@@ -104,6 +122,7 @@ static void put_mesh(usd_export *self, const char *name, const char *label, cons
   pags_usd_line(usd, "uniform token subdivisionScheme = \"none\"");
   pags_usd_line(usd, "token visibility = \"invisible\"");
   pags_usd_line(usd, "uniform token purpose = \"default\"");
+  put_presence(self, presence, "bool physics:collisionEnabled", "1", "0");
   pags_usd_line(usd, "uniform token physics:approximation = \"%s\"", approximation);
   pags_usd_line(usd, "token[] semantics:labels:class = [\"%s\"]", label);
   pags_usd_close(usd);
@@ -232,8 +251,9 @@ static void put_custom(usd_export *self, const pags_scene_object *o, int64_t num
   pags_usd_line(usd, "    }");
 }
 
+static const char *const approximations[PAGS_PROXY_LEVELS] = {"none", "none", "convexHull", "boundingCube"};
+
 static pags_result put_object(usd_export *self, int64_t object) {
-  static const char *const approximations[PAGS_PROXY_LEVELS] = {"none", "none", "convexHull", "boundingCube"};
   const pags_scene_object *o = &pags_composition_scene(self->composition)->objects[object];
   pags_usd *usd = &self->usd;
   pags_object_gaussians_track track;
@@ -253,9 +273,16 @@ static pags_result put_object(usd_export *self, int64_t object) {
   pags_usd_line(usd, "token[] semantics:labels:class = [\"%s\"]", label);
   put_pose(self, &track);
   pags_object_gaussians_track_destroy(&track);
-  pags_result result = put_splats(self, object);
+  pags_presence presence;
+  pags_result result = pags_presence_find(pags_composition_scene(self->composition), object, &presence);
+  if (result == PAGS_OK)
+    put_presence(self, &presence, "token visibility", "\"inherited\"", "\"invisible\"");
+  if (result == PAGS_OK)
+    result = put_splats(self, object);
   const pags_built_level *built = &self->objects[object].levels[0];
-  put_mesh(self, "proxy", label, &built->mesh, approximations[built->facts.level]);
+  if (result == PAGS_OK)
+    put_mesh(self, "proxy", label, &built->mesh, approximations[built->facts.level], &presence);
+  pags_presence_destroy(&presence);
   pags_usd_close(usd);
   return result;
 }
@@ -268,7 +295,7 @@ static pags_result put_background(usd_export *self) {
   for (int64_t i = 0; i < self->background.chunk_count && result == PAGS_OK; i++) {
     const pags_chunk *chunk = &self->background.chunks[i];
     snprintf(name, sizeof name, "%s_%03d", chunk->class_name, chunk->number);
-    put_mesh(self, name, chunk->class_name, &chunk->mesh, "none");
+    put_mesh(self, name, chunk->class_name, &chunk->mesh, approximations[chunk->level], NULL);
   }
   pags_usd_close(usd);
   return result;

@@ -16,14 +16,16 @@
 #include "base/file.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "maths/maths.h"
 #ifdef PAGS_WITH_IMAGES
 #include <pags/image.h>
 #endif
 
 /* Most views that are drawn; Gaussians a cluster; a chunk of fewer triangles after decimation is left out. */
 enum { MOST_VIEWS = 120, CLUSTER = 64, LEAST_TRIANGLES = 8 };
-enum { ROAD, SIDEWALK, BUILDING, VEGETATION, POLE, OTHER, CLASSES, UNLABELLED = 255 };
-static const char *const class_names[CLASSES] = {"road", "sidewalk", "building", "vegetation", "pole", "other"};
+enum { ROAD, SIDEWALK, BUILDING, VEGETATION, POLE, OTHER, SURFACE, CLASSES, UNLABELLED = 255 };
+static const char *const class_names[CLASSES] = {"road", "sidewalk", "building", "vegetation",
+                                                 "pole", "other",    "surface"};
 
 /* The ground has no holes up to this distance from the cameras, metres: about 10 m from the path between them. */
 static const double ground_reach = 11;
@@ -110,6 +112,7 @@ static bool shows_training(const pags_scene_view *view) {
 /* Draws the depth views: all training views, or an even choice of MOST_VIEWS of them. */
 static pags_result look(const pags_proxy_maker *w, const pags_part *part, pags_progress_fn *tell, void *user,
                         pags_background *out) {
+  const bool within = w->bare && w->bare->inside; /* walls and floors are seen at grazing angles */
   int64_t count = 0, taken = 0, seen = 0;
   for (int64_t v = 0; v < w->scene->view_count; v++)
     count += shows_training(&w->scene->views[v]);
@@ -122,8 +125,10 @@ static pags_result look(const pags_proxy_maker *w, const pags_part *part, pags_p
       return pags_fail(PAGS_CANCELLED, "interrupted");
     const pags_camera *camera = &w->scene_depth.views[v].camera;
     pags_frame_options drawing = pags_drawing_at(&w->drawing, &view->camera, camera);
-    PAGS_TRY(
-        pags_depth_views_add(&out->depth_views, w->frame, part, 1, camera, &drawing, v, w->scene->up == PAGS_UP_Z));
+    PAGS_TRY(pags_depth_views_add(&out->depth_views, w->frame, part, 1, camera, &drawing, v,
+                                  within || (w->scene->up == PAGS_UP_Z && !w->bare)));
+    if (within)
+      pags_depth_view_flatten(&out->depth_views.list[out->depth_views.count - 1]);
     pags_depth_view_hide(&out->depth_views.list[out->depth_views.count - 1], &w->scene_depth.views[v]);
     load_labels(w, view, &out->depth_views.list[out->depth_views.count - 1]);
     out->labelled = out->labelled || out->depth_views.list[out->depth_views.count - 1].labels != NULL;
@@ -259,8 +264,15 @@ typedef struct tile {
   char message[256]; /* the message of a failure, copied here since error messages are kept per thread */
 } tile;
 
+/* Connected components of less area are floaters. Without photographs there may be no metres: the same share of the
+ * step. */
+static double floater_area(const pags_proxy_maker *w) {
+  return w->bare ? least_area * pags_pow(w->options->voxel / 0.15, 2) : least_area;
+}
+
 /* Copies the triangles of one class out of a tile's mesh, without floaters. */
-static pags_result take_class(const pags_proxy_mesh *mesh, const uint8_t *class_of, int class, pags_proxy_mesh *part) {
+static pags_result take_class(const pags_proxy_maker *w, const pags_proxy_mesh *mesh, const uint8_t *class_of,
+                              int class, pags_proxy_mesh *part) {
   pags_proxy_mesh view = *mesh; /* shares the vertices */
   *part = (pags_proxy_mesh){0};
   view.triangles = malloc(((size_t)mesh->triangle_count + 1) * 3 * sizeof *view.triangles);
@@ -278,7 +290,7 @@ static pags_result take_class(const pags_proxy_mesh *mesh, const uint8_t *class_
   free(view.triangles);
   if (result == PAGS_OK)
     result = pags_proxy_mesh_compact(part);
-  return result == PAGS_OK ? pags_proxy_mesh_drop_floaters(part, least_area) : result;
+  return result == PAGS_OK ? pags_proxy_mesh_drop_floaters(part, floater_area(w)) : result;
 }
 
 /* Removes ground and floaters from a tile's mesh, paints it and splits it by class. */
@@ -298,16 +310,20 @@ static pags_result cut_by_class(const pags_proxy_maker *w, const pags_background
   mesh->triangle_count = kept;
 
   PAGS_TRY(pags_proxy_mesh_compact(mesh));
-  PAGS_TRY(pags_proxy_mesh_drop_floaters(mesh, least_area));
+  PAGS_TRY(pags_proxy_mesh_drop_floaters(mesh, floater_area(w)));
   if (!mesh->triangle_count)
     return PAGS_OK;
   PAGS_TRY(pags_proxy_mesh_paint(mesh, &b->depth_views, 3 * w->options->voxel, w->tasks));
   uint8_t *class_of = calloc((size_t)mesh->vertex_count, 1);
   if (!class_of)
     return pags_out_of_memory("%lld vertices", (long long)mesh->vertex_count);
-  pags_result result = find_classes(w, b, mesh, class_of);
+  pags_result result = PAGS_OK;
+  if (w->bare)
+    memset(class_of, SURFACE, (size_t)mesh->vertex_count);
+  else
+    result = find_classes(w, b, mesh, class_of);
   for (int class = 0; class < CLASSES && result == PAGS_OK; class ++)
-    result = take_class(mesh, class_of, class, &out->parts[class]);
+    result = take_class(w, mesh, class_of, class, &out->parts[class]);
   free(class_of);
   return result;
 }
@@ -386,7 +402,8 @@ static pags_result make_tile(const tiling *t, tile *own) {
     const double point[3] = {(double)p[0], (double)p[1], (double)p[2]};
     pags_tsdf_touch(&grid, point, t->reach);
   }
-  pags_result result = pags_tsdf_fuse(&grid, &t->background->depth_views, 3 * t->step, w->options->range, 1, w->tasks);
+  pags_result result =
+      pags_tsdf_fuse(&grid, &t->background->depth_views, 3 * t->step, 3 * t->step, w->options->range, 1, w->tasks);
   if (result == PAGS_OK)
     result = pags_tsdf_surface(&grid, 1, &mesh);
   pags_tsdf_destroy(&grid);
@@ -561,6 +578,24 @@ static pags_result decimate(const pags_proxy_maker *w, pags_background *b) {
   return result;
 }
 
+/* Adds what was looked at from all round as one chunk. */
+static pags_result add_bare(const pags_proxy_maker *w, pags_background *b) {
+  pags_proxy_mesh mesh = {0};
+  pags_proxy_level level;
+  const char *note;
+  pags_result result = pags_bare_surface(w->bare, w->options, &b->depth_views, w->tasks, &mesh);
+  if (result == PAGS_OK)
+    result = pags_bare_level(w->bare, w->options, &mesh, &level, &note);
+  if (result == PAGS_OK && mesh.triangle_count)
+    result = add_chunk(b, class_names[SURFACE], &mesh);
+  pags_proxy_mesh_destroy(&mesh);
+  if (result == PAGS_OK && b->chunk_count) {
+    b->chunks[0].level = level;
+    b->chunks[0].note = note;
+  }
+  return result;
+}
+
 static pags_result make(const pags_proxy_maker *w, pags_progress_fn *tell, void *user, pags_background *out,
                         pags_gaussians *g, pags_ground *ground) {
   PAGS_TRY(gather_background(w, g));
@@ -582,10 +617,15 @@ static pags_result make(const pags_proxy_maker *w, pags_progress_fn *tell, void 
 
   if (!out->depth_views.count)
     return PAGS_OK;
-  if (w->scene->up == PAGS_UP_Z)
+  if (w->bare && !w->bare->inside)
+    return add_bare(w, out);
+  if (w->scene->up == PAGS_UP_Z && !w->bare)
     PAGS_TRY(add_ground(w, out, ground));
   PAGS_TRY(add_tiles(w, tell, user, ground, out));
-  return decimate(w, out);
+  PAGS_TRY(decimate(w, out));
+  for (int64_t i = 0; i < out->chunk_count; i++)
+    PAGS_TRY(pags_proxy_mesh_clean(&out->chunks[i].mesh));
+  return PAGS_OK;
 }
 
 pags_result pags_background_make(const pags_proxy_maker *maker, pags_progress_fn *tell, void *user,

@@ -15,6 +15,8 @@ typedef struct pags_chunk {
   const char *class_name; /* static: "ground", "road", "building", ... */
   int number;             /* running number in its class, from 0 */
   pags_proxy_mesh mesh;   /* relative to the scene's origin */
+  pags_proxy_level level; /* of what has no photographs: what stands for it */
+  const char *note;       /* static, or NULL */
 } pags_chunk;
 
 typedef struct pags_background {

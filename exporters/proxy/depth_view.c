@@ -110,6 +110,15 @@ void pags_depth_view_bound(pags_depth_view *depth_view) {
     }
 }
 
+void pags_depth_view_flatten(pags_depth_view *depth_view) {
+  for (int64_t i = 0; i < (int64_t)depth_view->camera.width * depth_view->camera.height; i++) {
+    const float plane = depth_view->plane[i], depth = depth_view->depth[i];
+    if (plane > 0 && depth > 0 && fabsf(plane - depth) <= 0.2f * depth)
+      depth_view->depth[i] = plane;
+  }
+  pags_depth_view_bound(depth_view);
+}
+
 static pags_result reserve(pags_depth_views *depth_views) {
   if (depth_views->count < depth_views->capacity)
     return PAGS_OK;

@@ -51,6 +51,9 @@ pags_result pags_depth_views_add(pags_depth_views *depth_views, pags_frame *fram
                                  int part_count, const pags_camera *camera, const pags_frame_options *options,
                                  int64_t view, int planes);
 
+/* Takes the depth of each pixel's plane for its depth, where there is one near it: 20 % or less off. */
+void pags_depth_view_flatten(pags_depth_view *depth_view);
+
 /* Updates `lo` and `hi` after a change of depths. */
 void pags_depth_view_bound(pags_depth_view *depth_view);
 

@@ -56,6 +56,10 @@ pags_result pags_proxy_mesh_inspect(const pags_proxy_mesh *mesh, pags_proxy_mesh
  * faces apart by doubling vertices. */
 pags_result pags_proxy_mesh_repair(pags_proxy_mesh *mesh);
 
+/* Removes triangles without area, double ones, and edges of more than two faces, also where vertices at the same place
+ * count as one. A closed mesh stays closed: if it can't, it is left as it was. */
+pags_result pags_proxy_mesh_clean(pags_proxy_mesh *mesh);
+
 double pags_proxy_mesh_area(const pags_proxy_mesh *mesh);
 /* Area-weighted vertex normals of unit length, 3 floats a vertex. */
 void pags_proxy_mesh_normals(const pags_proxy_mesh *mesh, float *normals);

@@ -13,8 +13,13 @@
 
 pags_result pags_proxy_maker_open(const pags_scene *scene, const pags_proxy_options *options, pags_tasks *tasks,
                                   pags_proxy_maker *out) {
-  *out =
-      (pags_proxy_maker){.scene = scene, .options = options, .tasks = tasks, .drawing = pags_frame_options_default()};
+  *out = (pags_proxy_maker){.resolved = *options, .tasks = tasks, .drawing = pags_frame_options_default()};
+  PAGS_TRY(pags_bare_open(scene, &out->resolved, &out->bare));
+  scene = out->scene = out->bare ? &out->bare->scene : scene;
+  out->options = &out->resolved;
+  out->resolved.voxel = out->resolved.voxel > 0 ? out->resolved.voxel : 0.15;
+  out->resolved.chunk = out->resolved.chunk > 0 ? out->resolved.chunk : 20;
+  out->resolved.range = out->resolved.range > 0 ? out->resolved.range : 60;
   pags_json *json;
   double value;
   out->drawing.antialiased = scene->antialiased;
@@ -41,6 +46,8 @@ void pags_proxy_maker_close(pags_proxy_maker *maker) {
   maker->frame = NULL;
   pags_scene_depth_destroy(&maker->scene_depth);
   pags_lidar_destroy(&maker->lidar);
+  pags_bare_close(maker->bare);
+  maker->bare = NULL;
 }
 
 static pags_result make_level(const pags_proxy_maker *w, const pags_object_shape *shape, pags_proxy_level level,
@@ -65,6 +72,8 @@ pags_result pags_object_proxy_make(const pags_proxy_maker *maker, int64_t object
     pags_result result = PAGS_ERROR_ARGUMENT;
     if (shape->surface.triangle_count)
       result = make_level(maker, shape, wanted, out);
+    if (result == PAGS_OK)
+      result = pags_proxy_mesh_clean(out);
     if (result == PAGS_ERROR_MEMORY || result == PAGS_CANCELLED)
       return result;
     if (result == PAGS_OK) {

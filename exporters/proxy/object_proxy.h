@@ -6,6 +6,7 @@
 
 #include <pags/export.h>
 
+#include "exporters/proxy/bare.h"
 #include "exporters/proxy/lidar.h"
 #include "exporters/proxy/scene_depth.h"
 #include "exporters/proxy/shape_prior.h"
@@ -20,6 +21,8 @@ enum { PAGS_LEAST_GAUSSIANS = 16 }; /* an object of fewer Gaussians is not drawn
 typedef struct pags_proxy_maker {
   const pags_scene *scene;
   const pags_proxy_options *options;
+  pags_proxy_options resolved; /* what `options` points to: steps that were 0 are set */
+  pags_bare *bare;             /* NULL: there are photographs */
   pags_tasks *tasks;
   pags_frame *frame;
   pags_frame_options drawing;     /* options of drawing with the frame, as the scene was trained; origin zero */
@@ -29,6 +32,7 @@ typedef struct pags_proxy_maker {
   int64_t prior_count;
 } pags_proxy_maker;
 
+/* `out` must not be moved until it is closed; copies of it are good for as long. */
 pags_result pags_proxy_maker_open(const pags_scene *scene, const pags_proxy_options *options, pags_tasks *tasks,
                                   pags_proxy_maker *out);
 void pags_proxy_maker_close(pags_proxy_maker *maker);

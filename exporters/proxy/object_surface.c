@@ -201,7 +201,7 @@ static pags_result look_and_fuse(const pags_proxy_maker *w, int64_t object, pags
     hi[k] = half - 0.5 * shape->voxel;
   }
   PAGS_TRY(pags_tsdf_create(grid, lo, hi, shape->voxel, 0));
-  return pags_tsdf_fuse(grid, &shape->depth_views, 4 * shape->voxel, HUGE_VAL, 1, w->tasks);
+  return pags_tsdf_fuse(grid, &shape->depth_views, 4 * shape->voxel, 4 * shape->voxel, HUGE_VAL, 1, w->tasks);
 }
 
 /* ---- The surface ---- */

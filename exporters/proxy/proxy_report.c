@@ -16,9 +16,6 @@ pags_proxy_options pags_proxy_options_default(void) {
                               .triangles = 4000,
                               .ground_triangles = 60000,
                               .chunk_triangles = 200000,
-                              .voxel = 0.15,
-                              .chunk = 20,
-                              .range = 60,
                               .cage_level = 1,
                               .background = 1};
 }

@@ -65,7 +65,7 @@ void pags_tsdf_touch(pags_tsdf *grid, const double point[3], double reach) {
 typedef struct fusion {
   pags_tsdf *grid;
   const pags_depth_views *depth_views;
-  double truncation, range;
+  double truncation, behind, range;
   int carve;
   int64_t *lists; /* of views, one for each worker */
 } fusion;
@@ -87,7 +87,7 @@ static double ask(const fusion *self, const pags_depth_view *depth_view, const d
   if (depth == 0 || (depth < 0 && (!self->carve || z > -depth)))
     return 0;
   *distance = depth < 0 ? self->truncation : depth - z;
-  if (*distance < -self->truncation)
+  if (*distance < -self->behind)
     return 0;
   *distance = fmin(*distance, self->truncation);
   return weigh(depth_view, self->grid->step, z);
@@ -163,9 +163,9 @@ static void fuse_blocks(void *context, int64_t begin, int64_t end, int worker) {
       fuse_block(self, block, self->lists + worker * (self->depth_views->count + 1));
 }
 
-pags_result pags_tsdf_fuse(pags_tsdf *grid, const pags_depth_views *depth_views, double truncation, double range,
-                           int carve, pags_tasks *tasks) {
-  fusion self = {grid, depth_views, truncation, range, carve, pags_depth_views_lists(depth_views, tasks)};
+pags_result pags_tsdf_fuse(pags_tsdf *grid, const pags_depth_views *depth_views, double truncation, double behind,
+                           double range, int carve, pags_tasks *tasks) {
+  fusion self = {grid, depth_views, truncation, behind, range, carve, pags_depth_views_lists(depth_views, tasks)};
   int64_t blocks = (int64_t)grid->blocks[0] * grid->blocks[1] * grid->blocks[2];
   if (!self.lists)
     return PAGS_ERROR_MEMORY;

@@ -35,11 +35,11 @@ void pags_tsdf_touch(pags_tsdf *grid, const double point[3], double reach);
 
 /* Fuses depth views (Curless and Levoy 1996). A grid point gets the weighted mean, over the views, of the distance
  * along camera z to the depth at its pixel. Distances are cut off at `truncation` in front of the surface; a view
- * says nothing of points farther behind it, or farther than `range` from the camera. With `carve`, rays that are free
- * also count, as `truncation` in front. The bits are the same for any number of threads. PAGS_CANCELLED;
+ * says nothing of points farther than `behind` behind it, or farther than `range` from the camera. With `carve`, rays
+ * that are free also count, as `truncation` in front. The bits are the same for any number of threads. PAGS_CANCELLED;
  * PAGS_ERROR_MEMORY. */
-pags_result pags_tsdf_fuse(pags_tsdf *grid, const pags_depth_views *depth_views, double truncation, double range,
-                           int carve, pags_tasks *tasks);
+pags_result pags_tsdf_fuse(pags_tsdf *grid, const pags_depth_views *depth_views, double truncation, double behind,
+                           double range, int carve, pags_tasks *tasks);
 
 /* Extracts the zero surface by marching tetrahedra (Kuhn's six for each cell), which leaves no holes and no edges of
  * more than two faces: the mesh is closed if the grid's border is outside. With `known_only`, cells with an unknown

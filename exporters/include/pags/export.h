@@ -4,7 +4,11 @@
  *
  * A proxy is a mesh that approximates the surface of Gaussians. The proxy of a labelled object is in the object's own
  * frame (x forward, y left, z up, origin at the middle of the labelled box); the proxies of the ground and of the
- * rest of the background are in the scene's frame, relative to its origin. */
+ * rest of the background are in the scene's frame, relative to its origin.
+ *
+ * Proxies are made of what training views see. A scene without any, such as a bare splat file, is looked at from views
+ * made up all round it, or within it if it is a room; all of it becomes one proxy `surface_000`, closed and of the
+ * level asked for, or, of a room, chunks of this name. */
 #ifndef PAGS_EXPORT_H
 #define PAGS_EXPORT_H
 
@@ -41,15 +45,19 @@ typedef struct pags_proxy_options {
   int64_t triangles;        /* limit of triangles of an object's mesh, cage or hull, 12..10^7; default 4000 */
   int64_t ground_triangles; /* limit of triangles of the ground, 2..10^8; default 60,000 */
   int64_t chunk_triangles;  /* limit of triangles of the other background, all chunks together; default 200,000 */
-  double voxel;   /* step of the background's TSDF, metres, 0.02..2; default 0.15. An object's step is a 128th of its
-                     length, at least 2 cm */
-  double chunk;   /* side of the background's chunks, metres, 2..1000; default 20 */
-  double range;   /* rendered depths beyond it are not used for the background, metres; default 60 */
-  int cage_level; /* Catmull-Clark subdivisions of the cage as written, 0 (the cage itself) to 3; default 1 */
-  int background; /* 1: the ground and the chunks are exported, too. Default 1 */
-  int cameras;    /* 1: all views are written as cameras, the first sensor's path as a node `ego`. Default 0 */
-  int visibility; /* 1: KHR_node_visibility makes proxies invisible (colliders only). Default 0 */
-  int physics;    /* 1: objects are kinematic bodies by KHR_implicit_shapes and KHR_physics_rigid_bodies. Default 0 */
+  double voxel; /* step of the background's TSDF, metres, up to 2; default 0: 0.15. An object's step is a 128th of its
+                   length, at least 2 cm. Of a scene without photographs: a 192nd of the longest side of what is
+                   there, of a room a 400th */
+  double chunk; /* side of the background's chunks, metres; default 0: 20, of a room without photographs a quarter
+                   of its longest side */
+  double range; /* rendered depths beyond it are not used for the background, metres; default 0: 60, of a room
+                   without photographs its longest side */
+  pags_stand stand; /* from where a scene without photographs is looked at; default PAGS_STAND_AUTO */
+  int cage_level;   /* Catmull-Clark subdivisions of the cage as written, 0 (the cage itself) to 3; default 1 */
+  int background;   /* 1: the ground and the chunks are exported, too. Default 1 */
+  int cameras;      /* 1: all views are written as cameras, the first sensor's path as a node `ego`. Default 0 */
+  int visibility;   /* 1: KHR_node_visibility makes proxies invisible (colliders only). Default 0 */
+  int physics;      /* 1: objects are kinematic bodies by KHR_implicit_shapes and KHR_physics_rigid_bodies. Default 0 */
 } pags_proxy_options;
 
 PAGS_API pags_proxy_options pags_proxy_options_default(void);

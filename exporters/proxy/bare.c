@@ -1,0 +1,230 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Makes up views of a scene that has no photographs. An object is looked at from directions spread evenly over a ball
+ * (Fibonacci's lattice), a room from places spread evenly within it, in six directions each. The step of its surface
+ * is a share of its extent. */
+#include "exporters/proxy/bare.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/log.h"
+#include "base/memory.h"
+#include "base/vec3.h"
+#include "exporters/proxy/cage.h"
+#include "exporters/proxy/tsdf.h"
+#include "maths/maths.h"
+
+enum { AROUND = 72, PLACES = 20, ROOM_WIDTH = 400 }; /* views of an object; places in a room; pixels */
+enum { OBJECT_STEPS = 192, ROOM_STEPS = 400 };       /* steps of the surface along the longest side */
+
+static const double far_off = 2.2;  /* distance of an object's views from its middle, radii of the ball about its box */
+static const double margin = 4;     /* free space round an object, steps */
+static const double truncation = 3; /* distances are cut off in front of surfaces, steps */
+static const double behind = 1.5;   /* how far behind a surface a view says that it is solid, steps: leaves are thin */
+static const double least_part = 1e-3; /* smaller parts are floaters: share of the area of the largest */
+
+/* ---- Views ---- */
+
+/* Orients a camera along `forward`, a unit vector. */
+static void aim(pags_camera *camera, const double eye[3], const double forward[3]) {
+  double up[3] = {0, 0, 0}, right[3], down[3];
+  up[fabs(forward[2]) < 0.9 ? 2 : 0] = 1;
+  pags_cross3(forward, up, right);
+  const double length = pags_length3(right);
+  for (int k = 0; k < 3; k++)
+    right[k] /= length;
+  pags_cross3(forward, right, down);
+  for (int k = 0; k < 3; k++) {
+    double *row = camera->world_from_camera + 4 * k;
+    row[0] = right[k];
+    row[1] = down[k];
+    row[2] = forward[k];
+    row[3] = eye[k];
+  }
+}
+
+static void add_view(pags_bare *bare, int width, double focal, const double eye[3], const double forward[3]) {
+  static char name[] = "made up";
+  const pags_scene *scene = &bare->scene;
+  const double world[3] = {eye[0] + scene->origin[0], eye[1] + scene->origin[1], eye[2] + scene->origin[2]};
+  pags_scene_view *view = &bare->scene.views[bare->scene.view_count++];
+  *view = (pags_scene_view){.name = name, .sensor = -1, .frame = -1, .gain = {1, 1, 1}};
+  view->camera = (pags_camera){.width = width,
+                               .height = width,
+                               .fx = focal,
+                               .fy = focal,
+                               .cx = width / 2.0,
+                               .cy = width / 2.0,
+                               .time = scene->time_begin};
+  aim(&view->camera, world, forward);
+}
+
+static void look_around(pags_bare *bare) {
+  const pags_survey *s = &bare->survey;
+  const double half[3] = {0.5 * (s->hi[0] - s->lo[0]), 0.5 * (s->hi[1] - s->lo[1]), 0.5 * (s->hi[2] - s->lo[2])};
+  const double radius = pags_length3(half), golden = 2.39996322972865332; /* radians */
+  const double focal = 0.5 * PAGS_DEPTH_VIEW_WIDEST * sqrt(far_off * far_off - 1);
+  for (int i = 0; i < AROUND; i++) {
+    const double z = 1 - (2 * i + 1) / (double)AROUND, across = sqrt(1 - z * z);
+    const double forward[3] = {-across * pags_cos(golden * i), -across * pags_sin(golden * i), -z};
+    double eye[3];
+    for (int k = 0; k < 3; k++)
+      eye[k] = 0.5 * (s->lo[k] + s->hi[k]) - far_off * radius * forward[k];
+    add_view(bare, PAGS_DEPTH_VIEW_WIDEST, focal, eye, forward);
+  }
+}
+
+static void look_inside(pags_bare *bare) {
+  double places[PLACES][3];
+  const int count = pags_survey_places(&bare->survey, PLACES, places);
+  for (int i = 0; i < count; i++)
+    for (int side = 0; side < 6; side++) {
+      double forward[3] = {0, 0, 0};
+      forward[side / 2] = side % 2 ? 1 : -1;
+      add_view(bare, ROOM_WIDTH, 0.5 * ROOM_WIDTH, places[i], forward);
+    }
+}
+
+static pags_result open(const pags_scene *scene, pags_proxy_options *options, pags_bare *bare) {
+  bare->scene = *scene;
+  bare->scene.view_count = 0;
+  bare->scene.views = calloc(AROUND + 6 * PLACES, sizeof *bare->scene.views);
+  if (!bare->scene.views)
+    return pags_out_of_memory("made-up views");
+  PAGS_TRY(pags_survey_make(scene, &bare->survey));
+  const pags_survey *s = &bare->survey;
+  bare->inside = options->stand == PAGS_STAND_AUTO ? s->inside : options->stand == PAGS_STAND_INSIDE;
+  if (bare->inside)
+    look_inside(bare);
+  if (!bare->scene.view_count) {
+    bare->inside = false;
+    look_around(bare);
+  }
+  const double longest = fmax(fmax(s->hi[0] - s->lo[0], s->hi[1] - s->lo[1]), s->hi[2] - s->lo[2]);
+  options->voxel = options->voxel > 0 ? options->voxel : longest / (bare->inside ? ROOM_STEPS : OBJECT_STEPS);
+  options->chunk = options->chunk > 0 ? options->chunk : longest / 4;
+  options->range = options->range > 0 ? options->range : (bare->inside ? 1 : 4) * longest;
+  bare->note = bare->inside ? "no photographs: views made up within it" : "no photographs: views made up round it";
+  pags_log_message(PAGS_LOG_INFO, "%s, %lld of them; step %g", bare->note, (long long)bare->scene.view_count,
+                   options->voxel);
+  return PAGS_OK;
+}
+
+pags_result pags_bare_open(const pags_scene *scene, pags_proxy_options *options, pags_bare **out) {
+  *out = NULL;
+  for (int64_t v = 0; v < scene->view_count; v++)
+    if (!scene->views[v].test)
+      return PAGS_OK;
+  if (!pags_scene_gaussian_count(scene))
+    return PAGS_OK;
+  pags_bare *bare = calloc(1, sizeof *bare);
+  if (!bare)
+    return pags_out_of_memory("made-up views");
+  const pags_result result = open(scene, options, bare);
+  if (result == PAGS_OK)
+    *out = bare;
+  else
+    pags_bare_close(bare);
+  return result;
+}
+
+void pags_bare_close(pags_bare *bare) {
+  if (!bare)
+    return;
+  free(bare->scene.views);
+  pags_survey_destroy(&bare->survey);
+  free(bare);
+}
+
+/* ---- The closed surface ---- */
+
+/* Makes points that no view says anything of solid, and those at the border of the grid free. */
+static void close_grid(pags_tsdf *grid, float far) {
+  int64_t at = 0;
+  for (int z = 0; z < grid->n[2]; z++)
+    for (int y = 0; y < grid->n[1]; y++)
+      for (int x = 0; x < grid->n[0]; x++, at++) {
+        const bool border =
+            x == 0 || y == 0 || z == 0 || x + 1 == grid->n[0] || y + 1 == grid->n[1] || z + 1 == grid->n[2];
+        if (border)
+          grid->distance[at] = far;
+        else if (!(grid->weight[at] > 0))
+          grid->distance[at] = -far;
+      }
+}
+
+pags_result pags_bare_surface(const pags_bare *bare, const pags_proxy_options *options,
+                              const pags_depth_views *depth_views, pags_tasks *tasks, pags_proxy_mesh *out) {
+  const double step = options->voxel;
+  double lo[3], hi[3];
+  pags_tsdf grid;
+  pags_proxy_mesh fine = {0};
+  for (int k = 0; k < 3; k++) {
+    lo[k] = bare->survey.lo[k] - (margin + 0.03 * OBJECT_STEPS) * step;
+    hi[k] = bare->survey.hi[k] + (margin + 0.03 * OBJECT_STEPS) * step;
+  }
+  PAGS_TRY(pags_tsdf_create(&grid, lo, hi, step, 0));
+  pags_result result =
+      pags_tsdf_fuse(&grid, depth_views, truncation * step, behind * step, options->range * 10, 1, tasks);
+  if (result == PAGS_OK) {
+    close_grid(&grid, (float)(truncation * step));
+    result = pags_tsdf_surface(&grid, 0, &fine);
+  }
+  pags_tsdf_destroy(&grid);
+  if (result == PAGS_OK)
+    result = pags_proxy_mesh_keep_parts(&fine, least_part, 0, NULL);
+  if (result == PAGS_OK)
+    result = pags_proxy_mesh_simplify(&fine, options->chunk_triangles, out);
+  pags_proxy_mesh_destroy(&fine);
+  if (result == PAGS_OK)
+    result = pags_proxy_mesh_clean(out);
+  return result == PAGS_OK ? pags_proxy_mesh_paint(out, depth_views, truncation * step, tasks) : result;
+}
+
+static pags_result make_box(const pags_proxy_mesh *from, pags_proxy_mesh *out) {
+  double lo[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, hi[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL}, size[3], sum[3] = {0};
+  float color[3];
+  for (int64_t i = 0; i < 3 * from->vertex_count; i++) {
+    lo[i % 3] = fmin(lo[i % 3], (double)from->positions[i]);
+    hi[i % 3] = fmax(hi[i % 3], (double)from->positions[i]);
+    sum[i % 3] += (double)from->colors[i];
+  }
+  for (int k = 0; k < 3; k++) {
+    size[k] = hi[k] - lo[k];
+    color[k] = (float)(sum[k] / (double)from->vertex_count);
+  }
+  PAGS_TRY(pags_proxy_mesh_box(size, color, out));
+  for (int64_t i = 0; i < 3 * out->vertex_count; i++)
+    out->positions[i] += (float)(0.5 * (lo[i % 3] + hi[i % 3]));
+  return PAGS_OK;
+}
+
+pags_result pags_bare_level(const pags_bare *bare, const pags_proxy_options *options, pags_proxy_mesh *mesh,
+                            pags_proxy_level *level, const char **note) {
+  pags_proxy_mesh made = {0};
+  pags_result result = PAGS_OK;
+  *level = PAGS_PROXY_MESH;
+  *note = bare->note;
+  if (!mesh->triangle_count || options->level == PAGS_PROXY_MESH || options->lod)
+    return PAGS_OK;
+  if (options->level == PAGS_PROXY_BOX)
+    result = make_box(mesh, &made);
+  else if (options->level == PAGS_PROXY_HULL)
+    result = pags_proxy_mesh_hull(mesh, options->triangles < 252 ? options->triangles : 252, &made);
+  else
+    result = pags_proxy_mesh_cage(mesh, options->cage_level, options->triangles, &made);
+  if (result == PAGS_OK && options->level != PAGS_PROXY_BOX)
+    result = pags_proxy_mesh_clean(&made);
+  if (result == PAGS_ERROR_MEMORY || result == PAGS_CANCELLED)
+    return result;
+  if (result != PAGS_OK) {
+    pags_proxy_mesh_destroy(&made);
+    *note = "no photographs: views made up round it; what was asked for can't be made of it: its surface";
+    return PAGS_OK;
+  }
+  pags_proxy_mesh_destroy(mesh);
+  *mesh = made;
+  *level = options->level;
+  return PAGS_OK;
+}

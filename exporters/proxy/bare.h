@@ -1,0 +1,42 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Scenes without photographs, such as bare splat files: views made up for them, and steps that fit their extent. */
+#ifndef PAGS_PROXY_BARE_H
+#define PAGS_PROXY_BARE_H
+
+#include <pags/export.h>
+#include <pags/tasks.h>
+
+#include "exporters/proxy/depth_view.h"
+#include "exporters/proxy/mesh.h"
+#include "scene/survey.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct pags_bare {
+  pags_scene scene; /* shares everything with the scene that was given but the views, which are made up */
+  pags_survey survey;
+  bool inside;      /* the views are from places within it, not from all round it */
+  const char *note; /* static: what the proxies' notes say */
+} pags_bare;
+
+/* Makes views up if the scene has no photograph that was trained on; else `out` receives NULL. Steps and ranges of
+ * `options` that are 0 are set from the extent. The scene must outlive `out`. */
+pags_result pags_bare_open(const pags_scene *scene, pags_proxy_options *options, pags_bare **out);
+void pags_bare_close(pags_bare *bare); /* NULL is allowed */
+
+/* Makes the closed surface of something that was looked at from all round: what no view sees is solid. Parts smaller
+ * than a thousandth of the largest are left out; at most options->chunk_triangles. */
+pags_result pags_bare_surface(const pags_bare *bare, const pags_proxy_options *options,
+                              const pags_depth_views *depth_views, pags_tasks *tasks, pags_proxy_mesh *out);
+
+/* Replaces a surface by the level asked for: its hull, its box or its cage. `level` receives the level made and `note`
+ * why it isn't the one asked for, which it is not if the surface isn't closed. */
+pags_result pags_bare_level(const pags_bare *bare, const pags_proxy_options *options, pags_proxy_mesh *mesh,
+                            pags_proxy_level *level, const char **note);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

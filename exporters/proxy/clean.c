@@ -1,0 +1,294 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Makes a mesh fit for physics: no triangle without area, no two triangles at the same place, no edge of more than two
+ * faces, also where vertices at the same place are taken for one.
+ *
+ * A triangle without area is a needle, whose shortest edge is collapsed, or a cap, whose corner lies on its longest
+ * edge: that edge is flipped. Edges of too many faces are cut apart (repair.c); the copies of a vertex that this makes
+ * are drawn a little towards their own faces. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/memory.h"
+#include "base/sort.h"
+#include "base/vec3.h"
+#include "exporters/proxy/mesh.h"
+
+enum { PASSES = 12 };
+
+static const double least_area = 2e-10; /* square metres; less where the whole mesh is smaller than 0.1 m */
+static const double needle = 0.02;      /* a needle's shortest edge is at most this share of its longest */
+static const double apart = 0.01;       /* how far copies of a vertex move towards the middle of their faces */
+
+static void corners_of(const pags_proxy_mesh *s, int64_t triangle, double p[3][3]) {
+  for (int c = 0; c < 3; c++)
+    for (int k = 0; k < 3; k++)
+      p[c][k] = (double)s->positions[3 * (int64_t)s->triangles[3 * triangle + c] + k];
+}
+
+static double area_limit(const pags_proxy_mesh *s) {
+  double lo[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, hi[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL}, size[3];
+  for (int64_t i = 0; i < 3 * s->vertex_count; i++) {
+    lo[i % 3] = fmin(lo[i % 3], (double)s->positions[i]);
+    hi[i % 3] = fmax(hi[i % 3], (double)s->positions[i]);
+  }
+  for (int k = 0; k < 3; k++)
+    size[k] = fmax(hi[k] - lo[k], 0);
+  const double share = fmin(1, pags_length3(size) / 0.1);
+  return least_area * share * share;
+}
+
+/* ---- Triangles without area ---- */
+
+/* A directed edge of a face: it leaves corner `id` % 3 of triangle `id` / 3. */
+typedef struct edge {
+  uint32_t from, to;
+  int64_t id;
+} edge;
+
+static int compare_edges(const void *left, const void *right) {
+  const edge *a = left, *b = right;
+  if (a->from != b->from)
+    return a->from < b->from ? -1 : 1;
+  if (a->to != b->to)
+    return a->to < b->to ? -1 : 1;
+  return a->id < b->id ? -1 : a->id > b->id;
+}
+
+static edge *sorted_edges(const pags_proxy_mesh *s) {
+  const int64_t count = 3 * s->triangle_count;
+  edge *edges = malloc(((size_t)count + 1) * sizeof *edges);
+  for (int64_t i = 0; edges && i < count; i++)
+    edges[i] = (edge){s->triangles[i], s->triangles[i % 3 == 2 ? i - 2 : i + 1], i};
+  if (edges)
+    pags_sort(edges, count, sizeof *edges, compare_edges);
+  return edges;
+}
+
+/* The half-edge that runs from `from` to `to`; -1: there is none, or more than one. */
+static int64_t find_edge(const edge *edges, int64_t count, uint32_t from, uint32_t to) {
+  int64_t lo = 0, hi = count;
+  while (lo < hi) {
+    const int64_t mid = lo + (hi - lo) / 2;
+    if (edges[mid].from < from || (edges[mid].from == from && edges[mid].to < to))
+      lo = mid + 1;
+    else
+      hi = mid;
+  }
+  if (lo == count || edges[lo].from != from || edges[lo].to != to)
+    return -1;
+  return lo + 1 < count && edges[lo + 1].from == from && edges[lo + 1].to == to ? -1 : edges[lo].id;
+}
+
+/* Mends one triangle: `onto`[v] is set for a vertex that is joined to another; `busy` marks triangles that were changed
+ * in this pass. Returns whether anything was done. */
+static bool mend(pags_proxy_mesh *s, int64_t triangle, const edge *edges, uint32_t *onto, uint8_t *busy) {
+  uint32_t *t = s->triangles + 3 * triangle;
+  double p[3][3], length[3];
+  int longest = 0, shortest = 0;
+  corners_of(s, triangle, p);
+  for (int c = 0; c < 3; c++) {
+    const int d = (c + 1) % 3;
+    const double along[3] = {p[d][0] - p[c][0], p[d][1] - p[c][1], p[d][2] - p[c][2]};
+    length[c] = pags_length3(along);
+    longest = length[c] > length[longest] ? c : longest;
+    shortest = length[c] < length[shortest] ? c : shortest;
+  }
+  const uint32_t a = t[longest], b = t[(longest + 1) % 3], corner = t[(longest + 2) % 3];
+  const int64_t other = find_edge(edges, 3 * s->triangle_count, b, a);
+  if (other >= 0 && length[shortest] > needle * length[longest]) {
+    if (busy[other / 3])
+      return false;
+    uint32_t *o = s->triangles + 3 * (other / 3);
+    const uint32_t far = o[(other % 3 + 2) % 3];
+    const uint32_t first[3] = {corner, a, far}, second[3] = {far, b, corner};
+    if (far == corner)
+      return false;
+    memcpy(t, first, sizeof first);
+    memcpy(o, second, sizeof second);
+    busy[triangle] = busy[other / 3] = 1;
+    return true;
+  }
+  const uint32_t from = t[shortest], to = t[(shortest + 1) % 3];
+  if (onto[from] != from || onto[to] != to)
+    return false;
+  onto[from > to ? from : to] = from > to ? to : from;
+  busy[triangle] = 1;
+  return true;
+}
+
+static void drop_collapsed(pags_proxy_mesh *s, const uint32_t *onto) {
+  int64_t kept = 0;
+  for (int64_t i = 0; i < s->triangle_count; i++) {
+    uint32_t t[3];
+    for (int c = 0; c < 3; c++)
+      t[c] = onto[s->triangles[3 * i + c]];
+    if (t[0] == t[1] || t[1] == t[2] || t[2] == t[0])
+      continue;
+    memcpy(s->triangles + 3 * kept++, t, sizeof t);
+  }
+  s->triangle_count = kept;
+}
+
+/* One pass over all triangles without area; `found` receives how many there were. */
+static pags_result mend_all(pags_proxy_mesh *s, double limit, int64_t *found) {
+  double p[3][3], u[3], v[3], n[3];
+  *found = 0;
+  uint8_t *busy = calloc((size_t)s->triangle_count + 1, 1);
+  if (!busy)
+    return pags_out_of_memory("%lld triangles", (long long)s->triangle_count);
+  for (int64_t i = 0; i < s->triangle_count; i++) {
+    corners_of(s, i, p);
+    for (int k = 0; k < 3; k++) {
+      u[k] = p[1][k] - p[0][k];
+      v[k] = p[2][k] - p[0][k];
+    }
+    pags_cross3(u, v, n);
+    busy[i] = 0.5 * pags_length3(n) < limit ? 2 : 0;
+    *found += busy[i] == 2;
+  }
+  edge *edges = *found ? sorted_edges(s) : NULL;
+  uint32_t *onto = *found ? malloc(((size_t)s->vertex_count + 1) * sizeof *onto) : NULL;
+  const bool short_of = *found && (!edges || !onto);
+  for (int64_t i = 0; i < s->vertex_count && onto; i++)
+    onto[i] = (uint32_t)i;
+  for (int64_t i = 0; i < s->triangle_count && *found && !short_of; i++)
+    if (busy[i] == 2)
+      mend(s, i, edges, onto, busy);
+  if (*found && !short_of)
+    drop_collapsed(s, onto);
+  free(edges);
+  free(onto);
+  free(busy);
+  return short_of ? pags_out_of_memory("%lld edges", (long long)s->triangle_count) : PAGS_OK;
+}
+
+/* ---- Doubles ---- */
+
+typedef struct face {
+  uint32_t v[3]; /* ascending */
+  int64_t triangle;
+} face;
+
+static int compare_faces(const void *left, const void *right) {
+  const face *a = left, *b = right;
+  for (int k = 0; k < 3; k++)
+    if (a->v[k] != b->v[k])
+      return a->v[k] < b->v[k] ? -1 : 1;
+  return a->triangle < b->triangle ? -1 : a->triangle > b->triangle;
+}
+
+/* Keeps one of the faces that have the same three vertices. */
+static pags_result drop_doubles(pags_proxy_mesh *s) {
+  face *faces = malloc(((size_t)s->triangle_count + 1) * sizeof *faces);
+  if (!faces)
+    return pags_out_of_memory("%lld triangles", (long long)s->triangle_count);
+  for (int64_t i = 0; i < s->triangle_count; i++) {
+    const uint32_t *t = s->triangles + 3 * i;
+    const uint32_t low = t[0] < t[1] ? (t[0] < t[2] ? t[0] : t[2]) : (t[1] < t[2] ? t[1] : t[2]);
+    const uint32_t high = t[0] > t[1] ? (t[0] > t[2] ? t[0] : t[2]) : (t[1] > t[2] ? t[1] : t[2]);
+    faces[i] = (face){{low, t[0] ^ t[1] ^ t[2] ^ low ^ high, high}, i};
+  }
+  pags_sort(faces, s->triangle_count, sizeof *faces, compare_faces);
+  for (int64_t i = 1; i < s->triangle_count; i++)
+    if (!memcmp(faces[i].v, faces[i - 1].v, sizeof faces[i].v))
+      s->triangles[3 * faces[i].triangle] = UINT32_MAX;
+  free(faces);
+  int64_t kept = 0;
+  for (int64_t i = 0; i < s->triangle_count; i++)
+    if (s->triangles[3 * i] != UINT32_MAX)
+      memmove(s->triangles + 3 * kept++, s->triangles + 3 * i, 3 * sizeof(uint32_t));
+  s->triangle_count = kept;
+  return PAGS_OK;
+}
+
+/* ---- Copies of a vertex ---- */
+
+typedef struct place {
+  float p[3];
+  int64_t vertex;
+} place;
+
+static int compare_places(const void *left, const void *right) {
+  const place *a = left, *b = right;
+  for (int k = 0; k < 3; k++)
+    if (a->p[k] < b->p[k] || a->p[k] > b->p[k])
+      return a->p[k] < b->p[k] ? -1 : 1;
+  return a->vertex < b->vertex ? -1 : a->vertex > b->vertex;
+}
+
+/* Moves vertices that lie at the same place towards the middle of their own faces. */
+static pags_result part_copies(pags_proxy_mesh *s) {
+  place *places = malloc(((size_t)s->vertex_count + 1) * sizeof *places);
+  double *sum = calloc(4 * (size_t)s->vertex_count + 1, sizeof *sum); /* of the faces' middles, and how many */
+  if (!places || !sum) {
+    free(places);
+    free(sum);
+    return pags_out_of_memory("%lld vertices", (long long)s->vertex_count);
+  }
+  for (int64_t i = 0; i < s->triangle_count; i++) {
+    double p[3][3];
+    corners_of(s, i, p);
+    for (int c = 0; c < 3; c++) {
+      double *own = sum + 4 * (int64_t)s->triangles[3 * i + c];
+      for (int k = 0; k < 3; k++)
+        own[k] += (p[0][k] + p[1][k] + p[2][k]) / 3;
+      own[3]++;
+    }
+  }
+  for (int64_t i = 0; i < s->vertex_count; i++) {
+    memcpy(places[i].p, s->positions + 3 * i, sizeof places[i].p);
+    places[i].vertex = i;
+  }
+  pags_sort(places, s->vertex_count, sizeof *places, compare_places);
+  for (int64_t i = 0, end; i < s->vertex_count; i = end) {
+    for (end = i + 1; end < s->vertex_count && !memcmp(places[end].p, places[i].p, sizeof places[i].p); end++)
+      continue;
+    for (int64_t j = i; j < end && end - i > 1; j++) {
+      const double *own = sum + 4 * places[j].vertex;
+      for (int k = 0; k < 3 && own[3] > 0; k++) {
+        const double p = (double)places[j].p[k];
+        s->positions[3 * places[j].vertex + k] = (float)(p + apart * (own[k] / own[3] - p));
+      }
+    }
+  }
+  free(places);
+  free(sum);
+  return PAGS_OK;
+}
+
+/* ---- The whole ---- */
+
+static pags_result clean(pags_proxy_mesh *mesh, bool closed) {
+  const double limit = area_limit(mesh);
+  int64_t found = 1;
+  for (int pass = 0; pass < PASSES && found; pass++) {
+    PAGS_TRY(mend_all(mesh, limit, &found));
+    if (!closed)
+      PAGS_TRY(drop_doubles(mesh));
+    if (pass == 0 || found) {
+      PAGS_TRY(pags_proxy_mesh_repair(mesh));
+      PAGS_TRY(part_copies(mesh));
+    }
+  }
+  return pags_proxy_mesh_compact(mesh);
+}
+
+pags_result pags_proxy_mesh_clean(pags_proxy_mesh *mesh) {
+  pags_proxy_mesh_topology before, after;
+  pags_proxy_mesh copy;
+  if (!mesh->triangle_count)
+    return PAGS_OK;
+  PAGS_TRY(pags_proxy_mesh_inspect(mesh, &before));
+  PAGS_TRY(pags_proxy_mesh_copy(mesh, &copy));
+  pags_result result = clean(&copy, before.closed);
+  if (result == PAGS_OK)
+    result = pags_proxy_mesh_inspect(&copy, &after);
+  if (result != PAGS_OK || (before.closed && !after.closed)) {
+    pags_proxy_mesh_destroy(&copy);
+    return result;
+  }
+  pags_proxy_mesh_destroy(mesh);
+  *mesh = copy;
+  return PAGS_OK;
+}
