@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* pags export: writes a scene's proxy geometry (glTF), its Gaussians (splat files), or both (USD). */
+#include "cli/crop.h"
 #include "cli/interrupt.h"
 #include "cli/object_edits.h"
 #include "cli/session.h"
@@ -20,6 +21,7 @@ typedef struct export_arguments {
   int splats;
   double time;
   pags_words only;
+  pags_crop crop;
   int level, naming, stand;
 } export_arguments;
 
@@ -61,6 +63,7 @@ static const pags_option options[] = {
                "objects are put where they are then"),
     PAGS_VALUE("sh-degree", 0, INT, AT(splat.sh_degree), 0, 3, "0..3", NULL, NULL, "higher terms of colour are cut"),
     PAGS_VALUE("spz-version", 0, INT, AT(splat.spz_version), 3, 4, "3|4", NULL, NULL, "3: gzip; 4: zstd"),
+    PAGS_CROP_OPTIONS(AT(crop)),
     PAGS_SESSION_OPTIONS(export_arguments),
     {0}};
 
@@ -136,20 +139,22 @@ static pags_result export_proxies(export_arguments *arguments, const pags_scene 
   return result;
 }
 
-/* Finds the objects that --only names: one byte an object, 1 if chosen; NULL without --only, which means all
- * objects. */
+/* Finds the objects that --only names, or all where a crop may leave some out: one byte an object, 1 if chosen; NULL
+ * without these options, which means all objects. */
 static pags_result choose(const export_arguments *arguments, const pags_scene *scene, uint8_t **chosen) {
   pags_object_edits words = {.without = arguments->only};
   pags_edit *edits = NULL;
   int64_t count = 0;
   *chosen = NULL;
-  if (!arguments->only.count)
+  if (!arguments->only.count && !arguments->crop.box && !arguments->crop.sphere)
     return PAGS_OK;
   PAGS_TRY(pags_object_edits_find(&words, scene, &edits, &count));
   *chosen = calloc((size_t)scene->object_count + 1, 1);
   for (int64_t i = 0; *chosen && i < count; i++)
     (*chosen)[edits[i].object] = 1;
   free(edits);
+  if (*chosen && !arguments->only.count)
+    memset(*chosen, 1, (size_t)scene->object_count);
   return *chosen ? PAGS_OK : pags_out_of_memory("%lld objects", (long long)scene->object_count);
 }
 
@@ -197,8 +202,17 @@ static pags_result run(export_arguments *arguments, const char *from, const char
   uint8_t *chosen;
   pags_result result = choose(arguments, &scene, &chosen);
   if (result == PAGS_OK)
+    result = pags_crop_apply(&arguments->crop, &scene, scene.time_begin + arguments->time, chosen, &arguments->session);
+  if (result == PAGS_OK)
     result = pags_session_check(&arguments->session);
   arguments->proxy.chosen = chosen;
+  pags_filter filter;
+  const char *expected;
+  pags_crop_parse(&arguments->crop, &filter, &expected);
+  const double box[6] = {filter.lo[0], filter.lo[1], filter.lo[2], filter.hi[0], filter.hi[1], filter.hi[2]};
+  const double ball[4] = {filter.middle[0], filter.middle[1], filter.middle[2], filter.radius};
+  arguments->proxy.box = filter.has_box ? box : NULL;
+  arguments->proxy.ball = filter.has_ball ? ball : NULL;
   if (result == PAGS_OK && (arguments->splats || pags_export_is_splat(to)))
     result = export_splats(arguments, &scene, to);
   else if (result == PAGS_OK && !strcmp(pags_path_extension(to), ".usda"))
@@ -222,6 +236,11 @@ int pags_verb_export(int argc, char **argv) {
     return pags_usage_error(&verb,
                             "expected a file name ending in .glb, .gltf, .ply, .spz, .splat, .pagsz or .usda, got '%s'",
                             parsed.positionals[1]);
+  const char *expected;
+  pags_filter filter;
+  const char *misspelt = pags_crop_parse(&arguments.crop, &filter, &expected);
+  if (misspelt)
+    return pags_usage_error(&verb, "%s, got '%s'", expected, misspelt);
   pags_result result = pags_session_begin(&arguments.session);
   if (result == PAGS_OK)
     result = run(&arguments, parsed.positionals[0], parsed.positionals[1]);

@@ -2,6 +2,7 @@
 /* pags render: renders a scene or a splat file from a list of cameras into picture files, with stage times as
  * JSON. */
 #include "cli/camera_paths.h"
+#include "cli/crop.h"
 #include "cli/deadline_report.h"
 #include "cli/interrupt.h"
 #include "cli/object_edits.h"
@@ -26,6 +27,7 @@ typedef struct render_arguments {
   int format, bits;
   double downscale, time, shift, fps;
   pags_object_edits edits;
+  pags_crop crop;
   double background[3];
   float near_plane, low_pass;
   int exposure, antialiased, sh_degree, exp_degree; /* exp_degree: index in "3|5" */
@@ -80,6 +82,7 @@ static const pags_option options[] = {
 
     PAGS_GROUP("Objects (OBJECT: an id as pags info --objects lists them, or class:vehicle, ...)"),
     PAGS_EDIT_OPTIONS(AT(edits)),
+    PAGS_CROP_OPTIONS(AT(crop)),
 
     PAGS_GROUP("Picture"),
     PAGS_FLAG("no-exposure", 0, AT(exposure),
@@ -351,6 +354,13 @@ static pags_result find_work(renderer *self, const pags_parsed *parsed, const pa
 static pags_result open_packed(renderer *self, const pags_parsed *parsed, pags_edit **edits, int64_t *edit_count) {
   const char *path = parsed->positionals[0];
   const char *way = self->arguments->path;
+  pags_filter filter;
+  const char *expected;
+  pags_crop_parse(&self->arguments->crop, &filter, &expected);
+  if (pags_filter_is_set(&filter))
+    return pags_fail(
+        PAGS_ERROR_UNSUPPORTED,
+        "%s: a packed file is drawn as it is; crop when it is exported (pags export with the same options)", path);
   if (!self->arguments->camera && (!strcmp(way, "orbit") || !strcmp(way, "ego")))
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: a packed file has no views: expected --camera FILE or --path FILE",
                      path);
@@ -364,7 +374,10 @@ static pags_result open_packed(renderer *self, const pags_parsed *parsed, pags_e
 static pags_result open_scene(renderer *self, const pags_parsed *parsed, pags_edit **edits, int64_t *edit_count) {
   pags_scene scene;
   PAGS_TRY(pags_scene_load(parsed->positionals[0], &scene));
-  const pags_result result = find_work(self, parsed, &scene, edits, edit_count);
+  pags_result result = pags_crop_apply(&self->arguments->crop, &scene, scene.time_begin + self->arguments->time, NULL,
+                                       &self->arguments->session);
+  if (result == PAGS_OK)
+    result = find_work(self, parsed, &scene, edits, edit_count);
   if (result == PAGS_OK)
     PAGS_TRY(pags_composition_create(&scene, &self->composition));
   else
@@ -466,6 +479,11 @@ static int check_usage(const render_arguments *arguments, const pags_parsed *par
     return pags_usage_error(&verb, "--shift and --fps need --path ego");
   if (arguments->fps > 0 && pags_option_given(parsed, "frames"))
     return pags_usage_error(&verb, "--fps and --frames exclude each other");
+  const char *expected;
+  pags_filter filter;
+  const char *crop = pags_crop_parse(&arguments->crop, &filter, &expected);
+  if (crop)
+    return pags_usage_error(&verb, "%s, got '%s'", expected, crop);
   const char *misspelt = pags_object_edits_misspelt(&arguments->edits);
   if (misspelt)
     return pags_usage_error(&verb, "--move and --add: expected X,Y,Z,YAW, four numbers, got '%s'", misspelt);

@@ -578,6 +578,39 @@ static pags_result decimate(const pags_proxy_maker *w, pags_background *b) {
   return result;
 }
 
+/* Leaves out the triangles whose middle is outside of the box or the ball. */
+static pags_result crop(const pags_proxy_options *options, pags_proxy_mesh *mesh) {
+  int64_t kept = 0;
+  for (int64_t i = 0; i < mesh->triangle_count; i++) {
+    double p[3] = {0}, square = 0;
+    bool within = true;
+    for (int k = 0; k < 3; k++) {
+      for (int c = 0; c < 3; c++)
+        p[k] += (double)mesh->positions[3 * (int64_t)mesh->triangles[3 * i + c] + k] / 3;
+      within = within && (!options->box || (p[k] >= options->box[k] && p[k] <= options->box[3 + k]));
+      square += options->ball ? (p[k] - options->ball[k]) * (p[k] - options->ball[k]) : 0;
+    }
+    if (within && (!options->ball || square <= options->ball[3] * options->ball[3]))
+      memmove(mesh->triangles + 3 * kept++, mesh->triangles + 3 * i, 3 * sizeof(uint32_t));
+  }
+  if (kept == mesh->triangle_count)
+    return PAGS_OK;
+  mesh->triangle_count = kept;
+  return pags_proxy_mesh_compact(mesh);
+}
+
+static void drop_empty(pags_background *b) {
+  int64_t kept = 0;
+  for (int64_t i = 0; i < b->chunk_count; i++) {
+    pags_chunk chunk = b->chunks[i];
+    if (!chunk.mesh.triangle_count)
+      pags_proxy_mesh_destroy(&chunk.mesh);
+    else
+      b->chunks[kept++] = chunk;
+  }
+  b->chunk_count = kept;
+}
+
 /* Adds what was looked at from all round as one chunk. */
 static pags_result add_bare(const pags_proxy_maker *w, pags_background *b) {
   pags_proxy_mesh mesh = {0};
@@ -623,8 +656,11 @@ static pags_result make(const pags_proxy_maker *w, pags_progress_fn *tell, void 
     PAGS_TRY(add_ground(w, out, ground));
   PAGS_TRY(add_tiles(w, tell, user, ground, out));
   PAGS_TRY(decimate(w, out));
-  for (int64_t i = 0; i < out->chunk_count; i++)
+  for (int64_t i = 0; i < out->chunk_count; i++) {
+    PAGS_TRY(crop(w->options, &out->chunks[i].mesh));
     PAGS_TRY(pags_proxy_mesh_clean(&out->chunks[i].mesh));
+  }
+  drop_empty(out);
   return PAGS_OK;
 }
 

@@ -52,6 +52,10 @@ typedef struct pags_proxy_options {
                    of its longest side */
   double range; /* rendered depths beyond it are not used for the background, metres; default 0: 60, of a room
                    without photographs its longest side */
+  const double *box;  /* 6 numbers, lowest x, y, z and highest, or NULL: triangles of ground and chunks whose middle is
+                         outside are left out; metres relative to the scene's origin. Gaussians outside are for the
+                         caller to leave out */
+  const double *ball; /* 4 numbers, middle and radius, or NULL: likewise */
   pags_stand stand; /* from where a scene without photographs is looked at; default PAGS_STAND_AUTO */
   int cage_level;   /* Catmull-Clark subdivisions of the cage as written, 0 (the cage itself) to 3; default 1 */
   int background;   /* 1: the ground and the chunks are exported, too. Default 1 */

@@ -1,0 +1,37 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Leaves out Gaussians of a scene: outside of a box or a ball, too faint, too large or too small, seen by too few
+ * training views. */
+#ifndef PAGS_SCENE_FILTER_H
+#define PAGS_SCENE_FILTER_H
+
+#include <pags/scene.h>
+#include <stdbool.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Positions are in metres relative to the scene's origin, as in the files that are exported. */
+typedef struct pags_filter {
+  bool has_box, has_ball;
+  double lo[3], hi[3];              /* of the box */
+  double middle[3], radius;         /* of the ball */
+  double least_opacity;             /* 0..1; 0: none is too faint */
+  double least_size, greatest_size; /* metres: of the largest sigma; 0: no limit */
+  int least_views;                  /* training views in whose picture the mean is; 0: no limit */
+} pags_filter;
+
+bool pags_filter_is_set(const pags_filter *filter);
+
+/* Removes the Gaussians that don't pass. Objects with a model of their own are judged by where they are at `time`
+ * (seconds; when they aren't there then, at their first label): they are in the box and the ball as a whole if the
+ * middle of their labelled box is, and views aren't counted for them. `chosen` (NULL, or a byte an object) becomes 0
+ * for objects that are left out as a whole. `left` receives how many Gaussians there are now. PAGS_ERROR_ARGUMENT if
+ * none passes, or if views are asked for and there are none; PAGS_ERROR_MEMORY. */
+pags_result pags_scene_filter(pags_scene *scene, const pags_filter *filter, double time, uint8_t *chosen,
+                              int64_t *left);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
