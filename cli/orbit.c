@@ -270,7 +270,8 @@ static pags_result orbit_of_views(const pags_scene *scene, const pags_survey *su
   for (int a = 0; a < AZIMUTHS; a++)
     for (int k = 0; k < 40; k++) {
       const pags_vec3 eye = eye_at(o, 2 * pi * a / AZIMUTHS, o->radius[a], o->height[a]);
-      if (cell_of(scene, survey, eye) != PAGS_CELL_SOLID)
+      const pags_vec3 beyond = eye_at(o, 2 * pi * a / AZIMUTHS, o->radius[a] + 2 * survey->step, o->height[a]);
+      if (cell_of(scene, survey, eye) != PAGS_CELL_SOLID && cell_of(scene, survey, beyond) != PAGS_CELL_SOLID)
         break;
       o->radius[a] *= 0.96;
     }

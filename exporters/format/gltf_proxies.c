@@ -315,7 +315,7 @@ static pags_result add_chunk(exporter *self, const pags_background *b, int64_t i
   PAGS_TRY(pags_proxy_mesh_inspect(&chunk->mesh, &topology));
   facts->closed = self->maker.bare && topology.closed;
   facts->volume = facts->closed ? topology.volume : 0;
-  facts->note = chunk->note;
+  facts->note = chunk->note ? chunk->note : self->maker.bare ? self->maker.bare->note : NULL;
   facts->level = chunk->level;
   facts->object = -1;
   facts->gaussians = b->gaussians;

@@ -2,8 +2,7 @@
 /* Makes the proxies of the background. The scene without its labelled objects is drawn by an even choice of the
  * training cameras, and the depths are fused tile by tile into TSDFs (tsdf.h).
  *
- * Surface near the ground is left to the ground's mesh (ground.h). The rest is split by class: by the data set's
- * semantic pictures if they are present, else by shape and colour. */
+ * Surface near the ground is left to the ground's mesh (ground.h). The rest is split by class (classes.h). */
 #include "exporters/proxy/background.h"
 
 #include <math.h>
@@ -13,19 +12,13 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/file.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "exporters/proxy/classes.h"
 #include "maths/maths.h"
-#ifdef PAGS_WITH_IMAGES
-#include <pags/image.h>
-#endif
 
 /* Most views that are drawn; Gaussians a cluster; a chunk of fewer triangles after decimation is left out. */
 enum { MOST_VIEWS = 120, CLUSTER = 64, LEAST_TRIANGLES = 8 };
-enum { ROAD, SIDEWALK, BUILDING, VEGETATION, POLE, OTHER, SURFACE, CLASSES, UNLABELLED = 255 };
-static const char *const class_names[CLASSES] = {"road", "sidewalk", "building", "vegetation",
-                                                 "pole", "other",    "surface"};
 
 /* The ground has no holes up to this distance from the cameras, metres: about 10 m from the path between them. */
 static const double ground_reach = 11;
@@ -41,13 +34,6 @@ void pags_background_destroy(pags_background *background) {
 }
 
 /* ---- Drawing the background ---- */
-
-/* The class of a Cityscapes train id; UNLABELLED for sky, people, vehicles and unknown ids. */
-static uint8_t class_of_label(uint8_t label) {
-  static const uint8_t of[10] = {ROAD, SIDEWALK, BUILDING, BUILDING,   BUILDING,
-                                 POLE, POLE,     POLE,     VEGETATION, VEGETATION};
-  return label < 10 ? of[label] : UNLABELLED;
-}
 
 /* Gathers the Gaussians of the background model that belong to no parked object (pags_object_mark). */
 static pags_result gather_background(const pags_proxy_maker *w, pags_gaussians *out) {
@@ -77,34 +63,6 @@ static pags_result gather_background(const pags_proxy_maker *w, pags_gaussians *
   return result;
 }
 
-/* Loads the data set's semantic picture of a view, if there is one, as classes at the depth view's size. */
-static void load_labels(const pags_proxy_maker *w, const pags_scene_view *view, pags_depth_view *depth_view) {
-#ifdef PAGS_WITH_IMAGES
-  char path[1024];
-  pags_image image;
-  const char *name = pags_path_name(view->name);
-  int stem = (int)(strlen(name) - strlen(pags_path_extension(name)));
-  int width = depth_view->camera.width, height = depth_view->camera.height;
-  if (!w->scene->dataset)
-    return;
-  snprintf(path, sizeof path, "%s/semantic/%.*s.png", w->scene->dataset, stem, name);
-  if (!pags_file_exists(path) || pags_image_load(path, PAGS_U8, 1, &image) != PAGS_OK)
-    return;
-  depth_view->labels = malloc((size_t)width * (size_t)height);
-  for (int y = 0; depth_view->labels && y < height; y++)
-    for (int x = 0; x < width; x++) {
-      int u = (2 * x + 1) * image.width / (2 * width), v = (2 * y + 1) * image.height / (2 * height);
-      depth_view->labels[(size_t)y * (size_t)width + (size_t)x] =
-          class_of_label(((const uint8_t *)image.data)[(size_t)v * (size_t)image.width + (size_t)u]);
-    }
-  pags_image_destroy(&image);
-#else
-  (void)w;
-  (void)view;
-  (void)depth_view;
-#endif
-}
-
 static bool shows_training(const pags_scene_view *view) {
   return !view->test;
 }
@@ -130,7 +88,7 @@ static pags_result look(const pags_proxy_maker *w, const pags_part *part, pags_p
     if (within)
       pags_depth_view_flatten(&out->depth_views.list[out->depth_views.count - 1]);
     pags_depth_view_hide(&out->depth_views.list[out->depth_views.count - 1], &w->scene_depth.views[v]);
-    load_labels(w, view, &out->depth_views.list[out->depth_views.count - 1]);
+    pags_classes_load(w, view, &out->depth_views.list[out->depth_views.count - 1]);
     out->labelled = out->labelled || out->depth_views.list[out->depth_views.count - 1].labels != NULL;
   }
   return PAGS_OK;
@@ -185,81 +143,11 @@ static pags_result add_ground(const pags_proxy_maker *w, pags_background *out, p
   return result;
 }
 
-/* ---- Classes ---- */
-
-typedef struct naming {
-  const pags_proxy_mesh *mesh;
-  const pags_depth_views *depth_views;
-  const pags_ground *ground;
-  double tolerance;
-  uint8_t *class_of; /* the class of each vertex */
-  int64_t *lists;    /* of views, one for each worker */
-} naming;
-
-/* The class that most of the views that see a point give it (depth within the tolerance); OTHER if none does. */
-static uint8_t vote(const naming *self, const int64_t *seen, int64_t seen_count, const double point[3]) {
-  int votes[CLASSES] = {0}, best = 0, x, y;
-  double z;
-  for (int64_t s = 0; s < seen_count; s++) {
-    const pags_depth_view *depth_view = &self->depth_views->list[seen[s]];
-    if (!depth_view->labels || !pags_depth_view_project(depth_view, point, &x, &y, &z))
-      continue;
-    int64_t pixel = (int64_t)y * depth_view->camera.width + x;
-    if (fabs((double)depth_view->depth[pixel] - z) < self->tolerance && depth_view->labels[pixel] < CLASSES)
-      votes[depth_view->labels[pixel]]++;
-  }
-  for (int c = 1; c < CLASSES; c++)
-    best = votes[c] > votes[best] ? c : best;
-  return votes[best] ? (uint8_t)best : OTHER;
-}
-
-/* Guesses a vertex's class without semantic pictures: level surface is road, upright and not green a building, green
- * vegetation, else other. Poles are not recognised. */
-static uint8_t guess(const float normal[3], const float color[3]) {
-  int green = color[1] > 1.05f * color[0] && color[1] > color[2];
-  if (normal[2] > 0.9f)
-    return ROAD;
-  return !green && fabsf(normal[2]) < 0.35f ? BUILDING : green ? VEGETATION : OTHER;
-}
-
-static void name_vertices(void *context, int64_t begin, int64_t end, int worker) {
-  const naming *self = context;
-  int64_t *seen = self->lists + worker * (self->depth_views->count + 1);
-  int64_t seen_count = pags_depth_views_of_run(self->depth_views, self->mesh, begin, end, seen);
-  for (int64_t i = begin; i < end; i++) {
-    const float *p = self->mesh->positions + 3 * i;
-    const double point[3] = {(double)p[0], (double)p[1], (double)p[2]};
-    self->class_of[i] = vote(self, seen, seen_count, point);
-  }
-}
-
-static pags_result find_classes(const pags_proxy_maker *w, const pags_background *b, const pags_proxy_mesh *mesh,
-                                uint8_t *class_of) {
-  naming self = {
-      .mesh = mesh, .depth_views = &b->depth_views, .tolerance = 3 * w->options->voxel, .class_of = class_of};
-  if (b->labelled) {
-    self.lists = pags_depth_views_lists(&b->depth_views, w->tasks);
-    if (!self.lists)
-      return PAGS_ERROR_MEMORY;
-    bool done = pags_parallel_for(w->tasks, mesh->vertex_count, 256, name_vertices, &self);
-    free(self.lists);
-    return done ? PAGS_OK : pags_fail(PAGS_CANCELLED, "interrupted");
-  }
-  float *normals = malloc(((size_t)mesh->vertex_count + 1) * 3 * sizeof *normals);
-  if (!normals)
-    return pags_out_of_memory("%lld vertices", (long long)mesh->vertex_count);
-  pags_proxy_mesh_normals(mesh, normals);
-  for (int64_t i = 0; i < mesh->vertex_count; i++)
-    class_of[i] = guess(normals + 3 * i, mesh->colors + 3 * i);
-  free(normals);
-  return PAGS_OK;
-}
-
 /* A square tile of the background and its result: a mesh for each class, which may be empty. */
 typedef struct tile {
   double lo[3], hi[3];
   int64_t first, last; /* range of its points among those sorted by tile */
-  pags_proxy_mesh parts[CLASSES];
+  pags_proxy_mesh parts[PAGS_CLASSES];
   pags_result result;
   char message[256]; /* the message of a failure, copied here since error messages are kept per thread */
 } tile;
@@ -319,10 +207,10 @@ static pags_result cut_by_class(const pags_proxy_maker *w, const pags_background
     return pags_out_of_memory("%lld vertices", (long long)mesh->vertex_count);
   pags_result result = PAGS_OK;
   if (w->bare)
-    memset(class_of, SURFACE, (size_t)mesh->vertex_count);
+    memset(class_of, PAGS_CLASS_SURFACE, (size_t)mesh->vertex_count);
   else
-    result = find_classes(w, b, mesh, class_of);
-  for (int class = 0; class < CLASSES && result == PAGS_OK; class ++)
+    result = pags_classes_find(w, &b->depth_views, b->labelled, mesh, class_of);
+  for (int class = 0; class < PAGS_CLASSES && result == PAGS_OK; class ++)
     result = take_class(w, mesh, class_of, class, &out->parts[class]);
   free(class_of);
   return result;
@@ -477,9 +365,9 @@ static pags_result take_tiles(tiling *t, pags_background *b) {
   for (int64_t i = 0; i < t->count[0] * t->count[1] && result == PAGS_OK; i++) {
     if (t->tiles[i].result != PAGS_OK)
       result = pags_fail(t->tiles[i].result, "%s", t->tiles[i].message);
-    for (int class = 0; class < CLASSES && result == PAGS_OK; class ++)
+    for (int class = 0; class < PAGS_CLASSES && result == PAGS_OK; class ++)
       if (t->tiles[i].parts[class].triangle_count)
-        result = add_chunk(b, class_names[class], &t->tiles[i].parts[class]);
+        result = add_chunk(b, pags_class_names[class], &t->tiles[i].parts[class]);
   }
   return result;
 }
@@ -516,7 +404,7 @@ static pags_result add_tiles(const pags_proxy_maker *w, pags_progress_fn *tell, 
   if (result == PAGS_OK)
     result = take_tiles(&t, b);
   for (int64_t i = 0; i < count; i++)
-    for (int class = 0; class < CLASSES; class ++)
+    for (int class = 0; class < PAGS_CLASSES; class ++)
       pags_proxy_mesh_destroy(&t.tiles[i].parts[class]);
   free(t.tiles);
   free(t.points);
@@ -620,7 +508,7 @@ static pags_result add_bare(const pags_proxy_maker *w, pags_background *b) {
   if (result == PAGS_OK)
     result = pags_bare_level(w->bare, w->options, &mesh, &level, &note);
   if (result == PAGS_OK && mesh.triangle_count)
-    result = add_chunk(b, class_names[SURFACE], &mesh);
+    result = add_chunk(b, pags_class_names[PAGS_CLASS_SURFACE], &mesh);
   pags_proxy_mesh_destroy(&mesh);
   if (result == PAGS_OK && b->chunk_count) {
     b->chunks[0].level = level;

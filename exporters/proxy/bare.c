@@ -15,8 +15,13 @@
 #include "exporters/proxy/tsdf.h"
 #include "maths/maths.h"
 
-enum { AROUND = 72, PLACES = 20, ROOM_WIDTH = 400 }; /* views of an object; places in a room; pixels */
-enum { OBJECT_STEPS = 192, ROOM_STEPS = 400 };       /* steps of the surface along the longest side */
+enum {
+  AROUND = 72,
+  PLACES = 20,
+  ROOM_WIDTH = 400,
+  LEAST_WIDTH = 96
+}; /* views of an object; places in a room; pixels */
+enum { OBJECT_STEPS = 192, ROOM_STEPS = 400 }; /* steps of the surface along the longest side */
 
 static const double far_off = 2.2;  /* distance of an object's views from its middle, radii of the ball about its box */
 static const double margin = 4;     /* free space round an object, steps */
@@ -60,29 +65,33 @@ static void add_view(pags_bare *bare, int width, double focal, const double eye[
   aim(&view->camera, world, forward);
 }
 
-static void look_around(pags_bare *bare) {
+static void look_around(pags_bare *bare, double step) {
   const pags_survey *s = &bare->survey;
   const double half[3] = {0.5 * (s->hi[0] - s->lo[0]), 0.5 * (s->hi[1] - s->lo[1]), 0.5 * (s->hi[2] - s->lo[2])};
   const double radius = pags_length3(half), golden = 2.39996322972865332; /* radians */
-  const double focal = 0.5 * PAGS_DEPTH_VIEW_WIDEST * sqrt(far_off * far_off - 1);
+  const int width = (int)fmin(fmax(4.4 * radius / step, LEAST_WIDTH), PAGS_DEPTH_VIEW_WIDEST);
+  const double focal = 0.5 * width * sqrt(far_off * far_off - 1);
   for (int i = 0; i < AROUND; i++) {
     const double z = 1 - (2 * i + 1) / (double)AROUND, across = sqrt(1 - z * z);
     const double forward[3] = {-across * pags_cos(golden * i), -across * pags_sin(golden * i), -z};
     double eye[3];
     for (int k = 0; k < 3; k++)
       eye[k] = 0.5 * (s->lo[k] + s->hi[k]) - far_off * radius * forward[k];
-    add_view(bare, PAGS_DEPTH_VIEW_WIDEST, focal, eye, forward);
+    add_view(bare, width, focal, eye, forward);
   }
 }
 
-static void look_inside(pags_bare *bare) {
+static void look_inside(pags_bare *bare, double step) {
+  const pags_survey *s = &bare->survey;
+  const double longest = fmax(fmax(s->hi[0] - s->lo[0], s->hi[1] - s->lo[1]), s->hi[2] - s->lo[2]);
+  const int width = (int)fmin(fmax(longest / step, LEAST_WIDTH), ROOM_WIDTH);
   double places[PLACES][3];
-  const int count = pags_survey_places(&bare->survey, PLACES, places);
+  const int count = pags_survey_places(s, PLACES, places);
   for (int i = 0; i < count; i++)
     for (int side = 0; side < 6; side++) {
       double forward[3] = {0, 0, 0};
       forward[side / 2] = side % 2 ? 1 : -1;
-      add_view(bare, ROOM_WIDTH, 0.5 * ROOM_WIDTH, places[i], forward);
+      add_view(bare, width, 0.5 * width, places[i], forward);
     }
 }
 
@@ -95,14 +104,15 @@ static pags_result open(const pags_scene *scene, pags_proxy_options *options, pa
   PAGS_TRY(pags_survey_make(scene, &bare->survey));
   const pags_survey *s = &bare->survey;
   bare->inside = options->stand == PAGS_STAND_AUTO ? s->inside : options->stand == PAGS_STAND_INSIDE;
+  const double longest = fmax(fmax(s->hi[0] - s->lo[0], s->hi[1] - s->lo[1]), s->hi[2] - s->lo[2]);
+  const double given = options->voxel;
   if (bare->inside)
-    look_inside(bare);
+    look_inside(bare, given > 0 ? given : longest / ROOM_STEPS);
   if (!bare->scene.view_count) {
     bare->inside = false;
-    look_around(bare);
+    look_around(bare, given > 0 ? given : longest / OBJECT_STEPS);
   }
-  const double longest = fmax(fmax(s->hi[0] - s->lo[0], s->hi[1] - s->lo[1]), s->hi[2] - s->lo[2]);
-  options->voxel = options->voxel > 0 ? options->voxel : longest / (bare->inside ? ROOM_STEPS : OBJECT_STEPS);
+  options->voxel = given > 0 ? given : longest / (bare->inside ? ROOM_STEPS : OBJECT_STEPS);
   options->chunk = options->chunk > 0 ? options->chunk : longest / 4;
   options->range = options->range > 0 ? options->range : (bare->inside ? 1 : 4) * longest;
   bare->note = bare->inside ? "no photographs: views made up within it" : "no photographs: views made up round it";

@@ -141,6 +141,7 @@ pags_result pags_depth_views_add(pags_depth_views *depth_views, pags_frame *fram
   pags_depth_view *depth_view = &depth_views->list[depth_views->count++];
   *depth_view = (pags_depth_view){.camera = *camera,
                                   .blur = sqrt((double)options->low_pass),
+                                  .nearest = fmin(0.05, 5 * (double)options->near_plane),
                                   .view = view,
                                   .depth = malloc(pixels * sizeof(float)),
                                   .plane = planes ? malloc(pixels * sizeof(float)) : NULL,
@@ -296,7 +297,7 @@ bool pags_depth_view_project(const pags_depth_view *depth_view, const double poi
   double p[3];
   const pags_camera *camera = &depth_view->camera;
   pags_rigid_point(depth_view->camera_from_model, point, p);
-  if (p[2] <= 0.05)
+  if (p[2] <= depth_view->nearest)
     return false;
   double u = camera->fx * p[0] / p[2] + camera->cx, v = camera->fy * p[1] / p[2] + camera->cy;
   if (!(u >= 0 && v >= 0 && u < camera->width && v < camera->height))

@@ -25,6 +25,7 @@ enum {
 
 typedef struct pags_depth_view {
   double blur;        /* standard deviation of the low-pass filter by which drawing widens Gaussians, pixels */
+  double nearest;     /* camera z up to which it says nothing, metres */
   pags_camera camera; /* the camera of the cropped picture, in the model's frame */
   double camera_from_model[12];
   int64_t view;    /* index of the view in the scene */

@@ -17,6 +17,8 @@ pags_result pags_proxy_maker_open(const pags_scene *scene, const pags_proxy_opti
   PAGS_TRY(pags_bare_open(scene, &out->resolved, &out->bare));
   scene = out->scene = out->bare ? &out->bare->scene : scene;
   out->options = &out->resolved;
+  if (out->bare) /* there may be no metres */
+    out->drawing.near_plane = fminf(out->drawing.near_plane, 2 * (float)out->resolved.voxel);
   out->resolved.voxel = out->resolved.voxel > 0 ? out->resolved.voxel : 0.15;
   out->resolved.chunk = out->resolved.chunk > 0 ? out->resolved.chunk : 20;
   out->resolved.range = out->resolved.range > 0 ? out->resolved.range : 60;

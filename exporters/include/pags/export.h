@@ -56,12 +56,12 @@ typedef struct pags_proxy_options {
                          outside are left out; metres relative to the scene's origin. Gaussians outside are for the
                          caller to leave out */
   const double *ball; /* 4 numbers, middle and radius, or NULL: likewise */
-  pags_stand stand; /* from where a scene without photographs is looked at; default PAGS_STAND_AUTO */
-  int cage_level;   /* Catmull-Clark subdivisions of the cage as written, 0 (the cage itself) to 3; default 1 */
-  int background;   /* 1: the ground and the chunks are exported, too. Default 1 */
-  int cameras;      /* 1: all views are written as cameras, the first sensor's path as a node `ego`. Default 0 */
-  int visibility;   /* 1: KHR_node_visibility makes proxies invisible (colliders only). Default 0 */
-  int physics;      /* 1: objects are kinematic bodies by KHR_implicit_shapes and KHR_physics_rigid_bodies. Default 0 */
+  pags_stand stand;   /* from where a scene without photographs is looked at; default PAGS_STAND_AUTO */
+  int cage_level;     /* Catmull-Clark subdivisions of the cage as written, 0 (the cage itself) to 3; default 1 */
+  int background;     /* 1: the ground and the chunks are exported, too. Default 1 */
+  int cameras;        /* 1: all views are written as cameras, the first sensor's path as a node `ego`. Default 0 */
+  int visibility;     /* 1: KHR_node_visibility makes proxies invisible (colliders only). Default 0 */
+  int physics; /* 1: objects are kinematic bodies by KHR_implicit_shapes and KHR_physics_rigid_bodies. Default 0 */
 } pags_proxy_options;
 
 PAGS_API pags_proxy_options pags_proxy_options_default(void);
