@@ -49,7 +49,7 @@ static const pags_option options[] = {
                "side of the background's chunks"),
     PAGS_VALUE("voxel", 0, DOUBLE, AT(proxy.voxel), 1e-4, 2, "M", "metres", "0.15; of a splat file by its extent",
                "fineness of the background's surface"),
-    PAGS_VALUE("range", 0, DOUBLE, AT(proxy.range), 0.1, 10000, "M", "metres", "60; of a splat file its side",
+    PAGS_VALUE("range", 0, DOUBLE, AT(proxy.range), 0.1, 10000, "M", "metres", "60; of a splat file a third of its side",
                "what is farther from the cameras is left out of the background"),
     PAGS_CHOICE("stand", AT(stand), "auto|around|inside", NULL,
                 "from where to look at what has no photographs, to find its surface: all round it, or within a room"),

@@ -48,12 +48,14 @@ static pags_result gather_background(const pags_proxy_maker *w, pags_gaussians *
   for (int64_t o = 0; o < w->scene->object_count; o++)
     if (w->scene->objects[o].model < 0)
       pags_object_mark(w, o, taken);
+  pags_result result = w->bare ? pags_bare_mark_haze(w->bare, g, taken) : PAGS_OK;
   for (int64_t i = 0; i < g->count; i++)
     if (!taken[i])
       index[count++] = i;
   free(taken);
   pags_gaussians loose = {0};
-  pags_result result = pags_gaussians_create_like(&loose, count, g);
+  if (result == PAGS_OK)
+    result = pags_gaussians_create_like(&loose, count, g);
   if (result == PAGS_OK) {
     pags_gaussians_gather(g, index, count, &loose);
     result = pags_gaussians_sorted_copy(out, &loose);

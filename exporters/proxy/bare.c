@@ -10,6 +10,7 @@
 
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/sort.h"
 #include "base/vec3.h"
 #include "exporters/proxy/cage.h"
 #include "exporters/proxy/tsdf.h"
@@ -114,7 +115,7 @@ static pags_result open(const pags_scene *scene, pags_proxy_options *options, pa
   }
   options->voxel = given > 0 ? given : longest / (bare->inside ? ROOM_STEPS : OBJECT_STEPS);
   options->chunk = options->chunk > 0 ? options->chunk : longest / 4;
-  options->range = options->range > 0 ? options->range : (bare->inside ? 1 : 4) * longest;
+  options->range = options->range > 0 ? options->range : (bare->inside ? 1.0 / 3 : 4) * longest;
   bare->note = bare->inside ? "no photographs: views made up within it" : "no photographs: views made up round it";
   pags_log_message(PAGS_LOG_INFO, "%s, %lld of them; step %g", bare->note, (long long)bare->scene.view_count,
                    options->voxel);
@@ -145,6 +146,37 @@ void pags_bare_close(pags_bare *bare) {
   free(bare->scene.views);
   pags_survey_destroy(&bare->survey);
   free(bare);
+}
+
+/* ---- Haze ---- */
+
+/* A Gaussian's sigmas as logarithms, ascending. */
+static void sort_scales(const pags_gaussians *g, int64_t i, double s[3]) {
+  for (int k = 0; k < 3; k++)
+    s[k] = (double)pags_plane(g, PAGS_SCALE + k)[i];
+  pags_sort_doubles(s, 3);
+}
+
+pags_result pags_bare_mark_haze(const pags_bare *bare, const pags_gaussians *g, uint8_t *taken) {
+  static const double least_logit = -0.85; /* of an opacity of 0.3 */
+  static const double large = 1.5;         /* ln 4.5 */
+  static const double flat = -1.6;         /* ln 0.2: the smallest sigma beside the next */
+  double s[3], *sizes = malloc(((size_t)g->count + 1) * sizeof *sizes);
+  int64_t count = 0;
+  if (!sizes)
+    return pags_out_of_memory("%lld Gaussians", (long long)g->count);
+  for (int64_t i = 0; i < g->count; i++)
+    if ((double)pags_plane(g, PAGS_OPACITY)[i] > least_logit) {
+      sort_scales(g, i, s);
+      sizes[count++] = s[2];
+    }
+  pags_sort_doubles(sizes, count);
+  for (int64_t i = 0; i < g->count && count && bare->inside; i++) {
+    sort_scales(g, i, s);
+    taken[i] |= s[2] > sizes[count / 2] + large && s[0] - s[1] > flat;
+  }
+  free(sizes);
+  return PAGS_OK;
 }
 
 /* ---- The closed surface ---- */

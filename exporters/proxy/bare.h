@@ -26,6 +26,10 @@ typedef struct pags_bare {
 pags_result pags_bare_open(const pags_scene *scene, pags_proxy_options *options, pags_bare **out);
 void pags_bare_close(pags_bare *bare); /* NULL is allowed */
 
+/* Sets taken[i] for the Gaussians of a room that are haze: large ones, more than 4.5 times the usual size, that aren't
+ * flat. Views made up among them would see them as surfaces. PAGS_ERROR_MEMORY. */
+pags_result pags_bare_mark_haze(const pags_bare *bare, const pags_gaussians *g, uint8_t *taken);
+
 /* Makes the closed surface of something that was looked at from all round: what no view sees is solid. Parts smaller
  * than a thousandth of the largest are left out; at most options->chunk_triangles. */
 pags_result pags_bare_surface(const pags_bare *bare, const pags_proxy_options *options,

@@ -34,7 +34,9 @@ pags_result pags_proxy_maker_open(const pags_scene *scene, const pags_proxy_opti
   }
   pags_result result = pags_frame_create(tasks, &out->frame);
   if (result == PAGS_OK)
-    result = pags_scene_depth_draw(scene, out->frame, &out->drawing, PAGS_DEPTH_VIEW_WIDEST, &out->scene_depth);
+    result = pags_scene_depth_draw(scene, out->frame, &out->drawing, PAGS_DEPTH_VIEW_WIDEST,
+                                   !out->bare || scene->object_count > 0,
+                                   &out->scene_depth); /* alone, nothing else hides it */
   if (result == PAGS_OK)
     result = pags_lidar_read(scene, 0, &out->lidar);
   if (result != PAGS_OK)

@@ -97,7 +97,7 @@ static pags_result draw_view(const pags_scene *scene, const layout *l, pags_fram
 }
 
 pags_result pags_scene_depth_draw(const pags_scene *scene, pags_frame *frame, const pags_frame_options *drawing,
-                                  int widest, pags_scene_depth *out) {
+                                  int widest, bool draw, pags_scene_depth *out) {
   layout l = {0};
   *out = (pags_scene_depth){.views = calloc((size_t)scene->view_count + 1, sizeof *out->views)};
   if (!out->views)
@@ -111,7 +111,8 @@ pags_result pags_scene_depth_draw(const pags_scene *scene, pags_frame *frame, co
     out->views[v].camera = pags_camera_downscale(trained, fmax(1, (double)trained->width / widest));
     for (int k = 0; k < 3; k++)
       out->views[v].camera.world_from_camera[4 * k + 3] -= scene->origin[k];
-    result = draw_view(scene, &l, frame, drawing, trained, &out->views[v]);
+    if (draw)
+      result = draw_view(scene, &l, frame, drawing, trained, &out->views[v]);
   }
 
   for (int64_t i = 0; i < scene->model_count; i++) {

@@ -5,6 +5,7 @@
 #define PAGS_PROXY_SCENE_DEPTH_H
 
 #include <pags/scene.h>
+#include <stdbool.h>
 
 #include "exporters/proxy/depth_view.h"
 
@@ -23,9 +24,9 @@ typedef struct pags_scene_depth {
 } pags_scene_depth;
 
 /* Draws the depth of every training view, scaled down to at most `widest` pixels of width. `drawing` has the low-pass
- * filter that the scene was trained with. */
+ * filter that the scene was trained with. Without `draw` only the cameras are set. */
 pags_result pags_scene_depth_draw(const pags_scene *scene, pags_frame *frame, const pags_frame_options *drawing,
-                                  int widest, pags_scene_depth *out);
+                                  int widest, bool draw, pags_scene_depth *out);
 void pags_scene_depth_destroy(pags_scene_depth *scene_depth); /* frees and zeroes */
 
 /* The options for drawing a view scaled down. The low-pass variance is in squared pixels of the training picture, so

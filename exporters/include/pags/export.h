@@ -51,7 +51,7 @@ typedef struct pags_proxy_options {
   double chunk; /* side of the background's chunks, metres; default 0: 20, of a room without photographs a quarter
                    of its longest side */
   double range; /* rendered depths beyond it are not used for the background, metres; default 0: 60, of a room
-                   without photographs its longest side */
+                   without photographs a third of its longest side */
   const double *box;  /* 6 numbers, lowest x, y, z and highest, or NULL: triangles of ground and chunks whose middle is
                          outside are left out; metres relative to the scene's origin. Gaussians outside are for the
                          caller to leave out */
