@@ -15,6 +15,8 @@ enum { PATH_FPS = 30, AZIMUTHS = 72, SPREAD = 4 }; /* SPREAD: azimuths on either
 enum { DEFAULT_WIDTH = 1280, DEFAULT_HEIGHT = 720, OBJECT_FOCAL = 1000, ROOM_FOCAL = 700 };
 
 static const double pi = 3.14159265358979323846;
+static const double closed =
+    1; /* cells of a room for each solid one: less is a street or a corner, which shows better from outside */
 
 /* An orbit's geometry and lens. */
 typedef struct orbit {
@@ -318,7 +320,7 @@ pags_result pags_camera_path_orbit(const pags_scene *scene, int64_t frames, pags
     orbit_of_drive(scene, &survey, &o);
   else if (stand == PAGS_STAND_AUTO && scene->view_count > 1)
     result = orbit_of_views(scene, &survey, &o);
-  else if (stand == PAGS_STAND_INSIDE || (stand == PAGS_STAND_AUTO && survey.inside))
+  else if (stand == PAGS_STAND_INSIDE || (stand == PAGS_STAND_AUTO && survey.inside && survey.surrounded > closed))
     orbit_of_room(scene, &survey, &o);
   else
     orbit_of_box(scene, &survey, &o);
