@@ -94,6 +94,9 @@ static pags_result bound_samples(const sample *samples, int64_t count, double lo
   double *values = malloc(((size_t)count + 1) * sizeof *values);
   if (!values)
     return pags_out_of_memory("a survey");
+  double reach = 0; /* two usual sigmas: what is flat or a single point has that extent at least */
+  for (int64_t i = 0; i < count; i++)
+    reach += 2 * fmax(samples[i].sigma[0], samples[i].sigma[1]) / (double)count;
   for (int k = 0; k < 3; k++) {
     for (int64_t i = 0; i < count; i++)
       values[i] = samples[i].mean[k];
@@ -102,6 +105,9 @@ static pags_result bound_samples(const sample *samples, int64_t count, double lo
     const double low = values[(int64_t)(0.05 * last)], high = values[(int64_t)(0.95 * last)];
     lo[k] = fmax(values[(int64_t)(0.001 * last)], low - (high - low));
     hi[k] = fmin(values[(int64_t)ceil(0.999 * last)], high + (high - low));
+    const double middle = 0.5 * (lo[k] + hi[k]);
+    lo[k] = fmin(lo[k], middle - reach);
+    hi[k] = fmax(hi[k], middle + reach);
   }
   free(values);
   return PAGS_OK;

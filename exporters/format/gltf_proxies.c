@@ -426,6 +426,11 @@ pags_result pags_export_proxies(const pags_scene *scene, const char *path, const
     result = pags_gltf_create(&self.gltf);
   if (result == PAGS_OK)
     result = fill(&self);
+  if (result == PAGS_OK && !self.report->count)
+    pags_log_message(PAGS_LOG_WARNING, "%s: no proxy: %s", path,
+                     !pags_scene_gaussian_count(scene) ? "the scene has no Gaussians"
+                     : !options->background            ? "no object was chosen, and the background neither"
+                                                       : "nothing is opaque enough for a surface");
   if (result == PAGS_OK)
     result = tell(&self, 1, "writing");
   if (result == PAGS_OK)

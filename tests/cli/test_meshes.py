@@ -69,6 +69,18 @@ class Bare(Case):
         facts, _ = self.export(rows, "mesh.glb", "--voxel", 0.0002, "--chunk-triangles", 4000)
         self.assertAlmostEqual(facts["proxies"][0]["volume"] * 1e6, 0.2, delta=0.05)
 
+    def test_nothing_to_mesh_is_said(self):
+        faint = [scenes.gaussian(0.1 * i, 0, 0, (0.5, 0.5, 0.5), opacity=-4) for i in range(50)]
+        cases = [(faint, [], "opaque enough"), ([], [], "no Gaussians"), (body(count=9), ["--no-background"], "neither")]
+        for rows, options, words in cases:
+            facts, _ = self.export(rows, "mesh.glb", *options)
+            self.assertEqual(len(facts["warnings"]), 1)
+            self.assertIn(words, facts["warnings"][0])
+
+    def test_a_single_gaussian_has_an_extent(self):
+        facts, _ = self.export([scenes.gaussian(5, 0, 0, (0.5, 0.5, 0.5))], "mesh.glb", "--chunk-triangles", 2000)
+        self.assertLess(abs(facts["proxies"][0]["volume"] - 4 / 3 * math.pi * 0.1**3), 0.01)
+
     def test_levels_and_usd(self):
         quick = ["--voxel", 0.04]
         hull, _ = self.export(body(), "hull.glb", "--proxy", "hull", *quick)
