@@ -98,7 +98,7 @@ static double overlap(const points *a, const double pose_a[12], const points *b,
 /* Finds the sweep before or after the middle one to which the car's way is nearest to best_way; -1: it stands. */
 static int64_t find_partner(const pags_driving *driving, int64_t middle) {
   int64_t best = -1;
-  double nearest = INFINITY;
+  double nearest = (double)INFINITY;
   for (int64_t i = 0; i < driving->sweep_count; i++) {
     const double *a = driving->sweeps[middle].world_from_sweep, *b = driving->sweeps[i].world_from_sweep;
     const double way =
