@@ -16,7 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/file.h"
-#include "dataset/foreign.h"
+#include "dataset/foreign_recording.h"
 #include "port/port.h"
 #include "train/checkpoint.h"
 
@@ -225,7 +225,7 @@ static pags_result describe(pags_report *report, const info_arguments *arguments
   pags_gaussians gaussians;
   const char *kind;
   int antialiased;
-  PAGS_TRY(pags_foreign_check(path, true));
+  PAGS_TRY(pags_foreign_recording_check(path, true));
   PAGS_TRY(pags_splat_load(path, &gaussians, &kind, &antialiased));
   pags_gaussians_destroy(&gaussians);
   return describe_scene(report, arguments, path, kind);

@@ -6,6 +6,7 @@
  * pose to world_from_camera. The corners of an image lie at pixel coordinate 0 and at its width or height. The
  * observations of the images (points2D) are skipped, because the track of each point lists the images that see it. */
 #include "dataset/colmap.h"
+#include "dataset/find_file.h"
 
 #include "base/file.h"
 #include "base/memory.h"
@@ -21,47 +22,62 @@
 typedef struct model_kind {
   const char *name;
   int parameters;
-  bool known;
+  bool single; /* one focal length for both axes */
+  pags_lens_kind lens;
+  /* What the parameters behind the principal point are, a letter each: k, d and p count up from the first; q is p with
+   * its two numbers exchanged; s[0..3]. */
+  const char *rest;
 } model_kind;
 
-/* Camera models; the index is COLMAP's numeric id of the model. `known` says whether the model is supported. */
-static const model_kind kinds[] = {{"SIMPLE_PINHOLE", 3, true},
-                                   {"PINHOLE", 4, true},
-                                   {"SIMPLE_RADIAL", 4, true},
-                                   {"RADIAL", 5, true},
-                                   {"OPENCV", 8, true},
-                                   {"OPENCV_FISHEYE", 8, true},
-                                   {"FULL_OPENCV", 12, false},
-                                   {"FOV", 5, false},
-                                   {"SIMPLE_RADIAL_FISHEYE", 4, false},
-                                   {"RADIAL_FISHEYE", 5, false},
-                                   {"THIN_PRISM_FISHEYE", 12, false}};
+/* Camera models; the index is COLMAP's numeric id of the model. The orders of their parameters are those of COLMAP's
+ * documentation. */
+static const model_kind kinds[] = {
+    {"SIMPLE_PINHOLE", 3, true, PAGS_LENS_PERSPECTIVE, ""},
+    {"PINHOLE", 4, false, PAGS_LENS_PERSPECTIVE, ""},
+    {"SIMPLE_RADIAL", 4, true, PAGS_LENS_PERSPECTIVE, "k"},
+    {"RADIAL", 5, true, PAGS_LENS_PERSPECTIVE, "kk"},
+    {"OPENCV", 8, false, PAGS_LENS_PERSPECTIVE, "kkpp"},
+    {"OPENCV_FISHEYE", 8, false, PAGS_LENS_FISHEYE, "kkkk"},
+    {"FULL_OPENCV", 12, false, PAGS_LENS_RATIONAL, "kkppkddd"},
+    {"FOV", 5, false, PAGS_LENS_FOV, "k"},
+    {"SIMPLE_RADIAL_FISHEYE", 4, true, PAGS_LENS_FISHEYE, "k"},
+    {"RADIAL_FISHEYE", 5, true, PAGS_LENS_FISHEYE, "kk"},
+    {"THIN_PRISM_FISHEYE", 12, false, PAGS_LENS_THIN_PRISM, "kkppkkss"},
+    {"RAD_TAN_THIN_PRISM_FISHEYE", 16, false, PAGS_LENS_ARIA, "kkkkkkqqssss"},
+    {"SIMPLE_DIVISION", 4, true, PAGS_LENS_DIVISION, "k"},
+    {"DIVISION", 5, false, PAGS_LENS_DIVISION, "k"},
+    {"SIMPLE_FISHEYE", 3, true, PAGS_LENS_FISHEYE, ""},
+    {"FISHEYE", 4, false, PAGS_LENS_FISHEYE, ""},
+    {"EUCM", 6, false, PAGS_LENS_EUCM, "kk"},
+    {"EQUIRECTANGULAR", 2, false, PAGS_LENS_PERSPECTIVE, NULL} /* panoramas: no pinhole camera */
+};
 
 enum { KINDS = sizeof kinds / sizeof *kinds };
 
-static pags_result unknown_kind(const char *where, const char *name) {
-  return pags_fail(PAGS_ERROR_UNSUPPORTED,
-                   "%s: camera model %s is not supported; expected SIMPLE_PINHOLE, PINHOLE, "
-                   "SIMPLE_RADIAL, RADIAL, OPENCV or OPENCV_FISHEYE",
-                   where, name);
+int pags_colmap_kind_by_id(int64_t id) {
+  return id >= 0 && id < KINDS ? (int)id : -1;
 }
 
-pags_result pags_colmap_kind_by_id(const char *where, int64_t id, int *out) {
-  char number[32];
-  snprintf(number, sizeof number, "number %lld", (long long)id);
-  *out = (int)id;
-  if (id < 0 || id >= KINDS || !kinds[id].known)
-    return unknown_kind(where, id >= 0 && id < KINDS ? kinds[id].name : number);
-  return PAGS_OK;
-}
-
-pags_result pags_colmap_kind_by_name(const char *where, const char *name, int *out) {
+int pags_colmap_kind_by_name(const char *name) {
   for (int i = 0; i < KINDS; i++)
-    if (kinds[i].known && strcmp(name, kinds[i].name) == 0) {
-      *out = i;
-      return PAGS_OK;
-    }
-  return unknown_kind(where, name);
+    if (strcmp(name, kinds[i].name) == 0)
+      return i;
+  return -1;
+}
+
+pags_result pags_colmap_check_kind(const char *where, int kind, const char *name) {
+  if (kind >= 0 && kinds[kind].rest)
+    return PAGS_OK;
+  if (kind >= 0)
+    return pags_fail(PAGS_ERROR_UNSUPPORTED,
+                     "%s: camera model %s: panoramas can't be used yet; expected pictures of perspective or fisheye "
+                     "cameras (cut each panorama into several pinhole pictures first)",
+                     where, kinds[kind].name);
+  return pags_fail(PAGS_ERROR_UNSUPPORTED,
+                   "%s: camera model %s is not known; expected SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, "
+                   "FULL_OPENCV, FOV, DIVISION, EUCM or a FISHEYE model of COLMAP; `colmap image_undistorter` makes "
+                   "PINHOLE ones of any",
+                   where, name);
 }
 
 int pags_colmap_parameters(int kind) {
@@ -69,22 +85,23 @@ int pags_colmap_parameters(int kind) {
 }
 
 void pags_colmap_set_lens(int kind, const double *parameters, pags_lens *lens) {
-  /* Parameter order: focal lengths (one for SIMPLE_* and RADIAL, two for every other model), principal point, radial
-   * coefficients, then p1 and p2 (OPENCV only). */
+  const model_kind *model = &kinds[kind];
   const double *p = parameters;
-  bool single = kind == 0 || kind == 2 || kind == 3;
-  lens->fx = p[0];
-  lens->fy = single ? p[0] : p[1];
-  p += single ? 1 : 2;
-  lens->cx = p[0];
-  lens->cy = p[1];
-  p += 2;
-  lens->kind = kind == 5 ? PAGS_LENS_FISHEYE : PAGS_LENS_PERSPECTIVE;
-  int radial = kind == 2 ? 1 : kind == 3 || kind == 4 ? 2 : kind == 5 ? 4 : 0;
-  for (int i = 0; i < radial; i++)
-    lens->k[i] = p[i];
-  for (int i = 0; i < 2 && kind == 4; i++)
-    lens->p[i] = p[2 + i];
+  lens->kind = model->lens;
+  lens->fx = *p++;
+  lens->fy = model->single ? lens->fx : *p++;
+  lens->cx = *p++;
+  lens->cy = *p++;
+  double *const k = lens->k, *const tangential = lens->p;
+  int next_k = 0, next_d = 0, next_p = 0, next_s = 0;
+  for (const char *letter = model->rest; letter && *letter; letter++, p++)
+    switch (*letter) {
+      case 'k': k[next_k++] = *p; break;
+      case 'd': lens->d[next_d++] = *p; break;
+      case 'p': tangential[next_p++] = *p; break;
+      case 'q': tangential[1 - next_p++] = *p; break;
+      default: lens->s[next_s++] = *p; break;
+    }
 }
 
 /* ---- Adding cameras and images ---- */
@@ -101,6 +118,15 @@ pags_colmap_camera *pags_colmap_add_camera(pags_colmap *model) {
   pags_colmap_camera *camera = &model->cameras[model->camera_count++];
   memset(camera, 0, sizeof *camera);
   return camera;
+}
+
+pags_result pags_colmap_keep_problem(pags_colmap *model, pags_result result) {
+  if (result != PAGS_ERROR_FORMAT && result != PAGS_ERROR_UNSUPPORTED)
+    return result;
+  pags_colmap_camera *camera = &model->cameras[model->camera_count - 1];
+  camera->unsupported = result == PAGS_ERROR_UNSUPPORTED;
+  camera->problem = pags_text_copy(pags_error_message());
+  return camera->problem ? PAGS_OK : pags_out_of_memory(NULL);
 }
 
 static int by_id(const void *a, const void *b) {
@@ -121,6 +147,8 @@ pags_result pags_colmap_add_image(pags_colmap *model, const char *where, const p
   if (!camera)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: image %s: expected its camera %lld among the cameras", where, image->name,
                      (long long)image->camera);
+  if (camera->problem)
+    return pags_fail(camera->unsupported ? PAGS_ERROR_UNSUPPORTED : PAGS_ERROR_FORMAT, "%s", camera->problem);
   const double *q = image->pose;
   double square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3];
   if (!(square > 0.25 && square < 4))
@@ -154,37 +182,56 @@ bool pags_colmap_is_model(const char *folder) {
          (pags_folder_has(folder, "cameras.txt") && pags_folder_has(folder, "images.txt"));
 }
 
+/* Whether `folder` holds one of the model's pictures; with `tried`, one of the first few under another spelling. */
+static bool holds_picture(const char *folder, const pags_parsed_dataset *parsed, pags_file_finder *tried) {
+  bool found = false;
+  for (int64_t i = 0; i < parsed->count && !found && (!tried || i < 8); i++) {
+    char *path = NULL;
+    found = pags_folder_has(folder, parsed->views[i].image_path);
+    if (!found && tried && pags_find_file(tried, folder, parsed->views[i].image_path, &path, &found) != PAGS_OK)
+      break;
+    free(path);
+  }
+  return found;
+}
+
 /* Returns the first of the usual folders that holds at least one of the model's pictures, or `root`/images when no
  * folder does; NULL when out of memory. The caller frees the returned path. */
 static char *find_pictures(const char *root, const char *model, const pags_parsed_dataset *parsed) {
   const char *const bases[] = {root, root, model, model, model};
   static const char *const places[] = {"images", ".", "images", "../images", "../../images"};
-  for (size_t i = 0; i < sizeof places / sizeof *places; i++) {
-    char *folder = strcmp(places[i], ".") == 0 ? pags_text_copy(bases[i]) : pags_path_join(bases[i], places[i]);
-    bool found = false;
-    for (int64_t j = 0; folder && j < parsed->count && !found && pags_dir_exists(folder); j++)
-      found = pags_folder_has(folder, parsed->views[j].image_path);
-    if (found)
-      return folder;
-    free(folder);
+  enum { PLACES = sizeof places / sizeof *places };
+  char *chosen = NULL;
+  for (int i = 0; i < 2 * PLACES && !chosen; i++) { /* as named in all places, then under other spellings */
+    const int place = i % PLACES;
+    char *folder =
+        strcmp(places[place], ".") == 0 ? pags_text_copy(bases[place]) : pags_path_join(bases[place], places[place]);
+    pags_file_finder finder = {0};
+    if (folder && pags_dir_exists(folder) && holds_picture(folder, parsed, i < PLACES ? NULL : &finder))
+      chosen = folder;
+    else
+      free(folder);
+    pags_file_finder_drop(&finder);
   }
-  return pags_path_join(root, "images");
+  return chosen ? chosen : pags_path_join(root, "images");
 }
 
 static pags_result locate_pictures(const char *root, const char *model, pags_parsed_dataset *parsed) {
   char *folder = find_pictures(root, model, parsed);
+  pags_file_finder finder = {0};
   pags_result result = folder ? PAGS_OK : pags_out_of_memory("%s", root);
   for (int64_t i = 0; result == PAGS_OK && i < parsed->count; i++) {
     pags_parsed_view *view = &parsed->views[i];
-    char *path = pags_path_join(folder, view->image_path);
-    if (path) {
+    char *path;
+    bool exists = false;
+    result = pags_find_file(&finder, folder, view->image_path, &path, &exists);
+    if (result == PAGS_OK) {
       free(view->image_path);
       view->image_path = path;
-      view->missing = !pags_path_exists(path);
-    } else {
-      result = pags_out_of_memory("%s", root);
+      view->missing = !exists;
     }
   }
+  pags_file_finder_end(&finder, model, "pictures");
   free(folder);
   return result;
 }
@@ -228,9 +275,13 @@ pags_result pags_colmap_read(const char *root, const char *model, pags_parsed_da
   pags_colmap into = {.parsed = parsed};
   pags_result result = parsed->source ? read_model(model, &into) : pags_out_of_memory("%s", model);
   if (result == PAGS_OK)
+    result = pags_parsed_check_points(&parsed->points, model);
+  if (result == PAGS_OK)
     result = locate_pictures(root, model, parsed);
   parsed->points.tracked = true;
   pags_parsed_sort_points(&parsed->points);
+  for (int64_t i = 0; i < into.camera_count; i++)
+    free(into.cameras[i].problem);
   free(into.cameras);
   if (result != PAGS_OK)
     pags_parsed_destroy(parsed);

@@ -9,6 +9,9 @@
 typedef struct pags_colmap_camera {
   int64_t id;
   pags_lens lens;
+  /* Why it can't be used, an error as soon as an image has it; NULL: nothing. Freed by colmap.c. */
+  char *problem;
+  bool unsupported; /* the problem is PAGS_ERROR_UNSUPPORTED */
 } pags_colmap_camera;
 
 typedef struct pags_colmap {
@@ -34,13 +37,17 @@ typedef pags_result pags_colmap_read_fn(pags_colmap *model, const pags_colmap_by
 pags_colmap_read_fn pags_colmap_cameras_bin, pags_colmap_images_bin, pags_colmap_points_bin;
 pags_colmap_read_fn pags_colmap_cameras_txt, pags_colmap_images_txt, pags_colmap_points_txt;
 
-/* Find a camera model by COLMAP's numeric id or by its name. An unsupported model is an error whose message names the
- * model. */
-pags_result pags_colmap_kind_by_id(const char *where, int64_t id, int *out);
-pags_result pags_colmap_kind_by_name(const char *where, const char *name, int *out);
-int pags_colmap_parameters(int kind); /* number of parameters of the camera model, at most 12 */
+/* Find a camera model by COLMAP's numeric id or by its name; -1 if it isn't known. */
+int pags_colmap_kind_by_id(int64_t id);
+int pags_colmap_kind_by_name(const char *name);
+enum { PAGS_COLMAP_PARAMETERS = 16 };
+int pags_colmap_parameters(int kind); /* number of parameters of the camera model, at most PAGS_COLMAP_PARAMETERS */
+/* Fails, naming the model, if no pinhole camera can stand for it. `name` is what the file says. */
+pags_result pags_colmap_check_kind(const char *where, int kind, const char *name);
 void pags_colmap_set_lens(int kind, const double *parameters, pags_lens *lens);
 
+/* Keeps the error that was just set as the problem of the last camera, so that an unused camera refuses nothing. */
+pags_result pags_colmap_keep_problem(pags_colmap *model, pags_result result);
 pags_colmap_camera *pags_colmap_add_camera(pags_colmap *model); /* zeroed; NULL when out of memory */
 pags_result pags_colmap_sort_cameras(pags_colmap *model, const char *where);
 pags_result pags_colmap_add_image(pags_colmap *model, const char *where, const pags_colmap_image *image);

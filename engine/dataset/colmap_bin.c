@@ -3,6 +3,7 @@
  * compared with the number of bytes left in the file before memory is allocated for it. */
 #include "dataset/colmap.h"
 
+#include <stdio.h>
 #include <string.h>
 
 #include "base/memory.h"
@@ -47,26 +48,33 @@ static pags_result take_count(cursor *c, size_t record, const char *what, int64_
 pags_result pags_colmap_cameras_bin(pags_colmap *model, const pags_colmap_bytes *bytes) {
   cursor c = {.bytes = bytes};
   int64_t count = 0;
-  PAGS_TRY(take_count(&c, 24 + 3 * sizeof(double), "cameras", &count));
+  PAGS_TRY(take_count(&c, 24 + 2 * sizeof(double), "cameras", &count));
   for (int64_t i = 0; i < count; i++) {
     pags_colmap_camera *camera = pags_colmap_add_camera(model);
     if (!camera)
       return pags_out_of_memory("%s", c.bytes->path);
-    int64_t kind_id;
+    int64_t number;
     uint64_t size[2];
-    double parameters[12];
-    int kind;
+    double parameters[PAGS_COLMAP_PARAMETERS];
     PAGS_TRY(take_u32(&c, &camera->id));
-    PAGS_TRY(take_u32(&c, &kind_id));
-    PAGS_TRY(pags_colmap_kind_by_id(c.bytes->path, kind_id, &kind));
+    PAGS_TRY(take_u32(&c, &number));
+    const int kind = pags_colmap_kind_by_id(number);
+    char text[32];
+    snprintf(text, sizeof text, "number %lld", (long long)number);
+    if (kind < 0) /* the number of its parameters isn't known, so that nothing behind it can be read */
+      return pags_colmap_check_kind(c.bytes->path, kind, text);
     PAGS_TRY(take(&c, size, sizeof size));
     PAGS_TRY(take(&c, parameters, (size_t)pags_colmap_parameters(kind) * sizeof(double)));
-    if (size[0] > 65535 || size[1] > 65535)
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: camera %lld: %llu x %llu pixels, expected 1..65535", c.bytes->path,
-                       (long long)camera->id, (unsigned long long)size[0], (unsigned long long)size[1]);
-    camera->lens.width = (int)size[0];
-    camera->lens.height = (int)size[1];
-    pags_colmap_set_lens(kind, parameters, &camera->lens);
+    pags_result result = pags_colmap_check_kind(c.bytes->path, kind, text);
+    if (result == PAGS_OK && (size[0] > 65535 || size[1] > 65535))
+      result = pags_fail(PAGS_ERROR_FORMAT, "%s: camera %lld: %llu x %llu pixels, expected 1..65535", c.bytes->path,
+                         (long long)camera->id, (unsigned long long)size[0], (unsigned long long)size[1]);
+    if (result == PAGS_OK) {
+      camera->lens.width = (int)size[0];
+      camera->lens.height = (int)size[1];
+      pags_colmap_set_lens(kind, parameters, &camera->lens);
+    }
+    PAGS_TRY(pags_colmap_keep_problem(model, result));
   }
   return pags_colmap_sort_cameras(model, bytes->path);
 }

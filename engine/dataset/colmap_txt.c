@@ -1,12 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Reads the text files of a COLMAP model: lines that begin with '#' are comments, every other line is a record of
- * fields separated by blanks. In images.txt each image has a second line that lists its observations and may be
- * empty; its content is not used. */
+ * fields separated by blanks, or by commas and blanks as in files of kapture, which COLMAP takes, too. In images.txt
+ * each image has a second line that lists its observations and may be empty; its content is not used. */
 #include "dataset/colmap.h"
 
 #include "base/memory.h"
 #include "base/text.h"
 
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -17,14 +18,34 @@ typedef struct lines {
   int number;
 } lines;
 
-static lines begin(const pags_colmap_bytes *bytes) {
-  return (lines){.bytes = bytes, .at = (char *)bytes->data};
+/* Begins behind the byte order mark, if there is one. */
+static pags_result begin(const pags_colmap_bytes *bytes, lines *out) {
+  const uint8_t *b = bytes->data;
+  if (bytes->size >= 2 && ((b[0] == 0xff && b[1] == 0xfe) || (b[0] == 0xfe && b[1] == 0xff)))
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: is UTF-16 text; expected UTF-8, as COLMAP writes it", bytes->path);
+  const bool marked = bytes->size >= 3 && b[0] == 0xef && b[1] == 0xbb && b[2] == 0xbf;
+  *out = (lines){.bytes = bytes, .at = (char *)bytes->data + (marked ? 3 : 0)};
+  return PAGS_OK;
+}
+
+static bool is_blank(char c) {
+  return c == ' ' || c == '\t' || c == '\r' || c == '\v' || c == '\f';
 }
 
 static char *skip_blanks(char *text) {
-  while (*text == ' ' || *text == '\t' || *text == '\r')
+  while (is_blank(*text))
     text++;
   return text;
+}
+
+/* The end of a field: a blank, the end of the line, or a comma before one of these. */
+static bool is_end(const char *at) {
+  return !*at || is_blank(*at) || (*at == ',' && (!at[1] || is_blank(at[1])));
+}
+
+/* Goes behind the separator at the end of a field. */
+static char *skip_separator(char *end) {
+  return skip_blanks(*end == ',' ? end + 1 : end);
 }
 
 /* Goes to the next line and terminates it with a zero byte in place; returns false at the end of the file. A zero
@@ -50,24 +71,32 @@ static bool next_record(lines *l) {
 }
 
 static pags_result expected(const lines *l, const char *what) {
-  return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: expected %s", l->bytes->path, l->number, what);
+  const size_t length = strcspn(l->field, " \t\r");
+  if (length == 0)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: expected %s, found the end of the line", l->bytes->path, l->number,
+                     what);
+  return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: expected %s, found '%.*s'", l->bytes->path, l->number, what,
+                   (int)(length < 60 ? length : 60), l->field);
 }
 
 static pags_result take_number(lines *l, const char *what, double *out) {
   char *end = l->field;
   if (*l->field)
     *out = pags_text_to_double(l->field, &end);
-  if (end == l->field || (*end && *end != ' ' && *end != '\t' && *end != '\r'))
+  if (end == l->field || !is_end(end))
     return expected(l, what);
-  l->field = skip_blanks(end);
+  l->field = skip_separator(end);
   return PAGS_OK;
 }
 
 static pags_result take_integer(lines *l, const char *what, int64_t low, int64_t high, int64_t *out) {
   double value = 0;
+  char *const field = l->field;
   PAGS_TRY(take_number(l, what, &value));
-  if (!(value >= (double)low && value <= (double)high) || value != (double)(int64_t)value)
+  if (!(value >= (double)low && value <= (double)high) || value != (double)(int64_t)value) {
+    l->field = field;
     return expected(l, what);
+  }
   *out = (int64_t)value;
   return PAGS_OK;
 }
@@ -76,26 +105,22 @@ static pags_result take_integer(lines *l, const char *what, int64_t low, int64_t
  * to 2^53; no real model has ids that large. */
 #define LARGEST_ID (INT64_C(1) << 53)
 
-static pags_result take_camera(lines *l, pags_colmap *model) {
-  pags_colmap_camera *camera = pags_colmap_add_camera(model);
-  if (!camera)
-    return pags_out_of_memory("%s", l->bytes->path);
-  char *where = pags_text_format("%s:%d", l->bytes->path, l->number);
-  if (!where)
-    return pags_out_of_memory("%s", l->bytes->path);
-  pags_result result = take_integer(l, "a camera's number", 0, LARGEST_ID, &camera->id);
-  char *name = l->field, *end = name + strcspn(name, " \t\r");
-  l->field = skip_blanks(end);
-  char kind_name[64] = "";
-  if (end - name < 64)
-    memcpy(kind_name, name, (size_t)(end - name));
-  int kind = 0;
-  if (result == PAGS_OK)
-    result = pags_colmap_kind_by_name(where, kind_name, &kind);
-  free(where);
+/* Reads what follows the number of a camera. */
+static pags_result take_lens(lines *l, pags_colmap_camera *camera) {
+  const char *name = l->field;
+  char *end = l->field, text[64];
+  while (!is_end(end))
+    end++;
+  l->field = skip_separator(end);
+  snprintf(text, sizeof text, "%.*s", (int)(end - name < 63 ? end - name : 63), name);
+  const int kind = pags_colmap_kind_by_name(text);
+  char *place = pags_text_format("%s:%d", l->bytes->path, l->number);
+  const pags_result result =
+      place ? pags_colmap_check_kind(place, kind, text) : pags_out_of_memory("%s", l->bytes->path);
+  free(place);
   PAGS_TRY(result);
   int64_t width = 0, height = 0;
-  double parameters[12];
+  double parameters[PAGS_COLMAP_PARAMETERS];
   PAGS_TRY(take_integer(l, "a width in pixels, 1..65535", 1, 65535, &width));
   PAGS_TRY(take_integer(l, "a height in pixels, 1..65535", 1, 65535, &height));
   for (int i = 0; i < pags_colmap_parameters(kind); i++)
@@ -107,9 +132,15 @@ static pags_result take_camera(lines *l, pags_colmap *model) {
 }
 
 pags_result pags_colmap_cameras_txt(pags_colmap *model, const pags_colmap_bytes *bytes) {
-  lines l = begin(bytes);
-  while (next_record(&l))
-    PAGS_TRY(take_camera(&l, model));
+  lines l;
+  PAGS_TRY(begin(bytes, &l));
+  while (next_record(&l)) {
+    pags_colmap_camera *camera = pags_colmap_add_camera(model);
+    if (!camera)
+      return pags_out_of_memory("%s", l.bytes->path);
+    PAGS_TRY(take_integer(&l, "a camera's number", 0, LARGEST_ID, &camera->id));
+    PAGS_TRY(pags_colmap_keep_problem(model, take_lens(&l, camera)));
+  }
   return pags_colmap_sort_cameras(model, bytes->path);
 }
 
@@ -118,14 +149,18 @@ pags_result pags_colmap_cameras_txt(pags_colmap *model, const pags_colmap_bytes 
  * place. */
 static pags_result check_observations(lines *l) {
   int fields = 0;
-  for (char *at = l->field; *at; fields++)
-    at = skip_blanks(at + strcspn(at, " \t\r"));
+  for (char *at = l->field; *at; fields++) {
+    while (!is_end(at))
+      at++;
+    at = skip_separator(at);
+  }
   return fields % 3 == 0 ? PAGS_OK
                          : expected(l, "a line of observations (x y point), or an empty one, after each image");
 }
 
 pags_result pags_colmap_images_txt(pags_colmap *model, const pags_colmap_bytes *bytes) {
-  lines l = begin(bytes);
+  lines l;
+  PAGS_TRY(begin(bytes, &l));
   while (next_record(&l)) {
     pags_colmap_image image;
     PAGS_TRY(take_integer(&l, "an image's number", 0, LARGEST_ID, &image.id));
@@ -133,7 +168,7 @@ pags_result pags_colmap_images_txt(pags_colmap *model, const pags_colmap_bytes *
       PAGS_TRY(take_number(&l, "a number of the image's pose", &image.pose[i]));
     PAGS_TRY(take_integer(&l, "the number of the image's camera", 0, LARGEST_ID, &image.camera));
     char *end = l.field + strlen(l.field);
-    while (end > l.field && (end[-1] == ' ' || end[-1] == '\t' || end[-1] == '\r'))
+    while (end > l.field && is_blank(end[-1]))
       *--end = '\0';
     image.name = l.field; /* a file name may contain blanks */
     char *where = pags_text_format("%s:%d", l.bytes->path, l.number);
@@ -146,7 +181,8 @@ pags_result pags_colmap_images_txt(pags_colmap *model, const pags_colmap_bytes *
 }
 
 pags_result pags_colmap_points_txt(pags_colmap *model, const pags_colmap_bytes *bytes) {
-  lines l = begin(bytes);
+  lines l;
+  PAGS_TRY(begin(bytes, &l));
   while (next_record(&l)) {
     int64_t id = 0, colour = 0, view = 0, observation;
     double xyz[3], error;

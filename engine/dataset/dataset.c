@@ -4,8 +4,10 @@
  * of the public API. */
 #include "dataset/internal.h"
 
+#include "dataset/colmap_models.h"
 #include "dataset/driving/reader.h"
 #include "dataset/foreign.h"
+#include "dataset/splits.h"
 
 #include "base/file.h"
 #include "base/log.h"
@@ -27,48 +29,46 @@ pags_dataset_options pags_dataset_options_default(void) {
 
 /* ---- Choosing the reader ---- */
 
-static const char *const model_folders[] = {".", "sparse/0", "sparse", "colmap/sparse/0"};
+/* Reads the COLMAP model in or below `folder`; *found: whether there is one. */
+static pags_result read_model(const char *root, const char *folder, pags_parsed_dataset *parsed, bool *found) {
+  char *model = NULL;
+  PAGS_TRY(pags_colmap_find_model(folder, &model));
+  *found = model != NULL;
+  pags_result result = model ? pags_colmap_read(root, model, parsed) : PAGS_OK;
+  if (model && result == PAGS_OK)
+    result = pags_colmap_count_unused(parsed);
+  if (model && result == PAGS_OK)
+    result = pags_split_read_text(root, model, parsed);
+  free(model);
+  return result;
+}
 
-static pags_result read_default_model(const char *root, pags_parsed_dataset *parsed) {
-  for (size_t i = 0; i < sizeof model_folders / sizeof *model_folders; i++) {
-    char *model = i == 0 ? pags_text_copy(root) : pags_path_join(root, model_folders[i]);
-    if (!model)
-      return pags_out_of_memory("%s", root);
-    bool found = pags_colmap_is_model(model);
-    pags_result result = found ? pags_colmap_read(root, model, parsed) : PAGS_OK;
-    free(model);
-    if (found)
-      return result;
-  }
-  PAGS_TRY(pags_foreign_check(root, true));
-  return pags_fail(
-      PAGS_ERROR_FORMAT,
-      "%s: not a data set: it has no dataset.json, no images with ego_pose or extrinsics, no transforms.json, and no "
-      "COLMAP model (cameras and images, .bin or .txt) in ., sparse/0, sparse or colmap/sparse/0",
-      root);
+/* The caller named a COLMAP model, or a folder above it. Its path is tried relative to the data set's folder, then as
+ * it stands. */
+static pags_result read_named_model(const char *path, const char *name, pags_parsed_dataset *parsed) {
+  char *root = pags_dir_exists(path) ? pags_text_copy(path) : pags_path_folder(path);
+  char *inside = root ? pags_path_join(root, name) : NULL;
+  bool found = false;
+  pags_result result = inside ? PAGS_OK : pags_out_of_memory("%s", path);
+  if (result == PAGS_OK && pags_dir_exists(inside))
+    result = read_model(root, inside, parsed, &found);
+  if (result == PAGS_OK && !found && pags_dir_exists(name))
+    result = read_model(root, name, parsed, &found);
+  if (result == PAGS_OK && !found)
+    result = pags_fail(PAGS_ERROR_FORMAT,
+                       "%s: not a COLMAP model: expected cameras.bin and images.bin, or .txt, in this folder or below, "
+                       "in the data set %s or from here",
+                       name, root);
+  free(inside);
+  free(root);
+  return result;
 }
 
 static pags_result read_parsed(const char *path, const pags_dataset_options *options, pags_parsed_dataset *parsed) {
   if (!pags_path_exists(path))
     return pags_fail(PAGS_ERROR_IO, "%s: no such file or folder", path);
-  if (options->colmap) {
-    /* The caller named a COLMAP model. Its path is tried as it stands, then relative to the data set's folder. */
-    char *root = pags_dir_exists(path) ? pags_text_copy(path) : pags_path_folder(path);
-    char *inside = root ? pags_path_join(root, options->colmap) : NULL;
-    pags_result result;
-    if (!inside)
-      result = pags_out_of_memory("%s", path);
-    else if (pags_colmap_is_model(options->colmap))
-      result = pags_colmap_read(root, options->colmap, parsed);
-    else if (pags_colmap_is_model(inside))
-      result = pags_colmap_read(root, inside, parsed);
-    else
-      result = pags_fail(PAGS_ERROR_FORMAT, "%s: not a COLMAP model: expected cameras.bin and images.bin, or .txt",
-                         options->colmap);
-    free(inside);
-    free(root);
-    return result;
-  }
+  if (options->colmap)
+    return read_named_model(path, options->colmap, parsed);
   if (pags_dir_exists(path)) {
     /* The order decides which format wins: an explicit kind of driving set, transforms.json, a driving set, a COLMAP
      * model. */
@@ -76,16 +76,19 @@ static pags_result read_parsed(const char *path, const pags_dataset_options *opt
     if (!transforms)
       return pags_out_of_memory("%s", path);
     pags_result result;
+    bool found = true;
     if (options->kind)
       result = pags_driving_read(path, options, parsed);
     else if (pags_file_exists(transforms))
       result = pags_transforms_read(transforms, parsed);
     else if (pags_driving_is_set(path))
       result = pags_driving_read(path, options, parsed);
+    else if (pags_folder_has(path, "transforms_train.json"))
+      result = pags_transforms_read_splits(path, parsed);
     else
-      result = read_default_model(path, parsed);
+      result = read_model(path, path, parsed, &found);
     free(transforms);
-    return result;
+    return result != PAGS_OK || found ? result : pags_foreign_refuse(path);
   }
   if (strcmp(pags_path_name(path), "dataset.json") == 0) {
     char *folder = pags_path_folder(path);
@@ -95,8 +98,7 @@ static pags_result read_parsed(const char *path, const pags_dataset_options *opt
   }
   if (strcmp(pags_path_extension(path), ".json") == 0)
     return pags_transforms_read(path, parsed);
-  PAGS_TRY(pags_foreign_check(path, true));
-  return pags_fail(PAGS_ERROR_FORMAT, "%s: not a data set: expected a folder or a transforms file (.json)", path);
+  return pags_foreign_refuse(path);
 }
 
 /* ---- Ordering the views and leaving out missing ones ---- */
@@ -148,6 +150,12 @@ static pags_result report_missing(const pags_dataset *dataset, const pags_parsed
   return PAGS_OK;
 }
 
+/* Numbers the views, so that a missing picture doesn't change which others are held out. */
+static void number_views(pags_parsed_dataset *parsed) {
+  for (int64_t i = 0; i < parsed->count; i++)
+    parsed->views[i].number = i;
+}
+
 /* Moves the views without an image file or without a pose to the end of the array; the others keep their order, and
  * dataset->count becomes their number. What is missing is an error unless `allowed` is nonzero and a view is left. */
 static pags_result leave_out_missing(pags_dataset *dataset, int allowed) {
@@ -173,13 +181,16 @@ static pags_result leave_out_missing(pags_dataset *dataset, int allowed) {
 static bool same_lens(const pags_lens *a, const pags_lens *b) {
   return a->kind == b->kind && a->width == b->width && a->height == b->height && a->fx == b->fx && a->fy == b->fy &&
          a->cx == b->cx && a->cy == b->cy && memcmp(a->k, b->k, sizeof a->k) == 0 &&
-         memcmp(a->p, b->p, sizeof a->p) == 0;
+         memcmp(a->d, b->d, sizeof a->d) == 0 && memcmp(a->p, b->p, sizeof a->p) == 0 &&
+         memcmp(a->s, b->s, sizeof a->s) == 0;
 }
 
-/* Computes the pinhole camera of view `index` from its lens. Finding it costs milliseconds, so the result of an
+/* Computes the pinhole camera of view `index` from its lens. *share: the part of the picture at which the lens can't be
+ * inverted, 0 if an earlier view has the same lens. Finding it costs milliseconds, so the result of an
  * earlier view with an identical lens is copied instead. */
-static pags_result find_pinhole(pags_dataset *dataset, int64_t index) {
+static pags_result find_pinhole(pags_dataset *dataset, int64_t index, double *share) {
   pags_parsed_view *views = dataset->parsed.views;
+  *share = 0;
   for (int64_t i = 0; i < index; i++)
     if (same_lens(&views[i].lens, &views[index].lens)) {
       views[index].lens = views[i].lens;
@@ -187,18 +198,19 @@ static pags_result find_pinhole(pags_dataset *dataset, int64_t index) {
       return PAGS_OK;
     }
   PAGS_TRY(pags_lens_prepare(&views[index].lens, views[index].where));
+  PAGS_TRY(pags_lens_check_inverse(&views[index].lens, views[index].where, share));
   return pags_lens_pinhole(&views[index].lens, views[index].where, &dataset->pinholes[index]);
 }
 
 /* Fills in the sensor, frame and shutter time of a view and whether the view is held out: in a driving set by time
- * step or by camera, in a static set every `every`-th view in file-name order. */
+ * step or by camera, in a static set every `every`-th view in file-name order, or as the data set states (-1). */
 static void choose_part(const pags_dataset *dataset, int64_t index, int every, pags_view *view) {
   const pags_driving *driving = dataset->parsed.driving;
   const pags_parsed_view *from = &dataset->parsed.views[index];
   view->sensor = driving ? from->sensor : -1;
   view->frame = driving ? from->frame : -1;
   view->shutter_time = driving ? from->shutter_time : (double)NAN;
-  view->test = every > 0 && index % every == 0;
+  view->test = every < 0 ? from->split == PAGS_SPLIT_TEST : every > 0 && from->number % every == 0;
   if (driving)
     view->test = driving->steps[pags_driving_step(driving, from->frame)].test || from->sensor == driving->holdout;
 }
@@ -210,6 +222,8 @@ static pags_result make_views(pags_dataset *dataset, const pags_dataset_options 
   if (!dataset->views || !dataset->pinholes)
     return pags_out_of_memory("%s", dataset->path);
   int64_t training = 0;
+  const char *lossy = NULL;
+  double worst = 0;
   for (int64_t i = 0; i < dataset->count; i++) {
     const pags_parsed_view *from = &dataset->parsed.views[i];
     pags_view *view = &dataset->views[i];
@@ -217,7 +231,10 @@ static pags_result make_views(pags_dataset *dataset, const pags_dataset_options 
     view->image_path = from->image_path;
     view->mask_path = from->mask_path;
     choose_part(dataset, i, options->split_every, view);
-    PAGS_TRY(find_pinhole(dataset, i));
+    double share;
+    PAGS_TRY(find_pinhole(dataset, i, &share));
+    lossy = share > 0 && !lossy ? view->name : lossy;
+    worst = fmax(worst, share);
     pags_camera camera = dataset->pinholes[i];
     memcpy(camera.world_from_camera, from->world_from_camera, sizeof camera.world_from_camera);
     camera.time = dataset->parsed.driving ? from->time : (double)NAN;
@@ -229,10 +246,59 @@ static pags_result make_views(pags_dataset *dataset, const pags_dataset_options 
 
     training += !dataset->views[i].test;
   }
+  if (lossy)
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s: the distortion can't be undone at up to %.1f %% of a picture, which is left out; the first "
+                     "picture of such a camera is %s",
+                     dataset->parsed.source, 100 * worst, lossy);
   if (training == 0)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: all of its views are held out; expected more views, or --split-every 0",
                      dataset->parsed.source);
   return PAGS_OK;
+}
+
+/* Warns of intrinsics of static sets that no usual camera has, and refuses those that none can have. */
+static pags_result check_plausible(const pags_dataset *dataset) {
+  int64_t odd = 0;
+  const pags_parsed_view *first = NULL;
+  for (int64_t i = 0; i < dataset->count; i++) {
+    const pags_parsed_view *view = &dataset->parsed.views[i];
+    const pags_lens *lens = &view->lens;
+    const double ratio = fmin(lens->fx / lens->width, lens->fy / lens->height), even = lens->fx / lens->fy;
+    if (ratio < 0.02)
+      return pags_fail(
+          PAGS_ERROR_FORMAT,
+          "%s (%s): focal lengths %g and %g for %d x %d pixels, an angle of view of %.0f degrees; expected "
+          "pixels (are they in millimetres, or the pictures of another size?)",
+          view->where, pags_path_name(view->image_path), lens->fx, lens->fy, lens->width, lens->height,
+          2 * pags_atan(0.5 / ratio) * 180 / 3.14159265358979323846);
+    const bool usual = ratio > 0.1 && ratio < 50 && even > 0.5 && even < 2 && lens->cx >= 0 && lens->cy >= 0 &&
+                       lens->cx <= lens->width && lens->cy <= lens->height;
+    first = usual || first ? first : view;
+    odd += !usual;
+  }
+  if (odd)
+    pags_log_message(
+        PAGS_LOG_WARNING,
+        "%s: %lld of %lld views have unlikely intrinsics, the first is %s: focal lengths %g and %g, centre "
+        "%g, %g for %d x %d pixels",
+        dataset->parsed.source, (long long)odd, (long long)dataset->count, pags_path_name(first->image_path),
+        first->lens.fx, first->lens.fy, first->lens.cx, first->lens.cy, first->lens.width, first->lens.height);
+  return PAGS_OK;
+}
+
+/* Says which statement the split follows, or that it is overruled. */
+static void report_split(const pags_dataset *dataset, const pags_dataset_options *options) {
+  const char *const by = dataset->parsed.split_by;
+  int64_t held_out = 0;
+  for (int64_t i = 0; i < dataset->count; i++)
+    held_out += dataset->views[i].test;
+  if (by && options->split_every < 0)
+    pags_log_message(PAGS_LOG_INFO, "%s: %lld of %lld views are held out, as %s says", dataset->parsed.source,
+                     (long long)held_out, (long long)dataset->count, by);
+  else if (by)
+    pags_log_message(PAGS_LOG_INFO, "%s: %lld of %lld views are held out by --split-every, not those of %s",
+                     dataset->parsed.source, (long long)held_out, (long long)dataset->count, by);
 }
 
 /* From 4096 on, neighbouring single-precision numbers are half a millimetre apart (2^-11 m) or more. Camera positions
@@ -245,9 +311,10 @@ static pags_result open_into(pags_dataset *dataset, const char *path, const pags
     return pags_out_of_memory("%s", path);
   PAGS_TRY(read_parsed(path, options, &dataset->parsed));
   pags_dataset_options resolved = *options;
-  if (resolved.split_every == -1)
+  if (resolved.split_every == -1 && !dataset->parsed.split_by)
     resolved.split_every = 8; /* default of static sets; the driving reader applies its own default */
   PAGS_TRY(sort_views(&dataset->parsed));
+  number_views(&dataset->parsed);
 
   /* Every picture must have the size that its camera states. Only the picture's header is read. */
   for (int64_t i = 0; i < dataset->parsed.count; i++) {
@@ -263,6 +330,9 @@ static pags_result open_into(pags_dataset *dataset, const char *path, const pags
 
   PAGS_TRY(leave_out_missing(dataset, options->allow_missing));
   PAGS_TRY(make_views(dataset, &resolved));
+  if (!dataset->parsed.driving)
+    PAGS_TRY(check_plausible(dataset));
+  report_split(dataset, &resolved);
 
   /* With large coordinates (metres in a map grid), the origin is the mean camera position rounded to whole metres, so
    * that positions relative to it fit single precision; otherwise the origin stays at zero. */

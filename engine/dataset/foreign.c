@@ -1,159 +1,164 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Recognises recordings of other formats by the files they hold (foreign.h). */
+/* Recognises files of other programs by their names, JSON files by their keys. */
 #include "dataset/foreign.h"
 
-#include <stdio.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
-#include <strings.h>
 
 #include "base/file.h"
 #include "base/memory.h"
 #include "base/text.h"
-#include "port/port.h"
+#include "dataset/find_file.h"
+#include "dataset/foreign_recording.h"
 
-#define LAYOUT "docs/dataset-layout.md describes the files to write from it"
-#define DRIVESTUDIO "drivestudio's datasets/preprocess.py makes the data set that is read"
+#define OPENSFM "OpenSfM's or ODM's", "`opensfm export_colmap FOLDER` writes a COLMAP model of it"
+#define OPENMVG "OpenMVG's", "`openMVG_main_openMVG2Colmap -i sfm_data.json -o FOLDER` writes a COLMAP model of it"
+#define ALICEVISION \
+  "Meshroom's (AliceVision's)", "`aliceVision_exportColmap -i FILE -o FOLDER` writes a COLMAP model of it"
+#define METASHAPE                                                                                              \
+  "Metashape's", "export the cameras as COLMAP there (File, Export, Export Cameras), or use `ns-process-data " \
+                 "metashape`"
+#define REALITY "RealityScan's", "export the registration as COLMAP there, with undistorted pictures"
+#define TRAJECTORY "a trajectory (.log, of Open3D or Tanks and Temples)", "it has no intrinsics: " PICTURES
+#define POLYCAM \
+  "Polycam's raw export", "`ns-process-data polycam --data FOLDER --output-dir OUT` writes a transforms.json"
+#define PICTURES                                                                                                     \
+  "`colmap automatic_reconstructor --workspace_path FOLDER --image_path FOLDER/images` makes a COLMAP model of the " \
+  "pictures"
 
-/* ---- Folders ---- */
+typedef struct mark {
+  const char *name; /* of a file or folder below the folder; "*.psx": any of this ending */
+  const char *whose, *way;
+} mark;
 
-/* Files or folders that tell a format. A name that begins with '*' stands for any file with this ending. */
-static const struct sign {
-  const char *names[3]; /* all of them; NULL: fewer */
-  bool importable;
-  const char *text;
-} signs[] = {
-    {{"city_SE3_egovehicle.feather"}, false, "a log of Argoverse 2; " DRIVESTUDIO " (--kind argoverse2)"},
-    {{"annotations.feather", "sensors"}, false, "a log of Argoverse 2; " DRIVESTUDIO " (--kind argoverse2)"},
-    {{"samples", "sweeps"}, false, "nuScenes; " DRIVESTUDIO " (--kind nuscenes)"},
-    {{"v1.0-mini"}, false, "nuScenes; " DRIVESTUDIO " (--kind nuscenes)"},
-    {{"v1.0-trainval"}, false, "nuScenes; " DRIVESTUDIO " (--kind nuscenes)"},
-    {{"camera/front_camera", "lidar"}, false, "a raw sequence of PandaSet; " DRIVESTUDIO " (--kind pandaset)"},
-    {{"annotations/cuboids", "lidar"}, false, "a raw sequence of PandaSet; " DRIVESTUDIO " (--kind pandaset)"},
-    {{"nuplan-v1.1"}, false, "nuPlan; " DRIVESTUDIO " (--kind nuplan)"},
-    {{"data_2d_raw"}, false, "KITTI-360, which isn't imported; " LAYOUT},
-    {{"data_3d_raw"}, false, "KITTI-360, which isn't imported; " LAYOUT},
-    {{"calibration/perspective.txt"}, false, "KITTI-360, which isn't imported; " LAYOUT},
-    {{"image_2", "label_2"},
-     false,
-     "KITTI's object benchmark: single photographs, no drive; the tracking benchmark or "
-     "a raw recording is needed"},
-    {{"training/image_2"},
-     false,
-     "KITTI's object benchmark: single photographs, no drive; the tracking benchmark or a "
-     "raw recording is needed"},
-    {{"sequences", "poses"},
-     false,
-     "KITTI's odometry benchmark, which isn't imported; the raw recording of the same "
-     "drive is (pags import kitti)"},
-    {{"calib.txt", "image_2"},
-     false,
-     "a sequence of KITTI's odometry benchmark, which isn't imported; the raw recording "
-     "of the same drive is (pags import kitti)"},
-    {{"calib.txt", "image_0"},
-     false,
-     "a sequence of KITTI's odometry benchmark, which isn't imported; the raw recording "
-     "of the same drive is (pags import kitti)"},
-    {{"image_02", "calib"}, true, "KITTI's tracking benchmark: 'pags import kitti' makes a data set of it"},
-    {{"training/image_02"},
-     true,
-     "KITTI's tracking benchmark: 'pags import kitti' makes a data set of its folder training"},
-    {{"image_02/data", "oxts"}, true, "a raw recording of KITTI: 'pags import kitti' makes a data set of it"},
-    {{"calib_cam_to_cam.txt"},
-     true,
-     "a day of KITTI's raw recordings: 'pags import kitti' makes a data set of a drive"},
-    {{"*.tfrecord"}, true, "a folder of Waymo Open v1 segments: 'pags import waymo FILE' makes a data set of one"},
-    {{"*.parquet"},
-     false,
-     "Waymo Open v2 or other parquet files, which aren't imported; of Waymo, the segment's .tfrecord "
-     "of version 1 is (pags import waymo)"},
-    {{"*/*.parquet"},
-     false,
-     "Waymo Open v2 or other parquet files, which aren't imported; of Waymo, the segment's "
-     ".tfrecord of version 1 is (pags import waymo)"},
-    {{"metadata.yaml", "*.db3"}, false, "a ROS 2 bag, which isn't read; " LAYOUT},
-    {{"metadata.yaml", "*.mcap"}, false, "a ROS 2 bag, which isn't read; " LAYOUT},
-    {{"*.bag"}, false, "a folder of ROS bags, which aren't read; " LAYOUT}};
+/* The first that is there counts. */
+static const mark marks[] = {
+    {"reconstruction.json", OPENSFM},
+    {"opensfm/reconstruction.json", OPENSFM},
+    {"sfm_data.json", OPENMVG},
+    {"sfm_data.bin", OPENMVG},
+    {"matches/sfm_data.json", OPENMVG},
+    {"reconstruction/sfm_data.json", OPENMVG},
+    {"reconstruction/sfm_data.bin", OPENMVG},
+    {"*.sfm", ALICEVISION},
+    {"*.psx", METASHAPE},
+    {"*.psz", METASHAPE},
+    {"cameras.xml", METASHAPE},
+    {"*.rcproj", REALITY},
+    {"*.rsproj", REALITY},
+    {"*.rcalign", REALITY},
+    {"keyframes", POLYCAM},
+    {"meta_data.json", "SDFStudio's", "give the COLMAP model or the transforms.json that it was made of"},
+    {"poses_bounds.npy", "of LLFF", PICTURES},
+    {"cameras.npz", "of IDR or NeuS", PICTURES},
+    {"cameras_sphere.npz", "of IDR or NeuS", PICTURES},
+    {"cams", "of MVSNet", PICTURES},
+    {"*.nvm", "VisualSFM's", PICTURES},
+    {"bundle.out", "Bundler's", PICTURES},
+    {"*.log", TRAJECTORY},
+    {"*.e57", "a scan (E57)", "a scan is no capture: " PICTURES},
+    {"*.las", "a point cloud (LAS)", "points are no capture: " PICTURES},
+    {"*.laz", "a point cloud (LAS)", "points are no capture: " PICTURES},
+    {"database.db", "COLMAP's database, without a model",
+     "`colmap mapper --database_path database.db --image_path images --output_path sparse` makes the model"},
+    {"*.mp4", "a video", "`ffmpeg -i VIDEO -vf fps=2 images/%05d.jpg` makes pictures; then " PICTURES},
+    {"*.mov", "a video", "`ffmpeg -i VIDEO -vf fps=2 images/%05d.jpg` makes pictures; then " PICTURES},
+    {"*.insv", "a 360-degree video", "its pictures are panoramas, which can't be used yet"},
+    {"*.xml", METASHAPE},
+    {"*.p4d", "Pix4D's", PICTURES}};
 
-/* Whether a folder has a file with the ending; with `deep`, one of its folders. */
-static bool has_ending(const char *folder, const char *ending, bool deep) {
+enum { MARKS = sizeof marks / sizeof *marks };
+
+static char lower(char c) {
+  return c >= 'A' && c <= 'Z' ? (char)(c - 'A' + 'a') : c;
+}
+
+/* Whether `name` is what the mark says, whatever its letter case; for a file's own name, without folders. */
+static bool fits(const mark *m, const char *name) {
+  const char *wanted = m->name;
+  if (*wanted == '*')
+    wanted++, name = pags_path_extension(name);
+  size_t i = 0;
+  while (wanted[i] && wanted[i] == lower(name[i]))
+    i++;
+  return !wanted[i] && !name[i];
+}
+
+static pags_result refuse(const char *path, const char *what, const mark *m) {
+  return pags_fail(PAGS_ERROR_FORMAT, "%s: not a data set that can be read: %s is %s; %s", path, what, m->whose,
+                   m->way);
+}
+
+static pags_result refuse_folder(const char *path) {
   pags_dir_list list;
-  bool found = false;
-  if (pags_dir_list_read(folder, &list) != PAGS_OK)
-    return false;
-  for (int64_t i = 0; i < list.count && !found; i++) {
-    if (!deep) {
-      found = strcasecmp(pags_path_extension(list.names[i]), ending) == 0;
-      continue;
-    }
-    char *inner = pags_path_join(folder, list.names[i]);
-    found = inner && pags_dir_exists(inner) && has_ending(inner, ending, false);
-    free(inner);
+  PAGS_TRY(pags_dir_list_read(path, &list));
+  const mark *found = NULL;
+  const char *name = NULL;
+  for (int i = 0; i < MARKS && !found; i++) {
+    char *inside = strchr(marks[i].name, '/') ? pags_path_join(path, marks[i].name) : NULL;
+    if (inside && pags_path_exists(inside))
+      found = &marks[i], name = marks[i].name;
+    free(inside);
+    for (int64_t j = 0; j < list.count && !found; j++)
+      if (fits(&marks[i], list.names[j]))
+        found = &marks[i], name = list.names[j];
   }
+  int64_t pictures = 0;
+  for (int64_t i = 0; i < list.count; i++)
+    pictures += pags_is_picture_name(list.names[i]);
+  pags_result result;
+  if (found)
+    result = refuse(path, name, found);
+  else if (pictures)
+    result = pags_fail(PAGS_ERROR_FORMAT,
+                       "%s: not a data set: %lld pictures without cameras; `colmap automatic_reconstructor "
+                       "--workspace_path FOLDER --image_path %s` makes a COLMAP model of them",
+                       path, (long long)pictures, path);
+  else
+    result = pags_fail(
+        PAGS_ERROR_FORMAT,
+        "%s: not a data set: it has no dataset.json, no images with ego_pose or extrinsics, no transforms.json or "
+        "transforms_train.json, and no COLMAP model (cameras and images, .bin or .txt) in it, in sparse/0 or below; %s",
+        path, PICTURES);
   pags_dir_list_destroy(&list);
-  return found;
+  return result;
 }
 
-static bool has(const char *folder, const char *name) {
-  if (*name == '*')
-    return has_ending(folder, strrchr(name, '.'), strchr(name, '/') != NULL);
-  char *path = pags_path_join(folder, name);
-  const bool found = path && pags_path_exists(path);
-  free(path);
-  return found;
+pags_result pags_foreign_refuse(const char *path) {
+  PAGS_TRY(pags_foreign_recording_check(path, true));
+  if (pags_dir_exists(path))
+    return refuse_folder(path);
+  for (int i = 0; i < MARKS; i++)
+    if (fits(&marks[i], pags_path_name(path)))
+      return refuse(path, pags_path_name(path), &marks[i]);
+  return pags_fail(PAGS_ERROR_FORMAT, "%s: not a data set: expected a folder or a transforms file (.json); %s", path,
+                   PICTURES);
 }
 
-static const char *name_folder(const char *folder, bool importers) {
-  for (size_t i = 0; i < sizeof signs / sizeof *signs; i++) {
-    bool all = importers || !signs[i].importable;
-    for (int k = 0; k < 3 && all && signs[i].names[k]; k++)
-      all = has(folder, signs[i].names[k]);
-    if (all)
-      return signs[i].text;
-  }
-  return NULL;
-}
-
-/* ---- Files ---- */
-
-static const struct {
-  const char *magic;
-  const char *text;
-} files[] = {{"PAR1",
-              "a parquet file, as of Waymo Open v2, which isn't imported; the segment's .tfrecord of version 1 is "
-              "(pags import waymo)"},
-             {"ARROW1", "a feather file, as of Argoverse 2; of the log's folder, " DRIVESTUDIO " (--kind argoverse2)"},
-             {"#ROSBAG", "a ROS bag, which isn't read; " LAYOUT},
-             {"\x89MCAP", "an MCAP recording, which isn't read; " LAYOUT},
-             {"SQLite format 3", "a database, as of nuPlan or ROS 2, which isn't read; " LAYOUT},
-             {"version https://git-lfs", "a pointer of Git LFS; 'git lfs pull' fetches the file it stands for"},
-             {"\x1f\x8b", "compressed by gzip; gunzip it first"},
-             {"BZh", "compressed by bzip2; bunzip2 it first"},
-             {"(\xb5/\xfd", "compressed by zstd; unzstd it first"},
-             {"\xfd"
-              "7zXZ",
-              "compressed by xz; unxz it first"},
-             {"<!DOCTYPE", "a web page, not a recording: the download failed"},
-             {"<html", "a web page, not a recording: the download failed"}};
-
-static const char *name_file(const char *path) {
-  uint8_t head[32] = {0};
-  FILE *file = pags_port_open(path, "rb");
-  if (!file)
-    return NULL;
-  const size_t got = fread(head, 1, sizeof head, file);
-  fclose(file);
-  if (got < 8)
-    return NULL;
-  for (size_t i = 0; i < sizeof files / sizeof *files; i++)
-    if (memcmp(head, files[i].magic, strlen(files[i].magic)) == 0)
-      return files[i].text;
-  return memcmp(head, "PK\3\4", 4) == 0 ? "an archive (zip); unpack it first" : NULL;
-}
-
-pags_result pags_foreign_check(const char *path, bool importers) {
-  const char *text = pags_dir_exists(path) ? name_folder(path, importers) : name_file(path);
-  if (!text && importers && strcasecmp(pags_path_extension(path), ".tfrecord") == 0)
-    text = "a segment of Waymo Open: 'pags import waymo' makes a data set of it";
-  return text ? pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: is %s", path, text) : PAGS_OK;
+pags_result pags_foreign_refuse_json(const pags_json *json) {
+  static const struct {
+    const char *key; /* of the root or, where that is an array, of its first element */
+    const char *whose, *way;
+  } keys[] = {{"sfm_data_version", OPENMVG},
+              {"shots", OPENSFM},
+              {"featuresFolders", ALICEVISION},
+              {"poses", ALICEVISION},
+              {"img_name", "the cameras.json of a trained scene (INRIA's), without intrinsics of a capture",
+               "give the data set that it was trained on; `pags render --path` takes it as a camera path"},
+              {"camera_path", "nerfstudio's camera path", "`pags render --path` takes it; a data set has photographs"},
+              {"camtoworld", "SDFStudio's", "give the COLMAP model or the transforms.json that it was made of"},
+              {"worldMat0", "of IDR or NeuS", PICTURES}};
+  const pags_json_value *root = pags_json_root(json);
+  const char *path = pags_json_path(json);
+  const pags_json_value *object = root->type == PAGS_JSON_ARRAY ? root->first : root;
+  for (size_t i = 0; object && i < sizeof keys / sizeof *keys; i++)
+    if (pags_json_member(object, keys[i].key))
+      return pags_json_fail(json, root, "not a data set that can be read: it is %s; %s", keys[i].whose, keys[i].way);
+  for (int i = 0; i < MARKS; i++)
+    if (fits(&marks[i], pags_path_name(path)))
+      return refuse(path, pags_path_name(path), &marks[i]);
+  return pags_json_fail(json, root,
+                        "not a data set: expected 'frames', each with 'file_path' and 'transform_matrix', as in a "
+                        "transforms.json of nerfstudio or instant-ngp");
 }

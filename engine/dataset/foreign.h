@@ -1,20 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Names recordings in formats that can't be opened as they are, and what would do. */
+/* Names the formats of other programs that are not read, with the way from each to a COLMAP model, which is. */
 #ifndef PAGS_DATASET_FOREIGN_H
 #define PAGS_DATASET_FOREIGN_H
 
 #include <pags/base.h>
-#include <stdbool.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+#include "base/json.h"
 
-/* Fails with PAGS_ERROR_UNSUPPORTED and a message that names the format and what would do if the file or folder is of
- * a recording that has no reader, or (`importers`) that an importer reads; PAGS_OK if it is none of those known. */
-pags_result pags_foreign_check(const char *path, bool importers);
+/* Fails: `path`, a file or folder, is no data set. The message names the program whose files it holds and what would
+ * do; where nothing is known of it, what a data set is and the command that makes one of pictures. */
+pags_result pags_foreign_refuse(const char *path);
 
-#ifdef __cplusplus
-}
-#endif
+/* The same for a JSON file that is no transforms file, by its keys. */
+pags_result pags_foreign_refuse_json(const pags_json *json);
+
 #endif

@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/log.h"
 #include "base/memory.h"
 #include "base/sort.h"
 
@@ -56,8 +57,13 @@ pags_parsed_view *pags_parsed_add(pags_parsed_dataset *parsed) {
 
 pags_result pags_parsed_add_point(pags_parsed_points *points, int64_t id, const double xyz[3], const uint8_t rgb[3],
                                   const char *where) {
-  if (!isfinite(xyz[0]) || !isfinite(xyz[1]) || !isfinite(xyz[2]))
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: point %lld: expected finite coordinates", where, (long long)id);
+  /* Positions beyond 1e30 have no place among single-precision numbers. */
+  points->dropped = !(fabs(xyz[0]) < 1e30 && fabs(xyz[1]) < 1e30 && fabs(xyz[2]) < 1e30);
+  if (points->dropped) {
+    points->first_left_out = points->left_out ? points->first_left_out : id;
+    points->left_out++;
+    return PAGS_OK;
+  }
   void *items = points->items;
   if (!grow(&items, points->count, &points->capacity, sizeof *points->items))
     return pags_out_of_memory("%s", where);
@@ -70,6 +76,8 @@ pags_result pags_parsed_add_point(pags_parsed_points *points, int64_t id, const 
 }
 
 pags_result pags_parsed_observe(pags_parsed_points *points, int64_t view, const char *where) {
+  if (points->dropped)
+    return PAGS_OK;
   assert(points->count > 0);
   void *track = points->track;
   if (!grow(&track, points->track_count, &points->track_capacity, sizeof *points->track))
@@ -77,6 +85,17 @@ pags_result pags_parsed_observe(pags_parsed_points *points, int64_t view, const 
   points->track = track;
   points->track[points->track_count++] = view;
   points->items[points->count - 1].track_count++;
+  return PAGS_OK;
+}
+
+pags_result pags_parsed_check_points(const pags_parsed_points *points, const char *where) {
+  const long long all = (long long)(points->count + points->left_out), lost = (long long)points->left_out;
+  if (lost && points->count == 0)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: none of its %lld points has a finite position", where, all);
+  if (lost)
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s: %lld of %lld points have no finite position and are left out, the first is point %lld", where,
+                     lost, all, (long long)points->first_left_out);
   return PAGS_OK;
 }
 

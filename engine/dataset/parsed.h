@@ -9,6 +9,14 @@
 
 #include "dataset/lens.h"
 
+/* The part of a data set that a view is stated to belong to. */
+typedef enum pags_split {
+  PAGS_SPLIT_NONE,
+  PAGS_SPLIT_TRAIN,
+  PAGS_SPLIT_TEST,    /* held out, for validation or test */
+  PAGS_SPLIT_LEFT_OUT /* for neither */
+} pags_split;
+
 typedef struct pags_parsed_view {
   char *image_path;             /* path to open */
   char *mask_path;              /* NULL: none */
@@ -19,6 +27,8 @@ typedef struct pags_parsed_view {
   pags_lens lens;               /* before pags_lens_prepare; not set if `missing` and the data set gives no size */
   double world_from_camera[12]; /* OpenCV axes */
   int64_t id;                   /* the id by which the tracks of points refer to this view */
+  pags_split split;             /* as the data set states; NONE unless it has `split_by` */
+  int64_t number;               /* place among all views in file-name order, missing ones included */
   /* Of driving sets only: */
   int sensor, frame;
   double time, shutter_time;                     /* seconds; shutter_time NaN where unknown */
@@ -39,12 +49,17 @@ typedef struct pags_parsed_points {
   bool tracked; /* `track` lists the views that see each point */
   int64_t track_count, track_capacity;
   int64_t *track; /* ids of views (pags_parsed_view.id) */
+  /* Points without a finite position, which are left out, and the id of the first; `dropped`: the last one added was
+   * such a point. */
+  int64_t left_out, first_left_out;
+  bool dropped;
 } pags_parsed_points;
 
 typedef struct pags_parsed_dataset {
   const char *kind; /* a string constant */
   char *source;     /* the file or folder it was read from, for messages */
   pags_up up;
+  const char *split_by; /* what states the split ("test_filenames"), a string constant; NULL: nothing does */
   int64_t count, capacity;
   pags_parsed_view *views;
   pags_parsed_points points;    /* count 0: the data set has none */
@@ -54,16 +69,21 @@ typedef struct pags_parsed_dataset {
 void pags_parsed_destroy(pags_parsed_dataset *parsed);
 /* Appends a zeroed view; returns NULL when out of memory. */
 pags_parsed_view *pags_parsed_add(pags_parsed_dataset *parsed);
-/* Appends a point without observers; fails if a coordinate is not finite. */
+/* Appends a point without observers, unless a coordinate is not finite. */
 pags_result pags_parsed_add_point(pags_parsed_points *points, int64_t id, const double xyz[3], const uint8_t rgb[3],
                                   const char *where);
 /* Adds the view with id `view` to the observers of the last point. */
 pags_result pags_parsed_observe(pags_parsed_points *points, int64_t view, const char *where);
+/* Says how many points were left out for want of a finite position; fails if all were. */
+pags_result pags_parsed_check_points(const pags_parsed_points *points, const char *where);
 void pags_parsed_sort_points(pags_parsed_points *points);
 
 /* Reads a transforms.json of nerfstudio or instant-ngp. This reader and the COLMAP reader leave an empty parsed set
  * on failure. */
 pags_result pags_transforms_read(const char *path, pags_parsed_dataset *parsed);
+/* Reads the files transforms_train.json, transforms_val.json and transforms_test.json of `folder` as one data set (the
+ * layout of the synthetic NeRF scenes); the first must be there. */
+pags_result pags_transforms_read_splits(const char *folder, pags_parsed_dataset *parsed);
 /* Reads the COLMAP model in folder `model` (cameras, images, points3D; .bin or .txt). The pictures are looked for in
  * folders around `root` and `model`. */
 pags_result pags_colmap_read(const char *root, const char *model, pags_parsed_dataset *parsed);

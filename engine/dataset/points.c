@@ -37,21 +37,36 @@ static id_use *list_uses(const pags_dataset *dataset) {
   return uses;
 }
 
-/* Whether a point is used: at least two training views must observe it, if tracks are known. The position of any
- * other point was triangulated with the help of held-out views, and training must not use information from held-out
- * views. */
-static bool is_used(const pags_parsed_points *points, const pags_parsed_point *point, const id_use *uses,
-                    int64_t views) {
+/* How many training views of the data set observe a point, counted up to 2; *known: whether any of its views does. */
+static int count_training(const pags_parsed_points *points, const pags_parsed_point *point, const id_use *uses,
+                          int64_t views, bool *known) {
   int seen = 0;
-  if (!points->tracked)
-    return true;
+  *known = false;
   for (int64_t i = 0; i < point->track_count && seen < 2; i++) {
-    int64_t id = points->track[point->track_begin + i];
-    id_use key = {.id = id};
+    id_use key = {.id = points->track[point->track_begin + i]};
     const id_use *found = bsearch(&key, uses, (size_t)views, sizeof key, by_id);
+    *known = *known || found;
     seen += found && found->training;
   }
-  return seen >= 2;
+  return seen;
+}
+
+/* Whether a point is used: at least `least` training views must observe it, if tracks are known. `least` is 2 where
+ * points were triangulated, because the position of any other point came about with the help of held-out views, and
+ * training must not use information from these. Where no track has two views (points from depth, or from a network
+ * that sees one picture at a time), it is 1. A point of which no view is known is used like one of a PLY file: it comes
+ * from a scanner or another program. */
+static bool is_used(const pags_parsed_points *points, const pags_parsed_point *point, const id_use *uses, int64_t views,
+                    int least) {
+  bool known;
+  return !points->tracked || count_training(points, point, uses, views, &known) >= least || !known;
+}
+
+static int64_t longest_track(const pags_parsed_points *points) {
+  int64_t longest = 0;
+  for (int64_t i = 0; i < points->count; i++)
+    longest = points->items[i].track_count > longest ? points->items[i].track_count : longest;
+  return longest;
 }
 
 static pags_result allocate(pags_dataset *dataset, int64_t count) {
@@ -89,10 +104,11 @@ pags_result pags_dataset_make_points(pags_dataset *dataset, const pags_dataset_o
     id_use *uses = list_uses(dataset);
     if (!uses)
       return pags_out_of_memory("%s", dataset->path);
+    const int least = longest_track(points) < 2 ? 1 : 2;
     int64_t kept = 0;
     for (int64_t i = 0; i < points->count; i++) {
       const pags_parsed_point *point = &points->items[i];
-      if (!is_used(points, point, uses, dataset->count))
+      if (!is_used(points, point, uses, dataset->count, least))
         continue;
       for (int c = 0; c < 3; c++)
         dataset->xyz[3 * kept + c] = (float)(point->xyz[c] - dataset->origin[c]);
@@ -102,8 +118,10 @@ pags_result pags_dataset_make_points(pags_dataset *dataset, const pags_dataset_o
     free(uses);
     dataset->point_count = kept;
     if (kept < points->count)
-      pags_log_message(PAGS_LOG_INFO, "%s: %lld of %lld points are left out: fewer than 2 training views see them",
-                       dataset->parsed.source, (long long)(points->count - kept), (long long)points->count);
+      pags_log_message(kept ? PAGS_LOG_INFO : PAGS_LOG_WARNING,
+                       "%s: %lld of %lld points are left out: fewer than %d training view%s them",
+                       dataset->parsed.source, (long long)(points->count - kept), (long long)points->count, least,
+                       least == 1 ? " sees" : "s see");
   }
   if (dataset->point_count > 0)
     return PAGS_OK;

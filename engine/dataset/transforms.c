@@ -5,10 +5,14 @@
  * frame takes precedence. transform_matrix is camera-to-world with OpenGL camera axes (x right, y up, z backward);
  * negating its y and z columns gives OpenCV's axes. The world axes are left as they are; nerfstudio's tools rotate
  * the world so that +z is up. */
+#include "dataset/find_file.h"
+#include "dataset/foreign.h"
 #include "dataset/parsed.h"
+#include "dataset/splits.h"
 
 #include "base/file.h"
 #include "base/json.h"
+#include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
 #include "maths/maths.h"
@@ -24,6 +28,8 @@ typedef struct reader {
   const pags_json_value *root;
   char *folder; /* folder of the file; file_path is relative to it */
   pags_parsed_dataset *parsed;
+  pags_file_finder files;
+  pags_split_lists lists;
 } reader;
 
 /* ---- Camera parameters of a frame ---- */
@@ -58,29 +64,92 @@ static pags_result find_side(const reader *r, const pags_json_value *frame, cons
   return PAGS_OK;
 }
 
+/* Names of camera models, those of nerfstudio and of COLMAP. */
+static const struct {
+  const char *name;
+  pags_lens_kind kind;
+} models[] = {{"OPENCV", PAGS_LENS_PERSPECTIVE},
+              {"PINHOLE", PAGS_LENS_PERSPECTIVE},
+              {"SIMPLE_PINHOLE", PAGS_LENS_PERSPECTIVE},
+              {"SIMPLE_RADIAL", PAGS_LENS_PERSPECTIVE},
+              {"RADIAL", PAGS_LENS_PERSPECTIVE},
+              {"PERSPECTIVE", PAGS_LENS_PERSPECTIVE},
+              {"OPENCV_FISHEYE", PAGS_LENS_FISHEYE},
+              {"SIMPLE_RADIAL_FISHEYE", PAGS_LENS_FISHEYE},
+              {"RADIAL_FISHEYE", PAGS_LENS_FISHEYE},
+              {"SIMPLE_FISHEYE", PAGS_LENS_FISHEYE},
+              {"FISHEYE", PAGS_LENS_FISHEYE},
+              {"FULL_OPENCV", PAGS_LENS_RATIONAL},
+              {"FOV", PAGS_LENS_FOV},
+              {"THIN_PRISM_FISHEYE", PAGS_LENS_THIN_PRISM}};
+
+static bool same_name(const char *a, const char *b) {
+  while (*a && *b && (*a == *b || (*a >= 'a' && *a <= 'z' && *a - 'a' + 'A' == *b)))
+    a++, b++;
+  return *a == *b;
+}
+
 static pags_result find_kind(const reader *r, const pags_json_value *frame, pags_lens_kind *kind) {
-  static const char *const perspective[] = {"OPENCV",        "PINHOLE", "SIMPLE_PINHOLE",
-                                            "SIMPLE_RADIAL", "RADIAL",  "PERSPECTIVE"};
   const char *model;
   PAGS_TRY(pags_json_string_or(r->json, r->root, "camera_model", "OPENCV", &model));
   PAGS_TRY(pags_json_string_or(r->json, frame, "camera_model", model, &model));
-  bool fisheye; /* the key by which instant-ngp marks a fisheye lens */
+  /* The keys by which instant-ngp marks lenses. */
+  static const char *const others[] = {"equirectangular", "latlong", "orthographic", "ftheta"};
+  bool fisheye, other;
+  for (size_t i = 0; i < sizeof others / sizeof *others; i++) {
+    PAGS_TRY(pags_json_bool_or(r->json, r->root, others[i], false, &other));
+    PAGS_TRY(pags_json_bool_or(r->json, frame, others[i], other, &other));
+    if (other)
+      model = others[i];
+  }
+  if (pags_json_member(r->root, "ftheta_p0") || pags_json_member(frame, "ftheta_p0"))
+    model = "ftheta";
   PAGS_TRY(pags_json_bool_or(r->json, r->root, "is_fisheye", false, &fisheye));
   PAGS_TRY(pags_json_bool_or(r->json, frame, "is_fisheye", fisheye, &fisheye));
-  *kind = fisheye || strcmp(model, "OPENCV_FISHEYE") == 0 ? PAGS_LENS_FISHEYE : PAGS_LENS_PERSPECTIVE;
-  if (*kind == PAGS_LENS_FISHEYE)
-    return PAGS_OK;
-  for (size_t i = 0; i < sizeof perspective / sizeof *perspective; i++)
-    if (strcmp(model, perspective[i]) == 0)
+  for (size_t i = 0; i < sizeof models / sizeof *models; i++)
+    if (same_name(model, models[i].name)) {
+      *kind = fisheye ? PAGS_LENS_FISHEYE : models[i].kind;
       return PAGS_OK;
+    }
+  const bool panorama = same_name(model, "EQUIRECTANGULAR") || same_name(model, "LATLONG");
   return pags_json_fail(r->json, frame,
-                        "camera_model '%s' is not known; expected PINHOLE, SIMPLE_PINHOLE, SIMPLE_RADIAL, "
-                        "RADIAL, OPENCV or OPENCV_FISHEYE",
-                        model);
+                        "camera_model '%s' %s; expected PINHOLE, SIMPLE_PINHOLE, SIMPLE_RADIAL, "
+                        "RADIAL, OPENCV, FULL_OPENCV, FOV, OPENCV_FISHEYE or THIN_PRISM_FISHEYE",
+                        model,
+                        panorama
+                            ? "is of panoramas, which can't be used yet (cut each into several pinhole pictures first)"
+                            : "is not known");
+}
+
+/* Reads one focal length in pixels, for a side of `size` pixels: keys[0] is the focal length itself, keys[1] a full
+ * angle of view in radians, keys[2] one in degrees (instant-ngp's). */
+static pags_result find_focal(const reader *r, const pags_json_value *frame, const char *const keys[3], int size,
+                              double *out, bool *given) {
+  const double pi = 3.14159265358979323846;
+  double angle = 0;
+  PAGS_TRY(find_number(r, frame, keys[0], out, given));
+  if (*given)
+    return PAGS_OK;
+  PAGS_TRY(find_number(r, frame, keys[1], &angle, given));
+  if (*given && !(angle > 0 && angle < pi))
+    return pags_json_fail(r->json, frame, "'%s' is %g, expected radians above 0 and below pi%s", keys[1], angle,
+                          angle >= pi && angle < 180 ? " (is it in degrees? then multiply it by pi / 180)" : "");
+  if (!*given) {
+    PAGS_TRY(find_number(r, frame, keys[2], &angle, given));
+    if (*given && !(angle > 0 && angle < 180))
+      return pags_json_fail(r->json, frame, "'%s' is %g, expected degrees above 0 and below 180", keys[2], angle);
+    angle *= pi / 180;
+  }
+  if (*given)
+    *out = 0.5 * size / pags_tan(0.5 * angle);
+  return PAGS_OK;
 }
 
 static pags_result find_lens(const reader *r, const pags_json_value *frame, pags_parsed_view *view) {
   static const char *const radial[] = {"k1", "k2", "k3", "k4"}, *const tangential[] = {"p1", "p2"};
+  static const char *const below[] = {"k4", "k5", "k6"}, *const prism[] = {"sx1", "sy1"};
+  static const char *const x_keys[] = {"fl_x", "camera_angle_x", "x_fov"};
+  static const char *const y_keys[] = {"fl_y", "camera_angle_y", "y_fov"};
   pags_lens *lens = &view->lens;
   PAGS_TRY(find_kind(r, frame, &lens->kind));
   PAGS_TRY(find_side(r, frame, "w", &lens->width));
@@ -92,22 +161,10 @@ static pags_result find_lens(const reader *r, const pags_json_value *frame, pags
     view->sized = true;
   }
 
-  /* Focal lengths are given in pixels (fl_x, fl_y) or as full angles of view in radians (camera_angle_x,
-   * camera_angle_y). A missing fl_y is derived from camera_angle_y, else it equals fl_x. */
-  bool given_x, given_y, angle_x, angle_y;
-  double ax = 0, ay = 0;
-  PAGS_TRY(find_number(r, frame, "fl_x", &lens->fx, &given_x));
-  PAGS_TRY(find_number(r, frame, "fl_y", &lens->fy, &given_y));
-  PAGS_TRY(find_number(r, frame, "camera_angle_x", &ax, &angle_x));
-  PAGS_TRY(find_number(r, frame, "camera_angle_y", &ay, &angle_y));
-  if (!given_x && angle_x) {
-    lens->fx = 0.5 * lens->width / pags_tan(0.5 * ax);
-    given_x = true;
-  }
-  if (!given_y && angle_y) {
-    lens->fy = 0.5 * lens->height / pags_tan(0.5 * ay);
-    given_y = true;
-  }
+  /* A missing focal length equals the other. */
+  bool given_x, given_y;
+  PAGS_TRY(find_focal(r, frame, x_keys, lens->width, &lens->fx, &given_x));
+  PAGS_TRY(find_focal(r, frame, y_keys, lens->height, &lens->fy, &given_y));
   if (!given_x && !given_y)
     return pags_json_fail(r->json, frame, "expected 'fl_x' or 'camera_angle_x' in the frame or at the top");
   if (!given_y)
@@ -117,115 +174,184 @@ static pags_result find_lens(const reader *r, const pags_json_value *frame, pags
 
   PAGS_TRY(find_number_or(r, frame, "cx", 0.5 * lens->width, &lens->cx));
   PAGS_TRY(find_number_or(r, frame, "cy", 0.5 * lens->height, &lens->cy));
-  for (int i = 0; i < 4; i++)
+  if (lens->kind == PAGS_LENS_FOV) /* COLMAP's omega, under the name of its first distortion parameter */
+    return find_number_or(r, frame,
+                          pags_json_member(r->root, "omega") || pags_json_member(frame, "omega") ? "omega" : "k1", 0,
+                          &lens->k[0]);
+  for (int i = 0; i < (lens->kind == PAGS_LENS_RATIONAL ? 3 : 4); i++)
     PAGS_TRY(find_number_or(r, frame, radial[i], 0, &lens->k[i]));
+  for (int i = 0; i < 3 && lens->kind == PAGS_LENS_RATIONAL; i++)
+    PAGS_TRY(find_number_or(r, frame, below[i], 0, &lens->d[i]));
   for (int i = 0; i < 2; i++)
     PAGS_TRY(find_number_or(r, frame, tangential[i], 0, &lens->p[i]));
+  for (int i = 0; i < 2 && lens->kind == PAGS_LENS_THIN_PRISM; i++)
+    PAGS_TRY(find_number_or(r, frame, prism[i], 0, &lens->s[i]));
   return PAGS_OK;
 }
 
 /* ---- Files of a frame ---- */
 
-/* Finds the image file of a frame. Files of instant-ngp and of the synthetic NeRF scenes leave out the extension of
- * file_path, so that the usual extensions are tried. */
-static pags_result find_image(const reader *r, const pags_json_value *frame, pags_parsed_view *view) {
-  static const char *const extensions[] = {".png", ".jpg", ".jpeg", ".JPG", ".JPEG", ".PNG", ".exr"};
-  const char *file;
-  PAGS_TRY(pags_json_string(r->json, frame, "file_path", &file));
-  if (*pags_path_name(file) == '\0')
-    return pags_json_fail(r->json, frame, "expected 'file_path' to name a file, found '%s'", file);
-  view->image_path = pags_path_join(r->folder, strncmp(file, "./", 2) == 0 ? file + 2 : file);
-  if (!view->image_path)
-    return pags_out_of_memory("%s", view->where);
-  view->missing = !pags_path_exists(view->image_path);
-  for (size_t i = 0; i < sizeof extensions / sizeof *extensions && view->missing; i++) {
-    char *longer = pags_text_format("%s%s", view->image_path, extensions[i]);
-    if (!longer)
-      return pags_out_of_memory("%s", view->where);
-    if (pags_file_exists(longer)) {
-      free(view->image_path);
-      view->image_path = longer;
-      view->missing = false;
-    } else {
-      free(longer);
-    }
-  }
-  return PAGS_OK;
+/* Finds the file that `key` of a frame or of the top names. */
+static pags_result find_file(reader *r, const char *name, char **out, bool *exists) {
+  return pags_find_file(&r->files, r->folder, name, out, exists);
 }
 
-static pags_result find_mask(const reader *r, const pags_json_value *frame, pags_parsed_view *view) {
+static pags_result find_mask(reader *r, const pags_json_value *frame, pags_parsed_view *view) {
   const char *file;
   PAGS_TRY(pags_json_string_or(r->json, frame, "mask_path", NULL, &file));
   if (!file || view->missing)
     return PAGS_OK;
-  view->mask_path = pags_path_join(r->folder, file);
-  if (!view->mask_path)
-    return pags_out_of_memory("%s", view->where);
-  if (!pags_file_exists(view->mask_path))
+  bool exists;
+  PAGS_TRY(find_file(r, file, &view->mask_path, &exists));
+  if (!exists)
     return pags_json_fail(r->json, frame, "mask_path names %s, which does not exist", view->mask_path);
   return PAGS_OK;
 }
 
-static pags_result read_points(const reader *r) {
+static pags_result read_points(reader *r) {
   const char *file;
   PAGS_TRY(pags_json_string_or(r->json, r->root, "ply_file_path", NULL, &file));
   if (!file || !*file)
     return PAGS_OK;
-  char *path = pags_path_join(r->folder, file);
-  if (!path)
-    return pags_out_of_memory("%s", pags_json_path(r->json));
+  char *path;
+  bool exists; /* if not, the reader says so */
+  PAGS_TRY(find_file(r, file, &path, &exists));
   pags_result result = pags_ply_points_read(path, &r->parsed->points);
+  if (result == PAGS_OK)
+    result = pags_parsed_check_points(&r->parsed->points, path);
   free(path);
   return result;
 }
 
+/* ---- What is not used ---- */
+
+/* Says which keys with a meaning of their own are ignored: how many frames have them, or the top. */
+static void report_unused(const reader *r, const pags_json_value *frames) {
+  static const struct {
+    const char *key, *what;
+  } unused[] = {{"depth_file_path", "depth pictures aren't used"},
+                {"depth_path", "depth pictures aren't used"},
+                {"normal_path", "pictures of normals aren't used"},
+                {"rolling_shutter", "the time at which a row is exposed isn't used"},
+                {"transform_matrix_start", "motion during the exposure isn't used"},
+                {"fisheye_crop_radius", "the radius isn't used; a mask leaves out what is beyond"},
+                {"time", "captures are taken to stand still"}};
+  for (size_t i = 0; i < sizeof unused / sizeof *unused; i++) {
+    int64_t count = pags_json_member(r->root, unused[i].key) != NULL;
+    const char *first = count ? "the top of the file" : NULL;
+    for (const pags_json_value *frame = frames->first; frame; frame = frame->next) {
+      const pags_json_value *has = pags_json_member(frame, unused[i].key);
+      if (!has || has->type == PAGS_JSON_NULL)
+        continue;
+      const pags_json_value *file = pags_json_member(frame, "file_path");
+      first = first ? first : file && file->type == PAGS_JSON_STRING ? file->text : "a frame";
+      count++;
+    }
+    if (count)
+      pags_log_message(PAGS_LOG_WARNING, "%s: '%s' of %lld frames is ignored: %s; the first is %s",
+                       pags_json_path(r->json), unused[i].key, (long long)count, unused[i].what, first);
+  }
+}
+
 /* ---- Reading the whole file ---- */
 
-static pags_result read_all(reader *r, const char *path) {
+static pags_result read_frame(reader *r, const pags_json_value *frame, pags_split split) {
+  const char *file;
+  PAGS_TRY(pags_json_as_object(r->json, frame, "a frame"));
+  PAGS_TRY(pags_json_string(r->json, frame, "file_path", &file));
+  if (*pags_path_name(file) == '\0')
+    return pags_json_fail(r->json, frame, "expected 'file_path' to name a file, found '%s'", file);
+  if (split == PAGS_SPLIT_NONE)
+    split = pags_split_of(&r->lists, file);
+  if (split == PAGS_SPLIT_LEFT_OUT)
+    return PAGS_OK;
+  pags_parsed_view *view = pags_parsed_add(r->parsed);
+  if (!view)
+    return pags_out_of_memory("%s", pags_json_path(r->json));
+  view->where = pags_text_format("%s:%d", pags_json_path(r->json), frame->line);
+  if (!view->where)
+    return pags_out_of_memory("%s", pags_json_path(r->json));
+  view->split = split;
+  bool exists;
+  PAGS_TRY(find_file(r, file, &view->image_path, &exists));
+  view->missing = !exists;
+  PAGS_TRY(find_mask(r, frame, view));
+
+  /* The pose has 3 or 4 rows. Negating the y and z columns turns OpenGL camera axes into OpenCV axes. */
+  const pags_json_value *rows;
+  PAGS_TRY(pags_json_array(r->json, frame, "transform_matrix", &rows));
+  double all[16];
+  if (rows->count == 3)
+    PAGS_TRY(pags_json_numbers(r->json, frame, "transform_matrix", 12, all));
+  else
+    PAGS_TRY(pags_json_numbers(r->json, frame, "transform_matrix", 16, all));
+  for (int i = 0; i < 12; i++)
+    view->world_from_camera[i] = i % 4 == 1 || i % 4 == 2 ? -all[i] : all[i];
+  return find_lens(r, frame, view);
+}
+
+static pags_result read_all(reader *r, const char *path, pags_split split) {
   r->folder = pags_path_folder(path);
-  r->parsed->source = pags_text_copy(path);
-  if (!r->folder || !r->parsed->source)
+  if (!r->folder)
     return pags_out_of_memory("%s", path);
-  r->parsed->kind = "transforms.json";
-  r->parsed->up = PAGS_UP_Z;
   PAGS_TRY(pags_json_parse_file(path, &r->json));
   r->root = pags_json_root(r->json);
-  PAGS_TRY(pags_json_as_object(r->json, r->root, "a transforms file"));
-  const pags_json_value *frames;
+  const pags_json_value *frames = pags_json_member(r->root, "frames");
+  if (!frames)
+    return pags_foreign_refuse_json(r->json);
   PAGS_TRY(pags_json_array(r->json, r->root, "frames", &frames));
-  for (const pags_json_value *frame = frames->first; frame; frame = frame->next) {
-    PAGS_TRY(pags_json_as_object(r->json, frame, "a frame"));
-    pags_parsed_view *view = pags_parsed_add(r->parsed);
-    if (!view)
-      return pags_out_of_memory("%s", pags_json_path(r->json));
-    view->where = pags_text_format("%s:%d", pags_json_path(r->json), frame->line);
-    if (!view->where)
-      return pags_out_of_memory("%s", pags_json_path(r->json));
-    PAGS_TRY(find_image(r, frame, view));
-    PAGS_TRY(find_mask(r, frame, view));
+  PAGS_TRY(pags_split_lists_read(r->json, r->root, &r->lists));
+  if (r->lists.names)
+    r->parsed->split_by = "its lists of file names";
+  for (const pags_json_value *frame = frames->first; frame; frame = frame->next)
+    PAGS_TRY(read_frame(r, frame, split));
+  report_unused(r, frames);
+  return r->parsed->points.count ? PAGS_OK : read_points(r);
+}
 
-    /* The pose has 3 or 4 rows. Negating the y and z columns turns OpenGL camera axes into OpenCV axes. */
-    const pags_json_value *rows;
-    PAGS_TRY(pags_json_array(r->json, frame, "transform_matrix", &rows));
-    double all[16];
-    if (rows->count == 3)
-      PAGS_TRY(pags_json_numbers(r->json, frame, "transform_matrix", 12, all));
-    else
-      PAGS_TRY(pags_json_numbers(r->json, frame, "transform_matrix", 16, all));
-    for (int i = 0; i < 12; i++)
-      view->world_from_camera[i] = i % 4 == 1 || i % 4 == 2 ? -all[i] : all[i];
+/* Appends the frames of a file; `split`: the one that all are of, NONE: as the file says. */
+static pags_result append(const char *path, pags_split split, pags_parsed_dataset *parsed) {
+  reader r = {.parsed = parsed};
+  pags_result result = read_all(&r, path, split);
+  pags_file_finder_end(&r.files, path, "files");
+  pags_split_lists_end(&r.lists, path);
+  pags_json_destroy(r.json);
+  free(r.folder);
+  return result;
+}
 
-    PAGS_TRY(find_lens(r, frame, view));
-  }
-  return read_points(r);
+static pags_result begin(const char *source, pags_parsed_dataset *parsed) {
+  memset(parsed, 0, sizeof *parsed);
+  parsed->kind = "transforms.json";
+  parsed->up = PAGS_UP_Z;
+  parsed->source = pags_text_copy(source);
+  return parsed->source ? PAGS_OK : pags_out_of_memory("%s", source);
 }
 
 pags_result pags_transforms_read(const char *path, pags_parsed_dataset *parsed) {
-  memset(parsed, 0, sizeof *parsed);
-  reader r = {.parsed = parsed};
-  pags_result result = read_all(&r, path);
-  pags_json_destroy(r.json);
-  free(r.folder);
+  pags_result result = begin(path, parsed);
+  if (result == PAGS_OK)
+    result = append(path, PAGS_SPLIT_NONE, parsed);
+  if (result != PAGS_OK)
+    pags_parsed_destroy(parsed);
+  return result;
+}
+
+pags_result pags_transforms_read_splits(const char *folder, pags_parsed_dataset *parsed) {
+  static const char *const names[] = {"transforms_train.json", "transforms_val.json", "transforms_test.json"};
+  pags_result result = begin(folder, parsed);
+  int files = 0;
+  for (int i = 0; i < 3 && result == PAGS_OK; i++) {
+    if (!pags_folder_has(folder, names[i]))
+      continue;
+    char *path = pags_path_join(folder, names[i]);
+    result =
+        path ? append(path, i == 0 ? PAGS_SPLIT_TRAIN : PAGS_SPLIT_TEST, parsed) : pags_out_of_memory("%s", folder);
+    free(path);
+    files++;
+  }
+  if (files > 1)
+    parsed->split_by = "transforms_val.json or transforms_test.json";
   if (result != PAGS_OK)
     pags_parsed_destroy(parsed);
   return result;

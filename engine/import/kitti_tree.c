@@ -12,7 +12,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
-#include "dataset/foreign.h"
+#include "dataset/foreign_recording.h"
 #include "import/options.h"
 
 /* ---- Paths ---- */
@@ -244,7 +244,7 @@ static pags_result find_root(pags_kitti_tree *tree, const char *path, const char
     return pags_fail(PAGS_ERROR_IO, "%s: no such folder", path);
   if (is_drive(path))
     return set_drive(tree, path);
-  PAGS_TRY(pags_foreign_check(path, false));
+  PAGS_TRY(pags_foreign_recording_check(path, false));
   if (is_tracking(path))
     return set_root(tree, path);
   pags_result result = find_drives(path, sequence, true, &drives);

@@ -32,7 +32,7 @@
 #include "base/memory.h"
 #include "dataset/driving/motion.h"
 #include "dataset/driving/writer.h"
-#include "dataset/foreign.h"
+#include "dataset/foreign_recording.h"
 #include "import/options.h"
 #include "import/tfrecord.h"
 #include "import/waymo_lidar.h"
@@ -246,7 +246,7 @@ static pags_result read_frame(importer *im, const pags_waymo_frame *message, int
 
 /* Says what a file is that begins with no record, if that is known; else keeps the message that there is. */
 static pags_result explain(const char *source, pags_result result) {
-  if (pags_foreign_check(source, false) == PAGS_OK)
+  if (pags_foreign_recording_check(source, false) == PAGS_OK)
     return result;
   char message[WHERE];
   snprintf(message, sizeof message, "%s", pags_error_message());
@@ -258,7 +258,7 @@ static pags_result count_records(const char *source, int64_t *count) {
   int end = 0;
   *count = -1;
   if (pags_dir_exists(source)) {
-    PAGS_TRY(pags_foreign_check(source, false));
+    PAGS_TRY(pags_foreign_recording_check(source, false));
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: is a folder, expected one segment's .tfrecord file", source);
   }
   PAGS_TRY(pags_tfrecord_open(source, &reader));

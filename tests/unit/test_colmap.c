@@ -122,16 +122,31 @@ static void test_places(void **state) {
   scratch_expect(pags_dataset_open(s->folder, &options, &dataset), PAGS_ERROR_FORMAT, "nowhere: not a COLMAP model");
 }
 
+/* One camera of each model, without distortion where that is a pinhole. The angle models keep their focal lengths. */
 static void test_camera_models(void **state) {
   scratch *s = *state;
   static const struct {
     const char *line;
     double fx, fy, cx, cy;
+    bool pinhole;
   } known[] = {
-      {"4 SIMPLE_PINHOLE 8 6 10 4 3\n", 10, 10, 4, 3},
-      {"4 SIMPLE_RADIAL 8 6 10 4 3 0\n", 10, 10, 4, 3},
-      {"4 RADIAL 8 6 10 4 3 0 0\n", 10, 10, 4, 3},
-      {"4 OPENCV 8 6 10 11 4 3 0 0 0 0\n", 10, 11, 4, 3},
+      {"4 SIMPLE_PINHOLE 8 6 10 4 3\n", 10, 10, 4, 3, true},
+      {"4 SIMPLE_RADIAL 8 6 10 4 3 0\n", 10, 10, 4, 3, true},
+      {"4 RADIAL 8 6 10 4 3 0 0\n", 10, 10, 4, 3, true},
+      {"4 OPENCV 8 6 10 11 4 3 0 0 0 0\n", 10, 11, 4, 3, true},
+      {"4 FULL_OPENCV 8 6 10 11 4 3 0 0 0 0 0 0 0 0\n", 10, 11, 4, 3, true},
+      {"4 FOV 8 6 10 11 4 3 1e-9\n", 10, 11, 4, 3, true},
+      {"4 SIMPLE_DIVISION 8 6 10 4 3 0\n", 10, 10, 4, 3, true},
+      {"4 DIVISION 8 6 10 11 4 3 0\n", 10, 11, 4, 3, true},
+      {"4 EUCM 8 6 10 11 4 3 0 1\n", 10, 11, 4, 3, true},
+      {"4 FOV 8 6 10 11 4 3 0.5\n", 10, 11, 4, 3, false},
+      {"4 OPENCV_FISHEYE 8 6 10 11 4 3 0 0 0 0\n", 10, 11, 4, 3, false},
+      {"4 SIMPLE_RADIAL_FISHEYE 8 6 10 4 3 0\n", 10, 10, 4, 3, false},
+      {"4 RADIAL_FISHEYE 8 6 10 4 3 0 0\n", 10, 10, 4, 3, false},
+      {"4 SIMPLE_FISHEYE 8 6 10 4 3\n", 10, 10, 4, 3, false},
+      {"4 FISHEYE 8 6 10 11 4 3\n", 10, 11, 4, 3, false},
+      {"4 THIN_PRISM_FISHEYE 8 6 10 11 4 3 0 0 0 0 0 0 0 0\n", 10, 11, 4, 3, false},
+      {"4 RAD_TAN_THIN_PRISM_FISHEYE 8 6 10 11 4 3 0 0 0 0 0 0 0 0 0 0 0 0\n", 10, 11, 4, 3, false},
   };
   const char *const images = "10 1 0 0 0 -1 -2 -3 4 b.png\n\n11 1 0 0 0 0 0 0 4 a.png\n";
   write_pictures(s);
@@ -139,14 +154,76 @@ static void test_camera_models(void **state) {
     write_text(s, known[i].line, images, "");
     pags_dataset *dataset = open_ok(s->folder, NULL);
     const pags_camera *camera = &pags_dataset_view(dataset, 0)->camera;
-    assert_true(camera->width == 8 && camera->height == 6 && camera->fx == known[i].fx && camera->fy == known[i].fy);
-    assert_true(camera->cx == known[i].cx && camera->cy == known[i].cy);
+    assert_true(camera->fx == known[i].fx && camera->fy == known[i].fy);
+    if (known[i].pinhole)
+      assert_true(camera->width == 8 && camera->height == 6 && camera->cx == known[i].cx && camera->cy == known[i].cy);
     pags_dataset_close(dataset);
   }
-  write_text(s, "4 OPENCV_FISHEYE 8 6 10 11 4 3 0 0 0 0\n", images, "");
+  write_text(s, "4 EQUIRECTANGULAR 8 6 8 6\n", images, "");
+  open_fails(s->folder, PAGS_ERROR_UNSUPPORTED, "cameras.txt:1: camera model EQUIRECTANGULAR: panoramas");
+  write_text(s, "4 FULL_OPENCV_2 8 6 10 11 4 3\n", images, "");
+  open_fails(s->folder, PAGS_ERROR_UNSUPPORTED, "camera model FULL_OPENCV_2 is not known");
+  /* An unused camera may be anything; r(1 - r^2) folds within the picture, 20 pixels wide at a focal length of 10. */
+  write_text(s, "4 PINHOLE 8 6 10 11 4 3\n5 LATER 8 6 10\n6 OPENCV 8 6 -1.#IND 1 1 1 0 0 0 0\n", images, "");
   pags_dataset_close(open_ok(s->folder, NULL));
-  write_text(s, "4 FULL_OPENCV 8 6 10 11 4 3 0 0 0 0 0 0 0 0\n", images, "");
-  open_fails(s->folder, PAGS_ERROR_UNSUPPORTED, "FULL_OPENCV");
+  write_text(s, "4 SIMPLE_RADIAL 8 6 5 4 3 -1\n", images, "");
+  open_fails(s->folder, PAGS_ERROR_FORMAT, "the distortion can't be undone at");
+}
+
+/* The same files with byte order marks, Windows' line ends, and the separators of kapture. */
+static void test_other_text(void **state) {
+  scratch *s = *state;
+  write_pictures(s);
+  write_text(s, "\xef\xbb\xbf# a comment\r\n4, PINHOLE, 8, 6, 10, 11, 4, 3\r\n",
+             "\xef\xbb\xbf"
+             "10, 1, 0, 0, 0, -1, -2, -3, 4, b.png\r\n1, 2, 7, 3, 4, -1\r\n"
+             "11 1 0 0 0\v0 0 0 4 a.png\r\n\r\n20 1 0 0 0 0 0 0 4 c d.png\r\n",
+             "\xef\xbb\xbf"
+             "7, 1, 2, 3, 10, 20, 30, 0.5, 10, 0, 20, 1\r\n");
+  pags_dataset *dataset = open_ok(s->folder, NULL);
+  assert_int_equal(pags_dataset_view_count(dataset), 3);
+  assert_string_equal(pags_dataset_view(dataset, 2)->name, "c d.png");
+  assert_true(pags_dataset_view(dataset, 0)->camera.fy == 11);
+  int64_t count;
+  const float *xyz;
+  const uint8_t *rgb;
+  int random;
+  pags_dataset_points(dataset, &count, &xyz, &rgb, &random);
+  assert_true(count == 1 && !random && rgb[2] == 30);
+  pags_dataset_close(dataset);
+  write_text(s, "4 PINHOLE 8 6 10,5 11 4 3\n", images_text, "");
+  open_fails(s->folder, PAGS_ERROR_FORMAT, "cameras.txt:1: expected another parameter of the camera, found '10,5'");
+  write_text(s, "\xff\xfe", images_text, "");
+  open_fails(s->folder, PAGS_ERROR_FORMAT, "is UTF-16 text");
+}
+
+static int64_t points_of(scratch *s, const char *points, bool *is_random) {
+  write_text(s, cameras_text, images_text, points);
+  pags_dataset *dataset = open_ok(s->folder, NULL);
+  int64_t count;
+  const float *xyz;
+  const uint8_t *rgb;
+  int random;
+  pags_dataset_points(dataset, &count, &xyz, &rgb, &random);
+  pags_dataset_close(dataset);
+  *is_random = random;
+  return count;
+}
+
+/* Points of scanners have no tracks, or those of views that aren't there; points from depth have one view each. */
+static void test_tracks(void **state) {
+  scratch *s = *state;
+  bool random;
+  write_pictures(s);
+  assert_int_equal(points_of(s, "1 1 2 3 1 1 1 0\n2 4 5 6 1 1 1 0\n", &random), 2);
+  assert_false(random);
+  assert_int_equal(points_of(s, "1 1 2 3 1 1 1 0 77 0 78 0\n2 4 5 6 1 1 1 0\n", &random), 2);
+  /* 30 is held out. */
+  assert_int_equal(points_of(s, "1 1 2 3 1 1 1 0 10 0\n2 4 5 6 1 1 1 0 20 0\n3 4 5 6 1 1 1 0 30 0\n", &random), 2);
+  assert_int_equal(points_of(s, "1 1 2 3 1 1 1 0 10 0 20 0\n2 4 5 6 1 1 1 0 20 0\n3 4 5 6 1 1 1 0\n", &random), 2);
+  /* A point without a finite position is left out, with its track. */
+  assert_int_equal(points_of(s, "1 nan 2 3 1 1 1 0 10 0 20 0\n2 4 5 6 1 1 1 0 10 0 20 0\n", &random), 1);
+  assert_false(random);
 }
 
 static void test_bad_text(void **state) {
@@ -169,7 +246,7 @@ static void test_bad_text(void **state) {
       {cameras_text, "10 1 0 0 0 nan -2 -3 4 b.png\n", "", "images.txt:1"},
       {cameras_text, "1 1 0 0 0 0 0 0 4 b.png\n2 1 0 0 0 0 0 0 4 a.png\n", "", "images.txt:2: expected a line of obs"},
       {cameras_text, good_images, "7 1 2\n", "points3D.txt:1: expected a coordinate"},
-      {cameras_text, good_images, "7 1 2 inf 1 1 1 0 10 1\n", "points3D.txt: point 7: expected finite"},
+      {cameras_text, good_images, "7 1 2 inf 1 1 1 0 10 1\n", "none of its 1 points has a finite position"},
       {cameras_text, good_images, "7 1 2 3 256 1 1 0 10 1\n", "points3D.txt:1: expected a colour"},
       {cameras_text, good_images, "7 1 2 3 25 1 1 0 10\n", "points3D.txt:1: expected the number of an obs"},
   };
@@ -290,9 +367,9 @@ static void test_damaged_binary(void **state) {
   }
   buffer cameras, images, points;
   make_binary(&cameras, &images, &points);
-  cameras.bytes[12] = 6;
+  cameras.bytes[12] = 17;
   write_binary(s, &cameras, &images, &points);
-  open_fails(s->folder, PAGS_ERROR_UNSUPPORTED, "FULL_OPENCV");
+  open_fails(s->folder, PAGS_ERROR_UNSUPPORTED, "EQUIRECTANGULAR");
   cameras.bytes[12] = 200;
   write_binary(s, &cameras, &images, &points);
   open_fails(s->folder, PAGS_ERROR_UNSUPPORTED, "number 200");
@@ -424,6 +501,8 @@ int main(void) {
       scratch_test(test_text),
       scratch_test(test_places),
       scratch_test(test_camera_models),
+      scratch_test(test_other_text),
+      scratch_test(test_tracks),
       scratch_test(test_bad_text),
       scratch_test(test_binary),
       scratch_test(test_damaged_binary),

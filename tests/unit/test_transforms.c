@@ -201,7 +201,7 @@ static void test_large_coordinates(void **state) {
 static void test_bad_files(void **state) {
   scratch *s = *state;
   open_fails(scratch_path(s, "nothing"), NULL, PAGS_ERROR_IO, "nothing");
-  open_fails(s->folder, NULL, PAGS_ERROR_FORMAT, "transforms.json, and no COLMAP model");
+  open_fails(s->folder, NULL, PAGS_ERROR_FORMAT, "no transforms.json or transforms_train.json, and no COLMAP model");
   scratch_text(s, "x.txt", "hello");
   open_fails(scratch_path(s, "x.txt"), NULL, PAGS_ERROR_FORMAT, "x.txt");
   scratch_text(s, "transforms.json", "{\"frames\": [}");
@@ -227,6 +227,12 @@ static void test_bad_frames(void **state) {
       {"\"fl_x\": 5,", "\"fl_x\": \"five\",", "transforms.json:3: ", PAGS_ERROR_FORMAT},
       {"\"fl_x\": 5,", "\"fl_x\": -5,", "transforms.json:3", PAGS_ERROR_FORMAT},
       {"\"fl_x\": 5,", "\"w\": 16, \"h\": 12,", "b.png has 8 x 6 pixels, expected 16 x 12", PAGS_ERROR_FORMAT},
+      {"\"camera_angle_x\": 63.2,", "", "'camera_angle_x' is 63.2, expected radians", PAGS_ERROR_FORMAT},
+      {"\"camera_angle_x\": 0,", "", "'camera_angle_x' is 0, expected radians", PAGS_ERROR_FORMAT},
+      {"\"x_fov\": 190,", "", "'x_fov' is 190, expected degrees", PAGS_ERROR_FORMAT},
+      {"\"fl_x\": 0.1,", "", "an angle of view of", PAGS_ERROR_FORMAT},
+      {"\"fl_x\": 5,", "\"latlong\": true,", "transforms.json:3: camera_model 'latlong' is of panoramas",
+       PAGS_ERROR_FORMAT},
       {"\"fl_x\": 5,", "\"w\": 7.5, \"h\": 6,", "whole number", PAGS_ERROR_FORMAT},
       {"\"fl_x\": 5,", "\"camera_model\": \"EQUIRECTANGULAR\",", "EQUIRECTANGULAR", PAGS_ERROR_FORMAT},
   };
@@ -290,6 +296,15 @@ static void test_missing(void **state) {
   assert_int_equal(pags_dataset_view_count(dataset), 2);
   assert_int_equal(pags_dataset_missing(dataset), 1);
   assert_string_equal(pags_dataset_view(dataset, 1)->name, "c.png");
+  pags_dataset_close(dataset);
+  /* A missing picture doesn't change which others are held out: a.png and c.png of three, by every second. */
+  options.split_every = 2;
+  dataset = NULL;
+  pags_result result = pags_dataset_open(s->folder, &options, &dataset);
+  scratch_expect(result, PAGS_ERROR_FORMAT, "all of its views are held out");
+  options.split_every = 3;
+  dataset = open_ok(s->folder, &options);
+  assert_true(pags_dataset_view(dataset, 0)->test && !pags_dataset_view(dataset, 1)->test);
   pags_dataset_close(dataset);
   assert_int_equal(remove(scratch_path(s, "images/a.png")), 0);
   assert_int_equal(remove(scratch_path(s, "images/c.png")), 0);

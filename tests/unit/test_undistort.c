@@ -35,9 +35,46 @@ static const pags_lens fisheye_lens = {.kind = PAGS_LENS_FISHEYE,
                                        .cy = 121,
                                        .k = {-0.02, 0.003, -0.001, 0.0002}};
 
-static const pags_lens *const lenses[] = {&fox_lens, &barrel_lens, &fisheye_lens};
+/* The terms of FULL_OPENCV, FOV, THIN_PRISM_FISHEYE, Fisheye624, DIVISION and EUCM as lenses have them. */
+static const pags_lens rare[] = {
+    {.kind = PAGS_LENS_RATIONAL,
+     .k = {-0.2, 0.05, 0.01},
+     .d = {0.03, -0.02, 0.004},
+     .p = {0.004, -0.006},
+     .width = 320,
+     .height = 240,
+     .fx = 260,
+     .fy = 255,
+     .cx = 160,
+     .cy = 120},
+    {.kind = PAGS_LENS_FOV, .k = {0.8}, .width = 320, .height = 240, .fx = 260, .fy = 260, .cx = 155, .cy = 122},
+    {.kind = PAGS_LENS_THIN_PRISM,
+     .k = {0.05, -0.02, 0.005, -0.003},
+     .p = {0.001, -0.002},
+     .s = {0.001, -0.0015},
+     .width = 320,
+     .height = 240,
+     .fx = 200,
+     .fy = 202,
+     .cx = 160,
+     .cy = 120},
+    {.kind = PAGS_LENS_ARIA,
+     .k = {0.05, -0.02, 0.005, -0.003, 0.001, -0.0002},
+     .p = {-0.002, 0.001},
+     .s = {0.0005, -0.0005, 0.0002, -0.0002},
+     .width = 320,
+     .height = 240,
+     .fx = 150,
+     .fy = 150,
+     .cx = 160,
+     .cy = 120},
+    {.kind = PAGS_LENS_DIVISION, .k = {-0.15}, .width = 320, .height = 240, .fx = 260, .fy = 260, .cx = 160, .cy = 120},
+    {.kind = PAGS_LENS_EUCM, .k = {0.6, 1.1}, .width = 320, .height = 240, .fx = 200, .fy = 200, .cx = 160, .cy = 120}};
 
-enum { LENSES = 3 };
+static const pags_lens *const lenses[] = {&fox_lens, &barrel_lens, &fisheye_lens, &rare[0], &rare[1],
+                                          &rare[2],  &rare[3],     &rare[4],      &rare[5]};
+
+enum { LENSES = sizeof lenses / sizeof *lenses };
 
 static pags_lens prepared(const pags_lens *lens) {
   pags_lens out = *lens;
@@ -65,6 +102,67 @@ static void test_models(void **state) {
   assert_true(pags_lens_project(&lens, x, y, &u, &v));
   assert_true(fabs(u - (150 * x * bent / r + 158)) < 1e-9);
   assert_true(fabs(v - (150 * y * bent / r + 121)) < 1e-9);
+}
+
+/* The rare models at one point, from their definitions by separate code. */
+static void test_rare_models(void **state) {
+  (void)state;
+  const double x = 0.31, y = -0.23, r2 = x * x + y * y, r = sqrt(r2), t = atan(r), pi = acos(-1);
+  double want[6][2], u, v;
+  const double n = 1 - 0.2 * r2 + 0.05 * r2 * r2 + 0.01 * pow(r, 6);
+  const double d = 1 + 0.03 * r2 - 0.02 * r2 * r2 + 0.004 * pow(r, 6);
+  want[0][0] = x * n / d + 2 * 0.004 * x * y - 0.006 * (r2 + 2 * x * x);
+  want[0][1] = y * n / d + 0.004 * (r2 + 2 * y * y) - 2 * 0.006 * x * y;
+  const double fov = atan(2 * r * tan(0.4)) / 0.8 / r;
+  want[1][0] = x * fov, want[1][1] = y * fov;
+  const double a = x * t / r, b = y * t / r, t2 = t * t;
+  const double thin = 1 + 0.05 * t2 - 0.02 * t2 * t2 + 0.005 * pow(t, 6) - 0.003 * pow(t, 8);
+  want[2][0] = a * thin + 2 * 0.001 * a * b - 0.002 * (t2 + 2 * a * a) + 0.001 * t2;
+  want[2][1] = b * thin + 0.001 * (t2 + 2 * b * b) - 2 * 0.002 * a * b - 0.0015 * t2;
+  const double six = thin + 0.001 * pow(t, 10) - 0.0002 * pow(t, 12), p = a * six, q = b * six, s2 = p * p + q * q;
+  want[3][0] = p + 2 * p * (0.001 * p - 0.002 * q) + 0.001 * s2 + 0.0005 * s2 - 0.0005 * s2 * s2;
+  want[3][1] = q + 2 * q * (0.001 * p - 0.002 * q) - 0.002 * s2 + 0.0002 * s2 - 0.0002 * s2 * s2;
+  const double eucm = 1 / (0.6 * sqrt(1.1 * r2 + 1) + 0.4);
+  want[5][0] = x * eucm, want[5][1] = y * eucm;
+  for (int i = 0; i < 6; i++) {
+    const pags_lens lens = prepared(&rare[i]);
+    assert_true(pags_lens_project(&lens, x, y, &u, &v));
+    u = (u - lens.cx) / lens.fx, v = (v - lens.cy) / lens.fy;
+    if (i == 4) { /* r = r_d / (1 + k r_d^2) */
+      const double k = -0.15, square = u * u + v * v;
+      assert_true(fabs(u / (1 + k * square) - x) < 1e-12 && fabs(v / (1 + k * square) - y) < 1e-12);
+    } else {
+      assert_true(fabs(u - want[i][0]) < 1e-12 && fabs(v - want[i][1]) < 1e-12);
+    }
+  }
+  pags_lens lens = rare[1];
+  lens.k[0] = 2 * pi;
+  scratch_expect(pags_lens_prepare(&lens, "lens"), PAGS_ERROR_FORMAT, "FOV's omega");
+  lens = rare[5];
+  lens.k[0] = 1.5;
+  scratch_expect(pags_lens_prepare(&lens, "lens"), PAGS_ERROR_FORMAT, "EUCM's alpha");
+}
+
+/* A lens that folds outside of the picture is taken, one that folds far inside is refused, with the radius. */
+static void test_folds(void **state) {
+  (void)state;
+  double share;
+  pags_lens lens = {.width = 100, .height = 100, .fx = 50, .fy = 50, .cx = 50, .cy = 50, .k = {-0.05}};
+  scratch_ok(pags_lens_prepare(&lens, "lens"));
+  scratch_ok(pags_lens_check_inverse(&lens, "lens", &share));
+  assert_true(share == 0);
+  lens.k[0] = -0.11; /* grows to 1.16 of 1.41 in the corners */
+  scratch_ok(pags_lens_prepare(&lens, "lens"));
+  scratch_ok(pags_lens_check_inverse(&lens, "lens", &share));
+  assert_true(share > 0 && share < 0.1);
+  lens.k[0] = -0.5; /* grows to (2/3)^1.5 = 0.544, 27 pixels */
+  scratch_ok(pags_lens_prepare(&lens, "lens"));
+  scratch_expect(pags_lens_check_inverse(&lens, "lens", &share), PAGS_ERROR_FORMAT, "stops growing 27 pixels");
+  for (int i = 0; i < 6; i++) {
+    lens = prepared(&rare[i]);
+    scratch_ok(pags_lens_check_inverse(&lens, "lens", &share));
+    assert_true(share == 0);
+  }
 }
 
 static void test_inverse(void **state) {
@@ -275,6 +373,8 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_models),
       cmocka_unit_test(test_inverse),
+      cmocka_unit_test(test_rare_models),
+      cmocka_unit_test(test_folds),
       cmocka_unit_test(test_row_equals_points),
       cmocka_unit_test(test_limit),
       cmocka_unit_test(test_pinhole_is_filled),

@@ -1,0 +1,212 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Finds files under other spellings of their names (find_file.h). */
+#include "dataset/find_file.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/log.h"
+#include "base/memory.h"
+#include "base/text.h"
+
+/* ---- Names ---- */
+
+static char lower(char c) {
+  return c >= 'A' && c <= 'Z' ? (char)(c - 'A' + 'a') : c;
+}
+
+/* Whether the first `count` bytes are the same but for the case of ASCII letters; a text may end in them. */
+static bool same_letters(const char *a, const char *b, size_t count) {
+  size_t i = 0;
+  while (i < count && a[i] && lower(a[i]) == lower(b[i]))
+    i++;
+  return i == count || (!a[i] && !b[i]);
+}
+
+bool pags_is_picture_name(const char *name) {
+  static const char *const extensions[] = {".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp", ".exr",
+                                           ".hdr", ".jxl", ".avif", ".heic", ".dng", ".jp2",  ".tga", ".ppm"};
+  const char *extension = pags_path_extension(name);
+  for (size_t i = 0; i < sizeof extensions / sizeof *extensions; i++)
+    if (same_letters(extension, extensions[i], strlen(extension) + 1))
+      return name[0] != '.';
+  return false;
+}
+
+/* Absolute on this or another system. */
+static bool is_absolute(const char *name) {
+  return name[0] == '/' || (name[0] && name[1] == ':' && name[2] == '/');
+}
+
+/* ---- One component ---- */
+
+/* Lists `folder`; false if it can't be, or for want of memory. */
+static bool list_folder(pags_file_finder *finder, const char *folder) {
+  if (finder->folder && strcmp(finder->folder, folder) == 0)
+    return true;
+  free(finder->folder);
+  pags_dir_list_destroy(&finder->list);
+  finder->list = (pags_dir_list){0};
+  finder->folder = pags_dir_exists(folder) ? pags_text_copy(folder) : NULL;
+  if (finder->folder && pags_dir_list_read(folder, &finder->list) == PAGS_OK)
+    return true;
+  free(finder->folder);
+  finder->folder = NULL;
+  return false;
+}
+
+/* The only entry of the listed folder that has the name but for letter case; NULL if there is none or several. */
+static const char *entry_of_case(const pags_file_finder *finder, const char *name, size_t length) {
+  const char *found = NULL;
+  for (int64_t i = 0; i < finder->list.count; i++)
+    if (strlen(finder->list.names[i]) == length && same_letters(name, finder->list.names[i], length)) {
+      if (found)
+        return NULL;
+      found = finder->list.names[i];
+    }
+  return found;
+}
+
+/* The only picture of the listed folder whose name without extension is `name`, or `name` without its own; NULL if
+ * there is none or several. *bare: `name` has no extension of a picture. */
+static const char *entry_of_stem(const pags_file_finder *finder, const char *name, bool *bare) {
+  const char *found = NULL;
+  *bare = !pags_is_picture_name(name);
+  const size_t length = strlen(name) - (*bare ? 0 : strlen(pags_path_extension(name)));
+  for (int64_t i = 0; i < finder->list.count; i++) {
+    const char *entry = finder->list.names[i];
+    if (strlen(entry) - strlen(pags_path_extension(entry)) != length || !pags_is_picture_name(entry) ||
+        !same_letters(name, entry, length))
+      continue;
+    if (found)
+      return NULL;
+    found = entry;
+  }
+  return found;
+}
+
+/* ---- A whole name ---- */
+
+static pags_spelling worse(pags_spelling a, pags_spelling b) {
+  return a > b ? a : b;
+}
+
+/* Follows `name` from `folder`, component by component, and returns the path of the file; NULL if there is none.
+ * *how: the worst spelling on the way. */
+static char *follow(pags_file_finder *finder, const char *folder, const char *name, pags_spelling *how) {
+  char *at = pags_text_copy(folder);
+  while (at && *name) {
+    const size_t length = strcspn(name, "/");
+    const bool last = name[length] == '\0';
+    char *part = pags_text_format("%.*s", (int)length, name), *next = part ? pags_path_join(at, part) : NULL;
+    if (next && length && !(last ? pags_file_exists(next) : pags_dir_exists(next))) {
+      const char *entry = NULL;
+      bool bare = false;
+      free(next);
+      next = NULL;
+      if (list_folder(finder, at)) {
+        entry = entry_of_case(finder, part, length);
+        *how = entry ? worse(*how, PAGS_SPELLING_CASE) : *how;
+        if (!entry && last && (entry = entry_of_stem(finder, part, &bare)))
+          *how = worse(*how, bare ? PAGS_SPELLING_SAME : PAGS_SPELLING_EXTENSION);
+      }
+      next = entry ? pags_path_join(at, entry) : NULL;
+    } else if (next && !length) {
+      free(next);
+      next = pags_text_copy(at);
+    }
+    free(part);
+    free(at);
+    at = next;
+    name += length + (last ? 0 : 1);
+  }
+  if (at && !pags_file_exists(at)) {
+    free(at);
+    at = NULL;
+  }
+  return at;
+}
+
+/* Looks for `name`, which has slashes alone, in all the ways. */
+static char *search(pags_file_finder *finder, const char *folder, const char *name, pags_spelling *how) {
+  const bool elsewhere = is_absolute(name) || strncmp(name, "../", 3) == 0;
+  if (!is_absolute(name)) {
+    char *found = follow(finder, folder, name, how);
+    if (found || !elsewhere)
+      return found;
+  }
+  /* What lay below a folder of another machine: the longest end of the path that is a file here. */
+  for (const char *end = strchr(name, '/'); end; end = strchr(end + 1, '/')) {
+    pags_spelling spelling = PAGS_SPELLING_FOLDER;
+    char *found = end[1] ? follow(finder, folder, end + 1, &spelling) : NULL;
+    if (found) {
+      *how = spelling;
+      return found;
+    }
+  }
+  return NULL;
+}
+
+pags_result pags_find_file(pags_file_finder *finder, const char *folder, const char *name, char **out, bool *exists) {
+  static const char *const usual[] = {".png", ".jpg", ".jpeg", ".JPG", ".JPEG", ".PNG", ".exr"};
+  finder->asked++;
+  *out = pags_path_join(folder, strncmp(name, "./", 2) == 0 ? name + 2 : name);
+  if (!*out)
+    return pags_out_of_memory("%s", name);
+  *exists = pags_path_exists(*out);
+  for (size_t i = 0; i < sizeof usual / sizeof *usual && !*exists && !pags_is_picture_name(name); i++) {
+    char *longer = pags_text_format("%s%s", *out, usual[i]);
+    if (!longer)
+      continue; /* the search below may still find it */
+    *exists = pags_file_exists(longer);
+    if (*exists) {
+      free(*out);
+      *out = longer;
+    } else {
+      free(longer);
+    }
+  }
+  if (*exists)
+    return PAGS_OK;
+  pags_spelling how = PAGS_SPELLING_SAME;
+  char *slashes = pags_text_copy(strncmp(name, "./", 2) == 0 || strncmp(name, ".\\", 2) == 0 ? name + 2 : name);
+  for (char *c = slashes; c && *c; c++)
+    if (*c == '\\') {
+      *c = '/';
+      how = PAGS_SPELLING_SLASHES;
+    }
+  char *found = slashes ? search(finder, folder, slashes, &how) : NULL;
+  free(slashes);
+  if (!found)
+    return PAGS_OK;
+  if (!finder->counts[how]++) {
+    finder->named[how] = pags_text_copy(name);
+    finder->found[how] = pags_text_copy(found);
+  }
+  free(*out);
+  *out = found;
+  *exists = true;
+  return PAGS_OK;
+}
+
+void pags_file_finder_drop(pags_file_finder *finder) {
+  for (int i = 0; i < PAGS_SPELLINGS; i++) {
+    free(finder->named[i]);
+    free(finder->found[i]);
+  }
+  free(finder->folder);
+  pags_dir_list_destroy(&finder->list);
+  memset(finder, 0, sizeof *finder);
+}
+
+void pags_file_finder_end(pags_file_finder *finder, const char *source, const char *what) {
+  static const char *const ways[PAGS_SPELLINGS] = {"", "by reading backslashes as slashes",
+                                                   "below this folder, not below the one that they name",
+                                                   "in other letter case", "with another extension"};
+  for (int i = PAGS_SPELLING_SAME + 1; i < PAGS_SPELLINGS; i++)
+    if (finder->counts[i] && finder->named[i] && finder->found[i])
+      pags_log_message(PAGS_LOG_WARNING, "%s: %lld of %lld %s are found %s, the first is %s for '%s'", source,
+                       (long long)finder->counts[i], (long long)finder->asked, what, ways[i], finder->found[i],
+                       finder->named[i]);
+  pags_file_finder_drop(finder);
+}

@@ -1,0 +1,44 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Finds the files that a data set names where the names were written on another system: with backslashes, in other
+ * letter case, with another extension, or below a folder of another machine. A name that is a file is taken as it is.
+ * What was found in another way is counted and said once a kind. */
+#ifndef PAGS_DATASET_FIND_FILE_H
+#define PAGS_DATASET_FIND_FILE_H
+
+#include <stdbool.h>
+
+#include <pags/base.h>
+
+#include "base/file.h"
+
+typedef enum pags_spelling {
+  PAGS_SPELLING_SAME,      /* as named, or with an extension where the name has none */
+  PAGS_SPELLING_SLASHES,   /* backslashes read as slashes */
+  PAGS_SPELLING_FOLDER,    /* the name's last components, below the data set's folder */
+  PAGS_SPELLING_CASE,      /* other letter case */
+  PAGS_SPELLING_EXTENSION, /* another extension of a picture */
+  PAGS_SPELLINGS
+} pags_spelling;
+
+/* Zeroed at first; pags_file_finder_end frees it. */
+typedef struct pags_file_finder {
+  int64_t asked, counts[PAGS_SPELLINGS];
+  char *named[PAGS_SPELLINGS], *found[PAGS_SPELLINGS]; /* the first of each kind */
+  /* The folder that was listed last. */
+  char *folder;
+  pags_dir_list list;
+} pags_file_finder;
+
+/* Looks for the file `name`, relative to `folder` or absolute. *out is its path, freed by the caller; where there is no
+ * such file it is the path that the name stands for, and *exists is false. PAGS_ERROR_MEMORY; then *out is NULL. */
+pags_result pags_find_file(pags_file_finder *finder, const char *folder, const char *name, char **out, bool *exists);
+
+/* Logs a warning a kind of spelling and frees the finder. `what`: "pictures". */
+void pags_file_finder_end(pags_file_finder *finder, const char *source, const char *what);
+
+void pags_file_finder_drop(pags_file_finder *finder); /* frees it without a word */
+
+/* Whether a file of this name is a picture by its extension. */
+bool pags_is_picture_name(const char *name);
+
+#endif
