@@ -7,6 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/file.h"
+#include "base/log.h"
 #include "base/memory.h"
 
 /* Tolerance for poses, which differ by rounding after they were written as decimals and read back: metres, relative
@@ -29,12 +31,18 @@ static int64_t find_dataset_view(const pags_dataset *dataset, const char *name) 
 
 /* Computes the factor by which the scene's pictures are smaller than the data set's: the quotient of the focal
  * lengths, rounded to 6 decimals, at least 1. */
-static pags_result scene_downscale(const pags_scene *scene, const pags_dataset *dataset, double *out) {
-  int64_t index = find_dataset_view(dataset, scene->views[0].name);
+static pags_result scene_downscale(const pags_scene *scene, const pags_dataset *dataset, bool given, double *out) {
+  int64_t index = -1, mine = 0;
+  for (int64_t i = 0; i < scene->view_count && index < 0; i++) {
+    index = find_dataset_view(dataset, scene->views[i].name);
+    mine = index < 0 ? 0 : i;
+  }
+  if (index < 0 && given && !pags_dir_exists(pags_dataset_path(dataset)))
+    index = 0; /* another part of the capture, by the same camera */
   if (index < 0)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: has no photograph '%s', on which the scene was trained",
                      pags_dataset_path(dataset), scene->views[0].name);
-  double quotient = pags_dataset_view(dataset, index)->camera.fx / scene->views[0].camera.fx;
+  double quotient = pags_dataset_view(dataset, index)->camera.fx / scene->views[mine].camera.fx;
   double rounded = floor(quotient * 1e6 + 0.5) / 1e6;
   *out = rounded < 1 ? 1 : rounded;
   return PAGS_OK;
@@ -51,6 +59,16 @@ static bool same_camera(const pags_camera *a, const pags_camera *b) {
   return fabs(a->fx - b->fx) <= 1e-4 * a->fx && fabs(a->fy - b->fy) <= 1e-4 * a->fy;
 }
 
+/* Whether two views can't be the same one: other places, not rounding. */
+static bool far_apart(const pags_camera *a, const pags_camera *b) {
+  double distance = 0, size = 1;
+  for (int i = 3; i < 12; i += 4) {
+    distance = fmax(distance, fabs(a->world_from_camera[i] - b->world_from_camera[i]));
+    size = fmax(size, fabs(a->world_from_camera[i]));
+  }
+  return distance > pose_tolerance * size;
+}
+
 static pags_result check_same_camera(const pags_dataset *dataset, const pags_scene_view *mine,
                                      const pags_camera *other) {
   if (same_camera(&mine->camera, other))
@@ -62,30 +80,56 @@ static pags_result check_same_camera(const pags_dataset *dataset, const pags_sce
       pags_dataset_path(dataset), mine->name, other->width, other->height, mine->camera.width, mine->camera.height);
 }
 
-static pags_result choose_views(const pags_scene *scene, pags_photographs *photographs) {
-  int64_t count = pags_dataset_view_count(photographs->dataset);
+/* Whether the data set is another part of the capture than the one that the scene was trained on: it has none of its
+ * views. One of the same name at another place is another view. */
+static bool is_other_part(const pags_scene *scene, const pags_dataset *dataset) {
+  for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++) {
+    const pags_view *view = pags_dataset_view(dataset, i);
+    const pags_scene_view *mine = find_view(scene, view->name);
+    if (mine && !far_apart(&mine->camera, &view->camera))
+      return false;
+  }
+  return true;
+}
+
+static pags_result choose_views(const pags_scene *scene, bool given, pags_photographs *photographs) {
+  int64_t count = pags_dataset_view_count(photographs->dataset), lacking = 0;
+  const char *const path = pags_dataset_path(photographs->dataset);
+  const bool file = given && scene->view_count && !pags_dir_exists(path);
+  const bool other = file && is_other_part(scene, photographs->dataset);
+  if (other)
+    pags_log_message(PAGS_LOG_INFO,
+                     "%s: has no view that the scene was trained with: all of its %lld count as held out", path,
+                     (long long)count);
   photographs->views = calloc((size_t)count + 1, sizeof *photographs->views);
   if (!photographs->views)
     return pags_out_of_memory("%lld views", (long long)count);
   for (int64_t i = 0; i < count; i++) {
     const pags_view *view = pags_dataset_view(photographs->dataset, i);
-    const pags_scene_view *mine = find_view(scene, view->name);
-    if (scene->view_count && !mine)
+    const pags_scene_view *mine = other ? NULL : find_view(scene, view->name);
+    if (scene->view_count && !mine && !other)
       continue;
     if (mine)
       PAGS_TRY(check_same_camera(photographs->dataset, mine, &view->camera));
-    photographs->views[photographs->count++] = (pags_photographs_view){i, mine ? mine->test : view->test, mine};
+    photographs->views[photographs->count++] =
+        (pags_photographs_view){i, mine ? mine->test : other || view->test, mine};
   }
-  for (int64_t i = 0; i < scene->view_count; i++)
-    if (find_dataset_view(photographs->dataset, scene->views[i].name) < 0)
+  for (int64_t i = 0; i < scene->view_count && !other; i++) {
+    const bool missing = find_dataset_view(photographs->dataset, scene->views[i].name) < 0;
+    lacking += missing;
+    if (missing && !file)
       return pags_fail(PAGS_ERROR_FORMAT, "%s: the photograph '%s', on which the scene was trained, is missing",
                        pags_dataset_path(photographs->dataset), scene->views[i].name);
+  }
+  if (lacking)
+    pags_log_message(PAGS_LOG_INFO, "%s: %lld of the scene's %lld views are not in it and not compared", path,
+                     (long long)lacking, (long long)scene->view_count);
   if (!photographs->count)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: has no views", pags_dataset_path(photographs->dataset));
   return PAGS_OK;
 }
 
-static pags_result open_dataset(const pags_scene *scene, const char *path, pags_dataset_options options,
+static pags_result open_dataset(const pags_scene *scene, const char *path, pags_dataset_options options, bool given,
                                 double *downscale, pags_dataset **out) {
   *downscale = options.downscale;
   if (!scene->view_count)
@@ -93,7 +137,7 @@ static pags_result open_dataset(const pags_scene *scene, const char *path, pags_
   options.downscale = 1;
   options.allow_missing = 1; /* the scene's own views decide which photographs are needed */
   PAGS_TRY(pags_dataset_open(path, &options, out));
-  pags_result result = scene_downscale(scene, *out, &options.downscale);
+  pags_result result = scene_downscale(scene, *out, given, &options.downscale);
   *downscale = options.downscale;
   if (result == PAGS_OK && options.downscale == 1)
     return PAGS_OK;
@@ -103,10 +147,10 @@ static pags_result open_dataset(const pags_scene *scene, const char *path, pags_
 }
 
 pags_result pags_photographs_open(const pags_scene *scene, const char *path, const pags_dataset_options *options,
-                                  pags_tasks *tasks, uint64_t image_cache, pags_photographs *out) {
+                                  bool given, pags_tasks *tasks, uint64_t image_cache, pags_photographs *out) {
   memset(out, 0, sizeof *out);
-  PAGS_TRY(open_dataset(scene, path, *options, &out->downscale, &out->dataset));
-  pags_result result = choose_views(scene, out);
+  PAGS_TRY(open_dataset(scene, path, *options, given, &out->downscale, &out->dataset));
+  pags_result result = choose_views(scene, given, out);
   if (result == PAGS_OK)
     result = pags_photo_cache_create(out->dataset, tasks, image_cache, &out->photos);
   if (result != PAGS_OK)

@@ -25,10 +25,12 @@ typedef struct pags_photographs {
 
 /* Opens the data set `path`; `scene` must outlive `out`. If the scene records its views, they decide the downscale
  * (from the focal lengths), which views are compared and which of them were held out; a view whose photograph is
- * missing or whose camera differs is an error. If the scene has no views (a bare splat file), `options` decides all
+ * missing or whose camera differs is an error. But a file that the user named (`given`) may be another part of the
+ * capture, such as a transforms_test.json: views of the scene may be missing there, and where none is there all of its
+ * views count as held out. If the scene has no views (a bare splat file), `options` decides all
  * of this. */
 pags_result pags_photographs_open(const pags_scene *scene, const char *path, const pags_dataset_options *options,
-                                  pags_tasks *tasks, uint64_t image_cache, pags_photographs *out);
+                                  bool given, pags_tasks *tasks, uint64_t image_cache, pags_photographs *out);
 void pags_photographs_close(pags_photographs *photographs);
 
 /* A photograph as F32 RGB in [0, 1]. */

@@ -55,7 +55,7 @@ static const pags_option options[] = {
                "every Nth view counts as held out"),
     PAGS_FLAG("allow-missing", 0, AT(options.allow_missing), "leave out views whose photograph or pose is missing"),
     PAGS_TEXT("colmap", 0, AT(options.colmap), "FOLDER", NULL,
-              "take cameras from this COLMAP model; for scenes trained with it too"),
+              "take cameras from this COLMAP model (a scene remembers the one it was trained with)"),
 
     PAGS_GROUP("Driving sets, as for train"),
     PAGS_DRIVING_OPTIONS(AT(options)),
@@ -300,13 +300,16 @@ static pags_result open_all(evaluation *self, const char *scene_path) {
   PAGS_TRY(pags_composition_load(scene_path, &self->composition));
   self->scene = pags_composition_scene(self->composition);
   const char *dataset = arguments->dataset ? arguments->dataset : self->scene->dataset;
+  pags_dataset_options chosen_options = arguments->options;
   if (!dataset)
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: doesn't say what it was trained on; expected --dataset DATASET",
                      scene_path);
+  if (!chosen_options.colmap && !arguments->dataset)
+    chosen_options.colmap = self->scene->colmap;
   if (arguments->lpips_weights)
     PAGS_TRY(pags_lpips_load(arguments->lpips_weights, &self->lpips));
-  PAGS_TRY(pags_photographs_open(self->scene, dataset, &arguments->options, arguments->session.tasks,
-                                 arguments->image_cache, &self->photographs));
+  PAGS_TRY(pags_photographs_open(self->scene, dataset, &chosen_options, arguments->dataset != NULL,
+                                 arguments->session.tasks, arguments->image_cache, &self->photographs));
   PAGS_TRY(pags_session_check(&arguments->session));
   self->scores = calloc((size_t)self->photographs.count, sizeof *self->scores);
   if (!self->scores)

@@ -207,15 +207,17 @@ static pags_result describe(pags_report *report, const info_arguments *arguments
     return PAGS_OK;
   }
   for (int i = 0; i < 16; i++) {
-    if (head[i] == '{') {
-      /* A JSON file is a transforms file (a data set) if its frames have matrices, otherwise a camera or path
-       * file. */
+    if (head[i] == '{' || head[i] == '[') {
+      /* A JSON file is a transforms file (a data set) if its frames have matrices, a camera or path file if it has
+       * sizes and frames or focal lengths; else the data set's reader names it. */
       pags_json *json;
       PAGS_TRY(pags_json_parse_file(path, &json));
       const pags_json_value *frames = pags_json_member(pags_json_root(json), "frames");
-      bool transforms = frames && frames->first && pags_json_member(frames->first, "transform_matrix");
+      const bool matrices = frames && frames->first && pags_json_member(frames->first, "transform_matrix");
+      const bool cameras =
+          frames || pags_json_member(pags_json_root(json), "width") || pags_json_member(pags_json_root(json), "fx");
       pags_json_destroy(json);
-      return transforms ? describe_dataset(report, arguments, path) : describe_cameras(report, path);
+      return matrices || !cameras ? describe_dataset(report, arguments, path) : describe_cameras(report, path);
     }
     if (!strchr(" \t\r\n", head[i]) || !head[i])
       break;

@@ -294,7 +294,7 @@ static void report_split(const pags_dataset *dataset, const pags_dataset_options
   for (int64_t i = 0; i < dataset->count; i++)
     held_out += dataset->views[i].test;
   if (by && options->split_every < 0)
-    pags_log_message(PAGS_LOG_INFO, "%s: %lld of %lld views are held out, as %s says", dataset->parsed.source,
+    pags_log_message(PAGS_LOG_INFO, "%s: %lld of %lld views are held out by %s", dataset->parsed.source,
                      (long long)held_out, (long long)dataset->count, by);
   else if (by)
     pags_log_message(PAGS_LOG_INFO, "%s: %lld of %lld views are held out by --split-every, not those of %s",
@@ -307,7 +307,8 @@ static void report_split(const pags_dataset *dataset, const pags_dataset_options
 
 static pags_result open_into(pags_dataset *dataset, const char *path, const pags_dataset_options *options) {
   dataset->path = pags_text_copy(path);
-  if (!dataset->path)
+  dataset->colmap = pags_text_copy(options->colmap);
+  if (!dataset->path || (options->colmap && !dataset->colmap))
     return pags_out_of_memory("%s", path);
   PAGS_TRY(read_parsed(path, options, &dataset->parsed));
   pags_dataset_options resolved = *options;
@@ -385,6 +386,7 @@ void pags_dataset_close(pags_dataset *dataset) {
     return;
   pags_parsed_destroy(&dataset->parsed);
   free(dataset->path);
+  free(dataset->colmap);
   free(dataset->views);
   free(dataset->pinholes);
   free(dataset->xyz);
@@ -394,6 +396,10 @@ void pags_dataset_close(pags_dataset *dataset) {
 
 const char *pags_dataset_path(const pags_dataset *dataset) {
   return dataset->path;
+}
+
+const char *pags_dataset_colmap(const pags_dataset *dataset) {
+  return dataset->colmap;
 }
 
 const char *pags_dataset_kind(const pags_dataset *dataset) {

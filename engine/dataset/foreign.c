@@ -16,9 +16,10 @@
 #define OPENMVG "OpenMVG's", "`openMVG_main_openMVG2Colmap -i sfm_data.json -o FOLDER` writes a COLMAP model of it"
 #define ALICEVISION \
   "Meshroom's (AliceVision's)", "`aliceVision_exportColmap -i FILE -o FOLDER` writes a COLMAP model of it"
-#define METASHAPE                                                                                              \
-  "Metashape's", "export the cameras as COLMAP there (File, Export, Export Cameras), or use `ns-process-data " \
-                 "metashape`"
+#define METASHAPE                                                                                   \
+  "Metashape's",                                                                                    \
+      "export the cameras as COLMAP there (File, Export, Export Cameras), or use `ns-process-data " \
+      "metashape`"
 #define REALITY "RealityScan's", "export the registration as COLMAP there, with undistorted pictures"
 #define TRAJECTORY "a trajectory (.log, of Open3D or Tanks and Temples)", "it has no intrinsics: " PICTURES
 #define POLYCAM \
@@ -112,9 +113,9 @@ static pags_result refuse_folder(const char *path) {
     result = refuse(path, name, found);
   else if (pictures)
     result = pags_fail(PAGS_ERROR_FORMAT,
-                       "%s: not a data set: %lld pictures without cameras; `colmap automatic_reconstructor "
+                       "%s: not a data set: %lld picture%s without cameras; `colmap automatic_reconstructor "
                        "--workspace_path FOLDER --image_path %s` makes a COLMAP model of them",
-                       path, (long long)pictures, path);
+                       path, (long long)pictures, pictures == 1 ? "" : "s", path);
   else
     result = pags_fail(
         PAGS_ERROR_FORMAT,

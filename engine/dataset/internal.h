@@ -8,7 +8,7 @@
 #include "dataset/parsed.h"
 
 struct pags_dataset {
-  char *path;
+  char *path, *colmap;
   pags_parsed_dataset parsed; /* owns the strings of `views`; parsed.views has the same order */
   pags_view *views;
   pags_camera *pinholes; /* one per view: undistorted, not downscaled; only size and intrinsics are set */

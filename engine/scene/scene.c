@@ -207,6 +207,7 @@ void pags_scene_destroy(pags_scene *scene) {
   free(scene->models);
   free(scene->views);
   free(scene->dataset);
+  free(scene->colmap);
   free(scene->config);
   *scene = (pags_scene){0};
 }

@@ -144,9 +144,10 @@ static pags_result read_root(const pags_json *json, pags_scene *scene, pags_scen
   PAGS_TRY(pags_place_from_json(json, root, &scene->place));
 
   /* How the scene was trained: data set, seed, steps, configuration, notes on what was modelled. */
-  const char *dataset;
+  const char *dataset, *colmap;
   PAGS_TRY(pags_json_string_or(json, root, "dataset", NULL, &dataset));
-  if (dataset && !(scene->dataset = pags_text_copy(dataset)))
+  PAGS_TRY(pags_json_string_or(json, root, "colmap", NULL, &colmap));
+  if ((dataset && !(scene->dataset = pags_text_copy(dataset))) || (colmap && !(scene->colmap = pags_text_copy(colmap))))
     return fail_memory(json);
   PAGS_TRY(pags_json_unsigned_or(json, root, "seed", 0, &scene->seed));
   PAGS_TRY(pags_json_integer_or(json, root, "iterations", 0, INT64_MAX, 0, &scene->iterations));
@@ -270,6 +271,8 @@ static pags_result write_root(pags_json_writer *w, const pags_scene *scene) {
   pags_json_put_numbers(w, "background", background, 3);
   pags_json_put_bool(w, "antialiased", scene->antialiased);
   pags_json_put_string(w, "dataset", scene->dataset);
+  if (scene->colmap)
+    pags_json_put_string(w, "colmap", scene->colmap);
   pags_json_put_unsigned(w, "seed", scene->seed);
   pags_json_put_integer(w, "iterations", scene->iterations);
   PAGS_TRY(write_raw(w, "config", scene->config));

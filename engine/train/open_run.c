@@ -14,6 +14,7 @@
 #include "train/checkpoint.h"
 #include "train/config.h"
 #include "train/open_run.h"
+#include "train/other_views.h"
 #include "train/score_pass.h"
 #include "train/size_limit.h"
 
@@ -223,6 +224,17 @@ pags_result pags_trainer_start(pags_trainer *t, const pags_train_config *config)
   return pags_size_limit_start(t->dataset, &t->state, t->tasks);
 }
 
+static pags_result refuse_other_views(const pags_trainer *t) {
+  char *text = pags_other_views(t->output.folder, t->dataset);
+  const pags_result result = pags_fail(
+      PAGS_ERROR_ARGUMENT,
+      "%s: belongs to other views, or another choice of what is critical, than those of %s%s%s; give the data "
+      "set as it was, or --overwrite to begin afresh",
+      t->output.checkpoint, pags_dataset_path(t->dataset), text ? ": " : "", text ? text : "");
+  free(text);
+  return result;
+}
+
 pags_result pags_trainer_resume(pags_trainer *t, const pags_train_config *config) {
   uint64_t fingerprint;
   const char *path = t->output.checkpoint;
@@ -235,9 +247,7 @@ pags_result pags_trainer_resume(pags_trainer *t, const pags_train_config *config
     s->schedule.config.size_limit.max_gaussians = config->size_limit.max_gaussians;
   const char *field = pags_config_difference(config, &s->schedule.config);
   if (fingerprint != t->fingerprint || s->schedule.views != t->view_count)
-    return pags_fail(PAGS_ERROR_ARGUMENT,
-                     "%s: belongs to other views, or another choice of what is critical, than those of %s", path,
-                     pags_dataset_path(t->dataset));
+    return refuse_other_views(t);
   if (field)
     return pags_fail(PAGS_ERROR_ARGUMENT,
                      "%s: was begun with another %s; pass the same, or --overwrite to begin afresh", path, field);

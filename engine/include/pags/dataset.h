@@ -23,12 +23,13 @@ extern "C" {
 /* ---- Options, views and labels ---- */
 
 typedef struct pags_dataset_options {
-  const char *colmap; /* folder of a COLMAP model to use instead of transforms.json; NULL: transforms.json if present,
-                         else the model in the data set */
-  double downscale;   /* factor by which cameras and photographs are shrunk, >= 1; default 1 (full size) */
-  /* Which views are held out. Static sets: every Nth view in file-name order (index % N == 0). Driving sets: all
-   * cameras of every time step t > 0 with t % N == 0. N = 0: none; N >= 2; -1 (default): 8 for static sets, 4 for
-   * driving sets. */
+  /* Folder of a COLMAP model, or one above it, to use instead of transforms.json, as it stands or relative to the data
+   * set; NULL: transforms.json if present, else the model in the data set. */
+  const char *colmap;
+  double downscale; /* factor by which cameras and photographs are shrunk, >= 1; default 1 (full size) */
+  /* Which views are held out. Static sets: every Nth view in file-name order (index % N == 0, missing pictures
+   * counted). Driving sets: all cameras of every time step t > 0 with t % N == 0. N = 0: none; N >= 2; -1 (default): as
+   * the data set states, else 8 for static sets, 4 for driving sets. */
   int split_every;
   int allow_missing; /* 1: views whose image or pose is missing are left out, with a warning in the log; 0: an error */
   uint64_t seed;     /* seed of the random points that a static set without points of its own gets */
@@ -105,17 +106,21 @@ typedef struct pags_sweep {
 typedef struct pags_dataset pags_dataset;
 
 /* Opens a data set. `path` is a folder with transforms.json, a transforms file itself, a driving set (a folder with
- * dataset.json, or with images and ego_pose or extrinsics), or a folder with images and a COLMAP model in .,
- * sparse/0, sparse or colmap/sparse/0. `options` may be NULL (the defaults).
+ * dataset.json, or with images and ego_pose or extrinsics), a folder with transforms_train.json and, as held-out views,
+ * transforms_val.json and transforms_test.json, or a folder with images and a COLMAP model in it, in sparse/N, sparse,
+ * colmap/sparse/N or elsewhere at most 4 levels below: of several beside each other the one with most pictures.
+ * `options` may be NULL (the defaults).
+ *
+ * What is ignored, guessed or left out is logged as a warning, a line a kind.
  *
  * No picture is decoded, but every header is read: each image must exist and have the size that its camera states.
  * Labels with faults are mended or left out, with a warning in the log (docs/dataset-layout.md). Views of static sets
  * are in file-name order, those of driving sets are sorted by frame, then by camera.
  *
  * PAGS_ERROR_ARGUMENT (an option out of range or that names nothing known), PAGS_ERROR_IO (missing files),
- * PAGS_ERROR_FORMAT (no data set; damaged files; all views held out), PAGS_ERROR_LIMIT, PAGS_ERROR_UNSUPPORTED
- * (an unknown camera model; a picture that takes OpenImageIO where there is none) or PAGS_ERROR_MEMORY; then *out is
- * NULL. */
+ * PAGS_ERROR_FORMAT (no data set, or one of another program, which is named; damaged files; all views held out),
+ * PAGS_ERROR_LIMIT, PAGS_ERROR_UNSUPPORTED (an unknown camera model; a picture that takes OpenImageIO where there is
+ * none) or PAGS_ERROR_MEMORY; then *out is NULL. */
 PAGS_API pags_result pags_dataset_open(const char *path, const pags_dataset_options *options, pags_dataset **out);
 
 /* Frees a data set. NULL is allowed. */
@@ -123,6 +128,9 @@ PAGS_API void pags_dataset_close(pags_dataset *dataset);
 
 /* Returns the path that the data set was opened by. */
 PAGS_API const char *pags_dataset_path(const pags_dataset *dataset);
+
+/* Returns options.colmap as it was given; NULL: none was. */
+PAGS_API const char *pags_dataset_colmap(const pags_dataset *dataset);
 
 /* Returns "transforms.json" or "colmap", or the kind of a driving set ("waymo", ..., "pags"). */
 PAGS_API const char *pags_dataset_kind(const pags_dataset *dataset);
@@ -200,7 +208,8 @@ PAGS_API void pags_outline_fill(const double *corners, int count, int width, int
 
 /* Returns the points to start a training from, owned by the data set. They are the points of the COLMAP model or
  * the point file of the data set (with options.sfm those of that model) with their colours; where the tracks of
- * the points are known, only points that at least 2 training views observe. A static set without such points gets
+ * the points are known, only points that at least 2 training views observe (1 if no track has 2), or of whose views
+ * none is in the data set. A static set without such points gets
  * random ones in the common view of its training cameras, and *random becomes 1; a driving set without them gets
  * none (*count is 0). xyz: 3 floats per point, metres, relative to the origin; rgb: 3 bytes per point. */
 PAGS_API void pags_dataset_points(const pags_dataset *dataset, int64_t *count, const float **xyz, const uint8_t **rgb,

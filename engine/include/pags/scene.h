@@ -53,6 +53,7 @@ typedef struct pags_scene {
   double time_begin, time_end; /* seconds; both 0 for a static scene */
   uint64_t seed;               /* seed of the training */
   char *dataset;               /* path of the data set that the scene was trained from; NULL if unknown */
+  char *colmap;                /* folder of the COLMAP model whose cameras were asked for; NULL: none was */
   char *config;                /* the training configuration as JSON text; NULL if unknown */
   int64_t iterations;          /* training steps done; 0 if unknown */
   int64_t model_count;
