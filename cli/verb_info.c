@@ -40,7 +40,7 @@ static const pags_option options[] = {
               "photographs of "
               "at most 20 time steps, and say how well they agree"),
     PAGS_VALUE("downscale", 0, DOUBLE, AT(options.downscale), 1, 64, "F", "times", NULL, "of data sets: as for train"),
-    PAGS_VALUE("split-every", 0, INT, AT(options.split_every), 0, 1e9, "N", "views; 0: none", "8; driving sets 4",
+    PAGS_VALUE("split-every", 0, INT, AT(options.split_every), 0, 1e9, "N", "views; 0: none", "as stated, else 8; driving sets 4",
                "of data sets: as for train"),
     PAGS_TEXT("colmap", 0, AT(options.colmap), "FOLDER", NULL, "of data sets: as for train"),
     PAGS_FLAG("allow-missing", 0, AT(options.allow_missing), "of data sets: as for train"),

@@ -64,7 +64,7 @@ static const pags_option options[] = {
     PAGS_TEXT("dataset", 0, AT(dataset), "DATASET", NULL,
               "take the views of --split from this data set in place of the scene's own"),
     PAGS_VALUE("split-every", 0, INT, AT(dataset_options.split_every), 0, 1e9, "N", "views; 0: none",
-               "8; driving sets 4", "with --dataset: every Nth is held out"),
+               "as stated, else 8; driving sets 4", "with --dataset: every Nth is held out"),
     PAGS_TEXT("colmap", 0, AT(dataset_options.colmap), "FOLDER", NULL, "with --dataset: use this COLMAP model"),
     PAGS_FLAG("allow-missing", 0, AT(dataset_options.allow_missing),
               "with --dataset: leave out views whose photograph is missing"),

@@ -54,7 +54,7 @@ static pags_option options[] = {
 
     PAGS_GROUP("The photographs"),
     PAGS_VALUE("downscale", 0, DOUBLE, AT(dataset.downscale), 1, 64, "F", "times", NULL, "shrink the photographs"),
-    PAGS_VALUE("split-every", 0, INT, AT(dataset.split_every), 0, 1e9, "N", NULL, "8; driving sets 4",
+    PAGS_VALUE("split-every", 0, INT, AT(dataset.split_every), 0, 1e9, "N", NULL, "as stated, else 8; driving sets 4",
                "hold out every Nth photograph, of driving sets every Nth time step; 0: none"),
     PAGS_FLAG("reconstruction", 0, AT(reconstruction), "hold nothing out: train on every photograph"),
     PAGS_TEXT("colmap", 0, AT(dataset.colmap), "FOLDER", NULL,
