@@ -51,8 +51,8 @@ static const pags_option options[] = {
 
     PAGS_GROUP("For splat files, which record no views"),
     PAGS_VALUE("downscale", 0, DOUBLE, AT(options.downscale), 1, 64, "F", "times", NULL, "shrink the photographs"),
-    PAGS_VALUE("split-every", 0, INT, AT(options.split_every), 0, 1e9, "N", "views; 0: none", "as stated, else 8; driving sets 4",
-               "every Nth view counts as held out"),
+    PAGS_VALUE("split-every", 0, INT, AT(options.split_every), 0, 1e9, "N", "views; 0: none",
+               "as stated, else 8; driving sets 4", "every Nth view counts as held out"),
     PAGS_FLAG("allow-missing", 0, AT(options.allow_missing), "leave out views whose photograph or pose is missing"),
     PAGS_TEXT("colmap", 0, AT(options.colmap), "FOLDER", NULL,
               "take cameras from this COLMAP model (a scene remembers the one it was trained with)"),

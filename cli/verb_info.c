@@ -16,6 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/file.h"
+#include "dataset/foreign.h"
 #include "dataset/foreign_recording.h"
 #include "port/port.h"
 #include "train/checkpoint.h"
@@ -40,8 +41,8 @@ static const pags_option options[] = {
               "photographs of "
               "at most 20 time steps, and say how well they agree"),
     PAGS_VALUE("downscale", 0, DOUBLE, AT(options.downscale), 1, 64, "F", "times", NULL, "of data sets: as for train"),
-    PAGS_VALUE("split-every", 0, INT, AT(options.split_every), 0, 1e9, "N", "views; 0: none", "as stated, else 8; driving sets 4",
-               "of data sets: as for train"),
+    PAGS_VALUE("split-every", 0, INT, AT(options.split_every), 0, 1e9, "N", "views; 0: none",
+               "as stated, else 8; driving sets 4", "of data sets: as for train"),
     PAGS_TEXT("colmap", 0, AT(options.colmap), "FOLDER", NULL, "of data sets: as for train"),
     PAGS_FLAG("allow-missing", 0, AT(options.allow_missing), "of data sets: as for train"),
     PAGS_DRIVING_OPTIONS(AT(options)),
@@ -223,7 +224,10 @@ static pags_result describe(pags_report *report, const info_arguments *arguments
       break;
   }
 
-  /* Anything else must be a splat file: its loader tells the format. */
+  /* Anything else is a file of another program, which the data set's reader names, or a splat file: its loader tells
+   * the format. */
+  if (pags_foreign_knows(path))
+    return describe_dataset(report, arguments, path);
   pags_gaussians gaussians;
   const char *kind;
   int antialiased;

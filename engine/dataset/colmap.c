@@ -9,6 +9,7 @@
 #include "dataset/find_file.h"
 
 #include "base/file.h"
+#include "base/log.h"
 #include "base/memory.h"
 #include "base/sort.h"
 #include "base/text.h"
@@ -207,10 +208,20 @@ static char *find_pictures(const char *root, const char *model, const pags_parse
     char *folder =
         strcmp(places[place], ".") == 0 ? pags_text_copy(bases[place]) : pags_path_join(bases[place], places[place]);
     pags_file_finder finder = {0};
-    if (folder && pags_dir_exists(folder) && holds_picture(folder, parsed, i < PLACES ? NULL : &finder))
-      chosen = folder;
-    else
+    bool other_case = false;
+    if (folder && i >= PLACES && strcmp(places[place], "images") == 0 && !pags_dir_exists(folder)) {
       free(folder);
+      folder = pags_find_folder(&finder, bases[place], "images");
+      other_case = folder != NULL;
+    }
+    if (folder && pags_dir_exists(folder) && holds_picture(folder, parsed, i < PLACES ? NULL : &finder)) {
+      chosen = folder;
+      if (other_case)
+        pags_log_message(PAGS_LOG_WARNING, "%s: there is no folder images; its pictures are taken from %s", model,
+                         folder);
+    } else {
+      free(folder);
+    }
     pags_file_finder_drop(&finder);
   }
   return chosen ? chosen : pags_path_join(root, "images");

@@ -165,7 +165,7 @@ static int by_text(const void *a, const void *b) {
   return strcmp(*(const char *const *)a, *(const char *const *)b);
 }
 
-pags_result pags_colmap_count_unused(const pags_parsed_dataset *parsed) {
+pags_result pags_count_unused_pictures(const pags_parsed_dataset *parsed) {
   const char **used = malloc(((size_t)parsed->count + 1) * sizeof *used);
   if (!used)
     return pags_out_of_memory("%s", parsed->source);

@@ -14,6 +14,6 @@
 pags_result pags_colmap_find_model(const char *root, char **out);
 
 /* Warns of pictures that lie beside those of the views but are none of them. */
-pags_result pags_colmap_count_unused(const pags_parsed_dataset *parsed);
+pags_result pags_count_unused_pictures(const pags_parsed_dataset *parsed);
 
 #endif

@@ -36,7 +36,7 @@ static pags_result read_model(const char *root, const char *folder, pags_parsed_
   *found = model != NULL;
   pags_result result = model ? pags_colmap_read(root, model, parsed) : PAGS_OK;
   if (model && result == PAGS_OK)
-    result = pags_colmap_count_unused(parsed);
+    result = pags_count_unused_pictures(parsed);
   if (model && result == PAGS_OK)
     result = pags_split_read_text(root, model, parsed);
   free(model);
@@ -64,6 +64,16 @@ static pags_result read_named_model(const char *path, const char *name, pags_par
   return result;
 }
 
+/* Reads the transforms.json of a folder. Files of a split beside it are said to be ignored. */
+static pags_result read_transforms_of(const char *folder, const char *transforms, pags_parsed_dataset *parsed) {
+  if (pags_folder_has(folder, "transforms_train.json"))
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s: transforms.json is used; transforms_train.json and the files of its split are not (without "
+                     "transforms.json they are one data set)",
+                     folder);
+  return pags_transforms_read(transforms, parsed);
+}
+
 static pags_result read_parsed(const char *path, const pags_dataset_options *options, pags_parsed_dataset *parsed) {
   if (!pags_path_exists(path))
     return pags_fail(PAGS_ERROR_IO, "%s: no such file or folder", path);
@@ -80,7 +90,7 @@ static pags_result read_parsed(const char *path, const pags_dataset_options *opt
     if (options->kind)
       result = pags_driving_read(path, options, parsed);
     else if (pags_file_exists(transforms))
-      result = pags_transforms_read(transforms, parsed);
+      result = read_transforms_of(path, transforms, parsed);
     else if (pags_driving_is_set(path))
       result = pags_driving_read(path, options, parsed);
     else if (pags_folder_has(path, "transforms_train.json"))
@@ -272,8 +282,9 @@ static pags_result check_plausible(const pags_dataset *dataset) {
           "pixels (are they in millimetres, or the pictures of another size?)",
           view->where, pags_path_name(view->image_path), lens->fx, lens->fy, lens->width, lens->height,
           2 * pags_atan(0.5 / ratio) * 180 / 3.14159265358979323846);
-    const bool usual = ratio > 0.1 && ratio < 50 && even > 0.5 && even < 2 && lens->cx >= 0 && lens->cy >= 0 &&
-                       lens->cx <= lens->width && lens->cy <= lens->height;
+    const double x = lens->cx / lens->width, y = lens->cy / lens->height;
+    const bool usual =
+        ratio > 0.1 && ratio < 50 && even > 0.5 && even < 2 && x > 0.05 && x < 0.95 && y > 0.05 && y < 0.95;
     first = usual || first ? first : view;
     odd += !usual;
   }

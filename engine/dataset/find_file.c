@@ -189,6 +189,16 @@ pags_result pags_find_file(pags_file_finder *finder, const char *folder, const c
   return PAGS_OK;
 }
 
+char *pags_find_folder(pags_file_finder *finder, const char *folder, const char *name) {
+  const char *entry = list_folder(finder, folder) ? entry_of_case(finder, name, strlen(name)) : NULL;
+  char *path = entry ? pags_path_join(folder, entry) : NULL;
+  if (path && !pags_dir_exists(path)) {
+    free(path);
+    path = NULL;
+  }
+  return path;
+}
+
 void pags_file_finder_drop(pags_file_finder *finder) {
   for (int i = 0; i < PAGS_SPELLINGS; i++) {
     free(finder->named[i]);

@@ -33,6 +33,10 @@ typedef struct pags_file_finder {
  * such file it is the path that the name stands for, and *exists is false. PAGS_ERROR_MEMORY; then *out is NULL. */
 pags_result pags_find_file(pags_file_finder *finder, const char *folder, const char *name, char **out, bool *exists);
 
+/* Returns the only folder in `folder` whose name is `name` but for letter case, freed by the caller; NULL if there is
+ * none, or out of memory. */
+char *pags_find_folder(pags_file_finder *finder, const char *folder, const char *name);
+
 /* Logs a warning a kind of spelling and frees the finder. `what`: "pictures". */
 void pags_file_finder_end(pags_file_finder *finder, const char *source, const char *what);
 

@@ -20,7 +20,9 @@
   "Metashape's",                                                                                    \
       "export the cameras as COLMAP there (File, Export, Export Cameras), or use `ns-process-data " \
       "metashape`"
-#define REALITY "RealityScan's", "export the registration as COLMAP there, with undistorted pictures"
+#define REALITY_NAME "RealityScan's"
+#define REALITY_WAY "export the registration as COLMAP there, with undistorted pictures"
+#define REALITY REALITY_NAME, REALITY_WAY
 #define TRAJECTORY "a trajectory (.log, of Open3D or Tanks and Temples)", "it has no intrinsics: " PICTURES
 #define POLYCAM \
   "Polycam's raw export", "`ns-process-data polycam --data FOLDER --output-dir OUT` writes a transforms.json"
@@ -71,6 +73,23 @@ static const mark marks[] = {
 
 enum { MARKS = sizeof marks / sizeof *marks };
 
+#define MODEL_FILE "a file of a COLMAP model", "give the folder of the data set, or the model's by --colmap"
+
+/* Of a path that is a file, before `marks`. */
+static const mark file_marks[] = {
+    {"cameras.txt", MODEL_FILE},
+    {"cameras.bin", MODEL_FILE},
+    {"images.txt", MODEL_FILE},
+    {"images.bin", MODEL_FILE},
+    {"points3d.txt", MODEL_FILE},
+    {"points3d.bin", MODEL_FILE},
+    {"*.csv", "a table, perhaps " REALITY_NAME " cameras", REALITY_WAY},
+    {"*.out", "Bundler's", PICTURES},
+    {"*.ply", "a file of points or splats", "a data set has photographs: give their folder"},
+};
+
+enum { FILE_MARKS = sizeof file_marks / sizeof *file_marks };
+
 static char lower(char c) {
   return c >= 'A' && c <= 'Z' ? (char)(c - 'A' + 'a') : c;
 }
@@ -106,10 +125,19 @@ static pags_result refuse_folder(const char *path) {
         found = &marks[i], name = list.names[j];
   }
   int64_t pictures = 0;
-  for (int64_t i = 0; i < list.count; i++)
+  const char *part = NULL; /* a transforms file of another name */
+  for (int64_t i = 0; i < list.count; i++) {
+    if (strncmp(list.names[i], "transforms", 10) == 0 && strcmp(pags_path_extension(list.names[i]), ".json") == 0)
+      part = part ? part : list.names[i];
     pictures += pags_is_picture_name(list.names[i]);
+  }
   pags_result result;
-  if (found)
+  if (part)
+    result = pags_fail(PAGS_ERROR_FORMAT,
+                       "%s: not a data set: it has no transforms.json and no transforms_train.json, but %s: give that "
+                       "file itself",
+                       path, part);
+  else if (found)
     result = refuse(path, name, found);
   else if (pictures)
     result = pags_fail(PAGS_ERROR_FORMAT,
@@ -126,13 +154,28 @@ static pags_result refuse_folder(const char *path) {
   return result;
 }
 
+static const mark *mark_of_file(const char *path) {
+  for (int i = 0; i < FILE_MARKS; i++)
+    if (fits(&file_marks[i], pags_path_name(path)))
+      return &file_marks[i];
+  for (int i = 0; i < MARKS; i++)
+    if (fits(&marks[i], pags_path_name(path)))
+      return &marks[i];
+  return NULL;
+}
+
+bool pags_foreign_knows(const char *path) {
+  const mark *m = mark_of_file(path);
+  return m && strcmp(m->name, "*.ply") != 0;
+}
+
 pags_result pags_foreign_refuse(const char *path) {
   PAGS_TRY(pags_foreign_recording_check(path, true));
   if (pags_dir_exists(path))
     return refuse_folder(path);
-  for (int i = 0; i < MARKS; i++)
-    if (fits(&marks[i], pags_path_name(path)))
-      return refuse(path, pags_path_name(path), &marks[i]);
+  const mark *m = mark_of_file(path);
+  if (m)
+    return refuse(path, pags_path_name(path), m);
   return pags_fail(PAGS_ERROR_FORMAT, "%s: not a data set: expected a folder or a transforms file (.json); %s", path,
                    PICTURES);
 }
@@ -156,9 +199,9 @@ pags_result pags_foreign_refuse_json(const pags_json *json) {
   for (size_t i = 0; object && i < sizeof keys / sizeof *keys; i++)
     if (pags_json_member(object, keys[i].key))
       return pags_json_fail(json, root, "not a data set that can be read: it is %s; %s", keys[i].whose, keys[i].way);
-  for (int i = 0; i < MARKS; i++)
-    if (fits(&marks[i], pags_path_name(path)))
-      return refuse(path, pags_path_name(path), &marks[i]);
+  const mark *m = mark_of_file(path);
+  if (m)
+    return refuse(path, pags_path_name(path), m);
   return pags_json_fail(json, root,
                         "not a data set: expected 'frames', each with 'file_path' and 'transform_matrix', as in a "
                         "transforms.json of nerfstudio or instant-ngp");

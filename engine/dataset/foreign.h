@@ -3,9 +3,14 @@
 #ifndef PAGS_DATASET_FOREIGN_H
 #define PAGS_DATASET_FOREIGN_H
 
+#include <stdbool.h>
+
 #include <pags/base.h>
 
 #include "base/json.h"
+
+/* Whether a file is one of another program by its name. */
+bool pags_foreign_knows(const char *path);
 
 /* Fails: `path`, a file or folder, is no data set. The message names the program whose files it holds and what would
  * do; where nothing is known of it, what a data set is and the command that makes one of pictures. */

@@ -5,6 +5,7 @@
  * frame takes precedence. transform_matrix is camera-to-world with OpenGL camera axes (x right, y up, z backward);
  * negating its y and z columns gives OpenCV's axes. The world axes are left as they are; nerfstudio's tools rotate
  * the world so that +z is up. */
+#include "dataset/colmap_models.h"
 #include "dataset/find_file.h"
 #include "dataset/foreign.h"
 #include "dataset/parsed.h"
@@ -332,6 +333,9 @@ pags_result pags_transforms_read(const char *path, pags_parsed_dataset *parsed) 
   pags_result result = begin(path, parsed);
   if (result == PAGS_OK)
     result = append(path, PAGS_SPLIT_NONE, parsed);
+  /* A file of another name may be meant as a part of the capture. */
+  if (result == PAGS_OK && !parsed->split_by && strcmp(pags_path_name(path), "transforms.json") == 0)
+    result = pags_count_unused_pictures(parsed);
   if (result != PAGS_OK)
     pags_parsed_destroy(parsed);
   return result;

@@ -90,6 +90,12 @@ class Colmap(Case):
         self.assertIn("1 of 6 pictures are found in other letter case", facts["warnings"][0])
         self.assertIn("5 of 6 pictures are found with another extension", facts["warnings"][1])
 
+    def test_folder_in_other_letter_case(self):
+        self.model("sparse/0", self.pictures(folder="Images"))
+        facts, _ = self.info()
+        self.assertEqual(self.views(facts), 6)
+        self.warning(facts, "there is no folder images", "/Images")
+
     def test_two_pictures_of_a_stem(self):
         """Which of them is meant can't be known."""
         names = self.pictures()
@@ -195,6 +201,16 @@ class Transforms(DataCase):
         self.save(test_filenames=names[:1])
         self.assertEqual(self.info()[0]["views_train"], 8)
 
+    def test_what_is_beside(self):
+        self.save(frames=self.content["frames"][:6])
+        facts, _ = self.info()
+        self.assertEqual(len(facts["warnings"]), 1, facts["warnings"])
+        self.assertIn("3 of 9 pictures beside the ones used are not in it", facts["warnings"][0])
+        self.save("transforms_train.json")
+        self.assertIn("transforms.json is used", self.info()[0]["warnings"][0])
+        self.save(cx=0.5, cy=0.5)
+        self.assertIn("9 of 9 views have unlikely intrinsics", self.info()[0]["warnings"][1])
+
     def split_files(self):
         os.remove(os.path.join(self.data, "transforms.json"))
         frames = self.content["frames"]
@@ -270,6 +286,7 @@ class Foreign(Case):
             "database.db": ["database", "colmap mapper"],
             "drive.MP4": ["video", "ffmpeg", "colmap"],
             "a.jpg": ["1 picture without cameras", "colmap automatic_reconstructor"],
+            "transforms_test.json": ["transforms_test.json", "give that file itself"],
             "readme.md": ["not a data set", "colmap automatic_reconstructor"],
         }.items():
             with self.subTest(name):
@@ -288,6 +305,10 @@ class Foreign(Case):
             path = self.write(name, text)
             self.fails(["info", path], f"{name}:1: not a data set", word)
             self.fails(["train", path, "-o", self.path("out")], f"{name}:1: not a data set", word)
+        for name, word in [("cameras.xml", "Metashape"), ("a.log", "trajectory"), ("b.mp4", "ffmpeg"), ("images.txt", "COLMAP model")]:
+            path = self.write(name, "text")
+            self.fails(["info", path], path, word)
+            self.fails(["train", path, "-o", self.path("out")], path, word)
 
 
 if __name__ == "__main__":
