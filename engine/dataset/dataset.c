@@ -269,8 +269,7 @@ static pags_result make_views(pags_dataset *dataset, const pags_dataset_options 
 
 /* Warns of intrinsics of static sets that no usual camera has, and refuses those that none can have. */
 static pags_result check_plausible(const pags_dataset *dataset) {
-  int64_t odd = 0;
-  const pags_parsed_view *first = NULL;
+  int64_t odd = 0, first = 0;
   for (int64_t i = 0; i < dataset->count; i++) {
     const pags_parsed_view *view = &dataset->parsed.views[i];
     const pags_lens *lens = &view->lens;
@@ -283,18 +282,27 @@ static pags_result check_plausible(const pags_dataset *dataset) {
           view->where, pags_path_name(view->image_path), lens->fx, lens->fy, lens->width, lens->height,
           2 * pags_atan(0.5 / ratio) * 180 / 3.14159265358979323846);
     const double x = lens->cx / lens->width, y = lens->cy / lens->height;
-    const bool usual =
-        ratio > 0.1 && ratio < 50 && even > 0.5 && even < 2 && x > 0.05 && x < 0.95 && y > 0.05 && y < 0.95;
-    first = usual || first ? first : view;
-    odd += !usual;
+    const double left = (double)dataset->pinholes[i].width / lens->width;
+    if (left < 0.1)
+      return pags_fail(PAGS_ERROR_FORMAT,
+                       "%s (%s): its distortion leaves %d x %d pixels of %d x %d; expected parameters of a lens",
+                       view->where, pags_path_name(view->image_path), dataset->pinholes[i].width,
+                       dataset->pinholes[i].height, lens->width, lens->height);
+    const bool usual = ratio > 0.1 && ratio < 50 && even > 0.5 && even < 2 && x > 0.05 && x < 0.95 && y > 0.05 &&
+                       y < 0.95 && left > 0.5;
+    if (!usual && !odd++)
+      first = i;
   }
+  const pags_parsed_view *view = &dataset->parsed.views[first];
+  const pags_lens *lens = &view->lens;
   if (odd)
     pags_log_message(
         PAGS_LOG_WARNING,
         "%s: %lld of %lld views have unlikely intrinsics, the first is %s: focal lengths %g and %g, centre "
-        "%g, %g for %d x %d pixels",
-        dataset->parsed.source, (long long)odd, (long long)dataset->count, pags_path_name(first->image_path),
-        first->lens.fx, first->lens.fy, first->lens.cx, first->lens.cy, first->lens.width, first->lens.height);
+        "%g, %g for %d x %d pixels, of which the distortion leaves %d x %d",
+        dataset->parsed.source, (long long)odd, (long long)dataset->count, pags_path_name(view->image_path), lens->fx,
+        lens->fy, lens->cx, lens->cy, lens->width, lens->height, dataset->pinholes[first].width,
+        dataset->pinholes[first].height);
   return PAGS_OK;
 }
 

@@ -26,6 +26,7 @@
 #define TRAJECTORY "a trajectory (.log, of Open3D or Tanks and Temples)", "it has no intrinsics: " PICTURES
 #define POLYCAM \
   "Polycam's raw export", "`ns-process-data polycam --data FOLDER --output-dir OUT` writes a transforms.json"
+#define PART "of a COLMAP model that lacks files", "expected cameras and images there, both .bin or both .txt"
 #define PICTURES                                                                                                     \
   "`colmap automatic_reconstructor --workspace_path FOLDER --image_path FOLDER/images` makes a COLMAP model of the " \
   "pictures"
@@ -69,7 +70,15 @@ static const mark marks[] = {
     {"*.mov", "a video", "`ffmpeg -i VIDEO -vf fps=2 images/%05d.jpg` makes pictures; then " PICTURES},
     {"*.insv", "a 360-degree video", "its pictures are panoramas, which can't be used yet"},
     {"*.xml", METASHAPE},
-    {"*.p4d", "Pix4D's", PICTURES}};
+    {"*.p4d", "Pix4D's", PICTURES},
+    {"cameras.bin", PART},
+    {"cameras.txt", PART},
+    {"images.bin", PART},
+    {"images.txt", PART},
+    {"sparse/0/cameras.bin", PART},
+    {"sparse/0/cameras.txt", PART},
+    {"sparse/0/images.bin", PART},
+    {"sparse/0/images.txt", PART}};
 
 enum { MARKS = sizeof marks / sizeof *marks };
 
@@ -116,21 +125,27 @@ static pags_result refuse_folder(const char *path) {
   const mark *found = NULL;
   const char *name = NULL;
   for (int i = 0; i < MARKS && !found; i++) {
-    char *inside = strchr(marks[i].name, '/') ? pags_path_join(path, marks[i].name) : NULL;
-    if (inside && pags_path_exists(inside))
+    char *file = strchr(marks[i].name, '/') ? pags_path_join(path, marks[i].name) : NULL;
+    if (file && pags_path_exists(file))
       found = &marks[i], name = marks[i].name;
-    free(inside);
+    free(file);
     for (int64_t j = 0; j < list.count && !found; j++)
       if (fits(&marks[i], list.names[j]))
         found = &marks[i], name = list.names[j];
   }
-  int64_t pictures = 0;
+  int64_t pictures = 0, inside = 0;
   const char *part = NULL; /* a transforms file of another name */
   for (int64_t i = 0; i < list.count; i++) {
     if (strncmp(list.names[i], "transforms", 10) == 0 && strcmp(pags_path_extension(list.names[i]), ".json") == 0)
       part = part ? part : list.names[i];
     pictures += pags_is_picture_name(list.names[i]);
   }
+  char *images = pags_path_join(path, "images");
+  pags_dir_list below = {0};
+  if (images && pags_dir_exists(images) && pags_dir_list_read(images, &below) == PAGS_OK)
+    for (int64_t i = 0; i < below.count; i++)
+      inside += pags_is_picture_name(below.names[i]);
+  pags_dir_list_destroy(&below);
   pags_result result;
   if (part)
     result = pags_fail(PAGS_ERROR_FORMAT,
@@ -139,11 +154,12 @@ static pags_result refuse_folder(const char *path) {
                        path, part);
   else if (found)
     result = refuse(path, name, found);
-  else if (pictures)
+  else if (pictures || inside)
     result = pags_fail(PAGS_ERROR_FORMAT,
                        "%s: not a data set: %lld picture%s without cameras; `colmap automatic_reconstructor "
                        "--workspace_path FOLDER --image_path %s` makes a COLMAP model of them",
-                       path, (long long)pictures, pictures == 1 ? "" : "s", path);
+                       path, (long long)(inside ? inside : pictures), (inside ? inside : pictures) == 1 ? "" : "s",
+                       inside ? images : path);
   else
     result = pags_fail(
         PAGS_ERROR_FORMAT,
@@ -151,6 +167,7 @@ static pags_result refuse_folder(const char *path) {
         "transforms_train.json, and no COLMAP model (cameras and images, .bin or .txt) in it, in sparse/0 or below; %s",
         path, PICTURES);
   pags_dir_list_destroy(&list);
+  free(images);
   return result;
 }
 

@@ -65,6 +65,11 @@ pags_result pags_split_lists_read(const pags_json *json, const pags_json_value *
   PAGS_TRY(add_list(json, root, "train_filenames", PAGS_SPLIT_TRAIN, out, &out->trains));
   PAGS_TRY(add_list(json, root, "val_filenames", PAGS_SPLIT_TEST, out, &val));
   PAGS_TRY(add_list(json, root, "test_filenames", PAGS_SPLIT_TEST, out, &test));
+  if (out->count == 0) { /* lists without names state nothing */
+    free(out->names);
+    out->names = NULL;
+    return PAGS_OK;
+  }
   pags_sort(out->names, out->count, sizeof *out->names, by_name);
   /* Of a name in several lists the first, which holds it out, is the one that counts. */
   int64_t kept = 0, twice = 0;

@@ -306,6 +306,12 @@ static pags_result read_all(reader *r, const char *path, pags_split split) {
     r->parsed->split_by = "its lists of file names";
   for (const pags_json_value *frame = frames->first; frame; frame = frame->next)
     PAGS_TRY(read_frame(r, frame, split));
+  if (r->lists.left_out && r->lists.left_out == frames->count)
+    return pags_json_fail(
+        r->json, frames,
+        "none of its %lld frames is in train_filenames, val_filenames or test_filenames; expected the "
+        "names that 'file_path' has",
+        (long long)frames->count);
   report_unused(r, frames);
   return r->parsed->points.count ? PAGS_OK : read_points(r);
 }

@@ -134,7 +134,7 @@ pags_result pags_lidar_read(const pags_scene *scene, int held_out, pags_lidar *o
   pags_dataset_options options = pags_dataset_options_default();
   pags_dataset *dataset = NULL;
   *out = (pags_lidar){0};
-  if (!scene->dataset)
+  if (!scene->dataset || !(scene->fps > 0)) /* captures have no LiDAR */
     return PAGS_OK;
   pags_result result = pags_dataset_open(scene->dataset, &options, &dataset);
   if (result == PAGS_OK && (pags_dataset_provides(dataset) & PAGS_PROVIDES_LIDAR))

@@ -198,6 +198,10 @@ class Transforms(DataCase):
         self.assertEqual(len(facts["warnings"]), 3, facts["warnings"])
         for word, line in zip(words, facts["warnings"]):
             self.assertIn(word, line)
+        self.save(train_filenames=["frames/1.png"])
+        self.fails(["info", self.data, "-q"], "none of its 9 frames is in train_filenames")
+        self.save(train_filenames=[], test_filenames=[])
+        self.assertEqual(self.info("--strict")[0]["views_test"], 2)
         self.save(test_filenames=names[:1])
         self.assertEqual(self.info()[0]["views_train"], 8)
 
@@ -210,6 +214,8 @@ class Transforms(DataCase):
         self.assertIn("transforms.json is used", self.info()[0]["warnings"][0])
         self.save(cx=0.5, cy=0.5)
         self.assertIn("9 of 9 views have unlikely intrinsics", self.info()[0]["warnings"][1])
+        self.save(k1=5000.0)
+        self.fails(["info", self.data], "its distortion leaves", "of 64 x 48")
 
     def split_files(self):
         os.remove(os.path.join(self.data, "transforms.json"))
@@ -287,6 +293,8 @@ class Foreign(Case):
             "drive.MP4": ["video", "ffmpeg", "colmap"],
             "a.jpg": ["1 picture without cameras", "colmap automatic_reconstructor"],
             "transforms_test.json": ["transforms_test.json", "give that file itself"],
+            "images/a.jpg": ["1 picture without cameras", "images` makes"],
+            "sparse/0/cameras.txt": ["a COLMAP model that lacks files", "cameras and images"],
             "readme.md": ["not a data set", "colmap automatic_reconstructor"],
         }.items():
             with self.subTest(name):
