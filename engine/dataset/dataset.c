@@ -315,7 +315,7 @@ static void report_split(const pags_dataset *dataset, const pags_dataset_options
   if (by && options->split_every < 0)
     pags_log_message(PAGS_LOG_INFO, "%s: %lld of %lld views are held out by %s", dataset->parsed.source,
                      (long long)held_out, (long long)dataset->count, by);
-  else if (by)
+  else if (by && options->split_every > 0)
     pags_log_message(PAGS_LOG_INFO, "%s: %lld of %lld views are held out by --split-every, not those of %s",
                      dataset->parsed.source, (long long)held_out, (long long)dataset->count, by);
 }
