@@ -165,51 +165,65 @@ static int by_text(const void *a, const void *b) {
   return strcmp(*(const char *const *)a, *(const char *const *)b);
 }
 
-pags_result pags_count_unused_pictures(const pags_parsed_dataset *parsed) {
-  const char **used = malloc(((size_t)parsed->count + 1) * sizeof *used);
-  if (!used)
-    return pags_out_of_memory("%s", parsed->source);
-  int64_t count = 0, pictures = 0, unused = 0;
-  for (int64_t i = 0; i < parsed->count; i++)
-    if (!parsed->views[i].missing)
-      used[count++] = parsed->views[i].image_path;
-  pags_sort(used, count, sizeof *used, by_text);
-  char *folder = NULL, *first = NULL;
+/* The path without the extensions of pictures: a copy in another format, or a mask NAME.jpg.png, belongs to its
+ * picture. */
+static char *stem_of(const char *folder, const char *name) {
+  char *path = folder ? pags_path_join(folder, name) : pags_text_copy(name);
+  for (char *end = path; path && end && pags_is_picture_name(pags_path_name(path));) {
+    end = path + strlen(path) - strlen(pags_path_extension(path));
+    *end = '\0';
+  }
+  return path;
+}
+
+/* Counts the pictures in `folder` whose stems are not among `used`, sorted; *first: the path of the first, kept. */
+static pags_result count_unused_in(const char *folder, char *const *used, int64_t count, int64_t *pictures,
+                                   int64_t *unused, char **first) {
+  pags_dir_list list = list_of(folder);
   pags_result result = PAGS_OK;
+  for (int64_t i = 0; i < list.count && result == PAGS_OK; i++) {
+    if (!pags_is_picture_name(list.names[i]))
+      continue;
+    char *stem = stem_of(folder, list.names[i]);
+    (*pictures)++;
+    if (!stem)
+      result = pags_out_of_memory("%s", folder);
+    else if (!bsearch(&stem, used, (size_t)count, sizeof *used, by_text) && !(*unused)++)
+      *first = pags_path_join(folder, list.names[i]);
+    free(stem);
+  }
+  pags_dir_list_destroy(&list);
+  return result;
+}
+
+pags_result pags_count_unused_pictures(const pags_parsed_dataset *parsed) {
+  char **used = calloc((size_t)parsed->count + 1, sizeof *used), *folder = NULL, *first = NULL;
+  pags_result result = used ? PAGS_OK : pags_out_of_memory("%s", parsed->source);
+  int64_t count = 0, pictures = 0, unused = 0;
+  for (int64_t i = 0; i < parsed->count && result == PAGS_OK; i++)
+    if (!parsed->views[i].missing && !(used[count++] = stem_of(NULL, parsed->views[i].image_path)))
+      result = pags_out_of_memory("%s", parsed->source);
+  if (result == PAGS_OK)
+    pags_sort(used, count, sizeof *used, by_text);
   for (int64_t i = 0; i < count && result == PAGS_OK; i++) {
     char *next = pags_path_folder(used[i]);
-    if (!next || (folder && strcmp(folder, next) == 0)) {
-      result = next ? PAGS_OK : pags_out_of_memory("%s", parsed->source);
+    if (!next) {
+      result = pags_out_of_memory("%s", parsed->source);
+    } else if (folder && strcmp(folder, next) == 0) {
       free(next);
-      continue;
+    } else {
+      free(folder);
+      folder = next;
+      result = count_unused_in(folder, used, count, &pictures, &unused, &first);
     }
-    free(folder);
-    folder = next;
-    pags_dir_list list = list_of(folder);
-    for (int64_t j = 0; j < list.count && result == PAGS_OK; j++) {
-      if (!pags_is_picture_name(list.names[j]))
-        continue;
-      char *path = pags_path_join(folder, list.names[j]);
-      const char *key = path;
-      pictures++;
-      if (!path) {
-        result = pags_out_of_memory("%s", parsed->source);
-      } else if (!bsearch(&key, used, (size_t)count, sizeof *used, by_text)) {
-        unused++;
-        if (!first) {
-          first = path;
-          path = NULL;
-        }
-      }
-      free(path);
-    }
-    pags_dir_list_destroy(&list);
   }
   if (result == PAGS_OK && unused)
     pags_log_message(PAGS_LOG_WARNING, "%s: %lld of %lld pictures beside the ones used are not in it, the first is %s",
-                     parsed->source, (long long)unused, (long long)pictures, first);
+                     parsed->source, (long long)unused, (long long)pictures, first ? first : folder);
+  for (int64_t i = 0; used && i < count; i++)
+    free(used[i]);
+  free(used);
   free(first);
   free(folder);
-  free(used);
   return result;
 }

@@ -206,10 +206,13 @@ class Transforms(DataCase):
         self.assertEqual(self.info()[0]["views_train"], 8)
 
     def test_what_is_beside(self):
+        write(os.path.join(self.data, "images/000.jpg"), GREY)  # a copy in another format, and a mask, aren't counted as left out
+        write(os.path.join(self.data, "images/001.png.png"), GREY)
+        self.assertEqual(self.info()[0]["warnings"], [])
         self.save(frames=self.content["frames"][:6])
         facts, _ = self.info()
         self.assertEqual(len(facts["warnings"]), 1, facts["warnings"])
-        self.assertIn("3 of 9 pictures beside the ones used are not in it", facts["warnings"][0])
+        self.assertIn("3 of 11 pictures beside the ones used are not in it", facts["warnings"][0])
         self.save("transforms_train.json")
         self.assertIn("transforms.json is used", self.info()[0]["warnings"][0])
         self.save(cx=0.5, cy=0.5)
@@ -250,14 +253,14 @@ class Transforms(DataCase):
         self.assertIn("3 of the scene's 5 views are not in it", done.stdout)
 
     def test_names_of_other_machines(self):
-        write(os.path.join(self.data, "masks", "0.png"), png_bytes(64, 48, bytes([255]) * (64 * 48 * 3)))
+        write(os.path.join(self.data, "mattes", "0.png"), png_bytes(64, 48, bytes([255]) * (64 * 48 * 3)))
         for prefix in ["C:\\Users\\x\\data\\", "/home/x/data/", "../data2/"]:
             frames = [{**f, "file_path": prefix + f["file_path"]} for f in self.content["frames"]]
             self.save(frames=frames)
             facts, _ = self.info()
             self.assertEqual(len(facts["warnings"]), 1, facts["warnings"])
             self.assertIn("9 of 9 files are found below this folder, not below the one that they name", facts["warnings"][0])
-        self.save(frames=[{**f, "file_path": f["file_path"].replace("/", "\\"), "mask_path": "Masks\\0.png"} for f in self.content["frames"]])
+        self.save(frames=[{**f, "file_path": f["file_path"].replace("/", "\\"), "mask_path": "Mattes\\0.png"} for f in self.content["frames"]])
         facts, _ = self.info()
         self.assertEqual(len(facts["warnings"]), 2, facts["warnings"])
 
