@@ -25,6 +25,7 @@ typedef struct exr_state {
   int width, height, channels;
   uint64_t pixel; /* bytes of a pixel in the file */
   int order[4];   /* which of the file's channels, which are sorted by name, becomes channel i */
+  bool alpha;     /* the last of 2, or the fourth of more channels is alpha */
   char message[256];
 } exr_state;
 
@@ -137,6 +138,9 @@ static pags_result order_channels(exr_state *state, const exr_attr_chlist_t *lis
   qsort(names, (size_t)list->num_channels, sizeof *names, compare_names);
   for (int i = 0; i < 4 && i < list->num_channels; i++)
     state->order[i] = names[i].index;
+  const int last = list->num_channels == 2 ? 1 : 3;
+  state->alpha = list->num_channels > last &&
+                 (strcasecmp(names[last].suffix, "A") == 0 || strcasecmp(names[last].suffix, "Alpha") == 0);
   free(names);
   return PAGS_OK;
 }
@@ -280,16 +284,15 @@ static pags_result decode(exr_state *state, int most, pags_image *out) {
   return result;
 }
 
-pags_result pags_exr_size(const pags_encoded *file, int *width, int *height) {
+pags_result pags_exr_inspect(const pags_encoded *file, pags_image_facts *facts) {
   exr_state state = {.file = file};
   uint64_t least;
   const pags_result result = begin(&state, &least);
   exr_finish(&state.context);
-  if (result != PAGS_OK)
-    return result;
-  *width = state.width;
-  *height = state.height;
-  return PAGS_OK;
+  if (result == PAGS_OK)
+    *facts = (pags_image_facts){
+        .width = state.width, .height = state.height, .alpha = state.alpha, .sample = PAGS_F32, .orientation = 1};
+  return result;
 }
 
 pags_result pags_exr_decode(const pags_encoded *file, int most, pags_image *out) {

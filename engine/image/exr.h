@@ -8,8 +8,8 @@
 
 #include "image/encoded.h"
 
-/* Reads width and height, those of the data window. Errors as pags_exr_decode. */
-pags_result pags_exr_size(const pags_encoded *file, int *width, int *height);
+/* Reads what the header says; the size is that of the data window. Errors as pags_exr_decode. */
+pags_result pags_exr_inspect(const pags_encoded *file, pags_image_facts *facts);
 
 /* Decodes the first `most` (1..4) channels of the first part of a file: F32, as they are stored, so alpha isn't divided
  * out. R, G, B, Y, A and Z (or Red, Green, ...) come in that order and before other channels, which follow by name;

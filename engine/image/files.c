@@ -28,7 +28,7 @@ enum { MAGIC = 8 };
 typedef struct picture_format {
   uint8_t magic[MAGIC]; /* how its files begin */
   size_t magic_size;
-  pags_result (*size)(const pags_encoded *file, int *width, int *height);
+  pags_result (*inspect)(const pags_encoded *file, pags_image_facts *facts);
   pags_result (*decode)(const pags_encoded *file, int most, pags_image *out);
 } picture_format;
 
@@ -36,9 +36,9 @@ typedef struct picture_format {
  * one of that format, cut off. */
 static const picture_format *find_format(const uint8_t *bytes, size_t size) {
   static const picture_format formats[] = {
-      {{0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'}, 8, pags_png_size, pags_png_decode},
-      {{0xff, 0xd8}, 2, pags_jpeg_size, pags_jpeg_decode},
-      {{0x76, 0x2f, 0x31, 0x01}, 4, pags_exr_size, pags_exr_decode},
+      {{0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'}, 8, pags_png_inspect, pags_png_decode},
+      {{0xff, 0xd8}, 2, pags_jpeg_inspect, pags_jpeg_decode},
+      {{0x76, 0x2f, 0x31, 0x01}, 4, pags_exr_inspect, pags_exr_decode},
   };
   for (size_t i = 0; i < sizeof formats / sizeof *formats; i++)
     if (size > 0 && memcmp(bytes, formats[i].magic, size < formats[i].magic_size ? size : formats[i].magic_size) == 0)
@@ -115,37 +115,49 @@ static pags_result open_other(const char *path, other_picture *other) {
                    PAGS_IMAGE_MAX_SIDE);
 }
 
-/* Reads the size of a PNG, JPEG or EXR file from its first bytes; where these are not enough, from the whole file. */
-static pags_result size_of_known(const char *path, uint8_t *begin, int *width, int *height) {
+/* Reads the header of a PNG, JPEG or EXR file from its first bytes; where these are not enough, from the whole file. */
+static pags_result inspect_known(const char *path, uint8_t *begin, pags_image_facts *facts) {
   size_t size;
   PAGS_TRY(read_begin(path, begin, BEGIN, &size));
   const picture_format *const format = find_format(begin, size);
   if (!format)
     return refuse(path, begin, size);
-  pags_result result = format->size(&(pags_encoded){.path = path, .bytes = begin, .size = size}, width, height);
+  pags_result result = format->inspect(&(pags_encoded){.path = path, .bytes = begin, .size = size}, facts);
   if (result != PAGS_OK && size == BEGIN) {
     uint8_t *bytes;
     PAGS_TRY(pags_file_read(path, &bytes, &size));
-    result = format->size(&(pags_encoded){.path = path, .bytes = bytes, .size = size}, width, height);
+    result = format->inspect(&(pags_encoded){.path = path, .bytes = bytes, .size = size}, facts);
     free(bytes);
   }
   return result;
 }
 
-pags_result pags_image_size(const char *path, int *width, int *height) {
-  assert(path && width && height);
+pags_result pags_image_inspect(const char *path, pags_image_facts *facts) {
+  assert(path && facts);
   uint8_t *const begin = malloc(BEGIN);
   if (!begin)
     return pags_out_of_memory("%s", path);
-  const pags_result result = size_of_known(path, begin, width, height);
+  const pags_result result = inspect_known(path, begin, facts);
   free(begin);
   if (result != PAGS_ERROR_UNSUPPORTED)
     return result;
   other_picture other;
   PAGS_TRY(open_other(path, &other));
   other.oiio->close(other.reader);
-  *width = (int)other.info.width;
-  *height = (int)other.info.height;
+  *facts = (pags_image_facts){.width = (int)other.info.width,
+                              .height = (int)other.info.height,
+                              .alpha = other.info.alpha,
+                              .sample = other.info.sample,
+                              .orientation = other.info.orientation};
+  return PAGS_OK;
+}
+
+pags_result pags_image_size(const char *path, int *width, int *height) {
+  pags_image_facts facts;
+  assert(width && height);
+  PAGS_TRY(pags_image_inspect(path, &facts));
+  *width = facts.width;
+  *height = facts.height;
   return PAGS_OK;
 }
 

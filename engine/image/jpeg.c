@@ -13,6 +13,7 @@
 #include <jpeglib.h>
 
 #include "base/memory.h"
+#include "image/orientation.h"
 
 enum { START_OF_IMAGE = 0xd8, END_OF_IMAGE = 0xd9, START_OF_SCAN = 0xda };
 enum { QUALITY = 95 };
@@ -177,13 +178,13 @@ static pags_result decode(jpeg_reader *r, int most, pags_image *out) {
                              : PAGS_OK;
 }
 
-pags_result pags_jpeg_size(const pags_encoded *file, int *width, int *height) {
+pags_result pags_jpeg_inspect(const pags_encoded *file, pags_image_facts *facts) {
   jpeg_reader r = {.file = file};
   const pags_result result = begin(&r);
-  if (result == PAGS_OK) {
-    *width = (int)r.jpeg.image_width;
-    *height = (int)r.jpeg.image_height;
-  }
+  if (result == PAGS_OK)
+    *facts = (pags_image_facts){.width = (int)r.jpeg.image_width,
+                                .height = (int)r.jpeg.image_height,
+                                .orientation = pags_orientation_of_jpeg(file->bytes, file->size)};
   jpeg_destroy_decompress(&r.jpeg);
   return result;
 }

@@ -7,11 +7,11 @@
 
 #include "image/encoded.h"
 
-/* Reads width and height. Errors as pags_jpeg_decode. */
-pags_result pags_jpeg_size(const pags_encoded *file, int *width, int *height);
+/* Reads what the header says. Errors as pags_jpeg_decode. */
+pags_result pags_jpeg_inspect(const pags_encoded *file, pags_image_facts *facts);
 
 /* Decodes a picture: U8, grey or RGB. CMYK, which Adobe's programs store inverted, becomes RGB by multiplying each
- * colour with black. An EXIF orientation is ignored. No file has alpha: `most` (3 or 4) only bounds the channels of
+ * colour with black. Nothing is turned. No file has alpha: `most` (3 or 4) only bounds the channels of
  * files of an unknown colour space.
  *
  * PAGS_ERROR_FORMAT, also for a file that is cut off: libjpeg would fill the rest of the picture with grey.

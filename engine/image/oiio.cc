@@ -79,6 +79,9 @@ pags_result open_reader(const char *path, void **out, pags_oiio_info *info, pags
     info->depth = spec.depth;
     info->channels = spec.nchannels;
     info->sample = sample_of(spec.format);
+    info->alpha = spec.alpha_channel >= 0 && spec.alpha_channel == (spec.nchannels == 2 ? 1 : 3);
+    const int orientation = spec.get_int_attribute("Orientation", 1);
+    info->orientation = orientation >= 1 && orientation <= 8 ? orientation : 1;
     std::snprintf(info->format, sizeof info->format, "%s", input->format_name());
     *out = new reader{std::move(input)};
     return PAGS_OK;

@@ -12,7 +12,7 @@
 extern "C" {
 #endif
 
-#define PAGS_OIIO_VERSION 3 /* version of this table; a module built for another one is refused */
+#define PAGS_OIIO_VERSION 4 /* version of this table; a module built for another one is refused */
 #define PAGS_OIIO_SYMBOL "pags_oiio_table"
 
 typedef struct pags_oiio_message {
@@ -25,6 +25,8 @@ typedef struct pags_oiio_info {
   int64_t width, height, depth;
   int channels;
   pags_sample sample;
+  int alpha;       /* 1: the last of 2, or the fourth of more channels is alpha */
+  int orientation; /* as EXIF numbers them, 1..8 */
   char format[16]; /* "png", "jpeg", "openexr", ... */
 } pags_oiio_info;
 

@@ -11,6 +11,7 @@
 #include <png.h>
 
 #include "base/memory.h"
+#include "image/orientation.h"
 
 enum { SIGNATURE = 8, HEAD = 8, CHECKSUM = 4 };
 enum { DEFLATE_RATIO = 1032 }; /* the most bytes that deflate makes of one */
@@ -158,19 +159,35 @@ static pags_result begin(png_state *state, int most, pags_picture_info *info, ui
   return PAGS_OK;
 }
 
-pags_result pags_png_size(const pags_encoded *file, int *width, int *height) {
+/* Returns the orientation that a chunk eXIf before the pixels gives. */
+static int find_orientation(const png_state *state) {
+#ifdef PNG_eXIf_SUPPORTED
+  png_uint_32 size;
+  png_bytep bytes;
+  if (png_get_eXIf_1(state->png, state->info, &size, &bytes))
+    return pags_orientation_of_exif(bytes, size);
+#else
+  (void)state;
+#endif
+  return 1;
+}
+
+pags_result pags_png_inspect(const pags_encoded *file, pags_image_facts *facts) {
   png_state state = {.file = file};
   pags_picture_info info;
   uint64_t least;
   pags_result result = begin(&state, 4, &info, &least);
-  png_destroy_read_struct(&state.png, &state.info, NULL);
   if (result == PAGS_OK)
     result = pags_encoded_check(file, &info, 0);
-  if (result != PAGS_OK)
-    return result;
-  *width = (int)info.width;
-  *height = (int)info.height;
-  return PAGS_OK;
+  if (result == PAGS_OK)
+    *facts = (pags_image_facts){.width = (int)info.width,
+                                .height = (int)info.height,
+                                .alpha = (png_get_color_type(state.png, state.info) & PNG_COLOR_MASK_ALPHA) != 0 ||
+                                         png_get_valid(state.png, state.info, PNG_INFO_tRNS),
+                                .sample = png_get_bit_depth(state.png, state.info) == 16 ? PAGS_U16 : PAGS_U8,
+                                .orientation = find_orientation(&state)};
+  png_destroy_read_struct(&state.png, &state.info, NULL);
+  return result;
 }
 
 pags_result pags_png_decode(const pags_encoded *file, int most, pags_image *out) {

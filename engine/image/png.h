@@ -7,8 +7,8 @@
 
 #include "image/encoded.h"
 
-/* Reads width and height. Errors as pags_png_decode. */
-pags_result pags_png_size(const pags_encoded *file, int *width, int *height);
+/* Reads what the header says. Errors as pags_png_decode. */
+pags_result pags_png_inspect(const pags_encoded *file, pags_image_facts *facts);
 
 /* Decodes a picture: U16 for 16 bits a sample, else U8. Fewer bits are scaled to 8, a palette becomes RGB, a
  * transparent colour becomes alpha; alpha is straight, and gamma and colour profile are ignored. With `most` 3, alpha

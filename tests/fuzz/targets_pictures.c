@@ -15,18 +15,19 @@
 enum { MOST_PIXELS = 1 << 20 };
 
 static int run_decoder(const char *name, const uint8_t *data, size_t size,
-                       pags_result (*measure)(const pags_encoded *, int *, int *),
+                       pags_result (*inspect)(const pags_encoded *, pags_image_facts *),
                        pags_result (*decode)(const pags_encoded *, int, pags_image *)) {
   const pags_encoded file = {.path = name, .bytes = data, .size = size};
-  int width, height;
+  pags_image_facts facts;
   pags_image image;
-  pags_result result = measure(&file, &width, &height);
+  pags_result result = inspect(&file, &facts);
   if (result != PAGS_OK) {
     fuzz_refused(result, name);
     return 0;
   }
-  FUZZ_CHECK(width > 0 && width < 65536 && height > 0 && height < 65536);
-  if ((int64_t)width * height > MOST_PIXELS)
+  FUZZ_CHECK(facts.width > 0 && facts.width < 65536 && facts.height > 0 && facts.height < 65536);
+  FUZZ_CHECK(facts.orientation >= 1 && facts.orientation <= 8);
+  if ((int64_t)facts.width * facts.height > MOST_PIXELS)
     return 0;
   for (int most = 3; most <= 4; most++) {
     result = decode(&file, most, &image);
@@ -35,7 +36,8 @@ static int run_decoder(const char *name, const uint8_t *data, size_t size,
       fuzz_refused(result, name);
       return 0;
     }
-    FUZZ_CHECK(image.width == width && image.height == height && image.channels >= 1 && image.channels <= most);
+    FUZZ_CHECK(image.width == facts.width && image.height == facts.height && image.channels >= 1 &&
+               image.channels <= most);
     pags_image_destroy(&image);
   }
   return 1;
@@ -55,7 +57,7 @@ static void seed_kinds(picture_format format, int step) {
 /* ---- PNG ---- */
 
 static int run_png(const uint8_t *data, size_t size) {
-  return run_decoder("a.png", data, size, pags_png_size, pags_png_decode);
+  return run_decoder("a.png", data, size, pags_png_inspect, pags_png_decode);
 }
 
 static void seed_png(void) {
@@ -95,7 +97,7 @@ static const fuzz_target png = {.name = "png",
 /* ---- JPEG ---- */
 
 static int run_jpeg(const uint8_t *data, size_t size) {
-  return run_decoder("a.jpg", data, size, pags_jpeg_size, pags_jpeg_decode);
+  return run_decoder("a.jpg", data, size, pags_jpeg_inspect, pags_jpeg_decode);
 }
 
 static void seed_jpeg(void) {
@@ -110,7 +112,7 @@ static const fuzz_target jpeg = {
 /* ---- EXR: a block's buffers are in proportion to what the file can hold, compressed ---- */
 
 static int run_exr(const uint8_t *data, size_t size) {
-  return run_decoder("a.exr", data, size, pags_exr_size, pags_exr_decode);
+  return run_decoder("a.exr", data, size, pags_exr_inspect, pags_exr_decode);
 }
 
 static void seed_exr(void) {

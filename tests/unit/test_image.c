@@ -4,6 +4,7 @@
 #include <pags/image.h>
 #include <pags/tasks.h>
 
+#include "base/file.h"
 #include "image/module.h"
 #include "image/resample.h"
 #include "unit/scratch.h"
@@ -206,6 +207,71 @@ static void test_names_mislead(void **state) {
 }
 
 /* A header that is longer than what is read at first: an EXIF segment of 65 kB, thrice, before the size. */
+/* The column and row in the file of the pixel (x, y) of the picture as it is looked at, by the words of EXIF ("the 0th
+ * row is the visual right-hand side", ...); width and height are those of the file. */
+static void stored_place(int orientation, int width, int height, int x, int y, int *column, int *row) {
+  const int places[9][2] = {{0},
+                            {x, y},
+                            {width - 1 - x, y},
+                            {width - 1 - x, height - 1 - y},
+                            {x, height - 1 - y},
+                            {y, x},
+                            {y, height - 1 - x},
+                            {width - 1 - y, height - 1 - x},
+                            {width - 1 - y, x}};
+  *column = places[orientation][0];
+  *row = places[orientation][1];
+}
+
+static void test_turning(void **state) {
+  (void)state;
+  for (int orientation = 1; orientation <= 8; orientation++) {
+    pags_image image = make_u8(5, 3, 2);
+    scratch_ok(pags_image_turn(&image, orientation));
+    assert_int_equal(image.width, orientation >= 5 ? 3 : 5);
+    assert_int_equal(image.height, orientation >= 5 ? 5 : 3);
+    for (int y = 0; y < image.height; y++)
+      for (int x = 0; x < image.width; x++) {
+        int column, row;
+        stored_place(orientation, 5, 3, x, y, &column, &row);
+        for (int c = 0; c < 2; c++)
+          assert_int_equal(((const uint8_t *)image.data)[(y * image.width + x) * 2 + c], pattern(column, row, c));
+      }
+    pags_image_destroy(&image);
+  }
+}
+
+/* A JPEG file with an EXIF segment of one entry, in both byte orders; nonsense counts as no orientation. */
+static void test_orientation_of_jpeg(void **state) {
+  scratch *s = *state;
+  pags_image image = make_u8(16, 8, 3);
+  const char *path = scratch_path(s, "a.jpg");
+  scratch_ok(pags_image_save(path, &image));
+  pags_image_destroy(&image);
+  size_t size;
+  uint8_t *plain;
+  scratch_ok(pags_file_read(path, &plain, &size));
+  for (int kind = 0; kind < 4; kind++) {
+    uint8_t exif[36] = {0xff, 0xe1, 0, 34, 'E', 'x', 'i', 'f', 0, 0};
+    const uint8_t little[26] = {'I', 'I', 42, 0, 8, 0, 0, 0, 1, 0, 0x12, 1, 3, 0, 1, 0, 0, 0, 6, 0};
+    const uint8_t big[26] = {'M', 'M', 0, 42, 0, 0, 0, 8, 0, 1, 1, 0x12, 0, 3, 0, 0, 0, 1, 0, 8};
+    memcpy(exif + 10, kind == 1 ? big : little, 26);
+    exif[28] = kind == 2 ? 9 : exif[28];    /* no orientation */
+    exif[14] = kind == 3 ? 0xff : exif[14]; /* the directory lies outside */
+    uint8_t *turned = malloc(size + sizeof exif);
+    memcpy(turned, plain, 2);
+    memcpy(turned + 2, exif, sizeof exif);
+    memcpy(turned + 2 + sizeof exif, plain + 2, size - 2);
+    scratch_write(s, "b.jpg", turned, size + sizeof exif);
+    free(turned);
+    pags_image_facts facts;
+    scratch_ok(pags_image_inspect(scratch_path(s, "b.jpg"), &facts));
+    assert_int_equal(facts.orientation, kind == 0 ? 6 : kind == 1 ? 8 : 1);
+    assert_true(facts.width == 16 && facts.height == 8 && facts.sample == PAGS_U8 && !facts.alpha);
+  }
+  free(plain);
+}
+
 static void test_size_after_a_long_header(void **state) {
   scratch *s = *state;
   enum { LENGTH = 65535 };
@@ -457,6 +523,8 @@ int main(void) {
       scratch_test(test_saving_fails_cleanly),
       scratch_test(test_saving_clears_up),
       scratch_test(test_saving_is_deterministic),
+      cmocka_unit_test(test_turning),
+      scratch_test(test_orientation_of_jpeg),
       cmocka_unit_test(test_shrink_mean),
       cmocka_unit_test(test_shrink_mask),
   };

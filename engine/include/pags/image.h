@@ -31,14 +31,31 @@ PAGS_API void pags_image_destroy(pags_image *image);
 /* Reads the width and height of a picture file (pixels) without decoding its samples. Errors as pags_image_load. */
 PAGS_API pags_result pags_image_size(const char *path, int *width, int *height);
 
+/* What the header of a picture file says. */
+typedef struct pags_image_facts {
+  int width, height; /* pixels as stored */
+  int alpha;         /* 1: the last of 2 or 4 channels is alpha, or a colour is transparent */
+  /* As pags_image_load decodes them before it converts. By convention U8 and U16 are display-referred with straight
+   * alpha, and F32 is linear light with colours multiplied by alpha. */
+  pags_sample sample;
+  int orientation; /* as EXIF numbers them, 1..8; 1: stored as it is looked at, or unknown */
+} pags_image_facts;
+
+/* Reads these facts without decoding the samples. Errors as pags_image_load. */
+PAGS_API pags_result pags_image_inspect(const char *path, pags_image_facts *facts);
+
+/* Turns a picture that is stored with this orientation (1..8) to how it is looked at; 5..8 exchange width and height.
+ * PAGS_ERROR_MEMORY; then it stays as it was. */
+PAGS_API pags_result pags_image_turn(pags_image *image, int orientation);
+
 /* Reads PNG, JPEG and EXR, and any other format that OpenImageIO reads where it is there. The format is found by the
  * file's first bytes, whatever its name. Alpha is straight or not as the file has it, and nothing is multiplied by it.
  *
  * The samples are converted to `sample`: 0..255 or 0..65535 correspond to 0..1 of a float, and no transfer curve is
  * applied, so that display-referred files give display-referred samples. They are converted to `channels` (0: as in
  * the file, at most 4): RGB from grey repeats the grey; grey from RGB is the Rec. 709 luma of the display-referred
- * samples; alpha that isn't wanted is dropped, not multiplied in; alpha that is missing is opaque. An EXIF
- * orientation is ignored, as structure-from-motion tools do.
+ * samples; alpha that isn't wanted is dropped, not multiplied in; alpha that is missing is opaque. Nothing is
+ * turned by an EXIF orientation (pags_image_turn does that).
  *
  * PAGS_ERROR_IO (no readable file), PAGS_ERROR_FORMAT (with the decoder's message, or a side beyond 1..65535),
  * PAGS_ERROR_UNSUPPORTED (another format, and the OpenImageIO module is missing) or PAGS_ERROR_MEMORY; then `out` is
