@@ -176,7 +176,7 @@ static pags_result draw_view(overlay *o, int64_t index) {
     o->pictures++;
 
     /* Save the picture as NAME.jpg, NAME being the photograph's stem. */
-    char stem[256], file[300];
+    char stem[PAGS_STEM], file[PAGS_STEM + 16];
     pags_stem(view->name, stem, sizeof stem);
     snprintf(file, sizeof file, "%s.jpg", stem);
     result = pags_image_save_in(o->folder, file, &image);

@@ -135,6 +135,7 @@ static pags_result open_dataset(const pags_scene *scene, const char *path, pags_
   if (!scene->view_count)
     return pags_dataset_open(path, &options, out);
   options.downscale = 1;
+  options.split_every = scene->fps > 0 ? options.split_every : 0; /* which are held out, the scene says */
   options.allow_missing = 1; /* the scene's own views decide which photographs are needed */
   PAGS_TRY(pags_dataset_open(path, &options, out));
   pags_result result = scene_downscale(scene, *out, given, &options.downscale);

@@ -105,9 +105,25 @@ pags_result pags_picture_to_image(const pags_picture *picture, pags_sample sampl
   return PAGS_OK;
 }
 
+/* Joins folder and file; where the file's name has folders, makes them. */
+static pags_result join(const char *folder, const char *file, char **path) {
+  *path = pags_path_join(folder, file);
+  char *within = *path && strchr(file, '/') ? pags_path_folder(*path) : NULL;
+  const pags_result result = !*path || (strchr(file, '/') && !within) ? pags_out_of_memory(NULL)
+                             : within                                 ? pags_make_dirs(within)
+                                                                      : PAGS_OK;
+  free(within);
+  if (result != PAGS_OK) {
+    free(*path);
+    *path = NULL;
+  }
+  return result;
+}
+
 pags_result pags_image_save_in(const char *folder, const char *file, const pags_image *image) {
-  char *path = pags_path_join(folder, file);
-  const pags_result result = path ? pags_image_save(path, image) : pags_out_of_memory(NULL);
+  char *path;
+  PAGS_TRY(join(folder, file, &path));
+  const pags_result result = pags_image_save(path, image);
   free(path);
   return result;
 }
@@ -194,16 +210,14 @@ pags_result pags_picture_write(const pags_picture_writer *writer, const pags_pic
   for (int c = 0; c < PAGS_CHANNEL_COUNT; c++) {
     pags_channel channel = (pags_channel)c;
     const float *planes[3];
-    char file[320];
+    char file[PAGS_STEM + 24], *path;
     if (!has(writer, channel))
       continue;
     bool png = channel == PAGS_CHANNEL_HEAT || (writer->format == PAGS_PICTURE_PNG && channel <= PAGS_CHANNEL_ALPHA),
          color = channel == PAGS_CHANNEL_COLOR;
     snprintf(file, sizeof file, "%s%s%s%s", name, color ? "" : "_", color ? "" : channel_names[c],
              png ? ".png" : ".exr");
-    char *path = pags_path_join(folder, file);
-    if (!path)
-      return pags_out_of_memory(NULL);
+    PAGS_TRY(join(folder, file, &path));
     int count = channel_planes(writer, picture, camera, channel, scratch->data, planes);
     pags_result result =
         png ? save_png(picture, planes, count, writer->bits, path) : write_exr(picture, planes, count, channel, path);

@@ -7,6 +7,8 @@
 #include <pags/image.h>
 #include <stdbool.h>
 
+enum { PAGS_STEM = 600 }; /* room for the name of a picture, with the folders in it, and its end */
+
 typedef enum pags_channel {
   PAGS_CHANNEL_COLOR,
   PAGS_CHANNEL_ALPHA,

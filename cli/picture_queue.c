@@ -17,7 +17,7 @@ struct pags_picture_slot {
   float *planes;   /* memory for PLANES planes of the largest picture so far */
   size_t capacity; /* floats per plane */
   pags_plane_scratch scratch;
-  char name[300];
+  char name[PAGS_STEM];
   bool written;
   pags_result result;
   char message[1024]; /* copy of the error message, which is local to the worker thread that failed */

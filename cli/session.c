@@ -155,7 +155,7 @@ pags_result pags_prepare_folder(const char *path, bool *made) {
 }
 
 void pags_stem(const char *name, char *out, size_t size) {
-  const char *base = pags_path_name(name);
+  const char *base = pags_path_is_inside(name) ? name : pags_path_name(name);
   size_t length = strlen(base) - strlen(pags_path_extension(base));
   if (length == 0)
     length = strlen(base);

@@ -33,6 +33,13 @@ typedef struct pags_session {
                 "treat each warning (what is ignored, guessed, clamped or left out of an input) as an error"),        \
       PAGS_FLAG("quiet", 'q', offsetof(owner, session.quiet), "print nothing but errors")
 
+/* Rows for verbs that open photographs; `where` is the offset of a pags_dataset_options in the verb's struct. */
+#define PAGS_PHOTOGRAPH_OPTIONS(where, standard)                                                                 \
+  PAGS_TEXT("image-folder", 0, (where) + offsetof(pags_dataset_options, image_folder), "FOLDER", standard,       \
+            "take the photographs from this folder, and scale intrinsics"),                                      \
+      PAGS_CHOICE("image-alpha", (where) + offsetof(pags_dataset_options, image_alpha), "composite|mask|ignore", \
+                  standard, "lay alpha over --background, or take it as a mask")
+
 /* Rows for verbs that open driving sets; `where` is the offset of a pags_dataset_options in the verb's struct. */
 #define PAGS_DRIVING_OPTIONS(where)                                                                                   \
   PAGS_TEXT("kind", 0, (where) + offsetof(pags_dataset_options, kind),                                                \
@@ -77,7 +84,8 @@ pags_result pags_check_writable(const char *path);
  * whether it was created. */
 pags_result pags_prepare_folder(const char *path, bool *made);
 
-/* Writes the file name of a path without folder and extension into `out`: "a/b/DSC_01.JPG" -> "DSC_01". */
+/* Writes the name of a view without extension into `out`: "cam0/DSC_01.JPG" -> "cam0/DSC_01". Of a name that would
+ * leave the folder that it is put in, as "../DSC_01.JPG", only what follows the last slash is taken. */
 void pags_stem(const char *name, char *out, size_t size);
 
 #endif

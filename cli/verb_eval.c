@@ -17,6 +17,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/file.h"
+#include "base/log.h"
 #include "base/memory.h"
 
 typedef struct eval_arguments {
@@ -27,6 +28,9 @@ typedef struct eval_arguments {
   int split; /* index in "all|train|test" */
   int shift;
   int64_t views; /* how many views to compare; 0: all */
+  double background[3];
+  float near_plane, low_pass;
+  int antialiased;
   pags_dataset_options options;
   uint64_t image_cache;
 } eval_arguments;
@@ -48,6 +52,15 @@ static const pags_option options[] = {
     PAGS_CHOICE("order", AT(order), "depth|paper", NULL, "as for render"),
     PAGS_VALUE("image-cache", 0, SIZE, AT(image_cache), 1, PAGS_UNLIMITED, "SIZE", "bytes; K, M, G", NULL,
                "memory for decoded photographs"),
+
+    PAGS_VALUE("background", 0, COLOR, AT(background), 0, 0, "R,G,B", "sRGB, 0..1", "the scene's",
+               "colour behind everything, of the pictures and of photographs with alpha"),
+    PAGS_FLAG("antialiased", 0, AT(antialiased), "as for render"),
+    PAGS_FLAG("no-antialiased", 0, AT(antialiased), "don't, even where the scene asks for it"),
+    PAGS_VALUE("low-pass", 0, FLOAT, AT(low_pass), 0, 100, "V", "px^2", "the training's, else 0.3", "as for render"),
+    PAGS_VALUE("near", 0, FLOAT, AT(near_plane), 1e-6, PAGS_UNLIMITED, "Z", "metres", "the training's, else 0.01",
+               "as for render"),
+    PAGS_PHOTOGRAPH_OPTIONS(AT(options), "the training's"),
 
     PAGS_GROUP("For splat files, which record no views"),
     PAGS_VALUE("downscale", 0, DOUBLE, AT(options.downscale), 1, 64, "F", "times", NULL, "shrink the photographs"),
@@ -82,6 +95,7 @@ static const pags_verb verb = {
 
 typedef struct evaluation {
   const eval_arguments *arguments;
+  const pags_parsed *parsed;
   pags_composition *composition;
   const pags_scene *scene;
   pags_photographs photographs;
@@ -90,6 +104,8 @@ typedef struct evaluation {
   pags_frame_options options;
   pags_view_score *scores;
   int64_t count;
+  int64_t *without_pixels; /* indices of views whose mask leaves no pixel: they have no figures */
+  int64_t without_count;
   pags_depth_errors depth_errors[2]; /* [0] training views, [1] held-out views */
   pags_depth_figures depth[2];
   pags_pose_errors poses;
@@ -100,7 +116,7 @@ typedef struct evaluation {
 /* ---- Comparing one view ---- */
 
 static pags_result save_image(const char *folder, const char *name, const char *what, const pags_image *image) {
-  char stem[256], file[300];
+  char stem[PAGS_STEM], file[PAGS_STEM + 16];
   pags_stem(name, stem, sizeof stem);
   snprintf(file, sizeof file, "%s_%s.png", stem, what);
   return pags_image_save_in(folder, file, image);
@@ -166,6 +182,15 @@ static pags_result compare_unexposed(evaluation *self, const pags_camera *camera
   return result;
 }
 
+/* Whether the mask of a photograph leaves no pixel. */
+static bool is_blank(const pags_photograph *photo) {
+  const size_t count = (size_t)photo->image.width * (size_t)photo->image.height;
+  for (size_t i = 0; photo->mask && i < count; i++)
+    if (photo->mask[i])
+      return false;
+  return photo->mask != NULL;
+}
+
 static pags_result compare_view(evaluation *self, int64_t i) {
   const pags_photographs_view *at = &self->photographs.views[i];
   const pags_view *view = pags_dataset_view(self->photographs.dataset, at->index);
@@ -180,6 +205,11 @@ static pags_result compare_view(evaluation *self, int64_t i) {
   pags_compose(self->composition, camera->time, &parts, &part_count);
   PAGS_TRY(pags_photographs_read(&self->photographs, i, &photo));
   pags_result result = PAGS_OK;
+  if (is_blank(&photo)) {
+    self->without_pixels[self->without_count++] = i;
+    pags_photograph_destroy(&photo);
+    return PAGS_OK;
+  }
   if (at->scene_view && pags_frame_options_expose(&exposed, at->scene_view->gain, at->scene_view->offset))
     result = compare_unexposed(self, camera, parts, part_count, &photo, score);
   if (result == PAGS_OK)
@@ -220,6 +250,15 @@ static void put_split(pags_json_writer *writer, const evaluation *self, const ch
     pags_json_end_object(writer);
   }
   pags_json_end_array(writer);
+  if (self->without_count) {
+    pags_json_begin_array(writer, "without_pixels");
+    for (int64_t i = 0; i < self->without_count; i++) {
+      const pags_photographs_view *view = &self->photographs.views[self->without_pixels[i]];
+      if ((view->test != 0) == (test != 0))
+        pags_json_put_string(writer, NULL, pags_dataset_view(self->photographs.dataset, view->index)->name);
+    }
+    pags_json_end_array(writer);
+  }
   pags_json_end_object(writer);
 }
 
@@ -295,26 +334,57 @@ static void print_more(const evaluation *self) {
 
 /* ---- The verb ---- */
 
+/* The options that open the photographs: those of the training, unless the command line has others. */
+static pags_dataset_options choose_photographs(const evaluation *self) {
+  pags_dataset_options chosen = self->arguments->options;
+  if (!pags_option_given(self->parsed, "image-folder"))
+    chosen.image_folder = self->scene->image_folder;
+  if (!pags_option_given(self->parsed, "image-alpha"))
+    chosen.image_alpha = (pags_image_alpha)self->scene->image_alpha;
+  for (int c = 0; c < 3; c++)
+    chosen.background[c] = pags_option_given(self->parsed, "background") ? self->arguments->background[c]
+                                                                         : (double)self->scene->background[c];
+  return chosen;
+}
+
+/* The options that draw the pictures, likewise. */
+static void choose_picture(evaluation *self) {
+  const eval_arguments *arguments = self->arguments;
+  pags_frame_options *frame = &self->options;
+  *frame = pags_composition_options(self->composition);
+  for (int c = 0; c < 3 && pags_option_given(self->parsed, "background"); c++) {
+    frame->background[c] = (float)arguments->background[c];
+    frame->sky = NULL;
+  }
+  if (pags_option_given(self->parsed, "antialiased") || pags_option_given(self->parsed, "no-antialiased"))
+    frame->antialiased = arguments->antialiased;
+  if (pags_option_given(self->parsed, "near"))
+    frame->near_plane = arguments->near_plane;
+  if (pags_option_given(self->parsed, "low-pass"))
+    frame->low_pass = arguments->low_pass;
+}
+
 static pags_result open_all(evaluation *self, const char *scene_path) {
   const eval_arguments *arguments = self->arguments;
   PAGS_TRY(pags_composition_load(scene_path, &self->composition));
   self->scene = pags_composition_scene(self->composition);
   const char *dataset = arguments->dataset ? arguments->dataset : self->scene->dataset;
-  pags_dataset_options chosen_options = arguments->options;
   if (!dataset)
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: doesn't say what it was trained on; expected --dataset DATASET",
                      scene_path);
-  if (!chosen_options.colmap && !arguments->dataset)
-    chosen_options.colmap = self->scene->colmap;
   if (arguments->lpips_weights)
     PAGS_TRY(pags_lpips_load(arguments->lpips_weights, &self->lpips));
-  PAGS_TRY(pags_photographs_open(self->scene, dataset, &chosen_options, arguments->dataset != NULL,
-                                 arguments->session.tasks, arguments->image_cache, &self->photographs));
+  pags_dataset_options opened = choose_photographs(self);
+  if (!opened.colmap && !arguments->dataset)
+    opened.colmap = self->scene->colmap;
+  PAGS_TRY(pags_photographs_open(self->scene, dataset, &opened, arguments->dataset != NULL, arguments->session.tasks,
+                                 arguments->image_cache, &self->photographs));
   PAGS_TRY(pags_session_check(&arguments->session));
   self->scores = calloc((size_t)self->photographs.count, sizeof *self->scores);
-  if (!self->scores)
+  self->without_pixels = calloc((size_t)self->photographs.count, sizeof *self->without_pixels);
+  if (!self->scores || !self->without_pixels)
     return pags_out_of_memory("%lld views", (long long)self->photographs.count);
-  self->options = pags_composition_options(self->composition);
+  choose_picture(self);
   PAGS_TRY(pags_early_z_parse(arguments->early_z, &self->options));
   self->options.order = (pags_order)arguments->order;
   self->options.extra_channels = (pags_dataset_provides(self->photographs.dataset) & PAGS_PROVIDES_LIDAR) != 0;
@@ -347,6 +417,12 @@ static pags_result evaluate(evaluation *self, const char *scene_path) {
                      (long long)self->photographs.count);
   PAGS_TRY(result);
 
+  if (self->without_count)
+    pags_log_message(
+        PAGS_LOG_WARNING, "%s: %lld of %lld views have no pixel that their mask uses, and no figures; the first is %s",
+        pags_dataset_path(self->photographs.dataset), (long long)self->without_count,
+        (long long)(self->count + self->without_count),
+        pags_dataset_view(self->photographs.dataset, self->photographs.views[self->without_pixels[0]].index)->name);
   if (!self->count)
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: no %s to compare", scene_path,
                      arguments->split == 0   ? "views"
@@ -380,8 +456,8 @@ static pags_result evaluate(evaluation *self, const char *scene_path) {
 int pags_verb_eval(int argc, char **argv) {
   eval_arguments arguments = {
       .early_z = "lossless", .options = pags_dataset_options_default(), .image_cache = (uint64_t)256 << 20};
-  evaluation self = {.arguments = &arguments};
   pags_parsed parsed;
+  evaluation self = {.arguments = &arguments, .parsed = &parsed};
   pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
   if (status != PAGS_PARSE_OK)
     return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
@@ -398,5 +474,6 @@ int pags_verb_eval(int argc, char **argv) {
   for (int test = 0; test < 2; test++)
     pags_depth_errors_destroy(&self.depth_errors[test]);
   free(self.scores);
+  free(self.without_pixels);
   return pags_session_end(&arguments.session, result);
 }

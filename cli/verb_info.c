@@ -45,6 +45,8 @@ static const pags_option options[] = {
                "as stated, else 8; driving sets 4", "of data sets: as for train"),
     PAGS_TEXT("colmap", 0, AT(options.colmap), "FOLDER", NULL, "of data sets: as for train"),
     PAGS_FLAG("allow-missing", 0, AT(options.allow_missing), "of data sets: as for train"),
+    PAGS_TEXT("image-folder", 0, AT(options.image_folder), "FOLDER", NULL, "of data sets: as for train"),
+    PAGS_CHOICE("image-alpha", AT(options.image_alpha), "composite|mask|ignore", NULL, "of data sets: as for train"),
     PAGS_DRIVING_OPTIONS(AT(options)),
     PAGS_SESSION_OPTIONS(info_arguments),
     {0}};
@@ -113,6 +115,11 @@ static pags_result describe_dataset(pags_report *report, const info_arguments *a
   pags_report_count(report, "views_train", count - held_out);
   pags_report_count(report, "views_test", held_out);
   pags_report_count(report, "views_missing", pags_dataset_missing(dataset));
+  int64_t masked = 0;
+  for (int64_t i = 0; i < count; i++)
+    masked += pags_dataset_view(dataset, i)->mask_path != NULL;
+  if (masked)
+    pags_report_count(report, "views_masked", masked);
   if (count) {
     pags_report_count(report, "width", pags_dataset_view(dataset, 0)->camera.width);
     pags_report_count(report, "height", pags_dataset_view(dataset, 0)->camera.height);

@@ -68,6 +68,8 @@ static const pags_option options[] = {
     PAGS_TEXT("colmap", 0, AT(dataset_options.colmap), "FOLDER", NULL, "with --dataset: use this COLMAP model"),
     PAGS_FLAG("allow-missing", 0, AT(dataset_options.allow_missing),
               "with --dataset: leave out views whose photograph is missing"),
+    PAGS_TEXT("image-folder", 0, AT(dataset_options.image_folder), "FOLDER", NULL,
+              "with --dataset: its photographs are in this folder"),
     PAGS_VALUE("downscale", 0, DOUBLE, AT(downscale), 1, 64, "F", "times", NULL, "shrink the pictures"),
 
     PAGS_GROUP("Files"),

@@ -60,6 +60,7 @@ static pags_option options[] = {
     PAGS_TEXT("colmap", 0, AT(dataset.colmap), "FOLDER", NULL,
               "take cameras and points from this COLMAP model in place of transforms.json"),
     PAGS_FLAG("allow-missing", 0, AT(dataset.allow_missing), "leave out views whose photograph or pose is missing"),
+    PAGS_PHOTOGRAPH_OPTIONS(AT(dataset), NULL),
     PAGS_DRIVING_OPTIONS(AT(dataset)),
     PAGS_VALUE("random-points", 0, INT64, AT(dataset.random_points), 1, 1e8, "N", NULL, NULL,
                "start from so many points where the data set has none"),
@@ -409,6 +410,7 @@ int pags_verb_train(int argc, char **argv) {
   if (arguments.reconstruction)
     arguments.dataset.split_every = 0;
   arguments.dataset.seed = arguments.config.schedule.seed;
+  memcpy(arguments.dataset.background, arguments.config.picture.background, sizeof arguments.dataset.background);
 
   /* Without --max-memory and --image-cache, their defaults follow from the memory that this process may use. The
    * cache size doesn't affect the result; the limit affects only runs that would not fit. */

@@ -6,6 +6,7 @@
 #include "base/file.h"
 #include "base/memory.h"
 #include "base/text.h"
+#include "cli/picture.h"
 #include "cli/session.h"
 
 #include <stdlib.h>
@@ -42,12 +43,14 @@ static bool taken(const pags_viewpoints *viewpoints, const char *name) {
   return false;
 }
 
-/* Adds a view under the stem of its photograph's file name; under the whole file name if another view already has
+/* Adds a view under the stem of its photograph's name; under the whole name if another view already has
  * that stem (a.jpg beside a.png). */
 static pags_result append_view(pags_viewpoints *viewpoints, const char *photograph, const pags_camera *camera) {
-  char stem[256];
+  char stem[PAGS_STEM];
   pags_stem(photograph, stem, sizeof stem);
-  return append(viewpoints, taken(viewpoints, stem) ? pags_path_name(photograph) : stem, camera);
+  if (taken(viewpoints, stem))
+    return append(viewpoints, pags_path_is_inside(photograph) ? photograph : pags_path_name(photograph), camera);
+  return append(viewpoints, stem, camera);
 }
 
 static bool wanted(pags_split split, int test) {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Opens a data set: chooses the reader by the files it finds, compares the size of every picture with its camera,
+/* Opens a data set: chooses the reader by the files it finds, has the pictures found and compared with their cameras,
  * marks the held-out views and gives every view an undistorted, downscaled pinhole camera. Also holds the accessors
  * of the public API. */
 #include "dataset/internal.h"
@@ -8,15 +8,15 @@
 #include "dataset/driving/reader.h"
 #include "dataset/foreign.h"
 #include "dataset/splits.h"
+#include "dataset/photo_mask.h"
+#include "dataset/pictures.h"
 
 #include "base/file.h"
 #include "base/log.h"
 #include "base/memory.h"
-#include "base/sort.h"
 #include "base/text.h"
 #include "maths/maths.h"
-
-#include <pags/image.h>
+#include "port/port.h"
 
 #include <assert.h>
 #include <math.h>
@@ -111,28 +111,20 @@ static pags_result read_parsed(const char *path, const pags_dataset_options *opt
   return pags_foreign_refuse(path);
 }
 
-/* ---- Ordering the views and leaving out missing ones ---- */
+/* ---- Leaving out missing views ---- */
 
-static int by_name(const void *a, const void *b) {
-  const pags_parsed_view *left = a, *right = b;
-  int order = strcmp(pags_path_name(left->image_path), pags_path_name(right->image_path));
-  return order ? order : strcmp(left->image_path, right->image_path);
-}
-
-static pags_result sort_views(pags_parsed_dataset *parsed) {
-  if (parsed->count == 0)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected at least one image, found none", parsed->source);
-  if (parsed->driving) /* the driving reader has sorted the views by frame, then by camera */
-    return PAGS_OK;
-  pags_sort(parsed->views, parsed->count, sizeof *parsed->views, by_name);
-  for (int64_t i = 1; i < parsed->count; i++) {
-    const pags_parsed_view *a = &parsed->views[i - 1], *b = &parsed->views[i];
-    const char *name = pags_path_name(a->image_path);
-    if (strcmp(name, pags_path_name(b->image_path)) == 0)
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: the image name %s occurs twice (also at %s); expected unique names",
-                       b->where, name, a->where);
-  }
-  return PAGS_OK;
+/* Resolves the folder that options.image_folder names: one below the data set's folder stays as it is, another becomes
+ * absolute. */
+static pags_result find_image_folder(const char *root, const char *name, char **out) {
+  char *inside = pags_path_join(root, name);
+  if (!inside)
+    return pags_out_of_memory("%s", root);
+  const bool found = pags_dir_exists(inside);
+  free(inside);
+  if (!found && !pags_dir_exists(name))
+    return pags_fail(PAGS_ERROR_IO, "%s: no such image folder, neither in %s nor here", name, root);
+  *out = found ? pags_text_copy(name) : pags_port_real_path(name);
+  return *out ? PAGS_OK : pags_out_of_memory("%s", name);
 }
 
 static void swap_views(pags_parsed_view *a, pags_parsed_view *b) {
@@ -237,7 +229,7 @@ static pags_result make_views(pags_dataset *dataset, const pags_dataset_options 
   for (int64_t i = 0; i < dataset->count; i++) {
     const pags_parsed_view *from = &dataset->parsed.views[i];
     pags_view *view = &dataset->views[i];
-    view->name = pags_path_name(from->image_path);
+    view->name = from->name;
     view->image_path = from->image_path;
     view->mask_path = from->mask_path;
     choose_part(dataset, i, options->split_every, view);
@@ -320,6 +312,33 @@ static void report_split(const pags_dataset *dataset, const pags_dataset_options
                      dataset->parsed.source, (long long)held_out, (long long)dataset->count, by);
 }
 
+/* Finds, names and checks the photographs and their masks. */
+static pags_result find_pictures(pags_dataset *dataset, const pags_dataset_options *options) {
+  pags_parsed_dataset *parsed = &dataset->parsed;
+  if (parsed->count == 0)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected at least one image, found none", parsed->source);
+  char *root = pags_dir_exists(dataset->path) ? pags_text_copy(dataset->path) : pags_path_folder(dataset->path);
+  pags_result result = root ? PAGS_OK : pags_out_of_memory("%s", dataset->path);
+  if (result == PAGS_OK && options->image_folder)
+    result = find_image_folder(root, options->image_folder, &dataset->image_folder);
+  char *folder = NULL;
+  if (result == PAGS_OK && dataset->image_folder && !(folder = pags_path_join(root, dataset->image_folder)))
+    result = pags_out_of_memory("%s", root);
+  if (result == PAGS_OK)
+    result = pags_pictures_relocate(root, folder, parsed);
+  if (result == PAGS_OK)
+    result = pags_pictures_name(parsed);
+  if (result == PAGS_OK)
+    result = pags_pictures_check(parsed, folder != NULL, options->image_alpha);
+  if (result == PAGS_OK && !parsed->driving)
+    result = pags_photo_masks_find(root, parsed);
+  if (result == PAGS_OK && !parsed->driving)
+    result = pags_photo_masks_check(parsed);
+  free(folder);
+  free(root);
+  return result;
+}
+
 /* From 4096 on, neighbouring single-precision numbers are half a millimetre apart (2^-11 m) or more. Camera positions
  * beyond it move the origin. */
 #define LARGE_COORDINATE 4096.0
@@ -329,25 +348,16 @@ static pags_result open_into(pags_dataset *dataset, const char *path, const pags
   dataset->colmap = pags_text_copy(options->colmap);
   if (!dataset->path || (options->colmap && !dataset->colmap))
     return pags_out_of_memory("%s", path);
+  dataset->image_alpha = options->image_alpha;
+  for (int c = 0; c < 3; c++)
+    dataset->background[c] = (uint8_t)(fmin(fmax(options->background[c], 0), 1) * 255 + 0.5);
   PAGS_TRY(read_parsed(path, options, &dataset->parsed));
   pags_dataset_options resolved = *options;
-  if (resolved.split_every == -1 && !dataset->parsed.split_by)
-    resolved.split_every = 8; /* default of static sets; the driving reader applies its own default */
-  PAGS_TRY(sort_views(&dataset->parsed));
+  PAGS_TRY(find_pictures(dataset, options)); /* sorts the views */
   number_views(&dataset->parsed);
-
-  /* Every picture must have the size that its camera states. Only the picture's header is read. */
-  for (int64_t i = 0; i < dataset->parsed.count; i++) {
-    const pags_parsed_view *view = &dataset->parsed.views[i];
-    int width, height;
-    if (view->missing || view->sized)
-      continue;
-    PAGS_TRY(pags_image_size(view->image_path, &width, &height));
-    if (width != view->lens.width || height != view->lens.height)
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: %s has %d x %d pixels, expected %d x %d as its camera says", view->where,
-                       view->image_path, width, height, view->lens.width, view->lens.height);
-  }
-
+  /* The default of static sets; the driving reader applies its own default. */
+  if (resolved.split_every == -1 && !dataset->parsed.split_by)
+    resolved.split_every = dataset->parsed.count > 1 || dataset->parsed.driving ? 8 : 0;
   PAGS_TRY(leave_out_missing(dataset, options->allow_missing));
   PAGS_TRY(make_views(dataset, &resolved));
   if (!dataset->parsed.driving)
@@ -406,6 +416,7 @@ void pags_dataset_close(pags_dataset *dataset) {
   pags_parsed_destroy(&dataset->parsed);
   free(dataset->path);
   free(dataset->colmap);
+  free(dataset->image_folder);
   free(dataset->views);
   free(dataset->pinholes);
   free(dataset->xyz);
@@ -444,6 +455,14 @@ const double *pags_dataset_origin(const pags_dataset *dataset) {
 
 int64_t pags_dataset_missing(const pags_dataset *dataset) {
   return dataset->missing;
+}
+
+const char *pags_dataset_image_folder(const pags_dataset *dataset) {
+  return dataset->image_folder;
+}
+
+pags_image_alpha pags_dataset_image_alpha(const pags_dataset *dataset) {
+  return dataset->image_alpha;
 }
 
 void pags_dataset_points(const pags_dataset *dataset, int64_t *count, const float **xyz, const uint8_t **rgb,

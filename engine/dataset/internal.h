@@ -19,6 +19,9 @@ struct pags_dataset {
   float *xyz;
   uint8_t *rgb;
   int random;
+  char *image_folder; /* options.image_folder */
+  pags_image_alpha image_alpha;
+  uint8_t background[3];
 };
 
 /* Fills in the initial points of training: those of the parsed data set if it has some, else random ones (see

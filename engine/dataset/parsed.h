@@ -6,6 +6,7 @@
 #include <stdbool.h>
 
 #include <pags/dataset.h>
+#include <pags/image.h>
 
 #include "dataset/lens.h"
 
@@ -24,6 +25,9 @@ typedef struct pags_parsed_view {
   bool missing;                 /* the image file, or the pose, does not exist */
   char *no_pose;                /* if the pose is missing: the file that ought to have it; NULL: the image is missing */
   bool sized;                   /* the size was read from the picture because the data set does not state it */
+  const char *name;             /* end of image_path: the view's name, unique */
+  pags_image_facts picture;     /* what the picture's header says; width 0: not read */
+  int turn;                     /* the EXIF orientation by which the picture is turned; 0 and 1: as it is stored */
   pags_lens lens;               /* before pags_lens_prepare; not set if `missing` and the data set gives no size */
   double world_from_camera[12]; /* OpenCV axes */
   int64_t id;                   /* the id by which the tracks of points refer to this view */

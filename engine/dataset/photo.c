@@ -5,6 +5,8 @@
 
 #include "base/memory.h"
 #include "dataset/driving/label_plane.h"
+#include "dataset/photo_colour.h"
+#include "dataset/photo_mask.h"
 #include "dataset/undistort.h"
 #include "image/resample.h"
 #include "port/port.h"
@@ -35,15 +37,37 @@ static pags_result check_size(const pags_image *image, const char *path, const p
                    image->height, lens->width, lens->height);
 }
 
+/* Loads the mask file of a view. A pixel is used if it and the photograph's alpha, if that is a mask, say so. */
+static pags_result load_mask(const pags_parsed_view *from, pictures *out) {
+  pags_image mask;
+  PAGS_TRY(pags_photo_mask_load(from->mask_path, &mask, NULL));
+  pags_result result = pags_photo_mask_fit(from->mask_path, from->lens.width, from->lens.height, from->turn, &mask);
+  if (result != PAGS_OK || !out->mask.data) {
+    pags_image_destroy(&out->mask);
+    out->mask = mask;
+    return result;
+  }
+  const uint8_t *more = mask.data;
+  uint8_t *used = out->mask.data;
+  for (size_t i = 0; i < (size_t)mask.width * (size_t)mask.height; i++)
+    used[i] &= more[i];
+  pags_image_destroy(&mask);
+  return PAGS_OK;
+}
+
 static pags_result load(const pags_dataset *dataset, int64_t index, pictures *out) {
   const pags_view *view = &dataset->views[index];
-  const pags_lens *lens = &dataset->parsed.views[index].lens;
-  PAGS_TRY(pags_image_load(view->image_path, PAGS_U8, 3, &out->colour));
-  PAGS_TRY(check_size(&out->colour, view->image_path, lens));
-  if (view->mask_path) {
-    PAGS_TRY(pags_image_load(view->mask_path, PAGS_U8, 1, &out->mask));
-    PAGS_TRY(check_size(&out->mask, view->mask_path, lens));
-  }
+  const pags_parsed_view *from = &dataset->parsed.views[index];
+  pags_alpha_rule rule = {.what = dataset->image_alpha};
+  memcpy(rule.background, dataset->background, sizeof rule.background);
+  PAGS_TRY(pags_photo_colour_load(view->image_path, &from->picture, &rule, &out->colour, &out->mask));
+  if (from->turn > 1)
+    PAGS_TRY(pags_image_turn(&out->colour, from->turn));
+  if (from->turn > 1 && out->mask.data)
+    PAGS_TRY(pags_image_turn(&out->mask, from->turn));
+  PAGS_TRY(check_size(&out->colour, view->image_path, &from->lens));
+  if (view->mask_path)
+    PAGS_TRY(load_mask(from, out));
   return pags_label_plane_load(dataset, index, &out->labels, &out->mask);
 }
 
@@ -181,7 +205,14 @@ void pags_photo_bytes(const pags_dataset *dataset, int64_t index, int factor, ui
    * they existed together, although each step only holds its input and its output. Two source planes are counted for
    * labels: the label image and one of the files it is made of, which are loaded one at a time. */
   uint64_t labels = pags_label_planes_exist(dataset, index) ? 1 : 0;
-  uint64_t source = (4 + 2 * labels) * (uint64_t)lens->width * (uint64_t)lens->height;
+  const pags_parsed_view *view = &dataset->parsed.views[index];
+  const bool alpha = view->picture.alpha && dataset->image_alpha != PAGS_ALPHA_IGNORE;
+  /* What a photograph takes more before it is colours and a mask of bytes: alpha, linear light, and that it is turned.
+   */
+  const int channels = alpha ? 4 : 3;
+  const uint64_t loaded = (alpha ? 4u : 0u) + (view->picture.sample == PAGS_F32 ? 5u * (unsigned)channels : 0u) +
+                          (view->turn > 1 ? 4u : 0u);
+  uint64_t source = (4 + 2 * labels + loaded) * (uint64_t)lens->width * (uint64_t)lens->height;
   uint64_t upright = straight ? 0 : (4 + labels) * (uint64_t)pinhole->width * (uint64_t)pinhole->height;
   uint64_t shrunk = same ? 0 : (4 + labels) * (uint64_t)target.width * (uint64_t)target.height;
   *kept = (4 + labels) * plane_bytes(target.width, target.height) + 64;

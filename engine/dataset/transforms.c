@@ -158,7 +158,9 @@ static pags_result find_lens(const reader *r, const pags_json_value *frame, pags
   if (lens->width == 0 || lens->height == 0) {
     if (view->missing)
       return PAGS_OK;
-    PAGS_TRY(pags_image_size(view->image_path, &lens->width, &lens->height));
+    PAGS_TRY(pags_image_inspect(view->image_path, &view->picture));
+    lens->width = view->picture.width;
+    lens->height = view->picture.height;
     view->sized = true;
   }
 

@@ -208,6 +208,7 @@ void pags_scene_destroy(pags_scene *scene) {
   free(scene->views);
   free(scene->dataset);
   free(scene->colmap);
+  free(scene->image_folder);
   free(scene->config);
   *scene = (pags_scene){0};
 }

@@ -18,6 +18,7 @@
 enum { VERSION = 1 };
 
 static const char *const up_names[] = {[PAGS_UP_UNKNOWN] = "unknown", [PAGS_UP_Z] = "z", [PAGS_UP_MINUS_Y] = "-y"};
+static const char *const alpha_names[] = {"composite", "mask", "ignore"}; /* pags_image_alpha */
 
 static pags_result fail_memory(const pags_json *json) {
   return pags_out_of_memory("%s: the scene", pags_json_path(json));
@@ -97,6 +98,22 @@ static pags_result read_raw(const pags_json *json, const pags_json_value *root, 
   return PAGS_OK;
 }
 
+/* Reads how the photographs were opened for the training. */
+static pags_result read_photographs(const pags_json *json, const pags_json_value *root, pags_scene *scene) {
+  const char *folder, *alpha;
+  PAGS_TRY(pags_json_string_or(json, root, "image_folder", NULL, &folder));
+  if (folder && !(scene->image_folder = pags_text_copy(folder)))
+    return fail_memory(json);
+  PAGS_TRY(pags_json_string_or(json, root, "image_alpha", alpha_names[0], &alpha));
+  for (int i = 0; i < 3; i++)
+    if (strcmp(alpha, alpha_names[i]) == 0) {
+      scene->image_alpha = i;
+      return PAGS_OK;
+    }
+  return pags_json_fail(json, pags_json_member(root, "image_alpha"),
+                        "expected \"composite\", \"mask\" or \"ignore\" for 'image_alpha', found \"%.40s\"", alpha);
+}
+
 static pags_result read_sky(const pags_json *json, const pags_json_value *root, char **file) {
   const char *name;
   PAGS_TRY(pags_json_string_or(json, root, "sky", NULL, &name));
@@ -149,6 +166,7 @@ static pags_result read_root(const pags_json *json, pags_scene *scene, pags_scen
   PAGS_TRY(pags_json_string_or(json, root, "colmap", NULL, &colmap));
   if ((dataset && !(scene->dataset = pags_text_copy(dataset))) || (colmap && !(scene->colmap = pags_text_copy(colmap))))
     return fail_memory(json);
+  PAGS_TRY(read_photographs(json, root, scene));
   PAGS_TRY(pags_json_unsigned_or(json, root, "seed", 0, &scene->seed));
   PAGS_TRY(pags_json_integer_or(json, root, "iterations", 0, INT64_MAX, 0, &scene->iterations));
   PAGS_TRY(read_raw(json, root, "config", &scene->config));
@@ -273,6 +291,10 @@ static pags_result write_root(pags_json_writer *w, const pags_scene *scene) {
   pags_json_put_string(w, "dataset", scene->dataset);
   if (scene->colmap)
     pags_json_put_string(w, "colmap", scene->colmap);
+  if (scene->image_folder)
+    pags_json_put_string(w, "image_folder", scene->image_folder);
+  if (scene->image_alpha)
+    pags_json_put_string(w, "image_alpha", alpha_names[scene->image_alpha]);
   pags_json_put_unsigned(w, "seed", scene->seed);
   pags_json_put_integer(w, "iterations", scene->iterations);
   PAGS_TRY(write_raw(w, "config", scene->config));

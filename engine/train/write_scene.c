@@ -161,6 +161,8 @@ static pags_result describe(const pags_dataset *dataset, const pags_train_state 
                         .seed = config->schedule.seed,
                         .dataset = borrow(pags_dataset_path(dataset)),
                         .colmap = borrow(pags_dataset_colmap(dataset)),
+                        .image_folder = borrow(pags_dataset_image_folder(dataset)),
+                        .image_alpha = (int)pags_dataset_image_alpha(dataset),
                         .config = d->config,
                         .iterations = state->step,
                         .fps = pags_dataset_fps(dataset),
@@ -205,7 +207,8 @@ pags_result pags_output_bytes(const pags_dataset *dataset, const pags_train_stat
   if (!d)
     return pags_out_of_memory("the description of a scene");
   pags_result result = describe(dataset, state, d);
-  d->scene.dataset = d->scene.colmap = NULL; /* paths must not decide how many Gaussians a run has */
+  d->scene.dataset = d->scene.colmap = d->scene.image_folder =
+      NULL; /* paths must not decide how many Gaussians a run has */
   if (result == PAGS_OK)
     result = pags_scene_json_size(&d->scene, bytes);
   *bytes += d->scene.sky.size > 0 ? pags_sky_file_size(&d->scene.sky) : 0;

@@ -174,8 +174,8 @@ class BadDatasets(Case):
         self.assertFalse(os.path.exists(self.path("out")), files_below(self.folder))
 
     def test_wrong_size(self):
-        self.write("data/images/001.png", png_bytes(7, 5, bytes(7 * 5 * 3)))
-        self.refused(self.data, "001.png", "7 x 5")
+        self.write("data/images/001.png", png_bytes(7, 9, bytes(7 * 9 * 3)))
+        self.refused(self.data, "001.png", "7 x 9")
 
 
 class BadEvaluation(Case):

@@ -236,7 +236,7 @@ static void test_bad_text(void **state) {
       {"4 PINHOLE 8 6 10 11 4\n", good_images, "", "cameras.txt:1: expected another parameter"},
       {"4 PINHOLE 0 6 10 11 4 3\n", good_images, "", "cameras.txt:1: expected a width"},
       {"x PINHOLE 8 6 10 11 4 3\n", good_images, "", "cameras.txt:1: expected a camera's number"},
-      {"4 PINHOLE 8 7 10 11 4 3\n", good_images, "", "8 x 6 pixels, expected 8 x 7"},
+      {"4 PINHOLE 8 12 10 11 4 3\n", good_images, "", "8 x 6 pixels, expected 8 x 12"},
       {"4 PINHOLE 8 6 nan 11 4 3\n", good_images, "", "images.txt:"},
       {cameras_text, "", "", "at least one image"},
       {cameras_text, "10 1 0 0 0 -1 -2 -3 5 b.png\n", "", "images.txt:1: image b.png: expected its camera 5"},

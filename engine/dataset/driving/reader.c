@@ -216,7 +216,9 @@ static pags_result add_view(pags_driving *driving, const pags_sensor *sensor, in
   if (!name)
     return PAGS_OK;
   view->lens = sensor->lens;
-  PAGS_TRY(pags_image_size(view->image_path, &view->lens.width, &view->lens.height));
+  PAGS_TRY(pags_image_inspect(view->image_path, &view->picture));
+  view->lens.width = view->picture.width;
+  view->lens.height = view->picture.height;
 
   PAGS_TRY(pags_driving_find_mask(driving, driving->sky_folder, view, &view->sky_path));
   PAGS_TRY(pags_driving_find_mask(driving, "semantic", view, &view->semantic_path));

@@ -22,6 +22,13 @@ extern "C" {
 
 /* ---- Options, views and labels ---- */
 
+/* What becomes of the alpha channel of photographs (dataset options, image_alpha). */
+typedef enum pags_image_alpha {
+  PAGS_ALPHA_COMPOSITE, /* the photograph is laid over the background colour */
+  PAGS_ALPHA_MASK,      /* alpha is a mask: from 128 of 255 on, the pixel is used */
+  PAGS_ALPHA_IGNORE     /* colours are taken as they stand below alpha */
+} pags_image_alpha;
+
 typedef struct pags_dataset_options {
   /* Folder of a COLMAP model, or one above it, to use instead of transforms.json, as it stands or relative to the data
    * set; NULL: transforms.json if present, else the model in the data set. */
@@ -31,6 +38,12 @@ typedef struct pags_dataset_options {
    * counted). Driving sets: all cameras of every time step t > 0 with t % N == 0. N = 0: none; N >= 2; -1 (default): as
    * the data set states, else 8 for static sets, 4 for driving sets. */
   int split_every;
+  /* Folder to take the photographs of a static set from, in place of the one that it names: images_4, say. Names below
+   * it are those of the set, but for the extension. Relative to the data set's folder, or to the current one. NULL:
+   * the set's own; input, images_2, images_4 or images_8 where that has none of them. */
+  const char *image_folder;
+  pags_image_alpha image_alpha; /* default PAGS_ALPHA_COMPOSITE */
+  double background[3];         /* display-referred sRGB, 0..1, for PAGS_ALPHA_COMPOSITE; default black */
   int allow_missing; /* 1: views whose image or pose is missing are left out, with a warning in the log; 0: an error */
   uint64_t seed;     /* seed of the random points that a static set without points of its own gets */
   int64_t random_points; /* number of these, 1..10^8; default 10000 */
@@ -54,12 +67,16 @@ PAGS_API pags_dataset_options pags_dataset_options_default(void);
 
 /* One photograph and its camera. */
 typedef struct pags_view {
-  const char *name;       /* file name of the image without folders, unique */
+  /* File name of the image without folders; where two images have the same file name, the path of each below the
+   * folder that they have in common, with slashes. Unique. */
+  const char *name;
   const char *image_path; /* path that the image is opened by */
-  const char *mask_path;  /* mask of the photograph: white (>= 128) where the pixel is used; NULL: none */
-  pags_camera camera;     /* undistorted, downscaled */
-  int test;               /* 1: held-out view */
-  int sensor;             /* number of the camera in the file names; -1 in a static set */
+  /* Mask of the photograph: the pixel is used where it is 128 or more of 255, or 1 if it has no larger value. If the
+   * file has an alpha channel that isn't opaque everywhere, that is the mask. NULL: none. */
+  const char *mask_path;
+  pags_camera camera; /* undistorted, downscaled */
+  int test;           /* 1: held-out view */
+  int sensor;         /* number of the camera in the file names; -1 in a static set */
   /* Time step in the file names; -1 in a static set. camera.time is the time of this step (NaN in a static set):
    * boxes labelled at this step fit the photograph without correction for the time of the exposure. */
   int frame;
@@ -113,9 +130,12 @@ typedef struct pags_dataset pags_dataset;
  *
  * What is ignored, guessed or left out is logged as a warning, a line a kind.
  *
- * No picture is decoded, but every header is read: each image must exist and have the size that its camera states.
- * Labels with faults are mended or left out, with a warning in the log (docs/dataset-layout.md). Views of static sets
- * are in file-name order, those of driving sets are sorted by frame, then by camera.
+ * No photograph is decoded, but every header is read: each image must exist. If it has another size than its camera
+ * states, but the same ratio of sides within a pixel, the intrinsics are scaled to it; where its EXIF orientation
+ * explains the size, it is turned. In a static set whose file names no masks, masks/NAME.png and masks/NAME.png.png
+ * beside the images are masks. Labels with faults are mended or left out (docs/dataset-layout.md). Whatever is guessed,
+ * mended or left out so is a warning in the log. Views of static sets are in the order of their names, those of driving
+ * sets are sorted by frame, then by camera.
  *
  * PAGS_ERROR_ARGUMENT (an option out of range or that names nothing known), PAGS_ERROR_IO (missing files),
  * PAGS_ERROR_FORMAT (no data set, or one of another program, which is named; damaged files; all views held out),
@@ -147,6 +167,11 @@ PAGS_API const double *pags_dataset_origin(const pags_dataset *dataset);
 
 /* Returns the number of views that were left out because of allow_missing. */
 PAGS_API int64_t pags_dataset_missing(const pags_dataset *dataset);
+
+/* Returns the options' image_folder (absolute unless it lies in the data set's folder; NULL if none was given) and
+ * image_alpha. */
+PAGS_API const char *pags_dataset_image_folder(const pags_dataset *dataset);
+PAGS_API pags_image_alpha pags_dataset_image_alpha(const pags_dataset *dataset);
 
 /* ---- Driving sets ---- */
 

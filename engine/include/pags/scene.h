@@ -54,6 +54,8 @@ typedef struct pags_scene {
   uint64_t seed;               /* seed of the training */
   char *dataset;               /* path of the data set that the scene was trained from; NULL if unknown */
   char *colmap;                /* folder of the COLMAP model whose cameras were asked for; NULL: none was */
+  char *image_folder;          /* folder that its photographs were taken from, in place of its own; NULL: its own */
+  int image_alpha;             /* pags_image_alpha: what became of their alpha channel */
   char *config;                /* the training configuration as JSON text; NULL if unknown */
   int64_t iterations;          /* training steps done; 0 if unknown */
   int64_t model_count;

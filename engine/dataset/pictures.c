@@ -1,0 +1,326 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Finds, names and checks the files of a data set's photographs (pictures.h). Pictures smaller than their cameras, as
+ * images_4 of Mip-NeRF 360 or the photographs of Tanks and Temples in the release of Kerbl et al. (2023), are taken
+ * with scaled intrinsics. */
+#include "dataset/pictures.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/file.h"
+#include "base/log.h"
+#include "base/memory.h"
+#include "base/sort.h"
+#include "base/text.h"
+#include "dataset/photo_size.h"
+
+/* ---- Folders ---- */
+
+/* The part of a path below the data set's folder; the whole path where it lies elsewhere. */
+static const char *below(const char *root, const char *path) {
+  const size_t length = strlen(root);
+  if (strcmp(root, ".") == 0)
+    return strncmp(path, "./", 2) == 0 ? path + 2 : path;
+  return strncmp(path, root, length) == 0 && path[length] == '/' ? path + length + 1 : path;
+}
+
+/* Looks in `folder` for the picture that the set calls `name`, below as many of its folders as there are, with its
+ * extension or another. *out NULL: there is none. */
+static pags_result find_in(const char *folder, const char *name, char **out) {
+  static const char *const extensions[] = {"",     ".png",  ".jpg", ".jpeg", ".JPG",
+                                           ".PNG", ".JPEG", ".exr", ".webp", ".tif"};
+  *out = NULL;
+  for (const char *tail = name; tail; tail = strchr(tail, '/') ? strchr(tail, '/') + 1 : NULL) {
+    const int whole = (int)strlen(tail), stem = whole - (int)strlen(pags_path_extension(tail));
+    for (size_t i = 0; i < sizeof extensions / sizeof *extensions; i++) {
+      char *path = pags_text_format("%s/%.*s%s", folder, i ? stem : whole, tail, extensions[i]);
+      if (!path)
+        return pags_out_of_memory("%s", folder);
+      if (pags_file_exists(path)) {
+        *out = path;
+        return PAGS_OK;
+      }
+      free(path);
+    }
+  }
+  return PAGS_OK;
+}
+
+/* Points every view to its picture in `folder`. A view without one there becomes missing. */
+static pags_result move_views(const char *root, const char *folder, pags_parsed_dataset *parsed) {
+  for (int64_t i = 0; i < parsed->count; i++) {
+    pags_parsed_view *view = &parsed->views[i];
+    const char *name = below(root, view->image_path);
+    char *found;
+    PAGS_TRY(find_in(folder, name, &found));
+    view->missing = !found;
+    if (!found)
+      found = pags_path_join(folder, pags_path_name(name));
+    if (!found)
+      return pags_out_of_memory("%s", folder);
+    free(view->image_path);
+    view->image_path = found;
+    view->picture = (pags_image_facts){0};
+    view->sized = false;
+    if (view->lens.width == 0 && !view->missing)
+      return pags_fail(PAGS_ERROR_FORMAT,
+                       "%s: its picture is %s, for which no camera size is known; expected 'w' and 'h'", view->where,
+                       view->image_path);
+  }
+  return PAGS_OK;
+}
+
+static pags_result count_in(const char *root, const char *folder, const pags_parsed_dataset *parsed, int64_t *count) {
+  *count = 0;
+  for (int64_t i = 0; i < parsed->count && pags_dir_exists(folder); i++) {
+    char *found;
+    PAGS_TRY(find_in(folder, below(root, parsed->views[i].image_path), &found));
+    *count += found != NULL;
+    free(found);
+  }
+  return PAGS_OK;
+}
+
+/* Finds the folder of other usual names that has the most of the pictures. */
+static pags_result find_usual(const char *root, pags_parsed_dataset *parsed) {
+  static const char *const usual[] = {"images", "input", "images_2", "images_4", "images_8"};
+  int64_t most = 0;
+  char *best = NULL;
+  for (size_t i = 0; i < sizeof usual / sizeof *usual; i++) {
+    int64_t count = 0;
+    char *folder = pags_path_join(root, usual[i]);
+    const pags_result result = folder ? count_in(root, folder, parsed, &count) : pags_out_of_memory("%s", root);
+    if (count > most) {
+      most = count;
+      free(best);
+      best = folder;
+    } else {
+      free(folder);
+    }
+    if (result != PAGS_OK) {
+      free(best);
+      return result;
+    }
+  }
+  if (!best)
+    return PAGS_OK;
+  pags_log_message(PAGS_LOG_WARNING,
+                   "%s: no picture is where it says; %lld of %lld are in %s, which is taken (--image-folder %s)",
+                   parsed->source, (long long)most, (long long)parsed->count, best, pags_path_name(best));
+  const pags_result result = move_views(root, best, parsed);
+  free(best);
+  return result;
+}
+
+pags_result pags_pictures_relocate(const char *root, const char *image_folder, pags_parsed_dataset *parsed) {
+  if (parsed->count == 0)
+    return PAGS_OK;
+  if (image_folder && parsed->driving)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: an image folder is asked for, but a driving set's is always images",
+                     parsed->source);
+  if (image_folder)
+    return move_views(root, image_folder, parsed);
+  for (int64_t i = 0; i < parsed->count; i++)
+    if (!parsed->views[i].missing)
+      return PAGS_OK;
+  return parsed->driving ? PAGS_OK : find_usual(root, parsed);
+}
+
+/* ---- Names ---- */
+
+static int by_file(const void *a, const void *b) {
+  const pags_parsed_view *left = a, *right = b;
+  const int order = strcmp(pags_path_name(left->image_path), pags_path_name(right->image_path));
+  return order ? order : strcmp(left->image_path, right->image_path);
+}
+
+static int by_path(const void *a, const void *b) {
+  return strcmp(((const pags_parsed_view *)a)->image_path, ((const pags_parsed_view *)b)->image_path);
+}
+
+/* The length of the folders, with their last slash, that all paths have in common. */
+static size_t common_folders(const pags_parsed_dataset *parsed) {
+  const char *first = parsed->views[0].image_path;
+  size_t length = strlen(first) - strlen(pags_path_name(first));
+  for (int64_t i = 1; i < parsed->count; i++) {
+    size_t same = 0;
+    while (same < length && parsed->views[i].image_path[same] == first[same])
+      same++;
+    while (same > 0 && first[same - 1] != '/')
+      same--;
+    length = same;
+  }
+  return length;
+}
+
+pags_result pags_pictures_name(pags_parsed_dataset *parsed) {
+  bool unique = true;
+  if (!parsed->driving) /* the driving reader has sorted the views by frame, then by camera */
+    pags_sort(parsed->views, parsed->count, sizeof *parsed->views, by_file);
+  for (int64_t i = 0; i < parsed->count; i++) {
+    pags_parsed_view *view = &parsed->views[i], *before = i ? view - 1 : NULL;
+    view->name = pags_path_name(view->image_path);
+    if (!before || parsed->driving)
+      continue;
+    if (strcmp(before->image_path, view->image_path) == 0)
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: the image %s occurs twice (also at %s); expected each once", view->where,
+                       view->image_path, before->where);
+    unique = unique && strcmp(before->name, view->name) != 0;
+  }
+  if (unique)
+    return PAGS_OK;
+  const size_t folders = common_folders(parsed);
+  pags_sort(parsed->views, parsed->count, sizeof *parsed->views, by_path);
+  for (int64_t i = 0; i < parsed->count; i++)
+    parsed->views[i].name = parsed->views[i].image_path + folders;
+  return PAGS_OK;
+}
+
+/* ---- Sizes and orientations ---- */
+
+/* Views of a kind: how many, and the first. */
+typedef struct tally {
+  long long count;
+  const pags_parsed_view *first;
+} tally;
+
+static void add(tally *t, const pags_parsed_view *view) {
+  if (!t->count++)
+    t->first = view;
+}
+
+typedef struct findings {
+  long long views;
+  tally scaled, turned, as_stored, unclear, alpha, light;
+  int lens_width, lens_height; /* of the first that is scaled */
+} findings;
+
+/* How well a picture fits its camera as it is stored and, if its orientation exchanges the sides, turned. */
+static void compare(const pags_parsed_view *view, pags_size_fit *stored, pags_size_fit *turned) {
+  const pags_image_facts *p = &view->picture;
+  *stored = pags_size_fits(p->width, p->height, view->lens.width, view->lens.height);
+  *turned = p->orientation >= 5  ? pags_size_fits(p->height, p->width, view->lens.width, view->lens.height)
+            : p->orientation > 1 ? *stored
+                                 : PAGS_FIT_NONE;
+}
+
+static pags_result refuse(const pags_parsed_view *view) {
+  const pags_image_facts *p = &view->picture;
+  char turn[128] = "";
+  if (p->orientation > 1)
+    snprintf(turn, sizeof turn, " (its EXIF orientation is %d, with which it has %d x %d)", p->orientation,
+             p->orientation >= 5 ? p->height : p->width, p->orientation >= 5 ? p->width : p->height);
+  return pags_fail(PAGS_ERROR_FORMAT,
+                   "%s: %s has %d x %d pixels%s, expected %d x %d as its camera says, or another size of the same "
+                   "ratio; --image-folder takes the pictures from elsewhere",
+                   view->where, view->image_path, p->width, p->height, turn, view->lens.width, view->lens.height);
+}
+
+/* Whether the sizes of some pictures show that the cameras are those of turned pictures (1) or of pictures as they are
+ * stored (-1); 0: both or neither. */
+static int find_habit(const pags_parsed_dataset *parsed) {
+  bool turn = false, keep = false;
+  for (int64_t i = 0; i < parsed->count; i++) {
+    const pags_parsed_view *view = &parsed->views[i];
+    pags_size_fit stored, turned;
+    if (view->missing || view->picture.orientation < 5)
+      continue;
+    compare(view, &stored, &turned);
+    turn = turn || (turned > stored && !view->sized);
+    keep = keep || (stored > turned && !view->sized);
+  }
+  return turn == keep ? 0 : turn ? 1 : -1;
+}
+
+/* Chooses how the picture of a view is turned, and fits the camera to its size. */
+static pags_result fit_camera(pags_parsed_view *view, int habit, findings *found) {
+  pags_size_fit stored, turned;
+  compare(view, &stored, &turned);
+  if (stored == PAGS_FIT_NONE && turned == PAGS_FIT_NONE)
+    return refuse(view);
+  const int orientation = view->picture.orientation;
+  const bool open = turned == stored || view->sized; /* the sizes don't tell */
+  const bool turn = orientation > 1 && (open ? habit > 0 : turned > stored);
+  view->turn = turn ? orientation : 1;
+  if (turn)
+    add(&found->turned, view);
+  else if (orientation > 1 && open && habit == 0)
+    add(&found->unclear, view);
+  else if (orientation > 1)
+    add(&found->as_stored, view);
+  const bool exchanged = turn && orientation >= 5;
+  const int width = exchanged ? view->picture.height : view->picture.width;
+  const int height = exchanged ? view->picture.width : view->picture.height;
+  pags_lens *lens = &view->lens;
+  if (lens->width == width && lens->height == height)
+    return PAGS_OK;
+  if (!found->scaled.count) {
+    found->lens_width = lens->width;
+    found->lens_height = lens->height;
+  }
+  add(&found->scaled, view);
+  const double x = (double)width / lens->width, y = (double)height / lens->height;
+  lens->fx *= x;
+  lens->cx *= x;
+  lens->fy *= y;
+  lens->cy *= y;
+  lens->width = width;
+  lens->height = height;
+  return PAGS_OK;
+}
+
+/* Says what is no fault: how many there are of a kind. */
+static void note(const pags_parsed_dataset *parsed, const findings *found, const tally *t, const char *what) {
+  if (t->count)
+    pags_log_message(PAGS_LOG_INFO, "%s: %lld of %lld photographs %s; the first is %s", parsed->source, t->count,
+                     found->views, what, t->first->name);
+}
+
+static void report(const pags_parsed_dataset *parsed, const findings *found, bool asked, pags_image_alpha alpha) {
+  static const char *const rules[] = {"have an alpha channel and are laid over the background colour",
+                                      "have an alpha channel, which is their mask",
+                                      "have an alpha channel, which is ignored"};
+  if (found->scaled.count) {
+    const pags_image_facts *p = &found->scaled.first->picture;
+    pags_log_message(asked ? PAGS_LOG_INFO : PAGS_LOG_WARNING,
+                     "%s: %lld of %lld photographs have another size than their cameras, whose intrinsics are scaled; "
+                     "the first is %s, %d x %d for a camera of %d x %d",
+                     parsed->source, found->scaled.count, found->views, found->scaled.first->name, p->width, p->height,
+                     found->lens_width, found->lens_height);
+  }
+  if (found->unclear.count)
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s: %lld of %lld photographs have an EXIF orientation that their size doesn't tell the meaning "
+                     "of, and are taken as they are stored; the first is %s (orientation %d). If the cameras are those "
+                     "of upright pictures, store them upright",
+                     parsed->source, found->unclear.count, found->views, found->unclear.first->name,
+                     found->unclear.first->picture.orientation);
+  note(parsed, found, &found->turned, "are turned by their EXIF orientation, as their cameras are");
+  note(parsed, found, &found->as_stored, "are not turned by their EXIF orientation, as their cameras aren't");
+  note(parsed, found, &found->light, "are linear light, encoded for display by the curve of sRGB");
+  note(parsed, found, &found->alpha, rules[alpha]);
+}
+
+pags_result pags_pictures_check(pags_parsed_dataset *parsed, bool asked, pags_image_alpha alpha) {
+  findings found = {0};
+  for (int64_t i = 0; i < parsed->count; i++) {
+    pags_parsed_view *view = &parsed->views[i];
+    if (view->missing)
+      continue;
+    if (view->picture.width == 0)
+      PAGS_TRY(pags_image_inspect(view->image_path, &view->picture));
+    found.views++;
+    if (view->picture.alpha)
+      add(&found.alpha, view);
+    if (view->picture.sample == PAGS_F32)
+      add(&found.light, view);
+    if (parsed->driving && view->picture.orientation > 1)
+      add(&found.unclear, view);
+  }
+  const int habit = parsed->driving ? 0 : find_habit(parsed);
+  for (int64_t i = 0; i < parsed->count && !parsed->driving; i++)
+    if (!parsed->views[i].missing)
+      PAGS_TRY(fit_camera(&parsed->views[i], habit, &found));
+  report(parsed, &found, asked, alpha);
+  return PAGS_OK;
+}

@@ -1,0 +1,20 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The files of a data set's photographs: where they are, what they are called, and whether they fit their cameras. */
+#ifndef PAGS_DATASET_PICTURES_H
+#define PAGS_DATASET_PICTURES_H
+
+#include "dataset/parsed.h"
+
+/* Points the views of a static set to the pictures in `image_folder`; NULL: to those in input, images_2, images_4 or
+ * images_8 if all are missing where the set says. `root`: the data set's folder. */
+pags_result pags_pictures_relocate(const char *root, const char *image_folder, pags_parsed_dataset *parsed);
+
+/* Names the views and sorts those of a static set by name. Fails if two are of one file. */
+pags_result pags_pictures_name(pags_parsed_dataset *parsed);
+
+/* Reads the headers of all pictures that were not read yet. In a static set, scales the intrinsics of cameras of
+ * another size and chooses by which EXIF orientation pictures are turned; fails if a picture doesn't fit its camera.
+ * Logs what was guessed. `asked`: an image folder was asked for, so that another size is no surprise. */
+pags_result pags_pictures_check(pags_parsed_dataset *parsed, bool asked, pags_image_alpha alpha);
+
+#endif

@@ -1,0 +1,356 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Photographs as people bring them: other sizes, alpha, masks of all kinds, EXIF orientation, linear light, one picture."""
+
+import json
+import os
+import shutil
+import struct
+import zlib
+
+import fixtures
+from fixtures import read_png, write
+
+WIDTH, HEIGHT, VIEWS = 32, 24, 9
+
+
+def png(width, height, samples, channels=3, bits=8, orientation=1):
+    """The bytes of a PNG; samples: bytes, big-endian where bits is 16."""
+
+    def chunk(kind, data):
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    step = width * channels * bits // 8
+    rows = b"".join(b"\0" + samples[y * step : (y + 1) * step] for y in range(height))
+    colour = {1: 0, 2: 4, 3: 2, 4: 6}[channels]
+    exif = struct.pack("<2sHIHHHIHHI", b"II", 42, 8, 1, 274, 3, 1, orientation, 0, 0)
+    return (
+        b"\x89PNG\r\n\x1a\n"
+        + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, bits, colour, 0, 0, 0))
+        + (chunk(b"eXIf", exif) if orientation > 1 else b"")
+        + chunk(b"IDAT", zlib.compress(rows))
+        + chunk(b"IEND", b"")
+    )
+
+
+def exr(width, height, rows):
+    """The bytes of an uncompressed EXR of half-float channels; rows[y][c]: list of values, channels in the order of names."""
+
+    def attribute(name, kind, value):
+        return name + b"\0" + kind + b"\0" + struct.pack("<i", len(value)) + value
+
+    names = sorted("BGRA"[: len(rows[0])])
+    channels = b"".join(name.encode() + b"\0" + struct.pack("<iB3xii", 1, 0, 1, 1) for name in names) + b"\0"
+    box = struct.pack("<4i", 0, 0, width - 1, height - 1)
+    head = (
+        struct.pack("<II", 20000630, 2)
+        + attribute(b"channels", b"chlist", channels)
+        + attribute(b"compression", b"compression", b"\0")
+        + attribute(b"dataWindow", b"box2i", box)
+        + attribute(b"displayWindow", b"box2i", box)
+        + attribute(b"lineOrder", b"lineOrder", b"\0")
+        + attribute(b"pixelAspectRatio", b"float", struct.pack("<f", 1))
+        + attribute(b"screenWindowCenter", b"v2f", struct.pack("<2f", 0, 0))
+        + attribute(b"screenWindowWidth", b"float", struct.pack("<f", 1))
+        + b"\0"
+    )
+    line = width * 2 * len(names)
+    places = b"".join(struct.pack("<Q", len(head) + 8 * height + y * (8 + line)) for y in range(height))
+    order = ["BGRA".index(name) for name in names]
+    data = b"".join(
+        struct.pack("<ii", y, line) + b"".join(struct.pack(f"<{width}e", *rows[y][c]) for c in order)
+        for y in range(height)
+    )
+    return head + places + data
+
+
+class Photographs(fixtures.Case):
+    @classmethod
+    def setUpClass(cls):
+        cls.data = fixtures.make_dataset(os.path.join(cls.shared_folder(), "data"), VIEWS, WIDTH, HEIGHT)
+        cls.pixels = [read_png(f"{cls.data}/images/{i:03d}.png")[4] for i in range(VIEWS)]
+
+    def setUp(self):
+        super().setUp()
+        self.set = self.path("set")
+        shutil.copytree(self.data, self.set)
+
+    def change(self, **keys):
+        with open(f"{self.set}/transforms.json") as file:
+            content = json.load(file)
+        content.update(keys)
+        write(f"{self.set}/transforms.json", json.dumps(content, indent=1))
+        return content
+
+    def info(self, *arguments):
+        return json.loads(self.succeeds("info", self.set, "--json", "-", *arguments).stdout)
+
+    def train(self, *arguments, steps=1):
+        scene = self.path("scene")
+        more = ["-o", scene, "-n", steps, "--preview-every", 0, "--overwrite", "--random-points", 200, "--json", "-"]
+        return json.loads(self.succeeds("train", self.set, *more, *arguments).stdout)
+
+    def eval(self, *arguments):
+        done = self.succeeds("eval", self.path("scene"), "--json", "-", "--images", self.path("eval"), *arguments)
+        return json.loads(done.stdout)
+
+    def photo(self, name="000"):
+        width, height, channels, _, data = read_png(self.path("eval", f"{name}_photo.png"))
+        self.assertEqual(channels, 3)
+        return width, height, data
+
+    def one_warning(self, found, *words):
+        self.assertEqual(len(found["warnings"]), 1, found["warnings"])
+        for word in words:
+            self.assertIn(word, found["warnings"][0])
+
+    def masks(self, make, folder="masks", ending=".png"):
+        """Writes a mask of each view: make(i) is the bytes of a picture."""
+        for i in range(VIEWS):
+            write(f"{self.set}/{folder}/{i:03d}{ending}", make(i))
+
+    def left_half(self, value=255, other=0):
+        return bytes(value if x < WIDTH // 2 else other for y in range(HEIGHT) for x in range(WIDTH))
+
+    # ---- Sizes and folders ----
+
+    def test_pictures_smaller_than_their_cameras(self):
+        self.change(w=2 * WIDTH - 1, h=2 * HEIGHT - 1, fl_x=120, fl_y=119, cx=31, cy=23)
+        found = self.info()
+        self.assertEqual((found["width"], found["height"]), (WIDTH, HEIGHT))
+        self.one_warning(found, "9 of 9 photographs have another size", "000.png", "32 x 24 for a camera of 63 x 47")
+        self.one_warning(self.train(), "another size")
+        with open(self.path("scene", "scene.json")) as file:
+            camera = json.load(file)["cameras"][0]
+        for key, value in {"fx": 120 * 32 / 63, "fy": 119 * 24 / 47, "cx": 31 * 32 / 63, "cy": 23 * 24 / 47}.items():
+            self.assertAlmostEqual(camera[key], value, places=9)
+        self.eval()
+        self.fails(["info", self.set, "--strict"], "another size", "--strict")
+
+    def test_another_ratio_is_refused(self):
+        self.change(w=HEIGHT, h=WIDTH)
+        self.fails(["info", self.set], "000.png has 32 x 24 pixels, expected 24 x 32", "transforms.json:")
+
+    def test_image_folder(self):
+        small = bytes(WIDTH // 2 * HEIGHT // 2 * 3)
+        for i in range(VIEWS):
+            write(f"{self.set}/images_2/{i:03d}.png", png(WIDTH // 2, HEIGHT // 2, small))
+        self.assertEqual(self.info()["warnings"], [])
+        found = self.info("--image-folder", "images_2")
+        self.assertEqual((found["width"], found["warnings"]), (WIDTH // 2, []))
+        self.train("--image-folder", "images_2")
+        self.eval()  # the scene remembers it
+        self.assertEqual(self.photo()[0], WIDTH // 2)
+        self.fails(["info", self.set, "--image-folder", "images_3"], "images_3: no such image folder")
+        self.eval("--image-folder", "images")  # shrunk to the scene's size
+        self.assertEqual(self.photo()[0], WIDTH // 2)
+
+    def test_pictures_elsewhere_only(self):
+        os.rename(f"{self.set}/images", f"{self.set}/input")
+        self.one_warning(self.info(), "9 of 9 are in", "input")
+        shutil.rmtree(f"{self.set}/input")
+        self.fails(["info", self.set], "no such image", "all 9 images are missing")
+
+    def test_same_names_in_folders(self):
+        content = self.change()
+        for i, frame in enumerate(content["frames"]):
+            name = f"images/cam{i % 3}/{i // 3}.png"
+            os.makedirs(f"{self.set}/images/cam{i % 3}", exist_ok=True)
+            os.rename(f"{self.set}/{frame['file_path']}", f"{self.set}/{name}")
+            frame["file_path"] = name
+        self.change(frames=content["frames"])
+        self.assertEqual(self.train()["warnings"], [])
+        names = [view["name"] for view in self.eval()["train"]["per_view"]]
+        self.assertEqual(names, [f"cam{i // 3}/{i % 3}.png" for i in range(9) if i % 8])
+        self.assertEqual(self.photo("cam1/2")[2], self.pixels[7])
+        self.succeeds("render", self.path("scene"), "--split", "all", "-o", self.path("drawn"))
+        self.assertEqual(len(fixtures.files_below(self.path("drawn"))), 9)
+        with open(self.path("scene", "scene.json")) as file:
+            scene = json.load(file)
+        scene["cameras"][0]["name"] = "../../outside.png"
+        write(self.path("scene", "scene.json"), json.dumps(scene))
+        self.succeeds("render", self.path("scene"), "--split", "all", "-o", self.path("again", "drawn"))
+        self.assertIn("outside.png", os.listdir(self.path("again", "drawn")))
+
+    # ---- Colours ----
+
+    def rgba(self, i, alpha):
+        colours = self.pixels[i]
+        return b"".join(colours[3 * at : 3 * at + 3] + bytes([alpha[at]]) for at in range(WIDTH * HEIGHT))
+
+    def cut_out(self):
+        alpha = bytes(255 if x < 16 else 128 if x < 20 else 0 for y in range(HEIGHT) for x in range(WIDTH))
+        for i in range(VIEWS):
+            write(f"{self.set}/images/{i:03d}.png", png(WIDTH, HEIGHT, self.rgba(i, alpha), 4))
+        return alpha
+
+    def test_alpha_over_the_background(self):
+        alpha = self.cut_out()
+        said = self.train("--background", "1,0.5,0")
+        self.assertEqual(said["warnings"], [])
+        self.eval()
+        got, want = self.photo()[2], self.pixels[0]
+        for at in range(0, WIDTH * HEIGHT, 7):
+            for c, behind in enumerate((255, 128, 0)):
+                mixed = (want[3 * at + c] * alpha[at] + behind * (255 - alpha[at])) / 255
+                self.assertLessEqual(abs(got[3 * at + c] - mixed), 0.51)
+        self.eval("--background", "0,0,1")
+        self.assertEqual(self.photo()[2][3 * 31 : 3 * 32], bytes([0, 0, 255]))
+
+    def test_alpha_as_mask_or_ignored(self):
+        self.cut_out()
+        self.train("--image-alpha", "mask")
+        masked = self.eval()["train"]["psnr"]
+        self.assertEqual(self.photo()[2], self.pixels[0])
+        ignored = self.eval("--image-alpha", "ignore")["train"]["psnr"]
+        self.assertEqual(self.photo()[2], self.pixels[0])
+        self.assertNotAlmostEqual(masked, ignored, places=2)
+        content = self.change()
+        for i, frame in enumerate(content["frames"]):
+            frame["mask_path"] = f"masks/{i:03d}.png"
+        self.masks(lambda i: png(WIDTH, HEIGHT, bytes(255 if x < 20 else 0 for y in range(HEIGHT) for x in range(WIDTH)), 1))
+        self.change(frames=content["frames"])
+        self.assertAlmostEqual(self.eval("--image-alpha", "ignore")["train"]["psnr"], masked, places=9)
+
+    def test_linear_light(self):
+        content = self.change()
+        for i, frame in enumerate(content["frames"]):
+            light = [v / 255 for v in self.pixels[i]]
+            light = [v / 12.92 if v <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4 for v in light]
+            rows = [[light[3 * WIDTH * y + c : 3 * WIDTH * (y + 1) : 3] for c in (2, 1, 0)] for y in range(HEIGHT)]
+            if i == 0:  # alpha of one half, by which the colours are multiplied
+                rows = [[[v / 2 for v in c] for c in row] + [[0.5] * WIDTH] for row in rows]
+            frame["file_path"] = f"images/{i:03d}.exr"
+            write(f"{self.set}/{frame['file_path']}", exr(WIDTH, HEIGHT, rows))
+        self.change(frames=content["frames"])
+        self.assertEqual(self.train()["warnings"], [])
+        self.eval()
+        self.assertLessEqual(max(abs(a - b) for a, b in zip(self.photo("001")[2], self.pixels[1])), 1)
+        self.assertLessEqual(max(abs(2 * a - b) for a, b in zip(self.photo("000")[2], self.pixels[0])), 3)
+
+    # ---- Orientation ----
+
+    def store(self, orientation):
+        """Stores every picture turned, with the orientation that turns it back."""
+        for i in range(VIEWS):
+            p = [self.pixels[i][3 * at : 3 * at + 3] for at in range(WIDTH * HEIGHT)]
+            at = lambda x, y: p[y * WIDTH + x]
+            if orientation == 6:  # the first row is the right side, from top to bottom
+                rows = [[at(WIDTH - 1 - v, u) for u in range(HEIGHT)] for v in range(WIDTH)]
+            elif orientation == 8:  # the first row is the left side, from bottom to top
+                rows = [[at(v, HEIGHT - 1 - u) for u in range(HEIGHT)] for v in range(WIDTH)]
+            else:
+                rows = [[at(WIDTH - 1 - u, HEIGHT - 1 - v) for u in range(WIDTH)] for v in range(HEIGHT)]
+            data = b"".join(b"".join(row) for row in rows)
+            write(f"{self.set}/images/{i:03d}.png", png(len(rows[0]), len(rows), data, orientation=orientation))
+
+    def test_orientation_that_the_size_tells(self):
+        for orientation in (6, 8):
+            self.store(orientation)
+            self.assertEqual(self.train()["warnings"], [])
+            self.eval()
+            self.assertEqual(self.photo(), (WIDTH, HEIGHT, self.pixels[0]))
+
+    def test_orientation_that_nothing_tells(self):
+        self.store(3)
+        self.one_warning(self.train(), "9 of 9 photographs have an EXIF orientation", "000.png (orientation 3)")
+        # A picture whose size tells that orientations count tells it of all.
+        self.store(6)
+        upside_down = self.path("upside")
+        shutil.copytree(self.set, upside_down)
+        self.store(3)
+        shutil.copy(f"{upside_down}/images/008.png", f"{self.set}/images/008.png")
+        self.assertEqual(self.train()["warnings"], [])
+        self.eval()
+        self.assertEqual(self.photo(), (WIDTH, HEIGHT, self.pixels[0]))
+
+    def test_orientation_of_cameras_as_stored(self):
+        self.store(6)
+        self.change(w=HEIGHT, h=WIDTH, cx=HEIGHT / 2, cy=WIDTH / 2)
+        self.assertEqual(self.info()["warnings"], [])
+
+    # ---- Masks ----
+
+    def masked_psnr(self, *arguments):
+        self.train(*arguments)
+        return self.eval()["train"]["psnr"]
+
+    def test_masks_mean_the_same_in_every_file(self):
+        """Beside the images, under both names; bytes, soft edges, 0 and 1, 16 bits, alpha, half the size."""
+        whole = self.masked_psnr()
+        grey = self.left_half()
+        self.masks(lambda i: png(WIDTH, HEIGHT, grey, 1))
+        self.assertEqual(self.info()["views_masked"], VIEWS)
+        half = self.masked_psnr()
+        self.assertNotAlmostEqual(half, whole, places=4)
+        small = bytes(255 if x < WIDTH // 4 else 0 for y in range(HEIGHT // 2) for x in range(WIDTH // 2))
+        wide = lambda high, low: b"".join(bytes(high if v else low) for v in grey)
+        kinds = {
+            "soft": (png(WIDTH, HEIGHT, self.left_half(128, 127), 1), None),
+            "ones": (png(WIDTH, HEIGHT, self.left_half(1), 1), "no value over 1"),
+            "16 bits": (png(WIDTH, HEIGHT, wide((255, 255), (0, 0)), 1, 16), None),
+            "16 bits, ones": (png(WIDTH, HEIGHT, wide((0, 1), (0, 0)), 1, 16), "no value over 1"),
+            "16 bits, bytes": (png(WIDTH, HEIGHT, wide((0, 255), (0, 0)), 1, 16), "no value over 255"),
+            "alpha": (png(WIDTH, HEIGHT, b"".join(bytes((255, 255, 255, v)) for v in grey), 4), None),
+            "half the size": (png(WIDTH // 2, HEIGHT // 2, small, 1), None),
+        }
+        for name, (data, warning) in kinds.items():
+            with self.subTest(name):
+                shutil.rmtree(f"{self.set}/masks")
+                self.masks(lambda i: data, ending=".png.png" if name == "ones" else ".png")
+                found = self.info()
+                self.assertEqual(found["views_masked"], VIEWS)
+                if warning:
+                    self.one_warning(found, warning, "the first is")
+                else:
+                    self.assertEqual(found["warnings"], [])
+                self.assertAlmostEqual(self.masked_psnr(), half, places=9)
+
+    def test_masks_of_some_and_of_none(self):
+        self.masks(lambda i: png(WIDTH, HEIGHT, self.left_half(), 1))
+        os.rename(f"{self.set}/masks/004.png", f"{self.set}/masks/spare.png")
+        found = self.info()
+        self.assertEqual(found["views_masked"], VIEWS - 1)
+        self.assertEqual(len(found["warnings"]), 2)
+        self.assertIn("1 of 9 photographs have no mask there", found["warnings"][0])
+        self.assertIn("004.png", found["warnings"][0])
+        self.assertIn("1 of 9 files are masks of no photograph, the first is spare.png", found["warnings"][1])
+        os.remove(f"{self.set}/masks/spare.png")
+        write(f"{self.set}/masks/003.png", png(WIDTH, WIDTH, bytes(WIDTH * WIDTH), 1))
+        self.fails(["info", self.set], "masks/003.png: a mask of 32 x 32 pixels", "32 x 24")
+
+    def test_masks_that_leave_no_pixel(self):
+        nothing = png(WIDTH, HEIGHT, bytes(WIDTH * HEIGHT), 1)
+        some = png(WIDTH, HEIGHT, self.left_half(), 1)
+        self.masks(lambda i: nothing if i in (3, 8) else some)
+        self.one_warning(self.train(steps=12), "2 of the 9 masks looked at leave no pixel", "003.png")
+        found = self.eval()
+        self.assertEqual((found["train"]["views"], found["train"]["without_pixels"]), (6, ["003.png"]))
+        self.assertEqual((found["test"]["views"], found["test"]["without_pixels"]), (1, ["008.png"]))
+        self.assertIn("2 of 9 views have no pixel", found["warnings"][1])
+        for split in ("train", "test"):
+            for figures in [found[split], *found[split]["per_view"]]:
+                self.assertGreater(figures["psnr"], 1)
+                self.assertIsNotNone(figures["ssim"])
+        self.masks(lambda i: nothing)
+        self.one_warning(self.info(), "leave no pixel of any of the 9 photographs, and are ignored")
+
+    # ---- Evaluation ----
+
+    def test_one_picture(self):
+        content = self.change()
+        self.change(frames=content["frames"][:1])
+        self.assertEqual(self.info()["views_train"], 1)
+        for arguments in ([], ["--split-every", "0"], ["--reconstruction"]):
+            self.train(*arguments)
+            self.assertEqual(self.eval()["train"]["views"], 1)
+
+    def test_picture_options_of_eval(self):
+        self.train("--background", "1,1,1", steps=30)
+        base = self.eval()["train"]["psnr"]
+        for arguments in (["--background", "0,0,0"], ["--antialiased"], ["--near", "2.8"], ["--low-pass", "3"]):
+            self.assertNotAlmostEqual(self.eval(*arguments)["train"]["psnr"], base, places=3, msg=arguments)
+        self.assertEqual(self.eval("--no-antialiased")["train"]["psnr"], base)
+
+
+if __name__ == "__main__":
+    fixtures.main()
