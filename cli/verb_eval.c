@@ -106,6 +106,7 @@ typedef struct evaluation {
   int64_t count;
   int64_t *without_pixels; /* indices of views whose mask leaves no pixel: they have no figures */
   int64_t without_count;
+  int64_t shown;                     /* views in which a Gaussian is in view */
   pags_depth_errors depth_errors[2]; /* [0] training views, [1] held-out views */
   pags_depth_figures depth[2];
   pags_pose_errors poses;
@@ -214,8 +215,10 @@ static pags_result compare_view(evaluation *self, int64_t i) {
     result = compare_unexposed(self, camera, parts, part_count, &photo, score);
   if (result == PAGS_OK)
     result = pags_frame_render(self->frame, parts, part_count, camera, &exposed, NULL, NULL, &picture);
-  if (result == PAGS_OK)
+  if (result == PAGS_OK) {
+    self->shown += pags_frame_stats_get(self->frame)->binned > 0;
     result = compare_picture(self, at, &picture, &photo);
+  }
   pags_photograph_destroy(&photo);
   return result;
 }
@@ -423,6 +426,9 @@ static pags_result evaluate(evaluation *self, const char *scene_path) {
         pags_dataset_path(self->photographs.dataset), (long long)self->without_count,
         (long long)(self->count + self->without_count),
         pags_dataset_view(self->photographs.dataset, self->photographs.views[self->without_pixels[0]].index)->name);
+  if (self->count && !self->shown)
+    pags_log_message(PAGS_LOG_WARNING, "%s: nothing of the scene is in view in any of %lld views", scene_path,
+                     (long long)self->count);
   if (!self->count)
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: no %s to compare", scene_path,
                      arguments->split == 0   ? "views"

@@ -16,6 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/file.h"
+#include "base/log.h"
 #include "base/memory.h"
 #include "port/port.h"
 
@@ -435,6 +436,13 @@ static pags_result render(renderer *self, const pags_parsed *parsed, unsigned ch
     pags_port_remove_folder(arguments->output); /* fails, and so keeps the folder, if it holds any file */
   if (result != PAGS_OK)
     return result;
+
+  int64_t shown = 0;
+  for (int64_t i = 0; i < self->done; i++)
+    shown += self->stats[i].binned > 0;
+  if (!shown && self->done)
+    pags_log_message(PAGS_LOG_WARNING, "%s: nothing of the scene is in view in any of %lld pictures", arguments->output,
+                     (long long)self->done);
 
   /* Print the mean times and the statistics of --budget-ms and --packed. */
   pags_frame_stats mean = mean_stats(self->stats, self->done);

@@ -381,7 +381,9 @@ static pags_result open_into(pags_dataset *dataset, const char *path, const pags
                      options->critical);
   if (dataset->parsed.driving)
     PAGS_TRY(pags_ego_masks_make(dataset, options));
-  return pags_dataset_make_points(dataset, options);
+  PAGS_TRY(pags_dataset_make_points(dataset, options));
+  pags_dataset_check_in_view(dataset);
+  return PAGS_OK;
 }
 
 /* ---- Opening, closing, and accessors of every set ---- */

@@ -28,6 +28,9 @@ struct pags_dataset {
  * points.c). */
 pags_result pags_dataset_make_points(pags_dataset *dataset, const pags_dataset_options *options);
 
+/* Logs a warning if none of the points, unless they are random, is in view of any camera (in_view.c). */
+void pags_dataset_check_in_view(const pags_dataset *dataset);
+
 /* Finds, for every camera of a driving set, the pixels that show the ego vehicle (ego_mask.c). Call it after the
  * views are made. */
 pags_result pags_ego_masks_make(pags_dataset *dataset, const pags_dataset_options *options);

@@ -7,18 +7,55 @@
 #include <stdlib.h>
 
 #include "base/memory.h"
+#include "base/sort.h"
 #include "init/knn.h"
 #include "maths/maths.h"
 
 /* Lower bound of the mean squared neighbour distance, m^2: duplicate points have distance 0. It is INRIA's bound. */
 static const float least_square = 1e-7f;
 
+/* Lower bound of the extent, relative to the median distance of the points. Cameras round an object or through a room
+ * spread over more than that. */
+static const double least_share = 0.25;
+
 /* Smallest initial colour, in levels of 0..255: rendering clamps colours at 0, where no gradient flows back, so that
  * a black point cloud would stay black. */
 static const double least_level = 0.5;
 
-double pags_init_extent(const pags_dataset *dataset, const int64_t *views, int64_t count) {
-  double mean[3] = {0.0, 0.0, 0.0}, largest = 0.0;
+static int by_value(const void *a, const void *b) {
+  const double left = *(const double *)a, right = *(const double *)b;
+  return left < right ? -1 : left > right;
+}
+
+/* The median distance of the finite points from `centre`, of at most MOST of them; 0 without any. */
+static pags_result median_distance(int64_t points, const float *xyz, const double centre[3], double *median) {
+  enum { MOST = 100000 };
+  const int64_t step = points / MOST + 1;
+  int64_t count = 0;
+  *median = 0.0;
+  double *distances = malloc((size_t)(points / step + 1) * sizeof *distances);
+  if (!distances)
+    return pags_out_of_memory("%lld points", (long long)points);
+  for (int64_t i = 0; i < points; i += step) {
+    double square = 0.0;
+    for (int k = 0; k < 3; k++) {
+      const double d = (double)xyz[3 * i + k] - centre[k];
+      square += d * d;
+    }
+    if (isfinite(square))
+      distances[count++] = sqrt(square);
+  }
+  if (count > 0) {
+    pags_sort(distances, count, sizeof *distances, by_value);
+    *median = distances[count / 2];
+  }
+  free(distances);
+  return PAGS_OK;
+}
+
+pags_result pags_init_extent(const pags_dataset *dataset, const int64_t *views, int64_t count, int64_t points,
+                             const float *xyz, double *extent) {
+  double mean[3] = {0.0, 0.0, 0.0}, centre[3], largest = 0.0, median;
   for (int64_t i = 0; i < count; i++)
     for (int k = 0; k < 3; k++)
       mean[k] += pags_dataset_view(dataset, views[i])->camera.world_from_camera[4 * k + 3] / (double)count;
@@ -30,7 +67,13 @@ double pags_init_extent(const pags_dataset *dataset, const int64_t *views, int64
     }
     largest = fmax(largest, sqrt(square));
   }
-  return largest > 1e-6 ? 1.1 * largest : 1.0;
+  for (int k = 0; k < 3; k++)
+    centre[k] = mean[k] - pags_dataset_origin(dataset)[k];
+  PAGS_TRY(median_distance(points, xyz, centre, &median));
+  *extent = fmax(1.1 * largest, least_share * median);
+  if (*extent <= 1e-6)
+    *extent = 1.0;
+  return PAGS_OK;
 }
 
 /* Writes the indices of the points to use, finite ones and at most `most` of them, to `chosen`; returns how many. */

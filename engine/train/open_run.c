@@ -55,31 +55,35 @@ static int64_t choose_cap(const pags_trainer *t, const pags_train_config *config
 
 /* ---- Photograph sets ---- */
 
-static pags_result start_static(pags_trainer *t, const pags_train_config *config, double extent) {
-  pags_train_state *s = &t->state;
-  pags_gaussians g;
-
-  /* Start from the data set's points; if those are random, from as many points that matching photographs finds
-   * instead, unless random_start is set. */
-  int64_t most = s->cap > 0 ? s->cap : INT32_MAX - 64;
-  int64_t points;
+/* The points that the run of a photograph set starts from; the data set's, or `matched`, which the owner frees. */
+typedef struct start_points {
+  int64_t count;
   const float *xyz;
   const uint8_t *rgb;
-  float *matched_xyz = NULL;
-  uint8_t *matched_rgb = NULL;
-  int random;
-  pags_dataset_points(t->dataset, &points, &xyz, &rgb, &random);
-  if (random && !config->start.random_start) {
-    PAGS_TRY(
-        pags_dataset_match_points(t->dataset, t->tasks, points, config->schedule.seed, &matched_xyz, &matched_rgb));
-    xyz = matched_xyz;
-    rgb = matched_rgb;
-  }
-  pags_result result = pags_init_gaussians(config, points, xyz, rgb, most, extent, t->tasks, &g);
-  free(matched_xyz);
-  free(matched_rgb);
-  PAGS_TRY(result);
+  float *matched_xyz;
+  uint8_t *matched_rgb;
+} start_points;
 
+/* Takes the data set's points; if those are random, as many points that matching photographs finds instead, unless
+ * random_start is set. */
+static pags_result find_points(const pags_trainer *t, const pags_train_config *config, start_points *p) {
+  int random;
+  pags_dataset_points(t->dataset, &p->count, &p->xyz, &p->rgb, &random);
+  if (!random || config->start.random_start)
+    return PAGS_OK;
+  PAGS_TRY(pags_dataset_match_points(t->dataset, t->tasks, p->count, config->schedule.seed, &p->matched_xyz,
+                                     &p->matched_rgb));
+  p->xyz = p->matched_xyz;
+  p->rgb = p->matched_rgb;
+  return PAGS_OK;
+}
+
+static pags_result start_static(pags_trainer *t, const pags_train_config *config, const start_points *p,
+                                double extent) {
+  pags_train_state *s = &t->state;
+  pags_gaussians g;
+  const int64_t most = s->cap > 0 ? s->cap : INT32_MAX - 64;
+  PAGS_TRY(pags_init_gaussians(config, p->count, p->xyz, p->rgb, most, extent, t->tasks, &g));
   return pags_state_add_model(s, -1, extent, &g);
 }
 
@@ -209,19 +213,30 @@ static pags_result set_priorities(const pags_trainer *t, pags_gaussians *g) {
   return PAGS_OK;
 }
 
-pags_result pags_trainer_start(pags_trainer *t, const pags_train_config *config) {
-  int driving = pags_dataset_fps(t->dataset) > 0.0;
-  double extent = pags_init_extent(t->dataset, t->views, t->view_count);
-  if (driving)
-    extent = fmin(extent, config->start.extent_most);
+static pags_result start(pags_trainer *t, const pags_train_config *config, start_points *points) {
+  const int driving = pags_dataset_fps(t->dataset) > 0.0;
+  double extent;
+  if (!driving)
+    PAGS_TRY(find_points(t, config, points));
+  PAGS_TRY(pags_init_extent(t->dataset, t->views, t->view_count, points->count, points->xyz, &extent));
+  if (driving) /* in metres: a car that stands still sees a street, too */
+    extent = fmin(fmax(extent, 1.0), config->start.extent_most);
   pags_schedule schedule = pags_schedule_make(config, extent, t->view_count);
   PAGS_TRY(
       pags_state_create(&t->state, &schedule, config->schedule.iterations, 1 + pags_dataset_object_count(t->dataset)));
   t->state.cap = choose_cap(t, config);
-  PAGS_TRY(driving ? start_driving(t, config, extent) : start_static(t, config, extent));
+  PAGS_TRY(driving ? start_driving(t, config, extent) : start_static(t, config, points, extent));
   for (int64_t i = 0; i < t->state.model_count; i++)
     PAGS_TRY(set_priorities(t, &t->state.models[i].gaussians));
   return pags_size_limit_start(t->dataset, &t->state, t->tasks);
+}
+
+pags_result pags_trainer_start(pags_trainer *t, const pags_train_config *config) {
+  start_points points = {0};
+  const pags_result result = start(t, config, &points);
+  free(points.matched_xyz);
+  free(points.matched_rgb);
+  return result;
 }
 
 static pags_result refuse_other_views(const pags_trainer *t) {

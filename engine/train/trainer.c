@@ -86,6 +86,7 @@ typedef struct run_clock {
   double rate; /* steps per second last displayed; 0: none yet */
   double tail; /* begin of the run's last tenth */
   int64_t tail_step, first_step;
+  int64_t blank; /* steps in a row in which no Gaussian was in view */
   uint64_t tail_heap_calls;
 } run_clock;
 
@@ -187,6 +188,7 @@ static pags_result loop(pags_trainer *t, run_clock *clock, int *stopped) {
     pags_step_view v;
     PAGS_TRY(do_step(t, &v));
     update_clock(t, clock);
+    clock->blank = pags_frame_stats_get(t->render.frame)->binned > 0 ? 0 : clock->blank + 1;
     if (t->options->estimate) {
       *stopped = s->step >= ESTIMATE_STEPS;
       continue;
@@ -222,6 +224,12 @@ static pags_result write_end(pags_trainer *t, pags_train_result *r, const run_cl
   if (dropped > 0)
     pags_log_message(PAGS_LOG_WARNING, "%lld Gaussians with parameters that are not finite are left out of the scene",
                      (long long)dropped);
+
+  const int64_t turn = t->view_count < s->step - clock->first_step ? t->view_count : s->step - clock->first_step;
+  if (turn > 0 && clock->blank >= turn)
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s: nothing of the scene is in view of its %lld training views, which show the background alone",
+                     t->output.folder, (long long)t->view_count);
 
   PAGS_TRY(pags_output_scene(&t->output, t->dataset, s));
   r->seconds = (pags_clock_ms() - clock->begin) / 1e3;

@@ -2,6 +2,7 @@
 """Photographs as people bring them: other sizes, alpha, masks of all kinds, EXIF orientation, linear light, one picture."""
 
 import json
+import math
 import os
 import shutil
 import struct
@@ -333,6 +334,52 @@ class Photographs(fixtures.Case):
                 self.assertIsNotNone(figures["ssim"])
         self.masks(lambda i: nothing)
         self.one_warning(self.info(), "leave no pixel of any of the 9 photographs, and are ignored")
+
+    # ---- Extent and view ----
+
+    def point_set(self, jitter, move=0.0):
+        """Cameras that turn in one place, but for a jitter, and points on a cylinder of 4 m around them."""
+        frames, spread = [], [((i * 37) % 9 - 4) / 4 for i in range(VIEWS)]
+        for i in range(VIEWS):
+            pose = fixtures.ring_pose(2 * math.pi * i / VIEWS, height=0.0)
+            for k in range(3):
+                pose[k][3] = jitter * spread[(i + 3 * k) % VIEWS]
+            frames.append({"file_path": f"images/{i:03d}.png", "transform_matrix": pose})
+            row = b""
+            for x in range(WIDTH):
+                u = (x + 0.5 - WIDTH / 2) / 26
+                at = math.atan2(u * pose[1][0] - pose[1][2], u * pose[0][0] - pose[0][2])
+                row += bytes((int(128 + 90 * math.sin(3 * at)), int(128 + 90 * math.cos(2 * at)), 100))
+            wall = row * HEIGHT
+            write(f"{self.set}/images/{i:03d}.png", png(WIDTH, HEIGHT, wall))
+        head = "ply\nformat ascii 1.0\nelement vertex 600\nproperty float x\nproperty float y\nproperty float z\n"
+        head += "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n"
+        for i in range(600):
+            angle = i * 2.399
+            place = f"{4 * math.cos(angle) + move:.4f} {4 * math.sin(angle):.4f} {i / 200 - 1.5:.4f}"
+            head += place + " 120 120 120\n"
+        write(f"{self.set}/points.ply", head)
+        self.change(frames=frames, ply_file_path="points.ply", fl_x=26, fl_y=26)
+
+    def test_tripod(self):
+        """The extent is that of what is seen, not the jitter of the tripod."""
+        scores = []
+        for jitter in (0, 1e-3):
+            self.point_set(jitter)
+            self.train("--max-gaussians", 2000, "--split-every", 0, steps=400)
+            scores.append(self.eval()["train"]["psnr"])
+        self.assertGreater(scores[0], 15)
+        self.assertGreater(scores[1], scores[0] - 1)
+
+    def test_nothing_in_view(self):
+        self.point_set(0, move=-1e6)
+        content = self.change()
+        self.change(frames=[content["frames"][4]])  # looks the other way
+        self.one_warning(self.info(), "none of the 600 points looked at is in view of any camera")
+        self.assertIn("nothing of the scene is in view of its 1 training views", self.train(steps=3)["warnings"][1])
+        self.assertIn("nothing of the scene is in view in any of 1 views", self.eval()["warnings"][1])
+        drawn = self.succeeds("render", self.path("scene"), "--split", "all", "-o", self.path("drawn"), "--json", "-")
+        self.one_warning(json.loads(drawn.stdout), "nothing of the scene is in view in any of 1 pictures")
 
     # ---- Evaluation ----
 
