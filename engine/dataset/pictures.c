@@ -191,7 +191,7 @@ static void add(tally *t, const pags_parsed_view *view) {
 
 typedef struct findings {
   long long views;
-  tally scaled, turned, as_stored, unclear, alpha, light;
+  tally scaled, turned, as_stored, unclear, alpha, light, aside;
   int lens_width, lens_height; /* of the first that is scaled */
 } findings;
 
@@ -295,6 +295,14 @@ static void report(const pags_parsed_dataset *parsed, const findings *found, boo
                      "of upright pictures, store them upright",
                      parsed->source, found->unclear.count, found->views, found->unclear.first->name,
                      found->unclear.first->picture.orientation);
+  if (found->aside.count)
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s: %lld of %lld cameras have their principal point at the edge of the picture or outside, the "
+                     "first is that of %s, at %.0f,%.0f in %d x %d pixels: intrinsics of pictures of another size? "
+                     "'w' and 'h' say of which",
+                     parsed->source, found->aside.count, found->views, found->aside.first->name,
+                     found->aside.first->lens.cx, found->aside.first->lens.cy, found->aside.first->lens.width,
+                     found->aside.first->lens.height);
   note(parsed, found, &found->turned, "are turned by their EXIF orientation, as their cameras are");
   note(parsed, found, &found->as_stored, "are not turned by their EXIF orientation, as their cameras aren't");
   note(parsed, found, &found->light, "are linear light, encoded for display by the curve of sRGB");
@@ -316,6 +324,12 @@ pags_result pags_pictures_check(pags_parsed_dataset *parsed, bool asked, pags_im
       add(&found.light, view);
     if (parsed->driving && view->picture.orientation > 1)
       add(&found.unclear, view);
+  }
+  for (int64_t i = 0; i < parsed->count && !parsed->driving; i++) {
+    const pags_lens *lens = &parsed->views[i].lens;
+    const double x = lens->cx / lens->width, y = lens->cy / lens->height;
+    if (!parsed->views[i].missing && !(x > 0.05 && x < 0.95 && y > 0.05 && y < 0.95))
+      add(&found.aside, &parsed->views[i]);
   }
   const int habit = parsed->driving ? 0 : find_habit(parsed);
   for (int64_t i = 0; i < parsed->count && !parsed->driving; i++)

@@ -86,7 +86,9 @@ typedef struct run_clock {
   double rate; /* steps per second last displayed; 0: none yet */
   double tail; /* begin of the run's last tenth */
   int64_t tail_step, first_step;
-  int64_t blank; /* steps in a row in which no Gaussian was in view */
+  int64_t blank;            /* steps in a row in which no Gaussian was in view */
+  int64_t masked;           /* steps whose photograph's own alpha left no pixel */
+  const char *first_masked; /* the name of the first such photograph */
   uint64_t tail_heap_calls;
 } run_clock;
 
@@ -188,6 +190,9 @@ static pags_result loop(pags_trainer *t, run_clock *clock, int *stopped) {
     pags_step_view v;
     PAGS_TRY(do_step(t, &v));
     update_clock(t, clock);
+    const pags_view *view = pags_dataset_view(t->dataset, v.view);
+    if (v.loss.counted == 0 && !view->mask_path && clock->masked++ == 0)
+      clock->first_masked = view->name;
     clock->blank = pags_frame_stats_get(t->render.frame)->binned > 0 ? 0 : clock->blank + 1;
     if (t->options->estimate) {
       *stopped = s->step >= ESTIMATE_STEPS;
@@ -225,6 +230,11 @@ static pags_result write_end(pags_trainer *t, pags_train_result *r, const run_cl
     pags_log_message(PAGS_LOG_WARNING, "%lld Gaussians with parameters that are not finite are left out of the scene",
                      (long long)dropped);
 
+  if (clock->masked > 0)
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s: %lld steps taught nothing, since the alpha of their photograph leaves no pixel; the first "
+                     "photograph is %s",
+                     t->output.folder, (long long)clock->masked, clock->first_masked);
   const int64_t turn = t->view_count < s->step - clock->first_step ? t->view_count : s->step - clock->first_step;
   if (turn > 0 && clock->blank >= turn)
     pags_log_message(PAGS_LOG_WARNING,

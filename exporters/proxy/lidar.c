@@ -136,6 +136,8 @@ pags_result pags_lidar_read(const pags_scene *scene, int held_out, pags_lidar *o
   *out = (pags_lidar){0};
   if (!scene->dataset || !(scene->fps > 0)) /* captures have no LiDAR */
     return PAGS_OK;
+  options.image_folder = scene->image_folder;
+  options.image_alpha = (pags_image_alpha)scene->image_alpha;
   pags_result result = pags_dataset_open(scene->dataset, &options, &dataset);
   if (result == PAGS_OK && (pags_dataset_provides(dataset) & PAGS_PROVIDES_LIDAR))
     result = read_sweeps(scene, dataset, held_out, out);

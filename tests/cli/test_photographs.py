@@ -131,6 +131,13 @@ class Photographs(fixtures.Case):
         self.change(w=HEIGHT, h=WIDTH)
         self.fails(["info", self.set], "000.png has 32 x 24 pixels, expected 24 x 32", "transforms.json:")
 
+    def test_intrinsics_of_another_size(self):
+        content = self.change()
+        for key in ("w", "h"):
+            del content[key]
+        write(f"{self.set}/transforms.json", json.dumps({**content, "fl_x": 120, "fl_y": 120, "cx": WIDTH, "cy": HEIGHT}))
+        self.one_warning(self.info(), "9 of 9 cameras have their principal point at the edge", "000.png", "32,24 in 32 x 24")
+
     def test_image_folder(self):
         small = bytes(WIDTH // 2 * HEIGHT // 2 * 3)
         for i in range(VIEWS):
@@ -205,6 +212,10 @@ class Photographs(fixtures.Case):
         ignored = self.eval("--image-alpha", "ignore")["train"]["psnr"]
         self.assertEqual(self.photo()[2], self.pixels[0])
         self.assertNotAlmostEqual(masked, ignored, places=2)
+        write(f"{self.set}/images/002.png", png(WIDTH, HEIGHT, bytes(WIDTH * HEIGHT * 4), 4))
+        self.one_warning(self.train("--image-alpha", "mask", steps=12), "alpha of their photograph", "002.png")
+        self.cut_out()
+        self.train("--image-alpha", "mask")
         content = self.change()
         for i, frame in enumerate(content["frames"]):
             frame["mask_path"] = f"masks/{i:03d}.png"
