@@ -13,6 +13,7 @@
 #include "base/sort.h"
 #include "base/text.h"
 #include "dataset/photo_size.h"
+#include "dataset/pictures.h"
 
 /* ---- Reading one ---- */
 
@@ -102,12 +103,17 @@ pags_result pags_photo_mask_fit(const char *path, int width, int height, int tur
 
 /* ---- Finding those beside the images ---- */
 
-/* The part of a path below the data set's folder; the file's name where it lies elsewhere. */
-static const char *below(const char *root, const char *path) {
-  const size_t length = strlen(root);
-  if (strcmp(root, ".") == 0 && path[0] != '/')
-    return strncmp(path, "./", 2) == 0 ? path + 2 : path;
-  return strncmp(path, root, length) == 0 && path[length] == '/' ? path + length + 1 : pags_path_name(path);
+/* The place in a path at which its folder of images begins (images, images_4, input); the last, if it has several.
+ * NULL: it has none. */
+static const char *find_images(const char *path) {
+  const char *found = NULL;
+  for (const char *at = path, *slash; (slash = strchr(at, '/')); at = slash + 1) {
+    const size_t length = (size_t)(slash - at);
+    if ((length == 5 && strncmp(at, "input", 5) == 0) ||
+        (length >= 6 && strncmp(at, "images", 6) == 0 && (length == 6 || at[6] == '_')))
+      found = at;
+  }
+  return found;
 }
 
 /* Looks for the mask of the picture `name` in `folder`: the name with another extension or with one more. *out NULL:
@@ -164,14 +170,15 @@ static pags_result say_unused(const char *folder, const pags_parsed_dataset *par
   return result;
 }
 
-/* Gives every view its mask in `folder`, if it has one there under its path below the data set's folder, or below the
- * folder of its images. */
+/* Gives every view its mask in `folder`, if it has one there under its path below the folder of images, or below the
+ * data set's folder. */
 static pags_result find_all(const char *root, const char *folder, pags_parsed_dataset *parsed) {
   long long without = 0;
   const char *first = NULL;
   for (int64_t i = 0; i < parsed->count; i++) {
     pags_parsed_view *view = &parsed->views[i];
-    const char *name = below(root, view->image_path), *slash = strchr(name, '/');
+    const char *images = find_images(view->image_path), *name = pags_path_below(root, view->image_path);
+    const char *slash = strchr(images ? images : name, '/');
     if (slash)
       PAGS_TRY(find_mask(folder, slash + 1, &view->mask_path));
     if (!view->mask_path)
@@ -194,12 +201,18 @@ pags_result pags_photo_masks_find(const char *root, pags_parsed_dataset *parsed)
   for (int64_t i = 0; i < parsed->count; i++)
     if (parsed->views[i].mask_path)
       return PAGS_OK;
-  /* For pictures in images_4, masks_4 comes first. */
-  const char *images = below(root, parsed->views[0].image_path);
-  const bool shrunk = strncmp(images, "images_", 7) == 0 && strchr(images, '/');
-  char *folders[3] = {shrunk ? pags_text_format("%s/masks%.*s", root, (int)strcspn(images, "/") - 6, images + 6)
-                             : pags_path_join(root, "masks"),
-                      pags_path_join(root, "masks"), pags_path_join(root, "mask")};
+  /* Beside the folder of images; for images_4, masks_4 comes first. */
+  const char *path = parsed->views[0].image_path, *images = find_images(path);
+  char *base = !images         ? pags_text_copy(root)
+               : images > path ? pags_text_format("%.*s", (int)(images - path), path)
+                               : pags_text_copy(".");
+  if (!base)
+    return pags_out_of_memory("%s", root);
+  const bool shrunk = images && strncmp(images, "images_", 7) == 0;
+  char *folders[3] = {shrunk ? pags_text_format("%s/masks%.*s", base, (int)strcspn(images, "/") - 6, images + 6)
+                             : pags_path_join(base, "masks"),
+                      pags_path_join(base, "masks"), pags_path_join(base, "mask")};
+  free(base);
   pags_result result = folders[0] && folders[1] && folders[2] ? PAGS_OK : pags_out_of_memory("%s", root);
   for (int i = 0; i < 3 && result == PAGS_OK; i++)
     if (pags_dir_exists(folders[i])) {

@@ -16,12 +16,17 @@
 
 /* ---- Folders ---- */
 
-/* The part of a path below the data set's folder; the whole path where it lies elsewhere. */
-static const char *below(const char *root, const char *path) {
-  const size_t length = strlen(root);
-  if (strcmp(root, ".") == 0)
-    return strncmp(path, "./", 2) == 0 ? path + 2 : path;
-  return strncmp(path, root, length) == 0 && path[length] == '/' ? path + length + 1 : path;
+const char *pags_path_below(const char *root, const char *path) {
+  size_t length = strlen(root);
+  while (length > 1 && root[length - 1] == '/')
+    length--;
+  const bool here = length == 1 && root[0] == '.';
+  if (here && strncmp(path, "./", 2) != 0)
+    return path;
+  if (!here && (strncmp(path, root, length) != 0 || path[length] != '/'))
+    return path;
+  path += length;
+  return path + strspn(path, "/");
 }
 
 /* Looks in `folder` for the picture that the set calls `name`, below as many of its folders as there are, with its
@@ -50,7 +55,7 @@ static pags_result find_in(const char *folder, const char *name, char **out) {
 static pags_result move_views(const char *root, const char *folder, pags_parsed_dataset *parsed) {
   for (int64_t i = 0; i < parsed->count; i++) {
     pags_parsed_view *view = &parsed->views[i];
-    const char *name = below(root, view->image_path);
+    const char *name = pags_path_below(root, view->image_path);
     char *found;
     PAGS_TRY(find_in(folder, name, &found));
     view->missing = !found;
@@ -74,7 +79,7 @@ static pags_result count_in(const char *root, const char *folder, const pags_par
   *count = 0;
   for (int64_t i = 0; i < parsed->count && pags_dir_exists(folder); i++) {
     char *found;
-    PAGS_TRY(find_in(folder, below(root, parsed->views[i].image_path), &found));
+    PAGS_TRY(find_in(folder, pags_path_below(root, parsed->views[i].image_path), &found));
     *count += found != NULL;
     free(found);
   }

@@ -5,6 +5,9 @@
 
 #include "dataset/parsed.h"
 
+/* The part of a path below the folder `root`; the whole path where it lies elsewhere. */
+const char *pags_path_below(const char *root, const char *path);
+
 /* Points the views of a static set to the pictures in `image_folder`; NULL: to those in input, images_2, images_4 or
  * images_8 if all are missing where the set says. `root`: the data set's folder. */
 pags_result pags_pictures_relocate(const char *root, const char *image_folder, pags_parsed_dataset *parsed);

@@ -292,6 +292,11 @@ class Photographs(fixtures.Case):
         grey = self.left_half()
         self.masks(lambda i: png(WIDTH, HEIGHT, grey, 1))
         self.assertEqual(self.info()["views_masked"], VIEWS)
+        for place in (self.set + "/", f"{self.set}/./", f"{self.set}/transforms.json"):
+            found = json.loads(self.succeeds("info", place, "--json", "-").stdout)
+            self.assertEqual((found["views_masked"], found["warnings"]), (VIEWS, []), place)
+        found = json.loads(self.succeeds("info", ".", "--json", "-", cwd=self.set).stdout)
+        self.assertEqual((found["views_masked"], found["warnings"]), (VIEWS, []))
         half = self.masked_psnr()
         self.assertNotAlmostEqual(half, whole, places=4)
         small = bytes(255 if x < WIDTH // 4 else 0 for y in range(HEIGHT // 2) for x in range(WIDTH // 2))
