@@ -16,7 +16,7 @@
 #include "base/vec3.h"
 
 const char *pags_up_name(pags_up up) {
-  return up == PAGS_UP_Z ? "+z" : up == PAGS_UP_MINUS_Y ? "-y" : "unknown";
+  return up == PAGS_UP_Z ? "+z" : up == PAGS_UP_MINUS_Y ? "-y" : up == PAGS_UP_Y ? "+y" : "unknown";
 }
 
 /* ---- Models ---- */
@@ -414,12 +414,25 @@ static void put_priorities(pags_report *report, const pags_scene *scene) {
 
 /* ---- The whole report ---- */
 
-pags_result pags_scene_facts(pags_report *report, const char *path, const char *kind,
-                             const pags_scene_facts_options *options) {
+/* Says which axes a splat file was read in and why, where that is a question. */
+static void put_axes(pags_report *report, const pags_splat_facts *file) {
+  char text[160];
+  if (file->axes == PAGS_AXES_UNKNOWN)
+    return;
+  const bool assumed = !strcmp(file->axes_from, "specification");
+  snprintf(text, sizeof text, "%s, by %s%s", pags_axes_name(file->axes), assumed ? "its format's " : "the ",
+           assumed ? "specification, without a record (splat-transform and SuperSplat write rdf: --axes rdf)"
+           : !strcmp(file->axes_from, "record") ? "file's record"
+                                                : "option --axes");
+  pags_report_text(report, "axes", text);
+}
+
+pags_result pags_scene_facts(pags_report *report, const char *path, const pags_scene_facts_options *options) {
   pags_scene scene;
   uint64_t bytes = 0;
-  PAGS_TRY(pags_scene_load(path, &scene));
-  pags_report_text(report, "kind", kind);
+  PAGS_TRY(pags_scene_load_in_axes(path, options->reading.axes, &scene));
+  pags_reading_apply(&options->reading, &scene);
+  pags_report_text(report, "kind", scene.file.kind ? scene.file.kind : "scene");
   pags_report_count(report, "gaussians", pags_scene_gaussian_count(&scene));
   pags_result result = put_models(report, path, &scene, &bytes);
   pags_report_bytes(report, "bytes", (double)bytes);
@@ -427,6 +440,7 @@ pags_result pags_scene_facts(pags_report *report, const char *path, const char *
 
   /* Report up, origin, place and bounds in the world. */
   double lo[3], hi[3];
+  put_axes(report, &scene.file);
   pags_report_text(report, "up", pags_up_name(scene.up));
   pags_report_flag(report, "antialiased", scene.antialiased != 0);
   pags_report_vector(report, "origin", scene.origin, 3);

@@ -3,6 +3,7 @@
 #include "cli/crop.h"
 #include "cli/interrupt.h"
 #include "cli/object_edits.h"
+#include "cli/reading.h"
 #include "cli/session.h"
 #include "cli/verbs.h"
 
@@ -11,6 +12,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include "base/file.h"
 #include "base/memory.h"
 
@@ -22,7 +24,8 @@ typedef struct export_arguments {
   double time;
   pags_words only;
   pags_crop crop;
-  int level, naming, stand;
+  int level, naming, stand, spz_axes; /* spz_axes: index in "rub|rdf" */
+  pags_reading reading;
 } export_arguments;
 
 #define AT(member) offsetof(export_arguments, member)
@@ -64,7 +67,13 @@ static const pags_option options[] = {
                "objects are put where they are then"),
     PAGS_VALUE("sh-degree", 0, INT, AT(splat.sh_degree), 0, 3, "0..3", NULL, NULL, "higher terms of colour are cut"),
     PAGS_VALUE("spz-version", 0, INT, AT(splat.spz_version), 3, 4, "3|4", NULL, NULL, "3: gzip; 4: zstd"),
+    PAGS_CHOICE(
+        "spz-axes", AT(spz_axes), "rub|rdf", NULL,
+        "the axes of .spz, which a record in it names: rub, as its specification says; rdf, PLY's, for programs "
+        "that don't read the record and take SPZ so (splat-transform, SuperSplat)"),
     PAGS_CROP_OPTIONS(AT(crop)),
+    PAGS_GROUP("Reading"),
+    PAGS_READING_OPTIONS(AT(reading)),
     PAGS_SESSION_OPTIONS(export_arguments),
     {0}};
 
@@ -173,6 +182,7 @@ static pags_result write_count(const export_arguments *arguments, const char *pa
 static pags_result export_splats(export_arguments *arguments, pags_scene *scene, const char *path) {
   int64_t count = 0;
   arguments->splat.time = scene->time_begin + arguments->time;
+  arguments->splat.spz_axes = arguments->spz_axes ? PAGS_AXES_RDF : PAGS_AXES_RUB;
   PAGS_TRY(pags_export_splats(scene, path, &arguments->splat, &count));
   pags_say(&arguments->session, "%s: %lld Gaussians\n", path, (long long)count);
   return write_count(arguments, path, count);
@@ -199,7 +209,8 @@ static pags_result export_usd(export_arguments *arguments, pags_scene *scene, co
 static pags_result run(export_arguments *arguments, const char *from, const char *to) {
   pags_scene scene;
   PAGS_TRY(pags_check_writable(to));
-  PAGS_TRY(pags_scene_load(from, &scene));
+  PAGS_TRY(pags_scene_load_in_axes(from, arguments->reading.axes, &scene));
+  pags_reading_apply(&arguments->reading, &scene);
   uint8_t *chosen;
   pags_result result = choose(arguments, &scene, &chosen);
   if (result == PAGS_OK)
@@ -216,7 +227,7 @@ static pags_result run(export_arguments *arguments, const char *from, const char
   arguments->proxy.ball = filter.has_ball ? ball : NULL;
   if (result == PAGS_OK && (arguments->splats || pags_export_is_splat(to)))
     result = export_splats(arguments, &scene, to);
-  else if (result == PAGS_OK && !strcmp(pags_path_extension(to), ".usda"))
+  else if (result == PAGS_OK && !strcasecmp(pags_path_extension(to), ".usda"))
     result = export_usd(arguments, &scene, to);
   else if (result == PAGS_OK)
     result = export_proxies(arguments, &scene, to);
@@ -232,8 +243,8 @@ int pags_verb_export(int argc, char **argv) {
   if (status != PAGS_PARSE_OK)
     return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
   const char *extension = pags_path_extension(parsed.positionals[1]);
-  if (strcmp(extension, ".glb") != 0 && strcmp(extension, ".gltf") != 0 && strcmp(extension, ".usda") != 0 &&
-      !pags_export_is_splat(parsed.positionals[1]))
+  if (strcasecmp(extension, ".glb") != 0 && strcasecmp(extension, ".gltf") != 0 &&
+      strcasecmp(extension, ".usda") != 0 && !pags_export_is_splat(parsed.positionals[1]))
     return pags_usage_error(&verb,
                             "expected a file name ending in .glb, .gltf, .ply, .spz, .splat, .pagsz or .usda, got '%s'",
                             parsed.positionals[1]);

@@ -2,6 +2,7 @@
 /* pags info: recognises a file or folder by its content (data set, scene, splat file, camera, path, checkpoint,
  * image) and reports what it holds. */
 #include "cli/overlay.h"
+#include "cli/reading.h"
 #include "cli/report.h"
 #include "cli/scene_facts.h"
 #include "cli/session.h"
@@ -26,6 +27,7 @@ typedef struct info_arguments {
   int memory, objects;
   const char *overlay;
   pags_dataset_options options;
+  pags_reading reading;
 } info_arguments;
 
 #define AT(member) offsetof(info_arguments, member)
@@ -48,6 +50,7 @@ static const pags_option options[] = {
     PAGS_TEXT("image-folder", 0, AT(options.image_folder), "FOLDER", NULL, "of data sets: as for train"),
     PAGS_CHOICE("image-alpha", AT(options.image_alpha), "composite|mask|ignore", NULL, "of data sets: as for train"),
     PAGS_DRIVING_OPTIONS(AT(options)),
+    PAGS_READING_OPTIONS(AT(reading)),
     PAGS_SESSION_OPTIONS(info_arguments),
     {0}};
 
@@ -62,10 +65,10 @@ static const pags_verb verb = {.name = "info",
 
 /* ---- Scenes, data sets and cameras ---- */
 
-static pags_result describe_scene(pags_report *report, const info_arguments *arguments, const char *path,
-                                  const char *kind) {
-  const pags_scene_facts_options chosen = {arguments->session.tasks, arguments->memory, arguments->objects};
-  return pags_scene_facts(report, path, kind, &chosen);
+static pags_result describe_scene(pags_report *report, const info_arguments *arguments, const char *path) {
+  const pags_scene_facts_options chosen = {arguments->session.tasks, arguments->memory, arguments->objects,
+                                           arguments->reading};
+  return pags_scene_facts(report, path, &chosen);
 }
 
 static void put_categories(pags_report *report, const char *key, const pags_dataset *dataset, int moving) {
@@ -170,7 +173,7 @@ static bool is_image(const unsigned char *head) {
 static pags_result describe(pags_report *report, const info_arguments *arguments, const char *path) {
   unsigned char head[16];
   if (pags_dir_exists(path))
-    return pags_folder_has(path, "scene.json") ? describe_scene(report, arguments, path, "scene")
+    return pags_folder_has(path, "scene.json") ? describe_scene(report, arguments, path)
                                                : describe_dataset(report, arguments, path);
 
   /* Read the first 16 bytes, zero-filled if the file is shorter. */
@@ -235,13 +238,8 @@ static pags_result describe(pags_report *report, const info_arguments *arguments
    * the format. */
   if (pags_foreign_knows(path))
     return describe_dataset(report, arguments, path);
-  pags_gaussians gaussians;
-  const char *kind;
-  int antialiased;
   PAGS_TRY(pags_foreign_recording_check(path, true));
-  PAGS_TRY(pags_splat_load(path, &gaussians, &kind, &antialiased));
-  pags_gaussians_destroy(&gaussians);
-  return describe_scene(report, arguments, path, kind);
+  return describe_scene(report, arguments, path);
 }
 
 int pags_verb_info(int argc, char **argv) {

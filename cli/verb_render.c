@@ -7,6 +7,7 @@
 #include "cli/interrupt.h"
 #include "cli/object_edits.h"
 #include "cli/picture_queue.h"
+#include "cli/reading.h"
 #include "cli/session.h"
 #include "cli/verbs.h"
 #include "cli/viewpoints.h"
@@ -36,6 +37,7 @@ typedef struct render_arguments {
   int order; /* pags_order */
   int stand; /* pags_stand */
   pags_dataset_options dataset_options;
+  pags_reading reading;
   int packed;
   double budget_ms; /* 0: none */
 } render_arguments;
@@ -72,6 +74,9 @@ static const pags_option options[] = {
     PAGS_TEXT("image-folder", 0, AT(dataset_options.image_folder), "FOLDER", NULL,
               "with --dataset: its photographs are in this folder"),
     PAGS_VALUE("downscale", 0, DOUBLE, AT(downscale), 1, 64, "F", "times", NULL, "shrink the pictures"),
+
+    PAGS_GROUP("Reading"),
+    PAGS_READING_OPTIONS(AT(reading)),
 
     PAGS_GROUP("Files"),
     PAGS_CHOICE("format", AT(format), "png|exr", NULL, "png: rounded; exr: float32, display-referred sRGB as it is"),
@@ -367,6 +372,8 @@ static pags_result open_packed(renderer *self, const pags_parsed *parsed, pags_e
   if (!self->arguments->camera && (!strcmp(way, "orbit") || !strcmp(way, "ego")))
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: a packed file has no views: expected --camera FILE or --path FILE",
                      path);
+  if (self->arguments->reading.axes)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: a packed file's axes are known: expected no --axes", path);
   PAGS_TRY(pags_composition_open_packed(path, &self->composition));
   self->packed = true;
   return find_work(self, parsed, pags_composition_scene(self->composition), edits, edit_count);
@@ -376,7 +383,8 @@ static pags_result open_packed(renderer *self, const pags_parsed *parsed, pags_e
  * before the Gaussians are sorted. */
 static pags_result open_scene(renderer *self, const pags_parsed *parsed, pags_edit **edits, int64_t *edit_count) {
   pags_scene scene;
-  PAGS_TRY(pags_scene_load(parsed->positionals[0], &scene));
+  PAGS_TRY(pags_scene_load_in_axes(parsed->positionals[0], self->arguments->reading.axes, &scene));
+  pags_reading_apply(&self->arguments->reading, &scene);
   pags_result result = pags_crop_apply(&self->arguments->crop, &scene, scene.time_begin + self->arguments->time, NULL,
                                        &self->arguments->session);
   if (result == PAGS_OK)

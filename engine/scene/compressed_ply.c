@@ -10,6 +10,7 @@
 #include <math.h>
 #include <stdio.h>
 
+#include "base/log.h"
 #include "scene/splat_formats.h"
 
 enum { CHUNK_ROWS = 256, BOUNDS = 18 };
@@ -57,16 +58,20 @@ static pags_result bind(reader *r, const ply_table *table) {
   return PAGS_OK;
 }
 
-/* Derives the SH degree from the number of properties of the element "sh": 0 if there is no such element. */
+/* Derives the SH degree, 0 to 4, from the number of properties of the element "sh": 0 if there is no such element. */
 static pags_result find_degree(const reader *r, int *degree) {
   *degree = 0;
   if (!r->sh)
     return PAGS_OK;
-  *degree = r->sh->property_count % 3 == 0 ? pags_sh_degree_of(r->sh->property_count / 3) : -1;
-  if (*degree < 0 || r->sh->count != r->vertex->count)
+  for (*degree = 1; *degree < 4 && r->sh->property_count != 3 * (pags_sh_coefficients(*degree) - 1);)
+    ++*degree;
+  if (r->sh->property_count != 3 * (pags_sh_coefficients(*degree) - 1) || r->sh->count != r->vertex->count)
     return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: expected 9, 24 or 45 properties and %lld rows in element 'sh', found %d and %lld",
+                     "%s: expected 9, 24, 45 or 72 properties and %lld rows in element 'sh', found %d and %lld",
                      r->table->path, (long long)r->vertex->count, r->sh->property_count, (long long)r->sh->count);
+  if (*degree > 3)
+    pags_log_message(PAGS_LOG_WARNING, "%s: spherical harmonics of degree 4 are dropped, degrees 0 to 3 kept",
+                     r->table->path);
   return pags_ply_table_need(r->table, r->sh);
 }
 
@@ -76,7 +81,11 @@ static double unit(uint32_t word, int shift, int bits) {
   return (double)(word >> shift & mask) / (double)mask;
 }
 
+/* A bound may be infinite, as the lower one of scales is where an axis has vanished: t = 0 is then the bound itself,
+ * and what lies between an infinite and a finite one can't be known: the finite one is the best guess. */
 static double mix(double lo, double hi, double t) {
+  if (isinf(lo) || isinf(hi))
+    return t > 0 ? hi : lo;
   return lo * (1 - t) + hi * t;
 }
 
@@ -106,10 +115,10 @@ static void unpack_rotation(uint32_t word, int64_t row, pags_gaussians *out) {
 /* Unpacks the coefficients of degrees 1 and above: a byte stands for a value in -4..4, and the order is channel-major
  * as in INRIA's PLY. */
 static pags_result unpack_sh(const reader *r, pags_gaussians *out) {
-  int rest = pags_sh_coefficients(out->sh_degree) - 1;
+  const int rest = pags_sh_coefficients(out->sh_degree) - 1, stored = r->sh->property_count / 3;
   for (int i = 0; i < 3 * rest; i++) {
     char name[24];
-    snprintf(name, sizeof name, "f_rest_%d", i);
+    snprintf(name, sizeof name, "f_rest_%d", i / rest * stored + i % rest);
     const ply_property *property = pags_ply_property_find(r->table, r->sh, name);
     if (!property)
       return pags_fail(PAGS_ERROR_FORMAT, "%s: no property '%s' in element 'sh'", r->table->path, name);
@@ -125,13 +134,15 @@ pags_result pags_compressed_ply_decode(const ply_table *table, pags_gaussians *o
   int degree;
   PAGS_TRY(bind(&r, table));
   PAGS_TRY(find_degree(&r, &degree));
-  PAGS_TRY(pags_gaussians_create(out, r.vertex->count, degree));
+  PAGS_TRY(pags_gaussians_create(out, r.vertex->count, degree > 3 ? 3 : degree));
+  int64_t infinite = 0;
   for (int64_t chunk = 0; chunk * CHUNK_ROWS < out->count; chunk++) {
     /* Colour bounds are 0 and 1 unless the file has them. */
     double bounds[BOUNDS] = {[15] = 1, [16] = 1, [17] = 1};
     for (int i = 0; i < BOUNDS; i++)
       if (r.bounds[i])
         bounds[i] = pags_ply_value(r.table, r.chunk, r.bounds[i], chunk);
+    infinite += isinf(bounds[6]) || isinf(bounds[7]) || isinf(bounds[8]);
     for (int64_t row = chunk * CHUNK_ROWS; row < out->count && row < (chunk + 1) * CHUNK_ROWS; row++) {
       uint32_t words[4];
       for (int i = 0; i < 4; i++)
@@ -150,5 +161,10 @@ pags_result pags_compressed_ply_decode(const ply_table *table, pags_gaussians *o
       pags_plane(out, PAGS_OPACITY)[row] = pags_logit_of_byte((uint8_t)words[3]);
     }
   }
+  if (infinite)
+    pags_log_message(
+        PAGS_LOG_WARNING,
+        "%s: %lld of %lld chunks have a lower bound of scale of -inf, so that the scales between the bounds are lost",
+        table->path, (long long)infinite, (long long)r.chunk->count);
   return r.sh ? unpack_sh(&r, out) : PAGS_OK;
 }

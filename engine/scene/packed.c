@@ -320,7 +320,7 @@ static pags_result read_head(const char *path, const uint8_t *head, uint64_t siz
   *degree = head[16];
   if (memcmp(head, magic, sizeof magic) != 0)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a packed splat file, which begins with 'PAGSPK01'", path);
-  if (*count < 0 || *count > INT64_C(0x7FFFFFC0) || *degree > 3 || head[17] != ROWS || head[19] > 2)
+  if (*count < 0 || *count > INT64_C(0x7FFFFFC0) || *degree > 3 || head[17] != ROWS || head[19] > PAGS_UP_Y)
     return pags_fail(PAGS_ERROR_FORMAT,
                      "%s: head: expected at most 2^31 - 64 Gaussians of degree 0 to 3 in clusters of %d", path, ROWS);
   const places p = find_places((*count + ROWS - 1) / ROWS, *degree);

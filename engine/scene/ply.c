@@ -4,7 +4,6 @@
  *
  * f_rest is channel-major in the file (all of R, then G, then B) and coefficient-major in memory. Values are not
  * changed, so that reading and writing gives the same bytes. Normals are not read; they are written as zeros. */
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -13,7 +12,10 @@
 
 #include "base/bytes.h"
 #include "base/file.h"
+#include "base/log.h"
 #include "base/memory.h"
+#include "base/text.h"
+#include "scene/axes.h"
 #include "scene/splat_formats.h"
 
 enum { NORMALS = 3, MAX_COLUMNS = PAGS_MAX_PLANES + NORMALS, BLOCK_ROWS = 256, NAME_SIZE = 24 };
@@ -56,32 +58,106 @@ static int list_columns(int sh_degree, column columns[MAX_COLUMNS]) {
   return (int)(at - columns);
 }
 
-/* Derives the SH degree from the number of properties whose names begin with f_rest_. */
+/* ---- Reading ---- */
+
+/* Derives the SH degree, 0 to 4, from the number of properties whose names begin with f_rest_. */
 static pags_result find_degree(const ply_table *table, const ply_element *vertex, int *degree) {
   int rest = 0;
   for (int i = 0; i < vertex->property_count; i++)
     rest += strncmp(table->properties[vertex->first_property + i].name, "f_rest_", 7) == 0;
-  *degree = rest % 3 == 0 ? pags_sh_degree_of(rest / 3) : -1;
-  if (*degree < 0)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected 0, 9, 24 or 45 properties f_rest_*, found %d", table->path, rest);
+  for (*degree = 0; *degree <= 4; ++*degree)
+    if (rest == 3 * (pags_sh_coefficients(*degree) - 1))
+      return PAGS_OK;
+  return pags_fail(PAGS_ERROR_FORMAT, "%s: expected 0, 9, 24, 45 or 72 properties f_rest_*, found %d", table->path,
+                   rest);
+}
+
+static void fill(pags_gaussians *g, int plane, float value) {
+  for (int64_t i = 0; i < g->count; i++)
+    pags_plane(g, plane)[i] = value;
+}
+
+/* Reads red, green, blue (nerfstudio's --ply-color-mode rgb) as the constant colour. Whole numbers are of the type's
+ * whole range, others of 0 to 1. */
+static void read_rgb(const ply_table *table, const ply_element *vertex, const ply_property *const rgb[3],
+                     pags_gaussians *out) {
+  for (int k = 0; k < 3; k++) {
+    float *const values = pags_plane(out, PAGS_SH + k);
+    const ply_type type = rgb[k]->type;
+    const double most = type == PLY_FLOAT || type == PLY_DOUBLE ? 1 : type == PLY_USHORT ? 65535 : 255;
+    for (int64_t i = 0; i < out->count; i++)
+      values[i] = (float)((pags_ply_value(table, vertex, rgb[k], i) / most - 0.5) / PAGS_SH_C0);
+  }
+}
+
+/* The kinds of splats that other programs write with fewer properties than INRIA's: what is missing and how it is
+ * taken. */
+typedef struct reduced {
+  bool flat;                  /* no scale_2: 2D Gaussian splats, discs */
+  bool round;                 /* scale_0 alone: round Gaussians */
+  bool solid;                 /* no opacity: opaque */
+  bool turned;                /* rot_0 to rot_3 are there */
+  const ply_property *rgb[3]; /* in place of f_dc_*; NULL: f_dc_* are there */
+} reduced;
+
+/* Finds out which kind the file is; names what makes a file none of them. */
+static pags_result find_reduced(const ply_table *table, const ply_element *vertex, reduced *kind) {
+  static const char *const rgb_names[3] = {"red", "green", "blue"};
+  static const char *const must[] = {"x", "y", "z", "scale_0"};
+  for (int i = 0; i < 4; i++)
+    if (!pags_ply_property_find(table, vertex, must[i]))
+      return pags_fail(
+          PAGS_ERROR_FORMAT, "%s: no property '%s' in element 'vertex': not a 3D Gaussian splat%s", table->path,
+          must[i],
+          i == 3 ? " but points, which only a training can start from (ply_file_path of a transforms.json)" : "");
+  kind->round = !pags_ply_property_find(table, vertex, "scale_1");
+  kind->flat = !kind->round && !pags_ply_property_find(table, vertex, "scale_2");
+  kind->solid = !pags_ply_property_find(table, vertex, "opacity");
+  kind->turned = pags_ply_property_find(table, vertex, "rot_0") != NULL;
+  if (!pags_ply_property_find(table, vertex, "f_dc_0"))
+    for (int k = 0; k < 3; k++) {
+      kind->rgb[k] = pags_ply_property_find(table, vertex, rgb_names[k]);
+      if (!kind->rgb[k])
+        return pags_fail(PAGS_ERROR_FORMAT,
+                         "%s: neither 'f_dc_0' nor '%s' in element 'vertex': Gaussians without colour", table->path,
+                         rgb_names[k]);
+    }
   return PAGS_OK;
 }
 
-/* ---- Reading ---- */
-
-/* Reads rows [first, first + rows) into the planes of `out`. Returns false if any of the values is not finite. */
-static bool read_block(const ply_table *table, const ply_element *vertex, int count, const column columns[],
-                       const ply_property *const properties[], int64_t first, int64_t rows, pags_gaussians *out) {
-  bool finite = true;
-  for (int i = 0; i < count; i++) {
-    if (columns[i].plane < 0)
-      continue;
-    float *values = pags_plane(out, columns[i].plane) + first;
-    pags_ply_column(table, vertex, properties[i], first, rows, values);
-    for (int64_t row = 0; row < rows; row++)
-      finite = finite && isfinite(values[row]);
+/* Fills what a reduced kind lacks and says it. */
+static void complete(const ply_table *table, const ply_element *vertex, const reduced *kind, pags_gaussians *out) {
+  if (kind->rgb[0])
+    read_rgb(table, vertex, kind->rgb, out);
+  if (kind->flat) {
+    fill(out, PAGS_SCALE + 2, PAGS_LEAST_SCALE);
+    pags_log_message(PAGS_LOG_INFO, "%s: 2D Gaussian splats (no scale_2), taken as flat discs", table->path);
   }
-  return finite;
+  for (int k = 1; k < 3 && kind->round && out->count; k++)
+    memcpy(pags_plane(out, PAGS_SCALE + k), pags_plane(out, PAGS_SCALE), (size_t)out->count * sizeof(float));
+  if (kind->round)
+    pags_log_message(PAGS_LOG_WARNING, "%s: scale_0 alone: its %lld Gaussians are taken as round", table->path,
+                     (long long)out->count);
+  if (!kind->turned) {
+    fill(out, PAGS_ROTATION, 1);
+    for (int k = 1; k < 4; k++)
+      fill(out, PAGS_ROTATION + k, 0);
+    if (!kind->round)
+      pags_log_message(PAGS_LOG_WARNING, "%s: no rot_0: its %lld Gaussians are taken as not rotated", table->path,
+                       (long long)out->count);
+  }
+  if (kind->solid) {
+    fill(out, PAGS_OPACITY, PAGS_MOST_OPACITY);
+    pags_log_message(PAGS_LOG_WARNING, "%s: no opacity: its %lld Gaussians are taken as opaque", table->path,
+                     (long long)out->count);
+  }
+}
+
+/* Whether a kind of splats has no property for a plane. */
+static bool lacks(const reduced *kind, int plane) {
+  return (kind->rgb[0] && plane >= PAGS_SH && plane < PAGS_SH + 3) || (kind->solid && plane == PAGS_OPACITY) ||
+         (kind->flat && plane == PAGS_SCALE + 2) || (kind->round && plane > PAGS_SCALE && plane < PAGS_SCALE + 3) ||
+         (!kind->turned && plane >= PAGS_ROTATION && plane < PAGS_ROTATION + 4);
 }
 
 /* Reads the semantic priority, if the file has it; values outside of 0..1 are an error. */
@@ -135,60 +211,56 @@ static pags_result read_fourier(const ply_table *table, const ply_element *verte
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected all of 'f_dc_t1_0' to 'f_dc_t4_2' or none, no '%s'", table->path,
                      names[missing]);
   PAGS_TRY(pags_gaussians_add_fourier(out));
-  for (int p = 0; p < FOURIER_PLANES && out->count; p++) {
-    float *values = out->fourier + p * out->stride;
-    pags_ply_column(table, vertex, properties[p], 0, out->count, values);
-    for (int64_t i = 0; i < out->count; i++)
-      if (!isfinite(values[i]))
-        return pags_fail(PAGS_ERROR_FORMAT, "%s: vertex %lld: expected a finite number for '%s', found %s", table->path,
-                         (long long)i, names[p], isnan(values[i]) ? "nan" : "inf");
-  }
+  for (int p = 0; p < FOURIER_PLANES && out->count; p++)
+    pags_ply_column(table, vertex, properties[p], 0, out->count, out->fourier + p * out->stride);
   return PAGS_OK;
 }
 
 static pags_result read_vertices(const ply_table *table, const ply_element *vertex, pags_gaussians *out) {
   column columns[MAX_COLUMNS];
   const ply_property *properties[MAX_COLUMNS];
-  int degree;
-  PAGS_TRY(find_degree(table, vertex, &degree));
+  reduced kind = {0};
+  int stored;
+  PAGS_TRY(find_degree(table, vertex, &stored));
+  PAGS_TRY(find_reduced(table, vertex, &kind));
+  const int degree = stored > 3 ? 3 : stored;
   int count = list_columns(degree, columns);
+  const int rest = pags_sh_coefficients(degree) - 1, stored_rest = pags_sh_coefficients(stored) - 1;
 
-  /* Finds the property of each column; only normals may be missing. */
+  /* Finds the property of each column; only normals and what the kind lacks may be missing. */
   for (int i = 0; i < count; i++) {
-    properties[i] = pags_ply_property_find(table, vertex, columns[i].name);
-    if (!properties[i] && columns[i].plane >= 0)
+    char other[NAME_SIZE];
+    const char *name = columns[i].name;
+    const int plane = columns[i].plane, harmonic = (plane - PAGS_SH) / 3 - 1, channel = (plane - PAGS_SH) % 3;
+    if (plane >= PAGS_SH + 3 && stored_rest != rest) { /* f_rest is channel-major: other degrees have other numbers */
+      snprintf(other, sizeof other, "f_rest_%d", channel * stored_rest + harmonic);
+      name = other;
+    }
+    properties[i] = plane < 0 || lacks(&kind, plane) ? NULL : pags_ply_property_find(table, vertex, name);
+    if (!properties[i] && plane >= 0 && !lacks(&kind, plane))
       return pags_fail(PAGS_ERROR_FORMAT, "%s: no property '%s' in element 'vertex': not a 3D Gaussian splat",
-                       table->path, columns[i].name);
+                       table->path, name);
   }
 
   PAGS_TRY(pags_ply_table_need(table, vertex));
   PAGS_TRY(pags_gaussians_create(out, vertex->count, degree));
   for (int64_t first = 0; first < out->count; first += BLOCK_ROWS) {
-    int64_t rows = out->count - first < BLOCK_ROWS ? out->count - first : BLOCK_ROWS;
-    if (!read_block(table, vertex, count, columns, properties, first, rows, out)) {
-      /* Looks for the first value of the block that is not finite and names it. */
-      for (int64_t row = first;; row++)
-        for (int i = 0; i < count; i++) {
-          float value = columns[i].plane < 0 ? 0 : pags_plane(out, columns[i].plane)[row];
-          if (isfinite(value))
-            continue;
-          char place[40] = ""; /* a row of a text file has no fixed place */
-          if (!table->converted[vertex - table->elements])
-            snprintf(place, sizeof place, " (at byte %llu)",
-                     (unsigned long long)(vertex->offset + (uint64_t)(row * vertex->stride) +
-                                          (uint64_t)properties[i]->offset));
-          return pags_fail(PAGS_ERROR_FORMAT, "%s: vertex %lld: expected a finite number for '%s', found %s%s",
-                           table->path, (long long)row, columns[i].name, isnan(value) ? "nan" : "inf", place);
-        }
-    }
+    const int64_t rows = out->count - first < BLOCK_ROWS ? out->count - first : BLOCK_ROWS;
+    for (int i = 0; i < count; i++)
+      if (properties[i])
+        pags_ply_column(table, vertex, properties[i], first, rows, pags_plane(out, columns[i].plane) + first);
   }
+  complete(table, vertex, &kind, out);
+  if (stored > 3)
+    pags_log_message(PAGS_LOG_WARNING, "%s: spherical harmonics of degree 4 are dropped, degrees 0 to 3 kept",
+                     table->path);
   PAGS_TRY(read_s_sem(table, vertex, out));
   PAGS_TRY(read_object_id(table, vertex, out));
   return read_fourier(table, vertex, out);
 }
 
-pags_result pags_ply_decode(const char *path, const uint8_t *bytes, size_t size, pags_gaussians *out, const char **kind,
-                            int *antialiased) {
+pags_result pags_ply_decode(const char *path, const uint8_t *bytes, size_t size, pags_gaussians *out,
+                            pags_splat_facts *facts) {
   ply_table table;
   *out = (pags_gaussians){0};
   PAGS_TRY(pags_ply_table_open(&table, path, bytes, size));
@@ -201,25 +273,26 @@ pags_result pags_ply_decode(const char *path, const uint8_t *bytes, size_t size,
     result = pags_compressed_ply_decode(&table, out);
   else
     result = read_vertices(&table, vertex, out);
-  *kind = compressed ? "compressed PLY" : "PLY";
-  *antialiased = table.antialiased;
+  *facts = table.facts;
+  facts->kind = compressed ? "compressed PLY" : "PLY";
   pags_ply_table_close(&table);
+  const int64_t count = out->count;
   if (result == PAGS_OK)
     result = pags_splat_accept(path, out);
   if (result != PAGS_OK)
     pags_gaussians_destroy(out);
+  facts->left_out = count - out->count;
   return result;
 }
 
 pags_result pags_ply_load(const char *path, pags_gaussians *out) {
   uint8_t *bytes;
   size_t size;
-  const char *kind;
-  int antialiased;
+  pags_splat_facts facts;
   *out = (pags_gaussians){0};
   PAGS_TRY(pags_file_read(path, &bytes, &size));
   pags_result result = size >= 4 && memcmp(bytes, "ply", 3) == 0 && (bytes[3] == '\n' || bytes[3] == '\r')
-                           ? pags_ply_decode(path, bytes, size, out, &kind, &antialiased)
+                           ? pags_ply_decode(path, bytes, size, out, &facts)
                            : pags_fail(PAGS_ERROR_FORMAT, "%s: expected a PLY file, which begins with 'ply'", path);
   free(bytes);
   return result;
@@ -238,7 +311,28 @@ int pags_ply_row_bytes(const pags_gaussians *g) {
               (g->fourier ? FOURIER_PLANES : 0));
 }
 
+/* Writes the comments that parse_comment of ply_table.c reads. Returns the length. */
+static int put_facts(const pags_splat_facts *facts, char *text, size_t size) {
+  int length = 0;
+  if (facts->antialiased)
+    length += snprintf(text, size, "comment SplatRenderMode: mip\n");
+  if (facts->up == PAGS_UP_Z || facts->up == PAGS_UP_Y) /* -y is what readers take anyway */
+    length += snprintf(text + length, size - (size_t)length, "comment up %s\n", pags_up_code(facts->up));
+  if (facts->origin[0] != 0 || facts->origin[1] != 0 || facts->origin[2] != 0) {
+    char number[3][PAGS_DOUBLE_TEXT];
+    for (int k = 0; k < 3; k++)
+      pags_text_from_double(facts->origin[k], number[k]);
+    length +=
+        snprintf(text + length, size - (size_t)length, "comment offset %s %s %s\n", number[0], number[1], number[2]);
+  }
+  return length;
+}
+
 pags_result pags_ply_save(const char *path, const pags_gaussians *gaussians) {
+  return pags_ply_save_facts(path, gaussians, NULL);
+}
+
+pags_result pags_ply_save_facts(const char *path, const pags_gaussians *gaussians, const pags_splat_facts *facts) {
   column columns[MAX_COLUMNS];
   int count = list_columns(gaussians->sh_degree, columns);
   size_t stride = (size_t)pags_ply_row_bytes(gaussians);
@@ -248,9 +342,12 @@ pags_result pags_ply_save(const char *path, const pags_gaussians *gaussians) {
   pags_file_writer writer;
   pags_result result = pags_file_writer_begin(&writer, path);
   if (result == PAGS_OK) {
-    char text[(MAX_COLUMNS + FOURIER_PLANES) * 32 + 256], name[NAME_SIZE];
-    int length = snprintf(text, sizeof text, "ply\nformat binary_little_endian 1.0\nelement vertex %lld\n",
-                          (long long)gaussians->count);
+    char text[(MAX_COLUMNS + FOURIER_PLANES) * 32 + 512], name[NAME_SIZE];
+    int length = snprintf(text, sizeof text, "ply\nformat binary_little_endian 1.0\n");
+    if (facts)
+      length += put_facts(facts, text + length, sizeof text - (size_t)length);
+    length +=
+        snprintf(text + length, sizeof text - (size_t)length, "element vertex %lld\n", (long long)gaussians->count);
     for (int i = 0; i < count; i++)
       length += snprintf(text + length, sizeof text - (size_t)length, "property float %s\n", columns[i].name);
     length +=

@@ -4,12 +4,15 @@
 #include "scene/ply_table.h"
 
 #include <errno.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
 #include "base/bytes.h"
 #include "base/memory.h"
 #include "base/text.h"
+#include "scene/axes.h"
 
 static const struct {
   const char *name;
@@ -83,12 +86,42 @@ static pags_result parse_property(ply_table *t, int line, int words, char *word[
   return PAGS_OK;
 }
 
-/* Parses one line of the header. Comments are skipped but for the one by which a mip-splatting file is marked. */
+/* Reads what programs say in comments, in any case, with or without a colon: "SplatRenderMode: mip" (Brush,
+ * splat-transform, PAGS), "antialiased 1" (Postshot); "offset X Y Z", which is what was taken off all positions; and
+ * "up z", PAGS' own. Others are skipped. */
+static void parse_comment(ply_table *t, int words, char *word[]) {
+  pags_splat_facts *const facts = &t->facts;
+  if (words < 3)
+    return;
+  char *const key = word[1], *const value = word[2];
+  const size_t length = strlen(key);
+  if (length && key[length - 1] == ':')
+    key[length - 1] = 0;
+  if (strcasecmp(key, "SplatRenderMode") == 0)
+    facts->antialiased = strcasecmp(value, "mip") == 0;
+  else if (strcasecmp(key, "antialiased") == 0)
+    facts->antialiased = strcmp(value, "1") == 0 || strcasecmp(value, "true") == 0;
+  else if (strcasecmp(key, "up") == 0)
+    pags_up_from_code(value, &facts->up);
+  else if (strcasecmp(key, "offset") == 0 && words == 5) {
+    double offset[3];
+    bool good = true;
+    for (int k = 0; k < 3; k++) {
+      char *end;
+      offset[k] = pags_text_to_double(word[2 + k], &end);
+      good = good && end != word[2 + k] && !end[strspn(end, " \t")] && isfinite(offset[k]);
+    }
+    for (int k = 0; k < 3 && good; k++)
+      facts->origin[k] = offset[k];
+  }
+}
+
+/* Parses one line of the header. */
 static pags_result parse_line(ply_table *t, int line, char *text) {
   char *word[MAX_WORDS] = {0};
-  if (strcmp(text, "comment SplatRenderMode: mip") == 0)
-    t->antialiased = true;
   int words = split(text, word);
+  if (words && strcmp(word[0], "comment") == 0)
+    parse_comment(t, words, word);
   if (words == 0 || strcmp(word[0], "comment") == 0 || strcmp(word[0], "obj_info") == 0)
     return PAGS_OK;
   if (strcmp(word[0], "format") == 0) {
@@ -123,14 +156,14 @@ static pags_result parse_line(ply_table *t, int line, char *text) {
 /* Returns the length of the header in bytes, including the line break after "end_header"; 0 if there is no such
  * line. */
 static size_t header_length(const uint8_t *bytes, size_t size) {
-  static const char mark[] = "end_header";
+  static const char mark[] = "end_header"; /* some programs put blanks behind it */
   size_t mark_length = sizeof mark - 1;
   for (size_t at = 0; at < size;) {
     const uint8_t *line_end = memchr(bytes + at, '\n', size - at);
     if (!line_end)
       return 0;
     size_t next = (size_t)(line_end - bytes) + 1, length = next - 1 - at;
-    if (length && bytes[at + length - 1] == '\r')
+    while (length > mark_length && strchr("\r\t ", bytes[at + length - 1]))
       length--;
     if (length == mark_length && memcmp(bytes + at, mark, mark_length) == 0)
       return next;
@@ -237,6 +270,8 @@ static pags_result find_rows(ply_table *t, size_t header) {
 
 pags_result pags_ply_table_open(ply_table *table, const char *path, const uint8_t *bytes, size_t size) {
   *table = (ply_table){.path = path, .bytes = bytes, .size = size};
+  if (size < 4 || memcmp(bytes, "ply", 3) != 0 || (bytes[3] != '\n' && bytes[3] != '\r'))
+    return pags_fail(PAGS_ERROR_FORMAT, "%s:1: expected 'ply'", path);
   size_t header = header_length(bytes, size);
   if (header == 0)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected 'end_header' within its %zu bytes", path, size);

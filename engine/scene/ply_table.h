@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* A PLY file as tables of numbers: elements, their properties by name, and the rows of each element. Independent of
- * what the file holds; ply.c and compressed_ply.c read Gaussians through it. */
+ * what the file holds; ply.c and compressed_ply.c read Gaussians through it, dataset/ply_points.c points. */
 #ifndef PAGS_SCENE_PLY_TABLE_H
 #define PAGS_SCENE_PLY_TABLE_H
 
 #include <stdbool.h>
 
-#include <pags/base.h>
+#include <pags/scene.h>
 
 typedef enum ply_type { PLY_CHAR, PLY_UCHAR, PLY_SHORT, PLY_USHORT, PLY_INT, PLY_UINT, PLY_FLOAT, PLY_DOUBLE } ply_type;
 
@@ -33,8 +33,9 @@ typedef struct ply_table {
   const char *path;
   const uint8_t *bytes; /* contents of the file, owned by the caller */
   size_t size;
-  char *header;                        /* copy of the header, cut into words; names point into it */
-  bool ascii, big_endian, antialiased; /* antialiased: has "comment SplatRenderMode: mip" */
+  char *header; /* copy of the header, cut into words; names point into it */
+  bool ascii, big_endian;
+  pags_splat_facts facts; /* what the comments say: antialiased, up, offset */
   int element_count, property_count, property_capacity;
   ply_element elements[PLY_MAX_ELEMENTS];
   ply_property *properties;

@@ -24,11 +24,13 @@ static pags_result load_model(const char *folder, pags_model *model, int64_t exp
   char *path = pags_path_join(folder, model->file);
   if (!path)
     return pags_out_of_memory("%s: a path", folder);
-  pags_result result = pags_ply_load(path, &model->gaussians);
-  if (result == PAGS_OK && (model->gaussians.count != expected || model->gaussians.sh_degree != expected_degree))
-    result = pags_fail(
-        PAGS_ERROR_FORMAT, "%s: scene.json promises %lld Gaussians of SH degree %d, found %lld of degree %d", path,
-        (long long)expected, expected_degree, (long long)model->gaussians.count, model->gaussians.sh_degree);
+  pags_splat_facts facts;
+  pags_result result = pags_splat_read(path, PAGS_AXES_UNKNOWN, &model->gaussians, &facts);
+  const int64_t found = result == PAGS_OK ? model->gaussians.count + facts.left_out : 0;
+  if (result == PAGS_OK && (found != expected || model->gaussians.sh_degree != expected_degree))
+    result =
+        pags_fail(PAGS_ERROR_FORMAT, "%s: scene.json promises %lld Gaussians of SH degree %d, found %lld of degree %d",
+                  path, (long long)expected, expected_degree, (long long)found, model->gaussians.sh_degree);
   free(path);
   return result;
 }
@@ -72,30 +74,30 @@ static pags_result load_folder(const char *folder, pags_scene *scene) {
   return result;
 }
 
-/* Loads a bare splat file as a scene of one model, "background", with the up axis -y. */
-static pags_result load_bare(const char *path, pags_scene *scene) {
+/* Loads a bare splat file as a scene of one model, "background"; its up axis is -y unless it names another. */
+static pags_result load_bare(const char *path, int axes, pags_scene *scene) {
   scene->models = calloc(1, sizeof *scene->models);
   if (!scene->models)
     return pags_out_of_memory("%s: a model", path);
   scene->model_count = 1;
-  scene->up = PAGS_UP_MINUS_Y;
   pags_model *model = scene->models;
   model->name = pags_text_copy("background");
   model->file = pags_text_copy("background.ply");
   if (!model->name || !model->file)
     return pags_out_of_memory("%s: a model", path);
   if (pags_packed_is_file(path)) {
-    /* A packed file holds the origin, up axis and background of the scene that it was made from. */
+    /* A packed file also holds the background colour of the scene that it was made from. */
     pags_packed packed;
     PAGS_TRY(pags_packed_open(path, &packed));
-    scene->up = (pags_up)packed.up;
-    for (int k = 0; k < 3; k++) {
-      scene->origin[k] = packed.origin[k];
+    for (int k = 0; k < 3; k++)
       scene->background[k] = packed.background[k];
-    }
     pags_packed_destroy(&packed);
   }
-  return pags_splat_load(path, &model->gaussians, NULL, &scene->antialiased);
+  PAGS_TRY(pags_splat_read(path, axes, &model->gaussians, &scene->file));
+  scene->up = scene->file.up == PAGS_UP_UNKNOWN ? PAGS_UP_MINUS_Y : scene->file.up;
+  scene->antialiased = scene->file.antialiased;
+  memcpy(scene->origin, scene->file.origin, sizeof scene->origin);
+  return PAGS_OK;
 }
 
 /* Loads the scene folder that holds the scene.json at `path`. */
@@ -109,10 +111,17 @@ static pags_result load_beside(const char *path, pags_scene *scene) {
 }
 
 pags_result pags_scene_load(const char *path, pags_scene *scene) {
+  return pags_scene_load_in_axes(path, PAGS_AXES_UNKNOWN, scene);
+}
+
+pags_result pags_scene_load_in_axes(const char *path, int axes, pags_scene *scene) {
   *scene = (pags_scene){0};
-  pags_result result = pags_dir_exists(path)                             ? load_folder(path, scene)
-                       : strcmp(pags_path_name(path), "scene.json") == 0 ? load_beside(path, scene)
-                                                                         : load_bare(path, scene);
+  const bool folder = pags_dir_exists(path), bare = !folder && strcmp(pags_path_name(path), "scene.json") != 0;
+  if (!bare && axes != PAGS_AXES_UNKNOWN)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: a scene folder's axes are known: expected no other ones", path);
+  pags_result result = folder ? load_folder(path, scene)
+                       : bare ? load_bare(path, axes, scene)
+                              : load_beside(path, scene);
   if (result != PAGS_OK)
     pags_scene_destroy(scene);
   return result;
@@ -120,13 +129,19 @@ pags_result pags_scene_load(const char *path, pags_scene *scene) {
 
 /* ---- Saving ---- */
 
-static pags_result save_model(const char *folder, const pags_model *model) {
+/* The PLY of the background says what scene.json says, too, so that nothing is lost where it is opened alone. Those of
+ * objects are in the object's frame, whose z is up. */
+static pags_result save_model(const char *folder, const pags_scene *scene, const pags_model *model) {
+  const bool background = model == scene->models;
+  pags_splat_facts facts = {.antialiased = scene->antialiased, .up = background ? scene->up : PAGS_UP_Z};
+  for (int k = 0; k < 3 && background; k++)
+    facts.origin[k] = scene->origin[k];
   assert(pags_path_is_inside(model->file));
   char *path = pags_path_join(folder, model->file);
   char *parent = path ? pags_path_folder(path) : NULL;
   pags_result result = parent ? pags_make_dirs(parent) : pags_out_of_memory("%s: a path", folder);
   if (result == PAGS_OK)
-    result = pags_ply_save(path, &model->gaussians);
+    result = pags_ply_save_facts(path, &model->gaussians, &facts);
   free(parent);
   free(path);
   return result;
@@ -144,7 +159,7 @@ static pags_result save_sky(const char *folder, const pags_sky *sky) {
 pags_result pags_scene_save(const char *folder, const pags_scene *scene) {
   PAGS_TRY(pags_make_dirs(folder));
   for (int64_t i = 0; i < scene->model_count; i++)
-    PAGS_TRY(save_model(folder, &scene->models[i]));
+    PAGS_TRY(save_model(folder, scene, &scene->models[i]));
   if (scene->sky.size > 0)
     PAGS_TRY(save_sky(folder, &scene->sky));
   char *path = pags_path_join(folder, "scene.json");

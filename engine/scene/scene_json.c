@@ -11,13 +11,13 @@
 #include "base/json.h"
 #include "base/memory.h"
 #include "base/text.h"
+#include "scene/axes.h"
 #include "scene/camera_json.h"
 #include "scene/object_json.h"
 #include "scene/place_json.h"
 
 enum { VERSION = 1 };
 
-static const char *const up_names[] = {[PAGS_UP_UNKNOWN] = "unknown", [PAGS_UP_Z] = "z", [PAGS_UP_MINUS_Y] = "-y"};
 static const char *const alpha_names[] = {"composite", "mask", "ignore"}; /* pags_image_alpha */
 
 static pags_result fail_memory(const pags_json *json) {
@@ -29,14 +29,10 @@ static pags_result fail_memory(const pags_json *json) {
 static pags_result read_up(const pags_json *json, const pags_json_value *root, pags_up *up) {
   const char *name;
   PAGS_TRY(pags_json_string(json, root, "up", &name));
-  for (int i = 0; i < (int)(sizeof up_names / sizeof *up_names); i++) {
-    if (strcmp(name, up_names[i]) == 0) {
-      *up = (pags_up)i;
-      return PAGS_OK;
-    }
-  }
+  if (pags_up_from_code(name, up))
+    return PAGS_OK;
   return pags_json_fail(json, pags_json_member(root, "up"),
-                        "expected \"z\", \"-y\" or \"unknown\" for 'up', found \"%.40s\"", name);
+                        "expected \"z\", \"-y\", \"y\" or \"unknown\" for 'up', found \"%.40s\"", name);
 }
 
 static pags_result read_models(const pags_json *json, const pags_json_value *root, pags_scene *scene,
@@ -271,7 +267,7 @@ static pags_result write_root(pags_json_writer *w, const pags_scene *scene) {
   pags_json_put_integer(w, "version", VERSION);
   pags_json_put_string(w, "units", "metres");
   pags_json_put_numbers(w, "origin", scene->origin, 3);
-  pags_json_put_string(w, "up", up_names[scene->up]);
+  pags_json_put_string(w, "up", pags_up_code(scene->up));
   pags_json_put_numbers(w, "time", (double[]){scene->time_begin, scene->time_end}, 2);
 
   pags_json_begin_array(w, "models");

@@ -10,24 +10,19 @@
 
 enum { ROW_BYTES = 32 };
 
-/* Lower bound of sigma, metres (a thousandth of a nanometre): files with a sigma of zero occur, whose logarithm would
- * not be finite. */
-static const double smallest_sigma = 1e-12;
-
-static pags_result decode_row(const char *path, const uint8_t *row, int64_t i, pags_gaussians *out) {
+/* Files with a sigma of 0 occur, whose logarithm isn't finite. One that can't be becomes NaN, which pags_splat_accept
+ * leaves out. */
+static void decode_row(const uint8_t *row, int64_t i, pags_gaussians *out) {
   for (int k = 0; k < 3; k++) {
-    float position = pags_load_f32(row + 4 * k), sigma = pags_load_f32(row + 12 + 4 * k);
-    if (!isfinite(position) || !(sigma >= 0) || !isfinite(sigma))
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: expected a finite position and a sigma >= 0, found %g and %g",
-                       path, (unsigned long long)i * ROW_BYTES, (double)position, (double)sigma);
-    pags_plane(out, PAGS_MEAN + k)[i] = position;
-    pags_plane(out, PAGS_SCALE + k)[i] = (float)pags_log(fmax((double)sigma, smallest_sigma));
+    const float sigma = pags_load_f32(row + 12 + 4 * k);
+    pags_plane(out, PAGS_MEAN + k)[i] = pags_load_f32(row + 4 * k);
+    pags_plane(out, PAGS_SCALE + k)[i] =
+        sigma >= 0 && isfinite(sigma) ? fmaxf((float)pags_log((double)sigma), PAGS_LEAST_SCALE) : NAN;
     pags_plane(out, PAGS_SH + k)[i] = (float)((row[24 + k] / 255.0 - 0.5) / PAGS_SH_C0);
   }
   pags_plane(out, PAGS_OPACITY)[i] = pags_logit_of_byte(row[27]);
   for (int k = 0; k < 4; k++)
     pags_plane(out, PAGS_ROTATION + k)[i] = (float)((row[28 + k] - 128) / 128.0);
-  return PAGS_OK;
 }
 
 pags_result pags_splat_decode(const char *path, const uint8_t *bytes, size_t size, pags_gaussians *out) {
@@ -36,11 +31,9 @@ pags_result pags_splat_decode(const char *path, const uint8_t *bytes, size_t siz
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a positive multiple of %d bytes in a .splat file, found %zu",
                      path, ROW_BYTES, size);
   PAGS_TRY(pags_gaussians_create(out, (int64_t)(size / ROW_BYTES), 0));
-  pags_result result = PAGS_OK;
-  for (int64_t i = 0; i < out->count && result == PAGS_OK; i++)
-    result = decode_row(path, bytes + i * ROW_BYTES, i, out);
-  if (result == PAGS_OK)
-    result = pags_splat_accept(path, out);
+  for (int64_t i = 0; i < out->count; i++)
+    decode_row(bytes + i * ROW_BYTES, i, out);
+  const pags_result result = pags_splat_accept(path, out);
   if (result != PAGS_OK)
     pags_gaussians_destroy(out);
   return result;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The decoders of the splat formats. Each decodes the bytes of a whole file and creates `out`; on failure `out` is
- * zeroed. `kind` receives the name of the format, a static string. */
+/* The decoders of the splat formats. Each decodes the bytes of a whole file and creates `out`, in the file's axes; on
+ * failure `out` is zeroed. `facts`, zeroed before, receives what the file says. */
 #ifndef PAGS_SCENE_SPLAT_FORMATS_H
 #define PAGS_SCENE_SPLAT_FORMATS_H
 
@@ -9,20 +9,22 @@
 #include "scene/ply_table.h"
 
 /* `bytes` must end with a zero byte that `size` doesn't count, as pags_file_read returns it. */
-pags_result pags_ply_decode(const char *path, const uint8_t *bytes, size_t size, pags_gaussians *out, const char **kind,
-                            int *antialiased);
+pags_result pags_ply_decode(const char *path, const uint8_t *bytes, size_t size, pags_gaussians *out,
+                            pags_splat_facts *facts);
 pags_result pags_compressed_ply_decode(const ply_table *table, pags_gaussians *out);
 pags_result pags_splat_decode(const char *path, const uint8_t *bytes, size_t size, pags_gaussians *out);
-pags_result pags_spz_decode(const char *path, const uint8_t *bytes, size_t size, pags_gaussians *out, const char **kind,
-                            int *antialiased);
+pags_result pags_spz_decode(const char *path, const uint8_t *bytes, size_t size, pags_gaussians *out,
+                            pags_splat_facts *facts);
 
-/* Checks what a decoder has decoded; every decoder ends with it. A value that is not finite is an error; all-zero
- * quaternions become the identity, with a warning. */
+/* ln sigma, in metres, of an axis that has vanished: sigma is a thousandth of a nanometre. */
+#define PAGS_LEAST_SCALE (-27.631021115928547f)
+/* The logit that stands for an opacity of 1, negated for 0: its sigmoid rounds to them. */
+#define PAGS_MOST_OPACITY 20.0f
+
+/* Checks what a decoder has decoded; every decoder ends with it. Infinite opacities and scales of -inf get the two
+ * values above. Other Gaussians with a value that is not finite are left out, with a warning; if all are, that is an
+ * error. All-zero quaternions become the identity, with a warning. */
 pags_result pags_splat_accept(const char *path, pags_gaussians *g);
-
-/* Returns the SH degree (0..3) that has `rest_per_channel` coefficients per channel besides the constant one (0, 3, 8
- * or 15); -1 for other numbers. */
-int pags_sh_degree_of(int rest_per_channel);
 
 /* Returns the logit of the opacity alpha / 255. 0 and 255 are taken as 1e-6 and 1 - 1e-6, whose logits are finite. */
 float pags_logit_of_byte(uint8_t alpha);

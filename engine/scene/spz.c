@@ -5,9 +5,9 @@
  * v2, v3  one gzip stream of a 16-byte header and the attributes
  * v4      an uncompressed 32-byte header, a table of (compressed, plain) sizes, one zstd frame per attribute
  *
- * The order is positions, opacities, colours, scales, rotations, SH. The axes of SPZ are those of OpenGL (x right, y
- * up, z back), the axes of a PLY file x right, y down, z forward. Half a turn about x converts one to the other: it
- * changes the sign of y and z of positions and rotations, and of the SH functions that are odd in (y, z). */
+ * The order is positions, opacities, colours, scales, rotations, SH. Extension records may follow: in versions 2 and 3
+ * the attributes, in version 4 the header. The axes are OpenGL's (RUB: x right, y up, z back) unless the record of the
+ * coordinate system, SPZ_ADOBE_coordinate_system, names others. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -19,6 +19,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "scene/splat_formats.h"
+#include "scene/spz_records.h"
 
 enum { GZIP_HEADER = 16, V4_HEADER = 32, FLAG_ANTIALIASED = 1, FLAG_EXTENSIONS = 2, STREAMS = 6, SH_STREAM = 5 };
 
@@ -30,6 +31,7 @@ typedef struct spz_header {
   int sh_degree; /* 0..4; coefficients of degree 4 are not read */
   int fractional_bits, flags;
   uint64_t sizes[STREAMS]; /* of each attribute's stream (means, opacities, ...) before compression, bytes */
+  pags_splat_facts facts;  /* what the records say */
 } spz_header;
 
 /* ---- Header and attributes ---- */
@@ -67,7 +69,7 @@ static void decode_positions(const spz_header *h, const uint8_t *bytes, pags_gau
     for (int k = 0; k < 3; ++k, bytes += 3) {
       int32_t fixed = bytes[0] | bytes[1] << 8 | bytes[2] << 16;
       fixed -= (fixed & 0x800000) << 1;
-      pags_plane(out, PAGS_MEAN + k)[i] = (float)(step * (k ? -fixed : fixed));
+      pags_plane(out, PAGS_MEAN + k)[i] = (float)(step * fixed);
     }
 }
 
@@ -124,30 +126,84 @@ static void decode_rotations(const spz_header *h, const uint8_t *bytes, pags_gau
     }
     pags_plane(out, PAGS_ROTATION)[i] = (float)q[3];
     pags_plane(out, PAGS_ROTATION + 1)[i] = (float)q[0];
-    pags_plane(out, PAGS_ROTATION + 2)[i] = (float)-q[1];
-    pags_plane(out, PAGS_ROTATION + 3)[i] = (float)-q[2];
+    pags_plane(out, PAGS_ROTATION + 2)[i] = (float)q[1];
+    pags_plane(out, PAGS_ROTATION + 3)[i] = (float)q[2];
   }
 }
 
 static void decode_sh(const spz_header *h, const uint8_t *bytes, pags_gaussians *out) {
-  /* Signs that half a turn about x gives the SH functions of degrees l = 1, 2, 3, in the order m = -l .. l. */
-  static const signed char signs[15] = {-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1};
   int stride = 3 * rest_coefficients(h->sh_degree), used = 3 * rest_coefficients(out->sh_degree);
   for (int64_t i = 0; i < out->count; i++)
     for (int k = 0; k < used; k++)
-      pags_plane(out, PAGS_SH + 3 + k)[i] = (float)(signs[k / 3] * (bytes[i * stride + k] - 128) / 128.0);
+      pags_plane(out, PAGS_SH + 3 + k)[i] = (float)((bytes[i * stride + k] - 128) / 128.0);
 }
 
 typedef void decode_fn(const spz_header *h, const uint8_t *bytes, pags_gaussians *out);
 static decode_fn *const decoders[STREAMS] = {decode_positions, decode_opacities, decode_colours,
                                              decode_scales,    decode_rotations, decode_sh};
 
+/* ---- Extension records ---- */
+
+/* Takes PAGS' own record. */
+static void read_scene_record(const char *path, const uint8_t *data, spz_header *h) {
+  const uint32_t up = pags_load_u32(data);
+  bool good = up <= PAGS_UP_Y;
+  double origin[3];
+  for (int k = 0; k < 3; k++) {
+    origin[k] = pags_load_f64(data + 4 + 8 * k);
+    good = good && isfinite(origin[k]);
+  }
+  if (good) {
+    h->facts.up = (pags_up)up;
+    memcpy(h->facts.origin, origin, sizeof origin);
+  } else {
+    pags_log_message(PAGS_LOG_WARNING, "%s: the record of the origin and the up axis is damaged and left out", path);
+  }
+}
+
+/* Reads the records in `size` bytes: a type, a length and as many bytes each. The coordinate system and PAGS' own
+ * (scene/spz_records.h) are taken, others are skipped. */
+static void read_records(const char *path, const uint8_t *bytes, size_t size, spz_header *h) {
+  int64_t skipped = 0;
+  uint32_t first = 0;
+  while (size >= 8) {
+    const uint32_t type = pags_load_u32(bytes), length = pags_load_u32(bytes + 4);
+    if (length > size - 8) {
+      pags_log_message(
+          PAGS_LOG_WARNING,
+          "%s: extension record %08X is damaged: expected at most %zu bytes, found %u; it and what follows "
+          "are left out",
+          path, type, size - 8, length);
+      return;
+    }
+    if (type == PAGS_SPZ_AXES_RECORD && length == 4) {
+      const uint32_t axes = pags_load_u32(bytes + 8);
+      if (axes == 0 || axes >= PAGS_AXES_COUNT)
+        pags_log_message(
+            PAGS_LOG_WARNING,
+            "%s: the record of the coordinate system holds %u, expected 1 to 16: the axes are taken as RUB", path,
+            axes);
+      else {
+        h->facts.axes = (int)axes;
+        h->facts.axes_from = "record";
+      }
+    } else if (type == PAGS_SPZ_SCENE_RECORD && length == PAGS_SPZ_SCENE_BYTES) {
+      read_scene_record(path, bytes + 8, h);
+    } else {
+      first = skipped++ ? first : type;
+    }
+    bytes += 8 + length;
+    size -= 8 + length;
+  }
+  if (skipped)
+    pags_log_message(PAGS_LOG_INFO, "%s: %lld extension records are skipped, the first is %08X", path,
+                     (long long)skipped, first);
+}
+
 /* Creates the Gaussians that the header describes, and logs what of the file is not read. */
 static pags_result create(const char *path, const spz_header *h, pags_gaussians *out) {
   if (h->sh_degree > 3)
     pags_log_message(PAGS_LOG_WARNING, "%s: spherical harmonics of degree 4 are dropped, degrees 0 to 3 kept", path);
-  if (h->flags & FLAG_EXTENSIONS)
-    pags_log_message(PAGS_LOG_INFO, "%s: extension records are skipped", path);
   return pags_gaussians_create(out, h->count, h->sh_degree > 3 ? 3 : h->sh_degree);
 }
 
@@ -196,22 +252,35 @@ static pags_result inflate_growing(const char *path, z_stream *stream, uint64_t 
   return PAGS_OK;
 }
 
-/* Inflates and drops what follows the attributes, up to the end of the stream, so that zlib verifies the checksum.
- * Extension records may follow; at most 16 MiB of them are read, so that a decompression bomb ends in an error. */
-static pags_result inflate_rest(const char *path, z_stream *stream, int extensions) {
+/* Inflates what follows the attributes, up to the end of the stream, so that zlib verifies the checksum, and reads the
+ * extension records there. At most 16 MiB may follow, so that a decompression bomb ends in an error; records are looked
+ * for in the first 64 KiB. */
+static pags_result inflate_rest(const char *path, z_stream *stream, spz_header *h) {
+  enum { RECORDS = 1 << 16 };
+  const bool extensions = h->flags & FLAG_EXTENSIONS;
   uint8_t scratch[4096];
   uint64_t extra = 0, limit = extensions ? 1u << 24 : 0;
   int code = Z_OK;
+  uint8_t *const records = extensions ? malloc(RECORDS) : NULL;
+  if (extensions && !records)
+    return pags_out_of_memory("%s: the records", path);
   while (code == Z_OK && extra <= limit) {
     stream->next_out = scratch;
     stream->avail_out = sizeof scratch;
     code = inflate(stream, Z_NO_FLUSH);
-    extra += sizeof scratch - stream->avail_out;
+    const size_t got = sizeof scratch - stream->avail_out;
+    if (records && extra < RECORDS)
+      memcpy(records + extra, scratch, got < RECORDS - extra ? got : RECORDS - (size_t)extra);
+    extra += got;
   }
+  pags_result result = PAGS_OK;
   if (code != Z_STREAM_END || extra > limit)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: expected the end of the gzip data after the Gaussians", path,
-                     (unsigned long long)stream->total_in);
-  return PAGS_OK;
+    result = pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: expected the end of the gzip data after the Gaussians", path,
+                       (unsigned long long)stream->total_in);
+  else if (records)
+    read_records(path, records, extra < RECORDS ? (size_t)extra : RECORDS, h);
+  free(records);
+  return result;
 }
 
 /* Decodes the gzip stream of versions 2 and 3; `file_size` is its compressed size in bytes. */
@@ -232,7 +301,7 @@ static pags_result decode_gzip(const char *path, z_stream *stream, size_t file_s
   uint8_t *plain = NULL;
   pags_result result = inflate_growing(path, stream, file_size, total, &plain);
   if (result == PAGS_OK)
-    result = inflate_rest(path, stream, h->flags & FLAG_EXTENSIONS);
+    result = inflate_rest(path, stream, h);
   if (result == PAGS_OK)
     result = create(path, h, out);
   const uint8_t *at = plain;
@@ -325,6 +394,8 @@ static pags_result decode_v4(const char *path, const uint8_t *bytes, size_t size
     return pags_fail(PAGS_ERROR_FORMAT, "%s: SPZ version %u without gzip, which only version 4 is", path, h->version);
   int streams = bytes[15], expected = h->sh_degree ? STREAMS : SH_STREAM;
   uint64_t table = pags_load_u32(bytes + 16);
+  if (h->flags & FLAG_EXTENSIONS && table > V4_HEADER && table <= size)
+    read_records(path, bytes + V4_HEADER, (size_t)table - V4_HEADER, h);
   if (h->count == 0)
     return create(path, h, out); /* a file without Gaussians has no streams */
   if (streams != expected)
@@ -340,8 +411,8 @@ static pags_result decode_v4(const char *path, const uint8_t *bytes, size_t size
   return PAGS_OK;
 }
 
-pags_result pags_spz_decode(const char *path, const uint8_t *bytes, size_t size, pags_gaussians *out, const char **kind,
-                            int *antialiased) {
+pags_result pags_spz_decode(const char *path, const uint8_t *bytes, size_t size, pags_gaussians *out,
+                            pags_splat_facts *facts) {
   static const char *const kinds[] = {"SPZ v2", "SPZ v3", "SPZ v4"};
   spz_header h = {0};
   *out = (pags_gaussians){0};
@@ -353,7 +424,12 @@ pags_result pags_spz_decode(const char *path, const uint8_t *bytes, size_t size,
     pags_gaussians_destroy(out);
     return result;
   }
-  *kind = kinds[h.version - 2];
-  *antialiased = h.flags & FLAG_ANTIALIASED;
+  *facts = h.facts;
+  facts->kind = kinds[h.version - 2];
+  facts->antialiased = h.flags & FLAG_ANTIALIASED;
+  if (facts->axes == PAGS_AXES_UNKNOWN) {
+    facts->axes = PAGS_AXES_RUB;
+    facts->axes_from = "specification";
+  }
   return PAGS_OK;
 }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Brings the Gaussians of several parts into one frame, rotating their spherical harmonics, and saves such a set as
- * .splat or .spz. */
+ * .splat. */
 #ifndef PAGS_FORMAT_BAKE_H
 #define PAGS_FORMAT_BAKE_H
 
@@ -11,23 +11,18 @@
 extern "C" {
 #endif
 
-/* The rotation of spherical harmonics of degrees 1, 2 and 3 that goes with a rotation R of directions (row-major
- * 3x3): the rotated function has in direction R d the value that the function had in direction d. */
-typedef struct pags_sh_rotation {
-  double m1[3][3], m2[5][5], m3[7][7];
-} pags_sh_rotation;
-void pags_sh_rotation_make(const double rotation[9], pags_sh_rotation *out);
-/* Rotates the coefficients of one colour channel in place. `rest` begins with term 1: the constant term 0 is the same
- * in all directions and isn't in it. */
-void pags_sh_rotation_apply(const pags_sh_rotation *turn, int degree, double *rest);
-
 /* Joins all parts into one set of Gaussians in the world's frame with harmonics of `sh_degree` (higher terms are cut,
  * missing ones are zero). s_sem is kept if all parts have it. */
 pags_result pags_splats_bake(const pags_part *parts, int count, int sh_degree, pags_gaussians *out);
 
-/* Save Gaussians as .splat (no view-dependent colour), or as SPZ of version 3 (gzip) or 4 (zstd). */
+/* Saves Gaussians as .splat (no view-dependent colour). */
 pags_result pags_splat_save(const char *path, const pags_gaussians *g);
-pags_result pags_spz_save(const char *path, const pags_gaussians *g, int version, int antialiased);
+
+/* The rotation of Gaussian `i` as a unit quaternion w, x, y, z, and its opacity, 0 to 1. */
+void pags_splat_rotation(const pags_gaussians *g, int64_t i, double q[4]);
+double pags_splat_opacity(const pags_gaussians *g, int64_t i);
+/* `value` rounded to a byte, clamped. */
+uint8_t pags_splat_byte(double value);
 
 #ifdef __cplusplus
 }

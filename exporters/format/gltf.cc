@@ -13,6 +13,7 @@
 #include <string>
 #include <vector>
 
+#include <strings.h>
 #include <tiny_gltf.h>
 
 #include "base/file.h"
@@ -369,6 +370,13 @@ void pags_gltf_node_pose(pags_gltf *gltf, int node, const double pose[12]) {
   });
 }
 
+void pags_gltf_node_up(pags_gltf *gltf, int node, pags_up up) {
+  static const double from_z[12] = {1, 0, 0, 0, 0, 0, 1, 0, 0, -1, 0, 0},
+                      from_minus_y[12] = {1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, 0},
+                      from_y[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+  pags_gltf_node_pose(gltf, node, up == PAGS_UP_Z ? from_z : up == PAGS_UP_Y ? from_y : from_minus_y);
+}
+
 void pags_gltf_node_mesh(pags_gltf *gltf, int node, int mesh) {
   guarded(gltf, [&] { return node_at(gltf, node).mesh = mesh; });
 }
@@ -443,8 +451,8 @@ pags_result pags_gltf_save(pags_gltf *gltf, const char *path) {
     return pags_out_of_memory("%s", path);
   try {
     std::string glb = serialize(gltf);
-    return std::strcmp(pags_path_extension(path), ".gltf") == 0 ? save_apart(glb, path)
-                                                                : pags_file_write(path, glb.data(), glb.size());
+    return strcasecmp(pags_path_extension(path), ".gltf") == 0 ? save_apart(glb, path)
+                                                               : pags_file_write(path, glb.data(), glb.size());
   } catch (...) {
     return pags_out_of_memory("%s", path);
   }

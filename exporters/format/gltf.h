@@ -31,6 +31,9 @@ int pags_gltf_node(pags_gltf *gltf, int parent, const char *name);
 int pags_gltf_camera(pags_gltf *gltf, const char *name, const pags_camera *camera);
 
 void pags_gltf_node_pose(pags_gltf *gltf, int node, const double pose[12]);
+/* Sets the pose of the root node, which turns the scene to glTF's Y up: z-up worlds by -90 degrees about x, worlds
+ * whose y points down, or of whom nothing is known, by 180 degrees. */
+void pags_gltf_node_up(pags_gltf *gltf, int node, pags_up up);
 void pags_gltf_node_mesh(pags_gltf *gltf, int node, int mesh);
 void pags_gltf_node_camera(pags_gltf *gltf, int node, int camera);
 /* Sets `extras` of a node, or of the asset, to the JSON object in the text `json`. */

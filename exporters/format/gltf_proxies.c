@@ -20,6 +20,7 @@
 #include "exporters/proxy/objects.h"
 #include "exporters/proxy/proxy_error.h"
 #include "exporters/proxy/proxy_report.h"
+#include "scene/axes.h"
 #include "scene/place_json.h"
 
 enum { NAME_SIZE = 96, MOST_GROUPS = 256 };
@@ -236,14 +237,6 @@ static pags_result add_object(exporter *self, int64_t object, pags_built_object 
 
 /* ---- The asset ---- */
 
-/* The pose of the root node, which turns the scene to glTF's Y up: z-up worlds by -90 degrees about x, worlds whose y
- * points down by 180 degrees. */
-static void root_pose(pags_up up, double out[12]) {
-  static const double from_z[12] = {1, 0, 0, 0, 0, 0, 1, 0, 0, -1, 0, 0},
-                      from_minus_y[12] = {1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, 0};
-  memcpy(out, up == PAGS_UP_Z ? from_z : from_minus_y, 12 * sizeof *out);
-}
-
 static pags_result put_asset(const exporter *self) {
   const pags_scene *scene = self->maker.scene;
   pags_json_writer w;
@@ -253,7 +246,7 @@ static pags_result put_asset(const exporter *self) {
   pags_json_put_string(&w, "frame",
                        "below the node 'scene' positions are in the axes of the recording, relative to origin");
   pags_json_put_numbers(&w, "origin", scene->origin, 3);
-  pags_json_put_string(&w, "up", scene->up == PAGS_UP_Z ? "z" : scene->up == PAGS_UP_MINUS_Y ? "-y" : "unknown");
+  pags_json_put_string(&w, "up", pags_up_code(scene->up));
   pags_json_put_number(&w, "time_zero", self->time_zero);
   if (scene->fps > 0)
     pags_json_put_number(&w, "fps", scene->fps);
@@ -371,11 +364,9 @@ static pags_result add_objects(exporter *self) {
 
 static pags_result fill(exporter *self) {
   const pags_scene *scene = self->maker.scene;
-  double pose[12];
   find_time_zero(self);
-  root_pose(scene->up, pose);
   self->root = pags_gltf_node(self->gltf, -1, "scene");
-  pags_gltf_node_pose(self->gltf, self->root, pose);
+  pags_gltf_node_up(self->gltf, self->root, scene->up);
   if (scene->object_count)
     self->material = pags_gltf_material(self->gltf, "proxy", 0);
   if (scene->object_count)

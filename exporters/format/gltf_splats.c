@@ -2,16 +2,19 @@
 /* Gaussians as glTF with KHR_gaussian_splatting: one set of them, or one animated node for each object. */
 #include "exporters/format/gltf_splats.h"
 
+#include <float.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/json.h"
 #include "base/memory.h"
 #include "exporters/format/gltf.h"
 #include "exporters/format/object_gaussians.h"
 #include "exporters/format/presence.h"
 #include "maths/maths.h"
+#include "scene/axes.h"
 
 /* ---- One set of Gaussians ---- */
 
@@ -61,7 +64,7 @@ static void fill_columns(const pags_gaussians *g, columns *c) {
       rotation[4 * i + k] = length > 0 ? (float)(q[k] / sqrt(length)) : (float)(k == 3);
     for (int k = 0; k < 3; k++) {
       position[3 * i + k] = pags_plane(g, PAGS_MEAN + k)[i];
-      scale[3 * i + k] = (float)pags_exp((double)pags_plane(g, PAGS_SCALE + k)[i]);
+      scale[3 * i + k] = (float)fmin(pags_exp((double)pags_plane(g, PAGS_SCALE + k)[i]), (double)FLT_MAX);
       color[4 * i + k] = (float)linear(0.5 + PAGS_SH_C0 * (double)pags_plane(g, PAGS_SH + k)[i]);
     }
     opacity[i] = color[4 * i + 3] = (float)sigmoid((double)pags_plane(g, PAGS_OPACITY)[i]);
@@ -97,18 +100,34 @@ static pags_result add_points(pags_gltf *gltf, int node, const char *name, const
   return PAGS_OK;
 }
 
+/* What the file says of the scene besides, as extras of the asset. */
+static pags_result put_asset(pags_gltf *gltf, const pags_scene *scene) {
+  pags_json_writer w;
+  pags_json_writer_init(&w, 0);
+  pags_json_begin_object(&w, NULL);
+  pags_json_put_bool(&w, "antialiased", scene->antialiased != 0);
+  pags_json_put_numbers(&w, "origin", scene->origin, 3);
+  pags_json_put_string(&w, "up", pags_up_code(scene->up));
+  pags_json_end_object(&w);
+  const pags_result result = pags_json_writer_finish(&w);
+  if (result == PAGS_OK)
+    pags_gltf_asset_extras(gltf, w.data);
+  pags_json_writer_destroy(&w);
+  return result;
+}
+
 /* The rotation to glTF's Y up is the root node's, as in files of proxies, so that means, rotations and harmonics below
  * it stay in the scene's axes. */
-pags_result pags_gltf_splats_save(const char *path, pags_up up, const pags_gaussians *g) {
-  static const double from_z[12] = {1, 0, 0, 0, 0, 0, 1, 0, 0, -1, 0, 0},
-                      from_minus_y[12] = {1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, 0};
+pags_result pags_gltf_splats_save(const char *path, const pags_scene *scene, const pags_gaussians *g) {
   pags_gltf *gltf;
   if (!g->count)
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: there is no Gaussian at that time", path);
   PAGS_TRY(pags_gltf_create(&gltf));
   int root = pags_gltf_node(gltf, -1, "scene");
-  pags_gltf_node_pose(gltf, root, up == PAGS_UP_Z ? from_z : from_minus_y);
-  pags_result result = add_points(gltf, pags_gltf_node(gltf, root, "splats"), "splats", g);
+  pags_gltf_node_up(gltf, root, scene->up);
+  pags_result result = put_asset(gltf, scene);
+  if (result == PAGS_OK)
+    result = add_points(gltf, pags_gltf_node(gltf, root, "splats"), "splats", g);
   if (result == PAGS_OK)
     result = pags_gltf_save(gltf, path);
   pags_gltf_destroy(gltf);
@@ -147,8 +166,6 @@ static pags_result add_owned(pags_gltf *gltf, int root, pags_composition *compos
 
 pags_result pags_gltf_tracks_save(const char *path, pags_composition *composition, const pags_splat_options *options,
                                   int64_t *count) {
-  static const double from_z[12] = {1, 0, 0, 0, 0, 0, 1, 0, 0, -1, 0, 0},
-                      from_minus_y[12] = {1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, 0};
   const pags_scene *scene = pags_composition_scene(composition);
   int degree;
   double time_zero = scene->time_begin;
@@ -157,10 +174,10 @@ pags_result pags_gltf_tracks_save(const char *path, pags_composition *compositio
   PAGS_TRY(pags_object_gaussians_degree(composition, options->sh_degree, &degree));
   PAGS_TRY(pags_gltf_create(&gltf));
   int root = pags_gltf_node(gltf, -1, "scene");
-  pags_gltf_node_pose(gltf, root, scene->up == PAGS_UP_Z ? from_z : from_minus_y);
+  pags_gltf_node_up(gltf, root, scene->up);
   for (int64_t i = 0; i < scene->object_count; i++)
     time_zero = fmin(time_zero, scene->objects[i].record.knots[0].time);
-  pags_result result = PAGS_OK;
+  pags_result result = put_asset(gltf, scene);
   *count = 0;
   for (int64_t i = -1; i < scene->object_count && result == PAGS_OK; i++)
     result = add_owned(gltf, root, composition, i, time_zero, options, degree, count);

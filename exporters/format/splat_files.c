@@ -2,37 +2,91 @@
 /* pags_export_splats: bakes a scene at one time into one set of Gaussians and saves it as .ply, .spz, .splat, .pagsz
  * or glTF with KHR_gaussian_splatting; with `tracks`, glTF with one animated node for each object. */
 #include <math.h>
+#include <stdbool.h>
+#include <stdio.h>
 #include <string.h>
+#include <strings.h>
 
 #include <pags/compose.h>
 #include <pags/export.h>
 #include <pags/packed.h>
 
 #include "base/file.h"
+#include "base/log.h"
 #include "exporters/format/bake.h"
 #include "exporters/format/gltf_splats.h"
+#include "exporters/format/spz_save.h"
+#include "scene/axes.h"
 
 pags_splat_options pags_splat_options_default(void) {
-  return (pags_splat_options){.time = (double)NAN, .sh_degree = 3, .spz_version = 3};
+  return (pags_splat_options){.time = (double)NAN, .sh_degree = 3, .spz_version = 3, .spz_axes = PAGS_AXES_RUB};
+}
+
+static bool has_extension(const char *path, const char *extension) {
+  return strcasecmp(pags_path_extension(path), extension) == 0;
 }
 
 int pags_export_is_splat(const char *path) {
-  const char *extension = pags_path_extension(path);
-  return !strcmp(extension, ".ply") || !strcmp(extension, ".spz") || !strcmp(extension, ".splat") ||
-         !strcmp(extension, ".pagsz");
+  return has_extension(path, ".ply") || has_extension(path, ".spz") || has_extension(path, ".splat") ||
+         has_extension(path, ".pagsz");
 }
+
+/* ---- What a format can't hold ---- */
+
+/* Appends one item to a list in `text`, separated by commas. */
+static void put_item(char text[512], const char *item) {
+  const size_t length = strlen(text);
+  snprintf(text + length, 512 - length, "%s%s", length ? ", " : "", item);
+}
+
+/* Says in a line each what of the scene the file lacks, and where positions are relative to an origin that other
+ * programs won't know. `scene_degree` is the degree of harmonics of the scene, `options->sh_degree` what was asked for.
+ */
+static void say_lost(const char *path, const pags_scene *scene, const pags_splat_options *options, int scene_degree,
+                     bool priorities) {
+  const bool splat = has_extension(path, ".splat"), spz = has_extension(path, ".spz"),
+             ply = has_extension(path, ".ply");
+  const bool moved = scene->origin[0] != 0 || scene->origin[1] != 0 || scene->origin[2] != 0;
+  char lost[512] = "", aside[512] = "", item[160];
+  snprintf(item, sizeof item, "the origin %.12g %.12g %.12g that positions are relative to", scene->origin[0],
+           scene->origin[1], scene->origin[2]);
+  if (splat && scene->antialiased)
+    put_item(lost, "that the Gaussians are antialiased");
+  if (splat && moved)
+    put_item(lost, item);
+  if (splat && (scene->up == PAGS_UP_Z || scene->up == PAGS_UP_Y)) {
+    char up[32];
+    snprintf(up, sizeof up, "the up axis %s", pags_up_code(scene->up));
+    put_item(lost, up);
+  }
+  if (splat && scene_degree > 0 && options->sh_degree > 0)
+    put_item(lost, "colours that change with the view");
+  if (lost[0])
+    pags_log_message(PAGS_LOG_WARNING, "%s: .splat can't hold %s", path, lost);
+  if (spz && moved)
+    pags_log_message(PAGS_LOG_INFO, "%s: %s is in a record that only PAGS reads", path, item);
+  if (scene->sky.size > 0)
+    put_item(aside, "the sky");
+  if (priorities && !ply && !has_extension(path, ".pagsz"))
+    put_item(aside, "priorities");
+  if (aside[0])
+    pags_log_message(PAGS_LOG_INFO, "%s: %s can't hold %s", path, pags_path_extension(path), aside);
+}
+
+/* ---- Saving ---- */
 
 /* Saves the baked Gaussians in the format that the path's extension names. */
 static pags_result save(const char *path, const pags_scene *scene, const pags_splat_options *options,
                         const pags_gaussians *g) {
-  const char *extension = pags_path_extension(path);
-  if (!strcmp(extension, ".ply"))
-    return pags_ply_save(path, g);
-  if (!strcmp(extension, ".splat"))
+  pags_splat_facts facts = {.antialiased = scene->antialiased, .up = scene->up};
+  memcpy(facts.origin, scene->origin, sizeof facts.origin);
+  if (has_extension(path, ".ply"))
+    return pags_ply_save_facts(path, g, &facts);
+  if (has_extension(path, ".splat"))
     return pags_splat_save(path, g);
-  if (!strcmp(extension, ".spz"))
-    return pags_spz_save(path, g, options->spz_version, scene->antialiased);
-  if (!strcmp(extension, ".pagsz")) {
+  if (has_extension(path, ".spz"))
+    return pags_spz_save(path, g, &(pags_spz_options){options->spz_version, options->spz_axes, &facts});
+  if (has_extension(path, ".pagsz")) {
     /* PAGS's packed form, with the scene's up axis, origin and background colour in its head. */
     pags_packed head = {.up = (int)scene->up, .antialiased = scene->antialiased};
     memcpy(head.origin, scene->origin, sizeof head.origin);
@@ -40,7 +94,7 @@ static pags_result save(const char *path, const pags_scene *scene, const pags_sp
       head.background[k] = scene->background[k];
     return pags_packed_export(path, g, &head);
   }
-  return pags_gltf_splats_save(path, scene->up, g);
+  return pags_gltf_splats_save(path, scene, g);
 }
 
 pags_result pags_export_splats(pags_scene *scene, const char *path, const pags_splat_options *options, int64_t *count) {
@@ -52,6 +106,8 @@ pags_result pags_export_splats(pags_scene *scene, const char *path, const pags_s
   PAGS_TRY(pags_composition_create(scene, &composition));
   if (options->tracks) {
     pags_result saved = pags_gltf_tracks_save(path, composition, options, count ? count : &written);
+    if (saved == PAGS_OK)
+      say_lost(path, pags_composition_scene(composition), options, 0, false);
     pags_composition_destroy(composition);
     return saved;
   }
@@ -62,6 +118,8 @@ pags_result pags_export_splats(pags_scene *scene, const char *path, const pags_s
       pags_splats_bake(parts, part_count, degree < options->sh_degree ? degree : options->sh_degree, &baked);
   if (result == PAGS_OK)
     result = save(path, pags_composition_scene(composition), options, &baked);
+  if (result == PAGS_OK)
+    say_lost(path, pags_composition_scene(composition), options, degree, baked.s_sem != NULL);
   if (count)
     *count = baked.count;
   pags_gaussians_destroy(&baked);

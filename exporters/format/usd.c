@@ -305,6 +305,7 @@ static void put_head(usd_export *self, const pags_scene *scene) {
   pags_usd *usd = &self->usd;
   pags_usd_line(usd, "(");
   pags_usd_line(usd, "    customLayerData = {");
+  pags_usd_line(usd, "        bool antialiased = %d", scene->antialiased != 0);
   pags_usd_line(usd, "        double3 origin = (%.17g, %.17g, %.17g)", scene->origin[0], scene->origin[1],
                 scene->origin[2]);
   if (scene->place.known)
@@ -331,8 +332,8 @@ static pags_result put_stage(usd_export *self) {
   pags_usd_line(usd, ")");
   pags_usd_line(usd, "{");
   usd->depth++;
-  if (scene->up != PAGS_UP_Z) { /* worlds with -y up are turned by -90 degrees about x to z up */
-    pags_usd_line(usd, "float xformOp:rotateX = -90");
+  if (scene->up != PAGS_UP_Z) { /* worlds with -y up are turned by -90 degrees about x to z up, those with y up by 90 */
+    pags_usd_line(usd, "float xformOp:rotateX = %d", scene->up == PAGS_UP_Y ? 90 : -90);
     pags_usd_line(usd, "uniform token[] xformOpOrder = [\"xformOp:rotateX\"]");
   }
   pags_usd_open(usd, "def PhysicsScene \"physics\"");

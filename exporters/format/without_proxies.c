@@ -10,8 +10,8 @@ static pags_result left_out(const char *path) {
                    path);
 }
 
-pags_result pags_gltf_splats_save(const char *path, pags_up up, const pags_gaussians *g) {
-  (void)up, (void)g;
+pags_result pags_gltf_splats_save(const char *path, const pags_scene *scene, const pags_gaussians *g) {
+  (void)scene, (void)g;
   return left_out(path);
 }
 

@@ -26,13 +26,17 @@ class BadSplats(Case):
             self.refused(self.write(f"cut{length}.ply", whole[:length]))
 
     def test_nan_in_ply(self):
+        """A row that isn't finite is left out and named; a file of none but such rows is refused."""
         for column, name in [(0, "x"), (9, "opacity"), (10, "scale_0"), (13, "rot_0"), (6, "f_dc_0")]:
             rows = some_splats()
             rows[7][column] = float("nan")
-            self.refused(self.write(f"nan_{name}.ply", ply_bytes(rows)), "7")
+            path = self.write(f"nan_{name}.ply", ply_bytes(rows))
+            self.assertIn("1 of 40 Gaussians are left out", self.succeeds("info", path).stdout)
+            self.fails(["info", path, "--strict"], "the first is 7")
+            self.refused(self.write(f"all_{name}.ply", ply_bytes(rows[7:8])), "Gaussian 0")
         rows = some_splats()
         rows[3][1] = float("inf")
-        self.refused(self.write("inf.ply", ply_bytes(rows)), "3")
+        self.fails(["info", self.write("inf.ply", ply_bytes(rows)), "--strict"], "the first is 3")
 
     def test_ply_with_a_count_it_does_not_hold(self):
         text = ply_bytes(some_splats()).replace(b"vertex 40", b"vertex 9000000000000000000")

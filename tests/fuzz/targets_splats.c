@@ -41,12 +41,11 @@ static uint8_t *terminated(const uint8_t *data, size_t size) {
 
 static int run_ply(const uint8_t *data, size_t size) {
   pags_gaussians g;
-  const char *kind;
-  int antialiased;
+  pags_splat_facts facts = {0};
   uint8_t *const bytes = terminated(data, size);
   /* The format check by which loaders choose the reader. */
   const int is_ply = size >= 4 && memcmp(bytes, "ply", 3) == 0 && (bytes[3] == '\n' || bytes[3] == '\r');
-  const int accepted = is_ply && accept(pags_ply_decode("a.ply", bytes, size, &g, &kind, &antialiased), &g, "a.ply");
+  const int accepted = is_ply && accept(pags_ply_decode("a.ply", bytes, size, &g, &facts), &g, "a.ply");
   free(bytes);
   return accepted;
 }
@@ -92,9 +91,8 @@ static const fuzz_target compressed = {
 
 static int run_spz(const uint8_t *data, size_t size) {
   pags_gaussians g;
-  const char *kind;
-  int antialiased;
-  return accept(pags_spz_decode("a.spz", data, size, &g, &kind, &antialiased), &g, "a.spz");
+  pags_splat_facts facts = {0};
+  return accept(pags_spz_decode("a.spz", data, size, &g, &facts), &g, "a.spz");
 }
 
 static void seed_spz(void) {

@@ -12,14 +12,17 @@
 #include <cmocka.h>
 
 #include "exporters/format/bake.h"
+#include "exporters/format/spz_save.h"
 #include "exporters/proxy/cage.h"
 #include "exporters/proxy/mesh_query.h"
 #include "exporters/proxy/tsdf.h"
 
 #include <pags/export.h>
 #include "base/file.h"
+#include "base/log.h"
 #include "base/rng.h"
 #include "base/text.h"
+#include "scene/sh_rotate.h"
 
 #include "scratch_folder.h"
 #include "splat_files.h"
@@ -331,9 +334,55 @@ static void test_splat_files(void **state) {
   check_read_back(path, &g, 0, 1e-5, 1e-3, 0);
   for (int version = 3; version <= 4; version++) {
     snprintf(path, 1024, "%s/v%d.spz", scratch_folder, version);
-    assert_int_equal(pags_spz_save(path, &g, version, 0), PAGS_OK);
-    check_read_back(path, &g, 0.5 / 4096 + 1e-6, 0.5 / 16 + 1e-5, 1e-4, 8.5 / 128 + 1e-5);
+    for (int axes = PAGS_AXES_LDB; axes <= PAGS_AXES_RUF;
+         axes++) { /* whichever they are, the record brings them back */
+      assert_int_equal(pags_spz_save(path, &g, &(pags_spz_options){version, axes, NULL}), PAGS_OK);
+      check_read_back(path, &g, 0.5 / 4096 + 1e-6, 0.5 / 16 + 1e-5, 1e-4, 8.5 / 128 + 1e-5);
+    }
   }
+  pags_gaussians_destroy(&g);
+}
+
+static int warnings;
+
+static void count_warnings(void *user, pags_log_level level, const char *line) {
+  (void)user, (void)line;
+  warnings += level == PAGS_LOG_WARNING;
+}
+
+/* Beyond 2048 m positions get fewer bits of fraction; where the steps are coarse, or values are clamped, it is said. */
+static void test_spz_beyond_its_range(void **state) {
+  (void)state;
+  char path[1024];
+  pags_gaussians g, back;
+  const pags_spz_options options = {4, PAGS_AXES_RUB, NULL};
+  snprintf(path, sizeof path, "%s/far.spz", scratch_folder);
+  for (int k = 0; k < 3; k++) {
+    static const double far[3] = {2500, 500000, 1e9}, step[3] = {1.0 / 2048, 1.0 / 16, 1}, error[3] = {1e-3, 0.1, 1e9};
+    static const int expected[3] = {0, 1, 2};
+    sample_gaussians(&g, 60, 1, 5);
+    pags_plane(&g, PAGS_MEAN)[7] = (float)far[k];
+    warnings = 0;
+    pags_log_set(count_warnings, NULL);
+    assert_int_equal(pags_spz_save(path, &g, &options), PAGS_OK);
+    pags_log_set(NULL, NULL);
+    assert_int_equal(warnings, expected[k]);
+    assert_int_equal(pags_splat_load(path, &back, NULL, NULL), PAGS_OK);
+    assert_near((double)pags_plane(&back, PAGS_MEAN)[7], far[k], error[k]);
+    for (int i = 0; i < 7; i++)
+      assert_near((double)pags_plane(&back, PAGS_MEAN)[i], (double)pags_plane(&g, PAGS_MEAN)[i], step[k]);
+    pags_gaussians_destroy(&back);
+    pags_gaussians_destroy(&g);
+  }
+  sample_gaussians(&g, 60, 1, 5);
+  pags_plane(&g, PAGS_SCALE + 1)[3] = 8;
+  pags_plane(&g, PAGS_SH + 5)[3] = 2.5f;
+  pags_plane(&g, PAGS_SH + 1)[3] = -9;
+  warnings = 0;
+  pags_log_set(count_warnings, NULL);
+  assert_int_equal(pags_spz_save(path, &g, &options), PAGS_OK);
+  pags_log_set(NULL, NULL);
+  assert_int_equal(warnings, 3);
   pags_gaussians_destroy(&g);
 }
 
@@ -535,6 +584,7 @@ int main(void) {
       cmocka_unit_test(test_half_turns),
       cmocka_unit_test(test_turns_compose),
       cmocka_unit_test(test_splat_files),
+      cmocka_unit_test(test_spz_beyond_its_range),
       cmocka_unit_test(test_proxies_of_a_scene),
       cmocka_unit_test(test_what_stands_off_is_kept),
       cmocka_unit_test(test_same_bytes),

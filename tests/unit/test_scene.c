@@ -322,7 +322,7 @@ static void bad_scenes_are_explained(void **state) {
                     "scene.json:2: the scene's version is 99, this program reads up to 1");
   assert_edit_fails("\"version\": 1,", "", PAGS_ERROR_FORMAT, "expected a number for 'version', which is missing");
   assert_edit_fails("metres", "feet", PAGS_ERROR_FORMAT, "expected \"metres\" for 'units'");
-  assert_edit_fails("\"z\"", "\"x\"", PAGS_ERROR_FORMAT, "expected \"z\", \"-y\" or \"unknown\" for 'up'");
+  assert_edit_fails("\"z\"", "\"x\"", PAGS_ERROR_FORMAT, "expected \"z\", \"-y\", \"y\" or \"unknown\" for 'up'");
 }
 
 static void files_outside_are_refused(void **state) {

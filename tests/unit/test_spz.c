@@ -234,6 +234,98 @@ static void extension_records_are_skipped(void **state) {
   free_spz_parts(&parts);
 }
 
+/* The record of the coordinate system says which axes the file has, wherever it stands; an option outdoes it. The
+ * right values are those of the same bytes read as RUB, turned. */
+static void the_axes_are_those_of_the_record(void **state) {
+  (void)state;
+  for (int version = 3; version <= 4; version++) {
+    spz_parts parts = make_spz_parts(version, 10, 3, 7);
+    file_bytes plain = pack_spz(&parts), file;
+    pags_gaussians rub, g;
+    pags_splat_facts facts;
+    load("rub.spz", &plain, &rub, NULL, NULL);
+    const uint32_t record[3] = {0xADBE0003, 4, PAGS_AXES_RDF};
+    if (version == 3) {
+      for (int i = 0; i < 3; i++)
+        bytes_u32(&parts.stream[5], record[i]);
+      parts.flags = 2;
+      file = pack_spz(&parts);
+    } else {
+      file = (file_bytes){0};
+      bytes_put(&file, plain.data, 32);
+      for (int i = 0; i < 3; i++)
+        bytes_u32(&file, record[i]);
+      bytes_put(&file, plain.data + 32, plain.size - 32);
+      file.data[14] = 2;
+      file.data[16] = 52; /* the table is behind this record and the one that pack_spz writes */
+    }
+    if (pags_splat_read(scratch_file("rdf.spz", file.data, file.size), 0, &g, &facts) != PAGS_OK)
+      fail_msg("%s", pags_error_message());
+    assert_int_equal(facts.axes, PAGS_AXES_RDF);
+    assert_string_equal(facts.axes_from, "record");
+    for (int64_t i = 0; i < g.count; i++) {
+      assert_true(plane(&g, 0, i) == plane(&rub, 0, i) && plane(&g, 1, i) == -plane(&rub, 1, i));
+      assert_true(plane(&g, PAGS_ROTATION + 3, i) == -plane(&rub, PAGS_ROTATION + 3, i));
+      assert_true(plane(&g, PAGS_SH + 3, i) == -plane(&rub, PAGS_SH + 3, i));
+    }
+    pags_gaussians_destroy(&g);
+    assert_int_equal(pags_splat_read(scratch_file("rdf.spz", file.data, file.size), PAGS_AXES_RUB, &g, &facts),
+                     PAGS_OK);
+    assert_string_equal(facts.axes_from, "option");
+    for (int64_t i = 0; i < g.count; i++)
+      assert_true(plane(&g, 1, i) == plane(&rub, 1, i));
+    pags_gaussians_destroy(&g);
+    pags_gaussians_destroy(&rub);
+    bytes_free(&plain);
+    bytes_free(&file);
+    free_spz_parts(&parts);
+  }
+}
+
+/* Systems with y forward or back: a Gaussian at x, y, z of the file and its colour are seen where they are. */
+static void axes_with_z_up_are_turned(void **state) {
+  (void)state;
+  spz_parts parts = make_spz_parts(4, 20, 3, 9);
+  file_bytes file = pack_spz(&parts);
+  pags_gaussians raw, g;
+  const char *const path = scratch_file("rfu.spz", file.data, file.size);
+  assert_int_equal(pags_splat_read(path, PAGS_AXES_RDF, &raw, NULL), PAGS_OK);
+  assert_int_equal(pags_splat_read(path, PAGS_AXES_RFU, &g, NULL), PAGS_OK); /* x right, y forward, z up */
+  double in_file[15], in_memory[15];
+  basis(0.36, 0.48, 0.8, in_file);
+  basis(0.36, -0.8, 0.48, in_memory);
+  for (int64_t i = 0; i < g.count; i++) {
+    assert_true(plane(&g, 0, i) == plane(&raw, 0, i) && plane(&g, 1, i) == -plane(&raw, 2, i) &&
+                plane(&g, 2, i) == plane(&raw, 1, i));
+    double a = 0, b = 0;
+    static const double c1 = 0.4886025119029199;
+    static const double factors[15] = {c1,
+                                       c1,
+                                       c1,
+                                       1.0925484305920792,
+                                       1.0925484305920792,
+                                       0.31539156525252005,
+                                       1.0925484305920792,
+                                       0.5462742152960396,
+                                       0.5900435899266435,
+                                       2.890611442640554,
+                                       0.4570457994644658,
+                                       0.3731763325901154,
+                                       0.4570457994644658,
+                                       1.445305721320277,
+                                       0.5900435899266435};
+    for (int k = 0; k < 15; k++) {
+      a += factors[k] * in_file[k] * plane(&raw, PAGS_SH + 3 + 3 * k, i);
+      b += factors[k] * in_memory[k] * plane(&g, PAGS_SH + 3 + 3 * k, i);
+    }
+    assert_true(fabs(a - b) < 1e-5);
+  }
+  pags_gaussians_destroy(&raw);
+  pags_gaussians_destroy(&g);
+  bytes_free(&file);
+  free_spz_parts(&parts);
+}
+
 static void an_empty_file_reads(void **state) {
   (void)state;
   for (int version = 2; version <= 4; version++) {
@@ -294,7 +386,8 @@ int main(void) {
       cmocka_unit_test(sh_turns_with_the_axes),     cmocka_unit_test(rotations_turn_with_the_axes),
       cmocka_unit_test(bad_v4_files_are_explained), cmocka_unit_test(bad_gzip_files_are_explained),
       cmocka_unit_test(bombs_are_refused),          cmocka_unit_test(extension_records_are_skipped),
-      cmocka_unit_test(an_empty_file_reads),        cmocka_unit_test(both_bikers_agree),
+      cmocka_unit_test(an_empty_file_reads),        cmocka_unit_test(the_axes_are_those_of_the_record),
+      cmocka_unit_test(axes_with_z_up_are_turned),  cmocka_unit_test(both_bikers_agree),
   };
   return cmocka_run_group_tests(tests, scratch_setup, scratch_teardown);
 }

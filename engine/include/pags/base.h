@@ -3,7 +3,7 @@
  * messages, and the conventions that every other header of the C API relies on.
  *
  * Conventions of the whole API
- *   World      right-handed, metres. `up` is stated per scene: +z (driving data), -y (COLMAP, bare PLY) or unknown.
+ *   World      right-handed, metres. `up` is stated per scene: +z (driving data), -y (COLMAP, bare PLY), +y or unknown.
  *   Camera     OpenCV axes: x right, y down, z forward. Poses are `world_from_camera` in double.
  *   Pixels     the image's edges lie at 0 and width/height; the centre of pixel i lies at i + 0.5.
  *   Time       seconds, double.
@@ -82,8 +82,8 @@ PAGS_API const char *pags_result_name(pags_result code);
       return pags_try_result;             \
   } while (0)
 
-/* The direction of the world that is up in a scene or data set: unknown, +z or -y. */
-typedef enum pags_up { PAGS_UP_UNKNOWN, PAGS_UP_Z, PAGS_UP_MINUS_Y } pags_up;
+/* The direction of the world that is up in a scene or data set: unknown, +z, -y or +y. */
+typedef enum pags_up { PAGS_UP_UNKNOWN, PAGS_UP_Z, PAGS_UP_MINUS_Y, PAGS_UP_Y } pags_up;
 
 /* A callback by which long work reports its progress. `fraction` is the share of the work that is done, 0..1;
  * `what` names the present stage of the work and is valid during the call only. Returning 0 cancels the work,

@@ -45,8 +45,46 @@ typedef struct pags_scene_object {
   int rigid;          /* 1: rigid; 0: its parts also move against each other in its frame (means over time) */
 } pags_scene_object;
 
+/* The axes x, y, z of a splat file: a coordinate system as SPZ's record numbers them. The letters are the directions of
+ * x, y and z: left or right, up or down, forward or back. PAGS' own, those of PLY files, are RDF. */
+typedef enum pags_axes {
+  PAGS_AXES_UNKNOWN,
+  PAGS_AXES_LDB,
+  PAGS_AXES_RDB,
+  PAGS_AXES_LUB,
+  PAGS_AXES_RUB,
+  PAGS_AXES_LDF,
+  PAGS_AXES_RDF,
+  PAGS_AXES_LUF,
+  PAGS_AXES_RUF,
+  PAGS_AXES_LFD,
+  PAGS_AXES_RFD,
+  PAGS_AXES_LFU,
+  PAGS_AXES_RFU,
+  PAGS_AXES_LBD,
+  PAGS_AXES_RBD,
+  PAGS_AXES_LBU,
+  PAGS_AXES_RBU,
+  PAGS_AXES_COUNT
+} pags_axes;
+
+/* The name of axes, "RUB", a static string; "unknown" for 0 and numbers that aren't of pags_axes. */
+PAGS_API const char *pags_axes_name(int axes);
+
+/* What a splat file says besides the values of its Gaussians. */
+typedef struct pags_splat_facts {
+  const char *kind;      /* "PLY", "compressed PLY", "splat", "SPZ v4", "packed", ...; static. NULL: no splat file */
+  int antialiased;       /* 1: opacities expect the antialiased projection (Mip-Splatting) */
+  pags_up up;            /* unknown unless the file says it */
+  double origin[3];      /* metres, to be added to all positions; zeros unless the file says it */
+  int axes;              /* a pags_axes: those that the file was read in; unknown where it is no question */
+  const char *axes_from; /* who says so: "record" of the file, "specification", "option"; static, NULL like axes */
+  int64_t left_out;      /* Gaussians that were left out, since one of their values isn't finite */
+} pags_splat_facts;
+
 typedef struct pags_scene {
-  double origin[3]; /* metres; world position = origin + float position */
+  pags_splat_facts file; /* if it was loaded from a bare splat file; otherwise zeros */
+  double origin[3];      /* metres; world position = origin + float position */
   pags_up up;
   int antialiased;             /* 1: opacities expect the antialiased projection (Mip-Splatting; the flag in .spz) */
   float background[3];         /* colour behind everything where there is no sky: display-referred sRGB, 0..1 */
@@ -79,13 +117,19 @@ typedef enum pags_stand {
 
 /* Reads a scene folder (or its scene.json) or a bare splat file: .ply (INRIA's layout with the properties in any
  * order, or PlayCanvas compressed), .spz (versions 2 to 4), .pagsz (packed) or .splat. The format is detected by the
- * content, that of .splat, which has no signature, by the name.
+ * content, that of .splat, which has no signature, by the name. What else the file says (`scene->file`) becomes the
+ * scene's; a splat file that names no up axis has -y.
  *
- * A Gaussian with a value that isn't finite is an error that names the first such Gaussian. All-zero quaternions
- * are replaced by the identity, and a warning with their number goes to the log. PAGS_ERROR_IO,
+ * An infinite opacity is taken as all or nothing, a scale of -inf as a flat axis. Other Gaussians with a value that
+ * isn't finite are left out; their number and the first go to the log as a warning, and if there are no others the file
+ * is refused. All-zero quaternions are replaced by the identity, with a warning. PAGS_ERROR_IO,
  * PAGS_ERROR_FORMAT, PAGS_ERROR_LIMIT, PAGS_ERROR_UNSUPPORTED (a newer version of a format) or PAGS_ERROR_MEMORY;
  * then the scene is zeroed. */
 PAGS_API pags_result pags_scene_load(const char *path, pags_scene *scene);
+
+/* As pags_scene_load, but takes a bare splat file as one in `axes` (a pags_axes; 0: as pags_scene_load), whatever it
+ * says itself. PAGS_ERROR_ARGUMENT for scene folders and packed files, which have none to choose. */
+PAGS_API pags_result pags_scene_load_in_axes(const char *path, int axes, pags_scene *scene);
 
 /* Writes the scene folder, which is created if missing. Each file is written under another name and then renamed;
  * scene.json is written last, so that a new scene.json only names files that exist. PAGS_ERROR_IO,
@@ -121,12 +165,20 @@ PAGS_API char *pags_scene_model_file(const pags_scene *scene, const char *id);
 PAGS_API pags_result pags_ply_load(const char *path, pags_gaussians *out);
 PAGS_API pags_result pags_ply_save(const char *path, const pags_gaussians *gaussians);
 
+/* As pags_ply_save, with `facts` (NULL: none) as comments, which pags_splat_read reads: "SplatRenderMode: mip" if
+ * antialiased, "up z" or "up y" (-y is taken without), "offset X Y Z" for an origin that isn't 0. */
+PAGS_API pags_result pags_ply_save_facts(const char *path, const pags_gaussians *gaussians,
+                                         const pags_splat_facts *facts);
+
 /* Returns the bytes per Gaussian in a file of pags_ply_save; the header takes less than 4 KiB. */
 PAGS_API int pags_ply_row_bytes(const pags_gaussians *gaussians);
 
-/* Reads a splat file of any of the formats of pags_scene_load. `kind` receives the name of the format, a static
- * string ("PLY", "compressed PLY", "splat", "SPZ v4", "packed"); `antialiased` receives 1 if the file says that
- * its opacities expect the antialiased projection, otherwise 0. Both may be NULL. Errors as pags_scene_load. */
+/* Reads a splat file of any of the formats of pags_scene_load and turns it to PLY's axes. `axes` (a pags_axes) says
+ * which it has; 0: a SPZ file has those of its coordinate-system record, without one RUB, as its specification says;
+ * all others have PLY's. `facts` may be NULL. Errors as pags_scene_load. */
+PAGS_API pags_result pags_splat_read(const char *path, int axes, pags_gaussians *out, pags_splat_facts *facts);
+
+/* pags_splat_read with axes 0 and two of the facts, which may be NULL. */
 PAGS_API pags_result pags_splat_load(const char *path, pags_gaussians *out, const char **kind, int *antialiased);
 
 #ifdef __cplusplus

@@ -114,18 +114,24 @@ typedef struct pags_splat_options {
   int sh_degree;   /* highest degree of spherical harmonics that is written, 0..3; default 3 */
   int tracks;      /* 1: glTF files get a node for each object, in its own frame, animated by its track. Default 0 */
   int spz_version; /* 3 (gzip, default) or 4 (zstd) */
+  int spz_axes;    /* a pags_axes, 1..8: the axes of .spz files, which a record in them names. Default RUB, as SPZ's
+                      specification says; RDF for programs that take SPZ to have PLY's axes (splat-transform, SuperSplat)
+                    */
 } pags_splat_options;
 
 PAGS_API pags_splat_options pags_splat_options_default(void);
 
-/* Whether the path's extension is that of a format that holds only Gaussians: .ply, .spz, .splat or .pagsz. */
+/* Whether the path's extension, in any case, is that of a format that holds only Gaussians: .ply, .spz, .splat or
+ * .pagsz. */
 PAGS_API int pags_export_is_splat(const char *path);
 
 /* Writes all Gaussians of the scene as they are at a time, each object at its pose, its harmonics rotated with it.
  * The extension chooses the format: .ply (INRIA's), .spz, .splat (no harmonics), .pagsz (pags/packed.h; with s_sem if
  * all parts have it, without the sky), or .glb and .gltf with KHR_gaussian_splatting. Positions are relative to the
- * scene's origin. Takes over the scene's Gaussians (`scene` is zeroed). `count` (may be NULL) receives the number of
- * Gaussians written. */
+ * scene's origin. The origin, the up axis and whether the Gaussians are antialiased are comments of a .ply, a record of
+ * a .spz, extras of a glTF's asset and in the head of a .pagsz; what a .splat can't hold, and what is beyond the range
+ * of a .spz, goes to the log as warnings. Takes over the scene's Gaussians (`scene` is zeroed). `count` (may be NULL)
+ * receives the number of Gaussians written. */
 PAGS_API pags_result pags_export_splats(pags_scene *scene, const char *path, const pags_splat_options *options,
                                         int64_t *count);
 

@@ -1,12 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Rotation of spherical harmonics, for Gaussians that are moved with their object. A rotation maps the functions of
- * each degree l = 1..3 to themselves by a matrix of (2 l + 1) x (2 l + 1). The matrix is found by least squares:
- * rotated basis functions are sampled in 40 directions and expressed in the basis. The result is exact up to
- * rounding, since rotated functions of a degree lie in the space of that degree. */
+/* Rotation of spherical harmonics, for Gaussians that are moved with their object or come in other axes. A rotation
+ * maps the functions of each degree l = 1..3 to themselves by a matrix of (2 l + 1) x (2 l + 1). The matrix is found by
+ * least squares: rotated basis functions are sampled in 40 directions and expressed in the basis. The result is exact
+ * up to rounding, since rotated functions of a degree lie in the space of that degree. */
+#include "scene/sh_rotate.h"
+
 #include <math.h>
 #include <string.h>
 
-#include "exporters/format/bake.h"
 #include "maths/maths.h"
 
 enum { DIRECTIONS = 40 };

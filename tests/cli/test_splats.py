@@ -1,0 +1,272 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Splat files as other programs write them, and what of a scene goes into each format and comes back."""
+
+import json
+import math
+import struct
+
+from fixtures import Case, main, ply_bytes, png_bytes, read, run, some_splats, splat
+
+FACTS = ("antialiased", "up", "origin")
+
+
+def with_comments(rows, *comments):
+    lines = "".join(f"comment {comment}\n" for comment in comments)
+    return ply_bytes(rows).replace(b"element vertex", lines.encode() + b"element vertex")
+
+
+def renamed(data, *pairs):
+    """The bytes of a PLY with properties of other names."""
+    for old, new in pairs:
+        data = data.replace(f"float {old}\n".encode(), f"float {new}\n".encode())
+    return data
+
+
+class Splats(Case):
+    def info(self, name, *options):
+        """The facts of a file by pags info."""
+        self.works("info", self.path(name), "--json", self.path("info.json"), *options)
+        return json.loads(read(self.path("info.json")))
+
+    def works(self, *arguments):
+        return self.succeeds(*arguments).stdout
+
+    def refuses(self, name, *words):
+        self.fails(["info", self.path(name)], *words)
+
+
+class Reading(Splats):
+    def test_infinite_values_are_limits(self):
+        rows = some_splats()
+        rows[3][9], rows[4][9], rows[5][12] = math.inf, -math.inf, -math.inf
+        self.write("inf.ply", ply_bytes(rows))
+        facts = self.info("inf.ply", "--strict")
+        self.assertEqual((facts["gaussians"], facts["warnings"]), (40, []))
+
+    def test_rows_that_are_not_finite_are_left_out(self):
+        rows = some_splats()
+        rows[7][0], rows[9][13], rows[11][10] = math.nan, math.nan, math.inf
+        self.write("nan.ply", ply_bytes(rows))
+        facts = self.info("nan.ply")
+        self.assertEqual(facts["gaussians"], 37)
+        self.assertEqual(len(facts["warnings"]), 1)
+        self.assertIn("3 of 40 Gaussians are left out, since a value isn't finite; the first is 7 (its position)", facts["warnings"][0])
+        self.fails(["info", self.path("nan.ply"), "--strict"], "left out")
+        for row in rows:
+            row[2] = math.nan
+        self.write("all.ply", ply_bytes(rows))
+        self.refuses("all.ply", "none in any of 40 Gaussians")
+
+    def test_reduced_kinds(self):
+        whole = ply_bytes(some_splats())
+        flat = renamed(whole, ("scale_2", "unused"))
+        self.write("flat.ply", flat)
+        self.assertEqual(self.info("flat.ply")["warnings"], [])
+        self.assertIn("2D Gaussian splats", self.works("info", self.path("flat.ply")))
+        self.write("round.ply", renamed(flat, ("scale_1", "unused2")))
+        self.assertIn("taken as round", self.info("round.ply")["warnings"][0])
+        self.write("solid.ply", renamed(whole, ("opacity", "unused")))
+        self.assertIn("taken as opaque", self.info("solid.ply")["warnings"][0])
+        self.write("level.ply", renamed(whole, *[(f"rot_{k}", f"unused{k}") for k in range(4)]))
+        self.assertIn("not rotated", self.info("level.ply")["warnings"][0])
+        points = renamed(whole, ("scale_0", "unused"))
+        self.write("points.ply", points)
+        self.refuses("points.ply", "no property 'scale_0'", "points")
+
+    def test_colours_as_bytes(self):
+        rows = [splat(0, 0, 2, (1, 0.5, 0)), splat(1, 0, 2, (0.2, 0.4, 0.6))]
+        head = ["ply", "format binary_little_endian 1.0", "element vertex 2"]
+        names = ["x", "y", "z", "opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]
+        head += [f"property float {name}" for name in names] + [f"property uchar {name}" for name in ("red", "green", "blue")]
+        body = b"".join(struct.pack("<11f3B", *row[:3], *row[9:], *rgb) for row, rgb in zip(rows, [(255, 128, 0), (51, 102, 153)]))
+        self.write("rgb.ply", "\n".join(head + ["end_header", ""]).encode() + body)
+        self.works("export", self.path("rgb.ply"), self.path("rgb.splat"))
+        self.works("export", self.write("dc.ply", ply_bytes(rows)), self.path("dc.splat"))
+        rgb, dc = read(self.path("rgb.splat")), read(self.path("dc.splat"))
+        self.assertEqual(rgb[24:27], bytes([255, 128, 0]))
+        self.assertEqual(rgb[56:59], dc[56:59])
+
+    def test_degree_four(self):
+        def ply(per_channel):
+            count = 3 * per_channel
+            head = ply_bytes(some_splats()[:2]).split(b"property float opacity")[0]
+            head += b"".join(b"property float f_rest_%d\n" % i for i in range(count))
+            head += b"".join(f"property float {n}\n".encode() for n in ("opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"))
+            rest = [channel + k / 100 if k < 15 else 99 for channel in range(3) for k in range(per_channel)]
+            return head + b"end_header\n" + b"".join(struct.pack(f"<{17 + count}f", *row[:9], *rest, *row[9:]) for row in some_splats()[:2])
+
+        self.write("four.ply", ply(24))
+        self.write("three.ply", ply(15))
+        facts = self.info("four.ply")
+        self.assertIn("degree 4 are dropped", facts["warnings"][0])
+        self.works("export", self.path("four.ply"), self.path("a.ply"))
+        self.works("export", self.path("three.ply"), self.path("b.ply"))
+        self.assertEqual(read(self.path("a.ply")), read(self.path("b.ply")))
+
+    def test_flags_of_all_writers(self):
+        for comment, antialiased in [
+            ("SplatRenderMode: mip", True),
+            ("splatrendermode:  MIP ", True),
+            ("SplatRenderMode: default", False),
+            ("antialiased 1", True),
+            ("antialiased 0", False),
+            ("antialiased: true", True),
+        ]:
+            self.write("flag.ply", with_comments(some_splats(), comment))
+            self.assertEqual(self.info("flag.ply")["antialiased"], antialiased, comment)
+
+    def test_foreign_files_are_named(self):
+        self.write("a.ply", "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 5\n")
+        self.refuses("a.ply", "Git LFS pointer", "git lfs pull")
+        self.write("b.splat", "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 9\n")
+        self.refuses("b.splat", "Git LFS pointer")
+        self.write("c.ksplat", bytes(4096))
+        self.refuses("c.ksplat", ".ksplat", "splat-transform")
+        foreign = self.write("d.json", '{"nodes": []}')
+        self.fails(["render", foreign, "-o", self.path("out")], "a JSON file of another program")
+
+    def test_header_variants(self):
+        whole = ply_bytes(some_splats())
+        self.write("blank.ply", whole.replace(b"end_header\n", b"end_header \n"))
+        self.write("early.ply", whole.replace(b"ply\n", b"ply\ncomment " + b"x" * 400 + b"\n", 1))
+        for name in ("blank.ply", "early.ply"):
+            self.assertEqual(self.info(name)["gaussians"], 40)
+
+
+class Axes(Splats):
+    """SPZ files: the axes are those of the record, else RUB; an option outdoes both."""
+
+    def setUp(self):
+        super().setUp()
+        self.write("a.ply", ply_bytes([splat(1, 2, 3, (0.5, 0.5, 0.5)), splat(0, 0, 0, (0.5, 0.5, 0.5))]))
+
+    def without_record(self, name):
+        """Takes the record out of a version 4 file."""
+        data = bytearray(read(self.path(name)))
+        self.assertEqual(struct.unpack("<II", data[32:40]), (0xADBE0003, 4))
+        table = struct.unpack("<I", data[16:20])[0]
+        data[14] &= ~2
+        data[16:20] = struct.pack("<I", 32)
+        return self.write("plain.spz", bytes(data[:32] + data[table:]))
+
+    def test_the_record_the_specification_the_option(self):
+        for axes, as_rub in [("rub", ([0, 0, 0], [1, 2, 3])), ("rdf", ([0, -2, -3], [1, 0, 0]))]:
+            self.works("export", self.path("a.ply"), self.path("b.spz"), "--spz-version", "4", "--spz-axes", axes)
+            facts = self.info("b.spz", "--strict")
+            self.assertEqual(facts["axes"], axes.upper() + ", by the file's record")
+            self.assertEqual(facts["bounds_hi"], [1, 2, 3])
+            self.without_record("b.spz")
+            facts = self.info("plain.spz", "--strict")
+            self.assertTrue(facts["axes"].startswith("RUB, by its format's specification"), facts["axes"])
+            self.assertEqual((facts["bounds_lo"], facts["bounds_hi"]), as_rub)
+            facts = self.info("plain.spz", "--axes", axes)
+            self.assertEqual(facts["axes"], axes.upper() + ", by the option --axes")
+            self.assertEqual(facts["bounds_hi"], [1, 2, 3])
+
+    def test_other_files_take_the_option(self):
+        facts = self.info("a.ply", "--axes", "rub")
+        self.assertEqual((facts["bounds_lo"], facts["bounds_hi"]), ([0, -2, -3], [1, 0, 0]))
+        facts = self.info("a.ply", "--axes", "rfu")
+        self.assertEqual((facts["bounds_lo"], facts["bounds_hi"]), ([0, -3, 0], [1, 0, 2]))
+        self.works("export", self.path("a.ply"), self.path("a.pagsz"))
+        self.fails(["info", self.path("a.pagsz"), "--axes", "rub"], "a packed file's axes are known")
+
+
+class RoundTrips(Splats):
+    """The antialiased flag, origin and up axis of a scene in each format."""
+
+    def setUp(self):
+        super().setUp()
+        self.write("a.ply", with_comments(some_splats(), "SplatRenderMode: mip", "up z", "offset 500000.5 4600000 -100"))
+        facts = self.info("a.ply")
+        self.wanted = [facts[key] for key in FACTS]
+        self.assertEqual(self.wanted, [True, "+z", [500000.5, 4600000, -100]])
+
+    def test_formats_that_hold_them(self):
+        for name, options in [("b.ply", ()), ("b.pagsz", ()), ("b.spz", ()), ("c.spz", ("--spz-version", "4")), ("D.SPZ", ()), ("E.Ply", ())]:
+            self.works("export", self.path("a.ply"), self.path(name), "--strict", *options)
+            facts = self.info(name, "--strict")
+            self.assertEqual([facts[key] for key in FACTS], self.wanted, name)
+
+    def test_gltf_has_them_as_extras(self):
+        done = run("export", self.path("a.ply"), self.path("B.GLB"), "--splats", "--strict")
+        if "this build writes" in done.stderr:
+            self.skipTest("a build without glTF")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        data = read(self.path("B.GLB"))
+        extras = json.loads(data[20 : 20 + struct.unpack("<I", data[12:16])[0]])["asset"]["extras"]
+        self.assertEqual(extras, {"antialiased": True, "origin": [500000.5, 4600000, -100], "up": "z"})
+
+    def test_splat_says_what_it_cannot_hold(self):
+        self.works("export", self.path("a.ply"), self.path("b.splat"), "--json", self.path("x.json"))
+        warnings = json.loads(read(self.path("x.json")))["warnings"]
+        self.assertEqual(len(warnings), 1)
+        for word in ("antialiased", "500000.5 4600000 -100", "up axis z"):
+            self.assertIn(word, warnings[0])
+        self.fails(["export", self.path("a.ply"), self.path("b.splat"), "--strict"], "can't hold")
+
+    def test_up_is_an_option(self):
+        self.assertEqual(self.info("a.ply", "--up", "y")["up"], "+y")
+        self.write("bare.ply", ply_bytes(some_splats()))
+        self.assertEqual(self.info("bare.ply")["up"], "-y")
+        self.works("export", self.path("bare.ply"), self.path("z.ply"), "--up", "z")
+        self.assertEqual(self.info("z.ply")["up"], "+z")
+        self.works("render", self.path("bare.ply"), "--up", "z", "-n", "2", "--downscale", "16", "-o", self.path("pictures"))
+
+    def test_spz_beyond_its_range(self):
+        rows = some_splats()
+        rows[0][0], rows[1][10] = 2500, 8
+        self.write("far.ply", ply_bytes(rows))
+        said = self.works("export", self.path("far.ply"), self.path("far.spz"))
+        self.assertIn("in steps of 0.000488281 m", said)
+        self.assertIn("1 Gaussians beyond SPZ's range of sigma", said)
+        self.assertAlmostEqual(self.info("far.spz")["bounds_hi"][0], 2500, delta=0.001)
+        rows[0][1] = 4.6e6
+        self.write("utm.ply", ply_bytes(rows))
+        self.fails(["export", self.path("utm.ply"), self.path("utm.spz"), "--strict"], "in steps of 1 m")
+        self.assertAlmostEqual(self.info("utm.spz")["bounds_hi"][1], 4.6e6, delta=1)
+
+
+class Points(Splats):
+    """ply_file_path of a transforms.json."""
+
+    def dataset(self, ply):
+        frame = {"file_path": "a.png", "transform_matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 2], [0, 0, 0, 1]]}
+        head = {"w": 16, "h": 16, "fl_x": 16, "fl_y": 16, "cx": 8, "cy": 8, "ply_file_path": "points.ply", "frames": [frame]}
+        self.write("d/transforms.json", json.dumps(head))
+        self.write("d/points.ply", ply)
+        self.write("d/a.png", png_bytes(16, 16, bytes(768)))
+        return self.info("d", "--split-every", "0")
+
+    def points(self, form, values, types="float", before="", comment=""):
+        order = ">" if form == "binary_big_endian" else "<"
+        head = f"ply\n{comment}format {form} 1.0\n{before}element vertex {len(values)}\n"
+        head += "".join(f"property {types} {axis}\n" for axis in "xyz") + "end_header\n"
+        code = {"float": "f", "double": "d"}[types]
+        return head.encode() + (bytes(4) if before else b"") + b"".join(struct.pack(f"{order}3{code}", *v) for v in values)
+
+    def test_what_programs_write(self):
+        values = [(i / 7, i / 9, i / 11) for i in range(60)]
+        one = "element camera 1\nproperty float f\n"
+        for ply in [
+            self.points("binary_little_endian", values),
+            self.points("binary_big_endian", values),
+            self.points("binary_little_endian", values, "double"),
+            self.points("binary_little_endian", values, comment="comment " + "x" * 400 + "\n"),
+            self.points("binary_little_endian", values, before=one),
+            ply_bytes([splat(*v, (0.5, 0.5, 0.5)) for v in values]),
+        ]:
+            facts = self.dataset(ply)
+            self.assertEqual((facts["points"], facts["points_random"], facts["warnings"]), (60, False, []))
+
+    def test_points_that_are_not_finite(self):
+        values = [(i / 7, i / 9, i / 11) for i in range(60)]
+        values[5] = (math.nan, 0, 0)
+        facts = self.dataset(self.points("binary_little_endian", values))
+        self.assertEqual(facts["points"], 59)
+        self.assertIn("1 of 60 points are left out", facts["warnings"][0])
+        self.assertIn("vertex 5", facts["warnings"][0])
+
+
+if __name__ == "__main__":
+    main()
