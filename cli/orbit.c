@@ -27,7 +27,7 @@ typedef struct orbit {
 } orbit;
 
 static pags_vec3 scene_up(const pags_scene *scene) {
-  return scene->up == PAGS_UP_Z ? (pags_vec3){0, 0, 1} : (pags_vec3){0, -1, 0};
+  return scene->up == PAGS_UP_Z ? (pags_vec3){0, 0, 1} : (pags_vec3){0, scene->up == PAGS_UP_Y ? 1 : -1, 0};
 }
 
 static pags_camera default_lens(double focal) {

@@ -1,205 +1,108 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Reads the point cloud of a PLY file (ascii or binary little-endian): x y z and red green blue of the vertices;
- * other scalar properties are skipped. PLY files of splats have a reader of their own in scene/. */
+/* Reads the point cloud of a PLY file by the table that splat files are read by (scene/ply_table.h): positions and
+ * colours of the vertices; other properties are skipped. The file may be one of splats, too: the constant terms of
+ * their harmonics are the colours. */
 #include "dataset/parsed.h"
 
 #include "base/file.h"
-#include "base/text.h"
+#include "base/log.h"
+#include "scene/ply_table.h"
 
+#include <math.h>
 #include <stdlib.h>
-#include <string.h>
 
-enum { MAX_PROPERTIES = 128, WANTED = 6 };
+typedef struct cloud {
+  const ply_table *table;
+  const ply_element *vertex;
+  const ply_property *xyz[3], *rgb[3]; /* rgb NULL: no colours */
+  bool harmonics;                      /* rgb are f_dc_0 to f_dc_2 */
+} cloud;
 
-typedef enum scalar { I8, U8, I16, U16, I32, U32, F32, F64, SCALARS } scalar;
-
-static const size_t scalar_bytes[SCALARS] = {1, 1, 2, 2, 4, 4, 4, 8};
-
-typedef struct ply {
-  const char *path;
-  const char *at, *end;
-  int line;
-  bool ascii;
-  int64_t count;
-  int properties;
-  scalar types[MAX_PROPERTIES];
-  int wanted[WANTED]; /* index of the property x y z red green blue; -1: not in the file */
-} ply;
-
-static pags_result fail(const ply *p, const char *expected) {
-  return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: expected %s", p->path, p->line, expected);
-}
-
-/* Copies the next line of the header, without its line end, to `line`. */
-static pags_result next_line(ply *p, char line[256]) {
-  const char *stop = memchr(p->at, '\n', (size_t)(p->end - p->at));
-  p->line++;
-  if (!stop || stop - p->at >= 255)
-    return fail(p, "a line of a PLY header");
-  size_t length = (size_t)(stop - p->at);
-  memcpy(line, p->at, length);
-  line[length] = '\0';
-  if (length && line[length - 1] == '\r')
-    line[length - 1] = '\0';
-  p->at = stop + 1;
-  return PAGS_OK;
-}
-
-static bool scalar_of(const char *name, scalar *out) {
-  static const char *const names[2][SCALARS] = {
-      {"char", "uchar", "short", "ushort", "int", "uint", "float", "double"},
-      {"int8", "uint8", "int16", "uint16", "int32", "uint32", "float32", "float64"}};
-  for (int i = 0; i < SCALARS; i++)
-    if (strcmp(name, names[0][i]) == 0 || strcmp(name, names[1][i]) == 0) {
-      *out = (scalar)i;
-      return true;
+/* Finds the colours by the names that programs give them. */
+static void find_colours(cloud *c) {
+  static const char *const names[4][3] = {{"red", "green", "blue"},
+                                          {"r", "g", "b"},
+                                          {"diffuse_red", "diffuse_green", "diffuse_blue"},
+                                          {"f_dc_0", "f_dc_1", "f_dc_2"}};
+  for (int i = 0; i < 4; i++) {
+    int found = 0;
+    for (int k = 0; k < 3; k++) {
+      c->rgb[k] = pags_ply_property_find(c->table, c->vertex, names[i][k]);
+      found += c->rgb[k] != NULL;
     }
-  return false;
-}
-
-static pags_result add_property(ply *p, const char *type, const char *name) {
-  static const char *const names[WANTED] = {"x", "y", "z", "red", "green", "blue"};
-  if (p->properties == MAX_PROPERTIES)
-    return fail(p, "at most 128 properties");
-  if (!name || !scalar_of(type, &p->types[p->properties]))
-    return fail(p, "a scalar property of the vertices");
-  for (int i = 0; i < WANTED; i++)
-    if (strcmp(name, names[i]) == 0)
-      p->wanted[i] = p->properties;
-  p->properties++;
-  return PAGS_OK;
-}
-
-static pags_result read_format(ply *p) {
-  char line[256];
-  PAGS_TRY(next_line(p, line));
-  if (strcmp(line, "ply") != 0)
-    return fail(p, "'ply'");
-  PAGS_TRY(next_line(p, line));
-  p->ascii = strcmp(line, "format ascii 1.0") == 0;
-  return p->ascii || strcmp(line, "format binary_little_endian 1.0") == 0
-             ? PAGS_OK
-             : fail(p, "'format ascii 1.0' or 'format binary_little_endian 1.0'");
-}
-
-/* Cuts the next word off `*rest`; NULL at the end. */
-static char *next_word(char **rest) {
-  char *const word = *rest + strspn(*rest, " ");
-  *rest = word + strcspn(word, " ");
-  if (**rest)
-    *(*rest)++ = 0;
-  return *word ? word : NULL;
-}
-
-static pags_result read_header(ply *p) {
-  char line[256];
-  bool in_vertex = false, seen_vertex = false;
-  PAGS_TRY(read_format(p));
-  for (;;) {
-    PAGS_TRY(next_line(p, line));
-    char *rest = line, *word = next_word(&rest);
-    if (!word || strcmp(word, "comment") == 0 || strcmp(word, "obj_info") == 0)
-      continue;
-    char *second = next_word(&rest), *third = next_word(&rest);
-    if (strcmp(word, "end_header") == 0)
-      break;
-    if (strcmp(word, "element") == 0 && second && third) {
-      in_vertex = strcmp(second, "vertex") == 0;
-      if (!in_vertex && !seen_vertex)
-        return fail(p, "the vertices to come first");
-      if (in_vertex)
-        p->count = strtoll(third, NULL, 10);
-      seen_vertex = true;
-    } else if (strcmp(word, "property") == 0 && second) {
-      if (in_vertex)
-        PAGS_TRY(add_property(p, second, third));
-    } else {
-      return fail(p, "'element', 'property' or 'end_header'");
-    }
+    c->harmonics = i == 3;
+    if (found == 3)
+      return;
   }
-  if (!seen_vertex || p->wanted[0] < 0 || p->wanted[1] < 0 || p->wanted[2] < 0)
-    return fail(p, "vertices with x, y and z");
-  /* A row has at least two bytes per property as text ("0 ") and one as binary, so that a larger count can't be
-   * true. */
-  if (p->count < 0 || p->count > (p->end - p->at) / p->properties)
-    return fail(p, "no more vertices than the file has room for");
-  return PAGS_OK;
-}
-
-static double get_binary(const char *at, scalar type) {
-  union {
-    int8_t i8;
-    uint8_t u8;
-    int16_t i16;
-    uint16_t u16;
-    int32_t i32;
-    uint32_t u32;
-    float f32;
-    double f64;
-  } value;
-  memcpy(&value, at, scalar_bytes[type]);
-  switch (type) {
-    case I8: return value.i8;
-    case U8: return value.u8;
-    case I16: return value.i16;
-    case U16: return value.u16;
-    case I32: return value.i32;
-    case U32: return value.u32;
-    case F32: return (double)value.f32;
-    default: return value.f64;
-  }
-}
-
-static pags_result read_row(ply *p, double values[MAX_PROPERTIES]) {
-  for (int i = 0; i < p->properties; i++) {
-    char *after = NULL;
-    if (p->ascii) {
-      values[i] = pags_text_to_double(p->at, &after);
-      if (after == p->at)
-        return fail(p, "a number in every property of a vertex");
-      p->at = after;
-    } else {
-      if ((size_t)(p->end - p->at) < scalar_bytes[p->types[i]])
-        return pags_fail(PAGS_ERROR_FORMAT, "%s: ends within its vertices", p->path);
-      values[i] = get_binary(p->at, p->types[i]);
-      p->at += scalar_bytes[p->types[i]];
-    }
-  }
-  p->line++;
-  return PAGS_OK;
+  c->rgb[0] = c->rgb[1] = c->rgb[2] = NULL;
 }
 
 /* Converts a colour to a byte. 16-bit unsigned integers hold 0..65535, all other integers 0..255, floats 0..1. */
-static uint8_t colour_of(double value, scalar type) {
-  double unit = type == F32 || type == F64 ? value * 255 : type == U16 ? value / 257 : value;
-  return (uint8_t)(unit > 0 ? (unit < 255 ? unit + 0.5 : 255) : 0);
+static uint8_t colour_of(const cloud *c, int channel, int64_t row) {
+  if (!c->rgb[channel])
+    return 128;
+  const ply_type type = c->rgb[channel]->type;
+  const double value = pags_ply_value(c->table, c->vertex, c->rgb[channel], row);
+  const double byte = c->harmonics                              ? (0.5 + PAGS_SH_C0 * value) * 255
+                      : type == PLY_FLOAT || type == PLY_DOUBLE ? value * 255
+                      : type == PLY_USHORT                      ? value / 257
+                                                                : value;
+  return (uint8_t)(byte > 0 ? (byte < 255 ? byte + 0.5 : 255) : 0);
 }
 
-static pags_result read_points(ply *p, pags_parsed_points *points) {
-  for (int64_t i = 0; i < p->count; i++) {
-    double values[MAX_PROPERTIES], xyz[3];
+/* Reads all points; those that aren't at a finite place are left out, with a warning. */
+static pags_result read_points(const cloud *c, pags_parsed_points *points) {
+  const char *const path = c->table->path;
+  int64_t left_out = 0, first = 0;
+  for (int64_t i = 0; i < c->vertex->count; i++) {
+    double xyz[3];
     uint8_t rgb[3];
-    PAGS_TRY(read_row(p, values));
-    for (int c = 0; c < 3; c++) {
-      int colour = p->wanted[3 + c];
-      xyz[c] = values[p->wanted[c]];
-      rgb[c] = colour < 0 ? 128 : colour_of(values[colour], p->types[colour]);
+    for (int k = 0; k < 3; k++) {
+      xyz[k] = c->table->facts.origin[k] + pags_ply_value(c->table, c->vertex, c->xyz[k], i);
+      rgb[k] = colour_of(c, k, i);
     }
-    PAGS_TRY(pags_parsed_add_point(points, i, xyz, rgb, p->path));
+    if (!isfinite(xyz[0]) || !isfinite(xyz[1]) || !isfinite(xyz[2])) {
+      first = left_out++ ? first : i;
+      continue;
+    }
+    PAGS_TRY(pags_parsed_add_point(points, i, xyz, rgb, path));
   }
+  if (left_out && left_out == c->vertex->count)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected points with finite coordinates, found none among %lld", path,
+                     (long long)c->vertex->count);
+  if (left_out)
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s: %lld of %lld points are left out, since a coordinate isn't finite; the first is vertex %lld",
+                     path, (long long)left_out, (long long)c->vertex->count, (long long)first);
   return PAGS_OK;
+}
+
+static pags_result read_cloud(const ply_table *table, pags_parsed_points *points) {
+  static const char *const names[3] = {"x", "y", "z"};
+  cloud c = {.table = table, .vertex = pags_ply_table_find(table, "vertex")};
+  if (!c.vertex)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected an element 'vertex'", table->path);
+  for (int k = 0; k < 3; k++) {
+    c.xyz[k] = pags_ply_property_find(table, c.vertex, names[k]);
+    if (!c.xyz[k])
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: no property '%s' in element 'vertex': expected vertices with x, y and z",
+                       table->path, names[k]);
+  }
+  find_colours(&c);
+  PAGS_TRY(pags_ply_table_need(table, c.vertex));
+  return read_points(&c, points);
 }
 
 pags_result pags_ply_points_read(const char *path, pags_parsed_points *points) {
   uint8_t *bytes;
   size_t size;
+  ply_table table;
   PAGS_TRY(pags_file_read(path, &bytes, &size));
-  ply p = {.path = path, .at = (const char *)bytes, .end = (const char *)bytes + size};
-  for (int i = 0; i < WANTED; i++)
-    p.wanted[i] = -1;
-  pags_result result = read_header(&p);
-  if (result == PAGS_OK)
-    result = read_points(&p, points);
+  pags_result result = pags_ply_table_open(&table, path, bytes, size);
+  if (result == PAGS_OK) {
+    result = read_cloud(&table, points);
+    pags_ply_table_close(&table);
+  }
   free(bytes);
   return result;
 }
