@@ -414,16 +414,12 @@ static void put_priorities(pags_report *report, const pags_scene *scene) {
 
 /* ---- The whole report ---- */
 
-/* Says which axes a splat file was read in and why, where that is a question. */
+/* Says which axes a splat file was read in, and who says so, where that is a question. */
 static void put_axes(pags_report *report, const pags_splat_facts *file) {
-  char text[160];
+  char text[64];
   if (file->axes == PAGS_AXES_UNKNOWN)
     return;
-  const bool assumed = !strcmp(file->axes_from, "specification");
-  snprintf(text, sizeof text, "%s, by %s%s", pags_axes_name(file->axes), assumed ? "its format's " : "the ",
-           assumed ? "specification, without a record (splat-transform and SuperSplat write rdf: --axes rdf)"
-           : !strcmp(file->axes_from, "record") ? "file's record"
-                                                : "option --axes");
+  snprintf(text, sizeof text, "%s, by the %s", pags_axes_name(file->axes), file->axes_from);
   pags_report_text(report, "axes", text);
 }
 

@@ -50,6 +50,15 @@ pags_result pags_file_size(const char *path, uint64_t *size) {
   return PAGS_OK;
 }
 
+/* Fails if a file is what Git leaves in its place until 'git lfs pull' gets it. */
+static pags_result refuse_pointer(const char *path, const uint8_t *bytes, size_t size) {
+  static const char begin[] = "version https://git-lfs";
+  if (size < sizeof begin - 1 || memcmp(bytes, begin, sizeof begin - 1) != 0)
+    return PAGS_OK;
+  return pags_fail(PAGS_ERROR_FORMAT,
+                   "%s: a Git LFS pointer, not the file itself: 'git lfs pull' in its repository gets that", path);
+}
+
 pags_result pags_file_read(const char *path, uint8_t **bytes, size_t *size) {
   FILE *stream;
   uint64_t expected = 0;
@@ -73,6 +82,11 @@ pags_result pags_file_read(const char *path, uint8_t **bytes, size_t *size) {
                : pags_fail(PAGS_ERROR_IO, "%s: shrank while it was read, at byte %llu", path, (unsigned long long)got);
   }
   block[got] = 0;
+  const pags_result result = refuse_pointer(path, block, got);
+  if (result != PAGS_OK) {
+    free(block);
+    return result;
+  }
   *bytes = block;
   *size = got;
   return PAGS_OK;

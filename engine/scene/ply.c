@@ -15,7 +15,6 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
-#include "scene/axes.h"
 #include "scene/splat_formats.h"
 
 enum { NORMALS = 3, MAX_COLUMNS = PAGS_MAX_PLANES + NORMALS, BLOCK_ROWS = 256, NAME_SIZE = 24 };
@@ -317,7 +316,8 @@ static int put_facts(const pags_splat_facts *facts, char *text, size_t size) {
   if (facts->antialiased)
     length += snprintf(text, size, "comment SplatRenderMode: mip\n");
   if (facts->up == PAGS_UP_Z || facts->up == PAGS_UP_Y) /* -y is what readers take anyway */
-    length += snprintf(text + length, size - (size_t)length, "comment up %s\n", pags_up_code(facts->up));
+    length += snprintf(text + length, size - (size_t)length, "comment Vertical axis: %s\n",
+                       facts->up == PAGS_UP_Z ? "z" : "0 1 0");
   if (facts->origin[0] != 0 || facts->origin[1] != 0 || facts->origin[2] != 0) {
     char number[3][PAGS_DOUBLE_TEXT];
     for (int k = 0; k < 3; k++)

@@ -12,7 +12,6 @@
 #include "base/bytes.h"
 #include "base/memory.h"
 #include "base/text.h"
-#include "scene/axes.h"
 
 static const struct {
   const char *name;
@@ -24,7 +23,7 @@ static const struct {
 
 static const int type_sizes[] = {1, 1, 2, 2, 4, 4, 4, 8};
 
-enum { MAX_PROPERTIES = 4096, MAX_WORDS = 5 };
+enum { MAX_PROPERTIES = 4096, MAX_WORDS = 6 };
 
 /* ---- Reading the header ---- */
 
@@ -86,34 +85,55 @@ static pags_result parse_property(ply_table *t, int line, int words, char *word[
   return PAGS_OK;
 }
 
-/* Reads what programs say in comments, in any case, with or without a colon: "SplatRenderMode: mip" (Brush,
- * splat-transform, PAGS), "antialiased 1" (Postshot); "offset X Y Z", which is what was taken off all positions; and
- * "up z", PAGS' own. Others are skipped. */
+/* Reads `count` finite numbers, each a word of its own; returns false if there is another word among them. */
+static bool parse_numbers(char *word[], int count, double *out) {
+  for (int k = 0; k < count; k++) {
+    char *end;
+    out[k] = pags_text_to_double(word[k], &end);
+    if (end == word[k] || end[strspn(end, " \t")] || !isfinite(out[k]))
+      return false;
+  }
+  return true;
+}
+
+/* "Vertical axis: z" of nerfstudio and PAGS, or, of Brush and PAGS, a direction along an axis: "0 1 0". Brush writes y
+ * where it knows nothing: whether that is up or down isn't said. */
+static void parse_vertical_axis(int words, char *value[], pags_splat_facts *facts) {
+  double up[3];
+  if (words == 1 && strcasecmp(value[0], "z") == 0)
+    facts->up = PAGS_UP_Z;
+  if (words != 3 || !parse_numbers(value, 3, up))
+    return;
+  if (up[0] == 0 && up[1] == 0 && up[2] > 0)
+    facts->up = PAGS_UP_Z;
+  else if (up[0] == 0 && up[1] != 0 && up[2] == 0)
+    facts->up = up[1] > 0 ? PAGS_UP_Y : PAGS_UP_MINUS_Y;
+}
+
+/* Reads what programs say in comments, in any case, with or without a colon: "SplatRenderMode: mip" (Brush, gsplat,
+ * splat-transform, PAGS), "antialiased 1" (Postshot), "train_flags antialiasing" (proposed to INRIA); "Vertical axis";
+ * and "offset X Y Z", which was taken off all positions. Others are skipped; of several the last holds. */
 static void parse_comment(ply_table *t, int words, char *word[]) {
   pags_splat_facts *const facts = &t->facts;
+  double offset[3];
   if (words < 3)
     return;
-  char *const key = word[1], *const value = word[2];
-  const size_t length = strlen(key);
-  if (length && key[length - 1] == ':')
-    key[length - 1] = 0;
+  for (int i = 1; i <= 2; i++) {
+    const size_t length = strlen(word[i]);
+    if (length && word[i][length - 1] == ':')
+      word[i][length - 1] = 0;
+  }
+  const char *const key = word[1], *const value = word[2];
   if (strcasecmp(key, "SplatRenderMode") == 0)
     facts->antialiased = strcasecmp(value, "mip") == 0;
   else if (strcasecmp(key, "antialiased") == 0)
     facts->antialiased = strcmp(value, "1") == 0 || strcasecmp(value, "true") == 0;
-  else if (strcasecmp(key, "up") == 0)
-    pags_up_from_code(value, &facts->up);
-  else if (strcasecmp(key, "offset") == 0 && words == 5) {
-    double offset[3];
-    bool good = true;
-    for (int k = 0; k < 3; k++) {
-      char *end;
-      offset[k] = pags_text_to_double(word[2 + k], &end);
-      good = good && end != word[2 + k] && !end[strspn(end, " \t")] && isfinite(offset[k]);
-    }
-    for (int k = 0; k < 3 && good; k++)
-      facts->origin[k] = offset[k];
-  }
+  else if (strcasecmp(key, "train_flags") == 0)
+    facts->antialiased = strncasecmp(value, "antialias", 9) == 0;
+  else if (strcasecmp(key, "Vertical") == 0 && strcasecmp(value, "axis") == 0)
+    parse_vertical_axis(words - 3, word + 3, facts);
+  else if (strcasecmp(key, "offset") == 0 && words == 5 && parse_numbers(word + 2, 3, offset))
+    memcpy(facts->origin, offset, sizeof offset);
 }
 
 /* Parses one line of the header. */

@@ -10,24 +10,15 @@
 #include <pags/scene.h>
 
 #include "base/file.h"
+#include "base/log.h"
 #include "scene/axes.h"
 #include "scene/splat_formats.h"
 
 /* ---- What other files are, which are named like splat files or found beside them ---- */
 
-static bool is_lfs_pointer(const uint8_t *bytes, size_t size) {
-  static const char lfs[] = "version https://git-lfs";
-  return size >= sizeof lfs - 1 && memcmp(bytes, lfs, sizeof lfs - 1) == 0;
-}
-
 static pags_result refuse(const char *path, const uint8_t *bytes, size_t size) {
   const char *const extension = pags_path_extension(path);
   const size_t blanks = strspn((const char *)bytes, " \t\r\n");
-  if (is_lfs_pointer(bytes, size))
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: a Git LFS pointer, not the file itself: expected a splat file; 'git lfs pull' in its "
-                     "repository gets it",
-                     path);
   if (strcasecmp(extension, ".ksplat") == 0)
     return pags_fail(
         PAGS_ERROR_UNSUPPORTED,
@@ -51,7 +42,7 @@ static pags_result decode(const char *path, const uint8_t *bytes, size_t size, i
     PAGS_TRY(pags_ply_decode(path, bytes, size, out, facts));
   else if (size >= 4 && (memcmp(bytes, "NGSP", 4) == 0 || (bytes[0] == 0x1f && bytes[1] == 0x8b)))
     PAGS_TRY(pags_spz_decode(path, bytes, size, out, facts));
-  else if (strcasecmp(pags_path_extension(path), ".splat") == 0 && !is_lfs_pointer(bytes, size)) {
+  else if (strcasecmp(pags_path_extension(path), ".splat") == 0) {
     /* A .splat file has no signature and is recognised by its extension. */
     facts->kind = "splat";
     PAGS_TRY(pags_splat_decode(path, bytes, size, out));
@@ -62,6 +53,12 @@ static pags_result decode(const char *path, const uint8_t *bytes, size_t size, i
     facts->axes_from = "option";
     facts->up = PAGS_UP_UNKNOWN; /* what the file says is of the axes that it names itself */
   }
+  if (facts->axes_from && strcmp(facts->axes_from, "specification") == 0)
+    pags_log_message(
+        PAGS_LOG_INFO,
+        "%s: no record of its axes: taken as %s, as its format's specification says; what splat-transform 3 "
+        "and SuperSplat write is RDF (--axes rdf)",
+        path, pags_axes_name(facts->axes));
   if (facts->axes != PAGS_AXES_UNKNOWN)
     pags_gaussians_turn(out, facts->axes);
   return PAGS_OK;

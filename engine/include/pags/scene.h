@@ -166,7 +166,7 @@ PAGS_API pags_result pags_ply_load(const char *path, pags_gaussians *out);
 PAGS_API pags_result pags_ply_save(const char *path, const pags_gaussians *gaussians);
 
 /* As pags_ply_save, with `facts` (NULL: none) as comments, which pags_splat_read reads: "SplatRenderMode: mip" if
- * antialiased, "up z" or "up y" (-y is taken without), "offset X Y Z" for an origin that isn't 0. */
+ * antialiased, "Vertical axis: z" or "0 1 0" for y (-y is taken without), "offset X Y Z" for an origin that isn't 0. */
 PAGS_API pags_result pags_ply_save_facts(const char *path, const pags_gaussians *gaussians,
                                          const pags_splat_facts *facts);
 
