@@ -10,6 +10,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
 enum { MAX_ROWS = 256, HELP_WIDTH = 100, HELP_COLUMN = 30 };
 
@@ -241,7 +242,7 @@ static bool store(const pags_option *option, const char *text, void *slot) {
       end = option->metavar;
       for (int index = 0;; index++) {
         const size_t n = strcspn(end, "|");
-        if (n == strlen(text) && !strncmp(end, text, n)) {
+        if (n == strlen(text) && !strncasecmp(end, text, n)) {
           *(int *)slot = index;
           return true;
         }

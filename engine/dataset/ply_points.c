@@ -10,31 +10,35 @@
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 typedef struct cloud {
   const ply_table *table;
   const ply_element *vertex;
-  const ply_property *xyz[3], *rgb[3]; /* rgb NULL: no colours */
+  const ply_property *xyz[3], *rgb[3]; /* rgb NULL: not there */
   bool harmonics;                      /* rgb are f_dc_0 to f_dc_2 */
 } cloud;
 
-/* Finds the colours by the names that programs give them. */
+/* Finds the colours by the names that programs give them; of several sets, the first that lacks least. */
 static void find_colours(cloud *c) {
   static const char *const names[4][3] = {{"red", "green", "blue"},
                                           {"r", "g", "b"},
                                           {"diffuse_red", "diffuse_green", "diffuse_blue"},
                                           {"f_dc_0", "f_dc_1", "f_dc_2"}};
+  int most = 0;
   for (int i = 0; i < 4; i++) {
-    int found = 0;
+    const ply_property *found[3];
+    int count = 0;
     for (int k = 0; k < 3; k++) {
-      c->rgb[k] = pags_ply_property_find(c->table, c->vertex, names[i][k]);
-      found += c->rgb[k] != NULL;
+      found[k] = pags_ply_property_find(c->table, c->vertex, names[i][k]);
+      count += found[k] != NULL;
     }
+    if (count <= most)
+      continue;
+    most = count;
+    memcpy(c->rgb, found, sizeof found);
     c->harmonics = i == 3;
-    if (found == 3)
-      return;
   }
-  c->rgb[0] = c->rgb[1] = c->rgb[2] = NULL;
 }
 
 /* Converts a colour to a byte. 16-bit unsigned integers hold 0..65535, all other integers 0..255, floats 0..1. */

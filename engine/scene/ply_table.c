@@ -10,6 +10,7 @@
 #include <strings.h>
 
 #include "base/bytes.h"
+#include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
 
@@ -98,7 +99,7 @@ static bool parse_numbers(char *word[], int count, double *out) {
 
 /* "Vertical axis: z" of nerfstudio and PAGS, or, of Brush and PAGS, a direction along an axis: "0 1 0". Brush writes y
  * where it knows nothing: whether that is up or down isn't said. */
-static void parse_vertical_axis(int words, char *value[], pags_splat_facts *facts) {
+static void parse_vertical_axis(const char *path, int words, char *value[], pags_splat_facts *facts) {
   double up[3];
   if (words == 1 && strcasecmp(value[0], "z") == 0)
     facts->up = PAGS_UP_Z;
@@ -108,6 +109,9 @@ static void parse_vertical_axis(int words, char *value[], pags_splat_facts *fact
     facts->up = PAGS_UP_Z;
   else if (up[0] == 0 && up[1] != 0 && up[2] == 0)
     facts->up = up[1] > 0 ? PAGS_UP_Y : PAGS_UP_MINUS_Y;
+  else
+    pags_log_message(PAGS_LOG_WARNING, "%s: its vertical axis, %g %g %g, is none of z, y and -y and is not used", path,
+                     up[0], up[1], up[2]);
 }
 
 /* Reads what programs say in comments, in any case, with or without a colon: "SplatRenderMode: mip" (Brush, gsplat,
@@ -131,7 +135,7 @@ static void parse_comment(ply_table *t, int words, char *word[]) {
   else if (strcasecmp(key, "train_flags") == 0)
     facts->antialiased = strncasecmp(value, "antialias", 9) == 0;
   else if (strcasecmp(key, "Vertical") == 0 && strcasecmp(value, "axis") == 0)
-    parse_vertical_axis(words - 3, word + 3, facts);
+    parse_vertical_axis(t->path, words - 3, word + 3, facts);
   else if (strcasecmp(key, "offset") == 0 && words == 5 && parse_numbers(word + 2, 3, offset))
     memcpy(facts->origin, offset, sizeof offset);
 }

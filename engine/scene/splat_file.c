@@ -29,6 +29,8 @@ static pags_result refuse(const char *path, const uint8_t *bytes, size_t size) {
     return pags_fail(PAGS_ERROR_FORMAT,
                      "%s: a JSON file of another program: expected a splat file, or the scene.json of a scene folder",
                      path);
+  if (size > blanks && bytes[blanks] == '<')
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: a web page or other XML: expected a splat file", path);
   if (blanks == size)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: empty: expected a splat file", path);
   return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a splat file (PLY, SPZ, packed or one named .splat)", path);

@@ -19,7 +19,8 @@
 #include "scene/axes.h"
 #include "scene/spz_records.h"
 
-enum { SPZ_STREAMS = 6, MOST_FRACTION = 12, FLAG_ANTIALIASED = 1, FLAG_EXTENSIONS = 2 };
+/* FINE_FRACTION: the bits of fraction that make steps of a millimetre. */
+enum { SPZ_STREAMS = 6, MOST_FRACTION = 12, FINE_FRACTION = 10, FLAG_ANTIALIASED = 1, FLAG_EXTENSIONS = 2 };
 enum { MOST_RECORDS = 8 + 4 + 8 + PAGS_SPZ_SCENE_BYTES };
 
 /* ---- Range ---- */
@@ -35,24 +36,45 @@ static bool fits(double value, int fraction) {
   return floor(ldexp(fabs(value), fraction) + 0.5) <= 8388607;
 }
 
+/* Whether Gaussian `i` is within the range of `fraction` bits. */
+static bool is_near(const pags_gaussians *g, int64_t i, int fraction) {
+  return fits((double)pags_plane(g, PAGS_MEAN)[i], fraction) &&
+         fits((double)pags_plane(g, PAGS_MEAN + 1)[i], fraction) &&
+         fits((double)pags_plane(g, PAGS_MEAN + 2)[i], fraction);
+}
+
+/* Chooses the most bits of fraction that all Gaussians fit in. If that makes steps of more than a millimetre, up to one
+ * in a thousand, stray ones, doesn't count. */
+static int choose_fraction(const pags_gaussians *g, double farthest) {
+  int fraction = MOST_FRACTION;
+  while (fraction > 0 && !fits(farthest, fraction))
+    --fraction;
+  for (int finer = MOST_FRACTION; fraction < FINE_FRACTION && finer > fraction; finer--) {
+    int64_t beyond = 0;
+    for (int64_t i = 0; i < g->count; i++)
+      beyond += !is_near(g, i, finer);
+    if (beyond <= g->count / 1000)
+      return finer;
+  }
+  return fraction;
+}
+
 static spz_range find_range(const pags_gaussians *g) {
-  spz_range range = {.fraction = MOST_FRACTION};
+  spz_range range = {0};
   const int rest = 3 * (pags_sh_coefficients(g->sh_degree) - 1);
   for (int k = 0; k < 3; k++)
     for (int64_t i = 0; i < g->count; i++)
       range.farthest = fmax(range.farthest, fabs((double)pags_plane(g, PAGS_MEAN + k)[i]));
-  while (range.fraction > 0 && !fits(range.farthest, range.fraction))
-    --range.fraction;
+  range.fraction = choose_fraction(g, range.farthest);
   for (int64_t i = 0; i < g->count; i++) {
-    bool position = false, scale = false, colour = false, harmonic = false;
+    bool scale = false, colour = false, harmonic = false;
     for (int k = 0; k < 3; k++) {
-      position = position || !fits((double)pags_plane(g, PAGS_MEAN + k)[i], range.fraction);
       scale = scale || ((double)pags_plane(g, PAGS_SCALE + k)[i] + 10) * 16 > 255.5;
       colour = colour || fabs((double)pags_plane(g, PAGS_SH + k)[i] * 0.15) > 0.5 + 0.5 / 255;
     }
     for (int k = 0; k < rest; k++) /* 1 and half a step: 8 / 128 for degree 1, 16 / 128 above */
       harmonic = harmonic || fabs((double)pags_plane(g, PAGS_SH + 3 + k)[i]) > (k / 3 < 3 ? 1.03125 : 1.0625);
-    range.positions += position;
+    range.positions += !is_near(g, i, range.fraction);
     range.scales += scale;
     range.colours += colour;
     range.harmonics += harmonic;
@@ -62,15 +84,17 @@ static spz_range find_range(const pags_gaussians *g) {
 
 /* Says what the file can't hold, a line for each kind. Steps of less than a millimetre are no loss. */
 static void say_range(const char *path, const spz_range *range) {
+  const double reach = ldexp(8388607, -range->fraction), usual = ldexp(8388607, -MOST_FRACTION);
   if (range->fraction < MOST_FRACTION)
     pags_log_message(
-        range->fraction < 10 ? PAGS_LOG_WARNING : PAGS_LOG_INFO,
-        "%s: positions are in steps of %g m, not of %g m, since they lie up to %.0f m from zero: beyond SPZ's "
-        "range of %d m",
-        path, ldexp(1, -range->fraction), ldexp(1, -MOST_FRACTION), range->farthest, 8388608 >> MOST_FRACTION);
+        range->fraction < FINE_FRACTION ? PAGS_LOG_WARNING : PAGS_LOG_INFO,
+        "%s: positions are in steps of %g m, not of %g m, since they lie up to %g m from zero: beyond SPZ's "
+        "range of %.0f m",
+        path, ldexp(1, -range->fraction), ldexp(1, -MOST_FRACTION), range->farthest, usual);
   if (range->positions)
-    pags_log_message(PAGS_LOG_WARNING, "%s: %lld Gaussians beyond SPZ's range of 8388607 m are moved to its border",
-                     path, (long long)range->positions);
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s: %lld Gaussians farther than %.0f m from zero are left out: beyond SPZ's range", path,
+                     (long long)range->positions, reach);
   if (range->scales)
     pags_log_message(PAGS_LOG_WARNING, "%s: %lld Gaussians beyond SPZ's range of sigma are clamped to 379 m", path,
                      (long long)range->scales);
@@ -269,13 +293,11 @@ static void put_records(const pags_spz_options *options, spz_head *head) {
   head->record_bytes = (size_t)(at - head->records);
 }
 
-pags_result pags_spz_save(const char *path, const pags_gaussians *g, const pags_spz_options *options) {
+/* Saves Gaussians that are all within the range. */
+static pags_result save_near(const char *path, const pags_gaussians *g, const pags_spz_options *options, int fraction) {
   spz_streams streams = {{NULL}, {0}};
   spz_head head = {{0}, {0}, 0};
-  if (g->count > UINT32_MAX)
-    return pags_fail(PAGS_ERROR_LIMIT, "%s: %lld Gaussians are too many for SPZ", path, (long long)g->count);
-  const spz_range range = find_range(g);
-  spz_packing packing = {.fraction = range.fraction};
+  spz_packing packing = {.fraction = fraction};
   pags_axes_signs(options->axes, packing.vector, packing.harmonics);
   packing.determinant = packing.vector[0] * packing.vector[1] * packing.vector[2];
   pags_result result = pack_streams(g, &packing, &streams);
@@ -285,7 +307,7 @@ pags_result pags_spz_save(const char *path, const pags_gaussians *g, const pags_
   pags_store_u32(head.bytes + 4, (uint32_t)options->version);
   pags_store_u32(head.bytes + 8, (uint32_t)g->count);
   head.bytes[12] = (uint8_t)g->sh_degree;
-  head.bytes[13] = (uint8_t)range.fraction;
+  head.bytes[13] = (uint8_t)fraction;
   head.bytes[14] = FLAG_EXTENSIONS | (options->facts && options->facts->antialiased ? FLAG_ANTIALIASED : 0);
   put_records(options, &head);
 
@@ -293,6 +315,34 @@ pags_result pags_spz_save(const char *path, const pags_gaussians *g, const pags_
     result = options->version == 4 ? save_zstd(path, &streams, &head) : save_gzip(path, &streams, &head);
   for (int k = 0; k < SPZ_STREAMS; k++)
     free(streams.bytes[k]);
+  return result;
+}
+
+pags_result pags_spz_save(const char *path, const pags_gaussians *g, const pags_spz_options *options) {
+  if (g->count > UINT32_MAX)
+    return pags_fail(PAGS_ERROR_LIMIT, "%s: %lld Gaussians are too many for SPZ", path, (long long)g->count);
+  const spz_range range = find_range(g);
+  if (range.positions && range.positions == g->count)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: all Gaussians are farther than 8388607 m from zero, beyond SPZ's range",
+                     path);
+  pags_gaussians near = {0};
+  pags_result result = PAGS_OK;
+  if (range.positions) {
+    int64_t *const index = malloc((size_t)g->count * sizeof *index);
+    int64_t count = 0;
+    if (!index)
+      return pags_out_of_memory("%lld Gaussians", (long long)g->count);
+    for (int64_t i = 0; i < g->count; i++)
+      if (is_near(g, i, range.fraction))
+        index[count++] = i;
+    result = pags_gaussians_create_like(&near, count, g);
+    if (result == PAGS_OK)
+      pags_gaussians_gather(g, index, count, &near);
+    free(index);
+  }
+  if (result == PAGS_OK)
+    result = save_near(path, range.positions ? &near : g, options, range.fraction);
+  pags_gaussians_destroy(&near);
   if (result == PAGS_OK)
     say_range(path, &range);
   return result;

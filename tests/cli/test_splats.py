@@ -126,7 +126,12 @@ class Reading(Splats):
         self.refuses("b.splat", "Git LFS pointer")
         self.write("c.ksplat", bytes(4096))
         self.refuses("c.ksplat", ".ksplat", "splat-transform")
+        self.write("e.json", "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 9\n")
+        self.refuses("e.json", "Git LFS pointer")
+        self.write("f.ply", "<!DOCTYPE html><html></html>")
+        self.refuses("f.ply", "a web page")
         foreign = self.write("d.json", '{"nodes": []}')
+        self.refuses("d.json", "a JSON file of another program")
         self.fails(["render", foreign, "-o", self.path("out")], "a JSON file of another program")
 
     def test_header_variants(self):
@@ -163,7 +168,7 @@ class Axes(Splats):
             facts = self.info("plain.spz", "--strict")
             self.assertEqual(facts["axes"], "RUB, by the specification")
             self.assertEqual((facts["bounds_lo"], facts["bounds_hi"]), as_rub)
-            facts = self.info("plain.spz", "--axes", axes)
+            facts = self.info("plain.spz", "--axes", axes.upper())
             self.assertEqual(facts["axes"], axes.upper() + ", by the option")
             self.assertEqual(facts["bounds_hi"], [1, 2, 3])
 
