@@ -8,6 +8,7 @@
 
 #include "base/memory.h"
 #include "maths/maths.h"
+#include "scene/axes.h"
 #include "scene/packed_rows.h"
 
 enum { ROWS = PAGS_PACKED_ROWS }; /* rows read at a time: the size of a packed cluster */
@@ -156,7 +157,6 @@ static PyObject *text_or_none(const char *text) {
 }
 
 static PyObject *scene_info(PyObject *self, void *closure) {
-  static const char *const ups[] = {"unknown", "z", "-y"};
   const pags_scene *s = scene_of(self);
   const pags_composition *c = ((native_scene *)self)->composition;
   PyObject *dict = PyDict_New();
@@ -164,7 +164,7 @@ static PyObject *scene_info(PyObject *self, void *closure) {
   bool good = dict && native_put(dict, "gaussians", PyLong_FromLongLong(pags_composition_gaussian_count(c))) &&
               native_put(dict, "bytes", PyLong_FromSize_t(pags_composition_bytes(c))) &&
               native_put(dict, "origin", native_numbers(s->origin, 3)) &&
-              native_put(dict, "up", PyUnicode_FromString(ups[s->up])) &&
+              native_put(dict, "up", PyUnicode_FromString(pags_up_code(s->up))) &&
               native_put(dict, "time_begin", PyFloat_FromDouble(s->time_begin)) &&
               native_put(dict, "time_end", PyFloat_FromDouble(s->time_end)) &&
               native_put(dict, "fps", PyFloat_FromDouble(s->fps)) &&

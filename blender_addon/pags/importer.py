@@ -15,6 +15,8 @@ from .properties import preview_budget
 
 # -y up (COLMAP, bare files) to Blender's z up: a quarter turn about x that takes -y to z.
 FROM_MINUS_Y = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+FROM_Y = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+UP = {"-y": [0, -1.0, 0], "y": [0, 1.0, 0]}  # z otherwise
 
 
 class Import:
@@ -41,8 +43,8 @@ class Import:
         self.root.pags.path = self.path
         self.root.pags.frame_start, self.root.pags.fps = self.first, self.fps
         self.root["pags_gaussians"] = self.info["gaussians"]
-        if self.info["up"] == "-y":
-            self.root.matrix_world = Matrix(FROM_MINUS_Y.tolist())  # assigned directly, a list of lists would be read by columns
+        if self.info["up"] in UP:
+            self.root.matrix_world = Matrix((FROM_Y if self.info["up"] == "y" else FROM_MINUS_Y).tolist())  # assigned directly, a list of lists would be read by columns
         share = self.budget / max(1, self.info["gaussians"])
         background = self.info["gaussians"] - sum(o["gaussians"] for o in self.objects)
         if background > 0:
@@ -146,7 +148,7 @@ class Import:
         return ego
 
     def ego_pose(self, camera):
-        up = np.array([0, 0, 1.0]) if self.info["up"] != "-y" else np.array([0, -1.0, 0])
+        up = np.array(UP.get(self.info["up"], [0, 0, 1.0]))
         forward = -camera[:3, 2]
         forward = forward - (forward @ up) * up
         size = np.linalg.norm(forward)

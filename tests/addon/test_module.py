@@ -350,6 +350,13 @@ class EveryKind(Case):
             self.assertEqual(sum(o["gaussians"] for o in scene.objects), 2 if folder else 0)
             self.assertEqual(scene.info["origin"], tuple(ORIGIN) if name.startswith("drive") and name != "drive.splat" else (0, 0, 0), name)
 
+    def test_up_axes(self):
+        for comment, up in [("Vertical axis: z", "z"), ("Vertical axis: 0 1 0", "y"), ("nothing", "-y")]:
+            data = fixtures.ply_bytes(fixtures.some_splats()).replace(b"element", b"comment " + comment.encode() + b"\nelement", 1)
+            path = os.path.join(self.place, "up.ply")
+            fixtures.write(path, data)
+            self.assertEqual(pags.load(path).info["up"], up)
+
     def test_objects_and_exposure(self):
         for name in self.kinds:
             scene = self.loaded(name)
