@@ -95,10 +95,21 @@ static int run_spz(const uint8_t *data, size_t size) {
   return accept(pags_spz_decode("a.spz", data, size, &g, &facts), &g, "a.spz");
 }
 
+/* Appends the records of a coordinate system and of a scene behind the attributes, where versions 2 and 3 have them;
+ * version 4 has one of its own. */
+static void add_records(spz_parts *parts) {
+  static const uint32_t words[12] = {0xADBE0003, 4, 6, 0x50470001, 28, 1, 0, 0x411E8480, 0, 0, 0, 0};
+  parts->flags = 2;
+  for (int i = 0; i < 12 && parts->version < 4; i++)
+    bytes_u32(&parts->stream[5], words[i]);
+}
+
 static void seed_spz(void) {
   for (int version = 2; version <= 4; version++)
     for (int degree = 0; degree <= 3; degree++) {
       spz_parts parts = make_spz_parts(version, 7, degree, 1);
+      fuzz_seed_bytes(pack_spz(&parts));
+      add_records(&parts);
       fuzz_seed_bytes(pack_spz(&parts));
       free_spz_parts(&parts);
     }
@@ -124,6 +135,8 @@ static void seed_spz_content(void) {
   for (int version = 2; version <= 3; version++)
     for (int degree = 0; degree <= 4; degree++) {
       spz_parts parts = make_spz_parts(version, 6, degree, 1);
+      fuzz_seed_bytes(spz_plain(&parts));
+      add_records(&parts);
       fuzz_seed_bytes(spz_plain(&parts));
       free_spz_parts(&parts);
     }
