@@ -110,6 +110,8 @@ static void exchange(pags_gaussians *g) {
 
 void pags_gaussians_turn(pags_gaussians *g, int axes) {
   assert(axes > 0 && axes < PAGS_AXES_COUNT);
+  if (g->count == 0) /* has no planes */
+    return;
   if (axes > 8)
     exchange(g); /* right, forward, down becomes right, down, back: eight numbers below */
   flip(g, axes > 8 ? axes - 8 : axes);

@@ -126,13 +126,15 @@ static pags_result find_reduced(const ply_table *table, const ply_element *verte
 
 /* Fills what a reduced kind lacks and says it. */
 static void complete(const ply_table *table, const ply_element *vertex, const reduced *kind, pags_gaussians *out) {
+  if (out->count == 0) /* has no planes */
+    return;
   if (kind->rgb[0])
     read_rgb(table, vertex, kind->rgb, out);
   if (kind->flat) {
     fill(out, PAGS_SCALE + 2, PAGS_LEAST_SCALE);
     pags_log_message(PAGS_LOG_INFO, "%s: 2D Gaussian splats (no scale_2), taken as flat discs", table->path);
   }
-  for (int k = 1; k < 3 && kind->round && out->count; k++)
+  for (int k = 1; k < 3 && kind->round; k++)
     memcpy(pags_plane(out, PAGS_SCALE + k), pags_plane(out, PAGS_SCALE), (size_t)out->count * sizeof(float));
   if (kind->round)
     pags_log_message(PAGS_LOG_WARNING, "%s: scale_0 alone: its %lld Gaussians are taken as round", table->path,
