@@ -16,6 +16,7 @@
 #include <pags/train.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include "base/file.h"
 #include "dataset/foreign.h"
 #include "dataset/foreign_recording.h"
@@ -236,9 +237,14 @@ static pags_result describe(pags_report *report, const info_arguments *arguments
 
   /* Anything else is a file of another program, which the data set's reader names, or a splat file: its loader tells
    * the format. */
-  if (pags_foreign_knows(path))
+  const char *const extension = pags_path_extension(path);
+  static const char *const splats[] = {".ply", ".spz", ".splat", ".ksplat", ".pagsz"};
+  bool named = false; /* a gzip file is an SPZ, too */
+  for (int i = 0; i < 5; i++)
+    named = named || strcasecmp(extension, splats[i]) == 0;
+  if (!named && pags_foreign_knows(path))
     return describe_dataset(report, arguments, path);
-  PAGS_TRY(pags_foreign_recording_check(path, true));
+  PAGS_TRY(named ? PAGS_OK : pags_foreign_recording_check(path, true));
   return describe_scene(report, arguments, path);
 }
 

@@ -127,7 +127,7 @@ class Reading(Splats):
         self.write("c.ksplat", bytes(4096))
         self.refuses("c.ksplat", ".ksplat", "splat-transform")
         self.write("e.json", "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 9\n")
-        self.refuses("e.json", "Git LFS pointer")
+        self.refuses("e.json", "Git LFS", "git lfs pull")
         self.write("f.ply", "<!DOCTYPE html><html></html>")
         self.refuses("f.ply", "a web page")
         foreign = self.write("d.json", '{"nodes": []}')
