@@ -7,9 +7,9 @@
 #include "dataset/colmap_models.h"
 #include "dataset/driving/reader.h"
 #include "dataset/foreign.h"
-#include "dataset/splits.h"
 #include "dataset/photo_mask.h"
 #include "dataset/pictures.h"
+#include "dataset/splits.h"
 
 #include "base/file.h"
 #include "base/log.h"
@@ -273,15 +273,13 @@ static pags_result check_plausible(const pags_dataset *dataset) {
           "pixels (are they in millimetres, or the pictures of another size?)",
           view->where, pags_path_name(view->image_path), lens->fx, lens->fy, lens->width, lens->height,
           2 * pags_atan(0.5 / ratio) * 180 / 3.14159265358979323846);
-    const double x = lens->cx / lens->width, y = lens->cy / lens->height;
     const double left = (double)dataset->pinholes[i].width / lens->width;
     if (left < 0.1)
       return pags_fail(PAGS_ERROR_FORMAT,
                        "%s (%s): its distortion leaves %d x %d pixels of %d x %d; expected parameters of a lens",
                        view->where, pags_path_name(view->image_path), dataset->pinholes[i].width,
                        dataset->pinholes[i].height, lens->width, lens->height);
-    const bool usual = ratio > 0.1 && ratio < 50 && even > 0.5 && even < 2 && x > 0.05 && x < 0.95 && y > 0.05 &&
-                       y < 0.95 && left > 0.5;
+    const bool usual = ratio > 0.1 && ratio < 50 && even > 0.5 && even < 2 && left > 0.5;
     if (!usual && !odd++)
       first = i;
   }

@@ -216,6 +216,8 @@ class Transforms(DataCase):
         self.save("transforms_train.json")
         self.assertIn("transforms.json is used", self.info()[0]["warnings"][0])
         self.save(cx=0.5, cy=0.5)
+        self.assertIn("9 of 9 cameras have their principal point at the edge", self.info()[0]["warnings"][1])
+        self.save(fl_x=5.0, fl_y=5.0)
         self.assertIn("9 of 9 views have unlikely intrinsics", self.info()[0]["warnings"][1])
         self.save(k1=5000.0)
         self.fails(["info", self.data], "its distortion leaves", "of 64 x 48")

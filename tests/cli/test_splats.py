@@ -131,7 +131,7 @@ class Reading(Splats):
         self.write("f.ply", "<!DOCTYPE html><html></html>")
         self.refuses("f.ply", "a web page")
         foreign = self.write("d.json", '{"nodes": []}')
-        self.refuses("d.json", "a JSON file of another program")
+        self.refuses("d.json", "not a data set: expected 'frames'")
         self.fails(["render", foreign, "-o", self.path("out")], "a JSON file of another program")
 
     def test_header_variants(self):

@@ -118,7 +118,7 @@ static void points_are_sorted_by_boxes(void **state) {
   tree_write(&s, &kind);
   tree_text(&s, "dataset.json", "{\"kind\": \"waymo\"}");
   pags_scene scene = {
-      .dataset = s.folder, .object_count = 2, .objects = objects, .view_count = TREE_FRAMES, .views = views};
+      .dataset = s.folder, .fps = 2, .object_count = 2, .objects = objects, .view_count = TREE_FRAMES, .views = views};
   follow(&objects[0].record, knots[0], -0.9);
   follow(&objects[1].record, knots[1], 0.4);
   for (int t = 0; t < TREE_FRAMES; t++)

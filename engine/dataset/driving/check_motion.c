@@ -32,7 +32,7 @@ static int64_t take_poses(const pags_driving *driving, const pags_parsed_dataset
 }
 
 /* With constant extrinsics, all cameras have the ego vehicle's motion, so that one is looked at. */
-pags_result pags_driving_check_motion(const pags_driving *driving, const pags_parsed_dataset *parsed) {
+pags_result pags_driving_check_motion(pags_driving *driving, const pags_parsed_dataset *parsed) {
   const bool per_frame = driving->rules.per_frame;
   const size_t steps = (size_t)driving->step_count;
   pags_tally found = {0};
@@ -54,6 +54,7 @@ pags_result pags_driving_check_motion(const pags_driving *driving, const pags_pa
       found.count += leaps.count - 1;
     }
   }
+  driving->poses_leap = found.count > 0;
   if (found.count)
     pags_log_message(PAGS_LOG_WARNING,
                      "%s/%s: %lld of %lld steps between poses leap as no car does, so poses or times may be wrong; the "

@@ -162,7 +162,8 @@ static void warn(const pags_driving *driving, const points *a, const points *b, 
 
 pags_result pags_sweep_poses_check(const pags_driving *driving) {
   const int64_t middle = driving->sweep_count / 2;
-  const int64_t partner = driving->rules.lidar_world ? -1 : find_partner(driving, middle);
+  const bool sure = !driving->rules.lidar_world && !driving->poses_leap; /* else the poses say nothing of the frame */
+  const int64_t partner = sure ? find_partner(driving, middle) : -1;
   if (partner < 0)
     return PAGS_OK;
   struct work {

@@ -63,6 +63,7 @@ typedef struct pags_driving {
   /* Folders of the masks: sky_masks and dynamic_masks/all or, where these aren't there, sky_mask and dynamic_mask, as
    * Street Gaussians' converter names them. String constants. */
   const char *sky_folder, *dynamic_folder;
+  bool poses_leap;     /* some poses follow each other as those of no car do */
   bool street_tracks;  /* the objects are those of Street Gaussians' track/track_info.txt */
   bool exposure_poses; /* views have ego_pose/TTT_C.txt, the car's pose at the exposure, in place of ego_pose/TTT.txt */
   int provides;
