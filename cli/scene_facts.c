@@ -10,6 +10,7 @@
 #include <pags/train.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include "base/file.h"
 #include "base/memory.h"
 #include "base/text.h"
@@ -64,14 +65,34 @@ static bool scene_bounds(const pags_scene *scene, double lo[3], double hi[3]) {
   return lo[0] <= hi[0];
 }
 
+/* Size in bytes of a SOG that lies in a folder: its meta.json and all WebP pictures beside it. */
+static pags_result sog_bytes(const char *meta, uint64_t *bytes) {
+  pags_dir_list list = {0};
+  uint64_t size;
+  char *folder = pags_path_folder(meta);
+  pags_result result = folder ? pags_dir_list_read(folder, &list) : pags_out_of_memory(NULL);
+  if (result == PAGS_OK)
+    result = pags_file_size(meta, bytes);
+  for (int64_t i = 0; i < list.count && result == PAGS_OK; i++)
+    if (strcasecmp(pags_path_extension(list.names[i]), ".webp") == 0) {
+      char *picture = pags_path_join(folder, list.names[i]);
+      result = picture ? pags_file_size(picture, &size) : pags_out_of_memory(NULL);
+      *bytes += result == PAGS_OK ? size : 0;
+      free(picture);
+    }
+  pags_dir_list_destroy(&list);
+  free(folder);
+  return result;
+}
+
 /* Size in bytes of the splat file `path`, or, if `path` is a scene folder, of `file` in it. */
 static pags_result file_bytes(const char *path, const char *file, bool folder, uint64_t *bytes) {
   if (!folder)
-    return pags_file_size(path, bytes);
+    return strcasecmp(pags_path_name(path), "meta.json") == 0 ? sog_bytes(path, bytes) : pags_file_size(path, bytes);
   char *inside = pags_path_join(path, file);
   if (!inside)
     return pags_out_of_memory(NULL);
-  const pags_result result = pags_file_size(inside, bytes);
+  const pags_result result = file_bytes(inside, NULL, false, bytes);
   free(inside);
   return result;
 }
@@ -428,7 +449,8 @@ pags_result pags_scene_facts(pags_report *report, const char *path, const pags_s
   uint64_t bytes = 0;
   PAGS_TRY(pags_scene_load_in_axes(path, options->reading.axes, &scene));
   pags_reading_apply(&options->reading, &scene);
-  pags_report_text(report, "kind", scene.file.kind ? scene.file.kind : "scene");
+  const char *const folder = pags_dir_exists(path) ? pags_scene_folder_kind(path) : NULL;
+  pags_report_text(report, "kind", folder ? folder : scene.file.kind ? scene.file.kind : "scene");
   pags_report_count(report, "gaussians", pags_scene_gaussian_count(&scene));
   pags_result result = put_models(report, path, &scene, &bytes);
   pags_report_bytes(report, "bytes", (double)bytes);

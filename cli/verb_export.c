@@ -60,7 +60,7 @@ static const pags_option options[] = {
     PAGS_FLAG("cameras", 0, AT(proxy.cameras), "the training views as cameras, and the recording car's way"),
     PAGS_FLAG("invisible", 0, AT(proxy.visibility), "KHR_node_visibility: readers that know it show nothing"),
     PAGS_FLAG("physics", 0, AT(proxy.physics), "KHR_physics_rigid_bodies: objects as kinematic bodies"),
-    PAGS_GROUP("Gaussians (.ply, .spz, .splat, .pagsz; .glb and .gltf with --splats)"),
+    PAGS_GROUP("Gaussians (.ply, .spz, .sog, .splat, .pagsz; .glb and .gltf with --splats)"),
     PAGS_FLAG("splats", 0, AT(splats), "write the Gaussians themselves, KHR_gaussian_splatting"),
     PAGS_FLAG("tracks", 0, AT(splat.tracks), "with --splats: a node for each object, with its track as animation"),
     PAGS_VALUE("time", 0, DOUBLE, AT(time), 0, PAGS_UNLIMITED, "T", "seconds since the scene's begin", NULL,
@@ -87,7 +87,8 @@ static const pags_verb verb = {
     .about =
         "Writes proxy geometry of a scene (.glb, .gltf): a named node for each labelled object with "
         "its class, its track as animation and its measured error. Or its Gaussians, for "
-        "other programs: .ply, .spz, .splat; or packed, to be drawn without unpacking: .pagsz. Or both as a USD stage: "
+        "other programs: .ply, .spz, .sog (or meta.json in a folder), .splat; or packed, to be drawn without "
+        "unpacking: .pagsz. Or both as a USD stage: "
         ".usda.",
     .positionals = positionals,
     .options = options};
@@ -246,7 +247,8 @@ int pags_verb_export(int argc, char **argv) {
   if (strcasecmp(extension, ".glb") != 0 && strcasecmp(extension, ".gltf") != 0 &&
       strcasecmp(extension, ".usda") != 0 && !pags_export_is_splat(parsed.positionals[1]))
     return pags_usage_error(&verb,
-                            "expected a file name ending in .glb, .gltf, .ply, .spz, .splat, .pagsz or .usda, got '%s'",
+                            "expected a file name ending in .glb, .gltf, .ply, .spz, .sog, .splat, .pagsz or .usda, or "
+                            "meta.json of a SOG folder, got '%s'",
                             parsed.positionals[1]);
   const char *expected;
   pags_filter filter;

@@ -21,6 +21,7 @@
 #include "dataset/foreign.h"
 #include "dataset/foreign_recording.h"
 #include "port/port.h"
+#include "scene/foreign_cameras.h"
 #include "train/checkpoint.h"
 
 typedef struct info_arguments {
@@ -171,14 +172,62 @@ static bool is_image(const unsigned char *head) {
   return false;
 }
 
+/* A JSON file is a transforms file (a data set) if its frames have matrices; a camera or path file if it has sizes and
+ * frames or focal lengths, or is one of INRIA or nerfstudio; a splat file if it is the meta.json of a SOG, the list of a
+ * streamed one or a glTF; else the data set's reader names it. */
+static pags_result describe_json(pags_report *report, const info_arguments *arguments, const char *path) {
+  pags_json *json;
+  PAGS_TRY(pags_json_parse_file(path, &json));
+  const pags_json_value *root = pags_json_root(json), *frames = pags_json_member(root, "frames");
+  const bool matrices = frames && frames->first && pags_json_member(frames->first, "transform_matrix");
+  const bool splats = (pags_json_member(root, "means") && pags_json_member(root, "quats")) ||
+                      (pags_json_member(root, "lodLevels") && pags_json_member(root, "filenames")) ||
+                      (pags_json_member(root, "asset") && pags_json_member(root, "buffers"));
+  const bool cameras = frames || pags_json_member(root, "width") || pags_json_member(root, "fx") ||
+                       pags_cameras_are_inria(root) || pags_cameras_are_nerfstudio(root);
+  pags_json_destroy(json);
+  return matrices  ? describe_dataset(report, arguments, path)
+         : splats  ? describe_scene(report, arguments, path)
+         : cameras ? describe_cameras(report, path)
+                   : describe_dataset(report, arguments, path);
+}
+
+/* Whether a zip archive is a SOG: the directory at its end names a meta.json and pictures (WebP). */
+static bool is_sog_archive(const char *path) {
+  enum { END_BYTES = 1 << 14 };
+  static const char *const names[] = {"meta.json", ".webp"};
+  char end[END_BYTES];
+  bool found[2] = {false};
+  uint64_t bytes;
+  FILE *file = pags_file_size(path, &bytes) == PAGS_OK ? pags_port_open(path, "rb") : NULL;
+  if (!file)
+    return false;
+  const int64_t first = bytes > END_BYTES ? (int64_t)bytes - END_BYTES : 0;
+  const size_t got = pags_port_seek(file, first, SEEK_SET) ? fread(end, 1, END_BYTES, file) : 0;
+  fclose(file);
+  for (int k = 0; k < 2; k++)
+    for (size_t i = 0; i + strlen(names[k]) <= got && !found[k]; i++)
+      found[k] = memcmp(end + i, names[k], strlen(names[k])) == 0;
+  return found[0] && found[1];
+}
+
+/* Whether a file is a splat file by its name or, if it is an archive, by what it holds. */
+static bool is_splat(const char *path, const unsigned char *head) {
+  static const char *const endings[] = {".ply", ".spz", ".splat", ".ksplat", ".pagsz", ".sog", ".glb", ".gltf"};
+  for (size_t i = 0; i < sizeof endings / sizeof *endings; i++)
+    if (strcasecmp(pags_path_extension(path), endings[i]) == 0)
+      return true;
+  return memcmp(head, "PK", 2) == 0 && is_sog_archive(path);
+}
+
 static pags_result describe(pags_report *report, const info_arguments *arguments, const char *path) {
-  unsigned char head[16];
+  unsigned char head[17];
   if (pags_dir_exists(path))
-    return pags_folder_has(path, "scene.json") ? describe_scene(report, arguments, path)
-                                               : describe_dataset(report, arguments, path);
+    return pags_scene_folder_kind(path) ? describe_scene(report, arguments, path)
+                                        : describe_dataset(report, arguments, path);
 
   /* Read the first 16 bytes, zero-filled if the file is shorter. */
-  memset(head, 0, 16);
+  memset(head, 0, sizeof head);
   FILE *file = pags_port_open(path, "rb");
   if (!file)
     return pags_fail(PAGS_ERROR_IO, "%s: %s", path, strerror(errno));
@@ -218,33 +267,16 @@ static pags_result describe(pags_report *report, const info_arguments *arguments
     pags_report_number(report, "loss", checkpoint.loss);
     return PAGS_OK;
   }
-  for (int i = 0; i < 16; i++) {
-    if (head[i] == '{' || head[i] == '[') {
-      /* A JSON file is a transforms file (a data set) if its frames have matrices, a camera or path file if it has
-       * sizes and frames or focal lengths; else the data set's reader names it. */
-      pags_json *json;
-      PAGS_TRY(pags_json_parse_file(path, &json));
-      const pags_json_value *frames = pags_json_member(pags_json_root(json), "frames");
-      const bool matrices = frames && frames->first && pags_json_member(frames->first, "transform_matrix");
-      const bool cameras =
-          frames || pags_json_member(pags_json_root(json), "width") || pags_json_member(pags_json_root(json), "fx");
-      pags_json_destroy(json);
-      return matrices || !cameras ? describe_dataset(report, arguments, path) : describe_cameras(report, path);
-    }
-    if (!strchr(" \t\r\n", head[i]) || !head[i])
-      break;
-  }
+  const size_t blanks = strspn((const char *)head, " \t\r\n\xef\xbb\xbf"); /* head ends with a zero */
+  if (head[blanks] == '{' || head[blanks] == '[')
+    return describe_json(report, arguments, path);
 
   /* Anything else is a file of another program, which the data set's reader names, or a splat file: its loader tells
    * the format. */
-  const char *const extension = pags_path_extension(path);
-  static const char *const splats[] = {".ply", ".spz", ".splat", ".ksplat", ".pagsz"};
-  bool named = false; /* a gzip file is an SPZ, too */
-  for (int i = 0; i < 5; i++)
-    named = named || strcasecmp(extension, splats[i]) == 0;
-  if (!named && pags_foreign_knows(path))
+  const bool splat = is_splat(path, head);
+  if (!splat && pags_foreign_knows(path))
     return describe_dataset(report, arguments, path);
-  PAGS_TRY(named ? PAGS_OK : pags_foreign_recording_check(path, true));
+  PAGS_TRY(splat ? PAGS_OK : pags_foreign_recording_check(path, true));
   return describe_scene(report, arguments, path);
 }
 

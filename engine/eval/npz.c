@@ -1,95 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Parses .npz files: the zip container (APPNOTE 6.3.x, 4.3) and the header of .npy arrays (NumPy NEP 1). */
+/* Parses .npz files: the header of .npy arrays (NumPy NEP 1) in the members of a zip archive. */
 #include "eval/npz.h"
-
-#include "base/file.h"
-#include "base/memory.h"
 
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
-#include <zlib.h>
 
-enum {
-  END_RECORD = 22,     /* end of central directory, without its comment */
-  CENTRAL_RECORD = 46, /* entry of the central directory, without name, extra field and comment */
-  LOCAL_RECORD = 30,   /* local header of a member, without name and extra field */
-  MAX_COMMENT = 65535  /* longest comment of an archive, bytes */
-};
-
-/* The file in memory; `path` is for error messages. */
-typedef struct archive {
-  const uint8_t *bytes;
-  size_t size;
-  const char *path;
-} archive;
-
-typedef struct member {
-  const char *name; /* not null-terminated */
-  size_t name_length;
-  size_t offset, size; /* of the stored data */
-  uint32_t crc;
-} member;
-
-/* ---- The zip container ---- */
-
-static uint32_t get16(const uint8_t *p) {
-  return (uint32_t)p[0] | (uint32_t)p[1] << 8;
-}
-static uint32_t get32(const uint8_t *p) {
-  return get16(p) | get16(p + 2) << 16;
-}
-
-/* Finds the end-of-central-directory record: the last one whose comment ends exactly at the end of the file. */
-static pags_result find_end(const archive *zip, size_t *end) {
-  if (zip->size >= END_RECORD) {
-    size_t first = zip->size > END_RECORD + MAX_COMMENT ? zip->size - END_RECORD - MAX_COMMENT : 0;
-    for (size_t at = zip->size - END_RECORD + 1; at-- > first;) {
-      const uint8_t *p = zip->bytes + at;
-      if (get32(p) == 0x06054b50 && get16(p + 20) == zip->size - at - END_RECORD) {
-        *end = at;
-        return PAGS_OK;
-      }
-    }
-  }
-  return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a zip archive, found no end record", zip->path);
-}
-
-/* Reads the central directory's entry at byte *at, finds and checks the member's data, and moves *at behind the
- * entry. */
-static pags_result read_entry(const archive *zip, size_t *at, member *m) {
-  if (zip->size - *at < CENTRAL_RECORD || get32(zip->bytes + *at) != 0x02014b50)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a directory entry at byte %zu", zip->path, *at);
-  const uint8_t *p = zip->bytes + *at;
-  m->name_length = get16(p + 28);
-  size_t length = CENTRAL_RECORD + m->name_length + get16(p + 30) + get16(p + 32);
-  if (zip->size - *at < length)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: the directory entry at byte %zu is cut off", zip->path, *at);
-  m->name = (const char *)p + CENTRAL_RECORD;
-  m->crc = get32(p + 16);
-  m->size = get32(p + 24);
-  if (get16(p + 10) != 0 || (get16(p + 8) & 1) || get32(p + 20) != m->size)
-    return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: '%.*s' is compressed or encrypted, expected a stored member",
-                     zip->path, (int)m->name_length, m->name);
-  if (m->size == UINT32_MAX || get32(p + 42) == UINT32_MAX)
-    return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: '%.*s' needs zip64", zip->path, (int)m->name_length, m->name);
-  *at += length;
-
-  /* The member's data follows its local header, which repeats the name and may have an extra field of another length
-   * than that of the central entry. */
-  size_t local = get32(p + 42);
-  if (local > zip->size || zip->size - local < LOCAL_RECORD || get32(zip->bytes + local) != 0x04034b50)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: '%.*s': expected a local header at byte %zu", zip->path,
-                     (int)m->name_length, m->name, local);
-  size_t skip = (size_t)LOCAL_RECORD + get16(zip->bytes + local + 26) + get16(zip->bytes + local + 28);
-  if (zip->size - local < skip || zip->size - local - skip < m->size)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: '%.*s': %zu bytes at byte %zu reach beyond the end of the file", zip->path,
-                     (int)m->name_length, m->name, m->size, local);
-  m->offset = local + skip;
-  if (crc32(0, zip->bytes + m->offset, (uInt)m->size) != m->crc)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: '%.*s': wrong CRC", zip->path, (int)m->name_length, m->name);
-  return PAGS_OK;
-}
+#include "base/bytes.h"
+#include "base/file.h"
+#include "base/memory.h"
+#include "base/zip.h"
 
 /* ---- The header and the values of an array ---- */
 
@@ -142,7 +62,7 @@ static pags_result parse_header(const char *text, const char *path, pags_npz_arr
 
 static void copy_floats(float *out, const uint8_t *bytes, int64_t count) {
   for (int64_t i = 0; i < count; i++) {
-    uint32_t bits = get32(bytes + 4 * i);
+    uint32_t bits = pags_load_u32(bytes + 4 * i);
     memcpy(out + i, &bits, sizeof bits);
   }
 }
@@ -151,7 +71,7 @@ static pags_result parse_npy(const uint8_t *bytes, size_t size, const char *path
   if (size < 12 || memcmp(bytes, "\x93NUMPY", 6) != 0 || bytes[6] < 1 || bytes[6] > 3)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: '%s': expected an npy array of version 1 to 3", path, array->name);
   size_t begin = bytes[6] == 1 ? 10 : 12;
-  size_t length = bytes[6] == 1 ? get16(bytes + 8) : get32(bytes + 8);
+  size_t length = bytes[6] == 1 ? pags_load_u16(bytes + 8) : pags_load_u32(bytes + 8);
   if (size - begin < length)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: '%s': the npy header is cut off", path, array->name);
   char *text = malloc(length + 1);
@@ -174,43 +94,40 @@ static pags_result parse_npy(const uint8_t *bytes, size_t size, const char *path
 
 /* ---- All members of an archive ---- */
 
-static pags_result read_members(const archive *zip, pags_npz *out) {
-  size_t end = 0;
-  PAGS_TRY(find_end(zip, &end));
-  size_t entries = get16(zip->bytes + end + 10), at = get32(zip->bytes + end + 16);
-  if (at > end)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: the directory begins beyond the end of the file", zip->path);
-  if (entries > (end - at) / CENTRAL_RECORD)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: a directory of %zu bytes can't have %zu entries", zip->path, end - at,
-                     entries);
-  out->arrays = calloc(entries ? entries : 1, sizeof *out->arrays);
+static pags_result read_members(const pags_zip *zip, pags_npz *out) {
+  out->arrays = calloc((size_t)zip->count + 1, sizeof *out->arrays);
   if (!out->arrays)
     return pags_out_of_memory("%s", zip->path);
-  for (size_t i = 0, total = 0; i < entries; i++) {
-    member m = {0};
-    PAGS_TRY(read_entry(zip, &at, &m));
-    total += m.size;
-    if (total > zip->size) /* a small file must not ask for more memory than it has bytes */
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: '%.*s' overlaps other members", zip->path, (int)m.name_length, m.name);
+  for (int64_t i = 0; i < zip->count; i++) {
+    const pags_zip_member *m = &zip->members[i];
+    uint8_t *bytes;
     out->count++; /* counted first, so that a member that fails half-way is freed */
     /* The array's name is the member's without ".npy". */
-    size_t length = m.name_length;
-    if (length > 4 && memcmp(m.name + length - 4, ".npy", 4) == 0)
+    size_t length = m->name_length;
+    if (length > 4 && memcmp(m->name + length - 4, ".npy", 4) == 0)
       length -= 4;
     out->arrays[i].name = malloc(length + 1);
     if (!out->arrays[i].name)
       return pags_out_of_memory("%s", zip->path);
-    memcpy(out->arrays[i].name, m.name, length);
+    memcpy(out->arrays[i].name, m->name, length);
     out->arrays[i].name[length] = '\0';
-    PAGS_TRY(parse_npy(zip->bytes + m.offset, m.size, zip->path, &out->arrays[i]));
+    if (m->deflated) /* so that a small file can't ask for much memory */
+      return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: '%.*s' is compressed, expected a stored member", zip->path,
+                       (int)m->name_length, m->name);
+    PAGS_TRY(pags_zip_read(zip, m, &bytes));
+    const pags_result result = parse_npy(bytes, m->size, zip->path, &out->arrays[i]);
+    free(bytes);
+    PAGS_TRY(result);
   }
   return PAGS_OK;
 }
 
 pags_result pags_npz_parse(const uint8_t *bytes, size_t size, const char *path, pags_npz *out) {
-  archive zip = {.bytes = bytes, .size = size, .path = path};
+  pags_zip zip;
   *out = (pags_npz){0};
+  PAGS_TRY(pags_zip_open(bytes, size, path, &zip));
   pags_result result = read_members(&zip, out);
+  pags_zip_close(&zip);
   if (result != PAGS_OK)
     pags_npz_destroy(out);
   return result;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Reader of .npz files: zip archives of .npy members that are stored, not deflated, and hold little-endian float32 in C
- * order. Every offset and size is checked against the file, every member against its CRC. */
+/* Reader of .npz files: zip archives (base/zip.h) of .npy members, stored, not deflated, that hold little-endian
+ * float32 in C order. */
 #ifndef PAGS_EVAL_NPZ_H
 #define PAGS_EVAL_NPZ_H
 

@@ -9,6 +9,7 @@
 #include "scene/camera_json.h"
 
 #include "base/memory.h"
+#include "scene/foreign_cameras.h"
 
 static const char axes_note[] = "OpenCV: x right, y down, z forward; pixel centres at i + 0.5";
 
@@ -68,10 +69,15 @@ void pags_camera_to_json(pags_json_writer *writer, const pags_camera *camera) {
     pags_json_put_number(writer, "time", camera->time);
 }
 
-/* Reads a path file, which has the key "frames", or else a camera file, as a path of one camera with fps 0. */
+/* Reads a path file, which has the key "frames", the files of other programs, or else a camera file, as a path of one
+ * camera with fps 0. */
 static pags_result read_path(const pags_json *json, pags_camera_path *path) {
   const pags_json_value *root = pags_json_root(json);
+  if (pags_cameras_are_inria(root))
+    return pags_camera_path_from_inria(json, path);
   PAGS_TRY(pags_json_as_object(json, root, "a camera or a path"));
+  if (pags_cameras_are_nerfstudio(root))
+    return pags_camera_path_from_nerfstudio(json, path);
   if (pags_json_member(root, "frames")) {
     /* A path file. */
     const pags_json_value *frames;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Loads and saves scenes (pags/scene.h): a scene folder with scene.json, a PLY per model and sky.npy, or a bare splat
- * file, which is read as a scene of one model. */
+/* Loads and saves scenes (pags/scene.h): a scene folder with scene.json, a PLY per model and sky.npy, a bare splat
+ * file, which is read as a scene of one model, or a folder of another program with one (foreign_folder.h). */
 #include <assert.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -12,6 +12,7 @@
 #include "base/file.h"
 #include "base/memory.h"
 #include "base/text.h"
+#include "scene/foreign_folder.h"
 #include "scene/scene_json.h"
 
 enum { SAFE_NAME = 100 }; /* bytes of an object's id in a file name, with the final zero */
@@ -53,14 +54,18 @@ static pags_result load_sky(const char *folder, const char *file, pags_sky *sky)
   return result;
 }
 
-static pags_result load_folder(const char *folder, pags_scene *scene) {
+/* Loads a folder of PAGS, which has a scene.json. */
+static pags_result load_own(const char *folder, pags_scene *scene) {
   pags_scene_files files = {0};
   char *path = pags_path_join(folder, "scene.json");
   if (!path)
     return pags_out_of_memory("%s: a path", folder);
   pags_result result = pags_file_exists(path)
                            ? pags_scene_json_read(path, scene, &files)
-                           : pags_fail(PAGS_ERROR_IO, "%s: expected a scene, but the folder has no scene.json", folder);
+                           : pags_fail(PAGS_ERROR_IO,
+                                       "%s: expected a scene, but the folder has no scene.json, no "
+                                       "point_cloud/iteration_N of a training and no meta.json of a SOG",
+                                       folder);
   for (int64_t i = 0; i < scene->model_count && result == PAGS_OK; i++) {
     result = load_model(folder, &scene->models[i], files.counts[i]);
     if (result == PAGS_OK)
@@ -74,15 +79,16 @@ static pags_result load_folder(const char *folder, pags_scene *scene) {
   return result;
 }
 
-/* Loads a bare splat file as a scene of one model, "background"; its up axis is -y unless it names another. */
-static pags_result load_bare(const char *path, int axes, pags_scene *scene) {
+/* Loads a bare splat file as a scene of one model, "background"; its up axis is -y unless it names another. `file` is
+ * what the model's file is called. */
+static pags_result load_bare(const char *path, const char *file, int axes, pags_scene *scene) {
   scene->models = calloc(1, sizeof *scene->models);
   if (!scene->models)
     return pags_out_of_memory("%s: a model", path);
   scene->model_count = 1;
   pags_model *model = scene->models;
   model->name = pags_text_copy("background");
-  model->file = pags_text_copy("background.ply");
+  model->file = pags_text_copy(file);
   if (!model->name || !model->file)
     return pags_out_of_memory("%s: a model", path);
   if (pags_packed_is_file(path)) {
@@ -100,12 +106,33 @@ static pags_result load_bare(const char *path, int axes, pags_scene *scene) {
   return PAGS_OK;
 }
 
+static pags_result load_folder(const char *folder, int axes, pags_scene *scene) {
+  char *file;
+  if (pags_folder_has(folder, "scene.json") || !pags_foreign_folder_kind(folder)) {
+    if (axes != PAGS_AXES_UNKNOWN)
+      return pags_fail(PAGS_ERROR_ARGUMENT, "%s: a scene folder's axes are known: expected no other ones", folder);
+    return load_own(folder, scene);
+  }
+  PAGS_TRY(pags_foreign_folder_find(folder, &file));
+  char *path = pags_path_join(folder, file);
+  pags_result result = path ? load_bare(path, file, axes, scene) : pags_out_of_memory("%s: a path", folder);
+  if (result == PAGS_OK)
+    result = pags_foreign_folder_views(folder, scene);
+  free(path);
+  free(file);
+  return result;
+}
+
+const char *pags_scene_folder_kind(const char *path) {
+  return pags_folder_has(path, "scene.json") ? "scene" : pags_foreign_folder_kind(path);
+}
+
 /* Loads the scene folder that holds the scene.json at `path`. */
-static pags_result load_beside(const char *path, pags_scene *scene) {
+static pags_result load_beside(const char *path, int axes, pags_scene *scene) {
   char *folder = pags_path_folder(path);
   if (!folder)
     return pags_out_of_memory("%s: a path", path);
-  pags_result result = load_folder(folder, scene);
+  pags_result result = load_folder(folder, axes, scene);
   free(folder);
   return result;
 }
@@ -116,12 +143,9 @@ pags_result pags_scene_load(const char *path, pags_scene *scene) {
 
 pags_result pags_scene_load_in_axes(const char *path, int axes, pags_scene *scene) {
   *scene = (pags_scene){0};
-  const bool folder = pags_dir_exists(path), bare = !folder && strcmp(pags_path_name(path), "scene.json") != 0;
-  if (!bare && axes != PAGS_AXES_UNKNOWN)
-    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: a scene folder's axes are known: expected no other ones", path);
-  pags_result result = folder ? load_folder(path, scene)
-                       : bare ? load_bare(path, axes, scene)
-                              : load_beside(path, scene);
+  pags_result result = pags_dir_exists(path)                             ? load_folder(path, axes, scene)
+                       : strcmp(pags_path_name(path), "scene.json") == 0 ? load_beside(path, axes, scene)
+                                                                         : load_bare(path, "background.ply", axes, scene);
   if (result != PAGS_OK)
     pags_scene_destroy(scene);
   return result;

@@ -10,7 +10,10 @@
 #include <pags/scene.h>
 
 #include "base/file.h"
+#include "base/json.h"
 #include "base/log.h"
+#include "base/memory.h"
+#include "base/zip.h"
 #include "scene/axes.h"
 #include "scene/splat_formats.h"
 
@@ -27,19 +30,45 @@ static pags_result refuse(const char *path, const uint8_t *bytes, size_t size) {
         path);
   if (size > blanks && (bytes[blanks] == '{' || bytes[blanks] == '['))
     return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: a JSON file of another program: expected a splat file, or the scene.json of a scene folder",
+                     "%s: a JSON file of another program: expected a splat file, the meta.json of a SOG, a glTF, or the "
+                     "scene.json of a scene folder",
                      path);
   if (size > blanks && bytes[blanks] == '<')
     return pags_fail(PAGS_ERROR_FORMAT, "%s: a web page or other XML: expected a splat file", path);
   if (blanks == size)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: empty: expected a splat file", path);
-  return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a splat file (PLY, SPZ, packed or one named .splat)", path);
+  return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a splat file (PLY, SPZ, SOG, glTF with Gaussians, packed or one named .splat)", path);
 }
 
 /* ---- Loading ---- */
 
+/* Reads a JSON file: a SOG's meta.json, or a .gltf. */
+static pags_result decode_json(const char *path, const uint8_t *bytes, size_t size, pags_gaussians *out,
+                               pags_splat_facts *facts) {
+  pags_json *json;
+  PAGS_TRY(pags_json_parse_text(path, (const char *)bytes, size, &json));
+  const pags_json_value *root = pags_json_root(json);
+  const bool sog = pags_json_member(root, "means") && pags_json_member(root, "quats");
+  const bool streamed = pags_json_member(root, "lodLevels") && pags_json_member(root, "filenames");
+  const bool gltf = pags_json_member(root, "asset") && pags_json_member(root, "buffers");
+  pags_json_destroy(json);
+  if (sog)
+    return pags_sog_decode(path, bytes, size, out, facts);
+  if (gltf)
+    return pags_gltf_decode(path, bytes, size, out, facts);
+  if (streamed)
+    return pags_fail(PAGS_ERROR_UNSUPPORTED,
+                     "%s: the list of a streamed SOG, which PAGS doesn't put together: expected one of its parts, "
+                     "such as the meta.json of a folder beside it",
+                     path);
+  return refuse(path, bytes, size);
+}
+
 static pags_result decode(const char *path, const uint8_t *bytes, size_t size, int axes, pags_gaussians *out,
                           pags_splat_facts *facts) {
+  size_t blanks = 0;
+  while (blanks < size && bytes[blanks] && strchr(" \t\r\n\xef\xbb\xbf", bytes[blanks]))
+    blanks++;
   if (size >= 4 && memcmp(bytes, "ply", 3) == 0 && (bytes[3] == '\n' || bytes[3] == '\r'))
     PAGS_TRY(pags_ply_decode(path, bytes, size, out, facts));
   else if (size >= 4 && (memcmp(bytes, "NGSP", 4) == 0 || (bytes[0] == 0x1f && bytes[1] == 0x8b)))
@@ -48,8 +77,18 @@ static pags_result decode(const char *path, const uint8_t *bytes, size_t size, i
     /* A .splat file has no signature and is recognised by its extension. */
     facts->kind = "splat";
     PAGS_TRY(pags_splat_decode(path, bytes, size, out));
-  } else
+  } else if (size >= 4 && memcmp(bytes, "glTF", 4) == 0)
+    PAGS_TRY(pags_gltf_decode(path, bytes, size, out, facts));
+  else if (pags_zip_is(bytes, size))
+    PAGS_TRY(pags_sog_decode_zip(path, bytes, size, out, facts));
+  else if (blanks < size && bytes[blanks] == '{')
+    PAGS_TRY(decode_json(path, bytes, size, out, facts));
+  else
     return refuse(path, bytes, size);
+  if (axes != PAGS_AXES_UNKNOWN && strcmp(facts->kind, "glTF") == 0) {
+    pags_gaussians_destroy(out);
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: a glTF's axes are known: expected no other ones", path);
+  }
   if (axes != PAGS_AXES_UNKNOWN) {
     facts->axes = axes;
     facts->axes_from = "option";
@@ -78,25 +117,31 @@ static pags_result load_packed(const char *path, pags_gaussians *out, pags_splat
   return result;
 }
 
-pags_result pags_splat_read(const char *path, int axes, pags_gaussians *out, pags_splat_facts *facts) {
+static pags_result read_file(const char *path, int axes, pags_gaussians *out, pags_splat_facts *facts) {
   uint8_t *bytes;
   size_t size;
-  pags_splat_facts found = {0};
-  *out = (pags_gaussians){0};
   const bool packed = pags_packed_is_file(path);
   if (packed && axes != PAGS_AXES_UNKNOWN)
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: a packed file's axes are known: expected no other ones", path);
-  if (packed) {
-    PAGS_TRY(load_packed(path, out, &found));
-  } else {
-    PAGS_TRY(pags_file_read(path, &bytes, &size));
-    const pags_result result = decode(path, bytes, size, axes, out, &found);
-    free(bytes);
-    PAGS_TRY(result);
-  }
-  if (facts)
+  if (packed)
+    return load_packed(path, out, facts);
+  PAGS_TRY(pags_file_read(path, &bytes, &size));
+  const pags_result result = decode(path, bytes, size, axes, out, facts);
+  free(bytes);
+  return result;
+}
+
+pags_result pags_splat_read(const char *path, int axes, pags_gaussians *out, pags_splat_facts *facts) {
+  pags_splat_facts found = {0};
+  *out = (pags_gaussians){0};
+  char *const meta = pags_dir_exists(path) ? pags_path_join(path, "meta.json") : NULL; /* a SOG in a folder */
+  if (pags_dir_exists(path) && !meta)
+    return pags_out_of_memory("%s: a path", path);
+  const pags_result result = read_file(meta ? meta : path, axes, out, &found);
+  free(meta);
+  if (result == PAGS_OK && facts)
     *facts = found;
-  return PAGS_OK;
+  return result;
 }
 
 pags_result pags_splat_load(const char *path, pags_gaussians *out, const char **kind, int *antialiased) {

@@ -16,6 +16,16 @@ pags_result pags_splat_decode(const char *path, const uint8_t *bytes, size_t siz
 pags_result pags_spz_decode(const char *path, const uint8_t *bytes, size_t size, pags_gaussians *out,
                             pags_splat_facts *facts);
 
+/* SOG: the meta.json at `path`, whose pictures lie beside it; and a zip archive of both. */
+pags_result pags_sog_decode(const char *path, const uint8_t *meta, size_t size, pags_gaussians *out,
+                            pags_splat_facts *facts);
+pags_result pags_sog_decode_zip(const char *path, const uint8_t *bytes, size_t size, pags_gaussians *out,
+                                pags_splat_facts *facts);
+/* glTF with KHR_gaussian_splatting: a .glb, or the JSON of a .gltf, whose buffers lie beside it. The Gaussians are in
+ * PLY's axes; those of a file that PAGS wrote in the axes of the scene it is of. */
+pags_result pags_gltf_decode(const char *path, const uint8_t *bytes, size_t size, pags_gaussians *out,
+                             pags_splat_facts *facts);
+
 /* ln sigma, in metres, of an axis that has vanished: sigma is a thousandth of a nanometre. */
 #define PAGS_LEAST_SCALE (-27.631021115928547f)
 /* The logit that stands for an opacity of 1, negated for 0: its sigmoid rounds to them. */

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pags_export_splats: bakes a scene at one time into one set of Gaussians and saves it as .ply, .spz, .splat, .pagsz
- * or glTF with KHR_gaussian_splatting; with `tracks`, glTF with one animated node for each object. */
+/* pags_export_splats: bakes a scene at one time into one set of Gaussians and saves it as .ply, .spz, .sog, .splat,
+ * .pagsz or glTF with KHR_gaussian_splatting; with `tracks`, glTF with one animated node for each object. */
 #include <math.h>
 #include <stdbool.h>
 #include <stdio.h>
@@ -15,6 +15,7 @@
 #include "base/log.h"
 #include "exporters/format/bake.h"
 #include "exporters/format/gltf_splats.h"
+#include "exporters/format/sog_save.h"
 #include "exporters/format/spz_save.h"
 #include "scene/axes.h"
 
@@ -28,7 +29,7 @@ static bool has_extension(const char *path, const char *extension) {
 
 int pags_export_is_splat(const char *path) {
   return has_extension(path, ".ply") || has_extension(path, ".spz") || has_extension(path, ".splat") ||
-         has_extension(path, ".pagsz");
+         has_extension(path, ".pagsz") || pags_sog_is_path(path);
 }
 
 /* ---- What a format can't hold ---- */
@@ -70,7 +71,7 @@ static void say_lost(const char *path, const pags_scene *scene, const pags_splat
   if (priorities && !ply && !has_extension(path, ".pagsz"))
     put_item(aside, "priorities");
   if (aside[0])
-    pags_log_message(PAGS_LOG_INFO, "%s: %s can't hold %s", path, pags_path_extension(path), aside);
+    pags_log_message(PAGS_LOG_INFO, "%s: %s can't hold %s", path, pags_sog_is_path(path) ? "SOG" : pags_path_extension(path), aside);
 }
 
 /* ---- Saving ---- */
@@ -94,6 +95,8 @@ static pags_result save(const char *path, const pags_scene *scene, const pags_sp
       head.background[k] = scene->background[k];
     return pags_packed_export(path, g, &head);
   }
+  if (pags_sog_is_path(path))
+    return pags_sog_save(path, scene, g);
   return pags_gltf_splats_save(path, scene, g);
 }
 

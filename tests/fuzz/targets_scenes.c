@@ -111,10 +111,28 @@ static void seed_path(void) {
   fuzz_seed_text(camera);
   snprintf(text, sizeof text, "{\"fps\": 10, \"frames\": [%s,\n%s]}", camera, camera);
   fuzz_seed_text(text);
+  /* cameras.json of INRIA's train.py, and a camera path of nerfstudio */
+  fuzz_seed_text(
+      "[{\"id\": 0, \"img_name\": \"a\", \"width\": 64, \"height\": 48, \"position\": [1, 2, 3], "
+      "\"rotation\": [[1, 0, 0], [0, 0, -1], [0, 1, 0]], \"fy\": 50.5, \"fx\": 50}]");
+  fuzz_seed_text(
+      "{\"camera_type\": \"perspective\", \"render_width\": 64, \"render_height\": 48, \"fps\": 24, \"crop\": null, "
+      "\"camera_path\": [{\"camera_to_world\": [1, 0, 0, 4, 0, 1, 0, 5, 0, 0, 1, 6, 0, 0, 0, 1], \"fov\": 50}]}");
 }
 
-static const char *const path_words[] = {"\"fps\": ", "\"frames\": [", "\"time\": ", "null", "1e308", "1e-320", "{}",
-                                         "[]",        "65536",         NULL};
+static const char *const path_words[] = {"\"camera_path\": [",
+                                         "\"fov\": ",
+                                         "\"position\": ",
+                                         "\"fps\": ",
+                                         "\"frames\": [",
+                                         "\"time\": ",
+                                         "null",
+                                         "1e308",
+                                         "1e-320",
+                                         "{}",
+                                         "[]",
+                                         "65536",
+                                         NULL};
 static const fuzz_target camera_path = {
     .name = "camera_path", .seeds = seed_path, .run = run_path, .words = path_words, .times = 256};
 

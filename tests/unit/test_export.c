@@ -24,6 +24,7 @@
 #include "base/text.h"
 #include "scene/sh_rotate.h"
 
+#include "scene/sh_rotate.h"
 #include "scratch_folder.h"
 #include "splat_files.h"
 

@@ -64,8 +64,9 @@ typedef struct pags_camera_path {
   pags_camera *cameras; /* `count` cameras, freed by pags_camera_path_destroy */
 } pags_camera_path;
 
-/* Reads a camera file or a path file and checks each camera. PAGS_ERROR_IO, PAGS_ERROR_FORMAT (the message names
- * the file and the line), PAGS_ERROR_LIMIT (JSON nested too deeply) or PAGS_ERROR_MEMORY; then `out` is empty. */
+/* Reads a camera file or a path file, also cameras.json of INRIA's train.py (fps 30) or a camera path of nerfstudio,
+ * and checks each camera. PAGS_ERROR_IO, PAGS_ERROR_FORMAT (the message names the file and the line), PAGS_ERROR_LIMIT
+ * (JSON nested too deeply) or PAGS_ERROR_MEMORY; then `out` is empty. */
 PAGS_API pags_result pags_camera_path_load(const char *path, pags_camera_path *out);
 
 /* Writes a path file if fps > 0, otherwise a camera file, for which `count` must be 1. PAGS_ERROR_IO or

@@ -73,7 +73,7 @@ PAGS_API const char *pags_axes_name(int axes);
 
 /* What a splat file says besides the values of its Gaussians. */
 typedef struct pags_splat_facts {
-  const char *kind;      /* "PLY", "compressed PLY", "splat", "SPZ v4", "packed", ...; static. NULL: no splat file */
+  const char *kind;      /* "PLY", "compressed PLY", "splat", "SPZ v4", "SOG v2", "glTF", ...; static. NULL: no splat file */
   int antialiased;       /* 1: opacities expect the antialiased projection (Mip-Splatting) */
   pags_up up;            /* unknown unless the file says it */
   double origin[3];      /* metres, to be added to all positions; zeros unless the file says it */
@@ -116,9 +116,13 @@ typedef enum pags_stand {
 } pags_stand;
 
 /* Reads a scene folder (or its scene.json) or a bare splat file: .ply (INRIA's layout with the properties in any
- * order, or PlayCanvas compressed), .spz (versions 2 to 4), .pagsz (packed) or .splat. The format is detected by the
- * content, that of .splat, which has no signature, by the name. What else the file says (`scene->file`) becomes the
- * scene's; a splat file that names no up axis has -y.
+ * order, or PlayCanvas compressed), .spz (versions 2 to 4), .sog or the meta.json of an unpacked one (versions 1 and
+ * 2), .glb or .gltf with KHR_gaussian_splatting, .pagsz (packed) or .splat. The format is detected by the content, that
+ * of .splat, which has no signature, by the name. What else the file says (`scene->file`) becomes the scene's; a splat
+ * file that names no up axis has -y.
+ *
+ * Also the output folder of INRIA's train.py: the newest point_cloud/iteration_N/point_cloud.ply, with cameras.json as
+ * views and the background of cfg_args; and the folder of an unpacked SOG.
  *
  * An infinite opacity is taken as all or nothing, a scale of -inf as a flat axis. Other Gaussians with a value that
  * isn't finite are left out; their number and the first go to the log as a warning, and if there are no others the file
@@ -128,8 +132,13 @@ typedef enum pags_stand {
 PAGS_API pags_result pags_scene_load(const char *path, pags_scene *scene);
 
 /* As pags_scene_load, but takes a bare splat file as one in `axes` (a pags_axes; 0: as pags_scene_load), whatever it
- * says itself. PAGS_ERROR_ARGUMENT for scene folders and packed files, which have none to choose. */
+ * says itself; so the file in a folder of another program. PAGS_ERROR_ARGUMENT for scene folders, packed files and
+ * glTF, which have none to choose. */
 PAGS_API pags_result pags_scene_load_in_axes(const char *path, int axes, pags_scene *scene);
+
+/* Returns what a folder that pags_scene_load takes is, a static string: "scene", "training output" or "SOG"; NULL if it
+ * takes none such. */
+PAGS_API const char *pags_scene_folder_kind(const char *path);
 
 /* Writes the scene folder, which is created if missing. Each file is written under another name and then renamed;
  * scene.json is written last, so that a new scene.json only names files that exist. PAGS_ERROR_IO,
@@ -174,8 +183,9 @@ PAGS_API pags_result pags_ply_save_facts(const char *path, const pags_gaussians 
 PAGS_API int pags_ply_row_bytes(const pags_gaussians *gaussians);
 
 /* Reads a splat file of any of the formats of pags_scene_load and turns it to PLY's axes. `axes` (a pags_axes) says
- * which it has; 0: a SPZ file has those of its coordinate-system record, without one RUB, as its specification says;
- * all others have PLY's. `facts` may be NULL. Errors as pags_scene_load. */
+ * which it has; 0: a SPZ file has those of its coordinate-system record, without one RUB, as its specification says; a
+ * glTF those of glTF, but one that PAGS wrote comes back in the scene's own; all others have PLY's. `path` may be the
+ * folder of an unpacked SOG. `facts` may be NULL. Errors as pags_scene_load_in_axes. */
 PAGS_API pags_result pags_splat_read(const char *path, int axes, pags_gaussians *out, pags_splat_facts *facts);
 
 /* pags_splat_read with axes 0 and two of the facts, which may be NULL. */

@@ -121,16 +121,17 @@ typedef struct pags_splat_options {
 
 PAGS_API pags_splat_options pags_splat_options_default(void);
 
-/* Whether the path's extension, in any case, is that of a format that holds only Gaussians: .ply, .spz, .splat or
- * .pagsz. */
+/* Whether the path's extension, in any case, is that of a format that holds only Gaussians: .ply, .spz, .sog, .splat
+ * or .pagsz; or the path's file is meta.json, that of a SOG in a folder. */
 PAGS_API int pags_export_is_splat(const char *path);
 
 /* Writes all Gaussians of the scene as they are at a time, each object at its pose, its harmonics rotated with it.
- * The extension chooses the format: .ply (INRIA's), .spz, .splat (no harmonics), .pagsz (pags/packed.h; with s_sem if
- * all parts have it, without the sky), or .glb and .gltf with KHR_gaussian_splatting. Positions are relative to the
- * scene's origin. The origin, the up axis and whether the Gaussians are antialiased are comments of a .ply, a record of
- * a .spz, extras of a glTF's asset and in the head of a .pagsz; what a .splat can't hold, and what is beyond the range
- * of a .spz, goes to the log as warnings. Takes over the scene's Gaussians (`scene` is zeroed). `count` (may be NULL)
+ * The extension chooses the format: .ply (INRIA's), .spz, .sog or FOLDER/meta.json (SOG version 2), .splat (no
+ * harmonics), .pagsz (pags/packed.h; with s_sem if all parts have it, without the sky), or .glb and .gltf with
+ * KHR_gaussian_splatting. Positions are relative to the scene's origin. The origin, the up axis and whether the
+ * Gaussians are antialiased are comments of a .ply, a record of a .spz, in the meta.json of a SOG, extras of a glTF's
+ * asset and in the head of a .pagsz; what a .splat can't hold, and what is beyond the range of a .spz, goes to the log
+ * as warnings. Takes over the scene's Gaussians (`scene` is zeroed). `count` (may be NULL)
  * receives the number of Gaussians written. */
 PAGS_API pags_result pags_export_splats(pags_scene *scene, const char *path, const pags_splat_options *options,
                                         int64_t *count);

@@ -1,0 +1,162 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Finds the Gaussians and views in the folders of other programs. */
+#include "scene/foreign_folder.h"
+
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/file.h"
+#include "base/log.h"
+#include "base/memory.h"
+#include "base/text.h"
+#include "scene/foreign_cameras.h"
+
+/* ---- Iterations ---- */
+
+/* The number N of a name "iteration_N"; -1 for other names. */
+static int64_t iteration_of(const char *name) {
+  static const char prefix[] = "iteration_";
+  char *end;
+  if (strncmp(name, prefix, sizeof prefix - 1) != 0 || name[sizeof prefix - 1] < '0' || name[sizeof prefix - 1] > '9')
+    return -1;
+  const long long number = strtoll(name + sizeof prefix - 1, &end, 10);
+  return *end || number > INT32_MAX ? -1 : number;
+}
+
+/* Returns whether the folder has iterations; false if it can't be read. */
+static bool has_iterations(const char *folder) {
+  char *path = pags_path_join(folder, "point_cloud");
+  pags_dir_list list = {0};
+  bool found = false;
+  if (path && pags_dir_exists(path) && pags_dir_list_read(path, &list) == PAGS_OK)
+    for (int64_t i = 0; i < list.count; i++)
+      found = found || iteration_of(list.names[i]) >= 0;
+  pags_dir_list_destroy(&list);
+  free(path);
+  return found;
+}
+
+const char *pags_foreign_folder_kind(const char *folder) {
+  return pags_folder_has(folder, "meta.json") && pags_folder_has(folder, "quats.webp") ? "SOG"
+         : pags_folder_has(folder, "point_cloud.ply") || has_iterations(folder)        ? "training output"
+                                                                                       : NULL;
+}
+
+/* Chooses the newest of the iterations that have a point_cloud.ply. */
+static pags_result find_iteration(const char *folder, const char *clouds, const pags_dir_list *list, char **file) {
+  char name[128];
+  int64_t best = -1, newest = -1, count = 0;
+  for (int64_t i = 0; i < list->count; i++) {
+    const int64_t number = iteration_of(list->names[i]);
+    if (number < 0)
+      continue;
+    count++;
+    newest = number > newest ? number : newest;
+    snprintf(name, sizeof name, "%.100s/point_cloud.ply", list->names[i]);
+    if (number > best && pags_folder_has(clouds, name)) {
+      best = number;
+      snprintf(name, sizeof name, "point_cloud/%.80s/point_cloud.ply", list->names[i]);
+      free(*file);
+      *file = pags_text_copy(name);
+      if (!*file)
+        return pags_out_of_memory("%s: a path", folder);
+    }
+  }
+  if (best < 0)
+    return pags_fail(
+        PAGS_ERROR_FORMAT,
+        "%s: expected iteration_N/point_cloud.ply, as training writes it, found %lld iterations without one", clouds,
+        (long long)count);
+  if (best < newest)
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s: iteration_%lld, the newest, has no point_cloud.ply; iteration_%lld is taken", clouds,
+                     (long long)newest, (long long)best);
+  else if (count > 1)
+    pags_log_message(PAGS_LOG_INFO, "%s: iteration_%lld is taken, the newest of %lld", clouds, (long long)best,
+                     (long long)count);
+  return PAGS_OK;
+}
+
+pags_result pags_foreign_folder_find(const char *folder, char **file) {
+  *file = NULL;
+  const char *const direct = pags_folder_has(folder, "meta.json")         ? "meta.json"
+                             : pags_folder_has(folder, "point_cloud.ply") ? "point_cloud.ply"
+                                                                          : NULL;
+  if (direct) {
+    *file = pags_text_copy(direct);
+    return *file ? PAGS_OK : pags_out_of_memory("%s: a path", folder);
+  }
+  pags_dir_list list = {0};
+  char *clouds = pags_path_join(folder, "point_cloud");
+  pags_result result = clouds ? pags_dir_list_read(clouds, &list) : pags_out_of_memory("%s: a path", folder);
+  if (result == PAGS_OK)
+    result = find_iteration(folder, clouds, &list, file);
+  pags_dir_list_destroy(&list);
+  free(clouds);
+  if (result != PAGS_OK) {
+    free(*file);
+    *file = NULL;
+  }
+  return result;
+}
+
+/* ---- Views and background ---- */
+
+static pags_result read_views(const char *path, pags_scene *scene) {
+  pags_json *json;
+  PAGS_TRY(pags_json_parse_file(path, &json));
+  const pags_json_value *root = pags_json_root(json);
+  pags_result result = pags_cameras_are_inria(root)
+                           ? PAGS_OK
+                           : pags_json_fail(json, root, "expected an array of cameras with 'position' and 'rotation'");
+  if (result == PAGS_OK) {
+    scene->views = calloc((size_t)root->count, sizeof *scene->views);
+    if (!scene->views)
+      result = pags_out_of_memory("%s: its cameras", path);
+  }
+  for (const pags_json_value *v = root->first; v && result == PAGS_OK; v = v->next) {
+    pags_scene_view *view = &scene->views[scene->view_count];
+    const char *name;
+    char number[32];
+    *view = (pags_scene_view){.sensor = -1, .frame = -1};
+    for (int k = 0; k < 3; k++)
+      view->gain[k] = 1;
+    snprintf(number, sizeof number, "%05lld", (long long)scene->view_count);
+    result = pags_camera_from_inria(json, v, &view->camera);
+    if (result == PAGS_OK)
+      result = pags_json_string_or(json, v, "img_name", number, &name);
+    if (result == PAGS_OK && !(view->name = pags_text_copy(*name ? name : number)))
+      result = pags_out_of_memory("%s: a name", path);
+    scene->view_count += result == PAGS_OK;
+  }
+  pags_json_destroy(json);
+  return result;
+}
+
+/* cfg_args is the text of a Python Namespace. */
+static pags_result read_background(const char *path, pags_scene *scene) {
+  uint8_t *text;
+  size_t size;
+  PAGS_TRY(pags_file_read(path, &text, &size));
+  for (int k = 0; k < 3 && strstr((const char *)text, "white_background=True"); k++)
+    scene->background[k] = 1;
+  free(text);
+  return PAGS_OK;
+}
+
+pags_result pags_foreign_folder_views(const char *folder, pags_scene *scene) {
+  typedef pags_result reader(const char *path, pags_scene *scene);
+  static const char *const names[] = {"cameras.json", "cfg_args"};
+  reader *const readers[] = {read_views, read_background};
+  for (int i = 0; i < 2; i++) {
+    if (!pags_folder_has(folder, names[i]))
+      continue;
+    char *path = pags_path_join(folder, names[i]);
+    pags_result result = path ? readers[i](path, scene) : pags_out_of_memory("%s: a path", folder);
+    free(path);
+    PAGS_TRY(result);
+  }
+  return PAGS_OK;
+}

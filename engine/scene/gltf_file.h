@@ -1,0 +1,48 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Reads the parts of a glTF 2.0 file: its JSON, buffers, and accessors as floats. Independent of what they hold. */
+#ifndef PAGS_SCENE_GLTF_FILE_H
+#define PAGS_SCENE_GLTF_FILE_H
+
+#include <stdbool.h>
+
+#include "base/json.h"
+
+/* The children of an array of the document by their index. */
+typedef struct gltf_list {
+  int64_t count;
+  const pags_json_value **items;
+} gltf_list;
+
+typedef struct gltf_buffer {
+  const uint8_t *bytes; /* NULL until it is read */
+  size_t size;
+  uint8_t *owned; /* the same block if it isn't part of the .glb */
+} gltf_buffer;
+
+typedef struct gltf_file {
+  const char *path;
+  pags_json *json;
+  const pags_json_value *root;
+  gltf_list nodes, meshes, accessors, views, buffer_list;
+  gltf_buffer *buffers;
+  gltf_buffer chunk; /* the binary chunk of a .glb */
+} gltf_file;
+
+/* Opens a .glb, or the JSON of a .gltf. `bytes` and `path` must outlive the file. On failure it is closed already. */
+pags_result pags_gltf_open(const char *path, const uint8_t *bytes, size_t size, gltf_file *out);
+void pags_gltf_close(gltf_file *file);
+
+/* Returns the child that the index `key` of `object` names in `list`; NULL without such a key. An index beyond the list
+ * is an error. */
+pags_result pags_gltf_refer(const gltf_file *file, const pags_json_value *object, const char *key,
+                            const gltf_list *list, const pags_json_value **out);
+
+/* Reads how many elements the accessor has, checked against the bytes that are there. */
+pags_result pags_gltf_accessor_count(gltf_file *file, const pags_json_value *accessor, int64_t *count);
+
+/* Reads an accessor of `components` components (of 4 for 3: the first three) as floats, normalised where it says so, to
+ * `out`: count * components numbers. Fails if it has another type or count. `what` names it in messages. */
+pags_result pags_gltf_accessor_read(gltf_file *file, const pags_json_value *accessor, const char *what, int64_t count,
+                                    int components, float *out);
+
+#endif

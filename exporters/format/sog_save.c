@@ -1,0 +1,380 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Writes SOG, version 2 (developer.playcanvas.com, "The SOG Format"; scene/sog.c lists what its pictures hold):
+ * Gaussians in Morton order, so that neighbours in the pictures are alike, and lossless WebP. Scales, colours and the
+ * palette of harmonics have a codebook of 256 values each. */
+#include "exporters/format/sog_save.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <zlib.h>
+
+#include "base/bytes.h"
+#include "base/file.h"
+#include "base/json.h"
+#include "base/memory.h"
+#include "exporters/format/palette.h"
+#include "maths/maths.h"
+#include "scene/axes.h"
+#include "scene/webp.h"
+
+enum { MOST_FILES = 8, LOCAL_RECORD = 30, CENTRAL_RECORD = 46, END_RECORD = 22, PALETTE_ROW = 64, WEBP_SIDE = 16383 };
+
+typedef struct packed_file {
+  const char *name;
+  uint8_t *bytes;
+  size_t size;
+} packed_file;
+
+typedef struct sog_writer {
+  const pags_gaussians *g;
+  int64_t *order; /* row of the picture -> Gaussian */
+  int width, height;
+  uint8_t *pixels; /* of the picture that is being made */
+  packed_file files[MOST_FILES];
+  int file_count;
+  pags_json_writer meta;
+} sog_writer;
+
+/* Whether the path is that of the meta.json of a SOG in a folder. */
+static bool is_meta(const char *path) {
+  return strcasecmp(pags_path_name(path), "meta.json") == 0;
+}
+
+int pags_sog_is_path(const char *path) {
+  return strcasecmp(pags_path_extension(path), ".sog") == 0 || is_meta(path);
+}
+
+/* ---- Pictures ---- */
+
+static pags_result add_picture(sog_writer *w, const char *name, const uint8_t *rgba, int width, int height) {
+  packed_file *file = &w->files[w->file_count];
+  PAGS_TRY(pags_webp_encode(rgba, width, height, &file->bytes, &file->size));
+  file->name = name;
+  w->file_count++;
+  return PAGS_OK;
+}
+
+static double value_of(const sog_writer *w, int plane, int64_t row) {
+  return (double)pags_plane(w->g, plane)[w->order[row]];
+}
+
+static uint8_t to_byte(double value) {
+  return (uint8_t)fmin(fmax(floor(value + 0.5), 0), 255);
+}
+
+static double to_log(double x) {
+  const double size = pags_log(fabs(x) + 1);
+  return x < 0 ? -size : size;
+}
+
+static void put_files(sog_writer *w, const char *const *names, int count) {
+  pags_json_begin_array(&w->meta, "files");
+  for (int i = 0; i < count; i++)
+    pags_json_put_string(&w->meta, NULL, names[i]);
+  pags_json_end_array(&w->meta);
+}
+
+static pags_result put_means(sog_writer *w) {
+  static const char *const names[2] = {"means_l.webp", "means_u.webp"};
+  double lo[3], hi[3];
+  for (int k = 0; k < 3; k++) {
+    lo[k] = HUGE_VAL;
+    hi[k] = -HUGE_VAL;
+    for (int64_t i = 0; i < w->g->count; i++) {
+      lo[k] = fmin(lo[k], to_log(value_of(w, PAGS_MEAN + k, i)));
+      hi[k] = fmax(hi[k], to_log(value_of(w, PAGS_MEAN + k, i)));
+    }
+  }
+  for (int half = 0; half < 2; half++) {
+    for (int64_t i = 0; i < w->g->count; i++) {
+      for (int k = 0; k < 3; k++) {
+        const double share = hi[k] > lo[k] ? (to_log(value_of(w, PAGS_MEAN + k, i)) - lo[k]) / (hi[k] - lo[k]) : 0;
+        w->pixels[4 * i + k] = (uint8_t)((int)floor(65535 * share + 0.5) >> 8 * half);
+      }
+      w->pixels[4 * i + 3] = 255;
+    }
+    PAGS_TRY(add_picture(w, names[half], w->pixels, w->width, w->height));
+  }
+  pags_json_begin_object(&w->meta, "means");
+  pags_json_put_numbers(&w->meta, "mins", lo, 3);
+  pags_json_put_numbers(&w->meta, "maxs", hi, 3);
+  put_files(w, names, 2);
+  pags_json_end_object(&w->meta);
+  return PAGS_OK;
+}
+
+static pags_result put_quats(sog_writer *w) {
+  static const char *const names[1] = {"quats.webp"};
+  for (int64_t i = 0; i < w->g->count; i++) {
+    double q[4], length = 0;
+    int largest = 0;
+    for (int k = 0; k < 4; k++) {
+      q[k] = value_of(w, PAGS_ROTATION + k, i);
+      length += q[k] * q[k];
+      largest = fabs(q[k]) > fabs(q[largest]) ? k : largest;
+    }
+    const double scale = length > 0 ? (q[largest] < 0 ? -1 : 1) / sqrt(length) : 0;
+    for (int k = 0, to = 0; k < 4; k++)
+      if (k != largest)
+        w->pixels[4 * i + to++] = to_byte(127.5 * (q[k] * scale * 1.41421356237309505 + 1));
+    w->pixels[4 * i + 3] = (uint8_t)(252 + largest);
+  }
+  pags_json_begin_object(&w->meta, "quats");
+  put_files(w, names, 1);
+  pags_json_end_object(&w->meta);
+  return add_picture(w, names[0], w->pixels, w->width, w->height);
+}
+
+static void put_codebook(sog_writer *w, const pags_codebook *book) {
+  double values[PAGS_CODEBOOK];
+  for (int i = 0; i < PAGS_CODEBOOK; i++)
+    values[i] = (double)book->values[i];
+  pags_json_put_numbers(&w->meta, "codebook", values, PAGS_CODEBOOK);
+}
+
+/* Writes three planes through one codebook. `opacity`: the fourth channel holds it; otherwise 255. */
+static pags_result put_planes(sog_writer *w, const char *key, const char *const names[1], int plane, bool opacity) {
+  double lo = HUGE_VAL, hi = -HUGE_VAL;
+  pags_codebook book;
+  for (int k = 0; k < 3; k++)
+    for (int64_t i = 0; i < w->g->count; i++) {
+      lo = fmin(lo, value_of(w, plane + k, i));
+      hi = fmax(hi, value_of(w, plane + k, i));
+    }
+  PAGS_TRY(pags_codebook_create(&book, lo, hi));
+  for (int64_t i = 0; i < w->g->count; i++)
+    for (int k = 0; k < 3; k++)
+      pags_codebook_add(&book, value_of(w, plane + k, i), 1);
+  pags_result result = pags_codebook_choose(&book);
+  for (int64_t i = 0; i < w->g->count && result == PAGS_OK; i++) {
+    for (int k = 0; k < 3; k++)
+      w->pixels[4 * i + k] = pags_codebook_index(&book, value_of(w, plane + k, i));
+    w->pixels[4 * i + 3] = opacity ? to_byte(255 / (1 + pags_exp(-value_of(w, PAGS_OPACITY, i)))) : 255;
+  }
+  if (result == PAGS_OK) {
+    pags_json_begin_object(&w->meta, key);
+    put_codebook(w, &book);
+    put_files(w, names, 1);
+    pags_json_end_object(&w->meta);
+    result = add_picture(w, names[0], w->pixels, w->width, w->height);
+  }
+  pags_codebook_destroy(&book);
+  return result;
+}
+
+/* ---- Harmonics ---- */
+
+/* Returns how many entries the palette may have: as splat-transform chooses it, 1,024 to 65,536 by the count, and all
+ * of few Gaussians. */
+static int64_t palette_size(int64_t count) {
+  int64_t size = 1024;
+  while (size < 65536 && 2 * size <= count)
+    size *= 2;
+  return count < size ? count : size;
+}
+
+/* Writes the palette's picture, 64 entries a row, whose values are chosen by how many Gaussians have them. */
+static pags_result put_entries(sog_writer *w, const float *entries, const int32_t *members, int64_t count, int terms) {
+  const int width = PALETTE_ROW * terms, height = (int)((count + PALETTE_ROW - 1) / PALETTE_ROW);
+  double lo = HUGE_VAL, hi = -HUGE_VAL;
+  pags_codebook book;
+  for (int64_t i = 0; i < count * 3 * terms; i++) {
+    lo = fmin(lo, (double)entries[i]);
+    hi = fmax(hi, (double)entries[i]);
+  }
+  uint8_t *pixels = calloc((size_t)width * (size_t)height, 4);
+  if (!pixels)
+    return pags_out_of_memory("a palette");
+  pags_result result = pags_codebook_create(&book, lo, hi);
+  for (int64_t i = 0; i < count * 3 * terms && result == PAGS_OK; i++)
+    pags_codebook_add(&book, (double)entries[i], members[i / (3 * terms)]);
+  if (result == PAGS_OK)
+    result = pags_codebook_choose(&book);
+  for (int64_t i = 0; i < count * terms && result == PAGS_OK; i++) {
+    for (int c = 0; c < 3; c++)
+      pixels[4 * i + c] = pags_codebook_index(&book, (double)entries[3 * i + c]);
+    pixels[4 * i + 3] = 255;
+  }
+  if (result == PAGS_OK)
+    put_codebook(w, &book);
+  if (result == PAGS_OK)
+    result = add_picture(w, "shN_centroids.webp", pixels, width, height);
+  pags_codebook_destroy(&book);
+  free(pixels);
+  return result;
+}
+
+static pags_result put_palette(sog_writer *w, float *rows, float *entries, int32_t *labels, int32_t *members,
+                               int64_t most) {
+  static const char *const names[2] = {"shN_centroids.webp", "shN_labels.webp"};
+  const int terms = pags_sh_coefficients(w->g->sh_degree) - 1;
+  int64_t found;
+  for (int64_t i = 0; i < w->g->count; i++)
+    for (int k = 0; k < 3 * terms; k++)
+      rows[i * 3 * terms + k] = (float)value_of(w, PAGS_SH + 3 + k, i);
+  PAGS_TRY(pags_palette_make(rows, w->g->count, 3 * terms, most, entries, labels, &found));
+  for (int64_t i = 0; i < w->g->count; i++)
+    members[labels[i]]++;
+  pags_json_begin_object(&w->meta, "shN");
+  pags_json_put_integer(&w->meta, "count", found);
+  pags_json_put_integer(&w->meta, "bands", w->g->sh_degree);
+  PAGS_TRY(put_entries(w, entries, members, found, terms));
+  put_files(w, names, 2);
+  pags_json_end_object(&w->meta);
+  for (int64_t i = 0; i < w->g->count; i++) {
+    w->pixels[4 * i] = (uint8_t)labels[i];
+    w->pixels[4 * i + 1] = (uint8_t)(labels[i] >> 8);
+    w->pixels[4 * i + 2] = 0;
+    w->pixels[4 * i + 3] = 255;
+  }
+  return add_picture(w, names[1], w->pixels, w->width, w->height);
+}
+
+static pags_result put_harmonics(sog_writer *w) {
+  const size_t width = 3 * ((size_t)pags_sh_coefficients(w->g->sh_degree) - 1), count = (size_t)w->g->count;
+  const int64_t most = palette_size(w->g->count);
+  float *rows = malloc(count * width * sizeof *rows), *entries = malloc((size_t)most * width * sizeof *entries);
+  int32_t *labels = malloc(count * sizeof *labels), *members = calloc((size_t)most, sizeof *members);
+  const pags_result result = rows && entries && labels && members
+                                 ? put_palette(w, rows, entries, labels, members, most)
+                                 : pags_out_of_memory("harmonics of %lld Gaussians", (long long)w->g->count);
+  free(rows);
+  free(entries);
+  free(labels);
+  free(members);
+  return result;
+}
+
+/* ---- meta.json ---- */
+
+static pags_result make_files(sog_writer *w, const pags_scene *scene) {
+  static const char *const scales[1] = {"scales.webp"}, *const sh0[1] = {"sh0.webp"};
+  pags_json_begin_object(&w->meta, NULL);
+  pags_json_put_integer(&w->meta, "version", 2);
+  pags_json_begin_object(&w->meta, "asset");
+  pags_json_put_string(&w->meta, "generator", "pags " PAGS_VERSION_STRING);
+  pags_json_put_numbers(&w->meta, "origin", scene->origin, 3);
+  pags_json_put_string(&w->meta, "up", pags_up_code(scene->up));
+  pags_json_end_object(&w->meta);
+  pags_json_put_integer(&w->meta, "count", w->g->count);
+  pags_json_put_bool(&w->meta, "antialias", scene->antialiased != 0);
+  if (scene->antialiased)
+    pags_json_put_string(&w->meta, "model", "antialiased");
+  PAGS_TRY(put_means(w));
+  PAGS_TRY(put_planes(w, "scales", scales, PAGS_SCALE, false));
+  PAGS_TRY(put_quats(w));
+  PAGS_TRY(put_planes(w, "sh0", sh0, PAGS_SH, true));
+  if (w->g->sh_degree)
+    PAGS_TRY(put_harmonics(w));
+  pags_json_end_object(&w->meta);
+  return pags_json_writer_finish(&w->meta);
+}
+
+/* ---- Folder and archive ---- */
+
+static pags_result save_folder(const char *path, const sog_writer *w) {
+  char *folder = pags_path_folder(path);
+  pags_result result = folder ? pags_make_dirs(folder) : pags_out_of_memory("%s: a path", path);
+  for (int i = 0; i < w->file_count && result == PAGS_OK; i++) {
+    char *name = pags_path_join(folder, w->files[i].name);
+    result = name ? pags_file_write(name, w->files[i].bytes, w->files[i].size) : pags_out_of_memory("%s: a path", path);
+    free(name);
+  }
+  free(folder);
+  return result == PAGS_OK ? pags_file_write(path, w->meta.data, w->meta.size) : result;
+}
+
+static void store16(uint8_t *p, unsigned value) {
+  p[0] = (uint8_t)value;
+  p[1] = (uint8_t)(value >> 8);
+}
+
+/* Fills what a member's local header and its entry in the directory share: 26 bytes from the version that is needed on.
+ * The time is always the first that zip knows. */
+static void store_member(uint8_t *p, const packed_file *file) {
+  memset(p, 0, 26);
+  store16(p, 20);
+  store16(p + 8, 0x21); /* 1980-01-01 */
+  pags_store_u32(p + 10, (uint32_t)crc32(0, file->bytes, (uInt)file->size));
+  pags_store_u32(p + 14, (uint32_t)file->size);
+  pags_store_u32(p + 18, (uint32_t)file->size);
+  store16(p + 22, (unsigned)strlen(file->name));
+}
+
+/* Writes a zip archive of stored members. */
+static pags_result put_archive(pags_file_writer *out, const packed_file *files, int count) {
+  uint8_t directory[(MOST_FILES + 1) * (CENTRAL_RECORD + 64) + END_RECORD], header[LOCAL_RECORD];
+  size_t offset = 0, used = 0;
+  for (int i = 0; i < count; i++) {
+    const size_t length = strlen(files[i].name);
+    pags_store_u32(header, 0x04034b50);
+    store_member(header + 4, &files[i]);
+    uint8_t *entry = directory + used;
+    memset(entry, 0, CENTRAL_RECORD);
+    pags_store_u32(entry, 0x02014b50);
+    store16(entry + 4, 20);
+    store_member(entry + 6, &files[i]);
+    pags_store_u32(entry + 42, (uint32_t)offset);
+    memcpy(entry + CENTRAL_RECORD, files[i].name, length);
+    used += CENTRAL_RECORD + length;
+    PAGS_TRY(pags_file_writer_put(out, header, LOCAL_RECORD));
+    PAGS_TRY(pags_file_writer_put(out, files[i].name, length));
+    PAGS_TRY(pags_file_writer_put(out, files[i].bytes, files[i].size));
+    offset += LOCAL_RECORD + length + files[i].size;
+  }
+  uint8_t *end = directory + used;
+  memset(end, 0, END_RECORD);
+  pags_store_u32(end, 0x06054b50);
+  store16(end + 8, (unsigned)count);
+  store16(end + 10, (unsigned)count);
+  pags_store_u32(end + 12, (uint32_t)used);
+  pags_store_u32(end + 16, (uint32_t)offset);
+  return pags_file_writer_put(out, directory, used + END_RECORD);
+}
+
+static pags_result save_archive(const char *path, const sog_writer *w) {
+  packed_file files[MOST_FILES + 1];
+  pags_file_writer out = {0};
+  uint64_t total = 0;
+  files[0] = (packed_file){"meta.json", (uint8_t *)w->meta.data, w->meta.size};
+  memcpy(files + 1, w->files, sizeof w->files);
+  for (int i = 0; i <= w->file_count; i++)
+    total += files[i].size;
+  if (total > 0xfff00000u)
+    return pags_fail(PAGS_ERROR_LIMIT, "%s: more than 4 GB, which a .sog can't have: write a folder, FOLDER/meta.json",
+                     path);
+  PAGS_TRY(pags_file_writer_begin(&out, path));
+  const pags_result result = put_archive(&out, files, w->file_count + 1);
+  if (result == PAGS_OK)
+    return pags_file_writer_commit(&out);
+  pags_file_writer_abort(&out);
+  return result;
+}
+
+pags_result pags_sog_save(const char *path, const pags_scene *scene, const pags_gaussians *g) {
+  sog_writer w = {.g = g};
+  if (!g->count)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: there is no Gaussian at that time", path);
+  w.width = 4 * (int)ceil(sqrt((double)g->count) / 4);
+  w.height = 4 * (int)ceil((double)g->count / w.width / 4);
+  if (w.width > WEBP_SIDE || w.height > WEBP_SIDE)
+    return pags_fail(PAGS_ERROR_LIMIT, "%s: %lld Gaussians are too many for SOG", path, (long long)g->count);
+  pags_json_writer_init(&w.meta, 0);
+  w.order = malloc((size_t)g->count * sizeof *w.order);
+  w.pixels = calloc((size_t)w.width * (size_t)w.height, 4);
+  pags_result result = w.order && w.pixels ? pags_gaussians_morton_order(g, w.order)
+                                           : pags_out_of_memory("%lld Gaussians", (long long)g->count);
+  if (result == PAGS_OK)
+    result = make_files(&w, scene);
+  if (result == PAGS_OK)
+    result = is_meta(path) ? save_folder(path, &w) : save_archive(path, &w);
+  for (int i = 0; i < w.file_count; i++)
+    free(w.files[i].bytes);
+  pags_json_writer_destroy(&w.meta);
+  free(w.order);
+  free(w.pixels);
+  return result;
+}
