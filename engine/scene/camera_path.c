@@ -82,6 +82,11 @@ static pags_result read_path(const pags_json *json, pags_camera_path *path) {
     /* A path file. */
     const pags_json_value *frames;
     PAGS_TRY(pags_json_array(json, root, "frames", &frames));
+    if (frames->first && pags_json_member(frames->first, "transform_matrix"))
+      return pags_json_fail(
+          json, root,
+          "expected a path, found a data set (transforms.json): --split all --dataset FOLDER draws its "
+          "views");
     PAGS_TRY(pags_json_number(json, root, "fps", &path->fps));
     if (!(path->fps > 0))
       return pags_json_fail(json, root, "expected a positive number for 'fps', found %g", path->fps);

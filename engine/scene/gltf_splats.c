@@ -172,7 +172,8 @@ static pags_result add_mesh(gltf_splats *s, const pags_json_value *node, const p
   gltf_file *f = &s->file;
   PAGS_TRY(pags_json_array(f->json, mesh, "primitives", &primitives));
   for (const pags_json_value *p = primitives->first; p; p = p->next) {
-    const pags_json_value *extension = pags_json_member(pags_json_member(p, "extensions"), EXTENSION);
+    const pags_json_value *extensions = pags_json_member(p, "extensions");
+    const pags_json_value *extension = extensions ? pags_json_member(extensions, EXTENSION) : NULL;
     placed item = {.primitive = p};
     if (!extension) {
       s->other_primitives++;

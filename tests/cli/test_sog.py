@@ -153,6 +153,8 @@ class TrainingOutputs(Case):
         ply = self.write("behind.ply", ply_bytes([splat(2, 3, 0, [1, 0, 0], sigma=0.5)]))  # 4 m ahead: the camera looks along -z
         done = self.succeeds("render", ply, "--camera", name, "-o", self.path("drawn"), "--json", "-")
         self.assertEqual(json.loads(done.stdout)["frames"][0]["in_view"], 1)
+        views = self.write("transforms.json", json.dumps({"frames": [{"transform_matrix": []}]}).encode())
+        self.assertIn("--split all --dataset FOLDER", run("render", ply, "--path", views, "-o", self.path("none")).stderr)
         path["crop"] = {"crop_center": [0, 0, 0]}
         name = self.write("path.json", json.dumps(path).encode())
         self.assertIn("its 'crop' is ignored", json.loads(self.succeeds("info", name, "--json", "-").stdout)["warnings"][0])

@@ -351,14 +351,28 @@ static void gltf_refuses_what_cannot_be(void **state) {
             i == 1 || i == 2 ? PAGS_ERROR_UNSUPPORTED : PAGS_ERROR_FORMAT, cases[i].part);
 }
 
+static void meshes_are_no_splats(void **state) {
+  scratch *s = *state;
+  scratch_text(
+      s, "a.gltf",
+      "{\"asset\": {\"version\": \"2.0\"}, \"scenes\": [{\"nodes\": [0]}], \"nodes\": [{\"mesh\": 0}], \"meshes\": "
+      "[{\"primitives\": [{\"attributes\": {\"POSITION\": 0}}]}], \"buffers\": []}");
+  refused(scratch_path(s, "a.gltf"), PAGS_ERROR_FORMAT, "a glTF without Gaussians");
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
 #ifdef PAGS_WITH_WEBP
-      scratch_test(sog_decodes_in_folders_and_archives), scratch_test(sog_says_what_it_guesses),
-      scratch_test(sog_refuses_what_cannot_be),          scratch_test(archives_are_checked),
+      scratch_test(sog_decodes_in_folders_and_archives),
+      scratch_test(sog_says_what_it_guesses),
+      scratch_test(sog_refuses_what_cannot_be),
+      scratch_test(archives_are_checked),
 #endif
-      scratch_test(gltf_attributes_of_all_types_decode), scratch_test(gltf_nodes_place_gaussians),
-      scratch_test(gltf_says_what_it_guesses),           scratch_test(gltf_refuses_what_cannot_be),
+      scratch_test(gltf_attributes_of_all_types_decode),
+      scratch_test(gltf_nodes_place_gaussians),
+      scratch_test(gltf_says_what_it_guesses),
+      scratch_test(gltf_refuses_what_cannot_be),
+      scratch_test(meshes_are_no_splats),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
