@@ -38,10 +38,31 @@ static bool has_iterations(const char *folder) {
   return found;
 }
 
+/* Returns whether the folder has the meta.json of a SOG, told by its pictures or its content, or the list of a streamed
+ * one. */
+static bool is_sog(const char *folder) {
+  enum { MOST_BYTES = 1 << 20 };
+  static const char *const signs[] = {"lod-meta.json", "quats.webp", "means_l.webp"};
+  pags_json *json = NULL;
+  uint64_t size;
+  bool found = false;
+  if (!pags_folder_has(folder, "meta.json"))
+    return pags_folder_has(folder, signs[0]);
+  for (int i = 0; i < 3; i++)
+    found = found || pags_folder_has(folder, signs[i]);
+  char *path = found ? NULL : pags_path_join(folder, "meta.json");
+  if (path && pags_file_size(path, &size) == PAGS_OK && size <= MOST_BYTES &&
+      pags_json_parse_file(path, &json) == PAGS_OK)
+    found = pags_json_member(pags_json_root(json), "means") && pags_json_member(pags_json_root(json), "quats");
+  pags_json_destroy(json);
+  free(path);
+  return found;
+}
+
 const char *pags_foreign_folder_kind(const char *folder) {
-  return pags_folder_has(folder, "meta.json") && pags_folder_has(folder, "quats.webp") ? "SOG"
-         : pags_folder_has(folder, "point_cloud.ply") || has_iterations(folder)        ? "training output"
-                                                                                       : NULL;
+  return is_sog(folder)                                                         ? "SOG"
+         : pags_folder_has(folder, "point_cloud.ply") || has_iterations(folder) ? "training output"
+                                                                                : NULL;
 }
 
 /* Chooses the newest of the iterations that have a point_cloud.ply. */
@@ -81,7 +102,7 @@ static pags_result find_iteration(const char *folder, const char *clouds, const 
 
 pags_result pags_foreign_folder_find(const char *folder, char **file) {
   *file = NULL;
-  const char *const direct = pags_folder_has(folder, "meta.json")         ? "meta.json"
+  const char *const direct = is_sog(folder) ? (pags_folder_has(folder, "meta.json") ? "meta.json" : "lod-meta.json")
                              : pags_folder_has(folder, "point_cloud.ply") ? "point_cloud.ply"
                                                                           : NULL;
   if (direct) {

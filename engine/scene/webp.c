@@ -16,7 +16,7 @@ pags_result pags_webp_decode(const char *path, const uint8_t *bytes, size_t size
   WebPBitstreamFeatures features;
   *out = (pags_webp){0};
   if (WebPGetFeatures(bytes, size, &features) != VP8_STATUS_OK)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a WebP picture", path);
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a WebP picture, the only kind that PAGS reads of a SOG", path);
   if (features.has_animation)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a single WebP picture, found an animation", path);
   const int64_t pixels = (int64_t)features.width * features.height;

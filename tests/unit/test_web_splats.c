@@ -170,6 +170,14 @@ static void sog_refuses_what_cannot_be(void **state) {
             : i == 5 ? PAGS_ERROR_IO
                      : PAGS_ERROR_FORMAT,
             rows[i].part);
+  file_bytes files[SOG_FILES];
+  make_sog(2, 0, files);
+  scratch_write(s, "bare/meta.json", files[0].data, files[0].size);
+  free_sog(files);
+  assert_string_equal(pags_scene_folder_kind(scratch_path(s, "bare")), "SOG");
+  refused(scratch_path(s, "bare"), PAGS_ERROR_IO, "names 'means_l.webp', which isn't beside it");
+  scratch_text(s, "other/meta.json", "{\"frames\": []}");
+  assert_null(pags_scene_folder_kind(scratch_path(s, "other")));
   scratch_text(s, "sog/meta.json", "{\"lodLevels\": 2, \"filenames\": [\"0_0/meta.json\"]}");
   refused(scratch_path(s, "sog/meta.json"), PAGS_ERROR_UNSUPPORTED, "the list of a streamed SOG");
 }
