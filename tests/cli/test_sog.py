@@ -58,10 +58,17 @@ class Written(Case):
             dot = sum(row[13 + k] * g[f"rot_{k}"] for k in range(4)) / length
             self.assertGreater(abs(dot), 0.9999)
 
+    def export_sog(self, ply, name, *more):
+        """Exports, or skips the test in a build without libwebp."""
+        done = run("export", ply, self.path(name), *more)
+        if "has no libwebp" in done.stderr:
+            self.skipTest("this build has no libwebp")
+        self.assertEqual(done.returncode, 0, done.stderr)
+
     def test_sog_comes_back(self):
-        self.succeeds("export", self.ply, self.path("a.sog"))
+        self.export_sog(self.ply, "a.sog")
         os.makedirs(self.path("folder"))
-        self.succeeds("export", self.ply, self.path("folder", "meta.json"))
+        self.export_sog(self.ply, "folder/meta.json")
         for name, kind in [("a.sog", "SOG v2"), ("folder/meta.json", "SOG v2"), ("folder", "SOG")]:
             done = self.succeeds("info", self.path(name), "--strict", "--json", "-")
             facts = json.loads(done.stdout)
@@ -73,14 +80,14 @@ class Written(Case):
 
     def test_sog_has_the_same_bits_for_any_threads(self):
         for threads in ["1", "3"]:
-            self.succeeds("export", self.ply, self.path(f"{threads}.sog"), "--threads", threads)
+            self.export_sog(self.ply, f"{threads}.sog", "--threads", threads)
         with open(self.path("1.sog"), "rb") as one, open(self.path("3.sog"), "rb") as three:
             self.assertEqual(one.read(), three.read())
 
     def test_equal_rotations_pack_to_nothing(self):
         rows = [splat(i % 71 * 0.37, i // 71 * 0.53, 1.0, [0.5, 0.5, 0.5]) for i in range(5000)]
         flat = self.write("flat.ply", ply_bytes(rows))
-        self.succeeds("export", flat, self.path("flat.sog"))
+        self.export_sog(flat, "flat.sog")
         self.assertEqual(json.loads(self.succeeds("info", self.path("flat.sog"), "--json", "-").stdout)["gaussians"], 5000)
 
     def test_gltf_comes_back(self):
