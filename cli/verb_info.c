@@ -173,8 +173,8 @@ static bool is_image(const unsigned char *head) {
 }
 
 /* A JSON file is a transforms file (a data set) if its frames have matrices; a camera or path file if it has sizes and
- * frames or focal lengths, or is one of INRIA or nerfstudio; a splat file if it is the meta.json of a SOG, the list of a
- * streamed one or a glTF; else the data set's reader names it. */
+ * frames or focal lengths, or is one of INRIA or nerfstudio; a splat file if it is the meta.json of a SOG, the list of
+ * a streamed one or a glTF; else the data set's reader names it. */
 static pags_result describe_json(pags_report *report, const info_arguments *arguments, const char *path) {
   pags_json *json;
   PAGS_TRY(pags_json_parse_file(path, &json));

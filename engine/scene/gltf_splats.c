@@ -40,7 +40,7 @@ typedef struct gltf_splats {
   uint8_t *visited; /* a byte a node */
   bool own;         /* PAGS wrote the file */
   pags_up up;
-  bool up_stated; /* by the extras of the asset; else the root node of PAGS' own says it */
+  bool up_stated;           /* by the extras of the asset; else the root node of PAGS' own says it */
   int64_t other_primitives; /* meshes and points that are no Gaussians */
   int64_t logarithms, clamped, without_dc;
   int linear, kernels, partial;

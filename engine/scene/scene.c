@@ -143,9 +143,10 @@ pags_result pags_scene_load(const char *path, pags_scene *scene) {
 
 pags_result pags_scene_load_in_axes(const char *path, int axes, pags_scene *scene) {
   *scene = (pags_scene){0};
-  pags_result result = pags_dir_exists(path)                             ? load_folder(path, axes, scene)
-                       : strcmp(pags_path_name(path), "scene.json") == 0 ? load_beside(path, axes, scene)
-                                                                         : load_bare(path, "background.ply", axes, scene);
+  pags_result result = pags_dir_exists(path) ? load_folder(path, axes, scene)
+                       : strcmp(pags_path_name(path), "scene.json") == 0
+                           ? load_beside(path, axes, scene)
+                           : load_bare(path, "background.ply", axes, scene);
   if (result != PAGS_OK)
     pags_scene_destroy(scene);
   return result;

@@ -29,15 +29,17 @@ static pags_result refuse(const char *path, const uint8_t *bytes, size_t size) {
         "turns it into .ply",
         path);
   if (size > blanks && (bytes[blanks] == '{' || bytes[blanks] == '['))
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: a JSON file of another program: expected a splat file, the meta.json of a SOG, a glTF, or the "
-                     "scene.json of a scene folder",
-                     path);
+    return pags_fail(
+        PAGS_ERROR_FORMAT,
+        "%s: a JSON file of another program: expected a splat file, the meta.json of a SOG, a glTF, or the "
+        "scene.json of a scene folder",
+        path);
   if (size > blanks && bytes[blanks] == '<')
     return pags_fail(PAGS_ERROR_FORMAT, "%s: a web page or other XML: expected a splat file", path);
   if (blanks == size)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: empty: expected a splat file", path);
-  return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a splat file (PLY, SPZ, SOG, glTF with Gaussians, packed or one named .splat)", path);
+  return pags_fail(PAGS_ERROR_FORMAT,
+                   "%s: expected a splat file (PLY, SPZ, SOG, glTF with Gaussians, packed or one named .splat)", path);
 }
 
 /* ---- Loading ---- */

@@ -71,7 +71,8 @@ static void say_lost(const char *path, const pags_scene *scene, const pags_splat
   if (priorities && !ply && !has_extension(path, ".pagsz"))
     put_item(aside, "priorities");
   if (aside[0])
-    pags_log_message(PAGS_LOG_INFO, "%s: %s can't hold %s", path, pags_sog_is_path(path) ? "SOG" : pags_path_extension(path), aside);
+    pags_log_message(PAGS_LOG_INFO, "%s: %s can't hold %s", path,
+                     pags_sog_is_path(path) ? "SOG" : pags_path_extension(path), aside);
 }
 
 /* ---- Saving ---- */

@@ -73,11 +73,11 @@ PAGS_API const char *pags_axes_name(int axes);
 
 /* What a splat file says besides the values of its Gaussians. */
 typedef struct pags_splat_facts {
-  const char *kind;      /* "PLY", "compressed PLY", "splat", "SPZ v4", "SOG v2", "glTF", ...; static. NULL: no splat file */
-  int antialiased;       /* 1: opacities expect the antialiased projection (Mip-Splatting) */
-  pags_up up;            /* unknown unless the file says it */
-  double origin[3];      /* metres, to be added to all positions; zeros unless the file says it */
-  int axes;              /* a pags_axes: those that the file was read in; unknown where it is no question */
+  const char *kind; /* "PLY", "compressed PLY", "splat", "SPZ v4", "SOG v2", "glTF", ...; static. NULL: no splat file */
+  int antialiased;  /* 1: opacities expect the antialiased projection (Mip-Splatting) */
+  pags_up up;       /* unknown unless the file says it */
+  double origin[3]; /* metres, to be added to all positions; zeros unless the file says it */
+  int axes;         /* a pags_axes: those that the file was read in; unknown where it is no question */
   const char *axes_from; /* who says so: "record" of the file, "specification", "option"; static, NULL like axes */
   int64_t left_out;      /* Gaussians that were left out, since one of their values isn't finite */
 } pags_splat_facts;
