@@ -18,6 +18,7 @@
 #include <string.h>
 #include <strings.h>
 #include "base/file.h"
+#include "base/log.h"
 #include "dataset/foreign.h"
 #include "dataset/foreign_recording.h"
 #include "port/port.h"
@@ -220,11 +221,27 @@ static bool is_splat(const char *path, const unsigned char *head) {
   return memcmp(head, "PK", 2) == 0 && is_sog_archive(path);
 }
 
+/* Whether a folder is a scene. One of photographs in which another program has left its output is a data set. */
+static bool is_scene_folder(const char *path) {
+  static const char *const captures[] = {"dataset.json", "transforms.json", "transforms_train.json", "sparse"};
+  const char *const kind = pags_scene_folder_kind(path);
+  bool capture = false;
+  for (size_t i = 0; i < sizeof captures / sizeof *captures; i++) {
+    char *const inside = pags_path_join(path, captures[i]);
+    capture = capture || (inside && pags_path_exists(inside));
+    free(inside);
+  }
+  if (!kind || strcmp(kind, "training output") != 0 || !capture)
+    return kind != NULL;
+  pags_log_message(PAGS_LOG_INFO, "%s: a data set that holds a training output, too: render and export take that one",
+                   path);
+  return false;
+}
+
 static pags_result describe(pags_report *report, const info_arguments *arguments, const char *path) {
   unsigned char head[17];
   if (pags_dir_exists(path))
-    return pags_scene_folder_kind(path) ? describe_scene(report, arguments, path)
-                                        : describe_dataset(report, arguments, path);
+    return is_scene_folder(path) ? describe_scene(report, arguments, path) : describe_dataset(report, arguments, path);
 
   /* Read the first 16 bytes, zero-filled if the file is shorter. */
   memset(head, 0, sizeof head);

@@ -181,6 +181,13 @@ class TrainingOutputs(Case):
         self.succeeds("export", self.path("out"), self.path("turned.ply"), "--axes", "rub")
         self.assertEqual({row["z"] for row in ply_rows(self.path("turned.ply"))}, {-4})
 
+    def test_output_in_a_data_set(self):
+        fixtures.make_dataset(self.path("out"))
+        done = self.succeeds("info", self.path("out"), "--json", self.path("facts.json"))
+        self.assertIn("render and export take that one", done.stdout)
+        self.assertEqual(json.loads(fixtures.read(self.path("facts.json")))["kind"], "data set")
+        self.succeeds("export", self.path("out"), self.path("x.ply"))
+
     def test_iterations_without_a_file(self):
         os.makedirs(self.path("out", "point_cloud", "iteration_40000"))
         done = self.succeeds("info", self.path("out"), "--json", "-")
