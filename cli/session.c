@@ -40,8 +40,9 @@ static void receive_log(void *user, pags_log_level level, const char *line) {
   pthread_mutex_lock(&warnings_lock);
   const bool warning = level == PAGS_LOG_WARNING;
   const bool said = level == PAGS_LOG_DEBUG || (warning && !keep_warning(session, line));
-  if (session->people && !said)
-    fprintf(session->people, "%s%s\n", warning ? "warning: " : "", line);
+  FILE *stream = session->people ? session->people : warning ? stderr : NULL;
+  if (stream && !said)
+    fprintf(stream, "%s%s\n", warning ? "warning: " : "", line);
   pthread_mutex_unlock(&warnings_lock);
 }
 

@@ -31,7 +31,8 @@ typedef struct pags_session {
                 "write what a machine reads to FILE, or to standard output"),                                         \
       PAGS_FLAG("strict", 0, offsetof(owner, session.strict),                                                         \
                 "treat each warning (what is ignored, guessed, clamped or left out of an input) as an error"),        \
-      PAGS_FLAG("quiet", 'q', offsetof(owner, session.quiet), "print nothing but errors")
+      PAGS_FLAG("quiet", 'q', offsetof(owner, session.quiet),                                                         \
+                "print nothing but warnings and errors, on standard error")
 
 /* Rows for verbs that open photographs; `where` is the offset of a pags_dataset_options in the verb's struct. */
 #define PAGS_PHOTOGRAPH_OPTIONS(where, standard)                                                                 \

@@ -6,11 +6,16 @@
 #include <stdbool.h>
 #include <stdlib.h>
 
+#include "base/log.h"
 #include "base/memory.h"
 #include "maths/maths.h"
 
 /* The learning rate at the schedule's end as a share of that at its beginning; log-linear between. */
 static const double final_share = 0.1;
+
+/* Exposures of a static set that change mid grey by less, as the root of the mean square over photographs and channels,
+ * are dropped. */
+static const double least_spread = 0.008; /* two of 255 levels */
 
 static int64_t camera_of(const pags_dataset *dataset, int64_t view) {
   int sensor = pags_dataset_view(dataset, view)->sensor;
@@ -37,10 +42,34 @@ void pags_exposures_destroy(pags_exposures *exposures) {
   *exposures = (pags_exposures){0};
 }
 
-void pags_exposures_value(const pags_exposures *exposures, const pags_dataset *dataset, int64_t view, double value[6]) {
+static void trained_value(const pags_exposures *exposures, const pags_dataset *dataset, int64_t view, double value[6]) {
   const pags_exposure *camera = exposures->items + exposures->count + camera_of(dataset, view);
   for (int k = 0; k < 6; k++)
     value[k] = exposures->items[view].value[k] + camera->value[k];
+}
+
+/* Returns the nearest training view before (`step` -1) or after (1) a view; the view itself if there is none. */
+static int64_t nearest_trained(const pags_dataset *dataset, int64_t view, int step) {
+  const int64_t count = pags_dataset_view_count(dataset);
+  int64_t i = view + step;
+  while (i >= 0 && i < count && pags_dataset_view(dataset, i)->test)
+    i += step;
+  return i >= 0 && i < count ? i : view;
+}
+
+void pags_exposures_value(const pags_exposures *exposures, const pags_dataset *dataset, int64_t view, double value[6]) {
+  trained_value(exposures, dataset, view, value);
+  if (!pags_dataset_view(dataset, view)->test || pags_dataset_fps(dataset) > 0)
+    return;
+  int64_t before = nearest_trained(dataset, view, -1), after = nearest_trained(dataset, view, 1);
+  before = before == view ? after : before;
+  after = after == view ? before : after;
+  double a[6], b[6];
+  trained_value(exposures, dataset, before, a);
+  trained_value(exposures, dataset, after, b);
+  const double t = after > before ? (double)(view - before) / (double)(after - before) : 0.0;
+  for (int k = 0; k < 6; k++)
+    value[k] = (1 - t) * a[k] + t * b[k];
 }
 
 static bool move(pags_exposure *e, const double gradient[6], const pags_train_config *config, double rate) {
@@ -76,4 +105,28 @@ int pags_exposures_update(pags_exposures *exposures, const pags_dataset *dataset
       exposures->items[i].value[k] -= mean[k] / (double)(training > 0 ? training : 1) - (k < 3 ? 1.0 : 0.0);
 
   return moved;
+}
+
+void pags_exposures_decide(pags_exposures *exposures, const pags_dataset *dataset, const pags_schedule *schedule,
+                           int64_t step) {
+  if (exposures->count == 0 || pags_dataset_fps(dataset) > 0 || step != (schedule->length + 2) / 3)
+    return;
+  double sum = 0, value[6];
+  int64_t training = 0;
+  for (int64_t i = 0; i < exposures->count; i++) {
+    if (pags_dataset_view(dataset, i)->test)
+      continue;
+    training++;
+    trained_value(exposures, dataset, i, value);
+    for (int k = 0; k < 3; k++) {
+      const double change = 0.5 * (value[k] - 1) + value[3 + k];
+      sum += change * change;
+    }
+  }
+  const double spread = sqrt(sum / (double)(3 * (training > 0 ? training : 1)));
+  const bool kept = spread >= least_spread;
+  pags_log_message(PAGS_LOG_INFO, "exposures of %lld photographs change mid grey by %.2f %%: %s", (long long)training,
+                   100 * spread, kept ? "they are fitted" : "too little to be modelled");
+  if (!kept)
+    pags_exposures_destroy(exposures);
 }

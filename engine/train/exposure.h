@@ -3,7 +3,10 @@
  * An exposure is the sum of a camera's part, which every photograph of that camera updates, and a small part of the
  * photograph's own, which gets no more than some tens of updates in a run: the cameras of one rig differ far more
  * than the photographs of one camera do. After every step, the means over all training photographs are set back to
- * gain 1 and offset 0, so that the scene keeps its colours. */
+ * gain 1 and offset 0, so that the scene keeps its colours.
+ *
+ * A static set has exposures only if its photographs call for them: after a third of the run, those that differ by
+ * less than a just visible step are dropped. */
 #ifndef PAGS_TRAIN_EXPOSURE_H
 #define PAGS_TRAIN_EXPOSURE_H
 
@@ -29,13 +32,19 @@ typedef struct pags_exposures {
 pags_result pags_exposures_create(pags_exposures *exposures, const pags_dataset *dataset);
 void pags_exposures_destroy(pags_exposures *exposures);
 
-/* Writes the exposure of a training view to `value`: gains, then offsets. A held-out view's exposure isn't trained;
- * pags_scene_exposure interpolates it from its neighbours. */
+/* Writes the exposure of a training view to `value`: gains, then offsets. A held-out view's exposure isn't trained: in
+ * a driving set pags_scene_exposure interpolates it in time; in a static set it is interpolated here between the
+ * training views before and after it in the order of names, in which photographs were mostly taken. */
 void pags_exposures_value(const pags_exposures *exposures, const pags_dataset *dataset, int64_t view, double value[6]);
 
 /* One Adam step for one view's part and its camera's part, after which the means over the training views are set back
  * to 1 and 0. Returns 0 if the gradient isn't finite; then no part takes a step. */
 int pags_exposures_update(pags_exposures *exposures, const pags_dataset *dataset, int64_t view,
                           const double gradient[6], const pags_schedule *schedule, int64_t step);
+
+/* In a static set, after a third of the run: drops exposures that differ too little to matter, and logs what was
+ * decided. Does nothing at other steps and for driving sets. */
+void pags_exposures_decide(pags_exposures *exposures, const pags_dataset *dataset, const pags_schedule *schedule,
+                           int64_t step);
 
 #endif

@@ -84,7 +84,8 @@ static pags_result start_static(pags_trainer *t, const pags_train_config *config
   pags_gaussians g;
   const int64_t most = s->cap > 0 ? s->cap : INT32_MAX - 64;
   PAGS_TRY(pags_init_gaussians(config, p->count, p->xyz, p->rgb, most, extent, t->tasks, &g));
-  return pags_state_add_model(s, -1, extent, &g);
+  PAGS_TRY(pags_state_add_model(s, -1, extent, &g));
+  return config->exposure.exposure ? pags_exposures_create(&s->exposures, t->dataset) : PAGS_OK;
 }
 
 /* ---- Driving sets ---- */

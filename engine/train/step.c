@@ -320,6 +320,7 @@ pags_result pags_train_step(pags_trainer *t, int64_t step, pags_step_view *v) {
     if (t->state.exposures.count > 0 &&
         !pags_exposures_update(&t->state.exposures, t->dataset, v->view, v->loss.by_exposure, &t->state.schedule, step))
       pags_nonfinite_note(&t->state.nonfinite, 1, &(pags_nonfinite_row){step, -1, v->view, 0, PAGS_NONFINITE_EXPOSURE});
+    pags_exposures_decide(&t->state.exposures, t->dataset, &t->state.schedule, step);
   }
   t->ms.backward += pags_clock_lap_ms(&clock);
   return PAGS_OK;

@@ -43,9 +43,9 @@ static pags_result list_views(const pags_dataset *dataset, const pags_train_stat
                                         .sensor = view->sensor,
                                         .frame = view->frame};
 
-    /* The exposure of a training view; those of held-out views are interpolated below. */
+    /* The exposure of the view; those of a driving set's held-out views are interpolated below. */
     double value[6] = {1.0, 1.0, 1.0, 0.0, 0.0, 0.0};
-    if (state->exposures.count > 0 && !scene->views[i].test)
+    if (state->exposures.count > 0 && (!scene->views[i].test || pags_dataset_fps(dataset) <= 0))
       pags_exposures_value(&state->exposures, dataset, i, value);
     memcpy(scene->views[i].gain, value, sizeof scene->views[i].gain);
     memcpy(scene->views[i].offset, value + 3, sizeof scene->views[i].offset);
@@ -58,7 +58,7 @@ static pags_result list_views(const pags_dataset *dataset, const pags_train_stat
   }
   for (int64_t i = 0; i < scene->view_count; i++) {
     pags_scene_view *v = &scene->views[i];
-    if (v->test)
+    if (v->test && pags_dataset_fps(dataset) > 0)
       pags_scene_exposure(scene, v->sensor, v->camera.time, v->gain, v->offset);
   }
   return PAGS_OK;

@@ -399,6 +399,30 @@ class Photographs(fixtures.Case):
         drawn = self.succeeds("render", self.path("scene"), "--split", "all", "-o", self.path("drawn"), "--json", "-")
         self.one_warning(json.loads(drawn.stdout), "nothing of the scene is in view in any of 1 pictures")
 
+    # ---- Exposure ----
+
+    def exposed(self, change):
+        """Trains on photographs times 1 + change and 1 - change by turns; returns PSNR of training and what was said of exposures."""
+        for i in range(VIEWS):
+            factor = 1 + change if i % 2 else 1 - change
+            pixels = bytes(min(255, round(v * factor)) for v in self.pixels[i])
+            write(f"{self.set}/images/{i:03d}.png", png(WIDTH, HEIGHT, pixels))
+        scene = self.path("scene")
+        more = ["-o", scene, "-n", 600, "--preview-every", 0, "--overwrite", "--random-points", 200, "--split-every", 0]
+        said = [line for line in self.succeeds("train", self.set, *more).stdout.splitlines() if line.startswith("exposures of")]
+        fitted = self.eval()["train"]["psnr"]
+        self.succeeds("train", self.set, *more, "--no-exposure", "--quiet")
+        self.assertEqual(len(said), 1, said)
+        return fitted, self.eval()["train"]["psnr"], said[0]
+
+    def test_exposures(self):
+        fitted, without, said = self.exposed(0.15)
+        self.assertIn("they are fitted", said)
+        self.assertGreater(fitted, without + 1)
+        fitted, without, said = self.exposed(0)
+        self.assertIn("too little to be modelled", said)
+        self.assertLess(abs(fitted - without), 1)
+
     # ---- Evaluation ----
 
     def test_one_picture(self):

@@ -219,7 +219,8 @@ typedef struct pags_train_sky {
   double sky_rate; /* per step, of texels, falling to a hundredth */
 } pags_train_sky;
 
-/* The exposures of driving sets. */
+/* The exposures of photographs. A static set keeps them if after a third of the run they change mid grey by 0.8 % or
+ * more; a driving set keeps them always. */
 typedef struct pags_train_exposure {
   int exposure;         /* 1: a gain and an offset per channel are fitted, sums of a camera's and a photograph's */
   double exposure_rate; /* per step, of gains and offsets, falling to a tenth */
