@@ -150,7 +150,7 @@ class Remembered(DataCase):
     def test_resume_with_another_data_set(self):
         data, scene = self.path("data"), self.path("scene")
         shutil.copytree(self.data, data)
-        again = ["train", data, "-o", scene, "-q", "--resume", "-n", "3", *SMALL]
+        again = ["train", data, "-o", scene, "--resume", "-n", "3", *SMALL]
         self.succeeds("train", data, "-o", scene, "-n", "2", "-q", *SMALL)
         with open(os.path.join(data, "transforms.json")) as file:
             good = json.load(file)
@@ -199,7 +199,7 @@ class Transforms(DataCase):
         for word, line in zip(words, facts["warnings"]):
             self.assertIn(word, line)
         self.save(train_filenames=["frames/1.png"])
-        self.fails(["info", self.data, "-q"], "none of its 9 frames is in train_filenames")
+        self.fails(["info", self.data], "none of its 9 frames is in train_filenames")
         self.save(train_filenames=[], test_filenames=[])
         self.assertEqual(self.info("--strict")[0]["views_test"], 2)
         self.save(test_filenames=names[:1])
