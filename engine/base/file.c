@@ -50,6 +50,16 @@ pags_result pags_file_size(const char *path, uint64_t *size) {
   return PAGS_OK;
 }
 
+size_t pags_file_head(const char *path, void *head, size_t size) {
+  memset(head, 0, size);
+  FILE *stream = pags_port_open(path, "rb");
+  if (!stream)
+    return 0;
+  const size_t got = fread(head, 1, size, stream);
+  fclose(stream);
+  return got;
+}
+
 /* Fails if a file is what Git leaves in its place until 'git lfs pull' gets it. */
 static pags_result refuse_pointer(const char *path, const uint8_t *bytes, size_t size) {
   static const char begin[] = "version https://git-lfs";

@@ -18,6 +18,10 @@ extern "C" {
 pags_result pags_file_read(const char *path, uint8_t **bytes, size_t *size);
 pags_result pags_file_size(const char *path, uint64_t *size);
 
+/* Reads the first `size` bytes of a file into `head` and zeroes those that it doesn't have. Returns how many it has; 0
+ * if it can't be read. */
+size_t pags_file_head(const char *path, void *head, size_t size);
+
 /* Fails with "path: what: " and the text of errno. PAGS_ERROR_IO, or PAGS_ERROR_MEMORY for ENOMEM. */
 pags_result pags_fail_errno(const char *path, const char *what);
 

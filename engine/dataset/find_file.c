@@ -33,6 +33,17 @@ bool pags_is_picture_name(const char *name) {
   return false;
 }
 
+pags_result pags_find_extension(const char *folder, const char *name, int length, const char *extension, char **out) {
+  *out = pags_text_format("%s/%.*s%s", folder, length, name, extension);
+  if (!*out)
+    return pags_out_of_memory("%s", folder);
+  if (!pags_file_exists(*out)) {
+    free(*out);
+    *out = NULL;
+  }
+  return PAGS_OK;
+}
+
 /* Absolute on this or another system. */
 static bool is_absolute(const char *name) {
   return name[0] == '/' || (name[0] && name[1] == ':' && name[2] == '/');

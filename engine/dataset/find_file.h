@@ -42,6 +42,10 @@ void pags_file_finder_end(pags_file_finder *finder, const char *source, const ch
 
 void pags_file_finder_drop(pags_file_finder *finder); /* frees it without a word */
 
+/* Looks in `folder` for the file whose name is the first `length` bytes of `name` and `extension`. *out is its path,
+ * freed by the caller; NULL: there is none. PAGS_ERROR_MEMORY. */
+pags_result pags_find_extension(const char *folder, const char *name, int length, const char *extension, char **out);
+
 /* Whether a file of this name is a picture by its extension. */
 bool pags_is_picture_name(const char *name);
 

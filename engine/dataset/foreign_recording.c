@@ -2,15 +2,12 @@
 /* Recognises recordings of other formats by the files they hold (foreign_recording.h). */
 #include "dataset/foreign_recording.h"
 
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
 
 #include "base/file.h"
 #include "base/memory.h"
-#include "base/text.h"
-#include "port/port.h"
 
 #define LAYOUT "docs/dataset-layout.md describes the files to write from it"
 #define DRIVESTUDIO "drivestudio's datasets/preprocess.py makes the data set that is read"
@@ -137,13 +134,8 @@ static const struct {
              {"<html", "a web page, not a recording: the download failed"}};
 
 static const char *name_file(const char *path) {
-  uint8_t head[32] = {0};
-  FILE *file = pags_port_open(path, "rb");
-  if (!file)
-    return NULL;
-  const size_t got = fread(head, 1, sizeof head, file);
-  fclose(file);
-  if (got < 8)
+  uint8_t head[32];
+  if (pags_file_head(path, head, sizeof head) < 8)
     return NULL;
   for (size_t i = 0; i < sizeof files / sizeof *files; i++)
     if (memcmp(head, files[i].magic, strlen(files[i].magic)) == 0)

@@ -12,6 +12,7 @@
 #include "base/memory.h"
 #include "base/sort.h"
 #include "base/text.h"
+#include "dataset/find_file.h"
 #include "dataset/photo_size.h"
 #include "dataset/pictures.h"
 
@@ -122,16 +123,8 @@ static pags_result find_mask(const char *folder, const char *name, char **out) {
   static const char *const extensions[] = {".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG"};
   const int whole = (int)strlen(name), stem = whole - (int)strlen(pags_path_extension(name));
   *out = NULL;
-  for (size_t i = 0; i < 2 * sizeof extensions / sizeof *extensions; i++) {
-    char *path = pags_text_format("%s/%.*s%s", folder, i % 2 ? stem : whole, name, extensions[i / 2]);
-    if (!path)
-      return pags_out_of_memory("%s", folder);
-    if (pags_file_exists(path)) {
-      *out = path;
-      return PAGS_OK;
-    }
-    free(path);
-  }
+  for (size_t i = 0; i < 2 * sizeof extensions / sizeof *extensions && !*out; i++)
+    PAGS_TRY(pags_find_extension(folder, name, i % 2 ? stem : whole, extensions[i / 2], out));
   return PAGS_OK;
 }
 

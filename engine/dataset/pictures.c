@@ -11,7 +11,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/sort.h"
-#include "base/text.h"
+#include "dataset/find_file.h"
 #include "dataset/photo_size.h"
 
 /* ---- Folders ---- */
@@ -35,18 +35,10 @@ static pags_result find_in(const char *folder, const char *name, char **out) {
   static const char *const extensions[] = {"",     ".png",  ".jpg", ".jpeg", ".JPG",
                                            ".PNG", ".JPEG", ".exr", ".webp", ".tif"};
   *out = NULL;
-  for (const char *tail = name; tail; tail = strchr(tail, '/') ? strchr(tail, '/') + 1 : NULL) {
+  for (const char *tail = name; tail && !*out; tail = strchr(tail, '/') ? strchr(tail, '/') + 1 : NULL) {
     const int whole = (int)strlen(tail), stem = whole - (int)strlen(pags_path_extension(tail));
-    for (size_t i = 0; i < sizeof extensions / sizeof *extensions; i++) {
-      char *path = pags_text_format("%s/%.*s%s", folder, i ? stem : whole, tail, extensions[i]);
-      if (!path)
-        return pags_out_of_memory("%s", folder);
-      if (pags_file_exists(path)) {
-        *out = path;
-        return PAGS_OK;
-      }
-      free(path);
-    }
+    for (size_t i = 0; i < sizeof extensions / sizeof *extensions && !*out; i++)
+      PAGS_TRY(pags_find_extension(folder, tail, i ? stem : whole, extensions[i], out));
   }
   return PAGS_OK;
 }

@@ -126,6 +126,17 @@ void fuzz_refused(pags_result result, const char *name) {
   }
 }
 
+int fuzz_gaussians(pags_result result, pags_gaussians *g, const char *name) {
+  if (result != PAGS_OK) {
+    FUZZ_CHECK(!g->data && g->count == 0);
+    fuzz_refused(result, name);
+    return 0;
+  }
+  FUZZ_CHECK(pags_gaussians_find_bad(g, NULL) == 0);
+  pags_gaussians_destroy(g);
+  return 1;
+}
+
 void fuzz_stop(const char *file, int line, const char *what) {
   fprintf(stderr, "fuzz: %s:%d: not so: %s (target %s)\n", file, line, what, target ? target->name : "?");
   abort();

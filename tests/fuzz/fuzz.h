@@ -12,6 +12,7 @@
 #include <stdint.h>
 
 #include <pags/base.h>
+#include <pags/gaussians.h>
 
 #include "splat_files.h"
 
@@ -59,6 +60,10 @@ const char *fuzz_folder(void);
 
 /* A refusal must have a message: stops the program unless there is one that begins with `name` or contains it. */
 void fuzz_refused(pags_result result, const char *name);
+
+/* What a target of Gaussians returns: checks the guarantees that a reader gives for what it accepted, and destroys it,
+ * or those of a refusal. */
+int fuzz_gaussians(pags_result result, pags_gaussians *g, const char *name);
 
 __attribute__((noreturn)) void fuzz_stop(const char *file, int line, const char *what);
 #define FUZZ_CHECK(condition) ((condition) ? (void)0 : fuzz_stop(__FILE__, __LINE__, #condition))

@@ -15,18 +15,6 @@
 #include "base/file.h"
 #include "scene/splat_formats.h"
 
-/* Checks the guarantees that every reader gives for an accepted file. */
-static int accept(pags_result result, pags_gaussians *g, const char *name) {
-  if (result != PAGS_OK) {
-    FUZZ_CHECK(!g->data && g->count == 0);
-    fuzz_refused(result, name);
-    return 0;
-  }
-  FUZZ_CHECK(pags_gaussians_find_bad(g, NULL) == 0);
-  pags_gaussians_destroy(g);
-  return 1;
-}
-
 /* A copy with a zero byte after its end, as pags_file_read returns it. */
 static uint8_t *terminated(const uint8_t *data, size_t size) {
   uint8_t *const copy = malloc(size + 1);
@@ -45,7 +33,7 @@ static int run_ply(const uint8_t *data, size_t size) {
   uint8_t *const bytes = terminated(data, size);
   /* The format check by which loaders choose the reader. */
   const int is_ply = size >= 4 && memcmp(bytes, "ply", 3) == 0 && (bytes[3] == '\n' || bytes[3] == '\r');
-  const int accepted = is_ply && accept(pags_ply_decode("a.ply", bytes, size, &g, &facts), &g, "a.ply");
+  const int accepted = is_ply && fuzz_gaussians(pags_ply_decode("a.ply", bytes, size, &g, &facts), &g, "a.ply");
   free(bytes);
   return accepted;
 }
@@ -92,7 +80,7 @@ static const fuzz_target compressed = {
 static int run_spz(const uint8_t *data, size_t size) {
   pags_gaussians g;
   pags_splat_facts facts = {0};
-  return accept(pags_spz_decode("a.spz", data, size, &g, &facts), &g, "a.spz");
+  return fuzz_gaussians(pags_spz_decode("a.spz", data, size, &g, &facts), &g, "a.spz");
 }
 
 /* Appends the records of a coordinate system and of a scene behind the attributes, where versions 2 and 3 have them;
@@ -184,7 +172,7 @@ static const fuzz_target packed = {.name = "packed", .seeds = seed_packed, .run 
 
 static int run_splat(const uint8_t *data, size_t size) {
   pags_gaussians g;
-  return accept(pags_splat_load(fuzz_file("a.splat", data, size), &g, NULL, NULL), &g, "a.splat");
+  return fuzz_gaussians(pags_splat_load(fuzz_file("a.splat", data, size), &g, NULL, NULL), &g, "a.splat");
 }
 
 static void seed_splat(void) {

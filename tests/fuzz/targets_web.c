@@ -10,17 +10,6 @@
 #include "scene/splat_formats.h"
 #include "web_files.h"
 
-static int accept(pags_result result, pags_gaussians *g, const char *name) {
-  if (result != PAGS_OK) {
-    FUZZ_CHECK(!g->data && g->count == 0);
-    fuzz_refused(result, name);
-    return 0;
-  }
-  FUZZ_CHECK(pags_gaussians_find_bad(g, NULL) == 0);
-  pags_gaussians_destroy(g);
-  return 1;
-}
-
 /* ---- SOG: meta.json and its pictures, and the archive ---- */
 
 static int run_sog(const uint8_t *data, size_t size) {
@@ -30,7 +19,7 @@ static int run_sog(const uint8_t *data, size_t size) {
   for (int k = 1; k < SOG_FILES; k++)
     fuzz_file(sog_names[k], parts[k].bytes, parts[k].size);
   const char *const path = fuzz_file("meta.json", parts[0].bytes ? parts[0].bytes : (const uint8_t *)"", parts[0].size);
-  const int accepted = accept(pags_splat_load(path, &g, NULL, NULL), &g, "meta.json");
+  const int accepted = fuzz_gaussians(pags_splat_load(path, &g, NULL, NULL), &g, "meta.json");
   fuzz_parts_free(SOG_FILES, parts);
   return accepted;
 }
@@ -73,7 +62,7 @@ static const fuzz_target sog = {.name = "sog",
 static int run_sog_zip(const uint8_t *data, size_t size) {
   pags_gaussians g;
   pags_splat_facts facts = {0};
-  return accept(pags_sog_decode_zip("a.sog", data, size, &g, &facts), &g, "a.sog");
+  return fuzz_gaussians(pags_sog_decode_zip("a.sog", data, size, &g, &facts), &g, "a.sog");
 }
 
 static void seed_sog_zip(void) {
@@ -95,7 +84,7 @@ static const fuzz_target sog_zip = {
 static int run_gltf(const uint8_t *data, size_t size) {
   pags_gaussians g;
   pags_splat_facts facts = {0};
-  return accept(pags_gltf_decode("a.glb", data, size, &g, &facts), &g, "a.glb");
+  return fuzz_gaussians(pags_gltf_decode("a.glb", data, size, &g, &facts), &g, "a.glb");
 }
 
 static void seed_gltf(void) {

@@ -143,12 +143,8 @@ const char *pags_sweep_format(const char *path) {
                {"LASF", "a LAS file"},
                {"PK\x03\x04", "a zip archive (.npz)"},
                {"version https://git-lfs", "a pointer of Git LFS (fetch the file itself with 'git lfs pull')"}};
-  char head[32] = {0};
-  FILE *stream = pags_port_open(path, "rb");
-  if (!stream)
-    return NULL;
-  const size_t got = fread(head, 1, sizeof head, stream);
-  fclose(stream);
+  char head[32];
+  const size_t got = pags_file_head(path, head, sizeof head);
   for (size_t i = 0; i < sizeof known / sizeof *known; i++)
     if (got >= strlen(known[i].magic) && memcmp(head, known[i].magic, strlen(known[i].magic)) == 0)
       return known[i].name;

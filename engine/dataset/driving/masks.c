@@ -10,7 +10,6 @@
 #include "base/file.h"
 #include "base/memory.h"
 #include "base/text.h"
-#include "port/port.h"
 
 pags_result pags_driving_find_mask(const pags_driving *driving, const char *folder, const pags_parsed_view *view,
                                    char **out) {
@@ -56,12 +55,9 @@ uint8_t pags_driving_white(const pags_image *mask) {
 /* Reads the depth of the samples (1 to 16) and the type of colour of a PNG (ISO/IEC 15948, 11.2.2: bytes 24 and 25);
  * zeros for another file. */
 static void read_form(const char *path, int *depth, int *type) {
-  uint8_t head[26] = {0};
-  FILE *file = pags_port_open(path, "rb");
-  const size_t got = file ? fread(head, 1, sizeof head, file) : 0;
+  uint8_t head[26];
+  const size_t got = pags_file_head(path, head, sizeof head);
   const bool png = got == sizeof head && memcmp(head, "\x89PNG", 4) == 0;
-  if (file)
-    fclose(file);
   *depth = png ? head[24] : 0;
   *type = png ? head[25] : 0;
 }
