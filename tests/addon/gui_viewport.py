@@ -89,8 +89,8 @@ def picked():
 
 
 def restart_samples():
-    """By a movement and back. The first sample that Blender draws of new meshes lacks them about once in twenty times, and it keeps that
-    sample's depth for whatever is drawn over the meshes until the view changes."""
+    """Makes Blender draw its samples of the view anew, by moving the view and back. The first sample after meshes were added lacks them
+    about once in twenty times, and the depth of that sample stays, for whatever is drawn over the meshes, until the view changes."""
     distance = view3d().region_3d.view_distance
     for changed in (1.001 * distance, distance):
         view3d().region_3d.view_distance = changed

@@ -423,6 +423,20 @@ class Photographs(fixtures.Case):
         self.assertIn("too little to be modelled", said)
         self.assertLess(abs(fitted - without), 1)
 
+    def test_held_out_exposures(self):
+        """That of a held-out photograph is the mean of its neighbours', also where it has one alone."""
+        for i in range(VIEWS):
+            write(f"{self.set}/images/{i:03d}.png", png(WIDTH, HEIGHT, bytes(round(v * (0.5 + 0.06 * i)) for v in self.pixels[i])))
+        self.train("--split-every", 4, steps=600)
+        with open(self.path("scene", "scene.json")) as file:
+            views = json.load(file)["cameras"]
+        self.assertEqual([i for i, view in enumerate(views) if view["test"]], [0, 4, 8])
+        gains = [view["gain"] for view in views]
+        for i, neighbours in ((0, [1, 1]), (4, [3, 5]), (8, [7, 7])):
+            for c in range(3):
+                self.assertAlmostEqual(gains[i][c], sum(gains[k][c] for k in neighbours) / 2, 9)
+        self.assertGreater(gains[5][0], gains[3][0])
+
     # ---- Evaluation ----
 
     def test_one_picture(self):
