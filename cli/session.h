@@ -29,8 +29,7 @@ typedef struct pags_session {
                  "0: as affinity and cgroup allow", "use so many threads; results are the same bits for any number"), \
       PAGS_TEXT("json", 0, offsetof(owner, session.json), "FILE|-", NULL,                                             \
                 "write what a machine reads to FILE, or to standard output"),                                         \
-      PAGS_FLAG("strict", 0, offsetof(owner, session.strict),                                                         \
-                "treat each warning (what is ignored, guessed, clamped or left out of an input) as an error"),        \
+      PAGS_FLAG("strict", 0, offsetof(owner, session.strict), "treat warnings about the input as errors"),            \
       PAGS_FLAG("quiet", 'q', offsetof(owner, session.quiet),                                                         \
                 "print nothing but warnings and errors, on standard error")
 

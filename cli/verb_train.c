@@ -57,8 +57,7 @@ static pags_option options[] = {
     PAGS_VALUE("split-every", 0, INT, AT(dataset.split_every), 0, 1e9, "N", NULL, "as stated, else 8; driving sets 4",
                "hold out every Nth photograph, of driving sets every Nth time step; 0: none"),
     PAGS_FLAG("reconstruction", 0, AT(reconstruction), "hold nothing out: train on every photograph"),
-    PAGS_TEXT("colmap", 0, AT(dataset.colmap), "FOLDER", NULL,
-              "take cameras and points from this COLMAP model in place of transforms.json"),
+    PAGS_TEXT("colmap", 0, AT(dataset.colmap), "FOLDER", NULL, "take cameras and points from this COLMAP model"),
     PAGS_FLAG("allow-missing", 0, AT(dataset.allow_missing), "leave out views whose photograph or pose is missing"),
     PAGS_PHOTOGRAPH_OPTIONS(AT(dataset), NULL),
     PAGS_DRIVING_OPTIONS(AT(dataset)),
@@ -71,7 +70,6 @@ static pags_option options[] = {
     PAGS_FIELD("no-objects", 0, NULL, "objects"),
     PAGS_FIELD("no-tracks", 0, NULL, "tracks"),
     PAGS_FIELD("no-sky", 0, NULL, "sky"),
-    PAGS_FIELD("no-exposure", 0, NULL, "exposure"),
     PAGS_FIELD("no-lidar-start", 0, NULL, "lidar_start"),
 
     PAGS_GROUP("Size limits (docs/budgets.md)"),
@@ -94,6 +92,7 @@ static pags_option options[] = {
     PAGS_FIELD("sh-degree", 0, "0..3", "sh_degree"),
     PAGS_FIELD("background", 0, "R,G,B", "background_r"),
     PAGS_FIELD("antialiased", 0, NULL, "antialiased"),
+    PAGS_FIELD("no-exposure", 0, NULL, "exposure"),
 
     PAGS_GROUP("Every other setting"),
     {.name = "set",

@@ -104,7 +104,7 @@ class Usage(Case):
         self.assertNotIn("default -1", shown)
 
     def test_help_of_train_is_short(self):
-        self.assertLessEqual(len(run("train", "--help").stdout.splitlines()), 114)
+        self.assertLessEqual(len(run("train", "--help").stdout.splitlines()), 110)
 
     def test_settings(self):
         train = ["train", "x", "-o", "y", "--check-options"]
