@@ -15,6 +15,7 @@ typedef struct pags_encoded {
   const char *path; /* names the file in messages */
   const uint8_t *bytes;
   size_t size;
+  int rows; /* enough rows from the top: a decoder that can stops there; 0: all are wanted */
 } pags_encoded;
 
 /* Size and samples of a picture as its decoder gives them. */

@@ -161,7 +161,7 @@ pags_result pags_image_size(const char *path, int *width, int *height) {
   return PAGS_OK;
 }
 
-static pags_result load_known(const char *path, int most, pags_image *out) {
+static pags_result load_known(const char *path, int most, int rows, pags_image *out) {
   uint8_t magic[MAGIC], *bytes;
   size_t size;
   PAGS_TRY(read_begin(path, magic, sizeof magic, &size));
@@ -169,7 +169,8 @@ static pags_result load_known(const char *path, int most, pags_image *out) {
   if (!format)
     return refuse(path, magic, size);
   PAGS_TRY(pags_file_read(path, &bytes, &size));
-  const pags_result result = format->decode(&(pags_encoded){.path = path, .bytes = bytes, .size = size}, most, out);
+  const pags_encoded file = {.path = path, .bytes = bytes, .size = size, .rows = rows};
+  const pags_result result = format->decode(&file, most, out);
   free(bytes);
   return result;
 }
@@ -190,12 +191,16 @@ static pags_result load_other(const char *path, int most, pags_image *out) {
 }
 
 pags_result pags_image_load(const char *path, pags_sample sample, int channels, pags_image *out) {
+  return pags_image_load_top(path, sample, channels, 0, out);
+}
+
+pags_result pags_image_load_top(const char *path, pags_sample sample, int channels, int rows, pags_image *out) {
   assert(path && out && channels >= 0 && channels <= 4);
   memset(out, 0, sizeof *out);
   /* Channels that are not needed are not read. For one or two wanted channels up to four are: the luma of a colour
    * picture takes three, its alpha is the fourth. */
   const int most = channels == 3 ? 3 : 4;
-  pags_result result = load_known(path, most, out);
+  pags_result result = load_known(path, most, rows, out);
   if (result == PAGS_ERROR_UNSUPPORTED)
     result = load_other(path, most, out);
   if (result == PAGS_OK)

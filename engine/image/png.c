@@ -117,11 +117,15 @@ static bool read_header(png_state *state, int most) {
   return true;
 }
 
-/* Reads all rows; an interlaced picture is completed in seven passes. */
+static bool is_interlaced(const png_state *state) {
+  return png_get_interlace_type(state->png, state->info) != PNG_INTERLACE_NONE;
+}
+
+/* Reads all rows of `image`; an interlaced picture is completed in seven passes. */
 static bool read_rows(png_state *state, pags_image *image) {
   if (setjmp(png_jmpbuf(state->png)))
     return false;
-  const bool interlaced = png_get_interlace_type(state->png, state->info) != PNG_INTERLACE_NONE;
+  const bool interlaced = is_interlaced(state);
   const size_t bytes = png_get_rowbytes(state->png, state->info);
   for (int pass = 0; pass < (interlaced ? PNG_INTERLACE_ADAM7_PASSES : 1); pass++)
     for (int y = 0; y < image->height; y++)
@@ -129,6 +133,12 @@ static bool read_rows(png_state *state, pags_image *image) {
   if (interlaced)
     png_read_end(state->png, NULL);
   return true;
+}
+
+/* Returns how many rows of the picture are to be decoded. */
+static int rows_wanted(const png_state *state, int height) {
+  const int rows = state->file->rows;
+  return rows > 0 && rows < height && !is_interlaced(state) ? rows : height;
 }
 
 static bool apply_transforms(png_state *state) {
@@ -201,7 +211,8 @@ pags_result pags_png_decode(const pags_encoded *file, int most, pags_image *out)
   if (result == PAGS_OK && !apply_transforms(&state))
     result = explain(&state, pags_encoded_bad_header);
   if (result == PAGS_OK)
-    result = pags_image_create(out, (int)info.width, (int)info.height, png_get_channels(state.png, state.info),
+    result = pags_image_create(out, (int)info.width, rows_wanted(&state, (int)info.height),
+                               png_get_channels(state.png, state.info),
                                png_get_bit_depth(state.png, state.info) == 16 ? PAGS_U16 : PAGS_U8);
   if (result == PAGS_OK && !read_rows(&state, out))
     result = explain(&state, pags_encoded_bad_samples);

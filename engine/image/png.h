@@ -12,7 +12,8 @@ pags_result pags_png_inspect(const pags_encoded *file, pags_image_facts *facts);
 
 /* Decodes a picture: U16 for 16 bits a sample, else U8. Fewer bits are scaled to 8, a palette becomes RGB, a
  * transparent colour becomes alpha; alpha is straight, and gamma and colour profile are ignored. With `most` 3, alpha
- * is left out. PAGS_ERROR_FORMAT or PAGS_ERROR_MEMORY; then `out` is zeroed. */
+ * is left out. With file->rows, the picture ends after so many rows, unless it is interlaced. PAGS_ERROR_FORMAT or
+ * PAGS_ERROR_MEMORY; then `out` is zeroed. */
 pags_result pags_png_decode(const pags_encoded *file, int most, pags_image *out);
 
 /* Encodes a U8 or U16 picture, marked as sRGB. PAGS_ERROR_MEMORY or PAGS_ERROR_IO; the caller frees out->bytes in

@@ -2,8 +2,8 @@
 /* Looks at a mask of each kind and at a label image, when a driving set is opened, and warns of what no mask of its
  * kind looks like: 0 and 1 in place of black and white, sky below, greys, ids that the label set doesn't have.
  *
- * One picture of each kind is decoded, that of the middle of the set; only where it is empty or looks wrong, up to
- * seven more are, spread over the set. */
+ * One picture of each kind is decoded, that of the middle of the set, from the top as far as is needed; only where it
+ * is empty or looks wrong, up to seven more are, spread over the set. */
 #include "dataset/driving/checks.h"
 #include "dataset/driving/masks.h"
 
@@ -54,11 +54,12 @@ static const pags_parsed_view *choose(const files *f, int look) {
 
 /* ---- Masks ---- */
 
-static pags_result look_at_mask(const char *path, const pags_lens *lens, mask_look *out) {
+/* Looks at the first `rows` rows, or all if that is 0. */
+static pags_result look_at_rows(const char *path, const pags_lens *lens, int rows, mask_look *out) {
   pags_image mask;
   int64_t counts[256] = {0};
   *out = (mask_look){0};
-  PAGS_TRY(pags_driving_load_mask(path, lens, &mask));
+  PAGS_TRY(pags_driving_load_mask_top(path, lens, rows, &mask));
   const int white = pags_driving_white(&mask), quarter = (mask.height + 3) / 4;
   const uint8_t *row = mask.data;
   for (int y = 0; y < mask.height; y++, row += mask.width) {
@@ -91,6 +92,18 @@ static bool looks_inverted(const mask_look *look, bool sky) {
   return 2 * look->white > 4 * look->quarter;
 }
 
+static bool is_grey(const mask_look *look) {
+  return 5 * look->grey > look->pixels;
+}
+
+/* Looks at the upper rows of a mask, and at all of it unless these show that it is as it should be: sky that gets less
+ * downwards, or little that moves. */
+static pags_result look_at_mask(const char *path, const pags_lens *lens, bool sky, mask_look *out) {
+  PAGS_TRY(look_at_rows(path, lens, lens->height / (sky ? 4 : 2), out));
+  const bool upright = sky ? out->above > out->below : 2 * out->white <= 4 * out->quarter;
+  return out->most >= 128 && upright && !is_grey(out) ? PAGS_OK : look_at_rows(path, lens, 0, out);
+}
+
 static pags_result check_kind(const pags_driving *driving, const char *folder, const files *f, bool sky) {
   mask_look look = {0};
   const char *path = NULL;
@@ -99,7 +112,7 @@ static pags_result check_kind(const pags_driving *driving, const char *folder, c
     const pags_parsed_view *view = choose(f, i);
     mask_look other;
     const char *at = *(char *const *)((const char *)view + f->member);
-    PAGS_TRY(look_at_mask(at, &view->lens, &other));
+    PAGS_TRY(look_at_mask(at, &view->lens, sky, &other));
     looked++;
     inverted += looks_inverted(&other, sky);
     if (!path || (look.white == 0 && look.most == 0)) {
@@ -121,7 +134,7 @@ static pags_result check_kind(const pags_driving *driving, const char *folder, c
                      "%s/%s: no pixel of %s is white (128 or above), though values go up to %d; expected 0 and 255 "
                      "(%lld masks)",
                      root, folder, name, look.most, (long long)f->count);
-  else if (5 * look.grey > look.pixels)
+  else if (is_grey(&look))
     pags_log_message(PAGS_LOG_WARNING,
                      "%s/%s: %.0f %% of the pixels of %s are grey: it may be no mask; expected 0 and 255 (%lld masks)",
                      root, folder, 100.0 * (double)look.grey / (double)look.pixels, name, (long long)f->count);

@@ -136,6 +136,8 @@ static void warn(const pags_driving *driving, const points *a, const points *b, 
   pags_rigid_inverse(a->pose, back_a);
   pags_rigid_inverse(b->pose, back_b);
   const double as_read = overlap(a, a->pose, b, b->pose, slots);
+  if (least_ratio * as_read > 1) /* nothing meets better */
+    return;
   const double world = overlap(a, identity, b, identity, slots), inverse = overlap(a, back_a, b, back_b, slots);
   const double turned = best_turn(a, b, slots, &degrees), better = fmax(fmax(world, inverse), turned);
   const char *folder = driving->rules.lidar_frame ? "lidar_pose" : "ego_pose";

@@ -14,6 +14,9 @@ pags_result pags_driving_find_mask(const pags_driving *driving, const char *fold
 /* Loads a mask: U8, one channel, of the photograph's size. PAGS_ERROR_FORMAT for another size. */
 pags_result pags_driving_load_mask(const char *path, const pags_lens *lens, pags_image *out);
 
+/* The same for a look at a mask: at least its first `rows` rows (pags_image_load_top). */
+pags_result pags_driving_load_mask_top(const char *path, const pags_lens *lens, int rows, pags_image *out);
+
 /* Loads a label image in the same way; the samples are ids of classes. Fails with PAGS_ERROR_FORMAT if the picture has
  * colours in place of ids, or ids above 255. */
 pags_result pags_driving_load_labels(const char *path, const pags_lens *lens, pags_image *out);

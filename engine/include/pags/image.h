@@ -62,6 +62,10 @@ PAGS_API pags_result pags_image_turn(pags_image *image, int orientation);
  * zeroed. */
 PAGS_API pags_result pags_image_load(const char *path, pags_sample sample, int channels, pags_image *out);
 
+/* The same for a look at a picture: of a PNG that isn't interlaced only the first `rows` rows are decoded, and
+ * out->height is their number; of another picture, or where `rows` is 0 or less or the height or more, all are. */
+PAGS_API pags_result pags_image_load_top(const char *path, pags_sample sample, int channels, int rows, pags_image *out);
+
 /* Writes a picture in the format of the extension: .png (8 or 16 bits as the image has; float samples are clamped
  * to 0..1 and rounded to 8 bits), .jpg or .jpeg (8 bits, quality 95, alpha dropped) or .exr (float). The file is
  * written under another name beside the final one and then renamed: it appears complete or not at all.
