@@ -9,6 +9,8 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+enum { NO_LIMIT = 77 }; /* of the child: a limit was set and more was given */
+
 /* Rows that each cover all of 1024 tiles, more than 2^31 pairs in total, whose lists would take 32 GiB. Runs in
  * a child process limited to 1 GiB. */
 static int overflow_in_child(void) {
@@ -54,10 +56,17 @@ static void more_pairs_than_32_bits(void **state) {
   assert_true(child >= 0);
   if (child == 0) {
     const struct rlimit most = {(rlim_t)1 << 30, (rlim_t)1 << 30};
-    _exit(setrlimit(RLIMIT_AS, &most) == 0 ? overflow_in_child() : 1);
+    if (setrlimit(RLIMIT_AS, &most) != 0)
+      _exit(1);
+    void *volatile more = malloc((size_t)1 << 31);
+    _exit(more ? NO_LIMIT : overflow_in_child());
   }
   assert_int_equal(waitpid(child, &status, 0), child);
   assert_true(WIFEXITED(status));
+  if (WEXITSTATUS(status) == NO_LIMIT) {
+    printf("skipped: a limit on memory doesn't hold here, as under qemu-user\n");
+    skip();
+  }
   assert_int_equal(WEXITSTATUS(status), 0);
 }
 
