@@ -3,6 +3,7 @@
  * LiDAR depth, and with the truth of synthetic data sets. */
 #include "cli/depth_errors.h"
 #include "cli/interrupt.h"
+#include "cli/option_rules.h"
 #include "cli/photographs.h"
 #include "cli/picture.h"
 #include "cli/pose_errors.h"
@@ -367,10 +368,26 @@ static void choose_picture(evaluation *self) {
     frame->low_pass = arguments->low_pass;
 }
 
+/* Refuses options that the scene's own views overrule: their size and, but for the sweeps of a drive, the split. */
+static pags_result check_effect(const evaluation *self, const char *scene_path) {
+  const bool free = self->scene->view_count == 0;
+  const pags_option_rule rules[] = {
+      {"downscale allow-missing", free, NULL}, {"split-every", free || self->scene->fps > 0, NULL}, {0}};
+  char names[128];
+  if (!pags_option_idle(self->parsed, rules, names, sizeof names))
+    return PAGS_OK;
+  return pags_fail(
+      PAGS_ERROR_ARGUMENT,
+      "%s: %s: no effect, since the scene records its views, their size and which are held out; expected a "
+      "splat file",
+      scene_path, names);
+}
+
 static pags_result open_all(evaluation *self, const char *scene_path) {
   const eval_arguments *arguments = self->arguments;
   PAGS_TRY(pags_composition_load(scene_path, &self->composition));
   self->scene = pags_composition_scene(self->composition);
+  PAGS_TRY(check_effect(self, scene_path));
   const char *dataset = arguments->dataset ? arguments->dataset : self->scene->dataset;
   if (!dataset)
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: doesn't say what it was trained on; expected --dataset DATASET",

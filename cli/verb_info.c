@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* pags info: recognises a file or folder by its content (data set, scene, splat file, camera, path, checkpoint,
  * image) and reports what it holds. */
+#include "cli/option_rules.h"
 #include "cli/overlay.h"
 #include "cli/reading.h"
 #include "cli/report.h"
@@ -31,6 +32,7 @@ typedef struct info_arguments {
   const char *overlay;
   pags_dataset_options options;
   pags_reading reading;
+  const pags_parsed *parsed;
 } info_arguments;
 
 #define AT(member) offsetof(info_arguments, member)
@@ -68,9 +70,27 @@ static const pags_verb verb = {.name = "info",
 
 /* ---- Scenes, data sets and cameras ---- */
 
+typedef enum info_kind { INFO_SCENE, INFO_DATASET, INFO_OTHER } info_kind;
+
+/* Refuses options that are of another kind of input than this one. */
+static pags_result check_effect(const info_arguments *arguments, const char *path, info_kind kind) {
+  static const char *const kinds[] = {"a scene or splat file", "a data set", "such a file"};
+  const pags_option_rule rules[] = {{"memory objects up axes", kind == INFO_SCENE, "scenes and splat files"},
+                                    {"overlay downscale split-every colmap allow-missing image-folder image-alpha kind "
+                                     "cameras frames holdout-camera ego-mask critical sfm",
+                                     kind == INFO_DATASET, "data sets"},
+                                    {0}};
+  char names[256];
+  const pags_option_rule *idle = pags_option_idle(arguments->parsed, rules, names, sizeof names);
+  if (!idle)
+    return PAGS_OK;
+  return pags_fail(PAGS_ERROR_ARGUMENT, "%s: %s: no effect on %s, only on %s", path, names, kinds[kind], idle->needs);
+}
+
 static pags_result describe_scene(pags_report *report, const info_arguments *arguments, const char *path) {
   const pags_scene_facts_options chosen = {arguments->session.tasks, arguments->memory, arguments->objects,
                                            arguments->reading};
+  PAGS_TRY(check_effect(arguments, path, INFO_SCENE));
   return pags_scene_facts(report, path, &chosen);
 }
 
@@ -110,6 +130,7 @@ static pags_result describe_dataset(pags_report *report, const info_arguments *a
   const float *xyz;
   const uint8_t *rgb;
   int random;
+  PAGS_TRY(check_effect(arguments, path, INFO_DATASET));
   PAGS_TRY(pags_dataset_open(path, &arguments->options, &dataset));
   const pags_place place = pags_dataset_place(dataset);
   int64_t count = pags_dataset_view_count(dataset);
@@ -142,8 +163,9 @@ static pags_result describe_dataset(pags_report *report, const info_arguments *a
   return result;
 }
 
-static pags_result describe_cameras(pags_report *report, const char *path) {
+static pags_result describe_cameras(pags_report *report, const info_arguments *arguments, const char *path) {
   pags_camera_path cameras;
+  PAGS_TRY(check_effect(arguments, path, INFO_OTHER));
   PAGS_TRY(pags_camera_path_load(path, &cameras));
   const pags_camera *first = &cameras.cameras[0];
   double position[3] = {first->world_from_camera[3], first->world_from_camera[7], first->world_from_camera[11]};
@@ -189,7 +211,7 @@ static pags_result describe_json(pags_report *report, const info_arguments *argu
   pags_json_destroy(json);
   return matrices  ? describe_dataset(report, arguments, path)
          : splats  ? describe_scene(report, arguments, path)
-         : cameras ? describe_cameras(report, path)
+         : cameras ? describe_cameras(report, arguments, path)
                    : describe_dataset(report, arguments, path);
 }
 
@@ -259,6 +281,7 @@ static pags_result describe(pags_report *report, const info_arguments *arguments
     /* An image: report size and bytes. */
     int width, height;
     uint64_t bytes;
+    PAGS_TRY(check_effect(arguments, path, INFO_OTHER));
     PAGS_TRY(pags_image_size(path, &width, &height));
     PAGS_TRY(pags_file_size(path, &bytes));
     pags_report_text(report, "kind", "image");
@@ -271,6 +294,7 @@ static pags_result describe(pags_report *report, const info_arguments *arguments
     /* A checkpoint: report its Gaussians, steps and loss. */
     pags_checkpoint_facts checkpoint;
     uint64_t bytes;
+    PAGS_TRY(check_effect(arguments, path, INFO_OTHER));
     PAGS_TRY(pags_file_size(path, &bytes));
     PAGS_TRY(pags_checkpoint_inspect(path, &checkpoint));
     pags_report_text(report, "kind", "checkpoint");
@@ -300,6 +324,7 @@ static pags_result describe(pags_report *report, const info_arguments *arguments
 int pags_verb_info(int argc, char **argv) {
   info_arguments arguments = {.options = pags_dataset_options_default()};
   pags_parsed parsed;
+  arguments.parsed = &parsed;
   pags_report report;
   pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
   if (status != PAGS_PARSE_OK)

@@ -6,6 +6,7 @@
 #include "cli/deadline_report.h"
 #include "cli/interrupt.h"
 #include "cli/object_edits.h"
+#include "cli/option_rules.h"
 #include "cli/picture_queue.h"
 #include "cli/reading.h"
 #include "cli/session.h"
@@ -473,6 +474,22 @@ static pags_result render(renderer *self, const pags_parsed *parsed, unsigned ch
   return write_json(self);
 }
 
+/* Refuses options that have no effect on what is drawn. */
+static int check_effect(const render_arguments *arguments, const pags_parsed *parsed) {
+  const bool along = !pags_option_given(parsed, "split") && !arguments->camera;
+  const bool orbit = along && !strcmp(arguments->path, "orbit"), ego = along && !strcmp(arguments->path, "ego");
+  const pags_option_rule rules[] = {
+      {"split-every colmap allow-missing image-folder", arguments->dataset != NULL, "--dataset"},
+      {"shift fps", ego, "--path ego"},
+      {"frames", orbit || ego, "--path orbit or ego"},
+      {"stand", orbit, "--path orbit"},
+      {"bits", arguments->format == PAGS_PICTURE_PNG, "--format png"},
+      {0}};
+  char names[128];
+  const pags_option_rule *idle = pags_option_idle(parsed, rules, names, sizeof names);
+  return idle ? pags_usage_error(&verb, "%s: no effect without %s", names, idle->needs) : PAGS_EXIT_OK;
+}
+
 static int check_usage(const render_arguments *arguments, const pags_parsed *parsed, unsigned *channels) {
   char unknown[80];
   int ways =
@@ -493,8 +510,8 @@ static int check_usage(const render_arguments *arguments, const pags_parsed *par
     return pags_usage_error(&verb, "--budget-ms excludes --early-z paper and --order paper");
   if (*channels >> PAGS_CHANNEL_PRIORITY & 1 && arguments->format == PAGS_PICTURE_PNG)
     *channels |= 1u << PAGS_CHANNEL_HEAT;
-  if ((arguments->shift != 0 || arguments->fps > 0) && strcmp(arguments->path, "ego") != 0)
-    return pags_usage_error(&verb, "--shift and --fps need --path ego");
+  if (check_effect(arguments, parsed))
+    return PAGS_EXIT_USAGE;
   if (arguments->fps > 0 && pags_option_given(parsed, "frames"))
     return pags_usage_error(&verb, "--fps and --frames exclude each other");
   const char *expected;

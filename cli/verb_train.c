@@ -2,6 +2,7 @@
 /* pags train: reconstructs a scene folder from a data set of posed photographs. Options that are fields of the
  * training configuration take type, range and help from its field table. */
 #include "cli/interrupt.h"
+#include "cli/option_rules.h"
 #include "cli/session.h"
 #include "cli/verbs.h"
 
@@ -12,6 +13,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/log.h"
 #include "base/text.h"
 #include "port/port.h"
 
@@ -25,6 +27,7 @@ typedef struct train_arguments {
   int fields;
   pags_train_config config;
   pags_train_options options;
+  const pags_parsed *parsed;
 } train_arguments;
 
 #define AT(member) offsetof(train_arguments, member)
@@ -282,9 +285,22 @@ static void report(const train_arguments *arguments, const pags_train_result *re
 
 /* ---- The verb ---- */
 
+/* Warns of options of driving sets, which change nothing of the training on a static one. */
+static void warn_of_idle(const train_arguments *arguments, const pags_dataset *dataset) {
+  const pags_option_rule rules[] = {{"no-objects no-tracks no-sky no-lidar-start critical-weight critical-growth",
+                                     pags_dataset_fps(dataset) > 0, "driving sets"},
+                                    {0}};
+  char names[160];
+  const pags_option_rule *idle = pags_option_idle(arguments->parsed, rules, names, sizeof names);
+  if (idle)
+    pags_log_message(PAGS_LOG_WARNING, "%s: %s: no effect on a static set (%s), only on %s", pags_dataset_path(dataset),
+                     names, pags_dataset_kind(dataset), idle->needs);
+}
+
 static pags_result train(train_arguments *arguments, const char *path, pags_train_result *result) {
   pags_dataset *dataset;
   PAGS_TRY(pags_dataset_open(path, &arguments->dataset, &dataset));
+  warn_of_idle(arguments, dataset);
   if (pags_dataset_view_count(dataset) > 0) {
     /* Print the data set's objects, notes, views and starting points. */
     int64_t count = pags_dataset_view_count(dataset), held_out = 0, points;
@@ -384,6 +400,8 @@ static int usage_conflict(const train_arguments *arguments, const pags_parsed *p
     return pags_usage_error(&verb, "--reconstruction and --split-every exclude each other");
   if (pags_train_config_check(&arguments->config) != PAGS_OK)
     return pags_usage_error(&verb, "%s", pags_error_message());
+  if (arguments->prune_rate && arguments->config.priority.preset == PAGS_PRESET_NONE)
+    return pags_usage_error(&verb, "--prune-rate: no effect without --preset");
   return PAGS_EXIT_OK;
 }
 
@@ -393,6 +411,7 @@ int pags_verb_train(int argc, char **argv) {
                                .options = pags_train_options_default()};
   pags_train_result result = {0};
   pags_parsed parsed;
+  arguments.parsed = &parsed;
   complete_rows();
   for (int i = 0; i < argc && strcmp(argv[i], "--"); i++) /* --fields needs no DATASET */
     if (!strcmp(argv[i], "--fields")) {

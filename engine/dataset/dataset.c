@@ -20,6 +20,7 @@
 
 #include <assert.h>
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -337,6 +338,30 @@ static pags_result find_pictures(pags_dataset *dataset, const pags_dataset_optio
   return result;
 }
 
+/* Refuses options of driving sets for a static one, on which they have no effect. */
+static pags_result check_static(const char *path, const pags_parsed_dataset *parsed,
+                                const pags_dataset_options *options) {
+  char frames[48];
+  snprintf(frames, sizeof frames, "%lld-%lld", (long long)options->frame_first, (long long)options->frame_last);
+  if (options->frame_last < 0)
+    frames[strcspn(frames, "-") + 1] = '\0';
+  const bool some = options->frame_first != 0 || options->frame_last >= 0;
+  const struct {
+    const char *name, *value, *has;
+  } rows[] = {{"kind", options->kind, "the layout that it names"},
+              {"cameras", options->cameras, "numbered cameras"},
+              {"frames", some ? frames : NULL, "time steps"},
+              {"holdout-camera", options->holdout_camera, "numbered cameras"},
+              {"ego-mask", options->ego_mask, "a recording car"},
+              {"critical", options->critical, "labels"},
+              {"sfm", options->sfm, "points of a further model (expected --colmap to choose a model)"}};
+  for (size_t i = 0; i < sizeof rows / sizeof *rows; i++)
+    if (rows[i].value)
+      return pags_fail(PAGS_ERROR_ARGUMENT, "%s: --%s '%s' is asked for, but only driving sets have %s; this is %s",
+                       path, rows[i].name, rows[i].value, rows[i].has, parsed->kind);
+  return PAGS_OK;
+}
+
 /* From 4096 on, neighbouring single-precision numbers are half a millimetre apart (2^-11 m) or more. Camera positions
  * beyond it move the origin. */
 #define LARGE_COORDINATE 4096.0
@@ -350,6 +375,8 @@ static pags_result open_into(pags_dataset *dataset, const char *path, const pags
   for (int c = 0; c < 3; c++)
     dataset->background[c] = (uint8_t)(fmin(fmax(options->background[c], 0), 1) * 255 + 0.5);
   PAGS_TRY(read_parsed(path, options, &dataset->parsed));
+  if (!dataset->parsed.driving)
+    PAGS_TRY(check_static(path, &dataset->parsed, options));
   pags_dataset_options resolved = *options;
   PAGS_TRY(find_pictures(dataset, options)); /* sorts the views */
   number_views(&dataset->parsed);
@@ -374,9 +401,6 @@ static pags_result open_into(pags_dataset *dataset, const char *path, const pags
   for (int c = 0; c < 3; c++)
     dataset->origin[c] = largest > LARGE_COORDINATE ? pags_round(mean[c]) : 0;
 
-  if (options->critical && !dataset->parsed.driving)
-    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: critical '%s' is asked for, but only driving sets have labels", path,
-                     options->critical);
   if (dataset->parsed.driving)
     PAGS_TRY(pags_ego_masks_make(dataset, options));
   PAGS_TRY(pags_dataset_make_points(dataset, options));
