@@ -24,7 +24,18 @@ typedef struct candidate {
 typedef struct candidates {
   int count;
   candidate items[64]; /* of one parent; more are not looked at */
+  /* Other captures beside that one, found on the same level: how many, the folder of the first, and whether they have
+   * pictures of their own or another number of them. */
+  int others;
+  char *other;
+  bool differ;
 } candidates;
+
+static void candidates_destroy(candidates *all) {
+  for (int i = 0; i < all->count; i++)
+    free(all->items[i].folder);
+  free(all->other);
+}
 
 /* The number of images of a model: the count at the head of images.bin, or the records of images.txt. 0 if it can't be
  * read, which is said when the model is opened. */
@@ -92,21 +103,81 @@ static pags_result consider_children(candidates *all, const char *folder) {
   return result == PAGS_OK ? consider(all, pags_text_copy(folder)) : result;
 }
 
-/* Looks `levels` levels below `folder`, each level before the next; *left bounds how many folders are opened. */
+static int64_t most_pictures(const candidates *all) {
+  int64_t most = 0;
+  for (int i = 0; i < all->count; i++)
+    most = all->items[i].pictures > most ? all->items[i].pictures : most;
+  return most;
+}
+
+/* Whether the folder is a data set that isn't COLMAP's. */
+static bool is_other_set(const char *folder) {
+  static const char *const files[] = {"transforms.json", "transforms_train.json", "dataset.json"};
+  bool found = false;
+  for (size_t i = 0; i < sizeof files / sizeof *files; i++)
+    found = found || pags_folder_has(folder, files[i]);
+  return found;
+}
+
+static bool has_images(const char *folder) {
+  char *images = pags_path_join(folder, "images");
+  const bool found = images && pags_dir_exists(images);
+  free(images);
+  return found;
+}
+
+/* Notes that `folder`, a data set with the models `more`, if any, lies beside `home`, which has those of `all`. Models
+ * of the same pictures, dense/sparse beside distorted/sparse say, have as many, and one of the folders has no pictures.
+ */
+static pags_result add_other(candidates *all, const char *home, const candidates *more, const char *folder) {
+  all->others += 1 + more->others;
+  all->differ = all->differ || !more->count || more->differ || most_pictures(more) != most_pictures(all) ||
+                (has_images(home) && has_images(folder));
+  if (!all->other)
+    all->other = pags_text_copy(more->count ? more->items[0].folder : folder);
+  return all->other ? PAGS_OK : pags_out_of_memory("%s", folder);
+}
+
+static pags_result consider_level(candidates *all, const char *folder, int depth, int *left, bool *found);
+
+/* Looks `levels` levels below `folder`, each level before the next; *left bounds how many folders are opened. The first
+ * folder with models counts. */
 static pags_result consider_below(candidates *all, const char *folder, int levels, int *left) {
   PAGS_TRY(consider_children(all, folder));
   if (all->count || levels == 0 || (*left)-- <= 0)
     return PAGS_OK;
+  pags_result result = PAGS_OK;
+  bool found = false;
+  for (int depth = 0; depth < levels && result == PAGS_OK && !found; depth++)
+    result = consider_level(all, folder, depth, left, &found);
+  return result;
+}
+
+/* Looks for models `depth` levels below the children of `folder`. Of those beside the child that has them, data sets a
+ * level further down are noted, too: a/sparse lies beside b/sparse/0. */
+static pags_result consider_level(candidates *all, const char *folder, int depth, int *left, bool *found) {
   pags_dir_list list = list_of(folder);
   pags_result result = PAGS_OK;
-  for (int depth = 0; depth < levels && result == PAGS_OK && !all->count; depth++)
-    for (int64_t i = 0; i < list.count && result == PAGS_OK && !all->count; i++) {
-      char *inside =
-          pags_is_picture_name(list.names[i]) || list.names[i][0] == '.' ? NULL : pags_path_join(folder, list.names[i]);
-      if (inside && pags_dir_exists(inside))
-        result = consider_below(all, inside, depth, left);
+  char *home = NULL; /* the child that has the models of `all` */
+  for (int pass = 0; pass < 2 && result == PAGS_OK && (pass == 0 || home); pass++)
+    for (int64_t i = 0; i < list.count && result == PAGS_OK && (pass == 1 || !home); i++) {
+      if (pags_is_picture_name(list.names[i]) || list.names[i][0] == '.')
+        continue;
+      char *inside = pags_path_join(folder, list.names[i]);
+      candidates more = {0};
+      const bool same = home && inside && strcmp(inside, home) == 0;
+      if (inside && !same && pags_dir_exists(inside)) {
+        result = consider_below(pass ? &more : all, inside, depth + pass, left);
+        if (result == PAGS_OK && pass && (more.count || is_other_set(inside)))
+          result = add_other(all, home, &more, inside);
+        if (!pass && all->count)
+          home = pags_text_copy(inside);
+      }
+      candidates_destroy(&more);
       free(inside);
     }
+  *found = home != NULL;
+  free(home);
   pags_dir_list_destroy(&list);
   return result;
 }
@@ -130,6 +201,10 @@ static void say_choice(const char *root, const candidates *all, const candidate 
                      "%s with %lld (--colmap FOLDER takes another)",
                      root, all->count, chosen->folder + skip, (long long)chosen->pictures, all->count - 1,
                      strlen(other->folder) > skip ? other->folder + skip : ".", (long long)other->pictures);
+  if (all->others)
+    pags_log_message(all->differ ? PAGS_LOG_WARNING : PAGS_LOG_INFO,
+                     "%s: holds %d data sets: %s is used, and %d left out, the first is %s (give the folder of one)",
+                     root, all->others + 1, chosen->folder + skip, all->others, all->other + skip);
 }
 
 pags_result pags_colmap_find_model(const char *root, char **out) {
@@ -154,8 +229,7 @@ pags_result pags_colmap_find_model(const char *root, char **out) {
     *out = chosen->folder;
     chosen->folder = NULL;
   }
-  for (int i = 0; i < all.count; i++)
-    free(all.items[i].folder);
+  candidates_destroy(&all);
   return result;
 }
 

@@ -73,6 +73,26 @@ class Colmap(Case):
                 self.assertEqual(self.views(facts), 6)
                 self.folder = os.path.dirname(self.folder)
 
+    def test_several_captures(self):
+        """The first by name is used, which is a warning unless the others are models of the same pictures."""
+        self.model("a/reconstruction", self.pictures(5, "a/images"))
+        self.model("b/sparse/0", self.pictures(6, "b/images"))
+        self.model("c/sparse", self.pictures(5, "c/images"))
+        facts, _ = self.info()
+        self.assertEqual(self.views(facts), 5)
+        self.warning(facts, f"{self.folder}: holds 3 data sets: a/reconstruction is used, and 2 left out, the first is b/sparse")
+        for verb in [["info", self.folder], ["train", self.folder, "-o", self.path("out")]]:
+            self.fails([*verb, "--strict"], "b/sparse", "because of --strict")
+        shutil.rmtree(self.path("b"))
+        self.warning(self.info()[0], "2 data sets", "the first is c/sparse")
+        shutil.rmtree(self.path("c"))
+        self.write("c/transforms.json", "{}")
+        self.warning(self.info()[0], "2 data sets", "the first is c (")
+        shutil.rmtree(self.path("c"))
+        self.model("distorted/sparse", self.pictures(5, "a/images"))
+        facts, printed = self.info("--strict")
+        self.assertIn("the first is distorted/sparse", printed)
+
     def test_names_of_windows(self):
         self.pictures(folder="images/Left")
         self.model("sparse/0", [f"Left\\{i}.png" for i in range(6)])
