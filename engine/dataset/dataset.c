@@ -7,6 +7,7 @@
 #include "dataset/colmap_models.h"
 #include "dataset/driving/reader.h"
 #include "dataset/foreign.h"
+#include "dataset/foreign_recording.h"
 #include "dataset/photo_mask.h"
 #include "dataset/pictures.h"
 #include "dataset/splits.h"
@@ -75,6 +76,21 @@ static pags_result read_transforms_of(const char *folder, const char *transforms
   return pags_transforms_read(transforms, parsed);
 }
 
+/* Reads a folder by the rules that --kind names, if it is in drivestudio's layout at all. */
+static pags_result read_of_kind(const char *path, const pags_dataset_options *options, pags_parsed_dataset *parsed) {
+  if (pags_driving_is_set(path))
+    return pags_driving_read(path, options, parsed);
+  char *images = pags_path_join(path, "images");
+  const bool has_images = images && pags_dir_exists(images);
+  free(images);
+  PAGS_TRY(pags_foreign_recording_check(path, true));
+  return pags_fail(PAGS_ERROR_FORMAT,
+                   "%s: not in drivestudio's layout, which --kind %s asks for: expected the folders images, intrinsics, "
+                   "extrinsics and ego_pose (docs/dataset-layout.md), found %s; other data sets are read without --kind",
+                   path, options->kind,
+                   has_images ? "images, but neither extrinsics nor ego_pose" : "no folder images");
+}
+
 static pags_result read_parsed(const char *path, const pags_dataset_options *options, pags_parsed_dataset *parsed) {
   if (!pags_path_exists(path))
     return pags_fail(PAGS_ERROR_IO, "%s: no such file or folder", path);
@@ -89,7 +105,7 @@ static pags_result read_parsed(const char *path, const pags_dataset_options *opt
     pags_result result;
     bool found = true;
     if (options->kind)
-      result = pags_driving_read(path, options, parsed);
+      result = read_of_kind(path, options, parsed);
     else if (pags_file_exists(transforms))
       result = read_transforms_of(path, transforms, parsed);
     else if (pags_driving_is_set(path))

@@ -10,7 +10,7 @@
 #include "base/memory.h"
 
 #define LAYOUT "docs/dataset-layout.md describes the files to write from it"
-#define DRIVESTUDIO "drivestudio's datasets/preprocess.py makes the data set that is read"
+#define DRIVESTUDIO "drivestudio's datasets/preprocess.py makes of it the data set that is read"
 
 /* ---- Folders ---- */
 
@@ -20,14 +20,14 @@ static const struct sign {
   bool importable;
   const char *text;
 } signs[] = {
-    {{"city_SE3_egovehicle.feather"}, false, "a log of Argoverse 2; " DRIVESTUDIO " (--kind argoverse2)"},
-    {{"annotations.feather", "sensors"}, false, "a log of Argoverse 2; " DRIVESTUDIO " (--kind argoverse2)"},
-    {{"samples", "sweeps"}, false, "nuScenes; " DRIVESTUDIO " (--kind nuscenes)"},
-    {{"v1.0-mini"}, false, "nuScenes; " DRIVESTUDIO " (--kind nuscenes)"},
-    {{"v1.0-trainval"}, false, "nuScenes; " DRIVESTUDIO " (--kind nuscenes)"},
-    {{"camera/front_camera", "lidar"}, false, "a raw sequence of PandaSet; " DRIVESTUDIO " (--kind pandaset)"},
-    {{"annotations/cuboids", "lidar"}, false, "a raw sequence of PandaSet; " DRIVESTUDIO " (--kind pandaset)"},
-    {{"nuplan-v1.1"}, false, "nuPlan; " DRIVESTUDIO " (--kind nuplan)"},
+    {{"city_SE3_egovehicle.feather"}, false, "a log of Argoverse 2; " DRIVESTUDIO ", then with --kind argoverse2"},
+    {{"annotations.feather", "sensors"}, false, "a log of Argoverse 2; " DRIVESTUDIO ", then with --kind argoverse2"},
+    {{"samples", "sweeps"}, false, "nuScenes; " DRIVESTUDIO ", then with --kind nuscenes"},
+    {{"v1.0-mini"}, false, "nuScenes; " DRIVESTUDIO ", then with --kind nuscenes"},
+    {{"v1.0-trainval"}, false, "nuScenes; " DRIVESTUDIO ", then with --kind nuscenes"},
+    {{"camera/front_camera", "lidar"}, false, "a raw sequence of PandaSet; " DRIVESTUDIO ", then with --kind pandaset"},
+    {{"annotations/cuboids", "lidar"}, false, "a raw sequence of PandaSet; " DRIVESTUDIO ", then with --kind pandaset"},
+    {{"nuplan-v1.1"}, false, "nuPlan; " DRIVESTUDIO ", then with --kind nuplan"},
     {{"data_2d_raw"}, false, "KITTI-360, which isn't imported; " LAYOUT},
     {{"data_3d_raw"}, false, "KITTI-360, which isn't imported; " LAYOUT},
     {{"calibration/perspective.txt"}, false, "KITTI-360, which isn't imported; " LAYOUT},
@@ -119,7 +119,7 @@ static const struct {
 } files[] = {{"PAR1",
               "a parquet file, as of Waymo Open v2, which isn't imported; the segment's .tfrecord of version 1 is "
               "(pags import waymo)"},
-             {"ARROW1", "a feather file, as of Argoverse 2; of the log's folder, " DRIVESTUDIO " (--kind argoverse2)"},
+             {"ARROW1", "a feather file, as of Argoverse 2; of the log's folder, " DRIVESTUDIO ", then with --kind argoverse2"},
              {"#ROSBAG", "a ROS bag, which isn't read; " LAYOUT},
              {"\x89MCAP", "an MCAP recording, which isn't read; " LAYOUT},
              {"SQLite format 3", "a database, as of nuPlan or ROS 2, which isn't read; " LAYOUT},

@@ -486,6 +486,17 @@ class Foreign(Case):
             self.fails(["info", self.path(name)], self.path(name), *words)
             self.fails(["train", self.path(name), "-o", self.path("scene")], self.path(name), *words)
 
+    def test_a_kind_of_another_layout(self):
+        """--kind on what isn't in drivestudio's layout says what was found and expected."""
+        out = ["-o", self.path("scene"), "--kind"]
+        self.write("av2/city_SE3_egovehicle.feather", b"ARROW1\0\0")
+        self.fails(["train", self.path("av2"), *out, "argoverse2"], "a log of Argoverse 2; drivestudio's", "then with --kind argoverse2")
+        self.write("static/transforms.json", "{}")
+        words = ["static: not in drivestudio's layout", "--kind waymo", "expected the folders images"]
+        self.fails(["train", self.path("static"), *out, "waymo"], *words, "found no folder images", "without --kind")
+        self.write("static/images/0_0.png", "")
+        self.fails(["info", self.path("static"), "--kind", "waymo"], *words, "neither extrinsics nor ego_pose")
+
     def test_importers_say_so_too(self):
         if run("import", "--help").returncode:
             self.skipTest("this build has no pags import")
