@@ -444,6 +444,20 @@ static void put_axes(pags_report *report, const pags_splat_facts *file) {
   pags_report_text(report, "axes", text);
 }
 
+/* Says which axis is up, and who says so: the file (also by the record of its axes), an option, or nobody, so that -y
+ * is assumed. */
+static void put_up(pags_report *report, const pags_scene *scene, const pags_reading *reading) {
+  const pags_splat_facts *file = &scene->file;
+  const bool record = file->axes_from && strcmp(file->axes_from, "record") == 0;
+  const char *const from = reading->up || (reading->axes && file->up == PAGS_UP_UNKNOWN) ? "option"
+                           : !file->kind || file->up != PAGS_UP_UNKNOWN || record        ? "file"
+                                                                                         : "default";
+  const char *const name = pags_up_name(scene->up);
+  pags_report_line(report, "up", "%s%s", name, strcmp(from, "default") == 0 ? ", assumed; --up overrides" : "");
+  pags_json_put_string(&report->json, "up", name);
+  pags_json_put_string(&report->json, "up_from", from);
+}
+
 pags_result pags_scene_facts(pags_report *report, const char *path, const pags_scene_facts_options *options) {
   pags_scene scene;
   uint64_t bytes = 0;
@@ -459,7 +473,7 @@ pags_result pags_scene_facts(pags_report *report, const char *path, const pags_s
   /* Report up, origin, place and bounds in the world. */
   double lo[3], hi[3];
   put_axes(report, &scene.file);
-  pags_report_text(report, "up", pags_up_name(scene.up));
+  put_up(report, &scene, &options->reading);
   pags_report_flag(report, "antialiased", scene.antialiased != 0);
   pags_report_vector(report, "origin", scene.origin, 3);
   pags_report_place(report, &scene.place);

@@ -84,11 +84,11 @@ static pags_result read_of_kind(const char *path, const pags_dataset_options *op
   const bool has_images = images && pags_dir_exists(images);
   free(images);
   PAGS_TRY(pags_foreign_recording_check(path, true));
-  return pags_fail(PAGS_ERROR_FORMAT,
-                   "%s: not in drivestudio's layout, which --kind %s asks for: expected the folders images, intrinsics, "
-                   "extrinsics and ego_pose (docs/dataset-layout.md), found %s; other data sets are read without --kind",
-                   path, options->kind,
-                   has_images ? "images, but neither extrinsics nor ego_pose" : "no folder images");
+  return pags_fail(
+      PAGS_ERROR_FORMAT,
+      "%s: not in drivestudio's layout, which --kind %s asks for: expected the folders images, intrinsics, "
+      "extrinsics and ego_pose (docs/dataset-layout.md), found %s; other data sets are read without --kind",
+      path, options->kind, has_images ? "images, but neither extrinsics nor ego_pose" : "no folder images");
 }
 
 static pags_result read_parsed(const char *path, const pags_dataset_options *options, pags_parsed_dataset *parsed) {

@@ -220,6 +220,10 @@ class RoundTrips(Splats):
         self.assertEqual(self.info("bare.ply")["up"], "-y")
         self.works("export", self.path("bare.ply"), self.path("z.ply"), "--up", "z")
         self.assertEqual(self.info("z.ply")["up"], "+z")
+        said = [self.info("a.ply", "--up", "y"), self.info("bare.ply"), self.info("z.ply")]
+        self.assertEqual([facts["up_from"] for facts in said], ["option", "default", "file"])
+        self.assertIn("-y, assumed; --up overrides", self.works("info", self.path("bare.ply")))
+        self.assertNotIn("assumed", self.works("info", self.path("z.ply")))
         self.works("render", self.path("bare.ply"), "--up", "z", "-n", "2", "--downscale", "16", "-o", self.path("pictures"))
 
     def test_spz_beyond_its_range(self):
