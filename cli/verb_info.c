@@ -20,6 +20,7 @@
 #include <strings.h>
 #include "base/file.h"
 #include "base/log.h"
+#include "dataset/find_file.h"
 #include "dataset/foreign.h"
 #include "dataset/foreign_recording.h"
 #include "port/port.h"
@@ -184,7 +185,8 @@ static pags_result describe_cameras(pags_report *report, const info_arguments *a
 
 /* ---- Recognising a file and the verb ---- */
 
-static bool is_image(const unsigned char *head) {
+/* Whether a file begins as a picture of the usual kinds, or is called like one of another kind (BMP, HDR, ...). */
+static bool is_image(const char *path, const unsigned char *head) {
   static const struct {
     const char *magic;
     size_t length;
@@ -192,7 +194,7 @@ static bool is_image(const unsigned char *head) {
   for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++)
     if (!memcmp(head, kinds[i].magic, kinds[i].length))
       return true;
-  return false;
+  return (!memcmp(head, "RIFF", 4) && !memcmp(head + 8, "WEBP", 4)) || pags_is_picture_name(pags_path_name(path));
 }
 
 /* A JSON file is a transforms file (a data set) if its frames have matrices; a camera or path file if it has sizes and
@@ -277,7 +279,7 @@ static pags_result describe(pags_report *report, const info_arguments *arguments
     return pags_fail(PAGS_ERROR_IO, "%s: can't be read", path);
   PAGS_TRY(got ? PAGS_OK : pags_fail(PAGS_ERROR_FORMAT, "%s: is empty", path));
 
-  if (is_image(head)) {
+  if (is_image(path, head)) {
     /* An image: report size and bytes. */
     int width, height;
     uint64_t bytes;

@@ -2,6 +2,7 @@
 """Inputs of every kind that people bring: what is ignored, guessed, clamped or left out is said once, in the JSON as well, and is an
 error with --strict."""
 
+import base64
 import json
 import os
 
@@ -38,6 +39,28 @@ class Warnings(Case):
     def test_good_files_give_none(self):
         done = self.succeeds("info", self.good, "--strict", "--json", "-")
         self.assertEqual(json.loads(done.stdout)["warnings"], [])
+
+
+class Pictures(Case):
+    """info knows every picture that can be opened."""
+
+    def size(self, name, data):
+        path = self.write(name, data)
+        done = run("info", path, "--json", "-")
+        if "PNG, JPEG and EXR are read" in done.stderr:
+            self.skipTest("this build reads no other pictures")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        facts = json.loads(done.stdout)
+        return facts["kind"], facts["width"], facts["height"]
+
+    def test_webp(self):
+        webp = base64.b64decode("UklGRhoAAABXRUJQVlA4TA0AAAAvAAAAEAcQERGIiP4HAA==")
+        self.assertEqual(self.size("a.webp", webp), ("image", 1, 1))
+        self.assertEqual(self.size("a", webp), ("image", 1, 1))
+
+    def test_names_of_pictures(self):
+        self.assertEqual(self.size("a.ppm", b"P6 2 1 255\n" + bytes(6)), ("image", 2, 1))
+        self.fails(["info", self.write("b.bmp", b"no picture, just text")], "b.bmp", "picture")
 
 
 if __name__ == "__main__":
