@@ -20,6 +20,7 @@
 #include <strings.h>
 #include "base/file.h"
 #include "base/log.h"
+#include "base/text.h"
 #include "dataset/find_file.h"
 #include "dataset/foreign.h"
 #include "dataset/foreign_recording.h"
@@ -208,7 +209,8 @@ static pags_result describe_json(pags_report *report, const info_arguments *argu
   const bool splats = (pags_json_member(root, "means") && pags_json_member(root, "quats")) ||
                       (pags_json_member(root, "lodLevels") && pags_json_member(root, "filenames")) ||
                       (pags_json_member(root, "asset") && pags_json_member(root, "buffers"));
-  const bool cameras = frames || pags_json_member(root, "width") || pags_json_member(root, "fx") ||
+  const bool cameras = (frames && frames->first && frames->first->type == PAGS_JSON_OBJECT) ||
+                       pags_json_member(root, "width") || pags_json_member(root, "fx") ||
                        pags_cameras_are_inria(root) || pags_cameras_are_nerfstudio(root);
   pags_json_destroy(json);
   return matrices  ? describe_dataset(report, arguments, path)
@@ -243,6 +245,14 @@ static bool is_splat(const char *path, const unsigned char *head) {
     if (strcasecmp(pags_path_extension(path), endings[i]) == 0)
       return true;
   return memcmp(head, "PK", 2) == 0 && is_sog_archive(path);
+}
+
+static bool begins_as_splat(const unsigned char *head) {
+  static const char *const magics[] = {"ply", "NGSP", "glTF", "PK", "\x1f\x8b"};
+  for (size_t i = 0; i < sizeof magics / sizeof *magics; i++)
+    if (!memcmp(head, magics[i], strlen(magics[i])))
+      return true;
+  return false;
 }
 
 /* Whether a folder is a scene. One of photographs in which another program has left its output is a data set. */
@@ -320,7 +330,14 @@ static pags_result describe(pags_report *report, const info_arguments *arguments
   if (!splat && pags_foreign_knows(path))
     return describe_dataset(report, arguments, path);
   PAGS_TRY(splat ? PAGS_OK : pags_foreign_recording_check(path, true));
-  return describe_scene(report, arguments, path);
+  const pags_result result = describe_scene(report, arguments, path);
+  if (result != PAGS_ERROR_FORMAT || splat || begins_as_splat(head))
+    return result;
+  char *const why = pags_text_copy(pags_error_message());
+  pags_fail(result, "%s; info takes data sets, scenes, cameras, paths, checkpoints and pictures, too",
+            why ? why : path);
+  free(why);
+  return result;
 }
 
 int pags_verb_info(int argc, char **argv) {

@@ -176,7 +176,7 @@ static pags_result find_viewpoints(const render_arguments *arguments, const pags
     return result;
   }
   if (pags_option_given(parsed, "split"))
-    return pags_viewpoints_of_scene(scene, (pags_split)arguments->split, out);
+    return pags_viewpoints_of_scene(scene, parsed->positionals[0], (pags_split)arguments->split, out);
   pags_camera_path path;
   if (arguments->camera)
     PAGS_TRY(pags_camera_path_load(arguments->camera, &path));

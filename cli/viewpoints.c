@@ -57,16 +57,19 @@ static bool wanted(pags_split split, int test) {
   return split == PAGS_SPLIT_ALL || (split == PAGS_SPLIT_TEST) == (test != 0);
 }
 
-static pags_result check_any(const pags_viewpoints *viewpoints, pags_split split, const char *where) {
+/* Fails if there is no view; `way`: what would do. */
+static pags_result check_any(const pags_viewpoints *viewpoints, pags_split split, const char *where, const char *way) {
   if (viewpoints->count)
     return PAGS_OK;
-  return pags_fail(PAGS_ERROR_ARGUMENT, "%s has no %s views", where,
-                   split == PAGS_SPLIT_TEST    ? "held-out"
-                   : split == PAGS_SPLIT_TRAIN ? "training"
-                                               : "");
+  return pags_fail(PAGS_ERROR_ARGUMENT, "%s has no %sviews: %s", where,
+                   split == PAGS_SPLIT_TEST    ? "held-out "
+                   : split == PAGS_SPLIT_TRAIN ? "training "
+                                               : "",
+                   way);
 }
 
-pags_result pags_viewpoints_of_scene(const pags_scene *scene, pags_split split, pags_viewpoints *out) {
+pags_result pags_viewpoints_of_scene(const pags_scene *scene, const char *path, pags_split split,
+                                     pags_viewpoints *out) {
   PAGS_TRY(create(scene->view_count, out));
   pags_result result = PAGS_OK;
   for (int64_t i = 0; result == PAGS_OK && i < scene->view_count; i++) {
@@ -80,7 +83,9 @@ pags_result pags_viewpoints_of_scene(const pags_scene *scene, pags_split split, 
     }
   }
   if (result == PAGS_OK)
-    result = check_any(out, split, "the scene");
+    result = check_any(out, split, path,
+                       scene->view_count ? "expected --split all, or a training with another --split-every"
+                                         : "it records none; expected --dataset DATASET, --path or --camera");
   if (result != PAGS_OK)
     pags_viewpoints_destroy(out);
   return result;
@@ -96,7 +101,7 @@ pags_result pags_viewpoints_of_dataset(const pags_dataset *dataset, pags_split s
       result = append_view(out, view->name, &view->camera);
   }
   if (result == PAGS_OK)
-    result = check_any(out, split, pags_dataset_path(dataset));
+    result = check_any(out, split, pags_dataset_path(dataset), "expected another --split or --split-every");
   if (result != PAGS_OK)
     pags_viewpoints_destroy(out);
   return result;

@@ -19,8 +19,8 @@ typedef struct pags_viewpoints {
 
 typedef enum pags_split { PAGS_SPLIT_TRAIN, PAGS_SPLIT_TEST, PAGS_SPLIT_ALL } pags_split;
 
-/* Lists the scene's own views, named as their photographs. Fails if the split is empty. */
-pags_result pags_viewpoints_of_scene(const pags_scene *scene, pags_split split, pags_viewpoints *out);
+/* Lists the views of the scene at `path`, named as their photographs. Fails if the split is empty. */
+pags_result pags_viewpoints_of_scene(const pags_scene *scene, const char *path, pags_split split, pags_viewpoints *out);
 /* Lists the views of a data set, named as their photographs. Fails if the split is empty. */
 pags_result pags_viewpoints_of_dataset(const pags_dataset *dataset, pags_split split, pags_viewpoints *out);
 /* Lists the frames of a path, named 00000, 00001, ...; copies the cameras. */

@@ -6,6 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include <pags/scene.h>
+
 #include "base/file.h"
 #include "base/memory.h"
 #include "base/text.h"
@@ -82,6 +84,7 @@ static const mark marks[] = {
 
 enum { MARKS = sizeof marks / sizeof *marks };
 
+#define SPLATS "a file of splats", "a data set has photographs: give their folder"
 #define MODEL_FILE "a file of a COLMAP model", "give the folder of the data set, or the model's by --colmap"
 
 /* Of a path that is a file, before `marks`. */
@@ -92,9 +95,20 @@ static const mark file_marks[] = {
     {"images.bin", MODEL_FILE},
     {"points3d.txt", MODEL_FILE},
     {"points3d.bin", MODEL_FILE},
+    {"rigs.txt", MODEL_FILE},
+    {"rigs.bin", MODEL_FILE},
+    {"frames.txt", MODEL_FILE},
+    {"frames.bin", MODEL_FILE},
+    {"cfg_args", "of a training's output (INRIA's)", "give its folder to info, render or export"},
     {"*.csv", "a table, perhaps " REALITY_NAME " cameras", REALITY_WAY},
     {"*.out", "Bundler's", PICTURES},
     {"*.ply", "a file of points or splats", "a data set has photographs: give their folder"},
+    {"*.splat", SPLATS},
+    {"*.ksplat", SPLATS},
+    {"*.spz", SPLATS},
+    {"*.sog", SPLATS},
+    {"*.pagsz", SPLATS},
+    {"*.glb", SPLATS},
 };
 
 enum { FILE_MARKS = sizeof file_marks / sizeof *file_marks };
@@ -119,6 +133,49 @@ static pags_result refuse(const char *path, const char *what, const mark *m) {
                    m->way);
 }
 
+/* Refuses a folder that is a scene or the output of another program's training. */
+static pags_result refuse_scene(const char *path, const char *kind) {
+  return pags_fail(
+      PAGS_ERROR_FORMAT,
+      "%s: not a data set but a %s without photographs: info, render and export take it; expected the data "
+      "set that it was made of",
+      path, kind);
+}
+
+/* Refuses a folder one of whose folders is a recording, a scene or a data set, by the name of the first. */
+static pags_result refuse_children(const char *path, const pags_dir_list *list) {
+  static const char *const files[] = {"transforms.json", "transforms_train.json", "dataset.json"};
+  pags_result result = PAGS_OK;
+  for (int64_t i = 0; i < list->count && result == PAGS_OK; i++) {
+    char *child = list->names[i][0] == '.' ? NULL : pags_path_join(path, list->names[i]);
+    if (child && pags_dir_exists(child)) {
+      const char *kind = pags_scene_folder_kind(child);
+      for (size_t k = 0; k < sizeof files / sizeof *files; k++)
+        kind = pags_folder_has(child, files[k]) ? "data set" : kind;
+      result = kind ? pags_fail(PAGS_ERROR_FORMAT, "%s: not a data set, but its folder %s is a %s: give that one", path,
+                                list->names[i], kind)
+                    : pags_foreign_recording_check(child, true);
+    }
+    free(child);
+  }
+  return result;
+}
+
+/* The name of the first splat file; *count: how many there are. */
+static const char *find_splats(const pags_dir_list *list, int64_t *count) {
+  static const mark endings[] = {{"*.ply", 0, 0}, {"*.spz", 0, 0},   {"*.splat", 0, 0}, {"*.ksplat", 0, 0},
+                                 {"*.sog", 0, 0}, {"*.pagsz", 0, 0}, {"*.glb", 0, 0}};
+  const char *first = NULL;
+  *count = 0;
+  for (int64_t i = 0; i < list->count; i++)
+    for (size_t k = 0; k < sizeof endings / sizeof *endings; k++)
+      if (fits(&endings[k], list->names[i])) {
+        first = first ? first : list->names[i];
+        (*count)++;
+      }
+  return first;
+}
+
 static pags_result refuse_folder(const char *path) {
   pags_dir_list list;
   PAGS_TRY(pags_dir_list_read(path, &list));
@@ -133,7 +190,8 @@ static pags_result refuse_folder(const char *path) {
       if (fits(&marks[i], list.names[j]))
         found = &marks[i], name = list.names[j];
   }
-  int64_t pictures = 0, inside = 0;
+  int64_t pictures = 0, inside = 0, splats = 0;
+  const char *const splat = find_splats(&list, &splats), *const kind = pags_scene_folder_kind(path);
   const char *part = NULL; /* a transforms file of another name */
   for (int64_t i = 0; i < list.count; i++) {
     if (strncmp(list.names[i], "transforms", 10) == 0 && strcmp(pags_path_extension(list.names[i]), ".json") == 0)
@@ -154,13 +212,21 @@ static pags_result refuse_folder(const char *path) {
                        path, part);
   else if (found)
     result = refuse(path, name, found);
+  else if (kind && !inside)
+    result = refuse_scene(path, kind);
+  else if (splats > pictures / 2 && !inside)
+    result =
+        pags_fail(PAGS_ERROR_FORMAT,
+                  "%s: not a data set: it holds %lld splat file%s, such as %s: give one of them to info, render or "
+                  "export; a data set has photographs",
+                  path, (long long)splats, splats == 1 ? "" : "s", splat);
   else if (pictures || inside)
     result = pags_fail(PAGS_ERROR_FORMAT,
                        "%s: not a data set: %lld picture%s without cameras; `colmap automatic_reconstructor "
                        "--workspace_path FOLDER --image_path %s` makes a COLMAP model of them",
                        path, (long long)(inside ? inside : pictures), (inside ? inside : pictures) == 1 ? "" : "s",
                        inside ? images : path);
-  else
+  else if ((result = refuse_children(path, &list)) == PAGS_OK)
     result = pags_fail(
         PAGS_ERROR_FORMAT,
         "%s: not a data set: it has no dataset.json, no images with ego_pose or extrinsics, no transforms.json or "

@@ -300,7 +300,7 @@ static pags_result read_all(reader *r, const char *path, pags_split split) {
   PAGS_TRY(pags_json_parse_file(path, &r->json));
   r->root = pags_json_root(r->json);
   const pags_json_value *frames = pags_json_member(r->root, "frames");
-  if (!frames)
+  if (!frames || (frames->type == PAGS_JSON_ARRAY && frames->first && frames->first->type == PAGS_JSON_NUMBER))
     return pags_foreign_refuse_json(r->json);
   PAGS_TRY(pags_json_array(r->json, r->root, "frames", &frames));
   PAGS_TRY(pags_split_lists_read(r->json, r->root, &r->lists));

@@ -54,18 +54,27 @@ static pags_result load_sky(const char *folder, const char *file, pags_sky *sky)
   return result;
 }
 
+static pags_result refuse_folder(const char *folder) {
+  static const char *const names[] = {"transforms.json", "transforms_train.json", "dataset.json", "sparse", "images"};
+  bool photographs = false;
+  for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
+    char *path = pags_path_join(folder, names[i]);
+    photographs = photographs || (path && pags_path_exists(path));
+    free(path);
+  }
+  return pags_fail(PAGS_ERROR_IO,
+                   "%s: expected a scene, but the folder has no scene.json, no point_cloud/iteration_N of a training "
+                   "and no meta.json of a SOG%s",
+                   folder, photographs ? "; it looks like a data set, of which 'pags train' makes a scene" : "");
+}
+
 /* Loads a folder of PAGS, which has a scene.json. */
 static pags_result load_own(const char *folder, pags_scene *scene) {
   pags_scene_files files = {0};
   char *path = pags_path_join(folder, "scene.json");
   if (!path)
     return pags_out_of_memory("%s: a path", folder);
-  pags_result result = pags_file_exists(path)
-                           ? pags_scene_json_read(path, scene, &files)
-                           : pags_fail(PAGS_ERROR_IO,
-                                       "%s: expected a scene, but the folder has no scene.json, no "
-                                       "point_cloud/iteration_N of a training and no meta.json of a SOG",
-                                       folder);
+  pags_result result = pags_file_exists(path) ? pags_scene_json_read(path, scene, &files) : refuse_folder(folder);
   for (int64_t i = 0; i < scene->model_count && result == PAGS_OK; i++) {
     result = load_model(folder, &scene->models[i], files.counts[i]);
     if (result == PAGS_OK)

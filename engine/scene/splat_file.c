@@ -2,6 +2,7 @@
 /* Loads a splat file of any format. The format is recognised by the first bytes of the file, for .splat, which has no
  * signature, by the extension. */
 #include <stdbool.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
@@ -18,6 +19,15 @@
 #include "scene/splat_formats.h"
 
 /* ---- What other files are, which are named like splat files or found beside them ---- */
+
+/* Whether the first bytes are text: no control characters but blanks. */
+static bool is_text(const uint8_t *bytes, size_t size) {
+  enum { LOOKED_AT = 256 };
+  for (size_t i = 0; i < size && i < LOOKED_AT; i++)
+    if ((bytes[i] < ' ' && !strchr("\t\r\n\f", bytes[i])) || !bytes[i])
+      return false;
+  return true;
+}
 
 static pags_result refuse(const char *path, const uint8_t *bytes, size_t size) {
   const char *const extension = pags_path_extension(path);
@@ -38,8 +48,14 @@ static pags_result refuse(const char *path, const uint8_t *bytes, size_t size) {
     return pags_fail(PAGS_ERROR_FORMAT, "%s: a web page or other XML: expected a splat file", path);
   if (blanks == size)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: empty: expected a splat file", path);
-  return pags_fail(PAGS_ERROR_FORMAT,
-                   "%s: expected a splat file (PLY, SPZ, SOG, glTF with Gaussians, packed or one named .splat)", path);
+  char found[32] = "text";
+  if (!is_text(bytes, size))
+    snprintf(found, sizeof found, "bytes %02x %02x %02x %02x", bytes[0], size > 1 ? bytes[1] : 0,
+             size > 2 ? bytes[2] : 0, size > 3 ? bytes[3] : 0);
+  return pags_fail(
+      PAGS_ERROR_FORMAT,
+      "%s: expected a splat file (PLY, SPZ, SOG, glTF with Gaussians, packed or one named .splat), found %s", path,
+      found);
 }
 
 /* ---- Loading ---- */

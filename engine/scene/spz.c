@@ -391,7 +391,10 @@ static pags_result decode_v4(const char *path, const uint8_t *bytes, size_t size
                      size);
   PAGS_TRY(read_header(path, bytes, h));
   if (h->version != 4)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: SPZ version %u without gzip, which only version 4 is", path, h->version);
+    return pags_fail(
+        PAGS_ERROR_FORMAT,
+        "%s: SPZ version %u without gzip, which only version 4 is: `gzip` makes it a file that can be read", path,
+        h->version);
   int streams = bytes[15], expected = h->sh_degree ? STREAMS : SH_STREAM;
   uint64_t table = pags_load_u32(bytes + 16);
   if (h->flags & FLAG_EXTENSIONS && table > V4_HEADER && table <= size)

@@ -343,6 +343,31 @@ class Foreign(Case):
             self.fails(["info", path], path, word)
             self.fails(["train", path, "-o", self.path("out")], path, word)
 
+    def test_scenes_and_splats_are_no_captures(self):
+        """A folder that holds something else says what, and what would do."""
+        self.write("splats/a.ply", "ply")
+        self.write("splats/thumb.png", GREY)
+        self.write("inria/point_cloud/iteration_7/point_cloud.ply", "ply")
+        self.write("inria/cameras.json", "[]")
+        self.write("of_scenes/one/scene.json", "{}")
+        self.write("of_sets/one/transforms.json", "{}")
+        self.write("of_logs/av2/city_SE3_egovehicle.feather", b"ARROW1\0\0")
+        for name, words in {
+            "splats": ["1 splat file, such as a.ply", "render or export"],
+            "splats/a.ply": ["a file of points or splats"],
+            "inria": ["a training output without photographs"],
+            "of_scenes": ["its folder one is a scene"],
+            "of_sets": ["its folder one is a data set"],
+            "of_logs": ["of_logs/av2: is a log of Argoverse 2"],
+        }.items():
+            self.fails(["train", self.path(name), "-o", self.path("out")], self.path(name), *words)
+        for name in ["of_sets/one", "splats"]:
+            line = self.fails(["render", self.path(name), "-o", self.path("out")], "no scene.json")
+            self.assertEqual("'pags train' makes a scene" in line, name != "splats")
+        for name in ["rigs.bin", "frames.txt"]:
+            self.fails(["info", self.write(name, "text")], f"{name} is a file of a COLMAP model")
+        self.fails(["info", self.write("cfg_args", "Namespace()")], "of a training's output", "its folder")
+
 
 if __name__ == "__main__":
     fixtures.main()
