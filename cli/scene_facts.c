@@ -492,7 +492,8 @@ pags_result pags_scene_facts(pags_report *report, const char *path, const pags_s
   /* Report the time span and exposure of scenes that have time. */
   double time[2] = {scene.time_begin, scene.time_end};
   if (scene.time_end > scene.time_begin || scene.fps > 0) {
-    pags_report_vector(report, "time", time, 2);
+    pags_report_line(report, "time", "%.3f to %.3f s", time[0], time[1]);
+    pags_json_put_numbers(&report->json, "time", time, 2);
     pags_report_number(report, "seconds", scene.time_end - scene.time_begin);
     pags_report_number(report, "steps_per_second", scene.fps);
     put_exposure(report, &scene);

@@ -8,6 +8,7 @@ import os
 import struct
 
 import fixtures
+import scenes
 from fixtures import Case, ply_bytes, read, run, some_splats
 
 
@@ -68,6 +69,15 @@ class Pictures(Case):
     def test_names_of_pictures(self):
         self.assertEqual(self.size("a.ppm", b"P6 2 1 255\n" + bytes(6)), ("image", 2, 1))
         self.fails(["info", self.write("b.bmp", b"no picture, just text")], "b.bmp", "picture")
+
+
+class Times(Case):
+    def test_of_a_clock_differ(self):
+        """Seconds since 1970 have more digits than a usual number is printed with."""
+        path = os.path.join(scenes.make_empty_scene(self.path("scene")), "scene.json")
+        scene = json.loads(read(path)) | {"time": [1556919593.2038, 1556919595.2036], "fps": 10}
+        self.write(path, json.dumps(scene))
+        self.assertIn("1556919593.204 to 1556919595.204 s", self.succeeds("info", self.path("scene")).stdout)
 
 
 if __name__ == "__main__":
