@@ -20,26 +20,34 @@
 
 static pthread_mutex_t warnings_lock = PTHREAD_MUTEX_INITIALIZER;
 
-/* Keeps a warning; false if it is there already, as it is when an input is opened twice. One that there is no memory
- * for is printed and lost to --json. */
-static bool keep_warning(pags_session *session, const char *line) {
-  for (int64_t i = 0; i < session->warning_count; i++)
-    if (!strcmp(session->warnings[i], line))
+/* Keeps a line; false if it is there already, as it is when an input is opened twice. One that there is no memory for
+ * is printed and lost to --json. */
+static bool keep_line(char ***lines, int64_t *count, const char *line) {
+  for (int64_t i = 0; i < *count; i++)
+    if (!strcmp((*lines)[i], line))
       return false;
-  char **grown = realloc(session->warnings, ((size_t)session->warning_count + 1) * sizeof *grown);
+  char **grown = realloc(*lines, ((size_t)*count + 1) * sizeof *grown);
   if (grown) {
-    session->warnings = grown;
-    grown[session->warning_count] = pags_text_copy(line);
-    session->warning_count += grown[session->warning_count] != NULL;
+    *lines = grown;
+    grown[*count] = pags_text_copy(line);
+    *count += grown[*count] != NULL;
   }
   return true;
+}
+
+static void free_lines(char **lines, int64_t count) {
+  for (int64_t i = 0; i < count; i++)
+    free(lines[i]);
+  free(lines);
 }
 
 static void receive_log(void *user, pags_log_level level, const char *line) {
   pags_session *session = user;
   pthread_mutex_lock(&warnings_lock);
   const bool warning = level == PAGS_LOG_WARNING;
-  const bool said = level == PAGS_LOG_DEBUG || (warning && !keep_warning(session, line));
+  const bool said = level == PAGS_LOG_DEBUG ||
+                    (warning ? !keep_line(&session->warnings, &session->warning_count, line)
+                             : !keep_line(&session->notes, &session->note_count, line));
   FILE *stream = session->people ? session->people : warning ? stderr : NULL;
   if (stream && !said)
     fprintf(stream, "%s%s\n", warning ? "warning: " : "", line);
@@ -78,9 +86,8 @@ int pags_session_end(pags_session *session, pags_result result) {
     fflush(session->people);
   if (result == PAGS_OK)
     result = pags_session_check(session);
-  for (int64_t i = 0; i < session->warning_count; i++)
-    free(session->warnings[i]);
-  free(session->warnings);
+  free_lines(session->warnings, session->warning_count);
+  free_lines(session->notes, session->note_count);
   if (result == PAGS_OK)
     return PAGS_EXIT_OK;
   fprintf(stderr, "%s: %s\n", pags_program_name, pags_error_message());

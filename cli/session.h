@@ -20,6 +20,9 @@ typedef struct pags_session {
   /* The warnings that the library logged so far, each once. */
   char **warnings;
   int64_t warning_count;
+  /* Its informative lines so far, each once. */
+  char **notes;
+  int64_t note_count;
 } pags_session;
 
 /* Rows for the end of a verb's option table; `owner` is the verb's struct, which has a member `session`. */

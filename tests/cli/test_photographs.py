@@ -204,6 +204,12 @@ class Photographs(fixtures.Case):
         self.eval("--background", "0,0,1")
         self.assertEqual(self.photo()[2][3 * 31 : 3 * 32], bytes([0, 0, 255]))
 
+    def test_lines_of_photographs_are_said_once(self):
+        """eval opens the data set of a scene that was trained at another size twice."""
+        self.cut_out()
+        self.train("--downscale", "2")
+        self.assertEqual(self.succeeds("eval", self.path("scene")).stdout.count("have an alpha channel"), 1)
+
     def test_alpha_as_mask_or_ignored(self):
         self.cut_out()
         self.train("--image-alpha", "mask")
