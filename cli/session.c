@@ -45,9 +45,8 @@ static void receive_log(void *user, pags_log_level level, const char *line) {
   pags_session *session = user;
   pthread_mutex_lock(&warnings_lock);
   const bool warning = level == PAGS_LOG_WARNING;
-  const bool said = level == PAGS_LOG_DEBUG ||
-                    (warning ? !keep_line(&session->warnings, &session->warning_count, line)
-                             : !keep_line(&session->notes, &session->note_count, line));
+  const bool said = level == PAGS_LOG_DEBUG || (warning ? !keep_line(&session->warnings, &session->warning_count, line)
+                                                        : !keep_line(&session->notes, &session->note_count, line));
   FILE *stream = session->people ? session->people : warning ? stderr : NULL;
   if (stream && !said)
     fprintf(stream, "%s%s\n", warning ? "warning: " : "", line);

@@ -24,6 +24,7 @@ static const double solid_cover = 0.3;   /* share of a cell's side that is cover
 static const double least_room = 0.18;  /* cells of a room for each solid cell: objects have up to 0.14, streets 0.22 */
 static const double least_height = 1.5; /* a hollow shell that is smaller in any direction is an object; metres */
 static const double round_enough = 0.085; /* relative spread of distances from the middle: less is a ball, not a room */
+static const double large_reach = 0.12; /* two usual sigmas by the longest side: captures have up to 0.055, toys 0.18 */
 
 /* What is kept of one Gaussian: its mean, and its two longer axes with their sigmas as lengths. */
 typedef struct sample {
@@ -89,14 +90,12 @@ static pags_result take_samples(const pags_scene *scene, double least, sample **
 /* ---- The box ---- */
 
 /* Bounds the means: the middle 90 % of them, widened by as much on both sides, but no farther than 99.8 % reach. What
- * is farther away is a floater, or the far background of an object. */
-static pags_result bound_samples(const sample *samples, int64_t count, double lo[3], double hi[3]) {
+ * is farther away is a floater, or the far background of an object. What is flat or a single point has an extent of
+ * `reach` at least. */
+static pags_result bound_samples(const sample *samples, int64_t count, double reach, double lo[3], double hi[3]) {
   double *values = malloc(((size_t)count + 1) * sizeof *values);
   if (!values)
     return pags_out_of_memory("a survey");
-  double reach = 0; /* two usual sigmas: what is flat or a single point has that extent at least */
-  for (int64_t i = 0; i < count; i++)
-    reach += 2 * fmax(samples[i].sigma[0], samples[i].sigma[1]) / (double)count;
   for (int k = 0; k < 3; k++) {
     for (int64_t i = 0; i < count; i++)
       values[i] = samples[i].mean[k];
@@ -355,7 +354,10 @@ static bool is_round(const pags_survey *s) {
 /* ---- The survey ---- */
 
 static pags_result survey(const sample *samples, int64_t count, pags_survey *s) {
-  PAGS_TRY(bound_samples(samples, count, s->lo, s->hi));
+  double reach = 0; /* two usual sigmas */
+  for (int64_t i = 0; i < count; i++)
+    reach += 2 * fmax(samples[i].sigma[0], samples[i].sigma[1]) / (double)count;
+  PAGS_TRY(bound_samples(samples, count, reach, s->lo, s->hi));
   for (int pass = 0; pass < 2; pass++) { /* the second time with cells of the box that is really filled */
     PAGS_TRY(lay_cells(s->lo, s->hi, s));
     PAGS_TRY(mark_solid(samples, count, s));
@@ -365,6 +367,13 @@ static pags_result survey(const sample *samples, int64_t count, pags_survey *s) 
   PAGS_TRY(mark_room(s));
   const double least = fmin(fmin(s->hi[0] - s->lo[0], s->hi[1] - s->lo[1]), s->hi[2] - s->lo[2]);
   s->inside = s->surrounded >= least_room && least >= least_height && !is_round(s);
+
+  /* Where the Gaussians themselves are large beside the scene, as in models of a few, the box holds them whole. */
+  const double longest = fmax(fmax(s->hi[0] - s->lo[0], s->hi[1] - s->lo[1]), s->hi[2] - s->lo[2]);
+  for (int k = 0; k < 3 && reach > large_reach * longest; k++) {
+    s->lo[k] -= reach;
+    s->hi[k] += reach;
+  }
   return PAGS_OK;
 }
 

@@ -152,6 +152,17 @@ class Info(Case):
         self.assertRegex(self.succeeds("info", scene).stdout, r"(?m)^gaussians +40$")
         self.assertEqual(self.succeeds("info", scene, "--quiet").stdout, "")
 
+    def test_orbit_shows_few_large_gaussians_whole(self):
+        """Four blobs a length apart, whose sigmas are a tenth of it."""
+        rows = [splat(x, 0, z, (1, 1, 1)) for x, z in [(0, 0), (1, 0), (0, 1), (1, 1)]]
+        self.succeeds("render", self.write("few.ply", ply_bytes(rows)), "-o", self.path("few"), "-n", 4, "--downscale", 8)
+        for i in range(4):
+            width, height, channels, _, data = read_png(self.path(f"few/{i:05d}.png"))
+            row = width * channels
+            sides = [data[y * row : y * row + 3] + data[(y + 1) * row - 3 : (y + 1) * row] for y in range(height)]
+            self.assertGreater(max(data), 128)
+            self.assertLess(max(data[:row] + data[-row:] + b"".join(sides)), 8)
+
 
 if __name__ == "__main__":
     fixtures.main()
