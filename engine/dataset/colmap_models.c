@@ -170,8 +170,8 @@ static pags_result consider_level(candidates *all, const char *folder, int depth
         result = consider_below(pass ? &more : all, inside, depth + pass, left);
         if (result == PAGS_OK && pass && (more.count || is_other_set(inside)))
           result = add_other(all, home, &more, inside);
-        if (!pass && all->count)
-          home = pags_text_copy(inside);
+        if (result == PAGS_OK && !pass && all->count && !(home = pags_text_copy(inside)))
+          result = pags_out_of_memory("%s", inside);
       }
       candidates_destroy(&more);
       free(inside);
