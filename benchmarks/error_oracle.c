@@ -289,7 +289,7 @@ static pags_result add_camera(oracle *o, int index) {
 static double kernel_alpha(const pags_kernels *kernels, int degree, float exponent) {
   float planes[4][PAGS_TILE_PIXELS] __attribute__((aligned(64)));
   const pags_splat flat = {
-      .x = 8, .y = 8, .log2_opacity = exponent, .r = 1, .g = 1, .b = 1, .z = 1, .extent_x = 64, .extent_y = 64};
+      .x = 8, .y = 8, .log2_opacity = exponent, .r = 1, .g = 1, .b = 1, .z = 1, .cut = -PAGS_LOG2_255};
   const pags_entry entry = {0, 0};
   const pags_raster_in in = {
       .splats = &flat, .entries = &entry, .count = 1, .width = PAGS_TILE, .height = PAGS_TILE, .exp_degree = degree};
@@ -331,7 +331,7 @@ static double library_ns(void) {
 /* Time of one whole blending step of the kernel, ns per lane (pixel). */
 static double kernel_ns(const pags_kernels *kernels, int degree) {
   const pags_splat faint = {
-      .x = 1, .y = 1, .p = 0.1f, .h = 0.1f, .w = 0.1f, .log2_opacity = -7.5f, .r = 0.5f, .g = 0.5f, .b = 0.5f};
+      .x = 1, .y = 1, .p = 0.1f, .h = 0.1f, .w = 0.1f, .log2_opacity = -7.5f, .cut = -8.0f, .r = 0.5f, .g = 0.5f, .b = 0.5f};
   double ns[ROUNDS];
   volatile float kept = 0;
   for (int round = 0; round < ROUNDS; round++) {

@@ -24,9 +24,9 @@ static inline vf quadratic_min(quadratic q, vf x0, vf x1, vf y0, vf y1) {
   return v_min(v_fma(u1, u1, v_mul(v1, v1)), v_fma(u2, u2, v_mul(v2, v2)));
 }
 
-/* Returns the value of u^2 + v^2 above which alpha is below 1/255, with PAGS_CUT_SLACK added. */
+/* Returns the value of u^2 + v^2 above which the splat isn't blended, with PAGS_CUT_SLACK added. */
 static inline float cut_off(const pags_splat *s) {
-  return s->log2_opacity + (PAGS_LOG2_255 + PAGS_CUT_SLACK);
+  return s->log2_opacity + (PAGS_CUT_SLACK - s->cut);
 }
 
 /* Returns, for each of `lanes`, whether the Gaussian touches the tile at (column, row) of the picture. Mean, cut-off
@@ -70,11 +70,11 @@ typedef struct box_lanes {
   float extent_x[V_LANES], extent_y[V_LANES];
 } box_lanes;
 
-static inline void box_lanes_put(box_lanes *l, int k, const pags_splat *s) {
+static inline void box_lanes_put(box_lanes *l, int k, const pags_splat *s, const pags_tile_box *box) {
   l->x[k] = s->x, l->y[k] = s->y;
   l->p[k] = s->p, l->h[k] = s->h, l->w[k] = s->w, l->slope[k] = s->slope;
   l->cut[k] = cut_off(s);
-  l->extent_x[k] = s->extent_x, l->extent_y[k] = s->extent_y;
+  l->extent_x[k] = box->extent[0], l->extent_y[k] = box->extent[1];
 }
 
 /* Returns t clamped to [0, tiles] and rounded down. */
@@ -135,11 +135,11 @@ static inline void box_lanes_finish(const box_lanes *l, const uint16_t *members,
   for (int k = 0; k < count; k++) {
     pags_splat *const s = splats + members[k];
     pags_tile_box *const box = boxes + members[k];
-    *box = (pags_tile_box){(uint64_t)touched[k], (uint16_t)column[k], (uint16_t)row[k], (uint16_t)across[k],
+    *box = (pags_tile_box){{(uint64_t)touched[k]}, (uint16_t)column[k], (uint16_t)row[k], (uint16_t)across[k],
                            (uint16_t)down[k]};
     const int64_t area = (int64_t)across[k] * down[k];
     if (area <= 0)
-      *box = (pags_tile_box){0, 0, 0, 0, 0};
+      *box = (pags_tile_box){{0}, 0, 0, 0, 0};
     else if (area > LANE_TILES && area <= 64)
       box->touched = small_box_touched(s, box);
     s->tiles = area > 64 ? large_box_tiles(s, box) : (uint32_t)__builtin_popcountll(box->touched);
@@ -159,7 +159,7 @@ static void tile_boxes(pags_splat *splats, const uint32_t *keys, int count, int 
   for (int first = 0; first < drawn; first += V_LANES) {
     const int n = drawn - first < V_LANES ? drawn - first : V_LANES;
     for (int k = 0; k < n; k++)
-      box_lanes_put(&lanes, k, splats + members[first + k]);
+      box_lanes_put(&lanes, k, splats + members[first + k], boxes + members[first + k]);
     box_lanes_finish(&lanes, members + first, n, tiles_x, tiles_y, splats, boxes);
   }
 }

@@ -18,14 +18,26 @@ enum {
 };
 
 #define PAGS_ALPHA_MAX 0.99f
-#define PAGS_ALPHA_MIN (1.0f / 255.0f)
+#define PAGS_ALPHA_MIN (1.0f / 255.0f) /* where nothing else is said; Kerbl et al. 2023 */
 #define PAGS_T_STOP 1e-4f
 #define PAGS_COLOUR_MAX 1e6f /* of a Gaussian's shaded colour; the loss takes four of these in a product */
-#define PAGS_LOG2_255 7.99435344f
+#define PAGS_LOG2_255 7.99435344f /* -log2 of it */
 /* Added to the cut-off, in powers of two, by every test that excludes pixels before they are computed, so that no
  * pixel is excluded at which the rasteriser, with its rounding of u^2 + v^2, would blend. u has an error of about
  * 2^-23 p |d| <= 1e-3 for |d| <= 4096 px, hence u^2 one of at most 0.01. */
 #define PAGS_CUT_SLACK 0.02f
+
+/* How a part's Gaussians end. With least alpha a, what the rasteriser blends at a pixel is
+ *
+ *     hard         alpha        where alpha >= a, else 0
+ *     continuous   (alpha - a) / (1 - a)    where alpha > a, else 0
+ *
+ * capped at 0.99. Both are 2^e - floor where e >= cut: hard has floor 0, cut log2 a and lift 0; continuous has
+ * floor a / (1 - a), and e is raised by lift = -log2(1 - a), so that it meets the floor at cut = log2 floor. */
+typedef struct pags_alpha_cut {
+  float least; /* a */
+  float cut, floor, lift;
+} pags_alpha_cut;
 
 /* A projected Gaussian, 64 bytes, one cache line.
  * The falloff is 2^(log2_opacity - u^2 - v^2) with u = p (dx - h dy), v = w dy, d = pixel centre - mean: the Cholesky
@@ -34,11 +46,12 @@ enum {
 typedef struct pags_splat {
   float x, y;    /* mean, px */
   float p, h, w; /* p = sqrt(k C / D), h = B / C, w = sqrt(k / C); covariance [A B; B C], D its det, k = log2(e)/2 */
-  float log2_opacity; /* <= 0 unless projection was given factors; alpha is capped in the rasteriser */
+  float log2_opacity; /* lift included; <= lift unless projection was given factors; alpha is capped in the
+                         rasteriser */
   float r, g, b;      /* colour, >= 0 */
   float z;            /* camera depth, metres; its bits are the sort key */
   float slope;        /* B / A: dy / dx of the line where the falloff is largest for a given dx; for the tile test */
-  float extent_x, extent_y; /* half size of the box in which alpha >= 1/255, px */
+  float cut, floor; /* of its part's pags_alpha_cut */
   int32_t id;
   uint32_t tiles;   /* tiles it touches; set by tile_boxes */
   uint32_t clamped; /* bit c: channel c was clamped at 0 */
@@ -47,7 +60,10 @@ typedef struct pags_splat {
 /* The tiles that a splat's bounding box overlaps: nx by ny tiles from (x0, y0). Bit k of `touched`: the splat touches
  * tile k of the box, row by row, if the box has at most 64 tiles; for larger boxes the tiles are tested again. */
 typedef struct pags_tile_box {
-  uint64_t touched;
+  union {
+    uint64_t touched;
+    float extent[2]; /* before tile_boxes: half the size of the box outside of which the splat isn't blended, px */
+  };
   uint16_t x0, y0, nx, ny;
 } pags_tile_box;
 
@@ -65,6 +81,7 @@ typedef struct pags_projection {
   float lim_x0, lim_x1, lim_y0, lim_y1; /* clamp of x/z and y/z in the Jacobian */
   float width, height;                  /* px */
   float near_plane, low_pass;
+  pags_alpha_cut alpha;
   int32_t antialiased;
   int32_t sh_degree;
 } pags_projection;
@@ -260,20 +277,20 @@ typedef struct pags_kernels {
 
   /* Projects rows [0, count), count <= 256, of the planes (plane p at data + p * stride; rows up to the next multiple
    * of 16 must be readable). Writes `splats` but for the colours, `keys` (the bits of z; UINT32_MAX if the row isn't
-   * drawn) and, unless NULL, the `reaches` of the rows that are drawn. The method is EWA splatting (Zwicker et al.
+   * drawn) and, of the rows that are drawn, the extents of `boxes` and, unless NULL, the `reaches`. The method is EWA splatting (Zwicker et al.
    * 2001) with INRIA's constants; the determinant of the covariance is computed by the Cauchy-Binet formula, as a sum
    * of squares that is never negative. `factor`: per row, the opacity is multiplied by this, readable as far as the
    * planes; 0: the row isn't drawn; NULL: 1. The backward pass needs no factor, since it differentiates by the
    * logarithm of the opacity. */
   void (*project)(const pags_projection *view, const float *data, int64_t stride, const float *factor, int count,
-                  pags_splat *splats, uint32_t *keys, pags_reach *reaches);
+                  pags_splat *splats, uint32_t *keys, pags_tile_box *boxes, pags_reach *reaches);
 
   /* Computes the colours of the rows whose key is not UINT32_MAX: max(0, 0.5 + SH(direction)). `dc`: three planes of
    * the constant SH term, `stride` floats apart, that replace those of the data; NULL: those of the data are used. */
   void (*shade)(const pags_projection *view, const float *data, int64_t stride, const float *dc, int count,
                 const uint32_t *keys, pags_splat *splats);
 
-  /* Finds the tiles that the splats touch whose key is not UINT32_MAX, in a picture of tiles_x by tiles_y tiles, and
+  /* Finds the tiles that the splats touch whose key is not UINT32_MAX, from the extents of their boxes, in a picture of tiles_x by tiles_y tiles, and
    * sets their member `tiles`; count <= 256. */
   void (*tile_boxes)(pags_splat *splats, const uint32_t *keys, int count, int tiles_x, int tiles_y,
                      pags_tile_box *boxes);

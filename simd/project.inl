@@ -133,9 +133,10 @@ static inline void project_blocks(vm drawn, vf mean, vf extent, float size, int3
 
 /* Computes the rectangles of blocks outside of which u^2 + v^2 exceeds the cut-off, slack included, of the
  * rasteriser's test of blocks (bin.inl). */
-static inline void project_reaches(const projected *s, const pags_projection *view, vf log2_opacity, vm drawn,
+static inline void project_reaches(const projected *s, const pags_projection *view, vf log2_opacity, vf cut, vm drawn,
                                    int lanes, pags_reach *reaches) {
-  const vf reach = v_mul(v_add(log2_opacity, v_set(PAGS_LOG2_255 + PAGS_CUT_SLACK)), v_set(1.0f / PAGS_HALF_LOG2E));
+  const vf reach =
+      v_mul(v_add(log2_opacity, v_sub(v_set(PAGS_CUT_SLACK), cut)), v_set(1.0f / PAGS_HALF_LOG2E));
   int32_t x0[V_LANES], x1[V_LANES], y0[V_LANES], y1[V_LANES];
   project_blocks(drawn, s->mx, v_sqrt(v_max(v_mul(reach, s->a), v_zero())), view->width, x0, x1);
   project_blocks(drawn, s->my, v_sqrt(v_max(v_mul(reach, s->c), v_zero())), view->height, y0, y1);
@@ -143,21 +144,41 @@ static inline void project_reaches(const projected *s, const pags_projection *vi
     reaches[k] = (pags_reach){(uint16_t)x0[k], (uint16_t)x1[k], (uint16_t)y0[k], (uint16_t)y1[k]};
 }
 
+typedef struct row_cuts { /* pags_alpha_cut of sixteen rows */
+  vf least, cut, floor;
+} row_cuts;
+
+/* Antialiasing lowers the opacity of what is smaller than a pixel, and the cut of the part with it, but not below
+ * 1/255: otherwise what is far away would vanish. */
+static inline row_cuts project_cuts(const pags_projection *view, vf compensation) {
+  const pags_alpha_cut *a = &view->alpha;
+  row_cuts c = {v_set(a->least), v_set(a->cut), v_set(a->floor)};
+  if (!view->antialiased || a->floor == 0.0f)
+    return c;
+  const vf scale = v_max(compensation, v_set(PAGS_ALPHA_MIN / a->least));
+  c.least = v_mul(c.least, scale);
+  c.cut = v_add(c.cut, v_log2(scale));
+  c.floor = v_mul(c.floor, scale);
+  return c;
+}
+
 static void project(const pags_projection *view, const float *data, int64_t stride, const float *factor, int count,
-                    pags_splat *splats, uint32_t *keys, pags_reach *reaches) {
+                    pags_splat *splats, uint32_t *keys, pags_tile_box *boxes, pags_reach *reaches) {
   for (int first = 0; first < count; first += V_LANES) {
     projected s;
     project_all(&s, view, data + first, stride);
     if (factor)
       s.opacity = v_mul(s.opacity, v_load(factor + first));
-    const vf l = v_log2(v_max(s.opacity, v_set(1e-30f)));
-    /* Half size of the box in which alpha >= 1/255 (the opacity-aware bound of StopThePop, not 3 sigma). */
-    const vf reach = v_mul(v_add(l, v_set(PAGS_LOG2_255)), v_set(1.0f / PAGS_HALF_LOG2E));
+    const row_cuts cuts = project_cuts(view, s.compensation);
+    const vf raw = v_log2(v_max(s.opacity, v_set(1e-30f)));
+    const vf l = v_add(factor ? raw : v_min(raw, v_zero()), v_set(view->alpha.lift));
+    /* Half size of the box in which it is blended (the opacity-aware bound of StopThePop, not 3 sigma). */
+    const vf reach = v_mul(v_sub(l, cuts.cut), v_set(1.0f / PAGS_HALF_LOG2E));
     const vf extent_x = v_sqrt(v_max(v_mul(reach, s.a), v_zero()));
     const vf extent_y = v_sqrt(v_max(v_mul(reach, s.c), v_zero()));
     /* Comparisons are false for NaN, so a row with any non-finite value that matters drops out here. */
     const vf huge = v_set(1e18f);
-    vm drawn = m_and(v_gt(s.z, v_set(view->near_plane)), v_ge(s.opacity, v_set(PAGS_ALPHA_MIN)));
+    vm drawn = m_and(v_gt(s.z, v_set(view->near_plane)), v_ge(s.opacity, cuts.least));
     drawn = m_and(drawn, m_and(v_lt(s.a, huge), v_lt(s.c, huge)));
     drawn = m_and(drawn, m_and(v_gt(s.d, v_zero()), v_lt(s.d, v_set(1e36f))));
     drawn = m_and(drawn, m_and(v_gt(v_add(s.mx, extent_x), v_zero()), v_lt(v_sub(s.mx, extent_x), v_set(view->width))));
@@ -174,14 +195,16 @@ static void project(const pags_projection *view, const float *data, int64_t stri
     v_store(field[2], v_sqrt(v_div(v_mul(v_set(PAGS_HALF_LOG2E), s.c), s.d)));
     v_store(field[3], v_mul(s.b, inv_c));
     v_store(field[4], v_sqrt(v_mul(v_set(PAGS_HALF_LOG2E), inv_c)));
-    v_store(field[5], factor ? l : v_min(l, v_zero()));
+    v_store(field[5], l);
     v_store(field[6], s.z);
     v_store(field[7], v_div(s.b, s.a));
     v_store(field[8], extent_x);
     v_store(field[9], extent_y);
+    v_store(field[10], cuts.cut);
+    v_store(field[11], cuts.floor);
     const int lanes = count - first < V_LANES ? count - first : V_LANES;
     if (reaches)
-      project_reaches(&s, view, l, drawn, lanes, reaches + first);
+      project_reaches(&s, view, l, cuts.cut, drawn, lanes, reaches + first);
     for (int k = 0; k < lanes; k++) {
       uint32_t *const key = keys + first + k;
       if (!(bits >> k & 1u)) {
@@ -194,7 +217,8 @@ static void project(const pags_projection *view, const float *data, int64_t stri
       out->log2_opacity = field[5][k];
       out->z = field[6][k];
       out->slope = field[7][k];
-      out->extent_x = field[8][k], out->extent_y = field[9][k];
+      out->cut = field[10][k], out->floor = field[11][k];
+      boxes[first + k].extent[0] = field[8][k], boxes[first + k].extent[1] = field[9][k];
       out->tiles = 0;
       memcpy(key, &out->z, sizeof *key);
     }

@@ -20,7 +20,7 @@ typedef struct raster_state { /* of one block */
   vf marked; /* only if raster_how.marks: sum of the weights of marked splats */
 } raster_state;
 
-/* The exponent (base 2) of one splat's falloff at 16 pixel centres; below log2(1/255) it does not contribute. */
+/* The exponent (base 2) of one splat's falloff at 16 pixel centres; below its cut it does not contribute. */
 V_INLINE vf raster_exponent(const pags_splat *s, vf px, vf py, vf *u, vf *v) {
   const vf dx = v_sub(px, v_set(s->x)), dy = v_sub(py, v_set(s->y));
   *u = v_mul(v_set(s->p), v_fnma(v_set(s->h), dy, dx));
@@ -28,10 +28,11 @@ V_INLINE vf raster_exponent(const pags_splat *s, vf px, vf py, vf *u, vf *v) {
   return v_fnma(*u, *u, v_fnma(*v, *v, v_set(s->log2_opacity)));
 }
 
-/* Returns alpha, at most 0.99, from the exponent; 0 where it is below 1/255, so that the splat does not
- * contribute. */
-V_INLINE vf raster_alpha(vf exponent, int degree) {
-  return v_maskz(v_ge(exponent, v_set(-PAGS_LOG2_255)), v_min(v_set(PAGS_ALPHA_MAX), v_exp2(exponent, degree)));
+/* Returns alpha (pags_alpha_cut), at most 0.99, from the exponent; 0 where that is below the cut, so that the splat
+ * does not contribute. */
+V_INLINE vf raster_alpha(const pags_splat *s, vf exponent, int degree) {
+  const vf alpha = v_sub(v_exp2(exponent, degree), v_set(s->floor));
+  return v_maskz(v_ge(exponent, v_set(s->cut)), v_min(v_set(PAGS_ALPHA_MAX), alpha));
 }
 
 /* The variant of the rasteriser: constant within each function made from it, so that unused code is removed.
@@ -99,12 +100,12 @@ typedef struct raster_pipeline {
 } raster_pipeline;
 
 V_INLINE raster_pipeline raster_prime(raster_pair first, raster_pair second, int degree) {
-  return (raster_pipeline){raster_alpha(pair_exponent(first), degree), pair_exponent(second), first, second};
+  return (raster_pipeline){raster_alpha(first.splat, pair_exponent(first), degree), pair_exponent(second), first, second};
 }
 
 V_INLINE unsigned raster_step(raster_pipeline *pipe, raster_pair after_next, raster_how how) {
   const vf exponent = pair_exponent(after_next);
-  const vf alpha = raster_alpha(pipe->next, how.degree);
+  const vf alpha = raster_alpha(pipe->next_pair.splat, pipe->next, how.degree);
   const unsigned blends = raster_blend(pipe->pair.block, pipe->pair.splat, pipe->now, how);
   *pipe = (raster_pipeline){alpha, exponent, pipe->next_pair, after_next};
   return blends;
@@ -349,8 +350,7 @@ static unsigned raster(const pags_raster_in *in, const pags_raster_out *out) {
   return variants[exact][out->depth_sum || in->pairs][stop](in, out);
 }
 
-/* log2 of the alpha (1/2) from which a splat counts as an occluder in the depth pre-pass. */
-#define RASTER_COVERS (-1.0f)
+#define RASTER_COVERS 0.5f /* the alpha from which a splat counts as an occluder in the depth pre-pass */
 
 static void raster_depth(const pags_raster_in *in, float *depth, int64_t stride, float farthest[PAGS_TILE_BLOCKS]) {
   const block_corners corners = corners_of(in->x0, in->y0);
@@ -359,10 +359,11 @@ static void raster_depth(const pags_raster_in *in, float *depth, int64_t stride,
     nearest[b] = v_set(INFINITY);
   for (int64_t i = 0; i < in->count; i++) {
     const pags_splat *const s = in->splats + in->entries[i].splat;
+    const vf least = v_log2(v_set(RASTER_COVERS + s->floor));
     for (unsigned left = block_mask(s, &corners); left; left &= left - 1) {
       const int b = __builtin_ctz(left);
       vf u, v;
-      const vm covers = v_ge(raster_exponent(s, block_x(b, in->x0), block_y(b, in->y0), &u, &v), v_set(RASTER_COVERS));
+      const vm covers = v_ge(raster_exponent(s, block_x(b, in->x0), block_y(b, in->y0), &u, &v), least);
       nearest[b] = v_select(covers, v_min(v_set(s->z), nearest[b]), nearest[b]);
     }
   }

@@ -8,7 +8,7 @@
  * No division recovers T (it is blended again, to the same bits), no per-pixel index is stored, and pixels stop where
  * they stopped. A stopped pixel has T = 0 and behind = 0 here, which makes all its terms vanish.
  *
- * The exponent's gradient s = dL/dalpha alpha (ln 2 is applied later) is summed in moments of the whitened offsets u,
+ * The exponent's gradient s = dL/dalpha (alpha + floor) (ln 2 is applied later) is summed in moments of the whitened offsets u,
  * v, which stay within 3.4 for every shape, where moments of dx, dy of a long needle would swamp float. At the 0.99
  * cap the true derivative is 0: nothing flows to shape and opacity there (as in gsplat; INRIA lets it through).
  *
@@ -50,7 +50,7 @@ typedef struct backward_cover { /* the part of one splat over one block that doe
 V_INLINE backward_cover backward_alpha(const backward_tile *tile, const pags_splat *s, int b) {
   backward_cover c;
   const vf exponent = raster_exponent(s, tile->px[b], tile->py[b], &c.u, &c.v);
-  c.alpha = raster_alpha(exponent, 5);
+  c.alpha = raster_alpha(s, exponent, 5);
   return c;
 }
 
@@ -70,7 +70,8 @@ V_INLINE void backward_step(backward_tile *tile, const pags_splat *s, const back
   tile->behind[b] = v_maskz(goes_on, behind);
 
   const vf dalpha = v_sub(v_mul(t, shine), v_div(behind, v_sub(v_set(1.0f), alpha)));
-  const vf ds = v_maskz(m_and(goes_on, v_lt(alpha, v_set(PAGS_ALPHA_MAX))), v_mul(alpha, dalpha));
+  const vm shaped = m_and(v_gt(alpha, v_zero()), v_lt(alpha, v_set(PAGS_ALPHA_MAX)));
+  const vf ds = v_maskz(m_and(goes_on, shaped), v_mul(v_add(alpha, v_set(s->floor)), dalpha));
   const vf su = v_mul(ds, u), sv = v_mul(ds, v);
   sum[PAGS_SLOT_S] = v_add(sum[PAGS_SLOT_S], ds);
   sum[PAGS_SLOT_SU] = v_add(sum[PAGS_SLOT_SU], su);

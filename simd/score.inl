@@ -46,7 +46,7 @@ V_INLINE void score_load(score_tile *tile, const pags_raster_score *in, bool los
 V_INLINE void score_step(score_tile *tile, const pags_splat *s, int b, bool overlap, bool loss, vf sum[3]) {
   vf u, v;
   const vf exponent = raster_exponent(s, tile->px[b], tile->py[b], &u, &v);
-  const vf alpha = raster_alpha(exponent, 5);
+  const vf alpha = raster_alpha(s, exponent, 5);
   const vf t = tile->t[b], next = v_fnma(t, alpha, t);
   const vm goes_on = v_ge(next, v_set(PAGS_T_STOP)), blends = m_and(goes_on, v_gt(alpha, v_zero()));
   const vf w = v_maskz(goes_on, v_mul(alpha, t));

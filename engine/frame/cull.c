@@ -138,10 +138,12 @@ static void touch_block(void *context, int64_t begin, int64_t end, int worker) {
     c->touch(c->user, c->frame->clusters[i].part, c->frame->clusters[i].cluster, worker);
 }
 
-/* reach_max of a part: log2(255 o)/k, plus the kernel's slack, for the part's largest opacity o; k = log2(e)/2. */
-static float largest_reach(const pags_part *part) {
+/* reach_max of a part: log2(o / a)/k, plus the kernel's slack, for the part's largest opacity o and least alpha a;
+ * k = log2(e)/2. With antialiasing a may be as low as 1/255 (simd/project.inl). */
+static float largest_reach(const pags_part *part, const pags_projection *view) {
   const bool boosted = part->opacity_factor && part->opacity_factor_most > 1.0f;
-  return (PAGS_LOG2_255 + PAGS_CUT_SLACK + (boosted ? pags_log2f(part->opacity_factor_most) : 0.0f)) / 0.72134752f;
+  const float deepest = view->antialiased ? PAGS_LOG2_255 : view->alpha.lift - view->alpha.cut;
+  return (deepest + PAGS_CUT_SLACK + (boosted ? pags_log2f(part->opacity_factor_most) : 0.0f)) / 0.72134752f;
 }
 
 static float largest_square(float a, float b) {
@@ -190,7 +192,7 @@ pags_result pags_stage_cull(pags_frame *frame, bool bounded) {
                       bounds,
                       largest_square(view->lim_x0, view->lim_x1),
                       largest_square(view->lim_y0, view->lim_y1),
-                      largest_reach(frame->parts + p)};
+                      largest_reach(frame->parts + p, view)};
     PAGS_TRY(pags_frame_for(frame, c.clusters->count, 1024, cull_block, &c));
     append_seen(&c, p);
   }

@@ -35,7 +35,8 @@ typedef struct paper {
 
 /* Whether a projected member of a cluster is an occluder. */
 static bool is_occluder(const pags_frame *f, const view_cluster *c, int member) {
-  return f->keys[c->base + member] != UINT32_MAX && f->splats[c->base + member].log2_opacity >= OCCLUDER_LOG2 &&
+  const float opacity = f->splats[c->base + member].log2_opacity - f->projections[c->part].alpha.lift;
+  return f->keys[c->base + member] != UINT32_MAX && opacity >= OCCLUDER_LOG2 &&
          frame_is_critical(f->parts + c->part, c->first + member);
 }
 

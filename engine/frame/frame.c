@@ -8,6 +8,7 @@
 
 #include "base/memory.h"
 #include "frame/stages.h"
+#include "maths/maths.h"
 #include "port/port.h"
 
 /* Sets the planes' size, padded to whole tiles, and grows their memory where needed; it never shrinks. */
@@ -29,6 +30,19 @@ static pags_result prepare_planes(pags_frame *frame) {
   return PAGS_OK;
 }
 
+static pags_alpha_cut alpha_cut_of(const pags_gaussians *gaussians) {
+  const double least = (double)gaussians->alpha_min;
+  if (!(least > 0.0) || gaussians->alpha_min == PAGS_ALPHA_MIN)
+    return (pags_alpha_cut){.least = PAGS_ALPHA_MIN, .cut = -PAGS_LOG2_255};
+  /* The cut is a little above the floor, so that alpha is positive there with the rasteriser's 2^x, of an error up to
+   * 7.5e-5, too. */
+  const double floor = least / (1.0 - least);
+  return (pags_alpha_cut){.least = (float)least,
+                          .cut = (float)(pags_log2(floor) + 2e-4),
+                          .floor = (float)floor,
+                          .lift = (float)-pags_log2(1.0 - least)};
+}
+
 /* The projection of a part: camera_from_model and the intrinsics as floats. All differences of large world
  * coordinates are taken here, in double. */
 static pags_projection make_projection(const pags_camera *camera, const pags_frame_options *options,
@@ -41,6 +55,7 @@ static pags_projection make_projection(const pags_camera *camera, const pags_fra
                        .height = (float)camera->height,
                        .near_plane = options->near_plane,
                        .low_pass = options->low_pass,
+                       .alpha = alpha_cut_of(part->gaussians),
                        .antialiased = options->antialiased};
   v.sh_degree = options->sh_degree < part->gaussians->sh_degree ? options->sh_degree : part->gaussians->sh_degree;
   /* The float positions of a part are relative to the scene's origin or, where it follows a track, in the object's

@@ -45,7 +45,7 @@ void pags_frame_project_cluster(const pags_frame *frame, const view_cluster *c, 
   const float *const rows = pags_frame_geometry(part, c, &scratch, &stride);
   frame->kernels->project(frame->projections + c->part, rows, stride,
                           part->opacity_factor ? part->opacity_factor + c->first : NULL, c->count, splats, keys,
-                          reaches);
+                          frame->boxes + c->base, reaches);
   if (frame->options.rest_cut > 0.0f)
     cut_rest(frame, c, splats, keys);
   for (int k = 0; k < c->count; k++)

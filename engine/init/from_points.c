@@ -117,6 +117,8 @@ static pags_result sorted_rows(const pags_train_config *config, int64_t count, c
     result = pags_gaussians_create(out, count, config->color.sh_degree);
   if (result == PAGS_OK)
     pags_gaussians_gather(&unsorted, order, count, out);
+  if (result == PAGS_OK)
+    out->alpha_min = (float)config->picture.alpha_min;
   free(order);
   pags_gaussians_destroy(&unsorted);
   return result;

@@ -195,6 +195,7 @@ pags_result pags_packed_unpack(const pags_packed *packed, pags_gaussians *out) {
   float planes[PAGS_MAX_PLANES * ROWS];
   const int degree = packed->shape.sh_degree, plane_count = pags_plane_count(degree);
   PAGS_TRY(pags_gaussians_create(out, packed->shape.count, degree));
+  out->alpha_min = packed->shape.alpha_min;
   if (packed->has_s_sem) {
     const pags_result result = pags_gaussians_add_s_sem(out);
     if (result != PAGS_OK) {
@@ -218,7 +219,7 @@ pags_result pags_packed_unpack(const pags_packed *packed, pags_gaussians *out) {
 /* ---- Writing the file ---- */
 
 /* Fills the header: magic (byte 0), count (8), SH degree (16), rows per cluster (17), whether it has s_sem (18), up
- * axis (19), antialiased (20), origin (24, three doubles), background (48, three floats); all other bytes are 0. */
+ * axis (19), antialiased (20), origin (24, three doubles), background (48, three floats), alpha_min (60); all other bytes are 0. */
 static void fill_head(const pags_packed *packed, int64_t count, uint8_t head[HEAD]) {
   memset(head, 0, HEAD);
   memcpy(head, magic, sizeof magic);
@@ -230,6 +231,7 @@ static void fill_head(const pags_packed *packed, int64_t count, uint8_t head[HEA
   head[20] = packed->antialiased != 0;
   memcpy(head + 24, packed->origin, sizeof packed->origin);
   memcpy(head + 48, packed->background, sizeof packed->background);
+  memcpy(head + 60, &packed->shape.alpha_min, sizeof packed->shape.alpha_min);
 }
 
 /* Writes `count` zero bytes, at most 64. */
@@ -332,6 +334,9 @@ static pags_result read_head(const char *path, const uint8_t *head, uint64_t siz
   out->antialiased = head[20] != 0;
   memcpy(out->origin, head + 24, sizeof out->origin);
   memcpy(out->background, head + 48, sizeof out->background);
+  memcpy(&out->shape.alpha_min, head + 60, sizeof out->shape.alpha_min);
+  if (!(out->shape.alpha_min >= 0.0f && out->shape.alpha_min < 1.0f))
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: head: expected a least alpha from 0 to 1", path);
   for (int k = 0; k < 3; k++)
     if (!isfinite(out->origin[k]) || !(out->background[k] >= 0.0f && out->background[k] <= 1.0f))
       return pags_fail(PAGS_ERROR_FORMAT, "%s: head: expected a finite origin and a background from 0 to 1", path);

@@ -274,6 +274,7 @@ pags_result pags_ply_decode(const char *path, const uint8_t *bytes, size_t size,
     result = pags_compressed_ply_decode(&table, out);
   else
     result = read_vertices(&table, vertex, out);
+  out->alpha_min = table.alpha_min;
   *facts = table.facts;
   facts->kind = compressed ? "compressed PLY" : "PLY";
   pags_ply_table_close(&table);
@@ -348,6 +349,9 @@ pags_result pags_ply_save_facts(const char *path, const pags_gaussians *gaussian
     int length = snprintf(text, sizeof text, "ply\nformat binary_little_endian 1.0\n");
     if (facts)
       length += put_facts(facts, text + length, sizeof text - (size_t)length);
+    if (gaussians->alpha_min > 0.0f)
+      length += snprintf(text + length, sizeof text - (size_t)length, "comment alpha_min %.9g\n",
+                         (double)gaussians->alpha_min);
     length +=
         snprintf(text + length, sizeof text - (size_t)length, "element vertex %lld\n", (long long)gaussians->count);
     for (int i = 0; i < count; i++)

@@ -116,7 +116,7 @@ static void parse_vertical_axis(const char *path, int words, char *value[], pags
 
 /* Reads what programs say in comments, in any case, with or without a colon: "SplatRenderMode: mip" (Brush, gsplat,
  * splat-transform, PAGS), "antialiased 1" (Postshot), "train_flags antialiasing" (proposed to INRIA); "Vertical axis";
- * and "offset X Y Z", which was taken off all positions. Others are skipped; of several the last holds. */
+ * "offset X Y Z", which was taken off all positions; and "alpha_min A" (pags_gaussians; PAGS). Others are skipped; of several the last holds. */
 static void parse_comment(ply_table *t, int words, char *word[]) {
   pags_splat_facts *const facts = &t->facts;
   double offset[3];
@@ -136,6 +136,8 @@ static void parse_comment(ply_table *t, int words, char *word[]) {
     facts->antialiased = strncasecmp(value, "antialias", 9) == 0;
   else if (strcasecmp(key, "Vertical") == 0 && strcasecmp(value, "axis") == 0)
     parse_vertical_axis(t->path, words - 3, word + 3, facts);
+  else if (strcasecmp(key, "alpha_min") == 0 && parse_numbers(word + 2, 1, offset))
+    t->alpha_min = offset[0] > 0 && offset[0] < 1 ? (float)offset[0] : 0;
   else if (strcasecmp(key, "offset") == 0 && words == 5 && parse_numbers(word + 2, 3, offset))
     memcpy(facts->origin, offset, sizeof offset);
 }

@@ -36,6 +36,7 @@ typedef struct ply_table {
   char *header; /* copy of the header, cut into words; names point into it */
   bool ascii, big_endian;
   pags_splat_facts facts; /* what the comments say: antialiased, up, offset */
+  float alpha_min;        /* likewise; 0 if they don't say it */
   int element_count, property_count, property_capacity;
   ply_element elements[PLY_MAX_ELEMENTS];
   ply_property *properties;

@@ -21,7 +21,8 @@ enum { SAFE_NAME = 100 }; /* bytes of an object's id in a file name, with the fi
 
 /* Loads the PLY of a model and checks its count and SH degree against those that scene.json gives. */
 static pags_result load_model(const char *folder, pags_model *model, int64_t expected) {
-  int expected_degree = model->gaussians.sh_degree;
+  const int expected_degree = model->gaussians.sh_degree;
+  const float alpha_min = model->gaussians.alpha_min;
   char *path = pags_path_join(folder, model->file);
   if (!path)
     return pags_out_of_memory("%s: a path", folder);
@@ -32,6 +33,8 @@ static pags_result load_model(const char *folder, pags_model *model, int64_t exp
     result =
         pags_fail(PAGS_ERROR_FORMAT, "%s: scene.json promises %lld Gaussians of SH degree %d, found %lld of degree %d",
                   path, (long long)expected, expected_degree, (long long)found, model->gaussians.sh_degree);
+  if (alpha_min > 0.0f)
+    model->gaussians.alpha_min = alpha_min;
   free(path);
   return result;
 }

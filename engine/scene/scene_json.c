@@ -48,11 +48,17 @@ static pags_result read_models(const pags_json *json, const pags_json_value *roo
 
     /* One model, without its Gaussians. */
     int64_t degree;
+    double alpha_min;
     PAGS_TRY(pags_json_string_copy(json, model, "name", &scene->models[i].name));
     PAGS_TRY(pags_json_string_copy(json, model, "file", &scene->models[i].file));
     PAGS_TRY(pags_json_integer(json, model, "gaussians", 0, INT32_MAX, &(*counts)[i]));
     PAGS_TRY(pags_json_integer(json, model, "sh_degree", 0, 3, &degree));
     scene->models[i].gaussians.sh_degree = (int)degree;
+    PAGS_TRY(pags_json_number_or(json, model, "alpha_min", 0, &alpha_min));
+    if (!(alpha_min >= 0 && alpha_min < 1))
+      return pags_json_fail(json, pags_json_member(model, "alpha_min"),
+                            "expected a number from 0 to 1 for 'alpha_min', found %g", alpha_min);
+    scene->models[i].gaussians.alpha_min = (float)alpha_min;
     if (!pags_path_is_inside(scene->models[i].file))
       return pags_json_fail(json, pags_json_member(model, "file"),
                             "expected a 'file' inside of the scene's folder, found \"%s\"", scene->models[i].file);
@@ -278,6 +284,8 @@ static pags_result write_root(pags_json_writer *w, const pags_scene *scene) {
     pags_json_put_string(w, "file", model->file);
     pags_json_put_integer(w, "gaussians", model->gaussians.count);
     pags_json_put_integer(w, "sh_degree", model->gaussians.sh_degree);
+    if (model->gaussians.alpha_min > 0.0f)
+      pags_json_put_number(w, "alpha_min", (double)model->gaussians.alpha_min);
     pags_json_end_object(w);
   }
   pags_json_end_array(w);

@@ -374,6 +374,7 @@ static pags_result get_model(section_reader *r, pags_train_state *s) {
     return pags_fail(PAGS_ERROR_FORMAT, "%s: section GAUS is cut off", r->path);
   pags_gaussians g;
   PAGS_TRY(pags_gaussians_create(&g, record.count, config->color.sh_degree));
+  g.alpha_min = (float)config->picture.alpha_min;
   pags_result result = record.fourier ? pags_gaussians_add_fourier(&g) : PAGS_OK;
   if (result == PAGS_OK)
     result = get_planes(r, "GAUS", &g);

@@ -55,7 +55,7 @@ static thresholds thresholds_of(const pags_train_model *model) {
   return (thresholds){
       .gradient = (float)(c->density.absgrad ? c->density.absgrad_gradient : c->density.densify_gradient),
       .dense_sigma = (float)(c->density.dense_percent * s->extent),
-      .prune_logit = logit(c->density.prune_opacity),
+      .prune_logit = logit(fmin(c->density.prune_opacity * pags_schedule_opacity_scale(s), 1.0 - 1e-6)),
       .prune_sigma = prune_large ? (float)(c->density.prune_scale * s->extent) : INFINITY,
       .split_divisor = (float)c->density.split_divisor};
 }
@@ -219,8 +219,20 @@ pags_result pags_densify_apply(pags_train_model *model, const pags_edits *edits,
 
 void pags_densify_reset(pags_train_model *model) {
   float *opacity = pags_plane(&model->gaussians, PAGS_OPACITY);
-  float most = logit(fmin(model->schedule.config.density.reset_opacity, 1.0 - 1e-6));
+  const pags_schedule *s = &model->schedule;
+  float most = logit(fmin(s->config.density.reset_opacity * pags_schedule_opacity_scale(s), 1.0 - 1e-6));
   for (int64_t i = 0; i < model->gaussians.count; i++)
     opacity[i] = opacity[i] > most ? most : opacity[i];
   pags_adam_forget(&model->adam, PAGS_OPACITY, PAGS_OPACITY + 1);
+}
+
+void pags_densify_shrink(pags_train_model *model, pags_tasks *tasks) {
+  const float step = (float)pags_log(model->schedule.config.density.shrink);
+  for (int k = 0; k < 3; k++) {
+    float *scale = pags_plane(&model->gaussians, PAGS_SCALE + k);
+    for (int64_t i = 0; i < model->gaussians.count; i++)
+      scale[i] += step;
+  }
+  pags_adam_forget(&model->adam, PAGS_SCALE, PAGS_SCALE + 3);
+  pags_adam_bound_all(&model->adam, &model->gaussians, &model->clusters, tasks);
 }

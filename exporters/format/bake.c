@@ -87,6 +87,7 @@ pags_result pags_splats_bake(const pags_part *parts, int count, int sh_degree, p
     s_sem = s_sem && parts[i].gaussians->s_sem;
   }
   PAGS_TRY(pags_gaussians_create(out, total, sh_degree));
+  out->alpha_min = count > 0 ? parts[0].gaussians->alpha_min : 0.0f; /* a training gives all its models the same */
   pags_result result = s_sem ? pags_gaussians_add_s_sem(out) : PAGS_OK;
   for (int i = 0; i < count && result == PAGS_OK; i++) {
     bake_part(&parts[i], out, first);

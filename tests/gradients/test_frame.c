@@ -162,6 +162,7 @@ static reference_picture make_scene(const gradient_case *c, reference_random *ra
   for (int p = 0; p < part_count; p++) {
     parts[p] = reference_part_create(c->count / part_count, p == 2 ? 1 : 3);
     parts[p].first_id = p * (c->count / part_count);
+    parts[p].alpha_min = p == 1 && !options->antialiased ? (double)(4.0f / 255.0f) : 0; /* a part of another cut */
     reference_random_pose(random, 4, parts[p].world_from_model);
     for (int64_t i = 0; i < parts[p].count; i++)
       reference_random_gaussian(random, &c->recipe, camera, options, &parts[p], i);

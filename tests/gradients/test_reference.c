@@ -258,6 +258,7 @@ static void test_two_parts(void **state) {
   scene.part_count = 2;
   scene.parts[1] = reference_part_create(8, 1);
   scene.parts[1].first_id = 7;
+  scene.parts[1].alpha_min = 4.0 / 255;
   for (int p = 0; p < 2; p++)
     reference_random_pose(&scene.random, 5, scene.parts[p].world_from_model);
   const double origin[3] = {1024, -4096, 64};

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "rows.h"
 
+#include "splats.h"
+
 #include <math.h>
 #include <string.h>
 
@@ -26,6 +28,7 @@ static pags_projection view_of(const double r[9], const double eye[3], int sh_de
                        .height = 300.0f,
                        .near_plane = 0.25f,
                        .low_pass = 0.3f,
+                       .alpha = {PAGS_ALPHA_MIN, -PAGS_LOG2_255, 0.0f, 0.0f},
                        .sh_degree = sh_degree};
   v.lim_x0 = (-0.15f * v.width - v.cx) / v.fx, v.lim_x1 = (1.15f * v.width - v.cx) / v.fx;
   v.lim_y0 = (-0.15f * v.height - v.cy) / v.fy, v.lim_y1 = (1.15f * v.height - v.cy) / v.fy;
@@ -47,6 +50,8 @@ pags_projection view_random(int sh_degree, bool antialiased) {
   rotation(q, r);
   pags_projection v = view_of(r, eye, sh_degree);
   v.antialiased = antialiased;
+  if (check_below(2))
+    v.alpha = alpha_cut_continuous((double)check_uniform(1.5f, 8.0f) / 255.0);
   return v;
 }
 
@@ -223,12 +228,19 @@ plain_row row_plainly(const pags_projection *v, const double row[ROW_FLOATS]) {
   colour_plainly(v, row, out.rgb);
   out.raw_opacity = 1.0 / (1.0 + exp(clamped(-row[ROW_LOGIT], -87.0, 88.0)));
   out.opacity = out.raw_opacity * (v->antialiased ? sqrt(fmax(2.5e-5, out.d0 / out.d)) : 1.0);
-  const double reach = 2.0 * log(255.0 * out.opacity), slack = 1.0 + 1e-3 * (fabs(out.x) + fabs(out.y));
+  const double least = (double)v->alpha.least, compensation = out.opacity / out.raw_opacity;
+  const bool scaled = v->antialiased && v->alpha.floor > 0.0f;
+  const double scale = scaled ? fmax(compensation, (double)PAGS_ALPHA_MIN / least) : 1.0;
+  out.least = least * scale;
+  out.cut = (double)v->alpha.cut + log2(scale);
+  out.floor = (double)v->alpha.floor * scale;
+  const double reach = 2.0 * log(2.0) * (log2(out.opacity) + (double)v->alpha.lift - out.cut);
+  const double slack = 1.0 + 1e-3 * (fabs(out.x) + fabs(out.y));
   out.extent_x = sqrt(fmax(reach * out.a, 0.0));
   out.extent_y = sqrt(fmax(reach * out.c, 0.0));
   bool *const sure = &out.certain;
   const bool conditions[] = {
-      above(out.opacity, (double)PAGS_ALPHA_MIN, v->antialiased ? 50.0 * out.opacity : out.opacity, sure),
+      above(out.opacity, out.least, v->antialiased ? 50.0 * out.opacity : out.opacity, sure),
       above(1e18, out.a, 1e18, sure),
       above(1e18, out.c, 1e18, sure),
       above(1e36, out.d, 1e36, sure),

@@ -38,6 +38,7 @@ typedef struct plain_row {
   double x, y, z;        /* px, px, m */
   double a, b, c, d0, d; /* covariance; its determinants without and with the low-pass filter */
   double opacity, raw_opacity;
+  double least, cut, floor; /* pags_alpha_cut of the row */
   double extent_x, extent_y;
   double rgb[3];       /* before the clamp at 0 */
   bool drawn, certain; /* certain: no threshold is so near that rounding decides it */

@@ -9,15 +9,13 @@ const splat_mix splats_opaque = {20, 36, 60, 76, 0.3f, 20, 30, 0.1f, 1.0f, false
 const splat_mix splats_awkward = {28, 44, 52, 68, 0.3f, 20, 30, 0.004f, 1.0f, true};
 
 pags_splat splat_make(double x, double y, double a, double b, double c, double alpha) {
-  const double k = 0.5 * log2(exp(1.0)), d = a * c - b * b, reach = (log2(alpha) + log2(255.0)) / k;
-  pags_splat s = {.x = (float)x, .y = (float)y};
+  const double k = 0.5 * log2(exp(1.0)), d = a * c - b * b;
+  pags_splat s = {.x = (float)x, .y = (float)y, .cut = -PAGS_LOG2_255};
   s.p = (float)sqrt(k * c / d);
   s.h = (float)(b / c);
   s.w = (float)sqrt(k / c);
   s.slope = (float)(b / a);
   s.log2_opacity = (float)fmin(log2(alpha), 0.0);
-  s.extent_x = (float)sqrt(fmax(reach * a, 0.0));
-  s.extent_y = (float)sqrt(fmax(reach * c, 0.0));
   s.r = check_uniform(0.0f, 1.0f);
   s.g = check_uniform(0.0f, 1.0f);
   s.b = check_uniform(0.0f, 1.0f);
@@ -57,13 +55,37 @@ pags_splat splat_awkward(const splat_mix *mix) {
   }
 }
 
+pags_alpha_cut alpha_cut_continuous(double least) {
+  const double floor = least / (1.0 - least);
+  return (pags_alpha_cut){(float)least, (float)(log2(floor) + 2e-4), (float)floor, (float)-log2(1.0 - least)};
+}
+
+void splat_extent(const pags_splat *s, float extent[2]) {
+  const double k = 0.5 * log2(exp(1.0)), c = k / ((double)s->w * (double)s->w), b = (double)s->h * c;
+  const double a = (k * c / ((double)s->p * (double)s->p) + b * b) / c;
+  const double reach = fmax((double)s->log2_opacity - (double)s->cut, 0.0) / k;
+  extent[0] = (float)sqrt(reach * a);
+  extent[1] = (float)sqrt(reach * c);
+}
+
+/* Gives every third splat a continuous cut. */
+static pags_splat with_cut(pags_splat s) {
+  if (check_below(3) == 0) {
+    const pags_alpha_cut cut = alpha_cut_continuous((double)check_uniform(1.0f, 8.0f) / 255.0);
+    s.log2_opacity += cut.lift;
+    s.cut = cut.cut;
+    s.floor = cut.floor;
+  }
+  return s;
+}
+
 pags_splat splat_random(const splat_mix *mix) {
   if (mix->awkward && check_below(4) == 0)
-    return splat_awkward(mix);
+    return with_cut(splat_awkward(mix));
   const double minor = (double)log_uniform(mix->sigma_min, mix->sigma_max);
-  return from_axes((double)check_uniform(mix->x0, mix->x1), (double)check_uniform(mix->y0, mix->y1), minor,
-                   minor * (double)log_uniform(1.0f, mix->stretch), 0.3,
-                   (double)check_uniform(mix->alpha_min, mix->alpha_max));
+  return with_cut(from_axes((double)check_uniform(mix->x0, mix->x1), (double)check_uniform(mix->y0, mix->y1), minor,
+                            minor * (double)log_uniform(1.0f, mix->stretch), 0.3,
+                            (double)check_uniform(mix->alpha_min, mix->alpha_max)));
 }
 
 static float fnma(float a, float b, float c, bool fused) {

@@ -17,9 +17,14 @@ typedef struct splat_mix {
  * splats. */
 extern const splat_mix splats_translucent, splats_opaque, splats_awkward;
 
-/* Makes a splat with alpha > 0 at its mean and covariance [a b; b c] in px^2. Depth, colour and id are random. */
+/* Makes a splat with alpha > 0 at its mean and covariance [a b; b c] in px^2, with the cut at 1/255. Depth, colour and
+ * id are random. Every third of splat_random has a continuous cut. */
 pags_splat splat_make(double x, double y, double a, double b, double c, double alpha);
 pags_splat splat_random(const splat_mix *mix);
+/* The continuous cut of least alpha `least`, 0..1. */
+pags_alpha_cut alpha_cut_continuous(double least);
+/* Half the size of the box in which a splat is blended, px. */
+void splat_extent(const pags_splat *s, float extent[2]);
 /* An awkward splat: needles of 1:1e4, alpha at the cut-off or at the cap, means far away, extreme covariances, dots
  * of a pixel. */
 pags_splat splat_awkward(const splat_mix *mix);

@@ -45,6 +45,9 @@ static bins make_bins(int64_t splat_count, int tiles_x, int tiles_y) {
 static void find_boxes(const pags_kernels *k, bins *b) {
   b->boxes = CHECK_NEW(pags_tile_box, b->splat_count);
   memset(b->boxes, 0xA5, (size_t)b->splat_count * sizeof *b->boxes);
+  for (int64_t i = 0; i < b->splat_count; i++)
+    if (b->keys[i] != UINT32_MAX)
+      splat_extent(b->splats + i, b->boxes[i].extent);
   for (int64_t first = 0; first < b->splat_count; first += 256) {
     const int count = b->splat_count - first < 256 ? (int)(b->splat_count - first) : 256;
     k->tile_boxes(b->splats + first, b->keys + first, count, b->tiles_x, b->tiles_y, b->boxes + first);
@@ -124,12 +127,11 @@ static void compare(const bins *got, const bins *want) {
 
 /* ---- Which pixels a splat reaches ---- */
 
-/* Whether the splat's alpha reaches 1/255 at the pixel in fused or unfused arithmetic. The two exponents never differ
+/* Whether the splat's alpha reaches its cut at the pixel in fused or unfused arithmetic. The two exponents never differ
  * by as much as 1. */
 static bool reaches(const pags_splat *s, float px, float py) {
   const float exponent = splat_exponent(s, px, py, false);
-  return exponent >= -PAGS_LOG2_255 ||
-         (exponent >= -PAGS_LOG2_255 - 1.0f && splat_exponent(s, px, py, true) >= -PAGS_LOG2_255);
+  return exponent >= s->cut || (exponent >= s->cut - 1.0f && splat_exponent(s, px, py, true) >= s->cut);
 }
 
 /* Mask of the 4x4 blocks of the tile at (x0, y0) px with a pixel that the splat reaches; 0 for tiles well beyond the
@@ -137,7 +139,9 @@ static bool reaches(const pags_splat *s, float px, float py) {
 static unsigned blocks_reached(const pags_splat *s, int x0, int y0) {
   unsigned blocks = 0;
   const float half = 0.5f * PAGS_TILE, margin = half + 16.0f;
-  if (fabsf((float)x0 + half - s->x) > s->extent_x + margin || fabsf((float)y0 + half - s->y) > s->extent_y + margin)
+  float extent[2];
+  splat_extent(s, extent);
+  if (fabsf((float)x0 + half - s->x) > extent[0] + margin || fabsf((float)y0 + half - s->y) > extent[1] + margin)
     return 0;
   for (int y = 0; y < PAGS_TILE; y++)
     for (int x = 0; x < PAGS_TILE; x++)
@@ -311,9 +315,15 @@ static void test_bench(const pags_kernels *k) {
   pags_tile_box *const boxes = CHECK_NEW(pags_tile_box, b.splat_count);
   const pags_bin list = {b.splats, b.boxes, b.order, b.count, b.tiles_x, NULL, NULL};
   CHECK(b.total > b.count);
+  float *const extents = CHECK_NEW(float, 4096 * 2);
+  for (int i = 0; i < 4096; i++)
+    splat_extent(in.splats + i, extents + 2 * i);
   CHECK_BENCH("tile_boxes", b.count, "splat")
-  for (int first = 0; first < 4096; first += 256)
+  for (int first = 0; first < 4096; first += 256) {
+    for (int i = first; i < first + 256; i++)
+      boxes[i].extent[0] = extents[2 * i], boxes[i].extent[1] = extents[2 * i + 1];
     k->tile_boxes(in.splats + first, in.keys + first, 256, b.tiles_x, b.tiles_y, boxes + first);
+  }
   CHECK_BENCH("bin_count", b.count, "splat")
   k->bin_count(&list, b.counts);
   CHECK_BENCH("bin_fill", b.total, "pair") {

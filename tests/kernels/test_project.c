@@ -11,11 +11,13 @@ static const int counts[] = {0, 1, 7, 8, 9, 15, 16, 17, 63, 64, 255, 256};
 typedef struct projection {
   pags_splat *splats;
   uint32_t *keys;
+  pags_tile_box *boxes;
 } projection;
 
 static projection project_by(const pags_kernels *k, const pags_projection *view, const rows *r, const float *factor) {
-  const projection p = {CHECK_NEW(pags_splat, r->count), CHECK_NEW(uint32_t, r->count)};
-  k->project(view, r->data, r->stride, factor, r->count, p.splats, p.keys, NULL);
+  const projection p = {CHECK_NEW(pags_splat, r->count), CHECK_NEW(uint32_t, r->count),
+                        CHECK_NEW(pags_tile_box, r->count)};
+  k->project(view, r->data, r->stride, factor, r->count, p.splats, p.keys, p.boxes, NULL);
   return p;
 }
 
@@ -39,7 +41,7 @@ static void check_field(const char *what, int row, float got, double want, doubl
 
 /* The determinant D is a sum of squares of minors, each rounded relative to sqrt(A C): the thinner the ellipse, the
  * fewer digits are right. */
-static void check_splat(const pags_splat *s, uint32_t key, const plain_row *want, const pags_projection *view,
+static void check_splat(const pags_splat *s, const pags_tile_box *box, uint32_t key, const plain_row *want, const pags_projection *view,
                         int row) {
   const double k = 0.5 * log2(exp(1.0)), thin = sqrt(want->a * want->c / want->d);
   const double near = 1e-5, shape = near + 1e-6 * thin, far = 1e-6 * (fabs(want->x) + fabs(want->y) + 1000.0);
@@ -51,10 +53,12 @@ static void check_splat(const pags_splat *s, uint32_t key, const plain_row *want
   check_field("h", row, s->h, want->b / want->c, near, near * sqrt(want->a / want->c));
   check_field("w", row, s->w, sqrt(k / want->c), near, 0.0);
   check_field("slope", row, s->slope, want->b / want->a, near, near * sqrt(want->c / want->a));
-  check_field("log2_opacity", row, s->log2_opacity, fmin(log2(want->opacity), 0.0), 1e-6, 1e-5 + dim);
-  const double reach = (1e-5 + dim) / log(255.0 * want->opacity);
-  check_field("extent_x", row, s->extent_x, want->extent_x, near + reach, 1e-4);
-  check_field("extent_y", row, s->extent_y, want->extent_y, near + reach, 1e-4);
+  check_field("log2_opacity", row, s->log2_opacity, fmin(log2(want->opacity), 0.0) + (double)view->alpha.lift, 1e-6, 1e-5 + dim);
+  check_field("cut", row, s->cut, want->cut, 1e-6, 1e-6 + dim);
+  check_field("floor", row, s->floor, want->floor, 1e-6 + dim, 0.0);
+  const double reach = (1e-5 + dim) / (log(2.0) * (log2(want->opacity) + (double)view->alpha.lift - want->cut));
+  check_field("extent_x", row, box->extent[0], want->extent_x, near + reach, 1e-4);
+  check_field("extent_y", row, box->extent[1], want->extent_y, near + reach, 1e-4);
   uint32_t bits;
   memcpy(&bits, &s->z, sizeof bits);
   CHECK(key == bits && s->tiles == 0);
@@ -78,7 +82,7 @@ static void check_plainly(const projection *p, const pags_projection *view, cons
       CHECK_FAIL("row %d is %sdrawn: z %g at (%g, %g), A %g, C %g, opacity %g", i, drawn ? "" : "not ", want.z, want.x,
                  want.y, want.a, want.c, want.opacity);
     if (want.certain && drawn && want.drawn)
-      check_splat(p->splats + i, p->keys[i], &want, view, i);
+      check_splat(p->splats + i, p->boxes + i, p->keys[i], &want, view, i);
     tally[want.certain && want.drawn]++;
   }
 }
@@ -110,12 +114,13 @@ static void test_awkward(const pags_kernels *k) {
 
 /* An opacity factor of 0 removes a row, a factor of 1 changes nothing, others shift the logarithm of the opacity and
  * change the extent accordingly. */
-static void check_factor(const pags_splat *got, const pags_splat *plain, float factor, int row) {
-  const double bits = log2(255.0), l = (double)got->log2_opacity + bits;
+static void check_factor(const projection *by, const projection *without, float factor, int row) {
+  const pags_splat *const got = by->splats + row, *const plain = without->splats + row;
+  const double l = (double)got->log2_opacity - (double)got->cut;
   check_field("log2_opacity", row, got->log2_opacity, (double)plain->log2_opacity + log2((double)factor), 1e-5, 1e-5);
-  const double grown = sqrt(l / fmax((double)plain->log2_opacity + bits, 1e-3));
-  if (plain->log2_opacity > -7.0f)
-    check_field("extent_x", row, got->extent_x, (double)plain->extent_x * grown, 1e-4, 1e-4);
+  const double grown = sqrt(l / fmax((double)plain->log2_opacity - (double)plain->cut, 1e-3));
+  if (plain->log2_opacity > plain->cut + 1.0f)
+    check_field("extent_x", row, by->boxes[row].extent[0], (double)without->boxes[row].extent[0] * grown, 1e-4, 1e-4);
   CHECK(got->x == plain->x && got->z == plain->z && got->p == plain->p && got->h == plain->h && got->w == plain->w);
 }
 
@@ -137,7 +142,7 @@ static void test_factor(const pags_kernels *k) {
       CHECK(factor[i] != 1.0f || drawn == before);
       CHECK(!drawn || before || factor[i] > 1.0f);
       if (drawn && before)
-        check_factor(got.splats + i, plain.splats + i, factor[i], i);
+        check_factor(&got, &plain, factor[i], i);
       taken += before && factor[i] == 0.0f;
       kept += drawn;
     }
@@ -161,7 +166,8 @@ static void test_edges(const pags_kernels *k) {
   }
   pags_splat splats[16];
   uint32_t keys[16];
-  k->project(&view, data[0], 16, NULL, 16, splats, keys, NULL);
+  pags_tile_box boxes[16];
+  k->project(&view, data[0], 16, NULL, 16, splats, keys, boxes, NULL);
   for (int i = 0; i < 16; i++)
     CHECK((keys[i] == UINT32_MAX) == (i == 0));
   for (int plane = 0; plane < ROW_SH; plane++) {
@@ -171,7 +177,7 @@ static void test_edges(const pags_kernels *k) {
       const uint32_t nan = (i & 1 ? 0x7FC00000u : 0xFFC00000u) | (check_u32() & 0x3FFFFFu);
       memcpy(&data[plane][i], &nan, sizeof nan);
     }
-    k->project(&view, data[0], 16, NULL, 16, splats, keys, NULL);
+    k->project(&view, data[0], 16, NULL, 16, splats, keys, boxes, NULL);
     for (int i = 0; i < 16; i++)
       if (keys[i] != UINT32_MAX)
         CHECK_FAIL("drawn with NaN in plane %d", plane);
@@ -183,7 +189,7 @@ static void test_bench(const pags_kernels *k) {
   const pags_projection view = view_random(3, false);
   const rows r = rows_random(&view, 256, ROWS_ORDINARY);
   const projection p = project(k, &view, &r);
-  CHECK_BENCH("project", r.count, "row") k->project(&view, r.data, r.stride, NULL, r.count, p.splats, p.keys, NULL);
+  CHECK_BENCH("project", r.count, "row") k->project(&view, r.data, r.stride, NULL, r.count, p.splats, p.keys, p.boxes, NULL);
 }
 
 /* Checks one axis: blocks [first, end) must contain every pixel centre of the picture within `extent` of the mean,
@@ -206,14 +212,15 @@ static void check_reaches(const pags_kernels *k, row_kind kind) {
   for (size_t n = 0; n < sizeof counts / sizeof *counts; n++) {
     const pags_projection view = view_random(0, n % 2);
     const rows r = rows_random(&view, counts[n], kind);
-    const projection p = {CHECK_NEW(pags_splat, r.count), CHECK_NEW(uint32_t, r.count)};
+    const projection p = {CHECK_NEW(pags_splat, r.count), CHECK_NEW(uint32_t, r.count),
+                          CHECK_NEW(pags_tile_box, r.count)};
     pags_reach *const reaches = CHECK_NEW(pags_reach, r.count);
-    k->project(&view, r.data, r.stride, NULL, r.count, p.splats, p.keys, reaches);
+    k->project(&view, r.data, r.stride, NULL, r.count, p.splats, p.keys, p.boxes, reaches);
     for (int i = 0; i < r.count; i++) {
       if (p.keys[i] == UINT32_MAX)
         continue;
       const pags_splat *const s = p.splats + i;
-      const double cut = (double)s->log2_opacity + log2(255.0), inv_p = 1.0 / (double)s->p, inv_w = 1.0 / (double)s->w;
+      const double cut = (double)s->log2_opacity - (double)s->cut, inv_p = 1.0 / (double)s->p, inv_w = 1.0 / (double)s->w;
       const double x = sqrt(cut * (inv_p * inv_p + (double)s->h * (double)s->h * inv_w * inv_w)), y = sqrt(cut) * inv_w;
       if (cut <= 0.0)
         continue;

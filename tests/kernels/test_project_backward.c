@@ -13,6 +13,7 @@ typedef struct frame {
   rows rows;
   pags_splat *splats;
   uint32_t *keys;
+  pags_tile_box *boxes;
   int64_t *slot_start, slot_count;
   float *slots;
   bool *poisoned; /* whether a slot of this row holds a NaN or infinity that must matter */
@@ -23,9 +24,10 @@ static frame make_frame(const pags_kernels *k, int count, row_kind kind, int deg
   f.rows = rows_random(&f.view, count, kind);
   f.splats = CHECK_NEW(pags_splat, count);
   f.keys = CHECK_NEW(uint32_t, count);
+  f.boxes = CHECK_NEW(pags_tile_box, count);
   f.slot_start = CHECK_NEW(int64_t, count);
   f.poisoned = CHECK_NEW(bool, count);
-  k->project(&f.view, f.rows.data, f.rows.stride, NULL, count, f.splats, f.keys, NULL);
+  k->project(&f.view, f.rows.data, f.rows.stride, NULL, count, f.splats, f.keys, f.boxes, NULL);
   k->shade(&f.view, f.rows.data, f.rows.stride, NULL, count, f.keys, f.splats);
   for (int i = 0; i < count; i++) {
     /* Rows that aren't drawn have no valid slot. */

@@ -161,9 +161,9 @@ static pixel blend_pixel(const scene *s, float px, float py, bool fused, const u
   for (int64_t i = 0; i < s->count; i++) {
     const pags_splat *const g = s->splats + s->entries[i].splat;
     const float exponent = splat_exponent(g, px, py, fused);
-    if (!(exponent >= -PAGS_LOG2_255))
+    if (!(exponent >= g->cut))
       continue;
-    const double alpha = fmin((double)PAGS_ALPHA_MAX, exp2((double)exponent)), w = alpha * out.t;
+    const double alpha = fmin((double)PAGS_ALPHA_MAX, exp2((double)exponent) - (double)g->floor), w = alpha * out.t;
     if (out.t - w < (double)PAGS_T_STOP)
       break;
     const float colour[3] = {g->r, g->g, g->b};
@@ -447,7 +447,7 @@ static void test_own_list(const pags_kernels *k) {
       own.count = 0;
       for (int64_t j = 0; j < s.count; j++)
         if (splat_exponent(s.splats + s.entries[j].splat, (float)(s.x0 + x) + 0.5f, (float)(s.y0 + y) + 0.5f,
-                           splat_fused(k)) >= -PAGS_LOG2_255)
+                           splat_fused(k)) >= s.splats[s.entries[j].splat].cut)
           own.entries[own.count++] = s.entries[j];
       const picture p = blend(k, &own, 5, true, false);
       for (int c = 0; c < 3; c++)

@@ -70,8 +70,9 @@ static void add_step(tile_sums *s, const tile *t, choice c, const pags_splat *g,
   }
   if (at->capped)
     return;
-  const double ds = at->alpha * (at->t * shine - behind / (1.0 - at->alpha));
-  const double size = at->alpha * (at->t * shine_size + (fabs(behind) + 0.01 * total) / (1.0 - at->alpha));
+  const double raised = at->alpha + (double)g->floor;
+  const double ds = raised * (at->t * shine - behind / (1.0 - at->alpha));
+  const double size = raised * (at->t * shine_size + (fabs(behind) + 0.01 * total) / (1.0 - at->alpha));
   const double moment[6] = {1.0, u, v, u * u, u * v, v * v};
   for (int m = 0; m < 6; m++)
     tile_add(s, PAGS_SLOT_S + m, ds * moment[m], size * fmax(fabs(moment[m]), 0.01));
@@ -87,10 +88,11 @@ static int walk(const tile *t, float px, float py, bool fused, step *steps, doub
   int n = 0;
   double through = 1.0;
   for (int64_t e = 0; e < t->count; e++) {
-    const float exponent = splat_exponent(t->splats + t->entries[e].splat, px, py, fused);
-    if (!(exponent >= -PAGS_LOG2_255))
+    const pags_splat *const g = t->splats + t->entries[e].splat;
+    const float exponent = splat_exponent(g, px, py, fused);
+    if (!(exponent >= g->cut))
       continue;
-    const double raw = exp2((double)exponent), alpha = fmin(raw, (double)PAGS_ALPHA_MAX);
+    const double raw = exp2((double)exponent) - (double)g->floor, alpha = fmin(raw, (double)PAGS_ALPHA_MAX);
     if (through * (1.0 - alpha) < (double)PAGS_T_STOP)
       break;
     steps[n++] = (step){e, alpha, through, raw > (double)PAGS_ALPHA_MAX};

@@ -85,10 +85,11 @@ static int walk(const tile *t, choice c, int i, float px, float py, bool fused, 
   bool stopped = false;
   double through = 1.0;
   for (int64_t e = 0; e < t->count; e++) {
-    const float exponent = splat_exponent(t->splats + t->entries[e].splat, px, py, fused);
-    if (!(exponent >= -PAGS_LOG2_255))
+    const pags_splat *const g = t->splats + t->entries[e].splat;
+    const float exponent = splat_exponent(g, px, py, fused);
+    if (!(exponent >= g->cut))
       continue;
-    const double alpha = fmin(exp2((double)exponent), (double)PAGS_ALPHA_MAX);
+    const double alpha = fmin(exp2((double)exponent) - (double)g->floor, (double)PAGS_ALPHA_MAX);
     if (c == OVERLAP) {
       tile_add(all + e, PAGS_SCORE_SEEN, alpha * counted, alpha * counted);
       tile_add(all + e, PAGS_SCORE_CRITICAL, alpha * counted * critical, alpha * counted);

@@ -58,6 +58,7 @@ static void create_part(frame_scene *scene, int p, const reference_part *from, i
                         uint64_t shuffle_seed) {
   pags_gaussians *g = &scene->gaussians[p];
   check(pags_gaussians_create(g, from->count, from->sh_degree));
+  g->alpha_min = (float)from->alpha_min;
   scene->source[p] = row_order(from->count, shuffle_seed ? shuffle_seed + (uint64_t)p : 0);
   if (shuffle_seed || from->id)
     scene->id[p] = reference_alloc(from->count, sizeof(int32_t));

@@ -38,6 +38,7 @@ reference_part reference_part_from(const pags_part *from) {
   part.factor = from->opacity_factor ? reference_alloc(g->count, sizeof(double)) : NULL;
   for (int64_t i = 0; part.factor && i < g->count; i++)
     part.factor[i] = (double)from->opacity_factor[i];
+  part.alpha_min = (double)g->alpha_min;
   part.id = from->id;
   part.first_id = from->first_id;
   memcpy(part.world_from_model, from->world_from_model, sizeof part.world_from_model);
@@ -279,7 +280,14 @@ static reference_splat find_splat(const reference_part *part, int64_t i, const r
     return splat;
   splat.opacity = splat.compensation / (1 + exp(-reference_value(part, PAGS_OPACITY, i)));
   splat.opacity *= reference_factor(part, i);
-  if (!(splat.opacity > 0 && splat.opacity >= least))
+  splat.least = least;
+  splat.gain = 1;
+  if (part->alpha_min > 0) {
+    splat.least = fmax(part->alpha_min * splat.compensation, fmin(part->alpha_min, REFERENCE_ALPHA_MIN));
+    splat.gain = 1 / (1 - part->alpha_min);
+    splat.floor = splat.gain * splat.least;
+  }
+  if (!(splat.opacity > 0 && splat.opacity >= splat.least))
     return splat;
   find_colour(part, i, view, options, &splat);
   splat.drawn = 1;
@@ -320,9 +328,9 @@ static void blend(reference_picture *picture, int64_t *capacity, pixel_state *st
   double dx = pixel % picture->width + 0.5 - splat->mean2d[0];
   double dy = pixel / picture->width + 0.5 - splat->mean2d[1];
   double power = -0.5 * (splat->conic[0] * dx * dx + 2 * splat->conic[1] * dx * dy + splat->conic[2] * dy * dy);
-  double falloff = exp(power), raw = splat->opacity * falloff;
-  keep_smaller(&picture->margin[pixel], fabs(raw / picture->limits.alpha_min - 1));
-  if (raw < picture->limits.alpha_min)
+  double falloff = exp(power), whole = splat->opacity * falloff, raw = splat->gain * whole - splat->floor;
+  keep_smaller(&picture->margin[pixel], fabs(whole / splat->least - 1));
+  if (whole < splat->least)
     return;
   double alpha = fmin(picture->limits.alpha_cap, raw);
   double before = picture->transmittance[pixel], after = before * (1 - alpha);
@@ -351,11 +359,11 @@ static void blend(reference_picture *picture, int64_t *capacity, pixel_state *st
   hash_in(&picture->decisions, (uint64_t)pixel << 32 ^ (uint64_t)gaussian << 1 ^ (raw > picture->limits.alpha_cap));
 }
 
-/* Blends a Gaussian into the pixels of its ellipse's box; outside of it alpha is below 1/255. One more pixel on each
+/* Blends a Gaussian into the pixels of its ellipse's box; outside of it alpha is below its least. One more pixel on each
  * side is visited, as it may lie close to the threshold. */
 static void blend_box(reference_picture *picture, int64_t *capacity, pixel_state *states, int64_t gaussian) {
   const reference_splat *splat = &picture->splats[gaussian];
-  double reach = fmax(0, 2 * log(splat->opacity / picture->limits.alpha_min));
+  double reach = fmax(0, 2 * log(splat->opacity / splat->least));
   double half_width = sqrt(reach * splat->cov[0]) + 1, half_height = sqrt(reach * splat->cov[2]) + 1;
   double x0 = fmax(0, floor(splat->mean2d[0] - half_width)), x1 = fmin(picture->width, splat->mean2d[0] + half_width);
   double y0 = fmax(0, floor(splat->mean2d[1] - half_height)),

@@ -12,11 +12,12 @@
  *            size (0.3 tan of half the field of view) on every side; the mean itself is not clamped
  *   cov    = J W Sigma W' J' + low_pass I,  conic = cov^-1;  not drawn when det cov isn't positive and finite
  *   o      = sigmoid(logit), antialiased: times sqrt(max(2.5e-5, det before / det after)), times the part's factor;
- *     not drawn below 1/255
+ *     not drawn below 1/255, or below a = alpha_min of its part
  *   colour = max(0, 1/2 + SH(direction from the camera to the mean, in the part's frame))
  *   pixel  = front to back: raw = o exp(-d' conic d / 2), alpha = min(0.99, raw), skipped when raw < 1/255; the pixel
  *            stops before T (1 - alpha) < 1e-4; what T is left shows the sky towards the pixel's centre or the
- *              background */
+ *              background. Of a part with alpha_min a, in place of raw: (raw - a') / (1 - a), skipped when raw < a';
+ *              a' = a, antialiased: times the compensation, but at least 1/255 */
 #ifndef PAGS_TESTS_REFERENCE_H
 #define PAGS_TESTS_REFERENCE_H
 
@@ -34,6 +35,7 @@ typedef struct reference_part {
   double *dc; /* used in place of the constant SH term: channel c of Gaussian i at dc[c * count + i]; NULL: the planes'
                  own */
   double *factor; /* factor of the opacity of Gaussian i, 0: not drawn; NULL: all are 1 */
+  double alpha_min; /* as of pags_gaussians; 0: a hard cut at the limits' alpha_min */
 } reference_part;
 
 /* Allocates zeroed planes with an identity pose. */
@@ -53,6 +55,7 @@ typedef struct reference_splat {
   double conic[3];  /* inverse of cov */
   double opacity;   /* with the compensation and the part's factor */
   double compensation;
+  double least, gain, floor; /* alpha = gain raw - floor where raw >= least */
   double colour[3];
   int clamped_axis[2];   /* Jacobian: -1 or 1 where x/z, y/z was clamped, else 0 */
   int clamped_colour[3]; /* 1: negative before max(0, .) */
@@ -65,7 +68,7 @@ typedef struct reference_contribution {
   int32_t pixel;        /* y * width + x */
   int64_t gaussian;     /* index over all parts, in order */
   double falloff;       /* exp(-d' conic d / 2) */
-  double alpha_raw;     /* before the cap */
+  double alpha_raw;     /* after the cut, before the cap */
   double transmittance; /* before this Gaussian */
 } reference_contribution;
 

@@ -35,10 +35,10 @@ static void contribution_backward(const reference_contribution *c, const referen
 
   double dx = c->pixel % picture->width + 0.5 - splat->mean2d[0];
   double dy = c->pixel / picture->width + 0.5 - splat->mean2d[1];
-  double by_power = by_alpha * c->alpha_raw;
+  double by_power = by_alpha * splat->gain * splat->opacity * c->falloff;
   double x = by_power * (splat->conic[0] * dx + splat->conic[1] * dy);
   double y = by_power * (splat->conic[1] * dx + splat->conic[2] * dy);
-  g->opacity += by_alpha * c->falloff;
+  g->opacity += by_alpha * splat->gain * c->falloff;
   g->mean2d[0] += x;
   g->mean2d[1] += y;
   g->mean2d_abs[0] += fabs(x);

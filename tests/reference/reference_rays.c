@@ -84,9 +84,10 @@ typedef struct ray_picture {
 
 static void blend_ray(const reference_picture *from, const reference_splat *splat, double distance, int64_t pixel,
                       ray_picture *out) {
-  const double alpha = fmin(from->limits.alpha_cap, splat->opacity * exp(-0.5 * distance));
+  const double whole = splat->opacity * exp(-0.5 * distance);
+  const double alpha = fmin(from->limits.alpha_cap, splat->gain * whole - splat->floor);
   const double before = out->transmittance[pixel], after = before * (1 - alpha);
-  if (alpha < from->limits.alpha_min)
+  if (whole < splat->least)
     return;
   if (after < from->limits.stop) {
     out->stopped[pixel] = 1;
@@ -138,7 +139,7 @@ double *reference_ray_picture(const reference_part *parts, int part_count, const
     const reference_splat *splat = &from->splats[order[k]];
     const int p = part_of(parts, order[k], &row);
     ray_splat ray;
-    if (find_ray_splat(&parts[p], row, &views[p], camera, (double)options->low_pass, from->limits.alpha_min, splat,
+    if (find_ray_splat(&parts[p], row, &views[p], camera, (double)options->low_pass, splat->least, splat,
                        &ray))
       blend_splat(from, splat, &ray, camera, &out);
   }

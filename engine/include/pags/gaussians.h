@@ -50,6 +50,9 @@ typedef struct pags_gaussians {
   /* Fourier terms by which the constant colour term changes over a track's time: 12 planes of `stride` floats,
    * plane 3 * (k - 1) + channel for term k = 1..4; NULL if the colour doesn't change. See pags_fourier_basis. */
   float *fourier;
+  /* The least alpha a that is drawn: a pixel blends (alpha - a) / (1 - a) where that is positive. 0: as Kerbl et al.
+   * (2023) and most files expect, alpha itself where it is at least 1/255. */
+  float alpha_min;
 } pags_gaussians;
 
 /* Returns the first element of a plane: pags_plane(g, PAGS_MEAN + 1)[i] is the y coordinate of the mean of row i. */

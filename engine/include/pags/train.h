@@ -133,11 +133,16 @@ typedef struct pags_train_density {
   double dense_percent;    /* fraction of extent: a Gaussian with a larger sigma is split, others are cloned */
   double split_divisor;    /* the sigma of a split's children is the parent's divided by this */
   int revised_opacity;     /* 1: children of a split get the opacity 1 - sqrt(1 - o) (Rota Bulo et al. 2024) */
-  double prune_opacity;    /* Gaussians with a lower opacity are removed */
+  double prune_opacity;    /* Gaussians with a lower opacity are removed; times 255 alpha_min if that is set */
   double prune_scale;      /* fraction of extent: Gaussians with a larger sigma are removed after the first reset */
   int64_t reset_every;     /* steps of 30 000 between opacity resets, but at least three passes over the training
                               views; until densify_until */
-  double reset_opacity;    /* a reset lowers opacities to at most this */
+  double reset_opacity;    /* a reset lowers opacities to at most this; times 255 alpha_min if that is set */
+  /* After step shrink_from and then every shrink_every steps up to shrink_until, all sigmas are multiplied by `shrink`
+   * and their moments forgotten (the scale reset of ShorterSplatting, arXiv:2603.09277): lists of pixels get shorter,
+   * and what is missing afterwards grows back only where it is needed. Steps of 30 000; 1: never. */
+  double shrink;
+  int64_t shrink_from, shrink_every, shrink_until;
   /* Every densify_every steps from densify_from to the end of the schedule, Gaussians of the background move by
    * this fraction of the way to the plane that LiDAR shows nearby (docs/driving.md); 0: they don't. */
   double lidar_pull;
@@ -193,6 +198,7 @@ typedef struct pags_train_picture {
   double near_plane;    /* metres */
   double low_pass;      /* px^2, added to both variances of the 2D covariance */
   int antialiased;      /* 1: the 2D filter of Mip-Splatting */
+  double alpha_min;     /* pags_gaussians.alpha_min of all models, 0..0.1; 0 with `antialiased` */
   double background[3]; /* display-referred sRGB, 0..1; its fields are background_r, background_g and background_b */
   int cluster_size;     /* Gaussians culled together, a multiple of 16; changes speed, not results */
 } pags_train_picture;
