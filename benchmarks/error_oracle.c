@@ -330,8 +330,16 @@ static double library_ns(void) {
 
 /* Time of one whole blending step of the kernel, ns per lane (pixel). */
 static double kernel_ns(const pags_kernels *kernels, int degree) {
-  const pags_splat faint = {
-      .x = 1, .y = 1, .p = 0.1f, .h = 0.1f, .w = 0.1f, .log2_opacity = -7.5f, .cut = -8.0f, .r = 0.5f, .g = 0.5f, .b = 0.5f};
+  const pags_splat faint = {.x = 1,
+                            .y = 1,
+                            .p = 0.1f,
+                            .h = 0.1f,
+                            .w = 0.1f,
+                            .log2_opacity = -7.5f,
+                            .cut = -8.0f,
+                            .r = 0.5f,
+                            .g = 0.5f,
+                            .b = 0.5f};
   double ns[ROUNDS];
   volatile float kept = 0;
   for (int round = 0; round < ROUNDS; round++) {

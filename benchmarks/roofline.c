@@ -23,8 +23,16 @@ typedef struct peak_context {
 static void run_peak(void *context, int64_t begin, int64_t end, int worker) {
   const peak_context *const c = context;
   (void)worker;
-  const pags_splat faint = {
-      .x = 1, .y = 1, .p = 0.1f, .h = 0.1f, .w = 0.1f, .log2_opacity = -7.5f, .cut = -8.0f, .r = 0.5f, .g = 0.5f, .b = 0.5f};
+  const pags_splat faint = {.x = 1,
+                            .y = 1,
+                            .p = 0.1f,
+                            .h = 0.1f,
+                            .w = 0.1f,
+                            .log2_opacity = -7.5f,
+                            .cut = -8.0f,
+                            .r = 0.5f,
+                            .g = 0.5f,
+                            .b = 0.5f};
   for (int64_t i = begin; i < end; i++)
     c->kept[i] = c->kernels->roofline(&faint, STEPS, 5);
 }

@@ -135,8 +135,8 @@ static inline void box_lanes_finish(const box_lanes *l, const uint16_t *members,
   for (int k = 0; k < count; k++) {
     pags_splat *const s = splats + members[k];
     pags_tile_box *const box = boxes + members[k];
-    *box = (pags_tile_box){{(uint64_t)touched[k]}, (uint16_t)column[k], (uint16_t)row[k], (uint16_t)across[k],
-                           (uint16_t)down[k]};
+    *box = (pags_tile_box){
+        {(uint64_t)touched[k]}, (uint16_t)column[k], (uint16_t)row[k], (uint16_t)across[k], (uint16_t)down[k]};
     const int64_t area = (int64_t)across[k] * down[k];
     if (area <= 0)
       *box = (pags_tile_box){{0}, 0, 0, 0, 0};

@@ -20,7 +20,7 @@ enum {
 #define PAGS_ALPHA_MAX 0.99f
 #define PAGS_ALPHA_MIN (1.0f / 255.0f) /* where nothing else is said; Kerbl et al. 2023 */
 #define PAGS_T_STOP 1e-4f
-#define PAGS_COLOUR_MAX 1e6f /* of a Gaussian's shaded colour; the loss takes four of these in a product */
+#define PAGS_COLOUR_MAX 1e6f      /* of a Gaussian's shaded colour; the loss takes four of these in a product */
 #define PAGS_LOG2_255 7.99435344f /* -log2 of it */
 /* Added to the cut-off, in powers of two, by every test that excludes pixels before they are computed, so that no
  * pixel is excluded at which the rasteriser, with its rounding of u^2 + v^2, would blend. u has an error of about
@@ -51,7 +51,7 @@ typedef struct pags_splat {
   float r, g, b;      /* colour, >= 0 */
   float z;            /* camera depth, metres; its bits are the sort key */
   float slope;        /* B / A: dy / dx of the line where the falloff is largest for a given dx; for the tile test */
-  float cut, floor; /* of its part's pags_alpha_cut */
+  float cut, floor;   /* of its part's pags_alpha_cut */
   int32_t id;
   uint32_t tiles;   /* tiles it touches; set by tile_boxes */
   uint32_t clamped; /* bit c: channel c was clamped at 0 */
@@ -277,11 +277,11 @@ typedef struct pags_kernels {
 
   /* Projects rows [0, count), count <= 256, of the planes (plane p at data + p * stride; rows up to the next multiple
    * of 16 must be readable). Writes `splats` but for the colours, `keys` (the bits of z; UINT32_MAX if the row isn't
-   * drawn) and, of the rows that are drawn, the extents of `boxes` and, unless NULL, the `reaches`. The method is EWA splatting (Zwicker et al.
-   * 2001) with INRIA's constants; the determinant of the covariance is computed by the Cauchy-Binet formula, as a sum
-   * of squares that is never negative. `factor`: per row, the opacity is multiplied by this, readable as far as the
-   * planes; 0: the row isn't drawn; NULL: 1. The backward pass needs no factor, since it differentiates by the
-   * logarithm of the opacity. */
+   * drawn) and, of the rows that are drawn, the extents of `boxes` and, unless NULL, the `reaches`. The method is EWA
+   * splatting (Zwicker et al. 2001) with INRIA's constants; the determinant of the covariance is computed by the
+   * Cauchy-Binet formula, as a sum of squares that is never negative. `factor`: per row, the opacity is multiplied by
+   * this, readable as far as the planes; 0: the row isn't drawn; NULL: 1. The backward pass needs no factor, since it
+   * differentiates by the logarithm of the opacity. */
   void (*project)(const pags_projection *view, const float *data, int64_t stride, const float *factor, int count,
                   pags_splat *splats, uint32_t *keys, pags_tile_box *boxes, pags_reach *reaches);
 
@@ -290,8 +290,8 @@ typedef struct pags_kernels {
   void (*shade)(const pags_projection *view, const float *data, int64_t stride, const float *dc, int count,
                 const uint32_t *keys, pags_splat *splats);
 
-  /* Finds the tiles that the splats touch whose key is not UINT32_MAX, from the extents of their boxes, in a picture of tiles_x by tiles_y tiles, and
-   * sets their member `tiles`; count <= 256. */
+  /* Finds the tiles that the splats touch whose key is not UINT32_MAX, from the extents of their boxes, in a picture of
+   * tiles_x by tiles_y tiles, and sets their member `tiles`; count <= 256. */
   void (*tile_boxes)(pags_splat *splats, const uint32_t *keys, int count, int tiles_x, int tiles_y,
                      pags_tile_box *boxes);
   /* Adds to counts[tile] for each tile that a splat touches. Returns how many splats have a pair. */

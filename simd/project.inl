@@ -135,8 +135,7 @@ static inline void project_blocks(vm drawn, vf mean, vf extent, float size, int3
  * rasteriser's test of blocks (bin.inl). */
 static inline void project_reaches(const projected *s, const pags_projection *view, vf log2_opacity, vf cut, vm drawn,
                                    int lanes, pags_reach *reaches) {
-  const vf reach =
-      v_mul(v_add(log2_opacity, v_sub(v_set(PAGS_CUT_SLACK), cut)), v_set(1.0f / PAGS_HALF_LOG2E));
+  const vf reach = v_mul(v_add(log2_opacity, v_sub(v_set(PAGS_CUT_SLACK), cut)), v_set(1.0f / PAGS_HALF_LOG2E));
   int32_t x0[V_LANES], x1[V_LANES], y0[V_LANES], y1[V_LANES];
   project_blocks(drawn, s->mx, v_sqrt(v_max(v_mul(reach, s->a), v_zero())), view->width, x0, x1);
   project_blocks(drawn, s->my, v_sqrt(v_max(v_mul(reach, s->c), v_zero())), view->height, y0, y1);

@@ -100,7 +100,8 @@ typedef struct raster_pipeline {
 } raster_pipeline;
 
 V_INLINE raster_pipeline raster_prime(raster_pair first, raster_pair second, int degree) {
-  return (raster_pipeline){raster_alpha(first.splat, pair_exponent(first), degree), pair_exponent(second), first, second};
+  return (raster_pipeline){raster_alpha(first.splat, pair_exponent(first), degree), pair_exponent(second), first,
+                           second};
 }
 
 V_INLINE unsigned raster_step(raster_pipeline *pipe, raster_pair after_next, raster_how how) {

@@ -8,9 +8,10 @@
  * No division recovers T (it is blended again, to the same bits), no per-pixel index is stored, and pixels stop where
  * they stopped. A stopped pixel has T = 0 and behind = 0 here, which makes all its terms vanish.
  *
- * The exponent's gradient s = dL/dalpha (alpha + floor) (ln 2 is applied later) is summed in moments of the whitened offsets u,
- * v, which stay within 3.4 for every shape, where moments of dx, dy of a long needle would swamp float. At the 0.99
- * cap the true derivative is 0: nothing flows to shape and opacity there (as in gsplat; INRIA lets it through).
+ * The exponent's gradient s = dL/dalpha (alpha + floor) (ln 2 is applied later) is summed in moments of the whitened
+ * offsets u, v, which stay within 3.4 for every shape, where moments of dx, dy of a long needle would swamp float. At
+ * the 0.99 cap the true derivative is 0: nothing flows to shape and opacity there (as in gsplat; INRIA lets it
+ * through).
  *
  * Splats are the outer loop, so the twelve sums live in registers and are folded once per (splat, tile). */
 

@@ -2,12 +2,12 @@
 /* pags_pick: finds the Gaussian by which a ray has lost a given fraction of its light. Rejects clusters by their
  * boxes, then tests Gaussian by Gaussian.
  *
- * A ray meets a Gaussian at the point where the Gaussian's density along the ray is largest, if alpha is >= 1/255
- * there. Then the Gaussian's mean is within sqrt(2 ln(255 opacity)) sigma of this point. So a cluster's box, widened
- * by that many of its largest sigma, holds every point where the ray meets a member: a ray that misses the widened
- * box meets no member, and one that enters it meets none before. Clusters are visited in the order of their entry
- * points. As soon as the Gaussians met before the next cluster's entry have blocked enough, the remaining clusters
- * can't change the result. */
+ * A ray meets a Gaussian at the point where the Gaussian's density along the ray is largest, if alpha is at
+ * least the part's a (1/255, or alpha_min) there. Then the Gaussian's mean is within sqrt(2 ln(opacity / a)) sigma of
+ * this point. So a cluster's box, widened by that many of its largest sigma, holds every point where the ray meets a
+ * member: a ray that misses the widened box meets no member, and one that enters it meets none before. Clusters are
+ * visited in the order of their entry points. As soon as the Gaussians met before the next cluster's entry have blocked
+ * enough, the remaining clusters can't change the result. */
 #include <pags/pick.h>
 
 #include <math.h>
@@ -21,7 +21,12 @@
 
 enum { RUN = 64 }; /* clusters that one entry of pags_clusters.runs bounds */
 
-static const double least_alpha = 1.0 / 255, most_alpha = 0.99; /* alpha's limits, as in the rasteriser */
+static const double most_alpha = 0.99; /* as in the rasteriser */
+
+/* The least alpha of a part before its cut (pags_gaussians.alpha_min). */
+static double least_alpha(const pags_part *part) {
+  return part->gaussians->alpha_min > 0 ? (double)part->gaussians->alpha_min : 1.0 / 255;
+}
 
 typedef struct entry { /* where the ray enters a cluster's widened box */
   double t;
@@ -65,11 +70,12 @@ static pags_result reserve(void **list, int64_t count, int64_t *capacity, size_t
 
 /* ---- Clusters that the ray enters ---- */
 
-/* The largest distance from a mean, in sigmas, at which a Gaussian of the part can have an alpha of 1/255; negative:
+/* The largest distance from a mean, in sigmas, at which a Gaussian of the part can have its least alpha; negative:
  * its opacity is below that. */
 static double reach_of(const pags_part *part) {
   double most = part->opacity_factor ? (double)part->opacity_factor_most : 1;
-  return most * 255 > 1 ? sqrt(2 * pags_log(255 * most)) : -1;
+  most /= least_alpha(part);
+  return most > 1 ? sqrt(2 * pags_log(most)) : -1;
 }
 
 /* The ray parameter at which the ray enters the box of cluster or run i, widened by `reach` sigmas; -1 where it
@@ -144,7 +150,7 @@ static void enter_part(picking *self, int part, const double origin[3], const do
 /* ---- Gaussians that the ray meets ---- */
 
 /* Alpha of row i of `planes` (`stride` floats each) where the ray meets it, and *t, the ray parameter there. `factor`
- * scales the opacity. Returns 0 where the ray doesn't meet it: alpha below 1/255, or *t out of range. */
+ * scales the opacity. Returns 0 where the ray doesn't meet it: alpha below the part's least, or *t out of range. */
 static double meet(const picking *self, const float *planes, int64_t stride, int64_t i, double factor, double *t) {
   const float *p = planes + i;
   const double q[4] = {(double)p[PAGS_ROTATION * stride], (double)p[(PAGS_ROTATION + 1) * stride],
@@ -167,7 +173,11 @@ static double meet(const picking *self, const float *planes, int64_t stride, int
     off += d * d;
   }
   double alpha = factor / (1 + pags_exp(-(double)p[PAGS_OPACITY * stride])) * pags_exp(-0.5 * off);
-  int met = *t >= self->options->nearest && *t <= self->options->farthest && alpha >= least_alpha; /* false for NaN */
+  const pags_part *part = &self->parts[self->part];
+  const double least = least_alpha(part);
+  const bool met = *t >= self->options->nearest && *t <= self->options->farthest && alpha >= least; /* false for NaN */
+  if (part->gaussians->alpha_min > 0)
+    alpha = (alpha - least) / (1 - least);
   return !met ? 0 : alpha < most_alpha ? alpha : most_alpha;
 }
 

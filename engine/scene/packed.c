@@ -43,7 +43,7 @@ static void attach(pags_packed *packed, uint8_t *bytes, int64_t count, int sh_de
   const int64_t clusters = (count + ROWS - 1) / ROWS;
   const places p = find_places(clusters, sh_degree);
   float *const bounds = (float *)(void *)(bytes + p.bounds);
-  packed->shape = (pags_gaussians){.count = count, .sh_degree = sh_degree};
+  packed->shape = (pags_gaussians){.count = count, .sh_degree = sh_degree, .alpha_min = packed->shape.alpha_min};
   packed->clusters = (pags_clusters){.count = clusters, .size = ROWS};
   for (int k = 0; k < 3; k++) {
     packed->clusters.lo[k] = bounds + k * clusters;
@@ -117,7 +117,7 @@ static void pack_colours(const pags_gaussians *g, int64_t first, int rows, uint8
 pags_result pags_packed_create(const pags_gaussians *gaussians, pags_packed *out) {
   const int64_t clusters = (gaussians->count + ROWS - 1) / ROWS;
   const size_t size = find_places(clusters, gaussians->sh_degree).size;
-  *out = (pags_packed){0};
+  *out = (pags_packed){.shape.alpha_min = gaussians->alpha_min};
   uint8_t *const bytes = pags_port_aligned_alloc(ALIGNMENT, align(size));
   if (!bytes)
     return pags_out_of_memory("packing %lld Gaussians", (long long)gaussians->count);
@@ -219,7 +219,8 @@ pags_result pags_packed_unpack(const pags_packed *packed, pags_gaussians *out) {
 /* ---- Writing the file ---- */
 
 /* Fills the header: magic (byte 0), count (8), SH degree (16), rows per cluster (17), whether it has s_sem (18), up
- * axis (19), antialiased (20), origin (24, three doubles), background (48, three floats), alpha_min (60); all other bytes are 0. */
+ * axis (19), antialiased (20), origin (24, three doubles), background (48, three floats), alpha_min (60); all other
+ * bytes are 0. */
 static void fill_head(const pags_packed *packed, int64_t count, uint8_t head[HEAD]) {
   memset(head, 0, HEAD);
   memcpy(head, magic, sizeof magic);

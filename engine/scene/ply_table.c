@@ -116,7 +116,8 @@ static void parse_vertical_axis(const char *path, int words, char *value[], pags
 
 /* Reads what programs say in comments, in any case, with or without a colon: "SplatRenderMode: mip" (Brush, gsplat,
  * splat-transform, PAGS), "antialiased 1" (Postshot), "train_flags antialiasing" (proposed to INRIA); "Vertical axis";
- * "offset X Y Z", which was taken off all positions; and "alpha_min A" (pags_gaussians; PAGS). Others are skipped; of several the last holds. */
+ * "offset X Y Z", which was taken off all positions; and "alpha_min A" (pags_gaussians; PAGS). Others are skipped; of
+ * several the last holds. */
 static void parse_comment(ply_table *t, int words, char *word[]) {
   pags_splat_facts *const facts = &t->facts;
   double offset[3];

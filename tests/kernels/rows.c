@@ -239,15 +239,14 @@ plain_row row_plainly(const pags_projection *v, const double row[ROW_FLOATS]) {
   out.extent_x = sqrt(fmax(reach * out.a, 0.0));
   out.extent_y = sqrt(fmax(reach * out.c, 0.0));
   bool *const sure = &out.certain;
-  const bool conditions[] = {
-      above(out.opacity, out.least, v->antialiased ? 50.0 * out.opacity : out.opacity, sure),
-      above(1e18, out.a, 1e18, sure),
-      above(1e18, out.c, 1e18, sure),
-      above(1e36, out.d, 1e36, sure),
-      above(out.x + out.extent_x, 0.0, slack + out.extent_x, sure),
-      above(out.y + out.extent_y, 0.0, slack + out.extent_y, sure),
-      above((double)v->width, out.x - out.extent_x, slack + out.extent_x, sure),
-      above((double)v->height, out.y - out.extent_y, slack + out.extent_y, sure)};
+  const bool conditions[] = {above(out.opacity, out.least, v->antialiased ? 50.0 * out.opacity : out.opacity, sure),
+                             above(1e18, out.a, 1e18, sure),
+                             above(1e18, out.c, 1e18, sure),
+                             above(1e36, out.d, 1e36, sure),
+                             above(out.x + out.extent_x, 0.0, slack + out.extent_x, sure),
+                             above(out.y + out.extent_y, 0.0, slack + out.extent_y, sure),
+                             above((double)v->width, out.x - out.extent_x, slack + out.extent_x, sure),
+                             above((double)v->height, out.y - out.extent_y, slack + out.extent_y, sure)};
   for (size_t i = 0; i < sizeof conditions / sizeof *conditions; i++)
     out.drawn = out.drawn && conditions[i];
   return out;

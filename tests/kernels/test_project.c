@@ -41,8 +41,8 @@ static void check_field(const char *what, int row, float got, double want, doubl
 
 /* The determinant D is a sum of squares of minors, each rounded relative to sqrt(A C): the thinner the ellipse, the
  * fewer digits are right. */
-static void check_splat(const pags_splat *s, const pags_tile_box *box, uint32_t key, const plain_row *want, const pags_projection *view,
-                        int row) {
+static void check_splat(const pags_splat *s, const pags_tile_box *box, uint32_t key, const plain_row *want,
+                        const pags_projection *view, int row) {
   const double k = 0.5 * log2(exp(1.0)), thin = sqrt(want->a * want->c / want->d);
   const double near = 1e-5, shape = near + 1e-6 * thin, far = 1e-6 * (fabs(want->x) + fabs(want->y) + 1000.0);
   const double dim = view->antialiased ? 1e-6 * want->a * want->c / fmax(want->d0, 2.5e-5 * want->d) : 0.0;
@@ -53,7 +53,8 @@ static void check_splat(const pags_splat *s, const pags_tile_box *box, uint32_t 
   check_field("h", row, s->h, want->b / want->c, near, near * sqrt(want->a / want->c));
   check_field("w", row, s->w, sqrt(k / want->c), near, 0.0);
   check_field("slope", row, s->slope, want->b / want->a, near, near * sqrt(want->c / want->a));
-  check_field("log2_opacity", row, s->log2_opacity, fmin(log2(want->opacity), 0.0) + (double)view->alpha.lift, 1e-6, 1e-5 + dim);
+  check_field("log2_opacity", row, s->log2_opacity, fmin(log2(want->opacity), 0.0) + (double)view->alpha.lift, 1e-6,
+              1e-5 + dim);
   check_field("cut", row, s->cut, want->cut, 1e-6, 1e-6 + dim);
   check_field("floor", row, s->floor, want->floor, 1e-6 + dim, 0.0);
   const double reach = (1e-5 + dim) / (log(2.0) * (log2(want->opacity) + (double)view->alpha.lift - want->cut));
@@ -189,7 +190,8 @@ static void test_bench(const pags_kernels *k) {
   const pags_projection view = view_random(3, false);
   const rows r = rows_random(&view, 256, ROWS_ORDINARY);
   const projection p = project(k, &view, &r);
-  CHECK_BENCH("project", r.count, "row") k->project(&view, r.data, r.stride, NULL, r.count, p.splats, p.keys, p.boxes, NULL);
+  CHECK_BENCH("project", r.count, "row")
+  k->project(&view, r.data, r.stride, NULL, r.count, p.splats, p.keys, p.boxes, NULL);
 }
 
 /* Checks one axis: blocks [first, end) must contain every pixel centre of the picture within `extent` of the mean,
@@ -220,7 +222,8 @@ static void check_reaches(const pags_kernels *k, row_kind kind) {
       if (p.keys[i] == UINT32_MAX)
         continue;
       const pags_splat *const s = p.splats + i;
-      const double cut = (double)s->log2_opacity - (double)s->cut, inv_p = 1.0 / (double)s->p, inv_w = 1.0 / (double)s->w;
+      const double cut = (double)s->log2_opacity - (double)s->cut, inv_p = 1.0 / (double)s->p,
+                   inv_w = 1.0 / (double)s->w;
       const double x = sqrt(cut * (inv_p * inv_p + (double)s->h * (double)s->h * inv_w * inv_w)), y = sqrt(cut) * inv_w;
       if (cut <= 0.0)
         continue;

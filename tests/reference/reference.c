@@ -359,8 +359,8 @@ static void blend(reference_picture *picture, int64_t *capacity, pixel_state *st
   hash_in(&picture->decisions, (uint64_t)pixel << 32 ^ (uint64_t)gaussian << 1 ^ (raw > picture->limits.alpha_cap));
 }
 
-/* Blends a Gaussian into the pixels of its ellipse's box; outside of it alpha is below its least. One more pixel on each
- * side is visited, as it may lie close to the threshold. */
+/* Blends a Gaussian into the pixels of its ellipse's box; outside of it alpha is below its least. One more pixel on
+ * each side is visited, as it may lie close to the threshold. */
 static void blend_box(reference_picture *picture, int64_t *capacity, pixel_state *states, int64_t gaussian) {
   const reference_splat *splat = &picture->splats[gaussian];
   double reach = fmax(0, 2 * log(splat->opacity / splat->least));

@@ -34,7 +34,7 @@ typedef struct reference_part {
   double world_from_model[12];
   double *dc; /* used in place of the constant SH term: channel c of Gaussian i at dc[c * count + i]; NULL: the planes'
                  own */
-  double *factor; /* factor of the opacity of Gaussian i, 0: not drawn; NULL: all are 1 */
+  double *factor;   /* factor of the opacity of Gaussian i, 0: not drawn; NULL: all are 1 */
   double alpha_min; /* as of pags_gaussians; 0: a hard cut at the limits' alpha_min */
 } reference_part;
 

@@ -139,8 +139,7 @@ double *reference_ray_picture(const reference_part *parts, int part_count, const
     const reference_splat *splat = &from->splats[order[k]];
     const int p = part_of(parts, order[k], &row);
     ray_splat ray;
-    if (find_ray_splat(&parts[p], row, &views[p], camera, (double)options->low_pass, splat->least, splat,
-                       &ray))
+    if (find_ray_splat(&parts[p], row, &views[p], camera, (double)options->low_pass, splat->least, splat, &ray))
       blend_splat(from, splat, &ray, camera, &out);
   }
   for (int64_t k = 0; k < pixels; k++) {

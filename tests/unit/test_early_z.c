@@ -172,6 +172,8 @@ static void scene_create(scene *s, recipe r, int64_t count) {
   s->options.extra_channels = below(4) > 0;
   s->options.exp_degree = below(2) ? 5 : 3;
   s->options.antialiased = below(2);
+  for (int p = 0; p < parts; p++)
+    s->gaussians[p].alpha_min = below(2) ? uniform(0.005f, 0.03f) : 0.0f;
 }
 
 static void scene_destroy(scene *s) {

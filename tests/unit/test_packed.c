@@ -247,6 +247,7 @@ static void test_file(void **state) {
   pags_gaussians g = make_cloud(700, 1), back;
   pags_packed packed, opened;
   char *path = pags_path_join(place.folder, "a.pagsz");
+  g.alpha_min = 0.03f;
   scratch_ok(pags_packed_create(&g, &packed));
   packed.up = PAGS_UP_Z;
   packed.origin[1] = 5;
@@ -254,6 +255,7 @@ static void test_file(void **state) {
   assert_true(pags_packed_is_file(path));
   scratch_ok(pags_packed_open(path, &opened));
   assert_int_equal(opened.shape.count, 700);
+  assert_true(opened.shape.alpha_min == 0.03f);
   assert_true(opened.origin[1] == 5 && opened.up == PAGS_UP_Z && opened.has_s_sem == 1);
   assert_int_equal(pags_packed_bytes(&opened), pags_packed_bytes(&packed));
   assert_memory_equal((uint8_t *)opened.block + 128, (uint8_t *)packed.block + 128, packed.block_size - 128);
@@ -268,6 +270,7 @@ static void test_file(void **state) {
   pags_scene scene;
   scratch_ok(pags_scene_load(path, &scene)); /* the scene loader unpacks the rows to planes */
   assert_int_equal(scene.models[0].gaussians.count, 700);
+  assert_true(scene.models[0].gaussians.alpha_min == 0.03f);
   assert_memory_equal(pags_plane(&scene.models[0].gaussians, 4), pags_plane(&back, 4), 700 * sizeof(float));
   scratch_ok(pags_composition_create(&scene, &composition));
   draw(composition, &memory);

@@ -63,6 +63,7 @@ static void make_world(world *w) {
     fill(&w->gaussians[p], (uint64_t)p);
     assert_int_equal(pags_clusters_create(&w->clusters[p], ROWS, 64), PAGS_OK);
     pags_clusters_update(&w->clusters[p], &w->gaussians[p], 0, w->clusters[p].count);
+    w->gaussians[p].alpha_min = p ? 0.05f : 0.0f;
     w->parts[p] = (pags_part){.gaussians = &w->gaussians[p], .clusters = &w->clusters[p], .first_id = p * ROWS};
     memcpy(w->parts[p].world_from_model, poses[p], sizeof poses[p]);
   }
@@ -116,9 +117,14 @@ static int meet(const pags_part *part, int64_t row, const double from[3], const 
     dd += d * d / (sigma * sigma);
   }
   out->t = -ad / dd;
-  out->alpha = fmin(0.99, exp(-0.5 * (aa - ad * ad / dd)) / (1 + exp(-(double)pags_plane(g, PAGS_OPACITY)[row])));
+  const double least = g->alpha_min > 0 ? (double)g->alpha_min : 1.0 / 255;
+  double alpha = exp(-0.5 * (aa - ad * ad / dd)) / (1 + exp(-(double)pags_plane(g, PAGS_OPACITY)[row]));
+  const bool blended = alpha >= least;
+  if (g->alpha_min > 0)
+    alpha = (alpha - least) / (1 - least);
+  out->alpha = fmin(0.99, alpha);
   out->id = part->first_id + (int32_t)row;
-  return out->t >= 0 && out->alpha >= 1.0 / 255;
+  return out->t >= 0 && blended;
 }
 
 static int compare_hits(const void *left, const void *right) {

@@ -271,11 +271,13 @@ static void comments_say_what_a_scene_says(void **state) {
   pags_gaussians g;
   pags_splat_facts facts = {.antialiased = 1, .up = PAGS_UP_Z, .origin = {500000.1, -4600000, 1e-3}}, back;
   sample_gaussians(&g, 10, 1, 6);
+  g.alpha_min = 4.0f / 255.0f;
   assert_int_equal(pags_ply_save_facts(scratch("f.ply"), &g, &facts), PAGS_OK);
   pags_gaussians_destroy(&g);
   assert_int_equal(pags_splat_read(scratch("f.ply"), PAGS_AXES_UNKNOWN, &g, &back), PAGS_OK);
   assert_true(back.antialiased && back.up == PAGS_UP_Z);
   assert_memory_equal(back.origin, facts.origin, sizeof facts.origin);
+  assert_true(g.alpha_min == 4.0f / 255.0f);
   pags_gaussians_destroy(&g);
 }
 

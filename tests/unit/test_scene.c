@@ -34,6 +34,7 @@ static pags_scene sample(void) {
     scene.models[i].name = pags_text_copy(i ? "car 1" : "background");
     scene.models[i].file = pags_text_copy(i ? "objects/car 1.ply" : "background.ply");
     sample_gaussians(&scene.models[i].gaussians, 40 + i, i ? 1 : 3, (uint64_t)i);
+    scene.models[i].gaussians.alpha_min = i ? 0.0f : 0.02f;
     scene.views[i].name = pags_text_copy(i ? "b.png" : "a.png");
     scene.views[i].test = i == 0;
     scene.views[i].camera =
@@ -117,6 +118,7 @@ static void a_scene_comes_back(void **state) {
     for (int p = 0; p < pags_plane_count(scene.models[i].gaussians.sh_degree); p++)
       assert_memory_equal(pags_plane(&back.models[i].gaussians, p), pags_plane(&scene.models[i].gaussians, p),
                           (size_t)scene.models[i].gaussians.count * sizeof(float));
+  assert_true(back.models[0].gaussians.alpha_min == 0.02f && back.models[1].gaussians.alpha_min == 0.0f);
   assert_int_equal(back.view_count, 2);
   assert_text(back.views[0].name, "a.png");
   assert_int_equal(back.views[0].test, 1);

@@ -11,9 +11,10 @@
  *     alpha = min(0.99, opacity * exp(-d' S^-1 d / 2))
  *
  * where d is the pixel's centre minus the projected mean and S the 2D covariance. A Gaussian is skipped where
- * alpha < 1/255, and a pixel stops before the Gaussian that would take its transmittance T below 1e-4. Such a
- * pixel, and a tile all of whose pixels have stopped, is called saturated. "The paper" is Priority-Adaptive
- * Gaussian Splatting (arXiv:2510.12282). */
+ * alpha < 1/255. Of Gaussians with an alpha_min a, (alpha - a) / (1 - a) is blended instead, where it is positive; with
+ * the antialiased projection a is scaled as the opacity is, but not below 1/255. A pixel stops before the Gaussian that
+ * would take its transmittance T below 1e-4. Such a pixel, and a tile all of whose pixels have stopped, is called
+ * saturated. "The paper" is Priority-Adaptive Gaussian Splatting (arXiv:2510.12282). */
 #ifndef PAGS_FRAME_H
 #define PAGS_FRAME_H
 
@@ -34,7 +35,7 @@ extern "C" {
  * for the render, and with keep_for_backward until the last call of pags_frame_backward and pags_frame_scores for
  * it. */
 typedef struct pags_part {
-  const pags_gaussians *gaussians; /* of a packed part only count and sh_degree are read */
+  const pags_gaussians *gaussians; /* of a packed part only count, sh_degree and alpha_min are read */
   /* Packed Gaussians (pags/packed.h), unpacked cluster by cluster while drawing. NULL: the planes of `gaussians`
    * are drawn. Not with keep_for_backward. */
   const struct pags_packed *packed;

@@ -48,7 +48,7 @@ static inline size_t pags_packed_colour_bytes(int sh_degree) {
 }
 
 typedef struct pags_packed {
-  pags_gaussians shape;    /* only count and sh_degree are set; it has no planes */
+  pags_gaussians shape;    /* only count, sh_degree and alpha_min are set; it has no planes */
   pags_clusters clusters;  /* bounds of the clusters of 64 rows; they bound the unpacked values */
   const uint8_t *geometry; /* PAGS_PACKED_GEOMETRY bytes per cluster */
   const uint8_t *colour;   /* pags_packed_colour_bytes(sh_degree) bytes per cluster */
