@@ -39,7 +39,6 @@ typedef struct gltf_splats {
   int64_t count, capacity;
   uint8_t *visited; /* a byte a node */
   bool own;         /* PAGS wrote the file */
-  float alpha_min;  /* of pags_gaussians, by the extras of the asset */
   pags_up up;
   bool up_stated;           /* by the extras of the asset; else the root node of PAGS' own says it */
   int64_t other_primitives; /* meshes and points that are no Gaussians */
@@ -405,7 +404,6 @@ static pags_result read_asset(gltf_splats *s, pags_splat_facts *facts) {
   const pags_json_value *asset, *extras;
   const char *generator, *up;
   bool antialiased = false;
-  double alpha_min;
   PAGS_TRY(pags_json_object(f->json, f->root, "asset", &asset));
   PAGS_TRY(pags_json_string_or(f->json, asset, "generator", "", &generator));
   s->own = strncmp(generator, "pags ", 5) == 0;
@@ -415,8 +413,6 @@ static pags_result read_asset(gltf_splats *s, pags_splat_facts *facts) {
     return PAGS_OK;
   PAGS_TRY(pags_json_bool_or(f->json, extras, "antialiased", false, &antialiased));
   facts->antialiased = antialiased;
-  PAGS_TRY(pags_json_number_or(f->json, extras, "alpha_min", 0, &alpha_min));
-  s->alpha_min = alpha_min > 0 && alpha_min < 1 ? (float)alpha_min : 0;
   if (pags_json_member(extras, "origin"))
     PAGS_TRY(pags_json_numbers(f->json, extras, "origin", 3, facts->origin));
   PAGS_TRY(pags_json_string_or(f->json, extras, "up", "", &up));
@@ -496,7 +492,6 @@ static pags_result decode(gltf_splats *s, pags_gaussians *out, pags_splat_facts 
                      s->file.path, EXTENSION, (long long)s->other_primitives);
   double origin[3] = {0};
   PAGS_TRY(read_items(s, out, origin));
-  out->alpha_min = s->alpha_min;
   for (int k = 0; k < 3; k++)
     facts->origin[k] += origin[k];
   say(s);

@@ -98,6 +98,37 @@ pags_result pags_splats_bake(const pags_part *parts, int count, int sh_degree, p
   return result;
 }
 
+/* With x = o / a, opacity o and least alpha a, the blended (o G - a) / (1 - a) is (o - a) / (1 - a) at the mean, and its
+ * integral over the picture is that of a Gaussian of this opacity and the variance times 1 - ln(x) / (x - 1). */
+pags_result pags_splats_cut_plainly(pags_gaussians *g) {
+  const double a = (double)g->alpha_min;
+  if (!(a > 0))
+    return PAGS_OK;
+  int64_t *kept = malloc((size_t)(g->count > 0 ? g->count : 1) * sizeof *kept), count = 0;
+  if (!kept)
+    return pags_out_of_memory("%lld Gaussians", (long long)g->count);
+  for (int64_t i = 0; i < g->count; i++) {
+    const double o = pags_splat_opacity(g, i), x = o / a;
+    if (!(x > 1.001))
+      continue; /* never seen */
+    kept[count++] = i;
+    const double seen = fmin((o - a) / (1 - a), 1 - 1e-6), shrink = 0.5 * pags_log(1 - pags_log(x) / (x - 1));
+    pags_plane(g, PAGS_OPACITY)[i] = (float)pags_log(seen / (1 - seen));
+    for (int k = 0; k < 3; k++)
+      pags_plane(g, PAGS_SCALE + k)[i] += (float)shrink;
+  }
+  pags_gaussians left;
+  pags_result result = pags_gaussians_create_like(&left, count, g);
+  if (result == PAGS_OK) {
+    pags_gaussians_gather(g, kept, count, &left);
+    left.alpha_min = 0.0f;
+    pags_gaussians_destroy(g);
+    *g = left;
+  }
+  free(kept);
+  return result;
+}
+
 /* ---- The .splat file ---- */
 
 uint8_t pags_splat_byte(double value) {

@@ -15,6 +15,10 @@ extern "C" {
  * missing ones are zero). s_sem is kept if all parts have it. */
 pags_result pags_splats_bake(const pags_part *parts, int count, int sh_degree, pags_gaussians *out);
 
+/* Turns Gaussians with an alpha_min into ones that look alike where alpha is cut at 1/255, as other programs do; those
+ * that are never seen are left out. Others are left as they are. */
+pags_result pags_splats_cut_plainly(pags_gaussians *g);
+
 /* Saves Gaussians as .splat (no view-dependent colour). */
 pags_result pags_splat_save(const char *path, const pags_gaussians *g);
 

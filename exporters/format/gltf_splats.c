@@ -102,13 +102,10 @@ static pags_result add_points(pags_gltf *gltf, int node, const char *name, const
 
 /* What the file says of the scene besides, as extras of the asset. */
 static pags_result put_asset(pags_gltf *gltf, const pags_scene *scene) {
-  const float alpha_min = scene->model_count > 0 ? scene->models[0].gaussians.alpha_min : 0.0f;
   pags_json_writer w;
   pags_json_writer_init(&w, 0);
   pags_json_begin_object(&w, NULL);
   pags_json_put_bool(&w, "antialiased", scene->antialiased != 0);
-  if (alpha_min > 0.0f)
-    pags_json_put_number(&w, "alpha_min", (double)alpha_min);
   pags_json_put_numbers(&w, "origin", scene->origin, 3);
   pags_json_put_string(&w, "up", pags_up_code(scene->up));
   pags_json_end_object(&w);
