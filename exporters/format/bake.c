@@ -98,8 +98,8 @@ pags_result pags_splats_bake(const pags_part *parts, int count, int sh_degree, p
   return result;
 }
 
-/* With x = o / a, opacity o and least alpha a, the blended (o G - a) / (1 - a) is (o - a) / (1 - a) at the mean, and its
- * integral over the picture is that of a Gaussian of this opacity and the variance times 1 - ln(x) / (x - 1). */
+/* With x = o / a, opacity o and least alpha a, the blended (o G - a) / (1 - a) is (o - a) / (1 - a) at the mean, and
+ * its integral over the picture is that of a Gaussian of this opacity and the variance times 1 - ln(x) / (x - 1). */
 pags_result pags_splats_cut_plainly(pags_gaussians *g) {
   const double a = (double)g->alpha_min;
   if (!(a > 0))

@@ -103,10 +103,11 @@ static pags_result save(const char *path, const pags_scene *scene, const pags_sp
 
 static pags_result cut_plainly(const char *path, pags_gaussians *g) {
   if (g->alpha_min > 0.0f)
-    pags_log_message(PAGS_LOG_INFO,
-                     "%s: other programs cut alpha at 1/255, this scene at %.2g: opacities and sizes are those that look "
-                     "alike there (.pagsz keeps them)",
-                     path, (double)g->alpha_min);
+    pags_log_message(
+        PAGS_LOG_INFO,
+        "%s: other programs cut alpha at 1/255, this scene at %.2g: opacities and sizes are those that look "
+        "alike there (.pagsz keeps them)",
+        path, (double)g->alpha_min);
   return pags_splats_cut_plainly(g);
 }
 
