@@ -226,8 +226,8 @@ void pags_densify_reset(pags_train_model *model) {
   pags_adam_forget(&model->adam, PAGS_OPACITY, PAGS_OPACITY + 1);
 }
 
-void pags_densify_shrink(pags_train_model *model, pags_tasks *tasks) {
-  const float step = (float)pags_log(model->schedule.config.density.shrink);
+void pags_densify_reset_scales(pags_train_model *model, pags_tasks *tasks) {
+  const float step = (float)pags_log(model->schedule.config.density.scale_reset);
   for (int k = 0; k < 3; k++) {
     float *scale = pags_plane(&model->gaussians, PAGS_SCALE + k);
     for (int64_t i = 0; i < model->gaussians.count; i++)

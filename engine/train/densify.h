@@ -25,7 +25,7 @@ void pags_edits_destroy(pags_edits *edits);
 /* Opacity reset: lowers every opacity above reset_opacity to reset_opacity and sets the moments of opacity to zero.
  * The model must be settled (no pending Adam steps). */
 void pags_densify_reset(pags_train_model *model);
-/* Multiplies all sigmas by density.shrink and sets their moments to zero. The model must be settled. */
-void pags_densify_shrink(pags_train_model *model, pags_tasks *tasks);
+/* Multiplies all sigmas by density.scale_reset and sets their moments to zero. The model must be settled. */
+void pags_densify_reset_scales(pags_train_model *model, pags_tasks *tasks);
 
 #endif

@@ -99,8 +99,8 @@ pags_result pags_density_control(pags_trainer *t) {
     PAGS_TRY(pags_mcmc_noise(&s->models[i], s->models[i].step, t->tasks));
   }
   int pulls = t->lidar_planes.count > 0 && pags_schedule_is_draw(&s->schedule, s->step);
-  const bool shrinks = pags_schedule_is_shrink(&s->schedule, s->step);
-  if (!due && !reset && !fourier && !pulls && !shrinks && prune < 0)
+  const bool scales = pags_schedule_is_scale_reset(&s->schedule, s->step);
+  if (!due && !reset && !fourier && !pulls && !scales && prune < 0)
     return PAGS_OK;
   pags_state_settle(s, t->tasks);
   if (due)
@@ -115,8 +115,8 @@ pags_result pags_density_control(pags_trainer *t) {
       return pags_fail(PAGS_CANCELLED, "cancelled");
     pags_adam_bound_all(&m->adam, &m->gaussians, &m->clusters, t->tasks);
   }
-  for (int64_t i = 0; shrinks && i < s->model_count; i++)
-    pags_densify_shrink(&s->models[i], t->tasks);
+  for (int64_t i = 0; scales && i < s->model_count; i++)
+    pags_densify_reset_scales(&s->models[i], t->tasks);
   if (!reset)
     return PAGS_OK;
   for (int64_t i = 0; i < s->model_count; i++)

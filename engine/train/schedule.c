@@ -44,9 +44,9 @@ pags_schedule pags_schedule_make(const pags_train_config *config, double extent,
   s.densify_every = at_least(scaled(config->density.densify_every, s.length), at_least(views, 1));
   int64_t reset = at_least(scaled(config->density.reset_every, s.length), at_least(3 * views, 1));
   s.reset_every = (reset + s.densify_every - 1) / s.densify_every * s.densify_every;
-  s.shrink_from = scaled(config->density.shrink_from, s.length);
-  s.shrink_every = at_least(scaled(config->density.shrink_every, s.length), 1);
-  s.shrink_until = scaled(config->density.shrink_until, s.length);
+  s.scale_reset_from = scaled(config->density.scale_reset_from, s.length);
+  s.scale_reset_every = at_least(scaled(config->density.scale_reset_every, s.length), 1);
+  s.scale_reset_until = scaled(config->density.scale_reset_until, s.length);
   s.sh_interval = at_least(scaled(config->color.sh_interval, s.length), 1);
   s.quarter_until = (long long)pags_round(config->schedule.quarter_until * (double)s.length);
   s.half_until = (long long)pags_round(config->schedule.half_until * (double)s.length);
@@ -121,9 +121,9 @@ bool pags_schedule_is_reset(const pags_schedule *s, int64_t step) {
   return step % s->reset_every == 0;
 }
 
-bool pags_schedule_is_shrink(const pags_schedule *s, int64_t step) {
-  return s->config.density.shrink < 1.0 && step >= s->shrink_from && step <= s->shrink_until && step < s->length &&
-         (step - s->shrink_from) % s->shrink_every == 0;
+bool pags_schedule_is_scale_reset(const pags_schedule *s, int64_t step) {
+  return s->config.density.scale_reset < 1.0 && step >= s->scale_reset_from && step <= s->scale_reset_until &&
+         step < s->length && (step - s->scale_reset_from) % s->scale_reset_every == 0;
 }
 
 double pags_schedule_opacity_scale(const pags_schedule *s) {

@@ -46,7 +46,7 @@ typedef struct pags_schedule {
   int64_t densify_from, densify_until, densify_every;
   int64_t reset_every; /* a multiple of densify_every, so that each reset comes right after densify's prune of
                           transparent Gaussians and no such prune follows closely */
-  int64_t shrink_from, shrink_every, shrink_until;
+  int64_t scale_reset_from, scale_reset_every, scale_reset_until;
   int64_t sh_interval;
   int64_t quarter_until, half_until;
   int64_t tracks_from, fourier_from;
@@ -68,8 +68,8 @@ bool pags_schedule_is_draw(const pags_schedule *schedule, int64_t step);
  * the interval between resets is put off until after that prune: while opacities haven't recovered, no Gaussian hides
  * another, and the scores say little. */
 bool pags_schedule_is_reset(const pags_schedule *schedule, int64_t step);
-/* Whether sigmas shrink after the step. */
-bool pags_schedule_is_shrink(const pags_schedule *schedule, int64_t step);
+/* Whether scales are reset after the step. */
+bool pags_schedule_is_scale_reset(const pags_schedule *schedule, int64_t step);
 /* The factor on opacities that density control goes by: 255 alpha_min, 1 where that isn't set. */
 double pags_schedule_opacity_scale(const pags_schedule *schedule);
 /* Returns the number, from 0, of the prune by score that follows a step; -1: none. */

@@ -40,16 +40,16 @@ static void events_of_30000_steps(void **unused) {
     densify += pags_schedule_is_densify(&s, step);
     resets += pags_schedule_is_reset(&s, step);
   }
-  config.density.shrink = 0.6;
+  config.density.scale_reset = 0.6;
   s = pags_schedule_make(&config, 1.0, 10);
-  int64_t shrinks = 0, last = 0;
+  int64_t resets_of_scales = 0, last = 0;
   for (int64_t step = 1; step <= 30000; step++)
-    if (pags_schedule_is_shrink(&s, step)) {
-      shrinks++;
+    if (pags_schedule_is_scale_reset(&s, step)) {
+      resets_of_scales++;
       last = step;
     }
-  assert_true(shrinks == 6 && last == 21000); /* at the steps 6000, 9000, ... */
-  assert_int_equal(densify, 144);             /* at the steps 600, 700, ... 14900 */
+  assert_true(resets_of_scales == 6 && last == 21000); /* at the steps 6000, 9000, ... */
+  assert_int_equal(densify, 144);                      /* at the steps 600, 700, ... 14900 */
   assert_int_equal(resets, 4);
   assert_int_equal(pags_schedule_sh_degree(&s, 999), 0);
   assert_int_equal(pags_schedule_sh_degree(&s, 2000), 2);

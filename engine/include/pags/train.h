@@ -138,11 +138,11 @@ typedef struct pags_train_density {
   int64_t reset_every;     /* steps of 30 000 between opacity resets, but at least three passes over the training
                               views; until densify_until */
   double reset_opacity;    /* a reset lowers opacities to at most this; times 255 alpha_min if that is set */
-  /* After step shrink_from and then every shrink_every steps up to shrink_until, all sigmas are multiplied by `shrink`
-   * and their moments forgotten (the scale reset of ShorterSplatting, arXiv:2603.09277): lists of pixels get shorter,
-   * and what is missing afterwards grows back only where it is needed. Steps of 30 000; 1: never. */
-  double shrink;
-  int64_t shrink_from, shrink_every, shrink_until;
+  /* After step scale_reset_from and then every scale_reset_every steps up to scale_reset_until, all sigmas are
+   * multiplied by `scale_reset` and their moments forgotten (ShorterSplatting, arXiv:2603.09277): lists of pixels get
+   * shorter, and what is missing afterwards grows back only where it is needed. Steps of 30 000; 1: never. */
+  double scale_reset;
+  int64_t scale_reset_from, scale_reset_every, scale_reset_until;
   /* Every densify_every steps from densify_from to the end of the schedule, Gaussians of the background move by
    * this fraction of the way to the plane that LiDAR shows nearby (docs/driving.md); 0: they don't. */
   double lidar_pull;
