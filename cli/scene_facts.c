@@ -475,6 +475,8 @@ pags_result pags_scene_facts(pags_report *report, const char *path, const pags_s
   put_axes(report, &scene.file);
   put_up(report, &scene, &options->reading);
   pags_report_flag(report, "antialiased", scene.antialiased != 0);
+  if (scene.model_count > 0 && scene.models[0].gaussians.alpha_min > 0.0f)
+    pags_report_number(report, "alpha_min", (double)scene.models[0].gaussians.alpha_min);
   pags_report_vector(report, "origin", scene.origin, 3);
   pags_report_place(report, &scene.place);
   if (scene_bounds(&scene, lo, hi)) {

@@ -252,29 +252,50 @@ static int stop_at(void *user, const pags_train_progress *progress) {
   return progress->step < *(const int64_t *)user;
 }
 
-/* Dropout gives the same bits for any number of threads and through resuming, and other bits than a run without
- * dropout. */
-static void dropout_is_reproducible_too(void **unused) {
-  (void)unused;
+/* Trains with any number of threads, and in three pieces, to the same bits; `names` are three folders. */
+static void check_reproducible(const pags_train_config *config, const char *const names[3]) {
   static const int64_t stops[] = {77, 118, ITERATIONS};
-  pags_train_config config = small_config();
   pags_train_options options = pags_train_options_default();
   pags_train_result result;
-  config.priority.dropout = 1;
-  train(&config, in_root("drop1"), 1, 0);
-  train(&config, in_root("drop2"), 2, 41);
-  assert_same_folder(in_root("drop1"), in_root("drop2"));
+  train(config, in_root(names[0]), 1, 0);
+  train(config, in_root(names[1]), 2, 41);
+  assert_same_folder(in_root(names[0]), in_root(names[1]));
   options.resume = 1;
   options.progress = stop_at;
   for (int i = 0; i < 3; i++) {
     options.progress_user = (void *)(uintptr_t)&stops[i];
-    assert_int_equal(run(&config, in_root("drop3"), 1 + i, options, &result), PAGS_OK);
+    assert_int_equal(run(config, in_root(names[2]), 1 + i, options, &result), PAGS_OK);
     assert_int_equal(result.iterations, stops[i]);
   }
-  assert_same_folder(in_root("drop1"), in_root("drop3"));
+  assert_same_folder(in_root(names[0]), in_root(names[2]));
+}
+
+/* Dropout gives the same bits for any number of threads and through resuming, and other bits than a run without
+ * dropout. */
+static void dropout_is_reproducible_too(void **unused) {
+  (void)unused;
+  pags_train_config config = small_config();
+  config.priority.dropout = 1;
+  check_reproducible(&config, (const char *const[]){"drop1", "drop2", "drop3"});
   config.priority.dropout = 0;
   train(&config, in_root("drop4"), 2, 0);
   assert_false(is_same_file(in_root("drop1"), in_root("drop4"), "background.ply"));
+}
+
+/* The same of a least alpha and of scale resets, of which the scene remembers the former. */
+static void shorter_lists_are_reproducible_too(void **unused) {
+  (void)unused;
+  pags_scene scene;
+  pags_train_config config = small_config();
+  config.picture.alpha_min = 4.0 / 255;
+  config.density.scale_reset = 0.6;
+  check_reproducible(&config, (const char *const[]){"short1", "short2", "short3"});
+  assert_int_equal(pags_scene_load(in_root("short1"), &scene), PAGS_OK);
+  assert_true(scene.models[0].gaussians.alpha_min == (float)(4.0 / 255));
+  pags_scene_destroy(&scene);
+  config.density.scale_reset = 1;
+  train(&config, in_root("short4"), 2, 0);
+  assert_false(is_same_file(in_root("short1"), in_root("short4"), "background.ply"));
 }
 
 static void mcmc_is_reproducible_too(void **unused) {
@@ -563,6 +584,7 @@ int main(void) {
       cmocka_unit_test(learns_the_scene),
       cmocka_unit_test(threads_and_checkpoints_change_no_bit),
       cmocka_unit_test(dropout_is_reproducible_too),
+      cmocka_unit_test(shorter_lists_are_reproducible_too),
       cmocka_unit_test(mcmc_is_reproducible_too),
       cmocka_unit_test(stopping_and_resuming_changes_no_bit),
 #ifndef _WIN32
