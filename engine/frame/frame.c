@@ -32,7 +32,7 @@ static pags_result prepare_planes(pags_frame *frame) {
 
 static pags_alpha_cut alpha_cut_of(const pags_gaussians *gaussians) {
   const double least = (double)gaussians->alpha_min;
-  if (!(least > 0.0) || gaussians->alpha_min == PAGS_ALPHA_MIN)
+  if (!(least > 0.0))
     return (pags_alpha_cut){.least = PAGS_ALPHA_MIN, .cut = -PAGS_LOG2_255};
   /* The cut is a little above the floor, so that alpha is positive there with the rasteriser's 2^x, of an error up to
    * 7.5e-5, too. */

@@ -336,8 +336,9 @@ static pags_result read_head(const char *path, const uint8_t *head, uint64_t siz
   memcpy(out->origin, head + 24, sizeof out->origin);
   memcpy(out->background, head + 48, sizeof out->background);
   memcpy(&out->shape.alpha_min, head + 60, sizeof out->shape.alpha_min);
-  if (!(out->shape.alpha_min >= 0.0f && out->shape.alpha_min < 1.0f))
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: head: expected a least alpha from 0 to 1", path);
+  const float least = out->shape.alpha_min;
+  if (least != 0.0f && !(least >= PAGS_LEAST_ALPHA_MIN && least < 1.0f))
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: head: expected a least alpha from 1/255 to 1", path);
   for (int k = 0; k < 3; k++)
     if (!isfinite(out->origin[k]) || !(out->background[k] >= 0.0f && out->background[k] <= 1.0f))
       return pags_fail(PAGS_ERROR_FORMAT, "%s: head: expected a finite origin and a background from 0 to 1", path);

@@ -114,6 +114,13 @@ static void parse_vertical_axis(const char *path, int words, char *value[], pags
                      up[0], up[1], up[2]);
 }
 
+static void parse_alpha_min(ply_table *t, double value) {
+  const bool sound = value >= (double)PAGS_LEAST_ALPHA_MIN && value < 1;
+  t->alpha_min = sound ? (float)value : 0.0f;
+  if (!sound)
+    pags_log_message(PAGS_LOG_WARNING, "%s: its alpha_min, %g, isn't from 1/255 to 1 and is not used", t->path, value);
+}
+
 /* Reads what programs say in comments, in any case, with or without a colon: "SplatRenderMode: mip" (Brush, gsplat,
  * splat-transform, PAGS), "antialiased 1" (Postshot), "train_flags antialiasing" (proposed to INRIA); "Vertical axis";
  * "offset X Y Z", which was taken off all positions; and "alpha_min A" (pags_gaussians; PAGS). Others are skipped; of
@@ -138,7 +145,7 @@ static void parse_comment(ply_table *t, int words, char *word[]) {
   else if (strcasecmp(key, "Vertical") == 0 && strcasecmp(value, "axis") == 0)
     parse_vertical_axis(t->path, words - 3, word + 3, facts);
   else if (strcasecmp(key, "alpha_min") == 0 && parse_numbers(word + 2, 1, offset))
-    t->alpha_min = offset[0] > 0 && offset[0] < 1 ? (float)offset[0] : 0;
+    parse_alpha_min(t, offset[0]);
   else if (strcasecmp(key, "offset") == 0 && words == 5 && parse_numbers(word + 2, 3, offset))
     memcpy(facts->origin, offset, sizeof offset);
 }

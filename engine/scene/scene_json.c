@@ -55,9 +55,9 @@ static pags_result read_models(const pags_json *json, const pags_json_value *roo
     PAGS_TRY(pags_json_integer(json, model, "sh_degree", 0, 3, &degree));
     scene->models[i].gaussians.sh_degree = (int)degree;
     PAGS_TRY(pags_json_number_or(json, model, "alpha_min", 0, &alpha_min));
-    if (!(alpha_min >= 0 && alpha_min < 1))
+    if (alpha_min != 0 && !(alpha_min >= (double)PAGS_LEAST_ALPHA_MIN && alpha_min < 1))
       return pags_json_fail(json, pags_json_member(model, "alpha_min"),
-                            "expected a number from 0 to 1 for 'alpha_min', found %g", alpha_min);
+                            "expected a number from 1/255 to 1 for 'alpha_min', found %g", alpha_min);
     scene->models[i].gaussians.alpha_min = (float)alpha_min;
     if (!pags_path_is_inside(scene->models[i].file))
       return pags_json_fail(json, pags_json_member(model, "file"),

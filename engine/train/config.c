@@ -107,8 +107,17 @@ pags_result pags_train_config_check(const pags_train_config *config) {
     return pags_fail(PAGS_ERROR_ARGUMENT, "cluster_size: %d is no multiple of 16", config->picture.cluster_size);
   if (config->priority.preset != PAGS_PRESET_NONE && config->density.strategy == PAGS_STRATEGY_MCMC)
     return pags_fail(PAGS_ERROR_ARGUMENT, "preset: strategy mcmc keeps its own count; expected none with it");
-  if (config->picture.antialiased && config->picture.alpha_min > 0)
+  const double alpha_min = config->picture.alpha_min;
+  if (alpha_min > 0 && alpha_min < (double)PAGS_LEAST_ALPHA_MIN)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "alpha_min: expected 0 or at least 1/255, got %g", alpha_min);
+  if (alpha_min > 0 && config->picture.antialiased)
     return pags_fail(PAGS_ERROR_ARGUMENT, "alpha_min: antialiased Gaussians are cut at 1/255; expected 0 with them");
+  if (alpha_min > 0 && config->density.strategy == PAGS_STRATEGY_MCMC)
+    return pags_fail(PAGS_ERROR_ARGUMENT,
+                     "alpha_min: strategy mcmc counts on opacities from 0.005; expected 0 with it");
+  if (config->start.init_opacity <= alpha_min)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "init_opacity: at %g nothing is drawn and learns with alpha_min %g",
+                     config->start.init_opacity, alpha_min);
   if (config->optimiser.position_rate_begin > 0 && config->optimiser.position_rate_end <= 0)
     return pags_fail(PAGS_ERROR_ARGUMENT, "position_rate_end: a log-linear rate can't end at %g",
                      config->optimiser.position_rate_end);

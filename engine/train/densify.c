@@ -44,6 +44,12 @@ static float mean_gradient(const pags_train_model *model, int64_t row) {
                         (1.0 + (c->priority.critical_weight - 1.0) * s_sem));
 }
 
+/* An opacity that density control goes by: times 255 alpha_min where that is set. */
+static double scaled_opacity(const pags_schedule *s, double opacity) {
+  const double alpha_min = s->config.picture.alpha_min;
+  return alpha_min > 0 ? fmin(255.0 * alpha_min * opacity, 1.0 - 1e-6) : opacity;
+}
+
 typedef struct thresholds {
   float gradient, dense_sigma, prune_logit, prune_sigma, split_divisor;
 } thresholds;
@@ -55,7 +61,7 @@ static thresholds thresholds_of(const pags_train_model *model) {
   return (thresholds){
       .gradient = (float)(c->density.absgrad ? c->density.absgrad_gradient : c->density.densify_gradient),
       .dense_sigma = (float)(c->density.dense_percent * s->extent),
-      .prune_logit = logit(fmin(c->density.prune_opacity * pags_schedule_opacity_scale(s), 1.0 - 1e-6)),
+      .prune_logit = logit(scaled_opacity(s, c->density.prune_opacity)),
       .prune_sigma = prune_large ? (float)(c->density.prune_scale * s->extent) : INFINITY,
       .split_divisor = (float)c->density.split_divisor};
 }
@@ -219,8 +225,8 @@ pags_result pags_densify_apply(pags_train_model *model, const pags_edits *edits,
 
 void pags_densify_reset(pags_train_model *model) {
   float *opacity = pags_plane(&model->gaussians, PAGS_OPACITY);
-  const pags_schedule *s = &model->schedule;
-  float most = logit(fmin(s->config.density.reset_opacity * pags_schedule_opacity_scale(s), 1.0 - 1e-6));
+  const double reset = model->schedule.config.density.reset_opacity;
+  float most = logit(fmin(scaled_opacity(&model->schedule, reset), 1.0 - 1e-6));
   for (int64_t i = 0; i < model->gaussians.count; i++)
     opacity[i] = opacity[i] > most ? most : opacity[i];
   pags_adam_forget(&model->adam, PAGS_OPACITY, PAGS_OPACITY + 1);

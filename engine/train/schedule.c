@@ -126,10 +126,6 @@ bool pags_schedule_is_scale_reset(const pags_schedule *s, int64_t step) {
          step < s->length && (step - s->scale_reset_from) % s->scale_reset_every == 0;
 }
 
-double pags_schedule_opacity_scale(const pags_schedule *s) {
-  return s->config.picture.alpha_min > 0.0 ? 255.0 * s->config.picture.alpha_min : 1.0;
-}
-
 bool pags_schedule_prunes_large(const pags_schedule *s, int64_t step) {
   return step > s->reset_every;
 }

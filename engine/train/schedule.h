@@ -70,8 +70,6 @@ bool pags_schedule_is_draw(const pags_schedule *schedule, int64_t step);
 bool pags_schedule_is_reset(const pags_schedule *schedule, int64_t step);
 /* Whether scales are reset after the step. */
 bool pags_schedule_is_scale_reset(const pags_schedule *schedule, int64_t step);
-/* The factor on opacities that density control goes by: 255 alpha_min, 1 where that isn't set. */
-double pags_schedule_opacity_scale(const pags_schedule *schedule);
 /* Returns the number, from 0, of the prune by score that follows a step; -1: none. */
 int pags_schedule_prune(const pags_schedule *schedule, int64_t step);
 /* Whether densify also prunes Gaussians that are too large: only once an opacity reset has happened, since before it

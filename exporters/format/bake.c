@@ -62,7 +62,22 @@ static bool is_turned(const double m[12]) {
   return false;
 }
 
-static void bake_part(const pags_part *part, pags_gaussians *out, int64_t first) {
+/* Turns row `i`, of a part with alpha_min a, into one that looks alike where alpha is cut at 1/255; false if it is
+ * never seen. With x = o / a, opacity o, the blended (o G - a) / (1 - a) is (o - a) / (1 - a) at the mean, and its
+ * integral over the picture is that of a Gaussian of this opacity and the variance times 1 - ln(x) / (x - 1). */
+static bool cut_plainly(pags_gaussians *g, int64_t i, double a) {
+  const double o = pags_splat_opacity(g, i), x = o / a;
+  if (!(x > 1.001))
+    return false;
+  const double seen = fmin((o - a) / (1 - a), 1 - 1e-6), shrink = 0.5 * pags_log(1 - pags_log(x) / (x - 1));
+  pags_plane(g, PAGS_OPACITY)[i] = (float)pags_log(seen / (1 - seen));
+  for (int k = 0; k < 3; k++)
+    pags_plane(g, PAGS_SCALE + k)[i] += (float)shrink;
+  return true;
+}
+
+/* Bakes a part's rows from row out->count of `out` on. */
+static void bake_part(const pags_part *part, pags_gaussians *out) {
   const double *m = part->world_from_model;
   const double r[9] = {m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]};
   double q[4];
@@ -70,62 +85,41 @@ static void bake_part(const pags_part *part, pags_gaussians *out, int64_t first)
   int turned = is_turned(m);
   pags_quaternion_from_rotation(r, q);
   pags_sh_rotation_make(r, &turn);
+  const double a = (double)part->gaussians->alpha_min;
   for (int64_t i = 0; i < part->gaussians->count; i++) {
-    bake_row(part, turned ? &turn : NULL, q, i, out, first + i);
+    const int64_t at = out->count;
+    bake_row(part, turned ? &turn : NULL, q, i, out, at);
     if (out->s_sem)
-      out->s_sem[first + i] = part->gaussians->s_sem[i];
+      out->s_sem[at] = part->gaussians->s_sem[i];
     if (out->object_id && part->gaussians->object_id)
-      out->object_id[first + i] = part->gaussians->object_id[i];
+      out->object_id[at] = part->gaussians->object_id[i];
+    out->count += !(a > 0) || out->alpha_min > 0.0f || cut_plainly(out, at, a);
   }
 }
 
-pags_result pags_splats_bake(const pags_part *parts, int count, int sh_degree, pags_gaussians *out) {
-  int64_t total = 0, first = 0;
+/* The alpha_min of all parts; 0 if they differ. */
+static float common_alpha_min(const pags_part *parts, int count) {
+  for (int i = 1; i < count; i++)
+    if (parts[i].gaussians->alpha_min != parts[0].gaussians->alpha_min)
+      return 0.0f;
+  return count > 0 ? parts[0].gaussians->alpha_min : 0.0f;
+}
+
+pags_result pags_splats_bake(const pags_part *parts, int count, int sh_degree, bool keep_cut, pags_gaussians *out) {
+  int64_t total = 0;
   int s_sem = count > 0;
   for (int i = 0; i < count; i++) {
     total += parts[i].gaussians->count;
     s_sem = s_sem && parts[i].gaussians->s_sem;
   }
   PAGS_TRY(pags_gaussians_create(out, total, sh_degree));
-  out->alpha_min = count > 0 ? parts[0].gaussians->alpha_min : 0.0f; /* a training gives all its models the same */
+  out->alpha_min = keep_cut ? common_alpha_min(parts, count) : 0.0f;
   pags_result result = s_sem ? pags_gaussians_add_s_sem(out) : PAGS_OK;
-  for (int i = 0; i < count && result == PAGS_OK; i++) {
-    bake_part(&parts[i], out, first);
-    first += parts[i].gaussians->count;
-  }
+  out->count = 0;
+  for (int i = 0; i < count && result == PAGS_OK; i++)
+    bake_part(&parts[i], out);
   if (result != PAGS_OK)
     pags_gaussians_destroy(out);
-  return result;
-}
-
-/* With x = o / a, opacity o and least alpha a, the blended (o G - a) / (1 - a) is (o - a) / (1 - a) at the mean, and
- * its integral over the picture is that of a Gaussian of this opacity and the variance times 1 - ln(x) / (x - 1). */
-pags_result pags_splats_cut_plainly(pags_gaussians *g) {
-  const double a = (double)g->alpha_min;
-  if (!(a > 0))
-    return PAGS_OK;
-  int64_t *kept = malloc((size_t)(g->count > 0 ? g->count : 1) * sizeof *kept), count = 0;
-  if (!kept)
-    return pags_out_of_memory("%lld Gaussians", (long long)g->count);
-  for (int64_t i = 0; i < g->count; i++) {
-    const double o = pags_splat_opacity(g, i), x = o / a;
-    if (!(x > 1.001))
-      continue; /* never seen */
-    kept[count++] = i;
-    const double seen = fmin((o - a) / (1 - a), 1 - 1e-6), shrink = 0.5 * pags_log(1 - pags_log(x) / (x - 1));
-    pags_plane(g, PAGS_OPACITY)[i] = (float)pags_log(seen / (1 - seen));
-    for (int k = 0; k < 3; k++)
-      pags_plane(g, PAGS_SCALE + k)[i] += (float)shrink;
-  }
-  pags_gaussians left;
-  pags_result result = pags_gaussians_create_like(&left, count, g);
-  if (result == PAGS_OK) {
-    pags_gaussians_gather(g, kept, count, &left);
-    left.alpha_min = 0.0f;
-    pags_gaussians_destroy(g);
-    *g = left;
-  }
-  free(kept);
   return result;
 }
 

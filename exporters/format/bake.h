@@ -4,6 +4,8 @@
 #ifndef PAGS_FORMAT_BAKE_H
 #define PAGS_FORMAT_BAKE_H
 
+#include <stdbool.h>
+
 #include <pags/export.h>
 #include <pags/frame.h>
 
@@ -12,12 +14,10 @@ extern "C" {
 #endif
 
 /* Joins all parts into one set of Gaussians in the world's frame with harmonics of `sh_degree` (higher terms are cut,
- * missing ones are zero). s_sem is kept if all parts have it. */
-pags_result pags_splats_bake(const pags_part *parts, int count, int sh_degree, pags_gaussians *out);
-
-/* Turns Gaussians with an alpha_min into ones that look alike where alpha is cut at 1/255, as other programs do; those
- * that are never seen are left out. Others are left as they are. */
-pags_result pags_splats_cut_plainly(pags_gaussians *g);
+ * missing ones are zero). s_sem is kept if all parts have it. With keep_cut an alpha_min that all parts have is kept;
+ * else Gaussians with an alpha_min become ones that look alike where alpha is cut at 1/255, as other programs do, and
+ * those that are never seen are left out. */
+pags_result pags_splats_bake(const pags_part *parts, int count, int sh_degree, bool keep_cut, pags_gaussians *out);
 
 /* Saves Gaussians as .splat (no view-dependent colour). */
 pags_result pags_splat_save(const char *path, const pags_gaussians *g);

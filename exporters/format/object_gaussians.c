@@ -41,11 +41,7 @@ pags_result pags_object_gaussians(pags_composition *composition, int64_t object,
     placement.world_from_object[4 * k + 3] += scene->origin[k];
   *out = (pags_gaussians){0};
   PAGS_TRY(pags_compose_placed(composition, time, &placement, 1, &parts, &count));
-  PAGS_TRY(pags_splats_bake(parts, count, sh_degree, out));
-  const pags_result result = pags_splats_cut_plainly(out);
-  if (result != PAGS_OK)
-    pags_gaussians_destroy(out);
-  return result;
+  return pags_splats_bake(parts, count, sh_degree, false, out);
 }
 
 pags_result pags_object_gaussians_degree(pags_composition *composition, int most, int *out) {

@@ -101,16 +101,6 @@ static pags_result save(const char *path, const pags_scene *scene, const pags_sp
   return pags_gltf_splats_save(path, scene, g);
 }
 
-static pags_result cut_plainly(const char *path, pags_gaussians *g) {
-  if (g->alpha_min > 0.0f)
-    pags_log_message(
-        PAGS_LOG_INFO,
-        "%s: other programs cut alpha at 1/255, this scene at %.2g: opacities and sizes are those that look "
-        "alike there (.pagsz keeps them)",
-        path, (double)g->alpha_min);
-  return pags_splats_cut_plainly(g);
-}
-
 pags_result pags_export_splats(pags_scene *scene, const char *path, const pags_splat_options *options, int64_t *count) {
   pags_composition *composition;
   const pags_part *parts;
@@ -126,12 +116,19 @@ pags_result pags_export_splats(pags_scene *scene, const char *path, const pags_s
     return saved;
   }
   pags_compose(composition, options->time, &parts, &part_count);
-  for (int i = 0; i < part_count; i++)
+  const bool keep_cut = has_extension(path, ".pagsz");
+  double alpha_min = 0;
+  for (int i = 0; i < part_count; i++) {
     degree = parts[i].gaussians->sh_degree > degree ? parts[i].gaussians->sh_degree : degree;
+    alpha_min = fmax(alpha_min, (double)parts[i].gaussians->alpha_min);
+  }
+  if (alpha_min > 0 && !keep_cut)
+    pags_log_message(PAGS_LOG_INFO,
+                     "%s: other programs cut alpha at 1/255, this scene at %.2g: opacities and sizes are those that "
+                     "look alike there (.pagsz keeps them)",
+                     path, alpha_min);
   pags_result result =
-      pags_splats_bake(parts, part_count, degree < options->sh_degree ? degree : options->sh_degree, &baked);
-  if (result == PAGS_OK && !has_extension(path, ".pagsz"))
-    result = cut_plainly(path, &baked);
+      pags_splats_bake(parts, part_count, degree < options->sh_degree ? degree : options->sh_degree, keep_cut, &baked);
   if (result == PAGS_OK)
     result = save(path, pags_composition_scene(composition), options, &baked);
   if (result == PAGS_OK)

@@ -197,6 +197,18 @@ class RoundTrips(Splats):
             facts = self.info(name, "--strict")
             self.assertEqual([facts[key] for key in FACTS], self.wanted, name)
 
+    def test_the_least_alpha(self):
+        self.write("cut.ply", with_comments(some_splats(), "alpha_min 0.0157"))
+        self.assertAlmostEqual(self.info("cut.ply")["alpha_min"], 0.0157, 6)
+        self.works("export", self.path("cut.ply"), self.path("cut.pagsz"))
+        self.assertAlmostEqual(self.info("cut.pagsz")["alpha_min"], 0.0157, 6)
+        done = run("export", self.path("cut.ply"), self.path("plain.ply"))
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("other programs cut alpha at 1/255", done.stdout + done.stderr)
+        self.assertNotIn("alpha_min", self.info("plain.ply"))
+        self.write("bad.ply", with_comments(some_splats(), "alpha_min 1.5"))
+        self.fails(["info", self.path("bad.ply"), "--strict"], "its alpha_min, 1.5, isn't from 1/255 to 1")
+
     def test_gltf_has_them_as_extras(self):
         done = run("export", self.path("a.ply"), self.path("B.GLB"), "--splats", "--strict")
         if "this build writes" in done.stderr:

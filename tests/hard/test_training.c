@@ -206,6 +206,13 @@ static void resets(void **state) {
     assert_int_equal(pags_train_config_check(&config), PAGS_ERROR_ARGUMENT);
     assert_non_null(strstr(pags_error_message(), k ? "init_opacity" : "reset_opacity"));
   }
+  static const double cuts[] = {0.002, 0.1}; /* below 1/255; as much as the first Gaussians' opacity */
+  for (int k = 0; k < 2; k++) {
+    pags_train_config config = hard_config(HARD_STEPS);
+    config.picture.alpha_min = cuts[k];
+    assert_int_equal(pags_train_config_check(&config), PAGS_ERROR_ARGUMENT);
+    assert_non_null(strstr(pags_error_message(), k ? "init_opacity" : "alpha_min"));
+  }
 }
 
 /* Photographs of one level, all black and all white, of 16 bits. */

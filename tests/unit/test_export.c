@@ -588,6 +588,40 @@ static void test_empty_scene(void **state) {
   pags_tasks_destroy(tasks);
 }
 
+/* A Gaussian with an alpha_min keeps its alpha at the mean and its integral over the picture, but is cut at 1/255; what
+ * is never seen is left out. Where all parts have the same alpha_min it can be kept. */
+static void test_other_cuts(void **state) {
+  (void)state;
+  pags_gaussians g[2], baked;
+  pags_part parts[2];
+  for (int p = 0; p < 2; p++) {
+    assert_int_equal(pags_gaussians_create(&g[p], 2, 0), PAGS_OK);
+    for (int i = 0; i < 2; i++) {
+      pags_plane(&g[p], PAGS_ROTATION)[i] = 1;
+      pags_plane(&g[p], PAGS_OPACITY)[i] = i ? -4.6f : 0; /* opacities of 1/2 and 0.00995 */
+    }
+    parts[p] = (pags_part){.gaussians = &g[p], .world_from_model = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+  }
+  g[0].alpha_min = 0.02f;
+  assert_int_equal(pags_splats_bake(parts, 2, 0, true, &baked), PAGS_OK);
+  assert_true(baked.count == 3 && baked.alpha_min == 0.0f);
+  const double a = (double)0.02f, alpha = 1 / (1 + exp(-(double)pags_plane(&baked, PAGS_OPACITY)[0]));
+  const double variance = exp(2 * (double)pags_plane(&baked, PAGS_SCALE)[0]);
+  double covered = 0; /* of (o G - a) / (1 - a) over rings of the plane */
+  for (double r = 0.0005; r < 6; r += 0.001)
+    covered += fmax(0, (0.5 * exp(-0.5 * r * r) - a) / (1 - a)) * 2 * 3.14159265358979 * r * 0.001;
+  assert_true(fabs(alpha - (0.5 - a) / (1 - a)) < 1e-6);
+  assert_true(fabs(alpha * variance * 2 * 3.14159265358979 - covered) < 1e-4);
+  assert_true(pags_plane(&baked, PAGS_SCALE)[1] == 0 && pags_plane(&baked, PAGS_OPACITY)[2] == -4.6f);
+  pags_gaussians_destroy(&baked);
+  g[1].alpha_min = 0.02f;
+  assert_int_equal(pags_splats_bake(parts, 2, 0, true, &baked), PAGS_OK);
+  assert_true(baked.count == 4 && baked.alpha_min == 0.02f && pags_plane(&baked, PAGS_SCALE)[0] == 0);
+  pags_gaussians_destroy(&baked);
+  pags_gaussians_destroy(&g[0]);
+  pags_gaussians_destroy(&g[1]);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_box),
@@ -601,6 +635,7 @@ int main(void) {
       cmocka_unit_test(test_half_turns),
       cmocka_unit_test(test_turns_compose),
       cmocka_unit_test(test_splat_files),
+      cmocka_unit_test(test_other_cuts),
       cmocka_unit_test(test_spz_beyond_its_range),
       cmocka_unit_test(test_proxies_of_a_scene),
       cmocka_unit_test(test_what_stands_off_is_kept),

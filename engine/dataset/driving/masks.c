@@ -23,21 +23,28 @@ pags_result pags_driving_find_mask(const pags_driving *driving, const char *fold
   return PAGS_OK;
 }
 
-static pags_result check_size(const char *path, const pags_lens *lens) {
-  int width, height;
-  PAGS_TRY(pags_image_size(path, &width, &height));
+static pags_result check_size(const char *path, const pags_lens *lens, int width, int height) {
   if (width == lens->width && height == lens->height)
     return PAGS_OK;
   return pags_fail(PAGS_ERROR_FORMAT, "%s: %d x %d pixels, expected %d x %d as its photograph has", path, width, height,
                    lens->width, lens->height);
 }
 
+static pags_result finish(pags_result result, pags_image *out) {
+  if (result != PAGS_OK)
+    pags_image_destroy(out);
+  return result;
+}
+
 pags_result pags_driving_load_mask(const char *path, const pags_lens *lens, pags_image *out) {
-  return pags_driving_load_mask_top(path, lens, 0, out);
+  PAGS_TRY(pags_image_load(path, PAGS_U8, 1, out));
+  return finish(check_size(path, lens, out->width, out->height), out);
 }
 
 pags_result pags_driving_load_mask_top(const char *path, const pags_lens *lens, int rows, pags_image *out) {
-  PAGS_TRY(check_size(path, lens));
+  int width, height;
+  PAGS_TRY(pags_image_size(path, &width, &height));
+  PAGS_TRY(check_size(path, lens, width, height));
   return pags_image_load_top(path, PAGS_U8, 1, rows, out);
 }
 
@@ -113,10 +120,11 @@ pags_result pags_driving_load_labels(const char *path, const pags_lens *lens, pa
   int depth, type;
   read_form(path, &depth, &type);
   const bool wide = depth == 16;
-  PAGS_TRY(check_size(path, lens));
   PAGS_TRY(pags_image_load(path, wide ? PAGS_U16 : PAGS_U8, wide ? 1 : 0, out));
-  const pags_result result = wide ? narrow(path, out) : out->channels > 1 ? keep_one(path, out) : PAGS_OK;
-  if (result != PAGS_OK)
-    pags_image_destroy(out);
-  return result;
+  pags_result result = check_size(path, lens, out->width, out->height);
+  if (result == PAGS_OK && wide)
+    result = narrow(path, out);
+  else if (result == PAGS_OK && out->channels > 1)
+    result = keep_one(path, out);
+  return finish(result, out);
 }

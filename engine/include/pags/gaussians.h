@@ -14,6 +14,9 @@
 /* C0 = 1 / (2 sqrt pi), the value of the constant spherical harmonic: colour = 0.5 + C0 * dc + higher terms. */
 #define PAGS_SH_C0 0.28209479177387814
 
+/* The least value of pags_gaussians.alpha_min that isn't 0, with room for rounding: 1/255 is 0.00392. */
+#define PAGS_LEAST_ALPHA_MIN 0.0039f
+
 #ifdef __cplusplus
 extern "C" {
 #endif
@@ -50,8 +53,9 @@ typedef struct pags_gaussians {
   /* Fourier terms by which the constant colour term changes over a track's time: 12 planes of `stride` floats,
    * plane 3 * (k - 1) + channel for term k = 1..4; NULL if the colour doesn't change. See pags_fourier_basis. */
   float *fourier;
-  /* The least alpha a that is drawn: a pixel blends (alpha - a) / (1 - a) where that is positive. 0: as Kerbl et al.
-   * (2023) and most files expect, alpha itself where it is at least 1/255. */
+  /* The least alpha a that is drawn: a pixel blends (alpha - a) / (1 - a) where that is positive; from 1/255
+   * (PAGS_LEAST_ALPHA_MIN) to 1. 0: as Kerbl et al. (2023) and most files expect, alpha itself where it is at least
+   * 1/255. */
   float alpha_min;
 } pags_gaussians;
 
