@@ -30,14 +30,22 @@ import time
 from ablation_tables import OF_MOMENT, QUALITIES, Tables, write, write_plots
 
 MOST_SEEDS, MOST_MOMENTS = 16, 64
-SPR = "--preset short --alpha 0.4 --set dropout=1 --set dropout_beta=0.5"
-WHOLE = {"baseline": "", "sp": "--preset short --alpha 0", "sd": "--set dropout=1 --set dropout_beta=0", "spr": SPR, "lean": "--preset lean"}
-# Each of these changes one option of spr, or of sp, sd or lean if the row names one of them.
+SPR = "--preset paper --alpha 0.4 --set dropout=1 --set dropout_beta=0.5"
+WHOLE = {"default": "", "fast": "--preset fast", "plain": "--preset plain", "paper": "--preset paper", "sp": "--preset paper --alpha 0 --set dropout=0",
+         "sd": "--preset plain --set dropout=1 --set dropout_beta=0", "sp&sd": "--preset paper --alpha 0 --set dropout=1 --set dropout_beta=0",
+         "spr": SPR}
+# Each of these changes one option of spr, or of another whole row if the row names one.
 CHANGES = {"alpha": "--alpha", "rate": "--prune-rate", "preset": "--preset", "beta": "--set dropout_beta", "gamma": "--set dropout_gamma",
            "hybrid": "--set hybrid", "critical-weight": "--critical-weight", "s-sem": "--set s_sem", "s-grad": "--set s_grad",
            "s-grad-from": "--set s_grad_from"}
 SWITCHES = {"no-objects": "--no-objects", "no-tracks": "--no-tracks", "no-fourier": "--set fourier=0", "no-sky": "--no-sky",
             "no-lidar-start": "--no-lidar-start", "no-exposure": "--no-exposure", "no-lidar-loss": "--set depth_weight=0"}
+# Each of these takes one part of the default away.
+PARTS = {"no-alpha-min": "--set alpha_min=0", "no-scale-reset": "--set scale_reset=1", "no-prunes": "--set prunes=0",
+         "no-rates": "--set position_rate_begin=0.00016 --set position_rate_end=1.6e-6 --set scale_rate=0.005 --set sh_dc_rate=0.0025 "
+                     "--set sh_rest_rate=0.000125",
+         "no-long-axis": "--set long_axis_split=0", "no-critical-weight": "--critical-weight 1"}
+SWITCHES.update(PARTS)
 # Options that apply to every row. They are passed to pags train; True: to pags eval, too, since the scene doesn't
 # record them.
 PASSED = {"downscale": False, "split-every": False, "cameras": False, "frames": False, "holdout-camera": False, "max-gaussians": False,
@@ -74,7 +82,7 @@ class Options:
         return [word for words in self.given.values() for word in words]
 
     def file_name(self):
-        """The options as a file name, such as preset-short_alpha-0.4."""
+        """The options as a file name, such as preset-paper_alpha-0.4."""
         return "_".join("-".join([words[0][2:], *words[1:]]) for words in self.given.values())
 
 
@@ -94,12 +102,12 @@ class Row:
         self.name, self.seeds = name, int(repeats) if star else seeds
         self.train, self.eval = Options(), Options()
         self.alpha = self.rates = None
-        parts = name.split("+")
-        if any(p.partition("=")[0] in CHANGES for p in parts) and not any(p in ("sp", "sd", "spr", "lean") for p in parts):
+        parts = name.replace("sp+sd", "sp&sd").split("+")
+        if any(p.partition("=")[0] in CHANGES for p in parts) and not any(p in WHOLE for p in parts):
             self.train.put_text(SPR)
         for part in parts:
             self.add(part)
-        self.prunes = self.train.given.get("--preset", ["", "none"])[1] != "none"
+        self.prunes = self.train.given.get("--preset", ["", "default"])[1] != "plain" and "prunes=0" not in self.train.words()
 
     def add(self, part):
         key, equals, value = part.partition("=")
@@ -537,7 +545,7 @@ def parse_arguments(words):
     p.add_argument("-o", "--output", metavar="TABLE", required=True,
                    help="write TABLE.md, TABLE.csv, TABLE_curve.csv and TABLE.svg after every row; trainings are kept in TABLE.runs")
     p.add_argument("-n", "--iterations", type=whole(1), default=5000, metavar="N", help="steps of each training [default %(default)s]")
-    p.add_argument("--rows", default="baseline,sp,sd,sp+sd,spr,pdr,spr+pdr", metavar="NAME,...",
+    p.add_argument("--rows", default="plain,sp,sd,sp+sd,spr,pdr,spr+pdr,default", metavar="NAME,...",
                    help="rows of the table; NAME*K: with K seeds; parts joined by +, later ones win (docs/ablation.md); any option of "
                    "pags train: --NAME=VALUE or set:NAME=VALUE [default %(default)s]")
     p.add_argument("--seeds", type=whole(1, MOST_SEEDS), default=1, metavar="K", help="repeat each row with K seeds [default %(default)s]")

@@ -107,8 +107,8 @@ class Tables:
         return page + self.equal_time() + self.options()
 
     def figures(self, sets):
-        """Tables of the means of each finished row and of their differences from the row `baseline`, or from the
-        first row if there is no baseline."""
+        """Tables of the means of each finished row and of their differences from the row `plain`, or from the
+        first row if there is no such row."""
         done = {name: results for name, results in sets.items() if results}
         shown = [f for f in FIGURES if any(result[f] is not None for results in done.values() for result in results)]
         rows = []
@@ -121,7 +121,7 @@ class Tables:
         page = markdown_table(["row", *(FIGURES[f][0] for f in shown)], rows)
         if len(done) < 2:
             return page
-        reference = "baseline" if "baseline" in done else next(iter(done))
+        reference = "plain" if "plain" in done else next(iter(done))
         qualities, rows = [q for q in QUALITIES if q in shown], []
         for name, results in done.items():
             if name == reference:

@@ -22,7 +22,7 @@ typedef struct train_arguments {
   const char *output;
   pags_dataset_options dataset;
   int reconstruction;
-  const char *prune_rate;
+  const char *preset, *prune_rate;
   pags_words set; /* of --set: NAME=VALUE each */
   int fields;
   pags_train_config config;
@@ -39,6 +39,9 @@ static pags_option options[] = {
     PAGS_TEXT("output", 'o', AT(output), "SCENE", NULL, "write the scene to this folder; needed unless --estimate"),
 
     PAGS_GROUP("The run"),
+    PAGS_TEXT(
+        "preset", 0, AT(preset), "default|fast|plain|paper", NULL,
+        "choose all that is left to auto: half of the time for a little quality (fast), as 3DGS (plain), as the paper"),
     PAGS_FIELD("iterations", 'n', "N", "iterations"),
     PAGS_FLAG("resume", 0, RUN(resume), "go on from SCENE's checkpoint, or begin where there is none and no scene"),
     PAGS_FLAG("overwrite", 0, RUN(overwrite), "train afresh into a SCENE that isn't empty"),
@@ -83,12 +86,11 @@ static pags_option options[] = {
     PAGS_FIELD("target-size", 0, "MB", "target_size"),
 
     PAGS_GROUP("Priority (docs/priority.md)"),
-    PAGS_FIELD("preset", 0, NULL, "preset"),
     PAGS_FIELD("alpha", 0, "A", "alpha"),
     PAGS_FIELD("critical-weight", 0, "W", "critical_weight"),
     PAGS_FIELD("critical-growth", 0, "G", "critical_growth"),
-    PAGS_TEXT("prune-rate", 0, AT(prune_rate), "EARLY/LATE", "0.6/0.3; preset lean 0.5/0.2",
-              "set prune_early and prune_late: the share of the Gaussians that each prune of a preset removes"),
+    PAGS_TEXT("prune-rate", 0, AT(prune_rate), "EARLY/LATE", "the preset's",
+              "set prune_early and prune_late: the share of the Gaussians that each prune by score removes"),
 
     PAGS_GROUP("Model and picture"),
     PAGS_FIELD("strategy", 0, NULL, "strategy"),
@@ -400,8 +402,10 @@ static int usage_conflict(const train_arguments *arguments, const pags_parsed *p
     return pags_usage_error(&verb, "--reconstruction and --split-every exclude each other");
   if (pags_train_config_check(&arguments->config) != PAGS_OK)
     return pags_usage_error(&verb, "%s", pags_error_message());
-  if (arguments->prune_rate && arguments->config.priority.preset == PAGS_PRESET_NONE)
-    return pags_usage_error(&verb, "--prune-rate: no effect without --preset");
+  const pags_train_config *c = &arguments->config;
+  const bool never_prunes = c->schedule.preset == PAGS_PRESET_PLAIN || c->density.strategy == PAGS_STRATEGY_MCMC;
+  if (arguments->prune_rate && (c->priority.prunes < 0 ? never_prunes : c->priority.prunes == 0))
+    return pags_usage_error(&verb, "--prune-rate: no effect where nothing is pruned by score");
   return PAGS_EXIT_OK;
 }
 
@@ -421,6 +425,10 @@ int pags_verb_train(int argc, char **argv) {
   pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
   if (status != PAGS_PARSE_OK && !(status == PAGS_PARSE_HELP && parsed.check_only))
     return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
+  if (arguments.preset && pags_train_config_set(&arguments.config, "preset", arguments.preset) != PAGS_OK) {
+    pags_usage_error(&verb, "--%s", pags_error_message());
+    return PAGS_EXIT_USAGE;
+  }
   if (read_prune_rate(&arguments) || apply_settings(&arguments) || usage_conflict(&arguments, &parsed))
     return PAGS_EXIT_USAGE;
   if (parsed.check_only)

@@ -11,6 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "train/fields.h"
+#include "train/schedule.h"
 
 #define CONFIG_COOKIE 0x70616773u
 
@@ -105,20 +106,24 @@ pags_result pags_train_config_check(const pags_train_config *config) {
   }
   if (config->picture.cluster_size % 16)
     return pags_fail(PAGS_ERROR_ARGUMENT, "cluster_size: %d is no multiple of 16", config->picture.cluster_size);
-  if (config->priority.preset != PAGS_PRESET_NONE && config->density.strategy == PAGS_STRATEGY_MCMC)
-    return pags_fail(PAGS_ERROR_ARGUMENT, "preset: strategy mcmc keeps its own count; expected none with it");
+  const bool mcmc = config->density.strategy == PAGS_STRATEGY_MCMC;
+  if (mcmc && (config->schedule.preset == PAGS_PRESET_FAST || config->schedule.preset == PAGS_PRESET_PAPER))
+    return pags_fail(PAGS_ERROR_ARGUMENT,
+                     "preset: strategy mcmc keeps its own count; expected default or plain with it");
+  if (mcmc && config->priority.prunes > 0)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "prunes: strategy mcmc keeps its own count; expected 0 with it");
   const double alpha_min = config->picture.alpha_min;
   if (alpha_min > 0 && alpha_min < (double)PAGS_LEAST_ALPHA_MIN)
     return pags_fail(PAGS_ERROR_ARGUMENT, "alpha_min: expected 0 or at least 1/255, got %g", alpha_min);
   if (alpha_min > 0 && config->picture.antialiased)
     return pags_fail(PAGS_ERROR_ARGUMENT, "alpha_min: antialiased Gaussians are cut at 1/255; expected 0 with them");
-  if (alpha_min > 0 && config->density.strategy == PAGS_STRATEGY_MCMC)
+  if (alpha_min > 0 && mcmc)
     return pags_fail(PAGS_ERROR_ARGUMENT,
                      "alpha_min: strategy mcmc counts on opacities from 0.005; expected 0 with it");
   if (config->start.init_opacity <= alpha_min)
     return pags_fail(PAGS_ERROR_ARGUMENT, "init_opacity: at %g nothing is drawn and learns with alpha_min %g",
                      config->start.init_opacity, alpha_min);
-  if (config->optimiser.position_rate_begin > 0 && config->optimiser.position_rate_end <= 0)
+  if (config->optimiser.position_rate_begin > 0 && config->optimiser.position_rate_end == 0)
     return pags_fail(PAGS_ERROR_ARGUMENT, "position_rate_end: a log-linear rate can't end at %g",
                      config->optimiser.position_rate_end);
   return PAGS_OK;
@@ -138,6 +143,10 @@ pags_result pags_train_config_set(pags_train_config *config, const char *name, c
         *(int *)p = i;
         return PAGS_OK;
       }
+    if (f->offset == offsetof(pags_train_config, schedule.preset) && (!strcmp(text, "lean") || !strcmp(text, "short")))
+      return pags_fail(PAGS_ERROR_ARGUMENT, "preset: %s is gone; %s", text,
+                       text[0] == 'l' ? "what it did is part of the default now: leave --preset out"
+                                      : "use paper, which spreads the same prunes over the whole run");
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: expected one of %s, got '%s'", f->name, f->choices, text);
   }
   if (f->rule && strcmp(text, "auto") == 0)
@@ -168,29 +177,55 @@ pags_result pags_train_config_set(pags_train_config *config, const char *name, c
   return PAGS_OK;
 }
 
+/* Sets every field that is left to the preset to the preset's value. */
+static void take_preset(pags_train_config *config) {
+  for (int i = 0; i < pags_field_count; i++) {
+    const pags_train_field *f = &pags_fields[i];
+    const double value = f->of_preset[config->schedule.preset];
+    void *p = (char *)config + f->offset;
+    bool has_values = false;
+    for (int k = 0; k < PAGS_PRESETS; k++)
+      has_values |= f->of_preset[k] != 0;
+    if (!has_values)
+      continue;
+    if (f->type == PAGS_FIELD_DOUBLE && *(double *)p == PAGS_FIELD_AUTO)
+      *(double *)p = value;
+    else if (f->type == PAGS_FIELD_INT64 && *(int64_t *)p == PAGS_FIELD_AUTO)
+      *(int64_t *)p = (int64_t)value;
+    else if ((f->type == PAGS_FIELD_INT || f->type == PAGS_FIELD_SWITCH) && *(int *)p == PAGS_FIELD_AUTO)
+      *(int *)p = (int)value;
+  }
+}
+
 /* Fills in the fields that are set to auto; their rows in train/fields.c state the same rules in words. SH degree 1
  * on driving sets is that of Street Gaussians (Yan et al. 2024): a road is passed once, in one direction. The numbers
- * of preset LEAN are those of docs/lab/priority.md. SHORT and PAPER both stop densifying at step 25 000, SHORT in a
- * run of 30 000 steps, PAPER in one of 50 000, of which it is half. */
+ * of the presets DEFAULT and FAST are those of docs/lab/fewer-pairs.md. */
 pags_train_config pags_config_resolve(const pags_train_config *config, bool driving) {
-  pags_train_config resolved = *config;
-  pags_train_priority *priority = &resolved.priority;
-  const bool lean = priority->preset == PAGS_PRESET_LEAN;
-  if (resolved.color.sh_degree < 0)
-    resolved.color.sh_degree = driving ? 1 : 3;
-  if (resolved.density.densify_until < 0)
-    resolved.density.densify_until = priority->preset == PAGS_PRESET_SHORT ? 25000 : lean ? 12000 : 15000;
-  if (priority->prune_early < 0)
-    priority->prune_early = lean ? 0.5 : 0.6;
-  if (priority->prune_late < 0)
-    priority->prune_late = lean ? 0.2 : 0.3;
-  if (priority->hybrid == PAGS_HYBRID_OF_PRESET)
-    priority->hybrid = lean ? PAGS_HYBRID_PRODUCT : PAGS_HYBRID_SUM;
-  if (priority->critical_weight < 0)
-    priority->critical_weight = lean ? 1.0 + 5.0 * priority->alpha : 1.0;
-  if (priority->critical_growth < 0)
-    priority->critical_growth = priority->critical_weight;
-  return resolved;
+  pags_train_config c = *config;
+  const bool baseline = c.schedule.preset == PAGS_PRESET_PLAIN || c.schedule.preset == PAGS_PRESET_PAPER;
+  const bool mcmc = c.density.strategy == PAGS_STRATEGY_MCMC;
+  if (c.color.sh_degree < 0)
+    c.color.sh_degree = driving ? 1 : 3;
+  if (c.schedule.half_until < 0 && baseline)
+    c.schedule.half_until = PAGS_LEAST_HALF_UNTIL;
+  if (c.density.scale_reset < 0 && mcmc)
+    c.density.scale_reset = 1;
+  if (c.priority.prunes < 0 && mcmc)
+    c.priority.prunes = 0;
+  if (c.picture.alpha_min < 0 && (mcmc || c.picture.antialiased))
+    c.picture.alpha_min = 0;
+  if (c.priority.hybrid == PAGS_HYBRID_AUTO)
+    c.priority.hybrid = c.schedule.preset == PAGS_PRESET_PAPER ? PAGS_HYBRID_SUM : PAGS_HYBRID_PRODUCT;
+  if (c.priority.critical_weight < 0)
+    c.priority.critical_weight = baseline ? 1 : 1 + 2.5 * c.priority.alpha;
+  if (c.priority.critical_growth < 0)
+    c.priority.critical_growth = c.priority.critical_weight;
+  if (c.priority.dropout < 0)
+    c.priority.dropout = c.schedule.preset == PAGS_PRESET_PAPER;
+  if (c.exposure.exposure < 0)
+    c.exposure.exposure = driving || !baseline;
+  take_preset(&c);
+  return c;
 }
 
 /* ---- To and from text ---- */
@@ -238,6 +273,8 @@ pags_result pags_config_read(pags_train_config *config, const char *text, size_t
     if (!equals)
       return pags_fail(PAGS_ERROR_FORMAT, "%s: configuration line %d: expected name=value", where, line_number);
     *equals = 0;
+    if (strcmp(line, "preset") == 0 && strcmp(equals + 1, "none") == 0)
+      equals = "=plain"; /* the name that plain had once */
     PAGS_TRY(pags_train_config_set(config, line, equals + 1));
   }
   return PAGS_OK;

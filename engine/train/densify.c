@@ -164,14 +164,29 @@ void pags_edits_destroy(pags_edits *edits) {
 
 /* ---- Applying ---- */
 
+static int longest_axis(const pags_gaussians *g, int64_t row) {
+  int longest = 0;
+  for (int i = 1; i < 3; i++)
+    if (pags_plane(g, PAGS_SCALE + i)[row] > pags_plane(g, PAGS_SCALE + longest)[row])
+      longest = i;
+  return longest;
+}
+
 /* Turns `row`, a copy of its parent, into a child of a split: draws its mean from the parent's distribution and
- * divides its sigmas. (step, child, parent) determine the random numbers. */
+ * divides its sigmas. (step, child, parent) determine the random numbers. With long_axis_split, the children lie on
+ * either side on the longest axis instead, by sqrt(1 - 1 / divisor^2) sigma, and only that axis' sigma is divided, so
+ * that both together have the parent's variance. */
 static void make_child(const pags_train_model *model, pags_gaussians *g, int64_t row, int child, int64_t parent) {
   const pags_train_config *c = &model->schedule.config;
-  double n[4], q[4], r[9], offset[3];
-  int purpose = PAGS_DRAW_SPLIT + 2 * child;
-  pags_rng_normal2(c->schedule.seed, pags_draw(model->step, purpose), (uint64_t)parent, n);
-  pags_rng_normal2(c->schedule.seed, pags_draw(model->step, purpose + 1), (uint64_t)parent, n + 2);
+  const double divisor = c->density.split_divisor;
+  const int purpose = PAGS_DRAW_SPLIT + 2 * child, axis = c->density.long_axis_split ? longest_axis(g, row) : -1;
+  double n[4] = {0}, q[4], r[9], offset[3];
+  if (axis >= 0) {
+    n[axis] = (child ? -1.0 : 1.0) * sqrt(1.0 - 1.0 / (divisor * divisor));
+  } else {
+    pags_rng_normal2(c->schedule.seed, pags_draw(model->step, purpose), (uint64_t)parent, n);
+    pags_rng_normal2(c->schedule.seed, pags_draw(model->step, purpose + 1), (uint64_t)parent, n + 2);
+  }
   for (int i = 0; i < 4; i++)
     q[i] = (double)pags_plane(g, PAGS_ROTATION + i)[row];
   pags_rotation_from_quaternion(q, r);
@@ -181,7 +196,8 @@ static void make_child(const pags_train_model *model, pags_gaussians *g, int64_t
     float *mean = &pags_plane(g, PAGS_MEAN + i)[row];
     double moved = (double)*mean + r[3 * i] * offset[0] + r[3 * i + 1] * offset[1] + r[3 * i + 2] * offset[2];
     *mean = fabs(moved) < 3e38 ? (float)moved : *mean; /* sigma may be so large that the mean would overflow */
-    pags_plane(g, PAGS_SCALE + i)[row] -= (float)pags_log(c->density.split_divisor);
+    if (axis < 0 || i == axis)
+      pags_plane(g, PAGS_SCALE + i)[row] -= (float)pags_log(divisor);
   }
   if (c->density.revised_opacity) {
     float *opacity = &pags_plane(g, PAGS_OPACITY)[row];

@@ -45,7 +45,7 @@ static pags_result reserve_density(pags_density *density, int64_t capacity, int 
 
 static bool wants_squared(const pags_train_model *model) {
   const pags_train_config *c = &model->schedule.config;
-  return c->priority.preset != PAGS_PRESET_NONE && c->priority.s_grad_from == PAGS_S_GRAD_FROM_TRAINING;
+  return c->priority.prunes > 0 && c->priority.s_grad_from == PAGS_S_GRAD_FROM_TRAINING;
 }
 
 static pags_result reserve(pags_train_model *model, int64_t capacity) {

@@ -37,8 +37,8 @@ static void largest_picture(const pags_trainer *t, int *width, int *height) {
 static int64_t choose_cap(const pags_trainer *t, const pags_train_config *config) {
   int width = 1, height = 1;
   uint64_t memory = t->options->max_memory;
-  /* With a preset, max_gaussians is applied by the last prune instead. */
-  int64_t most = config->priority.preset == PAGS_PRESET_NONE ? config->size_limit.max_gaussians : 0;
+  /* With preset paper, max_gaussians is applied by the last prune instead. */
+  int64_t most = config->schedule.preset == PAGS_PRESET_PAPER ? 0 : config->size_limit.max_gaussians;
   if (memory == 0)
     return most;
   largest_picture(t, &width, &height);
@@ -256,12 +256,15 @@ pags_result pags_trainer_resume(pags_trainer *t, const pags_train_config *config
   const char *path = t->output.checkpoint;
   PAGS_TRY(pags_checkpoint_load(path, t->dataset, &t->state, &fingerprint));
   pags_train_state *s = &t->state;
-  /* With a preset, max_gaussians only sets what the last prune leaves: before that prune, the user may still ask for
-   * another number. */
+  /* With preset paper, max_gaussians only sets what the last prune leaves: before that prune, the user may still ask
+   * for another number. */
   const pags_schedule *d = &s->schedule;
-  if (d->config.priority.preset != PAGS_PRESET_NONE && d->prunes > 0 && s->step < d->prune_step[d->prunes - 1])
+  if (d->config.schedule.preset == PAGS_PRESET_PAPER && d->prunes > 0 && s->step < d->prune_step[d->prunes - 1])
     s->schedule.config.size_limit.max_gaussians = config->size_limit.max_gaussians;
-  const char *field = pags_config_difference(config, &s->schedule.config);
+  pags_train_config asked = *config;
+  if (asked.schedule.half_until < 0) /* the run has decided it, or will */
+    asked.schedule.half_until = s->schedule.config.schedule.half_until;
+  const char *field = pags_config_difference(&asked, &s->schedule.config);
   if (fingerprint != t->fingerprint || s->schedule.views != t->view_count)
     return refuse_other_views(t);
   if (field)

@@ -131,9 +131,13 @@ pags_result pags_prune_choose(const pags_prune_request *r, uint8_t *drop, int64_
 }
 
 int64_t pags_prune_target(const pags_schedule *s, int index, int64_t count) {
+  const int64_t most = s->config.size_limit.max_gaussians, growth_ends = s->densify_until - s->densify_every;
   int64_t target = count - (int64_t)(s->prune_rate[index] * (double)count);
-  if (index == s->prunes - 1 && s->config.size_limit.max_gaussians > 0 && target > s->config.size_limit.max_gaussians)
-    target = s->config.size_limit.max_gaussians;
+  if (most > 0 && index == s->prunes - 1 && target > most)
+    target = most;
+  if (most > 0 && s->config.schedule.preset != PAGS_PRESET_PAPER && s->prune_step[index] >= growth_ends &&
+      target < most)
+    target = most < count ? most : count; /* nothing fills up again what is pruned now */
   return target > least_survivors ? target : least_survivors;
 }
 

@@ -8,13 +8,15 @@
 #include "train/schedule.h"
 
 #include <math.h>
-#include <stdbool.h>
 
 #include "base/rng.h"
 #include "maths/maths.h"
 #include "train/config.h"
 
 static const double reference_iterations = 30000.0;
+
+/* Steps that Gaussians need to fill the picture again after their scales were reset, however short the run. */
+static const int64_t least_recovery = 200;
 
 static int64_t scaled(int64_t step, int64_t length) {
   return (long long)pags_round((double)step * (double)length / reference_iterations);
@@ -24,19 +26,25 @@ static int64_t at_least(int64_t value, int64_t least) {
   return value < least ? least : value;
 }
 
-/* Steps of the prunes by score of each preset. The first three prunes come while densify goes on and are moved to the
- * next densify step, so that no densify follows them closely; the later ones come after densify has ended. */
-enum { EARLY_PRUNES = 3 };
-static const struct {
-  int prunes;
-  double first, every, of; /* steps of a run of `of` steps */
-} plans[] = {[PAGS_PRESET_LEAN] = {5, 4000, 4000, 30000},
-             [PAGS_PRESET_SHORT] = {4, 10000, 5000, 30000},
-             [PAGS_PRESET_PAPER] = {8, 10000, 5000, 50000}};
-_Static_assert(PAGS_MOST_PRUNES >= 8, "room for the longest plan");
+/* Sets the steps of the prunes by score and their rates. Early ones, while densify goes on, are moved to the next
+ * densify step, so that no densify follows them closely. */
+static void set_prunes(pags_schedule *s) {
+  const pags_train_priority *p = &s->config.priority;
+  for (int i = 0; i < p->prunes; i++) {
+    int64_t step = scaled(p->prune_from + p->prune_every * i, s->length);
+    int64_t after = (step + s->densify_every - 1) / s->densify_every * s->densify_every;
+    const bool early = step < s->densify_until;
+    if (early && after < s->densify_until)
+      step = after;
+    if (step <= 0 || step >= s->length || (s->prunes > 0 && step <= s->prune_step[s->prunes - 1]))
+      continue; /* in a short run, a prune that coincides with another or with the end is left out */
+    s->prune_rate[s->prunes] = early ? p->prune_early : p->prune_late;
+    s->prune_step[s->prunes++] = step;
+  }
+}
 
 pags_schedule pags_schedule_make(const pags_train_config *config, double extent, int64_t views) {
-  pags_schedule s = {.config = pags_config_resolve(config, 0), .extent = extent, .views = views};
+  pags_schedule s = {.config = pags_config_resolve(config, false), .extent = extent, .views = views};
   s.length =
       config->schedule.schedule_iterations > 0 ? config->schedule.schedule_iterations : config->schedule.iterations;
   s.densify_from = scaled(config->density.densify_from, s.length);
@@ -45,28 +53,17 @@ pags_schedule pags_schedule_make(const pags_train_config *config, double extent,
   int64_t reset = at_least(scaled(config->density.reset_every, s.length), at_least(3 * views, 1));
   s.reset_every = (reset + s.densify_every - 1) / s.densify_every * s.densify_every;
   s.scale_reset_from = scaled(config->density.scale_reset_from, s.length);
-  s.scale_reset_every = at_least(scaled(config->density.scale_reset_every, s.length), 1);
+  s.scale_reset_every = at_least(scaled(config->density.scale_reset_every, s.length), least_recovery);
   s.scale_reset_until = scaled(config->density.scale_reset_until, s.length);
   s.sh_interval = at_least(scaled(config->color.sh_interval, s.length), 1);
   s.quarter_until = (long long)pags_round(config->schedule.quarter_until * (double)s.length);
-  s.half_until = (long long)pags_round(config->schedule.half_until * (double)s.length);
+  const double half = s.config.schedule.half_until;
+  s.half_until = (long long)pags_round((half < 0 ? PAGS_LEAST_HALF_UNTIL : half) * (double)s.length);
   s.tracks_from = scaled(config->objects.tracks_from, s.length);
   s.fourier_from = scaled(config->objects.fourier_from, s.length);
+  s.object_term_from = scaled(15000, s.length);
 
-  /* Set the prunes by score of the preset. */
-  size_t preset = (size_t)s.config.priority.preset;
-  for (int i = 0; i < plans[preset].prunes; i++) {
-    int64_t step =
-        (long long)pags_round((plans[preset].first + plans[preset].every * i) * (double)s.length / plans[preset].of);
-    int64_t after = (step + s.densify_every - 1) / s.densify_every * s.densify_every;
-    if (i < EARLY_PRUNES && after < s.densify_until)
-      step = after;
-    if (step <= 0 || step >= s.length || (s.prunes > 0 && step <= s.prune_step[s.prunes - 1]))
-      continue; /* in a short run, a prune that coincides with another or with the end is left out */
-    s.prune_rate[s.prunes] = i < EARLY_PRUNES ? s.config.priority.prune_early : s.config.priority.prune_late;
-    s.prune_step[s.prunes++] = step;
-  }
-
+  set_prunes(&s);
   return s;
 }
 
@@ -123,7 +120,7 @@ bool pags_schedule_is_reset(const pags_schedule *s, int64_t step) {
 
 bool pags_schedule_is_scale_reset(const pags_schedule *s, int64_t step) {
   return s->config.density.scale_reset < 1.0 && step >= s->scale_reset_from && step <= s->scale_reset_until &&
-         step < s->length && (step - s->scale_reset_from) % s->scale_reset_every == 0;
+         step + s->scale_reset_every <= s->length && (step - s->scale_reset_from) % s->scale_reset_every == 0;
 }
 
 bool pags_schedule_prunes_large(const pags_schedule *s, int64_t step) {
@@ -136,6 +133,21 @@ int pags_schedule_level(const pags_schedule *s, int64_t step, int width, int hei
   while (level > 1 && shorter / level < s->config.schedule.resolution_floor)
     level /= 2;
   return level;
+}
+
+bool pags_schedule_is_half_decision(const pags_schedule *s, int64_t step) {
+  return s->config.schedule.half_until < 0 && step == s->half_until;
+}
+
+double pags_schedule_half_until(double ratio) {
+  static const double most = 0.6, enough = 4;
+  const double share = pags_log(fmin(fmax(ratio, 1), enough)) / pags_log(enough);
+  return PAGS_LEAST_HALF_UNTIL + (most - PAGS_LEAST_HALF_UNTIL) * share;
+}
+
+void pags_schedule_set_half_until(pags_schedule *s, double fraction) {
+  s->config.schedule.half_until = fraction;
+  s->half_until = (long long)pags_round(fraction * (double)s->length);
 }
 
 void pags_schedule_order(const pags_schedule *s, int64_t epoch, int64_t *order) {

@@ -37,6 +37,9 @@ static inline uint64_t pags_draw(int64_t step, int purpose) {
 
 enum { PAGS_MOST_PRUNES = 8 };
 
+/* The least fraction of the schedule at half size, where it follows from the data. */
+#define PAGS_LEAST_HALF_UNTIL 0.2
+
 /* The configuration with its steps, which it gives for a run of 30 000, scaled to the length of the run. */
 typedef struct pags_schedule {
   pags_train_config config;
@@ -49,7 +52,7 @@ typedef struct pags_schedule {
   int64_t scale_reset_from, scale_reset_every, scale_reset_until;
   int64_t sh_interval;
   int64_t quarter_until, half_until;
-  int64_t tracks_from, fourier_from;
+  int64_t tracks_from, fourier_from, object_term_from;
   int prunes;
   int64_t prune_step[PAGS_MOST_PRUNES]; /* rising; while densify goes on, multiples of densify_every */
   double prune_rate[PAGS_MOST_PRUNES];  /* the share of Gaussians that each prune removes */
@@ -68,7 +71,7 @@ bool pags_schedule_is_draw(const pags_schedule *schedule, int64_t step);
  * the interval between resets is put off until after that prune: while opacities haven't recovered, no Gaussian hides
  * another, and the scores say little. */
 bool pags_schedule_is_reset(const pags_schedule *schedule, int64_t step);
-/* Whether scales are reset after the step. */
+/* Whether scales are reset after the step: never so late that less than the interval is left to recover. */
 bool pags_schedule_is_scale_reset(const pags_schedule *schedule, int64_t step);
 /* Returns the number, from 0, of the prune by score that follows a step; -1: none. */
 int pags_schedule_prune(const pags_schedule *schedule, int64_t step);
@@ -77,6 +80,16 @@ int pags_schedule_prune(const pags_schedule *schedule, int64_t step);
 bool pags_schedule_prunes_large(const pags_schedule *schedule, int64_t step);
 /* Returns the factor by which a photograph of that size is shrunk at a step: 1, 2 or 4. */
 int pags_schedule_level(const pags_schedule *schedule, int64_t step, int width, int height);
+
+/* Whether the step is the one after which the length of the phase of half size is decided. */
+bool pags_schedule_is_half_decision(const pags_schedule *schedule, int64_t step);
+/* Returns the fraction of the schedule at half size for photographs that have `ratio` pixels at their full size for
+ * each Gaussian: 0.2 up to 1, 0.6 from 4 on, and linear in the logarithm between. Where Gaussians outnumber pixels,
+ * their own work is most of a step's, and small photographs save little (DashGaussian, arXiv:2503.18402, grows both
+ * together). */
+double pags_schedule_half_until(double ratio);
+/* Sets the fraction of the schedule at half size. */
+void pags_schedule_set_half_until(pags_schedule *schedule, double fraction);
 
 /* Writes the order of the training views in pass `epoch` (from 0): a random permutation of 0 .. views - 1. */
 void pags_schedule_order(const pags_schedule *schedule, int64_t epoch, int64_t *order);

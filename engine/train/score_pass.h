@@ -19,7 +19,8 @@ typedef struct pags_score_pass {
 } pags_score_pass;
 
 /* Measures the scores: renders every training view at the size and SH degree of the last step done. `rough`: at half
- * that size (but not below training's smallest size), which ranks Gaussians nearly as well in a third of the time.
+ * that size (but not below training's smallest size) and, from 100 views on, half of them, which ranks Gaussians nearly
+ * as well in a sixth of the time.
  * The run must be settled (no pending Adam steps); nothing of it is changed. The same bits for any number of
  * threads. */
 pags_result pags_score_pass_measure(pags_trainer *trainer, int rough, pags_score_pass *out);

@@ -225,7 +225,7 @@ static pags_result losses(pags_trainer *t, int64_t step, pags_step_view *v, pags
   pags_view_render *p = &t->render;
   const pags_train_config *c = &t->state.schedule.config;
   size_t bytes = (size_t)p->plane_floats * sizeof(float);
-  int late = step >= t->state.schedule.densify_until && p->part_count > 1 && v->photo.labels && !t->measuring;
+  int late = step >= t->state.schedule.object_term_from && p->part_count > 1 && v->photo.labels && !t->measuring;
   if (late && c->losses.object_weight > 0.0 && step % OBJECTS_EVERY == 0)
     PAGS_TRY(object_term(t, step, v));
 
@@ -312,8 +312,7 @@ pags_result pags_train_step(pags_trainer *t, int64_t step, pags_step_view *v) {
   }
 
   PAGS_TRY(pags_frame_backward(t->render.frame, &gradient, receive, &context, NULL));
-  if (!t->measuring && config->priority.preset != PAGS_PRESET_NONE &&
-      config->priority.s_grad_from == PAGS_S_GRAD_FROM_TRAINING)
+  if (!t->measuring && config->priority.prunes > 0 && config->priority.s_grad_from == PAGS_S_GRAD_FROM_TRAINING)
     PAGS_TRY(pags_score_pass_add_training(t, &gradient, t->render.plane[ONES], t->render.plane[ZEROS]));
   if (!t->measuring) {
     update_tracks(t, step);

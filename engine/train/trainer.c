@@ -53,6 +53,20 @@ static pags_result check_nonfinite(const pags_trainer *t) {
       (long long)t->state.step, (long long)t->state.nonfinite.count, (long long)t->options->bad_rows_most, text);
 }
 
+/* Decides how long photographs are shown at half size, from the pixels that they have for each Gaussian now. */
+static void decide_half_size(pags_trainer *t) {
+  double pixels = 0;
+  for (int64_t i = 0; i < t->view_count; i++) {
+    const pags_camera *camera = &pags_dataset_view(t->dataset, t->views[i])->camera;
+    pixels += (double)camera->width * camera->height / (double)t->view_count;
+  }
+  const double ratio = pixels / fmax((double)pags_state_gaussian_count(&t->state), 1);
+  const double fraction = pags_schedule_half_until(ratio);
+  pags_schedule_set_half_until(&t->state.schedule, fraction);
+  pags_log_message(PAGS_LOG_INFO, "%.2g pixels of a photograph for each Gaussian: half size until %.0f %% of the run",
+                   ratio, 100 * fraction);
+}
+
 static pags_result do_step(pags_trainer *t, pags_step_view *v) {
   int64_t step = t->state.step + 1;
   int level;
@@ -70,6 +84,8 @@ static pags_result do_step(pags_trainer *t, pags_step_view *v) {
 
   PAGS_TRY(check_nonfinite(t));
   PAGS_TRY(pags_density_control(t));
+  if (pags_schedule_is_half_decision(&s->schedule, step))
+    decide_half_size(t);
   PAGS_TRY(check_nonfinite(t)); /* under MCMC, density control has updated the Gaussians that the view doesn't show */
   t->ms.density += pags_clock_lap_ms(&clock);
   return PAGS_OK;
@@ -302,10 +318,11 @@ static pags_result open_run(pags_trainer *t, const pags_train_config *asked, pag
   const pags_train_options *o = t->options;
   int found = 0;
   PAGS_TRY(pags_train_config_check(asked));
-  pags_train_config config = pags_config_resolve(asked, pags_dataset_fps(t->dataset) > 0.0);
   if (!o->estimate)
     PAGS_TRY(pags_output_find(&t->output, o, &found));
   PAGS_TRY(pags_views_list(t));
+  const pags_train_config config = pags_config_resolve(asked, pags_dataset_fps(t->dataset) > 0.0);
+  PAGS_TRY(pags_train_config_check(&config)); /* chosen values can contradict those that were set */
   PAGS_TRY(pags_photo_cache_create(t->dataset, t->tasks, o->image_cache, &t->cache));
   PAGS_TRY(found ? pags_trainer_resume(t, &config) : pags_trainer_start(t, &config));
   PAGS_TRY(pags_view_render_create(t));

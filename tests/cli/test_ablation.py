@@ -51,7 +51,7 @@ class Ablation(DataCase):
     def test_tables_follow_links(self):
         for ending in [".md", ".csv", "_curve.csv"]:
             os.symlink(f"far{ending}", self.path("t" + ending))
-        self.ablate("baseline", iterations=4)
+        self.ablate("plain", iterations=4)
         for ending in [".md", ".csv", "_curve.csv"]:
             self.assertTrue(os.path.islink(self.path("t" + ending)), ending)
             self.assertTrue(read(self.path("far" + ending)), ending)
@@ -68,8 +68,8 @@ class Ablation(DataCase):
         }
 
     def test_rows_tables_and_plot(self):
-        rows = self.ablate("baseline*2,sh=0,no-exposure+sh=0")
-        expected = [("baseline", 0), ("baseline", 1), ("sh=0", 0), ("no-exposure+sh=0", 0)]
+        rows = self.ablate("plain*2,sh=0,no-exposure+sh=0")
+        expected = [("plain", 0), ("plain", 1), ("sh=0", 0), ("no-exposure+sh=0", 0)]
         self.assertEqual([(r["row"], r["seed"]) for r in rows], expected)
         for row in rows:
             self.assertEqual([m["step"] for m in row["moments"]], [10, 20, 30, 40])
@@ -85,7 +85,7 @@ class Ablation(DataCase):
         self.assertEqual(rows[0]["moments"][-1]["psnr"], rows[0]["psnr"])
 
         table = read(self.path("t.md")).decode()
-        for words in ["| `baseline` |", "| `sh=0` |", "Spread over seeds", "At equal time", "`--sh-degree 0`"]:
+        for words in ["| `plain` |", "| `sh=0` |", "Spread over seeds", "At equal time", "`--sh-degree 0`"]:
             self.assertIn(words, table)
         with open(self.path("t.csv"), newline="") as file:
             lines = list(csv.DictReader(file))
@@ -95,14 +95,14 @@ class Ablation(DataCase):
             self.assertEqual(len(list(csv.DictReader(file))), 16)
         if importlib.util.find_spec("matplotlib"):
             picture = xml.etree.ElementTree.parse(self.path("t.svg")).getroot()
-            self.assertIn("baseline", "".join(picture.itertext()))
+            self.assertIn("plain", "".join(picture.itertext()))
         else:
             self.assertEqual(self.said.count("the plot needs matplotlib"), 1, self.said)
             self.assertFalse(os.path.exists(self.path("t.svg")))
 
         # Only missing runs are done: rows may be added, and LPIPS requested later.
         before = self.written()
-        again = self.ablate("sh=0,baseline*2,sh=1")
+        again = self.ablate("sh=0,plain*2,sh=1")
         self.assertEqual(again[0], rows[2])
         after = self.written()
         self.assertEqual({name: after[name] for name in before}, before)
@@ -111,9 +111,9 @@ class Ablation(DataCase):
 
     def test_a_difference_within_the_spread_is_none(self):
         """Two rows that name the same training show no difference."""
-        self.ablate("baseline*2,--sh-degree=3")
+        self.ablate("default*2,--sh-degree=3")
         table = read(self.path("t.md")).decode()
-        compared = table[table.index("Against `baseline`") :].splitlines()
+        compared = table[table.index("Against `default`") :].splitlines()
         line = next(line for line in compared if line.startswith("| `--sh-degree=3`"))
         self.assertIn(" none |", line)
 
@@ -133,7 +133,7 @@ class Ablation(DataCase):
         """With --equal-count each pruning row resumes from before its last prune, which then leaves as many Gaussians as in the
         smallest row."""
         options = ["--moments", 4, "--equal-count", "--json", "-", *SMALL]
-        done = self.run_script("baseline,sp,sp+rate=30/10", *options, iterations=120)
+        done = self.run_script("plain,sp,sp+rate=30/10", *options, iterations=120)
         result = json.loads(done.stdout)
         counts = {row["row"]: row["gaussians"] for row in result["rows"]}
         self.assertLess(counts["sp"], counts["sp+rate=30/10"])
@@ -148,9 +148,9 @@ class Ablation(DataCase):
         self.assertIn("## At equal count", read(self.path("t.md")).decode())
         # The same bits as a run that had this bound from the start.
         out = self.path("alone")
-        bounded = ["--preset", "short", "--alpha", 0, "--prune-rate", "0.3/0.1", "--max-gaussians", counts["sp"]]
+        bounded = ["--preset", "paper", "--alpha", 0, "--set", "dropout=0", "--prune-rate", "0.3/0.1", "--max-gaussians", counts["sp"]]
         self.succeeds("train", self.data, "-o", out, "-n", 120, "-j", 1, "-q", "--random-points", 500, *bounded)
-        run = f"preset-short_alpha-0_prune-rate-0.3_0.1_max-gaussians-{counts['sp']}_seed-0"
+        run = f"preset-paper_alpha-0_set-dropout_0_prune-rate-0.3_0.1_max-gaussians-{counts['sp']}_seed-0"
         here = read(self.path("t.runs", run, "scene", "background.ply"))
         self.assertEqual(here, read(os.path.join(out, "background.ply")))
 
@@ -192,7 +192,7 @@ class Ablation(DataCase):
 
     def test_bad_rows(self):
         for rows, words in [
-            ("baseline,nonsense", ["nonsense", "no-sky"]),
+            ("plain,nonsense", ["nonsense", "no-sky"]),
             ("sh=", ["sh="]),
             ("sh=9", ["row 'sh=9'", "--sh-degree"]),
             ("alpha=x", ["alpha=x"]),
@@ -200,9 +200,9 @@ class Ablation(DataCase):
             ("--no-such-thing", ["row '--no-such-thing'", "unknown option"]),
             ("set:no_such=1", ["row 'set:no_such=1'", "no field"]),
             ("--densify-from=5", ["row '--densify-from=5'", "--set densify_from=N"]),
-            ("baseline,baseline", ["twice"]),
-            ("baseline*99", ["baseline"]),
-            ("baseline,", ["name of a row"]),
+            ("plain,plain", ["twice"]),
+            ("plain*99", ["plain"]),
+            ("plain,", ["name of a row"]),
         ]:
             self.refuses(rows, *SMALL, words=words)
             self.assertFalse(os.path.exists(self.path("t.runs")), rows)
@@ -213,11 +213,12 @@ class Ablation(DataCase):
     def test_options_of_rows(self):
         row = ablation.Row
         for name, words in [
-            ("baseline", ""),
-            ("alpha=0.2", "--preset short --alpha 0.2 --set dropout=1 --set dropout_beta=0.5"),
-            ("sp+sd", "--preset short --alpha 0 --set dropout=1 --set dropout_beta=0"),
-            ("sd+beta=0.1+s-sem=init+no-fourier", "--set dropout=1 --set dropout_beta=0.1 --set s_sem=init --set fourier=0"),
-            ("lean+rate=40/20+no-sky", "--preset lean --prune-rate 0.4/0.2 --no-sky"),
+            ("default", ""),
+            ("plain", "--preset plain"),
+            ("alpha=0.2", "--preset paper --alpha 0.2 --set dropout=1 --set dropout_beta=0.5"),
+            ("sp+sd", "--preset paper --alpha 0 --set dropout=1 --set dropout_beta=0"),
+            ("sd+beta=0.1+s-sem=init+no-fourier", "--preset plain --set dropout=1 --set dropout_beta=0.1 --set s_sem=init --set fourier=0"),
+            ("fast+rate=40/20+no-sky", "--preset fast --prune-rate 0.4/0.2 --no-sky"),
             ("sh=2+--sh-degree=1+--mcmc", "--sh-degree 1 --mcmc"),
             ("no-lidar-loss+--a=b=c", "--set depth_weight=0 --a b=c"),
             ("set:a=1+--set=b=2+set:a=3", "--set a=3 --set b=2"),
@@ -225,8 +226,8 @@ class Ablation(DataCase):
             self.assertEqual(" ".join(row(name, 1).train.words()), words, name)
         self.assertEqual(row("spr+pdr*3", 1).eval.words(), ["--early-z", "paper"])
         self.assertEqual((row("spr*3", 1).seeds, row("spr", 2).seeds), (3, 2))
-        self.assertTrue(row("lean", 1).prunes and row("alpha=1", 1).prunes)
-        self.assertFalse(row("sd", 1).prunes or row("lean+preset=none", 1).prunes)
+        self.assertTrue(row("default", 1).prunes and row("alpha=1", 1).prunes)
+        self.assertFalse(row("sd", 1).prunes or row("default+no-prunes", 1).prunes)
 
     def test_what_is_no_file_is_written_to(self):
         """Output paths may be links, which are followed, or FIFOs, which aren't replaced by a file."""

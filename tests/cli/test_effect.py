@@ -36,7 +36,7 @@ class Effect(DataCase):
         self.assertEqual(done.stdout.count("warning: "), 1, done.stdout)
         self.assertIn(f"{self.data}: --no-sky, --no-lidar-start: no effect on a static set", done.stdout)
         self.fails([*verb, "--no-sky", "--strict"], "--no-sky", "because of --strict")
-        self.fails([*verb, "--prune-rate", "0.5/0.2"], "--prune-rate", "--preset", code=2)
+        self.fails([*verb, "--preset", "plain", "--prune-rate", "0.5/0.2"], "--prune-rate", "pruned by score", code=2)
 
     def test_render(self):
         camera = self.write("camera.json", json.dumps(fixtures.FRONT))

@@ -75,7 +75,7 @@ class Eval(fixtures.Case):
 
     def test_pruning_by_score(self):
         out = self.path("pruned")
-        options = ["--iterations", "60", "--preset", "short", "--prune-rate", "0.5/0.25", "--set", "prune_floor=10", "-q"]
+        options = ["--iterations", "60", "--preset", "paper", "--set", "prunes=4", "--prune-rate", "0.5/0.25", "--set", "prune_floor=10", "-q"]
         self.succeeds("train", self.street, "-o", out, *options)
         with open(os.path.join(out, "log.jsonl")) as log:
             prunes = [line for line in map(json.loads, log) if "pruned_by_score" in line]
@@ -92,7 +92,8 @@ class Eval(fixtures.Case):
         self.fails(["train", self.street, "-o", out, "--prune-rate", "0.5"], "--prune-rate", "'0.5'", code=2)
         self.fails(["train", self.street, "-o", out, "--prune-rate=-1/0.2"], "--prune-rate", "'-1/0.2'", code=2)
         self.fails(["train", self.street, "-o", out, "--prune-rate", "1/0.2"], "--prune-rate", "'1/0.2'", code=2)
-        self.fails(["train", self.street, "-o", out, "--preset", "short", "--strategy", "mcmc"], "preset", code=2)
+        self.fails(["train", self.street, "-o", out, "--preset", "paper", "--strategy", "mcmc"], "preset", code=2)
+        self.fails(["train", self.street, "-o", out, "--preset", "lean"], "--preset: lean is gone", code=2)
 
     def test_lidar_draws_gaussians_to_surfaces(self):
         left_out = []

@@ -22,7 +22,7 @@ class SameBits(Case):
     def files_of(self, cpu):
         environment = {**os.environ, "PAGS_CPU": cpu}
         scene, pictures = self.path(cpu), self.path(cpu + "-pictures")
-        self.succeeds("train", self.path("street"), "-o", scene, "-n", 150, "--preset", "lean", "-q", env=environment)
+        self.succeeds("train", self.path("street"), "-o", scene, "-n", 150, "-q", env=environment)
         self.succeeds("render", scene, "--path", "ego", "-n", 3, "-o", pictures, "--channel", "depth", env=environment)
         self.succeeds("render", scene, "--path", "ego", "-n", 3, "-o", pictures + "2", "--early-z", "bounded=0.004", env=environment)
         judged = self.succeeds("eval", scene, env=environment).stdout

@@ -134,7 +134,7 @@ class Usage(Case):
         self.assertNotIn("default -1", words)
         for row in ["[steps of 30 000; 0 to 1e9; default 500]", "[px^2; 0 to 100; default 0.3]", "[0 or 1; default 1]",
                     "[times the position rate; 0 to 1e9; default 500000]", "[default|mcmc; default default]",
-                    "[steps of 30 000; 0 to 1e9; default auto: 15000; preset lean 12000, short 25000]", "[1; 0 to 2^64 - 1; default 0]"]:
+                    "[0 or 1; default auto: 1; preset fast 1, plain 0, paper 0]", "[1; 0 to 2^64 - 1; default 0]"]:
             self.assertIn(row, words)
         for field in fields:
             self.refused(["train", "x", "-o", "y", "--check-options", "--set", f"{field}=?"], field)
@@ -143,7 +143,7 @@ class Usage(Case):
         """A former option that is now a field is refused with a message that shows the form --set FIELD=VALUE."""
         for flag, form in [(["--densify-from", "500"], "--set densify_from=N"), (["--no-fourier"], "--set fourier=0"), (["--absgrad"], "--set absgrad=1"),
                            (["--near=1"], "--set near_plane=N"), (["--position-rate", "1"], "--set position_rate_begin=N"),
-                           (["--hybrid", "sum"], "--set hybrid=preset|sum|product")]:
+                           (["--hybrid", "sum"], "--set hybrid=auto|sum|product")]:
             said = self.refused(["train", "x", "-o", "y", *flag])
             self.assertEqual(said, f"pags train: {flag[0].split('=')[0]} is now {form}")
         self.refused(["train", "x", "-o", "y", "--no-alpha"], "unknown option '--no-alpha'")

@@ -20,6 +20,7 @@ enum { ROWS = 100, PLANES = PAGS_MAX_PLANES };
 static void begin(pags_train_model *m) {
   pags_gaussians g;
   pags_train_config config = pags_train_config_default();
+  config.schedule.preset = PAGS_PRESET_PLAIN;
   config.color.sh_degree = 3;
   pags_schedule schedule = pags_schedule_make(&config, 2.0, 10);
   assert_int_equal(pags_gaussians_create(&g, ROWS, 3), PAGS_OK);

@@ -111,7 +111,7 @@ static void black_points(void **state) {
     xyz[i] = pags_plane(&truth, PAGS_MEAN + i % 3)[i / 3];
   pags_gaussians_destroy(&truth);
   pags_train_config config = hard_config(HARD_STEPS);
-  config.optimiser.sh_dc_rate *= 4;
+  config.optimiser.sh_dc_rate = 0.01;
   for (int white = 0; white < 2; white++) {
     memset(rgb, white ? 255 : 0, sizeof rgb);
     const hard_data_options data = {.level = -1, .points = {HARD_TRUTH, xyz, rgb}};

@@ -204,6 +204,7 @@ pags_dataset *hard_data(const char *name, const hard_data_options *options) {
 
 pags_train_config hard_config(int64_t steps) {
   pags_train_config c = pags_train_config_default();
+  c.schedule.preset = PAGS_PRESET_PLAIN;
   c.schedule.iterations = steps;
   c.color.sh_degree = 1;
   c.schedule.quarter_until = c.schedule.half_until = 0;

@@ -35,6 +35,7 @@ static float random_value(uint64_t purpose, uint64_t index) {
 
 static pags_train_config test_config(void) {
   pags_train_config config = pags_train_config_default();
+  config.schedule.preset = PAGS_PRESET_PLAIN;
   config.schedule.iterations = STEPS;
   config.optimiser.position_rate_begin = 1e-2;
   return config;

@@ -14,6 +14,12 @@
 #include "train/densify.h"
 
 enum { ROWS = 100, AT = 400 };
+static pags_train_config plain_config(void) {
+  pags_train_config config = pags_train_config_default();
+  config.schedule.preset = PAGS_PRESET_PLAIN;
+  return config;
+}
+
 static const double extent = 10.0;
 
 typedef struct fixture {
@@ -62,7 +68,7 @@ static void each_rule_decides(void **unused) {
   (void)unused;
   fixture f;
   pags_edits e;
-  begin(&f, pags_train_config_default());
+  begin(&f, plain_config());
   f.state.step = 3100; /* after the first opacity reset large rows are pruned */
   pull(&f, 1, 3e-4f);  /* small, gradient above the threshold */
   /* Larger than 1 % of the extent, gradient above the threshold. */
@@ -97,6 +103,7 @@ static void absgrad_has_its_own_threshold(void **unused) {
   fixture f;
   pags_edits e;
   pags_train_config config = pags_train_config_default();
+  config.schedule.preset = PAGS_PRESET_PLAIN;
   config.density.absgrad = 1;
   begin(&f, config);
   pull(&f, 1, 7e-4f);
@@ -127,6 +134,7 @@ static void growth_counts_what_is_critical_by_itself(void **unused) {
       fixture f;
       pags_edits e;
       pags_train_config config = pags_train_config_default();
+      config.schedule.preset = PAGS_PRESET_PLAIN;
       config.priority.critical_weight = cases[i].weight;
       config.priority.critical_growth = cases[i].growth;
       begin(&f, config);
@@ -148,6 +156,7 @@ static void the_bound_takes_the_strongest(void **unused) {
   fixture f;
   pags_edits e;
   pags_train_config config = pags_train_config_default();
+  config.schedule.preset = PAGS_PRESET_PLAIN;
   config.size_limit.max_gaussians = ROWS + 2;
   begin(&f, config);
   pull(&f, 11, 4e-4f);
@@ -169,7 +178,7 @@ static void a_run_is_never_left_with_nothing(void **unused) {
   (void)unused;
   fixture f;
   pags_edits e;
-  begin(&f, pags_train_config_default());
+  begin(&f, plain_config());
   for (int i = 0; i < ROWS; i++)
     pags_plane(&f.state.gaussians, PAGS_OPACITY)[i] = -9.0f;
   assert_int_equal(pags_densify_decide(&f.state, &e), PAGS_OK);
@@ -192,7 +201,7 @@ static void apply_moves_rows_moments_and_statistics_together(void **unused) {
   fixture f;
   pags_edits e;
   int64_t rows[4];
-  begin(&f, pags_train_config_default());
+  begin(&f, plain_config());
   pull(&f, 1, 3e-4f);
   pull(&f, 2, 3e-4f), set_sigma(&f, 2, 0.2f);
   pags_plane(&f.state.gaussians, PAGS_OPACITY)[4] = -9.0f;
@@ -227,7 +236,7 @@ static void apply_moves_rows_moments_and_statistics_together(void **unused) {
 static void reset_lowers_opacity_and_forgets(void **unused) {
   (void)unused;
   fixture f;
-  begin(&f, pags_train_config_default());
+  begin(&f, plain_config());
   pags_plane(&f.state.gaussians, PAGS_OPACITY)[3] = -5.0f;
   pags_plane(&f.state.adam.first, PAGS_OPACITY)[3] = 1.0f;
   pags_densify_reset(&f.state);

@@ -59,6 +59,7 @@ static pags_train_config quick(void) {
   pags_train_config config = pags_train_config_default();
   config.schedule.iterations = ITERATIONS;
   config.schedule.resolution_floor = 24;
+  config.schedule.preset = PAGS_PRESET_PLAIN;
   return config;
 }
 
@@ -188,7 +189,11 @@ static void pruned_runs_go_on(const pags_train_config *config, const char *name)
 static void pruning_changes_no_bit_of_a_resumed_run(void **unused) {
   (void)unused;
   pags_train_config config = quick();
-  config.priority.preset = PAGS_PRESET_SHORT;
+  config.schedule.preset = PAGS_PRESET_PAPER;
+  config.density.densify_until = 25000;
+  config.priority.prunes = 4;
+  config.priority.prune_from = 10000;
+  config.priority.prune_every = 5000;
   config.priority.prune_floor = 20;
   config.priority.dropout = 1;
   config.size_limit.max_gaussians = 1500;
@@ -202,10 +207,10 @@ static void pruning_changes_no_bit_of_a_resumed_run(void **unused) {
   config.priority.s_sem = PAGS_S_SEM_OVERLAP;
   pruned_runs_go_on(&config, "training");
   config = quick();
-  config.priority.preset = PAGS_PRESET_LEAN;
+  config.schedule.preset = PAGS_PRESET_DEFAULT;
   config.priority.prune_floor = 20;
   config.density.lidar_pull = 0.5;
-  pruned_runs_go_on(&config, "lean");
+  pruned_runs_go_on(&config, "default");
 }
 
 static void parts_can_be_left_out(void **unused) {
@@ -363,7 +368,7 @@ static void begin_run(pags_train_options *options, pags_trainer *t) {
   *options = pags_train_options_default();
   options->dataset = dataset;
   options->tasks = tasks;
-  const pags_train_config asked = quick(), config = pags_config_resolve(&asked, 1);
+  const pags_train_config asked = quick(), config = pags_config_resolve(&asked, true);
   *t = (pags_trainer){.options = options, .dataset = options->dataset, .tasks = options->tasks};
   assert_int_equal(pags_views_list(t), PAGS_OK);
   assert_int_equal(pags_photo_cache_create(t->dataset, t->tasks, options->image_cache, &t->cache), PAGS_OK);

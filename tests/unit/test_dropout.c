@@ -19,6 +19,7 @@ enum { WIDTH = 40, HEIGHT = 26, PIXELS = WIDTH * HEIGHT, COUNT = 28, DRAWS = 409
 /* The dropout at the end of a schedule, when its rate is D = gamma (1 - beta S_sem). */
 static pags_dropout last_step(int64_t step, int64_t object) {
   pags_train_config config = pags_train_config_default();
+  config.schedule.preset = PAGS_PRESET_PLAIN;
   config.priority.dropout = 1;
   config.schedule.seed = 5;
   pags_schedule schedule = pags_schedule_make(&config, 1.0, 10);
@@ -32,6 +33,7 @@ static void rates_follow_step_and_priority(void **unused) {
   enum { ROWS = 1 << 16 };
   static float s_sem[ROWS], factor[ROWS];
   pags_train_config config = pags_train_config_default();
+  config.schedule.preset = PAGS_PRESET_PLAIN;
   config.schedule.iterations = 1000;
   pags_schedule schedule = pags_schedule_make(&config, 1.0, 10);
   assert_true(pags_dropout_at(&schedule, 1000, -1).most == 0.0); /* dropout is off by default */

@@ -23,6 +23,7 @@ typedef struct fixture {
 static void begin(fixture *f, int64_t cap) {
   pags_gaussians g;
   pags_train_config config = pags_train_config_default();
+  config.schedule.preset = PAGS_PRESET_PLAIN;
   config.density.strategy = PAGS_STRATEGY_MCMC;
   config.size_limit.max_gaussians = cap;
   config.color.sh_degree = 0;

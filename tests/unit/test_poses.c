@@ -49,6 +49,7 @@ static void poses_are_found(void **unused) {
   (void)unused;
   static const double points[4][3] = {{2, 0, 0}, {0, 1, 0}, {0, 0, 1}, {-2, 1, 0.5}};
   pags_train_config config = pags_train_config_default();
+  config.schedule.preset = PAGS_PRESET_PLAIN;
   config.schedule.iterations = 2000;
   config.objects.track_translation_rate = 0.01;
   config.objects.track_rotation_rate = 0.004;

@@ -20,62 +20,89 @@
 
 static pags_schedule schedule_of(pags_preset preset, int64_t iterations, int64_t views) {
   pags_train_config config = pags_train_config_default();
-  config.priority.preset = preset;
+  config.schedule.preset = preset;
   config.schedule.iterations = iterations;
+  return pags_schedule_make(&config, 1.0, views);
+}
+
+/* Four prunes of the paper's rates in a run of 30 000 steps, after steps 10 000 to 25 000. */
+static pags_schedule four_prunes(int64_t iterations, int64_t views) {
+  pags_train_config config = pags_train_config_default();
+  config.schedule.preset = PAGS_PRESET_PAPER;
+  config.schedule.iterations = iterations;
+  config.density.densify_until = 25000;
+  config.priority.prunes = 4;
+  config.priority.prune_from = 10000;
+  config.priority.prune_every = 5000;
   return pags_schedule_make(&config, 1.0, views);
 }
 
 static void prunes_come_when_the_paper_says(void **unused) {
   (void)unused;
   static const int64_t at[] = {10000, 15000, 20000, 25000, 30000, 35000, 40000, 45000};
-  pags_schedule s = schedule_of(PAGS_PRESET_NONE, 30000, 10);
+  pags_schedule s = schedule_of(PAGS_PRESET_PLAIN, 30000, 10);
   assert_int_equal(s.prunes, 0);
   assert_int_equal(s.densify_until, 15000);
-  s = schedule_of(PAGS_PRESET_SHORT, 30000, 10);
-  assert_int_equal(s.prunes, 4);
-  assert_int_equal(s.densify_until, 25000);
-  for (int i = 0; i < 4; i++) {
-    assert_int_equal(s.prune_step[i], at[i]);
-    assert_int_equal(pags_schedule_prune(&s, at[i]), i);
-    assert_true(s.prune_rate[i] == (i < 3 ? 0.6 : 0.3));
-  }
-  assert_int_equal(pags_schedule_prune(&s, 10001), -1);
   s = schedule_of(PAGS_PRESET_PAPER, 50000, 10);
   assert_int_equal(s.prunes, 8);
   assert_int_equal(s.densify_until, 25000);
   for (int i = 0; i < 8; i++)
     assert_true(s.prune_step[i] >= at[i] && s.prune_step[i] < at[i] + (i < 3 ? s.densify_every : 1));
-}
-
-static void lean_begins_earlier_and_asks_less(void **unused) {
-  (void)unused;
-  pags_schedule s = schedule_of(PAGS_PRESET_LEAN, 30000, 10);
-  assert_int_equal(s.prunes, 5);
-  assert_int_equal(s.densify_until, 12000);
-  for (int i = 0; i < 5; i++) {
-    assert_int_equal(s.prune_step[i], 4000 * (i + 1));
-    assert_true(s.prune_rate[i] == (i < 3 ? 0.5 : 0.2));
-  }
-  assert_true(s.config.priority.critical_weight == 3.0 && s.config.priority.hybrid == PAGS_HYBRID_PRODUCT);
-  s = schedule_of(PAGS_PRESET_PAPER, 30000, 10);
+  assert_int_equal(pags_schedule_prune(&s, s.prune_step[7]), 7);
+  assert_int_equal(pags_schedule_prune(&s, s.prune_step[7] + 1), -1);
+  assert_true(s.prune_rate[2] == 0.6 && s.prune_rate[3] == 0.3);
   assert_true(s.config.priority.critical_weight == 1.0 && s.config.priority.hybrid == PAGS_HYBRID_SUM);
+  assert_true(s.config.priority.dropout == 1 && s.config.picture.alpha_min == 0 && s.config.density.scale_reset == 1);
 }
 
-/* The weight of critical pixels in the loss of the preset "lean" follows alpha: at alpha 0 it is 1, so that nothing
- * of the preset depends on what is critical. */
-static void leans_loss_follows_alpha(void **unused) {
+static void the_default_begins_earlier_and_asks_less(void **unused) {
+  (void)unused;
+  pags_schedule s = schedule_of(PAGS_PRESET_DEFAULT, 30000, 10), plain = schedule_of(PAGS_PRESET_PLAIN, 30000, 10);
+  assert_true(s.prunes > 0 && s.prune_step[0] < 10000);
+  assert_true(s.densify_until < plain.densify_until);
+  assert_true(s.prune_rate[0] < 0.6);
+  assert_true(s.config.priority.critical_weight == 2.0 && s.config.priority.hybrid == PAGS_HYBRID_PRODUCT);
+  assert_true(plain.config.priority.critical_weight == 1.0);
+}
+
+/* What a preset chooses follows what the data set and other fields allow; a value that is set is left alone. */
+static void choices_follow_the_data(void **unused) {
+  (void)unused;
+  pags_train_config config = pags_train_config_default(), c;
+  c = pags_config_resolve(&config, false);
+  assert_true(c.density.scale_reset < 1 && c.picture.alpha_min > 0 && c.color.sh_degree == 3 && c.exposure.exposure);
+  c = pags_config_resolve(&config, true);
+  assert_true(c.density.scale_reset < 1 && c.color.sh_degree == 1);
+  config.density.strategy = PAGS_STRATEGY_MCMC;
+  c = pags_config_resolve(&config, true);
+  assert_true(c.priority.prunes == 0 && c.picture.alpha_min == 0 && c.density.scale_reset == 1);
+  assert_int_equal(pags_train_config_check(&c), PAGS_OK);
+  config = pags_train_config_default();
+  config.picture.antialiased = 1;
+  assert_true(pags_config_resolve(&config, true).picture.alpha_min == 0);
+  config.schedule.preset = PAGS_PRESET_PLAIN;
+  assert_true(pags_config_resolve(&config, true).exposure.exposure == 1);
+  assert_true(pags_config_resolve(&config, false).exposure.exposure == 0);
+  config.exposure.exposure = 1;
+  config.priority.prunes = 2;
+  c = pags_config_resolve(&config, false);
+  assert_true(c.exposure.exposure == 1 && c.priority.prunes == 2);
+}
+
+/* The weight of critical pixels in the loss follows alpha: at alpha 0 it is 1, so that nothing of the training depends
+ * on what is critical. */
+static void the_loss_follows_alpha(void **unused) {
   (void)unused;
   pags_train_config config = pags_train_config_default();
-  config.priority.preset = PAGS_PRESET_LEAN;
   config.priority.alpha = 0.0;
-  assert_true(pags_config_resolve(&config, 1).priority.critical_weight == 1.0);
+  assert_true(pags_config_resolve(&config, true).priority.critical_weight == 1.0);
   config.priority.alpha = 1.0;
-  assert_true(pags_config_resolve(&config, 1).priority.critical_weight == 6.0);
+  assert_true(pags_config_resolve(&config, true).priority.critical_weight == 3.5);
   config.priority.critical_weight = 2.0;
-  assert_true(pags_config_resolve(&config, 1).priority.critical_weight == 2.0);
-  assert_true(pags_config_resolve(&config, 1).priority.critical_growth == 2.0);
+  assert_true(pags_config_resolve(&config, true).priority.critical_weight == 2.0);
+  assert_true(pags_config_resolve(&config, true).priority.critical_growth == 2.0);
   config.priority.critical_growth = 1.0;
-  assert_true(pags_config_resolve(&config, 1).priority.critical_growth == 1.0);
+  assert_true(pags_config_resolve(&config, true).priority.critical_growth == 1.0);
 }
 
 /* Values between -1 (the preset's choice) and the range of the parameter are refused. */
@@ -99,7 +126,7 @@ static void what_lies_between_is_refused(void **unused) {
 static void they_stretch_and_none_is_the_last_step(void **unused) {
   (void)unused;
   for (int64_t n = 1; n < 200; n++)
-    for (int preset = PAGS_PRESET_LEAN; preset <= PAGS_PRESET_PAPER; preset++) {
+    for (int preset = PAGS_PRESET_DEFAULT; preset <= PAGS_PRESET_PAPER; preset++) {
       pags_schedule s = schedule_of((pags_preset)preset, n, 3);
       for (int i = 0; i < s.prunes; i++) {
         assert_true(s.prune_step[i] > 0 && s.prune_step[i] < n);
@@ -107,7 +134,7 @@ static void they_stretch_and_none_is_the_last_step(void **unused) {
       }
     }
   /* As for the three cameras of PandaSet's scene 002. */
-  pags_schedule s = schedule_of(PAGS_PRESET_SHORT, 7000, 180);
+  pags_schedule s = four_prunes(7000, 180);
   static const int64_t want[] = {2340, 3600, 4680, 5833};
   assert_int_equal(s.prunes, 4);
   assert_memory_equal(s.prune_step, want, sizeof want);
@@ -119,7 +146,7 @@ static void they_stretch_and_none_is_the_last_step(void **unused) {
  * is over. */
 static void resets_wait_for_a_prune_that_is_near(void **unused) {
   (void)unused;
-  pags_schedule s = schedule_of(PAGS_PRESET_SHORT, 7000, 180);
+  pags_schedule s = four_prunes(7000, 180);
   static const int64_t want[] = {720, 1440, 2340, 2880, 3600, 4320, 5040};
   int count = 0;
   assert_int_equal(s.reset_every, 720);
@@ -129,7 +156,7 @@ static void resets_wait_for_a_prune_that_is_near(void **unused) {
       assert_int_equal(step, want[count++]);
     }
   assert_int_equal(count, 7);
-  s = schedule_of(PAGS_PRESET_SHORT, 30000, 10); /* at full length no reset is put off */
+  s = four_prunes(30000, 10); /* at full length no reset is put off */
   for (int64_t step = 1; step <= 30000; step++)
     assert_int_equal(pags_schedule_is_reset(&s, step), step % 3000 == 0 && step < 25000);
 }
@@ -227,7 +254,7 @@ static void ties_are_drawn(void **unused) {
 
 static void the_bound_holds_at_the_last_prune(void **unused) {
   (void)unused;
-  pags_schedule s = schedule_of(PAGS_PRESET_SHORT, 30000, 10);
+  pags_schedule s = four_prunes(30000, 10);
   assert_int_equal(pags_prune_target(&s, 0, 1000), 400);
   assert_int_equal(pags_prune_target(&s, 3, 1000), 700);
   s.config.size_limit.max_gaussians = 300;
@@ -236,6 +263,17 @@ static void the_bound_holds_at_the_last_prune(void **unused) {
   s.config.size_limit.max_gaussians = 800;
   assert_int_equal(pags_prune_target(&s, 3, 1000), 700);
   assert_int_equal(pags_prune_target(&s, 3, 3), 16); /* more than there are rows: none is dropped */
+}
+
+/* With the default, growth keeps to the limit, and prunes that nothing can fill up again leave as many. */
+static void a_limit_is_kept_full(void **unused) {
+  (void)unused;
+  pags_schedule s = schedule_of(PAGS_PRESET_DEFAULT, 30000, 10);
+  const int last = s.prunes - 1;
+  s.config.size_limit.max_gaussians = 1000;
+  assert_true(pags_prune_target(&s, 0, 1000) < 1000);
+  assert_int_equal(pags_prune_target(&s, last, 1000), 1000);
+  assert_int_equal(pags_prune_target(&s, last, 900), 900);
 }
 
 /* Rows made by splitting and cloning inherit their parent's priorities and the sums collected since the last prune,
@@ -249,7 +287,6 @@ static void rows_take_their_scores_along(void **unused) {
   pags_tasks *tasks = pags_tasks_create(1);
   pags_train_config config = pags_train_config_default();
   config.color.sh_degree = 0;
-  config.priority.preset = PAGS_PRESET_SHORT;
   config.priority.s_grad_from = PAGS_S_GRAD_FROM_TRAINING;
   pags_schedule schedule = pags_schedule_make(&config, 10.0, 4);
   assert_int_equal(pags_state_create(&s, &schedule, 30000, 1), PAGS_OK);
@@ -295,22 +332,36 @@ static void rows_take_their_scores_along(void **unused) {
   pags_tasks_destroy(tasks);
 }
 
-static void mcmc_has_no_presets(void **unused) {
+static void mcmc_keeps_its_own_count(void **unused) {
   (void)unused;
   pags_train_config config = pags_train_config_default();
-  assert_int_equal(pags_train_config_set(&config, "preset", "short"), PAGS_OK);
-  assert_int_equal(pags_train_config_check(&config), PAGS_OK);
   assert_int_equal(pags_train_config_set(&config, "strategy", "mcmc"), PAGS_OK);
+  assert_int_equal(pags_train_config_check(&config), PAGS_OK);
+  assert_int_equal(pags_train_config_set(&config, "prunes", "2"), PAGS_OK);
+  assert_int_not_equal(pags_train_config_check(&config), PAGS_OK);
+  assert_int_equal(pags_train_config_set(&config, "prunes", "auto"), PAGS_OK);
+  assert_int_equal(pags_train_config_set(&config, "preset", "paper"), PAGS_OK);
   assert_int_not_equal(pags_train_config_check(&config), PAGS_OK);
   assert_int_not_equal(pags_train_config_set(&config, "s_grad", "median"), PAGS_OK);
   assert_non_null(strstr(pags_error_message(), "s_grad: expected one of rank|minmax|log, got 'median'"));
 }
 
+/* Presets that are gone are named with what does their work. */
+static void old_presets_name_their_heirs(void **unused) {
+  (void)unused;
+  pags_train_config config = pags_train_config_default();
+  assert_int_equal(pags_train_config_set(&config, "preset", "lean"), PAGS_ERROR_ARGUMENT);
+  assert_non_null(strstr(pags_error_message(), "leave --preset out"));
+  assert_int_equal(pags_train_config_set(&config, "preset", "short"), PAGS_ERROR_ARGUMENT);
+  assert_non_null(strstr(pags_error_message(), "use paper"));
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(prunes_come_when_the_paper_says),
-      cmocka_unit_test(lean_begins_earlier_and_asks_less),
-      cmocka_unit_test(leans_loss_follows_alpha),
+      cmocka_unit_test(the_default_begins_earlier_and_asks_less),
+      cmocka_unit_test(choices_follow_the_data),
+      cmocka_unit_test(the_loss_follows_alpha),
       cmocka_unit_test(what_lies_between_is_refused),
       cmocka_unit_test(the_two_scores_come_together),
       cmocka_unit_test(they_stretch_and_none_is_the_last_step),
@@ -320,7 +371,9 @@ int main(void) {
       cmocka_unit_test(ties_are_drawn),
       cmocka_unit_test(the_bound_holds_at_the_last_prune),
       cmocka_unit_test(rows_take_their_scores_along),
-      cmocka_unit_test(mcmc_has_no_presets),
+      cmocka_unit_test(a_limit_is_kept_full),
+      cmocka_unit_test(mcmc_keeps_its_own_count),
+      cmocka_unit_test(old_presets_name_their_heirs),
   };
   return cmocka_run_group_tests_name("prune", tests, NULL, NULL);
 }

@@ -257,6 +257,7 @@ static void a_wall_behind_a_car_gets_no_credit(void **unused) {
 static void fill_state(pags_train_state *s, pags_s_sem kind) {
   pags_gaussians g;
   pags_train_config config = pags_train_config_default();
+  config.schedule.preset = PAGS_PRESET_PLAIN;
   config.color.sh_degree = 0;
   config.priority.s_sem = kind;
   pags_schedule schedule = pags_schedule_make(&config, 1.0, 4);

@@ -155,6 +155,7 @@ static pags_train_config small_config(void) {
   c.schedule.iterations = ITERATIONS;
   c.color.sh_degree = 1;
   c.schedule.resolution_floor = 16;
+  c.schedule.preset = PAGS_PRESET_PLAIN;
   c.size_limit.max_gaussians = 700;
   c.picture.background[2] = 0.3;
   c.density.densify_from = 0;
@@ -503,7 +504,12 @@ static void a_size_becomes_a_bound_on_the_count(void **unused) {
     char name[16];
     snprintf(name, sizeof name, "size%d", i);
     config.size_limit.target_size = i ? 0.036 : 0.1;
-    config.priority.preset = i == 2 ? PAGS_PRESET_SHORT : PAGS_PRESET_NONE;
+    config.schedule.preset = i == 2 ? PAGS_PRESET_PAPER : PAGS_PRESET_PLAIN;
+    config.priority.prunes = i == 2 ? 4 : 0;
+    config.priority.prune_from = 10000;
+    config.priority.prune_every = 5000;
+    config.priority.dropout = 0;
+    config.density.densify_until = i == 2 ? 25000 : 15000;
     assert_int_equal(run(&config, in_root(name), 2, options, &result), PAGS_OK);
     const uint64_t bytes = scene_bytes(in_root(name));
     print_message("%g MB: %lld Gaussians, %llu bytes\n", config.size_limit.target_size, (long long)result.gaussians,
@@ -513,7 +519,7 @@ static void a_size_becomes_a_bound_on_the_count(void **unused) {
     assert_true((double)bytes >= config.size_limit.target_size * 1e6 - 14000.0);
   }
   config.size_limit.target_size = 0.001;
-  config.priority.preset = PAGS_PRESET_NONE;
+  config.schedule.preset = PAGS_PRESET_PLAIN;
   assert_int_equal(run(&config, in_root("size3"), 2, options, &result), PAGS_ERROR_LIMIT);
   const char *needed = strstr(pags_error_message(), "take ");
   assert_non_null(strstr(pags_error_message(), "target_size"));

@@ -27,19 +27,21 @@ typedef enum pags_strategy {
   PAGS_STRATEGY_MCMC     /* relocate, grow and add noise to positions (Kheradmand et al. 2024) */
 } pags_strategy;
 
-/* The steps after which the Gaussians with the lowest scores S_hybrid are pruned (docs/priority.md). */
+/* Chooses the value of each field that is left to it (PAGS_FIELD_AUTO); fields that are set keep their value. */
 typedef enum pags_preset {
-  PAGS_PRESET_NONE,
-  PAGS_PRESET_LEAN,  /* 4000, 8000, 12 000, 16 000 and 20 000 of 30 000: measured to lose least for its time */
-  PAGS_PRESET_SHORT, /* 10 000, 15 000, 20 000 and 25 000 of 30 000 */
-  PAGS_PRESET_PAPER  /* 10 000, 15 000, ... 45 000 of 50 000: the paper's (arXiv:2510.12282) */
+  PAGS_PRESET_DEFAULT, /* short lists and few Gaussians at full quality (docs/train.md) */
+  PAGS_PRESET_FAST,    /* about half of DEFAULT's time, a little less quality */
+  PAGS_PRESET_PLAIN,   /* the training of Kerbl et al. (2023): the baseline of comparisons */
+  /* PLAIN with pruning by score and dropout as the paper of PAGS states them (arXiv:2510.12282), for 50 000 steps. */
+  PAGS_PRESET_PAPER
 } pags_preset;
+enum { PAGS_PRESETS = PAGS_PRESET_PAPER + 1 };
 
 /* The score S_hybrid of a Gaussian, as a function of its semantic score S_sem and its gradient score S_grad, both
  * in 0..1. */
 typedef enum pags_hybrid {
-  PAGS_HYBRID_OF_PRESET, /* PRODUCT with preset LEAN, otherwise SUM */
-  PAGS_HYBRID_SUM,       /* alpha S_sem + (1 - alpha) S_grad, the paper's */
+  PAGS_HYBRID_AUTO, /* PRODUCT, with preset PAPER SUM */
+  PAGS_HYBRID_SUM,  /* alpha S_sem + (1 - alpha) S_grad, the paper's */
   /* (1 - alpha + alpha S_sem) S_grad: to be kept, a Gaussian that isn't critical needs 1 / (1 - alpha) times the
    * S_grad of a critical one. */
   PAGS_HYBRID_PRODUCT
@@ -73,13 +75,17 @@ typedef enum pags_s_grad_from { PAGS_S_GRAD_FROM_PASS, PAGS_S_GRAD_FROM_TRAINING
 
 /* Length, seed and resolution of the run. The first steps see shrunk photographs. */
 typedef struct pags_train_schedule {
+  pags_preset preset;          /* chooses all values that are PAGS_FIELD_AUTO */
   int64_t iterations;          /* steps of the run */
   int64_t schedule_iterations; /* steps that the schedule is stretched over; 0: iterations. Steps beyond them keep the
                                   schedule's last rates */
   uint64_t seed;               /* seed of everything that is random; any number */
   double quarter_until;        /* fraction of the schedule during which photographs have a quarter of their size */
-  double half_until;           /* fraction of it, from its begin, during which they have half of their size or less */
-  int resolution_floor;        /* px: a smaller size is skipped if its shorter side would be less than this */
+  /* Fraction of it, from its begin, during which they have half of their size or less; auto: 0.2 to 0.6, decided after
+   * 0.2 from the pixels that a photograph has for each Gaussian (pags_schedule_half_until). scene.json and checkpoints
+   * have what was decided. */
+  double half_until;
+  int resolution_floor; /* px: a smaller size is skipped if its shorter side would be less than this */
 } pags_train_schedule;
 
 /* Adam (Kingma and Ba 2015), with one learning rate for each group of planes. */
@@ -100,7 +106,7 @@ typedef struct pags_train_losses {
   double ssim_weight;   /* w of the photometric loss (1 - w) L1 + w (1 - SSIM) */
   double depth_weight;  /* weight of the LiDAR depth term, per metre */
   double depth_share;   /* fraction of the LiDAR samples that count: those with the smallest errors */
-  double object_weight; /* weight of the object opacity term, which acts from densify_until on */
+  double object_weight; /* weight of the object opacity term, which acts in the second half of the schedule */
   double sky_weight;    /* weight of the sky opacity term */
 } pags_train_losses;
 
@@ -125,22 +131,27 @@ typedef struct pags_train_color {
 typedef struct pags_train_density {
   pags_strategy strategy;
   int64_t densify_from;    /* steps of 30 000: densify only after this step */
-  int64_t densify_until;   /* steps of 30 000: densify only before this; -1: 15000, preset LEAN 12000, SHORT 25000 */
+  int64_t densify_until;   /* steps of 30 000: densify only before this */
   int64_t densify_every;   /* steps of 30 000 between densify steps, but at least one pass over the training views */
   double densify_gradient; /* NDC: a Gaussian with a larger mean screen-space gradient is cloned or split */
   int absgrad;             /* 1: use the mean of absolute per-pixel gradients instead (Ye et al. 2024) */
   double absgrad_gradient; /* NDC: the threshold with absgrad */
   double dense_percent;    /* fraction of extent: a Gaussian with a larger sigma is split, others are cloned */
   double split_divisor;    /* the sigma of a split's children is the parent's divided by this */
-  int revised_opacity;     /* 1: children of a split get the opacity 1 - sqrt(1 - o) (Rota Bulo et al. 2024) */
-  double prune_opacity;    /* Gaussians with a lower opacity are removed; times 255 alpha_min if that is set */
-  double prune_scale;      /* fraction of extent: Gaussians with a larger sigma are removed after the first reset */
-  int64_t reset_every;     /* steps of 30 000 between opacity resets, but at least three passes over the training
-                              views; until densify_until */
-  double reset_opacity;    /* a reset lowers opacities to at most this; times 255 alpha_min if that is set */
+  /* 1: the children of a split lie on either side of the parent's mean on its longest axis, and only that axis' sigma
+   * is divided (ImprovedGS+, arXiv:2603.08661); 0: their means are drawn from the parent, and all sigmas are divided.
+   */
+  int long_axis_split;
+  int revised_opacity;  /* 1: children of a split get the opacity 1 - sqrt(1 - o) (Rota Bulo et al. 2024) */
+  double prune_opacity; /* Gaussians with a lower opacity are removed; times 255 alpha_min if that is set */
+  double prune_scale;   /* fraction of extent: Gaussians with a larger sigma are removed after the first reset */
+  int64_t reset_every;  /* steps of 30 000 between opacity resets, but at least three passes over the training
+                           views; until densify_until */
+  double reset_opacity; /* a reset lowers opacities to at most this; times 255 alpha_min if that is set */
   /* After step scale_reset_from and then every scale_reset_every steps up to scale_reset_until, all sigmas are
    * multiplied by `scale_reset` and their moments forgotten (ShorterSplatting, arXiv:2603.09277): lists of pixels get
-   * shorter, and what is missing afterwards grows back only where it is needed. Steps of 30 000; 1: never. */
+   * shorter, and what is missing afterwards grows back only where it is needed. Steps of 30 000, with at least 200
+   * steps from one reset to the next and to the end; 1: never. */
   double scale_reset;
   int64_t scale_reset_from, scale_reset_every, scale_reset_until;
   /* Every densify_every steps from densify_from to the end of the schedule, Gaussians of the background move by
@@ -158,8 +169,8 @@ typedef struct pags_train_mcmc {
 
 /* Limits on the size of the scene. */
 typedef struct pags_train_size_limit {
-  /* Most Gaussians; 0: 2^31 - 64, with strategy MCMC 1 000 000. With a preset, the run may have more until the
-   * last prune, which keeps those with the highest scores. */
+  /* Most Gaussians; 0: 2^31 - 64, with strategy MCMC 1 000 000. Once densify is over, prunes by score don't go below
+   * it. With preset PAPER the run may have more until the last prune, which keeps those with the highest scores. */
   int64_t max_gaussians;
   double target_size; /* MB (10^6 bytes): limit on scene.json, models and sky together, as files; 0: none */
   /* In 255ths: each Gaussian of the finished scene keeps the lowest SH degree that changes its colour by at most
@@ -169,22 +180,24 @@ typedef struct pags_train_size_limit {
 
 /* Scores, pruning by score, and adaptive stochastic dropout (docs/priority.md). */
 typedef struct pags_train_priority {
-  pags_preset preset;     /* must be NONE with strategy MCMC */
-  double alpha;           /* 0..1: share of semantics in S_hybrid, and with preset LEAN in the loss */
+  double alpha;           /* 0..1: share of semantics in S_hybrid and in the weight of critical pixels */
   pags_hybrid hybrid;     /* the formula of S_hybrid */
   double critical_weight; /* weight of a critical pixel in the photometric loss, other pixels having 1;
-                             -1: 1 + 5 alpha with preset LEAN, otherwise 1 */
+                             auto: 1 + 2.5 alpha, with presets PLAIN and PAPER 1 */
   /* Weight of critical content in densify: the mean gradient of a Gaussian is multiplied by
    *     (1 + (critical_growth - 1) s_sem) / (1 + (critical_weight - 1) s_sem)
-   * -1: as critical_weight. */
+   * auto: as critical_weight. */
   double critical_growth;
-  double prune_early;           /* fraction removed at each of the first three prunes; -1: 0.5 with LEAN, else 0.6 */
-  double prune_late;            /* fraction removed at each later prune; -1: 0.2 with LEAN, else 0.3 */
+  int prunes;                   /* number of prunes by S_hybrid, 0..8; must be 0 or auto with strategy MCMC */
+  int64_t prune_from;           /* steps of 30 000: the first prune */
+  int64_t prune_every;          /* steps of 30 000 from one prune to the next */
+  double prune_early;           /* fraction removed at each prune before densify_until */
+  double prune_late;            /* fraction removed at each later prune */
   int64_t prune_floor;          /* no object is pruned below this number of Gaussians */
   pags_s_sem s_sem;             /* how S_sem is found */
   pags_s_grad s_grad;           /* how S_grad is mapped to 0..1 */
   pags_s_grad_from s_grad_from; /* where S_grad comes from */
-  int dropout;                  /* 1: each step leaves Gaussians out at random */
+  int dropout;                  /* 1: each step leaves Gaussians out at random; auto: 1 with preset PAPER */
   /* The probability that a Gaussian is left out of a step is
    *     (1 - dropout_beta S_sem) dropout_gamma step / steps
    * where dropout_beta, 0..1, is how much semantic priority protects from dropout, and dropout_gamma is the
@@ -198,7 +211,7 @@ typedef struct pags_train_picture {
   double near_plane;    /* metres */
   double low_pass;      /* px^2, added to both variances of the 2D covariance */
   int antialiased;      /* 1: the 2D filter of Mip-Splatting */
-  double alpha_min;     /* pags_gaussians.alpha_min of all models, 0..0.1; 0 with `antialiased` */
+  double alpha_min;     /* pags_gaussians.alpha_min of all models, 0..0.1; 0 with `antialiased` and MCMC */
   double background[3]; /* display-referred sRGB, 0..1; its fields are background_r, background_g and background_b */
   int cluster_size;     /* Gaussians culled together, a multiple of 16; changes speed, not results */
 } pags_train_picture;
@@ -228,7 +241,9 @@ typedef struct pags_train_sky {
 /* The exposures of photographs. A static set keeps them if after a third of the run they change mid grey by 0.8 % or
  * more; a driving set keeps them always. */
 typedef struct pags_train_exposure {
-  int exposure;         /* 1: a gain and an offset per channel are fitted, sums of a camera's and a photograph's */
+  /* 1: a gain and an offset per channel are fitted, sums of a camera's and a photograph's; auto: 1, but 0 on static
+   * sets with presets PLAIN and PAPER. */
+  int exposure;
   double exposure_rate; /* per step, of gains and offsets, falling to a tenth */
 } pags_train_exposure;
 
@@ -268,7 +283,7 @@ typedef enum pags_field_type {
   PAGS_FIELD_CHOICE  /* int, the index of a name in `choices` */
 } pags_field_type;
 
-enum { PAGS_FIELD_AUTO = -1 }; /* the value of a field that is computed by its rule */
+enum { PAGS_FIELD_AUTO = -1 }; /* the value of a field that is chosen by the preset or computed by its rule */
 
 /* A row of the table of fields. All strings are static. */
 typedef struct pags_train_field {
@@ -282,6 +297,7 @@ typedef struct pags_train_field {
   const char *unit;    /* "1": no unit */
   const char *rule;    /* "auto: ...", the rule that PAGS_FIELD_AUTO stands for; NULL: the field has no such value */
   const char *text;    /* what the value does, as an imperative sentence */
+  double of_preset[PAGS_PRESETS]; /* what PAGS_FIELD_AUTO stands for with each preset; all 0: another rule */
 } pags_train_field;
 
 /* Returns row `index` of the table, or NULL beyond its end. The rows of a group follow each other. */
@@ -380,8 +396,8 @@ typedef struct pags_train_result {
  *
  * `config` is the configuration of a fresh run. A resumed run takes the checkpoint's, and `config` must be the same,
  * except that iterations may be larger (the run continues at the rates of the schedule's end; after a time limit the
- * number is ignored), that schedule_iterations is ignored, and that with a preset max_gaussians may differ before
- * the last prune. A folder that isn't empty is refused, and not changed, without `resume` or `overwrite`; so is,
+ * number is ignored), that schedule_iterations is ignored, and that with preset PAPER max_gaussians may differ
+ * before the last prune. A folder that isn't empty is refused, and not changed, without `resume` or `overwrite`; so is,
  * without `overwrite`, a folder with a scene but no checkpoint.
  *
  * Stopping early by options.cancel or the progress callback is PAGS_OK with finished = 0. PAGS_CANCELLED if
