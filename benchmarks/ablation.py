@@ -258,15 +258,16 @@ def duration(seconds):
 
 
 class Run:
-    """The training of a row with one seed, at most `bound` Gaussians (equal count), and its evaluation."""
+    """The training of a row with one seed, at most `bound` Gaussians (equal count), and its evaluation. `of`: the row beside which this one is
+    trained, for its time alone."""
 
-    def __init__(self, ablation, row, seed, bound=None):
+    def __init__(self, ablation, row, seed, bound=None, of=None):
         self.ablation, self.row, self.seed = ablation, row, str(ablation.seed + seed)
         self.train = Options()
         self.train.given = dict(row.train.given)
         if bound:
             self.train.put("--max-gaussians", str(bound))
-        self.folder = os.path.join(ablation.folder, safe_name("_".join(filter(None, [self.train.file_name(), f"seed-{self.seed}"]))))
+        self.folder = os.path.join(ablation.folder, safe_name("_".join(filter(None, [self.train.file_name(), f"seed-{self.seed}", of and f"beside_{of.name}"]))))
         self.scene, self.checkpoint, self.state_path = self.path("scene"), self.path("scene/checkpoint.pags"), self.path("run.json")
         self.state = {"step": 0, "seconds": 0, "cpu_seconds": 0, "peak_rss_bytes": 0, "moments": []}
         if os.path.exists(self.state_path):
@@ -354,6 +355,17 @@ class Run:
             else:
                 return self.finish()
 
+    def seconds(self):
+        """Does the training as go_on does, without measurements; returns its seconds."""
+        os.makedirs(self.folder, exist_ok=True)
+        while len(self.moments) < self.ablation.moments:
+            self.train_stretch()
+        if os.path.exists(self.scene):
+            shutil.rmtree(self.scene)
+        if os.path.exists(self.known(self.state["step"])):
+            os.unlink(self.known(self.state["step"]))
+        return self.moments[-1]["seconds"]
+
     def finish(self):
         a, more = self.ablation, "_".join(["", self.row.eval.file_name()]) if self.row.eval.given else ""
         evaluation, render, pictures = self.path(f"eval{more}.json"), self.path(f"render{more}.json"), self.path("pictures")
@@ -366,8 +378,9 @@ class Run:
             finally:
                 shutil.rmtree(pictures, ignore_errors=True)
         found, last = read_json(evaluation)["test"], self.moments[-1]
+        frames = read_json(render)["frames"]
         result = {key: found.get(key) for key in QUALITIES}
-        result.update(gaussians=last["gaussians"], bytes=self.scene_bytes(), training_seconds=last["seconds"],
+        result.update(beside=None, pairs=sum(frame["pairs_evaluated"] for frame in frames) / len(frames), gaussians=last["gaussians"], bytes=self.scene_bytes(), training_seconds=last["seconds"],
                       training_cpu_seconds=last["cpu_seconds"], peak_rss_bytes=last["peak_rss_bytes"],
                       render_ms=read_json(render)["mean"]["ms"]["total"], moments=self.moments)
         branch = self.branch()
@@ -424,6 +437,7 @@ class Ablation:
         self.results = {"own": {row.name: [] for row in self.rows}, "equal": {row.name: [] for row in self.rows}}
         self.iterations, self.moments, self.moment_views, self.seed = given.iterations, given.moments, given.moment_views, given.seed
         self.equal, self.equal_count = given.equal_count, 0
+        self.beside = Row(given.beside, 1) if given.beside else None
         self.lpips_weights, self.threads = given.lpips_weights, given.threads
         self.train, self.eval = [], []
         for name, of_eval in PASSED.items():
@@ -438,7 +452,7 @@ class Ablation:
 
     def check_rows(self):
         """Lets pags check the options of every row; raises Failure if it rejects one."""
-        for row in self.rows:
+        for row in [*self.rows, *filter(None, [self.beside])]:
             train = ["train", self.dataset, "--output", self.folder, *self.train, *row.train.words()]
             for words in [train, ["eval", self.folder, *self.eval, *row.eval.words()]]:
                 code, message, _ = self.program.run([*words, "--check-options"])
@@ -489,7 +503,9 @@ class Ablation:
         self.count_steps()
         order = [(seed, row) for seed in range(MOST_SEEDS) for row in self.rows if seed < row.seeds]
         for seed, row in order:
-            self.take("own", row, seed, Run(self, row, seed).go_on())
+            beside = self.beside and row.train.words() != self.beside.train.words() and Run(self, self.beside, seed, of=row).seconds()
+            result = Run(self, row, seed).go_on()
+            self.take("own", row, seed, {**result, "beside": result["training_seconds"] / beside if beside else None})
         pruned = [row for row in self.rows if row.prunes]
         if self.equal and len({tuple(row.train.words()) for row in pruned}) < 2:
             self.progress.say("--equal-count: fewer than two rows prune by a score")
@@ -551,6 +567,7 @@ def parse_arguments(words):
     p.add_argument("--seeds", type=whole(1, MOST_SEEDS), default=1, metavar="K", help="repeat each row with K seeds [default %(default)s]")
     p.add_argument("--seed", type=whole(0), default=0, metavar="N", help="the first seed [default %(default)s]")
     p.add_argument("--equal-count", action="store_true", help="compare rows that prune at equal count, too: the smallest of their counts")
+    p.add_argument("--beside", metavar="ROW", help="train ROW once more just before each row, and give the ratio of both times: for machines whose speed changes")
     p.add_argument("--moments", type=whole(1, MOST_MOMENTS), default=8, metavar="N",
                    help="measure held-out quality N times, evenly over the steps [default %(default)s]")
     p.add_argument("--moment-views", type=whole(1, 10**6), default=12, metavar="N", help="on N held-out views [default %(default)s]")

@@ -16,15 +16,18 @@ FIGURES = {
     "psnr_critical": ("PSNR-C", 1, 2),
     "psnr_noncritical": ("PSNR-NC", 1, 2),
     "psnr_moving": ("PSNR moving", 1, 2),
+    "psnr_pedestrians": ("PSNR people", 1, 2),
     "gaussians": ("Gaussians", 1, 0),
     "bytes": ("MB", 1e-6, 1),
     "training_seconds": ("training s", 1, 1),
     "training_cpu_seconds": ("CPU s", 1, 1),
+    "beside": ("s / s beside", 1, 3),
     "peak_rss_bytes": ("peak MB", 1e-6, 0),
     "render_ms": ("render ms", 1, 2),
+    "pairs": ("M pairs", 1e-6, 2),
 }
-QUALITIES = list(FIGURES)[:7]  # compared as a difference
-RATIOS = ["gaussians", "training_seconds", "training_cpu_seconds", "render_ms"]
+QUALITIES = list(FIGURES)[:8]  # compared as a difference
+RATIOS = ["gaussians", "training_seconds", "training_cpu_seconds", "render_ms", "pairs"]
 OF_MOMENT = ["psnr", "psnr_critical", "psnr_noncritical"]
 
 
@@ -93,7 +96,9 @@ class Tables:
         a = self.ablation
         page = f"# Ablation on {os.path.basename(a.dataset)}, {a.iterations} steps\n\n"
         page += ("Held-out views. PSNR in dB; C: critical, NC: not critical pixels; means of the seeds (largest less smallest in brackets). MB: the "
-                 "scene's files. Training: wall clock and processor time. Render: mean of a frame of the held-out views.\n\n")
+                 "scene's files. Training: wall clock and processor time. Render, pairs: mean of a frame of the held-out views.\n\n")
+        if a.beside:
+            page += (f"s / s beside: wall clock of the training by that of `{a.beside.name}`, which was trained just before each row for it.\n\n")
         spreads = [(FIGURES[q][0], cell(self.spread(q), FIGURES[q][2])) for q in QUALITIES if math.isfinite(self.spread(q))]
         if spreads:
             page += "Spread over seeds (largest less smallest, the largest of all rows that were repeated): "
@@ -192,6 +197,9 @@ def write_plots(ablation):
     for title, key in qualities.items():
         lines = {name: [(m["seconds"], m[key]) for m in results[0]["moments"]] for name, results in own.items() if results}
         panels.append((f"{title} against training time", "seconds of training", "dB, held-out views", lines))
+    for title, key in qualities.items():
+        lines = {name: [(1e-6 * result["pairs"], result[key]) for result in results] for name, results in own.items() if results}
+        panels.append((f"{title} against pairs", "million pairs evaluated a frame", "dB, held-out views", lines))
     for title, rows in families(ablation.rows, "alpha=").items():
         for results, kind in [(own, ""), (ablation.results["equal"], ", at equal count")]:
             done = sorted([row for row in rows if results[row.name]], key=lambda row: row.alpha)

@@ -117,6 +117,14 @@ class Ablation(DataCase):
         line = next(line for line in compared if line.startswith("| `--sh-degree=3`"))
         self.assertIn(" none |", line)
 
+    def test_a_row_beside_each(self):
+        rows = self.ablate("sh=0", "--beside", "sh=1")
+        self.assertEqual(len(rows), 1)
+        self.assertGreater(rows[0]["beside"], 0)
+        self.assertGreater(rows[0]["pairs"], 0)
+        self.assertIn("s / s beside", read(self.path("t.md")).decode())
+        self.assertEqual(sorted(self.folders()), ["sh-degree-0_seed-0", "sh-degree-1_seed-0_beside_sh_0"])
+
     def test_rows_that_train_alike_share_their_run(self):
         self.ablate("sh=1,--sh-degree=1")
         self.assertEqual(self.folders(), ["sh-degree-1_seed-0"])
