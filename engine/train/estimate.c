@@ -2,7 +2,9 @@
 /* Estimates a run's memory from counts and its time from a few timed passes.
  *
  * Assumptions: the number of Gaussians ends at its limit, or at 8 times the start if that is less (the usual factor
- * of 3DGS from structure-from-motion points), and grows linearly until densify_until. The cost of a pass has a part
+ * of 3DGS from structure-from-motion points), or with pruning by score at the geometric mean of the start and of two
+ * fifths of a photograph's pixels if that is less (within a factor of 2 on fox, pandaset-002 and street), and changes
+ * linearly until densify_until. The cost of a pass has a part
  * proportional to the number of Gaussians (cull, project, shade, sort, Adam) and a part that depends on the pixels,
  * which doubles as a scene fills up (measured between an early and a finished state). */
 #include <math.h>
@@ -14,7 +16,7 @@
 #include "train/step.h"
 
 enum { PROBES = 4 };
-static const double growth = 8.0;
+static const double growth = 8.0, pixel_share = 0.4, peak_share = 1.5;
 static const double pixel_growth = 2.0;
 
 /* Returns the bytes that training needs. Per Gaussian: parameters and two moments (planes x 4 bytes each), each with
@@ -55,10 +57,24 @@ static pags_result probe(pags_trainer *t, int level, cost *out) {
   return PAGS_OK;
 }
 
+/* Returns the number of Gaussians at the end of a run that begins with `count`. */
+static double final_count(const pags_trainer *t, double count) {
+  const pags_train_state *s = &t->state;
+  double final = growth * count, pixels = 0;
+  for (int64_t i = 0; i < t->view_count; i++) {
+    const pags_camera *c = &pags_dataset_view(t->dataset, t->views[i])->camera;
+    pixels += (double)c->width * c->height / (double)t->view_count;
+  }
+  if (s->schedule.prunes > 0)
+    final = fmin(final, sqrt(count * pixel_share * pixels));
+  return s->cap > 0 ? fmin((double)s->cap, final) : final;
+}
+
 /* Returns the mean number of Gaussians over the run, relative to `now`. */
 static double mean_growth(const pags_train_state *s, double now, double final) {
   double share = fmin((double)s->schedule.densify_until / (double)s->stop, 1.0);
-  return fmax((share * 0.5 * (now + final) + (1.0 - share) * final) / now, 1.0);
+  const double mean = (share * 0.5 * (now + final) + (1.0 - share) * final) / now;
+  return s->schedule.prunes > 0 ? mean : fmax(mean, 1.0);
 }
 
 /* Returns the number of step-equivalents of all score passes. A scored view costs as much as a step: drawing it is a
@@ -74,7 +90,7 @@ static double scored_views(const pags_trainer *t) {
 pags_result pags_trainer_estimate(pags_trainer *t, pags_estimate *out) {
   pags_train_state *s = &t->state;
   int64_t count = pags_state_gaussian_count(s) > 0 ? pags_state_gaussian_count(s) : 1;
-  double final = s->cap > 0 ? fmin((double)s->cap, growth * (double)count) : growth * (double)count;
+  const double final = final_count(t, (double)count);
   double rows = mean_growth(s, (double)count, final), ms = 0.0, full = 0.0;
   int64_t quarter = s->schedule.quarter_until,
           half = s->schedule.half_until > quarter ? s->schedule.half_until : quarter;
@@ -92,7 +108,7 @@ pags_result pags_trainer_estimate(pags_trainer *t, pags_estimate *out) {
   out->scoring_seconds = scored_views(t) * full / 1e3;
 
   /* Memory: that of training at the size of the largest view, of the image cache and of the sky. */
-  int64_t gaussians = (int64_t) final;
+  const int64_t gaussians = (int64_t)fmax(final, s->schedule.prunes > 0 ? peak_share * (double)count : 0);
   int width = 1, height = 1;
   for (int64_t i = 0; i < t->view_count; i++) {
     const pags_camera *camera = &pags_dataset_view(t->dataset, t->views[i])->camera;

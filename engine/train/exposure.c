@@ -15,7 +15,7 @@ static const double final_share = 0.1;
 
 /* Exposures of a static set that change mid grey by less, as the root of the mean square over photographs and channels,
  * are dropped. */
-static const double least_spread = 0.008; /* two of 255 levels */
+static const double least_spread = 0.01; /* two and a half of 255 levels */
 
 static int64_t camera_of(const pags_dataset *dataset, int64_t view) {
   int sensor = pags_dataset_view(dataset, view)->sensor;

@@ -238,7 +238,7 @@ typedef struct pags_train_sky {
   double sky_rate; /* per step, of texels, falling to a hundredth */
 } pags_train_sky;
 
-/* The exposures of photographs. A static set keeps them if after a third of the run they change mid grey by 0.8 % or
+/* The exposures of photographs. A static set keeps them if after a third of the run they change mid grey by 1 % or
  * more; a driving set keeps them always. */
 typedef struct pags_train_exposure {
   /* 1: a gain and an offset per channel are fitted, sums of a camera's and a photograph's; auto: 1, but 0 on static
@@ -387,7 +387,7 @@ typedef struct pags_train_result {
    * density control. */
   double ms_wait, ms_forward, ms_loss, ms_backward, ms_density;
   double estimated_seconds; /* with options.estimate: time of the whole run */
-  uint64_t estimated_bytes; /* with options.estimate: memory at 8 times the first Gaussians, or at their limit */
+  uint64_t estimated_bytes; /* with options.estimate: memory at the most Gaussians expected (train/estimate.h) */
 } pags_train_result;
 
 /* Trains, and writes to the folder options->output: scene.json with the models (background.ply, ...) and the sky,
