@@ -114,7 +114,7 @@ export const open = async (canvas, job, url) => {
 
 const page = `<!doctype html><style>body{margin:0}canvas{display:block}</style>
 <script type="importmap">{"imports":{"@babylonjs/core/":"/node_modules/@babylonjs/core/","@babylonjs/loaders/":"/node_modules/@babylonjs/loaders/",
-"three":"/node_modules/three/build/three.module.js","fflate":"/node_modules/fflate/esm/browser.js"}}</script>
+"three":"/node_modules/three/build/three.module.js","three/addons/":"/node_modules/three/examples/jsm/","fflate":"/node_modules/fflate/esm/browser.js"}}</script>
 <script type="module">
 // OpenGL's projection of a camera whose pixel x, y has its centre at x + 0.5, y + 0.5; by columns
 const projection = (k, far) => [2 * k.fx / k.width, 0, 0, 0, 0, 2 * k.fy / k.height, 0, 0, 1 - 2 * k.cx / k.width, 2 * k.cy / k.height - 1,

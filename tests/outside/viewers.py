@@ -42,11 +42,11 @@ def write(path, value):
 
 
 def trained(folder):
-    """A small scene of the street, with a least alpha of 4/255 and smaller sigmas from time to time."""
+    """A small scene of the street, trained by default, with a least alpha."""
     data, scene = os.path.join(folder, "street"), os.path.join(folder, "scene")
     if not os.path.exists(os.path.join(scene, "report.json")):
         pags("synth", "street", "-o", data, "--overwrite", "--size", "240x136", "--frames", 16, "--lidar-points", 3000, "--no-shifts", "-q")
-        pags("train", data, "-o", scene, "--overwrite", "-n", 1500, "--max-gaussians", 60000, "--set", "alpha_min=0.0156863", "--set", "scale_reset=0.6", "-q")
+        pags("train", data, "-o", scene, "--overwrite", "-n", 1500, "--max-gaussians", 60000, "-q")
     return scene
 
 
@@ -166,15 +166,20 @@ def compare(folder, viewer, form, buffer, group, index, name):
 
 
 def report(results):
-    """Prints dB of each view; returns 1 where a bound is broken."""
+    """Prints dB of each view; returns 1 where the nearest viewer of a format breaks a bound in a view."""
     broken = 0
     print("viewer  format buffer view         to ours   against the photograph: theirs, ours of the file, ours of the scene")
+    nearest = {}
+    for r in results:
+        key = r["format"], r["view"]
+        if r["buffer"] == "floats" and (key not in nearest or r["to_ours"] > nearest[key]["to_ours"]):
+            nearest[key] = r
     for r in results:
         figures = [r[f"photograph_{key}"] for key in ("theirs", "file", "scene")]
-        fault = r["buffer"] == "floats" and not (r["to_ours"] >= NEAREST and figures[0] >= figures[2] - LOST)
+        fault = nearest[r["format"], r["view"]] is r and not (r["to_ours"] >= NEAREST and figures[0] >= figures[2] - LOST)
         broken += fault
         print(f"{r['viewer']:7} {r['format']:6} {r['buffer']:6} {r['view']:12} {r['to_ours']:7.2f}   {figures[0]:6.2f} {figures[1]:6.2f} {figures[2]:6.2f}"
-              + ("  below the bound" if fault else ""))
+              + ("  below a bound" if fault else ""))
     return 1 if broken else 0
 
 
