@@ -221,6 +221,7 @@ static void a_configuration_of_old_is_read(void **unused) {
   expected.priority.dropout = 0;
   expected.schedule.half_until = 0.2;
   expected.losses.ssim_weight = 0.2;
+  expected.density.densify_gradient = 0.0002;
   expected.optimiser.position_rate_begin = 1.6e-4;
   expected.optimiser.position_rate_end = 1.6e-6;
   expected.optimiser.scale_rate = 0.005;
