@@ -204,7 +204,7 @@ const pags_train_field pags_fields[] = {
     PRESET(priority, prune_from, 1000, 1000, 1000, 6000, "", 1, MOST_STEPS, STEPS,
            "prune by score after this step first"),
     PRESET(priority, prune_every, 2500, 2500, 2500, 3000, "", 1, MOST_STEPS, STEPS, "prune by score so often"),
-    PRESET(priority, prune_early, 0.33, 0.55, 0.35, 0.6, "", 0, 0.99, "of the Gaussians",
+    PRESET(priority, prune_early, 0.28, 0.55, 0.35, 0.6, "", 0, 0.99, "of the Gaussians",
            "remove so many at each prune by score while densify goes on"),
     PRESET(priority, prune_late, 0.1, 0.1, 0.1, 0.3, "", 0, 0.99, "of the Gaussians",
            "remove so many at each later prune by score"),
