@@ -41,7 +41,7 @@ static pags_option options[] = {
     PAGS_GROUP("The run"),
     PAGS_TEXT(
         "preset", 0, AT(preset), "default|fast|plain|paper", NULL,
-        "choose all that is left to auto: half of the time for a little quality (fast), as 3DGS (plain), as the paper"),
+        "choose all that is left to auto: less time for less quality (fast), as 3DGS (plain), as the paper (paper)"),
     PAGS_FIELD("iterations", 'n', "N", "iterations"),
     PAGS_FLAG("resume", 0, RUN(resume), "go on from SCENE's checkpoint, or begin where there is none and no scene"),
     PAGS_FLAG("overwrite", 0, RUN(overwrite), "train afresh into a SCENE that isn't empty"),

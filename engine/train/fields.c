@@ -84,10 +84,9 @@
 _Static_assert(sizeof(pags_strategy) == sizeof(int) && sizeof(pags_preset) == sizeof(int), "enums are read as int");
 
 const pags_train_field pags_fields[] = {
-    CHOICE(
-        schedule, preset, PAGS_PRESET_DEFAULT, PAGS_PRESET_PAPER, "default|fast|plain|paper",
-        "choose all values that are auto; fast: half of default's time, a little less quality; plain: as 3D Gaussian "
-        "Splatting trains (Kerbl et al. 2023); paper: as the paper of PAGS trains (arXiv:2510.12282)"),
+    CHOICE(schedule, preset, PAGS_PRESET_DEFAULT, PAGS_PRESET_PAPER, "default|fast|plain|paper",
+           "choose all values that are auto; fast: fewer Gaussians, less quality; plain: as 3D Gaussian "
+           "Splatting trains (Kerbl et al. 2023); paper: as the paper of PAGS trains (arXiv:2510.12282)"),
     NUMBER(schedule, iterations, 30000, 1, PAGS_CONFIG_STEPS, "steps",
            "train for so many steps; the schedule stretches with them"),
     NUMBER(schedule, schedule_iterations, 0, 0, MOST_STEPS, "steps",
