@@ -39,13 +39,12 @@ CHANGES = {"alpha": "--alpha", "rate": "--prune-rate", "preset": "--preset", "be
            "hybrid": "--set hybrid", "critical-weight": "--critical-weight", "s-sem": "--set s_sem", "s-grad": "--set s_grad",
            "s-grad-from": "--set s_grad_from"}
 SWITCHES = {"no-objects": "--no-objects", "no-tracks": "--no-tracks", "no-fourier": "--set fourier=0", "no-sky": "--no-sky",
-            "no-lidar-start": "--no-lidar-start", "no-exposure": "--no-exposure", "no-lidar-loss": "--set depth_weight=0"}
-# Each of these takes one part of the default away.
-PARTS = {"no-alpha-min": "--set alpha_min=0", "no-scale-reset": "--set scale_reset=1", "no-prunes": "--set prunes=0",
-         "no-rates": "--set position_rate_begin=0.00016 --set position_rate_end=1.6e-6 --set scale_rate=0.005 --set sh_dc_rate=0.0025 "
-                     "--set sh_rest_rate=0.000125",
-         "no-long-axis": "--set long_axis_split=0", "no-critical-weight": "--critical-weight 1"}
-SWITCHES.update(PARTS)
+            "no-lidar-start": "--no-lidar-start", "no-exposure": "--no-exposure", "no-lidar-loss": "--set depth_weight=0",
+            # each of these takes one part of the default away
+            "no-alpha-min": "--set alpha_min=0", "no-scale-reset": "--set scale_reset=1", "no-prunes": "--set prunes=0",
+            "no-rates": "--set position_rate_begin=0.00016 --set position_rate_end=1.6e-6 --set scale_rate=0.005 --set sh_dc_rate=0.0025 "
+                        "--set sh_rest_rate=0.000125",
+            "no-long-axis": "--set long_axis_split=0", "no-critical-weight": "--critical-weight 1"}
 # Options that apply to every row. They are passed to pags train; True: to pags eval, too, since the scene doesn't
 # record them.
 PASSED = {"downscale": False, "split-every": False, "cameras": False, "frames": False, "holdout-camera": False, "max-gaussians": False,
@@ -380,8 +379,8 @@ class Run:
         found, last = read_json(evaluation)["test"], self.moments[-1]
         frames = read_json(render)["frames"]
         result = {key: found.get(key) for key in QUALITIES}
-        result.update(beside=None, pairs=sum(frame["pairs_evaluated"] for frame in frames) / len(frames), gaussians=last["gaussians"], bytes=self.scene_bytes(), training_seconds=last["seconds"],
-                      training_cpu_seconds=last["cpu_seconds"], peak_rss_bytes=last["peak_rss_bytes"],
+        result.update(beside=None, pairs=sum(frame["pairs_evaluated"] for frame in frames) / len(frames), gaussians=last["gaussians"],
+                      bytes=self.scene_bytes(), training_seconds=last["seconds"], training_cpu_seconds=last["cpu_seconds"], peak_rss_bytes=last["peak_rss_bytes"],
                       render_ms=read_json(render)["mean"]["ms"]["total"], moments=self.moments)
         branch = self.branch()
         for name in os.listdir(self.folder):
@@ -469,8 +468,13 @@ class Ablation:
         elif read_json(path) != settings:
             raise Failure(f"{path}: says that the runs there are of another data set or other options; expected the same, or another -o TABLE")
 
+    def run_beside(self, row, seed):
+        """The run of --beside that is trained for a row; None without it, and for the row that is the same training."""
+        return Run(self, self.beside, seed, of=row) if self.beside and row.train.words() != self.beside.train.words() else None
+
     def count_steps(self):
-        runs = {run.folder: run for row in self.rows for run in [Run(self, row, seed) for seed in range(row.seeds)]}
+        pairs = [(row, seed) for row in self.rows for seed in range(row.seeds)]
+        runs = {run.folder: run for pair in pairs for run in (Run(self, *pair), self.run_beside(*pair)) if run}
         self.steps_wanted = len(runs) * self.iterations
         self.steps_done = self.steps_begun = sum(run.state["step"] for run in runs.values())
         self.begun = time.monotonic()
@@ -503,9 +507,10 @@ class Ablation:
         self.count_steps()
         order = [(seed, row) for seed in range(MOST_SEEDS) for row in self.rows if seed < row.seeds]
         for seed, row in order:
-            beside = self.beside and row.train.words() != self.beside.train.words() and Run(self, self.beside, seed, of=row).seconds()
+            beside = self.run_beside(row, seed)
+            seconds = beside and beside.seconds()
             result = Run(self, row, seed).go_on()
-            self.take("own", row, seed, {**result, "beside": result["training_seconds"] / beside if beside else None})
+            self.take("own", row, seed, {**result, "beside": result["training_seconds"] / seconds if seconds else None})
         pruned = [row for row in self.rows if row.prunes]
         if self.equal and len({tuple(row.train.words()) for row in pruned}) < 2:
             self.progress.say("--equal-count: fewer than two rows prune by a score")

@@ -14,6 +14,7 @@
 #include "train/score_pass.h"
 #include "train/sky_fit.h"
 #include "train/step.h"
+#include "train/views.h"
 
 enum { PROBES = 4 };
 static const double growth = 8.0, pixel_share = 0.4, peak_share = 1.5;
@@ -60,13 +61,9 @@ static pags_result probe(pags_trainer *t, int level, cost *out) {
 /* Returns the number of Gaussians at the end of a run that begins with `count`. */
 static double final_count(const pags_trainer *t, double count) {
   const pags_train_state *s = &t->state;
-  double final = growth * count, pixels = 0;
-  for (int64_t i = 0; i < t->view_count; i++) {
-    const pags_camera *c = &pags_dataset_view(t->dataset, t->views[i])->camera;
-    pixels += (double)c->width * c->height / (double)t->view_count;
-  }
+  double final = growth * count;
   if (s->schedule.prunes > 0)
-    final = fmin(final, sqrt(count * pixel_share * pixels));
+    final = fmin(final, sqrt(count * pixel_share * pags_views_mean_pixels(t)));
   return s->cap > 0 ? fmin((double)s->cap, final) : final;
 }
 

@@ -4,7 +4,6 @@
 #include "train/sky_fit.h"
 
 #include <math.h>
-#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -106,51 +105,19 @@ typedef struct block_factors {
   float gradient[BLOCK_FLOATS], keep1[BLOCK_FLOATS], keep2[BLOCK_FLOATS], rate[BLOCK_FLOATS], correction[BLOCK_FLOATS];
 } block_factors;
 
-/* Returns whether some pixel saw the texel. A gradient that isn't finite counts as none. */
-static bool is_seen(const float *g) {
-  return (g[0] != 0.0f || g[1] != 0.0f || g[2] != 0.0f) && isfinite(g[0]) && isfinite(g[1]) && isfinite(g[2]);
-}
-
-/* Does one Adam step for a block of which every texel was seen, as most are: update_block with constant factors. */
-static void update_seen_block(pags_sky_fit *f, int64_t first_texel, const float *gradient) {
-  const int64_t at = 3 * first_texel;
-  float *restrict first = f->first + at, *restrict second = f->second + at, *restrict colour = f->sky.texels + at;
-  uint16_t *visits = f->visits + first_texel;
-  float rate[BLOCK_FLOATS], correction[BLOCK_FLOATS];
-  const float beta1 = f->beta1, beta2 = f->beta2;
-  for (int64_t i = 0; i < PAGS_SKY_BLOCK; i++) {
-    visits[i] = (uint16_t)(visits[i] + (visits[i] < UINT16_MAX));
-    const float *c = f->correction[visits[i] < CORRECTIONS ? visits[i] : CORRECTIONS - 1];
-    rate[3 * i] = rate[3 * i + 1] = rate[3 * i + 2] = f->rate * c[0];
-    correction[3 * i] = correction[3 * i + 1] = correction[3 * i + 2] = c[1];
-  }
-  for (int64_t i = 0; i < BLOCK_FLOATS; i++) {
-    const float g = gradient[i];
-    first[i] = beta1 * first[i] + (1.0f - beta1) * g;
-    second[i] = beta2 * second[i] + (1.0f - beta2) * g * g;
-    colour[i] -= rate[i] * first[i] / (sqrtf(second[i] * correction[i]) + epsilon);
-  }
-}
-
 /* Does one Adam step for a block of texels. The arithmetic loop has no branches, so that compilers can vectorise
  * it. */
 static void update_block(pags_sky_fit *f, int64_t first_texel, int64_t texels, const float *gradient) {
   const int64_t at = 3 * first_texel;
   block_factors by;
   float *restrict first = f->first + at, *restrict second = f->second + at, *restrict colour = f->sky.texels + at;
-  int64_t seen_texels = 0;
-  for (int64_t i = 0; i < texels; i++)
-    seen_texels += is_seen(gradient + 3 * i);
-  if (seen_texels == PAGS_SKY_BLOCK) {
-    update_seen_block(f, first_texel, gradient);
-    return;
-  }
 
-  /* Fill the factors of each texel. */
+  /* Fill the factors of each texel. A gradient that isn't finite counts as none. */
   uint16_t *visits = f->visits + first_texel;
   for (int64_t i = 0; i < texels; i++) {
     const float *g = gradient + 3 * i;
-    const bool seen = is_seen(g);
+    const int finite = isfinite(g[0]) && isfinite(g[1]) && isfinite(g[2]);
+    const int seen = finite && (g[0] != 0.0f || g[1] != 0.0f || g[2] != 0.0f);
     if (seen && visits[i] < UINT16_MAX)
       visits[i]++;
     const float *c = f->correction[visits[i] < CORRECTIONS ? visits[i] : CORRECTIONS - 1];

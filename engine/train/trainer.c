@@ -55,12 +55,7 @@ static pags_result check_nonfinite(const pags_trainer *t) {
 
 /* Decides how long photographs are shown at half size, from the pixels that they have for each Gaussian now. */
 static void decide_half_size(pags_trainer *t) {
-  double pixels = 0;
-  for (int64_t i = 0; i < t->view_count; i++) {
-    const pags_camera *camera = &pags_dataset_view(t->dataset, t->views[i])->camera;
-    pixels += (double)camera->width * camera->height / (double)t->view_count;
-  }
-  const double ratio = pixels / fmax((double)pags_state_gaussian_count(&t->state), 1);
+  const double ratio = pags_views_mean_pixels(t) / fmax((double)pags_state_gaussian_count(&t->state), 1);
   const double fraction = pags_schedule_half_until(ratio);
   pags_schedule_set_half_until(&t->state.schedule, fraction);
   pags_log_message(PAGS_LOG_INFO, "%.2g pixels of a photograph for each Gaussian: half size until %.0f %% of the run",

@@ -58,6 +58,15 @@ pags_result pags_views_list(pags_trainer *t) {
   return PAGS_OK;
 }
 
+double pags_views_mean_pixels(const pags_trainer *t) {
+  double pixels = 0;
+  for (int64_t i = 0; i < t->view_count; i++) {
+    const pags_camera *camera = &pags_dataset_view(t->dataset, t->views[i])->camera;
+    pixels += (double)camera->width * camera->height / (double)t->view_count;
+  }
+  return pixels;
+}
+
 /* Computes the permutations of the pass that `step` belongs to and of the next pass. */
 static void prepare_order(pags_trainer *t, int64_t step) {
   int64_t epoch = (step - 1) / t->view_count;

@@ -12,6 +12,9 @@ enum { PAGS_TRAIN_AHEAD = 32 };
 /* Lists the training views and computes the fingerprint by which a checkpoint is recognised as belonging to them. */
 pags_result pags_views_list(pags_trainer *trainer);
 
+/* Returns the mean number of pixels of the training photographs at their full size. */
+double pags_views_mean_pixels(const pags_trainer *trainer);
+
 /* Returns the view of `step` (index of the data set's view) and its level, the factor by which its photograph is
  * shrunk; tells the photo cache which views come next. */
 int64_t pags_views_next(pags_trainer *trainer, int64_t step, int *level);

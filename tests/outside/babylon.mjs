@@ -4,15 +4,11 @@
 // CAMERA.json: width, height, fx, fy, cx, cy (pixels), eye, forward, up (the file's own axes, y up), background (0..1). Prints Babylon's version
 // and how many splats each of its meshes has. Exits with 77 where no browser can be started.
 import fs from 'node:fs';
-import http from 'node:http';
 import path from 'node:path';
-import {fileURLToPath} from 'node:url';
-import puppeteer from 'puppeteer-core';
+import {launch, serve} from './chromium.mjs';
 
 const [chromium, file, cameraFile, picture] = process.argv.slice(2);
-const here = path.dirname(fileURLToPath(import.meta.url));
 const camera = JSON.parse(fs.readFileSync(cameraFile, 'utf8'));
-const types = {'.js': 'text/javascript', '.html': 'text/html', '.glb': 'model/gltf-binary', '.wasm': 'application/wasm'};
 
 const page = `<!doctype html><style>body{margin:0}canvas{display:block}</style><canvas id="c"></canvas>
 <script type="importmap">{"imports":{"@babylonjs/core/":"/node_modules/@babylonjs/core/"}}</script>
@@ -61,33 +57,8 @@ try {
 }
 </script>`;
 
-function answer(request, response) {
-  const url = new URL(request.url, 'http://localhost').pathname;
-  if (url === '/') return response.writeHead(200, {'content-type': 'text/html'}).end(page);
-  if (url === '/favicon.ico') return response.writeHead(204).end();
-  const wanted = url === '/file.glb' ? path.resolve(file) : path.join(here, path.normalize(url));
-  if (!fs.existsSync(wanted) || !fs.statSync(wanted).isFile()) return response.writeHead(404).end();
-  response.writeHead(200, {'content-type': types[path.extname(wanted)] ?? 'application/octet-stream'});
-  fs.createReadStream(wanted).pipe(response);
-}
-
-async function launch() {
-  try {
-    return await puppeteer.launch({
-      executablePath: chromium,
-      headless: true,
-      protocolTimeout: 600000,
-      args: ['--no-sandbox', '--disable-dev-shm-usage', '--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader',
-        '--ignore-gpu-blocklist']
-    });
-  } catch (error) {
-    console.error(`no browser: ${error}`);
-    process.exit(77);
-  }
-}
-
-const browser = await launch();
-const server = http.createServer(answer).listen(0, '127.0.0.1');
+const browser = await launch(chromium, {protocolTimeout: 600000});
+const server = serve({'/': {type: 'text/html', text: page}}, url => (url === '/file.glb' ? path.resolve(file) : undefined));
 try {
   const tab = await browser.newPage();
   await tab.setViewport({width: camera.width, height: camera.height});

@@ -6,15 +6,11 @@
 // each Gaussian, floats the same drawn into a buffer of floats, which is rounded once. plain: Spark's own choices in place of those nearest to
 // 3D Gaussian splatting as it is trained. Prints versions and seconds. Exits with 77 where no browser can be started.
 import fs from 'node:fs';
-import http from 'node:http';
 import path from 'node:path';
-import {fileURLToPath} from 'node:url';
-import puppeteer from 'puppeteer-core';
+import {launch, serve} from './chromium.mjs';
 
 const [chromium, jobsFile] = process.argv.slice(2);
-const here = path.dirname(fileURLToPath(import.meta.url));
 const jobs = JSON.parse(fs.readFileSync(jobsFile, 'utf8'));
-const types = {'.js': 'text/javascript', '.mjs': 'text/javascript', '.wasm': 'application/wasm'};
 
 const babylon = `
 import {Engine} from '@babylonjs/core/Engines/engine.js';
@@ -147,35 +143,12 @@ window.run = async (job, file) => {
 window.loaded = true;
 </script>`;
 
-function answer(request, response) {
-  const url = new URL(request.url, 'http://localhost').pathname;
-  if (url === '/') return response.writeHead(200, {'content-type': 'text/html'}).end(page);
-  if (url === '/babylon.js' || url === '/spark.js') return response.writeHead(200, {'content-type': types['.js']}).end(url === '/spark.js' ? spark : babylon);
+const browser = await launch(chromium, {timeout: 0, protocolTimeout: 0}, ['--disable-gpu-watchdog', '--force-device-scale-factor=1']);
+const script = text => ({type: 'text/javascript', text});
+const server = serve({'/': {type: 'text/html', text: page}, '/babylon.js': script(babylon), '/spark.js': script(spark)}, url => {
   const job = url.match(/^\/job(\d+)\./);
-  const wanted = job ? path.resolve(jobs[job[1]].file) : path.join(here, path.normalize(url));
-  if (!fs.existsSync(wanted) || !fs.statSync(wanted).isFile()) return response.writeHead(404).end();
-  response.writeHead(200, {'content-type': types[path.extname(wanted)] ?? 'application/octet-stream'});
-  fs.createReadStream(wanted).pipe(response);
-}
-
-async function launch() {
-  try {
-    return await puppeteer.launch({
-      executablePath: chromium,
-      headless: true,
-      timeout: 0,
-      protocolTimeout: 0,
-      args: ['--no-sandbox', '--disable-dev-shm-usage', '--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader',
-        '--ignore-gpu-blocklist', '--disable-gpu-watchdog', '--force-device-scale-factor=1']
-    });
-  } catch (error) {
-    console.error(`no browser: ${error}`);
-    process.exit(77);
-  }
-}
-
-const browser = await launch();
-const server = http.createServer(answer).listen(0, '127.0.0.1');
+  return job ? path.resolve(jobs[job[1]].file) : undefined;
+});
 const found = [];
 try {
   for (const [index, job] of jobs.entries()) {

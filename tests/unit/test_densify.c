@@ -196,6 +196,37 @@ static int find(const pags_gaussians *g, float who, int64_t rows[4]) {
   return n;
 }
 
+/* With long_axis_split the children lie on the longest axis, with that sigma alone divided: together they have the
+ * parent's variance. */
+static void a_split_follows_the_longest_axis(void **unused) {
+  (void)unused;
+  fixture f;
+  pags_edits e;
+  int64_t rows[4];
+  pags_train_config config = plain_config();
+  config.density.long_axis_split = 1;
+  begin(&f, config);
+  pull(&f, 2, 3e-4f);
+  set_sigma(&f, 2, 0.2f);
+  assert_int_equal(pags_densify_decide(&f.state, &e), PAGS_OK);
+  assert_int_equal(e.kind[2], PAGS_EDIT_SPLIT);
+  assert_int_equal(pags_densify_apply(&f.state, &e, f.tasks), PAGS_OK);
+  const pags_gaussians *g = &f.state.gaussians;
+  assert_int_equal(find(g, 2.0f, rows), 2);
+  double moved = 0.0;
+  for (int k = 0; k < 2; k++) {
+    const double y = (double)pags_plane(g, PAGS_MEAN + 1)[rows[k]], sigma = 0.2 / 1.6;
+    assert_true(fabs((double)pags_plane(g, PAGS_SCALE + 1)[rows[k]] - log(sigma)) < 1e-6);
+    assert_true(pags_plane(g, PAGS_SCALE)[rows[k]] == logf(0.01f));
+    assert_true(pags_plane(g, PAGS_MEAN)[rows[k]] == 2.0f);
+    assert_true(fabs(y * y + sigma * sigma - 0.2 * 0.2) < 1e-6);
+    moved += y;
+  }
+  assert_true(fabs(moved) < 1e-6);
+  pags_edits_destroy(&e);
+  end(&f);
+}
+
 static void apply_moves_rows_moments_and_statistics_together(void **unused) {
   (void)unused;
   fixture f;
@@ -250,6 +281,7 @@ static void reset_lowers_opacity_and_forgets(void **unused) {
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(each_rule_decides),
+      cmocka_unit_test(a_split_follows_the_longest_axis),
       cmocka_unit_test(absgrad_has_its_own_threshold),
       cmocka_unit_test(growth_counts_what_is_critical_by_itself),
       cmocka_unit_test(the_bound_takes_the_strongest),
