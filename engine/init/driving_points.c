@@ -19,14 +19,13 @@
 #include "init/colorize.h"
 
 enum {
-  MOST_READ = 3000000,      /* background points read from the sweeps */
-  MOST_PAINTED = 600000,    /* background points that are coloured */
-  MOST_BACKGROUND = 200000, /* background points that are kept */
-  MOST_OBJECT = 20000,      /* points of each object (Street Gaussians) */
-  FEW_OBJECT = 2000,        /* with fewer, an object gets mirrored points, too (Street Gaussians) */
-  LEAST_OBJECT = 500,       /* with fewer still, a grid of points in its box, too */
-  FAR_POINTS = 40000,       /* random points where there is no LiDAR */
-  MATCHED_POINTS = 40000    /* points matched between photographs, without LiDAR and structure from motion */
+  MOST_READ = 3000000,   /* background points read from the sweeps */
+  MOST_PAINTED = 600000, /* background points that are coloured */
+  MOST_OBJECT = 20000,   /* points of each object (Street Gaussians) */
+  FEW_OBJECT = 2000,     /* with fewer, an object gets mirrored points, too (Street Gaussians) */
+  LEAST_OBJECT = 500,    /* with fewer still, a grid of points in its box, too */
+  FAR_POINTS = 40000,    /* random points where there is no LiDAR */
+  MATCHED_POINTS = 40000 /* points matched between photographs, without LiDAR and structure from motion */
 };
 
 static const double finest_voxel = 0.05, voxel_step = 1.25; /* smallest side, metres; factor of growth */
@@ -221,10 +220,10 @@ typedef struct work {
   int64_t eye_count;
 } work;
 
-/* Gathers, thins and colours the LiDAR points. Leaves the background's points that a photograph shows in w->points,
- * and puts those of the objects into `out`. */
-static pags_result make_lidar(const pags_dataset *dataset, int lidar, pags_tasks *tasks, work *w, double middle[3],
-                              double *largest, pags_driving_points *out) {
+/* Gathers, thins and colours the LiDAR points, of the background at most `most`. Leaves the background's points that a
+ * photograph shows in w->points, and puts those of the objects into `out`. */
+static pags_result make_lidar(const pags_dataset *dataset, int lidar, int most, pags_tasks *tasks, work *w,
+                              double middle[3], double *largest, pags_driving_points *out) {
   double radius = 0, side = finest_voxel;
   if (lidar)
     PAGS_TRY(pags_lidar_points_gather(dataset, tasks, MOST_READ, &w->points));
@@ -251,7 +250,7 @@ static pags_result make_lidar(const pags_dataset *dataset, int lidar, pags_tasks
   w->points.count = kept;
 
   PAGS_TRY(pags_lidar_points_remove_outliers(&w->points, tasks, w->eyes, w->eye_count));
-  PAGS_TRY(thin_background(&w->points, tasks, w->eyes, w->eye_count, MOST_BACKGROUND, &side));
+  PAGS_TRY(thin_background(&w->points, tasks, w->eyes, w->eye_count, most, &side));
   pags_log_message(PAGS_LOG_INFO, "%s: %lld points of the background from LiDAR in voxels of %.3f m and more",
                    pags_dataset_path(dataset), (long long)w->points.count, side);
   return PAGS_OK;
@@ -288,7 +287,7 @@ static pags_result make(const pags_dataset *dataset, const pags_train_config *co
       middle[k] += (double)w->eyes[3 * i + k] / (double)w->eye_count;
   }
 
-  PAGS_TRY(make_lidar(dataset, lidar, tasks, w, middle, &largest, out));
+  PAGS_TRY(make_lidar(dataset, lidar, config->start.lidar_points, tasks, w, middle, &largest, out));
   PAGS_TRY(find_extra(dataset, config, w->points.count, tasks, &w->extra));
 
   /* The background's points in order: LiDAR, other points, random far points. */

@@ -84,23 +84,28 @@ pags_result pags_adam_retime(pags_adam *adam, int64_t last_step) {
   int64_t steps = last_step + adam->reach + 2;
   double *correction = malloc((size_t)steps * sizeof(double));
   double *position = malloc((size_t)steps * sizeof(double));
-  if (!correction || !position) {
+  double *fall = malloc((size_t)steps * sizeof(double));
+  if (!correction || !position || !fall) {
     free(correction);
     free(position);
+    free(fall);
     return pags_out_of_memory("the rates of %lld steps", (long long)last_step);
   }
   free(adam->correction);
   free(adam->position_rate);
+  free(adam->fall);
   adam->correction = correction;
   adam->position_rate = position;
+  adam->fall = fall;
   adam->table_steps = steps;
 
-  /* Fill the tables of c_k and of the positions' rate. */
+  /* Fill the tables of c_k, of the positions' rate and of the fall of the others. */
   const pags_train_config *c = config_of(adam);
   for (int64_t k = 0; k < adam->table_steps; k++) {
     double rates[GROUPS];
     pags_schedule_rates(adam->schedule, k, rates);
     adam->position_rate[k] = rates[PAGS_RATE_POSITION];
+    adam->fall[k] = pags_schedule_fall(adam->schedule, k);
     adam->correction[k] =
         k == 0 ? 0.0
                : sqrt(-pags_expm1((double)k * pags_log(c->optimiser.beta2))) /
@@ -170,6 +175,7 @@ void pags_adam_destroy(pags_adam *adam) {
   free(adam->param_step);
   free(adam->correction);
   free(adam->position_rate);
+  free(adam->fall);
   free(adam->decay);
   *adam = (pags_adam){0};
 }
@@ -195,14 +201,14 @@ pags_result pags_adam_regroup(pags_adam *adam, int64_t count, int64_t step) {
 
 /* ---- Applying pending steps ---- */
 
-/* Computes the sums of rate c_(step+j) q^j over all j >= 1. The terms beyond the table of q^j are covered by a
- * relative 1e-8 on top. */
+/* Computes the sums of rate c_(step+j) q^j over all j >= 1, of positions and of what begins with a rate of 1. The terms
+ * beyond the table of q^j are covered by a relative 1e-8 on top. */
 static void reach_sums(const pags_adam *adam, int64_t step, double *position, double *unit) {
   double p = 0.0, u = 0.0;
   for (int j = adam->reach; j >= 1; j--) {
     int64_t k = table_index(adam, step + j);
     double w = adam->correction[k] * adam->decay[j];
-    u += w;
+    u += w * adam->fall[k];
     p += w * adam->position_rate[k];
   }
   *position = p * (1.0 + 1e-8);
@@ -214,27 +220,29 @@ void pags_adam_begin(pags_adam *adam, int64_t step) {
   reach_sums(adam, step, &adam->reach_position, &adam->reach_unit);
 }
 
-static void group_rates(const pags_adam *adam, double rates[GROUPS]) {
+/* The rates of pags_schedule_rates at entry k of the tables. */
+static void group_rates(const pags_adam *adam, int64_t k, double rates[GROUPS]) {
   const pags_train_config *c = config_of(adam);
-  rates[PAGS_RATE_POSITION] = 0.0; /* changes with the step: the caller takes it from adam->position_rate */
-  rates[PAGS_RATE_SCALE] = c->optimiser.scale_rate;
-  rates[PAGS_RATE_ROTATION] = c->optimiser.rotation_rate;
-  rates[PAGS_RATE_OPACITY] = c->optimiser.opacity_rate;
-  rates[PAGS_RATE_SH_DC] = c->optimiser.sh_dc_rate;
-  rates[PAGS_RATE_SH_REST] = c->optimiser.sh_rest_rate;
-  rates[PAGS_RATE_FOURIER] = c->optimiser.sh_dc_rate;
+  const double fall = adam->fall[k];
+  rates[PAGS_RATE_POSITION] = adam->position_rate[k];
+  rates[PAGS_RATE_SCALE] = fall * c->optimiser.scale_rate;
+  rates[PAGS_RATE_ROTATION] = fall * c->optimiser.rotation_rate;
+  rates[PAGS_RATE_OPACITY] = fall * c->optimiser.opacity_rate;
+  rates[PAGS_RATE_SH_DC] = fall * c->optimiser.sh_dc_rate;
+  rates[PAGS_RATE_SH_REST] = fall * c->optimiser.sh_rest_rate;
+  rates[PAGS_RATE_FOURIER] = fall * c->optimiser.sh_dc_rate;
 }
 
 /* Applies the pending steps k0 .. k0 + count - 1 to a cluster whose last gradient came at step `last`. */
 static void replay(const pags_adam *adam, pags_gaussians *g, int64_t cluster, int64_t last, int64_t k0, int count) {
   float weights[GROUPS][REPLAY_CHUNK];
   double rates[GROUPS];
-  group_rates(adam, rates);
   for (int i = 0; i < count; i++) {
     int64_t k = table_index(adam, k0 + i);
     double unit = adam->correction[k] * adam->decay[k0 + i - last];
+    group_rates(adam, k, rates);
     for (int group = 0; group < GROUPS; group++)
-      weights[group][i] = (float)(unit * (group == PAGS_RATE_POSITION ? adam->position_rate[k] : rates[group]));
+      weights[group][i] = (float)(unit * rates[group]);
   }
   const pags_kernels *kernels = adam->kernels;
   int64_t first;
@@ -332,8 +340,7 @@ int pags_adam_update(pags_adam *adam, pags_gaussians *g, pags_clusters *clusters
                       .blend2 = (float)(1.0 - c->optimiser.beta2),
                       .eps = epsilon_at(adam, step)};
   double rates[GROUPS];
-  group_rates(adam, rates);
-  rates[PAGS_RATE_POSITION] = adam->position_rate[k];
+  group_rates(adam, k, rates);
   for (int i = 0; i < column_count(g, planes); i++) {
     column at = column_at(adam, g, planes, i, first);
     s.rate = (float)(rates[at.group] * adam->correction[k]);

@@ -27,8 +27,9 @@ typedef struct pags_adam {
   int64_t cluster_count, cluster_capacity;
   int32_t *moment_step; /* per cluster: the step of its last gradient */
   int32_t *param_step;  /* per cluster: the last step applied to its parameters, >= moment_step */
-  int64_t table_steps;  /* entries of `correction` and `position_rate`, which are indexed by step k */
+  int64_t table_steps;  /* entries of `correction`, `position_rate` and `fall`, which are indexed by step k */
   double *correction;   /* c_k = sqrt(1 - beta2^k) / (1 - beta1^k) */
+  double *fall;         /* pags_schedule_fall */
   double *position_rate;
   int reach;     /* number of steps after a gradient until its momentum is negligible: q^reach < 1e-9 */
   double *decay; /* q^j, j = 0 .. reach, q = beta1 / sqrt(beta2) */

@@ -67,6 +67,13 @@ pags_schedule pags_schedule_make(const pags_train_config *config, double extent,
   return s;
 }
 
+double pags_schedule_fall(const pags_schedule *s, int64_t step) {
+  const double from = s->config.optimiser.rate_fall_from, t = (double)step / (double)s->length;
+  if (t <= from)
+    return 1;
+  return pags_exp((t < 1 ? (t - from) / (1 - from) : 1) * pags_log(s->config.optimiser.rate_fall));
+}
+
 void pags_schedule_rates(const pags_schedule *s, int64_t step, double rates[PAGS_RATE_GROUPS]) {
   const pags_train_config *c = &s->config;
   double t = (double)step / (double)s->length;
@@ -76,12 +83,13 @@ void pags_schedule_rates(const pags_schedule *s, int64_t step, double rates[PAGS
                         : pags_exp((1.0 - t) * pags_log(c->optimiser.position_rate_begin) +
                                    t * pags_log(c->optimiser.position_rate_end));
   rates[PAGS_RATE_POSITION] = position * s->extent;
-  rates[PAGS_RATE_SCALE] = c->optimiser.scale_rate;
-  rates[PAGS_RATE_ROTATION] = c->optimiser.rotation_rate;
-  rates[PAGS_RATE_OPACITY] = c->optimiser.opacity_rate;
-  rates[PAGS_RATE_SH_DC] = c->optimiser.sh_dc_rate;
-  rates[PAGS_RATE_SH_REST] = c->optimiser.sh_rest_rate;
-  rates[PAGS_RATE_FOURIER] = c->optimiser.sh_dc_rate;
+  const double fall = pags_schedule_fall(s, step);
+  rates[PAGS_RATE_SCALE] = fall * c->optimiser.scale_rate;
+  rates[PAGS_RATE_ROTATION] = fall * c->optimiser.rotation_rate;
+  rates[PAGS_RATE_OPACITY] = fall * c->optimiser.opacity_rate;
+  rates[PAGS_RATE_SH_DC] = fall * c->optimiser.sh_dc_rate;
+  rates[PAGS_RATE_SH_REST] = fall * c->optimiser.sh_rest_rate;
+  rates[PAGS_RATE_FOURIER] = fall * c->optimiser.sh_dc_rate;
 }
 
 int pags_schedule_sh_degree(const pags_schedule *s, int64_t step) {

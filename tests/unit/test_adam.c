@@ -38,6 +38,8 @@ static pags_train_config test_config(void) {
   config.schedule.preset = PAGS_PRESET_PLAIN;
   config.schedule.iterations = STEPS;
   config.optimiser.position_rate_begin = 1e-2;
+  config.optimiser.rate_fall = 0.3; /* within the steps of this test */
+  config.optimiser.rate_fall_from = 0.2;
   return config;
 }
 

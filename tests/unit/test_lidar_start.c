@@ -12,17 +12,26 @@
 #include <string.h>
 
 #include "init/driving_points.h"
+#include "train/config.h"
 #include "unit/driving_stub.h"
 
-static pags_driving_points make(int lidar, int threads) {
+/* Makes the points from at most `most` LiDAR points of the background; 0: as many as by default. */
+static pags_driving_points make_of(int lidar, int most, int threads) {
   pags_dataset *d = stub_open();
   pags_tasks *tasks = pags_tasks_create(threads);
   pags_train_config config = pags_train_config_default();
+  config = pags_config_resolve(&config, true);
+  if (most > 0)
+    config.start.lidar_points = most;
   pags_driving_points start;
   assert_int_equal(pags_driving_points_create(d, &config, lidar, tasks, &start), PAGS_OK);
   pags_tasks_destroy(tasks);
   stub_close(d);
   return start;
+}
+
+static pags_driving_points make(int lidar, int threads) {
+  return make_of(lidar, 0, threads);
 }
 
 static int is_colour(const uint8_t *rgb, const uint8_t *wanted) {
@@ -57,6 +66,19 @@ static void background_lies_on_its_surfaces(void **state) {
   assert_true((double)miscoloured < 0.04 * (double)start.lidar_points);
   assert_true(parked > 50);
   pags_driving_points_destroy(&start);
+}
+
+static void fewer_lidar_points_are_means_of_larger_voxels(void **state) {
+  (void)state;
+  pags_driving_points all = make(1, 2), few = make_of(1, 1000, 2);
+  int64_t off = 0;
+  assert_true(all.lidar_points > 3000);
+  assert_true(few.lidar_points > 500 && few.lidar_points <= 1000);
+  for (int64_t i = 0; i < few.lidar_points; i++)
+    off += surface(few.background.xyz + 3 * i) == NULL;
+  assert_true((double)off < 0.05 * (double)few.lidar_points);
+  pags_driving_points_destroy(&all);
+  pags_driving_points_destroy(&few);
 }
 
 static void moving_things_have_their_own_points(void **state) {
@@ -160,6 +182,7 @@ static void threads_change_nothing(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(background_lies_on_its_surfaces),
+      cmocka_unit_test(fewer_lidar_points_are_means_of_larger_voxels),
       cmocka_unit_test(moving_things_have_their_own_points),
       cmocka_unit_test(unmeasured_things_are_filled_if_seen),
       cmocka_unit_test(far_points_continue_the_wall),

@@ -32,6 +32,23 @@ static void rates_are_those_of_3dgs(void **unused) {
   assert_true(fabs(r[PAGS_RATE_SH_REST] - 1.25e-4) < 1e-12);
 }
 
+static void rates_fall_in_the_last_third(void **unused) {
+  (void)unused;
+  pags_train_config config = pags_train_config_default();
+  pags_schedule s = pags_schedule_make(&config, 3.0, 10);
+  static const struct {
+    int64_t step;
+    double share;
+  } expected[] = {{0, 1}, {21000, 1}, {25500, 0.316227766}, {30000, 0.1}, {90000, 0.1}};
+  double begin[PAGS_RATE_GROUPS], now[PAGS_RATE_GROUPS];
+  pags_schedule_rates(&s, 0, begin);
+  for (size_t i = 0; i < sizeof expected / sizeof *expected; i++) {
+    pags_schedule_rates(&s, expected[i].step, now);
+    for (int group = PAGS_RATE_POSITION + 1; group < PAGS_RATE_GROUPS; group++)
+      assert_true(fabs(now[group] / begin[group] - expected[i].share) < 1e-8);
+  }
+}
+
 static void events_of_30000_steps(void **unused) {
   (void)unused;
   pags_train_config config = pags_train_config_default();
@@ -235,10 +252,15 @@ static void a_configuration_of_old_is_read(void **unused) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(rates_are_those_of_3dgs),          cmocka_unit_test(events_of_30000_steps),
-      cmocka_unit_test(short_runs_keep_whole_passes),     cmocka_unit_test(resolution_rises_and_small_photographs_stay),
-      cmocka_unit_test(every_pass_shows_every_view_once), cmocka_unit_test(configuration_survives_text),
-      cmocka_unit_test(configuration_is_checked),         cmocka_unit_test(every_field_is_described),
+      cmocka_unit_test(rates_are_those_of_3dgs),
+      cmocka_unit_test(rates_fall_in_the_last_third),
+      cmocka_unit_test(events_of_30000_steps),
+      cmocka_unit_test(short_runs_keep_whole_passes),
+      cmocka_unit_test(resolution_rises_and_small_photographs_stay),
+      cmocka_unit_test(every_pass_shows_every_view_once),
+      cmocka_unit_test(configuration_survives_text),
+      cmocka_unit_test(configuration_is_checked),
+      cmocka_unit_test(every_field_is_described),
       cmocka_unit_test(a_configuration_of_old_is_read),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);

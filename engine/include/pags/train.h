@@ -97,6 +97,8 @@ typedef struct pags_train_optimiser {
   double opacity_rate;        /* per step, of the logit of opacity */
   double sh_dc_rate;          /* per step, of the constant SH term */
   double sh_rest_rate;        /* per step, of the higher SH terms */
+  double rate_fall;           /* share of themselves to which the last five fall; log-linear */
+  double rate_fall_from;      /* they fall from this share of the schedule on, to its end */
   double beta1, beta2;        /* decay per step of the first and the second moment: the fraction that is kept */
   double epsilon;             /* added to the square root of the second moment */
 } pags_train_optimiser;
@@ -118,6 +120,7 @@ typedef struct pags_train_start {
   double init_scale;     /* their sigma, times the root mean square distance to the 3 nearest points */
   double init_scale_max; /* upper bound of that sigma, fraction of extent */
   int lidar_start;       /* 1: driving sets start from LiDAR points */
+  int lidar_points;      /* LiDAR points of the background to start from, at most, merged by voxels; objects' apart */
   double extent_most;    /* metres: upper bound of the extent of a driving set's background */
 } pags_train_start;
 
