@@ -44,7 +44,8 @@ SWITCHES = {"no-objects": "--no-objects", "no-tracks": "--no-tracks", "no-fourie
             "no-alpha-min": "--set alpha_min=0", "no-scale-reset": "--set scale_reset=1", "no-prunes": "--set prunes=0",
             "no-rates": "--set position_rate_begin=0.00016 --set position_rate_end=1.6e-6 --set scale_rate=0.005 --set sh_dc_rate=0.0025 "
                         "--set sh_rest_rate=0.000125",
-            "no-rate-fall": "--set rate_fall=1", "no-long-axis": "--set long_axis_split=0", "no-critical-weight": "--critical-weight 1"}
+            "no-rate-fall": "--set rate_fall=1", "no-ssim": "--set ssim_weight=0.2", "no-few-points": "--set lidar_points=200000",
+            "no-slow-growth": "--set densify_gradient=0.0002 --set densify_apart=1", "no-long-axis": "--set long_axis_split=0", "no-critical-weight": "--critical-weight 1"}
 # Options that apply to every row. They are passed to pags train; True: to pags eval, too, since the scene doesn't
 # record them.
 PASSED = {"downscale": False, "split-every": False, "cameras": False, "frames": False, "holdout-camera": False, "max-gaussians": False,

@@ -3,8 +3,8 @@
  *
  * Steps that the configuration gives "of 30 000" become round(step * length / 30 000). Two intervals have a lower
  * limit: densify waits for at least one pass over the training views, without which its statistics, means over the
- * views in which a Gaussian was seen, are incomplete; a reset waits for at least three passes, about what opacities
- * take to recover from the last one. */
+ * views in which a Gaussian was seen, are incomplete, and for densify_apart steps or a 40th of the run, whichever is
+ * less; a reset waits for at least three passes, about what opacities take to recover from the last one. */
 #include "train/schedule.h"
 
 #include <math.h>
@@ -43,13 +43,18 @@ static void set_prunes(pags_schedule *s) {
   }
 }
 
+static int64_t least_between_densify(const pags_schedule *s) {
+  const int64_t apart = s->config.density.densify_apart, share = s->length / 40;
+  return at_least(at_least(s->views, 1), apart < share ? apart : share);
+}
+
 pags_schedule pags_schedule_make(const pags_train_config *config, double extent, int64_t views) {
   pags_schedule s = {.config = pags_config_resolve(config, false), .extent = extent, .views = views};
   s.length =
       config->schedule.schedule_iterations > 0 ? config->schedule.schedule_iterations : config->schedule.iterations;
   s.densify_from = scaled(config->density.densify_from, s.length);
   s.densify_until = scaled(s.config.density.densify_until, s.length);
-  s.densify_every = at_least(scaled(config->density.densify_every, s.length), at_least(views, 1));
+  s.densify_every = at_least(scaled(config->density.densify_every, s.length), least_between_densify(&s));
   int64_t reset = at_least(scaled(config->density.reset_every, s.length), at_least(3 * views, 1));
   s.reset_every = (reset + s.densify_every - 1) / s.densify_every * s.densify_every;
   s.scale_reset_from = scaled(config->density.scale_reset_from, s.length);

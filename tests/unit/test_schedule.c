@@ -32,6 +32,18 @@ static void rates_are_those_of_3dgs(void **unused) {
   assert_true(fabs(r[PAGS_RATE_SH_REST] - 1.25e-4) < 1e-12);
 }
 
+static void densify_steps_keep_apart(void **unused) {
+  (void)unused;
+  static const struct {
+    int64_t iterations, views, every;
+  } expected[] = {{4000, 10, 100}, {7000, 43, 125}, {7000, 180, 180}, {400, 5, 10}, {400, 43, 43}, {60000, 10, 200}};
+  for (size_t i = 0; i < sizeof expected / sizeof *expected; i++) {
+    pags_train_config config = pags_train_config_default();
+    config.schedule.iterations = expected[i].iterations;
+    assert_int_equal(pags_schedule_make(&config, 1.0, expected[i].views).densify_every, expected[i].every);
+  }
+}
+
 static void rates_fall_in_the_last_third(void **unused) {
   (void)unused;
   pags_train_config config = pags_train_config_default();
@@ -252,15 +264,11 @@ static void a_configuration_of_old_is_read(void **unused) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(rates_are_those_of_3dgs),
-      cmocka_unit_test(rates_fall_in_the_last_third),
-      cmocka_unit_test(events_of_30000_steps),
-      cmocka_unit_test(short_runs_keep_whole_passes),
-      cmocka_unit_test(resolution_rises_and_small_photographs_stay),
-      cmocka_unit_test(every_pass_shows_every_view_once),
-      cmocka_unit_test(configuration_survives_text),
-      cmocka_unit_test(configuration_is_checked),
-      cmocka_unit_test(every_field_is_described),
+      cmocka_unit_test(rates_are_those_of_3dgs),          cmocka_unit_test(rates_fall_in_the_last_third),
+      cmocka_unit_test(densify_steps_keep_apart),         cmocka_unit_test(events_of_30000_steps),
+      cmocka_unit_test(short_runs_keep_whole_passes),     cmocka_unit_test(resolution_rises_and_small_photographs_stay),
+      cmocka_unit_test(every_pass_shows_every_view_once), cmocka_unit_test(configuration_survives_text),
+      cmocka_unit_test(configuration_is_checked),         cmocka_unit_test(every_field_is_described),
       cmocka_unit_test(a_configuration_of_old_is_read),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);

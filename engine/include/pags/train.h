@@ -136,6 +136,7 @@ typedef struct pags_train_density {
   int64_t densify_from;    /* steps of 30 000: densify only after this step */
   int64_t densify_until;   /* steps of 30 000: densify only before this */
   int64_t densify_every;   /* steps of 30 000 between densify steps, but at least one pass over the training views */
+  int64_t densify_apart;   /* and at least so many steps, or a 40th of the schedule if that is less */
   double densify_gradient; /* NDC: a Gaussian with a larger mean screen-space gradient is cloned or split */
   int absgrad;             /* 1: use the mean of absolute per-pixel gradients instead (Ye et al. 2024) */
   double absgrad_gradient; /* NDC: the threshold with absgrad */
