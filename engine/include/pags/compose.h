@@ -114,6 +114,13 @@ PAGS_API int64_t pags_composition_part_object(const pags_composition *compositio
  * pags_composition_gaussian_count entries. */
 PAGS_API void pags_composition_objects(const pags_composition *composition, int32_t *object_of);
 
+/* Copies all Gaussians in the order of their ids: row i of `out` has the values that were loaded for id i, those of
+ * packed ones unpacked. Means of objects that follow a track are in the object's frame, all others relative to the
+ * scene's origin. `out` is overwritten, belongs to the caller and gets the highest SH degree of all Gaussians (missing
+ * terms are 0), and s_sem, object_id and Fourier planes if any of them have these. Composes: earlier parts of
+ * pags_compose_placed become invalid. PAGS_ERROR_MEMORY; then `out` is empty. */
+PAGS_API pags_result pags_composition_gaussians(pags_composition *composition, pags_gaussians *out);
+
 /* Writes the semantic priority of each Gaussian, 0..1, to priority_of[id]: s_sem where it is known, otherwise 1
  * for Gaussians of critical objects and 0 for others. Returns 0, with all priorities 0, if the scene has neither
  * s_sem nor objects; otherwise 1. `priority_of` has room for pags_composition_gaussian_count entries. */

@@ -249,6 +249,16 @@ typedef void pags_receive_fn(void *user, const pags_cluster_gradient *gradient, 
 PAGS_API pags_result pags_frame_backward(pags_frame *frame, const pags_picture_gradient *gradient,
                                          pags_receive_fn *receive, void *user, int64_t *bad_rows);
 
+/* As pags_frame_backward, but writes the gradients of all Gaussians to one array in the order of their ids, for callers
+ * that update them elsewhere: plane p of row i of `out` is dL/d(plane p) of the Gaussian with id i, with respect to the
+ * parameters as pags/gaussians.h has them (ln sigma, the logit of the opacity, the quaternion as stored, means in their
+ * part's frame); 0 for those that were not drawn. `count` is larger than all ids (pags_composition_gaussian_count).
+ * `out` is overwritten, gets the highest SH degree of the parts and belongs to the caller; it is the same bits for any
+ * number of threads. A part's own colour `dc` is what the constant term's gradient is by. Also PAGS_ERROR_ARGUMENT if
+ * two parts are of the same Gaussians; on failure `out` is empty. */
+PAGS_API pags_result pags_frame_gradients(pags_frame *frame, const pags_picture_gradient *gradient, int64_t count,
+                                          pags_gaussians *out, int64_t *bad_rows);
+
 /* ---- Scores ---- */
 
 /* How much each Gaussian of one cluster contributes to a picture; 0 for members that were not drawn. The arrays

@@ -1,0 +1,148 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The Gaussians of a composition, and the gradients of a picture by them, in the order of their ids: undoes the order
+ * in which compose.c keeps them, for callers who know a Gaussian by its number in the scene's files. */
+#include <pags/compose.h>
+
+#include <math.h>
+#include <string.h>
+
+#include "base/memory.h"
+#include "frame/stages.h"
+
+static int32_t id_of(const pags_part *part, int64_t row) {
+  return part->id ? part->id[row] : part->first_id + (int32_t)row;
+}
+
+static int64_t cluster_rows(const pags_part *part, int64_t cluster) {
+  const int64_t rest = part->gaussians->count - cluster * part->clusters->size;
+  return rest < part->clusters->size ? rest : part->clusters->size;
+}
+
+/* ---- Gaussians ---- */
+
+/* What belongs to an object (-1: to none), where the object's frame is the world: one part for each of its groups. */
+static pags_result parts_of(pags_composition *composition, int64_t object, const pags_part **parts, int *count) {
+  const pags_placement placement = {.object = object, .world_from_object = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+  return pags_compose_placed(composition, (double)NAN, &placement, 1, parts, count);
+}
+
+/* What all parts together need: the highest SH degree, and what any of them has besides. */
+typedef struct shape {
+  int sh_degree;
+  bool any, s_sem, object_id, fourier;
+  float alpha_min; /* that of all parts; 0 if they differ */
+} shape;
+
+static void widen(shape *s, const pags_part *part) {
+  const pags_gaussians *g = part->gaussians;
+  s->sh_degree = g->sh_degree > s->sh_degree ? g->sh_degree : s->sh_degree;
+  s->s_sem |= g->s_sem || (part->packed && part->packed->has_s_sem);
+  s->object_id |= g->object_id != NULL;
+  s->fourier |= g->fourier != NULL;
+  s->alpha_min = !s->any || s->alpha_min == g->alpha_min ? g->alpha_min : 0;
+  s->any = true;
+}
+
+static void copy_part(const pags_part *part, pags_gaussians *out) {
+  const pags_gaussians *g = part->gaussians;
+  row_scratch geometry, colours;
+  for (int64_t c = 0; c < part->clusters->count; c++) {
+    const view_cluster cluster = {.cluster = c, .first = c * part->clusters->size};
+    int64_t geometry_stride, colour_stride;
+    const float *const places = pags_frame_geometry(part, &cluster, &geometry, &geometry_stride);
+    const float *const shades = pags_frame_colours(part, &cluster, g->sh_degree, &colours, &colour_stride);
+    for (int64_t i = 0; i < cluster_rows(part, c); i++) {
+      const int64_t row = cluster.first + i, id = id_of(part, row);
+      for (int p = 0; p < PAGS_SH; p++)
+        pags_plane(out, p)[id] = places[p * geometry_stride + i];
+      for (int p = PAGS_SH; p < pags_plane_count(g->sh_degree); p++)
+        pags_plane(out, p)[id] = shades[p * colour_stride + i];
+      if (out->s_sem)
+        out->s_sem[id] = g->s_sem ? g->s_sem[row] : part->packed ? pags_packed_s_sem(part->packed, row) : part->s_sem;
+      for (int p = 0; g->fourier && p < PAGS_FOURIER_PLANES; p++)
+        out->fourier[p * out->stride + id] = g->fourier[p * g->stride + row];
+    }
+  }
+}
+
+static pags_result create_like(const pags_composition *composition, const shape *s, pags_gaussians *out) {
+  PAGS_TRY(pags_gaussians_create(out, pags_composition_gaussian_count(composition), s->sh_degree));
+  out->alpha_min = s->alpha_min;
+  if (s->s_sem)
+    PAGS_TRY(pags_gaussians_add_s_sem(out));
+  if (s->fourier)
+    PAGS_TRY(pags_gaussians_add_fourier(out));
+  if (s->object_id)
+    PAGS_TRY(pags_gaussians_add_object_id(out));
+  if (out->object_id)
+    pags_composition_objects(composition, out->object_id);
+  return PAGS_OK;
+}
+
+pags_result pags_composition_gaussians(pags_composition *composition, pags_gaussians *out) {
+  const int64_t objects = pags_composition_scene(composition)->object_count;
+  shape s = {0};
+  pags_result result = PAGS_OK;
+  *out = (pags_gaussians){0};
+  for (int pass = 0; pass < 2 && result == PAGS_OK; pass++) {
+    for (int64_t object = -1; object < objects && result == PAGS_OK; object++) {
+      const pags_part *parts;
+      int count;
+      result = parts_of(composition, object, &parts, &count);
+      for (int p = 0; p < count && result == PAGS_OK; p++) {
+        if (pass == 0)
+          widen(&s, &parts[p]);
+        else
+          copy_part(&parts[p], out);
+      }
+    }
+    if (pass == 0 && result == PAGS_OK)
+      result = create_like(composition, &s, out);
+  }
+  if (result != PAGS_OK)
+    pags_gaussians_destroy(out);
+  return result;
+}
+
+/* ---- Gradients ---- */
+
+typedef struct receiver {
+  const pags_part *parts;
+  pags_gaussians *out;
+} receiver;
+
+/* Clusters share no rows, so that several threads may write at once. */
+static void receive(void *user, const pags_cluster_gradient *g, int worker) {
+  const receiver *r = user;
+  (void)worker;
+  for (int i = 0; i < g->count; i++) {
+    const int64_t id = id_of(&r->parts[g->part], g->first + i);
+    for (int p = 0; p < g->planes; p++)
+      pags_plane(r->out, p)[id] = g->data[(int64_t)p * g->stride + i];
+  }
+}
+
+/* Two parts with the same Gaussians would write their gradients to the same rows. */
+static pags_result check_parts(const pags_frame *frame) {
+  for (int a = 0; a < frame->part_count; a++)
+    for (int b = 0; b < a; b++)
+      if (frame->parts[a].clusters == frame->parts[b].clusters)
+        return pags_fail(PAGS_ERROR_ARGUMENT,
+                         "gradients: the same Gaussians were drawn twice: expected each part once");
+  return PAGS_OK;
+}
+
+pags_result pags_frame_gradients(pags_frame *frame, const pags_picture_gradient *gradient, int64_t count,
+                                 pags_gaussians *out, int64_t *bad_rows) {
+  int degree = 0;
+  for (int p = 0; p < frame->part_count; p++)
+    degree = frame->parts[p].gaussians->sh_degree > degree ? frame->parts[p].gaussians->sh_degree : degree;
+  *out = (pags_gaussians){0};
+  PAGS_TRY(check_parts(frame));
+  PAGS_TRY(pags_gaussians_create(out, count, degree));
+  receiver r = {.parts = frame->parts, .out = out};
+  const pags_result result = pags_frame_backward(frame, gradient, receive, &r, bad_rows);
+  if (result != PAGS_OK)
+    pags_gaussians_destroy(out);
+  return result;
+}
