@@ -3,6 +3,7 @@
 #include "blender_addon/native/native.h"
 
 #include <stdlib.h>
+#include <string.h>
 
 enum { MAX_DIMENSIONS = 3 };
 
@@ -94,9 +95,23 @@ static Py_ssize_t buffer_length(PyObject *object) {
   return ((native_buffer *)object)->shape[0];
 }
 
+static PyObject *buffer_repr(PyObject *object) {
+  native_buffer *self = (native_buffer *)object;
+  const char *kind = self->format[0] == 'd'   ? "float64"
+                     : self->format[0] == 'i' ? "int32"
+                     : self->format[0] == 'B' ? "uint8"
+                     : self->format[0] == 'q' ? "int64"
+                                              : "float32";
+  char shape[96] = "";
+  for (int d = 0; d < self->dimensions; d++)
+    PyOS_snprintf(shape + strlen(shape), sizeof shape - strlen(shape), "[%lld]", (long long)self->shape[d]);
+  return PyUnicode_FromFormat("<pags.Buffer %s of %s>", shape, kind);
+}
+
 static PyGetSetDef buffer_getset[] = {{"shape", buffer_shape, NULL, "sizes, the last varying fastest", NULL}, {0}};
 static PyType_Slot buffer_slots[] = {
     {Py_tp_dealloc, buffer_dealloc},
+    {Py_tp_repr, buffer_repr},
     {Py_bf_getbuffer, buffer_get},
     {Py_tp_getset, buffer_getset},
     {Py_sq_length, buffer_length},

@@ -116,14 +116,24 @@ static PyObject *job_take(PyObject *object, PyObject *unused) {
   return native_job_take(native_state_of(object), (native_job *)object);
 }
 
+static PyObject *job_repr(PyObject *object) {
+  native_job *job = (native_job *)object;
+  return PyUnicode_FromFormat("<pags.Job %d x %d, %s>", job->layout.width, job->layout.height,
+                              job->taken         ? "taken"
+                              : wait_for(job, 0) ? "done"
+                                                 : "waiting or drawing");
+}
+
 static PyMethodDef job_methods[] = {
-    {"done", job_done, METH_NOARGS, "done() -> whether take() would return at once"},
-    {"wait", job_wait, METH_VARARGS, "wait(seconds=forever) -> whether it is done"},
+    {"done", job_done, METH_NOARGS, "done($self, /)\n--\n\nWhether take() would return at once."},
+    {"wait", job_wait, METH_VARARGS,
+     "wait($self, seconds=-1, /)\n--\n\nWaits at most so long, if negative until it is done; returns whether it is."},
     {"take", job_take, METH_NOARGS,
-     "take() -> Picture\n\nWaits; raises Cancelled, or Error with the engine's message."},
-    {"cancel", job_cancel, METH_NOARGS, "Asks it to stop soon; doesn't wait."},
+     "take($self, /)\n--\n\nWaits; returns the Picture, or raises Cancelled, or Error with the engine's message."},
+    {"cancel", job_cancel, METH_NOARGS, "cancel($self, /)\n--\n\nAsks it to stop soon; doesn't wait."},
     {0}};
 static PyType_Slot job_slots[] = {{Py_tp_dealloc, job_dealloc},
+                                  {Py_tp_repr, job_repr},
                                   {Py_tp_methods, job_methods},
                                   {Py_tp_doc, "A picture on its way. Dropping it cancels it."},
                                   {0, NULL}};

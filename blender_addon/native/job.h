@@ -53,6 +53,10 @@ typedef struct native_job_arguments {
 #define JOB_ARGUMENT_NAMES                                                                                           \
   "outputs", "placements", "window", "object_values", "background", "exposure", "mode", "early_z", "linear", "flip", \
       "transparent", "antialiased", "sh_degree", "exp_degree", "cut", "near_plane", "depth_empty", "depth_scale"
+#define JOB_ARGUMENT_SIGNATURE                                                                                   \
+  "outputs=None, placements=None, window=None, object_values=None, background=None, exposure=None, mode='rgb', " \
+  "early_z='lossless', linear=False, flip=False, transparent=False, antialiased=-1, sh_degree=3, exp_degree=5, " \
+  "cut=0, near_plane=0, depth_empty=0, depth_scale=1"
 #define JOB_ARGUMENT_FORMAT "OOOOOOsspppiiidddd"
 #define JOB_ARGUMENT_TARGETS(w)                                                                                  \
   &(w).outputs, &(w).placements, &(w).window, &(w).object_values, &(w).background, &(w).exposure, &(w).mode,     \
@@ -60,6 +64,8 @@ typedef struct native_job_arguments {
       &(w).cut, &(w).near_plane, &(w).depth_empty, &(w).depth_scale
 
 native_job_arguments native_default_job_arguments(void);
+/* Whether so many threads can be asked for; else raises. */
+bool native_check_threads(int threads);
 /* A new job with these arguments, not yet queued. On failure raises and returns NULL. */
 PyObject *native_job_new(const native_state *state, PyObject *scene, PyObject *camera, const native_job_arguments *w);
 void native_job_enqueue(native_renderer *renderer, native_job *job);

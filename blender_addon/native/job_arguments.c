@@ -10,11 +10,12 @@ enum { MOST_CUT = 1000 }; /* pixels; culls nearly everything already */
 /* ---- Single arguments ---- */
 
 static unsigned output_named(const char *name) {
-  static const char *const names[OUTPUT_KINDS] = {"rgba", "depth", "object", "id", "priority", "heat"};
+  static const char *const names[OUTPUT_KINDS] = {"rgba", "depth", "object", "id", "priority", "heat", "rgb8"};
   for (unsigned i = 0; i < OUTPUT_KINDS; i++)
     if (!strcmp(name, names[i]))
       return 1u << i;
-  PyErr_Format(PyExc_ValueError, "outputs: expected rgba, depth, object, id, priority or heat, found \"%s\"", name);
+  PyErr_Format(PyExc_ValueError, "outputs: expected rgba, rgb8, depth, object, id, priority or heat, found \"%s\"",
+               name);
   return 0;
 }
 
@@ -61,7 +62,7 @@ static bool read_placements(PyObject *value, native_job *job) {
     if (pose) {
       job->placements[i].object = PyLong_AsLongLong(object);
       if (!PyErr_Occurred())
-        native_read_numbers(pose, "placements: world_from_object", 12, job->placements[i].world_from_object);
+        native_read_pose(pose, "placements: world_from_object", job->placements[i].world_from_object);
     }
     Py_XDECREF(pose);
     Py_XDECREF(object);

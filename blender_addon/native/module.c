@@ -1,8 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The Python module `pags`: its functions, types and exceptions, for the add-on and for plain Python. */
-#include "blender_addon/native/native.h"
-
-#include <pags/tasks.h>
+#include "blender_addon/native/job.h"
 
 static struct PyModuleDef module_definition;
 
@@ -66,7 +64,7 @@ static int module_exec(PyObject *module) {
   state->picture = add_type(module, &native_picture_spec, "Picture");
   if (!state->cancelled || !state->buffer || !state->scene || !state->renderer || !state->job || !state->picture)
     return -1;
-  return PyModule_AddStringConstant(module, "version", PAGS_VERSION_STRING);
+  return PyModule_AddStringConstant(module, "__version__", PAGS_VERSION_STRING);
 }
 
 static int module_traverse(PyObject *module, visitproc visit, void *arg) {
@@ -95,16 +93,33 @@ static int module_clear(PyObject *module) {
 
 static PyMethodDef methods[] = {
     {"load", native_scene_load, METH_VARARGS,
-     "load(path) -> Scene\n\nA scene folder, or a splat file (.ply, .spz, .splat, .pagsz)."},
+     "load($module, path, /)\n--\n\nThe Scene of a scene folder or a splat file (.ply, .spz, .sog, .splat, .glb, "
+     ".pagsz)."},
+    {"camera", (PyCFunction)(void (*)(void))native_camera, METH_VARARGS | METH_KEYWORDS,
+     "camera($module, /, width, height, K, world_from_camera=None, *, camera_from_world=None, axes='opencv', "
+     "time=None)\n"
+     "--\n\nThe dictionary of a camera, of matrices: K is 3 x 3 (pixels; corners at 0 and width), and one of "
+     "world_from_camera and its\ninverse camera_from_world (gsplat's viewmat) is 3 x 4 or 4 x 4. axes: opencv (x "
+     "right, y "
+     "down, z forward) or opengl (y up,\nz back, as NeRF and Blender have them)."},
     {"render", (PyCFunction)(void (*)(void))native_render, METH_VARARGS | METH_KEYWORDS,
-     "render(scene, camera, threads=0, **as for Renderer.submit) -> Picture\n\nDraws once and waits."},
+     "render($module, /, scene, camera, *, threads=0, " JOB_ARGUMENT_SIGNATURE
+     ")\n--\n\nDraws and waits: the Picture of a camera, or of a list of cameras the list of Pictures. Arguments as of "
+     "Renderer.submit."},
+    {"gradients", (PyCFunction)(void (*)(void))native_gradients, METH_VARARGS | METH_KEYWORDS,
+     "gradients($module, /, scene, camera, rgb, *, depth=None, threads=0, placements=None, background=None, "
+     "transparent=False, antialiased=-1, sh_degree=3, near_plane=0)\n--\n\n"
+     "The gradients of a loss by all parameters, as Buffers in a dictionary like Scene.arrays(), from its gradients by "
+     "the picture\nthat render() draws with the same arguments: rgb [height][width][3], or [4] with that by alpha, and "
+     "depth [height][width]."},
     {"pick", (PyCFunction)(void (*)(void))native_pick, METH_VARARGS | METH_KEYWORDS,
-     "pick(scene, camera, x, y, placements=None) -> dict or None\n\nWhat is met through pixel (x, y), row 0 at the "
-     "top: id of the "
+     "pick($module, /, scene, camera, x, y, *, placements=None)\n--\n\nWhat is met through pixel (x, y), row 0 at the "
+     "top, as a dictionary or None: id of the "
      "Gaussian behind which\nless than half of the ray is left, object (number or None), priority, depth (metres along "
      "the camera's "
      "axis),\npoint (world, metres). placements: as for Renderer.submit."},
-    {"available_threads", available_threads, METH_NOARGS, "Processors that this process may use."},
+    {"available_threads", available_threads, METH_NOARGS,
+     "available_threads($module, /)\n--\n\nProcessors that this process may use."},
     {0}};
 
 static PyModuleDef_Slot slots[] = {{Py_mod_exec, module_exec}, {0, NULL}};
@@ -113,9 +128,11 @@ static struct PyModuleDef module_definition = {
     .m_name = "pags",
     .m_doc =
         "Priority-Adaptive Gaussian Splatting on CPUs.\n\n"
-        "Cameras are dictionaries: width, height, fx, fy, cx, cy (pixels; corners at 0 and width), world_from_camera "
+        "Cameras are dictionaries (camera() makes one of matrices): width, height, fx, fy, cx, cy (pixels; corners at "
+        "0 and width), world_from_camera "
         "(12 "
-        "numbers,\n3 x 4 row by row; x right, y down, z forward; metres) and time (seconds; may be left out).",
+        "numbers\nrow by row, or a matrix of 3 x 4 or 4 x 4; x right, y down, z forward; metres) and time (seconds; "
+        "may be left out).",
     .m_size = sizeof(native_state),
     .m_methods = methods,
     .m_slots = slots,

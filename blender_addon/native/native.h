@@ -43,22 +43,40 @@ typedef struct native_scene {
   PyObject_HEAD pags_composition *composition;
   pthread_mutex_t lock; /* guards the composition and the tables below */
   bool has_lock;
+  float alpha_min;    /* of the Gaussians drawn first, the background's */
   int32_t *object_of; /* these tables by Gaussian id are filled at first use */
   float *priority_of;
   float *size_of; /* largest sigma, metres */
 } native_scene;
 
 extern PyType_Spec native_scene_spec;
+PyObject *native_scene_new(PyTypeObject *type, PyObject *arguments, PyObject *keywords); /* of arrays */
+PyObject *native_scene_arrays(PyObject *self, PyObject *unused);
+PyObject *native_scene_normals(PyObject *self, PyObject *unused);
+PyObject *native_scene_object_of(PyObject *self, void *closure);
+PyObject *native_scene_save(PyObject *self, PyObject *arguments);
+native_scene *native_scene_create(PyTypeObject *type); /* without a composition yet */
+/* A dictionary of Buffers with the planes of Gaussians, or of gradients by them, as pags.Scene takes them. */
+PyObject *native_arrays_dict(const native_state *state, const pags_gaussians *gaussians);
 PyObject *native_scene_load(PyObject *module, PyObject *arguments);
 /* Each fills its table. Call with the scene's lock held, from any thread. */
 pags_result native_scene_need_objects(native_scene *scene);
 pags_result native_scene_need_priorities(native_scene *scene);
 pags_result native_scene_need_sizes(native_scene *scene);
 
-/* ---- Values from Python; each raises and returns false ---- */
+/* ---- Values from Python; each raises and returns false, NULL or -1 ---- */
+
+enum { NATIVE_DIMENSIONS = 3 }; /* most of an array */
 
 bool native_read_camera(PyObject *value, pags_camera *out);
 bool native_read_numbers(PyObject *value, const char *what, Py_ssize_t count, double *out);
+/* A rigid pose: 12 numbers, a matrix of 3 x 4, or one of 4 x 4 whose last row is 0 0 0 1. Not checked further. */
+bool native_read_pose(PyObject *value, const char *what, double out[12]);
+/* Reads an array of numbers from a buffer or nested sequences into a new block of floats, of doubles if `wide`, which
+ * the caller frees. `shape` says what is expected (-1: any), and receives what there is. */
+void *native_read_array(PyObject *value, const char *what, bool wide, int dimensions, Py_ssize_t *shape);
+/* How many dimensions native_read_array would find. */
+int native_array_dimensions(PyObject *value);
 PyObject *native_camera_dict(const pags_camera *camera);
 /* Puts a new reference into a dictionary and drops it; false when `value` is NULL or memory is out. */
 bool native_put(PyObject *dict, const char *key, PyObject *value);
@@ -74,7 +92,8 @@ enum {
   OUTPUT_ID = 8,
   OUTPUT_PRIORITY = 16,
   OUTPUT_HEAT = 32,
-  OUTPUT_KINDS = 6
+  OUTPUT_RGB8 = 64,
+  OUTPUT_KINDS = 7
 };
 
 /* The layout of the planes that a job returns. */
@@ -94,6 +113,7 @@ typedef struct native_planes {
   int width, height;
   float *rgba, *depth, *object, *priority, *heat; /* rgba and heat: 4 floats a pixel; NULL where not asked for */
   int32_t *id;
+  uint8_t *rgb8; /* 3 bytes a pixel */
   pags_frame_stats stats;
   double ms;      /* of the whole job */
   double ms_fill; /* of these, the time to fill the planes */
@@ -113,6 +133,8 @@ extern PyType_Spec native_picture_spec;
 /* ---- Renderers and jobs ---- */
 
 extern PyType_Spec native_renderer_spec, native_job_spec;
+PyObject *native_camera(PyObject *module, PyObject *arguments, PyObject *keywords);
+PyObject *native_gradients(PyObject *module, PyObject *arguments, PyObject *keywords);
 PyObject *native_render(PyObject *module, PyObject *arguments, PyObject *keywords);
 PyObject *native_pick(PyObject *module, PyObject *arguments, PyObject *keywords);
 

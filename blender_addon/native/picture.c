@@ -44,8 +44,8 @@ typedef struct fill {
 } fill;
 
 bool native_layout_needs_extras(const native_layout *layout) {
-  bool rgba = layout->outputs & OUTPUT_RGBA;
-  return (layout->outputs & ~(unsigned)OUTPUT_RGBA) != 0 || (rgba && layout->mode != MODE_RGB);
+  const unsigned colours = OUTPUT_RGBA | OUTPUT_RGB8;
+  return (layout->outputs & ~colours) != 0 || ((layout->outputs & colours) && layout->mode != MODE_RGB);
 }
 
 /* Maps a length to [0, 1] on a logarithmic scale: `least` to 0, `most` to 1. */
@@ -86,6 +86,14 @@ static void put_rgba(const fill *f, int64_t at, float alpha, const float rgb[3],
   (void)at;
 }
 
+/* Display-referred whatever `linear` says, rounded as the program's PNG files are. */
+static void put_rgb8(const float rgb[3], uint8_t *out) {
+  for (int c = 0; c < 3; c++) {
+    const float v = rgb[c] > 0 ? (rgb[c] < 1 ? rgb[c] : 1) : 0; /* NaN: 0 */
+    out[c] = (uint8_t)(v * 255.0f + 0.5f);
+  }
+}
+
 static void put_heat(const fill *f, int64_t at, float *out) {
   int32_t id = f->picture->id[at];
   float rgb[3] = {0, 0, 0}, alpha = 1 - f->picture->transmittance[at];
@@ -119,9 +127,8 @@ static void fill_row(const fill *f, int y) {
   }
   for (int x = 0; x < l->width; ++x, ++from, ++to) {
     int32_t id = f->picture->id ? f->picture->id[from] : -1;
-    if (o->rgba) {
+    if (o->rgba || o->rgb8) {
       /* The pixel's colour and alpha. */
-      float *out = o->rgba + 4 * to;
       const pags_picture *p = f->picture;
       float alpha = 1 - p->transmittance[from], rgb[3] = {p->rgb[0][from], p->rgb[1][from], p->rgb[2][from]};
       if (f->layout->mode != MODE_RGB) {
@@ -131,7 +138,10 @@ static void fill_row(const fill *f, int y) {
         for (int c = 0; c < 3; c++)
           rgb[c] = alpha * shown[c];
       }
-      put_rgba(f, from, alpha, rgb, out);
+      if (o->rgba)
+        put_rgba(f, from, alpha, rgb, o->rgba + 4 * to);
+      if (o->rgb8)
+        put_rgb8(rgb, o->rgb8 + 3 * to);
     }
     if (o->depth)
       o->depth[to] = f->picture->depth[from] > 0 ? f->picture->depth[from] * l->depth_scale : l->depth_empty;
@@ -159,14 +169,14 @@ static void fill_rows(void *context, int64_t begin, int64_t end, int worker) {
 static bool allocate(const native_layout *layout, native_planes *out) {
   struct {
     unsigned output;
-    size_t floats;
+    size_t bytes;
     void *block;
-  } wanted[] = {{OUTPUT_RGBA, 4, NULL},   {OUTPUT_HEAT, 4, NULL},     {OUTPUT_DEPTH, 1, NULL},
-                {OUTPUT_OBJECT, 1, NULL}, {OUTPUT_PRIORITY, 1, NULL}, {OUTPUT_ID, 1, NULL}};
+  } wanted[] = {{OUTPUT_RGBA, 16, NULL},    {OUTPUT_HEAT, 16, NULL}, {OUTPUT_DEPTH, 4, NULL}, {OUTPUT_OBJECT, 4, NULL},
+                {OUTPUT_PRIORITY, 4, NULL}, {OUTPUT_ID, 4, NULL},    {OUTPUT_RGB8, 3, NULL}};
   bool good = true;
   for (size_t i = 0; i < sizeof wanted / sizeof wanted[0]; i++)
     if (layout->outputs & wanted[i].output) {
-      wanted[i].block = malloc((size_t)layout->width * (size_t)layout->height * wanted[i].floats * sizeof(float));
+      wanted[i].block = malloc((size_t)layout->width * (size_t)layout->height * wanted[i].bytes);
       good = good && wanted[i].block;
     }
   *out = (native_planes){.width = layout->width, .height = layout->height};
@@ -176,6 +186,7 @@ static bool allocate(const native_layout *layout, native_planes *out) {
   out->object = wanted[3].block;
   out->priority = wanted[4].block;
   out->id = wanted[5].block;
+  out->rgb8 = wanted[6].block;
   return good;
 }
 
@@ -201,6 +212,7 @@ void native_planes_free(native_planes *planes) {
   free(planes->priority);
   free(planes->heat);
   free(planes->id);
+  free(planes->rgb8);
   *planes = (native_planes){0};
 }
 
@@ -228,18 +240,18 @@ static void picture_dealloc(PyObject *object) {
   Py_DECREF(type);
 }
 
-enum { PLANE_RGBA, PLANE_DEPTH, PLANE_OBJECT, PLANE_PRIORITY, PLANE_HEAT, PLANE_ID };
+enum { PLANE_RGBA, PLANE_DEPTH, PLANE_OBJECT, PLANE_PRIORITY, PLANE_HEAT, PLANE_ID, PLANE_RGB8, PLANES };
 
 static PyObject *picture_plane(PyObject *object, void *closure) {
   native_planes *p = &((native_picture *)object)->planes;
-  const void *const blocks[] = {p->rgba, p->depth, p->object, p->priority, p->heat, p->id};
+  const void *const blocks[PLANES] = {p->rgba, p->depth, p->object, p->priority, p->heat, p->id, p->rgb8};
   int which = *(const int *)closure;
-  int channels = which == PLANE_RGBA || which == PLANE_HEAT ? 4 : 1;
+  int channels = which == PLANE_RGBA || which == PLANE_HEAT ? 4 : which == PLANE_RGB8 ? 3 : 1;
   const Py_ssize_t shape[3] = {p->height, p->width, channels};
   if (!blocks[which])
     Py_RETURN_NONE;
-  return native_buffer_new(native_state_of(object), object, blocks[which], which == PLANE_ID ? 'i' : 'f',
-                           channels > 1 ? 3 : 2, shape);
+  const char format = which == PLANE_ID ? 'i' : which == PLANE_RGB8 ? 'B' : 'f';
+  return native_buffer_new(native_state_of(object), object, blocks[which], format, channels > 1 ? 3 : 2, shape);
 }
 
 static PyObject *picture_size(PyObject *object, void *closure) {
@@ -270,7 +282,8 @@ static PyObject *picture_stats(PyObject *object, void *closure) {
   return NULL;
 }
 
-static const int plane_numbers[] = {PLANE_RGBA, PLANE_DEPTH, PLANE_OBJECT, PLANE_PRIORITY, PLANE_HEAT, PLANE_ID};
+static const int plane_numbers[PLANES] = {PLANE_RGBA, PLANE_DEPTH, PLANE_OBJECT, PLANE_PRIORITY,
+                                          PLANE_HEAT, PLANE_ID,    PLANE_RGB8};
 #define PLANE(which) ((void *)(size_t)&plane_numbers[which])
 
 static PyGetSetDef picture_getset[] = {
@@ -282,6 +295,8 @@ static PyGetSetDef picture_getset[] = {
      NULL},
     {"rgba", picture_plane, NULL, "Buffer [height][width][4] float32, premultiplied; None where it wasn't asked for",
      PLANE(PLANE_RGBA)},
+    {"rgb8", picture_plane, NULL, "Buffer [height][width][3] uint8: the colours as image files have them",
+     PLANE(PLANE_RGB8)},
     {"depth", picture_plane, NULL, "Buffer [height][width] float32, along the camera's axis", PLANE(PLANE_DEPTH)},
     {"object", picture_plane, NULL,
      "Buffer [height][width] float32: number of the object + 1, or its given value; 0: none", PLANE(PLANE_OBJECT)},
@@ -290,8 +305,27 @@ static PyGetSetDef picture_getset[] = {
     {"id", picture_plane, NULL, "Buffer [height][width] int32: Gaussian of the largest weight, -1: none",
      PLANE(PLANE_ID)},
     {0}};
-static PyType_Slot picture_slots[] = {
-    {Py_tp_dealloc, picture_dealloc}, {Py_tp_getset, picture_getset}, {Py_tp_doc, "What was drawn."}, {0, NULL}};
+static PyObject *picture_repr(PyObject *object) {
+  const native_planes *p = &((native_picture *)object)->planes;
+  const struct {
+    const char *name;
+    const void *block;
+  } planes[PLANES] = {{"rgba", p->rgba},         {"rgb8", p->rgb8}, {"depth", p->depth}, {"object", p->object},
+                      {"priority", p->priority}, {"heat", p->heat}, {"id", p->id}};
+  char text[128] = "";
+  for (int k = 0; k < PLANES; k++)
+    if (planes[k].block) {
+      strcat(text, text[0] ? ", " : " of ");
+      strcat(text, planes[k].name);
+    }
+  return PyUnicode_FromFormat("<pags.Picture %d x %d%s>", p->width, p->height, text);
+}
+
+static PyType_Slot picture_slots[] = {{Py_tp_dealloc, picture_dealloc},
+                                      {Py_tp_repr, picture_repr},
+                                      {Py_tp_getset, picture_getset},
+                                      {Py_tp_doc, "What was drawn."},
+                                      {0, NULL}};
 PyType_Spec native_picture_spec = {.name = "pags.Picture",
                                    .basicsize = sizeof(native_picture),
                                    .flags = Py_TPFLAGS_DEFAULT | Py_TPFLAGS_DISALLOW_INSTANTIATION,

@@ -18,7 +18,7 @@ static pags_result draw_locked(pags_frame *frame, pags_tasks *tasks, native_scen
   double begin = now_ms();
 
   /* Fill the scene's tables that the outputs of this job read. */
-  bool rgba = job->layout.outputs & OUTPUT_RGBA;
+  bool rgba = job->layout.outputs & (OUTPUT_RGBA | OUTPUT_RGB8);
   if ((job->layout.outputs & OUTPUT_OBJECT) || (rgba && job->layout.mode == MODE_CRITICAL))
     PAGS_TRY(native_scene_need_objects(scene));
   if ((job->layout.outputs & (OUTPUT_PRIORITY | OUTPUT_HEAT)) || (rgba && job->layout.mode == MODE_PRIORITY))
@@ -97,11 +97,16 @@ static bool start(native_renderer *self, int threads) {
   return self->has_thread;
 }
 
+bool native_check_threads(int threads) {
+  if (threads >= 0 && threads <= 256)
+    return true;
+  PyErr_SetString(PyExc_ValueError, "threads: expected 0 (all) to 256");
+  return false;
+}
+
 static PyObject *create_renderer(PyTypeObject *type, int threads) {
-  if (threads < 0 || threads > 256) {
-    PyErr_SetString(PyExc_ValueError, "threads: expected 0 (all) to 256");
+  if (!native_check_threads(threads))
     return NULL;
-  }
   allocfunc alloc = (allocfunc)(size_t)PyType_GetSlot(type, Py_tp_alloc);
   native_renderer *self = (native_renderer *)alloc(type, 0);
   if (!self)
@@ -175,7 +180,53 @@ static PyObject *renderer_threads(PyObject *object, void *closure) {
   return PyLong_FromLong(pags_tasks_workers(((native_renderer *)object)->tasks));
 }
 
+static PyObject *renderer_repr(PyObject *object) {
+  return PyUnicode_FromFormat("<pags.Renderer of %d threads>", pags_tasks_workers(((native_renderer *)object)->tasks));
+}
+
 /* ---- Rendering without a renderer ---- */
+
+/* Draws the jobs of a list, which become pictures in their places. A signal, such as Ctrl-C, ends it between two. */
+static bool draw_all(const native_state *state, PyObject *renderer, PyObject *jobs) {
+  const Py_ssize_t count = PyList_Size(jobs);
+  for (Py_ssize_t i = 0; i < count; i++)
+    native_job_enqueue((native_renderer *)renderer, (native_job *)PyList_GetItem(jobs, i));
+  for (Py_ssize_t i = 0; i < count; i++) {
+    PyObject *picture = native_job_take(state, (native_job *)PyList_GetItem(jobs, i));
+    if (!picture || PyList_SetItem(jobs, i, picture) < 0 || PyErr_CheckSignals() < 0)
+      return false;
+  }
+  return true;
+}
+
+/* Adds which camera of a list the raised exception is about. */
+static void note_camera(Py_ssize_t number) {
+  PyObject *type, *error, *traceback;
+  char text[64];
+  PyOS_snprintf(text, sizeof text, "camera %lld of the list, counted from 0", (long long)number);
+  PyErr_Fetch(&type, &error, &traceback);
+  PyErr_NormalizeException(&type, &error, &traceback);
+  PyObject *done = error ? PyObject_CallMethod(error, "add_note", "s", text) : NULL;
+  Py_XDECREF(done);
+  PyErr_Restore(type, error, traceback);
+}
+
+/* A job for each camera of a list or tuple; all are checked before any is drawn. */
+static PyObject *jobs_of(const native_state *state, PyObject *scene, PyObject *cameras, const native_job_arguments *w) {
+  const Py_ssize_t count = PySequence_Size(cameras);
+  PyObject *jobs = PyList_New(0);
+  for (Py_ssize_t i = 0; jobs && i < count; i++) {
+    PyObject *camera = PySequence_GetItem(cameras, i);
+    PyObject *job = camera ? native_job_new(state, scene, camera, w) : NULL;
+    if (!job)
+      note_camera(i);
+    if (!job || PyList_Append(jobs, job) < 0)
+      Py_CLEAR(jobs);
+    Py_XDECREF(job);
+    Py_XDECREF(camera);
+  }
+  return jobs;
+}
 
 PyObject *native_render(PyObject *module, PyObject *arguments, PyObject *keywords) {
   static char *names[] = {"scene", "camera", "threads", JOB_ARGUMENT_NAMES, NULL};
@@ -186,27 +237,28 @@ PyObject *native_render(PyObject *module, PyObject *arguments, PyObject *keyword
                                    &threads, JOB_ARGUMENT_TARGETS(w)))
     return NULL;
 
-  /* A renderer for this call alone draws the job. */
+  /* A renderer for this call alone draws the jobs. */
   const native_state *state = PyModule_GetState(module);
-  PyObject *renderer = create_renderer(state->renderer, threads), *picture = NULL;
-  PyObject *job = renderer ? native_job_new(state, scene, camera, &w) : NULL;
-  if (job) {
-    native_job_enqueue((native_renderer *)renderer, (native_job *)job);
-    picture = native_job_take(state, (native_job *)job);
-  }
-  Py_XDECREF(job);
+  const bool several = PyList_Check(camera) || PyTuple_Check(camera);
+  PyObject *cameras = several ? Py_NewRef(camera) : PyTuple_Pack(1, camera);
+  PyObject *renderer = cameras ? create_renderer(state->renderer, threads) : NULL;
+  PyObject *list = renderer ? jobs_of(state, scene, cameras, &w) : NULL;
+  if (list && !draw_all(state, renderer, list))
+    Py_CLEAR(list);
   Py_XDECREF(renderer);
+  Py_XDECREF(cameras);
+  if (!list || several)
+    return list;
+  PyObject *picture = Py_NewRef(PyList_GetItem(list, 0));
+  Py_DECREF(list);
   return picture;
 }
 
 static PyMethodDef renderer_methods[] = {
     {"submit", (PyCFunction)(void (*)(void))renderer_submit, METH_VARARGS | METH_KEYWORDS,
-     "submit(scene, camera, *, outputs=('rgba',), placements=None, window=None, object_values=None, background=None,\n"
-     "       exposure=None, mode='rgb', early_z='lossless', linear=False, flip=False, transparent=False, "
-     "antialiased=-1, "
-     "sh_degree=3, exp_degree=5,\n"
-     "       cut=0, near_plane=0, depth_empty=0, depth_scale=1) -> Job\n\n"
-     "Queues a picture and returns at once. placements: list of (object, world_from_object) in place of the scene's "
+     "submit($self, scene, camera, *, " JOB_ARGUMENT_SIGNATURE ")\n--\n\n"
+     "Queues a picture and returns its Job at once. outputs: any of rgba, rgb8, depth, object, priority, heat, id. "
+     "placements: list of (object, world_from_object) in place of the scene's "
      "own tracks,\n"
      "object -1 for what belongs to none. window: (x, y, width, height) of the picture to hand over. mode: rgb, "
      "priority,\n"
@@ -218,9 +270,10 @@ static PyGetSetDef renderer_getset[] = {{"threads", renderer_threads, NULL, "tha
 static PyType_Slot renderer_slots[] = {
     {Py_tp_new, renderer_new},
     {Py_tp_dealloc, renderer_dealloc},
+    {Py_tp_repr, renderer_repr},
     {Py_tp_methods, renderer_methods},
     {Py_tp_getset, renderer_getset},
-    {Py_tp_doc, "Renderer(threads=0)\n\nDraws what is submitted, one after another; 0: on all processors."},
+    {Py_tp_doc, "Renderer(threads=0)\n--\n\nDraws what is submitted, one after another; 0: on all processors."},
     {0, NULL}};
 PyType_Spec native_renderer_spec = {.name = "pags.Renderer",
                                     .basicsize = sizeof(native_renderer),

@@ -15,9 +15,9 @@ enum { ROWS = PAGS_PACKED_ROWS }; /* rows read at a time: the size of a packed c
 
 static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
 
-static native_scene *create(native_state *state) {
-  allocfunc alloc = (allocfunc)(size_t)PyType_GetSlot(state->scene, Py_tp_alloc);
-  native_scene *self = (native_scene *)alloc(state->scene, 0);
+native_scene *native_scene_create(PyTypeObject *type) {
+  allocfunc alloc = (allocfunc)(size_t)PyType_GetSlot(type, Py_tp_alloc);
+  native_scene *self = (native_scene *)alloc(type, 0);
   if (self && pthread_mutex_init(&self->lock, NULL) == 0)
     self->has_lock = true;
   else if (self)
@@ -28,16 +28,25 @@ static native_scene *create(native_state *state) {
   return NULL;
 }
 
+static pags_result load(const char *path, native_scene *self) {
+  const pags_part *parts;
+  int count;
+  PAGS_TRY(pags_composition_load(path, &self->composition));
+  pags_compose(self->composition, (double)NAN, &parts, &count);
+  self->alpha_min = count > 0 ? parts[0].gaussians->alpha_min : 0;
+  return PAGS_OK;
+}
+
 PyObject *native_scene_load(PyObject *module, PyObject *arguments) {
   native_state *state = PyModule_GetState(module);
   PyObject *bytes;
   if (!PyArg_ParseTuple(arguments, "O&:load", PyUnicode_FSConverter, &bytes))
     return NULL;
-  native_scene *self = create(state);
+  native_scene *self = native_scene_create(state->scene);
   pags_result result = PAGS_OK;
   const char *path = PyBytes_AsString(bytes);
   if (self) {
-    Py_BEGIN_ALLOW_THREADS result = pags_composition_load(path, &self->composition);
+    Py_BEGIN_ALLOW_THREADS result = load(path, self);
     Py_END_ALLOW_THREADS
   }
   Py_DECREF(bytes);
@@ -168,6 +177,7 @@ static PyObject *scene_info(PyObject *self, void *closure) {
               native_put(dict, "time_begin", PyFloat_FromDouble(s->time_begin)) &&
               native_put(dict, "time_end", PyFloat_FromDouble(s->time_end)) &&
               native_put(dict, "fps", PyFloat_FromDouble(s->fps)) &&
+              native_put(dict, "alpha_min", PyFloat_FromDouble((double)((native_scene *)self)->alpha_min)) &&
               native_put(dict, "antialiased", PyBool_FromLong(s->antialiased)) &&
               native_put(dict, "sky", PyBool_FromLong(s->sky.size > 0)) &&
               native_put(dict, "models", PyLong_FromLongLong(s->model_count)) &&
@@ -420,32 +430,65 @@ static PyObject *scene_points(PyObject *object, PyObject *arguments) {
   return pair;
 }
 
+static PyObject *scene_repr(PyObject *object) {
+  const pags_composition *c = ((native_scene *)object)->composition;
+  const pags_scene *s = pags_composition_scene(c);
+  return PyUnicode_FromFormat("<pags.Scene of %lld Gaussians, %lld objects, %lld views>",
+                              (long long)pags_composition_gaussian_count(c), (long long)s->object_count,
+                              (long long)s->view_count);
+}
+
+#define SCENE_DOC                                                                                                      \
+  "Scene(means, quats, scales, opacities, sh, *, priorities=None, antialiased=False, alpha_min=0, background=(0, 0, "  \
+  "0), origin=(0, 0, 0), up='-y')\n--\n\n"                                                                             \
+  "A scene ready for drawing: of arrays, or by load(path) of files.\n\n"                                               \
+  "means [n][3] (metres, relative to origin), quats [n][4] (w, x, y, z, of any length), scales [n][3] (ln sigma, not " \
+  "sigma), opacities [n] (logits), sh [n][k][3] (spherical harmonics, k of 1, 4, 9 or 16: colour = 0.5 + 0.2821 "      \
+  "sh[0] "                                                                                                             \
+  "+ ..., sRGB), priorities [n] (0 to 1). Arrays are numpy's, anything else with the buffer protocol, or nested "      \
+  "lists; they are copied. antialiased: as Mip-Splatting. alpha_min: the least alpha that is drawn, 0: 1/255."
+
 static PyGetSetDef scene_getset[] = {
-    {"info", scene_info, NULL, "dictionary: gaussians, bytes, origin, up, time_begin, time_end, fps, sky, ...", NULL},
+    {"info", scene_info, NULL,
+     "dictionary: gaussians, bytes, alpha_min, origin, up, time_begin, time_end, fps, sky, ...", NULL},
     {"objects", scene_objects, NULL,
      "list of dictionaries: id, class, category, critical, moving, tracked, size, gaussians", NULL},
     {"views", scene_views, NULL, "list of cameras with name, test, sensor, frame, gain, offset", NULL},
+    {"object_of", native_scene_object_of, NULL, "Buffer [n] int32: the object of each Gaussian, -1: none", NULL},
     {0}};
 static PyMethodDef scene_methods[] = {
     {"pose", scene_pose, METH_VARARGS,
-     "pose(object, time) -> 12 numbers or None\n\nworld_from_object, metres; of a parked object always its rest pose; "
+     "pose($self, object, time, /)\n--\n\n12 numbers, world_from_object, metres; of a parked object always its rest "
+     "pose; "
      "None where "
      "a tracked one isn't there."},
     {"exposure", scene_exposure, METH_VARARGS,
-     "exposure(sensor, time) -> gain and offset, 6 numbers\n\nHow that camera of the rig exposes at that time."},
+     "exposure($self, sensor, time, /)\n--\n\nGain and offset, 6 numbers: how that camera of the rig exposes at that "
+     "time."},
     {"track", scene_track, METH_VARARGS,
-     "track(object) -> Buffer [knots][13]: time and world_from_object at each label"},
+     "track($self, object, /)\n--\n\nBuffer [knots][13]: time and world_from_object at each label."},
     {"points", scene_points, METH_VARARGS,
-     "points(object, budget) -> (Buffer [n][3] metres, Buffer [n][4] linear RGBA)\n\nAn even sample of at most "
-     "`budget` Gaussians "
-     "in the object's frame; object -1: what belongs to none, relative to the scene's origin."},
+     "points($self, object, budget, /)\n--\n\nAn even sample of at most `budget` Gaussians in the object's frame; "
+     "object "
+     "-1: what belongs to none, relative to the scene's origin. Buffer [n][3] metres, Buffer [n][4] linear RGBA."},
+    {"arrays", native_scene_arrays, METH_NOARGS,
+     "arrays($self, /)\n--\n\nAll Gaussians in the order of their ids, as Scene takes them: a dictionary of Buffers "
+     "means, quats, scales, opacities, sh and, if they are known, priorities. Means are relative to info['origin'], of "
+     "objects that follow a track (object_of) in the object's frame. Colours that change over time: their mean."},
+    {"normals", native_scene_normals, METH_NOARGS,
+     "normals($self, /)\n--\n\nBuffer [n][3]: the direction of each Gaussian's shortest axis, of length 1; which way "
+     "round is left open."},
+    {"save", native_scene_save, METH_VARARGS,
+     "save($self, path, /)\n--\n\nWrites the Gaussians as .ply (all bits) or .pagsz (packed). Not of scenes whose "
+     "objects "
+     "follow tracks."},
     {0}};
-static PyType_Slot scene_slots[] = {{Py_tp_dealloc, scene_dealloc},
+static PyType_Slot scene_slots[] = {{Py_tp_new, native_scene_new},
+                                    {Py_tp_dealloc, scene_dealloc},
+                                    {Py_tp_repr, scene_repr},
                                     {Py_tp_getset, scene_getset},
                                     {Py_tp_methods, scene_methods},
-                                    {Py_tp_doc, "A scene ready for drawing."},
+                                    {Py_tp_doc, SCENE_DOC},
                                     {0, NULL}};
-PyType_Spec native_scene_spec = {.name = "pags.Scene",
-                                 .basicsize = sizeof(native_scene),
-                                 .flags = Py_TPFLAGS_DEFAULT | Py_TPFLAGS_DISALLOW_INSTANTIATION,
-                                 .slots = scene_slots};
+PyType_Spec native_scene_spec = {
+    .name = "pags.Scene", .basicsize = sizeof(native_scene), .flags = Py_TPFLAGS_DEFAULT, .slots = scene_slots};

@@ -12,8 +12,8 @@ module = None
 try:
     from . import pags as module  # pags.abi3.so, on Windows pags.pyd, beside this file
 
-    if not module.version.startswith(VERSION + "."):
-        problem = f"the add-on is for version {VERSION} of the PAGS module, and the module beside it is {module.version}"
+    if not module.__version__.startswith(VERSION + "."):
+        problem = f"the add-on is for version {VERSION} of the PAGS module, and the module beside it is {module.__version__}"
         module = None
 except ImportError as error:
     problem = f"the PAGS module can't be loaded: {error}"

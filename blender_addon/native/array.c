@@ -1,0 +1,194 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Reads arrays of numbers from Python: what has the buffer protocol (numpy's arrays, array.array, memoryview, Buffer)
+ * as it lies in memory, and nested sequences item by item. */
+#include "blender_addon/native/native.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+/* What is written to: floats, or doubles if `wide`. */
+typedef struct sink {
+  void *data;
+  Py_ssize_t at;
+  bool wide;
+} sink;
+
+static void put(sink *s, double value) {
+  if (s->wide)
+    ((double *)s->data)[s->at++] = value;
+  else
+    ((float *)s->data)[s->at++] = (float)value;
+}
+
+/* ---- Shapes ---- */
+
+static void write_shape(char *text, size_t room, int dimensions, const Py_ssize_t *shape) {
+  size_t length = 0;
+  text[0] = 0;
+  for (int d = 0; d < dimensions && length + 24 < room; d++) {
+    if (shape[d] < 0)
+      strcpy(text + length, d == 0 ? "[n]" : "[k]");
+    else
+      PyOS_snprintf(text + length, room - length, "[%lld]", (long long)shape[d]);
+    length += strlen(text + length);
+  }
+}
+
+/* Raises that an array of `wanted` (-1: any) was expected. */
+static bool refuse(const char *what, int dimensions, const Py_ssize_t *wanted, int found_dimensions,
+                   const Py_ssize_t *found) {
+  char expected[128], got[128];
+  write_shape(expected, sizeof expected, dimensions, wanted);
+  write_shape(got, sizeof got, found_dimensions, found);
+  PyErr_Format(PyExc_ValueError, "%s: expected numbers of shape %s, found %s", what, expected,
+               found_dimensions ? got : "no array");
+  return false;
+}
+
+static bool fits(int dimensions, const Py_ssize_t *wanted, int found_dimensions, const Py_ssize_t *found) {
+  bool same = dimensions == found_dimensions;
+  for (int d = 0; same && d < dimensions; d++)
+    same = wanted[d] < 0 || wanted[d] == found[d];
+  return same;
+}
+
+static void *allocate(int dimensions, const Py_ssize_t *shape, bool wide) {
+  size_t bytes = wide ? sizeof(double) : sizeof(float);
+  for (int d = 0; d < dimensions; d++)
+    if (shape[d] && bytes > (size_t)PY_SSIZE_T_MAX / (size_t)shape[d])
+      return PyErr_NoMemory();
+    else
+      bytes *= (size_t)shape[d];
+  void *data = malloc(bytes + 1);
+  return data ? data : PyErr_NoMemory();
+}
+
+/* ---- Buffers ---- */
+
+/* 'f' or 'd' where the buffer holds floats or doubles in this machine's order, else 0. */
+static char float_kind(const Py_buffer *view) {
+  const char *format = view->format ? view->format : "B";
+  format += *format == '@' || *format == '=' || *format == '<';
+  const bool single = format[0] == 'f' || format[0] == 'd';
+  return single && !format[1] ? format[0] : 0;
+}
+
+static void copy(const Py_buffer *view, int dimension, const char *at, sink *s) {
+  const Py_ssize_t count = view->shape[dimension], stride = view->strides[dimension];
+  if (dimension + 1 < view->ndim) {
+    for (Py_ssize_t i = 0; i < count; i++)
+      copy(view, dimension + 1, at + i * stride, s);
+    return;
+  }
+  const bool is_double = float_kind(view) == 'd';
+  for (Py_ssize_t i = 0; i < count; i++) {
+    double wide = 0;
+    float narrow = 0;
+    if (is_double)
+      memcpy(&wide, at + i * stride, sizeof wide);
+    else
+      memcpy(&narrow, at + i * stride, sizeof narrow);
+    put(s, is_double ? wide : (double)narrow);
+  }
+}
+
+/* ---- Sequences ---- */
+
+/* The lengths along the first items, at most `most` of them. Returns how many there are, -1 after raising. */
+static int measure(PyObject *value, int most, Py_ssize_t *shape) {
+  int dimensions = 0;
+  PyObject *at = value;
+  Py_INCREF(at);
+  while (dimensions < most && PySequence_Check(at) && !PyUnicode_Check(at)) {
+    shape[dimensions] = PySequence_Size(at);
+    if (shape[dimensions] < 0)
+      break;
+    PyObject *first = shape[dimensions++] > 0 ? PySequence_GetItem(at, 0) : NULL;
+    Py_DECREF(at);
+    at = first;
+    if (!at)
+      break;
+  }
+  Py_XDECREF(at);
+  return PyErr_Occurred() ? -1 : dimensions;
+}
+
+static bool walk(PyObject *value, const char *what, int dimensions, const Py_ssize_t *shape, sink *s) {
+  if (dimensions == 0) {
+    const double number = PyFloat_AsDouble(value);
+    put(s, number);
+    return !(number == -1 && PyErr_Occurred());
+  }
+  const Py_ssize_t length = PySequence_Check(value) && !PyUnicode_Check(value) ? PySequence_Size(value) : -1;
+  if (length != shape[0]) {
+    PyErr_Format(PyExc_ValueError, "%s: expected sequences of the same length, %zd", what, shape[0]);
+    return false;
+  }
+  bool good = true;
+  for (Py_ssize_t i = 0; good && i < length; i++) {
+    PyObject *item = PySequence_GetItem(value, i);
+    good = item && walk(item, what, dimensions - 1, shape + 1, s);
+    Py_XDECREF(item);
+  }
+  return good;
+}
+
+/* ---- Either ---- */
+
+/* What remains of a shape whose leading dimension is 0, as of [] for [n][3]. */
+static int complete(int dimensions, const Py_ssize_t *wanted, int found_dimensions, Py_ssize_t *found) {
+  if (found_dimensions == 0 || found_dimensions >= dimensions || found[found_dimensions - 1] != 0)
+    return found_dimensions;
+  for (int d = found_dimensions; d < dimensions; d++)
+    found[d] = wanted[d] < 0 ? 1 : wanted[d];
+  return dimensions;
+}
+
+void *native_read_array(PyObject *value, const char *what, bool wide, int dimensions, Py_ssize_t *shape) {
+  Py_ssize_t found[NATIVE_DIMENSIONS + 1];
+  Py_buffer view;
+  sink s = {.wide = wide};
+  if (PyObject_CheckBuffer(value)) {
+    if (PyObject_GetBuffer(value, &view, PyBUF_STRIDES | PyBUF_FORMAT) < 0)
+      return NULL;
+    if (float_kind(&view)) {
+      if (!fits(dimensions, shape, view.ndim, view.shape))
+        refuse(what, dimensions, shape, view.ndim, view.shape);
+      else if ((s.data = allocate(view.ndim, view.shape, wide)) != NULL) {
+        memcpy(shape, view.shape, (size_t)dimensions * sizeof *shape);
+        if (view.len > 0)
+          copy(&view, 0, view.buf, &s);
+      }
+      PyBuffer_Release(&view);
+      return s.data;
+    }
+    PyBuffer_Release(&view); /* integers and others: item by item */
+  }
+  int found_dimensions = measure(value, NATIVE_DIMENSIONS + 1, found);
+  if (found_dimensions < 0)
+    return NULL;
+  found_dimensions = complete(dimensions, shape, found_dimensions, found);
+  if (!fits(dimensions, shape, found_dimensions, found)) {
+    refuse(what, dimensions, shape, found_dimensions, found);
+    return NULL;
+  }
+  s.data = allocate(dimensions, found, wide);
+  if (!s.data || walk(value, what, dimensions, found, &s)) {
+    memcpy(shape, found, (size_t)dimensions * sizeof *shape);
+    return s.data;
+  }
+  free(s.data);
+  return NULL;
+}
+
+int native_array_dimensions(PyObject *value) {
+  Py_ssize_t found[NATIVE_DIMENSIONS + 1];
+  Py_buffer view;
+  if (!PyObject_CheckBuffer(value))
+    return measure(value, NATIVE_DIMENSIONS + 1, found);
+  if (PyObject_GetBuffer(value, &view, PyBUF_STRIDES | PyBUF_FORMAT) < 0)
+    return -1;
+  const int dimensions = view.ndim;
+  PyBuffer_Release(&view);
+  return dimensions;
+}

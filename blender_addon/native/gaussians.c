@@ -1,0 +1,332 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Gaussians as arrays: scenes made of them, scenes given as them, and files of them. The arrays hold what splat files
+ * hold (ln sigma, logits), so that they come back to the bit; names and shapes are gsplat's (Ye et al. 2025). */
+#include "blender_addon/native/native.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+#include <pags/packed.h>
+
+#include "base/file.h"
+#include "base/memory.h"
+#include "base/text.h"
+#include "scene/axes.h"
+
+/* ---- From arrays ---- */
+
+/* The arrays of a scene: where their numbers go, and the shape of a row. */
+enum { MEANS, QUATS, SCALES, OPACITIES, SH, ARRAYS };
+static const struct {
+  const char *name;
+  int plane, planes; /* planes 0: as many as the harmonics have */
+} arrays[ARRAYS] = {[MEANS] = {"means", PAGS_MEAN, 3},
+                    [QUATS] = {"quats", PAGS_ROTATION, 4},
+                    [SCALES] = {"scales", PAGS_SCALE, 3},
+                    [OPACITIES] = {"opacities", PAGS_OPACITY, 1},
+                    [SH] = {"sh", PAGS_SH, 0}};
+
+typedef struct scene_arguments {
+  PyObject *array[ARRAYS], *priorities, *background, *origin;
+  const char *up;
+  int antialiased;
+  double alpha_min;
+} scene_arguments;
+
+/* Copies rows of `planes` numbers to planes. Raises and returns false at a number that isn't finite. */
+static bool fill_planes(const char *name, const float *from, int planes, pags_gaussians *g, int plane) {
+  for (int64_t i = 0; i < g->count; i++)
+    for (int p = 0; p < planes; p++) {
+      const float value = from[i * planes + p];
+      if (!isfinite(value)) {
+        PyErr_Format(PyExc_ValueError, "%s: row %lld: expected finite numbers of float32's range", name, (long long)i);
+        return false;
+      }
+      pags_plane(g, plane + p)[i] = value;
+    }
+  return true;
+}
+
+static bool check_quats(const pags_gaussians *g) {
+  for (int64_t i = 0; i < g->count; i++) {
+    bool any = false;
+    for (int k = 0; k < 4; k++)
+      any = any || pags_plane(g, PAGS_ROTATION + k)[i] != 0;
+    if (!any) {
+      PyErr_Format(PyExc_ValueError, "quats: row %lld: expected a quaternion (w, x, y, z), found zeros", (long long)i);
+      return false;
+    }
+  }
+  return true;
+}
+
+static bool fill_priorities(PyObject *value, pags_gaussians *g) {
+  Py_ssize_t shape[1] = {(Py_ssize_t)g->count};
+  float *from = native_read_array(value, "priorities", false, 1, shape);
+  if (!from)
+    return false;
+  bool good = pags_gaussians_add_s_sem(g) == PAGS_OK;
+  if (!good)
+    PyErr_NoMemory();
+  for (int64_t i = 0; good && i < g->count; i++) {
+    good = from[i] >= 0 && from[i] <= 1;
+    if (good)
+      g->s_sem[i] = from[i];
+    else
+      PyErr_Format(PyExc_ValueError, "priorities: row %lld: expected a number from 0 to 1", (long long)i);
+  }
+  free(from);
+  return good;
+}
+
+/* Creates `g` with the SH degree of an array [n][k][3], whose numbers `first` receives. */
+static bool create_gaussians(const scene_arguments *w, Py_ssize_t rows, float **first, pags_gaussians *g) {
+  Py_ssize_t shape[3] = {rows, -1, 3};
+  int degree = 0;
+  *first = native_read_array(w->array[SH], arrays[SH].name, false, 3, shape);
+  if (!*first)
+    return false;
+  while (degree < 3 && pags_sh_coefficients(degree) < shape[1])
+    degree++;
+  if (pags_sh_coefficients(degree) != shape[1]) {
+    PyErr_Format(PyExc_ValueError, "sh: expected [n][k][3] with k of 1, 4, 9 or 16 harmonics, found k = %zd", shape[1]);
+    return false;
+  }
+  if (pags_gaussians_create(g, rows, degree) == PAGS_OK)
+    return true;
+  PyErr_SetString(PyExc_MemoryError, pags_error_message());
+  return false;
+}
+
+static bool fill_gaussians(const scene_arguments *w, pags_gaussians *g) {
+  Py_ssize_t rows = -1;
+  float *from = NULL, *sh = NULL;
+  bool good = true;
+  for (int a = 0; good && a < SH; a++) {
+    Py_ssize_t shape[2] = {rows, arrays[a].planes};
+    from = native_read_array(w->array[a], arrays[a].name, false, a == OPACITIES ? 1 : 2, shape);
+    good = from != NULL;
+    if (good && a == MEANS) {
+      rows = shape[0];
+      good = create_gaussians(w, rows, &sh, g);
+    }
+    good = good && fill_planes(arrays[a].name, from, arrays[a].planes, g, arrays[a].plane);
+    free(from);
+  }
+  good = good && check_quats(g) && fill_planes(arrays[SH].name, sh, 3 * pags_sh_coefficients(g->sh_degree), g, PAGS_SH);
+  free(sh);
+  return good && (w->priorities == Py_None || fill_priorities(w->priorities, g));
+}
+
+static bool fill_scene(const scene_arguments *w, pags_scene *scene) {
+  double background[3] = {0, 0, 0};
+  if (!pags_up_from_code(w->up, &scene->up)) {
+    PyErr_Format(PyExc_ValueError, "up: expected z, -y, y or unknown, found %s", w->up);
+    return false;
+  }
+  if (w->alpha_min != 0 && !(w->alpha_min >= (double)PAGS_LEAST_ALPHA_MIN && w->alpha_min < 1)) {
+    PyErr_SetString(PyExc_ValueError, "alpha_min: expected 0, or a number from 1/255 to 1");
+    return false;
+  }
+  if ((w->background && !native_read_numbers(w->background, "background", 3, background)) ||
+      (w->origin && !native_read_numbers(w->origin, "origin", 3, scene->origin)))
+    return false;
+  for (int k = 0; k < 3; k++) {
+    scene->background[k] = (float)background[k];
+    if (isfinite(background[k]) && isfinite(scene->origin[k]))
+      continue;
+    PyErr_SetString(PyExc_ValueError, "background and origin: expected finite numbers");
+    return false;
+  }
+  scene->antialiased = w->antialiased;
+  scene->models = calloc(1, sizeof *scene->models);
+  if (!scene->models) {
+    PyErr_NoMemory();
+    return false;
+  }
+  scene->model_count = 1;
+  pags_model *model = scene->models;
+  model->name = pags_text_copy("background");
+  model->file = pags_text_copy("background.ply");
+  if (!model->name || !model->file) {
+    PyErr_NoMemory();
+    return false;
+  }
+  if (!fill_gaussians(w, &model->gaussians))
+    return false;
+  model->gaussians.alpha_min = (float)w->alpha_min;
+  return true;
+}
+
+PyObject *native_scene_new(PyTypeObject *type, PyObject *arguments, PyObject *keywords) {
+  static char *names[] = {"means",       "quats",     "scales",     "opacities", "sh", "priorities",
+                          "antialiased", "alpha_min", "background", "origin",    "up", NULL};
+  scene_arguments w = {.priorities = Py_None, .up = "-y"};
+  pags_scene scene = {0};
+  if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OOOOO|$OpdOOs:Scene", names, &w.array[MEANS], &w.array[QUATS],
+                                   &w.array[SCALES], &w.array[OPACITIES], &w.array[SH], &w.priorities, &w.antialiased,
+                                   &w.alpha_min, &w.background, &w.origin, &w.up))
+    return NULL;
+  native_scene *self = native_scene_create(type);
+  pags_result result = PAGS_OK;
+  if (self && fill_scene(&w, &scene)) {
+    Py_BEGIN_ALLOW_THREADS result = pags_composition_create(&scene, &self->composition);
+    Py_END_ALLOW_THREADS self->alpha_min = (float)w.alpha_min;
+    if (result == PAGS_OK)
+      return (PyObject *)self;
+    native_raise(native_state_of((PyObject *)self), result);
+  }
+  pags_scene_destroy(&scene);
+  Py_XDECREF((PyObject *)self);
+  return NULL;
+}
+
+/* ---- To arrays ---- */
+
+/* A Buffer [count], or [count][planes], or of harmonics [count][planes / 3][3]. */
+static PyObject *rows_of(const native_state *state, const pags_gaussians *g, int array) {
+  const bool harmonics = array == SH;
+  const int planes = harmonics ? 3 * pags_sh_coefficients(g->sh_degree) : arrays[array].planes;
+  float *rows = malloc((size_t)g->count * (size_t)planes * sizeof *rows + 1);
+  const Py_ssize_t shape[3] = {(Py_ssize_t)g->count, harmonics ? planes / 3 : planes, 3};
+  if (!rows)
+    return PyErr_NoMemory();
+  for (int p = 0; p < planes; p++)
+    for (int64_t i = 0; i < g->count; i++)
+      rows[i * planes + p] = g->data[(arrays[array].plane + p) * g->stride + i];
+  return native_buffer_own(state, rows, 'f', harmonics ? 3 : planes > 1 ? 2 : 1, shape);
+}
+
+static PyObject *priorities_of(const native_state *state, const pags_gaussians *g) {
+  const Py_ssize_t shape[1] = {(Py_ssize_t)g->count};
+  float *values = malloc((size_t)g->count * sizeof *values + 1);
+  if (!values)
+    return PyErr_NoMemory();
+  memcpy(values, g->s_sem, (size_t)g->count * sizeof *values);
+  return native_buffer_own(state, values, 'f', 1, shape);
+}
+
+PyObject *native_arrays_dict(const native_state *state, const pags_gaussians *gaussians) {
+  PyObject *dict = PyDict_New();
+  bool good = dict != NULL;
+  for (int a = 0; good && a < ARRAYS; a++)
+    good = native_put(dict, arrays[a].name, rows_of(state, gaussians, a));
+  if (good && gaussians->s_sem)
+    good = native_put(dict, "priorities", priorities_of(state, gaussians));
+  if (good)
+    return dict;
+  Py_XDECREF(dict);
+  return NULL;
+}
+
+/* All Gaussians by id; raises and returns false if memory is out. */
+static bool gather(PyObject *object, pags_gaussians *out) {
+  native_scene *self = (native_scene *)object;
+  pags_result result;
+  Py_BEGIN_ALLOW_THREADS pthread_mutex_lock(&self->lock);
+  result = pags_composition_gaussians(self->composition, out);
+  pthread_mutex_unlock(&self->lock);
+  Py_END_ALLOW_THREADS if (result != PAGS_OK) native_raise(native_state_of(object), result);
+  return result == PAGS_OK;
+}
+
+PyObject *native_scene_arrays(PyObject *self, PyObject *unused) {
+  pags_gaussians g;
+  (void)unused;
+  if (!gather(self, &g))
+    return NULL;
+  PyObject *dict = native_arrays_dict(native_state_of(self), &g);
+  pags_gaussians_destroy(&g);
+  return dict;
+}
+
+/* A Gaussian's normal is the direction of its shortest axis, as of the flat ones that surfaces are made of (2DGS, Huang
+ * et al. 2024). */
+PyObject *native_scene_normals(PyObject *self, PyObject *unused) {
+  pags_gaussians g;
+  (void)unused;
+  if (!gather(self, &g))
+    return NULL;
+  float *normals = malloc((size_t)g.count * 3 * sizeof *normals + 1);
+  for (int64_t i = 0; normals && i < g.count; i++) {
+    double q[4], r[9];
+    int shortest = 0;
+    for (int k = 1; k < 3; k++)
+      if (pags_plane(&g, PAGS_SCALE + k)[i] < pags_plane(&g, PAGS_SCALE + shortest)[i])
+        shortest = k;
+    for (int k = 0; k < 4; k++)
+      q[k] = (double)pags_plane(&g, PAGS_ROTATION + k)[i];
+    pags_rotation_from_quaternion(q, r);
+    for (int k = 0; k < 3; k++)
+      normals[3 * i + k] = (float)r[3 * k + shortest];
+  }
+  const Py_ssize_t shape[2] = {(Py_ssize_t)g.count, 3};
+  pags_gaussians_destroy(&g);
+  return normals ? native_buffer_own(native_state_of(self), normals, 'f', 2, shape) : PyErr_NoMemory();
+}
+
+PyObject *native_scene_object_of(PyObject *object, void *closure) {
+  native_scene *self = (native_scene *)object;
+  const Py_ssize_t shape[1] = {(Py_ssize_t)pags_composition_gaussian_count(self->composition)};
+  pags_result result;
+  (void)closure;
+  Py_BEGIN_ALLOW_THREADS pthread_mutex_lock(&self->lock);
+  result = native_scene_need_objects(self);
+  pthread_mutex_unlock(&self->lock);
+  Py_END_ALLOW_THREADS if (result != PAGS_OK) return native_raise(native_state_of(object), result);
+  return native_buffer_new(native_state_of(object), object, self->object_of, 'i', 1, shape);
+}
+
+/* ---- To files ---- */
+
+/* Objects with models of their own have to be brought to their poses first, their harmonics turned: exporters do it. */
+static bool check_savable(const pags_scene *scene) {
+  for (int64_t i = 0; i < scene->object_count; i++)
+    if (scene->objects[i].model >= 0) {
+      PyErr_Format(PyExc_ValueError,
+                   "save: object %lld follows a track, which no splat file holds: 'pags export SCENE FILE' writes all "
+                   "objects as they are at a time",
+                   (long long)i);
+      return false;
+    }
+  return true;
+}
+
+static pags_result save(const char *path, const pags_scene *scene, const pags_gaussians *g, bool packed) {
+  if (packed) {
+    pags_packed head = {.up = scene->up, .antialiased = scene->antialiased};
+    memcpy(head.origin, scene->origin, sizeof head.origin);
+    memcpy(head.background, scene->background, sizeof head.background);
+    return pags_packed_export(path, g, &head);
+  }
+  pags_splat_facts facts = {.antialiased = scene->antialiased, .up = scene->up};
+  memcpy(facts.origin, scene->origin, sizeof facts.origin);
+  return pags_ply_save_facts(path, g, &facts);
+}
+
+PyObject *native_scene_save(PyObject *self, PyObject *arguments) {
+  const pags_scene *scene = pags_composition_scene(((native_scene *)self)->composition);
+  PyObject *bytes;
+  pags_gaussians g;
+  pags_result result;
+  if (!check_savable(scene) || !PyArg_ParseTuple(arguments, "O&:save", PyUnicode_FSConverter, &bytes))
+    return NULL;
+  const char *path = PyBytes_AsString(bytes);
+  const char *extension = pags_path_extension(path);
+  const bool ply = strcasecmp(extension, ".ply") == 0, packed = strcasecmp(extension, ".pagsz") == 0;
+  if (!ply && !packed)
+    PyErr_Format(PyExc_ValueError,
+                 "%s: expected a name that ends in .ply or .pagsz; 'pags export' makes other files of these", path);
+  if ((!ply && !packed) || !gather(self, &g)) {
+    Py_DECREF(bytes);
+    return NULL;
+  }
+  Py_BEGIN_ALLOW_THREADS result = save(path, scene, &g, packed);
+  Py_END_ALLOW_THREADS pags_gaussians_destroy(&g);
+  Py_DECREF(bytes);
+  if (result != PAGS_OK)
+    return native_raise(native_state_of(self), result);
+  Py_RETURN_NONE;
+}

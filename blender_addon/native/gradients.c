@@ -1,0 +1,165 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* pags.gradients: from a loss's gradient by a picture to its gradients by the parameters of all Gaussians. The picture
+ * is drawn again, to the same bits, so that nothing has to be kept between the two calls. */
+#include "blender_addon/native/job.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/memory.h"
+#include "port/port.h"
+
+typedef struct backward {
+  native_scene *scene;
+  native_job *job;
+  int threads, channels; /* of rgb: 3 or 4 */
+  float *rgb, *depth;    /* [height][width][channels]; [height][width] or NULL */
+  pags_gaussians out;
+  int64_t bad_rows;
+} backward;
+
+enum { BY_T = 3, BY_DEPTH_SUM, PLANES };
+
+/* ---- Without the interpreter's lock ---- */
+
+/* Takes the gradients apart into the engine's planes. alpha is 1 - T. Depth is S / W, with S = sum(w z) and W = sum(w)
+ * = 1 - T: dL/dS = g / W, dL/dT = g S / W^2. */
+static void fill_planes(const backward *b, const pags_picture *picture, float *const plane[PLANES]) {
+  for (int y = 0; y < picture->height; y++)
+    for (int x = 0; x < picture->width; x++) {
+      const int64_t to = (int64_t)y * picture->stride + x, from = (int64_t)y * picture->width + x;
+      for (int c = 0; c < 3; c++)
+        plane[c][to] = b->rgb[from * b->channels + c];
+      if (b->channels == 4 && b->job->layout.transparent)
+        plane[BY_T][to] = -b->rgb[from * b->channels + 3];
+      const float weight = 1 - picture->transmittance[to];
+      if (!b->depth || !(picture->depth[to] > 0) || !(weight > 0))
+        continue;
+      plane[BY_DEPTH_SUM][to] = b->depth[from] / weight;
+      plane[BY_T][to] += b->depth[from] * picture->depth[to] / weight;
+    }
+}
+
+/* Allocates the planes in one block, zeros beyond the picture. Freed by pags_port_aligned_free(plane[0]). */
+static pags_result create_planes(const pags_picture *picture, float *plane[PLANES]) {
+  const size_t floats = (size_t)picture->stride * (size_t)((picture->height + 15) / 16 * 16);
+  plane[0] = pags_port_aligned_alloc(64, PLANES * floats * sizeof(float));
+  if (!plane[0])
+    return pags_out_of_memory("gradients of a picture of %d x %d", picture->width, picture->height);
+  memset(plane[0], 0, PLANES * floats * sizeof(float));
+  for (int k = 1; k < PLANES; k++)
+    plane[k] = plane[0] + (size_t)k * floats;
+  return PAGS_OK;
+}
+
+static pags_result differentiate(backward *b, pags_frame *frame) {
+  const pags_part *parts;
+  int count;
+  pags_picture picture;
+  float *plane[PLANES];
+  PAGS_TRY(native_job_compose(b->scene, b->job, &parts, &count));
+  for (int p = 0; p < count; p++)
+    if (parts[p].packed)
+      return pags_fail(PAGS_ERROR_UNSUPPORTED,
+                       "packed Gaussians (.pagsz) have no gradients: expected those of another "
+                       "file, or a Scene of this one's arrays");
+  PAGS_TRY(pags_frame_render(frame, parts, count, &b->job->camera, &b->job->options, NULL, NULL, &picture));
+  PAGS_TRY(create_planes(&picture, plane));
+  fill_planes(b, &picture, plane);
+  const pags_picture_gradient gradient = {.rgb = {plane[0], plane[1], plane[2]},
+                                          .transmittance = b->depth || b->channels == 4 ? plane[BY_T] : NULL,
+                                          .depth_sum = b->depth ? plane[BY_DEPTH_SUM] : NULL};
+  const pags_result result = pags_frame_gradients(
+      frame, &gradient, pags_composition_gaussian_count(b->scene->composition), &b->out, &b->bad_rows);
+  pags_port_aligned_free(plane[0]);
+  return result;
+}
+
+static pags_result run(backward *b) {
+  pags_tasks *tasks = pags_tasks_create(b->threads);
+  pags_frame *frame = NULL;
+  pags_result result = tasks ? pags_frame_create(tasks, &frame) : pags_out_of_memory("threads");
+  if (result == PAGS_OK) {
+    pthread_mutex_lock(&b->scene->lock);
+    result = differentiate(b, frame);
+    pthread_mutex_unlock(&b->scene->lock);
+  }
+  pags_frame_destroy(frame);
+  pags_tasks_destroy(tasks);
+  return result;
+}
+
+/* ---- With it ---- */
+
+static float *read_plane(PyObject *value, const char *what, const native_job *job, int dimensions, int *channels) {
+  Py_ssize_t shape[3] = {job->camera.height, job->camera.width, -1};
+  float *plane = native_read_array(value, what, false, dimensions, shape);
+  if (!plane)
+    return NULL;
+  *channels = dimensions == 3 ? (int)shape[2] : 1;
+  if (dimensions == 3 && *channels != 3 && *channels != 4) {
+    PyErr_Format(PyExc_ValueError, "%s: expected 3 or 4 channels, found %d", what, *channels);
+    free(plane);
+    return NULL;
+  }
+  const int64_t values = (int64_t)job->camera.height * job->camera.width * *channels;
+  for (int64_t i = 0; i < values; i++)
+    if (!isfinite(plane[i])) {
+      const int64_t pixel = i / *channels;
+      PyErr_Format(PyExc_ValueError, "%s: pixel (%d, %d): expected a finite number", what,
+                   (int)(pixel % job->camera.width), (int)(pixel / job->camera.width));
+      free(plane);
+      return NULL;
+    }
+  return plane;
+}
+
+static PyObject *result_of(const native_state *state, backward *b, pags_result result) {
+  PyObject *dict = NULL;
+  if (result != PAGS_OK)
+    native_raise(state, result);
+  else if (b->bad_rows == 0 ||
+           PyErr_WarnFormat(PyExc_RuntimeWarning, 1, "the gradients of %lld Gaussians aren't finite and were set to 0",
+                            (long long)b->bad_rows) == 0)
+    dict = native_arrays_dict(state, &b->out);
+  pags_gaussians_destroy(&b->out);
+  return dict;
+}
+
+PyObject *native_gradients(PyObject *module, PyObject *arguments, PyObject *keywords) {
+  static char *names[] = {"scene",      "camera",      "rgb",         "depth",     "threads",    "placements",
+                          "background", "transparent", "antialiased", "sh_degree", "near_plane", NULL};
+  const native_state *state = PyModule_GetState(module);
+  native_job_arguments w = native_default_job_arguments();
+  PyObject *scene, *camera, *rgb, *depth = Py_None;
+  backward b = {0};
+  int one;
+  if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OOO|$OiOOpiid:gradients", names, &scene, &camera, &rgb, &depth,
+                                   &b.threads, &w.placements, &w.background, &w.transparent, &w.antialiased,
+                                   &w.sh_degree, &w.near_plane))
+    return NULL;
+  if (!native_check_threads(b.threads))
+    return NULL;
+  PyObject *job = native_job_new(state, scene, camera, &w);
+  if (!job)
+    return NULL;
+  b.scene = (native_scene *)scene;
+  b.job = (native_job *)job;
+  b.job->options.keep_for_backward = 1;
+  b.rgb = read_plane(rgb, "rgb", b.job, 3, &b.channels);
+  if (b.rgb && depth != Py_None) {
+    b.depth = read_plane(depth, "depth", b.job, 2, &one);
+    b.job->options.extra_channels = 1;
+  }
+  PyObject *dict = NULL;
+  if (!PyErr_Occurred()) {
+    pags_result result;
+    Py_BEGIN_ALLOW_THREADS result = run(&b);
+    Py_END_ALLOW_THREADS dict = result_of(state, &b, result);
+  }
+  free(b.rgb);
+  free(b.depth);
+  Py_DECREF(job);
+  return dict;
+}
