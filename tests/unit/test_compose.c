@@ -328,6 +328,124 @@ static void cutting_changes_no_bit(void **state) {
   free(kept);
 }
 
+/* The scene with 600 Gaussians of degree 2 in the background, by turns of no object, PARKED and CAR; `back`: in
+ * reverse. */
+static pags_scene make_many(bool back) {
+  pags_scene scene = make_scene();
+  pags_gaussians *g = &scene.models[0].gaussians, sampled;
+  int64_t *index = malloc(600 * sizeof *index);
+  pags_gaussians_destroy(g);
+  sample_gaussians(&sampled, 600, 2, 5);
+  assert_int_equal(pags_gaussians_add_object_id(&sampled), PAGS_OK);
+  for (int64_t i = 0; i < 600; i++) {
+    pags_plane(&sampled, PAGS_MEAN)[i] += 10;
+    pags_plane(&sampled, PAGS_SCALE)[i] += 2.5f;
+    sampled.object_id[i] = (int32_t)(i % 3) - 1;
+    index[i] = back ? 599 - i : i;
+  }
+  assert_int_equal(pags_gaussians_create_like(g, 600, &sampled), PAGS_OK);
+  pags_gaussians_gather(&sampled, index, 600, g);
+  pags_gaussians_destroy(&sampled);
+  free(index);
+  return scene;
+}
+
+static void gaussians_come_back_in_the_order_of_ids(void **state) {
+  (void)state;
+  pags_scene kept = make_many(false);
+  pags_composition *c = compose_scene(make_many(false));
+  pags_gaussians all;
+  for (int packed = 0; packed < 2; packed++) {
+    if (packed)
+      assert_int_equal(pags_composition_pack(c), PAGS_OK);
+    assert_int_equal(pags_composition_gaussians(c, &all), PAGS_OK);
+    assert_int_equal(all.count, 601);
+    assert_int_equal(all.sh_degree, 2);
+    for (int p = 0; p < pags_plane_count(2); p++) {
+      const float *found = pags_plane(&all, p), *wanted = pags_plane(&kept.models[0].gaussians, p);
+      if (!packed)
+        assert_memory_equal(found, wanted, 600 * sizeof *found);
+      /* Packed means are within a 131070th of their cluster's box; the worst are harmonics, which
+       * are off by 1/254 of up to 4. */
+      for (int i = 0; i < 600 && (p < PAGS_ROTATION || p >= PAGS_OPACITY); i++)
+        assert_true(fabsf(found[i] - wanted[i]) < 0.02f);
+      const float car = p < PAGS_SH + 3 ? pags_plane(&kept.models[1].gaussians, p)[0] : 0;
+      assert_true(fabsf(found[600] - car) < (packed ? 0.01f : 1e-30f));
+    }
+    if (!packed) {
+      assert_memory_equal(all.object_id, kept.models[0].gaussians.object_id, 600 * sizeof(int32_t));
+      assert_int_equal(all.object_id[600], CAR);
+    }
+    pags_gaussians_destroy(&all);
+  }
+  pags_composition_destroy(c);
+  pags_scene_destroy(&kept);
+}
+
+/* The gradients of the sum of all pixels, by id. */
+static void gradients_of(pags_composition *c, int threads, pags_gaussians *out) {
+  pags_tasks *own = pags_tasks_create(threads);
+  pags_frame *f;
+  pags_picture picture;
+  const pags_part *parts;
+  int count;
+  pags_camera camera = ahead();
+  pags_frame_options options = pags_composition_options(c);
+  options.keep_for_backward = 1;
+  assert_int_equal(pags_frame_create(own, &f), PAGS_OK);
+  pags_compose(c, 101, &parts, &count);
+  assert_int_equal(pags_frame_render(f, parts, count, &camera, &options, NULL, NULL, &picture), PAGS_OK);
+  float *ones = malloc((size_t)picture.stride * (SIZE + 16) * sizeof *ones);
+  for (int i = 0; i < picture.stride * (SIZE + 16); i++)
+    ones[i] = 1;
+  const pags_picture_gradient gradient = {.rgb = {ones, ones, ones}};
+  assert_int_equal(pags_frame_gradients(f, &gradient, pags_composition_gaussian_count(c), out, NULL), PAGS_OK);
+  free(ones);
+  pags_frame_destroy(f);
+  pags_tasks_destroy(own);
+}
+
+/* Numbering the Gaussians the other way round numbers the gradients the other way round and changes none of their bits;
+ * nor do threads. */
+static void gradients_come_in_the_order_of_ids(void **state) {
+  (void)state;
+  pags_gaussians forth, back, threaded;
+  pags_composition *c = compose_scene(make_many(false)), *reversed = compose_scene(make_many(true));
+  gradients_of(c, 1, &forth);
+  gradients_of(c, 3, &threaded);
+  gradients_of(reversed, 2, &back);
+  int drawn = 0;
+  for (int p = 0; p < pags_plane_count(2); p++) {
+    assert_memory_equal(pags_plane(&forth, p), pags_plane(&threaded, p), 601 * sizeof(float));
+    for (int i = 0; i < 600; i++) {
+      drawn += p == PAGS_OPACITY && pags_plane(&forth, p)[i] != 0;
+      assert_memory_equal(pags_plane(&forth, p) + i, pags_plane(&back, p) + 599 - i, sizeof(float));
+    }
+  }
+  assert_true(drawn > 100);
+  assert_true(pags_plane(&forth, PAGS_SH)[600] > 0); /* the car's, whose model is of degree 0 */
+  assert_true(pags_plane(&forth, PAGS_SH + 3)[600] == 0);
+  pags_gaussians_destroy(&forth);
+  pags_gaussians_destroy(&back);
+  pags_gaussians_destroy(&threaded);
+
+  const pags_placement twice[2] = {{CAR, {1, 0, 0, 500010, 0, 1, 0, 2000, 0, 0, 1, 10}},
+                                   {CAR, {1, 0, 0, 500012, 0, 1, 0, 2000, 0, 0, 1, 10}}};
+  const pags_part *parts;
+  int count;
+  pags_picture picture;
+  pags_camera camera = ahead();
+  pags_frame_options options = pags_composition_options(c);
+  options.keep_for_backward = 1;
+  assert_int_equal(pags_compose_placed(c, 101, twice, 2, &parts, &count), PAGS_OK);
+  assert_int_equal(pags_frame_render(frame, parts, count, &camera, &options, NULL, NULL, &picture), PAGS_OK);
+  const pags_picture_gradient gradient = {.rgb = {picture.rgb[0], picture.rgb[1], picture.rgb[2]}};
+  assert_int_equal(pags_frame_gradients(frame, &gradient, 601, &back, NULL), PAGS_ERROR_ARGUMENT);
+  assert_null(back.data);
+  pags_composition_destroy(c);
+  pags_composition_destroy(reversed);
+}
+
 static void steady_composition_keeps_its_memory(void **state) {
   (void)state;
   pags_composition *c = compose_scene(make_scene());
@@ -391,6 +509,8 @@ int main(void) {
       cmocka_unit_test(absurd_numbers_stay_finite),
       cmocka_unit_test(ids_and_objects_are_those_of_the_files),
       cmocka_unit_test(cutting_changes_no_bit),
+      cmocka_unit_test(gaussians_come_back_in_the_order_of_ids),
+      cmocka_unit_test(gradients_come_in_the_order_of_ids),
       cmocka_unit_test(steady_composition_keeps_its_memory),
       cmocka_unit_test(placements_are_drawn_where_they_say),
   };
