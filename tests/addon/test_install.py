@@ -71,6 +71,7 @@ class Install(Case):
         code = f"import sys; sys.path.insert(0, {module[0]!r}); import pags; print(pags.load({splats!r}).info['gaussians'])"
         ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
         self.assertEqual(ran.stdout.strip(), "40", ran.stderr)
+        self.assertTrue(os.path.exists(os.path.join(module[0], "pags-stubs", "__init__.pyi")))
 
 
 if __name__ == "__main__":

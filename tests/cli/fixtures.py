@@ -46,6 +46,14 @@ def run(*arguments, timeout=300, **more):
     return subprocess.run(program(arguments), capture_output=True, text=True, timeout=timeout, **more)
 
 
+def numpy_python():
+    """A Python with numpy: this one, or the system's; None if there is none."""
+    for python in (sys.executable, "/usr/bin/python3"):
+        if os.path.exists(python) and subprocess.run([python, "-c", "import numpy"], capture_output=True).returncode == 0:
+            return python
+    return None
+
+
 def ply_bytes(rows):
     """The bytes of a PLY of degree 0 in INRIA's layout; each row holds the 17 values of PLY_NAMES."""
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}"]
