@@ -296,7 +296,7 @@ static bool check_savable(const pags_scene *scene) {
 
 static pags_result save(const char *path, const pags_scene *scene, const pags_gaussians *g, bool packed) {
   if (packed) {
-    pags_packed head = {.up = scene->up, .antialiased = scene->antialiased};
+    pags_packed head = {.up = (int)scene->up, .antialiased = scene->antialiased};
     memcpy(head.origin, scene->origin, sizeof head.origin);
     memcpy(head.background, scene->background, sizeof head.background);
     return pags_packed_export(path, g, &head);
