@@ -537,15 +537,15 @@ class Memory(Case):
 
     @unittest.skipIf(SANITIZED, "sanitizers keep what is freed")
     def test_leaks_nothing(self):
-        given, camera = random_gaussians(5000, 16), front(200, 150)
-        weights = buffer([1] * (3 * 200 * 150), 150, 200, 3)
+        given, camera = random_gaussians(5000, 16), front(480, 360)  # planes of 0.7 MB
+        weights, depth = buffer([1] * (3 * 480 * 360), 360, 480, 3), buffer([0] * (480 * 360), 360, 480)
         spoiled = {**given, "opacities": buffer([float("inf")] * 5000, 5000)}
         nested = [[1.0, 2.0, 3.0]] * 4999 + [[1.0, 2.0]]
         watched = [None, IDENTITY4, IDENTITY4[0], camera, camera["world_from_camera"], weights, *given.values()]
 
         def work():
             scene = pags.Scene(**given)
-            pags.gradients(scene, camera, weights, depth=[[0.0] * 200] * 150, threads=1)
+            pags.gradients(scene, camera, weights, depth=depth, threads=1)
             pags.render(scene, [camera] * 3, outputs=("rgb8", "rgba"), threads=1)
             scene.arrays(), scene.normals(), scene.object_of, scene.info, repr(scene)
             scene.save(self.path("a.ply"))
