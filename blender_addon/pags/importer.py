@@ -11,7 +11,7 @@ from bpy.props import BoolProperty, CollectionProperty, EnumProperty, StringProp
 from bpy_extras.io_utils import ImportHelper
 from mathutils import Matrix, Quaternion
 
-from . import curves, exporter, jobs, lens, native, photographs, proxies
+from . import curves, exporter, jobs, lens, native, photographs, program, proxies
 from .properties import preview_budget
 
 # -y up (COLMAP, bare files) to Blender's z up: a quarter turn about x that takes -y to z.
@@ -361,8 +361,13 @@ class PAGS_OT_import(bpy.types.Operator, ImportHelper):
         return {"CANCELLED"} if self.by_hand else {"FINISHED"}  # by hand: nothing is to be undone or done again yet
 
     def draw(self, context):
+        lacking = program.lacking(context)
         for name in OPTIONS:
-            self.layout.prop(self, name)
+            row = self.layout.row()
+            row.enabled = name != "proxies" or not lacking
+            row.prop(self, name)
+        if lacking:
+            exporter.explain(self.layout, f"Proxies: {lacking}")
 
     def invoke(self, context, event):
         self.by_hand = True

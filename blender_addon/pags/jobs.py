@@ -178,6 +178,8 @@ class PAGS_OT_job(bpy.types.Operator):
     def modal(self, context, event):
         if event.type != "TIMER":
             return {"PASS_THROUGH"}
+        if current is None:  # the add-on was switched off and on again
+            return self.end(context)
         try:
             done = advance(current)
         except Cancelled:
@@ -204,7 +206,7 @@ class PAGS_OT_job(bpy.types.Operator):
         global current
         job, current = current, None
         context.window_manager.event_timer_remove(self.timer)
-        if job.changes:
+        if job is not None and job.changes:
             bpy.ops.ed.undo_push(message=job.title)
         redraw(context)
         return {"FINISHED"}
@@ -273,7 +275,7 @@ CLASSES = (PAGS_OT_job, PAGS_OT_cancel_job)
 def register():
     for cls in CLASSES:
         bpy.utils.register_class(cls)
-    bpy.types.VIEW3D_HT_header.append(draw_header)
+    bpy.types.VIEW3D_HT_header.prepend(draw_header)  # at its right end it would often lie outside of the window
     atexit.register(abort)  # no program goes on after Blender's end
 
 

@@ -113,7 +113,7 @@ def convert(job, items):
         path = os.path.join(folder, "list.json")
         with open(path, "w", encoding="utf-8") as file:
             json.dump(items, file)
-        flags = ("-b", "--factory-startup", "-noaudio", "-P", undistort.__file__, "--", path)
+        flags = ("-b", "--factory-startup", "-P", undistort.__file__, "--", path)
         try:
             yield jobs.beside(program.run, job, bpy.app.binary_path, *flags)
         finally:

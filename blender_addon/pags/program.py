@@ -48,9 +48,18 @@ def executable(path):
     return path
 
 
+def absent(context):
+    """Why there is no program that can be run: a sentence, or "" where there is one."""
+    try:
+        command(context)
+    except native.SceneError as error:
+        return str(error)
+    return ""
+
+
 def lacking(context):
-    """Why the program at hand can't make proxies, glTF and USD: a sentence, or "" where it can, or while that isn't known. Never waits, except
-    without a window."""
+    """Why there are no proxies, glTF and USD to be had: a sentence, or "" where the program makes them, or while that isn't known. Never waits,
+    except without a window."""
     try:
         path = command(context)
         key = (path, os.stat(path).st_mtime_ns)

@@ -86,11 +86,13 @@ class PAGS_PT_export(Sidebar, bpy.types.Panel):
 
     def draw(self, context):
         layout = self.layout
-        layout.operator("export_scene.pags", icon="EXPORT")
+        row = layout.row()
+        row.enabled = not program.absent(context)
+        row.operator("export_scene.pags", icon="EXPORT")
         layout.operator("pags.save_edited", icon="FILE_TICK")
         lacking, row = program.lacking(context), layout.row()
         row.enabled = not lacking
-        row.operator("pags.import_proxies", icon="MESH_DATA")
+        row.operator_menu_enum("pags.import_proxies", "level", icon="MESH_DATA")
         if lacking:
             exporter.explain(layout, lacking)
         layout.operator("pags.composite", icon="NODE_COMPOSITING")
