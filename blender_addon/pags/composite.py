@@ -11,7 +11,7 @@ from . import cameras, curves, gather, jobs, lens, native, undistort
 SECOND = "PAGS behind"
 LIGHT = "PAGS surroundings"  # name of the world and of its picture
 MINE = "pags_composite"  # mark of our nodes in the compositor
-SAMPLES = {True: 64, False: 256}  # of Cycles, with and without a denoiser; its own default of 4096 takes hours on a CPU
+SAMPLES = {True: 64, False: 128}  # of Cycles, with and without a denoiser; its own default of 4096 takes hours on a CPU
 SLACK = 0.15  # share of the distance by which a mesh may lie behind the splats; 1.6 m above the road it is 0.25 m in height
 
 

@@ -102,6 +102,7 @@ def run(job, path, *arguments):
         words(path, *arguments), stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, **manner()
     )
     last = ""
+    job.tell(0, "")
     with running.stdout, job.ended_by(running.terminate):
         for line in running.stdout:
             last = line.strip() or last

@@ -213,6 +213,7 @@ class PAGS_OT_photographs(jobs.Long, cameras.OnScene, bpy.types.Operator):
     @classmethod
     def poll(cls, context):
         camera = context.scene.camera
+        cls.poll_message_set("the scene's camera is none of the recording's; Nearest chooses one")
         return camera is not None and camera.pags.kind == "CAMERA" and camera.data.pags.sensor >= 0
 
     def steps(self, context, root):

@@ -210,7 +210,7 @@ def underway():
     jobs = sys.modules[addon.__name__ + ".jobs"]
     with in_view():
         bpy.ops.pags.import_proxies("INVOKE_DEFAULT")
-    while jobs.current is not None and jobs.current.fraction == 0:
+    while jobs.current is not None and (jobs.current.end_other is None or jobs.current.fraction == 0):
         yield 0.05
     assert jobs.current is not None, "the proxies have failed"
     yield 0.2

@@ -230,7 +230,7 @@ def proxies():
     before = len(bpy.data.objects)
     with in_view():
         bpy.ops.pags.import_proxies("INVOKE_DEFAULT")
-        yield from until(lambda: jobs.current is None or jobs.current.fraction > 0)
+        yield from until(lambda: jobs.current is None or (jobs.current.end_other is not None and jobs.current.fraction > 0))
         shoot("job")
         try:
             bpy.ops.pags.import_proxies("INVOKE_DEFAULT")
@@ -257,6 +257,10 @@ def composited():
         yield 0.3
     yield from finished("composite")
     assert bpy.context.scene.world.name == part("composite").LIGHT
+    with in_view():
+        bpy.ops.ed.undo()  # the job has made a step of it
+    yield 0.5
+    assert bpy.context.scene.world.name != part("composite").LIGHT
 
 
 tell(story())
