@@ -1126,14 +1126,15 @@ class Composite(BlenderCase):
         self.scene.frame_set(2)
         if not hasattr(bpy.types.Scene, "cycles"):
             self.skipTest("this Blender has no Cycles")
-        self.scene.render.resolution_percentage = 40
         bpy.ops.mesh.primitive_uv_sphere_add(radius=0.8, location=(7, 1.2, 0))
         before = self.scene.world
         bpy.ops.pags.composite()
+        self.scene.render.resolution_percentage = 40  # the second scene's size is another now, and isn't asked for
         self.assertIn(self.scene.cycles.samples, (64, 128))
         picture = self.f12()
         ball = pixel(picture, int((50 - 1.2 / 6 * 100) * 0.4), 20)
         self.assertGreater(ball[2], ball[0] + 30)  # white, in the light of a blue sky
+        self.assertGreater(pixel(picture, 20, 20)[0], 100)  # the red car of the street, a few pixels wide
         self.assertTrue(before is None or before.use_fake_user)
         self.scene.cycles.samples = 3
         bpy.ops.pags.composite()
