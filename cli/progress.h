@@ -11,7 +11,7 @@ typedef struct pags_progress {
   FILE *stream; /* NULL: silent */
   bool terminal;
   double created, shown_at; /* pags_seconds() of the start and of the last line */
-  int length;      /* length of the line now shown on the terminal, characters */
+  int length;               /* length of the line now shown on the terminal, characters */
   /* of pags_progress_watch: when the current phase began (0: not yet), and at which fraction of the work */
   double begun, from;
   double fraction; /* of the work done so far, 0..1 */

@@ -22,11 +22,10 @@ def own():
 
 def command(context):
     """Path of the program to run: that of the preferences, else the add-on's own, else one on the PATH. Raises SceneError where there is none."""
-    from .properties import preferences  # which imports the photographs, which import this
-
-    chosen = preferences(context)
-    if chosen and chosen.program:
-        path = os.path.abspath(bpy.path.abspath(chosen.program))
+    addon = context.preferences.addons.get(__package__)  # None where a script registered the add-on by hand
+    chosen = addon.preferences.program if addon else ""
+    if chosen:
+        path = os.path.abspath(bpy.path.abspath(chosen))
         if not os.path.isfile(path) or not os.access(path, os.X_OK):
             raise native.SceneError(f"{path}: is no program that can be run; name another in the add-on's preferences, or leave the field empty")
         return path
