@@ -14,7 +14,7 @@ const char pags_program_name[] = "pags";
 typedef struct verb_entry {
   const char *name, *summary;
   int (*run)(int argc, char **argv); /* NULL: the verb is not in this build */
-  const char *lacking;               /* if run is NULL: the library that this build lacks */
+  const char *lacking;               /* what this build lacks: of the verb, or if run is NULL the library; or NULL */
 } verb_entry;
 
 /* CMake defines PAGS_WITH_* for the optional parts that are built. */
@@ -22,6 +22,11 @@ typedef struct verb_entry {
 #define IF_SYNTH(function) function, NULL
 #else
 #define IF_SYNTH(function) NULL, "Embree (CMake option PAGS_EMBREE)"
+#endif
+#ifdef PAGS_WITH_PROXIES
+#define EXPORT_LACKS NULL
+#else
+#define EXPORT_LACKS "proxies, glTF and USD (CMake options PAGS_EXPORT and PAGS_EMBREE)"
 #endif
 #ifdef PAGS_WITH_IMPORT
 #define IF_IMPORT(function) function, NULL
@@ -34,7 +39,7 @@ static const verb_entry verbs[] = {
     {"render", "draw a scene or a splat file into pictures", pags_verb_render, NULL},
     {"eval", "compare a scene with its photographs: PSNR, SSIM, LPIPS", pags_verb_eval, NULL},
     {"info", "say what a data set, scene, splat, camera, image or checkpoint file holds", pags_verb_info, NULL},
-    {"export", "write proxy geometry or splat files of a scene", pags_verb_export, NULL},
+    {"export", "write proxy geometry or splat files of a scene", pags_verb_export, EXPORT_LACKS},
     {"import", "turn a recording of KITTI or Waymo into a data set", IF_IMPORT(pags_verb_import)},
     {"synth", "write a data set with known truth, ray-traced", IF_SYNTH(pags_verb_synth)},
 };
@@ -54,8 +59,8 @@ int main(int argc, char **argv) {
     printf("usage: pags VERB [arguments]\n\n");
     printf("Priority-Adaptive Gaussian Splatting on CPUs, version %s\n\n", PAGS_VERSION_STRING);
     for (int i = 0; i < VERB_COUNT; i++)
-      printf("  %-8s %s%s%s\n", verbs[i].name, verbs[i].summary, verbs[i].run ? "" : "; this build lacks ",
-             verbs[i].run ? "" : verbs[i].lacking);
+      printf("  %-8s %s%s%s\n", verbs[i].name, verbs[i].summary, verbs[i].lacking ? "; this build lacks " : "",
+             verbs[i].lacking ? verbs[i].lacking : "");
     printf(
         "\n'pags VERB --help' lists a verb's options with units and defaults; 'pags --version' prints the version.\n");
     printf("Exit codes: 0 done, 1 failed, 2 wrong usage, 3 interrupted with its state saved.\n");

@@ -3,12 +3,13 @@
 #include "cli/progress.h"
 #include "cli/interrupt.h"
 
+#include <math.h>
 #include <stdarg.h>
 
 #include "base/clock.h"
 #include "port/port.h"
 
-static const double terminal_seconds = 0.2, plain_seconds = 10;
+static const double terminal_seconds = 0.2, least_plain_seconds = 1, most_plain_seconds = 10;
 
 double pags_seconds(void) {
   return 1e-3 * pags_clock_ms();
@@ -17,13 +18,14 @@ double pags_seconds(void) {
 pags_progress pags_progress_begin(FILE *stream) {
   pags_progress progress = {.stream = stream};
   progress.terminal = stream && pags_port_is_terminal(stream);
-  progress.shown_at = pags_seconds();
+  progress.created = progress.shown_at = pags_seconds();
   return progress;
 }
 
 bool pags_progress_due(const pags_progress *progress) {
-  return progress->stream &&
-         pags_seconds() - progress->shown_at >= (progress->terminal ? terminal_seconds : plain_seconds);
+  const double now = pags_seconds(), tenth = (now - progress->created) / 10;
+  const double plain = fmin(fmax(tenth, least_plain_seconds), most_plain_seconds);
+  return progress->stream && now - progress->shown_at >= (progress->terminal ? terminal_seconds : plain);
 }
 
 static void clear_line(pags_progress *progress) {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Progress output of a verb: one line rewritten in place on a terminal, a plain line every ten seconds elsewhere.
- * Errors are never printed this way. */
+/* Progress output of a verb: one line rewritten in place on a terminal, plain lines elsewhere: after a second,
+ * then more and more rarely, at last every ten seconds. Errors are never printed this way. */
 #ifndef PAGS_CLI_PROGRESS_H
 #define PAGS_CLI_PROGRESS_H
 
@@ -10,8 +10,8 @@
 typedef struct pags_progress {
   FILE *stream; /* NULL: silent */
   bool terminal;
-  double shown_at; /* pags_seconds() of the last line */
-  int length;      /* length of the line now shown on the terminal, characters */
+  double created, shown_at; /* pags_seconds() of the start and of the last line */
+  int length;               /* length of the line now shown on the terminal, characters */
   /* of pags_progress_watch: when the current phase began (0: not yet), and at which fraction of the work */
   double begun, from;
   double fraction; /* of the work done so far, 0..1 */

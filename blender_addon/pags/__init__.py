@@ -24,13 +24,14 @@ from . import (
     handlers,
     importer,
     inspector,
+    jobs,
     overlay,
     properties,
     proxies,
     ui,
 )
 
-PARTS = (properties, importer, cameras, engine, overlay, inspector, composite, exporter, proxies, ui, handlers)
+PARTS = (properties, jobs, importer, cameras, engine, overlay, inspector, composite, exporter, proxies, ui, handlers)
 
 
 def register():

@@ -4,13 +4,14 @@ written and read."""
 
 import json
 import os
+import time
 
 import bpy
 import numpy as np
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper, ImportHelper
 
-from . import curves, lens, native
+from . import curves, jobs, lens, native
 
 
 def root_of(context):
@@ -26,6 +27,17 @@ class OnScene:
     are reported as errors."""
 
     errors = (native.SceneError, OSError)
+
+    def invoke(self, context, event):
+        """By hand. A scene that is still being read isn't waited for, as it is for scripts."""
+        root = root_of(context)
+        if root is not None and native.is_loading(native.absolute_path(root)):
+            self.report({"WARNING"}, "the scene is still being read; try it again in a moment")
+            return {"CANCELLED"}
+        return self.asked(context, event)
+
+    def asked(self, context, event):
+        return self.execute(context)
 
     def execute(self, context):
         root = root_of(context)
@@ -81,6 +93,27 @@ class Frame:
 def set_frame(scene, frame):
     whole = int(np.floor(frame + 1e-4))
     scene.frame_set(whole, subframe=float(min(max(frame - whole, 0), 0.9999)))
+
+
+def along(job, scene, frames, visit):
+    """Steps that call `visit(frame, depsgraph)` with the timeline at each of the frames. Between the steps it is where the user has it."""
+    users, away, end = scene.frame_current_final, False, time.perf_counter() + jobs.SLICE
+    try:
+        for number, frame in enumerate(frames):
+            if time.perf_counter() > end:
+                set_frame(scene, users)
+                away = False
+                job.tell(number / len(frames), "going through the timeline")
+                yield
+                if bpy.context.scene != scene:
+                    raise native.SceneError("another of the file's scenes was chosen meanwhile; try it again")
+                users, end = scene.frame_current_final, time.perf_counter() + jobs.SLICE
+            away = True
+            set_frame(scene, frame)
+            visit(frame, bpy.context.evaluated_depsgraph_get())
+    finally:
+        if away:
+            set_frame(scene, users)
 
 
 # ---- Photographs' cameras ----
@@ -272,7 +305,7 @@ def rotation(q):
     )
 
 
-class PAGS_OT_write_path(OnScene, bpy.types.Operator, ExportHelper):
+class PAGS_OT_write_path(jobs.Long, OnScene, bpy.types.Operator, ExportHelper):
     """Write the scene's camera over the frame range as a path that "pags render --path" takes"""
 
     bl_idname = "export_scene.pags_path"
@@ -282,35 +315,40 @@ class PAGS_OT_write_path(OnScene, bpy.types.Operator, ExportHelper):
     filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
     single: BoolProperty(name="This frame alone", description="A camera file for pags render --camera", default=False)
 
-    errors = (native.SceneError, lens.LensError, OSError)
+    def invoke(self, context, event):
+        self.by_hand = True
+        return ExportHelper.invoke(self, context, event)
 
-    def work(self, context, root):
-        scene = context.scene
+    def steps(self, context, root):
+        scene, path, single = context.scene, self.filepath, self.single
         if scene.camera is None:
             raise native.SceneError("there is no camera in the scene")
-        frames = self.frames(context, Frame(context, root))
-        if os.path.exists(self.filepath) and not os.stat(self.filepath).st_mode & 0o222:  # refused even for root, which could write it
-            raise native.SceneError(f"{self.filepath}: can't write: it is read-only")
-        with open(self.filepath, "w", encoding="utf-8") as file:
-            json.dump(
-                frames[0] if self.single else {"fps": scene.render.fps / scene.render.fps_base, "frames": frames},
-                file,
-                indent=1,
-            )
-        return f"{len(frames)} cameras in {self.filepath}"
+        if os.path.exists(path) and not os.stat(path).st_mode & 0o222:  # refused even for root, which could write it
+            raise native.SceneError(f"{path}: can't write: it is read-only")
+        numbers = [scene.frame_current_final] if single else range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
+        (width, height), scene_path = lens.picture_size(scene.render), native.absolute_path(root)
 
-    def frames(self, context, frame):
-        scene, before, out = context.scene, context.scene.frame_current_final, []
-        width, height = lens.picture_size(scene.render)
-        numbers = [before] if self.single else range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
-        for number in numbers:
-            set_frame(scene, number)
-            camera = scene.camera.evaluated_get(context.evaluated_depsgraph_get())
-            if camera.data.type != "PERSP":
-                raise lens.LensError("a path holds perspective cameras alone")
-            out.append(record_of(frame.view_of(camera, number, width, height, scene.render)))
-        set_frame(scene, before)
-        return out
+        def work(job):
+            yield jobs.beside(native.load, scene_path)
+            frame, found = Frame(bpy.context, root), []
+
+            def visit(number, depsgraph):
+                camera = scene.camera.evaluated_get(depsgraph)
+                if camera.data.type != "PERSP":
+                    raise lens.LensError("a path holds perspective cameras alone")
+                found.append(record_of(frame.view_of(camera, number, width, height, scene.render)))
+
+            yield from along(job, scene, numbers, visit)
+            record = found[0] if single else {"fps": scene.render.fps / scene.render.fps_base, "frames": found}
+            yield jobs.beside(write_json, path, record)
+            return f"{len(found)} cameras in {path}"
+
+        return work
+
+
+def write_json(path, record):
+    with open(path, "w", encoding="utf-8") as file:
+        json.dump(record, file, indent=1)
 
 
 class PAGS_OT_read_path(OnScene, bpy.types.Operator, ImportHelper):
@@ -331,6 +369,9 @@ class PAGS_OT_read_path(OnScene, bpy.types.Operator, ImportHelper):
         ],
         default="TIMES",
     )
+
+    def asked(self, context, event):
+        return ImportHelper.invoke(self, context, event)
 
     def work(self, context, root):
         try:

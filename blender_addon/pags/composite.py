@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A CG object in the street: the PAGS scene drawn in a linked second scene, Blender's meshes by Cycles or EEVEE over it
-by depth, with proxies (or a plane for the road) that catch their shadows."""
+by depth, with proxies (or a plane for the road) that catch their shadows, in the light of the recording's surroundings."""
 
 import bpy
 import numpy as np
-from bpy.props import EnumProperty, FloatProperty
+from bpy.props import BoolProperty, EnumProperty, FloatProperty
 
-from . import cameras, curves, native
+from . import cameras, curves, gather, jobs, lens, native, undistort
 
 SECOND = "PAGS behind"
+LIGHT = "PAGS surroundings"  # name of the world and of its picture
+MINE = "pags_composite"  # mark of our nodes in the compositor
+SAMPLES = {True: 64, False: 128}  # of Cycles, with and without a denoiser; its own default of 4096 takes hours on a CPU
 SLACK = 0.15  # share of the distance by which a mesh may lie behind the splats; 1.6 m above the road it is 0.25 m in height
 
 
@@ -67,13 +70,11 @@ def road_height(entry):
     return float(np.median(below[np.abs(below - level) < 0.1]))
 
 
-def shadow_plane(scene, root, entry):
+def shadow_plane(scene, root, eyes, z):
     known = next((o for o in scene.objects if o.get("pags_catcher") == "road"), None)
     if known is not None:
         return known
-    eyes = eyes_of(entry)
     low, high = (eyes.min(axis=0) - 40, eyes.max(axis=0) + 40) if len(eyes) else (np.full(3, -40), np.full(3, 40))
-    z = road_height(entry)
     mesh = bpy.data.meshes.new("road")
     mesh.from_pydata(
         [(low[0], low[1], z), (high[0], low[1], z), (high[0], high[1], z), (low[0], high[1], z)], [], [(0, 1, 2, 3)]
@@ -85,13 +86,13 @@ def shadow_plane(scene, root, entry):
     return plane
 
 
-def use_catchers(scene, root, entry):
+def use_catchers(scene, root, eyes, z):
     """Puts the meshes that catch shadows (proxies where there are any, else a plane for the road) into a collection of the first scene; returns them."""
     proxies = [o for o in scene.objects if o.get("pags_proxy") and o.type == "MESH"]
     collection = bpy.data.collections.get("PAGS shadow catchers") or bpy.data.collections.new("PAGS shadow catchers")
     if collection.name not in scene.collection.children:
         scene.collection.children.link(collection)
-    catchers = proxies or [shadow_plane(scene, root, entry)]
+    catchers = proxies or [shadow_plane(scene, root, eyes, z)]
     for block in catchers:
         if collection.objects.get(block.name) is None:
             collection.objects.link(block)
@@ -122,17 +123,106 @@ def hide_splats(scene, root):
             part.visible_camera = part.visible_shadow = part.visible_diffuse = part.visible_glossy = False
 
 
+# ---- The light ----
+
+
+def panorama(entry, eye, turn, threads, width=512, side=192):
+    """What is seen all around a point (relative to the scene's origin), without the objects: linear RGB (height, width, 3), row 0 at the bottom, as
+    Cycles maps an equirectangular picture. `turn`: 3x3, from Blender's world to the scene's axes. Drawn as the six faces of a cube."""
+    height = width // 2
+    longitude = 2 * np.pi * (0.5 - (np.arange(width) + 0.5) / width)
+    latitude = np.pi * ((np.arange(height) + 0.5) / height - 0.5)
+    flat = np.cos(latitude)[:, None] * np.stack([np.cos(longitude), np.sin(longitude)])[:, None]
+    up = np.broadcast_to(np.sin(latitude)[:, None], (height, width))
+    directions = np.stack([*flat, up], axis=2) @ turn.T
+    largest = np.abs(directions).argmax(axis=2)
+    face = 2 * largest + (np.take_along_axis(directions, largest[..., None], 2)[..., 0] < 0)
+    out = np.zeros((height, width, 3), dtype=np.float32)
+    for number in range(6):
+        forward = np.eye(3)[number // 2] * (1 - 2 * (number % 2))
+        right = np.eye(3)[(number // 2 + 1) % 3]
+        axes = np.stack([right, np.cross(forward, right), forward], axis=1)  # columns: right, down, forward
+        pose = np.hstack([axes, (eye + np.array(entry.info["origin"]))[:, None]])
+        camera = {"width": side, "height": side, "fx": side / 2, "fy": side / 2, "cx": side / 2, "cy": side / 2}
+        camera.update(world_from_camera=[float(v) for v in pose.ravel()], time=entry.info["time_begin"])
+        job = native.renderer("final", threads).submit(entry.scene, camera, placements=[(-1, gather.IDENTITY)], linear=True)
+        picture, here = np.asarray(job.take().rgba)[..., :3], face == number
+        seen = directions[here] @ axes
+        out[here] = undistort.sample(picture, side / 2 * (1 + seen[:, 0] / seen[:, 2]), side / 2 * (1 + seen[:, 1] / seen[:, 2]))
+    return out
+
+
+def light_up(scene, picture):
+    """Makes the picture the scene's world. The world that was there stays in the file."""
+    height, width = picture.shape[:2]
+    image = bpy.data.images.get(LIGHT) or bpy.data.images.new(LIGHT, width, height, float_buffer=True)
+    rgba = np.ones((height, width, 4), dtype=np.float32)
+    rgba[..., :3] = picture
+    image.pixels.foreach_set(rgba.reshape(-1))
+    image.update()
+    image.pack()
+    world = bpy.data.worlds.get(LIGHT) or bpy.data.worlds.new(LIGHT)
+    world.use_nodes = True
+    nodes = world.node_tree.nodes
+    texture = next((n for n in nodes if n.bl_idname == "ShaderNodeTexEnvironment"), None) or nodes.new("ShaderNodeTexEnvironment")
+    texture.image, texture.location = image, (-300, 300)
+    background = next(n for n in nodes if n.bl_idname == "ShaderNodeBackground")
+    world.node_tree.links.new(texture.outputs["Color"], background.inputs["Color"])
+    if scene.world not in (None, world):
+        scene.world.use_fake_user = True
+    scene.world = world
+
+
+def use_samples(scene):
+    """Samples and denoising with which Cycles ends within minutes and with what this Blender has: Debian's has no OpenImageDenoise, and Cycles
+    stops with an error where it is asked for. Samples that the user has set stay."""
+    try:
+        import _cycles
+
+        denoises = bool(getattr(_cycles, "with_openimagedenoise", False))
+    except ImportError:
+        denoises = False
+    if not scene.cycles.is_property_set("samples"):
+        scene.cycles.samples = SAMPLES[denoises]
+    if not denoises:
+        scene.cycles.use_denoising = False
+
+
+# ---- The compositor ----
+
+
 def node_tree(scene):
-    """The compositor's node tree, emptied, and its output node."""
+    """The compositor's node tree, made where there is none."""
     if hasattr(scene, "compositing_node_group"):  # 5.x
-        tree = bpy.data.node_groups.new("PAGS composite", "CompositorNodeTree")
-        scene.compositing_node_group = tree
-        tree.interface.new_socket(name="Image", in_out="OUTPUT", socket_type="NodeSocketColor")
-        return tree, tree.nodes.new("NodeGroupOutput")
+        tree = scene.compositing_node_group
+        if tree is None:
+            tree = scene.compositing_node_group = bpy.data.node_groups.new("PAGS composite", "CompositorNodeTree")
+            tree.interface.new_socket(name="Image", in_out="OUTPUT", socket_type="NodeSocketColor")
+        return tree
     scene.use_nodes = True
-    tree = scene.node_tree
-    tree.nodes.clear()
-    return tree, tree.nodes.new("CompositorNodeComposite")
+    return scene.node_tree
+
+
+def output_of(tree, scene):
+    """The tree's output node, made where there is none."""
+    kind = "NodeGroupOutput" if hasattr(scene, "compositing_node_group") else "CompositorNodeComposite"
+    known = [node for node in tree.nodes if node.bl_idname == kind]
+    return next((node for node in known if getattr(node, "is_active_output", True)), None) or next(iter(known), None) or tree.nodes.new(kind)
+
+
+def take_over(tree, scene):
+    """Removes what an earlier call has built. Returns the inputs that are to show the composite: those that it fed, and those that the scene's own
+    Render Layers node feeds. All other nodes and links are the user's and stay."""
+    mine = [node for node in tree.nodes if MINE in node]
+    sources = mine + [node for node in tree.nodes if node.bl_idname == "CompositorNodeRLayers" and MINE not in node and node.scene == scene]
+    links = [link for node in sources for output in node.outputs if node in mine or output.name == "Image" for link in output.links]
+    fed = [(link.to_node, link.to_socket) for link in links if MINE not in link.to_node]
+    out = output_of(tree, scene)
+    if not out.inputs[0].is_linked and out.inputs[0] not in [socket for _, socket in fed]:
+        fed.append((out, out.inputs[0]))
+    for node in mine:
+        tree.nodes.remove(node)
+    return [socket for _, socket in fed]
 
 
 def math_node(tree, operation, first, second):
@@ -176,13 +266,16 @@ def multiply(tree, share, picture, by):
     return out
 
 
-def build_nodes(scene, second, tolerance):
+def build_nodes(scene, second, layer, tolerance):
     """Builds the compositor's nodes: the street, darkened by the shadows on the catchers, and over it the meshes wherever they are no more than
     `tolerance` metres behind the street's surface. A catcher may lie further behind, by SLACK of the distance: what is seen at grazing angles and off by
-    centimetres in height is off by metres along the ray. Anything that stands well before the catcher takes no shadow from it."""
-    tree, out = node_tree(scene)
+    centimetres in height is off by metres along the ray. Anything that stands well before the catcher takes no shadow from it. The result goes where the
+    scene's Render Layers node went, so that the user's own nodes go on working. False where nothing of it reaches the output."""
+    tree = node_tree(scene)
+    fed, users = take_over(tree, scene), set(tree.nodes)
     front, behind = tree.nodes.new("CompositorNodeRLayers"), tree.nodes.new("CompositorNodeRLayers")
     front.scene, behind.scene = scene, second
+    front.layer = layer
     excess = math_node(tree, "SUBTRACT", front.outputs["Depth"], behind.outputs["Depth"])
     street = behind.outputs["Image"]
     shadow = next((o for o in front.outputs if o.name == "Shadow Catcher" and o.enabled), None)
@@ -197,18 +290,24 @@ def build_nodes(scene, second, tolerance):
         masked.mode = "APPLY"
     tree.links.new(front.outputs["Image"], masked.inputs["Image"])
     tree.links.new(math_node(tree, "LESS_THAN", excess, tolerance), masked.inputs["Alpha"])
-    tree.links.new(alpha_over(tree, street, masked.outputs[0]), out.inputs[0])
-    for x, node in enumerate(tree.nodes):
-        node.location = (200 * (x % 4), -250 * (x // 4))
-    return tree
+    whole = alpha_over(tree, street, masked.outputs[0])
+    frame = tree.nodes.new("NodeFrame")
+    frame.label = "PAGS composite"
+    for x, node in enumerate(node for node in tree.nodes if node not in users):
+        node[MINE] = True
+        if node != frame:
+            node.parent = frame
+            node.location = (200 * (x % 4) - 1400, -250 * (x // 4))
+    for socket in fed:
+        tree.links.new(whole, socket)
+    return bool(fed)
 
 
-class PAGS_OT_composite(cameras.OnScene, bpy.types.Operator):
+class PAGS_OT_composite(jobs.Long, cameras.OnScene, bpy.types.Operator):
     """Set up F12 so that this file's meshes, rendered by Cycles or EEVEE, stand in the PAGS scene with their shadows on the road"""
 
     bl_idname = "pags.composite"
     bl_label = "Composite with Cycles/EEVEE"
-    bl_options = {"REGISTER", "UNDO"}
 
     engine: EnumProperty(
         name="Meshes by",
@@ -226,27 +325,58 @@ class PAGS_OT_composite(cameras.OnScene, bpy.types.Operator):
         unit="LENGTH",
     )
 
-    errors = (native.SceneError, TypeError, AttributeError)
+    use_light: BoolProperty(
+        name="Light of the surroundings",
+        description="Make the recording's sky, and what stands still around the camera, the world that lights the meshes",
+        default=True,
+    )
 
-    def work(self, context, root):
-        scene = context.scene
+    def invoke(self, context, event):
+        self.by_hand = True
+        return context.window_manager.invoke_props_dialog(self)
+
+    def steps(self, context, root):
+        scene, layer, threads = context.scene, context.view_layer, context.scene.pags.threads
         if scene.camera is None:
             raise native.SceneError("there is no camera in the scene")
-        entry = native.load(native.absolute_path(root))
-        if self.engine == "CYCLES":
-            scene.render.engine = "CYCLES"
-        else:
-            names = {item.identifier for item in bpy.types.RenderSettings.bl_rna.properties["engine"].enum_items}
-            scene.render.engine = "BLENDER_EEVEE_NEXT" if "BLENDER_EEVEE_NEXT" in names else "BLENDER_EEVEE"
-        scene.render.film_transparent = True
-        scene.render.use_compositing = True
-        context.view_layer.use_pass_z = True
-        second = second_scene(scene, root)
-        hide_splats(scene, root)
-        if self.engine == "CYCLES":
-            use_catchers(scene, root, entry)
-            context.view_layer.cycles.use_pass_shadow_catcher = True
-        build_nodes(scene, second, self.tolerance)
+        if self.engine == "CYCLES" and not hasattr(scene, "cycles"):
+            raise native.SceneError("this Blender has no Cycles, or its add-on isn't enabled (Preferences > Add-ons)")
+        path, engine, tolerance, use_light = native.absolute_path(root), self.engine, self.tolerance, self.use_light
+        root_from_world = np.linalg.inv(lens.matrix(root.matrix_world))
+        eye = (root_from_world @ lens.matrix(scene.camera.matrix_world))[:3, 3]
+        turn = lens.rigid(root_from_world)[0][:3, :3]
+
+        def work(job):
+            entry = yield jobs.beside(native.load, path)
+            z = yield jobs.beside(road_height, entry)
+            if use_light:
+                light_up(scene, (yield jobs.beside(panorama, entry, eye, turn, threads)))
+            job.changes = True
+            set_engine(scene, engine)
+            scene.render.film_transparent = True
+            scene.render.use_compositing = True
+            layer.use_pass_z = True
+            second = second_scene(scene, root)
+            yield
+            hide_splats(scene, root)
+            if engine == "CYCLES":
+                use_catchers(scene, root, eyes_of(entry), z)
+                layer.cycles.use_pass_shadow_catcher = True
+            yield
+            if not build_nodes(scene, second, layer.name, tolerance):
+                job.notes.append('the compositor\'s output shows something else: link the frame "PAGS composite" to where it is to be seen')
+            return "F12 draws the meshes in the street"
+
+        return work
+
+
+def set_engine(scene, engine):
+    if engine == "CYCLES":
+        scene.render.engine = "CYCLES"
+        use_samples(scene)
+        return
+    names = {item.identifier for item in bpy.types.RenderSettings.bl_rna.properties["engine"].enum_items}
+    scene.render.engine = "BLENDER_EEVEE_NEXT" if "BLENDER_EEVEE_NEXT" in names else "BLENDER_EEVEE"
 
 
 CLASSES = (PAGS_OT_composite,)

@@ -53,7 +53,7 @@ class PagsRenderEngine(bpy.types.RenderEngine):
             self.register_pass(scene, renderlayer, "PriorityHeat", 4, "RGBA", "COLOR")
 
     def render(self, depsgraph):
-        width, height = lens.picture_size(depsgraph.scene.render)
+        width, height = self.resolution_x, self.resolution_y  # Blender's: within a compositor, that of the scene that is rendered
         window = border_window(depsgraph.scene.render, width, height)
         size = window[2:] if window else (width, height)
         result = self.begin_result(

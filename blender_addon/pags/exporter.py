@@ -5,37 +5,20 @@ tracks changed.
 The program knows nothing of Blender. What it is given is a scene folder: scene.json with the tracks as the
 timeline has them now and without objects that are gone, and links to the models or copies of them."""
 
+import contextlib
 import json
 import os
-import shutil
-import subprocess
 import tempfile
+import textwrap
 
 import bpy
 import numpy as np
 from bpy.props import BoolProperty, EnumProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 
-from . import cameras, files, gather, lens, native
-from .properties import preferences
+from . import cameras, files, gather, jobs, lens, native, photographs, program
 
-
-def program(context):
-    """Path of the `pags` program, or None."""
-    chosen = preferences(context)
-    path = bpy.path.abspath(chosen.program) if chosen and chosen.program else os.environ.get("PAGS_PROGRAM", "")
-    return path if path and os.access(path, os.X_OK) else shutil.which("pags") if not path else None
-
-
-def run_program(context, *arguments):
-    """Runs the `pags` program and waits; raises SceneError with its last line of output when it fails."""
-    command = program(context)
-    if command is None:
-        raise native.SceneError("the pags program isn't there: install it, or name it in the add-on's preferences")
-    hidden = getattr(subprocess, "CREATE_NO_WINDOW", 0)  # Windows opens a console for the program otherwise
-    done = subprocess.run([command, *arguments], capture_output=True, encoding="utf-8", errors="replace", creationflags=hidden)
-    if done.returncode != 0:
-        raise native.SceneError((done.stderr.strip().splitlines() or [f"pags {arguments[0]} failed"])[-1])
+ROWS = 65536  # of a splat file, read, changed and written at a time
 
 
 def parts_by_index(context, root):
@@ -62,20 +45,18 @@ class Edited:
         self.entry = self.frame.entry
         if not os.path.isdir(self.entry.path):
             raise native.SceneError(
-                f"{self.entry.path}: edits are exported of scene folders; this is a bare splat file"
+                f"{self.entry.path}: edits are saved of scene folders; this is a bare splat file, which Export writes as it is"
             )
+        self.dataset = photographs.dataset(root, self.entry)
         with open(os.path.join(self.entry.path, "scene.json"), encoding="utf-8") as file:
             self.scene = json.load(file)
         self.inverse = np.linalg.inv(lens.matrix(root.matrix_world))
         self.moved, self.gone = [], []
 
-    def collect(self):
-        """Finds the objects that were moved and their new track poses, by stepping through the timeline once."""
-        parts, scene, before = (
-            parts_by_index(self.context, self.root),
-            self.context.scene,
-            self.context.scene.frame_current_final,
-        )
+    def collect(self, job):
+        """Steps that find the objects that were moved and their new track poses, by going through the timeline once. Between the steps the
+        timeline is where the user has it."""
+        parts, scene = parts_by_index(self.context, self.root), self.context.scene
         records = self.scene.get("objects", [])
         self.gone = [
             i
@@ -91,14 +72,14 @@ class Edited:
             }
         )
         times = times or [self.entry.info["time_begin"]]
-        for time in times:
-            cameras.set_frame(scene, self.frame.frame_of(time))
-            depsgraph = self.context.evaluated_depsgraph_get()
+        time_at = {self.frame.frame_of(time): time for time in times}
+
+        def visit(frame, depsgraph):
             for index, part in parts.items():
                 if index < len(records):
-                    self.take(records[index], index, part.evaluated_get(depsgraph), time, time == times[0])
-        cameras.set_frame(scene, before)
-        return self
+                    self.take(records[index], index, part.evaluated_get(depsgraph), time_at[frame], time_at[frame] == times[0])
+
+        yield from cameras.along(job, scene, list(time_at), visit)
 
     def take(self, record, index, part, time, first):
         pose = pose_now(self.inverse, part, self.frame.origin)
@@ -124,19 +105,21 @@ class Edited:
                 if index not in [m[0] for m in self.moved]:
                     self.moved.append((index, None, None))
 
-    def write(self, folder):
-        """Unchanged models become links to the old files, or copies where links can't be made. The Gaussians of a parked object are part of the
+    def write(self, folder, job):
+        """For a thread beside Blender's. Unchanged models become links to the old files, or copies where links can't be made. The Gaussians of a parked object are part of the
         background: they are moved or cut out in a new file. Replaces no file; on failure, removes what it made."""
         gone_models = {self.scene["objects"][i]["model"] for i in self.gone if self.scene["objects"][i].get("model")}
         rewrite = {i: None for i in self.gone if not self.entry.objects[i]["tracked"]}
         rewrite.update({i: (pose, wanted) for i, pose, wanted in self.moved if pose is not None and i not in self.gone})
         self.scene["models"] = [m for m in self.scene["models"] if m["name"] not in gone_models]
         with files.NewFiles(os.path.abspath(folder)) as new:
-            for model in self.scene["models"]:
+            for number, model in enumerate(self.scene["models"]):
+                job.check()
+                job.tell(number / len(self.scene["models"]), "writing models")
                 source = os.path.join(self.entry.path, model["file"])
                 if model is self.scene["models"][0] and rewrite:
-                    model["gaussians"], data = rewrite_background(source, rewrite, self.frame.origin)
-                    new.write(model["file"], data)
+                    model["gaussians"], blocks = rewrite_background(source, rewrite, self.frame.origin)
+                    new.write(model["file"], blocks)
                 else:
                     new.link(source, model["file"])
             if self.scene.get("sky"):
@@ -151,7 +134,8 @@ class Edited:
                         knot["world_from_object"] = lens.pose12(
                             carry @ np.array([*knot["world_from_object"], 0, 0, 0, 1.0]).reshape(4, 4)
                         )
-            new.write("scene.json", json.dumps(self.scene).encode())
+            self.scene["dataset"] = self.dataset
+            new.write("scene.json", [json.dumps(self.scene).encode()])
         return folder
 
 
@@ -165,7 +149,7 @@ def animated(block, path):
 
 
 def rewrite_background(source, rewrite, origin):
-    """Row count and bytes of a PLY written by PAGS, without the Gaussians of the objects that map to None and with those of others moved
+    """Row count and blocks of bytes of a PLY written by PAGS, without the Gaussians of the objects that map to None and with those of others moved
     from the old pose to the new. Spherical harmonics are rotated up to the first degree; higher degrees stay as they are."""
     with open(source, "rb") as file:
         header = b""
@@ -174,22 +158,44 @@ def rewrite_background(source, rewrite, origin):
             if not line:
                 raise native.SceneError(f"{source}: its header doesn't end")
             header += line
-        lines = header.decode().splitlines()
-        kinds = {"float": "<f4", "int": "<i4"}
-        fields = [(line.split()[2], kinds[line.split()[1]]) for line in lines if line.startswith("property")]
-        rows = np.frombuffer(file.read(), dtype=np.dtype(fields)).copy()
+    lines = header.decode().splitlines()
+    kinds = {"float": "<f4", "int": "<i4"}
+    fields = np.dtype([(line.split()[2], kinds[line.split()[1]]) for line in lines if line.startswith("property")])
+    rows = (os.path.getsize(source) - len(header)) // fields.itemsize
+    count = sum(int(kept(block, rewrite).sum()) for block in blocks_of(source, len(header), fields, rows))
+    head = "\n".join(f"element vertex {count}" if line.startswith("element vertex") else line for line in lines) + "\n"
+
+    def blocks():
+        yield head.encode()
+        for block in blocks_of(source, len(header), fields, rows):
+            for index, poses in rewrite.items():
+                mine = of_object(block, index)
+                if poses is not None and mine.any():
+                    carry(block, mine, poses[0], poses[1], origin)
+            yield block[kept(block, rewrite)].tobytes()
+
+    return count, blocks()
+
+
+def blocks_of(source, offset, fields, rows):
+    """The rows of a PLY, at most ROWS at a time: neither does a whole scene take memory, nor does a step keep Python's lock for long."""
+    with open(source, "rb") as file:
+        file.seek(offset)
+        for first in range(0, rows, ROWS):
+            yield np.fromfile(file, fields, min(ROWS, rows - first))
+
+
+def of_object(rows, index):
+    return rows["object_id"] == index if "object_id" in rows.dtype.names else np.zeros(len(rows), dtype=bool)
+
+
+def kept(rows, rewrite):
+    """Which rows stay: all but those of the objects that map to None."""
     keep = np.ones(len(rows), dtype=bool)
     for index, poses in rewrite.items():
-        mine = rows["object_id"] == index if "object_id" in rows.dtype.names else np.zeros(len(rows), dtype=bool)
         if poses is None:
-            keep &= ~mine
-        elif mine.any():
-            carry(rows, mine, poses[0], poses[1], origin)
-    rows = rows[keep]
-    head = (
-        "\n".join(f"element vertex {len(rows)}" if line.startswith("element vertex") else line for line in lines) + "\n"
-    )
-    return len(rows), head.encode() + rows.tobytes()
+            keep &= ~of_object(rows, index)
+    return keep
 
 
 def carry(rows, mine, new, old, origin):
@@ -237,7 +243,7 @@ LEVELS = [
 ]
 
 
-class PAGS_OT_export(cameras.OnScene, bpy.types.Operator, ExportHelper):
+class PAGS_OT_export(jobs.Long, cameras.OnScene, bpy.types.Operator, ExportHelper):
     """Export proxies or splats with the pags program, Blender's edits applied"""
 
     bl_idname = "export_scene.pags"
@@ -254,13 +260,22 @@ class PAGS_OT_export(cameras.OnScene, bpy.types.Operator, ExportHelper):
         name="Apply edits", description="Objects moved, deleted or hidden and tracks changed in Blender", default=True
     )
 
-    errors = (native.SceneError, OSError, KeyError, ValueError)
+    def invoke(self, context, event):
+        self.by_hand = True
+        return ExportHelper.invoke(self, context, event)
 
-    def work(self, context, root):
-        with tempfile.TemporaryDirectory(prefix="pags-edited-") as folder:
-            source = Edited(context, root).collect().write(folder) if self.edits else native.absolute_path(root)
-            run_program(context, "export", source, self.filepath, *self.form())
-        return f"wrote {self.filepath}"
+    def draw(self, context):
+        lacking, row = program.lacking(context), self.layout.row()
+        row.enabled = not lacking
+        row.prop(self, "content")
+        if lacking:
+            explain(self.layout, f".glb, .gltf, .usda: {lacking}")
+        self.layout.prop(self, "edits")
+
+    def steps(self, context, root):
+        needs = self.filepath.endswith((".glb", ".gltf", ".usda"))
+        command = proxy_program(context) if needs else program.command(context)
+        return export(root, command, self.filepath, self.form(), self.edits)
 
     def form(self):
         """The arguments of `pags export` for .glb and .gltf, which hold either splats or proxies; none for other extensions."""
@@ -269,7 +284,51 @@ class PAGS_OT_export(cameras.OnScene, bpy.types.Operator, ExportHelper):
         return ["--splats"] if self.content == "splats" else ["--proxy", self.content]
 
 
-class PAGS_OT_save_edited(cameras.OnScene, bpy.types.Operator):
+def proxy_program(context):
+    """Path of the program; SceneError where it can't make proxies, glTF and USD."""
+    command, lacking = program.command(context), program.lacking(context)
+    if lacking:
+        raise native.SceneError(lacking)
+    return command
+
+
+def explain(layout, text, width=38):
+    """A text in lines that fit into a panel at its default width."""
+    column = layout.column(align=True)
+    for number, line in enumerate(textwrap.wrap(text, width)):
+        column.label(text=line, icon="INFO" if number == 0 else "BLANK1")
+
+
+def export(root, command, path, form, edits):
+    def work(job):
+        with tempfile.TemporaryDirectory(prefix="pags-edited-") as folder:
+            source = yield from source_of(job, root, os.path.join(folder, "scene"), edits)
+            try:
+                yield jobs.beside(program.run, job, command, "export", source, path, *form)
+            finally:
+                if job.stopped.is_set():  # on Windows a program can't be asked to end and to tidy up
+                    for part in (path + ".part", os.path.splitext(path)[0] + ".bin.part"):
+                        with contextlib.suppress(OSError):
+                            os.remove(part)
+        return f"wrote {path}"
+
+    return work
+
+
+def source_of(job, root, folder, edits):
+    """Steps that return the path of what the program is to read: the scene itself, or a copy of it in `folder`, made of links, with Blender's edits
+    and with the data set where it is now."""
+    path = native.absolute_path(root)
+    yield jobs.beside(native.load, path)
+    if not os.path.isdir(path) or not (edits or root.pags.dataset):
+        return path
+    edited = Edited(bpy.context, root)
+    if edits:
+        yield from edited.collect(job)
+    return (yield jobs.beside(edited.write, folder, job))
+
+
+class PAGS_OT_save_edited(jobs.Long, cameras.OnScene, bpy.types.Operator):
     """Write the scene as Blender has it now into a new scene folder, which every pags command takes"""
 
     bl_idname = "pags.save_edited"
@@ -278,20 +337,26 @@ class PAGS_OT_save_edited(cameras.OnScene, bpy.types.Operator):
     directory: StringProperty(name="Folder", description="A new folder for the scene", subtype="DIR_PATH")
 
     def invoke(self, context, event):
+        self.by_hand = True
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 
-    errors = (native.SceneError, OSError, KeyError, ValueError)
-
-    def work(self, context, root):
+    def steps(self, context, root):
         folder = bpy.path.abspath(self.directory)
         if not folder:
             raise native.SceneError("choose a folder for the scene")
         if os.path.exists(os.path.join(folder, "scene.json")):
             raise native.SceneError(f"{folder}: there is a scene already; choose another folder")
-        edited = Edited(context, root).collect()
-        edited.write(folder)
-        return f"{folder}: {len(edited.moved)} objects moved, {len(edited.gone)} left out"
+        path = native.absolute_path(root)
+
+        def work(job):
+            yield jobs.beside(native.load, path)
+            edited = Edited(bpy.context, root)
+            yield from edited.collect(job)
+            yield jobs.beside(edited.write, folder, job)
+            return f"{folder}: {len(edited.moved)} objects moved, {len(edited.gone)} left out"
+
+        return work
 
 
 def menu(self, context):

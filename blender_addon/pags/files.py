@@ -47,9 +47,10 @@ def complete(target, write, problem):
             os.remove(part)  # left by a failed write
 
 
-def write_bytes(path, data):
+def write_blocks(path, blocks):
     with open(path, "xb") as file:
-        file.write(data)
+        for block in blocks:
+            file.write(block)
 
 
 class NewFiles:
@@ -90,7 +91,8 @@ class NewFiles:
         link_or_copy(source, path)
         self.made.append(path)
 
-    def write(self, name, data):
+    def write(self, name, blocks):
+        """Writes blocks of bytes one after another."""
         path = self.path(name)
-        complete(path, lambda part: write_bytes(part, data), "can't be written")
+        complete(path, lambda part: write_blocks(part, blocks), "can't be written")
         self.made.append(path)

@@ -27,11 +27,13 @@ def before_save(*_):
     if not bpy.data.filepath:
         return
     for root in bpy.data.objects:
-        if root.pags.kind == "ROOT" and root.pags.path and os.path.isabs(root.pags.path):
-            try:
-                root.pags.path = bpy.path.relpath(root.pags.path)
-            except ValueError:
-                pass  # on another drive of Windows, where no relative path exists
+        for name in ("path", "dataset") if root.pags.kind == "ROOT" else ():
+            path = getattr(root.pags, name)
+            if path and os.path.isabs(path):
+                try:
+                    setattr(root.pags, name, bpy.path.relpath(path))
+                except ValueError:
+                    pass  # on another drive of Windows, where no relative path exists
 
 
 @persistent

@@ -3,6 +3,7 @@
 cameras on the ego."""
 
 import os
+import types
 
 import bpy
 import numpy as np
@@ -10,7 +11,7 @@ from bpy.props import BoolProperty, CollectionProperty, EnumProperty, StringProp
 from bpy_extras.io_utils import ImportHelper
 from mathutils import Matrix, Quaternion
 
-from . import curves, lens, native, photographs, proxies
+from . import curves, exporter, jobs, lens, native, photographs, program, proxies
 from .properties import preview_budget
 
 # -y up (COLMAP, bare files) to Blender's z up: a quarter turn about x that takes -y to z.
@@ -23,7 +24,7 @@ class Import:
     """Imports one scene: creates its collection, root, parts, tracks and cameras."""
 
     def __init__(self, context, path, options, budget, replaces_camera):
-        """options: the import operator, with its properties; points: size limit of the preview; replaces_camera: a recorded camera becomes the
+        """options: the import operator's properties; points: size limit of the preview; replaces_camera: a recorded camera becomes the
         scene's camera even where there is one."""
         self.context, self.path, self.options, self.budget = context, path, options, budget
         self.replaces_camera = replaces_camera
@@ -34,9 +35,10 @@ class Import:
         self.first = float(context.scene.frame_start)
         self.name = os.path.basename(os.path.normpath(path)) or "scene"
         self.collection = self.root = None
-        self.notes = []
+        self.sensors = []  # cameras of sensors
 
     def run(self):
+        """Steps that make everything."""
         self.collection = bpy.data.collections.new(self.name)
         self.context.scene.collection.children.link(self.collection)
         self.root = self.add_empty(self.name, "ROOT", None, 1.0)
@@ -52,9 +54,9 @@ class Import:
         for index, record in enumerate(self.objects):
             if record["gaussians"] > 0:
                 self.add_object(index, record, record["gaussians"] * share)
+                yield
         if self.options.cameras != "NONE":
-            self.add_cameras()
-        return self.root
+            yield from self.add_cameras()
 
     def frame_of(self, time):
         return self.first + (np.asarray(time) - self.info["time_begin"]) * self.fps
@@ -128,8 +130,10 @@ class Import:
         ego = self.add_ego(recorded[min(recorded)]) if recorded else None
         for sensor, group in sorted(recorded.items()):
             self.add_sensor(sensor, sorted(group, key=lambda v: v["time"]), ego)
+            yield
         for view in views if self.options.cameras == "ALL" or not recorded else ():
             self.add_still(view)
+            yield
         if self.context.scene.camera is None or self.replaces_camera:
             self.context.scene.camera = next(o for o in self.collection.objects if o.type == "CAMERA")
 
@@ -188,8 +192,7 @@ class Import:
         poses = [np.linalg.inv(self.ego_at(view["time"])) @ self.local_pose(view) for view in group]
         curves.set_track(camera, self.frame_of([v["time"] for v in group]), np.array(poses)[:, :3])
         self.animate_lens(camera, group)
-        if self.options.photographs:
-            self.notes += photographs.show(camera, self.entry, self.root)
+        self.sensors.append(camera)
 
     def animate_lens(self, camera, group):
         """Adds keyframes of focal length and principal point where they change along the drive."""
@@ -240,6 +243,48 @@ def clear_views():
         overlay = area.spaces.active.overlay
         overlay.show_relationship_lines = False
         overlay.show_floor = overlay.show_axis_x = overlay.show_axis_y = False
+
+
+def bring_in(job, path, options):
+    """Steps that import a scene."""
+    entry = yield jobs.beside(native.load, path)  # an unreadable scene fails here, before anything is changed
+    context, scene, fps = bpy.context, bpy.context.scene, entry.info["fps"]
+    empty = blend_is_empty(scene)
+    rate = fps > 0 and (options.use_rate == "YES" or (options.use_rate == "AUTO" and empty))
+    if rate:
+        adopt_rate(scene, fps)
+    start_up = empty and scene.camera is not None and scene.camera.name == "Camera"
+    job.changes = True
+    work = Import(context, path, options, preview_budget(context), start_up)
+    yield from work.run()
+    adopt_settings(scene, work, empty or options.use_rate == "YES")
+    if options.use_engine:
+        scene.render.engine = "PAGS"
+    if empty:
+        clear_views()
+    if options.relative and bpy.data.filepath:
+        work.root.pags.path = bpy.path.relpath(work.root.pags.path)
+    for other in context.selected_objects:
+        other.select_set(False)
+    work.root.select_set(True)
+    context.view_layer.objects.active = work.root
+    yield from more(job, work, options)
+    if fps > 0 and not rate and abs(fps - work.fps) > 1e-3:
+        return f"the recording has {fps:g} frames a second, the timeline {work.fps:g}; its tracks keep their speed"
+
+
+def more(job, work, options):
+    """Steps for what an import can do without: what fails of it becomes a warning."""
+    for camera in work.sensors if options.photographs else ():
+        try:
+            yield from photographs.show(job, camera, work.root)
+        except jobs.ERRORS as error:
+            job.notes.append(f"{camera.name}: {error}")
+    if options.proxies:
+        try:
+            yield from proxies.make(job, work.root, exporter.proxy_program(bpy.context))
+        except jobs.ERRORS as error:
+            job.notes.append(f"the scene is imported without proxies: {error}")
 
 
 EXTENSIONS = (".json", ".ply", ".spz", ".splat", ".pagsz")  # Blender matches a filter with the whole path: "scene.json" as a filter would match nothing
@@ -298,6 +343,8 @@ class PAGS_OT_import(bpy.types.Operator, ImportHelper):
         name="Relative path", description="Remember the scene relative to the saved .blend", default=True
     )
 
+    by_hand = False
+
     def execute(self, context):
         path = bpy.path.abspath(self.filepath or self.directory)
         if os.path.basename(path) == "scene.json" or (os.path.isdir(path) and path.endswith(os.sep)):
@@ -305,53 +352,25 @@ class PAGS_OT_import(bpy.types.Operator, ImportHelper):
         if not path:
             self.report({"ERROR"}, "choose a scene folder, its scene.json, or a splat file")
             return {"CANCELLED"}
+        path, options = os.path.abspath(path), types.SimpleNamespace(**{name: getattr(self, name) for name in OPTIONS})
         try:
-            root = self.bring_in(context, os.path.abspath(path))
-        except (native.SceneError, OSError, MemoryError) as error:
+            jobs.begin(self, lambda job: bring_in(job, path, options))
+        except jobs.ERRORS as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        if self.relative and bpy.data.filepath:
-            root.pags.path = bpy.path.relpath(root.pags.path)
-        return {"FINISHED"}
-
-    def bring_in(self, context, path):
-        scene = context.scene
-        fps = native.load(path).info["fps"]  # an unreadable scene fails here, before anything is changed
-        empty = blend_is_empty(scene)
-        rate = fps > 0 and (self.use_rate == "YES" or (self.use_rate == "AUTO" and empty))
-        if rate:
-            adopt_rate(scene, fps)
-        start_up = empty and scene.camera is not None and scene.camera.name == "Camera"
-        work = Import(context, path, self, preview_budget(context), start_up)
-        root = work.run()
-        adopt_settings(scene, work, empty or self.use_rate == "YES")
-        if self.proxies:
-            try:
-                proxies.make(context, root)
-            except (native.SceneError, OSError, RuntimeError) as error:
-                work.notes.append(f"the scene is imported without proxies: {error}")
-        if self.use_engine:
-            scene.render.engine = "PAGS"
-        if empty:
-            clear_views()
-        for note in work.notes:
-            self.report({"WARNING"}, note)
-        if fps > 0 and not rate and abs(fps - work.fps) > 1e-3:
-            self.report(
-                {"INFO"},
-                f"the recording has {fps:g} frames a second, the timeline {work.fps:g}; its tracks keep their speed",
-            )
-        for other in context.selected_objects:
-            other.select_set(False)
-        root.select_set(True)
-        context.view_layer.objects.active = root
-        return root
+        return {"CANCELLED"} if self.by_hand else {"FINISHED"}  # by hand: nothing is to be undone or done again yet
 
     def draw(self, context):
+        lacking = program.lacking(context)
         for name in OPTIONS:
-            self.layout.prop(self, name)
+            row = self.layout.row()
+            row.enabled = name != "proxies" or not lacking
+            row.prop(self, name)
+        if lacking:
+            exporter.explain(self.layout, f"Proxies: {lacking}")
 
     def invoke(self, context, event):
+        self.by_hand = True
         if hasattr(self, "invoke_popup") and self.filepath:
             return self.invoke_popup(context)  # dropped onto the window
         return ImportHelper.invoke(self, context, event)

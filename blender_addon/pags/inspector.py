@@ -5,7 +5,7 @@ import bpy
 import numpy as np
 from bpy.props import BoolProperty, IntProperty, StringProperty
 
-from . import cameras, gather, lens, native, photographs
+from . import cameras, gather, jobs, lens, native, photographs
 
 
 class PAGS_OT_pick(bpy.types.Operator):
@@ -117,7 +117,7 @@ def draw_view(entry, view, threads):
     return np.asarray(picture.rgba)[..., :3].copy()
 
 
-class PAGS_OT_compare(cameras.OnScene, bpy.types.Operator):
+class PAGS_OT_compare(jobs.Long, cameras.OnScene, bpy.types.Operator):
     """Put the photograph at the current time and the engine's picture of it side by side, with their PSNR"""
 
     bl_idname = "pags.compare"
@@ -130,22 +130,32 @@ class PAGS_OT_compare(cameras.OnScene, bpy.types.Operator):
         name="Exposure", description="Expose the picture as training found the photograph to be", default=True
     )
 
-    errors = (native.SceneError, OSError, RuntimeError)
+    def steps(self, context, root):
+        name, use_exposure, threads = self.name, self.use_exposure, context.scene.pags.threads
+        path = native.absolute_path(root)
 
-    def work(self, context, root):
-        frame = cameras.Frame(context, root)
-        finder = type("Finder", (), {"name": self.name, "step": 0})
-        view = cameras.PAGS_OT_jump.find(finder, context, frame)
-        if view is None:
-            raise native.SceneError("the scene has no photographs")
-        photograph = photographs.load(frame.entry, view)
-        picture = draw_view(frame.entry, view, context.scene.pags.threads)
-        if self.use_exposure:
-            picture = exposed(picture, view)
-        value = psnr(picture, photograph)
-        photographs.compare(context, photograph, picture)
-        context.scene.pags_compared = f"{view['name']}: PSNR {value:.2f} dB" + (" (held out)" if view["test"] else "")
-        return context.scene.pags_compared
+        def work(job):
+            yield jobs.beside(native.load, path)
+            frame = cameras.Frame(bpy.context, root)
+            finder = type("Finder", (), {"name": name, "step": 0})
+            view = cameras.PAGS_OT_jump.find(finder, bpy.context, frame)
+            if view is None:
+                raise native.SceneError("the scene has no photographs")
+            photograph = yield from photographs.load(job, root, frame.entry, view)
+            picture, value = yield jobs.beside(measure, frame.entry, view, threads, use_exposure, photograph)
+            photographs.compare(bpy.context, photograph, picture)
+            bpy.context.scene.pags_compared = f"{view['name']}: PSNR {value:.2f} dB" + (" (held out)" if view["test"] else "")
+            return bpy.context.scene.pags_compared
+
+        return work
+
+
+def measure(entry, view, threads, use_exposure, photograph):
+    """The engine's picture of a view and its PSNR."""
+    picture = draw_view(entry, view, threads)
+    if use_exposure:
+        picture = exposed(picture, view)
+    return picture, psnr(picture, photograph)
 
 
 CLASSES = (PAGS_OT_pick, PAGS_OT_compare)

@@ -76,6 +76,14 @@ def entry(path, wait):
     return known
 
 
+def is_loading(path):
+    """Whether a scene is being read or, not having been read, would be now."""
+    try:
+        return entry(path, False).loading
+    except SceneError:
+        return False
+
+
 def load(path):
     """The entry of a loaded scene; raises SceneError where it can't be loaded."""
     return entry(path, True)

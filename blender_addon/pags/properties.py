@@ -47,6 +47,11 @@ class PagsObject(bpy.types.PropertyGroup):
     root: PointerProperty(name="Scene", description="The Empty that the scene hangs from", type=bpy.types.Object)
     # On roots only:
     path: StringProperty(name="Path", description="Scene folder or splat file", subtype="FILE_PATH")
+    dataset: StringProperty(
+        name="Data set folder",
+        description="Where the recording's photographs and sweeps are on this machine; empty: where training read them, or beside the scene",
+        subtype="DIR_PATH",
+    )
     frame_start: FloatProperty(name="First frame", description="Frame at which the scene begins", default=1)
     fps: FloatProperty(
         name="Frames a second", description="Frames of the timeline in a second of the scene", default=24, min=0.01
@@ -151,7 +156,7 @@ class PagsPreferences(bpy.types.AddonPreferences):
 
     program: StringProperty(
         name="pags program",
-        description="The command-line program that exports proxies and splats; empty: looked for on the PATH",
+        description="The command-line program that exports proxies and splats; empty: the one that the add-on brings",
         subtype="FILE_PATH",
     )
     budget: IntProperty(

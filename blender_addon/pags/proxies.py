@@ -1,55 +1,101 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Imports proxy meshes as hidden objects: proxies of objects on their tracks, ground and background below the root."""
+"""Proxy meshes as hidden objects: those of objects on their tracks, ground and background below the root. They come from a .glb that
+`pags export` writes (docs/export.md), which is read here: Blender's own importer takes seconds of the main thread and turns the axes."""
 
+import json
 import os
 import re
+import struct
 import tempfile
 
 import bpy
 import numpy as np
 from bpy.props import EnumProperty, StringProperty
-from mathutils import Matrix
 
-from . import cameras, exporter, native
+from . import cameras, exporter, jobs, native, program
 
-# Blender's importer converts every mesh from glTF's y up: (x, y, z) becomes (x, -z, y). The vertices in the file are in the recording's axes
-# (the node "scene" rotates them all); this matrix restores those axes.
-OWN_AXES = Matrix(((1, 0, 0, 0), (0, 0, 1, 0), (0, -1, 0, 0), (0, 0, 0, 1)))
+COMPONENTS = {5121: "<u1", 5123: "<u2", 5125: "<u4", 5126: "<f4"}  # of glTF 2.0, section 3.6.2
+WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 
 
-def make(context, root, level="mesh"):
-    """Runs `pags export` and imports its proxies (takes a while). Returns the meshes."""
+def make(job, root, command, level="mesh"):
+    """Steps that have `pags export` make the proxies and put them into the scene."""
     with tempfile.TemporaryDirectory(prefix="pags-proxies-") as folder:
+        source = yield from exporter.source_of(job, root, os.path.join(folder, "scene"), False)
         path = os.path.join(folder, "proxies.glb")
-        exporter.run_program(context, "export", native.absolute_path(root), path, "--proxy", level)
-        return bring_in(context, root, path)
+        yield jobs.beside(program.run, job, command, "export", source, path, "--proxy", level)
+        return (yield from bring_in(job, root, path))
 
 
-def bring_in(context, root, path):
-    if "bool" not in vars(np):
-        np.bool = bool  # Blender 3.4's glTF importer uses np.bool, which newer numpy lacks
-    if not hasattr(bpy.types, "IMPORT_SCENE_OT_gltf"):
-        raise native.SceneError("Blender's glTF importer isn't enabled (Preferences > Add-ons)")
-    if not os.path.exists(path):
-        raise native.SceneError(f"{path}: there is no such file")
-    before, actions = set(bpy.data.objects), set(bpy.data.actions)
-    scene = context.scene
-    range_before = scene.frame_start, scene.frame_end
-    bpy.ops.import_scene.gltf(filepath=path)
-    scene.frame_start, scene.frame_end = range_before
-    made = [o for o in bpy.data.objects if o not in before]
-    meshes = [o for o in made if o.type == "MESH"]
-    collection = collection_for(root)
-    places = [(mesh, *place_of(context, root, mesh)) for mesh in meshes]
-    for mesh, parent, matrix in places:
-        keep(mesh, parent, matrix, collection)
-    for block in made:
-        if block.type != "MESH":
-            bpy.data.objects.remove(block)
-    for action in set(bpy.data.actions) - actions:
-        if action.users == 0:
-            bpy.data.actions.remove(action)
-    return meshes
+# ---- Reading ----
+
+
+class Proxy:
+    """A mesh of the file: its name, the object it stands for (-1: none), vertices, triangles, linear colours."""
+
+    def __init__(self, name, index, points, triangles, colors, smooth):
+        self.name, self.index, self.points, self.triangles = name, index, points, triangles
+        self.colors, self.smooth = colors, smooth
+
+
+def read(path):
+    """The proxies of a .glb written by `pags export`; SceneError for any other file."""
+    try:
+        with open(path, "rb") as file:
+            data = file.read()
+    except OSError as error:
+        raise native.SceneError(f"{path}: {error.strerror}") from error
+    try:
+        magic, version, _, size, kind = struct.unpack_from("<4sIII4s", data)
+        if (magic, version, kind) != (b"glTF", 2, b"JSON"):
+            raise ValueError("it doesn't begin as a .glb of version 2 does")
+        gltf = json.loads(data[20 : 20 + size])
+        return list(proxies_of(gltf, memoryview(data)[28 + size :]))
+    except (ValueError, KeyError, IndexError, TypeError, struct.error) as error:
+        raise native.SceneError(f"{path}: expected a .glb of proxies as pags export writes it: {error}") from error
+
+
+def proxies_of(gltf, buffer):
+    """Each mesh below the scene's nodes. Vertices of an object's proxy are in the object's frame, all others relative to the scene's origin."""
+    waiting = [(node, -1) for node in reversed(gltf["scenes"][0]["nodes"])]
+    while waiting:
+        number, index = waiting.pop()
+        node = gltf["nodes"][number]
+        named = re.search(r"_(\d{4,})$", node["name"])
+        if named and "moving" in node.get("extras", {}):  # an object is named like car_0007
+            index = int(named.group(1))
+        if "mesh" in node:
+            (primitive,) = gltf["meshes"][node["mesh"]]["primitives"]
+            attributes = primitive["attributes"]
+            colors = values_of(gltf, buffer, attributes["COLOR_0"]) / np.float32(65535)
+            triangles = values_of(gltf, buffer, primitive["indices"]).astype(np.int32).reshape(-1, 3)
+            yield Proxy(node["name"], index, values_of(gltf, buffer, attributes["POSITION"]), triangles, colors, "NORMAL" in attributes)
+        waiting += [(child, index) for child in reversed(node.get("children", []))]
+
+
+def values_of(gltf, buffer, accessor):
+    found = gltf["accessors"][accessor]
+    view = gltf["bufferViews"][found["bufferView"]]
+    width = WIDTHS[found["type"]]
+    values = np.frombuffer(buffer, COMPONENTS[found["componentType"]], found["count"] * width, view.get("byteOffset", 0))
+    return values.reshape(found["count"], width)
+
+
+# ---- Blender's meshes ----
+
+
+def bring_in(job, root, path):
+    """Steps that put the proxies of a file into the scene."""
+    found = yield jobs.beside(read, path)
+    collection, material = collection_for(root), material_for()
+    tracks = {o.pags.index: o for o in bpy.context.scene.objects if o.pags.kind == "TRACK" and o.pags.root == root}
+    job.changes = True
+    found = [proxy for proxy in found if proxy.index < 0 or proxy.index in tracks]  # without those of objects deleted here
+    for number, proxy in enumerate(found):
+        add(proxy, tracks.get(proxy.index, root), collection, material)
+        job.tell((number + 1) / len(found), "adding meshes")
+        yield
+    return f"{len(found)} proxies"
 
 
 def collection_for(root):
@@ -63,54 +109,49 @@ def collection_for(root):
     return known
 
 
-def place_of(context, root, mesh):
-    """(parent, matrix relative to it) of a mesh: an object's proxy on the object's track, others below the root."""
-    matrix, node = Matrix(), mesh
-    while node is not None:
-        track = track_of(context, root, node)
-        if track is not None:
-            return track, OWN_AXES @ matrix
-        if node.name.split(".")[0] == "scene" and node.parent is None:
-            break
-        matrix = node.matrix_local @ matrix
-        node = node.parent
-    return root, OWN_AXES @ matrix
+def material_for():
+    """The material of all proxies: the colours of their vertices."""
+    known = bpy.data.materials.get("PAGS proxy")
+    if known is not None:
+        return known
+    material = bpy.data.materials.new("PAGS proxy")
+    material.use_nodes = True
+    nodes = material.node_tree.nodes
+    colors = nodes.new("ShaderNodeVertexColor")
+    colors.layer_name = "Col"
+    material.node_tree.links.new(colors.outputs["Color"], nodes["Principled BSDF"].inputs["Base Color"])
+    return material
 
 
-def track_of(context, root, node):
-    """The track of the object that a glTF node represents, or None. Such a node is named like `car_0007` and has the extra `moving`."""
-    number = re.search(r"_(\d{4,})(\.\d{3})?$", node.name)
-    if number is None or "moving" not in node:
-        return None
-    return next(
-        (
-            o
-            for o in context.scene.objects
-            if o.pags.kind == "TRACK" and o.pags.root == root and o.pags.index == int(number.group(1))
-        ),
-        None,
-    )
+def add(proxy, parent, collection, material):
+    mesh = bpy.data.meshes.new(proxy.name)
+    count = len(proxy.triangles)
+    mesh.vertices.add(len(proxy.points))
+    mesh.vertices.foreach_set("co", proxy.points.reshape(-1))
+    mesh.loops.add(3 * count)
+    mesh.loops.foreach_set("vertex_index", proxy.triangles.reshape(-1))
+    mesh.polygons.add(count)
+    mesh.polygons.foreach_set("loop_start", np.arange(0, 3 * count, 3, dtype=np.int32))
+    if bpy.app.version < (4, 1, 0):  # later ones know it from the starts
+        mesh.polygons.foreach_set("loop_total", np.full(count, 3, dtype=np.int32))
+    mesh.polygons.foreach_set("use_smooth", np.full(count, proxy.smooth, dtype=bool))
+    attribute = mesh.attributes.new("Col", "FLOAT_COLOR", "POINT")
+    attribute.data.foreach_set("color", np.ascontiguousarray(proxy.colors, dtype=np.float32).reshape(-1))
+    mesh.materials.append(material)
+    mesh.update(calc_edges=True)
+    block = bpy.data.objects.new(proxy.name, mesh)
+    collection.objects.link(block)
+    block.parent = parent
+    block["pags_proxy"] = True
+    block.hide_render = True
+    block.hide_set(True)
 
 
-def keep(mesh, parent, matrix, collection):
-    mesh.animation_data_clear()
-    mesh.parent = parent
-    mesh.matrix_parent_inverse.identity()
-    mesh.matrix_basis = matrix
-    for other in list(mesh.users_collection):
-        other.objects.unlink(mesh)
-    collection.objects.link(mesh)
-    mesh["pags_proxy"] = True
-    mesh.hide_render = True
-    mesh.hide_set(True)
-
-
-class PAGS_OT_import_proxies(cameras.OnScene, bpy.types.Operator):
+class PAGS_OT_import_proxies(jobs.Long, cameras.OnScene, bpy.types.Operator):
     """Bring the exporter's proxies in as hidden meshes on their objects' tracks"""
 
     bl_idname = "pags.import_proxies"
     bl_label = "Import proxies"
-    bl_options = {"REGISTER", "UNDO"}
 
     filepath: StringProperty(
         name="File",
@@ -120,14 +161,12 @@ class PAGS_OT_import_proxies(cameras.OnScene, bpy.types.Operator):
     )
     level: EnumProperty(name="Proxies", description="What the program is to make", items=exporter.LEVELS)
 
-    errors = (native.SceneError, OSError, RuntimeError)
-
-    def work(self, context, root):
+    def steps(self, context, root):
         if self.filepath:
-            made = bring_in(context, root, bpy.path.abspath(self.filepath))
-        else:
-            made = make(context, root, self.level)
-        return f"{len(made)} proxies"
+            path = bpy.path.abspath(self.filepath)
+            return lambda job: bring_in(job, root, path)
+        command, level = exporter.proxy_program(context), self.level
+        return lambda job: make(job, root, command, level)
 
 
 CLASSES = (PAGS_OT_import_proxies,)

@@ -4,7 +4,7 @@
 import bpy
 from bl_operators.presets import AddPresetBase
 
-from . import cameras, native
+from . import cameras, exporter, jobs, native, photographs, program
 
 
 class Sidebar:
@@ -72,6 +72,9 @@ class PAGS_PT_cameras(Sidebar, bpy.types.Panel):
         layout.operator("pags.ego_path", icon="CURVE_PATH")
         layout.operator("pags.size_of_camera")
         layout.operator("pags.photographs", icon="IMAGE_BACKGROUND")
+        root = cameras.root_of(context)
+        if root is not None:
+            layout.prop(root.pags, "dataset")
         row = layout.row(align=True)
         row.operator("export_scene.pags_path", text="Write path")
         row.operator("import_scene.pags_path", text="Read path")
@@ -83,9 +86,15 @@ class PAGS_PT_export(Sidebar, bpy.types.Panel):
 
     def draw(self, context):
         layout = self.layout
-        layout.operator("export_scene.pags", icon="EXPORT")
+        row = layout.row()
+        row.enabled = not program.absent(context)
+        row.operator("export_scene.pags", icon="EXPORT")
         layout.operator("pags.save_edited", icon="FILE_TICK")
-        layout.operator("pags.import_proxies", icon="MESH_DATA")
+        lacking, row = program.lacking(context), layout.row()
+        row.enabled = not lacking
+        row.operator_menu_enum("pags.import_proxies", "level", icon="MESH_DATA")
+        if lacking:
+            exporter.explain(layout, lacking)
         layout.operator("pags.composite", icon="NODE_COMPOSITING")
 
 
@@ -195,29 +204,21 @@ class PAGS_OT_reload(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class PAGS_OT_photographs(bpy.types.Operator):
+class PAGS_OT_photographs(jobs.Long, cameras.OnScene, bpy.types.Operator):
     """Show the recording's photographs behind what the active camera sees, along the timeline"""
 
     bl_idname = "pags.photographs"
     bl_label = "Show photographs"
-    bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
     def poll(cls, context):
         camera = context.scene.camera
+        cls.poll_message_set("the scene's camera is none of the recording's; Nearest chooses one")
         return camera is not None and camera.pags.kind == "CAMERA" and camera.data.pags.sensor >= 0
 
-    def execute(self, context):
-        from . import photographs
-
+    def steps(self, context, root):
         camera = context.scene.camera
-        try:
-            notes = photographs.show(camera, native.load(native.absolute_path(camera.pags.root)), camera.pags.root)
-        except native.SceneError as error:
-            notes = [str(error)]
-        for note in notes:
-            self.report({"ERROR"}, note)
-        return {"CANCELLED"} if notes else {"FINISHED"}
+        return lambda job: photographs.show(job, camera, camera.pags.root)
 
 
 CLASSES = (

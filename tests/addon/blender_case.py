@@ -20,7 +20,6 @@ from test_drive import make_drive  # noqa: E402
 
 PROGRAM, PACKAGE = sys.argv[sys.argv.index("--") + 1 :][:2]
 fixtures.PAGS = PROGRAM
-os.environ["PAGS_PROGRAM"] = PROGRAM
 
 
 def install():

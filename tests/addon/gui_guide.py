@@ -26,6 +26,7 @@ from gui_case import (  # noqa: E402
     redraw,
     region,
     sharp_shot,
+    shoot,
     tell,
     view3d,
     wait,
@@ -39,18 +40,18 @@ SCENE = os.environ.get("PAGS_GUIDE_SCENE", "")
 STREET = os.path.join(FOLDER, "street")
 IMAGES = os.environ.get("PAGS_GUIDE_IMAGES", FOLDER)
 # Some of them alone: "rendered sidebar" and the like, in this order.
-STEPS = os.environ.get("PAGS_GUIDE_STEPS", "imported rendered sidebar moved meshes composited").split()
+STEPS = os.environ.get("PAGS_GUIDE_STEPS", "imported rendered sidebar moved underway meshes composited").split()
 FRAME = int(os.environ.get("PAGS_GUIDE_FRAME", "14"))
 inspector = sys.modules[addon.__name__ + ".inspector"]
 composite = sys.modules[addon.__name__ + ".composite"]
 
 
-def keep(name, source=None):
-    """In few colours, for a page; source: a picture other than the screen's."""
+def keep(name, source=None, crop=()):
+    """In few colours, for a page; source: a picture other than the screen's; crop: convert's options for a part of it."""
     os.makedirs(IMAGES, exist_ok=True)
     source = source or os.path.join(os.environ.get("PAGS_SHOTS", FOLDER), name + ".png")
     target = os.path.join(IMAGES, f"blender-{name}.png")
-    subprocess.run(["convert", source, "+dither", "-colors", "128", "-strip", "PNG8:" + target], check=True)
+    subprocess.run(["convert", source, *crop, "+dither", "-colors", "128", "-strip", "PNG8:" + target], check=True)
     print(f"{target}: {os.path.getsize(target) // 1024} KB")
 
 
@@ -204,6 +205,22 @@ def moved():
     deselect()
 
 
+def underway():
+    """Proxies that are being made, as the header tells."""
+    jobs = sys.modules[addon.__name__ + ".jobs"]
+    with in_view():
+        bpy.ops.pags.import_proxies("INVOKE_DEFAULT")
+    while jobs.current is not None and (jobs.current.end_other is None or jobs.current.fraction == 0):
+        yield 0.05
+    assert jobs.current is not None, "the proxies have failed"
+    yield 0.2
+    shoot("underway")
+    keep("underway", crop=("-crop", f"{area().width}x150+{area().x}+{window().height - area().y - area().height}", "+repage"))
+    bpy.ops.pags.cancel_job()
+    while jobs.current is not None:
+        yield 0.1
+
+
 def mesh_car():
     """A green block of a car ahead on our lane, wheels on the road, axes as the recording car's."""
     scene = bpy.context.scene
@@ -265,11 +282,8 @@ def composited():
         bpy.ops.object.light_add(type="SUN", rotation=(0.3, 0.9, 0))
     sun = bpy.context.view_layer.objects.active
     sun.data.energy, sun.data.angle = 3, 0.02
-    sky = scene.world.node_tree.nodes["Background"].inputs
-    sky["Color"].default_value, sky["Strength"].default_value = (0.65, 0.8, 1, 1), 0.6
     deselect()
     assert bpy.ops.pags.composite(engine="CYCLES") == {"FINISHED"}
-    scene.cycles.samples, scene.cycles.use_denoising = 128, False
     whole = render("composite")
     keep("composite", os.path.join(FOLDER, "composite.png"))
     mesh = painted(whole) & ~painted(plain)  # there may be a green car in the street

@@ -5,8 +5,10 @@ import contextlib
 import errno
 import fnmatch
 import os
+import re
 import stat
 import struct
+import subprocess
 import sys
 import threading
 from unittest import mock
@@ -14,7 +16,7 @@ from unittest import mock
 import bpy
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from blender_case import BlenderCase, addon, json, main, pixel  # noqa: E402
+from blender_case import PROGRAM, BlenderCase, addon, json, main, pixel  # noqa: E402
 
 import fixtures  # noqa: E402
 from fixtures import ply_bytes, read_png, some_splats, splat  # noqa: E402
@@ -216,7 +218,19 @@ class Import(BlenderCase):
             self.scene.frame_set(frame)
             middle = sum((car.matrix_world @ co for co in corners), corners[0] * 0) / len(corners)
             self.assertAlmostEqual(middle.y, y, delta=0.05)
+        for mesh in (car.data, by_parent[root].data if root in by_parent else car.data):
+            self.assertFalse(mesh.validate())  # nothing had to be mended
+            self.assertEqual(len(mesh.attributes["Col"].data), len(mesh.vertices))
         self.raises(["none.glb"], bpy.ops.pags.import_proxies, filepath=self.path("none.glb"))
+        good = fixtures.read(self.path("proxies.glb"))
+        for number, data in enumerate((b"", b"glTF", b"x" * 100, good[:3000], good[:12] + b"\0" + good[13:], good[: len(good) // 2])):
+            self.write(f"bad{number}.glb", data)
+            self.raises([f"bad{number}.glb", "expected a .glb of proxies"], bpy.ops.pags.import_proxies, filepath=self.path(f"bad{number}.glb"))
+        before = len(self.scene.objects)
+        bpy.data.objects.remove(self.part(1))
+        bpy.data.objects.remove(self.track(1))
+        bpy.ops.pags.import_proxies(filepath=self.path("proxies.glb"))
+        self.assertEqual(len(self.scene.objects), before - 2 + len(proxies) - 1)  # none of the object that was deleted
 
     def test_scene_stays_where_proxies_fail(self):
         """A program that fails, and an importer that does, leave the scene with a warning and no proxies."""
@@ -383,6 +397,12 @@ class Files(BlenderCase):
         os.rename(self.path("elsewhere"), self.path("scene"))
         self.assertGreater(max(self.f12()[4]), 100)
 
+    def test_a_scene_of_a_newer_version_is_refused(self):
+        record = json.loads(fixtures.read(self.path("scene", "scene.json")))
+        self.write("scene/scene.json", json.dumps({**record, "version": 7}))
+        self.raises(["scene.json", "version is 7", "up to 1"], bpy.ops.import_scene.pags, filepath=self.path("scene"))
+        self.assertEqual(len(self.scene.objects), 0)
+
     def test_characters_beyond_ascii(self):
         """In paths, in scene.json and in what the program says."""
         folder, name = "日本語 Ümläüte", "車=2"
@@ -400,6 +420,8 @@ class Files(BlenderCase):
         bpy.ops.export_scene.pags_path(filepath=self.path(folder, "Weg ü.json"))
         bpy.ops.import_scene.pags_path(filepath=self.path(folder, "Weg ü.json"))
         self.raises([folder], bpy.ops.export_scene.pags, filepath=self.path(folder, "none", "x.ply"))
+        bpy.ops.export_scene.pags(filepath=self.path(folder, "Ausgabe ü.ply"))
+        self.assertTrue(os.path.exists(self.path(folder, "Ausgabe ü.ply")))
 
     def test_undo(self):
         self.bring_in()
@@ -627,11 +649,193 @@ class Export(BlenderCase):
     def test_errors(self):
         self.bring_in()
         self.raises(["boxes.xyz"], bpy.ops.export_scene.pags, filepath=self.path("boxes.xyz"))
-        program, os.environ["PAGS_PROGRAM"] = os.environ["PAGS_PROGRAM"], self.path("none")
-        try:
-            self.raises(["install it"], bpy.ops.export_scene.pags, filepath=self.path("boxes.glb"))
-        finally:
-            os.environ["PAGS_PROGRAM"] = program
+
+    def test_a_bare_file(self):
+        """It has no edits, and is exported as it is."""
+        self.write("some.ply", ply_bytes(some_splats()))
+        self.bring_in("some.ply")
+        self.starts_with("some.pagsz", b"PAGSPK01")
+        bpy.ops.export_scene.pags(filepath=self.path("again.ply"))
+        self.assertEqual(json.loads(self.succeeds("info", self.path("again.ply"), "--json", "-").stdout)["gaussians"], 40)
+
+    def test_the_background_in_blocks(self):
+        """A background of more rows than are read at a time, of which some are left out and others moved."""
+        exporter = sys.modules[addon.__name__ + ".exporter"]
+        make_drive(self.path("scene"), [splat(20 + 0.1 * i, 3, 0, (0, 0, 1), opacity=12.0) for i in range(50)])
+        self.bring_in()
+        self.track(0).location.x -= 0.5
+        with mock.patch.object(exporter, "ROWS", 7):
+            bpy.ops.pags.save_edited(directory=self.path("moved"))
+            bpy.data.objects.remove(self.part(0))
+            bpy.ops.pags.save_edited(directory=self.path("fewer"))
+        bpy.ops.pags.save_edited(directory=self.path("whole"))
+        read = lambda name: fixtures.read(self.path(name, "background.ply"))
+        self.assertEqual(read("fewer"), read("whole"))
+        counts = [json.loads(fixtures.read(self.path(n, "scene.json")))["models"][0]["gaussians"] for n in ("moved", "fewer")]
+        self.assertEqual(counts, [52, 51])
+        self.succeeds("info", self.path("moved"))
+        self.succeeds("info", self.path("fewer"))
+
+
+class Program(BlenderCase):
+    """The program that the zip carries."""
+
+    def setUp(self):
+        super().setUp()
+        self.module = sys.modules[addon.__name__ + ".program"]
+
+    def prefer(self, path):
+        preferences = bpy.context.preferences.addons[addon.__name__].preferences
+        preferences.program = path
+        self.addCleanup(setattr, preferences, "program", "")
+
+    def test_the_zip_s_own(self):
+        """It is there without a setting and without a PATH, in a folder of the add-on, and needs no file of its own to be executable."""
+        own = self.module.command(bpy.context)
+        self.assertEqual(os.path.dirname(os.path.dirname(own)), os.path.dirname(addon.__file__))
+        self.bring_in()
+        if os.name != "nt":
+            os.chmod(own, 0o644)  # as Blender unpacks it
+        with mock.patch.dict(os.environ, {"PATH": ""}):
+            bpy.ops.export_scene.pags(filepath=self.path("own.ply"))
+        self.assertGreater(os.path.getsize(self.path("own.ply")), 3 * 56)
+
+    def test_it_runs_where_no_library_is(self):
+        """What it loads, itself and by its libraries, lies beside it; the C library's parts are the system's."""
+        if sys.platform != "linux":
+            self.skipTest("the libraries of other systems' programs are linked into them")
+        own = self.module.command(bpy.context)
+        folder = os.path.join(os.path.dirname(own), "lib")
+        beside = os.listdir(folder) if os.path.isdir(folder) else []
+        listed = subprocess.run(["ldd", own], capture_output=True, text=True, check=True).stdout
+        for name, path in re.findall(r"^\s*(\S+) => (\S+)", listed, re.MULTILINE):
+            if not re.match(r"lib(c|m|dl|rt|pthread)\.so", name):
+                self.assertEqual(os.path.realpath(path), os.path.realpath(os.path.join(folder, name)), listed)
+                self.assertIn(name, beside)
+
+    def test_one_of_the_user_s(self):
+        self.bring_in()
+        self.prefer(self.path("none"))
+        self.raises([self.path("none"), "preferences"], bpy.ops.export_scene.pags, filepath=self.path("x.ply"))
+        self.prefer(PROGRAM)
+        self.assertEqual(self.module.command(bpy.context), os.path.abspath(PROGRAM))
+        self.prefer("")
+        with mock.patch.object(self.module, "own", return_value=self.path("none")), mock.patch.dict(os.environ, {"PATH": ""}):
+            self.raises(["without the pags program"], bpy.ops.export_scene.pags, filepath=self.path("x.ply"))
+
+    def test_what_it_lacks_is_said(self):
+        """By the program's own help: the reason is shown, refuses proxies and lets splat files be."""
+        shown = "  export   write splat files of a scene; this build lacks proxies, glTF and USD (CMake option X)\n"
+        known = self.succeeds("--help").stdout
+        self.assertRegex(known, r"(?m)^  export ")
+        self.bring_in()
+        said = subprocess.CompletedProcess([], 0, shown, "")
+        with mock.patch.object(self.module.subprocess, "run", return_value=said), mock.patch.dict(self.module._lacking, clear=True):
+            self.assertIn("lacks proxies, glTF and USD (CMake option X)", self.module.lacking(bpy.context))
+            for name in ("x.glb", "x.gltf", "x.usda"):
+                self.raises(["lacks proxies"], bpy.ops.export_scene.pags, filepath=self.path(name))
+            self.raises(["lacks proxies"], bpy.ops.pags.import_proxies)
+            bpy.ops.export_scene.pags(filepath=self.path("x.ply"))
+            root = self.bring_in(proxies=True)  # a warning
+            self.assertEqual(root.pags.kind, "ROOT")
+        self.assertEqual(bool(self.module.lacking(bpy.context)), "lacks proxies" in known)
+
+    def test_no_console_and_utf8(self):
+        started = []
+
+        def popen(words, **keywords):
+            started.append((words, keywords))
+            raise OSError("enough")
+
+        jobs = sys.modules[addon.__name__ + ".jobs"]
+        hidden = mock.patch.object(subprocess, "CREATE_NO_WINDOW", 0x08000000, create=True)
+        with hidden, mock.patch.object(self.module.subprocess, "Popen", popen), self.assertRaises(OSError):
+            jobs.at_once("x", lambda job: (jobs.beside(*call) for call in [(self.module.run, job, "pags", "日本語")]))
+        ((words, keywords),) = started
+        self.assertEqual(keywords["creationflags"], 0x08000000)
+        self.assertEqual(words[1], "日本語" if os.name == "nt" else "日本語".encode())
+
+    def test_an_export_that_is_cancelled(self):
+        """The program ends, and nothing of its file stays."""
+        self.needs_proxies()
+        self.bring_in()
+        jobs, exporter = (sys.modules[f"{addon.__name__}.{n}"] for n in ("jobs", "exporter"))
+        root, path = next(o for o in self.scene.objects if o.pags.kind == "ROOT"), self.path("x.glb")
+        work = exporter.export(root, self.module.command(bpy.context), path, ["--proxy", "mesh", "--voxel", "0.01"], False)
+        job = jobs.Job("Export", work)
+        self.assertFalse(job.step(True))
+        self.assertFalse(job.step(True))  # the program runs
+        self.write("x.glb.part", b"half")
+        job.cancel()
+        with self.assertRaises(jobs.Cancelled):
+            while True:
+                job.step(True)
+        self.assertEqual([n for n in os.listdir(self.folder) if n.startswith("x.")], [])
+
+
+class Jobs(BlenderCase):
+    """Long work, a step after another."""
+
+    def setUp(self):
+        super().setUp()
+        self.jobs = sys.modules[addon.__name__ + ".jobs"]
+
+    def test_threads_and_the_main_one(self):
+        """What stands between two yields runs on the main thread, what is beside in another; errors come back to where they were caused."""
+        threads = []
+
+        def work(job):
+            threads.append(threading.current_thread())
+            self.assertEqual((yield self.jobs.beside(lambda a, b: threads.append(threading.current_thread()) or a + b, 1, 2)), 3)
+            yield
+            threads.append(threading.current_thread())
+            with self.assertRaises(ZeroDivisionError):
+                yield self.jobs.beside(lambda: 1 // 0)
+            job.tell(2.0, "more than all")
+            return "done"
+
+        job = self.jobs.at_once("Work", work)
+        self.assertEqual(job.notice, "done")
+        self.assertEqual(job.line(), "Work: more than all, 100 %")
+        self.assertEqual([t is threading.main_thread() for t in threads], [True, False, True])
+
+    def test_cancelled_between_steps(self):
+        cleaned = []
+
+        def work(job):
+            try:
+                for _ in range(10):
+                    yield
+            finally:
+                cleaned.append(True)
+
+        job = self.jobs.Job("Work", work)
+        self.assertFalse(job.step())
+        job.cancel()
+        with self.assertRaises(self.jobs.Cancelled):
+            job.step()
+        self.assertEqual(cleaned, [True])
+
+    def test_the_timeline_stays_where_the_user_has_it(self):
+        """Edits are looked for along the timeline; between the steps, after an error and at the end it is where it was, or was put since."""
+        cameras, seen, at = sys.modules[addon.__name__ + ".cameras"], [], []
+        self.scene.frame_set(7)
+
+        def visit(frame, depsgraph):
+            self.assertEqual(self.scene.frame_current, frame)
+            seen.append(frame)
+            if frame == 40:
+                raise ValueError("no")
+
+        with mock.patch.object(self.jobs, "SLICE", 0):
+            for _ in cameras.along(self.jobs.Job("x", lambda job: iter(())), self.scene, [1, 2, 3], visit):
+                at.append(self.scene.frame_current)
+                self.scene.frame_set(self.scene.frame_current + 1)  # the user goes on
+            self.assertEqual((seen, at, self.scene.frame_current), ([1, 2, 3], [7, 8, 9], 10))
+            with self.assertRaises(ValueError):
+                for _ in cameras.along(self.jobs.Job("x", lambda job: iter(())), self.scene, [40], visit):
+                    pass
+        self.assertEqual(self.scene.frame_current, 10)
 
 
 class Interface(BlenderCase):
@@ -803,6 +1007,35 @@ class Inspecting(BlenderCase):
                     self.assertEqual(fixtures.read(path(5)), photographs["001_0.png"])
                 self.assertEqual(len(self.scene.camera.data.background_images), 1)  # however often they were shown
 
+    def test_a_scene_of_another_machine(self):
+        """It opens whole; what needs the photographs says where it looked, and one field, kept with the scene, says where they are."""
+        self.photographed()
+        record = json.loads(fixtures.read(self.path("scene", "scene.json")))
+        self.write("scene/scene.json", json.dumps({**record, "dataset": "/home/else/recordings/street 7/"}))
+        os.rename(self.path("set"), self.path("here"))
+        bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+        root = self.bring_in()
+        looked = ["000_0.png", os.path.normpath("/home/else/recordings/street 7"), self.path("street 7"), "Data set folder"]
+        self.raises(looked, bpy.ops.pags.photographs)
+        self.raises(["001_0.png", *looked[1:]], bpy.ops.pags.compare, name="001_0.png")
+        self.f12()
+        os.rename(self.path("here"), self.path("street 7"))  # beside the scene it is found by itself
+        bpy.ops.pags.photographs()
+        os.rename(self.path("street 7"), self.path("here"))
+        root.pags.dataset = self.path("nowhere")
+        self.raises([self.path("nowhere"), *looked], bpy.ops.pags.photographs)
+        root.pags.dataset = self.path("here")
+        bpy.ops.pags.photographs()
+        bpy.ops.pags.compare(name="001_0.png", use_exposure=False)
+        self.assertRegex(self.scene.pags_compared, r"001_0\.png: PSNR [5-9]\d\.")
+        bpy.ops.pags.save_edited(directory=self.path("edited"))
+        self.assertEqual(json.loads(fixtures.read(self.path("edited", "scene.json")))["dataset"], self.path("here"))
+        bpy.ops.wm.save_as_mainfile(filepath=self.path("work.blend"))
+        bpy.ops.wm.save_mainfile()
+        bpy.ops.wm.open_mainfile(filepath=self.path("work.blend"))
+        kept = [o.pags.dataset for o in self.scene.objects if o.pags.kind == "ROOT"]
+        self.assertIn("//here", kept)
+
     def test_links_to_photographs_that_were_moved(self):
         if not self.links_can_be_made():
             self.skipTest("no links can be made here")
@@ -839,7 +1072,6 @@ class Composite(BlenderCase):
         cube.data.materials.append(material)
         bpy.ops.pags.composite(engine="CYCLES", tolerance=0.3)
         self.scene.cycles.samples = 4
-        self.scene.cycles.use_denoising = False
         picture = self.f12()
         self.assertEqual(pixel(picture, 50, 50), pixel(street, 50, 50))  # the car, untouched
         x, y = 50 - int(1.2 / 6 * 100), 50
@@ -872,9 +1104,8 @@ class Composite(BlenderCase):
         bpy.context.object.data.energy = 5
         bpy.ops.mesh.primitive_cube_add(size=1, location=(8, -1.5, 0))
         block = bpy.context.object
-        bpy.ops.pags.composite(engine="CYCLES")
+        bpy.ops.pags.composite(engine="CYCLES", use_light=False)
         self.scene.cycles.samples = 4
-        self.scene.cycles.use_denoising = False
         picture = self.f12()
         below, beside = (72, 73), (30, 73)  # the road is 1.6 m below the cameras, the block 7 m ahead and 1.5 m to the right
         self.assertGreater(pixel(street, *below)[2], 120)
@@ -888,6 +1119,75 @@ class Composite(BlenderCase):
         road.location.z -= 2
         block.location, block.scale = (15, -3, 1), (4, 4, 1)
         self.assertLess(abs(pixel(self.f12(), 71, 75)[2] - pixel(street, 71, 75)[2]), 10)
+
+    def test_as_the_guide_s_reader_does_it(self):
+        """Nothing is set by hand: samples and denoising are such that F12 ends, and the recording's sky is the light. Samples of one's own stay."""
+        self.bring_in()
+        self.scene.frame_set(2)
+        if not hasattr(bpy.types.Scene, "cycles"):
+            self.skipTest("this Blender has no Cycles")
+        bpy.ops.mesh.primitive_uv_sphere_add(radius=0.8, location=(7, 1.2, 0))
+        before = self.scene.world
+        bpy.ops.pags.composite()
+        self.scene.render.resolution_percentage = 40  # the second scene's size is another now, and isn't asked for
+        self.assertIn(self.scene.cycles.samples, (64, 128))
+        picture = self.f12()
+        ball = pixel(picture, int((50 - 1.2 / 6 * 100) * 0.4), 20)
+        self.assertGreater(ball[2], ball[0] + 30)  # white, in the light of a blue sky
+        self.assertGreater(pixel(picture, 20, 20)[0], 100)  # the red car of the street, a few pixels wide
+        self.assertTrue(before is None or before.use_fake_user)
+        self.scene.cycles.samples = 3
+        bpy.ops.pags.composite()
+        self.assertEqual(self.scene.cycles.samples, 3)
+
+    def test_the_light_comes_from_where_it_is(self):
+        """A wall of red Gaussians to the north, the scene turned: the panorama has it where Blender's world has it."""
+        composite = sys.modules[addon.__name__ + ".composite"]
+        make_drive(self.path("scene"), [splat(x, 6, z, (1, 0, 0), sigma=0.5, opacity=12.0) for x in range(-4, 5) for z in range(-2, 3)])
+        root = self.bring_in()
+        root.rotation_euler.z = -1.5707963  # what was to the left, y, is ahead now, x
+        bpy.context.view_layer.update()
+        bpy.ops.pags.composite(engine="EEVEE")
+        image = bpy.data.images[composite.LIGHT]
+        width, height = image.size
+        pixels = image.pixels[:]
+        at = lambda x, y: pixels[4 * (int(y * height) * width + int(x * width)) :][:3]
+        red, sky = at(0.5, 0.5), at(0.5, 0.95)  # Cycles has x in the middle of an equirectangular picture, z at the top
+        self.assertGreater(red[0], 0.8)
+        self.assertLess(red[2], 0.1)
+        for seen in (sky, at(0.01, 0.5)):
+            self.assertAlmostEqual(seen[0], 0, delta=0.01)
+            self.assertAlmostEqual(seen[2], 0.2140, delta=0.01)  # sRGB 0.5
+
+    def test_the_user_s_nodes_stay(self):
+        """What stood between the Render Layers and the output goes on to: the composite comes in its place, also the second time."""
+        composite = sys.modules[addon.__name__ + ".composite"]
+        self.bring_in()
+        scene = self.scene
+        tree = composite.node_tree(scene)
+        out = composite.output_of(tree, scene)
+        layers = next((n for n in tree.nodes if n.bl_idname == "CompositorNodeRLayers"), None) or tree.nodes.new("CompositorNodeRLayers")
+        layers.scene = scene
+        invert = tree.nodes.new("CompositorNodeInvert")
+        invert.name = "mine"
+        color = lambda node: next(i for i in node.inputs if i.name == "Color")
+        tree.links.new(layers.outputs["Image"], color(invert))
+        tree.links.new(invert.outputs[0], out.inputs[0])
+        other = tree.nodes.new("CompositorNodeViewer")
+        tree.links.new(layers.outputs["Image"], other.inputs[0])
+        for _ in range(2):
+            bpy.ops.pags.composite(engine="EEVEE")
+            mine = [n for n in tree.nodes if composite.MINE in n]
+            self.assertEqual(len([n for n in tree.nodes if n not in mine]), 4)
+            self.assertEqual(len([n for n in mine if n.bl_idname == "CompositorNodeRLayers"]), 2)
+            self.assertEqual(out.inputs[0].links[0].from_node.name, "mine")
+            for socket in (color(tree.nodes["mine"]), other.inputs[0]):
+                self.assertIn(composite.MINE, socket.links[0].from_node)
+        image = tree.nodes.new("CompositorNodeImage")
+        tree.links.new(image.outputs[0], out.inputs[0])
+        tree.links.new(image.outputs[0], color(tree.nodes["mine"]))
+        tree.links.new(image.outputs[0], other.inputs[0])
+        self.assertFalse(composite.build_nodes(scene, bpy.data.scenes[composite.SECOND], bpy.context.view_layer.name, 0.3))
 
 
 

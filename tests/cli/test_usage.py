@@ -166,6 +166,16 @@ class Usage(Case):
                 self.assertIn(f"usage: pags {verb}", self.succeeds(verb, "--help").stdout)
                 self.refused([verb], f"pags {verb}:")
 
+    def test_what_export_lacks(self):
+        """A build without proxies says so in its help, where the Blender add-on reads it, and when it is asked for them."""
+        row = next(line for line in self.succeeds("--help").stdout.splitlines() if line.startswith("  export "))
+        splats = self.write("some.ply", fixtures.ply_bytes(fixtures.some_splats()))
+        if "this build lacks proxies" in row:
+            self.fails(["export", splats, self.path("x.glb")], "x.glb", "this build writes")
+        else:
+            self.assertNotIn("lacks", row)
+            self.succeeds("export", splats, self.path("x.glb"), "--splats")
+
     def test_version(self):
         self.assertRegex(self.succeeds("--version").stdout, r"^pags \d+\.\d+\.\d+\n$")
 

@@ -1,0 +1,287 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Long work beside Blender: exports, proxies, photographs, imports, with progress, a way to cancel and a notice at the end.
+
+Work is a generator, made by a function of its job. What stands between two `yield`s runs on the main thread, as all that touches Blender's data
+has to, and takes a few milliseconds. `answer = yield beside(function, ...)` waits for the function, which runs in a thread; `yield` alone lets
+Blender go on. What the generator returns is the notice. A person's click starts it with `start`; scripts and Blenders without a window run it
+to its end with `at_once`."""
+
+import atexit
+import contextlib
+import threading
+import time
+
+import bpy
+
+from . import lens, native
+
+SLICE = 0.02  # seconds of the main thread that a job takes at a time
+TICK = 0.02  # seconds between
+current = None  # the job that runs beside Blender
+
+
+class Cancelled(Exception):
+    """Raised within a job that is to end."""
+
+
+class Job:
+    def __init__(self, title, work):
+        self.title, self.fraction, self.what = title, 0.0, ""
+        self.notes = []  # warnings for the end
+        self.notice = None
+        self.changes = False  # whether Blender's data were changed, which makes a step of undo
+        self.stopped, self.lock, self.end_other = threading.Event(), threading.Lock(), None
+        self.thread, self.answer = None, (None, None)
+        self.steps = work(self)
+
+    # ---- Of any thread ----
+
+    def tell(self, fraction, what):
+        self.fraction, self.what = min(max(fraction, 0.0), 1.0), what
+
+    def check(self):
+        """Raises Cancelled where the job was cancelled."""
+        if self.stopped.is_set():
+            raise Cancelled
+
+    def cancel(self):
+        self.stopped.set()
+        with self.lock:
+            if self.end_other:
+                self.end_other()
+
+    @contextlib.contextmanager
+    def ended_by(self, end):
+        """Within it, cancelling the job calls `end`, which ends what the thread waits for."""
+        with self.lock:
+            self.end_other = end
+        if self.stopped.is_set():
+            end()
+        try:
+            yield
+        finally:
+            with self.lock:
+                self.end_other = None
+
+    # ---- Of the main thread ----
+
+    def step(self, wait=False):
+        """Goes on to the next `yield`; True at the end. Without `wait`, returns at once while a thread works."""
+        if self.thread is not None:
+            if not wait and self.thread.is_alive():
+                return False
+            self.thread.join()
+            self.thread = None
+        (value, error), self.answer = self.answer, (None, None)
+        if error is None and self.stopped.is_set():
+            error = Cancelled()
+        try:
+            wanted = self.steps.throw(error) if error else self.steps.send(value)
+        except StopIteration as end:
+            self.notice = end.value
+            return True
+        if wanted is not None:
+            self.thread = threading.Thread(target=self.work_beside, args=wanted, daemon=True)
+            self.thread.start()
+        return False
+
+    def work_beside(self, function, arguments):
+        try:
+            self.answer = (function(*arguments), None)
+        except BaseException as error:
+            self.answer = (None, error)
+
+    def abort(self):
+        """Ends it now, as when another file is opened."""
+        self.cancel()
+        if self.thread is not None:
+            self.thread.join(10)
+        self.steps.close()
+
+    def line(self):
+        share = f", {100 * self.fraction:.0f} %" if self.fraction > 0 else ""
+        return f"{self.title}: {'ending' if self.stopped.is_set() else self.what or 'under way'}{share}"
+
+
+def beside(function, *arguments):
+    """For `yield`: a function to be called in a thread. It must not touch Blender's data."""
+    return function, arguments
+
+
+# What a user can do something about; anything else is a fault of ours and leaves a traceback.
+ERRORS = (native.SceneError, lens.LensError, OSError, RuntimeError, ValueError, KeyError, MemoryError)
+
+
+def at_once(title, work):
+    """Runs work to its end and returns the job."""
+    job = Job(title, work)
+    while not job.step(True):
+        pass
+    return job
+
+
+def start(title, work):
+    """Runs work beside Blender; its notice comes as a report."""
+    global current
+    if current is not None:
+        raise native.SceneError(f"{current.title} is under way; wait for its end, or cancel it in the 3D view's header")
+    current = Job(title, work)
+    bpy.ops.pags.job("INVOKE_DEFAULT")
+
+
+def report(operator, job):
+    for note in job.notes:
+        operator.report({"WARNING"}, note)
+    if job.notice:
+        operator.report({"INFO"}, job.notice)
+
+
+class Long:
+    """Base of the operators on a PAGS scene whose work is long. A subclass defines `steps(context, root)`, which reads the operator's properties
+    and returns the work; the operator itself may be gone when that runs."""
+
+    by_hand = False
+    errors = ERRORS
+
+    def invoke(self, context, event):
+        self.by_hand = not bpy.app.background
+        return self.execute(context)
+
+    def work(self, context, root):
+        begin(self, self.steps(context, root))
+
+
+def begin(operator, work):
+    """Starts an operator's work beside Blender where a person asked for it, else does it now."""
+    if operator.by_hand:
+        start(operator.bl_label, work)
+    else:
+        report(operator, at_once(operator.bl_label, work))
+
+
+# ---- In the window ----
+
+
+class PAGS_OT_job(bpy.types.Operator):
+    """Runs the job that was started, a little at a time"""
+
+    bl_idname = "pags.job"
+    bl_label = "PAGS job"
+    bl_options = {"INTERNAL"}
+
+    def invoke(self, context, event):
+        manager = context.window_manager
+        self.timer, self.shown = manager.event_timer_add(TICK, window=context.window), None
+        manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context, event):
+        if event.type != "TIMER":
+            return {"PASS_THROUGH"}
+        if current is None:  # the add-on was switched off and on again
+            return self.end(context)
+        try:
+            done = advance(current)
+        except Cancelled:
+            self.report({"INFO"}, f"{current.title}: cancelled")
+            return self.end(context)
+        except ERRORS as error:
+            self.report({"ERROR"}, f"{current.title}: {error}")
+            return self.end(context)
+        except ReferenceError:  # what it worked on was deleted or undone meanwhile
+            self.report({"ERROR"}, f"{current.title}: the scene was changed meanwhile; try it again")
+            return self.end(context)
+        except BaseException:
+            self.end(context)
+            raise
+        if done:
+            report(self, current)
+            return self.end(context)
+        if self.shown != current.line():
+            self.shown = current.line()
+            redraw(context)
+        return {"PASS_THROUGH"}
+
+    def end(self, context):
+        global current
+        job, current = current, None
+        context.window_manager.event_timer_remove(self.timer)
+        if job is not None and job.changes:
+            bpy.ops.ed.undo_push(message=job.title)
+        redraw(context)
+        return {"FINISHED"}
+
+    def cancel(self, context):
+        """Called by Blender: another file is opened, or the window closed."""
+        abort()
+
+
+def advance(job):
+    """Steps of a job until its share of time is used up or a thread works for it; True at the end."""
+    end = time.perf_counter() + SLICE
+    while not job.step():
+        if job.thread is not None or time.perf_counter() > end:
+            return False
+    return True
+
+
+def abort():
+    global current
+    if current is not None:
+        job, current = current, None
+        job.abort()
+
+
+class PAGS_OT_cancel_job(bpy.types.Operator):
+    """End the export, import or other long work of PAGS that is under way; what it has written is removed"""
+
+    bl_idname = "pags.cancel_job"
+    bl_label = "Cancel"
+    bl_options = {"INTERNAL"}
+
+    @classmethod
+    def poll(cls, context):
+        return current is not None
+
+    def execute(self, context):
+        current.cancel()
+        return {"FINISHED"}
+
+
+def draw_header(self, context):
+    """In the 3D view's header: what is under way, and a button to cancel it."""
+    if current is None:
+        return
+    row = self.layout.row(align=True)
+    if hasattr(row, "progress"):  # from Blender 4.0 on
+        row.progress(factor=current.fraction, type="BAR", text=current.line())
+    else:
+        row.label(text=current.line(), icon="TIME")
+    row.operator("pags.cancel_job", text="", icon="X")
+
+
+def redraw(context):
+    for window in context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                for region in area.regions:
+                    if region.type == "HEADER":
+                        region.tag_redraw()
+
+
+CLASSES = (PAGS_OT_job, PAGS_OT_cancel_job)
+
+
+def register():
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+    bpy.types.VIEW3D_HT_header.prepend(draw_header)  # at its right end it would often lie outside of the window
+    atexit.register(abort)  # no program goes on after Blender's end
+
+
+def unregister():
+    atexit.unregister(abort)
+    abort()
+    bpy.types.VIEW3D_HT_header.remove(draw_header)
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)
