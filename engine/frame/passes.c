@@ -341,7 +341,7 @@ static pags_result reserve_mattes(pass_context *c, int workers) {
 static pags_result reserve(pass_context *c, int32_t **part_of) {
   pags_frame *const f = c->frame;
   const int workers = pags_tasks_workers(f->tasks);
-  const bool motion = c->request->before || c->request->after;
+  const bool motion = c->request->motion != 0;
   c->scratch = pags_frame_alloc(f, workers, sizeof *c->scratch, "pass sums");
   *part_of = pags_frame_alloc(f, f->dense_count / 16, sizeof **part_of, "parts of what is drawn");
   c->normals =

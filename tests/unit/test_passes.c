@@ -122,6 +122,7 @@ static void run(const fixture *f, asked how, result *out) {
   const pags_matte mattes[2] = {{NAMES, f->values, f->names[0]}, {NAMES, f->values, f->names[1]}};
   const pags_pass_request request = {.matte = {&mattes[0], &mattes[1]},
                                      .normal = 1,
+                                     .motion = 1,
                                      .before = how.moved == 2 ? NULL : &moments[0],
                                      .after = &moments[1]};
   assert_int_equal(pags_frame_create(tasks, &frame), PAGS_OK);
@@ -395,7 +396,7 @@ static void motion_has_blender_s_signs(void **unused) {
   parts[1].world_from_model[3] = -0.1, parts[1].world_from_model[7] = -0.2; /* one frame earlier; z = 2, 20 px */
   parts[2].world_from_model[3] = 0.1, parts[2].world_from_model[7] = 0.2;
   const pags_moment before = {f.camera, &parts[1], 1}, after = {f.camera, &parts[2], 1};
-  const pags_pass_request request = {.normal = 1, .before = &before, .after = &after};
+  const pags_pass_request request = {.normal = 1, .motion = 1, .before = &before, .after = &after};
   pags_tasks *const tasks = pags_tasks_create(1);
   assert_int_equal(pags_frame_create(tasks, &frame), PAGS_OK);
   assert_int_equal(pags_frame_render(frame, parts, 1, &f.camera, &f.options, NULL, NULL, &picture), PAGS_OK);

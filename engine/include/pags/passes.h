@@ -10,6 +10,7 @@
 #include <pags/base.h>
 #include <pags/camera.h>
 #include <pags/frame.h>
+#include <pags/scene.h>
 
 #ifdef __cplusplus
 extern "C" {
@@ -38,7 +39,8 @@ typedef struct pags_moment {
 typedef struct pags_pass_request {
   const pags_matte *matte[2];        /* NULL: not wanted */
   int normal;                        /* 1: expected normals */
-  const pags_moment *before, *after; /* of motion vectors; NULL: nothing moves on that side. Both NULL: not wanted */
+  int motion;                        /* 1: motion vectors */
+  const pags_moment *before, *after; /* of motion vectors; NULL: nothing moves on that side */
 } pags_pass_request;
 
 /* ---- What is computed ---- */
@@ -72,6 +74,26 @@ PAGS_API uint32_t pags_cryptomatte_hash(const char *name, size_t length);
 /* The hash as a float, by the specification's conversion uint32_to_float32: the same bits, but exponents that stand for
  * denormal numbers become 1 and those for infinity and NaN 254. */
 PAGS_API float pags_cryptomatte_value(uint32_t hash);
+
+/* The names of a matte. Labels with the same text share a name. */
+typedef struct pags_matte_names {
+  int32_t count;
+  char **names;  /* ascending, all different */
+  float *values; /* of each name, as pags_matte has it */
+  int64_t label_count;
+  int32_t *name_of_label; /* index of each label's name */
+  char *manifest;         /* JSON: each name with its hash in hexadecimal digits, as the specification has it */
+} pags_matte_names;
+
+/* Makes the list of the labels' names. PAGS_ERROR_MEMORY; then `out` is zeroed. */
+PAGS_API pags_result pags_matte_names_create(const char *const *labels, int64_t label_count, pags_matte_names *out);
+
+/* The same of a scene: label i is object i, by its id or (classes = 1) by its class; one more label, the last, is
+ * "background", for what belongs to no object. */
+PAGS_API pags_result pags_matte_names_of_scene(const pags_scene *scene, int classes, pags_matte_names *out);
+
+/* Frees the names and zeroes the struct. A zeroed struct is allowed. */
+PAGS_API void pags_matte_names_destroy(pags_matte_names *names);
 
 #ifdef __cplusplus
 }
