@@ -12,6 +12,7 @@
 
 #include <pags/compose.h>
 #include <pags/frame.h>
+#include <pags/passes.h>
 #include <pthread.h>
 #include <stdbool.h>
 
@@ -74,7 +75,12 @@ enum {
   OUTPUT_ID = 8,
   OUTPUT_PRIORITY = 16,
   OUTPUT_HEAT = 32,
-  OUTPUT_KINDS = 6
+  OUTPUT_CRYPTO_OBJECT = 64, /* these four are passes (pags/passes.h) */
+  OUTPUT_CRYPTO_CLASS = 128,
+  OUTPUT_NORMAL = 256,
+  OUTPUT_MOTION = 512,
+  OUTPUT_KINDS = 10,
+  OUTPUTS_PASSES = OUTPUT_CRYPTO_OBJECT | OUTPUT_CRYPTO_CLASS | OUTPUT_NORMAL | OUTPUT_MOTION
 };
 
 /* The layout of the planes that a job returns. */
@@ -94,6 +100,7 @@ typedef struct native_planes {
   int width, height;
   float *rgba, *depth, *object, *priority, *heat; /* rgba and heat: 4 floats a pixel; NULL where not asked for */
   int32_t *id;
+  float *crypto[2], *normal, *motion; /* objects and classes: 12 floats a pixel; 3; 4 */
   pags_frame_stats stats;
   double ms;      /* of the whole job */
   double ms_fill; /* of these, the time to fill the planes */
@@ -103,8 +110,8 @@ typedef struct native_planes {
 bool native_layout_needs_extras(const native_layout *layout);
 /* Fills `out` on the renderer's threads; the scene's tables must have been filled. PAGS_ERROR_MEMORY or PAGS_CANCELLED.
  */
-pags_result native_planes_fill(pags_tasks *tasks, const pags_picture *picture, const native_scene *scene,
-                               const native_layout *layout, native_planes *out);
+pags_result native_planes_fill(pags_tasks *tasks, const pags_picture *picture, const pags_passes *passes,
+                               const native_scene *scene, const native_layout *layout, native_planes *out);
 void native_planes_free(native_planes *planes);
 /* A new Picture that owns the planes. */
 PyObject *native_picture_new(const native_state *state, native_planes *planes);
@@ -115,5 +122,9 @@ extern PyType_Spec native_picture_spec;
 extern PyType_Spec native_renderer_spec, native_job_spec;
 PyObject *native_render(PyObject *module, PyObject *arguments, PyObject *keywords);
 PyObject *native_pick(PyObject *module, PyObject *arguments, PyObject *keywords);
+
+/* ---- Passes ---- */
+
+PyObject *native_cryptomatte_hash(PyObject *module, PyObject *arguments);
 
 #endif

@@ -37,6 +37,7 @@ static float decode(const decoder *d, float v) {
 
 typedef struct fill {
   const pags_picture *picture;
+  const pags_passes *passes;
   const native_scene *scene;
   const native_layout *layout;
   native_planes *out;
@@ -45,7 +46,7 @@ typedef struct fill {
 
 bool native_layout_needs_extras(const native_layout *layout) {
   bool rgba = layout->outputs & OUTPUT_RGBA;
-  return (layout->outputs & ~(unsigned)OUTPUT_RGBA) != 0 || (rgba && layout->mode != MODE_RGB);
+  return (layout->outputs & ~(unsigned)(OUTPUT_RGBA | OUTPUTS_PASSES)) != 0 || (rgba && layout->mode != MODE_RGB);
 }
 
 /* Maps a length to [0, 1] on a logarithmic scale: `least` to 0, `most` to 1. */
@@ -96,6 +97,17 @@ static void put_heat(const fill *f, int64_t at, float *out) {
   put_rgba(f, at, alpha, rgb, out);
 }
 
+/* Interleaves `count` planes of a row. */
+static void put_planes(const float *const *planes, int count, int64_t from, int width, float *out) {
+  for (int x = 0; out && x < width; x++)
+    for (int c = 0; c < count; c++)
+      *out++ = planes[c][from + x];
+}
+
+static float *row_of(float *block, int64_t pixel, int floats) {
+  return block ? block + floats * pixel : NULL;
+}
+
 static void fill_row(const fill *f, int y) {
   const native_layout *l = f->layout;
   const native_planes *o = f->out;
@@ -117,6 +129,10 @@ static void fill_row(const fill *f, int y) {
 
     return;
   }
+  for (int m = 0; m < 2; m++)
+    put_planes(f->passes->matte[m], PAGS_MATTE_PLANES, from, l->width, row_of(o->crypto[m], to, PAGS_MATTE_PLANES));
+  put_planes(f->passes->normal, 3, from, l->width, row_of(o->normal, to, 3));
+  put_planes(f->passes->motion, 4, from, l->width, row_of(o->motion, to, 4));
   for (int x = 0; x < l->width; ++x, ++from, ++to) {
     int32_t id = f->picture->id ? f->picture->id[from] : -1;
     if (o->rgba) {
@@ -161,8 +177,16 @@ static bool allocate(const native_layout *layout, native_planes *out) {
     unsigned output;
     size_t floats;
     void *block;
-  } wanted[] = {{OUTPUT_RGBA, 4, NULL},   {OUTPUT_HEAT, 4, NULL},     {OUTPUT_DEPTH, 1, NULL},
-                {OUTPUT_OBJECT, 1, NULL}, {OUTPUT_PRIORITY, 1, NULL}, {OUTPUT_ID, 1, NULL}};
+  } wanted[] = {{OUTPUT_RGBA, 4, NULL},
+                {OUTPUT_HEAT, 4, NULL},
+                {OUTPUT_DEPTH, 1, NULL},
+                {OUTPUT_OBJECT, 1, NULL},
+                {OUTPUT_PRIORITY, 1, NULL},
+                {OUTPUT_ID, 1, NULL},
+                {OUTPUT_CRYPTO_OBJECT, PAGS_MATTE_PLANES, NULL},
+                {OUTPUT_CRYPTO_CLASS, PAGS_MATTE_PLANES, NULL},
+                {OUTPUT_NORMAL, 3, NULL},
+                {OUTPUT_MOTION, 4, NULL}};
   bool good = true;
   for (size_t i = 0; i < sizeof wanted / sizeof wanted[0]; i++)
     if (layout->outputs & wanted[i].output) {
@@ -176,12 +200,16 @@ static bool allocate(const native_layout *layout, native_planes *out) {
   out->object = wanted[3].block;
   out->priority = wanted[4].block;
   out->id = wanted[5].block;
+  out->crypto[0] = wanted[6].block;
+  out->crypto[1] = wanted[7].block;
+  out->normal = wanted[8].block;
+  out->motion = wanted[9].block;
   return good;
 }
 
-pags_result native_planes_fill(pags_tasks *tasks, const pags_picture *picture, const native_scene *scene,
-                               const native_layout *layout, native_planes *out) {
-  fill f = {.picture = picture, .scene = scene, .layout = layout, .out = out};
+pags_result native_planes_fill(pags_tasks *tasks, const pags_picture *picture, const pags_passes *passes,
+                               const native_scene *scene, const native_layout *layout, native_planes *out) {
+  fill f = {.picture = picture, .passes = passes, .scene = scene, .layout = layout, .out = out};
   if (!allocate(layout, out)) {
     native_planes_free(out);
     return pags_out_of_memory("a picture of %dx%d", layout->width, layout->height);
@@ -201,6 +229,10 @@ void native_planes_free(native_planes *planes) {
   free(planes->priority);
   free(planes->heat);
   free(planes->id);
+  free(planes->crypto[0]);
+  free(planes->crypto[1]);
+  free(planes->normal);
+  free(planes->motion);
   *planes = (native_planes){0};
 }
 
@@ -228,13 +260,26 @@ static void picture_dealloc(PyObject *object) {
   Py_DECREF(type);
 }
 
-enum { PLANE_RGBA, PLANE_DEPTH, PLANE_OBJECT, PLANE_PRIORITY, PLANE_HEAT, PLANE_ID };
+enum {
+  PLANE_RGBA,
+  PLANE_DEPTH,
+  PLANE_OBJECT,
+  PLANE_PRIORITY,
+  PLANE_HEAT,
+  PLANE_ID,
+  PLANE_CRYPTO_OBJECT,
+  PLANE_CRYPTO_CLASS,
+  PLANE_NORMAL,
+  PLANE_MOTION
+};
 
 static PyObject *picture_plane(PyObject *object, void *closure) {
   native_planes *p = &((native_picture *)object)->planes;
-  const void *const blocks[] = {p->rgba, p->depth, p->object, p->priority, p->heat, p->id};
+  const void *const blocks[] = {p->rgba, p->depth,     p->object,    p->priority, p->heat,
+                                p->id,   p->crypto[0], p->crypto[1], p->normal,   p->motion};
+  static const int floats[] = {4, 1, 1, 1, 4, 1, PAGS_MATTE_PLANES, PAGS_MATTE_PLANES, 3, 4};
   int which = *(const int *)closure;
-  int channels = which == PLANE_RGBA || which == PLANE_HEAT ? 4 : 1;
+  int channels = floats[which];
   const Py_ssize_t shape[3] = {p->height, p->width, channels};
   if (!blocks[which])
     Py_RETURN_NONE;
@@ -270,7 +315,8 @@ static PyObject *picture_stats(PyObject *object, void *closure) {
   return NULL;
 }
 
-static const int plane_numbers[] = {PLANE_RGBA, PLANE_DEPTH, PLANE_OBJECT, PLANE_PRIORITY, PLANE_HEAT, PLANE_ID};
+static const int plane_numbers[] = {PLANE_RGBA, PLANE_DEPTH,         PLANE_OBJECT,       PLANE_PRIORITY, PLANE_HEAT,
+                                    PLANE_ID,   PLANE_CRYPTO_OBJECT, PLANE_CRYPTO_CLASS, PLANE_NORMAL,   PLANE_MOTION};
 #define PLANE(which) ((void *)(size_t)&plane_numbers[which])
 
 static PyGetSetDef picture_getset[] = {
@@ -289,6 +335,15 @@ static PyGetSetDef picture_getset[] = {
     {"heat", picture_plane, NULL, "Buffer [height][width][4] float32: the priority as colours", PLANE(PLANE_HEAT)},
     {"id", picture_plane, NULL, "Buffer [height][width] int32: Gaussian of the largest weight, -1: none",
      PLANE(PLANE_ID)},
+    {"crypto_object", picture_plane, NULL,
+     "Buffer [height][width][12] float32: six times the value of a name and its weight, largest first",
+     PLANE(PLANE_CRYPTO_OBJECT)},
+    {"crypto_class", picture_plane, NULL, "the same of classes", PLANE(PLANE_CRYPTO_CLASS)},
+    {"normal", picture_plane, NULL, "Buffer [height][width][3] float32: expected normal, world axes",
+     PLANE(PLANE_NORMAL)},
+    {"motion", picture_plane, NULL,
+     "Buffer [height][width][4] float32, pixels, x right, y up: position before less now, now less after",
+     PLANE(PLANE_MOTION)},
     {0}};
 static PyType_Slot picture_slots[] = {
     {Py_tp_dealloc, picture_dealloc}, {Py_tp_getset, picture_getset}, {Py_tp_doc, "What was drawn."}, {0, NULL}};

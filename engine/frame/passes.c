@@ -324,15 +324,17 @@ static void pass_tiles(void *context, int64_t begin, int64_t end, int worker) {
 static pags_result reserve_mattes(pass_context *c, int workers) {
   for (int m = 0; m < 2; m++) {
     const int64_t names = c->request->matte[m] ? c->request->matte[m]->name_count : 0;
-    for (int w = 0; w < workers && names > 0; w++) {
+    for (int w = 0; w < workers; w++) {
       pass_scratch *const s = c->scratch + w;
+      s->matte[m].used_count = 0;
+      if (names == 0)
+        continue;
       s->matte[m].slot = pags_frame_alloc(c->frame, names, sizeof *s->matte[m].slot, "names of a tile");
       s->matte[m].used = pags_frame_alloc(c->frame, names, sizeof *s->matte[m].used, "names of a tile");
       s->matte[m].sums = pags_frame_alloc(c->frame, names * PIXELS, sizeof *s->matte[m].sums, "names of a tile");
       if (!s->matte[m].slot || !s->matte[m].used || !s->matte[m].sums)
         return PAGS_ERROR_MEMORY;
       memset(s->matte[m].slot, 0xFF, (size_t)names * sizeof *s->matte[m].slot); /* -1 */
-      s->matte[m].used_count = 0;
     }
   }
   return PAGS_OK;
