@@ -177,6 +177,10 @@ class PAGS_PT_passes(RenderPanel, bpy.types.Panel):
         layout.prop(context.view_layer, "use_pass_z", text="Depth")
         layout.prop(context.view_layer, "use_pass_object_index", text="Object index")
         layout.prop(context.scene.pags, "use_pass_heat")
+        layout.prop(context.view_layer, "use_pass_normal", text="Normal")
+        layout.prop(context.view_layer, "use_pass_vector", text="Vector (motion)")
+        layout.prop(context.view_layer, "use_pass_cryptomatte_object", text="Cryptomatte of objects")
+        layout.prop(context.view_layer, "use_pass_cryptomatte_asset", text="Cryptomatte of classes")
 
 
 class PAGS_OT_reload(bpy.types.Operator):

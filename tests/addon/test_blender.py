@@ -4,6 +4,7 @@
 import contextlib
 import errno
 import fnmatch
+import math
 import os
 import stat
 import struct
@@ -319,6 +320,81 @@ class Final(BlenderCase):
         self.assertEqual(short["IndexOB.X"], 42)
         self.assertGreater(short["Combined.R"], 0.9)
         self.assertGreater(short["PriorityHeat.R"], 0.5)  # a critical object: pale yellow
+
+    def render_exr(self, name):
+        """F12 into an uncompressed file of all passes; returns its bytes."""
+        settings = self.scene.render.image_settings
+        if hasattr(settings, "media_type"):
+            settings.media_type = "MULTI_LAYER_IMAGE"
+        settings.file_format = "OPEN_EXR_MULTILAYER"
+        settings.color_depth = "32"
+        if hasattr(settings, "exr_codec"):
+            settings.exr_codec = "NONE"
+        self.scene.render.filepath = self.path(name)
+        bpy.ops.render.render(write_still=True)
+        return fixtures.read(self.path(name))
+
+    def short_names(self, data, x, y):
+        return {".".join(name.split(".")[-2:]): value for name, value in exr_values(data, x, y).items()}
+
+    def test_passes_for_compositing(self):
+        """Vector, Normal and Cryptomattes are the engine's, in Blender's conventions, with names that its node knows."""
+        from test_passes import value
+
+        root = self.bring_in()
+        root.rotation_euler = (0, 0, 0.5)
+        self.scene.frame_set(2)
+        layer = bpy.context.view_layer
+        layer.use_pass_vector = layer.use_pass_normal = True
+        layer.use_pass_cryptomatte_object = layer.use_pass_cryptomatte_asset = True
+        self.scene.camera.animation_data_clear()  # it stands where it was at this frame
+        data = self.render_exr("passes.exr")
+        short = self.short_names(data, 50, 50)
+        sensor = self.scene.camera
+        ahead = [-sensor.matrix_world[row][2] for row in range(3)]
+        self.assertEqual(self.scene.frame_current, 2)
+        car = self.part(1)
+        self.assertEqual(short["CryptoObject00.R"], value(car.name))
+        self.assertAlmostEqual(short["CryptoObject00.G"], 0.99, delta=1e-3)
+        self.assertEqual(short["CryptoAsset00.R"], value("Car"))
+        self.assertNotIn("CryptoObject03.R", short)
+        towards = sum(a * short[f"Normal.{c}"] for a, c in zip(ahead, "XYZ"))
+        self.assertLess(towards, 1e-6)  # faces the camera
+        self.assertAlmostEqual(sum(short[f"Normal.{c}"] ** 2 for c in "XYZ"), 1, delta=1e-3)
+        for text in (car.name, f"{layer.name}.CryptoObject", f"{layer.name}.CryptoAsset", "MurmurHash3_32", "uint32_to_float32"):
+            self.assertTrue(text.encode() in data, text)
+        layer.pass_cryptomatte_depth = 2
+        self.assertNotIn("CryptoObject01.R", self.short_names(self.render_exr("two.exr"), 50, 50))
+
+    def test_vector_pass(self):
+        """The car goes to the right by as many pixels as its track says; a moved Blender object moves, too; what rests rests."""
+        self.bring_in(cameras="NONE")
+        camera = bpy.data.cameras.new("still")
+        still = bpy.data.objects.new("still", camera)
+        self.scene.collection.objects.link(still)
+        self.scene.camera = still
+        still.rotation_euler = (math.pi / 2, 0, -math.pi / 2)  # looks along x
+        camera.lens, camera.sensor_width = 36, 36
+        render = self.scene.render
+        render.resolution_x = render.resolution_y = 101
+        bpy.context.view_layer.use_pass_vector = True
+        parked = self.track(0)
+        for frame, y in ((1, 0.0), (2, 0.1), (3, 0.3)):
+            parked.location.y = 1 + y
+            parked.keyframe_insert("location", frame=frame)
+        if parked.animation_data and hasattr(parked.animation_data.action, "fcurves"):
+            for curve in parked.animation_data.action.fcurves:
+                for key in curve.keyframe_points:
+                    key.interpolation = "LINEAR"
+        self.scene.frame_set(2)
+        data = self.render_exr("vector.exr")
+        car, rest = self.short_names(data, 50, 50), self.short_names(data, 35, 40)
+        for channel, wanted in (("X", -40 * 0.99), ("Y", 0), ("Z", -40 * 0.99), ("W", 0)):  # 4 m a frame in 10 m, focal length 101 px
+            self.assertAlmostEqual(car[f"Vector.{channel}"], 1.01 * wanted, delta=0.5)
+        moved = self.short_names(data, 34, 50)  # the parked one: 0.1 m to the left before, 0.2 m after
+        self.assertAlmostEqual(moved["Vector.Z"] / moved["Vector.X"], 2, delta=0.1)
+        self.assertGreater(moved["Vector.X"], 0.5)
+        self.assertEqual(rest["Vector.X"], 0)
 
     def test_transparent_sky_and_modes(self):
         self.bring_in()
