@@ -24,13 +24,14 @@ from . import (
     handlers,
     importer,
     inspector,
+    native_splats,
     overlay,
     properties,
     proxies,
     ui,
 )
 
-PARTS = (properties, importer, cameras, engine, overlay, inspector, composite, exporter, proxies, ui, handlers)
+PARTS = (properties, importer, cameras, engine, overlay, inspector, composite, exporter, native_splats, proxies, ui, handlers)
 
 
 def register():

@@ -87,6 +87,7 @@ class PAGS_PT_export(Sidebar, bpy.types.Panel):
         layout.operator("pags.save_edited", icon="FILE_TICK")
         layout.operator("pags.import_proxies", icon="MESH_DATA")
         layout.operator("pags.composite", icon="NODE_COMPOSITING")
+        layout.operator("pags.native_splats", icon="POINTCLOUD_DATA")
 
 
 class PAGS_PT_object(bpy.types.Panel):
