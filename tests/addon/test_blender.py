@@ -369,6 +369,25 @@ class Final(BlenderCase):
         layer.pass_cryptomatte_depth = 2
         self.assertNotIn("CryptoObject01.R", self.short_names(self.render_exr("two.exr"), 50, 50))
 
+    def test_cryptomatte_node(self):
+        """Blender's node makes a matte of a name that it is given, from the render itself."""
+        if bpy.app.version >= (5, 0, 0):
+            self.skipTest("the compositor's tree isn't the scene's from Blender 5.0 on")
+        self.bring_in()
+        self.scene.frame_set(2)
+        bpy.context.view_layer.use_pass_cryptomatte_object = True
+        self.scene.use_nodes = True
+        tree = self.scene.node_tree
+        tree.nodes.clear()
+        matte, out = tree.nodes.new("CompositorNodeCryptomatteV2"), tree.nodes.new("CompositorNodeComposite")
+        tree.links.new(tree.nodes.new("CompositorNodeRLayers").outputs["Image"], matte.inputs["Image"])
+        tree.links.new(matte.outputs["Matte"], out.inputs["Image"])
+        for name, shown, other in ((self.part(1).name, (50, 50), (50, 20)), ("background", (50, 20), (50, 50))):
+            matte.matte_id = name
+            picture = self.f12("matte")
+            self.assertGreater(pixel(picture, *shown)[0], 230)
+            self.assertEqual(pixel(picture, *other)[0], 0)
+
     def test_vector_pass(self):
         """The car goes to the right by as many pixels as its track says; a moved Blender object moves, too; what rests rests."""
         self.bring_in(cameras="NONE")
