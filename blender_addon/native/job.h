@@ -78,8 +78,6 @@ PyObject *native_job_new(const native_state *state, PyObject *scene, PyObject *c
 void native_job_enqueue(native_renderer *renderer, native_job *job);
 /* The parts that a job draws; valid until the scene is composed again. Call with the scene's lock held. */
 pags_result native_job_compose(native_scene *scene, const native_job *job, const pags_part **parts, int *count);
-/* Reads placements: a list of (object index, 12 numbers world_from_object, row-major 3 x 4); `out` is to be freed. */
-bool native_read_placements(PyObject *value, pags_placement **out, int64_t *count);
 /* Reads what the passes of a job need, after its outputs and placements. */
 bool native_passes_read(const native_job_arguments *w, native_job *job);
 /* Composes the moments of the job's motion; their parts are copies for the caller to free. To be called before the

@@ -49,33 +49,6 @@ static bool read_mode(const char *name, native_mode *mode) {
   return false;
 }
 
-bool native_read_placements(PyObject *value, pags_placement **out, int64_t *count) {
-  const Py_ssize_t size = PySequence_Size(value);
-  if (size < 0)
-    return false;
-  *out = calloc((size_t)size + 1, sizeof **out);
-  if (!*out) {
-    PyErr_NoMemory();
-    return false;
-  }
-  *count = size;
-  for (Py_ssize_t i = 0; i < size; i++) {
-    PyObject *item = PySequence_GetItem(value, i), *object = item ? PySequence_GetItem(item, 0) : NULL;
-    PyObject *pose = object ? PySequence_GetItem(item, 1) : NULL;
-    if (pose) {
-      (*out)[i].object = PyLong_AsLongLong(object);
-      if (!PyErr_Occurred())
-        native_read_numbers(pose, "placements: world_from_object", 12, (*out)[i].world_from_object);
-    }
-    Py_XDECREF(pose);
-    Py_XDECREF(object);
-    Py_XDECREF(item);
-    if (PyErr_Occurred())
-      return false;
-  }
-  return true;
-}
-
 static bool read_window(PyObject *value, native_job *job) {
   native_layout *l = &job->layout;
   double n[4];

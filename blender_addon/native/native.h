@@ -60,6 +60,8 @@ pags_result native_scene_need_sizes(native_scene *scene);
 
 bool native_read_camera(PyObject *value, pags_camera *out);
 bool native_read_numbers(PyObject *value, const char *what, Py_ssize_t count, double *out);
+/* Reads placements: a list of (object index, 12 numbers world_from_object, row-major 3 x 4); `out` is to be freed. */
+bool native_read_placements(PyObject *value, pags_placement **out, int64_t *count);
 PyObject *native_camera_dict(const pags_camera *camera);
 /* Puts a new reference into a dictionary and drops it; false when `value` is NULL or memory is out. */
 bool native_put(PyObject *dict, const char *key, PyObject *value);

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "base/text.h"
 
 /* ---- Arguments ---- */
 
@@ -37,7 +38,7 @@ static bool read_names(PyObject *value, int64_t count, char **texts) {
   }
   for (int64_t i = 0; i < count; i++) {
     PyObject *item = PySequence_GetItem(value, (Py_ssize_t)i), *bytes = item ? PyUnicode_AsUTF8String(item) : NULL;
-    texts[i] = bytes ? strdup(PyBytes_AsString(bytes)) : NULL;
+    texts[i] = bytes ? pags_text_copy(PyBytes_AsString(bytes)) : NULL;
     if (bytes && !texts[i])
       PyErr_NoMemory();
     Py_XDECREF(bytes);

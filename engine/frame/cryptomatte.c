@@ -10,6 +10,7 @@
 #include "base/bytes.h"
 #include "base/json.h"
 #include "base/memory.h"
+#include "base/text.h"
 
 static uint32_t rotate(uint32_t x, int by) {
   return x << by | x >> (32 - by);
@@ -58,7 +59,7 @@ static pags_result put_manifest(pags_matte_names *names) {
   }
   pags_json_end_object(&writer);
   pags_result result = pags_json_writer_finish(&writer);
-  names->manifest = result == PAGS_OK ? strdup(writer.data) : NULL;
+  names->manifest = result == PAGS_OK ? pags_text_copy(writer.data) : NULL;
   pags_json_writer_destroy(&writer);
   if (result == PAGS_OK && !names->manifest)
     result = pags_out_of_memory("%d names", names->count);
@@ -84,7 +85,7 @@ pags_result pags_matte_names_create(const char *const *labels, int64_t label_cou
   for (int64_t i = 0; i < label_count && result == PAGS_OK; i++) {
     if (i > 0 && strcmp(sorted[i], sorted[i - 1]) == 0)
       continue;
-    out->names[out->count] = strdup(sorted[i]);
+    out->names[out->count] = pags_text_copy(sorted[i]);
     out->values[out->count] = pags_cryptomatte_value(pags_cryptomatte_hash(sorted[i], strlen(sorted[i])));
     if (!out->names[out->count++])
       result = pags_out_of_memory("%lld names", (long long)label_count);
