@@ -12,8 +12,9 @@
 /* float32 can't represent every integer above 2^24. */
 static const int64_t largest_float_id = 16777216;
 
-static const char *const channel_names[PAGS_CHANNEL_COUNT] = {"color",  "alpha",    "depth",  "id",
-                                                              "object", "priority", "normal", "heat"};
+static const char *const channel_names[PAGS_CHANNEL_COUNT] = {
+    "color",  "alpha", "depth",         "id",           "object",          "priority",
+    "normal", "heat",  "crypto-object", "crypto-class", "expected-normal", "motion"};
 
 /* ---- Channels ---- */
 
@@ -67,6 +68,9 @@ pags_result pags_picture_writer_create(const pags_composition *composition, unsi
   if (result == PAGS_OK && priorities && !pags_composition_priorities(composition, out->priority_of))
     result = pags_fail(PAGS_ERROR_ARGUMENT,
                        "--channel priority: the scene holds neither priorities (property s_sem) nor objects");
+  for (int m = 0; m < 2 && result == PAGS_OK; m++)
+    if (has(out, m ? PAGS_CHANNEL_CRYPTO_CLASS : PAGS_CHANNEL_CRYPTO_OBJECT))
+      result = pags_matte_names_of_scene(pags_composition_scene(composition), m, &out->mattes[m]);
   if (result != PAGS_OK)
     pags_picture_writer_destroy(out);
   return result;
@@ -75,6 +79,8 @@ pags_result pags_picture_writer_create(const pags_composition *composition, unsi
 void pags_picture_writer_destroy(pags_picture_writer *writer) {
   free(writer->object_of);
   free(writer->priority_of);
+  for (int m = 0; m < 2; m++)
+    pags_matte_names_destroy(&writer->mattes[m]);
   memset(writer, 0, sizeof *writer);
 }
 
@@ -163,10 +169,25 @@ static void fill_heat(const pags_picture_writer *writer, const pags_picture *pic
   }
 }
 
+/* Finds the planes of a pass. Returns how many. */
+static int pass_planes(const pags_passes *passes, pags_channel channel, const float *planes[PAGS_MATTE_PLANES]) {
+  const bool normal = channel == PAGS_CHANNEL_EXPECTED_NORMAL, motion = channel == PAGS_CHANNEL_MOTION;
+  const float *const *const from = normal   ? passes->normal
+                                   : motion ? passes->motion
+                                            : passes->matte[channel - PAGS_CHANNEL_CRYPTO_OBJECT];
+  const int count = normal ? 3 : motion ? 4 : PAGS_MATTE_PLANES;
+  for (int c = 0; c < count; c++)
+    planes[c] = from[c];
+  return count;
+}
+
 /* Finds the planes of a channel, computing them into `scratch` if the picture doesn't have them. Returns how many
  * planes. */
-static int channel_planes(const pags_picture_writer *writer, const pags_picture *picture, const pags_camera *camera,
-                          pags_channel channel, float *scratch, const float *planes[3]) {
+static int channel_planes(const pags_picture_writer *writer, const pags_picture *picture, const pags_passes *passes,
+                          const pags_camera *camera, pags_channel channel, float *scratch,
+                          const float *planes[PAGS_MATTE_PLANES]) {
+  if (PAGS_CHANNELS_PASSES >> channel & 1)
+    return pass_planes(passes, channel, planes);
   size_t count = (size_t)picture->stride * (size_t)picture->height;
   float *own[3] = {scratch, scratch + count, scratch + 2 * count};
   for (int c = 0; c < 3; c++)
@@ -196,20 +217,59 @@ static pags_result reserve(pags_plane_scratch *scratch, const pags_picture *pict
   return PAGS_OK;
 }
 
-static pags_result write_exr(const pags_picture *picture, const float *const *planes, int count, pags_channel channel,
-                             const char *path) {
-  static const char *const names[PAGS_CHANNEL_COUNT][3] = {
-      {"R", "G", "B"}, {"A"}, {"Z"}, {"id"}, {"object"}, {"priority"}, {"X", "Y", "Z"}, {"R", "G", "B"}};
-  return pags_image_save_exr(path, picture->width, picture->height, count, names[channel], planes, picture->stride);
+/* The attributes by which other programs know a Cryptomatte (specification 1.2.0): name and value by turns. The key is
+ * made of the first seven digits of the hash of the layer's name. */
+typedef struct matte_texts {
+  char keys[4][40];
+  const char *list[9];
+} matte_texts;
+
+static void describe_matte(const char *layer, const char *manifest, matte_texts *out) {
+  const char *const what[4] = {"name", "hash", "conversion", "manifest"};
+  const char *const values[4] = {layer, "MurmurHash3_32", "uint32_to_float32", manifest};
+  char hash[9];
+  snprintf(hash, sizeof hash, "%08x", pags_cryptomatte_hash(layer, strlen(layer)));
+  for (int k = 0; k < 4; k++) {
+    snprintf(out->keys[k], sizeof out->keys[k], "cryptomatte/%.7s/%s", hash, what[k]);
+    out->list[2 * k] = out->keys[k];
+    out->list[2 * k + 1] = values[k];
+  }
+  out->list[8] = NULL;
+}
+
+#define MATTE(layer)                                                                   \
+  {layer "00.R", layer "00.G", layer "00.B", layer "00.A", layer "01.R", layer "01.G", \
+   layer "01.B", layer "01.A", layer "02.R", layer "02.G", layer "02.B", layer "02.A"}
+
+static pags_result write_exr(const pags_picture_writer *writer, const pags_picture *picture, const float *const *planes,
+                             int count, pags_channel channel, const char *path) {
+  static const char *const names[PAGS_CHANNEL_COUNT][PAGS_MATTE_PLANES] = {{"R", "G", "B"},
+                                                                           {"A"},
+                                                                           {"Z"},
+                                                                           {"id"},
+                                                                           {"object"},
+                                                                           {"priority"},
+                                                                           {"X", "Y", "Z"},
+                                                                           {"R", "G", "B"},
+                                                                           MATTE("CryptoObject"),
+                                                                           MATTE("CryptoClass"),
+                                                                           {"X", "Y", "Z"},
+                                                                           {"X", "Y", "Z", "W"}};
+  const int m = channel == PAGS_CHANNEL_CRYPTO_CLASS;
+  matte_texts texts = {.list = {NULL}};
+  if (channel == PAGS_CHANNEL_CRYPTO_OBJECT || m)
+    describe_matte(m ? "CryptoClass" : "CryptoObject", writer->mattes[m].manifest, &texts);
+  return pags_image_save_exr(path, picture->width, picture->height, count, names[channel], planes, picture->stride,
+                             texts.list);
 }
 
 pags_result pags_picture_write(const pags_picture_writer *writer, const pags_picture *picture,
-                               const pags_camera *camera, pags_plane_scratch *scratch, const char *folder,
-                               const char *name) {
+                               const pags_passes *passes, const pags_camera *camera, pags_plane_scratch *scratch,
+                               const char *folder, const char *name) {
   PAGS_TRY(reserve(scratch, picture));
   for (int c = 0; c < PAGS_CHANNEL_COUNT; c++) {
     pags_channel channel = (pags_channel)c;
-    const float *planes[3];
+    const float *planes[PAGS_MATTE_PLANES];
     char file[PAGS_STEM + 24], *path;
     if (!has(writer, channel))
       continue;
@@ -218,9 +278,9 @@ pags_result pags_picture_write(const pags_picture_writer *writer, const pags_pic
     snprintf(file, sizeof file, "%s%s%s%s", name, color ? "" : "_", color ? "" : channel_names[c],
              png ? ".png" : ".exr");
     PAGS_TRY(join(folder, file, &path));
-    int count = channel_planes(writer, picture, camera, channel, scratch->data, planes);
-    pags_result result =
-        png ? save_png(picture, planes, count, writer->bits, path) : write_exr(picture, planes, count, channel, path);
+    int count = channel_planes(writer, picture, passes, camera, channel, scratch->data, planes);
+    pags_result result = png ? save_png(picture, planes, count, writer->bits, path)
+                             : write_exr(writer, picture, planes, count, channel, path);
     free(path);
     PAGS_TRY(result);
   }
@@ -228,5 +288,5 @@ pags_result pags_picture_write(const pags_picture_writer *writer, const pags_pic
 }
 
 bool pags_picture_writer_needs_extras(const pags_picture_writer *writer) {
-  return (writer->channels & ~(1u << PAGS_CHANNEL_COLOR | 1u << PAGS_CHANNEL_ALPHA)) != 0;
+  return (writer->channels & ~(1u << PAGS_CHANNEL_COLOR | 1u << PAGS_CHANNEL_ALPHA | PAGS_CHANNELS_PASSES)) != 0;
 }

@@ -5,6 +5,7 @@
 
 #include <pags/compose.h>
 #include <pags/image.h>
+#include <pags/passes.h>
 #include <stdbool.h>
 
 enum { PAGS_STEM = 600 }; /* room for the name of a picture, with the folders in it, and its end */
@@ -18,8 +19,17 @@ typedef enum pags_channel {
   PAGS_CHANNEL_PRIORITY,
   PAGS_CHANNEL_NORMAL,
   PAGS_CHANNEL_HEAT,
+  PAGS_CHANNEL_CRYPTO_OBJECT, /* these four are passes (pags/passes.h) */
+  PAGS_CHANNEL_CRYPTO_CLASS,
+  PAGS_CHANNEL_EXPECTED_NORMAL,
+  PAGS_CHANNEL_MOTION,
   PAGS_CHANNEL_COUNT
 } pags_channel;
+
+enum {
+  PAGS_CHANNELS_PASSES = 1u << PAGS_CHANNEL_CRYPTO_OBJECT | 1u << PAGS_CHANNEL_CRYPTO_CLASS |
+                         1u << PAGS_CHANNEL_EXPECTED_NORMAL | 1u << PAGS_CHANNEL_MOTION
+};
 
 /* Parses a list such as "color,depth" into a set of bits 1 << channel. Returns false if a word is not a channel's
  * name, with that word in `unknown`. */
@@ -28,14 +38,15 @@ bool pags_channels_parse(const char *list, unsigned *set, char *unknown, size_t 
 typedef enum pags_picture_format { PAGS_PICTURE_PNG, PAGS_PICTURE_EXR } pags_picture_format;
 
 /* Which channels of a picture are written, and how. Colour and alpha go to NAME.png and NAME_alpha.png, or .exr;
- * depth (metres), id, object, priority and normal always to NAME_depth.exr and so on, as float32; heat (priority as a
- * colour map) to NAME_heat.png. */
+ * depth (metres), id, object, priority, normal and passes always to NAME_depth.exr and so on, as float32; heat
+ * (priority as a colour map) to NAME_heat.png. */
 typedef struct pags_picture_writer {
   unsigned channels; /* bits 1 << pags_channel */
   pags_picture_format format;
-  int bits;           /* bits a PNG channel: 8 or 16 */
-  int32_t *object_of; /* object of each Gaussian id; NULL unless the object channel is written */
-  float *priority_of; /* priority of each Gaussian id; NULL unless priority or heat is written */
+  int bits;                   /* bits a PNG channel: 8 or 16 */
+  int32_t *object_of;         /* object of each Gaussian id; NULL unless the object channel is written */
+  float *priority_of;         /* priority of each Gaussian id; NULL unless priority or heat is written */
+  pags_matte_names mattes[2]; /* objects, classes; empty unless their channels are written */
 } pags_picture_writer;
 
 /* Looks up the objects and priorities that the channels need. Returns PAGS_ERROR_LIMIT if float32 can't hold every id
@@ -50,11 +61,11 @@ typedef struct pags_plane_scratch {
   size_t capacity;
 } pags_plane_scratch;
 
-/* Writes every channel of one picture into `folder`; `camera` is the one it was rendered with. Several threads may
- * call this at once, each with its own scratch. */
+/* Writes every channel of one picture into `folder`; `camera` is the one it was rendered with, `passes` are those that
+ * its channels are of. Several threads may call this at once, each with its own scratch. */
 pags_result pags_picture_write(const pags_picture_writer *writer, const pags_picture *picture,
-                               const pags_camera *camera, pags_plane_scratch *scratch, const char *folder,
-                               const char *name);
+                               const pags_passes *passes, const pags_camera *camera, pags_plane_scratch *scratch,
+                               const char *folder, const char *name);
 
 /* Whether any channel needs the extra planes (depth and id) rendered. */
 bool pags_picture_writer_needs_extras(const pags_picture_writer *writer);

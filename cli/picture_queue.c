@@ -8,14 +8,14 @@
 
 #include "base/memory.h"
 
-/* PLANES of a slot: red, green, blue, transmittance, depth, id. */
-enum { MOST_SLOTS = 16, PLANES = 6 };
+enum { MOST_SLOTS = 16, PICTURE_PLANES = 6, PLANES = PICTURE_PLANES + 2 * PAGS_MATTE_PLANES + 3 + 4 };
 
 struct pags_picture_slot {
-  pags_picture picture; /* its planes point into `planes` */
+  pags_picture picture; /* its planes and those of the passes point into `memory` */
+  pags_passes passes;
   pags_camera camera;
-  float *planes;   /* memory for PLANES planes of the largest picture so far */
-  size_t capacity; /* floats per plane */
+  float *memory;
+  size_t capacity; /* floats */
   pags_plane_scratch scratch;
   char name[PAGS_STEM];
   bool written;
@@ -28,8 +28,8 @@ static void write_slots(void *context, int64_t begin, int64_t end, int worker) {
   (void)worker;
   for (int64_t i = begin; i < end; i++) {
     pags_picture_slot *slot = &queue->slots[i];
-    slot->result =
-        pags_picture_write(queue->writer, &slot->picture, &slot->camera, &slot->scratch, queue->folder, slot->name);
+    slot->result = pags_picture_write(queue->writer, &slot->picture, &slot->passes, &slot->camera, &slot->scratch,
+                                      queue->folder, slot->name);
     slot->written = true;
     if (slot->result != PAGS_OK)
       snprintf(slot->message, sizeof slot->message, "%s", pags_error_message());
@@ -48,42 +48,57 @@ pags_result pags_picture_queue_create(const pags_picture_writer *writer, pags_ta
 
 void pags_picture_queue_destroy(pags_picture_queue *queue) {
   for (int i = 0; queue->slots && i < queue->count; i++) {
-    free(queue->slots[i].planes);
+    free(queue->slots[i].memory);
     free(queue->slots[i].scratch.data);
   }
   free(queue->slots);
   memset(queue, 0, sizeof *queue);
 }
 
-static const void *copy_plane(const void *from, size_t bytes, float **to, size_t capacity) {
-  if (!from)
-    return NULL;
-  void *copy = *to;
-  memcpy(copy, from, bytes);
-  *to += capacity;
-  return copy;
+/* The pointers to planes in a slot; returns how many. */
+static int list_planes(pags_picture_slot *slot, const float **list[PLANES]) {
+  int count = 0;
+  for (int c = 0; c < 3; c++)
+    list[count++] = &slot->picture.rgb[c];
+  list[count++] = &slot->picture.transmittance;
+  list[count++] = &slot->picture.depth;
+  list[count++] = (const float **)(void *)&slot->picture.id;
+  for (int k = 0; k < 2 * PAGS_MATTE_PLANES; k++)
+    list[count++] = &slot->passes.matte[k / PAGS_MATTE_PLANES][k % PAGS_MATTE_PLANES];
+  for (int c = 0; c < 3; c++)
+    list[count++] = &slot->passes.normal[c];
+  for (int c = 0; c < 4; c++)
+    list[count++] = &slot->passes.motion[c];
+  return count;
 }
 
-pags_result pags_picture_queue_put(pags_picture_queue *queue, const pags_picture *picture, const pags_camera *camera,
-                                   const char *name) {
+pags_result pags_picture_queue_put(pags_picture_queue *queue, const pags_picture *picture, const pags_passes *passes,
+                                   const pags_camera *camera, const char *name) {
   pags_picture_slot *slot = &queue->slots[queue->used];
 
-  /* Copy the picture's planes into the slot, growing it if the picture is larger than any before. */
-  size_t count = (size_t)picture->stride * (size_t)picture->height, bytes = count * sizeof(float);
-  if (count > slot->capacity) {
-    free(slot->planes);
-    slot->planes = malloc(PLANES * bytes);
-    slot->capacity = slot->planes ? count : 0;
-    if (!slot->planes)
+  /* Copy the planes into the slot, growing its memory if they need more than any before. */
+  const size_t count = (size_t)picture->stride * (size_t)picture->height;
+  const float **list[PLANES];
+  size_t planes = 0;
+  slot->picture = *picture;
+  slot->passes = *passes;
+  const int listed = list_planes(slot, list);
+  for (int k = 0; k < listed; k++)
+    planes += *list[k] != NULL;
+  if (planes * count > slot->capacity) {
+    free(slot->memory);
+    slot->memory = malloc(planes * count * sizeof *slot->memory);
+    slot->capacity = slot->memory ? planes * count : 0;
+    if (!slot->memory)
       return pags_out_of_memory("a picture of %dx%d", picture->width, picture->height);
   }
-  float *to = slot->planes;
-  slot->picture = *picture;
-  for (int c = 0; c < 3; c++)
-    slot->picture.rgb[c] = copy_plane(picture->rgb[c], bytes, &to, slot->capacity);
-  slot->picture.transmittance = copy_plane(picture->transmittance, bytes, &to, slot->capacity);
-  slot->picture.depth = copy_plane(picture->depth, bytes, &to, slot->capacity);
-  slot->picture.id = copy_plane(picture->id, bytes, &to, slot->capacity);
+  float *to = slot->memory;
+  for (int k = 0; k < listed; k++)
+    if (*list[k]) {
+      memcpy(to, *list[k], count * sizeof *to);
+      *list[k] = to;
+      to += count;
+    }
 
   slot->camera = *camera;
   slot->picture.depth_sum = NULL;

@@ -24,9 +24,10 @@ pags_result pags_picture_queue_create(const pags_picture_writer *writer, pags_ta
 /* Frees the queue and drops pictures that aren't written yet. A zeroed struct is allowed. */
 void pags_picture_queue_destroy(pags_picture_queue *queue);
 
-/* Adds a copy of the picture. If the queue is full then, writes all its pictures and returns the first error. */
-pags_result pags_picture_queue_put(pags_picture_queue *queue, const pags_picture *picture, const pags_camera *camera,
-                                   const char *name);
+/* Adds a copy of the picture and its passes. If the queue is full then, writes all its pictures and returns the first
+ * error. */
+pags_result pags_picture_queue_put(pags_picture_queue *queue, const pags_picture *picture, const pags_passes *passes,
+                                   const pags_camera *camera, const char *name);
 
 /* Writes the pictures in the queue, even if the tasks were cancelled. */
 pags_result pags_picture_queue_finish(pags_picture_queue *queue);

@@ -9,6 +9,7 @@
 #include "cli/option_rules.h"
 #include "cli/picture_queue.h"
 #include "cli/reading.h"
+#include "cli/render_passes.h"
 #include "cli/session.h"
 #include "cli/verbs.h"
 #include "cli/viewpoints.h"
@@ -85,9 +86,11 @@ static const pags_option options[] = {
     PAGS_TEXT(
         "channel", 0, AT(channels), "LIST", NULL,
         "color, alpha, depth (metres), id, object, priority, normal (of depth, world axes), heat (priority as "
-        "colours), "
-        "separated by commas; each to its own file: NAME.png, NAME_alpha.png, NAME_depth.exr, ...; depth, id, object, "
-        "priority and normal are always exr, heat png; unless --format exr, priority brings heat along"),
+        "colours), crypto-object, crypto-class (Cryptomattes), expected-normal (of Gaussians), motion (of a path, to "
+        "the picture before and after), "
+        "separated by commas; each to its own file: NAME.png, NAME_alpha.png, NAME_depth.exr, ...; all but color, "
+        "alpha "
+        "and heat, which is png, are always exr; unless --format exr, priority brings heat along"),
 
     PAGS_GROUP("Objects (OBJECT: an id as pags info --objects lists them, or class:vehicle, ...)"),
     PAGS_EDIT_OPTIONS(AT(edits)),
@@ -147,6 +150,7 @@ typedef struct renderer {
   pags_frame *frame;
   pags_frame_options options;
   pags_picture_writer writer;
+  pags_render_passes passes;
   pags_picture_queue queue;
   pags_frame_stats *stats;       /* of each finished frame */
   pags_deadline_report deadline; /* with --budget-ms */
@@ -217,6 +221,7 @@ static void choose_options(renderer *self, const pags_parsed *parsed) {
   pags_early_z_parse(arguments->early_z, frame); /* check_usage has checked that the value parses */
   frame->order = (pags_order)arguments->order;
   frame->extra_channels = pags_picture_writer_needs_extras(&self->writer);
+  frame->keep_for_passes = (self->writer.channels & PAGS_CHANNELS_PASSES) != 0;
   frame->count_pairs = arguments->session.json != NULL;
 }
 
@@ -301,6 +306,11 @@ static pags_result draw(renderer *self, int64_t index) {
   const pags_part *parts;
   int part_count;
   pags_picture picture;
+  pags_passes passes = {.normal = {NULL}};
+  const bool motion = self->writer.channels >> PAGS_CHANNEL_MOTION & 1;
+  PAGS_TRY(pags_render_passes_moment(&self->passes, 0, motion && index > 0 ? &viewpoint[-1].camera : NULL));
+  PAGS_TRY(pags_render_passes_moment(&self->passes, 1,
+                                     motion && index + 1 < self->viewpoints.count ? &viewpoint[1].camera : NULL));
   pags_compose(self->composition, viewpoint->camera.time, &parts, &part_count);
   if (self->arguments->exposure)
     pags_frame_options_expose(&self->options, viewpoint->gain, viewpoint->offset);
@@ -313,7 +323,9 @@ static pags_result draw(renderer *self, int64_t index) {
         pags_frame_render(self->frame, parts, part_count, &viewpoint->camera, &self->options, NULL, NULL, &picture));
     self->stats[index] = *pags_frame_stats_get(self->frame);
   }
-  PAGS_TRY(pags_picture_queue_put(&self->queue, &picture, &viewpoint->camera, viewpoint->name));
+  if (self->options.keep_for_passes)
+    PAGS_TRY(pags_render_passes_draw(&self->passes, self->frame, parts, part_count, &passes));
+  PAGS_TRY(pags_picture_queue_put(&self->queue, &picture, &passes, &viewpoint->camera, viewpoint->name));
   self->done = index + 1;
   return PAGS_OK;
 }
@@ -432,6 +444,7 @@ static pags_result render(renderer *self, const pags_parsed *parsed, unsigned ch
   PAGS_TRY(compose(self, parsed));
   PAGS_TRY(pags_picture_writer_create(self->composition, channels, (pags_picture_format)arguments->format,
                                       arguments->bits, &self->writer));
+  self->passes = (pags_render_passes){.composition = self->composition, .writer = &self->writer};
   choose_options(self, parsed);
   self->stats = calloc((size_t)self->viewpoints.count, sizeof *self->stats);
   if (!self->stats)
@@ -502,12 +515,22 @@ static int check_usage(const render_arguments *arguments, const pags_parsed *par
     return pags_usage_error(&verb, "--bits: expected 8 or 16, got '%d'", arguments->bits);
   if (!pags_channels_parse(arguments->channels, channels, unknown, sizeof unknown))
     return pags_usage_error(
-        &verb, "--channel: expected color, alpha, depth, id, object, priority, normal or heat, got '%s'", unknown);
+        &verb,
+        "--channel: expected color, alpha, depth, id, object, priority, normal, heat, crypto-object, crypto-class, "
+        "expected-normal or motion, got '%s'",
+        unknown);
   pags_frame_options early_z;
   if (pags_early_z_parse(arguments->early_z, &early_z) != PAGS_OK)
     return pags_usage_error(&verb, "--%s", pags_error_message());
   if (arguments->budget_ms > 0 && (early_z.early_z == PAGS_EARLY_Z_PAPER || arguments->order != 0))
     return pags_usage_error(&verb, "--budget-ms excludes --early-z paper and --order paper");
+  if (*channels & PAGS_CHANNELS_PASSES && (arguments->budget_ms > 0 || early_z.early_z == PAGS_EARLY_Z_PAPER))
+    return pags_usage_error(
+        &verb,
+        "--channel crypto-object, crypto-class, expected-normal and motion exclude --budget-ms and --early-z paper");
+  if (*channels >> PAGS_CHANNEL_MOTION & 1 && (pags_option_given(parsed, "split") || arguments->camera))
+    return pags_usage_error(&verb, "--channel motion: needs pictures one after another: expected --path in place of %s",
+                            arguments->camera ? "--camera" : "--split");
   if (*channels >> PAGS_CHANNEL_PRIORITY & 1 && arguments->format == PAGS_PICTURE_PNG)
     *channels |= 1u << PAGS_CHANNEL_HEAT;
   if (check_effect(arguments, parsed))
@@ -552,6 +575,7 @@ int pags_verb_render(int argc, char **argv) {
     pags_frame_destroy(self.frame);
   pags_picture_queue_destroy(&self.queue);
   pags_picture_writer_destroy(&self.writer);
+  pags_render_passes_destroy(&self.passes);
   pags_viewpoints_destroy(&self.viewpoints);
   pags_composition_destroy(self.composition);
   pags_deadline_report_destroy(&self.deadline);

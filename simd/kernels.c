@@ -13,6 +13,7 @@
 #include "sample.inl"
 #include "raster_backward.inl"
 #include "score.inl"
+#include "weights.inl"
 #include "project_backward.inl"
 #include "ssim.inl"
 #include "opacity.inl"
@@ -43,6 +44,7 @@ const pags_kernels pags_kernels_scalar = {
     .raster_depth = raster_depth,
     .raster_backward = raster_backward,
     .raster_score = raster_score,
+    .raster_weights = raster_weights,
     .sky_find = sky_find,
     .sky_blend = sky_blend,
     .sky_cells = sky_cells,

@@ -197,6 +197,20 @@ typedef struct pags_raster_score {
   int32_t overlap;                 /* 1: sums of alpha in place of alpha T; without rgb_gradient */
 } pags_raster_score;
 
+typedef struct pags_raster_weights {
+  const pags_splat *splats;
+  const pags_entry *entries;   /* a run of the tile's list; runs are given front to back */
+  const uint16_t *block_masks; /* as forward left them */
+  int64_t count;
+  int x0, y0, width, height, exp_degree; /* as forward's, which must have had neither eps nor hard */
+  bool first;                            /* the list begins with this run: transmittance isn't read */
+  /* [PAGS_TILE_PIXELS], block after block, the 16 pixels of each row by row: T behind the run, with a negative sign
+   * where the pixel has stopped. Aligned to 64 bytes, as `weights`. */
+  float *transmittance;
+  float *weights;    /* out: [count][PAGS_TILE_PIXELS], in this order; unset in blocks without their bit in `blended` */
+  uint16_t *blended; /* out, per entry: the blocks in which it has a weight */
+} pags_raster_weights;
+
 /* The direction of a picture's point (px, py), along the world's axes, not of unit length, is
  *     forward + (px - cx) across + (py - cy) downwards. */
 typedef struct pags_sky_rays {
@@ -314,6 +328,8 @@ typedef struct pags_kernels {
   void (*raster_depth)(const pags_raster_in *in, float *depth, int64_t stride, float farthest[PAGS_TILE_BLOCKS]);
   void (*raster_backward)(const pags_raster_back *in);
   void (*raster_score)(const pags_raster_score *in);
+  /* The weight of each splat at each pixel; weights.inl. */
+  void (*raster_weights)(const pags_raster_weights *in);
 
   /* Fills `tile` for the tile with its top left pixel at (x0, y0) and prefetches its texels for sky_blend. */
   void (*sky_find)(const pags_sky_rays *rays, const float *texels, int x0, int y0, pags_sky_tile *tile);

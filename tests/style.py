@@ -72,7 +72,7 @@ SYSTEM_EXCEPTIONS = {
 HEADERS = {
     "engine/base": ["base"],
     "engine/scene": ["camera", "clusters", "gaussians", "object", "packed", "place", "scene", "sky"],
-    "engine/frame": ["compose", "deadline", "frame", "pick"],
+    "engine/frame": ["compose", "deadline", "frame", "passes", "pick"],
     "engine/image": ["image"],
     "engine/dataset": ["dataset"],
     "engine/import": ["import"],

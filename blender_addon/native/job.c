@@ -74,6 +74,10 @@ static void job_dealloc(PyObject *object) {
   Py_END_ALLOW_THREADS native_planes_free(&job->planes);
   free(job->placements);
   free(job->object_values);
+  for (int k = 0; k < 2; k++) {
+    free(job->moments[k].placements);
+    pags_matte_names_destroy(&job->mattes[k]);
+  }
   Py_XDECREF(job->scene);
   Py_XDECREF(job->renderer);
   ((freefunc)(size_t)PyType_GetSlot(type, Py_tp_free))(object);

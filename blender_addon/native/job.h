@@ -25,6 +25,14 @@ typedef struct native_renderer {
   native_job *first, *last, *running;
 } native_renderer;
 
+/* What motion refers to on one side. */
+typedef struct native_moment {
+  bool known;
+  pags_camera camera;
+  pags_placement *placements; /* NULL: the scene's own tracks */
+  int64_t placement_count;
+} native_moment;
+
 struct native_job {
   PyObject_HEAD PyObject *scene, *renderer;
   native_job *next;
@@ -36,6 +44,10 @@ struct native_job {
   float *object_values;
   pags_placement *placements; /* NULL: the scene's own tracks */
   int64_t placement_count;
+  native_moment moments[2]; /* before, after, for motion */
+  /* Names of the mattes of objects and classes, where asked for. A label is the index of a placement or, without
+   * placements, of an object, the last one being the background's. */
+  pags_matte_names mattes[2];
   native_planes planes;
   pags_result result;
   char message[1024];
@@ -44,24 +56,25 @@ struct native_job {
 /* The arguments of submit, render and pick after scene and camera; antialiased -1 and near_plane 0: as the scene says.
  */
 typedef struct native_job_arguments {
-  PyObject *outputs, *placements, *window, *object_values, *background, *exposure;
+  PyObject *outputs, *placements, *window, *object_values, *background, *exposure, *before, *after, *names;
   const char *mode, *early_z;
   int linear, flip, transparent, antialiased, sh_degree, exp_degree;
   double cut, near_plane, depth_empty, depth_scale;
 } native_job_arguments;
 
-#define JOB_ARGUMENT_NAMES                                                                                           \
-  "outputs", "placements", "window", "object_values", "background", "exposure", "mode", "early_z", "linear", "flip", \
-      "transparent", "antialiased", "sh_degree", "exp_degree", "cut", "near_plane", "depth_empty", "depth_scale"
-#define JOB_ARGUMENT_SIGNATURE                                                                                   \
-  "outputs=None, placements=None, window=None, object_values=None, background=None, exposure=None, mode='rgb', " \
-  "early_z='lossless', linear=False, flip=False, transparent=False, antialiased=-1, sh_degree=3, exp_degree=5, " \
-  "cut=0, near_plane=0, depth_empty=0, depth_scale=1"
-#define JOB_ARGUMENT_FORMAT "OOOOOOsspppiiidddd"
-#define JOB_ARGUMENT_TARGETS(w)                                                                                  \
-  &(w).outputs, &(w).placements, &(w).window, &(w).object_values, &(w).background, &(w).exposure, &(w).mode,     \
-      &(w).early_z, &(w).linear, &(w).flip, &(w).transparent, &(w).antialiased, &(w).sh_degree, &(w).exp_degree, \
-      &(w).cut, &(w).near_plane, &(w).depth_empty, &(w).depth_scale
+#define JOB_ARGUMENT_NAMES                                                                                          \
+  "outputs", "placements", "window", "object_values", "background", "exposure", "before", "after", "names", "mode", \
+      "early_z", "linear", "flip", "transparent", "antialiased", "sh_degree", "exp_degree", "cut", "near_plane",    \
+      "depth_empty", "depth_scale"
+#define JOB_ARGUMENT_SIGNATURE                                                                                    \
+  "outputs=None, placements=None, window=None, object_values=None, background=None, exposure=None, before=None, " \
+  "after=None, names=None, mode='rgb', early_z='lossless', linear=False, flip=False, transparent=False, "         \
+  "antialiased=-1, sh_degree=3, exp_degree=5, cut=0, near_plane=0, depth_empty=0, depth_scale=1"
+#define JOB_ARGUMENT_FORMAT "OOOOOOOOOsspppiiidddd"
+#define JOB_ARGUMENT_TARGETS(w)                                                                                    \
+  &(w).outputs, &(w).placements, &(w).window, &(w).object_values, &(w).background, &(w).exposure, &(w).before,     \
+      &(w).after, &(w).names, &(w).mode, &(w).early_z, &(w).linear, &(w).flip, &(w).transparent, &(w).antialiased, \
+      &(w).sh_degree, &(w).exp_degree, &(w).cut, &(w).near_plane, &(w).depth_empty, &(w).depth_scale
 
 native_job_arguments native_default_job_arguments(void);
 /* Whether so many threads can be asked for; else raises. */
@@ -71,6 +84,14 @@ PyObject *native_job_new(const native_state *state, PyObject *scene, PyObject *c
 void native_job_enqueue(native_renderer *renderer, native_job *job);
 /* The parts that a job draws; valid until the scene is composed again. Call with the scene's lock held. */
 pags_result native_job_compose(native_scene *scene, const native_job *job, const pags_part **parts, int *count);
+/* Reads what the passes of a job need, after its outputs and placements. */
+bool native_passes_read(const native_job_arguments *w, native_job *job);
+/* Composes the moments of the job's motion; their parts are copies for the caller to free. To be called before the
+ * picture's own parts are composed, with the scene's lock held. */
+pags_result native_passes_moments(native_scene *scene, const native_job *job, pags_moment out[2]);
+/* Computes the passes of the picture that `frame` has drawn of these parts. */
+pags_result native_passes_draw(const native_job *job, const pags_moment moments[2], pags_frame *frame,
+                               const pags_part *parts, int count, pags_passes *out);
 /* Waits for the job. Returns a new Picture, or raises the job's error. */
 PyObject *native_job_take(const native_state *state, native_job *job);
 #endif

@@ -10,12 +10,16 @@ enum { MOST_CUT = 1000 }; /* pixels; culls nearly everything already */
 /* ---- Single arguments ---- */
 
 static unsigned output_named(const char *name) {
-  static const char *const names[OUTPUT_KINDS] = {"rgba", "depth", "object", "id", "priority", "heat", "rgb8"};
+  static const char *const names[OUTPUT_KINDS] = {"rgba", "depth",         "object",       "id",     "priority", "heat",
+                                                  "rgb8", "crypto_object", "crypto_class", "normal", "motion"};
   for (unsigned i = 0; i < OUTPUT_KINDS; i++)
     if (!strcmp(name, names[i]))
       return 1u << i;
-  PyErr_Format(PyExc_ValueError, "outputs: expected rgba, rgb8, depth, object, id, priority or heat, found \"%s\"",
-               name);
+  PyErr_Format(
+      PyExc_ValueError,
+      "outputs: expected rgba, rgb8, depth, object, id, priority, heat, crypto_object, crypto_class, normal or motion, "
+      "found \"%s\"",
+      name);
   return 0;
 }
 
@@ -43,34 +47,6 @@ static bool read_mode(const char *name, native_mode *mode) {
     }
   PyErr_Format(PyExc_ValueError, "mode: expected rgb, priority, critical, depth or size, found \"%s\"", name);
   return false;
-}
-
-/* Reads placements: a list of (object index, 12 numbers world_from_object, row-major 3 x 4). */
-static bool read_placements(PyObject *value, native_job *job) {
-  Py_ssize_t count = PySequence_Size(value);
-  if (count < 0)
-    return false;
-  job->placements = calloc((size_t)count + 1, sizeof *job->placements);
-  if (!job->placements) {
-    PyErr_NoMemory();
-    return false;
-  }
-  job->placement_count = count;
-  for (Py_ssize_t i = 0; i < count; i++) {
-    PyObject *item = PySequence_GetItem(value, i), *object = item ? PySequence_GetItem(item, 0) : NULL;
-    PyObject *pose = object ? PySequence_GetItem(item, 1) : NULL;
-    if (pose) {
-      job->placements[i].object = PyLong_AsLongLong(object);
-      if (!PyErr_Occurred())
-        native_read_pose(pose, "placements: world_from_object", job->placements[i].world_from_object);
-    }
-    Py_XDECREF(pose);
-    Py_XDECREF(object);
-    Py_XDECREF(item);
-    if (PyErr_Occurred())
-      return false;
-  }
-  return true;
 }
 
 static bool read_window(PyObject *value, native_job *job) {
@@ -148,6 +124,7 @@ static bool read_options(const native_job_arguments *w, const native_scene *scen
   o->sh_degree = w->sh_degree;
   o->exp_degree = w->exp_degree;
   o->extra_channels = native_layout_needs_extras(&job->layout);
+  o->keep_for_passes = (job->layout.outputs & OUTPUTS_PASSES) != 0;
   return true;
 }
 
@@ -163,8 +140,10 @@ static bool read_arguments(const native_job_arguments *w, native_job *job) {
   l->transparent = w->transparent != 0;
   l->depth_empty = (float)w->depth_empty;
   l->depth_scale = (float)w->depth_scale;
-  return read_window(w->window, job) && (w->placements == Py_None || read_placements(w->placements, job)) &&
-         read_object_values(w->object_values, job) && read_options(w, (const native_scene *)job->scene, job);
+  return read_window(w->window, job) &&
+         (w->placements == Py_None || native_read_placements(w->placements, &job->placements, &job->placement_count)) &&
+         read_object_values(w->object_values, job) && native_passes_read(w, job) &&
+         read_options(w, (const native_scene *)job->scene, job);
 }
 
 /* ---- The job ---- */
@@ -204,6 +183,9 @@ native_job_arguments native_default_job_arguments(void) {
                                 .object_values = Py_None,
                                 .background = Py_None,
                                 .exposure = Py_None,
+                                .before = Py_None,
+                                .after = Py_None,
+                                .names = Py_None,
                                 .mode = "rgb",
                                 .early_z = "lossless",
                                 .antialiased = -1,

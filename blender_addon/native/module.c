@@ -118,6 +118,8 @@ static PyMethodDef methods[] = {
      "Gaussian behind which\nless than half of the ray is left, object (number or None), priority, depth (metres along "
      "the camera's "
      "axis),\npoint (world, metres). placements: as for Renderer.submit."},
+    {"cryptomatte_hash", native_cryptomatte_hash, METH_VARARGS,
+     "cryptomatte_hash($module, name, /)\n--\n\nThe 32 bits that stand for a name in a Cryptomatte's manifest."},
     {"available_threads", available_threads, METH_NOARGS,
      "available_threads($module, /)\n--\n\nProcessors that this process may use."},
     {0}};

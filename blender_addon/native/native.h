@@ -12,6 +12,7 @@
 
 #include <pags/compose.h>
 #include <pags/frame.h>
+#include <pags/passes.h>
 #include <pthread.h>
 #include <stdbool.h>
 
@@ -77,6 +78,8 @@ bool native_read_pose(PyObject *value, const char *what, double out[12]);
 void *native_read_array(PyObject *value, const char *what, bool wide, int dimensions, Py_ssize_t *shape);
 /* How many dimensions native_read_array would find. */
 int native_array_dimensions(PyObject *value);
+/* Reads placements: a list of (object index, 12 numbers world_from_object, row-major 3 x 4); `out` is to be freed. */
+bool native_read_placements(PyObject *value, pags_placement **out, int64_t *count);
 PyObject *native_camera_dict(const pags_camera *camera);
 /* Puts a new reference into a dictionary and drops it; false when `value` is NULL or memory is out. */
 bool native_put(PyObject *dict, const char *key, PyObject *value);
@@ -93,7 +96,12 @@ enum {
   OUTPUT_PRIORITY = 16,
   OUTPUT_HEAT = 32,
   OUTPUT_RGB8 = 64,
-  OUTPUT_KINDS = 7
+  OUTPUT_CRYPTO_OBJECT = 128, /* these four are passes (pags/passes.h) */
+  OUTPUT_CRYPTO_CLASS = 256,
+  OUTPUT_NORMAL = 512,
+  OUTPUT_MOTION = 1024,
+  OUTPUT_KINDS = 11,
+  OUTPUTS_PASSES = OUTPUT_CRYPTO_OBJECT | OUTPUT_CRYPTO_CLASS | OUTPUT_NORMAL | OUTPUT_MOTION
 };
 
 /* The layout of the planes that a job returns. */
@@ -113,7 +121,8 @@ typedef struct native_planes {
   int width, height;
   float *rgba, *depth, *object, *priority, *heat; /* rgba and heat: 4 floats a pixel; NULL where not asked for */
   int32_t *id;
-  uint8_t *rgb8; /* 3 bytes a pixel */
+  uint8_t *rgb8;                      /* 3 bytes a pixel */
+  float *crypto[2], *normal, *motion; /* objects and classes: 12 floats a pixel; 3; 4 */
   pags_frame_stats stats;
   double ms;      /* of the whole job */
   double ms_fill; /* of these, the time to fill the planes */
@@ -123,8 +132,8 @@ typedef struct native_planes {
 bool native_layout_needs_extras(const native_layout *layout);
 /* Fills `out` on the renderer's threads; the scene's tables must have been filled. PAGS_ERROR_MEMORY or PAGS_CANCELLED.
  */
-pags_result native_planes_fill(pags_tasks *tasks, const pags_picture *picture, const native_scene *scene,
-                               const native_layout *layout, native_planes *out);
+pags_result native_planes_fill(pags_tasks *tasks, const pags_picture *picture, const pags_passes *passes,
+                               const native_scene *scene, const native_layout *layout, native_planes *out);
 void native_planes_free(native_planes *planes);
 /* A new Picture that owns the planes. */
 PyObject *native_picture_new(const native_state *state, native_planes *planes);
@@ -137,5 +146,9 @@ PyObject *native_camera(PyObject *module, PyObject *arguments, PyObject *keyword
 PyObject *native_gradients(PyObject *module, PyObject *arguments, PyObject *keywords);
 PyObject *native_render(PyObject *module, PyObject *arguments, PyObject *keywords);
 PyObject *native_pick(PyObject *module, PyObject *arguments, PyObject *keywords);
+
+/* ---- Passes ---- */
+
+PyObject *native_cryptomatte_hash(PyObject *module, PyObject *arguments);
 
 #endif

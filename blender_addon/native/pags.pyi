@@ -17,7 +17,11 @@ class _Numpy(Protocol):
 _Array = AnyBuffer | Sequence[Any] | _Numpy
 # 12 numbers, or a matrix of 3 x 4 or 4 x 4.
 _Pose = _Array
-_Output = Literal["rgba", "rgb8", "depth", "object", "priority", "heat", "id"]
+_Output = Literal[
+    "rgba", "rgb8", "depth", "object", "priority", "heat", "id", "crypto_object", "crypto_class", "normal", "motion"
+]
+# A camera, or a camera and placements.
+_Moment = Any
 _Mode = Literal["rgb", "priority", "critical", "depth", "size"]
 
 __version__: str
@@ -99,6 +103,7 @@ class Scene:
     def pose(self, object: int, time: float, /) -> tuple[float, ...] | None: ...
     def exposure(self, sensor: int, time: float, /) -> tuple[float, ...]: ...
     def track(self, object: int, /) -> Buffer: ...
+    def splats(self, object: int, /) -> tuple[Buffer, tuple[float, ...]]: ...
     def points(self, object: int, budget: int, /) -> tuple[Buffer, Buffer]: ...
     def arrays(self, /) -> Arrays: ...
     def normals(self, /) -> Buffer: ...
@@ -116,6 +121,14 @@ class Picture:
     def rgba(self) -> Buffer | Any: ...  # None where it wasn't asked for
     @property
     def rgb8(self) -> Buffer | Any: ...
+    @property
+    def crypto_object(self) -> Buffer | Any: ...
+    @property
+    def crypto_class(self) -> Buffer | Any: ...
+    @property
+    def normal(self) -> Buffer | Any: ...
+    @property
+    def motion(self) -> Buffer | Any: ...
     @property
     def depth(self) -> Buffer | Any: ...
     @property
@@ -150,6 +163,9 @@ class Renderer:
         object_values: Sequence[float] | None = None,
         background: Sequence[float] | None = None,
         exposure: Sequence[float] | None = None,
+        before: _Moment | None = None,
+        after: _Moment | None = None,
+        names: Sequence[str] | None = None,
         mode: _Mode = "rgb",
         early_z: str = "lossless",
         linear: bool = False,
@@ -165,6 +181,7 @@ class Renderer:
     ) -> Job: ...
 
 def load(path: str | PathLike[str], /) -> Scene: ...
+def cryptomatte_hash(name: str, /) -> int: ...
 def available_threads() -> int: ...
 def camera(
     width: int,
@@ -188,6 +205,9 @@ def render(
     object_values: Sequence[float] | None = None,
     background: Sequence[float] | None = None,
     exposure: Sequence[float] | None = None,
+    before: _Moment | None = None,
+    after: _Moment | None = None,
+    names: Sequence[str] | None = None,
     mode: _Mode = "rgb",
     early_z: str = "lossless",
     linear: bool = False,
@@ -213,6 +233,9 @@ def render(
     object_values: Sequence[float] | None = None,
     background: Sequence[float] | None = None,
     exposure: Sequence[float] | None = None,
+    before: _Moment | None = None,
+    after: _Moment | None = None,
+    names: Sequence[str] | None = None,
     mode: _Mode = "rgb",
     early_z: str = "lossless",
     linear: bool = False,

@@ -37,6 +37,7 @@ static float decode(const decoder *d, float v) {
 
 typedef struct fill {
   const pags_picture *picture;
+  const pags_passes *passes;
   const native_scene *scene;
   const native_layout *layout;
   native_planes *out;
@@ -44,8 +45,8 @@ typedef struct fill {
 } fill;
 
 bool native_layout_needs_extras(const native_layout *layout) {
-  const unsigned colours = OUTPUT_RGBA | OUTPUT_RGB8;
-  return (layout->outputs & ~colours) != 0 || ((layout->outputs & colours) && layout->mode != MODE_RGB);
+  const unsigned colours = OUTPUT_RGBA | OUTPUT_RGB8, asked = layout->outputs & ~(unsigned)OUTPUTS_PASSES;
+  return (asked & ~colours) != 0 || ((asked & colours) && layout->mode != MODE_RGB);
 }
 
 /* Maps a length to [0, 1] on a logarithmic scale: `least` to 0, `most` to 1. */
@@ -104,6 +105,17 @@ static void put_heat(const fill *f, int64_t at, float *out) {
   put_rgba(f, at, alpha, rgb, out);
 }
 
+/* Interleaves `count` planes of a row. */
+static void put_planes(const float *const *planes, int count, int64_t from, int width, float *out) {
+  for (int x = 0; out && x < width; x++)
+    for (int c = 0; c < count; c++)
+      *out++ = planes[c][from + x];
+}
+
+static float *row_of(float *block, int64_t pixel, int floats) {
+  return block ? block + floats * pixel : NULL;
+}
+
 static void fill_row(const fill *f, int y) {
   const native_layout *l = f->layout;
   const native_planes *o = f->out;
@@ -125,6 +137,10 @@ static void fill_row(const fill *f, int y) {
 
     return;
   }
+  for (int m = 0; m < 2; m++)
+    put_planes(f->passes->matte[m], PAGS_MATTE_PLANES, from, l->width, row_of(o->crypto[m], to, PAGS_MATTE_PLANES));
+  put_planes(f->passes->normal, 3, from, l->width, row_of(o->normal, to, 3));
+  put_planes(f->passes->motion, 4, from, l->width, row_of(o->motion, to, 4));
   for (int x = 0; x < l->width; ++x, ++from, ++to) {
     int32_t id = f->picture->id ? f->picture->id[from] : -1;
     if (o->rgba || o->rgb8) {
@@ -171,8 +187,17 @@ static bool allocate(const native_layout *layout, native_planes *out) {
     unsigned output;
     size_t bytes;
     void *block;
-  } wanted[] = {{OUTPUT_RGBA, 16, NULL},    {OUTPUT_HEAT, 16, NULL}, {OUTPUT_DEPTH, 4, NULL}, {OUTPUT_OBJECT, 4, NULL},
-                {OUTPUT_PRIORITY, 4, NULL}, {OUTPUT_ID, 4, NULL},    {OUTPUT_RGB8, 3, NULL}};
+  } wanted[] = {{OUTPUT_RGBA, 16, NULL},
+                {OUTPUT_HEAT, 16, NULL},
+                {OUTPUT_DEPTH, 4, NULL},
+                {OUTPUT_OBJECT, 4, NULL},
+                {OUTPUT_PRIORITY, 4, NULL},
+                {OUTPUT_ID, 4, NULL},
+                {OUTPUT_RGB8, 3, NULL},
+                {OUTPUT_CRYPTO_OBJECT, 4 * PAGS_MATTE_PLANES, NULL},
+                {OUTPUT_CRYPTO_CLASS, 4 * PAGS_MATTE_PLANES, NULL},
+                {OUTPUT_NORMAL, 12, NULL},
+                {OUTPUT_MOTION, 16, NULL}};
   bool good = true;
   for (size_t i = 0; i < sizeof wanted / sizeof wanted[0]; i++)
     if (layout->outputs & wanted[i].output) {
@@ -187,12 +212,16 @@ static bool allocate(const native_layout *layout, native_planes *out) {
   out->priority = wanted[4].block;
   out->id = wanted[5].block;
   out->rgb8 = wanted[6].block;
+  out->crypto[0] = wanted[7].block;
+  out->crypto[1] = wanted[8].block;
+  out->normal = wanted[9].block;
+  out->motion = wanted[10].block;
   return good;
 }
 
-pags_result native_planes_fill(pags_tasks *tasks, const pags_picture *picture, const native_scene *scene,
-                               const native_layout *layout, native_planes *out) {
-  fill f = {.picture = picture, .scene = scene, .layout = layout, .out = out};
+pags_result native_planes_fill(pags_tasks *tasks, const pags_picture *picture, const pags_passes *passes,
+                               const native_scene *scene, const native_layout *layout, native_planes *out) {
+  fill f = {.picture = picture, .passes = passes, .scene = scene, .layout = layout, .out = out};
   if (!allocate(layout, out)) {
     native_planes_free(out);
     return pags_out_of_memory("a picture of %dx%d", layout->width, layout->height);
@@ -213,6 +242,10 @@ void native_planes_free(native_planes *planes) {
   free(planes->heat);
   free(planes->id);
   free(planes->rgb8);
+  free(planes->crypto[0]);
+  free(planes->crypto[1]);
+  free(planes->normal);
+  free(planes->motion);
   *planes = (native_planes){0};
 }
 
@@ -240,13 +273,28 @@ static void picture_dealloc(PyObject *object) {
   Py_DECREF(type);
 }
 
-enum { PLANE_RGBA, PLANE_DEPTH, PLANE_OBJECT, PLANE_PRIORITY, PLANE_HEAT, PLANE_ID, PLANE_RGB8, PLANES };
+enum {
+  PLANE_RGBA,
+  PLANE_DEPTH,
+  PLANE_OBJECT,
+  PLANE_PRIORITY,
+  PLANE_HEAT,
+  PLANE_ID,
+  PLANE_RGB8,
+  PLANE_CRYPTO_OBJECT,
+  PLANE_CRYPTO_CLASS,
+  PLANE_NORMAL,
+  PLANE_MOTION,
+  PLANES
+};
 
 static PyObject *picture_plane(PyObject *object, void *closure) {
   native_planes *p = &((native_picture *)object)->planes;
-  const void *const blocks[PLANES] = {p->rgba, p->depth, p->object, p->priority, p->heat, p->id, p->rgb8};
+  const void *const blocks[PLANES] = {p->rgba, p->depth,     p->object,    p->priority, p->heat,  p->id,
+                                      p->rgb8, p->crypto[0], p->crypto[1], p->normal,   p->motion};
+  static const int numbers[PLANES] = {4, 1, 1, 1, 4, 1, 3, PAGS_MATTE_PLANES, PAGS_MATTE_PLANES, 3, 4};
   int which = *(const int *)closure;
-  int channels = which == PLANE_RGBA || which == PLANE_HEAT ? 4 : which == PLANE_RGB8 ? 3 : 1;
+  int channels = numbers[which];
   const Py_ssize_t shape[3] = {p->height, p->width, channels};
   if (!blocks[which])
     Py_RETURN_NONE;
@@ -282,8 +330,9 @@ static PyObject *picture_stats(PyObject *object, void *closure) {
   return NULL;
 }
 
-static const int plane_numbers[PLANES] = {PLANE_RGBA, PLANE_DEPTH, PLANE_OBJECT, PLANE_PRIORITY,
-                                          PLANE_HEAT, PLANE_ID,    PLANE_RGB8};
+static const int plane_numbers[PLANES] = {PLANE_RGBA,         PLANE_DEPTH,  PLANE_OBJECT, PLANE_PRIORITY,
+                                          PLANE_HEAT,         PLANE_ID,     PLANE_RGB8,   PLANE_CRYPTO_OBJECT,
+                                          PLANE_CRYPTO_CLASS, PLANE_NORMAL, PLANE_MOTION};
 #define PLANE(which) ((void *)(size_t)&plane_numbers[which])
 
 static PyGetSetDef picture_getset[] = {
@@ -304,14 +353,32 @@ static PyGetSetDef picture_getset[] = {
     {"heat", picture_plane, NULL, "Buffer [height][width][4] float32: the priority as colours", PLANE(PLANE_HEAT)},
     {"id", picture_plane, NULL, "Buffer [height][width] int32: Gaussian of the largest weight, -1: none",
      PLANE(PLANE_ID)},
+    {"crypto_object", picture_plane, NULL,
+     "Buffer [height][width][12] float32: six times the value of a name and its weight, largest first",
+     PLANE(PLANE_CRYPTO_OBJECT)},
+    {"crypto_class", picture_plane, NULL, "the same of classes", PLANE(PLANE_CRYPTO_CLASS)},
+    {"normal", picture_plane, NULL, "Buffer [height][width][3] float32: expected normal, world axes",
+     PLANE(PLANE_NORMAL)},
+    {"motion", picture_plane, NULL,
+     "Buffer [height][width][4] float32, pixels, x right, y up: position before less now, now less after",
+     PLANE(PLANE_MOTION)},
     {0}};
 static PyObject *picture_repr(PyObject *object) {
   const native_planes *p = &((native_picture *)object)->planes;
   const struct {
     const char *name;
     const void *block;
-  } planes[PLANES] = {{"rgba", p->rgba},         {"rgb8", p->rgb8}, {"depth", p->depth}, {"object", p->object},
-                      {"priority", p->priority}, {"heat", p->heat}, {"id", p->id}};
+  } planes[PLANES] = {{"rgba", p->rgba},
+                      {"rgb8", p->rgb8},
+                      {"depth", p->depth},
+                      {"object", p->object},
+                      {"priority", p->priority},
+                      {"heat", p->heat},
+                      {"id", p->id},
+                      {"crypto_object", p->crypto[0]},
+                      {"crypto_class", p->crypto[1]},
+                      {"normal", p->normal},
+                      {"motion", p->motion}};
   char text[128] = "";
   for (int k = 0; k < PLANES; k++)
     if (planes[k].block) {

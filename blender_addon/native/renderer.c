@@ -3,6 +3,7 @@
 #include "blender_addon/native/job.h"
 #include "port/port.h"
 
+#include <stdlib.h>
 #include <string.h>
 
 static double now_ms(void) {
@@ -11,10 +12,24 @@ static double now_ms(void) {
 
 /* ---- The renderer's thread ---- */
 
-static pags_result draw_locked(pags_frame *frame, pags_tasks *tasks, native_scene *scene, native_job *job) {
+/* Draws the picture and its passes, and fills the job's planes. */
+static pags_result draw_picture(pags_frame *frame, pags_tasks *tasks, native_scene *scene, native_job *job,
+                                const pags_moment moments[2]) {
   const pags_part *parts;
   int count;
   pags_picture picture;
+  pags_passes passes = {.normal = {NULL}};
+  PAGS_TRY(native_job_compose(scene, job, &parts, &count));
+  PAGS_TRY(pags_frame_render(frame, parts, count, &job->camera, &job->options, NULL, NULL, &picture));
+  if (job->options.keep_for_passes)
+    PAGS_TRY(native_passes_draw(job, moments, frame, parts, count, &passes));
+  const double drawn = now_ms();
+  PAGS_TRY(native_planes_fill(tasks, &picture, &passes, scene, &job->layout, &job->planes));
+  job->planes.ms_fill = now_ms() - drawn;
+  return PAGS_OK;
+}
+
+static pags_result draw_locked(pags_frame *frame, pags_tasks *tasks, native_scene *scene, native_job *job) {
   double begin = now_ms();
 
   /* Fill the scene's tables that the outputs of this job read. */
@@ -26,11 +41,13 @@ static pags_result draw_locked(pags_frame *frame, pags_tasks *tasks, native_scen
   if (rgba && job->layout.mode == MODE_SIZE)
     PAGS_TRY(native_scene_need_sizes(scene));
 
-  PAGS_TRY(native_job_compose(scene, job, &parts, &count));
-  PAGS_TRY(pags_frame_render(frame, parts, count, &job->camera, &job->options, NULL, NULL, &picture));
-  double drawn = now_ms();
-  PAGS_TRY(native_planes_fill(tasks, &picture, scene, &job->layout, &job->planes));
-  job->planes.ms_fill = now_ms() - drawn;
+  pags_moment moments[2];
+  pags_result result = native_passes_moments(scene, job, moments);
+  if (result == PAGS_OK)
+    result = draw_picture(frame, tasks, scene, job, moments);
+  for (int side = 0; side < 2; side++)
+    free((void *)(size_t)moments[side].parts);
+  PAGS_TRY(result);
   job->planes.stats = *pags_frame_stats_get(frame);
   job->planes.ms = now_ms() - begin;
   return PAGS_OK;
@@ -257,12 +274,17 @@ PyObject *native_render(PyObject *module, PyObject *arguments, PyObject *keyword
 static PyMethodDef renderer_methods[] = {
     {"submit", (PyCFunction)(void (*)(void))renderer_submit, METH_VARARGS | METH_KEYWORDS,
      "submit($self, scene, camera, *, " JOB_ARGUMENT_SIGNATURE ")\n--\n\n"
-     "Queues a picture and returns its Job at once. outputs: any of rgba, rgb8, depth, object, priority, heat, id. "
+     "Queues a picture and returns its Job at once. outputs: any of rgba, rgb8, depth, object, priority, heat, id, "
+     "crypto_object, "
+     "crypto_class, normal, motion. "
      "placements: list of (object, world_from_object) in place of the scene's "
      "own tracks,\n"
      "object -1 for what belongs to none. window: (x, y, width, height) of the picture to hand over. mode: rgb, "
      "priority,\n"
-     "critical, depth or size. exposure: gain and offset, 6 numbers. early_z: off, lossless or bounded=EPS. linear: "
+     "critical, depth or size. before, after: a camera, or (camera, placements), that the motion refers to; None: "
+     "nothing "
+     "moves on that side.\nnames: of the placements, for crypto_object. exposure: gain and offset, 6 numbers. early_z: "
+     "off, lossless or bounded=EPS. linear: "
      "decode sRGB. flip: bottom row first. cut: leave out what isn't critical and whose opacity times area is under so "
      "many pixels. -1 and 0: as the scene asks for."},
     {0}};

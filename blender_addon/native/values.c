@@ -85,6 +85,33 @@ bool native_read_camera(PyObject *value, pags_camera *out) {
   return PyMapping_HasKeyString(value, "time") ? read_number(value, "time", &out->time) : true;
 }
 
+bool native_read_placements(PyObject *value, pags_placement **out, int64_t *count) {
+  const Py_ssize_t size = PySequence_Size(value);
+  if (size < 0)
+    return false;
+  *out = calloc((size_t)size + 1, sizeof **out);
+  if (!*out) {
+    PyErr_NoMemory();
+    return false;
+  }
+  *count = size;
+  for (Py_ssize_t i = 0; i < size; i++) {
+    PyObject *item = PySequence_GetItem(value, i), *object = item ? PySequence_GetItem(item, 0) : NULL;
+    PyObject *pose = object ? PySequence_GetItem(item, 1) : NULL;
+    if (pose) {
+      (*out)[i].object = PyLong_AsLongLong(object);
+      if (!PyErr_Occurred())
+        native_read_pose(pose, "placements: world_from_object", (*out)[i].world_from_object);
+    }
+    Py_XDECREF(pose);
+    Py_XDECREF(object);
+    Py_XDECREF(item);
+    if (PyErr_Occurred())
+      return false;
+  }
+  return true;
+}
+
 bool native_put(PyObject *dict, const char *key, PyObject *value) {
   bool good = value && PyDict_SetItemString(dict, key, value) == 0;
   Py_XDECREF(value);

@@ -25,13 +25,14 @@ from . import (
     importer,
     inspector,
     jobs,
+    native_splats,
     overlay,
     properties,
     proxies,
     ui,
 )
 
-PARTS = (properties, jobs, importer, cameras, engine, overlay, inspector, composite, exporter, proxies, ui, handlers)
+PARTS = (properties, jobs, importer, cameras, engine, overlay, inspector, composite, exporter, native_splats, proxies, ui, handlers)
 
 
 def register():

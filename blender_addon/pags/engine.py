@@ -4,7 +4,7 @@
 import bpy
 import numpy as np
 
-from . import gather, lens, native
+from . import gather, lens, native, passes
 from .native import SceneError
 
 EMPTY_DEPTH = 1e10  # depth of pixels without a surface, as Cycles writes it
@@ -51,6 +51,7 @@ class PagsRenderEngine(bpy.types.RenderEngine):
             self.register_pass(scene, renderlayer, "IndexOB", 1, "X", "VALUE")
         if scene.pags.use_pass_heat:
             self.register_pass(scene, renderlayer, "PriorityHeat", 4, "RGBA", "COLOR")
+        passes.register(self, scene, renderlayer)
 
     def render(self, depsgraph):
         width, height = self.resolution_x, self.resolution_y  # Blender's: within a compositor, that of the scene that is rendered
@@ -85,15 +86,23 @@ class PagsRenderEngine(bpy.types.RenderEngine):
         if scene.camera is None:
             raise SceneError("there is no camera in the scene")
         entry = gather.load(state, True)
-        job = self.submit(depsgraph, state, entry, width, height, window, layer_of(result))
+        critical_only = scene.pags.hide_noncritical
+        keys = gather.keys(state, entry, critical_only)
+        placements = gather.placements(
+            state, entry, gather.time_of(state, entry, scene.frame_current_final), critical_only
+        )
+        job = self.submit(depsgraph, state, entry, width, height, window, layer_of(result), keys, placements)
         while not job.wait(0.05):
             if self.test_break():
                 job.cancel()
                 return False
-        self.hand_over(job.take(), layer_of(result))
+        self.hand_over(job.take(), layer_of(result), state)
+        passes.describe(
+            self.get_result(), depsgraph.view_layer_eval.name, layer_of(result), passes.names(keys, placements, entry)
+        )
         return True
 
-    def submit(self, depsgraph, state, entry, width, height, window, layer):
+    def submit(self, depsgraph, state, entry, width, height, window, layer, keys, placements):
         scene, render = depsgraph.scene, depsgraph.scene.render
         camera = scene.camera.evaluated_get(depsgraph)
         values, pose = lens.of_camera(
@@ -101,27 +110,38 @@ class PagsRenderEngine(bpy.types.RenderEngine):
         )
         time = gather.time_of(state, entry, scene.frame_current_final)
         names = {"Combined": "rgba", "Depth": "depth", "IndexOB": "object", "PriorityHeat": "heat"}
-        outputs = [names[p.name] for p in layer.passes if p.name in names]
-        self.update_stats("PAGS", f"{entry.info['gaussians']:,} Gaussians")
-        return native.renderer("final", scene.pags.threads).submit(
-            entry.scene,
-            gather.camera_for(state, entry, values, pose, time),
-            outputs=outputs,
-            placements=gather.placements(state, entry, time, scene.pags.hide_noncritical),
-            window=window,
-            object_values=gather.object_values(state, entry),
-            transparent=render.film_transparent,
-            depth_empty=EMPTY_DEPTH,
+        outputs = [names[p.name] for p in layer.passes if p.name in names] + passes.outputs(layer)
+        arguments = {
+            "outputs": outputs,
+            "placements": placements,
             **gather.job_arguments(scene.pags, state, entry, True),
             **gather.exposure(scene.pags, entry, camera, time),
+        }
+        transparent, threads = render.film_transparent, scene.pags.threads
+        view = gather.camera_for(state, entry, values, pose, time)
+        values_of_objects = gather.object_values(state, entry)
+        # The last, since it goes to other frames and back: what was evaluated before is not to be used after it.
+        arguments.update(
+            passes.arguments(self, depsgraph, state, entry, placements, keys, scene.pags.hide_noncritical, outputs)
+        )
+        self.update_stats("PAGS", f"{entry.info['gaussians']:,} Gaussians")
+        return native.renderer("final", threads).submit(
+            entry.scene,
+            view,
+            window=window,
+            object_values=values_of_objects,
+            transparent=transparent,
+            depth_empty=EMPTY_DEPTH,
+            **arguments,
         )
 
-    def hand_over(self, picture, layer):
+    def hand_over(self, picture, layer, state):
         planes = {
             "Combined": picture.rgba,
             "Depth": picture.depth,
             "IndexOB": picture.object,
             "PriorityHeat": picture.heat,
+            **passes.planes(picture, state),
         }
         for render_pass in layer.passes:
             if planes.get(render_pass.name) is not None:

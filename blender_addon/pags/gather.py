@@ -21,11 +21,13 @@ class Gathered:
         self.scale = lens.rigid(self.world_from_root)[1]
         self.frame_start, self.fps = root.pags.frame_start, root.pags.fps
         self.indices, self.poses = [], []  # of each part: object index (-1: background) and root_from_object, 4x4
+        self.keys = []  # of each part: its object's name, and what tells instances apart
         self.pass_index = {}
         self.scaled = False
 
-    def add(self, index, matrix_world, pass_index):
+    def add(self, index, matrix_world, pass_index, key):
         self.indices.append(index)
+        self.keys.append(key)
         self.poses.append([v for row in matrix_world for v in row])
         self.pass_index[index] = pass_index
 
@@ -33,6 +35,7 @@ class Gathered:
         """Stacks the poses of all parts into one array: thousands of small arrays would cost more than the rest of a redraw."""
         order = np.argsort(self.indices, kind="stable")
         self.indices = np.array(self.indices)[order]
+        self.keys = [self.keys[i] for i in order]
         poses = self.root_from_world @ np.array(self.poses, dtype=np.float64).reshape(-1, 4, 4)[order]
         lengths = np.linalg.norm(poses[:, :3, :3], axis=1)
         lengths[lengths == 0] = 1
@@ -73,7 +76,8 @@ def gather(depsgraph):
         if state is None:
             state = found[root.name] = Gathered(root.evaluated_get(depsgraph))
         index = -1 if settings.kind == "BACKGROUND" else settings.index
-        state.add(index, instance.matrix_world, drawn.original.pass_index)
+        key = (drawn.original.name, tuple(instance.persistent_id) if instance.is_instance else ())
+        state.add(index, instance.matrix_world, drawn.original.pass_index, key)
     if not found:
         return None, 0
     return found[sorted(found)[0]].finish(), len(found)
@@ -84,12 +88,23 @@ def time_of(state, entry, frame):
     return entry.info["time_begin"] + (frame - state.frame_start) / state.fps
 
 
-def placements(state, entry, time, critical_only=False):
-    """Pairs (index, world_from_object) of all parts; a part that was not moved gets the exact pose of its track."""
+def known_parts(state, entry, critical_only=False):
+    """Whether each part is drawn."""
     known = state.indices < len(entry.objects)  # higher indices come from another version of the scene file
     if critical_only:
         critical = np.array([*(bool(o["critical"]) for o in entry.objects), False])  # the last entry is the background, index -1
         known &= critical[np.where(known, state.indices, -1)]
+    return known
+
+
+def keys(state, entry, critical_only=False):
+    """The keys of the parts in `placements`."""
+    return [key for key, known in zip(state.keys, known_parts(state, entry, critical_only)) if known]
+
+
+def placements(state, entry, time, critical_only=False):
+    """Pairs (index, world_from_object) of all parts; a part that was not moved gets the exact pose of its track."""
+    known = known_parts(state, entry, critical_only)
     indices, poses = state.indices[known], state.poses[known, :3]
     mine, origin = indices[:, None] >= 0, np.array(entry.info["origin"])
     found = [entry.scene.pose(int(i), time) if i >= 0 else IDENTITY for i in indices]

@@ -96,6 +96,7 @@ class PAGS_PT_export(Sidebar, bpy.types.Panel):
         if lacking:
             exporter.explain(layout, lacking)
         layout.operator("pags.composite", icon="NODE_COMPOSITING")
+        layout.operator("pags.native_splats", icon="POINTCLOUD_DATA")
 
 
 class PAGS_PT_object(bpy.types.Panel):
@@ -186,6 +187,10 @@ class PAGS_PT_passes(RenderPanel, bpy.types.Panel):
         layout.prop(context.view_layer, "use_pass_z", text="Depth")
         layout.prop(context.view_layer, "use_pass_object_index", text="Object index")
         layout.prop(context.scene.pags, "use_pass_heat")
+        layout.prop(context.view_layer, "use_pass_normal", text="Normal")
+        layout.prop(context.view_layer, "use_pass_vector", text="Vector (motion)")
+        layout.prop(context.view_layer, "use_pass_cryptomatte_object", text="Cryptomatte of objects")
+        layout.prop(context.view_layer, "use_pass_cryptomatte_asset", text="Cryptomatte of classes")
 
 
 class PAGS_OT_reload(bpy.types.Operator):

@@ -175,8 +175,10 @@ pags_result pags_stage_bin(pags_frame *frame) {
     frame->stats.binned += c.binned[b];
     frame->stats.pairs_hidden += c.hidden[b];
   }
-  if (!frame->options.keep_for_backward)
+  if (!frame_keeps_lists(frame))
     return PAGS_OK;
   frame->block_masks = pags_frame_alloc(frame, pairs, sizeof *frame->block_masks, "block masks");
-  return frame->block_masks ? place_slots(frame) : PAGS_ERROR_MEMORY;
+  if (!frame->block_masks)
+    return PAGS_ERROR_MEMORY;
+  return frame->options.keep_for_backward ? place_slots(frame) : PAGS_OK;
 }

@@ -426,6 +426,7 @@ static void fill_part(pags_composition *c, group *g, double time, pags_part *par
   part->first_id = g->id ? g->id[0] : 0;
   part->dc = g->dc;
   part->s_sem = priority_of_object(c, g);
+  part->label = g->object;
 }
 
 /* Appends the group's part to c->parts, unless the group is empty or isn't there at `time`. */
@@ -536,6 +537,7 @@ pags_result pags_compose_placed(pags_composition *composition, double time, cons
         continue;
       pags_part *part = &c->placed_parts[(*part_count)++];
       fill_part(c, g, when, part);
+      part->label = i;
       place_at(c, g, &placements[i], part->world_from_model);
     }
   *parts = c->placed_parts;

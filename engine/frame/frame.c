@@ -114,6 +114,7 @@ pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int par
   assert(!(options->exposed && options->keep_for_backward));
   assert(!options->depth_sum || options->keep_for_backward);
   assert(options->order == PAGS_ORDER_DEPTH || !options->keep_for_backward);
+  assert(!frame->variable_rate || !options->keep_for_passes);
   assert(options->slab_size >= 0);
   assert(options->early_z != PAGS_EARLY_Z_BOUNDED || (options->early_z_eps > 0.0f && options->early_z_eps < 1.0f));
   frame->camera = *camera;
@@ -142,7 +143,7 @@ pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int par
   }
   pags_frame_prepare_sky(frame);
   PAGS_TRY(prepare_planes(frame));
-  if (options->keep_for_backward)
+  if (frame_keeps_lists(frame))
     frame->options.early_z = PAGS_EARLY_Z_OFF;
   const bool early_z = frame->options.early_z != PAGS_EARLY_Z_OFF;
   const bool paper = frame->options.early_z == PAGS_EARLY_Z_PAPER;

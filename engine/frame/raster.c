@@ -67,7 +67,7 @@ static void raster_tile(const raster_context *c, int64_t tile, bool goes_on, int
   const pags_frame *const f = c->frame;
   pags_raster_in in = tile_input(c, tile, goes_on, worker);
   const int64_t at = frame_tile_offset(f, tile);
-  in.block_masks = f->options.keep_for_backward ? f->block_masks + f->tile_start[tile] : NULL;
+  in.block_masks = frame_keeps_lists(f) ? f->block_masks + f->tile_start[tile] : NULL;
   in.hard = f->hard ? f->hard + at : NULL;
   in.resume = f->full && f->full->tile_begun[tile];
   in.unfinished = f->full && !f->last_slab;

@@ -88,7 +88,7 @@ struct pags_frame {
   int tiles_x, tiles_y;
   int64_t *tile_start;   /* tiles + 1: tile t's list is entries [tile_start[t], tile_start[t + 1]) */
   pags_entry *entries;   /* the lists of all tiles; each goes front to back once it is sorted */
-  uint16_t *block_masks; /* per entry: the tile's 4x4-pixel blocks that the splat may change; if keep_for_backward */
+  uint16_t *block_masks; /* per entry: the tile's 4x4-pixel blocks that the splat may change; if frame_keeps_lists */
   saturation *full;      /* NULL: the frame is drawn at once, in one slab */
   bool last_slab;
   frame_variable_rate *variable_rate; /* variable rate for the next frame; NULL: every pixel is shaded */
@@ -120,6 +120,11 @@ static inline int frame_tile_y(const pags_frame *frame, int64_t tile) {
 }
 static inline int64_t frame_tile_offset(const pags_frame *frame, int64_t tile) {
   return (int64_t)frame_tile_y(frame, tile) * frame->stride + frame_tile_x(frame, tile);
+}
+
+/* Whether the frame is drawn at once, and its lists and masks are kept, for a second walk through them. */
+static inline bool frame_keeps_lists(const pags_frame *frame) {
+  return frame->options.keep_for_backward || frame->options.keep_for_passes;
 }
 
 /* Whether enough of the scene is hidden for drawing in slabs to be faster than drawing at once. The threshold of 35 %

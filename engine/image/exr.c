@@ -387,6 +387,10 @@ static void put_header(exr_output *out, const pags_exr_planes *picture, const in
   put_float(out, 0);
   put_attribute(out, "screenWindowWidth", "float", 4);
   put_float(out, 1);
+  for (const char *const *text = picture->texts; text && *text; text += 2) {
+    put_attribute(out, text[0], "string", strlen(text[1]));
+    put(out, text[1], strlen(text[1]));
+  }
   put(out, &end, 1);
 }
 

@@ -25,6 +25,7 @@ typedef struct pags_exr_planes {
   const char *const *names;
   const float *const *planes;
   size_t pixel_step, row_step; /* floats */
+  const char *const *texts;    /* string attributes: name and value by turns, ended by NULL; NULL: none */
 } pags_exr_planes;
 
 /* Encodes scan lines compressed by ZIP. PAGS_ERROR_MEMORY; the caller frees out->bytes in either case. */

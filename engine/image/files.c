@@ -257,7 +257,7 @@ pags_result pags_image_save(const char *path, const pags_image *image) {
 }
 
 pags_result pags_image_save_exr(const char *path, int width, int height, int channels, const char *const *names,
-                                const float *const *planes, int stride) {
+                                const float *const *planes, int stride, const char *const *texts) {
   assert(path && names && planes && width >= 1 && width <= PAGS_IMAGE_MAX_SIDE && height >= 1 &&
          height <= PAGS_IMAGE_MAX_SIDE);
   assert(channels >= 1 && channels <= 64 && stride >= width);
@@ -267,7 +267,8 @@ pags_result pags_image_save_exr(const char *path, int width, int height, int cha
                                    .names = names,
                                    .planes = planes,
                                    .pixel_step = 1,
-                                   .row_step = (size_t)stride};
+                                   .row_step = (size_t)stride,
+                                   .texts = texts};
   pags_sink sink = {0};
   return write_file(path, pags_exr_encode(path, &picture, &sink), &sink);
 }

@@ -187,7 +187,7 @@ static pags_result save_picture(const pags_street_view *view, const char *path) 
 static pags_result save_depth(const pags_street_view *view, const char *path) {
   static const char *const name = "Z";
   const float *plane = view->depth;
-  return pags_image_save_exr(path, view->camera.width, view->camera.height, 1, &name, &plane, view->camera.width);
+  return pags_image_save_exr(path, view->camera.width, view->camera.height, 1, &name, &plane, view->camera.width, NULL);
 }
 
 /* Writes file number `index` of the current frame. In order of numbers: for each camera its one-channel images, its

@@ -4,7 +4,9 @@
 import contextlib
 import errno
 import fnmatch
+import math
 import os
+import random
 import re
 import stat
 import struct
@@ -14,12 +16,14 @@ import threading
 from unittest import mock
 
 import bpy
+import numpy as np
+from mathutils import Vector
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from blender_case import PROGRAM, BlenderCase, addon, json, main, pixel  # noqa: E402
 
 import fixtures  # noqa: E402
-from fixtures import ply_bytes, read_png, some_splats, splat  # noqa: E402
+from fixtures import ply_bytes, read, read_png, some_splats, splat  # noqa: E402
 from test_drive import make_drive  # noqa: E402
 
 
@@ -333,6 +337,100 @@ class Final(BlenderCase):
         self.assertEqual(short["IndexOB.X"], 42)
         self.assertGreater(short["Combined.R"], 0.9)
         self.assertGreater(short["PriorityHeat.R"], 0.5)  # a critical object: pale yellow
+
+    def render_exr(self, name):
+        """F12 into an uncompressed file of all passes; returns its bytes."""
+        settings = self.scene.render.image_settings
+        if hasattr(settings, "media_type"):
+            settings.media_type = "MULTI_LAYER_IMAGE"
+        settings.file_format = "OPEN_EXR_MULTILAYER"
+        settings.color_depth = "32"
+        if hasattr(settings, "exr_codec"):
+            settings.exr_codec = "NONE"
+        self.scene.render.filepath = self.path(name)
+        bpy.ops.render.render(write_still=True)
+        return fixtures.read(self.path(name))
+
+    def short_names(self, data, x, y):
+        return {".".join(name.split(".")[-2:]): value for name, value in exr_values(data, x, y).items()}
+
+    def test_passes_for_compositing(self):
+        """Vector, Normal and Cryptomattes are the engine's, in Blender's conventions, with names that its node knows."""
+        from test_passes import value
+
+        root = self.bring_in()
+        root.rotation_euler = (0, 0, 0.5)
+        self.scene.frame_set(2)
+        layer = bpy.context.view_layer
+        layer.use_pass_vector = layer.use_pass_normal = True
+        layer.use_pass_cryptomatte_object = layer.use_pass_cryptomatte_asset = True
+        self.scene.camera.animation_data_clear()  # it stands where it was at this frame
+        data = self.render_exr("passes.exr")
+        short = self.short_names(data, 50, 50)
+        sensor = self.scene.camera
+        ahead = [-sensor.matrix_world[row][2] for row in range(3)]
+        self.assertEqual(self.scene.frame_current, 2)
+        car = self.part(1)
+        self.assertEqual(short["CryptoObject00.R"], value(car.name))
+        self.assertAlmostEqual(short["CryptoObject00.G"], 0.99, delta=1e-3)
+        self.assertEqual(short["CryptoAsset00.R"], value("Car"))
+        self.assertNotIn("CryptoObject03.R", short)
+        towards = sum(a * short[f"Normal.{c}"] for a, c in zip(ahead, "XYZ"))
+        self.assertLess(towards, 1e-6)  # faces the camera
+        self.assertAlmostEqual(sum(short[f"Normal.{c}"] ** 2 for c in "XYZ"), 1, delta=1e-3)
+        for text in (car.name, f"{layer.name}.CryptoObject", f"{layer.name}.CryptoAsset", "MurmurHash3_32", "uint32_to_float32"):
+            self.assertTrue(text.encode() in data, text)
+        layer.pass_cryptomatte_depth = 2
+        self.assertNotIn("CryptoObject01.R", self.short_names(self.render_exr("two.exr"), 50, 50))
+
+    def test_cryptomatte_node(self):
+        """Blender's node makes a matte of a name that it is given, from the render itself. The camera stands 1 m ahead: the wall is in row 17."""
+        if bpy.app.version >= (5, 0, 0):
+            self.skipTest("the compositor's tree isn't the scene's from Blender 5.0 on")
+        self.bring_in()
+        self.scene.frame_set(2)
+        bpy.context.view_layer.use_pass_cryptomatte_object = True
+        self.scene.use_nodes = True
+        tree = self.scene.node_tree
+        tree.nodes.clear()
+        matte, out = tree.nodes.new("CompositorNodeCryptomatteV2"), tree.nodes.new("CompositorNodeComposite")
+        tree.links.new(tree.nodes.new("CompositorNodeRLayers").outputs["Image"], matte.inputs["Image"])
+        tree.links.new(matte.outputs["Matte"], out.inputs["Image"])
+        for name, shown, other in ((self.part(1).name, (50, 50), (50, 17)), ("background", (50, 17), (50, 50))):
+            matte.matte_id = name
+            picture = self.f12("matte")
+            self.assertGreater(pixel(picture, *shown)[0], 230)
+            self.assertEqual(pixel(picture, *other)[0], 0)
+
+    def test_vector_pass(self):
+        """The car goes to the right by as many pixels as its track says; a moved Blender object moves, too; what rests rests."""
+        self.bring_in(cameras="NONE")
+        camera = bpy.data.cameras.new("still")
+        still = bpy.data.objects.new("still", camera)
+        self.scene.collection.objects.link(still)
+        self.scene.camera = still
+        still.rotation_euler = (math.pi / 2, 0, -math.pi / 2)  # looks along x
+        camera.lens, camera.sensor_width = 36, 36
+        render = self.scene.render
+        render.resolution_x = render.resolution_y = 101
+        bpy.context.view_layer.use_pass_vector = True
+        parked = self.track(0)
+        for frame, y in ((1, 0.0), (2, 0.1), (3, 0.3)):
+            parked.location.y = 1 + y
+            parked.keyframe_insert("location", frame=frame)
+        if parked.animation_data and hasattr(parked.animation_data.action, "fcurves"):
+            for curve in parked.animation_data.action.fcurves:
+                for key in curve.keyframe_points:
+                    key.interpolation = "LINEAR"
+        self.scene.frame_set(2)
+        data = self.render_exr("vector.exr")
+        car, rest = self.short_names(data, 50, 50), self.short_names(data, 35, 40)
+        for channel, wanted in (("X", -40 * 0.99), ("Y", 0), ("Z", -40 * 0.99), ("W", 0)):  # 4 m a frame in 10 m, focal length 101 px
+            self.assertAlmostEqual(car[f"Vector.{channel}"], 1.01 * wanted, delta=0.5)
+        moved = self.short_names(data, 34, 50)  # the parked one: 0.1 m to the left before, 0.2 m after
+        self.assertAlmostEqual(moved["Vector.Z"] / moved["Vector.X"], 2, delta=0.1)
+        self.assertGreater(moved["Vector.X"], 0.5)
+        self.assertEqual(rest["Vector.X"], 0)
 
     def test_transparent_sky_and_modes(self):
         self.bring_in()
@@ -836,6 +934,125 @@ class Jobs(BlenderCase):
                 for _ in cameras.along(self.jobs.Job("x", lambda job: iter(())), self.scene, [40], visit):
                     pass
         self.assertEqual(self.scene.frame_current, 10)
+
+
+def ply_with_harmonics(count, degree, seed=5):
+    """The bytes of a PLY in INRIA's layout with harmonics."""
+    dice = random.Random(seed)
+    rest = 3 * ((degree + 1) ** 2 - 1)
+    names = ["x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", *(f"f_rest_{k}" for k in range(rest)), "opacity"]
+    names += ["scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]
+    rows = [[dice.uniform(-1, 1) for _ in names[:-7]] + [dice.uniform(-4, -2) for _ in range(3)] + [dice.uniform(0.1, 1) for _ in range(4)] for _ in range(count)]
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {count}", *(f"property float {n}" for n in names), "end_header", ""]
+    return "\n".join(header).encode() + b"".join(struct.pack(f"<{len(names)}f", *row) for row in rows)
+
+
+class NativeSplats(BlenderCase):
+    """Blender's own splats, held against what Blender's own importer makes of the same files."""
+
+    KEYS = {"FLOAT_VECTOR": ("vector", 3), "FLOAT4": ("vector", 4), "QUATERNION": ("value", 4), "FLOAT": ("value", 1)}
+
+    def setUp(self):
+        super().setUp()
+        self.module = sys.modules[addon.__name__ + ".native_splats"]
+        self.too_old = self.module.missing()
+
+    def layers(self, cloud):
+        """Attributes of a point cloud: type and values by name."""
+        found = {}
+        for layer in cloud.attributes:
+            if layer.data_type not in self.KEYS or layer.name == "radius":
+                continue
+            key, width = self.KEYS[layer.data_type]
+            values = np.zeros((len(cloud.points), width), np.float32)
+            layer.data.foreach_get(key, values.reshape(-1))
+            found[layer.name] = layer.data_type, values
+        return found
+
+    def blender_reads(self, path):
+        bpy.ops.wm.ply_import(filepath=path)
+        return self.layers(bpy.context.view_layer.objects.active.data)
+
+    def assert_same(self, got, wanted):
+        """The same points in any order of rows, up to the rounding of exp and of a division in float."""
+        self.assertEqual({n: v[0] for n, v in got.items()}, {n: v[0] for n, v in wanted.items()})
+        rows = [np.concatenate([layers[name][1] for name in sorted(wanted)], axis=1) for layers in (got, wanted)]
+        a, b = (r[np.lexsort(np.round(r[:, :3], 4).T)] for r in rows)
+        self.assertEqual(a.shape, b.shape)
+        self.assertLess(np.abs(a - b).max(), 1e-5)
+
+    def test_attributes(self):
+        """Names, types and values in any Blender."""
+        from_module = sys.modules[addon.__name__ + ".native"].module
+        path = self.write("harmonics.ply", ply_with_harmonics(50, 2))
+        rows, pose = from_module.load(path).splats(-1)
+        found = self.module.attributes(np.asarray(rows))
+        self.assertEqual([f[0] for f in found], ["position", "scale", "rotation", "radiance:base", *(f"radiance:sh_{k}" for k in range(8))])
+        self.assertEqual([f[1] for f in found], ["FLOAT_VECTOR", "FLOAT_VECTOR", "QUATERNION", "FLOAT4", *["FLOAT_VECTOR"] * 8])
+        self.assertEqual(list(pose), [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0])
+        values = {f[0]: f[3] for f in found}
+        self.assertLess(np.abs(np.linalg.norm(values["rotation"], axis=1) - 1).max(), 1e-6)
+        self.assertTrue((values["radiance:base"][:, 3] > 0).all() and (values["radiance:base"][:, 3] < 1).all())
+        self.assertTrue((values["scale"] > 0).all())
+        # A row by hand, from the file itself.
+        body = read(path).split(b"end_header\n")[1]
+        first = np.frombuffer(body, np.float32).reshape(50, -1)[0]
+        at = int(np.argmin(np.abs(values["position"] - first[:3]).sum(axis=1)))
+        self.assertLess(np.abs(values["radiance:base"][at, :3] - first[3:6]).max(), 1e-6)
+        self.assertLess(np.abs(values["radiance:sh_1"][at] - first[[7, 15, 23]]).max(), 1e-6)
+        self.assertAlmostEqual(float(values["scale"][at, 2]), math.exp(first[6 + 24 + 1 + 2]), places=6)
+
+    def test_too_old(self):
+        if not self.too_old:
+            self.skipTest("this Blender has splats of its own")
+        self.bring_in()
+        self.assertFalse(bpy.ops.pags.native_splats.poll())
+        self.assertIn("5.3", self.too_old)
+        self.raises(["5.3"], bpy.ops.pags.native_splats)
+
+    def test_bare_file(self):
+        if self.too_old:
+            self.skipTest(self.too_old)
+        for degree in (0, 1, 3):
+            path = self.write(f"degree{degree}.ply", ply_with_harmonics(200, degree))
+            self.bring_in(path)
+            root = self.scene.objects[f"degree{degree}.ply"]
+            bpy.context.view_layer.objects.active = root
+            self.assertEqual(bpy.ops.pags.native_splats(), {"FINISHED"})
+            (converted,) = [o for o in self.scene.objects if self.module.MARK in o and o.pags.root == root]
+            self.assertEqual(converted.data.type, "GAUSSIAN_SPLAT")
+            self.assert_same(self.layers(converted.data), self.blender_reads(path))
+
+    def test_drive(self):
+        """A point cloud for each object, where and when the object is; a second conversion replaces the first."""
+        if self.too_old:
+            self.skipTest(self.too_old)
+        root = self.bring_in()
+        for _ in range(2):
+            self.assertEqual(bpy.ops.pags.native_splats(), {"FINISHED"})
+        converted = {o[self.module.MARK]: o for o in self.scene.objects if self.module.MARK in o}
+        self.assertEqual(len([o for o in self.scene.objects if self.module.MARK in o]), 3)
+        self.assertEqual(len(bpy.data.pointclouds), 3)
+        car, parked = self.part(1), self.part(0)
+        self.assertEqual(converted[car.name].parent, self.track(1))
+        self.assertEqual(converted["background"].parent, root)
+        self.assert_same(self.layers(converted[car.name].data), self.blender_reads(self.path("scene", "objects", "car.ply")))
+        loaded = sys.modules[addon.__name__ + ".native"].load(self.path("scene")).scene
+        root.rotation_euler = (0, 0, 0.3)
+        for frame in (1, 2, 3):
+            self.scene.frame_set(frame)
+            for part, index in ((car, 1), (parked, 0)):
+                points = np.asarray(loaded.points(index, 9)[0])
+                wanted = [part.matrix_world @ Vector(p) for p in points.tolist()]
+                cloud = converted[part.name]
+                got = [cloud.matrix_world @ point.co for point in cloud.data.points]
+                for a, b in zip(got, wanted):
+                    self.assertLess((a - b).length, 1e-4)
+            self.assertEqual(converted[car.name].evaluated_get(bpy.context.evaluated_depsgraph_get()).hide_render, car.hide_render)
+        car.animation_data_clear()
+        car.hide_render = True
+        self.scene.frame_set(2)
+        self.assertTrue(converted[car.name].evaluated_get(bpy.context.evaluated_depsgraph_get()).hide_render)
 
 
 class Interface(BlenderCase):

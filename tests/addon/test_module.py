@@ -623,5 +623,67 @@ class Linking(Case):
         self.assertEqual([line.split()[-1] for line in listed.splitlines()], ["PyInit_pags"])
 
 
+class Passes(ModuleCase):
+    """What the C tests hold against the oracle, handed over by the module."""
+
+    ALL = ("rgba", "crypto_object", "crypto_class", "normal", "motion")
+
+    def value(self, name):
+        return struct.unpack("<f", struct.pack("<I", pags.cryptomatte_hash(name)))[0]
+
+    def test_planes(self):
+        view, before = make_camera(time=101.0), make_camera(time=100.0)
+        picture = pags.render(self.scene, view, outputs=self.ALL, before=before, after=make_camera(time=102.0))
+        plain = pags.render(self.scene, view)
+        self.assertEqual(bytes(picture.rgba), bytes(plain.rgba))
+        self.assertIsNone(plain.motion)
+        self.assertEqual([getattr(picture, o).shape for o in self.ALL[1:]], [(101, 101, n) for n in (12, 12, 3, 4)])
+        self.assertEqual(pixel(picture.crypto_object, 50, 50, 12)[0], self.value("c=2"))
+        self.assertEqual(pixel(picture.crypto_class, 50, 50, 12)[0], self.value("Car"))
+        self.assertEqual(pixel(picture.crypto_object, 35, 50, 12)[0], self.value("p,1"))
+        self.assertEqual(pixel(picture.crypto_object, 0, 100, 12), (0,) * 12)
+        for got, wanted in zip(pixel(picture.motion, 50, 50), (-39.6, 0, -39.6, 0)):
+            self.assertAlmostEqual(got, wanted, delta=0.05)
+        self.assertAlmostEqual(sum(v * v for v in pixel(picture.normal, 50, 50, 3)), 1, delta=1e-4)
+        self.assertEqual(pags.cryptomatte_hash("bunny"), 0x13851A76)
+
+    def test_window_and_flip(self):
+        common = dict(outputs=self.ALL, before=make_camera(time=100.0))
+        whole = pags.render(self.scene, make_camera(time=101.0), **common)
+        part = pags.render(self.scene, make_camera(time=101.0), window=(30, 40, 31, 21), flip=True, **common)
+        for name, channels in zip(self.ALL, (4, 12, 12, 3, 4)):
+            for x, y in ((0, 0), (20, 10), (30, 20)):
+                self.assertEqual(pixel(getattr(part, name), x, 20 - y, channels), pixel(getattr(whole, name), 30 + x, 40 + y, channels))
+
+    def test_names_of_placements(self):
+        """Two instances of an object have the names that were given, and each its own motion."""
+        turned = [0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1, 0]
+        at = lambda y: [v + o for v, o in zip(turned, [0, 0, 0, ORIGIN[0] + 10, 0, 0, 0, ORIGIN[1] + y, 0, 0, 0, ORIGIN[2]])]  # noqa: E731
+        view = make_camera(time=101.0)
+        now, then = [(1, at(0)), (-1, IDENTITY), (1, at(2))], [(1, at(0)), (-1, IDENTITY), (1, at(2.1))]
+        picture = pags.render(self.scene, view, outputs=self.ALL, placements=now, before=(view, then), names=["a", "rest", "b"])
+        for x, name, moved in ((50, "a", 0), (30, "b", -0.99)):
+            self.assertEqual(pixel(picture.crypto_object, x, 50, 12)[0], self.value(name))
+            self.assertEqual(pixel(picture.crypto_class, x, 50, 12)[0], self.value("Car"))
+            self.assertAlmostEqual(pixel(picture.motion, x, 50)[0], moved, delta=2e-3)
+            self.assertEqual(pixel(picture.motion, x, 50)[2], 0)
+        empty = pags.render(self.scene, view, outputs=("crypto_object", "normal"), placements=[], names=[])
+        self.assertEqual(max(floats(empty.crypto_object)), 0)
+
+    def test_what_is_refused(self):
+        view = make_camera()
+        for arguments, error, words in (
+            (dict(outputs=("motion",)), ValueError, "before or after"),
+            (dict(outputs=("motion",), before=(view,)), ValueError, "tuple"),
+            (dict(outputs=("motion",), before={**view, "fx": 0}), ValueError, "before"),
+            (dict(outputs=("motion",), before=(view, [(9, IDENTITY)])), pags.Error, "placement 0"),
+            (dict(names=["a"]), ValueError, "placements"),
+            (dict(placements=[(0, IDENTITY)], names=["a", "b"]), ValueError, "list of 1"),
+            (dict(placements=[(0, IDENTITY)], names="a"), ValueError, "list of 1"),
+        ):
+            with self.assertRaisesRegex(error, words):
+                pags.render(self.scene, view, **arguments)
+
+
 if __name__ == "__main__":
     fixtures.main()

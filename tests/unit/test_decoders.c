@@ -190,7 +190,7 @@ static void test_written_files(void **state) {
   const char *const channels[] = {"Z", "a name of more than thirty-one characters", "B", "id", "A"};
   const float *const planes[] = {plane, plane + 1, plane + 2, plane + 3, plane + 4};
   const char *const path = scratch_path(s, "names.exr");
-  scratch_ok(pags_image_save_exr(path, 30, 20, 5, channels, planes, 34));
+  scratch_ok(pags_image_save_exr(path, 30, 20, 5, channels, planes, 34, NULL));
   assert_int_equal(compare(path, "names.exr"), 1);
 }
 

@@ -113,7 +113,7 @@ static void test_exr_keeps_floats(void **state) {
   const char *const names[] = {"R", "G", "B"};
   const float *const planes[] = {red, depth, red};
   const char *path = scratch_path(s, "a.exr");
-  assert_int_equal(pags_image_save_exr(path, WIDTH, HEIGHT, 3, names, planes, STRIDE), PAGS_OK);
+  assert_int_equal(pags_image_save_exr(path, WIDTH, HEIGHT, 3, names, planes, STRIDE, NULL), PAGS_OK);
   pags_image back;
   assert_int_equal(pags_image_load(path, PAGS_F32, 0, &back), PAGS_OK);
   assert_int_equal(back.channels, 3);
@@ -123,7 +123,7 @@ static void test_exr_keeps_floats(void **state) {
       assert_true(p[0] == red[y * STRIDE + x] && p[1] == depth[y * STRIDE + x] && p[2] == red[y * STRIDE + x]);
     }
   const char *const z[] = {"Z"};
-  assert_int_equal(pags_image_save_exr(path, WIDTH, HEIGHT, 1, z, &planes[1], STRIDE), PAGS_OK);
+  assert_int_equal(pags_image_save_exr(path, WIDTH, HEIGHT, 1, z, &planes[1], STRIDE, NULL), PAGS_OK);
   pags_image_destroy(&back);
   assert_int_equal(pags_image_load(path, PAGS_F32, 0, &back), PAGS_OK);
   assert_int_equal(back.channels, 1);

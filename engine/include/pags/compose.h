@@ -76,8 +76,9 @@ typedef struct pags_edit {
 PAGS_API pags_result pags_composition_edit(pags_composition *composition, const pags_edit *edits, int64_t count);
 
 /* Computes the parts to draw at `time` (seconds, as in the scene's tracks; NaN: the beginning of the scene), with
- * the edits applied. Never allocates memory and never fails. The array *parts belongs to the composition and is
- * valid until its next pags_compose, pags_compose_placed, edit, pack or destroy. */
+ * the edits applied. A part's label is the index of its object, or -1. Never allocates memory and never fails. The
+ * array *parts belongs to the composition and is valid until its next pags_compose, pags_compose_placed, edit, pack or
+ * destroy. */
 PAGS_API void pags_compose(pags_composition *composition, double time, const pags_part **parts, int *part_count);
 
 /* One object drawn at a pose that the caller gives. */
@@ -91,8 +92,9 @@ typedef struct pags_placement {
 /* Computes the parts to draw at `time` for a host (an editor, a simulator) that keeps the poses of objects itself:
  * exactly the placements are drawn, and tracks and edits are ignored. An object may occur several times. A parked
  * object is carried from its rest pose (pags_composition_rest_pose) to the given pose. `time` only matters to
- * colours that change with time; NaN is the beginning of the scene. The array *parts belongs to the composition and
- * is valid until its next pags_compose, pags_compose_placed, edit, pack or destroy.
+ * colours that change with time; NaN is the beginning of the scene. A part's label is the index of its placement. The
+ * array *parts belongs to the composition and is valid until its next pags_compose, pags_compose_placed, edit, pack or
+ * destroy.
  *
  * PAGS_ERROR_ARGUMENT for an object that the scene doesn't have, PAGS_ERROR_FORMAT for a pose that is no rigid
  * motion (pags_rigid_check), PAGS_ERROR_LIMIT beyond 2^31 - 1 parts, PAGS_ERROR_MEMORY; then *part_count is 0. */

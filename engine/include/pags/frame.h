@@ -52,6 +52,7 @@ typedef struct pags_part {
   const float *opacity_factor;
   float opacity_factor_most; /* upper bound of all factors; ignored if opacity_factor is NULL */
   float s_sem;               /* semantic priority S_sem of the Gaussians if they have no s_sem of their own */
+  int64_t label;             /* the caller's; pags/compose.h says what it writes. Changes nothing */
 } pags_part;
 
 /* Early-Z: how Gaussians that are hidden are left out before they are read, shaded, sorted or binned;
@@ -94,11 +95,13 @@ typedef struct pags_frame_options {
                             extra_channels. Only with keep_for_backward. Default 0 */
   int count_pairs;       /* 1: fill pairs_evaluated and pairs_blended (costs a few per cent). Default 0 */
   int keep_for_backward; /* 1: keep what pags_frame_backward and pags_frame_scores need. Default 0 */
+  int keep_for_passes;   /* 1: keep what pags_frame_passes needs (pags/passes.h). Not for a frame with a deadline.
+                            Default 0 */
   /* 1: rgb becomes gain * rgb + offset per channel, as a camera with that exposure shows the scene
    * (pags_scene_exposure). Not with keep_for_backward. Default 0. */
   int exposed;
   float gain[3], offset[3];
-  pags_early_z early_z; /* default LOSSLESS; a render with keep_for_backward is always drawn with OFF */
+  pags_early_z early_z; /* default LOSSLESS; a render with one of the keep options is always drawn with OFF */
   float early_z_eps;    /* eps of BOUNDED: 0 < eps < 1, default 1/255 */
   pags_order order;     /* default DEPTH; PAPER not with keep_for_backward */
   /* With early_z LOSSLESS or BOUNDED, a frame is drawn in slabs of depth, and before each slab the Gaussians

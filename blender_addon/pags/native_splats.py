@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Converts a scene to Blender's own splats: point clouds of the type GAUSSIAN_SPLAT, which Blender 5.3 draws in Cycles, EEVEE and the viewport.
+
+Names, types and values of the attributes are those that Blender's importer of PLY files writes (blender/blender,
+source/blender/io/ply/importer/ply_import_gsplat.cc and io/common/intern/IO_gsplat.cc at commit 082a5ac35773):
+
+    position        FLOAT_VECTOR  metres
+    scale           FLOAT_VECTOR  sigma, metres
+    rotation        QUATERNION    w, x, y, z, of unit length
+    radiance:base   FLOAT4        constant terms of the spherical harmonics; opacity, 0 to 1
+    radiance:sh_N   FLOAT_VECTOR  further terms, N from 0, three channels each"""
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+from . import cameras, native
+
+NEEDED = (5, 3, 0)
+MARK = "pags_native"  # custom property of a converted object: the name of the object that it was made of
+
+
+def missing():
+    """Why this Blender can't have native splats; empty where it can."""
+    known = {p.identifier for p in bpy.types.PointCloud.bl_rna.properties} if hasattr(bpy.types, "PointCloud") else ()
+    if "type" in known:
+        return ""
+    return f"Blender {NEEDED[0]}.{NEEDED[1]} and newer have splats of their own; this is {bpy.app.version_string}"
+
+
+def attributes(rows):
+    """Of Gaussians as Scene.splats gives them: (name, type, key for foreach_set, values) of each attribute."""
+    rows = np.asarray(rows, dtype=np.float32).reshape(len(rows), -1)
+    rotation = rows[:, 6:10].astype(np.float64)
+    length = np.linalg.norm(rotation, axis=1, keepdims=True)
+    rotation = np.where(length > 0, rotation / np.where(length > 0, length, 1), [1.0, 0, 0, 0])
+    opacity = 1 / (1 + np.exp(-rows[:, 10:11].astype(np.float64)))
+    found = [
+        ("position", "FLOAT_VECTOR", "vector", rows[:, 0:3]),
+        ("scale", "FLOAT_VECTOR", "vector", np.exp(rows[:, 3:6].astype(np.float64))),
+        ("rotation", "QUATERNION", "value", rotation),
+        ("radiance:base", "FLOAT4", "vector", np.concatenate([rows[:, 11:14], opacity], axis=1)),
+    ]
+    harmonics = range((rows.shape[1] - 14) // 3)
+    found += [(f"radiance:sh_{k}", "FLOAT_VECTOR", "vector", rows[:, 14 + 3 * k : 17 + 3 * k]) for k in harmonics]
+    return [(*head, np.ascontiguousarray(values, dtype=np.float32)) for *head, values in found]
+
+
+def make_cloud(name, rows):
+    """A point cloud of Gaussians."""
+    cloud = bpy.data.pointclouds.new(name)
+    cloud.resize(len(rows))
+    cloud.type = "GAUSSIAN_SPLAT"
+    for attribute, kind, key, values in attributes(rows) if len(rows) else ():
+        layer = cloud.attributes.get(attribute) or cloud.attributes.new(attribute, kind, "POINT")
+        layer.data.foreach_set(key, values.reshape(-1))
+    return cloud
+
+
+def follow(converted, part):
+    """Hides the converted object where and when the part is hidden."""
+    for path in ("hide_viewport", "hide_render"):
+        driver = converted.driver_add(path).driver
+        driver.type = "AVERAGE"
+        variable = driver.variables.new()
+        variable.targets[0].id = part
+        variable.targets[0].data_path = path
+
+
+class PAGS_OT_native_splats(cameras.OnScene, bpy.types.Operator):
+    """Make Blender's own splats of the scene, each object a point cloud below its own track, for Cycles, EEVEE and geometry nodes. PAGS goes on drawing the scene itself"""
+
+    bl_idname = "pags.native_splats"
+    bl_label = "Convert to native splats"
+    bl_options = {"REGISTER", "UNDO"}
+
+    errors = (native.SceneError, RuntimeError, MemoryError)
+
+    @classmethod
+    def poll(cls, context):
+        why = missing()
+        if why:
+            cls.poll_message_set(why)
+            return False
+        return True
+
+    def work(self, context, root):
+        scene = native.load(native.absolute_path(root)).scene
+        parts = [o for o in context.scene.objects if o.pags.kind in {"OBJECT", "BACKGROUND"} and o.pags.root == root]
+        for old in [o for o in context.scene.objects if MARK in o and o.pags.root == root]:
+            data = old.data
+            bpy.data.objects.remove(old)
+            if not data.users:
+                bpy.data.pointclouds.remove(data)
+        name = f"{root.name} native"
+        collection = bpy.data.collections.get(name) or bpy.data.collections.new(name)
+        home = root.users_collection[0] if root.users_collection else context.scene.collection
+        if name not in home.children:
+            home.children.link(collection)
+        clouds, gaussians = {}, 0
+        for part in parts:
+            index = -1 if part.pags.kind == "BACKGROUND" else part.pags.index
+            if index not in clouds:
+                rows, pose = scene.splats(index)
+                clouds[index] = make_cloud(part.name, np.asarray(rows)), pose
+            cloud, pose = clouds[index]
+            converted = bpy.data.objects.new(f"{part.name} native", cloud)
+            converted[MARK], converted.pags.root = part.name, root
+            converted.parent, converted.matrix_parent_inverse = part.parent, part.matrix_parent_inverse
+            moved = Matrix((*(pose[4 * k : 4 * k + 4] for k in range(3)), (0, 0, 0, 1)))
+            converted.matrix_basis = part.matrix_basis @ moved
+            follow(converted, part)
+            collection.objects.link(converted)
+            gaussians += len(cloud.points)
+        return f"{len(parts)} point clouds of {gaussians:,} Gaussians in the collection {name}"
+
+
+CLASSES = (PAGS_OT_native_splats,)
+
+register, unregister = bpy.utils.register_classes_factory(CLASSES)

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""F12's passes for compositing: expected normals, motion vectors (Blender's Vector pass) and Cryptomattes of objects and classes.
+
+Blender's own switches of the view layer turn them on, so that its compositor and its files know them. A Cryptomatte's names are those of
+Blender's objects, which its Cryptomatte node lists; the classes take the place of Blender's assets, which are groups of objects as well."""
+
+import json
+
+import numpy as np
+
+from . import gather, lens, native
+
+MATTES = {"CryptoObject": "crypto_object", "CryptoAsset": "crypto_class"}
+MOST_PASSES = 3  # of a matte, two names a pixel each: the engine finds the six largest
+
+
+def mattes(view_layer):
+    """Names of the matte passes that the view layer asks for, by layer."""
+    count = min(MOST_PASSES, (view_layer.pass_cryptomatte_depth + 1) // 2)
+    asked = {"CryptoObject": view_layer.use_pass_cryptomatte_object, "CryptoAsset": view_layer.use_pass_cryptomatte_asset}
+    return {layer: [f"{layer}{k:02d}" for k in range(count)] for layer in MATTES if asked[layer]}
+
+
+def register(engine, scene, view_layer):
+    """Says which passes there are."""
+    if view_layer.use_pass_normal:
+        engine.register_pass(scene, view_layer, "Normal", 3, "XYZ", "VECTOR")
+    if view_layer.use_pass_vector:
+        engine.register_pass(scene, view_layer, "Vector", 4, "XYZW", "VECTOR")
+    for names in mattes(view_layer).values():
+        for name in names:
+            engine.register_pass(scene, view_layer, name, 4, "RGBA", "COLOR")
+
+
+def outputs(layer):
+    """The engine's outputs for the passes of a render layer."""
+    names = {p.name for p in layer.passes}
+    found = [output for name, output in (("Normal", "normal"), ("Vector", "motion")) if name in names]
+    return found + [output for name, output in MATTES.items() if name + "00" in names]
+
+
+def arguments(engine, depsgraph, state, entry, now, names, critical_only, wanted):
+    """Keyword arguments of Renderer.submit for these outputs. `now`: the placements, `names`: keys of their objects."""
+    found = {"names": [key[0] for key in names]} if "crypto_object" in wanted else {}
+    if "motion" not in wanted:
+        return found
+    frame, subframe = depsgraph.scene.frame_current, depsgraph.scene.frame_subframe
+    own = dict(zip(names, now))
+    try:
+        for argument, step in (("before", -1), ("after", 1)):
+            engine.frame_set(frame + step, subframe)
+            found[argument] = moment(depsgraph, state, entry, frame + subframe + step, own, critical_only)
+    finally:
+        engine.frame_set(frame, subframe)
+    return found
+
+
+def moment(depsgraph, state, entry, frame, own, critical_only):
+    """Camera and placements at a frame, in the order of `own`, a dictionary of the placements by their keys; what isn't there at that frame
+    is where it is in `own`."""
+    there, _ = gather.gather(depsgraph)
+    if there is None or there.path != state.path:
+        there = state
+    time = gather.time_of(there, entry, frame)
+    found = dict(zip(gather.keys(there, entry, critical_only), gather.placements(there, entry, time, critical_only)))
+    scene = depsgraph.scene
+    width, height = lens.picture_size(scene.render)
+    camera = scene.camera.evaluated_get(depsgraph)
+    values, pose = lens.of_camera(
+        camera.data, camera.matrix_world, width, height, scene.render.pixel_aspect_x, scene.render.pixel_aspect_y
+    )
+    placements = [found.get(key, placement) for key, placement in own.items()]
+    return gather.camera_for(there, entry, values, pose, time), placements
+
+
+def planes(picture, state):
+    """The contents of the passes by name."""
+    found = {}
+    if picture.normal is not None:
+        turn = lens.rigid(state.world_from_root)[0][:3, :3].astype(np.float32)
+        found["Normal"] = np.asarray(picture.normal) @ turn.T
+    if picture.motion is not None:
+        found["Vector"] = picture.motion
+    for layer, output in MATTES.items():
+        matte = getattr(picture, output)
+        for k in range(MOST_PASSES if matte is not None else 0):
+            found[f"{layer}{k:02d}"] = np.ascontiguousarray(np.asarray(matte)[:, :, 4 * k : 4 * k + 4])
+    return found
+
+
+def describe(result, view_layer_name, layer, names):
+    """Adds to the whole render's result what makes a Cryptomatte of passes (specification 1.2.0): files and Blender's node read it."""
+    for matte in MATTES:
+        if matte + "00" not in {p.name for p in layer.passes}:
+            continue
+        full = f"{view_layer_name}.{matte}"
+        key = f"cryptomatte/{native.module.cryptomatte_hash(full):08x}"[: len("cryptomatte/") + 7]
+        manifest = {name: f"{native.module.cryptomatte_hash(name):08x}" for name in sorted(names[matte])}
+        texts = {
+            "name": full,
+            "hash": "MurmurHash3_32",
+            "conversion": "uint32_to_float32",
+            "manifest": json.dumps(manifest, ensure_ascii=False),
+        }
+        for name, text in texts.items():
+            result.stamp_data_add_field(f"{key}/{name}", text)
+
+
+def names(keys, placements, entry):
+    """The names in each matte."""
+    classes = {entry.objects[index]["class"] if index >= 0 else "background" for index, _ in placements}
+    return {"CryptoObject": {key[0] for key in keys}, "CryptoAsset": classes}

@@ -1,0 +1,392 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Cryptomattes (Friedman and Jones 2015), expected normals and motion vectors of the last picture (pags/passes.h).
+ *
+ * A second walk through each tile's list finds the weights w = alpha T of its splats, a run of entries at a time, and
+ * adds them up: for each name in the tile in a plane of its own, from which each pixel then takes the largest sums; for
+ * normals and motion as they are. A tile is one worker's, and its sums go in the list's order. */
+#include <assert.h>
+#include <pags/passes.h>
+#include <string.h>
+
+#include "frame/stages.h"
+
+enum { RUN = 32, PIXELS = PAGS_TILE_PIXELS, MOTIONS = 4 };
+
+/* Where pixel (px, py) of this picture lies in another one, for a point at depth z:
+ *   (X, Y, Z) = at (px, py, 1) + shift / z,   x = X / Z, y = Y / Z */
+typedef struct carrier {
+  float at[9], shift[3];
+  bool still; /* x = px and y = py, exactly */
+} carrier;
+
+typedef struct pass_scratch { /* of a worker; the arrays over names are those of one tile */
+  float weights[RUN * PIXELS] __attribute__((aligned(64)));
+  float transmittance[PIXELS] __attribute__((aligned(64)));
+  float normal[3][PIXELS], weight[PIXELS], motion[MOTIONS][PIXELS];
+  uint16_t blended[RUN];
+  struct {
+    int32_t *slot; /* per name: its plane in `sums`; -1: none */
+    int32_t *used; /* names that have a plane */
+    float *sums;   /* planes of PIXELS floats */
+    int32_t used_count;
+  } matte[2];
+} pass_scratch;
+
+typedef struct pass_context {
+  pags_frame *frame;
+  const pags_pass_request *request;
+  const int32_t *part_of; /* per 16 dense indices: their part */
+  float *normals;         /* [dense_count][3], of the splats that are drawn; NULL: not wanted */
+  carrier *carriers[2];   /* per part, then one for what is infinitely far; before, after. NULL: no motion */
+  float *planes[2 * PAGS_MATTE_PLANES + 3 + MOTIONS]; /* the results, in the order of pags_passes; NULL: not wanted */
+  pass_scratch *scratch;
+} pass_context;
+
+enum { NORMAL_PLANE = 2 * PAGS_MATTE_PLANES, MOTION_PLANE = NORMAL_PLANE + 3 };
+
+/* ---- Normals of Gaussians ---- */
+
+/* The unit vector along the shortest axis of row `i`, in world axes, facing the camera. */
+static void normal_of(const pags_part *part, const pags_projection *view, const float *rows, int64_t stride, int i,
+                      float out[3]) {
+  double q[4], r[9], n[3], away = 0.0;
+  int shortest = 0;
+  for (int k = 1; k < 3; k++)
+    if (rows[(PAGS_SCALE + k) * stride + i] < rows[(PAGS_SCALE + shortest) * stride + i])
+      shortest = k;
+  for (int k = 0; k < 4; k++)
+    q[k] = (double)rows[(PAGS_ROTATION + k) * stride + i];
+  pags_rotation_from_quaternion(q, r);
+  for (int k = 0; k < 3; k++) {
+    n[k] = r[3 * k + shortest];
+    away += n[k] * ((double)rows[(PAGS_MEAN + k) * stride + i] - (double)view->eye[k]);
+  }
+  const double side = away > 0.0 ? -1.0 : 1.0, *const m = part->world_from_model;
+  for (int k = 0; k < 3; k++)
+    out[k] = (float)(side * (m[4 * k] * n[0] + m[4 * k + 1] * n[1] + m[4 * k + 2] * n[2]));
+}
+
+/* Block function: the normals of what is drawn of clusters [begin, end). */
+static void find_normals(void *context, int64_t begin, int64_t end, int worker) {
+  const pass_context *const c = context;
+  const pags_frame *const f = c->frame;
+  (void)worker;
+  for (int64_t i = begin; i < end; i++) {
+    const view_cluster *const v = f->clusters + i;
+    row_scratch scratch;
+    int64_t stride;
+    const float *const rows = pags_frame_geometry(f->parts + v->part, v, &scratch, &stride);
+    for (int k = 0; k < v->count; k++)
+      if (f->keys[v->base + k] != UINT32_MAX)
+        normal_of(f->parts + v->part, f->projections + v->part, rows, stride, k, c->normals + 3 * (v->base + k));
+  }
+}
+
+/* ---- Motion of parts ---- */
+
+/* The carrier of points that `then_from_now` takes from this camera's axes to those of another camera. */
+static carrier make_carrier(const pags_camera *now, const pags_camera *then, const double then_from_now[12]) {
+  carrier c = {.still = false};
+  const double focal[3] = {then->fx, then->fy, 1.0}, centre[3] = {then->cx, then->cy, 0.0};
+  double rows[3][4]; /* K' [A | b], K' the other camera's matrix */
+  for (int i = 0; i < 3; i++)
+    for (int k = 0; k < 4; k++)
+      rows[i][k] = focal[i] * then_from_now[4 * i + k] + centre[i] * then_from_now[8 + k];
+  for (int i = 0; i < 3; i++) {
+    const double x = rows[i][0] / now->fx, y = rows[i][1] / now->fy;
+    c.at[3 * i] = (float)x;
+    c.at[3 * i + 1] = (float)y;
+    c.at[3 * i + 2] = (float)(rows[i][2] - x * now->cx - y * now->cy);
+    c.shift[i] = (float)rows[i][3];
+  }
+  return c;
+}
+
+/* The pose at the moment of the frame's part p: that of the k-th part with its Gaussians, where p is the k-th in the
+ * frame; its own where there is none. */
+static const double *pose_then(const pags_frame *f, const pags_moment *moment, int p) {
+  int before = 0;
+  for (int k = 0; k < p; k++)
+    before += f->parts[k].gaussians == f->parts[p].gaussians;
+  for (int k = 0; k < moment->part_count; k++)
+    if (moment->parts[k].gaussians == f->parts[p].gaussians && before-- == 0)
+      return moment->parts[k].world_from_model;
+  return f->parts[p].world_from_model;
+}
+
+static void fill_carriers(const pags_frame *f, const pags_moment *moment, carrier *out) {
+  if (!moment) {
+    for (int p = 0; p <= f->part_count; p++)
+      out[p] = (carrier){.still = true};
+    return;
+  }
+  double now[12], then[12], then_from_world[12];
+  memcpy(now, f->camera.world_from_camera, sizeof now);
+  memcpy(then, moment->camera.world_from_camera, sizeof then);
+  for (int k = 0; k < 3; k++) {
+    now[4 * k + 3] -= f->options.origin[k];
+    then[4 * k + 3] -= f->options.origin[k];
+  }
+  pags_rigid_inverse(then, then_from_world);
+  const pags_camera *const a = &f->camera, *const b = &moment->camera;
+  const bool rests =
+      a->fx == b->fx && a->fy == b->fy && a->cx == b->cx && a->cy == b->cy && memcmp(now, then, sizeof now) == 0;
+  for (int p = 0; p < f->part_count; p++) {
+    const double *const pose = pose_then(f, moment, p), *const own = f->parts[p].world_from_model;
+    double model_from_world[12], carried[12], moved[12];
+    pags_rigid_inverse(own, model_from_world);
+    pags_rigid_multiply(model_from_world, now, carried); /* model from camera */
+    pags_rigid_multiply(pose, carried, moved);           /* world then, from camera */
+    pags_rigid_multiply(then_from_world, moved, carried);
+    out[p] = make_carrier(a, b, carried);
+    out[p].still = rests && memcmp(pose, own, 12 * sizeof *pose) == 0;
+  }
+  double turn[12];
+  pags_rigid_multiply(then_from_world, now, turn);
+  turn[3] = turn[7] = turn[11] = 0.0;
+  out[f->part_count] = make_carrier(a, b, turn);
+  out[f->part_count].still = rests;
+}
+
+/* Adds to x and y the motion from 16 pixels at (px, py) to where a point at 1 / `inverse_depth` lies in the other
+ * picture, times `sign` and the weights; y goes upwards. */
+static void add_motion(const carrier *c, const float px[16], const float py[16], float inverse_depth, float sign,
+                       const float weights[16], float x[16], float y[16]) {
+  if (c->still)
+    return;
+  const float shift[3] = {c->shift[0] * inverse_depth, c->shift[1] * inverse_depth, c->shift[2] * inverse_depth};
+  for (int k = 0; k < 16; k++) {
+    const float bx = c->at[0] * px[k] + c->at[1] * py[k] + c->at[2] + shift[0];
+    const float by = c->at[3] * px[k] + c->at[4] * py[k] + c->at[5] + shift[1];
+    const float bz = c->at[6] * px[k] + c->at[7] * py[k] + c->at[8] + shift[2];
+    const bool ahead = bz > 1e-6f;
+    const float w = ahead ? sign * weights[k] : 0.0f, scale = 1.0f / (ahead ? bz : 1.0f);
+    x[k] += w * (bx * scale - px[k]);
+    y[k] -= w * (by * scale - py[k]);
+  }
+}
+
+/* ---- One tile ---- */
+
+static void block_centres(int x0, int y0, int block, float px[16], float py[16]) {
+  for (int k = 0; k < 16; k++) {
+    px[k] = (float)(x0 + 4 * (block & 3) + (k & 3)) + 0.5f;
+    py[k] = (float)(y0 + 4 * (block >> 2) + (k >> 2)) + 0.5f;
+  }
+}
+
+/* The plane of the sums of a name in this tile. */
+static float *sums_of(pass_scratch *s, int m, int32_t name) {
+  if (s->matte[m].slot[name] < 0) {
+    s->matte[m].slot[name] = s->matte[m].used_count;
+    memset(s->matte[m].sums + (int64_t)s->matte[m].used_count * PIXELS, 0, PIXELS * sizeof(float));
+    s->matte[m].used[s->matte[m].used_count++] = name;
+  }
+  return s->matte[m].sums + (int64_t)s->matte[m].slot[name] * PIXELS;
+}
+
+/* Adds what one entry of the list, with weights[PIXELS], is worth. */
+static void add_entry(const pass_context *c, pass_scratch *s, const float *weights, unsigned blended, uint32_t splat,
+                      int x0, int y0) {
+  const int32_t part = c->part_of[splat / 16];
+  const float z = c->frame->splats[splat].z;
+  float *sums[2] = {NULL, NULL};
+  for (int m = 0; m < 2; m++)
+    if (c->request->matte[m] && blended && c->request->matte[m]->name_of_part[part] >= 0)
+      sums[m] = sums_of(s, m, c->request->matte[m]->name_of_part[part]);
+  for (; blended; blended &= blended - 1) {
+    const int b = __builtin_ctz(blended), at = 16 * b;
+    const float *const w = weights + at;
+    for (int m = 0; m < 2; m++)
+      for (int k = 0; k < 16 && sums[m]; k++)
+        sums[m][at + k] += w[k];
+    if (c->normals)
+      for (int k = 0; k < 16; k++) {
+        s->weight[at + k] += w[k];
+        for (int axis = 0; axis < 3; axis++)
+          s->normal[axis][at + k] += w[k] * c->normals[3 * (int64_t)splat + axis];
+      }
+    if (c->carriers[0]) {
+      float px[16], py[16];
+      block_centres(x0, y0, b, px, py);
+      add_motion(c->carriers[0] + part, px, py, 1.0f / z, 1.0f, w, s->motion[0] + at, s->motion[1] + at);
+      add_motion(c->carriers[1] + part, px, py, 1.0f / z, -1.0f, w, s->motion[2] + at, s->motion[3] + at);
+    }
+  }
+}
+
+/* Writes a tile's plane of sums, which is in the order of blocks, to the picture's plane at the tile's first pixel. */
+static void put_plane(const float *sums, float *plane, int64_t stride) {
+  for (int i = 0; i < PIXELS; i++)
+    plane[(4 * (i >> 6) + (i >> 2 & 3)) * stride + 4 * (i >> 4 & 3) + (i & 3)] = sums[i];
+}
+
+/* Finds the largest sums of each pixel and writes values and sums to the matte's planes. Names are looked at in
+ * ascending order, so that the smaller of two with equal sums comes first. */
+static void put_matte(const pass_context *c, pass_scratch *s, int m, int64_t at) {
+  const int32_t count = s->matte[m].used_count;
+  int32_t *const used = s->matte[m].used;
+  for (int32_t i = 1; i < count; i++) { /* sorted by insertion: a tile shows few names */
+    const int32_t name = used[i];
+    int32_t k = i;
+    for (; k > 0 && used[k - 1] > name; k--)
+      used[k] = used[k - 1];
+    used[k] = name;
+  }
+  float best[PAGS_MATTE_PLANES][PIXELS];
+  memset(best, 0, sizeof best);
+  for (int32_t i = 0; i < count; i++) {
+    const float *const sums = s->matte[m].sums + (int64_t)s->matte[m].slot[used[i]] * PIXELS;
+    for (int p = 0; p < PIXELS; p++) {
+      int rank = PAGS_MATTE_RANKS;
+      while (rank > 0 && sums[p] > best[2 * rank - 1][p])
+        rank--;
+      if (rank == PAGS_MATTE_RANKS)
+        continue;
+      for (int k = PAGS_MATTE_RANKS - 1; k > rank; k--) {
+        best[2 * k][p] = best[2 * k - 2][p];
+        best[2 * k + 1][p] = best[2 * k - 1][p];
+      }
+      best[2 * rank][p] = c->request->matte[m]->values[used[i]];
+      best[2 * rank + 1][p] = sums[p];
+    }
+  }
+  for (int k = 0; k < PAGS_MATTE_PLANES; k++)
+    put_plane(best[k], c->planes[m * PAGS_MATTE_PLANES + k] + at, c->frame->stride);
+  for (int32_t i = 0; i < count; i++)
+    s->matte[m].slot[used[i]] = -1;
+  s->matte[m].used_count = 0;
+}
+
+/* Adds the motion of what is infinitely far, by the transmittance that is left. */
+static void add_far_motion(const pass_context *c, pass_scratch *s, int x0, int y0) {
+  const pags_frame *const f = c->frame;
+  const float *const left = frame_plane(f, PLANE_T) + (int64_t)y0 * f->stride + x0;
+  for (int b = 0; b < PAGS_TILE_BLOCKS; b++) {
+    float px[16], py[16], w[16];
+    block_centres(x0, y0, b, px, py);
+    for (int k = 0; k < 16; k++)
+      w[k] = left[(int64_t)(4 * (b >> 2) + (k >> 2)) * f->stride + 4 * (b & 3) + (k & 3)];
+    for (int side = 0; side < 2; side++)
+      add_motion(c->carriers[side] + f->part_count, px, py, 0.0f, side ? -1.0f : 1.0f, w, s->motion[2 * side] + 16 * b,
+                 s->motion[2 * side + 1] + 16 * b);
+  }
+}
+
+static void pass_tile(const pass_context *c, int64_t tile, pass_scratch *s) {
+  const pags_frame *const f = c->frame;
+  const int x0 = frame_tile_x(f, tile), y0 = frame_tile_y(f, tile);
+  const int64_t start = f->tile_start[tile], end = f->tile_start[tile + 1], at = frame_tile_offset(f, tile);
+  memset(s->normal, 0, sizeof s->normal);
+  memset(s->weight, 0, sizeof s->weight);
+  memset(s->motion, 0, sizeof s->motion);
+  for (int64_t i = start; i < end; i += RUN) {
+    const int64_t count = end - i < RUN ? end - i : RUN;
+    const pags_raster_weights in = {.splats = f->splats,
+                                    .entries = f->entries + i,
+                                    .block_masks = f->block_masks + i,
+                                    .count = count,
+                                    .x0 = x0,
+                                    .y0 = y0,
+                                    .width = f->camera.width,
+                                    .height = f->camera.height,
+                                    .exp_degree = f->options.exp_degree,
+                                    .first = i == start,
+                                    .transmittance = s->transmittance,
+                                    .weights = s->weights,
+                                    .blended = s->blended};
+    f->kernels->raster_weights(&in);
+    for (int64_t k = 0; k < count; k++)
+      add_entry(c, s, s->weights + k * PIXELS, s->blended[k], f->entries[i + k].splat, x0, y0);
+  }
+  for (int m = 0; m < 2; m++)
+    if (c->request->matte[m])
+      put_matte(c, s, m, at);
+  for (int axis = 0; axis < 3 && c->normals; axis++) {
+    for (int i = 0; i < PIXELS; i++)
+      s->normal[axis][i] = s->weight[i] > 0.0f ? s->normal[axis][i] / s->weight[i] : 0.0f;
+    put_plane(s->normal[axis], c->planes[NORMAL_PLANE + axis] + at, f->stride);
+  }
+  if (c->carriers[0])
+    add_far_motion(c, s, x0, y0);
+  for (int k = 0; k < MOTIONS && c->carriers[0]; k++)
+    put_plane(s->motion[k], c->planes[MOTION_PLANE + k] + at, f->stride);
+}
+
+static void pass_tiles(void *context, int64_t begin, int64_t end, int worker) {
+  const pass_context *const c = context;
+  for (int64_t tile = begin; tile < end; tile++)
+    pass_tile(c, tile, c->scratch + worker);
+}
+
+/* ---- Memory ---- */
+
+static pags_result reserve_mattes(pass_context *c, int workers) {
+  for (int m = 0; m < 2; m++) {
+    const int64_t names = c->request->matte[m] ? c->request->matte[m]->name_count : 0;
+    for (int w = 0; w < workers; w++) {
+      pass_scratch *const s = c->scratch + w;
+      s->matte[m].used_count = 0;
+      if (names == 0)
+        continue;
+      s->matte[m].slot = pags_frame_alloc(c->frame, names, sizeof *s->matte[m].slot, "names of a tile");
+      s->matte[m].used = pags_frame_alloc(c->frame, names, sizeof *s->matte[m].used, "names of a tile");
+      s->matte[m].sums = pags_frame_alloc(c->frame, names * PIXELS, sizeof *s->matte[m].sums, "names of a tile");
+      if (!s->matte[m].slot || !s->matte[m].used || !s->matte[m].sums)
+        return PAGS_ERROR_MEMORY;
+      memset(s->matte[m].slot, 0xFF, (size_t)names * sizeof *s->matte[m].slot); /* -1 */
+    }
+  }
+  return PAGS_OK;
+}
+
+static pags_result reserve(pass_context *c, int32_t **part_of) {
+  pags_frame *const f = c->frame;
+  const int workers = pags_tasks_workers(f->tasks);
+  const bool motion = c->request->motion != 0;
+  c->scratch = pags_frame_alloc(f, workers, sizeof *c->scratch, "pass sums");
+  *part_of = pags_frame_alloc(f, f->dense_count / 16, sizeof **part_of, "parts of what is drawn");
+  c->normals =
+      c->request->normal ? pags_frame_alloc(f, 3 * f->dense_count, sizeof *c->normals, "normals of Gaussians") : NULL;
+  for (int side = 0; side < 2; side++)
+    c->carriers[side] = motion ? pags_frame_alloc(f, f->part_count + 1, sizeof *c->carriers[side], "motions") : NULL;
+  if (!c->scratch || !*part_of || (c->request->normal && !c->normals) ||
+      (motion && (!c->carriers[0] || !c->carriers[1])))
+    return PAGS_ERROR_MEMORY;
+  for (int k = 0; k < MOTION_PLANE + MOTIONS; k++) {
+    const bool wanted = k < NORMAL_PLANE   ? c->request->matte[k / PAGS_MATTE_PLANES] != NULL
+                        : k < MOTION_PLANE ? c->request->normal != 0
+                                           : motion;
+    c->planes[k] = wanted ? pags_frame_alloc(f, f->plane_size, sizeof *c->planes[k], "planes of passes") : NULL;
+    if (wanted && !c->planes[k])
+      return PAGS_ERROR_MEMORY;
+  }
+  return reserve_mattes(c, workers);
+}
+
+pags_result pags_frame_passes(pags_frame *frame, const pags_pass_request *request, pags_passes *out) {
+  assert(frame->rendered && frame->options.keep_for_passes);
+  pass_context c = {.frame = frame, .request = request};
+  int32_t *part_of;
+  memset(out, 0, sizeof *out);
+  PAGS_TRY(reserve(&c, &part_of));
+  for (int64_t i = 0; i < frame->cluster_count; i++)
+    for (int64_t k = 0; k < frame->clusters[i].count; k += 16)
+      part_of[(frame->clusters[i].base + k) / 16] = frame->clusters[i].part;
+  c.part_of = part_of;
+  if (c.normals)
+    PAGS_TRY(pags_frame_for(frame, frame->cluster_count, 8, find_normals, &c));
+  if (c.carriers[0]) {
+    fill_carriers(frame, request->before, c.carriers[0]);
+    fill_carriers(frame, request->after, c.carriers[1]);
+  }
+  PAGS_TRY(pags_frame_for(frame, (int64_t)frame->tiles_x * frame->tiles_y, 1, pass_tiles, &c));
+  for (int k = 0; k < PAGS_MATTE_PLANES; k++)
+    for (int m = 0; m < 2; m++)
+      out->matte[m][k] = c.planes[m * PAGS_MATTE_PLANES + k];
+  for (int k = 0; k < 3; k++)
+    out->normal[k] = c.planes[NORMAL_PLANE + k];
+  for (int k = 0; k < MOTIONS; k++)
+    out->motion[k] = c.planes[MOTION_PLANE + k];
+  return PAGS_OK;
+}
