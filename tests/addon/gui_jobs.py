@@ -223,15 +223,18 @@ def story():
 
 
 def proxies():
-    """Cancelled while the program runs; then to the end, with its progress in the header."""
+    """Cancelled while a program runs that would take minutes, its progress in the header; then to the end."""
     if program.lacking(bpy.context):
         print("skipped: proxies:", program.lacking(bpy.context))
         return
-    before = len(bpy.data.objects)
-    with in_view():
+    before, run = len(bpy.data.objects), program.run
+    program.run = lambda job, *_: run(job, "/bin/sh", "-c", "echo 'background: 40 %, 5 min left'; exec sleep 300")
+    with in_view():  # left before each yield: Blender must not go on with a context of Python's while threads run
         bpy.ops.pags.import_proxies("INVOKE_DEFAULT")
-        yield from until(lambda: jobs.current is None or (jobs.current.end_other is not None and jobs.current.fraction > 0))
-        shoot("job")
+    yield from until(lambda: jobs.current is None or jobs.current.line() == "Import proxies: background, 40 %")
+    assert jobs.current is not None, notices
+    shoot("job")
+    with in_view():
         try:
             bpy.ops.pags.import_proxies("INVOKE_DEFAULT")
             raise AssertionError("two jobs at a time")
@@ -239,6 +242,7 @@ def proxies():
             assert "under way" in str(error), error
         bpy.ops.pags.cancel_job()
     yield from finished("proxies, cancelled")
+    program.run = run
     assert "Import proxies: cancelled" in notices and len(bpy.data.objects) == before, notices
     with in_view():
         bpy.ops.pags.import_proxies("INVOKE_DEFAULT", level="box")
