@@ -222,15 +222,8 @@ void pags_adam_begin(pags_adam *adam, int64_t step) {
 
 /* The rates of pags_schedule_rates at entry k of the tables. */
 static void group_rates(const pags_adam *adam, int64_t k, double rates[GROUPS]) {
-  const pags_train_config *c = config_of(adam);
-  const double fall = adam->fall[k];
   rates[PAGS_RATE_POSITION] = adam->position_rate[k];
-  rates[PAGS_RATE_SCALE] = fall * c->optimiser.scale_rate;
-  rates[PAGS_RATE_ROTATION] = fall * c->optimiser.rotation_rate;
-  rates[PAGS_RATE_OPACITY] = fall * c->optimiser.opacity_rate;
-  rates[PAGS_RATE_SH_DC] = fall * c->optimiser.sh_dc_rate;
-  rates[PAGS_RATE_SH_REST] = fall * c->optimiser.sh_rest_rate;
-  rates[PAGS_RATE_FOURIER] = fall * c->optimiser.sh_dc_rate;
+  pags_schedule_falling_rates(config_of(adam), adam->fall[k], rates);
 }
 
 /* Applies the pending steps k0 .. k0 + count - 1 to a cluster whose last gradient came at step `last`. */

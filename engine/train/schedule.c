@@ -79,6 +79,15 @@ double pags_schedule_fall(const pags_schedule *s, int64_t step) {
   return pags_exp((t < 1 ? (t - from) / (1 - from) : 1) * pags_log(s->config.optimiser.rate_fall));
 }
 
+void pags_schedule_falling_rates(const pags_train_config *c, double fall, double rates[PAGS_RATE_GROUPS]) {
+  rates[PAGS_RATE_SCALE] = fall * c->optimiser.scale_rate;
+  rates[PAGS_RATE_ROTATION] = fall * c->optimiser.rotation_rate;
+  rates[PAGS_RATE_OPACITY] = fall * c->optimiser.opacity_rate;
+  rates[PAGS_RATE_SH_DC] = fall * c->optimiser.sh_dc_rate;
+  rates[PAGS_RATE_SH_REST] = fall * c->optimiser.sh_rest_rate;
+  rates[PAGS_RATE_FOURIER] = fall * c->optimiser.sh_dc_rate;
+}
+
 void pags_schedule_rates(const pags_schedule *s, int64_t step, double rates[PAGS_RATE_GROUPS]) {
   const pags_train_config *c = &s->config;
   double t = (double)step / (double)s->length;
@@ -88,13 +97,7 @@ void pags_schedule_rates(const pags_schedule *s, int64_t step, double rates[PAGS
                         : pags_exp((1.0 - t) * pags_log(c->optimiser.position_rate_begin) +
                                    t * pags_log(c->optimiser.position_rate_end));
   rates[PAGS_RATE_POSITION] = position * s->extent;
-  const double fall = pags_schedule_fall(s, step);
-  rates[PAGS_RATE_SCALE] = fall * c->optimiser.scale_rate;
-  rates[PAGS_RATE_ROTATION] = fall * c->optimiser.rotation_rate;
-  rates[PAGS_RATE_OPACITY] = fall * c->optimiser.opacity_rate;
-  rates[PAGS_RATE_SH_DC] = fall * c->optimiser.sh_dc_rate;
-  rates[PAGS_RATE_SH_REST] = fall * c->optimiser.sh_rest_rate;
-  rates[PAGS_RATE_FOURIER] = fall * c->optimiser.sh_dc_rate;
+  pags_schedule_falling_rates(c, pags_schedule_fall(s, step), rates);
 }
 
 int pags_schedule_sh_degree(const pags_schedule *s, int64_t step) {

@@ -62,6 +62,8 @@ pags_schedule pags_schedule_make(const pags_train_config *config, double extent,
 
 /* The share of themselves that all rates but those of positions have fallen to at a step: 1 to rate_fall. */
 double pags_schedule_fall(const pags_schedule *schedule, int64_t step);
+/* The rates of all groups but that of positions, fallen to the share `fall`. */
+void pags_schedule_falling_rates(const pags_train_config *config, double fall, double rates[PAGS_RATE_GROUPS]);
 /* Learning rates of a step; that of positions is in metres. */
 void pags_schedule_rates(const pags_schedule *schedule, int64_t step, double rates[PAGS_RATE_GROUPS]);
 int pags_schedule_sh_degree(const pags_schedule *schedule, int64_t step);
