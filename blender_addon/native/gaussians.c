@@ -242,8 +242,6 @@ PyObject *native_scene_arrays(PyObject *self, PyObject *unused) {
   return dict;
 }
 
-/* A Gaussian's normal is the direction of its shortest axis, as of the flat ones that surfaces are made of (2DGS, Huang
- * et al. 2024). */
 PyObject *native_scene_normals(PyObject *self, PyObject *unused) {
   pags_gaussians g;
   (void)unused;
@@ -251,16 +249,10 @@ PyObject *native_scene_normals(PyObject *self, PyObject *unused) {
     return NULL;
   float *normals = malloc((size_t)g.count * 3 * sizeof *normals + 1);
   for (int64_t i = 0; normals && i < g.count; i++) {
-    double q[4], r[9];
-    int shortest = 0;
-    for (int k = 1; k < 3; k++)
-      if (pags_plane(&g, PAGS_SCALE + k)[i] < pags_plane(&g, PAGS_SCALE + shortest)[i])
-        shortest = k;
-    for (int k = 0; k < 4; k++)
-      q[k] = (double)pags_plane(&g, PAGS_ROTATION + k)[i];
-    pags_rotation_from_quaternion(q, r);
+    double normal[3];
+    pags_gaussian_normal(g.data, g.stride, i, normal);
     for (int k = 0; k < 3; k++)
-      normals[3 * i + k] = (float)r[3 * k + shortest];
+      normals[3 * i + k] = (float)normal[k];
   }
   const Py_ssize_t shape[2] = {(Py_ssize_t)g.count, 3};
   pags_gaussians_destroy(&g);

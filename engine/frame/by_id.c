@@ -9,10 +9,6 @@
 #include "base/memory.h"
 #include "frame/stages.h"
 
-static int32_t id_of(const pags_part *part, int64_t row) {
-  return part->id ? part->id[row] : part->first_id + (int32_t)row;
-}
-
 static int64_t cluster_rows(const pags_part *part, int64_t cluster) {
   const int64_t rest = part->gaussians->count - cluster * part->clusters->size;
   return rest < part->clusters->size ? rest : part->clusters->size;
@@ -52,7 +48,7 @@ static void copy_part(const pags_part *part, pags_gaussians *out) {
     const float *const places = pags_frame_geometry(part, &cluster, &geometry, &geometry_stride);
     const float *const shades = pags_frame_colours(part, &cluster, g->sh_degree, &colours, &colour_stride);
     for (int64_t i = 0; i < cluster_rows(part, c); i++) {
-      const int64_t row = cluster.first + i, id = id_of(part, row);
+      const int64_t row = cluster.first + i, id = part_id(part, row);
       for (int p = 0; p < PAGS_SH; p++)
         pags_plane(out, p)[id] = places[p * geometry_stride + i];
       for (int p = PAGS_SH; p < pags_plane_count(g->sh_degree); p++)
@@ -116,7 +112,7 @@ static void receive(void *user, const pags_cluster_gradient *g, int worker) {
   const receiver *r = user;
   (void)worker;
   for (int i = 0; i < g->count; i++) {
-    const int64_t id = id_of(&r->parts[g->part], g->first + i);
+    const int64_t id = part_id(&r->parts[g->part], g->first + i);
     for (int p = 0; p < g->planes; p++)
       pags_plane(r->out, p)[id] = g->data[(int64_t)p * g->stride + i];
   }

@@ -46,21 +46,13 @@ enum { NORMAL_PLANE = 2 * PAGS_MATTE_PLANES, MOTION_PLANE = NORMAL_PLANE + 3 };
 
 /* ---- Normals of Gaussians ---- */
 
-/* The unit vector along the shortest axis of row `i`, in world axes, facing the camera. */
+/* The normal of row `i` in world axes, facing the camera. */
 static void normal_of(const pags_part *part, const pags_projection *view, const float *rows, int64_t stride, int i,
                       float out[3]) {
-  double q[4], r[9], n[3], away = 0.0;
-  int shortest = 0;
-  for (int k = 1; k < 3; k++)
-    if (rows[(PAGS_SCALE + k) * stride + i] < rows[(PAGS_SCALE + shortest) * stride + i])
-      shortest = k;
-  for (int k = 0; k < 4; k++)
-    q[k] = (double)rows[(PAGS_ROTATION + k) * stride + i];
-  pags_rotation_from_quaternion(q, r);
-  for (int k = 0; k < 3; k++) {
-    n[k] = r[3 * k + shortest];
+  double n[3], away = 0.0;
+  pags_gaussian_normal(rows, stride, i, n);
+  for (int k = 0; k < 3; k++)
     away += n[k] * ((double)rows[(PAGS_MEAN + k) * stride + i] - (double)view->eye[k]);
-  }
   const double side = away > 0.0 ? -1.0 : 1.0, *const m = part->world_from_model;
   for (int k = 0; k < 3; k++)
     out[k] = (float)(side * (m[4 * k] * n[0] + m[4 * k + 1] * n[1] + m[4 * k + 2] * n[2]));

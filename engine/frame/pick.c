@@ -16,6 +16,7 @@
 
 #include "base/memory.h"
 #include "base/sort.h"
+#include "frame/stages.h"
 #include "maths/maths.h"
 #include "scene/packed_rows.h"
 
@@ -239,8 +240,7 @@ static pags_result walk(picking *self, const double origin[3], const double dire
       pags_result result = reserve(&list, self->meeting_count, &self->meeting_capacity, sizeof *self->meetings);
       self->meetings = list;
       PAGS_TRY(result);
-      self->meetings[self->meeting_count++] =
-          (meeting){t, alpha, row, part->id ? part->id[row] : part->first_id + (int32_t)row, self->entries[i].part};
+      self->meetings[self->meeting_count++] = (meeting){t, alpha, row, part_id(part, row), self->entries[i].part};
     }
   }
   *found = settle(self, HUGE_VAL, blocked);

@@ -6,10 +6,6 @@
 
 #include "frame/stages.h"
 
-static int32_t splat_id(const pags_part *part, int64_t row) {
-  return part->id ? part->id[row] : part->first_id + (int32_t)row;
-}
-
 /* 2^x with a relative error of a third of a per cent, for -100 < x < 100. That is precise enough to decide which
  * Gaussians rest_cut removes. */
 static float exp2_about(float x) {
@@ -50,7 +46,7 @@ void pags_frame_project_cluster(const pags_frame *frame, const view_cluster *c, 
     cut_rest(frame, c, splats, keys);
   for (int k = 0; k < c->count; k++)
     if (keys[k] != UINT32_MAX)
-      splats[k].id = splat_id(part, c->first + k);
+      splats[k].id = part_id(part, c->first + k);
   if (frame->options.order ==
       PAGS_ORDER_PAPER) /* the sign bit, unused since z > 0, sorts the others behind critical ones */
     for (int k = 0; k < c->count; k++)

@@ -21,6 +21,10 @@ typedef struct view_cluster {
   int64_t cluster, first, base;
 } view_cluster;
 
+static inline int32_t part_id(const pags_part *part, int64_t row) {
+  return part->id ? part->id[row] : part->first_id + (int32_t)row;
+}
+
 /* Bounds of a cluster's drawn members that are known from the cluster's box alone, without reading the members. */
 typedef struct cluster_bound {
   float near;       /* lower bound of the members' camera z as the projection kernel rounds it; metres, >= 0 */

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The set of Gaussians (pags/gaussians.h): allocation and growth, copying of chosen rows, the Fourier series of a
  * colour that changes over time, and the search for rows that cannot be drawn. */
+#include <pags/camera.h>
 #include <pags/gaussians.h>
 
 #include <assert.h>
@@ -116,6 +117,20 @@ void pags_fourier_basis(double u, double basis[5]) {
   basis[2] = pags_cos(turn * u);
   basis[3] = pags_sin(2 * turn * u);
   basis[4] = pags_cos(2 * turn * u);
+}
+
+void pags_gaussian_normal(const float *planes, int64_t stride, int64_t row, double normal[3]) {
+  const float *const at = planes + row;
+  double q[4], r[9];
+  int shortest = 0;
+  for (int k = 1; k < 3; k++)
+    if (at[(PAGS_SCALE + k) * stride] < at[(PAGS_SCALE + shortest) * stride])
+      shortest = k;
+  for (int k = 0; k < 4; k++)
+    q[k] = (double)at[(PAGS_ROTATION + k) * stride];
+  pags_rotation_from_quaternion(q, r);
+  for (int k = 0; k < 3; k++)
+    normal[k] = r[3 * k + shortest];
 }
 
 int pags_gaussians_row_degree(const pags_gaussians *g, int64_t row) {

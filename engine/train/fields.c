@@ -153,9 +153,9 @@ const pags_train_field pags_fields[] = {
     PRESET(density, densify_until, 9500, 9500, 15000, 15000, "", 0, MOST_STEPS, STEPS, "densify before this step"),
     NUMBER(density, densify_every, 100, 1, MOST_STEPS, STEPS,
            "densify so often, but at most once in a pass over the training views and in densify_apart steps"),
-    PRESET(density, densify_apart, 125, 125, 1, 1, "", 1, MOST_STEPS, "steps",
-           "let so many steps pass at least from one densify to the next, in runs of under 5000 steps a 45th of the "
-           "schedule"),
+    PRESET(
+        density, densify_apart, 125, 125, 1, 1, "", 1, MOST_STEPS, "steps",
+        "let so many steps pass at least from one densify to the next, or a 40th of the schedule where that is less"),
     PRESET(density, densify_gradient, 0.0003, 0.0003, 0.0002, 0.0002, "", 0, 1e6, "NDC",
            "clone or split a Gaussian whose mean screen gradient is larger"),
     SWITCH(density, absgrad, 0, "densify by absolute per-pixel gradients (Ye et al. 2024)"),

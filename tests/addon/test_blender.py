@@ -320,16 +320,7 @@ class Final(BlenderCase):
         layer.use_pass_z = layer.use_pass_object_index = True
         self.scene.pags.use_pass_heat = True
         self.part(1).pass_index = 42
-        settings = self.scene.render.image_settings
-        if hasattr(settings, "media_type"):
-            settings.media_type = "MULTI_LAYER_IMAGE"
-        settings.file_format = "OPEN_EXR_MULTILAYER"
-        settings.color_depth = "32"
-        if hasattr(settings, "exr_codec"):
-            settings.exr_codec = "NONE"
-        self.scene.render.filepath = self.path("passes.exr")
-        bpy.ops.render.render(write_still=True)
-        values = exr_values(fixtures.read(self.path("passes.exr")), 50, 50)
+        values = exr_values(self.render_exr("passes.exr"), 50, 50)
         short = {".".join(name.split(".")[-2:]): value for name, value in values.items()}
         for name in ("Combined.R", "Depth.Z", "IndexOB.X", "PriorityHeat.R"):
             self.assertIn(name, short)

@@ -64,6 +64,11 @@ static inline float *pags_plane(const pags_gaussians *g, int plane) {
   return g->data + (int64_t)plane * g->stride;
 }
 
+/* Computes the normal of a Gaussian: the unit vector along its shortest axis, the first of equal ones; which way round
+ * is left open, as of the flat Gaussians that surfaces are made of (2DGS, Huang et al. 2024). The parameter of plane p
+ * lies at planes[p * stride + row]. */
+PAGS_API void pags_gaussian_normal(const float *planes, int64_t stride, int64_t row, double normal[3]);
+
 /* Returns the lowest SH degree that represents the colour of a row exactly: all its terms of higher degrees are
  * 0. */
 PAGS_API int pags_gaussians_row_degree(const pags_gaussians *g, int64_t row);
