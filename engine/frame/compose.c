@@ -493,9 +493,9 @@ static pags_result reserve_placed(pags_composition *c, const pags_placement *pla
 static void place_at(const pags_composition *c, const group *g, const pags_placement *placement, double out[12]) {
   double there[12], rest[12], back[12];
   memcpy(there, placement->world_from_object, sizeof there);
-  pags_rigid_check(there, "placement");
+  pags_affine_check(there, "placement");
   for (int k = 0; k < 3; k++)
-    for (int j = 0; placement->object < 0 && j < 3; j++) /* the background's p becomes R (p + origin) + t - origin */
+    for (int j = 0; placement->object < 0 && j < 3; j++) /* the background's p becomes A (p + origin) + t - origin */
       there[4 * k + 3] += there[4 * k + j] * c->scene.origin[j];
   for (int k = 0; k < 3; k++)
     there[4 * k + 3] -= c->scene.origin[k];
@@ -516,7 +516,7 @@ pags_result pags_compose_placed(pags_composition *composition, double time, cons
   *parts = NULL;
   *part_count = 0;
 
-  /* Each placement must name an object of the scene, or -1, and hold a rigid motion. */
+  /* Each placement must name an object of the scene, or -1, and hold a pose that can be inverted. */
   for (int64_t i = 0; i < count; i++) {
     double pose[12];
     char what[64];
@@ -526,7 +526,7 @@ pags_result pags_compose_placed(pags_composition *composition, double time, cons
                        (long long)c->scene.object_count, (long long)placements[i].object);
     snprintf(what, sizeof what, "placement %lld", (long long)i);
     memcpy(pose, placements[i].world_from_object, sizeof pose);
-    PAGS_TRY(pags_rigid_check(pose, what));
+    PAGS_TRY(pags_affine_check(pose, what));
   }
 
   PAGS_TRY(reserve_placed(c, placements, count));

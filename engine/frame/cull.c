@@ -6,8 +6,8 @@
  *   mx = fx x/z + cx       within fx [x]/[z] + cx
  *   extent_x = sqrt(reach (J0 W Sigma W' J0' + low_pass)) <= sqrt(reach_max (s^2 (fx/z)^2 (1 + tx^2) + low_pass))
  * with reach_max = log2(255 o)/k for the largest opacity o (1, or the part's largest factor) and |tx| at most its
- * clamp; likewise for y. The row norm of J W is that of J, since W is a rotation. Boxes are padded for the rounding
- * of the float transform. So a cluster that fails the test holds no Gaussian that would pass the kernel's test, and
+ * clamp; likewise for y. The row norm of J W is that of J times the stretch of W, which is 1 where W is a rotation.
+ * Boxes are padded for the rounding of the float transform. So a cluster that fails the test holds no Gaussian that would pass the kernel's test, and
  * the picture does not depend on how the Gaussians are grouped into clusters. */
 #include <math.h>
 #include <string.h>
@@ -23,6 +23,7 @@ typedef struct cull_context {
   const pags_projection *view;
   uint8_t *seen;         /* per cluster: 1 where it is in view */
   cluster_bound *bounds; /* per cluster, set for those in view; NULL: not wanted */
+  float stretch;         /* by which the part's pose lengthens a sigma at most */
   float lim2_x, lim2_y;  /* 1 + tx^2 and 1 + ty^2 at the largest clamp */
   float reach_max;       /* largest squared distance at which alpha reaches 1/255, sigma^2 */
 } cull_context;
@@ -97,8 +98,9 @@ static bool cluster_outside(const cull_context *c, const pags_clusters *k, int64
   *bound = everywhere(v);
   if (!(z0 > 0.0f))
     return false;
-  const interval x = axis_reach(lo[0], hi[0], z0, z1, v->fx, v->cx, k->sigma[i], c->lim2_x, v->low_pass, c->reach_max);
-  const interval y = axis_reach(lo[1], hi[1], z0, z1, v->fy, v->cy, k->sigma[i], c->lim2_y, v->low_pass, c->reach_max);
+  const float sigma = k->sigma[i] * c->stretch;
+  const interval x = axis_reach(lo[0], hi[0], z0, z1, v->fx, v->cx, sigma, c->lim2_x, v->low_pass, c->reach_max);
+  const interval y = axis_reach(lo[1], hi[1], z0, z1, v->fy, v->cy, sigma, c->lim2_y, v->low_pass, c->reach_max);
   if (is_outside(x, v->width) || is_outside(y, v->height))
     return true;
   bound->near = z0;
@@ -190,6 +192,7 @@ pags_result pags_stage_cull(pags_frame *frame, bool bounded) {
                       view,
                       seen,
                       bounds,
+                      (float)pags_affine_stretch(frame->parts[p].world_from_model),
                       largest_square(view->lim_x0, view->lim_x1),
                       largest_square(view->lim_y0, view->lim_y1),
                       largest_reach(frame->parts + p, view)};

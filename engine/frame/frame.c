@@ -54,9 +54,9 @@ static pags_projection make_projection(const pags_camera *camera, const pags_fra
                        .width = (float)camera->width,
                        .height = (float)camera->height,
                        .near_plane = options->near_plane,
-                       .low_pass = options->low_pass,
+                       .low_pass = part->low_pass > 0 ? part->low_pass : options->low_pass,
                        .alpha = alpha_cut_of(part->gaussians),
-                       .antialiased = options->antialiased};
+                       .antialiased = part->antialiased ? part->antialiased > 0 : options->antialiased};
   v.sh_degree = options->sh_degree < part->gaussians->sh_degree ? options->sh_degree : part->gaussians->sh_degree;
   /* The float positions of a part are relative to the scene's origin or, where it follows a track, in the object's
    * frame; world_from_model takes either of them to the world relative to the origin. */
@@ -66,7 +66,7 @@ static pags_projection make_projection(const pags_camera *camera, const pags_fra
     local[4 * k + 3] -= options->origin[k];
   pags_rigid_inverse(local, camera_from_world);
   pags_rigid_multiply(camera_from_world, part->world_from_model, camera_from_model);
-  pags_rigid_inverse(camera_from_model, model_from_camera);
+  pags_affine_inverse(camera_from_model, model_from_camera);
   for (int i = 0; i < 3; i++) {
     for (int k = 0; k < 3; k++)
       v.r[3 * i + k] = (float)camera_from_model[4 * i + k];
@@ -133,12 +133,15 @@ pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int par
   if (!frame->parts || !frame->projections)
     return PAGS_ERROR_MEMORY;
   frame->ids_ascend = true;
+  int64_t next_id = 0;
   for (int p = 0; p < part_count; p++) {
     assert(!parts[p].packed || !options->keep_for_backward);
     frame->parts[p] = parts[p];
     frame->projections[p] = make_projection(camera, options, parts + p);
     frame->stats.gaussians += parts[p].gaussians->count;
-    const bool follows = p == 0 || parts[p].first_id >= parts[p - 1].first_id + parts[p - 1].gaussians->count;
+    const int64_t first = (int64_t)parts[p].id_base + parts[p].first_id;
+    const bool follows = p == 0 || first >= next_id;
+    next_id = first + parts[p].gaussians->count;
     frame->ids_ascend &= !parts[p].id && follows;
   }
   pags_frame_prepare_sky(frame);

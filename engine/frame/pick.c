@@ -136,7 +136,7 @@ static int compare_entries(const void *left, const void *right) {
 static void enter_part(picking *self, int part, const double origin[3], const double direction[3]) {
   double model_from_world[12];
   self->part = part;
-  pags_rigid_inverse(self->parts[part].world_from_model, model_from_world);
+  pags_affine_inverse(self->parts[part].world_from_model, model_from_world);
   const double *m = model_from_world;
   for (int k = 0; k < 3; k++) {
     self->origin[k] = m[4 * k + 3];

@@ -22,7 +22,7 @@ typedef struct view_cluster {
 } view_cluster;
 
 static inline int32_t part_id(const pags_part *part, int64_t row) {
-  return part->id ? part->id[row] : part->first_id + (int32_t)row;
+  return part->id_base + (part->id ? part->id[row] : part->first_id + (int32_t)row);
 }
 
 /* Bounds of a cluster's drawn members that are known from the cluster's box alone, without reading the members. */

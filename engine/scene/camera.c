@@ -151,6 +151,52 @@ pags_result pags_rigid_check(double m[12], const char *what) {
   return PAGS_OK;
 }
 
+/* Largest error of R R^T at which a map counts as a rigid motion in double precision: a product of several has 1e-15. */
+static const double rigid_error = 1e-9;
+
+pags_result pags_affine_check(double m[12], const char *what) {
+  for (int i = 0; i < 12; i++)
+    if (!isfinite(m[i]))
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: the pose is not finite", what);
+  double c[9];
+  const double longest = pags_affine_stretch(m), volume = cofactors(m, c);
+  if (!(fabs(volume) > 1e-9 * longest * longest * longest))
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: the pose flattens what it moves: expected a scale other than 0 in every direction",
+                     what);
+  if (volume > 0 && orthonormal_error(m) <= 2e-5) /* of R R^T: twice that of an entry */
+    make_orthonormal(m);
+  return PAGS_OK;
+}
+
+void pags_affine_inverse(const double m[12], double out[12]) {
+  double c[9], inverse[12];
+  if (orthonormal_error(m) < rigid_error && cofactors(m, c) > 0) {
+    pags_rigid_inverse(m, out);
+    return;
+  }
+  const double volume = cofactors(m, c);
+  for (int i = 0; i < 3; i++) {
+    for (int j = 0; j < 3; j++)
+      inverse[4 * i + j] = c[3 * j + i] / volume;
+    inverse[4 * i + 3] = -(inverse[4 * i] * m[3] + inverse[4 * i + 1] * m[7] + inverse[4 * i + 2] * m[11]);
+  }
+  memcpy(out, inverse, sizeof inverse);
+}
+
+/* The square root of the largest sum of absolute values of a row of A A^T, which bounds its largest eigenvalue (Gershgorin). */
+double pags_affine_stretch(const double m[12]) {
+  double most = 0;
+  if (orthonormal_error(m) < rigid_error)
+    return 1;
+  for (int i = 0; i < 3; i++) {
+    double sum = 0;
+    for (int j = 0; j < 3; j++)
+      sum += fabs(m[4 * i] * m[4 * j] + m[4 * i + 1] * m[4 * j + 1] + m[4 * i + 2] * m[4 * j + 2]);
+    most = fmax(most, sum);
+  }
+  return sqrt(most);
+}
+
 pags_result pags_camera_check(pags_camera *camera, const char *what) {
   if (camera->width < 1 || camera->width > 65535 || camera->height < 1 || camera->height > 65535)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a picture of 1 to 65535 pixels a side, found %d x %d", what,

@@ -231,6 +231,46 @@ static void test_parts_far_from_zero(void **state) {
   reference_part_destroy(&parts[1]);
 }
 
+/* Scaled, stretched and mirrored poses, which bend covariances and the directions of colours, cut into clusters whose
+ * bounds have to follow. */
+static void test_affine_poses(void **state) {
+  (void)state;
+  static const double stretches[3][3] = {{0.4, 0.4, 0.4}, {2, 0.7, 1.3}, {-1.5, 1.5, 1.5}};
+  reference_random random = {12};
+  const pags_camera camera = reference_random_camera(&random, 96, 72);
+  const pags_frame_options options = reference_options();
+  const reference_recipe recipe = reference_recipe_default();
+  reference_part parts[3];
+  for (int p = 0; p < 3; p++) {
+    parts[p] = reference_part_create(200, 3);
+    parts[p].first_id = 200 * p;
+    reference_random_pose(&random, 5, parts[p].world_from_model);
+    for (int64_t i = 0; i < parts[p].count; i++)
+      reference_random_gaussian(&random, &recipe, &camera, &options, &parts[p], i);
+    /* Stretched along the camera's axes, so that most of what was in view stays in view. */
+    const double *const s = stretches[p], stretch[12] = {s[0], 0, 0, 0, 0, s[1], 0, 0, 0, 0, s[2], 0};
+    double local[12], back[12], *const m = parts[p].world_from_model;
+    memcpy(local, camera.world_from_camera, sizeof local);
+    for (int k = 0; k < 3; k++)
+      local[4 * k + 3] -= options.origin[k];
+    pags_rigid_inverse(local, back);
+    pags_rigid_multiply(local, stretch, local);
+    pags_rigid_multiply(local, back, local);
+    pags_rigid_multiply(local, m, m);
+  }
+  const tolerance bent = {4e-5, 1e-4, 0.1}; /* as for parts far from zero: the same rounding of means */
+  check_against_oracle("affine poses", parts, 3, &camera, &options, bent);
+  for (int p = 0; p < 3; p++)
+    reference_part_destroy(&parts[p]);
+
+  /* A Gaussian beside the picture that reaches into it only by its pose: its cluster's sigma has to grow with it. */
+  reference_part beside = single_splat((const double[3]){0.2, 0, 0.25}, 0.1, 0.9, (const double[3]){0.9, 0.4, 0.1});
+  for (int k = 0; k < 3; k++)
+    beside.world_from_model[5 * k] = 8;
+  check_against_oracle("beside", &beside, 1, &plain_camera, &options, bent);
+  reference_part_destroy(&beside);
+}
+
 /* Case 21 of docs/lab/numerics.md: a window of a picture equals the picture of a camera with a shifted principal
  * point. The means stay within the window, as the clamp of the Jacobian depends on the picture's size. */
 static void test_crop(void **state) {
@@ -273,6 +313,7 @@ int main(void) {
       cmocka_unit_test(test_single_splat),
       cmocka_unit_test(test_against_oracle),
       cmocka_unit_test(test_parts_far_from_zero),
+      cmocka_unit_test(test_affine_poses),
       cmocka_unit_test(test_crop),
   };
   return cmocka_run_group_tests(tests, frame_set_up, frame_tear_down);

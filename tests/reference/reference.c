@@ -63,9 +63,16 @@ reference_view reference_view_of(const reference_part *part, const pags_camera *
     offset[k] = m[4 * k + 3] - (c[4 * k + 3] - options->origin[k]);
   for (int row = 0; row < 3; row++) {
     view.translation[row] = view.position[row] = 0;
+    /* A row of the inverse of the pose: the cross product of two of its columns by the determinant. */
+    double inverse[3], determinant = 0;
+    for (int k = 0; k < 3; k++) {
+      const int a = (k + 1) % 3, b = (k + 2) % 3, next = (row + 1) % 3, last = (row + 2) % 3;
+      inverse[k] = m[4 * a + next] * m[4 * b + last] - m[4 * b + next] * m[4 * a + last];
+      determinant += inverse[k] * m[4 * k + row];
+    }
     for (int k = 0; k < 3; k++) {
       view.translation[row] += c[4 * k + row] * offset[k];
-      view.position[row] -= m[4 * k + row] * offset[k];
+      view.position[row] -= inverse[k] / determinant * offset[k];
     }
     for (int column = 0; column < 3; column++) {
       view.rotation[3 * row + column] = 0;

@@ -491,10 +491,53 @@ static void placements_are_drawn_where_they_say(void **state) {
   placements[0].object = 2;
   assert_int_equal(pags_compose_placed(c, 101, placements, 1, &parts, &count), PAGS_ERROR_ARGUMENT);
   placements[0].object = CAR;
-  placements[0].world_from_object[0] = 2;
+  placements[0].world_from_object[0] = 0;
   assert_int_not_equal(pags_compose_placed(c, 101, placements, 1, &parts, &count), PAGS_OK);
   assert_int_equal(count, 0);
   pags_composition_destroy(c);
+}
+
+/* A placement of twice the size and mirrored takes a point of the object's frame, and of the world, where it says. */
+static void placements_scale(void **state) {
+  (void)state;
+  pags_composition *c = compose_scene(make_scene());
+  const double point[3] = {0.5, -1, 2};
+  const pags_part *parts;
+  int count;
+  for (int64_t object = -1; object < 2; object++) {
+    pags_placement placement = {object, {-2, 0, 0, 7, 0, 0, -2, 3, 0, 2, 0, -4}};
+    double rest[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}, in_model[3], found[3];
+    assert_int_equal(pags_compose_placed(c, 101, &placement, 1, &parts, &count), PAGS_OK);
+    assert_int_equal(count, 1);
+    if (object == PARKED) /* its Gaussians lie in the world, at the rest pose */
+      pags_composition_rest_pose(c, PARKED, rest);
+    pags_rigid_point(rest, point, in_model);
+    for (int k = 0; k < 3; k++)
+      in_model[k] -= object == CAR ? 0 : origin[k];
+    pags_rigid_point(parts[0].world_from_model, in_model, found);
+    for (int k = 0; k < 3; k++) {
+      const double *row = placement.world_from_object + 4 * k;
+      const double wanted = row[0] * point[0] + row[1] * point[1] + row[2] * point[2] + row[3];
+      assert_true(fabs(found[k] + origin[k] - wanted) < 1e-9);
+    }
+  }
+  pags_composition_destroy(c);
+}
+
+/* A rotation that is a little off becomes exact; a scale that is a little off one stays. */
+static void nearly_rigid_poses(void **state) {
+  (void)state;
+  double turned[12] = {1 + 4e-6, 0, 0, 1, 0, 1, 0, 2, 0, 0, 1 - 3e-6, 3}, scaled[12] = {1.001, 0, 0, 1, 0, 1.001, 0, 2, 0, 0, 1.001, 3};
+  double flat[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0}, inverse[12], product[12];
+  assert_int_equal(pags_affine_check(turned, "test"), PAGS_OK);
+  assert_true(turned[0] == 1 && turned[10] == 1 && pags_affine_stretch(turned) == 1);
+  assert_int_equal(pags_affine_check(scaled, "test"), PAGS_OK);
+  assert_true(fabs(scaled[0] - 1.001) < 1e-15 && fabs(pags_affine_stretch(scaled) - 1.001) < 1e-12);
+  assert_int_equal(pags_affine_check(flat, "test"), PAGS_ERROR_FORMAT);
+  pags_affine_inverse(scaled, inverse);
+  pags_rigid_multiply(inverse, scaled, product);
+  for (int k = 0; k < 12; k++)
+    assert_true(fabs(product[k] - (k % 5 == 0)) < 1e-12);
 }
 
 int main(void) {
@@ -513,6 +556,8 @@ int main(void) {
       cmocka_unit_test(gradients_come_in_the_order_of_ids),
       cmocka_unit_test(steady_composition_keeps_its_memory),
       cmocka_unit_test(placements_are_drawn_where_they_say),
+      cmocka_unit_test(placements_scale),
+      cmocka_unit_test(nearly_rigid_poses),
   };
   return cmocka_run_group_tests(tests, frame_set_up, frame_tear_down);
 }

@@ -181,6 +181,44 @@ static void test_brute_force(void **state) {
   destroy_world(&w);
 }
 
+/* A part that its pose scales is picked as one whose means and sigmas were scaled before, and ids count from id_base. */
+static void test_scaled_part(void **state) {
+  (void)state;
+  const double scale = 0.4;
+  world w, scaled;
+  int met = 0;
+  make_world(&w);
+  make_world(&scaled);
+  pags_gaussians *g = &w.gaussians[1];
+  for (int64_t i = 0; i < ROWS; i++)
+    for (int k = 0; k < 3; k++) {
+      pags_plane(g, PAGS_MEAN + k)[i] *= (float)scale;
+      pags_plane(g, PAGS_SCALE + k)[i] += (float)log(scale);
+    }
+  pags_clusters_update(&w.clusters[1], g, 0, w.clusters[1].count);
+  for (int k = 0; k < 12; k++)
+    scaled.parts[1].world_from_model[k] *= k % 4 < 3 ? scale : 1;
+  scaled.parts[1].id_base = 100000;
+  for (int n = 0; n < RAYS; n++) {
+    double from[3], along[3];
+    pags_pick_options options = pags_pick_options_default();
+    pags_picked wanted, found;
+    make_ray(n, from, along);
+    memcpy(options.origin, origin, sizeof origin);
+    assert_int_equal(pags_pick(w.parts, PARTS, from, along, &options, &wanted), PAGS_OK);
+    assert_int_equal(pags_pick(scaled.parts, PARTS, from, along, &options, &found), PAGS_OK);
+    assert_int_equal(found.part, wanted.part);
+    if (found.part != 1)
+      continue;
+    met++;
+    assert_int_equal(found.id, wanted.id + 100000);
+    assert_true(fabs(found.depth - wanted.depth) < 1e-5); /* the means were rounded to float once more */
+  }
+  assert_true(met > RAYS / 20);
+  destroy_world(&w);
+  destroy_world(&scaled);
+}
+
 /* Only hits between the options' nearest and farthest distance count. */
 static void test_limits(void **state) {
   (void)state;
@@ -437,7 +475,7 @@ static void test_embree(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_brute_force), cmocka_unit_test(test_limits),   cmocka_unit_test(test_grazing),
+      cmocka_unit_test(test_brute_force), cmocka_unit_test(test_scaled_part), cmocka_unit_test(test_limits),   cmocka_unit_test(test_grazing),
       cmocka_unit_test(test_packed),      cmocka_unit_test(test_bad_rays), cmocka_unit_test(test_objects),
 #ifdef PAGS_EMBREE
       cmocka_unit_test(test_embree),

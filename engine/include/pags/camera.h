@@ -38,11 +38,25 @@ PAGS_API pags_result pags_rigid_check(double m[12], const char *what);
 /* Computes the inverse [R^T | -R^T t] of a rigid motion [R|t]. `out` may be `m`. */
 PAGS_API void pags_rigid_inverse(const double m[12], double out[12]);
 
-/* out = a * b for two 3x4 rigid motions: b is applied first. `out` may be `a` or `b`. */
+/* out = a * b for two 3x4 rigid motions or affine maps: b is applied first. `out` may be `a` or `b`. */
 PAGS_API void pags_rigid_multiply(const double a[12], const double b[12], double out[12]);
 
 /* out = R p + t for the rigid motion m = [R|t]. `out` must not be `p`. */
 PAGS_API void pags_rigid_point(const double m[12], const double p[3], double out[3]);
+
+/* Checks that a 3x4 [A|t], which may turn, scale, stretch and mirror, is finite and that A can be inverted: |det A| is
+ * more than 1e-9 of the cube of its stretch. A rotation that is off by no more than 1e-5, the rounding of floats,
+ * is made exact as pags_rigid_check does. Returns PAGS_ERROR_FORMAT if the check fails; `what` names the pose in the
+ * message. */
+PAGS_API pags_result pags_affine_check(double m[12], const char *what);
+
+/* Computes the inverse of an affine map that has passed pags_affine_check; of a rigid motion, with the bits of
+ * pags_rigid_inverse. `out` may be `m`. */
+PAGS_API void pags_affine_inverse(const double m[12], double out[12]);
+
+/* Returns a factor by which the map lengthens no vector by more: exactly 1 for a rigid motion, s for one that scales by
+ * s, at most 1.7 times the largest stretch for any other. */
+PAGS_API double pags_affine_stretch(const double m[12]);
 
 /* Computes out = [Rz(yaw) Ry(pitch) Rx(roll) | place] from turn = (roll, pitch, yaw) in radians. */
 PAGS_API void pags_rigid_from_angles(const double turn[3], const double place[3], double out[12]);

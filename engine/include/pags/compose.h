@@ -84,8 +84,8 @@ PAGS_API void pags_compose(pags_composition *composition, double time, const pag
 /* One object drawn at a pose that the caller gives. */
 typedef struct pags_placement {
   int64_t object; /* index in the scene's objects; -1: everything that belongs to no object */
-  /* Rigid 3x4 pose of the object's frame, metres, absolute (the origin is not subtracted). For object -1: the
-   * motion applied to the world, the identity for none. */
+  /* 3x4 pose of the object's frame, metres, absolute (the origin is not subtracted); it may scale, stretch and
+   * mirror. For object -1: the motion applied to the world, the identity for none. */
   double world_from_object[12];
 } pags_placement;
 
@@ -96,8 +96,8 @@ typedef struct pags_placement {
  * array *parts belongs to the composition and is valid until its next pags_compose, pags_compose_placed, edit, pack or
  * destroy.
  *
- * PAGS_ERROR_ARGUMENT for an object that the scene doesn't have, PAGS_ERROR_FORMAT for a pose that is no rigid
- * motion (pags_rigid_check), PAGS_ERROR_LIMIT beyond 2^31 - 1 parts, PAGS_ERROR_MEMORY; then *part_count is 0. */
+ * PAGS_ERROR_ARGUMENT for an object that the scene doesn't have, PAGS_ERROR_FORMAT for a pose that can't be inverted
+ * (pags_affine_check), PAGS_ERROR_LIMIT beyond 2^31 - 1 parts, PAGS_ERROR_MEMORY; then *part_count is 0. */
 PAGS_API pags_result pags_compose_placed(pags_composition *composition, double time, const pags_placement *placements,
                                          int64_t count, const pags_part **parts, int *part_count);
 

@@ -42,7 +42,12 @@ typedef struct pags_part {
   const pags_clusters *clusters; /* clusters of these Gaussians */
   const int32_t *id;             /* id of each Gaussian, for the output and for equal depths; NULL: first_id + row */
   int32_t first_id;
-  double world_from_model[12]; /* rigid 3x4 pose, metres, relative to the options' origin */
+  int32_t id_base; /* added to all ids of the part, for frames with the parts of several scenes; 0 otherwise */
+  /* 3x4 pose, metres, relative to the options' origin. It may scale, stretch and mirror, which is exact: the
+   * covariances become A S A', and colours are those of the direction in the model's frame. */
+  double world_from_model[12];
+  float low_pass;  /* px^2, in place of the options' low_pass; 0: the options' */
+  int antialiased; /* 1: on, -1: off, whatever the options say; 0: as they say */
   /* Constant colour terms to use instead of those of the Gaussians: 3 planes of gaussians->stride floats, 64-byte
    * aligned; those of a cluster must be valid once `touch` has returned for it. NULL: the Gaussians' own. */
   const float *dc;
