@@ -54,17 +54,16 @@ static pags_result create_planes(const pags_picture *picture, float *plane[PLANE
 }
 
 static pags_result differentiate(backward *b, pags_frame *frame) {
-  const pags_part *parts;
-  int count;
+  const native_contents *const c = &b->job->contents;
   pags_picture picture;
   float *plane[PLANES];
-  PAGS_TRY(native_job_compose(b->scene, b->job, &parts, &count));
-  for (int p = 0; p < count; p++)
-    if (parts[p].packed)
+  PAGS_TRY(native_contents_compose(b->job, &b->job->contents));
+  for (int p = 0; p < c->part_count; p++)
+    if (c->parts[p].packed)
       return pags_fail(PAGS_ERROR_UNSUPPORTED,
                        "packed Gaussians (.pagsz) have no gradients: expected those of another "
                        "file, or a Scene of this one's arrays");
-  PAGS_TRY(pags_frame_render(frame, parts, count, &b->job->camera, &b->job->options, NULL, NULL, &picture));
+  PAGS_TRY(pags_frame_render(frame, c->parts, c->part_count, &b->job->camera, &b->job->options, NULL, NULL, &picture));
   PAGS_TRY(create_planes(&picture, plane));
   fill_planes(b, &picture, plane);
   const pags_picture_gradient gradient = {.rgb = {plane[0], plane[1], plane[2]},
@@ -81,9 +80,9 @@ static pags_result run(backward *b) {
   pags_frame *frame = NULL;
   pags_result result = tasks ? pags_frame_create(tasks, &frame) : pags_out_of_memory("threads");
   if (result == PAGS_OK) {
-    pthread_mutex_lock(&b->scene->lock);
+    native_job_lock(b->job, true);
     result = differentiate(b, frame);
-    pthread_mutex_unlock(&b->scene->lock);
+    native_job_lock(b->job, false);
   }
   pags_frame_destroy(frame);
   pags_tasks_destroy(tasks);

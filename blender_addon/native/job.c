@@ -8,14 +8,6 @@
 
 #include "port/port.h"
 
-pags_result native_job_compose(native_scene *scene, const native_job *job, const pags_part **parts, int *count) {
-  if (job->placements)
-    return pags_compose_placed(scene->composition, job->camera.time, job->placements, job->placement_count, parts,
-                               count);
-  pags_compose(scene->composition, job->camera.time, parts, count);
-  return PAGS_OK;
-}
-
 /* Call with the renderer's lock held. */
 static void unqueue(native_renderer *r, native_job *job) {
   native_job *before = NULL;
@@ -72,13 +64,11 @@ static void job_dealloc(PyObject *object) {
   Py_BEGIN_ALLOW_THREADS cancel(job);
   wait_for(job, -1);
   Py_END_ALLOW_THREADS native_planes_free(&job->planes);
-  free(job->placements);
-  free(job->object_values);
+  native_contents_free(&job->contents);
   for (int k = 0; k < 2; k++) {
-    free(job->moments[k].placements);
+    native_contents_free(&job->moments[k].contents);
     pags_matte_names_destroy(&job->mattes[k]);
   }
-  Py_XDECREF(job->scene);
   Py_XDECREF(job->renderer);
   ((freefunc)(size_t)PyType_GetSlot(type, Py_tp_free))(object);
   Py_DECREF(type);

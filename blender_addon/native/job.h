@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Renderers, jobs and the arguments of a job: shared by the files that read, queue and render them.
+/* Renderers, jobs, the scenes and the arguments of a job: shared by the files that read, queue and render them.
  *
  * A job belongs to the thread of its renderer from submit until its state is JOB_DONE; what both threads use is guarded
- * by the renderer's lock. A Job object holds references to its Scene and Renderer; its destructor cancels and waits, so
- * that nothing is freed under a running frame. */
+ * by the renderer's lock. A Job object holds references to its Scenes and Renderer; its destructor cancels and waits,
+ * so that nothing is freed under a running frame. */
 #ifndef PAGS_NATIVE_JOB_H
 #define PAGS_NATIVE_JOB_H
 
@@ -25,28 +25,40 @@ typedef struct native_renderer {
   native_job *first, *last, *running;
 } native_renderer;
 
+/* The scenes of a picture, at least one, and their parts. */
+typedef struct native_contents {
+  native_shown *shown;
+  int shown_count;
+  pags_part *parts;
+  int part_count;
+  float **colours; /* of parts whose scene is shown at two times: copies of their constant colour terms */
+  int colour_count;
+} native_contents;
+
+/* Values from Python, or None: what is drawn of the first scene, and the others. */
+typedef struct native_contents_arguments {
+  PyObject *placements, *object_values, *names, *others;
+} native_contents_arguments;
+
 /* What motion refers to on one side. */
 typedef struct native_moment {
   bool known;
   pags_camera camera;
-  pags_placement *placements; /* NULL: the scene's own tracks */
-  int64_t placement_count;
+  native_contents contents;
 } native_moment;
 
 struct native_job {
-  PyObject_HEAD PyObject *scene, *renderer;
+  PyObject_HEAD PyObject *renderer;
   native_job *next;
   job_state state;
   bool cancelled, taken;
   pags_camera camera;
   pags_frame_options options;
   native_layout layout;
-  float *object_values;
-  pags_placement *placements; /* NULL: the scene's own tracks */
-  int64_t placement_count;
+  int antialiased;          /* the argument: -1: each scene as it was trained */
+  native_contents contents; /* what the picture shows */
   native_moment moments[2]; /* before, after, for motion */
-  /* Names of the mattes of objects and classes, where asked for. A label is the index of a placement or, without
-   * placements, of an object, the last one being the background's. */
+  /* Names of the mattes of objects and classes, where asked for, by the labels of the parts. */
   pags_matte_names mattes[2];
   native_planes planes;
   pags_result result;
@@ -56,25 +68,26 @@ struct native_job {
 /* The arguments of submit, render and pick after scene and camera; antialiased -1 and near_plane 0: as the scene says.
  */
 typedef struct native_job_arguments {
-  PyObject *outputs, *placements, *window, *object_values, *background, *exposure, *before, *after, *names;
+  PyObject *outputs, *placements, *others, *window, *object_values, *background, *exposure, *before, *after, *names;
   const char *mode, *early_z;
   int linear, flip, transparent, antialiased, sh_degree, exp_degree;
   double cut, near_plane, depth_empty, depth_scale;
 } native_job_arguments;
 
-#define JOB_ARGUMENT_NAMES                                                                                          \
-  "outputs", "placements", "window", "object_values", "background", "exposure", "before", "after", "names", "mode", \
-      "early_z", "linear", "flip", "transparent", "antialiased", "sh_degree", "exp_degree", "cut", "near_plane",    \
-      "depth_empty", "depth_scale"
+#define JOB_ARGUMENT_NAMES                                                                                            \
+  "outputs", "placements", "others", "window", "object_values", "background", "exposure", "before", "after", "names", \
+      "mode", "early_z", "linear", "flip", "transparent", "antialiased", "sh_degree", "exp_degree", "cut",            \
+      "near_plane", "depth_empty", "depth_scale"
 #define JOB_ARGUMENT_SIGNATURE                                                                                    \
-  "outputs=None, placements=None, window=None, object_values=None, background=None, exposure=None, before=None, " \
+  "outputs=None, placements=None, others=None, window=None, object_values=None, background=None, exposure=None, " \
+  "before=None, "                                                                                                 \
   "after=None, names=None, mode='rgb', early_z='lossless', linear=False, flip=False, transparent=False, "         \
   "antialiased=-1, sh_degree=3, exp_degree=5, cut=0, near_plane=0, depth_empty=0, depth_scale=1"
-#define JOB_ARGUMENT_FORMAT "OOOOOOOOOsspppiiidddd"
-#define JOB_ARGUMENT_TARGETS(w)                                                                                    \
-  &(w).outputs, &(w).placements, &(w).window, &(w).object_values, &(w).background, &(w).exposure, &(w).before,     \
-      &(w).after, &(w).names, &(w).mode, &(w).early_z, &(w).linear, &(w).flip, &(w).transparent, &(w).antialiased, \
-      &(w).sh_degree, &(w).exp_degree, &(w).cut, &(w).near_plane, &(w).depth_empty, &(w).depth_scale
+#define JOB_ARGUMENT_FORMAT "OOOOOOOOOOsspppiiidddd"
+#define JOB_ARGUMENT_TARGETS(w)                                                                                \
+  &(w).outputs, &(w).placements, &(w).others, &(w).window, &(w).object_values, &(w).background, &(w).exposure, \
+      &(w).before, &(w).after, &(w).names, &(w).mode, &(w).early_z, &(w).linear, &(w).flip, &(w).transparent,  \
+      &(w).antialiased, &(w).sh_degree, &(w).exp_degree, &(w).cut, &(w).near_plane, &(w).depth_empty, &(w).depth_scale
 
 native_job_arguments native_default_job_arguments(void);
 /* Whether so many threads can be asked for; else raises. */
@@ -82,16 +95,24 @@ bool native_check_threads(int threads);
 /* A new job with these arguments, not yet queued. On failure raises and returns NULL. */
 PyObject *native_job_new(const native_state *state, PyObject *scene, PyObject *camera, const native_job_arguments *w);
 void native_job_enqueue(native_renderer *renderer, native_job *job);
-/* The parts that a job draws; valid until the scene is composed again. Call with the scene's lock held. */
-pags_result native_job_compose(native_scene *scene, const native_job *job, const pags_part **parts, int *count);
-/* Reads what the passes of a job need, after its outputs and placements. */
-bool native_passes_read(const native_job_arguments *w, native_job *job);
-/* Composes the moments of the job's motion; their parts are copies for the caller to free. To be called before the
- * picture's own parts are composed, with the scene's lock held. */
-pags_result native_passes_moments(native_scene *scene, const native_job *job, pags_moment out[2]);
-/* Computes the passes of the picture that `frame` has drawn of these parts. */
+/* Reads the scene and `others` into `out`, to be freed. Raises and returns false on failure. `time` is that of what has
+ * none of its own. */
+bool native_contents_read(const native_state *state, PyObject *scene, const native_contents_arguments *w, double time,
+                          native_contents *out);
+void native_contents_free(native_contents *contents);
+/* Locks, or unlocks, the job's scenes, in an order in which no two threads wait for each other. */
+void native_job_lock(const native_job *job, bool lock);
+/* Composes the parts of the contents, those of the job's picture or of another moment, for a frame of the job; valid
+ * while the job's scenes stay locked. A part's label is counted on from scene to scene: the index of a placement or,
+ * without placements, of an object, with the background's after them. */
+pags_result native_contents_compose(const native_job *job, native_contents *contents);
+/* Reads what the passes of a job need, after its outputs and contents. */
+bool native_passes_read(const native_state *state, const native_job_arguments *w, native_job *job);
+/* Composes the moments of the job's motion, before the picture's own parts. Call with the job's scenes locked. */
+pags_result native_passes_moments(native_job *job, pags_moment out[2]);
+/* Computes the passes of the picture that `frame` has drawn of the job's parts. */
 pags_result native_passes_draw(const native_job *job, const pags_moment moments[2], pags_frame *frame,
-                               const pags_part *parts, int count, pags_passes *out);
+                               pags_passes *out);
 /* Waits for the job. Returns a new Picture, or raises the job's error. */
 PyObject *native_job_take(const native_state *state, native_job *job);
 #endif

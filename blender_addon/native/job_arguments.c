@@ -66,23 +66,6 @@ static bool read_window(PyObject *value, native_job *job) {
   return true;
 }
 
-static bool read_object_values(PyObject *value, native_job *job) {
-  Py_ssize_t count = (Py_ssize_t)pags_composition_scene(((native_scene *)job->scene)->composition)->object_count;
-  if (value == Py_None)
-    return true;
-  double *numbers = malloc(((size_t)count + 1) * sizeof *numbers);
-  job->object_values = malloc(((size_t)count + 1) * sizeof *job->object_values);
-  bool good = numbers && job->object_values;
-  if (!good)
-    PyErr_NoMemory();
-  good = good && native_read_numbers(value, "object_values: one for each object", count, numbers);
-  for (Py_ssize_t i = 0; good && i < count; i++)
-    job->object_values[i] = (float)numbers[i];
-  free(numbers);
-  job->layout.object_values = job->object_values;
-  return good;
-}
-
 static bool read_options(const native_job_arguments *w, const native_scene *scene, native_job *job) {
   pags_frame_options *o = &job->options;
   double background[3];
@@ -96,6 +79,7 @@ static bool read_options(const native_job_arguments *w, const native_scene *scen
     return false;
   }
   o->rest_cut = (float)w->cut;
+  job->antialiased = w->antialiased;
   if (w->antialiased >= 0)
     o->antialiased = w->antialiased;
   if (w->near_plane > 0)
@@ -128,7 +112,7 @@ static bool read_options(const native_job_arguments *w, const native_scene *scen
   return true;
 }
 
-static bool read_arguments(const native_job_arguments *w, native_job *job) {
+static bool read_arguments(const native_state *state, PyObject *scene, const native_job_arguments *w, native_job *job) {
   native_layout *l = &job->layout;
   if (!read_mode(w->mode, &l->mode))
     return false;
@@ -140,36 +124,29 @@ static bool read_arguments(const native_job_arguments *w, native_job *job) {
   l->transparent = w->transparent != 0;
   l->depth_empty = (float)w->depth_empty;
   l->depth_scale = (float)w->depth_scale;
+  const native_contents_arguments contents = {w->placements, w->object_values, w->names, w->others};
   return read_window(w->window, job) &&
-         (w->placements == Py_None || native_read_placements(w->placements, &job->placements, &job->placement_count)) &&
-         read_object_values(w->object_values, job) && native_passes_read(w, job) &&
-         read_options(w, (const native_scene *)job->scene, job);
+         native_contents_read(state, scene, &contents, job->camera.time, &job->contents) &&
+         native_passes_read(state, w, job) && read_options(w, (const native_scene *)scene, job);
 }
 
 /* ---- The job ---- */
 
-static bool check_scene(const native_state *state, PyObject *scene) {
-  if (PyObject_TypeCheck(scene, state->scene))
-    return true;
-  PyErr_SetString(PyExc_TypeError, "scene: expected what pags.load returned");
-  return false;
-}
-
 PyObject *native_job_new(const native_state *state, PyObject *scene, PyObject *camera, const native_job_arguments *w) {
-  if (!check_scene(state, scene))
+  if (!PyObject_TypeCheck(scene, state->scene)) {
+    PyErr_SetString(PyExc_TypeError, "scene: expected what pags.load returned");
     return NULL;
+  }
   allocfunc alloc = (allocfunc)(size_t)PyType_GetSlot(state->job, Py_tp_alloc);
   native_job *job = (native_job *)alloc(state->job, 0);
   if (!job)
     return NULL;
-  Py_INCREF(scene);
-  job->scene = scene;
   job->state = JOB_DONE;
   if (native_read_camera(camera, &job->camera)) {
     pags_result result = pags_camera_check(&job->camera, "camera");
     if (result != PAGS_OK)
       native_raise(state, result);
-    else if (read_arguments(w, job))
+    else if (read_arguments(state, scene, w, job))
       return (PyObject *)job;
   }
   Py_DECREF(job);
@@ -179,6 +156,7 @@ PyObject *native_job_new(const native_state *state, PyObject *scene, PyObject *c
 native_job_arguments native_default_job_arguments(void) {
   return (native_job_arguments){.outputs = Py_None,
                                 .placements = Py_None,
+                                .others = Py_None,
                                 .window = Py_None,
                                 .object_values = Py_None,
                                 .background = Py_None,

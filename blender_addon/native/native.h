@@ -69,6 +69,22 @@ pags_result native_scene_need_sizes(native_scene *scene);
 
 enum { NATIVE_DIMENSIONS = 3 }; /* most of an array */
 
+/* What a picture shows of one of its scenes. The picture's world is that of its first scene. */
+typedef struct native_shown {
+  PyObject *scene;             /* a native_scene, referenced */
+  double world_from_scene[12]; /* may scale, stretch and mirror; the identity for the first */
+  double time;
+  pags_placement *placements; /* NULL: the scene's own tracks */
+  int64_t placement_count;
+  float *object_values; /* value of the object plane by object; NULL: index + 1 */
+  char **names;         /* of the placements, in a matte of objects; NULL: the objects' ids */
+  int32_t id_base;      /* added to the ids of the scene's Gaussians in the picture */
+  int64_t label_base;   /* added to the labels of its parts */
+} native_shown;
+
+/* The scene among `count` whose Gaussian has this id; *id becomes the Gaussian's id in that scene. */
+const native_shown *native_shown_of(const native_shown *shown, int count, int32_t *id);
+
 bool native_read_camera(PyObject *value, pags_camera *out);
 bool native_read_numbers(PyObject *value, const char *what, Py_ssize_t count, double *out);
 /* A rigid pose: 12 numbers, a matrix of 3 x 4, or one of 4 x 4 whose last row is 0 0 0 1. Not checked further. */
@@ -114,7 +130,6 @@ typedef struct native_layout {
   bool transparent;  /* alpha as drawn, colours premultiplied; else alpha is 1 */
   float depth_empty; /* depth of pixels without a surface */
   float depth_scale;
-  const float *object_values; /* value of the object plane by object; NULL: index + 1; background: 0 */
 } native_layout;
 
 typedef struct native_planes {
@@ -130,10 +145,11 @@ typedef struct native_planes {
 
 /* Whether the layout's outputs need the frame's depth and id planes. */
 bool native_layout_needs_extras(const native_layout *layout);
-/* Fills `out` on the renderer's threads; the scene's tables must have been filled. PAGS_ERROR_MEMORY or PAGS_CANCELLED.
+/* Fills `out` on the renderer's threads; the scenes' tables must have been filled. PAGS_ERROR_MEMORY or PAGS_CANCELLED.
  */
 pags_result native_planes_fill(pags_tasks *tasks, const pags_picture *picture, const pags_passes *passes,
-                               const native_scene *scene, const native_layout *layout, native_planes *out);
+                               const native_shown *shown, int shown_count, const native_layout *layout,
+                               native_planes *out);
 void native_planes_free(native_planes *planes);
 /* A new Picture that owns the planes. */
 PyObject *native_picture_new(const native_state *state, native_planes *planes);

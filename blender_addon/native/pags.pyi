@@ -20,7 +20,7 @@ _Pose = _Array
 _Output = Literal[
     "rgba", "rgb8", "depth", "object", "priority", "heat", "id", "crypto_object", "crypto_class", "normal", "motion"
 ]
-# A camera, or a camera and placements.
+# A camera, a camera and placements, or a camera, placements and others.
 _Moment = Any
 _Mode = Literal["rgb", "priority", "critical", "depth", "size"]
 
@@ -61,12 +61,22 @@ class Arrays(TypedDict, total=False):
     priorities: Buffer
 
 @type_check_only
+class Other(TypedDict, total=False):
+    scene: Scene
+    world_from_scene: _Pose
+    time: float
+    placements: Sequence[tuple[int, _Pose]]
+    object_values: Sequence[float]
+    names: Sequence[str]
+
+@type_check_only
 class Picked(TypedDict):
     id: int
     depth: float
     priority: float
     point: tuple[float, float, float]
     object: int | None
+    scene: int
 
 @final
 class Buffer:
@@ -159,6 +169,7 @@ class Renderer:
         *,
         outputs: Sequence[_Output] | None = None,
         placements: Sequence[tuple[int, _Pose]] | None = None,
+        others: Sequence[Other] | None = None,
         window: Sequence[int] | None = None,
         object_values: Sequence[float] | None = None,
         background: Sequence[float] | None = None,
@@ -201,6 +212,7 @@ def render(
     threads: int = 0,
     outputs: Sequence[_Output] | None = None,
     placements: Sequence[tuple[int, _Pose]] | None = None,
+    others: Sequence[Other] | None = None,
     window: Sequence[int] | None = None,
     object_values: Sequence[float] | None = None,
     background: Sequence[float] | None = None,
@@ -229,6 +241,7 @@ def render(
     threads: int = 0,
     outputs: Sequence[_Output] | None = None,
     placements: Sequence[tuple[int, _Pose]] | None = None,
+    others: Sequence[Other] | None = None,
     window: Sequence[int] | None = None,
     object_values: Sequence[float] | None = None,
     background: Sequence[float] | None = None,
@@ -270,4 +283,5 @@ def pick(
     y: int,
     *,
     placements: Sequence[tuple[int, _Pose]] | None = None,
+    others: Sequence[Other] | None = None,
 ) -> Picked | None: ...

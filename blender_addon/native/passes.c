@@ -6,45 +6,40 @@
 #include <string.h>
 
 #include "base/memory.h"
-#include "base/text.h"
 
 /* ---- Arguments ---- */
 
-/* Reads a moment: a camera, or (camera, placements). */
-static bool read_moment(PyObject *value, const char *what, native_moment *out) {
+/* Reads a moment: a camera, (camera, placements) or (camera, placements, others). */
+static bool read_moment(const native_state *state, const native_job *job, PyObject *value, const char *what,
+                        native_moment *out) {
   if (value == Py_None)
     return true;
-  const bool pair = PyTuple_Check(value);
-  if (pair && PyTuple_Size(value) != 2) {
-    PyErr_Format(PyExc_ValueError, "%s: expected a camera, or a tuple of a camera and placements", what);
+  const Py_ssize_t size = PyTuple_Check(value) ? PyTuple_Size(value) : 0;
+  if (size != 0 && size != 2 && size != 3) {
+    PyErr_Format(PyExc_ValueError, "%s: expected a camera, or a tuple of a camera, placements and others", what);
     return false;
   }
-  if (!native_read_camera(pair ? PyTuple_GetItem(value, 0) : value, &out->camera))
+  if (!native_read_camera(size ? PyTuple_GetItem(value, 0) : value, &out->camera))
     return false;
   if (pags_camera_check(&out->camera, what) != PAGS_OK) {
     PyErr_SetString(PyExc_ValueError, pags_error_message());
     return false;
   }
   out->known = true;
-  return !pair || native_read_placements(PyTuple_GetItem(value, 1), &out->placements, &out->placement_count);
-}
-
-/* Reads a name for each of `count` labels into `texts`, which are to be freed. */
-static bool read_names(PyObject *value, int64_t count, char **texts) {
-  if (PyUnicode_Check(value) || PySequence_Size(value) != count) {
-    if (!PyErr_Occurred())
-      PyErr_Format(PyExc_ValueError, "names: expected a list of %lld, one for each placement", (long long)count);
+  const native_contents_arguments w = {.placements = size ? PyTuple_GetItem(value, 1) : Py_None,
+                                       .object_values = Py_None,
+                                       .names = Py_None,
+                                       .others = size == 3 ? PyTuple_GetItem(value, 2) : Py_None};
+  if (!native_contents_read(state, job->contents.shown[0].scene, &w, out->camera.time, &out->contents))
     return false;
-  }
-  for (int64_t i = 0; i < count; i++) {
-    PyObject *item = PySequence_GetItem(value, (Py_ssize_t)i), *bytes = item ? PyUnicode_AsUTF8String(item) : NULL;
-    texts[i] = bytes ? pags_text_copy(PyBytes_AsString(bytes)) : NULL;
-    if (bytes && !texts[i])
-      PyErr_NoMemory();
-    Py_XDECREF(bytes);
-    Py_XDECREF(item);
-    if (!texts[i])
+  for (int i = 0; i < out->contents.shown_count; i++) { /* only the picture's scenes are locked while it is drawn */
+    bool known = false;
+    for (int k = 0; k < job->contents.shown_count; k++)
+      known |= job->contents.shown[k].scene == out->contents.shown[i].scene;
+    if (!known) {
+      PyErr_Format(PyExc_ValueError, "%s: others has a scene that isn't in the picture", what);
       return false;
+    }
   }
   return true;
 }
@@ -55,51 +50,43 @@ static const char *name_of_object(const pags_scene *scene, int64_t object, bool 
   return classes ? scene->objects[object].record.class_name : scene->objects[object].record.id;
 }
 
-/* Makes the names of a matte: those given, or those of the placements' objects or classes. */
-static pags_result name_placements(const native_job *job, const pags_scene *scene, char **given, bool classes,
-                                   pags_matte_names *out) {
-  const char **const labels = calloc((size_t)job->placement_count + 1, sizeof *labels);
-  if (!labels)
-    return pags_out_of_memory("%lld names", (long long)job->placement_count);
-  for (int64_t i = 0; i < job->placement_count; i++)
-    labels[i] = given ? given[i] : name_of_object(scene, job->placements[i].object, classes);
-  const pags_result result = pags_matte_names_create(labels, job->placement_count, out);
-  free(labels);
-  return result;
+/* The names of a scene's labels: those given or, of classes or where none are given, those of the objects or classes.
+ */
+static void name_labels(const native_shown *shown, bool classes, const char **labels) {
+  const pags_scene *const scene = pags_composition_scene(((native_scene *)shown->scene)->composition);
+  if (!shown->placements)
+    for (int64_t i = 0; i <= scene->object_count; i++)
+      labels[i] = name_of_object(scene, i, classes);
+  for (int64_t i = 0; i < shown->placement_count; i++)
+    labels[i] =
+        shown->names && !classes ? shown->names[i] : name_of_object(scene, shown->placements[i].object, classes);
 }
 
-static bool make_mattes(PyObject *names, native_job *job) {
-  const pags_scene *const scene = pags_composition_scene(((native_scene *)job->scene)->composition);
-  char **given = NULL;
-  bool good = true;
-  if (names != Py_None && !job->placements) {
-    PyErr_SetString(PyExc_ValueError, "names: are those of placements, which must be given, too");
-    return false;
-  }
-  if (names != Py_None) {
-    given = calloc((size_t)job->placement_count + 1, sizeof *given);
-    good = given && read_names(names, job->placement_count, given);
-    if (!given)
-      PyErr_NoMemory();
-  }
-  for (int m = 0; m < 2 && good; m++) {
+static bool make_mattes(native_job *job) {
+  const native_contents *const c = &job->contents;
+  const native_shown *const last = &c->shown[c->shown_count - 1];
+  const int64_t objects = pags_composition_scene(((native_scene *)last->scene)->composition)->object_count;
+  const int64_t count = last->label_base + (last->placements ? last->placement_count : objects + 1);
+  for (int m = 0; m < 2; m++) {
     if (!(job->layout.outputs & (m ? OUTPUT_CRYPTO_CLASS : OUTPUT_CRYPTO_OBJECT)))
       continue;
-    const pags_result result = job->placements
-                                   ? name_placements(job, scene, m == 0 ? given : NULL, m == 1, &job->mattes[m])
-                                   : pags_matte_names_of_scene(scene, m, &job->mattes[m]);
-    good = result == PAGS_OK;
-    if (!good)
+    const char **const labels = calloc((size_t)count + 1, sizeof *labels);
+    for (int i = 0; labels && i < c->shown_count; i++)
+      name_labels(&c->shown[i], m == 1, labels + c->shown[i].label_base);
+    const pags_result result = labels ? pags_matte_names_create(labels, count, &job->mattes[m])
+                                      : pags_out_of_memory("%lld names", (long long)count);
+    free(labels);
+    if (result != PAGS_OK) {
       PyErr_SetString(PyExc_MemoryError, pags_error_message());
+      return false;
+    }
   }
-  for (int64_t i = 0; given && i < job->placement_count; i++)
-    free(given[i]);
-  free(given);
-  return good;
+  return true;
 }
 
-bool native_passes_read(const native_job_arguments *w, native_job *job) {
-  if (!read_moment(w->before, "before", &job->moments[0]) || !read_moment(w->after, "after", &job->moments[1]))
+bool native_passes_read(const native_state *state, const native_job_arguments *w, native_job *job) {
+  if (!read_moment(state, job, w->before, "before", &job->moments[0]) ||
+      !read_moment(state, job, w->after, "after", &job->moments[1]))
     return false;
   if ((job->layout.outputs & OUTPUT_MOTION) && !job->moments[0].known && !job->moments[1].known) {
     PyErr_SetString(PyExc_ValueError,
@@ -107,7 +94,7 @@ bool native_passes_read(const native_job_arguments *w, native_job *job) {
                     "placements, at another time");
     return false;
   }
-  return make_mattes(w->names, job);
+  return make_mattes(job);
 }
 
 PyObject *native_cryptomatte_hash(PyObject *module, PyObject *arguments) {
@@ -121,31 +108,21 @@ PyObject *native_cryptomatte_hash(PyObject *module, PyObject *arguments) {
 
 /* ---- Drawing ---- */
 
-pags_result native_passes_moments(native_scene *scene, const native_job *job, pags_moment out[2]) {
+pags_result native_passes_moments(native_job *job, pags_moment out[2]) {
   memset(out, 0, 2 * sizeof *out);
   for (int side = 0; side < 2; side++) {
-    const native_moment *const from = &job->moments[side];
-    const pags_part *parts;
+    native_moment *const from = &job->moments[side];
     if (!from->known || !(job->layout.outputs & OUTPUT_MOTION))
       continue;
-    out[side].camera = from->camera;
-    if (from->placements)
-      PAGS_TRY(pags_compose_placed(scene->composition, from->camera.time, from->placements, from->placement_count,
-                                   &parts, &out[side].part_count));
-    else
-      pags_compose(scene->composition, from->camera.time, &parts, &out[side].part_count);
-    pags_part *const copies = malloc(((size_t)out[side].part_count + 1) * sizeof *copies);
-    if (!copies)
-      return pags_out_of_memory("%d parts", out[side].part_count);
-    if (out[side].part_count > 0)
-      memcpy(copies, parts, (size_t)out[side].part_count * sizeof *copies);
-    out[side].parts = copies;
+    PAGS_TRY(native_contents_compose(job, &from->contents));
+    out[side] = (pags_moment){from->camera, from->contents.parts, from->contents.part_count};
   }
   return PAGS_OK;
 }
 
 pags_result native_passes_draw(const native_job *job, const pags_moment moments[2], pags_frame *frame,
-                               const pags_part *parts, int count, pags_passes *out) {
+                               pags_passes *out) {
+  const int count = job->contents.part_count;
   int32_t *const names = malloc(2 * ((size_t)count + 1) * sizeof *names);
   pags_matte mattes[2];
   pags_pass_request request = {.normal = (job->layout.outputs & OUTPUT_NORMAL) != 0,
@@ -160,7 +137,7 @@ pags_result native_passes_draw(const native_job *job, const pags_moment moments[
     if (!(job->layout.outputs & (m ? OUTPUT_CRYPTO_CLASS : OUTPUT_CRYPTO_OBJECT)))
       continue;
     for (int p = 0; p < count; p++)
-      of_part[p] = from->name_of_label[parts[p].label < 0 ? from->label_count - 1 : parts[p].label];
+      of_part[p] = from->name_of_label[job->contents.parts[p].label];
     mattes[m] = (pags_matte){from->count, from->values, of_part};
     request.matte[m] = &mattes[m];
   }

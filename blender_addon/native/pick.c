@@ -4,18 +4,21 @@
 
 #include <pags/pick.h>
 
+#include <string.h>
+
 typedef struct found {
   pags_picked picked;
   float priority;
+  int scene; /* which of the job's */
 } found;
 
-/* Picks through a pixel and looks up the priority. Call with the scene's lock held. */
-static pags_result pick_locked(native_scene *scene, const native_job *job, int x, int y, found *out) {
+/* Picks through a pixel and looks up scene, object and priority. Call with the job's scenes locked. */
+static pags_result pick_locked(native_job *job, int x, int y, found *out) {
   pags_pick_options options = pags_pick_options_default();
-  const pags_part *parts;
+  pags_picked *picked = &out->picked;
   double origin[3], direction[3];
-  int count;
   options.nearest = (double)job->options.near_plane;
+  memcpy(options.origin, job->options.origin, sizeof options.origin);
 
   /* The ray through the pixel, in world coordinates. */
   const double *m = job->camera.world_from_camera;
@@ -26,10 +29,16 @@ static pags_result pick_locked(native_scene *scene, const native_job *job, int x
                    m[4 * k + 2]; /* camera z is 1: a distance along this vector is a depth */
   }
 
+  PAGS_TRY(native_contents_compose(job, &job->contents));
+  PAGS_TRY(pags_pick(job->contents.parts, job->contents.part_count, origin, direction, &options, picked));
+  if (picked->part < 0)
+    return PAGS_OK;
+  const native_shown *shown = native_shown_of(job->contents.shown, job->contents.shown_count, &picked->id);
+  native_scene *scene = (native_scene *)shown->scene;
   PAGS_TRY(native_scene_need_priorities(scene));
-  PAGS_TRY(native_job_compose(scene, job, &parts, &count));
-  PAGS_TRY(pags_composition_pick(scene->composition, parts, count, origin, direction, &options, &out->picked));
-  out->priority = out->picked.part >= 0 ? scene->priority_of[out->picked.id] : 0;
+  out->scene = (int)(shown - job->contents.shown);
+  out->priority = scene->priority_of[picked->id];
+  picked->object = pags_composition_part_object(scene->composition, &job->contents.parts[picked->part]);
   return PAGS_OK;
 }
 
@@ -42,7 +51,8 @@ static PyObject *describe(const found *f) {
               native_put(dict, "depth", PyFloat_FromDouble(p->depth)) &&
               native_put(dict, "priority", PyFloat_FromDouble((double)f->priority)) &&
               native_put(dict, "point", native_numbers(p->point, 3)) &&
-              native_put(dict, "object", p->object < 0 ? Py_BuildValue("") : PyLong_FromLongLong(p->object));
+              native_put(dict, "object", p->object < 0 ? Py_BuildValue("") : PyLong_FromLongLong(p->object)) &&
+              native_put(dict, "scene", PyLong_FromLong(f->scene));
   if (good)
     return dict;
   Py_XDECREF(dict);
@@ -50,14 +60,15 @@ static PyObject *describe(const found *f) {
 }
 
 PyObject *native_pick(PyObject *module, PyObject *arguments, PyObject *keywords) {
-  static char *names[] = {"scene", "camera", "x", "y", "placements", NULL};
+  static char *names[] = {"scene", "camera", "x", "y", "placements", "others", NULL};
   const native_state *state = PyModule_GetState(module);
   native_job_arguments w = native_default_job_arguments();
   PyObject *scene, *camera;
   found f = {.picked = {.part = -1}};
   pags_result result;
   int x, y;
-  if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OOii|$O:pick", names, &scene, &camera, &x, &y, &w.placements))
+  if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OOii|$OO:pick", names, &scene, &camera, &x, &y, &w.placements,
+                                   &w.others))
     return NULL;
   native_job *job = (native_job *)native_job_new(state, scene, camera, &w);
   if (!job)
@@ -67,10 +78,9 @@ PyObject *native_pick(PyObject *module, PyObject *arguments, PyObject *keywords)
     Py_DECREF((PyObject *)job);
     return NULL;
   }
-  native_scene *of = (native_scene *)scene;
-  Py_BEGIN_ALLOW_THREADS pthread_mutex_lock(&of->lock);
-  result = pick_locked(of, job, x, y, &f);
-  pthread_mutex_unlock(&of->lock);
+  Py_BEGIN_ALLOW_THREADS native_job_lock(job, true);
+  result = pick_locked(job, x, y, &f);
+  native_job_lock(job, false);
   Py_END_ALLOW_THREADS Py_DECREF((PyObject *)job);
   return result == PAGS_OK ? describe(&f) : native_raise(state, result);
 }

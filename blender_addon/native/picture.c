@@ -38,7 +38,8 @@ static float decode(const decoder *d, float v) {
 typedef struct fill {
   const pags_picture *picture;
   const pags_passes *passes;
-  const native_scene *scene;
+  const native_shown *shown;
+  int shown_count;
   const native_layout *layout;
   native_planes *out;
   decoder decoder;
@@ -54,22 +55,45 @@ static float on_scale(float length, float least, float most) {
   return length > 0 ? pags_logf(length / least) / pags_logf(most / least) : 0;
 }
 
+const native_shown *native_shown_of(const native_shown *shown, int count, int32_t *id) {
+  int low = 0;
+  for (int high = count; high - low > 1;) {
+    const int middle = low + (high - low) / 2;
+    if (shown[middle].id_base <= *id)
+      low = middle;
+    else
+      high = middle;
+  }
+  *id -= shown[low].id_base;
+  return &shown[low];
+}
+
 static bool is_critical(const native_scene *scene, int32_t id) {
   int32_t object = scene->object_of[id];
   return object >= 0 && pags_composition_scene(scene->composition)->objects[object].critical;
 }
 
+/* The factor by which a scene's lengths appear in the picture: that of a volume's edge. */
+static float size_factor(const native_shown *shown) {
+  const double *m = shown->world_from_scene;
+  const double volume =
+      m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) + m[2] * (m[4] * m[9] - m[5] * m[8]);
+  return pags_powf((float)fabs(volume), 1.0f / 3);
+}
+
 /* Display-referred colour of one pixel in a mode other than RGB, from its depth and Gaussian. */
 static void mode_color(const fill *f, int64_t at, int32_t id, float rgb[3]) {
   const pags_picture *p = f->picture;
+  const native_shown *shown = native_shown_of(f->shown, f->shown_count, &id);
+  const native_scene *scene = (const native_scene *)shown->scene;
   float grey = 0.299f * p->rgb[0][at] + 0.587f * p->rgb[1][at] + 0.114f * p->rgb[2][at];
   switch (f->layout->mode) {
-    case MODE_PRIORITY: pags_colormap_heat(f->scene->priority_of[id], rgb); return;
+    case MODE_PRIORITY: pags_colormap_heat(scene->priority_of[id], rgb); return;
     case MODE_DEPTH: pags_colormap_heat(1 - on_scale(p->depth[at], 1, 200), rgb); return;
-    case MODE_SIZE: pags_colormap_heat(on_scale(f->scene->size_of[id], 0.003f, 3), rgb); return;
+    case MODE_SIZE: pags_colormap_heat(on_scale(scene->size_of[id] * size_factor(shown), 0.003f, 3), rgb); return;
     default: break;
   }
-  bool critical = is_critical(f->scene, id);
+  bool critical = is_critical(scene, id);
   rgb[0] = critical ? 0.5f + 0.5f * grey : 0.35f * grey;
   rgb[1] = critical ? 0.45f * grey : 0.35f * grey;
   rgb[2] = critical ? 0.1f * grey : 0.4f * grey;
@@ -95,11 +119,25 @@ static void put_rgb8(const float rgb[3], uint8_t *out) {
   }
 }
 
+static float priority_of(const fill *f, int32_t id) {
+  const native_shown *shown = native_shown_of(f->shown, f->shown_count, &id);
+  return ((const native_scene *)shown->scene)->priority_of[id];
+}
+
+/* The value of the object plane at a pixel that shows this Gaussian. */
+static float object_value(const fill *f, int32_t id) {
+  const native_shown *shown = native_shown_of(f->shown, f->shown_count, &id);
+  const int32_t object = ((const native_scene *)shown->scene)->object_of[id];
+  if (object < 0)
+    return 0;
+  return shown->object_values ? shown->object_values[object] : (float)(object + 1);
+}
+
 static void put_heat(const fill *f, int64_t at, float *out) {
   int32_t id = f->picture->id[at];
   float rgb[3] = {0, 0, 0}, alpha = 1 - f->picture->transmittance[at];
   if (id >= 0)
-    pags_colormap_heat(f->scene->priority_of[id], rgb);
+    pags_colormap_heat(priority_of(f, id), rgb);
   for (int c = 0; c < 3; c++)
     rgb[c] *= alpha;
   put_rgba(f, at, alpha, rgb, out);
@@ -161,14 +199,10 @@ static void fill_row(const fill *f, int y) {
     }
     if (o->depth)
       o->depth[to] = f->picture->depth[from] > 0 ? f->picture->depth[from] * l->depth_scale : l->depth_empty;
-    if (o->object) {
-      int32_t object = id < 0 ? -1 : f->scene->object_of[id];
-      o->object[to] = object < 0                 ? 0
-                      : f->layout->object_values ? f->layout->object_values[object]
-                                                 : (float)(object + 1);
-    }
+    if (o->object)
+      o->object[to] = id < 0 ? 0 : object_value(f, id);
     if (o->priority)
-      o->priority[to] = id < 0 ? 0 : f->scene->priority_of[id];
+      o->priority[to] = id < 0 ? 0 : priority_of(f, id);
     if (o->heat)
       put_heat(f, from, o->heat + 4 * to);
     if (o->id)
@@ -220,8 +254,10 @@ static bool allocate(const native_layout *layout, native_planes *out) {
 }
 
 pags_result native_planes_fill(pags_tasks *tasks, const pags_picture *picture, const pags_passes *passes,
-                               const native_scene *scene, const native_layout *layout, native_planes *out) {
-  fill f = {.picture = picture, .passes = passes, .scene = scene, .layout = layout, .out = out};
+                               const native_shown *shown, int shown_count, const native_layout *layout,
+                               native_planes *out) {
+  fill f = {
+      .picture = picture, .passes = passes, .shown = shown, .shown_count = shown_count, .layout = layout, .out = out};
   if (!allocate(layout, out)) {
     native_planes_free(out);
     return pags_out_of_memory("a picture of %dx%d", layout->width, layout->height);

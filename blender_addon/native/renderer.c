@@ -3,7 +3,6 @@
 #include "blender_addon/native/job.h"
 #include "port/port.h"
 
-#include <stdlib.h>
 #include <string.h>
 
 static double now_ms(void) {
@@ -13,53 +12,49 @@ static double now_ms(void) {
 /* ---- The renderer's thread ---- */
 
 /* Draws the picture and its passes, and fills the job's planes. */
-static pags_result draw_picture(pags_frame *frame, pags_tasks *tasks, native_scene *scene, native_job *job,
-                                const pags_moment moments[2]) {
-  const pags_part *parts;
-  int count;
+static pags_result draw_picture(pags_frame *frame, pags_tasks *tasks, native_job *job, const pags_moment moments[2]) {
+  const native_contents *const c = &job->contents;
   pags_picture picture;
   pags_passes passes = {.normal = {NULL}};
-  PAGS_TRY(native_job_compose(scene, job, &parts, &count));
-  PAGS_TRY(pags_frame_render(frame, parts, count, &job->camera, &job->options, NULL, NULL, &picture));
+  PAGS_TRY(native_contents_compose(job, &job->contents));
+  PAGS_TRY(pags_frame_render(frame, c->parts, c->part_count, &job->camera, &job->options, NULL, NULL, &picture));
   if (job->options.keep_for_passes)
-    PAGS_TRY(native_passes_draw(job, moments, frame, parts, count, &passes));
+    PAGS_TRY(native_passes_draw(job, moments, frame, &passes));
   const double drawn = now_ms();
-  PAGS_TRY(native_planes_fill(tasks, &picture, &passes, scene, &job->layout, &job->planes));
+  PAGS_TRY(native_planes_fill(tasks, &picture, &passes, c->shown, c->shown_count, &job->layout, &job->planes));
   job->planes.ms_fill = now_ms() - drawn;
   return PAGS_OK;
 }
 
-static pags_result draw_locked(pags_frame *frame, pags_tasks *tasks, native_scene *scene, native_job *job) {
+static pags_result draw_locked(pags_frame *frame, pags_tasks *tasks, native_job *job) {
   double begin = now_ms();
 
-  /* Fill the scene's tables that the outputs of this job read. */
+  /* Fill the scenes' tables that the outputs of this job read. */
   bool rgba = job->layout.outputs & (OUTPUT_RGBA | OUTPUT_RGB8);
-  if ((job->layout.outputs & OUTPUT_OBJECT) || (rgba && job->layout.mode == MODE_CRITICAL))
-    PAGS_TRY(native_scene_need_objects(scene));
-  if ((job->layout.outputs & (OUTPUT_PRIORITY | OUTPUT_HEAT)) || (rgba && job->layout.mode == MODE_PRIORITY))
-    PAGS_TRY(native_scene_need_priorities(scene));
-  if (rgba && job->layout.mode == MODE_SIZE)
-    PAGS_TRY(native_scene_need_sizes(scene));
+  for (int i = 0; i < job->contents.shown_count; i++) {
+    native_scene *scene = (native_scene *)job->contents.shown[i].scene;
+    if ((job->layout.outputs & OUTPUT_OBJECT) || (rgba && job->layout.mode == MODE_CRITICAL))
+      PAGS_TRY(native_scene_need_objects(scene));
+    if ((job->layout.outputs & (OUTPUT_PRIORITY | OUTPUT_HEAT)) || (rgba && job->layout.mode == MODE_PRIORITY))
+      PAGS_TRY(native_scene_need_priorities(scene));
+    if (rgba && job->layout.mode == MODE_SIZE)
+      PAGS_TRY(native_scene_need_sizes(scene));
+  }
 
   pags_moment moments[2];
-  pags_result result = native_passes_moments(scene, job, moments);
-  if (result == PAGS_OK)
-    result = draw_picture(frame, tasks, scene, job, moments);
-  for (int side = 0; side < 2; side++)
-    free((void *)(size_t)moments[side].parts);
-  PAGS_TRY(result);
+  PAGS_TRY(native_passes_moments(job, moments));
+  PAGS_TRY(draw_picture(frame, tasks, job, moments));
   job->planes.stats = *pags_frame_stats_get(frame);
   job->planes.ms = now_ms() - begin;
   return PAGS_OK;
 }
 
 static void draw(pags_frame *frame, pags_tasks *tasks, native_job *job) {
-  native_scene *scene = (native_scene *)job->scene;
-  pthread_mutex_lock(&scene->lock);
-  job->result = draw_locked(frame, tasks, scene, job);
+  native_job_lock(job, true);
+  job->result = draw_locked(frame, tasks, job);
   if (job->result != PAGS_OK)
     strncpy(job->message, pags_error_message(), sizeof job->message - 1);
-  pthread_mutex_unlock(&scene->lock);
+  native_job_lock(job, false);
 }
 
 static native_job *next_job(native_renderer *self) {
@@ -279,9 +274,14 @@ static PyMethodDef renderer_methods[] = {
      "crypto_class, normal, motion. "
      "placements: list of (object, world_from_object) in place of the scene's "
      "own tracks,\n"
-     "object -1 for what belongs to none. window: (x, y, width, height) of the picture to hand over. mode: rgb, "
+     "object -1 for what belongs to none. others: scenes drawn in the same picture, dictionaries of scene, "
+     "world_from_scene (a pose that may scale), time,\n"
+     "placements, object_values and names, all but scene may be left out; sky and near plane are the first scene's. "
+     "window: "
+     "(x, y, width, height) of the picture to hand over. mode: rgb, "
      "priority,\n"
-     "critical, depth or size. before, after: a camera, or (camera, placements), that the motion refers to; None: "
+     "critical, depth or size. before, after: a camera, (camera, placements) or (camera, placements, others), that the "
+     "motion refers to; None: "
      "nothing "
      "moves on that side.\nnames: of the placements, for crypto_object. exposure: gain and offset, 6 numbers. early_z: "
      "off, lossless or bounded=EPS. linear: "

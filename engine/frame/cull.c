@@ -7,8 +7,8 @@
  *   extent_x = sqrt(reach (J0 W Sigma W' J0' + low_pass)) <= sqrt(reach_max (s^2 (fx/z)^2 (1 + tx^2) + low_pass))
  * with reach_max = log2(255 o)/k for the largest opacity o (1, or the part's largest factor) and |tx| at most its
  * clamp; likewise for y. The row norm of J W is that of J times the stretch of W, which is 1 where W is a rotation.
- * Boxes are padded for the rounding of the float transform. So a cluster that fails the test holds no Gaussian that would pass the kernel's test, and
- * the picture does not depend on how the Gaussians are grouped into clusters. */
+ * Boxes are padded for the rounding of the float transform. So a cluster that fails the test holds no Gaussian that
+ * would pass the kernel's test, and the picture does not depend on how the Gaussians are grouped into clusters. */
 #include <math.h>
 #include <string.h>
 

@@ -5,6 +5,7 @@
  * adds them up: for each name in the tile in a plane of its own, from which each pixel then takes the largest sums; for
  * normals and motion as they are. A tile is one worker's, and its sums go in the list's order. */
 #include <assert.h>
+#include <math.h>
 #include <pags/passes.h>
 #include <string.h>
 
@@ -46,16 +47,28 @@ enum { NORMAL_PLANE = 2 * PAGS_MATTE_PLANES, MOTION_PLANE = NORMAL_PLANE + 3 };
 
 /* ---- Normals of Gaussians ---- */
 
+/* The map of normals from a part's axes to the world's: the transpose of the inverse of its pose, by which a disc's
+ * normal stays one where the pose stretches; of a rigid pose, its rotation. */
+static void normal_map(const pags_part *part, double out[9]) {
+  double inverse[12];
+  pags_affine_inverse(part->world_from_model, inverse);
+  for (int k = 0; k < 3; k++)
+    for (int j = 0; j < 3; j++)
+      out[3 * k + j] = inverse[4 * j + k];
+}
+
 /* The normal of row `i` in world axes, facing the camera. */
-static void normal_of(const pags_part *part, const pags_projection *view, const float *rows, int64_t stride, int i,
+static void normal_of(const double map[9], const pags_projection *view, const float *rows, int64_t stride, int i,
                       float out[3]) {
-  double n[3], away = 0.0;
+  double n[3], mapped[3], away = 0.0;
   pags_gaussian_normal(rows, stride, i, n);
-  for (int k = 0; k < 3; k++)
+  for (int k = 0; k < 3; k++) {
     away += n[k] * ((double)rows[(PAGS_MEAN + k) * stride + i] - (double)view->eye[k]);
-  const double side = away > 0.0 ? -1.0 : 1.0, *const m = part->world_from_model;
+    mapped[k] = map[3 * k] * n[0] + map[3 * k + 1] * n[1] + map[3 * k + 2] * n[2];
+  }
+  const double length = sqrt(mapped[0] * mapped[0] + mapped[1] * mapped[1] + mapped[2] * mapped[2]);
   for (int k = 0; k < 3; k++)
-    out[k] = (float)(side * (m[4 * k] * n[0] + m[4 * k + 1] * n[1] + m[4 * k + 2] * n[2]));
+    out[k] = (float)((away > 0.0 ? -1.0 : 1.0) * mapped[k] / length);
 }
 
 /* Block function: the normals of what is drawn of clusters [begin, end). */
@@ -68,9 +81,11 @@ static void find_normals(void *context, int64_t begin, int64_t end, int worker) 
     row_scratch scratch;
     int64_t stride;
     const float *const rows = pags_frame_geometry(f->parts + v->part, v, &scratch, &stride);
+    double map[9];
+    normal_map(f->parts + v->part, map);
     for (int k = 0; k < v->count; k++)
       if (f->keys[v->base + k] != UINT32_MAX)
-        normal_of(f->parts + v->part, f->projections + v->part, rows, stride, k, c->normals + 3 * (v->base + k));
+        normal_of(map, f->projections + v->part, rows, stride, k, c->normals + 3 * (v->base + k));
   }
 }
 
@@ -126,7 +141,7 @@ static void fill_carriers(const pags_frame *f, const pags_moment *moment, carrie
   for (int p = 0; p < f->part_count; p++) {
     const double *const pose = pose_then(f, moment, p), *const own = f->parts[p].world_from_model;
     double model_from_world[12], carried[12], moved[12];
-    pags_rigid_inverse(own, model_from_world);
+    pags_affine_inverse(own, model_from_world);
     pags_rigid_multiply(model_from_world, now, carried); /* model from camera */
     pags_rigid_multiply(pose, carried, moved);           /* world then, from camera */
     pags_rigid_multiply(then_from_world, moved, carried);

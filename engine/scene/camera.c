@@ -151,7 +151,8 @@ pags_result pags_rigid_check(double m[12], const char *what) {
   return PAGS_OK;
 }
 
-/* Largest error of R R^T at which a map counts as a rigid motion in double precision: a product of several has 1e-15. */
+/* Largest error of R R^T at which a map counts as a rigid motion in double precision: a product of several has 1e-15.
+ */
 static const double rigid_error = 1e-9;
 
 pags_result pags_affine_check(double m[12], const char *what) {
@@ -161,8 +162,8 @@ pags_result pags_affine_check(double m[12], const char *what) {
   double c[9];
   const double longest = pags_affine_stretch(m), volume = cofactors(m, c);
   if (!(fabs(volume) > 1e-9 * longest * longest * longest))
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: the pose flattens what it moves: expected a scale other than 0 in every direction",
-                     what);
+    return pags_fail(PAGS_ERROR_FORMAT,
+                     "%s: the pose flattens what it moves: expected a scale other than 0 in every direction", what);
   if (volume > 0 && orthonormal_error(m) <= 2e-5) /* of R R^T: twice that of an entry */
     make_orthonormal(m);
   return PAGS_OK;
@@ -183,7 +184,8 @@ void pags_affine_inverse(const double m[12], double out[12]) {
   memcpy(out, inverse, sizeof inverse);
 }
 
-/* The square root of the largest sum of absolute values of a row of A A^T, which bounds its largest eigenvalue (Gershgorin). */
+/* The square root of the largest sum of absolute values of a row of A A^T, which bounds its largest eigenvalue
+ * (Gershgorin). */
 double pags_affine_stretch(const double m[12]) {
   double most = 0;
   if (orthonormal_error(m) < rigid_error)

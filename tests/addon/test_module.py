@@ -303,6 +303,159 @@ def compressed_ply(rows):
     return "\n".join(head).encode() + chunks + vertices
 
 
+def scaled_rows(rows, scale, turn, place):
+    """Rows of round Gaussians of degree 0 as the map scale * turn * p + place leaves them; turn is 3 x 3."""
+    out = []
+    for r in rows:
+        at = [scale * sum(turn[i][k] * r[k] for k in range(3)) + place[i] for i in range(3)]
+        out.append([*at, *r[3:10], *(v + math.log(scale) for v in r[10:13]), *r[13:]])
+    return out
+
+
+class SeveralScenes(Case):
+    """Scenes drawn in one frame, against what is drawn of a file that holds them all."""
+
+    TURN = [[0, -1, 0], [0.8, 0, -0.6], [0.6, 0, 0.8]]
+
+    def setUp(self):
+        super().setUp()
+        make_drive(self.path("drive"))
+        self.drive = pags.load(self.path("drive"))
+        self.rows = bright_splats()
+        self.write("splats.ply", ply_bytes(self.rows))
+        self.splats = pags.load(self.path("splats.ply"))
+        self.view = {**make_camera(), "world_from_camera": [0, 0, 1, 0, -1, 0, 0, 0, 0, -1, 0, 0]}
+        self.place = [6.0, -4.0, -3.1]
+        self.pose = [v for i in range(3) for v in (*(0.5 * t for t in self.TURN[i]), self.place[i])]
+
+    def merged(self, *more):
+        """The splats, and their copies halved, turned and moved, as one file; a turned Gaussian that is round stays as it is."""
+        self.write("merged.ply", ply_bytes([*self.rows, *scaled_rows(self.rows, 0.5, self.TURN, self.place), *more]))
+        return pags.load(self.path("merged.ply"))
+
+    def others(self, **more):
+        return [{"scene": self.splats, "world_from_scene": self.pose, **more}]
+
+    def apart(self, a, b):
+        return max(abs(x - y) for x, y in zip(floats(a), floats(b)))
+
+    def test_one_frame_by_depth(self):
+        whole, wanted = self.merged(), {}
+        for outputs in (("rgba",), ("rgba", "depth", "id")):
+            wanted = pags.render(whole, self.view, outputs=outputs)
+            found = pags.render(self.splats, self.view, outputs=outputs, others=self.others())
+            self.assertLess(self.apart(found.rgba, wanted.rgba), 2e-5)  # means were rounded to float once more
+            alone = pags.render(self.splats, self.view, outputs=outputs)
+            self.assertGreater(self.apart(alone.rgba, wanted.rgba), 0.3)
+        self.assertLess(self.apart(found.depth, wanted.depth), 1e-4)
+        ids = [memoryview(p.id).cast("B").cast("i").tolist() for p in (found, wanted)]
+        self.assertEqual(*ids)  # those of the second scene follow those of the first
+        self.assertTrue({i for i in ids[0] if i >= len(self.rows)} and {i for i in ids[0] if 0 <= i < len(self.rows)})
+
+    def test_any_number_of_threads_gives_the_same_bits(self):
+        one, three = (pags.render(self.splats, self.view, threads=n, others=2 * self.others()) for n in (1, 3))
+        self.assertEqual(bytes(one.rgba), bytes(three.rgba))
+
+    def test_a_far_origin_and_tracks_of_its_own(self):
+        """A street that lies 500 km from zero, seen beside splats at zero: by the pose that takes one to the other, at a time of its own."""
+        drive = {"scene": self.drive, "world_from_scene": [1, 0, 0, -ORIGIN[0], 0, 1, 0, -ORIGIN[1], 0, 0, 1, -ORIGIN[2]]}
+        wanted = pags.render(self.drive, make_camera(time=102.0), background=[0, 0, 0])
+        self.write("empty.ply", ply_bytes([splat(-50, 0, 0, (1, 1, 1))]))
+        found = pags.render(pags.load(self.path("empty.ply")), self.view, others=[{**drive, "time": 102.0}], background=[0, 0, 0])
+        self.assertLess(self.apart(found.rgba, wanted.rgba), 1e-5)
+        early = pags.render(self.drive, make_camera(time=100.0), background=[0, 0, 0])
+        self.assertGreater(self.apart(early.rgba, wanted.rgba), 0.5)
+
+    def test_the_sky_is_the_first_scene_s(self):
+        moved = [1, 0, 0, ORIGIN[0], 0, 1, 0, ORIGIN[1] - 100, 0, 0, 1, ORIGIN[2]]
+        found = pags.render(self.drive, make_camera(time=100.0), others=[{"scene": self.splats, "world_from_scene": moved}])
+        self.assertEqual(bytes(found.rgba), bytes(pags.render(self.drive, make_camera(time=100.0)).rgba))
+
+    def test_colours_of_two_times(self):
+        """One scene shown twice, at two times, whose car changes its colour with time: each has its own."""
+        names = [f"f_dc_t{k}_{c}" for k in range(1, 5) for c in range(3)]
+        head, body = ply_bytes([splat(0, 0, 0, (0.5, 0.5, 0.5), sigma=0.1, opacity=12.0)]).split(b"end_header\n", 1)
+        values = struct.pack(f"<{len(names)}f", *(1.5 if name.endswith("_0") else 0 for name in names))
+        made = head + "".join(f"property float {n}\n" for n in names).encode() + b"end_header\n" + body + values
+        self.write(os.path.join("drive", "objects", "car.ply"), made)
+        scene = pags.load(self.path("drive"))
+
+        def shown(time, *more):
+            return pags.render(scene, make_camera(time=time), placements=[(1, scene.pose(1, 101.0))], background=[0, 0, 0], others=more)
+
+        beside = list(scene.pose(1, 101.0))
+        beside[7] += 2
+        early, late = (pixel(shown(t).rgba, 50, 50) for t in (100.0, 101.5))
+        self.assertGreater(max(abs(a - b) for a, b in zip(early, late)), 0.1)
+        both = shown(100.0, {"scene": scene, "time": 101.5, "placements": [(1, beside)]})
+        for value, wanted in zip(pixel(both.rgba, 50, 50) + pixel(both.rgba, 30, 50), early + late):
+            self.assertAlmostEqual(value, wanted, delta=1e-5)
+
+    def test_picks_and_values_name_the_scene(self):
+        moved = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]
+        near = [0.3, 0, 0, ORIGIN[0] - 1, 0, 0.3, 0, ORIGIN[1] + 0.7, 0, 0, 0.3, ORIGIN[2]]  # a ball 2 m before the camera
+        others = [{"scene": self.drive, "world_from_scene": moved, "placements": []}, {"scene": self.splats, "world_from_scene": near}]
+        view = make_camera(time=101.0)
+        car = pags.pick(self.drive, view, 50, 50, others=others[:1])
+        self.assertEqual((car["scene"], car["id"], car["object"]), (0, 2, 1))
+        found = pags.pick(self.drive, view, 20, 50, others=others)
+        self.assertEqual((found["scene"], found["object"]), (2, None))
+        self.assertLess(found["id"], len(self.rows))
+        self.assertAlmostEqual(found["depth"], 0.3 * 10 - 1, delta=0.7)
+        twice = [{"scene": self.drive, "object_values": [70, 80], "time": 101.0}]
+        picture = pags.render(self.drive, view, outputs=("object",), placements=[], others=twice)
+        self.assertEqual(pixel(picture.object, 50, 50, 1)[0], 80)
+
+    def test_modes_of_each_scene(self):
+        for mode in ("priority", "critical", "size", "depth"):
+            picture = pags.render(self.drive, make_camera(time=101.0), mode=mode, outputs=("rgba", "heat", "priority"), others=[
+                {"scene": self.splats, "world_from_scene": [1, 0, 0, ORIGIN[0], 0, 1, 0, ORIGIN[1] + 3, 0, 0, 1, ORIGIN[2]]}])
+            self.assertEqual(pixel(picture.priority, 50, 50, 1)[0], 1)
+            self.assertEqual(min(floats(picture.priority)), 0)
+            self.assertGreater(max(pixel(picture.rgba, 50, 50)[:3]), 0.1, mode)
+
+    def test_each_scene_is_antialiased_as_it_was_trained(self):
+        """A ball far away, smaller than a pixel: fainter where its scene asks for antialiasing."""
+        record = json.loads(fixtures.read(self.path("drive", "scene.json")))
+        make_drive(self.path("mip"))
+        self.write(os.path.join("mip", "scene.json"), json.dumps({**record, "antialiased": True}))
+        mip = pags.load(self.path("mip"))
+        self.assertTrue(mip.info["antialiased"])
+        far = [1, 0, 0, 300, 0, 1, 0, 0, 0, 0, 1, 0]
+        lit = []
+        for first, other in ((self.drive, self.drive), (self.drive, mip), (mip, mip)):
+            picture = pags.render(first, make_camera(time=101.0), placements=[], background=[0, 0, 0],
+                                  others=[{"scene": other, "world_from_scene": far, "time": 101.0}])
+            lit.append(max(floats(picture.rgba)[0::4]))
+        self.assertLess(lit[1], 0.7 * lit[0])
+        self.assertAlmostEqual(lit[1], lit[2], places=6)
+
+    def test_two_renderers_never_wait_for_each_other(self):
+        renderers = [pags.Renderer(threads=1), pags.Renderer(threads=1)]
+        jobs = []
+        for _ in range(40):
+            jobs.append(renderers[0].submit(self.splats, self.view, others=[{"scene": self.drive}, {"scene": self.splats}]))
+            jobs.append(renderers[1].submit(self.drive, make_camera(), others=[{"scene": self.splats}]))
+        for job in jobs:
+            self.assertTrue(job.wait(60))
+            job.take()
+
+    def test_wrong_arguments(self):
+        for wrong, words in (
+            ([{"scene": self.splats, "pose": self.pose}], "nothing else"),
+            ([{"world_from_scene": self.pose}], "pags.load"),
+            ([{"scene": "splats.ply"}], "pags.load"),
+            ([self.splats], "dictionaries"),
+            (self.others(time="now"), "number"),
+            ([{"scene": self.splats, "world_from_scene": [1, 0, 0, 0] * 3}], "flattens"),
+            ([{"scene": self.splats, "world_from_scene": [1, 2, 3]}], "12 numbers"),
+            (self.others(placements=[(7, IDENTITY)]), "expected one of the scene's 0 objects"),
+            (5, "sequence|len"),
+        ):
+            with self.assertRaisesRegex((TypeError, ValueError, pags.Error), words):
+                pags.render(self.splats, self.view, others=wrong)
+
+
 class EveryKind(Case):
     """Every call of the module on every kind of scene: a right value or a Python error."""
 
@@ -597,7 +750,8 @@ class Errors(ModuleCase):
         def work():
             for _ in range(20):
                 scene = pags.load(self.path("scene"))
-                pags.render(scene, {**make_camera(), "width": 400, "height": 400}, threads=1)
+                view = {**make_camera(), "width": 400, "height": 400}
+                pags.render(scene, view, threads=1, others=[{"scene": scene, "time": 101.0, "object_values": [1, 2]}])
                 scene.objects, scene.views, scene.info, scene.points(-1, 10)
 
         work()
@@ -669,6 +823,36 @@ class Passes(ModuleCase):
             self.assertEqual(pixel(picture.motion, x, 50)[2], 0)
         empty = pags.render(self.scene, view, outputs=("crypto_object", "normal"), placements=[], names=[])
         self.assertEqual(max(floats(empty.crypto_object)), 0)
+
+    def test_several_scenes(self):
+        """A disc of another scene, doubled and turned: its name, class, unit normal and its own motion; the first scene's stay."""
+        disc = [*splat(0, 0, 0, (1, 1, 0), sigma=0.05, opacity=12.0)]
+        disc[10] = math.log(1e-3)  # flat along its x
+        self.write("disc.ply", ply_bytes([disc]))
+        other = {"scene": pags.load(self.path("disc.ply")), "placements": [(-1, IDENTITY)], "names": ["disc"]}
+        at = lambda y: [1.2, -1.6, 0, ORIGIN[0] + 10, 1.6, 1.2, 0, ORIGIN[1] + y, 0, 0, 2, ORIGIN[2]]  # noqa: E731
+        view = make_camera(time=101.0)
+        own = [(-1, IDENTITY), *((i, self.scene.pose(i, 101.0)) for i in range(2))]
+        shown, earlier = ({**other, "world_from_scene": at(y)} for y in (-1.5, -1.4))
+        plain = pags.render(self.scene, view, outputs=self.ALL, placements=own, before=(view, own), names=["rest", "p", "c"])
+        picture = pags.render(
+            self.scene, view, outputs=self.ALL, placements=own, names=["rest", "p", "c"], others=[shown], before=(view, own, [earlier])
+        )
+        for x, name, of_class in ((65, "disc", "background"), (50, "c", "Car"), (35, "p", "Car")):
+            self.assertEqual(pixel(picture.crypto_object, x, 50, 12)[0], self.value(name))
+            self.assertEqual(pixel(picture.crypto_class, x, 50, 12)[0], self.value(of_class))
+        for got, wanted in zip(pixel(picture.normal, 65, 50, 3), (-0.6, -0.8, 0)):
+            self.assertAlmostEqual(got, wanted, delta=1e-5)
+        self.assertAlmostEqual(pixel(picture.motion, 65, 50)[0], -0.99, delta=3e-3)
+        for name, channels in zip(self.ALL, (4, 12, 12, 3, 4)):
+            self.assertEqual(pixel(getattr(picture, name), 50, 50, channels), pixel(getattr(plain, name), 50, 50, channels))
+        still = pags.render(self.scene, view, outputs=("motion",), placements=own, others=[shown], before=(view, own))
+        self.assertEqual(max(map(abs, floats(still.motion))), 0)
+        own_tracks = pags.render(self.scene, view, outputs=("crypto_object",), others=[{k: v for k, v in shown.items() if k[0] in "sw"}])
+        self.assertEqual(pixel(own_tracks.crypto_object, 50, 50, 12)[0], self.value("c=2"))
+        self.assertEqual(pixel(own_tracks.crypto_object, 65, 50, 12)[0], self.value("background"))
+        with self.assertRaisesRegex(ValueError, "isn't in the picture"):
+            pags.render(self.scene, view, outputs=("motion",), placements=own, before=(view, own, [earlier]))
 
     def test_what_is_refused(self):
         view = make_camera()

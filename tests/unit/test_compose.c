@@ -527,7 +527,8 @@ static void placements_scale(void **state) {
 /* A rotation that is a little off becomes exact; a scale that is a little off one stays. */
 static void nearly_rigid_poses(void **state) {
   (void)state;
-  double turned[12] = {1 + 4e-6, 0, 0, 1, 0, 1, 0, 2, 0, 0, 1 - 3e-6, 3}, scaled[12] = {1.001, 0, 0, 1, 0, 1.001, 0, 2, 0, 0, 1.001, 3};
+  double turned[12] = {1 + 4e-6, 0, 0, 1, 0, 1, 0, 2, 0, 0, 1 - 3e-6, 3},
+         scaled[12] = {1.001, 0, 0, 1, 0, 1.001, 0, 2, 0, 0, 1.001, 3};
   double flat[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0}, inverse[12], product[12];
   assert_int_equal(pags_affine_check(turned, "test"), PAGS_OK);
   assert_true(turned[0] == 1 && turned[10] == 1 && pags_affine_stretch(turned) == 1);

@@ -181,7 +181,8 @@ static void test_brute_force(void **state) {
   destroy_world(&w);
 }
 
-/* A part that its pose scales is picked as one whose means and sigmas were scaled before, and ids count from id_base. */
+/* A part that its pose scales is picked as one whose means and sigmas were scaled before, and ids count from id_base.
+ */
 static void test_scaled_part(void **state) {
   (void)state;
   const double scale = 0.4;
@@ -475,8 +476,9 @@ static void test_embree(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_brute_force), cmocka_unit_test(test_scaled_part), cmocka_unit_test(test_limits),   cmocka_unit_test(test_grazing),
-      cmocka_unit_test(test_packed),      cmocka_unit_test(test_bad_rays), cmocka_unit_test(test_objects),
+      cmocka_unit_test(test_brute_force), cmocka_unit_test(test_scaled_part), cmocka_unit_test(test_limits),
+      cmocka_unit_test(test_grazing),     cmocka_unit_test(test_packed),      cmocka_unit_test(test_bad_rays),
+      cmocka_unit_test(test_objects),
 #ifdef PAGS_EMBREE
       cmocka_unit_test(test_embree),
 #endif

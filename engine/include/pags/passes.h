@@ -52,7 +52,8 @@ typedef struct pags_passes {
    * the smaller index of the name comes first. Ranks that no name has are 0. */
   const float *matte[2][PAGS_MATTE_PLANES];
   /* sum(w n) / sum(w) in world axes; 0 where nothing is blended. n is the unit vector along the Gaussian's shortest
-   * axis (the first of equal ones) that faces the camera. The mean is shorter than 1 where directions differ. */
+   * axis (the first of equal ones), as a normal of what the part's pose stretches, that faces the camera. The mean is
+   * shorter than 1 where directions differ. */
   const float *normal[3];
   /* Blender's Vector pass, pixels, x to the right and y upwards: where what is seen was `before`, less where it is
    * (0, 1), and where it is, less where it will be `after` (2, 3). It is sum(w m) + T m_sky, with m the motion of the

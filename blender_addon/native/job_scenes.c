@@ -1,0 +1,285 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The scenes of a job: read from Python's arguments, locked, and composed into the parts of one frame.
+ *
+ * The frame's world is that of the first scene, relative to its origin o. A part of another scene, whose origin is p
+ * and which the caller places by W = world_from_scene, has the pose M relative to p there and T(-o) W T(p) M in the
+ * frame. */
+#include "blender_addon/native/job.h"
+
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/memory.h"
+#include "base/text.h"
+#include "port/port.h"
+
+static native_scene *scene_of(const native_shown *shown) {
+  return (native_scene *)shown->scene;
+}
+
+/* ---- Arguments ---- */
+
+static bool read_object_values(PyObject *value, native_shown *shown) {
+  Py_ssize_t count = (Py_ssize_t)pags_composition_scene(scene_of(shown)->composition)->object_count;
+  double *numbers = malloc(((size_t)count + 1) * sizeof *numbers);
+  shown->object_values = malloc(((size_t)count + 1) * sizeof *shown->object_values);
+  bool good = numbers && shown->object_values;
+  if (!good)
+    PyErr_NoMemory();
+  good = good && native_read_numbers(value, "object_values: one for each object", count, numbers);
+  for (Py_ssize_t i = 0; good && i < count; i++)
+    shown->object_values[i] = (float)numbers[i];
+  free(numbers);
+  return good;
+}
+
+/* Reads a name for each placement. */
+static bool read_names(PyObject *value, native_shown *shown) {
+  const int64_t count = shown->placement_count;
+  if (!shown->placements) {
+    PyErr_SetString(PyExc_ValueError, "names: are those of placements, which must be given, too");
+    return false;
+  }
+  if (PyUnicode_Check(value) || PySequence_Size(value) != count) {
+    if (!PyErr_Occurred())
+      PyErr_Format(PyExc_ValueError, "names: expected a list of %lld, one for each placement", (long long)count);
+    return false;
+  }
+  shown->names = calloc((size_t)count + 1, sizeof *shown->names);
+  if (!shown->names)
+    PyErr_NoMemory();
+  for (int64_t i = 0; shown->names && i < count; i++) {
+    PyObject *item = PySequence_GetItem(value, (Py_ssize_t)i), *bytes = item ? PyUnicode_AsUTF8String(item) : NULL;
+    shown->names[i] = bytes ? pags_text_copy(PyBytes_AsString(bytes)) : NULL;
+    if (bytes && !shown->names[i])
+      PyErr_NoMemory();
+    Py_XDECREF(bytes);
+    Py_XDECREF(item);
+    if (!shown->names[i])
+      return false;
+  }
+  return shown->names != NULL;
+}
+
+/* Reads what is drawn of a scene; each value may be None. */
+static bool read_drawn(PyObject *placements, PyObject *object_values, PyObject *names, native_shown *shown) {
+  return (placements == Py_None || native_read_placements(placements, &shown->placements, &shown->placement_count)) &&
+         (object_values == Py_None || read_object_values(object_values, shown)) &&
+         (names == Py_None || read_names(names, shown));
+}
+
+/* A new reference to dict[key], or to None where it isn't there; counts what is there. */
+static PyObject *item_or_none(PyObject *dict, const char *key, Py_ssize_t *found) {
+  if (PyMapping_HasKeyString(dict, key)) {
+    ++*found;
+    return PyMapping_GetItemString(dict, key);
+  }
+  Py_INCREF(Py_None);
+  return Py_None;
+}
+
+enum { SCENE, WORLD_FROM_SCENE, TIME, PLACEMENTS, OBJECT_VALUES, NAMES, KEYS };
+
+static bool read_other(const native_state *state, PyObject *dict, double time, native_shown *shown) {
+  if (!dict || !PyMapping_Check(dict)) {
+    PyErr_SetString(PyExc_TypeError, "others: expected dictionaries");
+    return false;
+  }
+  static const char *const keys[KEYS] = {"scene", "world_from_scene", "time", "placements", "object_values", "names"};
+  PyObject *value[KEYS];
+  Py_ssize_t found = 0;
+  for (int i = 0; i < KEYS; i++)
+    value[i] = item_or_none(dict, keys[i], &found);
+  bool good = value[SCENE] && PyObject_TypeCheck(value[SCENE], state->scene);
+  if (!good)
+    PyErr_SetString(PyExc_TypeError, "others: expected what pags.load returned as \"scene\"");
+  if (good && PyMapping_Size(dict) != found) {
+    PyErr_SetString(PyExc_ValueError,
+                    "others: expected scene, world_from_scene, time, placements, object_values and "
+                    "names, and nothing else");
+    good = false;
+  }
+  if (good) {
+    Py_INCREF(value[SCENE]);
+    shown->scene = value[SCENE];
+    good = value[WORLD_FROM_SCENE] == Py_None ||
+           native_read_pose(value[WORLD_FROM_SCENE], "others: world_from_scene", shown->world_from_scene);
+  }
+  if (good) {
+    const pags_result result = pags_affine_check(shown->world_from_scene, "others: world_from_scene");
+    shown->time = value[TIME] == Py_None ? time : PyFloat_AsDouble(value[TIME]);
+    good = result == PAGS_OK && !PyErr_Occurred();
+    if (result != PAGS_OK)
+      native_raise(state, result);
+  }
+  good = good && read_drawn(value[PLACEMENTS], value[OBJECT_VALUES], value[NAMES], shown);
+  for (int i = 0; i < KEYS; i++)
+    Py_XDECREF(value[i]);
+  return good;
+}
+
+/* Numbers the Gaussians and labels of all scenes, one scene after another. */
+static bool number(const native_state *state, native_contents *contents) {
+  int64_t gaussians = 0, labels = 0;
+  for (int i = 0; i < contents->shown_count; i++) {
+    native_shown *const shown = &contents->shown[i];
+    const pags_composition *const c = scene_of(shown)->composition;
+    shown->id_base = (int32_t)gaussians;
+    shown->label_base = labels;
+    gaussians += pags_composition_gaussian_count(c);
+    labels += shown->placements ? shown->placement_count : pags_composition_scene(c)->object_count + 1;
+    if (gaussians > INT32_MAX - 63) {
+      native_raise(state, pags_fail(PAGS_ERROR_LIMIT,
+                                    "the scenes have more than the 2^31 - 64 Gaussians that can be "
+                                    "rendered at once"));
+      return false;
+    }
+  }
+  return true;
+}
+
+bool native_contents_read(const native_state *state, PyObject *scene, const native_contents_arguments *w, double time,
+                          native_contents *out) {
+  const Py_ssize_t others = w->others == Py_None ? 0 : PySequence_Size(w->others);
+  if (others < 0)
+    return false;
+  out->shown = others < 65536 ? calloc((size_t)others + 1, sizeof *out->shown) : NULL;
+  if (!out->shown) {
+    PyErr_NoMemory();
+    return false;
+  }
+  static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+  for (Py_ssize_t i = 0; i <= others; i++)
+    memcpy(out->shown[i].world_from_scene, identity, sizeof identity);
+  Py_INCREF(scene);
+  out->shown_count = 1;
+  out->shown[0].scene = scene;
+  out->shown[0].time = time;
+  if (!read_drawn(w->placements, w->object_values, w->names, &out->shown[0]))
+    return false;
+  for (Py_ssize_t i = 0; i < others; i++) {
+    PyObject *dict = PySequence_GetItem(w->others, i);
+    const bool good = read_other(state, dict, time, &out->shown[out->shown_count]);
+    out->shown_count += out->shown[out->shown_count].scene != NULL;
+    Py_XDECREF(dict);
+    if (!good)
+      return false;
+  }
+  return number(state, out);
+}
+
+void native_contents_free(native_contents *contents) {
+  for (int i = 0; i < contents->shown_count; i++) {
+    native_shown *const shown = &contents->shown[i];
+    for (int64_t k = 0; shown->names && k < shown->placement_count; k++)
+      free(shown->names[k]);
+    Py_DECREF(shown->scene);
+    free(shown->names);
+    free(shown->placements);
+    free(shown->object_values);
+  }
+  for (int i = 0; i < contents->colour_count; i++)
+    pags_port_aligned_free(contents->colours[i]);
+  free(contents->colours);
+  free(contents->parts);
+  free(contents->shown);
+  *contents = (native_contents){0};
+}
+
+/* ---- Locks ---- */
+
+/* Of the job's scenes with an address above `last`, the one with the lowest; NULL: there is none. */
+static native_scene *next_scene(const native_job *job, const native_scene *last) {
+  native_scene *next = NULL;
+  for (int i = 0; i < job->contents.shown_count; i++) {
+    native_scene *scene = scene_of(&job->contents.shown[i]);
+    if ((uintptr_t)scene > (uintptr_t)last && (!next || (uintptr_t)scene < (uintptr_t)next))
+      next = scene;
+  }
+  return next;
+}
+
+void native_job_lock(const native_job *job, bool lock) {
+  for (native_scene *scene = next_scene(job, NULL); scene; scene = next_scene(job, scene))
+    if (lock)
+      pthread_mutex_lock(&scene->lock);
+    else
+      pthread_mutex_unlock(&scene->lock);
+}
+
+/* ---- Parts ---- */
+
+/* Whether the scene of contents i is composed again at another time after it, so that colours which change with time
+ * have to be copied. */
+static bool is_shown_again(const native_contents *contents, int i) {
+  const native_shown *const shown = contents->shown;
+  for (int k = i + 1; k < contents->shown_count; k++)
+    if (shown[k].scene == shown[i].scene && shown[k].time != shown[i].time)
+      return true;
+  return false;
+}
+
+static pags_result keep_colours(native_contents *contents, pags_part *part) {
+  const size_t bytes = (size_t)part->gaussians->stride * 3 * sizeof(float);
+  float **grown = realloc(contents->colours, (size_t)(contents->colour_count + 1) * sizeof *grown);
+  float *copy = grown ? pags_port_aligned_alloc(64, bytes) : NULL;
+  contents->colours = grown ? grown : contents->colours;
+  if (!copy)
+    return pags_out_of_memory("the colours of a scene that is shown at two times");
+  memcpy(copy, part->dc, bytes);
+  part->dc = contents->colours[contents->colour_count++] = copy;
+  return PAGS_OK;
+}
+
+/* Brings the parts of a scene other than the first, which are relative to its own origin, into the frame. */
+static void bring_in(const native_job *job, const native_shown *shown, pags_part *parts, int count) {
+  const pags_frame_options own = pags_composition_options(scene_of(shown)->composition);
+  double frame_from_scene[12];
+  memcpy(frame_from_scene, shown->world_from_scene, sizeof frame_from_scene);
+  for (int k = 0; k < 3; k++) {
+    double *row = frame_from_scene + 4 * k;
+    row[3] += row[0] * own.origin[0] + row[1] * own.origin[1] + row[2] * own.origin[2] - job->options.origin[k];
+  }
+  for (int p = 0; p < count; p++) {
+    pags_rigid_multiply(frame_from_scene, parts[p].world_from_model, parts[p].world_from_model);
+    parts[p].id_base = shown->id_base;
+    parts[p].low_pass = fmaxf(own.low_pass, FLT_MIN); /* as it was trained, like antialiasing */
+    parts[p].antialiased = job->antialiased < 0 ? (own.antialiased ? 1 : -1) : 0;
+  }
+}
+
+pags_result native_contents_compose(const native_job *job, native_contents *contents) {
+  contents->part_count = 0;
+  for (int i = 0; i < contents->shown_count; i++) {
+    const native_shown *shown = &contents->shown[i];
+    pags_composition *c = scene_of(shown)->composition;
+    const pags_part *own;
+    int count;
+    if (shown->placements)
+      PAGS_TRY(pags_compose_placed(c, shown->time, shown->placements, shown->placement_count, &own, &count));
+    else
+      pags_compose(c, shown->time, &own, &count);
+    if (count > INT32_MAX - 1 - contents->part_count)
+      return pags_fail(PAGS_ERROR_LIMIT, "the scenes have more parts than can be drawn at once");
+    pags_part *parts = realloc(contents->parts, (size_t)(contents->part_count + count + 1) * sizeof *parts);
+    if (!parts)
+      return pags_out_of_memory("the parts of a scene");
+    contents->parts = parts;
+    parts += contents->part_count;
+    if (count > 0)
+      memcpy(parts, own, (size_t)count * sizeof *parts);
+    const bool again = is_shown_again(contents, i);
+    for (int p = 0; p < count; p++) {
+      if (again && parts[p].dc)
+        PAGS_TRY(keep_colours(contents, &parts[p]));
+      const int64_t label = parts[p].label < 0 ? pags_composition_scene(c)->object_count : parts[p].label;
+      parts[p].label = shown->label_base + label;
+    }
+    if (i > 0)
+      bring_in(job, shown, parts, count);
+    contents->part_count += count;
+  }
+  return PAGS_OK;
+}
