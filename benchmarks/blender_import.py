@@ -75,23 +75,21 @@ def python_side():
     scene = bpy.context.scene
     scene.frame_set((scene.frame_start + scene.frame_end) // 2)
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    state, _ = gather.gather(depsgraph)
-    entry = gather.load(state, True)
-    now = gather.time_of(state, entry, scene.frame_current_final)
+    state = gather.gather(depsgraph)
+    frame, now = state.load(True), scene.frame_current_final
     values, pose = lens.of_camera(scene.camera.data, scene.camera.matrix_world, 960, 540)
 
     def submit():
-        camera = gather.camera_for(state, entry, values, pose, now)
         return native.renderer("bench", 0).submit(
-            entry.scene,
-            camera,
-            placements=gather.placements(state, entry, now),
-            **gather.job_arguments(scene.pags, state, entry, False),
+            frame.entry.scene,
+            frame.camera(values, pose, now),
+            **frame.contents_at(now),
+            **gather.job_arguments(scene.pags, frame, False),
         )
 
-    put("objects", len(state.indices))
+    put("objects", len(frame.lead.indices))
     put("gather_ms", work_ms(lambda: gather.gather(depsgraph)))
-    put("placements_ms", work_ms(lambda: gather.placements(state, entry, now)))
+    put("placements_ms", work_ms(lambda: frame.contents_at(now)))
     put("submit_ms", work_ms(lambda: submit().cancel()))
     picture = submit().take()
     put("picture_wall_ms", {k: round(picture.stats[k], 1) for k in ("ms", "ms_job", "ms_fill")})

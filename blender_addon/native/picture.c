@@ -86,11 +86,14 @@ static void mode_color(const fill *f, int64_t at, int32_t id, float rgb[3]) {
   const pags_picture *p = f->picture;
   const native_shown *shown = native_shown_of(f->shown, f->shown_count, &id);
   const native_scene *scene = (const native_scene *)shown->scene;
+  const float scale = f->layout->depth_scale;
   float grey = 0.299f * p->rgb[0][at] + 0.587f * p->rgb[1][at] + 0.114f * p->rgb[2][at];
   switch (f->layout->mode) {
     case MODE_PRIORITY: pags_colormap_heat(scene->priority_of[id], rgb); return;
-    case MODE_DEPTH: pags_colormap_heat(1 - on_scale(p->depth[at], 1, 200), rgb); return;
-    case MODE_SIZE: pags_colormap_heat(on_scale(scene->size_of[id] * size_factor(shown), 0.003f, 3), rgb); return;
+    case MODE_DEPTH: pags_colormap_heat(1 - on_scale(p->depth[at] * scale, 1, 200), rgb); return;
+    case MODE_SIZE:
+      pags_colormap_heat(on_scale(scene->size_of[id] * size_factor(shown) * scale, 0.003f, 3), rgb);
+      return;
     default: break;
   }
   bool critical = is_critical(scene, id);

@@ -81,7 +81,10 @@ class Frame:
             camera.data, camera.matrix_world, width, height, render.pixel_aspect_x, render.pixel_aspect_y
         )
         root = np.linalg.inv(lens.matrix(self.root.matrix_world))
-        pose, _ = lens.rigid(root @ pose)
+        moved = root @ pose
+        pose, scale = lens.rigid(moved)
+        if not np.allclose(scale * pose[:3, :3], moved[:3, :3], rtol=0, atol=1e-4 * scale):
+            raise lens.LensError(f"{self.root.name} is stretched or mirrored: no camera of the scene sees it so; give it one scale, above 0")
         pose[:3, 3] += self.origin
         return {
             **{k: values[k] for k in ("width", "height", "fx", "fy", "cx", "cy")},

@@ -15,10 +15,11 @@ SAMPLES = {True: 64, False: 128}  # of Cycles, with and without a denoiser; its 
 SLACK = 0.15  # share of the distance by which a mesh may lie behind the splats; 1.6 m above the road it is 0.25 m in height
 
 
-def second_scene(scene, root):
-    """A second Blender scene that links the PAGS collection, the camera and the timeline, and renders with PAGS."""
+def second_scene(scene):
+    """A second Blender scene that links the collections of all PAGS scenes, the camera and the timeline, and renders with PAGS."""
     second = bpy.data.scenes.get(SECOND) or bpy.data.scenes.new(SECOND)
-    collections = [c for c in bpy.data.collections if root.name in c.objects]
+    roots = [o.name for o in scene.objects if o.pags.kind == "ROOT"]
+    collections = [c for c in bpy.data.collections if any(name in c.objects for name in roots)]
     for collection in collections:
         if collection.name not in second.collection.children:
             second.collection.children.link(collection)
@@ -44,7 +45,7 @@ def copy_settings(scene, second):
         setattr(second.render, name, getattr(scene.render, name))
     second.frame_start, second.frame_end = scene.frame_start, scene.frame_end
     second.frame_set(scene.frame_current)
-    for name in ("sh_degree", "antialiased", "threads", "hide_noncritical"):
+    for name in ("sh_degree", "antialiased", "threads", "hide_noncritical", "use_background", "background"):
         setattr(second.pags, name, getattr(scene.pags, name))
 
 
@@ -116,10 +117,10 @@ def follow_visibility(scene, proxy):
         curves.set_curve(proxy, "hide_render", 0, [k[0] for k in keys], [k[1] for k in keys], "CONSTANT")
 
 
-def hide_splats(scene, root):
+def hide_splats(scene):
     """Hides the splats' preview points from the renders of the first scene: the second scene renders the splats."""
     for part in scene.objects:
-        if part.pags.kind in {"BACKGROUND", "OBJECT"} and part.pags.root == root and len(part.users_collection) > 0:
+        if part.pags.kind in {"BACKGROUND", "OBJECT"} and len(part.users_collection) > 0:
             part.visible_camera = part.visible_shadow = part.visible_diffuse = part.visible_glossy = False
 
 
@@ -356,9 +357,9 @@ class PAGS_OT_composite(jobs.Long, cameras.OnScene, bpy.types.Operator):
             scene.render.film_transparent = True
             scene.render.use_compositing = True
             layer.use_pass_z = True
-            second = second_scene(scene, root)
+            second = second_scene(scene)
             yield
-            hide_splats(scene, root)
+            hide_splats(scene)
             if engine == "CYCLES":
                 use_catchers(scene, root, eyes_of(entry), z)
                 layer.cycles.use_pass_shadow_catcher = True

@@ -76,78 +76,63 @@ class PagsRenderEngine(bpy.types.RenderEngine):
     def draw_into(self, depsgraph, result, width, height, window):
         """Waits for the job with progress; False when the user cancelled."""
         scene = depsgraph.scene
-        state, count = gather.gather(depsgraph)
+        state = gather.gather(depsgraph)
         if state is None:
             raise SceneError("there is no PAGS scene to render: import one (File > Import > PAGS scene), or unhide it")
-        if count > 1:
-            self.report({"WARNING"}, f"{count} PAGS scenes are visible; {state.root_name} alone is rendered")
-        if state.scaled:
-            self.report({"WARNING"}, "PAGS moves and turns objects; their scale is left out")
+        if state.flat:
+            self.report({"WARNING"}, f"flattened by their scale and left out: {', '.join(state.flat)}")
         if scene.camera is None:
             raise SceneError("there is no camera in the scene")
-        entry = gather.load(state, True)
-        critical_only = scene.pags.hide_noncritical
-        keys = gather.keys(state, entry, critical_only)
-        placements = gather.placements(
-            state, entry, gather.time_of(state, entry, scene.frame_current_final), critical_only
-        )
-        job = self.submit(depsgraph, state, entry, width, height, window, layer_of(result), keys, placements)
+        frame, critical_only = state.load(True), scene.pags.hide_noncritical
+        drawn = [frame.parts(k, scene.frame_current_final, critical_only) for k in range(len(frame.scenes))]
+        job = self.submit(depsgraph, frame, width, height, window, layer_of(result), drawn)
         while not job.wait(0.05):
             if self.test_break():
                 job.cancel()
                 return False
-        self.hand_over(job.take(), layer_of(result), state)
-        passes.describe(
-            self.get_result(), depsgraph.view_layer_eval.name, layer_of(result), passes.names(keys, placements, entry)
-        )
+        self.hand_over(job.take(), layer_of(result), frame)
+        passes.describe(self.get_result(), depsgraph.view_layer_eval.name, layer_of(result), passes.names(frame, drawn))
         return True
 
-    def submit(self, depsgraph, state, entry, width, height, window, layer, keys, placements):
+    def submit(self, depsgraph, frame, width, height, window, layer, drawn):
         scene, render = depsgraph.scene, depsgraph.scene.render
         camera = scene.camera.evaluated_get(depsgraph)
         values, pose = lens.of_camera(
             camera.data, camera.matrix_world, width, height, render.pixel_aspect_x, render.pixel_aspect_y
         )
-        time = gather.time_of(state, entry, scene.frame_current_final)
+        now = scene.frame_current_final
         names = {"Combined": "rgba", "Depth": "depth", "IndexOB": "object", "PriorityHeat": "heat"}
         outputs = [names[p.name] for p in layer.passes if p.name in names] + passes.outputs(layer)
+        transparent, threads, critical_only = render.film_transparent, scene.pags.threads, scene.pags.hide_noncritical
         arguments = {
             "outputs": outputs,
-            "placements": placements,
-            **gather.job_arguments(scene.pags, state, entry, True),
-            **gather.exposure(scene.pags, entry, camera, time),
+            "window": window,
+            "transparent": transparent,
+            "depth_empty": EMPTY_DEPTH,
+            **frame.contents(now, [placements for _, placements in drawn], object_values=True),
+            **gather.job_arguments(scene.pags, frame, True),
+            **frame.exposure(scene.pags, camera, now),
         }
-        transparent, threads = render.film_transparent, scene.pags.threads
-        view = gather.camera_for(state, entry, values, pose, time)
-        values_of_objects = gather.object_values(state, entry)
+        view = frame.camera(values, pose, now)
+        self.update_stats("PAGS", f"{frame.gaussians:,} Gaussians")
         # The last, since it goes to other frames and back: what was evaluated before is not to be used after it.
-        arguments.update(
-            passes.arguments(self, depsgraph, state, entry, placements, keys, scene.pags.hide_noncritical, outputs)
-        )
-        self.update_stats("PAGS", f"{entry.info['gaussians']:,} Gaussians")
-        return native.renderer("final", threads).submit(
-            entry.scene,
-            view,
-            window=window,
-            object_values=values_of_objects,
-            transparent=transparent,
-            depth_empty=EMPTY_DEPTH,
-            **arguments,
-        )
+        passes.add_arguments(self, depsgraph, frame, drawn, critical_only, arguments)
+        return native.renderer("final", threads).submit(frame.entry.scene, view, **arguments)
 
-    def hand_over(self, picture, layer, state):
+    def hand_over(self, picture, layer, frame):
         planes = {
             "Combined": picture.rgba,
             "Depth": picture.depth,
             "IndexOB": picture.object,
             "PriorityHeat": picture.heat,
-            **passes.planes(picture, state),
+            **passes.planes(picture, frame),
         }
         for render_pass in layer.passes:
             if planes.get(render_pass.name) is not None:
                 fill_pass(render_pass, planes[render_pass.name])
         stats = picture.stats
-        self.update_stats("PAGS", f"{stats['gaussians']:,} Gaussians, {stats['shaded']:,} drawn, {stats['ms']:.0f} ms")
+        said = f"{stats['gaussians']:,} Gaussians, {stats['shaded']:,} drawn, {stats['ms']:.0f} ms"
+        self.update_stats("PAGS", "; ".join(filter(None, (said, frame.remarks()))))
 
     # ---- The Rendered viewport ----
 

@@ -31,9 +31,12 @@ def parts_by_index(context, root):
 
 
 def pose_now(root_inverse, part, origin):
-    pose, _ = lens.rigid(root_inverse @ lens.matrix(part.matrix_world))
+    """The rigid pose of a part, 4x4, and whether its scale had to be left out for it: a scene file has none."""
+    matrix = root_inverse @ lens.matrix(part.matrix_world)
+    pose, _ = lens.rigid(matrix)
+    scaled = not np.allclose(pose[:3, :3], matrix[:3, :3], rtol=0, atol=gather.SNAP_ROTATION)
     pose[:3, 3] += origin
-    return pose
+    return pose, scaled
 
 
 class Edited:
@@ -51,7 +54,7 @@ class Edited:
         with open(os.path.join(self.entry.path, "scene.json"), encoding="utf-8") as file:
             self.scene = json.load(file)
         self.inverse = np.linalg.inv(lens.matrix(root.matrix_world))
-        self.moved, self.gone = [], []
+        self.moved, self.gone, self.scaled = [], [], set()
 
     def collect(self, job):
         """Steps that find the objects that were moved and their new track poses, by going through the timeline once. Between the steps the
@@ -82,7 +85,9 @@ class Edited:
         yield from cameras.along(job, scene, list(time_at), visit)
 
     def take(self, record, index, part, time, first):
-        pose = pose_now(self.inverse, part, self.frame.origin)
+        pose, scaled = pose_now(self.inverse, part, self.frame.origin)
+        if scaled:
+            self.scaled.add(part.name)
         exact = self.entry.scene.pose(index, time)
         if exact is None:
             return
@@ -104,6 +109,10 @@ class Edited:
                 )
                 if index not in [m[0] for m in self.moved]:
                     self.moved.append((index, None, None))
+
+    def left_out(self):
+        """What the written scene lacks of the edits, to be added to a report; empty where nothing."""
+        return f"; left out: the scale of {', '.join(sorted(self.scaled))}" if self.scaled else ""
 
     def write(self, folder, job):
         """For a thread beside Blender's. Unchanged models become links to the old files, or copies where links can't be made. The Gaussians of a parked object are part of the
@@ -302,7 +311,7 @@ def explain(layout, text, width=38):
 def export(root, command, path, form, edits):
     def work(job):
         with tempfile.TemporaryDirectory(prefix="pags-edited-") as folder:
-            source = yield from source_of(job, root, os.path.join(folder, "scene"), edits)
+            source, lacking = yield from source_of(job, root, os.path.join(folder, "scene"), edits)
             try:
                 yield jobs.beside(program.run, job, command, "export", source, path, *form)
             finally:
@@ -310,22 +319,22 @@ def export(root, command, path, form, edits):
                     for part in (path + ".part", os.path.splitext(path)[0] + ".bin.part"):
                         with contextlib.suppress(OSError):
                             os.remove(part)
-        return f"wrote {path}"
+        return f"wrote {path}{lacking}"
 
     return work
 
 
 def source_of(job, root, folder, edits):
     """Steps that return the path of what the program is to read: the scene itself, or a copy of it in `folder`, made of links, with Blender's edits
-    and with the data set where it is now."""
+    and with the data set where it is now; and what it lacks of the edits."""
     path = native.absolute_path(root)
     yield jobs.beside(native.load, path)
     if not os.path.isdir(path) or not (edits or root.pags.dataset):
-        return path
+        return path, ""
     edited = Edited(bpy.context, root)
     if edits:
         yield from edited.collect(job)
-    return (yield jobs.beside(edited.write, folder, job))
+    return (yield jobs.beside(edited.write, folder, job)), edited.left_out()
 
 
 class PAGS_OT_save_edited(jobs.Long, cameras.OnScene, bpy.types.Operator):
@@ -354,7 +363,7 @@ class PAGS_OT_save_edited(jobs.Long, cameras.OnScene, bpy.types.Operator):
             edited = Edited(bpy.context, root)
             yield from edited.collect(job)
             yield jobs.beside(edited.write, folder, job)
-            return f"{folder}: {len(edited.moved)} objects moved, {len(edited.gone)} left out"
+            return f"{folder}: {len(edited.moved)} objects moved, {len(edited.gone)} left out{edited.left_out()}"
 
         return work
 

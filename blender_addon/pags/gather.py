@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Collects from Blender's state what the engine has to draw: the parts of a scene, their poses, the time and the render settings."""
+"""Collects from Blender's state what the engine has to draw: the visible scenes, their parts and poses, the time and the render settings.
+
+All visible scenes are drawn in one frame. Its world is that of the leading scene: of those with a sky, or of all where none has one, the scene of
+the active camera, else the first by name. Sky, background and near plane are the leading scene's."""
 
 import numpy as np
 
@@ -9,6 +12,14 @@ IDENTITY = [1.0, 0, 0, 0, 0, 1.0, 0, 0, 0, 0, 1.0, 0]
 NOWHERE = [np.nan] * 12
 # A part whose pose differs from its track by no more than this is drawn exactly at the track's pose: Blender's matrices have float precision.
 SNAP_METRES, SNAP_ROTATION = 2e-3, 3e-4
+ROUNDING = 2e-5  # lengths of a matrix's columns that differ from 1 by no more are those of a rotation in floats
+FLAT = 1e-9  # a matrix that shrinks volumes by more, beside the cube of its longest column, is one of an object flattened to nothing
+
+
+def flattened(matrices):
+    """Of each 4x4 matrix, whether it takes space to a plane or less, so that it can't be inverted."""
+    longest = np.linalg.norm(matrices[:, :3, :3], axis=1).max(axis=1)
+    return ~(np.abs(np.linalg.det(matrices[:, :3, :3])) > FLAT * longest**3)
 
 
 class Gathered:
@@ -17,52 +28,156 @@ class Gathered:
     def __init__(self, root):
         self.root_name, self.path = root.name, native.absolute_path(root)
         self.world_from_root = lens.matrix(root.matrix_world)
-        self.root_from_world = np.linalg.inv(self.world_from_root)
-        self.scale = lens.rigid(self.world_from_root)[1]
         self.frame_start, self.fps = root.pags.frame_start, root.pags.fps
-        self.indices, self.poses = [], []  # of each part: object index (-1: background) and root_from_object, 4x4
-        self.keys = []  # of each part: its object's name, and what tells instances apart
+        self.keys, self.indices, self.poses = [], [], []  # of each part: key, object index (-1: background) and root_from_object, 4x4
         self.pass_index = {}
-        self.scaled = False
 
-    def add(self, index, matrix_world, pass_index, key):
-        self.indices.append(index)
+    def add(self, key, drawn, index, matrix_world):
+        """key: the Blender object's name and which of its instances the part is: the same at every frame."""
         self.keys.append(key)
+        self.indices.append(index)
         self.poses.append([v for row in matrix_world for v in row])
-        self.pass_index[index] = pass_index
+        self.pass_index[index] = drawn.original.pass_index
 
     def finish(self):
-        """Stacks the poses of all parts into one array: thousands of small arrays would cost more than the rest of a redraw."""
+        """Stacks the poses of all parts into one array: thousands of small arrays would cost more than the rest of a redraw. Returns the names of
+        the parts that their scale has flattened, which are left out."""
+        if flattened(self.world_from_root[None])[0]:
+            self.indices, self.keys = np.zeros(0, dtype=int), []
+            return [self.root_name]
         order = np.argsort(self.indices, kind="stable")
-        self.indices = np.array(self.indices)[order]
-        self.keys = [self.keys[i] for i in order]
-        poses = self.root_from_world @ np.array(self.poses, dtype=np.float64).reshape(-1, 4, 4)[order]
+        poses = np.linalg.inv(self.world_from_root) @ np.array(self.poses, dtype=np.float64).reshape(-1, 4, 4)[order]
         lengths = np.linalg.norm(poses[:, :3, :3], axis=1)
-        lengths[lengths == 0] = 1
-        poses[:, :3, :3] /= lengths[:, None, :]
-        self.poses = poses
-        self.scaled = bool((np.abs(lengths.mean(axis=1) - 1) > 1e-3).any())
+        poses[:, :3, :3] /= np.where(np.abs(lengths - 1) < ROUNDING, lengths, 1)[:, None, :]
+        flat = flattened(poses)
+        keys = [self.keys[i] for i in order]
+        self.indices, self.poses = np.array(self.indices)[order][~flat], poses[~flat]
+        self.keys = [key for key, left_out in zip(keys, flat) if not left_out]
         self.identity = (
             self.path,
             self.world_from_root.tobytes(),
             self.fps,
             self.frame_start,
             self.indices.tobytes(),
-            poses.tobytes(),
+            self.poses.tobytes(),
         )
-        return self
+        return [key[0] for key, left_out in zip(keys, flat) if left_out]
+
+
+class Visible:
+    """All PAGS scenes that are visible; `flat` are the names of parts and scenes that are left out, since their scale has flattened them."""
+
+    def __init__(self, scenes, camera_root):
+        self.flat = [name for scene in scenes for name in scene.finish()]
+        self.scenes = [scene for scene in scenes if len(scene.indices)]
+        self.camera_root = camera_root
+        self.frame = None
 
     def key(self):
-        return self.identity
+        return (self.camera_root, *(scene.identity for scene in self.scenes))
+
+    def load(self, wait):
+        """The Frame of all scenes; None while one of them is loading (wait=False). Raises SceneError where one can't be loaded."""
+        entries = [native.entry(scene.path, wait) for scene in self.scenes]
+        if any(entry.loading or entry.scene is None for entry in entries):
+            return None
+        if self.frame is None or self.stamp != entries:
+            order = sorted(
+                range(len(entries)), key=lambda i: (not entries[i].info["sky"], self.scenes[i].root_name != self.camera_root, i)
+            )
+            self.stamp, self.frame = entries, Frame([self.scenes[i] for i in order], [entries[i] for i in order], self.flat)
+        return self.frame
 
 
-def roots(depsgraph):
-    """The objects of a Blender scene that are roots of PAGS scenes."""
-    return [o for o in depsgraph.scene.objects if o.pags.kind == "ROOT"]
+class Frame:
+    """The scenes of one frame, ready to be drawn: `scenes` and `entries` as picks number them, the leading scene first."""
+
+    def __init__(self, scenes, entries, flat, lent=None):
+        """lent: whether the leading scene lends its sky alone, since its scale isn't uniform, and its Gaussians are drawn as another scene's, which
+        comes next; None: to be found out."""
+        self.lead, self.entry, self.flat = scenes[0], entries[0], flat
+        self.origin = np.array(self.entry.info["origin"])
+        world_from_frame, self.scale = lens.rigid(self.lead.world_from_root)
+        self.turn = world_from_frame[:3, :3].copy()
+        world_from_frame[:3, :3] *= self.scale
+        self.frame_from_world = np.linalg.inv(world_from_frame)
+        self.lent = lent
+        if lent is None:
+            self.lent = not np.allclose(world_from_frame, self.lead.world_from_root, rtol=0, atol=1e-6 * self.scale)
+            if self.lent:
+                scenes, entries = [self.lead, *scenes], [self.entry, *entries]
+        self.scenes, self.entries = scenes, entries
+
+    @property
+    def gaussians(self):
+        return sum(entry.info["gaussians"] for entry in self.entries[self.lent :])
+
+    def at(self, visible):
+        """The same scenes in another state of Blender's; what isn't there is as it is here."""
+        found = {(scene.root_name, scene.path): scene for scene in visible.scenes} if visible is not None else {}
+        scenes = [found.get((scene.root_name, scene.path), scene) for scene in self.scenes]
+        return Frame(scenes, self.entries, self.flat, self.lent)
+
+    def time(self, k, frame):
+        """Scene k's time in seconds at a (fractional) frame of the timeline."""
+        return self.entries[k].info["time_begin"] + (frame - self.scenes[k].frame_start) / self.scenes[k].fps
+
+    def camera(self, lens_values, world_from_camera, frame):
+        """The engine's camera (a dictionary) of a camera pose in Blender's world."""
+        pose, _ = lens.rigid(self.frame_from_world @ world_from_camera)
+        pose[:3, 3] += self.origin
+        out = {key: lens_values[key] for key in ("width", "height", "fx", "fy", "cx", "cy")}
+        out["world_from_camera"] = lens.pose12(pose)
+        out["time"] = self.time(0, frame)
+        return out
+
+    def parts(self, k, frame, critical_only=False):
+        """Of what is drawn of scene k: keys, and placements."""
+        if k == 0 and self.lent:
+            return [], []
+        scene, entry = self.scenes[k], self.entries[k]
+        return keys(scene, entry, critical_only), placements(scene, entry, self.time(k, frame), critical_only)
+
+    def contents(self, frame, drawn, object_values=False):
+        """Keyword arguments of submit, render and pick for what is drawn; drawn: the placements of each scene; object_values: with the values of
+        the object pass."""
+        found = []
+        for k, (scene, entry) in enumerate(zip(self.scenes, self.entries)):
+            own = {"placements": drawn[k]}
+            if object_values:
+                own["object_values"] = [float(scene.pass_index.get(i, 0)) for i in range(len(entry.objects))]  # 0: deleted
+            if k > 0:
+                own.update(scene=entry.scene, time=self.time(k, frame), world_from_scene=self.world_from_scene(k))
+            found.append(own)
+        return {**found[0], "others": found[1:]}
+
+    def contents_at(self, frame, critical_only=False):
+        """The same of everything at a frame of the timeline."""
+        return self.contents(frame, [self.parts(k, frame, critical_only)[1] for k in range(len(self.scenes))])
+
+    def world_from_scene(self, k):
+        """From scene k's absolute coordinates to those of the leading scene, 12 numbers."""
+        out = self.frame_from_world @ self.scenes[k].world_from_root
+        out[:3, 3] += self.origin - out[:3, :3] @ np.array(self.entries[k].info["origin"])
+        return lens.pose12(out)
+
+    def exposure(self, settings, camera, frame):
+        """Keyword argument with the exposure of a recorded camera (a Blender object or None)."""
+        if not settings.exposure or camera is None or camera.type != "CAMERA" or camera.data.pags.sensor < 0:
+            return {}
+        root = camera.original.pags.root
+        k = next((k for k, scene in enumerate(self.scenes) if root is not None and scene.root_name == root.name), 0)
+        return {"exposure": self.entries[k].scene.exposure(camera.data.pags.sensor, self.time(k, frame))}
+
+    def remarks(self):
+        """What a user has to know of several scenes, and of parts left out; empty otherwise."""
+        count = len({scene.root_name for scene in self.scenes})
+        said = [f"{count} scenes, {'sky' if self.entry.info['sky'] else 'background'} of {self.lead.root_name}"] if count > 1 else []
+        return "; ".join(said + ([f"flattened by their scale and left out: {', '.join(self.flat[:3])}"] if self.flat else []))
 
 
 def gather(depsgraph):
-    """The state of the first visible PAGS scene by name, or None, and the number of visible PAGS scenes."""
+    """What is visible of PAGS scenes, or None."""
     found = {}
     for instance in depsgraph.object_instances:
         drawn = instance.object
@@ -75,17 +190,14 @@ def gather(depsgraph):
         state = found.get(root.name)
         if state is None:
             state = found[root.name] = Gathered(root.evaluated_get(depsgraph))
-        index = -1 if settings.kind == "BACKGROUND" else settings.index
         key = (drawn.original.name, tuple(instance.persistent_id) if instance.is_instance else ())
-        state.add(index, instance.matrix_world, drawn.original.pass_index, key)
+        state.add(key, drawn, -1 if settings.kind == "BACKGROUND" else settings.index, instance.matrix_world)
     if not found:
-        return None, 0
-    return found[sorted(found)[0]].finish(), len(found)
-
-
-def time_of(state, entry, frame):
-    """The scene's time in seconds at a (fractional) frame of the timeline."""
-    return entry.info["time_begin"] + (frame - state.frame_start) / state.fps
+        return None
+    camera = depsgraph.scene.camera
+    root = camera.original.pags.root if camera is not None else None
+    visible = Visible([found[name] for name in sorted(found)], root.name if root is not None else "")
+    return visible if visible.scenes else None
 
 
 def known_parts(state, entry, critical_only=False):
@@ -112,44 +224,20 @@ def placements(state, entry, time, critical_only=False):
     difference = np.abs(exact - poses)
     difference[:, :, 3] = np.abs(exact[:, :, 3] - np.where(mine, origin, 0) - poses[:, :, 3])
     same = (difference[:, :, :3] < SNAP_ROTATION).all(axis=(1, 2)) & (difference[:, :, 3] < SNAP_METRES).all(axis=1)
-    moved = poses.copy()  # poses relative to the scene's origin; the background is rotated about that origin
+    moved = poses.copy()  # poses relative to the scene's origin; the background is moved about that origin
     moved[:, :, 3] += np.where(mine, origin, origin - poses[:, :, :3] @ origin)
     rows = np.where(same[:, None, None], exact, moved).reshape(-1, 12).tolist()
     return list(zip(indices.tolist(), rows))
 
 
-def camera_for(state, entry, lens_values, world_from_camera, time):
-    """The engine's camera (a dictionary) of a camera pose in Blender's world."""
-    pose, _ = lens.rigid(state.root_from_world @ world_from_camera)
-    pose[:3, 3] += np.array(entry.info["origin"])
-    out = {key: lens_values[key] for key in ("width", "height", "fx", "fy", "cx", "cy")}
-    out["world_from_camera"] = lens.pose12(pose)
-    out["time"] = time
-    return out
-
-
-def object_values(state, entry):
-    """Values of the object-index pass by object: Blender's pass index, or 0 where the object was deleted."""
-    return [float(state.pass_index.get(i, 0)) for i in range(len(entry.objects))]
-
-
-def job_arguments(settings, state, entry, final):
-    """Keyword arguments of Renderer.submit from the scene's settings."""
+def job_arguments(settings, frame, final):
+    """Keyword arguments of Renderer.submit from the Blender scene's settings."""
     out = {"linear": True, "flip": True, "mode": settings.mode, "sh_degree": settings.sh_degree}
     out["exp_degree"] = 5 if final or settings.exact else 3
     if settings.antialiased != "SCENE":
         out["antialiased"] = int(settings.antialiased == "ON")
-    out["depth_scale"] = state.scale
+    if settings.use_background:
+        out["background"] = tuple(settings.background)
+    out["depth_scale"] = frame.scale
     out["early_z"] = settings.early_z if settings.early_z != "bounded" else f"bounded={settings.early_z_eps:.6f}"
     return out
-
-
-def exposure(settings, entry, camera, time):
-    """Keyword argument with the exposure of a recorded camera (a Blender object or None) at a time."""
-    if not settings.exposure or camera is None or camera.type != "CAMERA" or camera.data.pags.sensor < 0:
-        return {}
-    return {"exposure": entry.scene.exposure(camera.data.pags.sensor, time)}
-
-
-def load(state, wait):
-    return native.entry(state.path, wait)

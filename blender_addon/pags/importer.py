@@ -2,6 +2,7 @@
 """A scene folder or splat file as Blender objects: a root, the background, an object on its track each,
 cameras on the ego."""
 
+import json
 import os
 import types
 
@@ -9,15 +10,24 @@ import bpy
 import numpy as np
 from bpy.props import BoolProperty, CollectionProperty, EnumProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
-from mathutils import Matrix, Quaternion
+from mathutils import Matrix, Quaternion, Vector
 
 from . import curves, exporter, jobs, lens, native, photographs, program, proxies
 from .properties import preview_budget
 
-# -y up (COLMAP, bare files) to Blender's z up: a quarter turn about x that takes -y to z.
-FROM_MINUS_Y = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
-FROM_Y = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
-UP = {"-y": [0, -1.0, 0], "y": [0, 1.0, 0]}  # z otherwise
+# Rotations that take a file's up axis to Blender's z: quarter and half turns about x, or about y for files with x up.
+FROM_UP = {
+    "z": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+    "-z": [[1, 0, 0], [0, -1, 0], [0, 0, -1]],
+    "y": [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
+    "-y": [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
+    "x": [[0, 0, -1], [0, 1, 0], [1, 0, 0]],
+    "-x": [[0, 0, 1], [0, 1, 0], [-1, 0, 0]],
+}
+UP_AXES = [("AUTO", "As the file says", "Where a splat file says nothing: -Y, as programs that train splats write them")]
+UP_AXES += [(axis.upper(), axis.upper(), f"The file's {axis.upper()} axis points up") for axis in FROM_UP]
+EMPTY_SIZE = 0.25  # metres, of the Empties of tracks
+FRAMED = 1.1  # how much larger than what it frames the view of a new camera is
 
 
 class Import:
@@ -34,8 +44,11 @@ class Import:
         self.fps = context.scene.render.fps / context.scene.render.fps_base
         self.first = float(context.scene.frame_start)
         self.name = os.path.basename(os.path.normpath(path)) or "scene"
+        up = self.info["up"] if options.up == "AUTO" else options.up.lower()
+        self.turn = np.array(FROM_UP.get(up, FROM_UP["z"]), dtype=np.float64)
         self.collection = self.root = None
         self.sensors = []  # cameras of sensors
+        self.of_class = {}
 
     def run(self):
         """Steps that make everything."""
@@ -45,8 +58,7 @@ class Import:
         self.root.pags.path = self.path
         self.root.pags.frame_start, self.root.pags.fps = self.first, self.fps
         self.root["pags_gaussians"] = self.info["gaussians"]
-        if self.info["up"] in UP:
-            self.root.matrix_world = Matrix((FROM_Y if self.info["up"] == "y" else FROM_MINUS_Y).tolist())  # assigned directly, a list of lists would be read by columns
+        self.root.matrix_world = Matrix(self.turn.tolist()).to_4x4()
         share = self.budget / max(1, self.info["gaussians"])
         background = self.info["gaussians"] - sum(o["gaussians"] for o in self.objects)
         if background > 0:
@@ -56,25 +68,37 @@ class Import:
                 self.add_object(index, record, record["gaussians"] * share)
                 yield
         if self.options.cameras != "NONE":
-            yield from self.add_cameras()
+            if self.scene.views:
+                yield from self.add_cameras()
+            else:
+                self.add_framing_camera()
+            if self.context.scene.camera is None or self.replaces_camera:
+                self.context.scene.camera = next((o for o in self.collection.objects if o.type == "CAMERA"), self.context.scene.camera)
 
     def frame_of(self, time):
         return self.first + (np.asarray(time) - self.info["time_begin"]) * self.fps
 
-    def link(self, block, kind, parent):
-        self.collection.objects.link(block)
+    def link(self, block, kind, parent, collection=None):
+        (collection or self.collection).objects.link(block)
         block.pags.kind = kind
         block.pags.root = self.root if self.root else None
         if parent is not None:
             block.parent = parent
         return block
 
-    def add_empty(self, name, kind, parent, size):
+    def collection_of(self, name):
+        """The collection of the objects of a class, below the scene's."""
+        if name not in self.of_class:
+            self.of_class[name] = bpy.data.collections.new(name[:60] or "objects")
+            self.collection.children.link(self.of_class[name])
+        return self.of_class[name]
+
+    def add_empty(self, name, kind, parent, size, collection=None):
         empty = bpy.data.objects.new(name, None)
         empty.empty_display_type, empty.empty_display_size = ("PLAIN_AXES" if kind == "ROOT" else "ARROWS"), size
-        return self.link(empty, kind, parent)
+        return self.link(empty, kind, parent, collection)
 
-    def add_part(self, name, index, kind, parent, budget):
+    def add_part(self, name, index, kind, parent, budget, collection=None):
         points, colors = (
             self.scene.points(index, max(1, int(budget))) if budget >= 1 else (np.zeros((0, 3)), np.zeros((0, 4)))
         )
@@ -85,16 +109,17 @@ class Import:
         attribute = mesh.attributes.new("Col", "FLOAT_COLOR", "POINT")
         attribute.data.foreach_set("color", np.ascontiguousarray(colors, dtype=np.float32).reshape(-1))
         mesh.update()
-        part = self.link(bpy.data.objects.new(name, mesh), kind, parent)
+        part = self.link(bpy.data.objects.new(name, mesh), kind, parent, collection)
         part.pags.index = index
         part.pass_index = index + 1
         part.display_type = "BOUNDS"  # Blender would draw the vertices of a mesh without faces as black dots over the splats
         return part
 
     def add_object(self, index, record, budget):
-        track = self.add_empty(f"{record['class']} {record['id']}"[:60], "TRACK", self.root, max(record["size"]) / 2)
+        collection = self.collection_of(record["class"])
+        track = self.add_empty(f"{record['class']} {record['id']}"[:60], "TRACK", self.root, EMPTY_SIZE, collection)
         track.pags.index = index
-        part = self.add_part(record["id"][:60], index, "OBJECT", track, budget)
+        part = self.add_part(record["id"][:60], index, "OBJECT", track, budget, collection)
         part["pags_id"], part["pags_class"], part["pags_category"] = record["id"], record["class"], record["category"]
         part["pags_critical"], part["pags_gaussians"] = record["critical"], record["gaussians"]
         part["pags_size"] = record["size"]
@@ -120,10 +145,7 @@ class Import:
     # ---- Cameras ----
 
     def add_cameras(self):
-        views = self.scene.views
-        if not views:
-            return
-        rig = {}
+        views, rig = self.scene.views, {}
         for view in views:
             rig.setdefault(view["sensor"] if "time" in view else -1, []).append(view)
         recorded = {sensor: group for sensor, group in rig.items() if sensor >= 0}
@@ -134,8 +156,25 @@ class Import:
         for view in views if self.options.cameras == "ALL" or not recorded else ():
             self.add_still(view)
             yield
-        if self.context.scene.camera is None or self.replaces_camera:
-            self.context.scene.camera = next(o for o in self.collection.objects if o.type == "CAMERA")
+
+    def add_framing_camera(self):
+        """Adds a camera that frames what a file without cameras holds: from before it, a little to the right and above. The twentieth of the points
+        that lies farthest out along each axis counts for nothing: trained splats have strays far away."""
+        points = np.array(self.scene.points(-1, 20000)[0]).reshape(-1, 3) @ self.turn.T
+        if not len(points):
+            return
+        low, high = np.percentile(points, 2.5, axis=0), np.percentile(points, 97.5, axis=0)
+        middle, radius = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-3)
+        data = bpy.data.cameras.new("view of " + self.name)
+        render = self.context.scene.render
+        sides = render.resolution_x * render.pixel_aspect_x, render.resolution_y * render.pixel_aspect_y
+        distance = FRAMED * radius / np.sin(np.arctan(min(sides) / max(sides) * data.sensor_width / (2 * data.lens)))
+        data.clip_start, data.clip_end = distance / 1000, distance * 1000
+        data.display_size = radius / 10
+        towards = Vector((-0.5, 1.0, -0.35)).normalized()
+        pose = Matrix.Translation(Vector(middle.tolist()) - float(distance) * towards) @ towards.to_track_quat("-Z", "Y").to_matrix().to_4x4()
+        camera = self.link(bpy.data.objects.new(data.name, data), "CAMERA", self.root)
+        camera.matrix_basis = self.root.matrix_world.inverted() @ pose
 
     def local_pose(self, view):
         pose = lens.view_matrix4(view)
@@ -152,7 +191,7 @@ class Import:
         return ego
 
     def ego_pose(self, camera):
-        up = np.array(UP.get(self.info["up"], [0, 0, 1.0]))
+        up = self.turn[2]  # the scene's axis that becomes Blender's z
         forward = -camera[:3, 2]
         forward = forward - (forward @ up) * up
         size = np.linalg.norm(forward)
@@ -236,6 +275,37 @@ def adopt_settings(scene, work, frame):
         scene.render.resolution_percentage = 100
 
 
+def look_through_camera(context):
+    """Shows what was imported in the 3D views that are open: Rendered, through the scene's camera, which fills the view."""
+    for window in context.window_manager.windows:
+        for area in (area for area in window.screen.areas if area.type == "VIEW_3D"):
+            space = area.spaces.active
+            space.shading.type = "RENDERED"
+            space.clip_end = max(space.clip_end, 10000)
+            if context.scene.camera is not None:
+                space.region_3d.view_perspective = "CAMERA"
+                region = next(r for r in area.regions if r.type == "WINDOW")
+                with context.temp_override(window=window, area=area, region=region):
+                    bpy.ops.view3d.view_center_camera()
+
+
+def scene_of(path):
+    """The scene folder whose scene.json names this splat file as one of its models, or None."""
+    folder = os.path.dirname(path)
+    for _ in range(3):  # models lie in the folder itself or one below
+        inner = os.path.join(folder, "scene.json")
+        if os.path.isfile(inner):
+            try:
+                with open(inner, encoding="utf-8") as file:
+                    models = [os.path.join(folder, model["file"]) for model in json.load(file)["models"]]
+            except (OSError, ValueError, KeyError, TypeError):
+                return None  # no scene of ours
+            here = os.path.normcase(os.path.normpath(path))
+            return folder if here in [os.path.normcase(os.path.normpath(model)) for model in models] else None
+        folder = os.path.dirname(folder)
+    return None
+
+
 def clear_views():
     """Turns off relationship lines and Blender's floor in all 3D views: the lines hide the street, the floor lies over the road and, without a
     graphics card, costs a sixth of a redraw."""
@@ -245,8 +315,8 @@ def clear_views():
         overlay.show_floor = overlay.show_axis_x = overlay.show_axis_y = False
 
 
-def bring_in(job, path, options):
-    """Steps that import a scene."""
+def bring_in(job, path, options, said):
+    """Steps that import a scene. said: what is to be told of the choice of the path."""
     entry = yield jobs.beside(native.load, path)  # an unreadable scene fails here, before anything is changed
     context, scene, fps = bpy.context, bpy.context.scene, entry.info["fps"]
     empty = blend_is_empty(scene)
@@ -262,6 +332,8 @@ def bring_in(job, path, options):
         scene.render.engine = "PAGS"
     if empty:
         clear_views()
+        if options.use_engine and not bpy.app.background:
+            look_through_camera(context)
     if options.relative and bpy.data.filepath:
         work.root.pags.path = bpy.path.relpath(work.root.pags.path)
     for other in context.selected_objects:
@@ -270,7 +342,9 @@ def bring_in(job, path, options):
     context.view_layer.objects.active = work.root
     yield from more(job, work, options)
     if fps > 0 and not rate and abs(fps - work.fps) > 1e-3:
-        return f"the recording has {fps:g} frames a second, the timeline {work.fps:g}; its tracks keep their speed"
+        rate_said = f"the recording has {fps:g} frames a second, the timeline {work.fps:g}; its tracks keep their speed"
+        said = f"{said}; {rate_said}" if said else rate_said
+    return said or None
 
 
 def more(job, work, options):
@@ -288,7 +362,7 @@ def more(job, work, options):
 
 
 EXTENSIONS = (".json", ".ply", ".spz", ".splat", ".pagsz")  # Blender matches a filter with the whole path: "scene.json" as a filter would match nothing
-OPTIONS = ("cameras", "photographs", "proxies", "use_rate", "use_standard", "use_engine", "relative")
+OPTIONS = ("whole", "up", "cameras", "photographs", "proxies", "use_rate", "use_standard", "use_engine", "relative")
 
 
 class PAGS_OT_import(bpy.types.Operator, ImportHelper):
@@ -305,9 +379,15 @@ class PAGS_OT_import(bpy.types.Operator, ImportHelper):
     )
     directory: StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE", "HIDDEN"})
     files: CollectionProperty(type=bpy.types.OperatorFileListElement, options={"SKIP_SAVE", "HIDDEN"})
+    whole: BoolProperty(
+        name="Whole scene",
+        description="Of a splat file that is a part of a scene folder, import the scene; otherwise this part alone",
+        default=True,
+    )
+    up: EnumProperty(name="Up axis", description="Which axis of the file becomes Blender's Z", items=UP_AXES)
     cameras: EnumProperty(
         name="Cameras",
-        description="Which cameras of the recording to make",
+        description="Which cameras to make; of a file that holds none, one that frames it",
         items=[
             ("SENSORS", "One a sensor", "One animated camera a sensor, on the ego"),
             ("ALL", "All views too", "And a still camera for every single photograph"),
@@ -353,8 +433,10 @@ class PAGS_OT_import(bpy.types.Operator, ImportHelper):
             self.report({"ERROR"}, "choose a scene folder, its scene.json, or a splat file")
             return {"CANCELLED"}
         path, options = os.path.abspath(path), types.SimpleNamespace(**{name: getattr(self, name) for name in OPTIONS})
+        whole = scene_of(path) if self.whole else None
+        said = f"{os.path.basename(path)} is a part of {whole}, which was imported whole (off: Whole scene)" if whole else ""
         try:
-            jobs.begin(self, lambda job: bring_in(job, path, options))
+            jobs.begin(self, lambda job: bring_in(job, whole or path, options, said))
         except jobs.ERRORS as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}

@@ -54,18 +54,18 @@ class PAGS_OT_pick(bpy.types.Operator):
 def pick(context, values, pose, x, y):
     """What a Blender camera sees at a pixel (row 0 at the top): the C module's pick result with "record", the object, added, or None."""
     depsgraph = context.evaluated_depsgraph_get()
-    state, _ = gather.gather(depsgraph)
+    state = gather.gather(depsgraph)
     if state is None:
         raise native.SceneError("there is no PAGS scene to pick in")
-    entry = gather.load(state, True)
-    time = gather.time_of(state, entry, context.scene.frame_current_final)
-    camera = gather.camera_for(state, entry, values, pose, time)
-    parts = gather.placements(state, entry, time, context.scene.pags.hide_noncritical)
-    found = native.module.pick(entry.scene, camera, x, y, placements=parts)
+    frame, now = state.load(True), context.scene.frame_current_final
+    contents = frame.contents_at(now, context.scene.pags.hide_noncritical)
+    found = native.module.pick(frame.entry.scene, frame.camera(values, pose, now), x, y, **contents)
     if found is not None:
+        entry = frame.entries[found["scene"]]
         found["record"] = entry.objects[found["object"]] if found["object"] is not None else None
-        found["root"] = state.root_name
-        found["depth"] = (found["depth"] - values.get("ortho", 0.0)) * state.scale
+        found["root"] = frame.scenes[found["scene"]].root_name
+        found["of"] = f" of {found['root']}" if len(state.scenes) > 1 else ""
+        found["depth"] = (found["depth"] - values.get("ortho", 0.0)) * frame.scale
     return found
 
 
@@ -74,6 +74,7 @@ def describe(found):
         return "nothing is drawn there"
     record = found["record"]
     what = f"{record['class']} {record['id']} (number {found['object']})" if record else "background"
+    what += found["of"]
     return f"{what}, S_sem {found['priority']:.2f}, depth {found['depth']:.2f} m, Gaussian {found['id']}"
 
 

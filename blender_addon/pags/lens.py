@@ -14,12 +14,11 @@ def matrix(m):
 
 
 def rigid(m):
-    """Splits a 4x4 matrix into (matrix without scale, mean scale)."""
-    lengths = np.linalg.norm(m[:3, :3], axis=0)
-    lengths[lengths == 0] = 1
+    """Splits a 4x4 matrix into (its place and the rotation nearest to it, its mean scale)."""
+    u, sizes, v = np.linalg.svd(m[:3, :3])
     out = m.copy()
-    out[:3, :3] /= lengths
-    return out, float(lengths.mean())
+    out[:3, :3] = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v))]) @ v
+    return out, float(np.prod(sizes) ** (1 / 3))
 
 
 def pose12(m):
@@ -52,8 +51,10 @@ def intrinsics(camera, width, height, aspect_x=1.0, aspect_y=1.0):
 def of_camera(camera, world_from_camera, width, height, aspect_x=1.0, aspect_y=1.0):
     """Of a Blender camera object: (intrinsics, world_from_camera 4x4 in OpenCV's axes)."""
     lens = intrinsics(camera, width, height, aspect_x, aspect_y)
-    pose, _ = rigid(matrix(world_from_camera))
-    pose = pose @ FLIP
+    pose = matrix(world_from_camera)
+    if np.linalg.det(pose[:3, :3]) < 0:  # mirrored together with its scene: it sees the mirrored scene, as any camera there would
+        pose[:3, 0] *= -1
+    pose = rigid(pose)[0] @ FLIP
     if camera.type == "ORTHO":
         lens, pose = from_afar(lens, pose)
     return lens, pose

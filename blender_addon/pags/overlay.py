@@ -48,7 +48,7 @@ def view_of(context):
 
 def on_draw():
     context = bpy.context
-    if context.region_data is None or not any(o.pags.kind == "ROOT" for o in context.scene.objects):
+    if context.region_data is None or not any(o.pags.kind == "ROOT" for o in bpy.data.objects):
         return
     try:
         if draws_splats(context):

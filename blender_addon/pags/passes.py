@@ -39,46 +39,45 @@ def outputs(layer):
     return found + [output for name, output in MATTES.items() if name + "00" in names]
 
 
-def arguments(engine, depsgraph, state, entry, now, names, critical_only, wanted):
-    """Keyword arguments of Renderer.submit for these outputs. `now`: the placements, `names`: keys of their objects."""
-    found = {"names": [key[0] for key in names]} if "crypto_object" in wanted else {}
+def add_arguments(engine, depsgraph, frame, drawn, critical_only, arguments):
+    """Adds to the keyword arguments of Renderer.submit what their outputs need. drawn: of each scene the keys of its parts, and their placements."""
+    wanted = arguments["outputs"]
+    if "crypto_object" in wanted:
+        for own, (keys, _) in zip([arguments, *arguments["others"]], drawn):
+            own["names"] = [key[0] for key in keys]
     if "motion" not in wanted:
-        return found
-    frame, subframe = depsgraph.scene.frame_current, depsgraph.scene.frame_subframe
-    own = dict(zip(names, now))
+        return
+    number, subframe = depsgraph.scene.frame_current, depsgraph.scene.frame_subframe
     try:
         for argument, step in (("before", -1), ("after", 1)):
-            engine.frame_set(frame + step, subframe)
-            found[argument] = moment(depsgraph, state, entry, frame + subframe + step, own, critical_only)
+            engine.frame_set(number + step, subframe)
+            arguments[argument] = moment(depsgraph, frame, number + subframe + step, drawn, critical_only)
     finally:
-        engine.frame_set(frame, subframe)
-    return found
+        engine.frame_set(number, subframe)
 
 
-def moment(depsgraph, state, entry, frame, own, critical_only):
-    """Camera and placements at a frame, in the order of `own`, a dictionary of the placements by their keys; what isn't there at that frame
-    is where it is in `own`."""
-    there, _ = gather.gather(depsgraph)
-    if there is None or there.path != state.path:
-        there = state
-    time = gather.time_of(there, entry, frame)
-    found = dict(zip(gather.keys(there, entry, critical_only), gather.placements(there, entry, time, critical_only)))
+def moment(depsgraph, frame, number, drawn, critical_only):
+    """Camera, placements and other scenes at a frame of the timeline, in the order of `drawn`; what isn't there at that frame is where it is in it."""
+    then = frame.at(gather.gather(depsgraph))
+    placements = []
+    for k, (keys, own) in enumerate(drawn):
+        found = dict(zip(*then.parts(k, number, critical_only)))
+        placements.append([found.get(key, placement) for key, placement in zip(keys, own)])
     scene = depsgraph.scene
     width, height = lens.picture_size(scene.render)
     camera = scene.camera.evaluated_get(depsgraph)
     values, pose = lens.of_camera(
         camera.data, camera.matrix_world, width, height, scene.render.pixel_aspect_x, scene.render.pixel_aspect_y
     )
-    placements = [found.get(key, placement) for key, placement in own.items()]
-    return gather.camera_for(there, entry, values, pose, time), placements
+    contents = then.contents(number, placements)
+    return then.camera(values, pose, number), contents["placements"], contents["others"]
 
 
-def planes(picture, state):
+def planes(picture, frame):
     """The contents of the passes by name."""
     found = {}
     if picture.normal is not None:
-        turn = lens.rigid(state.world_from_root)[0][:3, :3].astype(np.float32)
-        found["Normal"] = np.asarray(picture.normal) @ turn.T
+        found["Normal"] = np.asarray(picture.normal) @ frame.turn.astype(np.float32).T
     if picture.motion is not None:
         found["Vector"] = picture.motion
     for layer, output in MATTES.items():
@@ -106,7 +105,10 @@ def describe(result, view_layer_name, layer, names):
             result.stamp_data_add_field(f"{key}/{name}", text)
 
 
-def names(keys, placements, entry):
+def names(frame, drawn):
     """The names in each matte."""
-    classes = {entry.objects[index]["class"] if index >= 0 else "background" for index, _ in placements}
-    return {"CryptoObject": {key[0] for key in keys}, "CryptoAsset": classes}
+    found = {"CryptoObject": set(), "CryptoAsset": set()}
+    for entry, (keys, placements) in zip(frame.entries, drawn):
+        found["CryptoObject"] |= {key[0] for key in keys}
+        found["CryptoAsset"] |= {entry.objects[index]["class"] if index >= 0 else "background" for index, _ in placements}
+    return found

@@ -6,6 +6,7 @@ from bpy.props import (
     BoolProperty,
     EnumProperty,
     FloatProperty,
+    FloatVectorProperty,
     IntProperty,
     PointerProperty,
     StringProperty,
@@ -135,6 +136,14 @@ class PagsScene(bpy.types.PropertyGroup):
     points: BoolProperty(
         name="Points", description="Draw the light preview points where the splats aren't drawn", default=True,
         update=draw_again,
+    )
+    use_background: BoolProperty(
+        name="Own background", description="This colour behind everything, in place of the scene's sky or background",
+        update=draw_again,
+    )
+    background: FloatVectorProperty(
+        name="Background", description="Colour behind everything, as the screen shows it", subtype="COLOR_GAMMA",
+        size=3, default=(0.5, 0.5, 0.5), min=0, max=1, update=draw_again,
     )
     use_pass_heat: BoolProperty(name="Priority heat", description="A pass with the priority as colours")
     wipe: FloatProperty(

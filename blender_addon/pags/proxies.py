@@ -21,7 +21,7 @@ WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 def make(job, root, command, level="mesh"):
     """Steps that have `pags export` make the proxies and put them into the scene."""
     with tempfile.TemporaryDirectory(prefix="pags-proxies-") as folder:
-        source = yield from exporter.source_of(job, root, os.path.join(folder, "scene"), False)
+        source, _ = yield from exporter.source_of(job, root, os.path.join(folder, "scene"), False)
         path = os.path.join(folder, "proxies.glb")
         yield jobs.beside(program.run, job, command, "export", source, path, "--proxy", level)
         return (yield from bring_in(job, root, path))

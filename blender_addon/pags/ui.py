@@ -112,6 +112,8 @@ class PAGS_PT_object(bpy.types.Panel):
     def draw(self, context):
         block, layout = context.object, self.layout
         layout.prop(block.pags, "kind")
+        if block.pags.root is not None:
+            layout.label(text=f"Scene: {block.pags.root.name}")
         for key, label in (
             ("pags_class", "Class"),
             ("pags_id", "Id"),
@@ -154,6 +156,8 @@ class PAGS_OT_add_preset(AddPresetBase, bpy.types.Operator):
         "settings.early_z_eps",
         "settings.exact",
         "settings.deadline",
+        "settings.use_background",
+        "settings.background",
     ]
     preset_subdir = "pags/render"
 
@@ -174,6 +178,11 @@ class PAGS_PT_settings(RenderPanel, bpy.types.Panel):
             layout.prop(settings, "early_z_eps")
         for name in ("mode", "hide_noncritical", "exposure", "threads", "exact", "deadline"):
             layout.prop(settings, name)
+        row = layout.row(heading="Background")
+        row.prop(settings, "use_background", text="")
+        own = row.row()
+        own.active = settings.use_background
+        own.prop(settings, "background", text="")
         layout.prop(context.scene.render, "film_transparent", text="Transparent sky")
 
 

@@ -37,7 +37,7 @@ class Shown:
 
 class View:
     def __init__(self):
-        self.state, self.count = None, 0
+        self.state = self.frame = None
         self.job = self.job_key = self.job_scale = self.job_values = self.job_degree = None
         self.requested, self.changed_at, self.requested_degree = None, 0.0, 3
         self.shown = None
@@ -52,7 +52,7 @@ class View:
 
     def update(self, depsgraph):
         begin = pace.clock()
-        self.state, self.count = gather.gather(depsgraph)
+        self.state = gather.gather(depsgraph)
         self.watch.gather(begin)
 
     def request(self, context, depsgraph, width, height, outputs, transparent):
@@ -60,27 +60,27 @@ class View:
         if self.state is None:
             self.error = "no PAGS scene is visible: File > Import > PAGS scene"
             return None
-        entry = gather.load(self.state, False)
-        self.loading = entry.loading
-        if entry.loading or entry.scene is None:
-            self.error = f"loading {self.state.path} ..."
+        self.frame = frame = self.state.load(False)
+        self.loading = frame is None
+        if frame is None:
+            self.error = f"loading {', '.join(scene.path for scene in self.state.scenes)} ..."
             return None
         region = context.region_data
         settings = depsgraph.scene.pags
         values, pose = lens.of_view(region.window_matrix, region.view_matrix, width, height)
-        now = gather.time_of(self.state, entry, depsgraph.scene.frame_current_final)
-        camera = gather.camera_for(self.state, entry, values, pose, now)
-        job_arguments = gather.job_arguments(settings, self.state, entry, False)
+        now = depsgraph.scene.frame_current_final
+        camera = frame.camera(values, pose, now)
+        job_arguments = gather.job_arguments(settings, frame, False)
         job_arguments.update(outputs=outputs, transparent=transparent)
         if region.view_perspective == "CAMERA":
-            job_arguments.update(gather.exposure(settings, entry, depsgraph.scene.camera, now))
+            job_arguments.update(frame.exposure(settings, depsgraph.scene.camera, now))
         key = (tuple(camera["world_from_camera"]), camera["fx"], camera["cx"], camera["cy"], now, width, height)
         key += (self.state.key(), settings.hide_noncritical, tuple(sorted(job_arguments.items())))
         self.error = ""
-        return key, entry, camera, values, job_arguments, settings
+        return key, frame, camera, values, job_arguments, settings, now
 
     def submit(self, requested, scale, degree):
-        key, entry, camera, values, job_arguments, settings = requested
+        key, frame, camera, values, job_arguments, settings, now = requested
         small = dict(camera)
         small["width"], small["height"] = (
             max(1, round(camera["width"] / scale)),
@@ -90,8 +90,9 @@ class View:
         small["fx"], small["cx"] = camera["fx"] * across, camera["cx"] * across
         small["fy"], small["cy"] = camera["fy"] * down, camera["cy"] * down
         job_arguments = dict(job_arguments, sh_degree=min(degree, job_arguments["sh_degree"]), cut=pace.CUTS[scale])
-        placements = gather.placements(self.state, entry, camera["time"], settings.hide_noncritical)
-        self.job = native.renderer("view", settings.threads).submit(entry.scene, small, placements=placements, **job_arguments)
+        self.job = native.renderer("view", settings.threads).submit(
+            frame.entry.scene, small, **frame.contents_at(now, settings.hide_noncritical), **job_arguments
+        )
         self.job_key, self.job_scale, self.job_values, self.job_degree = key, scale, values, degree
 
     def advance(self, requested):
@@ -160,11 +161,8 @@ class View:
         text = self.dropped(settings) if self.shown.unsharp else self.counts()
         if self.rate() > 0:
             text += f", {self.rate():.1f} FPS"
-        if self.count > 1:
-            text += f"; {self.count} scenes are visible, {self.state.root_name} alone is drawn"
-        if self.state is not None and self.state.scaled:
-            text += "; scale is left out"
-        return text
+        said = "" if self.shown.unsharp or self.frame is None else self.frame.remarks()
+        return f"{text}; {said}" if said else text
 
     def dropped(self, settings):
         """How the picture was reduced to keep the deadline: size and SH degree."""

@@ -64,7 +64,7 @@ class BlenderCase(Case):
         scene.render.image_settings.file_format = "PNG"
         scene.render.image_settings.color_mode = "RGB"
         scene.render.dither_intensity = 0  # Blender adds noise of half a grey level otherwise
-        return next(o for o in scene.objects if o.pags.kind == "ROOT")
+        return bpy.context.view_layer.objects.active
 
     def part(self, index):
         return next(o for o in self.scene.objects if o.pags.kind in {"OBJECT", "BACKGROUND"} and o.pags.index == index)

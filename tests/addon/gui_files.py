@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The import's file browser in a real window: it shows what can be read, and a scene.json chosen there is imported."""
+"""The import's file browser in a real window: it shows what can be read; the scene is imported by what a double click calls, on its scene.json and
+on a .ply inside of it, and is looked at through its camera."""
 
 import os
 import sys
@@ -7,7 +8,7 @@ import sys
 import bpy
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from gui_case import FOLDER, PATIENCE, in_view, tell  # noqa: E402
+from gui_case import FOLDER, PATIENCE, in_view, sharp_shot, tell, view3d  # noqa: E402
 
 from fixtures import write  # noqa: E402
 from test_drive import make_drive  # noqa: E402
@@ -33,6 +34,31 @@ def story():
     folder = make_drive(os.path.join(FOLDER, "street"))
     for name in READ[1:-1]:
         write(os.path.join(folder, name), b"")
+    view3d().shading.type = "SOLID"
+    for chosen, count in (("background.ply", 1), ("scene.json", 2)):
+        yield from choose(folder, chosen, count)
+    root = next(o for o in bpy.data.objects if o.pags.kind == "ROOT")
+    assert (view3d().shading.type, view3d().region_3d.view_perspective) == ("RENDERED", "CAMERA")
+    assert bpy.context.scene.camera.pags.root == root
+    picture = yield from sharp_shot("imported")
+    blue = sum(picture[4][at + 2] > 120 and picture[4][at] < 10 for at in range(0, len(picture[4]), picture[2]))
+    assert blue > 0.1 * picture[0] * picture[1], "the street's sky isn't seen"
+
+
+def double_click(window, area, region, name):
+    """Clicks on row after row of the list until the file is the active one, then calls what a double click on it calls."""
+    for down in range(30, region.height, 10):
+        for kind, value in (("MOUSEMOVE", "NOTHING"), ("LEFTMOUSE", "PRESS"), ("LEFTMOUSE", "RELEASE")):
+            window.event_simulate(type=kind, value=value, x=region.x + 60, y=region.y + region.height - down)
+            yield 0.1
+        with bpy.context.temp_override(window=window, area=area, region=region):
+            if bpy.context.active_file is not None and bpy.context.active_file.name == name:
+                return bpy.ops.file.mouse_execute("INVOKE_DEFAULT")
+    raise AssertionError(f"the browser doesn't show {name}")
+
+
+def choose(folder, name, count):
+    """Chooses a file in the browser; afterwards there are so many scenes, all of them the folder's."""
     with in_view():
         assert bpy.ops.import_scene.pags("INVOKE_DEFAULT") == {"RUNNING_MODAL"}
     yield from until(browsers)
@@ -55,13 +81,11 @@ def story():
     assert found == sorted(READ), found  # and neither sky.npy nor the folder objects
     with bpy.context.temp_override(window=window, area=area, region=region):
         bpy.ops.file.select_all(action="DESELECT")
-    space.activate_file_by_relative_path(relative_path="scene.json")
-    yield 0.5
-    with bpy.context.temp_override(window=window, area=area, region=region):
-        bpy.ops.file.execute()
-    yield from until(lambda: any(o.pags.kind == "ROOT" for o in bpy.data.objects))
-    root = next(o for o in bpy.data.objects if o.pags.kind == "ROOT")
-    assert os.path.samefile(root.pags.path, folder), root.pags.path
+    yield from double_click(window, area, region, name)
+    roots = lambda: [o for o in bpy.data.objects if o.pags.kind == "ROOT"]  # noqa: E731
+    yield from until(lambda: len(roots()) == count)
+    for root in roots():
+        assert os.path.samefile(root.pags.path, folder), root.pags.path
 
 
 tell(story())

@@ -5,6 +5,7 @@ has to be seen in it.
 PAGS_GUIDE_SCENE names the trained street (`make demo` leaves one in build/demo/scene), PAGS_GUIDE_IMAGES a folder that keeps the
 pictures."""
 
+import glob
 import os
 import subprocess
 import sys
@@ -40,7 +41,7 @@ SCENE = os.environ.get("PAGS_GUIDE_SCENE", "")
 STREET = os.path.join(FOLDER, "street")
 IMAGES = os.environ.get("PAGS_GUIDE_IMAGES", FOLDER)
 # Some of them alone: "rendered sidebar" and the like, in this order.
-STEPS = os.environ.get("PAGS_GUIDE_STEPS", "imported rendered sidebar moved underway meshes composited").split()
+STEPS = os.environ.get("PAGS_GUIDE_STEPS", "imported rendered sidebar moved underway meshes composited several").split()
 FRAME = int(os.environ.get("PAGS_GUIDE_FRAME", "14"))
 inspector = sys.modules[addon.__name__ + ".inspector"]
 composite = sys.modules[addon.__name__ + ".composite"]
@@ -63,11 +64,11 @@ def inside(picture):
     return whole[top : top + r.height, r.x : r.x + r.width, :3].astype(int)
 
 
-def picture_of(name):
+def picture_of(name, crop=()):
     """A sharp screenshot that isn't empty, kept."""
     picture = yield from sharp_shot(name)
     assert inside(picture).std() > 15, f"{name}: there is hardly anything to be seen"
-    keep(name)
+    keep(name, crop=crop)
     return inside(picture)
 
 
@@ -301,6 +302,27 @@ def render(name):
     bpy.ops.render.render(write_still=True)
     picture = read_png(scene.render.filepath)
     return np.frombuffer(bytes(picture[4]), dtype=np.uint8).reshape(picture[1], picture[0], -1)[..., :3].astype(int)
+
+
+def several():
+    """A car of the street once more, from its own file, half as large and turned, on the road ahead."""
+    view3d().shading.type = "RENDERED"
+    bpy.context.scene.render.engine = "PAGS"
+    alone = yield from picture_of_view("alone")
+    cars = [path for path in glob.glob(os.path.join(STREET, "objects", "*car*.ply"))]
+    path = max(cars, key=os.path.getsize)
+    assert bpy.ops.import_scene.pags(filepath=path, whole=False, up="Z", cameras="NONE") == {"FINISHED"}
+    root, ego = bpy.context.view_layer.objects.active, bpy.data.objects["ego"].matrix_world
+    root.matrix_world = ego @ Matrix.Translation((7, -0.3, -1.1)) @ Matrix.Rotation(0.6, 4, "Z") @ Matrix.Scale(0.5, 4)
+    deselect()
+    both = yield from picture_of("several", ("-resize", "46%"))
+    assert np.abs(both - alone).max(axis=2).astype(bool).mean() > 0.005, "the second scene isn't seen"
+
+
+def picture_of_view(name):
+    from_above()
+    picture = yield from sharp_shot(name)
+    return inside(picture)
 
 
 if not os.path.exists(os.path.join(SCENE, "scene.json")):

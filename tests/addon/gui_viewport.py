@@ -33,7 +33,7 @@ from gui_case import (  # noqa: E402
     window,
 )
 
-from fixtures import splat, write  # noqa: E402
+from fixtures import ply_bytes, splat, write  # noqa: E402
 from test_drive import make_drive, with_object_id  # noqa: E402
 
 GREY, GREEN, RED = (10, 0, 3), (10, 1.5, 0), (10, 0, 0)  # metres; what is there at the second frame
@@ -48,6 +48,7 @@ def story():
     ]
     write(os.path.join(FOLDER, "scene", "background.ply"), with_object_id(rows, [-1, 0]))
     assert bpy.ops.import_scene.pags(filepath=os.path.join(FOLDER, "scene")) == {"FINISHED"}
+    assert (view3d().shading.type, view3d().region_3d.view_perspective) == ("RENDERED", "CAMERA")
     bpy.context.scene.frame_set(2)
     view3d().overlay.show_floor = view3d().overlay.show_axis_x = view3d().overlay.show_axis_y = False
     view3d().overlay.show_object_origins = view3d().overlay.show_extras = False
@@ -59,6 +60,7 @@ def story():
     yield from among_meshes()
     yield from moved()
     yield from camera_at_view()
+    yield from several()
     yield from awake()
 
 
@@ -145,6 +147,38 @@ def camera_at_view():
     r, (x, y) = region(), in_region((10, 0, 0))
     assert abs(x - r.width / 2) < 3 and abs(y - r.height / 2) < 3, "the camera doesn't look where the view did"
     look_ahead()
+
+
+def several():
+    """A second scene, halved, before and behind the green Gaussian: one frame by depth, in Rendered and in Solid, under the first one's sky; a pick
+    names it."""
+    write(os.path.join(FOLDER, "ball.ply"), ply_bytes([splat(0, 0, 0, (1, 1, 0), sigma=0.3, opacity=12.0)]))
+    for block in [o for o in bpy.data.objects if o.name.startswith("Cube")]:
+        bpy.data.objects.remove(block)
+    shown = view3d().shading.type, view3d().region_3d.view_perspective
+    assert bpy.ops.import_scene.pags(filepath=os.path.join(FOLDER, "ball.ply")) == {"FINISHED"}
+    assert (view3d().shading.type, view3d().region_3d.view_perspective) == shown  # as it was in a file with work in it
+    root = bpy.context.view_layer.objects.active
+    root.scale = (0.5, 0.5, 0.5)
+    deselect()
+    for shading in ("RENDERED", "SOLID"):
+        view3d().shading.type = shading
+        for x, wanted in ((8, (255, 255, 0)), (12, (0, 255, 0))):
+            root.location = (x, 0.15 * x, 0)
+            picture = yield from sharp_shot(f"several-{shading.lower()}-{x}")
+            near(color(picture, GREEN), wanted, 20)
+            if shading == "RENDERED":
+                near(color(picture, (10, -2, -1)), (0, 0, 128))
+    root.location = (8, -2, 0)
+    view3d().shading.type = "RENDERED"
+    picture = yield from sharp_shot("several")
+    assert any("2 scenes, sky of scene" in v.statistics(bpy.context.scene.pags) for v in viewport.views)
+    with in_view():
+        x, y = in_region((8, -2, 0))
+        assert bpy.ops.pags.pick(x=x, y=region().height - 1 - y) == {"FINISHED"}
+    assert "background of ball.ply" in bpy.context.scene.pags_picked, bpy.context.scene.pags_picked
+    assert bpy.context.view_layer.objects.active.pags.root == root
+    deselect()
 
 
 def awake():
