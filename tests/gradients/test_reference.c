@@ -251,9 +251,8 @@ static void test_compensation_floor(void **state) {
   scene_destroy(&scene);
 }
 
-/* Two rigid parts of different SH degree, with the scene's origin far away. */
-static void test_two_parts(void **state) {
-  (void)state;
+/* Two parts of different SH degree, with the scene's origin far away; stretched: not rigid either. */
+static void check_two_parts(bool stretched) {
   test_scene scene = scene_create(41, 7, 3);
   scene.part_count = 2;
   scene.parts[1] = reference_part_create(8, 1);
@@ -268,8 +267,18 @@ static void test_two_parts(void **state) {
   }
   reference_recipe recipe = reference_recipe_default();
   scene_fill(&scene, &recipe);
+  if (stretched) {
+    reference_stretch(&scene.parts[0], (const double[3]){0.5, 0.5, 0.5});
+    reference_stretch(&scene.parts[1], (const double[3]){-1.5, 0.7, 1.2});
+  }
   check_gradient(&scene, 0.05);
   scene_destroy(&scene);
+}
+
+static void test_two_parts(void **state) {
+  (void)state;
+  check_two_parts(false);
+  check_two_parts(true);
 }
 
 /* The loss is linear in a texel, so that a difference over any step is the derivative. */

@@ -88,6 +88,15 @@ void reference_random_gaussian(reference_random *random, const reference_recipe 
     part->planes[plane * n + i] = (plane < PAGS_SH + 3 ? 3 : 1) * recipe->colour * reference_normal(random);
 }
 
+void reference_stretch(reference_part *part, const double factor[3]) {
+  for (int k = 0; k < 3; k++) {
+    for (int row = 0; row < 3; row++)
+      part->world_from_model[4 * row + k] *= factor[k];
+    for (int64_t i = 0; i < part->count; i++)
+      part->planes[(PAGS_MEAN + k) * part->count + i] /= factor[k];
+  }
+}
+
 void reference_random_dc(reference_random *random, reference_part *part) {
   part->dc = reference_alloc(3 * part->count, sizeof(double));
   for (int64_t k = 0; k < 3 * part->count; k++)

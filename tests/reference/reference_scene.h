@@ -34,6 +34,10 @@ reference_recipe reference_recipe_default(void);
 void reference_random_gaussian(reference_random *random, const reference_recipe *recipe, const pags_camera *camera,
                                const pags_frame_options *options, reference_part *part, int64_t i);
 
+/* Stretches the part's pose along the axes of its model by `factor` (negative: mirrors) and moves its means so that
+ * they stay where they are in the world. */
+void reference_stretch(reference_part *part, const double factor[3]);
+
 /* Gives the part separate constant SH terms, which replace those of its planes. */
 void reference_random_dc(reference_random *random, reference_part *part);
 
