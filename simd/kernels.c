@@ -48,6 +48,7 @@ const pags_kernels pags_kernels_scalar = {
     .sky_find = sky_find,
     .sky_blend = sky_blend,
     .sky_cells = sky_cells,
+    .sky_adam = sky_adam,
     .project_backward = project_backward,
     .adam_replay = adam_replay,
     .adam_update = adam_update,

@@ -226,6 +226,13 @@ typedef struct pags_sky_tile {
   float along[PAGS_TILE_PIXELS], down[PAGS_TILE_PIXELS];
 } pags_sky_tile;
 
+/* An Adam step of the sky. Each colour has its own bias corrections, since texels are seen at different steps. */
+typedef struct pags_sky_step {
+  float decay1, decay2, eps;
+  /* Per colour: dL/d(colour); the rate times 1 / (1 - decay1^k), 0: not seen, stays as it is; 1 / (1 - decay2^k). */
+  const float *gradient, *rate, *correction;
+} pags_sky_step;
+
 /* Output of project_backward: dL/d(raw parameters) of consecutive rows, and three values for densification, as in
  * pags_cluster_gradient: |dL/d(projected mean)| in NDC, the same of sums of absolute per-pixel gradients, and the
  * radius of three sigma, px. */
@@ -342,6 +349,8 @@ typedef struct pags_kernels {
    * and the weight weight[k] of the k-th texel. */
   void (*sky_cells)(const pags_sky_rays *rays, int x0, int y0, int step, int32_t *row, int32_t *column,
                     float *const weight[4]);
+  /* One Adam step of `floats` colours of the sky, a multiple of 16; sky.inl. */
+  void (*sky_adam)(const pags_sky_step *step, int floats, float *colour, float *first, float *second);
 
   /* Sums the slots of each drawn row and computes from them the gradients of the raw parameters (backward of shade
    * and project). Rows whose key is UINT32_MAX or whose splat has no tiles get zeros. Returns how many rows were not

@@ -143,3 +143,20 @@ static void sky_blend(const pags_sky_rays *rays, const float *texels, const pags
       v_store(rgb[c] + y * stride, v_add(v_load(rgb[c] + y * stride), sky[c]));
   }
 }
+
+/* Adam (Kingma & Ba 2015). Products and sums are rounded one by one, by which all ISAs give the same bits. */
+static void sky_adam(const pags_sky_step *step, int floats, float *colour, float *first, float *second) {
+  const vf d1 = v_set(step->decay1), d2 = v_set(step->decay2), eps = v_set(step->eps);
+  const vf b1 = v_set(1.0f - step->decay1), b2 = v_set(1.0f - step->decay2);
+  for (int i = 0; i < floats; i += 16) {
+    const vf rate = v_load(step->rate + i), m = v_load(first + i), v = v_load(second + i), c = v_load(colour + i);
+    const vm seen = v_lt(v_zero(), rate);
+    const vf g = v_maskz(seen, v_load(step->gradient + i));
+    const vf m1 = v_select(seen, v_add(v_mul(d1, m), v_mul(b1, g)), m);
+    const vf v1 = v_select(seen, v_add(v_mul(d2, v), v_mul(v_mul(b2, g), g)), v);
+    const vf root = v_add(v_sqrt(v_mul(v1, v_load(step->correction + i))), eps);
+    v_store(first + i, m1);
+    v_store(second + i, v1);
+    v_store(colour + i, v_sub(c, v_div(v_mul(rate, m1), root)));
+  }
+}

@@ -9,6 +9,7 @@
 
 #include "base/memory.h"
 #include "maths/maths.h"
+#include "simd/kernels.h"
 
 enum { LOOK_SHRINK = 8, LEAST_SIZE = 64, MOST_SIZE = 1024 };
 static const double least_share = 1e-3;
@@ -71,7 +72,10 @@ pags_result pags_sky_fit_create(pags_sky_fit *fit, const pags_dataset *dataset, 
 }
 
 pags_result pags_sky_fit_prepare(pags_sky_fit *fit, int size) {
-  *fit = (pags_sky_fit){0};
+  const char *why;
+  *fit = (pags_sky_fit){.kernels = pags_kernels_get(&why)};
+  if (!fit->kernels)
+    return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s", why);
   PAGS_TRY(pags_sky_create(&fit->sky, size));
   size_t floats = (size_t)18 * (size_t)size * (size_t)size;
   fit->first = calloc(floats, sizeof(float));
@@ -100,42 +104,37 @@ enum { BLOCK_FLOATS = 3 * PAGS_SKY_BLOCK };
 
 static const float epsilon = 1e-15f;
 
-/* Adam's factors per float; a texel that no pixel saw gets factors that leave it as it is. */
-typedef struct block_factors {
-  float gradient[BLOCK_FLOATS], keep1[BLOCK_FLOATS], keep2[BLOCK_FLOATS], rate[BLOCK_FLOATS], correction[BLOCK_FLOATS];
-} block_factors;
-
-/* Does one Adam step for a block of texels. The arithmetic loop has no branches, so that compilers can vectorise
- * it. */
+/* Does one Adam step for a block of texels. A texel that no pixel saw stays as it is; a gradient that isn't finite
+ * counts as none. */
 static void update_block(pags_sky_fit *f, int64_t first_texel, int64_t texels, const float *gradient) {
-  const int64_t at = 3 * first_texel;
-  block_factors by;
-  float *restrict first = f->first + at, *restrict second = f->second + at, *restrict colour = f->sky.texels + at;
-
-  /* Fill the factors of each texel. A gradient that isn't finite counts as none. */
+  float rate[BLOCK_FLOATS] = {0.0f}, correction[BLOCK_FLOATS] = {0.0f};
   uint16_t *visits = f->visits + first_texel;
   for (int64_t i = 0; i < texels; i++) {
     const float *g = gradient + 3 * i;
     const int finite = isfinite(g[0]) && isfinite(g[1]) && isfinite(g[2]);
-    const int seen = finite && (g[0] != 0.0f || g[1] != 0.0f || g[2] != 0.0f);
-    if (seen && visits[i] < UINT16_MAX)
-      visits[i]++;
+    if (!finite || (g[0] == 0.0f && g[1] == 0.0f && g[2] == 0.0f))
+      continue;
+    visits[i] = (uint16_t)(visits[i] + (visits[i] < UINT16_MAX));
     const float *c = f->correction[visits[i] < CORRECTIONS ? visits[i] : CORRECTIONS - 1];
-    for (int64_t k = 0; k < 3; k++) {
-      by.gradient[3 * i + k] = seen ? g[k] : 0.0f;
-      by.keep1[3 * i + k] = seen ? f->beta1 : 1.0f;
-      by.keep2[3 * i + k] = seen ? f->beta2 : 1.0f;
-      by.rate[3 * i + k] = seen ? f->rate * c[0] : 0.0f;
-      by.correction[3 * i + k] = c[1];
+    for (int64_t k = 3 * i; k < 3 * i + 3; k++) {
+      rate[k] = f->rate * c[0];
+      correction[k] = c[1];
     }
   }
 
-  for (int64_t i = 0; i < 3 * texels; i++) {
-    const float g = by.gradient[i];
-    first[i] = by.keep1[i] * first[i] + (1.0f - by.keep1[i]) * g;
-    second[i] = by.keep2[i] * second[i] + (1.0f - by.keep2[i]) * g * g;
-    colour[i] -= by.rate[i] * first[i] / (sqrtf(second[i] * by.correction[i]) + epsilon);
+  const pags_sky_step step = {f->beta1, f->beta2, epsilon, gradient, rate, correction};
+  float *const parts[3] = {f->sky.texels + 3 * first_texel, f->first + 3 * first_texel, f->second + 3 * first_texel};
+  if (texels == PAGS_SKY_BLOCK) {
+    f->kernels->sky_adam(&step, BLOCK_FLOATS, parts[0], parts[1], parts[2]);
+    return;
   }
+  /* The last block of a map whose texels don't fill it. */
+  float whole[3][BLOCK_FLOATS] = {{0.0f}};
+  for (int k = 0; k < 3; k++)
+    memcpy(whole[k], parts[k], 3 * (size_t)texels * sizeof(float));
+  f->kernels->sky_adam(&step, BLOCK_FLOATS, whole[0], whole[1], whole[2]);
+  for (int k = 0; k < 3; k++)
+    memcpy(parts[k], whole[k], 3 * (size_t)texels * sizeof(float));
 }
 
 static int64_t next_seen(const pags_sky_gradient *g, int64_t block) {

@@ -10,7 +10,10 @@
 
 #include "train/schedule.h"
 
+struct pags_kernels;
+
 typedef struct pags_sky_fit {
+  const struct pags_kernels *kernels;
   pags_sky sky;          /* size 0: the scene has no sky */
   float *first, *second; /* Adam's moments, as the texels; a texel's change only with a gradient */
   uint16_t *visits; /* per texel: number of gradients so far, at most 65535, for the bias correction of the moments */
@@ -28,7 +31,8 @@ pags_result pags_sky_fit_create(pags_sky_fit *fit, const pags_dataset *dataset, 
  * has one. */
 uint64_t pags_sky_fit_bytes(int size);
 uint64_t pags_sky_fit_most_bytes(const pags_dataset *dataset);
-/* Allocates a sky of `size` with zero moments, as for loading a checkpoint. */
+/* Allocates a sky of `size` with zero moments, as for loading a checkpoint. PAGS_ERROR_MEMORY, PAGS_ERROR_UNSUPPORTED
+ * when PAGS_CPU asks for kernels that can't run here. */
 pags_result pags_sky_fit_prepare(pags_sky_fit *fit, int size);
 void pags_sky_fit_destroy(pags_sky_fit *fit);
 

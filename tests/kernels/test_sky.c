@@ -228,6 +228,51 @@ static void test_last_cell(const pags_kernels *k) {
   }
 }
 
+enum { COLOURS = 48 };
+
+typedef struct colours {
+  float *colour, *first, *second;
+} colours;
+
+static colours make_colours(void) {
+  const colours c = {CHECK_NEW(float, COLOURS), CHECK_NEW(float, COLOURS), CHECK_NEW(float, COLOURS)};
+  return c;
+}
+
+/* Against the recurrence in double and, to the bit, the scalar kernel. A colour that wasn't seen stays as it is, even
+ * where its gradient is NaN. */
+static void test_adam(const pags_kernels *k) {
+  for (int round = 0; round < 100; round++) {
+    const colours got = make_colours(), want = make_colours();
+    float *const gradient = CHECK_NEW(float, COLOURS), *const rate = CHECK_NEW(float, COLOURS),
+                 *const correction = CHECK_NEW(float, COLOURS);
+    for (int i = 0; i < COLOURS; i++) {
+      const bool seen = check_below(3) > 0;
+      got.colour[i] = want.colour[i] = check_uniform(0.0f, 1.0f);
+      got.first[i] = want.first[i] = check_uniform(-1e-3f, 1e-3f);
+      got.second[i] = want.second[i] = check_uniform(0.0f, 1e-6f);
+      gradient[i] = seen ? check_uniform(-1e-2f, 1e-2f) : NAN;
+      rate[i] = seen ? check_uniform(1e-4f, 1e-1f) : 0.0f;
+      correction[i] = check_uniform(1.0f, 1000.0f);
+    }
+    const pags_sky_step step = {0.9f, 0.999f, 1e-15f, gradient, rate, correction};
+    k->sky_adam(&step, COLOURS, got.colour, got.first, got.second);
+    for (int i = 0; i < COLOURS; i++) {
+      const double g = (double)gradient[i], m = 0.9 * (double)want.first[i] + 0.1 * g,
+                   v = 0.999 * (double)want.second[i] + 0.001 * g * g;
+      const double moved = (double)rate[i] * m / (sqrt(v * (double)correction[i]) + 1e-15);
+      const double c = rate[i] > 0.0f ? (double)want.colour[i] - moved : (double)want.colour[i];
+      CHECK(fabs((double)got.colour[i] - c) <= 1e-6 * (1.0 + fabs(c)));
+      CHECK(rate[i] > 0.0f || (got.first[i] == want.first[i] && got.second[i] == want.second[i]));
+    }
+    pags_kernels_scalar.sky_adam(&step, COLOURS, want.colour, want.first, want.second);
+    CHECK(memcmp(got.colour, want.colour, sizeof(float[COLOURS])) == 0);
+    CHECK(memcmp(got.first, want.first, sizeof(float[COLOURS])) == 0);
+    CHECK(memcmp(got.second, want.second, sizeof(float[COLOURS])) == 0);
+    check_release();
+  }
+}
+
 static void test_bench(const pags_kernels *k) {
   const sky_case s = make_case(256, false);
   const tile t = make_tile();
@@ -237,10 +282,8 @@ static void test_bench(const pags_kernels *k) {
 }
 
 int main(int argc, char **argv) {
-  static const check_case cases[] = {{"sky blend", test_blend},
-                                     {"sky cells", test_cells},
-                                     {"sky last cell", test_last_cell},
-                                     {"sky nonsense", test_nonsense},
-                                     {"sky bench", test_bench}};
+  static const check_case cases[] = {{"sky blend", test_blend},         {"sky cells", test_cells},
+                                     {"sky last cell", test_last_cell}, {"sky nonsense", test_nonsense},
+                                     {"sky adam", test_adam},           {"sky bench", test_bench}};
   return check_main(argc, argv, cases, (int)(sizeof cases / sizeof *cases));
 }
