@@ -43,6 +43,7 @@ static pags_option options[] = {
         "preset", 0, AT(preset), "default|fast|plain|paper", NULL,
         "choose all that is left to auto: less time for less quality (fast), as 3DGS (plain), as the paper (paper)"),
     PAGS_FIELD("iterations", 'n', "N", "iterations"),
+    PAGS_FIELD("batch", 0, "B", "batch"),
     PAGS_FLAG("resume", 0, RUN(resume), "go on from SCENE's checkpoint, or begin where there is none and no scene"),
     PAGS_FLAG("overwrite", 0, RUN(overwrite), "train afresh into a SCENE that isn't empty"),
     PAGS_VALUE("checkpoint-every", 0, INT64, RUN(checkpoint_every), 0, PAGS_UNLIMITED, "N", "steps", NULL,
@@ -269,14 +270,14 @@ static pags_result write_json(const train_arguments *arguments, const pags_train
 static void report(const train_arguments *arguments, const pags_train_result *result) {
   char time[32], memory[32];
   if (arguments->options.estimate) {
-    pags_say(&arguments->session, "%lld steps would take about %s and %s of memory\n",
+    pags_say(&arguments->session, "%lld iterations would take about %s and %s of memory\n",
              (long long)arguments->config.schedule.iterations,
              pags_format_duration(result->estimated_seconds, time, sizeof time),
              pags_format_bytes((double)result->estimated_bytes, memory, sizeof memory));
     return;
   }
   pags_say(&arguments->session,
-           "%s: %lld Gaussians after %lld steps; %s in this run, %.1f it/s at the end, peak memory %s\n",
+           "%s: %lld Gaussians after %lld iterations; %s in this run, %.1f it/s at the end, peak memory %s\n",
            arguments->output, (long long)result->gaussians, (long long)result->iterations,
            pags_format_duration(result->seconds, time, sizeof time), result->iterations_per_second,
            pags_format_bytes((double)result->peak_rss_bytes, memory, sizeof memory));
@@ -460,7 +461,7 @@ int pags_verb_train(int argc, char **argv) {
   }
   if (outcome == PAGS_OK && !result.finished && !arguments.options.estimate)
     outcome =
-        pags_fail(PAGS_CANCELLED, "interrupted after step %lld; the state is saved in %s, --resume goes on from it",
+        pags_fail(PAGS_CANCELLED, "interrupted after iteration %lld; the state is saved in %s, --resume goes on from it",
                   (long long)result.iterations, arguments.output);
   return pags_session_end(&arguments.session, outcome);
 }

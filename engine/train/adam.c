@@ -71,7 +71,7 @@ static int active_planes(const pags_adam *adam, int64_t step) {
 /* Returns e_k of simd/adam.inl: Adam's epsilon times sqrt(1 - beta2^k), k = step. */
 static float epsilon_at(const pags_adam *adam, int64_t step) {
   const pags_train_config *c = config_of(adam);
-  return (float)(c->optimiser.epsilon * sqrt(-pags_expm1((double)step * pags_log(c->optimiser.beta2))));
+  return (float)(c->optimiser.epsilon * sqrt(-pags_expm1((double)step * pags_log(adam->schedule->beta2))));
 }
 
 static int64_t table_index(const pags_adam *adam, int64_t step) {
@@ -100,7 +100,6 @@ pags_result pags_adam_retime(pags_adam *adam, int64_t last_step) {
   adam->table_steps = steps;
 
   /* Fill the tables of c_k, of the positions' rate and of the fall of the others. */
-  const pags_train_config *c = config_of(adam);
   for (int64_t k = 0; k < adam->table_steps; k++) {
     double rates[GROUPS];
     pags_schedule_rates(adam->schedule, k, rates);
@@ -108,16 +107,15 @@ pags_result pags_adam_retime(pags_adam *adam, int64_t last_step) {
     adam->fall[k] = pags_schedule_fall(adam->schedule, k);
     adam->correction[k] =
         k == 0 ? 0.0
-               : sqrt(-pags_expm1((double)k * pags_log(c->optimiser.beta2))) /
-                     (c->optimiser.beta1 > 0.0 ? -pags_expm1((double)k * pags_log(c->optimiser.beta1)) : 1.0);
+               : sqrt(-pags_expm1((double)k * pags_log(adam->schedule->beta2))) /
+                     (adam->schedule->beta1 > 0.0 ? -pags_expm1((double)k * pags_log(adam->schedule->beta1)) : 1.0);
   }
 
   return PAGS_OK;
 }
 
 static pags_result make_decay(pags_adam *adam) {
-  const pags_train_config *c = config_of(adam);
-  double q = c->optimiser.beta1 / sqrt(c->optimiser.beta2);
+  double q = adam->schedule->beta1 / sqrt(adam->schedule->beta2);
   adam->reach = q > 0.0 ? (int)ceil(pags_log(1e-9) / pags_log(q)) : 0;
   adam->decay = malloc((size_t)(adam->reach + 1) * sizeof(double));
   if (!adam->decay)
@@ -313,7 +311,6 @@ static void update_others(const pags_adam *adam, column c, const float *gradient
 
 int pags_adam_update(pags_adam *adam, pags_gaussians *g, pags_clusters *clusters, int64_t cluster,
                      const float *gradient, int64_t stride, int planes, pags_nonfinite_row *bad_row) {
-  const pags_train_config *c = config_of(adam);
   int64_t step = adam->step, first, k = table_index(adam, step);
   int rows = cluster_rows(adam, cluster, &first);
   pay(adam, g, cluster, step - 1);
@@ -327,10 +324,10 @@ int pags_adam_update(pags_adam *adam, pags_gaussians *g, pags_clusters *clusters
   left_out out = l;
 
   int64_t n = step - adam->moment_step[cluster];
-  pags_adam_step s = {.decay1 = (float)(n == 1 ? c->optimiser.beta1 : pags_pow(c->optimiser.beta1, (double)n)),
-                      .decay2 = (float)(n == 1 ? c->optimiser.beta2 : pags_pow(c->optimiser.beta2, (double)n)),
-                      .blend1 = (float)(1.0 - c->optimiser.beta1),
-                      .blend2 = (float)(1.0 - c->optimiser.beta2),
+  pags_adam_step s = {.decay1 = (float)(n == 1 ? adam->schedule->beta1 : pags_pow(adam->schedule->beta1, (double)n)),
+                      .decay2 = (float)(n == 1 ? adam->schedule->beta2 : pags_pow(adam->schedule->beta2, (double)n)),
+                      .blend1 = (float)(1.0 - adam->schedule->beta1),
+                      .blend2 = (float)(1.0 - adam->schedule->beta2),
                       .eps = epsilon_at(adam, step)};
   double rates[GROUPS];
   group_rates(adam, k, rates);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The random draws of adaptive stochastic dropout, a pure function of seed, step, model and row; see dropout.h. */
+/* The random draws of adaptive stochastic dropout, a pure function of seed, photograph, model and row; see dropout.h. */
 #include "train/dropout.h"
 
 #include <assert.h>
@@ -9,11 +9,11 @@
 
 enum { WORDS = 4 }; /* 32-bit words of one draw: that many rows share it */
 
-pags_dropout pags_dropout_at(const pags_schedule *s, int64_t step, int64_t object) {
+pags_dropout pags_dropout_at(const pags_schedule *s, int64_t photograph, int64_t object) {
   const pags_train_config *c = &s->config;
-  double share = fmin((double)step / (double)s->length, 1.0);
+  double share = fmin((double)photograph / (double)(s->length * s->batch), 1.0);
   return (pags_dropout){.seed = c->schedule.seed,
-                        .step = step,
+                        .photograph = photograph,
                         .object = object,
                         .most = c->priority.dropout ? c->priority.dropout_gamma * share : 0.0,
                         .beta = c->priority.dropout_beta};
@@ -38,7 +38,7 @@ void pags_dropout_draw(const pags_dropout *d, const float *s_sem, int64_t first,
   assert(first % WORDS == 0 && count % WORDS == 0);
   for (int64_t row = first; row < first + count; row += WORDS) {
     uint32_t words[WORDS];
-    pags_rng_u32x4(d->seed, pags_draw(d->step, PAGS_DRAW_DROP), model | (uint64_t)(row / WORDS), words);
+    pags_rng_u32x4(d->seed, pags_draw(d->photograph, PAGS_DRAW_DROP), model | (uint64_t)(row / WORDS), words);
     for (int i = 0; i < WORDS; i++) {
       if (s_sem) {
         rate = rate_of(d, (double)s_sem[row + i]);

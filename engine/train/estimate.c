@@ -41,10 +41,10 @@ static pags_result probe(pags_trainer *t, int level, cost *out) {
   *out = (cost){0.0, 0.0};
   for (int i = 0; i <= PROBES; i++) { /* the first pass warms up and isn't measured */
     int64_t pick = i * t->view_count / (PROBES + 1);
-    pags_step_view v = {.view = t->views[pick], .level = level};
+    pags_step_view v = {.number = t->state.step * t->state.schedule.batch + 1, .view = t->views[pick], .level = level};
     double begin = pags_clock_ms(), waited = t->ms.wait;
     t->measuring = 1;
-    pags_result result = pags_train_step(t, t->state.step + 1, &v);
+    pags_result result = pags_train_view(t, t->state.step + 1, &v);
     t->measuring = 0;
     PAGS_TRY(result);
     double whole = pags_clock_ms() - begin - (t->ms.wait - waited);
@@ -98,8 +98,8 @@ pags_result pags_trainer_estimate(pags_trainer *t, pags_estimate *out) {
       continue;
     PAGS_TRY(probe(t, 1 << k, &c));
     double each = c.rows * rows + c.pixels * pixel_growth;
-    ms += (double)steps[k] * each;
-    full = full > 0.0 ? full : each; /* the time of a step at the finest level of the run */
+    ms += (double)steps[k] * (double)s->schedule.batch * each;
+    full = full > 0.0 ? full : each; /* the time of a view at the finest level of the run */
   }
   out->step_seconds = ms / (double)s->stop / 1e3;
   out->scoring_seconds = scored_views(t) * full / 1e3;

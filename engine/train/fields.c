@@ -8,6 +8,7 @@
 #include "train/schedule.h"
 
 #define MOST_STEPS 1e9
+#define MOST_BATCH 64
 #define MOST_COUNT 2147483584.0 /* 2^31 - 64: rows are counted in int32_t */
 #define LEAST_OPACITY 0.004     /* a Gaussian of opacity at or below 1/255 isn't drawn and never gets a gradient */
 #define STEPS "steps of 30 000"
@@ -87,10 +88,12 @@ const pags_train_field pags_fields[] = {
     CHOICE(schedule, preset, PAGS_PRESET_DEFAULT, PAGS_PRESET_PAPER, "default|fast|plain|paper",
            "choose all values that are auto; fast: fewer Gaussians, less quality; plain: as 3D Gaussian "
            "Splatting trains (Kerbl et al. 2023); paper: as the paper of PAGS trains (arXiv:2510.12282)"),
-    NUMBER(schedule, iterations, 30000, 1, PAGS_CONFIG_STEPS, "steps",
-           "train for so many steps; the schedule stretches with them"),
-    NUMBER(schedule, schedule_iterations, 0, 0, MOST_STEPS, "steps",
-           "stretch the schedule over so many steps; later steps keep its last rates; 0: as iterations"),
+    NUMBER(schedule, iterations, 30000, 1, PAGS_CONFIG_STEPS, "photographs",
+           "train on so many photographs, one a step unless batch says more; the schedule stretches with them"),
+    NUMBER(schedule, schedule_iterations, 0, 0, MOST_STEPS, "photographs",
+           "stretch the schedule over so many; later ones keep its last rates; 0: as iterations"),
+    NUMBER(schedule, batch, 1, 1, MOST_BATCH, "photographs",
+           "see so many in a step; rates rise by its root, Adam's decays by its power (Zhao et al. 2024)"),
     NUMBER(schedule, seed, 0, 0, 18446744073709551615.0, "1", "seed everything that is random"),
     NUMBER(schedule, quarter_until, 0.05, 0, 1, "of the schedule",
            "show photographs at a quarter of their size until then"),

@@ -223,8 +223,8 @@ static pags_result start(pags_trainer *t, const pags_train_config *config, start
   if (driving) /* in metres: a car that stands still sees a street, too */
     extent = fmin(fmax(extent, 1.0), config->start.extent_most);
   pags_schedule schedule = pags_schedule_make(config, extent, t->view_count);
-  PAGS_TRY(
-      pags_state_create(&t->state, &schedule, config->schedule.iterations, 1 + pags_dataset_object_count(t->dataset)));
+  PAGS_TRY(pags_state_create(&t->state, &schedule, pags_schedule_steps(&schedule, config->schedule.iterations),
+                             1 + pags_dataset_object_count(t->dataset)));
   t->state.cap = choose_cap(t, config);
   PAGS_TRY(driving ? start_driving(t, config, extent) : start_static(t, config, points, extent));
   for (int64_t i = 0; i < t->state.model_count; i++)
@@ -270,13 +270,14 @@ pags_result pags_trainer_resume(pags_trainer *t, const pags_train_config *config
   if (field)
     return pags_fail(PAGS_ERROR_ARGUMENT,
                      "%s: was begun with another %s; pass the same, or --overwrite to begin afresh", path, field);
-  if (s->clocked || config->schedule.iterations == s->stop)
+  const int64_t batch = s->schedule.batch, stop = pags_schedule_steps(&s->schedule, config->schedule.iterations);
+  if (s->clocked || stop == s->stop)
     return PAGS_OK;
-  if (config->schedule.iterations < s->stop)
+  if (stop < s->stop)
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: is of a run of %lld iterations; %lld asked for can't be fewer", path,
-                     (long long)s->stop, (long long)config->schedule.iterations);
+                     (long long)(s->stop * batch), (long long)config->schedule.iterations);
   pags_schedule schedule = s->schedule;
   schedule.config.schedule.iterations = config->schedule.iterations;
-  schedule.config.schedule.schedule_iterations = s->schedule.length;
-  return pags_state_retime(s, &schedule, config->schedule.iterations);
+  schedule.config.schedule.schedule_iterations = s->schedule.length * batch;
+  return pags_state_retime(s, &schedule, stop);
 }

@@ -11,6 +11,20 @@
 #include "train/state.h"
 #include "train/view_render.h"
 
+/* What the photographs of a step leave until its end, in their order. */
+typedef struct pags_step_rest {
+  int64_t count; /* photographs so far */
+  struct {
+    int64_t view;
+    double by_exposure[6];
+  } *photographs; /* [batch] */
+  int64_t pose_count;
+  struct {
+    int64_t object, knot;
+    double by_pose[6]; /* dLoss/d(rotation, translation) of the object at that knot */
+  } *poses;            /* [batch * models] */
+} pags_step_rest;
+
 typedef struct pags_trainer {
   const pags_train_options *options;
   const pags_dataset *dataset;
@@ -24,6 +38,7 @@ typedef struct pags_trainer {
   int64_t order_epoch; /* the current pass; -1: no permutation yet */
   pags_photo_cache *cache;
   pags_view_render render;
+  pags_step_rest rest;
   pags_lidar_planes lidar_planes; /* of the data set; empty without lidar_pull */
   int measuring;                  /* 1: a timing probe; gradients are computed but nothing is updated */
   struct {
@@ -31,8 +46,9 @@ typedef struct pags_trainer {
   } ms;
 } pags_trainer;
 
-/* A training step's view, photograph, picture and losses. */
+/* One of a step's views: its photograph, picture and losses. */
 typedef struct pags_step_view {
+  int64_t number; /* of the photograph in the run, from 1 */
   int64_t view; /* index of the data set's view */
   int level;
   pags_camera camera; /* the view's camera at the resolution level */

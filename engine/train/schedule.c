@@ -3,8 +3,8 @@
  *
  * Steps that the configuration gives "of 30 000" become round(step * length / 30 000). Two intervals have a lower
  * limit: densify waits for at least one pass over the training views, without which its statistics, means over the
- * views in which a Gaussian was seen, are incomplete, and for densify_apart steps or a 40th of the run, whichever is
- * less; a reset waits for at least three passes, about what opacities take to recover from the last one. */
+ * views in which a Gaussian was seen, are incomplete, and for densify_apart photographs or a 40th of the run, whichever
+ * is less; a reset waits for at least three passes, about what opacities take to recover from the last one. */
 #include "train/schedule.h"
 
 #include <math.h>
@@ -15,7 +15,7 @@
 
 static const double reference_iterations = 30000.0;
 
-/* Steps that Gaussians need to fill the picture again after their scales were reset, however short the run. */
+/* Photographs that Gaussians need to fill the picture again after their scales were reset, however short the run. */
 static const int64_t least_recovery = 200;
 
 static int64_t scaled(int64_t step, int64_t length) {
@@ -44,21 +44,35 @@ static void set_prunes(pags_schedule *s) {
 }
 
 static int64_t least_between_densify(const pags_schedule *s) {
-  const int64_t apart = s->config.density.densify_apart, share = s->length / 40;
-  return at_least(at_least(s->views, 1), apart < share ? apart : share);
+  const int64_t apart = pags_schedule_steps(s, s->config.density.densify_apart), share = s->length / 40;
+  return at_least(pags_schedule_steps(s, at_least(s->views, 1)), apart < share ? apart : share);
+}
+
+int64_t pags_schedule_steps(const pags_schedule *s, int64_t photographs) {
+  return (photographs + s->batch - 1) / s->batch;
+}
+
+static void set_batch(pags_schedule *s) {
+  const pags_train_optimiser *o = &s->config.optimiser;
+  const bool one = s->batch == 1;
+  s->rate_factor = sqrt((double)s->batch);
+  s->beta1 = one || o->beta1 <= 0 ? o->beta1 : pags_pow(o->beta1, (double)s->batch);
+  s->beta2 = one ? o->beta2 : pags_pow(o->beta2, (double)s->batch);
 }
 
 pags_schedule pags_schedule_make(const pags_train_config *config, double extent, int64_t views) {
   pags_schedule s = {.config = pags_config_resolve(config, false), .extent = extent, .views = views};
-  s.length =
-      config->schedule.schedule_iterations > 0 ? config->schedule.schedule_iterations : config->schedule.iterations;
+  s.batch = at_least(config->schedule.batch, 1);
+  set_batch(&s);
+  s.length = pags_schedule_steps(&s, config->schedule.schedule_iterations > 0 ? config->schedule.schedule_iterations
+                                                                               : config->schedule.iterations);
   s.densify_from = scaled(config->density.densify_from, s.length);
   s.densify_until = scaled(s.config.density.densify_until, s.length);
   s.densify_every = at_least(scaled(config->density.densify_every, s.length), least_between_densify(&s));
-  int64_t reset = at_least(scaled(config->density.reset_every, s.length), at_least(3 * views, 1));
+  int64_t reset = at_least(scaled(config->density.reset_every, s.length), pags_schedule_steps(&s, at_least(3 * views, 1)));
   s.reset_every = (reset + s.densify_every - 1) / s.densify_every * s.densify_every;
   s.scale_reset_from = scaled(config->density.scale_reset_from, s.length);
-  s.scale_reset_every = at_least(scaled(config->density.scale_reset_every, s.length), least_recovery);
+  s.scale_reset_every = at_least(scaled(config->density.scale_reset_every, s.length), pags_schedule_steps(&s, least_recovery));
   s.scale_reset_until = scaled(config->density.scale_reset_until, s.length);
   s.sh_interval = at_least(scaled(config->color.sh_interval, s.length), 1);
   s.quarter_until = (long long)pags_round(config->schedule.quarter_until * (double)s.length);
@@ -75,8 +89,8 @@ pags_schedule pags_schedule_make(const pags_train_config *config, double extent,
 double pags_schedule_fall(const pags_schedule *s, int64_t step) {
   const double from = s->config.optimiser.rate_fall_from, t = (double)step / (double)s->length;
   if (t <= from)
-    return 1;
-  return pags_exp((t < 1 ? (t - from) / (1 - from) : 1) * pags_log(s->config.optimiser.rate_fall));
+    return s->rate_factor;
+  return s->rate_factor * pags_exp((t < 1 ? (t - from) / (1 - from) : 1) * pags_log(s->config.optimiser.rate_fall));
 }
 
 void pags_schedule_falling_rates(const pags_train_config *c, double fall, double rates[PAGS_RATE_GROUPS]) {
@@ -96,7 +110,7 @@ void pags_schedule_rates(const pags_schedule *s, int64_t step, double rates[PAGS
                         ? 0.0
                         : pags_exp((1.0 - t) * pags_log(c->optimiser.position_rate_begin) +
                                    t * pags_log(c->optimiser.position_rate_end));
-  rates[PAGS_RATE_POSITION] = position * s->extent;
+  rates[PAGS_RATE_POSITION] = s->rate_factor * position * s->extent;
   pags_schedule_falling_rates(c, pags_schedule_fall(s, step), rates);
 }
 

@@ -40,11 +40,16 @@ enum { PAGS_MOST_PRUNES = 8 };
 /* The least fraction of the schedule at half size, where it follows from the data. */
 #define PAGS_LEAST_HALF_UNTIL 0.2
 
-/* The configuration with its steps, which it gives for a run of 30 000, scaled to the length of the run. */
+/* The configuration with its steps, which it gives for a run of 30 000, scaled to the length of the run. A step sees
+ * `batch` photographs; photographs are numbered from 1 through the run. */
 typedef struct pags_schedule {
   pags_train_config config;
   double extent;  /* metres */
   int64_t views;  /* training views, >= 1 */
+  int64_t batch;  /* photographs a step, >= 1 */
+  /* What a step of `batch` photographs makes of the rates and of Adam's decays (Zhao et al. 2024, arXiv:2406.18533):
+   * its root times the rates, its power of the decays. 1, and the configuration's, with one photograph. */
+  double rate_factor, beta1, beta2;
   int64_t length; /* number of steps that the schedule is stretched over */
   int64_t densify_from, densify_until, densify_every;
   int64_t reset_every; /* a multiple of densify_every, so that each reset comes right after densify's prune of
@@ -60,9 +65,12 @@ typedef struct pags_schedule {
 
 pags_schedule pags_schedule_make(const pags_train_config *config, double extent, int64_t views);
 
-/* The share of themselves that all rates but those of positions have fallen to at a step: 1 to rate_fall. */
+/* The number of steps that see so many photographs, rounded up. */
+int64_t pags_schedule_steps(const pags_schedule *schedule, int64_t photographs);
+
+/* What all rates but those of positions are multiplied by at a step: 1 to rate_fall, times rate_factor. */
 double pags_schedule_fall(const pags_schedule *schedule, int64_t step);
-/* The rates of all groups but that of positions, fallen to the share `fall`. */
+/* The rates of all groups but that of positions, times `fall`. */
 void pags_schedule_falling_rates(const pags_train_config *config, double fall, double rates[PAGS_RATE_GROUPS]);
 /* Learning rates of a step; that of positions is in metres. */
 void pags_schedule_rates(const pags_schedule *schedule, int64_t step, double rates[PAGS_RATE_GROUPS]);

@@ -94,13 +94,14 @@ void pags_sky_fit_destroy(pags_sky_fit *fit) {
   free(fit->second);
   free(fit->visits);
   free(fit->correction);
+  pags_gradient_store_destroy(&fit->sum);
   *fit = (pags_sky_fit){0};
 }
 
 /* Size of the table of bias corrections 1 / (1 - beta1^k), 1 / (1 - beta2^k) by number of visits k; the last entry
  * serves for all larger k. */
 enum { CORRECTIONS = 8192 };
-enum { BLOCK_FLOATS = 3 * PAGS_SKY_BLOCK };
+enum { BLOCK_FLOATS = 3 * PAGS_SKY_BLOCK, FINISH_GRAIN = 64 };
 
 static const float epsilon = 1e-15f;
 
@@ -154,6 +155,49 @@ static void update(void *user, const pags_sky_gradient *g, int worker) {
   }
 }
 
+/* Adds a photograph's gradients to the step's sum. One that isn't finite counts as none. */
+static void add(void *user, const pags_sky_gradient *g, int worker) {
+  pags_sky_fit *f = user;
+  (void)worker;
+  for (int64_t block = next_seen(g, 0); block < g->blocks; block = next_seen(g, block + 1)) {
+    const float *const from = g->data + block * BLOCK_FLOATS;
+    float sound[BLOCK_FLOATS];
+    for (int i = 0; i < BLOCK_FLOATS; i++)
+      sound[i] = isfinite(from[i]) ? from[i] : 0.0f;
+    pags_gradient_store_add(&f->sum, g->first / PAGS_SKY_BLOCK + block, f->step, sound, BLOCK_FLOATS);
+  }
+}
+
+typedef struct finish_job {
+  pags_sky_fit *fit;
+  float share; /* of a photograph in the step */
+} finish_job;
+
+static void finish_blocks(void *context, int64_t begin, int64_t end, int worker) {
+  const finish_job *const job = context;
+  pags_sky_fit *const f = job->fit;
+  const int64_t all = 6 * (int64_t)f->sky.size * f->sky.size;
+  (void)worker;
+  for (int64_t block = begin; block < end; block++) {
+    const float *const sum = pags_gradient_store_find(&f->sum, block, f->step);
+    const int64_t first = block * PAGS_SKY_BLOCK, left = all - first;
+    float mean[BLOCK_FLOATS];
+    for (int i = 0; sum && i < BLOCK_FLOATS; i++)
+      mean[i] = job->share * sum[i];
+    if (sum)
+      update_block(f, first, left < PAGS_SKY_BLOCK ? left : PAGS_SKY_BLOCK, mean);
+  }
+}
+
+pags_result pags_sky_fit_finish(pags_sky_fit *fit, const pags_schedule *schedule, int64_t step, pags_tasks *tasks) {
+  const finish_job job = {fit, 1.0f / (float)schedule->batch};
+  if (fit->step != step)
+    return PAGS_OK; /* none of the step's photographs shows the sky */
+  return pags_parallel_for(tasks, fit->sum.clusters, FINISH_GRAIN, finish_blocks, (void *)&job)
+             ? PAGS_OK
+             : pags_fail(PAGS_CANCELLED, "cancelled");
+}
+
 pags_result pags_sky_fit_receive(pags_sky_fit *fit, const pags_schedule *schedule, int64_t step,
                                  pags_picture_gradient *gradient) {
   const pags_train_config *c = &schedule->config;
@@ -166,16 +210,21 @@ pags_result pags_sky_fit_receive(pags_sky_fit *fit, const pags_schedule *schedul
       return pags_out_of_memory("the sky's optimiser");
     fit->correction[0][0] = fit->correction[0][1] = 1.0f;
     for (int k = 1; k < CORRECTIONS; k++) {
-      power1 *= c->optimiser.beta1;
-      power2 *= c->optimiser.beta2;
+      power1 *= schedule->beta1;
+      power2 *= schedule->beta2;
       fit->correction[k][0] = (float)(1.0 / (1.0 - power1));
       fit->correction[k][1] = (float)(1.0 / (1.0 - power2));
     }
   }
-  fit->beta1 = (float)c->optimiser.beta1;
-  fit->beta2 = (float)c->optimiser.beta2;
-  fit->rate = (float)(c->sky.sky_rate * pags_pow(final_share, t));
-  gradient->sky = update;
+  fit->beta1 = (float)schedule->beta1;
+  fit->beta2 = (float)schedule->beta2;
+  fit->rate = (float)(schedule->rate_factor * c->sky.sky_rate * pags_pow(final_share, t));
+  fit->step = step;
+  if (schedule->batch > 1) {
+    const int64_t texels = 6 * (int64_t)fit->sky.size * fit->sky.size;
+    PAGS_TRY(pags_gradient_store_reserve(&fit->sum, (texels + PAGS_SKY_BLOCK - 1) / PAGS_SKY_BLOCK, BLOCK_FLOATS));
+  }
+  gradient->sky = schedule->batch > 1 ? add : update;
   gradient->sky_user = fit;
   gradient->sky_cut = 1.0f / 255.0f;
   return PAGS_OK;

@@ -8,6 +8,7 @@
 #include <pags/frame.h>
 #include <pags/sky.h>
 
+#include "train/gradient_store.h"
 #include "train/schedule.h"
 
 struct pags_kernels;
@@ -17,8 +18,10 @@ typedef struct pags_sky_fit {
   pags_sky sky;          /* size 0: the scene has no sky */
   float *first, *second; /* Adam's moments, as the texels; a texel's change only with a gradient */
   uint16_t *visits; /* per texel: number of gradients so far, at most 65535, for the bias correction of the moments */
+  pags_gradient_store sum;  /* of the step's photographs, where it has several: per block of texels */
   float (*correction)[2];   /* bias corrections by number of visits, made at the first step; not in the checkpoint */
-  float beta1, beta2, rate; /* of the current step */
+  int64_t step;             /* the current one */
+  float beta1, beta2, rate; /* of it */
 } pags_sky_fit;
 
 /* Decides from the labels of the training photographs, sampled at an eighth of their size, whether the scene has a
@@ -36,10 +39,13 @@ uint64_t pags_sky_fit_most_bytes(const pags_dataset *dataset);
 pags_result pags_sky_fit_prepare(pags_sky_fit *fit, int size);
 void pags_sky_fit_destroy(pags_sky_fit *fit);
 
-/* Prepares one Adam step of the sky, done by the frame's backward pass through `gradient`. Only pixels in which the
+/* Prepares the sky's part of a photograph's backward pass through `gradient`: its Adam step, or with several
+ * photographs a step the sum of their gradients, which pags_sky_fit_finish uses. Only pixels in which the
  * sky has a weight of at least 1/255 count: Adam normalises gradients, so the rest would move texels behind walls as
  * fast as visible ones. PAGS_ERROR_MEMORY. */
 pags_result pags_sky_fit_receive(pags_sky_fit *fit, const pags_schedule *schedule, int64_t step,
                                  pags_picture_gradient *gradient);
+/* With several photographs a step: the sky's Adam step, by the mean of their gradients. PAGS_CANCELLED. */
+pags_result pags_sky_fit_finish(pags_sky_fit *fit, const pags_schedule *schedule, int64_t step, pags_tasks *tasks);
 
 #endif

@@ -1,9 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* One training step on one view.
+/* One training step, on one view or several.
  *
- * The frame is rendered, with the pending Adam steps of each cluster in view applied before it is read; the losses
+ * For each of its views, the frame is rendered, with the pending Adam steps of each cluster in view applied before it is read; the losses
  * write dLoss/d(picture); in the frame's backward pass, the receiver updates each cluster's Gaussians while their
- * gradients are in cache. Poses, sky and exposure are updated from sums that are taken in a fixed order. */
+ * gradients are in cache. Poses and exposures are updated at the step's end, from sums that are taken in a fixed order.
+ *
+ * A step of several photographs (a batch) sees all of them with the same parameters. Their gradients by Gaussians and
+ * sky are added up in the order of the photographs, and one Adam step follows by the mean. Each photograph by itself
+ * counts for densify's statistics, dropout, the object opacity term, and one Adam step of the poses and exposures that
+ * it shows, in their order. So the bits of a run depend on the size of a batch, not on who computes which photograph. */
 #include "train/step.h"
 
 #include <math.h>
@@ -19,9 +24,9 @@
 #include "train/score_pass.h"
 
 enum { LARGEST_CLUSTER = 256, MOST_SAMPLES = 16384, ROW_PLANES = PAGS_MAX_PLANES + PAGS_FOURIER_PLANES };
-/* The object opacity term is evaluated every so many steps: its picture changes slowly, and it costs a tenth of a
- * step. */
-enum { OBJECTS_EVERY = 4 };
+/* The object opacity term is evaluated for one of so many photographs: its picture changes slowly, and it costs a tenth
+ * of a step. */
+enum { OBJECTS_EVERY = 4, FINISH_GRAIN = 8 };
 enum { GRADIENT, GRADIENT_T = 3, GRADIENT_DEPTH, ZEROS, ONES, PLANES };
 
 /* ---- Memory ---- */
@@ -52,22 +57,25 @@ static pags_result reserve_planes(pags_trainer *t, const pags_picture *picture) 
   return PAGS_OK;
 }
 
-static pags_result reserve_held(pags_trainer *t, int64_t model) {
-  pags_view_render *p = &t->render;
-  const pags_train_model *m = &t->state.models[model];
-  int64_t clusters = m->clusters.count, planes = pags_plane_count(m->gaussians.sh_degree);
-  if (clusters * planes * m->clusters.size <= p->models[model].held_room)
-    return PAGS_OK;
-  pags_port_aligned_free(p->models[model].held);
-  free(p->models[model].held_step);
-  clusters += clusters / 2;
-  p->models[model].held_room = 0;
-  p->models[model].held = pags_port_aligned_alloc(64, (size_t)(clusters * planes * m->clusters.size) * sizeof(float));
-  p->models[model].held_step = calloc((size_t)clusters, sizeof(int32_t));
-  if (!p->models[model].held || !p->models[model].held_step)
-    return pags_out_of_memory("gradients of an object");
-  p->models[model].held_room = clusters * planes * m->clusters.size;
-  return PAGS_OK;
+/* Floats that a cluster's gradients take at most. */
+static int64_t cluster_floats(const pags_train_model *m) {
+  return (pags_plane_count(m->gaussians.sh_degree) + PAGS_FOURIER_PLANES) * (int64_t)m->clusters.size;
+}
+
+/* Makes room in a store for the clusters of a model, and for their growth. */
+static pags_result reserve_store(const pags_train_model *m, pags_gradient_store *store) {
+  const int64_t clusters = m->clusters.count;
+  return clusters <= store->clusters ? PAGS_OK
+                                     : pags_gradient_store_reserve(store, clusters + clusters / 2, cluster_floats(m));
+}
+
+static pags_result reserve_rest(pags_trainer *t) {
+  const size_t batch = (size_t)t->state.schedule.batch, models = (size_t)t->state.model_count;
+  if (!t->rest.photographs)
+    t->rest.photographs = calloc(batch, sizeof *t->rest.photographs);
+  if (!t->rest.poses)
+    t->rest.poses = calloc(batch * models, sizeof *t->rest.poses);
+  return t->rest.photographs && t->rest.poses ? PAGS_OK : pags_out_of_memory("a step of %zu photographs", batch);
 }
 
 /* ---- Receivers of the backward pass ---- */
@@ -77,10 +85,6 @@ static int any_drawn(const pags_cluster_gradient *g) {
   for (int i = 0; i < g->count; i++)
     any |= g->drawn[i];
   return any;
-}
-
-static float *held_rows(const pags_view_render *p, const pags_train_model *m, int64_t model, int64_t cluster) {
-  return p->models[model].held + cluster * pags_plane_count(m->gaussians.sh_degree) * m->clusters.size;
 }
 
 /* Returns whether a cluster has rows whose gradient the frame has set to zero because it wasn't finite. */
@@ -95,7 +99,7 @@ static int any_bad(const pags_cluster_gradient *g) {
  * arrive. A row whose gradient isn't finite gets none from this term, and is counted. */
 static void hold(void *user, const pags_cluster_gradient *g, int worker) {
   const pags_render_context *c = user;
-  const pags_view_render *p = &c->trainer->render;
+  pags_view_render *p = &c->trainer->render;
   int64_t model = p->drawn[c->first_part + g->part].model;
   (void)worker;
   if (!any_drawn(g))
@@ -105,9 +109,7 @@ static void hold(void *user, const pags_cluster_gradient *g, int worker) {
       pags_nonfinite_note(&c->trainer->state.nonfinite, 1,
                           &(pags_nonfinite_row){c->step, c->trainer->state.models[model].object, g->first + i,
                                                 g->bad[i] - 1, PAGS_NONFINITE_GRADIENT});
-  memcpy(held_rows(p, &c->trainer->state.models[model], model, g->cluster), g->data,
-         (size_t)g->planes * (size_t)g->stride * sizeof(float));
-  p->models[model].held_step[g->cluster] = (int32_t)c->step;
+  pags_gradient_store_add(&p->models[model].held, g->cluster, p->photograph, g->data, g->planes * g->stride);
 }
 
 /* Computes the gradients by the Fourier terms, stored after the other planes: the gradient by the constant colour
@@ -122,12 +124,22 @@ static void add_fourier(const double basis[5], const pags_cluster_gradient *g, f
     }
 }
 
-/* Receiver of the backward pass: adds the densify statistics of a cluster and does an Adam step on its Gaussians. A
- * cluster in view none of whose Gaussians was drawn is skipped and its step stays pending: whether a cluster was in
+/* One Adam step on a cluster's Gaussians. */
+static void update(pags_trainer *t, pags_train_model *m, int64_t cluster, const float *data, int64_t stride,
+                   int planes) {
+  pags_nonfinite_row first = {0};
+  int left_out = pags_adam_update(&m->adam, &m->gaussians, &m->clusters, cluster, data, stride, planes, &first);
+  first.object = m->object;
+  if (left_out)
+    pags_nonfinite_note(&t->state.nonfinite, left_out, &first);
+}
+
+/* Receiver of the backward pass: adds the densify statistics of a cluster and does an Adam step on its Gaussians, or
+ * with several photographs a step adds up their gradients for finish_blocks. A cluster in view none of whose Gaussians was drawn is skipped and its step stays pending: whether a cluster was in
  * view must not change a bit. */
 static void receive(void *user, const pags_cluster_gradient *g, int worker) {
   const pags_render_context *c = user;
-  const pags_view_render *p = &c->trainer->render;
+  pags_view_render *p = &c->trainer->render;
   int64_t model = p->drawn[g->part].model;
   pags_train_model *m = &c->trainer->state.models[model];
   float copy[ROW_PLANES * LARGEST_CLUSTER];
@@ -145,17 +157,15 @@ static void receive(void *user, const pags_cluster_gradient *g, int worker) {
     m->density.seen[g->first + i]++;
   }
 
-  int mcmc = m->schedule.config.density.strategy == PAGS_STRATEGY_MCMC;
-  int held = p->models[model].held_step && p->models[model].held_step[g->cluster] == (int32_t)c->step, bad = any_bad(g);
+  const bool alone = m->schedule.batch == 1;
+  const float *const held = pags_gradient_store_find(&p->models[model].held, g->cluster, p->photograph);
+  int mcmc = alone && m->schedule.config.density.strategy == PAGS_STRATEGY_MCMC, bad = any_bad(g);
   if (mcmc || held || bad || m->gaussians.fourier) {
     memcpy(copy, data, (size_t)g->planes * (size_t)g->stride * sizeof(float));
     data = copy;
   }
-  if (held) {
-    const float *rows = held_rows(p, m, model, g->cluster);
-    for (int64_t i = 0; i < (int64_t)g->planes * g->stride; i++)
-      copy[i] += rows[i];
-  }
+  for (int64_t i = 0; held && i < (int64_t)g->planes * g->stride; i++)
+    copy[i] += held[i];
   if (m->object >= 0)
     pags_pose_gradient(data, g->stride, g->planes, &m->gaussians, g->first, g->count,
                        p->models[model].pose[g->cluster]);
@@ -166,12 +176,11 @@ static void receive(void *user, const pags_cluster_gradient *g, int worker) {
   for (int i = 0; bad && i < g->count; i++)
     if (g->bad[i])
       copy[(g->bad[i] - 1) * g->stride + i] = NAN; /* not finite again, so that the update leaves the row out */
-  pags_nonfinite_row first = {0};
-  int left_out =
-      pags_adam_update(&m->adam, &m->gaussians, &m->clusters, g->cluster, data, g->stride, g->planes, &first);
-  first.object = m->object;
-  if (left_out)
-    pags_nonfinite_note(&c->trainer->state.nonfinite, left_out, &first);
+  if (alone)
+    update(c->trainer, m, g->cluster, data, g->stride, g->planes);
+  else
+    pags_gradient_store_add(&p->models[model].sum, g->cluster, c->step, data,
+                            (g->planes + (m->gaussians.fourier ? PAGS_FOURIER_PLANES : 0)) * g->stride);
 }
 
 /* ---- Loss terms ---- */
@@ -194,7 +203,7 @@ static pags_result object_term(pags_trainer *t, int64_t step, pags_step_view *v)
   options.sky = NULL;
   options.keep_for_backward = 1;
   for (int i = 1; i < p->part_count; i++)
-    PAGS_TRY(reserve_held(t, p->drawn[i].model));
+    PAGS_TRY(reserve_store(&t->state.models[p->drawn[i].model], &p->models[p->drawn[i].model].held));
   PAGS_TRY(pags_frame_render(p->object_frame, p->parts + 1, p->part_count - 1, &v->camera, &options,
                              pags_view_render_touch, &context, &picture));
   float *by_t = p->plane[GRADIENT_T];
@@ -226,7 +235,7 @@ static pags_result losses(pags_trainer *t, int64_t step, pags_step_view *v, pags
   const pags_train_config *c = &t->state.schedule.config;
   size_t bytes = (size_t)p->plane_floats * sizeof(float);
   int late = step >= t->state.schedule.object_term_from && p->part_count > 1 && v->photo.labels && !t->measuring;
-  if (late && c->losses.object_weight > 0.0 && step % OBJECTS_EVERY == 0)
+  if (late && c->losses.object_weight > 0.0 && v->number % OBJECTS_EVERY == 0)
     PAGS_TRY(object_term(t, step, v));
 
   /* The photometric loss, with exposure and emphasis. */
@@ -260,14 +269,16 @@ static pags_result losses(pags_trainer *t, int64_t step, pags_step_view *v, pags
   return PAGS_OK;
 }
 
-/* ---- The step ---- */
+/* ---- One photograph ---- */
 
-static void update_tracks(pags_trainer *t, int64_t step) {
-  const pags_schedule *s = &t->state.schedule;
-  if (!s->config.objects.tracks || step <= s->tracks_from)
-    return;
+/* Keeps what the photograph says about exposure and poses until the step's end. The pose of a knot is summed over
+ * clusters in their order. */
+static void keep_rest(pags_trainer *t, const pags_step_view *v) {
+  pags_step_rest *r = &t->rest;
+  r->photographs[r->count].view = v->view;
+  memcpy(r->photographs[r->count++].by_exposure, v->loss.by_exposure, sizeof v->loss.by_exposure);
   for (int i = 0; i < t->render.part_count; i++) {
-    int64_t model = t->render.drawn[i].model;
+    const int64_t model = t->render.drawn[i].model;
     const pags_train_model *m = &t->state.models[model];
     double sum[6] = {0.0};
     if (m->object < 0 || t->render.drawn[i].knot < 0)
@@ -275,18 +286,20 @@ static void update_tracks(pags_trainer *t, int64_t step) {
     for (int64_t c = 0; c < m->clusters.count; c++)
       for (int k = 0; k < 6; k++)
         sum[k] += t->render.models[model].pose[c][k];
-    if (!pags_track_poses_update(&t->state.tracks, m->object, t->render.drawn[i].knot, sum, s, step))
-      pags_nonfinite_note(&t->state.nonfinite, 1,
-                          &(pags_nonfinite_row){step, m->object, t->render.drawn[i].knot, 0, PAGS_NONFINITE_POSE});
+    r->poses[r->pose_count].object = m->object;
+    r->poses[r->pose_count].knot = t->render.drawn[i].knot;
+    memcpy(r->poses[r->pose_count++].by_pose, sum, sizeof sum);
   }
 }
 
-pags_result pags_train_step(pags_trainer *t, int64_t step, pags_step_view *v) {
+pags_result pags_train_view(pags_trainer *t, int64_t step, pags_step_view *v) {
   const pags_train_config *config = &t->state.schedule.config;
   double clock = pags_clock_ms();
   pags_render_context context = {t, step, 0};
   pags_frame_options options = pags_view_render_options(t, step);
   pags_picture_gradient gradient;
+  t->render.photograph = v->number;
+  PAGS_TRY(reserve_rest(t));
   PAGS_TRY(pags_photo_cache_get(t->cache, v->view, v->level, &v->photo));
   if (config->losses.depth_weight > 0.0)
     PAGS_TRY(load_depth(t, v->view));
@@ -296,7 +309,9 @@ pags_result pags_train_step(pags_trainer *t, int64_t step, pags_step_view *v) {
   options.absolute_gradient = config->density.absgrad;
   options.depth_sum = t->render.depth[v->view].count > 0;
   pags_view_render_compose(t, v->view);
-  PAGS_TRY(pags_view_render_reserve_factors(t, step));
+  for (int i = 0; t->state.schedule.batch > 1 && i < t->render.part_count; i++)
+    PAGS_TRY(reserve_store(&t->state.models[t->render.drawn[i].model], &t->render.models[t->render.drawn[i].model].sum));
+  PAGS_TRY(pags_view_render_reserve_factors(t));
   PAGS_TRY(pags_view_render_draw(t, step, &v->camera, &options, &v->picture));
   t->ms.forward += pags_clock_lap_ms(&clock);
   PAGS_TRY(reserve_planes(t, &v->picture));
@@ -314,13 +329,72 @@ pags_result pags_train_step(pags_trainer *t, int64_t step, pags_step_view *v) {
   PAGS_TRY(pags_frame_backward(t->render.frame, &gradient, receive, &context, NULL));
   if (!t->measuring && config->priority.prunes > 0 && config->priority.s_grad_from == PAGS_S_GRAD_FROM_TRAINING)
     PAGS_TRY(pags_score_pass_add_training(t, &gradient, t->render.plane[ONES], t->render.plane[ZEROS]));
-  if (!t->measuring) {
-    update_tracks(t, step);
-    if (t->state.exposures.count > 0 &&
-        !pags_exposures_update(&t->state.exposures, t->dataset, v->view, v->loss.by_exposure, &t->state.schedule, step))
-      pags_nonfinite_note(&t->state.nonfinite, 1, &(pags_nonfinite_row){step, -1, v->view, 0, PAGS_NONFINITE_EXPOSURE});
-    pags_exposures_decide(&t->state.exposures, t->dataset, &t->state.schedule, step);
+  if (!t->measuring)
+    keep_rest(t, v);
+  t->ms.backward += pags_clock_lap_ms(&clock);
+  return PAGS_OK;
+}
+
+/* ---- The end of a step ---- */
+
+typedef struct finish_job {
+  pags_trainer *trainer;
+  int64_t model, step;
+} finish_job;
+
+/* Number of a cluster's rows; `stride` receives that of its gradients. */
+static int cluster_rows(const pags_train_model *m, int64_t cluster, int *stride) {
+  const int64_t rest = m->gaussians.count - cluster * m->clusters.size;
+  const int rows = rest < m->clusters.size ? (int)rest : m->clusters.size;
+  *stride = (rows + 15) / 16 * 16;
+  return rows;
+}
+
+/* Block function: updates the clusters [begin, end) that one of the step's photographs shows by the mean of their
+ * gradients. */
+static void finish_blocks(void *context, int64_t begin, int64_t end, int worker) {
+  const finish_job *const job = context;
+  pags_train_model *const m = &job->trainer->state.models[job->model];
+  const pags_gradient_store *const sum = &job->trainer->render.models[job->model].sum;
+  const int planes = pags_plane_count(pags_schedule_sh_degree(&m->schedule, job->step));
+  const int all = planes + (m->gaussians.fourier ? PAGS_FOURIER_PLANES : 0);
+  const float share = 1.0f / (float)m->schedule.batch;
+  (void)worker;
+  for (int64_t c = begin; c < end; c++) {
+    float *const data = pags_gradient_store_find(sum, c, job->step);
+    int stride;
+    const int rows = cluster_rows(m, c, &stride);
+    for (int64_t i = 0; data && i < (int64_t)all * stride; i++)
+      data[i] *= share;
+    if (data && m->schedule.config.density.strategy == PAGS_STRATEGY_MCMC)
+      pags_mcmc_regularise(m, c * m->clusters.size, rows, data, stride);
+    if (data)
+      update(job->trainer, m, c, data, stride, planes);
   }
+}
+
+pags_result pags_train_finish(pags_trainer *t, int64_t step) {
+  const pags_schedule *s = &t->state.schedule;
+  pags_step_rest *r = &t->rest;
+  double clock = pags_clock_ms();
+  for (int64_t i = 0; s->batch > 1 && i < t->state.model_count; i++)
+    if (t->render.models[i].sum.rows && !pags_parallel_for(t->tasks, t->state.models[i].clusters.count, FINISH_GRAIN,
+                                                           finish_blocks, &(finish_job){t, i, step}))
+      return pags_fail(PAGS_CANCELLED, "cancelled");
+  if (s->batch > 1 && t->state.sky.sky.size > 0)
+    PAGS_TRY(pags_sky_fit_finish(&t->state.sky, s, step, t->tasks));
+  for (int64_t i = 0; s->config.objects.tracks && step > s->tracks_from && i < r->pose_count; i++)
+    if (!pags_track_poses_update(&t->state.tracks, r->poses[i].object, r->poses[i].knot, r->poses[i].by_pose, s, step))
+      pags_nonfinite_note(
+          &t->state.nonfinite, 1,
+          &(pags_nonfinite_row){step, r->poses[i].object, r->poses[i].knot, 0, PAGS_NONFINITE_POSE});
+  for (int64_t i = 0; t->state.exposures.count > 0 && i < r->count; i++)
+    if (!pags_exposures_update(&t->state.exposures, t->dataset, r->photographs[i].view, r->photographs[i].by_exposure, s,
+                               step))
+      pags_nonfinite_note(&t->state.nonfinite, 1,
+                          &(pags_nonfinite_row){step, -1, r->photographs[i].view, 0, PAGS_NONFINITE_EXPOSURE});
+  pags_exposures_decide(&t->state.exposures, t->dataset, s, step);
+  r->count = r->pose_count = 0;
   t->ms.backward += pags_clock_lap_ms(&clock);
   return PAGS_OK;
 }

@@ -1,12 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* One training step on one view: compose the parts, render, evaluate the losses, backward pass, parameter updates. */
+/* One training step: for each of its views, compose the parts, render, evaluate the losses, backward pass; then the
+ * parameter updates that wait for all views. */
 #ifndef PAGS_TRAIN_STEP_H
 #define PAGS_TRAIN_STEP_H
 
 #include "train/run.h"
 
-/* Does step `step` on view v->view at level v->level, with the SH degree of the step. Fills the rest of `v`; adds the
- * times of its phases to trainer->ms. */
-pags_result pags_train_step(pags_trainer *trainer, int64_t step, pags_step_view *v);
+/* Draws view v->view at level v->level, as photograph v->number of the run in step `step`, evaluates the losses and
+ * goes backward. Fills the rest of `v`; adds the times of its phases to trainer->ms. */
+pags_result pags_train_view(pags_trainer *trainer, int64_t step, pags_step_view *v);
+
+/* Ends the step after its last view: updates what waits for all of them. */
+pags_result pags_train_finish(pags_trainer *trainer, int64_t step);
 
 #endif

@@ -70,7 +70,7 @@ int64_t pags_track_poses_knot(const pags_object *object, int frame) {
 /* Returns the factor on the learning rates, 0.25 to 4. A knot takes one step per visit of one of its photographs, so
  * a run that is short or has many photographs must take longer steps to move a pose as far. */
 static double hurry(const pags_schedule *schedule) {
-  double visits = (double)schedule->length / (double)schedule->views;
+  double visits = (double)(schedule->length * schedule->batch) / (double)schedule->views;
   return fmin(fmax(reference_visits / visits, 0.25), 4.0);
 }
 

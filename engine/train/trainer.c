@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The training loop: opens the run, does its steps, writes log, previews and checkpoints, and finally the scene.
  *
- * Step t renders the view that the current pass's permutation gives, at the resolution of t, and updates the
- * parameters by the backward pass (step.c). After the step, where the schedule says so, density control and the
+ * Step t renders the views that the current pass's permutation gives, at the resolution of t, and updates the
+ * parameters by their backward passes (step.c). After the step, where the schedule says so, density control and the
  * opacity reset follow, which look at all Gaussians and first apply all pending Adam steps. */
 #include <pags/train.h>
 
@@ -62,20 +62,25 @@ static void decide_half_size(pags_trainer *t) {
                    ratio, 100 * fraction);
 }
 
+/* Does one step; `v` receives the last of its views. */
 static pags_result do_step(pags_trainer *t, pags_step_view *v) {
   int64_t step = t->state.step + 1;
-  int level;
-  const int64_t view = pags_views_next(t, step, &level);
-  *v = (pags_step_view){.view = view, .level = level};
-  PAGS_TRY(pags_train_step(t, step, v));
-  double clock = pags_clock_ms();
   pags_train_state *s = &t->state;
-  pags_state_set_step(s, step);
+  for (int64_t k = 0; k < s->schedule.batch; k++) {
+    const int64_t number = s->step * s->schedule.batch + k + 1;
+    int level;
+    const int64_t view = pags_views_next(t, number, &level);
+    *v = (pags_step_view){.number = number, .view = view, .level = level};
+    PAGS_TRY(pags_train_view(t, step, v));
 
-  /* Running means: exponential, over about one pass. */
-  const double weight = 1.0 / (double)(step < t->view_count ? step : t->view_count);
-  s->loss += weight * (v->loss.loss - s->loss);
-  s->mse += weight * (v->loss.mse - s->mse);
+    /* Running means: exponential, over about one pass. */
+    const double weight = 1.0 / (double)(number < t->view_count ? number : t->view_count);
+    s->loss += weight * (v->loss.loss - s->loss);
+    s->mse += weight * (v->loss.mse - s->mse);
+  }
+  PAGS_TRY(pags_train_finish(t, step));
+  double clock = pags_clock_ms();
+  pags_state_set_step(s, step);
 
   PAGS_TRY(check_nonfinite(t));
   PAGS_TRY(pags_density_control(t));
@@ -183,7 +188,7 @@ static pags_result fit_to_clock(pags_trainer *t, const run_clock *clock) {
   int64_t steps = s->step + (int64_t)fmin(fmax(fitted, 1.0), 1e7 - ESTIMATE_STEPS);
   pags_state_settle(s, t->tasks);
   pags_train_config config = s->schedule.config;
-  config.schedule.iterations = steps;
+  config.schedule.iterations = steps * s->schedule.batch;
   config.schedule.schedule_iterations = 0;
   pags_schedule schedule = pags_schedule_make(&config, s->schedule.extent, s->schedule.views);
   s->clocked = 1;
@@ -246,7 +251,8 @@ static pags_result write_end(pags_trainer *t, pags_train_result *r, const run_cl
                      "%s: %lld steps taught nothing, since the alpha of their photograph leaves no pixel; the first "
                      "photograph is %s",
                      t->output.folder, (long long)clock->masked, clock->first_masked);
-  const int64_t turn = t->view_count < s->step - clock->first_step ? t->view_count : s->step - clock->first_step;
+  const int64_t done = s->step - clock->first_step, pass = pags_schedule_steps(&s->schedule, t->view_count);
+  const int64_t turn = pass < done ? pass : done;
   if (turn > 0 && clock->blank >= turn)
     pags_log_message(PAGS_LOG_WARNING,
                      "%s: nothing of the scene is in view of its %lld training views, which show the background alone",
@@ -269,11 +275,12 @@ static pags_result run(pags_trainer *t, double begin, pags_train_result *r) {
   double now = pags_clock_ms(), steps = (double)(s->step - clock.first_step);
   double per_step = steps > 0.0 ? 1.0 / steps : 0.0;
   r->finished = s->step >= s->stop;
-  r->iterations = s->step;
+  r->iterations = s->step * s->schedule.batch;
   r->gaussians = pags_state_gaussian_count(s);
   r->seconds = (now - clock.begin) / 1e3;
   if (s->step > clock.tail_step)
-    r->iterations_per_second = 1e3 * (double)(s->step - clock.tail_step) / fmax(now - clock.tail, 1e-6);
+    r->iterations_per_second =
+        1e3 * (double)((s->step - clock.tail_step) * s->schedule.batch) / fmax(now - clock.tail, 1e-6);
   r->peak_rss_bytes = pags_port_peak_memory();
   r->loss = s->loss;
   r->psnr = psnr_of(s->mse);
@@ -348,6 +355,8 @@ pags_result pags_train(const pags_train_config *config, const pags_train_options
   pags_view_render_destroy(t);
   pags_state_destroy(&t->state);
   pags_lidar_planes_destroy(&t->lidar_planes);
+  free(t->rest.photographs);
+  free(t->rest.poses);
   free(t->views);
   free(t->order);
   free(t);

@@ -32,8 +32,8 @@ void pags_view_render_destroy(pags_trainer *t) {
     free(p->models[i].pose);
     pags_port_aligned_free(p->models[i].dc);
     pags_port_aligned_free(p->models[i].factor);
-    pags_port_aligned_free(p->models[i].held);
-    free(p->models[i].held_step);
+    pags_gradient_store_destroy(&p->models[i].held);
+    pags_gradient_store_destroy(&p->models[i].sum);
   }
   for (int64_t i = 0; p->depth && i < pags_dataset_view_count(t->dataset); i++)
     free(p->depth[i].samples);
@@ -47,9 +47,9 @@ void pags_view_render_destroy(pags_trainer *t) {
   *p = (pags_view_render){0};
 }
 
-pags_result pags_view_render_reserve_factors(pags_trainer *t, int64_t step) {
+pags_result pags_view_render_reserve_factors(pags_trainer *t) {
   pags_view_render *p = &t->render;
-  pags_dropout dropout = pags_dropout_at(&t->state.schedule, step, -1);
+  pags_dropout dropout = pags_dropout_at(&t->state.schedule, p->photograph, -1);
   for (int i = 0; dropout.most > 0.0 && i < p->part_count; i++) {
     int64_t model = p->drawn[i].model, stride = t->state.models[model].gaussians.stride;
     if (stride > p->models[model].factor_room) {
@@ -127,7 +127,7 @@ static void rows_of(const pags_train_model *m, int64_t cluster, int64_t *first, 
 /* Draws the dropout factors of one cluster's Gaussians. */
 static void drop(const pags_render_context *c, int64_t model, int64_t cluster) {
   const pags_train_model *m = &c->trainer->state.models[model];
-  pags_dropout dropout = pags_dropout_at(&c->trainer->state.schedule, c->step, m->object);
+  pags_dropout dropout = pags_dropout_at(&c->trainer->state.schedule, c->trainer->render.photograph, m->object);
   int64_t first, last;
   rows_of(m, cluster, &first, &last);
   pags_dropout_draw(&dropout, m->gaussians.s_sem, first, last - first, c->trainer->render.models[model].factor);

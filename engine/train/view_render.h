@@ -4,6 +4,7 @@
 #ifndef PAGS_TRAIN_VIEW_RENDER_H
 #define PAGS_TRAIN_VIEW_RENDER_H
 
+#include "train/gradient_store.h"
 #include "train/lidar_depth.h"
 #include "train/state.h"
 
@@ -17,12 +18,11 @@ typedef struct pags_model_room {
   int64_t pose_room; /* clusters that fit in `pose` */
   float *dc;         /* with colour over time: 3 planes, the constant colour term at the view's time */
   int64_t dc_stride;
-  float *factor; /* factors of opacity, in steps with dropout */
+  float *factor; /* factors of opacity, for photographs with dropout */
   int64_t factor_room;
   double basis[5]; /* the Fourier basis at the view's time */
-  float *held; /* gradients of the object opacity term, kept until the other terms' arrive; planes like the frame's */
-  int32_t *held_step; /* per cluster: the step that its gradients belong to */
-  int64_t held_room;  /* floats in `held`; clusters = floats / (planes * cluster size) */
+  pags_gradient_store held; /* gradients of the object opacity term until the other terms' arrive, by photograph */
+  pags_gradient_store sum;  /* with several photographs a step: the sum of their gradients, by step */
 } pags_model_room;
 
 /* The model, and the labelled pose, that a part of the view was made from. */
@@ -37,6 +37,7 @@ typedef struct pags_view_render {
   pags_part *parts;        /* the view's parts: the background, then the moving objects that exist at its time */
   pags_drawn_model *drawn; /* one per part */
   int part_count;
+  int64_t photograph;               /* number in the run of the one that training sees now */
   pags_model_room *models;          /* one per model */
   float *plane[PAGS_RENDER_PLANES]; /* gradients by R, G, B, T, sum(w z); zeros; ones */
   uint8_t *emphasis;                /* 1 where the training view is critical, else 0; as long as a plane */
@@ -62,9 +63,9 @@ void pags_view_render_destroy(struct pags_trainer *trainer);
 void pags_view_render_compose(struct pags_trainer *trainer, int64_t view);
 /* Returns the frame's options for a view at `step`. */
 pags_frame_options pags_view_render_options(const struct pags_trainer *trainer, int64_t step);
-/* In steps with dropout: gives each part an array of opacity factors, one per Gaussian, which pags_view_render_touch
- * fills at random (0 for a Gaussian that the step leaves out). */
-pags_result pags_view_render_reserve_factors(struct pags_trainer *trainer, int64_t step);
+/* For photographs with dropout: gives each part an array of opacity factors, one per Gaussian, which pags_view_render_touch
+ * fills at random (0 for a Gaussian that is left out). */
+pags_result pags_view_render_reserve_factors(struct pags_trainer *trainer);
 /* Callback of the frame before it reads a cluster: applies pending Adam steps, evaluates the colour at the view's
  * time, draws dropout. `user` is a pags_render_context. */
 void pags_view_render_touch(void *user, int part, int64_t cluster, int worker);

@@ -67,9 +67,9 @@ double pags_views_mean_pixels(const pags_trainer *t) {
   return pixels;
 }
 
-/* Computes the permutations of the pass that `step` belongs to and of the next pass. */
-static void prepare_order(pags_trainer *t, int64_t step) {
-  int64_t epoch = (step - 1) / t->view_count;
+/* Computes the permutations of the pass that a photograph belongs to and of the next pass. */
+static void prepare_order(pags_trainer *t, int64_t photograph) {
+  int64_t epoch = (photograph - 1) / t->view_count;
   if (epoch == t->order_epoch)
     return;
   pags_schedule_order(&t->state.schedule, epoch, t->order);
@@ -77,9 +77,9 @@ static void prepare_order(pags_trainer *t, int64_t step) {
   t->order_epoch = epoch;
 }
 
-/* Returns the data set's view of a step of these two passes. */
-static int64_t view_of(const pags_trainer *t, int64_t step) {
-  return t->views[t->order[(step - 1) - t->order_epoch * t->view_count]];
+/* Returns the data set's view of a photograph of these two passes. */
+static int64_t view_of(const pags_trainer *t, int64_t photograph) {
+  return t->views[t->order[(photograph - 1) - t->order_epoch * t->view_count]];
 }
 
 static int level_of(const pags_trainer *t, int64_t step, int64_t view) {
@@ -88,13 +88,14 @@ static int level_of(const pags_trainer *t, int64_t step, int64_t view) {
 }
 
 /* Tells the photo cache the next views, up to the first that is needed at another level. */
-static void announce(pags_trainer *t, int64_t step, int level) {
+static void announce(pags_trainer *t, int64_t photograph, int level) {
+  const int64_t batch = t->state.schedule.batch;
   int64_t ahead[PAGS_TRAIN_AHEAD], known = (t->order_epoch + 2) * t->view_count;
-  int64_t last = known < t->state.stop ? known : t->state.stop;
+  int64_t last = known < t->state.stop * batch ? known : t->state.stop * batch;
   int count = 0;
-  for (int64_t k = step; k <= last && count < PAGS_TRAIN_AHEAD; k++) {
+  for (int64_t k = photograph; k <= last && count < PAGS_TRAIN_AHEAD; k++) {
     int64_t view = view_of(t, k);
-    if (level_of(t, k, view) != level)
+    if (level_of(t, pags_schedule_steps(&t->state.schedule, k), view) != level)
       break;
     ahead[count++] = view;
   }
@@ -108,10 +109,10 @@ pags_result pags_views_photo(pags_trainer *t, int64_t index, int *level, pags_ph
   return pags_photo_cache_get(t->cache, t->views[index], *level, photo);
 }
 
-int64_t pags_views_next(pags_trainer *t, int64_t step, int *level) {
-  prepare_order(t, step);
-  const int64_t view = view_of(t, step);
-  *level = level_of(t, step, view);
-  announce(t, step, *level);
+int64_t pags_views_next(pags_trainer *t, int64_t photograph, int *level) {
+  prepare_order(t, photograph);
+  const int64_t view = view_of(t, photograph);
+  *level = level_of(t, pags_schedule_steps(&t->state.schedule, photograph), view);
+  announce(t, photograph, *level);
   return view;
 }

@@ -15,9 +15,9 @@ pags_result pags_views_list(pags_trainer *trainer);
 /* Returns the mean number of pixels of the training photographs at their full size. */
 double pags_views_mean_pixels(const pags_trainer *trainer);
 
-/* Returns the view of `step` (index of the data set's view) and its level, the factor by which its photograph is
- * shrunk; tells the photo cache which views come next. */
-int64_t pags_views_next(pags_trainer *trainer, int64_t step, int *level);
+/* Returns the view of a photograph, by its number in the run from 1 (index of the data set's view), and its level, the
+ * factor by which it is shrunk; tells the photo cache which views come next. */
+int64_t pags_views_next(pags_trainer *trainer, int64_t photograph, int *level);
 
 /* Returns the photograph of training view `index`, for code that looks at all training views in turn, at the level of
  * the last step done (`level` receives it); the next photographs are decoded meanwhile. At any other level, each

@@ -164,7 +164,7 @@ static pags_result describe(const pags_dataset *dataset, const pags_train_state 
                         .image_folder = borrow(pags_dataset_image_folder(dataset)),
                         .image_alpha = (int)pags_dataset_image_alpha(dataset),
                         .config = d->config,
-                        .iterations = state->step,
+                        .iterations = state->step * state->schedule.batch,
                         .fps = pags_dataset_fps(dataset),
                         .place = pags_dataset_place(dataset),
                         .sky = state->sky.sky};

@@ -24,7 +24,7 @@ static pags_dropout last_step(int64_t step, int64_t object) {
   config.schedule.seed = 5;
   pags_schedule schedule = pags_schedule_make(&config, 1.0, 10);
   pags_dropout d = pags_dropout_at(&schedule, schedule.length, object);
-  d.step = step;
+  d.photograph = step;
   return d;
 }
 

@@ -76,9 +76,14 @@ typedef enum pags_s_grad_from { PAGS_S_GRAD_FROM_PASS, PAGS_S_GRAD_FROM_TRAINING
 /* Length, seed and resolution of the run. The first steps see shrunk photographs. */
 typedef struct pags_train_schedule {
   pags_preset preset;          /* chooses all values that are PAGS_FIELD_AUTO */
-  int64_t iterations;          /* steps of the run */
-  int64_t schedule_iterations; /* steps that the schedule is stretched over; 0: iterations. Steps beyond them keep the
-                                  schedule's last rates */
+  int64_t iterations;          /* photographs of the run, each counted as often as it is seen; steps times batch */
+  int64_t schedule_iterations; /* photographs that the schedule is stretched over; 0: iterations. Steps beyond them keep
+                                  the schedule's last rates */
+  /* Photographs a step, 1 to 64. The last step is full, even where iterations isn't a multiple. All of a step's
+   * photographs see the same parameters; the bits of a run depend on this number. Learning rates are multiplied by its
+   * root and Adam's decays raised to its power (Zhao et al. 2024, arXiv:2406.18533), except those of poses and
+   * exposures, which move once for each photograph, at the step's end. */
+  int batch;
   uint64_t seed;               /* seed of everything that is random; any number */
   double quarter_until;        /* fraction of the schedule during which photographs have a quarter of their size */
   /* Fraction of it, from its begin, during which they have half of their size or less; auto: 0.2 to 0.6, decided after
@@ -375,10 +380,10 @@ PAGS_API pags_train_options pags_train_options_default(void);
 typedef struct pags_train_result {
   int finished;                 /* 1: the last step is done; 0: stopped before */
   int resumed;                  /* 1: continued from a checkpoint */
-  int64_t iterations;           /* steps done, those before a resume included */
+  int64_t iterations;           /* photographs seen, each time counted, those before a resume included */
   int64_t gaussians;            /* Gaussians of all models at the end */
   double seconds;               /* time of training in this process with set-up, decoding, files; without callbacks */
-  double iterations_per_second; /* over the last tenth of the run, or what this process did of it */
+  double iterations_per_second; /* photographs, over the last tenth of the run, or what this process did of it */
   uint64_t peak_rss_bytes;      /* peak resident memory of the process */
   double loss, psnr;            /* running means at the end, as in pags_train_progress */
   /* Updates left out, over the whole run, because a gradient or a parameter wasn't finite: each counts one
