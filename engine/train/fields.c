@@ -89,11 +89,11 @@ const pags_train_field pags_fields[] = {
            "choose all values that are auto; fast: fewer Gaussians, less quality; plain: as 3D Gaussian "
            "Splatting trains (Kerbl et al. 2023); paper: as the paper of PAGS trains (arXiv:2510.12282)"),
     NUMBER(schedule, iterations, 30000, 1, PAGS_CONFIG_STEPS, "photographs",
-           "train on so many photographs, one a step unless batch says more; the schedule stretches with them"),
+           "train on so many; the schedule stretches"),
     NUMBER(schedule, schedule_iterations, 0, 0, MOST_STEPS, "photographs",
            "stretch the schedule over so many; later ones keep its last rates; 0: as iterations"),
     NUMBER(schedule, batch, 1, 1, MOST_BATCH, "photographs",
-           "see so many in a step; rates rise by its root, Adam's decays by its power (Zhao et al. 2024)"),
+           "see so many in a step"),
     NUMBER(schedule, seed, 0, 0, 18446744073709551615.0, "1", "seed everything that is random"),
     NUMBER(schedule, quarter_until, 0.05, 0, 1, "of the schedule",
            "show photographs at a quarter of their size until then"),

@@ -255,7 +255,7 @@ static int stop_at(void *user, const pags_train_progress *progress) {
 
 /* Trains with any number of threads, and in three pieces, to the same bits; `names` are three folders. */
 static void check_reproducible(const pags_train_config *config, const char *const names[3]) {
-  const int64_t stops[] = {77, 118, config->schedule.iterations};
+  const int64_t batch = config->schedule.batch, stops[] = {77, 118, config->schedule.iterations / batch};
   pags_train_options options = pags_train_options_default();
   pags_train_result result;
   train(config, in_root(names[0]), 1, 0);
@@ -266,7 +266,7 @@ static void check_reproducible(const pags_train_config *config, const char *cons
   for (int i = 0; i < 3; i++) {
     options.progress_user = (void *)(uintptr_t)&stops[i];
     assert_int_equal(run(config, in_root(names[2]), 1 + i, options, &result), PAGS_OK);
-    assert_int_equal(result.iterations, stops[i]);
+    assert_int_equal(result.iterations, stops[i] * batch);
   }
   assert_same_folder(in_root(names[0]), in_root(names[2]));
 }
@@ -281,6 +281,104 @@ static void dropout_is_reproducible_too(void **unused) {
   config.priority.dropout = 0;
   train(&config, in_root("drop4"), 2, 0);
   assert_false(is_same_file(in_root("drop1"), in_root("drop4"), "background.ply"));
+}
+
+/* The same of steps of several photographs, whose last one is full. */
+static void batches_are_reproducible_too(void **unused) {
+  (void)unused;
+  pags_train_config config = small_config();
+  config.priority.dropout = 1;
+  config.schedule.batch = 3;
+  config.schedule.iterations = 3 * ITERATIONS;
+  check_reproducible(&config, (const char *const[]){"batch1", "batch2", "batch3"});
+  config.density.strategy = PAGS_STRATEGY_MCMC;
+  config.size_limit.max_gaussians = 350;
+  train(&config, in_root("batch4"), 1, 0);
+  train(&config, in_root("batch5"), 3, 11);
+  assert_same_folder(in_root("batch4"), in_root("batch5"));
+
+  pags_train_options options = pags_train_options_default();
+  pags_train_result result;
+  config.schedule.iterations = 10;
+  assert_int_equal(run(&config, in_root("batch6"), 1, options, &result), PAGS_OK);
+  assert_int_equal(result.iterations, 12);
+  options.resume = 1;
+  config.schedule.batch = 2;
+  assert_int_equal(run(&config, in_root("batch6"), 1, options, &result), PAGS_ERROR_ARGUMENT);
+  assert_non_null(strstr(pags_error_message(), "another batch"));
+}
+
+static pags_dataset *open_one_view(void) {
+  const pags_camera c = make_camera(0);
+  assert_int_equal(pags_make_dirs(in_root("one_view")), PAGS_OK);
+  FILE *f = fopen(in_root("one_view/transforms.json"), "w");
+  assert_non_null(f);
+  fprintf(f,
+          "{\"w\": %d, \"h\": %d, \"fl_x\": %g, \"fl_y\": %g, \"cx\": %g, \"cy\": %g, \"frames\": "
+          "[{\"file_path\": \"../data/view0.png\", \"transform_matrix\": [",
+          WIDTH, HEIGHT, focal, focal, WIDTH / 2.0, HEIGHT / 2.0);
+  for (int k = 0; k < 3; k++) {
+    const double *r = c.world_from_camera + 4 * k;
+    fprintf(f, "[%.17g, %.17g, %.17g, %.17g], ", r[0], -r[1], -r[2], r[3]);
+  }
+  fprintf(f, "[0, 0, 0, 1]]}]}\n");
+  fclose(f);
+  pags_dataset_options options = pags_dataset_options_default();
+  pags_dataset *one = NULL;
+  options.split_every = 0;
+  options.random_points = 300;
+  assert_int_equal(pags_dataset_open(in_root("one_view"), &options, &one), PAGS_OK);
+  return one;
+}
+
+/* The largest difference between the parameters of two scenes' first models. */
+static double difference(const char *a, const char *b) {
+  pags_scene scenes[2];
+  double worst = 0;
+  assert_int_equal(pags_scene_load(in_root(a), &scenes[0]), PAGS_OK);
+  assert_int_equal(pags_scene_load(in_root(b), &scenes[1]), PAGS_OK);
+  const pags_gaussians *const g = &scenes[0].models[0].gaussians, *const h = &scenes[1].models[0].gaussians;
+  assert_int_equal(g->count, h->count);
+  for (int p = 0; p < pags_plane_count(g->sh_degree); p++)
+    for (int64_t i = 0; i < g->count; i++)
+      worst = fmax(worst, fabs((double)pags_plane(g, p)[i] - (double)pags_plane(h, p)[i]));
+  pags_scene_destroy(&scenes[0]);
+  pags_scene_destroy(&scenes[1]);
+  return worst;
+}
+
+/* A step that sees one photograph twice is a step that sees it once, by the mean of equal gradients, with Adam's decays
+ * squared and root 2 times the rates. */
+static void a_step_goes_by_the_mean_of_its_photographs(void **unused) {
+  (void)unused;
+  const double root2 = sqrt(2.0);
+  pags_dataset *const whole = dataset;
+  pags_train_config twice = small_config();
+  twice.exposure.exposure = 0; /* moves once for each photograph */
+  twice.density.densify_from = 30000;
+  twice.schedule.quarter_until = 0;
+  twice.schedule.half_until = 0;
+  twice.schedule.batch = 2;
+  twice.schedule.iterations = 80;
+  twice.optimiser.position_rate_begin = 1.6e-4, twice.optimiser.position_rate_end = 1.6e-6;
+  twice.optimiser.scale_rate = 0.005, twice.optimiser.sh_dc_rate = 0.0025, twice.optimiser.sh_rest_rate = 0.000125;
+  pags_train_config once = twice;
+  pags_train_optimiser *const o = &once.optimiser;
+  once.schedule.batch = 1;
+  once.schedule.iterations = 40;
+  o->beta1 *= o->beta1, o->beta2 *= o->beta2;
+  double *const rates[] = {&o->position_rate_begin, &o->position_rate_end, &o->scale_rate, &o->rotation_rate,
+                           &o->opacity_rate,        &o->sh_dc_rate,        &o->sh_rest_rate};
+  dataset = open_one_view();
+  train(&once, in_root("slow"), 2, 0);
+  for (size_t i = 0; i < sizeof rates / sizeof *rates; i++)
+    *rates[i] *= root2;
+  train(&once, in_root("once"), 2, 0);
+  train(&twice, in_root("twice"), 2, 0);
+  assert_true(difference("twice", "once") < 1e-4);
+  assert_true(difference("twice", "slow") > 0.1);
+  pags_dataset_close(dataset);
+  dataset = whole;
 }
 
 /* The same of a least alpha and of scale resets, of which the scene remembers the former. */
@@ -591,6 +689,8 @@ int main(void) {
       cmocka_unit_test(learns_the_scene),
       cmocka_unit_test(threads_and_checkpoints_change_no_bit),
       cmocka_unit_test(dropout_is_reproducible_too),
+      cmocka_unit_test(batches_are_reproducible_too),
+      cmocka_unit_test(a_step_goes_by_the_mean_of_its_photographs),
       cmocka_unit_test(shorter_lists_are_reproducible_too),
       cmocka_unit_test(mcmc_is_reproducible_too),
       cmocka_unit_test(stopping_and_resuming_changes_no_bit),
