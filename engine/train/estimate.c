@@ -31,6 +31,12 @@ uint64_t pags_train_bytes(int64_t gaussians, int sh_degree, int width, int heigh
   return (uint64_t)gaussians * each + (uint64_t)width * (uint64_t)height * pixel + ((uint64_t)64 << 20);
 }
 
+uint64_t pags_batch_bytes(const pags_train_config *config, int64_t gaussians, int sky_size) {
+  const uint64_t planes = (uint64_t)(pags_plane_count(config->color.sh_degree) + PAGS_FOURIER_PLANES);
+  const uint64_t texels = 6 * (uint64_t)sky_size * (uint64_t)sky_size;
+  return config->schedule.batch > 1 ? (uint64_t)gaussians * planes * 4 * 3 / 2 + 3 * 4 * texels : 0;
+}
+
 /* Milliseconds of a pass at one resolution level: `rows` is the part proportional to the number of Gaussians,
  * `pixels` the part that depends on the pixels. */
 typedef struct cost {
@@ -115,7 +121,8 @@ pags_result pags_trainer_estimate(pags_trainer *t, pags_estimate *out) {
     }
   }
   out->bytes = pags_train_bytes(gaussians, t->state.schedule.config.color.sh_degree, width, height) +
-               t->options->image_cache + pags_sky_fit_bytes(t->state.sky.sky.size);
+               t->options->image_cache + pags_sky_fit_bytes(t->state.sky.sky.size) +
+               pags_batch_bytes(&s->schedule.config, gaussians, s->sky.sky.size);
 
   return PAGS_OK;
 }

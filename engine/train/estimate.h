@@ -16,4 +16,8 @@ typedef struct pags_estimate {
  * about the machine; the assumptions about growth are listed in estimate.c. */
 pags_result pags_trainer_estimate(pags_trainer *trainer, pags_estimate *out);
 
+/* Returns the bytes of the gradients that a step of several photographs adds up (gradient_store.h), with their room for
+ * growth: those of Gaussians, and those of a sky of `sky_size` texels a side; 0 with one photograph a step. */
+uint64_t pags_batch_bytes(const pags_train_config *config, int64_t gaussians, int sky_size);
+
 #endif

@@ -13,6 +13,7 @@
 #include "port/port.h"
 #include "train/checkpoint.h"
 #include "train/config.h"
+#include "train/estimate.h"
 #include "train/open_run.h"
 #include "train/other_views.h"
 #include "train/score_pass.h"
@@ -45,9 +46,10 @@ static int64_t choose_cap(const pags_trainer *t, const pags_train_config *config
   uint64_t fixed = pags_train_bytes(0, config->color.sh_degree, width, height) + t->options->image_cache;
   if (config->sky.sky && pags_dataset_fps(t->dataset) > 0.0)
     fixed += pags_sky_fit_most_bytes(t->dataset);
-  uint64_t each =
-      (pags_train_bytes(1 << 20, config->color.sh_degree, 1, 1) - pags_train_bytes(0, config->color.sh_degree, 1, 1)) >>
-      20;
+  const int million = 1 << 20;
+  const uint64_t each = (pags_train_bytes(million, config->color.sh_degree, 1, 1) -
+                         pags_train_bytes(0, config->color.sh_degree, 1, 1) + pags_batch_bytes(config, million, 0)) /
+                        (uint64_t)million;
   uint64_t room = memory > fixed ? (memory - fixed) / each : 0;
   int64_t fits = room < 1 << 10 ? 1 << 10 : room > INT32_MAX - 64 ? INT32_MAX - 64 : (int64_t)room;
   return most > 0 && most < fits ? most : fits;

@@ -48,7 +48,7 @@ class Examples(fixtures.Case):
     def test_train_counts_its_steps(self):
         steps = [int(step) for step in re.findall(r"^step (\d+) of 200: \d+ Gaussians", self.trained, re.M)]
         self.assertEqual(steps, list(range(20, 201, 20)))
-        self.assertRegex(self.trained, r"scene: \d+ Gaussians after 200 iterations\n$")
+        self.assertRegex(self.trained, r"scene: \d+ Gaussians after 200 steps\n$")
 
     def test_first_draws_a_scene(self):
         self.example("first", self.scene, self.camera, self.path("picture.ppm"))

@@ -97,7 +97,7 @@ class Usage(Case):
                 if value:
                     self.fails([verb, "x", name], f"{name}: expected", "got nothing", code=2)
         shown = " ".join(run("train", "--help").stdout.split())
-        self.assertIn("[steps; default 30000]", shown)
+        self.assertIn("[photographs; default 30000]", shown)
         self.assertIn("[sRGB; default 0,0,0]", shown)
         self.assertIn("[default 0.4]", shown)
         self.assertIn("[default auto: 3; driving sets 1]", shown)
