@@ -460,8 +460,8 @@ int pags_verb_train(int argc, char **argv) {
     outcome = write_json(&arguments, &result);
   }
   if (outcome == PAGS_OK && !result.finished && !arguments.options.estimate)
-    outcome =
-        pags_fail(PAGS_CANCELLED, "interrupted after iteration %lld; the state is saved in %s, --resume goes on from it",
-                  (long long)result.iterations, arguments.output);
+    outcome = pags_fail(PAGS_CANCELLED,
+                        "interrupted after iteration %lld; the state is saved in %s, --resume goes on from it",
+                        (long long)result.iterations, arguments.output);
   return pags_session_end(&arguments.session, outcome);
 }

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The random draws of adaptive stochastic dropout, a pure function of seed, photograph, model and row; see dropout.h. */
+/* The random draws of adaptive stochastic dropout, a pure function of seed, photograph, model and row; see dropout.h.
+ */
 #include "train/dropout.h"
 
 #include <assert.h>

@@ -9,8 +9,8 @@
  * nonlinearities: the cap on alpha, which the rasteriser applies to the multiplied opacity, the cut at 1/255 and the
  * early stop (docs/lab/dropout.md has the size of that bias).
  *
- * The random numbers depend on (seed, photograph, model, row) alone. Edits of the rows are functions of the run, so a row
- * is the same Gaussian in any run that does these steps, however many threads it has and wherever it was
+ * The random numbers depend on (seed, photograph, model, row) alone. Edits of the rows are functions of the run, so a
+ * row is the same Gaussian in any run that does these steps, however many threads it has and wherever it was
  * interrupted. */
 #ifndef PAGS_TRAIN_DROPOUT_H
 #define PAGS_TRAIN_DROPOUT_H
@@ -19,8 +19,9 @@
 
 typedef struct pags_dropout {
   uint64_t seed;
-  int64_t photograph, object; /* photograph: its number in the run; object: the model's object number, -1 for the background */
-  double most;          /* gamma t / t_total: the D of a Gaussian with S_sem 0 */
+  int64_t photograph,
+      object;  /* photograph: its number in the run; object: the model's object number, -1 for the background */
+  double most; /* gamma t / t_total: the D of a Gaussian with S_sem 0 */
   double beta;
 } pags_dropout;
 

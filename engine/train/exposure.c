@@ -42,7 +42,7 @@ void pags_exposures_destroy(pags_exposures *exposures) {
   *exposures = (pags_exposures){0};
 }
 
-static void trained_value(const pags_exposures *exposures, const pags_dataset *dataset, int64_t view, double value[6]) {
+void pags_exposures_value(const pags_exposures *exposures, const pags_dataset *dataset, int64_t view, double value[6]) {
   const pags_exposure *camera = exposures->items + exposures->count + camera_of(dataset, view);
   for (int k = 0; k < 6; k++)
     value[k] = exposures->items[view].value[k] + camera->value[k];
@@ -57,19 +57,35 @@ static int64_t nearest_trained(const pags_dataset *dataset, int64_t view, int st
   return i >= 0 && i < count ? i : view;
 }
 
-void pags_exposures_value(const pags_exposures *exposures, const pags_dataset *dataset, int64_t view, double value[6]) {
-  trained_value(exposures, dataset, view, value);
-  if (!pags_dataset_view(dataset, view)->test || pags_dataset_fps(dataset) > 0)
-    return;
+void pags_exposures_between(const pags_exposures *exposures, const pags_dataset *dataset, int64_t view,
+                            double value[6]) {
   int64_t before = nearest_trained(dataset, view, -1), after = nearest_trained(dataset, view, 1);
   before = before == view ? after : before;
   after = after == view ? before : after;
   double a[6], b[6];
-  trained_value(exposures, dataset, before, a);
-  trained_value(exposures, dataset, after, b);
+  pags_exposures_value(exposures, dataset, before, a);
+  pags_exposures_value(exposures, dataset, after, b);
   const double t = after > before ? (double)(view - before) / (double)(after - before) : 0.0;
   for (int k = 0; k < 6; k++)
     value[k] = (1 - t) * a[k] + t * b[k];
+}
+
+bool pags_exposures_follow_names(const pags_exposures *exposures, const pags_dataset *dataset) {
+  double from_middle = 0, from_mean = 0; /* sums of squares; the mean is gain 1 and offset 0 */
+  for (int64_t i = 0; i < exposures->count; i++) {
+    double own[6], middle[6];
+    if (pags_dataset_view(dataset, i)->test || nearest_trained(dataset, i, -1) == i ||
+        nearest_trained(dataset, i, 1) == i)
+      continue;
+    pags_exposures_value(exposures, dataset, i, own);
+    pags_exposures_between(exposures, dataset, i, middle);
+    for (int k = 0; k < 6; k++) {
+      const double mean = k < 3 ? 1.0 : 0.0;
+      from_middle += (own[k] - middle[k]) * (own[k] - middle[k]);
+      from_mean += (own[k] - mean) * (own[k] - mean);
+    }
+  }
+  return from_middle < from_mean;
 }
 
 static bool move(pags_exposure *e, const double gradient[6], const pags_train_config *config, double rate) {
@@ -117,7 +133,7 @@ void pags_exposures_decide(pags_exposures *exposures, const pags_dataset *datase
     if (pags_dataset_view(dataset, i)->test)
       continue;
     training++;
-    trained_value(exposures, dataset, i, value);
+    pags_exposures_value(exposures, dataset, i, value);
     for (int k = 0; k < 3; k++) {
       const double change = 0.5 * (value[k] - 1) + value[3 + k];
       sum += change * change;

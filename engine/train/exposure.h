@@ -10,6 +10,8 @@
 #ifndef PAGS_TRAIN_EXPOSURE_H
 #define PAGS_TRAIN_EXPOSURE_H
 
+#include <stdbool.h>
+
 #include <pags/dataset.h>
 #include <pags/frame.h>
 #include <pags/tasks.h>
@@ -32,10 +34,17 @@ typedef struct pags_exposures {
 pags_result pags_exposures_create(pags_exposures *exposures, const pags_dataset *dataset);
 void pags_exposures_destroy(pags_exposures *exposures);
 
-/* Writes the exposure of a training view to `value`: gains, then offsets. A held-out view's exposure isn't trained: in
- * a driving set pags_scene_exposure interpolates it in time; in a static set it is interpolated here between the
- * training views before and after it in the order of names, in which photographs were mostly taken. */
+/* Writes the exposure of a training view to `value`: gains, then offsets. */
 void pags_exposures_value(const pags_exposures *exposures, const pags_dataset *dataset, int64_t view, double value[6]);
+
+/* Whether the photographs of a static set were taken in the order of their names, as far as exposures show it: those of
+ * training views differ less from the middle of their neighbours' than from the mean of all. */
+bool pags_exposures_follow_names(const pags_exposures *exposures, const pags_dataset *dataset);
+/* Writes the exposure of a held-out view of such a set, between those of the training views before and after it.
+ * Held-out views of other static sets have the mean exposure, gain 1 and offset 0; in driving sets pags_scene_exposure
+ * interpolates in time. */
+void pags_exposures_between(const pags_exposures *exposures, const pags_dataset *dataset, int64_t view,
+                            double value[6]);
 
 /* One Adam step for one view's part and its camera's part, after which the means over the training views are set back
  * to 1 and 0. Returns 0 if the gradient isn't finite; then no part takes a step. */

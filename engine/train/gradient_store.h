@@ -6,8 +6,8 @@
 #include <pags/base.h>
 
 typedef struct pags_gradient_store {
-  float *rows;     /* [clusters][floats]: the planes of each cluster's rows, as the frame gives them */
-  int64_t *stamp;  /* per cluster: what its rows belong to, a number >= 1 that the user counts up; 0: nothing yet */
+  float *rows;    /* [clusters][floats]: the planes of each cluster's rows, as the frame gives them */
+  int64_t *stamp; /* per cluster: what its rows belong to, a number >= 1 that the user counts up; 0: nothing yet */
   int64_t clusters, floats;
 } pags_gradient_store;
 

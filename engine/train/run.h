@@ -49,7 +49,7 @@ typedef struct pags_trainer {
 /* One of a step's views: its photograph, picture and losses. */
 typedef struct pags_step_view {
   int64_t number; /* of the photograph in the run, from 1 */
-  int64_t view; /* index of the data set's view */
+  int64_t view;   /* index of the data set's view */
   int level;
   pags_camera camera; /* the view's camera at the resolution level */
   pags_photo photo;

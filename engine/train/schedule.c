@@ -65,14 +65,16 @@ pags_schedule pags_schedule_make(const pags_train_config *config, double extent,
   s.batch = at_least(config->schedule.batch, 1);
   set_batch(&s);
   s.length = pags_schedule_steps(&s, config->schedule.schedule_iterations > 0 ? config->schedule.schedule_iterations
-                                                                               : config->schedule.iterations);
+                                                                              : config->schedule.iterations);
   s.densify_from = scaled(config->density.densify_from, s.length);
   s.densify_until = scaled(s.config.density.densify_until, s.length);
   s.densify_every = at_least(scaled(config->density.densify_every, s.length), least_between_densify(&s));
-  int64_t reset = at_least(scaled(config->density.reset_every, s.length), pags_schedule_steps(&s, at_least(3 * views, 1)));
+  int64_t reset =
+      at_least(scaled(config->density.reset_every, s.length), pags_schedule_steps(&s, at_least(3 * views, 1)));
   s.reset_every = (reset + s.densify_every - 1) / s.densify_every * s.densify_every;
   s.scale_reset_from = scaled(config->density.scale_reset_from, s.length);
-  s.scale_reset_every = at_least(scaled(config->density.scale_reset_every, s.length), pags_schedule_steps(&s, least_recovery));
+  s.scale_reset_every =
+      at_least(scaled(config->density.scale_reset_every, s.length), pags_schedule_steps(&s, least_recovery));
   s.scale_reset_until = scaled(config->density.scale_reset_until, s.length);
   s.sh_interval = at_least(scaled(config->color.sh_interval, s.length), 1);
   s.quarter_until = (long long)pags_round(config->schedule.quarter_until * (double)s.length);

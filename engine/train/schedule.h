@@ -44,9 +44,9 @@ enum { PAGS_MOST_PRUNES = 8 };
  * `batch` photographs; photographs are numbered from 1 through the run. */
 typedef struct pags_schedule {
   pags_train_config config;
-  double extent;  /* metres */
-  int64_t views;  /* training views, >= 1 */
-  int64_t batch;  /* photographs a step, >= 1 */
+  double extent; /* metres */
+  int64_t views; /* training views, >= 1 */
+  int64_t batch; /* photographs a step, >= 1 */
   /* What a step of `batch` photographs makes of the rates and of Adam's decays (Zhao et al. 2024, arXiv:2406.18533):
    * its root times the rates, its power of the decays. 1, and the configuration's, with one photograph. */
   double rate_factor, beta1, beta2;

@@ -1,14 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* One training step, on one view or several.
  *
- * For each of its views, the frame is rendered, with the pending Adam steps of each cluster in view applied before it is read; the losses
- * write dLoss/d(picture); in the frame's backward pass, the receiver updates each cluster's Gaussians while their
- * gradients are in cache. Poses and exposures are updated at the step's end, from sums that are taken in a fixed order.
+ * For each of its views, the frame is rendered, with the pending Adam steps of each cluster in view applied before it
+ * is read; the losses write dLoss/d(picture); in the frame's backward pass, the receiver updates each cluster's
+ * Gaussians while their gradients are in cache. Poses and exposures are updated at the step's end, from sums that are
+ * taken in a fixed order.
  *
  * A step of several photographs (a batch) sees all of them with the same parameters. Their gradients by Gaussians and
  * sky are added up in the order of the photographs, and one Adam step follows by the mean. Each photograph by itself
  * counts for densify's statistics, dropout, the object opacity term, and one Adam step of the poses and exposures that
- * it shows, in their order. So the bits of a run depend on the size of a batch, not on who computes which photograph. */
+ * it shows, in their order. So the bits of a run depend on the size of a batch, not on who computes which photograph.
+ */
 #include "train/step.h"
 
 #include <math.h>
@@ -135,8 +137,8 @@ static void update(pags_trainer *t, pags_train_model *m, int64_t cluster, const 
 }
 
 /* Receiver of the backward pass: adds the densify statistics of a cluster and does an Adam step on its Gaussians, or
- * with several photographs a step adds up their gradients for finish_blocks. A cluster in view none of whose Gaussians was drawn is skipped and its step stays pending: whether a cluster was in
- * view must not change a bit. */
+ * with several photographs a step adds up their gradients for finish_blocks. A cluster in view none of whose Gaussians
+ * was drawn is skipped and its step stays pending: whether a cluster was in view must not change a bit. */
 static void receive(void *user, const pags_cluster_gradient *g, int worker) {
   const pags_render_context *c = user;
   pags_view_render *p = &c->trainer->render;
@@ -310,7 +312,8 @@ pags_result pags_train_view(pags_trainer *t, int64_t step, pags_step_view *v) {
   options.depth_sum = t->render.depth[v->view].count > 0;
   pags_view_render_compose(t, v->view);
   for (int i = 0; t->state.schedule.batch > 1 && i < t->render.part_count; i++)
-    PAGS_TRY(reserve_store(&t->state.models[t->render.drawn[i].model], &t->render.models[t->render.drawn[i].model].sum));
+    PAGS_TRY(
+        reserve_store(&t->state.models[t->render.drawn[i].model], &t->render.models[t->render.drawn[i].model].sum));
   PAGS_TRY(pags_view_render_reserve_factors(t));
   PAGS_TRY(pags_view_render_draw(t, step, &v->camera, &options, &v->picture));
   t->ms.forward += pags_clock_lap_ms(&clock);
@@ -385,12 +388,11 @@ pags_result pags_train_finish(pags_trainer *t, int64_t step) {
     PAGS_TRY(pags_sky_fit_finish(&t->state.sky, s, step, t->tasks));
   for (int64_t i = 0; s->config.objects.tracks && step > s->tracks_from && i < r->pose_count; i++)
     if (!pags_track_poses_update(&t->state.tracks, r->poses[i].object, r->poses[i].knot, r->poses[i].by_pose, s, step))
-      pags_nonfinite_note(
-          &t->state.nonfinite, 1,
-          &(pags_nonfinite_row){step, r->poses[i].object, r->poses[i].knot, 0, PAGS_NONFINITE_POSE});
+      pags_nonfinite_note(&t->state.nonfinite, 1,
+                          &(pags_nonfinite_row){step, r->poses[i].object, r->poses[i].knot, 0, PAGS_NONFINITE_POSE});
   for (int64_t i = 0; t->state.exposures.count > 0 && i < r->count; i++)
-    if (!pags_exposures_update(&t->state.exposures, t->dataset, r->photographs[i].view, r->photographs[i].by_exposure, s,
-                               step))
+    if (!pags_exposures_update(&t->state.exposures, t->dataset, r->photographs[i].view, r->photographs[i].by_exposure,
+                               s, step))
       pags_nonfinite_note(&t->state.nonfinite, 1,
                           &(pags_nonfinite_row){step, -1, r->photographs[i].view, 0, PAGS_NONFINITE_EXPOSURE});
   pags_exposures_decide(&t->state.exposures, t->dataset, s, step);

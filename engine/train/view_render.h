@@ -20,7 +20,7 @@ typedef struct pags_model_room {
   int64_t dc_stride;
   float *factor; /* factors of opacity, for photographs with dropout */
   int64_t factor_room;
-  double basis[5]; /* the Fourier basis at the view's time */
+  double basis[5];          /* the Fourier basis at the view's time */
   pags_gradient_store held; /* gradients of the object opacity term until the other terms' arrive, by photograph */
   pags_gradient_store sum;  /* with several photographs a step: the sum of their gradients, by step */
 } pags_model_room;
@@ -63,8 +63,8 @@ void pags_view_render_destroy(struct pags_trainer *trainer);
 void pags_view_render_compose(struct pags_trainer *trainer, int64_t view);
 /* Returns the frame's options for a view at `step`. */
 pags_frame_options pags_view_render_options(const struct pags_trainer *trainer, int64_t step);
-/* For photographs with dropout: gives each part an array of opacity factors, one per Gaussian, which pags_view_render_touch
- * fills at random (0 for a Gaussian that is left out). */
+/* For photographs with dropout: gives each part an array of opacity factors, one per Gaussian, which
+ * pags_view_render_touch fills at random (0 for a Gaussian that is left out). */
 pags_result pags_view_render_reserve_factors(struct pags_trainer *trainer);
 /* Callback of the frame before it reads a cluster: applies pending Adam steps, evaluates the colour at the view's
  * time, draws dropout. `user` is a pags_render_context. */

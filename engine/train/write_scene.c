@@ -4,6 +4,7 @@
 #include "train/output.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -35,6 +36,7 @@ static pags_result list_views(const pags_dataset *dataset, const pags_train_stat
   scene->views = calloc((size_t)(scene->view_count > 0 ? scene->view_count : 1), sizeof *scene->views);
   if (!scene->views)
     return pags_out_of_memory("%lld views", (long long)scene->view_count);
+  const bool between = pags_dataset_fps(dataset) <= 0 && pags_exposures_follow_names(&state->exposures, dataset);
   for (int64_t i = 0; i < scene->view_count; i++) {
     const pags_view *view = pags_dataset_view(dataset, i);
     scene->views[i] = (pags_scene_view){.name = borrow(view->name),
@@ -45,8 +47,10 @@ static pags_result list_views(const pags_dataset *dataset, const pags_train_stat
 
     /* The exposure of the view; those of a driving set's held-out views are interpolated below. */
     double value[6] = {1.0, 1.0, 1.0, 0.0, 0.0, 0.0};
-    if (state->exposures.count > 0 && (!scene->views[i].test || pags_dataset_fps(dataset) <= 0))
+    if (state->exposures.count > 0 && !view->test)
       pags_exposures_value(&state->exposures, dataset, i, value);
+    else if (between)
+      pags_exposures_between(&state->exposures, dataset, i, value);
     memcpy(scene->views[i].gain, value, sizeof scene->views[i].gain);
     memcpy(scene->views[i].offset, value + 3, sizeof scene->views[i].offset);
 

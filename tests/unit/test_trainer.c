@@ -27,6 +27,7 @@
 #include "base/file.h"
 #include "base/rng.h"
 #include "system.h"
+#include "train/exposure.h"
 
 enum { VIEWS = 9, WIDTH = 80, HEIGHT = 64, TRUTH = 150, ITERATIONS = 160 };
 static const double focal = 80.0;
@@ -367,7 +368,7 @@ static void a_step_goes_by_the_mean_of_its_photographs(void **unused) {
   once.schedule.batch = 1;
   once.schedule.iterations = 40;
   o->beta1 *= o->beta1, o->beta2 *= o->beta2;
-  double *const rates[] = {&o->position_rate_begin, &o->position_rate_end, &o->scale_rate, &o->rotation_rate,
+  double *const rates[] = {&o->position_rate_begin, &o->position_rate_end, &o->scale_rate,  &o->rotation_rate,
                            &o->opacity_rate,        &o->sh_dc_rate,        &o->sh_rest_rate};
   dataset = open_one_view();
   train(&once, in_root("slow"), 2, 0);
@@ -684,6 +685,27 @@ static void colour_terms_go_where_they_do_not_show(void **unused) {
   pags_tasks_destroy(tasks);
 }
 
+/* Exposures that change smoothly from name to name are those of photographs taken in that order, and a held-out one is
+ * between its neighbours'. Those that don't say nothing of a held-out one. */
+static void exposures_may_follow_names(void **unused) {
+  (void)unused;
+  pags_exposures e;
+  double value[6];
+  assert_int_equal(pags_exposures_create(&e, dataset), PAGS_OK);
+  assert_false(pags_exposures_follow_names(&e, dataset)); /* all alike: nothing to be known */
+  for (int i = 0; i < VIEWS; i++)
+    e.items[i].value[0] = 1 + 0.1 * sin(0.7 * i);
+  assert_true(pags_exposures_follow_names(&e, dataset));
+  pags_exposures_between(&e, dataset, 4, value);
+  assert_true(fabs(value[0] - 1 - 0.05 * (sin(2.1) + sin(3.5))) < 1e-12);
+  pags_exposures_between(&e, dataset, 0, value); /* the first has one neighbour */
+  assert_true(fabs(value[0] - 1 - 0.1 * sin(0.7)) < 1e-12);
+  for (int i = 0; i < VIEWS; i++)
+    e.items[i].value[0] = 1 + 0.1 * uniform(50, i) - 0.05;
+  assert_false(pags_exposures_follow_names(&e, dataset));
+  pags_exposures_destroy(&e);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(learns_the_scene),
@@ -692,6 +714,7 @@ int main(void) {
       cmocka_unit_test(batches_are_reproducible_too),
       cmocka_unit_test(a_step_goes_by_the_mean_of_its_photographs),
       cmocka_unit_test(shorter_lists_are_reproducible_too),
+      cmocka_unit_test(exposures_may_follow_names),
       cmocka_unit_test(mcmc_is_reproducible_too),
       cmocka_unit_test(stopping_and_resuming_changes_no_bit),
 #ifndef _WIN32

@@ -84,8 +84,8 @@ typedef struct pags_train_schedule {
    * root and Adam's decays raised to its power (Zhao et al. 2024, arXiv:2406.18533), except those of poses and
    * exposures, which move once for each photograph, at the step's end. */
   int batch;
-  uint64_t seed;               /* seed of everything that is random; any number */
-  double quarter_until;        /* fraction of the schedule during which photographs have a quarter of their size */
+  uint64_t seed;        /* seed of everything that is random; any number */
+  double quarter_until; /* fraction of the schedule during which photographs have a quarter of their size */
   /* Fraction of it, from its begin, during which they have half of their size or less; auto: 0.2 to 0.6, decided after
    * 0.2 from the pixels that a photograph has for each Gaussian (pags_schedule_half_until). scene.json and checkpoints
    * have what was decided. */
