@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""LPIPS of pags eval over SqueezeNet 1.1 and AlexNet beside numpy in double, with random weights that numpy.savez wrote, on pictures that
+"""LPIPS of pags eval (and of benchmarks/ablation.py) over SqueezeNet 1.1 and AlexNet beside numpy in double, with random weights that numpy.savez wrote, on pictures that
 pags render wrote as floats. What is computed here follows torchvision's description of the networks and docs/lpips.md. The trained weights
 aren't at hand: whether a file of them is made as that page says is not tested here."""
 
 import json
 import os
+import subprocess
 import sys
 
 import fixtures
-from fixtures import Case, make_dataset, ply_bytes, read_png, some_splats
+from fixtures import SMALL, Case, make_dataset, ply_bytes, read, read_png, some_splats
 
 try:
     import numpy as np
@@ -143,6 +144,24 @@ class Lpips(Case):
         for arrays, words in cases:
             np.savez(self.path("w.npz"), **arrays)
             self.fails(["eval", scene, "--dataset", data, "--lpips-weights", self.path("w.npz")], self.path("w.npz"), *words)
+
+    def test_ablation_measures_again_over_another_network(self):
+        data, table = make_dataset(self.path("data"), views=9, width=40, height=36), self.path("t")
+        script = os.path.join(os.path.dirname(os.path.abspath(__file__)), "../../benchmarks/ablation.py")
+        found = []
+        for name in ["AlexNet", "SqueezeNet 1.1", None]:
+            words = [sys.executable, "-B", script, data, "-o", table, "--pags", fixtures.PAGS, "-n", "4", "--moments", "1", "--rows", "sh=0", "--json", "-"]
+            if name:
+                np.savez(self.path("w.npz"), **random_weights(name))
+                words += ["--lpips-weights", self.path("w.npz")]
+            done = subprocess.run([*words, "--", *map(str, SMALL)], capture_output=True, text=True, timeout=600)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            (row,) = json.loads(done.stdout)["rows"]
+            found.append((row["lpips_network"], row["lpips"]))
+            self.assertIn(f"LPIPS is over {row['lpips_network']}.", read(f"{table}.md").decode())
+        self.assertEqual([network for network, _ in found], ["AlexNet", "SqueezeNet 1.1", "SqueezeNet 1.1"])
+        self.assertNotEqual(found[0][1], found[1][1])
+        self.assertEqual(found[1], found[2])
 
 
 if __name__ == "__main__":
