@@ -80,7 +80,7 @@ class Jobs:
     def stop(self):
         """Asks the processes, each with perf in a session of its own, to end."""
         for child in self.children:
-            if child.poll() is None:
+            if child.returncode is None:  # not yet waited for, so that the number is still its own
                 try:
                     os.killpg(child.pid, signal.SIGTERM)
                 except ProcessLookupError:
