@@ -133,7 +133,8 @@ class Measurements:
 
     def check(self):
         """Lets pags check the options; compares what all rows share with the record in the folder, since other trainings can't be compared."""
-        done = subprocess.run([self.program, "train", self.dataset, "-o", self.folder, *self.train, "--check-options"], capture_output=True, text=True)
+        words = [self.program, "train", self.dataset, "-o", self.folder, *self.train, "--check-options"]
+        done = subprocess.run(words, capture_output=True, text=True)
         if done.returncode:
             raise Failure((done.stderr.strip().splitlines() or ["no message"])[-1].removeprefix("pags: "))
         path, settings = os.path.join(self.folder, "settings.json"), {"dataset": self.dataset, "train": self.train}

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""LPIPS of pags eval (and of benchmarks/ablation.py) over SqueezeNet 1.1 and AlexNet beside numpy in double, with random weights that numpy.savez wrote, on pictures that
-pags render wrote as floats. What is computed here follows torchvision's description of the networks and docs/lpips.md. The trained weights
-aren't at hand: whether a file of them is made as that page says is not tested here."""
+"""LPIPS of pags eval (and of benchmarks/ablation.py) over SqueezeNet 1.1 and AlexNet beside numpy in double, with random weights that
+numpy.savez wrote, on pictures that pags render wrote as floats. What is computed here follows torchvision's description of the networks and
+docs/lpips.md. AlexNet's trained weights aren't at hand: whether a file of them is made as that page says is not tested here."""
 
 import json
 import os
