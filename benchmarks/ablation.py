@@ -26,6 +26,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import zipfile
 
 from ablation_tables import OF_MOMENT, QUALITIES, Tables, write, write_plots
 
@@ -176,6 +177,15 @@ def link(source, target):
     except OSError:  # this file system has no hard links
         shutil.copy2(source, f"{target}.part")
         os.replace(f"{target}.part", target)
+
+
+def network_of(weights):
+    """The network of LPIPS weights, as pags eval reports it; None if the file is none, which pags eval then says."""
+    try:
+        names = zipfile.ZipFile(weights).namelist()
+    except (OSError, zipfile.BadZipFile):
+        return None
+    return "SqueezeNet 1.1" if any(name.startswith("fire") for name in names) else "AlexNet"
 
 
 def cpu_seconds():
@@ -370,17 +380,17 @@ class Run:
         a, more = self.ablation, "_".join(["", self.row.eval.file_name()]) if self.row.eval.given else ""
         evaluation, render, pictures = self.path(f"eval{more}.json"), self.path(f"render{more}.json"), self.path("pictures")
         lpips = ["--lpips-weights", a.lpips_weights] if a.lpips_weights else []
-        if not os.path.exists(evaluation) or (lpips and read_json(evaluation)["test"].get("lpips") is None):
+        if not os.path.exists(evaluation) or (lpips and read_json(evaluation).get("lpips_network") != a.lpips_network):
             self.measure("eval", evaluation, [*lpips, *a.eval, *self.row.eval.words()])
         if not os.path.exists(render):
             try:
                 self.measure("render", render, ["--output", pictures, *self.row.eval.words()])
             finally:
                 shutil.rmtree(pictures, ignore_errors=True)
-        found, last = read_json(evaluation)["test"], self.moments[-1]
+        found, last, network = read_json(evaluation)["test"], self.moments[-1], read_json(evaluation).get("lpips_network")
         frames = read_json(render)["frames"]
         result = {key: found.get(key) for key in QUALITIES}
-        result.update(beside=None, pairs=sum(frame["pairs_evaluated"] for frame in frames) / len(frames), gaussians=last["gaussians"],
+        result.update(beside=None, lpips_network=network, pairs=sum(frame["pairs_evaluated"] for frame in frames) / len(frames), gaussians=last["gaussians"],
                       bytes=self.scene_bytes(), training_seconds=last["seconds"], training_cpu_seconds=last["cpu_seconds"], peak_rss_bytes=last["peak_rss_bytes"],
                       render_ms=read_json(render)["mean"]["ms"]["total"], moments=self.moments)
         branch = self.branch()
@@ -439,6 +449,7 @@ class Ablation:
         self.equal, self.equal_count = given.equal_count, 0
         self.beside = Row(given.beside, 1) if given.beside else None
         self.lpips_weights, self.threads = given.lpips_weights, given.threads
+        self.lpips_network = given.lpips_weights and network_of(given.lpips_weights)
         self.train, self.eval = [], []
         for name, of_eval in PASSED.items():
             value = getattr(given, name.replace("-", "_"))

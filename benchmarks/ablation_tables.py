@@ -97,6 +97,9 @@ class Tables:
         page = f"# Ablation on {os.path.basename(a.dataset)}, {a.iterations} steps\n\n"
         page += ("Held-out views. PSNR in dB; C: critical, NC: not critical pixels; means of the seeds (largest less smallest in brackets). MB: the "
                  "scene's files. Training: wall clock and processor time. Render, pairs: mean of a frame of the held-out views.\n\n")
+        networks = sorted({r["lpips_network"] for results in self.own.values() for r in results if r["lpips_network"]})
+        if networks:
+            page += f"LPIPS is over {' and '.join(networks)}{', which can not be compared' if len(networks) > 1 else ''}.\n\n"
         if a.beside:
             page += (f"s / s beside: wall clock of the training by that of `{a.beside.name}`, which was trained just before each row for it.\n\n")
         spreads = [(FIGURES[q][0], cell(self.spread(q), FIGURES[q][2])) for q in QUALITIES if math.isfinite(self.spread(q))]

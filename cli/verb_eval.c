@@ -41,7 +41,7 @@ typedef struct eval_arguments {
 static const pags_option options[] = {
     PAGS_TEXT("dataset", 0, AT(dataset), "DATASET", "the one that the scene was trained on", "the photographs"),
     PAGS_TEXT("lpips-weights", 0, AT(lpips_weights), "FILE", "none: no LPIPS",
-              "weights of SqueezeNet LPIPS v0.1 (.npz)"),
+              "weights of LPIPS v0.1 over SqueezeNet 1.1 or AlexNet (.npz)"),
     PAGS_TEXT("images", 0, AT(images), "FOLDER", NULL,
               "write NAME_render.png and NAME_photo.png of every view compared"),
     PAGS_FLAG("shift", 0, AT(shift), "of synthetic data: compare with the true pictures from shifted cameras, too"),
@@ -84,8 +84,9 @@ static const pags_verb verb = {
     .about =
         "Renders a scene's training and held-out views and compares each with its photograph, undistorted and "
         "downscaled as for training. Renderings are clamped to [0, 1] and compared as float, not rounded to 8 bits. "
-        "Means are over views, pixels outside of a view's mask left out. LPIPS is SqueezeNet's and not comparable "
-        "with figures from AlexNet or VGG. Driving scenes: also by region (critical: vehicles, pedestrians and "
+        "Means are over views, pixels outside of a view's mask left out. LPIPS figures over different networks "
+        "(SqueezeNet, AlexNet, VGG) can't be compared. Driving scenes: also by region (critical: vehicles, pedestrians "
+        "and "
         "cyclists; "
         "moving: dynamic_masks/all, else the boxes of what moves; vehicles, pedestrians and cyclists: those boxes), "
         "each over the views that have such pixels; depth beside LiDAR; without the exposures found in training; and "
@@ -461,6 +462,8 @@ static pags_result evaluate(evaluation *self, const char *scene_path) {
     PAGS_TRY(pags_shifted_views_measure(dataset, self->photographs.downscale, self->composition, self->frame,
                                         &self->options, &arguments->session, arguments->images, &self->shifts));
   pags_view_scores_print(&arguments->session, self->scores, self->count);
+  if (self->lpips)
+    pags_say(&arguments->session, "LPIPS: v0.1 over %s\n", pags_lpips_network(self->lpips));
   print_more(self);
 
   /* Write the scores as JSON. */
@@ -468,6 +471,10 @@ static pags_result evaluate(evaluation *self, const char *scene_path) {
   pags_json_writer_init(&writer, 2);
   pags_json_begin_object(&writer, NULL);
   pags_json_put_integer(&writer, "gaussians", pags_composition_gaussian_count(self->composition));
+  if (self->lpips)
+    pags_json_put_string(&writer, "lpips_network", pags_lpips_network(self->lpips));
+  else
+    pags_json_put_null(&writer, "lpips_network");
   put_split(&writer, self, "train", 0);
   put_split(&writer, self, "test", 1);
   put_shifts(&writer, self);

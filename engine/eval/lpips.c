@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The perceptual distance LPIPS v0.1 (Zhang et al. 2018, arXiv:1801.03924) over SqueezeNet 1.1.
+/* The perceptual distance LPIPS v0.1 (Zhang et al. 2018, arXiv:1801.03924) over SqueezeNet 1.1 or AlexNet.
  *
  *     x = (2 rgb - 1 - shift) / scale
  *     distance = sum over taps of mean over pixels of sum over channels of
@@ -8,43 +8,96 @@
  * x is the network's input. A tap is a layer whose features a and b of the two pictures are compared. Both pictures
  * go through the network side by side, layer by layer, so that only two layers of each are in memory. */
 #include "base/memory.h"
+#include "eval/layers.h"
 #include "eval/metric.h"
 #include "eval/npz.h"
-#include "eval/squeezenet.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { FIRES = 8, TAP_COUNT = 7, SMALLEST = 32 };
+/* ---- The networks ---- */
+
+enum { NETWORKS = 2, MOST_LAYERS = 12, MOST_TAPS = 7, SMALLEST = 32 };
+
+typedef enum layer_kind { CONV, POOL, FIRE } layer_kind;
+
+typedef struct net_layer {
+  layer_kind kind;
+  bool tap;                         /* whether its features are compared */
+  const char *name;                 /* that its arrays begin with in the file */
+  int outputs, size, step, padding; /* of a convolution */
+  int squeeze, expand;              /* of a fire module: channels of its first and of each of its other convolutions */
+} net_layer;
+
+typedef struct net {
+  const char *name;
+  bool partial_pool; /* whether windows of its pools extend beyond the map */
+  int layer_count;
+  net_layer layers[MOST_LAYERS]; /* the first is a convolution of 3 channels */
+} net;
+
+static const net networks[NETWORKS] = {
+    {.name = "SqueezeNet 1.1",
+     .partial_pool = true,
+     .layer_count = 12,
+     .layers = {{.kind = CONV, .tap = true, .name = "conv1", .outputs = 64, .size = 3, .step = 2},
+                {.kind = POOL},
+                {.kind = FIRE, .name = "fire2", .squeeze = 16, .expand = 64},
+                {.kind = FIRE, .tap = true, .name = "fire3", .squeeze = 16, .expand = 64},
+                {.kind = POOL},
+                {.kind = FIRE, .name = "fire4", .squeeze = 32, .expand = 128},
+                {.kind = FIRE, .tap = true, .name = "fire5", .squeeze = 32, .expand = 128},
+                {.kind = POOL},
+                {.kind = FIRE, .tap = true, .name = "fire6", .squeeze = 48, .expand = 192},
+                {.kind = FIRE, .tap = true, .name = "fire7", .squeeze = 48, .expand = 192},
+                {.kind = FIRE, .tap = true, .name = "fire8", .squeeze = 64, .expand = 256},
+                {.kind = FIRE, .tap = true, .name = "fire9", .squeeze = 64, .expand = 256}}},
+    {.name = "AlexNet",
+     .layer_count = 7,
+     .layers = {{.kind = CONV, .tap = true, .name = "conv1", .outputs = 64, .size = 11, .step = 4, .padding = 2},
+                {.kind = POOL},
+                {.kind = CONV, .tap = true, .name = "conv2", .outputs = 192, .size = 5, .step = 1, .padding = 2},
+                {.kind = POOL},
+                {.kind = CONV, .tap = true, .name = "conv3", .outputs = 384, .size = 3, .step = 1, .padding = 1},
+                {.kind = CONV, .tap = true, .name = "conv4", .outputs = 256, .size = 3, .step = 1, .padding = 1},
+                {.kind = CONV, .tap = true, .name = "conv5", .outputs = 256, .size = 3, .step = 1, .padding = 1}}}};
 
 struct pags_lpips {
-  pags_npz npz; /* owns the weights that the layers point to */
-  pags_conv first;
-  pags_fire fire[FIRES];
-  const float *lin[TAP_COUNT];
-  float shift[3], scale[3];
+  pags_npz npz; /* owns the weights that are pointed to */
+  const net *network;
+  pags_conv conv[MOST_LAYERS]; /* by layer; those of the kind alone are set */
+  pags_fire fire[MOST_LAYERS];
+  const float *lin[MOST_TAPS];
+  const float *shift, *scale;
 };
-
-static const int squeeze_planes[FIRES] = {16, 16, 32, 32, 48, 48, 64, 64};
-static const int expand_planes[FIRES] = {64, 64, 128, 128, 192, 192, 256, 256};
 
 /* ---- Reading the weights ---- */
 
 typedef struct loader {
   const pags_npz *npz;
-  const char *path;
+  const char *path, *network;
 } loader;
+
+/* Writes extents as "64x3x11x11". */
+static void put_shape(char *text, size_t size, int rank, const int64_t *shape) {
+  size_t used = (size_t)snprintf(text, size, "%s", rank ? "" : "of one value");
+  for (int i = 0; i < rank && used < size; i++)
+    used += (size_t)snprintf(text + used, size - used, "%s%lld", i ? "x" : "", (long long)shape[i]);
+}
 
 static pags_result get(const loader *l, const char *name, int rank, const int64_t *shape, const float **data) {
   const pags_npz_array *array = pags_npz_find(l->npz, name);
   if (!array)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a member '%s'", l->path, name);
-  if (array->rank != rank || memcmp(array->shape, shape, (size_t)rank * sizeof *shape) != 0)
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: '%s' has not the shape of SqueezeNet 1.1, expected rank %d, first extent %lld", l->path, name,
-                     rank, (long long)shape[0]);
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: weights of %s: expected a member '%s'", l->path, l->network, name);
+  if (array->rank != rank || memcmp(array->shape, shape, (size_t)rank * sizeof *shape) != 0) {
+    char found[100], expected[100];
+    put_shape(found, sizeof found, array->rank, array->shape);
+    put_shape(expected, sizeof expected, rank, shape);
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: weights of %s: '%s' is %s, expected %s", l->path, l->network, name, found,
+                     expected);
+  }
   for (int64_t i = 0; i < array->count; i++)
     if (!isfinite(array->data[i]))
       return pags_fail(PAGS_ERROR_FORMAT, "%s: '%s': value %lld is not finite", l->path, name, (long long)i);
@@ -52,56 +105,78 @@ static pags_result get(const loader *l, const char *name, int rank, const int64_
   return PAGS_OK;
 }
 
-static pags_result get_conv(const loader *l, const char *name, int outputs, int inputs, int size, pags_conv *conv) {
-  char full[64];
-  const int64_t shape[4] = {outputs, inputs, size, size};
-  *conv = (pags_conv){.inputs = inputs, .outputs = outputs};
-  snprintf(full, sizeof full, "%s.weight", name);
-  PAGS_TRY(get(l, full, 4, shape, &conv->weight));
-  snprintf(full, sizeof full, "%s.bias", name);
-  return get(l, full, 1, shape, &conv->bias);
+/* The arrays LAYER PART.weight and LAYER PART.bias of a convolution whose extents are set. */
+static pags_result get_conv(const loader *l, const char *layer, const char *part, pags_conv *conv) {
+  char name[64];
+  const int64_t shape[4] = {conv->outputs, conv->inputs, conv->size, conv->size};
+  snprintf(name, sizeof name, "%s%s.weight", layer, part);
+  PAGS_TRY(get(l, name, 4, shape, &conv->weight));
+  snprintf(name, sizeof name, "%s%s.bias", layer, part);
+  return get(l, name, 1, shape, &conv->bias);
 }
 
-static pags_result get_heads(const loader *l, pags_lpips *lpips) {
-  static const int64_t planes[TAP_COUNT] = {64, 128, 256, 384, 384, 512, 512};
-  const int64_t three = 3;
-  const float *shift = NULL, *scale = NULL;
-  for (int i = 0; i < TAP_COUNT; i++) {
-    char name[16];
-    snprintf(name, sizeof name, "lin%d", i);
-    PAGS_TRY(get(l, name, 1, &planes[i], &lpips->lin[i]));
-  }
-  PAGS_TRY(get(l, "shift", 1, &three, &shift));
-  PAGS_TRY(get(l, "scale", 1, &three, &scale));
-  for (int c = 0; c < 3; c++) {
-    if (scale[c] == 0.0f)
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: 'scale' holds a zero", l->path);
-    lpips->shift[c] = shift[c];
-    lpips->scale[c] = scale[c];
-  }
+/* Finds the network whose layers name arrays of the file, the first layer aside, whose name all networks share. */
+static pags_result find_network(const pags_npz *npz, const char *path, const net **out) {
+  const char *found[NETWORKS] = {NULL};
+  for (int n = 0; n < NETWORKS; n++)
+    for (int i = 1; i < networks[n].layer_count; i++)
+      for (int64_t k = 0; networks[n].layers[i].name && k < npz->count; k++) {
+        const size_t length = strlen(networks[n].layers[i].name);
+        if (strncmp(npz->arrays[k].name, networks[n].layers[i].name, length) == 0 && npz->arrays[k].name[length] == '.')
+          found[n] = npz->arrays[k].name;
+      }
+  if (found[0] && found[1])
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected the weights of one network, found '%s' of %s and '%s' of %s",
+                     path, found[0], networks[0].name, found[1], networks[1].name);
+  if (!found[0] && !found[1])
+    return pags_fail(PAGS_ERROR_FORMAT,
+                     "%s: expected LPIPS weights of SqueezeNet 1.1 ('fire2.squeeze.weight', ...) or AlexNet "
+                     "('conv2.weight', ...) as docs/lpips.md makes them, found %lld arrays%s%s%s",
+                     path, (long long)npz->count, npz->count ? ", the first '" : "",
+                     npz->count ? npz->arrays[0].name : "", npz->count ? "'" : "");
+  *out = &networks[found[0] ? 0 : 1];
   return PAGS_OK;
 }
 
 /* Finds all arrays by name and checks their shapes and that their values are finite. */
 static pags_result read_network(const char *npz_path, pags_lpips *lpips) {
   PAGS_TRY(pags_npz_load(npz_path, &lpips->npz));
-  const loader l = {.npz = &lpips->npz, .path = npz_path};
-  PAGS_TRY(get_conv(&l, "conv1", 64, 3, 3, &lpips->first));
-  int inputs = 64;
-  for (int i = 0; i < FIRES; i++) {
-    /* The three convolutions of one fire module; in the file, the modules are numbered from 2. */
-    char name[32];
-    const int s = squeeze_planes[i], e = expand_planes[i];
-    snprintf(name, sizeof name, "fire%d.squeeze", i + 2);
-    PAGS_TRY(get_conv(&l, name, s, inputs, 1, &lpips->fire[i].squeeze));
-    snprintf(name, sizeof name, "fire%d.expand1x1", i + 2);
-    PAGS_TRY(get_conv(&l, name, e, s, 1, &lpips->fire[i].expand1));
-    snprintf(name, sizeof name, "fire%d.expand3x3", i + 2);
-    PAGS_TRY(get_conv(&l, name, e, s, 3, &lpips->fire[i].expand3));
-
-    inputs = 2 * expand_planes[i];
+  PAGS_TRY(find_network(&lpips->npz, npz_path, &lpips->network));
+  const loader l = {.npz = &lpips->npz, .path = npz_path, .network = lpips->network->name};
+  int channels = 3, taps = 0;
+  for (int i = 0; i < lpips->network->layer_count; i++) {
+    const net_layer *layer = &lpips->network->layers[i];
+    if (layer->kind == CONV) {
+      lpips->conv[i] = (pags_conv){.inputs = channels,
+                                   .outputs = layer->outputs,
+                                   .size = layer->size,
+                                   .step = layer->step,
+                                   .padding = layer->padding};
+      PAGS_TRY(get_conv(&l, layer->name, "", &lpips->conv[i]));
+      channels = layer->outputs;
+    } else if (layer->kind == FIRE) {
+      const int s = layer->squeeze, e = layer->expand;
+      pags_fire *fire = &lpips->fire[i];
+      fire->squeeze = (pags_conv){.inputs = channels, .outputs = s, .size = 1, .step = 1};
+      fire->expand1 = (pags_conv){.inputs = s, .outputs = e, .size = 1, .step = 1};
+      fire->expand3 = (pags_conv){.inputs = s, .outputs = e, .size = 3, .step = 1, .padding = 1};
+      PAGS_TRY(get_conv(&l, layer->name, ".squeeze", &fire->squeeze));
+      PAGS_TRY(get_conv(&l, layer->name, ".expand1x1", &fire->expand1));
+      PAGS_TRY(get_conv(&l, layer->name, ".expand3x3", &fire->expand3));
+      channels = 2 * e;
+    }
+    if (layer->tap) {
+      char name[16];
+      snprintf(name, sizeof name, "lin%d", taps);
+      PAGS_TRY(get(&l, name, 1, &(int64_t){channels}, &lpips->lin[taps++]));
+    }
   }
-  return get_heads(&l, lpips);
+  PAGS_TRY(get(&l, "shift", 1, &(int64_t){3}, &lpips->shift));
+  PAGS_TRY(get(&l, "scale", 1, &(int64_t){3}, &lpips->scale));
+  for (int c = 0; c < 3; c++)
+    if (lpips->scale[c] == 0.0f)
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: 'scale' holds a zero", npz_path);
+  return PAGS_OK;
 }
 
 pags_result pags_lpips_load(const char *npz_path, pags_lpips **out) {
@@ -122,6 +197,10 @@ void pags_lpips_destroy(pags_lpips *lpips) {
     return;
   pags_npz_destroy(&lpips->npz);
   free(lpips);
+}
+
+const char *pags_lpips_network(const pags_lpips *lpips) {
+  return lpips->network->name;
 }
 
 /* ---- Distance at one tap ---- */
@@ -186,55 +265,44 @@ static pags_result tap_distance(const pags_map maps[2], const float *lin, pags_t
   return result;
 }
 
-/* ---- The network ---- */
+/* ---- Both pictures through the network ---- */
 
-/* Makes the network's input: normalised colours, with even and odd columns in separate planes, as pags_layer_first
- * needs them. */
+/* Makes the network's input: normalised colours, in as many phases as the first convolution has steps. */
 static pags_result make_input(const pags_lpips *lpips, const pags_image *image, pags_map *out) {
-  PAGS_TRY(pags_map_create(out, 6, (image->width + 1) / 2, image->height));
+  const int phases = lpips->network->layers[0].step;
+  PAGS_TRY(pags_map_create(out, 3, image->width, image->height, phases));
   for (int y = 0; y < image->height; y++) {
     const float *from = (const float *)image->data + (int64_t)y * image->width * 3;
     for (int c = 0; c < 3; c++)
       for (int x = 0; x < image->width; x++)
-        pags_map_row(out, c + 3 * (x & 1), y)[x / 2] =
+        pags_map_row(out, c + 3 * (x % phases), y)[x / phases] =
             (2.0f * pags_metric_clamp(from[3 * x + c]) - 1.0f - lpips->shift[c]) / lpips->scale[c];
   }
   return PAGS_OK;
 }
 
-/* The layers in order: conv1 > pool > fire2 3 > pool > fire4 5 > pool > fire6 7 8 9. `fire` is the index of the fire
- * module, `tap` that of the tap (and of its weights lin) after the layer; -1: none. */
-typedef struct stage {
-  char kind; /* c(onvolution), p(ool), f(ire) */
-  int fire, tap;
-} stage;
-
-static const stage stages[] = {{'c', 0, 0}, {'p', 0, -1}, {'f', 0, -1}, {'f', 1, 1}, {'p', 0, -1}, {'f', 2, -1},
-                               {'f', 3, 2}, {'p', 0, -1}, {'f', 4, 3},  {'f', 5, 4}, {'f', 6, 5},  {'f', 7, 6}};
-
-static pags_result run_stage(const pags_lpips *lpips, const stage *s, int width, const pags_map *in, pags_tasks *tasks,
-                             pags_map *out) {
-  switch (s->kind) {
-    case 'c': return pags_layer_first(in, width, &lpips->first, tasks, out);
-    case 'p': return pags_layer_pool(in, tasks, out);
-    default: return pags_layer_fire(in, &lpips->fire[s->fire], tasks, out);
+static pags_result run_layer(const pags_lpips *lpips, int i, const pags_map *in, pags_tasks *tasks, pags_map *out) {
+  switch (lpips->network->layers[i].kind) {
+    case CONV: return pags_layer_conv(in, &lpips->conv[i], tasks, out);
+    case POOL: return pags_layer_pool(in, lpips->network->partial_pool, tasks, out);
+    default: return pags_layer_fire(in, &lpips->fire[i], tasks, out);
   }
 }
 
 /* Runs both pictures through the network and adds up the distances at all taps. `maps` holds the inputs; on return it
  * holds maps that the caller frees, also after an error. */
-static pags_result walk(const pags_lpips *lpips, int width, pags_map maps[2], pags_tasks *tasks, double *distance) {
+static pags_result walk(const pags_lpips *lpips, pags_map maps[2], pags_tasks *tasks, double *distance) {
   *distance = 0.0;
-  for (size_t i = 0; i < sizeof stages / sizeof *stages; i++) {
+  for (int i = 0, taps = 0; i < lpips->network->layer_count; i++) {
     for (int k = 0; k < 2; k++) {
       pags_map next = {0};
-      pags_result result = run_stage(lpips, &stages[i], width, &maps[k], tasks, &next);
+      pags_result result = run_layer(lpips, i, &maps[k], tasks, &next);
       pags_map_destroy(&maps[k]);
       maps[k] = next;
       PAGS_TRY(result);
     }
-    if (stages[i].tap >= 0)
-      PAGS_TRY(tap_distance(maps, lpips->lin[stages[i].tap], tasks, distance));
+    if (lpips->network->layers[i].tap)
+      PAGS_TRY(tap_distance(maps, lpips->lin[taps++], tasks, distance));
   }
   return PAGS_OK;
 }
@@ -250,7 +318,7 @@ pags_result pags_lpips_distance(const pags_lpips *lpips, const pags_image *a, co
   if (result == PAGS_OK)
     result = make_input(lpips, b, &maps[1]);
   if (result == PAGS_OK)
-    result = walk(lpips, a->width, maps, tasks, distance);
+    result = walk(lpips, maps, tasks, distance);
   pags_map_destroy(&maps[0]);
   pags_map_destroy(&maps[1]);
   return result;

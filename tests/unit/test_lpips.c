@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* LPIPS: against a direct evaluation in double with random weights, against the reference distances of the shared
- * test data, and the reader of its weights file on broken input. */
+/* LPIPS over both networks: against a direct evaluation in double with random weights, against the reference distances
+ * of the shared test data, and the reader of its weights file on broken input. */
 #include <pags/eval.h>
 
 #include <math.h>
@@ -103,6 +103,7 @@ static void finish(npz_writer *w) {
 
 static const int squeezes[8] = {16, 16, 32, 32, 48, 48, 64, 64}, expands[8] = {64, 64, 128, 128, 192, 192, 256, 256};
 static const int head_planes[7] = {64, 128, 256, 384, 384, 512, 512};
+static const int alex_planes[5] = {64, 192, 384, 256, 256};
 
 static float *random_floats(int64_t count, uint64_t stream, double lo, double hi) {
   float *data = malloc((size_t)count * sizeof *data);
@@ -133,21 +134,31 @@ static void put_conv(npz_writer *w, const char *name, int outputs, int inputs, i
   put_random(w, full, 1, &outputs, -0.1, 0.2, without);
 }
 
-static buffer make_weights(const char *without) {
-  npz_writer w = {0};
+static void put_fires(npz_writer *w, const char *without) {
   char name[32];
-  put_conv(&w, "conv1", 64, 3, 3, without);
   for (int i = 0, inputs = 64; i < 8; inputs = 2 * expands[i++]) {
     snprintf(name, sizeof name, "fire%d.squeeze", i + 2);
-    put_conv(&w, name, squeezes[i], inputs, 1, without);
+    put_conv(w, name, squeezes[i], inputs, 1, without);
     snprintf(name, sizeof name, "fire%d.expand1x1", i + 2);
-    put_conv(&w, name, expands[i], squeezes[i], 1, without);
+    put_conv(w, name, expands[i], squeezes[i], 1, without);
     snprintf(name, sizeof name, "fire%d.expand3x3", i + 2);
-    put_conv(&w, name, expands[i], squeezes[i], 3, without);
+    put_conv(w, name, expands[i], squeezes[i], 3, without);
   }
-  for (int i = 0; i < 7; i++) {
+}
+
+static buffer make_weights(bool alex, const char *without) {
+  npz_writer w = {0};
+  char name[32];
+  put_conv(&w, "conv1", 64, 3, alex ? 11 : 3, without);
+  for (int i = 1; alex && i < 5; i++) {
+    snprintf(name, sizeof name, "conv%d", i + 1);
+    put_conv(&w, name, alex_planes[i], alex_planes[i - 1], i == 1 ? 5 : 3, without);
+  }
+  if (!alex)
+    put_fires(&w, without);
+  for (int i = 0; i < (alex ? 5 : 7); i++) {
     snprintf(name, sizeof name, "lin%d", i);
-    put_random(&w, name, 1, &head_planes[i], 0.0, 1.0, without);
+    put_random(&w, name, 1, alex ? &alex_planes[i] : &head_planes[i], 0.0, 1.0, without);
   }
   const int three = 3;
   put_random(&w, "shift", 1, &three, -0.2, 0.0, without);
@@ -210,8 +221,8 @@ static void convolve(const map *in, const pags_npz *npz, const char *layer, int 
       }
 }
 
-static map plain_pool(map in) {
-  map out = map_make(in.channels, (int)ceil((in.width - 3) / 2.0) + 1, (int)ceil((in.height - 3) / 2.0) + 1);
+static map plain_pool(map in, double (*whole)(double)) {
+  map out = map_make(in.channels, (int)whole((in.width - 3) / 2.0) + 1, (int)whole((in.height - 3) / 2.0) + 1);
   for (int c = 0; c < out.channels; c++)
     for (int y = 0; y < out.height; y++)
       for (int x = 0; x < out.width; x++)
@@ -237,15 +248,15 @@ static map plain_fire(map in, const pags_npz *npz, int index) {
   return out;
 }
 
-static map plain_first(const pags_image *image, const pags_npz *npz) {
+static map plain_first(const pags_image *image, const pags_npz *npz, int size, int step, int pad) {
   const float *shift = pags_npz_find(npz, "shift")->data, *scale = pags_npz_find(npz, "scale")->data;
   map in = map_make(3, image->width, image->height);
   for (int i = 0; i < image->width * image->height; i++)
     for (int c = 0; c < 3; c++)
       in.v[c * image->width * image->height + i] =
           (2.0 * (double)((const float *)image->data)[3 * i + c] - 1.0 - (double)shift[c]) / (double)scale[c];
-  map out = map_make(64, (image->width - 3) / 2 + 1, (image->height - 3) / 2 + 1);
-  convolve(&in, npz, "conv1", 64, 3, 2, 0, &out, 0);
+  map out = map_make(64, (image->width + 2 * pad - size) / step + 1, (image->height + 2 * pad - size) / step + 1);
+  convolve(&in, npz, "conv1", 64, size, step, pad, &out, 0);
   free(in.v);
   return out;
 }
@@ -269,13 +280,34 @@ static double plain_head(const map *a, const map *b, const pags_npz *npz, int in
   return sum / pixels;
 }
 
-static double plain_lpips(const pags_image *a, const pags_image *b, const pags_npz *npz) {
-  map m[2] = {plain_first(a, npz), plain_first(b, npz)};
+static double plain_alex(const pags_image *a, const pags_image *b, const pags_npz *npz) {
+  map m[2] = {plain_first(a, npz, 11, 4, 2), plain_first(b, npz, 11, 4, 2)};
+  double distance = plain_head(&m[0], &m[1], npz, 0);
+  for (int i = 1; i < 5; i++) {
+    char name[16];
+    snprintf(name, sizeof name, "conv%d", i + 1);
+    for (int k = 0; k < 2; k++) {
+      if (i < 3)
+        m[k] = plain_pool(m[k], floor);
+      map out = map_make(alex_planes[i], m[k].width, m[k].height);
+      convolve(&m[k], npz, name, alex_planes[i], i == 1 ? 5 : 3, 1, i == 1 ? 2 : 1, &out, 0);
+      free(m[k].v);
+      m[k] = out;
+    }
+    distance += plain_head(&m[0], &m[1], npz, i);
+  }
+  free(m[0].v);
+  free(m[1].v);
+  return distance;
+}
+
+static double plain_squeeze(const pags_image *a, const pags_image *b, const pags_npz *npz) {
+  map m[2] = {plain_first(a, npz, 3, 2, 0), plain_first(b, npz, 3, 2, 0)};
   double distance = plain_head(&m[0], &m[1], npz, 0);
   for (int i = 0, head = 1; i < 8; i++) {
     for (int k = 0; k < 2; k++) {
       if (i == 0 || i == 2 || i == 4)
-        m[k] = plain_pool(m[k]);
+        m[k] = plain_pool(m[k], ceil);
       m[k] = plain_fire(m[k], npz, i);
     }
     if (i == 1 || i >= 3)
@@ -296,21 +328,24 @@ static pags_image random_image(int width, int height, uint64_t stream) {
   return image;
 }
 
-static void test_generated_weights(void **state) {
-  (void)state;
-  static const int sizes[][2] = {{32, 32}, {41, 36}, {50, 33}};
-  buffer file = make_weights(NULL);
+/* Every remainder of the sizes by the steps of the first convolutions, 4 and 2, and by those of the pools. */
+static void check_generated(bool alex) {
+  static const int sizes[][2] = {{32, 32}, {41, 36}, {50, 33}, {35, 70}};
+  buffer file = make_weights(alex, NULL);
   pags_npz npz = {0};
   pags_lpips *lpips = NULL;
   assert_int_equal(pags_npz_parse(file.bytes, file.size, "weights", &npz), PAGS_OK);
-  assert_int_equal(load_bytes(file.bytes, file.size, &lpips), PAGS_OK);
+  if (load_bytes(file.bytes, file.size, &lpips) != PAGS_OK)
+    fail_msg("%s", pags_error_message());
+  assert_string_equal(pags_lpips_network(lpips), alex ? "AlexNet" : "SqueezeNet 1.1");
   for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++) {
     pags_image a = random_image(sizes[i][0], sizes[i][1], 2 * i), b = random_image(sizes[i][0], sizes[i][1], 2 * i + 1);
-    double expected = plain_lpips(&a, &b, &npz), first = 0.0;
+    double expected = alex ? plain_alex(&a, &b, &npz) : plain_squeeze(&a, &b, &npz), first = 0.0;
     for (int threads = 1; threads <= 3; threads++) {
       double distance = 0.0;
       pags_tasks *tasks = pags_tasks_create(threads);
       assert_int_equal(pags_lpips_distance(lpips, &a, &b, tasks, &distance), PAGS_OK);
+      /* Sums of up to 3,456 floats: their rounding, 6e-8 each, is random and largely averages out over the pixels. */
       assert_near(distance, expected, 2e-6 * expected);
       if (threads == 1)
         first = distance;
@@ -325,6 +360,12 @@ static void test_generated_weights(void **state) {
   pags_lpips_destroy(lpips);
   pags_npz_destroy(&npz);
   free(file.bytes);
+}
+
+static void test_generated_weights(void **state) {
+  (void)state;
+  check_generated(false);
+  check_generated(true);
 }
 
 static double distance_of_files(const pags_lpips *lpips, pags_tasks *tasks, const char *folder, const char *a,
@@ -372,27 +413,55 @@ static void test_reference_distances(void **state) {
 
 static void test_small_pictures_are_refused(void **state) {
   (void)state;
-  buffer file = make_weights(NULL);
+  for (int alex = 0; alex < 2; alex++) {
+    buffer file = make_weights(alex, NULL);
+    pags_lpips *lpips = NULL;
+    pags_tasks *tasks = pags_tasks_create(1);
+    pags_image a = random_image(31, 64, 1);
+    double distance = 0.0;
+    assert_int_equal(load_bytes(file.bytes, file.size, &lpips), PAGS_OK);
+    assert_int_equal(pags_lpips_distance(lpips, &a, &a, tasks, &distance), PAGS_ERROR_ARGUMENT);
+    pags_image_destroy(&a);
+    pags_lpips_destroy(lpips);
+    pags_tasks_destroy(tasks);
+    free(file.bytes);
+  }
+}
+
+/* Asserts that weights are refused with a message that holds both words. */
+static void refuses(buffer file, const char *word, const char *other) {
   pags_lpips *lpips = NULL;
-  pags_tasks *tasks = pags_tasks_create(1);
-  pags_image a = random_image(31, 64, 1);
-  double distance = 0.0;
-  assert_int_equal(load_bytes(file.bytes, file.size, &lpips), PAGS_OK);
-  assert_int_equal(pags_lpips_distance(lpips, &a, &a, tasks, &distance), PAGS_ERROR_ARGUMENT);
-  pags_image_destroy(&a);
-  pags_lpips_destroy(lpips);
-  pags_tasks_destroy(tasks);
+  assert_int_equal(load_bytes(file.bytes, file.size, &lpips), PAGS_ERROR_FORMAT);
+  assert_null(lpips);
+  if (!strstr(pags_error_message(), word) || !strstr(pags_error_message(), other))
+    fail_msg("expected '%s' and '%s' in: %s", word, other, pags_error_message());
   free(file.bytes);
 }
 
 static void test_missing_member_is_named(void **state) {
   (void)state;
-  buffer file = make_weights("fire5.expand1x1.bias");
-  pags_lpips *lpips = NULL;
-  assert_int_equal(load_bytes(file.bytes, file.size, &lpips), PAGS_ERROR_FORMAT);
-  assert_null(lpips);
-  assert_non_null(strstr(pags_error_message(), "fire5.expand1x1.bias"));
-  free(file.bytes);
+  refuses(make_weights(false, "fire5.expand1x1.bias"), "fire5.expand1x1.bias", "SqueezeNet");
+  refuses(make_weights(false, "fire2.squeeze.weight"), "fire2.squeeze.weight", "SqueezeNet");
+  refuses(make_weights(true, "conv2.weight"), "conv2.weight", "AlexNet");
+  refuses(make_weights(true, "lin4"), "lin4", "AlexNet");
+}
+
+static void test_wrong_files(void **state) {
+  (void)state;
+  npz_writer neither = {0}, both = {0}, shape = {0};
+  const int three = 3;
+  put_random(&neither, "features.0.weight", 1, &three, 0, 1, NULL);
+  put_random(&neither, "lin0", 1, &three, 0, 1, NULL);
+  finish(&neither);
+  refuses(neither.file, "found 2 arrays, the first 'features.0.weight'", "docs/lpips.md");
+  put_random(&both, "conv2.weight", 1, &three, 0, 1, NULL);
+  put_random(&both, "fire9.squeeze.bias", 1, &three, 0, 1, NULL);
+  finish(&both);
+  refuses(both.file, "'fire9.squeeze.bias' of SqueezeNet", "'conv2.weight' of AlexNet");
+  put_random(&shape, "conv1.weight", 4, (int[]){64, 3, 3, 3}, 0, 1, NULL); /* SqueezeNet's */
+  put_random(&shape, "conv2.weight", 1, &three, 0, 1, NULL);
+  finish(&shape);
+  refuses(shape.file, "'conv1.weight' is 64x3x3x3", "expected 64x3x11x11");
 }
 
 static buffer small_archive(const char *descr) {
@@ -471,6 +540,7 @@ int main(void) {
       cmocka_unit_test(test_reference_distances),
       cmocka_unit_test(test_small_pictures_are_refused),
       cmocka_unit_test(test_missing_member_is_named),
+      cmocka_unit_test(test_wrong_files),
       cmocka_unit_test(test_npz_reads),
       cmocka_unit_test(test_npz_broken),
       cmocka_unit_test(test_npz_deflated),

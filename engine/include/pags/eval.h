@@ -34,17 +34,21 @@ PAGS_API pags_result pags_eval_ssim(const pags_image *a, const pags_image *b, co
 PAGS_API pags_result pags_eval_regions(const pags_image *a, const pags_image *b, const uint16_t *regions, int count,
                                        pags_tasks *tasks, double *psnr, double *ssim);
 
-/* The network and weights of LPIPS v0.1 with SqueezeNet 1.1 (Zhang et al. 2018). Its values can't be compared
- * with those of LPIPS with AlexNet or VGG. */
+/* The network and weights of LPIPS v0.1 (Zhang et al. 2018): SqueezeNet 1.1 or AlexNet. Values of different networks
+ * can't be compared. */
 typedef struct pags_lpips pags_lpips;
 
-/* Reads the weights from an .npz file of stored (not compressed) float32 members in the layout of docs/lpips.md.
+/* Reads the weights from an .npz file of stored (not compressed) float32 members in the layout of docs/lpips.md; the
+ * members' names tell the network.
  * PAGS_ERROR_IO, PAGS_ERROR_FORMAT (damaged, or members missing or of the wrong shape), PAGS_ERROR_UNSUPPORTED
  * (compressed, another sample type) or PAGS_ERROR_MEMORY; then *out is NULL. */
 PAGS_API pags_result pags_lpips_load(const char *npz_path, pags_lpips **out);
 
 /* Frees the weights. NULL is allowed. */
 PAGS_API void pags_lpips_destroy(pags_lpips *lpips);
+
+/* The network's name, "SqueezeNet 1.1" or "AlexNet"; a constant. */
+PAGS_API const char *pags_lpips_network(const pags_lpips *lpips);
 
 /* Computes the LPIPS distance of two pictures of at least 32x32 pixels: 0 for equal pictures, larger for less
  * similar ones. The result is the same for any number of threads. PAGS_ERROR_ARGUMENT for pictures of another

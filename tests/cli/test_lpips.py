@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: Apache-2.0
+"""LPIPS of pags eval (and of benchmarks/ablation.py) over SqueezeNet 1.1 and AlexNet beside numpy in double, with random weights that
+numpy.savez wrote, on pictures that pags render wrote as floats. What is computed here follows torchvision's description of the networks and
+docs/lpips.md. AlexNet's trained weights aren't at hand: whether a file of them is made as that page says is not tested here."""
+
+import json
+import os
+import subprocess
+import sys
+
+import fixtures
+from fixtures import SMALL, Case, make_dataset, ply_bytes, read, read_png, some_splats
+
+try:
+    import numpy as np
+except ImportError:
+    other = fixtures.numpy_python()
+    if not other:
+        print("skipped: needs numpy")
+        sys.exit(77)
+    os.execv(other, [other, "-B", *sys.argv])
+from test_passes import read_exr
+
+# Every remainder by 4 and 2, the steps of the first convolutions, and odd and even sizes before each pool.
+SIZES = [(32, 32), (33, 38), (34, 45), (35, 51), (64, 36), (71, 33)]
+SQUEEZES, EXPANDS = [16, 16, 32, 32, 48, 48, 64, 64], [64, 64, 128, 128, 192, 192, 256, 256]
+ALEX = [(64, 3, 11), (192, 64, 5), (384, 192, 3), (256, 384, 3), (256, 256, 3)]  # outputs, inputs, size of the windows
+
+
+def random_weights(name):
+    """Arrays by name as docs/lpips.md lists them, of a size that keeps that of the activations."""
+    dice, out = np.random.default_rng(len(name)), {}
+
+    def conv(layer, outputs, inputs, size):
+        bound = (6 / (inputs * size * size)) ** 0.5
+        out[f"{layer}.weight"] = dice.uniform(-bound, bound, (outputs, inputs, size, size))
+        out[f"{layer}.bias"] = dice.uniform(-0.1, 0.2, outputs)
+
+    if name == "AlexNet":
+        taps = [outputs for outputs, _, _ in ALEX]
+        for i, shape in enumerate(ALEX, 1):
+            conv(f"conv{i}", *shape)
+    else:
+        taps, inputs = [64, 128, 256, 384, 384, 512, 512], 64
+        conv("conv1", 64, 3, 3)
+        for i, (squeeze, expand) in enumerate(zip(SQUEEZES, EXPANDS), 2):
+            conv(f"fire{i}.squeeze", squeeze, inputs, 1)
+            conv(f"fire{i}.expand1x1", expand, squeeze, 1)
+            conv(f"fire{i}.expand3x3", expand, squeeze, 3)
+            inputs = 2 * expand
+    for i, channels in enumerate(taps):
+        out[f"lin{i}"] = dice.uniform(0, 1, channels)
+    out["shift"], out["scale"] = np.array([-0.03, -0.088, -0.188]), np.array([0.458, 0.448, 0.45])
+    return {key: value.astype("<f4") for key, value in out.items()}
+
+
+def conv(x, w, layer, step=1, padding=0):
+    weight, bias = w[f"{layer}.weight"].astype(float), w[f"{layer}.bias"].astype(float)
+    x = np.pad(x, ((0, 0), (padding, padding), (padding, padding)))
+    windows = np.lib.stride_tricks.sliding_window_view(x, weight.shape[2:], axis=(1, 2))[:, ::step, ::step]
+    return np.maximum(np.tensordot(weight, windows, axes=([1, 2, 3], [0, 3, 4])) + bias[:, None, None], 0)
+
+
+def pool(x, partial):
+    if partial:  # PyTorch's ceil_mode
+        x = np.pad(x, ((0, 0), (0, (x.shape[1] - 3) % 2), (0, (x.shape[2] - 3) % 2)), constant_values=-np.inf)
+    return np.lib.stride_tricks.sliding_window_view(x, (3, 3), axis=(1, 2))[:, ::2, ::2].max(axis=(3, 4))
+
+
+def features(rgb, name, w):
+    """What the taps see, in order."""
+    x = ((2 * rgb.transpose(2, 0, 1) - 1) - w["shift"][:, None, None].astype(float)) / w["scale"][:, None, None].astype(float)
+    if name == "AlexNet":
+        yield (x := conv(x, w, "conv1", step=4, padding=2))
+        yield (x := conv(pool(x, False), w, "conv2", padding=2))
+        yield (x := conv(pool(x, False), w, "conv3", padding=1))
+        yield (x := conv(x, w, "conv4", padding=1))
+        yield conv(x, w, "conv5", padding=1)
+        return
+    yield (x := conv(x, w, "conv1", step=2))
+    for i in range(2, 10):
+        x = conv(pool(x, True) if i in (2, 4, 6) else x, w, f"fire{i}.squeeze")
+        x = np.concatenate([conv(x, w, f"fire{i}.expand1x1"), conv(x, w, f"fire{i}.expand3x3", padding=1)])
+        if i in (3, 5, 6, 7, 8, 9):
+            yield x
+
+
+def lpips(a, b, name, w):
+    total = 0
+    for i, (fa, fb) in enumerate(zip(features(a, name, w), features(b, name, w))):
+        fa, fb = (f / (np.sqrt((f * f).sum(axis=0)) + 1e-10) for f in (fa, fb))
+        total += (w[f"lin{i}"].astype(float)[:, None, None] * (fa - fb) ** 2).sum(axis=0).mean()
+    return total
+
+
+class Lpips(Case):
+    def one_view(self, figures):
+        (view,) = figures["train"]["per_view"] + figures["test"]["per_view"]
+        return view["lpips"]
+
+    def test_beside_numpy(self):
+        scene = self.write("a.ply", ply_bytes(some_splats()))
+        weights = {name: random_weights(name) for name in ["SqueezeNet 1.1", "AlexNet"]}
+        for name, w in weights.items():
+            np.savez(self.path(f"{name}.npz"), **w)
+        for width, height in SIZES:
+            data = make_dataset(self.path(f"{width}x{height}"), views=1, width=width, height=height)
+            drawn = os.path.join(data, "drawn")
+            self.succeeds("render", scene, "--dataset", data, "--split", "all", "--format", "exr", "-o", drawn)
+            (picture,) = os.listdir(drawn)
+            planes = read_exr(os.path.join(drawn, picture))[2]
+            render = np.clip(np.stack([np.array(planes[c]) for c in "RGB"], axis=2), 0, 1)
+            pixels = read_png(os.path.join(data, "images", "000.png"))[4]
+            photo = (np.frombuffer(pixels, np.uint8).astype(np.float32) / np.float32(255)).astype(float).reshape(height, width, 3)
+            for name, w in weights.items():
+                with self.subTest(network=name, size=(width, height)):
+                    words = ["eval", scene, "--dataset", data, "--lpips-weights", self.path(f"{name}.npz"), "--json", "-"]
+                    first, second = (json.loads(self.succeeds(*words, "--threads", n).stdout) for n in (1, 2))
+                    self.assertEqual(first["lpips_network"], name)
+                    self.assertEqual(self.one_view(first), self.one_view(second))
+                    expected = lpips(render, photo, name, w)
+                    self.assertGreater(expected, 0.05)
+                    # The engine sums in float: 6e-8 of each of up to 3,456 terms, at random.
+                    self.assertAlmostEqual(self.one_view(first) / expected, 1, delta=5e-6)
+
+    def test_report_says_which_network(self):
+        scene, data = self.write("a.ply", ply_bytes(some_splats())), make_dataset(self.path("data"), views=1)
+        np.savez(self.path("w.npz"), **random_weights("AlexNet"))
+        said = self.succeeds("eval", scene, "--dataset", data, "--lpips-weights", self.path("w.npz")).stdout
+        self.assertIn("LPIPS: v0.1 over AlexNet", said)
+        self.assertNotIn("LPIPS: ", self.succeeds("eval", scene, "--dataset", data).stdout)
+        self.assertIsNone(json.loads(self.succeeds("eval", scene, "--dataset", data, "--json", "-").stdout)["lpips_network"])
+
+    def test_other_files_are_refused(self):
+        scene, data = self.write("a.ply", ply_bytes(some_splats())), make_dataset(self.path("data"), views=1)
+        w = random_weights("AlexNet")
+        cases = [
+            ({f"features.{k}": v for k, v in w.items() if "lin" in k}, ["SqueezeNet 1.1", "AlexNet", "docs/lpips.md"]),
+            ({**w, "lin1": w["lin0"]}, ["'lin1' is 64", "expected 192"]),
+            ({**w, "conv3.bias": w["conv3.bias"] * np.float32(np.nan)}, ["'conv3.bias'", "not finite"]),
+            ({k: v for k, v in w.items() if k != "conv5.weight"}, ["AlexNet", "'conv5.weight'"]),
+            ({**w, "conv4.bias": w["conv4.bias"].astype(float)}, ["'conv4.bias'", "float32"]),
+        ]
+        for arrays, words in cases:
+            np.savez(self.path("w.npz"), **arrays)
+            self.fails(["eval", scene, "--dataset", data, "--lpips-weights", self.path("w.npz")], self.path("w.npz"), *words)
+
+    def test_ablation_measures_again_over_another_network(self):
+        data, table = make_dataset(self.path("data"), views=9, width=40, height=36), self.path("t")
+        script = os.path.join(os.path.dirname(os.path.abspath(__file__)), "../../benchmarks/ablation.py")
+        found = []
+        for name in ["AlexNet", "SqueezeNet 1.1", None]:
+            words = [sys.executable, "-B", script, data, "-o", table, "--pags", fixtures.PAGS, "-n", "4", "--moments", "1", "--rows", "sh=0", "--json", "-"]
+            if name:
+                np.savez(self.path("w.npz"), **random_weights(name))
+                words += ["--lpips-weights", self.path("w.npz")]
+            done = subprocess.run([*words, "--", *map(str, SMALL)], capture_output=True, text=True, timeout=600)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            (row,) = json.loads(done.stdout)["rows"]
+            found.append((row["lpips_network"], row["lpips"]))
+            self.assertIn(f"LPIPS is over {row['lpips_network']}.", read(f"{table}.md").decode())
+        self.assertEqual([network for network, _ in found], ["AlexNet", "SqueezeNet 1.1", "SqueezeNet 1.1"])
+        self.assertNotEqual(found[0][1], found[1][1])
+        self.assertEqual(found[1], found[2])
+
+
+if __name__ == "__main__":
+    fixtures.main()
