@@ -65,6 +65,7 @@ static void list_drawn(void *context, int64_t begin, int64_t end, int worker) {
 }
 
 pags_result pags_stage_list(pags_frame *frame) {
+  pags_tasks_mark(frame->tasks, NULL, "bin");
   list_context c = {.frame = frame};
   PAGS_TRY(count_dense(&c, count_drawn, &frame->drawn_count));
   frame->stats.shaded = frame->drawn_count;
@@ -140,6 +141,7 @@ static pags_result place_slots(pags_frame *frame) {
 }
 
 pags_result pags_stage_bin(pags_frame *frame) {
+  pags_tasks_mark(frame->tasks, NULL, "bin");
   bin_context c = {.frame = frame, .tiles = (int64_t)frame->tiles_x * frame->tiles_y};
   c.grain = (frame->drawn_count + MOST_BLOCKS - 1) / MOST_BLOCKS;
   c.grain = c.grain < LEAST_SPLATS ? LEAST_SPLATS : c.grain;

@@ -172,6 +172,7 @@ static void append_seen(const cull_context *c, int part) {
 }
 
 pags_result pags_stage_cull(pags_frame *frame, bool bounded) {
+  pags_tasks_mark(frame->tasks, NULL, "cull");
   int64_t most = 0, all = 0;
   for (int p = 0; p < frame->part_count; p++) {
     const int64_t count = frame->parts[p].clusters->count;
@@ -211,5 +212,6 @@ pags_result pags_stage_touch(pags_frame *frame, pags_touch_fn *touch, void *user
   if (!touch)
     return PAGS_OK;
   touch_context t = {frame, touch, user};
+  pags_tasks_mark(frame->tasks, NULL, "touch");
   return pags_frame_for(frame, frame->cluster_count, 4, touch_block, &t);
 }

@@ -71,6 +71,7 @@ static void project_block(void *context, int64_t begin, int64_t end, int worker)
 }
 
 pags_result pags_stage_project(pags_frame *frame) {
+  pags_tasks_mark(frame->tasks, NULL, "project");
   frame->splats = pags_frame_alloc(frame, frame->dense_count, sizeof *frame->splats, "projected Gaussians");
   frame->keys = pags_frame_alloc(frame, frame->dense_count, sizeof *frame->keys, "depth keys");
   frame->boxes = pags_frame_alloc(frame, frame->dense_count, sizeof *frame->boxes, "tiles of Gaussians");
@@ -115,6 +116,7 @@ static void shade_block(void *context, int64_t begin, int64_t end, int worker) {
 }
 
 pags_result pags_stage_shade(pags_frame *frame) {
+  pags_tasks_mark(frame->tasks, NULL, "shade");
   return pags_frame_for(frame, frame->cluster_count, 8, shade_block, frame);
 }
 

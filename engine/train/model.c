@@ -10,6 +10,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "threads/record.h"
 
 /* ---- Creation and memory ---- */
 
@@ -198,7 +199,9 @@ pags_result pags_model_sort(pags_train_model *model, pags_tasks *tasks) {
   int64_t *order = malloc((size_t)(count > 0 ? count : 1) * sizeof(int64_t));
   if (!order)
     return pags_out_of_memory("%lld Gaussians", (long long)count);
+  pags_tasks_mark(tasks, NULL, "order");
   pags_result result = pags_gaussians_morton_order(&model->gaussians, order);
+  pags_tasks_mark(tasks, NULL, "gather");
   if (result == PAGS_OK)
     result = pags_model_gather(model, order, count, count, tasks);
   free(order);

@@ -20,6 +20,7 @@
 #include "base/clock.h"
 #include "base/memory.h"
 #include "port/port.h"
+#include "threads/record.h"
 #include "train/driving_losses.h"
 #include "train/dropout.h"
 #include "train/mcmc.h"
@@ -208,6 +209,7 @@ static pags_result object_term(pags_trainer *t, int64_t step, pags_step_view *v)
     PAGS_TRY(reserve_store(&t->state.models[p->drawn[i].model], &p->models[p->drawn[i].model].held));
   PAGS_TRY(pags_frame_render(p->object_frame, p->parts + 1, p->part_count - 1, &v->camera, &options,
                              pags_view_render_touch, &context, &picture));
+  pags_tasks_mark(t->tasks, NULL, "loss");
   float *by_t = p->plane[GRADIENT_T];
   memset(by_t, 0, (size_t)p->plane_floats * sizeof(float));
   PAGS_TRY(pags_driving_loss_objects(t->tasks, &picture, &v->photo,
@@ -239,6 +241,7 @@ static pags_result losses(pags_trainer *t, int64_t step, pags_step_view *v, pags
   int late = step >= t->state.schedule.object_term_from && p->part_count > 1 && v->photo.labels && !t->measuring;
   if (late && c->losses.object_weight > 0.0 && v->number % OBJECTS_EVERY == 0)
     PAGS_TRY(object_term(t, step, v));
+  pags_tasks_mark(t->tasks, NULL, "loss");
 
   /* The photometric loss, with exposure and emphasis. */
   pags_comparison how = {
@@ -302,10 +305,12 @@ pags_result pags_train_view(pags_trainer *t, int64_t step, pags_step_view *v) {
   pags_picture_gradient gradient;
   t->render.photograph = v->number;
   PAGS_TRY(reserve_rest(t));
+  pags_tasks_mark(t->tasks, NULL, "photograph");
   PAGS_TRY(pags_photo_cache_get(t->cache, v->view, v->level, &v->photo));
   if (config->losses.depth_weight > 0.0)
     PAGS_TRY(load_depth(t, v->view));
   t->ms.wait += pags_clock_lap_ms(&clock);
+  pags_tasks_mark(t->tasks, NULL, "compose");
   v->camera = pags_camera_downscale(&pags_dataset_view(t->dataset, v->view)->camera, v->level);
   options.keep_for_backward = 1;
   options.absolute_gradient = config->density.absgrad;
@@ -318,6 +323,7 @@ pags_result pags_train_view(pags_trainer *t, int64_t step, pags_step_view *v) {
   PAGS_TRY(pags_view_render_draw(t, step, &v->camera, &options, &v->picture));
   t->ms.forward += pags_clock_lap_ms(&clock);
   PAGS_TRY(reserve_planes(t, &v->picture));
+  pags_tasks_mark(t->tasks, NULL, "loss");
   PAGS_TRY(losses(t, step, v, &gradient));
   t->ms.loss += pags_clock_lap_ms(&clock);
 
@@ -380,6 +386,7 @@ pags_result pags_train_finish(pags_trainer *t, int64_t step) {
   const pags_schedule *s = &t->state.schedule;
   pags_step_rest *r = &t->rest;
   double clock = pags_clock_ms();
+  pags_tasks_mark(t->tasks, NULL, "finish");
   for (int64_t i = 0; s->batch > 1 && i < t->state.model_count; i++)
     if (t->render.models[i].sum.rows && !pags_parallel_for(t->tasks, t->state.models[i].clusters.count, FINISH_GRAIN,
                                                            finish_blocks, &(finish_job){t, i, step}))
