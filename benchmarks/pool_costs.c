@@ -180,9 +180,12 @@ static void measure(pags_tasks *tasks, pags_peak *peak, pags_pool_costs *out) {
   measure_latencies(tasks, PAUSE_NS, &sleeping);
   pags_replay_costs *const least = &out->low_cost, *const most = &out->high_cost;
   *least = *most = (pags_replay_costs){.spin = spin_ns, .slow = 1};
-  least->fork = percentile(spinning.first, spinning.count, 50), most->fork = percentile(spinning.first, spinning.count, 90);
-  least->join = percentile(spinning.join, spinning.count, 50), most->join = percentile(spinning.join, spinning.count, 90);
-  least->wake = percentile(sleeping.first, sleeping.count, 50), most->wake = percentile(sleeping.first, sleeping.count, 90);
+  least->fork = percentile(spinning.first, spinning.count, 50),
+  most->fork = percentile(spinning.first, spinning.count, 90);
+  least->join = percentile(spinning.join, spinning.count, 50),
+  most->join = percentile(spinning.join, spinning.count, 90);
+  least->wake = percentile(sleeping.first, sleeping.count, 50),
+  most->wake = percentile(sleeping.first, sleeping.count, 90);
   least->wake_call = percentile(sleeping.caller, sleeping.count, 50);
   most->wake_call = percentile(sleeping.caller, sleeping.count, 90);
   if (out->cores > 2) {

@@ -109,8 +109,8 @@ static double replay_loop(crew *c, double begin, const int64_t *ns, int64_t bloc
     lost[PAGS_REPLAY_LONGEST] = least - apart;
     lost[PAGS_REPLAY_TAIL] = alone - least;
     lost[c->woken_before ? PAGS_REPLAY_WAKE : PAGS_REPLAY_FORK] = end - begin - alone;
-    const double moved = fmax(k->bandwidth > 0 ? bytes / (k->bandwidth * workers) : 0,
-                              k->together > 0 ? bytes / k->together : 0);
+    const double moved =
+        fmax(k->bandwidth > 0 ? bytes / (k->bandwidth * workers) : 0, k->together > 0 ? bytes / k->together : 0);
     lost[PAGS_REPLAY_MEMORY] = fmax(moved - (end - begin), 0);
     end += lost[PAGS_REPLAY_MEMORY];
   }

@@ -24,6 +24,8 @@
 #include "train/schedule.h"
 
 enum { MOST_MEASURED = 32, MOST_CAMERAS = 4 };
+/* Loops of the record are cut as for so many workers, where that depends on their number. */
+enum { RECORDED_WORKERS = 32 };
 
 typedef struct scaling_arguments {
   pags_session session;
@@ -38,8 +40,8 @@ typedef struct scaling_arguments {
 static const pags_option options[] = {
     PAGS_TEXT("measure", 0, AT(measure), "FILE", NULL,
               "measure the curve for all cores there are, too, and write it beside the predicted one, as JSON"),
-    PAGS_VALUE("bandwidth", 0, DOUBLE, AT(bandwidth), 0, PAGS_UNLIMITED, "GB/S", "GB/s",
-               "as much a core as here", "what the memory of the predicted machine gives all of its cores together"),
+    PAGS_VALUE("bandwidth", 0, DOUBLE, AT(bandwidth), 0, PAGS_UNLIMITED, "GB/S", "GB/s", "as much a core as here",
+               "what the memory of the predicted machine gives all of its cores together"),
     PAGS_VALUE("downscale", 0, DOUBLE, AT(downscale), 0.25, 64, "F", "times", NULL,
                "shrink the pictures; below 1, of a scene alone, enlarge them"),
     PAGS_GROUP("Of a scene"),
@@ -231,7 +233,8 @@ static pags_result record_training(scaling_bench *self, pags_tasks *one, const p
   if (result == PAGS_OK)
     result = pags_file_read(path, checkpoint, size);
   if (result == PAGS_OK)
-    result = train(&(piece){self, one, &self->record, p->last, self->arguments->iterations, "steps on one worker"}, true);
+    result =
+        train(&(piece){self, one, &self->record, p->last, self->arguments->iterations, "steps on one worker"}, true);
   free(path);
   return result;
 }
@@ -425,7 +428,7 @@ static pags_result run(scaling_bench *self, pags_tasks *one) {
 
 int pags_bench_scaling(int argc, char **argv) {
   scaling_arguments arguments = {.iterations = 3000, .steps = 60, .views = 12, .repetitions = 3, .downscale = 1};
-  scaling_bench self = {.arguments = &arguments};
+  scaling_bench self = {.arguments = &arguments, .record = {.workers = RECORDED_WORKERS}};
   pags_parsed parsed;
   const pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
   if (status != PAGS_PARSE_OK)

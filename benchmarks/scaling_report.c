@@ -167,8 +167,7 @@ static void put_stages(const prediction *p, const char *phase, double times) {
     if (p->people)
       fprintf(p->people, "  %-18s %9.3f %9.3f %9.1f %11.0f %9.3f  %8.3f to %7.3f %3.0f to %2.0f %%  %s\n", s->stage,
               alone, s->serial / times * 1e-6, (double)s->loops / times, blocks, longest, low, high,
-              100 * alone / (high * STAGES_AT), 100 * alone / (low * STAGES_AT),
-              name_losses(&p->high[at][i], words));
+              100 * alone / (high * STAGES_AT), 100 * alone / (low * STAGES_AT), name_losses(&p->high[at][i], words));
     pags_json_begin_object(p->json, NULL);
     pags_json_put_string(p->json, "stage", s->stage);
     pags_json_put_number(p->json, "ms_alone", alone);
@@ -230,14 +229,15 @@ static void put_costs(const prediction *p) {
   pags_json_end_object(p->json);
   if (!p->people)
     return;
-  fprintf(p->people,
-          "Costs measured on %d cores, least and most: a loop begins after %.1f to %.1f us and ends after %.1f to %.1f, "
-          "a sleeper\nwakes after %.0f to %.0f us and each further one %.1f to %.1f later, a block is taken every %.0f to "
-          "%.0f ns; cores slow each other\ndown %.2f to %.2f times; memory is read at %.1f GB/s, and a machine that is "
-          "predicted is bounded by %.1f GB/s a worker.\n",
-          p->scaling->costs.cores, a->fork * 1e-3, b->fork * 1e-3, a->join * 1e-3, b->join * 1e-3, a->wake * 1e-3,
-          b->wake * 1e-3, a->wake_next * 1e-3, b->wake_next * 1e-3, a->claim, b->claim, a->slow, b->slow,
-          p->scaling->costs.bandwidth, b->bandwidth);
+  fprintf(
+      p->people,
+      "Costs measured on %d cores, least and most: a loop begins after %.1f to %.1f us and ends after %.1f to %.1f, "
+      "a sleeper\nwakes after %.0f to %.0f us and each further one %.1f to %.1f later, a block is taken every %.0f to "
+      "%.0f ns; cores slow each other\ndown %.2f to %.2f times; memory is read at %.1f GB/s, and a machine that is "
+      "predicted is bounded by %.1f GB/s a worker.\n",
+      p->scaling->costs.cores, a->fork * 1e-3, b->fork * 1e-3, a->join * 1e-3, b->join * 1e-3, a->wake * 1e-3,
+      b->wake * 1e-3, a->wake_next * 1e-3, b->wake_next * 1e-3, a->claim, b->claim, a->slow, b->slow,
+      p->scaling->costs.bandwidth, b->bandwidth);
 }
 
 pags_result pags_scaling_report(const pags_scaling *s, FILE *people, pags_json_writer *json) {

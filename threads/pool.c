@@ -497,7 +497,7 @@ void pags_tasks_destroy(pags_tasks *tasks) {
 }
 
 int pags_tasks_workers(const pags_tasks *tasks) {
-  return tasks->workers;
+  return tasks->record && tasks->record->workers > tasks->workers ? tasks->record->workers : tasks->workers;
 }
 
 pags_arena *pags_tasks_arena(pags_tasks *tasks, int worker) {

@@ -56,8 +56,8 @@ void pags_record_block(pags_record *r) {
 }
 
 void pags_record_loop(pags_record *r, int64_t begin, int64_t blocks) {
-  add_event(r, (pags_event){.kind = PAGS_EVENT_LOOP,
-                            .ns = pags_port_clock_ns() - begin,
-                            .first = r->blocks - blocks,
-                            .count = blocks});
+  add_event(
+      r,
+      (pags_event){
+          .kind = PAGS_EVENT_LOOP, .ns = pags_port_clock_ns() - begin, .first = r->blocks - blocks, .count = blocks});
 }

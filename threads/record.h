@@ -21,11 +21,12 @@ typedef struct pags_event {
   const char *phase, *stage; /* NULL: none was set */
   bool begins;               /* the first event since the phase was set */
   int64_t ns;                /* the whole event */
-  int64_t first, count;      /* LOOP: its blocks' times are `block_ns` from `first` on; with more workers than one none */
+  int64_t first, count; /* LOOP: its blocks' times are `block_ns` from `first` on; with more workers than one none */
 } pags_event;
 
-/* Zeroed at first. `lost`: memory ran out, and the record ends there. */
+/* Zeroed at first but for `workers`. `lost`: memory ran out, and the record ends there. */
 typedef struct pags_record {
+  int workers; /* > 0: pags_tasks_workers returns this while it is recorded, so that loops are cut as for so many */
   pags_event *events;
   int64_t count, capacity;
   int64_t *block_ns;

@@ -45,7 +45,7 @@ static void move_unseen_block(void *context, int64_t begin, int64_t end, int wor
 static pags_result densify(pags_trainer *t, pags_train_model *m, pags_density_change *change) {
   pags_edits edits;
   pags_tasks_mark(t->tasks, NULL, "decide");
-  PAGS_TRY(pags_densify_decide(m, &edits));
+  PAGS_TRY(pags_densify_decide(m, t->tasks, &edits));
   pags_tasks_mark(t->tasks, NULL, "apply");
   pags_result result = pags_densify_apply(m, &edits, t->tasks);
   change->cloned += edits.cloned;

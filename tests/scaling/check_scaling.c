@@ -4,9 +4,9 @@
  * one that is made four times as long. What slows them is added to the record of one thread by arithmetic; it isn't
  * recorded. Needs a quiet machine with two cores or more, hence no part of make check (make check-scaling). Fails where
  * the measured median lies more than 5 % outside of the predicted range. */
+#include <math.h>
 #include <pags/clusters.h>
 #include <pags/frame.h>
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -61,7 +61,8 @@ static void make_scene(check *c) {
   if (pags_clusters_create(&c->clusters, GAUSSIANS, 64) != PAGS_OK)
     stop("out of memory");
   pags_clusters_update(&c->clusters, &c->rows, 0, c->clusters.count);
-  c->camera = (pags_camera){.width = WIDTH, .height = HEIGHT, .fx = WIDTH, .fy = WIDTH, .cx = WIDTH / 2, .cy = HEIGHT / 2};
+  c->camera =
+      (pags_camera){.width = WIDTH, .height = HEIGHT, .fx = WIDTH, .fy = WIDTH, .cx = WIDTH / 2, .cy = HEIGHT / 2};
   for (int k = 0; k < 3; k++)
     c->camera.world_from_camera[5 * k] = 1;
 }
@@ -96,8 +97,8 @@ static void slow_down(const check *c, pags_record *r, pags_event events[], int64
   memcpy(ns, r->block_ns, (size_t)r->blocks * sizeof *ns);
   if (c->way == SERIAL_BLOCK)
     events[r->count++] = (pags_event){.kind = PAGS_EVENT_SERIAL, .phase = "frame", .stage = "slowed", .ns = block_ns};
-  events[r->count++] = (pags_event){
-      .kind = PAGS_EVENT_LOOP, .phase = "frame", .stage = "slowed", .first = r->blocks, .count = blocks};
+  events[r->count++] =
+      (pags_event){.kind = PAGS_EVENT_LOOP, .phase = "frame", .stage = "slowed", .first = r->blocks, .count = blocks};
   for (int b = 0; b < blocks; b++)
     ns[r->blocks++] = c->way == LONG_BLOCK && b == BLOCKS - 1 ? 4 * block_ns : block_ns;
 }

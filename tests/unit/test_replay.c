@@ -28,13 +28,12 @@ static void begin(made *m) {
 }
 
 static void add_serial(made *m, const char *stage, int64_t ns) {
-  m->events[m->record.count++] =
-      (pags_event){.kind = PAGS_EVENT_SERIAL, .phase = "step", .stage = stage, .ns = ns};
+  m->events[m->record.count++] = (pags_event){.kind = PAGS_EVENT_SERIAL, .phase = "step", .stage = stage, .ns = ns};
 }
 
 static void add_loop(made *m, const char *stage, const int64_t *ns, int64_t count) {
-  m->events[m->record.count++] = (pags_event){
-      .kind = PAGS_EVENT_LOOP, .phase = "step", .stage = stage, .first = m->record.blocks, .count = count};
+  m->events[m->record.count++] =
+      (pags_event){.kind = PAGS_EVENT_LOOP, .phase = "step", .stage = stage, .first = m->record.blocks, .count = count};
   for (int64_t i = 0; i < count; i++)
     m->ns[m->record.blocks++] = ns[i];
 }
@@ -116,7 +115,8 @@ static void costs_are_added(void **state) {
   assert_ns(predict(&m, 1, &costs, 0).total, 2000); /* alone: none */
 
   /* After 6000 without work a worker sleeps; the caller wakes it. */
-  const pags_replay_costs wakes = {.fork = 100, .join = 10, .spin = 5000, .wake_call = 50, .wake = 300, .wake_next = 70, .slow = 1};
+  const pags_replay_costs wakes = {
+      .fork = 100, .join = 10, .spin = 5000, .wake_call = 50, .wake = 300, .wake_next = 70, .slow = 1};
   begin(&m);
   add_serial(&m, "raster", 6000);
   add_loop(&m, "raster", (const int64_t[]){1000, 1000, 1000}, 3);
@@ -168,7 +168,8 @@ static void jobs_are_a_loop(void **state) {
   begin(&m);
   for (int i = 0; i < 3; i++) {
     add_serial(&m, "photograph", 10);
-    m.events[m.record.count++] = (pags_event){.kind = PAGS_EVENT_JOB, .phase = "step", .stage = "photograph", .ns = 500};
+    m.events[m.record.count++] =
+        (pags_event){.kind = PAGS_EVENT_JOB, .phase = "step", .stage = "photograph", .ns = 500};
   }
   m.events[m.record.count++] = (pags_event){.kind = PAGS_EVENT_SERIAL, .phase = "host", .ns = 7000};
   assert_int_equal(pags_replay_list(&m.record, &stages, &count), PAGS_OK);
