@@ -15,6 +15,7 @@
 #                windows-x64, macos-arm64, macos-x64, linux-x64-glibc2.17 or linux-arm64
 #   make check-arm64  the engine's unit tests and a short training for 64-bit ARM, under an emulator; beside the same of x86-64, bit by bit
 #   make check-windows  tests and program of the build for Windows, under wine; beside the program of Linux, bit by bit
+#   make check-scaling  the predictions of pags-bench scaling beside the clock, on two threads of a quiet machine
 #   make check-viewers      splat files of a scene with a least alpha, drawn by Babylon.js and Spark in Chromium beside pags (SCENE=FOLDER: another scene)
 #   make check-blender      the add-on's tests in Debian's Blender; part of make check
 #   make check-blender-new  the same in a newer one: BLENDER_NEW=PROGRAM, a Blender or a Python with the module bpy
@@ -39,7 +40,7 @@ REFERENCE ?= HEAD
 OPTIONS ?=
 
 # Checks that take hours, or programs that make setup doesn't install.
-NOT_CHECKED := check-arm64 check-blender-new check-viewers check-windows fuzz sanitize valgrind
+NOT_CHECKED := check-arm64 check-blender-new check-scaling check-viewers check-windows fuzz sanitize valgrind
 
 all:
 	cmake --preset release
@@ -113,6 +114,10 @@ check-arm64:
 check-windows: all
 	JOBS=$(JOBS) sh scripts/check_windows.sh
 
+check-scaling: all
+	cmake --build --preset release --target check_scaling
+	build/tests/check_scaling
+
 check-viewers: all
 	python3 -B tests/outside/viewers.py build/pags build/viewers $(if $(filter command line,$(origin SCENE)),"$(abspath $(SCENE))")
 
@@ -134,4 +139,4 @@ install: all
 clean:
 	rm -rf build
 
-.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-blender-new bench-blender guide setup-cross cross check-arm64 check-windows check-viewers same-bits figures docs install clean
+.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-blender-new bench-blender guide setup-cross cross check-arm64 check-windows check-scaling check-viewers same-bits figures docs install clean

@@ -265,6 +265,9 @@ static const struct own_entry {
      pags_bench_render},
     {"scale", "Whether the time of a frame follows what is visible or what exists, to 50 million Gaussians.",
      pags_bench_scale},
+    {"scaling",
+     "What 1 to 256 workers would make of frames or a training, predicted from one; measured for the cores here.",
+     pags_bench_scaling},
 #ifdef PAGS_WITH_PROXIES
     {"proxies", "Distances of exported proxies from the true meshes of a synthetic street.", pags_bench_proxies},
 #endif
@@ -304,7 +307,8 @@ int main(int argc, char **argv) {
     if (!strcmp(what, own_entries[i].name))
       return own_entries[i].run(argc - 2, argv + 2);
   fprintf(stderr,
-          "pags-bench: expected stages, roofline, train, error, render, scale or proxies; 'pags-bench --help' tells "
+          "pags-bench: expected stages, roofline, train, error, render, scale, scaling or proxies; 'pags-bench --help' "
+          "tells "
           "what each measures\n");
   return PAGS_EXIT_USAGE;
 }

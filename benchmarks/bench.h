@@ -43,6 +43,17 @@ typedef struct pags_bench_frame {
  * that a loss gives. Pairs are counted in an extra frame that isn't timed. */
 pags_result pags_bench_measure(const pags_bench_view *view, int backward, pags_bench_frame *out);
 
+/* Bytes of each stage of a frame, forward and backward, as a machine without caches would move them. */
+enum { PAGS_BENCH_BYTE_STAGES = 8 };
+typedef struct pags_bench_stage_bytes {
+  const char *stage;
+  double bytes;
+} pags_bench_stage_bytes;
+
+/* Fills the bytes of the stages; returns how many. */
+int pags_bench_bytes_of(const pags_bench_frame *frame, int sh_degree,
+                        pags_bench_stage_bytes bytes[PAGS_BENCH_BYTE_STAGES]);
+
 /* Milliseconds of each stage, forward and backward, and nanoseconds and bytes per unit of its work (Gaussian, pair,
  * pixel pair). */
 pags_result pags_bench_stages(const pags_bench_view *view, FILE *people, pags_json_writer *json);

@@ -10,65 +10,10 @@
 #include <string.h>
 #include "base/clock.h"
 #include "base/text.h"
+#include "benchmarks/pool_costs.h"
 #include "port/port.h"
-#include "simd/kernels.h"
 
-enum { STEPS = 1 << 19, ROUNDS = 5, BANDWIDTH_BYTES = 256 << 20 };
-
-typedef struct peak_context {
-  const pags_kernels *kernels;
-  float *kept; /* results per block, stored so that the compiler can't remove the work */
-} peak_context;
-
-static void run_peak(void *context, int64_t begin, int64_t end, int worker) {
-  const peak_context *const c = context;
-  (void)worker;
-  const pags_splat faint = {.x = 1,
-                            .y = 1,
-                            .p = 0.1f,
-                            .h = 0.1f,
-                            .w = 0.1f,
-                            .log2_opacity = -7.5f,
-                            .cut = -8.0f,
-                            .r = 0.5f,
-                            .g = 0.5f,
-                            .b = 0.5f};
-  for (int64_t i = begin; i < end; i++)
-    c->kept[i] = c->kernels->roofline(&faint, STEPS, 5);
-}
-
-typedef struct read_context {
-  const uint64_t *data;
-  uint64_t *sums;
-} read_context;
-
-static void read_block(void *context, int64_t begin, int64_t end, int worker) {
-  const read_context *const c = context;
-  uint64_t a = 0, b = 0, d = 0, e = 0;
-  for (int64_t i = begin; i + 4 <= end; i += 4)
-    a += c->data[i], b += c->data[i + 1], d += c->data[i + 2], e += c->data[i + 3];
-  c->sums[worker] += a + b + d + e;
-}
-
-/* Returns the bytes per second that all workers together read; 0 if out of memory. */
-static double read_bandwidth(pags_tasks *tasks) {
-  const int64_t count = BANDWIDTH_BYTES / 8;
-  uint64_t *const data = malloc(BANDWIDTH_BYTES);
-  if (!data)
-    return 0;
-  memset(data, 1, BANDWIDTH_BYTES);
-  uint64_t sums[256] = {0};
-  read_context c = {data, sums};
-  double best = 0;
-  for (int i = 0; i < ROUNDS; i++) {
-    const double t0 = pags_clock_ms();
-    pags_parallel_for(tasks, count, 1 << 16, read_block, &c);
-    const double rate = BANDWIDTH_BYTES / (pags_clock_ms() - t0) * 1e3;
-    best = rate > best ? rate : best;
-  }
-  free(data);
-  return best;
-}
+enum { STEPS = 1 << 19, ROUNDS = 5 };
 
 typedef struct share {
   double peak, forward, backward; /* pixel pairs evaluated per second */
@@ -85,10 +30,9 @@ static pags_result measure_isa(const pags_bench_view *view, const pags_kernels *
   for (int round = 0; round < ROUNDS; round++) {
     /* Time the bare kernel on all workers together. */
     const int workers = pags_tasks_workers(view->tasks);
-    float kept[256] = {0};
-    peak_context c = {kernels, kept};
+    pags_peak c = {.kernels = kernels, .steps = STEPS};
     const double t0 = pags_clock_ms();
-    pags_parallel_for(view->tasks, workers, 1, run_peak, &c);
+    pags_parallel_for(view->tasks, workers, 1, pags_peak_blocks, &c);
     const double peak = (double)STEPS * PAGS_LANES * workers / (pags_clock_ms() - t0) * 1e3;
 
     pags_bench_frame frame;
@@ -110,7 +54,7 @@ pags_result pags_bench_roofline(const pags_bench_view *view, FILE *people, pags_
   static const char *const names[] = {"avx512", "avx2", "neon", "scalar"};
   const char *const set = getenv("PAGS_CPU");
   char *const before = set ? pags_text_copy(set) : NULL;
-  const double bandwidth = read_bandwidth(view->tasks);
+  const double bandwidth = pags_read_bandwidth(view->tasks);
   pags_json_begin_object(json, "roofline");
   pags_json_put_integer(json, "threads", pags_tasks_workers(view->tasks));
   pags_json_put_number(json, "read_bytes_per_second", bandwidth);

@@ -43,7 +43,7 @@ static int fill_rows(const pags_frame_stats *s, int degree, double clusters, dou
 
 double pags_bench_forward_bytes(const pags_frame_stats *stats, int sh_degree, double clusters, double pixels,
                                 int packed) {
-  stage_row rows[8];
+  stage_row rows[PAGS_BENCH_BYTE_STAGES];
   double bytes = 0;
   /* bytes saved by packing: 44 bytes of geometry become 21, colours are halves and bytes, means read again take 6 */
   if (packed)
@@ -56,10 +56,19 @@ double pags_bench_forward_bytes(const pags_frame_stats *stats, int sh_degree, do
   return bytes;
 }
 
+int pags_bench_bytes_of(const pags_bench_frame *frame, int sh_degree,
+                        pags_bench_stage_bytes bytes[PAGS_BENCH_BYTE_STAGES]) {
+  stage_row rows[PAGS_BENCH_BYTE_STAGES];
+  const int n = fill_rows(&frame->stats, sh_degree, frame->clusters, frame->pixels, rows);
+  for (int i = 0; i < n; i++)
+    bytes[i] = (pags_bench_stage_bytes){rows[i].name, rows[i].bytes};
+  return n;
+}
+
 pags_result pags_bench_stages(const pags_bench_view *view, FILE *people, pags_json_writer *json) {
   pags_bench_frame frame;
   PAGS_TRY(pags_bench_measure(view, 1, &frame));
-  stage_row rows[8];
+  stage_row rows[PAGS_BENCH_BYTE_STAGES];
   int degree = 0;
   for (int p = 0; p < view->part_count; p++)
     degree = view->parts[p].gaussians->sh_degree > degree ? view->parts[p].gaussians->sh_degree : degree;

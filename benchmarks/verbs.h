@@ -6,6 +6,7 @@
 
 int pags_bench_render(int argc, char **argv);
 int pags_bench_scale(int argc, char **argv);
+int pags_bench_scaling(int argc, char **argv);
 int pags_bench_proxies(int argc, char **argv);
 
 #endif

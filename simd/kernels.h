@@ -253,6 +253,18 @@ typedef struct pags_adam_step { /* of one plane; symbols as in adam.inl */
 
 /* A band of rows of one channel for the training loss. Planes begin at their row 0; rows of all of them are `stride`
  * samples (a multiple of 16 >= width) apart. */
+/* Sums over the pixels of a row that count. */
+typedef enum pags_loss_sum {
+  PAGS_LOSS_L1,
+  PAGS_LOSS_SQUARED, /* of the difference with the prediction clamped to [0, 1] */
+  PAGS_LOSS_SSIM,
+  PAGS_LOSS_MORE_L1, /* of |x - y| and of 1 - SSIM times emphasis * gain, to be added to those above */
+  PAGS_LOSS_MORE_DSSIM,
+  PAGS_LOSS_BY_GAIN, /* the row's part of the gradient by the exposure */
+  PAGS_LOSS_BY_OFFSET,
+  PAGS_LOSS_SUMS
+} pags_loss_sum;
+
 typedef struct pags_loss_rows {
   int width, height; /* px */
   int begin, end;    /* rows of the band */
@@ -263,13 +275,10 @@ typedef struct pags_loss_rows {
   const uint8_t *mask;     /* 0: both pictures are taken as 0 there and the pixel doesn't count; NULL: all count */
   const uint8_t *emphasis; /* how often a pixel counts: 1 + emphasis * gain; NULL: once */
   float gain;
-  float *gradient;            /* by the prediction: rows [begin, end) written, zero beyond the width */
-  float l1_scale, ssim_scale; /* d(loss)/d(sum |x - y|), d(loss)/d(sum of SSIM values), of pixels that count once */
-  float *scratch;             /* pags_loss_scratch(stride) floats, aligned to 64 bytes */
-  double l1, squared, ssim;   /* out: sums over the band's pixels that count; `squared` with x clamped to [0, 1] */
-  double more_l1,
-      more_dssim;        /* out: sums of |x - y| and of 1 - SSIM times emphasis * gain, to be added to those above */
-  double by_exposure[2]; /* out: the band's part of the gradient by the exposure */
+  float *gradient;                /* by the prediction: rows [begin, end) written, zero beyond the width */
+  float l1_scale, ssim_scale;     /* d(loss)/d(sum |x - y|), d(loss)/d(sum of SSIM values), of pixels that count once */
+  float *scratch;                 /* pags_loss_scratch(stride) floats, aligned to 64 bytes */
+  double (*sums)[PAGS_LOSS_SUMS]; /* of the rows [begin, end), from sums[0] on; they don't depend on the band */
 } pags_loss_rows;
 
 typedef struct pags_opacity_row {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The training loss and its gradient for a band of rows of one channel: L1 and D-SSIM (Wang et al. 2004), both as
- * sums over pixels weighted by how often a pixel counts.
+ * sums over the pixels of each row, weighted by how often a pixel counts.
  *
  *   S = A1 A2 / (B1 B2),  A1 = 2 mx my + C1,  A2 = 2 s_xy + C2,  B1 = mx^2 + my^2 + C1,  B2 = s_xx + s_yy + C2
  *
@@ -33,8 +33,12 @@ typedef struct loss_state {
   float *x, *y;         /* rings of LOSS_RING rows of prediction and target, 0 where masked */
   float *derivative[3]; /* rings of dS/dmx, dS/dq, dS/dp, times ssim_scale, the mask and how often the pixel counts */
   float *sums[2][4];    /* two rows of up to four quantities blurred along the columns, not yet along the row */
-  double l1, squared, ssim, more_l1, more_dssim, by_exposure[2];
 } loss_state;
+
+/* The sums of a row of the band. */
+static inline double *loss_sums(const loss_state *s, int row) {
+  return s->io->sums[row - s->io->begin];
+}
 
 static inline float *loss_ring(const loss_state *s, float *ring, int row) {
   return ring + (int64_t)((unsigned)row % LOSS_RING) * s->pitch;
@@ -84,9 +88,10 @@ static void loss_load(loss_state *s, int row) {
     squared = v_fma(d, d, squared);
   }
   if (row >= io->begin && row < io->end) {
-    s->l1 += (double)v_sum(l1);
-    s->more_l1 += (double)v_sum(more);
-    s->squared += (double)v_sum(squared);
+    double *const sums = loss_sums(s, row);
+    sums[PAGS_LOSS_L1] = (double)v_sum(l1);
+    sums[PAGS_LOSS_MORE_L1] = (double)v_sum(more);
+    sums[PAGS_LOSS_SQUARED] = (double)v_sum(squared);
   }
 }
 
@@ -203,8 +208,9 @@ static void loss_differentiate(loss_state *s, int row, float *const sums[4]) {
   }
   if (row < io->begin || row >= io->end)
     return;
-  s->ssim += (double)v_sum(total);
-  s->more_dssim += (double)v_sum(more);
+  double *const row_sums = loss_sums(s, row);
+  row_sums[PAGS_LOSS_SSIM] = (double)v_sum(total);
+  row_sums[PAGS_LOSS_MORE_DSSIM] = (double)v_sum(more);
 }
 
 static void loss_derivatives(loss_state *s, int row) {
@@ -240,8 +246,9 @@ static void loss_gradient(loss_state *s, int row, float *const sums[3]) {
     by_offset = v_add(by_offset, g);
     v_store(out + i, v_mul(g, gain));
   }
-  s->by_exposure[0] += (double)v_sum(by_gain);
-  s->by_exposure[1] += (double)v_sum(by_offset);
+  double *const row_sums = loss_sums(s, row);
+  row_sums[PAGS_LOSS_BY_GAIN] = (double)v_sum(by_gain);
+  row_sums[PAGS_LOSS_BY_OFFSET] = (double)v_sum(by_offset);
 }
 
 static loss_state loss_begin(const pags_loss_rows *io) {
@@ -274,11 +281,4 @@ static void loss_rows(pags_loss_rows *io) {
     for (int r = 0; r < 2 && done + r < io->end; r++)
       loss_gradient(&s, done + r, s.sums[r]);
   }
-  io->l1 = s.l1;
-  io->squared = s.squared;
-  io->ssim = s.ssim;
-  io->more_l1 = s.more_l1;
-  io->more_dssim = s.more_dssim;
-  io->by_exposure[0] = s.by_exposure[0];
-  io->by_exposure[1] = s.by_exposure[1];
 }

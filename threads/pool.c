@@ -18,6 +18,7 @@
 #include <stdlib.h>
 
 #include "port/port.h"
+#include "threads/record.h"
 
 /* How long a thread spins before it sleeps: a few times the cost of a wake-up through the kernel (5 to 10 us). */
 enum { SPIN_NANOSECONDS = 40000 };
@@ -50,6 +51,7 @@ struct pags_tasks {
   hand *crew;          /* [workers]; entry 0 is the caller */
   pags_arena **arenas; /* [workers] */
   loop loop;           /* written with the gate closed and nobody inside */
+  pags_record *record; /* what the calling thread does is recorded there; NULL: it isn't */
 
   /* Different sets of threads access these at high rates, hence each group has cache lines of its own. */
   _Alignas(64) atomic_uint gate;
@@ -205,6 +207,35 @@ static void host_entry(void *argument, int worker) {
   innermost = here.outer;
 }
 
+static void run_loop(pags_tasks *tasks, const loop *l) {
+  if (tasks->workers == 1 || l->blocks == 1) {
+    run_all_blocks(tasks, l, 0);
+  } else {
+    tasks->loop = *l;
+    atomic_store_explicit(&tasks->next_block, 0, memory_order_relaxed);
+    if (tasks->hosted)
+      tasks->runner.run(tasks->runner.user, host_entry, tasks);
+    else
+      run_on_pool(tasks);
+  }
+}
+
+/* Runs a loop and records it, block by block if this thread runs all of them. */
+static void run_recorded(pags_tasks *tasks, const loop *l) {
+  pags_record *const record = tasks->record;
+  pags_record_end(record, PAGS_EVENT_SERIAL);
+  const int64_t begin = record->last, before = record->blocks;
+  if (tasks->workers == 1) {
+    for (uint64_t block = 0; block < l->blocks && !pags_tasks_cancelled(tasks); ++block) {
+      run_block(l, block, 0);
+      pags_record_block(record);
+    }
+  } else {
+    run_loop(tasks, l);
+  }
+  pags_record_loop(record, begin, record->blocks - before);
+}
+
 bool pags_parallel_for(pags_tasks *tasks, int64_t count, int64_t grain, pags_block_fn *fn, void *context) {
   assert(grain > 0 && fn);
   if (count <= 0)
@@ -217,18 +248,31 @@ bool pags_parallel_for(pags_tasks *tasks, int64_t count, int64_t grain, pags_blo
   }
   const inside here = {tasks, 0, innermost};
   innermost = &here;
-  if (tasks->workers == 1 || l.blocks == 1) {
-    run_all_blocks(tasks, &l, 0);
-  } else {
-    tasks->loop = l;
-    atomic_store_explicit(&tasks->next_block, 0, memory_order_relaxed);
-    if (tasks->hosted)
-      tasks->runner.run(tasks->runner.user, host_entry, tasks);
-    else
-      run_on_pool(tasks);
-  }
+  if (tasks->record)
+    run_recorded(tasks, &l);
+  else
+    run_loop(tasks, &l);
   innermost = here.outer;
   return !pags_tasks_cancelled(tasks);
+}
+
+void pags_tasks_record(pags_tasks *tasks, pags_record *record) {
+  if (tasks->record)
+    pags_record_end(tasks->record, PAGS_EVENT_SERIAL);
+  tasks->record = record;
+  if (record)
+    record->last = pags_port_clock_ns();
+}
+
+void pags_tasks_mark(pags_tasks *tasks, const char *phase, const char *stage) {
+  if (!tasks->record || find_inside(tasks))
+    return;
+  pags_record_end(tasks->record, PAGS_EVENT_SERIAL);
+  if (phase) {
+    tasks->record->phase = phase;
+    tasks->record->begins = true;
+  }
+  tasks->record->stage = stage;
 }
 
 void pags_tasks_cancel(pags_tasks *tasks) {
@@ -306,8 +350,12 @@ void pags_job_wait(pags_tasks *tasks, pags_job *job) {
   /* If the job runs on this thread, its loops run inline, as they do on a worker. */
   const inside *already = find_inside(tasks);
   const inside here = {tasks, already ? already->worker : 0, innermost};
+  pags_record *const record = already ? NULL : tasks->record;
+  if (record)
+    pags_record_end(record, PAGS_EVENT_SERIAL);
   innermost = &here;
   pthread_mutex_lock(&tasks->lock);
+  const bool to_do = job->state == JOB_QUEUED || job->state == JOB_RUNNING;
   if (job->state == JOB_QUEUED)
     run_job_locked(tasks, job);
   while (job->state == JOB_RUNNING)
@@ -315,6 +363,8 @@ void pags_job_wait(pags_tasks *tasks, pags_job *job) {
   job->state = JOB_IDLE;
   pthread_mutex_unlock(&tasks->lock);
   innermost = here.outer;
+  if (record)
+    pags_record_end(record, to_do ? PAGS_EVENT_JOB : PAGS_EVENT_SERIAL);
 }
 
 /* ---- Threads ---- */
@@ -447,7 +497,7 @@ void pags_tasks_destroy(pags_tasks *tasks) {
 }
 
 int pags_tasks_workers(const pags_tasks *tasks) {
-  return tasks->workers;
+  return tasks->record && tasks->record->workers > tasks->workers ? tasks->record->workers : tasks->workers;
 }
 
 pags_arena *pags_tasks_arena(pags_tasks *tasks, int worker) {

@@ -140,6 +140,7 @@ pags_result pags_frame_backward(pags_frame *frame, const pags_picture_gradient *
   assert(frame->rendered && frame->options.keep_for_backward && gradient->rgb[0] && receive);
   assert(!gradient->depth_sum || frame->options.extra_channels || frame->options.depth_sum);
   const int workers = pags_tasks_workers(frame->tasks);
+  pags_tasks_mark(frame->tasks, NULL, "raster backward");
   backward_context c = {.frame = frame, .gradient = gradient, .receive = receive, .user = user};
   atomic_init(&c.bad_rows, 0);
   c.slots = pags_frame_alloc(frame, frame->stats.pairs_binned * PAGS_SLOT_FLOATS, sizeof *c.slots, "gradient slots");
@@ -154,6 +155,7 @@ pags_result pags_frame_backward(pags_frame *frame, const pags_picture_gradient *
   if (frame->has_sky && gradient->sky)
     PAGS_TRY(pags_frame_sky_backward(frame, gradient));
   const double t1 = pags_clock_ms();
+  pags_tasks_mark(frame->tasks, NULL, "project backward");
   PAGS_TRY(pags_frame_for(frame, frame->cluster_count, 4, clusters_backward, &c));
   frame->stats.ms_raster_backward = t1 - t0;
   frame->stats.ms_project_backward = pags_clock_ms() - t1;

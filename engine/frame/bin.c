@@ -10,9 +10,18 @@
 
 #include "frame/stages.h"
 
-/* Binning uses at most MOST_BLOCKS blocks of at least LEAST_SPLATS drawn splats; `drawn` and slot_start are made in
+/* Binning uses blocks of at least LEAST_SPLATS drawn splats: at most MOST_BLOCKS, or fewer, but no fewer than
+ * FEWEST_BLOCKS, where the tables of all blocks and tiles would have more than MOST_COUNTS counts. The lists don't
+ * depend on the number of blocks. The tables are summed in blocks of SUMMED tiles; `drawn` and slot_start are made in
  * blocks of LISTED dense indices. */
-enum { MOST_BLOCKS = 32, LEAST_SPLATS = 1024, LISTED = 1 << 14 };
+enum {
+  MOST_BLOCKS = 128,
+  FEWEST_BLOCKS = 32,
+  MOST_COUNTS = 1 << 19,
+  LEAST_SPLATS = 1024,
+  SUMMED = 128,
+  LISTED = 1 << 12
+};
 
 typedef struct list_context {
   pags_frame *frame;
@@ -65,6 +74,7 @@ static void list_drawn(void *context, int64_t begin, int64_t end, int worker) {
 }
 
 pags_result pags_stage_list(pags_frame *frame) {
+  pags_tasks_mark(frame->tasks, NULL, "bin");
   list_context c = {.frame = frame};
   PAGS_TRY(count_dense(&c, count_drawn, &frame->drawn_count));
   frame->stats.shaded = frame->drawn_count;
@@ -74,9 +84,10 @@ pags_result pags_stage_list(pags_frame *frame) {
 
 typedef struct bin_context {
   pags_frame *frame;
-  int64_t tiles, grain;
+  int64_t tiles, grain, blocks;
   uint32_t *counts; /* [block][tile]: pairs */
   int64_t *offsets; /* [block][tile]: where the block's next pair goes in `entries` */
+  int64_t *place;   /* per SUMMED tiles: their pairs, then the pairs of all tiles before them */
   int64_t binned[MOST_BLOCKS], hidden[MOST_BLOCKS];
 } bin_context;
 
@@ -94,6 +105,56 @@ static void count_block(void *context, int64_t begin, int64_t end, int worker) {
   pags_bin in = bin_input(c->frame, begin, end);
   in.hidden = &c->hidden[block];
   c->binned[block] = c->frame->kernels->bin_count(&in, counts);
+}
+
+/* Block function: adds up each tile's pairs, in tile_start[tile + 1], and those of all tiles of the block. The loops go
+ * through the tables block by block, in the order in which they lie in memory. */
+static void sum_tiles(void *context, int64_t begin, int64_t end, int worker) {
+  const bin_context *const c = context;
+  int64_t *const pairs = c->frame->tile_start + 1;
+  (void)worker;
+  int64_t sum = 0;
+  for (int64_t tile = begin; tile < end; tile++)
+    pairs[tile] = 0;
+  for (int64_t b = 0; b < c->blocks; b++)
+    for (int64_t tile = begin; tile < end; tile++)
+      pairs[tile] += c->counts[b * c->tiles + tile];
+  for (int64_t tile = begin; tile < end; tile++)
+    sum += pairs[tile];
+  c->place[begin / SUMMED] = sum;
+}
+
+/* Block function: turns the sums into the ends of the tiles' lists and into each block's range in each list. */
+static void place_tiles(void *context, int64_t begin, int64_t end, int worker) {
+  const bin_context *const c = context;
+  int64_t *const list_end = c->frame->tile_start + 1;
+  (void)worker;
+  int64_t at = c->place[begin / SUMMED];
+  for (int64_t tile = begin; tile < end; tile++) {
+    c->offsets[tile] = at; /* there is room for one block at least */
+    at += list_end[tile];
+    list_end[tile] = at;
+  }
+  for (int64_t b = 1; b < c->blocks; b++)
+    for (int64_t tile = begin; tile < end; tile++)
+      c->offsets[b * c->tiles + tile] = c->offsets[(b - 1) * c->tiles + tile] + c->counts[(b - 1) * c->tiles + tile];
+}
+
+/* Prefix sums over (tile, block): tile_start and `offsets`. */
+static pags_result place_lists(bin_context *c) {
+  const int64_t ranges = (c->tiles + SUMMED - 1) / SUMMED;
+  int64_t pairs = 0;
+  c->place = pags_frame_alloc(c->frame, ranges, sizeof *c->place, "tile counts");
+  if (!c->place)
+    return PAGS_ERROR_MEMORY;
+  PAGS_TRY(pags_frame_for(c->frame, c->tiles, SUMMED, sum_tiles, c));
+  for (int64_t r = 0; r < ranges; r++) {
+    const int64_t n = c->place[r];
+    c->place[r] = pairs;
+    pairs += n;
+  }
+  c->frame->tile_start[0] = 0;
+  return pags_frame_for(c->frame, c->tiles, SUMMED, place_tiles, c);
 }
 
 /* Block function: writes a block's pairs to the tiles' lists. */
@@ -140,32 +201,22 @@ static pags_result place_slots(pags_frame *frame) {
 }
 
 pags_result pags_stage_bin(pags_frame *frame) {
+  pags_tasks_mark(frame->tasks, NULL, "bin");
   bin_context c = {.frame = frame, .tiles = (int64_t)frame->tiles_x * frame->tiles_y};
-  c.grain = (frame->drawn_count + MOST_BLOCKS - 1) / MOST_BLOCKS;
+  int64_t most = MOST_COUNTS / c.tiles;
+  most = most < FEWEST_BLOCKS ? FEWEST_BLOCKS : most > MOST_BLOCKS ? MOST_BLOCKS : most;
+  c.grain = (frame->drawn_count + most - 1) / most;
   c.grain = c.grain < LEAST_SPLATS ? LEAST_SPLATS : c.grain;
-  const int64_t blocks = (frame->drawn_count + c.grain - 1) / c.grain;
+  const int64_t blocks = c.blocks = (frame->drawn_count + c.grain - 1) / c.grain;
   c.counts = pags_frame_alloc(frame, blocks * c.tiles, sizeof *c.counts, "tile counts");
-  c.offsets = pags_frame_alloc(frame, blocks * c.tiles, sizeof *c.offsets, "tile offsets");
+  c.offsets = pags_frame_alloc(frame, (blocks > 0 ? blocks : 1) * c.tiles, sizeof *c.offsets, "tile offsets");
   frame->tile_start = pags_frame_alloc(frame, c.tiles + 1, sizeof *frame->tile_start, "tile lists");
   if (!c.counts || !c.offsets || !frame->tile_start)
     return PAGS_ERROR_MEMORY;
   PAGS_TRY(pags_frame_for(frame, frame->drawn_count, c.grain, count_block, &c));
 
-  /* Prefix sums over (tile, block). The loops go through the tables block by block, in the order in which they lie in
-   * memory. */
-  int64_t *const start = c.frame->tile_start;
-  memset(start, 0, (size_t)(c.tiles + 1) * sizeof *start);
-  for (int64_t b = 0; b < blocks; b++)
-    for (int64_t tile = 0; tile < c.tiles; tile++)
-      start[tile + 1] += c.counts[b * c.tiles + tile];
-  for (int64_t tile = 0; tile < c.tiles; tile++)
-    start[tile + 1] += start[tile];
-  for (int64_t b = 0; b < blocks; b++)
-    for (int64_t tile = 0; tile < c.tiles; tile++)
-      c.offsets[b * c.tiles + tile] =
-          b == 0 ? start[tile] : c.offsets[(b - 1) * c.tiles + tile] + c.counts[(b - 1) * c.tiles + tile];
-  const int64_t pairs = start[c.tiles];
-
+  PAGS_TRY(place_lists(&c));
+  const int64_t pairs = frame->tile_start[c.tiles];
   frame->stats.pairs_binned += pairs;
   frame->entries = pags_frame_alloc(frame, pairs, sizeof *frame->entries, "tile lists");
   if (!frame->entries)

@@ -15,7 +15,8 @@
 #include "frame/stages.h"
 #include "maths/maths.h"
 
-enum { RUN = 64 }; /* clusters that one entry of pags_clusters.runs bounds */
+enum { RUN = 64 };                   /* clusters that one entry of pags_clusters.runs bounds */
+enum { CULLED_AT_A_TIME = 2 * RUN }; /* a worker's block, of one part */
 
 typedef struct cull_context {
   pags_frame *frame;
@@ -111,10 +112,8 @@ static bool cluster_outside(const cull_context *c, const pags_clusters *k, int64
 
 /* ---- Culling the clusters ---- */
 
-/* Block function: tests clusters [begin, end), whole runs first. */
-static void cull_block(void *context, int64_t begin, int64_t end, int worker) {
-  const cull_context *const c = context;
-  (void)worker;
+/* Tests clusters [begin, end) of a part, whole runs first. */
+static void cull_clusters(const cull_context *c, int64_t begin, int64_t end) {
   cluster_bound bound;
   for (int64_t i = begin; i < end; i++) {
     if (c->clusters->runs && i % RUN == 0 && i + RUN <= end && cluster_outside(c, c->clusters->runs, i / RUN, &bound)) {
@@ -125,6 +124,26 @@ static void cull_block(void *context, int64_t begin, int64_t end, int worker) {
     c->seen[i] = !cluster_outside(c, c->clusters, i, &bound);
     if (c->bounds && c->seen[i])
       c->bounds[i] = bound;
+  }
+}
+
+/* The parts, cut into blocks of CULLED_AT_A_TIME clusters; a part's first block, and the number of all of them. A scene
+ * may have many small parts: all are culled in one loop. */
+typedef struct cull_parts {
+  const cull_context *parts;
+  const int64_t *first_block;
+} cull_parts;
+
+/* Block function: culls the blocks [begin, end). */
+static void cull_blocks(void *context, int64_t begin, int64_t end, int worker) {
+  const cull_parts *const c = context;
+  int part = 0;
+  (void)worker;
+  for (int64_t block = begin; block < end; block++) {
+    while (c->first_block[part + 1] <= block)
+      part++;
+    const int64_t first = (block - c->first_block[part]) * CULLED_AT_A_TIME, all = c->parts[part].clusters->count;
+    cull_clusters(c->parts + part, first, all - first < CULLED_AT_A_TIME ? all : first + CULLED_AT_A_TIME);
   }
 }
 
@@ -172,33 +191,38 @@ static void append_seen(const cull_context *c, int part) {
 }
 
 pags_result pags_stage_cull(pags_frame *frame, bool bounded) {
-  int64_t most = 0, all = 0;
-  for (int p = 0; p < frame->part_count; p++) {
-    const int64_t count = frame->parts[p].clusters->count;
-    most = count > most ? count : most;
-    all += count;
-  }
-  uint8_t *const seen = pags_frame_alloc(frame, most, 1, "cluster flags");
-  cluster_bound *const bounds = bounded ? pags_frame_alloc(frame, most, sizeof *bounds, "cluster bounds") : NULL;
+  pags_tasks_mark(frame->tasks, NULL, "cull");
+  int64_t all = 0, blocks = 0;
+  for (int p = 0; p < frame->part_count; p++)
+    all += frame->parts[p].clusters->count;
+  cull_context *const parts = pags_frame_alloc(frame, frame->part_count, sizeof *parts, "parts");
+  int64_t *const first_block = pags_frame_alloc(frame, frame->part_count + 1, sizeof *first_block, "parts");
+  uint8_t *const seen = pags_frame_alloc(frame, all, 1, "cluster flags");
+  cluster_bound *const bounds = bounded ? pags_frame_alloc(frame, all, sizeof *bounds, "cluster bounds") : NULL;
   frame->clusters = pags_frame_alloc(frame, all, sizeof *frame->clusters, "clusters in view");
   frame->bounds = bounded ? pags_frame_alloc(frame, all, sizeof *frame->bounds, "cluster bounds") : NULL;
-  if (!seen || !frame->clusters || (bounded && (!bounds || !frame->bounds)))
+  if (!parts || !first_block || !seen || !frame->clusters || (bounded && (!bounds || !frame->bounds)))
     return PAGS_ERROR_MEMORY;
   frame->cluster_count = frame->dense_count = 0;
-  for (int p = 0; p < frame->part_count; p++) {
+  for (int64_t p = 0, at = 0; p < frame->part_count; p++) {
     const pags_projection *const view = frame->projections + p;
-    cull_context c = {frame,
-                      frame->parts[p].clusters,
-                      view,
-                      seen,
-                      bounds,
-                      (float)pags_affine_stretch(frame->parts[p].world_from_model),
-                      largest_square(view->lim_x0, view->lim_x1),
-                      largest_square(view->lim_y0, view->lim_y1),
-                      largest_reach(frame->parts + p, view)};
-    PAGS_TRY(pags_frame_for(frame, c.clusters->count, 1024, cull_block, &c));
-    append_seen(&c, p);
+    parts[p] = (cull_context){frame,
+                              frame->parts[p].clusters,
+                              view,
+                              seen + at,
+                              bounded ? bounds + at : NULL,
+                              (float)pags_affine_stretch(frame->parts[p].world_from_model),
+                              largest_square(view->lim_x0, view->lim_x1),
+                              largest_square(view->lim_y0, view->lim_y1),
+                              largest_reach(frame->parts + p, view)};
+    at += parts[p].clusters->count;
+    first_block[p] = blocks;
+    blocks += (parts[p].clusters->count + CULLED_AT_A_TIME - 1) / CULLED_AT_A_TIME;
   }
+  first_block[frame->part_count] = blocks;
+  PAGS_TRY(pags_frame_for(frame, blocks, 1, cull_blocks, &(cull_parts){parts, first_block}));
+  for (int p = 0; p < frame->part_count; p++)
+    append_seen(parts + p, p);
   frame->stats.clusters = frame->cluster_count;
   if (frame->dense_count >= INT64_C(1) << 31)
     return pags_fail(PAGS_ERROR_LIMIT, "%lld Gaussians in view; at most 2^31 - 1 can be drawn",
@@ -211,5 +235,6 @@ pags_result pags_stage_touch(pags_frame *frame, pags_touch_fn *touch, void *user
   if (!touch)
     return PAGS_OK;
   touch_context t = {frame, touch, user};
+  pags_tasks_mark(frame->tasks, NULL, "touch");
   return pags_frame_for(frame, frame->cluster_count, 4, touch_block, &t);
 }

@@ -6,6 +6,8 @@
 
 #include "frame/stages.h"
 
+enum { CLUSTERS_AT_A_TIME = 4 }; /* a worker's block */
+
 /* 2^x with a relative error of a third of a per cent, for -100 < x < 100. That is precise enough to decide which
  * Gaussians rest_cut removes. */
 static float exp2_about(float x) {
@@ -71,12 +73,13 @@ static void project_block(void *context, int64_t begin, int64_t end, int worker)
 }
 
 pags_result pags_stage_project(pags_frame *frame) {
+  pags_tasks_mark(frame->tasks, NULL, "project");
   frame->splats = pags_frame_alloc(frame, frame->dense_count, sizeof *frame->splats, "projected Gaussians");
   frame->keys = pags_frame_alloc(frame, frame->dense_count, sizeof *frame->keys, "depth keys");
   frame->boxes = pags_frame_alloc(frame, frame->dense_count, sizeof *frame->boxes, "tiles of Gaussians");
   if (!frame->splats || !frame->keys || !frame->boxes)
     return PAGS_ERROR_MEMORY;
-  return pags_frame_for(frame, frame->cluster_count, 8, project_block, frame);
+  return pags_frame_for(frame, frame->cluster_count, CLUSTERS_AT_A_TIME, project_block, frame);
 }
 
 static bool is_any_drawn(const uint32_t *keys, int count) {
@@ -115,7 +118,8 @@ static void shade_block(void *context, int64_t begin, int64_t end, int worker) {
 }
 
 pags_result pags_stage_shade(pags_frame *frame) {
-  return pags_frame_for(frame, frame->cluster_count, 8, shade_block, frame);
+  pags_tasks_mark(frame->tasks, NULL, "shade");
+  return pags_frame_for(frame, frame->cluster_count, CLUSTERS_AT_A_TIME, shade_block, frame);
 }
 
 const float *pags_frame_geometry(const pags_part *part, const view_cluster *cluster, row_scratch *scratch,

@@ -123,6 +123,7 @@ static void sample_tiles(void *context, int64_t begin, int64_t end, int worker) 
 
 /* Runs a block function over all tiles and adds the workers' counts to the frame's statistics. */
 static pags_result run_tiles(pags_frame *frame, const frame_samples *samples, pags_block_fn *fn) {
+  pags_tasks_mark(frame->tasks, NULL, "raster");
   raster_context c = {.frame = frame, .samples = samples};
   const int workers = pags_tasks_workers(frame->tasks);
   c.counts = pags_frame_alloc(frame, workers, sizeof *c.counts, "pair counts");

@@ -84,6 +84,7 @@ static void clusters_score(void *context, int64_t begin, int64_t end, int worker
 pags_result pags_frame_scores(pags_frame *frame, const pags_score_planes *planes, pags_score_fn *receive, void *user) {
   assert(frame->rendered && frame->options.keep_for_backward && receive);
   assert(planes->counted && planes->critical && !(planes->rgb[0] && planes->overlap));
+  pags_tasks_mark(frame->tasks, NULL, "scores");
   const int workers = pags_tasks_workers(frame->tasks);
   score_context c = {.frame = frame, .planes = planes, .receive = receive, .user = user};
   c.slots = pags_frame_alloc(frame, frame->stats.pairs_binned * PAGS_SCORE_SUMS, sizeof *c.slots, "score slots");

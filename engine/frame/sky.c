@@ -320,6 +320,7 @@ static void add_runs(void *context, int64_t begin, int64_t end, int worker) {
 }
 
 pags_result pags_frame_sky_backward(pags_frame *frame, const pags_picture_gradient *gradient) {
+  pags_tasks_mark(frame->tasks, NULL, "sky backward");
   const int64_t tiles = (int64_t)frame->tiles_x * frame->tiles_y;
   const int64_t texels = 6 * (int64_t)frame->rays.size * frame->rays.size, workers = pags_tasks_workers(frame->tasks);
   sky_context c = {.frame = frame, .gradient = gradient, .run_bits = LEAST_RUN_BITS};

@@ -126,6 +126,7 @@ static void sort_tiles(void *context, int64_t begin, int64_t end, int worker) {
 }
 
 pags_result pags_stage_sort(pags_frame *frame) {
+  pags_tasks_mark(frame->tasks, NULL, "sort");
   const int64_t tiles = (int64_t)frame->tiles_x * frame->tiles_y, pairs = frame->tile_start[tiles];
   const int workers = pags_tasks_workers(frame->tasks);
   int64_t longest = 0;

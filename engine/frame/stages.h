@@ -11,6 +11,7 @@
 
 #include "base/clock.h"
 #include "scene/packed_rows.h"
+#include "threads/record.h"
 
 /* A cluster in view: cluster number `cluster` of part `part`, which holds rows [first, first + count) of the part's
  * Gaussians. The results of these members (splats, keys, boxes) lie at [base, base + count) of the frame's dense

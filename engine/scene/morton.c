@@ -8,6 +8,7 @@
 #include <pags/gaussians.h>
 
 #include "base/memory.h"
+#include "scene/morton.h"
 
 enum { AXIS_BITS = 21, DIGIT_BITS = 11, DIGITS = 1 << DIGIT_BITS, PASSES = 6 }; /* 6 digits of 11 bits hold a code */
 
@@ -64,46 +65,126 @@ static uint64_t code_of(const pags_gaussians *g, int64_t i, const cube *box) {
   return code;
 }
 
-/* One pass of the radix sort, stable, by the 11 bits of the code from bit `shift` on. Returns 0, having moved
- * nothing, if all rows have the same digit. */
-static int scatter(const keyed_row *from, keyed_row *to, int64_t count, int shift) {
-  int64_t start[DIGITS] = {0};
-  for (int64_t i = 0; i < count; i++)
-    ++start[from[i].code >> shift & (DIGITS - 1)];
-  if (start[from[0].code >> shift & (DIGITS - 1)] == count)
-    return 0;
+/* ---- Sorting ---- */
+
+enum { BLOCK = 1 << 14 }; /* rows of a worker's block */
+
+/* A stable radix sort in blocks: each block counts its rows by digit; prefix sums over (digit, block) give each block
+ * its range for each digit; each block then moves its rows there. */
+typedef struct sorting {
+  const pags_gaussians *gaussians;
+  pags_tasks *tasks;
+  cube box;
+  int64_t count, blocks;
+  keyed_row *rows, *other;
+  int64_t (*place)[DIGITS]; /* per block */
+  int shift;                /* of the pass: the digit's lowest bit */
+  int64_t *index;
+} sorting;
+
+static bool run_blocks(sorting *s, pags_block_fn *fn) {
+  if (s->tasks)
+    return pags_parallel_for(s->tasks, s->count, BLOCK, fn, s);
+  for (int64_t begin = 0; begin < s->count; begin += BLOCK)
+    fn(s, begin, begin + BLOCK < s->count ? begin + BLOCK : s->count, 0);
+  return true;
+}
+
+static int digit_of(const sorting *s, int64_t row) {
+  return (int)(s->rows[row].code >> s->shift & (DIGITS - 1));
+}
+
+static void make_codes(void *context, int64_t begin, int64_t end, int worker) {
+  const sorting *const s = context;
+  (void)worker;
+  for (int64_t i = begin; i < end; i++)
+    s->rows[i] = (keyed_row){code_of(s->gaussians, i, &s->box), i};
+}
+
+static void count_digits(void *context, int64_t begin, int64_t end, int worker) {
+  const sorting *const s = context;
+  int64_t *const place = s->place[begin / BLOCK];
+  (void)worker;
+  for (int d = 0; d < DIGITS; d++)
+    place[d] = 0;
+  for (int64_t i = begin; i < end; i++)
+    place[digit_of(s, i)]++;
+}
+
+static void move_rows(void *context, int64_t begin, int64_t end, int worker) {
+  const sorting *const s = context;
+  int64_t *const place = s->place[begin / BLOCK];
+  (void)worker;
+  for (int64_t i = begin; i < end; i++)
+    s->other[place[digit_of(s, i)]++] = s->rows[i];
+}
+
+static void write_index(void *context, int64_t begin, int64_t end, int worker) {
+  const sorting *const s = context;
+  (void)worker;
+  for (int64_t i = begin; i < end; i++)
+    s->index[i] = s->rows[i].row;
+}
+
+/* One pass, by the 11 bits of the code from bit `shift` on. Moves nothing if all rows have the same digit. */
+static bool sort_pass(sorting *s) {
   int64_t sum = 0;
-  for (int d = 0; d < DIGITS; d++) {
-    int64_t rows = start[d];
-    start[d] = sum;
-    sum += rows;
+  if (!run_blocks(s, count_digits))
+    return false;
+  int64_t same = 0;
+  for (int64_t b = 0; b < s->blocks; b++)
+    same += s->place[b][digit_of(s, 0)];
+  if (same == s->count)
+    return true;
+  for (int d = 0; d < DIGITS; d++)
+    for (int64_t b = 0; b < s->blocks; b++) {
+      const int64_t rows = s->place[b][d];
+      s->place[b][d] = sum;
+      sum += rows;
+    }
+  if (!run_blocks(s, move_rows))
+    return false;
+  keyed_row *const sorted = s->other;
+  s->other = s->rows;
+  s->rows = sorted;
+  return true;
+}
+
+static bool sort(sorting *s) {
+  if (!run_blocks(s, make_codes))
+    return false;
+  for (int pass = 0; pass < PASSES; pass++) {
+    s->shift = pass * DIGIT_BITS;
+    if (!sort_pass(s))
+      return false;
   }
-  for (int64_t i = 0; i < count; i++)
-    to[start[from[i].code >> shift & (DIGITS - 1)]++] = from[i];
-  return 1;
+  return run_blocks(s, write_index);
+}
+
+pags_result pags_morton_order(const pags_gaussians *g, pags_tasks *tasks, int64_t *index) {
+  if (g->count == 0)
+    return PAGS_OK;
+  sorting s = {.gaussians = g, .tasks = tasks, .count = g->count, .index = index};
+  s.blocks = (g->count + BLOCK - 1) / BLOCK;
+  keyed_row *const block = calloc((size_t)g->count, 2 * sizeof *block);
+  s.place = malloc((size_t)s.blocks * sizeof *s.place);
+  const bool room = block && s.place;
+  bool done = false;
+  if (room) {
+    s.rows = block;
+    s.other = block + g->count;
+    s.box = bounding_cube(g);
+    done = sort(&s);
+  }
+  free(block);
+  free(s.place);
+  if (!room)
+    return pags_out_of_memory("%lld Gaussians", (long long)g->count);
+  return done ? PAGS_OK : pags_fail(PAGS_CANCELLED, "cancelled");
 }
 
 pags_result pags_gaussians_morton_order(const pags_gaussians *g, int64_t *index) {
-  if (g->count == 0)
-    return PAGS_OK;
-  keyed_row *block = calloc((size_t)g->count, 2 * sizeof *block);
-  if (!block)
-    return pags_out_of_memory("%lld Gaussians", (long long)g->count);
-  keyed_row *rows = block, *other = block + g->count;
-  cube box = bounding_cube(g);
-  for (int64_t i = 0; i < g->count; i++)
-    rows[i] = (keyed_row){code_of(g, i, &box), i};
-  for (int pass = 0; pass < PASSES; pass++) {
-    if (scatter(rows, other, g->count, pass * DIGIT_BITS)) {
-      keyed_row *sorted = other;
-      other = rows;
-      rows = sorted;
-    }
-  }
-  for (int64_t i = 0; i < g->count; i++)
-    index[i] = rows[i].row;
-  free(block);
-  return PAGS_OK;
+  return pags_morton_order(g, NULL, index);
 }
 
 pags_result pags_gaussians_sorted_copy(pags_gaussians *out, const pags_gaussians *from) {

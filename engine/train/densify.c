@@ -20,6 +20,8 @@
 #include "base/sort.h"
 #include "maths/maths.h"
 
+enum { ROWS_AT_A_TIME = 1024 }; /* a worker's block */
+
 /* ---- Deciding ---- */
 
 /* Prunes that would leave fewer Gaussians than this are withdrawn: a run that loses everything has failed already,
@@ -92,6 +94,19 @@ static pags_edit decide_row(const pags_train_model *model, const thresholds *t, 
   return pulled ? PAGS_EDIT_CLONE : PAGS_EDIT_KEEP;
 }
 
+typedef struct decide_job {
+  const pags_train_model *model;
+  thresholds thresholds;
+  uint8_t *kind; /* a pags_edit per row */
+} decide_job;
+
+static void decide_rows(void *context, int64_t begin, int64_t end, int worker) {
+  const decide_job *const job = context;
+  (void)worker;
+  for (int64_t row = begin; row < end; row++)
+    job->kind[row] = (uint8_t)decide_row(job->model, &job->thresholds, row);
+}
+
 typedef struct candidate {
   float gradient;
   int64_t row;
@@ -124,15 +139,18 @@ static pags_result cut_growth(const pags_train_model *model, pags_edits *edits, 
   return PAGS_OK;
 }
 
-pags_result pags_densify_decide(const pags_train_model *model, pags_edits *edits) {
+pags_result pags_densify_decide(const pags_train_model *model, pags_tasks *tasks, pags_edits *edits) {
   int64_t count = model->gaussians.count;
   *edits = (pags_edits){.count = count, .kind = malloc((size_t)(count > 0 ? count : 1))};
   if (!edits->kind)
     return pags_out_of_memory("%lld Gaussians", (long long)count);
-  thresholds t = thresholds_of(model);
+  decide_job job = {model, thresholds_of(model), edits->kind};
+  if (!pags_parallel_for(tasks, count, ROWS_AT_A_TIME, decide_rows, &job)) {
+    pags_edits_destroy(edits);
+    return pags_fail(PAGS_CANCELLED, "cancelled");
+  }
   for (int64_t row = 0; row < count; row++) {
-    pags_edit kind = decide_row(model, &t, row);
-    edits->kind[row] = (uint8_t)kind;
+    const pags_edit kind = edits->kind[row];
     edits->cloned += kind == PAGS_EDIT_CLONE;
     edits->split += kind == PAGS_EDIT_SPLIT;
     edits->pruned += kind == PAGS_EDIT_PRUNE;
@@ -223,6 +241,20 @@ static void list_sources(const pags_edits *edits, int64_t *source, int64_t kept)
   }
 }
 
+typedef struct children_job {
+  const pags_train_model *model;
+  pags_gaussians *gaussians;
+  const int64_t *source;
+  int64_t first, second; /* the rows of the first and of the second children begin there */
+} children_job;
+
+static void make_children(void *context, int64_t begin, int64_t end, int worker) {
+  const children_job *const job = context;
+  (void)worker;
+  for (int64_t i = job->first + begin; i < job->first + end; i++)
+    make_child(job->model, job->gaussians, i, i >= job->second, job->source[i]);
+}
+
 pags_result pags_densify_apply(pags_train_model *model, const pags_edits *edits, pags_tasks *tasks) {
   int64_t kept = edits->count - edits->split - edits->pruned;
   int64_t count = kept + edits->cloned + 2 * edits->split;
@@ -231,9 +263,10 @@ pags_result pags_densify_apply(pags_train_model *model, const pags_edits *edits,
     return pags_out_of_memory("%lld Gaussians", (long long)count);
   list_sources(edits, source, kept);
   pags_result result = pags_model_gather(model, source, count, kept, tasks);
-  int64_t half = kept + edits->cloned;
-  for (int64_t i = half; result == PAGS_OK && i < count; i++)
-    make_child(model, &model->gaussians, i, i >= half + edits->split, source[i]);
+  const int64_t half = kept + edits->cloned;
+  children_job job = {model, &model->gaussians, source, half, half + edits->split};
+  if (result == PAGS_OK && !pags_parallel_for(tasks, count - half, ROWS_AT_A_TIME / 4, make_children, &job))
+    result = pags_fail(PAGS_CANCELLED, "cancelled while Gaussians were split"); /* must not be saved */
   free(source);
   pags_model_clear_density(model);
   return result == PAGS_OK ? pags_model_sort(model, tasks) : result;

@@ -6,6 +6,7 @@
 
 #include <string.h>
 
+#include "threads/record.h"
 #include "train/color_over_time.h"
 #include "train/densify.h"
 #include "train/mcmc.h"
@@ -43,7 +44,9 @@ static void move_unseen_block(void *context, int64_t begin, int64_t end, int wor
 
 static pags_result densify(pags_trainer *t, pags_train_model *m, pags_density_change *change) {
   pags_edits edits;
-  PAGS_TRY(pags_densify_decide(m, &edits));
+  pags_tasks_mark(t->tasks, NULL, "decide");
+  PAGS_TRY(pags_densify_decide(m, t->tasks, &edits));
+  pags_tasks_mark(t->tasks, NULL, "apply");
   pags_result result = pags_densify_apply(m, &edits, t->tasks);
   change->cloned += edits.cloned;
   change->split += edits.split;
@@ -102,13 +105,16 @@ pags_result pags_density_control(pags_trainer *t) {
   const bool scales = pags_schedule_is_scale_reset(&s->schedule, s->step);
   if (!due && !reset && !fourier && !pulls && !scales && prune < 0)
     return PAGS_OK;
+  pags_tasks_mark(t->tasks, "densify", "settle");
   pags_state_settle(s, t->tasks);
   if (due)
     PAGS_TRY(refine(t));
+  pags_tasks_mark(t->tasks, NULL, "other");
   if (fourier)
     PAGS_TRY(pags_color_over_time_decide(t));
   if (prune >= 0)
     PAGS_TRY(pags_prune(t, prune));
+  pags_tasks_mark(t->tasks, NULL, "other");
   if (pulls) { /* move the background's Gaussians towards the LiDAR planes, then recompute its clusters' bounds */
     pags_train_model *m = &s->models[0];
     if (!pags_lidar_planes_pull(&t->lidar_planes, &m->gaussians, s->schedule.config.density.lidar_pull, t->tasks))

@@ -17,7 +17,6 @@
 
 #include <assert.h>
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "base/memory.h"
@@ -101,51 +100,63 @@ pags_result pags_driving_loss_objects(pags_tasks *tasks, const pags_picture *pic
   return sum_term(tasks, &t, weight, value);
 }
 
-typedef struct depth_hit {
-  int64_t at;  /* pixel in the planes */
-  float error; /* rendered minus measured, metres */
-} depth_hit;
+/* ---- Depth ---- */
 
-/* Lists, in order, the samples whose pixel lies in the picture, is counted and has enough alpha. Returns the number
- * of them. */
-static int64_t find_hits(const pags_picture *picture, const pags_photo *photo, const pags_lidar_depth_sample *samples,
-                         int64_t count, int shrink, depth_hit *hits) {
-  const float scale = 1.0f / (float)shrink; /* exact, since shrink is a power of two */
+/* A sample is a hit if its pixel lies in the picture, is counted and has enough alpha. Blocks of HIT samples find the
+ * hits; bands of ROWS rows of pixels add to the gradients, so that what falls onto one pixel is added in the order of
+ * the samples. */
+enum { HIT = 1024, ROWS = 32 };
+static const uint32_t no_hit = UINT32_MAX; /* larger than any key */
+
+typedef struct depth_job {
+  const pags_picture *picture;
+  const pags_photo *photo;
+  const pags_lidar_depth_sample *samples;
+  int64_t count, kept;
+  int shrink;
+  double weight;
+  float *depth_gradient, *transmittance_gradient;
+  int64_t *at;    /* per sample: its pixel in the planes */
+  float *error;   /* rendered minus measured, metres */
+  uint32_t *key;  /* the bits of |error|: for floats >= 0, the order of the bits as integers is that of the values */
+  int64_t *found; /* hits per block */
+} depth_job;
+
+static void find_hits(void *context, int64_t begin, int64_t end, int worker) {
+  depth_job *const d = context;
+  const pags_picture *const picture = d->picture;
+  const float scale = 1.0f / (float)d->shrink; /* exact, since shrink is a power of two */
+  (void)worker;
   int64_t found = 0;
-  for (int64_t i = 0; i < count; i++) {
-    const float x = samples[i].x * scale, y = samples[i].y * scale;
+  for (int64_t i = begin; i < end; i++) {
+    const float x = d->samples[i].x * scale, y = d->samples[i].y * scale;
+    d->key[i] = no_hit;
     if (!(x >= 0.0f && y >= 0.0f && x < (float)picture->width && y < (float)picture->height))
       continue;
     const int64_t at = (int64_t)y * picture->stride + (int64_t)x;
     const float alpha = 1.0f - picture->transmittance[at];
-    if (!(alpha > least_alpha) || (photo->mask && !photo->mask[at]))
+    if (!(alpha > least_alpha) || (d->photo->mask && !d->photo->mask[at]))
       continue;
-    const float error = picture->depth_sum[at] / alpha - samples[i].depth;
-    if (isfinite(error))
-      hits[found++] = (depth_hit){at, error};
+    const float error = picture->depth_sum[at] / alpha - d->samples[i].depth, size = fabsf(error);
+    if (!isfinite(error))
+      continue;
+    d->at[i] = at;
+    d->error[i] = error;
+    memcpy(&d->key[i], &size, sizeof size);
+    found++;
   }
-  return found;
-}
-
-/* The bits of |error|: for floats >= 0, the order of the bits as integers is that of the values. */
-static uint32_t error_key(const depth_hit *hit) {
-  const float size = fabsf(hit->error);
-  uint32_t key;
-  memcpy(&key, &size, sizeof key);
-  return key;
+  d->found[begin / HIT] = found;
 }
 
 /* Returns the kept-th smallest key (counted from 1) by radix selection, 8 bits at a time from the top; `smaller`
  * receives the number of smaller keys. */
-static uint32_t select_key(const depth_hit *hits, int64_t count, int64_t kept, int64_t *smaller) {
+static uint32_t select_key(const uint32_t *keys, int64_t count, int64_t kept, int64_t *smaller) {
   uint32_t prefix = 0;
   *smaller = 0;
   for (int shift = 24; shift >= 0; shift -= 8) {
     int64_t bins[256] = {0};
-    for (int64_t i = 0; i < count; i++) {
-      const uint32_t key = error_key(hits + i);
-      bins[key >> shift & 255] += (uint64_t)key >> (shift + 8) == (uint64_t)prefix >> (shift + 8);
-    }
+    for (int64_t i = 0; i < count; i++)
+      bins[keys[i] >> shift & 255] += (uint64_t)keys[i] >> (shift + 8) == (uint64_t)prefix >> (shift + 8);
     uint32_t bin = 0;
     while (*smaller + bins[bin] < kept)
       *smaller += bins[bin++];
@@ -154,7 +165,61 @@ static uint32_t select_key(const depth_hit *hits, int64_t count, int64_t kept, i
   return prefix;
 }
 
-pags_result pags_driving_loss_depth(const pags_picture *picture, const pags_photo *photo,
+/* Keeps the hits with the smallest errors and makes the others none; returns the sum of the errors kept. */
+static double keep_hits(depth_job *d) {
+  int64_t smaller;
+  const uint32_t largest = select_key(d->key, d->count, d->kept, &smaller);
+  int64_t ties = d->kept - smaller; /* of the samples that equal the largest kept error, the first `ties` are kept */
+  double sum = 0.0;
+  for (int64_t i = 0; i < d->count; i++) {
+    if (d->key[i] > largest || (d->key[i] == largest && ties-- <= 0))
+      d->key[i] = no_hit;
+    else
+      sum += fabs((double)d->error[i]);
+  }
+  return sum;
+}
+
+/* Block function: adds to the gradients of the pixels in the rows [begin, end). */
+static void add_hits(void *context, int64_t begin, int64_t end, int worker) {
+  const depth_job *const d = context;
+  const int64_t first = begin * d->picture->stride, last = end * d->picture->stride;
+  (void)worker;
+  for (int64_t i = 0; i < d->count; i++) {
+    if (d->key[i] == no_hit || d->at[i] < first || d->at[i] >= last)
+      continue;
+    const int64_t at = d->at[i];
+    const float error = d->error[i];
+    const double alpha = (double)(1.0f - d->picture->transmittance[at]);
+    const double slope = error == 0.0f ? 0.0 : copysign(d->weight / (double)d->kept, (double)error) / alpha;
+    d->depth_gradient[at] += (float)slope;
+    d->transmittance_gradient[at] += (float)(slope * (double)d->picture->depth_sum[at] / alpha);
+  }
+}
+
+static pags_result add_depth(pags_tasks *tasks, depth_job *d, double share, double *value) {
+  pags_arena *const arena = pags_tasks_arena(tasks, 0);
+  const int64_t blocks = (d->count + HIT - 1) / HIT;
+  d->at = pags_arena_alloc(arena, (size_t)d->count, sizeof *d->at);
+  d->error = pags_arena_alloc(arena, (size_t)d->count, sizeof *d->error);
+  d->key = pags_arena_alloc(arena, (size_t)d->count, sizeof *d->key);
+  d->found = pags_arena_alloc(arena, (size_t)blocks, sizeof *d->found);
+  if (!d->at || !d->error || !d->key || !d->found)
+    return pags_out_of_memory("%lld depth samples", (long long)d->count);
+  if (!pags_parallel_for(tasks, d->count, HIT, find_hits, d))
+    return pags_fail(PAGS_CANCELLED, "cancelled");
+  int64_t found = 0;
+  for (int64_t b = 0; b < blocks; b++)
+    found += d->found[b];
+  d->kept = (int64_t)ceil(share * (double)found);
+  if (d->kept == 0)
+    return PAGS_OK;
+  *value = d->weight * keep_hits(d) / (double)d->kept;
+  return pags_parallel_for(tasks, d->picture->height, ROWS, add_hits, d) ? PAGS_OK
+                                                                         : pags_fail(PAGS_CANCELLED, "cancelled");
+}
+
+pags_result pags_driving_loss_depth(pags_tasks *tasks, const pags_picture *picture, const pags_photo *photo,
                                     const pags_lidar_depth_sample *samples, int64_t count, int shrink, double weight,
                                     double share, float *depth_gradient, float *transmittance_gradient, double *value) {
   assert(picture->depth_sum && shrink >= 1 && share >= 0.0 && share <= 1.0);
@@ -162,29 +227,17 @@ pags_result pags_driving_loss_depth(const pags_picture *picture, const pags_phot
   PAGS_TRY(check_sizes(picture, photo));
   if (count <= 0 || weight == 0.0)
     return PAGS_OK;
-  depth_hit *const hits = (uint64_t)count <= SIZE_MAX / sizeof *hits ? malloc((size_t)count * sizeof *hits) : NULL;
-  if (!hits)
-    return pags_out_of_memory("%lld depth samples", (long long)count);
-  const int64_t found = find_hits(picture, photo, samples, count, shrink, hits),
-                kept = (int64_t)ceil(share * (double)found);
-  if (kept > 0) {
-    int64_t smaller;
-    const uint32_t largest = select_key(hits, found, kept, &smaller);
-    int64_t ties = kept - smaller; /* of the samples that equal the largest kept error, the first `ties` are kept */
-    double sum = 0.0;
-    for (int64_t i = 0; i < found; i++) {
-      const uint32_t key = error_key(hits + i);
-      if (key > largest || (key == largest && ties-- <= 0))
-        continue;
-      const int64_t at = hits[i].at;
-      const double alpha = (double)(1.0f - picture->transmittance[at]);
-      const double slope = hits[i].error == 0.0f ? 0.0 : copysign(weight / (double)kept, (double)hits[i].error) / alpha;
-      depth_gradient[at] += (float)slope;
-      transmittance_gradient[at] += (float)(slope * (double)picture->depth_sum[at] / alpha);
-      sum += fabs((double)hits[i].error);
-    }
-    *value = weight * sum / (double)kept;
-  }
-  free(hits);
-  return PAGS_OK;
+  depth_job d = {.picture = picture,
+                 .photo = photo,
+                 .samples = samples,
+                 .count = count,
+                 .shrink = shrink,
+                 .weight = weight,
+                 .depth_gradient = depth_gradient,
+                 .transmittance_gradient = transmittance_gradient};
+  pags_arena *const arena = pags_tasks_arena(tasks, 0);
+  const pags_arena_mark mark = pags_arena_save(arena);
+  const pags_result result = add_depth(tasks, &d, share, value);
+  pags_arena_release(arena, mark);
+  return result;
 }

@@ -27,7 +27,7 @@ pags_result pags_driving_loss_sky(pags_tasks *tasks, const pags_picture *picture
  * with the smallest errors, among samples whose pixel has alpha > 0.05. `shrink`: the factor by which the picture is
  * smaller than the camera's full size, a power of two. The gradients by depth_sum and by the transmittance are added
  * to the planes. */
-pags_result pags_driving_loss_depth(const pags_picture *picture, const pags_photo *photo,
+pags_result pags_driving_loss_depth(pags_tasks *tasks, const pags_picture *picture, const pags_photo *photo,
                                     const pags_lidar_depth_sample *samples, int64_t count, int shrink, double weight,
                                     double share, float *depth_gradient, float *transmittance_gradient, double *value);
 

@@ -10,6 +10,8 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "scene/morton.h"
+#include "threads/record.h"
 
 /* ---- Creation and memory ---- */
 
@@ -130,24 +132,53 @@ static int list_columns(pags_train_model *model, column columns[MAX_COLUMNS]) {
   return n;
 }
 
+/* A few columns at a time, one for each worker, are gathered into scratch memory and copied back, both in blocks of
+ * GATHERED rows of a column. */
+enum { GATHERED = 1 << 14 };
+
 typedef struct gather_job {
   column columns[MAX_COLUMNS];
   const int64_t *source;
   int64_t count, fresh, old_count;
-  uint32_t *scratch; /* `count` values per worker */
+  int64_t blocks;    /* of a column: those of its longest state */
+  int first;         /* column */
+  uint32_t *scratch; /* `count` values per column at a time */
 } gather_job;
 
-static void gather_columns(void *context, int64_t begin, int64_t end, int worker) {
-  gather_job *job = context;
-  uint32_t *scratch = job->scratch + worker * job->count;
-  for (int64_t c = begin; c < end; c++) {
-    uint32_t *data = job->columns[c].data;
-    int64_t copied = job->columns[c].moment ? job->fresh : job->count;
-    for (int64_t i = 0; i < copied; i++)
+/* The rows of a block that are copied. */
+static int64_t copied_end(const gather_job *job, const column *c, int64_t row) {
+  const int64_t copied = c->moment ? job->fresh : job->count;
+  return row + GATHERED < copied ? row + GATHERED : copied;
+}
+
+static void gather_blocks(void *context, int64_t begin, int64_t end, int worker) {
+  const gather_job *const job = context;
+  (void)worker;
+  for (int64_t b = begin; b < end; b++) {
+    const column *const c = job->columns + job->first + b / job->blocks;
+    const uint32_t *const data = c->data;
+    uint32_t *const scratch = job->scratch + b / job->blocks * job->count;
+    const int64_t row = b % job->blocks * GATHERED, last = copied_end(job, c, row);
+    for (int64_t i = row; i < last; i++)
       scratch[i] = data[job->source[i]];
-    memcpy(data, scratch, (size_t)copied * sizeof(uint32_t));
-    int64_t written = job->old_count > job->count ? job->old_count : job->count;
-    memset(data + copied, 0, (size_t)(written - copied) * sizeof(uint32_t));
+  }
+}
+
+/* Copies back, and sets to zero what is fresh or no longer a row. */
+static void store_blocks(void *context, int64_t begin, int64_t end, int worker) {
+  const gather_job *const job = context;
+  (void)worker;
+  for (int64_t b = begin; b < end; b++) {
+    const column *const c = job->columns + job->first + b / job->blocks;
+    uint32_t *const data = c->data;
+    const uint32_t *const scratch = job->scratch + b / job->blocks * job->count;
+    const int64_t row = b % job->blocks * GATHERED, last = copied_end(job, c, row);
+    const int64_t written = job->old_count > job->count ? job->old_count : job->count;
+    const int64_t clear = last > row ? last : row, all = row + GATHERED < written ? row + GATHERED : written;
+    if (last > row)
+      memcpy(data + row, scratch + row, (size_t)(last - row) * sizeof *data);
+    if (all > clear)
+      memset(data + clear, 0, (size_t)(all - clear) * sizeof *data);
   }
 }
 
@@ -165,13 +196,20 @@ pags_result pags_model_gather(pags_train_model *model, const int64_t *source, in
     free(scratch);
     return pags_out_of_memory("%lld Gaussians", (long long)count);
   }
-  int n = list_columns(model, job->columns);
+  const int n = list_columns(model, job->columns);
   job->source = source;
   job->count = count;
   job->fresh = fresh;
   job->old_count = model->gaussians.count;
   job->scratch = scratch;
-  bool done = pags_parallel_for(tasks, n, 1, gather_columns, job);
+  const int64_t longest = count > job->old_count ? count : job->old_count;
+  job->blocks = (longest + GATHERED - 1) / GATHERED;
+  bool done = true;
+  for (job->first = 0; done && job->first < n; job->first += workers) {
+    const int64_t some = n - job->first < workers ? n - job->first : workers;
+    done = pags_parallel_for(tasks, some * job->blocks, 1, gather_blocks, job) &&
+           pags_parallel_for(tasks, some * job->blocks, 1, store_blocks, job);
+  }
   free(scratch);
   free(job);
   model->gaussians.count = count;
@@ -198,7 +236,9 @@ pags_result pags_model_sort(pags_train_model *model, pags_tasks *tasks) {
   int64_t *order = malloc((size_t)(count > 0 ? count : 1) * sizeof(int64_t));
   if (!order)
     return pags_out_of_memory("%lld Gaussians", (long long)count);
-  pags_result result = pags_gaussians_morton_order(&model->gaussians, order);
+  pags_tasks_mark(tasks, NULL, "order");
+  pags_result result = pags_morton_order(&model->gaussians, tasks, order);
+  pags_tasks_mark(tasks, NULL, "gather");
   if (result == PAGS_OK)
     result = pags_model_gather(model, order, count, count, tasks);
   free(order);

@@ -4,19 +4,17 @@
 #include "train/photometric_loss.h"
 
 #include <assert.h>
+#include <stdbool.h>
 #include <string.h>
 
 #include "base/memory.h"
 #include "simd/kernels.h"
 
 /* Rows of a band: few enough for all threads to get work, enough that the 20 extra rows around a band (for SSIM's
- * window and its gradient) cost little. */
-enum { BAND = 96 };
-
-typedef struct band_sums {
-  double l1, squared, ssim, more_l1, more_dssim, by_exposure[2];
-  int done;
-} band_sums;
+ * window and its gradient) cost little. MOST_ROWS unless there are more workers than such bands; never below
+ * LEAST_ROWS. Sums are those of each row, added up over SUMMED rows of a channel, then over the channels of these rows,
+ * whatever the bands are. */
+enum { MOST_ROWS = 96, LEAST_ROWS = 16, SUMMED = 96 };
 
 typedef struct loss_job {
   const pags_kernels *kernels;
@@ -26,7 +24,9 @@ typedef struct loss_job {
   const pags_comparison *how;
   float *const *gradient;
   float l1_scale, ssim_scale;
-  band_sums *sums; /* one per block */
+  int band;                       /* rows of a band */
+  double (*sums)[PAGS_LOSS_SUMS]; /* per channel and row */
+  bool *done;                     /* per band and channel */
 } loss_job;
 
 int64_t pags_photo_counted(const pags_photo *photo) {
@@ -43,14 +43,14 @@ int64_t pags_photo_counted(const pags_photo *photo) {
 
 static void run_block(const loss_job *job, int64_t block, int worker) {
   const pags_photo *photo = job->photo;
-  const int channel = (int)(block % 3), begin = (int)(block / 3) * BAND;
+  const int channel = (int)(block % 3), begin = (int)(block / 3) * job->band;
   pags_arena *arena = pags_tasks_arena(job->tasks, worker);
   const pags_arena_mark mark = pags_arena_save(arena);
   pags_loss_rows rows = {
       .width = photo->width,
       .height = photo->height,
       .begin = begin,
-      .end = begin + BAND < photo->height ? begin + BAND : photo->height,
+      .end = begin + job->band < photo->height ? begin + job->band : photo->height,
       .stride = photo->stride,
       .prediction = job->picture->rgb[channel],
       .exposure = {(float)job->how->exposure[channel], (float)job->how->exposure[3 + channel]},
@@ -62,12 +62,11 @@ static void run_block(const loss_job *job, int64_t block, int worker) {
       .l1_scale = job->l1_scale,
       .ssim_scale = job->ssim_scale,
       .scratch = pags_arena_alloc(arena, (size_t)pags_loss_scratch(photo->stride), sizeof(float)),
+      .sums = job->sums + (int64_t)channel * photo->height + begin,
   };
-  if (rows.scratch) {
+  if (rows.scratch)
     job->kernels->loss_rows(&rows);
-    job->sums[block] = (band_sums){
-        rows.l1, rows.squared, rows.ssim, rows.more_l1, rows.more_dssim, {rows.by_exposure[0], rows.by_exposure[1]}, 1};
-  }
+  job->done[block] = rows.scratch != NULL;
   pags_arena_release(arena, mark);
 }
 
@@ -76,49 +75,61 @@ static void run_blocks(void *context, int64_t begin, int64_t end, int worker) {
     run_block(context, block, worker);
 }
 
-static pags_result add_up(const loss_job *job, int64_t blocks, int64_t counted, pags_photometric_loss *out) {
+/* Adds up the rows' sums in the order that the comment of SUMMED tells. */
+static void add_up(const loss_job *job, int64_t counted, pags_photometric_loss *out) {
   const double ssim_weight = job->how->ssim_weight;
-  double by_exposure[6] = {0.0}, l1 = 0.0, squared = 0.0, ssim = 0.0, more_l1 = 0.0, more_dssim = 0.0;
-  for (int64_t b = 0; b < blocks; b++) {
-    if (!job->sums[b].done)
-      return pags_out_of_memory("the loss of a picture %d pixels wide", job->photo->width);
-    l1 += job->sums[b].l1;
-    squared += job->sums[b].squared;
-    ssim += job->sums[b].ssim;
-    more_l1 += job->sums[b].more_l1;
-    more_dssim += job->sums[b].more_dssim;
-    for (int k = 0; k < 2; k++)
-      by_exposure[3 * k + b % 3] += job->sums[b].by_exposure[k];
-  }
+  const int height = job->photo->height;
+  double total[PAGS_LOSS_SUMS] = {0.0}, by_exposure[6] = {0.0};
+  for (int begin = 0; begin < height; begin += SUMMED)
+    for (int c = 0; c < 3; c++) {
+      double some[PAGS_LOSS_SUMS] = {0.0};
+      for (int y = begin; y < begin + SUMMED && y < height; y++)
+        for (int k = 0; k < PAGS_LOSS_SUMS; k++)
+          some[k] += job->sums[(int64_t)c * height + y][k];
+      for (int k = 0; k < PAGS_LOSS_SUMS; k++)
+        total[k] += some[k];
+      by_exposure[c] += some[PAGS_LOSS_BY_GAIN];
+      by_exposure[3 + c] += some[PAGS_LOSS_BY_OFFSET];
+    }
   *out = (pags_photometric_loss){.counted = counted};
   memcpy(out->by_exposure, by_exposure, sizeof by_exposure);
   if (counted) {
     const double values = 3.0 * (double)counted;
-    out->l1 = l1 / values;
-    out->mse = squared / values;
-    out->ssim = ssim / values;
-    out->loss =
-        (1.0 - ssim_weight) * (out->l1 + more_l1 / values) + ssim_weight * (1.0 - out->ssim + more_dssim / values);
+    out->l1 = total[PAGS_LOSS_L1] / values;
+    out->mse = total[PAGS_LOSS_SQUARED] / values;
+    out->ssim = total[PAGS_LOSS_SSIM] / values;
+    out->loss = (1.0 - ssim_weight) * (out->l1 + total[PAGS_LOSS_MORE_L1] / values) +
+                ssim_weight * (1.0 - out->ssim + total[PAGS_LOSS_MORE_DSSIM] / values);
   }
-  return PAGS_OK;
+}
+
+/* So many rows that each worker gets a band of one channel, within the limits. */
+static int rows_of_band(int height, int workers) {
+  const int bands = workers / 3 > 1 ? workers / 3 : 1, rows = (height + bands - 1) / bands;
+  return rows < LEAST_ROWS ? LEAST_ROWS : rows > MOST_ROWS ? MOST_ROWS : rows;
 }
 
 static pags_result evaluate(loss_job *job, pags_photometric_loss *out) {
   const double ssim_weight = job->how->ssim_weight;
-  const int64_t blocks = 3 * (((int64_t)job->photo->height + BAND - 1) / BAND),
-                counted = pags_photo_counted(job->photo);
+  const int height = job->photo->height;
+  job->band = rows_of_band(height, pags_tasks_workers(job->tasks));
+  const int64_t blocks = 3 * (((int64_t)height + job->band - 1) / job->band), counted = pags_photo_counted(job->photo);
   if (counted) {
     job->l1_scale = (float)((1.0 - ssim_weight) / (3.0 * (double)counted));
     job->ssim_scale = (float)(-ssim_weight / (3.0 * (double)counted));
   }
-  job->sums = pags_arena_alloc(pags_tasks_arena(job->tasks, 0), (size_t)blocks, sizeof *job->sums);
-  if (!job->sums)
-    return pags_out_of_memory("the loss of a picture %d pixels high", job->photo->height);
-  for (int64_t b = 0; b < blocks; b++)
-    job->sums[b].done = 0;
+  pags_arena *const arena = pags_tasks_arena(job->tasks, 0);
+  job->sums = pags_arena_alloc(arena, 3 * (size_t)height, sizeof *job->sums);
+  job->done = pags_arena_alloc(arena, (size_t)blocks, sizeof *job->done);
+  if (!job->sums || !job->done)
+    return pags_out_of_memory("the loss of a picture %d pixels high", height);
   if (!pags_parallel_for(job->tasks, blocks, 1, run_blocks, job))
     return pags_fail(PAGS_CANCELLED, "cancelled");
-  return add_up(job, blocks, counted, out);
+  for (int64_t b = 0; b < blocks; b++)
+    if (!job->done[b])
+      return pags_out_of_memory("the loss of a picture %d pixels wide", job->photo->width);
+  add_up(job, counted, out);
+  return PAGS_OK;
 }
 
 pags_result pags_photometric_loss_evaluate(pags_tasks *tasks, const pags_picture *picture, const pags_photo *photo,

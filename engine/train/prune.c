@@ -21,6 +21,7 @@
 #include "base/rng.h"
 #include "base/sort.h"
 #include "maths/maths.h"
+#include "threads/record.h"
 #include "train/score_pass.h"
 #include "train/size_limit.h"
 
@@ -240,6 +241,7 @@ static pags_result prune_rows(pags_trainer *t, int index, const pags_score_pass 
   PAGS_TRY(target_of(t, index, scores->count, &request.target));
   PAGS_TRY(score_rows(s, scores, l));
   PAGS_TRY(pags_prune_choose(&request, l->drop, dropped));
+  pags_tasks_mark(t->tasks, NULL, "gather");
   for (int64_t i = 0; i < s->model_count; i++) {
     int64_t count = s->models[i].gaussians.count;
     PAGS_TRY(keep_rows(&s->models[i], l->drop + at, t->tasks));
@@ -252,7 +254,9 @@ pags_result pags_prune(pags_trainer *t, int index) {
   pags_score_pass scores;
   row_lists lists;
   int64_t dropped = 0;
+  pags_tasks_mark(t->tasks, "prune", "scores");
   PAGS_TRY(pags_score_pass_measure(t, 1, &scores));
+  pags_tasks_mark(t->tasks, NULL, "choose");
   pags_score_pass_write_s_sem(&t->state, &scores);
   pags_result result = create_lists(&lists, scores.count);
   if (result == PAGS_OK)

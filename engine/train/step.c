@@ -20,6 +20,7 @@
 #include "base/clock.h"
 #include "base/memory.h"
 #include "port/port.h"
+#include "threads/record.h"
 #include "train/driving_losses.h"
 #include "train/dropout.h"
 #include "train/mcmc.h"
@@ -208,6 +209,7 @@ static pags_result object_term(pags_trainer *t, int64_t step, pags_step_view *v)
     PAGS_TRY(reserve_store(&t->state.models[p->drawn[i].model], &p->models[p->drawn[i].model].held));
   PAGS_TRY(pags_frame_render(p->object_frame, p->parts + 1, p->part_count - 1, &v->camera, &options,
                              pags_view_render_touch, &context, &picture));
+  pags_tasks_mark(t->tasks, NULL, "loss");
   float *by_t = p->plane[GRADIENT_T];
   memset(by_t, 0, (size_t)p->plane_floats * sizeof(float));
   PAGS_TRY(pags_driving_loss_objects(t->tasks, &picture, &v->photo,
@@ -218,16 +220,47 @@ static pags_result object_term(pags_trainer *t, int64_t step, pags_step_view *v)
   return pags_frame_backward(p->object_frame, &gradient, hold, &context, NULL);
 }
 
-/* Gives critical pixels of the view the weight critical_weight in the photometric loss; not in timing probes. */
-static void emphasise(pags_trainer *t, const pags_photo *photo, pags_comparison *how) {
-  double times = t->state.schedule.config.priority.critical_weight;
-  if (!photo->labels || !(times > 1.0) || t->measuring)
-    return;
-  int64_t count = (int64_t)photo->stride * photo->height;
-  for (int64_t i = 0; i < count; i++)
-    t->render.emphasis[i] = (photo->labels[i] & PAGS_LABEL_CRITICAL) != 0;
-  how->emphasis = t->render.emphasis;
-  how->times = times;
+/* What the loss needs before it begins, over the pixels of a picture's planes. */
+typedef struct prepare_job {
+  float *cleared[2];     /* planes of gradients to set to zero; NULL: none */
+  const uint8_t *labels; /* NULL: no emphasis */
+  uint8_t *emphasis;     /* receives where labels are critical */
+  int64_t labelled;      /* pixels of `labels` */
+} prepare_job;
+
+static void prepare_block(void *context, int64_t begin, int64_t end, int worker) {
+  const prepare_job *const job = context;
+  (void)worker;
+  for (int k = 0; k < 2; k++)
+    if (job->cleared[k])
+      memset(job->cleared[k] + begin, 0, (size_t)(end - begin) * sizeof(float));
+  const int64_t last = !job->labels ? begin : end < job->labelled ? end : job->labelled;
+  for (int64_t i = begin; i < last; i++)
+    job->emphasis[i] = (job->labels[i] & PAGS_LABEL_CRITICAL) != 0;
+}
+
+/* Sets the planes of the gradients by transmittance and depth sum to zero where `gradient` has them, and gives critical
+ * pixels of the view the weight critical_weight in the photometric loss; not in timing probes. */
+static pags_result prepare(pags_trainer *t, const pags_step_view *v, const pags_picture_gradient *gradient,
+                           pags_comparison *how) {
+  enum { GRAIN = 1 << 14 };
+  const pags_view_render *const p = &t->render;
+  const pags_photo *const photo = &v->photo;
+  const double times = t->state.schedule.config.priority.critical_weight;
+  prepare_job job = {.cleared = {gradient->transmittance ? p->plane[GRADIENT_T] : NULL,
+                                 gradient->depth_sum ? p->plane[GRADIENT_DEPTH] : NULL}};
+  if (photo->labels && times > 1.0 && !t->measuring) {
+    job.labels = photo->labels;
+    job.emphasis = p->emphasis;
+    job.labelled = (int64_t)photo->stride * photo->height;
+    how->emphasis = p->emphasis;
+    how->times = times;
+  }
+  if (!job.labels && !job.cleared[0] && !job.cleared[1])
+    return PAGS_OK;
+  return pags_parallel_for(t->tasks, p->plane_floats, GRAIN, prepare_block, &job)
+             ? PAGS_OK
+             : pags_fail(PAGS_CANCELLED, "cancelled");
 }
 
 /* Evaluates all loss terms and writes dLoss/d(picture) to the planes. `gradient` receives the planes; those of T and
@@ -235,37 +268,34 @@ static void emphasise(pags_trainer *t, const pags_photo *photo, pags_comparison 
 static pags_result losses(pags_trainer *t, int64_t step, pags_step_view *v, pags_picture_gradient *gradient) {
   pags_view_render *p = &t->render;
   const pags_train_config *c = &t->state.schedule.config;
-  size_t bytes = (size_t)p->plane_floats * sizeof(float);
   int late = step >= t->state.schedule.object_term_from && p->part_count > 1 && v->photo.labels && !t->measuring;
   if (late && c->losses.object_weight > 0.0 && v->number % OBJECTS_EVERY == 0)
     PAGS_TRY(object_term(t, step, v));
+  pags_tasks_mark(t->tasks, NULL, "loss");
 
   /* The photometric loss, with exposure and emphasis. */
   pags_comparison how = {
       .ssim_weight = t->state.schedule.config.losses.ssim_weight, .exposure = {1.0, 1.0, 1.0}, .times = 1.0};
   if (t->state.exposures.count > 0)
     pags_exposures_value(&t->state.exposures, t->dataset, v->view, how.exposure);
-  emphasise(t, &v->photo, &how);
-  PAGS_TRY(
-      pags_photometric_loss_evaluate(t->tasks, &v->picture, &v->photo, &how, t->render.plane + GRADIENT, &v->loss));
-
   *gradient = (pags_picture_gradient){.rgb = {p->plane[0], p->plane[1], p->plane[2]}};
   int sky = t->state.sky.sky.size > 0 && v->photo.labels && c->losses.sky_weight > 0.0;
   int depth = v->picture.depth_sum && p->depth[v->view].count > 0;
-  if (sky || depth) {
-    memset(p->plane[GRADIENT_T], 0, bytes);
+  if (sky || depth)
     gradient->transmittance = p->plane[GRADIENT_T];
-  }
+  if (depth)
+    gradient->depth_sum = p->plane[GRADIENT_DEPTH];
+  PAGS_TRY(prepare(t, v, gradient, &how));
+  PAGS_TRY(
+      pags_photometric_loss_evaluate(t->tasks, &v->picture, &v->photo, &how, t->render.plane + GRADIENT, &v->loss));
+
   if (sky)
     PAGS_TRY(pags_driving_loss_sky(t->tasks, &v->picture, &v->photo, c->losses.sky_weight, p->plane[GRADIENT_T],
                                    &v->terms.sky));
-  if (depth) {
-    memset(p->plane[GRADIENT_DEPTH], 0, bytes);
-    gradient->depth_sum = p->plane[GRADIENT_DEPTH];
-    PAGS_TRY(pags_driving_loss_depth(&v->picture, &v->photo, p->depth[v->view].samples, p->depth[v->view].count,
-                                     v->level, c->losses.depth_weight, c->losses.depth_share, p->plane[GRADIENT_DEPTH],
-                                     p->plane[GRADIENT_T], &v->terms.depth));
-  }
+  if (depth)
+    PAGS_TRY(pags_driving_loss_depth(t->tasks, &v->picture, &v->photo, p->depth[v->view].samples,
+                                     p->depth[v->view].count, v->level, c->losses.depth_weight, c->losses.depth_share,
+                                     p->plane[GRADIENT_DEPTH], p->plane[GRADIENT_T], &v->terms.depth));
   if (t->state.sky.sky.size > 0 && !t->measuring)
     PAGS_TRY(pags_sky_fit_receive(&t->state.sky, &t->state.schedule, step, gradient));
   return PAGS_OK;
@@ -302,10 +332,12 @@ pags_result pags_train_view(pags_trainer *t, int64_t step, pags_step_view *v) {
   pags_picture_gradient gradient;
   t->render.photograph = v->number;
   PAGS_TRY(reserve_rest(t));
+  pags_tasks_mark(t->tasks, NULL, "photograph");
   PAGS_TRY(pags_photo_cache_get(t->cache, v->view, v->level, &v->photo));
   if (config->losses.depth_weight > 0.0)
     PAGS_TRY(load_depth(t, v->view));
   t->ms.wait += pags_clock_lap_ms(&clock);
+  pags_tasks_mark(t->tasks, NULL, "compose");
   v->camera = pags_camera_downscale(&pags_dataset_view(t->dataset, v->view)->camera, v->level);
   options.keep_for_backward = 1;
   options.absolute_gradient = config->density.absgrad;
@@ -318,6 +350,7 @@ pags_result pags_train_view(pags_trainer *t, int64_t step, pags_step_view *v) {
   PAGS_TRY(pags_view_render_draw(t, step, &v->camera, &options, &v->picture));
   t->ms.forward += pags_clock_lap_ms(&clock);
   PAGS_TRY(reserve_planes(t, &v->picture));
+  pags_tasks_mark(t->tasks, NULL, "loss");
   PAGS_TRY(losses(t, step, v, &gradient));
   t->ms.loss += pags_clock_lap_ms(&clock);
 
@@ -380,6 +413,7 @@ pags_result pags_train_finish(pags_trainer *t, int64_t step) {
   const pags_schedule *s = &t->state.schedule;
   pags_step_rest *r = &t->rest;
   double clock = pags_clock_ms();
+  pags_tasks_mark(t->tasks, NULL, "finish");
   for (int64_t i = 0; s->batch > 1 && i < t->state.model_count; i++)
     if (t->render.models[i].sum.rows && !pags_parallel_for(t->tasks, t->state.models[i].clusters.count, FINISH_GRAIN,
                                                            finish_blocks, &(finish_job){t, i, step}))

@@ -16,6 +16,7 @@
 #include "base/memory.h"
 #include "maths/maths.h"
 #include "port/port.h"
+#include "threads/record.h"
 #include "train/checkpoint.h"
 #include "train/config.h"
 #include "train/density.h"
@@ -65,6 +66,7 @@ static void decide_half_size(pags_trainer *t) {
 /* Does one step; `v` receives the last of its views. */
 static pags_result do_step(pags_trainer *t, pags_step_view *v) {
   int64_t step = t->state.step + 1;
+  pags_tasks_mark(t->tasks, "step", "photograph");
   pags_train_state *s = &t->state;
   for (int64_t k = 0; k < s->schedule.batch; k++) {
     const int64_t number = s->step * s->schedule.batch + k + 1;
@@ -79,6 +81,7 @@ static pags_result do_step(pags_trainer *t, pags_step_view *v) {
     s->mse += weight * (v->loss.mse - s->mse);
   }
   PAGS_TRY(pags_train_finish(t, step));
+  pags_tasks_mark(t->tasks, NULL, "end");
   double clock = pags_clock_ms();
   pags_state_set_step(s, step);
 
@@ -141,6 +144,7 @@ static int call_host(pags_trainer *t, run_clock *clock, int level) {
                                         .level = level,
                                         .bad_rows = s->nonfinite.count};
   int go_on = 1;
+  pags_tasks_mark(t->tasks, "host", NULL);
   if (o->progress)
     go_on = o->progress(o->progress_user, &progress);
   if (o->snapshot && o->snapshot_every > 0 && t->state.step % o->snapshot_every == 0) {
@@ -173,8 +177,10 @@ static pags_result write_step(pags_trainer *t, const pags_step_view *v) {
                                                            .bad_rows = s->nonfinite.count}));
   if (o->preview_every > 0 && s->step % o->preview_every == 0)
     PAGS_TRY(pags_output_preview(&t->output, s->step, &v->picture, &v->photo));
-  if (o->checkpoint_every > 0 && s->step % o->checkpoint_every == 0 && s->step < s->stop)
-    PAGS_TRY(pags_checkpoint_save(t->output.checkpoint, s, t->fingerprint));
+  if (o->checkpoint_every > 0 && s->step % o->checkpoint_every == 0 && s->step < s->stop) {
+    pags_tasks_mark(t->tasks, "checkpoint", "write");
+    PAGS_TRY(pags_checkpoint_save(t->output.checkpoint, s, t->fingerprint, t->tasks));
+  }
   return PAGS_OK;
 }
 
@@ -228,7 +234,9 @@ static pags_result loop(pags_trainer *t, run_clock *clock, int *stopped) {
  * fails. */
 static pags_result write_end(pags_trainer *t, pags_train_result *r, const run_clock *clock) {
   pags_train_state *s = &t->state;
-  PAGS_TRY(pags_checkpoint_save(t->output.checkpoint, s, t->fingerprint));
+  pags_tasks_mark(t->tasks, "checkpoint", "write");
+  PAGS_TRY(pags_checkpoint_save(t->output.checkpoint, s, t->fingerprint, t->tasks));
+  pags_tasks_mark(t->tasks, "scene", "settle");
   pags_state_flush(s, t->tasks);
   if (s->step >= s->stop && s->step >= s->schedule.length) /* a run that will be resumed doesn't spend time on it */
     PAGS_TRY(pags_score_pass_finish(t));
@@ -258,8 +266,10 @@ static pags_result write_end(pags_trainer *t, pags_train_result *r, const run_cl
                      "%s: nothing of the scene is in view of its %lld training views, which show the background alone",
                      t->output.folder, (long long)t->view_count);
 
+  pags_tasks_mark(t->tasks, NULL, "write");
   PAGS_TRY(pags_output_scene(&t->output, t->dataset, s));
   r->seconds = (pags_clock_ms() - clock->begin) / 1e3;
+  pags_tasks_mark(t->tasks, NULL, "report");
   return pags_output_report(&t->output, r, t->tasks);
 }
 

@@ -139,7 +139,7 @@ class Bench(Case):
 
     def test_help(self):
         top = self.succeeds("--help").stdout
-        for what in ["stages", "roofline", "train", "render", "scale"]:
+        for what in ["stages", "roofline", "train", "render", "scale", "scaling"]:
             self.assertIn(f"\n  {what} ", top)
             shown = self.succeeds(what, "--help").stdout
             self.assertTrue(shown.startswith(f"usage: pags-bench {what} "), shown)
@@ -148,7 +148,8 @@ class Bench(Case):
         docs = os.path.join(os.path.dirname(__file__), "../../docs")
         chapter = read(os.path.join(docs, "pags-bench.md")).decode()
         chapter += read(os.path.join(docs, "command-line.md")).decode().split("\n## train\n")[0]
-        for what in ["stages", "roofline", "error", "train", "render", "scale", "proxies"]:
+        chapter += read(os.path.join(docs, "scale.md")).decode()
+        for what in ["stages", "roofline", "error", "train", "render", "scale", "scaling", "proxies"]:
             shown = fixtures.run(what, "--help").stdout  # empty if this build lacks the command
             for name in re.findall(r"^  (?:-., |    )(--[a-z0-9-]+)", shown, re.M):
                 self.assertTrue(name in chapter or name == "--help", f"{what} {name} is not in docs/pags-bench.md")

@@ -60,6 +60,7 @@ typedef struct result {
 
 static void run(const pags_kernels *k, const picture *p, int begin, int end, result *r) {
   const size_t bytes = (size_t)pags_loss_scratch(p->stride) * sizeof(float);
+  double(*const sums)[PAGS_LOSS_SUMS] = check_buffer((size_t)(end - begin) * sizeof *sums);
   pags_loss_rows io = {.width = p->width,
                        .height = p->height,
                        .begin = begin,
@@ -74,16 +75,19 @@ static void run(const pags_kernels *k, const picture *p, int begin, int end, res
                        .gradient = r->gradient,
                        .l1_scale = 0.8f,
                        .ssim_scale = -0.1f,
-                       .scratch = check_buffer(bytes)};
+                       .scratch = check_buffer(bytes),
+                       .sums = sums};
   memset(io.scratch, 0xFF, bytes); /* NaN, as if left over from another picture */
   k->loss_rows(&io);
-  r->l1 += io.l1;
-  r->squared += io.squared;
-  r->ssim += io.ssim;
-  r->more_l1 += io.more_l1;
-  r->more_dssim += io.more_dssim;
-  for (int i = 0; i < 2; i++)
-    r->by_exposure[i] += io.by_exposure[i];
+  for (int row = 0; row < end - begin; row++) {
+    r->l1 += sums[row][PAGS_LOSS_L1];
+    r->squared += sums[row][PAGS_LOSS_SQUARED];
+    r->ssim += sums[row][PAGS_LOSS_SSIM];
+    r->more_l1 += sums[row][PAGS_LOSS_MORE_L1];
+    r->more_dssim += sums[row][PAGS_LOSS_MORE_DSSIM];
+    r->by_exposure[0] += sums[row][PAGS_LOSS_BY_GAIN];
+    r->by_exposure[1] += sums[row][PAGS_LOSS_BY_OFFSET];
+  }
 }
 
 /* Evaluates the loss in bands of `rows` rows. */
@@ -284,7 +288,8 @@ static void test_bench(const pags_kernels *k) {
                        .gradient = r.gradient,
                        .l1_scale = 0.8f,
                        .ssim_scale = -0.1f,
-                       .scratch = CHECK_NEW(float, pags_loss_scratch(p.stride))};
+                       .scratch = CHECK_NEW(float, pags_loss_scratch(p.stride)),
+                       .sums = check_buffer((size_t)p.height * sizeof(double[PAGS_LOSS_SUMS]))};
   CHECK_BENCH("loss_rows", p.width * p.height, "pixel") k->loss_rows(&io);
 }
 

@@ -81,7 +81,7 @@ static void each_rule_decides(void **unused) {
   pull(&f, 8, 3e-4f), set_sigma(&f, 8, 1.7f); /* larger than 10 %, and its split children would be, too */
   pags_plane(&f.state.gaussians, PAGS_MEAN)[9] = NAN;
   f.state.density.gradient[10] = 1.0f; /* gradient without a view that saw the row */
-  assert_int_equal(pags_densify_decide(&f.state, &e), PAGS_OK);
+  assert_int_equal(pags_densify_decide(&f.state, f.tasks, &e), PAGS_OK);
   static const uint8_t wanted[12] = {PAGS_EDIT_KEEP,  PAGS_EDIT_CLONE, PAGS_EDIT_SPLIT, PAGS_EDIT_KEEP,
                                      PAGS_EDIT_PRUNE, PAGS_EDIT_PRUNE, PAGS_EDIT_PRUNE, PAGS_EDIT_SPLIT,
                                      PAGS_EDIT_PRUNE, PAGS_EDIT_PRUNE, PAGS_EDIT_KEEP,  PAGS_EDIT_KEEP};
@@ -91,7 +91,7 @@ static void each_rule_decides(void **unused) {
   assert_int_equal(e.pruned, 5);
   pags_edits_destroy(&e);
   f.state.step = AT; /* before the first reset large rows stay */
-  assert_int_equal(pags_densify_decide(&f.state, &e), PAGS_OK);
+  assert_int_equal(pags_densify_decide(&f.state, f.tasks, &e), PAGS_OK);
   assert_int_equal(e.kind[6], PAGS_EDIT_KEEP);
   assert_int_equal(e.kind[8], PAGS_EDIT_SPLIT);
   pags_edits_destroy(&e);
@@ -108,7 +108,7 @@ static void absgrad_has_its_own_threshold(void **unused) {
   begin(&f, config);
   pull(&f, 1, 7e-4f);
   pull(&f, 2, 9e-4f);
-  assert_int_equal(pags_densify_decide(&f.state, &e), PAGS_OK);
+  assert_int_equal(pags_densify_decide(&f.state, f.tasks, &e), PAGS_OK);
   assert_int_equal(e.cloned, 1);
   assert_int_equal(e.kind[2], PAGS_EDIT_CLONE);
   pags_edits_destroy(&e);
@@ -143,7 +143,7 @@ static void growth_counts_what_is_critical_by_itself(void **unused) {
       f.state.gaussians.s_sem[3] = 0.25f;
       for (int k = 0; k < 3; k++)
         pull(&f, k + 1, cases[i].least[k] * (above ? 1.001f : 0.999f));
-      assert_int_equal(pags_densify_decide(&f.state, &e), PAGS_OK);
+      assert_int_equal(pags_densify_decide(&f.state, f.tasks, &e), PAGS_OK);
       for (int k = 1; k <= 3; k++)
         assert_int_equal(e.kind[k], above ? PAGS_EDIT_CLONE : PAGS_EDIT_KEEP);
       pags_edits_destroy(&e);
@@ -164,7 +164,7 @@ static void the_bound_takes_the_strongest(void **unused) {
   pull(&f, 13, 5e-4f);
   pull(&f, 14, 5e-4f);
   pags_plane(&f.state.gaussians, PAGS_OPACITY)[20] = -9.0f; /* this row is pruned, which makes room for one more */
-  assert_int_equal(pags_densify_decide(&f.state, &e), PAGS_OK);
+  assert_int_equal(pags_densify_decide(&f.state, f.tasks, &e), PAGS_OK);
   assert_int_equal(e.wanted, 4);
   assert_int_equal(e.cloned + e.split, 3);
   assert_int_equal(e.kind[11], PAGS_EDIT_KEEP);
@@ -181,7 +181,7 @@ static void a_run_is_never_left_with_nothing(void **unused) {
   begin(&f, plain_config());
   for (int i = 0; i < ROWS; i++)
     pags_plane(&f.state.gaussians, PAGS_OPACITY)[i] = -9.0f;
-  assert_int_equal(pags_densify_decide(&f.state, &e), PAGS_OK);
+  assert_int_equal(pags_densify_decide(&f.state, f.tasks, &e), PAGS_OK);
   assert_int_equal(e.pruned, 0);
   pags_edits_destroy(&e);
   end(&f);
@@ -208,7 +208,7 @@ static void a_split_follows_the_longest_axis(void **unused) {
   begin(&f, config);
   pull(&f, 2, 3e-4f);
   set_sigma(&f, 2, 0.2f);
-  assert_int_equal(pags_densify_decide(&f.state, &e), PAGS_OK);
+  assert_int_equal(pags_densify_decide(&f.state, f.tasks, &e), PAGS_OK);
   assert_int_equal(e.kind[2], PAGS_EDIT_SPLIT);
   assert_int_equal(pags_densify_apply(&f.state, &e, f.tasks), PAGS_OK);
   const pags_gaussians *g = &f.state.gaussians;
@@ -236,7 +236,7 @@ static void apply_moves_rows_moments_and_statistics_together(void **unused) {
   pull(&f, 1, 3e-4f);
   pull(&f, 2, 3e-4f), set_sigma(&f, 2, 0.2f);
   pags_plane(&f.state.gaussians, PAGS_OPACITY)[4] = -9.0f;
-  assert_int_equal(pags_densify_decide(&f.state, &e), PAGS_OK);
+  assert_int_equal(pags_densify_decide(&f.state, f.tasks, &e), PAGS_OK);
   assert_int_equal(pags_densify_apply(&f.state, &e, f.tasks), PAGS_OK);
   const pags_gaussians *g = &f.state.gaussians;
   assert_int_equal(g->count, ROWS + 1 + 1 - 1);

@@ -10,6 +10,7 @@
 #include <cmocka.h>
 
 #include "base/rng.h"
+#include "scene/morton.h"
 
 static void fill(pags_gaussians *g, uint64_t seed) {
   for (int p = 0; p < pags_plane_count(g->sh_degree); p++)
@@ -113,9 +114,9 @@ static uint64_t plain_code(const pags_gaussians *g, int64_t i, const double lo[3
 
 static void morton_order_is_that_of_the_codes(void **state) {
   (void)state;
-  enum { N = 5000 };
+  enum { N = 40000 }; /* several blocks */
   pags_gaussians g;
-  static int64_t index[N];
+  static int64_t index[N], on_pool[N];
   assert_int_equal(pags_gaussians_create(&g, N, 0), PAGS_OK);
   fill(&g, 3);
   /* Two equal rows, for ties, and two corners that fix the bounding cube. */
@@ -133,6 +134,13 @@ static void morton_order_is_that_of_the_codes(void **state) {
   for (int i = 0; i + 3 < N; i++) {
     uint64_t here = plain_code(&g, index[i], lo, 4), next = plain_code(&g, index[i + 1], lo, 4);
     assert_true(here < next || (here == next && index[i] < index[i + 1]));
+  }
+  for (int threads = 1; threads <= 4; threads += 3) {
+    pags_tasks *tasks = pags_tasks_create(threads);
+    assert_non_null(tasks);
+    assert_int_equal(pags_morton_order(&g, tasks, on_pool), PAGS_OK);
+    assert_memory_equal(index, on_pool, sizeof index);
+    pags_tasks_destroy(tasks);
   }
   pags_gaussians_destroy(&g);
 }

@@ -308,7 +308,7 @@ static void rows_take_their_scores_along(void **unused) {
     m->density.gradient[i] = i == 7 || i == 9 ? 1.0f : 0.0f; /* row 7 is split, row 9 is cloned */
     m->density.seen[i] = 1;
   }
-  assert_int_equal(pags_densify_decide(m, &edits), PAGS_OK);
+  assert_int_equal(pags_densify_decide(m, tasks, &edits), PAGS_OK);
   assert_true(edits.cloned == 1 && edits.split == 1);
   assert_int_equal(pags_densify_apply(m, &edits, tasks), PAGS_OK);
   pags_edits_destroy(&edits);
@@ -322,7 +322,7 @@ static void rows_take_their_scores_along(void **unused) {
   char folder[200], path[256];
   assert_true(system_make_scratch(folder, sizeof folder));
   snprintf(path, sizeof path, "%s/checkpoint", folder);
-  assert_int_equal(pags_checkpoint_save(path, &s, 5), PAGS_OK);
+  assert_int_equal(pags_checkpoint_save(path, &s, 5, NULL), PAGS_OK);
   assert_int_equal(pags_checkpoint_load(path, NULL, &back, &fingerprint), PAGS_OK);
   assert_memory_equal(back.models[0].gaussians.s_sem, m->gaussians.s_sem, 42 * sizeof(float));
   assert_memory_equal(back.models[0].density.squared, m->density.squared, 42 * sizeof(float));

@@ -201,12 +201,20 @@ static void test_nothing(void **state) {
 
 enum { SAMPLES = 400 };
 
-static double run_depth(fixture *f, const pags_lidar_depth_sample *samples, int64_t count, int shrink, double share) {
+static double run_depth_on(int threads, fixture *f, const pags_lidar_depth_sample *samples, int64_t count, int shrink,
+                           double share) {
   double value = NAN;
-  assert_int_equal(pags_driving_loss_depth(&f->picture, &f->photo, samples, count, shrink, 0.7, share, f->by_depth_sum,
-                                           f->by_transmittance, &value),
+  pags_tasks *const tasks = pags_tasks_create(threads);
+  assert_non_null(tasks);
+  assert_int_equal(pags_driving_loss_depth(tasks, &f->picture, &f->photo, samples, count, shrink, 0.7, share,
+                                           f->by_depth_sum, f->by_transmittance, &value),
                    PAGS_OK);
+  pags_tasks_destroy(tasks);
   return value;
+}
+
+static double run_depth(fixture *f, const pags_lidar_depth_sample *samples, int64_t count, int shrink, double share) {
+  return run_depth_on(1, f, samples, count, shrink, share);
 }
 
 static void test_depth_by_hand(void **state) {
@@ -296,19 +304,50 @@ static void test_depth_of_nothing(void **state) {
   f->transmittance[5 * STRIDE + 5] = 1;
   assert_true(run_depth(f, &sample, 1, 1, 0.95) == 0);
   double value;
+  pags_tasks *const tasks = pags_tasks_create(1);
+  assert_non_null(tasks);
   f->picture.width--;
-  assert_int_equal(pags_driving_loss_depth(&f->picture, &f->photo, &sample, 1, 1, 1, 1, f->by_depth_sum,
+  assert_int_equal(pags_driving_loss_depth(tasks, &f->picture, &f->photo, &sample, 1, 1, 1, 1, f->by_depth_sum,
                                            f->by_transmittance, &value),
                    PAGS_ERROR_ARGUMENT);
+  pags_tasks_destroy(tasks);
   free(f);
+}
+
+/* Many samples on each pixel, several blocks of them: the same bits for any number of threads. */
+static void test_depth_threads(void **state) {
+  (void)state;
+  enum { MANY = 5000 };
+  pags_lidar_depth_sample *const samples = calloc(MANY, sizeof *samples);
+  double first_value = 0;
+  fixture *first = NULL;
+  for (int i = 0; i < MANY; i++)
+    samples[i] = (pags_lidar_depth_sample){(float)(i * 7 % (10 * WIDTH)) * 0.1f, (float)(i * 13 % (10 * HEIGHT)) * 0.1f,
+                                           5.0f + (float)(i % 997) * 0.01f};
+  for (int threads = 1; threads <= 7; threads += 3) {
+    fixture *const f = create(7, 1);
+    const double value = run_depth_on(threads, f, samples, MANY, 1, 0.9);
+    assert_true(value > 0);
+    if (!first) {
+      first = f;
+      first_value = value;
+      continue;
+    }
+    assert_memory_equal(&value, &first_value, sizeof value);
+    assert_memory_equal(f->by_depth_sum, first->by_depth_sum, sizeof f->by_depth_sum);
+    assert_memory_equal(f->by_transmittance, first->by_transmittance, sizeof f->by_transmittance);
+    free(f);
+  }
+  free(first);
+  free(samples);
 }
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_by_hand),          cmocka_unit_test(test_differences),
-      cmocka_unit_test(test_threads),          cmocka_unit_test(test_nothing),
-      cmocka_unit_test(test_depth_by_hand),    cmocka_unit_test(test_depth_differences),
-      cmocka_unit_test(test_depth_of_nothing),
+      cmocka_unit_test(test_by_hand),           cmocka_unit_test(test_differences),
+      cmocka_unit_test(test_threads),           cmocka_unit_test(test_nothing),
+      cmocka_unit_test(test_depth_threads),     cmocka_unit_test(test_depth_by_hand),
+      cmocka_unit_test(test_depth_differences), cmocka_unit_test(test_depth_of_nothing),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
