@@ -4,7 +4,6 @@ stands on the ground, LiDAR points and boxes, counts of Gaussians, and a scene t
 
 import json
 import os
-import struct
 import sys
 import time
 
@@ -17,8 +16,9 @@ from gui_case import FOLDER, PATIENCE, addon, area, color, deselect, empty_scene
 from gui_case import sharp_shot, shoot, tell, view3d, viewport, window  # noqa: E402
 
 import fixtures  # noqa: E402
+from drive_set import make_set, make_sweeps  # noqa: E402
 from fixtures import ply_bytes, png_bytes, splat, write  # noqa: E402
-from test_drive import ORIGIN, make_drive, sky_npy  # noqa: E402
+from test_drive import make_drive, sky_npy  # noqa: E402
 
 part = lambda name: sys.modules[f"{addon.__name__}.{name}"]
 comparison, jobs, watch, native = part("comparison"), part("jobs"), part("watch"), part("native")
@@ -48,22 +48,11 @@ def pave():
 def make_scenes():
     """The photographs are the scene's own pictures but for one, which is of one colour; its front camera's gain there is 1.1."""
     make_drive(SCENE, pave())
-    with open(os.path.join(SCENE, "scene.json"), encoding="utf-8") as file:
-        record = json.load(file)
-    record["dataset"] = SET
-    for view in record["cameras"]:
-        view["name"] = view["name"].replace(".jpg", ".png")
-    write(os.path.join(SCENE, "scene.json"), json.dumps(record))
-    done = fixtures.run("render", SCENE, "--split", "all", "-o", os.path.join(SET, "images"), "--no-exposure")
-    assert done.returncode == 0, done.stderr
+    make_set(SCENE, SET)
     write(os.path.join(SET, "images", "001_0.png"), png_bytes(101, 101, bytes(PHOTO) * 101 * 101))
-    write(os.path.join(SET, "dataset.json"), json.dumps({"kind": "kitti"}))
-    for t in range(3):
-        rows = [[8 + 0.02 * k, 0.1 * j - 1, 0.4, 1.0] for k in range(40) for j in range(20)]
-        write(os.path.join(SET, "lidar", f"{t:03d}.bin"), b"".join(struct.pack("<4f", *row) for row in rows))
-        pose = np.eye(4)
-        pose[:3, 3] = np.array(ORIGIN)
-        write(os.path.join(SET, "ego_pose", f"{t:03d}.txt"), "\n".join(" ".join(map(repr, row)) for row in pose.tolist()))
+    make_sweeps(SET, lambda t: [[8 + 0.02 * k, 0.1 * j - 1, 0.4, 1.0] for k in range(40) for j in range(20)], lambda t: (0, 0, 0))
+    path = os.path.join(SET, "dataset.json")
+    write(path, json.dumps({**json.loads(fixtures.read(path)), "lidar_columns": ["x", "y", "z", "intensity"]}))
     make_drive(OTHER)
     write(os.path.join(OTHER, "sky.npy"), sky_npy([0.5, 0.0, 0.0]))
 

@@ -14,6 +14,7 @@ from mathutils import Matrix
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from blender_case import BlenderCase, addon, json, main, pixel  # noqa: E402
+from drive_set import make_set, make_sweeps  # noqa: E402
 
 import fixtures  # noqa: E402
 from fixtures import splat  # noqa: E402
@@ -33,14 +34,7 @@ class InspectCase(BlenderCase):
 
     def photographed(self):
         """Imports the scene, whose photographs are its own pictures without exposure: of the front camera, gains are 1, 1.1 and 1.2."""
-        self.succeeds("render", self.path("scene"), "--split", "all", "-o", self.path("set", "images"), "--no-exposure")
-
-        def change(record):
-            record["dataset"] = self.path("set")
-            for view in record["cameras"]:
-                view["name"] = view["name"].replace(".jpg", ".png")
-
-        self.record(change)
+        make_set(self.path("scene"), self.path("set"))
         return self.bring_in()
 
     def entry(self):
@@ -131,12 +125,7 @@ class Recording(InspectCase):
     def lidar(self, **dataset):
         """Sweep t: t + 1 points at x = t + 5 ahead of the car, which is t metres on."""
         self.photographed()
-        for t in range(3):
-            rows = [[5.0, 0.5 * k, 0.25, 9.0] for k in range(t + 1)]
-            self.write(f"set/lidar/{t:03d}.bin", b"".join(struct.pack("<4f", *row) for row in rows))
-            pose = np.eye(4)
-            pose[:3, 3] = np.array(ORIGIN) + (t, 0, 0)
-            self.write(f"set/ego_pose/{t:03d}.txt", "\n".join(" ".join(map(repr, row)) for row in pose.tolist()))
+        make_sweeps(self.path("set"), lambda t: [[5.0, 0.5 * k, 0.25, 9.0] for k in range(t + 1)], lambda t: (t, 0, 0))
         self.write("set/dataset.json", json.dumps({"kind": "kitti", **dataset}))
 
     def points(self):
