@@ -182,7 +182,12 @@ def forget():
 
 VERTEX = "void main() { uv = 0.5 * at + 0.5; gl_Position = vec4(mix(place.xy, place.zw, uv), 0.0, 1.0); }"
 # `how`: number in ORDER, edge of the wipe, width of a pixel of the screen in the picture's widths, gain of differences.
+# The view's frame buffer encodes linear light, as it does for overlay.py.
 FRAGMENT = """
+vec3 light(vec3 c) {
+  c = clamp(c, 0.0, 1.0);
+  return mix(c / 12.92, pow((c + 0.055) / 1.055, vec3(2.4)), step(vec3(0.04045), c));
+}
 vec3 heat(float v) {
   v = clamp(v, 0.0, 1.0) * 4.0;
   vec3 c = mix(vec3(0.0, 0.0, 0.05), vec3(0.35, 0.05, 0.45), clamp(v, 0.0, 1.0));
@@ -199,7 +204,7 @@ void main() {
   if (how.x > 0.5) {
     shown = how.x < 1.5 ? how.w * abs(a - b) : heat(1.0 - a.r);
   }
-  color = vec4(shown, 1.0);
+  color = vec4(light(shown), 1.0);
 }
 """
 _made = {}

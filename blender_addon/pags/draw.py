@@ -95,10 +95,13 @@ def text(context, x, y, said):
     width, height = blf.dimensions(0, said)
     left = min(max(x * region.width - width / 2, 20 * scale), region.width - width - 20 * scale)
     bottom = min(max(y * region.height, 0), region.height - 3 * height) + 10 * scale
-    for shift, grey in ((1, 0.0), (0, 1.0)):
-        blf.color(0, grey, grey, grey, 1)
-        blf.position(0, left + shift, bottom - shift, 0)
+    blf.enable(0, blf.SHADOW)
+    blf.shadow(0, 5, 0, 0, 0, 1)
+    blf.color(0, 1, 1, 1, 1)
+    blf.position(0, left, bottom, 0)
+    for _ in range(3):  # one shadow alone is faint over light pictures
         blf.draw(0, said)
+    blf.disable(0, blf.SHADOW)
 
 
 def texture(buffer, width, height, channels):

@@ -77,8 +77,8 @@ def adopt(root, old, fresh):
             if block.pags.index != index:
                 block.pags.index = index
     more = sum(r["gaussians"] > 0 for r in fresh.objects) - sum(r["gaussians"] > 0 for r in old.objects)
-    told = f"; {gone} objects are no longer in it" if gone else ""
-    return told + (f"; {more} objects more: import it again to have them" if more > 0 else "")
+    told = f"; objects that are no longer in it: {gone}" if gone else ""
+    return told + (f"; objects that are new in it: {more}; import it again to have them" if more > 0 else "")
 
 
 def poses_of(root, entry, index):

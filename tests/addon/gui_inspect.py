@@ -111,7 +111,7 @@ def over(picture, view, u, v):
 
 def pair(name, ssim=False):
     """Yields until a pair is there and on the screen; returns it."""
-    found = lambda: next((p for (_, n), p in comparison._pairs.items() if n == name and not isinstance(p, str)), None)
+    found = lambda: next((p for (_, _, n), p in comparison._pairs.items() if n == name and not isinstance(p, str)), None)
     yield from until(lambda: found() is not None and (not ssim or found().ssim is not None))
     yield 0.5
     return found()
@@ -125,11 +125,11 @@ def compared():
     view = made.view
     settings.wipe = 0.3
     picture = yield from sharp_shot("wipe")
-    near(over(picture, view, 15, 90), PHOTO)
-    near(over(picture, view, 85, 10), (0, 0, 140), 5)  # the sky, exposed
+    near(over(picture, view, 15, 90), PHOTO, 6)
+    near(over(picture, view, 85, 10), (0, 0, 140), 6)  # the sky, exposed
     settings.wipe = 0.95
     picture = yield from sharp_shot("wipe-right")
-    near(over(picture, view, 85, 10), PHOTO)
+    near(over(picture, view, 85, 10), PHOTO, 6)
     settings.comparison = "DIFFERENCE"
     picture = yield from sharp_shot("difference")
     near(over(picture, view, 85, 10), (255, 120, 200), 10)  # 4 |(200, 30, 90) - (0, 0, 140)|

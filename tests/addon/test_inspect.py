@@ -342,7 +342,7 @@ class Watch(InspectCase):
     def test_objects_that_are_gone_are_said(self):
         self.bring_in()
         self.change(swap=False, without_car=True)
-        self.assertIn("1 objects are no longer in it", self.read_anew().notice)
+        self.assertIn("no longer in it: 1", self.read_anew().notice)
         self.scene.frame_set(2)
         self.assertLess(pixel(self.f12(), 50, 50)[2], 140)  # the sky
 
