@@ -50,7 +50,7 @@ def make_scenes():
     make_drive(SCENE, pave())
     make_set(SCENE, SET)
     write(os.path.join(SET, "images", "001_0.png"), png_bytes(101, 101, bytes(PHOTO) * 101 * 101))
-    make_sweeps(SET, lambda t: [[8 + 0.02 * k, 0.1 * j - 1, 0.4, 1.0] for k in range(40) for j in range(20)], lambda t: (0, 0, 0))
+    make_sweeps(SET, lambda t: [[8, 0.05 * k - 1, 0.3 + 0.02 * j, 1.0] for k in range(40) for j in range(20)], lambda t: (0, 0, 0))
     path = os.path.join(SET, "dataset.json")
     write(path, json.dumps({**json.loads(fixtures.read(path)), "lidar_columns": ["x", "y", "z", "intensity"]}))
     make_drive(OTHER)
@@ -206,8 +206,8 @@ def recorded():
     yield from until(lambda: jobs.current is None)
     deselect()
     after = yield from sharp_shot("recording")
-    x, y = on_screen((8.4, 0, 0.4))
-    patch = lambda p: np.array([p[4][((y + j) * p[0] + x + i) * p[2] :][:3] for j in range(-4, 5) for i in range(-4, 5)]).astype(int)
+    x, y = on_screen((8, 0, 0.5))
+    patch = lambda p: np.array([tuple(p[4][((y + j) * p[0] + x + i) * p[2] :][:3]) for j in range(-4, 5) for i in range(-4, 5)]).astype(int)
     assert np.abs(patch(after) - patch(before)).max() > 60, "the LiDAR points aren't seen"
     for block in [o for o in bpy.data.objects if "pags_lidar" in o or "pags_box" in o]:
         block.hide_set(True)
@@ -228,8 +228,7 @@ def measured():
     assert abs(float(said.split()[0]) - np.hypot(3, 1.5)) < 0.05, said
     assert "-3.0" in said or "-2.9" in said, said
     picture = yield from sharp_shot("distance")
-    middle = (np.array(WHITE) + GREEN) / 2 + (0, 0.15, 0.3)  # on the line, above its text
-    x, y = on_screen(middle)
+    x, y = on_screen(0.75 * np.array(WHITE) + 0.25 * np.array(GREEN))  # on the line, above its text
     around = [tuple(picture[4][((y + j) * picture[0] + x + i) * picture[2] :][:3]) for j in range(-3, 4) for i in range(-3, 4)]
     assert any(c[0] > 200 and c[2] < 120 for c in around), around
     bpy.ops.pags.forget_distance()
