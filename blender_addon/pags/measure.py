@@ -34,7 +34,7 @@ class PAGS_OT_distance(bpy.types.Operator):
 
     bl_idname = "pags.distance"
     bl_label = "Distance"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = {"UNDO"}  # no panel to adjust: the points of the clicks aren't properties
 
     start: IntVectorProperty(name="From", description="Pixels from the left and the bottom of the view", size=2)
     end: IntVectorProperty(name="To", description="Pixels from the left and the bottom of the view", size=2)
