@@ -13,8 +13,8 @@
 static const int64_t largest_float_id = 16777216;
 
 static const char *const channel_names[PAGS_CHANNEL_COUNT] = {
-    "color",  "alpha", "depth",         "id",           "object",          "priority",
-    "normal", "heat",  "crypto-object", "crypto-class", "expected-normal", "motion"};
+    "color",         "alpha",        "depth",           "id",     "object", "priority", "normal", "heat",
+    "crypto-object", "crypto-class", "expected-normal", "motion", "count",  "overdraw"};
 
 /* ---- Channels ---- */
 
@@ -172,6 +172,10 @@ static void fill_heat(const pags_picture_writer *writer, const pags_picture *pic
 /* Finds the planes of a pass. Returns how many. */
 static int pass_planes(const pags_passes *passes, pags_channel channel, const float *planes[PAGS_MATTE_PLANES]) {
   const bool normal = channel == PAGS_CHANNEL_EXPECTED_NORMAL, motion = channel == PAGS_CHANNEL_MOTION;
+  if (channel == PAGS_CHANNEL_BLENDED || channel == PAGS_CHANNEL_OVERDRAW) {
+    planes[0] = passes->pairs[channel - PAGS_CHANNEL_BLENDED];
+    return 1;
+  }
   const float *const *const from = normal   ? passes->normal
                                    : motion ? passes->motion
                                             : passes->matte[channel - PAGS_CHANNEL_CRYPTO_OBJECT];
@@ -254,7 +258,9 @@ static pags_result write_exr(const pags_picture_writer *writer, const pags_pictu
                                                                            MATTE("CryptoObject"),
                                                                            MATTE("CryptoClass"),
                                                                            {"X", "Y", "Z"},
-                                                                           {"X", "Y", "Z", "W"}};
+                                                                           {"X", "Y", "Z", "W"},
+                                                                           {"count"},
+                                                                           {"overdraw"}};
   const int m = channel == PAGS_CHANNEL_CRYPTO_CLASS;
   matte_texts texts = {.list = {NULL}};
   if (channel == PAGS_CHANNEL_CRYPTO_OBJECT || m)

@@ -19,16 +19,19 @@ typedef enum pags_channel {
   PAGS_CHANNEL_PRIORITY,
   PAGS_CHANNEL_NORMAL,
   PAGS_CHANNEL_HEAT,
-  PAGS_CHANNEL_CRYPTO_OBJECT, /* these four are passes (pags/passes.h) */
+  PAGS_CHANNEL_CRYPTO_OBJECT, /* these six are passes (pags/passes.h) */
   PAGS_CHANNEL_CRYPTO_CLASS,
   PAGS_CHANNEL_EXPECTED_NORMAL,
   PAGS_CHANNEL_MOTION,
+  PAGS_CHANNEL_BLENDED,
+  PAGS_CHANNEL_OVERDRAW,
   PAGS_CHANNEL_COUNT
 } pags_channel;
 
 enum {
   PAGS_CHANNELS_PASSES = 1u << PAGS_CHANNEL_CRYPTO_OBJECT | 1u << PAGS_CHANNEL_CRYPTO_CLASS |
-                         1u << PAGS_CHANNEL_EXPECTED_NORMAL | 1u << PAGS_CHANNEL_MOTION
+                         1u << PAGS_CHANNEL_EXPECTED_NORMAL | 1u << PAGS_CHANNEL_MOTION | 1u << PAGS_CHANNEL_BLENDED |
+                         1u << PAGS_CHANNEL_OVERDRAW
 };
 
 /* Parses a list such as "color,depth" into a set of bits 1 << channel. Returns false if a word is not a channel's

@@ -34,7 +34,8 @@ pags_result pags_render_passes_moment(pags_render_passes *self, int side, const 
 pags_result pags_render_passes_draw(pags_render_passes *self, pags_frame *frame, const pags_part *parts, int part_count,
                                     pags_passes *out) {
   pags_matte mattes[2];
-  pags_pass_request request = {.normal = wants(self, PAGS_CHANNEL_EXPECTED_NORMAL)};
+  pags_pass_request request = {.normal = wants(self, PAGS_CHANNEL_EXPECTED_NORMAL),
+                               .pairs = wants(self, PAGS_CHANNEL_BLENDED) || wants(self, PAGS_CHANNEL_OVERDRAW)};
   if (part_count > self->capacity[2] || !self->names[0]) {
     for (int m = 0; m < 2; m++) {
       int32_t *const names = realloc(self->names[m], ((size_t)part_count + 1) * sizeof *names);

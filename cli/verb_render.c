@@ -87,7 +87,7 @@ static const pags_option options[] = {
         "channel", 0, AT(channels), "LIST", NULL,
         "color, alpha, depth (metres), id, object, priority, normal (of depth, world axes), heat (priority as "
         "colours), crypto-object, crypto-class (Cryptomattes), expected-normal (of Gaussians), motion (of a path, to "
-        "the picture before and after), "
+        "the picture before and after), count (of Gaussians blended), overdraw (of those computed for the pixel), "
         "separated by commas; each to its own file: NAME.png, NAME_alpha.png, NAME_depth.exr, ...; all but color, "
         "alpha "
         "and heat, which is png, are always exr; unless --format exr, priority brings heat along"),
@@ -517,7 +517,7 @@ static int check_usage(const render_arguments *arguments, const pags_parsed *par
     return pags_usage_error(
         &verb,
         "--channel: expected color, alpha, depth, id, object, priority, normal, heat, crypto-object, crypto-class, "
-        "expected-normal or motion, got '%s'",
+        "expected-normal, motion, count or overdraw, got '%s'",
         unknown);
   pags_frame_options early_z;
   if (pags_early_z_parse(arguments->early_z, &early_z) != PAGS_OK)
@@ -527,7 +527,8 @@ static int check_usage(const render_arguments *arguments, const pags_parsed *par
   if (*channels & PAGS_CHANNELS_PASSES && (arguments->budget_ms > 0 || early_z.early_z == PAGS_EARLY_Z_PAPER))
     return pags_usage_error(
         &verb,
-        "--channel crypto-object, crypto-class, expected-normal and motion exclude --budget-ms and --early-z paper");
+        "--channel crypto-object, crypto-class, expected-normal, motion, count and overdraw exclude --budget-ms and "
+        "--early-z paper");
   if (*channels >> PAGS_CHANNEL_MOTION & 1 && (pags_option_given(parsed, "split") || arguments->camera))
     return pags_usage_error(&verb, "--channel motion: needs pictures one after another: expected --path in place of %s",
                             arguments->camera ? "--camera" : "--split");

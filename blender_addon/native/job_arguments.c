@@ -10,15 +10,16 @@ enum { MOST_CUT = 1000 }; /* pixels; culls nearly everything already */
 /* ---- Single arguments ---- */
 
 static unsigned output_named(const char *name) {
-  static const char *const names[OUTPUT_KINDS] = {"rgba", "depth",         "object",       "id",     "priority", "heat",
-                                                  "rgb8", "crypto_object", "crypto_class", "normal", "motion"};
+  static const char *const names[OUTPUT_KINDS] = {"rgba",   "depth", "object",        "id",           "priority",
+                                                  "heat",   "rgb8",  "crypto_object", "crypto_class", "normal",
+                                                  "motion", "count", "overdraw"};
   for (unsigned i = 0; i < OUTPUT_KINDS; i++)
     if (!strcmp(name, names[i]))
       return 1u << i;
   PyErr_Format(
       PyExc_ValueError,
-      "outputs: expected rgba, rgb8, depth, object, id, priority, heat, crypto_object, crypto_class, normal or motion, "
-      "found \"%s\"",
+      "outputs: expected rgba, rgb8, depth, object, id, priority, heat, crypto_object, crypto_class, normal, motion, "
+      "count or overdraw, found \"%s\"",
       name);
   return 0;
 }
@@ -39,13 +40,14 @@ static bool read_outputs(PyObject *value, unsigned *outputs) {
 }
 
 static bool read_mode(const char *name, native_mode *mode) {
-  static const char *const names[MODE_COUNT] = {"rgb", "priority", "critical", "depth", "size"};
+  static const char *const names[MODE_COUNT] = {"rgb", "priority", "critical", "depth", "size", "count", "overdraw"};
   for (int i = 0; i < MODE_COUNT; i++)
     if (!strcmp(name, names[i])) {
       *mode = (native_mode)i;
       return true;
     }
-  PyErr_Format(PyExc_ValueError, "mode: expected rgb, priority, critical, depth or size, found \"%s\"", name);
+  PyErr_Format(PyExc_ValueError, "mode: expected rgb, priority, critical, depth, size, count or overdraw, found \"%s\"",
+               name);
   return false;
 }
 
@@ -108,7 +110,7 @@ static bool read_options(const native_job_arguments *w, const native_scene *scen
   o->sh_degree = w->sh_degree;
   o->exp_degree = w->exp_degree;
   o->extra_channels = native_layout_needs_extras(&job->layout);
-  o->keep_for_passes = (job->layout.outputs & OUTPUTS_PASSES) != 0;
+  o->keep_for_passes = native_layout_needs_passes(&job->layout);
   return true;
 }
 

@@ -103,7 +103,16 @@ PyObject *native_numbers(const double *values, Py_ssize_t count);
 
 /* ---- Pictures ---- */
 
-typedef enum native_mode { MODE_RGB, MODE_PRIORITY, MODE_CRITICAL, MODE_DEPTH, MODE_SIZE, MODE_COUNT } native_mode;
+typedef enum native_mode {
+  MODE_RGB,
+  MODE_PRIORITY,
+  MODE_CRITICAL,
+  MODE_DEPTH,
+  MODE_SIZE,
+  MODE_BLENDED,
+  MODE_OVERDRAW,
+  MODE_COUNT
+} native_mode;
 enum {
   OUTPUT_RGBA = 1,
   OUTPUT_DEPTH = 2,
@@ -112,12 +121,15 @@ enum {
   OUTPUT_PRIORITY = 16,
   OUTPUT_HEAT = 32,
   OUTPUT_RGB8 = 64,
-  OUTPUT_CRYPTO_OBJECT = 128, /* these four are passes (pags/passes.h) */
+  OUTPUT_CRYPTO_OBJECT = 128, /* these six are passes (pags/passes.h) */
   OUTPUT_CRYPTO_CLASS = 256,
   OUTPUT_NORMAL = 512,
   OUTPUT_MOTION = 1024,
-  OUTPUT_KINDS = 11,
-  OUTPUTS_PASSES = OUTPUT_CRYPTO_OBJECT | OUTPUT_CRYPTO_CLASS | OUTPUT_NORMAL | OUTPUT_MOTION
+  OUTPUT_BLENDED = 2048,
+  OUTPUT_OVERDRAW = 4096,
+  OUTPUT_KINDS = 13,
+  OUTPUTS_PASSES =
+      OUTPUT_CRYPTO_OBJECT | OUTPUT_CRYPTO_CLASS | OUTPUT_NORMAL | OUTPUT_MOTION | OUTPUT_BLENDED | OUTPUT_OVERDRAW
 };
 
 /* The layout of the planes that a job returns. */
@@ -138,11 +150,16 @@ typedef struct native_planes {
   int32_t *id;
   uint8_t *rgb8;                      /* 3 bytes a pixel */
   float *crypto[2], *normal, *motion; /* objects and classes: 12 floats a pixel; 3; 4 */
+  float *pairs[2];                    /* Gaussians blended, computed */
   pags_frame_stats stats;
   double ms;      /* of the whole job */
   double ms_fill; /* of these, the time to fill the planes */
 } native_planes;
 
+/* Whether the layout's outputs or mode need a second walk through the tiles' lists (pags/passes.h). */
+bool native_layout_needs_passes(const native_layout *layout);
+/* Whether they need counts of pairs. */
+bool native_layout_needs_pairs(const native_layout *layout);
 /* Whether the layout's outputs need the frame's depth and id planes. */
 bool native_layout_needs_extras(const native_layout *layout);
 /* Fills `out` on the renderer's threads; the scenes' tables must have been filled. PAGS_ERROR_MEMORY or PAGS_CANCELLED.

@@ -18,11 +18,12 @@ _Array = AnyBuffer | Sequence[Any] | _Numpy
 # 12 numbers, or a matrix of 3 x 4 or 4 x 4.
 _Pose = _Array
 _Output = Literal[
-    "rgba", "rgb8", "depth", "object", "priority", "heat", "id", "crypto_object", "crypto_class", "normal", "motion"
+    "rgba", "rgb8", "depth", "object", "priority", "heat", "id", "crypto_object", "crypto_class", "normal", "motion",
+    "count", "overdraw"
 ]
 # A camera, a camera and placements, or a camera, placements and others.
 _Moment = Any
-_Mode = Literal["rgb", "priority", "critical", "depth", "size"]
+_Mode = Literal["rgb", "priority", "critical", "depth", "size", "count", "overdraw"]
 
 __version__: str
 
@@ -139,6 +140,10 @@ class Picture:
     def normal(self) -> Buffer | Any: ...
     @property
     def motion(self) -> Buffer | Any: ...
+    @property
+    def count(self) -> Buffer | Any: ...
+    @property
+    def overdraw(self) -> Buffer | Any: ...
     @property
     def depth(self) -> Buffer | Any: ...
     @property

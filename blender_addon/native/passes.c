@@ -127,6 +127,7 @@ pags_result native_passes_draw(const native_job *job, const pags_moment moments[
   pags_matte mattes[2];
   pags_pass_request request = {.normal = (job->layout.outputs & OUTPUT_NORMAL) != 0,
                                .motion = (job->layout.outputs & OUTPUT_MOTION) != 0,
+                               .pairs = native_layout_needs_pairs(&job->layout),
                                .before = job->moments[0].known ? &moments[0] : NULL,
                                .after = job->moments[1].known ? &moments[1] : NULL};
   if (!names)

@@ -16,6 +16,7 @@
 /* sRGB to linear light for [0, 1] by linear interpolation in a table of spacing h: the error is under h^2 / 8 times the
  * largest second derivative above the knee, 2e-8. */
 enum { TABLE = 4096, ROWS = 8 };
+enum { MOST_PAIRS = 1000 }; /* Gaussians a pixel that are shown lightest; one is darkest */
 
 typedef struct decoder {
   float table[TABLE + 2];
@@ -45,9 +46,22 @@ typedef struct fill {
   decoder decoder;
 } fill;
 
+static bool shows_pairs(const native_layout *layout) {
+  return (layout->outputs & (OUTPUT_RGBA | OUTPUT_RGB8)) &&
+         (layout->mode == MODE_BLENDED || layout->mode == MODE_OVERDRAW);
+}
+
+bool native_layout_needs_pairs(const native_layout *layout) {
+  return shows_pairs(layout) || (layout->outputs & (OUTPUT_BLENDED | OUTPUT_OVERDRAW)) != 0;
+}
+
+bool native_layout_needs_passes(const native_layout *layout) {
+  return shows_pairs(layout) || (layout->outputs & OUTPUTS_PASSES) != 0;
+}
+
 bool native_layout_needs_extras(const native_layout *layout) {
   const unsigned colours = OUTPUT_RGBA | OUTPUT_RGB8, asked = layout->outputs & ~(unsigned)OUTPUTS_PASSES;
-  return (asked & ~colours) != 0 || ((asked & colours) && layout->mode != MODE_RGB);
+  return (asked & ~colours) != 0 || ((asked & colours) && layout->mode != MODE_RGB && !shows_pairs(layout));
 }
 
 /* Maps a length to [0, 1] on a logarithmic scale: `least` to 0, `most` to 1. */
@@ -182,13 +196,20 @@ static void fill_row(const fill *f, int y) {
     put_planes(f->passes->matte[m], PAGS_MATTE_PLANES, from, l->width, row_of(o->crypto[m], to, PAGS_MATTE_PLANES));
   put_planes(f->passes->normal, 3, from, l->width, row_of(o->normal, to, 3));
   put_planes(f->passes->motion, 4, from, l->width, row_of(o->motion, to, 4));
+  for (int k = 0; k < 2; k++)
+    put_planes(f->passes->pairs + k, 1, from, l->width, row_of(o->pairs[k], to, 1));
   for (int x = 0; x < l->width; ++x, ++from, ++to) {
     int32_t id = f->picture->id ? f->picture->id[from] : -1;
     if (o->rgba || o->rgb8) {
       /* The pixel's colour and alpha. */
       const pags_picture *p = f->picture;
       float alpha = 1 - p->transmittance[from], rgb[3] = {p->rgb[0][from], p->rgb[1][from], p->rgb[2][from]};
-      if (f->layout->mode != MODE_RGB) {
+      if (shows_pairs(l)) {
+        const float pairs = f->passes->pairs[l->mode - MODE_BLENDED][from], cover = l->transparent ? alpha : 1;
+        pags_colormap_heat(on_scale(pairs, 1, MOST_PAIRS), rgb);
+        for (int c = 0; c < 3; c++)
+          rgb[c] *= cover;
+      } else if (l->mode != MODE_RGB) {
         float shown[3] = {0, 0, 0};
         if (p->id[from] >= 0)
           mode_color(f, from, p->id[from], shown);
@@ -234,7 +255,9 @@ static bool allocate(const native_layout *layout, native_planes *out) {
                 {OUTPUT_CRYPTO_OBJECT, 4 * PAGS_MATTE_PLANES, NULL},
                 {OUTPUT_CRYPTO_CLASS, 4 * PAGS_MATTE_PLANES, NULL},
                 {OUTPUT_NORMAL, 12, NULL},
-                {OUTPUT_MOTION, 16, NULL}};
+                {OUTPUT_MOTION, 16, NULL},
+                {OUTPUT_BLENDED, 4, NULL},
+                {OUTPUT_OVERDRAW, 4, NULL}};
   bool good = true;
   for (size_t i = 0; i < sizeof wanted / sizeof wanted[0]; i++)
     if (layout->outputs & wanted[i].output) {
@@ -253,6 +276,8 @@ static bool allocate(const native_layout *layout, native_planes *out) {
   out->crypto[1] = wanted[8].block;
   out->normal = wanted[9].block;
   out->motion = wanted[10].block;
+  out->pairs[0] = wanted[11].block;
+  out->pairs[1] = wanted[12].block;
   return good;
 }
 
@@ -285,6 +310,8 @@ void native_planes_free(native_planes *planes) {
   free(planes->crypto[1]);
   free(planes->normal);
   free(planes->motion);
+  free(planes->pairs[0]);
+  free(planes->pairs[1]);
   *planes = (native_planes){0};
 }
 
@@ -324,14 +351,17 @@ enum {
   PLANE_CRYPTO_CLASS,
   PLANE_NORMAL,
   PLANE_MOTION,
+  PLANE_COUNT,
+  PLANE_OVERDRAW,
   PLANES
 };
 
 static PyObject *picture_plane(PyObject *object, void *closure) {
   native_planes *p = &((native_picture *)object)->planes;
-  const void *const blocks[PLANES] = {p->rgba, p->depth,     p->object,    p->priority, p->heat,  p->id,
-                                      p->rgb8, p->crypto[0], p->crypto[1], p->normal,   p->motion};
-  static const int numbers[PLANES] = {4, 1, 1, 1, 4, 1, 3, PAGS_MATTE_PLANES, PAGS_MATTE_PLANES, 3, 4};
+  const void *const blocks[PLANES] = {p->rgba,   p->depth,    p->object,    p->priority,  p->heat,
+                                      p->id,     p->rgb8,     p->crypto[0], p->crypto[1], p->normal,
+                                      p->motion, p->pairs[0], p->pairs[1]};
+  static const int numbers[PLANES] = {4, 1, 1, 1, 4, 1, 3, PAGS_MATTE_PLANES, PAGS_MATTE_PLANES, 3, 4, 1, 1};
   int which = *(const int *)closure;
   int channels = numbers[which];
   const Py_ssize_t shape[3] = {p->height, p->width, channels};
@@ -369,9 +399,9 @@ static PyObject *picture_stats(PyObject *object, void *closure) {
   return NULL;
 }
 
-static const int plane_numbers[PLANES] = {PLANE_RGBA,         PLANE_DEPTH,  PLANE_OBJECT, PLANE_PRIORITY,
-                                          PLANE_HEAT,         PLANE_ID,     PLANE_RGB8,   PLANE_CRYPTO_OBJECT,
-                                          PLANE_CRYPTO_CLASS, PLANE_NORMAL, PLANE_MOTION};
+static const int plane_numbers[PLANES] = {
+    PLANE_RGBA,          PLANE_DEPTH,        PLANE_OBJECT, PLANE_PRIORITY, PLANE_HEAT,  PLANE_ID,      PLANE_RGB8,
+    PLANE_CRYPTO_OBJECT, PLANE_CRYPTO_CLASS, PLANE_NORMAL, PLANE_MOTION,   PLANE_COUNT, PLANE_OVERDRAW};
 #define PLANE(which) ((void *)(size_t)&plane_numbers[which])
 
 static PyGetSetDef picture_getset[] = {
@@ -401,6 +431,10 @@ static PyGetSetDef picture_getset[] = {
     {"motion", picture_plane, NULL,
      "Buffer [height][width][4] float32, pixels, x right, y up: position before less now, now less after",
      PLANE(PLANE_MOTION)},
+    {"count", picture_plane, NULL, "Buffer [height][width] float32: Gaussians blended into the pixel",
+     PLANE(PLANE_COUNT)},
+    {"overdraw", picture_plane, NULL, "Buffer [height][width] float32: Gaussians computed for the pixel",
+     PLANE(PLANE_OVERDRAW)},
     {0}};
 static PyObject *picture_repr(PyObject *object) {
   const native_planes *p = &((native_picture *)object)->planes;
@@ -417,8 +451,10 @@ static PyObject *picture_repr(PyObject *object) {
                       {"crypto_object", p->crypto[0]},
                       {"crypto_class", p->crypto[1]},
                       {"normal", p->normal},
-                      {"motion", p->motion}};
-  char text[128] = "";
+                      {"motion", p->motion},
+                      {"count", p->pairs[0]},
+                      {"overdraw", p->pairs[1]}};
+  char text[160] = "";
   for (int k = 0; k < PLANES; k++)
     if (planes[k].block) {
       strcat(text, text[0] ? ", " : " of ");

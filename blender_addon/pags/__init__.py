@@ -18,21 +18,27 @@ bl_info = {
 
 from . import (
     cameras,
+    comparison,
     composite,
     engine,
     exporter,
     handlers,
     importer,
+    inspect_panel,
     inspector,
     jobs,
+    measure,
     native_splats,
     overlay,
     properties,
     proxies,
+    recording,
     ui,
+    watch,
 )
 
-PARTS = (properties, jobs, importer, cameras, engine, overlay, inspector, composite, exporter, native_splats, proxies, ui, handlers)
+PARTS = (properties, jobs, importer, cameras, engine, overlay, inspector, comparison, measure, recording, composite, exporter, native_splats)
+PARTS += (proxies, ui, inspect_panel, handlers, watch)
 
 
 def register():

@@ -122,6 +122,27 @@ def along(job, scene, frames, visit):
 # ---- Photographs' cameras ----
 
 
+def camera_of(context, root, view):
+    """The Blender camera of a view of the scene, or None."""
+    cameras = [o for o in context.scene.objects if o.pags.kind == "CAMERA" and o.pags.root == root]
+    by_name = [c for c in cameras if c.get("pags_view") == view["name"] and "pags_time" in c]
+    by_sensor = [c for c in cameras if c.data.pags.sensor == view["sensor"]]
+    same = [c for c in cameras if c.get("pags_view") == view["name"]]
+    return next(iter((by_sensor if view["sensor"] >= 0 else []) + by_name + same), None)
+
+
+def go_to(context, frame, view):
+    """Goes to a view's time and looks through its camera."""
+    camera = camera_of(context, frame.root, view)
+    if camera is None:
+        raise native.SceneError("the scene was imported without its cameras")
+    context.scene.camera = camera
+    if "time" in view:
+        set_frame(context.scene, frame.frame_of(view["time"]))
+    if getattr(context, "region_data", None) is not None:
+        context.region_data.view_perspective = "CAMERA"
+
+
 class PAGS_OT_jump(OnScene, bpy.types.Operator):
     """Go to a photograph of the recording: its time, its camera, and look through it"""
 
@@ -141,14 +162,7 @@ class PAGS_OT_jump(OnScene, bpy.types.Operator):
             raise native.SceneError(
                 f"the scene has no photograph {self.name}" if self.name else "the scene has no photographs"
             )
-        camera = self.camera_of(context, root, view)
-        if camera is None:
-            raise native.SceneError("the scene was imported without its cameras")
-        context.scene.camera = camera
-        if "time" in view:
-            set_frame(context.scene, frame.frame_of(view["time"]))
-        if context.region_data is not None:
-            context.region_data.view_perspective = "CAMERA"
+        go_to(context, frame, view)
         return view["name"] + (" (held out)" if view["test"] else "")
 
     def find(self, context, frame):
@@ -164,14 +178,6 @@ class PAGS_OT_jump(OnScene, bpy.types.Operator):
         now = frame.time_of(context.scene.frame_current_final)
         nearest = min(range(len(group)), key=lambda i: abs(group[i]["time"] - now))
         return group[min(max(nearest + self.step, 0), len(group) - 1)]
-
-    @staticmethod
-    def camera_of(context, root, view):
-        cameras = [o for o in context.scene.objects if o.pags.kind == "CAMERA" and o.pags.root == root]
-        by_name = [c for c in cameras if c.get("pags_view") == view["name"] and "pags_time" in c]
-        by_sensor = [c for c in cameras if c.data.pags.sensor == view["sensor"]]
-        same = [c for c in cameras if c.get("pags_view") == view["name"]]
-        return next(iter((by_sensor if view["sensor"] >= 0 else []) + by_name + same), None)
 
 
 class PAGS_OT_camera_here(bpy.types.Operator):

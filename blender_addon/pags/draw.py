@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Draws pictures on the screen: GPU textures made without a copy in Python, and the shaders that show them."""
 
+import blf
 import bpy
 import gpu
 import numpy as np
@@ -60,12 +61,47 @@ def shader(name):
     return _made[name]
 
 
+def rectangle(shader_, left, right):
+    """The part of the view between two columns, from -1 to 1."""
+    corners = [(left, -1), (right, -1), (right, 1), (left, 1)]
+    return batch_for_shader(shader_, "TRIS", {"at": corners}, indices=[(0, 1, 2), (0, 2, 3)])
+
+
 def quad(name):
     key = "quad " + name
     if key not in _made:
-        corners = [(-1, -1), (1, -1), (1, 1), (-1, 1)]
-        _made[key] = batch_for_shader(shader(name), "TRIS", {"at": corners}, indices=[(0, 1, 2), (0, 2, 3)])
+        _made[key] = rectangle(shader(name), -1, 1)
     return _made[key]
+
+
+def part(name, left, right):
+    """The part of a shader's quad between two columns."""
+    return quad(name) if (left, right) == (-1, 1) else rectangle(shader(name), left, max(left, right))
+
+
+def font(context):
+    """Sets the size of texts in a view; returns the scale of the user's interface."""
+    scale = context.preferences.system.ui_scale
+    try:
+        blf.size(0, int(11 * scale))
+    except TypeError:
+        blf.size(0, int(11 * scale), 72)  # up to Blender 3.x the call takes dots per inch
+    return scale
+
+
+def text(context, x, y, said):
+    """A line over a view, its middle at x and its bottom a little above y, in shares of the region's size; as far as possible within the region."""
+    region, scale = context.region, font(context)
+    width, height = blf.dimensions(0, said)
+    left = min(max(x * region.width - width / 2, 20 * scale), region.width - width - 20 * scale)
+    bottom = min(max(y * region.height, 0), region.height - 3 * height) + 10 * scale
+    blf.enable(0, blf.SHADOW)
+    blf.shadow(0, 5, 0, 0, 0, 1)
+    blf.color(0, 1, 1, 1, 1)
+    blf.position(0, left, bottom, 0)
+    for _ in range(3):  # one shadow alone is faint over light pictures
+        blf.draw(0, said)
+    blf.disable(0, blf.SHADOW)
 
 
 def texture(buffer, width, height, channels):

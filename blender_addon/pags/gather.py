@@ -176,8 +176,8 @@ class Frame:
         return "; ".join(said + ([f"flattened by their scale and left out: {', '.join(self.flat[:3])}"] if self.flat else []))
 
 
-def gather(depsgraph):
-    """What is visible of PAGS scenes, or None."""
+def gather(depsgraph, only="", without=""):
+    """What is visible of PAGS scenes, or None. only, without: names of roots, of scenes that are wiped against each other."""
     found = {}
     for instance in depsgraph.object_instances:
         drawn = instance.object
@@ -187,6 +187,8 @@ def gather(depsgraph):
         if instance.is_instance and not instance.show_self:
             continue
         root = settings.root
+        if (only and root.name != only) or root.name == without:
+            continue
         state = found.get(root.name)
         if state is None:
             state = found[root.name] = Gathered(root.evaluated_get(depsgraph))

@@ -6,7 +6,7 @@ import os
 import bpy
 from bpy.app.handlers import persistent
 
-from . import draw, native, overlay, photographs, viewport
+from . import comparison, draw, native, overlay, photographs, recording, viewport
 
 
 @persistent
@@ -16,6 +16,8 @@ def after_load(*_):
         view.drop()
     overlay.forget()
     photographs.forget()
+    comparison.forget()
+    recording.forget()
     native.forget()
     draw.clear()
     viewport.start_timer()

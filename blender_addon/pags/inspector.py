@@ -52,7 +52,8 @@ class PAGS_OT_pick(bpy.types.Operator):
 
 
 def pick(context, values, pose, x, y):
-    """What a Blender camera sees at a pixel (row 0 at the top): the C module's pick result with "record", the object, added, or None."""
+    """What a Blender camera sees at a pixel (row 0 at the top): the C module's pick result with "record", the object, and "place", the point in
+    Blender's world, added; or None."""
     depsgraph = context.evaluated_depsgraph_get()
     state = gather.gather(depsgraph)
     if state is None:
@@ -65,7 +66,10 @@ def pick(context, values, pose, x, y):
         found["record"] = entry.objects[found["object"]] if found["object"] is not None else None
         found["root"] = frame.scenes[found["scene"]].root_name
         found["of"] = f" of {found['root']}" if len(state.scenes) > 1 else ""
-        found["depth"] = (found["depth"] - values.get("ortho", 0.0)) * frame.scale
+        depth = found["depth"] * frame.scale
+        ray = np.array([(x + 0.5 - values["cx"]) / values["fx"], (y + 0.5 - values["cy"]) / values["fy"], 1.0])
+        found["place"] = pose[:3, :3] @ (depth * ray) + pose[:3, 3]
+        found["depth"] = depth - values.get("ortho", 0.0)
     return found
 
 

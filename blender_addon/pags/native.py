@@ -48,6 +48,7 @@ class Entry:
 
 _entries = {}
 _renderers = {}
+generation = 0  # counts scenes that were read anew: pictures of before are no longer of what is drawn
 
 
 def stamp_of(path):
@@ -74,6 +75,18 @@ def entry(path, wait):
     if known.error and not known.loading:
         raise SceneError(known.error)
     return known
+
+
+def entries():
+    """Pairs (path, entry) of all scenes in the cache."""
+    return list(_entries.items())
+
+
+def replace(path, fresh):
+    """Puts what was read anew in the place of what was read before."""
+    global generation
+    _entries[path] = fresh
+    generation += 1
 
 
 def is_loading(path):

@@ -2,6 +2,7 @@
 """The overlay of Solid and Material shading and of other render engines: splats composited with the meshes by depth, or, where
 splats aren't drawn, a light preview of points."""
 
+import blf
 import bpy
 import gpu
 import numpy as np
@@ -63,21 +64,27 @@ def draw_splats(context):
     begin = pace.clock()
     view, width, height = view_of(context), context.region.width, context.region.height
     depsgraph = context.evaluated_depsgraph_get()
-    if view.version != _version:
+    if view.version != _version or view.wiped != viewport.wiped_scene(depsgraph):
         view.update(depsgraph)
         view.watch.gathered = (0.0, 0.0)  # already counted in the time of this redraw
         view.version = _version
     requested = view.request(context, depsgraph, width, height, ("rgba", "depth"), True)
     upload = view.advance(requested)
+    second, edge = view.second, 1
+    if second is not None:
+        upload += second.advance(second.request(context, depsgraph, width, height, ("rgba", "depth"), True))
+        edge = viewport.edge_of(context.scene.pags)
     middle = pace.clock()
+    if second is not None and second.shown is not None and second.shown.depth is not None and second.state is not None:
+        put(context, second.shown, edge + 4 / width, 1)  # a gap of two pixels is the edge
     if view.shown is not None and view.shown.depth is not None and view.state is not None:
-        put(context, view.shown)
+        put(context, view.shown, -1, edge)
     elif context.scene.pags.points:
         draw_points(context)
     view.watch.add(begin, middle, upload)
 
 
-def put(context, shown):
+def put(context, shown, left, right):
     p = context.region_data.window_matrix
     perspective = p[3][3] == 0
     z, w = (p[2][2], p[2][3])
@@ -90,7 +97,7 @@ def put(context, shown):
     shader.uniform_sampler("depths", shown.depth)
     shader.uniform_float("lens", (z, w, 1.0 if perspective else 0.0, shown.values.get("ortho", 0.0)))
     shader.uniform_float("encoded", 0.0)
-    draw.quad("depth").draw(shader)
+    draw.part("depth", left, right).draw(shader)
     gpu.state.blend_set("NONE")
     gpu.state.depth_mask_set(False)
     gpu.state.depth_test_set("NONE")
@@ -154,14 +161,7 @@ def on_draw_text():
     view = _views.get(context.region.as_pointer())
     if view is None or (view.state is None and not view.error):
         return
-    import blf
-
-    scale = context.preferences.system.ui_scale
-    size = int(11 * scale)
-    try:
-        blf.size(0, size)
-    except TypeError:
-        blf.size(0, size, 72)  # up to Blender 3.x the call takes dots per inch
+    scale = draw.font(context)
     blf.color(0, 1, 1, 1, 0.9)
     text = "PAGS | " + view.statistics(context.scene.pags)
     # At the right, beside the sidebar: Blender's own text is at the top, its panel of the last operation at the lower left.

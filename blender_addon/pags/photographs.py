@@ -32,6 +32,13 @@ def dataset(root, entry):
     return next((p for p in places(root, entry) if os.path.exists(p)), entry.info.get("dataset"))
 
 
+def moved(root, entry):
+    """The data set's folder for a program that reads the scene, where that isn't the one that the scene names; else None."""
+    found, recorded = dataset(root, entry), entry.info.get("dataset")
+    same = recorded is not None and os.path.abspath(recorded) == os.path.abspath(found)
+    return None if found is None or same else found
+
+
 def find(root, entry, name):
     """(data set's folder, path) of a view's photograph. SceneError says where it was looked for."""
     looked_in = places(root, entry)

@@ -11,7 +11,8 @@ import bpy
 
 from . import native
 
-PROGRESS = re.compile(r"^(.*): +(\d+) %")  # as the program prints it: "background: 40 %, 12 s left"
+# As the program prints it: "background: 40 %, 12 s left", or "view 3 of 12".
+PROGRESS, EACH = re.compile(r"^(.*): +(\d+) %"), re.compile(r"^(\w+ (\d+) of (\d+))$")
 _lacking = {}  # by path and time of the program: what `pags --help` says that its exports lack
 
 
@@ -105,9 +106,11 @@ def run(job, path, *arguments):
     with running.stdout, job.ended_by(running.terminate):
         for line in running.stdout:
             last = line.strip() or last
-            progress = PROGRESS.match(last)
+            progress, each = PROGRESS.match(last), EACH.match(last)
             if progress:
                 job.tell(int(progress.group(2)) / 100, progress.group(1))
+            elif each:
+                job.tell(int(each.group(2)) / max(1, int(each.group(3))), each.group(1))
     code = running.wait()
     job.check()
     if code != 0:

@@ -29,6 +29,14 @@ MODES = [
     ("critical", "Critical", "Vehicles, pedestrians and cyclists in orange over grey"),
     ("depth", "Depth", "Near is light, far is dark; logarithmic from 1 m to 200 m"),
     ("size", "Gaussian size", "Largest sigma of the Gaussian that weighs most: dark 3 mm, light 3 m, logarithmic"),
+    ("count", "Gaussian count", "Gaussians blended into each pixel: dark 1, light 1000, logarithmic"),
+    ("overdraw", "Overdraw", "Gaussians computed for each pixel, what it costs: dark 1, light 1000, logarithmic"),
+]
+COMPARISONS = [
+    ("NONE", "Off", "Draw the engine's picture alone"),
+    ("WIPE", "Wipe", "The photograph left of the edge, the engine's picture right of it"),
+    ("DIFFERENCE", "Difference", "How far they are apart in each channel, four times as bright"),
+    ("SSIM", "SSIM", "Structural similarity: dark where they are alike, light where they are not"),
 ]
 
 
@@ -40,6 +48,7 @@ def draw_again(settings, context):
 
 def wipe_moved(settings, context):
     photographs.wipe(context, settings.wipe)
+    draw_again(settings, context)
 
 
 class PagsObject(bpy.types.PropertyGroup):
@@ -146,9 +155,22 @@ class PagsScene(bpy.types.PropertyGroup):
         size=3, default=(0.5, 0.5, 0.5), min=0, max=1, update=draw_again,
     )
     use_pass_heat: BoolProperty(name="Priority heat", description="A pass with the priority as colours")
+    comparison: EnumProperty(
+        name="Compare",
+        description="What a 3D view that looks through a camera of the recording shows over it, at the times of its photographs",
+        items=COMPARISONS,
+        update=draw_again,
+    )
+    wipe_root: PointerProperty(
+        name="Beside",
+        description="A second scene, drawn right of the wipe's edge in the 3D views; the others are drawn left of it. F12 draws all together",
+        type=bpy.types.Object,
+        poll=lambda settings, candidate: candidate.pags.kind == "ROOT",
+        update=draw_again,
+    )
     wipe: FloatProperty(
         name="Wipe",
-        description="Share of the picture's width that the photograph covers from the left",
+        description="Where the edge is: the share of the width that the photograph, or the first scene, has from the left",
         default=0.5,
         min=0,
         max=1,

@@ -53,10 +53,6 @@ class PAGS_PT_show(Sidebar, bpy.types.Panel):
             lines = layout.column(align=True)
             for line in context.scene.pags_picked.split(", "):
                 lines.label(text=line)
-        layout.operator("pags.compare", icon="IMAGE_DATA")
-        layout.prop(settings, "wipe")
-        if context.scene.pags_compared:
-            layout.label(text=context.scene.pags_compared)
 
 
 class PAGS_PT_cameras(Sidebar, bpy.types.Panel):
@@ -209,9 +205,11 @@ class PAGS_OT_reload(bpy.types.Operator):
     bl_label = "Reload"
 
     def execute(self, context):
-        from . import overlay, viewport
+        from . import comparison, overlay, recording, viewport
 
         native.forget()
+        comparison.forget()
+        recording.forget()
         overlay.forget()
         for view in list(viewport.views):
             view.drop()

@@ -35,6 +35,18 @@ class Shown:
         self.ms_upload = 1e3 * (time.perf_counter() - begin)
 
 
+def wiped_scene(depsgraph):
+    """Name of the root that is drawn right of the wipe's edge, or ""."""
+    scene = depsgraph.scene.original
+    root = scene.pags.wipe_root
+    return root.name if root is not None and scene.objects.get(root.name) is not None else ""
+
+
+def edge_of(settings):
+    """The wipe's edge, from -1 to 1 across a view."""
+    return 2 * settings.wipe - 1
+
+
 class View:
     def __init__(self):
         self.state = self.frame = None
@@ -45,6 +57,7 @@ class View:
         self.error = ""
         self.watch = pace.Stopwatch()
         self.loading = False
+        self.wiped, self.second = "", None  # name of the scene that is drawn right of the wipe's edge, and the View that draws it
         views.add(self)
         start_timer()
 
@@ -52,7 +65,14 @@ class View:
 
     def update(self, depsgraph):
         begin = pace.clock()
-        self.state = gather.gather(depsgraph)
+        self.wiped = wiped_scene(depsgraph)
+        self.state = gather.gather(depsgraph, without=self.wiped)
+        if self.wiped:
+            self.second = self.second or View()
+            self.second.state = gather.gather(depsgraph, only=self.wiped)
+        elif self.second is not None:
+            self.second.drop()
+            self.second = None
         self.watch.gather(begin)
 
     def request(self, context, depsgraph, width, height, outputs, transparent):
@@ -75,7 +95,7 @@ class View:
         if region.view_perspective == "CAMERA":
             job_arguments.update(frame.exposure(settings, depsgraph.scene.camera, now))
         key = (tuple(camera["world_from_camera"]), camera["fx"], camera["cx"], camera["cy"], now, width, height)
-        key += (self.state.key(), settings.hide_noncritical, tuple(sorted(job_arguments.items())))
+        key += (native.generation, self.state.key(), settings.hide_noncritical, tuple(sorted(job_arguments.items())))
         self.error = ""
         return key, frame, camera, values, job_arguments, settings, now
 
@@ -184,29 +204,38 @@ class View:
         begin = pace.clock()
         width, height = context.region.width, context.region.height
         try:
+            if self.wiped != wiped_scene(depsgraph):
+                self.update(depsgraph)
             requested = self.request(context, depsgraph, width, height, ("rgba",), False)
             upload = self.advance(requested)
+            if self.second is not None:
+                upload += self.second.advance(self.second.request(context, depsgraph, width, height, ("rgba",), False))
         except (SceneError, RuntimeError, ValueError) as error:
             self.error, upload = str(error), 0.0
         engine.update_stats("", self.statistics(depsgraph.scene.pags))
         middle = pace.clock()
+        edge = edge_of(depsgraph.scene.pags) if self.second is not None else 1
         if self.shown is not None:
-            self.put_plain()
+            self.put_plain(-1, edge)
+        if self.second is not None and self.second.shown is not None:
+            self.second.put_plain(edge + 4 / width, 1)  # a gap of two pixels is the edge
         self.watch.add(begin, middle, upload)
 
-    def put_plain(self):
+    def put_plain(self, left, right):
         shader = draw.shader("plain")
         gpu.state.depth_test_set("NONE")
         gpu.state.depth_mask_set(False)
         gpu.state.blend_set("NONE")
         shader.bind()
         shader.uniform_sampler("picture", self.shown.color)
-        draw.quad("plain").draw(shader)
+        draw.part("plain", left, right).draw(shader)
 
     def drop(self):
         if self.job is not None:
             self.job.cancel()
         self.job = self.shown = None
+        if self.second is not None:
+            self.second.drop()
 
 
 # ---- The timer ----

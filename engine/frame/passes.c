@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Cryptomattes (Friedman and Jones 2015), expected normals and motion vectors of the last picture (pags/passes.h).
+/* Cryptomattes (Friedman and Jones 2015), expected normals, motion vectors and counts of pairs of the last picture
+ * (pags/passes.h).
  *
  * A second walk through each tile's list finds the weights w = alpha T of its splats, a run of entries at a time, and
  * adds them up: for each name in the tile in a plane of its own, from which each pixel then takes the largest sums; for
@@ -12,6 +13,13 @@
 #include "frame/stages.h"
 
 enum { RUN = 32, PIXELS = PAGS_TILE_PIXELS, MOTIONS = 4 };
+/* Where the planes of each pass begin, in the order of pags_passes. */
+enum {
+  NORMAL_PLANE = 2 * PAGS_MATTE_PLANES,
+  MOTION_PLANE = NORMAL_PLANE + 3,
+  PAIR_PLANE = MOTION_PLANE + MOTIONS,
+  PASS_PLANES = PAIR_PLANE + 2
+};
 
 /* Where pixel (px, py) of this picture lies in another one, for a point at depth z:
  *   (X, Y, Z) = at (px, py, 1) + shift / z,   x = X / Z, y = Y / Z */
@@ -23,7 +31,7 @@ typedef struct carrier {
 typedef struct pass_scratch { /* of a worker; the arrays over names are those of one tile */
   float weights[RUN * PIXELS] __attribute__((aligned(64)));
   float transmittance[PIXELS] __attribute__((aligned(64)));
-  float normal[3][PIXELS], weight[PIXELS], motion[MOTIONS][PIXELS];
+  float normal[3][PIXELS], weight[PIXELS], motion[MOTIONS][PIXELS], pairs[2][PIXELS];
   uint16_t blended[RUN];
   struct {
     int32_t *slot; /* per name: its plane in `sums`; -1: none */
@@ -36,14 +44,12 @@ typedef struct pass_scratch { /* of a worker; the arrays over names are those of
 typedef struct pass_context {
   pags_frame *frame;
   const pags_pass_request *request;
-  const int32_t *part_of; /* per 16 dense indices: their part */
-  float *normals;         /* [dense_count][3], of the splats that are drawn; NULL: not wanted */
-  carrier *carriers[2];   /* per part, then one for what is infinitely far; before, after. NULL: no motion */
-  float *planes[2 * PAGS_MATTE_PLANES + 3 + MOTIONS]; /* the results, in the order of pags_passes; NULL: not wanted */
+  const int32_t *part_of;     /* per 16 dense indices: their part */
+  float *normals;             /* [dense_count][3], of the splats that are drawn; NULL: not wanted */
+  carrier *carriers[2];       /* per part, then one for what is infinitely far; before, after. NULL: no motion */
+  float *planes[PASS_PLANES]; /* the results, in the order of pags_passes; NULL: not wanted */
   pass_scratch *scratch;
 } pass_context;
-
-enum { NORMAL_PLANE = 2 * PAGS_MATTE_PLANES, MOTION_PLANE = NORMAL_PLANE + 3 };
 
 /* ---- Normals of Gaussians ---- */
 
@@ -222,6 +228,17 @@ static void add_entry(const pass_context *c, pass_scratch *s, const float *weigh
   }
 }
 
+/* Counts one entry of the list: blended where it has a weight, computed in the blocks of its mask. */
+static void count_entry(pass_scratch *s, const float *weights, unsigned blended, unsigned computed) {
+  for (; computed; computed &= computed - 1) {
+    const int b = __builtin_ctz(computed), at = 16 * b;
+    for (int k = 0; k < 16; k++) {
+      s->pairs[0][at + k] += (blended >> b & 1) && weights[at + k] > 0.0f ? 1.0f : 0.0f;
+      s->pairs[1][at + k] += 1.0f;
+    }
+  }
+}
+
 /* Writes a tile's plane of sums, which is in the order of blocks, to the picture's plane at the tile's first pixel. */
 static void put_plane(const float *sums, float *plane, int64_t stride) {
   for (int i = 0; i < PIXELS; i++)
@@ -287,6 +304,7 @@ static void pass_tile(const pass_context *c, int64_t tile, pass_scratch *s) {
   memset(s->normal, 0, sizeof s->normal);
   memset(s->weight, 0, sizeof s->weight);
   memset(s->motion, 0, sizeof s->motion);
+  memset(s->pairs, 0, sizeof s->pairs);
   for (int64_t i = start; i < end; i += RUN) {
     const int64_t count = end - i < RUN ? end - i : RUN;
     const pags_raster_weights in = {.splats = f->splats,
@@ -305,6 +323,8 @@ static void pass_tile(const pass_context *c, int64_t tile, pass_scratch *s) {
     f->kernels->raster_weights(&in);
     for (int64_t k = 0; k < count; k++)
       add_entry(c, s, s->weights + k * PIXELS, s->blended[k], f->entries[i + k].splat, x0, y0);
+    for (int64_t k = 0; k < count && c->request->pairs; k++)
+      count_entry(s, s->weights + k * PIXELS, s->blended[k], in.block_masks[k]);
   }
   for (int m = 0; m < 2; m++)
     if (c->request->matte[m])
@@ -318,6 +338,8 @@ static void pass_tile(const pass_context *c, int64_t tile, pass_scratch *s) {
     add_far_motion(c, s, x0, y0);
   for (int k = 0; k < MOTIONS && c->carriers[0]; k++)
     put_plane(s->motion[k], c->planes[MOTION_PLANE + k] + at, f->stride);
+  for (int k = 0; k < 2 && c->request->pairs; k++)
+    put_plane(s->pairs[k], c->planes[PAIR_PLANE + k] + at, f->stride);
 }
 
 static void pass_tiles(void *context, int64_t begin, int64_t end, int worker) {
@@ -360,10 +382,11 @@ static pags_result reserve(pass_context *c, int32_t **part_of) {
   if (!c->scratch || !*part_of || (c->request->normal && !c->normals) ||
       (motion && (!c->carriers[0] || !c->carriers[1])))
     return PAGS_ERROR_MEMORY;
-  for (int k = 0; k < MOTION_PLANE + MOTIONS; k++) {
+  for (int k = 0; k < PASS_PLANES; k++) {
     const bool wanted = k < NORMAL_PLANE   ? c->request->matte[k / PAGS_MATTE_PLANES] != NULL
                         : k < MOTION_PLANE ? c->request->normal != 0
-                                           : motion;
+                        : k < PAIR_PLANE   ? motion
+                                           : c->request->pairs != 0;
     c->planes[k] = wanted ? pags_frame_alloc(f, f->plane_size, sizeof *c->planes[k], "planes of passes") : NULL;
     if (wanted && !c->planes[k])
       return PAGS_ERROR_MEMORY;
@@ -395,5 +418,7 @@ pags_result pags_frame_passes(pags_frame *frame, const pags_pass_request *reques
     out->normal[k] = c.planes[NORMAL_PLANE + k];
   for (int k = 0; k < MOTIONS; k++)
     out->motion[k] = c.planes[MOTION_PLANE + k];
+  for (int k = 0; k < 2; k++)
+    out->pairs[k] = c.planes[PAIR_PLANE + k];
   return PAGS_OK;
 }

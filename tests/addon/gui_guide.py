@@ -41,7 +41,7 @@ SCENE = os.environ.get("PAGS_GUIDE_SCENE", "")
 STREET = os.path.join(FOLDER, "street")
 IMAGES = os.environ.get("PAGS_GUIDE_IMAGES", FOLDER)
 # Some of them alone: "rendered sidebar" and the like, in this order.
-STEPS = os.environ.get("PAGS_GUIDE_STEPS", "imported rendered sidebar moved underway meshes composited several").split()
+STEPS = os.environ.get("PAGS_GUIDE_STEPS", "imported rendered sidebar inspected moved underway meshes composited several").split()
 FRAME = int(os.environ.get("PAGS_GUIDE_FRAME", "14"))
 inspector = sys.modules[addon.__name__ + ".inspector"]
 composite = sys.modules[addon.__name__ + ".composite"]
@@ -187,6 +187,31 @@ def sidebar():
     bpy.context.scene.pags.mode = "rgb"
     view3d().show_region_ui = False
     deselect()
+    yield 0.3
+
+
+def inspected():
+    """The photograph of the recorded camera over the left of the picture, and the list of photographs; skipped where the recording isn't there."""
+    comparison, jobs = (sys.modules[f"{addon.__name__}.{name}"] for name in ("comparison", "jobs"))
+    settings, manager = bpy.context.scene.pags, bpy.context.window_manager
+    with in_view():
+        bpy.ops.pags.rank("INVOKE_DEFAULT")
+    while jobs.current is not None:
+        yield 0.1
+    if not manager.pags_photographs:
+        print("skipped: inspected: no photographs")
+        return
+    settings.comparison = "WIPE"
+    yield from open_tab()
+    with in_view():
+        manager.pags_photograph = 0
+        bpy.ops.view3d.view_center_camera()
+    while not any(not isinstance(pair, str) for pair in comparison._pairs.values()):
+        yield 0.1
+    yield from picture_of("inspected")
+    settings.comparison = "NONE"
+    view3d().show_region_ui = False
+    bpy.context.scene.frame_set(FRAME)
     yield 0.3
 
 

@@ -801,6 +801,18 @@ class Passes(ModuleCase):
         self.assertAlmostEqual(sum(v * v for v in pixel(picture.normal, 50, 50, 3)), 1, delta=1e-4)
         self.assertEqual(pags.cryptomatte_hash("bunny"), 0x13851A76)
 
+    def test_counts_of_pairs(self):
+        """As planes and as colours, which no alpha darkens; the picture beside them is that without them."""
+        view = make_camera(time=101.0)
+        picture = pags.render(self.scene, view, outputs=("rgba", "count", "overdraw"))
+        self.assertEqual([pixel(picture.count, x, y, 1)[0] for x, y in ((50, 50), (35, 50), (50, 20), (90, 90))], [1, 1, 1, 0])
+        self.assertEqual([pixel(picture.overdraw, x, y, 1)[0] for x, y in ((50, 50), (90, 90))], [1, 0])
+        self.assertGreater(sum(floats(picture.overdraw)), sum(floats(picture.count)))
+        self.assertEqual(bytes(picture.rgba), bytes(pags.render(self.scene, view).rgba))
+        few = pags.render(self.scene, view, mode="count", linear=False)
+        self.assertEqual(pixel(few.rgba, 50, 50, 4), pixel(few.rgba, 90, 90, 4))  # one and none: the darkest
+        self.assertIsNone(few.count)
+
     def test_window_and_flip(self):
         common = dict(outputs=self.ALL, before=make_camera(time=100.0))
         whole = pags.render(self.scene, make_camera(time=101.0), **common)

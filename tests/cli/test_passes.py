@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""pags render --channel crypto-object, crypto-class, expected-normal and motion, on the drive of test_drive.py."""
+"""pags render --channel crypto-object, crypto-class, expected-normal, motion, count and overdraw, on the drive of test_drive.py."""
 
 import json
 import os
@@ -114,6 +114,17 @@ class Passes(Case):
         self.assertEqual(self.ranks(planes, "CryptoObject", 50, 50)[0][0], value("c=2"))
         self.assertEqual(self.ranks(planes, "CryptoObject", 35, 50)[0][0], value("p,1"))
         self.assertEqual(self.ranks(planes, "CryptoObject", 0, 99), [])  # the sky has no name
+
+    def test_pairs(self):
+        """One Gaussian in the middle, two balls of one each beside and above it, nothing below."""
+        out = self.render("--camera", self.front, "--time", 1, "--channel", "count,overdraw")
+        self.assertEqual(files_below(out), ["00000_count.exr", "00000_overdraw.exr"])
+        count = read_exr(os.path.join(out, "00000_count.exr"))[2]["count"]
+        overdraw = read_exr(os.path.join(out, "00000_overdraw.exr"))[2]["overdraw"]
+        for x, y, wanted in ((50, 50, 1), (35, 50, 1), (50, 20, 1), (90, 90, 0)):
+            self.assertEqual((count[y][x], overdraw[y][x]), (wanted, wanted))
+        edge = sum(map(sum, overdraw)) - sum(map(sum, count))
+        self.assertGreater(edge, 0)  # pixels of a block that the ball reaches into, but not they
 
     def test_added_and_removed_objects(self):
         options = ["--camera", self.front, "--time", 1, "--channel", "crypto-object"]

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Cryptomattes, expected normals and motion vectors: against sums over the contributions of the double-precision
- * oracle; and what must hold to the bit. */
+/* Cryptomattes, expected normals, motion vectors and counts of pairs: against sums over the contributions of the
+ * double-precision oracle; and what must hold to the bit. */
 #include <pags/passes.h>
 
 #include "reference/frame_scene.h"
@@ -16,7 +16,7 @@
 
 enum { WIDTH = 101, HEIGHT = 67, PIXELS = WIDTH * HEIGHT, STRIDE = 112, ROWS = 80 };
 enum { SCENES = 3, PARTS = SCENES * FRAME_SCENE_PARTS, EACH = 60, COUNT = PARTS * EACH, NAMES = 9 };
-enum { PLANES = 2 * PAGS_MATTE_PLANES + 3 + 4 };
+enum { PLANES = 2 * PAGS_MATTE_PLANES + 3 + 4 + 2, PAIRS = PLANES - 2 };
 
 typedef struct fixture {
   reference_random random;
@@ -43,6 +43,7 @@ static void nudge(reference_random *random, const double pose[12], double out[12
 static void begin(fixture *f) {
   *f = (fixture){.random = {11}, .options = reference_options()};
   f->options.keep_for_passes = 1;
+  f->options.count_pairs = 1;
   f->options.origin[0] = 4.5;
   f->camera = reference_random_camera(&f->random, WIDTH, HEIGHT);
   reference_recipe recipe = reference_recipe_default();
@@ -80,6 +81,7 @@ static void end(fixture *f) {
 
 typedef struct result {
   float planes[PLANES][PIXELS], rgb[3][PIXELS], transmittance[PIXELS];
+  int64_t pairs[2]; /* of the whole picture, by the frame's statistics: blended, computed */
 } result;
 
 static void copy(const float *plane, float *out) {
@@ -123,6 +125,7 @@ static void run(const fixture *f, asked how, result *out) {
   const pags_pass_request request = {.matte = {&mattes[0], &mattes[1]},
                                      .normal = 1,
                                      .motion = 1,
+                                     .pairs = 1,
                                      .before = how.moved == 2 ? NULL : &moments[0],
                                      .after = &moments[1]};
   assert_int_equal(pags_frame_create(tasks, &frame), PAGS_OK);
@@ -138,8 +141,12 @@ static void run(const fixture *f, asked how, result *out) {
   for (int k = 0; k < PLANES && f->options.keep_for_passes; k++)
     copy(k < 2 * PAGS_MATTE_PLANES       ? passes.matte[k / PAGS_MATTE_PLANES][k % PAGS_MATTE_PLANES]
          : k < 2 * PAGS_MATTE_PLANES + 3 ? passes.normal[k - 2 * PAGS_MATTE_PLANES]
-                                         : passes.motion[k - 2 * PAGS_MATTE_PLANES - 3],
+         : k < PAIRS                     ? passes.motion[k - 2 * PAGS_MATTE_PLANES - 3]
+                                         : passes.pairs[k - PAIRS],
          out->planes[k]);
+  const pags_frame_stats *const stats = pags_frame_stats_get(frame);
+  out->pairs[0] = stats->pairs_blended;
+  out->pairs[1] = stats->pairs_evaluated;
   pags_frame_destroy(frame);
   pags_tasks_destroy(tasks);
   for (int s = 0; s < SCENES; s++)
@@ -304,6 +311,87 @@ static void passes_are_the_oracle_s(void **unused) {
   end(&f);
 }
 
+/* ---- Counts of pairs ---- */
+
+/* The least d' conic d from the splat's middle to a point of the rectangle of a block's pixel centres: 0 inside, else
+ * on one of the four sides, where the quadratic along the side has its least value at its vertex or an end. */
+static double least_quadratic(const reference_splat *s, double x0, double y0) {
+  const double side = 3, a = s->conic[0], b = s->conic[1], c = s->conic[2];
+  const double x = x0 - s->mean2d[0], y = y0 - s->mean2d[1];
+  if (x <= 0 && x + side >= 0 && y <= 0 && y + side >= 0)
+    return 0;
+  double least = INFINITY;
+  for (int k = 0; k < 2; k++) {
+    const double fixed_x = x + side * k, fixed_y = y + side * k;
+    const double v = fmin(fmax(-b * fixed_x / c, y), y + side), u = fmin(fmax(-b * fixed_y / a, x), x + side);
+    least = fmin(least, a * fixed_x * fixed_x + 2 * b * fixed_x * v + c * v * v);
+    least = fmin(least, a * u * u + 2 * b * u * fixed_y + c * fixed_y * fixed_y);
+  }
+  return least;
+}
+
+/* Splats that reach into the block whose first pixel is (x, y); slack: of their alpha, in shares. */
+static int reaching(const reference_picture *picture, int x, int y, double slack) {
+  int count = 0;
+  for (int64_t i = 0; i < picture->splat_count; i++) {
+    const reference_splat *const s = &picture->splats[i];
+    count += s->drawn && s->opacity * exp(-least_quadratic(s, x + 0.5, y + 0.5) / 2) >= s->least * (1 + slack);
+  }
+  return count;
+}
+
+static void pairs_are_the_oracle_s(void **unused) {
+  (void)unused;
+  fixture f;
+  result *const got = reference_alloc(1, sizeof *got);
+  int *const blended = reference_alloc(PIXELS, sizeof *blended);
+  begin(&f);
+  run(&f, (asked){.threads = 2, .cluster_size = 32}, got);
+  reference_picture picture = reference_render(f.parts, PARTS, &f.camera, &f.options);
+  for (int64_t k = 0; k < picture.contribution_count; k++)
+    blended[picture.contributions[k].pixel]++;
+
+  /* Blended: to the last one, where float rounding can't decide otherwise. */
+  int compared = 0, most = 0;
+  double totals[2] = {0, 0};
+  for (int pixel = 0; pixel < PIXELS; pixel++) {
+    totals[0] += (double)got->planes[PAIRS][pixel];
+    assert_true(got->planes[PAIRS][pixel] <= got->planes[PAIRS + 1][pixel]);
+    if (picture.margin[pixel] < 1e-4 || picture.depth_margin[pixel] < 1e-6)
+      continue;
+    assert_true(got->planes[PAIRS][pixel] == (float)blended[pixel]);
+    compared++;
+    most = blended[pixel] > most ? blended[pixel] : most;
+  }
+  assert_true(compared > PIXELS / 2 && most > 20);
+
+  /* Computed: what reaches into the block, all of it where no pixel of it stops. What is excluded falls short of the
+   * cut by at least 0.02 powers of two (PAGS_CUT_SLACK), so what is computed does by at most that, and 0.01 of
+   * rounding: 2.1 % of its alpha. */
+  int open = 0, stopped = 0;
+  for (int y = 0; y < HEIGHT; y += 4)
+    for (int x = 0; x < WIDTH; x += 4) {
+      const double computed = (double)got->planes[PAIRS + 1][y * WIDTH + x];
+      bool stops = false;
+      totals[1] += 16 * computed;
+      for (int v = y; v < y + 4 && v < HEIGHT; v++)
+        for (int u = x; u < x + 4 && u < WIDTH; u++) {
+          assert_true((double)got->planes[PAIRS + 1][v * WIDTH + u] == computed);
+          stops |= picture.transmittance[v * WIDTH + u] < 0.02; /* an alpha of 0.99 may stop it */
+        }
+      assert_true(computed <= reaching(&picture, x, y, -0.021));
+      assert_true(stops || computed >= reaching(&picture, x, y, 1e-3));
+      open += !stops && computed > 0;
+      stopped += stops;
+    }
+  assert_true(open > 20 && stopped > 20);
+  assert_true(totals[0] == (double)got->pairs[0] && totals[1] == (double)got->pairs[1]);
+  free(blended);
+  free(got);
+  reference_picture_destroy(&picture);
+  end(&f);
+}
+
 static void threads_and_clusters_change_no_bit(void **unused) {
   (void)unused;
   fixture f;
@@ -436,6 +524,7 @@ static void names_are_hashed_as_the_specification_does(void **unused) {
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(passes_are_the_oracle_s),
+      cmocka_unit_test(pairs_are_the_oracle_s),
       cmocka_unit_test(threads_and_clusters_change_no_bit),
       cmocka_unit_test(the_picture_is_that_of_a_frame_without_passes),
       cmocka_unit_test(what_rests_has_no_motion),

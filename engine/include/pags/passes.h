@@ -40,6 +40,7 @@ typedef struct pags_pass_request {
   const pags_matte *matte[2];        /* NULL: not wanted */
   int normal;                        /* 1: expected normals */
   int motion;                        /* 1: motion vectors */
+  int pairs;                         /* 1: Gaussians a pixel, blended and computed */
   const pags_moment *before, *after; /* of motion vectors; NULL: nothing moves on that side */
 } pags_pass_request;
 
@@ -60,6 +61,10 @@ typedef struct pags_passes {
    * point on the pixel's ray at the Gaussian's depth, which its part and the camera carry, and m_sky that of a point
    * infinitely far away. Points behind the other camera add 0. */
   const float *motion[4];
+  /* How many Gaussians were blended into the pixel (0), and for how many alpha was computed there (1), the rest being
+   * too faint at the pixel or behind where it stopped: what the pixel costs. The latter is the same for all pixels of a
+   * block of 4x4, the granularity of the rasteriser. */
+  const float *pairs[2];
 } pags_passes;
 
 /* Computes passes of the last render, which must have had options.keep_for_passes. PAGS_ERROR_MEMORY;

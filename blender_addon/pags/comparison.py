@@ -1,0 +1,385 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The recording's photographs beside the engine's pictures, in the 3D view through a recorded camera: a wipe, their difference or SSIM; and the list of
+all photographs by PSNR, worst first.
+
+What is compared is the scene as it was trained, without Blender's edits, exposed as training found the photograph. The pair is made beside Blender
+(a Job of its own, driven by a timer) once the view has rested on a photograph for a moment, and kept on the GPU."""
+
+import json
+import os
+import tempfile
+import time
+
+import bpy
+import gpu
+import numpy as np
+from bpy.props import BoolProperty, CollectionProperty, FloatProperty, IntProperty, StringProperty
+
+from . import cameras, draw, inspector, jobs, lens, native, photographs, program
+
+REST = 0.15  # seconds that the view rests on a photograph before it is compared
+TICK = 0.02
+MOST = 3  # pairs kept: each is some 60 MB at 1920 x 1280
+GAIN = 4  # by which differences are shown
+ORDER = ("WIPE", "DIFFERENCE", "SSIM")  # as the shader numbers them
+
+_pairs = {}  # by (entry, data set's folder as the user gave it, view's name): Pair, or the text of an error
+_wanted, _since, _job, _job_key = None, 0.0, None, None
+_handle, _filling = None, False
+
+
+# ---- Figures ----
+
+
+def ssim_map(a, b):
+    """SSIM at each pixel, mean of the channels, as `pags eval` computes it: Wang et al. 2004, window of 11 x 11, sigma 1.5, zeros beyond the border."""
+    window = np.exp(-0.5 * ((np.arange(11) - 5) / 1.5) ** 2)
+    window = (window / window.sum()).astype(np.float32)
+
+    def blur(picture):
+        for axis in range(2):
+            size = picture.shape[axis]
+            wide = np.pad(picture, [(5, 5) if k == axis else (0, 0) for k in range(3)])
+            shifted = (wide[i : i + size] if axis == 0 else wide[:, i : i + size] for i in range(11))
+            picture = sum(weight * part for weight, part in zip(window, shifted))
+        return picture
+
+    a, b = np.clip(a, 0, 1), np.clip(b, 0, 1)
+    mean_a, mean_b = blur(a), blur(b)
+    var_a, var_b, both = blur(a * a) - mean_a**2, blur(b * b) - mean_b**2, blur(a * b) - mean_a * mean_b
+    c1, c2 = 0.01**2, 0.03**2
+    return ((2 * mean_a * mean_b + c1) * (2 * both + c2) / ((mean_a**2 + mean_b**2 + c1) * (var_a + var_b + c2))).mean(axis=2)
+
+
+class Pair:
+    """A photograph and the engine's picture of it, arrays (height, width, 3), display-referred; `ssim` (height, width) is made when it is asked for."""
+
+    def __init__(self, view, photograph, picture, psnr):
+        self.view, self.photograph, self.picture, self.psnr = view, photograph, picture, psnr
+        self.ssim = self.mean_ssim = None
+        self.textures = {}
+
+    def line(self):
+        said = f"{self.view['name']}{' (held out)' if self.view['test'] else ''}: PSNR {self.psnr:.2f} dB"
+        return said if self.ssim is None else f"{said}, SSIM {self.mean_ssim:.3f}"
+
+    def texture(self, name):
+        """One of the pair's planes on the GPU, None where it has just been told to come: one a redraw, so that none is long."""
+        if name not in self.textures:
+            plane = getattr(self, name)[::-1]
+            height, width = plane.shape[:2]
+            rgba = np.ones((height, width, 4), dtype=np.float32)
+            rgba[..., :3] = plane if plane.ndim == 3 else plane[..., None]
+            self.textures[name] = draw.texture(rgba, width, height, 4)
+            return None
+        return self.textures[name]
+
+
+def make(job, root, entry, view, threads):
+    """Steps that make a Pair."""
+    photograph = yield from photographs.load(job, root, entry, view)
+    picture, value = yield jobs.beside(inspector.measure, entry, view, threads, True, photograph)
+    return Pair(view, photograph, picture, value)
+
+
+def add_ssim(job, pair):
+    """Steps that add SSIM to a Pair and return it."""
+    pair.ssim = yield jobs.beside(ssim_map, pair.photograph, pair.picture)
+    pair.mean_ssim = float(pair.ssim.mean())
+    return pair
+
+
+# ---- What the view shows ----
+
+
+def current(context):
+    """What a 3D view looks at: (root, entry, view of the scene), or a text why there is no photograph of it."""
+    camera, scene = context.scene.camera, context.scene
+    root = camera.pags.root if camera is not None and camera.pags.kind == "CAMERA" else None
+    if root is None or context.region_data.view_perspective != "CAMERA":
+        return "comparison: look through a camera of the recording (sidebar > PAGS > Cameras > Nearest)"
+    entry = native.entry(native.absolute_path(root), False)
+    if entry.scene is None:
+        return "loading ..."
+    if entry.views is None:
+        entry.views = entry.scene.views
+    sensor = camera.data.pags.sensor
+    group = [v for v in entry.views if (v["sensor"] == sensor and "time" in v if sensor >= 0 else v["name"] == camera.get("pags_view"))]
+    if not group:
+        return f"comparison: the scene has no photographs of {camera.name}"
+    if sensor < 0:
+        return root, entry, group[0]
+    now = entry.info["time_begin"] + (scene.frame_current_final - root.pags.frame_start) / root.pags.fps
+    view = min(group, key=lambda v: abs(v["time"] - now))
+    if abs(view["time"] - now) * root.pags.fps > 0.5 + 1e-3:
+        return "comparison: no photograph at this frame (sidebar > PAGS > Cameras > Nearest goes to one)"
+    return root, entry, view
+
+
+def pair_of(context):
+    """The Pair of what the view looks at, or a text: what is missing, or that it is being made, which is asked for here."""
+    global _wanted, _since
+    found = current(context)
+    if isinstance(found, str):
+        return found
+    root, entry, view = found
+    key, mode = (entry, root.pags.dataset, view["name"]), context.scene.pags.comparison
+    pair = _pairs.get(key)
+    if isinstance(pair, str) or (pair is not None and (mode != "SSIM" or pair.ssim is not None)):
+        return pair
+    if _job is not None and _job_key == key:
+        return f"comparing {view['name']} ..."
+    if _wanted is None or _wanted[0] != (key, pair is not None):
+        steps = (lambda job: add_ssim(job, pair)) if pair is not None else (lambda job: make(job, root, entry, view, context.scene.pags.threads))
+        _wanted, _since = ((key, pair is not None), steps), time.monotonic()
+    if not bpy.app.timers.is_registered(tick):
+        bpy.app.timers.register(tick, first_interval=TICK)
+    return f"comparing {view['name']} ..."
+
+
+def tick():
+    """Makes the pair that was asked for last."""
+    global _wanted, _job, _job_key
+    if _job is None:
+        if _wanted is None:
+            return None
+        if time.monotonic() - _since < REST:
+            return TICK
+        (_job_key, _), steps = _wanted
+        _job, _wanted = jobs.Job("comparison", steps), None
+    try:
+        if not _job.step():
+            return TICK
+        made = _job.notice
+    except jobs.ERRORS as error:
+        made = f"comparison: {error}"
+    except ReferenceError:  # the scene was deleted meanwhile
+        made = None
+    except BaseException:
+        _job = None
+        raise
+    _job = None
+    if made is not None:
+        _pairs.pop(_job_key, None)
+        _pairs[_job_key] = made
+        for key in list(_pairs)[:-MOST]:
+            del _pairs[key]
+    for _, region in draw.regions():
+        region.tag_redraw()
+    return TICK
+
+
+def forget():
+    global _wanted, _job
+    _wanted = None
+    _pairs.clear()
+    if _job is not None:
+        _job.abort()
+        _job = None
+
+
+# ---- Drawing ----
+
+VERTEX = "void main() { uv = 0.5 * at + 0.5; gl_Position = vec4(mix(place.xy, place.zw, uv), 0.0, 1.0); }"
+# `how`: number in ORDER, edge of the wipe, width of a pixel of the screen in the picture's widths, gain of differences.
+# The view's frame buffer encodes linear light, as it does for overlay.py.
+FRAGMENT = """
+vec3 light(vec3 c) {
+  c = clamp(c, 0.0, 1.0);
+  return mix(c / 12.92, pow((c + 0.055) / 1.055, vec3(2.4)), step(vec3(0.04045), c));
+}
+vec3 heat(float v) {
+  v = clamp(v, 0.0, 1.0) * 4.0;
+  vec3 c = mix(vec3(0.0, 0.0, 0.05), vec3(0.35, 0.05, 0.45), clamp(v, 0.0, 1.0));
+  c = mix(c, vec3(0.85, 0.20, 0.25), clamp(v - 1.0, 0.0, 1.0));
+  c = mix(c, vec3(0.98, 0.65, 0.10), clamp(v - 2.0, 0.0, 1.0));
+  return mix(c, vec3(1.0, 1.0, 0.75), clamp(v - 3.0, 0.0, 1.0));
+}
+void main() {
+  vec3 a = texture(first, uv).rgb, b = texture(second, uv).rgb;
+  vec3 shown = uv.x < how.y ? a : b;
+  if (how.x < 0.5 && abs(uv.x - how.y) < how.z) {
+    shown = vec3(1.0);
+  }
+  if (how.x > 0.5) {
+    shown = how.x < 1.5 ? how.w * abs(a - b) : heat(1.0 - a.r);
+  }
+  color = vec4(light(shown), 1.0);
+}
+"""
+_made = {}
+
+
+def shader():
+    if "shader" not in _made:
+        info, face = gpu.types.GPUShaderCreateInfo(), gpu.types.GPUStageInterfaceInfo("pags_comparison")
+        face.smooth("VEC2", "uv")
+        info.vertex_in(0, "VEC2", "at")
+        info.vertex_out(face)
+        for number, name in enumerate(("first", "second")):
+            info.sampler(number, "FLOAT_2D", name)
+        info.push_constant("VEC4", "place")
+        info.push_constant("VEC4", "how")
+        info.fragment_out(0, "VEC4", "color")
+        info.vertex_source(VERTEX)
+        info.fragment_source(FRAGMENT)
+        _made["shader"] = gpu.shader.create_from_info(info)
+        _made["quad"] = draw.rectangle(_made["shader"], -1, 1)
+    return _made["shader"]
+
+
+def place_of(context, view):
+    """Where a view's photograph lies in the region that looks through its camera: left, bottom, right, top in normalised device coordinates."""
+    region, rv3d = context.region, context.region_data
+    values, _ = lens.of_view(rv3d.window_matrix, rv3d.view_matrix, region.width, region.height)
+    x = [values["fx"] * (u - view["cx"]) / view["fx"] + values["cx"] for u in (0, view["width"])]
+    y = [values["fy"] * (v - view["cy"]) / view["fy"] + values["cy"] for v in (view["height"], 0)]
+    return [2 * x[0] / region.width - 1, 1 - 2 * y[0] / region.height, 2 * x[1] / region.width - 1, 1 - 2 * y[1] / region.height]
+
+
+def on_draw():
+    context = bpy.context
+    settings, region = context.scene.pags, context.region
+    if settings.comparison == "NONE" or context.region_data is None or not any(o.pags.kind == "ROOT" for o in context.scene.objects):
+        return
+    try:
+        pair = pair_of(context)
+    except native.SceneError as error:
+        pair = str(error)
+    if isinstance(pair, str):
+        draw.text(context, 0.5, 0.1, pair)
+        return
+    names = ("ssim", "ssim") if settings.comparison == "SSIM" else ("photograph", "picture")
+    textures = [pair.texture(name) for name in names]
+    if None in textures:
+        region.tag_redraw()
+        return
+    place = place_of(context, pair.view)
+    program_ = shader()
+    gpu.state.depth_test_set("NONE")
+    gpu.state.blend_set("NONE")
+    program_.bind()
+    program_.uniform_sampler("first", textures[0])
+    program_.uniform_sampler("second", textures[1])
+    program_.uniform_float("place", place)
+    width = max(1.0, 0.5 * (place[2] - place[0]) * region.width)
+    program_.uniform_float("how", (ORDER.index(settings.comparison), settings.wipe, 1 / width, GAIN))
+    _made["quad"].draw(program_)
+    legend = {
+        "WIPE": "left the photograph, right the picture",
+        "DIFFERENCE": f"difference of the two, {GAIN} times as bright",
+        "SSIM": "SSIM from dark (1, alike) to light (0)",
+    }
+    draw.text(context, 0.5 + 0.25 * (place[0] + place[2]), 0.5 + 0.5 * place[1], f"{pair.line()}; {legend[settings.comparison]}")
+
+
+# ---- The list ----
+
+
+def go(manager, context):
+    """One click in the list: the photograph's camera and time."""
+    items = manager.pags_photographs
+    if _filling or not 0 <= manager.pags_photograph < len(items):
+        return
+    item = items[manager.pags_photograph]
+    root, manager.pags_photographs_said = bpy.data.objects.get(item.root), ""
+    try:
+        if root is None:
+            raise native.SceneError(f"the scene {item.root} is gone; make the list anew")
+        frame = cameras.Frame(context, root)
+        view = next((v for v in frame.scene.views if v["name"] == item.name), None)
+        if view is None:
+            raise native.SceneError(f"the scene has no photograph {item.name} any more; make the list anew")
+        cameras.go_to(context, frame, view)
+    except native.SceneError as error:
+        manager.pags_photographs_said = str(error)
+
+
+class PagsPhotograph(bpy.types.PropertyGroup):
+    root: StringProperty(name="Scene", description="Name of the scene's Empty")
+    psnr: FloatProperty(name="PSNR", description="Against the photograph, dB")
+    ssim: FloatProperty(name="SSIM", description="Against the photograph")
+    test: BoolProperty(name="Held out", description="Not trained on")
+
+
+class PAGS_UL_photographs(bpy.types.UIList):
+    bl_idname = "PAGS_UL_photographs"
+
+    def draw_item(self, context, layout, data, item, icon, active_data, active_property):
+        row = layout.split(factor=0.55)
+        row.label(text=item.name, icon="HIDE_ON" if item.test else "IMAGE_DATA")
+        row.label(text=f"{item.psnr:.2f} dB")
+
+
+class PAGS_OT_rank(jobs.Long, cameras.OnScene, bpy.types.Operator):
+    """Compare every photograph of the recording with the engine's picture, as "pags eval" does, and list them, worst first"""
+
+    bl_idname = "pags.rank"
+    bl_label = "List photographs by PSNR"
+
+    def steps(self, context, root):
+        command, path = program.command(context), native.absolute_path(root)
+
+        def work(job):
+            entry = yield jobs.beside(native.load, path)
+            if not entry.scene.views:
+                raise native.SceneError("the scene has no photographs")
+            photographs.find(root, entry, entry.scene.views[0]["name"])  # says where it looked, and which field would do
+            given = photographs.moved(root, entry)
+            with tempfile.TemporaryDirectory(prefix="pags-list-") as folder:
+                target = os.path.join(folder, "eval.json")
+                words = ("eval", path, "--json", target, *(("--dataset", given) if given else ()))
+                yield jobs.beside(program.run, job, command, *words)
+                with open(target, encoding="utf-8") as file:
+                    figures = json.load(file)
+            found = [(v["psnr"], v, split == "test") for split in ("train", "test") for v in figures[split]["per_view"]]
+            return fill(bpy.context.window_manager, root, sorted(found, key=lambda one: (one[0] if one[0] is not None else 99.0, one[1]["name"])))
+
+        return work
+
+
+def fill(manager, root, found):
+    """Fills the list, worst first; returns what is to be told."""
+    global _filling
+    manager.pags_photographs.clear()
+    manager.pags_photographs_said = ""
+    for psnr, figures, test in found:
+        item = manager.pags_photographs.add()
+        item.name, item.root, item.test = figures["name"], root.name, test
+        item.psnr = psnr if psnr is not None else 99.0  # equal to the bit
+        item.ssim = figures["ssim"] if figures["ssim"] is not None else 1.0
+    _filling = True  # nothing is chosen, and nobody is sent anywhere
+    manager.pags_photograph = -1
+    _filling = False
+    worst = manager.pags_photographs[0]
+    return f"{len(found)} photographs; the worst is {worst.name} with {worst.psnr:.2f} dB"
+
+
+CLASSES = (PagsPhotograph, PAGS_UL_photographs, PAGS_OT_rank)
+
+
+def register():
+    global _handle
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+    manager = bpy.types.WindowManager
+    manager.pags_photographs = CollectionProperty(type=PagsPhotograph, name="Photographs", description="Worst first")
+    manager.pags_photograph = IntProperty(name="Photograph", description="A click goes to its camera and time", default=-1, update=go)
+    manager.pags_photographs_said = StringProperty(name="Message", description="Why a click in the list went nowhere")
+    if not bpy.app.background:
+        _handle = bpy.types.SpaceView3D.draw_handler_add(on_draw, (), "WINDOW", "POST_PIXEL")
+
+
+def unregister():
+    global _handle
+    if _handle is not None:
+        bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
+        _handle = None
+    if bpy.app.timers.is_registered(tick):
+        bpy.app.timers.unregister(tick)
+    forget()
+    _made.clear()
+    manager = bpy.types.WindowManager
+    del manager.pags_photographs_said, manager.pags_photograph, manager.pags_photographs
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

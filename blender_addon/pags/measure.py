@@ -1,0 +1,242 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Measures in the 3D view: the distance between two picked points, and a view that stands on the ground."""
+
+import bpy
+import gpu
+import numpy as np
+from bpy.props import FloatProperty, FloatVectorProperty, IntVectorProperty, StringProperty
+from gpu_extras.batch import batch_for_shader
+from mathutils import Matrix, Vector
+
+from . import draw, gather, inspector, lens, native
+
+BESIDE = 0.4  # metres that the rays beside the middle one go down from; the ground is the median of nine
+DOWN = np.array([[1.0, 0, 0], [0, -1.0, 0], [0, 0, -1.0]])  # a camera that looks down, in the engine's axes
+
+_handles = ()
+
+
+# ---- Distance ----
+
+
+def place_at(context, x, y):
+    """The point of Blender's world that a pixel of the 3D view shows (row 0 at the bottom). SceneError where there is nothing."""
+    region, view = context.region, context.region_data
+    values, pose = lens.of_view(view.window_matrix, view.view_matrix, region.width, region.height)
+    found = inspector.pick(context, values, pose, x, region.height - 1 - y)
+    if found is None:
+        raise native.SceneError("nothing is drawn there")
+    return found["place"]
+
+
+class PAGS_OT_distance(bpy.types.Operator):
+    """Click on two points of the scene: how far they are apart. The view may be turned and moved between the clicks; Escape ends it"""
+
+    bl_idname = "pags.distance"
+    bl_label = "Distance"
+    bl_options = {"UNDO"}  # no panel to adjust: the points of the clicks aren't properties
+
+    start: IntVectorProperty(name="From", description="Pixels from the left and the bottom of the view", size=2)
+    end: IntVectorProperty(name="To", description="Pixels from the left and the bottom of the view", size=2)
+
+    @classmethod
+    def poll(cls, context):
+        return context.region_data is not None
+
+    def invoke(self, context, event):
+        self.first = None
+        context.window.cursor_modal_set("EYEDROPPER")
+        context.workspace.status_text_set("Click on the first point; Escape: cancel")
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context, event):
+        if event.type in {"ESC", "RIGHTMOUSE"}:
+            return self.close(context, {"CANCELLED"})
+        if event.type != "LEFTMOUSE" or event.value != "PRESS":
+            return {"PASS_THROUGH"}  # the view can be turned meanwhile
+        try:
+            place = place_at(context, event.mouse_region_x, event.mouse_region_y)
+        except (native.SceneError, RuntimeError, ValueError) as error:
+            self.report({"WARNING"}, f"{error}; click on another point")
+            return {"RUNNING_MODAL"}
+        if self.first is None:
+            self.first = place
+            context.workspace.status_text_set("Click on the second point; Escape: cancel")
+            return {"RUNNING_MODAL"}
+        self.tell(context, self.first, place)
+        return self.close(context, {"FINISHED"})
+
+    def close(self, context, answer):
+        context.window.cursor_modal_restore()
+        context.workspace.status_text_set(None)
+        return answer
+
+    def execute(self, context):
+        try:
+            self.tell(context, place_at(context, *self.start), place_at(context, *self.end))
+        except (native.SceneError, RuntimeError, ValueError) as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+    def tell(self, context, a, b):
+        unit = context.scene.unit_settings.scale_length
+        apart = unit * (b - a)
+        context.scene.pags_measured = [*a, *b]
+        context.scene.pags_distance = f"{np.linalg.norm(apart):.3f} m ({np.linalg.norm(apart[:2]):.3f} m level, {apart[2]:+.3f} m up)"
+        self.report({"INFO"}, context.scene.pags_distance)
+
+
+class PAGS_OT_forget_distance(bpy.types.Operator):
+    """Take the measured distance out of the views"""
+
+    bl_idname = "pags.forget_distance"
+    bl_label = "Remove distance"
+    bl_options = {"UNDO"}
+
+    def execute(self, context):
+        context.scene.pags_distance = ""
+        return {"FINISHED"}
+
+
+def line_shader():
+    for name in ("UNIFORM_COLOR", "3D_UNIFORM_COLOR"):
+        try:
+            return gpu.shader.from_builtin(name)
+        except (ValueError, SystemError):
+            continue
+    return None
+
+
+def on_draw():
+    context = bpy.context
+    if not context.scene.pags_distance or context.region_data is None:
+        return
+    points = np.array(context.scene.pags_measured).reshape(2, 3).tolist()
+    shader = line_shader()
+    if shader is None:
+        return
+    gpu.state.depth_test_set("NONE")
+    gpu.state.line_width_set(2.0)
+    gpu.state.point_size_set(6.0)
+    shader.bind()
+    shader.uniform_float("color", (1.0, 0.6, 0.1, 1.0))
+    for kind in ("LINES", "POINTS"):
+        batch_for_shader(shader, kind, {"pos": points}).draw(shader)
+    gpu.state.line_width_set(1.0)
+
+
+def on_draw_text():
+    context = bpy.context
+    if not context.scene.pags_distance or context.region_data is None:
+        return
+    region, matrix = context.region, context.region_data.perspective_matrix
+    middle = np.array(context.scene.pags_measured).reshape(2, 3).mean(axis=0)
+    at = matrix @ Vector((*middle.tolist(), 1.0))
+    if at.w > 0 and region.width > 0:
+        draw.text(context, 0.5 + 0.5 * at.x / at.w, 0.5 + 0.5 * at.y / at.w, context.scene.pags_distance)
+
+
+# ---- Standing on the ground ----
+
+
+def ground_below(context, place):
+    """Height in Blender's world of what lies straight below a point: the median of nine rays, so that neither a gap nor a bollard decides; of a LiDAR
+    sweep that was imported where the scene has nothing there. None where that has nothing either."""
+    depsgraph = context.evaluated_depsgraph_get()
+    state, heights = gather.gather(depsgraph), []
+    if state is not None:
+        frame, now = state.load(True), context.scene.frame_current_final
+        contents = frame.contents_at(now)
+        values = {"width": 1, "height": 1, "fx": 1.0, "fy": 1.0, "cx": 0.5, "cy": 0.5}
+        pose = np.eye(4)
+        pose[:3, :3] = DOWN
+        for x in (-BESIDE, 0, BESIDE):
+            for y in (-BESIDE, 0, BESIDE):
+                pose[:3, 3] = place + np.array([x, y, 0])
+                found = native.module.pick(frame.entry.scene, frame.camera(values, pose, now), 0, 0, **contents)
+                if found is not None:
+                    heights.append(place[2] - found["depth"] * frame.scale)
+    return float(np.median(heights)) if heights else lidar_below(context, place)
+
+
+def lidar_below(context, place):
+    """The same of the points of LiDAR sweeps within a metre: the lowest twentieth of them."""
+    heights = []
+    for block in context.scene.objects:
+        if "pags_lidar" not in block:
+            continue
+        points = np.empty(3 * len(block.data.vertices), dtype=np.float32)
+        block.data.vertices.foreach_get("co", points)
+        matrix = lens.matrix(block.matrix_world)
+        world = points.reshape(-1, 3) @ matrix[:3, :3].T + matrix[:3, 3]
+        near = np.linalg.norm(world[:, :2] - place[:2], axis=1) < 1
+        heights += [h for h in world[near, 2].tolist() if h < place[2]]
+    return float(np.percentile(heights, 5)) if heights else None
+
+
+class PAGS_OT_stand(bpy.types.Operator):
+    """Set the view, or the camera that it looks through, at eye height over what lies below it, level and in its direction. Cameras of the recording
+    are left: the view stands on the ground below them"""
+
+    bl_idname = "pags.stand"
+    bl_label = "Stand on ground"
+    bl_options = {"REGISTER", "UNDO"}
+
+    height: FloatProperty(name="Eye height", description="Over the ground", default=1.6, min=0.01, max=1000, unit="LENGTH")
+
+    @classmethod
+    def poll(cls, context):
+        return context.region_data is not None
+
+    def execute(self, context):
+        view = context.region_data
+        eye = view.view_matrix.inverted()
+        place = np.array(eye.translation if view.is_perspective else view.view_location, dtype=np.float64)
+        try:
+            ground = ground_below(context, place)
+        except (native.SceneError, RuntimeError, ValueError) as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        if ground is None:
+            self.report({"ERROR"}, "nothing of the scene, and no LiDAR point, lies below the view; move it over the ground")
+            return {"CANCELLED"}
+        towards = eye.to_3x3() @ Vector((0, 0, -1))
+        if towards.xy.length < 0.05 * towards.length:  # it looks straight up or down: what is above in the picture lies ahead
+            towards = eye.to_3x3() @ Vector((0, 1, 0))
+        turn = Vector((towards.x, towards.y, 0)).to_track_quat("-Z", "Y")
+        stand = Vector((place[0], place[1], ground + self.height))
+        camera = context.space_data.camera if view.view_perspective == "CAMERA" else None
+        if camera is not None and camera.pags.kind == "NONE":
+            camera.matrix_world = Matrix.Translation(stand) @ turn.to_matrix().to_4x4()
+        else:
+            view.view_perspective = "PERSP"
+            view.view_rotation = turn
+            view.view_location = stand + turn @ Vector((0, 0, -view.view_distance))
+        self.report({"INFO"}, f"{self.height:g} m over the ground at height {ground:.2f} m")
+        return {"FINISHED"}
+
+
+CLASSES = (PAGS_OT_distance, PAGS_OT_forget_distance, PAGS_OT_stand)
+
+
+def register():
+    global _handles
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+    bpy.types.Scene.pags_measured = FloatVectorProperty(name="Measured", description="The two points of the distance", size=6, options={"SKIP_SAVE"})
+    bpy.types.Scene.pags_distance = StringProperty(name="Distance", description="Between the two points", options={"SKIP_SAVE"})
+    if not bpy.app.background:
+        add = bpy.types.SpaceView3D.draw_handler_add
+        _handles = (add(on_draw, (), "WINDOW", "POST_VIEW"), add(on_draw_text, (), "WINDOW", "POST_PIXEL"))
+
+
+def unregister():
+    global _handles
+    for handle in _handles:
+        bpy.types.SpaceView3D.draw_handler_remove(handle, "WINDOW")
+    _handles = ()
+    del bpy.types.Scene.pags_distance, bpy.types.Scene.pags_measured
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Reads a scene anew when its files have changed on disk, as when training goes on and writes it again. What was read before is drawn until then; what
+was moved, hidden, keyed or deleted in Blender stays. Objects are found again by their ids; tracks that nobody has touched take the new poses."""
+
+import bpy
+import numpy as np
+
+from . import curves, draw, jobs, native
+
+PERIOD = 2.0  # seconds between looks at the files, and for which they have to rest
+
+_changed = {}  # by path: a stamp that differs from what was read
+_tried = {}  # by path: the stamp that was read last
+
+
+def due(path, entry):
+    """Whether a scene's files have changed, and have rested since the last look."""
+    stamp = native.stamp_of(path)
+    if entry.loading or entry.scene is None or stamp is None or stamp == entry.stamp:
+        _changed.pop(path, None)
+        return False
+    rested, _changed[path] = _changed.get(path) == stamp, stamp
+    return rested and _tried.get(path) != stamp
+
+
+def tick():
+    windows = bpy.context.window_manager.windows
+    if jobs.current is None and len(windows):
+        for path, entry in native.entries():
+            if due(path, entry) and roots_of(path):
+                with bpy.context.temp_override(window=windows[0]):
+                    jobs.start("Scene", lambda job: read_anew(job, path))
+                break
+    return PERIOD
+
+
+def roots_of(path):
+    return [o for o in bpy.data.objects if o.pags.kind == "ROOT" and native.absolute_path(o) == path]
+
+
+def read_anew(job, path):
+    """Steps that read a scene and put it in the place of what was read before."""
+    job.tell(0, "reading what was written anew")
+    old, fresh = native.entry(path, False), native.Entry(path)
+    _tried[path] = fresh.stamp
+    yield jobs.beside(fresh.thread.join)
+    if fresh.error:
+        job.notes.append(f"{path} was written anew, but can't be read ({fresh.error}); what was read before is shown")
+        return None
+    native.replace(path, fresh)
+    told = [adopt(root, old, fresh) for root in roots_of(path)]
+    for _, region in draw.regions():
+        region.tag_redraw()
+    manager = bpy.context.window_manager
+    if manager.pags_photographs:
+        manager.pags_photographs_said = "the scene was written anew since the list was made"
+    before, now = old.info["gaussians"], fresh.info["gaussians"]
+    return f"{path} was written anew: {now:,} Gaussians, {before:,} before" + "".join(sorted(set(filter(None, told))))
+
+
+def adopt(root, old, fresh):
+    """Lets the Blender objects of a scene stand for what was read anew; returns what is to be told."""
+    index_of = {record["id"]: index for index, record in enumerate(fresh.objects)}
+    root["pags_gaussians"] = fresh.info["gaussians"]
+    gone = 0
+    for part in [o for o in bpy.data.objects if o.pags.kind == "OBJECT" and o.pags.root == root and "pags_id" in o]:
+        before, index = part.pags.index, index_of.get(part["pags_id"])
+        if index is None:
+            index = len(fresh.objects) + max(before, 0)  # of no object; nothing is drawn of it
+            gone += 1
+        else:
+            part["pags_gaussians"] = fresh.objects[index]["gaussians"]
+        track = part.parent if part.parent is not None and part.parent.pags.kind == "TRACK" else None
+        if track is not None and index < len(fresh.objects) and before < len(old.objects):
+            renew_track(root, track, old, before, fresh, index)
+        for block in filter(None, (part, track)):
+            if block.pags.index != index:
+                block.pags.index = index
+    more = sum(r["gaussians"] > 0 for r in fresh.objects) - sum(r["gaussians"] > 0 for r in old.objects)
+    told = f"; objects that are no longer in it: {gone}" if gone else ""
+    return told + (f"; objects that are new in it: {more}; import it again to have them" if more > 0 else "")
+
+
+def poses_of(root, entry, index):
+    """Frames and poses (n, 3, 4) of an object's track, as the import lays them on the timeline."""
+    rows = np.array(entry.scene.track(index)).reshape(-1, 13)
+    poses = rows[:, 1:].reshape(-1, 3, 4).copy()
+    poses[:, :, 3] -= np.array(entry.info["origin"])
+    return root.pags.frame_start + (rows[:, 0] - entry.info["time_begin"]) * root.pags.fps, poses
+
+
+def renew_track(root, track, old, old_index, fresh, index):
+    """Gives a track the new poses where its keyframes are still those of the scene that was read before."""
+    if not (old.objects[old_index]["tracked"] and fresh.objects[index]["tracked"]):
+        return
+    frames, poses = poses_of(root, old, old_index)
+    if track.animation_data is None or track.animation_data.action is None or len(frames) < 2:
+        return
+    wanted = [("location", k, poses[:, k, 3]) for k in range(3)]
+    wanted += [("rotation_quaternion", k, values) for k, values in enumerate(curves.quaternions(poses[:, :, :3]).T)]
+    for path, k, values in wanted:
+        curve = curves.fcurve_owner(track).find(path, index=k)
+        if curve is None or len(curve.keyframe_points) != len(frames):
+            return
+        keyed = np.empty(2 * len(frames), dtype=np.float32)
+        curve.keyframe_points.foreach_get("co", keyed)
+        if not (np.allclose(keyed[0::2], frames, rtol=0, atol=1e-3) and np.allclose(keyed[1::2], values, rtol=0, atol=1e-3)):
+            return
+    curves.set_track(track, *poses_of(root, fresh, index))
+
+
+def register():
+    if not bpy.app.background:
+        bpy.app.timers.register(tick, first_interval=PERIOD, persistent=True)
+
+
+def unregister():
+    if bpy.app.timers.is_registered(tick):
+        bpy.app.timers.unregister(tick)
+    _changed.clear()
+    _tried.clear()
