@@ -266,7 +266,7 @@ static pags_result losses(pags_trainer *t, int64_t step, pags_step_view *v, pags
                                      v->level, c->losses.depth_weight, c->losses.depth_share, p->plane[GRADIENT_DEPTH],
                                      p->plane[GRADIENT_T], &v->terms.depth));
   }
-  if (t->state.sky.sky.size > 0 && !t->measuring)
+  if (t->state.sky.sky.size > 0 && !t->state.sky.fixed && !t->measuring)
     PAGS_TRY(pags_sky_fit_receive(&t->state.sky, &t->state.schedule, step, gradient));
   return PAGS_OK;
 }
