@@ -10,5 +10,7 @@ int pags_verb_export(int argc, char **argv);
 int pags_verb_info(int argc, char **argv);
 int pags_verb_import(int argc, char **argv);
 int pags_verb_synth(int argc, char **argv);
+int pags_verb_split(int argc, char **argv);
+int pags_verb_merge(int argc, char **argv);
 
 #endif

@@ -24,7 +24,7 @@ CODE = re.compile(r"\.([ch]|inl|cc)$")
 # ---- Which folder may include from which ----
 CORE = ["engine/port", "threads", "simd", "engine/maths", "engine/base", "engine/scene", "engine/frame"]  # the folders linked into libpags.so and the Python module
 DATA = ["engine/image", "engine/dataset"]
-ENGINE = CORE + DATA + ["engine/import", "engine/init", "engine/train", "engine/eval", "engine/synth"]
+ENGINE = CORE + DATA + ["engine/import", "engine/init", "engine/train", "engine/eval", "engine/synth", "engine/blocks"]
 
 # A folder -> the folders, with those inside of them, that it includes from. Itself is always allowed.
 KNOWS = {
@@ -40,6 +40,7 @@ KNOWS = {
     "engine/import": ["engine/port", "threads", "engine/maths", "engine/base", "engine/scene"] + DATA,
     "engine/init": ["engine/port", "threads", "engine/maths", "engine/base", "engine/scene"] + DATA,
     "engine/train": CORE + DATA + ["engine/init"],
+    "engine/blocks": ["engine/port", "threads", "engine/maths", "engine/base", "engine/scene"] + DATA,
     "engine/eval": ["engine/port", "threads", "engine/maths", "engine/base", "engine/image"],
     "engine/synth": ["engine/port", "threads", "engine/maths", "engine/base", "engine/scene"] + DATA,
     "exporters/proxy": CORE + DATA,
@@ -76,6 +77,7 @@ HEADERS = {
     "engine/image": ["image"],
     "engine/dataset": ["dataset"],
     "engine/import": ["import"],
+    "engine/blocks": ["blocks"],
     "engine/train": ["train"],
     "engine/eval": ["eval"],
     "engine/synth": ["synth"],

@@ -96,6 +96,11 @@ static pags_result read_parsed(const char *path, const pags_dataset_options *opt
     return pags_fail(PAGS_ERROR_IO, "%s: no such file or folder", path);
   if (options->colmap)
     return read_named_model(path, options->colmap, parsed);
+  if (pags_folder_has(path, PAGS_SPLIT_FILE))
+    return pags_fail(
+        PAGS_ERROR_FORMAT,
+        "%s: a recording that was split into blocks; expected one of them (%s/000) or the recording itself", path,
+        path);
   if (pags_dir_exists(path)) {
     /* The order decides which format wins: an explicit kind of driving set, transforms.json, a driving set, a COLMAP
      * model. */
@@ -126,6 +131,20 @@ static pags_result read_parsed(const char *path, const pags_dataset_options *opt
   if (strcmp(pags_path_extension(path), ".json") == 0)
     return pags_transforms_read(path, parsed);
   return pags_foreign_refuse(path);
+}
+
+/* Reads the recording that a block is of, and leaves in it what the block has. */
+static pags_result read_block(const pags_block_file *block, const pags_dataset_options *options,
+                              pags_parsed_dataset *parsed) {
+  const char *recording = block->facts.recording;
+  if (!pags_dir_exists(recording))
+    return pags_fail(PAGS_ERROR_IO,
+                     "%s: the recording that it is a block of isn't at %s; put it back, or correct 'recording'",
+                     block->path, recording);
+  PAGS_TRY(read_parsed(recording, options, parsed));
+  return parsed->driving ? pags_block_cut(&block->facts, parsed)
+                         : pags_fail(PAGS_ERROR_FORMAT, "%s: expected the driving set that was split, found %s",
+                                     recording, parsed->kind);
 }
 
 /* ---- Leaving out missing views ---- */
@@ -390,7 +409,8 @@ static pags_result open_into(pags_dataset *dataset, const char *path, const pags
   dataset->image_alpha = options->image_alpha;
   for (int c = 0; c < 3; c++)
     dataset->background[c] = (uint8_t)(fmin(fmax(options->background[c], 0), 1) * 255 + 0.5);
-  PAGS_TRY(read_parsed(path, options, &dataset->parsed));
+  PAGS_TRY(dataset->block.path ? read_block(&dataset->block, options, &dataset->parsed)
+                               : read_parsed(path, options, &dataset->parsed));
   if (!dataset->parsed.driving)
     PAGS_TRY(check_static(path, &dataset->parsed, options));
   pags_dataset_options resolved = *options;
@@ -442,7 +462,9 @@ pags_result pags_dataset_open(const char *path, const pags_dataset_options *opti
   pags_dataset *dataset = calloc(1, sizeof *dataset);
   if (!dataset)
     return pags_out_of_memory("%s", path);
-  pags_result result = open_into(dataset, path, &chosen);
+  pags_result result = pags_block_is(path) ? pags_block_read(path, &dataset->block, &chosen) : PAGS_OK;
+  if (result == PAGS_OK)
+    result = open_into(dataset, path, &chosen);
   if (result != PAGS_OK)
     pags_dataset_close(dataset);
   else
@@ -454,6 +476,7 @@ void pags_dataset_close(pags_dataset *dataset) {
   if (!dataset)
     return;
   pags_parsed_destroy(&dataset->parsed);
+  pags_block_file_destroy(&dataset->block);
   free(dataset->path);
   free(dataset->colmap);
   free(dataset->image_folder);
@@ -491,6 +514,10 @@ pags_up pags_dataset_up(const pags_dataset *dataset) {
 
 const double *pags_dataset_origin(const pags_dataset *dataset) {
   return dataset->origin;
+}
+
+const pags_block *pags_dataset_block(const pags_dataset *dataset) {
+  return dataset->block.path ? &dataset->block.facts : NULL;
 }
 
 int64_t pags_dataset_missing(const pags_dataset *dataset) {

@@ -5,10 +5,12 @@
 
 #include <pags/dataset.h>
 
+#include "dataset/block.h"
 #include "dataset/parsed.h"
 
 struct pags_dataset {
   char *path, *colmap;
+  pags_block_file block;      /* zeroed unless the data set is a block of a recording */
   pags_parsed_dataset parsed; /* owns the strings of `views`; parsed.views has the same order */
   pags_view *views;
   pags_camera *pinholes; /* one per view: undistorted, not downscaled; only size and intrinsics are set */

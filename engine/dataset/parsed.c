@@ -13,17 +13,21 @@
 #include "base/memory.h"
 #include "base/sort.h"
 
+void pags_parsed_view_destroy(pags_parsed_view *view) {
+  free(view->image_path);
+  free(view->mask_path);
+  free(view->where);
+  free(view->sky_path);
+  free(view->semantic_path);
+  free(view->dynamic_path);
+  free(view->part_path);
+  free(view->no_pose);
+  *view = (pags_parsed_view){0};
+}
+
 void pags_parsed_destroy(pags_parsed_dataset *parsed) {
-  for (int64_t i = 0; i < parsed->count; i++) {
-    free(parsed->views[i].image_path);
-    free(parsed->views[i].mask_path);
-    free(parsed->views[i].where);
-    free(parsed->views[i].sky_path);
-    free(parsed->views[i].semantic_path);
-    free(parsed->views[i].dynamic_path);
-    free(parsed->views[i].part_path);
-    free(parsed->views[i].no_pose);
-  }
+  for (int64_t i = 0; i < parsed->count; i++)
+    pags_parsed_view_destroy(&parsed->views[i]);
   free(parsed->views);
   free(parsed->source);
   free(parsed->points.items);

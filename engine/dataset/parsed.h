@@ -71,6 +71,8 @@ typedef struct pags_parsed_dataset {
 } pags_parsed_dataset;
 
 void pags_parsed_destroy(pags_parsed_dataset *parsed);
+/* Frees what a view owns and zeroes it. */
+void pags_parsed_view_destroy(pags_parsed_view *view);
 /* Appends a zeroed view; returns NULL when out of memory. */
 pags_parsed_view *pags_parsed_add(pags_parsed_dataset *parsed);
 /* Appends a point without observers, unless a coordinate is not finite. */

@@ -255,6 +255,7 @@ void pags_scene_destroy(pags_scene *scene) {
     pags_object_destroy(&scene->objects[i].record);
   pags_sky_destroy(&scene->sky);
   free(scene->objects);
+  free(scene->block);
   free(scene->notes);
   free(scene->models);
   free(scene->views);

@@ -172,6 +172,7 @@ static pags_result read_root(const pags_json *json, pags_scene *scene, pags_scen
   PAGS_TRY(pags_json_unsigned_or(json, root, "seed", 0, &scene->seed));
   PAGS_TRY(pags_json_integer_or(json, root, "iterations", 0, INT64_MAX, 0, &scene->iterations));
   PAGS_TRY(read_raw(json, root, "config", &scene->config));
+  PAGS_TRY(read_raw(json, root, "block", &scene->block));
   PAGS_TRY(read_raw(json, root, "modelled", &scene->notes));
 
   PAGS_TRY(read_sky(json, root, &files->sky));
@@ -307,6 +308,8 @@ static pags_result write_root(pags_json_writer *w, const pags_scene *scene) {
   pags_place_to_json(w, &scene->place);
   if (scene->sky.size > 0)
     pags_json_put_string(w, "sky", PAGS_SKY_FILE);
+  if (scene->block)
+    PAGS_TRY(write_raw(w, "block", scene->block));
   if (scene->notes)
     PAGS_TRY(write_raw(w, "modelled", scene->notes));
   if (scene->object_count)

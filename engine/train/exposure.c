@@ -31,6 +31,8 @@ pags_result pags_exposures_create(pags_exposures *exposures, const pags_dataset 
   exposures->items = calloc((size_t)(exposures->count + exposures->sensors), sizeof(pags_exposure));
   if (!exposures->items)
     return pags_out_of_memory("exposures of %lld views", (long long)exposures->count);
+  for (int c = 0; c < 3; c++)
+    exposures->mean[c] = 1.0;
   for (int64_t i = 0; i < exposures->count; i++)
     for (int c = 0; c < 3; c++)
       exposures->items[i].value[c] = 1.0;
@@ -118,7 +120,7 @@ int pags_exposures_update(pags_exposures *exposures, const pags_dataset *dataset
   }
   for (int64_t i = exposures->count; i < exposures->count + exposures->sensors; i++)
     for (int k = 0; k < 6; k++)
-      exposures->items[i].value[k] -= mean[k] / (double)(training > 0 ? training : 1) - (k < 3 ? 1.0 : 0.0);
+      exposures->items[i].value[k] -= mean[k] / (double)(training > 0 ? training : 1) - exposures->mean[k];
 
   return moved;
 }

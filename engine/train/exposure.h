@@ -3,7 +3,7 @@
  * An exposure is the sum of a camera's part, which every photograph of that camera updates, and a small part of the
  * photograph's own, which gets no more than some tens of updates in a run: the cameras of one rig differ far more
  * than the photographs of one camera do. After every step, the means over all training photographs are set back to
- * gain 1 and offset 0, so that the scene keeps its colours.
+ * where they were, gain 1 and offset 0, so that the scene keeps its colours.
  *
  * A static set has exposures only if its photographs call for them: after a third of the run, those that differ by
  * less than a just visible step are dropped. */
@@ -29,6 +29,8 @@ typedef struct pags_exposures {
   int64_t sensors;      /* cameras of the rig, indexed by camera number + 1 (number -1: unknown) */
   pags_exposure *items; /* parts of the `count` views, from 1 and 0 (held-out views stay there), then those of the
                            cameras, from 0 and 0 */
+  double mean[6];       /* what the mean over the training photographs is held at: 1 and 0, in a block of a recording
+                           that of the whole recording's scene (whole.h) */
 } pags_exposures;
 
 pags_result pags_exposures_create(pags_exposures *exposures, const pags_dataset *dataset);
@@ -47,7 +49,7 @@ void pags_exposures_between(const pags_exposures *exposures, const pags_dataset 
                             double value[6]);
 
 /* One Adam step for one view's part and its camera's part, after which the means over the training views are set back
- * to 1 and 0. Returns 0 if the gradient isn't finite; then no part takes a step. */
+ * to `mean`. Returns 0 if the gradient isn't finite; then no part takes a step. */
 int pags_exposures_update(pags_exposures *exposures, const pags_dataset *dataset, int64_t view,
                           const double gradient[6], const pags_schedule *schedule, int64_t step);
 

@@ -67,6 +67,7 @@ pags_result pags_model_report_write(const pags_dataset *dataset, const pags_trai
   pags_json_put_number(&w, "share_of_pixels", s->sky_share);
   pags_json_put_string(&w, "why",
                        !s->schedule.config.sky.sky ? "switched off"
+                       : s->sky.fixed              ? "it is that of the whole recording"
                        : s->sky.sky.size > 0       ? "training photographs show it"
                                                    : "less than a thousandth of the training pixels shows it");
   pags_json_end_object(&w);

@@ -18,6 +18,7 @@
 #include "train/other_views.h"
 #include "train/score_pass.h"
 #include "train/size_limit.h"
+#include "train/whole.h"
 
 /* ---- Limit on Gaussians ---- */
 
@@ -193,10 +194,12 @@ static pags_result start_driving(pags_trainer *t, const pags_train_config *confi
   pags_result result = add_models(t, config, &start, extent);
   pags_driving_points_destroy(&start);
   PAGS_TRY(result);
-  if (config->sky.sky)
+  const pags_block *block = pags_dataset_block(t->dataset);
+  if (config->sky.sky && !(block && block->whole))
     PAGS_TRY(pags_sky_fit_create(&s->sky, t->dataset, t->cache, &s->sky_share));
   if (config->exposure.exposure)
     PAGS_TRY(pags_exposures_create(&s->exposures, t->dataset));
+  PAGS_TRY(pags_whole_take(t->dataset, true, s));
   pags_log_message(PAGS_LOG_INFO, "start: %lld Gaussians in the background, %lld in %lld moving objects; sky %s",
                    (long long)s->models[0].gaussians.count,
                    (long long)(pags_state_gaussian_count(s) - s->models[0].gaussians.count),
@@ -272,6 +275,7 @@ pags_result pags_trainer_resume(pags_trainer *t, const pags_train_config *config
   if (field)
     return pags_fail(PAGS_ERROR_ARGUMENT,
                      "%s: was begun with another %s; pass the same, or --overwrite to begin afresh", path, field);
+  PAGS_TRY(pags_whole_take(t->dataset, false, s));
   const int64_t batch = s->schedule.batch, stop = pags_schedule_steps(&s->schedule, config->schedule.iterations);
   if (s->clocked || stop == s->stop)
     return PAGS_OK;

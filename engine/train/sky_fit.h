@@ -4,6 +4,8 @@
 #ifndef PAGS_TRAIN_SKY_FIT_H
 #define PAGS_TRAIN_SKY_FIT_H
 
+#include <stdbool.h>
+
 #include <pags/dataset.h>
 #include <pags/frame.h>
 #include <pags/sky.h>
@@ -16,6 +18,7 @@ struct pags_kernels;
 typedef struct pags_sky_fit {
   const struct pags_kernels *kernels;
   pags_sky sky;          /* size 0: the scene has no sky */
+  bool fixed;            /* it is another scene's and stays as it is (whole.h) */
   float *first, *second; /* Adam's moments, as the texels; a texel's change only with a gradient */
   uint16_t *visits; /* per texel: number of gradients so far, at most 65535, for the bias correction of the moments */
   pags_gradient_store sum;  /* of the step's photographs, where it has several: per block of texels */

@@ -296,7 +296,7 @@ static pags_result losses(pags_trainer *t, int64_t step, pags_step_view *v, pags
     PAGS_TRY(pags_driving_loss_depth(t->tasks, &v->picture, &v->photo, p->depth[v->view].samples,
                                      p->depth[v->view].count, v->level, c->losses.depth_weight, c->losses.depth_share,
                                      p->plane[GRADIENT_DEPTH], p->plane[GRADIENT_T], &v->terms.depth));
-  if (t->state.sky.sky.size > 0 && !t->measuring)
+  if (t->state.sky.sky.size > 0 && !t->state.sky.fixed && !t->measuring)
     PAGS_TRY(pags_sky_fit_receive(&t->state.sky, &t->state.schedule, step, gradient));
   return PAGS_OK;
 }
@@ -418,7 +418,7 @@ pags_result pags_train_finish(pags_trainer *t, int64_t step) {
     if (t->render.models[i].sum.rows && !pags_parallel_for(t->tasks, t->state.models[i].clusters.count, FINISH_GRAIN,
                                                            finish_blocks, &(finish_job){t, i, step}))
       return pags_fail(PAGS_CANCELLED, "cancelled");
-  if (s->batch > 1 && t->state.sky.sky.size > 0)
+  if (s->batch > 1 && t->state.sky.sky.size > 0 && !t->state.sky.fixed)
     PAGS_TRY(pags_sky_fit_finish(&t->state.sky, s, step, t->tasks));
   for (int64_t i = 0; s->config.objects.tracks && step > s->tracks_from && i < r->pose_count; i++)
     if (!pags_track_poses_update(&t->state.tracks, r->poses[i].object, r->poses[i].knot, r->poses[i].by_pose, s, step))

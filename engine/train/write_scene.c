@@ -151,6 +151,7 @@ static void destroy_description(description *d) {
   free(d->scene.models);
   free(d->scene.objects);
   free(d->scene.views);
+  free(d->scene.block);
   free(d->scene.notes);
 }
 
@@ -188,6 +189,11 @@ static pags_result describe(const pags_dataset *dataset, const pags_train_state 
                                             .model = -1,
                                             .critical = pags_dataset_object_is_critical(dataset, i),
                                             .rigid = 1};
+
+  const pags_block *block = pags_dataset_block(dataset);
+  if (block && !(scene->block = pags_text_format("{\"split\": \"%s\", \"number\": %d, \"count\": %d}", block->split,
+                                                 block->number, block->count)))
+    return pags_out_of_memory("the description of a scene");
 
   PAGS_TRY(list_models(state, d));
   return scene->fps > 0.0 ? pags_model_report_write(dataset, state, &scene->notes) : PAGS_OK;

@@ -7,7 +7,7 @@ import re
 import fixtures
 from fixtures import Case, run
 
-VERBS = ["train", "render", "eval", "info"]
+VERBS = ["train", "render", "eval", "info", "split"]
 OPTIONAL_VERBS = ["import", "synth"]  # verbs that some builds lack
 
 
@@ -150,7 +150,7 @@ class Usage(Case):
 
     def test_manual_names_every_option(self):
         manual = fixtures.read(os.path.join(os.path.dirname(__file__), "../../docs/command-line.md")).decode()
-        for verb in [*VERBS, "import", "synth"]:
+        for verb in [*VERBS, "merge", "import", "synth"]:
             shown = run(verb, "--help").stdout  # empty if this build lacks the verb
             chapter = manual.split(f"\n## {verb}\n")[-1].split("\n## ")[0] + manual.split("\n## train\n")[0]
             for name in re.findall(r"^  (?:-., |    )(--[a-z0-9-]+)", shown, re.M):

@@ -118,6 +118,17 @@ typedef struct pags_sweep {
   double world_from_sweep[12]; /* rigid 3x4 pose of the sweep's frame, metres, absolute */
 } pags_sweep;
 
+/* A block of a recording, as `pags split` writes it (docs/blocks.md). Time steps are numbers of frames; of both ranges
+ * both ends are included. */
+typedef struct pags_block {
+  const char *split;       /* names the split: the same in all of its blocks */
+  int number, count;       /* of this block, from 0, and of the blocks */
+  const char *recording;   /* folder of the recording's data set */
+  const char *whole;       /* scene of the whole recording, whose sky and mean exposure hold; NULL: none */
+  int first, last;         /* time steps that the block is trained on */
+  int own_first, own_last; /* those of them that are its own: no other block's */
+} pags_block;
+
 /* ---- Opening a data set ---- */
 
 typedef struct pags_dataset pags_dataset;
@@ -125,7 +136,9 @@ typedef struct pags_dataset pags_dataset;
 /* Opens a data set. `path` is a folder with transforms.json, a transforms file itself, a driving set (a folder with
  * dataset.json, or with images and ego_pose or extrinsics), a folder with transforms_train.json and, as held-out views,
  * transforms_val.json and transforms_test.json, or a folder with images and a COLMAP model in it, in sparse/N, sparse,
- * colmap/sparse/N or elsewhere at most 4 levels below: of several beside each other the one with most pictures.
+ * colmap/sparse/N or elsewhere at most 4 levels below: of several beside each other the one with most pictures. Or a
+ * block of a driving set (a folder with block.json): the views and sweeps of its time steps, and the objects labelled
+ * in them with their whole tracks; options that block.json states may not be given another value.
  * `options` may be NULL (the defaults).
  *
  * What is ignored, guessed or left out is logged as a warning, a line a kind.
@@ -164,6 +177,9 @@ PAGS_API pags_up pags_dataset_up(const pags_dataset *dataset);
 /* Returns the origin (3 doubles, metres) that is subtracted from positions stored as floats: zero if no
  * coordinate of a camera exceeds 4096 m, otherwise the mean of the camera centres rounded to whole metres. */
 PAGS_API const double *pags_dataset_origin(const pags_dataset *dataset);
+
+/* Returns the block that the data set is; NULL: it is none. */
+PAGS_API const pags_block *pags_dataset_block(const pags_dataset *dataset);
 
 /* Returns the number of views that were left out because of allow_missing. */
 PAGS_API int64_t pags_dataset_missing(const pags_dataset *dataset);

@@ -105,6 +105,7 @@ typedef struct pags_scene {
   int64_t object_count;
   pags_scene_object *objects; /* every labelled box, parked or moving; object_id of a Gaussian is an index here */
   pags_sky sky;               /* size 0: no sky */
+  char *block; /* JSON text: the block of a recording that the scene was trained on (docs/blocks.md); NULL: none */
   char *notes; /* JSON text: what was modelled and why (docs/scene-folder.md, "modelled"); NULL: nothing is known */
 } pags_scene;
 
