@@ -203,6 +203,9 @@ def inspected():
         return
     settings.comparison = "WIPE"
     yield from open_tab()
+    above = [getattr(bpy.types, name) for name in ("PAGS_PT_scene", "PAGS_PT_show", "PAGS_PT_cameras", "PAGS_PT_export")]
+    for panel in above:  # which a reader would fold
+        bpy.utils.unregister_class(panel)
     with in_view():
         manager.pags_photograph = 0
         bpy.ops.view3d.view_center_camera()
@@ -211,6 +214,8 @@ def inspected():
     yield from picture_of("inspected")
     settings.comparison = "NONE"
     view3d().show_region_ui = False
+    for panel in above:
+        bpy.utils.register_class(panel)
     bpy.context.scene.frame_set(FRAME)
     yield 0.3
 
