@@ -306,9 +306,9 @@ class PAGS_UL_photographs(bpy.types.UIList):
     bl_idname = "PAGS_UL_photographs"
 
     def draw_item(self, context, layout, data, item, icon, active_data, active_property):
-        row = layout.split(factor=0.55)
+        row = layout.split(factor=0.62)
         row.label(text=item.name, icon="HIDE_ON" if item.test else "IMAGE_DATA")
-        row.label(text=f"{item.psnr:.2f} dB")
+        row.label(text=f"{item.psnr:.1f} dB")
 
 
 class PAGS_OT_rank(jobs.Long, cameras.OnScene, bpy.types.Operator):

@@ -11,8 +11,7 @@ class PAGS_PT_inspect(ui.Sidebar, bpy.types.Panel):
 
     def draw(self, context):
         settings, manager, layout = context.scene.pags, context.window_manager, self.layout
-        layout.label(text="Compare with photographs")
-        layout.row().prop(settings, "comparison", expand=True)
+        layout.prop(settings, "comparison")
         layout.prop(settings, "wipe")
         lacking = program.absent(context)
         row = layout.row()

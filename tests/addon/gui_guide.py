@@ -41,7 +41,7 @@ SCENE = os.environ.get("PAGS_GUIDE_SCENE", "")
 STREET = os.path.join(FOLDER, "street")
 IMAGES = os.environ.get("PAGS_GUIDE_IMAGES", FOLDER)
 # Some of them alone: "rendered sidebar" and the like, in this order.
-STEPS = os.environ.get("PAGS_GUIDE_STEPS", "imported rendered sidebar inspected moved underway meshes composited several").split()
+STEPS = os.environ.get("PAGS_GUIDE_STEPS", "imported rendered sidebar inspected recorded counted moved underway meshes composited several").split()
 FRAME = int(os.environ.get("PAGS_GUIDE_FRAME", "14"))
 inspector = sys.modules[addon.__name__ + ".inspector"]
 composite = sys.modules[addon.__name__ + ".composite"]
@@ -211,13 +211,48 @@ def inspected():
         bpy.ops.view3d.view_center_camera()
     while not any(not isinstance(pair, str) for pair in comparison._pairs.values()):
         yield 0.1
-    yield from picture_of("inspected")
+    yield from picture_of("inspected", crop=small())
     settings.comparison = "NONE"
     view3d().show_region_ui = False
     for panel in above:
         bpy.utils.register_class(panel)
     bpy.context.scene.frame_set(FRAME)
     yield 0.3
+
+
+def small():
+    """Options of convert: the 3D view alone, for half a page's width."""
+    return ("-crop", f"{area().width}x{area().height}+{area().x}+{window().height - area().y - area().height}", "+repage", "-resize", "600x")
+
+
+def recorded():
+    """A LiDAR sweep and the labelled boxes over the street; skipped where the recording isn't there."""
+    from_above()
+    before = yield from sharp_shot("before-recording")
+    for operator in (bpy.ops.pags.lidar, bpy.ops.pags.boxes):
+        with in_view():
+            operator("INVOKE_DEFAULT")
+        while sys.modules[addon.__name__ + ".jobs"].current is not None:
+            yield 0.1
+    deselect()
+    brought = [o for o in bpy.data.objects if "pags_lidar" in o or "pags_box" in o]
+    if not any("pags_lidar" in o for o in brought):
+        print("skipped: recorded: no sweeps")
+        return
+    after = yield from picture_of("recording", crop=small())
+    assert (np.abs(after - inside(before)).max(axis=2) > 40).mean() > 0.01, "the sweep isn't seen"
+    for block in brought:
+        block.hide_set(True)
+
+
+def counted():
+    """What each pixel costs."""
+    from_above()
+    before = yield from sharp_shot("before-overdraw")
+    bpy.context.scene.pags.mode = "overdraw"
+    after = yield from picture_of("overdraw", crop=small())
+    assert np.abs(after - inside(before)).mean() > 10, "overdraw looks like colours"
+    bpy.context.scene.pags.mode = "rgb"
 
 
 def moved():
