@@ -211,7 +211,7 @@ def inspected():
         bpy.ops.view3d.view_center_camera()
     while not any(not isinstance(pair, str) for pair in comparison._pairs.values()):
         yield 0.1
-    yield from picture_of("inspected", crop=small())
+    yield from picture_of("inspected", crop=small(600))
     settings.comparison = "NONE"
     view3d().show_region_ui = False
     for panel in above:
@@ -220,9 +220,10 @@ def inspected():
     yield 0.3
 
 
-def small():
-    """Options of convert: the 3D view alone, for half a page's width."""
-    return ("-crop", f"{area().width}x{area().height}+{area().x}+{window().height - area().y - area().height}", "+repage", "-resize", "600x")
+def small(width, colours=128):
+    """Options of convert: the 3D view alone, for a part of the page's width."""
+    place = f"{area().width}x{area().height}+{area().x}+{window().height - area().y - area().height}"
+    return ("-crop", place, "+repage", "-resize", f"{width}x", "+dither", "-colors", str(colours))
 
 
 def recorded():
@@ -239,7 +240,7 @@ def recorded():
     if not any("pags_lidar" in o for o in brought):
         print("skipped: recorded: no sweeps")
         return
-    after = yield from picture_of("recording", crop=small())
+    after = yield from picture_of("recording", crop=small(480, 40))
     assert (np.abs(after - inside(before)).max(axis=2) > 40).mean() > 0.01, "the sweep isn't seen"
     for block in brought:
         block.hide_set(True)
@@ -250,7 +251,7 @@ def counted():
     from_above()
     before = yield from sharp_shot("before-overdraw")
     bpy.context.scene.pags.mode = "overdraw"
-    after = yield from picture_of("overdraw", crop=small())
+    after = yield from picture_of("overdraw", crop=small(480, 40))
     assert np.abs(after - inside(before)).mean() > 10, "overdraw looks like colours"
     bpy.context.scene.pags.mode = "rgb"
 

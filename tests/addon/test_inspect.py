@@ -115,6 +115,14 @@ class Compare(InspectCase):
         self.assertIn("look through a camera", comparison.current(context))
         self.assertEqual(root.pags.kind, "ROOT")
 
+    def test_progress_of_the_list(self):
+        """As pags eval prints it where there is no terminal."""
+        if os.name == "nt":
+            self.skipTest("there is no shell to say it")
+        job = jobs.Job("list", lambda job: iter(()))
+        part("program").run(job, "/bin/sh", "-c", "echo 'view 3 of 12'")
+        self.assertEqual((job.fraction, job.what), (0.25, "view 3 of 12"))
+
     def test_without_photographs(self):
         self.bring_in()
         self.raises(["000_0.jpg", "Data set folder"], bpy.ops.pags.rank)
