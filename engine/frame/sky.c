@@ -4,24 +4,26 @@
  *   dL/dtexel += T weight dL/drgb over the pixels that see the texel
  * Every pixel of the picture shows some sky, since blending stops before T falls below 1e-4.
  *
- * For the backward pass the cube map is cut into at most 64 runs of consecutive texels. First each tile finds out
- * which runs its pixels see. Then each run is one task, which adds up the terms of its tiles in the order of the
- * tiles and hands the run's gradient to the caller's receiver. So a texel's terms are added in the same order for any
- * number of threads, and a run's gradient stays in the cache. */
+ * For the backward pass the cube map is cut into runs of consecutive texels: at most 64, with many workers 256. First
+ * each tile finds out which runs its pixels see. Then each run is one task, which adds up the terms of its tiles in the
+ * order of the tiles and hands the run's gradient to the caller's receiver. So a texel's terms are added in the same
+ * order for any number of threads, and a run's gradient stays in the cache. */
 #include <math.h>
 #include <string.h>
 
 #include "frame/stages.h"
 
-enum { MOST_RUNS = 64, LEAST_RUN_BITS = 12 }; /* a run has at least 2^12 texels */
+/* A run has at least 2^12 texels. More runs cost more, since a tile adds its pixels to each run that it sees, but give
+ * more workers something to do; the gradient doesn't depend on them. */
+enum { FEW_RUNS = 64, MOST_RUNS = 256, FEW_WORKERS = 8, WORDS = MOST_RUNS / 64, LEAST_RUN_BITS = 12 };
 
 typedef struct sky_context {
   pags_frame *frame;
   const pags_picture_gradient *gradient;
-  uint64_t *runs_seen; /* per tile: bit r is set where it sees run r */
-  int run_bits;        /* a run is 2^run_bits texels */
-  float *runs;         /* per worker: the gradient of one run, 3 floats a texel */
-  uint8_t *seen;       /* per worker and block of the run: 1 where `runs` has been written */
+  uint64_t (*runs_seen)[WORDS]; /* per tile: bit r is set where it sees run r */
+  int run_bits;                 /* a run is 2^run_bits texels */
+  float *runs;                  /* per worker: the gradient of one run, 3 floats a texel */
+  uint8_t *seen;                /* per worker and block of the run: 1 where `runs` has been written */
 } sky_context;
 
 /* ---- Blending the sky ---- */
@@ -57,10 +59,10 @@ void pags_frame_blend_sky(const pags_frame *frame, int64_t tile, const pags_sky_
 
 /* ---- Finding the runs of texels that a tile sees ---- */
 
-/* The bit mask of the runs that texels first..last, both included, lie in. */
-static uint64_t runs_between(int64_t first, int64_t last, int run_bits) {
-  const uint64_t upto = UINT64_MAX >> (MOST_RUNS - 1 - (last >> run_bits));
-  return upto & UINT64_MAX << (first >> run_bits);
+/* Sets the bits of the runs that texels first..last, both included, lie in. */
+static void add_runs_between(int64_t first, int64_t last, int run_bits, uint64_t seen[WORDS]) {
+  for (int64_t run = first >> run_bits; run <= last >> run_bits; run++)
+    seen[run / 64] |= UINT64_C(1) << run % 64;
 }
 
 /* Whether any pixel of a tile's row has a transmittance of at least gradient->sky_cut, so that it counts for the sky.
@@ -81,13 +83,14 @@ static bool tile_shows_sky(const sky_context *c, int64_t tile) {
   return false;
 }
 
-/* The bit mask of the runs that a tile's pixels see; 0 where the tile shows no sky. The directions of a cube face are
- * a convex cone: if the tile's four corner pixels fall onto one face, all of its pixels do, in rows of texels between
- * those of the corners, with a row more on either side for rounding. Otherwise every pixel is looked up. */
-static uint64_t tile_runs(const sky_context *c, int64_t tile) {
+/* Sets the bits of the runs that a tile's pixels see; none where the tile shows no sky. The directions of a cube face
+ * are a convex cone: if the tile's four corner pixels fall onto one face, all of its pixels do, in rows of texels
+ * between those of the corners, with a row more on either side for rounding. Otherwise every pixel is looked up. */
+static void tile_runs(const sky_context *c, int64_t tile, uint64_t seen[WORDS]) {
   enum { LAST = PAGS_TILE - 1 };
+  memset(seen, 0, WORDS * sizeof *seen);
   if (!tile_shows_sky(c, tile))
-    return 0;
+    return;
   const pags_frame *const f = c->frame;
   const int size = f->rays.size, x0 = frame_tile_x(f, tile), y0 = frame_tile_y(f, tile);
   int32_t row[PAGS_TILE_PIXELS], column[PAGS_TILE_PIXELS];
@@ -104,17 +107,16 @@ static uint64_t tile_runs(const sky_context *c, int64_t tile) {
   }
   if (one_face) {
     first = first > 2 ? first - 2 : 0, last = last + 2 < 6 * size ? last + 2 : 6 * size - 1;
-    return runs_between(first * size, (last + 1) * size - 1, c->run_bits);
+    add_runs_between(first * size, (last + 1) * size - 1, c->run_bits, seen);
+    return;
   }
-  uint64_t seen = 0;
   f->kernels->sky_cells(&f->rays, x0, y0, 1, row, column, weight);
   for (int i = 0; i < PAGS_TILE_PIXELS; i++) { /* pixels beyond the picture's edge do no harm: they only add runs */
     const int64_t texel = (int64_t)row[i] * size + column[i];
     /* From the first to the last of the cell's four texels; a run is longer, so that they lie in one run or in
      * two. */
-    seen |= runs_between(texel, texel + (size > 1 ? size + 1 : 0), c->run_bits);
+    add_runs_between(texel, texel + (size > 1 ? size + 1 : 0), c->run_bits, seen);
   }
-  return seen;
 }
 
 /* Block function: finds the runs that tiles [begin, end) see. */
@@ -122,7 +124,7 @@ static void find_runs(void *context, int64_t begin, int64_t end, int worker) {
   const sky_context *const c = context;
   (void)worker;
   for (int64_t tile = begin; tile < end; tile++)
-    c->runs_seen[tile] = tile_runs(c, tile);
+    tile_runs(c, tile, c->runs_seen[tile]);
 }
 
 /* ---- Adding a tile's pixels to a run's gradient ---- */
@@ -257,7 +259,7 @@ static void find_colours(const sky_context *c, int64_t at, float (*restrict colo
 /* The first tile from `tile` on that sees the run; the number of tiles if none does. */
 static int64_t next_tile(const sky_context *c, int64_t tile, int64_t run) {
   const int64_t tiles = (int64_t)c->frame->tiles_x * c->frame->tiles_y;
-  while (tile < tiles && !(c->runs_seen[tile] >> run & 1))
+  while (tile < tiles && !(c->runs_seen[tile][run / 64] >> run % 64 & 1))
     tile++;
   return tile;
 }
@@ -324,7 +326,8 @@ pags_result pags_frame_sky_backward(pags_frame *frame, const pags_picture_gradie
   const int64_t tiles = (int64_t)frame->tiles_x * frame->tiles_y;
   const int64_t texels = 6 * (int64_t)frame->rays.size * frame->rays.size, workers = pags_tasks_workers(frame->tasks);
   sky_context c = {.frame = frame, .gradient = gradient, .run_bits = LEAST_RUN_BITS};
-  while (texels > (int64_t)MOST_RUNS << c.run_bits)
+  const int64_t most = workers > FEW_WORKERS ? MOST_RUNS : FEW_RUNS;
+  while (texels > most << c.run_bits)
     c.run_bits++;
   c.runs_seen = pags_frame_alloc(frame, tiles, sizeof *c.runs_seen, "sky's tiles");
   c.runs = pags_frame_alloc(frame, 3 * workers << c.run_bits, sizeof *c.runs, "sky's gradient");

@@ -50,7 +50,6 @@ static uint32_t crc_add(uint32_t crc, const void *bytes, size_t size) {
 typedef struct section_writer {
   pags_file_writer file;
   uint32_t crc;
-  pags_tasks *tasks;
 } section_writer;
 
 static pags_result put(section_writer *w, const void *bytes, size_t size) {
@@ -85,30 +84,12 @@ static float *plane_at(const pags_gaussians *g, int plane) {
   return plane < standard ? pags_plane(g, plane) : g->fourier + (int64_t)(plane - standard) * g->stride;
 }
 
-typedef struct crc_job {
-  const pags_gaussians *gaussians;
-  uint32_t crc[PAGS_MAX_PLANES + PAGS_FOURIER_PLANES]; /* of each plane alone */
-} crc_job;
-
-static void crc_planes(void *context, int64_t begin, int64_t end, int worker) {
-  crc_job *const job = context;
-  (void)worker;
-  for (int64_t p = begin; p < end; p++)
-    job->crc[p] = crc_add(0, plane_at(job->gaussians, (int)p), (size_t)job->gaussians->count * sizeof(float));
-}
-
-/* The planes' CRCs, which take longer than writing to the system's cache, are found in parallel and combined. */
 static pags_result put_planes(section_writer *w, const char tag[4], const pags_gaussians *g) {
-  const int planes = plane_count(g);
-  const size_t bytes = (size_t)g->count * sizeof(float);
-  crc_job job = {.gaussians = g};
+  int planes = plane_count(g);
+  size_t bytes = (size_t)g->count * sizeof(float);
   PAGS_TRY(open_section(w, tag, (uint64_t)planes * bytes));
-  if (!w->tasks || !pags_parallel_for(w->tasks, planes, 1, crc_planes, &job))
-    crc_planes(&job, 0, planes, 0); /* a run that is cancelled is saved, too */
-  for (int p = 0; p < planes; p++) {
-    w->crc = (uint32_t)crc32_combine(w->crc, job.crc[p], (z_off_t)bytes);
-    PAGS_TRY(pags_file_writer_put(&w->file, plane_at(g, p), bytes));
-  }
+  for (int p = 0; p < planes; p++)
+    PAGS_TRY(put(w, plane_at(g, p), bytes));
   return close_section(w);
 }
 
@@ -225,9 +206,8 @@ static pags_result put_state(section_writer *w, const pags_train_state *s, uint6
   return put_whole(w, "END!", "", 0);
 }
 
-pags_result pags_checkpoint_save(const char *path, const pags_train_state *state, uint64_t fingerprint,
-                                 pags_tasks *tasks) {
-  section_writer w = {.tasks = tasks};
+pags_result pags_checkpoint_save(const char *path, const pags_train_state *state, uint64_t fingerprint) {
+  section_writer w = {.crc = 0};
   PAGS_TRY(pags_file_writer_begin(&w.file, path));
   pags_result result = put_state(&w, state, fingerprint);
   if (result != PAGS_OK) {

@@ -16,9 +16,8 @@
 #include "train/state.h"
 
 /* Writes the checkpoint to a temporary file beside `path`, then renames it. `fingerprint` identifies the data set's
- * views. Checksums are found on `tasks`; NULL: on the calling thread alone. */
-pags_result pags_checkpoint_save(const char *path, const pags_train_state *state, uint64_t fingerprint,
-                                 pags_tasks *tasks);
+ * views. */
+pags_result pags_checkpoint_save(const char *path, const pags_train_state *state, uint64_t fingerprint);
 
 /* Reads a checkpoint. `state` is overwritten; on failure there is nothing to free. Error messages name the file and
  * the section. `dataset` is the run's data set, whose labelled poses the increments are relative to; it may be NULL

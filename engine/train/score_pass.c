@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "threads/record.h"
 #include "train/views.h"
 
 typedef struct score_pass {
@@ -88,13 +89,16 @@ static pags_result add_view(score_pass *p, int64_t index, int rough) {
   pags_picture picture;
   pags_frame_options options = pags_view_render_options(t, t->state.step);
   options.keep_for_backward = 1;
+  pags_tasks_mark(t->tasks, NULL, "photograph");
   PAGS_TRY(pags_views_photo(t, index, &level, &photo));
+  pags_tasks_mark(t->tasks, NULL, "compose");
   const pags_camera *whole = &pags_dataset_view(t->dataset, t->views[index])->camera;
   int factor = rough ? factor_of(t, whole, level) : 1;
   pags_camera camera = pags_camera_downscale(whole, level * factor);
   pags_view_render_compose(t, t->views[index]);
   PAGS_TRY(pags_view_render_draw(t, t->state.step, &camera, &options, &picture));
   PAGS_TRY(reserve_planes(p, &picture));
+  pags_tasks_mark(t->tasks, NULL, "masks");
 
   /* Fill the mask planes from the photograph's mask and labels; of each block of `factor` x `factor` pixels, one is
    * sampled. */

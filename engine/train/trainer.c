@@ -179,7 +179,7 @@ static pags_result write_step(pags_trainer *t, const pags_step_view *v) {
     PAGS_TRY(pags_output_preview(&t->output, s->step, &v->picture, &v->photo));
   if (o->checkpoint_every > 0 && s->step % o->checkpoint_every == 0 && s->step < s->stop) {
     pags_tasks_mark(t->tasks, "checkpoint", "write");
-    PAGS_TRY(pags_checkpoint_save(t->output.checkpoint, s, t->fingerprint, t->tasks));
+    PAGS_TRY(pags_checkpoint_save(t->output.checkpoint, s, t->fingerprint));
   }
   return PAGS_OK;
 }
@@ -235,7 +235,7 @@ static pags_result loop(pags_trainer *t, run_clock *clock, int *stopped) {
 static pags_result write_end(pags_trainer *t, pags_train_result *r, const run_clock *clock) {
   pags_train_state *s = &t->state;
   pags_tasks_mark(t->tasks, "checkpoint", "write");
-  PAGS_TRY(pags_checkpoint_save(t->output.checkpoint, s, t->fingerprint, t->tasks));
+  PAGS_TRY(pags_checkpoint_save(t->output.checkpoint, s, t->fingerprint));
   pags_tasks_mark(t->tasks, "scene", "settle");
   pags_state_flush(s, t->tasks);
   if (s->step >= s->stop && s->step >= s->schedule.length) /* a run that will be resumed doesn't spend time on it */

@@ -34,8 +34,8 @@ static void test_threads_change_nothing(void **state) {
   fixture_destroy(&f);
 }
 
-/* The sky's gradient is reduced in fixed runs of texels, one task each, so that the number of threads changes no bit;
- * sizes with few and with many runs. */
+/* The sky's gradient is reduced in runs of texels, one task each, in the order of the tiles, so that the number of
+ * threads changes no bit; sizes with few and with many runs. */
 static void test_threads_change_no_sky(void **state) {
   (void)state;
   const int sizes[] = {1, 30, 250};
@@ -48,6 +48,7 @@ static void test_threads_change_no_sky(void **state) {
     uint64_t expected = hash_of(&f, 1, 64, 0);
     for (int threads = 2; threads <= 7; threads++)
       assert_true(hash_of(&f, threads, 64, 99) == expected);
+    assert_true(hash_of(&f, 9, 64, 99) == expected); /* from 9 on there are more and smaller runs */
     for (int i = 0; i < 18 * sizes[k] * sizes[k]; i++)
       sky.texels[i] += 0.001f;
     assert_true(hash_of(&f, 1, 64, 0) != expected);
