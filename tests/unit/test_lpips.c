@@ -345,8 +345,9 @@ static void check_generated(bool alex) {
       double distance = 0.0;
       pags_tasks *tasks = pags_tasks_create(threads);
       assert_int_equal(pags_lpips_distance(lpips, &a, &b, tasks, &distance), PAGS_OK);
-      /* Sums of up to 3,456 floats: their rounding, 6e-8 each, is random and largely averages out over the pixels. */
-      assert_near(distance, expected, 2e-6 * expected);
+      /* Sums of up to 3,456 floats: their roundings, 6e-8 each, are random and average out over pixels and channels.
+       * What is left is 1e-7 at most. */
+      assert_near(distance, expected, 5e-7 * expected);
       if (threads == 1)
         first = distance;
       assert_memory_equal(&distance, &first, sizeof first);
