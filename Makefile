@@ -17,6 +17,7 @@
 #   make check-windows  tests and program of the build for Windows, under wine; beside the program of Linux, bit by bit
 #   make check-scaling  the predictions of pags-bench scaling beside the clock, on two threads of a quiet machine
 #   make check-viewers      splat files of a scene with a least alpha, drawn by Babylon.js and Spark in Chromium beside pags (SCENE=FOLDER: another scene)
+#   make check-view  pags view in a headless Chromium, and ten thousand hostile requests (minutes)
 #   make check-blender      the add-on's tests in Debian's Blender; part of make check
 #   make check-inspect  the panels Inspect, Recording and Measure in a window of it
 #   make check-blender-new  the same in a newer one: BLENDER_NEW=PROGRAM, a Blender or a Python with the module bpy
@@ -41,7 +42,7 @@ REFERENCE ?= HEAD
 OPTIONS ?=
 
 # Checks that take hours, or programs that make setup doesn't install.
-NOT_CHECKED := check-arm64 check-blender-new check-inspect check-scaling check-viewers check-windows fuzz sanitize valgrind
+NOT_CHECKED := check-arm64 check-blender-new check-inspect check-scaling check-view check-viewers check-windows fuzz sanitize valgrind
 
 all:
 	cmake --preset release
@@ -125,6 +126,10 @@ check-scaling: all
 check-viewers: all
 	python3 -B tests/outside/viewers.py build/pags build/viewers $(if $(filter command line,$(origin SCENE)),"$(abspath $(SCENE))")
 
+check-view: all
+	python3 -B tests/outside/view.py build/pags build/view
+	PAGS_VIEW_HOSTILE=10000 python3 -B tests/cli/test_view.py build/pags Hostile
+
 same-bits: all
 	python3 tests/same_bits.py --reference "$(REFERENCE)" $(OPTIONS)
 
@@ -143,4 +148,4 @@ install: all
 clean:
 	rm -rf build
 
-.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-inspect check-blender-new bench-blender guide setup-cross cross check-arm64 check-windows check-scaling check-viewers same-bits figures docs install clean
+.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-inspect check-blender-new bench-blender guide setup-cross cross check-arm64 check-windows check-scaling check-view check-viewers same-bits figures docs install clean

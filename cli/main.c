@@ -34,10 +34,17 @@ typedef struct verb_entry {
 #define IF_IMPORT(function) NULL, "the library import"
 #endif
 
+#ifdef PAGS_WITH_VIEW
+#define IF_VIEW(function) function, NULL
+#else
+#define IF_VIEW(function) NULL, "libwebsockets (Debian: libwebsockets-dev; CMake option PAGS_VIEW)"
+#endif
+
 static const verb_entry verbs[] = {
     {"train", "reconstruct a scene from posed photographs", pags_verb_train, NULL},
     {"render", "draw a scene or a splat file into pictures", pags_verb_render, NULL},
     {"eval", "compare a scene with its photographs: PSNR, SSIM, LPIPS", pags_verb_eval, NULL},
+    {"view", "show a scene in a browser", IF_VIEW(pags_verb_view)},
     {"info", "say what a data set, scene, splat, camera, image or checkpoint file holds", pags_verb_info, NULL},
     {"export", "write proxy geometry or splat files of a scene", pags_verb_export, EXPORT_LACKS},
     {"import", "turn a recording of KITTI or Waymo into a data set", IF_IMPORT(pags_verb_import)},

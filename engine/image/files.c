@@ -212,6 +212,8 @@ pags_result pags_image_load_top(const char *path, pags_sample sample, int channe
 
 /* ---- Writing ---- */
 
+enum { JPEG_QUALITY = 95 };
+
 /* Writes what was encoded with the result `encoded` as a whole file, and frees it. */
 static pags_result write_file(const char *path, pags_result encoded, pags_sink *sink) {
   const pags_result result = encoded == PAGS_OK ? pags_file_write_unsynced(path, sink->bytes, sink->size) : encoded;
@@ -251,7 +253,7 @@ pags_result pags_image_save(const char *path, const pags_image *image) {
   pags_sink sink = {0};
   const pags_result result = png   ? pags_png_encode(path, written, &sink)
                              : exr ? save_exr(path, written, &sink)
-                                   : pags_jpeg_encode(path, written, &sink);
+                                   : pags_jpeg_encode(path, written, JPEG_QUALITY, &sink);
   pags_image_destroy(&copy);
   return write_file(path, result, &sink);
 }

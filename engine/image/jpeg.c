@@ -16,7 +16,7 @@
 #include "image/orientation.h"
 
 enum { START_OF_IMAGE = 0xd8, END_OF_IMAGE = 0xd9, START_OF_SCAN = 0xda };
-enum { QUALITY = 95 };
+enum { FULL_CHROMA = 90 }; /* from this quality on, chroma keeps its resolution */
 enum { MOST_SCANS = 500 }; /* progressive files have about ten; each takes time in proportion to the pixels */
 
 /* libjpeg's error manager, first, and what comes out of it. */
@@ -245,7 +245,7 @@ static const uint8_t exif[] = {'E', 'x', 'i', 'f', 0, 0,    'I', 'I', 42,  0,   
                                1,   2,   3,   0,   0, 0xa0, 7,   0,   4,   0,   0, 0,    '0', '1', '0', '0', 1,    0xa0,
                                3,   0,   1,   0,   0, 0,    1,   0,   0,   0,   0, 0,    0,   0};
 
-static bool write_all(jpeg_writer *w, const pags_image *image) {
+static bool write_all(jpeg_writer *w, const pags_image *image, int quality) {
   if (setjmp(w->errors.jump))
     return false;
   struct jpeg_compress_struct *const jpeg = &w->jpeg;
@@ -256,8 +256,9 @@ static bool write_all(jpeg_writer *w, const pags_image *image) {
   jpeg->input_components = image->channels;
   jpeg->in_color_space = image->channels == 3 ? JCS_RGB : JCS_GRAYSCALE;
   jpeg_set_defaults(jpeg);
-  jpeg_set_quality(jpeg, QUALITY, TRUE);
-  jpeg->comp_info[0].h_samp_factor = jpeg->comp_info[0].v_samp_factor = 1; /* chroma's factors are 1 */
+  jpeg_set_quality(jpeg, quality, TRUE);
+  if (quality >= FULL_CHROMA)
+    jpeg->comp_info[0].h_samp_factor = jpeg->comp_info[0].v_samp_factor = 1; /* chroma's factors are 1 */
   jpeg_start_compress(jpeg, TRUE);
   jpeg_write_marker(jpeg, JPEG_APP0 + 1, exif, sizeof exif);
   const size_t bytes = (size_t)image->width * (size_t)image->channels;
@@ -269,7 +270,7 @@ static bool write_all(jpeg_writer *w, const pags_image *image) {
   return true;
 }
 
-pags_result pags_jpeg_encode(const char *path, const pags_image *image, pags_sink *out) {
+pags_result pags_jpeg_encode(const char *path, const pags_image *image, int quality, pags_sink *out) {
   assert(image->sample == PAGS_U8 && (image->channels == 1 || image->channels == 3));
   jpeg_writer w = {.target = {.manager = {.init_destination = begin_target,
                                           .empty_output_buffer = flush_target,
@@ -277,7 +278,7 @@ pags_result pags_jpeg_encode(const char *path, const pags_image *image, pags_sin
                               .sink = out}};
   w.jpeg.err = set_errors(&w.errors);
   pags_result result = PAGS_OK;
-  if (!write_all(&w, image))
+  if (!write_all(&w, image, quality))
     result = w.errors.out_of_memory
                  ? pags_out_of_memory("%s", path)
                  : pags_fail(PAGS_ERROR_IO, "%s: can't be written: JPEG: %s", path, w.errors.message);

@@ -18,8 +18,9 @@ pags_result pags_jpeg_inspect(const pags_encoded *file, pags_image_facts *facts)
  * PAGS_ERROR_MEMORY. On failure `out` is zeroed. */
 pags_result pags_jpeg_decode(const pags_encoded *file, int most, pags_image *out);
 
-/* Encodes a U8 picture of 1 or 3 channels with quality 95 and full-resolution chroma, marked as sRGB.
+/* Encodes a U8 picture of 1 or 3 channels, marked as sRGB. The quality is libjpeg's, 1..100; from 90 on chroma keeps
+ * its resolution, below it is halved.
  * PAGS_ERROR_MEMORY or PAGS_ERROR_IO; the caller frees out->bytes in either case. */
-pags_result pags_jpeg_encode(const char *path, const pags_image *image, pags_sink *out);
+pags_result pags_jpeg_encode(const char *path, const pags_image *image, int quality, pags_sink *out);
 
 #endif

@@ -8,7 +8,7 @@ import fixtures
 from fixtures import Case, run
 
 VERBS = ["train", "render", "eval", "info", "split"]
-OPTIONAL_VERBS = ["import", "synth"]  # verbs that some builds lack
+OPTIONAL_VERBS = ["import", "synth", "view"]  # verbs that some builds lack
 
 
 class Usage(Case):

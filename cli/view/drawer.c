@@ -1,0 +1,366 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Draws looks with the engine under its deadline controller, turns planes into the colours of a channel, encodes them.
+ */
+#include "cli/view/drawer.h"
+
+#include "cli/photographs.h"
+#include "cli/picture.h"
+
+#include <assert.h>
+#include <math.h>
+#include <pags/deadline.h>
+#include <pags/eval.h>
+#include <pags/image.h>
+#include <pags/pick.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/clock.h"
+#include "base/memory.h"
+#include "image/jpeg.h"
+#include "maths/maths.h"
+
+struct pags_drawer {
+  pags_drawer_settings settings;
+  pags_deadline *deadline;
+  float *priority_of; /* of each id; all 0 if the scene knows none */
+  int32_t *object_of; /* of each id */
+  pags_part *parts;   /* those of a composition that a look shows */
+  int part_room;
+  pags_photographs photographs;
+  bool opened;
+};
+
+/* ---- Start and end ---- */
+
+pags_result pags_drawer_create(const pags_drawer_settings *settings, pags_drawer **out) {
+  const int64_t count = pags_composition_gaussian_count(settings->composition);
+  pags_drawer *self = calloc(1, sizeof *self);
+  *out = self;
+  if (!self)
+    return pags_out_of_memory(NULL);
+  self->settings = *settings;
+  self->priority_of = calloc((size_t)count + 1, sizeof *self->priority_of);
+  self->object_of = calloc((size_t)count + 1, sizeof *self->object_of);
+  if (!self->priority_of || !self->object_of)
+    return pags_out_of_memory("the channels of %lld Gaussians", (long long)count);
+  pags_composition_priorities(settings->composition, self->priority_of);
+  pags_composition_objects(settings->composition, self->object_of);
+  return pags_deadline_create(settings->tasks, settings->budget_ms, self->priority_of, count, &self->deadline);
+}
+
+void pags_drawer_destroy(pags_drawer *self) {
+  if (!self)
+    return;
+  if (self->opened)
+    pags_photographs_close(&self->photographs);
+  pags_deadline_destroy(self->deadline);
+  free(self->priority_of);
+  free(self->object_of);
+  free(self->parts);
+  free(self);
+}
+
+/* ---- Parts ---- */
+
+static bool is_shown(const pags_view_look *look, int64_t object) {
+  if (look->solo >= 0 && object != look->solo)
+    return false;
+  for (int i = 0; i < look->hidden_count; i++)
+    if (look->hidden[i] == object)
+      return false;
+  return true;
+}
+
+/* Composes the look's time and keeps the parts that it shows. */
+static pags_result compose(pags_drawer *self, const pags_view_look *look, double time, int *count) {
+  const pags_part *all;
+  int all_count;
+  pags_compose(self->settings.composition, time, &all, &all_count);
+  if (all_count > self->part_room) {
+    pags_part *grown = realloc(self->parts, (size_t)all_count * sizeof *grown);
+    if (!grown)
+      return pags_out_of_memory(NULL);
+    self->parts = grown;
+    self->part_room = all_count;
+  }
+  *count = 0;
+  for (int i = 0; i < all_count; i++)
+    if (is_shown(look, all[i].label))
+      self->parts[(*count)++] = all[i];
+  return PAGS_OK;
+}
+
+/* ---- Colours of channels ---- */
+
+/* A colour for an object, of hues that neighbouring indices don't share. */
+static void object_color(int64_t object, float rgb[3]) {
+  const double hue = 0.61803398875 * (double)(object + 1), turn = 6 * (hue - floor(hue));
+  for (int c = 0; c < 3; c++) {
+    const double far = fabs(fmod(turn + 6 - 2 * c, 6) - 3) - 1;
+    rgb[c] = (float)(0.25 + 0.75 * fmin(fmax(far, 0), 1));
+  }
+}
+
+/* Colours of the pixel `i`; `shown` is how much of the scene is there. */
+static void color_pixel(const pags_drawer *self, const pags_picture *p, pags_view_channel channel, size_t i,
+                        float rgb[3]) {
+  const int32_t id = p->id[i];
+  const float grey = 0.2126F * p->rgb[0][i] + 0.7152F * p->rgb[1][i] + 0.0722F * p->rgb[2][i];
+  const int64_t object = id < 0 ? -1 : self->object_of[id];
+  for (int c = 0; c < 3; c++)
+    rgb[c] = p->rgb[c][i];
+  if (channel == PAGS_VIEW_DEPTH) {
+    /* 1 m is the brightest, 256 m black, halving the distance adds an eighth */
+    const double z = p->depth[i], bright = z > 0 ? 1 - pags_log(fmax(z, 1)) / pags_log(256) : 0;
+    pags_colormap_heat((float)fmax(bright, 0), rgb);
+  } else if (channel == PAGS_VIEW_PRIORITY) {
+    pags_colormap_heat(id < 0 ? 0 : self->priority_of[id], rgb);
+  } else if (channel == PAGS_VIEW_CRITICAL && !(id >= 0 && self->priority_of[id] > 0.5F)) {
+    rgb[0] = rgb[1] = rgb[2] = 0.35F * grey;
+  } else if (channel == PAGS_VIEW_OBJECT) {
+    if (object >= 0)
+      object_color(object, rgb);
+    for (int c = 0; c < 3; c++)
+      rgb[c] = object >= 0 ? rgb[c] * (0.35F + 0.65F * grey) : 0.35F * grey;
+  }
+}
+
+static pags_result to_image(const pags_drawer *self, const pags_picture *picture, pags_view_channel channel,
+                            pags_image *out) {
+  if (channel == PAGS_VIEW_COLOR)
+    return pags_picture_to_image(picture, PAGS_U8, out);
+  PAGS_TRY(pags_image_create(out, picture->width, picture->height, 3, PAGS_U8));
+  uint8_t *to = out->data;
+  for (int y = 0; y < picture->height; y++)
+    for (int x = 0; x < picture->width; x++) {
+      float rgb[3];
+      color_pixel(self, picture, channel, (size_t)y * (size_t)picture->stride + (size_t)x, rgb);
+      for (int c = 0; c < 3; c++)
+        *to++ = (uint8_t)(255 * (rgb[c] > 0 ? rgb[c] < 1 ? rgb[c] : 1 : 0) + 0.5F);
+    }
+  return PAGS_OK;
+}
+
+/* ---- Messages ---- */
+
+static void put_u32(unsigned char *to, size_t value) {
+  for (int i = 0; i < 4; i++)
+    to[i] = (unsigned char)(value >> (8 * i));
+}
+
+/* Ends a text, puts `extra` bytes behind it for a picture. The writer is destroyed. */
+static pags_result finish(pags_json_writer *json, const pags_sink *jpeg, pags_view_message *out) {
+  pags_json_end_object(json);
+  pags_result result = pags_json_writer_finish(json);
+  if (result == PAGS_OK) {
+    const size_t head = jpeg ? 4 : 0;
+    *out = (pags_view_message){.size = head + json->size + (jpeg ? jpeg->size : 0), .binary = jpeg != NULL};
+    out->bytes = malloc(out->size);
+    if (!out->bytes)
+      result = pags_out_of_memory(NULL);
+  }
+  if (result == PAGS_OK && jpeg) {
+    put_u32(out->bytes, json->size);
+    memcpy(out->bytes + 4, json->data, json->size);
+    memcpy(out->bytes + 4 + json->size, jpeg->bytes, jpeg->size);
+  } else if (result == PAGS_OK) {
+    memcpy(out->bytes, json->data, json->size);
+  }
+  pags_json_writer_destroy(json);
+  return result;
+}
+
+static void begin(pags_json_writer *json, const char *type, int64_t serial) {
+  pags_json_writer_init(json, 0);
+  pags_json_begin_object(json, NULL);
+  pags_json_put_string(json, "type", type);
+  pags_json_put_integer(json, "serial", serial);
+}
+
+pags_result pags_drawer_refuse(const char *text, int64_t serial, pags_view_message *out) {
+  pags_json_writer json;
+  begin(&json, "error", serial);
+  pags_json_put_string(&json, "text", text);
+  return finish(&json, NULL, out);
+}
+
+static void put_stats(pags_json_writer *json, const pags_deadline_result *drawn) {
+  const pags_frame_stats *s = &drawn->stats;
+  pags_json_put_integer(json, "step", drawn->step);
+  pags_json_put_number(json, "drawMs", drawn->ms);
+  pags_json_put_number(json, "fullTiles", drawn->full_tiles);
+  pags_json_put_integer(json, "gaussians", s->gaussians);
+  pags_json_put_integer(json, "inView", s->in_view);
+  pags_json_put_integer(json, "loaded", s->loaded);
+  pags_json_put_integer(json, "hidden", s->hidden);
+  pags_json_put_integer(json, "shaded", s->shaded);
+  pags_json_put_integer(json, "pairs", s->pairs_binned);
+  pags_json_put_integer(json, "clustersHidden", s->clusters_hidden);
+}
+
+/* Encodes the image and makes the message of a picture. */
+static pags_result send_picture(const pags_view_look *look, const pags_image *image, int percent, bool sharp,
+                                const pags_deadline_result *drawn, double psnr, pags_view_message *out) {
+  pags_sink jpeg = {0};
+  pags_result result = pags_jpeg_encode("the picture", image, percent, &jpeg);
+  if (result == PAGS_OK) {
+    pags_json_writer json;
+    begin(&json, "picture", look->serial);
+    pags_json_put_integer(&json, "width", image->width);
+    pags_json_put_integer(&json, "height", image->height);
+    pags_json_put_bool(&json, "sharp", sharp);
+    pags_json_put_number(&json, "psnr", psnr);
+    put_stats(&json, drawn);
+    result = finish(&json, &jpeg, out);
+  }
+  free(jpeg.bytes);
+  return result;
+}
+
+/* ---- Pictures ---- */
+
+static pags_result draw_scene(pags_drawer *self, const pags_view_look *look, const pags_drawer_quality *quality,
+                              pags_view_message *out, pags_deadline_result *drawn) {
+  pags_frame_options options = pags_composition_options(self->settings.composition);
+  pags_camera camera = look->camera;
+  pags_picture picture;
+  int count;
+  PAGS_TRY(compose(self, look, camera.time, &count));
+  options.extra_channels = look->channel != PAGS_VIEW_COLOR;
+  if (!quality->sharp && quality->shrink > 1)
+    camera = pags_camera_downscale(&camera, quality->shrink);
+  if (quality->sharp || look->full)
+    PAGS_TRY(pags_deadline_render_step(self->deadline, 0, self->parts, count, &camera, &options, &picture, drawn));
+  else
+    PAGS_TRY(pags_deadline_render(self->deadline, self->parts, count, &camera, &options, &picture, drawn));
+  pags_image image;
+  PAGS_TRY(to_image(self, &picture, look->channel, &image));
+  const pags_result result = send_picture(look, &image, quality->percent, quality->sharp, drawn, (double)NAN, out);
+  pags_image_destroy(&image);
+  return result;
+}
+
+/* ---- Photographs ---- */
+
+static pags_result open_photographs(pags_drawer *self) {
+  enum { CACHE = 64 << 20 }; /* bytes of decoded photographs */
+  const pags_scene *scene = pags_composition_scene(self->settings.composition);
+  const char *path = self->settings.dataset ? self->settings.dataset : scene->dataset;
+  pags_dataset_options options = self->settings.dataset_options;
+  if (self->opened)
+    return PAGS_OK;
+  if (!path)
+    return pags_fail(PAGS_ERROR_ARGUMENT,
+                     "the scene doesn't say what data set it is of: start pags view with --dataset DATASET");
+  if (!options.colmap && !self->settings.dataset)
+    options.colmap = scene->colmap;
+  if (!options.image_folder && !self->settings.dataset)
+    options.image_folder = scene->image_folder;
+  options.image_alpha = (pags_image_alpha)scene->image_alpha;
+  for (int c = 0; c < 3; c++)
+    options.background[c] = (double)scene->background[c];
+  PAGS_TRY(pags_photographs_open(scene, path, &options, self->settings.dataset != NULL, self->settings.tasks, CACHE,
+                                 &self->photographs));
+  self->opened = true;
+  return PAGS_OK;
+}
+
+/* The picture of the view's own camera, exposed as the photograph was, as floats of 0 to 1. */
+static pags_result draw_view(pags_drawer *self, const pags_view_look *look, const pags_scene_view *view, int width,
+                             int height, pags_image *out, pags_deadline_result *drawn) {
+  pags_frame_options options = pags_composition_options(self->settings.composition);
+  pags_picture picture;
+  int count;
+  pags_camera camera = view->camera;
+  if (camera.width != width || camera.height != height)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: the photograph has %dx%d pixels, its camera %dx%d", view->name, width,
+                     height, camera.width, camera.height);
+  PAGS_TRY(compose(self, look, camera.time, &count));
+  pags_frame_options_expose(&options, view->gain, view->offset);
+  PAGS_TRY(pags_deadline_render_step(self->deadline, 0, self->parts, count, &camera, &options, &picture, drawn));
+  return pags_picture_to_image(&picture, PAGS_F32, out);
+}
+
+static pags_result compare(pags_drawer *self, const pags_view_look *look, const pags_photograph *photograph,
+                           const pags_scene_view *view, pags_view_message *out, pags_deadline_result *drawn) {
+  enum { QUALITY = 92, TIMES = 3 };
+  const pags_image *photo = &photograph->image;
+  pags_image picture = {0}, shown = {0};
+  double psnr = (double)NAN;
+  PAGS_TRY(draw_view(self, look, view, photo->width, photo->height, &picture, drawn));
+  pags_result result = pags_eval_psnr(&picture, photo, photograph->mask, &psnr);
+  if (result == PAGS_OK)
+    result = pags_image_create(&shown, photo->width, photo->height, 3, PAGS_U8);
+  if (result == PAGS_OK) {
+    const float *a = picture.data, *b = photo->data;
+    const size_t samples = 3 * (size_t)photo->width * (size_t)photo->height;
+    for (size_t i = 0; i < samples; i++) {
+      const float value = look->channel == PAGS_VIEW_PHOTOGRAPH ? b[i] : TIMES * fabsf(a[i] - b[i]);
+      ((uint8_t *)shown.data)[i] = (uint8_t)(255 * (value > 0 ? value < 1 ? value : 1 : 0) + 0.5F);
+    }
+    result = send_picture(look, &shown, QUALITY, true, drawn, psnr, out);
+  }
+  pags_image_destroy(&picture);
+  pags_image_destroy(&shown);
+  return result;
+}
+
+static pags_result draw_photograph(pags_drawer *self, const pags_view_look *look, pags_view_message *out,
+                                   pags_deadline_result *drawn) {
+  const pags_scene *scene = pags_composition_scene(self->settings.composition);
+  if (look->view < 0 || look->view >= scene->view_count)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "no recorded camera is chosen");
+  PAGS_TRY(open_photographs(self));
+  for (int64_t i = 0; i < self->photographs.count; i++)
+    if (self->photographs.views[i].scene_view == &scene->views[look->view]) {
+      pags_photograph photograph;
+      PAGS_TRY(pags_photographs_read(&self->photographs, i, &photograph));
+      const pags_result result = compare(self, look, &photograph, &scene->views[look->view], out, drawn);
+      pags_photograph_destroy(&photograph);
+      return result;
+    }
+  return pags_fail(PAGS_ERROR_ARGUMENT, "%s: the data set has no photograph of it", scene->views[look->view].name);
+}
+
+pags_result pags_drawer_draw(pags_drawer *self, const pags_view_look *look, const pags_drawer_quality *quality,
+                             pags_view_message *out, pags_drawer_facts *facts) {
+  pags_deadline_result drawn = {0};
+  const double begun = pags_clock_ms();
+  *facts = (pags_drawer_facts){0};
+  if (look->channel == PAGS_VIEW_PHOTOGRAPH || look->channel == PAGS_VIEW_DIFFERENCE)
+    PAGS_TRY(draw_photograph(self, look, out, &drawn));
+  else
+    PAGS_TRY(draw_scene(self, look, quality, out, &drawn));
+  *facts = (pags_drawer_facts){.ms = pags_clock_ms() - begun, .step = drawn.step};
+  return PAGS_OK;
+}
+
+/* ---- Picking ---- */
+
+pags_result pags_drawer_pick(pags_drawer *self, const pags_view_look *look, double x, double y, int64_t serial,
+                             pags_view_message *out) {
+  const pags_camera *camera = &look->camera;
+  const double *m = camera->world_from_camera;
+  const double ray[3] = {(x - camera->cx) / camera->fx, (y - camera->cy) / camera->fy, 1};
+  double eye[3], direction[3];
+  pags_picked picked;
+  int count;
+  for (int i = 0; i < 3; i++) {
+    eye[i] = m[4 * i + 3];
+    direction[i] = m[4 * i] * ray[0] + m[4 * i + 1] * ray[1] + m[4 * i + 2] * ray[2];
+  }
+  PAGS_TRY(compose(self, look, camera->time, &count));
+  PAGS_TRY(pags_composition_pick(self->settings.composition, self->parts, count, eye, direction, NULL, &picked));
+  pags_json_writer json;
+  begin(&json, "picked", serial);
+  pags_json_put_bool(&json, "hit", picked.part >= 0);
+  if (picked.part >= 0) {
+    const int64_t object = picked.object >= 0 ? picked.object : self->object_of[picked.id];
+    pags_json_put_numbers(&json, "point", picked.point, 3);
+    pags_json_put_number(&json, "depth", picked.depth);
+    pags_json_put_integer(&json, "gaussian", picked.id);
+    pags_json_put_integer(&json, "object", object);
+    pags_json_put_number(&json, "priority", (double)self->priority_of[picked.id]);
+  }
+  return finish(&json, NULL, out);
+}

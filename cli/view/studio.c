@@ -1,0 +1,334 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The drawing thread and the seats of pages. */
+#include "cli/view/studio.h"
+
+#include <pthread.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/clock.h"
+#include "base/memory.h"
+#include "port/port.h"
+
+enum {
+  STILL_MS = 150, /* after the last look: time for the sharp picture */
+  REPLIES = 8,    /* that wait for a page at most; it is told no more until it reads them */
+  SHARP_PERCENT = 92,
+  LEAST_PERCENT = 35,
+  MOST_PERCENT = 80
+};
+
+/* The time that a picture should take from being sent to being acknowledged; a slower line gets smaller pictures. */
+static const double line_ms = 80;
+
+typedef struct seat {
+  bool taken, has_look;
+  uint64_t tenant; /* counts those who have sat here, so that no one gets what was drawn for another */
+  pags_view_look look;
+  bool fresh; /* the look hasn't been drawn */
+  bool sharp; /* its sharp picture has been drawn */
+  double looked_ms;
+  bool in_flight;
+  int64_t sent_serial;
+  double sent_ms;
+  int shrink, percent;
+  bool picks;
+  double pick_x, pick_y;
+  int64_t pick_serial;
+  pags_view_message picture; /* bytes NULL: none */
+  pags_view_message replies[REPLIES];
+  int reply_count;
+} seat;
+
+struct pags_studio {
+  pags_drawer *drawer;
+  pags_tasks *tasks;
+  void (*wake)(void *user);
+  void *user;
+  pthread_t thread;
+  pthread_mutex_t lock;
+  pthread_cond_t changed;
+  bool quit;
+  int drawing; /* seat whose sharp picture is being drawn; -1: none */
+  int count, last;
+  seat seats[];
+};
+
+/* ---- Seats ---- */
+
+static void empty_seat(seat *s) {
+  const uint64_t tenant = s->tenant;
+  free(s->picture.bytes);
+  for (int i = 0; i < s->reply_count; i++)
+    free(s->replies[i].bytes);
+  memset(s, 0, sizeof *s);
+  s->tenant = tenant + 1;
+}
+
+int pags_studio_enter(pags_studio *self) {
+  int found = -1;
+  pthread_mutex_lock(&self->lock);
+  for (int i = 0; i < self->count && found < 0; i++)
+    if (!self->seats[i].taken)
+      found = i;
+  if (found >= 0) {
+    empty_seat(&self->seats[found]);
+    self->seats[found].taken = true;
+    self->seats[found].shrink = 1;
+    self->seats[found].percent = MOST_PERCENT;
+  }
+  pthread_mutex_unlock(&self->lock);
+  return found;
+}
+
+void pags_studio_leave(pags_studio *self, int number) {
+  pthread_mutex_lock(&self->lock);
+  if (self->drawing == number)
+    pags_tasks_cancel(self->tasks);
+  empty_seat(&self->seats[number]);
+  pthread_mutex_unlock(&self->lock);
+}
+
+/* Takes over a reply; drops it where the page doesn't read. */
+static void reply(seat *s, pags_view_message *message) {
+  if (s->reply_count < REPLIES)
+    s->replies[s->reply_count++] = *message;
+  else
+    free(message->bytes);
+  *message = (pags_view_message){0};
+}
+
+static void take_look(pags_studio *self, int number, const pags_view_look *look) {
+  seat *s = &self->seats[number];
+  s->look = *look;
+  s->has_look = s->fresh = true;
+  s->sharp = false;
+  s->looked_ms = pags_clock_ms();
+  if (self->drawing == number)
+    pags_tasks_cancel(self->tasks);
+}
+
+/* The page has its picture: the next may be drawn, as large as the line takes. */
+static void acknowledge(seat *s, int64_t serial) {
+  if (!s->in_flight || s->picture.bytes || serial != s->sent_serial)
+    return;
+  const double took = pags_clock_ms() - s->sent_ms;
+  s->in_flight = false;
+  if (took > line_ms)
+    s->percent = s->percent - 10 > LEAST_PERCENT ? s->percent - 10 : LEAST_PERCENT;
+  else if (took < line_ms / 2)
+    s->percent = s->percent + 5 < MOST_PERCENT ? s->percent + 5 : MOST_PERCENT;
+}
+
+void pags_studio_ask(pags_studio *self, int number, const pags_view_request *request) {
+  pthread_mutex_lock(&self->lock);
+  seat *s = &self->seats[number];
+  if (request->kind == PAGS_VIEW_LOOK) {
+    take_look(self, number, &request->look);
+  } else if (request->kind == PAGS_VIEW_GOT) {
+    acknowledge(s, request->serial);
+  } else {
+    s->picks = true;
+    s->pick_x = request->x;
+    s->pick_y = request->y;
+    s->pick_serial = request->serial;
+  }
+  pthread_cond_signal(&self->changed);
+  pthread_mutex_unlock(&self->lock);
+}
+
+void pags_studio_refuse(pags_studio *self, int number, const char *text) {
+  pags_view_message message;
+  if (pags_drawer_refuse(text, 0, &message) != PAGS_OK)
+    return;
+  pthread_mutex_lock(&self->lock);
+  reply(&self->seats[number], &message);
+  pthread_mutex_unlock(&self->lock);
+}
+
+bool pags_studio_take(pags_studio *self, int number, pags_view_message *out) {
+  pthread_mutex_lock(&self->lock);
+  seat *s = &self->seats[number];
+  bool found = true;
+  if (s->reply_count) {
+    *out = s->replies[0];
+    memmove(s->replies, s->replies + 1, (size_t)--s->reply_count * sizeof *s->replies);
+  } else if (s->picture.bytes) {
+    *out = s->picture;
+    s->picture = (pags_view_message){0};
+    s->sent_ms = pags_clock_ms();
+  } else {
+    found = false;
+  }
+  pthread_mutex_unlock(&self->lock);
+  return found;
+}
+
+/* ---- The thread ---- */
+
+/* A photograph has no coarse picture. */
+static bool is_photograph(const seat *s) {
+  return s->look.channel == PAGS_VIEW_PHOTOGRAPH || s->look.channel == PAGS_VIEW_DIFFERENCE;
+}
+
+/* Milliseconds until the seat is to be drawn, 0: now; negative: not before something comes from its page. */
+static double due_in(const seat *s, double now) {
+  if (!s->taken || !s->has_look)
+    return -1;
+  if (s->picks)
+    return 0;
+  if (s->in_flight || (!s->fresh && s->sharp))
+    return -1;
+  const double still = s->looked_ms + STILL_MS - now;
+  return s->fresh || still < 0 ? 0 : still;
+}
+
+/* The next seat that is due, after the one drawn last; -1: none, and *wait receives the seconds until one is. */
+static int next_seat(const pags_studio *self, double *wait) {
+  const double now = pags_clock_ms();
+  *wait = 3600;
+  for (int k = 1; k <= self->count; k++) {
+    const int number = (self->last + k) % self->count;
+    const double due = due_in(&self->seats[number], now);
+    if (due == 0)
+      return number;
+    if (due > 0 && due * 1e-3 < *wait)
+      *wait = due * 1e-3;
+  }
+  return -1;
+}
+
+static void serve_pick(pags_studio *self, int number) {
+  seat *s = &self->seats[number];
+  const pags_view_look look = s->look;
+  const uint64_t tenant = s->tenant;
+  const double x = s->pick_x, y = s->pick_y;
+  const int64_t serial = s->pick_serial;
+  pags_view_message message;
+  s->picks = false;
+  pthread_mutex_unlock(&self->lock);
+  pags_result result = pags_drawer_pick(self->drawer, &look, x, y, serial, &message);
+  if (result != PAGS_OK)
+    result = pags_drawer_refuse(pags_error_message(), serial, &message);
+  pthread_mutex_lock(&self->lock);
+  if (result == PAGS_OK && s->tenant == tenant)
+    reply(s, &message);
+  else if (result == PAGS_OK)
+    free(message.bytes);
+}
+
+/* Fits the size of moving pictures to the time that they take: smaller when even the fastest step is too slow. */
+static void adapt(seat *s, const pags_drawer_facts *facts) {
+  static const double slow_ms = 90, fast_ms = 35;
+  if (facts->ms > slow_ms && s->shrink < 4)
+    s->shrink++;
+  else if (facts->ms < fast_ms && facts->step == 0 && s->shrink > 1)
+    s->shrink--;
+}
+
+static void serve_picture(pags_studio *self, int number) {
+  seat *s = &self->seats[number];
+  const pags_view_look look = s->look;
+  const uint64_t tenant = s->tenant;
+  const bool sharp = !s->fresh || is_photograph(s);
+  const pags_drawer_quality quality = {
+      .sharp = sharp, .shrink = s->shrink, .percent = sharp ? SHARP_PERCENT : s->percent};
+  pags_view_message message = {0};
+  pags_drawer_facts facts;
+  s->fresh = false;
+  self->drawing = sharp ? number : -1;
+  pags_tasks_reset(self->tasks);
+  pthread_mutex_unlock(&self->lock);
+  pags_result result = pags_drawer_draw(self->drawer, &look, &quality, &message, &facts);
+  bool refused = false;
+  if (result != PAGS_OK && result != PAGS_CANCELLED) {
+    refused = true;
+    result = pags_drawer_refuse(pags_error_message(), look.serial, &message);
+  }
+  pthread_mutex_lock(&self->lock);
+  self->drawing = -1;
+  if (s->tenant != tenant || result != PAGS_OK) {
+    free(message.bytes);
+    return;
+  }
+  if (refused) {
+    reply(s, &message);
+    s->sharp = !s->fresh;
+    return;
+  }
+  if (!sharp)
+    adapt(s, &facts);
+  s->sharp = sharp && !s->fresh;
+  s->picture = message;
+  s->sent_serial = look.serial;
+  s->in_flight = true;
+}
+
+static void *draw_loop(void *user) {
+  pags_studio *self = user;
+  pthread_mutex_lock(&self->lock);
+  while (!self->quit) {
+    double wait;
+    const int number = next_seat(self, &wait);
+    if (number < 0) {
+      pags_port_condition_wait(&self->changed, &self->lock, wait);
+      continue;
+    }
+    if (self->seats[number].picks)
+      serve_pick(self, number);
+    else {
+      self->last = number;
+      serve_picture(self, number);
+    }
+    pthread_mutex_unlock(&self->lock);
+    self->wake(self->user);
+    pthread_mutex_lock(&self->lock);
+  }
+  pthread_mutex_unlock(&self->lock);
+  return NULL;
+}
+
+/* ---- Start and end ---- */
+
+pags_result pags_studio_create(pags_drawer *drawer, pags_tasks *tasks, int seats, void (*wake)(void *user), void *user,
+                               pags_studio **out) {
+  pags_studio *self = calloc(1, sizeof *self + (size_t)seats * sizeof *self->seats);
+  *out = NULL;
+  if (!self)
+    return pags_out_of_memory(NULL);
+  self->drawer = drawer;
+  self->tasks = tasks;
+  self->wake = wake;
+  self->user = user;
+  self->count = seats;
+  self->drawing = -1;
+  pthread_mutex_init(&self->lock, NULL);
+  if (!pags_port_condition_create(&self->changed) || pthread_create(&self->thread, NULL, draw_loop, self)) {
+    pthread_mutex_destroy(&self->lock);
+    free(self);
+    return pags_fail(PAGS_ERROR_MEMORY, "can't start the thread that draws");
+  }
+  *out = self;
+  return PAGS_OK;
+}
+
+void pags_studio_stop(pags_studio *self) {
+  if (!self)
+    return;
+  pthread_mutex_lock(&self->lock);
+  self->quit = true;
+  pags_tasks_cancel(self->tasks);
+  pthread_cond_signal(&self->changed);
+  pthread_mutex_unlock(&self->lock);
+  pthread_join(self->thread, NULL);
+  pags_tasks_reset(self->tasks);
+}
+
+void pags_studio_destroy(pags_studio *self) {
+  if (!self)
+    return;
+  for (int i = 0; i < self->count; i++)
+    empty_seat(&self->seats[i]);
+  pthread_cond_destroy(&self->changed);
+  pthread_mutex_destroy(&self->lock);
+  free(self);
+}
