@@ -19,6 +19,7 @@
 #   make check-viewers      splat files of a scene with a least alpha, drawn by Babylon.js and Spark in Chromium beside pags (SCENE=FOLDER: another scene)
 #   make check-view  pags view in a headless Chromium, and ten thousand hostile requests (minutes)
 #   make check-blender      the add-on's tests in Debian's Blender; part of make check
+#   make check-obey  local view, borders, clipping and the tool that selects in a window of it
 #   make check-inspect  the panels Inspect, Recording and Measure in a window of it
 #   make check-blender-new  the same in a newer one: BLENDER_NEW=PROGRAM, a Blender or a Python with the module bpy
 #   make bench-blender SCENE=FOLDER  what the add-on takes: importing, memory, the viewport in a window under Xvfb
@@ -42,7 +43,7 @@ REFERENCE ?= HEAD
 OPTIONS ?=
 
 # Checks that take hours, or programs that make setup doesn't install.
-NOT_CHECKED := check-arm64 check-blender-new check-inspect check-scaling check-view check-viewers check-windows fuzz sanitize valgrind
+NOT_CHECKED := check-arm64 check-blender-new check-inspect check-obey check-scaling check-view check-viewers check-windows fuzz sanitize valgrind
 
 all:
 	cmake --preset release
@@ -91,6 +92,9 @@ addon: all
 
 check-blender: addon
 	ctest --preset release -R '^(addon|blender)\.'
+
+check-obey: addon
+	python3 tests/addon/run_blender.py gui_obey.py "$(CURDIR)/build/pags" "$(CURDIR)"/build/pags-blender-*.zip
 
 check-inspect: addon
 	python3 tests/addon/run_blender.py gui_inspect.py "$(CURDIR)/build/pags" "$(CURDIR)"/build/pags-blender-*.zip
@@ -148,4 +152,4 @@ install: all
 clean:
 	rm -rf build
 
-.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-inspect check-blender-new bench-blender guide setup-cross cross check-arm64 check-windows check-scaling check-view check-viewers same-bits figures docs install clean
+.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-inspect check-obey check-blender-new bench-blender guide setup-cross cross check-arm64 check-windows check-scaling check-view check-viewers same-bits figures docs install clean

@@ -81,6 +81,8 @@ typedef struct pags_projection {
   float lim_x0, lim_x1, lim_y0, lim_y1; /* clamp of x/z and y/z in the Jacobian */
   float width, height;                  /* px */
   float near_plane, low_pass;
+  float clips[8][4]; /* planes in camera space; a mean with a x + b y + c z + d < 0 isn't drawn */
+  int32_t clip_count;
   pags_alpha_cut alpha;
   int32_t antialiased;
   int32_t sh_degree;

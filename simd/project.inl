@@ -178,6 +178,11 @@ static void project(const pags_projection *view, const float *data, int64_t stri
     /* Comparisons are false for NaN, so a row with any non-finite value that matters drops out here. */
     const vf huge = v_set(1e18f);
     vm drawn = m_and(v_gt(s.z, v_set(view->near_plane)), v_ge(s.opacity, cuts.least));
+    for (int k = 0; k < view->clip_count; k++) {
+      const float *const p = view->clips[k];
+      const vf inside = v_add(v_dot3(v_set(p[0]), v_set(p[1]), v_set(p[2]), s.x, s.y, s.z), v_set(p[3]));
+      drawn = m_and(drawn, v_ge(inside, v_zero()));
+    }
     drawn = m_and(drawn, m_and(v_lt(s.a, huge), v_lt(s.c, huge)));
     drawn = m_and(drawn, m_and(v_gt(s.d, v_zero()), v_lt(s.d, v_set(1e36f))));
     drawn = m_and(drawn, m_and(v_gt(v_add(s.mx, extent_x), v_zero()), v_lt(v_sub(s.mx, extent_x), v_set(view->width))));

@@ -68,7 +68,8 @@ struct native_job {
 /* The arguments of submit, render and pick after scene and camera; antialiased -1 and near_plane 0: as the scene says.
  */
 typedef struct native_job_arguments {
-  PyObject *outputs, *placements, *others, *window, *object_values, *background, *exposure, *before, *after, *names;
+  PyObject *outputs, *placements, *others, *window, *object_values, *background, *exposure, *before, *after, *names,
+      *clips;
   const char *mode, *early_z;
   int linear, flip, transparent, antialiased, sh_degree, exp_degree;
   double cut, near_plane, depth_empty, depth_scale;
@@ -76,18 +77,19 @@ typedef struct native_job_arguments {
 
 #define JOB_ARGUMENT_NAMES                                                                                            \
   "outputs", "placements", "others", "window", "object_values", "background", "exposure", "before", "after", "names", \
-      "mode", "early_z", "linear", "flip", "transparent", "antialiased", "sh_degree", "exp_degree", "cut",            \
+      "clips", "mode", "early_z", "linear", "flip", "transparent", "antialiased", "sh_degree", "exp_degree", "cut",   \
       "near_plane", "depth_empty", "depth_scale"
-#define JOB_ARGUMENT_SIGNATURE                                                                                    \
-  "outputs=None, placements=None, others=None, window=None, object_values=None, background=None, exposure=None, " \
-  "before=None, "                                                                                                 \
-  "after=None, names=None, mode='rgb', early_z='lossless', linear=False, flip=False, transparent=False, "         \
+#define JOB_ARGUMENT_SIGNATURE                                                                                        \
+  "outputs=None, placements=None, others=None, window=None, object_values=None, background=None, exposure=None, "     \
+  "before=None, "                                                                                                     \
+  "after=None, names=None, clips=None, mode='rgb', early_z='lossless', linear=False, flip=False, transparent=False, " \
   "antialiased=-1, sh_degree=3, exp_degree=5, cut=0, near_plane=0, depth_empty=0, depth_scale=1"
-#define JOB_ARGUMENT_FORMAT "OOOOOOOOOOsspppiiidddd"
+#define JOB_ARGUMENT_FORMAT "OOOOOOOOOOOsspppiiidddd"
 #define JOB_ARGUMENT_TARGETS(w)                                                                                \
   &(w).outputs, &(w).placements, &(w).others, &(w).window, &(w).object_values, &(w).background, &(w).exposure, \
-      &(w).before, &(w).after, &(w).names, &(w).mode, &(w).early_z, &(w).linear, &(w).flip, &(w).transparent,  \
-      &(w).antialiased, &(w).sh_degree, &(w).exp_degree, &(w).cut, &(w).near_plane, &(w).depth_empty, &(w).depth_scale
+      &(w).before, &(w).after, &(w).names, &(w).clips, &(w).mode, &(w).early_z, &(w).linear, &(w).flip,        \
+      &(w).transparent, &(w).antialiased, &(w).sh_degree, &(w).exp_degree, &(w).cut, &(w).near_plane,          \
+      &(w).depth_empty, &(w).depth_scale
 
 native_job_arguments native_default_job_arguments(void);
 /* Whether so many threads can be asked for; else raises. */

@@ -68,6 +68,21 @@ static bool read_window(PyObject *value, native_job *job) {
   return true;
 }
 
+static bool read_clips(PyObject *value, pags_frame_options *o) {
+  Py_ssize_t shape[2] = {-1, 4};
+  double *const planes = value == Py_None ? NULL : native_read_array(value, "clips: planes a, b, c, d", true, 2, shape);
+  if (!planes)
+    return value == Py_None;
+  const bool good = shape[0] <= PAGS_MOST_CLIPS;
+  if (good) {
+    o->clip_count = (int)shape[0];
+    memcpy(o->clips, planes, (size_t)shape[0] * sizeof *o->clips);
+  } else
+    PyErr_Format(PyExc_ValueError, "clips: expected at most %d planes, found %zd", (int)PAGS_MOST_CLIPS, shape[0]);
+  free(planes);
+  return good;
+}
+
 static bool read_options(const native_job_arguments *w, const native_scene *scene, native_job *job) {
   pags_frame_options *o = &job->options;
   double background[3];
@@ -86,6 +101,8 @@ static bool read_options(const native_job_arguments *w, const native_scene *scen
     o->antialiased = w->antialiased;
   if (w->near_plane > 0)
     o->near_plane = (float)w->near_plane;
+  if (!read_clips(w->clips, o))
+    return false;
   if (w->background != Py_None) {
     if (!native_read_numbers(w->background, "background", 3, background))
       return false;
@@ -166,6 +183,7 @@ native_job_arguments native_default_job_arguments(void) {
                                 .before = Py_None,
                                 .after = Py_None,
                                 .names = Py_None,
+                                .clips = Py_None,
                                 .mode = "rgb",
                                 .early_z = "lossless",
                                 .antialiased = -1,

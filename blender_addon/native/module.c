@@ -113,12 +113,13 @@ static PyMethodDef methods[] = {
      "the picture\nthat render() draws with the same arguments: rgb [height][width][3], or [4] with that by alpha, and "
      "depth [height][width]."},
     {"pick", (PyCFunction)(void (*)(void))native_pick, METH_VARARGS | METH_KEYWORDS,
-     "pick($module, /, scene, camera, x, y, *, placements=None, others=None)\n--\n\nWhat is met through pixel (x, y), "
+     "pick($module, /, scene, camera, x, y, *, placements=None, others=None, clips=None)\n--\n\nWhat is met through "
+     "pixel (x, y), "
      "row 0 at the "
      "top, as a dictionary or None: id of the "
      "Gaussian behind which\nless than half of the ray is left, object (number or None), priority, depth (metres along "
      "the camera's "
-     "axis),\npoint (world, metres), scene (0: the first). placements, others: as for Renderer.submit."},
+     "axis),\npoint (world, metres), scene (0: the first). placements, others, clips: as for Renderer.submit."},
     {"cryptomatte_hash", native_cryptomatte_hash, METH_VARARGS,
      "cryptomatte_hash($module, name, /)\n--\n\nThe 32 bits that stand for a name in a Cryptomatte's manifest."},
     {"available_threads", available_threads, METH_NOARGS,

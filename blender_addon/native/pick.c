@@ -4,6 +4,7 @@
 
 #include <pags/pick.h>
 
+#include <math.h>
 #include <string.h>
 
 typedef struct found {
@@ -11,6 +12,23 @@ typedef struct found {
   float priority;
   int scene; /* which of the job's */
 } found;
+
+/* Cuts off what of a ray is outside of the planes that clip the picture. `origin` and `direction` as pags_pick has
+ * them. */
+static void clip_ray(const pags_frame_options *frame, const double origin[3], const double direction[3],
+                     pags_pick_options *options) {
+  for (int i = 0; i < frame->clip_count; i++) {
+    const double *const p = frame->clips[i];
+    const double at = p[0] * origin[0] + p[1] * origin[1] + p[2] * origin[2] + p[3];
+    const double along = p[0] * direction[0] + p[1] * direction[1] + p[2] * direction[2];
+    if (along > 0)
+      options->nearest = fmax(options->nearest, -at / along);
+    else if (along < 0)
+      options->farthest = fmin(options->farthest, -at / along);
+    else if (at < 0)
+      options->farthest = -1; /* all of the ray is outside */
+  }
+}
 
 /* Picks through a pixel and looks up scene, object and priority. Call with the job's scenes locked. */
 static pags_result pick_locked(native_job *job, int x, int y, found *out) {
@@ -29,6 +47,9 @@ static pags_result pick_locked(native_job *job, int x, int y, found *out) {
                    m[4 * k + 2]; /* camera z is 1: a distance along this vector is a depth */
   }
 
+  clip_ray(&job->options, origin, direction, &options);
+  if (options.farthest < options.nearest)
+    return PAGS_OK;
   PAGS_TRY(native_contents_compose(job, &job->contents));
   PAGS_TRY(pags_pick(job->contents.parts, job->contents.part_count, origin, direction, &options, picked));
   if (picked->part < 0)
@@ -60,15 +81,15 @@ static PyObject *describe(const found *f) {
 }
 
 PyObject *native_pick(PyObject *module, PyObject *arguments, PyObject *keywords) {
-  static char *names[] = {"scene", "camera", "x", "y", "placements", "others", NULL};
+  static char *names[] = {"scene", "camera", "x", "y", "placements", "others", "clips", NULL};
   const native_state *state = PyModule_GetState(module);
   native_job_arguments w = native_default_job_arguments();
   PyObject *scene, *camera;
   found f = {.picked = {.part = -1}};
   pags_result result;
   int x, y;
-  if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OOii|$OO:pick", names, &scene, &camera, &x, &y, &w.placements,
-                                   &w.others))
+  if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OOii|$OOO:pick", names, &scene, &camera, &x, &y, &w.placements,
+                                   &w.others, &w.clips))
     return NULL;
   native_job *job = (native_job *)native_job_new(state, scene, camera, &w);
   if (!job)

@@ -284,7 +284,8 @@ static PyMethodDef renderer_methods[] = {
      "others), that the "
      "motion refers to; None: "
      "nothing "
-     "moves on that side.\nnames: of the placements, for crypto_object. exposure: gain and offset, 6 numbers. early_z: "
+     "moves on that side.\nnames: of the placements, for crypto_object. clips: planes a, b, c, d; what has a x + b y + "
+     "c z + d < 0 isn't drawn. exposure: gain and offset, 6 numbers. early_z: "
      "off, lossless or bounded=EPS. linear: "
      "decode sRGB. flip: bottom row first. cut: leave out what isn't critical and whose opacity times area is under so "
      "many pixels. -1 and 0: as the scene asks for."},

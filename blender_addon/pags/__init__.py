@@ -33,12 +33,13 @@ from . import (
     properties,
     proxies,
     recording,
+    select_tool,
     ui,
     watch,
 )
 
-PARTS = (properties, jobs, importer, cameras, engine, overlay, inspector, comparison, measure, recording, composite, exporter, native_splats)
-PARTS += (proxies, ui, inspect_panel, handlers, watch)
+PARTS = (properties, jobs, importer, cameras, engine, overlay, inspector, select_tool, comparison, measure, recording, composite, exporter)
+PARTS += (native_splats, proxies, ui, inspect_panel, handlers, watch)
 
 
 def register():

@@ -4,7 +4,7 @@
 import bpy
 import numpy as np
 
-from . import gather, lens, native, passes
+from . import blur, gather, ignored, lens, native, passes
 from .native import SceneError
 
 EMPTY_DEPTH = 1e10  # depth of pixels without a surface, as Cycles writes it
@@ -69,70 +69,137 @@ class PagsRenderEngine(bpy.types.RenderEngine):
         finally:
             self.end_result(result, cancel=cancelled)
 
+    def warn(self, text):
+        self.report({"WARNING"}, text)
+
     def fail(self, text):
         self.report({"ERROR"}, text)
         self.error_set(text)
 
     def draw_into(self, depsgraph, result, width, height, window):
         """Waits for the job with progress; False when the user cancelled."""
-        scene = depsgraph.scene
+        scene, layer = depsgraph.scene, layer_of(result)
         state = gather.gather(depsgraph)
         if state is None:
-            raise SceneError("there is no PAGS scene to render: import one (File > Import > PAGS scene), or unhide it")
-        if state.flat:
-            self.report({"WARNING"}, f"flattened by their scale and left out: {', '.join(state.flat)}")
+            self.leave_empty(depsgraph, result)
+            return True
         if scene.camera is None:
             raise SceneError("there is no camera in the scene")
-        frame, critical_only = state.load(True), scene.pags.hide_noncritical
-        drawn = [frame.parts(k, scene.frame_current_final, critical_only) for k in range(len(frame.scenes))]
-        job = self.submit(depsgraph, frame, width, height, window, layer_of(result), drawn)
+        said = ([f"flattened by their scale and left out: {', '.join(state.flat)}"] if state.flat else []) + ignored.of_render(depsgraph, state)
+        for text in said:
+            self.warn(text)
+        frame, camera, now = state.load(True), scene.camera.original, scene.frame_current_final
+        samples = blur.Samples(depsgraph.scene_eval, camera.evaluated_get(depsgraph), scene.pags.blur_samples)
+        outputs, threads = outputs_of(layer), scene.pags.threads
+        drawn = [frame.parts(k, now, scene.pags.hide_noncritical) for k in range(len(frame.scenes))]
+        self.update_stats("PAGS", f"{frame.gaussians:,} Gaussians")
+        picture = colours = None
+        if not samples or outputs != ["rgba"]:
+            # With samples, all but the colours are those of the sharp picture at the frame itself.
+            view, arguments = self.arguments(depsgraph, frame, drawn, camera, now, (width, height), window)
+            arguments["outputs"] = [name for name in outputs if name != "rgba" or not samples]
+            # The last, since it goes to other frames and back: what was evaluated before is not to be used after it.
+            passes.add_arguments(self, depsgraph, frame, drawn, scene.pags.hide_noncritical, arguments)
+            picture = self.finish(native.renderer("final", threads).submit(frame.entry.scene, view, **arguments))
+            if picture is None:
+                return False
+        if samples and "rgba" in outputs:
+            colours = self.blurred(depsgraph, frame, samples, camera, now, (width, height), window)
+            if colours is None:
+                return False
+        self.hand_over(picture, colours, layer, frame, samples, said)
+        passes.describe(self.get_result(), depsgraph.view_layer_eval.name, layer, passes.names(frame, drawn))
+        return True
+
+    def finish(self, job):
+        """The job's picture; None when the user cancelled."""
         while not job.wait(0.05):
             if self.test_break():
                 job.cancel()
-                return False
-        self.hand_over(job.take(), layer_of(result), frame)
-        passes.describe(self.get_result(), depsgraph.view_layer_eval.name, layer_of(result), passes.names(frame, drawn))
-        return True
+                return None
+        return job.take()
 
-    def submit(self, depsgraph, frame, width, height, window, layer, drawn):
+    def leave_empty(self, depsgraph, result):
+        """A view layer that shows nothing of a PAGS scene gets empty passes."""
+        if not any(o.pags.kind in gather.PARTS for o in bpy.data.objects):
+            raise SceneError("there is no PAGS scene to render: import one (File > Import > PAGS scene)")
+        text = f"view layer {depsgraph.view_layer_eval.name}: nothing of a PAGS scene is visible, so the layer is empty"
+        self.warn(text)
+        self.update_stats("PAGS", text)
+        for render_pass in layer_of(result).passes:
+            if render_pass.name == "Depth":
+                fill_pass(render_pass, np.full(result.resolution_x * result.resolution_y, EMPTY_DEPTH, dtype=np.float32))
+
+    def arguments(self, depsgraph, frame, drawn, camera, now, size, window, point=None):
+        """The view of a picture and the keyword arguments of its job, colours alone. point: of the aperture; None: its middle."""
         scene, render = depsgraph.scene, depsgraph.scene.render
-        camera = scene.camera.evaluated_get(depsgraph)
-        values, pose = lens.of_camera(
-            camera.data, camera.matrix_world, width, height, render.pixel_aspect_x, render.pixel_aspect_y
-        )
-        now = scene.frame_current_final
-        names = {"Combined": "rgba", "Depth": "depth", "IndexOB": "object", "PriorityHeat": "heat"}
-        outputs = [names[p.name] for p in layer.passes if p.name in names] + passes.outputs(layer)
-        transparent, threads, critical_only = render.film_transparent, scene.pags.threads, scene.pags.hide_noncritical
+        camera = camera.evaluated_get(depsgraph)
+        values, pose = lens.of_camera(camera.data, camera.matrix_world, *size, render.pixel_aspect_x, render.pixel_aspect_y)
+        planes = lens.depth_planes(values, pose, camera.data.clip_start, camera.data.clip_end)
+        if point is not None:
+            values, pose = blur.through(point, blur.focus_distance(camera, depsgraph), values, pose)
         arguments = {
-            "outputs": outputs,
+            "outputs": ["rgba"],
             "window": window,
-            "transparent": transparent,
+            "transparent": render.film_transparent,
             "depth_empty": EMPTY_DEPTH,
+            "clips": frame.clips(planes),
             **frame.contents(now, [placements for _, placements in drawn], object_values=True),
             **gather.job_arguments(scene.pags, frame, True),
             **frame.exposure(scene.pags, camera, now),
         }
-        view = frame.camera(values, pose, now)
-        self.update_stats("PAGS", f"{frame.gaussians:,} Gaussians")
-        # The last, since it goes to other frames and back: what was evaluated before is not to be used after it.
-        passes.add_arguments(self, depsgraph, frame, drawn, critical_only, arguments)
-        return native.renderer("final", threads).submit(frame.entry.scene, view, **arguments)
+        return frame.camera(values, pose, now), arguments
 
-    def hand_over(self, picture, layer, frame):
-        planes = {
-            "Combined": picture.rgba,
-            "Depth": picture.depth,
-            "IndexOB": picture.object,
-            "PriorityHeat": picture.heat,
-            **passes.planes(picture, frame),
-        }
+    def blurred(self, depsgraph, frame, samples, camera, now, size, window):
+        """The colours with depth of field and motion blur; None when the user cancelled."""
+        scene = depsgraph.scene
+        number, subframe, settings = scene.frame_current, scene.frame_subframe, scene.pags
+
+        def prepare(offset, point):
+            then, time, nothing = frame, now + offset, False
+            if samples.moves:
+                self.frame_set(int(np.floor(time)), float(time - np.floor(time)))
+                state = gather.gather(depsgraph)
+                nothing = state is None
+                then = frame if nothing else state.load(True)
+            drawn = [([], []) if nothing else then.parts(k, time, settings.hide_noncritical) for k in range(len(then.scenes))]
+            view, arguments = self.arguments(depsgraph, then, drawn, camera, time, size, window, point if samples.focuses else None)
+            return then.entry.scene, view, arguments
+
+        def submit(scene, view, arguments):
+            return native.renderer("final", settings.threads).submit(scene, view, **arguments)
+
+        def take(job, k):
+            self.update_progress(k / len(samples))
+            self.update_stats("PAGS", f"{' and '.join(samples.names())}: sample {k + 1} of {len(samples)}")
+            return self.finish(job)
+
+        try:
+            return blur.mean(samples, prepare, submit, take)
+        finally:
+            if samples.moves:
+                self.frame_set(number, subframe)
+
+    def hand_over(self, picture, colours, layer, frame, samples, said):
+        """Fills the passes. picture: None where there are colours alone; colours: of the blurred picture, or None."""
+        planes = {"Combined": colours}
+        if picture is not None:
+            planes = {
+                "Combined": picture.rgba if colours is None else colours,
+                "Depth": picture.depth,
+                "IndexOB": picture.object,
+                "PriorityHeat": picture.heat,
+                **passes.planes(picture, frame),
+            }
         for render_pass in layer.passes:
             if planes.get(render_pass.name) is not None:
                 fill_pass(render_pass, planes[render_pass.name])
-        stats = picture.stats
-        said = f"{stats['gaussians']:,} Gaussians, {stats['shaded']:,} drawn, {stats['ms']:.0f} ms"
-        self.update_stats("PAGS", "; ".join(filter(None, (said, frame.remarks()))))
+        if samples:
+            text = f"{frame.gaussians:,} Gaussians, {' and '.join(samples.names())} of {len(samples)} samples"
+        else:
+            stats = picture.stats
+            text = f"{stats['gaussians']:,} Gaussians, {stats['shaded']:,} drawn, {stats['ms']:.0f} ms"
+        self.update_stats("PAGS", "; ".join(filter(None, (text, frame.remarks(), *said))))
 
     # ---- The Rendered viewport ----
 
@@ -141,19 +208,27 @@ class PagsRenderEngine(bpy.types.RenderEngine):
 
         if self.view is None:
             self.view = viewport.View()
-        self.view.update(depsgraph)
+        self.view.update(depsgraph, context.space_data)
 
     def view_draw(self, context, depsgraph):
         from . import viewport
 
         if self.view is None:
             self.view = viewport.View()
-            self.view.update(depsgraph)
+            self.view.update(depsgraph, context.space_data)
         self.view.draw_rendered(self, context, depsgraph)
 
 
 def layer_of(result):
     return result.layers[0]
+
+
+OUTPUTS = {"Combined": "rgba", "Depth": "depth", "IndexOB": "object", "PriorityHeat": "heat"}
+
+
+def outputs_of(layer):
+    """The engine's outputs for the passes of a render layer."""
+    return [OUTPUTS[p.name] for p in layer.passes if p.name in OUTPUTS] + passes.outputs(layer)
 
 
 def compatible_panels():

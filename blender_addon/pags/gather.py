@@ -26,7 +26,7 @@ class Gathered:
     """State of one PAGS scene on which a picture depends, difference from camera and time."""
 
     def __init__(self, root):
-        self.root_name, self.path = root.name, native.absolute_path(root)
+        self.root_name, self.path = root.original.name_full, native.absolute_path(root.original)
         self.world_from_root = lens.matrix(root.matrix_world)
         self.frame_start, self.fps = root.pags.frame_start, root.pags.fps
         self.keys, self.indices, self.poses = [], [], []  # of each part: key, object index (-1: background) and root_from_object, 4x4
@@ -72,6 +72,7 @@ class Visible:
         self.scenes = [scene for scene in scenes if len(scene.indices)]
         self.camera_root = camera_root
         self.frame = None
+        self.strangers, self.ignored = [], []  # objects that aren't drawn, and settings of parts that aren't obeyed
 
     def key(self):
         return (self.camera_root, *(scene.identity for scene in self.scenes))
@@ -119,8 +120,17 @@ class Frame:
         return Frame(scenes, self.entries, self.flat, self.lent)
 
     def time(self, k, frame):
-        """Scene k's time in seconds at a (fractional) frame of the timeline."""
+        """Scene k's time in seconds at a (fractional) frame of the timeline; that of a scene without a duration stands still."""
+        info = self.entries[k].info
+        if info["time_end"] <= info["time_begin"]:
+            return info["time_begin"]
         return self.entries[k].info["time_begin"] + (frame - self.scenes[k].frame_start) / self.scenes[k].fps
+
+    def clips(self, planes):
+        """Planes of Blender's world as the engine takes them, of the leading scene's coordinates; None where there are none."""
+        out = np.array(planes, dtype=np.float64).reshape(-1, 4) @ np.linalg.inv(self.frame_from_world)
+        out[:, 3] -= out[:, :3] @ self.origin
+        return tuple(map(tuple, out.tolist())) or None
 
     def camera(self, lens_values, world_from_camera, frame):
         """The engine's camera (a dictionary) of a camera pose in Blender's world."""
@@ -166,7 +176,7 @@ class Frame:
         if not settings.exposure or camera is None or camera.type != "CAMERA" or camera.data.pags.sensor < 0:
             return {}
         root = camera.original.pags.root
-        k = next((k for k, scene in enumerate(self.scenes) if root is not None and scene.root_name == root.name), 0)
+        k = next((k for k, scene in enumerate(self.scenes) if root is not None and scene.root_name == root.name_full), 0)
         return {"exposure": self.entries[k].scene.exposure(camera.data.pags.sensor, self.time(k, frame))}
 
     def remarks(self):
@@ -176,29 +186,56 @@ class Frame:
         return "; ".join(said + ([f"flattened by their scale and left out: {', '.join(self.flat[:3])}"] if self.flat else []))
 
 
-def gather(depsgraph, only="", without=""):
-    """What is visible of PAGS scenes, or None. only, without: names of roots, of scenes that are wiped against each other."""
-    found = {}
+PARTS = {"BACKGROUND", "OBJECT"}  # kinds of objects that stand for Gaussians
+SOLIDS = {"MESH", "CURVE", "CURVES", "SURFACE", "META", "FONT", "POINTCLOUD", "VOLUME", "GPENCIL", "GREASEPENCIL"}
+
+
+def instances(depsgraph, hidden=frozenset()):
+    """All visible instances of objects. hidden: full names of objects that one 3D view doesn't show."""
     for instance in depsgraph.object_instances:
+        if instance.is_instance and not instance.show_self:
+            continue
+        owner = instance.parent if instance.is_instance and instance.parent is not None else instance.object
+        if not hidden or owner.original.name_full not in hidden:
+            yield instance
+
+
+def hidden_in(space, depsgraph):
+    """Full names of the view layer's objects that a 3D view leaves out: those out of its local view, of hidden local collections or kinds."""
+    if space.local_view is None and not space.use_local_collections and space.show_object_viewport_mesh:
+        return frozenset()
+    # Only evaluated objects know whether they are in a local view.
+    return frozenset(o.name_full for o in depsgraph.view_layer.objects if not o.evaluated_get(depsgraph).visible_in_viewport_get(space))
+
+
+def gather(depsgraph, hidden=frozenset(), only="", without=""):
+    """What is visible of PAGS scenes, or None. only, without: names of roots, of scenes that are wiped against each other."""
+    found, strangers, ignored = {}, set(), set()
+    for instance in instances(depsgraph, hidden):
         drawn = instance.object
         settings = drawn.original.pags
-        if settings.kind not in {"BACKGROUND", "OBJECT"} or settings.root is None:
-            continue
-        if instance.is_instance and not instance.show_self:
+        if settings.kind not in PARTS or settings.root is None:
+            if drawn.type in SOLIDS and not drawn.original.hide_render:
+                strangers.add(drawn.original.name)
             continue
         root = settings.root
         if (only and root.name != only) or root.name == without:
             continue
-        state = found.get(root.name)
+        state = found.get(root.name_full)
         if state is None:
-            state = found[root.name] = Gathered(root.evaluated_get(depsgraph))
+            state = found[root.name_full] = Gathered(root.evaluated_get(depsgraph))
         key = (drawn.original.name, tuple(instance.persistent_id) if instance.is_instance else ())
         state.add(key, drawn, -1 if settings.kind == "BACKGROUND" else settings.index, instance.matrix_world)
+        if drawn.original.holdout_get(view_layer=depsgraph.view_layer):
+            ignored.add("holdout of splats")
+        if drawn.original.indirect_only_get(view_layer=depsgraph.view_layer):
+            ignored.add("indirect only of splats")
     if not found:
         return None
     camera = depsgraph.scene.camera
     root = camera.original.pags.root if camera is not None else None
-    visible = Visible([found[name] for name in sorted(found)], root.name if root is not None else "")
+    visible = Visible([found[name] for name in sorted(found)], root.name_full if root is not None else "")
+    visible.strangers, visible.ignored = sorted(strangers), sorted(ignored)
     return visible if visible.scenes else None
 
 

@@ -24,18 +24,19 @@ def after_load(*_):
 
 
 @persistent
-def before_save(*_):
-    """Before saving: makes scene paths relative to the .blend where it has a path already."""
-    if not bpy.data.filepath:
+def before_save(*arguments):
+    """Before saving: makes the scene paths of imports with *Relative path* relative, once the .blend has a path. Others stay as the user has them."""
+    blend = bpy.data.filepath or next((a for a in arguments if isinstance(a, str)), "")  # newer Blenders say at the first save where it goes
+    if not blend:
         return
     for root in bpy.data.objects:
-        for name in ("path", "dataset") if root.pags.kind == "ROOT" else ():
-            path = getattr(root.pags, name)
-            if path and os.path.isabs(path):
+        if root.pags.kind == "ROOT" and root.pags.relative and root.library is None:
+            if os.path.isabs(root.pags.path):
                 try:
-                    setattr(root.pags, name, bpy.path.relpath(path))
+                    root.pags.path = bpy.path.relpath(root.pags.path, start=os.path.dirname(blend))
                 except ValueError:
                     pass  # on another drive of Windows, where no relative path exists
+            root.pags.relative = False
 
 
 @persistent

@@ -336,6 +336,7 @@ def bring_in(job, path, options, said):
             look_through_camera(context)
     if options.relative and bpy.data.filepath:
         work.root.pags.path = bpy.path.relpath(work.root.pags.path)
+    work.root.pags.relative = options.relative and not bpy.data.filepath
     for other in context.selected_objects:
         other.select_set(False)
     work.root.select_set(True)
@@ -420,7 +421,7 @@ class PAGS_OT_import(bpy.types.Operator, ImportHelper):
     )
     use_engine: BoolProperty(name="Render with PAGS", description="Make PAGS the render engine", default=True)
     relative: BoolProperty(
-        name="Relative path", description="Remember the scene relative to the saved .blend", default=True
+        name="Relative path", description="Remember the scene relative to the .blend, once it is saved; off: absolute, for good", default=True
     )
 
     by_hand = False

@@ -38,10 +38,8 @@ class PAGS_OT_pick(bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def execute(self, context):
-        region, view = context.region, context.region_data
-        values, pose = lens.of_view(view.window_matrix, view.view_matrix, region.width, region.height)
         try:
-            found = pick(context, values, pose, self.x, region.height - 1 - self.y)
+            found = aim(context).pick(self.x, self.y)
         except (native.SceneError, RuntimeError, ValueError) as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -51,26 +49,53 @@ class PAGS_OT_pick(bpy.types.Operator):
         return {"FINISHED"}
 
 
+class Aim:
+    """What a camera draws at one moment, to pick in. Only making it reads Blender's data."""
+
+    def __init__(self, depsgraph, values, pose, hidden, planes, wait):
+        """values, pose: of the camera, as lens.of_view gives them; hidden, planes: what it leaves out. wait: for scenes that are still loading; else
+        `frame` is None then."""
+        state, scene = gather.gather(depsgraph, hidden), depsgraph.scene
+        if state is None:
+            raise native.SceneError("there is no PAGS scene to pick in")
+        self.values, self.pose, self.frame, now = values, pose, state.load(wait), scene.frame_current_final
+        if self.frame is not None:
+            self.camera = self.frame.camera(values, pose, now)
+            self.contents = self.frame.contents_at(now, scene.pags.hide_noncritical)
+            self.contents["clips"] = self.frame.clips(planes)
+
+    def pick(self, x, y):
+        """What is seen at a pixel (row 0 at the bottom): the C module's pick result with "record", the object, and "place", the point in Blender's
+        world, added; or None."""
+        frame, values, y = self.frame, self.values, self.values["height"] - 1 - y
+        found = native.module.pick(frame.entry.scene, self.camera, x, y, **self.contents)
+        if found is not None:
+            entry = frame.entries[found["scene"]]
+            found["record"] = entry.objects[found["object"]] if found["object"] is not None else None
+            found["root"] = frame.scenes[found["scene"]].root_name
+            found["of"] = f" of {found['root']}" if len({scene.root_name for scene in frame.scenes}) > 1 else ""
+            depth = found["depth"] * frame.scale
+            ray = np.array([(x + 0.5 - values["cx"]) / values["fx"], (y + 0.5 - values["cy"]) / values["fy"], 1.0])
+            found["place"] = self.pose[:3, :3] @ (depth * ray) + self.pose[:3, 3]
+            found["depth"] = depth - values.get("ortho", 0.0)
+        return found
+
+
+def aim_of(space, view, region, depsgraph, wait=True):
+    """The Aim of a 3D view."""
+    values, pose = lens.of_view(view.window_matrix, view.view_matrix, region.width, region.height)
+    planes = lens.clip_planes(space, view, values, pose, depsgraph.scene.camera)
+    return Aim(depsgraph, values, pose, gather.hidden_in(space, depsgraph), planes, wait)
+
+
+def aim(context):
+    """The Aim of the context's 3D view."""
+    return aim_of(context.space_data, context.region_data, context.region, context.evaluated_depsgraph_get())
+
+
 def pick(context, values, pose, x, y):
-    """What a Blender camera sees at a pixel (row 0 at the top): the C module's pick result with "record", the object, and "place", the point in
-    Blender's world, added; or None."""
-    depsgraph = context.evaluated_depsgraph_get()
-    state = gather.gather(depsgraph)
-    if state is None:
-        raise native.SceneError("there is no PAGS scene to pick in")
-    frame, now = state.load(True), context.scene.frame_current_final
-    contents = frame.contents_at(now, context.scene.pags.hide_noncritical)
-    found = native.module.pick(frame.entry.scene, frame.camera(values, pose, now), x, y, **contents)
-    if found is not None:
-        entry = frame.entries[found["scene"]]
-        found["record"] = entry.objects[found["object"]] if found["object"] is not None else None
-        found["root"] = frame.scenes[found["scene"]].root_name
-        found["of"] = f" of {found['root']}" if len(state.scenes) > 1 else ""
-        depth = found["depth"] * frame.scale
-        ray = np.array([(x + 0.5 - values["cx"]) / values["fx"], (y + 0.5 - values["cy"]) / values["fy"], 1.0])
-        found["place"] = pose[:3, :3] @ (depth * ray) + pose[:3, 3]
-        found["depth"] = depth - values.get("ortho", 0.0)
-    return found
+    """What a Blender camera sees at a pixel (row 0 at the top), whatever the 3D view shows."""
+    return Aim(context.evaluated_depsgraph_get(), values, pose, frozenset(), [], True).pick(x, values["height"] - 1 - y)
 
 
 def describe(found):
@@ -82,11 +107,12 @@ def describe(found):
     return f"{what}, S_sem {found['priority']:.2f}, depth {found['depth']:.2f} m, Gaussian {found['id']}"
 
 
-def select(context, found):
+def select(context, found, extend=False):
+    """Selects the object of what was picked, alone or, with `extend`, with those that are selected, or without it if it was active already."""
     if found is None:
         return
     index = found["object"] if found["object"] is not None else -1
-    for other in context.selected_objects:
+    for other in context.selected_objects if not extend else ():
         other.select_set(False)
     for part in context.view_layer.objects:
         settings = part.pags
@@ -94,8 +120,12 @@ def select(context, found):
             settings.kind in {"OBJECT", "BACKGROUND"}
             and settings.index == index
             and settings.root
-            and settings.root.name == found["root"]
+            and settings.root.name_full == found["root"]
+            and part.visible_get()
         ):
+            if extend and part.select_get() and context.view_layer.objects.active == part:
+                part.select_set(False)
+                return
             part.select_set(True)
             context.view_layer.objects.active = part
             return

@@ -73,6 +73,40 @@ def of_view(window_matrix, view_matrix, width, height):
     return from_afar(lens, pose)
 
 
+def camera_frame(camera, render, view, width, height):
+    """Where a 3D view through the camera has the camera's picture: left, top, width and height in pixels of the region, from its top."""
+    size = picture_size(render)
+    own, _ = of_camera(camera.data, camera.matrix_world, *size, render.pixel_aspect_x, render.pixel_aspect_y)
+    seen, _ = of_view(view.window_matrix, view.view_matrix, width, height)
+    out = []
+    for focal, centre in (("fx", "cx"), ("fy", "cy")):
+        scale = seen[focal] / own[focal] * own.get("ortho", 1.0) / seen.get("ortho", 1.0)
+        out.append((seen[centre] - own[centre] * scale, scale))
+    return out[0][0], out[1][0], size[0] * out[0][1], size[1] * out[1][1]
+
+
+def depth_planes(values, pose, near, far):
+    """Planes a, b, c, d of the world between which a camera (intrinsics and pose, as above) draws: where a x + b y + c z + d >= 0."""
+    axis = pose[:3, 2]
+    own = axis @ pose[:3, 3] + values.get("ortho", 0.0)
+    return [(*axis, -own - near), (*-axis, own + far)]
+
+
+def clip_planes(space, view, values, pose, camera):
+    """The planes between which a 3D view draws: its clipping region's (Alt B), and those of its depth or its camera's."""
+    planes = []
+    if view.use_clip_planes:  # those that aren't in use are 0; of a quad view's box four are
+        planes = [tuple(plane) for plane in list(view.clip_planes)[: 4 if view.use_box_clip else 6] if any(plane)]
+    p = view.window_matrix
+    if view.view_perspective == "CAMERA" and camera is not None and camera.type == "CAMERA":
+        near, far = camera.data.clip_start, camera.data.clip_end
+    elif p[3][3] == 0:
+        near, far = space.clip_start, space.clip_end
+    else:
+        near, far = (p[2][3] + 1) / p[2][2], (p[2][3] - 1) / p[2][2]
+    return planes + depth_planes(values, pose, near, far)
+
+
 def from_afar(lens, pose):
     """Turns an orthographic camera (fx, fy in pixels per metre) into a perspective camera with a long lens far behind."""
     distance = ORTHO_DISTANCE * max(lens["height"] / lens["fy"], 10.0)

@@ -21,9 +21,7 @@ _handles = ()
 
 def place_at(context, x, y):
     """The point of Blender's world that a pixel of the 3D view shows (row 0 at the bottom). SceneError where there is nothing."""
-    region, view = context.region, context.region_data
-    values, pose = lens.of_view(view.window_matrix, view.view_matrix, region.width, region.height)
-    found = inspector.pick(context, values, pose, x, region.height - 1 - y)
+    found = inspector.aim(context).pick(x, y)
     if found is None:
         raise native.SceneError("nothing is drawn there")
     return found["place"]

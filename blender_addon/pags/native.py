@@ -123,11 +123,22 @@ def close():
     _entries.clear()
 
 
+def resolve(root, path):
+    """Absolute form of a path that a root holds. That of a linked root is relative to its library, and so is that of an override which still has the
+    library's value."""
+    library = root.library
+    if root.override_library is not None and root.override_library.reference is not None:
+        origin = root.override_library.reference
+        library = origin.library if path in {origin.pags.path, origin.pags.dataset} else None
+    return os.path.normpath(bpy.path.abspath(path, library=library)), library
+
+
 def absolute_path(root):
     """Absolute path of a root's scene. Where it is missing, a file or folder of the same name beside the .blend is taken (both were moved)."""
-    path = os.path.normpath(bpy.path.abspath(root.pags.path))
-    if not os.path.exists(path) and bpy.data.filepath:
-        beside = os.path.join(os.path.dirname(bpy.data.filepath), os.path.basename(path))
+    path, library = resolve(root, root.pags.path)
+    blend = bpy.path.abspath(library.filepath, library=library.parent) if library is not None else bpy.data.filepath
+    if not os.path.exists(path) and blend:
+        beside = os.path.join(os.path.dirname(blend), os.path.basename(path))
         if os.path.exists(beside):
             return beside
     return path

@@ -8,7 +8,7 @@ import gpu
 import numpy as np
 from gpu_extras.batch import batch_for_shader
 
-from . import draw, pace, viewport
+from . import draw, gather, pace, viewport
 from .native import SceneError
 
 _views = {}  # by region pointer
@@ -62,17 +62,19 @@ def on_draw():
 
 def draw_splats(context):
     begin = pace.clock()
-    view, width, height = view_of(context), context.region.width, context.region.height
+    view = view_of(context)
     depsgraph = context.evaluated_depsgraph_get()
-    if view.version != _version or view.wiped != viewport.wiped_scene(depsgraph):
-        view.update(depsgraph)
+    if view.version != _version or view.stale(depsgraph, context.space_data):
+        view.update(depsgraph, context.space_data)
         view.watch.gathered = (0.0, 0.0)  # already counted in the time of this redraw
         view.version = _version
-    requested = view.request(context, depsgraph, width, height, ("rgba", "depth"), True)
+    width = context.region.width
+    window = (0, 0, width, context.region.height)
+    requested = view.request(context, depsgraph, window, ("rgba", "depth"), True)
     upload = view.advance(requested)
     second, edge = view.second, 1
     if second is not None:
-        upload += second.advance(second.request(context, depsgraph, width, height, ("rgba", "depth"), True))
+        upload += second.advance(second.request(context, depsgraph, window, ("rgba", "depth"), True))
         edge = viewport.edge_of(context.scene.pags)
     middle = pace.clock()
     if second is not None and second.shown is not None and second.shown.depth is not None and second.state is not None:
@@ -138,7 +140,7 @@ def draw_points(context):
     gpu.state.depth_mask_set(True)
     gpu.state.point_size_set(2.0)
     depsgraph = context.evaluated_depsgraph_get()
-    for instance in depsgraph.object_instances:
+    for instance in gather.instances(depsgraph, gather.hidden_in(context.space_data, depsgraph)):
         part = instance.object
         if (
             part.original.pags.kind not in {"BACKGROUND", "OBJECT"}

@@ -17,7 +17,7 @@ from . import files, jobs, native, program, undistort
 
 def places(root, entry):
     """Folders of the data set to look in, in this order: the scene's *Data set folder*, where training read it, beside the scene."""
-    chosen = os.path.normpath(bpy.path.abspath(root.pags.dataset)) if root.pags.dataset else None
+    chosen = native.resolve(root, root.pags.dataset)[0] if root.pags.dataset else None
     recorded = entry.info.get("dataset")
     out = [chosen] if chosen else []
     if recorded:

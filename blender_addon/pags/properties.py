@@ -51,20 +51,29 @@ def wipe_moved(settings, context):
     draw_again(settings, context)
 
 
+RELATIVE = {"options": {"PATH_SUPPORTS_BLEND_RELATIVE"}} if bpy.app.version >= (5, 0, 0) else {}  # "//" in a path
+OWN = {"override": {"LIBRARY_OVERRIDABLE"}}  # of a property that an override of a linked scene can change
+
+
 class PagsObject(bpy.types.PropertyGroup):
     kind: EnumProperty(name="Part", description="What it stands for", items=KINDS, default="NONE")
     index: IntProperty(name="Number", description="Of the object in the scene file", default=-1)
-    root: PointerProperty(name="Scene", description="The Empty that the scene hangs from", type=bpy.types.Object)
+    root: PointerProperty(name="Scene", description="The Empty that the scene hangs from", type=bpy.types.Object, **OWN)
     # On roots only:
-    path: StringProperty(name="Path", description="Scene folder or splat file", subtype="FILE_PATH")
+    path: StringProperty(name="Path", description="Scene folder or splat file", subtype="FILE_PATH", **OWN, **RELATIVE)
+    relative: BoolProperty(
+        name="Becomes relative", description="At the first save the path becomes one relative to the .blend", options={"HIDDEN"}
+    )
     dataset: StringProperty(
         name="Data set folder",
         description="Where the recording's photographs and sweeps are on this machine; empty: where training read them, or beside the scene",
         subtype="DIR_PATH",
+        **OWN,
+        **RELATIVE,
     )
-    frame_start: FloatProperty(name="First frame", description="Frame at which the scene begins", default=1)
+    frame_start: FloatProperty(name="First frame", description="Frame at which the scene begins", default=1, **OWN)
     fps: FloatProperty(
-        name="Frames a second", description="Frames of the timeline in a second of the scene", default=24, min=0.01
+        name="Frames a second", description="Frames of the timeline in a second of the scene", default=24, min=0.01, **OWN
     )
 
 
@@ -154,6 +163,14 @@ class PagsScene(bpy.types.PropertyGroup):
         name="Background", description="Colour behind everything, as the screen shows it", subtype="COLOR_GAMMA",
         size=3, default=(0.5, 0.5, 0.5), min=0, max=1, update=draw_again,
     )
+    blur_samples: IntProperty(
+        name="Samples",
+        description="Pictures of which depth of field and motion blur are the mean in F12; each takes as long as a picture without them",
+        default=32,
+        min=2,
+        soft_max=256,
+        max=4096,
+    )
     use_pass_heat: BoolProperty(name="Priority heat", description="A pass with the priority as colours")
     comparison: EnumProperty(
         name="Compare",
@@ -220,7 +237,7 @@ CLASSES = (PagsObject, PagsCamera, PagsScene, PagsPreferences)
 def register():
     for cls in CLASSES:
         bpy.utils.register_class(cls)
-    bpy.types.Object.pags = PointerProperty(type=PagsObject)
+    bpy.types.Object.pags = PointerProperty(type=PagsObject, **OWN)
     bpy.types.Camera.pags = PointerProperty(type=PagsCamera)
     bpy.types.Scene.pags = PointerProperty(type=PagsScene)
 

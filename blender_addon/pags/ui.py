@@ -4,7 +4,7 @@
 import bpy
 from bl_operators.presets import AddPresetBase
 
-from . import cameras, exporter, jobs, native, photographs, program
+from . import blur, cameras, exporter, jobs, native, photographs, program
 
 
 class Sidebar:
@@ -152,6 +152,7 @@ class PAGS_OT_add_preset(AddPresetBase, bpy.types.Operator):
         "settings.early_z_eps",
         "settings.exact",
         "settings.deadline",
+        "settings.blur_samples",
         "settings.use_background",
         "settings.background",
     ]
@@ -180,6 +181,23 @@ class PAGS_PT_settings(RenderPanel, bpy.types.Panel):
         own.active = settings.use_background
         own.prop(settings, "background", text="")
         layout.prop(context.scene.render, "film_transparent", text="Transparent sky")
+
+
+class PAGS_PT_blur(RenderPanel, bpy.types.Panel):
+    bl_label = "Depth of field and motion blur"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context):
+        layout, render = self.layout, context.scene.render
+        layout.use_property_split = True
+        layout.label(text="Depth of field is a setting of the camera")
+        layout.prop(context.scene.pags, "blur_samples")
+        layout.prop(render, "use_motion_blur")
+        column = layout.column()
+        column.active = render.use_motion_blur
+        column.prop(blur.position_holder(context.scene), "motion_blur_position")
+        column.prop(render, "motion_blur_shutter")
+        column.template_curve_mapping(render, "motion_blur_shutter_curve")
 
 
 class PAGS_PT_passes(RenderPanel, bpy.types.Panel):
@@ -244,6 +262,7 @@ CLASSES = (
     PAGS_PT_export,
     PAGS_PT_object,
     PAGS_PT_settings,
+    PAGS_PT_blur,
     PAGS_PT_passes,
 )
 

@@ -5,13 +5,14 @@ Each view makes a request (a key and the job's arguments) whenever it is drawn. 
 After a change of the request, the next job is a coarse one that keeps the deadline; after a pause without change, one at
 full resolution, which is cancelled when the request changes. A timer looks for finished jobs and redraws their views."""
 
+import math
 import time
 import weakref
 
 import bpy
 import gpu
 
-from . import draw, gather, lens, native, pace
+from . import draw, gather, ignored, lens, native, pace
 from .native import SceneError
 
 STILL = 0.12  # seconds without change before the picture at full resolution is rendered
@@ -23,8 +24,9 @@ views = weakref.WeakSet()
 class Shown:
     """A picture on the GPU with the request that it answers."""
 
-    def __init__(self, key, scale, picture, values):
-        self.key, self.scale, self.values, self.degree = key, scale, values, 3
+    def __init__(self, key, scale, picture, values, place):
+        """place: (x, y, width, height) in the region, in pixels from its bottom."""
+        self.key, self.scale, self.values, self.degree, self.place = key, scale, values, 3, place
         self.stats = picture.stats
         self.size = (picture.width, picture.height)
         begin = time.perf_counter()
@@ -50,7 +52,8 @@ def edge_of(settings):
 class View:
     def __init__(self):
         self.state = self.frame = None
-        self.job = self.job_key = self.job_scale = self.job_values = self.job_degree = None
+        self.hidden, self.remark = frozenset(), ""  # what this view leaves out, and what it ignores
+        self.job = self.job_key = self.job_scale = self.job_values = self.job_degree = self.job_place = None
         self.requested, self.changed_at, self.requested_degree = None, 0.0, 3
         self.shown = None
         self.budget, self.pace = pace.Budget(), pace.Pace()
@@ -63,22 +66,32 @@ class View:
 
     # ---- Requests and jobs ----
 
-    def update(self, depsgraph):
+    def update(self, depsgraph, space):
         begin = pace.clock()
+        self.hidden = gather.hidden_in(space, depsgraph)
         self.wiped = wiped_scene(depsgraph)
-        self.state = gather.gather(depsgraph, without=self.wiped)
+        self.state = gather.gather(depsgraph, self.hidden, without=self.wiped)
         if self.wiped:
             self.second = self.second or View()
-            self.second.state = gather.gather(depsgraph, only=self.wiped)
+            self.second.state = gather.gather(depsgraph, self.hidden, only=self.wiped)
         elif self.second is not None:
             self.second.drop()
             self.second = None
         self.watch.gather(begin)
 
-    def request(self, context, depsgraph, width, height, outputs, transparent):
-        """A request: key and arguments of a job at full resolution, or None where there is nothing to draw."""
+    def stale(self, depsgraph, space):
+        """Whether an update is due without a change of the file's data: local view has begun or ended, another scene is wiped."""
+        return self.wiped != wiped_scene(depsgraph) or self.hidden != gather.hidden_in(space, depsgraph)
+
+    def request(self, context, depsgraph, window, outputs, transparent):
+        """A request: key and arguments of a job at full resolution, or None where there is nothing to draw. window: x, y, width and height of what is
+        drawn of the region, in pixels from its top."""
+        space, width, height = context.space_data, context.region.width, context.region.height
         if self.state is None:
-            self.error = "no PAGS scene is visible: File > Import > PAGS scene"
+            self.clear()
+            self.error = "no PAGS scene is visible here"
+            if not any(o.pags.kind == "ROOT" for o in bpy.data.objects):
+                self.error = "there is no PAGS scene: File > Import > PAGS scene"
             return None
         self.frame = frame = self.state.load(False)
         self.loading = frame is None
@@ -91,7 +104,8 @@ class View:
         now = depsgraph.scene.frame_current_final
         camera = frame.camera(values, pose, now)
         job_arguments = gather.job_arguments(settings, frame, False)
-        job_arguments.update(outputs=outputs, transparent=transparent)
+        clips = frame.clips(lens.clip_planes(space, region, values, pose, depsgraph.scene.camera))
+        job_arguments.update(outputs=outputs, transparent=transparent, clips=clips, window=window)
         if region.view_perspective == "CAMERA":
             job_arguments.update(frame.exposure(settings, depsgraph.scene.camera, now))
         key = (tuple(camera["world_from_camera"]), camera["fx"], camera["cx"], camera["cy"], now, width, height)
@@ -109,7 +123,14 @@ class View:
         across, down = small["width"] / camera["width"], small["height"] / camera["height"]
         small["fx"], small["cx"] = camera["fx"] * across, camera["cx"] * across
         small["fy"], small["cy"] = camera["fy"] * down, camera["cy"] * down
-        job_arguments = dict(job_arguments, sh_degree=min(degree, job_arguments["sh_degree"]), cut=pace.CUTS[scale])
+        x, y, width, height = job_arguments["window"]
+        x0, y0 = int(x * across), int(y * down)
+        x1, y1 = min(small["width"], math.ceil((x + width) * across)), min(small["height"], math.ceil((y + height) * down))
+        window = (x0, y0, max(1, x1 - x0), max(1, y1 - y0))
+        left, right = round(x0 / across), round((x0 + window[2]) / across)
+        top, bottom = round(y0 / down), round((y0 + window[3]) / down)
+        self.job_place = (left, camera["height"] - bottom, right - left, bottom - top)
+        job_arguments = dict(job_arguments, window=window, sh_degree=min(degree, job_arguments["sh_degree"]), cut=pace.CUTS[scale])
         self.job = native.renderer("view", settings.threads).submit(
             frame.entry.scene, small, **frame.contents_at(now, settings.hide_noncritical), **job_arguments
         )
@@ -129,7 +150,7 @@ class View:
                 self.job.cancel()
             return upload
         if self.shown is None or self.shown.key != key:
-            size = requested[2]["width"], requested[2]["height"]
+            size = requested[4]["window"][2:]
             scale, kept = self.budget.choose(*size, settings.deadline)
             hurried, _ = self.budget.choose(*size, settings.deadline * self.pace.share)
             scale = max(scale, min(hurried, self.pace.COARSEST))
@@ -149,7 +170,7 @@ class View:
         except (native.module.Error, MemoryError) as error:
             self.error = str(error)
             return 0.0
-        self.shown = Shown(self.job_key, self.job_scale, picture, self.job_values)
+        self.shown = Shown(self.job_key, self.job_scale, picture, self.job_values, self.job_place)
         self.shown.degree = self.job_degree
         self.shown.unsharp = self.job_scale > 1.0 or self.job_degree < self.requested_degree
         self.budget.learn(self.shown.stats, picture.width, picture.height)
@@ -182,7 +203,7 @@ class View:
         if self.rate() > 0:
             text += f", {self.rate():.1f} FPS"
         said = "" if self.shown.unsharp or self.frame is None else self.frame.remarks()
-        return f"{text}; {said}" if said else text
+        return "; ".join(filter(None, (text, said, self.remark)))
 
     def dropped(self, settings):
         """How the picture was reduced to keep the deadline: size and SH degree."""
@@ -202,14 +223,15 @@ class View:
 
     def draw_rendered(self, engine, context, depsgraph):
         begin = pace.clock()
-        width, height = context.region.width, context.region.height
         try:
-            if self.wiped != wiped_scene(depsgraph):
-                self.update(depsgraph)
-            requested = self.request(context, depsgraph, width, height, ("rgba",), False)
+            if self.stale(depsgraph, context.space_data):
+                self.update(depsgraph, context.space_data)
+            window = border_window(context)
+            requested = self.request(context, depsgraph, window, ("rgba",), False)
+            self.remark = ignored.of_view(context, self.state) if self.state is not None else ""
             upload = self.advance(requested)
             if self.second is not None:
-                upload += self.second.advance(self.second.request(context, depsgraph, width, height, ("rgba",), False))
+                upload += self.second.advance(self.second.request(context, depsgraph, window, ("rgba",), False))
         except (SceneError, RuntimeError, ValueError) as error:
             self.error, upload = str(error), 0.0
         engine.update_stats("", self.statistics(depsgraph.scene.pags))
@@ -218,7 +240,7 @@ class View:
         if self.shown is not None:
             self.put_plain(-1, edge)
         if self.second is not None and self.second.shown is not None:
-            self.second.put_plain(edge + 4 / width, 1)  # a gap of two pixels is the edge
+            self.second.put_plain(edge + 4 / context.region.width, 1)  # a gap of two pixels is the edge
         self.watch.add(begin, middle, upload)
 
     def put_plain(self, left, right):
@@ -226,16 +248,47 @@ class View:
         gpu.state.depth_test_set("NONE")
         gpu.state.depth_mask_set(False)
         gpu.state.blend_set("NONE")
+        whole = gpu.state.viewport_get()
+        x, y, width, height = self.shown.place
+        gpu.state.viewport_set(whole[0] + x, whole[1] + y, width, height)
         shader.bind()
         shader.uniform_sampler("picture", self.shown.color)
-        draw.part("plain", left, right).draw(shader)
+        # From the region's width to the picture's, -1 to 1 both.
+        left, right = (min(max(((u + 1) * whole[2] - 2 * x) / width - 1, -1), 1) for u in (left, right))
+        if left < right:
+            draw.part("plain", left, right).draw(shader)
+        gpu.state.viewport_set(*whole)
 
-    def drop(self):
+    def clear(self):
         if self.job is not None:
             self.job.cancel()
         self.job = self.shown = None
+
+    def drop(self):
+        self.clear()
         if self.second is not None:
             self.second.drop()
+
+
+def border_window(context):
+    """What a Rendered view draws of its region, (x, y, width, height) in pixels from the top: all, or what its render border or its camera's
+    encloses."""
+    space, view, render = context.space_data, context.region_data, context.scene.render
+    width, height = context.region.width, context.region.height
+    if view.view_perspective == "CAMERA" and context.scene.camera is not None and context.scene.camera.type == "CAMERA":
+        if not render.use_border:
+            return 0, 0, width, height
+        left, top, wide, tall = lens.camera_frame(context.scene.camera, render, view, width, height)
+        xs = left + wide * render.border_min_x, left + wide * render.border_max_x
+        ys = top + tall * (1 - render.border_max_y), top + tall * (1 - render.border_min_y)
+    elif space.use_render_border:
+        xs = width * space.render_border_min_x, width * space.render_border_max_x
+        ys = height * (1 - space.render_border_max_y), height * (1 - space.render_border_min_y)
+    else:
+        return 0, 0, width, height
+    x0, y0 = (min(max(round(v), 0), most - 1) for v, most in ((xs[0], width), (ys[0], height)))
+    x1, y1 = (min(max(round(v), low + 1), most) for v, low, most in ((xs[1], x0, width), (ys[1], y0, height)))
+    return x0, y0, x1 - x0, y1 - y0
 
 
 # ---- The timer ----

@@ -43,6 +43,21 @@ static pags_alpha_cut alpha_cut_of(const pags_gaussians *gaussians) {
                           .lift = (float)-pags_log2(1.0 - least)};
 }
 
+/* Takes the planes of the options to camera space. local: world_from_camera with the world's origin at
+ * options->origin. */
+static void take_clips(const pags_frame_options *options, const double local[12], pags_projection *v) {
+  v->clip_count = options->clip_count;
+  for (int i = 0; i < options->clip_count; i++) {
+    const double *const p = options->clips[i];
+    double d = p[3];
+    for (int k = 0; k < 3; k++) {
+      v->clips[i][k] = (float)(p[0] * local[k] + p[1] * local[4 + k] + p[2] * local[8 + k]);
+      d += p[k] * (local[4 * k + 3] + options->origin[k]);
+    }
+    v->clips[i][3] = (float)d;
+  }
+}
+
 /* The projection of a part: camera_from_model and the intrinsics as floats. All differences of large world
  * coordinates are taken here, in double. */
 static pags_projection make_projection(const pags_camera *camera, const pags_frame_options *options,
@@ -64,6 +79,7 @@ static pags_projection make_projection(const pags_camera *camera, const pags_fra
   memcpy(local, camera->world_from_camera, sizeof local);
   for (int k = 0; k < 3; k++)
     local[4 * k + 3] -= options->origin[k];
+  take_clips(options, local, &v);
   pags_rigid_inverse(local, camera_from_world);
   pags_rigid_multiply(camera_from_world, part->world_from_model, camera_from_model);
   pags_affine_inverse(camera_from_model, model_from_camera);

@@ -537,6 +537,9 @@ class Final(BlenderCase):
         self.assertEqual(self.f12()[4], good[4])
         for part in [o for o in self.scene.objects if o.pags.kind in {"OBJECT", "BACKGROUND"}]:
             part.hide_render = True
+        self.assertEqual(set(self.f12()[4]), {0})  # an empty layer
+        for part in [o for o in bpy.data.objects if o.pags.kind in {"OBJECT", "BACKGROUND"}]:
+            bpy.data.objects.remove(part)
         self.raises(["import"], bpy.ops.render.render)
 
     def test_own_background(self):
@@ -1528,7 +1531,7 @@ class Inspecting(BlenderCase):
         bpy.ops.wm.save_mainfile()
         bpy.ops.wm.open_mainfile(filepath=self.path("work.blend"))
         kept = [o.pags.dataset for o in self.scene.objects if o.pags.kind == "ROOT"]
-        self.assertIn("//here", kept)
+        self.assertIn(self.path("here"), kept)
 
     def test_links_to_photographs_that_were_moved(self):
         if not self.links_can_be_made():

@@ -220,6 +220,11 @@ plain_row row_plainly(const pags_projection *v, const double row[ROW_FLOATS]) {
   }
   out.z = cam[2];
   out.drawn = above(out.z, (double)v->near_plane, fmax(size, 1e-3), &out.certain);
+  for (int i = 0; i < v->clip_count; i++) {
+    const double a = (double)v->clips[i][0] * cam[0], b = (double)v->clips[i][1] * cam[1],
+                 c = (double)v->clips[i][2] * cam[2], d = (double)v->clips[i][3];
+    out.drawn = above(a + b + c, -d, fabs(a) + fabs(b) + fabs(c) + fabs(d), &out.certain) && out.drawn;
+  }
   if (!out.drawn)
     return out;
   out.x = (double)v->fx * cam[0] / cam[2] + (double)v->cx;

@@ -186,6 +186,31 @@ static void test_edges(const pags_kernels *k) {
   }
 }
 
+/* Planes in camera space take away what is behind one of them, and nothing else changes. */
+static void test_clips(const pags_kernels *k) {
+  int tally[3] = {0, 0, 0}, clipped = 0;
+  for (size_t n = 0; n < sizeof counts / sizeof *counts; n++) {
+    pags_projection view = view_random(0, n % 2);
+    const rows r = rows_random(&view, counts[n], ROWS_ORDINARY);
+    const projection whole = project(k, &view, &r);
+    view.clip_count = 3;
+    for (int i = 0; i < view.clip_count; i++)
+      for (int c = 0; c < 4; c++)
+        view.clips[i][c] = c < 3 ? check_normal() : check_uniform(0.0f, 6.0f);
+    const projection got = project(k, &view, &r), want = project(&pags_kernels_scalar, &view, &r);
+    check_scalar(&got, &want, r.count);
+    check_plainly(&got, &view, &r, tally);
+    for (int i = 0; i < r.count; i++)
+      if (got.keys[i] != UINT32_MAX)
+        CHECK(got.keys[i] == whole.keys[i] && memcmp(got.splats + i, whole.splats + i, sizeof *got.splats) == 0);
+      else
+        clipped += whole.keys[i] != UINT32_MAX;
+    check_release();
+  }
+  check_note("%d rows clipped, %d drawn", clipped, tally[1]);
+  CHECK(clipped > 100 && tally[1] > 50);
+}
+
 static void test_bench(const pags_kernels *k) {
   const pags_projection view = view_random(3, false);
   const rows r = rows_random(&view, 256, ROWS_ORDINARY);
@@ -245,8 +270,8 @@ static void test_reaches(const pags_kernels *k) {
 int main(int argc, char **argv) {
   static const check_case cases[] = {
       {"project ordinary", test_ordinary}, {"project needles", test_needles}, {"project awkward", test_awkward},
-      {"project edges", test_edges},       {"project factor", test_factor},   {"project reaches", test_reaches},
-      {"project bench", test_bench},
+      {"project clips", test_clips},       {"project edges", test_edges},     {"project factor", test_factor},
+      {"project reaches", test_reaches},   {"project bench", test_bench},
   };
   return check_main(argc, argv, cases, (int)(sizeof cases / sizeof *cases));
 }

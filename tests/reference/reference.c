@@ -272,6 +272,20 @@ static void find_colour(const reference_part *part, int64_t i, const reference_v
   }
 }
 
+/* Whether the mean is outside of one of the planes. */
+static bool clipped(const reference_splat *splat, const pags_camera *camera, const pags_frame_options *options) {
+  const double *const m = camera->world_from_camera, *const s = splat->camera;
+  bool out = false;
+  for (int i = 0; i < options->clip_count; i++) {
+    double sum = options->clips[i][3];
+    for (int row = 0; row < 3; row++)
+      sum +=
+          options->clips[i][row] * (m[4 * row] * s[0] + m[4 * row + 1] * s[1] + m[4 * row + 2] * s[2] + m[4 * row + 3]);
+    out = out || sum < 0;
+  }
+  return out;
+}
+
 static reference_splat find_splat(const reference_part *part, int64_t i, const reference_view *view,
                                   const pags_camera *camera, const pags_frame_options *options, double least) {
   reference_splat splat = {.id = part->id ? part->id[i] : part->first_id + (int32_t)i};
@@ -280,7 +294,7 @@ static reference_splat find_splat(const reference_part *part, int64_t i, const r
     for (int k = 0; k < 3; k++)
       splat.camera[row] += view->rotation[3 * row + k] * reference_value(part, PAGS_MEAN + k, i);
   }
-  if (!(splat.camera[2] > (double)options->near_plane))
+  if (!(splat.camera[2] > (double)options->near_plane) || clipped(&splat, camera, options))
     return splat;
   reference_projection p = reference_project(part, i, view, camera, &splat);
   if (!find_covariance(&p, options, &splat))

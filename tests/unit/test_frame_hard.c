@@ -227,6 +227,46 @@ static void test_near_planes(void **state) {
   fixture_destroy(&f);
 }
 
+/* Planes that clip, beside the same Gaussians made transparent: the same bits, with Early-Z as well. */
+static void test_clips(void **state) {
+  (void)state;
+  enum { COUNT = 300 };
+  fixture f = fixture_create(23, COUNT), kept = fixture_create(23, COUNT);
+  const double planes[2][4] = {{1, 0.2, 0, -0.1}, {0, 0, -1, 3}}; /* of the camera: to the right, and nearer than 3 m */
+  int outside = 0;
+  camera_at_origin(&f);
+  camera_at_origin(&kept);
+  for (int64_t i = 0; i < COUNT; i++) {
+    const double x = 0.07 * (double)(i % 17) - 0.56, y = 0.06 * (double)(i % 13) - 0.36, z = 1.5 + 0.01 * (double)i;
+    const bool inside = x + 0.2 * y - 0.1 >= 0 && 3 - z >= 0;
+    place(&f, i, x, y, z, 0.05, 1);
+    place(&kept, i, x, y, z, 0.05, inside ? 1 : -100);
+    outside += !inside;
+  }
+  f.options.clip_count = 2;
+  for (int p = 0; p < 2; p++) {
+    memcpy(f.options.clips[p], planes[p], sizeof planes[p]);
+    for (int k = 0; k < 3; k++)
+      f.options.clips[p][3] -= planes[p][k] * f.options.origin[k];
+  }
+  for (int k = 0; k < 3; k++) {
+    f.camera.world_from_camera[4 * k + 3] = f.options.origin[k];
+    kept.camera.world_from_camera[4 * k + 3] = kept.options.origin[k];
+  }
+  frame_result clipped = fixture_run_finite(&f), wanted = fixture_run_finite(&kept);
+  assert_true(outside > 50 && outside < COUNT - 50);
+  assert_true(!fixture_is_background(&f, &clipped));
+  assert_memory_equal(clipped.rgb, wanted.rgb, 3 * PIXELS * sizeof *clipped.rgb);
+  f.options.clip_count = 0;
+  frame_result whole = fixture_run_finite(&f);
+  assert_memory_not_equal(whole.rgb, wanted.rgb, 3 * PIXELS * sizeof *clipped.rgb);
+  frame_result_destroy(&whole);
+  frame_result_destroy(&wanted);
+  frame_result_destroy(&clipped);
+  fixture_destroy(&kept);
+  fixture_destroy(&f);
+}
+
 /* #12: opacities below 1/255, for which ln(255 o) is negative. */
 static void test_below_one_level(void **state) {
   (void)state;
@@ -346,6 +386,7 @@ int main(void) {
       cmocka_unit_test(test_giants),
       cmocka_unit_test(test_fans_beside_the_picture),
       cmocka_unit_test(test_near_planes),
+      cmocka_unit_test(test_clips),
       cmocka_unit_test(test_below_one_level),
       cmocka_unit_test(test_opaque_stacks),
       cmocka_unit_test(test_far_from_the_origin),

@@ -83,13 +83,19 @@ typedef enum pags_order {
   PAGS_ORDER_PAPER
 } pags_order;
 
+enum { PAGS_MOST_CLIPS = 8 }; /* six planes of a box, and two of the depth */
+
 typedef struct pags_frame_options {
   double origin[3];    /* world position of the origin of all float positions, metres */
   float background[3]; /* colour behind everything, display-referred sRGB, 0..1; not used if there is a sky */
   /* Blended behind everything: rgb = sum of the Gaussians + T * sky(direction of the pixel's centre). NULL: the
    * background colour. Must outlive the frame's use. */
   const pags_sky *sky;
-  float near_plane;      /* Gaussians whose mean has camera z <= this are not drawn; metres, default 0.01 */
+  float near_plane; /* Gaussians whose mean has camera z <= this are not drawn; metres, default 0.01 */
+  /* Planes in absolute world coordinates: Gaussians whose mean has a x + b y + c z + d < 0 for one of them are not
+   * drawn. Sky and background are. Default 0 planes. */
+  int clip_count; /* 0..PAGS_MOST_CLIPS */
+  double clips[PAGS_MOST_CLIPS][4];
   float low_pass;        /* px^2, added to both variances of the 2D covariance; default 0.3 (Mip-Splatting: 0.1) */
   int antialiased;       /* 1: opacity is scaled by sqrt(det before / det after the low-pass). Default 0 */
   int sh_degree;         /* highest SH degree used, 0..3; default 3 */

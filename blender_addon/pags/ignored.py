@@ -1,0 +1,31 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What Blender's settings ask for that a picture of the engine doesn't have: said in the viewport's header and in F12's report."""
+
+from . import blur
+
+MOST_NAMES = 3
+
+
+def some(names):
+    """A few names, and how many more there are."""
+    more = len(names) - MOST_NAMES
+    return ", ".join(names[:MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
+
+
+def of_render(depsgraph, state):
+    """Lines for F12's report. state: what gather has found."""
+    render, said = depsgraph.scene.render, list(state.ignored)
+    said += ["stereoscopy"] if render.use_multiview else []
+    said += ["Freestyle"] if render.use_freestyle else []
+    lines = [f"not drawn by PAGS: {some(state.strangers)} (Composite with Cycles/EEVEE adds meshes)"] if state.strangers else []
+    return lines + ([f"ignored by PAGS: {', '.join(said)}"] if said else [])
+
+
+def of_view(context, state):
+    """The same of a Rendered 3D view, in one line; empty where all is as asked for."""
+    camera, final = context.scene.camera, []
+    if context.region_data.view_perspective == "CAMERA" and camera is not None and camera.type == "CAMERA":
+        final += ["depth of field"] if blur.aperture_radius(camera.data) > 0 else []
+    final += ["motion blur"] if blur.shutter(context.scene)[1] > 0 else []
+    lists = (("not drawn", some(state.strangers)), ("F12 alone", ", ".join(final)), ("ignored", ", ".join(state.ignored)))
+    return "; ".join(f"{what}: {names}" for what, names in lists if names)

@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A tool of the 3D view: a click selects the object whose Gaussians are under the mouse, and what is under it is written beside it."""
+
+import threading
+import time
+
+import blf
+import bpy
+from bpy.props import BoolProperty
+from bpy_extras import view3d_utils
+
+from . import inspector, native
+
+KEY = "Y"  # free in Blender's own keymaps of the 3D view
+REST = 0.12  # seconds that the mouse rests before what is under it is looked for
+TICK = 0.05
+
+
+class PAGS_OT_select(bpy.types.Operator):
+    """Select the object whose Gaussians are under the mouse; where there are none, what Blender finds there"""
+
+    bl_idname = "pags.select"
+    bl_label = "Select splats under the mouse"
+    bl_options = {"UNDO"}
+
+    extend: BoolProperty(name="Extend", description="Keep what is selected, or deselect the active object", default=False)
+
+    @classmethod
+    def poll(cls, context):
+        return context.region_data is not None and context.mode == "OBJECT"
+
+    def invoke(self, context, event):
+        x, y = event.mouse_region_x, event.mouse_region_y
+        try:
+            found = inspector.aim(context).pick(x, y)
+        except (native.SceneError, RuntimeError, ValueError) as error:
+            self.report({"WARNING"}, str(error))
+            found = None
+        if found is None or mesh_before(context, x, y, found["depth"]):
+            return bpy.ops.view3d.select("INVOKE_DEFAULT", location=(x, y), extend=self.extend, deselect_all=not self.extend)
+        context.scene.pags_picked = inspector.describe(found)
+        self.report({"INFO"}, context.scene.pags_picked)
+        inspector.select(context, found, self.extend)
+        return {"FINISHED"}
+
+
+def mesh_before(context, x, y, depth):
+    """Whether a mesh is drawn at a pixel before the splats at this depth."""
+    if context.space_data.shading.type == "RENDERED" and context.scene.render.engine == "PAGS":
+        return False
+    region, view = context.region, context.region_data
+    origin = view3d_utils.region_2d_to_origin_3d(region, view, (x, y))
+    direction = view3d_utils.region_2d_to_vector_3d(region, view, (x, y))
+    hit, place, *_ = context.scene.ray_cast(context.evaluated_depsgraph_get(), origin, direction)
+    return hit and -(view.view_matrix @ place).z < depth
+
+
+# ---- What is under the resting mouse ----
+
+
+class Hover:
+    """Looks for what is under the mouse once it rests, on a thread of its own."""
+
+    def __init__(self):
+        self.place = self.asked = None  # (region's address, x, y) of the mouse, and of what was looked for last
+        self.since, self.thread = 0.0, None
+        self.text, self.shown = "", True  # what was found there, and whether its region was redrawn since
+
+    def moved(self, place):
+        if place != self.place:
+            self.place, self.since, self.text = place, time.monotonic(), ""
+            if not bpy.app.timers.is_registered(tick):
+                bpy.app.timers.register(tick, first_interval=TICK)
+
+    def look(self):
+        """Begins to look for what is under the mouse."""
+        self.asked = self.place
+        for window, space, region in regions():
+            if region.as_pointer() == self.place[0] and not space.region_quadviews:
+                aim = inspector.aim_of(space, space.region_3d, region, window.view_layer.depsgraph, wait=False)
+                if aim.frame is not None:
+                    self.thread = threading.Thread(target=self.pick, args=(aim, self.place), daemon=True)
+                    self.thread.start()
+
+    def pick(self, aim, place):
+        try:
+            found = inspector.describe(aim.pick(*place[1:]))
+        except (RuntimeError, ValueError, MemoryError) as error:
+            found = str(error)
+        if self.place == place:
+            self.text, self.shown = found, False
+
+
+def regions():
+    """Window, space and main region of all open 3D views."""
+    for window in bpy.context.window_manager.windows:
+        for area in (area for area in window.screen.areas if area.type == "VIEW_3D"):
+            for region in (region for region in area.regions if region.type == "WINDOW"):
+                yield window, area.spaces.active, region
+
+
+hover = Hover()
+
+
+def tick():
+    """Looks once the mouse rests, and redraws when something was found; ends until the mouse moves again."""
+    if hover.thread is not None and not hover.thread.is_alive():
+        hover.thread = None
+    if hover.thread is None and hover.place != hover.asked and time.monotonic() - hover.since >= REST:
+        try:
+            hover.look()
+        except (native.SceneError, RuntimeError, ValueError) as error:
+            hover.text, hover.shown = str(error), False
+    if not hover.shown:
+        hover.shown = True
+        for _, _, region in regions():
+            if region.as_pointer() == hover.place[0]:
+                region.tag_redraw()
+    return TICK if hover.thread is not None or hover.place != hover.asked else None
+
+
+def write_beside(text, x, y):
+    font = 0
+    if bpy.app.version >= (4, 0, 0):
+        blf.size(font, 12)
+    else:
+        blf.size(font, 12, 72)
+    blf.enable(font, blf.SHADOW)
+    blf.shadow(font, 5, 0, 0, 0, 1)
+    blf.color(font, 1, 1, 1, 1)
+    for row, line in enumerate(text.split(", ")):
+        blf.position(font, x + 18, y - 18 - 15 * row, 0)
+        blf.draw(font, line)
+    blf.disable(font, blf.SHADOW)
+
+
+class PAGS_TL_select(bpy.types.WorkSpaceTool):
+    bl_space_type = "VIEW_3D"
+    bl_context_mode = "OBJECT"
+    bl_idname = "pags.select_tool"
+    bl_label = "Select splats"
+    bl_description = "Click: select the object whose Gaussians are under the mouse. What is under it is written beside it"
+    bl_icon = "ops.generic.select"
+    bl_widget = None
+    bl_keymap = (
+        (PAGS_OT_select.bl_idname, {"type": "LEFTMOUSE", "value": "PRESS"}, None),
+        (PAGS_OT_select.bl_idname, {"type": "LEFTMOUSE", "value": "PRESS", "shift": True}, {"properties": [("extend", True)]}),
+    )
+
+    def draw_settings(context, layout, tool):
+        layout.label(text=context.scene.pags_picked)
+
+    def draw_cursor(context, tool, xy):
+        region = context.region
+        if region is None or region.type != "WINDOW":
+            return
+        place = (region.as_pointer(), int(xy[0]) - region.x, int(xy[1]) - region.y)
+        hover.moved(place)
+        if hover.text:
+            write_beside(hover.text, *xy)
+
+
+_keys = []
+
+
+def register():
+    bpy.utils.register_class(PAGS_OT_select)
+    bpy.utils.register_tool(PAGS_TL_select, separator=True)
+    config = bpy.context.window_manager.keyconfigs.addon
+    if config is not None:
+        keymap = config.keymaps.new(name="Object Mode")
+        _keys.append((keymap, keymap.keymap_items.new(PAGS_OT_select.bl_idname, KEY, "PRESS")))
+
+
+def unregister():
+    for keymap, item in _keys:
+        keymap.keymap_items.remove(item)
+    _keys.clear()
+    if bpy.app.timers.is_registered(tick):
+        bpy.app.timers.unregister(tick)
+    bpy.utils.unregister_tool(PAGS_TL_select)
+    bpy.utils.unregister_class(PAGS_OT_select)
