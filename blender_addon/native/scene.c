@@ -430,69 +430,6 @@ static PyObject *scene_points(PyObject *object, PyObject *arguments) {
   return pair;
 }
 
-/* Writes the rows of a part as they are stored, `planes` numbers each; what it lacks of them is 0. Colours that change
- * with time are those of the composed time. */
-static void write_rows(const pags_part *part, int planes, float *out) {
-  float unpacked[PAGS_MAX_PLANES * ROWS];
-  const int64_t count = part->gaussians->count;
-  const int own = pags_plane_count(part->gaussians->sh_degree);
-  for (int64_t first = 0; first < count; first += ROWS) {
-    int64_t stride;
-    const float *const rows = read_geometry(part, first / ROWS, unpacked, &stride);
-    if (part->packed)
-      pags_packed_colours(part->packed, first / ROWS, part->gaussians->sh_degree, unpacked + PAGS_SH * ROWS);
-    for (int64_t i = first; i < count && i < first + ROWS; i++)
-      for (int p = 0; p < planes; p++)
-        *out++ = p >= own                                      ? 0.0f
-                 : part->dc && p >= PAGS_SH && p < PAGS_SH + 3 ? part->dc[(p - PAGS_SH) * stride + i]
-                                                               : rows[p * stride + i - first];
-  }
-}
-
-static PyObject *scene_splats(PyObject *object, PyObject *arguments) {
-  native_scene *self = (native_scene *)object;
-  native_state *state = native_state_of(object);
-  long long number;
-  if (!PyArg_ParseTuple(arguments, "L:splats", &number))
-    return NULL;
-  const int64_t which = read_object(object, number, -1);
-  if (which < -1)
-    return NULL;
-  const pags_part *parts;
-  int count = 0, planes = pags_plane_count(0);
-  double pose[12];
-  float *rows = NULL;
-  Py_ssize_t sum = 0;
-  pags_result result;
-  memcpy(pose, identity, sizeof pose);
-  Py_BEGIN_ALLOW_THREADS pthread_mutex_lock(&self->lock);
-  result = parts_of(self, which, &parts, &count);
-  for (int p = 0; p < count; p++) {
-    const int own = pags_plane_count(parts[p].gaussians->sh_degree);
-    planes = own > planes ? own : planes;
-    sum += (Py_ssize_t)parts[p].gaussians->count;
-    memcpy(pose, parts[p].world_from_model, sizeof pose); /* the same of all parts of an object */
-  }
-  if (result == PAGS_OK) {
-    rows = malloc(((size_t)sum * (size_t)planes + 1) * sizeof *rows);
-    result = rows ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)sum);
-  }
-  float *to = rows;
-  for (int p = 0; p < count && result == PAGS_OK; p++) {
-    write_rows(&parts[p], planes, to);
-    to += parts[p].gaussians->count * planes;
-  }
-  pthread_mutex_unlock(&self->lock);
-  Py_END_ALLOW_THREADS if (result != PAGS_OK) return native_raise(state, result);
-  const Py_ssize_t shape[2] = {sum, planes};
-  PyObject *buffer = native_buffer_own(state, rows, 'f', 2, shape);
-  PyObject *numbers = native_numbers(pose, 12);
-  PyObject *pair = buffer && numbers ? PyTuple_Pack(2, buffer, numbers) : NULL;
-  Py_XDECREF(buffer);
-  Py_XDECREF(numbers);
-  return pair;
-}
-
 static PyObject *scene_repr(PyObject *object) {
   const pags_composition *c = ((native_scene *)object)->composition;
   const pags_scene *s = pags_composition_scene(c);
@@ -545,11 +482,6 @@ static PyMethodDef scene_methods[] = {
      "save($self, path, /)\n--\n\nWrites the Gaussians as .ply (all bits) or .pagsz (packed). Not of scenes whose "
      "objects "
      "follow tracks."},
-    {"splats", scene_splats, METH_VARARGS,
-     "splats($self, object, /)\n--\n\nBuffer [n][11 + 3 k] and 12 numbers object_from_rows: all Gaussians of an object "
-     "as they are "
-     "stored, a row each: mean 3, ln sigma 3, rotation w x y z, logit of the opacity,\nk spherical harmonics of three "
-     "channels; and what takes these rows to the object's frame. object -1: as for points."},
     {0}};
 static PyType_Slot scene_slots[] = {{Py_tp_new, native_scene_new},
                                     {Py_tp_dealloc, scene_dealloc},

@@ -28,33 +28,41 @@ def missing():
     return f"Blender {NEEDED[0]}.{NEEDED[1]} and newer have splats of their own; this is {bpy.app.version_string}"
 
 
-def attributes(rows):
-    """Of Gaussians as Scene.splats gives them: (name, type, key for foreach_set, values) of each attribute."""
-    rows = np.asarray(rows, dtype=np.float32).reshape(len(rows), -1)
-    rotation = rows[:, 6:10].astype(np.float64)
+def attributes(arrays):
+    """Of Gaussians as Scene.arrays gives them: (name, type, key for foreach_set, values) of each attribute."""
+    rotation = arrays["quats"].astype(np.float64)
     length = np.linalg.norm(rotation, axis=1, keepdims=True)
     rotation = np.where(length > 0, rotation / np.where(length > 0, length, 1), [1.0, 0, 0, 0])
-    opacity = 1 / (1 + np.exp(-rows[:, 10:11].astype(np.float64)))
+    opacity, sh = 1 / (1 + np.exp(-arrays["opacities"].astype(np.float64)))[:, None], arrays["sh"]
     found = [
-        ("position", "FLOAT_VECTOR", "vector", rows[:, 0:3]),
-        ("scale", "FLOAT_VECTOR", "vector", np.exp(rows[:, 3:6].astype(np.float64))),
+        ("position", "FLOAT_VECTOR", "vector", arrays["means"]),
+        ("scale", "FLOAT_VECTOR", "vector", np.exp(arrays["scales"].astype(np.float64))),
         ("rotation", "QUATERNION", "value", rotation),
-        ("radiance:base", "FLOAT4", "vector", np.concatenate([rows[:, 11:14], opacity], axis=1)),
+        ("radiance:base", "FLOAT4", "vector", np.concatenate([sh[:, 0], opacity], axis=1)),
     ]
-    harmonics = range((rows.shape[1] - 14) // 3)
-    found += [(f"radiance:sh_{k}", "FLOAT_VECTOR", "vector", rows[:, 14 + 3 * k : 17 + 3 * k]) for k in harmonics]
+    found += [(f"radiance:sh_{k - 1}", "FLOAT_VECTOR", "vector", sh[:, k]) for k in range(1, sh.shape[1])]
     return [(*head, np.ascontiguousarray(values, dtype=np.float32)) for *head, values in found]
 
 
-def make_cloud(name, rows):
+def make_cloud(name, arrays):
     """A point cloud of Gaussians."""
-    cloud = bpy.data.pointclouds.new(name)
-    cloud.resize(len(rows))
+    cloud, count = bpy.data.pointclouds.new(name), len(arrays["means"])
+    cloud.resize(count)
     cloud.type = "GAUSSIAN_SPLAT"
-    for attribute, kind, key, values in attributes(rows) if len(rows) else ():
+    for attribute, kind, key, values in attributes(arrays) if count else ():
         layer = cloud.attributes.get(attribute) or cloud.attributes.new(attribute, kind, "POINT")
         layer.data.foreach_set(key, values.reshape(-1))
     return cloud
+
+
+def frame_of(entry, index):
+    """4x4 pose, in an object's frame, of what the means of its Gaussians are relative to: parked objects' stand at the scene's origin."""
+    if index < 0 or entry.objects[index]["tracked"]:
+        return Matrix()
+    pose = np.eye(4)
+    pose[:3] = np.array(entry.scene.pose(index, entry.info["time_begin"])).reshape(3, 4)
+    pose[:3, 3] -= entry.info["origin"]
+    return Matrix(np.linalg.inv(pose).tolist())
 
 
 def follow(converted, part):
@@ -85,7 +93,9 @@ class PAGS_OT_native_splats(cameras.OnScene, bpy.types.Operator):
         return True
 
     def work(self, context, root):
-        scene = native.load(native.absolute_path(root)).scene
+        entry = native.load(native.absolute_path(root))
+        arrays = {name: np.asarray(values) for name, values in entry.scene.arrays().items()}
+        owner = np.asarray(entry.scene.object_of)
         parts = [o for o in context.scene.objects if o.pags.kind in {"OBJECT", "BACKGROUND"} and o.pags.root == root]
         for old in [o for o in context.scene.objects if MARK in o and o.pags.root == root]:
             data = old.data
@@ -101,14 +111,12 @@ class PAGS_OT_native_splats(cameras.OnScene, bpy.types.Operator):
         for part in parts:
             index = -1 if part.pags.kind == "BACKGROUND" else part.pags.index
             if index not in clouds:
-                rows, pose = scene.splats(index)
-                clouds[index] = make_cloud(part.name, np.asarray(rows)), pose
-            cloud, pose = clouds[index]
+                clouds[index] = make_cloud(part.name, {name: values[owner == index] for name, values in arrays.items()})
+            cloud = clouds[index]
             converted = bpy.data.objects.new(f"{part.name} native", cloud)
             converted[MARK], converted.pags.root = part.name, root
             converted.parent, converted.matrix_parent_inverse = part.parent, part.matrix_parent_inverse
-            moved = Matrix((*(pose[4 * k : 4 * k + 4] for k in range(3)), (0, 0, 0, 1)))
-            converted.matrix_basis = part.matrix_basis @ moved
+            converted.matrix_basis = part.matrix_basis @ frame_of(entry, index)
             follow(converted, part)
             collection.objects.link(converted)
             gaussians += len(cloud.points)

@@ -1265,11 +1265,9 @@ class NativeSplats(BlenderCase):
         """Names, types and values in any Blender."""
         from_module = sys.modules[addon.__name__ + ".native"].module
         path = self.write("harmonics.ply", ply_with_harmonics(50, 2))
-        rows, pose = from_module.load(path).splats(-1)
-        found = self.module.attributes(np.asarray(rows))
+        found = self.module.attributes({name: np.asarray(values) for name, values in from_module.load(path).arrays().items()})
         self.assertEqual([f[0] for f in found], ["position", "scale", "rotation", "radiance:base", *(f"radiance:sh_{k}" for k in range(8))])
         self.assertEqual([f[1] for f in found], ["FLOAT_VECTOR", "FLOAT_VECTOR", "QUATERNION", "FLOAT4", *["FLOAT_VECTOR"] * 8])
-        self.assertEqual(list(pose), [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0])
         values = {f[0]: f[3] for f in found}
         self.assertLess(np.abs(np.linalg.norm(values["rotation"], axis=1) - 1).max(), 1e-6)
         self.assertTrue((values["radiance:base"][:, 3] > 0).all() and (values["radiance:base"][:, 3] < 1).all())
@@ -1281,6 +1279,17 @@ class NativeSplats(BlenderCase):
         self.assertLess(np.abs(values["radiance:base"][at, :3] - first[3:6]).max(), 1e-6)
         self.assertLess(np.abs(values["radiance:sh_1"][at] - first[[7, 15, 23]]).max(), 1e-6)
         self.assertAlmostEqual(float(values["scale"][at, 2]), math.exp(first[6 + 24 + 1 + 2]), places=6)
+
+    def test_frames(self):
+        """In any Blender: the Gaussians of an object, in its frame, are where its sample of points is."""
+        entry = sys.modules[addon.__name__ + ".native"].load(self.path("scene"))
+        means, owner = np.asarray(entry.scene.arrays()["means"]), np.asarray(entry.scene.object_of)
+        for index in (-1, 0, 1):
+            frame = np.array(self.module.frame_of(entry, index))
+            moved = means[owner == index] @ frame[:3, :3].T + frame[:3, 3]
+            wanted = np.asarray(entry.scene.points(index, 9)[0])
+            self.assertEqual(moved.shape, wanted.shape)
+            self.assertLess(np.abs(moved - wanted).max(), 1e-5)
 
     def test_too_old(self):
         if not self.too_old:
