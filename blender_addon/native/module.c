@@ -33,6 +33,16 @@ static PyObject *available_threads(PyObject *module, PyObject *unused) {
   return PyLong_FromLong(pags_available_threads());
 }
 
+static PyObject *heat(PyObject *module, PyObject *arguments) {
+  float value, rgb[3];
+  (void)module;
+  if (!PyArg_ParseTuple(arguments, "f:heat", &value))
+    return NULL;
+  pags_colormap_heat(value, rgb);
+  const double color[3] = {(double)rgb[0], (double)rgb[1], (double)rgb[2]};
+  return native_numbers(color, 3);
+}
+
 static PyTypeObject *add_type(PyObject *module, PyType_Spec *spec, const char *name) {
   PyObject *type = PyType_FromModuleAndSpec(module, spec, NULL);
   if (type && PyModule_AddObjectRef(module, name, type) == 0)
@@ -122,6 +132,9 @@ static PyMethodDef methods[] = {
      "axis),\npoint (world, metres), scene (0: the first). placements, others, clips: as for Renderer.submit."},
     {"cryptomatte_hash", native_cryptomatte_hash, METH_VARARGS,
      "cryptomatte_hash($module, name, /)\n--\n\nThe 32 bits that stand for a name in a Cryptomatte's manifest."},
+    {"heat", heat, METH_VARARGS,
+     "heat($module, value, /)\n--\n\nThe colour (r, g, b), as a screen shows it, that stands for a number from 0 to 1 in "
+     "pictures of priorities and other\nmodes: from dark violet over red to pale yellow."},
     {"available_threads", available_threads, METH_NOARGS,
      "available_threads($module, /)\n--\n\nProcessors that this process may use."},
     {0}};

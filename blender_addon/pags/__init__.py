@@ -27,9 +27,11 @@ from . import (
     inspect_panel,
     inspector,
     jobs,
+    legend,
     measure,
     native_splats,
     overlay,
+    picked,
     properties,
     proxies,
     recording,
@@ -39,7 +41,7 @@ from . import (
 )
 
 PARTS = (properties, jobs, importer, cameras, engine, overlay, inspector, select_tool, comparison, measure, recording, composite, exporter)
-PARTS += (native_splats, proxies, ui, inspect_panel, handlers, watch)
+PARTS += (native_splats, proxies, legend, picked, ui, inspect_panel, handlers, watch)
 
 
 def register():

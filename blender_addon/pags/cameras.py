@@ -214,6 +214,7 @@ class PAGS_OT_size_of_camera(bpy.types.Operator):
     @classmethod
     def poll(cls, context):
         camera = context.scene.camera
+        cls.poll_message_set("the scene's camera is none of the recording's; Nearest chooses one")
         return camera is not None and camera.type == "CAMERA" and camera.data.pags.width > 0
 
     def execute(self, context):

@@ -107,7 +107,7 @@ class PagsRenderEngine(bpy.types.RenderEngine):
             colours = self.blurred(depsgraph, frame, samples, camera, now, (width, height), window)
             if colours is None:
                 return False
-        self.hand_over(picture, colours, layer, frame, samples, said)
+        self.hand_over(picture, colours, layer, frame, samples, [frame.remarks(scene.pags), *said])
         passes.describe(self.get_result(), depsgraph.view_layer_eval.name, layer, passes.names(frame, drawn))
         return True
 
@@ -197,9 +197,8 @@ class PagsRenderEngine(bpy.types.RenderEngine):
         if samples:
             text = f"{frame.gaussians:,} Gaussians, {' and '.join(samples.names())} of {len(samples)} samples"
         else:
-            stats = picture.stats
-            text = f"{stats['gaussians']:,} Gaussians, {stats['shaded']:,} drawn, {stats['ms']:.0f} ms"
-        self.update_stats("PAGS", "; ".join(filter(None, (text, frame.remarks(), *said))))
+            text = frame.counts(picture.stats)
+        self.update_stats("PAGS", "; ".join(filter(None, (text, *said))))
 
     # ---- The Rendered viewport ----
 

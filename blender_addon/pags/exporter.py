@@ -301,11 +301,11 @@ def proxy_program(context):
     return command
 
 
-def explain(layout, text, width=38):
+def explain(layout, text, icon="INFO", width=32):
     """A text in lines that fit into a panel at its default width."""
     column = layout.column(align=True)
     for number, line in enumerate(textwrap.wrap(text, width)):
-        column.label(text=line, icon="INFO" if number == 0 else "BLANK1")
+        column.label(text=line, icon=icon if number == 0 else "BLANK1")
 
 
 def export(root, command, path, form, edits):

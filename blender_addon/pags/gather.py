@@ -179,10 +179,19 @@ class Frame:
         k = next((k for k, scene in enumerate(self.scenes) if root is not None and scene.root_name == root.name_full), 0)
         return {"exposure": self.entries[k].scene.exposure(camera.data.pags.sensor, self.time(k, frame))}
 
-    def remarks(self):
+    def counts(self, stats):
+        """What became of the scenes' Gaussians in a picture with these statistics; the first number is that of the sidebar, added up."""
+        told, absent = f"{self.gaussians:,} Gaussians", self.gaussians - stats["gaussians"]
+        told += f", {absent:,} not here now" if absent > 0 else f", {stats['gaussians']:,} with duplicates" if absent < 0 else ""
+        told += f", {stats['gaussians'] - stats['shaded']:,} culled, {stats['ms']:.0f} ms"
+        early = stats["in_view"] - stats["loaded"] + stats["hidden"]
+        return told + (f" ({early:,} by Early-Z)" if early > 0 else "")
+
+    def remarks(self, settings):
         """What a user has to know of several scenes, and of parts left out; empty otherwise."""
         count = len({scene.root_name for scene in self.scenes})
-        said = [f"{count} scenes, {'sky' if self.entry.info['sky'] else 'background'} of {self.lead.root_name}"] if count > 1 else []
+        behind = f", {'sky' if self.entry.info['sky'] else 'background'} of {self.lead.root_name}" if own_background(settings) is None else ""
+        said = [f"{count} scenes{behind}"] if count > 1 else []
         return "; ".join(said + ([f"flattened by their scale and left out: {', '.join(self.flat[:3])}"] if self.flat else []))
 
 
@@ -269,14 +278,21 @@ def placements(state, entry, time, critical_only=False):
     return list(zip(indices.tolist(), rows))
 
 
+def own_background(settings):
+    """The colour in place of the scene's sky or background, or None. Critical things alone stand before black."""
+    if settings.use_background:
+        return tuple(settings.background)
+    return (0.0, 0.0, 0.0) if settings.hide_noncritical else None
+
+
 def job_arguments(settings, frame, final):
     """Keyword arguments of Renderer.submit from the Blender scene's settings."""
     out = {"linear": True, "flip": True, "mode": settings.mode, "sh_degree": settings.sh_degree}
-    out["exp_degree"] = 5 if final or settings.exact else 3
+    out["exp_degree"] = 5 if final else 3
     if settings.antialiased != "SCENE":
         out["antialiased"] = int(settings.antialiased == "ON")
-    if settings.use_background:
-        out["background"] = tuple(settings.background)
+    if own_background(settings) is not None:
+        out["background"] = own_background(settings)
     out["depth_scale"] = frame.scale
     out["early_z"] = settings.early_z if settings.early_z != "bounded" else f"bounded={settings.early_z_eps:.6f}"
     return out

@@ -30,6 +30,31 @@ EMPTY_SIZE = 0.25  # metres, of the Empties of tracks
 FRAMED = 1.1  # how much larger than what it frames the view of a new camera is
 
 
+# Custom properties of what an import makes: what they say, and their subtype.
+NOTES = {
+    "id": ("Name of the object in the recording", None),
+    "class": ("Class of the object in the recording", None),
+    "category": ("What kind of thing the class is", None),
+    "critical": ("Whether its quality comes first: vehicles, pedestrians, cyclists", None),
+    "gaussians": ("How many Gaussians it has", None),
+    "size": ("Length, width and height of the labelled box, metres", "DISTANCE"),
+    "view": ("File name of the photograph; of a sensor's camera, of its first", None),
+    "test": ("Whether training held the photograph out", None),
+    "time": ("Seconds since the scene's begin", "TIME_ABSOLUTE"),
+}
+
+
+def note(block, key, value):
+    """Sets a custom property that says what it is and has its unit."""
+    name, (description, subtype) = "pags_" + key, NOTES[key]
+    block[name] = value
+    manager = block.id_properties_ui(name)
+    try:
+        manager.update(description=description, **({"subtype": subtype} if subtype else {}))
+    except (TypeError, ValueError):  # a Blender that hasn't this subtype for custom properties
+        manager.update(description=description)
+
+
 class Import:
     """Imports one scene: creates its collection, root, parts, tracks and cameras."""
 
@@ -57,12 +82,13 @@ class Import:
         self.root = self.add_empty(self.name, "ROOT", None, 1.0)
         self.root.pags.path = self.path
         self.root.pags.frame_start, self.root.pags.fps = self.first, self.fps
-        self.root["pags_gaussians"] = self.info["gaussians"]
+        note(self.root, "gaussians", self.info["gaussians"])
         self.root.matrix_world = Matrix(self.turn.tolist()).to_4x4()
         share = self.budget / max(1, self.info["gaussians"])
         background = self.info["gaussians"] - sum(o["gaussians"] for o in self.objects)
         if background > 0:
-            self.add_part("background", -1, "BACKGROUND", self.root, background * share)
+            part = self.add_part("background", -1, "BACKGROUND", self.root, background * share)
+            note(part, "gaussians", background)
         for index, record in enumerate(self.objects):
             if record["gaussians"] > 0:
                 self.add_object(index, record, record["gaussians"] * share)
@@ -120,9 +146,9 @@ class Import:
         track = self.add_empty(f"{record['class']} {record['id']}"[:60], "TRACK", self.root, EMPTY_SIZE, collection)
         track.pags.index = index
         part = self.add_part(record["id"][:60], index, "OBJECT", track, budget, collection)
-        part["pags_id"], part["pags_class"], part["pags_category"] = record["id"], record["class"], record["category"]
-        part["pags_critical"], part["pags_gaussians"] = record["critical"], record["gaussians"]
-        part["pags_size"] = record["size"]
+        for key in NOTES:
+            if key in record:
+                note(part, key, record[key])
         begin = self.info["time_begin"]
         if not record["tracked"]:
             pose = np.array(self.scene.pose(index, begin)).reshape(1, 3, 4)
@@ -223,7 +249,8 @@ class Import:
         data.display_size, data.clip_start, data.clip_end = 0.5, 0.05, 10000
         data.show_passepartout = False  # a darkened surround would hide the street and cost 5 % of a redraw
         camera = self.link(bpy.data.objects.new(name, data), "CAMERA", parent)
-        camera["pags_view"], camera["pags_test"] = view["name"], view["test"]
+        note(camera, "view", view["name"])
+        note(camera, "test", view["test"])
         return camera
 
     def add_sensor(self, sensor, group, ego):
@@ -248,7 +275,7 @@ class Import:
         camera = self.new_camera(view["name"], view, self.root)
         curves.set_track(camera, [self.first], self.local_pose(view)[None, :3])
         if "time" in view:
-            camera["pags_time"] = view["time"] - self.info["time_begin"]
+            note(camera, "time", view["time"] - self.info["time_begin"])
 
 
 def blend_is_empty(scene):
@@ -316,7 +343,7 @@ def clear_views():
 
 
 def bring_in(job, path, options, said):
-    """Steps that import a scene. said: what is to be told of the choice of the path."""
+    """Steps that import a scene. said: what is to be told of the choice of the path, as a list of sentences."""
     entry = yield jobs.beside(native.load, path)  # an unreadable scene fails here, before anything is changed
     context, scene, fps = bpy.context, bpy.context.scene, entry.info["fps"]
     empty = blend_is_empty(scene)
@@ -343,9 +370,8 @@ def bring_in(job, path, options, said):
     context.view_layer.objects.active = work.root
     yield from more(job, work, options)
     if fps > 0 and not rate and abs(fps - work.fps) > 1e-3:
-        rate_said = f"the recording has {fps:g} frames a second, the timeline {work.fps:g}; its tracks keep their speed"
-        said = f"{said}; {rate_said}" if said else rate_said
-    return said or None
+        said.append(f"the recording has {fps:g} frames a second, the timeline {work.fps:g}; its tracks keep their speed")
+    return "; ".join([f"{work.name}: {entry.counts()}", *said])
 
 
 def more(job, work, options):
@@ -435,7 +461,7 @@ class PAGS_OT_import(bpy.types.Operator, ImportHelper):
             return {"CANCELLED"}
         path, options = os.path.abspath(path), types.SimpleNamespace(**{name: getattr(self, name) for name in OPTIONS})
         whole = scene_of(path) if self.whole else None
-        said = f"{os.path.basename(path)} is a part of {whole}, which was imported whole (off: Whole scene)" if whole else ""
+        said = [f"{os.path.basename(path)} is a part of {whole}, which was imported whole (off: Whole scene)"] if whole else []
         try:
             jobs.begin(self, lambda job: bring_in(job, whole or path, options, said))
         except jobs.ERRORS as error:

@@ -3,48 +3,46 @@
 
 import bpy
 
-from . import cameras, program, recording, ui
+from . import cameras, exporter, program, reasons, recording, ui
 
 
-class PAGS_PT_inspect(ui.Sidebar, bpy.types.Panel):
+class PAGS_PT_inspect(ui.OfScene, bpy.types.Panel):
     bl_label = "Inspect"
 
     def draw(self, context):
-        settings, manager, layout = context.scene.pags, context.window_manager, self.layout
-        layout.prop(settings, "comparison")
-        layout.prop(settings, "wipe")
-        lacking = program.absent(context)
-        row = layout.row()
-        row.enabled = not lacking
-        row.operator("pags.rank", icon="SORT_ASC")
+        settings, manager, layout, root = context.scene.pags, context.window_manager, self.layout, cameras.root_of(context)
+        none, lacking = reasons.photographs(context, root), program.absent(context)
+        ui.where(layout, none and settings.comparison == "NONE").prop(settings, "comparison")
+        ui.where(layout, none or lacking).operator("pags.rank", icon="SORT_ASC")
         if manager.pags_photographs:
             layout.template_list("PAGS_UL_photographs", "", manager, "pags_photographs", manager, "pags_photograph", rows=4)
-        if manager.pags_photographs_said or lacking:
-            layout.label(text=manager.pags_photographs_said or lacking, icon="INFO")
-        layout.operator("pags.compare", icon="IMAGE_DATA", text="To the image editor")
+        if manager.pags_photographs_said or none or lacking:
+            exporter.explain(layout, manager.pags_photographs_said or none or lacking)
+        ui.where(layout, none).operator("pags.compare", icon="IMAGE_DATA", text="To the image editor")
         if context.scene.pags_compared:
-            layout.label(text=context.scene.pags_compared)
-        layout.prop(settings, "wipe_root")
+            exporter.explain(layout, context.scene.pags_compared)
+        if settings.wipe_root is not None or reasons.several(context):
+            layout.prop(settings, "wipe_root")
+        if settings.comparison == "WIPE" or settings.wipe_root is not None or context.scene.pags_compared:
+            layout.prop(settings, "wipe")
 
 
-class PAGS_PT_recording(ui.Sidebar, bpy.types.Panel):
+class PAGS_PT_recording(ui.OfScene, bpy.types.Panel):
     bl_label = "Recording"
     bl_options = {"DEFAULT_CLOSED"}
 
-    @classmethod
-    def poll(cls, context):
-        return cameras.root_of(context) is not None
-
     def draw(self, context):
-        layout = self.layout
-        row = layout.row(align=True)
+        layout, none = self.layout, reasons.recording(cameras.root_of(context))
+        row = ui.where(layout.column(align=True), none)
         row.operator("pags.lidar")
         row.operator("pags.boxes")
         text = "Remove held-out marks" if recording.marked(context.scene) else "Mark held-out steps"
-        layout.operator("pags.mark_held_out", text=text, icon="MARKER_HLT")
+        ui.where(layout, none).operator("pags.mark_held_out", text=text, icon="MARKER_HLT")
+        if none:
+            exporter.explain(layout, none)
 
 
-class PAGS_PT_measure(ui.Sidebar, bpy.types.Panel):
+class PAGS_PT_measure(ui.OfScene, bpy.types.Panel):
     bl_label = "Measure"
 
     def draw(self, context):

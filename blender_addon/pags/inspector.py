@@ -15,8 +15,8 @@ class PAGS_OT_pick(bpy.types.Operator):
     bl_label = "Pick"
     bl_options = {"REGISTER", "UNDO"}
 
-    x: IntProperty(name="X", description="Pixels from the left of the view", default=0)
-    y: IntProperty(name="Y", description="Pixels from the bottom of the view", default=0)
+    x: IntProperty(name="X", description="Pixels from the left of the view", default=0, subtype="PIXEL")
+    y: IntProperty(name="Y", description="Pixels from the bottom of the view", default=0, subtype="PIXEL")
 
     @classmethod
     def poll(cls, context):

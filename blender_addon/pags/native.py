@@ -28,18 +28,27 @@ class Entry:
 
     def __init__(self, path):
         self.path, self.stamp = path, stamp_of(path)
-        self.scene, self.error, self.views = None, "", None
+        self.scene, self.error = None, ""
         self.objects, self.info = [], {}
+        self.recorded = self.exposed = False  # whether there are photographs' cameras, and exposures of them
         self.thread = threading.Thread(target=self.load, daemon=True)
         self.thread.start()
 
     def load(self):
         try:
             scene = module.load(self.path)
-            self.objects, self.info = scene.objects, scene.info
+            self.objects, self.info, views = scene.objects, scene.info, scene.views
+            self.recorded = len(views) > 0
+            self.exposed = any(any(v != 1 for v in view["gain"]) or any(view["offset"]) for view in views)
             self.scene = scene
         except (module.Error, MemoryError) as error:
             self.error = str(error)
+
+    def counts(self):
+        """How much the scene holds, for people."""
+        drawn = sum(record["gaussians"] > 0 for record in self.objects)
+        told = f"{self.info['gaussians']:,} Gaussians, {drawn} object{'' if drawn == 1 else 's'}"
+        return told + (f", {len(self.objects) - drawn} more without Gaussians" if drawn < len(self.objects) else "")
 
     @property
     def loading(self):

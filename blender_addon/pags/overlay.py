@@ -38,6 +38,12 @@ def draws_splats(context):
     return shading in {"SOLID", "MATERIAL"} or context.scene.render.engine != "PAGS"
 
 
+def draws(context):
+    """Whether this view draws splats, by the render engine or by the overlay."""
+    engine = context.space_data.shading.type == "RENDERED" and context.scene.render.engine == "PAGS"
+    return engine or draws_splats(context)
+
+
 def view_of(context):
     key = context.region.as_pointer()
     view = _views.get(key)

@@ -12,7 +12,7 @@ from bpy.props import (
     StringProperty,
 )
 
-from . import draw, photographs
+from . import draw, photographs, picked
 
 KINDS = [
     ("NONE", "None", "Not of a PAGS scene"),
@@ -46,6 +46,11 @@ def draw_again(settings, context):
         region.tag_redraw()
 
 
+def critical_only(settings, context):
+    picked.forget()  # what was picked may not be drawn now
+    draw_again(settings, context)
+
+
 def wipe_moved(settings, context):
     photographs.wipe(context, settings.wipe)
     draw_again(settings, context)
@@ -56,7 +61,7 @@ OWN = {"override": {"LIBRARY_OVERRIDABLE"}}  # of a property that an override of
 
 
 class PagsObject(bpy.types.PropertyGroup):
-    kind: EnumProperty(name="Part", description="What it stands for", items=KINDS, default="NONE")
+    kind: EnumProperty(name="Part", description="What it stands for", items=KINDS, default="NONE")  # set by the import alone
     index: IntProperty(name="Number", description="Of the object in the scene file", default=-1)
     root: PointerProperty(name="Scene", description="The Empty that the scene hangs from", type=bpy.types.Object, **OWN)
     # On roots only:
@@ -71,16 +76,16 @@ class PagsObject(bpy.types.PropertyGroup):
         **OWN,
         **RELATIVE,
     )
-    frame_start: FloatProperty(name="First frame", description="Frame at which the scene begins", default=1, **OWN)
+    frame_start: FloatProperty(name="First frame", description="Frame at which the scene begins", default=1, precision=1, **OWN)
     fps: FloatProperty(
-        name="Frames a second", description="Frames of the timeline in a second of the scene", default=24, min=0.01, **OWN
+        name="Frames a second", description="Frames of the timeline in a second of the scene", default=24, min=0.01, precision=2, **OWN
     )
 
 
 class PagsCamera(bpy.types.PropertyGroup):
     aspect: FloatProperty(name="fy/fx", description="Ratio of the focal lengths in pixels", default=1, min=0.1, max=10)
-    width: IntProperty(name="Width", description="Of the recording, pixels", default=0)
-    height: IntProperty(name="Height", description="Of the recording, pixels", default=0)
+    width: IntProperty(name="Width", description="Of the recording, pixels", default=0, subtype="PIXEL")
+    height: IntProperty(name="Height", description="Of the recording, pixels", default=0, subtype="PIXEL")
     sensor: IntProperty(name="Sensor", description="Number of the camera on the rig", default=-1)
 
 
@@ -120,20 +125,17 @@ class PagsScene(bpy.types.PropertyGroup):
         description="Through a camera of the recording, expose as training found that camera to expose at that time",
         update=draw_again,
     )
-    exact: BoolProperty(
-        name="Exact exponential", description="Error of 2e-7 in place of 7.5e-5; final renders always use it",
-        update=draw_again,
-    )
     threads: IntProperty(
         name="Threads", description="Threads of the engine; 0: all processors", default=0, min=0, max=256,
         update=draw_again,
     )
     deadline: FloatProperty(
-        name="Deadline",
+        name="Deadline (ms)",
         description="Milliseconds a picture may take while something moves; resolution, small things and colour detail are lowered to keep it",
         default=50,
         min=10,
         max=2000,
+        precision=0,
         update=draw_again,
     )
     mode: EnumProperty(
@@ -143,7 +145,7 @@ class PagsScene(bpy.types.PropertyGroup):
         update=draw_again,
     )
     hide_noncritical: BoolProperty(
-        name="Critical only", description="Draw vehicles, pedestrians and cyclists alone", update=draw_again
+        name="Critical only", description="Draw vehicles, pedestrians and cyclists alone, without background and sky", update=critical_only
     )
     overlay: BoolProperty(
         name="Splats in Solid and Material",

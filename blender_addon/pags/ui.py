@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Panels: the 3D view's sidebar, the render engine's settings and passes, and the properties of a scene's object."""
 
+import textwrap
+
 import bpy
 from bl_operators.presets import AddPresetBase
 
-from . import blur, cameras, exporter, jobs, native, photographs, program
+from . import blur, cameras, comparison, exporter, jobs, native, native_splats, overlay, photographs, picked, program, reasons, recording, viewport
 
 
 class Sidebar:
@@ -13,13 +15,28 @@ class Sidebar:
     bl_category = "PAGS"
 
 
+class OfScene(Sidebar):
+    """Base of the panels that are there once the file holds a PAGS scene."""
+
+    @classmethod
+    def poll(cls, context):
+        return cameras.root_of(context) is not None
+
+
+def where(layout, reason):
+    """A row for what does nothing while there is a reason, which is said by `exporter.explain` below it."""
+    row = layout.row()
+    row.enabled = not reason
+    return row
+
+
 class PAGS_PT_scene(Sidebar, bpy.types.Panel):
     bl_label = "PAGS scene"
 
     def draw(self, context):
         layout, root = self.layout, cameras.root_of(context)
         if not native.module:
-            layout.label(text=native.problem, icon="ERROR")
+            exporter.explain(layout, native.problem, "ERROR")
         if root is None:
             layout.operator("import_scene.pags", icon="IMPORT")
             return
@@ -27,72 +44,82 @@ class PAGS_PT_scene(Sidebar, bpy.types.Panel):
         try:
             entry = native.entry(native.absolute_path(root), False)
         except native.SceneError as error:
-            layout.label(text=str(error), icon="ERROR")
+            exporter.explain(layout, str(error), "ERROR")
         else:
             if entry.scene is not None:
-                layout.label(text=f"{entry.info['gaussians']:,} Gaussians, {len(entry.objects)} objects")
+                exporter.explain(layout, entry.counts(), "OUTLINER_OB_POINTCLOUD")
         layout.operator("pags.reload", icon="FILE_REFRESH")
-        row = layout.row(align=True)
-        row.prop(root.pags, "frame_start")
-        row.prop(root.pags, "fps")
+        column = layout.column(align=True)
+        column.prop(root.pags, "frame_start")
+        column.prop(root.pags, "fps")
 
 
-class PAGS_PT_show(Sidebar, bpy.types.Panel):
+class PAGS_PT_show(OfScene, bpy.types.Panel):
     bl_label = "Show"
 
     def draw(self, context):
-        settings, layout = context.scene.pags, self.layout
-        layout.prop(settings, "mode")
-        layout.prop(settings, "hide_noncritical")
-        layout.prop(settings, "overlay")
-        layout.prop(settings, "points")
-        layout.prop(settings, "deadline")
+        """What concerns this 3D view's shading; the rest would do nothing here."""
+        settings, layout, shading = context.scene.pags, self.layout, context.space_data.shading.type
+        layout.prop(settings, "mode", text="")
+        none = reasons.critical(context)
+        where(layout, none and not settings.hide_noncritical).prop(settings, "hide_noncritical")
+        if none and (settings.hide_noncritical or settings.mode == "critical"):
+            exporter.explain(layout, none)
+        if shading != "WIREFRAME" and (shading != "RENDERED" or context.scene.render.engine != "PAGS"):
+            layout.prop(settings, "overlay", text="Splats among meshes")
+        if overlay.draws(context):
+            layout.prop(settings, "deadline")
+        elif shading != "RENDERED":
+            layout.prop(settings, "points", text="Preview points")
         layout.separator()
         layout.operator("pags.pick", icon="EYEDROPPER")
         if context.scene.pags_picked:
             lines = layout.column(align=True)
             for line in context.scene.pags_picked.split(", "):
-                lines.label(text=line)
+                for part in textwrap.wrap(line, 34):
+                    lines.label(text=part)
 
 
-class PAGS_PT_cameras(Sidebar, bpy.types.Panel):
+class PAGS_PT_cameras(OfScene, bpy.types.Panel):
     bl_label = "Cameras"
 
     def draw(self, context):
-        layout = self.layout
-        row = layout.row(align=True)
-        row.operator("pags.jump", text="Previous", icon="TRIA_LEFT").step = -1
-        row.operator("pags.jump", text="Nearest").step = 0
-        row.operator("pags.jump", text="Next", icon="TRIA_RIGHT").step = 1
+        layout, root = self.layout, cameras.root_of(context)
+        none, parked = reasons.photographs(context, root), reasons.drive(context, root)
+        row = where(layout.column(align=True), none)
+        row.operator("pags.jump", text="", icon="TRIA_LEFT").step = -1
+        row.operator("pags.jump", text="Nearest photograph").step = 0
+        row.operator("pags.jump", text="", icon="TRIA_RIGHT").step = 1
         layout.operator("pags.camera_here", icon="CAMERA_DATA")
-        layout.operator("pags.ego_path", icon="CURVE_PATH")
-        layout.operator("pags.size_of_camera")
-        layout.operator("pags.photographs", icon="IMAGE_BACKGROUND")
-        root = cameras.root_of(context)
-        if root is not None:
-            layout.prop(root.pags, "dataset")
+        where(layout, parked).operator("pags.ego_path", icon="CURVE_PATH")
+        layout.operator("pags.size_of_camera", icon="FULLSCREEN_ENTER")
+        where(layout, none).operator("pags.photographs", icon="IMAGE_BACKGROUND")
+        if none or parked:
+            exporter.explain(layout, none or parked)
+        if not none:
+            layout.label(text="Data set folder")
+            layout.prop(root.pags, "dataset", text="")
         row = layout.row(align=True)
         row.operator("export_scene.pags_path", text="Write path")
         row.operator("import_scene.pags_path", text="Read path")
 
 
-class PAGS_PT_export(Sidebar, bpy.types.Panel):
+class PAGS_PT_export(OfScene, bpy.types.Panel):
     bl_label = "Export and composite"
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context):
         layout = self.layout
-        row = layout.row()
-        row.enabled = not program.absent(context)
-        row.operator("export_scene.pags", icon="EXPORT")
-        layout.operator("pags.save_edited", icon="FILE_TICK")
-        lacking, row = program.lacking(context), layout.row()
-        row.enabled = not lacking
-        row.operator_menu_enum("pags.import_proxies", "level", icon="MESH_DATA")
-        if lacking:
-            exporter.explain(layout, lacking)
+        absent, single = program.absent(context), reasons.folder(cameras.root_of(context))
+        where(layout, absent).operator("export_scene.pags", icon="EXPORT")
+        where(layout, single).operator("pags.save_edited", icon="FILE_TICK")
+        lacking = program.lacking(context)
+        where(layout, lacking).operator_menu_enum("pags.import_proxies", "level", icon="MESH_DATA")
         layout.operator("pags.composite", icon="NODE_COMPOSITING")
-        layout.operator("pags.native_splats", icon="POINTCLOUD_DATA")
+        newer = native_splats.missing()
+        where(layout, newer).operator("pags.native_splats", icon="POINTCLOUD_DATA")
+        for said in dict.fromkeys(filter(None, (absent, lacking, single, newer))):
+            exporter.explain(layout, said)
 
 
 class PAGS_PT_object(bpy.types.Panel):
@@ -106,18 +133,26 @@ class PAGS_PT_object(bpy.types.Panel):
         return context.object is not None and context.object.pags.kind != "NONE"
 
     def draw(self, context):
-        block, layout = context.object, self.layout
-        layout.prop(block.pags, "kind")
-        if block.pags.root is not None:
-            layout.label(text=f"Scene: {block.pags.root.name}")
-        for key, label in (
-            ("pags_class", "Class"),
-            ("pags_id", "Id"),
-            ("pags_critical", "Critical"),
-            ("pags_gaussians", "Gaussians"),
-        ):
-            if key in block:
-                layout.label(text=f"{label}: {block[key]}")
+        for line in facts(context.object):
+            self.layout.label(text=line)
+
+
+def facts(block):
+    """What an object of a PAGS scene stands for, in lines. Its kind is no choice of the user's: the scene depends on it."""
+    kind = block.pags.bl_rna.properties["kind"].enum_items[block.pags.kind]
+    found = [f"{kind.name}: {kind.description}"]
+    if block.pags.root is not None:
+        found.append(f"Scene: {block.pags.root.name}")
+    for key, label in (("pags_class", "Class"), ("pags_id", "Id")):
+        if key in block:
+            found.append(f"{label}: {block[key]}")
+    if "pags_critical" in block:
+        found.append(f"Critical: {'yes' if block['pags_critical'] else 'no'}")
+    if "pags_gaussians" in block:
+        found.append(f"Gaussians: {block['pags_gaussians']:,}")
+    if "pags_size" in block:
+        found.append("Size: " + " x ".join(f"{v:.2f}" for v in block["pags_size"]) + " m")
+    return found
 
 
 class RenderPanel:
@@ -150,7 +185,6 @@ class PAGS_OT_add_preset(AddPresetBase, bpy.types.Operator):
         "settings.antialiased",
         "settings.early_z",
         "settings.early_z_eps",
-        "settings.exact",
         "settings.deadline",
         "settings.blur_samples",
         "settings.use_background",
@@ -169,18 +203,33 @@ class PAGS_PT_settings(RenderPanel, bpy.types.Panel):
         row.menu("PAGS_MT_presets", text=PAGS_MT_presets.bl_label)
         row.operator("pags.add_preset", text="", icon="ADD")
         row.operator("pags.add_preset", text="", icon="REMOVE").remove_active = True
-        for name in ("sh_degree", "antialiased", "early_z"):
-            layout.prop(settings, name)
+        plain, unexposed, none = reasons.harmonics(context), reasons.exposure(context), reasons.critical(context)
+        where(layout, plain).prop(settings, "sh_degree")
+        layout.prop(settings, "antialiased")
+        layout.prop(settings, "early_z")
         if settings.early_z == "bounded":
             layout.prop(settings, "early_z_eps")
-        for name in ("mode", "hide_noncritical", "exposure", "threads", "exact", "deadline"):
-            layout.prop(settings, name)
+        layout.prop(settings, "mode")
+        where(layout, none and not settings.hide_noncritical).prop(settings, "hide_noncritical")
+        where(layout, unexposed).prop(settings, "exposure")
+        layout.prop(settings, "threads")
         row = layout.row(heading="Background")
         row.prop(settings, "use_background", text="")
         own = row.row()
         own.active = settings.use_background
         own.prop(settings, "background", text="")
         layout.prop(context.scene.render, "film_transparent", text="Transparent sky")
+        for said in filter(None, (plain, f"Critical only: {none}" if none else "", f"Recorded exposure: {unexposed}" if unexposed else "")):
+            exporter.explain(layout, said, width=48)
+
+
+class PAGS_PT_viewport(RenderPanel, bpy.types.Panel):
+    bl_label = "Viewport"
+    bl_parent_id = "PAGS_PT_settings"
+
+    def draw(self, context):
+        self.layout.use_property_split = True
+        self.layout.prop(context.scene.pags, "deadline")
 
 
 class PAGS_PT_blur(RenderPanel, bpy.types.Panel):
@@ -223,9 +272,8 @@ class PAGS_OT_reload(bpy.types.Operator):
     bl_label = "Reload"
 
     def execute(self, context):
-        from . import comparison, overlay, recording, viewport
-
         native.forget()
+        picked.forget()
         comparison.forget()
         recording.forget()
         overlay.forget()
@@ -262,6 +310,7 @@ CLASSES = (
     PAGS_PT_export,
     PAGS_PT_object,
     PAGS_PT_settings,
+    PAGS_PT_viewport,
     PAGS_PT_blur,
     PAGS_PT_passes,
 )

@@ -199,25 +199,16 @@ class View:
             return self.error
         if self.shown is None:
             return "drawing ..."
-        text = self.dropped(settings) if self.shown.unsharp else self.counts()
+        text = self.dropped(settings) if self.shown.unsharp or self.frame is None else self.frame.counts(self.shown.stats)
         if self.rate() > 0:
             text += f", {self.rate():.1f} FPS"
-        said = "" if self.shown.unsharp or self.frame is None else self.frame.remarks()
+        said = "" if self.shown.unsharp or self.frame is None else self.frame.remarks(settings)
         return "; ".join(filter(None, (text, said, self.remark)))
 
     def dropped(self, settings):
         """How the picture was reduced to keep the deadline: size and SH degree."""
         less_colour = f", SH degree {self.shown.degree}" if self.shown.degree < settings.sh_degree else ""
         return f"1/{self.shown.scale:g} size{less_colour}"
-
-    def counts(self):
-        stats = self.shown.stats
-        text = (
-            f"{stats['gaussians']:,} Gaussians, {stats['gaussians'] - stats['shaded']:,} culled, {stats['ms']:.0f} ms"
-        )
-        if stats["hidden"] or stats["loaded"] < stats["in_view"]:
-            text += f" ({stats['in_view'] - stats['loaded'] + stats['hidden']:,} by Early-Z)"
-        return text
 
     # ---- Drawing ----
 

@@ -134,6 +134,38 @@ def sharp_shot(name):
     return shoot(name)
 
 
+# ---- The sidebar ----
+
+
+def click(x, y):
+    """Window coordinates, y from below."""
+    for kind, value in (("MOUSEMOVE", "NOTHING"), ("LEFTMOUSE", "PRESS"), ("LEFTMOUSE", "RELEASE")):
+        window().event_simulate(type=kind, value=value, x=int(x), y=int(y))
+        yield 0.3
+
+
+def open_tab():
+    """The sidebar's tab PAGS. Blender 3.4 has no way to name it: tabs are clicked until its panel is drawn."""
+    view3d().show_region_ui = True
+    yield 0.5
+    redraw()
+    ui = next(r for r in area().regions if r.type == "UI")
+    if hasattr(ui, "active_panel_category"):
+        ui.active_panel_category = "PAGS"
+        return
+    drawn, panel = [], bpy.types.PAGS_PT_scene
+    draw = panel.draw
+    panel.draw = lambda self, context: (drawn.append(True), draw(self, context))
+    for down in (170, 190, 210, 150, 230, 250, 130, 270):
+        yield from click(ui.x + ui.width - 9, ui.y + ui.height - down)
+        redraw()
+        if drawn:
+            print("tab at", down)
+            break
+    panel.draw = draw
+    assert drawn, "the tab PAGS isn't found"
+
+
 # ---- Telling ----
 
 started = time.monotonic()

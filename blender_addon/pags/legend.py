@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The legend of the modes of *Show* other than colour: a bar of the picture's own colours with numbers and units, at the lower edge of each 3D
+view that draws in such a mode."""
+
+import math
+
+import blf
+import bpy
+import gpu
+from gpu_extras.batch import batch_for_shader
+
+from . import draw, native, overlay
+
+# Of each mode: its title, the ends of its scale (logarithmic from the first, where that isn't 0), whether the low end is light, and the values that
+# are written below it, as `mode_color` in blender_addon/native/picture.c draws them.
+SCALES = {
+    "priority": ("Priority S_sem", (0, 1), False, ((0, "0"), (0.25, "0.25"), (0.5, "0.5"), (0.75, "0.75"), (1, "1"))),
+    "depth": ("Depth, metres", (1, 200), True, ((1, "1 m"), (3, "3"), (10, "10"), (30, "30"), (200, "200 m"))),
+    "size": ("Largest sigma", (0.003, 3), False, ((0.003, "3 mm"), (0.03, "3 cm"), (0.3, "0.3 m"), (3, "3 m"))),
+    "count": ("Gaussians blended a pixel", (1, 1000), False, ((1, "1"), (10, "10"), (100, "100"), (1000, "1000"))),
+    "overdraw": ("Gaussians computed a pixel", (1, 1000), False, ((1, "1"), (10, "10"), (100, "100"), (1000, "1000"))),
+}
+# The mode that has two colours instead: that of white things and what they are.
+KINDS = {"critical": (((1, 0.45, 0.1), "vehicles, pedestrians, cyclists"), ((0.35, 0.35, 0.4), "all else"))}
+STOPS = 5  # the colour map is linear between as many equally spaced colours
+WIDTH, HEIGHT, BOTTOM = 280, 12, 62  # of the bar, and its distance from the view's lower edge, in pixels of an interface of scale 1
+
+_handle = None
+
+
+def share(mode, value):
+    """Where a value lies on a mode's scale, from 0 to 1."""
+    low, high = SCALES[mode][1]
+    return (value - low) / (high - low) if low == 0 else math.log(value / low) / math.log(high / low)
+
+
+def color(mode, at):
+    """The colour at a place on a mode's scale, from 0 to 1, as the screen shows it."""
+    return (*native.module.heat(1 - at if SCALES[mode][2] else at), 1.0)
+
+
+def shows(context):
+    """Whether a 3D view has a legend: it draws splats in a mode that needs one, and doesn't hide its text."""
+    settings, space = context.scene.pags, context.space_data
+    if settings.mode == "rgb" or not (space.overlay.show_overlays and space.overlay.show_text) or native.module is None:
+        return False
+    return overlay.draws(context) and any(o.pags.kind == "ROOT" for o in context.scene.objects)
+
+
+def smooth_shader():
+    return gpu.shader.from_builtin("SMOOTH_COLOR" if bpy.app.version >= (4, 0, 0) else "2D_SMOOTH_COLOR")
+
+
+def strip(x, y, width, height, colors):
+    """Draws a bar with these colours from its left to its right, equally spaced."""
+    places, shades = [], []
+    for number, shade in enumerate(colors):
+        at = x + width * number / max(1, len(colors) - 1)
+        places += [(at, y), (at, y + height)]
+        shades += [shade, shade]
+    shader = smooth_shader()
+    batch_for_shader(shader, "TRI_STRIP", {"pos": places, "color": shades}).draw(shader)
+
+
+def write(text, x, y, align=0.0):
+    """A line that begins at x, is centred there (0.5) or ends there (1)."""
+    blf.position(0, x - align * blf.dimensions(0, text)[0], y, 0)
+    blf.draw(0, text)
+
+
+def note(scene):
+    """What a mode's title lacks: under other view transforms than these the picture's colours are not the map's."""
+    transform = scene.view_settings.view_transform
+    return "" if transform in {"Standard", "Raw"} else f" (colours as under Standard; this is {transform})"
+
+
+def place(context):
+    """Left, bottom, width and the interface's scale of the bar: centred in what the sidebar leaves of the view."""
+    scale, region = draw.font(context), context.region
+    sidebar = next((r.width for r in context.area.regions if r.type == "UI" and r.width > 1), 0)
+    width = min(WIDTH * scale, 0.7 * (region.width - sidebar))
+    return (region.width - sidebar - width) / 2, BOTTOM * scale, width, scale
+
+
+def on_draw():
+    context = bpy.context
+    if context.region_data is None or not shows(context):
+        return
+    mode = context.scene.pags.mode
+    left, bottom, width, scale = place(context)
+    gpu.state.blend_set("ALPHA")
+    shade = (0.0, 0.0, 0.0, 0.6)
+    margin = 14 * scale
+    strip(left - margin, bottom - 20 * scale, width + 2 * margin, (HEIGHT + 42) * scale, (shade, shade))
+    gpu.state.blend_set("NONE")
+    blf.color(0, 1, 1, 1, 1)
+    if mode in KINDS:
+        draw_kinds(mode, left, bottom, width, scale)
+    else:
+        draw_scale(mode, left, bottom, width, scale)
+    title = SCALES[mode][0] if mode in SCALES else "Critical"
+    write(title + note(context.scene), left, bottom + (HEIGHT + 6) * scale)
+
+
+def draw_scale(mode, left, bottom, width, scale):
+    strip(left, bottom, width, HEIGHT * scale, [color(mode, k / (STOPS - 1)) for k in range(STOPS)])
+    for value, text in SCALES[mode][3]:
+        at = share(mode, value)
+        write(text, left + at * width, bottom - 14 * scale, at if at in (0, 1) else 0.5)
+
+
+def draw_kinds(mode, left, bottom, width, scale):
+    for (shade, text), at, align in zip(KINDS[mode], (left, left + 0.75 * width), (0, 0)):
+        strip(at, bottom, 0.25 * width, HEIGHT * scale, [(*shade, 1.0)] * 2)
+        write(text, at, bottom - 14 * scale, align)
+
+
+def register():
+    global _handle
+    if not bpy.app.background:
+        _handle = bpy.types.SpaceView3D.draw_handler_add(on_draw, (), "WINDOW", "POST_PIXEL")
+
+
+def unregister():
+    global _handle
+    if _handle is not None:
+        bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
+    _handle = None

@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Forgets what was picked once it no longer holds: at another time, after undo or another file, when PAGS objects were moved, hidden or deleted; and
+what was compared after undo or another file, which keep the text and not the pictures."""
+
+import bpy
+from bpy.app.handlers import persistent
+
+
+def forget():
+    for scene in bpy.data.scenes:
+        if scene.pags_picked:
+            scene.pags_picked = ""
+
+
+@persistent
+def after_time(*_):
+    forget()
+
+
+@persistent
+def after_another_state(*_):
+    forget()
+    for scene in bpy.data.scenes:
+        if scene.pags_compared:
+            scene.pags_compared = ""
+
+
+@persistent
+def after_change(scene, depsgraph=None):
+    """Of a change of the file: whatever moves or goes may have been what was picked, or have come before it."""
+    if scene.pags_picked and depsgraph is not None and any(concerns(update) for update in depsgraph.updates):
+        forget()
+
+
+def concerns(update):
+    block = update.id
+    if isinstance(block, bpy.types.Collection):
+        return True  # objects have come, gone or been hidden
+    return isinstance(block, bpy.types.Object) and update.is_updated_transform and block.original.pags.kind not in {"NONE", "CAMERA", "EGO"}
+
+
+HANDLERS = (
+    (bpy.app.handlers.load_post, after_another_state),
+    (bpy.app.handlers.undo_post, after_another_state),
+    (bpy.app.handlers.redo_post, after_another_state),
+    (bpy.app.handlers.frame_change_post, after_time),
+    (bpy.app.handlers.depsgraph_update_post, after_change),
+)
+
+
+def register():
+    for handlers, function in HANDLERS:
+        handlers.append(function)
+
+
+def unregister():
+    for handlers, function in HANDLERS:
+        if function in handlers:
+            handlers.remove(function)

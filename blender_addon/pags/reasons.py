@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Why a control of the interface would do nothing: a sentence, or "" where it does something."""
+
+import os
+
+from . import native
+
+
+def entries(context):
+    """The loaded scenes of the file that Blender's scene holds."""
+    found = []
+    for root in (o for o in context.scene.objects if o.pags.kind == "ROOT"):
+        try:
+            entry = native.entry(native.absolute_path(root), False)
+        except native.SceneError:
+            continue
+        if entry.scene is not None:
+            found.append(entry)
+    return found
+
+
+def critical(context):
+    """Of *Critical only* and of critical things in orange."""
+    loaded = entries(context)
+    if loaded and not any(record["critical"] for entry in loaded for record in entry.objects):
+        return "the scene has no vehicles, pedestrians or cyclists"
+    return ""
+
+
+def exposure(context):
+    """Of *Recorded exposure*."""
+    camera = context.scene.camera
+    if camera is None or camera.type != "CAMERA" or camera.data.pags.sensor < 0 or camera.pags.root is None:
+        return "the scene's camera is none of the recording's"
+    try:
+        entry = native.entry(native.absolute_path(camera.pags.root), False)
+    except native.SceneError:
+        return "the camera's scene can't be read"
+    return "" if entry.scene is None or entry.exposed else "training found no exposures in this recording"
+
+
+def harmonics(context):
+    """Of *SH degree*."""
+    return "" if context.scene.pags.mode == "rgb" else "colours that depend on the view are seen under Show: Colour alone"
+
+
+def several(context):
+    """Whether there is more than one scene."""
+    return sum(o.pags.kind == "ROOT" for o in context.scene.objects) > 1
+
+
+def recording(root):
+    """Of what the recording holds besides the scene."""
+    try:
+        entry = native.entry(native.absolute_path(root), False)
+    except native.SceneError:
+        return "the scene can't be read"
+    return "the scene has no photographs" if entry.scene is not None and not entry.recorded else ""
+
+
+def photographs(context, root):
+    """Of what goes to photographs and shows them."""
+    said = recording(root)
+    if said:
+        return said
+    if not any(o.pags.kind == "CAMERA" and o.pags.root == root for o in context.scene.objects):
+        return "the scene was imported without its cameras"
+    return ""
+
+
+def drive(context, root):
+    """Of a camera along the drive."""
+    said = photographs(context, root)
+    if not said and not any(o.pags.kind == "EGO" and o.pags.root == root for o in context.scene.objects):
+        return "nothing moved in this recording"
+    return said
+
+
+def folder(root):
+    """Of what writes a scene folder anew."""
+    path = native.absolute_path(root)
+    return "" if os.path.isdir(path) or not os.path.exists(path) else "this is a splat file, not a scene folder; Export writes it"

@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The interface in a real window: the sidebar at its default width, a legend in the view for each mode of Show, picked text that goes with its
+time. PAGS_LABEL_IMAGES names a folder that keeps small pictures for the manual."""
+
+import os
+import subprocess
+import sys
+
+import bpy
+import numpy as np
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+from gui_case import (  # noqa: E402
+    FOLDER,
+    SHOTS,
+    addon,
+    area,
+    click,
+    color,
+    deselect,
+    empty_scene,
+    in_view,
+    look_ahead,
+    near,
+    on_screen,
+    open_tab,
+    redraw,
+    region,
+    sharp_shot,
+    shoot,
+    tell,
+    view3d,
+    viewport,
+    window,
+)
+
+from test_drive import make_drive  # noqa: E402
+
+WINDOW = "960x900"
+IMAGES = os.environ.get("PAGS_LABEL_IMAGES", "")
+# Grey levels by which the bar may be off: Blender merges what is drawn over a view by a power of 2.2 in place of sRGB's curve, which lifts 8 to 17.
+LIFTED = 11
+RED, GREY, SKY = (10, 0, 0), (10, 0, 3), (10, -2, -1)  # metres; what is there at the second frame
+legend = sys.modules[addon.__name__ + ".legend"]
+
+
+def keep(shot, name, *options):
+    """Of a screenshot the part that `convert`'s options cut out, in few colours, for the manual."""
+    if IMAGES:
+        target = os.path.join(IMAGES, f"blender-{name}.png")
+        subprocess.run(["convert", os.path.join(SHOTS, shot + ".png"), *options, "+dither", "-colors", "96", "-strip", "PNG8:" + target], check=True)
+        print(f"{target}: {os.path.getsize(target) // 1024} KB")
+
+
+def story():
+    empty_scene()
+    make_drive(os.path.join(FOLDER, "scene"))
+    assert bpy.ops.import_scene.pags(filepath=os.path.join(FOLDER, "scene")) == {"FINISHED"}
+    bpy.context.scene.frame_set(2)
+    overlay = view3d().overlay
+    overlay.show_floor = overlay.show_axis_x = overlay.show_axis_y = overlay.show_object_origins = overlay.show_extras = False
+    overlay.show_outline_selected = False
+    deselect()
+    look_ahead()
+    yield from open_tab()
+    yield from picked()
+    yield from sidebar()
+    yield from legends("RENDERED")
+    yield from legends("SOLID")
+    yield from hidden()
+
+
+def picked():
+    """What was picked is said until the time is another, or until it is undone."""
+    scene = bpy.context.scene
+    with in_view():
+        bpy.ops.ed.undo_push(message="before")
+        assert bpy.ops.pags.pick("INVOKE_DEFAULT") == {"RUNNING_MODAL"}
+    yield 0.3
+    x, y = on_screen(RED)
+    yield from click(x, window().height - 1 - y)
+    assert "Car c=2" in scene.pags_picked, scene.pags_picked
+    yield from sharp_shot("picked")
+    assert "Car c=2" in scene.pags_picked, "drawing has forgotten it"
+    scene.frame_set(3)
+    assert scene.pags_picked == ""
+    scene.frame_set(2)
+    with in_view():
+        bpy.ops.pags.pick(x=x - region().x, y=window().height - 1 - y - region().y)
+    assert "Car c=2" in scene.pags_picked, scene.pags_picked
+    yield 0.3
+    with in_view():
+        bpy.ops.ed.undo()
+    yield 0.3
+    assert bpy.context.scene.pags_picked == "", bpy.context.scene.pags_picked
+    deselect()
+
+
+def sidebar():
+    """For the eye: the panels at the sidebar's default width."""
+    r = next(r for r in area().regions if r.type == "UI")
+    for shading in ("RENDERED", "SOLID"):
+        view3d().shading.type = shading
+        yield from sharp_shot("sidebar-" + shading.lower())
+    width = r.width + 8
+    keep("sidebar-rendered", "sidebar-panels", "-crop", f"{width}x{r.height}+{r.x - 8}+{window().height - r.y - r.height}", "+repage")
+
+
+def bar():
+    """Left, middle height and width of the legend's bar in a screenshot."""
+    with in_view():
+        left, bottom, width, scale = legend.place(bpy.context)
+    r = region()
+    return r.x + left, window().height - 1 - (r.y + bottom + 0.5 * legend.HEIGHT * scale), width
+
+
+def at(picture, x, y):
+    start = (int(round(y)) * picture[0] + int(round(x))) * picture[2]
+    return tuple(picture[4][start : start + 3])
+
+
+def legends(shading):
+    """In each mode the bar's colours are the scale's, and the picture's colour of the car is that of its value; none in colour."""
+    view3d().shading.type = shading
+    settings = bpy.context.scene.pags
+    settings.mode = "rgb"
+    plain = yield from sharp_shot(f"legend-{shading.lower()}-rgb")
+    for mode in (*legend.SCALES, *legend.KINDS):
+        settings.mode = mode
+        name = f"legend-{shading.lower()}-{mode}"
+        picture = yield from sharp_shot(name)
+        left, y, width = bar()
+        if mode in legend.KINDS:
+            near(at(picture, left + 0.1 * width, y), [255 * v for v in legend.KINDS[mode][0][0]], LIFTED)
+        else:
+            for share in (0.1, 0.35, 0.6, 0.9):
+                near(at(picture, left + share * width, y), [255 * v for v in legend.color(mode, share)[:3]], LIFTED)
+        letters = np.frombuffer(bytes(picture[4]), np.uint8).reshape(picture[1], picture[0], -1)[int(y) + 8 : int(y) + 20, int(left) : int(left + width), :3]
+        assert letters.min(axis=2).max() > 200, f"{name}: no numbers"
+        assert any(abs(a - b) > 20 for share in (0.1, 0.6) for a, b in zip(at(plain, left + share * width, y), at(picture, left + share * width, y)))
+        if shading == "RENDERED" and mode == "priority":
+            near(color(picture, RED), [255 * v for v in legend.color(mode, 1)[:3]], 6)
+        if shading == "RENDERED" and mode == "size":
+            near(color(picture, RED), [255 * v for v in legend.color(mode, legend.share(mode, 0.1))[:3]], 6)
+            r = region()
+            keep(name, "legend", "-crop", f"{int(width) + 40}x70+{int(left) - 20}+{int(y) - 30}", "+repage")
+        assert all(v.error == "" for v in viewport.views)
+    settings.mode = "rgb"
+
+
+def hidden():
+    """Without text no legend; without what isn't critical no sky."""
+    view3d().shading.type = "RENDERED"
+    settings = bpy.context.scene.pags
+    settings.mode = "size"
+    view3d().overlay.show_text = False
+    picture = yield from sharp_shot("no-text")
+    left, y, width = bar()
+    assert at(picture, left + 0.9 * width, y) == at(picture, left + 0.6 * width, y), "the legend stays"
+    view3d().overlay.show_text, settings.mode = True, "rgb"
+    settings.hide_noncritical = True
+    picture = yield from sharp_shot("critical-only")
+    near(color(picture, SKY), (0, 0, 0), 1)
+    near(color(picture, RED), (255, 0, 0), 12)
+    settings.hide_noncritical = False
+    redraw()
+    shoot("end")
+
+
+tell(story())
