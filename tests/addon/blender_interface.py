@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The add-on in Blender without a window: the interface, and how coarse its pictures are."""
+
+import fnmatch
+import os
+import sys
+
+import bpy
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+from blender_case import BlenderCase, addon, main  # noqa: E402
+
+
+class Interface(BlenderCase):
+    def test_everything_says_what_it_is(self):
+        """Operators and properties have tooltips."""
+        silent = []
+        for part in addon.PARTS:
+            for cls in getattr(part, "CLASSES", ()):
+                if issubclass(cls, bpy.types.Operator) and not cls.__doc__:
+                    silent.append(cls.__name__)
+                for name, kind in cls.__dict__.get("__annotations__", {}).items():
+                    keywords = getattr(kind, "keywords", {})
+                    if not keywords.get("description") and "HIDDEN" not in keywords.get("options", ()):
+                        silent.append(f"{cls.__name__}.{name}")
+        self.assertEqual(silent, [])
+
+    def test_file_filters_show_what_can_be_read_and_written(self):
+        """Blender matches each pattern with the whole path of a file, case ignored."""
+        splats = [f"/home/me/a.{kind}" for kind in ("ply", "compressed.ply", "spz", "splat", "pagsz", "PLY")]
+        importer = bpy.ops.import_scene.pags  # the next one that bpy.ops gives isn't equal to it
+        shown = {
+            importer: ["/home/me/street/scene.json", *splats],
+            bpy.ops.export_scene.pags: [*splats, *(f"/home/me/a.{kind}" for kind in ("glb", "gltf", "usda"))],
+            bpy.ops.import_scene.pags_path: ["/home/me/path.json"],
+            bpy.ops.export_scene.pags_path: ["/home/me/path.json"],
+        }
+        for operator, paths in shown.items():
+            patterns = operator.get_rna_type().properties["filter_glob"].default.split(";")
+            for path in paths:
+                self.assertTrue(any(fnmatch.fnmatchcase(path.lower(), p) for p in patterns), f"{operator.idname()}: {path}")
+            self.assertFalse(any(fnmatch.fnmatchcase("/home/me/street/sky.npy", p) for p in patterns), operator.idname())
+        if hasattr(bpy.types, "FileHandler"):
+            handled = bpy.types.PAGS_FH_import.bl_file_extensions.split(";")
+            self.assertEqual({os.path.splitext(p.lower())[1] for p in shown[importer]}, set(handled))
+
+    def test_presets(self):
+        """Kept, read back, removed."""
+        settings = self.scene.pags
+        settings.sh_degree, settings.early_z, settings.deadline = 1, "lossless", 120
+        bpy.ops.pags.add_preset(name="fast")
+        folder = bpy.utils.preset_paths("pags/render")
+        path = os.path.join(folder[0], "fast.py")
+        self.assertTrue(os.path.exists(path))
+        settings.sh_degree, settings.early_z, settings.deadline = 3, "off", 70
+        bpy.ops.script.execute_preset(filepath=path, menu_idname="PAGS_MT_presets")
+        self.assertEqual((settings.sh_degree, settings.early_z, settings.deadline), (1, "lossless", 120))
+        bpy.ops.pags.add_preset(name="fast", remove_name=True)
+        self.assertFalse(os.path.exists(path))
+
+
+class Deadline(BlenderCase):
+    """How coarse pictures are while something moves, without a window."""
+
+    def setUp(self):
+        super().setUp()
+        self.pace = sys.modules[addon.__name__ + ".pace"]
+
+    def test_the_finest_that_keeps_it(self):
+        budget = self.pace.Budget()
+        self.assertEqual(budget.choose(1000, 1000, 50), (4, True))  # nothing is known yet
+        budget.learn({"ms_raster": 160, "ms_job": 170, "ms": 170}, 1000, 1000)
+        for deadline, chosen in ((170, (1, True)), (169, (1.5, True)), (50, (2, True)), (28, (3, True)), (12, (8, False))):
+            self.assertEqual(budget.choose(1000, 1000, deadline), chosen)
+
+    def test_pace(self):
+        """Falls while pictures come too seldom, rises again; a pause between movements says nothing."""
+        pace, now = self.pace.Pace(), 100.0
+
+        def come(times, every):
+            nonlocal now
+            for _ in range(times):
+                now += every
+                pace.came(now)
+            return pace.share
+
+        self.assertEqual(come(10, 2.0), 1)
+        slow = come(5, 0.12)
+        self.assertTrue(pace.LEAST < slow < 1)
+        self.assertEqual(come(3, 0.09), slow)  # as wished
+        self.assertEqual(come(3, 5.0), slow)
+        self.assertEqual(come(100, 0.12), pace.LEAST)
+        self.assertGreater(come(5, 0.05), pace.LEAST)
+        self.assertEqual(come(100, 0.05), 1)
+
+
+if __name__ == "__main__":
+    main()
