@@ -20,8 +20,9 @@
 #   make check-view  pags view in a headless Chromium, and ten thousand hostile requests (minutes)
 #   make check-blender      the add-on's tests in Debian's Blender; part of make check
 #   make check-obey  local view, borders, clipping and the tool that selects in a window of it
-#   make check-inspect  the panels Inspect, Recording and Measure in a window of it
+#   make check-inspect  the panels Inspect, Recording and Measure in a window of it, the sidebar and the legends
 #   make check-blender-new  the same in a newer one: BLENDER_NEW=PROGRAM, a Blender or a Python with the module bpy
+#   make check-blender-window-new  the window's tests in a newer Blender with a window (scripts/setup_blender_new.sh makes one), and its validation of the zip
 #   make bench-blender SCENE=FOLDER  what the add-on takes: importing, memory, the viewport in a window under Xvfb
 #   make guide   the pictures of docs/blender-guide.md, of the demo's street
 #   make same-bits REFERENCE=COMMIT  build that commit too and compare, bit by bit, what both programs write (OPTIONS=--quick: a minute)
@@ -43,7 +44,7 @@ REFERENCE ?= HEAD
 OPTIONS ?=
 
 # Checks that take hours, or programs that make setup doesn't install.
-NOT_CHECKED := check-arm64 check-blender-new check-inspect check-obey check-scaling check-view check-viewers check-windows fuzz sanitize valgrind
+NOT_CHECKED := check-arm64 check-blender-new check-blender-window-new check-inspect check-obey check-scaling check-view check-viewers check-windows fuzz sanitize valgrind
 
 all:
 	cmake --preset release
@@ -97,11 +98,18 @@ check-obey: addon
 	python3 tests/addon/run_blender.py gui_obey.py "$(CURDIR)/build/pags" "$(CURDIR)"/build/pags-blender-*.zip
 
 check-inspect: addon
-	python3 tests/addon/run_blender.py gui_inspect.py "$(CURDIR)/build/pags" "$(CURDIR)"/build/pags-blender-*.zip
+	for script in inspect labels; do python3 tests/addon/run_blender.py gui_$$script.py "$(CURDIR)/build/pags" \
+	  "$(CURDIR)"/build/pags-blender-*.zip || exit 1; done
 
 check-blender-new: addon
 	cmake -S . -B build -DPAGS_BLENDER_NEW="$(BLENDER_NEW)"
 	ctest --preset release -R '^blender_new\.'
+
+check-blender-window-new: addon
+	@test -n "$(BLENDER_NEW)" || { echo "name a Blender by BLENDER_NEW=PROGRAM; scripts/setup_blender_new.sh makes one of Debian's packages"; exit 1; }
+	"$(BLENDER_NEW)" --command extension validate "$(CURDIR)"/build/pags-blender-*.zip
+	for script in viewport files jobs labels; do echo "gui_$$script.py"; python3 tests/addon/run_blender.py gui_$$script.py \
+	  "$(CURDIR)/build/addon/pags/bin/pags" "$(CURDIR)"/build/pags-blender-*.zip "$(BLENDER_NEW)" || exit 1; done
 
 bench-blender: addon
 	for script in blender_import gui_blender; do PAGS_BENCH_SCENE="$(abspath $(SCENE))" python3 tests/addon/run_blender.py \
@@ -152,4 +160,4 @@ install: all
 clean:
 	rm -rf build
 
-.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-inspect check-obey check-blender-new bench-blender guide setup-cross cross check-arm64 check-windows check-scaling check-view check-viewers same-bits figures docs install clean
+.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-inspect check-obey check-blender-new check-blender-window-new bench-blender guide setup-cross cross check-arm64 check-windows check-scaling check-view check-viewers same-bits figures docs install clean

@@ -1,0 +1,41 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# setup_blender_new.sh [SUITE]: the Blender of a newer Debian (sid unless named), for windows under this one: a folder with that Debian's packages and,
+# beside it, a program that runs its Blender within it. Prints the program's path, which BLENDER_NEW takes. For root on Debian, 2.5 GB; PAGS_BLENDER_ROOT
+# names the folder.
+set -eu
+suite=${1:-sid}
+root=${PAGS_BLENDER_ROOT:-$HOME/.cache/pags-blender-$suite}
+mirror=${PAGS_DEBIAN_MIRROR:-http://deb.debian.org/debian}
+[ "$(id -u)" -eq 0 ] || { echo "setup-blender-new: only root can run programs within another folder (chroot)" >&2; exit 1; }
+for tool in debootstrap unshare chroot; do
+  command -v $tool >/dev/null || { echo "setup-blender-new: there is no $tool here (Debian: apt-get install debootstrap util-linux)" >&2; exit 1; }
+done
+mkdir -p "$(dirname "$root")"
+
+# What is mounted within the folder is so for this command alone.
+within() { # COMMAND...
+  unshare -m sh -c 'root=$1; shift
+    for folder in proc sys dev; do mount --rbind /$folder "$root/$folder"; done
+    exec chroot "$root" "$@"' sh "$root" "$@"
+}
+
+if [ ! -x "$root/usr/bin/blender" ]; then
+  [ -x "$root/usr/bin/apt-get" ] || debootstrap --variant=minbase "$suite" "$root" "$mirror" >"$root.log" 2>&1 || { tail -n 5 "$root.log" >&2; exit 1; }
+  cp /etc/resolv.conf "$root/etc/resolv.conf"
+  within apt-get update >>"$root.log" 2>&1
+  within env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends blender imagemagick python3-numpy libgl1-mesa-dri \
+    python3-cattr python3-requests python3-zstandard >>"$root.log" 2>&1 || { tail -n 5 "$root.log" >&2; exit 1; }
+fi
+
+# The folders that tests and their files are in are seen under the same paths.
+cat >"$root-blender" <<END
+#!/bin/sh
+exec unshare -m sh -c 'for folder in /proc /sys /dev /tmp /home /root "/\$(pwd | cut -d/ -f2)"; do
+    [ -d "\$folder" ] && mkdir -p "$root\$folder" && mount --rbind "\$folder" "$root\$folder"
+  done
+  exec chroot "$root" sh -c "cd \\"\\\$0\\" && exec blender \\"\\\$@\\"" "\$(pwd)" "\$@"' sh "\$@"
+END
+chmod +x "$root-blender"
+"$root-blender" --version | head -1 >&2
+echo "$root-blender"
