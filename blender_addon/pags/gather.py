@@ -218,7 +218,7 @@ def hidden_in(space, depsgraph):
 
 
 def gather(depsgraph, hidden=frozenset(), only="", without=""):
-    """What is visible of PAGS scenes, or None. only, without: names of roots, of scenes that are wiped against each other."""
+    """What is visible of PAGS scenes, or None. only, without: full names of roots, of scenes that are wiped against each other."""
     found, strangers, ignored = {}, set(), set()
     for instance in instances(depsgraph, hidden):
         drawn = instance.object
@@ -228,7 +228,7 @@ def gather(depsgraph, hidden=frozenset(), only="", without=""):
                 strangers.add(drawn.original.name)
             continue
         root = settings.root
-        if (only and root.name != only) or root.name == without:
+        if (only and root.name_full != only) or root.name_full == without:
             continue
         state = found.get(root.name_full)
         if state is None:

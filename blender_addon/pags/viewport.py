@@ -41,7 +41,7 @@ def wiped_scene(depsgraph):
     """Name of the root that is drawn right of the wipe's edge, or ""."""
     scene = depsgraph.scene.original
     root = scene.pags.wipe_root
-    return root.name if root is not None and scene.objects.get(root.name) is not None else ""
+    return root.name_full if root is not None and scene in root.users_scene else ""
 
 
 def edge_of(settings):
