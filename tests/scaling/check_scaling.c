@@ -3,7 +3,8 @@
  * random scene on two threads, and the same slowed on purpose, by a block of known length that is made serial and by
  * one that is made four times as long. What slows them is added to the record of one thread by arithmetic; it isn't
  * recorded. Needs a quiet machine with two cores or more, hence no part of make check (make check-scaling). Fails where
- * the measured median lies more than 5 % outside of the predicted range. */
+ * the measured median lies more than 5 % outside of the predicted range, and where the range is so wide, on a machine
+ * that isn't quiet, that it says nothing. */
 #include <math.h>
 #include <pags/clusters.h>
 #include <pags/frame.h>
@@ -13,8 +14,8 @@
 #include "benchmarks/pool_costs.h"
 #include "port/port.h"
 
-enum { GAUSSIANS = 100000, WIDTH = 960, HEIGHT = 540, ROUNDS = 41, BLOCKS = 8 };
-static const int64_t block_ns = 3000000;
+enum { GAUSSIANS = 30000, WIDTH = 960, HEIGHT = 540, ROUNDS = 41, BLOCKS = 8 };
+static const int64_t block_ns = 8000000; /* long beside a frame, so that one more or less shows */
 
 typedef enum way { PLAIN, SERIAL_BLOCK, LONG_BLOCK, WAYS } way;
 static const char *const way_names[WAYS] = {"frames", "a block made serial", "a block four times as long"};
@@ -164,7 +165,7 @@ static bool holds(check *c, pags_tasks *const tasks[2], pags_frame *const frames
   const double off = m < a ? 1 - m / a : m > b ? m / b - 1 : 0;
   printf("%-28s predicted %7.3f to %7.3f ms, measured %7.3f ms on 2 threads: %4.1f %% outside\n", way_names[c->way],
          a * 1e-6, b * 1e-6, m * 1e-6, 100 * off);
-  return off <= 0.05;
+  return off <= 0.05 && b <= 1.2 * a;
 }
 
 int main(void) {
@@ -192,6 +193,7 @@ int main(void) {
   pags_clusters_destroy(&c.clusters);
   pags_gaussians_destroy(&c.rows);
   if (!right)
-    fprintf(stderr, "check_scaling: a prediction is more than 5 %% off; is the machine quiet?\n");
+    fprintf(stderr,
+            "check_scaling: a prediction is more than 5 %% off or its range wider than 20 %%; is the machine quiet?\n");
   return right ? 0 : 1;
 }
