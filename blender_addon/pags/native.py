@@ -30,6 +30,7 @@ class Entry:
         self.path, self.stamp = path, stamp_of(path)
         self.scene, self.error = None, ""
         self.objects, self.info = [], {}
+        self.views = None  # the scene's, kept by what asks for them at every redraw
         self.recorded = self.exposed = False  # whether there are photographs' cameras, and exposures of them
         self.thread = threading.Thread(target=self.load, daemon=True)
         self.thread.start()
