@@ -3,7 +3,7 @@
 
   PAGS_BENCH_SCENE=FOLDER python3 tests/addon/run_blender.py ../../benchmarks/blur.py build/pags build/pags-blender-*.zip
 
-Draws the scene's first camera in the middle of its time with a shutter of half a frame at f/2.8 and 85 mm, focused at 12 m, by 2 to 256 samples, and prints
+Draws the scene's camera in the middle of its time with a shutter of half a frame at f/2.8 and 85 mm, focused at 12 m, by 2 to 256 samples, and prints
 time and PSNR against the mean of 1,024."""
 
 import os

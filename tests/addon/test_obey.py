@@ -150,6 +150,11 @@ class Blur(ObeyCase):
             x = spread(light)[0]
             third = float((light * (np.arange(SIZE) - x) ** 3).sum() / light.sum())  # > 0: the tail is on the right
             self.assertGreater(side * third, 1.0)
+        camera.data.dof.aperture_rotation = math.pi / 2  # the corner points up
+        self.focus(camera, 4.0, 0.4)
+        light = self.linear()[:, :, 0]
+        rows = np.arange(SIZE)[:, None]
+        self.assertLess(float((light * (rows - spread(light)[1]) ** 3).sum() / light.sum()), -1.0)
 
     def test_apertures(self):
         """Points of polygons and disks lie within them, evenly."""
@@ -418,11 +423,11 @@ class Linked(ObeyCase):
     def library(self):
         """A .blend with a scene, in a folder of its own, and its picture."""
         os.mkdir(self.path("lib"))
-        make_drive(self.path("lib", "street"))
-        self.bring_in(os.path.join("lib", "street"))
+        make_drive(self.path("lib", "data", "street"))
+        self.bring_in(os.path.join("lib", "data", "street"))
         for _ in range(2):
             bpy.ops.wm.save_as_mainfile(filepath=self.path("lib", "lib.blend"))
-        self.assertEqual(next(o for o in self.scene.objects if o.pags.kind == "ROOT").pags.path, "//street")
+        self.assertEqual(next(o for o in self.scene.objects if o.pags.kind == "ROOT").pags.path.replace("\\", "/"), "//data/street")
         self.scene.frame_set(2)
         picture = self.f12()
         place = self.scene.camera.matrix_world.copy()
@@ -490,7 +495,7 @@ class Linked(ObeyCase):
         self.assertEqual(root.pags.frame_start, 1.5)
         self.assertEqual(next(o for o in self.scene.objects if o.pags.kind == "OBJECT" and o.pags.index == 1).pags.root, root)
         self.assertEqual(self.f12("again")[4], moved[4])
-        os.rename(self.path("lib", "street"), self.path("elsewhere"))
+        os.rename(self.path("lib", "data", "street"), self.path("elsewhere"))
         root.pags.path = "//../elsewhere"  # of the override's own: relative to this file
         native.forget()
         self.assertEqual(self.f12("own")[4], moved[4])
