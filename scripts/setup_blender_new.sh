@@ -28,14 +28,16 @@ if [ ! -x "$root/usr/bin/blender" ]; then
     python3-cattr python3-requests python3-zstandard >>"$root.log" 2>&1 || { tail -n 5 "$root.log" >&2; exit 1; }
 fi
 
-# The folders that tests and their files are in are seen under the same paths.
+# The folders that tests and their files are in are seen under the same paths. The cache of shaders is one of its own: Mesa maps its files, and those of
+# this system's programs change under it, which ends Blender by SIGBUS.
 cat >"$root-blender" <<END
 #!/bin/sh
 exec unshare -m sh -c 'for folder in /proc /sys /dev /tmp /home /root "/\$(pwd | cut -d/ -f2)"; do
     [ -d "\$folder" ] && mkdir -p "$root\$folder" && mount --rbind "\$folder" "$root\$folder"
   done
+  export MESA_SHADER_CACHE_DIR=/var/cache/mesa
   exec chroot "$root" sh -c "cd \\"\\\$0\\" && exec blender \\"\\\$@\\"" "\$(pwd)" "\$@"' sh "\$@"
 END
 chmod +x "$root-blender"
-"$root-blender" --version | head -1 >&2
+"$root-blender" --version | grep -m 1 '^Blender' >&2 || { echo "setup-blender-new: $root-blender doesn't start" >&2; exit 1; }
 echo "$root-blender"

@@ -101,8 +101,6 @@ def current(context):
     entry = native.entry(native.absolute_path(root), False)
     if entry.scene is None:
         return "loading ..."
-    if entry.views is None:
-        entry.views = entry.scene.views
     sensor = camera.data.pags.sensor
     group = [v for v in entry.views if (v["sensor"] == sensor and "time" in v if sensor >= 0 else v["name"] == camera.get("pags_view"))]
     if not group:

@@ -29,18 +29,16 @@ class Entry:
     def __init__(self, path):
         self.path, self.stamp = path, stamp_of(path)
         self.scene, self.error = None, ""
-        self.objects, self.info = [], {}
-        self.views = None  # the scene's, kept by what asks for them at every redraw
-        self.recorded = self.exposed = False  # whether there are photographs' cameras, and exposures of them
+        self.objects, self.info, self.views = [], {}, []
+        self.exposed = False  # whether any view has an exposure
         self.thread = threading.Thread(target=self.load, daemon=True)
         self.thread.start()
 
     def load(self):
         try:
             scene = module.load(self.path)
-            self.objects, self.info, views = scene.objects, scene.info, scene.views
-            self.recorded = len(views) > 0
-            self.exposed = any(any(v != 1 for v in view["gain"]) or any(view["offset"]) for view in views)
+            self.objects, self.info, self.views = scene.objects, scene.info, scene.views
+            self.exposed = any(any(v != 1 for v in view["gain"]) or any(view["offset"]) for view in self.views)
             self.scene = scene
         except (module.Error, MemoryError) as error:
             self.error = str(error)

@@ -55,7 +55,7 @@ def recording(root):
         entry = native.entry(native.absolute_path(root), False)
     except native.SceneError:
         return "the scene can't be read"
-    return "the scene has no photographs" if entry.scene is not None and not entry.recorded else ""
+    return "the scene has no photographs" if entry.scene is not None and not entry.views else ""
 
 
 def photographs(context, root):

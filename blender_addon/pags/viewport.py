@@ -17,6 +17,7 @@ from .native import SceneError
 
 STILL = 0.12  # seconds without change before the picture at full resolution is rendered
 TICK = 0.008
+UNANSWERED = 50  # redraws asked for in vain before a view counts as gone: Blender 5 keeps a view's engine after its region
 
 views = weakref.WeakSet()
 
@@ -60,6 +61,7 @@ class View:
         self.error = ""
         self.watch = pace.Stopwatch()
         self.loading = False
+        self.unanswered = 0  # redraws that were asked for since the last one
         self.wiped, self.second = "", None  # name of the scene that is drawn right of the wipe's edge, and the View that draws it
         views.add(self)
         start_timer()
@@ -138,6 +140,8 @@ class View:
 
     def advance(self, requested):
         """Takes a finished picture and submits the next job; returns the milliseconds of the upload to the GPU."""
+        self.unanswered = 0
+        views.add(self)
         upload = self.collect()
         if requested is None:
             return upload
@@ -298,6 +302,11 @@ def tick():
     if due or any(view.loading for view in busy):
         for _, region in draw.regions():
             region.tag_redraw()
+        for view in busy:
+            view.unanswered += 1
+            if view.unanswered > UNANSWERED:
+                view.drop()
+                views.discard(view)
     return TICK if busy else 0.05
 
 

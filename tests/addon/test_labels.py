@@ -62,8 +62,10 @@ class Layout:
 
     menu = separator
 
-    def template_list(self, *_, **__):
-        pass
+    def __getattr__(self, name):
+        if not name.startswith("template_"):
+            raise AttributeError(name)
+        return self.separator
 
 
 class Labels(BlenderCase):
