@@ -5,6 +5,9 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include "base/file.h"
+#include "scene/cleanup.h"
+
 /* Reads `count` numbers separated by commas. */
 static bool parse_numbers(const char *text, int count, double *out) {
   for (int i = 0; i < count; i++) {
@@ -41,6 +44,15 @@ const char *pags_crop_parse(const pags_crop *crop, pags_filter *out, const char 
   return NULL;
 }
 
+static pags_result apply_edits(const char *path, pags_scene *scene) {
+  uint8_t *text;
+  size_t size;
+  PAGS_TRY(pags_file_read(path, &text, &size));
+  const pags_result result = pags_scene_cleanup(scene, path, (const char *)text);
+  free(text);
+  return result;
+}
+
 pags_result pags_crop_apply(const pags_crop *crop, pags_scene *scene, double time, uint8_t *chosen,
                             const pags_session *session) {
   const int64_t before = pags_scene_gaussian_count(scene);
@@ -48,8 +60,10 @@ pags_result pags_crop_apply(const pags_crop *crop, pags_scene *scene, double tim
   const char *expected;
   int64_t left;
   pags_crop_parse(crop, &filter, &expected); /* the arguments were checked when the options were read */
-  if (!pags_filter_is_set(&filter))
+  if (!pags_filter_is_set(&filter) && !crop->edits)
     return PAGS_OK;
+  if (crop->edits)
+    PAGS_TRY(apply_edits(crop->edits, scene));
   PAGS_TRY(pags_scene_filter(scene, &filter, time, chosen, &left));
   pags_say(session, "%lld of %lld Gaussians are left\n", (long long)left, (long long)before);
   return PAGS_OK;

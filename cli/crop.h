@@ -9,7 +9,7 @@
 
 /* The options' arguments; box and sphere as given. */
 typedef struct pags_crop {
-  const char *box, *sphere;
+  const char *box, *sphere, *edits;
   double least_opacity, least_size, greatest_size;
   int least_views;
 } pags_crop;
@@ -29,12 +29,15 @@ typedef struct pags_crop {
       PAGS_VALUE("max-size", 0, DOUBLE, (where) + offsetof(pags_crop, greatest_size), 0, PAGS_UNLIMITED, "M",     \
                  "metres, the largest sigma; 0: unlimited", NULL, "leave out what is larger"),                    \
       PAGS_VALUE("min-views", 0, INT, (where) + offsetof(pags_crop, least_views), 0, 1e9, "N",                    \
-                 "training views; 0: any", NULL, "leave out what is in the picture of fewer")
+                 "training views; 0: any", NULL, "leave out what is in the picture of fewer"),                    \
+      PAGS_TEXT("edits", 0, (where) + offsetof(pags_crop, edits), "FILE", "none",                                 \
+                "rules of clean-up and look, JSON as docs/cleanup.md has them")
 
 /* Converts the arguments; returns the first that is not of its form, with the form in `expected`, or NULL. */
 const char *pags_crop_parse(const pags_crop *crop, pags_filter *out, const char **expected);
 
-/* Leaves Gaussians out of a scene (pags_scene_filter), and says how many are left. */
+/* Applies the rules of --edits (pags_scene_cleanup), leaves Gaussians out (pags_scene_filter), and says how many are
+ * left. */
 pags_result pags_crop_apply(const pags_crop *crop, pags_scene *scene, double time, uint8_t *chosen,
                             const pags_session *session);
 

@@ -103,8 +103,11 @@ static int module_clear(PyObject *module) {
 
 static PyMethodDef methods[] = {
     {"load", native_scene_load, METH_VARARGS,
-     "load($module, path, /)\n--\n\nThe Scene of a scene folder or a splat file (.ply, .spz, .sog, .splat, .glb, "
-     ".pagsz)."},
+     "load($module, path, edits=None, /)\n--\n\nThe Scene of a scene folder or a splat file (.ply, .spz, .sog, .splat, "
+     ".glb, .pagsz). edits: rules of clean-up and look, JSON text (docs/cleanup.md)."},
+    {"write_edited", native_write_edited, METH_VARARGS,
+     "write_edited($module, path, edits, folder, /)\n--\n\nWrites the scene at `path` with rules of clean-up and look "
+     "as a scene folder."},
     {"camera", (PyCFunction)(void (*)(void))native_camera, METH_VARARGS | METH_KEYWORDS,
      "camera($module, /, width, height, K, world_from_camera=None, *, camera_from_world=None, axes='opencv', "
      "time=None)\n"

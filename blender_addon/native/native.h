@@ -60,6 +60,7 @@ native_scene *native_scene_create(PyTypeObject *type); /* without a composition 
 /* A dictionary of Buffers with the planes of Gaussians, or of gradients by them, as pags.Scene takes them. */
 PyObject *native_arrays_dict(const native_state *state, const pags_gaussians *gaussians);
 PyObject *native_scene_load(PyObject *module, PyObject *arguments);
+PyObject *native_write_edited(PyObject *module, PyObject *arguments);
 /* Each fills its table. Call with the scene's lock held, from any thread. */
 pags_result native_scene_need_objects(native_scene *scene);
 pags_result native_scene_need_priorities(native_scene *scene);

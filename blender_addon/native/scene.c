@@ -9,6 +9,7 @@
 #include "base/memory.h"
 #include "maths/maths.h"
 #include "scene/axes.h"
+#include "scene/cleanup.h"
 #include "scene/packed_rows.h"
 
 enum { ROWS = PAGS_PACKED_ROWS }; /* rows read at a time: the size of a packed cluster */
@@ -28,10 +29,25 @@ native_scene *native_scene_create(PyTypeObject *type) {
   return NULL;
 }
 
-static pags_result load(const char *path, native_scene *self) {
+/* Reads a scene and applies rules of clean-up and look. */
+static pags_result load_edited(const char *path, const char *edits, pags_scene *scene) {
+  PAGS_TRY(pags_scene_load(path, scene));
+  const pags_result result = pags_scene_cleanup(scene, "edits", edits);
+  if (result != PAGS_OK)
+    pags_scene_destroy(scene);
+  return result;
+}
+
+static pags_result load(const char *path, const char *edits, native_scene *self) {
   const pags_part *parts;
+  pags_scene scene;
   int count;
-  PAGS_TRY(pags_composition_load(path, &self->composition));
+  if (edits) {
+    PAGS_TRY(load_edited(path, edits, &scene));
+    PAGS_TRY(pags_composition_create(&scene, &self->composition));
+  } else {
+    PAGS_TRY(pags_composition_load(path, &self->composition));
+  }
   pags_compose(self->composition, (double)NAN, &parts, &count);
   self->alpha_min = count > 0 ? parts[0].gaussians->alpha_min : 0;
   return PAGS_OK;
@@ -40,13 +56,14 @@ static pags_result load(const char *path, native_scene *self) {
 PyObject *native_scene_load(PyObject *module, PyObject *arguments) {
   native_state *state = PyModule_GetState(module);
   PyObject *bytes;
-  if (!PyArg_ParseTuple(arguments, "O&:load", PyUnicode_FSConverter, &bytes))
+  const char *edits = NULL;
+  if (!PyArg_ParseTuple(arguments, "O&|z:load", PyUnicode_FSConverter, &bytes, &edits))
     return NULL;
   native_scene *self = native_scene_create(state->scene);
   pags_result result = PAGS_OK;
   const char *path = PyBytes_AsString(bytes);
   if (self) {
-    Py_BEGIN_ALLOW_THREADS result = load(path, self);
+    Py_BEGIN_ALLOW_THREADS result = load(path, edits, self);
     Py_END_ALLOW_THREADS
   }
   Py_DECREF(bytes);
@@ -55,6 +72,30 @@ PyObject *native_scene_load(PyObject *module, PyObject *arguments) {
   native_raise(state, result);
   Py_DECREF(self);
   return NULL;
+}
+
+static pags_result write_edited(const char *path, const char *edits, const char *folder) {
+  pags_scene scene;
+  PAGS_TRY(load_edited(path, edits, &scene));
+  const pags_result result = pags_scene_save(folder, &scene);
+  pags_scene_destroy(&scene);
+  return result;
+}
+
+PyObject *native_write_edited(PyObject *module, PyObject *arguments) {
+  PyObject *from, *to;
+  const char *edits;
+  pags_result result;
+  if (!PyArg_ParseTuple(arguments, "O&sO&:write_edited", PyUnicode_FSConverter, &from, &edits, PyUnicode_FSConverter,
+                        &to))
+    return NULL;
+  const char *path = PyBytes_AsString(from), *folder = PyBytes_AsString(to);
+  Py_BEGIN_ALLOW_THREADS result = write_edited(path, edits, folder);
+  Py_END_ALLOW_THREADS Py_DECREF(from);
+  Py_DECREF(to);
+  if (result != PAGS_OK)
+    return native_raise(PyModule_GetState(module), result);
+  Py_RETURN_NONE;
 }
 
 static void scene_dealloc(PyObject *object) {

@@ -18,6 +18,7 @@ bl_info = {
 
 from . import (
     cameras,
+    cleanup,
     comparison,
     composite,
     engine,
@@ -40,8 +41,8 @@ from . import (
     watch,
 )
 
-PARTS = (properties, jobs, importer, cameras, engine, overlay, inspector, select_tool, comparison, measure, recording, composite, exporter)
-PARTS += (native_splats, proxies, legend, picked, ui, inspect_panel, handlers, watch)
+PARTS = (properties, cleanup, jobs, importer, cameras, engine, overlay, inspector, select_tool, comparison, measure, recording, composite)
+PARTS += (exporter, native_splats, proxies, legend, picked, ui, inspect_panel, handlers, watch)
 
 
 def register():

@@ -16,7 +16,7 @@ import numpy as np
 from bpy.props import BoolProperty, EnumProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 
-from . import cameras, files, gather, jobs, lens, native, photographs, program
+from . import cameras, cleanup, files, gather, jobs, lens, native, photographs, program
 
 ROWS = 65536  # of a splat file, read, changed and written at a time
 
@@ -42,16 +42,18 @@ def pose_now(root_inverse, part, origin):
 class Edited:
     """Writes the scene with its edits in Blender as a scene folder."""
 
-    def __init__(self, context, root):
-        self.context, self.root = context, root
+    def __init__(self, context, root, cleaned=""):
+        """cleaned: a folder with the scene after clean-up and look, which doesn't stay; empty: there is none, the scene's own is read."""
+        self.context, self.root, self.cleaned = context, root, cleaned
         self.frame = cameras.Frame(context, root)
         self.entry = self.frame.entry
-        if not os.path.isdir(self.entry.path):
+        self.source = cleaned or self.entry.path
+        if not os.path.isdir(self.source):
             raise native.SceneError(
                 f"{self.entry.path}: edits are saved of scene folders; this is a bare splat file, which Export writes as it is"
             )
         self.dataset = photographs.dataset(root, self.entry)
-        with open(os.path.join(self.entry.path, "scene.json"), encoding="utf-8") as file:
+        with open(os.path.join(self.source, "scene.json"), encoding="utf-8") as file:
             self.scene = json.load(file)
         self.inverse = np.linalg.inv(lens.matrix(root.matrix_world))
         self.moved, self.gone, self.scaled = [], [], set()
@@ -122,17 +124,18 @@ class Edited:
         rewrite.update({i: (pose, wanted) for i, pose, wanted in self.moved if pose is not None and i not in self.gone})
         self.scene["models"] = [m for m in self.scene["models"] if m["name"] not in gone_models]
         with files.NewFiles(os.path.abspath(folder)) as new:
+            put = new.copy if self.cleaned else new.link
             for number, model in enumerate(self.scene["models"]):
                 job.check()
                 job.tell(number / len(self.scene["models"]), "writing models")
-                source = os.path.join(self.entry.path, model["file"])
+                source = os.path.join(self.source, model["file"])
                 if model is self.scene["models"][0] and rewrite:
                     model["gaussians"], blocks = rewrite_background(source, rewrite, self.frame.origin)
                     new.write(model["file"], blocks)
                 else:
-                    new.link(source, model["file"])
+                    put(source, model["file"])
             if self.scene.get("sky"):
-                new.link(os.path.join(self.entry.path, self.scene["sky"]), self.scene["sky"])
+                put(os.path.join(self.source, self.scene["sky"]), self.scene["sky"])
             for i in self.gone:
                 if self.scene["objects"][i].get("model"):
                     self.scene["objects"][i]["model"] = None
@@ -329,12 +332,26 @@ def source_of(job, root, folder, edits):
     and with the data set where it is now; and what it lacks of the edits."""
     path = native.absolute_path(root)
     yield jobs.beside(native.load, path)
-    if not os.path.isdir(path) or not (edits or root.pags.dataset):
+    cleaned = (yield from cleaned_of(job, root, path, os.path.join(os.path.dirname(folder), "cleaned"))) if edits else ""
+    if not cleaned and (not os.path.isdir(path) or not (edits or root.pags.dataset)):
         return path, ""
-    edited = Edited(bpy.context, root)
+    edited = Edited(bpy.context, root, cleaned)
     if edits:
         yield from edited.collect(job)
     return (yield jobs.beside(edited.write, folder, job)), edited.left_out()
+
+
+def cleaned_of(job, root, path, folder):
+    """Steps that write the scene after its clean-up and look to `folder` and return that; empty where it has none."""
+    rules = cleanup.edits_of(root, bpy.context.evaluated_depsgraph_get())
+    if not rules:
+        return ""
+    job.tell(0, "clean-up and look")
+    try:
+        yield jobs.beside(native.module.write_edited, path, rules, folder)
+    except (native.module.Error, MemoryError) as error:
+        raise native.SceneError(str(error)) from error
+    return folder
 
 
 class PAGS_OT_save_edited(jobs.Long, cameras.OnScene, bpy.types.Operator):
@@ -360,9 +377,10 @@ class PAGS_OT_save_edited(jobs.Long, cameras.OnScene, bpy.types.Operator):
 
         def work(job):
             yield jobs.beside(native.load, path)
-            edited = Edited(bpy.context, root)
-            yield from edited.collect(job)
-            yield jobs.beside(edited.write, folder, job)
+            with tempfile.TemporaryDirectory(prefix="pags-cleaned-") as beside:
+                edited = Edited(bpy.context, root, (yield from cleaned_of(job, root, path, os.path.join(beside, "cleaned"))))
+                yield from edited.collect(job)
+                yield jobs.beside(edited.write, folder, job)
             return f"{folder}: {len(edited.moved)} objects moved, {len(edited.gone)} left out{edited.left_out()}"
 
         return work

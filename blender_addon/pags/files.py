@@ -91,6 +91,11 @@ class NewFiles:
         link_or_copy(source, path)
         self.made.append(path)
 
+    def copy(self, source, name):
+        path = self.path(name)
+        complete(path, lambda part: shutil.copyfile(source, part), f"{source} can't be copied")
+        self.made.append(path)
+
     def write(self, name, blocks):
         """Writes blocks of bytes one after another."""
         path = self.path(name)

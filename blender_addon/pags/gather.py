@@ -6,7 +6,7 @@ the active camera, else the first by name. Sky, background and near plane are th
 
 import numpy as np
 
-from . import lens, native
+from . import cleanup, lens, native
 
 IDENTITY = [1.0, 0, 0, 0, 0, 1.0, 0, 0, 0, 0, 1.0, 0]
 NOWHERE = [np.nan] * 12
@@ -25,8 +25,9 @@ def flattened(matrices):
 class Gathered:
     """State of one PAGS scene on which a picture depends, difference from camera and time."""
 
-    def __init__(self, root):
+    def __init__(self, root, depsgraph):
         self.root_name, self.path = root.original.name_full, native.absolute_path(root.original)
+        self.rules = cleanup.rules_of(root, -1, depsgraph, everything=True)
         self.world_from_root = lens.matrix(root.matrix_world)
         self.frame_start, self.fps = root.pags.frame_start, root.pags.fps
         self.keys, self.indices, self.poses = [], [], []  # of each part: key, object index (-1: background) and root_from_object, 4x4
@@ -39,9 +40,15 @@ class Gathered:
         self.poses.append([v for row in matrix_world for v in row])
         self.pass_index[index] = drawn.original.pass_index
 
+    def add_rules(self, drawn, index, depsgraph):
+        """The clean-up and look of an object or of the background; of several Blender objects that stand for one, those of the first."""
+        if index not in self.pass_index:
+            self.rules += cleanup.rules_of(drawn, index, depsgraph)
+
     def finish(self):
         """Stacks the poses of all parts into one array: thousands of small arrays would cost more than the rest of a redraw. Returns the names of
         the parts that their scale has flattened, which are left out."""
+        self.edits = cleanup.text_of(self.rules)
         if flattened(self.world_from_root[None])[0]:
             self.indices, self.keys = np.zeros(0, dtype=int), []
             return [self.root_name]
@@ -55,6 +62,7 @@ class Gathered:
         self.keys = [key for key, left_out in zip(keys, flat) if not left_out]
         self.identity = (
             self.path,
+            self.edits,
             self.world_from_root.tobytes(),
             self.fps,
             self.frame_start,
@@ -77,9 +85,13 @@ class Visible:
     def key(self):
         return (self.camera_root, *(scene.identity for scene in self.scenes))
 
+    def making(self):
+        """Whether a scene is drawn as it was before the last change of its clean-up and look, until the new one is ready."""
+        return any(native.is_making(scene.path, scene.root_name, scene.edits) for scene in self.scenes)
+
     def load(self, wait):
         """The Frame of all scenes; None while one of them is loading (wait=False). Raises SceneError where one can't be loaded."""
-        entries = [native.entry(scene.path, wait) for scene in self.scenes]
+        entries = [native.edited(scene.path, scene.root_name, scene.edits, wait) for scene in self.scenes]
         if any(entry.loading or entry.scene is None for entry in entries):
             return None
         if self.frame is None or self.stamp != entries:
@@ -232,9 +244,11 @@ def gather(depsgraph, hidden=frozenset(), only="", without=""):
             continue
         state = found.get(root.name_full)
         if state is None:
-            state = found[root.name_full] = Gathered(root.evaluated_get(depsgraph))
+            state = found[root.name_full] = Gathered(root.evaluated_get(depsgraph), depsgraph)
+        index = -1 if settings.kind == "BACKGROUND" else settings.index
+        state.add_rules(drawn, index, depsgraph)
         key = (drawn.original.name, tuple(instance.persistent_id) if instance.is_instance else ())
-        state.add(key, drawn, -1 if settings.kind == "BACKGROUND" else settings.index, instance.matrix_world)
+        state.add(key, drawn, index, instance.matrix_world)
         if drawn.original.holdout_get(view_layer=depsgraph.view_layer):
             ignored.add("holdout of splats")
         if drawn.original.indirect_only_get(view_layer=depsgraph.view_layer):

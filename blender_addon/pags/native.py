@@ -24,10 +24,10 @@ class SceneError(Exception):
 
 
 class Entry:
-    """A cached scene of one path: loading, loaded or failed."""
+    """A cached scene of one path: loading, loaded or failed. edits: rules of clean-up and look (cleanup.py), or empty."""
 
-    def __init__(self, path):
-        self.path, self.stamp = path, stamp_of(path)
+    def __init__(self, path, edits=""):
+        self.path, self.stamp, self.edits = path, stamp_of(path), edits
         self.scene, self.error = None, ""
         self.objects, self.info, self.views = [], {}, []
         self.exposed = False  # whether any view has an exposure
@@ -36,7 +36,7 @@ class Entry:
 
     def load(self):
         try:
-            scene = module.load(self.path)
+            scene = module.load(self.path, self.edits) if self.edits else module.load(self.path)
             self.objects, self.info, self.views = scene.objects, scene.info, scene.views
             self.exposed = any(any(v != 1 for v in view["gain"]) or any(view["offset"]) for view in self.views)
             self.scene = scene
@@ -55,6 +55,7 @@ class Entry:
 
 
 _entries = {}
+_edited = {}  # by path and name of the root: entries with rules of clean-up and look, what is shown first, then what is being made
 _renderers = {}
 generation = 0  # counts scenes that were read anew: pictures of before are no longer of what is drawn
 
@@ -85,6 +86,33 @@ def entry(path, wait):
     return known
 
 
+def edited(path, owner, edits, wait):
+    """The entry of a scene with rules of clean-up and look, of the root called `owner`. wait=False: returns at once what was ready last, and makes the
+    newest in the background, one at a time."""
+    if not edits:
+        _edited.pop((path, owner), None)
+        return entry(path, wait)
+    plain = entry(path, wait)
+    held = _edited.setdefault((path, owner), [])
+    if not held or held[-1].edits != edits and (wait or not held[-1].loading):
+        held.append(Entry(path, edits))
+    newest = held[-1]
+    if wait:
+        newest.thread.join()
+    if newest.loading:
+        return next((known for known in reversed(held[:-1]) if known.scene is not None), plain)
+    if newest.error and newest.edits == edits:
+        raise SceneError(newest.error)
+    del held[:-1]
+    return newest if newest.scene is not None else plain
+
+
+def is_making(path, owner, edits):
+    """Whether what was asked for by `edited` isn't ready yet."""
+    held = _edited.get((path, owner))
+    return bool(edits and held and (held[-1].loading or held[-1].edits != edits))
+
+
 def entries():
     """Pairs (path, entry) of all scenes in the cache."""
     return list(_entries.items())
@@ -94,6 +122,7 @@ def replace(path, fresh):
     """Puts what was read anew in the place of what was read before."""
     global generation
     _entries[path] = fresh
+    forget_edited(path)
     generation += 1
 
 
@@ -110,12 +139,19 @@ def load(path):
     return entry(path, True)
 
 
+def forget_edited(path):
+    for key in [key for key in _edited if key[0] == path]:
+        del _edited[key]
+
+
 def forget(path=None):
     """Drops a scene from the cache, so that it is read again when needed; without a path all scenes."""
     if path is None:
         _entries.clear()
+        _edited.clear()
     else:
         _entries.pop(path, None)
+        forget_edited(path)
 
 
 def renderer(kind, threads):
@@ -129,6 +165,7 @@ def renderer(kind, threads):
 def close():
     _renderers.clear()
     _entries.clear()
+    _edited.clear()
 
 
 def resolve(root, path):

@@ -96,7 +96,7 @@ class View:
                 self.error = "there is no PAGS scene: File > Import > PAGS scene"
             return None
         self.frame = frame = self.state.load(False)
-        self.loading = frame is None
+        self.loading = frame is None or self.state.making()
         if frame is None:
             self.error = f"loading {', '.join(scene.path for scene in self.state.scenes)} ..."
             return None
@@ -111,7 +111,7 @@ class View:
         if region.view_perspective == "CAMERA":
             job_arguments.update(frame.exposure(settings, depsgraph.scene.camera, now))
         key = (tuple(camera["world_from_camera"]), camera["fx"], camera["cx"], camera["cy"], now, width, height)
-        key += (native.generation, self.state.key(), settings.hide_noncritical, tuple(sorted(job_arguments.items())))
+        key += (native.generation, tuple(map(id, frame.entries)), self.state.key(), settings.hide_noncritical, tuple(sorted(job_arguments.items())))
         self.error = ""
         return key, frame, camera, values, job_arguments, settings, now
 

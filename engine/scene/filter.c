@@ -25,8 +25,7 @@ static bool is_within(const pags_filter *f, const double p[3]) {
   return !f->has_ball || square <= f->radius * f->radius;
 }
 
-/* Whether opacity and size of a Gaussian pass. */
-static bool is_fit(const pags_filter *f, const pags_gaussians *g, int64_t i) {
+bool pags_filter_fits(const pags_filter *f, const pags_gaussians *g, int64_t i) {
   const double opacity = 1 / (1 + pags_exp(-(double)pags_plane(g, PAGS_OPACITY)[i]));
   double largest = -HUGE_VAL;
   for (int k = 0; k < 3; k++)
@@ -35,16 +34,9 @@ static bool is_fit(const pags_filter *f, const pags_gaussians *g, int64_t i) {
   return opacity >= f->least_opacity && size >= f->least_size && (f->greatest_size <= 0 || size <= f->greatest_size);
 }
 
-/* The cameras of the training views, relative to the scene's origin: the inverse of each pose. */
-typedef struct support {
-  int64_t count;
-  const pags_camera **cameras;
-  double (*camera_from_scene)[12];
-} support;
-
-static pags_result find_support(const pags_scene *scene, support *out) {
-  *out = (support){.cameras = malloc(((size_t)scene->view_count + 1) * sizeof *out->cameras),
-                   .camera_from_scene = malloc(((size_t)scene->view_count + 1) * sizeof *out->camera_from_scene)};
+pags_result pags_support_find(const pags_scene *scene, pags_support *out) {
+  *out = (pags_support){.cameras = malloc(((size_t)scene->view_count + 1) * sizeof *out->cameras),
+                        .camera_from_scene = malloc(((size_t)scene->view_count + 1) * sizeof *out->camera_from_scene)};
   if (!out->cameras || !out->camera_from_scene)
     return pags_out_of_memory("%lld views", (long long)scene->view_count);
   for (int64_t v = 0; v < scene->view_count; v++) {
@@ -60,7 +52,7 @@ static pags_result find_support(const pags_scene *scene, support *out) {
   return PAGS_OK;
 }
 
-static bool is_supported(const support *s, int least, const double mean[3]) {
+bool pags_support_has(const pags_support *s, int least, const double mean[3]) {
   int seen = 0;
   for (int64_t v = 0; v < s->count && seen < least; v++) {
     double p[3];
@@ -74,8 +66,13 @@ static bool is_supported(const support *s, int least, const double mean[3]) {
   return seen >= least;
 }
 
-/* Keeps the rows listed in `index`. */
-static pags_result keep_rows(pags_gaussians *g, const int64_t *index, int64_t count) {
+void pags_support_destroy(pags_support *s) {
+  free(s->cameras);
+  free(s->camera_from_scene);
+  *s = (pags_support){0};
+}
+
+pags_result pags_filter_keep(pags_gaussians *g, const int64_t *index, int64_t count) {
   pags_gaussians kept;
   if (count == g->count)
     return PAGS_OK;
@@ -97,8 +94,8 @@ static bool object_is_within(const pags_scene *scene, int64_t object, const pags
   return is_within(f, p);
 }
 
-static pags_result filter_model(pags_scene *scene, int64_t model, const pags_filter *f, double time, const support *s,
-                                int64_t *index) {
+static pags_result filter_model(pags_scene *scene, int64_t model, const pags_filter *f, double time,
+                                const pags_support *s, int64_t *index) {
   pags_gaussians *g = &scene->models[model].gaussians;
   bool within = true;
   int64_t count = 0;
@@ -109,22 +106,22 @@ static pags_result filter_model(pags_scene *scene, int64_t model, const pags_fil
     double mean[3];
     for (int k = 0; k < 3; k++)
       mean[k] = (double)pags_plane(g, PAGS_MEAN + k)[i];
-    if (is_fit(f, g, i) &&
-        (model > 0 || (is_within(f, mean) && (!f->least_views || is_supported(s, f->least_views, mean)))))
+    if (pags_filter_fits(f, g, i) &&
+        (model > 0 || (is_within(f, mean) && (!f->least_views || pags_support_has(s, f->least_views, mean)))))
       index[count++] = i;
   }
-  return keep_rows(g, index, count);
+  return pags_filter_keep(g, index, count);
 }
 
 pags_result pags_scene_filter(pags_scene *scene, const pags_filter *filter, double time, uint8_t *chosen,
                               int64_t *left) {
   const int64_t before = pags_scene_gaussian_count(scene);
-  support s = {0};
+  pags_support s = {0};
   *left = before;
   if (!pags_filter_is_set(filter))
     return PAGS_OK;
   int64_t *index = malloc(((size_t)before + 1) * sizeof *index);
-  pags_result result = index ? find_support(scene, &s) : pags_out_of_memory("%lld Gaussians", (long long)before);
+  pags_result result = index ? pags_support_find(scene, &s) : pags_out_of_memory("%lld Gaussians", (long long)before);
   if (result == PAGS_OK && filter->least_views && !s.count)
     result = pags_fail(PAGS_ERROR_ARGUMENT, "the scene has no training views to count; expected a scene folder");
   for (int64_t m = 0; m < scene->model_count && result == PAGS_OK; m++)
@@ -132,8 +129,7 @@ pags_result pags_scene_filter(pags_scene *scene, const pags_filter *filter, doub
   for (int64_t o = 0; o < scene->object_count && chosen; o++)
     chosen[o] = (uint8_t)(chosen[o] && object_is_within(scene, o, filter, time));
   free(index);
-  free(s.cameras);
-  free(s.camera_from_scene);
+  pags_support_destroy(&s);
   *left = pags_scene_gaussian_count(scene);
   if (result == PAGS_OK && before && !*left)
     result =

@@ -31,6 +31,26 @@ bool pags_filter_is_set(const pags_filter *filter);
 pags_result pags_scene_filter(pags_scene *scene, const pags_filter *filter, double time, uint8_t *chosen,
                               int64_t *left);
 
+/* Whether opacity and size of row i pass. */
+bool pags_filter_fits(const pags_filter *filter, const pags_gaussians *g, int64_t i);
+
+/* Keeps the rows listed in `index`, in this order. PAGS_ERROR_MEMORY. */
+pags_result pags_filter_keep(pags_gaussians *g, const int64_t *index, int64_t count);
+
+/* The cameras of the training views, relative to the scene's origin: the inverse of each pose. Its arrays point into
+ * the scene. */
+typedef struct pags_support {
+  int64_t count;
+  const pags_camera **cameras;
+  double (*camera_from_scene)[12];
+} pags_support;
+
+pags_result pags_support_find(const pags_scene *scene, pags_support *out);
+void pags_support_destroy(pags_support *support); /* a zeroed struct is allowed */
+
+/* Whether a point, relative to the scene's origin, falls into the pictures of at least so many training views. */
+bool pags_support_has(const pags_support *support, int least, const double mean[3]);
+
 #ifdef __cplusplus
 }
 #endif

@@ -1,0 +1,262 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Clean-up and look: live settings of a scene and of each of its parts, which the picture and the exports obey. They become rules, JSON that the
+engine applies to a scene as it reads it (docs/cleanup.md); the files of the scene stay as they are.
+
+Colours are display-referred sRGB, as the scene has them: c' = contrast (saturation (tint * 2^(exposure / 2.2) c) - 1/2) + 1/2, one 3x4 matrix."""
+
+import json
+
+import bpy
+import numpy as np
+from bpy.props import CollectionProperty, EnumProperty, FloatProperty, FloatVectorProperty, IntProperty, PointerProperty
+
+from . import cameras, draw, lens
+
+LUMA = np.array([0.2126, 0.7152, 0.0722])  # of Rec. 709
+DEFAULTS = {
+    "exposure": 0.0,
+    "tint": (1.0, 1.0, 1.0),
+    "saturation": 1.0,
+    "contrast": 1.0,
+    "opacity": 1.0,
+    "sh": 1.0,
+    "least_opacity": 0.0,
+    "least_size": 0.0,
+    "greatest_size": 0.0,
+    "least_views": 0,
+}
+LIMITS = ("least_opacity", "least_size", "greatest_size", "least_views")
+
+
+def changed(settings, context):
+    for _, region in draw.regions():
+        region.tag_redraw()
+
+
+class PagsCrop(bpy.types.PropertyGroup):
+    volume: PointerProperty(
+        name="Volume", description="An Empty displayed as a cube or a sphere; move, turn and scale it", type=bpy.types.Object, update=changed
+    )
+    mode: EnumProperty(
+        name="Crop",
+        description="What becomes of the Gaussians in it",
+        items=[("KEEP", "Keep inside", "Only what is in it stays"), ("REMOVE", "Remove inside", "What is in it goes")],
+        update=changed,
+    )
+
+
+class PagsLook(bpy.types.PropertyGroup):
+    exposure: FloatProperty(name="Exposure", description="Number of stops", soft_min=-5, soft_max=5, min=-20, max=20, update=changed)
+    tint: FloatVectorProperty(
+        name="Tint", description="Factor of each channel", subtype="COLOR", default=(1, 1, 1), min=0, max=10, soft_max=1, update=changed
+    )
+    saturation: FloatProperty(name="Saturation", description="Number: 0 is grey, 1 as it is", default=1, min=0, soft_max=2, max=10, update=changed)
+    contrast: FloatProperty(name="Contrast", description="Number about middle grey; 1: as it is", default=1, min=0, soft_max=2, max=10, update=changed)
+    opacity: FloatProperty(
+        name="Opacity", description="Number that multiplies each Gaussian's opacity; 0 removes them", default=1, min=0, soft_max=2, max=1000, update=changed
+    )
+    sh: FloatProperty(
+        name="View dependence", description="Number that multiplies the colours that change with the view; 0: none", default=1, min=0, max=10, soft_max=1, update=changed
+    )
+    least_opacity: FloatProperty(name="Least opacity", description="Fainter Gaussians are left out; 0 to 1", min=0, max=1, precision=3, update=changed)
+    least_size: FloatProperty(
+        name="Least size", description="Smaller Gaussians are left out, by their largest sigma", min=0, max=1e5, unit="LENGTH", precision=3, update=changed
+    )
+    greatest_size: FloatProperty(
+        name="Greatest size", description="Larger Gaussians are left out, by their largest sigma; 0: none", min=0, max=1e5, unit="LENGTH", precision=3, update=changed
+    )
+    least_views: IntProperty(
+        name="Least views",
+        description="What is in the picture of fewer training views is left out (floaters), a number; of the background and of parked objects",
+        min=0,
+        max=100000,
+        update=changed,
+    )
+    crops: CollectionProperty(type=PagsCrop)
+
+
+# ---- Rules ----
+
+
+def matrix_of(look):
+    """The colour's 3x4 matrix, 12 numbers, or None where it changes nothing."""
+    if look.exposure == 0 and tuple(look.tint) == (1, 1, 1) and look.saturation == 1 and look.contrast == 1:
+        return None
+    grey = (1 - look.saturation) * np.tile(LUMA, (3, 1)) + look.saturation * np.eye(3)
+    linear = look.contrast * grey @ np.diag(np.array(look.tint) * 2 ** (look.exposure / 2.2))
+    return np.hstack([linear, np.full((3, 1), 0.5 - 0.5 * look.contrast)]).reshape(-1).tolist()
+
+
+def crop_of(crop, owner, depsgraph):
+    """A crop's rule, or None where its Empty is missing, is no cube or sphere, or has no volume."""
+    volume = crop.volume
+    if volume is None or volume.type != "EMPTY" or volume.empty_display_type not in {"CUBE", "SPHERE"}:
+        return None
+    size = np.diag([volume.empty_display_size] * 3 + [1.0])
+    frame_from_unit = np.linalg.inv(lens.matrix(owner.matrix_world)) @ lens.matrix(volume.evaluated_get(depsgraph).matrix_world) @ size
+    if abs(np.linalg.det(frame_from_unit)) < 1e-12:
+        return None
+    return {
+        "shape": "box" if volume.empty_display_type == "CUBE" else "sphere",
+        "keep": crop.mode == "KEEP",
+        "unit_from_frame": lens.pose12(np.linalg.inv(frame_from_unit)),
+    }
+
+
+def rules_of(owner, index, depsgraph, everything=False):
+    """The rules, none or one, of an evaluated Blender object: of a root (everything), or of the part that stands for object `index`."""
+    if not owner.is_property_set("pags_look"):  # never touched: thousands of parts are asked at each redraw
+        return []
+    look, rule = owner.pags_look, {}
+    for name in LIMITS:
+        if getattr(look, name) > 0:
+            rule[name] = getattr(look, name)
+    for name in ("opacity", "sh"):
+        if getattr(look, name) != 1:
+            rule[name] = getattr(look, name)
+    matrix = matrix_of(look)
+    if matrix is not None:
+        rule["matrix"] = matrix
+    crops = [found for found in (crop_of(crop, owner, depsgraph) for crop in owner.original.pags_look.crops) if found is not None]
+    if crops:
+        rule["crops"] = crops
+    if not rule:
+        return []
+    return [rule] if everything else [{"object": index, **rule}]
+
+
+def text_of(rules):
+    return json.dumps(rules) if rules else ""
+
+
+def edits_of(root, depsgraph):
+    """The rules of a scene as the exports take them."""
+    rules, seen = rules_of(root.evaluated_get(depsgraph), -1, depsgraph, everything=True), set()
+    for part in sorted(bpy.data.objects, key=lambda o: o.name):
+        if part.pags.kind in {"BACKGROUND", "OBJECT"} and part.pags.root == root:
+            index = -1 if part.pags.kind == "BACKGROUND" else part.pags.index
+            if index not in seen:
+                seen.add(index)
+                rules += rules_of(part.evaluated_get(depsgraph), index, depsgraph)
+    return text_of(rules)
+
+
+# ---- Operators and panel ----
+
+
+def owner_of(context):
+    """The object whose settings the panel shows: the active part, or else the scene's root."""
+    active = context.active_object
+    if active is not None and active.pags.kind in {"BACKGROUND", "OBJECT", "ROOT"}:
+        return active
+    return cameras.root_of(context)
+
+
+class OnOwner:
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context):
+        return owner_of(context) is not None
+
+
+class PAGS_OT_add_crop(OnOwner, bpy.types.Operator):
+    """Add an Empty that crops the scene, or the object that is active"""
+
+    bl_idname = "pags.add_crop"
+    bl_label = "Add crop"
+
+    shape: EnumProperty(name="Shape", items=[("CUBE", "Box", ""), ("SPHERE", "Sphere", "")])
+    mode: EnumProperty(name="Crop", items=[("KEEP", "Keep inside", ""), ("REMOVE", "Remove inside", "")])
+
+    def execute(self, context):
+        owner = owner_of(context)
+        volume = bpy.data.objects.new(f"Crop of {owner.name}", None)
+        volume.empty_display_type, volume.empty_display_size = self.shape, 1.0
+        volume.location = context.scene.cursor.location
+        volume.scale = (2.0, 2.0, 2.0)
+        (owner.users_collection or [context.scene.collection])[0].objects.link(volume)
+        crop = owner.pags_look.crops.add()
+        crop.volume, crop.mode = volume, self.mode
+        return {"FINISHED"}
+
+
+class PAGS_OT_remove_crop(OnOwner, bpy.types.Operator):
+    """Take this crop away, its Empty too"""
+
+    bl_idname = "pags.remove_crop"
+    bl_label = "Remove crop"
+    bl_options = {"REGISTER", "UNDO"}
+
+    number: IntProperty(name="Number", description="Of the crop", min=0)
+
+    def execute(self, context):
+        crops = owner_of(context).pags_look.crops
+        if self.number >= len(crops):
+            return {"CANCELLED"}
+        volume = crops[self.number].volume
+        crops.remove(self.number)
+        if volume is not None:
+            bpy.data.objects.remove(volume)
+        return {"FINISHED"}
+
+
+class PAGS_OT_reset_look(OnOwner, bpy.types.Operator):
+    """Set clean-up and look back, but for the crops"""
+
+    bl_idname = "pags.reset_look"
+    bl_label = "Reset"
+
+    def execute(self, context):
+        for name, value in DEFAULTS.items():
+            setattr(owner_of(context).pags_look, name, value)
+        return {"FINISHED"}
+
+
+class PAGS_PT_cleanup(bpy.types.Panel):
+    bl_label = "Clean up and look"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "PAGS"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context):
+        return owner_of(context) is not None
+
+    def draw(self, context):
+        owner, layout = owner_of(context), self.layout
+        look = owner.pags_look
+        layout.label(text="Whole scene" if owner.pags.kind == "ROOT" else f"{owner.name} alone", icon="OBJECT_DATA")
+        layout.use_property_split = True
+        column = layout.column(align=True)
+        for name in ("exposure", "tint", "saturation", "contrast", "opacity", "sh"):
+            column.prop(look, name)
+        column = layout.column(align=True)
+        for name in LIMITS:
+            column.prop(look, name)
+        for number, crop in enumerate(look.crops):
+            row = layout.row(align=True)
+            row.use_property_split = False
+            row.prop(crop, "volume", text="")
+            row.prop(crop, "mode", text="")
+            row.operator("pags.remove_crop", text="", icon="X").number = number
+        row = layout.row(align=True)
+        row.operator("pags.add_crop", text="Crop box", icon="CUBE").shape = "CUBE"
+        row.operator("pags.add_crop", text="Crop sphere", icon="SPHERE").shape = "SPHERE"
+        layout.operator("pags.reset_look", icon="LOOP_BACK")
+
+
+CLASSES = (PagsCrop, PagsLook, PAGS_OT_add_crop, PAGS_OT_remove_crop, PAGS_OT_reset_look, PAGS_PT_cleanup)
+
+
+def register():
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+    bpy.types.Object.pags_look = PointerProperty(type=PagsLook)
+
+
+def unregister():
+    del bpy.types.Object.pags_look
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

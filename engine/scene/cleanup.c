@@ -1,0 +1,266 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Clean-up and look: rules, given as JSON, that leave out Gaussians by place, opacity, size and support, and change the
+ * colours and opacities of those that stay.
+ *
+ * A colour is c = 1/2 + C0 dc + sum of C_k(d) sh_k over directions d, so that the affine map c' = M c + t takes each
+ * triple of coefficients to M sh_k, and the constant one to M dc + (M (1/2, 1/2, 1/2) + t - 1/2) / C0: exact but for
+ * colours below 0, which are drawn as 0 after the map instead of before. */
+#include "scene/cleanup.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/json.h"
+#include "base/memory.h"
+#include "maths/maths.h"
+#include "scene/filter.h"
+
+enum { MOST_CROPS = 64 };
+static const double C0 = 0.28209479177387814;
+static const double MOST_OPACITY = 1 - 1e-6; /* its logit is finite */
+
+/* A box (the cube from -1 to 1) or a ball (of radius 1) that is carried by an affine map. */
+typedef struct crop {
+  bool ball, keep;
+  double unit_from_frame[12];
+} crop;
+
+typedef struct rule {
+  bool everything;
+  int64_t object; /* unless `everything`; -1: the Gaussians of no object */
+  pags_filter limits;
+  crop crops[MOST_CROPS];
+  int crop_count;
+  bool has_matrix;
+  double matrix[12], opacity, sh;
+} rule;
+
+/* ---- Reading ---- */
+
+static pags_result check_keys(const pags_json *json, const pags_json_value *object, const char *const *known) {
+  for (const pags_json_value *child = object->first; child; child = child->next) {
+    int i = 0;
+    while (known[i] && strcmp(known[i], child->key) != 0)
+      i++;
+    if (!known[i])
+      return pags_json_fail(json, child, "'%s' is no member of a rule of clean-up and look", child->key);
+  }
+  return PAGS_OK;
+}
+
+/* A number from lo to hi. */
+static pags_result read_number(const pags_json *json, const pags_json_value *object, const char *key, double lo,
+                               double hi, double fallback, double *out) {
+  PAGS_TRY(pags_json_number_or(json, object, key, fallback, out));
+  if (*out >= lo && *out <= hi)
+    return PAGS_OK;
+  return pags_json_fail(json, pags_json_member(object, key), "expected '%s' from %g to %g, found %g", key, lo, hi,
+                        *out);
+}
+
+static pags_result read_crop(const pags_json *json, const pags_json_value *value, crop *out) {
+  static const char *const known[] = {"shape", "keep", "unit_from_frame", NULL};
+  const char *shape;
+  PAGS_TRY(pags_json_as_object(json, value, "a crop"));
+  PAGS_TRY(check_keys(json, value, known));
+  PAGS_TRY(pags_json_string(json, value, "shape", &shape));
+  out->ball = strcmp(shape, "sphere") == 0;
+  if (!out->ball && strcmp(shape, "box") != 0)
+    return pags_json_fail(json, value, "expected the shape 'box' or 'sphere', found '%s'", shape);
+  PAGS_TRY(pags_json_bool_or(json, value, "keep", true, &out->keep));
+  return pags_json_numbers(json, value, "unit_from_frame", 12, out->unit_from_frame);
+}
+
+static pags_result read_rule(const pags_json *json, const pags_json_value *value, int64_t objects, rule *out) {
+  static const char *const known[] = {
+      "object", "least_opacity", "least_size", "greatest_size", "least_views", "crops", "matrix", "opacity", "sh",
+      NULL};
+  int64_t views;
+  *out = (rule){0};
+  PAGS_TRY(pags_json_as_object(json, value, "a rule"));
+  PAGS_TRY(check_keys(json, value, known));
+  out->everything = !pags_json_member(value, "object");
+  PAGS_TRY(pags_json_integer_or(json, value, "object", -1, objects - 1, -1, &out->object));
+  PAGS_TRY(read_number(json, value, "least_opacity", 0, 1, 0, &out->limits.least_opacity));
+  PAGS_TRY(read_number(json, value, "least_size", 0, 1e6, 0, &out->limits.least_size));
+  PAGS_TRY(read_number(json, value, "greatest_size", 0, 1e6, 0, &out->limits.greatest_size));
+  PAGS_TRY(pags_json_integer_or(json, value, "least_views", 0, INT32_MAX, 0, &views));
+  out->limits.least_views = (int)views;
+  PAGS_TRY(read_number(json, value, "opacity", 0, 1000, 1, &out->opacity));
+  PAGS_TRY(read_number(json, value, "sh", 0, 10, 1, &out->sh));
+  out->has_matrix = pags_json_member(value, "matrix") != NULL;
+  if (out->has_matrix)
+    PAGS_TRY(pags_json_numbers(json, value, "matrix", 12, out->matrix));
+  const pags_json_value *crops = pags_json_member(value, "crops");
+  if (!crops)
+    return PAGS_OK;
+  if (crops->type != PAGS_JSON_ARRAY || crops->count > MOST_CROPS)
+    return pags_json_fail(json, crops, "expected at most %d crops in an array", MOST_CROPS);
+  for (const pags_json_value *item = crops->first; item; item = item->next)
+    PAGS_TRY(read_crop(json, item, &out->crops[out->crop_count++]));
+  return PAGS_OK;
+}
+
+/* ---- Which Gaussians ---- */
+
+/* The object whose model this is; -1: none, the background. */
+static int64_t object_of_model(const pags_scene *scene, int64_t model) {
+  for (int64_t o = 0; o < scene->object_count; o++)
+    if (scene->objects[o].model == model)
+      return o;
+  return -1;
+}
+
+/* The object that a Gaussian is shown with: of a parked one in the background, that of its id. */
+static int64_t object_of_row(const pags_scene *scene, const pags_gaussians *g, int64_t own, int64_t row) {
+  if (own >= 0 || !g->object_id)
+    return own;
+  const int64_t id = g->object_id[row];
+  return id >= 0 && id < scene->object_count && scene->objects[id].model < 0 ? id : -1;
+}
+
+/* From the rows of a model to the frame of the rule's crops: the object's, of a parked one at its first label. */
+static void find_frame(const pags_scene *scene, const rule *r, int64_t own, double out[12]) {
+  static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+  memcpy(out, identity, sizeof identity);
+  if (r->everything || r->object < 0 || own >= 0)
+    return;
+  const pags_object *o = &scene->objects[r->object].record;
+  double pose[12];
+  if (!pags_object_pose(o, scene->time_begin, pose) && !pags_object_pose(o, o->knots[0].time, pose))
+    memcpy(pose, o->knots[0].world_from_object, sizeof pose);
+  for (int k = 0; k < 3; k++)
+    pose[4 * k + 3] -= scene->origin[k];
+  pags_rigid_inverse(pose, out);
+}
+
+static bool is_in(const crop *c, const double p[3]) {
+  double unit[3];
+  pags_rigid_point(c->unit_from_frame, p, unit);
+  if (c->ball)
+    return unit[0] * unit[0] + unit[1] * unit[1] + unit[2] * unit[2] <= 1;
+  return fabs(unit[0]) <= 1 && fabs(unit[1]) <= 1 && fabs(unit[2]) <= 1;
+}
+
+/* Whether a point is in one of the crops to keep, where there are any, and in none of those to remove. */
+static bool is_left(const rule *r, const double p[3]) {
+  bool inside = false, any = false;
+  for (int i = 0; i < r->crop_count; i++) {
+    const bool in = is_in(&r->crops[i], p);
+    if (in && !r->crops[i].keep)
+      return false;
+    any = any || r->crops[i].keep;
+    inside = inside || (in && r->crops[i].keep);
+  }
+  return inside || !any;
+}
+
+/* ---- The look ---- */
+
+/* Takes the triples at planes first, first + step and first + 2 step of a row to M times them. */
+static void turn_colour(const double m[12], float *planes, int64_t step) {
+  const double c[3] = {(double)planes[0], (double)planes[step], (double)planes[2 * step]};
+  for (int k = 0; k < 3; k++)
+    planes[k * step] = (float)(m[4 * k] * c[0] + m[4 * k + 1] * c[1] + m[4 * k + 2] * c[2]);
+}
+
+static void look_row(const rule *r, pags_gaussians *g, int64_t i) {
+  const int harmonics = pags_sh_coefficients(g->sh_degree);
+  for (int h = 0; h < harmonics; h++) {
+    float *sh = pags_plane(g, PAGS_SH + 3 * h) + i;
+    if (r->has_matrix)
+      turn_colour(r->matrix, sh, g->stride);
+    for (int k = 0; k < 3; k++) {
+      const double *row = r->matrix + 4 * k;
+      if (h > 0)
+        sh[k * g->stride] *= (float)r->sh;
+      else if (r->has_matrix)
+        sh[k * g->stride] += (float)((0.5 * (row[0] + row[1] + row[2]) + row[3] - 0.5) / C0);
+    }
+  }
+  for (int t = 0; 3 * t < PAGS_FOURIER_PLANES && g->fourier && r->has_matrix; t++)
+    turn_colour(r->matrix, g->fourier + 3 * t * g->stride + i, g->stride);
+  if (r->opacity == 1)
+    return;
+  float *logit = pags_plane(g, PAGS_OPACITY) + i;
+  const double opacity = fmin(r->opacity / (1 + pags_exp(-(double)*logit)), MOST_OPACITY);
+  *logit = (float)pags_log(opacity / (1 - opacity));
+}
+
+/* The same map of a colour behind the Gaussians; at least 0. */
+static void look_behind(const double m[12], float rgb[3]) {
+  turn_colour(m, rgb, 1);
+  for (int k = 0; k < 3; k++)
+    rgb[k] = (float)fmax((double)rgb[k] + m[4 * k + 3], 0);
+}
+
+/* ---- Rules ---- */
+
+static pags_result apply_to_model(pags_scene *scene, int64_t model, const rule *r, const pags_support *support,
+                                  int64_t *index) {
+  pags_gaussians *g = &scene->models[model].gaussians;
+  const int64_t own = object_of_model(scene, model);
+  const bool placed = own < 0 || !r->everything; /* whether the rows have the frame of the crops */
+  double frame[12];
+  int64_t count = 0;
+  find_frame(scene, r, own, frame);
+  for (int64_t i = 0; i < g->count; i++) {
+    bool stays = true;
+    if (r->everything || object_of_row(scene, g, own, i) == r->object) {
+      double mean[3], p[3];
+      for (int k = 0; k < 3; k++)
+        mean[k] = (double)pags_plane(g, PAGS_MEAN + k)[i];
+      pags_rigid_point(frame, mean, p);
+      stays = r->opacity > 0 && pags_filter_fits(&r->limits, g, i) && (!placed || is_left(r, p)) &&
+              (own >= 0 || !r->limits.least_views || pags_support_has(support, r->limits.least_views, mean));
+    }
+    if (stays)
+      index[count++] = i;
+  }
+  PAGS_TRY(pags_filter_keep(g, index, count));
+  for (int64_t i = 0; i < g->count && (r->has_matrix || r->opacity != 1 || r->sh != 1); i++)
+    if (r->everything || object_of_row(scene, g, own, i) == r->object)
+      look_row(r, g, i);
+  return PAGS_OK;
+}
+
+static pags_result apply(pags_scene *scene, const rule *r, const pags_support *support, int64_t *index) {
+  if (r->limits.least_views && !support->count)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "the scene has no training views to count; expected a scene folder");
+  for (int64_t m = 0; m < scene->model_count; m++)
+    PAGS_TRY(apply_to_model(scene, m, r, support, index));
+  if (!r->everything || !r->has_matrix)
+    return PAGS_OK;
+  look_behind(r->matrix, scene->background);
+  const int64_t texels = 6 * (int64_t)scene->sky.size * scene->sky.size;
+  for (int64_t i = 0; i < texels; i++)
+    look_behind(r->matrix, scene->sky.texels + 3 * i);
+  return PAGS_OK;
+}
+
+pags_result pags_scene_cleanup(pags_scene *scene, const char *name, const char *text) {
+  const int64_t before = pags_scene_gaussian_count(scene);
+  pags_support support = {0};
+  pags_json *json;
+  PAGS_TRY(pags_json_parse_text(name, text, strlen(text), &json));
+  const pags_json_value *root = pags_json_root(json);
+  int64_t *index = malloc(((size_t)before + 1) * sizeof *index);
+  pags_result result =
+      index ? pags_support_find(scene, &support) : pags_out_of_memory("%lld Gaussians", (long long)before);
+  if (result == PAGS_OK && root->type != PAGS_JSON_ARRAY)
+    result = pags_json_fail(json, root, "expected an array of rules of clean-up and look");
+  for (const pags_json_value *value = root->first; value && result == PAGS_OK; value = value->next) {
+    rule r;
+    result = read_rule(json, value, scene->object_count, &r);
+    if (result == PAGS_OK)
+      result = apply(scene, &r, &support, index);
+  }
+  if (result == PAGS_OK && before && !pags_scene_gaussian_count(scene))
+    result = pags_fail(PAGS_ERROR_ARGUMENT, "%s: none of the %lld Gaussians is left by clean-up and look", name,
+                       (long long)before);
+  free(index);
+  pags_support_destroy(&support);
+  pags_json_destroy(json);
+  return result;
+}
