@@ -133,7 +133,8 @@ static PyMethodDef methods[] = {
     {"cryptomatte_hash", native_cryptomatte_hash, METH_VARARGS,
      "cryptomatte_hash($module, name, /)\n--\n\nThe 32 bits that stand for a name in a Cryptomatte's manifest."},
     {"heat", heat, METH_VARARGS,
-     "heat($module, value, /)\n--\n\nThe colour (r, g, b), as a screen shows it, that stands for a number from 0 to 1 in "
+     "heat($module, value, /)\n--\n\nThe colour (r, g, b), as a screen shows it, that stands for a number from 0 to 1 "
+     "in "
      "pictures of priorities and other\nmodes: from dark violet over red to pale yellow."},
     {"available_threads", available_threads, METH_NOARGS,
      "available_threads($module, /)\n--\n\nProcessors that this process may use."},
