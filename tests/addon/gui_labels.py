@@ -40,7 +40,7 @@ WINDOW = "960x900"
 IMAGES = os.environ.get("PAGS_LABEL_IMAGES", "")
 # Grey levels by which the bar may be off: Blender merges what is drawn over a view by a power of 2.2 in place of sRGB's curve, which lifts 8 to 17.
 LIFTED = 11
-RED, GREY, SKY = (10, 0, 0), (10, 0, 3), (10, -2, -1)  # metres; what is there at the second frame
+RED, SKY = (10, 0, 0), (10, 3, -2)  # metres; what is there at the second frame
 legend = sys.modules[addon.__name__ + ".legend"]
 
 
