@@ -72,7 +72,7 @@ class PagsLook(bpy.types.PropertyGroup):
         max=100000,
         update=changed,
     )
-    crops: CollectionProperty(type=PagsCrop)
+    crops: CollectionProperty(name="Crops", description="Empties within or outside of which nothing is drawn", type=PagsCrop)
 
 
 # ---- Rules ----
@@ -166,8 +166,16 @@ class PAGS_OT_add_crop(OnOwner, bpy.types.Operator):
     bl_idname = "pags.add_crop"
     bl_label = "Add crop"
 
-    shape: EnumProperty(name="Shape", items=[("CUBE", "Box", ""), ("SPHERE", "Sphere", "")])
-    mode: EnumProperty(name="Crop", items=[("KEEP", "Keep inside", ""), ("REMOVE", "Remove inside", "")])
+    shape: EnumProperty(
+        name="Shape",
+        description="The volume that the Empty shows",
+        items=[("CUBE", "Box", "A box, which may be turned and stretched"), ("SPHERE", "Sphere", "A sphere, which may be stretched")],
+    )
+    mode: EnumProperty(
+        name="Crop",
+        description="Which side of it is drawn",
+        items=[("KEEP", "Keep inside", "Leave out what is outside"), ("REMOVE", "Remove inside", "Leave out what is inside")],
+    )
 
     def execute(self, context):
         owner = owner_of(context)
