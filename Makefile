@@ -108,7 +108,7 @@ check-blender-new: addon
 check-blender-window-new: addon
 	@test -n "$(BLENDER_NEW)" || { echo "name a Blender by BLENDER_NEW=PROGRAM; scripts/setup_blender_new.sh makes one of Debian's packages"; exit 1; }
 	"$(BLENDER_NEW)" --command extension validate "$(CURDIR)"/build/pags-blender-*.zip
-	for script in viewport files jobs labels; do echo "gui_$$script.py"; python3 tests/addon/run_blender.py gui_$$script.py \
+	for script in viewport files jobs labels obey inspect; do echo "gui_$$script.py"; python3 tests/addon/run_blender.py gui_$$script.py \
 	  "$(CURDIR)/build/addon/pags/bin/pags" "$(CURDIR)"/build/pags-blender-*.zip "$(BLENDER_NEW)" || exit 1; done
 
 bench-blender: addon
