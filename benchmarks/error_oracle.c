@@ -6,6 +6,7 @@
  * rendered with and without each. Their gains are ratios of the oracle's time, of which blending is a smaller share
  * than in the engine, so the pair counts beside them are more telling. */
 #include "benchmarks/error.h"
+#include "benchmarks/pool_costs.h"
 
 #include <math.h>
 #include <stdbool.h>
@@ -330,21 +331,11 @@ static double library_ns(void) {
 
 /* Time of one whole blending step of the kernel, ns per lane (pixel). */
 static double kernel_ns(const pags_kernels *kernels, int degree) {
-  const pags_splat faint = {.x = 1,
-                            .y = 1,
-                            .p = 0.1f,
-                            .h = 0.1f,
-                            .w = 0.1f,
-                            .log2_opacity = -7.5f,
-                            .cut = -8.0f,
-                            .r = 0.5f,
-                            .g = 0.5f,
-                            .b = 0.5f};
   double ns[ROUNDS];
   volatile float kept = 0;
   for (int round = 0; round < ROUNDS; round++) {
     const double begin = error_clock_ms();
-    kept = kept + kernels->roofline(&faint, KERNEL_STEPS, degree);
+    kept = kept + kernels->roofline(&pags_faint_splat, KERNEL_STEPS, degree);
     ns[round] = (error_clock_ms() - begin) * 1e6 / (KERNEL_STEPS * (double)PAGS_LANES);
   }
   return error_median(ns, ROUNDS);

@@ -108,21 +108,22 @@ static double claim_time(pags_tasks *tasks) {
 
 /* ---- Cores and memory ---- */
 
+const pags_splat pags_faint_splat = {.x = 1,
+                                     .y = 1,
+                                     .p = 0.1f,
+                                     .h = 0.1f,
+                                     .w = 0.1f,
+                                     .log2_opacity = -7.5f,
+                                     .cut = -8.0f,
+                                     .r = 0.5f,
+                                     .g = 0.5f,
+                                     .b = 0.5f};
+
 void pags_peak_blocks(void *context, int64_t begin, int64_t end, int worker) {
   pags_peak *const c = context;
-  const pags_splat faint = {.x = 1,
-                            .y = 1,
-                            .p = 0.1f,
-                            .h = 0.1f,
-                            .w = 0.1f,
-                            .log2_opacity = -7.5f,
-                            .cut = -8.0f,
-                            .r = 0.5f,
-                            .g = 0.5f,
-                            .b = 0.5f};
   (void)worker;
   for (int64_t i = begin; i < end; i++)
-    c->kept[i] = c->kernels->roofline(&faint, c->steps, 5);
+    c->kept[i] = c->kernels->roofline(&pags_faint_splat, c->steps, 5);
 }
 
 /* Times as long as alone that the bare blending kernel takes while it runs on all cores: below what is lost to shared

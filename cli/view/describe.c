@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/memory.h"
+#include "scene/camera_json.h"
 
 /* ---- Where to begin ---- */
 
@@ -45,12 +46,7 @@ pags_result pags_view_start_find(const pags_scene *scene, pags_view_start *out) 
 
 static void put_camera(pags_json_writer *json, const char *key, const pags_camera *camera) {
   pags_json_begin_object(json, key);
-  pags_json_put_integer(json, "width", camera->width);
-  pags_json_put_integer(json, "height", camera->height);
-  pags_json_put_number(json, "fx", camera->fx);
-  pags_json_put_number(json, "fy", camera->fy);
-  pags_json_put_number(json, "cx", camera->cx);
-  pags_json_put_number(json, "cy", camera->cy);
+  pags_camera_lens_to_json(json, camera);
   pags_json_put_numbers(json, "pose", camera->world_from_camera, 12);
   pags_json_put_number(json, "time", camera->time);
   pags_json_end_object(json);

@@ -12,5 +12,7 @@ pags_result pags_camera_from_json(const pags_json *json, const pags_json_value *
 
 /* Writes the keys of `camera` into the JSON object that is open in `writer`. */
 void pags_camera_to_json(pags_json_writer *writer, const pags_camera *camera);
+/* Those of its picture and lens alone: width, height, fx, fy, cx, cy. */
+void pags_camera_lens_to_json(pags_json_writer *writer, const pags_camera *camera);
 
 #endif

@@ -48,6 +48,15 @@ pags_result pags_camera_from_json(const pags_json *json, const pags_json_value *
   return pags_camera_check(camera, what);
 }
 
+void pags_camera_lens_to_json(pags_json_writer *writer, const pags_camera *camera) {
+  pags_json_put_integer(writer, "width", camera->width);
+  pags_json_put_integer(writer, "height", camera->height);
+  pags_json_put_number(writer, "fx", camera->fx);
+  pags_json_put_number(writer, "fy", camera->fy);
+  pags_json_put_number(writer, "cx", camera->cx);
+  pags_json_put_number(writer, "cy", camera->cy);
+}
+
 void pags_camera_to_json(pags_json_writer *writer, const pags_camera *camera) {
   double pose[12], r[9], q[4], t[3];
   pags_rigid_inverse(camera->world_from_camera, pose);
@@ -57,12 +66,7 @@ void pags_camera_to_json(pags_json_writer *writer, const pags_camera *camera) {
     t[i] = pose[4 * i + 3];
   }
   pags_quaternion_from_rotation(r, q);
-  pags_json_put_integer(writer, "width", camera->width);
-  pags_json_put_integer(writer, "height", camera->height);
-  pags_json_put_number(writer, "fx", camera->fx);
-  pags_json_put_number(writer, "fy", camera->fy);
-  pags_json_put_number(writer, "cx", camera->cx);
-  pags_json_put_number(writer, "cy", camera->cy);
+  pags_camera_lens_to_json(writer, camera);
   pags_json_put_numbers(writer, "camera_from_world_quaternion_wxyz", q, 4);
   pags_json_put_numbers(writer, "camera_from_world_translation", t, 3);
   if (!isnan(camera->time))
