@@ -28,6 +28,7 @@
 #include "base/rng.h"
 #include "system.h"
 #include "train/exposure.h"
+#include "train/gradient_store.h"
 
 enum { VIEWS = 9, WIDTH = 80, HEIGHT = 64, TRUTH = 150, ITERATIONS = 160 };
 static const double focal = 80.0;
@@ -307,6 +308,25 @@ static void batches_are_reproducible_too(void **unused) {
   config.schedule.batch = 2;
   assert_int_equal(run(&config, in_root("batch6"), 1, options, &result), PAGS_ERROR_ARGUMENT);
   assert_non_null(strstr(pags_error_message(), "another batch"));
+}
+
+/* Gradients of one stamp add up, those of another replace them. */
+static void a_store_adds_up_what_belongs_together(void **unused) {
+  (void)unused;
+  pags_gradient_store store = {0};
+  const float a[3] = {1, -2, 0.5f}, b[3] = {0.25f, 4, -0.5f};
+  assert_null(pags_gradient_store_find(&store, 1, 7));
+  assert_int_equal(pags_gradient_store_reserve(&store, 2, 3), PAGS_OK);
+  pags_gradient_store_add(&store, 1, 7, a, 3);
+  pags_gradient_store_add(&store, 1, 7, b, 3);
+  const float *const sum = pags_gradient_store_find(&store, 1, 7);
+  assert_non_null(sum);
+  assert_true(sum[0] == 1.25f && sum[1] == 2.0f && sum[2] == 0.0f);
+  assert_null(pags_gradient_store_find(&store, 0, 7));
+  pags_gradient_store_add(&store, 1, 8, b, 3);
+  assert_null(pags_gradient_store_find(&store, 1, 7));
+  assert_memory_equal(pags_gradient_store_find(&store, 1, 8), b, sizeof b);
+  pags_gradient_store_destroy(&store);
 }
 
 static pags_dataset *open_one_view(void) {
@@ -712,6 +732,7 @@ int main(void) {
       cmocka_unit_test(threads_and_checkpoints_change_no_bit),
       cmocka_unit_test(dropout_is_reproducible_too),
       cmocka_unit_test(batches_are_reproducible_too),
+      cmocka_unit_test(a_store_adds_up_what_belongs_together),
       cmocka_unit_test(a_step_goes_by_the_mean_of_its_photographs),
       cmocka_unit_test(shorter_lists_are_reproducible_too),
       cmocka_unit_test(exposures_may_follow_names),
