@@ -354,6 +354,8 @@ static pags_result merge(merger *m, const char *folder, const char *output, pags
   m->facts->gaussians = pags_scene_gaussian_count(&m->out);
   m->facts->objects = m->out.object_count;
   m->facts->views = m->out.view_count;
+  if (progress && !progress(user, 0.0, "writing the scene"))
+    return pags_fail(PAGS_CANCELLED, "merging was cancelled");
   return pags_scene_save(output, &m->out);
 }
 

@@ -15,6 +15,7 @@
 #include "dataset/block.h"
 
 enum { VERSION = 1, MOST_BLOCKS = 1000 };
+static const double FARTHEST = 1e9; /* metres: a place farther from the origin isn't one on the earth */
 
 void pags_blocks_destroy(pags_blocks *split) {
   free(split->recording);
@@ -212,13 +213,18 @@ static pags_result read_range(const pags_json *json, const pags_json_value *bloc
   return PAGS_OK;
 }
 
-static pags_result read_stand(const pags_json *json, const pags_json_value *row, int *frame, double stand[3]) {
+/* Reads a place of the path, whose time step must be later than `before`. */
+static pags_result read_stand(const pags_json *json, const pags_json_value *row, int before, int *frame,
+                              double stand[3]) {
   double values[4];
   int count = 0;
   for (const pags_json_value *v = row->first; v && count < 4; v = v->next)
     PAGS_TRY(pags_json_as_number(json, v, "a place of the path", &values[count++]));
-  if (row->count != 4 || !(values[0] >= 0 && values[0] < INT32_MAX))
-    return pags_json_fail(json, row, "expected a time step and three coordinates");
+  if (row->count != 4 || !(values[0] > before && values[0] < INT32_MAX) || values[0] != floor(values[0]))
+    return pags_json_fail(json, row, "expected a time step, later than the one before, and three coordinates");
+  for (int k = 1; k < 4; k++)
+    if (fabs(values[k]) > FARTHEST)
+      return pags_json_fail(json, row, "expected coordinates within %g m, found %g", FARTHEST, values[k]);
   *frame = (int)values[0];
   memcpy(stand, values + 1, 3 * sizeof *stand);
   return PAGS_OK;
@@ -234,6 +240,9 @@ static pags_result read_root(const pags_json *json, pags_blocks *split) {
     return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: the split's version is %lld, this program reads up to %d",
                      pags_json_path(json), (long long)version, VERSION);
   PAGS_TRY(pags_json_string(json, root, "split", &id));
+  if (strlen(id) >= sizeof split->id)
+    return pags_json_fail(json, pags_json_member(root, "split"), "expected %zu hexadecimal digits for 'split'",
+                          sizeof split->id - 1);
   snprintf(split->id, sizeof split->id, "%s", id);
   PAGS_TRY(pags_json_string_copy(json, root, "recording", &split->recording));
   PAGS_TRY(pags_json_number(json, root, "length", &split->length));
@@ -249,8 +258,9 @@ static pags_result read_root(const pags_json *json, pags_blocks *split) {
   for (const pags_json_value *v = blocks->first; v; v = v->next)
     PAGS_TRY(read_range(json, v, &split->ranges[i++]));
   i = 0;
-  for (const pags_json_value *v = path->first; v; v = v->next, i++)
-    PAGS_TRY(read_stand(json, v, &split->frames[i], split->stands[i]));
+  int before = -1;
+  for (const pags_json_value *v = path->first; v; v = v->next, before = split->frames[i++])
+    PAGS_TRY(read_stand(json, v, before, &split->frames[i], split->stands[i]));
   return PAGS_OK;
 }
 

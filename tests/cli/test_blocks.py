@@ -317,6 +317,15 @@ class Street(Case):
         for name in ["scene.json", "background.ply", "sky.npy"]:
             self.assertEqual(read(os.path.join(again, name)), read(self.block(1, "scene", name)), name)
 
+    def test_a_batch(self):
+        """Blocks are trained with several photographs a step as well, and any threads give the same bits."""
+        for threads in (1, 3):
+            self.succeeds("train", self.block(1), "-o", self.path(f"s{threads}"), *self.small, "--batch", "4", "-j", threads)
+        for name in ["scene.json", "background.ply", "sky.npy"]:
+            self.assertEqual(read(self.path("s1", name)), read(self.path("s3", name)), name)
+        self.assertNotEqual(read(self.path("s1", "background.ply")), read(self.block(1, "scene", "background.ply")))
+        self.assertEqual(read(self.path("s1", "sky.npy")), read(self.block(1, "scene", "sky.npy")))  # the whole drive's
+
     def test_options_are_the_recordings(self):
         train = ["train", self.block(0), "-o", self.path("x")]
         self.fails([*train, "--cameras", "0"], "block.json", "--cameras 0", "split with none given")
