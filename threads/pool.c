@@ -9,7 +9,10 @@
  *
  * A training step runs dozens of loops in short succession, hence idle workers spin on the gate for a moment before
  * they sleep. The count of sleepers and the gate are sequentially consistent atomics: either the worker that is about
- * to sleep sees the open gate, or the caller sees the sleeper, so that no wake-up is lost. */
+ * to sleep sees the open gate, or the caller sees the sleeper, so that no wake-up is lost.
+ *
+ * A pool may have more workers than the process has processors. Then only as many are awake as there are processors:
+ * one more would take the processor of a worker that has a block, and end the loop later. */
 #include <pags/tasks.h>
 
 #include <assert.h>
@@ -46,6 +49,7 @@ typedef struct hand {
 struct pags_tasks {
   int workers;
   int started; /* threads of the pool that run */
+  int useful;  /* of them, that may be awake at once: one for each processor but the caller's, at least one */
   bool hosted; /* the threads are the host's, by `runner` */
   pags_runner runner;
   hand *crew;          /* [workers]; entry 0 is the caller */
@@ -174,6 +178,11 @@ static void close_gate(pags_tasks *tasks) {
   pthread_mutex_unlock(&tasks->lock);
 }
 
+/* The number of workers, besides the caller, that work, spin, or are about to. */
+static int awake(pags_tasks *tasks) {
+  return tasks->workers - 1 - atomic_load(&tasks->sleepers);
+}
+
 /* Wakes up to `wanted` sleeping workers for work that has just become visible. A worker that is about to sleep takes
  * the lock, counts itself in `sleepers` and then looks for work: either it sees the work, or it is counted here, and
  * taking the lock here waits until it has released it by waiting on the condition, so that it receives the signal. */
@@ -191,9 +200,16 @@ static void wake_sleepers(pags_tasks *tasks, uint64_t wanted) {
   }
 }
 
+/* Wakes as many for it as are of use. */
+static void wake_useful(pags_tasks *tasks, uint64_t wanted) {
+  const int room = tasks->useful - awake(tasks);
+  if (room > 0)
+    wake_sleepers(tasks, wanted < (uint64_t)room ? wanted : (uint64_t)room);
+}
+
 static void run_on_pool(pags_tasks *tasks) {
   atomic_store(&tasks->gate, GATE_OPEN);
-  wake_sleepers(tasks, tasks->loop.blocks - 1);
+  wake_useful(tasks, tasks->loop.blocks - 1);
   run_shared_blocks(tasks, 0);
   close_gate(tasks);
 }
@@ -343,7 +359,7 @@ void pags_job_submit(pags_tasks *tasks, pags_job *job) {
   assert(job->state == JOB_IDLE || job->state == JOB_DONE);
   append_job(tasks, job);
   pthread_mutex_unlock(&tasks->lock);
-  wake_sleepers(tasks, 1);
+  wake_useful(tasks, 1);
 }
 
 void pags_job_wait(pags_tasks *tasks, pags_job *job) {
@@ -395,7 +411,7 @@ static void *worker_main(void *argument) {
       continue;
     } else if (atomic_load(&tasks->stopping)) {
       break;
-    } else if (!spin_until(has_work, tasks)) {
+    } else if (awake(tasks) > tasks->useful || !spin_until(has_work, tasks)) {
       sleep_until_work(tasks);
     }
   }
@@ -447,9 +463,11 @@ static pags_tasks *create_without_threads(int workers) {
 
 pags_tasks *pags_tasks_create(int threads) {
   assert(threads >= 0);
-  pags_tasks *tasks = create_without_threads(threads > 0 ? threads : pags_available_threads());
+  const int processors = pags_available_threads();
+  pags_tasks *tasks = create_without_threads(threads > 0 ? threads : processors);
   if (!tasks)
     return NULL;
+  tasks->useful = processors > 2 ? processors - 1 : 1;
   tasks->crew = calloc((size_t)tasks->workers, sizeof *tasks->crew);
   if (!tasks->crew || !start_workers(tasks)) {
     pags_tasks_destroy(tasks);

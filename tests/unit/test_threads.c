@@ -444,6 +444,38 @@ static void workers_have_arenas_of_their_own(void **state) {
   pags_tasks_destroy(tasks);
 }
 
+/* ---- More workers than processors ---- */
+
+static void nap_block(void *context, int64_t begin, int64_t end, int worker) {
+  atomic_int *seen = context;
+  (void)begin, (void)end;
+  atomic_store(&seen[worker], 1);
+  nanosleep(&(struct timespec){.tv_nsec = 100000}, NULL);
+}
+
+/* Blocks that sleep leave their processors to others, so that all workers would come, were they awake. */
+static void as_many_workers_are_awake_as_there_are_processors(void **state) {
+  enum { LOOPS = 50, MORE = 12 };
+  const int processors = pags_available_threads(), workers = processors + MORE;
+  int64_t sum = 0;
+  (void)state;
+  pags_tasks *tasks = pags_tasks_create(workers);
+  atomic_int *seen = calloc((size_t)workers, sizeof *seen);
+  assert_true(tasks && seen);
+  nanosleep(&(struct timespec){.tv_nsec = 30000000}, NULL); /* until they sleep */
+  for (int i = 0; i < LOOPS; i++) {
+    for (int w = 0; w < workers; w++)
+      atomic_store(&seen[w], 0);
+    assert_true(pags_parallel_for(tasks, 4 * workers, 1, nap_block, seen));
+    for (int w = 0; w < workers; w++)
+      sum += atomic_load(&seen[w]);
+  }
+  /* One more may be awake for a moment: one that was called for a loop and comes when the next has called another. */
+  assert_in_range(sum, LOOPS, LOOPS * (processors + 3));
+  free(seen);
+  pags_tasks_destroy(tasks);
+}
+
 static void destroying_nothing_is_allowed(void **state) {
   (void)state;
   pags_tasks_destroy(NULL);
@@ -467,6 +499,7 @@ int main(void) {
       cmocka_unit_test(destroy_finishes_pending_jobs),
       cmocka_unit_test(a_host_can_run_loops),
       cmocka_unit_test(workers_have_arenas_of_their_own),
+      cmocka_unit_test(as_many_workers_are_awake_as_there_are_processors),
       cmocka_unit_test(destroying_nothing_is_allowed),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
