@@ -24,7 +24,7 @@ CODE = re.compile(r"\.([ch]|inl|cc)$")
 # ---- Which folder may include from which ----
 CORE = ["engine/port", "threads", "simd", "engine/maths", "engine/base", "engine/scene", "engine/frame"]  # the folders linked into libpags.so and the Python module
 DATA = ["engine/image", "engine/dataset"]
-ENGINE = CORE + DATA + ["engine/import", "engine/init", "engine/train", "engine/eval", "engine/synth", "engine/blocks"]
+ENGINE = CORE + DATA + ["engine/import", "engine/init", "engine/train", "engine/eval", "engine/synth", "engine/blocks", "engine/cluster"]
 
 # A folder -> the folders, with those inside of them, that it includes from. Itself is always allowed.
 KNOWS = {
@@ -39,7 +39,8 @@ KNOWS = {
     "engine/dataset": ["engine/port", "threads", "engine/maths", "engine/base", "engine/scene", "engine/image"],
     "engine/import": ["engine/port", "threads", "engine/maths", "engine/base", "engine/scene"] + DATA,
     "engine/init": ["engine/port", "threads", "engine/maths", "engine/base", "engine/scene"] + DATA,
-    "engine/train": CORE + DATA + ["engine/init"],
+    "engine/cluster": ["engine/port", "threads", "engine/maths", "engine/base"],
+    "engine/train": CORE + DATA + ["engine/init", "engine/cluster"],
     "engine/blocks": ["engine/port", "threads", "engine/maths", "engine/base", "engine/scene"] + DATA,
     "engine/eval": ["engine/port", "threads", "engine/maths", "engine/base", "engine/image"],
     "engine/synth": ["engine/port", "threads", "engine/maths", "engine/base", "engine/scene"] + DATA,

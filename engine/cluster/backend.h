@@ -1,0 +1,36 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What a transport is made of: functions that move a transfer's parts, and what all kinds of transports count. */
+#ifndef PAGS_CLUSTER_BACKEND_H
+#define PAGS_CLUSTER_BACKEND_H
+
+#include "cluster/transport.h"
+
+/* One rank's side of one collective call: what goes to each rank and what comes from it. */
+struct pags_transfer {
+  int ranks;
+  struct pags_part {
+    const char *send;
+    char *receive;
+    int64_t send_bytes, receive_bytes; /* 0: nothing; also of this rank itself, whose part is copied at once */
+  } *parts;
+  void *state; /* the backend's */
+};
+
+typedef struct pags_backend {
+  /* Starts moving; `transfer->parts` and the buffers stay until `finish`, which waits and releases the state. After a
+   * failed `begin` there is nothing to finish. */
+  pags_result (*begin)(pags_transport *transport, pags_transfer *transfer);
+  pags_result (*finish)(pags_transport *transport, pags_transfer *transfer);
+  void (*tell)(pags_transport *transport, int64_t done, bool ends_early);
+  void (*hear)(const pags_transport *transport, int64_t *done, bool *ends_early);
+  void (*destroy)(pags_transport *transport, bool failed);
+} pags_backend;
+
+/* The begin of every backend's own struct. */
+struct pags_transport {
+  const pags_backend *backend;
+  int rank, ranks;
+  pags_transport_counters counters;
+};
+
+#endif

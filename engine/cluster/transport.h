@@ -1,0 +1,85 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Messages between the ranks of one job: threads of one process (tests), or one process alone, whose transport is NULL.
+ *
+ * All ranks call the collective functions in the same order, with sizes that agree: what rank a sends to rank b is as
+ * large as what b receives from a. Sizes are bytes in 64 bits. A function must be called by one thread of a rank at a
+ * time.
+ *
+ * No call waits for ever. A rank that dies, leaves or is silent for longer than the watchdog's time makes the calls of
+ * all others fail with PAGS_ERROR_IO and a message that names it; from then on every call fails. A rank is silent when
+ * its process doesn't run or can't be reached; one that computes for long isn't. */
+#ifndef PAGS_CLUSTER_TRANSPORT_H
+#define PAGS_CLUSTER_TRANSPORT_H
+
+#include <pags/base.h>
+#include <stdbool.h>
+
+typedef struct pags_transport pags_transport;
+typedef struct pags_transfer pags_transfer;
+
+enum { PAGS_RANKS_MOST = 4096 };
+
+int pags_transport_rank(const pags_transport *transport);  /* 0 .. ranks - 1 */
+int pags_transport_ranks(const pags_transport *transport); /* >= 1 */
+
+/* ---- Collective: every rank calls them ---- */
+
+/* All to all. `send` holds the part for rank 0, then that for rank 1, and so on, of send_bytes[rank] each; `receive`
+ * gets the parts in the order of the ranks that sent them. The rank's own part is copied. A buffer whose parts are all
+ * empty may be NULL. */
+pags_result pags_transport_exchange(pags_transport *transport, const void *send, const int64_t *send_bytes,
+                                    void *receive, const int64_t *receive_bytes);
+
+/* The same in two halves, between which the parts travel while the caller computes: the buffers, not the counts, must
+ * stay untouched until `finish`. Several may be under way; they are finished in any order, each once, and `finish`
+ * frees `transfer` in any case (NULL is allowed). After a failed `begin` *transfer is NULL. */
+pags_result pags_transport_exchange_begin(pags_transport *transport, const void *send, const int64_t *send_bytes,
+                                          void *receive, const int64_t *receive_bytes, pags_transfer **transfer);
+pags_result pags_transport_exchange_finish(pags_transport *transport, pags_transfer *transfer);
+
+/* Copies `bytes` of root's data to every rank. */
+pags_result pags_transport_broadcast(pags_transport *transport, int root, void *data, int64_t bytes);
+
+/* Brings every rank's bytes to `root`, where `receive` gets them in the order of the ranks; receive_bytes[rank] each.
+ * Elsewhere `receive` and `receive_bytes` are ignored. */
+pags_result pags_transport_gather(pags_transport *transport, int root, const void *send, int64_t bytes, void *receive,
+                                  const int64_t *receive_bytes);
+
+/* Agrees on how a piece of work ended on all ranks: PAGS_OK if it did everywhere; else the failure of the lowest rank
+ * that failed, its message beginning with "rank R: " (cancelled only if nothing worse happened). Every rank then has
+ * the same result and message. `mine` comes with this thread's error message. */
+pags_result pags_transport_agree(pags_transport *transport, pags_result mine);
+
+/* ---- News: no waiting, no order ---- */
+
+/* Tells the other ranks how much this one has done, in the caller's unit, and whether it ends early; they hear of it
+ * within half a second. */
+void pags_transport_tell(pags_transport *transport, int64_t done, bool ends_early);
+/* The sum of what all ranks have told, and whether one of them ends early or can't be reached. */
+void pags_transport_hear(const pags_transport *transport, int64_t *done, bool *ends_early);
+
+/* ---- Counters ---- */
+
+typedef struct pags_transport_counters {
+  int64_t bytes_sent, bytes_received; /* to and from other ranks */
+  int64_t transfers;
+  double waited_ms; /* inside of calls that wait for other ranks */
+} pags_transport_counters;
+
+pags_transport_counters pags_transport_counted(const pags_transport *transport);
+
+/* ---- Beginning and end ---- */
+
+/* Seconds of silence after which a rank is given up: the environment variable PAGS_WATCHDOG, by default 60. */
+double pags_transport_watchdog(void);
+
+/* Ends this rank's part. `failed`: without waiting for the others. NULL is allowed. Nothing may be under way unless
+ * `failed`. */
+void pags_transport_destroy(pags_transport *transport, bool failed);
+
+/* Makes `ranks` transports of one process, one for each of the threads that play the ranks. bytes_a_second > 0 holds
+ * what each rank sends, and what it receives, to that rate. `watchdog`: seconds. Each is destroyed by its rank. */
+pags_result pags_transport_create_threads(int ranks, double bytes_a_second, double watchdog,
+                                          pags_transport **transports);
+
+#endif

@@ -1,0 +1,246 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Ranks as threads of one process, for tests. Every message is copied when it is sent and taken by its receiver, which
+ * knows it by its sender and the transfer's number.
+ *
+ * With a rate, a message arrives when both ends have been busy with it for bytes / rate seconds, one message after the
+ * other at each end, both directions apart (a full-duplex network card). The data itself is there earlier; calls wait
+ * for the time. */
+#include <assert.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/clock.h"
+#include "base/memory.h"
+#include "cluster/backend.h"
+#include "port/port.h"
+
+typedef struct message {
+  struct message *next;
+  int from;
+  int64_t number, bytes;
+  double arrives_ms;
+  char data[];
+} message;
+
+/* One rank as the others see it. All of it is guarded by the hub's lock. */
+typedef struct seat {
+  message *inbox;
+  double sends_until_ms, receives_until_ms;
+  int64_t done;
+  bool ends_early, left;
+} seat;
+
+typedef struct hub {
+  pthread_mutex_t lock;
+  pthread_cond_t changed;
+  int present; /* the last rank to leave frees the hub */
+  double bytes_a_ms, watchdog;
+  seat *seats;
+} hub;
+
+typedef struct threads_transport {
+  pags_transport base;
+  hub *hub;
+  int64_t number; /* of the next transfer */
+  bool broken;
+} threads_transport;
+
+/* A transfer under way. */
+typedef struct moving {
+  int64_t number;
+  double sent_ms; /* when the last of this rank's parts is away */
+} moving;
+
+static pags_result begin(pags_transport *transport, pags_transfer *transfer) {
+  threads_transport *self = (threads_transport *)transport;
+  hub *shared = self->hub;
+  if (self->broken)
+    return pags_fail(PAGS_ERROR_IO, "the ranks have parted after a failure");
+  moving *state = transfer->state = malloc(sizeof *state);
+  message **messages = calloc((size_t)transfer->ranks, sizeof *messages);
+  bool memory = state && messages;
+  for (int rank = 0; memory && rank < transfer->ranks; rank++) {
+    const int64_t bytes = transfer->parts[rank].send_bytes;
+    if (!bytes)
+      continue;
+    messages[rank] = malloc(sizeof **messages + (size_t)bytes);
+    memory = messages[rank] != NULL;
+    if (memory)
+      memcpy(messages[rank]->data, transfer->parts[rank].send, (size_t)bytes);
+  }
+  if (!memory) {
+    for (int rank = 0; messages && rank < transfer->ranks; rank++)
+      free(messages[rank]);
+    free(messages);
+    free(state);
+    return pags_out_of_memory("messages to %d ranks", transfer->ranks);
+  }
+  state->number = self->number++;
+  pthread_mutex_lock(&shared->lock);
+  const double now = pags_clock_ms();
+  seat *own = &shared->seats[transport->rank];
+  state->sent_ms = now;
+  for (int rank = 0; rank < transfer->ranks; rank++) {
+    if (!messages[rank])
+      continue;
+    seat *other = &shared->seats[rank];
+    message *sent = messages[rank];
+    sent->from = transport->rank;
+    sent->number = state->number;
+    sent->bytes = transfer->parts[rank].send_bytes;
+    sent->arrives_ms = now;
+    if (shared->bytes_a_ms > 0) {
+      double begins = own->sends_until_ms > other->receives_until_ms ? own->sends_until_ms : other->receives_until_ms;
+      begins = begins > now ? begins : now;
+      sent->arrives_ms = begins + (double)sent->bytes / shared->bytes_a_ms;
+      own->sends_until_ms = other->receives_until_ms = state->sent_ms = sent->arrives_ms;
+    }
+    sent->next = other->inbox;
+    other->inbox = sent;
+  }
+  pthread_cond_broadcast(&shared->changed);
+  pthread_mutex_unlock(&shared->lock);
+  free(messages);
+  return PAGS_OK;
+}
+
+/* Takes the message out of this rank's inbox; NULL if it isn't there. Locked. */
+static message *take(seat *own, int from, int64_t number) {
+  for (message **at = &own->inbox; *at; at = &(*at)->next)
+    if ((*at)->from == from && (*at)->number == number) {
+      message *found = *at;
+      *at = found->next;
+      return found;
+    }
+  return NULL;
+}
+
+/* Waits until the clock says `until_ms`. Locked. */
+static void wait_until(hub *shared, double until_ms) {
+  for (double left = until_ms - pags_clock_ms(); left > 0; left = until_ms - pags_clock_ms())
+    pags_port_condition_wait(&shared->changed, &shared->lock, left * 1e-3);
+}
+
+static pags_result receive(threads_transport *self, int from, int64_t number, struct pags_part *part) {
+  hub *shared = self->hub;
+  seat *own = &shared->seats[self->base.rank];
+  const double give_up_ms = pags_clock_ms() + shared->watchdog * 1e3;
+  message *found;
+  while (!(found = take(own, from, number))) {
+    if (shared->seats[from].left)
+      return pags_fail(PAGS_ERROR_IO, "rank %d of %d has ended before its work was done", from, self->base.ranks);
+    const double left = give_up_ms - pags_clock_ms();
+    if (left <= 0)
+      return pags_fail(PAGS_ERROR_IO, "rank %d of %d has been silent for %g s", from, self->base.ranks,
+                       shared->watchdog);
+    pags_port_condition_wait(&shared->changed, &shared->lock, left * 1e-3);
+  }
+  wait_until(shared, found->arrives_ms);
+  const int64_t bytes = found->bytes;
+  if (bytes == part->receive_bytes)
+    memcpy(part->receive, found->data, (size_t)bytes);
+  free(found);
+  return bytes == part->receive_bytes ? PAGS_OK
+                                      : pags_fail(PAGS_ERROR_IO, "rank %d of %d sent %lld bytes; expected %lld", from,
+                                                  self->base.ranks, (long long)bytes, (long long)part->receive_bytes);
+}
+
+static pags_result finish(pags_transport *transport, pags_transfer *transfer) {
+  threads_transport *self = (threads_transport *)transport;
+  const moving state = *(moving *)transfer->state;
+  free(transfer->state);
+  if (self->broken)
+    return pags_fail(PAGS_ERROR_IO, "the ranks have parted after a failure");
+  pags_result result = PAGS_OK;
+  pthread_mutex_lock(&self->hub->lock);
+  for (int rank = 0; result == PAGS_OK && rank < transfer->ranks; rank++)
+    if (transfer->parts[rank].receive_bytes)
+      result = receive(self, rank, state.number, &transfer->parts[rank]);
+  if (result == PAGS_OK)
+    wait_until(self->hub, state.sent_ms);
+  self->broken = result != PAGS_OK;
+  pthread_mutex_unlock(&self->hub->lock);
+  return result;
+}
+
+static void tell(pags_transport *transport, int64_t done, bool ends_early) {
+  hub *shared = ((threads_transport *)transport)->hub;
+  pthread_mutex_lock(&shared->lock);
+  shared->seats[transport->rank].done = done;
+  shared->seats[transport->rank].ends_early = ends_early;
+  pthread_mutex_unlock(&shared->lock);
+}
+
+static void hear(const pags_transport *transport, int64_t *done, bool *ends_early) {
+  hub *shared = ((const threads_transport *)transport)->hub;
+  pthread_mutex_lock(&shared->lock);
+  for (int rank = 0; rank < transport->ranks; rank++) {
+    *done += shared->seats[rank].done;
+    *ends_early |= shared->seats[rank].ends_early || shared->seats[rank].left;
+  }
+  pthread_mutex_unlock(&shared->lock);
+}
+
+static void destroy_hub(hub *shared, int ranks) {
+  for (int rank = 0; shared->seats && rank < ranks; rank++)
+    for (message *next, *at = shared->seats[rank].inbox; at; at = next) {
+      next = at->next;
+      free(at);
+    }
+  free(shared->seats);
+  pthread_cond_destroy(&shared->changed);
+  pthread_mutex_destroy(&shared->lock);
+  free(shared);
+}
+
+static void destroy(pags_transport *transport, bool failed) {
+  (void)failed;
+  hub *shared = ((threads_transport *)transport)->hub;
+  pthread_mutex_lock(&shared->lock);
+  shared->seats[transport->rank].left = true;
+  const bool last = --shared->present == 0;
+  pthread_cond_broadcast(&shared->changed);
+  pthread_mutex_unlock(&shared->lock);
+  if (last)
+    destroy_hub(shared, transport->ranks);
+  free(transport);
+}
+
+pags_result pags_transport_create_threads(int ranks, double bytes_a_second, double watchdog,
+                                          pags_transport **transports) {
+  static const pags_backend backend = {begin, finish, tell, hear, destroy};
+  assert(ranks >= 1 && ranks <= PAGS_RANKS_MOST && bytes_a_second >= 0 && watchdog > 0);
+  for (int rank = 0; rank < ranks; rank++)
+    transports[rank] = NULL;
+  hub *shared = calloc(1, sizeof *shared);
+  if (!shared || pthread_mutex_init(&shared->lock, NULL) != 0) {
+    free(shared);
+    return pags_out_of_memory("%d ranks", ranks);
+  }
+  if (!pags_port_condition_create(&shared->changed)) {
+    pthread_mutex_destroy(&shared->lock);
+    free(shared);
+    return pags_out_of_memory("%d ranks", ranks);
+  }
+  shared->bytes_a_ms = bytes_a_second * 1e-3;
+  shared->watchdog = watchdog;
+  shared->seats = calloc((size_t)ranks, sizeof *shared->seats);
+  bool memory = shared->seats != NULL;
+  for (int rank = 0; memory && rank < ranks; rank++) {
+    threads_transport *self = calloc(1, sizeof *self);
+    memory = self != NULL;
+    if (memory) {
+      *self = (threads_transport){.base = {.backend = &backend, .rank = rank, .ranks = ranks}, .hub = shared};
+      transports[rank] = &self->base;
+      shared->present++;
+    }
+  }
+  if (memory)
+    return PAGS_OK;
+  for (int rank = 0; rank < ranks; rank++) {
+    free(transports[rank]);
+    transports[rank] = NULL;
+  }
+  destroy_hub(shared, ranks);
+  return pags_out_of_memory("%d ranks", ranks);
+}

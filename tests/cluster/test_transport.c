@@ -1,0 +1,117 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The transport of one process and that of threads: what arrives, how failures end, how long a link that is held to a
+ * rate takes. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+
+#include <string.h>
+
+#include "base/clock.h"
+#include "cluster/thread_ranks.h"
+#include "cluster/transport_checks.h"
+
+static const char *all_checks(pags_transport *transport, void *user) {
+  (void)user;
+  return transport_checks(transport, 100000);
+}
+
+static void test_one_process(void **state) {
+  (void)state;
+  assert_int_equal(pags_transport_ranks(NULL), 1);
+  assert_int_equal(pags_transport_rank(NULL), 0);
+  assert_string_equal(transport_checks(NULL, 0), "");
+  assert_int_equal(pags_transport_counted(NULL).bytes_sent, 0);
+}
+
+static void test_ranks(void **state) {
+  (void)state;
+  for (int ranks = 1; ranks <= 5; ranks++)
+    assert_true(run_ranks(ranks, 0, 60, all_checks, NULL));
+  assert_true(run_ranks(4, 1e9, 60, all_checks, NULL));
+}
+
+/* ---- Failures: rank 1 never sends what the others wait for ---- */
+
+static const char *leave(pags_transport *transport, void *user) {
+  const bool *returns = user; /* else it is silent until the others have gone */
+  if (pags_transport_rank(transport) == 1) {
+    bool gone = *returns;
+    for (int64_t done; !gone;)
+      pags_transport_hear(transport, &done, &gone);
+    return "";
+  }
+  int value = 0;
+  if (pags_transport_broadcast(transport, 1, &value, sizeof value) != PAGS_ERROR_IO)
+    return "a rank that never sends must be an error";
+  if (!strstr(pags_error_message(), *returns ? "rank 1 of 3 has ended" : "rank 1 of 3 has been silent for 0.2 s"))
+    return pags_error_message();
+  /* nothing works any more */
+  return pags_transport_broadcast(transport, 0, &value, sizeof value) == PAGS_ERROR_IO ? "" : "it must stay broken";
+}
+
+static void test_lost_rank(void **state) {
+  (void)state;
+  for (int i = 0; i < 2; i++) {
+    bool returns = i == 0;
+    assert_true(run_ranks(3, 0, returns ? 60 : 0.2, leave, &returns));
+  }
+}
+
+/* ---- Rate ---- */
+
+/* Every rank sends `bytes` to every other and computes for `computes_ms` meanwhile. */
+typedef struct load {
+  int64_t bytes;
+  double computes_ms, took_ms[THREAD_RANKS_MOST], waited_ms[THREAD_RANKS_MOST];
+} load;
+
+static char sent[3000000], received[3][3000000];
+
+static const char *exchange_load(pags_transport *transport, void *user) {
+  load *l = user;
+  int64_t bytes[3];
+  const int rank = pags_transport_rank(transport);
+  for (int other = 0; other < 3; other++)
+    bytes[other] = other == rank ? 0 : l->bytes;
+  double since = pags_clock_ms();
+  pags_transfer *transfer;
+  if (pags_transport_exchange_begin(transport, sent, bytes, received[rank], bytes, &transfer) != PAGS_OK)
+    return pags_error_message();
+  const double until = since + l->computes_ms;
+  while (pags_clock_ms() < until)
+    ;
+  if (pags_transport_exchange_finish(transport, transfer) != PAGS_OK)
+    return pags_error_message();
+  l->took_ms[rank] = pags_clock_lap_ms(&since);
+  l->waited_ms[rank] = pags_transport_counted(transport).waited_ms;
+  return "";
+}
+
+/* 2 x 1,000,000 bytes to and from each of three ranks at 20 MB/s are busy for 100 ms at each end. They can't be faster;
+ * the slowest may wait for a message's place at its other end, and for a processor: up to four times as long. */
+static void test_rate(void **state) {
+  (void)state;
+  load l = {.bytes = 1000000};
+  assert_true(run_ranks(3, 20e6, 60, exchange_load, &l));
+  for (int rank = 0; rank < 3; rank++)
+    assert_true(l.took_ms[rank] >= 100 && l.took_ms[rank] < 400 && l.waited_ms[rank] > 90);
+  /* what takes longer than the messages hides them */
+  l.computes_ms = 500;
+  assert_true(run_ranks(3, 20e6, 60, exchange_load, &l));
+  for (int rank = 0; rank < 3; rank++)
+    assert_true(l.took_ms[rank] >= 500 && l.waited_ms[rank] < 100);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_one_process),
+      cmocka_unit_test(test_ranks),
+      cmocka_unit_test(test_lost_rank),
+      cmocka_unit_test(test_rate),
+  };
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}
