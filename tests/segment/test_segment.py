@@ -5,7 +5,6 @@ test_segment.py PAGS. Runs with tools/segment/.venv where there is one; without 
 """
 
 import errno
-import importlib.util
 import io
 import json
 import os
@@ -21,22 +20,11 @@ import time
 import unittest
 
 HERE = os.path.dirname(os.path.abspath(__file__))
-TOOLS = os.path.join(os.path.dirname(os.path.dirname(HERE)), "tools")
-PYTHON = os.path.join(TOOLS, "segment", ".venv", "bin", "python")
-NEEDED = ("onnxruntime", "numpy", "PIL")
+sys.path[:0] = [os.path.dirname(HERE)]
 
+from tool_python import TOOLS, need  # noqa: E402
 
-def find_python():
-    """Restarts the test with the tool's own Python environment, or skips it."""
-    if all(importlib.util.find_spec(name) for name in NEEDED):
-        return
-    if os.path.exists(PYTHON) and os.environ.get("SEGMENT_TEST") != "own":
-        os.execve(PYTHON, [PYTHON, "-B", *sys.argv], os.environ | {"SEGMENT_TEST": "own"})
-    print("skipped: needs onnxruntime, numpy and pillow; make setup puts them into tools/segment/.venv")
-    sys.exit(77)
-
-
-find_python()
+need("onnxruntime", "numpy", "PIL")
 sys.path[:0] = [HERE, TOOLS]
 
 import numpy as np  # noqa: E402

@@ -1,0 +1,314 @@
+# SPDX-License-Identifier: Apache-2.0
+"""tools/recordings: recordings written with it, which pags reads back; what it refuses; its conversions against others' formulas."""
+
+import io
+import json
+import os
+import pathlib
+import subprocess
+import sys
+import unittest
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+sys.path[:0] = [os.path.dirname(HERE), os.path.join(os.path.dirname(HERE), "cli")]
+
+from tool_python import TOOLS, need  # noqa: E402
+
+need("numpy", "PIL")
+sys.path[:0] = [os.path.join(TOOLS, "recordings")]
+
+import numpy as np  # noqa: E402
+from PIL import Image  # noqa: E402
+
+import fixtures  # noqa: E402
+from fixtures import Case, read, write  # noqa: E402
+from pags_recordings import Recording, RecordingError, poses  # noqa: E402
+
+TEMPLATE = os.path.join(TOOLS, "recordings", "template.py")
+SHARED = os.environ.get("PAGS_SHARED_DATA") or os.path.join(os.path.dirname(TOOLS), "..", "shared", "data")
+DGP = os.path.join(os.path.normpath(SHARED), "found", "dgp-scene_01")
+
+
+def about(axis, angle):
+    """The rotation about an axis by Rodrigues' formula."""
+    x, y, z = np.asarray(axis, float) / np.linalg.norm(axis)
+    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
+
+
+def half_angle(axis, angle):
+    """The quaternion x y z w of the same rotation."""
+    return [*(np.sin(angle / 2) * np.asarray(axis, float) / np.linalg.norm(axis)), np.cos(angle / 2)]
+
+
+def matrix(folder, *names):
+    return np.loadtxt(os.path.join(folder, *names)).reshape(4, 4)
+
+
+def load(folder, *names):
+    return json.loads(read(os.path.join(folder, *names)))
+
+
+class Poses(unittest.TestCase):
+    def test_quaternions(self):
+        random = np.random.default_rng(3)
+        for _ in range(200):
+            axis, angle = random.normal(size=3), random.uniform(-np.pi, np.pi)
+            rotation = about(axis, angle)
+            x, y, z, w = half_angle(axis, angle)
+            np.testing.assert_allclose(poses.rotation_of([x, y, z, w], "xyzw"), rotation, atol=1e-12)
+            np.testing.assert_allclose(poses.rotation_of([-w, -x, -y, -z], "wxyz"), rotation, atol=1e-12)
+            np.testing.assert_allclose(poses.rotation_of(poses.quaternion_of(rotation), "wxyz"), rotation, atol=1e-12)
+        for axis in np.eye(3):  # half turns, where w is 0
+            np.testing.assert_allclose(poses.rotation_of(poses.quaternion_of(about(axis, np.pi)), "wxyz"), about(axis, np.pi), atol=1e-12)
+
+    def test_axes(self):
+        """A point 1 right, 2 down, 3 forward of a camera, and one 1 forward, 2 left, 3 up of a box."""
+        seen = np.array([1, 2, 3, 1])
+        self.assertEqual((poses.axes_from_opencv("opengl") @ seen)[:3].tolist(), [1, -2, -3])
+        self.assertEqual((poses.axes_from_opencv("waymo") @ seen)[:3].tolist(), [3, -1, -2])
+        self.assertEqual((poses.front_from_box("+y") @ seen)[:3].tolist(), [-2, 1, 3])
+        self.assertEqual((poses.front_from_box("-y") @ seen)[:3].tolist(), [2, -1, 3])
+        self.assertEqual((poses.front_from_box("-x") @ seen)[:3].tolist(), [-1, -2, 3])
+        self.assertEqual(poses.box_size([2, 5, 1.5], "+y").tolist(), [5, 2, 1.5])
+
+    def test_between(self):
+        a, b = poses.pose(about([0, 0, 1], 0.2), [0, 0, 0]), poses.pose(about([0, 0, 1], 1.0), [4, 8, 0])
+        between = poses.interpolate([10, 12], [a, b], 10.5)
+        np.testing.assert_allclose(between, poses.pose(about([0, 0, 1], 0.4), [1, 2, 0]), atol=1e-12)
+        np.testing.assert_allclose(poses.interpolate([10, 12], [a, b], 13), poses.pose(about([0, 0, 1], 1.4), [6, 12, 0]), atol=1e-12)
+        for at in (7.9, 14.1):
+            with self.assertRaisesRegex(RecordingError, "no pose at"):
+                poses.interpolate([10, 12], [a, b], at)
+
+    def test_times(self):
+        first = 1_700_000_000_123_456_789
+        self.assertEqual(poses.seconds([first, first + 1, first + 2_000_000_000], "ns").tolist(), [0, 1e-9, 2])
+        with self.assertRaisesRegex(RecordingError, "s, ms, us, ns"):
+            poses.seconds([1], "minutes")
+
+
+# ---- A recording written anew ----
+
+
+class Dgp(Case):
+    def test_it_reads_back_the_same(self):
+        if not os.path.isdir(DGP):
+            self.skipTest(f"needs {DGP} (set PAGS_SHARED_DATA to the folder of the test data)")
+        out, info, times = self.path("dgp"), load(DGP, "dataset.json"), load(DGP, "timestamps.json")
+        boxes = load(DGP, "instances", "instances_info.json")
+        with Recording(out) as recording:
+            for n, name in info["cameras"].items():
+                fx, fy, cx, cy, *lens = np.loadtxt(os.path.join(DGP, "intrinsics", f"{n}.txt"))
+                with Image.open(os.path.join(DGP, "images", f"000_{n}.jpg")) as picture:
+                    size = picture.size
+                recording.add_camera(name, size, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], lens, pixel_centre=0.5)
+            for t, time in enumerate(times["frames"]):
+                ego = matrix(DGP, "ego_pose", f"{t:03d}.txt")
+                step = recording.add_step(time, ego)
+                for n, name in info["cameras"].items():
+                    picture = os.path.join(DGP, "images", f"{t:03d}_{n}.jpg")
+                    step.photograph(name, picture, matrix(DGP, "extrinsics", f"{t:03d}_{n}.txt"), times["cameras"][n][t])
+                step.lidar(np.fromfile(os.path.join(DGP, "lidar", f"{t:03d}.bin"), "<f4").reshape(-1, 4), ego, ["intensity"])
+                for box in boxes.values():
+                    marks = box["frame_annotations"]
+                    for frame, pose, size in zip(marks["frame_idx"], marks["obj_to_world"], marks["box_size"]):
+                        if frame == t:
+                            step.box(box["id"], box["class_name"], pose, size)
+        for t in range(3):
+            self.assertEqual(read(os.path.join(out, "lidar", f"{t:06d}.bin")), read(os.path.join(DGP, "lidar", f"{t:03d}.bin")))
+            np.testing.assert_array_equal(matrix(out, "ego_pose", f"{t:06d}.txt"), matrix(DGP, "ego_pose", f"{t:03d}.txt"))
+            for n in range(3):
+                self.assertEqual(read(os.path.join(out, "images", f"{t:06d}_{n}.jpg")), read(os.path.join(DGP, "images", f"{t:03d}_{n}.jpg")))
+                np.testing.assert_array_equal(matrix(out, "extrinsics", f"{t:06d}_{n}.txt"), matrix(DGP, "extrinsics", f"{t:03d}_{n}.txt"))
+        facts = [json.loads(self.succeeds("info", folder, "--json", "-").stdout) for folder in (DGP, out)]
+        rates = [fact.pop("fps") for fact in facts]  # stated as 1 there; by the times here
+        self.assertAlmostEqual(rates[0], rates[1], 3)
+        self.assertEqual(*(json.loads(json.dumps(fact).replace(folder, "D")) for fact, folder in zip(facts, (DGP, out))))
+
+
+# ---- The template, on the most awkward recording that the docs promise to take ----
+
+
+class Template(Case):
+    @classmethod
+    def setUpClass(cls):
+        cls.shared = cls.shared_folder()
+        cls.street, cls.raw, cls.out = (os.path.join(cls.shared, name) for name in ("street", "raw", "out"))
+        done = fixtures.run("synth", "street", "-o", cls.street, "--size", "160x96", "--frames", "8", "--cameras", "2", "--lidar-points", "3000", "--no-shifts")
+        assert done.returncode == 0, done.stderr
+        cls.make_awkward()
+        done = cls.template(cls.raw, cls.out)
+        assert done.returncode == 0, done.stderr
+
+    @staticmethod
+    def template(raw, out):
+        environment = os.environ | {"PYTHONPATH": os.path.join(TOOLS, "recordings")}
+        return subprocess.run([sys.executable, "-B", TEMPLATE, raw, out], capture_output=True, text=True, env=environment)
+
+    @classmethod
+    def make_awkward(cls):
+        """The street in nanoseconds, with quaternions x y z w, world-to-camera, LiDAR in a sensor that is turned and lifted, boxes in its axes that look
+        along -y, and camera matrices whose first pixel's middle is at 0."""
+        street, times = cls.street, load(cls.street, "timestamps.json")
+        boxes = load(street, "instances", "instances_info.json")
+        turned = about([0.1, -0.2, 1], 2.0)
+        ego_from_lidar = np.block([[turned, np.array([[0.4], [0.1], [1.9]])], [np.zeros((1, 3)), np.ones((1, 1))]])
+        index = {"front": "-y", "cameras": {}, "frames": [], "lidar": {"xyzw": half_angle([0.1, -0.2, 1], 2.0), "translation": [0.4, 0.1, 1.9]}}
+        for n, name in load(street, "dataset.json")["cameras"].items():
+            fx, fy, cx, cy = np.loadtxt(os.path.join(street, "intrinsics", f"{n}.txt"))[:4]
+            index["cameras"][name] = {"width": 160, "height": 96, "K": [[fx, 0, cx - 0.5], [0, fy, cy - 0.5], [0, 0, 1]], "distortion": []}
+        front_of_box = np.array([[0.0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])  # a point forward of the thing lies at -y
+        for t, time in enumerate(times["frames"]):
+            ego = matrix(street, "ego_pose", f"{t:03d}.txt")
+            frame = {"time": int(1_600_000_000_000_000_000 + round(time * 1e9)), "ego": cls.parts(ego), "photographs": {}, "boxes": [], "lidar": f"{t}.bin"}
+            for n, name in load(street, "dataset.json")["cameras"].items():
+                camera_from_world = np.linalg.inv(ego @ matrix(street, "extrinsics", f"{n}.txt"))
+                frame["photographs"][name] = {"file": f"{t}_{n}.png", **cls.parts(camera_from_world)}
+                write(os.path.join(cls.raw, f"{t}_{n}.png"), read(os.path.join(street, "images", f"{t:03d}_{n}.png")))
+            rows = np.fromfile(os.path.join(street, "lidar", f"{t:03d}.bin"), "<f4").reshape(-1, 4).astype(float)
+            rows[:, :3] = (rows[:, :3] - ego_from_lidar[:3, 3]) @ turned
+            write(os.path.join(cls.raw, f"{t}.bin"), rows.astype("<f4").tobytes())
+            for box in boxes.values():
+                marks = box["frame_annotations"]
+                if t in marks["frame_idx"]:
+                    i = marks["frame_idx"].index(t)
+                    lidar_from_box = np.linalg.inv(ego @ ego_from_lidar) @ np.array(marks["obj_to_world"][i])
+                    length, width, height = marks["box_size"][i]
+                    where = cls.parts(lidar_from_box @ np.linalg.inv(front_of_box))
+                    frame["boxes"].append({"track": box["id"], "class": box["class_name"], "centre": where["translation"], "xyzw": where["xyzw"], "extents": [width, length, height]})
+            index["frames"].append(frame)
+        write(os.path.join(cls.raw, "index.json"), json.dumps(index))
+
+    @staticmethod
+    def parts(pose):
+        """Quaternion and translation of a pose, by the eigenvector of the rotation."""
+        r = pose[:3, :3]
+        values, vectors = np.linalg.eig(r)
+        axis = np.real(vectors[:, np.argmin(np.abs(values - 1))])
+        skew = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
+        angle = np.arctan2(axis @ skew, np.trace(r) - 1)
+        return {"xyzw": half_angle(axis, angle), "translation": pose[:3, 3].tolist()}
+
+    def test_it_comes_out_right(self):
+        cameras = load(self.street, "dataset.json")["cameras"]
+        for t in range(8):
+            ego = matrix(self.street, "ego_pose", f"{t:03d}.txt")
+            np.testing.assert_allclose(matrix(self.out, "ego_pose", f"{t:06d}.txt"), ego, atol=1e-9)
+            for n in cameras:
+                np.testing.assert_allclose(matrix(self.out, "extrinsics", f"{t:06d}_{n}.txt"), ego @ matrix(self.street, "extrinsics", f"{n}.txt"), atol=1e-9)
+            got, true = (np.fromfile(os.path.join(f, "lidar", name), "<f4") for f, name in ((self.out, f"{t:06d}.bin"), (self.street, f"{t:03d}.bin")))
+            np.testing.assert_allclose(got, true, atol=1e-4)  # metres: two roundings to float32 at 100 m
+        for n in cameras:
+            np.testing.assert_allclose(np.loadtxt(os.path.join(self.out, "intrinsics", f"{n}.txt"))[:4], np.loadtxt(os.path.join(self.street, "intrinsics", f"{n}.txt"))[:4], atol=1e-9)
+        true = {box["id"]: box for box in load(self.street, "instances", "instances_info.json").values()}
+        made = {box["id"]: box for box in load(self.out, "instances", "instances_info.json").values()}
+        self.assertEqual(set(made), set(true))
+        for name, box in made.items():
+            self.assertEqual(box["class_name"], true[name]["class_name"])
+            for key, bound in (("frame_idx", 0), ("obj_to_world", 1e-9), ("box_size", 1e-12)):
+                np.testing.assert_allclose(box["frame_annotations"][key], true[name]["frame_annotations"][key], atol=bound)
+
+    def test_the_overlay_agrees(self):
+        shares = [json.loads(self.succeeds("info", f, "--overlay", self.path(f"look{i}"), "--json", "-").stdout)["overlay"] for i, f in enumerate((self.street, self.out))]
+        self.assertEqual(shares[1]["warnings"], [])
+        self.assertGreater(shares[1]["lidar_in_boxes"], 0.99)
+        self.assertAlmostEqual(shares[1]["lidar_in_boxes"], shares[0]["lidar_in_boxes"], 3)
+        self.assertAlmostEqual(shares[1]["front_cosine"], 1, 3)
+
+    def test_it_trains(self):
+        self.succeeds("train", self.out, "-o", self.path("scene"), "-n", "20", "--max-gaussians", "2000", "--set", "lidar_points=1000")
+
+    def test_a_wrong_file_is_named(self):
+        done = self.template(self.raw, self.out)
+        self.assertEqual((done.returncode, done.stderr.count("\n")), (1, 1))
+        self.assertIn(f"{self.out}: isn't empty", done.stderr)
+
+
+# ---- What is refused ----
+
+
+class Refused(Case):
+    K = [[50.0, 0, 8], [0, 50, 6], [0, 0, 1]]
+
+    def begin(self):
+        recording = Recording(self.path("D"))
+        recording.add_camera("front", (16, 12), self.K)
+        return recording
+
+    def refused(self, words, call, *arguments, **more):
+        with self.assertRaisesRegex(RecordingError, words):
+            call(*arguments, **more)
+
+    def test_cameras(self):
+        r = self.begin()
+        self.refused("no other camera has", r.add_camera, "front", (16, 12), self.K)
+        self.refused("aren't pixels", r.add_camera, "b", (16, 12), [[0.8, 0, 0.5], [0, 0.8, 0.5], [0, 0, 1]])
+        self.refused("without skew", r.add_camera, "b", (16, 12), [[50, 3, 8], [0, 50, 6], [0, 0, 1]])
+        self.refused("undistort", r.add_camera, "b", (16, 12), self.K, [1, 2, 3, 4, 5, 6, 7, 8])
+        self.refused("at 0 or at 0.5", r.add_camera, "b", (16, 12), self.K, pixel_centre=1)
+        r.add_step(0)
+        self.refused("before the first time step", r.add_camera, "b", (16, 12), self.K)
+
+    def test_steps(self):
+        r = self.begin()
+        r.add_step(3)
+        self.refused("not later than the one before", r.add_step, 3)
+        self.refused("expected seconds", r.add_step, 103e3)
+        self.refused("'side'.*'front'", r.steps[0].photograph, "side", np.zeros((12, 16, 3), np.uint8), np.eye(4))
+        self.refused("no photograph of 'front'", r.finish)
+        self.assertFalse(os.path.exists(self.path("D", "dataset.json")))
+
+    def test_photographs(self):
+        step = self.begin().add_step(0)
+        picture = np.zeros((12, 16, 3), np.uint8)
+        self.refused("12 x 16 pixels.*16 x 12", step.photograph, "front", picture.transpose(1, 0, 2), np.eye(4))
+        self.refused("uint8", step.photograph, "front", picture / 255.0, np.eye(4))
+        self.refused("isn't rigid", step.photograph, "front", picture, np.diag([2.0, 2, 2, 1]))
+        self.refused("isn't rigid.*determinant -1", step.photograph, "front", picture, np.diag([1.0, 1, -1, 1]))
+        self.refused("aren't finite", step.photograph, "front", picture, np.diag([1.0, 1, np.nan, 1]))
+        self.write("cut.png", encoded(np.arange(576, dtype=np.uint8).reshape(12, 16, 3), "PNG")[:-60])
+        for name in ("cut.png", "none.png"):
+            self.refused(f"{name}: can't be read as a picture", step.photograph, "front", self.path(name), np.eye(4))
+        self.write("a.bmp", encoded(picture, "BMP"))
+        self.refused("a.bmp: expected JPEG or PNG, found BMP", step.photograph, "front", self.path("a.bmp"), np.eye(4))
+        step.photograph("front", picture, np.eye(4))
+        self.refused("has a photograph already", step.photograph, "front", picture, np.eye(4))
+        self.refused("sky_masks: expected 12 rows of 16", step.masks, "front", sky=np.zeros((16, 12), bool))
+        self.refused("semantic: expected values of 0 to 255, found 0 to 300", step.masks, "front", semantic=np.full((12, 16), 300) * (np.arange(16) > 3))
+
+    def test_lidar_and_boxes(self):
+        r = self.begin()
+        step = r.add_step(0)
+        self.refused("columns x, y, z, found shape", step.lidar, np.zeros((5, 4)), np.eye(4))
+        self.refused("farther than 1000 m", step.lidar, np.full((5, 3), 4e5), np.eye(4))
+        self.refused("length, width and height", step.box, 7, "Car", np.eye(4), [4, 0, 2])
+        step.box(7, "Car", np.eye(4), [4, 2, 2])
+        self.refused("is there twice", step.box, "7", "Car", np.eye(4), [4, 2, 2])
+        self.refused("'Bus', but 'Car'", r.add_step(1).box, 7, "Bus", np.eye(4), [4, 2, 2])
+
+    def test_what_fails_leaves_nothing(self):
+        with self.assertRaises(RecordingError), Recording(self.path("D")) as r:
+            r.add_camera("front", (16, 12), self.K)
+            r.add_step(0).photograph("front", np.zeros((12, 16, 3), np.uint8), np.zeros((4, 4)))
+        self.assertFalse(os.path.exists(self.path("D")))
+
+    def test_a_folder_with_something_is_left_alone(self):
+        self.write("D/notes.txt", "mine")
+        self.refused("isn't empty", Recording, self.path("D"))
+        self.assertEqual(os.listdir(self.path("D")), ["notes.txt"])
+
+
+def encoded(picture, form):
+    out = io.BytesIO()
+    Image.fromarray(picture).save(out, form)
+    return out.getvalue()
+
+
+class Docs(unittest.TestCase):
+    def test_the_template_is_short(self):
+        self.assertLessEqual(len(pathlib.Path(TEMPLATE).read_text().splitlines()), 60)
+
+
+if __name__ == "__main__":
+    fixtures.main()

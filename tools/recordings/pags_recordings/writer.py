@@ -1,0 +1,255 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The writer of a recording: cameras first, then time steps with photographs, masks, a sweep and boxes, then the files about all of them.
+
+Poses and tables are kept in memory and written by `finish`, dataset.json last, so that a folder that was begun and left is no data set.
+"""
+
+import io
+import json
+import os
+import shutil
+
+import numpy as np
+from PIL import Image
+
+from . import poses
+from .errors import RecordingError
+
+DIGITS = 6
+LABELS = ("cityscapes", "cityscapes-ids", "step", "kitti-360", "waymo", "pandaset")
+PICTURES = {"JPEG": ".jpg", "PNG": ".png"}
+FOLDERS = ("images", "intrinsics", "extrinsics", "ego_pose", "lidar", "instances", "sky_masks", "semantic", "dynamic_masks", "ego_masks")
+FARTHEST = 1000.0  # metres from the sensor: no LiDAR sees farther, pags refuses more
+
+
+def require(condition, message):
+    if not condition:
+        raise RecordingError(message)
+
+
+def text_of(matrix):
+    """Rows of a matrix with every digit."""
+    return "".join(" ".join(repr(float(v)) for v in np.atleast_1d(row)) + "\n" for row in matrix)
+
+
+def grey(mask, size, what):
+    """A mask as PNG: [height, width], bool or 0..255."""
+    m = np.asarray(mask)
+    require(m.shape == (size[1], size[0]), f"{what}: expected {size[1]} rows of {size[0]} values, as the photograph has, found shape {m.shape}")
+    require(m.dtype == bool or np.issubdtype(m.dtype, np.integer), f"{what}: expected booleans or integers, found {m.dtype}")
+    require(m.dtype == bool or (m.min() >= 0 and m.max() <= 255), f"{what}: expected values of 0 to 255, found {m.min()} to {m.max()}")
+    return png(m.astype(np.uint8) * (255 if m.dtype == bool else 1))
+
+
+def png(array):
+    out = io.BytesIO()
+    Image.fromarray(array).save(out, "PNG", compress_level=3)
+    return out.getvalue()
+
+
+class Step:
+    """One time step. Its photographs are those of all cameras at about the same time; its boxes fit them as they stand."""
+
+    def __init__(self, recording, number, time, world_from_ego):
+        self.recording, self.number, self.time = recording, number, time
+        self.world_from_ego = world_from_ego
+        self.photographs, self.boxes = {}, {}
+        self.sweep = None
+
+    def __str__(self):
+        return f"time step {self.number}"
+
+    def photograph(self, camera, picture, world_from_camera, time=None):
+        """The photograph of a camera, by its name: a JPEG or PNG file, copied byte by byte, or uint8 [height, width, 3]. The pose is of OpenCV's
+        axes: x right, y down, z forward. `time`: of the exposure's middle, seconds; None: unknown."""
+        r, what = self.recording, f"{self}, camera {camera!r}"
+        number, size = r.camera_of(camera, self)
+        require(camera not in self.photographs, f"{what} has a photograph already")
+        pose = poses.check(world_from_camera, f"{what}: its pose")
+        name = f"images/{self.number:0{DIGITS}d}_{number}"
+        if isinstance(picture, (str, os.PathLike)):
+            found, end = measure(picture)
+        else:
+            array = np.asarray(picture)
+            require(array.dtype == np.uint8 and array.ndim == 3 and array.shape[2] == 3, f"{what}: expected uint8 [height, width, 3], found {array.dtype} {array.shape}")
+            found, end = (array.shape[1], array.shape[0]), ".png"
+        require(found == size, f"{what}: the photograph has {found[0]} x {found[1]} pixels, but the camera was added with {size[0]} x {size[1]}")
+        if end == ".png" and not isinstance(picture, (str, os.PathLike)):
+            r.put(name + end, png(array))
+        else:
+            shutil.copyfile(picture, r.path(name + end))
+        self.photographs[camera] = (pose, time)
+
+    def masks(self, camera, sky=None, semantic=None, dynamic=None):
+        """Masks of a photograph, arrays [height, width]: sky and dynamic (inside of the box of something that moves) true or 255; semantic: the
+        number of each pixel's class, as the recording's `labels` counts them."""
+        r = self.recording
+        number, size = r.camera_of(camera, self)
+        name = f"{self.number:0{DIGITS}d}_{number}.png"
+        for folder, mask in (("sky_masks", sky), ("semantic", semantic), ("dynamic_masks/all", dynamic)):
+            if mask is not None:
+                r.put(f"{folder}/{name}", grey(mask, size, f"{self}, camera {camera!r}: {folder}"))
+
+    def lidar(self, points, world_from_points, columns=()):
+        """The sweep: [N, 3 or more], x y z in metres in a frame whose pose is given; `columns` names what follows x y z."""
+        r = self.recording
+        require(self.sweep is None, f"{self} has a sweep already")
+        p = np.asarray(points, np.float64)
+        columns = ["x", "y", "z", *columns]
+        require(p.ndim == 2 and p.shape[1] == len(columns), f"{self}: expected LiDAR points of the columns {', '.join(columns)}, found shape {p.shape}")
+        require(r.columns in (None, columns), f"{self}: LiDAR columns {', '.join(columns)}, but other steps have {', '.join(r.columns or ())}")
+        p = p[np.isfinite(p).all(1)]
+        far = int((np.linalg.norm(p[:, :3], axis=1) > FARTHEST).sum())
+        require(not far, f"{self}: {far} LiDAR points are farther than {FARTHEST:g} m from the origin of their frame; expected metres in the frame whose pose is given")
+        r.columns = columns
+        self.sweep = (p, poses.check(world_from_points, f"{self}: the pose of its LiDAR points"))
+
+    def box(self, track, name, world_from_box, size):
+        """The box of a thing: its track's id (the same at every step), the source's own word for its class, the pose of its middle (x forward,
+        y left, z up) and length, width, height in metres."""
+        what = f"{self}, box {track!r}"
+        extents = np.asarray(size, np.float64)
+        require(str(track) not in self.boxes, f"{what} is there twice; an id names one thing")
+        require(isinstance(name, str) and name.strip(), f"{what}: expected the name of its class, found {name!r}")
+        require(extents.shape == (3,) and np.isfinite(extents).all() and (extents > 0).all(), f"{what}: expected length, width and height in metres, found {size!r}")
+        known = self.recording.tracks.setdefault(str(track), name)
+        require(known == name, f"{what} is of class {name!r}, but {known!r} at another step; an id names one thing")
+        self.boxes[str(track)] = (poses.check(world_from_box, f"{what}: its pose"), extents)
+
+
+def measure(path):
+    """Size and ending of a picture file that pags reads."""
+    try:
+        with Image.open(path) as picture:
+            found, form, turned = picture.size, picture.format, picture.getexif().get(0x0112, 1)
+            picture.load()
+    except (OSError, SyntaxError) as error:
+        raise RecordingError(f"{path}: can't be read as a picture: {error}") from None
+    require(form in PICTURES, f"{path}: expected JPEG or PNG, found {form}; convert it first")
+    require(turned == 1, f"{path}: is turned by its EXIF orientation {turned}; turn the pixels first, so that they fit the calibration")
+    return found, PICTURES[form]
+
+
+class Recording:
+    """A recording in the making. Use it as a context manager: what goes wrong inside leaves no data set."""
+
+    def __init__(self, folder, labels=None):
+        """`labels`: what the numbers of semantic masks mean: "cityscapes" (train ids), "cityscapes-ids", "step", "kitti-360", "waymo", "pandaset"."""
+        require(labels is None or labels in LABELS, f"labels are {', '.join(LABELS)}, not {labels!r}")
+        self.folder, self.labels = os.fspath(folder), labels
+        self.cameras, self.steps, self.tracks, self.columns = {}, [], {}, None
+        if os.path.isdir(self.folder) and os.listdir(self.folder):
+            raise RecordingError(f"{self.folder}: isn't empty; give another folder, or remove it")
+        os.makedirs(self.folder, exist_ok=True)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, kind, error, trace):
+        if kind is None:
+            self.finish()
+        else:
+            self.discard()
+
+    def path(self, name):
+        path = os.path.join(self.folder, *name.split("/"))
+        os.makedirs(os.path.dirname(path), exist_ok=True)
+        return path
+
+    def put(self, name, content):
+        with open(self.path(name), "wb" if isinstance(content, bytes) else "w", **({} if isinstance(content, bytes) else {"encoding": "utf-8", "newline": "\n"})) as file:
+            file.write(content)
+
+    def discard(self):
+        """Removes what was written."""
+        for name in FOLDERS:
+            shutil.rmtree(os.path.join(self.folder, name), ignore_errors=True)
+        if os.path.isdir(self.folder) and not os.listdir(self.folder):
+            os.rmdir(self.folder)
+
+    def add_camera(self, name, size, matrix, distortion=(), pixel_centre=0.0):
+        """A camera of so many pixels (width, height): its 3x3 matrix K, and OpenCV's k1 k2 p1 p2 or k1 k2 p1 p2 k3. `pixel_centre`: where K puts the
+        middle of the first pixel: 0, as OpenCV does, or 0.5. Fisheye lenses aren't read: undistort such pictures first."""
+        require(isinstance(name, str) and name and name not in self.cameras, f"camera {name!r}: expected a name that no other camera has")
+        require(not self.steps, f"camera {name!r}: add all cameras before the first time step")
+        k = np.asarray(matrix, np.float64)
+        require(k.shape == (3, 3) and np.isfinite(k).all() and k[0, 1] == k[1, 0] == 0, f"camera {name!r}: expected a 3x3 matrix without skew, found {k.tolist()}")
+        width, height = (int(v) for v in size)
+        require(width > 0 and height > 0, f"camera {name!r}: expected width and height in pixels, found {size!r}")
+        require(0.05 * width < k[0, 0] < 50 * width and 0.05 * width < k[1, 1] < 50 * width, f"camera {name!r}: focal lengths {k[0, 0]:g} and {k[1, 1]:g} aren't pixels of a picture of {width} x {height}")
+        require(pixel_centre in (0, 0.5), f"camera {name!r}: the middle of the first pixel is at 0 or at 0.5, not {pixel_centre!r}")
+        lens = [float(v) for v in distortion]
+        require(len(lens) in (0, 4, 5) and np.isfinite(lens).all(), f"camera {name!r}: expected k1 k2 p1 p2 or k1 k2 p1 p2 k3, found {len(lens)} numbers; undistort pictures of other lenses first")
+        to_corner = 0.5 - pixel_centre
+        self.cameras[name] = {"number": len(self.cameras), "size": (width, height), "intrinsics": [k[0, 0], k[1, 1], k[0, 2] + to_corner, k[1, 2] + to_corner, *lens]}
+        return name
+
+    def camera_of(self, name, where):
+        require(name in self.cameras, f"{where}: no camera is named {name!r}; there are {', '.join(map(repr, self.cameras)) or 'none'}")
+        return self.cameras[name]["number"], self.cameras[name]["size"]
+
+    def add_step(self, time, world_from_ego=None):
+        """The next time step, at a time in seconds, later than the one before. `world_from_ego`: the car's pose (x forward, y left, z up); without it
+        the first camera's stands for it."""
+        require(np.isfinite(time), f"time step {len(self.steps)}: its time is {time}")
+        if self.steps:
+            last = self.steps[-1].time
+            require(last < time, f"time step {len(self.steps)}: at {time:.6f} s, not later than the one before at {last:.6f} s")
+            require(time - last < 60, f"time step {len(self.steps)}: {time - last:g} s after the one before; expected seconds (pags_recordings.poses.seconds turns other units)")
+        step = Step(self, len(self.steps), float(time), None if world_from_ego is None else poses.check(world_from_ego, "the car's pose"))
+        self.steps.append(step)
+        return step
+
+    def ego_mask(self, camera, mask):
+        """Pixels, true or 255, at which a camera sees the recording car itself."""
+        number, size = self.camera_of(camera, "the mask of the car")
+        self.put(f"ego_masks/{number}.png", grey(mask, size, f"camera {camera!r}: the mask of the car"))
+
+    # ---- The files about all of it ----
+
+    def finish(self):
+        """Checks what concerns all steps and writes poses, calibration, times, boxes and, at last, dataset.json."""
+        require(self.cameras and self.steps, f"{self.folder}: a recording has at least one camera and one time step")
+        for step in self.steps:
+            lacking = [name for name in self.cameras if name not in step.photographs]
+            require(not lacking, f"{step} has no photograph of {', '.join(map(repr, lacking))}; every camera has one at every time step: leave the step out, or the camera")
+        for camera in self.cameras.values():
+            self.put(f"intrinsics/{camera['number']}.txt", text_of(np.reshape(camera["intrinsics"], (-1, 1))))
+        for step in self.steps:
+            self.put_step(step)
+        self.put_times()
+        if self.tracks:
+            self.put_boxes()
+        facts = {"kind": "pags", "camera_axes": "opencv", "extrinsics": "per-frame camera-to-world (TTT_C.txt)", "object_forward": "+x",
+                 "lidar_columns": self.columns or ["x", "y", "z"], "lidar_frame": "ego", "cameras": {str(c["number"]): name for name, c in self.cameras.items()}}  # fmt: skip
+        if self.labels:
+            facts["labels"] = self.labels
+        self.put("dataset.json", json.dumps(facts, indent=1) + "\n")
+
+    def put_step(self, step):
+        first = step.photographs[next(iter(self.cameras))][0]
+        ego = first @ poses.inverse(poses.axes_from_opencv("waymo")) if step.world_from_ego is None else step.world_from_ego
+        self.put(f"ego_pose/{step.number:0{DIGITS}d}.txt", text_of(ego))
+        for name, (pose, _) in step.photographs.items():
+            self.put(f"extrinsics/{step.number:0{DIGITS}d}_{self.cameras[name]['number']}.txt", text_of(pose))
+        if step.sweep:
+            points, world_from_points = step.sweep
+            rows = points if np.array_equal(ego, world_from_points) else poses.transform(poses.inverse(ego) @ world_from_points, points)
+            self.put(f"lidar/{step.number:0{DIGITS}d}.bin", rows.astype("<f4").tobytes())
+
+    def put_times(self):
+        exposures = {str(c["number"]): [step.photographs[name][1] for step in self.steps] for name, c in self.cameras.items()}
+        times = {"frames": [step.time for step in self.steps], "cameras": {n: t for n, t in exposures.items() if any(v is not None for v in t)}}
+        self.put("timestamps.json", json.dumps(times) + "\n")
+
+    def put_boxes(self):
+        instances, listed = {}, {str(step.number): [] for step in self.steps}
+        for number, (track, name) in enumerate(self.tracks.items()):
+            at = [step for step in self.steps if track in step.boxes]
+            instances[str(number)] = {"id": track, "class_name": name, "frame_annotations": {
+                "frame_idx": [step.number for step in at], "obj_to_world": [step.boxes[track][0].tolist() for step in at],
+                "box_size": [step.boxes[track][1].tolist() for step in at]}}  # fmt: skip
+            for step in at:
+                listed[str(step.number)].append(number)
+        self.put("instances/instances_info.json", json.dumps(instances) + "\n")
+        self.put("instances/frame_instances.json", json.dumps(listed) + "\n")
