@@ -53,7 +53,7 @@ all:
 setup:
 	sh scripts/setup.sh
 	sh scripts/venv.sh scripts
-	sh scripts/venv.sh tools/segment || echo "setup: going on without tools/segment and its tests"
+	for tool in segment recordings; do sh scripts/venv.sh tools/$$tool || echo "setup: going on without tools/$$tool and its tests"; done
 	sh tests/outside/setup.sh
 
 demo: setup

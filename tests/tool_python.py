@@ -6,14 +6,14 @@ import os
 import sys
 
 TOOLS = os.path.join(os.path.dirname(os.path.dirname(os.path.abspath(__file__))), "tools")
-PYTHON = os.path.join(TOOLS, "segment", ".venv", "bin", "python")
 
 
-def need(*modules):
-    """Restarts the test with the tools' environment unless these modules are here, or skips it with exit code 77."""
+def need(tool, *modules):
+    """Restarts the test with the environment of a tool unless these modules are here, or skips it with exit code 77."""
     if all(importlib.util.find_spec(name) for name in modules):
         return
-    if os.path.exists(PYTHON) and os.environ.get("TOOL_PYTHON") != "own":
-        os.execve(PYTHON, [PYTHON, "-B", *sys.argv], os.environ | {"TOOL_PYTHON": "own"})
-    print(f"skipped: needs {', '.join(modules)}; make setup puts them into tools/segment/.venv")
+    python = os.path.join(TOOLS, tool, ".venv", "bin", "python")
+    if os.path.exists(python) and os.environ.get("TOOL_PYTHON") != "own":
+        os.execve(python, [python, "-B", *sys.argv], os.environ | {"TOOL_PYTHON": "own"})
+    print(f"skipped: needs {', '.join(modules)}; make setup puts them into tools/{tool}/.venv")
     sys.exit(77)

@@ -14,7 +14,7 @@ sys.path[:0] = [os.path.dirname(HERE), os.path.join(os.path.dirname(HERE), "cli"
 
 from tool_python import TOOLS, need  # noqa: E402
 
-need("numpy", "PIL")
+need("recordings", "numpy", "PIL")
 sys.path[:0] = [os.path.join(TOOLS, "recordings")]
 
 import numpy as np  # noqa: E402
@@ -22,31 +22,12 @@ from PIL import Image  # noqa: E402
 
 import fixtures  # noqa: E402
 from fixtures import Case, read, write  # noqa: E402
+from street import about, half_angle, labels, load, make_street, matrix, parts, sweep  # noqa: E402
 from pags_recordings import Recording, RecordingError, poses  # noqa: E402
 
 TEMPLATE = os.path.join(TOOLS, "recordings", "template.py")
 SHARED = os.environ.get("PAGS_SHARED_DATA") or os.path.join(os.path.dirname(TOOLS), "..", "shared", "data")
 DGP = os.path.join(os.path.normpath(SHARED), "found", "dgp-scene_01")
-
-
-def about(axis, angle):
-    """The rotation about an axis by Rodrigues' formula."""
-    x, y, z = np.asarray(axis, float) / np.linalg.norm(axis)
-    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
-
-
-def half_angle(axis, angle):
-    """The quaternion x y z w of the same rotation."""
-    return [*(np.sin(angle / 2) * np.asarray(axis, float) / np.linalg.norm(axis)), np.cos(angle / 2)]
-
-
-def matrix(folder, *names):
-    return np.loadtxt(os.path.join(folder, *names)).reshape(4, 4)
-
-
-def load(folder, *names):
-    return json.loads(read(os.path.join(folder, *names)))
 
 
 class Poses(unittest.TestCase):
@@ -135,8 +116,7 @@ class Template(Case):
     def setUpClass(cls):
         cls.shared = cls.shared_folder()
         cls.street, cls.raw, cls.out = (os.path.join(cls.shared, name) for name in ("street", "raw", "out"))
-        done = fixtures.run("synth", "street", "-o", cls.street, "--size", "160x96", "--frames", "8", "--cameras", "2", "--lidar-points", "3000", "--no-shifts")
-        assert done.returncode == 0, done.stderr
+        make_street(cls.street)
         cls.make_awkward()
         done = cls.template(cls.raw, cls.out)
         assert done.returncode == 0, done.stderr
@@ -145,6 +125,10 @@ class Template(Case):
     def template(raw, out):
         environment = os.environ | {"PYTHONPATH": os.path.join(TOOLS, "recordings")}
         return subprocess.run([sys.executable, "-B", TEMPLATE, raw, out], capture_output=True, text=True, env=environment)
+
+    @staticmethod
+    def part(pose):
+        return dict(zip(("xyzw", "translation"), parts(pose)))
 
     @classmethod
     def make_awkward(cls):
@@ -161,12 +145,12 @@ class Template(Case):
         front_of_box = np.array([[0.0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])  # a point forward of the thing lies at -y
         for t, time in enumerate(times["frames"]):
             ego = matrix(street, "ego_pose", f"{t:03d}.txt")
-            frame = {"time": int(1_600_000_000_000_000_000 + round(time * 1e9)), "ego": cls.parts(ego), "photographs": {}, "boxes": [], "lidar": f"{t}.bin"}
+            frame = {"time": int(1_600_000_000_000_000_000 + round(time * 1e9)), "ego": cls.part(ego), "photographs": {}, "boxes": [], "lidar": f"{t}.bin"}
             for n, name in load(street, "dataset.json")["cameras"].items():
                 camera_from_world = np.linalg.inv(ego @ matrix(street, "extrinsics", f"{n}.txt"))
-                frame["photographs"][name] = {"file": f"{t}_{n}.png", **cls.parts(camera_from_world)}
+                frame["photographs"][name] = {"file": f"{t}_{n}.png", **cls.part(camera_from_world)}
                 write(os.path.join(cls.raw, f"{t}_{n}.png"), read(os.path.join(street, "images", f"{t:03d}_{n}.png")))
-            rows = np.fromfile(os.path.join(street, "lidar", f"{t:03d}.bin"), "<f4").reshape(-1, 4).astype(float)
+            rows = sweep(street, f"{t:03d}.bin").astype(float)
             rows[:, :3] = (rows[:, :3] - ego_from_lidar[:3, 3]) @ turned
             write(os.path.join(cls.raw, f"{t}.bin"), rows.astype("<f4").tobytes())
             for box in boxes.values():
@@ -175,20 +159,10 @@ class Template(Case):
                     i = marks["frame_idx"].index(t)
                     lidar_from_box = np.linalg.inv(ego @ ego_from_lidar) @ np.array(marks["obj_to_world"][i])
                     length, width, height = marks["box_size"][i]
-                    where = cls.parts(lidar_from_box @ np.linalg.inv(front_of_box))
+                    where = cls.part(lidar_from_box @ np.linalg.inv(front_of_box))
                     frame["boxes"].append({"track": box["id"], "class": box["class_name"], "centre": where["translation"], "xyzw": where["xyzw"], "extents": [width, length, height]})
             index["frames"].append(frame)
         write(os.path.join(cls.raw, "index.json"), json.dumps(index))
-
-    @staticmethod
-    def parts(pose):
-        """Quaternion and translation of a pose, by the eigenvector of the rotation."""
-        r = pose[:3, :3]
-        values, vectors = np.linalg.eig(r)
-        axis = np.real(vectors[:, np.argmin(np.abs(values - 1))])
-        skew = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
-        angle = np.arctan2(axis @ skew, np.trace(r) - 1)
-        return {"xyzw": half_angle(axis, angle), "translation": pose[:3, 3].tolist()}
 
     def test_it_comes_out_right(self):
         cameras = load(self.street, "dataset.json")["cameras"]
@@ -197,17 +171,15 @@ class Template(Case):
             np.testing.assert_allclose(matrix(self.out, "ego_pose", f"{t:06d}.txt"), ego, atol=1e-9)
             for n in cameras:
                 np.testing.assert_allclose(matrix(self.out, "extrinsics", f"{t:06d}_{n}.txt"), ego @ matrix(self.street, "extrinsics", f"{n}.txt"), atol=1e-9)
-            got, true = (np.fromfile(os.path.join(f, "lidar", name), "<f4") for f, name in ((self.out, f"{t:06d}.bin"), (self.street, f"{t:03d}.bin")))
-            np.testing.assert_allclose(got, true, atol=1e-4)  # metres: two roundings to float32 at 100 m
+            np.testing.assert_allclose(sweep(self.out, f"{t:06d}.bin"), sweep(self.street, f"{t:03d}.bin"), atol=1e-4)  # metres: two roundings to float32 at 100 m
         for n in cameras:
             np.testing.assert_allclose(np.loadtxt(os.path.join(self.out, "intrinsics", f"{n}.txt"))[:4], np.loadtxt(os.path.join(self.street, "intrinsics", f"{n}.txt"))[:4], atol=1e-9)
-        true = {box["id"]: box for box in load(self.street, "instances", "instances_info.json").values()}
-        made = {box["id"]: box for box in load(self.out, "instances", "instances_info.json").values()}
+        true, made = labels(self.street), labels(self.out)
         self.assertEqual(set(made), set(true))
-        for name, box in made.items():
-            self.assertEqual(box["class_name"], true[name]["class_name"])
-            for key, bound in (("frame_idx", 0), ("obj_to_world", 1e-9), ("box_size", 1e-12)):
-                np.testing.assert_allclose(box["frame_annotations"][key], true[name]["frame_annotations"][key], atol=bound)
+        for key, (name, pose, size) in made.items():
+            self.assertEqual(name, true[key][0])
+            np.testing.assert_allclose(pose, true[key][1], atol=1e-9)
+            np.testing.assert_allclose(size, true[key][2], atol=1e-12)
 
     def test_the_overlay_agrees(self):
         shares = [json.loads(self.succeeds("info", f, "--overlay", self.path(f"look{i}"), "--json", "-").stdout)["overlay"] for i, f in enumerate((self.street, self.out))]

@@ -24,7 +24,7 @@ sys.path[:0] = [os.path.dirname(HERE)]
 
 from tool_python import TOOLS, need  # noqa: E402
 
-need("onnxruntime", "numpy", "PIL")
+need("segment", "onnxruntime", "numpy", "PIL")
 sys.path[:0] = [HERE, TOOLS]
 
 import numpy as np  # noqa: E402

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The writer of a recording: cameras first, then time steps with photographs, masks, a sweep and boxes, then the files about all of them.
 
-Poses and tables are kept in memory and written by `finish`, dataset.json last, so that a folder that was begun and left is no data set.
+Photographs, masks and sweeps are written as they come, each whole or not at all. Poses and tables are kept in memory and written by `finish`,
+dataset.json last, so that a folder that was begun and left is no data set.
 """
 
 import io
@@ -60,24 +61,18 @@ class Step:
         return f"time step {self.number}"
 
     def photograph(self, camera, picture, world_from_camera, time=None):
-        """The photograph of a camera, by its name: a JPEG or PNG file, copied byte by byte, or uint8 [height, width, 3]. The pose is of OpenCV's
-        axes: x right, y down, z forward. `time`: of the exposure's middle, seconds; None: unknown."""
+        """The photograph of a camera, by its name: a JPEG or PNG file or its bytes, copied as they are, or uint8 [height, width, 3]. The pose is of
+        OpenCV's axes: x right, y down, z forward. `time`: of the exposure's middle, seconds; None: unknown."""
         r, what = self.recording, f"{self}, camera {camera!r}"
         number, size = r.camera_of(camera, self)
         require(camera not in self.photographs, f"{what} has a photograph already")
         pose = poses.check(world_from_camera, f"{what}: its pose")
         name = f"images/{self.number:0{DIGITS}d}_{number}"
-        if isinstance(picture, (str, os.PathLike)):
-            found, end = measure(picture)
-        else:
-            array = np.asarray(picture)
-            require(array.dtype == np.uint8 and array.ndim == 3 and array.shape[2] == 3, f"{what}: expected uint8 [height, width, 3], found {array.dtype} {array.shape}")
-            found, end = (array.shape[1], array.shape[0]), ".png"
-        require(found == size, f"{what}: the photograph has {found[0]} x {found[1]} pixels, but the camera was added with {size[0]} x {size[1]}")
-        if end == ".png" and not isinstance(picture, (str, os.PathLike)):
-            r.put(name + end, png(array))
-        else:
-            shutil.copyfile(picture, r.path(name + end))
+        there = r.written(name + ".jpg", name + ".png")
+        if not there:
+            content, found, end = encode(picture, what)
+            require(found == size, f"{what}: the photograph has {found[0]} x {found[1]} pixels, but the camera was added with {size[0]} x {size[1]}")
+            r.put(name + end, content)
         self.photographs[camera] = (pose, time)
 
     def masks(self, camera, sky=None, semantic=None, dynamic=None):
@@ -89,6 +84,11 @@ class Step:
         for folder, mask in (("sky_masks", sky), ("semantic", semantic), ("dynamic_masks/all", dynamic)):
             if mask is not None:
                 r.put(f"{folder}/{name}", grey(mask, size, f"{self}, camera {camera!r}: {folder}"))
+
+    def has_lidar(self, columns=()):
+        """Whether the sweep, of such columns, is there from an earlier run of the same import."""
+        self.recording.columns = ["x", "y", "z", *columns]
+        return self.recording.written(f"lidar/{self.number:0{DIGITS}d}.bin")
 
     def lidar(self, points, world_from_points, columns=()):
         """The sweep: [N, 3 or more], x y z in metres in a frame whose pose is given; `columns` names what follows x y z."""
@@ -104,6 +104,17 @@ class Step:
         r.columns = columns
         self.sweep = (p, poses.check(world_from_points, f"{self}: the pose of its LiDAR points"))
 
+    def close(self):
+        """Writes the sweep, in the car's frame, once the car's pose is known."""
+        if self.world_from_ego is None and self.photographs:
+            first = self.photographs[next(iter(self.photographs))][0]
+            self.world_from_ego = first @ poses.inverse(poses.axes_from_opencv("waymo"))
+        if self.sweep and self.world_from_ego is not None:
+            points, pose = self.sweep
+            rows = points if np.array_equal(self.world_from_ego, pose) else poses.transform(poses.inverse(self.world_from_ego) @ pose, points)
+            self.recording.put(f"lidar/{self.number:0{DIGITS}d}.bin", rows.astype("<f4").tobytes())
+            self.sweep = ()
+
     def box(self, track, name, world_from_box, size):
         """The box of a thing: its track's id (the same at every step), the source's own word for its class, the pose of its middle (x forward,
         y left, z up) and length, width, height in metres."""
@@ -117,38 +128,68 @@ class Step:
         self.boxes[str(track)] = (poses.check(world_from_box, f"{what}: its pose"), extents)
 
 
-def measure(path):
-    """Size and ending of a picture file that pags reads."""
+def encode(picture, what):
+    """Bytes of a picture file that pags reads, its size and its ending."""
+    if isinstance(picture, (str, os.PathLike)):
+        what = os.fspath(picture)
+        try:
+            with open(picture, "rb") as file:
+                picture = file.read()
+        except OSError as error:
+            raise RecordingError(f"{what}: can't be read as a picture: {error.strerror}") from None
+    if not isinstance(picture, bytes):
+        array = np.asarray(picture)
+        require(array.dtype == np.uint8 and array.ndim == 3 and array.shape[2] == 3, f"{what}: expected uint8 [height, width, 3], found {array.dtype} {array.shape}")
+        return png(array), (array.shape[1], array.shape[0]), ".png"
     try:
-        with Image.open(path) as picture:
-            found, form, turned = picture.size, picture.format, picture.getexif().get(0x0112, 1)
-            picture.load()
+        with Image.open(io.BytesIO(picture)) as opened:
+            found, form, turned = opened.size, opened.format, opened.getexif().get(0x0112, 1)
+            opened.load()
     except (OSError, SyntaxError) as error:
-        raise RecordingError(f"{path}: can't be read as a picture: {error}") from None
-    require(form in PICTURES, f"{path}: expected JPEG or PNG, found {form}; convert it first")
-    require(turned == 1, f"{path}: is turned by its EXIF orientation {turned}; turn the pixels first, so that they fit the calibration")
-    return found, PICTURES[form]
+        raise RecordingError(f"{what}: can't be read as a picture: {error}") from None
+    require(form in PICTURES, f"{what}: expected JPEG or PNG, found {form}; convert it first")
+    require(turned == 1, f"{what}: is turned by its EXIF orientation {turned}; turn the pixels first, so that they fit the calibration")
+    return picture, found, PICTURES[form]
 
 
 class Recording:
     """A recording in the making. Use it as a context manager: what goes wrong inside leaves no data set."""
 
-    def __init__(self, folder, labels=None):
-        """`labels`: what the numbers of semantic masks mean: "cityscapes" (train ids), "cityscapes-ids", "step", "kitti-360", "waymo", "pandaset"."""
+    def __init__(self, folder, labels=None, begun_from=None):
+        """`labels`: what the numbers of semantic masks mean: "cityscapes" (train ids), "cityscapes-ids", "step", "kitti-360", "waymo", "pandaset".
+
+        `begun_from`: a dictionary of all that the content depends on, kept as import.json: a folder that was begun from the same is gone on with, what
+        is there isn't written anew, and what goes wrong leaves it. Without it the folder must be empty, and what goes wrong empties it."""
         require(labels is None or labels in LABELS, f"labels are {', '.join(LABELS)}, not {labels!r}")
         self.folder, self.labels = os.fspath(folder), labels
         self.cameras, self.steps, self.tracks, self.columns = {}, [], {}, None
-        if os.path.isdir(self.folder) and os.listdir(self.folder):
-            raise RecordingError(f"{self.folder}: isn't empty; give another folder, or remove it")
-        os.makedirs(self.folder, exist_ok=True)
+        self.begun_from, self.done = begun_from, False
+        there = os.listdir(self.folder) if os.path.isdir(self.folder) else []
+        if begun_from is not None and "import.json" in there:
+            with open(os.path.join(self.folder, "import.json"), "rb") as file:
+                same = file.read() == self.mark()
+            require(same, f"{self.folder}: was begun from another source or with other options (see its import.json); give another folder, or remove it")
+            self.done = "dataset.json" in there
+        else:
+            require(not there, f"{self.folder}: isn't empty; give another folder, or remove it")
+            os.makedirs(self.folder, exist_ok=True)
+            if begun_from is not None:
+                self.put("import.json", self.mark())
+
+    def mark(self):
+        return (json.dumps(self.begun_from, indent=1) + "\n").encode()
+
+    def written(self, *names):
+        """Whether a file of one of these names is there from an earlier run of the same import."""
+        return self.begun_from is not None and any(os.path.exists(os.path.join(self.folder, *name.split("/"))) for name in names)
 
     def __enter__(self):
         return self
 
     def __exit__(self, kind, error, trace):
-        if kind is None:
+        if kind is None and not self.done:
             self.finish()
-        else:
+        elif kind is not None and self.begun_from is None:
             self.discard()
 
     def path(self, name):
@@ -157,8 +198,10 @@ class Recording:
         return path
 
     def put(self, name, content):
-        with open(self.path(name), "wb" if isinstance(content, bytes) else "w", **({} if isinstance(content, bytes) else {"encoding": "utf-8", "newline": "\n"})) as file:
-            file.write(content)
+        path = self.path(name)
+        with open(path + ".part", "wb") as file:
+            file.write(content if isinstance(content, bytes) else content.encode())
+        os.replace(path + ".part", path)
 
     def discard(self):
         """Removes what was written."""
@@ -195,6 +238,7 @@ class Recording:
         if self.steps:
             last = self.steps[-1].time
             require(last < time, f"time step {len(self.steps)}: at {time:.6f} s, not later than the one before at {last:.6f} s")
+            self.steps[-1].close()
             require(time - last < 60, f"time step {len(self.steps)}: {time - last:g} s after the one before; expected seconds (pags_recordings.poses.seconds turns other units)")
         step = Step(self, len(self.steps), float(time), None if world_from_ego is None else poses.check(world_from_ego, "the car's pose"))
         self.steps.append(step)
@@ -213,6 +257,7 @@ class Recording:
         for step in self.steps:
             lacking = [name for name in self.cameras if name not in step.photographs]
             require(not lacking, f"{step} has no photograph of {', '.join(map(repr, lacking))}; every camera has one at every time step: leave the step out, or the camera")
+        self.steps[-1].close()
         for camera in self.cameras.values():
             self.put(f"intrinsics/{camera['number']}.txt", text_of(np.reshape(camera["intrinsics"], (-1, 1))))
         for step in self.steps:
@@ -227,15 +272,9 @@ class Recording:
         self.put("dataset.json", json.dumps(facts, indent=1) + "\n")
 
     def put_step(self, step):
-        first = step.photographs[next(iter(self.cameras))][0]
-        ego = first @ poses.inverse(poses.axes_from_opencv("waymo")) if step.world_from_ego is None else step.world_from_ego
-        self.put(f"ego_pose/{step.number:0{DIGITS}d}.txt", text_of(ego))
+        self.put(f"ego_pose/{step.number:0{DIGITS}d}.txt", text_of(step.world_from_ego))
         for name, (pose, _) in step.photographs.items():
             self.put(f"extrinsics/{step.number:0{DIGITS}d}_{self.cameras[name]['number']}.txt", text_of(pose))
-        if step.sweep:
-            points, world_from_points = step.sweep
-            rows = points if np.array_equal(ego, world_from_points) else poses.transform(poses.inverse(ego) @ world_from_points, points)
-            self.put(f"lidar/{step.number:0{DIGITS}d}.bin", rows.astype("<f4").tobytes())
 
     def put_times(self):
         exposures = {str(c["number"]): [step.photographs[name][1] for step in self.steps] for name, c in self.cameras.items()}

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The small synthetic street that recordings of tests are made from, read by numpy, and what turns its poses into others' notations."""
+
+import json
+import os
+
+import numpy as np
+
+import fixtures
+from fixtures import read
+
+
+def make_street(folder, frames=8):
+    """Writes a street of two cameras, 160 x 96."""
+    done = fixtures.run("synth", "street", "-o", folder, "--size", "160x96", "--frames", frames, "--cameras", "2", "--lidar-points", "3000", "--no-shifts")
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def load(folder, *names):
+    return json.loads(read(os.path.join(folder, *names)))
+
+
+def matrix(folder, *names):
+    return np.loadtxt(os.path.join(folder, *names)).reshape(4, 4)
+
+
+def sweep(folder, name):
+    return np.fromfile(os.path.join(folder, "lidar", name), "<f4").reshape(-1, 4)
+
+
+def labels(folder):
+    """The boxes of a data set: (frame, id) -> class, pose, size."""
+    out = {}
+    for box in load(folder, "instances", "instances_info.json").values():
+        marks = box["frame_annotations"]
+        for frame, pose, size in zip(marks["frame_idx"], marks["obj_to_world"], marks["box_size"]):
+            out[frame, box["id"]] = (box["class_name"], np.array(pose), np.array(size))
+    return out
+
+
+def about(axis, angle):
+    """The rotation about an axis by Rodrigues' formula."""
+    x, y, z = np.asarray(axis, float) / np.linalg.norm(axis)
+    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
+
+
+def half_angle(axis, angle):
+    """The quaternion x y z w of the same rotation."""
+    return [*(np.sin(angle / 2) * np.asarray(axis, float) / np.linalg.norm(axis)), np.cos(angle / 2)]
+
+
+def parts(pose):
+    """Quaternion x y z w and translation of a pose, by the eigenvector of the rotation."""
+    r = pose[:3, :3]
+    values, vectors = np.linalg.eig(r)
+    axis = np.real(vectors[:, np.argmin(np.abs(values - 1))])
+    skew = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
+    return half_angle(axis, np.arctan2(axis @ skew, np.trace(r) - 1)), pose[:3, 3].tolist()

@@ -1,0 +1,222 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The importers of tools/recordings: trees in the sources' own raw formats, made here from the synthetic street, against the street's truth."""
+
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import unittest
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+sys.path[:0] = [os.path.dirname(HERE), os.path.join(os.path.dirname(HERE), "cli")]
+
+from tool_python import TOOLS, need  # noqa: E402
+
+need("recordings", "numpy", "PIL", "pandas", "pyarrow")
+sys.path[:0] = [HERE]
+
+import numpy as np  # noqa: E402
+import pandas as pd  # noqa: E402
+from PIL import Image  # noqa: E402
+
+import fixtures  # noqa: E402
+from fixtures import Case, files_below, read, write  # noqa: E402
+from street import labels, load, make_street, matrix, parts, sweep  # noqa: E402
+
+FRAMES = 8
+
+
+def command(*arguments):
+    return [sys.executable, "-B", "-m", "pags_recordings", *(str(word) for word in arguments)]
+
+
+ENVIRONMENT = os.environ | {"PYTHONPATH": os.path.join(TOOLS, "recordings")}
+
+
+def run(*arguments):
+    return subprocess.run(command(*arguments), capture_output=True, text=True, env=ENVIRONMENT)
+
+
+def jpeg(path):
+    out = io.BytesIO()
+    with Image.open(path) as picture:
+        picture.convert("RGB").save(out, "JPEG", quality=95)
+    return out.getvalue()
+
+
+class Importer(Case):
+    """A case with one raw tree for all of its tests."""
+
+    def refused(self, raw, *words, more=()):
+        done = run(self.kind, raw, "-o", self.path("out"), *more)
+        self.assertEqual(done.returncode, 1, done.stdout + done.stderr)
+        self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
+        for word in words:
+            self.assertIn(word, done.stderr)
+        self.assertFalse(os.path.exists(self.path("out", "dataset.json")))
+
+    def imports(self, raw, out, *more):
+        done = run(self.kind, raw, "-o", out, *more)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        return done.stdout
+
+    def changed(self, name, change):
+        """A copy of the tree, by links, in which one table is another."""
+        copy = self.path("copy")
+        subprocess.run(["cp", "-rs", self.raw, copy], check=True)
+        path = os.path.join(copy, name)
+        os.remove(path)
+        change(path)
+        return copy
+
+    def hold_to_street(self, out, first=0, shift=0.0):
+        """Compares poses with the street's: 17 digits went through a quaternion and back."""
+        for t in range(len(os.listdir(os.path.join(out, "ego_pose")))):
+            ego = matrix(self.street, "ego_pose", f"{t + first:03d}.txt")
+            np.testing.assert_allclose(matrix(out, "ego_pose", f"{t:06d}.txt"), ego, atol=1e-8)
+            for n in range(len(load(out, "dataset.json")["cameras"])):
+                np.testing.assert_allclose(matrix(out, "extrinsics", f"{t:06d}_{n}.txt"), ego @ matrix(self.street, "extrinsics", f"{n}.txt"), atol=1e-8)
+
+
+# ---- Argoverse 2 ----
+
+
+def rows_of_poses(poses):
+    """Columns of quaternions and translations, as the data set's tables have them."""
+    table = {key: [] for key in ("qw", "qx", "qy", "qz", "tx_m", "ty_m", "tz_m")}
+    for pose in poses:
+        (x, y, z, w), (a, b, c) = parts(pose)
+        for key, value in zip(table, (w, x, y, z, a, b, c)):
+            table[key].append(value)
+    return table
+
+
+class Argoverse2(Importer):
+    kind, NAMES, START = "argoverse2", ("ring_front_center", "ring_front_left"), 315_966_253_660_357_000
+
+    @classmethod
+    def setUpClass(cls):
+        shared = cls.shared_folder()
+        cls.street, cls.raw = make_street(os.path.join(shared, "street"), FRAMES), os.path.join(shared, "logs", "a-log")
+        street, times = cls.street, load(cls.street, "timestamps.json")["frames"]
+        stamps = [cls.START + round(t * 1e9) for t in times]
+        egos = [matrix(street, "ego_pose", f"{t:03d}.txt") for t in range(FRAMES)]
+        feather = lambda name, table: (os.makedirs(os.path.dirname(os.path.join(cls.raw, name)), exist_ok=True), pd.DataFrame(table).to_feather(os.path.join(cls.raw, name)))  # noqa: E731
+        feather("city_SE3_egovehicle.feather", {"timestamp_ns": stamps, **rows_of_poses(egos)})
+        lenses = [np.loadtxt(os.path.join(street, "intrinsics", f"{n}.txt")) for n in range(2)]
+        pinhole = {"fx_px": [k[0] for k in lenses], "fy_px": [k[1] for k in lenses], "cx_px": [k[2] - 0.5 for k in lenses], "cy_px": [k[3] - 0.5 for k in lenses]}
+        feather("calibration/intrinsics.feather", {"sensor_name": cls.NAMES, **pinhole, "k1": [-0.2, -0.3], "k2": [0.1, 0.1], "k3": [0.0, 0.0],
+                                                   "height_px": np.array([96, 96], np.uint16), "width_px": np.array([160, 160], np.uint16)})  # fmt: skip
+        feather("calibration/egovehicle_SE3_sensor.feather", {"sensor_name": [*cls.NAMES, "up_lidar"], **rows_of_poses([matrix(street, "extrinsics", f"{n}.txt") for n in range(2)] + [np.eye(4)])})
+        for t, stamp in enumerate(stamps):
+            for n, name in enumerate(cls.NAMES):
+                write(os.path.join(cls.raw, "sensors", "cameras", name, f"{stamp}.jpg"), jpeg(os.path.join(street, "images", f"{t:03d}_{n}.png")))
+            rows = sweep(street, f"{t:03d}.bin")
+            feather(f"sensors/lidar/{stamp}.feather", {"x": rows[:, 0].astype(np.float16), "y": rows[:, 1].astype(np.float16), "z": rows[:, 2].astype(np.float16),
+                                                       "intensity": (rows[:, 3] * 255).astype(np.uint8), "laser_number": np.zeros(len(rows), np.uint8), "offset_ns": np.zeros(len(rows), np.int32)})  # fmt: skip
+        table = []
+        for (t, track), (name, pose, size) in sorted(labels(street).items(), key=lambda item: item[0][1]):
+            (x, y, z, w), (a, b, c) = parts(np.linalg.inv(egos[t]) @ pose)
+            table.append({"timestamp_ns": stamps[t], "track_uuid": track, "category": name, "length_m": size[0], "width_m": size[1], "height_m": size[2], "qw": w, "qx": x, "qy": y,
+                          "qz": z, "tx_m": a, "ty_m": b, "tz_m": c, "num_interior_pts": 5})  # fmt: skip
+        feather("annotations.feather", table)
+
+    def test_it_comes_out_right(self):
+        out = self.path("out")
+        self.assertIn(f"{FRAMES} time steps, 2 cameras", self.imports(os.path.dirname(self.raw), out))
+        self.hold_to_street(out)
+        self.assertEqual(load(out, "dataset.json")["cameras"], {"0": "ring_front_center", "1": "ring_front_left"})
+        self.assertEqual(np.loadtxt(os.path.join(out, "intrinsics", "1.txt")).tolist(), np.loadtxt(os.path.join(self.street, "intrinsics", "1.txt"))[:4].tolist())
+        true, made = labels(self.street), labels(out)
+        self.assertEqual(set(made), set(true))
+        for key, (name, pose, size) in made.items():
+            self.assertEqual(name, true[key][0])
+            np.testing.assert_allclose(pose, true[key][1], atol=1e-7)
+            np.testing.assert_array_equal(size, true[key][2])
+        stamps = sorted(os.listdir(os.path.join(self.raw, "sensors", "cameras", "ring_front_left")))
+        for t, name in enumerate(stamps):
+            got, rows = sweep(out, f"{t:06d}.bin"), sweep(self.street, f"{t:03d}.bin")
+            np.testing.assert_array_equal(got[:, :3], rows[:, :3].astype(np.float16).astype(np.float32))
+            self.assertEqual(read(os.path.join(out, "images", f"{t:06d}_1.jpg")), read(os.path.join(self.raw, "sensors", "cameras", "ring_front_left", name)))
+        overlay = json.loads(self.succeeds("info", out, "--overlay", self.path("look"), "--json", "-").stdout)["overlay"]
+        self.assertEqual(overlay["warnings"], [])
+        self.assertGreater(overlay["lidar_in_boxes"], 0.98)  # half floats move points by up to 3 cm at 50 m
+
+    def test_boxes_between_labels(self):
+        """With every second label left out, boxes of the steps between lie on the line between those beside them."""
+        out = self.path("out")
+        stamps = [self.START + round(t * 1e9) for t in load(self.street, "timestamps.json")["frames"]]
+        copy = self.changed("annotations.feather", lambda path: pd.read_feather(os.path.join(self.raw, "annotations.feather")).query(
+            "timestamp_ns in @stamps[::2]", local_dict={"stamps": stamps}).reset_index(drop=True).to_feather(path))  # fmt: skip
+        self.imports(copy, out)
+        made = labels(out)
+        between = [key for key in made if key[0] % 2 and (key[0] - 1, key[1]) in made and (key[0] + 1, key[1]) in made]
+        self.assertGreater(len(between), 20)
+        for t, track in between:
+            middle = 0.5 * (made[t - 1, track][1][:3, 3] + made[t + 1, track][1][:3, 3])
+            np.testing.assert_allclose(made[t, track][1][:3, 3], middle, atol=1e-6)
+
+    def test_choice_and_going_on(self):
+        out, again = self.path("out"), self.path("again")
+        choice = ["--cameras", "ring_front_left", "--frames", "2-6"]
+        self.imports(self.raw, out, *choice)
+        self.assertEqual(load(out, "dataset.json")["cameras"], {"0": "ring_front_left"})
+        self.assertEqual(len(os.listdir(os.path.join(out, "ego_pose"))), 5)
+        self.assertIn("is complete", self.imports(self.raw, out, *choice))
+        self.refused_at(out, "begun from another source or with other options")
+        # Stopped after some photographs, the same command ends with the same bytes.
+        self.imports(self.raw, again, *choice)
+        for name in ["dataset.json", "timestamps.json", "images/000003_0.jpg", "lidar/000004.bin"]:
+            os.remove(os.path.join(again, *name.split("/")))
+        kept = os.stat(os.path.join(again, "images", "000001_0.jpg")).st_mtime_ns
+        self.imports(self.raw, again, *choice)
+        self.assertEqual(os.stat(os.path.join(again, "images", "000001_0.jpg")).st_mtime_ns, kept)
+        for name in files_below(out):
+            self.assertEqual(read(os.path.join(out, name)), read(os.path.join(again, name)), name)
+
+    def refused_at(self, out, *words):
+        done = run(self.kind, self.raw, "-o", out)
+        self.assertEqual((done.returncode, done.stderr.count("\n")), (1, 1), done.stderr)
+        for word in words:
+            self.assertIn(word, done.stderr)
+
+    def test_interrupted(self):
+        process = subprocess.Popen(command(self.kind, self.raw, "-o", self.path("out")), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT)
+        while process.poll() is None and not os.path.exists(self.path("out", "import.json")):
+            time.sleep(0.005)
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=60)
+        if process.returncode != 0:  # else it was faster
+            self.assertEqual((process.returncode, said.count("\n")), (3, 1), said)
+            self.assertFalse(os.path.exists(self.path("out", "dataset.json")))
+        self.imports(self.raw, self.path("out"))
+
+    def test_bad_input(self):
+        self.refused(self.path("none"), "none: is no folder")
+        self.refused(self.street, "has nothing of Argoverse 2")
+        self.refused(self.changed("annotations.feather", lambda path: write(path, b"ARROW1\0\0" + b"\xff" * 300)), "annotations.feather", "can't be read as feather")
+
+    def test_missing_table(self):
+        self.refused(self.changed("calibration/intrinsics.feather", lambda path: None), "intrinsics.feather: is missing")
+
+    def test_missing_column(self):
+        self.refused(self.changed("city_SE3_egovehicle.feather", lambda path: pd.DataFrame({"timestamp_ns": [1]}).to_feather(path)), "city_SE3_egovehicle.feather", "no column 'qw'")
+
+    def test_cut_photograph(self):
+        name = sorted(os.listdir(os.path.join(self.raw, "sensors", "cameras", "ring_front_left")))[3]
+        at = f"sensors/cameras/ring_front_left/{name}"
+        self.refused(self.changed(at, lambda path: write(path, read(os.path.join(self.raw, at))[:900])), name, "can't be read as a picture")
+
+    def test_usage(self):
+        for words in (["argoverse3", self.raw, "-o", "x"], ["argoverse2", self.raw], ["argoverse2", self.raw, "-o", "x", "--frames", "5-2"]):
+            self.assertEqual(run(*words).returncode, 2)
+        self.refused(self.raw, "no camera is named 'rear'", more=["--cameras", "rear"])
+        self.refused(os.path.dirname(self.raw), "no recording is named 'b-log'", "a-log", more=["--sequence", "b-log"])
+
+
+if __name__ == "__main__":
+    unittest.TestCase.maxDiff = None
+    fixtures.main()

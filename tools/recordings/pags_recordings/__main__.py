@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""python -m pags_recordings KIND RAW -o DATASET: imports a recording; pags import calls it. Exit codes are pags': 1 failed, 2 usage, 3 interrupted."""
+
+import argparse
+import importlib
+import os
+import shutil
+import signal
+import sys
+
+from .errors import RecordingError
+from .importing import Progress, one_of
+from .writer import Recording
+
+KINDS = {"argoverse2": ("Argoverse 2's sensor data set: a log, or a folder of logs", ("numpy", "PIL", "pandas", "pyarrow"))}
+PROGRAM = os.environ.get("PAGS_RECORDINGS_FOR", "pags_recordings")
+
+
+def frames(text):
+    first, dash, last = text.partition("-")
+    if not (first.isdigit() and dash and last.isdigit() and int(first) <= int(last)):
+        raise argparse.ArgumentTypeError(f"expected A-B, found {text!r}")
+    return int(first), int(last)
+
+
+def parser():
+    kinds = "; ".join(f"{kind}: {about}" for kind, (about, _) in KINDS.items())
+    p = argparse.ArgumentParser(prog=PROGRAM, description="Imports a recording as a driving set. The same command goes on where it stopped.")
+    p.add_argument("kind", choices=KINDS, metavar="KIND", help=kinds)
+    p.add_argument("raw", metavar="RAW", help="folder of the recording")
+    p.add_argument("-o", "--output", required=True, metavar="DATASET", help="folder to write to")
+    p.add_argument("--sequence", metavar="NAME", help="which recording of those in RAW")
+    p.add_argument("--cameras", metavar="LIST", help="names separated by commas (default: all, stereo pairs and the like left out)")
+    p.add_argument("--frames", type=frames, metavar="A-B", help="time steps, both included (default: all)")
+    p.add_argument("--overwrite", action="store_true", help="remove DATASET first, if an import wrote it")
+    p.add_argument("-q", "--quiet", action="store_true", help="no progress")
+    return p
+
+
+def lacking(modules):
+    return [name for name in modules if importlib.util.find_spec(name) is None]
+
+
+def clear(folder):
+    """Removes what an earlier import wrote; nothing without its import.json."""
+    if os.path.isdir(folder) and os.listdir(folder):
+        if not os.path.exists(os.path.join(folder, "import.json")):
+            raise RecordingError(f"{folder}: wasn't written by an import (it has no import.json); give another folder, or remove it")
+        shutil.rmtree(folder)
+
+
+def run(arguments):
+    missing = lacking(KINDS[arguments.kind][1])
+    if missing:
+        raise RecordingError(f"needs the Python package{'s' if len(missing) > 1 else ''} {', '.join(missing)}: {sys.executable} -m pip install {' '.join(missing).replace('PIL', 'pillow')}")
+    if not os.path.isdir(arguments.raw):
+        raise RecordingError(f"{arguments.raw}: is no folder")
+    reader = importlib.import_module(f".{arguments.kind}", __package__)
+    found = reader.sequences(arguments.raw)
+    if not found:
+        raise RecordingError(f"{arguments.raw}: has nothing of {KINDS[arguments.kind][0].split(':')[0]}")
+    name = one_of(list(found), arguments.sequence, "recording", "--sequence")
+    cameras = arguments.cameras.split(",") if arguments.cameras else None
+    if arguments.overwrite:
+        clear(arguments.output)
+    begun_from = {"importer": arguments.kind, "source": os.path.realpath(found[name]), "cameras": cameras, "frames": arguments.frames and list(arguments.frames)}
+    with Recording(arguments.output, begun_from=begun_from) as out:
+        if out.done:
+            print(f"{arguments.output}: is complete")
+            return
+        progress = Progress(arguments.quiet)
+        reader.read(found[name], cameras, arguments.frames, out, progress)
+        progress.end()
+    boxes = sum(len(step.boxes) for step in out.steps)
+    print(f"{arguments.output}: {len(out.steps)} time steps, {len(out.cameras)} cameras, {len(out.tracks)} things in {boxes} boxes; look at it: pags info {arguments.output} --overlay FOLDER")
+
+
+def main():
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    arguments = parser().parse_args()
+    try:
+        run(arguments)
+    except KeyboardInterrupt:
+        print(f"{PROGRAM}: interrupted; the same command goes on", file=sys.stderr)
+        return 3
+    except (RecordingError, OSError, MemoryError) as error:
+        print(f"{PROGRAM}: {' '.join(str(error).split())}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A log of Argoverse 2's sensor data set (Wilson et al. 2021): feather tables, photographs already undistorted, LiDAR at 10 Hz corrected for the
+car's own motion to its time stamp, boxes at the sweeps' times in the car's frame (x forward, y left, z up, as in the whole set).
+
+One time step is one sweep, with the photograph nearest to it of each camera; boxes are put where they are at the photographs' mean time."""
+
+import glob
+import os
+
+import numpy as np
+
+from . import poses
+from .errors import RecordingError
+from .importing import Tracks, chosen, existing, nearest
+
+CAMERAS = ("ring_front_center", "ring_front_left", "ring_front_right", "ring_side_left", "ring_side_right", "ring_rear_left", "ring_rear_right")
+LARGEST_GAP = 0.03  # seconds between a sweep and a photograph of its step: a little more than half of the cameras' 50 ms
+LABEL_GAP = 0.25  # seconds between two labels of a track that a box may lie between; they are 0.1 s apart
+
+
+def table(path, columns):
+    import pandas
+
+    try:
+        rows = pandas.read_feather(existing(path))
+    except (OSError, ValueError) as error:
+        raise RecordingError(f"{path}: can't be read as feather: {str(error).splitlines()[0]}") from None
+    lacking = [name for name in columns if name not in rows.columns]
+    if lacking or len(rows) == 0:
+        raise RecordingError(f"{path}: {f'has no column {lacking[0]!r}' if lacking else 'has no rows'}; expected {', '.join(columns)}")
+    return rows
+
+
+QUATERNION, TRANSLATION = ["qw", "qx", "qy", "qz"], ["tx_m", "ty_m", "tz_m"]
+
+
+def pose_of(row):
+    return poses.pose([row[k] for k in QUATERNION], [row[k] for k in TRANSLATION], order="wxyz")
+
+
+def stamps(folder, end):
+    """Files named by their time in nanoseconds, ascending."""
+    found = {}
+    for path in glob.glob(os.path.join(glob.escape(folder), f"*.{end}")):
+        name = os.path.basename(path)[: -len(end) - 1]
+        if not name.isdigit():
+            raise RecordingError(f"{path}: expected the name of a time in nanoseconds")
+        found[int(name)] = path
+    return dict(sorted(found.items()))
+
+
+def sequences(raw):
+    """The logs below a folder: itself, or its subfolders."""
+    if os.path.exists(os.path.join(raw, "city_SE3_egovehicle.feather")):
+        return {os.path.basename(os.path.abspath(raw)): raw}
+    found = glob.glob(os.path.join(glob.escape(raw), "*", "city_SE3_egovehicle.feather"))
+    return {os.path.basename(os.path.dirname(path)): os.path.dirname(path) for path in sorted(found)}
+
+
+def read(log, cameras, frames, out, progress):
+    lenses = table(os.path.join(log, "calibration", "intrinsics.feather"), ["sensor_name", "fx_px", "fy_px", "cx_px", "cy_px", "width_px", "height_px"]).set_index("sensor_name")
+    mounts = table(os.path.join(log, "calibration", "egovehicle_SE3_sensor.feather"), ["sensor_name", *QUATERNION, *TRANSLATION]).set_index("sensor_name")
+    path = table(os.path.join(log, "city_SE3_egovehicle.feather"), ["timestamp_ns", *QUATERNION, *TRANSLATION]).sort_values("timestamp_ns").drop_duplicates("timestamp_ns")
+    shots = {name: stamps(os.path.join(log, "sensors", "cameras", name), "jpg") for name in lenses.index}
+    present = [name for name in CAMERAS if shots.get(name)] + [name for name in lenses.index if shots[name] and name not in CAMERAS]
+    if not present:
+        raise RecordingError(f"{os.path.join(log, 'sensors', 'cameras')}: has no photographs; expected CAMERA/TIME.jpg")
+    names = chosen(present, cameras, "camera") if cameras else [name for name in present if name in CAMERAS] or present
+    zero = int(path["timestamp_ns"].iloc[0])
+    stations = (path["timestamp_ns"].to_numpy() - zero) / 1e9
+    ways = [pose_of(row) for _, row in path.iterrows()]
+    sweeps = stamps(os.path.join(log, "sensors", "lidar"), "feather")
+    steps = pick_steps(log, names, shots, sweeps, zero)
+    steps = steps if frames is None else steps[frames[0] : frames[1] + 1]
+    if not steps:
+        raise RecordingError(f"{log}: no time step is left; there is none in which each camera has a photograph within {LARGEST_GAP} s, or --frames chose none")
+    progress.total = len(steps)
+    tracks = read_tracks(log, zero, stations, ways)
+    for name in names:
+        lens = lenses.loc[name]
+        k = [[lens["fx_px"], 0, lens["cx_px"]], [0, lens["fy_px"], lens["cy_px"]], [0, 0, 1]]
+        out.add_camera(name, (int(lens["width_px"]), int(lens["height_px"])), k)
+    for number, (stamp, picked) in enumerate(steps):
+        progress.show(number)
+        put_step(out, (stamp - zero) / 1e9, {name: ((at - zero) / 1e9, shots[name][at]) for name, at in picked.items()}, sweeps.get(stamp), mounts, stations, ways, tracks)
+
+
+def pick_steps(log, names, shots, sweeps, zero):
+    """The sweeps' times, or the first camera's where there are no sweeps, at which every camera has a photograph near by."""
+    times = {name: list(shots[name]) for name in names}
+    steps = []
+    for stamp in sweeps or times[names[0]]:
+        picked = {name: times[name][nearest(times[name], stamp)] for name in names}
+        if all(abs(at - stamp) <= LARGEST_GAP * 1e9 for at in picked.values()):
+            steps.append((stamp, picked))
+    return steps
+
+
+def read_tracks(log, zero, stations, ways):
+    tracks, name = Tracks(), os.path.join(log, "annotations.feather")
+    if not os.path.exists(name):  # the test split has none
+        return tracks
+    rows = table(name, ["timestamp_ns", "track_uuid", "category", "length_m", "width_m", "height_m", *QUATERNION, *TRANSLATION])
+    for _, row in rows.sort_values("timestamp_ns", kind="stable").iterrows():
+        at = (int(row["timestamp_ns"]) - zero) / 1e9
+        box = poses.interpolate(stations, ways, at) @ pose_of(row)
+        tracks.add(row["track_uuid"], row["category"], at, box, [row["length_m"], row["width_m"], row["height_m"]])
+    return tracks
+
+
+def put_step(out, time, photographs, sweep, mounts, stations, ways, tracks):
+    world_from_ego = poses.interpolate(stations, ways, time)
+    step = out.add_step(time, world_from_ego)
+    for name, (at, file) in photographs.items():
+        step.photograph(name, file, poses.interpolate(stations, ways, at) @ pose_of(mounts.loc[name]), at)
+    if sweep and not step.has_lidar(["intensity"]):
+        rows = table(sweep, ["x", "y", "z", "intensity"])
+        step.lidar(rows[["x", "y", "z", "intensity"]].to_numpy(np.float64), world_from_ego, ["intensity"])
+    tracks.put(step, float(np.mean([at for at, _ in photographs.values()])), LABEL_GAP)
