@@ -47,7 +47,7 @@ static const verb_entry verbs[] = {
     {"view", "show a scene in a browser", IF_VIEW(pags_verb_view)},
     {"info", "say what a data set, scene, splat, camera, image or checkpoint file holds", pags_verb_info, NULL},
     {"export", "write proxy geometry or splat files of a scene", pags_verb_export, EXPORT_LACKS},
-    {"import", "turn a recording of KITTI or Waymo into a data set", IF_IMPORT(pags_verb_import)},
+    {"import", "turn a recording of KITTI, Waymo or Argoverse 2 into a data set", IF_IMPORT(pags_verb_import)},
     {"split", "cut a long drive into blocks that are trained each by itself", pags_verb_split, NULL},
     {"merge", "put the scenes of a split drive's blocks together", pags_verb_merge, NULL},
     {"synth", "write a data set with known truth, ray-traced", IF_SYNTH(pags_verb_synth)},

@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pags import: converts recordings of KITTI or Waymo to a data set in drivestudio's layout. */
+/* pags import: converts recordings to a data set in drivestudio's layout: KITTI's and Waymo's here, others by a Python
+ * package. */
+#include "cli/foreign_recording.h"
 #include "cli/interrupt.h"
 #include "cli/session.h"
 #include "cli/verbs.h"
@@ -17,13 +19,13 @@ typedef struct import_arguments {
 
 static const pags_option options[] = {
     PAGS_OUTPUT(AT(output), "DATASET", "folder to write the data set to"),
-    PAGS_TEXT("cameras", 0, AT(options.cameras), "N,N,...", "waymo 0,1,2; kitti 0,1 if there",
+    PAGS_TEXT("cameras", 0, AT(options.cameras), "LIST", "waymo 0,1,2; kitti 0,1 if there; argoverse2: the ring",
               "cameras to import: waymo 0 front, 1 front left, 2 front right, 3 side left, 4 side right; kitti 0 "
-              "image_02, 1 image_03"),
+              "image_02, 1 image_03; argoverse2: names such as ring_front_center"),
     PAGS_VALUE("frames", 0, SPAN, AT(options.frame_first), 0, 0, "A-B", NULL, "all",
                "frames to import, both included; A- to the end; they count from 0 in DATASET"),
     PAGS_TEXT("sequence", 0, AT(options.sequence), "NAME", "the only one there is",
-              "kitti: the sequence (0000), or of raw recordings the drive (0001)"),
+              "kitti: the sequence (0000), or of raw recordings the drive (0001); argoverse2: the log"),
     PAGS_FLAG("overwrite", 0, AT(options.overwrite), "remove another data set's files from the folder first"),
     PAGS_SESSION_OPTIONS(import_arguments),
     {0}};
@@ -38,8 +40,10 @@ static const struct kind {
 enum { KIND_COUNT = sizeof kinds / sizeof kinds[0] };
 
 static const pags_positional positionals[] = {
-    {"KIND", "kitti: the tracking benchmark, or a synchronised raw recording; waymo: a segment of the Open Dataset v1"},
-    {"RAW", "KITTI's folder, or Waymo's .tfrecord file"},
+    {"KIND",
+     "kitti: the tracking benchmark, or a synchronised raw recording; waymo: a segment of the Open Dataset v1; "
+     "argoverse2: a log of the sensor data set, by the Python package in tools/recordings"},
+    {"RAW", "the recording's folder, or Waymo's .tfrecord file"},
     {NULL, NULL}};
 
 static const pags_verb verb = {.name = "import",
@@ -86,12 +90,17 @@ int pags_verb_import(int argc, char **argv) {
   for (int i = 0; i < KIND_COUNT; i++)
     if (!strcmp(kinds[i].name, parsed.positionals[0]))
       kind = &kinds[i];
-  if (!kind)
-    return pags_usage_error(&verb, "KIND: expected kitti or waymo, got '%s'", parsed.positionals[0]);
-  if (arguments.options.sequence && kind->import == pags_import_waymo)
+  const bool foreign = !kind && pags_foreign_recording_is(parsed.positionals[0]);
+  if (!kind && !foreign)
+    return pags_usage_error(&verb, "KIND: expected kitti, waymo or " PAGS_FOREIGN_KINDS ", got '%s'",
+                            parsed.positionals[0]);
+  if (arguments.options.sequence && kind && kind->import == pags_import_waymo)
     return pags_usage_error(&verb, "--sequence: a segment of Waymo is one sequence; give its file");
   pags_result result = pags_session_begin(&arguments.session);
-  if (result == PAGS_OK)
+  if (result == PAGS_OK && foreign)
+    result = pags_foreign_recording_import(parsed.positionals[0], parsed.positionals[1], arguments.output,
+                                           &arguments.options, arguments.session.json, arguments.session.quiet != 0);
+  else if (result == PAGS_OK)
     result = import(&arguments, kind, parsed.positionals[1]);
   return pags_session_end(&arguments.session, result);
 }

@@ -20,8 +20,8 @@ static const struct sign {
   bool importable;
   const char *text;
 } signs[] = {
-    {{"city_SE3_egovehicle.feather"}, false, "a log of Argoverse 2; " DRIVESTUDIO ", then with --kind argoverse2"},
-    {{"annotations.feather", "sensors"}, false, "a log of Argoverse 2; " DRIVESTUDIO ", then with --kind argoverse2"},
+    {{"city_SE3_egovehicle.feather"}, false, "a log of Argoverse 2; pags import argoverse2 reads it"},
+    {{"annotations.feather", "sensors"}, false, "a log of Argoverse 2; pags import argoverse2 reads it"},
     {{"samples", "sweeps"}, false, "nuScenes; " DRIVESTUDIO ", then with --kind nuscenes"},
     {{"v1.0-mini"}, false, "nuScenes; " DRIVESTUDIO ", then with --kind nuscenes"},
     {{"v1.0-trainval"}, false, "nuScenes; " DRIVESTUDIO ", then with --kind nuscenes"},
@@ -116,23 +116,22 @@ static const char *name_folder(const char *folder, bool importers) {
 static const struct {
   const char *magic;
   const char *text;
-} files[] = {
-    {"PAR1",
-     "a parquet file, as of Waymo Open v2, which isn't imported; the segment's .tfrecord of version 1 is "
-     "(pags import waymo)"},
-    {"ARROW1", "a feather file, as of Argoverse 2; of the log's folder, " DRIVESTUDIO ", then with --kind argoverse2"},
-    {"#ROSBAG", "a ROS bag, which isn't read; " LAYOUT},
-    {"\x89MCAP", "an MCAP recording, which isn't read; " LAYOUT},
-    {"SQLite format 3", "a database, as of nuPlan or ROS 2, which isn't read; " LAYOUT},
-    {"version https://git-lfs", "a pointer of Git LFS; 'git lfs pull' fetches the file it stands for"},
-    {"\x1f\x8b", "compressed by gzip; gunzip it first"},
-    {"BZh", "compressed by bzip2; bunzip2 it first"},
-    {"(\xb5/\xfd", "compressed by zstd; unzstd it first"},
-    {"\xfd"
-     "7zXZ",
-     "compressed by xz; unxz it first"},
-    {"<!DOCTYPE", "a web page, not a recording: the download failed"},
-    {"<html", "a web page, not a recording: the download failed"}};
+} files[] = {{"PAR1",
+              "a parquet file, as of Waymo Open v2, which isn't imported; the segment's .tfrecord of version 1 is "
+              "(pags import waymo)"},
+             {"ARROW1", "a feather file, as of Argoverse 2; pags import argoverse2 reads the log's folder"},
+             {"#ROSBAG", "a ROS bag, which isn't read; " LAYOUT},
+             {"\x89MCAP", "an MCAP recording, which isn't read; " LAYOUT},
+             {"SQLite format 3", "a database, as of nuPlan or ROS 2, which isn't read; " LAYOUT},
+             {"version https://git-lfs", "a pointer of Git LFS; 'git lfs pull' fetches the file it stands for"},
+             {"\x1f\x8b", "compressed by gzip; gunzip it first"},
+             {"BZh", "compressed by bzip2; bunzip2 it first"},
+             {"(\xb5/\xfd", "compressed by zstd; unzstd it first"},
+             {"\xfd"
+              "7zXZ",
+              "compressed by xz; unxz it first"},
+             {"<!DOCTYPE", "a web page, not a recording: the download failed"},
+             {"<html", "a web page, not a recording: the download failed"}};
 
 static const char *name_file(const char *path) {
   uint8_t head[32];

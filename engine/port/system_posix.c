@@ -19,6 +19,7 @@
 #ifdef __linux__
 #include <sched.h>
 #else
+#include <mach-o/dyld.h>
 #include <mach/mach.h>
 #include <sys/sysctl.h>
 #include <xlocale.h>
@@ -204,6 +205,20 @@ void pags_port_on_lost_mapping(const char *message) {
 void pags_port_begin_program(int *argc, char ***argv) {
   (void)argc;
   (void)argv;
+}
+
+char *pags_port_program(void) {
+#ifdef __linux__
+  return realpath("/proc/self/exe", NULL);
+#else
+  char path[4096];
+  uint32_t size = sizeof path;
+  return _NSGetExecutablePath(path, &size) == 0 ? realpath(path, NULL) : NULL;
+#endif
+}
+
+void pags_port_become(const char *const *words) {
+  execvp(words[0], (char *const *)(uintptr_t)words);
 }
 
 /* ---- Waiting ---- */

@@ -153,6 +153,64 @@ void pags_port_begin_program(int *argc, char ***argv) {
   *argv = narrow; /* lives as long as the program */
 }
 
+char *pags_port_program(void) {
+  enum { LONGEST = 32768 }; /* characters of a path */
+  wchar_t *wide = malloc(LONGEST * sizeof *wide);
+  const DWORD length = wide ? GetModuleFileNameW(NULL, wide, LONGEST) : 0;
+  char *path = length > 0 && length < LONGEST ? pags_port_narrow(wide) : NULL;
+  free(wide);
+  for (char *at = path; at && *at; at++)
+    *at = *at == '\\' ? '/' : *at;
+  return path;
+}
+
+/* Writes an argument so that a program that takes its command line apart by the C library's rules gets it back: in
+ * quotes, with backslashes doubled where they precede a quote. */
+static char *quote(const char *word) {
+  char *out = malloc(2 * strlen(word) + 3), *at = out;
+  if (!out)
+    return NULL;
+  *at++ = '"';
+  for (size_t slashes = 0;; word++) {
+    if (*word == '\\') {
+      slashes++;
+    } else {
+      for (size_t i = 0; (*word == '"' || !*word) && i < slashes; i++)
+        *at++ = '\\';
+      slashes = 0;
+      if (*word == '"')
+        *at++ = '\\';
+    }
+    if (!*word)
+      break;
+    *at++ = *word;
+  }
+  *at++ = '"';
+  *at = '\0';
+  return out;
+}
+
+static void leave_to_the_other(bool keyboard) {
+  (void)keyboard;
+}
+
+void pags_port_become(const char *const *words) {
+  size_t count = 0;
+  while (words[count])
+    count++;
+  wchar_t *program = pags_port_wide(words[0]), **wide = calloc(count + 1, sizeof *wide);
+  bool right = program && wide;
+  for (size_t i = 0; right && i < count; i++) {
+    char *quoted = quote(words[i]);
+    right = quoted && (wide[i] = pags_port_wide(quoted));
+    free(quoted);
+  }
+  pags_port_on_interrupt(leave_to_the_other); /* Ctrl-C reaches both; the other one ends first */
+  const intptr_t code = right ? _wspawnvp(_P_WAIT, program, (const wchar_t *const *)wide) : -1;
+  if (code != -1)
+    exit((int)code);
+}
+
 /* ---- Waiting ---- */
 
 bool pags_port_condition_create(pthread_cond_t *condition) {

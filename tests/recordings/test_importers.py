@@ -210,6 +210,20 @@ class Argoverse2(Importer):
         at = f"sensors/cameras/ring_front_left/{name}"
         self.refused(self.changed(at, lambda path: write(path, read(os.path.join(self.raw, at))[:900])), name, "can't be read as a picture")
 
+    def test_by_the_program(self):
+        """pags import starts the package that lies beside it, from any working directory, with its exit codes."""
+        out = self.path("out")
+        self.write("here/pags_recordings/__init__.py", "raise SystemExit('a file of the working directory')")
+        self.write("here/pags_recordings/__main__.py", "raise SystemExit('a file of the working directory')")
+        words = ["import", "argoverse2", self.raw, "-o", out, "--frames", "5-", "--json", "-"]
+        self.assertEqual(json.loads(self.succeeds(*words, cwd=self.path("here")).stdout)["kind"], "argoverse2")
+        self.assertEqual(len(os.listdir(os.path.join(out, "ego_pose"))), 3)
+        self.imports(self.raw, self.path("other"), "--frames", "5-")
+        for name in files_below(out):
+            self.assertEqual(read(os.path.join(out, name)), read(self.path("other", name)), name)
+        self.fails(["import", "argoverse2", self.street, "-o", self.path("x")], "has nothing of Argoverse 2")
+        self.fails(["import", "argoverse3", self.street, "-o", self.path("x")], "expected kitti, waymo or argoverse2", code=2)
+
     def test_usage(self):
         for words in (["argoverse3", self.raw, "-o", "x"], ["argoverse2", self.raw], ["argoverse2", self.raw, "-o", "x", "--frames", "5-2"]):
             self.assertEqual(run(*words).returncode, 2)

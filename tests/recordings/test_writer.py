@@ -23,6 +23,7 @@ from PIL import Image  # noqa: E402
 import fixtures  # noqa: E402
 from fixtures import Case, read, write  # noqa: E402
 from street import about, half_angle, labels, load, make_street, matrix, parts, sweep  # noqa: E402
+import pags_recordings  # noqa: E402
 from pags_recordings import Recording, RecordingError, poses  # noqa: E402
 
 TEMPLATE = os.path.join(TOOLS, "recordings", "template.py")
@@ -277,7 +278,10 @@ def encoded(picture, form):
     return out.getvalue()
 
 
-class Docs(unittest.TestCase):
+class Package(Case):
+    def test_the_version_is_that_of_pags(self):
+        self.assertEqual(self.succeeds("--version").stdout.split()[1], pags_recordings.__version__)
+
     def test_the_template_is_short(self):
         self.assertLessEqual(len(pathlib.Path(TEMPLATE).read_text().splitlines()), 60)
 

@@ -5,7 +5,10 @@ Poses are 4x4 matrices named TO_from_FROM: world_from_camera takes a point of th
 seconds. `poses` turns other conventions into these; what the writer is given it checks, and says what it found.
 """
 
+from . import poses
 from .errors import RecordingError
 from .writer import Recording
+
+__version__ = "0.1.0"  # pags' own
 
 __all__ = ["Recording", "RecordingError", "poses"]

@@ -3,10 +3,13 @@
 
 import argparse
 import importlib
+import importlib.util
+import json
 import os
 import shutil
 import signal
 import sys
+import time
 
 from .errors import RecordingError
 from .importing import Progress, one_of
@@ -18,9 +21,9 @@ PROGRAM = os.environ.get("PAGS_RECORDINGS_FOR", "pags_recordings")
 
 def frames(text):
     first, dash, last = text.partition("-")
-    if not (first.isdigit() and dash and last.isdigit() and int(first) <= int(last)):
-        raise argparse.ArgumentTypeError(f"expected A-B, found {text!r}")
-    return int(first), int(last)
+    if not (first.isdigit() and dash and (not last or last.isdigit() and int(first) <= int(last))):
+        raise argparse.ArgumentTypeError(f"expected A-B or A-, found {text!r}")
+    return int(first), int(last) if last else sys.maxsize - 1
 
 
 def parser():
@@ -31,9 +34,10 @@ def parser():
     p.add_argument("-o", "--output", required=True, metavar="DATASET", help="folder to write to")
     p.add_argument("--sequence", metavar="NAME", help="which recording of those in RAW")
     p.add_argument("--cameras", metavar="LIST", help="names separated by commas (default: all, stereo pairs and the like left out)")
-    p.add_argument("--frames", type=frames, metavar="A-B", help="time steps, both included (default: all)")
+    p.add_argument("--frames", type=frames, metavar="A-B", help="time steps, both included; A-: to the end (default: all)")
     p.add_argument("--overwrite", action="store_true", help="remove DATASET first, if an import wrote it")
-    p.add_argument("-q", "--quiet", action="store_true", help="no progress")
+    p.add_argument("--json", metavar="FILE|-", help="write what a machine reads to FILE, or to standard output")
+    p.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
     return p
 
 
@@ -64,15 +68,26 @@ def run(arguments):
     if arguments.overwrite:
         clear(arguments.output)
     begun_from = {"importer": arguments.kind, "source": os.path.realpath(found[name]), "cameras": cameras, "frames": arguments.frames and list(arguments.frames)}
+    begun = time.monotonic()
+    people = None if arguments.quiet else sys.stderr if arguments.json == "-" else sys.stdout
     with Recording(arguments.output, begun_from=begun_from) as out:
-        if out.done:
-            print(f"{arguments.output}: is complete")
-            return
-        progress = Progress(arguments.quiet)
-        reader.read(found[name], cameras, arguments.frames, out, progress)
-        progress.end()
-    boxes = sum(len(step.boxes) for step in out.steps)
-    print(f"{arguments.output}: {len(out.steps)} time steps, {len(out.cameras)} cameras, {len(out.tracks)} things in {boxes} boxes; look at it: pags info {arguments.output} --overlay FOLDER")
+        if not out.done:
+            progress = Progress(arguments.quiet)
+            reader.read(found[name], cameras, arguments.frames, out, progress)
+            progress.end()
+    if people and out.done:
+        print(f"{arguments.output}: is complete", file=people)
+    elif people:
+        boxes = sum(len(step.boxes) for step in out.steps)
+        print(f"{arguments.output}: {len(out.steps)} time steps, {len(out.cameras)} cameras, {len(out.tracks)} things in {boxes} boxes; look at it: "
+              f"pags info {arguments.output} --overlay FOLDER", file=people)  # fmt: skip
+    if arguments.json:
+        text = json.dumps({"kind": arguments.kind, "dataset": arguments.output, "seconds": time.monotonic() - begun}, indent=2) + "\n"
+        if arguments.json == "-":
+            sys.stdout.write(text)
+        else:
+            with open(arguments.json, "w", encoding="utf-8") as file:
+                file.write(text)
 
 
 def main():

@@ -1,0 +1,19 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Recordings that the Python package pags_recordings imports (tools/recordings). */
+#ifndef PAGS_CLI_FOREIGN_RECORDING_H
+#define PAGS_CLI_FOREIGN_RECORDING_H
+
+#include <pags/import.h>
+#include <stdbool.h>
+
+/* The kinds it has, separated by commas. */
+#define PAGS_FOREIGN_KINDS "argoverse2"
+
+bool pags_foreign_recording_is(const char *kind);
+
+/* Goes on as the package's program, which lies beside this program or is installed for Python in the same version.
+ * Returns only where it couldn't be started: PAGS_ERROR_UNSUPPORTED with what to do, PAGS_ERROR_MEMORY. */
+pags_result pags_foreign_recording_import(const char *kind, const char *source, const char *folder,
+                                          const pags_import_options *options, const char *json, bool quiet);
+
+#endif
