@@ -6,8 +6,8 @@
 #include <pags/import.h>
 #include <stdbool.h>
 
-/* The kinds it has, separated by commas. */
-#define PAGS_FOREIGN_KINDS "argoverse2"
+/* The kinds it has, as a sentence names them. */
+#define PAGS_FOREIGN_KINDS "argoverse2 or nuscenes"
 
 bool pags_foreign_recording_is(const char *kind);
 

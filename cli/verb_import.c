@@ -19,13 +19,15 @@ typedef struct import_arguments {
 
 static const pags_option options[] = {
     PAGS_OUTPUT(AT(output), "DATASET", "folder to write the data set to"),
-    PAGS_TEXT("cameras", 0, AT(options.cameras), "LIST", "waymo 0,1,2; kitti 0,1 if there; argoverse2: the ring",
+    PAGS_TEXT("cameras", 0, AT(options.cameras), "LIST",
+              "waymo 0,1,2; kitti 0,1 if there; others: all but stereo pairs",
               "cameras to import: waymo 0 front, 1 front left, 2 front right, 3 side left, 4 side right; kitti 0 "
-              "image_02, 1 image_03; argoverse2: names such as ring_front_center"),
+              "image_02, 1 image_03; argoverse2 and nuscenes: names such as ring_front_center, CAM_FRONT"),
     PAGS_VALUE("frames", 0, SPAN, AT(options.frame_first), 0, 0, "A-B", NULL, "all",
                "frames to import, both included; A- to the end; they count from 0 in DATASET"),
-    PAGS_TEXT("sequence", 0, AT(options.sequence), "NAME", "the only one there is",
-              "kitti: the sequence (0000), or of raw recordings the drive (0001); argoverse2: the log"),
+    PAGS_TEXT(
+        "sequence", 0, AT(options.sequence), "NAME", "the only one there is",
+        "kitti: the sequence (0000), or of raw recordings the drive (0001); argoverse2: the log; nuscenes: the scene"),
     PAGS_FLAG("overwrite", 0, AT(options.overwrite), "remove another data set's files from the folder first"),
     PAGS_SESSION_OPTIONS(import_arguments),
     {0}};
@@ -42,7 +44,8 @@ enum { KIND_COUNT = sizeof kinds / sizeof kinds[0] };
 static const pags_positional positionals[] = {
     {"KIND",
      "kitti: the tracking benchmark, or a synchronised raw recording; waymo: a segment of the Open Dataset v1; "
-     "argoverse2: a log of the sensor data set, by the Python package in tools/recordings"},
+     "argoverse2: a log of the sensor data set; nuscenes: a scene of v1.0; these two by the Python package in "
+     "tools/recordings"},
     {"RAW", "the recording's folder, or Waymo's .tfrecord file"},
     {NULL, NULL}};
 
@@ -92,7 +95,7 @@ int pags_verb_import(int argc, char **argv) {
       kind = &kinds[i];
   const bool foreign = !kind && pags_foreign_recording_is(parsed.positionals[0]);
   if (!kind && !foreign)
-    return pags_usage_error(&verb, "KIND: expected kitti, waymo or " PAGS_FOREIGN_KINDS ", got '%s'",
+    return pags_usage_error(&verb, "KIND: expected kitti, waymo, " PAGS_FOREIGN_KINDS ", got '%s'",
                             parsed.positionals[0]);
   if (arguments.options.sequence && kind && kind->import == pags_import_waymo)
     return pags_usage_error(&verb, "--sequence: a segment of Waymo is one sequence; give its file");

@@ -22,9 +22,9 @@ static const struct sign {
 } signs[] = {
     {{"city_SE3_egovehicle.feather"}, false, "a log of Argoverse 2; pags import argoverse2 reads it"},
     {{"annotations.feather", "sensors"}, false, "a log of Argoverse 2; pags import argoverse2 reads it"},
-    {{"samples", "sweeps"}, false, "nuScenes; " DRIVESTUDIO ", then with --kind nuscenes"},
-    {{"v1.0-mini"}, false, "nuScenes; " DRIVESTUDIO ", then with --kind nuscenes"},
-    {{"v1.0-trainval"}, false, "nuScenes; " DRIVESTUDIO ", then with --kind nuscenes"},
+    {{"samples", "sweeps"}, false, "nuScenes; pags import nuscenes reads it"},
+    {{"v1.0-mini"}, false, "nuScenes; pags import nuscenes reads it"},
+    {{"v1.0-trainval"}, false, "nuScenes; pags import nuscenes reads it"},
     {{"camera/front_camera", "lidar"}, false, "a raw sequence of PandaSet; " DRIVESTUDIO ", then with --kind pandaset"},
     {{"annotations/cuboids", "lidar"}, false, "a raw sequence of PandaSet; " DRIVESTUDIO ", then with --kind pandaset"},
     {{"nuplan-v1.1"}, false, "nuPlan; " DRIVESTUDIO ", then with --kind nuplan"},

@@ -470,11 +470,11 @@ class Foreign(Case):
         self.write("bag/x.bag", b"#ROSBAG V2.0\n")
         self.write("w/segment.tfrecord", bytes(20))
         for name, words in {
-            "av2": ["Argoverse 2", "--kind argoverse2"],
+            "av2": ["Argoverse 2", "pags import argoverse2"],
             "v2": ["Waymo Open v2", ".tfrecord"],
             "v2/vehicle_pose/1.parquet": ["parquet", ".tfrecord"],
-            "av2/city_SE3_egovehicle.feather": ["feather", "--kind argoverse2"],
-            "nusc": ["nuScenes", "--kind nuscenes"],
+            "av2/city_SE3_egovehicle.feather": ["feather", "pags import argoverse2"],
+            "nusc": ["nuScenes", "pags import nuscenes"],
             "k360": ["KITTI-360", "docs/dataset-layout.md"],
             "object": ["object benchmark", "raw recording is needed"],
             "drive": ["raw recording of KITTI", "pags import kitti"],
@@ -490,7 +490,7 @@ class Foreign(Case):
         """--kind on what isn't in drivestudio's layout says what was found and expected."""
         out = ["-o", self.path("scene"), "--kind"]
         self.write("av2/city_SE3_egovehicle.feather", b"ARROW1\0\0")
-        self.fails(["train", self.path("av2"), *out, "argoverse2"], "a log of Argoverse 2; drivestudio's", "then with --kind argoverse2")
+        self.fails(["train", self.path("av2"), *out, "argoverse2"], "a log of Argoverse 2; pags import argoverse2 reads it")
         self.write("static/transforms.json", "{}")
         words = ["static: not in drivestudio's layout", "--kind waymo", "expected the folders images"]
         self.fails(["train", self.path("static"), *out, "waymo"], *words, "found no folder images", "without --kind")

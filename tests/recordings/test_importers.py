@@ -24,7 +24,7 @@ from PIL import Image  # noqa: E402
 
 import fixtures  # noqa: E402
 from fixtures import Case, files_below, read, write  # noqa: E402
-from street import labels, load, make_street, matrix, parts, sweep  # noqa: E402
+from street import about, labels, load, make_street, matrix, parts, sweep  # noqa: E402
 
 FRAMES = 8
 
@@ -222,13 +222,128 @@ class Argoverse2(Importer):
         for name in files_below(out):
             self.assertEqual(read(os.path.join(out, name)), read(self.path("other", name)), name)
         self.fails(["import", "argoverse2", self.street, "-o", self.path("x")], "has nothing of Argoverse 2")
-        self.fails(["import", "argoverse3", self.street, "-o", self.path("x")], "expected kitti, waymo or argoverse2", code=2)
+        self.fails(["import", "argoverse3", self.street, "-o", self.path("x")], "expected kitti, waymo, argoverse2 or nuscenes", code=2)
 
     def test_usage(self):
         for words in (["argoverse3", self.raw, "-o", "x"], ["argoverse2", self.raw], ["argoverse2", self.raw, "-o", "x", "--frames", "5-2"]):
             self.assertEqual(run(*words).returncode, 2)
         self.refused(self.raw, "no camera is named 'rear'", more=["--cameras", "rear"])
         self.refused(os.path.dirname(self.raw), "no recording is named 'b-log'", "a-log", more=["--sequence", "b-log"])
+
+
+# ---- nuScenes ----
+
+
+class NuScenes(Importer):
+    kind, NAMES, START, KEY = "nuscenes", ("CAM_FRONT", "CAM_FRONT_LEFT"), 1_532_402_927_600_000, 4
+
+    @classmethod
+    def setUpClass(cls):
+        shared = cls.shared_folder()
+        cls.street, cls.raw = make_street(os.path.join(shared, "street"), FRAMES), os.path.join(shared, "nuscenes")
+        street = cls.street
+        stamps = [cls.START + round(t * 1e6) for t in load(street, "timestamps.json")["frames"]]
+        egos = [matrix(street, "ego_pose", f"{t:03d}.txt") for t in range(FRAMES)]
+        cls.lidar = np.block([[about([0.02, 0.01, 1], -1.6), np.array([[0.9], [0.0], [1.8]])], [np.zeros((1, 3)), np.ones((1, 1))]])
+        mounts = [matrix(street, "extrinsics", f"{n}.txt") for n in range(2)] + [cls.lidar]
+        tables = {name: [] for name in ("sensor", "calibrated_sensor", "ego_pose", "sample", "sample_data", "sample_annotation", "instance", "category", "lidarseg")}
+        tables["scene"] = [{"token": "s0", "name": "scene-0061", "first_sample_token": "k0", "last_sample_token": "k4", "nbr_samples": 2},
+                           {"token": "s1", "name": "scene-0103", "first_sample_token": "other", "last_sample_token": "other", "nbr_samples": 0}]  # fmt: skip
+        for n, channel in enumerate([*cls.NAMES, "LIDAR_TOP"]):
+            k = np.loadtxt(os.path.join(street, "intrinsics", f"{n}.txt")) if n < 2 else None
+            tables["sensor"].append({"token": f"sensor{n}", "channel": channel, "modality": "camera" if n < 2 else "lidar"})
+            tables["calibrated_sensor"].append({"token": f"mount{n}", "sensor_token": f"sensor{n}", **cls.part(mounts[n]),
+                                                "camera_intrinsic": [] if k is None else [[k[0], 0, k[2] - 0.5], [0, k[1], k[3] - 0.5], [0, 0, 1]]})  # fmt: skip
+        for t, stamp in enumerate(stamps):
+            key = t % cls.KEY == 0
+            if key:
+                tables["sample"].append({"token": f"k{t}", "timestamp": stamp, "scene_token": "s0"})
+            for n, channel in enumerate([*cls.NAMES, "LIDAR_TOP"]):
+                name = f"{'samples' if key else 'sweeps'}/{channel}/n015__{channel}__{stamp}{'.jpg' if n < 2 else '.pcd.bin'}"
+                tables["ego_pose"].append({"token": f"e{t}_{n}", "timestamp": stamp, **cls.part(egos[t])})
+                tables["sample_data"].append({"token": f"d{t}_{n}", "sample_token": f"k{t // cls.KEY * cls.KEY}", "ego_pose_token": f"e{t}_{n}", "calibrated_sensor_token": f"mount{n}", "timestamp": stamp,
+                                              "is_key_frame": key, "width": 160 if n < 2 else 0, "height": 96 if n < 2 else 0, "filename": name})  # fmt: skip
+                write(os.path.join(cls.raw, *name.split("/")), jpeg(os.path.join(street, "images", f"{t:03d}_{n}.png")) if n < 2 else cls.rows(t).tobytes())
+            if key:
+                write(os.path.join(cls.raw, "lidarseg", "v1.0-mini", f"d{t}_2_lidarseg.bin"), (np.arange(len(cls.rows(t))) % 32).astype(np.uint8).tobytes())
+                tables["lidarseg"].append({"token": f"d{t}_2", "sample_data_token": f"d{t}_2", "filename": f"lidarseg/v1.0-mini/d{t}_2_lidarseg.bin"})
+        for (t, track), (name, pose, size) in labels(street).items():
+            if t % cls.KEY == 0:
+                tables["sample_annotation"].append({"token": f"a{t}_{track}", "sample_token": f"k{t}", "instance_token": track, **cls.part(pose), "size": [size[1], size[0], size[2]]})
+            if track not in [row["token"] for row in tables["instance"]]:
+                tables["instance"].append({"token": track, "category_token": name})
+            if name not in [row["token"] for row in tables["category"]]:
+                tables["category"].append({"token": name, "name": name})
+        for name, rows in tables.items():
+            write(os.path.join(cls.raw, "v1.0-mini", f"{name}.json"), json.dumps(rows))
+
+    @staticmethod
+    def part(pose):
+        (x, y, z, w), translation = parts(pose)
+        return {"rotation": [w, x, y, z], "translation": translation}
+
+    @classmethod
+    def rows(cls, t):
+        rows = sweep(cls.street, f"{t:03d}.bin").astype(float)
+        moved = (rows[:, :3] - cls.lidar[:3, 3]) @ cls.lidar[:3, :3]
+        return np.column_stack([moved, rows[:, 3], np.zeros(len(rows))]).astype("<f4")
+
+    def test_it_comes_out_right(self):
+        out = self.path("out")
+        self.assertIn(f"{FRAMES} time steps, 2 cameras", self.imports(self.raw, out, "--sequence", "scene-0061"))
+        self.hold_to_street(out)
+        self.assertEqual(load(out, "dataset.json")["lidar_columns"], ["x", "y", "z", "intensity", "label"])
+        true, made = labels(self.street), labels(out)
+        keys = [key for key in true if key[0] % self.KEY == 0]
+        self.assertEqual([key for key in made if key[0] % self.KEY == 0 and key not in true], [])
+        for key in keys:
+            self.assertEqual(made[key][0], true[key][0])
+            np.testing.assert_allclose(made[key][1], true[key][1], atol=1e-8)
+            np.testing.assert_array_equal(made[key][2], true[key][2])
+        between = [key for key in made if key in true and 0 < key[0] < self.KEY]
+        self.assertGreater(len(between), 50)
+        for key in between:  # the street's cars change their speed by less than 2 m/s in these 0.4 s
+            self.assertLess(np.linalg.norm(made[key][1][:3, 3] - true[key][1][:3, 3]), 0.1, key)
+        for t in range(FRAMES):
+            rows = np.fromfile(os.path.join(out, "lidar", f"{t:06d}.bin"), "<f4").reshape(-1, 5)
+            np.testing.assert_allclose(rows[:, :4], sweep(self.street, f"{t:03d}.bin"), atol=1e-4)
+            self.assertEqual(rows[:, 4].tolist(), (np.arange(len(rows)) % 32 * (t % self.KEY == 0)).tolist())
+        overlay = json.loads(self.succeeds("info", out, "--overlay", self.path("look"), "--json", "-").stdout)["overlay"]
+        self.assertEqual(overlay["warnings"], [])
+        self.assertGreater(overlay["lidar_in_boxes"], 0.98)
+
+    def table(self, name, change):
+        """A copy of the tree in which the rows of one table are changed."""
+        rows = load(self.raw, "v1.0-mini", f"{name}.json")
+        return self.changed(f"v1.0-mini/{name}.json", lambda path: write(path, json.dumps(change(rows))))
+
+    def refused(self, raw, *words, more=("--sequence", "scene-0061")):
+        super().refused(raw, *words, more=more)
+
+    def test_sequences(self):
+        self.refused(self.raw, "there are 2 recordings", "--sequence", "scene-0061, scene-0103", more=())
+        self.refused(self.raw, "no recording is named 'x'", more=("--sequence", "x"))
+        self.refused(self.raw, "has no sample of scene-0103", more=("--sequence", "scene-0103"))
+
+    def test_a_hostile_path(self):
+        secret = self.write("secret.jpg", jpeg(os.path.join(self.street, "images", "000_0.png")))
+        for name in (secret or self.path("secret.jpg"), "../secret.jpg"):
+            copy = self.table("sample_data", lambda rows, name=name: [{**rows[0], "filename": name}, *rows[1:]])
+            self.refused(copy, "isn't below", "secret.jpg")
+            subprocess.run(["rm", "-rf", copy, self.path("out")], check=True)
+
+    def test_missing_rows(self):
+        self.refused(self.table("ego_pose", lambda rows: rows[3:]), "ego_pose.json", "isn't there")
+
+    def test_missing_keys(self):
+        self.refused(self.table("calibrated_sensor", lambda rows: [{"token": "mount0"}]), "calibrated_sensor.json: row 0 has no 'sensor_token'")
+
+    def test_cut_table(self):
+        self.refused(self.changed("v1.0-mini/sample.json", lambda path: write(path, '[{"token": ')), "sample.json: isn't JSON")
+
+    def test_cut_sweep(self):
+        name = load(self.raw, "v1.0-mini", "sample_data.json")[2]["filename"]
+        self.refused(self.changed(name, lambda path: write(path, b"\0" * 44)), "11 numbers aren't rows of 5")
 
 
 if __name__ == "__main__":

@@ -15,7 +15,10 @@ from .errors import RecordingError
 from .importing import Progress, one_of
 from .writer import Recording
 
-KINDS = {"argoverse2": ("Argoverse 2's sensor data set: a log, or a folder of logs", ("numpy", "PIL", "pandas", "pyarrow"))}
+KINDS = {
+    "argoverse2": ("Argoverse 2's sensor data set: a log, or a folder of logs", ("numpy", "PIL", "pandas", "pyarrow")),
+    "nuscenes": ("nuScenes v1.0: the folder with samples, sweeps and v1.0-mini or another version's tables", ("numpy", "PIL")),
+}
 PROGRAM = os.environ.get("PAGS_RECORDINGS_FOR", "pags_recordings")
 
 

@@ -20,11 +20,11 @@ def existing(*names):
 
 
 def inside(root, name, where):
-    """The path of a file that a table names, which must lie below the root."""
-    path = os.path.join(root, str(name))
-    if os.path.isabs(str(name)) or os.path.relpath(os.path.realpath(path), os.path.realpath(root)).split(os.sep)[0] == os.pardir:
+    """The path of a file that a table names, which must lie below the root. Links are the user's own, and followed."""
+    plain = os.path.normpath(str(name))
+    if os.path.isabs(plain) or plain.split(os.sep)[0] == os.pardir:
         raise RecordingError(f"{where}: names the file {str(name)[:200]!r}, which isn't below {root}")
-    return path
+    return os.path.join(root, plain)
 
 
 def nearest(times, at):
