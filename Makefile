@@ -18,6 +18,7 @@
 #   make check-scaling  the predictions of pags-bench scaling beside the clock, on two threads of a quiet machine
 #   make check-viewers      splat files of a scene with a least alpha, drawn by Babylon.js and Spark in Chromium beside pags (SCENE=FOLDER: another scene)
 #   make check-view  pags view in a headless Chromium, and ten thousand hostile requests (minutes)
+#   make check-recordings  imported recordings beside what the sources' own Python packages read of them
 #   make check-blender      the add-on's tests in Debian's Blender; part of make check
 #   make check-obey  local view, borders, clipping and the tool that selects in a window of it
 #   make check-inspect  the panels Inspect, Recording and Measure in a window of it, the sidebar and the legends
@@ -44,7 +45,7 @@ REFERENCE ?= HEAD
 OPTIONS ?=
 
 # Checks that take hours, or programs that make setup doesn't install.
-NOT_CHECKED := check-arm64 check-blender-new check-blender-window-new check-inspect check-obey check-scaling check-view check-viewers check-windows fuzz sanitize valgrind
+NOT_CHECKED := check-arm64 check-blender-new check-blender-window-new check-inspect check-obey check-recordings check-scaling check-view check-viewers check-windows fuzz sanitize valgrind
 
 all:
 	cmake --preset release
@@ -135,6 +136,10 @@ check-scaling: all
 	cmake --build --preset release --target check_scaling
 	build/tests/check_scaling
 
+check-recordings: all
+	sh tests/recordings/setup.sh
+	tests/recordings/.venv/bin/python -B tests/recordings/check_sources.py build/pags
+
 check-viewers: all
 	python3 -B tests/outside/viewers.py build/pags build/viewers $(if $(filter command line,$(origin SCENE)),"$(abspath $(SCENE))")
 
@@ -160,4 +165,4 @@ install: all
 clean:
 	rm -rf build
 
-.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-inspect check-obey check-blender-new check-blender-window-new bench-blender guide setup-cross cross check-arm64 check-windows check-scaling check-view check-viewers same-bits figures docs install clean
+.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-inspect check-obey check-blender-new check-blender-window-new bench-blender guide setup-cross cross check-arm64 check-windows check-scaling check-view check-viewers check-recordings same-bits figures docs install clean

@@ -235,7 +235,9 @@ class Argoverse2(Importer):
 
 
 class NuScenes(Importer):
-    kind, NAMES, START, KEY = "nuscenes", ("CAM_FRONT", "CAM_FRONT_LEFT"), 1_532_402_927_600_000, 4
+    kind, NAMES, START = "nuscenes", ("CAM_FRONT", "CAM_FRONT_LEFT"), 1_532_402_927_600_000
+    CATEGORIES = {"Car": "vehicle.car", "Pedestrian": "human.pedestrian.adult", "Cyclist": "vehicle.bicycle"}
+    KEYS = (0, 4, 7)  # what is taken between two belongs to the later one
 
     @classmethod
     def setUpClass(cls):
@@ -246,34 +248,40 @@ class NuScenes(Importer):
         egos = [matrix(street, "ego_pose", f"{t:03d}.txt") for t in range(FRAMES)]
         cls.lidar = np.block([[about([0.02, 0.01, 1], -1.6), np.array([[0.9], [0.0], [1.8]])], [np.zeros((1, 3)), np.ones((1, 1))]])
         mounts = [matrix(street, "extrinsics", f"{n}.txt") for n in range(2)] + [cls.lidar]
-        tables = {name: [] for name in ("sensor", "calibrated_sensor", "ego_pose", "sample", "sample_data", "sample_annotation", "instance", "category", "lidarseg")}
-        tables["scene"] = [{"token": "s0", "name": "scene-0061", "first_sample_token": "k0", "last_sample_token": "k4", "nbr_samples": 2},
-                           {"token": "s1", "name": "scene-0103", "first_sample_token": "other", "last_sample_token": "other", "nbr_samples": 0}]  # fmt: skip
+        tables = {name: [] for name in ("attribute", "visibility", "sensor", "calibrated_sensor", "ego_pose", "sample", "sample_data", "sample_annotation", "instance",
+                                          "category", "lidarseg")}  # fmt: skip
+        tables["log"] = [{"token": "l0", "logfile": "", "vehicle": "", "date_captured": "", "location": ""}]
+        tables["map"] = [{"token": "m0", "log_tokens": ["l0"], "category": "semantic_prior", "filename": ""}]
+        tables["scene"] = [{"token": "s0", "name": "scene-0061", "log_token": "l0", "first_sample_token": "k0", "last_sample_token": "k7", "nbr_samples": 3},
+                           {"token": "s1", "name": "scene-0103", "log_token": "l0", "first_sample_token": "other", "last_sample_token": "other", "nbr_samples": 0}]  # fmt: skip
         for n, channel in enumerate([*cls.NAMES, "LIDAR_TOP"]):
             k = np.loadtxt(os.path.join(street, "intrinsics", f"{n}.txt")) if n < 2 else None
             tables["sensor"].append({"token": f"sensor{n}", "channel": channel, "modality": "camera" if n < 2 else "lidar"})
             tables["calibrated_sensor"].append({"token": f"mount{n}", "sensor_token": f"sensor{n}", **cls.part(mounts[n]),
                                                 "camera_intrinsic": [] if k is None else [[k[0], 0, k[2] - 0.5], [0, k[1], k[3] - 0.5], [0, 0, 1]]})  # fmt: skip
         for t, stamp in enumerate(stamps):
-            key = t % cls.KEY == 0
+            key, sample = t in cls.KEYS, next(k for k in cls.KEYS if k >= t)
             if key:
-                tables["sample"].append({"token": f"k{t}", "timestamp": stamp, "scene_token": "s0"})
+                before = [f"k{k}" for k in cls.KEYS if k < t]
+                tables["sample"].append({"token": f"k{t}", "timestamp": stamp, "scene_token": "s0", "prev": before[-1] if before else "", "next": ""})
             for n, channel in enumerate([*cls.NAMES, "LIDAR_TOP"]):
                 name = f"{'samples' if key else 'sweeps'}/{channel}/n015__{channel}__{stamp}{'.jpg' if n < 2 else '.pcd.bin'}"
                 tables["ego_pose"].append({"token": f"e{t}_{n}", "timestamp": stamp, **cls.part(egos[t])})
-                tables["sample_data"].append({"token": f"d{t}_{n}", "sample_token": f"k{t // cls.KEY * cls.KEY}", "ego_pose_token": f"e{t}_{n}", "calibrated_sensor_token": f"mount{n}", "timestamp": stamp,
+                tables["sample_data"].append({"token": f"d{t}_{n}", "sample_token": f"k{sample}", "ego_pose_token": f"e{t}_{n}", "calibrated_sensor_token": f"mount{n}", "timestamp": stamp,
                                               "is_key_frame": key, "width": 160 if n < 2 else 0, "height": 96 if n < 2 else 0, "filename": name})  # fmt: skip
                 write(os.path.join(cls.raw, *name.split("/")), jpeg(os.path.join(street, "images", f"{t:03d}_{n}.png")) if n < 2 else cls.rows(t).tobytes())
             if key:
                 write(os.path.join(cls.raw, "lidarseg", "v1.0-mini", f"d{t}_2_lidarseg.bin"), (np.arange(len(cls.rows(t))) % 32).astype(np.uint8).tobytes())
                 tables["lidarseg"].append({"token": f"d{t}_2", "sample_data_token": f"d{t}_2", "filename": f"lidarseg/v1.0-mini/d{t}_2_lidarseg.bin"})
         for (t, track), (name, pose, size) in labels(street).items():
-            if t % cls.KEY == 0:
-                tables["sample_annotation"].append({"token": f"a{t}_{track}", "sample_token": f"k{t}", "instance_token": track, **cls.part(pose), "size": [size[1], size[0], size[2]]})
+            if t in cls.KEYS:
+                tables["sample_annotation"].append({"token": f"a{t}_{track}", "sample_token": f"k{t}", "instance_token": track, **cls.part(pose), "size": [size[1], size[0], size[2]],
+                                                    "attribute_tokens": [], "visibility_token": "", "prev": "", "next": "", "num_lidar_pts": 5, "num_radar_pts": 0})  # fmt: skip
+            name = cls.CATEGORIES[name]
             if track not in [row["token"] for row in tables["instance"]]:
                 tables["instance"].append({"token": track, "category_token": name})
             if name not in [row["token"] for row in tables["category"]]:
-                tables["category"].append({"token": name, "name": name})
+                tables["category"].append({"token": name, "name": name, "index": len(tables["category"])})
         for name, rows in tables.items():
             write(os.path.join(cls.raw, "v1.0-mini", f"{name}.json"), json.dumps(rows))
 
@@ -294,20 +302,20 @@ class NuScenes(Importer):
         self.hold_to_street(out)
         self.assertEqual(load(out, "dataset.json")["lidar_columns"], ["x", "y", "z", "intensity", "label"])
         true, made = labels(self.street), labels(out)
-        keys = [key for key in true if key[0] % self.KEY == 0]
-        self.assertEqual([key for key in made if key[0] % self.KEY == 0 and key not in true], [])
+        keys = [key for key in true if key[0] in self.KEYS]
+        self.assertEqual([key for key in made if key[0] in self.KEYS and key not in true], [])
         for key in keys:
-            self.assertEqual(made[key][0], true[key][0])
+            self.assertEqual(made[key][0], self.CATEGORIES[true[key][0]])
             np.testing.assert_allclose(made[key][1], true[key][1], atol=1e-8)
             np.testing.assert_array_equal(made[key][2], true[key][2])
-        between = [key for key in made if key in true and 0 < key[0] < self.KEY]
+        between = [key for key in made if key in true and key[0] not in self.KEYS]
         self.assertGreater(len(between), 50)
         for key in between:  # the street's cars change their speed by less than 2 m/s in these 0.4 s
             self.assertLess(np.linalg.norm(made[key][1][:3, 3] - true[key][1][:3, 3]), 0.1, key)
         for t in range(FRAMES):
             rows = np.fromfile(os.path.join(out, "lidar", f"{t:06d}.bin"), "<f4").reshape(-1, 5)
             np.testing.assert_allclose(rows[:, :4], sweep(self.street, f"{t:03d}.bin"), atol=1e-4)
-            self.assertEqual(rows[:, 4].tolist(), (np.arange(len(rows)) % 32 * (t % self.KEY == 0)).tolist())
+            self.assertEqual(rows[:, 4].tolist(), (np.arange(len(rows)) % 32 * (t in self.KEYS)).tolist())
         overlay = json.loads(self.succeeds("info", out, "--overlay", self.path("look"), "--json", "-").stdout)["overlay"]
         self.assertEqual(overlay["warnings"], [])
         self.assertGreater(overlay["lidar_in_boxes"], 0.98)

@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: Apache-2.0
+"""check_sources.py PAGS: trees of the tests are read by the sources' own packages, nuscenes-devkit and av2, beside our importers: poses, intrinsics,
+boxes and LiDAR must be equal. Run by a Python that has these packages (make check-recordings makes one); prints the largest differences."""
+
+import os
+import shutil
+import sys
+import tempfile
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+sys.path[:0] = [HERE, os.path.dirname(HERE), os.path.join(os.path.dirname(HERE), "cli")]
+
+import numpy as np  # noqa: E402
+
+import fixtures  # noqa: E402
+import test_importers  # noqa: E402
+from street import labels, matrix  # noqa: E402
+
+TOLERANCE = {"pose": 1e-6, "K": 1e-9, "box": 1e-6, "size": 1e-12, "LiDAR": 1e-3}  # metres and pixels; LiDAR: half floats and float32 at 100 m
+
+
+class Differences:
+    def __init__(self, name):
+        self.name, self.largest, self.counted = name, dict.fromkeys(TOLERANCE, 0.0), dict.fromkeys(TOLERANCE, 0)
+
+    def note(self, what, ours, theirs):
+        ours, theirs = np.asarray(ours, np.float64), np.asarray(theirs, np.float64)
+        assert ours.shape == theirs.shape, (what, ours.shape, theirs.shape)
+        self.largest[what] = max(self.largest[what], float(np.abs(ours - theirs).max()))
+        self.counted[what] += 1
+
+    def end(self):
+        print(self.name + ": " + ", ".join(f"{what} {self.largest[what]:.2g} ({self.counted[what]})" for what in TOLERANCE))
+        return all(self.counted[what] and self.largest[what] <= TOLERANCE[what] for what in TOLERANCE)
+
+
+def intrinsics(folder, n):
+    fx, fy, cx, cy = np.loadtxt(os.path.join(folder, "intrinsics", f"{n}.txt"))[:4]
+    return [[fx, 0, cx - 0.5], [0, fy, cy - 0.5], [0, 0, 1]]
+
+
+def world_points(folder, t, columns):
+    rows = np.fromfile(os.path.join(folder, "lidar", f"{t:06d}.bin"), "<f4").reshape(-1, columns).astype(np.float64)
+    ego = matrix(folder, "ego_pose", f"{t:06d}.txt")
+    return rows[:, :3] @ ego[:3, :3].T + ego[:3, 3]
+
+
+def imported(case, out, *more):
+    done = test_importers.run(case.kind, case.raw, "-o", out, "-q", *more)
+    assert done.returncode == 0, done.stderr
+    return labels(out)
+
+
+def check_nuscenes(folder):
+    from nuscenes.nuscenes import NuScenes
+    from nuscenes.utils.data_classes import LidarPointCloud
+
+    case, found = test_importers.NuScenes, Differences("nuscenes-devkit")
+    out = os.path.join(folder, "nuscenes")
+    boxes = imported(case, out, "--sequence", "scene-0061")
+    theirs = NuScenes(version="v1.0-mini", dataroot=case.raw, verbose=False)
+
+    def pose(row):
+        from nuscenes.utils.geometry_utils import transform_matrix
+        from pyquaternion import Quaternion
+
+        return transform_matrix(row["translation"], Quaternion(row["rotation"]))
+
+    for t in range(test_importers.FRAMES):
+        for n in range(2):
+            data = theirs.get("sample_data", f"d{t}_{n}")
+            mount = theirs.get("calibrated_sensor", data["calibrated_sensor_token"])
+            found.note("pose", matrix(out, "extrinsics", f"{t:06d}_{n}.txt"), pose(theirs.get("ego_pose", data["ego_pose_token"])) @ pose(mount))
+            found.note("K", intrinsics(out, n), mount["camera_intrinsic"])
+        data = theirs.get("sample_data", f"d{t}_2")
+        cloud = LidarPointCloud.from_file(theirs.get_sample_data_path(data["token"]))
+        cloud.points = cloud.points.astype(np.float64)
+        cloud.transform(pose(theirs.get("ego_pose", data["ego_pose_token"])) @ pose(theirs.get("calibrated_sensor", data["calibrated_sensor_token"])))
+        found.note("LiDAR", world_points(out, t, 5), cloud.points[:3].T)
+        for box in theirs.get_boxes(data["token"]):  # between key frames by the package's own interpolation
+            annotation = theirs.get("sample_annotation", box.token)
+            key = (t, annotation["instance_token"])
+            before = max((k for k in case.KEYS if k < t), default=None)
+            if t in case.KEYS or (before, key[1]) in boxes:  # else the package takes the later label as it is
+                found.note("box", boxes[key][1][:3, 3], box.center)
+                found.note("box", boxes[key][1][:3, :3], box.rotation_matrix)
+                found.note("size", boxes[key][2], box.wlh[[1, 0, 2]])
+    return found.end()
+
+
+def check_argoverse2(folder):
+    from pathlib import Path
+
+    from av2.geometry.camera.pinhole_camera import PinholeCamera
+    from av2.structures.cuboid import CuboidList
+    from av2.utils.io import read_city_SE3_ego, read_lidar_sweep
+
+    case, found = test_importers.Argoverse2, Differences("av2")
+    out, log = os.path.join(folder, "argoverse2"), Path(case.raw)
+    boxes = imported(case, out)
+    cameras = [PinholeCamera.from_feather(log, name) for name in case.NAMES]
+    egos = read_city_SE3_ego(log)
+    cuboids = CuboidList.from_feather(log / "annotations.feather").cuboids
+    for t, stamp in enumerate(sorted(egos)):
+        world_from_ego = egos[stamp].transform_matrix
+        for n, camera in enumerate(cameras):
+            found.note("pose", matrix(out, "extrinsics", f"{t:06d}_{n}.txt"), world_from_ego @ camera.ego_SE3_cam.transform_matrix)
+            found.note("K", intrinsics(out, n), camera.intrinsics.K)
+        points = read_lidar_sweep(log / "sensors" / "lidar" / f"{stamp}.feather", attrib_spec="xyz").astype(np.float64)
+        found.note("LiDAR", world_points(out, t, 4), points @ world_from_ego[:3, :3].T + world_from_ego[:3, 3])
+        now = [cuboid for cuboid in cuboids if cuboid.timestamp_ns == stamp]
+        assert len(now) == len([key for key in boxes if key[0] == t])
+        for cuboid in now:
+            true = world_from_ego @ cuboid.dst_SE3_object.transform_matrix
+            near = min((pose for (at, _), (_, pose, _) in boxes.items() if at == t), key=lambda pose: np.abs(pose - true).max())
+            found.note("box", near, true)
+            found.note("size", [cuboid.length_m, cuboid.width_m, cuboid.height_m], next(size for _, pose, size in boxes.values() if pose is near))
+    return found.end()
+
+
+def main():
+    fixtures.PAGS = os.path.abspath(sys.argv[1])
+    right, folder = True, tempfile.mkdtemp(prefix="pags-sources-")
+    try:
+        for case, check in ((test_importers.NuScenes, check_nuscenes), (test_importers.Argoverse2, check_argoverse2)):
+            case.setUpClass()
+            right &= check(folder)
+            case.doClassCleanups()
+    finally:
+        shutil.rmtree(folder)
+    sys.exit(0 if right else "check_sources: a difference is larger than its tolerance")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,7 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# Makes tests/recordings/.venv with the sources' own packages, which check_sources.py compares our importers with.
+set -eu
+cd "$(dirname "$0")/../.."
+sh scripts/venv.sh tests/recordings
+tests/recordings/.venv/bin/python -m pip install -q --disable-pip-version-check --no-deps nuscenes-devkit==1.2.0 av2==0.3.6
