@@ -386,7 +386,7 @@ static int positional_count(const pags_verb *verb) {
 
 static pags_parse_status check_complete(const pags_parsed *parsed, int positionals) {
   const pags_verb *verb = parsed->verb;
-  if (positionals < positional_count(verb)) {
+  if (positionals < positional_count(verb) && verb->positionals[positionals].metavar[0] != '[') {
     pags_usage_error(verb, "%s is missing; usage: %s %s %s", verb->positionals[positionals].metavar, pags_program_name,
                      verb->name, verb->usage);
     return PAGS_PARSE_USAGE;

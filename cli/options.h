@@ -89,7 +89,7 @@ typedef struct pags_option {
 #define PAGS_UNLIMITED HUGE_VAL
 
 typedef struct pags_positional {
-  const char *metavar; /* NULL ends the list */
+  const char *metavar; /* in brackets: may be left out; NULL ends the list */
   const char *help;
 } pags_positional;
 

@@ -159,6 +159,20 @@ pags_result pags_photographs_open(const pags_scene *scene, const char *path, con
   return result;
 }
 
+pags_result pags_photographs_open_for(const pags_scene *scene, const char *dataset, const pags_dataset_options *options,
+                                      pags_tasks *tasks, uint64_t image_cache, pags_photographs *out) {
+  pags_dataset_options chosen = *options;
+  if (!chosen.colmap && !dataset)
+    chosen.colmap = scene->colmap;
+  if (!chosen.image_folder)
+    chosen.image_folder = scene->image_folder;
+  chosen.image_alpha = (pags_image_alpha)scene->image_alpha;
+  for (int c = 0; c < 3; c++)
+    chosen.background[c] = (double)scene->background[c];
+  return pags_photographs_open(scene, dataset ? dataset : scene->dataset, &chosen, dataset != NULL, tasks, image_cache,
+                               out);
+}
+
 void pags_photographs_close(pags_photographs *photographs) {
   if (photographs->photos)
     pags_photo_cache_destroy(photographs->photos);

@@ -31,6 +31,10 @@ typedef struct pags_photographs {
  * of this. */
 pags_result pags_photographs_open(const pags_scene *scene, const char *path, const pags_dataset_options *options,
                                   bool given, pags_tasks *tasks, uint64_t image_cache, pags_photographs *out);
+/* Opens `dataset` or, if it is NULL, the scene's own data set, for a scene that records its views: where its
+ * photographs are and how they were opened, unless `options` says it, is what the scene says. */
+pags_result pags_photographs_open_for(const pags_scene *scene, const char *dataset, const pags_dataset_options *options,
+                                      pags_tasks *tasks, uint64_t image_cache, pags_photographs *out);
 void pags_photographs_close(pags_photographs *photographs);
 
 /* A photograph as F32 RGB in [0, 1]. */

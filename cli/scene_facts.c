@@ -172,19 +172,26 @@ static void put_category(pags_report *report, const pags_scene *scene, pags_cate
   pags_report_end_item(report);
 }
 
-static pags_result list_objects(pags_report *report, const pags_scene *scene) {
-  /* Count the background's Gaussians labelled with each object's id; NULL means out of memory. */
+pags_result pags_scene_object_gaussians(const pags_scene *scene, int64_t **out) {
   int64_t *counts = calloc((size_t)scene->object_count + 1, sizeof *counts);
-  for (int64_t m = 0; counts && m < scene->model_count; m++) {
+  *out = counts;
+  if (!counts)
+    return pags_out_of_memory("%lld objects", (long long)scene->object_count);
+  for (int64_t m = 0; m < scene->model_count; m++) {
     const pags_gaussians *g = &scene->models[m].gaussians;
     for (int64_t i = 0; g->object_id && !object_of(scene, m) && i < g->count; i++)
       if (g->object_id[i] >= 0)
         counts[g->object_id[i]]++;
   }
-  int64_t *parked = counts;
+  for (int64_t o = 0; o < scene->object_count; o++)
+    if (scene->objects[o].model >= 0)
+      counts[o] = scene->models[scene->objects[o].model].gaussians.count;
+  return PAGS_OK;
+}
 
-  if (!parked)
-    return pags_out_of_memory("%lld objects", (long long)scene->object_count);
+static pags_result list_objects(pags_report *report, const pags_scene *scene) {
+  int64_t *gaussians;
+  PAGS_TRY(pags_scene_object_gaussians(scene, &gaussians));
   pags_report_begin_list(report, "every_object");
   for (int64_t o = 0; o < scene->object_count; o++) {
     const pags_scene_object *object = &scene->objects[o];
@@ -196,14 +203,13 @@ static pags_result list_objects(pags_report *report, const pags_scene *scene) {
     pags_report_text(report, "category", pags_category_name(record->category));
     pags_report_flag(report, "moving", record->moving != 0);
     pags_report_text(report, "model", object->model >= 0 ? scene->models[object->model].name : "background");
-    pags_report_count(report, "gaussians",
-                      object->model >= 0 ? scene->models[object->model].gaussians.count : parked[o]);
+    pags_report_count(report, "gaussians", gaussians[o]);
     pags_report_vector(report, "size", record->size, 3);
     pags_report_vector(report, "seconds", seen, 2);
     pags_report_end_item(report);
   }
   pags_report_end_list(report);
-  free(parked);
+  free(gaussians);
   return PAGS_OK;
 }
 
@@ -285,7 +291,7 @@ static void put_views(pags_report *report, const pags_scene *scene) {
   pags_report_count(report, "height", scene->views[0].camera.height);
 }
 
-static const char *spoken(const pags_json_value *v, char text[PAGS_DOUBLE_TEXT]) {
+const char *pags_spoken_value(const pags_json_value *v, char text[PAGS_DOUBLE_TEXT]) {
   switch (v->type) {
     case PAGS_JSON_STRING: return v->text;
     case PAGS_JSON_NUMBER: snprintf(text, PAGS_DOUBLE_TEXT, "%.6g", v->number); return text;
@@ -297,15 +303,14 @@ static const char *spoken(const pags_json_value *v, char text[PAGS_DOUBLE_TEXT])
   return "...";
 }
 
-/* Joins the members or elements of a JSON value on one line, except the member with the key `but`. */
-static void join(const pags_json_value *parent, const char *but, char *text, size_t size) {
+void pags_spoken_members(const pags_json_value *parent, const char *but, char *text, size_t size) {
   size_t used = 0;
   text[0] = 0;
   for (const pags_json_value *v = parent->first; v && used < size; v = v->next) {
     char number[PAGS_DOUBLE_TEXT];
     if (!v->key || !but || strcmp(v->key, but) != 0)
       used += (size_t)snprintf(text + used, size - used, "%s%s%s%s", used ? ", " : "", v->key ? v->key : "",
-                               v->key ? " " : "", spoken(v, number));
+                               v->key ? " " : "", pags_spoken_value(v, number));
   }
 }
 
@@ -316,7 +321,7 @@ static void list_notes(pags_report *report, const pags_json_value *array) {
   report->indent += 2;
   for (const pags_json_value *v = array->first; v; v = v->next) {
     const pags_json_value *id = pags_json_member(v, "id");
-    join(v, "id", text, sizeof text);
+    pags_spoken_members(v, "id", text, sizeof text);
     pags_report_line(report, id && id->type == PAGS_JSON_STRING ? id->text : "-", "%s", text);
   }
   report->indent -= 2;
@@ -336,15 +341,15 @@ static pags_result put_modelled(pags_report *report, const pags_scene *scene) {
   for (const pags_json_value *v = object->first; v; v = v->next) {
     char text[1000];
     if (v->type == PAGS_JSON_OBJECT) {
-      join(v, NULL, text, sizeof text);
+      pags_spoken_members(v, NULL, text, sizeof text);
       pags_report_line(report, v->key, "%s", text);
     } else if (v->type == PAGS_JSON_ARRAY && v->first && v->first->type == PAGS_JSON_OBJECT) {
       list_notes(report, v);
     } else if (v->type == PAGS_JSON_ARRAY) {
       for (const pags_json_value *e = v->first; e; e = e->next)
-        pags_report_line(report, e == v->first ? v->key : "", "%s", spoken(e, text));
+        pags_report_line(report, e == v->first ? v->key : "", "%s", pags_spoken_value(e, text));
     } else {
-      pags_report_line(report, v->key, "%s", spoken(v, text));
+      pags_report_line(report, v->key, "%s", pags_spoken_value(v, text));
     }
   }
 

@@ -127,17 +127,7 @@ static pags_result save_image(const char *folder, const char *name, const char *
 
 static pags_result measure(const evaluation *self, pags_image *render, const pags_photograph *photo,
                            pags_view_score *score) {
-  /* PSNR and SSIM of each region. */
-  int width = render->width, height = render->height;
-  uint16_t *regions = malloc((size_t)width * (size_t)height * sizeof *regions);
-  if (!regions)
-    return pags_out_of_memory("a picture of %dx%d", width, height);
-  pags_regions_fill(width, height, photo->mask, photo->photo.labels, photo->photo.stride, regions);
-  pags_result result = pags_eval_regions(render, &photo->image, regions, PAGS_REGION_COUNT,
-                                         self->arguments->session.tasks, score->psnr, score->ssim);
-  free(regions);
-  PAGS_TRY(result);
-
+  PAGS_TRY(pags_view_score_measure(render, photo, self->arguments->session.tasks, score));
   if (self->arguments->images) {
     PAGS_TRY(save_image(self->arguments->images, score->name, "render", render));
     PAGS_TRY(save_image(self->arguments->images, score->name, "photo", &photo->image));

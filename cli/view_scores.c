@@ -7,7 +7,11 @@
 #include "cli/view_scores.h"
 
 #include <math.h>
+#include <pags/eval.h>
+#include <stdlib.h>
 #include <string.h>
+
+#include "base/memory.h"
 
 static const char *const suffixes[PAGS_REGION_COUNT] = {"",          "_critical",    "_noncritical", "_moving",
                                                         "_vehicles", "_pedestrians", "_cyclists"};
@@ -38,6 +42,19 @@ void pags_regions_fill(int width, int height, const uint8_t *mask, const uint8_t
         bits |= regions_of(labels[(size_t)y * (size_t)stride + (size_t)x]);
       regions[at] = (uint16_t)(mask && !mask[at] ? 0 : bits);
     }
+}
+
+pags_result pags_view_score_measure(const pags_image *render, const pags_photograph *photograph, pags_tasks *tasks,
+                                    pags_view_score *score) {
+  const int width = render->width, height = render->height;
+  uint16_t *regions = malloc((size_t)width * (size_t)height * sizeof *regions);
+  if (!regions)
+    return pags_out_of_memory("a picture of %dx%d", width, height);
+  pags_regions_fill(width, height, photograph->mask, photograph->photo.labels, photograph->photo.stride, regions);
+  const pags_result result =
+      pags_eval_regions(render, &photograph->image, regions, PAGS_REGION_COUNT, tasks, score->psnr, score->ssim);
+  free(regions);
+  return result;
 }
 
 /* A mean over the values measured so far; NaN is skipped. */

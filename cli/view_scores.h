@@ -4,6 +4,7 @@
 #ifndef PAGS_CLI_VIEW_SCORES_H
 #define PAGS_CLI_VIEW_SCORES_H
 
+#include "cli/photographs.h"
 #include "cli/session.h"
 
 #include <pags/dataset.h>
@@ -36,6 +37,10 @@ pags_view_score pags_view_score_make(const char *name, int test);
  * pixel) and `labels` (`stride` bytes a row) may be NULL; without labels only the whole picture is a region. */
 void pags_regions_fill(int width, int height, const uint8_t *mask, const uint8_t *labels, int stride,
                        uint16_t *regions);
+
+/* Fills the score's PSNR and SSIM of each region: of the rendering (F32) beside the photograph. */
+pags_result pags_view_score_measure(const pags_image *render, const pags_photograph *photograph, pags_tasks *tasks,
+                                    pags_view_score *score);
 
 typedef struct pags_mean_score {
   int64_t views;

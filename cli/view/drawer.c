@@ -245,22 +245,13 @@ static pags_result draw_scene(pags_drawer *self, const pags_view_look *look, con
 static pags_result open_photographs(pags_drawer *self) {
   enum { CACHE = 64 << 20 }; /* bytes of decoded photographs */
   const pags_scene *scene = pags_composition_scene(self->settings.composition);
-  const char *path = self->settings.dataset ? self->settings.dataset : scene->dataset;
-  pags_dataset_options options = self->settings.dataset_options;
   if (self->opened)
     return PAGS_OK;
-  if (!path)
+  if (!self->settings.dataset && !scene->dataset)
     return pags_fail(PAGS_ERROR_ARGUMENT,
                      "the scene doesn't say what data set it is of: start pags view with --dataset DATASET");
-  if (!options.colmap && !self->settings.dataset)
-    options.colmap = scene->colmap;
-  if (!options.image_folder && !self->settings.dataset)
-    options.image_folder = scene->image_folder;
-  options.image_alpha = (pags_image_alpha)scene->image_alpha;
-  for (int c = 0; c < 3; c++)
-    options.background[c] = (double)scene->background[c];
-  PAGS_TRY(pags_photographs_open(scene, path, &options, self->settings.dataset != NULL, self->settings.tasks, CACHE,
-                                 &self->photographs));
+  PAGS_TRY(pags_photographs_open_for(scene, self->settings.dataset, &self->settings.dataset_options,
+                                     self->settings.tasks, CACHE, &self->photographs));
   self->opened = true;
   return PAGS_OK;
 }
