@@ -17,7 +17,7 @@
 #   make check-windows  tests and program of the build for Windows, under wine; beside the program of Linux, bit by bit
 #   make check-scaling  the predictions of pags-bench scaling beside the clock, on two threads of a quiet machine
 #   make check-viewers      splat files of a scene with a least alpha, drawn by Babylon.js and Spark in Chromium beside pags (SCENE=FOLDER: another scene)
-#   make check-view  pags view in a headless Chromium, and ten thousand hostile requests (minutes)
+#   make check-view  pags view and pages of pags report in a headless Chromium, and ten thousand hostile requests (minutes)
 #   make check-recordings  imported recordings beside what the sources' own Python packages read of them
 #   make check-blender      the add-on's tests in Debian's Blender; part of make check
 #   make check-obey  local view, borders, clipping and the tool that selects in a window of it
@@ -145,6 +145,7 @@ check-viewers: all
 
 check-view: all
 	python3 -B tests/outside/view.py build/pags build/view
+	python3 -B tests/outside/report.py build/pags build/view
 	PAGS_VIEW_HOSTILE=10000 python3 -B tests/cli/test_view.py build/pags Hostile
 
 same-bits: all

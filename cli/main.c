@@ -45,6 +45,7 @@ static const verb_entry verbs[] = {
     {"render", "draw a scene or a splat file into pictures", pags_verb_render, NULL},
     {"eval", "compare a scene with its photographs: PSNR, SSIM, LPIPS", pags_verb_eval, NULL},
     {"view", "show a scene in a browser", IF_VIEW(pags_verb_view)},
+    {"report", "write one page on a scene, or on two side by side: report.html", pags_verb_report, NULL},
     {"info", "say what a data set, scene, splat, camera, image or checkpoint file holds", pags_verb_info, NULL},
     {"export", "write proxy geometry or splat files of a scene", pags_verb_export, EXPORT_LACKS},
     {"import", "turn a recording of KITTI, Waymo, Argoverse 2 or nuScenes into a data set",

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* pags train: reconstructs a scene folder from a data set of posed photographs. Options that are fields of the
  * training configuration take type, range and help from its field table. */
+#include "cli/html_report/of_training.h"
 #include "cli/interrupt.h"
 #include "cli/option_rules.h"
 #include "cli/session.h"
@@ -452,11 +453,16 @@ int pags_verb_train(int argc, char **argv) {
   pags_result outcome = pags_session_begin(&arguments.session);
   /* The scene records the data set's absolute path, so that eval finds it again from any folder. */
   char *absolute = pags_port_real_path(parsed.positionals[0]);
+  char *command_line = pags_command_line("train", argc, argv);
+  arguments.options.command_line = command_line;
   if (outcome == PAGS_OK)
     outcome = train(&arguments, absolute ? absolute : parsed.positionals[0], &result);
   free(absolute);
+  free(command_line);
   if (outcome == PAGS_OK) {
     report(&arguments, &result);
+    if (!arguments.options.estimate)
+      pags_html_report_of_training(&arguments.session, arguments.output, &arguments.dataset, &result);
     outcome = write_json(&arguments, &result);
   }
   if (outcome == PAGS_OK && !result.finished && !arguments.options.estimate)

@@ -12,6 +12,7 @@ int pags_verb_import(int argc, char **argv);
 int pags_verb_synth(int argc, char **argv);
 int pags_verb_split(int argc, char **argv);
 int pags_verb_merge(int argc, char **argv);
+int pags_verb_report(int argc, char **argv);
 int pags_verb_view(int argc, char **argv);
 
 #endif

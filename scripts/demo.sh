@@ -46,3 +46,8 @@ print(f"  proxies of {len(critical)} cars, pedestrians and cyclists, {sum(proxy[
       f"and {len(export['proxies']) - len(critical)} of what stands still in {export['seconds']:.0f} s; "
       f"{off[len(off) // 2]:.3f} m off the Gaussians' surface (median of {len(off)})")
 END
+
+printf '\nLook at it:\n'
+printf '  %-24s %s\n' "the report" "$(cd "$out" && pwd)/scene/report.html, in any browser" \
+  "the scene in a browser" "$pags view $out/scene" \
+  "the scene in Blender" "make addon, install build/pags-blender-*.zip, File > Import > PAGS scene: $out/scene"

@@ -69,7 +69,7 @@ pags_result pags_output_find(pags_output *output, const pags_train_options *opti
 }
 
 static bool is_ours(const char *name) {
-  static const char *const names[] = {"checkpoint.pags", "log.jsonl", "report.json", "scene.json"};
+  static const char *const names[] = {"checkpoint.pags", "log.jsonl", "report.html", "report.json", "scene.json"};
   for (size_t i = 0; i < sizeof names / sizeof *names; i++)
     if (strcmp(name, names[i]) == 0)
       return true;
@@ -275,7 +275,8 @@ pags_result pags_output_preview(const pags_output *output, int64_t step, const p
   return result;
 }
 
-pags_result pags_output_report(const pags_output *output, const pags_train_result *r, pags_tasks *tasks) {
+pags_result pags_output_report(const pags_output *output, const pags_train_result *r, const char *command_line,
+                               pags_tasks *tasks) {
   pags_json_writer w;
   pags_json_writer_init(&w, 2);
   pags_json_begin_object(&w, NULL);
@@ -305,6 +306,8 @@ pags_result pags_output_report(const pags_output *output, const pags_train_resul
   pags_json_put_integer(&w, "threads", pags_tasks_workers(tasks));
   pags_json_put_string(&w, "kernels", kernels ? kernels->name : NULL);
   pags_json_put_string(&w, "version", PAGS_VERSION_STRING);
+  if (command_line)
+    pags_json_put_string(&w, "command_line", command_line);
 
   pags_json_end_object(&w);
   pags_result result = pags_json_writer_save(&w, output->report);

@@ -59,6 +59,8 @@ pags_result pags_output_scene(const pags_output *output, const pags_dataset *dat
  * PLYs and the data set's path in scene.json. */
 pags_result pags_output_bytes(const pags_dataset *dataset, const pags_train_state *state, uint64_t *bytes);
 
-pags_result pags_output_report(const pags_output *output, const pags_train_result *result, pags_tasks *tasks);
+/* Writes report.json; `command_line` may be NULL. */
+pags_result pags_output_report(const pags_output *output, const pags_train_result *result, const char *command_line,
+                               pags_tasks *tasks);
 
 #endif

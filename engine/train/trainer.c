@@ -270,7 +270,7 @@ static pags_result write_end(pags_trainer *t, pags_train_result *r, const run_cl
   PAGS_TRY(pags_output_scene(&t->output, t->dataset, s));
   r->seconds = (pags_clock_ms() - clock->begin) / 1e3;
   pags_tasks_mark(t->tasks, NULL, "report");
-  return pags_output_report(&t->output, r, t->tasks);
+  return pags_output_report(&t->output, r, t->options->command_line, t->tasks);
 }
 
 static pags_result run(pags_trainer *t, double begin, pags_train_result *r) {

@@ -9,7 +9,7 @@ import fixtures
 from fixtures import Case, files_below, ply_bytes, read, run, splat
 
 SETS = ["scalar", "avx2", "avx512", "neon"]
-TIMED = {"report.json", "log.jsonl"}  # log.jsonl holds seconds per step, too
+TIMED = {"report.html", "report.json", "log.jsonl"}  # log.jsonl holds seconds per step, too
 
 
 class SameBits(Case):

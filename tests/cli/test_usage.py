@@ -7,7 +7,7 @@ import re
 import fixtures
 from fixtures import Case, run
 
-VERBS = ["train", "render", "eval", "info", "split"]
+VERBS = ["train", "render", "eval", "info", "report", "split"]
 OPTIONAL_VERBS = ["import", "synth", "view"]  # verbs that some builds lack
 
 

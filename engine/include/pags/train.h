@@ -348,6 +348,7 @@ typedef void pags_train_snapshot_fn(void *user, const pags_train_progress *progr
 typedef struct pags_train_options {
   const pags_dataset *dataset; /* must have at least one training view */
   const char *output;          /* path of the scene folder; may be NULL with `estimate` */
+  const char *command_line;    /* how the run was started, which report.json repeats; may be NULL */
   pags_tasks *tasks;
   uint64_t image_cache;     /* size limit of the cache of decoded photographs, bytes; default 1 GiB */
   uint64_t max_memory;      /* memory limit, bytes, from which pags_train_bytes gives a limit on Gaussians; 0: none */

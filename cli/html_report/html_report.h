@@ -1,0 +1,36 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Writes report.html: one page on a scene, or on two of them side by side, that needs no other file and no script. */
+#ifndef PAGS_CLI_HTML_REPORT_HTML_REPORT_H
+#define PAGS_CLI_HTML_REPORT_HTML_REPORT_H
+
+#include "cli/progress.h"
+#include "cli/session.h"
+
+#include <pags/dataset.h>
+
+enum { PAGS_REPORT_PICTURES = 48 }; /* views shown unless a number is given: a page of about 2 MB */
+
+typedef struct pags_html_report_settings {
+  const char *scenes[2]; /* folders, or splat files */
+  int count;             /* 1 or 2 */
+  const char *dataset;   /* compare with the photographs of this data set, which must be there; NULL: the scenes' own */
+  pags_dataset_options dataset_options;
+  int64_t pictures;            /* views that are shown as pictures, at most */
+  double seconds;              /* time to draw views in; those left over are named. 0: no limit */
+  const pags_session *session; /* its threads; with --strict a warning about a scene leaves the page unwritten */
+  pags_progress *progress;
+  const volatile int *cancel; /* a non-zero value ends the work; NULL: none */
+} pags_html_report_settings;
+
+/* What a page holds of a scene. */
+typedef struct pags_html_report_facts {
+  int64_t views, measured, pictures; /* held-out views; of these measured; of these with pictures */
+  double psnr, ssim;                 /* means over the held-out views that were measured; NaN: none was */
+} pags_html_report_facts;
+
+/* Writes the page to `output`; nothing is written on failure. `facts` has room for settings->count. PAGS_CANCELLED if
+ * it was cancelled. */
+pags_result pags_html_report_write(const pags_html_report_settings *settings, const char *output,
+                                   pags_html_report_facts *facts);
+
+#endif
