@@ -20,7 +20,7 @@ static pags_result parse(const char *name, const char *text, pags_json **out) {
 /* Reads a scene with its folder's files, and opens its photographs. */
 static pags_result open_run(const char *path, const pags_html_report_settings *settings, pags_report_run *run) {
   pags_scene scene;
-  *run = (pags_report_run){.path = path, .name = pags_path_name(path)};
+  *run = (pags_report_run){.path = path, .name = *pags_path_name(path) ? pags_path_name(path) : path};
   if (pags_packed_is_file(path))
     return pags_fail(PAGS_ERROR_UNSUPPORTED,
                      "%s: a packed file has no views to compare: expected the scene or splat file that it was made of",
@@ -85,6 +85,9 @@ pags_result pags_html_report_write(const pags_html_report_settings *settings, co
   pags_result result = PAGS_OK;
   for (int k = 0; k < settings->count && result == PAGS_OK; k++)
     result = open_run(settings->scenes[k], settings, &runs[k]);
+  if (settings->count == 2 && result == PAGS_OK && !strcmp(runs[0].name, runs[1].name))
+    for (int k = 0; k < 2; k++)
+      runs[k].name = runs[k].path;
   if (result == PAGS_OK)
     pags_report_views_choose(&runs[0].views, settings->count == 2 ? &runs[1].views : NULL, settings->pictures);
   for (int k = 0; k < settings->count && result == PAGS_OK; k++) {

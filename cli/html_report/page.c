@@ -372,7 +372,8 @@ static void put_view(pags_html *html, const pags_report_view *const *views, int 
                     score->ssim[PAGS_REGION_WHOLE]);
   }
   pags_html_put(html, "</h3>\n<div class=\"row\">\n");
-  put_picture(html, views[0], PAGS_VIEW_PICTURE_PHOTOGRAPH, "photograph");
+  const bool first = views[0]->jpeg[PAGS_VIEW_PICTURE_PHOTOGRAPH].size || count == 1;
+  put_picture(html, views[first ? 0 : 1], PAGS_VIEW_PICTURE_PHOTOGRAPH, "photograph");
   for (int k = 0; k < count; k++)
     put_picture(html, views[k], PAGS_VIEW_PICTURE_RENDER, count == 2 ? renders[k] : "rendered");
   if (count == 2)
@@ -410,7 +411,7 @@ void pags_page_views(pags_html *html, const pags_report_run *runs, int count) {
   if (!shown)
     pags_html_put(html, "<p class=\"soft\">%s</p>\n",
                   count == 2 ? "No view is in both." : "There is no recorded view to show.");
-  else if (runs[0].views.opened)
+  else if (runs[0].views.opened || runs[count - 1].views.opened)
     pags_html_put(html,
                   "<p class=\"soft\">Error: mean difference of the channels, from none (dark) to a quarter of the "
                   "range or more (pale yellow); none where a mask leaves pixels out.</p>\n");

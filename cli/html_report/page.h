@@ -12,7 +12,7 @@
 /* All that the page says of a scene. */
 typedef struct pags_report_run {
   const char *path; /* as it was given */
-  const char *name; /* the end of the path */
+  const char *name; /* the end of the path, or all of it where that tells nothing */
   pags_composition *composition;
   const pags_scene *scene; /* its models are empty */
   pags_scene_contents contents;
