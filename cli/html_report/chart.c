@@ -27,9 +27,9 @@ static double tick_step(const axis *a) {
 static const char *tick_text(double value, bool logarithm, char text[32]) {
   const double v = logarithm ? pags_pow(10, value) : value, size = fabs(v);
   if (!logarithm && size >= 1e6)
-    snprintf(text, 32, "%.3gM", v / 1e6);
+    snprintf(text, 32, "%.4gM", v / 1e6);
   else if (!logarithm && size >= 1e4)
-    snprintf(text, 32, "%.3gk", v / 1e3);
+    snprintf(text, 32, "%.4gk", v / 1e3);
   else
     snprintf(text, 32, "%.4g", size < 1e-12 ? 0 : v);
   return text;
