@@ -179,6 +179,8 @@ class Report(DataCase):
         self.assertIn("2 of 3 views have no picture here", page.text)
         for view in self.scores["per_view"][1:]:
             self.assertIn(view["name"], page.text)
+        page, _, _ = self.report(self.scene, "--views", 2)
+        self.assertEqual([view[0] for view in page.views()], [self.scores["per_view"][i]["name"] for i in (0, 2)])  # evenly spread
         page, _, _ = self.report(self.scene, "--views", 0)
         self.assertEqual((len(page.images), page.row("whole picture")[1]), (0, f"{self.scores['psnr']:.2f}"))
 
@@ -341,8 +343,8 @@ class Report(DataCase):
         self.interrupt(self.path("s"))
         shown = [int(view[0][:3]) // 2 for view in page.views()]
         self.assertIn(0, shown)
-        if len(shown) >= 3:  # evenly spread: no gap of two thirds
-            self.assertLess(max(b - a for a, b in zip(shown, [*shown[1:], 60])), 40)
+        # Evenly spread, as the first numbers of a van der Corput sequence: of 2^k and more of 64 places none is farther than 64 / 2^k from the next.
+        self.assertLessEqual(max(b - a for a, b in zip(shown, [*shown[1:], 60])), 64 // 2 ** (len(shown).bit_length() - 1), shown)
 
     def stopped(self, arguments, ready, number):
         """Starts the program, sends it the signal once `ready` of its id holds, and returns its exit code and stderr."""
