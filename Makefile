@@ -25,7 +25,7 @@
 #   make check-blender-new  the same in a newer one: BLENDER_NEW=PROGRAM, a Blender or a Python with the module bpy
 #   make check-blender-window-new  the window's tests in a newer Blender with a window (scripts/setup_blender_new.sh makes one), and its validation of the zip
 #   make bench-blender SCENE=FOLDER  what the add-on takes: importing, memory, the viewport in a window under Xvfb
-#   make guide   the pictures of docs/blender-guide.md, of the demo's street
+#   make guide   does what docs/blender-guide.md says, in a window, and takes its pictures, of the demo's street
 #   make same-bits REFERENCE=COMMIT  build that commit too and compare, bit by bit, what both programs write (OPTIONS=--quick: a minute)
 #   make figures REFERENCE=COMMIT  count what tests/figures.py counts of the code and the manual, at that commit and now
 #   make docs    write the options and fields of pags train into docs/command-line.md
@@ -99,18 +99,19 @@ check-obey: addon
 	python3 tests/addon/run_blender.py gui_obey.py "$(CURDIR)/build/pags" "$(CURDIR)"/build/pags-blender-*.zip
 
 check-inspect: addon
-	for script in inspect labels; do python3 tests/addon/run_blender.py gui_$$script.py "$(CURDIR)/build/pags" \
+	for script in inspect labels look; do python3 tests/addon/run_blender.py gui_$$script.py "$(CURDIR)/build/pags" \
 	  "$(CURDIR)"/build/pags-blender-*.zip || exit 1; done
 
 check-blender-new: addon
 	cmake -S . -B build -DPAGS_BLENDER_NEW="$(BLENDER_NEW)"
 	ctest --preset release -R '^blender_new\.'
 
-check-blender-window-new: addon
+check-blender-window-new: addon build/demo/scene/scene.json
 	@test -n "$(BLENDER_NEW)" || { echo "name a Blender by BLENDER_NEW=PROGRAM; scripts/setup_blender_new.sh makes one of Debian's packages"; exit 1; }
 	"$(BLENDER_NEW)" --command extension validate "$(CURDIR)"/build/pags-blender-*.zip
-	for script in viewport files jobs labels obey inspect; do echo "gui_$$script.py"; python3 tests/addon/run_blender.py gui_$$script.py \
+	for script in viewport files jobs labels obey inspect look guide; do echo "gui_$$script.py"; PAGS_GUIDE_SCENE="$(CURDIR)/build/demo/scene" python3 tests/addon/run_blender.py gui_$$script.py \
 	  "$(CURDIR)/build/addon/pags/bin/pags" "$(CURDIR)"/build/pags-blender-*.zip "$(BLENDER_NEW)" || exit 1; done
+	python3 -B tests/addon/test_guide.py build/pags build/pags-blender-*.zip "$(BLENDER_NEW)"
 
 bench-blender: addon
 	for script in blender_import gui_blender; do PAGS_BENCH_SCENE="$(abspath $(SCENE))" python3 tests/addon/run_blender.py \

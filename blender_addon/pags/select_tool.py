@@ -161,12 +161,16 @@ class PAGS_TL_select(bpy.types.WorkSpaceTool):
 
 
 _keys = []
+_tools = []
 
 
 def register():
     bpy.utils.register_class(PAGS_OT_select)
-    bpy.utils.register_tool(PAGS_TL_select, separator=True)
-    config = bpy.context.window_manager.keyconfigs.addon
+    keyconfigs = bpy.context.window_manager.keyconfigs
+    if keyconfigs.default is not None:  # `blender -b` has none when it enables the user's add-ons, and no toolbar
+        bpy.utils.register_tool(PAGS_TL_select, separator=True)
+        _tools.append(PAGS_TL_select)
+    config = keyconfigs.addon
     if config is not None:
         keymap = config.keymaps.new(name="Object Mode")
         _keys.append((keymap, keymap.keymap_items.new(PAGS_OT_select.bl_idname, KEY, "PRESS")))
@@ -178,5 +182,6 @@ def unregister():
     _keys.clear()
     if bpy.app.timers.is_registered(tick):
         bpy.app.timers.unregister(tick)
-    bpy.utils.unregister_tool(PAGS_TL_select)
+    while _tools:
+        bpy.utils.unregister_tool(_tools.pop())
     bpy.utils.unregister_class(PAGS_OT_select)

@@ -8,26 +8,13 @@ import sys
 import bpy
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from gui_case import FOLDER, PATIENCE, in_view, sharp_shot, tell, view3d  # noqa: E402
+from gui_browser import double_click, opened, until  # noqa: E402
+from gui_case import FOLDER, in_view, sharp_shot, tell, view3d  # noqa: E402
 
 from fixtures import write  # noqa: E402
 from test_drive import make_drive  # noqa: E402
 
 READ = ["background.ply", "b.compressed.ply", "c.spz", "d.splat", "e.pagsz", "f.PLY", "scene.json"]
-
-
-def browsers():
-    windows = bpy.context.window_manager.windows
-    return [(w, a) for w in windows for a in w.screen.areas if a.type == "FILE_BROWSER"]
-
-
-def until(done):
-    """Yields until `done()` holds."""
-    for _ in range(int(200 * PATIENCE)):
-        if done():
-            return
-        yield 0.1
-    raise AssertionError("the file browser takes too long")
 
 
 def story():
@@ -45,30 +32,12 @@ def story():
     assert blue > 0.1 * picture[0] * picture[1], "the street's sky isn't seen"
 
 
-def double_click(window, area, region, name):
-    """Clicks on row after row of the list until the file is the active one, then calls what a double click on it calls."""
-    for down in range(30, region.height, 10):
-        for kind, value in (("MOUSEMOVE", "NOTHING"), ("LEFTMOUSE", "PRESS"), ("LEFTMOUSE", "RELEASE")):
-            window.event_simulate(type=kind, value=value, x=region.x + 60, y=region.y + region.height - down)
-            yield 0.1
-        with bpy.context.temp_override(window=window, area=area, region=region):
-            if bpy.context.active_file is not None and bpy.context.active_file.name == name:
-                return bpy.ops.file.mouse_execute("INVOKE_DEFAULT")
-    raise AssertionError(f"the browser doesn't show {name}")
-
-
 def choose(folder, name, count):
     """Chooses a file in the browser; afterwards there are so many scenes, all of them the folder's."""
     with in_view():
         assert bpy.ops.import_scene.pags("INVOKE_DEFAULT") == {"RUNNING_MODAL"}
-    yield from until(browsers)
-    window, area = browsers()[0]
+    window, area, region = yield from opened(folder)
     space = area.spaces.active
-    yield from until(lambda: space.params is not None)
-    yield 1 * PATIENCE  # operators of the browser crash Blender before it has drawn itself
-    space.params.directory = folder.encode()
-    yield 1 * PATIENCE
-    region = next(r for r in area.regions if r.type == "WINDOW")
     found = []
 
     def listed():

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pictures of docs/blender-guide.md: the steps of the guide, done in a window on the synthetic street, each looked at for what
-has to be seen in it.
+"""docs/blender-guide.md, done step by step in a window on the synthetic street: each button that the page names is looked for among what the menus
+and panels show and pressed, each key is pressed; where the page has a picture, one is taken and looked at for what has to be seen in it.
 
 PAGS_GUIDE_SCENE names the trained street (`make demo` leaves one in build/demo/scene), PAGS_GUIDE_IMAGES a folder that keeps the
 pictures."""
 
-import glob
 import os
+import re
 import subprocess
 import sys
 
@@ -15,6 +15,9 @@ import numpy as np
 from mathutils import Matrix, Vector
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import guide_page  # noqa: E402
+from gui_browser import accept, browsers, double_click, opened, until  # noqa: E402
+from gui_buttons import buttons_of, call, panels, press, put  # noqa: E402
 from gui_case import (  # noqa: E402
     FOLDER,
     addon,
@@ -26,9 +29,9 @@ from gui_case import (  # noqa: E402
     lens,
     native,
     open_tab,
+    redraw,
     region,
     sharp_shot,
-    shoot,
     tell,
     view3d,
     wait,
@@ -40,67 +43,142 @@ from fixtures import read_png  # noqa: E402
 WINDOW = "960x600"
 SCENE = os.environ.get("PAGS_GUIDE_SCENE", "")
 STREET = os.path.join(FOLDER, "street")
-IMAGES = os.environ.get("PAGS_GUIDE_IMAGES", FOLDER)
-# Some of them alone: "rendered sidebar" and the like, in this order.
-STEPS = os.environ.get("PAGS_GUIDE_STEPS", "imported rendered sidebar inspected recorded counted moved underway meshes composited several").split()
-FRAME = int(os.environ.get("PAGS_GUIDE_FRAME", "14"))
-inspector = sys.modules[addon.__name__ + ".inspector"]
-composite = sys.modules[addon.__name__ + ".composite"]
+IMAGES = os.environ.get("PAGS_GUIDE_IMAGES", "")
+part = lambda name: sys.modules[f"{addon.__name__}.{name}"]
+inspector, composite, comparison, jobs = part("inspector"), part("composite"), part("comparison"), part("jobs")
+KEYS = {"Space": "SPACE", "Return": "RET"}
+DIGITS = {".": "PERIOD", "0": "ZERO", "5": "FIVE"}
+seen = {}  # the pictures so far, by name
 
 
-def keep(name, source=None, crop=()):
-    """In few colours, for a page; source: a picture other than the screen's; crop: convert's options for a part of it."""
-    os.makedirs(IMAGES, exist_ok=True)
-    source = source or os.path.join(os.environ.get("PAGS_SHOTS", FOLDER), name + ".png")
-    target = os.path.join(IMAGES, f"blender-{name}.png")
-    subprocess.run(["convert", source, *crop, "+dither", "-colors", "128", "-strip", "PNG8:" + target], check=True)
-    print(f"{target}: {os.path.getsize(target) // 1024} KB")
-
-
-def inside(picture):
-    """Samples of the 3D view's region, (height, width, 3), row 0 at the top."""
-    r = region()
-    whole = np.frombuffer(bytes(picture[4]), dtype=np.uint8).reshape(picture[1], picture[0], picture[2])
-    top = picture[1] - r.y - r.height
-    return whole[top : top + r.height, r.x : r.x + r.width, :3].astype(int)
-
-
-def picture_of(name, crop=()):
-    """A sharp screenshot that isn't empty, kept."""
-    picture = yield from sharp_shot(name)
-    assert inside(picture).std() > 15, f"{name}: there is hardly anything to be seen"
-    keep(name, crop=crop)
-    return inside(picture)
-
-
-# ---- The story ----
+# ---- The page ----
 
 
 def story():
     os.symlink(os.path.abspath(SCENE), STREET)
+    bpy.context.preferences.view.render_display_type = "NONE"
     with in_view():  # a file that has a place: the scene's path is shown relative to it
         bpy.ops.wm.save_as_mainfile(filepath=os.path.join(FOLDER, "guide.blend"))
-    assert bpy.ops.import_scene.pags(filepath=STREET) == {"FINISHED"}
-    for name in ("Cube", "Light", "Camera"):
-        if name in bpy.data.objects:
-            bpy.data.objects.remove(bpy.data.objects[name])
-    bpy.context.scene.frame_set(FRAME)
-    overlay = view3d().overlay
-    overlay.show_floor = overlay.show_axis_x = overlay.show_axis_y = False
-    overlay.show_object_origins = overlay.show_extras = False
-    view3d().shading.type = "RENDERED"
-    for step in STEPS:
-        yield from globals()[step]()
+    bpy.app.handlers.render_complete.append(lambda *_: rendered.append(True))
+    for section, number, kind, text, value in guide_page.actions():
+        print(f"{section} {number}: {kind} {text}" + (f" to {value}" if value else ""))
+        yield from DO[kind](text, value)
 
 
-def imported():
-    view3d().region_3d.view_perspective = "CAMERA"
-    with in_view():
-        bpy.ops.view3d.view_center_camera()
-    yield from picture_of("imported")
+def done_pressing(path, value):
+    """A button or an item of a panel or menu; a choice in the options of an open file browser; the sidebar's tab."""
+    if path == "PAGS":
+        yield from open_tab()
+    elif browsers():
+        name, _, item = path.partition(" > ")
+        options = browsers()[0][1].spaces.active.active_operator.properties
+        member = next(p.identifier for p in options.bl_rna.properties if p.name == name)
+        put(path, options, member, item or None, value)
+    else:
+        press(path, value)
+        yield 0.3
+        if not browsers():
+            yield from no_job()
+    yield 0.3
 
 
-def from_above():
+def no_job():
+    yield from until(lambda: jobs.current is None, 600)
+    yield 0.3
+
+
+def send(kind, value="PRESS", x=None, y=None, **more):
+    r = region()
+    x, y = (r.x + r.width // 3, r.y + r.height // 2) if x is None else (x, y)
+    window().event_simulate(type=kind, value=value, x=int(x), y=int(y), **more)
+
+
+def strike(kind, **held):
+    send("MOUSEMOVE", "NOTHING")
+    yield 0.2
+    for value in ("PRESS", "RELEASE"):
+        send(kind, value, **held)
+        yield 0.2
+
+
+def done_striking(text, _):
+    *held, key = text.split()
+    rendered.clear()
+    yield from strike(KEYS.get(key, key.upper()), **{name.lower(): True for name in held})
+    yield 0.5
+    if key == "F12":
+        yield from until(lambda: rendered and not bpy.app.is_job_running("RENDER"), 600)
+        yield 0.5
+    yield from no_job()
+
+
+rendered = []
+
+
+def done_typing(text, _):
+    for letter in text:
+        yield from strike(DIGITS[letter])
+
+
+def done_with_words(text, _):
+    for pattern, function in WORDS.items():
+        found = re.fullmatch(pattern, text)
+        if found:
+            yield from function(*found.groups())
+            return
+    raise AssertionError(f"the test of the guide doesn't know how to: {text}")
+
+
+def done_nothing(text, _):
+    raise AssertionError(f"nothing is pressed in the guide's step: {text}")
+    yield
+
+
+# ---- What is done with the mouse ----
+
+
+def to_frame(number):
+    bpy.context.scene.frame_set(int(number))
+    yield 0.2
+
+
+def remove(text):
+    for name in re.findall("`([^`]+)`", text):
+        for block in (*bpy.data.objects[name].children_recursive, bpy.data.objects[name]):
+            bpy.data.objects.remove(block)
+    yield 0.3
+
+
+def choose(name, folder):
+    """A file in the browser that is open; afterwards there is one scene more."""
+    roots = lambda: sum(o.pags.kind == "ROOT" for o in bpy.data.objects)  # noqa: E731
+    before, browser = roots(), (yield from opened(folder))
+    yield from double_click(*browser, name)
+    yield from until(lambda: roots() > before)
+    yield from no_job()
+    deselect()
+
+
+def largest_car():
+    folder = os.path.join(STREET, "objects")
+    cars = [name for name in os.listdir(folder) if "car" in name]
+    yield from choose(max(cars, key=lambda name: os.path.getsize(os.path.join(folder, name))), folder)
+    bpy.context.view_layer.objects.active = next(o for o in bpy.data.objects if o.pags.kind == "ROOT" and o.pags.path.endswith(".ply"))
+    bpy.context.object.select_set(True)
+
+
+def name_it(kind, name):
+    path = os.path.join(FOLDER, name)
+    if kind == "folder":
+        os.makedirs(path)  # which Blender's browser offers to do
+    browser = yield from opened(path if kind == "folder" else FOLDER)
+    yield from accept(*browser, name if kind == "file" else "")
+    yield from until(lambda: not browsers())
+    yield from no_job()
+    assert os.path.exists(os.path.join(path, "scene.json") if kind == "folder" else path), f"{name} wasn't written"
+
+
+def above():
     """From above and behind the recording car."""
     ego = bpy.data.objects["ego"].matrix_world
     rv3d = view3d().region_3d
@@ -110,9 +188,7 @@ def from_above():
     rv3d.view_distance, rv3d.view_location = (goal - eye).length, goal
 
 
-def rendered():
-    from_above()
-    yield from picture_of("rendered")
+    yield from wait()
 
 
 def cars_ahead():
@@ -139,131 +215,86 @@ def car_in_sight():
     raise AssertionError("no car is in sight")
 
 
-def sidebar():
-    """A car picked by a click, priorities as colours, the sidebar's tab PAGS."""
-    from_above()
-    yield from wait()
+def click_car():
+    deselect()
     car, x, y = car_in_sight()
-    with in_view():
-        bpy.ops.pags.pick("INVOKE_DEFAULT")
-    yield 0.2
     r = region()
     yield from click(r.x + x, r.y + r.height - 1 - y)
-    assert car["pags_id"] in bpy.context.scene.pags_picked, (car["pags_id"], bpy.context.scene.pags_picked)
-    assert bpy.context.view_layer.objects.active == car
-    yield from open_tab()
-    before = yield from sharp_shot("colour")
-    bpy.context.scene.pags.mode = "priority"
-    after = yield from picture_of("sidebar")
-    assert np.abs(after - inside(before)).mean() > 10, "priorities look like colours"
-    bpy.context.scene.pags.mode = "rgb"
-    view3d().show_region_ui = False
-    deselect()
+    picked = bpy.context.scene.pags_picked
+    assert bpy.context.scene.pags_distance or not picked or car["pags_id"] in picked, (car["pags_id"], picked)
+
+
+def click_road():
+    """Below the car that was clicked first."""
+    _, x, y = car_in_sight()
+    r = region()
+    yield from click(r.x + r.width // 2, r.y + 60)
+    assert bpy.context.scene.pags_distance, "no distance is said"
+
+
+def click_first():
+    with in_view():
+        bpy.context.window_manager.pags_photograph = 0
+    yield 0.5
+    assert view3d().region_3d.view_perspective == "CAMERA"
+
+
+def forget_distance():
+    (button,) = [b for b in buttons_of(bpy.types.PAGS_PT_measure) if b.target == "pags.forget_distance"]
+    call(button.target, button.values)
     yield 0.3
 
 
-def inspected():
-    """The photograph of the recorded camera over the left of the picture, and the list of photographs; skipped where the recording isn't there."""
-    comparison, jobs = (sys.modules[f"{addon.__name__}.{name}"] for name in ("comparison", "jobs"))
-    settings, manager = bpy.context.scene.pags, bpy.context.window_manager
-    with in_view():
-        bpy.ops.pags.rank("INVOKE_DEFAULT")
-    while jobs.current is not None:
-        yield 0.1
-    if not manager.pags_photographs:
-        print("skipped: inspected: no photographs")
-        return
-    settings.comparison = "WIPE"
-    yield from open_tab()
-    above = [getattr(bpy.types, name) for name in ("PAGS_PT_scene", "PAGS_PT_show", "PAGS_PT_cameras", "PAGS_PT_export")]
-    for panel in above:  # which a reader would fold
-        bpy.utils.unregister_class(panel)
-    with in_view():
-        manager.pags_photograph = 0
-        bpy.ops.view3d.view_center_camera()
-    while not any(not isinstance(pair, str) for pair in comparison._pairs.values()):
-        yield 0.1
-    yield from picture_of("inspected", crop=small(600))
-    settings.comparison = "NONE"
-    view3d().show_region_ui = False
-    for panel in above:
-        bpy.utils.register_class(panel)
-    bpy.context.scene.frame_set(FRAME)
-    yield 0.3
+def drag():
+    """After G: towards the middle of the street, and a click."""
+    car = bpy.context.object
+    x, y = in_region(car.matrix_world.translation)
+    r = region()
+    towards = 130 if x < r.width / 2 else -130
+    for step in (0, 40, 80, 130):
+        send("MOUSEMOVE", "NOTHING", r.x + r.width // 3 + step * towards // 130, r.y + r.height // 2)
+        yield 0.2
+    for value in ("PRESS", "RELEASE"):
+        send("LEFTMOUSE", value, r.x + r.width // 3 + towards, r.y + r.height // 2)
+        yield 0.2
+    assert Vector(car.location).length > 0.5, f"{car.name} wasn't moved"
 
 
-def small(width, colours=128):
-    """Options of convert: the 3D view alone, for a part of the page's width."""
-    place = f"{area().width}x{area().height}+{area().x}+{window().height - area().y - area().height}"
-    return ("-crop", place, "+repage", "-resize", f"{width}x", "+dither", "-colors", str(colours))
-
-
-def recorded():
-    """A LiDAR sweep and the labelled boxes over the street; skipped where the recording isn't there."""
-    from_above()
-    before = yield from sharp_shot("before-recording")
-    for operator in (bpy.ops.pags.lidar, bpy.ops.pags.boxes):
-        with in_view():
-            operator("INVOKE_DEFAULT")
-        while sys.modules[addon.__name__ + ".jobs"].current is not None:
-            yield 0.1
+def select(name):
     deselect()
-    brought = [o for o in bpy.data.objects if "pags_lidar" in o or "pags_box" in o]
-    if not any("pags_lidar" in o for o in brought):
-        print("skipped: recorded: no sweeps")
-        return
-    after = yield from picture_of("recording", crop=small(480, 40))
-    assert (np.abs(after - inside(before)).max(axis=2) > 40).mean() > 0.01, "the sweep isn't seen"
-    for block in brought:
-        block.hide_set(True)
-
-
-def counted():
-    """What each pixel costs."""
-    from_above()
-    before = yield from sharp_shot("before-overdraw")
-    bpy.context.scene.pags.mode = "overdraw"
-    after = yield from picture_of("overdraw", crop=small(480, 40))
-    assert np.abs(after - inside(before)).mean() > 10, "overdraw looks like colours"
-    bpy.context.scene.pags.mode = "rgb"
-
-
-def moved():
-    """A car moved across the street; its Gaussians follow."""
-    from_above()
-    before = yield from sharp_shot("before")
-    (car, _, _), ego = car_in_sight(), bpy.data.objects["ego"].matrix_world.to_3x3()
-    side = (ego.inverted() @ (car.matrix_world.translation - bpy.data.objects["ego"].matrix_world.translation)).y
-    to_the_middle = ego @ Vector((0, -2.5 if side > 0 else 2.5, 0))
-    car.location = car.parent.matrix_world.to_3x3().inverted() @ to_the_middle
-    car.rotation_euler.z = 0.5
-    car.select_set(True)
-    after = yield from picture_of("moved")
-    assert np.abs(after - inside(before)).max() > 60, "the car didn't move"
-    car.location, car.rotation_euler.z = (0, 0, 0), 0
-    deselect()
-
-
-def underway():
-    """Proxies that are being made, as the header tells."""
-    jobs = sys.modules[addon.__name__ + ".jobs"]
-    with in_view():
-        bpy.ops.pags.import_proxies("INVOKE_DEFAULT")
-    while jobs.current is not None and (jobs.current.end_other is None or jobs.current.fraction == 0):
-        yield 0.05
-    assert jobs.current is not None, "the proxies have failed"
+    block = bpy.data.objects[name]
+    block.select_set(True)
+    bpy.context.view_layer.objects.active = block
     yield 0.2
-    shoot("underway")
-    keep("underway", crop=("-crop", f"{area().width}x150+{area().x}+{window().height - area().y - area().height}", "+repage"))
-    bpy.ops.pags.cancel_job()
-    while jobs.current is not None:
-        yield 0.1
 
 
-def mesh_car():
+def hide_recording():
+    for block in bpy.data.objects:
+        if "pags_lidar" in block or "pags_box" in block:
+            block.hide_set(True)
+    deselect()
+    yield 0.2
+
+
+def to_road():
+    block, ego = bpy.context.object, bpy.data.objects["ego"].matrix_world
+    if block.pags.kind == "ROOT":
+        block.matrix_world = ego @ Matrix.Translation((7, -0.3, -1.1)) @ Matrix.Rotation(0.6, 4, "Z")
+    else:
+        block.matrix_world = ego @ Matrix.Translation((9, 0, -1.5)) @ Matrix.Scale(2.5, 4)
+    yield 0.2
+
+
+def turn_sun(strength):
+    sun = bpy.context.object
+    sun.rotation_euler, sun.data.energy, sun.data.angle = (0.3, 0.9, 0), float(strength), 0.02
+    deselect()
+    yield 0.2
+
+
+def build_car():
     """A green block of a car ahead on our lane, wheels on the road, axes as the recording car's."""
-    scene = bpy.context.scene
-    root = next(o for o in scene.objects if o.pags.kind == "ROOT")
+    root = next(o for o in bpy.context.scene.objects if o.pags.kind == "ROOT")
     ego = bpy.data.objects["ego"].matrix_world
     road = root.matrix_world.translation.z + composite.road_height(native.load(STREET))
     parts = []
@@ -275,6 +306,7 @@ def mesh_car():
     place.translation.z = road
     car.matrix_world = place @ Matrix.Translation((0, 0, 0.62)) @ Matrix.Diagonal((4.3, 1.8, 0.62, 1))
     deselect()
+    yield 0.2
 
 
 def build(parts):
@@ -299,13 +331,115 @@ def build(parts):
     bpy.ops.object.join()
 
 
-def meshes():
-    mesh_car()
-    view3d().shading.type = "SOLID"
-    view3d().shading.color_type = "MATERIAL"
-    view3d().region_3d.view_perspective = "CAMERA"
-    shown = yield from picture_of("meshes")
-    assert painted(shown).sum() > 1000, "the mesh isn't seen among the splats"
+WORDS = {
+    r"put the timeline to frame `(\d+)`": to_frame,
+    r"(delete .*)": remove,
+    r"click the X beside the distance": forget_distance,
+    r"double-click `(scene\.json)` in the scene's folder": lambda name: choose(name, STREET),
+    r"double-click `(scene\.json)` in the folder `(\w+)`": lambda name, folder: choose(name, os.path.join(FOLDER, folder)),
+    r"double-click the largest car's `\.ply` in `objects`": largest_car,
+    r"turn the view .*you see the street from above": above,
+    r"click a car": click_car,
+    r"click the road": click_road,
+    r"click the first line of the list": click_first,
+    r"hide both in the outliner": hide_recording,
+    r"move the mouse and click": drag,
+    r"move it onto the road ahead": to_road,
+    r"select `([^`]+)` in the outliner": select,
+    r"name the (folder|file) `([^`]+)`": name_it,
+    r"build a car of meshes": build_car,
+    r"turn it and set its strength to `(\d+)`": turn_sun,
+}
+
+
+# ---- Pictures ----
+
+
+def keep(name, source=None, crop=()):
+    """In few colours, for a page; source: a picture other than the screen's; crop: convert's options for a part of it."""
+    os.makedirs(IMAGES, exist_ok=True)
+    source = source or os.path.join(os.environ.get("PAGS_SHOTS", FOLDER), name + ".png")
+    target = os.path.join(IMAGES, f"blender-{name}.png")
+    subprocess.run(["convert", source, *crop, "+dither", "-colors", "128", "-strip", "PNG8:" + target], check=True)
+    print(f"{target}: {os.path.getsize(target) // 1024} KB")
+
+
+def inside(picture):
+    """Samples of the 3D view's region, (height, width, 3), row 0 at the top."""
+    r = region()
+    whole = np.frombuffer(bytes(picture[4]), dtype=np.uint8).reshape(picture[1], picture[0], picture[2])
+    top = picture[1] - r.y - r.height
+    return whole[top : top + r.height, r.x : r.x + r.width, :3].astype(int)
+
+
+
+def small(width, colours=128):
+    """Options of convert: the 3D view alone, for a part of the page's width."""
+    place = f"{area().width}x{area().height}+{area().x}+{window().height - area().y - area().height}"
+    return ("-crop", place, "+repage", "-resize", f"{width}x", "+dither", "-colors", str(colours))
+
+
+def inside(picture):
+    """Samples of the 3D view's region, (height, width, 3), row 0 at the top."""
+    r = region()
+    whole = np.frombuffer(bytes(picture[4]), dtype=np.uint8).reshape(picture[1], picture[0], picture[2])
+    top = picture[1] - r.y - r.height
+    return whole[top : top + r.height, r.x : r.x + r.width, :3].astype(int)
+
+
+def done_looking(name, _):
+    """A sharp picture that isn't empty and shows what it has to; kept where there is a folder for it."""
+    view3d().show_region_ui = name in PANELS
+    folded = fold(PANELS[name]) if name in PANELS else []
+    overlay = view3d().overlay
+    overlay.show_object_origins = overlay.show_extras = overlay.show_outline_selected = name == "recording"
+    if name == "composite":
+        picture, source = result("composite")
+    else:
+        if name == "look":
+            yield from unfold()
+        picture, source = inside((yield from sharp_shot(name))), None
+    assert picture.std() > 15, f"{name}: there is hardly anything to be seen"
+    seen[name] = picture
+    if name in CHECKS:
+        CHECKS[name](picture)
+    if IMAGES:
+        keep(name, source, small(*SIZES.get(name, (480, 64))) if source is None else ())
+    for kind in folded:
+        bpy.utils.register_class(kind)
+    yield 0.1
+
+
+def fold(name):
+    """What a reader folds, so that one panel of the sidebar is seen whole; `name` None: nothing."""
+    others = [kind for kind in panels() if kind.bl_space_type == "VIEW_3D" and kind.__name__ != name and name]
+    for kind in others:
+        bpy.utils.unregister_class(kind)
+    return others
+
+
+def unfold():
+    """Opens the panel at the top of the sidebar by a click on its header."""
+    drawn, panel = [], bpy.types.PAGS_PT_cleanup
+    draw = panel.draw
+    panel.draw = lambda self, context: (drawn.append(True), draw(self, context))[1]
+    yield 0.3
+    redraw()
+    if not drawn:
+        ui = next(r for r in area().regions if r.type == "UI")
+        yield from click(ui.x + 60, ui.y + ui.height - 18)
+        redraw()
+    panel.draw = draw
+    assert drawn, "the panel Clean up and look doesn't open"
+
+
+def result(name):
+    """What was rendered last, as (height, width, 3), and its file."""
+    settings, path = bpy.context.scene.render.image_settings, os.path.join(FOLDER, name + ".png")
+    settings.file_format, settings.color_mode = "PNG", "RGB"
+    bpy.data.images["Render Result"].save_render(path)
+    picture = read_png(path)
+    return np.frombuffer(bytes(picture[4]), dtype=np.uint8).reshape(picture[1], picture[0], -1)[..., :3].astype(int), path
 
 
 def painted(picture):
@@ -314,57 +448,75 @@ def painted(picture):
     return (green > red + 40) & (blue > red + 20)
 
 
-def composited():
-    scene = bpy.context.scene
-    plain = render("plain")
-    with in_view():
-        bpy.ops.object.light_add(type="SUN", rotation=(0.3, 0.9, 0))
-    sun = bpy.context.view_layer.objects.active
-    sun.data.energy, sun.data.angle = 3, 0.02
-    deselect()
-    assert bpy.ops.pags.composite(engine="CYCLES") == {"FINISHED"}
-    whole = render("composite")
-    keep("composite", os.path.join(FOLDER, "composite.png"))
-    mesh = painted(whole) & ~painted(plain)  # there may be a green car in the street
-    assert mesh.sum() > 1000, "the mesh isn't in the picture"
-    darker = (whole.sum(axis=2) < 0.7 * plain.sum(axis=2)) & ~mesh
-    assert darker.sum() > 100, "there is no shadow"
-    yield 0.1
+def apart(a, b):
+    """Share of the pixels that differ clearly; of b as much as the narrower a shows."""
+    width = min(a.shape[1], b.shape[1])
+    return (np.abs(a[:, :width] - b[:, :width]).max(axis=2) > 20).mean()
 
 
-def render(name):
-    """F12 as (height, width, 3)."""
-    scene = bpy.context.scene
-    scene.render.image_settings.file_format, scene.render.image_settings.color_mode = "PNG", "RGB"
-    scene.render.filepath = os.path.join(FOLDER, name + ".png")
-    bpy.ops.render.render(write_still=True)
-    picture = read_png(scene.render.filepath)
-    return np.frombuffer(bytes(picture[4]), dtype=np.uint8).reshape(picture[1], picture[0], -1)[..., :3].astype(int)
+def check_imported(_):
+    assert (view3d().shading.type, view3d().region_3d.view_perspective) == ("RENDERED", "CAMERA")
+    assert bpy.context.scene.frame_current == 14 and "ego" in bpy.data.objects
 
 
-def several():
-    """A car of the street once more, from its own file, half as large and turned, on the road ahead."""
-    view3d().shading.type = "RENDERED"
-    bpy.context.scene.render.engine = "PAGS"
-    alone = yield from picture_of_view("alone")
-    cars = [path for path in glob.glob(os.path.join(STREET, "objects", "*car*.ply"))]
-    path = max(cars, key=os.path.getsize)
-    assert bpy.ops.import_scene.pags(filepath=path, whole=False, up="Z", cameras="NONE") == {"FINISHED"}
-    root, ego = bpy.context.view_layer.objects.active, bpy.data.objects["ego"].matrix_world
-    root.matrix_world = ego @ Matrix.Translation((7, -0.3, -1.1)) @ Matrix.Rotation(0.6, 4, "Z") @ Matrix.Scale(0.5, 4)
-    deselect()
-    both = yield from picture_of("several", ("-resize", "46%"))
-    assert np.abs(both - alone).max(axis=2).astype(bool).mean() > 0.005, "the second scene isn't seen"
+def check_stood(_):
+    ahead = view3d().region_3d.view_matrix.inverted().to_3x3() @ Vector((0, 0, -1))
+    assert abs(ahead.z) < 1e-3, ahead
 
 
-def picture_of_view(name):
-    from_above()
-    picture = yield from sharp_shot(name)
-    return inside(picture)
+def check_look(picture):
+    grey = lambda p: np.ptp(p, axis=2).mean()  # noqa: E731
+    assert grey(picture) < 0.8 * grey(seen["rendered"]), "the street isn't grey"
 
+
+def check_beside(picture):
+    """Without the lowest rows, where Blender says what was done last."""
+    plain, middle = seen["rendered"][:-60], picture.shape[1] // 2
+    left, right = (apart(picture[:-60, half], plain[:, half]) for half in (slice(0, middle - 5), slice(middle + 5, None)))
+    assert left < 0.02 and right > left + 0.02, f"left of the edge isn't the first scene, or right isn't the edited one: {left:.3f}, {right:.3f}"
+
+
+def check_mesh(picture):
+    assert painted(picture).sum() > 1000, "the mesh isn't in the picture"
+
+
+def differs(name, share):
+    """A check that a picture isn't the one of that name."""
+
+    def check(picture):
+        assert apart(picture, seen[name]) > share, f"no different from {name}: {apart(picture, seen[name]):.4f}"
+
+    return check
+
+
+PANELS = {"sidebar": None, "inspected": "PAGS_PT_inspect", "look": "PAGS_PT_cleanup"}  # the panel that is open where the sidebar is seen
+SIZES = {name: (560, 64) for name in ("imported", "rendered", "sidebar", "inspected", "look", "meshes")}
+CHECKS = {
+    "imported": check_imported,
+    "sidebar": differs("rendered", 0.3),
+    "overdraw": differs("rendered", 0.3),
+    "recording": differs("rendered", 0.01),
+    "distance": differs("rendered", 0.0005),
+    "stood": check_stood,
+    "moved": differs("rendered", 0.005),
+    "look": check_look,
+    "crop": differs("rendered", 0.005),
+    "beside": check_beside,
+    "several": differs("rendered", 0.005),
+    "meshes": check_mesh,
+    "composite": check_mesh,
+}
+DO = {
+    "press": done_pressing,
+    "key": done_striking,
+    "type": done_typing,
+    "words": done_with_words,
+    "image": done_looking,
+    "nothing": done_nothing,
+}
 
 if not os.path.exists(os.path.join(SCENE, "scene.json")):
     print("skipped: there is no trained street here (make demo makes one)")
     sys.stdout.flush()
     os._exit(77)
-tell(story())
+tell(story(), 1600)
