@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 from bpy.props import CollectionProperty, EnumProperty, FloatProperty, FloatVectorProperty, IntProperty, PointerProperty
 
-from . import cameras, draw, lens
+from . import cameras, draw, lens, reasons
 
 LUMA = np.array([0.2126, 0.7152, 0.0722])  # of Rec. 709
 DEFAULTS = {
@@ -129,16 +129,34 @@ def text_of(rules):
     return json.dumps(rules) if rules else ""
 
 
+def index_of(part):
+    """The number of the object that a part stands for, -1 for the background."""
+    return -1 if part.pags.kind == "BACKGROUND" else part.pags.index
+
+
+def parts_of(root):
+    """The Blender objects that stand for parts of a scene, by name."""
+    return sorted((o for o in bpy.data.objects if o.pags.kind in {"BACKGROUND", "OBJECT"} and o.pags.root == root), key=lambda o: o.name)
+
+
 def edits_of(root, depsgraph):
-    """The rules of a scene as the exports take them."""
-    rules, seen = rules_of(root.evaluated_get(depsgraph), -1, depsgraph, everything=True), set()
-    for part in sorted(bpy.data.objects, key=lambda o: o.name):
-        if part.pags.kind in {"BACKGROUND", "OBJECT"} and part.pags.root == root:
-            index = -1 if part.pags.kind == "BACKGROUND" else part.pags.index
-            if index not in seen:
-                seen.add(index)
-                rules += rules_of(part.evaluated_get(depsgraph), index, depsgraph)
-    return text_of(rules)
+    """The rules of a scene as the exports take them; of several Blender objects that stand for one part, those of the first by name that has any."""
+    found = {}
+    for part in parts_of(root):
+        rules = rules_of(part.evaluated_get(depsgraph), index_of(part), depsgraph)
+        if rules:
+            found.setdefault(index_of(part), rules)
+    everything = rules_of(root.evaluated_get(depsgraph), -1, depsgraph, everything=True)
+    return text_of(everything + [rule for index in sorted(found) for rule in found[index]])
+
+
+def preferred(owner, depsgraph):
+    """The object whose settings count in place of this one's, since both stand for one part; None where this one's do."""
+    if owner.pags.kind == "ROOT":
+        return None
+    twins = [o for o in parts_of(owner.pags.root) if index_of(o) == index_of(owner)]
+    first = next((o for o in twins if rules_of(o.evaluated_get(depsgraph), 0, depsgraph)), owner) if len(twins) > 1 else owner
+    return first if first != owner else None
 
 
 # ---- Operators and panel ----
@@ -236,6 +254,9 @@ class PAGS_PT_cleanup(bpy.types.Panel):
         owner, layout = owner_of(context), self.layout
         look = owner.pags_look
         layout.label(text="Whole scene" if owner.pags.kind == "ROOT" else f"{owner.name} alone", icon="OBJECT_DATA")
+        twin = preferred(owner, context.evaluated_depsgraph_get())
+        if twin is not None:
+            reasons.explain(layout, f"{twin.name} stands for the same part; its settings count, not these")
         layout.use_property_split = True
         column = layout.column(align=True)
         for name in ("exposure", "tint", "saturation", "contrast", "opacity", "sh"):

@@ -9,14 +9,13 @@ import contextlib
 import json
 import os
 import tempfile
-import textwrap
 
 import bpy
 import numpy as np
 from bpy.props import BoolProperty, EnumProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 
-from . import cameras, cleanup, files, gather, jobs, lens, native, photographs, program
+from . import cameras, cleanup, files, gather, jobs, lens, native, photographs, program, reasons
 
 ROWS = 65536  # of a splat file, read, changed and written at a time
 
@@ -281,7 +280,7 @@ class PAGS_OT_export(jobs.Long, cameras.OnScene, bpy.types.Operator, ExportHelpe
         row.enabled = not lacking
         row.prop(self, "content")
         if lacking:
-            explain(self.layout, f".glb, .gltf, .usda: {lacking}")
+            reasons.explain(self.layout, f".glb, .gltf, .usda: {lacking}")
         self.layout.prop(self, "edits")
 
     def steps(self, context, root):
@@ -302,13 +301,6 @@ def proxy_program(context):
     if lacking:
         raise native.SceneError(lacking)
     return command
-
-
-def explain(layout, text, icon="INFO", width=32):
-    """A text in lines that fit into a panel at its default width."""
-    column = layout.column(align=True)
-    for number, line in enumerate(textwrap.wrap(text, width)):
-        column.label(text=line, icon=icon if number == 0 else "BLANK1")
 
 
 def export(root, command, path, form, edits):

@@ -31,7 +31,7 @@ class Gathered:
         self.world_from_root = lens.matrix(root.matrix_world)
         self.frame_start, self.fps = root.pags.frame_start, root.pags.fps
         self.keys, self.indices, self.poses = [], [], []  # of each part: key, object index (-1: background) and root_from_object, 4x4
-        self.pass_index = {}
+        self.pass_index, self.looks = {}, {}
 
     def add(self, key, drawn, index, matrix_world):
         """key: the Blender object's name and which of its instances the part is: the same at every frame."""
@@ -41,14 +41,16 @@ class Gathered:
         self.pass_index[index] = drawn.original.pass_index
 
     def add_rules(self, drawn, index, depsgraph):
-        """The clean-up and look of an object or of the background; of several Blender objects that stand for one, those of the first."""
-        if index not in self.pass_index:
-            self.rules += cleanup.rules_of(drawn, index, depsgraph)
+        """The clean-up and look of an object or of the background; of several Blender objects that stand for one, those of the first by name that has
+        any."""
+        found = cleanup.rules_of(drawn, index, depsgraph)
+        if found and (index not in self.looks or drawn.name < self.looks[index][0]):
+            self.looks[index] = (drawn.name, found)
 
     def finish(self):
         """Stacks the poses of all parts into one array: thousands of small arrays would cost more than the rest of a redraw. Returns the names of
         the parts that their scale has flattened, which are left out."""
-        self.edits = cleanup.text_of(self.rules)
+        self.edits = cleanup.text_of(self.rules + [rule for index in sorted(self.looks) for rule in self.looks[index][1]])
         if flattened(self.world_from_root[None])[0]:
             self.indices, self.keys = np.zeros(0, dtype=int), []
             return [self.root_name]
@@ -155,7 +157,7 @@ class Frame:
 
     def parts(self, k, frame, critical_only=False):
         """Of what is drawn of scene k: keys, and placements."""
-        if k == 0 and self.lent:
+        if k == 0 and self.lent or self.entries[k].bare:
             return [], []
         scene, entry = self.scenes[k], self.entries[k]
         return keys(scene, entry, critical_only), placements(scene, entry, self.time(k, frame), critical_only)
@@ -204,6 +206,7 @@ class Frame:
         count = len({scene.root_name for scene in self.scenes})
         behind = f", {'sky' if self.entry.info['sky'] else 'background'} of {self.lead.root_name}" if own_background(settings) is None else ""
         said = [f"{count} scenes{behind}"] if count > 1 else []
+        said += [f"clean-up and look leave nothing of {s.root_name}" for s, entry in zip(self.scenes[self.lent :], self.entries[self.lent :]) if entry.bare]
         return "; ".join(said + ([f"flattened by their scale and left out: {', '.join(self.flat[:3])}"] if self.flat else []))
 
 

@@ -12,7 +12,7 @@ from bpy.props import BoolProperty, CollectionProperty, EnumProperty, StringProp
 from bpy_extras.io_utils import ImportHelper
 from mathutils import Matrix, Quaternion, Vector
 
-from . import curves, exporter, jobs, lens, native, photographs, program, proxies
+from . import curves, exporter, jobs, lens, native, photographs, program, proxies, reasons
 from .properties import preview_budget
 
 # Rotations that take a file's up axis to Blender's z: quarter and half turns about x, or about y for files with x up.
@@ -476,7 +476,7 @@ class PAGS_OT_import(bpy.types.Operator, ImportHelper):
             row.enabled = name != "proxies" or not lacking
             row.prop(self, name)
         if lacking:
-            exporter.explain(self.layout, f"Proxies: {lacking}")
+            reasons.explain(self.layout, f"Proxies: {lacking}")
 
     def invoke(self, context, event):
         self.by_hand = True

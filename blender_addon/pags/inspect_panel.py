@@ -3,7 +3,7 @@
 
 import bpy
 
-from . import cameras, exporter, program, reasons, recording, ui
+from . import cameras, program, reasons, recording, ui
 
 
 class PAGS_PT_inspect(ui.OfScene, bpy.types.Panel):
@@ -17,10 +17,10 @@ class PAGS_PT_inspect(ui.OfScene, bpy.types.Panel):
         if manager.pags_photographs:
             layout.template_list("PAGS_UL_photographs", "", manager, "pags_photographs", manager, "pags_photograph", rows=4)
         if manager.pags_photographs_said or none or lacking:
-            exporter.explain(layout, manager.pags_photographs_said or none or lacking)
+            reasons.explain(layout, manager.pags_photographs_said or none or lacking)
         ui.where(layout, none).operator("pags.compare", icon="IMAGE_DATA", text="To the image editor")
         if context.scene.pags_compared:
-            exporter.explain(layout, context.scene.pags_compared)
+            reasons.explain(layout, context.scene.pags_compared)
         if settings.wipe_root is not None or reasons.several(context):
             layout.prop(settings, "wipe_root")
         if settings.comparison == "WIPE" or settings.wipe_root is not None or context.scene.pags_compared:
@@ -39,7 +39,7 @@ class PAGS_PT_recording(ui.OfScene, bpy.types.Panel):
         text = "Remove held-out marks" if recording.marked(context.scene) else "Mark held-out steps"
         ui.where(layout, none).operator("pags.mark_held_out", text=text, icon="MARKER_HLT")
         if none:
-            exporter.explain(layout, none)
+            reasons.explain(layout, none)
 
 
 class PAGS_PT_measure(ui.OfScene, bpy.types.Panel):

@@ -23,12 +23,16 @@ class SceneError(Exception):
     """An error with a message for the user."""
 
 
+NOTHING_LEFT = "is left by clean-up and look"  # within the engine's error on rules that leave no Gaussian
+
+
 class Entry:
-    """A cached scene of one path: loading, loaded or failed. edits: rules of clean-up and look (cleanup.py), or empty."""
+    """A cached scene of one path: loading, loaded or failed. edits: rules of clean-up and look (cleanup.py), or empty; where they leave no Gaussian the
+    scene is the one without them, and `bare`: its sky alone is drawn."""
 
     def __init__(self, path, edits=""):
         self.path, self.stamp, self.edits = path, stamp_of(path), edits
-        self.scene, self.error = None, ""
+        self.scene, self.error, self.bare = None, "", False
         self.objects, self.info, self.views = [], {}, []
         self.exposed = False  # whether any view has an exposure
         self.thread = threading.Thread(target=self.load, daemon=True)
@@ -36,12 +40,22 @@ class Entry:
 
     def load(self):
         try:
-            scene = module.load(self.path, self.edits) if self.edits else module.load(self.path)
+            scene = self.read()
             self.objects, self.info, self.views = scene.objects, scene.info, scene.views
             self.exposed = any(any(v != 1 for v in view["gain"]) or any(view["offset"]) for view in self.views)
             self.scene = scene
         except (module.Error, MemoryError) as error:
             self.error = str(error)
+
+    def read(self):
+        if self.edits:
+            try:
+                return module.load(self.path, self.edits)
+            except module.Error as error:
+                self.bare = NOTHING_LEFT in str(error)
+                if not self.bare:
+                    raise
+        return module.load(self.path)
 
     def counts(self):
         """How much the scene holds, for people."""

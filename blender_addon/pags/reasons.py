@@ -2,6 +2,7 @@
 """Why a control of the interface would do nothing: a sentence, or "" where it does something."""
 
 import os
+import textwrap
 
 from . import native
 
@@ -80,3 +81,10 @@ def folder(root):
     """Of what writes a scene folder anew."""
     path = native.absolute_path(root)
     return "" if os.path.isdir(path) or not os.path.exists(path) else "this is a splat file, not a scene folder; Export writes it"
+
+
+def explain(layout, text, icon="INFO", width=32):
+    """A text in lines that fit into a panel at its default width."""
+    column = layout.column(align=True)
+    for number, line in enumerate(textwrap.wrap(text, width)):
+        column.label(text=line, icon=icon if number == 0 else "BLANK1")

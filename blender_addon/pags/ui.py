@@ -24,7 +24,7 @@ class OfScene(Sidebar):
 
 
 def where(layout, reason):
-    """A row for what does nothing while there is a reason, which is said by `exporter.explain` below it."""
+    """A row for what does nothing while there is a reason, which is said by `reasons.explain` below it."""
     row = layout.row()
     row.enabled = not reason
     return row
@@ -36,7 +36,7 @@ class PAGS_PT_scene(Sidebar, bpy.types.Panel):
     def draw(self, context):
         layout, root = self.layout, cameras.root_of(context)
         if not native.module:
-            exporter.explain(layout, native.problem, "ERROR")
+            reasons.explain(layout, native.problem, "ERROR")
         if root is None:
             layout.operator("import_scene.pags", icon="IMPORT")
             return
@@ -44,10 +44,10 @@ class PAGS_PT_scene(Sidebar, bpy.types.Panel):
         try:
             entry = native.entry(native.absolute_path(root), False)
         except native.SceneError as error:
-            exporter.explain(layout, str(error), "ERROR")
+            reasons.explain(layout, str(error), "ERROR")
         else:
             if entry.scene is not None:
-                exporter.explain(layout, entry.counts(), "OUTLINER_OB_POINTCLOUD")
+                reasons.explain(layout, entry.counts(), "OUTLINER_OB_POINTCLOUD")
         layout.operator("pags.reload", icon="FILE_REFRESH")
         column = layout.column(align=True)
         column.prop(root.pags, "frame_start")
@@ -64,7 +64,7 @@ class PAGS_PT_show(OfScene, bpy.types.Panel):
         none = reasons.critical(context)
         where(layout, none and not settings.hide_noncritical).prop(settings, "hide_noncritical")
         if none and (settings.hide_noncritical or settings.mode == "critical"):
-            exporter.explain(layout, none)
+            reasons.explain(layout, none)
         if shading != "WIREFRAME" and (shading != "RENDERED" or context.scene.render.engine != "PAGS"):
             layout.prop(settings, "overlay", text="Splats among meshes")
         if overlay.draws(context):
@@ -95,7 +95,7 @@ class PAGS_PT_cameras(OfScene, bpy.types.Panel):
         layout.operator("pags.size_of_camera", icon="FULLSCREEN_ENTER")
         where(layout, none).operator("pags.photographs", icon="IMAGE_BACKGROUND")
         if none or parked:
-            exporter.explain(layout, none or parked)
+            reasons.explain(layout, none or parked)
         if not none:
             layout.label(text="Data set folder")
             layout.prop(root.pags, "dataset", text="")
@@ -119,7 +119,7 @@ class PAGS_PT_export(OfScene, bpy.types.Panel):
         newer = native_splats.missing()
         where(layout, newer).operator("pags.native_splats", icon="POINTCLOUD_DATA")
         for said in dict.fromkeys(filter(None, (absent, lacking, single, newer))):
-            exporter.explain(layout, said)
+            reasons.explain(layout, said)
 
 
 class PAGS_PT_object(bpy.types.Panel):
@@ -220,7 +220,7 @@ class PAGS_PT_settings(RenderPanel, bpy.types.Panel):
         own.prop(settings, "background", text="")
         layout.prop(context.scene.render, "film_transparent", text="Transparent sky")
         for said in filter(None, (plain, f"Critical only: {none}" if none else "", f"Recorded exposure: {unexposed}" if unexposed else "")):
-            exporter.explain(layout, said, width=48)
+            reasons.explain(layout, said, width=48)
 
 
 class PAGS_PT_viewport(RenderPanel, bpy.types.Panel):

@@ -116,9 +116,37 @@ class CleanUp(BlenderCase):
         self.assertEqual(self.seen(self.f12()), (True, False, False))  # what follows a track is not judged by it
         root.pags_look.least_views = 0
         root.pags_look.least_opacity = 1
-        with self.assertRaises(RuntimeError) as caught:
-            self.f12()
+        empty = self.f12()  # the sky alone, and a word of it
+        self.assertEqual({*empty[4][0::3]}, {0})
+        self.assertLessEqual({*empty[4][2::3]}, {127, 128})
+        state = gather.gather(bpy.context.evaluated_depsgraph_get())
+        self.assertIn(f"leave nothing of {root.name}", state.load(True).remarks(self.scene.pags))
+        with self.assertRaises(RuntimeError) as caught:  # a file of nothing isn't written
+            bpy.ops.export_scene.pags(filepath=self.path("empty.ply"))
         self.assertIn("none of the", str(caught.exception))
+        root.pags_look.least_opacity = 0
+        self.assertEqual(self.seen(self.f12()), (True, False, False) if root.pags_look.least_views else (True, True, True))
+
+    def test_two_objects_of_one_part(self):
+        """The settings of the first by name that has any count, in F12 and in exports, and the other's panel says so."""
+        root, car = self.bring_in(), self.part(1)
+        twin = car.copy()
+        twin.name = car.name + " twin"
+        twin.location.y += 1.5
+        car.users_collection[0].objects.link(twin)
+        bpy.context.view_layer.update()
+        plain = self.f12()
+        depsgraph = bpy.context.evaluated_depsgraph_get()
+        self.assertIsNone(cleanup.preferred(twin, depsgraph))
+        for owner, exposure in ((twin, -2.0), (car, -1.0)):
+            owner.pags_look.exposure = exposure
+            bpy.context.view_layer.update()
+            depsgraph = bpy.context.evaluated_depsgraph_get()
+            (rule,) = json.loads(self.rules(root))
+            self.assertAlmostEqual(rule["matrix"][0], 2 ** (exposure / 2.2), places=5)
+            self.assertEqual(gather.gather(depsgraph).scenes[0].edits, self.rules(root))
+        self.assertGreater(self.difference(plain, self.f12()), 30)
+        self.assertEqual((cleanup.preferred(twin, depsgraph), cleanup.preferred(car, depsgraph)), (car, None))
 
     def test_waits_for_nothing(self):
         """While a change is being made, a view goes on with what was there; the newest comes in the end, without those between."""
