@@ -32,6 +32,7 @@ from gui_case import (  # noqa: E402
     redraw,
     region,
     sharp_shot,
+    shoot,
     tell,
     view3d,
     wait,
@@ -63,6 +64,9 @@ def story():
     for section, number, kind, text, value in guide_page.actions():
         print(f"{section} {number}: {kind} {text}" + (f" to {value}" if value else ""))
         yield from DO[kind](text, value)
+    if IMAGES:
+        yield from underway()
+        yield from written_anew()
 
 
 def done_pressing(path, value):
@@ -153,6 +157,9 @@ def choose(name, folder):
     """A file in the browser that is open; afterwards there is one scene more."""
     roots = lambda: sum(o.pags.kind == "ROOT" for o in bpy.data.objects)  # noqa: E731
     before, browser = roots(), (yield from opened(folder))
+    if IMAGES and before == 0:
+        shoot("browser")
+        keep("browser", crop=("-resize", "480x", "+dither", "-colors", "32"))
     yield from double_click(*browser, name)
     yield from until(lambda: roots() > before)
     yield from no_job()
@@ -440,6 +447,32 @@ def result(name):
     bpy.data.images["Render Result"].save_render(path)
     picture = read_png(path)
     return np.frombuffer(bytes(picture[4]), dtype=np.uint8).reshape(picture[1], picture[0], -1)[..., :3].astype(int), path
+
+
+def top_of_view():
+    return ("-crop", f"{area().width}x150+{area().x}+{window().height - area().y - area().height}", "+repage")
+
+
+def underway():
+    """For the pages of the manual that tell of long work: proxies that are being made, as the header tells."""
+    with in_view():
+        bpy.ops.pags.import_proxies("INVOKE_DEFAULT")
+    yield from until(lambda: jobs.current is not None and jobs.current.end_other is not None and jobs.current.fraction > 0)
+    yield 0.2
+    shoot("underway")
+    keep("underway", crop=top_of_view())
+    bpy.ops.pags.cancel_job()
+    yield from no_job()
+
+
+def written_anew():
+    """For the page on inspecting: the notice of a scene whose files were written again."""
+    yield 4
+    os.utime(os.path.join(STREET, "scene.json"))
+    yield from until(lambda: jobs.current is not None)
+    yield from no_job()
+    shoot("anew")
+    keep("anew", crop=("-crop", f"{window().width}x24+0+{window().height - 24}", "+repage"))
 
 
 def painted(picture):
