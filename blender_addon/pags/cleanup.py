@@ -150,12 +150,15 @@ def edits_of(root, depsgraph):
     return text_of(everything + [rule for index in sorted(found) for rule in found[index]])
 
 
-def preferred(owner, depsgraph):
+def preferred(owner):
     """The object whose settings count in place of this one's, since both stand for one part; None where this one's do."""
     if owner.pags.kind == "ROOT":
         return None
     twins = [o for o in parts_of(owner.pags.root) if index_of(o) == index_of(owner)]
-    first = next((o for o in twins if rules_of(o.evaluated_get(depsgraph), 0, depsgraph)), owner) if len(twins) > 1 else owner
+    if len(twins) < 2:
+        return None
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    first = next((o for o in twins if rules_of(o.evaluated_get(depsgraph), 0, depsgraph)), owner)
     return first if first != owner else None
 
 
@@ -254,7 +257,7 @@ class PAGS_PT_cleanup(bpy.types.Panel):
         owner, layout = owner_of(context), self.layout
         look = owner.pags_look
         layout.label(text="Whole scene" if owner.pags.kind == "ROOT" else f"{owner.name} alone", icon="OBJECT_DATA")
-        twin = preferred(owner, context.evaluated_depsgraph_get())
+        twin = preferred(owner)
         if twin is not None:
             reasons.explain(layout, f"{twin.name} stands for the same part; its settings count, not these")
         layout.use_property_split = True

@@ -136,17 +136,15 @@ class CleanUp(BlenderCase):
         car.users_collection[0].objects.link(twin)
         bpy.context.view_layer.update()
         plain = self.f12()
-        depsgraph = bpy.context.evaluated_depsgraph_get()
-        self.assertIsNone(cleanup.preferred(twin, depsgraph))
+        self.assertIsNone(cleanup.preferred(twin))
         for owner, exposure in ((twin, -2.0), (car, -1.0)):
             owner.pags_look.exposure = exposure
             bpy.context.view_layer.update()
-            depsgraph = bpy.context.evaluated_depsgraph_get()
             (rule,) = json.loads(self.rules(root))
             self.assertAlmostEqual(rule["matrix"][0], 2 ** (exposure / 2.2), places=5)
-            self.assertEqual(gather.gather(depsgraph).scenes[0].edits, self.rules(root))
+            self.assertEqual(gather.gather(bpy.context.evaluated_depsgraph_get()).scenes[0].edits, self.rules(root))
         self.assertGreater(self.difference(plain, self.f12()), 30)
-        self.assertEqual((cleanup.preferred(twin, depsgraph), cleanup.preferred(car, depsgraph)), (car, None))
+        self.assertEqual((cleanup.preferred(twin), cleanup.preferred(car)), (car, None))
 
     def test_waits_for_nothing(self):
         """While a change is being made, a view goes on with what was there; the newest comes in the end, without those between."""
