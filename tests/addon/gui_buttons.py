@@ -122,10 +122,9 @@ def draw(kind, layout):
 
 def panels():
     """The add-on's panels that are shown: the sidebar's, and those of the Properties editor."""
-    for kind in bpy.types.Panel.__subclasses__() + [k for base in bpy.types.Panel.__subclasses__() for k in base.__subclasses__()]:
-        if kind.__module__.startswith(addon.__name__ + ".") and hasattr(kind, "bl_label"):
-            if not hasattr(kind, "poll") or kind.poll(bpy.context):
-                yield kind
+    for kind in bpy.types.Panel.__subclasses__():
+        if kind.__module__.startswith(addon.__name__ + ".") and (not hasattr(kind, "poll") or kind.poll(bpy.context)):
+            yield kind
 
 
 def buttons_of(kind):

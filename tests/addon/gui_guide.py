@@ -50,6 +50,7 @@ inspector, composite, comparison, jobs = part("inspector"), part("composite"), p
 KEYS = {"Space": "SPACE", "Return": "RET"}
 DIGITS = {".": "PERIOD", "0": "ZERO", "5": "FIVE"}
 seen = {}  # the pictures so far, by name
+pressed, rendered = [], []  # what was pressed, and pictures that F12 has finished
 
 
 # ---- The page ----
@@ -71,6 +72,7 @@ def story():
 
 def done_pressing(path, value):
     """A button or an item of a panel or menu; a choice in the options of an open file browser; the sidebar's tab."""
+    pressed.append(path)
     if path == "PAGS":
         yield from open_tab()
     elif browsers():
@@ -114,9 +116,6 @@ def done_striking(text, _):
         yield from until(lambda: rendered and not bpy.app.is_job_running("RENDER"), 600)
         yield 0.5
     yield from no_job()
-
-
-rendered = []
 
 
 def done_typing(text, _):
@@ -166,12 +165,9 @@ def choose(name, folder):
     deselect()
 
 
-def largest_car():
-    folder = os.path.join(STREET, "objects")
-    cars = [name for name in os.listdir(folder) if "car" in name]
-    yield from choose(max(cars, key=lambda name: os.path.getsize(os.path.join(folder, name))), folder)
-    bpy.context.view_layer.objects.active = next(o for o in bpy.data.objects if o.pags.kind == "ROOT" and o.pags.path.endswith(".ply"))
-    bpy.context.object.select_set(True)
+def choose_part(name, folder):
+    yield from choose(name, os.path.join(STREET, folder))
+    yield from select(name)
 
 
 def name_it(kind, name):
@@ -227,13 +223,12 @@ def click_car():
     car, x, y = car_in_sight()
     r = region()
     yield from click(r.x + x, r.y + r.height - 1 - y)
-    picked = bpy.context.scene.pags_picked
-    assert bpy.context.scene.pags_distance or not picked or car["pags_id"] in picked, (car["pags_id"], picked)
+    if pressed[-1] == "Show > Pick":
+        assert car["pags_id"] in bpy.context.scene.pags_picked and bpy.context.object == car, (car["pags_id"], bpy.context.scene.pags_picked)
 
 
 def click_road():
-    """Below the car that was clicked first."""
-    _, x, y = car_in_sight()
+    """In the middle of the view, near its lower edge."""
     r = region()
     yield from click(r.x + r.width // 2, r.y + 60)
     assert bpy.context.scene.pags_distance, "no distance is said"
@@ -344,7 +339,7 @@ WORDS = {
     r"click the X beside the distance": forget_distance,
     r"double-click `(scene\.json)` in the scene's folder": lambda name: choose(name, STREET),
     r"double-click `(scene\.json)` in the folder `(\w+)`": lambda name, folder: choose(name, os.path.join(FOLDER, folder)),
-    r"double-click the largest car's `\.ply` in `objects`": largest_car,
+    r"double-click `([\w.]+)` in the scene's folder `(\w+)`": choose_part,
     r"turn the view .*you see the street from above": above,
     r"click a car": click_car,
     r"click the road": click_road,
@@ -411,7 +406,7 @@ def done_looking(name, _):
     if name in CHECKS:
         CHECKS[name](picture)
     if IMAGES:
-        keep(name, source, small(*SIZES.get(name, (480, 64))) if source is None else ())
+        keep(name, source, small(*SIZES.get(name, (480, 48))) if source is None else ())
     for kind in folded:
         bpy.utils.register_class(kind)
     yield 0.1
@@ -504,7 +499,7 @@ def check_look(picture):
 
 def check_beside(picture):
     """Without the lowest rows, where Blender says what was done last."""
-    plain, middle = seen["rendered"][:-60], picture.shape[1] // 2
+    plain, middle = seen["rendered"][:-60], int(bpy.context.scene.pags.wipe * picture.shape[1])
     left, right = (apart(picture[:-60, half], plain[:, half]) for half in (slice(0, middle - 5), slice(middle + 5, None)))
     assert left < 0.02 and right > left + 0.02, f"left of the edge isn't the first scene, or right isn't the edited one: {left:.3f}, {right:.3f}"
 
@@ -523,7 +518,7 @@ def differs(name, share):
 
 
 PANELS = {"sidebar": None, "inspected": "PAGS_PT_inspect", "look": "PAGS_PT_cleanup"}  # the panel that is open where the sidebar is seen
-SIZES = {name: (560, 64) for name in ("imported", "rendered", "sidebar", "inspected", "look", "meshes")}
+SIZES = {name: (540, 48) for name in ("imported", "rendered", "sidebar", "inspected", "look", "meshes")}
 CHECKS = {
     "imported": check_imported,
     "sidebar": differs("rendered", 0.3),
