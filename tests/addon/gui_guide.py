@@ -115,6 +115,7 @@ def done_striking(text, _):
     if key == "F12":
         yield from until(lambda: rendered and not bpy.app.is_job_running("RENDER"), 600)
         yield 0.5
+        seen.setdefault("plain", result("plain")[0])
     yield from no_job()
 
 
@@ -508,6 +509,14 @@ def check_mesh(picture):
     assert painted(picture).sum() > 1000, "the mesh isn't in the picture"
 
 
+def check_composite(picture):
+    """With a shadow on the street."""
+    check_mesh(picture)
+    mesh, plain = painted(picture) & ~painted(seen["plain"]), seen["plain"]  # there may be a green car in the street
+    darker = (picture.sum(axis=2) < 0.7 * plain.sum(axis=2)) & ~mesh
+    assert mesh.sum() > 1000 and darker.sum() > 100, f"{mesh.sum()} pixels of mesh, {darker.sum()} of shadow"
+
+
 def differs(name, share):
     """A check that a picture isn't the one of that name."""
 
@@ -532,7 +541,7 @@ CHECKS = {
     "beside": check_beside,
     "several": differs("rendered", 0.005),
     "meshes": check_mesh,
-    "composite": check_mesh,
+    "composite": check_composite,
 }
 DO = {
     "press": done_pressing,
