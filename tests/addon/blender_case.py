@@ -61,6 +61,8 @@ class BlenderCase(Case):
         answer = bpy.ops.import_scene.pags(filepath=self.path(name), **keywords)
         self.assertEqual(answer, {"FINISHED"})
         scene = self.scene
+        if hasattr(scene.render.image_settings, "media_type"):  # Blender 5; a test may have left it at multilayer
+            scene.render.image_settings.media_type = "IMAGE"
         scene.render.image_settings.file_format = "PNG"
         scene.render.image_settings.color_mode = "RGB"
         scene.render.dither_intensity = 0  # Blender adds noise of half a grey level otherwise
