@@ -45,7 +45,7 @@ REFERENCE ?= HEAD
 OPTIONS ?=
 
 # Checks that take hours, or programs that make setup doesn't install.
-NOT_CHECKED := check-arm64 check-blender-new check-blender-window-new check-inspect check-obey check-recordings check-scaling check-view check-viewers check-windows fuzz sanitize valgrind
+NOT_CHECKED := check-arm64 check-blender-new check-blender-window-new check-inspect check-obey check-recordings check-scaling check-view check-viewers check-windows fuzz guide sanitize valgrind
 
 all:
 	cmake --preset release
