@@ -404,6 +404,7 @@ static pags_result read_asset(gltf_splats *s, pags_splat_facts *facts) {
   const pags_json_value *asset, *extras;
   const char *generator, *up;
   bool antialiased = false;
+  double converted_from;
   PAGS_TRY(pags_json_object(f->json, f->root, "asset", &asset));
   PAGS_TRY(pags_json_string_or(f->json, asset, "generator", "", &generator));
   s->own = strncmp(generator, "pags ", 5) == 0;
@@ -415,6 +416,8 @@ static pags_result read_asset(gltf_splats *s, pags_splat_facts *facts) {
   facts->antialiased = antialiased;
   if (pags_json_member(extras, "origin"))
     PAGS_TRY(pags_json_numbers(f->json, extras, "origin", 3, facts->origin));
+  PAGS_TRY(pags_json_number_or(f->json, extras, "converted_from_alpha_min", 0, &converted_from));
+  facts->converted_from = (float)converted_from;
   PAGS_TRY(pags_json_string_or(f->json, extras, "up", "", &up));
   s->up_stated = pags_up_from_code(up, &s->up);
   return PAGS_OK;

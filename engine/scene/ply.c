@@ -328,6 +328,9 @@ static int put_facts(const pags_splat_facts *facts, char *text, size_t size) {
     length +=
         snprintf(text + length, size - (size_t)length, "comment offset %s %s %s\n", number[0], number[1], number[2]);
   }
+  if (facts->converted_from > 0.0f)
+    length += snprintf(text + length, size - (size_t)length, "comment converted_from_alpha_min %.9g\n",
+                       (double)facts->converted_from);
   return length;
 }
 

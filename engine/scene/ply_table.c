@@ -123,8 +123,8 @@ static void parse_alpha_min(ply_table *t, double value) {
 
 /* Reads what programs say in comments, in any case, with or without a colon: "SplatRenderMode: mip" (Brush, gsplat,
  * splat-transform, PAGS), "antialiased 1" (Postshot), "train_flags antialiasing" (proposed to INRIA); "Vertical axis";
- * "offset X Y Z", which was taken off all positions; and "alpha_min A" (pags_gaussians; PAGS). Others are skipped; of
- * several the last holds. */
+ * "offset X Y Z", which was taken off all positions; "alpha_min A" and "converted_from_alpha_min A" (pags_gaussians,
+ * pags_splat_facts; PAGS). Others are skipped; of several the last holds. */
 static void parse_comment(ply_table *t, int words, char *word[]) {
   pags_splat_facts *const facts = &t->facts;
   double offset[3];
@@ -146,6 +146,8 @@ static void parse_comment(ply_table *t, int words, char *word[]) {
     parse_vertical_axis(t->path, words - 3, word + 3, facts);
   else if (strcasecmp(key, "alpha_min") == 0 && parse_numbers(word + 2, 1, offset))
     parse_alpha_min(t, offset[0]);
+  else if (strcasecmp(key, "converted_from_alpha_min") == 0 && parse_numbers(word + 2, 1, offset))
+    facts->converted_from = (float)offset[0];
   else if (strcasecmp(key, "offset") == 0 && words == 5 && parse_numbers(word + 2, 3, offset))
     memcpy(facts->origin, offset, sizeof offset);
 }

@@ -16,6 +16,7 @@
 #include "base/memory.h"
 #include "base/zip.h"
 #include "scene/axes.h"
+#include "scene/plain_cut.h"
 #include "scene/splat_formats.h"
 
 /* ---- What other files are, which are named like splat files or found beside them ---- */
@@ -120,6 +121,12 @@ static pags_result decode(const char *path, const uint8_t *bytes, size_t size, i
         path, pags_axes_name(facts->axes));
   if (facts->axes != PAGS_AXES_UNKNOWN)
     pags_gaussians_turn(out, facts->axes);
+  const double from = (double)facts->converted_from;
+  if (from >= (double)PAGS_LEAST_ALPHA_MIN && from < 1 && out->alpha_min == 0.0f)
+    pags_plain_cut_undo(out, from);
+  else if (from != 0)
+    pags_log_message(PAGS_LOG_WARNING, "%s: says that its Gaussians had the alpha_min %g, which can't be; not used",
+                     path, from);
   return PAGS_OK;
 }
 

@@ -189,6 +189,8 @@ static void read_records(const char *path, const uint8_t *bytes, size_t size, sp
       }
     } else if (type == PAGS_SPZ_SCENE_RECORD && length == PAGS_SPZ_SCENE_BYTES) {
       read_scene_record(path, bytes + 8, h);
+    } else if (type == PAGS_SPZ_CUT_RECORD && length == 4) {
+      h->facts.converted_from = pags_load_f32(bytes + 8);
     } else {
       first = skipped++ ? first : type;
     }

@@ -10,4 +10,7 @@
 #define PAGS_SPZ_SCENE_RECORD 0x50470001u
 enum { PAGS_SPZ_SCENE_BYTES = 28 };
 
+/* PAGS' own: converted_from of pags_splat_facts (f32). */
+#define PAGS_SPZ_CUT_RECORD 0x50470002u
+
 #endif

@@ -13,6 +13,7 @@
 #include "base/file.h"
 #include "base/memory.h"
 #include "maths/maths.h"
+#include "scene/plain_cut.h"
 #include "scene/sh_rotate.h"
 
 /* ---- Baking ---- */
@@ -62,20 +63,6 @@ static bool is_turned(const double m[12]) {
   return false;
 }
 
-/* Turns row `i`, of a part with alpha_min a, into one that looks alike where alpha is cut at 1/255; false if it is
- * never seen. With x = o / a, opacity o, the blended (o G - a) / (1 - a) is (o - a) / (1 - a) at the mean, and its
- * integral over the picture is that of a Gaussian of this opacity and the variance times 1 - ln(x) / (x - 1). */
-static bool cut_plainly(pags_gaussians *g, int64_t i, double a) {
-  const double o = pags_splat_opacity(g, i), x = o / a;
-  if (!(x > 1.001))
-    return false;
-  const double seen = fmin((o - a) / (1 - a), 1 - 1e-6), shrink = 0.5 * pags_log(1 - pags_log(x) / (x - 1));
-  pags_plane(g, PAGS_OPACITY)[i] = (float)pags_log(seen / (1 - seen));
-  for (int k = 0; k < 3; k++)
-    pags_plane(g, PAGS_SCALE + k)[i] += (float)shrink;
-  return true;
-}
-
 /* Bakes a part's rows from row out->count of `out` on. */
 static void bake_part(const pags_part *part, pags_gaussians *out) {
   const double *m = part->world_from_model;
@@ -93,12 +80,11 @@ static void bake_part(const pags_part *part, pags_gaussians *out) {
       out->s_sem[at] = part->gaussians->s_sem[i];
     if (out->object_id && part->gaussians->object_id)
       out->object_id[at] = part->gaussians->object_id[i];
-    out->count += !(a > 0) || out->alpha_min > 0.0f || cut_plainly(out, at, a);
+    out->count += !(a > 0) || out->alpha_min > 0.0f || pags_plain_cut_make(out, at, a);
   }
 }
 
-/* The alpha_min of all parts; 0 if they differ. */
-static float common_alpha_min(const pags_part *parts, int count) {
+float pags_splats_alpha_min(const pags_part *parts, int count) {
   for (int i = 1; i < count; i++)
     if (parts[i].gaussians->alpha_min != parts[0].gaussians->alpha_min)
       return 0.0f;
@@ -113,7 +99,7 @@ pags_result pags_splats_bake(const pags_part *parts, int count, int sh_degree, b
     s_sem = s_sem && parts[i].gaussians->s_sem;
   }
   PAGS_TRY(pags_gaussians_create(out, total, sh_degree));
-  out->alpha_min = keep_cut ? common_alpha_min(parts, count) : 0.0f;
+  out->alpha_min = keep_cut ? pags_splats_alpha_min(parts, count) : 0.0f;
   pags_result result = s_sem ? pags_gaussians_add_s_sem(out) : PAGS_OK;
   out->count = 0;
   for (int i = 0; i < count && result == PAGS_OK; i++)

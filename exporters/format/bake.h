@@ -19,6 +19,9 @@ extern "C" {
  * those that are never seen are left out. */
 pags_result pags_splats_bake(const pags_part *parts, int count, int sh_degree, bool keep_cut, pags_gaussians *out);
 
+/* The alpha_min of all parts; 0 if they differ. */
+float pags_splats_alpha_min(const pags_part *parts, int count);
+
 /* Saves Gaussians as .splat (no view-dependent colour). */
 pags_result pags_splat_save(const char *path, const pags_gaussians *g);
 

@@ -101,13 +101,15 @@ static pags_result add_points(pags_gltf *gltf, int node, const char *name, const
 }
 
 /* What the file says of the scene besides, as extras of the asset. */
-static pags_result put_asset(pags_gltf *gltf, const pags_scene *scene) {
+static pags_result put_asset(pags_gltf *gltf, const pags_scene *scene, float converted_from) {
   pags_json_writer w;
   pags_json_writer_init(&w, 0);
   pags_json_begin_object(&w, NULL);
   pags_json_put_bool(&w, "antialiased", scene->antialiased != 0);
   pags_json_put_numbers(&w, "origin", scene->origin, 3);
   pags_json_put_string(&w, "up", pags_up_code(scene->up));
+  if (converted_from > 0.0f)
+    pags_json_put_number(&w, "converted_from_alpha_min", (double)converted_from);
   pags_json_end_object(&w);
   const pags_result result = pags_json_writer_finish(&w);
   if (result == PAGS_OK)
@@ -118,14 +120,15 @@ static pags_result put_asset(pags_gltf *gltf, const pags_scene *scene) {
 
 /* The rotation to glTF's Y up is the root node's, as in files of proxies, so that means, rotations and harmonics below
  * it stay in the scene's axes. */
-pags_result pags_gltf_splats_save(const char *path, const pags_scene *scene, const pags_gaussians *g) {
+pags_result pags_gltf_splats_save(const char *path, const pags_scene *scene, const pags_gaussians *g,
+                                  float converted_from) {
   pags_gltf *gltf;
   if (!g->count)
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: there is no Gaussian at that time", path);
   PAGS_TRY(pags_gltf_create(&gltf));
   int root = pags_gltf_node(gltf, -1, "scene");
   pags_gltf_node_up(gltf, root, scene->up);
-  pags_result result = put_asset(gltf, scene);
+  pags_result result = put_asset(gltf, scene, converted_from);
   if (result == PAGS_OK)
     result = add_points(gltf, pags_gltf_node(gltf, root, "splats"), "splats", g);
   if (result == PAGS_OK)
@@ -177,7 +180,7 @@ pags_result pags_gltf_tracks_save(const char *path, pags_composition *compositio
   pags_gltf_node_up(gltf, root, scene->up);
   for (int64_t i = 0; i < scene->object_count; i++)
     time_zero = fmin(time_zero, scene->objects[i].record.knots[0].time);
-  pags_result result = put_asset(gltf, scene);
+  pags_result result = put_asset(gltf, scene, 0.0f);
   *count = 0;
   for (int64_t i = -1; i < scene->object_count && result == PAGS_OK; i++)
     result = add_owned(gltf, root, composition, i, time_zero, options, degree, count);

@@ -8,8 +8,9 @@
 #include <pags/export.h>
 
 /* Saves one set of Gaussians as one node; origin, up axis and whether the Gaussians are antialiased, of the scene that
- * they are of, are extras of the asset. */
-pags_result pags_gltf_splats_save(const char *path, const pags_scene *scene, const pags_gaussians *g);
+ * they are of, and what converted_from of pags_splat_facts says, are extras of the asset. */
+pags_result pags_gltf_splats_save(const char *path, const pags_scene *scene, const pags_gaussians *g,
+                                  float converted_from);
 
 /* Saves a node for each object, in the object's own frame, with its track as animation, and a node `background` of the
  * Gaussians of no object. `count` receives the number of Gaussians written. */

@@ -79,8 +79,8 @@ static void say_lost(const char *path, const pags_scene *scene, const pags_splat
 
 /* Saves the baked Gaussians in the format that the path's extension names. */
 static pags_result save(const char *path, const pags_scene *scene, const pags_splat_options *options,
-                        const pags_gaussians *g) {
-  pags_splat_facts facts = {.antialiased = scene->antialiased, .up = scene->up};
+                        const pags_gaussians *g, float converted_from) {
+  pags_splat_facts facts = {.antialiased = scene->antialiased, .up = scene->up, .converted_from = converted_from};
   memcpy(facts.origin, scene->origin, sizeof facts.origin);
   if (has_extension(path, ".ply"))
     return pags_ply_save_facts(path, g, &facts);
@@ -98,7 +98,7 @@ static pags_result save(const char *path, const pags_scene *scene, const pags_sp
   }
   if (pags_sog_is_path(path))
     return pags_sog_save(path, scene, g);
-  return pags_gltf_splats_save(path, scene, g);
+  return pags_gltf_splats_save(path, scene, g, converted_from);
 }
 
 pags_result pags_export_splats(pags_scene *scene, const char *path, const pags_splat_options *options, int64_t *count) {
@@ -117,6 +117,7 @@ pags_result pags_export_splats(pags_scene *scene, const char *path, const pags_s
   }
   pags_compose(composition, options->time, &parts, &part_count);
   const bool keep_cut = has_extension(path, ".pagsz");
+  const float converted_from = keep_cut ? 0.0f : pags_splats_alpha_min(parts, part_count);
   double alpha_min = 0;
   for (int i = 0; i < part_count; i++) {
     degree = parts[i].gaussians->sh_degree > degree ? parts[i].gaussians->sh_degree : degree;
@@ -125,12 +126,16 @@ pags_result pags_export_splats(pags_scene *scene, const char *path, const pags_s
   if (alpha_min > 0 && !keep_cut)
     pags_log_message(PAGS_LOG_INFO,
                      "%s: other programs cut alpha at 1/255, this scene at %.2g: opacities and sizes are those that "
-                     "look alike there (.pagsz keeps them)",
-                     path, alpha_min);
+                     "look alike there (.pagsz keeps them%s)",
+                     path, alpha_min,
+                     converted_from > 0.0f &&
+                             (has_extension(path, ".ply") || has_extension(path, ".spz") || has_extension(path, ".glb"))
+                         ? "; PAGS changes this file's back when it reads it"
+                         : "");
   pags_result result =
       pags_splats_bake(parts, part_count, degree < options->sh_degree ? degree : options->sh_degree, keep_cut, &baked);
   if (result == PAGS_OK)
-    result = save(path, pags_composition_scene(composition), options, &baked);
+    result = save(path, pags_composition_scene(composition), options, &baked, converted_from);
   if (result == PAGS_OK)
     say_lost(path, pags_composition_scene(composition), options, degree, baked.s_sem != NULL);
   if (count)

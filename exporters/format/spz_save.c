@@ -21,7 +21,7 @@
 
 /* FINE_FRACTION: the bits of fraction that make steps of a millimetre. */
 enum { SPZ_STREAMS = 6, MOST_FRACTION = 12, FINE_FRACTION = 10, FLAG_ANTIALIASED = 1, FLAG_EXTENSIONS = 2 };
-enum { MOST_RECORDS = 8 + 4 + 8 + PAGS_SPZ_SCENE_BYTES };
+enum { MOST_RECORDS = 8 + 4 + 8 + PAGS_SPZ_SCENE_BYTES + 8 + 4 };
 
 /* ---- Range ---- */
 
@@ -289,6 +289,12 @@ static void put_records(const pags_spz_options *options, spz_head *head) {
     for (int k = 0; k < 3; k++)
       pags_store_f64(at + 12 + 8 * k, facts->origin[k]);
     at += 8 + PAGS_SPZ_SCENE_BYTES;
+  }
+  if (facts && facts->converted_from > 0.0f) {
+    pags_store_u32(at, PAGS_SPZ_CUT_RECORD);
+    pags_store_u32(at + 4, 4);
+    pags_store_f32(at + 8, facts->converted_from);
+    at += 12;
   }
   head->record_bytes = (size_t)(at - head->records);
 }

@@ -205,9 +205,41 @@ class RoundTrips(Splats):
         done = run("export", self.path("cut.ply"), self.path("plain.ply"))
         self.assertEqual(done.returncode, 0, done.stderr)
         self.assertIn("other programs cut alpha at 1/255", done.stdout + done.stderr)
-        self.assertNotIn("alpha_min", self.info("plain.ply"))
+        self.assertIn("PAGS changes this file's back", done.stdout + done.stderr)
         self.write("bad.ply", with_comments(some_splats(), "alpha_min 1.5"))
         self.fails(["info", self.path("bad.ply"), "--strict"], "its alpha_min, 1.5, isn't from 1/255 to 1")
+
+    def test_converted_gaussians_are_changed_back(self):
+        """Gaussians whose least alpha other programs don't know are changed in .ply, .spz and .glb, and back when they are read."""
+        self.write("cut.ply", with_comments(some_splats(), "alpha_min 0.0157"))
+        self.works("export", self.path("cut.ply"), self.path("cut.pagsz"))
+        wanted = self.values("cut.ply")
+        for name, bound in (("plain.ply", 1e-5), ("plain.spz", 0.1), ("plain.glb", 1e-4)):
+            done = run("export", self.path("cut.ply"), self.path(name), *(["--splats"] if name.endswith("glb") else []))
+            if "this build writes" in done.stderr:
+                continue
+            self.assertEqual(done.returncode, 0, done.stderr)
+            self.assertAlmostEqual(self.info(name)["alpha_min"], 0.0157, 6)
+            self.works("export", self.path(name), self.path("again.pagsz"))
+            self.assertAlmostEqual(self.info("again.pagsz")["alpha_min"], 0.0157, 6)
+            self.works("export", self.path(name), self.path("again.ply"))
+            for row, true in zip(self.values("again.ply"), self.values("plain.ply")):
+                for k in (9, 10, 11, 12):  # the opacity's logit, the scales' logarithms
+                    self.assertAlmostEqual(row[k], true[k], delta=bound)
+        changed = self.values("plain.ply")
+        for row, true in zip(changed, wanted):
+            o, x = 1 / (1 + math.exp(-true[9])), 1 / (1 + math.exp(-true[9])) / 0.0157
+            seen = (o - 0.0157) / (1 - 0.0157)
+            self.assertAlmostEqual(row[9], math.log(seen / (1 - seen)), 4)
+            self.assertAlmostEqual(row[10] - true[10], 0.5 * math.log(1 - math.log(x) / (x - 1)), 4)
+        for text in ("7", "1e-9", "-0.02"):
+            self.write("bad.ply", with_comments(some_splats(), f"converted_from_alpha_min {text}"))
+            self.fails(["info", self.path("bad.ply"), "--strict"], "had the alpha_min", "not used")
+
+    def values(self, name):
+        """The rows of a PLY as it stands."""
+        head, body = read(self.path(name)).split(b"end_header\n", 1)
+        return list(struct.iter_unpack(f"<{head.count(b'property float')}f", body))
 
     def test_gltf_has_them_as_extras(self):
         done = run("export", self.path("a.ply"), self.path("B.GLB"), "--splats", "--strict")

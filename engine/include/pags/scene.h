@@ -80,6 +80,10 @@ typedef struct pags_splat_facts {
   int axes;         /* a pags_axes: those that the file was read in; unknown where it is no question */
   const char *axes_from; /* who says so: "record" of the file, "specification", "option"; static, NULL like axes */
   int64_t left_out;      /* Gaussians that were left out, since one of their values isn't finite */
+  /* The alpha_min that the Gaussians had before they were changed to look alike where alpha is cut at 1/255, as other
+   * programs do; 0: none. In a file of PAGS' own (.ply, .spz, .glb); reading it changes them back
+   * (docs/splat-files.md). */
+  float converted_from;
 } pags_splat_facts;
 
 typedef struct pags_scene {
