@@ -17,6 +17,7 @@
 #   make check-windows  tests and program of the build for Windows, under wine; beside the program of Linux, bit by bit
 #   make check-scaling  the predictions of pags-bench scaling beside the clock, on two threads of a quiet machine
 #   make check-viewers      splat files of a scene with a least alpha, drawn by Babylon.js and Spark in Chromium beside pags (SCENE=FOLDER: another scene)
+#   make check-scene-html  scene.html in a headless Chromium, without a network, beside pags render (SCENE=FOLDER: another scene)
 #   make check-view  pags view and pages of pags report in a headless Chromium, and ten thousand hostile requests (minutes)
 #   make check-recordings  imported recordings beside what the sources' own Python packages read of them
 #   make check-blender      the add-on's tests in Debian's Blender; part of make check
@@ -45,7 +46,7 @@ REFERENCE ?= HEAD
 OPTIONS ?=
 
 # Checks that take hours, or programs that make setup doesn't install.
-NOT_CHECKED := check-arm64 check-blender-new check-blender-window-new check-inspect check-obey check-recordings check-scaling check-view check-viewers check-windows fuzz guide sanitize valgrind
+NOT_CHECKED := check-arm64 check-blender-new check-blender-window-new check-inspect check-obey check-recordings check-scaling check-scene-html check-view check-viewers check-windows fuzz guide sanitize valgrind
 
 all:
 	cmake --preset release
@@ -144,6 +145,9 @@ check-recordings: all
 check-viewers: all
 	python3 -B tests/outside/viewers.py build/pags build/viewers $(if $(filter command line,$(origin SCENE)),"$(abspath $(SCENE))")
 
+check-scene-html: all
+	python3 -B tests/outside/scene_html.py build/pags build/scene-html $(if $(filter command line,$(origin SCENE)),"$(abspath $(SCENE))")
+
 check-view: all
 	python3 -B tests/outside/view.py build/pags build/view
 	python3 -B tests/outside/report.py build/pags build/view
@@ -167,4 +171,4 @@ install: all
 clean:
 	rm -rf build
 
-.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-inspect check-obey check-blender-new check-blender-window-new bench-blender guide setup-cross cross check-arm64 check-windows check-scaling check-view check-viewers check-recordings same-bits figures docs install clean
+.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-inspect check-obey check-blender-new check-blender-window-new bench-blender guide setup-cross cross check-arm64 check-windows check-scaling check-scene-html check-view check-viewers check-recordings same-bits figures docs install clean

@@ -4,6 +4,7 @@
 #include "cli/interrupt.h"
 #include "cli/object_edits.h"
 #include "cli/reading.h"
+#include "cli/scene_html/write.h"
 #include "cli/session.h"
 #include "cli/verbs.h"
 
@@ -25,6 +26,7 @@ typedef struct export_arguments {
   pags_words only;
   pags_crop crop;
   int level, naming, stand, spz_axes; /* spz_axes: index in "rub|rdf" */
+  uint64_t target_size;
   pags_reading reading;
 } export_arguments;
 
@@ -71,6 +73,10 @@ static const pags_option options[] = {
         "spz-axes", AT(spz_axes), "rub|rdf", NULL,
         "the axes of .spz, which a record in it names: rub, as its specification says; rdf, PLY's, for programs "
         "that don't read the record and take SPZ so (splat-transform, SuperSplat)"),
+    PAGS_GROUP("Page (.html): the scene with a player, drawn by the browser, without a network"),
+    PAGS_VALUE("target-size", 0, SIZE, AT(target_size), 0, 0, "SIZE", "bytes", "no limit",
+               "most that the file may take: first view-dependent colour is given up, then Gaussians, those that "
+               "contribute least to the pictures first; --sh-degree applies as well"),
     PAGS_CROP_OPTIONS(AT(crop)),
     PAGS_GROUP("Reading"),
     PAGS_READING_OPTIONS(AT(reading)),
@@ -89,7 +95,7 @@ static const pags_verb verb = {
         "its class, its track as animation and its measured error. Or its Gaussians, for "
         "other programs: .ply, .spz, .sog (or meta.json in a folder), .splat; or packed, to be drawn without "
         "unpacking: .pagsz. Or both as a USD stage: "
-        ".usda.",
+        ".usda. Or a page that plays the scene in any browser: .html.",
     .positionals = positionals,
     .options = options};
 
@@ -205,7 +211,50 @@ static pags_result export_usd(export_arguments *arguments, pags_scene *scene, co
   return write_count(arguments, path, count);
 }
 
+/* ---- Exporting a page ---- */
+
+static pags_result export_page(export_arguments *arguments, pags_scene *scene, const char *from, const char *path) {
+  pags_progress progress = pags_progress_begin(arguments->session.people);
+  const double begun = pags_seconds();
+  pags_html_report report;
+  char size[32];
+  pags_interrupt_install(arguments->session.tasks);
+  const pags_html_settings settings = {.name = pags_path_name(from),
+                                       .sh_degree = arguments->splat.sh_degree,
+                                       .target_size = arguments->target_size,
+                                       .tasks = arguments->session.tasks,
+                                       .progress = pags_progress_watch,
+                                       .user = &progress};
+  const pags_result result = pags_html_write(scene, path, &settings, &report);
+  pags_progress_end(&progress);
+  PAGS_TRY(result);
+  pags_say(&arguments->session, "%s: %lld Gaussians, view-dependent colour of degree %d, %s, %.1f s\n", path,
+           (long long)report.gaussians, report.sh_degree, pags_format_bytes((double)report.bytes, size, sizeof size),
+           pags_seconds() - begun);
+  if (report.sh_degree < report.sh_degree_asked)
+    pags_say(&arguments->session, "left out for --target-size: view-dependent colour above degree %d\n",
+             report.sh_degree);
+  if (report.left_out)
+    pags_say(&arguments->session,
+             "left out for --target-size: the %lld faintest Gaussians, %.2f %% of what pictures show\n",
+             (long long)report.left_out, 100 * report.left);
+  pags_json_writer writer;
+  pags_json_writer_init(&writer, 2);
+  pags_json_begin_object(&writer, NULL);
+  pags_json_put_string(&writer, "file", path);
+  pags_json_put_integer(&writer, "gaussians", report.gaussians);
+  pags_json_put_integer(&writer, "sh_degree", report.sh_degree);
+  pags_json_put_integer(&writer, "left_out", report.left_out);
+  pags_json_put_number(&writer, "left_out_share", report.left);
+  pags_json_put_unsigned(&writer, "bytes", report.bytes);
+  return pags_session_json(&arguments->session, &writer);
+}
+
 /* ---- The verb ---- */
+
+static bool is_page(const char *path) {
+  return !strcasecmp(pags_path_extension(path), ".html");
+}
 
 static pags_result run(export_arguments *arguments, const char *from, const char *to) {
   pags_scene scene;
@@ -228,6 +277,8 @@ static pags_result run(export_arguments *arguments, const char *from, const char
   arguments->proxy.ball = filter.has_ball ? ball : NULL;
   if (result == PAGS_OK && (arguments->splats || pags_export_is_splat(to)))
     result = export_splats(arguments, &scene, to);
+  else if (result == PAGS_OK && is_page(to))
+    result = export_page(arguments, &scene, from, to);
   else if (result == PAGS_OK && !strcasecmp(pags_path_extension(to), ".usda"))
     result = export_usd(arguments, &scene, to);
   else if (result == PAGS_OK)
@@ -245,10 +296,14 @@ int pags_verb_export(int argc, char **argv) {
     return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
   const char *extension = pags_path_extension(parsed.positionals[1]);
   if (strcasecmp(extension, ".glb") != 0 && strcasecmp(extension, ".gltf") != 0 &&
-      strcasecmp(extension, ".usda") != 0 && !pags_export_is_splat(parsed.positionals[1]))
+      strcasecmp(extension, ".usda") != 0 && !is_page(parsed.positionals[1]) &&
+      !pags_export_is_splat(parsed.positionals[1]))
     return pags_usage_error(&verb,
-                            "expected a file name ending in .glb, .gltf, .ply, .spz, .sog, .splat, .pagsz or .usda, or "
-                            "meta.json of a SOG folder, got '%s'",
+                            "expected a file name ending in .glb, .gltf, .ply, .spz, .sog, .splat, .pagsz, .usda or "
+                            ".html, or meta.json of a SOG folder, got '%s'",
+                            parsed.positionals[1]);
+  if (arguments.target_size && !is_page(parsed.positionals[1]))
+    return pags_usage_error(&verb, "--target-size: no effect on a file that doesn't end in .html, got '%s'",
                             parsed.positionals[1]);
   const char *expected;
   pags_filter filter;

@@ -1,0 +1,482 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The bytes, gzip: u32 size of a header in JSON, the header, then planes of bytes in the order in which the header's
+ * `planes` names them. Neighbours in a plane are neighbours in space, which is what gzip lives on. */
+#include "cli/scene_html/pack.h"
+
+#include "cli/scene_html/tracks.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <zlib.h>
+#include "base/bytes.h"
+#include "base/json.h"
+#include "base/memory.h"
+#include "base/sort.h"
+#include "exporters/format/bake.h"
+#include "exporters/format/palette.h"
+#include "maths/maths.h"
+
+enum { CELL_FLOATS = 6, STEPS = 65535, MOST_MODELS = 65535, ROTATION_STEPS = 1023 };
+static const double cell_side = 16; /* metres */
+
+/* Gaussians that share a frame: the background, or those of an object. */
+typedef struct web_model {
+  const pags_part *part;
+  int64_t object; /* -1: none */
+  int64_t first, count, cells;
+} web_model;
+
+typedef struct packer {
+  pags_composition *composition;
+  const pags_web_settings *settings;
+  int degree;
+  web_model *models;
+  int64_t model_count;
+  int64_t count, fourier_count; /* rows; those of models whose colour changes with time come first */
+  int32_t *row, *model_of;      /* of each packed row: its row in its model's part, and its model */
+  float *cells;                 /* CELL_FLOATS a cell: the least corner, the step */
+  int64_t *cell_rows;           /* rows of each cell */
+  int64_t cell_count;
+  uint8_t *bytes;
+  size_t size, capacity;
+  pags_json_writer header;
+} packer;
+
+static double value_of(const packer *p, int plane, int64_t i) {
+  return (double)pags_plane(p->models[p->model_of[i]].part->gaussians, plane)[p->row[i]];
+}
+
+/* ---- Planes ---- */
+
+/* Returns room for `size` more bytes, which are zero; NULL if out of memory. */
+static uint8_t *add_bytes(packer *p, size_t size) {
+  if (p->size + size >= p->capacity) {
+    const size_t wanted = p->size + size + p->capacity / 2 + 1;
+    uint8_t *grown = realloc(p->bytes, wanted);
+    if (!grown)
+      return NULL;
+    p->bytes = grown;
+    p->capacity = wanted;
+  }
+  uint8_t *room = p->bytes + p->size;
+  memset(room, 0, size);
+  p->size += size;
+  return room;
+}
+
+/* Adds planes named `name`; the header lists name and size. */
+static pags_result add_planes(packer *p, const char *name, int64_t planes, int64_t rows, uint8_t **out) {
+  *out = add_bytes(p, (size_t)planes * (size_t)rows);
+  if (!*out)
+    return pags_out_of_memory("%lld Gaussians", (long long)p->count);
+  pags_json_begin_object(&p->header, NULL);
+  pags_json_put_string(&p->header, "name", name);
+  pags_json_put_integer(&p->header, "planes", planes);
+  pags_json_put_integer(&p->header, "rows", rows);
+  pags_json_end_object(&p->header);
+  return PAGS_OK;
+}
+
+static pags_result put_book(packer *p, const char *name, const pags_codebook *book) {
+  uint8_t *out;
+  PAGS_TRY(add_planes(p, name, PAGS_CODEBOOK, 4, &out));
+  for (int i = 0; i < PAGS_CODEBOOK; i++)
+    pags_store_f32(out + 4 * i, book->values[i]);
+  return PAGS_OK;
+}
+
+/* Writes values, `planes` of `rows` each, one plane after the other, through a codebook of their own. */
+static pags_result put_values(packer *p, const char *name, const char *book_name, const float *values, int64_t planes,
+                              int64_t rows) {
+  double lo = HUGE_VAL, hi = -HUGE_VAL;
+  pags_codebook book;
+  uint8_t *out;
+  const int64_t count = planes * rows;
+  for (int64_t i = 0; i < count; i++) {
+    lo = fmin(lo, (double)values[i]);
+    hi = fmax(hi, (double)values[i]);
+  }
+  PAGS_TRY(pags_codebook_create(&book, count ? lo : 0, count ? hi : 0));
+  for (int64_t i = 0; i < count; i++)
+    pags_codebook_add(&book, (double)values[i], 1);
+  pags_result result = pags_codebook_choose(&book);
+  if (result == PAGS_OK)
+    result = put_book(p, book_name, &book);
+  if (result == PAGS_OK)
+    result = add_planes(p, name, planes, rows, &out);
+  for (int64_t i = 0; i < count && result == PAGS_OK; i++)
+    out[i] = pags_codebook_index(&book, (double)values[i]);
+  pags_codebook_destroy(&book);
+  return result;
+}
+
+/* ---- Rows: which, and in which order ---- */
+
+typedef struct placed_row {
+  uint64_t cell;
+  int32_t row;
+} placed_row;
+
+static int compare_rows(const void *a, const void *b) {
+  const placed_row *x = a, *y = b;
+  return x->cell != y->cell ? (x->cell > y->cell) - (x->cell < y->cell) : (x->row > y->row) - (x->row < y->row);
+}
+
+/* The number of the cell that holds a row, 21 bits an axis. */
+static uint64_t cell_of(const pags_gaussians *g, int64_t row) {
+  uint64_t cell = 0;
+  for (int k = 0; k < 3; k++) {
+    const double at = floor((double)pags_plane(g, PAGS_MEAN + k)[row] / cell_side) + (1 << 20);
+    cell = cell << 21 | (uint64_t)fmin(fmax(at, 0), (1 << 21) - 1);
+  }
+  return cell;
+}
+
+static bool is_kept(const packer *p, const pags_part *part, int64_t row) {
+  const double least = part->gaussians->alpha_min > 0.0f ? (double)part->gaussians->alpha_min : 1 / 255.0;
+  if (pags_splat_opacity(part->gaussians, row) < least)
+    return false;
+  const int64_t id = part->id ? part->id[row] : part->first_id + row;
+  return !p->settings->rank || p->settings->rank[id] >= p->settings->least_rank;
+}
+
+/* Adds a cell of the rows [first, p->count): its bounds become the range of 16 bits. */
+static void add_cell(packer *p, int64_t first) {
+  float *cell = p->cells + CELL_FLOATS * p->cell_count;
+  for (int k = 0; k < 3; k++) {
+    double lo = HUGE_VAL, hi = -HUGE_VAL;
+    for (int64_t i = first; i < p->count; i++) {
+      lo = fmin(lo, value_of(p, PAGS_MEAN + k, i));
+      hi = fmax(hi, value_of(p, PAGS_MEAN + k, i));
+    }
+    cell[k] = (float)lo;
+    cell[3 + k] = (float)((hi - lo) / STEPS);
+  }
+  p->cell_rows[p->cell_count++] = p->count - first;
+}
+
+static pags_result add_model(packer *p, const pags_part *part, int64_t object, placed_row *rows) {
+  web_model *model = &p->models[p->model_count];
+  int64_t count = 0;
+  for (int64_t i = 0; i < part->gaussians->count; i++)
+    if (is_kept(p, part, i))
+      rows[count++] = (placed_row){cell_of(part->gaussians, i), (int32_t)i};
+  pags_sort(rows, count, sizeof *rows, compare_rows);
+  if (!count)
+    return PAGS_OK;
+  *model = (web_model){.part = part, .object = object, .first = p->count, .count = count};
+  for (int64_t i = 0, first = p->count; i < count; i++) {
+    p->row[p->count] = rows[i].row;
+    p->model_of[p->count++] = (int32_t)p->model_count;
+    if (i + 1 == count || rows[i + 1].cell != rows[i].cell) {
+      add_cell(p, first);
+      model->cells++;
+      first = p->count;
+    }
+  }
+  p->model_count++;
+  return PAGS_OK;
+}
+
+/* Lists all models and their rows. Each part of the composition becomes a model; where it stands doesn't matter, since
+ * rows are taken as they are: relative to the origin, or in the frame of an object that has a track. */
+static pags_result list_models(packer *p) {
+  const pags_scene *scene = pags_composition_scene(p->composition);
+  const size_t objects = (size_t)scene->object_count + 1;
+  const size_t all = (size_t)pags_composition_gaussian_count(p->composition) + 1;
+  pags_placement *places = calloc(objects, sizeof *places);
+  placed_row *rows = malloc(all * sizeof *rows);
+  p->row = malloc(all * sizeof *p->row);
+  p->model_of = malloc(all * sizeof *p->model_of);
+  p->cells = malloc(all * CELL_FLOATS * sizeof *p->cells);
+  p->cell_rows = malloc(all * sizeof *p->cell_rows);
+  const pags_part *parts = NULL;
+  int count = 0;
+  pags_result result = places && rows && p->row && p->model_of && p->cells && p->cell_rows
+                           ? PAGS_OK
+                           : pags_out_of_memory("%lld Gaussians", (long long)all - 1);
+  for (size_t i = 0; i < objects && result == PAGS_OK; i++) {
+    places[i] = (pags_placement){.object = (int64_t)i - 1, .world_from_object = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+    for (int k = 0; k < 3 && i > 0; k++)
+      places[i].world_from_object[4 * k + 3] = scene->origin[k];
+  }
+  if (result == PAGS_OK)
+    result = pags_compose_placed(p->composition, (double)NAN, places, (int64_t)objects, &parts, &count);
+  if (result == PAGS_OK && count > MOST_MODELS)
+    result = pags_fail(PAGS_ERROR_LIMIT, "%d models: scene.html holds at most %d", count, MOST_MODELS);
+  if (result == PAGS_OK && !(p->models = calloc((size_t)count + 1, sizeof *p->models)))
+    result = pags_out_of_memory("%d models", count);
+  for (int changes = 1; changes >= 0; changes--) {
+    for (int i = 0; i < count && result == PAGS_OK; i++)
+      if ((parts[i].gaussians->fourier != NULL) == (changes != 0))
+        result = add_model(p, &parts[i], pags_composition_part_object(p->composition, &parts[i]), rows);
+    p->fourier_count = changes ? p->count : p->fourier_count;
+  }
+  free(places);
+  free(rows);
+  return result;
+}
+
+/* ---- What the planes hold ---- */
+
+/* Coordinates in steps of their cell, each less that of the row before, in the order 0, -1, 1, -2, ... so that small
+ * differences have a high byte of 0. */
+static pags_result put_means(packer *p) {
+  uint8_t *out;
+  PAGS_TRY(add_planes(p, "mean", 6, p->count, &out));
+  int64_t i = 0;
+  for (int64_t c = 0; c < p->cell_count; c++) {
+    const float *cell = p->cells + CELL_FLOATS * c;
+    uint16_t before[3] = {0, 0, 0};
+    for (const int64_t end = i + p->cell_rows[c]; i < end; i++)
+      for (int k = 0; k < 3; k++) {
+        const double step = (double)cell[3 + k];
+        const double at = step > 0 ? (value_of(p, PAGS_MEAN + k, i) - (double)cell[k]) / step : 0;
+        const uint16_t steps = (uint16_t)fmin(fmax(floor(at + 0.5), 0), STEPS);
+        const uint16_t by = (uint16_t)(steps - before[k]);
+        const uint16_t folded = (uint16_t)(by & 0x8000 ? 2 * (0x10000 - by) - 1 : 2 * by);
+        out[k * p->count + i] = (uint8_t)(folded >> 8);
+        out[(3 + k) * p->count + i] = (uint8_t)folded;
+        before[k] = steps;
+      }
+  }
+  PAGS_TRY(add_planes(p, "cells", p->cell_count, 4 * CELL_FLOATS, &out));
+  for (int64_t k = 0; k < CELL_FLOATS * p->cell_count; k++)
+    pags_store_f32(out + 4 * k, p->cells[k]);
+  PAGS_TRY(add_planes(p, "cellRows", p->cell_count, 4, &out));
+  for (int64_t c = 0; c < p->cell_count; c++)
+    pags_store_u32(out + 4 * c, (uint32_t)p->cell_rows[c]);
+  return PAGS_OK;
+}
+
+/* Unit quaternions without their largest component, which is made positive: 10 bits for each of the others, in the
+ * order w, x, y, z, and 2 bits for its index at the top. */
+static pags_result put_rotations(packer *p) {
+  uint8_t *out;
+  PAGS_TRY(add_planes(p, "rotation", 4, p->count, &out));
+  for (int64_t i = 0; i < p->count; i++) {
+    double q[4];
+    int largest = 0;
+    pags_splat_rotation(p->models[p->model_of[i]].part->gaussians, p->row[i], q);
+    for (int k = 1; k < 4; k++)
+      largest = fabs(q[k]) > fabs(q[largest]) ? k : largest;
+    uint32_t bits = (uint32_t)largest << 30;
+    for (int k = 0, to = 0; k < 4; k++)
+      if (k != largest) {
+        const double part = (q[largest] < 0 ? -q[k] : q[k]) * 1.41421356237309505; /* -1..1 */
+        bits |= (uint32_t)fmin(fmax(floor((part + 1) / 2 * ROTATION_STEPS + 0.5), 0), ROTATION_STEPS) << 10 * to++;
+      }
+    for (int k = 0; k < 4; k++)
+      out[k * p->count + i] = (uint8_t)(bits >> 8 * k);
+  }
+  return PAGS_OK;
+}
+
+static pags_result put_shapes(packer *p, float *values) {
+  for (int k = 0; k < 3; k++)
+    for (int64_t i = 0; i < p->count; i++)
+      values[k * p->count + i] = (float)value_of(p, PAGS_SCALE + k, i);
+  PAGS_TRY(put_values(p, "scale", "scaleBook", values, 3, p->count));
+  for (int64_t i = 0; i < p->count; i++)
+    values[i] = (float)pags_splat_opacity(p->models[p->model_of[i]].part->gaussians, p->row[i]);
+  PAGS_TRY(put_values(p, "opacity", "opacityBook", values, 1, p->count));
+  for (int k = 0; k < 3; k++)
+    for (int64_t i = 0; i < p->count; i++)
+      values[k * p->count + i] = (float)value_of(p, PAGS_SH + k, i);
+  PAGS_TRY(put_values(p, "color", "colorBook", values, 3, p->count));
+  for (int k = 0; k < PAGS_FOURIER_PLANES; k++)
+    for (int64_t i = 0; i < p->fourier_count; i++) {
+      const pags_gaussians *g = p->models[p->model_of[i]].part->gaussians;
+      values[k * p->fourier_count + i] = g->fourier[k * g->stride + p->row[i]];
+    }
+  return put_values(p, "fourier", "fourierBook", values, PAGS_FOURIER_PLANES, p->fourier_count);
+}
+
+/* A palette of harmonics, 1,024 to 65,536 entries by the number of rows, in planes by coefficient; two bytes a row. */
+static pags_result put_palette(packer *p, float *rows, float *entries, int32_t *labels, int64_t most) {
+  const int width = 3 * (pags_sh_coefficients(p->degree) - 1);
+  int64_t found = 0;
+  uint8_t *out;
+  for (int64_t i = 0; i < p->count; i++) {
+    const int own = 3 * (pags_sh_coefficients(p->models[p->model_of[i]].part->gaussians->sh_degree) - 1);
+    for (int k = 0; k < width; k++)
+      rows[i * width + k] = k < own ? (float)value_of(p, PAGS_SH + 3 + k, i) : 0.0f;
+  }
+  PAGS_TRY(pags_palette_make(rows, p->count, width, most, entries, labels, &found));
+  for (int k = 0; k < width; k++)
+    for (int64_t i = 0; i < found; i++)
+      rows[k * found + i] = entries[i * width + k];
+  PAGS_TRY(put_values(p, "palette", "paletteBook", rows, width, found));
+  PAGS_TRY(add_planes(p, "label", 2, p->count, &out));
+  for (int64_t i = 0; i < p->count; i++) {
+    out[i] = (uint8_t)(labels[i] >> 8);
+    out[p->count + i] = (uint8_t)labels[i];
+  }
+  return PAGS_OK;
+}
+
+static pags_result put_harmonics(packer *p) {
+  const size_t width = 3 * ((size_t)pags_sh_coefficients(p->degree) - 1), count = (size_t)p->count;
+  int64_t most = 1024;
+  while (most < 65536 && 2 * most <= p->count)
+    most *= 2;
+  most = p->count < most ? p->count : most;
+  float *rows = malloc((count * width + 1) * sizeof *rows);
+  float *entries = malloc(((size_t)most * width + 1) * sizeof *entries);
+  int32_t *labels = malloc((count + 1) * sizeof *labels);
+  const pags_result result = rows && entries && labels ? put_palette(p, rows, entries, labels, most)
+                                                       : pags_out_of_memory("harmonics of %zu Gaussians", count);
+  free(rows);
+  free(entries);
+  free(labels);
+  return result;
+}
+
+/* A sky of 8 bits a channel, by face, channel, row: each texel less what its neighbours to the left and above predict,
+ * left + above - above left, where there are any. */
+static pags_result put_sky(packer *p, const pags_sky *sky) {
+  const int64_t size = sky ? sky->size : 0, face_size = size * size;
+  uint8_t *out;
+  PAGS_TRY(add_planes(p, "sky", 18, face_size, &out));
+  uint8_t *face = malloc((size_t)face_size + 1);
+  if (!face)
+    return pags_out_of_memory("a sky");
+  for (int64_t plane = 0; plane < 18; plane++) {
+    for (int64_t i = 0; i < face_size; i++)
+      face[i] = pags_splat_byte(255 * (double)sky->texels[3 * (plane / 3 * face_size + i) + plane % 3]);
+    for (int64_t i = 0; i < face_size; i++) {
+      const bool left = i % size > 0, above = i >= size;
+      const int guess =
+          (left ? face[i - 1] : 0) + (above ? face[i - size] : 0) - (left && above ? face[i - size - 1] : 0);
+      out[plane * face_size + i] = (uint8_t)(face[i] - guess);
+    }
+  }
+  free(face);
+  return PAGS_OK;
+}
+
+/* ---- The header ---- */
+
+static pags_result put_models(packer *p) {
+  const pags_scene *scene = pags_composition_scene(p->composition);
+  pags_json_begin_array(&p->header, "models");
+  for (int64_t m = 0; m < p->model_count; m++) {
+    const web_model *model = &p->models[m];
+    pags_json_begin_object(&p->header, NULL);
+    pags_json_put_integer(&p->header, "object", model->object);
+    pags_json_put_integer(&p->header, "gaussians", model->count);
+    pags_json_put_integer(&p->header, "cells", model->cells);
+    pags_json_put_number(&p->header, "alphaMin", (double)model->part->gaussians->alpha_min);
+    if (model->object >= 0 && pags_composition_is_tracked(p->composition, model->object))
+      PAGS_TRY(pags_web_track_put(&p->header, scene, model->object));
+    pags_json_end_object(&p->header);
+  }
+  pags_json_end_array(&p->header);
+  return PAGS_OK;
+}
+
+static pags_result tell(const packer *p, double share) {
+  if (p->settings->progress && !p->settings->progress(p->settings->user, share, "packing"))
+    return pags_fail(PAGS_CANCELLED, "interrupted");
+  return PAGS_OK;
+}
+
+static pags_result put_all(packer *p) {
+  const pags_frame_options options = pags_composition_options(p->composition);
+  const double background[3] = {(double)options.background[0], (double)options.background[1],
+                                (double)options.background[2]};
+  float *values = malloc(((size_t)p->count * PAGS_FOURIER_PLANES + 1) * sizeof *values);
+  if (!values)
+    return pags_out_of_memory("%lld Gaussians", (long long)p->count);
+  pags_json_begin_object(&p->header, NULL);
+  pags_json_put_integer(&p->header, "format", 1);
+  pags_json_put_integer(&p->header, "gaussians", p->count);
+  pags_json_put_integer(&p->header, "fourierRows", p->fourier_count);
+  pags_json_put_integer(&p->header, "shDegree", p->degree);
+  pags_json_put_numbers(&p->header, "origin", options.origin, 3);
+  pags_json_put_numbers(&p->header, "background", background, 3);
+  pags_json_put_integer(&p->header, "skySize", options.sky ? options.sky->size : 0);
+  pags_json_put_number(&p->header, "near", (double)options.near_plane);
+  pags_json_put_number(&p->header, "lowPass", (double)options.low_pass);
+  pags_json_put_bool(&p->header, "antialiased", options.antialiased != 0);
+  pags_result result = put_models(p);
+  pags_json_put_raw(&p->header, "scene", p->settings->description);
+  pags_json_begin_array(&p->header, "planes");
+  if (result == PAGS_OK)
+    result = put_means(p);
+  if (result == PAGS_OK)
+    result = put_rotations(p);
+  if (result == PAGS_OK)
+    result = put_shapes(p, values);
+  if (result == PAGS_OK)
+    result = tell(p, 0.2);
+  if (result == PAGS_OK && p->degree)
+    result = put_harmonics(p);
+  if (result == PAGS_OK)
+    result = tell(p, 0.6);
+  if (result == PAGS_OK)
+    result = put_sky(p, options.sky);
+  pags_json_end_array(&p->header);
+  pags_json_end_object(&p->header);
+  free(values);
+  return result == PAGS_OK ? pags_json_writer_finish(&p->header) : result;
+}
+
+/* Compresses header and planes. */
+static pags_result compress_all(const packer *p, pags_web_pack *out) {
+  const size_t size = 4 + p->header.size + p->size;
+  if (size > INT32_MAX)
+    return pags_fail(PAGS_ERROR_LIMIT, "%lld Gaussians: no browser takes so many", (long long)p->count);
+  uint8_t *plain = malloc(size);
+  z_stream z = {.next_in = plain, .avail_in = (uInt)size};
+  pags_result result = plain ? PAGS_OK : pags_out_of_memory("%zu bytes", size);
+  if (result == PAGS_OK && deflateInit2(&z, Z_BEST_COMPRESSION, Z_DEFLATED, 15 + 16, 9, Z_DEFAULT_STRATEGY) != Z_OK)
+    result = pags_out_of_memory("compression");
+  if (result == PAGS_OK) {
+    const size_t most = deflateBound(&z, (uLong)size);
+    pags_store_u32(plain, (uint32_t)p->header.size);
+    memcpy(plain + 4, p->header.data, p->header.size);
+    if (p->size)
+      memcpy(plain + 4 + p->header.size, p->bytes, p->size);
+    z.next_out = out->bytes = malloc(most);
+    z.avail_out = (uInt)most;
+    if (!out->bytes || deflate(&z, Z_FINISH) != Z_STREAM_END)
+      result = pags_out_of_memory("%zu bytes", most);
+    out->size = z.total_out;
+    deflateEnd(&z);
+  }
+  free(plain);
+  return result;
+}
+
+pags_result pags_web_pack_make(pags_composition *composition, const pags_web_settings *settings, pags_web_pack *out) {
+  packer p = {.composition = composition, .settings = settings};
+  *out = (pags_web_pack){0};
+  pags_json_writer_init(&p.header, 0);
+  pags_result result = list_models(&p);
+  for (int64_t m = 0; m < p.model_count; m++) {
+    const int degree = p.models[m].part->gaussians->sh_degree;
+    p.degree = degree > p.degree ? degree : p.degree;
+  }
+  p.degree = p.degree < settings->sh_degree ? p.degree : settings->sh_degree;
+  if (result == PAGS_OK)
+    result = put_all(&p);
+  if (result == PAGS_OK)
+    result = compress_all(&p, out);
+  out->gaussians = p.count;
+  out->sh_degree = p.degree;
+  free(p.models);
+  free(p.row);
+  free(p.model_of);
+  free(p.cells);
+  free(p.cell_rows);
+  free(p.bytes);
+  pags_json_writer_destroy(&p.header);
+  return result;
+}
+
+void pags_web_pack_destroy(pags_web_pack *pack) {
+  free(pack->bytes);
+  *pack = (pags_web_pack){0};
+}

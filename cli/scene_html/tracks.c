@@ -1,0 +1,76 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "cli/scene_html/tracks.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include "base/memory.h"
+#include "base/sort.h"
+#include "exporters/format/presence.h"
+
+enum { PARTS = 4 }; /* samples from one label to the next: the cubic is within millimetres of its chords */
+
+static double rounded(double value, double unit) {
+  return round(value / unit) * unit;
+}
+
+/* Writes the samples of one presence, `times` ascending. */
+static void put_samples(pags_json_writer *json, const pags_scene *scene, const pags_object *object, const double *times,
+                        int64_t count, bool poses) {
+  pags_json_begin_array(json, NULL);
+  for (int64_t i = 0; i < count; i++) {
+    double pose[12], row[7];
+    if (!pags_object_pose(object, times[i], pose))
+      continue;
+    if (!poses) {
+      pags_json_put_number(json, NULL, rounded(times[i] - scene->time_begin, 1e-6));
+      continue;
+    }
+    const double r[9] = {pose[0], pose[1], pose[2], pose[4], pose[5], pose[6], pose[8], pose[9], pose[10]};
+    double q[4];
+    pags_quaternion_from_rotation(r, q);
+    for (int k = 0; k < 3; k++)
+      row[k] = rounded(pose[4 * k + 3] - scene->origin[k], 1e-4);
+    for (int k = 0; k < 4; k++)
+      row[3 + k] = rounded(q[k], 1e-6);
+    pags_json_put_numbers(json, NULL, row, 7);
+  }
+  pags_json_end_array(json);
+}
+
+pags_result pags_web_track_put(pags_json_writer *json, const pags_scene *scene, int64_t object) {
+  const pags_object *o = &scene->objects[object].record;
+  const double ends[2] = {o->knots[0].time - scene->time_begin, o->knots[o->knot_count - 1].time - scene->time_begin};
+  const double always[1][2] = {{scene->time_begin - 1, scene->time_end + 1}};
+  pags_presence presence;
+  PAGS_TRY(pags_presence_find(scene, object, &presence));
+  const double(*spans)[2] = presence.spans ? (const double(*)[2])presence.spans : always;
+  const int64_t span_count = presence.spans ? presence.count : 1;
+  double *times = malloc(((size_t)o->knot_count * PARTS + 4) * sizeof *times);
+  if (!times) {
+    pags_presence_destroy(&presence);
+    return pags_out_of_memory("a track");
+  }
+  pags_json_put_numbers(json, "span", ends, 2);
+  for (int poses = 0; poses < 2; poses++) {
+    pags_json_begin_array(json, poses ? "poses" : "times");
+    for (int64_t s = 0; s < span_count; s++) {
+      const double inside = 1e-6; /* the ends themselves may fall outside by rounding */
+      int64_t count = 0;
+      times[count++] = spans[s][0] + inside;
+      for (int64_t k = 0; k < o->knot_count; k++) {
+        const double next = k + 1 < o->knot_count ? o->knots[k + 1].time : o->knots[k].time;
+        for (int part = 0; part < (k + 1 < o->knot_count ? PARTS : 1); part++) {
+          const double time = o->knots[k].time + (next - o->knots[k].time) * part / PARTS;
+          if (time > spans[s][0] + inside && time < spans[s][1] - inside)
+            times[count++] = time;
+        }
+      }
+      times[count++] = spans[s][1] - inside;
+      put_samples(json, scene, o, times, count, poses != 0);
+    }
+    pags_json_end_array(json);
+  }
+  free(times);
+  pags_presence_destroy(&presence);
+  return PAGS_OK;
+}
