@@ -4,13 +4,13 @@
 #include <math.h>
 #include <stdlib.h>
 #include "base/memory.h"
-#include "base/sort.h"
 #include "exporters/format/presence.h"
 
-enum { PARTS = 4 }; /* samples from one label to the next: the cubic is within millimetres of its chords */
+enum { PARTS = 8 }; /* samples from one label to the next: chords are within a millimetre of the curve */
 
-static double rounded(double value, double unit) {
-  return round(value / unit) * unit;
+/* Rounded to a part of one, so that the text is short. */
+static double rounded(double value, double parts) {
+  return round(value * parts) / parts;
 }
 
 /* Writes the samples of one presence, `times` ascending. */
@@ -22,16 +22,16 @@ static void put_samples(pags_json_writer *json, const pags_scene *scene, const p
     if (!pags_object_pose(object, times[i], pose))
       continue;
     if (!poses) {
-      pags_json_put_number(json, NULL, rounded(times[i] - scene->time_begin, 1e-6));
+      pags_json_put_number(json, NULL, rounded(times[i] - scene->time_begin, 1e6));
       continue;
     }
     const double r[9] = {pose[0], pose[1], pose[2], pose[4], pose[5], pose[6], pose[8], pose[9], pose[10]};
     double q[4];
     pags_quaternion_from_rotation(r, q);
     for (int k = 0; k < 3; k++)
-      row[k] = rounded(pose[4 * k + 3] - scene->origin[k], 1e-4);
+      row[k] = rounded(pose[4 * k + 3] - scene->origin[k], 1e4);
     for (int k = 0; k < 4; k++)
-      row[3 + k] = rounded(q[k], 1e-6);
+      row[3 + k] = rounded(q[k], 1e6);
     pags_json_put_numbers(json, NULL, row, 7);
   }
   pags_json_end_array(json);
@@ -40,11 +40,8 @@ static void put_samples(pags_json_writer *json, const pags_scene *scene, const p
 pags_result pags_web_track_put(pags_json_writer *json, const pags_scene *scene, int64_t object) {
   const pags_object *o = &scene->objects[object].record;
   const double ends[2] = {o->knots[0].time - scene->time_begin, o->knots[o->knot_count - 1].time - scene->time_begin};
-  const double always[1][2] = {{scene->time_begin - 1, scene->time_end + 1}};
   pags_presence presence;
   PAGS_TRY(pags_presence_find(scene, object, &presence));
-  const double(*spans)[2] = presence.spans ? (const double(*)[2])presence.spans : always;
-  const int64_t span_count = presence.spans ? presence.count : 1;
   double *times = malloc(((size_t)o->knot_count * PARTS + 4) * sizeof *times);
   if (!times) {
     pags_presence_destroy(&presence);
@@ -53,19 +50,19 @@ pags_result pags_web_track_put(pags_json_writer *json, const pags_scene *scene, 
   pags_json_put_numbers(json, "span", ends, 2);
   for (int poses = 0; poses < 2; poses++) {
     pags_json_begin_array(json, poses ? "poses" : "times");
-    for (int64_t s = 0; s < span_count; s++) {
-      const double inside = 1e-6; /* the ends themselves may fall outside by rounding */
+    for (int64_t s = 0; s < presence.count; s++) {
+      const double *span = presence.spans[s], inside = fmin(1e-6, 0.25 * (span[1] - span[0]));
       int64_t count = 0;
-      times[count++] = spans[s][0] + inside;
+      times[count++] = span[0] + inside; /* the ends themselves may fall outside by rounding */
       for (int64_t k = 0; k < o->knot_count; k++) {
         const double next = k + 1 < o->knot_count ? o->knots[k + 1].time : o->knots[k].time;
         for (int part = 0; part < (k + 1 < o->knot_count ? PARTS : 1); part++) {
           const double time = o->knots[k].time + (next - o->knots[k].time) * part / PARTS;
-          if (time > spans[s][0] + inside && time < spans[s][1] - inside)
+          if (time > span[0] + inside && time < span[1] - inside)
             times[count++] = time;
         }
       }
-      times[count++] = spans[s][1] - inside;
+      times[count++] = span[1] - inside;
       put_samples(json, scene, o, times, count, poses != 0);
     }
     pags_json_end_array(json);

@@ -256,6 +256,7 @@ export class Drawing {
     gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, this.textures.places, 0);
     gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT1, gl.TEXTURE_2D, this.textures.colors, 0);
     gl.drawBuffers([gl.COLOR_ATTACHMENT0, gl.COLOR_ATTACHMENT1]);
+    if (gl.checkFramebufferStatus(gl.FRAMEBUFFER) !== gl.FRAMEBUFFER_COMPLETE) throw new Error('The graphics of this device can\'t draw into tables of whole numbers, which the player needs. Another device would do.');
     gl.bindTexture(gl.TEXTURE_2D_ARRAY, this.textures.sky);
     const size = Math.max(1, header.skySize);
     gl.texImage3D(gl.TEXTURE_2D_ARRAY, 0, gl.RGBA8, size, size, 6, 0, gl.RGBA, gl.UNSIGNED_BYTE, header.skySize ? data.sky : null);

@@ -50,7 +50,7 @@ class Player {
       this.sorted = serial;
       this.drawing.setOrder(order);
       this.dirty = true;
-    });
+    }, (text) => notice(text, true));
     this.drawing = new Drawing($('picture'), data);
     $('picture').addEventListener('webglcontextlost', () => notice('The graphics of this device gave the scene up. Load the page again.', true));
     this.controls = listen($('stage'), {

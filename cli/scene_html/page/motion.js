@@ -15,7 +15,7 @@ export function modelPose(model, time) {
       if (times[middle] <= time) lo = middle;
       else hi = middle;
     }
-    const [a, b] = [model.poses[part][lo], model.poses[part][hi]], t = hi > lo ? (time - times[lo]) / (times[hi] - times[lo]) : 0;
+    const [a, b] = [model.poses[part][lo], model.poses[part][hi]], t = times[hi] > times[lo] ? (time - times[lo]) / (times[hi] - times[lo]) : 0;
     return V.poseBetween(V.poseOfQuaternion(a.slice(3), a.slice(0, 3)), V.poseOfQuaternion(b.slice(3), b.slice(0, 3)), t);
   }
   return null;

@@ -72,10 +72,11 @@ function work() {
 }
 
 export class Sorter {
-  constructor(data, onOrder) {
+  constructor(data, onOrder, onError) {
     const address = URL.createObjectURL(new Blob([`(${work})()`], {type: 'text/javascript'}));
     this.worker = new Worker(address);
     URL.revokeObjectURL(address);
+    this.worker.onerror = () => onError('This browser runs no worker of a page from the disk, which sorts the scene. Another browser would do.');
     this.busy = false;
     this.picks = new Map();
     this.worker.onmessage = ({data: answer}) => {
