@@ -17,8 +17,9 @@
 #include "exporters/format/palette.h"
 #include "maths/maths.h"
 
-enum { CELL_FLOATS = 6, STEPS = 65535, MOST_MODELS = 65535, ROTATION_STEPS = 1023 };
-static const double cell_side = 16; /* metres */
+enum { CELL_FLOATS = 6, STEPS = 65535, MOST_MODELS = 65535, ROTATION_STEPS = 1023, EVEN = 8192 };
+static const double cell_side = 16;  /* metres */
+static const float scale_range = 14; /* ln of the largest sigma over the least that is told apart: a millionth */
 
 /* Gaussians that share a frame: the background, or those of an object. */
 typedef struct web_model {
@@ -86,7 +87,9 @@ static pags_result put_book(packer *p, const char *name, const pags_codebook *bo
   return PAGS_OK;
 }
 
-/* Writes values, `planes` of `rows` each, one plane after the other, through a codebook of their own. */
+/* Writes values, `planes` of `rows` each, one plane after the other, through a codebook of their own. The values of the
+ * book are those with the least squared errors, for these values and a tenth as many that are spread evenly over their
+ * range: what is rare, such as the sigmas of what is large, isn't far off either. */
 static pags_result put_values(packer *p, const char *name, const char *book_name, const float *values, int64_t planes,
                               int64_t rows) {
   double lo = HUGE_VAL, hi = -HUGE_VAL;
@@ -100,6 +103,8 @@ static pags_result put_values(packer *p, const char *name, const char *book_name
   PAGS_TRY(pags_codebook_create(&book, count ? lo : 0, count ? hi : 0));
   for (int64_t i = 0; i < count; i++)
     pags_codebook_add(&book, (double)values[i], 1);
+  for (int i = 0; i < EVEN && count; i++)
+    pags_codebook_add(&book, lo + (hi - lo) * (i + 0.5) / EVEN, 0.1 * (double)count / EVEN);
   pags_result result = pags_codebook_choose(&book);
   if (result == PAGS_OK)
     result = put_book(p, book_name, &book);
@@ -274,9 +279,13 @@ static pags_result put_rotations(packer *p) {
 }
 
 static pags_result put_shapes(packer *p, float *values) {
-  for (int k = 0; k < 3; k++)
-    for (int64_t i = 0; i < p->count; i++)
-      values[k * p->count + i] = (float)value_of(p, PAGS_SCALE + k, i);
+  float largest = -HUGE_VALF;
+  for (int64_t i = 0; i < 3 * p->count; i++) {
+    values[i] = (float)value_of(p, PAGS_SCALE + (int)(i / p->count), i % p->count);
+    largest = fmaxf(largest, values[i]);
+  }
+  for (int64_t i = 0; i < 3 * p->count; i++)
+    values[i] = fmaxf(values[i], largest - scale_range);
   PAGS_TRY(put_values(p, "scale", "scaleBook", values, 3, p->count));
   for (int64_t i = 0; i < p->count; i++)
     values[i] = (float)pags_splat_opacity(p->models[p->model_of[i]].part->gaussians, p->row[i]);
@@ -333,26 +342,27 @@ static pags_result put_harmonics(packer *p) {
   return result;
 }
 
-/* A sky of 8 bits a channel, by face, channel, row: each texel less what its neighbours to the left and above predict,
- * left + above - above left, where there are any. */
+/* The sky, by face, channel, row, through a codebook of its own: each index less what its neighbours to the left and
+ * above predict, left + above - above left, where there are any. */
 static pags_result put_sky(packer *p, const pags_sky *sky) {
-  const int64_t size = sky ? sky->size : 0, face_size = size * size;
-  uint8_t *out;
-  PAGS_TRY(add_planes(p, "sky", 18, face_size, &out));
-  uint8_t *face = malloc((size_t)face_size + 1);
-  if (!face)
+  const int64_t size = sky ? sky->size : 0, area = size * size;
+  float *values = malloc((size_t)(18 * area + 1) * sizeof *values);
+  if (!values)
     return pags_out_of_memory("a sky");
-  for (int64_t plane = 0; plane < 18; plane++) {
-    for (int64_t i = 0; i < face_size; i++)
-      face[i] = pags_splat_byte(255 * (double)sky->texels[3 * (plane / 3 * face_size + i) + plane % 3]);
-    for (int64_t i = 0; i < face_size; i++) {
-      const bool left = i % size > 0, above = i >= size;
-      const int guess =
-          (left ? face[i - 1] : 0) + (above ? face[i - size] : 0) - (left && above ? face[i - size - 1] : 0);
-      out[plane * face_size + i] = (uint8_t)(face[i] - guess);
-    }
+  for (int64_t i = 0; i < 18 * area; i++) {
+    const int64_t plane = i / area;
+    values[i] = sky->texels[3 * (plane / 3 * area + i % area) + plane % 3];
   }
-  free(face);
+  const pags_result result = put_values(p, "sky", "skyBook", values, 18, area);
+  free(values);
+  PAGS_TRY(result);
+  uint8_t *const indices = p->bytes + p->size - 18 * area;
+  for (int64_t i = 18 * area - 1; i >= 0; i--) { /* from the end, so that neighbours are still themselves */
+    const bool left = i % size > 0, above = i % area >= size;
+    const int guess =
+        (left ? indices[i - 1] : 0) + (above ? indices[i - size] : 0) - (left && above ? indices[i - size - 1] : 0);
+    indices[i] = (uint8_t)(indices[i] - guess);
+  }
   return PAGS_OK;
 }
 

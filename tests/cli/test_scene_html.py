@@ -76,8 +76,8 @@ class Page:
         return small
 
     def sky(self):
-        """Texels [face][row][column] of 3 bytes."""
-        size = self.header["skySize"]
+        """Texels [face][row][column] of 3 values."""
+        size, book = self.header["skySize"], self.book("skyBook")
         faces = [[[[0, 0, 0] for _ in range(size)] for _ in range(size)] for _ in range(6)]
         for plane, bytes_ in enumerate(self.planes["sky"]):
             face, c = faces[plane // 3], plane % 3
@@ -86,7 +86,7 @@ class Page:
                     left, above = face[y][x - 1][c] if x else 0, face[y - 1][x][c] if y else 0
                     corner = face[y - 1][x - 1][c] if x and y else 0
                     face[y][x][c] = (bytes_[y * size + x] + left + above - corner) & 255
-        return faces
+        return [[[[book[v] for v in texel] for texel in row] for row in face] for face in faces]
 
 
 def make_rows(count, spread, seed):
@@ -134,7 +134,7 @@ class SceneHtml(Case):
         cls.sky = [dice.randrange(256) for _ in range(6 * 4 * 4 * 3)]
         head = b"{'descr': '<f2', 'fortran_order': False, 'shape': (6, 4, 4, 3), }"
         head += b" " * (117 - len(head)) + b"\n"
-        fixtures.write(os.path.join(cls.scene, "sky.npy"), b"\x93NUMPY\x01\x00" + struct.pack("<H", len(head)) + head + struct.pack("<288e", *[v / 255 for v in cls.sky]))
+        fixtures.write(os.path.join(cls.scene, "sky.npy"), b"\x93NUMPY\x01\x00" + struct.pack("<H", len(head)) + head + struct.pack("<288e", *[v / 100 - 0.5 for v in cls.sky]))
         scene["sky"] = "sky.npy"
         fixtures.write(path, json.dumps(scene))
         cls.description = scene
@@ -217,7 +217,9 @@ class SceneHtml(Case):
 
     def test_sky_and_options(self):
         texels = [v for face in self.page.sky() for row in face for texel in row for v in texel]
-        self.assertEqual(texels, self.sky)
+        self.assertEqual(len(texels), len(self.sky))
+        for found, value in zip(texels, self.sky):
+            self.assertAlmostEqual(found, value / 100 - 0.5, delta=2.55 / 255)
         self.assertEqual([self.page.header[key] for key in ("origin", "antialiased", "lowPass")], [scenes.ORIGIN, False, self.page.header["lowPass"]])
         self.assertAlmostEqual(self.page.header["lowPass"], 0.3, delta=1e-6)
         self.assertEqual(len(self.page.header["scene"]["views"]), 30)

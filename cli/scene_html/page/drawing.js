@@ -187,6 +187,7 @@ uniform sampler2D drawn;
 uniform sampler2DArray sky;
 uniform bool has_sky;
 uniform vec3 background;
+uniform vec2 range; // of the sky's values
 uniform vec4 lens;
 uniform vec2 size;
 uniform mat3 world_from_camera;
@@ -201,7 +202,7 @@ void main() {
     float face = m.x >= m.y && m.x >= m.z ? (d.x > 0.0 ? 0.0 : 1.0) : m.y >= m.z ? (d.y > 0.0 ? 2.0 : 3.0) : (d.z > 0.0 ? 4.0 : 5.0);
     vec2 st = face == 0.0 ? vec2(-d.z, -d.y) : face == 1.0 ? vec2(d.z, -d.y) : face == 2.0 ? vec2(d.x, d.z)
             : face == 3.0 ? vec2(d.x, -d.z) : face == 4.0 ? vec2(d.x, -d.y) : vec2(-d.x, -d.y);
-    behind = texture(sky, vec3((st / max(m.x, max(m.y, m.z)) + 1.0) * 0.5, face)).rgb;
+    behind = texture(sky, vec3((st / max(m.x, max(m.y, m.z)) + 1.0) * 0.5, face)).rgb * (range.y - range.x) + range.x;
   }
   color = vec4(front.rgb + (1.0 - front.a) * behind, 1.0);
 }`;
@@ -233,7 +234,7 @@ export class Drawing {
     this.count = 0; // of the order
     this.target = {width: 0, height: 0};
     this.build();
-    data.rows = data.places = data.palette.words = data.fourier = data.sky = null; // the textures have them
+    data.rows = data.places = data.palette.words = data.fourier = data.sky.words = null; // the textures have them
   }
 
   build() {
@@ -259,7 +260,7 @@ export class Drawing {
     if (gl.checkFramebufferStatus(gl.FRAMEBUFFER) !== gl.FRAMEBUFFER_COMPLETE) throw new Error('The graphics of this device can\'t draw into tables of whole numbers, which the player needs. Another device would do.');
     gl.bindTexture(gl.TEXTURE_2D_ARRAY, this.textures.sky);
     const size = Math.max(1, header.skySize);
-    gl.texImage3D(gl.TEXTURE_2D_ARRAY, 0, gl.RGBA8, size, size, 6, 0, gl.RGBA, gl.UNSIGNED_BYTE, header.skySize ? data.sky : null);
+    gl.texImage3D(gl.TEXTURE_2D_ARRAY, 0, gl.RGB10_A2, size, size, 6, 0, gl.RGBA, gl.UNSIGNED_INT_2_10_10_10_REV, header.skySize ? data.sky.words : null);
     for (const [name, value] of [[gl.TEXTURE_MIN_FILTER, gl.LINEAR], [gl.TEXTURE_MAG_FILTER, gl.LINEAR], [gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE], [gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE]])
       gl.texParameteri(gl.TEXTURE_2D_ARRAY, name, value);
     this.frame = gl.createFramebuffer();
@@ -397,6 +398,7 @@ export class Drawing {
     this.bind(behind, ['drawn', 'sky']);
     gl.uniform1i(behind.at('has_sky'), Number(header.skySize > 0));
     gl.uniform3fv(behind.at('background'), header.background);
+    gl.uniform2fv(behind.at('range'), this.data.sky.range);
     gl.uniform4f(behind.at('lens'), look.fx, look.fy, look.cx, look.cy);
     gl.uniform2f(behind.at('size'), look.width, look.height);
     gl.uniformMatrix3fv(behind.at('world_from_camera'), false, [...V.column(look.pose, 0), ...V.column(look.pose, 1), ...V.column(look.pose, 2)]);

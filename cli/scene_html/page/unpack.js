@@ -95,18 +95,20 @@ function unpackFourier(header, planes) {
   return new Uint32Array(out.buffer);
 }
 
-// The faces of the sky, each size x size x RGBA.
+// The faces of the sky, 10 bits a channel between the least and the largest value of its book.
 function unpackSky(header, planes) {
-  const size = header.skySize, area = size * size, out = new Uint8Array(24 * area), face = new Uint8Array(area);
+  const size = header.skySize, area = size * size, book = floats(planes.skyBook), range = [book[0], book[CODEBOOK - 1]];
+  const steps = Uint32Array.from(book, (value) => 1023 * (value - range[0]) / (range[1] - range[0] || 1) + 0.5);
+  const words = new Uint32Array(6 * area), face = new Uint8Array(area);
   for (let plane = 0; plane < 18 && size; plane++) {
-    const bytes = planes.sky.subarray(plane * area, (plane + 1) * area), to = 4 * area * Math.floor(plane / 3) + plane % 3;
+    const bytes = planes.sky.subarray(plane * area, (plane + 1) * area), to = area * Math.floor(plane / 3), shift = 10 * (plane % 3);
     for (let i = 0; i < area; i++) {
       const left = i % size > 0, above = i >= size;
       face[i] = bytes[i] + (left ? face[i - 1] : 0) + (above ? face[i - size] : 0) - (left && above ? face[i - size - 1] : 0);
-      out[to + 4 * i] = face[i];
+      words[to + i] |= steps[face[i]] << shift;
     }
   }
-  return out;
+  return {words, range};
 }
 
 // Everything that is drawn: the header with models, rows, tables; `radii` are the largest sigmas, metres, `solid` opacities as bytes.
