@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // scene_html.mjs CHROMIUM FILE JOBS.json FOLDER: opens scene.html from the disk, without a network, in a window and as a phone, and uses it as a
 // person would. JOBS.json: {looks, whose pictures go to FOLDER/NNNNN-page.png; object, the number of one that moves, -1: none; spans, whether time
-// does; hostile, a page of a scene whose names mean harm}. Prints what it saw as
-// JSON on the last line. Exits with 77 where no browser can be started.
+// does; hostile, a page of a scene whose names mean harm, and hostileLooks at it}. Prints what it saw as JSON on the last line. Exits with 77
+// where no browser can be started.
 import crypto from 'node:crypto';
 import fs from 'node:fs';
 import path from 'node:path';
@@ -65,17 +65,19 @@ function pss(id) {
   }
 }
 
+async function draw(page, looks, into) {
+  for (const [i, look] of looks.entries()) {
+    const url = await page.evaluate((asked) => window.pags.picture(asked), look);
+    fs.writeFileSync(path.join(into, `${String(i).padStart(5, '0')}-page.png`), Buffer.from(url.split(',')[1], 'base64'));
+  }
+}
+
 async function desktop() {
   const {browser, page, first} = await open({width: 1280, height: 720});
   seen.first = first;
   seen.start = await sharp(page);
   seen.stats = await page.$eval('#stats', (element) => element.textContent);
-  seen.pictures = [];
-  for (const [i, look] of jobs.looks.entries()) {
-    const begun = performance.now(), url = await page.evaluate((asked) => window.pags.picture(asked), look);
-    seen.pictures.push(performance.now() - begun);
-    fs.writeFileSync(path.join(folder, `${String(i).padStart(5, '0')}-page.png`), Buffer.from(url.split(',')[1], 'base64'));
-  }
+  await draw(page, jobs.looks, folder);
   await page.keyboard.press('KeyR');
   seen.again = await sharp(page);
   if (jobs.spans) {
@@ -161,11 +163,12 @@ async function phone() {
   await browser.close();
 }
 
-// Names that a careless page would run: they are listed as they are.
+// Names that a careless page would run: they are listed as they are. Pictures of all that a scene may have.
 async function hostile() {
   const {browser, page} = await open({width: 1280, height: 720}, jobs.hostile);
   seen.listed = await page.$$eval('#objects .label', (labels) => labels.map((label) => label.textContent));
   seen.injected = await page.evaluate(() => Boolean(window.injected) || document.querySelectorAll('#panel img, #panel b, #panel i').length > 0);
+  await draw(page, jobs.hostileLooks, path.join(folder, 'hostile'));
   await browser.close();
 }
 
