@@ -7,6 +7,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/base64.h"
 
 static void append(pags_html *html, const void *bytes, size_t size) {
   html->failed = html->failed || !pags_sink_put(&html->sink, bytes, size);
@@ -113,23 +114,15 @@ void pags_html_end_table(pags_html *html) {
   pags_html_put(html, "</tbody>\n</table></div>\n");
 }
 
-static void put_base64(pags_html *html, const uint8_t *bytes, size_t size) {
-  static const char digits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-  for (size_t i = 0; i < size; i += 3) {
-    const size_t left = size - i;
-    const uint32_t word =
-        (uint32_t)bytes[i] << 16 | (left > 1 ? (uint32_t)bytes[i + 1] << 8 : 0) | (left > 2 ? bytes[i + 2] : 0);
-    const char four[4] = {digits[word >> 18], digits[word >> 12 & 63], left > 1 ? digits[word >> 6 & 63] : '=',
-                          left > 2 ? digits[word & 63] : '='};
-    append(html, four, sizeof four);
-  }
-}
-
 void pags_html_picture(pags_html *html, const pags_sink *jpeg, int width, int height, const char *caption) {
   pags_html_put(html, "<figure><img width=\"%d\" height=\"%d\" alt=\"", width, height);
   pags_html_text(html, caption);
   pags_html_put(html, "\" src=\"data:image/jpeg;base64,");
-  put_base64(html, jpeg->bytes, jpeg->size);
+  for (size_t i = 0; i < jpeg->size; i += 3) {
+    char four[4];
+    pags_base64_three(jpeg->bytes + i, jpeg->size - i, four);
+    append(html, four, sizeof four);
+  }
   pags_html_put(html, "\">");
   pags_html_element(html, "figcaption", caption);
   pags_html_put(html, "</figure>");

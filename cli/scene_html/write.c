@@ -11,6 +11,7 @@
 
 #include <math.h>
 #include <stdlib.h>
+#include "base/base64.h"
 #include "base/file.h"
 #include "base/memory.h"
 #include "base/sort.h"
@@ -27,16 +28,6 @@ static uint64_t file_size(const pags_web_pack *pack) {
          chunks * (sizeof chunk_begin - 1 + sizeof chunk_end - 1);
 }
 
-static void to_base64(const uint8_t *bytes, size_t size, char *out) {
-  static const char digits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-  for (size_t i = 0; i < size; i += 3) {
-    const uint32_t bits = (uint32_t)bytes[i] << 16 | (i + 1 < size ? (uint32_t)bytes[i + 1] << 8 : 0) |
-                          (i + 2 < size ? (uint32_t)bytes[i + 2] : 0);
-    for (int k = 0; k < 4; k++)
-      *out++ = i + (size_t)k > size ? '=' : digits[bits >> (18 - 6 * k) & 63];
-  }
-}
-
 static pags_result put_chunks(pags_file_writer *file, const pags_web_pack *pack) {
   char *text = malloc(CHUNK / 3 * 4);
   if (!text)
@@ -44,7 +35,8 @@ static pags_result put_chunks(pags_file_writer *file, const pags_web_pack *pack)
   pags_result result = PAGS_OK;
   for (size_t at = 0; at < pack->size && result == PAGS_OK; at += CHUNK) {
     const size_t size = pack->size - at < CHUNK ? pack->size - at : CHUNK;
-    to_base64(pack->bytes + at, size, text);
+    for (size_t i = 0; i < size; i += 3)
+      pags_base64_three(pack->bytes + at + i, size - i, text + i / 3 * 4);
     result = pags_file_writer_put(file, chunk_begin, sizeof chunk_begin - 1);
     if (result == PAGS_OK)
       result = pags_file_writer_put(file, text, (size + 2) / 3 * 4);
