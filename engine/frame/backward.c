@@ -17,7 +17,9 @@
 typedef struct backward_context {
   pags_frame *frame;
   const pags_picture_gradient *gradient;
-  float *slots;
+  float *written;     /* the slots, where they are written */
+  const float *slots; /* and where they are read */
+  int first_part;     /* clusters of parts before it are left out */
   pags_receive_fn *receive;
   void *user;
   float *scratch;       /* per worker: SCRATCH_PLANES planes of MOST_MEMBERS floats */
@@ -76,7 +78,7 @@ static void tiles_backward(void *context, int64_t begin, int64_t end, int worker
                            .block_masks = f->block_masks + start,
                            .count = f->tile_start[tile + 1] - start,
                            .slot_start = f->slot_start,
-                           .slots = c->slots,
+                           .slots = c->written,
                            .x0 = x0,
                            .y0 = y0,
                            .width = f->camera.width,
@@ -107,6 +109,8 @@ static void clusters_backward(void *context, int64_t begin, int64_t end, int wor
                                                                         c->bad + (int64_t)worker * MOST_MEMBERS;
   for (int64_t i = begin; i < end; i++) {
     const view_cluster *const v = f->clusters + i;
+    if (v->part < c->first_part)
+      continue;
     const pags_gaussians *const g = f->parts[v->part].gaussians;
     const pags_projection *const view = f->projections + v->part;
     const int stride = (v->count + 15) / 16 * 16, planes = pags_plane_count(view->sh_degree);
@@ -135,31 +139,48 @@ static void clusters_backward(void *context, int64_t begin, int64_t end, int wor
   }
 }
 
-pags_result pags_frame_backward(pags_frame *frame, const pags_picture_gradient *gradient, pags_receive_fn *receive,
-                                void *user, int64_t *bad_rows) {
-  assert(frame->rendered && frame->options.keep_for_backward && gradient->rgb[0] && receive);
+pags_result pags_stage_raster_backward(pags_frame *frame, const pags_picture_gradient *gradient, float **slots) {
+  assert(frame->rendered && frame->options.keep_for_backward && gradient->rgb[0]);
   assert(!gradient->depth_sum || frame->options.extra_channels || frame->options.depth_sum);
-  const int workers = pags_tasks_workers(frame->tasks);
+  const double t0 = pags_clock_ms();
   pags_tasks_mark(frame->tasks, NULL, "raster backward");
-  backward_context c = {.frame = frame, .gradient = gradient, .receive = receive, .user = user};
+  backward_context c = {.frame = frame, .gradient = gradient};
+  c.written =
+      pags_frame_alloc(frame, frame->stats.pairs_binned * PAGS_SLOT_FLOATS, sizeof *c.written, "gradient slots");
+  *slots = c.written;
+  if (!c.written)
+    return PAGS_ERROR_MEMORY;
+  PAGS_TRY(pags_frame_for(frame, (int64_t)frame->tiles_x * frame->tiles_y, TILES_AT_A_TIME, tiles_backward, &c));
+  if (frame->has_sky && gradient->sky)
+    PAGS_TRY(pags_frame_sky_backward(frame, gradient));
+  frame->stats.ms_raster_backward = pags_clock_ms() - t0;
+  return PAGS_OK;
+}
+
+pags_result pags_stage_project_backward(pags_frame *frame, int first_part, const float *slots, pags_receive_fn *receive,
+                                        void *user, int64_t *bad_rows) {
+  const double t0 = pags_clock_ms();
+  const int workers = pags_tasks_workers(frame->tasks);
+  pags_tasks_mark(frame->tasks, NULL, "project backward");
+  backward_context c = {.frame = frame, .slots = slots, .first_part = first_part, .receive = receive, .user = user};
   atomic_init(&c.bad_rows, 0);
-  c.slots = pags_frame_alloc(frame, frame->stats.pairs_binned * PAGS_SLOT_FLOATS, sizeof *c.slots, "gradient slots");
   c.scratch =
       pags_frame_alloc(frame, (int64_t)workers * SCRATCH_PLANES * MOST_MEMBERS, sizeof *c.scratch, "gradient rows");
   c.drawn = pags_frame_alloc(frame, (int64_t)workers * MOST_MEMBERS, 1, "drawn flags");
   c.bad = pags_frame_alloc(frame, (int64_t)workers * MOST_MEMBERS, 1, "flags of gradients");
-  if (!c.slots || !c.scratch || !c.drawn || !c.bad)
+  if (!c.scratch || !c.drawn || !c.bad)
     return PAGS_ERROR_MEMORY;
-  const double t0 = pags_clock_ms();
-  PAGS_TRY(pags_frame_for(frame, (int64_t)frame->tiles_x * frame->tiles_y, TILES_AT_A_TIME, tiles_backward, &c));
-  if (frame->has_sky && gradient->sky)
-    PAGS_TRY(pags_frame_sky_backward(frame, gradient));
-  const double t1 = pags_clock_ms();
-  pags_tasks_mark(frame->tasks, NULL, "project backward");
   PAGS_TRY(pags_frame_for(frame, frame->cluster_count, 4, clusters_backward, &c));
-  frame->stats.ms_raster_backward = t1 - t0;
-  frame->stats.ms_project_backward = pags_clock_ms() - t1;
+  frame->stats.ms_project_backward = pags_clock_ms() - t0;
   if (bad_rows)
     *bad_rows = (int64_t)atomic_load(&c.bad_rows);
   return PAGS_OK;
+}
+
+pags_result pags_frame_backward(pags_frame *frame, const pags_picture_gradient *gradient, pags_receive_fn *receive,
+                                void *user, int64_t *bad_rows) {
+  float *slots;
+  assert(receive);
+  PAGS_TRY(pags_stage_raster_backward(frame, gradient, &slots));
+  return pags_stage_project_backward(frame, 0, slots, receive, user, bad_rows);
 }

@@ -191,7 +191,7 @@ static void fill_slots(void *context, int64_t begin, int64_t end, int worker) {
 
 /* Computes slot_start: where each splat's gradient slots begin. Slots follow the dense order, so that those of a
  * cluster are contiguous. */
-static pags_result place_slots(pags_frame *frame) {
+pags_result pags_frame_place_slots(pags_frame *frame) {
   list_context c = {.frame = frame};
   frame->slot_start = pags_frame_alloc(frame, frame->dense_count + 1, sizeof *frame->slot_start, "slot places");
   if (!frame->slot_start)
@@ -231,5 +231,5 @@ pags_result pags_stage_bin(pags_frame *frame) {
   frame->block_masks = pags_frame_alloc(frame, pairs, sizeof *frame->block_masks, "block masks");
   if (!frame->block_masks)
     return PAGS_ERROR_MEMORY;
-  return frame->options.keep_for_backward ? place_slots(frame) : PAGS_OK;
+  return frame->options.keep_for_backward ? pags_frame_place_slots(frame) : PAGS_OK;
 }

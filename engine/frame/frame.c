@@ -11,13 +11,16 @@
 #include "maths/maths.h"
 #include "port/port.h"
 
-/* Sets the planes' size, padded to whole tiles, and grows their memory where needed; it never shrinks. */
-static pags_result prepare_planes(pags_frame *frame) {
+/* Sets the planes' size, padded to whole tiles. */
+static void size_planes(pags_frame *frame) {
   frame->tiles_x = (frame->camera.width + PAGS_TILE - 1) / PAGS_TILE;
   frame->tiles_y = (frame->camera.height + PAGS_TILE - 1) / PAGS_TILE;
   frame->stride = frame->tiles_x * PAGS_TILE;
   frame->rows = frame->tiles_y * PAGS_TILE;
   frame->plane_size = (int64_t)frame->stride * frame->rows;
+}
+
+pags_result pags_frame_reserve_planes(pags_frame *frame) {
   if (frame->plane_size <= frame->plane_capacity)
     return PAGS_OK;
   pags_port_aligned_free(frame->planes);
@@ -30,8 +33,8 @@ static pags_result prepare_planes(pags_frame *frame) {
   return PAGS_OK;
 }
 
-static pags_alpha_cut alpha_cut_of(const pags_gaussians *gaussians) {
-  const double least = (double)gaussians->alpha_min;
+pags_alpha_cut pags_frame_alpha_cut(float alpha_min) {
+  const double least = (double)alpha_min;
   if (!(least > 0.0))
     return (pags_alpha_cut){.least = PAGS_ALPHA_MIN, .cut = -PAGS_LOG2_255};
   /* The cut is a little above the floor, so that alpha is positive there with the rasteriser's 2^x, of an error up to
@@ -70,7 +73,7 @@ static pags_projection make_projection(const pags_camera *camera, const pags_fra
                        .height = (float)camera->height,
                        .near_plane = options->near_plane,
                        .low_pass = part->low_pass > 0 ? part->low_pass : options->low_pass,
-                       .alpha = alpha_cut_of(part->gaussians),
+                       .alpha = pags_frame_alpha_cut(part->gaussians->alpha_min),
                        .antialiased = part->antialiased ? part->antialiased > 0 : options->antialiased};
   v.sh_degree = options->sh_degree < part->gaussians->sh_degree ? options->sh_degree : part->gaussians->sh_degree;
   /* The float positions of a part are relative to the scene's origin or, where it follows a track, in the object's
@@ -97,6 +100,21 @@ static pags_projection make_projection(const pags_camera *camera, const pags_fra
   return v;
 }
 
+pags_result pags_frame_draw_projected(pags_frame *frame) {
+  const double t0 = pags_clock_ms();
+  PAGS_TRY(pags_stage_list(frame));
+  PAGS_TRY(pags_stage_bin(frame));
+  const double t1 = pags_clock_ms();
+  PAGS_TRY(pags_stage_sort(frame));
+  const double t2 = pags_clock_ms();
+  PAGS_TRY(frame->variable_rate ? pags_stage_variable_rate(frame) : pags_stage_raster(frame));
+  const double t3 = pags_clock_ms();
+  pags_frame_stats *const s = &frame->stats;
+  s->ms_bin = t1 - t0, s->ms_sort = t2 - t1, s->ms_raster = t3 - t2;
+  s->slabs = 1;
+  return PAGS_OK;
+}
+
 pags_result pags_frame_draw(pags_frame *frame, pags_touch_fn *touch, void *user) {
   const double t0 = pags_clock_ms();
   PAGS_TRY(pags_stage_touch(frame, touch, user));
@@ -104,19 +122,9 @@ pags_result pags_frame_draw(pags_frame *frame, pags_touch_fn *touch, void *user)
   PAGS_TRY(pags_stage_project(frame));
   const double t2 = pags_clock_ms();
   PAGS_TRY(pags_stage_shade(frame));
-  const double t3 = pags_clock_ms();
-  PAGS_TRY(pags_stage_list(frame));
-  PAGS_TRY(pags_stage_bin(frame));
-  const double t4 = pags_clock_ms();
-  PAGS_TRY(pags_stage_sort(frame));
-  const double t5 = pags_clock_ms();
-  PAGS_TRY(frame->variable_rate ? pags_stage_variable_rate(frame) : pags_stage_raster(frame));
-  const double t6 = pags_clock_ms();
   pags_frame_stats *const s = &frame->stats;
-  s->ms_cull += t1 - t0, s->ms_project = t2 - t1, s->ms_shade = t3 - t2, s->ms_bin = t4 - t3;
-  s->ms_sort = t5 - t4, s->ms_raster = t6 - t5;
-  s->slabs = 1;
-  return PAGS_OK;
+  s->ms_cull += t1 - t0, s->ms_project = t2 - t1, s->ms_shade = pags_clock_ms() - t2;
+  return pags_frame_draw_projected(frame);
 }
 
 /* Whether drawing all of the scene's Gaussians in view at once might take more than two gigabytes of memory. */
@@ -124,8 +132,8 @@ static bool is_large(const pags_frame *frame) {
   return frame->stats.gaussians > 8000000;
 }
 
-pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int part_count, const pags_camera *camera,
-                              const pags_frame_options *options, pags_touch_fn *touch, void *user, pags_picture *out) {
+pags_result pags_frame_begin(pags_frame *frame, const pags_part *parts, int part_count, const pags_camera *camera,
+                             const pags_frame_options *options) {
   assert(options->exp_degree == 5 || (options->exp_degree == 3 && !options->keep_for_backward));
   assert(!(options->exposed && options->keep_for_backward));
   assert(!options->depth_sum || options->keep_for_backward);
@@ -140,6 +148,7 @@ pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int par
   frame->wanted = NULL;
   frame->tile_limits = NULL;
   frame->hard = NULL;
+  frame->extents = NULL;
   frame->looked_at = 0;
   memset(&frame->stats, 0, sizeof frame->stats);
   pags_arena_reset(frame->arena);
@@ -160,10 +169,31 @@ pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int par
     next_id = first + parts[p].gaussians->count;
     frame->ids_ascend &= !parts[p].id && follows;
   }
-  pags_frame_prepare_sky(frame);
-  PAGS_TRY(prepare_planes(frame));
+  size_planes(frame);
   if (frame_keeps_lists(frame))
     frame->options.early_z = PAGS_EARLY_Z_OFF;
+  return PAGS_OK;
+}
+
+void pags_frame_show(pags_frame *frame, pags_picture *out) {
+  frame->rendered = true;
+  *out = (pags_picture){.width = frame->camera.width, .height = frame->camera.height, .stride = frame->stride};
+  for (int c = 0; c < 3; c++)
+    out->rgb[c] = frame_plane(frame, PLANE_R + c);
+  out->transmittance = frame_plane(frame, PLANE_T);
+  if (frame->options.extra_channels || frame->options.depth_sum)
+    out->depth_sum = frame_plane(frame, PLANE_DEPTH_SUM);
+  if (frame->options.extra_channels) {
+    out->depth = frame_plane(frame, PLANE_DEPTH);
+    out->id = (const int32_t *)(const void *)frame_plane(frame, PLANE_ID);
+  }
+}
+
+pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int part_count, const pags_camera *camera,
+                              const pags_frame_options *options, pags_touch_fn *touch, void *user, pags_picture *out) {
+  PAGS_TRY(pags_frame_begin(frame, parts, part_count, camera, options));
+  pags_frame_prepare_sky(frame);
+  PAGS_TRY(pags_frame_reserve_planes(frame));
   const bool early_z = frame->options.early_z != PAGS_EARLY_Z_OFF;
   const bool paper = frame->options.early_z == PAGS_EARLY_Z_PAPER;
 
@@ -193,22 +223,6 @@ pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int par
     const int64_t pairs = frame->stats.pairs_binned;
     frame->hiding = pairs > 0 ? 1.0 - (double)frame->looked_at / (double)pairs : 0.0;
   }
-  frame->rendered = true;
-
-  /* The picture points into the frame's planes. */
-  memset(out, 0, sizeof *out);
-  out->width = frame->camera.width;
-  out->height = frame->camera.height;
-  out->stride = frame->stride;
-  for (int c = 0; c < 3; c++)
-    out->rgb[c] = frame_plane(frame, PLANE_R + c);
-  out->transmittance = frame_plane(frame, PLANE_T);
-  if (frame->options.extra_channels || frame->options.depth_sum)
-    out->depth_sum = frame_plane(frame, PLANE_DEPTH_SUM);
-  if (frame->options.extra_channels) {
-    out->depth = frame_plane(frame, PLANE_DEPTH);
-    out->id = (const int32_t *)(const void *)frame_plane(frame, PLANE_ID);
-  }
-
+  pags_frame_show(frame, out);
   return PAGS_OK;
 }

@@ -67,18 +67,27 @@ static void project_block(void *context, int64_t begin, int64_t end, int worker)
   const pags_frame *const frame = context;
   (void)worker;
   for (int64_t i = begin; i < end; i++) {
-    pags_frame_project_cluster(frame, frame->clusters + i, NULL);
-    pags_frame_box_members(frame, frame->clusters[i].base, frame->clusters[i].count);
+    const view_cluster *const c = frame->clusters + i;
+    pags_frame_project_cluster(frame, c, NULL);
+    for (int64_t k = c->base; frame->extents && k < c->base + c->count; k++)
+      memcpy(frame->extents[k], frame->boxes[k].extent, sizeof frame->extents[k]);
+    pags_frame_box_members(frame, c->base, c->count);
+    for (int64_t k = c->base; frame->extents && k < c->base + c->count; k++)
+      if (frame->keys[k] != UINT32_MAX && frame->splats[k].tiles > 0)
+        frame->splats[k].tiles = 1;
   }
+}
+
+pags_result pags_frame_reserve_splats(pags_frame *frame) {
+  frame->splats = pags_frame_alloc(frame, frame->dense_count, sizeof *frame->splats, "projected Gaussians");
+  frame->keys = pags_frame_alloc(frame, frame->dense_count, sizeof *frame->keys, "depth keys");
+  frame->boxes = pags_frame_alloc(frame, frame->dense_count, sizeof *frame->boxes, "tiles of Gaussians");
+  return frame->splats && frame->keys && frame->boxes ? PAGS_OK : PAGS_ERROR_MEMORY;
 }
 
 pags_result pags_stage_project(pags_frame *frame) {
   pags_tasks_mark(frame->tasks, NULL, "project");
-  frame->splats = pags_frame_alloc(frame, frame->dense_count, sizeof *frame->splats, "projected Gaussians");
-  frame->keys = pags_frame_alloc(frame, frame->dense_count, sizeof *frame->keys, "depth keys");
-  frame->boxes = pags_frame_alloc(frame, frame->dense_count, sizeof *frame->boxes, "tiles of Gaussians");
-  if (!frame->splats || !frame->keys || !frame->boxes)
-    return PAGS_ERROR_MEMORY;
+  PAGS_TRY(pags_frame_reserve_splats(frame));
   return pags_frame_for(frame, frame->cluster_count, CLUSTERS_AT_A_TIME, project_block, frame);
 }
 

@@ -9,7 +9,9 @@
 typedef struct score_context {
   pags_frame *frame;
   const pags_score_planes *planes;
-  float *slots;
+  float *written;                /* the slots, where they are written */
+  const float *slots;            /* and where they are read */
+  const pags_splat_scores *sums; /* by slot_start, in place of slots that are still to be added up; or NULL */
   pags_score_fn *receive;
   void *user;
   double *scratch; /* per worker: PAGS_SCORE_SUMS arrays of MOST_MEMBERS */
@@ -30,7 +32,7 @@ static void tiles_score(void *context, int64_t begin, int64_t end, int worker) {
                             .block_masks = f->block_masks + start,
                             .count = f->tile_start[tile + 1] - start,
                             .slot_start = f->slot_start,
-                            .slots = c->slots,
+                            .slots = c->written,
                             .x0 = x0,
                             .y0 = y0,
                             .width = f->camera.width,
@@ -47,18 +49,26 @@ static void tiles_score(void *context, int64_t begin, int64_t end, int worker) {
   }
 }
 
-/* Sums the slots of the Gaussian at dense index `dense`; zeros where it isn't drawn. */
-static void add_member(const score_context *c, int64_t dense, double *seen, double *critical, double *squared) {
-  const pags_frame *const f = c->frame;
-  *seen = *critical = *squared = 0.0;
+pags_splat_scores pags_frame_add_scores(const pags_frame *f, const float *slots, int64_t dense) {
+  pags_splat_scores sum = {0.0, 0.0, 0.0};
   if (f->keys[dense] == UINT32_MAX)
-    return;
-  const float *slot = c->slots + f->slot_start[dense] * PAGS_SCORE_SUMS;
+    return sum;
+  const float *slot = slots + f->slot_start[dense] * PAGS_SCORE_SUMS;
   for (uint32_t i = 0; i < f->splats[dense].tiles; i++, slot += PAGS_SCORE_SUMS) {
-    *seen += (double)slot[PAGS_SCORE_SEEN];
-    *critical += (double)slot[PAGS_SCORE_CRITICAL];
-    *squared += (double)slot[PAGS_SCORE_SQUARED];
+    sum.seen += (double)slot[PAGS_SCORE_SEEN];
+    sum.critical += (double)slot[PAGS_SCORE_CRITICAL];
+    sum.squared += (double)slot[PAGS_SCORE_SQUARED];
   }
+  return sum;
+}
+
+/* The scores of the Gaussian at dense index `dense`; zeros where it isn't drawn. */
+static pags_splat_scores scores_of(const score_context *c, int64_t dense) {
+  const pags_frame *const f = c->frame;
+  if (!c->sums)
+    return pags_frame_add_scores(f, c->slots, dense);
+  const bool drawn = f->keys[dense] != UINT32_MAX && f->splats[dense].tiles > 0;
+  return drawn ? c->sums[f->slot_start[dense]] : (pags_splat_scores){0.0, 0.0, 0.0};
 }
 
 /* Block function: sums the scores of the members of clusters [begin, end) and calls the receiver. */
@@ -68,8 +78,10 @@ static void clusters_score(void *context, int64_t begin, int64_t end, int worker
   double *const critical = seen + MOST_MEMBERS, *const squared = critical + MOST_MEMBERS;
   for (int64_t i = begin; i < end; i++) {
     const view_cluster *const v = c->frame->clusters + i;
-    for (int k = 0; k < v->count; k++)
-      add_member(c, v->base + k, seen + k, critical + k, squared + k);
+    for (int k = 0; k < v->count; k++) {
+      const pags_splat_scores sum = scores_of(c, v->base + k);
+      seen[k] = sum.seen, critical[k] = sum.critical, squared[k] = sum.squared;
+    }
     const pags_cluster_score out = {.part = v->part,
                                     .cluster = v->cluster,
                                     .first = v->first,
@@ -81,16 +93,27 @@ static void clusters_score(void *context, int64_t begin, int64_t end, int worker
   }
 }
 
-pags_result pags_frame_scores(pags_frame *frame, const pags_score_planes *planes, pags_score_fn *receive, void *user) {
-  assert(frame->rendered && frame->options.keep_for_backward && receive);
+pags_result pags_stage_score(pags_frame *frame, const pags_score_planes *planes, float **slots) {
+  assert(frame->rendered && frame->options.keep_for_backward);
   assert(planes->counted && planes->critical && !(planes->rgb[0] && planes->overlap));
   pags_tasks_mark(frame->tasks, NULL, "scores");
+  score_context c = {.frame = frame, .planes = planes};
+  c.written = pags_frame_alloc(frame, frame->stats.pairs_binned * PAGS_SCORE_SUMS, sizeof *c.written, "score slots");
+  *slots = c.written;
+  return c.written ? pags_frame_for(frame, (int64_t)frame->tiles_x * frame->tiles_y, 1, tiles_score, &c)
+                   : PAGS_ERROR_MEMORY;
+}
+
+pags_result pags_stage_receive_scores(pags_frame *frame, const float *slots, const pags_splat_scores *sums,
+                                      pags_score_fn *receive, void *user) {
   const int workers = pags_tasks_workers(frame->tasks);
-  score_context c = {.frame = frame, .planes = planes, .receive = receive, .user = user};
-  c.slots = pags_frame_alloc(frame, frame->stats.pairs_binned * PAGS_SCORE_SUMS, sizeof *c.slots, "score slots");
+  score_context c = {.frame = frame, .slots = slots, .sums = sums, .receive = receive, .user = user};
   c.scratch = pags_frame_alloc(frame, (int64_t)workers * PAGS_SCORE_SUMS * MOST_MEMBERS, sizeof *c.scratch, "scores");
-  if (!c.slots || !c.scratch)
-    return PAGS_ERROR_MEMORY;
-  PAGS_TRY(pags_frame_for(frame, (int64_t)frame->tiles_x * frame->tiles_y, 1, tiles_score, &c));
-  return pags_frame_for(frame, frame->cluster_count, 4, clusters_score, &c);
+  return c.scratch ? pags_frame_for(frame, frame->cluster_count, 4, clusters_score, &c) : PAGS_ERROR_MEMORY;
+}
+
+pags_result pags_frame_scores(pags_frame *frame, const pags_score_planes *planes, pags_score_fn *receive, void *user) {
+  float *slots;
+  PAGS_TRY(pags_stage_score(frame, planes, &slots));
+  return pags_stage_receive_scores(frame, slots, NULL, receive, user);
 }

@@ -10,6 +10,7 @@
 #include "simd/kernels.h"
 
 #include "base/clock.h"
+#include "frame/splats.h"
 #include "scene/packed_rows.h"
 #include "threads/record.h"
 
@@ -87,6 +88,8 @@ struct pags_frame {
   pags_splat *splats;   /* dense_count */
   uint32_t *keys;       /* dense_count sort keys: the bits of z; UINT32_MAX where the Gaussian isn't drawn */
   pags_tile_box *boxes; /* dense_count; set for Gaussians that are drawn */
+  float (*extents)[2];  /* dense_count: the boxes' extents, kept for another frame (splats.c), and each splat has one
+                           slot  instead of one for each tile; NULL: not wanted */
   uint32_t *drawn;      /* drawn_count dense indices of the Gaussians that are drawn, about in memory order */
   int64_t drawn_count;
 
@@ -138,6 +141,16 @@ static inline bool frame_hides_enough(const pags_frame *frame) {
   return frame->hiding > 0.35;
 }
 
+/* Begins a frame: forgets the last one, takes options, camera and parts, and sets the planes' size. */
+pags_result pags_frame_begin(pags_frame *frame, const pags_part *parts, int part_count, const pags_camera *camera,
+                             const pags_frame_options *options);
+/* Grows the planes' memory where needed; it never shrinks. */
+pags_result pags_frame_reserve_planes(pags_frame *frame);
+/* Ends the forward part of a frame: sets the picture's pointers into the frame's planes. */
+void pags_frame_show(pags_frame *frame, pags_picture *out);
+/* How Gaussians of this alpha_min are cut. */
+pags_alpha_cut pags_frame_alpha_cut(float alpha_min);
+
 /* The stages, in the order in which frame.c runs them, each with the members of pags_frame that it writes. They
  * return PAGS_OK, PAGS_CANCELLED or PAGS_ERROR_MEMORY; culling also PAGS_ERROR_LIMIT. `bounded`: write `bounds`
  * too. */
@@ -153,10 +166,29 @@ pags_result pags_stage_sample(pags_frame *frame, const frame_samples *samples); 
 pags_result pags_stage_variable_rate(
     pags_frame *frame); /* -> planes; in place of raster where `variable_rate` is set */
 
+/* The backward pass in its two halves. raster: the gradient slots of all (Gaussian, tile) pairs, from the frame's
+ * arena, in the order of slot_start; and the sky's gradient. project: from the slots to the gradients of the parameters
+ * of the parts from `first_part` on. */
+pags_result pags_stage_raster_backward(pags_frame *frame, const pags_picture_gradient *gradient, float **slots);
+pags_result pags_stage_project_backward(pags_frame *frame, int first_part, const float *slots, pags_receive_fn *receive,
+                                        void *user, int64_t *bad_rows);
+/* The scores in the same halves. add: the sums over the slots of one Gaussian. receive: takes the slots, or one sum
+ * for each Gaussian in the order of slot_start. */
+pags_result pags_stage_score(pags_frame *frame, const pags_score_planes *planes, float **slots);
+pags_splat_scores pags_frame_add_scores(const pags_frame *frame, const float *slots, int64_t dense);
+pags_result pags_stage_receive_scores(pags_frame *frame, const float *slots, const pags_splat_scores *sums,
+                                      pags_score_fn *receive, void *user);
+
 /* Saturation of the picture's blocks (frame->full): begin allocates the state, with no block inside of the picture
  * saturated; update gathers which blocks the last raster stage has left unsaturated. */
 pags_result pags_frame_saturation_begin(pags_frame *frame);
 void pags_frame_saturation_update(pags_frame *frame);
+/* Makes room for splats, keys and boxes of dense_count Gaussians. */
+pags_result pags_frame_reserve_splats(pags_frame *frame);
+/* Computes slot_start. */
+pags_result pags_frame_place_slots(pags_frame *frame);
+/* The stages from list to raster, timed. */
+pags_result pags_frame_draw_projected(pags_frame *frame);
 /* All stages after culling, over the whole frame at once. */
 pags_result pags_frame_draw(pags_frame *frame, pags_touch_fn *touch, void *user);
 /* The PAGS paper's two passes after culling: a depth pre-pass of occluders, then colour (early_z_paper.c). */

@@ -1,0 +1,188 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Splats that one frame projects and another draws; see splats.h. */
+#include "frame/splats.h"
+
+#include <assert.h>
+#include <string.h>
+
+#include "frame/stages.h"
+
+enum { MEMBERS = 256 }; /* a worker's block of splats */
+
+/* ---- Owners ---- */
+
+pags_result pags_frame_project(pags_frame *frame, const pags_part *parts, int part_count, const pags_camera *camera,
+                               const pags_frame_options *options, pags_touch_fn *touch, void *user, int64_t *count) {
+  assert(options->keep_for_backward);
+  PAGS_TRY(pags_frame_begin(frame, parts, part_count, camera, options));
+  PAGS_TRY(pags_stage_cull(frame, false));
+  PAGS_TRY(pags_stage_touch(frame, touch, user));
+  frame->extents = pags_frame_alloc(frame, frame->dense_count, sizeof *frame->extents, "extents of splats");
+  if (!frame->extents)
+    return PAGS_ERROR_MEMORY;
+  PAGS_TRY(pags_stage_project(frame));
+  PAGS_TRY(pags_stage_shade(frame));
+  PAGS_TRY(pags_frame_place_slots(frame));
+  *count = frame->slot_start[frame->dense_count];
+  return PAGS_OK;
+}
+
+static pags_sent_splat sent(const pags_splat *s, const float extent[2]) {
+  return (pags_sent_splat){.x = s->x,
+                           .y = s->y,
+                           .p = s->p,
+                           .h = s->h,
+                           .w = s->w,
+                           .log2_opacity = s->log2_opacity,
+                           .r = s->r,
+                           .g = s->g,
+                           .b = s->b,
+                           .z = s->z,
+                           .slope = s->slope,
+                           .id = s->id,
+                           .extent = {extent[0], extent[1]}};
+}
+
+typedef struct taking {
+  const pags_frame *frame;
+  pags_sent_splat *out;
+} taking;
+
+static void take(void *context, int64_t begin, int64_t end, int worker) {
+  const taking *const t = context;
+  const pags_frame *const f = t->frame;
+  (void)worker;
+  for (int64_t i = begin; i < end; i++)
+    if (f->slot_start[i] < f->slot_start[i + 1])
+      t->out[f->slot_start[i]] = sent(f->splats + i, f->extents[i]);
+}
+
+pags_result pags_frame_take_splats(pags_frame *frame, pags_sent_splat *out) {
+  return pags_frame_for(frame, frame->dense_count, MEMBERS, take, &(taking){frame, out});
+}
+
+int64_t pags_frame_splats_before(const pags_frame *frame, int part) {
+  for (int64_t c = 0; c < frame->cluster_count; c++)
+    if (frame->clusters[c].part >= part)
+      return frame->slot_start[frame->clusters[c].base];
+  return frame->slot_start[frame->dense_count];
+}
+
+pags_result pags_frame_return_sums(pags_frame *frame, int first_part, const pags_splat_sums *sums,
+                                   pags_receive_fn *receive, void *user, int64_t *bad_rows) {
+  return pags_stage_project_backward(frame, first_part, sums->sum, receive, user, bad_rows);
+}
+
+pags_result pags_frame_return_scores(pags_frame *frame, const pags_splat_scores *scores, pags_score_fn *receive,
+                                     void *user) {
+  return pags_stage_receive_scores(frame, NULL, scores, receive, user);
+}
+
+/* ---- The frame that draws ---- */
+
+typedef struct arrival {
+  pags_frame *frame;
+  const pags_sent_splat *splats;
+  pags_alpha_cut cut;
+  int64_t count;
+} arrival;
+
+/* Block function: takes over the splats of one block, finds their tiles, and fills up the last vector. */
+static void arrive(void *context, int64_t begin, int64_t end, int worker) {
+  const arrival *const a = context;
+  pags_frame *const f = a->frame;
+  (void)worker;
+  for (int64_t i = begin; i < end; i++) {
+    if (i >= a->count) {
+      f->keys[i] = UINT32_MAX;
+      continue;
+    }
+    const pags_sent_splat *const s = a->splats + i;
+    f->splats[i] = (pags_splat){.x = s->x,
+                                .y = s->y,
+                                .p = s->p,
+                                .h = s->h,
+                                .w = s->w,
+                                .log2_opacity = s->log2_opacity,
+                                .r = s->r,
+                                .g = s->g,
+                                .b = s->b,
+                                .z = s->z,
+                                .slope = s->slope,
+                                .cut = a->cut.cut,
+                                .floor = a->cut.floor,
+                                .id = s->id};
+    memcpy(f->keys + i, &s->z, sizeof *f->keys);
+    memcpy(f->boxes[i].extent, s->extent, sizeof s->extent);
+  }
+  pags_frame_box_members(f, begin, (int)(end - begin));
+}
+
+pags_result pags_frame_draw_splats(pags_frame *frame, const pags_sent_splat *splats, int64_t count, float alpha_min,
+                                   const pags_camera *camera, const pags_frame_options *options, pags_picture *out) {
+  assert(options->keep_for_backward);
+  PAGS_TRY(pags_frame_begin(frame, NULL, 0, camera, options));
+  pags_frame_prepare_sky(frame);
+  PAGS_TRY(pags_frame_reserve_planes(frame));
+  frame->ids_ascend = false; /* the splats of one owner follow those of another */
+  frame->cluster_count = 0;
+  frame->dense_count = (count + PAGS_LANES - 1) / PAGS_LANES * PAGS_LANES;
+  PAGS_TRY(pags_frame_reserve_splats(frame));
+  arrival a = {frame, splats, pags_frame_alpha_cut(alpha_min), count};
+  PAGS_TRY(pags_frame_for(frame, frame->dense_count, MEMBERS, arrive, &a));
+  PAGS_TRY(pags_frame_draw_projected(frame));
+  pags_frame_show(frame, out);
+  return PAGS_OK;
+}
+
+/* The sums over the slots of each splat, or its scores. */
+typedef struct departure {
+  const pags_frame *frame;
+  const float *slots;
+  pags_splat_sums *sums;
+  pags_splat_scores *scores;
+} departure;
+
+static int64_t arrived(const pags_frame *f) {
+  int64_t count = f->dense_count;
+  while (count > 0 && f->keys[count - 1] == UINT32_MAX)
+    count--;
+  return count;
+}
+
+static void add_slots(void *context, int64_t begin, int64_t end, int worker) {
+  const departure *const d = context;
+  (void)worker;
+  for (int64_t i = begin; i < end; i++) {
+    const float *slot = d->slots + d->frame->slot_start[i] * PAGS_SLOT_FLOATS;
+    pags_splat_sums sums = {{0.0f}};
+    if (d->frame->splats[i].tiles > 0)
+      memcpy(sums.sum, slot, sizeof sums.sum);
+    for (uint32_t k = 1; k < d->frame->splats[i].tiles; k++)
+      for (int f = 0; f < PAGS_SPLAT_SUMS; f++)
+        sums.sum[f] += slot[k * PAGS_SLOT_FLOATS + (uint32_t)f];
+    d->sums[i] = sums;
+  }
+}
+
+static void add_scores(void *context, int64_t begin, int64_t end, int worker) {
+  const departure *const d = context;
+  (void)worker;
+  for (int64_t i = begin; i < end; i++)
+    d->scores[i] = pags_frame_add_scores(d->frame, d->slots, i);
+}
+
+pags_result pags_frame_splat_sums(pags_frame *frame, const pags_picture_gradient *gradient, pags_splat_sums *out) {
+  static_assert((int)PAGS_SPLAT_SUMS == (int)PAGS_SLOT_FLOATS, "a splat's sums are those of its slots");
+  float *slots;
+  PAGS_TRY(pags_stage_raster_backward(frame, gradient, &slots));
+  departure d = {.frame = frame, .slots = slots, .sums = out};
+  return pags_frame_for(frame, arrived(frame), MEMBERS, add_slots, &d);
+}
+
+pags_result pags_frame_splat_scores(pags_frame *frame, const pags_score_planes *planes, pags_splat_scores *out) {
+  float *slots;
+  PAGS_TRY(pags_stage_score(frame, planes, &slots));
+  departure d = {.frame = frame, .slots = slots, .scores = out};
+  return pags_frame_for(frame, arrived(frame), MEMBERS, add_scores, &d);
+}
