@@ -1,0 +1,249 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* A sample sort without samples: each rank sorts its own keys; the keys at the ranks' cuts are found exactly, bit by
+ * bit, from the number of smaller keys at all ranks; then every item goes to the rank of its position. The bits of a
+ * cut's key are found from the highest on, one exchange of counts each, since the number of keys below any bound is a
+ * binary search in a sorted list. */
+#include "cluster/order.h"
+
+#include <assert.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/memory.h"
+#include "cluster/shares.h"
+
+/* ---- Keys ---- */
+
+static const uint64_t sign = UINT64_C(1) << 63;
+
+uint64_t pags_key_of_double(double value) {
+  uint64_t bits;
+  value = value == 0.0 ? 0.0 : value;
+  memcpy(&bits, &value, sizeof bits);
+  return bits & sign ? ~bits : bits | sign;
+}
+
+uint64_t pags_key_of_float(float value) {
+  return pags_key_of_double((double)value);
+}
+
+double pags_double_of_key(uint64_t bits) {
+  double value;
+  bits = bits & sign ? bits & ~sign : ~bits;
+  memcpy(&value, &bits, sizeof value);
+  return value;
+}
+
+static bool less(pags_key a, pags_key b) {
+  return a.high != b.high ? a.high < b.high : a.low < b.low;
+}
+
+/* Number of keys below `bound`. */
+static int64_t count_below(const pags_key *sorted, int64_t count, pags_key bound) {
+  int64_t lo = 0, hi = count;
+  while (lo < hi) {
+    const int64_t middle = lo + (hi - lo) / 2;
+    if (less(sorted[middle], bound))
+      lo = middle + 1;
+    else
+      hi = middle;
+  }
+  return lo;
+}
+
+/* ---- Sorting at one rank ---- */
+
+typedef struct numbered_key {
+  pags_key key;
+  uint32_t number;
+} numbered_key;
+
+enum { DIGITS = 16 }; /* bytes of a key */
+
+static unsigned digit_of(pags_key key, int digit) {
+  return (unsigned)((digit < 8 ? key.low : key.high) >> digit % 8 * 8 & 255);
+}
+
+/* Radix sort by bytes, the lowest first; those that all keys share are left out. Returns the block that holds the
+ * result: `items` or `spare`. */
+static numbered_key *sort_numbered(numbered_key *items, numbered_key *spare, int64_t count) {
+  for (int digit = 0; digit < DIGITS; digit++) {
+    int64_t place[257] = {0};
+    for (int64_t i = 0; i < count; i++)
+      place[1 + digit_of(items[i].key, digit)]++;
+    if (count == 0 || place[1 + digit_of(items[0].key, digit)] == count)
+      continue;
+    for (int d = 0; d < 256; d++)
+      place[d + 1] += place[d];
+    for (int64_t i = 0; i < count; i++)
+      spare[place[digit_of(items[i].key, digit)]++] = items[i];
+    numbered_key *const swap = items;
+    items = spare;
+    spare = swap;
+  }
+  return items;
+}
+
+/* Sorts the keys; `numbers`, unless NULL, receives the former index of each. */
+static pags_result sort_keys(pags_key *keys, int64_t count, uint32_t *numbers) {
+  numbered_key *const block = malloc((size_t)(2 * count + 1) * sizeof *block);
+  if (!block)
+    return pags_out_of_memory("an order of %lld items", (long long)count);
+  for (int64_t i = 0; i < count; i++)
+    block[i] = (numbered_key){keys[i], (uint32_t)i};
+  const numbered_key *const sorted = sort_numbered(block, block + count, count);
+  for (int64_t i = 0; i < count; i++) {
+    keys[i] = sorted[i].key;
+    if (numbers)
+      numbers[i] = sorted[i].number;
+  }
+  free(block);
+  return PAGS_OK;
+}
+
+pags_result pags_keys_sort(pags_key *keys, int64_t count) {
+  return sort_keys(keys, count, NULL);
+}
+
+/* ---- Items at given positions ---- */
+
+pags_result pags_order_find(pags_transport *transport, const pags_key *sorted, int64_t count, const int64_t *positions,
+                            int found, pags_key *keys) {
+  int64_t *const below = malloc((size_t)(found > 0 ? found : 1) * sizeof *below);
+  int64_t all = count;
+  pags_result result = below ? pags_share_sum(transport, &all, 1) : pags_out_of_memory("%d positions", found);
+  for (int i = 0; i < found; i++)
+    keys[i] = (pags_key){0, 0};
+
+  /* The key at a position is the largest bound that has at most so many keys below it, unless that is behind all. */
+  for (int bit = 127; result == PAGS_OK && bit >= 0; bit--) {
+    const pags_key one = {bit < 64 ? 0 : UINT64_C(1) << (bit - 64), bit < 64 ? UINT64_C(1) << bit : 0};
+    for (int i = 0; i < found; i++)
+      below[i] = count_below(sorted, count, (pags_key){keys[i].high | one.high, keys[i].low | one.low});
+    result = pags_share_sum(transport, below, found);
+    for (int i = 0; i < found; i++)
+      if (result == PAGS_OK && (positions[i] >= all || below[i] <= positions[i])) {
+        keys[i].high |= one.high;
+        keys[i].low |= one.low;
+      }
+  }
+  free(below);
+  return result;
+}
+
+/* ---- The whole order ---- */
+
+/* Fills sent_items: own keys, which are sorted, up to each cut. */
+static pags_result cut_keys(pags_transport *transport, const pags_key *sorted, const int64_t *cuts, pags_order *order) {
+  const int ranks = pags_transport_ranks(transport);
+  pags_key *const bounds = malloc((size_t)(ranks + 1) * sizeof *bounds);
+  if (!bounds)
+    return pags_out_of_memory("an order over %d ranks", ranks);
+  const pags_result result = pags_order_find(transport, sorted, order->own, cuts + 1, ranks - 1, bounds);
+  int64_t before = 0;
+  for (int rank = 0; result == PAGS_OK && rank < ranks; rank++) {
+    const int64_t end =
+        rank == ranks - 1 || cuts[rank + 1] >= cuts[ranks] ? order->own : count_below(sorted, order->own, bounds[rank]);
+    order->sent_items[rank] = end - before;
+    before = end;
+  }
+  free(bounds);
+  return result;
+}
+
+static pags_result scale_counts(const int64_t *items, int ranks, int64_t bytes, int64_t **out) {
+  *out = malloc((size_t)ranks * sizeof **out);
+  if (!*out)
+    return pags_out_of_memory("a message to %d ranks", ranks);
+  for (int rank = 0; rank < ranks; rank++)
+    (*out)[rank] = items[rank] * bytes;
+  return PAGS_OK;
+}
+
+/* An exchange of items of so many bytes each. */
+static pags_result exchange_items(pags_transport *transport, const void *send, const int64_t *sent, void *receive,
+                                  const int64_t *received, int64_t bytes) {
+  const int ranks = pags_transport_ranks(transport);
+  int64_t *from = NULL, *to = NULL;
+  pags_result result = scale_counts(sent, ranks, bytes, &from);
+  if (result == PAGS_OK)
+    result = scale_counts(received, ranks, bytes, &to);
+  if (result == PAGS_OK)
+    result = pags_transport_exchange(transport, send, from, receive, to);
+  free(from);
+  free(to);
+  return result;
+}
+
+static pags_result fill(pags_transport *transport, pags_key *own, const int64_t *cuts, pags_order *order) {
+  const int ranks = pags_transport_ranks(transport);
+  PAGS_TRY(sort_keys(own, order->own, order->sent));
+  PAGS_TRY(cut_keys(transport, own, cuts, order));
+  int64_t *const eights = malloc((size_t)ranks * sizeof *eights);
+  if (!eights)
+    return pags_out_of_memory("an order over %d ranks", ranks);
+  for (int r = 0; r < ranks; r++)
+    eights[r] = sizeof(int64_t);
+  const pags_result result =
+      pags_transport_exchange(transport, order->sent_items, eights, order->arrived_items, eights);
+  free(eights);
+  PAGS_TRY(result);
+  int64_t arriving = 0;
+  for (int r = 0; r < ranks; r++)
+    arriving += order->arrived_items[r];
+  assert(arriving == order->count);
+  (void)arriving;
+  PAGS_TRY(exchange_items(transport, own, order->sent_items, order->keys, order->arrived_items, sizeof *own));
+  return sort_keys(order->keys, order->count, order->arrived);
+}
+
+pags_result pags_order_create(pags_transport *transport, const pags_key *keys, int64_t count, const int64_t *cuts,
+                              pags_order *order) {
+  const int ranks = pags_transport_ranks(transport), rank = pags_transport_rank(transport);
+  *order = (pags_order){.first = cuts[rank], .count = cuts[rank + 1] - cuts[rank], .own = count};
+  const size_t here = (size_t)order->count + 1, own = (size_t)count + 1;
+  order->keys = malloc(here * sizeof *order->keys);
+  order->arrived = malloc(here * sizeof *order->arrived);
+  order->sent = malloc(own * sizeof *order->sent);
+  order->sent_items = calloc((size_t)ranks, sizeof *order->sent_items);
+  order->arrived_items = calloc((size_t)ranks, sizeof *order->arrived_items);
+  pags_key *const copy = malloc(own * sizeof *copy);
+  const bool room = order->keys && order->arrived && order->sent && order->sent_items && order->arrived_items && copy;
+  if (room)
+    memcpy(copy, keys, (size_t)count * sizeof *copy);
+  const pags_result mine = room ? PAGS_OK : pags_out_of_memory("an order of %lld items", (long long)count);
+  pags_result result = pags_transport_agree(transport, mine);
+  if (result == PAGS_OK)
+    result = fill(transport, copy, cuts, order);
+  free(copy);
+  return result;
+}
+
+void pags_order_destroy(pags_order *order) {
+  free(order->keys);
+  free(order->arrived);
+  free(order->sent);
+  free(order->sent_items);
+  free(order->arrived_items);
+  *order = (pags_order){0};
+}
+
+pags_result pags_order_move(pags_transport *transport, const pags_order *order, void *own, void *placed, bool back) {
+  uint32_t *const out = calloc((size_t)(order->own + order->count + 1), sizeof *out), *const in = out + order->own;
+  uint32_t *const mine = own, *const here = placed;
+  if (!out)
+    return pags_out_of_memory("an order of %lld items", (long long)order->count);
+  for (int64_t i = 0; !back && i < order->own; i++)
+    out[i] = mine[order->sent[i]];
+  for (int64_t i = 0; back && i < order->count; i++)
+    in[order->arrived[i]] = here[i];
+  const pags_result result =
+      back ? exchange_items(transport, in, order->arrived_items, out, order->sent_items, sizeof *out)
+           : exchange_items(transport, out, order->sent_items, in, order->arrived_items, sizeof *out);
+  for (int64_t i = 0; result == PAGS_OK && !back && i < order->count; i++)
+    here[i] = in[order->arrived[i]];
+  for (int64_t i = 0; result == PAGS_OK && back && i < order->own; i++)
+    mine[order->sent[i]] = out[i];
+  free(out);
+  return result;
+}

@@ -1,0 +1,107 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Shares of rows, and small numbers of all ranks; see shares.h. Everybody sends to everybody, so that all ranks add up
+ * the same numbers in the same order. */
+#include "cluster/shares.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/memory.h"
+
+static int64_t clamp(int64_t x, int64_t most) {
+  return x < 0 ? 0 : x > most ? most : x;
+}
+
+void pags_shares_cut(const int64_t *rows, int64_t models, int cluster, int ranks, int64_t *begin) {
+  int64_t all = 0, at = 0;
+  for (int64_t m = 0; m < models; m++)
+    all += rows[m];
+  for (int64_t m = 0; m < models; m++) {
+    int64_t *const cuts = begin + m * (ranks + 1);
+    for (int r = 0; r <= ranks; r++) {
+      const int64_t cut = clamp(all / ranks * r + all % ranks * r / ranks - at, rows[m]);
+      const bool end = r == ranks || cut == rows[m];
+      cuts[r] = end ? rows[m] : m == 0 ? cut / cluster * cluster : 2 * cut < rows[m] ? 0 : rows[m];
+    }
+    cuts[0] = 0;
+    at += rows[m];
+  }
+}
+
+pags_result pags_share_parts(pags_transport *transport, const void *mine, int64_t bytes, void **all,
+                             int64_t *bytes_of) {
+  const int ranks = pags_transport_ranks(transport);
+  *all = NULL;
+  PAGS_TRY(pags_share_all(transport, &bytes, sizeof bytes, bytes_of));
+  int64_t sum = 0;
+  for (int r = 0; r < ranks; r++)
+    sum += bytes_of[r];
+  int64_t *const sent = malloc((size_t)ranks * sizeof *sent);
+  char *const copies = malloc((size_t)(bytes * ranks + 1));
+  *all = malloc((size_t)sum + 1);
+  for (int r = 0; sent && copies && r < ranks; r++) {
+    sent[r] = bytes;
+    if (bytes > 0)
+      memcpy(copies + r * bytes, mine, (size_t)bytes);
+  }
+  const bool room = sent && copies && *all;
+  pags_result result =
+      pags_transport_agree(transport, room ? PAGS_OK : pags_out_of_memory("a message to %d ranks", ranks));
+  if (result == PAGS_OK)
+    result = pags_transport_exchange(transport, copies, sent, *all, bytes_of);
+  free(sent);
+  free(copies);
+  if (result != PAGS_OK) {
+    free(*all);
+    *all = NULL;
+  }
+  return result;
+}
+
+pags_result pags_share_all(pags_transport *transport, const void *mine, int64_t bytes, void *all) {
+  const int ranks = pags_transport_ranks(transport);
+  int64_t *const counts = malloc((size_t)ranks * sizeof *counts);
+  char *const copies = malloc((size_t)(bytes * ranks + 1));
+  pags_result result = counts && copies ? PAGS_OK : pags_out_of_memory("a message to %d ranks", ranks);
+  for (int r = 0; result == PAGS_OK && r < ranks; r++) {
+    counts[r] = bytes;
+    memcpy(copies + r * bytes, mine, (size_t)bytes);
+  }
+  if (result == PAGS_OK)
+    result = pags_transport_exchange(transport, copies, counts, all, counts);
+  free(counts);
+  free(copies);
+  return result;
+}
+
+pags_result pags_share_sum(pags_transport *transport, int64_t *numbers, int count) {
+  const int ranks = pags_transport_ranks(transport);
+  if (ranks == 1 || count == 0)
+    return PAGS_OK;
+  int64_t *const all = malloc((size_t)ranks * (size_t)count * sizeof *all);
+  if (!all)
+    return pags_out_of_memory("%d numbers of %d ranks", count, ranks);
+  const pags_result result = pags_share_all(transport, numbers, count * (int64_t)sizeof *numbers, all);
+  for (int i = 0; result == PAGS_OK && i < count; i++) {
+    numbers[i] = 0;
+    for (int r = 0; r < ranks; r++)
+      numbers[i] += all[r * count + i];
+  }
+  free(all);
+  return result;
+}
+
+pags_result pags_share_before(pags_transport *transport, int64_t number, int64_t *before, int64_t *all) {
+  const int ranks = pags_transport_ranks(transport), rank = pags_transport_rank(transport);
+  int64_t *const numbers = malloc((size_t)ranks * sizeof *numbers);
+  if (!numbers)
+    return pags_out_of_memory("the numbers of %d ranks", ranks);
+  const pags_result result = pags_share_all(transport, &number, sizeof number, numbers);
+  *before = *all = 0;
+  for (int r = 0; result == PAGS_OK && r < ranks; r++) {
+    *before += r < rank ? numbers[r] : 0;
+    *all += numbers[r];
+  }
+  free(numbers);
+  return result;
+}
