@@ -34,16 +34,12 @@ double pags_double_of_key(uint64_t bits) {
   return value;
 }
 
-static bool less(pags_key a, pags_key b) {
-  return a.high != b.high ? a.high < b.high : a.low < b.low;
-}
-
 /* Number of keys below `bound`. */
 static int64_t count_below(const pags_key *sorted, int64_t count, pags_key bound) {
   int64_t lo = 0, hi = count;
   while (lo < hi) {
     const int64_t middle = lo + (hi - lo) / 2;
-    if (less(sorted[middle], bound))
+    if (pags_key_less(sorted[middle], bound))
       lo = middle + 1;
     else
       hi = middle;
@@ -134,7 +130,8 @@ pags_result pags_order_find(pags_transport *transport, const pags_key *sorted, i
 /* ---- The whole order ---- */
 
 /* Fills sent_items: own keys, which are sorted, up to each cut. */
-static pags_result cut_keys(pags_transport *transport, const pags_key *sorted, const int64_t *cuts, pags_order *order) {
+static pags_result cut_keys(pags_transport *transport, const pags_key *sorted, const int64_t *cuts,
+                            pags_spread_order *order) {
   const int ranks = pags_transport_ranks(transport);
   pags_key *const bounds = malloc((size_t)(ranks + 1) * sizeof *bounds);
   if (!bounds)
@@ -175,7 +172,7 @@ static pags_result exchange_items(pags_transport *transport, const void *send, c
   return result;
 }
 
-static pags_result fill(pags_transport *transport, pags_key *own, const int64_t *cuts, pags_order *order) {
+static pags_result fill(pags_transport *transport, pags_key *own, const int64_t *cuts, pags_spread_order *order) {
   const int ranks = pags_transport_ranks(transport);
   PAGS_TRY(sort_keys(own, order->own, order->sent));
   PAGS_TRY(cut_keys(transport, own, cuts, order));
@@ -198,9 +195,9 @@ static pags_result fill(pags_transport *transport, pags_key *own, const int64_t 
 }
 
 pags_result pags_order_create(pags_transport *transport, const pags_key *keys, int64_t count, const int64_t *cuts,
-                              pags_order *order) {
+                              pags_spread_order *order) {
   const int ranks = pags_transport_ranks(transport), rank = pags_transport_rank(transport);
-  *order = (pags_order){.first = cuts[rank], .count = cuts[rank + 1] - cuts[rank], .own = count};
+  *order = (pags_spread_order){.first = cuts[rank], .count = cuts[rank + 1] - cuts[rank], .own = count};
   const size_t here = (size_t)order->count + 1, own = (size_t)count + 1;
   order->keys = malloc(here * sizeof *order->keys);
   order->arrived = malloc(here * sizeof *order->arrived);
@@ -219,16 +216,31 @@ pags_result pags_order_create(pags_transport *transport, const pags_key *keys, i
   return result;
 }
 
-void pags_order_destroy(pags_order *order) {
+pags_result pags_order_create_even(pags_transport *transport, const pags_key *keys, int64_t count,
+                                   pags_spread_order *order) {
+  const int ranks = pags_transport_ranks(transport);
+  int64_t all = count, *const cuts = malloc((size_t)(ranks + 1) * sizeof *cuts);
+  *order = (pags_spread_order){0};
+  pags_result result = cuts ? pags_share_sum(transport, &all, 1) : pags_out_of_memory("an order over %d ranks", ranks);
+  for (int r = 0; cuts && r <= ranks; r++)
+    cuts[r] = all / ranks * r + all % ranks * r / ranks;
+  if (result == PAGS_OK)
+    result = pags_order_create(transport, keys, count, cuts, order);
+  free(cuts);
+  return result;
+}
+
+void pags_order_destroy(pags_spread_order *order) {
   free(order->keys);
   free(order->arrived);
   free(order->sent);
   free(order->sent_items);
   free(order->arrived_items);
-  *order = (pags_order){0};
+  *order = (pags_spread_order){0};
 }
 
-pags_result pags_order_move(pags_transport *transport, const pags_order *order, void *own, void *placed, bool back) {
+pags_result pags_order_move(pags_transport *transport, const pags_spread_order *order, void *own, void *placed,
+                            bool back) {
   uint32_t *const out = calloc((size_t)(order->own + order->count + 1), sizeof *out), *const in = out + order->own;
   uint32_t *const mine = own, *const here = placed;
   if (!out)

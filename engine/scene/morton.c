@@ -17,30 +17,23 @@ typedef struct keyed_row {
   int64_t row;
 } keyed_row;
 
-/* The bounding cube of all finite means, divided into 2^21 cells a side. A cube rather than a box, so that the cells
- * are cubes whatever the shape of the scene. */
-typedef struct cube {
-  double lo[3], cells_per_metre;
-} cube;
-
 static bool is_finite_mean(const pags_gaussians *g, int64_t i) {
   return isfinite(pags_plane(g, PAGS_MEAN)[i]) && isfinite(pags_plane(g, PAGS_MEAN + 1)[i]) &&
          isfinite(pags_plane(g, PAGS_MEAN + 2)[i]);
 }
 
-static cube bounding_cube(const pags_gaussians *g) {
-  double lo[3] = {INFINITY, INFINITY, INFINITY}, hi[3] = {-INFINITY, -INFINITY, -INFINITY};
+pags_morton_cube pags_morton_bounds(const pags_gaussians *g) {
+  pags_morton_cube box = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
   for (int64_t i = 0; i < g->count; i++) {
     if (!is_finite_mean(g, i))
       continue;
     for (int k = 0; k < 3; k++) {
       double x = pags_plane(g, PAGS_MEAN + k)[i];
-      lo[k] = fmin(lo[k], x);
-      hi[k] = fmax(hi[k], x);
+      box.lo[k] = fmin(box.lo[k], x);
+      box.hi[k] = fmax(box.hi[k], x);
     }
   }
-  double extent = fmax(hi[0] - lo[0], fmax(hi[1] - lo[1], hi[2] - lo[2]));
-  return (cube){{lo[0], lo[1], lo[2]}, extent > 0 ? (double)(1 << AXIS_BITS) / extent : 0};
+  return box;
 }
 
 /* Moves bit k of the 21 low bits of x to bit 3 k. */
@@ -52,13 +45,17 @@ static uint64_t spread(uint64_t x) {
   return (x | x << 2) & 0x1249249249249249u;
 }
 
-/* Returns the Morton code of the mean of row i: the bits of its cell numbers along x, y and z interleaved. */
-static uint64_t code_of(const pags_gaussians *g, int64_t i, const cube *box) {
+/* The bits of the cell numbers along x, y and z interleaved, of 2^21 cells along each side of a cube: a cube rather
+ * than the box, so that the cells are cubes whatever the shape of the scene. */
+uint64_t pags_morton_code(const pags_gaussians *g, int64_t i, const pags_morton_cube *box) {
   if (!is_finite_mean(g, i))
     return UINT64_MAX; /* larger than any code, which has 63 bits: such rows come last */
+  const double *const lo = box->lo, *const hi = box->hi;
+  const double extent = fmax(hi[0] - lo[0], fmax(hi[1] - lo[1], hi[2] - lo[2]));
+  const double cells_per_metre = extent > 0 ? (double)(1 << AXIS_BITS) / extent : 0;
   uint64_t code = 0;
   for (int k = 0; k < 3; k++) {
-    double cell = (pags_plane(g, PAGS_MEAN + k)[i] - box->lo[k]) * box->cells_per_metre;
+    double cell = (pags_plane(g, PAGS_MEAN + k)[i] - lo[k]) * cells_per_metre;
     uint64_t whole = (uint64_t)fmin(cell, (double)((1 << AXIS_BITS) - 1));
     code |= spread(whole) << k;
   }
@@ -74,7 +71,7 @@ enum { BLOCK = 1 << 14 }; /* rows of a worker's block */
 typedef struct sorting {
   const pags_gaussians *gaussians;
   pags_tasks *tasks;
-  cube box;
+  pags_morton_cube box;
   int64_t count, blocks;
   keyed_row *rows, *other;
   int64_t (*place)[DIGITS]; /* per block */
@@ -98,7 +95,7 @@ static void make_codes(void *context, int64_t begin, int64_t end, int worker) {
   const sorting *const s = context;
   (void)worker;
   for (int64_t i = begin; i < end; i++)
-    s->rows[i] = (keyed_row){code_of(s->gaussians, i, &s->box), i};
+    s->rows[i] = (keyed_row){pags_morton_code(s->gaussians, i, &s->box), i};
 }
 
 static void count_digits(void *context, int64_t begin, int64_t end, int worker) {
@@ -173,7 +170,7 @@ pags_result pags_morton_order(const pags_gaussians *g, pags_tasks *tasks, int64_
   if (room) {
     s.rows = block;
     s.other = block + g->count;
-    s.box = bounding_cube(g);
+    s.box = pags_morton_bounds(g);
     done = sort(&s);
   }
   free(block);

@@ -9,4 +9,13 @@
 /* As pags_gaussians_morton_order. `tasks` NULL: on the calling thread alone. PAGS_ERROR_MEMORY or PAGS_CANCELLED. */
 pags_result pags_morton_order(const pags_gaussians *g, pags_tasks *tasks, int64_t *index);
 
+/* The box of all finite means, in metres; without any, lo is infinite and hi -infinite. The box of rows that lie in
+ * several places is that around the boxes of each. */
+typedef struct pags_morton_cube {
+  double lo[3], hi[3];
+} pags_morton_cube;
+pags_morton_cube pags_morton_bounds(const pags_gaussians *g);
+/* The Morton code of row i in the cube over the box of all rows; UINT64_MAX if its mean isn't finite. */
+uint64_t pags_morton_code(const pags_gaussians *g, int64_t i, const pags_morton_cube *bounds);
+
 #endif

@@ -17,7 +17,8 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/rng.h"
-#include "base/sort.h"
+#include "cluster/order.h"
+#include "cluster/shares.h"
 #include "maths/maths.h"
 
 enum { ROWS_AT_A_TIME = 1024 }; /* a worker's block */
@@ -107,69 +108,79 @@ static void decide_rows(void *context, int64_t begin, int64_t end, int worker) {
     job->kind[row] = (uint8_t)decide_row(job->model, &job->thresholds, row);
 }
 
-typedef struct candidate {
-  float gradient;
-  int64_t row;
-} candidate;
+static bool grows(const pags_edits *edits, int64_t row) {
+  return edits->kind[row] == PAGS_EDIT_CLONE || edits->kind[row] == PAGS_EDIT_SPLIT;
+}
 
-static int by_gradient(const void *a, const void *b) {
-  const candidate *x = a, *y = b;
-  if (x->gradient != y->gradient)
-    return x->gradient > y->gradient ? -1 : 1;
-  return x->row < y->row ? -1 : x->row > y->row;
+/* Orders Gaussians by falling gradient, then by row. */
+static pags_key growth_key(const pags_train_model *model, int64_t row) {
+  return (pags_key){~pags_key_of_float(mean_gradient(model, row)), (uint64_t)(model->first_row + row)};
 }
 
 /* Where there is room for only `room` more Gaussians: keeps the clones and splits with the largest gradients and
  * cancels the rest. */
 static pags_result cut_growth(const pags_train_model *model, pags_edits *edits, int64_t room) {
-  candidate *list = malloc((size_t)edits->wanted * sizeof *list);
+  pags_key *const keys = malloc((size_t)(edits->count + 1) * sizeof *keys), first_cut;
   int64_t n = 0;
-  if (!list)
-    return pags_out_of_memory("%lld Gaussians", (long long)edits->wanted);
+  for (int64_t row = 0; keys && row < edits->count; row++)
+    if (grows(edits, row))
+      keys[n++] = growth_key(model, row);
+  pags_result result = keys ? pags_keys_sort(keys, n) : pags_out_of_memory("%lld Gaussians", (long long)edits->count);
+  result = pags_transport_agree(pags_model_transport(model), result);
+  if (result == PAGS_OK)
+    result = pags_order_find(pags_model_transport(model), keys, n, &room, 1, &first_cut);
+  free(keys);
+  for (int64_t row = 0; result == PAGS_OK && row < edits->count; row++)
+    if (grows(edits, row) && !pags_key_less(growth_key(model, row), first_cut))
+      edits->kind[row] = PAGS_EDIT_KEEP;
+  return result;
+}
+
+/* Counts what happens to the Gaussians of all ranks. */
+static pags_result count_edits(const pags_train_model *model, pags_edits *edits) {
+  int64_t counts[4] = {0};
   for (int64_t row = 0; row < edits->count; row++)
-    if (edits->kind[row] == PAGS_EDIT_CLONE || edits->kind[row] == PAGS_EDIT_SPLIT)
-      list[n++] = (candidate){mean_gradient(model, row), row};
-  pags_sort(list, n, sizeof *list, by_gradient);
-  for (int64_t i = room; i < n; i++) {
-    uint8_t *kind = &edits->kind[list[i].row];
-    *(*kind == PAGS_EDIT_CLONE ? &edits->cloned : &edits->split) -= 1;
-    *kind = PAGS_EDIT_KEEP;
-  }
-  free(list);
+    counts[edits->kind[row]]++;
+  PAGS_TRY(pags_share_sum(pags_model_transport(model), counts, 4));
+  edits->cloned = counts[PAGS_EDIT_CLONE];
+  edits->split = counts[PAGS_EDIT_SPLIT];
+  edits->pruned = counts[PAGS_EDIT_PRUNE];
   return PAGS_OK;
 }
 
-pags_result pags_densify_decide(const pags_train_model *model, pags_tasks *tasks, pags_edits *edits) {
-  int64_t count = model->gaussians.count;
-  *edits = (pags_edits){.count = count, .kind = malloc((size_t)(count > 0 ? count : 1))};
-  if (!edits->kind)
-    return pags_out_of_memory("%lld Gaussians", (long long)count);
-  decide_job job = {model, thresholds_of(model), edits->kind};
-  if (!pags_parallel_for(tasks, count, ROWS_AT_A_TIME, decide_rows, &job)) {
-    pags_edits_destroy(edits);
-    return pags_fail(PAGS_CANCELLED, "cancelled");
-  }
-  for (int64_t row = 0; row < count; row++) {
-    const pags_edit kind = edits->kind[row];
-    edits->cloned += kind == PAGS_EDIT_CLONE;
-    edits->split += kind == PAGS_EDIT_SPLIT;
-    edits->pruned += kind == PAGS_EDIT_PRUNE;
-  }
+/* Withdraws prunes that would leave too few Gaussians, and growth beyond the limit on Gaussians. */
+static pags_result keep_limits(const pags_train_model *model, pags_edits *edits) {
+  const int64_t count = model->total;
+  PAGS_TRY(count_edits(model, edits));
   edits->wanted = edits->cloned + edits->split;
   if (edits->pruned > 0 && count - edits->pruned < least_survivors) {
-    /* Withdraw all prunes. No warning for objects: those far away may well start from so few Gaussians. */
+    /* No warning for objects: those far away may well start from so few Gaussians. */
     if (model->object < 0)
       pags_log_message(PAGS_LOG_WARNING, "densify would leave %lld of %lld Gaussians: nothing is pruned",
-                       (long long)(edits->count - edits->pruned), (long long)edits->count);
+                       (long long)(count - edits->pruned), (long long)count);
     for (int64_t row = 0; row < edits->count; row++)
       if (edits->kind[row] == PAGS_EDIT_PRUNE)
         edits->kind[row] = PAGS_EDIT_KEEP;
     edits->pruned = 0;
   }
-  int64_t cap = model->cap;
-  int64_t room = (cap > 0 ? cap : INT32_MAX - 64) - (count - edits->pruned);
-  room = room < 0 ? 0 : room;
-  pags_result result = edits->wanted > room ? cut_growth(model, edits, room) : PAGS_OK;
+  const int64_t cap = model->cap;
+  const int64_t room = (cap > 0 ? cap : INT32_MAX - 64) - (count - edits->pruned);
+  if (edits->wanted <= (room < 0 ? 0 : room))
+    return PAGS_OK;
+  PAGS_TRY(cut_growth(model, edits, room < 0 ? 0 : room));
+  return count_edits(model, edits);
+}
+
+pags_result pags_densify_decide(const pags_train_model *model, pags_tasks *tasks, pags_edits *edits) {
+  int64_t count = model->gaussians.count;
+  *edits = (pags_edits){.count = count, .kind = malloc((size_t)(count > 0 ? count : 1))};
+  pags_result mine = edits->kind ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)count);
+  decide_job job = {model, thresholds_of(model), edits->kind};
+  if (edits->kind && !pags_parallel_for(tasks, count, ROWS_AT_A_TIME, decide_rows, &job))
+    mine = pags_fail(PAGS_CANCELLED, "cancelled");
+  pags_result result = pags_transport_agree(pags_model_transport(model), mine);
+  if (result == PAGS_OK)
+    result = keep_limits(model, edits);
   if (result != PAGS_OK)
     pags_edits_destroy(edits);
   return result;
@@ -224,20 +235,47 @@ static void make_child(const pags_train_model *model, pags_gaussians *g, int64_t
   }
 }
 
-/* Fills `source` with the old row of each new row: first the rows that stay (`kept` of them), then the copies of
- * cloned rows, then the first and then the second children of split rows. */
-static void list_sources(const pags_edits *edits, int64_t *source, int64_t kept) {
-  int64_t stay = 0, clone = kept, half = kept + edits->cloned;
+/* New rows of each kind, in their order: those that stay, the copies of cloned rows, the first and the second children
+ * of split rows. */
+enum { STAY, COPY, FIRST_CHILD, SECOND_CHILD, KINDS };
+typedef struct new_rows {
+  int64_t count[KINDS];  /* at this rank */
+  int64_t number[KINDS]; /* of the first of them, among the rows of all ranks: kind after kind */
+} new_rows;
+
+static pags_result count_new(const pags_train_model *model, const pags_edits *edits, new_rows *n) {
+  int64_t at = 0;
+  *n = (new_rows){{0}, {0}};
   for (int64_t row = 0; row < edits->count; row++) {
-    uint8_t kind = edits->kind[row];
-    if (kind == PAGS_EDIT_KEEP || kind == PAGS_EDIT_CLONE)
-      source[stay++] = row;
-    if (kind == PAGS_EDIT_CLONE)
-      source[clone++] = row;
-    if (kind == PAGS_EDIT_SPLIT) {
-      source[half + edits->split] = row;
-      source[half++] = row;
-    }
+    n->count[STAY] += edits->kind[row] == PAGS_EDIT_KEEP || edits->kind[row] == PAGS_EDIT_CLONE;
+    n->count[COPY] += edits->kind[row] == PAGS_EDIT_CLONE;
+    n->count[FIRST_CHILD] += edits->kind[row] == PAGS_EDIT_SPLIT;
+  }
+  n->count[SECOND_CHILD] = n->count[FIRST_CHILD];
+  for (int k = 0; k < KINDS; k++) {
+    int64_t before, all;
+    PAGS_TRY(pags_share_before(pags_model_transport(model), n->count[k], &before, &all));
+    n->number[k] = at + before;
+    at += all;
+  }
+  return PAGS_OK;
+}
+
+/* Fills `source` with the old row of each new row, and `numbers` with the new row's place among those of all ranks. */
+static void list_sources(const pags_edits *edits, const new_rows *n, int64_t *source, uint32_t *numbers) {
+  int64_t at[KINDS] = {0}, done[KINDS] = {0};
+  for (int k = 1; k < KINDS; k++)
+    at[k] = at[k - 1] + n->count[k - 1];
+  for (int64_t row = 0; row < edits->count; row++) {
+    const uint8_t kind = edits->kind[row];
+    const bool wanted[KINDS] = {kind == PAGS_EDIT_KEEP || kind == PAGS_EDIT_CLONE, kind == PAGS_EDIT_CLONE,
+                                kind == PAGS_EDIT_SPLIT, kind == PAGS_EDIT_SPLIT};
+    for (int k = 0; k < KINDS; k++)
+      if (wanted[k]) {
+        source[at[k] + done[k]] = row;
+        numbers[at[k] + done[k]] = (uint32_t)(n->number[k] + done[k]);
+        done[k]++;
+      }
   }
 }
 
@@ -246,30 +284,38 @@ typedef struct children_job {
   pags_gaussians *gaussians;
   const int64_t *source;
   int64_t first, second; /* the rows of the first and of the second children begin there */
+  int64_t first_row;     /* that the sources' numbers begin with */
 } children_job;
 
 static void make_children(void *context, int64_t begin, int64_t end, int worker) {
   const children_job *const job = context;
   (void)worker;
   for (int64_t i = job->first + begin; i < job->first + end; i++)
-    make_child(job->model, job->gaussians, i, i >= job->second, job->source[i]);
+    make_child(job->model, job->gaussians, i, i >= job->second, job->first_row + job->source[i]);
 }
 
 pags_result pags_densify_apply(pags_train_model *model, const pags_edits *edits, pags_tasks *tasks) {
-  int64_t kept = edits->count - edits->split - edits->pruned;
-  int64_t count = kept + edits->cloned + 2 * edits->split;
-  int64_t *source = malloc((size_t)(count > 0 ? count : 1) * sizeof(int64_t));
-  if (!source)
-    return pags_out_of_memory("%lld Gaussians", (long long)count);
-  list_sources(edits, source, kept);
-  pags_result result = pags_model_gather(model, source, count, kept, tasks);
-  const int64_t half = kept + edits->cloned;
-  children_job job = {model, &model->gaussians, source, half, half + edits->split};
+  const int64_t first_row = model->first_row;
+  new_rows n;
+  PAGS_TRY(count_new(model, edits, &n));
+  const int64_t half = n.count[STAY] + n.count[COPY], count = half + 2 * n.count[FIRST_CHILD];
+  int64_t *const source = malloc((size_t)(count + 1) * sizeof *source);
+  uint32_t *const numbers = malloc((size_t)(count + 1) * sizeof *numbers);
+  pags_result result = source && numbers ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)count);
+  if (result == PAGS_OK) {
+    list_sources(edits, &n, source, numbers);
+    result = pags_model_gather(model, source, count, n.count[STAY], tasks);
+  }
+  children_job job = {model, &model->gaussians, source, half, half + n.count[FIRST_CHILD], first_row};
   if (result == PAGS_OK && !pags_parallel_for(tasks, count - half, ROWS_AT_A_TIME / 4, make_children, &job))
     result = pags_fail(PAGS_CANCELLED, "cancelled while Gaussians were split"); /* must not be saved */
   free(source);
   pags_model_clear_density(model);
-  return result == PAGS_OK ? pags_model_sort(model, tasks) : result;
+  result = pags_transport_agree(pags_model_transport(model), result);
+  if (result == PAGS_OK)
+    result = pags_model_sort(model, numbers, tasks);
+  free(numbers);
+  return result;
 }
 
 void pags_densify_reset(pags_train_model *model) {

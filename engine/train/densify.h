@@ -9,10 +9,10 @@
 typedef enum pags_edit { PAGS_EDIT_KEEP, PAGS_EDIT_CLONE, PAGS_EDIT_SPLIT, PAGS_EDIT_PRUNE } pags_edit;
 
 typedef struct pags_edits {
-  uint8_t *kind; /* a pags_edit per row; freed by pags_edits_destroy */
-  int64_t count; /* number of rows (Gaussians) */
-  int64_t cloned, split, pruned;
-  int64_t wanted; /* number of clones and splits before the limit on Gaussians cut them */
+  uint8_t *kind;                 /* a pags_edit per row; freed by pags_edits_destroy */
+  int64_t count;                 /* number of rows (Gaussians) */
+  int64_t cloned, split, pruned; /* of all ranks */
+  int64_t wanted;                /* number of clones and splits before the limit on Gaussians cut them */
 } pags_edits;
 
 /* Decides for each Gaussian of a settled model (no pending Adam steps) what happens to it, from its statistics and

@@ -66,7 +66,7 @@ static pags_result share_cap(pags_trainer *t) {
   if (s->cap > 0)
     room = s->cap < total ? 0 : s->cap - total < room ? s->cap - total : room;
   for (int64_t i = 0; i < s->model_count; i++) {
-    int64_t count = s->models[i].gaussians.count;
+    int64_t count = s->models[i].total;
     double share = (double)count / (double)(total > 0 ? total : 1);
     s->models[i].cap = bounded ? count + (int64_t)((double)room * share) : 0;
   }

@@ -39,7 +39,8 @@ void pags_dropout_draw(const pags_dropout *d, const float *s_sem, int64_t first,
   assert(first % WORDS == 0 && count % WORDS == 0);
   for (int64_t row = first; row < first + count; row += WORDS) {
     uint32_t words[WORDS];
-    pags_rng_u32x4(d->seed, pags_draw(d->photograph, PAGS_DRAW_DROP), model | (uint64_t)(row / WORDS), words);
+    pags_rng_u32x4(d->seed, pags_draw(d->photograph, PAGS_DRAW_DROP), model | (uint64_t)((d->first_row + row) / WORDS),
+                   words);
     for (int i = 0; i < WORDS; i++) {
       if (s_sem) {
         rate = rate_of(d, (double)s_sem[row + i]);

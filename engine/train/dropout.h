@@ -23,6 +23,7 @@ typedef struct pags_dropout {
       object;  /* photograph: its number in the run; object: the model's object number, -1 for the background */
   double most; /* gamma t / t_total: the D of a Gaussian with S_sem 0 */
   double beta;
+  int64_t first_row; /* the model's number of the row that is row 0 of the arrays; a multiple of 16 */
 } pags_dropout;
 
 /* Returns the dropout of a photograph, by its number in the run, for one model; its `most` is 0 if the configuration

@@ -152,7 +152,7 @@ pags_result pags_mcmc_refine(pags_train_model *model, pags_tasks *tasks) {
 
   PAGS_TRY(grow(model, tasks));
   pags_model_clear_density(model);
-  return pags_model_sort(model, tasks);
+  return pags_model_sort(model, NULL, tasks);
 }
 
 /* ---- Regularisers and noise ---- */

@@ -10,6 +10,8 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "cluster/order.h"
+#include "cluster/shares.h"
 #include "scene/morton.h"
 #include "threads/record.h"
 
@@ -68,7 +70,8 @@ pags_result pags_model_create(pags_train_model *model, const pags_schedule *sche
                               .schedule = *schedule,
                               .cap = schedule->config.size_limit.max_gaussians,
                               .fourier_gain = NAN,
-                              .gaussians = *g};
+                              .gaussians = *g,
+                              .total = g->count};
   *g = (pags_gaussians){0};
   pags_result result = pags_adam_create(&model->adam, &model->schedule, &model->gaussians, 0, stop);
   if (result == PAGS_OK)
@@ -212,10 +215,107 @@ pags_result pags_model_gather(pags_train_model *model, const int64_t *source, in
   }
   free(scratch);
   free(job);
-  model->gaussians.count = count;
+  model->gaussians.count = model->total = count;
+  model->first_row = 0;
   if (!done) /* some columns have been reordered, some not: this state must not be saved */
     return pags_fail(PAGS_CANCELLED, "cancelled while Gaussians were reordered");
   return pags_adam_regroup(&model->adam, count, model->step);
+}
+
+pags_result pags_model_keep_share(pags_train_model *model, int64_t begin, int64_t end, pags_tasks *tasks) {
+  const int64_t count = end - begin, total = model->gaussians.count, first = begin / model->adam.cluster_size;
+  int64_t *const source = malloc((size_t)(count + 1) * sizeof *source);
+  if (!source)
+    return pags_out_of_memory("%lld Gaussians", (long long)count);
+  for (int64_t i = 0; i < count; i++)
+    source[i] = begin + i;
+  const int64_t clusters = (count + model->adam.cluster_size - 1) / model->adam.cluster_size;
+  int32_t *const steps = malloc((size_t)(2 * clusters + 1) * sizeof *steps);
+  pags_result result = steps ? PAGS_OK : pags_out_of_memory("%lld clusters", (long long)clusters);
+  if (steps && clusters > 0) {
+    memcpy(steps, model->adam.moment_step + first, (size_t)clusters * sizeof *steps);
+    memcpy(steps + clusters, model->adam.param_step + first, (size_t)clusters * sizeof *steps);
+  }
+  if (result == PAGS_OK)
+    result = pags_model_gather(model, source, count, count, tasks);
+  if (result == PAGS_OK && clusters > 0) {
+    memcpy(model->adam.moment_step, steps, (size_t)clusters * sizeof *steps);
+    memcpy(model->adam.param_step, steps + clusters, (size_t)clusters * sizeof *steps);
+  }
+  free(source);
+  free(steps);
+  PAGS_TRY(result);
+  model->first_row = begin;
+  model->total = total;
+  return make_clusters(model, tasks);
+}
+
+/* Gathers `count` values of four bytes at rank 0: `own` are this rank's, `whole` receives all. */
+static pags_result collect(pags_transport *transport, const void *own, const int64_t *counts, void *whole) {
+  const int ranks = pags_transport_ranks(transport), rank = pags_transport_rank(transport);
+  int64_t *const bytes = malloc((size_t)ranks * sizeof *bytes);
+  if (!bytes)
+    return pags_out_of_memory("a message of %d ranks", ranks);
+  for (int r = 0; r < ranks; r++)
+    bytes[r] = counts[r] * (int64_t)sizeof(uint32_t);
+  const pags_result result = pags_transport_gather(transport, 0, own, bytes[rank], whole, bytes);
+  free(bytes);
+  return result;
+}
+
+/* Rows and, behind them, clusters of each rank. */
+static pags_result list_shares(const pags_train_model *model, pags_transport *transport, int64_t **out) {
+  const int ranks = pags_transport_ranks(transport);
+  const int64_t own = model->gaussians.count, size = model->adam.cluster_size;
+  *out = malloc(2 * (size_t)ranks * sizeof **out);
+  if (!*out)
+    return pags_out_of_memory("the shares of %d ranks", ranks);
+  const pags_result result = pags_share_all(transport, &own, sizeof own, *out);
+  for (int r = 0; r < ranks; r++)
+    (*out)[ranks + r] = ((*out)[r] + size - 1) / size;
+  return result;
+}
+
+static pags_result collect_all(pags_train_model *model, pags_transport *transport, const int64_t *counts,
+                               uint32_t *whole, int32_t *steps) {
+  const int ranks = pags_transport_ranks(transport);
+  const bool root = pags_transport_rank(transport) == 0;
+  const int64_t clusters = (model->total + model->adam.cluster_size - 1) / model->adam.cluster_size;
+  PAGS_TRY(collect(transport, model->adam.moment_step, counts + ranks, steps));
+  PAGS_TRY(collect(transport, model->adam.param_step, counts + ranks, steps + clusters));
+  column columns[MAX_COLUMNS];
+  const int n = list_columns(model, columns);
+  for (int c = 0; c < n; c++) {
+    PAGS_TRY(collect(transport, columns[c].data, counts, whole));
+    if (root && model->total > 0)
+      memcpy(columns[c].data, whole, (size_t)model->total * sizeof *whole);
+  }
+  if (!root)
+    return PAGS_OK;
+  model->gaussians.count = model->total;
+  PAGS_TRY(pags_adam_regroup(&model->adam, model->total, model->step));
+  memcpy(model->adam.moment_step, steps, (size_t)clusters * sizeof *steps);
+  memcpy(model->adam.param_step, steps + clusters, (size_t)clusters * sizeof *steps);
+  return PAGS_OK;
+}
+
+pags_result pags_model_collect(pags_train_model *model, pags_transport *transport, pags_tasks *tasks) {
+  const bool root = pags_transport_rank(transport) == 0;
+  int64_t *counts = NULL;
+  uint32_t *whole = malloc((size_t)(root ? model->total + 1 : 1) * sizeof *whole);
+  int32_t *steps = malloc((size_t)(root ? 2 * model->total / 16 + 4 : 1) * sizeof *steps); /* clusters of 16 at least */
+  pags_result mine = whole && steps ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)model->total);
+  if (mine == PAGS_OK && root)
+    mine = reserve(model, model->total);
+  pags_result result = pags_transport_agree(transport, mine);
+  if (result == PAGS_OK)
+    result = list_shares(model, transport, &counts);
+  if (result == PAGS_OK)
+    result = collect_all(model, transport, counts, whole, steps);
+  free(counts);
+  free(whole);
+  free(steps);
+  return result == PAGS_OK && root ? make_clusters(model, tasks) : result;
 }
 
 void pags_model_relocate(pags_train_model *model, const int64_t *rows, const int64_t *onto, int64_t count) {
@@ -231,7 +331,79 @@ void pags_model_relocate(pags_train_model *model, const int64_t *rows, const int
   }
 }
 
-pags_result pags_model_sort(pags_train_model *model, pags_tasks *tasks) {
+/* ---- Sorting over ranks ---- */
+
+static pags_result make_keys(const pags_train_model *model, const uint32_t *numbers, pags_key **out) {
+  const pags_gaussians *const g = &model->gaussians;
+  const int ranks = pags_transport_ranks(model->sharing->transport);
+  pags_key *const keys = *out = malloc((size_t)(g->count + 1) * sizeof *keys);
+  pags_morton_cube own = pags_morton_bounds(g), *const all = malloc((size_t)ranks * sizeof *all);
+  const bool room = keys && all;
+  pags_result result = pags_transport_agree(model->sharing->transport,
+                                            room ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)g->count));
+  if (result == PAGS_OK)
+    result = pags_share_all(model->sharing->transport, &own, sizeof own, all);
+  for (int r = 0; result == PAGS_OK && r < ranks; r++)
+    for (int k = 0; k < 3; k++) {
+      own.lo[k] = fmin(own.lo[k], all[r].lo[k]);
+      own.hi[k] = fmax(own.hi[k], all[r].hi[k]);
+    }
+  for (int64_t i = 0; result == PAGS_OK && i < g->count; i++)
+    keys[i] = (pags_key){pags_morton_code(g, i, &own), numbers[i]};
+  free(all);
+  return result;
+}
+
+/* Moves all columns to their places in the order. */
+static pags_result take_places(pags_train_model *model, const pags_spread_order *order) {
+  pags_transport *const transport = model->sharing->transport;
+  const int64_t old = model->gaussians.count, count = order->count, written = old > count ? old : count;
+  uint32_t *const placed = malloc((size_t)(count + 1) * sizeof *placed);
+  pags_result mine = placed ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)count);
+  if (mine == PAGS_OK && count > model->gaussians.stride)
+    mine = reserve(model, count + count / 2);
+  pags_result result = pags_transport_agree(transport, mine);
+  column columns[MAX_COLUMNS];
+  const int n = list_columns(model, columns);
+  for (int c = 0; result == PAGS_OK && c < n; c++) {
+    uint32_t *const data = columns[c].data;
+    result = pags_order_move(transport, order, data, placed, false);
+    memcpy(data, placed, (size_t)count * sizeof *data);
+    memset(data + count, 0, (size_t)(written - count) * sizeof *data);
+  }
+  free(placed);
+  model->gaussians.count = count;
+  return result;
+}
+
+static pags_result sort_shared(pags_train_model *model, const uint32_t *numbers) {
+  pags_sharing *const s = model->sharing;
+  const int ranks = pags_transport_ranks(s->transport);
+  pags_key *keys;
+  pags_spread_order order = {0};
+  int64_t total = model->gaussians.count;
+  PAGS_TRY(pags_share_sum(s->transport, &total, 1));
+  s->rows[model->index] = total;
+  pags_shares_cut(s->rows, s->models, model->schedule.config.picture.cluster_size, ranks, s->begin);
+  pags_result result = make_keys(model, numbers, &keys);
+  if (result == PAGS_OK)
+    result =
+        pags_order_create(s->transport, keys, model->gaussians.count, s->begin + model->index * (ranks + 1), &order);
+  free(keys);
+  if (result == PAGS_OK)
+    result = take_places(model, &order);
+  model->first_row = order.first;
+  model->total = total;
+  pags_order_destroy(&order);
+  return result == PAGS_OK ? pags_adam_regroup(&model->adam, model->gaussians.count, model->step) : result;
+}
+
+pags_result pags_model_sort(pags_train_model *model, const uint32_t *numbers, pags_tasks *tasks) {
+  if (model->sharing) {
+    pags_tasks_mark(tasks, NULL, "order");
+    PAGS_TRY(sort_shared(model, numbers));
+    return make_clusters(model, tasks);
+  }
   int64_t count = model->gaussians.count;
   int64_t *order = malloc((size_t)(count > 0 ? count : 1) * sizeof(int64_t));
   if (!order)
@@ -276,6 +448,7 @@ int64_t pags_model_drop_spoiled(pags_train_model *model) {
     pags_gaussians_gather(g, index, count, &kept);
     pags_gaussians_destroy(g);
     *g = kept;
+    model->total = g->count;
   }
   free(index);
   return dropped;

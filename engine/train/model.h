@@ -11,6 +11,7 @@
 #include <pags/gaussians.h>
 #include <pags/tasks.h>
 
+#include "cluster/transport.h"
 #include "train/adam.h"
 #include "train/schedule.h"
 
@@ -23,6 +24,13 @@ typedef struct pags_density {
                       NULL unless the configuration takes S_grad from training */
 } pags_density;
 
+/* How the models of a run are shared out to ranks (cluster/shares.h). */
+typedef struct pags_sharing {
+  pags_transport *transport;
+  int64_t models;
+  int64_t *rows, *begin; /* [models]; [models][ranks + 1], as pags_shares_cut has them */
+} pags_sharing;
+
 typedef struct pags_train_model {
   int64_t object;         /* object number in the data set; -1: the background */
   pags_schedule schedule; /* the run's schedule, with this model's extent */
@@ -31,6 +39,11 @@ typedef struct pags_train_model {
   double half_size[3];    /* of an object's box, metres; Gaussians may be within 1.5 times the box; 0: no limit */
   double fourier_gain;    /* PSNR gain in dB that colour over time promised when it was decided; NaN: not decided */
   pags_gaussians gaussians;
+  /* With several ranks, `gaussians` and all else by row or cluster are this rank's rows [first_row, first_row +
+   * gaussians.count) of `total`, first_row being a multiple of the cluster size. With one rank they are all. */
+  int64_t first_row, total;
+  pags_sharing *sharing; /* of the run, which owns it; NULL with one rank */
+  int64_t index;         /* of the model in it */
   pags_adam adam;
   pags_density density;
   pags_clusters clusters; /* derived from the rest; not in the checkpoint */
@@ -50,11 +63,23 @@ void pags_model_settle(pags_train_model *model, pags_tasks *tasks);
  * pags_model_sort afterwards. */
 pags_result pags_model_gather(pags_train_model *model, const int64_t *source, int64_t count, int64_t fresh,
                               pags_tasks *tasks);
+/* Keeps only the rows [begin, end) as this rank's share; `begin` is a multiple of the cluster size, `end`, too, or the
+ * number of rows. Pending Adam steps stay pending. */
+pags_result pags_model_keep_share(pags_train_model *model, int64_t begin, int64_t end, pags_tasks *tasks);
+/* Collective: brings the shares of all ranks back to rank 0, which has the whole model then; other ranks keep theirs.
+ */
+pags_result pags_model_collect(pags_train_model *model, pags_transport *transport, pags_tasks *tasks);
 /* Makes each of `count` rows a copy of the row onto[i] in all planes and statistics; the moments of both become zero.
  * No row may be in both lists. */
 void pags_model_relocate(pags_train_model *model, const int64_t *rows, const int64_t *onto, int64_t count);
-/* Sorts the rows in Morton order and rebuilds the clusters and their bounds. The model must be settled. */
-pags_result pags_model_sort(pags_train_model *model, pags_tasks *tasks);
+/* Sorts the rows in Morton order and rebuilds the clusters and their bounds. The model must be settled. With several
+ * ranks (collective) the rows go to the ranks that the order gives them to; numbers[row] is the row's place among those
+ * of all ranks, which decides between equal codes. `numbers` may be NULL with one rank. */
+pags_result pags_model_sort(pags_train_model *model, const uint32_t *numbers, pags_tasks *tasks);
+/* The other ranks of the model's run; NULL: none. */
+static inline pags_transport *pags_model_transport(const pags_train_model *model) {
+  return model->sharing ? model->sharing->transport : NULL;
+}
 /* Returns whether all parameters of the row are finite. */
 bool pags_model_is_finite_row(const pags_gaussians *gaussians, int64_t row);
 /* Removes the rows with parameters that aren't finite, for the finished scene; the model can't be trained any more.

@@ -19,7 +19,8 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/rng.h"
-#include "base/sort.h"
+#include "cluster/order.h"
+#include "cluster/shares.h"
 #include "maths/maths.h"
 #include "threads/record.h"
 #include "train/score_pass.h"
@@ -31,104 +32,224 @@
  * can still end in an orderly way. */
 static const int64_t least_survivors = 16;
 
-typedef struct ranked {
-  double value;
-  uint32_t draw;
-  int64_t row;
-} ranked;
-
-static int by_value(const void *a, const void *b) {
-  const ranked *x = a, *y = b;
-  if (x->value != y->value)
-    return x->value < y->value ? -1 : 1;
-  if (x->draw != y->draw)
-    return x->draw < y->draw ? -1 : 1;
-  return x->row < y->row ? -1 : x->row > y->row;
+static uint64_t number_of(const uint32_t *numbers, int64_t row) {
+  return numbers ? numbers[row] : (uint64_t)row;
 }
 
-static pags_result make_list(int64_t count, ranked **out) {
-  *out = malloc((size_t)(count > 0 ? count : 1) * sizeof **out);
+static pags_result make_keys(int64_t count, pags_key **out) {
+  *out = malloc((size_t)(count + 1) * sizeof **out);
   return *out ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)count);
 }
 
-static void rank_list(const ranked *list, int64_t count, float *out) {
-  int64_t lower = 0;
-  for (int64_t i = 0; i < count; i++) {
-    if (i > 0 && list[i].value > list[i - 1].value)
-      lower = i;
-    out[list[i].row] = count > 1 ? (float)((double)lower / (double)(count - 1)) : 0.0f;
+/* The lowest position of the value at the begin of this rank's part of an order. A run of equal values may have begun
+ * at an earlier rank. */
+static pags_result lowest_of_first(pags_transport *transport, const pags_spread_order *order, int64_t *lowest) {
+  typedef struct part_end {
+    int64_t count, first, last_lowest; /* last_lowest: the lowest position here of the last value */
+    uint64_t first_value, last_value;
+  } part_end;
+  part_end mine = {order->count, order->first, order->first, 0, 0}, *all;
+  for (int64_t i = 1; i < order->count; i++)
+    if (order->keys[i].high != order->keys[i - 1].high)
+      mine.last_lowest = order->first + i;
+  if (order->count > 0) {
+    mine.first_value = order->keys[0].high;
+    mine.last_value = order->keys[order->count - 1].high;
   }
+  all = malloc((size_t)pags_transport_ranks(transport) * sizeof *all);
+  if (!all)
+    return pags_out_of_memory("the numbers of %d ranks", pags_transport_ranks(transport));
+  const pags_result result = pags_share_all(transport, &mine, sizeof mine, all);
+  int64_t carried = -1; /* the lowest position of the last value so far */
+  uint64_t value = 0;
+  for (int r = 0; result == PAGS_OK && r <= pags_transport_rank(transport); r++) {
+    if (all[r].count == 0)
+      continue;
+    *lowest = carried >= 0 && all[r].first_value == value ? carried : all[r].first;
+    carried = all[r].last_value == all[r].first_value ? *lowest : all[r].last_lowest;
+    value = all[r].last_value;
+  }
+  free(all);
+  return result;
 }
 
-static void log_list(const ranked *list, int64_t count, float *out) {
-  int64_t zeros = 0;
-  while (zeros < count && !(list[zeros].value > 0.0))
-    zeros++;
-  double median = zeros < count ? list[zeros + (count - zeros) / 2].value : 1.0;
-  double most = count > zeros ? pags_log1p(list[count - 1].value / median) : 1.0;
-  for (int64_t i = 0; i < count; i++)
-    out[list[i].row] = (float)(pags_log1p(list[i].value / median) / most);
+/* The share of the other rows with lower values. */
+static pags_result rank_rows(pags_transport *transport, const pags_key *keys, int64_t count, int64_t all, float *out) {
+  pags_spread_order order;
+  int64_t lower = 0;
+  pags_result result = pags_order_create_even(transport, keys, count, &order);
+  if (result == PAGS_OK)
+    result = lowest_of_first(transport, &order, &lower);
+  float *const placed = malloc((size_t)(order.count + 1) * sizeof *placed);
+  if (result == PAGS_OK && !placed)
+    result = pags_out_of_memory("%lld Gaussians", (long long)order.count);
+  for (int64_t i = 0; result == PAGS_OK && i < order.count; i++) {
+    if (i > 0 && order.keys[i].high != order.keys[i - 1].high)
+      lower = order.first + i;
+    placed[i] = all > 1 ? (float)((double)lower / (double)(all - 1)) : 0.0f;
+  }
+  if (result == PAGS_OK)
+    result = pags_order_move(transport, &order, out, placed, true);
+  free(placed);
+  pags_order_destroy(&order);
+  return result;
 }
 
-static void stretch_list(const ranked *list, int64_t count, float *out) {
-  double least = count > 0 ? list[0].value : 0.0, range = count > 0 ? list[count - 1].value - least : 0.0;
-  for (int64_t i = 0; i < count; i++)
-    out[list[i].row] = range > 0.0 ? (float)((list[i].value - least) / range) : 0.0f;
+/* The values at three places of the order of all rows; 0 where there is no such place. */
+static pags_result values_at(pags_transport *transport, const pags_key *keys, int64_t count, int64_t all,
+                             const int64_t positions[3], double values[3]) {
+  pags_key *sorted, found[3];
+  pags_result mine = make_keys(count, &sorted);
+  if (mine == PAGS_OK) {
+    memcpy(sorted, keys, (size_t)count * sizeof *keys);
+    mine = pags_keys_sort(sorted, count);
+  }
+  pags_result result = pags_transport_agree(transport, mine);
+  if (result == PAGS_OK)
+    result = pags_order_find(transport, sorted, count, positions, 3, found);
+  for (int k = 0; result == PAGS_OK && k < 3; k++)
+    values[k] = positions[k] >= 0 && positions[k] < all ? pags_double_of_key(found[k].high) : 0.0;
+  free(sorted);
+  return result;
 }
 
-pags_result pags_prune_normalise(pags_s_grad kind, const double *raw, int64_t count, float *out) {
-  ranked *list;
-  PAGS_TRY(make_list(count, &list));
-  for (int64_t i = 0; i < count; i++)
-    list[i] = (ranked){raw[i] > 0.0 ? raw[i] : 0.0, 0, i}; /* NaN counts as 0 */
-  pags_sort(list, count, sizeof *list, by_value);
-  if (kind == PAGS_S_GRAD_RANK)
-    rank_list(list, count, out);
-  else
-    (kind == PAGS_S_GRAD_LOG ? log_list : stretch_list)(list, count, out);
-  free(list);
-  return PAGS_OK;
+pags_result pags_prune_normalise(pags_transport *transport, const uint32_t *numbers, pags_s_grad kind,
+                                 const double *raw, int64_t count, float *out) {
+  pags_key *keys;
+  int64_t sums[2] = {count, 0}; /* rows; rows of value 0 */
+  pags_result result = make_keys(count, &keys);
+  for (int64_t i = 0; result == PAGS_OK && i < count; i++) {
+    keys[i] = (pags_key){pags_key_of_double(raw[i] > 0.0 ? raw[i] : 0.0), number_of(numbers, i)}; /* NaN counts as 0 */
+    sums[1] += !(raw[i] > 0.0);
+  }
+  result = pags_transport_agree(transport, result);
+  if (result == PAGS_OK)
+    result = pags_share_sum(transport, sums, 2);
+  const int64_t all = sums[0], zeros = sums[1];
+  if (result == PAGS_OK && kind == PAGS_S_GRAD_RANK) {
+    result = rank_rows(transport, keys, count, all, out);
+    free(keys);
+    return result;
+  }
+  double values[3] = {0.0}; /* the least, the median of those over 0, the largest */
+  const int64_t positions[3] = {0, zeros + (all - zeros) / 2, all > 0 ? all - 1 : 0};
+  if (result == PAGS_OK)
+    result = values_at(transport, keys, count, all, positions, values);
+  const double median = zeros < all ? values[1] : 1.0, range = values[2] - values[0];
+  const double most = all > zeros ? pags_log1p(values[2] / median) : 1.0;
+  for (int64_t i = 0; result == PAGS_OK && i < count; i++) {
+    const double value = pags_double_of_key(keys[i].high);
+    out[i] = kind == PAGS_S_GRAD_LOG ? (float)(pags_log1p(value / median) / most)
+             : range > 0.0           ? (float)((value - values[0]) / range)
+                                     : 0.0f;
+  }
+  free(keys);
+  return result;
 }
 
 /* ---- Choosing rows ---- */
 
-pags_result pags_prune_choose(const pags_prune_request *r, uint8_t *drop, int64_t *dropped) {
-  ranked *list;
-  *dropped = 0;
-  PAGS_TRY(make_list(r->count, &list));
-  int64_t *members = calloc((size_t)r->groups + 1, sizeof *members);
-  if (!members) {
-    free(list);
-    return pags_out_of_memory("%lld groups", (long long)r->groups);
+typedef struct floors {
+  int64_t floor;             /* rows that each group but 0 keeps at least */
+  int64_t *members, *before; /* [groups] all rows; those that come before the next one of the group */
+} floors;
+
+/* Number of members of each group, and how many of them come before this rank's part of the order. */
+static pags_result count_groups(pags_transport *transport, const int32_t *group, int64_t count, int64_t groups,
+                                floors *f) {
+  const int ranks = pags_transport_ranks(transport), rank = pags_transport_rank(transport);
+  int64_t *const all = malloc((size_t)ranks * (size_t)groups * sizeof *all), *const own =
+                                                                                 calloc((size_t)groups, sizeof *own);
+  pags_result result = all && own ? PAGS_OK : pags_out_of_memory("%lld groups", (long long)groups);
+  for (int64_t i = 0; result == PAGS_OK && i < count; i++)
+    own[group[i]]++;
+  result = pags_transport_agree(transport, result);
+  if (result == PAGS_OK)
+    result = pags_share_all(transport, own, groups * (int64_t)sizeof *own, all);
+  for (int r = 0; result == PAGS_OK && r < ranks; r++)
+    for (int64_t g = 0; g < groups; g++) {
+      f->members[g] += all[r * groups + g];
+      f->before[g] += r < rank ? all[r * groups + g] : 0;
+    }
+  free(all);
+  free(own);
+  return result;
+}
+
+/* Marks the rows to remove in the order of rising scores: of each group all but its `floor` highest may go, and of
+ * these the lowest go until the target is reached. */
+static pags_result mark_drops(const pags_prune_request *r, const pags_spread_order *order, const int32_t *group,
+                              int64_t all, floors *f, uint32_t *drop, int64_t *dropped) {
+  int64_t free_here = 0, before, free_all;
+  for (int64_t i = 0; i < order->count; i++) {
+    const int32_t g = group[i];
+    drop[i] = g == 0 || f->before[g]++ < f->members[g] - f->floor;
+    free_here += drop[i];
   }
-  for (int64_t i = 0; i < r->count; i++) {
-    uint32_t bits[4];
-    pags_rng_u32x4(r->seed, r->draw, (uint64_t)i, bits);
-    list[i] = (ranked){(double)r->score[i], bits[0], i};
-    members[r->group[i]]++;
-    drop[i] = 0;
-  }
-  pags_sort(list, r->count, sizeof *list, by_value);
+  PAGS_TRY(pags_share_before(r->transport, free_here, &before, &free_all));
+  const int64_t over = all > r->target ? all - r->target : 0;
+  for (int64_t i = 0; i < order->count; i++)
+    if (drop[i] && before++ >= over)
+      drop[i] = 0;
+  *dropped = free_all < over ? free_all : over;
+  return PAGS_OK;
+}
+
+static pags_result choose(const pags_prune_request *r, const pags_spread_order *order, int32_t *group, uint32_t *drop,
+                          uint32_t *own, int64_t *dropped) {
+  floors f = {.members = calloc(2 * (size_t)r->groups, sizeof *f.members)};
+  f.before = f.members + r->groups;
+  pags_result result = f.members ? PAGS_OK : pags_out_of_memory("%lld groups", (long long)r->groups);
+  result = pags_transport_agree(r->transport, result);
+  memcpy(own, r->group, (size_t)r->count * sizeof *own);
+  if (result == PAGS_OK)
+    result = pags_order_move(r->transport, order, own, group, false);
+  if (result == PAGS_OK)
+    result = count_groups(r->transport, group, order->count, r->groups, &f);
 
   /* The floor of each group, lowered so that all floors together take at most half of the target. */
-  int64_t groups = 0;
-  for (int64_t g = 1; g < r->groups; g++)
-    groups += members[g] > 0;
-  int64_t most = groups > 0 ? r->target / 2 / groups : r->floor;
-  int64_t floor = r->floor < most ? r->floor : most;
-
-  for (int64_t i = 0; i < r->count && r->count - *dropped > r->target; i++) {
-    int32_t group = r->group[list[i].row];
-    if (group > 0 && members[group] <= floor)
-      continue;
-    members[group]--;
-    drop[list[i].row] = 1;
-    ++*dropped;
+  int64_t groups = 0, all = 0;
+  for (int64_t g = 0; result == PAGS_OK && g < r->groups; g++) {
+    groups += g > 0 && f.members[g] > 0;
+    all += f.members[g];
   }
+  const int64_t most = groups > 0 ? r->target / 2 / groups : r->floor;
+  f.floor = r->floor < most ? r->floor : most;
+  if (result == PAGS_OK)
+    result = mark_drops(r, order, group, all, &f, drop, dropped);
+  free(f.members);
+  return result == PAGS_OK ? pags_order_move(r->transport, order, own, drop, true) : result;
+}
 
-  free(members);
-  free(list);
-  return PAGS_OK;
+pags_result pags_prune_choose(const pags_prune_request *r, uint8_t *drop, int64_t *dropped) {
+  pags_key *keys;
+  pags_spread_order order = {0};
+  *dropped = 0;
+  pags_result result = pags_transport_agree(r->transport, make_keys(r->count, &keys));
+  for (int64_t i = 0; result == PAGS_OK && i < r->count; i++) {
+    uint32_t bits[4];
+    const uint64_t number = number_of(r->numbers, i);
+    pags_rng_u32x4(r->seed, r->draw, number, bits);
+    keys[i] = (pags_key){pags_key_of_float(r->score[i]), (uint64_t)bits[0] << 32 | number};
+  }
+  if (result == PAGS_OK)
+    result = pags_order_create_even(r->transport, keys, r->count, &order);
+  free(keys);
+  const size_t here = (size_t)order.count + 1;
+  int32_t *const group = malloc(here * sizeof *group);
+  uint32_t *const placed = malloc(here * sizeof *placed), *const own = malloc((size_t)(r->count + 1) * sizeof *own);
+  if (result == PAGS_OK && (!group || !placed || !own))
+    result = pags_out_of_memory("%lld Gaussians", (long long)r->count);
+  result = pags_transport_agree(r->transport, result);
+  if (result == PAGS_OK)
+    result = choose(r, &order, group, placed, own, dropped);
+  for (int64_t i = 0; result == PAGS_OK && i < r->count; i++)
+    drop[i] = (uint8_t)own[i];
+  free(group);
+  free(placed);
+  free(own);
+  pags_order_destroy(&order);
+  return result;
 }
 
 int64_t pags_prune_target(const pags_schedule *s, int index, int64_t count) {
@@ -150,13 +271,16 @@ typedef struct row_lists {
   int32_t *group;
   uint8_t *drop;
   double *raw;
+  uint32_t *number; /* place among the rows of all ranks */
 } row_lists;
 
 static pags_result create_lists(row_lists *l, int64_t count) {
   size_t room = (size_t)(count > 0 ? count : 1);
   *l = (row_lists){malloc(room * sizeof(float)), malloc(room * sizeof(int32_t)), malloc(room),
-                   malloc(room * sizeof(double))};
-  return l->score && l->group && l->drop && l->raw ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)count);
+                   malloc(room * sizeof(double)), malloc(room * sizeof(uint32_t))};
+  return l->score && l->group && l->drop && l->raw && l->number
+             ? PAGS_OK
+             : pags_out_of_memory("%lld Gaussians", (long long)count);
 }
 
 static int32_t group_of(const pags_train_model *m, int64_t row) {
@@ -173,12 +297,16 @@ double pags_prune_hybrid(const pags_train_config *c, double s_sem, double s_grad
 /* Computes S_hybrid and the group (object) of all rows of all models. */
 static pags_result score_rows(const pags_train_state *s, const pags_score_pass *scores, row_lists *l) {
   const pags_train_config *c = &s->schedule.config;
-  int64_t at = 0;
-  for (int64_t i = 0; i < s->model_count; i++)
-    for (int64_t row = 0; row < s->models[i].gaussians.count; row++, at++)
+  int64_t at = 0, before = 0;
+  for (int64_t i = 0; i < s->model_count; i++) {
+    for (int64_t row = 0; row < s->models[i].gaussians.count; row++, at++) {
+      l->number[at] = (uint32_t)(before + s->models[i].first_row + row);
       l->raw[at] = c->priority.s_grad_from == PAGS_S_GRAD_FROM_PASS ? scores->squared[at]
                                                                     : (double)s->models[i].density.squared[row];
-  PAGS_TRY(pags_prune_normalise(c->priority.s_grad, l->raw, at, l->score));
+    }
+    before += s->models[i].total;
+  }
+  PAGS_TRY(pags_prune_normalise(pags_model_transport(s->models), l->number, c->priority.s_grad, l->raw, at, l->score));
   at = 0;
   for (int64_t i = 0; i < s->model_count; i++) {
     const pags_train_model *m = &s->models[i];
@@ -193,17 +321,25 @@ static pags_result score_rows(const pags_train_state *s, const pags_score_pass *
 }
 
 static pags_result keep_rows(pags_train_model *m, const uint8_t *drop, pags_tasks *tasks) {
-  int64_t count = m->gaussians.count, kept = 0;
+  const int64_t count = m->gaussians.count, total = m->total;
+  int64_t kept = 0, before, all;
   int64_t *source = malloc((size_t)(count > 0 ? count : 1) * sizeof *source);
-  if (!source)
-    return pags_out_of_memory("%lld Gaussians", (long long)count);
-  for (int64_t row = 0; row < count; row++)
+  uint32_t *number = malloc((size_t)(count > 0 ? count : 1) * sizeof *number);
+  pags_result result = source && number ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)count);
+  for (int64_t row = 0; result == PAGS_OK && row < count; row++)
     if (!drop[row])
       source[kept++] = row;
-  pags_result result = kept < count ? pags_model_gather(m, source, kept, kept, tasks) : PAGS_OK;
+  result = pags_transport_agree(pags_model_transport(m), result);
+  if (result == PAGS_OK)
+    result = pags_share_before(pags_model_transport(m), kept, &before, &all);
+  for (int64_t i = 0; result == PAGS_OK && i < kept; i++)
+    number[i] = (uint32_t)(before + i);
+  if (result == PAGS_OK && all < total)
+    result = pags_transport_agree(pags_model_transport(m), pags_model_gather(m, source, kept, kept, tasks));
+  if (result == PAGS_OK && all < total)
+    result = pags_model_sort(m, number, tasks);
   free(source);
-  if (result == PAGS_OK && kept < count)
-    result = pags_model_sort(m, tasks);
+  free(number);
   if (m->density.squared)
     memset(m->density.squared, 0, (size_t)m->density.capacity * sizeof *m->density.squared);
   return result;
@@ -235,10 +371,12 @@ static pags_result prune_rows(pags_trainer *t, int index, const pags_score_pass 
                                 .group = l->group,
                                 .groups = s->tracks.count + 1,
                                 .floor = s->schedule.config.priority.prune_floor,
+                                .transport = pags_model_transport(s->models),
+                                .numbers = l->number,
                                 .seed = s->schedule.config.schedule.seed,
                                 .draw = pags_draw(s->step, PAGS_DRAW_PRUNE)};
   int64_t at = 0;
-  PAGS_TRY(target_of(t, index, scores->count, &request.target));
+  PAGS_TRY(target_of(t, index, pags_state_gaussian_count(s), &request.target));
   PAGS_TRY(score_rows(s, scores, l));
   PAGS_TRY(pags_prune_choose(&request, l->drop, dropped));
   pags_tasks_mark(t->tasks, NULL, "gather");
@@ -255,10 +393,11 @@ pags_result pags_prune(pags_trainer *t, int index) {
   row_lists lists;
   int64_t dropped = 0;
   pags_tasks_mark(t->tasks, "prune", "scores");
+  const int64_t before = pags_state_gaussian_count(&t->state);
   PAGS_TRY(pags_score_pass_measure(t, 1, &scores));
   pags_tasks_mark(t->tasks, NULL, "choose");
   pags_score_pass_write_s_sem(&t->state, &scores);
-  pags_result result = create_lists(&lists, scores.count);
+  pags_result result = pags_transport_agree(pags_model_transport(t->state.models), create_lists(&lists, scores.count));
   if (result == PAGS_OK)
     result = prune_rows(t, index, &scores, &lists, &dropped);
 
@@ -266,8 +405,8 @@ pags_result pags_prune(pags_trainer *t, int index) {
   free(lists.group);
   free(lists.drop);
   free(lists.raw);
+  free(lists.number);
 
-  int64_t before = scores.count;
   pags_score_pass_destroy(&scores);
   PAGS_TRY(result);
   pags_log_message(PAGS_LOG_INFO, "step %lld: %lld of %lld Gaussians pruned by score", (long long)t->state.step,

@@ -14,8 +14,10 @@ pags_result pags_prune(pags_trainer *trainer, int index);
 int64_t pags_prune_target(const pags_schedule *schedule, int index, int64_t count);
 
 /* Normalises raw scores >= 0 to 0..1 in `out`. RANK: the share of the other scores that are lower (equal scores don't
- * count as lower). MINMAX: linear. LOG: log(1 + x / m), m the median of the scores over 0, then linear. */
-pags_result pags_prune_normalise(pags_s_grad kind, const double *raw, int64_t count, float *out);
+ * count as lower). MINMAX: linear. LOG: log(1 + x / m), m the median of the scores over 0, then linear. The rows are
+ * those of all ranks of `transport`, in the order of their numbers; NULL, NULL: this rank's alone. */
+pags_result pags_prune_normalise(pags_transport *transport, const uint32_t *numbers, pags_s_grad kind,
+                                 const double *raw, int64_t count, float *out);
 
 /* Returns S_hybrid, in 0..1, of both scores, by a resolved configuration (pags_config_resolve). */
 double pags_prune_hybrid(const pags_train_config *config, double s_sem, double s_grad);
@@ -28,7 +30,9 @@ typedef struct pags_prune_request {
   int64_t target;       /* number of rows to keep */
   int64_t floor; /* rows that each group but 0 keeps at least; if floors took more than half of the target, they are
                     lowered to half */
-  uint64_t seed, draw; /* order rows of equal scores at random: neighbours in memory are neighbours in space */
+  uint64_t seed, draw;       /* order rows of equal scores at random: neighbours in memory are neighbours in space */
+  pags_transport *transport; /* the rows are those of several ranks; NULL: of this one */
+  const uint32_t *numbers;   /* per row: its place among the rows of all ranks; NULL: its index */
 } pags_prune_request;
 
 /* Chooses the rows to remove: drop[i] becomes 1 for those, 0 for the rest; `dropped` receives the number of rows to

@@ -8,6 +8,8 @@
 #include "train/driving_losses.h"
 #include "train/output.h"
 #include "train/photometric_loss.h"
+#include "train/shared_views.h"
+#include "train/sky_parts.h"
 #include "train/state.h"
 #include "train/view_render.h"
 
@@ -39,6 +41,12 @@ typedef struct pags_trainer {
   pags_photo_cache *cache;
   pags_view_render render;
   pags_step_rest rest;
+  int ranks;                      /* that draw photographs, this one included */
+  pags_sharing sharing;           /* of the models; zeroed with one rank */
+  pags_sky_parts sky_parts;       /* the sky's gradient of this rank's view */
+  pags_shared_views shared;       /* the other ranks; zeroed with one rank */
+  int64_t shared_nonfinite;       /* state.nonfinite.count at the begin of the step */
+  struct pags_step_view *round;   /* [ranks]: the views of a round */
   pags_lidar_planes lidar_planes; /* of the data set; empty without lidar_pull */
   int measuring;                  /* 1: a timing probe; gradients are computed but nothing is updated */
   struct {
@@ -52,8 +60,9 @@ typedef struct pags_step_view {
   int64_t view;   /* index of the data set's view */
   int level;
   pags_camera camera; /* the view's camera at the resolution level */
-  pags_photo photo;
+  pags_photo photo;   /* this and the picture: only at the rank that draws the view */
   pags_picture picture;
+  bool objects_drawn; /* the object opacity term was evaluated */
   pags_photometric_loss loss;
   pags_driving_losses terms;
 } pags_step_view;

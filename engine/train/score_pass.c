@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "cluster/shares.h"
 #include "threads/record.h"
 #include "train/views.h"
 
@@ -18,6 +19,14 @@ typedef struct score_pass {
   int64_t plane_floats;
   int labelled; /* 1: the current view has labels */
 } score_pass;
+
+/* Rows of all models at this rank. */
+static int64_t count_rows(const pags_train_state *s) {
+  int64_t count = 0;
+  for (int64_t i = 0; i < s->model_count; i++)
+    count += s->models[i].gaussians.count;
+  return count;
+}
 
 static int64_t *list_first_rows(const pags_train_state *s) {
   int64_t *first = malloc((size_t)s->model_count * sizeof *first), at = 0;
@@ -82,40 +91,112 @@ static int factor_of(const pags_trainer *t, const pags_camera *camera, int level
   return level < 4 && shorter / (2 * level) >= t->state.schedule.config.schedule.resolution_floor ? 2 : 1;
 }
 
-static pags_result add_view(score_pass *p, int64_t index, int rough) {
-  pags_trainer *t = p->trainer;
-  int level;
-  pags_photo photo;
-  pags_picture picture;
+/* The camera that the pass draws training view `index` with; *factor: how much its picture is smaller than the
+ * photograph. */
+static pags_camera camera_of(const pags_trainer *t, int64_t index, int rough, int *factor) {
+  const pags_camera *whole = &pags_dataset_view(t->dataset, t->views[index])->camera;
+  const int level = pags_views_level(t, index);
+  *factor = rough ? factor_of(t, whole, level) : 1;
+  return pags_camera_downscale(whole, level * *factor);
+}
+
+static pags_frame_options options_of(const pags_trainer *t) {
   pags_frame_options options = pags_view_render_options(t, t->state.step);
   options.keep_for_backward = 1;
+  return options;
+}
+
+/* Fills the mask planes from the photograph's mask and labels; of each block of `factor` x `factor` pixels, one is
+ * sampled. */
+static pags_result mask(score_pass *p, const pags_picture *picture, const pags_photo *photo, int factor,
+                        pags_score_planes *planes) {
+  PAGS_TRY(reserve_planes(p, picture));
+  pags_tasks_mark(p->trainer->tasks, NULL, "masks");
+  p->critical = p->counted + p->plane_floats;
+  p->labelled = photo->labels != NULL;
+  for (int y = 0; y < picture->height; y++) {
+    int64_t from = (int64_t)(y * factor + factor / 2) * photo->stride + factor / 2, to = (int64_t)y * picture->stride;
+    for (int x = 0; x < picture->width; x++, from += factor, to++) {
+      p->counted[to] = !photo->mask || photo->mask[from] ? 1.0f : 0.0f;
+      p->critical[to] = photo->labels && photo->labels[from] & PAGS_LABEL_CRITICAL ? 1.0f : 0.0f;
+    }
+  }
+  *planes = (pags_score_planes){.counted = p->counted,
+                                .critical = p->critical,
+                                .overlap = p->trainer->state.schedule.config.priority.s_sem == PAGS_S_SEM_OVERLAP};
+  return PAGS_OK;
+}
+
+static pags_result add_view(score_pass *p, int64_t index, int rough) {
+  pags_trainer *t = p->trainer;
+  int level, factor;
+  pags_photo photo;
+  pags_picture picture;
+  pags_score_planes planes;
+  const pags_frame_options options = options_of(t);
   pags_tasks_mark(t->tasks, NULL, "photograph");
   PAGS_TRY(pags_views_photo(t, index, &level, &photo));
   pags_tasks_mark(t->tasks, NULL, "compose");
-  const pags_camera *whole = &pags_dataset_view(t->dataset, t->views[index])->camera;
-  int factor = rough ? factor_of(t, whole, level) : 1;
-  pags_camera camera = pags_camera_downscale(whole, level * factor);
+  const pags_camera camera = camera_of(t, index, rough, &factor);
   pags_view_render_compose(t, t->views[index]);
   PAGS_TRY(pags_view_render_draw(t, t->state.step, &camera, &options, &picture));
-  PAGS_TRY(reserve_planes(p, &picture));
-  pags_tasks_mark(t->tasks, NULL, "masks");
-
-  /* Fill the mask planes from the photograph's mask and labels; of each block of `factor` x `factor` pixels, one is
-   * sampled. */
-  p->critical = p->counted + p->plane_floats;
-  p->labelled = photo.labels != NULL;
-  for (int y = 0; y < picture.height; y++) {
-    int64_t from = (int64_t)(y * factor + factor / 2) * photo.stride + factor / 2, to = (int64_t)y * picture.stride;
-    for (int x = 0; x < picture.width; x++, from += factor, to++) {
-      p->counted[to] = !photo.mask || photo.mask[from] ? 1.0f : 0.0f;
-      p->critical[to] = photo.labels && photo.labels[from] & PAGS_LABEL_CRITICAL ? 1.0f : 0.0f;
-    }
-  }
-
-  pags_score_planes planes = {.counted = p->counted,
-                              .critical = p->critical,
-                              .overlap = t->state.schedule.config.priority.s_sem == PAGS_S_SEM_OVERLAP};
+  PAGS_TRY(mask(p, &picture, &photo, factor, &planes));
   return pags_frame_scores(t->render.frame, &planes, add_cluster, p);
+}
+
+/* ---- Views shared out to ranks ---- */
+
+static pags_result project(score_pass *p, const int64_t *indices, int count, int rough) {
+  pags_trainer *t = p->trainer;
+  pags_render_context context = {t, t->state.step, 0};
+  const pags_frame_options options = options_of(t);
+  for (int i = 0; i < count; i++) {
+    int factor;
+    const pags_camera camera = camera_of(t, indices[i], rough, &factor);
+    pags_view_render_compose(t, t->views[indices[i]]);
+    PAGS_TRY(pags_view_render_prepare(t, t->state.step));
+    PAGS_TRY(pags_shared_views_project(&t->shared, i, t->render.parts, t->render.part_count, &camera, &options,
+                                       pags_view_render_touch, &context));
+  }
+  return PAGS_OK;
+}
+
+static pags_result draw(score_pass *p, int64_t index, int rough) {
+  pags_trainer *t = p->trainer;
+  int factor;
+  pags_photo photo;
+  pags_picture picture;
+  pags_score_planes planes;
+  const pags_frame_options options = options_of(t);
+  PAGS_TRY(pags_photo_cache_get(t->cache, t->views[index], pags_views_level(t, index), &photo));
+  const pags_camera camera = camera_of(t, index, rough, &factor);
+  PAGS_TRY(pags_shared_views_draw(&t->shared, t->render.frame, false, t->state.models[0].gaussians.alpha_min, &camera,
+                                  &options, &picture));
+  PAGS_TRY(mask(p, &picture, &photo, factor, &planes));
+  return pags_shared_views_scores(&t->shared, t->render.frame, &planes);
+}
+
+/* Looks at `count` views, one a rank. */
+static pags_result add_round(score_pass *p, const int64_t *indices, int count, int rough) {
+  pags_trainer *t = p->trainer;
+  pags_shared_views *const shared = &t->shared;
+  uint8_t own = 0, labelled[PAGS_RANKS_MOST];
+  pags_shared_views_begin(shared, count);
+  PAGS_TRY(pags_shared_views_send(shared, project(p, indices, count, rough)));
+  pags_result mine = PAGS_OK;
+  if (pags_shared_views_draws(shared)) {
+    mine = draw(p, indices[shared->rank], rough);
+    own = (uint8_t)p->labelled;
+  }
+  PAGS_TRY(pags_transport_agree(shared->transport, mine));
+  PAGS_TRY(pags_share_all(shared->transport, &own, sizeof own, labelled));
+  PAGS_TRY(pags_shared_views_return_scores(shared));
+  for (int i = 0; mine == PAGS_OK && i < count; i++) {
+    pags_view_render_compose(t, t->views[indices[i]]);
+    p->labelled = labelled[i];
+    mine = pags_shared_views_receive_scores(shared, i, add_cluster, p);
+  }
+  return pags_transport_agree(shared->transport, mine);
 }
 
 /* Returns whether a rough pass looks at view `index`: at half of the views where there are many, by a sequence that
@@ -127,16 +208,24 @@ static bool is_looked_at(int64_t index, int64_t views, int rough) {
 }
 
 static pags_result add_views(score_pass *p, int rough) {
-  for (int64_t i = 0; i < p->trainer->view_count; i++)
-    if (is_looked_at(i, p->trainer->view_count, rough))
-      PAGS_TRY(add_view(p, i, rough));
+  pags_trainer *const t = p->trainer;
+  int64_t indices[PAGS_RANKS_MOST];
+  int count = 0;
+  for (int64_t i = 0; i < t->view_count; i++) {
+    if (is_looked_at(i, t->view_count, rough))
+      indices[count++] = i;
+    if (count == 0 || (count < t->ranks && i + 1 < t->view_count))
+      continue;
+    PAGS_TRY(t->ranks > 1 ? add_round(p, indices, count, rough) : add_view(p, indices[0], rough));
+    count = 0;
+  }
   return PAGS_OK;
 }
 
 pags_result pags_score_pass_measure(pags_trainer *t, int rough, pags_score_pass *out) {
   score_pass p = {.trainer = t, .scores = out, .first = list_first_rows(&t->state)};
   *out = (pags_score_pass){0};
-  pags_result result = p.first ? create(out, pags_state_gaussian_count(&t->state))
+  pags_result result = p.first ? create(out, count_rows(&t->state))
                                : pags_out_of_memory("the scores of %lld models", (long long)t->state.model_count);
   if (result == PAGS_OK)
     result = add_views(&p, rough);

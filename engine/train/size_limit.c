@@ -60,7 +60,7 @@ static int64_t bytes_used(const pags_train_state *s, int *most) {
   *most = 1;
   for (int64_t i = 0; i < s->model_count; i++) {
     int row = pags_size_limit_row(s, i);
-    used += row * s->models[i].gaussians.count;
+    used += row * s->models[i].total;
     *most = row > *most ? row : *most;
   }
   return used;
@@ -87,7 +87,7 @@ static pags_result keep_evenly(pags_train_model *m, int64_t kept, pags_tasks *ta
     source[i] = i * count / kept;
   pags_result result = pags_model_gather(m, source, kept, kept, tasks);
   free(source);
-  return result == PAGS_OK ? pags_model_sort(m, tasks) : result;
+  return result == PAGS_OK ? pags_model_sort(m, NULL, tasks) : result;
 }
 
 pags_result pags_size_limit_start(const pags_dataset *dataset, pags_train_state *s, pags_tasks *tasks) {

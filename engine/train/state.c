@@ -38,7 +38,7 @@ pags_result pags_state_add_model(pags_train_state *state, int64_t object, double
 int64_t pags_state_gaussian_count(const pags_train_state *state) {
   int64_t count = 0;
   for (int64_t i = 0; i < state->model_count; i++)
-    count += state->models[i].gaussians.count;
+    count += state->models[i].total;
   return count;
 }
 

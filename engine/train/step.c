@@ -25,6 +25,7 @@
 #include "train/dropout.h"
 #include "train/mcmc.h"
 #include "train/score_pass.h"
+#include "train/shared_step.h"
 
 enum { LARGEST_CLUSTER = 256, MOST_SAMPLES = 16384, ROW_PLANES = PAGS_MAX_PLANES + PAGS_FOURIER_PLANES };
 /* The object opacity term is evaluated for one of so many photographs: its picture changes slowly, and it costs a tenth
@@ -110,8 +111,9 @@ static void hold(void *user, const pags_cluster_gradient *g, int worker) {
   for (int i = 0; any_bad(g) && i < g->count; i++)
     if (g->bad[i])
       pags_nonfinite_note(&c->trainer->state.nonfinite, 1,
-                          &(pags_nonfinite_row){c->step, c->trainer->state.models[model].object, g->first + i,
-                                                g->bad[i] - 1, PAGS_NONFINITE_GRADIENT});
+                          &(pags_nonfinite_row){c->step, c->trainer->state.models[model].object,
+                                                c->trainer->state.models[model].first_row + g->first + i, g->bad[i] - 1,
+                                                PAGS_NONFINITE_GRADIENT});
   pags_gradient_store_add(&p->models[model].held, g->cluster, p->photograph, g->data, g->planes * g->stride);
 }
 
@@ -133,6 +135,7 @@ static void update(pags_trainer *t, pags_train_model *m, int64_t cluster, const 
   pags_nonfinite_row first = {0};
   int left_out = pags_adam_update(&m->adam, &m->gaussians, &m->clusters, cluster, data, stride, planes, &first);
   first.object = m->object;
+  first.row += m->first_row;
   if (left_out)
     pags_nonfinite_note(&t->state.nonfinite, left_out, &first);
 }
@@ -196,6 +199,23 @@ static pags_result load_depth(pags_trainer *t, int64_t view) {
                                   &t->render.depth[view].samples);
 }
 
+/* Whether other ranks draw, too. */
+static bool shares(const pags_trainer *t) {
+  return t->shared.ranks > 1;
+}
+
+static float alpha_min(const pags_trainer *t) {
+  return t->state.models[0].gaussians.alpha_min;
+}
+
+/* Makes room for the gradients of the object opacity term. */
+static pags_result reserve_held(pags_trainer *t) {
+  pags_view_render *const p = &t->render;
+  for (int i = 1; i < p->part_count; i++)
+    PAGS_TRY(reserve_store(&t->state.models[p->drawn[i].model], &p->models[p->drawn[i].model].held));
+  return PAGS_OK;
+}
+
 /* Evaluates the opacity term of the moving objects on a picture of them alone. Its gradients are kept until those of
  * the whole picture arrive. They are weighted by OBJECTS_EVERY, to stand for the steps without this term, too. */
 static pags_result object_term(pags_trainer *t, int64_t step, pags_step_view *v) {
@@ -205,10 +225,13 @@ static pags_result object_term(pags_trainer *t, int64_t step, pags_step_view *v)
   pags_picture picture;
   options.sky = NULL;
   options.keep_for_backward = 1;
-  for (int i = 1; i < p->part_count; i++)
-    PAGS_TRY(reserve_store(&t->state.models[p->drawn[i].model], &p->models[p->drawn[i].model].held));
-  PAGS_TRY(pags_frame_render(p->object_frame, p->parts + 1, p->part_count - 1, &v->camera, &options,
-                             pags_view_render_touch, &context, &picture));
+  PAGS_TRY(reserve_held(t));
+  v->objects_drawn = true;
+  if (shares(t))
+    PAGS_TRY(pags_shared_views_draw(&t->shared, p->object_frame, true, alpha_min(t), &v->camera, &options, &picture));
+  else
+    PAGS_TRY(pags_frame_render(p->object_frame, p->parts + 1, p->part_count - 1, &v->camera, &options,
+                               pags_view_render_touch, &context, &picture));
   pags_tasks_mark(t->tasks, NULL, "loss");
   float *by_t = p->plane[GRADIENT_T];
   memset(by_t, 0, (size_t)p->plane_floats * sizeof(float));
@@ -217,7 +240,8 @@ static pags_result object_term(pags_trainer *t, int64_t step, pags_step_view *v)
                                      &v->terms.objects));
   v->terms.objects /= OBJECTS_EVERY;
   pags_picture_gradient gradient = {.rgb = {p->plane[ZEROS], p->plane[ZEROS], p->plane[ZEROS]}, .transmittance = by_t};
-  return pags_frame_backward(p->object_frame, &gradient, hold, &context, NULL);
+  return shares(t) ? pags_shared_views_sums(&t->shared, p->object_frame, true, &gradient)
+                   : pags_frame_backward(p->object_frame, &gradient, hold, &context, NULL);
 }
 
 /* What the loss needs before it begins, over the pixels of a picture's planes. */
@@ -313,7 +337,8 @@ static void keep_rest(pags_trainer *t, const pags_step_view *v) {
     const int64_t model = t->render.drawn[i].model;
     const pags_train_model *m = &t->state.models[model];
     double sum[6] = {0.0};
-    if (m->object < 0 || t->render.drawn[i].knot < 0)
+    const bool own = m->gaussians.count > 0 || (m->total == 0 && t->shared.rank == 0);
+    if (m->object < 0 || t->render.drawn[i].knot < 0 || !own)
       continue;
     for (int64_t c = 0; c < m->clusters.count; c++)
       for (int k = 0; k < 6; k++)
@@ -324,49 +349,143 @@ static void keep_rest(pags_trainer *t, const pags_step_view *v) {
   }
 }
 
-pags_result pags_train_view(pags_trainer *t, int64_t step, pags_step_view *v) {
-  const pags_train_config *config = &t->state.schedule.config;
-  double clock = pags_clock_ms();
-  pags_render_context context = {t, step, 0};
-  pags_frame_options options = pags_view_render_options(t, step);
-  pags_picture_gradient gradient;
-  t->render.photograph = v->number;
-  PAGS_TRY(reserve_rest(t));
-  pags_tasks_mark(t->tasks, NULL, "photograph");
+/* Reads what drawing the view takes: its photograph and its LiDAR depth samples. */
+static pags_result read_view(pags_trainer *t, pags_step_view *v) {
   PAGS_TRY(pags_photo_cache_get(t->cache, v->view, v->level, &v->photo));
-  if (config->losses.depth_weight > 0.0)
-    PAGS_TRY(load_depth(t, v->view));
-  t->ms.wait += pags_clock_lap_ms(&clock);
-  pags_tasks_mark(t->tasks, NULL, "compose");
-  v->camera = pags_camera_downscale(&pags_dataset_view(t->dataset, v->view)->camera, v->level);
+  return t->state.schedule.config.losses.depth_weight > 0.0 ? load_depth(t, v->view) : PAGS_OK;
+}
+
+static pags_frame_options options_of(const pags_trainer *t, int64_t step, const pags_step_view *v) {
+  pags_frame_options options = pags_view_render_options(t, step);
   options.keep_for_backward = 1;
-  options.absolute_gradient = config->density.absgrad;
+  options.absolute_gradient = t->state.schedule.config.density.absgrad;
   options.depth_sum = t->render.depth[v->view].count > 0;
+  return options;
+}
+
+/* Composes the view's parts and makes room for what a step keeps of them. */
+static pags_result compose(pags_trainer *t, pags_step_view *v) {
+  t->render.photograph = v->number;
+  v->camera = pags_camera_downscale(&pags_dataset_view(t->dataset, v->view)->camera, v->level);
   pags_view_render_compose(t, v->view);
   for (int i = 0; t->state.schedule.batch > 1 && i < t->render.part_count; i++)
     PAGS_TRY(
         reserve_store(&t->state.models[t->render.drawn[i].model], &t->render.models[t->render.drawn[i].model].sum));
-  PAGS_TRY(pags_view_render_reserve_factors(t));
+  return pags_view_render_reserve_factors(t);
+}
+
+/* Sets the pose gradients of the drawn objects to zero. */
+static void clear_poses(pags_trainer *t) {
+  for (int i = 0; i < t->render.part_count; i++) {
+    const int64_t model = t->render.drawn[i].model, clusters = t->state.models[model].clusters.count;
+    if (t->state.models[model].object >= 0 && clusters > 0)
+      memset(t->render.models[model].pose, 0, (size_t)clusters * sizeof *t->render.models[model].pose);
+  }
+}
+
+pags_result pags_train_view(pags_trainer *t, int64_t step, pags_step_view *v) {
+  const pags_train_config *config = &t->state.schedule.config;
+  double clock = pags_clock_ms();
+  pags_render_context context = {t, step, 0};
+  pags_picture_gradient gradient;
+  PAGS_TRY(reserve_rest(t));
+  pags_tasks_mark(t->tasks, NULL, "photograph");
+  PAGS_TRY(read_view(t, v));
+  t->ms.wait += pags_clock_lap_ms(&clock);
+  pags_tasks_mark(t->tasks, NULL, "compose");
+  PAGS_TRY(compose(t, v));
+  const pags_frame_options options = options_of(t, step, v);
   PAGS_TRY(pags_view_render_draw(t, step, &v->camera, &options, &v->picture));
   t->ms.forward += pags_clock_lap_ms(&clock);
   PAGS_TRY(reserve_planes(t, &v->picture));
   pags_tasks_mark(t->tasks, NULL, "loss");
   PAGS_TRY(losses(t, step, v, &gradient));
   t->ms.loss += pags_clock_lap_ms(&clock);
-
-  /* Set the pose gradients of the drawn objects to zero. */
-  for (int i = 0; i < t->render.part_count; i++) {
-    int64_t model = t->render.drawn[i].model;
-    if (t->state.models[model].object >= 0)
-      memset(t->render.models[model].pose, 0,
-             (size_t)t->state.models[model].clusters.count * sizeof *t->render.models[model].pose);
-  }
-
+  clear_poses(t);
   PAGS_TRY(pags_frame_backward(t->render.frame, &gradient, receive, &context, NULL));
   if (!t->measuring && config->priority.prunes > 0 && config->priority.s_grad_from == PAGS_S_GRAD_FROM_TRAINING)
     PAGS_TRY(pags_score_pass_add_training(t, &gradient, t->render.plane[ONES], t->render.plane[ZEROS]));
   if (!t->measuring)
     keep_rest(t, v);
+  t->ms.backward += pags_clock_lap_ms(&clock);
+  return PAGS_OK;
+}
+
+/* ---- Several photographs at a time, one a rank ---- */
+
+/* Projects this rank's Gaussians for each view of the round. */
+static pags_result project_views(pags_trainer *t, int64_t step, pags_step_view *views, int count) {
+  pags_render_context context = {t, step, 0};
+  PAGS_TRY(reserve_rest(t));
+  for (int i = 0; i < count; i++) {
+    PAGS_TRY(compose(t, views + i));
+    PAGS_TRY(pags_view_render_prepare(t, step));
+    pags_frame_options options = pags_view_render_options(t, step);
+    options.keep_for_backward = 1;
+    PAGS_TRY(pags_shared_views_project(&t->shared, i, t->render.parts, t->render.part_count, &views[i].camera, &options,
+                                       pags_view_render_touch, &context));
+  }
+  return PAGS_OK;
+}
+
+/* Draws this rank's view, evaluates the losses and sums up what each splat gets; `sky` keeps the sky's gradient. */
+static pags_result draw_own(pags_trainer *t, int64_t step, pags_step_view *v, pags_sky_parts *sky) {
+  pags_picture_gradient gradient;
+  double clock = pags_clock_ms();
+  pags_tasks_mark(t->tasks, NULL, "photograph");
+  PAGS_TRY(read_view(t, v));
+  t->ms.wait += pags_clock_lap_ms(&clock);
+  PAGS_TRY(compose(t, v));
+  const pags_frame_options options = options_of(t, step, v);
+  PAGS_TRY(pags_shared_views_draw(&t->shared, t->render.frame, false, alpha_min(t), &v->camera, &options, &v->picture));
+  t->ms.forward += pags_clock_lap_ms(&clock);
+  PAGS_TRY(reserve_planes(t, &v->picture));
+  PAGS_TRY(losses(t, step, v, &gradient));
+  t->ms.loss += pags_clock_lap_ms(&clock);
+  PAGS_TRY(pags_sky_parts_catch(sky, &t->state.sky, &gradient));
+  return pags_shared_views_sums(&t->shared, t->render.frame, false, &gradient);
+}
+
+/* Takes each view's sums back to the parameters of this rank's Gaussians, in the order of the views. */
+static pags_result go_back(pags_trainer *t, int64_t step, pags_step_view *views, int count, const uint8_t *objects) {
+  pags_render_context context = {t, step, 0};
+  for (int i = 0; i < count; i++) {
+    PAGS_TRY(compose(t, views + i));
+    clear_poses(t);
+    if (objects[i]) {
+      PAGS_TRY(reserve_held(t));
+      PAGS_TRY(pags_shared_views_backward(&t->shared, i, true, objects, hold, &context));
+    }
+    PAGS_TRY(pags_shared_views_backward(&t->shared, i, false, NULL, receive, &context));
+    keep_rest(t, views + i);
+  }
+  return PAGS_OK;
+}
+
+pags_result pags_train_round(pags_trainer *t, int64_t step, pags_step_view *views, int count) {
+  if (!shares(t))
+    return pags_train_view(t, step, views);
+  pags_shared_views *const shared = &t->shared;
+  uint8_t objects[PAGS_RANKS_MOST];
+  double clock = pags_clock_ms();
+  pags_shared_views_begin(shared, count);
+  PAGS_TRY(pags_shared_views_send(shared, project_views(t, step, views, count)));
+  t->ms.forward += pags_clock_lap_ms(&clock);
+  pags_result mine = PAGS_OK;
+  pags_sky_parts_begin(&t->sky_parts);
+  if (pags_shared_views_draws(shared))
+    mine = draw_own(t, step, views + shared->rank, &t->sky_parts);
+  PAGS_TRY(pags_transport_agree(shared->transport, mine));
+  clock = pags_clock_ms();
+  PAGS_TRY(pags_shared_step_results(t, views, count));
+  int any = 0;
+  for (int i = 0; i < count; i++)
+    any |= objects[i] = views[i].objects_drawn;
+  if (any)
+    PAGS_TRY(pags_shared_views_return_sums(shared, true, objects));
+  PAGS_TRY(pags_shared_views_return_sums(shared, false, NULL));
+  PAGS_TRY(pags_sky_parts_add(&t->sky_parts, shared->transport, &t->state.sky, &t->state.schedule, step));
+  PAGS_TRY(pags_transport_agree(shared->transport, go_back(t, step, views, count, objects)));
   t->ms.backward += pags_clock_lap_ms(&clock);
   return PAGS_OK;
 }
@@ -418,6 +537,8 @@ pags_result pags_train_finish(pags_trainer *t, int64_t step) {
     if (t->render.models[i].sum.rows && !pags_parallel_for(t->tasks, t->state.models[i].clusters.count, FINISH_GRAIN,
                                                            finish_blocks, &(finish_job){t, i, step}))
       return pags_fail(PAGS_CANCELLED, "cancelled");
+  if (shares(t))
+    PAGS_TRY(pags_shared_step_rest(t));
   if (s->batch > 1 && t->state.sky.sky.size > 0 && !t->state.sky.fixed)
     PAGS_TRY(pags_sky_fit_finish(&t->state.sky, s, step, t->tasks));
   for (int64_t i = 0; s->config.objects.tracks && step > s->tracks_from && i < r->pose_count; i++)

@@ -10,6 +10,9 @@
  * goes backward. Fills the rest of `v`; adds the times of its phases to trainer->ms. */
 pags_result pags_train_view(pags_trainer *trainer, int64_t step, pags_step_view *v);
 
+/* The same of a round of `count` views, at most one for each rank, with one rank the view itself. */
+pags_result pags_train_round(pags_trainer *trainer, int64_t step, pags_step_view *views, int count);
+
 /* Ends the step after its last view: updates what waits for all of them. */
 pags_result pags_train_finish(pags_trainer *trainer, int64_t step);
 

@@ -24,6 +24,7 @@
 #include "train/open_run.h"
 #include "train/score_pass.h"
 #include "train/sh_trim.h"
+#include "train/share_run.h"
 #include "train/size_limit.h"
 #include "train/step.h"
 #include "train/views.h"
@@ -63,23 +64,39 @@ static void decide_half_size(pags_trainer *t) {
                    ratio, 100 * fraction);
 }
 
+/* Does a round of the step's photographs, from its photograph number `first` on: one for each rank, as far as there are
+ * any. `last` receives the last of its views. */
+static pags_result do_round(pags_trainer *t, int64_t step, int64_t first, pags_step_view *last) {
+  pags_train_state *s = &t->state;
+  const int64_t left = s->schedule.batch - first;
+  const int count = left < t->ranks ? (int)left : t->ranks;
+  for (int i = 0; i < count; i++) {
+    const int64_t number = s->step * s->schedule.batch + first + i + 1;
+    int level;
+    const int64_t view = pags_views_next(t, number, &level);
+    t->round[i] = (pags_step_view){.number = number, .view = view, .level = level};
+  }
+  PAGS_TRY(pags_train_round(t, step, t->round, count));
+
+  /* Running means: exponential, over about one pass. */
+  for (int i = 0; i < count; i++) {
+    const pags_step_view *const v = t->round + i;
+    const double weight = 1.0 / (double)(v->number < t->view_count ? v->number : t->view_count);
+    s->loss += weight * (v->loss.loss - s->loss);
+    s->mse += weight * (v->loss.mse - s->mse);
+  }
+  *last = t->round[count - 1];
+  return PAGS_OK;
+}
+
 /* Does one step; `v` receives the last of its views. */
 static pags_result do_step(pags_trainer *t, pags_step_view *v) {
   int64_t step = t->state.step + 1;
   pags_tasks_mark(t->tasks, "step", "photograph");
   pags_train_state *s = &t->state;
-  for (int64_t k = 0; k < s->schedule.batch; k++) {
-    const int64_t number = s->step * s->schedule.batch + k + 1;
-    int level;
-    const int64_t view = pags_views_next(t, number, &level);
-    *v = (pags_step_view){.number = number, .view = view, .level = level};
-    PAGS_TRY(pags_train_view(t, step, v));
-
-    /* Running means: exponential, over about one pass. */
-    const double weight = 1.0 / (double)(number < t->view_count ? number : t->view_count);
-    s->loss += weight * (v->loss.loss - s->loss);
-    s->mse += weight * (v->loss.mse - s->mse);
-  }
+  t->shared_nonfinite = s->nonfinite.count;
+  for (int64_t first = 0; first < s->schedule.batch; first += t->ranks)
+    PAGS_TRY(do_round(t, step, first, v));
   PAGS_TRY(pags_train_finish(t, step));
   pags_tasks_mark(t->tasks, NULL, "end");
   double clock = pags_clock_ms();
@@ -175,9 +192,9 @@ static pags_result write_step(pags_trainer *t, const pags_step_view *v) {
                                                            .step_psnr = psnr_of(v->loss.mse),
                                                            .terms = v->terms,
                                                            .bad_rows = s->nonfinite.count}));
-  if (o->preview_every > 0 && s->step % o->preview_every == 0)
+  if (o->preview_every > 0 && s->step % o->preview_every == 0 && t->ranks == 1)
     PAGS_TRY(pags_output_preview(&t->output, s->step, &v->picture, &v->photo));
-  if (o->checkpoint_every > 0 && s->step % o->checkpoint_every == 0 && s->step < s->stop) {
+  if (o->checkpoint_every > 0 && s->step % o->checkpoint_every == 0 && s->step < s->stop && t->ranks == 1) {
     pags_tasks_mark(t->tasks, "checkpoint", "write");
     PAGS_TRY(pags_checkpoint_save(t->output.checkpoint, s, t->fingerprint));
   }
@@ -220,10 +237,12 @@ static pags_result loop(pags_trainer *t, run_clock *clock, int *stopped) {
       *stopped = s->step >= ESTIMATE_STEPS;
       continue;
     }
-    PAGS_TRY(write_step(t, &v));
+    if (t->shared.rank == 0)
+      PAGS_TRY(write_step(t, &v));
     if (limit > 0.0 && !s->clocked && s->step >= ESTIMATE_STEPS)
       PAGS_TRY(fit_to_clock(t, clock));
     *stopped = !call_host(t, clock, v.level) || (limit > 0.0 && pags_clock_ms() - clock->begin > 1e3 * limit);
+    PAGS_TRY(pags_share_run_stops(t, stopped));
   }
   return PAGS_OK;
 }
@@ -313,7 +332,9 @@ static pags_result run(pags_trainer *t, double begin, pags_train_result *r) {
     r->estimated_bytes = estimate.bytes;
     return PAGS_OK;
   }
-  return write_end(t, r, &clock);
+  const bool writes = t->shared.rank == 0;
+  PAGS_TRY(pags_share_run_end(t));
+  return writes ? write_end(t, r, &clock) : PAGS_OK;
 }
 
 /* ---- Opening and closing ---- */
@@ -326,22 +347,33 @@ pags_train_options pags_train_options_default(void) {
                               .bad_rows_most = 1000};
 }
 
+/* All ranks look at the folder before rank 0, which alone writes there, opens it. */
+static pags_result find_output(pags_trainer *t, int *found) {
+  pags_transport *const transport = t->options->transport;
+  PAGS_TRY(pags_transport_agree(transport, pags_output_find(&t->output, t->options, found)));
+  if (pags_transport_rank(transport) > 0)
+    t->output.made = 0;
+  return PAGS_OK;
+}
+
 static pags_result open_run(pags_trainer *t, const pags_train_config *asked, pags_train_result *result) {
   const pags_train_options *o = t->options;
   int found = 0;
   PAGS_TRY(pags_train_config_check(asked));
   if (!o->estimate)
-    PAGS_TRY(pags_output_find(&t->output, o, &found));
+    PAGS_TRY(find_output(t, &found));
   PAGS_TRY(pags_views_list(t));
   const pags_train_config config = pags_config_resolve(asked, pags_dataset_fps(t->dataset) > 0.0);
   PAGS_TRY(pags_train_config_check(&config)); /* chosen values can contradict those that were set */
+  PAGS_TRY(pags_share_run_check(&config, o));
   PAGS_TRY(pags_photo_cache_create(t->dataset, t->tasks, o->image_cache, &t->cache));
   PAGS_TRY(found ? pags_trainer_resume(t, &config) : pags_trainer_start(t, &config));
   PAGS_TRY(pags_view_render_create(t));
+  PAGS_TRY(pags_share_run_begin(t));
   if (config.density.lidar_pull > 0.0)
     PAGS_TRY(pags_lidar_planes_create(t->dataset, t->tasks, &t->lidar_planes));
   result->resumed = found;
-  return o->estimate ? PAGS_OK : pags_output_open(&t->output, found, t->state.step);
+  return o->estimate || t->shared.rank > 0 ? PAGS_OK : pags_output_open(&t->output, found, t->state.step);
 }
 
 pags_result pags_train(const pags_train_config *config, const pags_train_options *options, pags_train_result *result) {
@@ -354,6 +386,7 @@ pags_result pags_train(const pags_train_config *config, const pags_train_options
   t->options = options;
   t->dataset = options->dataset;
   t->tasks = options->tasks;
+  t->ranks = pags_transport_ranks(options->transport);
   pags_result code = open_run(t, config, result);
   if (code == PAGS_OK)
     code = run(t, begin, result);
@@ -363,6 +396,7 @@ pags_result pags_train(const pags_train_config *config, const pags_train_options
   pags_output_close(&t->output, failed);
   pags_photo_cache_destroy(t->cache);
   pags_view_render_destroy(t);
+  pags_share_run_destroy(t);
   pags_state_destroy(&t->state);
   pags_lidar_planes_destroy(&t->lidar_planes);
   free(t->rest.photographs);

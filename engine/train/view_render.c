@@ -72,7 +72,8 @@ static void add_part(pags_trainer *t, int64_t model, int32_t first_id, int64_t k
   pags_view_render *p = &t->render;
   const pags_train_model *m = &t->state.models[model];
   pags_part *part = &p->parts[p->part_count];
-  *part = (pags_part){.gaussians = &m->gaussians, .clusters = &m->clusters, .first_id = first_id};
+  *part =
+      (pags_part){.gaussians = &m->gaussians, .clusters = &m->clusters, .first_id = first_id + (int32_t)m->first_row};
   memcpy(part->world_from_model, world_from_model, sizeof part->world_from_model);
   p->drawn[p->part_count].model = model;
   p->drawn[p->part_count++].knot = knot;
@@ -98,7 +99,7 @@ void pags_view_render_compose(pags_trainer *t, int64_t view) {
         add_part(t, i, first_id, pags_track_poses_knot(object, v->frame), pose);
       }
     }
-    first_id += (int32_t)m->gaussians.count;
+    first_id += (int32_t)m->total;
   }
 }
 
@@ -128,6 +129,7 @@ static void rows_of(const pags_train_model *m, int64_t cluster, int64_t *first, 
 static void drop(const pags_render_context *c, int64_t model, int64_t cluster) {
   const pags_train_model *m = &c->trainer->state.models[model];
   pags_dropout dropout = pags_dropout_at(&c->trainer->state.schedule, c->trainer->render.photograph, m->object);
+  dropout.first_row = m->first_row;
   int64_t first, last;
   rows_of(m, cluster, &first, &last);
   pags_dropout_draw(&dropout, m->gaussians.s_sem, first, last - first, c->trainer->render.models[model].factor);
@@ -148,9 +150,7 @@ void pags_view_render_touch(void *user, int part, int64_t cluster, int worker) {
     drop(c, model, cluster);
 }
 
-pags_result pags_view_render_draw(pags_trainer *t, int64_t step, const pags_camera *camera,
-                                  const pags_frame_options *options, pags_picture *picture) {
-  pags_render_context context = {t, step, 0};
+pags_result pags_view_render_prepare(pags_trainer *t, int64_t step) {
   for (int i = 0; i < t->render.part_count; i++) {
     int64_t model = t->render.drawn[i].model;
 
@@ -177,6 +177,13 @@ pags_result pags_view_render_draw(pags_trainer *t, int64_t step, const pags_came
     t->render.parts[i].dc = t->state.models[model].gaussians.fourier ? t->render.models[model].dc : NULL;
     pags_adam_begin(&t->state.models[model].adam, step);
   }
+  return PAGS_OK;
+}
+
+pags_result pags_view_render_draw(pags_trainer *t, int64_t step, const pags_camera *camera,
+                                  const pags_frame_options *options, pags_picture *picture) {
+  pags_render_context context = {t, step, 0};
+  PAGS_TRY(pags_view_render_prepare(t, step));
   return pags_frame_render(t->render.frame, t->render.parts, t->render.part_count, camera, options,
                            pags_view_render_touch, &context, picture);
 }

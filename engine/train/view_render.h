@@ -69,6 +69,8 @@ pags_result pags_view_render_reserve_factors(struct pags_trainer *trainer);
 /* Callback of the frame before it reads a cluster: applies pending Adam steps, evaluates the colour at the view's
  * time, draws dropout. `user` is a pags_render_context. */
 void pags_view_render_touch(void *user, int part, int64_t cluster, int worker);
+/* Makes room for what drawing the composed parts needs of their models, and begins their Adam steps. */
+pags_result pags_view_render_prepare(struct pags_trainer *trainer, int64_t step);
 /* Renders the composed parts; applies the pending Adam steps of the clusters in view. */
 pags_result pags_view_render_draw(struct pags_trainer *trainer, int64_t step, const pags_camera *camera,
                                   const pags_frame_options *options, pags_picture *picture);

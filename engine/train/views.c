@@ -94,12 +94,18 @@ static void announce(pags_trainer *t, int64_t photograph, int level) {
   int64_t last = known < t->state.stop * batch ? known : t->state.stop * batch;
   int count = 0;
   for (int64_t k = photograph; k <= last && count < PAGS_TRAIN_AHEAD; k++) {
+    if ((k - 1) % batch % t->ranks != t->shared.rank) /* another rank draws it */
+      continue;
     int64_t view = view_of(t, k);
     if (level_of(t, pags_schedule_steps(&t->state.schedule, k), view) != level)
       break;
     ahead[count++] = view;
   }
   pags_photo_cache_prefetch(t->cache, ahead, count, level);
+}
+
+int pags_views_level(const pags_trainer *t, int64_t index) {
+  return level_of(t, t->state.step, t->views[index]);
 }
 
 pags_result pags_views_photo(pags_trainer *t, int64_t index, int *level, pags_photo *photo) {

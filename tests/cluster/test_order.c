@@ -88,7 +88,7 @@ static const char *check_find(pags_transport *t, const job *j) {
   return "";
 }
 
-static const char *check_moves(pags_transport *t, const job *j, const pags_order *order) {
+static const char *check_moves(pags_transport *t, const job *j, const pags_spread_order *order) {
   uint32_t placed[MOST_ITEMS], back[MOST_ITEMS], own[MOST_ITEMS];
   const int64_t first = j->own[pags_transport_rank(t)];
   memcpy(own, j->values + first, (size_t)order->own * sizeof *own);
@@ -113,7 +113,7 @@ static const char *check_order(pags_transport *t, void *user) {
   const job *const j = user;
   const int rank = pags_transport_rank(t);
   const int64_t own = j->own[rank + 1] - j->own[rank];
-  pags_order order;
+  pags_spread_order order;
   if (pags_order_create(t, j->keys + j->own[rank], own, j->cuts, &order) != PAGS_OK)
     return pags_error_message();
   const char *fault =

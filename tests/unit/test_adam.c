@@ -136,7 +136,7 @@ static void edit(run *r) {
     source[kept + i] = source[5 * i];
   assert_int_equal(pags_model_gather(s, source, kept + 17, kept, r->tasks), PAGS_OK);
   assert_int_equal(pags_gaussians_morton_order(&s->gaussians, order), PAGS_OK);
-  assert_int_equal(pags_model_sort(s, r->tasks), PAGS_OK);
+  assert_int_equal(pags_model_sort(s, NULL, r->tasks), PAGS_OK);
   if (!r->dense.planes)
     return;
   double copies[17 * PLANES];

@@ -165,19 +165,19 @@ static void scores_come_into_0_to_1(void **unused) {
   (void)unused;
   const double raw[6] = {0, 4, 0, 1e6, 4, 1};
   float out[6];
-  assert_int_equal(pags_prune_normalise(PAGS_S_GRAD_RANK, raw, 6, out), PAGS_OK);
+  assert_int_equal(pags_prune_normalise(NULL, NULL, PAGS_S_GRAD_RANK, raw, 6, out), PAGS_OK);
   const float ranks[6] = {0, 0.6f, 0, 1, 0.6f, 0.4f};
   for (int i = 0; i < 6; i++)
     assert_true(fabsf(out[i] - ranks[i]) < 1e-6f);
-  assert_int_equal(pags_prune_normalise(PAGS_S_GRAD_MINMAX, raw, 6, out), PAGS_OK);
+  assert_int_equal(pags_prune_normalise(NULL, NULL, PAGS_S_GRAD_MINMAX, raw, 6, out), PAGS_OK);
   assert_true(out[0] == 0 && fabsf(out[1] - 4e-6f) < 1e-9f && out[3] == 1);
-  assert_int_equal(pags_prune_normalise(PAGS_S_GRAD_LOG, raw, 6, out), PAGS_OK);
+  assert_int_equal(pags_prune_normalise(NULL, NULL, PAGS_S_GRAD_LOG, raw, 6, out), PAGS_OK);
   assert_true(out[0] == 0 && out[3] == 1 && fabs((double)out[1] - log(2) / log1p(250000)) < 1e-6);
   const double odd[2] = {(double)NAN, -1}; /* values that aren't valid count as 0 */
   for (int kind = PAGS_S_GRAD_RANK; kind <= PAGS_S_GRAD_LOG; kind++) {
-    assert_int_equal(pags_prune_normalise((pags_s_grad)kind, odd, 2, out), PAGS_OK);
+    assert_int_equal(pags_prune_normalise(NULL, NULL, (pags_s_grad)kind, odd, 2, out), PAGS_OK);
     assert_true(out[0] == 0 && out[1] == 0);
-    assert_int_equal(pags_prune_normalise((pags_s_grad)kind, odd, 0, out), PAGS_OK);
+    assert_int_equal(pags_prune_normalise(NULL, NULL, (pags_s_grad)kind, odd, 0, out), PAGS_OK);
   }
 }
 
@@ -212,7 +212,7 @@ static void floors_hold_and_the_lowest_go(void **unused) {
     group[i] = i < 100 ? 1 : i < 140 ? 2 : 0;
     score[i] = (float)i;
   }
-  pags_prune_request r = {ROWS, score, group, 3, 400, 60, 1, 2};
+  pags_prune_request r = {ROWS, score, group, 3, 400, 60, 1, 2, NULL, NULL};
   assert_int_equal(pags_prune_choose(&r, drop, &dropped), PAGS_OK);
   assert_int_equal(dropped, 600);
   for (int i = 0; i < ROWS; i++) {
@@ -239,7 +239,7 @@ static void ties_are_drawn(void **unused) {
   static const int32_t group[ROWS];
   static uint8_t drop[ROWS], again[ROWS];
   int64_t dropped, early = 0;
-  pags_prune_request r = {ROWS, score, group, 1, 500, 0, 1, 2};
+  pags_prune_request r = {ROWS, score, group, 1, 500, 0, 1, 2, NULL, NULL};
   assert_int_equal(pags_prune_choose(&r, drop, &dropped), PAGS_OK);
   assert_int_equal(dropped, 500);
   for (int i = 0; i < ROWS / 2; i++)

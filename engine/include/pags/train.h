@@ -372,6 +372,9 @@ typedef struct pags_train_options {
   int64_t snapshot_every;           /* steps between calls of `snapshot`; 0: never */
   pags_train_snapshot_fn *snapshot; /* may be NULL */
   void *snapshot_user;
+  /* The other ranks of a run that several processes share (cluster/transport.h): all call pags_train with the same data
+   * set, configuration and options, and rank 0 writes the folder. NULL: this process is alone. */
+  struct pags_transport *transport;
 } pags_train_options;
 
 PAGS_API pags_train_options pags_train_options_default(void);

@@ -1,0 +1,18 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* A run that several ranks share: what they begin with, and how rank 0 gets all of it in the end. */
+#ifndef PAGS_TRAIN_SHARE_RUN_H
+#define PAGS_TRAIN_SHARE_RUN_H
+
+#include "train/run.h"
+
+/* Refuses what several ranks can't do. */
+pags_result pags_share_run_check(const pags_train_config *config, const pags_train_options *options);
+/* Collective: takes this rank's share of all models, which every rank has in whole before. */
+pags_result pags_share_run_begin(pags_trainer *trainer);
+/* Collective: brings the models back to rank 0, which goes on as if it were alone. */
+pags_result pags_share_run_end(pags_trainer *trainer);
+void pags_share_run_destroy(pags_trainer *trainer); /* a zeroed one is allowed */
+/* Collective: whether one of the ranks wants to stop. */
+pags_result pags_share_run_stops(const pags_trainer *trainer, int *stop);
+
+#endif

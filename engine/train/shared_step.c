@@ -1,0 +1,90 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Brings together what the ranks know of a step; see shared_step.h. */
+#include "train/shared_step.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/memory.h"
+#include "cluster/shares.h"
+
+typedef struct view_result {
+  pags_photometric_loss loss;
+  pags_driving_losses terms;
+  bool objects_drawn;
+} view_result;
+
+pags_result pags_shared_step_results(pags_trainer *t, pags_step_view *views, int count) {
+  pags_transport *const transport = t->shared.transport;
+  view_result mine, *const all = calloc((size_t)t->shared.ranks, sizeof *all);
+  if (!all)
+    return pags_out_of_memory("the losses of %d photographs", count);
+  memset(&mine, 0, sizeof mine); /* its padding is sent, too */
+  if (t->shared.rank < count) {
+    const pags_step_view *const own = views + t->shared.rank;
+    mine.loss = own->loss;
+    mine.terms = own->terms;
+    mine.objects_drawn = own->objects_drawn;
+  }
+  const pags_result result = pags_share_all(transport, &mine, sizeof mine, all);
+  for (int i = 0; result == PAGS_OK && i < count; i++) {
+    views[i].loss = all[i].loss;
+    views[i].terms = all[i].terms;
+    views[i].objects_drawn = all[i].objects_drawn;
+  }
+  free(all);
+  return result;
+}
+
+/* ---- Poses ---- */
+
+/* The photographs' poses in the order of the photographs. That of an object comes from one rank alone, and poses of
+ * different objects have nothing to do with each other. */
+static pags_result share_poses(pags_trainer *t) {
+  pags_step_rest *const r = &t->rest;
+  const int64_t size = sizeof *r->poses, room = t->state.schedule.batch * t->state.model_count;
+  int64_t *const bytes = calloc((size_t)t->shared.ranks, sizeof *bytes), count = 0;
+  void *all = NULL;
+  if (!bytes)
+    return pags_out_of_memory("the poses of a step");
+  pags_result result = pags_share_parts(t->shared.transport, r->poses, r->pose_count * size, &all, bytes);
+  for (int k = 0; result == PAGS_OK && k < t->shared.ranks; k++)
+    count += bytes[k] / size;
+  if (result == PAGS_OK && count > room)
+    result = pags_fail(PAGS_ERROR_LIMIT, "%lld poses in a step of at most %lld", (long long)count, (long long)room);
+  if (result == PAGS_OK && count > 0)
+    memcpy(r->poses, all, (size_t)(count * size));
+  if (result == PAGS_OK)
+    r->pose_count = count;
+  free(all);
+  free(bytes);
+  return result;
+}
+
+/* ---- Updates that were left out ---- */
+
+typedef struct left_out {
+  int64_t count;
+  pags_nonfinite_row first;
+} left_out;
+
+static pags_result share_nonfinite(pags_trainer *t) {
+  pags_nonfinite *const n = &t->state.nonfinite;
+  left_out mine, *const all = calloc((size_t)t->shared.ranks, sizeof *all);
+  if (!all)
+    return pags_out_of_memory("what was left out of a step");
+  memset(&mine, 0, sizeof mine);
+  mine.count = n->count - t->shared_nonfinite;
+  mine.first = n->first;
+  const pags_result result = pags_share_all(t->shared.transport, &mine, sizeof mine, all);
+  for (int r = 0; result == PAGS_OK && r < t->shared.ranks; r++)
+    if (r != t->shared.rank && all[r].count > 0)
+      pags_nonfinite_note(n, all[r].count, &all[r].first);
+  free(all);
+  return result;
+}
+
+pags_result pags_shared_step_rest(pags_trainer *t) {
+  PAGS_TRY(share_nonfinite(t));
+  return share_poses(t);
+}

@@ -1,0 +1,239 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Splats and their sums on their way between ranks; see shared_views.h. */
+#include "train/shared_views.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/memory.h"
+
+pags_result pags_buffer_reserve(pags_buffer *buffer, int64_t bytes) {
+  if (buffer->data && bytes <= buffer->room)
+    return PAGS_OK;
+  free(buffer->data);
+  const int64_t room = bytes + bytes / 2 + 64;
+  buffer->data = malloc((size_t)room);
+  buffer->room = buffer->data ? room : 0;
+  return buffer->data ? PAGS_OK : pags_out_of_memory("messages of %lld bytes", (long long)room);
+}
+
+static void destroy_returned(pags_returned *r) {
+  free(r->own.data);
+  free(r->returned.data);
+  free(r->spread.data);
+}
+
+pags_result pags_shared_views_create(pags_shared_views *shared, pags_transport *transport, pags_tasks *tasks) {
+  const int ranks = pags_transport_ranks(transport);
+  *shared = (pags_shared_views){.transport = transport, .rank = pags_transport_rank(transport), .ranks = ranks};
+  shared->owners = calloc((size_t)ranks, sizeof(pags_frame *));
+  shared->sent = calloc(4 * (size_t)ranks, sizeof *shared->sent);
+  if (!shared->owners || !shared->sent)
+    return pags_out_of_memory("views of %d ranks", ranks);
+  shared->sent_before = shared->sent + ranks;
+  shared->arrived = shared->sent + 2 * ranks;
+  shared->arrived_before = shared->sent + 3 * ranks;
+  for (int r = 0; r < ranks; r++)
+    PAGS_TRY(pags_frame_create(tasks, shared->owners + r));
+  return PAGS_OK;
+}
+
+void pags_shared_views_destroy(pags_shared_views *shared) {
+  for (int r = 0; shared->owners && r < shared->ranks; r++)
+    pags_frame_destroy(shared->owners[r]);
+  free(shared->owners);
+  free(shared->sent);
+  free(shared->sending.data);
+  free(shared->splats.data);
+  free(shared->object_splats.data);
+  destroy_returned(&shared->sums);
+  destroy_returned(&shared->object_sums);
+  destroy_returned(&shared->scores);
+  *shared = (pags_shared_views){0};
+}
+
+/* ---- The way there ---- */
+
+void pags_shared_views_begin(pags_shared_views *shared, int count) {
+  shared->count = count;
+  memset(shared->sent, 0, 4 * (size_t)shared->ranks * sizeof *shared->sent);
+}
+
+pags_result pags_shared_views_project(pags_shared_views *shared, int view, const pags_part *parts, int part_count,
+                                      const pags_camera *camera, const pags_frame_options *options,
+                                      pags_touch_fn *touch, void *user) {
+  pags_frame *const frame = shared->owners[view];
+  PAGS_TRY(pags_frame_project(frame, parts, part_count, camera, options, touch, user, shared->sent + view));
+  shared->sent_before[view] = pags_frame_splats_before(frame, 1);
+  return PAGS_OK;
+}
+
+static int64_t total(const int64_t *counts, int ranks) {
+  int64_t sum = 0;
+  for (int r = 0; r < ranks; r++)
+    sum += counts[r];
+  return sum;
+}
+
+/* Exchanges items of `bytes` bytes, sent[rank] to and arrived[rank] from each. */
+static pags_result exchange(pags_shared_views *shared, const void *from, const int64_t *sent, void *to,
+                            const int64_t *arrived, int64_t bytes) {
+  const int ranks = shared->ranks;
+  int64_t *const counts = malloc(2 * (size_t)ranks * sizeof *counts);
+  if (!counts)
+    return pags_out_of_memory("a message to %d ranks", ranks);
+  for (int r = 0; r < ranks; r++) {
+    counts[r] = sent[r] * bytes;
+    counts[ranks + r] = arrived[r] * bytes;
+  }
+  const pags_result result = pags_transport_exchange(shared->transport, from, counts, to, counts + ranks);
+  free(counts);
+  return result;
+}
+
+/* Tells each rank how many splats it gets. */
+static pags_result exchange_counts(pags_shared_views *shared) {
+  const int ranks = shared->ranks;
+  int64_t *const pairs = malloc(5 * (size_t)ranks * sizeof *pairs), *const ones = pairs + 4 * ranks;
+  if (!pairs)
+    return pags_out_of_memory("a message to %d ranks", ranks);
+  for (int r = 0; r < ranks; r++) {
+    pairs[2 * r] = shared->sent[r];
+    pairs[2 * r + 1] = shared->sent_before[r];
+    ones[r] = 1;
+  }
+  const pags_result result = exchange(shared, pairs, ones, pairs + 2 * ranks, ones, 2 * (int64_t)sizeof *pairs);
+  for (int r = 0; r < ranks; r++) {
+    shared->arrived[r] = pairs[2 * (ranks + r)];
+    shared->arrived_before[r] = pairs[2 * (ranks + r) + 1];
+  }
+  free(pairs);
+  return result;
+}
+
+static pags_result take(pags_shared_views *shared) {
+  const int64_t bytes = sizeof(pags_sent_splat);
+  PAGS_TRY(pags_buffer_reserve(&shared->sending, total(shared->sent, shared->ranks) * bytes));
+  PAGS_TRY(pags_buffer_reserve(&shared->splats, total(shared->arrived, shared->ranks) * bytes));
+  pags_sent_splat *at = shared->sending.data;
+  for (int view = 0; view < shared->count; view++) {
+    PAGS_TRY(pags_frame_take_splats(shared->owners[view], at));
+    at += shared->sent[view];
+  }
+  return PAGS_OK;
+}
+
+pags_result pags_shared_views_send(pags_shared_views *shared, pags_result mine) {
+  PAGS_TRY(pags_transport_agree(shared->transport, mine));
+  PAGS_TRY(exchange_counts(shared));
+  PAGS_TRY(pags_transport_agree(shared->transport, take(shared)));
+  return exchange(shared, shared->sending.data, shared->sent, shared->splats.data, shared->arrived,
+                  sizeof(pags_sent_splat));
+}
+
+/* ---- Drawing ---- */
+
+bool pags_shared_views_draws(const pags_shared_views *shared) {
+  return shared->rank < shared->count;
+}
+
+/* Splats of the own view, or of its objects alone. */
+static int64_t drawn_count(const pags_shared_views *shared, bool objects) {
+  const int64_t all = total(shared->arrived, shared->ranks);
+  return objects ? all - total(shared->arrived_before, shared->ranks) : all;
+}
+
+static pags_result pick_objects(pags_shared_views *shared) {
+  PAGS_TRY(pags_buffer_reserve(&shared->object_splats, drawn_count(shared, true) * (int64_t)sizeof(pags_sent_splat)));
+  const pags_sent_splat *from = shared->splats.data;
+  pags_sent_splat *to = shared->object_splats.data;
+  for (int r = 0; r < shared->ranks; r++) {
+    const int64_t before = shared->arrived_before[r], some = shared->arrived[r] - before;
+    if (some > 0)
+      memcpy(to, from + before, (size_t)some * sizeof *to);
+    to += some;
+    from += shared->arrived[r];
+  }
+  return PAGS_OK;
+}
+
+pags_result pags_shared_views_draw(pags_shared_views *shared, pags_frame *frame, bool objects, float alpha_min,
+                                   const pags_camera *camera, const pags_frame_options *options, pags_picture *out) {
+  if (objects)
+    PAGS_TRY(pick_objects(shared));
+  return pags_frame_draw_splats(frame, objects ? shared->object_splats.data : shared->splats.data,
+                                drawn_count(shared, objects), alpha_min, camera, options, out);
+}
+
+pags_result pags_shared_views_sums(pags_shared_views *shared, pags_frame *frame, bool objects,
+                                   const pags_picture_gradient *gradient) {
+  pags_returned *const r = objects ? &shared->object_sums : &shared->sums;
+  PAGS_TRY(pags_buffer_reserve(&r->own, drawn_count(shared, objects) * (int64_t)sizeof(pags_splat_sums)));
+  return pags_frame_splat_sums(frame, gradient, r->own.data);
+}
+
+pags_result pags_shared_views_scores(pags_shared_views *shared, pags_frame *frame, const pags_score_planes *planes) {
+  PAGS_TRY(pags_buffer_reserve(&shared->scores.own, drawn_count(shared, false) * (int64_t)sizeof(pags_splat_scores)));
+  return pags_frame_splat_scores(frame, planes, shared->scores.own.data);
+}
+
+/* ---- The way back ---- */
+
+/* Items of a view, of so many bytes each, that come back to this rank; all of them, or those of objects. */
+static int64_t returned_count(const pags_shared_views *shared, int view, bool objects) {
+  return shared->sent[view] - (objects ? shared->sent_before[view] : 0);
+}
+
+/* `drawn`: NULL: all views of the round. */
+static pags_result give_back(pags_shared_views *shared, pags_returned *r, bool objects, const uint8_t *drawn,
+                             int64_t bytes) {
+  const int ranks = shared->ranks;
+  int64_t *const counts = calloc(2 * (size_t)ranks, sizeof *counts);
+  pags_result mine = counts ? PAGS_OK : pags_out_of_memory("a message to %d ranks", ranks);
+  const bool gives = pags_shared_views_draws(shared) && (!drawn || drawn[shared->rank]);
+  for (int k = 0; counts && k < ranks; k++) {
+    if (gives)
+      counts[k] = shared->arrived[k] - (objects ? shared->arrived_before[k] : 0);
+    if (k < shared->count && (!drawn || drawn[k]))
+      counts[ranks + k] = returned_count(shared, k, objects);
+  }
+  if (counts)
+    mine = pags_buffer_reserve(&r->returned, total(counts + ranks, ranks) * bytes);
+  pags_result result = pags_transport_agree(shared->transport, mine);
+  if (result == PAGS_OK)
+    result = exchange(shared, r->own.data, counts, r->returned.data, counts + ranks, bytes);
+  free(counts);
+  return result;
+}
+
+pags_result pags_shared_views_return_sums(pags_shared_views *shared, bool objects, const uint8_t *drawn) {
+  return give_back(shared, objects ? &shared->object_sums : &shared->sums, objects, drawn, sizeof(pags_splat_sums));
+}
+
+pags_result pags_shared_views_return_scores(pags_shared_views *shared) {
+  return give_back(shared, &shared->scores, false, NULL, sizeof(pags_splat_scores));
+}
+
+pags_result pags_shared_views_backward(pags_shared_views *shared, int view, bool objects, const uint8_t *drawn,
+                                       pags_receive_fn *receive, void *user) {
+  pags_returned *const r = objects ? &shared->object_sums : &shared->sums;
+  const pags_splat_sums *sums = r->returned.data;
+  for (int k = 0; k < view; k++)
+    sums += !drawn || drawn[k] ? returned_count(shared, k, objects) : 0;
+  if (objects) { /* the frame finds them behind those of the background, which it doesn't read */
+    const int64_t some = returned_count(shared, view, true);
+    PAGS_TRY(pags_buffer_reserve(&r->spread, (shared->sent[view] + 1) * (int64_t)sizeof *sums));
+    pags_splat_sums *const spread = r->spread.data;
+    if (some > 0)
+      memcpy(spread + shared->sent_before[view], sums, (size_t)some * sizeof *sums);
+    sums = spread;
+  }
+  return pags_frame_return_sums(shared->owners[view], objects ? 1 : 0, sums, receive, user, NULL);
+}
+
+pags_result pags_shared_views_receive_scores(pags_shared_views *shared, int view, pags_score_fn *receive, void *user) {
+  const pags_splat_scores *scores = shared->scores.returned.data;
+  for (int k = 0; k < view; k++)
+    scores += shared->sent[k];
+  return pags_frame_return_scores(shared->owners[view], scores, receive, user);
+}

@@ -1,0 +1,198 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Training shared out to ranks, which are threads here: the folder has the bits of one process with the same batch. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+
+#include <pags/scene.h>
+#include <pags/synth.h>
+#include <pags/train.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/file.h"
+#include "cluster/thread_ranks.h"
+#include "scratch_folder.h"
+#include "train/schedule.h"
+
+enum { FRAMES = 12, BATCH = 4, PHOTOGRAPHS = 240, MOST_RANKS = 4 };
+
+static pags_tasks *tasks;
+static pags_dataset *dataset;
+
+static int make_street(void **unused) {
+  (void)unused;
+  pags_street_options options = pags_street_options_default();
+  pags_dataset_options reading = pags_dataset_options_default();
+  options.width = 96;
+  options.height = 64;
+  options.frames = FRAMES;
+  options.cameras = 1;
+  options.samples = 2;
+  options.objects = 3;
+  options.lidar_points = 4000;
+  options.shifts = 0;
+  tasks = pags_tasks_create(2);
+  if (!tasks || scratch_make() != 0 || pags_synth_street(scratch("street"), &options, tasks, NULL, NULL) != PAGS_OK)
+    return -1;
+  return pags_dataset_open(scratch("street"), &reading, &dataset) == PAGS_OK ? 0 : -1;
+}
+
+static int remove_street(void **unused) {
+  (void)unused;
+  pags_dataset_close(dataset);
+  pags_tasks_destroy(tasks);
+  return scratch_remove();
+}
+
+/* A short run in which everything happens: the term of the moving objects, poses, exposure, sky; dropout. */
+static pags_train_config quick(void) {
+  pags_train_config config = pags_train_config_default();
+  config.schedule.iterations = PHOTOGRAPHS;
+  config.schedule.resolution_floor = 24;
+  config.schedule.batch = BATCH;
+  config.priority.dropout = 1;
+  config.objects.fourier = 0;
+  return config;
+}
+
+typedef struct shared_run {
+  const pags_train_config *config;
+  const char *folder;
+  int threads; /* a rank */
+  pags_train_result results[MOST_RANKS];
+} shared_run;
+
+static pags_result run_one(const shared_run *run, pags_transport *transport, pags_train_result *result) {
+  pags_train_options options = pags_train_options_default();
+  options.dataset = dataset;
+  options.output = run->folder;
+  options.tasks = pags_tasks_create(run->threads);
+  options.preview_every = 0;
+  options.log_every = 1;
+  options.transport = transport;
+  const pags_result code = options.tasks ? pags_train(run->config, &options, result) : PAGS_ERROR_MEMORY;
+  pags_tasks_destroy(options.tasks);
+  return code;
+}
+
+static const char *run_rank_of_training(pags_transport *transport, void *user) {
+  shared_run *const run = user;
+  return run_one(run, transport, run->results + pags_transport_rank(transport)) == PAGS_OK ? "" : pags_error_message();
+}
+
+/* Trains in one process if `ranks` is 0. */
+static pags_train_result train(const pags_train_config *config, const char *name, int ranks, int threads) {
+  static char folder[1024];
+  shared_run *const run = calloc(1, sizeof *run);
+  assert_non_null(run);
+  snprintf(folder, sizeof folder, "%s", scratch(name));
+  *run = (shared_run){.config = config, .folder = folder, .threads = threads};
+  if (ranks == 0 && run_one(run, NULL, run->results) != PAGS_OK)
+    fail_msg("%s", pags_error_message());
+  if (ranks > 0)
+    assert_true(run_ranks(ranks, 0, 60, run_rank_of_training, run));
+  const pags_train_result result = run->results[0];
+  for (int r = 1; r < ranks; r++) {
+    assert_int_equal(run->results[r].gaussians, result.gaussians);
+    assert_true(run->results[r].loss == result.loss);
+  }
+  free(run);
+  return result;
+}
+
+static void assert_same_file(const char *a, const char *b, const char *file) {
+  char left[1024], right[1024];
+  uint8_t *x, *y;
+  size_t m, n;
+  snprintf(left, sizeof left, "%s/%s", scratch(a), file);
+  snprintf(right, sizeof right, "%s/%s", scratch(b), file);
+  assert_int_equal(pags_file_read(left, &x, &m), PAGS_OK);
+  assert_int_equal(pags_file_read(right, &y, &n), PAGS_OK);
+  if (m != n || memcmp(x, y, m) != 0)
+    fail_msg("%s differs from %s", left, right);
+  free(x);
+  free(y);
+}
+
+static void assert_same_run(const char *a, const char *b) {
+  assert_same_file(a, b, "log.jsonl");
+  assert_same_file(a, b, "scene.json");
+  assert_same_file(a, b, "background.ply");
+  assert_same_file(a, b, "sky.npy");
+  assert_same_file(a, b, "checkpoint.pags");
+  pags_scene scene;
+  assert_int_equal(pags_scene_load(scratch(a), &scene), PAGS_OK);
+  assert_true(scene.model_count > 1);
+  for (int64_t i = 1; i < scene.model_count; i++)
+    assert_same_file(a, b, scene.models[i].file);
+  pags_scene_destroy(&scene);
+}
+
+/* How often a word stands in the log. */
+static int count_in_log(const char *name, const char *word) {
+  char path[1024];
+  uint8_t *bytes;
+  size_t size;
+  int found = 0;
+  snprintf(path, sizeof path, "%s/log.jsonl", scratch(name));
+  assert_int_equal(pags_file_read(path, &bytes, &size), PAGS_OK);
+  char *const text = calloc(size + 1, 1);
+  assert_non_null(text);
+  memcpy(text, bytes, size);
+  for (const char *at = text; (at = strstr(at, word)) != NULL; at++)
+    found++;
+  free(text);
+  free(bytes);
+  return found;
+}
+
+static void ranks_change_no_bit(const pags_train_config *config, const char *name, int most_ranks) {
+  char whole[64], shared[64];
+  snprintf(whole, sizeof whole, "%s", name);
+  const pags_train_result one = train(config, whole, 0, 2);
+  assert_int_equal(one.bad_rows, 0);
+  for (int ranks = 1; ranks <= most_ranks; ranks++) {
+    snprintf(shared, sizeof shared, "%s%d", name, ranks);
+    const pags_train_result got = train(config, shared, ranks, 1 + ranks % 2);
+    assert_int_equal(got.gaussians, one.gaussians);
+    assert_true(got.loss == one.loss);
+    assert_same_run(whole, shared);
+  }
+}
+
+static void without_density_control(void **unused) {
+  (void)unused;
+  pags_train_config config = quick();
+  config.density.densify_from = 100000;
+  config.density.reset_every = 100000;
+  config.priority.prunes = 0;
+  ranks_change_no_bit(&config, "fixed", 3);
+}
+
+/* Growth up to a limit that cuts it, prunes by score with floors of objects, opacity resets, and a resort each time. */
+static void with_density_control(void **unused) {
+  (void)unused;
+  pags_train_config config = quick();
+  config.size_limit.max_gaussians = 4500;
+  const int64_t views = pags_dataset_view_count(dataset);
+  const pags_schedule schedule = pags_schedule_make(&config, 10.0, views);
+  int densified = 0, reset = 0;
+  for (int64_t step = 1; step <= PHOTOGRAPHS / BATCH; step++) {
+    densified += pags_schedule_is_densify(&schedule, step);
+    reset += pags_schedule_is_reset(&schedule, step);
+  }
+  assert_true(densified > 3);
+  assert_true(reset > 0);
+  ranks_change_no_bit(&config, "grown", 4);
+  assert_true(count_in_log("grown4", "\"split\"") > 3);
+  assert_true(count_in_log("grown4", "\"pruned_by_score\"") > 1);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(without_density_control), cmocka_unit_test(with_density_control)};
+  return cmocka_run_group_tests(tests, make_street, remove_street);
+}
