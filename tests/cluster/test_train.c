@@ -63,6 +63,7 @@ typedef struct shared_run {
   const pags_train_config *config;
   const char *folder;
   int threads; /* a rank */
+  int resume;
   pags_train_result results[MOST_RANKS];
 } shared_run;
 
@@ -73,6 +74,7 @@ static pags_result run_one(const shared_run *run, pags_transport *transport, pag
   options.tasks = pags_tasks_create(run->threads);
   options.preview_every = 0;
   options.log_every = 1;
+  options.resume = run->resume;
   options.transport = transport;
   const pags_result code = options.tasks ? pags_train(run->config, &options, result) : PAGS_ERROR_MEMORY;
   pags_tasks_destroy(options.tasks);
@@ -84,13 +86,13 @@ static const char *run_rank_of_training(pags_transport *transport, void *user) {
   return run_one(run, transport, run->results + pags_transport_rank(transport)) == PAGS_OK ? "" : pags_error_message();
 }
 
-/* Trains in one process if `ranks` is 0. */
+/* Trains in one process if `ranks` is 0; goes on with what is in the folder, if anything is. */
 static pags_train_result train(const pags_train_config *config, const char *name, int ranks, int threads) {
   static char folder[1024];
   shared_run *const run = calloc(1, sizeof *run);
   assert_non_null(run);
   snprintf(folder, sizeof folder, "%s", scratch(name));
-  *run = (shared_run){.config = config, .folder = folder, .threads = threads};
+  *run = (shared_run){.config = config, .folder = folder, .threads = threads, .resume = 1};
   if (ranks == 0 && run_one(run, NULL, run->results) != PAGS_OK)
     fail_msg("%s", pags_error_message());
   if (ranks > 0)
@@ -192,7 +194,22 @@ static void with_density_control(void **unused) {
   assert_true(count_in_log("grown4", "\"pruned_by_score\"") > 1);
 }
 
+/* A run of two ranks that three go on with, in the middle of its growth, with Adam steps pending. */
+static void resumed_on_other_ranks(void **unused) {
+  (void)unused;
+  pags_train_config config = quick(), half = quick();
+  config.schedule.schedule_iterations = half.schedule.schedule_iterations = PHOTOGRAPHS;
+  half.schedule.iterations = PHOTOGRAPHS / 2 + BATCH;
+  train(&half, "one", 0, 1);
+  train(&half, "several", 2, 1);
+  assert_same_run("one", "several");
+  assert_int_equal(train(&config, "one", 0, 1).resumed, 1);
+  assert_int_equal(train(&config, "several", 3, 1).resumed, 1);
+  assert_same_run("one", "several");
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(without_density_control), cmocka_unit_test(with_density_control)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(without_density_control), cmocka_unit_test(with_density_control),
+                                     cmocka_unit_test(resumed_on_other_ranks)};
   return cmocka_run_group_tests(tests, make_street, remove_street);
 }
