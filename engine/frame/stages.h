@@ -88,9 +88,10 @@ struct pags_frame {
   pags_splat *splats;   /* dense_count */
   uint32_t *keys;       /* dense_count sort keys: the bits of z; UINT32_MAX where the Gaussian isn't drawn */
   pags_tile_box *boxes; /* dense_count; set for Gaussians that are drawn */
-  float (*extents)[2];  /* dense_count: the boxes' extents, kept for another frame (splats.c), and each splat has one
-                           slot  instead of one for each tile; NULL: not wanted */
-  uint32_t *drawn;      /* drawn_count dense indices of the Gaussians that are drawn, about in memory order */
+  /* dense_count: the boxes' extents, kept for another frame (splats.c), for which each splat has one slot, not one for
+   * each tile; NULL: not wanted */
+  float (*extents)[2];
+  uint32_t *drawn; /* drawn_count dense indices of the Gaussians that are drawn, about in memory order */
   int64_t drawn_count;
 
   int tiles_x, tiles_y;
