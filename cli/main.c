@@ -2,6 +2,7 @@
 /* The program pags: prints the general help, or finds the verb and runs it. */
 #include "cli/options.h"
 #include "cli/verbs.h"
+#include "cli/version.h"
 #include "port/port.h"
 
 #include <locale.h>
@@ -73,13 +74,14 @@ int main(int argc, char **argv) {
       printf("  %-8s %s%s%s\n", verbs[i].name, verbs[i].summary, verbs[i].lacking ? "; this build lacks " : "",
              verbs[i].lacking ? verbs[i].lacking : "");
     printf(
-        "\n'pags VERB --help' lists a verb's options with units and defaults; 'pags --version' prints the version.\n");
+        "\n'pags VERB --help' lists a verb's options with units and defaults; 'pags --version' prints version and "
+        "build.\n");
     printf("Exit codes: 0 done, 1 failed, 2 wrong usage, 3 interrupted with its state saved.\n");
 
     return PAGS_EXIT_OK;
   }
   if (!strcmp(argv[1], "--version")) {
-    printf("pags %s\n", PAGS_VERSION_STRING);
+    pags_print_version();
     return PAGS_EXIT_OK;
   }
   for (int i = 0; i < VERB_COUNT; i++)

@@ -3,29 +3,13 @@
 """options_page.py [--check] PAGS: writes the options and fields of `pags train` into docs/command-line.md, between "<!-- generated: options"
 and "<!-- end -->", from what the program PAGS prints. With --check it changes nothing, and fails if the page is out of date."""
 
-import re
-import subprocess
 import sys
 from pathlib import Path
 
+import help_text
+
 PAGE = Path(__file__).resolve().parent.parent / "docs/command-line.md"
 BEGIN, END = "<!-- generated: options -->\n", "<!-- end -->\n"
-
-
-def sections(program, option):
-    """Parses a help text into sections, each (heading, [(left, text)]); lines that are indented further continue the
-    entry above them."""
-    printed = subprocess.run([program, "train", option], capture_output=True, text=True, check=True).stdout
-    found = []
-    for line in printed.split("\n"):
-        entry = re.match(r"  (?:    )?(\S.*?)(?:  +(\S.*))?$", line)
-        if re.match(r"\S", line):
-            found.append((line, []))
-        elif line.startswith(" " * 20) and found and found[-1][1]:
-            found[-1][1][-1][1].append(line.strip())
-        elif entry and found:
-            found[-1][1].append((entry[1], [entry[2]] if entry[2] else []))
-    return [(heading, [(left, " ".join(text)) for left, text in entries]) for heading, entries in found if entries]
 
 
 def table(heading, kind, entries):
@@ -36,10 +20,10 @@ def table(heading, kind, entries):
 
 def generated(program):
     text = "\n"
-    for heading, entries in sections(program, "--help")[1:]:  # the first section lists DATASET and --output
+    for heading, entries in help_text.read(help_text.printed(program, "train", "--help"))[2][1:]:  # the first section lists DATASET and --output
         text += table(heading, "option", entries)
     text += "The fields, in the groups of `pags_train_config`; `auto` is a value, too:\n\n"
-    for heading, entries in sections(program, "--fields"):
+    for heading, entries in help_text.read(help_text.printed(program, "train", "--fields"))[2]:
         text += table(heading, "field", entries)
     return text
 

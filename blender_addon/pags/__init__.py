@@ -9,7 +9,7 @@ module."""
 bl_info = {
     "name": "PAGS: driving scenes as Gaussian splats",
     "author": "The PAGS authors",
-    "version": (0, 1, 0),
+    "version": (0, 0, 0),  # the build puts the engine's here
     "blender": (3, 4, 0),
     "location": "File > Import, Render engine PAGS, 3D View > Sidebar > PAGS",
     "description": "Import, edit and render Gaussian-splat driving scenes with the PAGS engine",

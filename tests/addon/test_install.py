@@ -7,6 +7,7 @@ import os
 import re
 import subprocess
 import sys
+import zipfile
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path.insert(0, os.path.join(HERE, "..", "cli"))
@@ -27,6 +28,7 @@ class Install(Case):
         self.c_program(prefix, splats)
         self.library(prefix)
         self.python(prefix, splats)
+        self.versions(prefix)
         fixtures.PAGS, program = os.path.join(prefix, "bin", "pags"), fixtures.PAGS
         done = run("render", splats, "-o", self.path("out"), "--frames", 1)
         fixtures.PAGS = program
@@ -60,6 +62,20 @@ class Install(Case):
         names = [line.split()[-1] for line in listed.splitlines()]
         self.assertIn("pags_compose_placed", names)
         self.assertEqual([name for name in names if not name.startswith("pags_")], [])
+
+    def versions(self, prefix):
+        """The version of the header is everybody's; what comes with a program is there."""
+        header = fixtures.read(os.path.join(prefix, "include/pags/base.h")).decode()
+        parts = [re.search(rf"#define PAGS_VERSION_{part} (\d+)\n", header)[1] for part in ["MAJOR", "MINOR", "PATCH"]]
+        version = ".".join(parts)
+        self.assertIn(f"\nVersion: {version}\n", fixtures.read(os.path.join(prefix, "lib/pkgconfig/pags.pc")).decode())
+        self.assertTrue(os.path.exists(os.path.join(prefix, f"lib/libpags.so.{version}")))
+        with zipfile.ZipFile(os.path.join(BUILD, f"pags-blender-{version}-linux-x64.zip")) as addon:
+            self.assertIn(f'\nversion = "{version}"\n', addon.read("pags/blender_manifest.toml").decode())
+            self.assertIn(f'"version": ({", ".join(parts)}),', addon.read("pags/__init__.py").decode())
+        for name in ["man/man1/pags.1", "man/man1/pags-train.1", "bash-completion/completions/pags", "zsh/site-functions/_pags",
+                     "fish/vendor_completions.d/pags.fish"]:
+            self.assertIn("pags", fixtures.read(os.path.join(prefix, "share", name)).decode(), name)
 
     def python(self, prefix, splats):
         module = [

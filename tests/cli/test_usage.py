@@ -177,7 +177,19 @@ class Usage(Case):
             self.succeeds("export", splats, self.path("x.glb"), "--splats")
 
     def test_version(self):
-        self.assertRegex(self.succeeds("--version").stdout, r"^pags \d+\.\d+\.\d+\n$")
+        """The version is the header's; what a part lacks, the program says under 'without' and refuses to do."""
+        first, *rest = self.succeeds("--version").stdout.splitlines()
+        facts = dict(line.split(":", 1) for line in rest)
+        header = fixtures.read(os.path.join(os.path.dirname(__file__), "../../engine/include/pags/base.h")).decode()
+        version = ".".join(re.search(rf"#define PAGS_VERSION_{part} (\d+)\n", header)[1] for part in ["MAJOR", "MINOR", "PATCH"])
+        self.assertEqual(first, f"pags {version}")
+        self.assertRegex(facts["commit"], r"^   ([0-9a-f]{12}\+?|unknown|[0-9a-f]{7,40})$")
+        self.assertRegex(facts["compiler"], r"^ \w+ [\d.]+, \w*, \w+ \w+$")
+        self.assertRegex(facts["kernels"], r"\b(scalar|avx2|avx512|neon) is used$")
+        for verb in ["view", "synth", "import"]:
+            lacking = f"'{verb}' is not in this build" in run(verb, "--help").stderr
+            self.assertEqual(verb in facts["without"].split(), lacking, verb)
+            self.assertEqual(verb in facts["with"].split(), not lacking, verb)
 
 
 if __name__ == "__main__":

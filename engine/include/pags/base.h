@@ -43,10 +43,14 @@ extern "C" {
 #define PAGS_PRINTF(format_index, first_index)
 #endif
 
+/* The version is written here alone: CMake, the packages and the add-on read it from these lines (docs/release.md). */
 #define PAGS_VERSION_MAJOR 0
-#define PAGS_VERSION_MINOR 1
+#define PAGS_VERSION_MINOR 2
 #define PAGS_VERSION_PATCH 0
-#define PAGS_VERSION_STRING "0.1.0"
+#define PAGS_VERSION_QUOTED(number) #number
+#define PAGS_VERSION_DOTTED(major, minor, patch) \
+  PAGS_VERSION_QUOTED(major) "." PAGS_VERSION_QUOTED(minor) "." PAGS_VERSION_QUOTED(patch)
+#define PAGS_VERSION_STRING PAGS_VERSION_DOTTED(PAGS_VERSION_MAJOR, PAGS_VERSION_MINOR, PAGS_VERSION_PATCH)
 
 typedef enum pags_result {
   PAGS_OK = 0,

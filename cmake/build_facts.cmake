@@ -1,0 +1,22 @@
+# SPDX-License-Identifier: Apache-2.0
+# cmake -DSOURCE=folder -DOUT=file -DCOMPILER=text -DWITH=text -DWITHOUT=text -DCOMMIT=hash -P build_facts.cmake: writes the header that
+# pags --version prints, and only if it has changed. Without a COMMIT git is asked; "+" behind it: files differ from it.
+cmake_minimum_required(VERSION 3.24)
+if(NOT COMMIT)
+  set(COMMIT unknown)
+  if(EXISTS ${SOURCE}/.git)
+    execute_process(COMMAND git -C ${SOURCE} rev-parse --short=12 HEAD OUTPUT_VARIABLE found OUTPUT_STRIP_TRAILING_WHITESPACE ERROR_QUIET RESULT_VARIABLE failed)
+    if(NOT failed)
+      execute_process(COMMAND git -C ${SOURCE} diff --quiet HEAD ERROR_QUIET RESULT_VARIABLE differs)
+      set(COMMIT ${found})
+      if(differs)
+        string(APPEND COMMIT "+")
+      endif()
+    endif()
+  endif()
+endif()
+set(text "/* Written by cmake/build_facts.cmake. */\n#define PAGS_BUILD_COMMIT \"${COMMIT}\"\n")
+foreach(name COMPILER WITH WITHOUT)
+  string(APPEND text "#define PAGS_BUILD_${name} \"${${name}}\"\n")
+endforeach()
+file(CONFIGURE OUTPUT ${OUT} CONTENT "${text}" @ONLY)
