@@ -46,7 +46,7 @@ REFERENCE ?= HEAD
 OPTIONS ?=
 
 # Checks that take hours, or programs that make setup doesn't install.
-NOT_CHECKED := check-arm64 check-blender-new check-blender-window-new check-inspect check-obey check-recordings check-scaling check-scene-html check-view check-viewers check-windows fuzz guide sanitize valgrind
+NOT_CHECKED := check-arm64 check-blender-new check-blender-window-new check-deb check-inspect check-obey check-recordings check-scaling check-scene-html check-view check-viewers check-windows fuzz guide sanitize valgrind
 
 all:
 	cmake --preset release
@@ -128,6 +128,13 @@ setup-cross:
 cross:
 	JOBS=$(JOBS) sh scripts/cross.sh $(TARGET)
 
+deb:
+	JOBS=$(JOBS) sh scripts/package_deb.sh
+
+check-deb:
+	@ls dist/pags_*.deb >/dev/null 2>&1 || $(MAKE) deb
+	sh scripts/check_deb.sh
+
 check-arm64:
 	JOBS=$(JOBS) sh tests/check_arm64.sh
 
@@ -171,4 +178,4 @@ install: all
 clean:
 	rm -rf build
 
-.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-inspect check-obey check-blender-new check-blender-window-new bench-blender guide setup-cross cross check-arm64 check-windows check-scaling check-scene-html check-view check-viewers check-recordings same-bits figures docs install clean
+.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-inspect check-obey check-blender-new check-blender-window-new bench-blender guide setup-cross cross check-arm64 check-windows check-scaling check-scene-html check-view check-viewers check-recordings same-bits figures docs install clean deb check-deb

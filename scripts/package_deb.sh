@@ -1,0 +1,42 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# package_deb.sh [FOLDER]: builds the Debian packages of the commit that is checked out into FOLDER, by default dist/, and checks them with
+# lintian. Its files' times are the commit's, or SOURCE_DATE_EPOCH.
+set -eu
+cd "$(dirname "$0")/.."
+mkdir -p "${1:-dist}"
+out=$(cd "${1:-dist}" && pwd)
+for tool in dpkg-buildpackage dh lintian; do
+  command -v $tool >/dev/null || { echo "package-deb: no $tool; Debian has it: apt-get install dpkg-dev debhelper dh-python lintian" >&2; exit 1; }
+done
+[ -z "$(git status --porcelain --untracked-files=no)" ] || echo "package-deb: what is built is the commit; files that differ from it are left out" >&2
+version=$(sed -n 's/^#define PAGS_VERSION_\(MAJOR\|MINOR\|PATCH\) //p' engine/include/pags/base.h | paste -sd .)
+PAGS_COMMIT=$(git rev-parse --short=12 HEAD)
+SOURCE_DATE_EPOCH=${SOURCE_DATE_EPOCH:-$(git log -1 --format=%ct)}
+export PAGS_COMMIT SOURCE_DATE_EPOCH
+umask 022
+
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+source=$work/pags-$version
+mkdir "$source"
+git archive HEAD | tar -x -C "$source"
+cp -r packaging/debian "$source/debian"
+{
+  echo "pags ($version) stable; urgency=medium"
+  echo
+  echo "  * CHANGELOG.md says what has changed."
+  echo
+  echo " -- The PAGS authors <maintainers@pags.invalid>  $(LC_ALL=C date -u -R -d "@$SOURCE_DATE_EPOCH")"
+} >"$source/debian/changelog"
+if ! (cd "$source" && DEB_BUILD_OPTIONS="parallel=${JOBS:-$(nproc)} noautodbgsym" dpkg-buildpackage -us -uc -b) >"$work/log" 2>&1; then
+  tail -n 30 "$work/log" >&2
+  cp "$work/log" "$out/package-deb.log"
+  echo "package-deb: not built; $out/package-deb.log has the whole log" >&2
+  exit 1
+fi
+lintian --fail-on error,warning --profile debian "$work/pags_${version}_"*.changes && echo "package-deb: lintian finds no error and no warning" || failed=yes
+cp "$work/"*.deb "$out/"
+cd "$out"
+ls -l -- *"_${version}_"*.deb | awk '{ print $9, $5, "bytes" }'
+[ -z "${failed:-}" ]
