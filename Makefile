@@ -128,6 +128,10 @@ setup-cross:
 cross:
 	JOBS=$(JOBS) sh scripts/cross.sh $(TARGET)
 
+packages: deb
+	for target in $(or $(TARGETS),windows-x64 macos-arm64 macos-x64 linux-x64-glibc2.17 linux-arm64); do \
+	  JOBS=$(JOBS) sh scripts/cross.sh $$target && python3 -B scripts/package_cross.py build-cross/$$target dist || exit 1; done
+
 deb:
 	JOBS=$(JOBS) sh scripts/package_deb.sh
 

@@ -42,6 +42,8 @@ left=$(files)
 # The add-on, from its package, finds module and program where its links say.
 dpkg-deb -x "$packages/"blender-pags_*_all.deb "$work/addon"
 addon=$work/addon/usr/share/blender/scripts/addons/pags
-[ "$(readlink "$addon/bin/pags")" = /usr/bin/pags ]
-[ "$(readlink "$addon/pags.abi3.so")" = /usr/lib/python3/dist-packages/pags.abi3.so ]
+for link in bin/pags:usr/bin/pags pags.abi3.so:usr/lib/python3/dist-packages/pags.abi3.so; do
+  found=$(readlink -m "$addon/${link%%:*}")
+  [ "$found" = "$(readlink -m "$work/addon/${link#*:}")" ] || { echo "check-deb: the add-on's ${link%%:*} points to $found"; exit 1; }
+done
 echo "check-deb: installed, used and removed; nothing is left"
