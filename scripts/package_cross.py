@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """package_cross.py BUILD FOLDER: packs what `make cross` built in BUILD (build-cross/TARGET) into FOLDER: a wheel for Python with the module
-and the program, an archive with the program alone, and the add-on's zip. The same bytes each time: entries are sorted, and their times are
-those of SOURCE_DATE_EPOCH, else of the commit."""
+and the program, an archive with the program alone, the add-on's zip; and the wheel of tools/recordings. The same bytes each time: entries are
+sorted, and their times are those of SOURCE_DATE_EPOCH, else of the commit."""
 
 import base64
 import gzip
@@ -65,34 +65,48 @@ def tar_bytes(files):
     return data.getvalue()
 
 
-def metadata():
-    readme = """PAGS turns recordings of a driving car and photographs of static scenes into 3D Gaussians, draws them, and exports meshes and splat
-files, on ordinary processors. This package has the module `pags` (docs/python-api.md) and the program `pags` (`pags --help`).
-"""
-    return (f"Metadata-Version: 2.1\nName: pags\nVersion: {version()}\nSummary: Gaussian splatting of driving scenes on processors\n"
-            "License: Apache-2.0\nLicense-File: LICENSE\nLicense-File: THIRD_PARTY.md\nRequires-Python: >=3.10\nProvides-Extra: numpy\n"
-            'Requires-Dist: numpy; extra == "numpy"\nClassifier: Programming Language :: Python :: 3\n'
-            f"Classifier: Topic :: Multimedia :: Graphics :: 3D Modeling\nDescription-Content-Type: text/markdown\n\n{readme}")
-
-
-def wheel(build, platform, program, module):
-    """The wheel's name and bytes. The program lies among the scripts, so that it is started without a Python."""
-    base = f"pags-{version()}"
-    info = f"{base}.dist-info"
+def wheel(name, tags, lines, text, files):
+    """A wheel of {name: (bytes, mode)}, its file name and bytes. `lines` are further ones of its metadata, `text` describes it."""
+    info = f"{name.replace('-', '_')}-{version()}.dist-info"
+    metadata = [f"Metadata-Version: 2.1\nName: {name}\nVersion: {version()}\nLicense: Apache-2.0\nLicense-File: LICENSE", *lines,
+                "Description-Content-Type: text/markdown", "", text, ""]
     files = {
+        **files,
+        f"{info}/METADATA": ("\n".join(metadata).encode(), 0o644),
+        f"{info}/WHEEL": ("\n".join(["Wheel-Version: 1.0", "Generator: pags", f"Root-Is-Purelib: {str('none-any' in tags).lower()}",
+                                     *(f"Tag: {'-'.join(tags.split('-')[:-1])}-{platform}" for platform in tags.split("-")[-1].split(".")), ""]).encode(), 0o644),
+        f"{info}/licenses/LICENSE": (read(ROOT, "LICENSE"), 0o644),
+    }
+    record = "".join(f"{path},sha256={base64.urlsafe_b64encode(hashlib.sha256(content).digest()).rstrip(b'=').decode()},{len(content)}\n"
+                     for path, (content, _) in sorted(files.items()))
+    files[f"{info}/RECORD"] = ((record + f"{info}/RECORD,,\n").encode(), 0o644)
+    return f"{name.replace('-', '_')}-{version()}-{tags}.whl", zip_bytes(files)
+
+
+def engine_wheel(build, platform, program, module):
+    """The module and the program, which lies among the scripts, so that it is started without a Python."""
+    base = f"pags-{version()}"
+    return wheel("pags", f"cp310-abi3-{platform}", [
+        "Summary: Gaussian splatting of driving scenes on processors", "License-File: THIRD_PARTY.md", "Requires-Python: >=3.10",
+        "Provides-Extra: recordings", f'Requires-Dist: pags-recordings == {version()}; extra == "recordings"',
+    ], "Turns recordings of a driving car and photographs of static scenes into 3D Gaussians, draws them, and exports meshes and splat files, on ordinary\n"
+       "processors: the module `pags` (`help(pags)`) and the program `pags` (`pags --help`).", {
         module: (read(build, "python", module), 0o755),
         "pags-stubs/__init__.pyi": (read(build, "python", "pags.pyi"), 0o644),
         f"{base}.data/scripts/{program}": (read(build, program), 0o755),
-        f"{info}/METADATA": (metadata().encode(), 0o644),
-        f"{info}/WHEEL": (("Wheel-Version: 1.0\nGenerator: pags\nRoot-Is-Purelib: false\n"
-                           + "".join(f"Tag: cp310-abi3-{tag}\n" for tag in platform.split("."))).encode(), 0o644),
-        f"{info}/licenses/LICENSE": (read(ROOT, "LICENSE"), 0o644),
-        f"{info}/licenses/THIRD_PARTY.md": (read(ROOT, "THIRD_PARTY.md"), 0o644),
-    }
-    record = "".join(f"{name},sha256={base64.urlsafe_b64encode(hashlib.sha256(content).digest()).rstrip(b'=').decode()},{len(content)}\n"
-                     for name, (content, _) in sorted(files.items()))
-    files[f"{info}/RECORD"] = ((record + f"{info}/RECORD,,\n").encode(), 0o644)
-    return f"{base}-cp310-abi3-{platform}.whl", zip_bytes(files)
+        f"{base}.dist-info/licenses/THIRD_PARTY.md": (read(ROOT, "THIRD_PARTY.md"), 0o644),
+    })
+
+
+def recordings_wheel():
+    """What writes and imports recordings, in Python alone."""
+    folder = os.path.join(ROOT, "tools/recordings")
+    needed = [line for line in read(folder, "requirements.txt").decode().splitlines() if line and not line.startswith("#")]
+    return wheel("pags-recordings", "py3-none-any", ["Summary: writes and imports recordings of driving for pags", "Requires-Python: >=3.9",
+                                                     *(f"Requires-Dist: {line}" for line in needed)],
+                 "Writes recordings of driving in the layout that `pags train` reads, and imports those of other sources.",
+                 {f"pags_recordings/{name}": (read(folder, "pags_recordings", name), 0o644)
+                  for name in os.listdir(os.path.join(folder, "pags_recordings")) if name.endswith(".py")})
 
 
 def main():
@@ -103,15 +117,18 @@ def main():
     if target not in TARGETS:
         sys.exit(f"package_cross: {build}: expected the folder of one of {', '.join(TARGETS)}")
     platform, program, module = TARGETS[target]
+    addon = f"pags-blender-{version()}-{target.split('-glibc')[0]}.zip"
+    for name in (program, "python/" + module, "python/pags.pyi", addon):
+        if not os.path.exists(os.path.join(build, name)):
+            sys.exit(f"package_cross: {os.path.join(build, name)} isn't there: make cross TARGET={target} makes it")
     name = f"pags-{version()}-{target.split('-glibc')[0]}"
-    packages = dict([wheel(build, platform, program, module)])
+    packages = dict([engine_wheel(build, platform, program, module), recordings_wheel()])
     alone = {f"{name}/{program}": (read(build, program), 0o755), **{f"{name}/{text}": (read(ROOT, text), 0o644) for text in
                                                                    ("LICENSE", "THIRD_PARTY.md", "README.md", "CHANGELOG.md")}}
     if program.endswith(".exe"):
         packages[name + ".zip"] = zip_bytes(alone)
     elif target.startswith("linux"):
         packages[name + ".tar.gz"] = tar_bytes(alone)
-    addon = f"pags-blender-{version()}-{target.split('-glibc')[0]}.zip"
     with zipfile.ZipFile(os.path.join(build, addon)) as built:
         packages[addon] = zip_bytes({entry.filename: (built.read(entry), 0o755 if entry.external_attr >> 16 & 0o100 else 0o644)
                                      for entry in built.infolist() if not entry.is_dir()})

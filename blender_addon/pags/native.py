@@ -6,7 +6,9 @@ import threading
 
 import bpy
 
-VERSION = "0.1"
+from . import bl_info
+
+VERSION = ".".join(str(number) for number in bl_info["version"][:2])
 problem = ""
 module = None
 try:

@@ -70,6 +70,7 @@ class Install(Case):
         version = ".".join(parts)
         self.assertIn(f"\nVersion: {version}\n", fixtures.read(os.path.join(prefix, "lib/pkgconfig/pags.pc")).decode())
         self.assertTrue(os.path.exists(os.path.join(prefix, f"lib/libpags.so.{version}")))
+        self.assertIn(f'\n__version__ = "{version}"', fixtures.read(os.path.join(prefix, "share/pags/recordings/pags_recordings/__init__.py")).decode())
         with zipfile.ZipFile(os.path.join(BUILD, f"pags-blender-{version}-linux-x64.zip")) as addon:
             self.assertIn(f'\nversion = "{version}"\n', addon.read("pags/blender_manifest.toml").decode())
             self.assertIn(f'"version": ({", ".join(parts)}),', addon.read("pags/__init__.py").decode())

@@ -51,7 +51,7 @@ class Packages(Case):
                 os.chmod(os.path.join(folder, name), 0o777)
         packed = self.pack(first)
         self.assertEqual(list(packed), [f"pags-{VERSION}-cp310-abi3-manylinux_2_17_x86_64.manylinux2014_x86_64.whl", f"pags-{VERSION}-linux-x64.tar.gz",
-                                        f"pags-blender-{VERSION}-linux-x64.zip"])
+                                        f"pags-blender-{VERSION}-linux-x64.zip", f"pags_recordings-{VERSION}-py3-none-any.whl"])
         self.assertEqual(packed, self.pack(second, umask=0o77, TZ="Asia/Tokyo", LC_ALL="tr_TR.UTF-8"))
         self.assertNotEqual(packed, self.pack(second, SOURCE_DATE_EPOCH="1700086400"))
 
@@ -62,7 +62,7 @@ class Packages(Case):
             ("windows-x64", "pags.exe", "pags.pyd", ["cp310-abi3-win_amd64"]),
         ]:
             packed = self.pack(self.build(target, program, module))
-            name = next(name for name in packed if name.endswith(".whl"))
+            name = next(name for name in packed if name.startswith("pags-") and name.endswith(".whl"))
             with zipfile.ZipFile(io.BytesIO(packed[name])) as wheel:
                 info = f"pags-{VERSION}.dist-info"
                 self.assertEqual(re.findall(r"^Tag: (.*)$", wheel.read(f"{info}/WHEEL").decode(), re.M), tags)
@@ -84,16 +84,24 @@ class Packages(Case):
                          "no pip")
     def test_pip_takes_it(self):
         build = self.build("linux-x64-glibc2.17")
-        wheel = next(name for name in self.pack(build) if name.endswith(".whl"))
+        wheel, recordings = (name for name in self.pack(build) if name.endswith(".whl"))
         done = subprocess.run([sys.executable, "-m", "pip", "install", "-q", "--no-index", "--no-deps", "--disable-pip-version-check", "--ignore-installed",
-                               "--prefix", self.path("usr"), os.path.join(build + "-out", wheel)], capture_output=True, text=True)
+                               "--prefix", self.path("usr"), *(os.path.join(build + "-out", name) for name in (wheel, recordings))], capture_output=True, text=True)
         self.assertEqual(done.returncode, 0, done.stderr)
         self.assertEqual(subprocess.run([self.path("usr/bin/pags")], capture_output=True, text=True).stdout, "program\n")
+        installed = [os.path.join(folder, name) for folder, _, names in os.walk(self.path("usr")) for name in names]
+        for name in ["pags.abi3.so", "pags-stubs/__init__.pyi", "pags_recordings/writer.py"]:
+            self.assertEqual(len([path for path in installed if path.endswith("-packages/" + name)]), 1, name)
 
     def test_what_is_no_build(self):
         done = subprocess.run([sys.executable, "-B", SCRIPT, self.path("amiga"), self.path("out")], capture_output=True, text=True)
         self.assertEqual(done.returncode, 1)
         self.assertIn("amiga: expected the folder of one of linux-x64-glibc2.17", done.stderr)
+        build = self.build("linux-arm64")
+        os.remove(os.path.join(build, "python/pags.abi3.so"))
+        done = subprocess.run([sys.executable, "-B", SCRIPT, build, self.path("out")], capture_output=True, text=True)
+        self.assertEqual(done.returncode, 1)
+        self.assertIn("python/pags.abi3.so isn't there: make cross TARGET=linux-arm64", done.stderr)
 
 
 if __name__ == "__main__":

@@ -9,6 +9,6 @@ from . import poses
 from .errors import RecordingError
 from .writer import Recording
 
-__version__ = "0.1.0"  # pags' own
+__version__ = "0.2.0"  # pags' own, which the test addon.install compares
 
 __all__ = ["Recording", "RecordingError", "poses"]
