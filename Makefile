@@ -13,6 +13,9 @@
 #   make setup-cross  what make cross needs, into PAGS_CROSS (~/.cache/pags-cross): a compiler and the sources of libraries, checked by hash
 #   make cross TARGET=NAME  program, library, Python module and add-on for another system, into build-cross/NAME (docs/porting.md); NAME is
 #                windows-x64, macos-arm64, macos-x64, linux-x64-glibc2.17 or linux-arm64
+#   make packages TARGETS="NAME ..."  wheel, archive and add-on of cross builds, by default of all five, and the Debian packages, into dist/
+#   make deb     the Debian packages of the commit that is checked out, into dist/, checked by lintian (docs/release.md)
+#   make check-deb  install these into a fresh Debian 12, use them there and remove them (mmdebstrap; as root; a quarter of an hour)
 #   make check-arm64  the engine's unit tests and a short training for 64-bit ARM, under an emulator; beside the same of x86-64, bit by bit
 #   make check-windows  tests and program of the build for Windows, under wine; beside the program of Linux, bit by bit
 #   make check-scaling  the predictions of pags-bench scaling beside the clock, on two threads of a quiet machine
