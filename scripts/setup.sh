@@ -6,6 +6,8 @@ set -u
 needed="build-essential cmake pkg-config zlib1g-dev libzstd-dev libwebp-dev libpng-dev libjpeg62-turbo-dev libopenexr-dev libopenimageio-dev openimageio-tools libembree-dev libprotobuf-c-dev protobuf-c-compiler libexpat1-dev libtinygltf-dev nlohmann-json3-dev libmeshoptimizer-dev libqhull-dev libosd-dev libwebsockets-dev libcmocka-dev python3 python3-venv"
 # For the tests of the NEON kernels, the Python module and the tests in Blender; the rest works without these.
 wanted="gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user python3-dev blender python3-numpy xvfb xauth imagemagick libgl1-mesa-dri"
+# For several processes that share work out (docs/cluster.md) and their tests.
+wanted="$wanted libopenmpi-dev openmpi-bin"
 # For make fuzz: libFuzzer and the sanitizers of Debian 12's clang.
 wanted="$wanted clang libclang-rt-dev"
 # For make valgrind.
@@ -20,6 +22,7 @@ if ! command -v dpkg-query >/dev/null || ! command -v apt-get >/dev/null; then
   echo "  zlib and zstd with their static libraries, libpng 1.6, libjpeg-turbo 2, OpenEXR 3.1 or later, OpenImageIO 2.4 to 3,"
   echo "  Embree 3 or 4, libwebp with its static library (for SOG),"
   echo "  protobuf-c with protoc-c, expat, tinygltf, meshoptimizer, qhull, OpenSubdiv, libwebsockets 4, cmocka, Python 3;"
+  echo "  for several processes at one piece of work: Open MPI 4 or another MPI;"
   echo "  for the NEON kernels' tests: aarch64-linux-gnu-gcc and qemu-aarch64;"
   echo "  for the Python module and the Blender add-on: the headers of Python 3.11 or later; for their tests Blender, Xvfb, ImageMagick;"
   echo "  for the exporters' tests: node, npm and Chromium"

@@ -197,6 +197,10 @@ void pags_transport_hear(const pags_transport *transport, int64_t *done, bool *e
     transport->backend->hear(transport, done, ends_early);
 }
 
+bool pags_transport_speaks(const pags_transport *transport) {
+  return !transport || transport->backend->speaks(transport);
+}
+
 double pags_transport_watchdog(void) {
   enum { DEFAULT_SECONDS = 60 };
   const char *text = getenv("PAGS_WATCHDOG");

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Messages between the ranks of one job: threads of one process (tests), or one process alone, whose transport is NULL.
+/* Messages between the ranks of one job: processes on one or more machines (MPI), threads of one process (tests), or one
+ * process alone, whose transport is NULL.
  *
  * All ranks call the collective functions in the same order, with sizes that agree: what rank a sends to rank b is as
  * large as what b receives from a. Sizes are bytes in 64 bits. A function must be called by one thread of a rank at a
@@ -31,8 +32,8 @@ pags_result pags_transport_exchange(pags_transport *transport, const void *send,
                                     void *receive, const int64_t *receive_bytes);
 
 /* The same in two halves, between which the parts travel while the caller computes: the buffers, not the counts, must
- * stay untouched until `finish`. Several may be under way; they are finished in any order, each once, and `finish`
- * frees `transfer` in any case (NULL is allowed). After a failed `begin` *transfer is NULL. */
+ * stay untouched until `finish`. Several may be under way; they are finished in any order, each once, and `finish` frees
+ * `transfer` in any case (NULL is allowed). After a failed `begin` *transfer is NULL. */
 pags_result pags_transport_exchange_begin(pags_transport *transport, const void *send, const int64_t *send_bytes,
                                           void *receive, const int64_t *receive_bytes, pags_transfer **transfer);
 pags_result pags_transport_exchange_finish(pags_transport *transport, pags_transfer *transfer);
@@ -46,8 +47,8 @@ pags_result pags_transport_gather(pags_transport *transport, int root, const voi
                                   const int64_t *receive_bytes);
 
 /* Agrees on how a piece of work ended on all ranks: PAGS_OK if it did everywhere; else the failure of the lowest rank
- * that failed, its message beginning with "rank R: " (cancelled only if nothing worse happened). Every rank then has
- * the same result and message. `mine` comes with this thread's error message. */
+ * that failed, its message beginning with "rank R: " (cancelled only if nothing worse happened). Every rank then has the
+ * same result and message. `mine` comes with this thread's error message. */
 pags_result pags_transport_agree(pags_transport *transport, pags_result mine);
 
 /* ---- News: no waiting, no order ---- */
@@ -57,6 +58,9 @@ pags_result pags_transport_agree(pags_transport *transport, pags_result mine);
 void pags_transport_tell(pags_transport *transport, int64_t done, bool ends_early);
 /* The sum of what all ranks have told, and whether one of them ends early or can't be reached. */
 void pags_transport_hear(const pags_transport *transport, int64_t *done, bool *ends_early);
+
+/* Whether this rank is the one that prints for all: rank 0, or the lowest that is left. */
+bool pags_transport_speaks(const pags_transport *transport);
 
 /* ---- Counters ---- */
 
@@ -74,12 +78,18 @@ pags_transport_counters pags_transport_counted(const pags_transport *transport);
 double pags_transport_watchdog(void);
 
 /* Ends this rank's part. `failed`: without waiting for the others. NULL is allowed. Nothing may be under way unless
- * `failed`. */
+ * `failed`. With MPI, a failure ends the process with code 1, and mpirun ends the rest. */
 void pags_transport_destroy(pags_transport *transport, bool failed);
 
 /* Makes `ranks` transports of one process, one for each of the threads that play the ranks. bytes_a_second > 0 holds
  * what each rank sends, and what it receives, to that rate. `watchdog`: seconds. Each is destroyed by its rank. */
 pags_result pags_transport_create_threads(int ranks, double bytes_a_second, double watchdog,
                                           pags_transport **transports);
+
+/* Whether this process was started by mpirun or srun as one of several or as a single rank of MPI. */
+bool pags_transport_started_by_mpi(void);
+/* Joins the job of MPI; *transport stays NULL for a job of one rank. Errors: PAGS_ERROR_UNSUPPORTED if this build has no
+ * MPI. At most once a process. */
+pags_result pags_transport_create_mpi(pags_transport **transport);
 
 #endif

@@ -181,6 +181,10 @@ static void hear(const pags_transport *transport, int64_t *done, bool *ends_earl
   pthread_mutex_unlock(&shared->lock);
 }
 
+static bool speaks(const pags_transport *transport) {
+  return transport->rank == 0;
+}
+
 static void destroy_hub(hub *shared, int ranks) {
   for (int rank = 0; shared->seats && rank < ranks; rank++)
     for (message *next, *at = shared->seats[rank].inbox; at; at = next) {
@@ -208,7 +212,7 @@ static void destroy(pags_transport *transport, bool failed) {
 
 pags_result pags_transport_create_threads(int ranks, double bytes_a_second, double watchdog,
                                           pags_transport **transports) {
-  static const pags_backend backend = {begin, finish, tell, hear, destroy};
+  static const pags_backend backend = {begin, finish, tell, hear, speaks, destroy};
   assert(ranks >= 1 && ranks <= PAGS_RANKS_MOST && bytes_a_second >= 0 && watchdog > 0);
   for (int rank = 0; rank < ranks; rank++)
     transports[rank] = NULL;

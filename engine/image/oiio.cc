@@ -108,7 +108,7 @@ void close_reader(void *handle) {
 
 } // namespace
 
-extern "C" const pags_oiio *pags_oiio_table(void) {
+extern "C" const void *pags_oiio_table(void) {
   static const pags_oiio table = {PAGS_OIIO_VERSION, open_reader, read_pixels, close_reader};
   try {
     // Our own pool decodes several pictures at once; threads of OpenImageIO's and OpenEXR's would only add to them.

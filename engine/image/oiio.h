@@ -38,10 +38,8 @@ typedef struct pags_oiio {
   void (*close)(void *reader);
 } pags_oiio;
 
-typedef const pags_oiio *pags_oiio_table_fn(void);
-
-/* The module's only exported function; returns its table, NULL when out of memory. */
-PAGS_API const pags_oiio *pags_oiio_table(void);
+/* The module's only exported function; returns its table, a pags_oiio, or NULL when out of memory. */
+PAGS_API const void *pags_oiio_table(void);
 
 #ifdef __cplusplus
 }

@@ -1,0 +1,496 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The transport over MPI. One thread of each process, the messenger, makes all calls of MPI, so that messages travel
+ * while the rank's own thread computes, which MPI alone doesn't promise; it sleeps between looks at them, where MPI's
+ * own waiting would keep a processor busy.
+ *
+ * Every quarter of a second the messenger sends its rank's news (what pags_transport_tell said) to every other rank. A
+ * rank that no news come from for the watchdog's time is given up: its process is stopped or gone, or the link is down.
+ * A rank's last news say that it leaves; after those nothing is under way between the two, and MPI can be ended.
+ *
+ * A large part travels as messages of CHUNK bytes, since MPI counts by int. */
+#include <assert.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/clock.h"
+#include "base/memory.h"
+#include "cluster/backend.h"
+#include "cluster/mpi_calls.h"
+#include "port/module.h"
+#include "port/port.h"
+
+enum {
+  CHUNK = 64 << 20,
+  NEWS_TAG = 32767,
+  TAGS = 32767, /* of transfers, in turn */
+  LEAVING_MS = 1000 /* what a rank sent before its last news may come so much later than these */
+};
+static const double news_every_ms = 250;
+
+typedef struct news {
+  int64_t done;
+  int32_t ends_early, leaves;
+} news;
+
+/* Another rank. The messenger's alone but for `last`, which the lock guards. */
+typedef struct peer {
+  news sent, received; /* buffers of the messages under way */
+  pags_mpi_request send, receive;
+  bool sending, said_leaving;
+  double heard_ms, left_ms; /* left_ms: when its last news came; 0: not yet */
+  news last;
+} peer;
+
+/* A transfer under way, in the order of its begin. */
+typedef struct moving {
+  struct moving *next;
+  int tag;
+  int64_t count; /* messages: for each rank its chunks sent, then its chunks received */
+  struct piece {
+    pags_mpi_request request;
+    char *data;
+    int bytes, rank;
+    bool receives, over;
+  } *pieces;
+  int64_t left; /* pieces that aren't over */
+  bool done;
+} moving;
+
+typedef struct mpi_transport {
+  pags_transport base;
+  const pags_mpi *mpi;
+  double watchdog;
+  char library[128];
+  pthread_t messenger;
+  peer *peers;
+  int64_t number; /* of the next transfer */
+
+  pthread_mutex_t lock; /* guards what follows */
+  pthread_cond_t changed;
+  moving *begun; /* not yet the messenger's, last first */
+  news own;
+  bool started, leaving, over; /* over: the messenger has ended MPI */
+  bool failed;                 /* to be aborted */
+  int silent;                  /* the rank that was given up; -1: none */
+  char broken[512];            /* why nothing works any more; "": all is well */
+} mpi_transport;
+
+/* ---- The messenger ---- */
+
+/* Notes the first failure; every call of the rank's own thread then fails. */
+static void break_down(mpi_transport *self, int silent, const char *why) {
+  pthread_mutex_lock(&self->lock);
+  if (!self->broken[0]) {
+    snprintf(self->broken, sizeof self->broken, "%s", why);
+    self->silent = silent;
+  }
+  pthread_cond_broadcast(&self->changed);
+  pthread_mutex_unlock(&self->lock);
+}
+
+/* Gives up a rank; `format`: what it does or did. */
+static PAGS_PRINTF(3, 4) void lose_rank(mpi_transport *self, int rank, const char *format, ...) {
+  char text[sizeof self->broken];
+  const int length = snprintf(text, sizeof text, "rank %d of %d ", rank, self->base.ranks);
+  va_list arguments;
+  va_start(arguments, format);
+  vsnprintf(text + length, sizeof text - (size_t)length, format, arguments);
+  va_end(arguments);
+  break_down(self, rank, text);
+}
+
+static bool start_pieces(mpi_transport *self, moving *work) {
+  bool right = true;
+  for (int64_t i = 0; right && i < work->count; i++) {
+    struct piece *p = &work->pieces[i];
+    right = p->receives ? self->mpi->receive(p->data, p->bytes, p->rank, work->tag, &p->request)
+                        : self->mpi->send(p->data, p->bytes, p->rank, work->tag, &p->request);
+  }
+  if (!right)
+    break_down(self, -1, "MPI takes no more messages");
+  return right;
+}
+
+/* Looks at the transfer's messages; true if one of them is newly over. */
+static bool look_at(mpi_transport *self, moving *work) {
+  const int64_t before = work->left;
+  for (int64_t i = 0; i < work->count; i++) {
+    struct piece *p = &work->pieces[i];
+    int bytes = 0;
+    char why[300];
+    if (p->over)
+      continue;
+    const int state = self->mpi->test(&p->request, &bytes, why, sizeof why);
+    if (state < 0) {
+      lose_rank(self, p->rank, "can't be reached: %s", why);
+    } else if (state > 0 && p->receives && bytes != p->bytes) {
+      lose_rank(self, p->rank, "sent %d bytes; expected %d", bytes, p->bytes);
+    } else if (state > 0) {
+      p->over = true;
+      work->left--;
+    } else if (p->receives && self->peers[p->rank].left_ms > 0 &&
+               pags_clock_ms() - self->peers[p->rank].left_ms > LEAVING_MS) {
+      lose_rank(self, p->rank, "has ended before its work was done");
+    }
+  }
+  return work->left < before;
+}
+
+/* Takes what other ranks tell. */
+static void hear_news(mpi_transport *self, double now) {
+  for (int rank = 0; rank < self->base.ranks; rank++) {
+    peer *p = &self->peers[rank];
+    int bytes;
+    char why[300];
+    while (rank != self->base.rank && p->left_ms <= 0) {
+      const int state = self->mpi->test(&p->receive, &bytes, why, sizeof why);
+      if (state < 0)
+        lose_rank(self, rank, "can't be reached: %s", why);
+      if (state <= 0)
+        break;
+      p->heard_ms = now;
+      p->left_ms = p->received.leaves ? now : 0;
+      pthread_mutex_lock(&self->lock);
+      p->last = p->received;
+      pthread_mutex_unlock(&self->lock);
+      if (!p->received.leaves && !self->mpi->receive(&p->received, sizeof p->received, rank, NEWS_TAG, &p->receive)) {
+        break_down(self, -1, "MPI takes no more messages");
+        return;
+      }
+    }
+    if (rank != self->base.rank && p->left_ms <= 0 && now - p->heard_ms > self->watchdog * 1e3)
+      lose_rank(self, rank, "has been silent for %g s", self->watchdog);
+  }
+}
+
+/* Tells this rank's news to all whose last ones are under way no more. Returns whether all know that it leaves. */
+static bool send_news(mpi_transport *self, const news *own) {
+  bool known = true;
+  for (int rank = 0; rank < self->base.ranks; rank++) {
+    peer *p = &self->peers[rank];
+    int bytes;
+    char why[300];
+    if (rank == self->base.rank)
+      continue;
+    if (p->sending && self->mpi->test(&p->send, &bytes, why, sizeof why) != 0)
+      p->sending = false;
+    if (!p->sending && !p->said_leaving) {
+      p->sent = *own;
+      p->sending = self->mpi->send(&p->sent, sizeof p->sent, rank, NEWS_TAG, &p->send);
+      p->said_leaving = own->leaves != 0;
+    }
+    known &= p->said_leaving && !p->sending;
+  }
+  return known;
+}
+
+static bool all_have_left(const mpi_transport *self) {
+  for (int rank = 0; rank < self->base.ranks; rank++)
+    if (rank != self->base.rank && self->peers[rank].left_ms <= 0)
+      return false;
+  return true;
+}
+
+/* Joins the job and listens to the other ranks. */
+static bool join(mpi_transport *self) {
+  if (!self->mpi->begin(&self->base.rank, &self->base.ranks, self->library, sizeof self->library)) {
+    snprintf(self->broken, sizeof self->broken, "MPI can't start");
+    return false;
+  }
+  self->peers = calloc((size_t)self->base.ranks, sizeof *self->peers);
+  for (int rank = 0; self->peers && rank < self->base.ranks; rank++) {
+    peer *p = &self->peers[rank];
+    p->heard_ms = pags_clock_ms();
+    if (rank != self->base.rank)
+      self->mpi->receive(&p->received, sizeof p->received, rank, NEWS_TAG, &p->receive);
+  }
+  if (!self->peers)
+    snprintf(self->broken, sizeof self->broken, "out of memory for %d ranks", self->base.ranks);
+  return self->peers != NULL;
+}
+
+/* Between looks at messages: the longer nothing has come, the longer the sleep; a new transfer ends it. */
+static double choose_sleep(bool busy, int idle_rounds) {
+  enum { EAGER_ROUNDS = 200 };
+  const double eager = 50e-6, patient = 1e-3, resting = 20e-3;
+  return !busy ? resting : idle_rounds < EAGER_ROUNDS ? eager : patient;
+}
+
+static void *run_messenger(void *argument) {
+  mpi_transport *self = argument;
+  pthread_mutex_lock(&self->lock);
+  const bool joined = join(self);
+  self->started = true;
+  pthread_cond_broadcast(&self->changed);
+  moving *active = NULL;
+  double looked_ms = pags_clock_ms(), told_ms = 0;
+  news told = {0};
+  int idle_rounds = 0;
+  while (joined && !self->failed) {
+    /* What the rank's own thread wants. */
+    moving *begun = NULL;
+    for (moving *next; self->begun; self->begun = next) {
+      next = self->begun->next;
+      self->begun->next = begun;
+      begun = self->begun;
+    }
+    news own = self->own;
+    own.leaves = self->leaving;
+    const bool broken = self->broken[0] != '\0';
+    pthread_mutex_unlock(&self->lock);
+
+    /* Time in which this process itself didn't run is no silence of the others. */
+    const double now = pags_clock_ms(), stopped_ms = now - looked_ms;
+    for (int rank = 0; stopped_ms > 1000 && rank < self->base.ranks; rank++)
+      self->peers[rank].heard_ms += stopped_ms;
+    looked_ms = now;
+
+    moving **end = &active;
+    while (*end)
+      end = &(*end)->next;
+    *end = begun;
+    for (; begun && !broken; begun = begun->next)
+      if (!start_pieces(self, begun))
+        break;
+    bool moved = false;
+    for (moving *work = active; work && !broken; work = work->next)
+      moved |= look_at(self, work);
+    idle_rounds = moved ? 0 : idle_rounds + 1;
+    bool known = false;
+    if (!broken) {
+      hear_news(self, now);
+      if (own.leaves || now - told_ms >= news_every_ms || memcmp(&own, &told, sizeof own) != 0) {
+        known = send_news(self, &own);
+        told = own;
+        told_ms = now;
+      }
+    }
+
+    pthread_mutex_lock(&self->lock);
+    for (moving **at = &active; *at;)
+      if ((*at)->left == 0) {
+        (*at)->done = true;
+        *at = (*at)->next;
+        pthread_cond_broadcast(&self->changed);
+      } else {
+        at = &(*at)->next;
+      }
+    if (known && !active && !self->broken[0] && all_have_left(self)) {
+      pthread_mutex_unlock(&self->lock);
+      self->mpi->end();
+      pthread_mutex_lock(&self->lock);
+      self->over = true;
+      break;
+    }
+    if (!self->begun && !self->failed)
+      pags_port_condition_wait(&self->changed, &self->lock,
+                               choose_sleep(active != NULL || (own.leaves && !broken), idle_rounds));
+  }
+  const bool aborts = self->failed;
+  pthread_cond_broadcast(&self->changed);
+  pthread_mutex_unlock(&self->lock);
+  if (aborts)
+    self->mpi->abort(1);
+  return NULL;
+}
+
+/* ---- The rank's own thread ---- */
+
+static int64_t count_chunks(int64_t bytes) {
+  return (bytes + CHUNK - 1) / CHUNK;
+}
+
+static void add_pieces(moving *work, char *data, int64_t bytes, int rank, bool receives) {
+  for (int64_t at = 0; at < bytes; at += CHUNK)
+    work->pieces[work->count++] = (struct piece){.data = data + at,
+                                                 .bytes = (int)(bytes - at < CHUNK ? bytes - at : CHUNK),
+                                                 .rank = rank,
+                                                 .receives = receives};
+}
+
+static pags_result begin(pags_transport *transport, pags_transfer *transfer) {
+  mpi_transport *self = (mpi_transport *)transport;
+  int64_t count = 0;
+  for (int rank = 0; rank < transfer->ranks; rank++)
+    count += count_chunks(transfer->parts[rank].send_bytes) + count_chunks(transfer->parts[rank].receive_bytes);
+  moving *work = calloc(1, sizeof *work);
+  if (work)
+    work->pieces = calloc((size_t)count + 1, sizeof *work->pieces);
+  if (!work || !work->pieces) {
+    free(work);
+    return pags_out_of_memory("messages to %d ranks", transfer->ranks);
+  }
+  for (int rank = 0; rank < transfer->ranks; rank++) {
+    const struct pags_part *part = &transfer->parts[rank];
+    add_pieces(work, part->receive, part->receive_bytes, rank, true);
+    add_pieces(work, (char *)part->send, part->send_bytes, rank, false);
+  }
+  assert(work->count == count);
+  work->left = count;
+  work->tag = (int)(self->number++ % TAGS);
+  transfer->state = work;
+  pthread_mutex_lock(&self->lock);
+  const bool broken = self->broken[0] != '\0';
+  if (!broken) {
+    work->next = self->begun;
+    self->begun = work;
+  }
+  pthread_cond_broadcast(&self->changed);
+  pthread_mutex_unlock(&self->lock);
+  if (!broken)
+    return PAGS_OK;
+  free(work->pieces);
+  free(work);
+  return pags_fail(PAGS_ERROR_IO, "%s", self->broken);
+}
+
+static pags_result finish(pags_transport *transport, pags_transfer *transfer) {
+  mpi_transport *self = (mpi_transport *)transport;
+  moving *work = transfer->state;
+  pthread_mutex_lock(&self->lock);
+  while (!work->done && !self->broken[0])
+    pags_port_condition_wait(&self->changed, &self->lock, 1);
+  const bool done = work->done;
+  pthread_mutex_unlock(&self->lock);
+  if (!done)
+    /* The messenger may still look at it: it stays until the process ends, which is soon. */
+    return pags_fail(PAGS_ERROR_IO, "%s", self->broken);
+  free(work->pieces);
+  free(work);
+  return PAGS_OK;
+}
+
+static void tell(pags_transport *transport, int64_t done, bool ends_early) {
+  mpi_transport *self = (mpi_transport *)transport;
+  pthread_mutex_lock(&self->lock);
+  self->own.done = done;
+  self->own.ends_early = ends_early;
+  pthread_mutex_unlock(&self->lock);
+}
+
+static void hear(const pags_transport *transport, int64_t *done, bool *ends_early) {
+  mpi_transport *self = (mpi_transport *)transport;
+  pthread_mutex_lock(&self->lock);
+  for (int rank = 0; rank < transport->ranks; rank++) {
+    const news *of = rank == transport->rank ? &self->own : &self->peers[rank].last;
+    *done += of->done;
+    *ends_early |= of->ends_early != 0;
+  }
+  *ends_early |= self->broken[0] != '\0';
+  pthread_mutex_unlock(&self->lock);
+}
+
+/* After the loss of a rank the lowest of the others speaks for all. */
+static bool speaks(const pags_transport *transport) {
+  mpi_transport *self = (mpi_transport *)transport;
+  pthread_mutex_lock(&self->lock);
+  const int speaker = self->silent == 0 ? 1 : 0;
+  pthread_mutex_unlock(&self->lock);
+  return transport->rank == speaker;
+}
+
+static void free_transport(mpi_transport *self) {
+  pthread_cond_destroy(&self->changed);
+  pthread_mutex_destroy(&self->lock);
+  free(self->peers);
+  free(self);
+}
+
+static void destroy(pags_transport *transport, bool failed) {
+  enum { FAILED_CODE = 1 };
+  mpi_transport *self = (mpi_transport *)transport;
+  const double patience = speaks(transport) ? 0 : 3; /* seconds for the one who speaks to say why */
+  pthread_mutex_lock(&self->lock);
+  self->leaving = true;
+  pthread_cond_broadcast(&self->changed);
+  while (!failed && !self->over && !self->broken[0])
+    pags_port_condition_wait(&self->changed, &self->lock, 1);
+  if (!self->over) {
+    const double until_ms = pags_clock_ms() + patience * 1e3, most_ms = 5000;
+    for (double left; (left = until_ms - pags_clock_ms()) > 0;)
+      pags_port_condition_wait(&self->changed, &self->lock, left * 1e-3);
+    self->failed = true;
+    pthread_cond_broadcast(&self->changed);
+    for (double left; (left = until_ms + most_ms - pags_clock_ms()) > 0;) /* the messenger's abort ends the process */
+      pags_port_condition_wait(&self->changed, &self->lock, left * 1e-3);
+    pags_port_exit_at_once(FAILED_CODE);
+  }
+  pthread_mutex_unlock(&self->lock);
+  pthread_join(self->messenger, NULL);
+  free_transport(self);
+}
+
+/* ---- Joining ---- */
+
+/* How many ranks the launcher says that it has started; 0: nothing is known. */
+static int find_started_ranks(void) {
+  static const char *const names[] = {"OMPI_COMM_WORLD_SIZE", "PMI_SIZE"};
+  for (int i = 0; i < 2; i++) {
+    const char *text = getenv(names[i]);
+    if (text)
+      return (int)strtol(text, NULL, 10);
+  }
+  return 0;
+}
+
+bool pags_transport_started_by_mpi(void) {
+  return getenv("OMPI_COMM_WORLD_SIZE") || getenv("PMI_SIZE") || getenv("PMIX_RANK");
+}
+
+#ifndef PAGS_WITH_MPI
+
+pags_result pags_transport_create_mpi(pags_transport **transport) {
+  *transport = NULL;
+  if (find_started_ranks() == 1)
+    return PAGS_OK;
+  return pags_fail(PAGS_ERROR_UNSUPPORTED,
+                   "started as one of several by mpirun, but this build has no MPI: configure with -DPAGS_MPI=ON "
+                   "(Debian: libopenmpi-dev)");
+}
+
+#else
+
+pags_result pags_transport_create_mpi(pags_transport **transport) {
+  static const pags_backend backend = {begin, finish, tell, hear, speaks, destroy};
+  *transport = NULL;
+  const int started = find_started_ranks();
+  if (started == 1)
+    return PAGS_OK;
+  pags_port_module module;
+  pags_port_load_module("pags_mpi.so", PAGS_MODULE_DIR, PAGS_MPI_SYMBOL, PAGS_MPI_VERSION, &module);
+  if (!module.table)
+    return pags_fail(PAGS_ERROR_UNSUPPORTED,
+                     "started as one of several by mpirun, but MPI can't be loaded: %s; expected pags_mpi.so beside "
+                     "the program or in ../lib/pags, and Open MPI (Debian: libopenmpi3) installed",
+                     module.reason);
+  mpi_transport *self = calloc(1, sizeof *self);
+  if (!self)
+    return pags_out_of_memory("messages");
+  *self = (mpi_transport){
+      .base.backend = &backend, .mpi = module.table, .watchdog = pags_transport_watchdog(), .silent = -1};
+  pthread_mutex_init(&self->lock, NULL);
+  pags_port_condition_create(&self->changed);
+  const pags_port_signals signals = pags_port_block_signals(); /* handlers run on the main thread */
+  const bool running = pthread_create(&self->messenger, NULL, run_messenger, self) == 0;
+  pags_port_restore_signals(&signals);
+  if (!running) {
+    free_transport(self);
+    return pags_fail(PAGS_ERROR_MEMORY, "can't start a thread for messages");
+  }
+  pthread_mutex_lock(&self->lock);
+  while (!self->started)
+    pags_port_condition_wait(&self->changed, &self->lock, 1);
+  pthread_mutex_unlock(&self->lock);
+  if (self->broken[0])
+    return pags_fail(PAGS_ERROR_IO, "%s", self->broken);
+  if (started && started != self->base.ranks)
+    return pags_fail(PAGS_ERROR_UNSUPPORTED,
+                     "%d ranks were started, but %s sees %d: use the mpirun of the MPI that this build has", started,
+                     self->library, self->base.ranks);
+  *transport = &self->base;
+  return PAGS_OK;
+}
+
+#endif
