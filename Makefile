@@ -19,6 +19,7 @@
 #   make check-arm64  the engine's unit tests and a short training for 64-bit ARM, under an emulator; beside the same of x86-64, bit by bit
 #   make check-windows  tests and program of the build for Windows, under wine; beside the program of Linux, bit by bit
 #   make check-scaling  the predictions of pags-bench scaling beside the clock, on two threads of a quiet machine
+#   make check-cluster  ranks of mpirun killed at ten random moments, and stopped
 #   make check-viewers      splat files of a scene with a least alpha, drawn by Babylon.js and Spark in Chromium beside pags (SCENE=FOLDER: another scene)
 #   make check-scene-html  scene.html in a headless Chromium, without a network, beside pags render (SCENE=FOLDER: another scene)
 #   make check-view  pags view and pages of pags report in a headless Chromium, and ten thousand hostile requests (minutes)
@@ -49,7 +50,7 @@ REFERENCE ?= HEAD
 OPTIONS ?=
 
 # Checks that take hours, or programs that make setup doesn't install.
-NOT_CHECKED := check-arm64 check-blender-new check-blender-window-new check-deb check-inspect check-obey check-recordings check-scaling check-scene-html check-view check-viewers check-windows fuzz guide sanitize valgrind
+NOT_CHECKED := check-arm64 check-blender-new check-blender-window-new check-cluster check-deb check-inspect check-obey check-recordings check-scaling check-scene-html check-view check-viewers check-windows fuzz guide sanitize valgrind
 
 all:
 	cmake --preset release
@@ -156,6 +157,9 @@ check-recordings: all
 	sh tests/recordings/setup.sh
 	tests/recordings/.venv/bin/python -B tests/recordings/check_sources.py build/pags
 
+check-cluster: all
+	PAGS_KILLS=10 python3 -B tests/cluster/test_ranks.py build/pags Ranks.test_killed Ranks.test_stopped
+
 check-viewers: all
 	python3 -B tests/outside/viewers.py build/pags build/viewers $(if $(filter command line,$(origin SCENE)),"$(abspath $(SCENE))")
 
@@ -185,4 +189,4 @@ install: all
 clean:
 	rm -rf build
 
-.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-inspect check-obey check-blender-new check-blender-window-new bench-blender guide setup-cross cross check-arm64 check-windows check-scaling check-scene-html check-view check-viewers check-recordings same-bits figures docs install clean deb check-deb packages
+.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-inspect check-obey check-blender-new check-blender-window-new bench-blender guide setup-cross cross check-arm64 check-windows check-scaling check-scene-html check-view check-viewers check-recordings same-bits figures docs install clean deb check-deb packages check-cluster

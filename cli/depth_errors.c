@@ -31,6 +31,14 @@ static pags_result reserve(pags_depth_errors *self, int64_t more) {
   return PAGS_OK;
 }
 
+pags_result pags_depth_errors_append(pags_depth_errors *self, const double *more, int64_t count) {
+  PAGS_TRY(reserve(self, count));
+  if (count)
+    memcpy(self->errors + self->count, more, (size_t)count * sizeof *more);
+  self->count += count;
+  return PAGS_OK;
+}
+
 static void add_sample(pags_depth_errors *self, const pags_lidar_depth_sample *sample, const pags_picture *picture,
                        const uint8_t *mask) {
   int x = (int)sample->x, y = (int)sample->y;

@@ -29,6 +29,9 @@ void pags_depth_errors_destroy(pags_depth_errors *errors); /* a zeroed struct is
 pags_result pags_depth_errors_add(pags_depth_errors *errors, const pags_dataset *dataset, int64_t view,
                                   const pags_picture *picture, const uint8_t *mask);
 
+/* Appends errors that another rank has gathered. */
+pags_result pags_depth_errors_append(pags_depth_errors *errors, const double *more, int64_t count);
+
 /* Summarises all errors added so far; sorts them in place. */
 pags_depth_figures pags_depth_errors_figures(pags_depth_errors *errors);
 /* Writes the JSON member `depth`: an object, or null without samples. */

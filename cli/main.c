@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The program pags: prints the general help, or finds the verb and runs it. */
 #include "cli/options.h"
+#include "cli/ranks.h"
 #include "cli/verbs.h"
 #include "cli/version.h"
 #include "port/port.h"
@@ -40,6 +41,28 @@ typedef struct verb_entry {
 #else
 #define IF_VIEW(function) NULL, "libwebsockets (Debian: libwebsockets-dev; CMake option PAGS_VIEW)"
 #endif
+
+/* Runs a verb on one process or, if it shares its work out, on all ranks of a job. */
+static int run_verb(const verb_entry *verb, int argc, char **argv) {
+  static const char *const sharing[] = {"render", "eval"};
+  bool shares = false;
+  for (size_t i = 0; i < sizeof sharing / sizeof *sharing; i++)
+    shares |= !strcmp(verb->name, sharing[i]);
+  if (pags_ranks_join() != PAGS_OK) {
+    fprintf(stderr, "pags: %s\n", pags_error_message());
+    return PAGS_EXIT_FAILED;
+  }
+  int code = PAGS_EXIT_USAGE;
+  if (!pags_ranks_lead())
+    pags_options_silence();
+  if (shares || !pags_ranks())
+    code = verb->run(argc, argv);
+  else if (pags_ranks_lead())
+    fprintf(stderr, "pags: '%s' runs as one process, and mpirun started %d; render and eval share their work out\n",
+            verb->name, pags_transport_ranks(pags_ranks()));
+  pags_ranks_leave();
+  return code;
+}
 
 static const verb_entry verbs[] = {
     {"train", "reconstruct a scene from posed photographs", pags_verb_train, NULL},
@@ -87,7 +110,7 @@ int main(int argc, char **argv) {
   for (int i = 0; i < VERB_COUNT; i++)
     if (!strcmp(argv[1], verbs[i].name)) {
       if (verbs[i].run)
-        return verbs[i].run(argc - 2, argv + 2);
+        return run_verb(&verbs[i], argc - 2, argv + 2);
       fprintf(stderr, "pags: '%s' is not in this build, which lacks %s\n", verbs[i].name, verbs[i].lacking);
       return PAGS_EXIT_FAILED;
     }

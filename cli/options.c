@@ -20,8 +20,16 @@ static bool is_end(const pags_option *option) {
 
 /* ---- Messages and nearest names ---- */
 
+static bool silent;
+
+void pags_options_silence(void) {
+  silent = true;
+}
+
 int pags_usage_error(const pags_verb *verb, const char *format, ...) {
   va_list list;
+  if (silent)
+    return PAGS_EXIT_USAGE;
   fprintf(stderr, "%s %s: ", pags_program_name, verb->name);
   va_start(list, format);
   vfprintf(stderr, format, list);
@@ -545,6 +553,8 @@ void pags_options_entry(const char *left, const char *text, int width) {
 }
 
 void pags_options_help(const pags_verb *verb, const void *defaults) {
+  if (silent)
+    return;
   char usage[512];
   snprintf(usage, sizeof usage, "usage: %s %s %s", pags_program_name, verb->name, verb->usage);
   print_wrapped(usage, 0, 0, HELP_WIDTH);

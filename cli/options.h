@@ -126,6 +126,9 @@ pags_parse_status pags_options_parse(const pags_verb *verb, int argc, char **arg
 /* Whether the option was given on the command line; `name` must be in the table. */
 bool pags_option_given(const pags_parsed *parsed, const char *name);
 
+/* From now on neither usage errors nor help are printed: another rank of the job does that. */
+void pags_options_silence(void);
+
 /* Prints "PROGRAM VERB: <message>" on stderr; returns PAGS_EXIT_USAGE. */
 int pags_usage_error(const pags_verb *verb, const char *format, ...)
 #if defined(__GNUC__)

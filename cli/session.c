@@ -4,6 +4,7 @@
 #include "cli/session.h"
 
 #include "cli/interrupt.h"
+#include "cli/ranks.h"
 
 #include <errno.h>
 #include <pthread.h>
@@ -47,7 +48,7 @@ static void receive_log(void *user, pags_log_level level, const char *line) {
   const bool warning = level == PAGS_LOG_WARNING;
   const bool said = level == PAGS_LOG_DEBUG || (warning ? !keep_line(&session->warnings, &session->warning_count, line)
                                                         : !keep_line(&session->notes, &session->note_count, line));
-  FILE *stream = session->people ? session->people : warning ? stderr : NULL;
+  FILE *stream = session->people ? session->people : warning && pags_ranks_lead() ? stderr : NULL;
   if (stream && !said)
     fprintf(stream, "%s%s\n", warning ? "warning: " : "", line);
   pthread_mutex_unlock(&warnings_lock);
@@ -62,13 +63,44 @@ pags_result pags_session_check(const pags_session *session) {
                    (long long)session->warning_count - 1);
 }
 
+/* Brings the warnings of all ranks to rank 0, which prints those that it hasn't had. */
+static pags_result gather_warnings(pags_session *session) {
+  size_t size = 1;
+  for (int64_t i = 0; i < session->warning_count; i++)
+    size += strlen(session->warnings[i]) + 1;
+  char *own = malloc(size), *end = own;
+  if (!own)
+    return pags_out_of_memory("%lld warnings", (long long)session->warning_count);
+  for (int64_t i = 0; i < session->warning_count && !pags_ranks_lead(); i++)
+    end += snprintf(end, size - (size_t)(end - own), "%s", session->warnings[i]) + 1;
+  void *all;
+  int64_t bytes;
+  const pags_result result = pags_ranks_gather(own, end - own, &all, &bytes);
+  free(own);
+  for (const char *line = all; line && line < (char *)all + bytes; line += strlen(line) + 1)
+    receive_log(session, PAGS_LOG_WARNING, line);
+  free(all);
+  return result;
+}
+
+pags_result pags_session_meet(pags_session *session, pags_result result) {
+  if (!pags_ranks() || session->parted)
+    return result;
+  char message[1024];
+  result = pags_transport_agree(pags_ranks(), result);
+  snprintf(message, sizeof message, "%s", pags_error_message());
+  const pags_result gathered = gather_warnings(session);
+  session->parted = result != PAGS_OK || gathered != PAGS_OK;
+  return result == PAGS_OK ? gathered : pags_fail(result, "%s", message);
+}
+
 /* ---- Start and end ---- */
 
 pags_result pags_session_begin(pags_session *session) {
   bool json_on_stdout = session->json && !strcmp(session->json, "-");
-  session->people = session->quiet ? NULL : json_on_stdout ? stderr : stdout;
+  session->people = session->quiet || !pags_ranks_lead() ? NULL : json_on_stdout ? stderr : stdout;
   pags_log_set(receive_log, session);
-  if (session->json && !json_on_stdout)
+  if (session->json && !json_on_stdout && pags_ranks_lead())
     PAGS_TRY(pags_check_writable(session->json));
   session->tasks = pags_tasks_create(session->threads);
   if (!session->tasks)
@@ -85,12 +117,14 @@ int pags_session_end(pags_session *session, pags_result result) {
     fflush(session->people);
   if (result == PAGS_OK)
     result = pags_session_check(session);
+  result = pags_session_meet(session, result);
   free_lines(session->warnings, session->warning_count);
   free_lines(session->notes, session->note_count);
   if (result == PAGS_OK)
     return PAGS_EXIT_OK;
-  fprintf(stderr, "%s: %s\n", pags_program_name, pags_error_message());
-  return result == PAGS_CANCELLED && pags_interrupted() ? PAGS_EXIT_INTERRUPTED : PAGS_EXIT_FAILED;
+  if (pags_transport_speaks(pags_ranks()))
+    fprintf(stderr, "%s: %s\n", pags_program_name, pags_error_message());
+  return result == PAGS_CANCELLED && (pags_interrupted() || pags_ranks()) ? PAGS_EXIT_INTERRUPTED : PAGS_EXIT_FAILED;
 }
 
 void pags_say(const pags_session *session, const char *format, ...) {

@@ -23,6 +23,7 @@ typedef struct pags_session {
   /* Its informative lines so far, each once. */
   char **notes;
   int64_t note_count;
+  bool parted; /* the ranks have agreed on a failure, and call nothing collective any more */
 } pags_session;
 
 /* Rows for the end of a verb's option table; `owner` is the verb's struct, which has a member `session`. */
@@ -66,7 +67,13 @@ typedef struct pags_session {
  * message stream, and starts the threads. */
 pags_result pags_session_begin(pags_session *session);
 
-/* Ends the threads, prints the error message if `result` is an error, and returns the exit code. */
+/* The ranks of a job meet here at the end of each piece of work: all get the same result, that of the lowest rank that
+ * failed, and rank 0 gets everyone's warnings. The first piece of work that a rank fails in must be the last. With one
+ * process it returns `result`. */
+pags_result pags_session_meet(pags_session *session, pags_result result);
+
+/* Ends the threads, prints the error message if `result` is an error, and returns the exit code. With several ranks,
+ * all meet, and one prints. */
 int pags_session_end(pags_session *session, pags_result result);
 
 /* Prints to the message stream; nothing with --quiet. */

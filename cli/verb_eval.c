@@ -8,6 +8,7 @@
 #include "cli/picture.h"
 #include "cli/pose_errors.h"
 #include "cli/priority_truth.h"
+#include "cli/ranks.h"
 #include "cli/session.h"
 #include "cli/shifted_views.h"
 #include "cli/verbs.h"
@@ -97,6 +98,7 @@ static const pags_verb verb = {
 
 typedef struct evaluation {
   const eval_arguments *arguments;
+  pags_session *session;
   const pags_parsed *parsed;
   pags_composition *composition;
   const pags_scene *scene;
@@ -105,7 +107,8 @@ typedef struct evaluation {
   pags_frame *frame;
   pags_frame_options options;
   pags_view_score *scores;
-  int64_t count;
+  int64_t *score_views;    /* of each score the index of its view among the photographs' */
+  int64_t count;           /* scores; of this rank until the ranks' are gathered */
   int64_t *without_pixels; /* indices of views whose mask leaves no pixel: they have no figures */
   int64_t without_count;
   int64_t shown;                     /* views in which a Gaussian is in view */
@@ -159,7 +162,7 @@ static pags_result compare_picture(evaluation *self, const pags_photographs_view
     result = pags_depth_errors_add(&self->depth_errors[at->test != 0], self->photographs.dataset, at->index, picture,
                                    photo->mask);
   if (result == PAGS_OK)
-    self->count++;
+    self->score_views[self->count++] = at - self->photographs.views;
   return result;
 }
 
@@ -392,8 +395,9 @@ static pags_result open_all(evaluation *self, const char *scene_path) {
                                  arguments->image_cache, &self->photographs));
   PAGS_TRY(pags_session_check(&arguments->session));
   self->scores = calloc((size_t)self->photographs.count, sizeof *self->scores);
+  self->score_views = calloc((size_t)self->photographs.count, sizeof *self->score_views);
   self->without_pixels = calloc((size_t)self->photographs.count, sizeof *self->without_pixels);
-  if (!self->scores || !self->without_pixels)
+  if (!self->scores || !self->score_views || !self->without_pixels)
     return pags_out_of_memory("%lld views", (long long)self->photographs.count);
   choose_picture(self);
   PAGS_TRY(pags_early_z_parse(arguments->early_z, &self->options));
@@ -403,30 +407,112 @@ static pags_result open_all(evaluation *self, const char *scene_path) {
   return arguments->images ? pags_prepare_folder(arguments->images, NULL) : PAGS_OK;
 }
 
-static pags_result evaluate(evaluation *self, const char *scene_path) {
-  const eval_arguments *arguments = self->arguments;
-  PAGS_TRY(open_all(self, scene_path));
-
-  /* Compare every chosen view with its photograph. */
+/* Compares every chosen view with its photograph, this rank its share of them. */
+static pags_result compare_all(evaluation *self) {
   pags_progress progress = pags_progress_begin(self->arguments->session.people);
   pags_result result = PAGS_OK;
-  int64_t number = 0, count = 0;
+  int64_t number = 0, count = 0, compared = 0;
   for (int64_t i = 0; i < self->photographs.count; i++)
     count += wanted(self->arguments, self->photographs.views[i].test);
   pags_interrupt_install(self->arguments->session.tasks);
   for (int64_t i = 0; result == PAGS_OK && i < self->photographs.count; i++) {
-    if (pags_interrupted())
+    if (pags_interrupted() || pags_ranks_stopping())
       result = PAGS_CANCELLED;
-    else if (wanted(self->arguments, self->photographs.views[i].test) && chosen(self->arguments, number++, count))
+    else if (wanted(self->arguments, self->photographs.views[i].test) && chosen(self->arguments, number++, count) &&
+             pags_ranks_mine(compared++))
       result = compare_view(self, i);
+    const int64_t done = pags_ranks_tell(self->count, result != PAGS_OK);
     if (pags_progress_due(&progress))
-      pags_progress_show(&progress, "view %lld of %lld", (long long)i + 1, (long long)self->photographs.count);
+      pags_progress_show(&progress, "view %lld of %lld", pags_ranks() ? (long long)done : (long long)i + 1,
+                         (long long)self->photographs.count);
   }
   pags_progress_end(&progress);
-  if (result != PAGS_OK && pags_interrupted())
-    return pags_fail(PAGS_CANCELLED, "interrupted after %lld of %lld views", (long long)self->count,
+  int64_t done = self->count;
+  PAGS_TRY(pags_ranks_sum(&done));
+  if (result == PAGS_CANCELLED || (result != PAGS_OK && pags_interrupted()))
+    return pags_fail(PAGS_CANCELLED, "interrupted after %lld of %lld views", (long long)done,
                      (long long)self->photographs.count);
+  return result;
+}
+
+/* ---- Gathering what the ranks have found ---- */
+
+static int compare_indices(const void *a, const void *b) {
+  const int64_t x = *(const int64_t *)a, y = *(const int64_t *)b;
+  return (x > y) - (x < y);
+}
+
+/* A score on its way to rank 0; its name belongs to the rank that found it. */
+typedef struct sent_score {
+  int64_t view; /* compare_indices sorts by it */
+  pags_view_score score;
+} sent_score;
+
+static pags_result gather_scores(evaluation *self) {
+  sent_score *own = calloc((size_t)self->count + 1, sizeof *own);
+  void *gathered;
+  int64_t bytes;
+  if (!own)
+    return pags_out_of_memory("%lld views", (long long)self->count);
+  for (int64_t i = 0; i < self->count; i++)
+    own[i] = (sent_score){self->score_views[i], self->scores[i]};
+  const pags_result result = pags_ranks_gather(own, self->count * (int64_t)sizeof *own, &gathered, &bytes);
+  free(own);
   PAGS_TRY(result);
+  sent_score *const all = gathered;
+  if (all) {
+    self->count = bytes / (int64_t)sizeof *all;
+    qsort(all, (size_t)self->count, sizeof *all, compare_indices);
+    for (int64_t i = 0; i < self->count; i++) {
+      self->scores[i] = all[i].score;
+      self->scores[i].name =
+          pags_dataset_view(self->photographs.dataset, self->photographs.views[all[i].view].index)->name;
+    }
+  }
+  free(gathered);
+  return PAGS_OK;
+}
+
+/* Depth errors are sorted before they are added up, so that their order doesn't matter. */
+static pags_result gather_depths(pags_depth_errors *errors) {
+  void *gathered;
+  int64_t bytes;
+  PAGS_TRY(pags_ranks_sum(&errors->within));
+  PAGS_TRY(pags_ranks_sum(&errors->unblended));
+  PAGS_TRY(pags_ranks_gather(errors->errors, errors->count * (int64_t)sizeof *errors->errors, &gathered, &bytes));
+  if (gathered)
+    errors->count = 0;
+  const pags_result result = pags_depth_errors_append(errors, gathered, bytes / (int64_t)sizeof *errors->errors);
+  free(gathered);
+  return result;
+}
+
+static pags_result gather_all(evaluation *self) {
+  if (!pags_ranks())
+    return PAGS_OK;
+  void *gathered;
+  int64_t bytes;
+  PAGS_TRY(gather_scores(self));
+  PAGS_TRY(pags_ranks_gather(self->without_pixels, self->without_count * (int64_t)sizeof *self->without_pixels,
+                             &gathered, &bytes));
+  if (gathered) {
+    self->without_count = bytes / (int64_t)sizeof *self->without_pixels;
+    memcpy(self->without_pixels, gathered, (size_t)bytes);
+    qsort(self->without_pixels, (size_t)self->without_count, sizeof *self->without_pixels, compare_indices);
+    free(gathered);
+  }
+  for (int test = 0; test < 2; test++)
+    PAGS_TRY(gather_depths(&self->depth_errors[test]));
+  return pags_ranks_sum(&self->shown);
+}
+
+static pags_result evaluate(evaluation *self, const char *scene_path) {
+  const eval_arguments *arguments = self->arguments;
+  PAGS_TRY(pags_session_meet(self->session, open_all(self, scene_path)));
+  PAGS_TRY(pags_session_meet(self->session, compare_all(self)));
+  PAGS_TRY(gather_all(self));
+  if (!pags_ranks_lead())
+    return PAGS_OK;
 
   if (self->without_count)
     pags_log_message(
@@ -477,7 +563,7 @@ int pags_verb_eval(int argc, char **argv) {
   eval_arguments arguments = {
       .early_z = "lossless", .options = pags_dataset_options_default(), .image_cache = (uint64_t)256 << 20};
   pags_parsed parsed;
-  evaluation self = {.arguments = &arguments, .parsed = &parsed};
+  evaluation self = {.arguments = &arguments, .session = &arguments.session, .parsed = &parsed};
   pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
   if (status != PAGS_PARSE_OK)
     return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
@@ -494,6 +580,7 @@ int pags_verb_eval(int argc, char **argv) {
   for (int test = 0; test < 2; test++)
     pags_depth_errors_destroy(&self.depth_errors[test]);
   free(self.scores);
+  free(self.score_views);
   free(self.without_pixels);
   return pags_session_end(&arguments.session, result);
 }

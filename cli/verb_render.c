@@ -8,6 +8,7 @@
 #include "cli/object_edits.h"
 #include "cli/option_rules.h"
 #include "cli/picture_queue.h"
+#include "cli/ranks.h"
 #include "cli/reading.h"
 #include "cli/render_passes.h"
 #include "cli/session.h"
@@ -144,6 +145,7 @@ static const pags_verb verb = {
 /* State of a render run. */
 typedef struct renderer {
   const render_arguments *arguments;
+  pags_session *session;
   pags_composition *composition;
   bool packed; /* the Gaussians are rendered from their packed form */
   pags_viewpoints viewpoints;
@@ -155,7 +157,7 @@ typedef struct renderer {
   pags_frame_stats *stats;       /* of each finished frame */
   pags_deadline_report deadline; /* with --budget-ms */
   pags_deadline_result *report;  /* of each finished frame, with --budget-ms */
-  int64_t done;
+  int64_t done;                  /* frames; of this rank until the ranks' are gathered */
 } renderer;
 
 /* ---- Viewpoints and frame options ---- */
@@ -326,7 +328,7 @@ static pags_result draw(renderer *self, int64_t index) {
   if (self->options.keep_for_passes)
     PAGS_TRY(pags_render_passes_draw(&self->passes, self->frame, parts, part_count, &passes));
   PAGS_TRY(pags_picture_queue_put(&self->queue, &picture, &passes, &viewpoint->camera, viewpoint->name));
-  self->done = index + 1;
+  self->done++;
   return PAGS_OK;
 }
 
@@ -334,22 +336,57 @@ static pags_result draw_all(renderer *self) {
   const pags_session *session = &self->arguments->session;
   pags_progress progress = pags_progress_begin(session->people);
   pags_interrupt_install(session->tasks);
-  pags_result result = PAGS_OK;
-  for (int64_t i = 0; result == PAGS_OK && i < self->viewpoints.count; i++) {
+  const int64_t count = self->viewpoints.count;
+  for (int64_t i = 0; i < count; i++) { /* all, since motion looks at the cameras before and after */
     pags_camera *camera = &self->viewpoints.items[i].camera;
     *camera = pags_camera_downscale(camera, self->arguments->downscale);
-    result = draw(self, i);
-    if (result == PAGS_OK && pags_progress_due(&progress))
-      pags_progress_show(&progress, "frame %lld of %lld, %.1f ms each", (long long)i + 1,
-                         (long long)self->viewpoints.count, total_ms(&self->stats[i]));
   }
-  pags_result written = pags_picture_queue_finish(&self->queue);
+  pags_result result = PAGS_OK;
+  for (int64_t i = 0; result == PAGS_OK && i < count && !pags_ranks_stopping(); i++) {
+    if (!pags_ranks_mine(i))
+      continue;
+    result = draw(self, i);
+    const int64_t drawn = pags_ranks_tell(self->done, false);
+    if (result == PAGS_OK && pags_progress_due(&progress))
+      pags_progress_show(&progress, "frame %lld of %lld, %.1f ms each", (long long)drawn, (long long)count,
+                         total_ms(&self->stats[i]));
+  }
+  const pags_result written = pags_picture_queue_finish(&self->queue);
   pags_progress_end(&progress);
+  const bool stopped = pags_interrupted() || pags_ranks_stopping();
+  pags_ranks_tell(self->done, stopped || result != PAGS_OK || written != PAGS_OK);
+
+  int64_t drawn = self->done;
   if (written != PAGS_OK)
-    return written;
-  if (pags_interrupted() && self->done < self->viewpoints.count)
-    result = pags_fail(PAGS_CANCELLED, "interrupted after %lld of %lld frames; those are in %s", (long long)self->done,
-                       (long long)self->viewpoints.count, self->arguments->output);
+    result = written;
+  PAGS_TRY(pags_ranks_sum(&drawn));
+  if (stopped && written == PAGS_OK && drawn < count && (result == PAGS_OK || pags_interrupted()))
+    result = pags_fail(PAGS_CANCELLED, "interrupted after %lld of %lld frames; those are in %s", (long long)drawn,
+                       (long long)count, self->arguments->output);
+  return result;
+}
+
+/* Brings the statistics of all frames to rank 0. */
+static pags_result gather_stats(renderer *self) {
+  if (!pags_ranks())
+    return PAGS_OK;
+  pags_frame_stats *own = malloc((size_t)self->viewpoints.count * sizeof *own), *all;
+  int64_t drawn = 0, bytes;
+  void *gathered;
+  if (!own)
+    return pags_out_of_memory("%lld frames", (long long)self->viewpoints.count);
+  for (int64_t i = 0; i < self->viewpoints.count; i++)
+    if (pags_ranks_mine(i))
+      own[drawn++] = self->stats[i];
+  const pags_result result = pags_ranks_gather(own, drawn * (int64_t)sizeof *own, &gathered, &bytes);
+  free(own);
+  all = gathered;
+  const int64_t ranks = pags_transport_ranks(pags_ranks());
+  for (int64_t rank = 0; all && rank < ranks; rank++)
+    for (int64_t i = rank; i < self->viewpoints.count; i += ranks)
+      self->stats[i] = *all++;
+  free(gathered);
+  self->done = self->viewpoints.count;
   return result;
 }
 
@@ -438,9 +475,8 @@ static pags_result begin_deadline(renderer *self) {
                                      CHECK_EVERY, &self->deadline);
 }
 
-static pags_result render(renderer *self, const pags_parsed *parsed, unsigned channels) {
+static pags_result prepare(renderer *self, const pags_parsed *parsed, unsigned channels, bool *made) {
   const render_arguments *arguments = self->arguments;
-  bool made = false;
   PAGS_TRY(compose(self, parsed));
   PAGS_TRY(pags_picture_writer_create(self->composition, channels, (pags_picture_format)arguments->format,
                                       arguments->bits, &self->writer));
@@ -452,11 +488,19 @@ static pags_result render(renderer *self, const pags_parsed *parsed, unsigned ch
   PAGS_TRY(pags_frame_create(arguments->session.tasks, &self->frame));
   PAGS_TRY(begin_deadline(self));
   PAGS_TRY(pags_picture_queue_create(&self->writer, arguments->session.tasks, arguments->output, &self->queue));
-  PAGS_TRY(pags_prepare_folder(arguments->output, &made));
-  pags_result result = draw_all(self);
+  return pags_prepare_folder(arguments->output, made);
+}
+
+static pags_result render(renderer *self, const pags_parsed *parsed, unsigned channels) {
+  const render_arguments *arguments = self->arguments;
+  bool made = false;
+  PAGS_TRY(pags_session_meet(self->session, prepare(self, parsed, channels, &made)));
+  pags_result result = pags_session_meet(self->session, draw_all(self));
   if (result != PAGS_OK && made)
     pags_port_remove_folder(arguments->output); /* fails, and so keeps the folder, if it holds any file */
-  if (result != PAGS_OK)
+  if (result == PAGS_OK)
+    result = gather_stats(self);
+  if (result != PAGS_OK || !pags_ranks_lead())
     return result;
 
   int64_t shown = 0;
@@ -469,13 +513,16 @@ static pags_result render(renderer *self, const pags_parsed *parsed, unsigned ch
   /* Print the mean times and the statistics of --budget-ms and --packed. */
   pags_frame_stats mean = mean_stats(self->stats, self->done);
   int threads = pags_tasks_workers(self->arguments->session.tasks);
+  char of_ranks[32] = "";
+  if (pags_ranks())
+    snprintf(of_ranks, sizeof of_ranks, "%d ranks of ", pags_transport_ranks(pags_ranks()));
   pags_say(
       &self->arguments->session,
       "%s: %lld %s of %lld Gaussians, %.2f ms each (cull %.2f, project %.2f, shade %.2f, sort %.2f, bin %.2f, raster "
-      "%.2f) on %d %s\n",
+      "%.2f) on %s%d %s\n",
       self->arguments->output, (long long)self->done, self->done == 1 ? "frame" : "frames",
       (long long)pags_composition_gaussian_count(self->composition), total_ms(&mean), mean.ms_cull, mean.ms_project,
-      mean.ms_shade, mean.ms_sort, mean.ms_bin, mean.ms_raster, threads, threads == 1 ? "thread" : "threads");
+      mean.ms_shade, mean.ms_sort, mean.ms_bin, mean.ms_raster, of_ranks, threads, threads == 1 ? "thread" : "threads");
   const int64_t count = pags_composition_gaussian_count(self->composition);
   if (self->report)
     pags_deadline_report_print(&self->deadline, &self->arguments->session);
@@ -524,6 +571,10 @@ static int check_usage(const render_arguments *arguments, const pags_parsed *par
     return pags_usage_error(&verb, "--%s", pags_error_message());
   if (arguments->budget_ms > 0 && (early_z.early_z == PAGS_EARLY_Z_PAPER || arguments->order != 0))
     return pags_usage_error(&verb, "--budget-ms excludes --early-z paper and --order paper");
+  if (arguments->budget_ms > 0 && pags_ranks())
+    return pags_usage_error(&verb,
+                            "--budget-ms: a frame's quality follows from the times of those before it: expected "
+                            "one process, and mpirun started several");
   if (*channels & PAGS_CHANNELS_PASSES && (arguments->budget_ms > 0 || early_z.early_z == PAGS_EARLY_Z_PAPER))
     return pags_usage_error(
         &verb,
@@ -561,7 +612,7 @@ int pags_verb_render(int argc, char **argv) {
                                 .sh_degree = standard.sh_degree,
                                 .exp_degree = standard.exp_degree == 5,
                                 .dataset_options = pags_dataset_options_default()};
-  renderer self = {.arguments = &arguments};
+  renderer self = {.arguments = &arguments, .session = &arguments.session};
   unsigned channels;
   pags_parsed parsed;
   pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The table through which transport_mpi.c reaches MPI (mpi_module.c, built as pags_mpi.so): the few calls that it needs,
- * none of which waits but `begin`, `end` and `abort`. All are called by the thread that calls `begin`.
+/* The table through which transport_mpi.c reaches MPI (mpi_module.c, built as pags_mpi.so): the few calls that it
+ * needs, none of which waits but `begin`, `end` and `abort`. All are called by the thread that calls `begin`.
  *
  * The module links none of the engine's code. */
 #ifndef PAGS_CLUSTER_MPI_CALLS_H
@@ -34,6 +34,7 @@ typedef struct pags_mpi {
 #if defined(__GNUC__)
 __attribute__((visibility("default")))
 #endif
-const void *pags_mpi_table(void);
+const void *
+pags_mpi_table(void);
 
 #endif

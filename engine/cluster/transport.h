@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Messages between the ranks of one job: processes on one or more machines (MPI), threads of one process (tests), or one
- * process alone, whose transport is NULL.
+/* Messages between the ranks of one job: processes on one or more machines (MPI), threads of one process (tests), or
+ * one process alone, whose transport is NULL.
  *
  * All ranks call the collective functions in the same order, with sizes that agree: what rank a sends to rank b is as
  * large as what b receives from a. Sizes are bytes in 64 bits. A function must be called by one thread of a rank at a
@@ -32,8 +32,8 @@ pags_result pags_transport_exchange(pags_transport *transport, const void *send,
                                     void *receive, const int64_t *receive_bytes);
 
 /* The same in two halves, between which the parts travel while the caller computes: the buffers, not the counts, must
- * stay untouched until `finish`. Several may be under way; they are finished in any order, each once, and `finish` frees
- * `transfer` in any case (NULL is allowed). After a failed `begin` *transfer is NULL. */
+ * stay untouched until `finish`. Several may be under way; they are finished in any order, each once, and `finish`
+ * frees `transfer` in any case (NULL is allowed). After a failed `begin` *transfer is NULL. */
 pags_result pags_transport_exchange_begin(pags_transport *transport, const void *send, const int64_t *send_bytes,
                                           void *receive, const int64_t *receive_bytes, pags_transfer **transfer);
 pags_result pags_transport_exchange_finish(pags_transport *transport, pags_transfer *transfer);
@@ -47,8 +47,8 @@ pags_result pags_transport_gather(pags_transport *transport, int root, const voi
                                   const int64_t *receive_bytes);
 
 /* Agrees on how a piece of work ended on all ranks: PAGS_OK if it did everywhere; else the failure of the lowest rank
- * that failed, its message beginning with "rank R: " (cancelled only if nothing worse happened). Every rank then has the
- * same result and message. `mine` comes with this thread's error message. */
+ * that failed, its message beginning with "rank R: " (cancelled only if nothing worse happened). Every rank then has
+ * the same result and message. `mine` comes with this thread's error message. */
 pags_result pags_transport_agree(pags_transport *transport, pags_result mine);
 
 /* ---- News: no waiting, no order ---- */
@@ -88,8 +88,8 @@ pags_result pags_transport_create_threads(int ranks, double bytes_a_second, doub
 
 /* Whether this process was started by mpirun or srun as one of several or as a single rank of MPI. */
 bool pags_transport_started_by_mpi(void);
-/* Joins the job of MPI; *transport stays NULL for a job of one rank. Errors: PAGS_ERROR_UNSUPPORTED if this build has no
- * MPI. At most once a process. */
+/* Joins the job of MPI; *transport stays NULL for a job of one rank. Errors: PAGS_ERROR_UNSUPPORTED if this build has
+ * no MPI. At most once a process. */
 pags_result pags_transport_create_mpi(pags_transport **transport);
 
 #endif

@@ -24,7 +24,7 @@
 enum {
   CHUNK = 64 << 20,
   NEWS_TAG = 32767,
-  TAGS = 32767, /* of transfers, in turn */
+  TAGS = 32767,     /* of transfers, in turn */
   LEAVING_MS = 1000 /* what a rank sent before its last news may come so much later than these */
 };
 static const double news_every_ms = 250;
@@ -304,10 +304,8 @@ static int64_t count_chunks(int64_t bytes) {
 
 static void add_pieces(moving *work, char *data, int64_t bytes, int rank, bool receives) {
   for (int64_t at = 0; at < bytes; at += CHUNK)
-    work->pieces[work->count++] = (struct piece){.data = data + at,
-                                                 .bytes = (int)(bytes - at < CHUNK ? bytes - at : CHUNK),
-                                                 .rank = rank,
-                                                 .receives = receives};
+    work->pieces[work->count++] = (struct piece){
+        .data = data + at, .bytes = (int)(bytes - at < CHUNK ? bytes - at : CHUNK), .rank = rank, .receives = receives};
 }
 
 static pags_result begin(pags_transport *transport, pags_transfer *transfer) {

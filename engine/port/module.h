@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Modules: shared libraries of ours that bring in libraries of others and are loaded when they are first needed, so that
- * the program starts without those. Each exports one function, which returns its table. POSIX only. */
+/* Modules: shared libraries of ours that bring in libraries of others and are loaded when they are first needed, so
+ * that the program starts without those. Each exports one function, which returns its table. POSIX only. */
 #ifndef PAGS_PORT_MODULE_H
 #define PAGS_PORT_MODULE_H
 

@@ -123,7 +123,7 @@ pags_port_signals pags_port_hold_broken_pipe(void);
 void pags_port_release_broken_pipe(const pags_port_signals *held);
 
 /* For programs, not for libraries. The handler is called on a signal or, on Windows, on another thread; `keyboard`: by
- * Ctrl-C, else by a request to end. It may set flags and call pags_port_exit_at_once. */
+ * Ctrl-C, else by a request to end (SIGTERM, SIGUSR1). It may set flags and call pags_port_exit_at_once. */
 void pags_port_on_interrupt(void (*handler)(bool keyboard));
 void pags_port_exit_at_once(int code);
 /* From now on a broken pipe makes writes fail and doesn't end the program. */

@@ -178,6 +178,7 @@ void pags_port_on_interrupt(void (*handler)(bool keyboard)) {
   on_interrupt = handler;
   install(SIGINT, action);
   install(SIGTERM, action);
+  install(SIGUSR1, action); /* as a queue sends it before a job's time is over, and as mpirun hands it on */
 }
 
 void pags_port_exit_at_once(int code) {

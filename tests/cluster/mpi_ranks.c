@@ -21,7 +21,7 @@ static int say(pags_transport *transport, bool right, const char *text) {
   return right ? 0 : 1;
 }
 
-/* Rank 1 sends 64 MB. Both look at nothing but their buffer until the last byte is there, or for 20 seconds. */
+/* Rank 1 sends 64 MB. Rank 0 looks at nothing but its buffer until the last byte is there, or for 20 seconds. */
 static int overlap(pags_transport *transport) {
   enum { BYTES = 64000000 };
   const int rank = pags_transport_rank(transport);

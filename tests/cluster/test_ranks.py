@@ -1,0 +1,189 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""test_ranks.py PAGS: mpirun pags render and eval, beside one process; how they end when a rank fails, dies, stops or is asked to end.
+PAGS_KILLS: at so many random moments a rank is killed, and ranks are stopped (make check-cluster: 10)."""
+
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import mpirun
+
+KILLS = int(os.environ.get("PAGS_KILLS", "0"))
+
+def contents(folder):
+    """{path: bytes} of all files below the folder."""
+    found = {}
+    for base, _, names in os.walk(folder):
+        for name in names:
+            with open(os.path.join(base, name), "rb") as file:
+                found[os.path.relpath(os.path.join(base, name), folder)] = file.read()
+    return found
+
+
+def without_times(value):
+    if isinstance(value, dict):
+        return {key: without_times(item) for key, item in value.items() if key != "ms"}
+    return [without_times(item) for item in value] if isinstance(value, list) else value
+
+
+def children_of(pid):
+    """The pags processes of a mpirun, in the order in which they were started."""
+    found = []
+    for name in os.listdir("/proc"):
+        try:
+            with open(f"/proc/{name}/stat", encoding="ascii", errors="replace") as file:
+                head, tail = file.read().rsplit(")", 1)
+            if name.isdigit() and int(tail.split()[1]) == pid and head.endswith("(pags"):
+                found.append(int(name))
+        except OSError:
+            pass
+    return sorted(found)
+
+
+def wait_for(condition, seconds=60):
+    end = time.monotonic() + seconds
+    while not condition():
+        if time.monotonic() > end:
+            raise AssertionError("it doesn't happen")
+        time.sleep(0.02)
+
+
+class Ranks(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.root = tempfile.mkdtemp(prefix="pags-ranks-")
+        cls.street, cls.scene = os.path.join(cls.root, "street"), os.path.join(cls.root, "scene")
+        for arguments in (["synth", "street", "-q", "-o", cls.street, "--size", "128x72", "--frames", "7", "--cameras", "1", "--no-shifts"],
+                          ["train", cls.street, "-q", "-o", cls.scene, "--iterations", "8", "--seed", "1"]):
+            done = subprocess.run([PAGS, *arguments], capture_output=True, text=True)
+            assert done.returncode == 0, done.stderr
+
+    @classmethod
+    def tearDownClass(cls):
+        shutil.rmtree(cls.root)
+
+    def path(self, name):
+        return os.path.join(self.root, name)
+
+    def compare(self, verb, *arguments):
+        """The same of one process, and of two ranks: files and report."""
+        reports = []
+        for ranks in (1, 2):
+            folder, report = self.path(f"{verb}-{ranks}"), self.path(f"{verb}-{ranks}.json")
+            shutil.rmtree(folder, ignore_errors=True)
+            command = [PAGS, verb, self.scene, "--images" if verb == "eval" else "-o", folder, "--json", report, "--threads", "1", *arguments]
+            done = mpirun.run(2, command) if ranks == 2 else subprocess.run(command, capture_output=True, text=True)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            with open(report, encoding="utf-8") as file:
+                reports.append((without_times(json.load(file)), contents(folder), done.stdout))
+        self.assertTrue(reports[0][1])
+        self.assertEqual(reports[0][:2], reports[1][:2])
+        return reports[1][2]
+
+    def test_render(self):
+        said = self.compare("render", "--path", "ego", "--frames", "5", "--downscale", "2", "--channel", "color,depth,motion")
+        self.assertIn("5 frames", said)
+        self.assertIn("on 2 ranks of 1 thread", said)
+        self.assertEqual(said.count("ms each (cull"), 1)
+
+    def test_eval(self):
+        said = self.compare("eval")
+        self.assertEqual(len([line for line in said.split("\n") if line.startswith("mean") or "training views" in line]),
+                         len({line for line in said.split("\n") if line.startswith("mean") or "training views" in line}))
+
+    # ---- How it ends ----
+
+    def long_render(self, ranks=2, **more):
+        """A render that lasts for minutes, once a picture of it is there."""
+        out = self.path("long")
+        shutil.rmtree(out, ignore_errors=True)
+        process = mpirun.start(ranks, [PAGS, "render", self.scene, "-o", out, "--frames", "100000", "--threads", "1"], **more)
+        wait_for(lambda: os.path.isdir(out) and any(name.endswith(".png") for name in os.listdir(out)))
+        return process, out
+
+    def ends(self, process):
+        try:
+            out, err = process.communicate(timeout=60)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            raise
+        self.assertNotEqual(process.returncode, 0, out + err)
+        return err
+
+    def whole_pictures(self, out):
+        """Nothing half-written has a picture's name."""
+        for name, data in contents(out).items():
+            if name.endswith(".png"):
+                self.assertEqual(data[-8:-4], b"IEND", name)
+
+    def test_other_verbs(self):
+        done = mpirun.run(2, [PAGS, "info", self.scene])
+        self.assertEqual(done.returncode, 2)
+        self.assertEqual(done.stderr.count("pags: 'info' runs as one process, and mpirun started 2"), 1, done.stderr)
+        self.assertEqual(done.stdout.strip(), "")
+
+    def test_wrong_usage_is_said_once(self):
+        done = mpirun.run(2, [PAGS, "render", self.scene, "--no-such-option"])
+        self.assertEqual(done.returncode, 2)
+        self.assertEqual(done.stderr.count("unknown option '--no-such-option'"), 1, done.stderr)
+
+    def test_missing_scene_is_said_once(self):
+        done = mpirun.run(2, [PAGS, "eval", self.path("nowhere")])
+        self.assertEqual(done.returncode, 1)
+        self.assertEqual(done.stderr.count("pags: rank 0: "), 1, done.stderr)
+        self.assertEqual(done.stderr.count("nowhere"), 1, done.stderr)
+
+    def test_disk_full_on_one_rank(self):
+        """A limit of file size stands for a full disk: rank 1 can write no picture."""
+        script = f'[ "$OMPI_COMM_WORLD_RANK" = 0 ] || {{ ulimit -f 0; trap "" XFSZ; }}; exec "{PAGS}" render "{self.scene}" -o "{self.path("full")}" --frames 6 --threads 1'
+        done = mpirun.run(2, ["sh", "-c", script])
+        self.assertEqual(done.returncode, 1)
+        self.assertEqual(done.stderr.count("pags: rank 1: "), 1, done.stderr)
+        self.assertIn("full/0000", done.stderr)
+        self.whole_pictures(self.path("full"))
+
+    def test_asked_to_end(self):
+        """SIGUSR1 to mpirun, which hands it on; and to one rank, which the other one hears of."""
+        for to_rank in (None, 1):
+            process, out = self.long_render()
+            target = process.pid if to_rank is None else children_of(process.pid)[to_rank]
+            os.kill(target, signal.SIGUSR1)
+            err = self.ends(process)
+            self.assertEqual(process.returncode, 3, err)
+            self.assertEqual(err.count("interrupted after"), 1, err)
+            self.whole_pictures(out)
+
+    @unittest.skipUnless(KILLS, "make check-cluster")
+    def test_killed(self):
+        for i in range(KILLS):
+            process, out = self.long_render(ranks=3 if i % 2 else 2)
+            time.sleep(random.uniform(0, 1))
+            os.kill(random.choice(children_of(process.pid)), signal.SIGKILL)
+            err = self.ends(process)
+            self.assertIn("signal 9", err)
+            self.whole_pictures(out)
+
+    @unittest.skipUnless(KILLS, "make check-cluster")
+    def test_stopped(self):
+        """A process that stands still, as one behind a link that is down: the other one gives it up and says so."""
+        for rank in (0, 1):
+            process, out = self.long_render(PAGS_WATCHDOG="2")
+            os.kill(children_of(process.pid)[rank], signal.SIGSTOP)
+            err = self.ends(process)
+            self.assertIn(f"rank {rank} of 2 has been silent for 2 s", err)
+            self.assertEqual(err.count("pags: "), 1, err)
+            self.whole_pictures(out)
+
+
+if __name__ == "__main__":
+    PAGS = os.path.abspath(sys.argv.pop(1))
+    unittest.main()
