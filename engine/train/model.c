@@ -135,6 +135,17 @@ static int list_columns(pags_train_model *model, column columns[MAX_COLUMNS]) {
   return n;
 }
 
+void pags_model_copy_rows(pags_train_model *from, int64_t first, int64_t count, pags_train_model *to, int64_t at) {
+  column read[MAX_COLUMNS], written[MAX_COLUMNS];
+  if (count == 0)
+    return;
+  const int n = list_columns(from, read), m = list_columns(to, written);
+  assert(m == n);
+  (void)m;
+  for (int c = 0; c < n; c++)
+    memcpy((uint32_t *)written[c].data + at, (const uint32_t *)read[c].data + first, (size_t)count * sizeof(uint32_t));
+}
+
 /* A few columns at a time, one for each worker, are gathered into scratch memory and copied back, both in blocks of
  * GATHERED rows of a column. */
 enum { GATHERED = 1 << 14 };

@@ -69,6 +69,9 @@ pags_result pags_model_keep_share(pags_train_model *model, int64_t begin, int64_
 /* Collective: brings the shares of all ranks back to rank 0, which has the whole model then; other ranks keep theirs.
  */
 pags_result pags_model_collect(pags_train_model *model, pags_transport *transport, pags_tasks *tasks);
+/* Copies rows, with moments and statistics, to rows `at` and following of another model that has as many columns; their
+ * clusters' steps and bounds are the caller's. */
+void pags_model_copy_rows(pags_train_model *from, int64_t first, int64_t count, pags_train_model *to, int64_t at);
 /* Makes each of `count` rows a copy of the row onto[i] in all planes and statistics; the moments of both become zero.
  * No row may be in both lists. */
 void pags_model_relocate(pags_train_model *model, const int64_t *rows, const int64_t *onto, int64_t count);

@@ -1,0 +1,416 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Writes and reads checkpoints in shards (shards.h). */
+#include "train/shards.h"
+
+#include <assert.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/file.h"
+#include "base/json.h"
+#include "base/memory.h"
+#include "base/text.h"
+#include "port/port.h"
+
+enum { VERSION = 1 };
+
+/* ---- Names ---- */
+
+static char *shard_path(const char *path, int64_t generation, int rank) {
+  return pags_text_format("%s.g%lld.%d", path, (long long)generation, rank);
+}
+
+/* The generation of a file's name if it is one of the shards of the checkpoint called `name`, else 0. `part`: of one
+ * that was never finished. */
+static int64_t generation_of(const char *file, const char *name, bool *part) {
+  const size_t length = strlen(name);
+  if (strncmp(file, name, length) != 0 || file[length] != '.' || file[length + 1] != 'g')
+    return 0;
+  char *end;
+  const long long generation = strtoll(file + length + 2, &end, 10);
+  const size_t digits = *end == '.' ? strspn(end + 1, "0123456789") : 0;
+  *part = digits > 0 && !strcmp(end + 1 + digits, ".part");
+  return *part || (digits > 0 && end[1 + digits] == '\0') ? generation : 0;
+}
+
+/* Finds the newest generation of which a shard lies beside `path` and removes those of others than `keep`; keep < 0:
+ * all stay. A shard that can't be removed stays. */
+static pags_result look_through(const char *path, int64_t keep, int64_t *newest) {
+  pags_dir_list list;
+  char *folder = pags_path_folder(path);
+  *newest = 0;
+  if (!folder)
+    return pags_out_of_memory(NULL);
+  pags_result result = pags_dir_list_read(folder, &list);
+  for (int64_t i = 0; result == PAGS_OK && i < list.count; i++) {
+    bool part;
+    const int64_t generation = generation_of(list.names[i], pags_path_name(path), &part);
+    *newest = generation > *newest && !part ? generation : *newest;
+    char *file = keep >= 0 && generation > 0 && generation != keep ? pags_path_join(folder, list.names[i]) : NULL;
+    if (file)
+      pags_port_remove_file(file);
+    free(file);
+  }
+  if (result == PAGS_OK)
+    pags_dir_list_destroy(&list);
+  free(folder);
+  return result;
+}
+
+/* ---- Writing ---- */
+
+/* What rank 0 hears of each shard: its bytes, then its rows of each model. */
+static pags_result write_manifest(const char *path, int64_t generation, const pags_train_state *state, int ranks,
+                                  const int64_t *facts) {
+  pags_json_writer writer;
+  pags_json_writer_init(&writer, 1);
+  pags_json_begin_object(&writer, NULL);
+  pags_json_put_string(&writer, "format", "pags-checkpoint-shards");
+  pags_json_put_integer(&writer, "version", VERSION);
+  pags_json_put_integer(&writer, "step", state->step);
+  pags_json_put_integer(&writer, "models", state->model_count);
+  pags_json_begin_array(&writer, "shards");
+  bool memory = true;
+  for (int rank = 0; rank < ranks; rank++, facts += 1 + state->model_count) {
+    char *file = shard_path(pags_path_name(path), generation, rank);
+    memory &= file != NULL;
+    pags_json_begin_object(&writer, NULL);
+    pags_json_put_string(&writer, "file", file);
+    pags_json_put_integer(&writer, "bytes", facts[0]);
+    pags_json_begin_array(&writer, "rows");
+    for (int64_t m = 0; m < state->model_count; m++)
+      pags_json_put_integer(&writer, NULL, facts[1 + m]);
+    pags_json_end_array(&writer);
+    pags_json_end_object(&writer);
+    free(file);
+  }
+  pags_json_end_array(&writer);
+  pags_json_end_object(&writer);
+  const pags_result result = memory ? pags_json_writer_save(&writer, path) : pags_out_of_memory(NULL);
+  pags_json_writer_destroy(&writer);
+  return result;
+}
+
+/* Collective, once all shards are on disk. */
+static pags_result name_shards(const char *path, const char *own, int64_t generation, pags_transport *transport,
+                               const pags_train_state *state) {
+  const int ranks = pags_transport_ranks(transport);
+  const int64_t count = 1 + state->model_count, bytes = count * (int64_t)sizeof(int64_t);
+  const bool leads = pags_transport_rank(transport) == 0;
+  int64_t *facts = calloc((size_t)count, sizeof *facts), *all = NULL, *sizes = NULL;
+  uint64_t size = 0;
+  bool memory = facts != NULL;
+  if (leads) {
+    all = calloc((size_t)(count * ranks), sizeof *all);
+    sizes = calloc((size_t)ranks, sizeof *sizes);
+    memory &= all && sizes;
+    for (int rank = 0; sizes && rank < ranks; rank++)
+      sizes[rank] = bytes;
+  }
+  pags_result result = memory ? pags_file_size(own, &size) : pags_out_of_memory("%d shards", ranks);
+  result = pags_transport_agree(transport, result);
+  if (result == PAGS_OK) {
+    facts[0] = (int64_t)size;
+    for (int64_t m = 0; m < state->model_count; m++)
+      facts[1 + m] = state->models[m].gaussians.count;
+    result = pags_transport_gather(transport, 0, facts, bytes, all, sizes);
+    if (result == PAGS_OK && leads)
+      result = write_manifest(path, generation, state, ranks, all);
+    result = pags_transport_agree(transport, result);
+  }
+  free(facts);
+  free(all);
+  free(sizes);
+  return result;
+}
+
+pags_result pags_shards_save(const char *path, pags_transport *transport, const pags_train_state *state,
+                             uint64_t fingerprint) {
+  int64_t generation = 0, newest;
+  if (pags_transport_ranks(transport) == 1) {
+    PAGS_TRY(pags_checkpoint_save(path, state, fingerprint));
+    return look_through(path, 0, &newest);
+  }
+  const bool leads = pags_transport_rank(transport) == 0;
+  pags_result result = leads ? look_through(path, -1, &generation) : PAGS_OK;
+  PAGS_TRY(pags_transport_agree(transport, result));
+  generation++;
+  PAGS_TRY(pags_transport_broadcast(transport, 0, &generation, sizeof generation));
+  char *own = shard_path(path, generation, pags_transport_rank(transport));
+  result = own ? pags_checkpoint_save(own, state, fingerprint) : pags_out_of_memory(NULL);
+  result = pags_transport_agree(transport, result);
+  if (result == PAGS_OK)
+    result = name_shards(path, own, generation, transport, state);
+  if (result != PAGS_OK && own)
+    pags_port_remove_file(own);
+  free(own);
+  if (result == PAGS_OK && leads)
+    look_through(path, generation, &newest); /* what stays of earlier generations takes room, and no more */
+  return result;
+}
+
+/* ---- Reading ---- */
+
+typedef struct shard {
+  char *path;
+  int64_t bytes;
+  int64_t *rows; /* [models] */
+  pags_train_state state;
+  bool loaded;
+} shard;
+
+typedef struct manifest {
+  int64_t step, models, count;
+  shard *shards;
+  int64_t *rows;  /* [models] of all shards */
+  int64_t *begin; /* [models * (ranks + 1)] as pags_shards_cut_fn fills it */
+} manifest;
+
+static void destroy_manifest(manifest *m) {
+  for (int64_t i = 0; m->shards && i < m->count; i++) {
+    if (m->shards[i].loaded)
+      pags_state_destroy(&m->shards[i].state);
+    free(m->shards[i].path);
+    free(m->shards[i].rows);
+  }
+  free(m->shards);
+  free(m->rows);
+  free(m->begin);
+}
+
+static pags_result read_shard(const pags_json *json, const pags_json_value *value, const char *folder, int64_t models,
+                              shard *out) {
+  const char *file;
+  const pags_json_value *rows;
+  PAGS_TRY(pags_json_string(json, value, "file", &file));
+  if (!pags_path_is_inside(file))
+    return pags_json_fail(json, value, "'file' is '%s', outside of the folder", file);
+  PAGS_TRY(pags_json_integer(json, value, "bytes", 1, INT64_MAX, &out->bytes));
+  PAGS_TRY(pags_json_array(json, value, "rows", &rows));
+  if (rows->count != models)
+    return pags_json_fail(json, rows, "'rows' has %lld numbers, expected %lld, one a model", (long long)rows->count,
+                          (long long)models);
+  out->path = pags_path_join(folder, file);
+  out->rows = calloc((size_t)models, sizeof *out->rows);
+  if (!out->path || !out->rows)
+    return pags_out_of_memory(NULL);
+  int64_t m = 0;
+  for (const pags_json_value *row = rows->first; row; row = row->next, m++) {
+    double number;
+    PAGS_TRY(pags_json_as_number(json, row, "rows", &number));
+    if (!(number >= 0 && number < INT32_MAX) || number != (double)(int64_t)number)
+      return pags_json_fail(json, row, "'rows': expected a count, got %s", row->text);
+    out->rows[m] = (int64_t)number;
+  }
+  return PAGS_OK;
+}
+
+static pags_result read_manifest(const pags_json *json, const char *folder, manifest *out) {
+  const pags_json_value *root = pags_json_root(json), *shards;
+  const char *format;
+  int64_t version;
+  PAGS_TRY(pags_json_string(json, root, "format", &format));
+  PAGS_TRY(pags_json_integer(json, root, "version", 1, INT32_MAX, &version));
+  if (strcmp(format, "pags-checkpoint-shards") != 0 || version != VERSION)
+    return pags_json_fail(json, root, "expected 'format' pags-checkpoint-shards, 'version' %d", VERSION);
+  PAGS_TRY(pags_json_integer(json, root, "step", 0, INT64_MAX, &out->step));
+  PAGS_TRY(pags_json_integer(json, root, "models", 1, INT32_MAX, &out->models));
+  PAGS_TRY(pags_json_array(json, root, "shards", &shards));
+  if (shards->count < 1 || shards->count > PAGS_RANKS_MOST)
+    return pags_json_fail(json, shards, "expected 1 to %d shards, got %lld", PAGS_RANKS_MOST, (long long)shards->count);
+  out->shards = calloc((size_t)shards->count, sizeof *out->shards);
+  if (!out->shards)
+    return pags_out_of_memory("%lld shards", (long long)shards->count);
+  out->count = shards->count;
+  shard *at = out->shards;
+  for (const pags_json_value *value = shards->first; value; value = value->next)
+    PAGS_TRY(read_shard(json, value, folder, out->models, at++));
+  return PAGS_OK;
+}
+
+static pags_result load_shard(const manifest *m, shard *s, const pags_dataset *dataset, uint64_t *fingerprint) {
+  uint64_t size, other;
+  PAGS_TRY(pags_file_size(s->path, &size));
+  if (size != (uint64_t)s->bytes)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: has %llu bytes, expected %lld as the manifest says", s->path,
+                     (unsigned long long)size, (long long)s->bytes);
+  PAGS_TRY(pags_checkpoint_load(s->path, dataset, &s->state, &other));
+  s->loaded = true;
+  bool same = s->state.step == m->step && s->state.model_count == m->models;
+  for (int64_t i = 0; same && i < m->models; i++)
+    same = s->state.models[i].gaussians.count == s->rows[i];
+  if (!same || (s != m->shards && other != *fingerprint))
+    return pags_fail(PAGS_ERROR_FORMAT,
+                     "%s: belongs to another checkpoint: expected step %lld and the rows that the "
+                     "manifest says",
+                     s->path, (long long)m->step);
+  *fingerprint = other;
+  return PAGS_OK;
+}
+
+/* Copies what lies in both: a shard's rows of a model from `offset` on, and this rank's [begin, end) of them. */
+static pags_result take_rows(const shard *s, int64_t model, int64_t offset, int64_t begin, int64_t end,
+                             pags_train_model *to) {
+  pags_train_model *from = &s->state.models[model];
+  const int64_t last = offset + s->rows[model] < end ? offset + s->rows[model] : end;
+  const int64_t first = offset > begin ? offset : begin, size = from->adam.cluster_size;
+  if (first >= last)
+    return PAGS_OK;
+  if (offset % size != 0)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: begins at row %lld, which is no multiple of the cluster size %lld",
+                     s->path, (long long)offset, (long long)size);
+  assert(begin % size == 0);
+  pags_model_copy_rows(from, first - offset, last - first, to, first - begin);
+  for (int64_t row = first; row < last; row += size) {
+    const int64_t source = (row - offset) / size, target = (row - begin) / size;
+    to->adam.moment_step[target] = from->adam.moment_step[source];
+    to->adam.param_step[target] = from->adam.param_step[source];
+  }
+  return PAGS_OK;
+}
+
+/* Adds the model with this rank's rows to the state. */
+static pags_result join_model(const manifest *m, int64_t model, int64_t begin, int64_t end, pags_train_state *state) {
+  const pags_train_model *like = &m->shards[0].state.models[model];
+  int64_t offset = 0;
+  for (int64_t i = 0; i < m->count; offset += m->shards[i++].rows[model])
+    if (m->shards[i].loaded && offset < end && offset + m->shards[i].rows[model] > begin)
+      like = &m->shards[i].state.models[model]; /* one without rows may not know which columns there are */
+  pags_gaussians g;
+  PAGS_TRY(pags_gaussians_create_like(&g, end - begin, &like->gaussians));
+  PAGS_TRY(pags_state_add_model(state, like->object, like->schedule.extent, &g));
+  pags_train_model *to = &state->models[model];
+  if (like->gaussians.fourier) {
+    PAGS_TRY(pags_gaussians_add_fourier(&to->adam.first));
+    PAGS_TRY(pags_gaussians_add_fourier(&to->adam.second));
+  }
+  to->fourier_gain = like->fourier_gain;
+  pags_state_fit_box(state, model);
+  offset = 0;
+  for (int64_t i = 0; i < m->count; offset += m->shards[i++].rows[model])
+    if (m->shards[i].loaded)
+      PAGS_TRY(take_rows(&m->shards[i], model, offset, begin, end, to));
+  pags_adam_bound_all(&to->adam, &to->gaussians, &to->clusters, NULL);
+  return PAGS_OK;
+}
+
+/* Takes all but the models from the first shard, whose state keeps these alone. */
+static pags_result take_shared(pags_train_state *from, pags_train_state *to) {
+  pags_train_state shared = *from;
+  PAGS_TRY(pags_state_create(to, &shared.schedule, shared.stop, shared.model_count));
+  shared.models = to->models;
+  shared.model_count = 0;
+  *to = shared;
+  from->tracks = (pags_track_poses){0};
+  from->sky = (pags_sky_fit){0};
+  from->exposures = (pags_exposures){0};
+  return PAGS_OK;
+}
+
+static pags_result join_all(manifest *m, int rank, int ranks, pags_shards_cut_fn *cut, const pags_dataset *dataset,
+                            pags_train_state *state, uint64_t *fingerprint) {
+  m->rows = calloc((size_t)m->models, sizeof *m->rows);
+  m->begin = calloc((size_t)(m->models * (ranks + 1)), sizeof *m->begin);
+  if (!m->rows || !m->begin)
+    return pags_out_of_memory("%lld models", (long long)m->models);
+  for (int64_t i = 0; i < m->count; i++)
+    for (int64_t k = 0; k < m->models; k++)
+      m->rows[k] += m->shards[i].rows[k];
+  for (int64_t k = 0; k < m->models; k++)
+    m->begin[k * 2 + 1] = m->rows[k]; /* of one rank; else overwritten */
+  if (ranks > 1)
+    cut(m->rows, m->models, m->shards[0].state.schedule.config.picture.cluster_size, ranks, m->begin);
+
+  /* Load the shards in which this rank has rows. */
+  for (int64_t k = 0; k < m->models; k++) {
+    const int64_t *mine = m->begin + k * (ranks + 1) + rank;
+    int64_t offset = 0;
+    for (int64_t i = 0; i < m->count; offset += m->shards[i++].rows[k])
+      if (!m->shards[i].loaded && offset < mine[1] && offset + m->shards[i].rows[k] > mine[0])
+        PAGS_TRY(load_shard(m, &m->shards[i], dataset, fingerprint));
+  }
+
+  PAGS_TRY(take_shared(&m->shards[0].state, state));
+  for (int64_t k = 0; k < m->models; k++) {
+    const int64_t *mine = m->begin + k * (ranks + 1) + rank;
+    PAGS_TRY(join_model(m, k, mine[0], mine[1], state));
+  }
+  return PAGS_OK;
+}
+
+/* Rank 0 reads the file at `path`, so that all have the same manifest; *text is freed by the caller. */
+static pags_result read_for_all(const char *path, pags_transport *transport, uint8_t **text, size_t *size) {
+  static const char sole[] = "PAGSRUN"; /* a checkpoint of one rank: each reads it for itself */
+  enum { SOLE = sizeof sole - 1 };
+  int64_t bytes = 0;
+  char head[SOLE];
+  *text = NULL;
+  pags_result result = PAGS_OK;
+  if (pags_transport_rank(transport) == 0 &&
+      !(pags_file_head(path, head, SOLE) == SOLE && memcmp(head, sole, SOLE) == 0)) {
+    result = pags_file_read(path, text, size);
+    bytes = result == PAGS_OK ? (int64_t)*size : 0;
+  }
+  PAGS_TRY(pags_transport_agree(transport, result));
+  PAGS_TRY(pags_transport_broadcast(transport, 0, &bytes, sizeof bytes));
+  *size = (size_t)bytes;
+  if (!*text && bytes > 0)
+    *text = malloc((size_t)bytes);
+  result = bytes > 0 && !*text ? pags_out_of_memory("%s", path) : PAGS_OK;
+  PAGS_TRY(pags_transport_agree(transport, result));
+  return pags_transport_broadcast(transport, 0, *text, bytes);
+}
+
+/* A manifest of one shard, the file itself, which is read at once. */
+static pags_result read_sole(const char *path, const pags_dataset *dataset, manifest *out, uint64_t *fingerprint) {
+  shard *s = out->shards = calloc(1, sizeof *out->shards);
+  if (!s)
+    return pags_out_of_memory(NULL);
+  out->count = 1;
+  PAGS_TRY(pags_checkpoint_load(path, dataset, &s->state, fingerprint));
+  s->loaded = true;
+  s->path = pags_text_copy(path);
+  out->models = s->state.model_count;
+  s->rows = calloc((size_t)out->models, sizeof *s->rows);
+  if (!s->path || !s->rows)
+    return pags_out_of_memory(NULL);
+  for (int64_t i = 0; i < out->models; i++)
+    s->rows[i] = s->state.models[i].gaussians.count;
+  return PAGS_OK;
+}
+
+/* Reads the manifest and the first shard, which every rank needs. */
+static pags_result read_first(const char *path, const uint8_t *text, size_t size, const pags_dataset *dataset,
+                              manifest *out, uint64_t *fingerprint) {
+  if (!text)
+    return read_sole(path, dataset, out, fingerprint);
+  pags_json *json;
+  PAGS_TRY(pags_json_parse_text(path, (const char *)text, size, &json));
+  char *folder = pags_path_folder(path);
+  pags_result result = folder ? read_manifest(json, folder, out) : pags_out_of_memory(NULL);
+  free(folder);
+  pags_json_destroy(json);
+  return result == PAGS_OK ? load_shard(out, &out->shards[0], dataset, fingerprint) : result;
+}
+
+pags_result pags_shards_load(const char *path, pags_transport *transport, pags_shards_cut_fn *cut,
+                             const pags_dataset *dataset, pags_train_state *state, uint64_t *fingerprint) {
+  const int rank = pags_transport_rank(transport), ranks = pags_transport_ranks(transport);
+  manifest m = {0};
+  uint8_t *text;
+  size_t size;
+  *state = (pags_train_state){0};
+  pags_result result = read_for_all(path, transport, &text, &size);
+  if (result == PAGS_OK) {
+    result = read_first(path, text, size, dataset, &m, fingerprint);
+    if (result == PAGS_OK)
+      result = join_all(&m, rank, ranks, cut, dataset, state, fingerprint);
+    result = pags_transport_agree(transport, result);
+  }
+  free(text);
+  destroy_manifest(&m);
+  if (result != PAGS_OK)
+    pags_state_destroy(state);
+  return result;
+}
