@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Interrupts. Ctrl-C and a request to end (SIGTERM) cancel the work under way, which then saves its state; a second
- * Ctrl-C ends the program at once. A mapped file that was cut short ends it with a message. */
+/* Interrupts. Ctrl-C and a request to end (SIGTERM, SIGUSR1) cancel the work under way, which then saves its state; a
+ * second Ctrl-C ends the program at once. A mapped file that was cut short ends it with a message. */
 #include "cli/interrupt.h"
 
 #include <stddef.h>

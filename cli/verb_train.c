@@ -40,15 +40,16 @@ static pags_option options[] = {
     PAGS_TEXT("output", 'o', AT(output), "SCENE", NULL, "write the scene to this folder; needed unless --estimate"),
 
     PAGS_GROUP("The run"),
-    PAGS_TEXT(
-        "preset", 0, AT(preset), "default|fast|plain|paper", NULL,
-        "choose all that is left to auto: less time for less quality (fast), as 3DGS (plain), as the paper (paper)"),
+    PAGS_TEXT("preset", 0, AT(preset), "default|fast|plain|paper", NULL,
+              "choose all that is left to auto: fast at a loss, plain as 3DGS, paper"),
     PAGS_FIELD("iterations", 'n', "N", "iterations"),
     PAGS_FIELD("batch", 0, "B", "batch"),
     PAGS_FLAG("resume", 0, RUN(resume), "go on from SCENE's checkpoint, or begin where there is none and no scene"),
     PAGS_FLAG("overwrite", 0, RUN(overwrite), "train afresh into a SCENE that isn't empty"),
     PAGS_VALUE("checkpoint-every", 0, INT64, RUN(checkpoint_every), 0, PAGS_UNLIMITED, "N", "steps", NULL,
                "write a checkpoint so often; 0: only at the end"),
+    PAGS_VALUE("checkpoint-minutes", 0, DOUBLE, RUN(checkpoint_minutes), 0, 1e6, "M", "minutes; 0: none", NULL,
+               "and so often"),
     PAGS_VALUE("log-every", 0, INT64, RUN(log_every), 1, PAGS_UNLIMITED, "N", "steps", NULL,
                "add a line to SCENE/log.jsonl so often"),
     PAGS_VALUE("preview-every", 0, INT64, RUN(preview_every), 0, PAGS_UNLIMITED, "N", "steps", NULL,
@@ -180,7 +181,8 @@ static const pags_verb verb = {
     .name = "train",
     .usage = "DATASET -o SCENE [options]",
     .about =
-        "Reconstructs a scene from photographs with known cameras. Ctrl-C or SIGTERM writes a checkpoint and the "
+        "Reconstructs a scene from photographs with known cameras. Ctrl-C, SIGTERM or SIGUSR1 writes a checkpoint and "
+        "the "
         "scene as it stands and exits with 3; --resume goes on to the same bits as an undisturbed run. A number "
         "of \"steps of 30 000\" is multiplied by iterations / 30 000.",
     .positionals = positionals,

@@ -119,8 +119,9 @@ typedef struct run_clock {
   double begin;
   double window; /* begin of the period for the displayed rate */
   int64_t window_step;
-  double rate; /* steps per second last displayed; 0: none yet */
-  double tail; /* begin of the run's last tenth */
+  double rate;  /* steps per second last displayed; 0: none yet */
+  double tail;  /* begin of the run's last tenth */
+  double saved; /* the last checkpoint, or the first step */
   int64_t tail_step, first_step;
   int64_t blank;            /* steps in a row in which no Gaussian was in view */
   int64_t masked;           /* steps whose photograph's own alpha left no pixel */
@@ -176,7 +177,15 @@ static int call_host(pags_trainer *t, run_clock *clock, int level) {
   return go_on && !(o->cancel && *o->cancel);
 }
 
-static pags_result write_step(pags_trainer *t, const pags_step_view *v) {
+static bool checkpoint_is_due(const pags_trainer *t, const run_clock *clock) {
+  const pags_train_options *o = t->options;
+  const int64_t step = t->state.step;
+  const bool by_steps = o->checkpoint_every > 0 && step % o->checkpoint_every == 0;
+  const bool by_time = o->checkpoint_minutes > 0 && pags_clock_ms() - clock->saved >= 60e3 * o->checkpoint_minutes;
+  return (by_steps || by_time) && step < t->state.stop;
+}
+
+static pags_result write_step(pags_trainer *t, const pags_step_view *v, run_clock *clock) {
   const pags_train_options *o = t->options;
   const pags_train_state *s = &t->state;
   if (o->log_every > 0 && s->step % o->log_every == 0)
@@ -194,9 +203,10 @@ static pags_result write_step(pags_trainer *t, const pags_step_view *v) {
                                                            .bad_rows = s->nonfinite.count}));
   if (o->preview_every > 0 && s->step % o->preview_every == 0 && t->ranks == 1)
     PAGS_TRY(pags_output_preview(&t->output, s->step, &v->picture, &v->photo));
-  if (o->checkpoint_every > 0 && s->step % o->checkpoint_every == 0 && s->step < s->stop && t->ranks == 1) {
+  if (t->ranks == 1 && checkpoint_is_due(t, clock)) {
     pags_tasks_mark(t->tasks, "checkpoint", "write");
     PAGS_TRY(pags_checkpoint_save(t->output.checkpoint, s, t->fingerprint));
+    clock->saved = pags_clock_ms();
   }
   return PAGS_OK;
 }
@@ -238,7 +248,7 @@ static pags_result loop(pags_trainer *t, run_clock *clock, int *stopped) {
       continue;
     }
     if (t->shared.rank == 0)
-      PAGS_TRY(write_step(t, &v));
+      PAGS_TRY(write_step(t, &v, clock));
     if (limit > 0.0 && !s->clocked && s->step >= ESTIMATE_STEPS)
       PAGS_TRY(fit_to_clock(t, clock));
     *stopped = !call_host(t, clock, v.level) || (limit > 0.0 && pags_clock_ms() - clock->begin > 1e3 * limit);
@@ -295,7 +305,7 @@ static pags_result write_end(pags_trainer *t, pags_train_result *r, const run_cl
 static pags_result run(pags_trainer *t, double begin, pags_train_result *r) {
   run_clock clock = {.begin = begin};
   int stopped = 0;
-  clock.window = clock.tail = pags_clock_ms();
+  clock.window = clock.tail = clock.saved = pags_clock_ms();
   clock.window_step = clock.tail_step = clock.first_step = t->state.step;
   const pags_result code = loop(t, &clock, &stopped);
 

@@ -9,6 +9,7 @@ import signal
 import struct
 import subprocess
 import time
+import unittest
 import zlib
 
 import fixtures
@@ -166,6 +167,23 @@ class Train(DataCase):
 
     def test_terminate_and_resume(self):
         self.interrupted(signal.SIGTERM)
+
+    @unittest.skipUnless(hasattr(signal, "SIGUSR1"), "Windows has no such signal")
+    def test_user_signal_and_resume(self):
+        self.interrupted(signal.SIGUSR1)
+
+    def test_checkpoints_by_the_clock(self):
+        out = self.path("scene")
+        command = [fixtures.PAGS, "train", self.data, "-o", out, "--iterations", "1000000", "--checkpoint-every", "0", "--checkpoint-minutes", "0.001"]
+        running = subprocess.Popen([*command, "-q", *SMALL], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+        for _ in range(1200):
+            if running.poll() is not None or os.path.exists(os.path.join(out, "checkpoint.pags")):
+                break
+            time.sleep(0.05)
+        running.kill()
+        running.communicate()
+        facts = json.loads(self.succeeds("info", os.path.join(out, "checkpoint.pags"), "--json", "-").stdout)
+        self.assertGreater(facts["step"], 0)
 
     def test_kill_and_resume(self):
         self.interrupted(signal.SIGKILL)

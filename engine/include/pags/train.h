@@ -350,11 +350,12 @@ typedef struct pags_train_options {
   const char *output;          /* path of the scene folder; may be NULL with `estimate` */
   const char *command_line;    /* how the run was started, which report.json repeats; may be NULL */
   pags_tasks *tasks;
-  uint64_t image_cache;     /* size limit of the cache of decoded photographs, bytes; default 1 GiB */
-  uint64_t max_memory;      /* memory limit, bytes, from which pags_train_bytes gives a limit on Gaussians; 0: none */
-  int64_t checkpoint_every; /* steps between checkpoints; 0: only when the run stops or is done. Default 1000 */
-  int64_t log_every;        /* steps per line of log.jsonl; default 100 */
-  int64_t preview_every;    /* steps per preview PNG; 0: none. Default 1000 */
+  uint64_t image_cache;      /* size limit of the cache of decoded photographs, bytes; default 1 GiB */
+  uint64_t max_memory;       /* memory limit, bytes, from which pags_train_bytes gives a limit on Gaussians; 0: none */
+  int64_t checkpoint_every;  /* steps between checkpoints; 0: only when the run stops or is done. Default 1000 */
+  double checkpoint_minutes; /* minutes between checkpoints, beside checkpoint_every; 0: none */
+  int64_t log_every;         /* steps per line of log.jsonl; default 100 */
+  int64_t preview_every;     /* steps per preview PNG; 0: none. Default 1000 */
   /* 1: continue from the checkpoint in the folder; if the folder has neither a checkpoint nor a scene, begin a
    * run. */
   int resume;
