@@ -21,6 +21,36 @@
 #include "port/module.h"
 #include "port/port.h"
 
+/* ---- What the launcher says ---- */
+
+/* How many ranks the launcher says that it has started; 0: nothing is known. */
+static int find_started_ranks(void) {
+  static const char *const names[] = {"OMPI_COMM_WORLD_SIZE", "PMI_SIZE"};
+  for (int i = 0; i < 2; i++) {
+    const char *text = getenv(names[i]);
+    if (text)
+      return (int)strtol(text, NULL, 10);
+  }
+  return 0;
+}
+
+bool pags_transport_started_by_mpi(void) {
+  return getenv("OMPI_COMM_WORLD_SIZE") || getenv("PMI_SIZE") || getenv("PMIX_RANK");
+}
+
+#ifndef PAGS_WITH_MPI
+
+pags_result pags_transport_create_mpi(pags_transport **transport) {
+  *transport = NULL;
+  if (find_started_ranks() == 1)
+    return PAGS_OK;
+  return pags_fail(PAGS_ERROR_UNSUPPORTED,
+                   "started as one of several by mpirun, but this build has no MPI: configure with -DPAGS_MPI=ON "
+                   "(Debian: libopenmpi-dev)");
+}
+
+#else
+
 enum {
   CHUNK = 64 << 20,
   NEWS_TAG = 32767,
@@ -421,34 +451,6 @@ static void destroy(pags_transport *transport, bool failed) {
 }
 
 /* ---- Joining ---- */
-
-/* How many ranks the launcher says that it has started; 0: nothing is known. */
-static int find_started_ranks(void) {
-  static const char *const names[] = {"OMPI_COMM_WORLD_SIZE", "PMI_SIZE"};
-  for (int i = 0; i < 2; i++) {
-    const char *text = getenv(names[i]);
-    if (text)
-      return (int)strtol(text, NULL, 10);
-  }
-  return 0;
-}
-
-bool pags_transport_started_by_mpi(void) {
-  return getenv("OMPI_COMM_WORLD_SIZE") || getenv("PMI_SIZE") || getenv("PMIX_RANK");
-}
-
-#ifndef PAGS_WITH_MPI
-
-pags_result pags_transport_create_mpi(pags_transport **transport) {
-  *transport = NULL;
-  if (find_started_ranks() == 1)
-    return PAGS_OK;
-  return pags_fail(PAGS_ERROR_UNSUPPORTED,
-                   "started as one of several by mpirun, but this build has no MPI: configure with -DPAGS_MPI=ON "
-                   "(Debian: libopenmpi-dev)");
-}
-
-#else
 
 pags_result pags_transport_create_mpi(pags_transport **transport) {
   static const pags_backend backend = {begin, finish, tell, hear, speaks, destroy};
