@@ -207,14 +207,31 @@ static inline int64_t block_at(const pags_raster_out *out, int block) {
   return (int64_t)(block >> 2) * 4 * out->stride + 4 * (block & 3);
 }
 
+/* If how.bounded, lets the finished pixels whose transmittance is at most eps be opaque: what of the light comes from
+ * behind, which wasn't looked at, gets the mean colour of what lies in front. */
+V_INLINE raster_state raster_close(const raster_state *state, raster_how how) {
+  raster_state s = *state;
+  s.t = v_abs(s.t);
+  if (how.bounded) {
+    const vf one = v_set(1.0f);
+    const vm closed = v_le(s.t, v_set(how.eps));
+    const vf scale = v_select(closed, v_div(one, v_sub(one, s.t)), one);
+    s.r = v_mul(s.r, scale);
+    s.g = v_mul(s.g, scale);
+    s.b = v_mul(s.b, scale);
+    s.t = v_select(closed, v_zero(), s.t);
+  }
+  return s;
+}
+
 /* Writes the finished block: colour over the background, and the extra channels. */
 V_INLINE void raster_write(const pags_raster_out *out, const raster_state *state, int block, raster_how how) {
   const int64_t at = block_at(out, block);
-  const vf t = v_abs(state->t);
-  v_store_4x4(out->rgb[0] + at, out->stride, v_fma(t, v_set(out->background[0]), state->r));
-  v_store_4x4(out->rgb[1] + at, out->stride, v_fma(t, v_set(out->background[1]), state->g));
-  v_store_4x4(out->rgb[2] + at, out->stride, v_fma(t, v_set(out->background[2]), state->b));
-  v_store_4x4(out->transmittance + at, out->stride, t);
+  const raster_state s = raster_close(state, how);
+  v_store_4x4(out->rgb[0] + at, out->stride, v_fma(s.t, v_set(out->background[0]), s.r));
+  v_store_4x4(out->rgb[1] + at, out->stride, v_fma(s.t, v_set(out->background[1]), s.g));
+  v_store_4x4(out->rgb[2] + at, out->stride, v_fma(s.t, v_set(out->background[2]), s.b));
+  v_store_4x4(out->transmittance + at, out->stride, s.t);
   if (how.sum && out->depth_sum)
     v_store_4x4(out->depth_sum + at, out->stride, state->depth);
   if (how.extra && out->depth) {

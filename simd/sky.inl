@@ -130,7 +130,10 @@ static void sky_blend(const pags_sky_rays *rays, const float *texels, const pags
   for (int y = 0; y < PAGS_TILE; y++) {
     const int row = y * PAGS_TILE;
     vf weight[4], colour[4], sky[3];
-    sky_weights(v_load(tile->along + row), v_load(tile->down + row), v_load(transmittance + y * stride), weight);
+    const vf t = v_load(transmittance + y * stride);
+    if (m_bits(v_gt(t, v_zero())) == 0) /* nothing of the sky is seen */
+      continue;
+    sky_weights(v_load(tile->along + row), v_load(tile->down + row), t, weight);
     for (int k = 0; k < 4; k++) {
       const sky_corners c = sky_corners_of(texels, tile->texel + row + 4 * k, right, below, ending_texel, ending);
       colour[k] = v_mul(sky_load(c.at, 0), v_spread(weight[0], k));

@@ -22,10 +22,11 @@
  * the number of slabs and the depths at which they are cut change no bit in either mode.
  *
  * Error of PAGS_EARLY_Z_BOUNDED: let a pixel stop at transmittance T <= eps where OFF goes on. Until then both have
- * done the same. OFF then adds sum(w_k c_k) + T' s, with weights w_k >= 0 that sum to T - T', colours c_k, and s the
- * colour of sky or background; BOUNDED adds T s. The difference is sum(w_k (c_k - s)). Colours are >= 0, so |c_k - s|
- * <= max(c_k, s), and no channel is off by more than T max(c, s) <= eps times the largest of shaded colours, sky and
- * background. Rounding adds, in OFF, at most 2^-24 of the sum per splat. Transmittance: 0 <= T - T' <= eps. */
+ * summed up the same C. OFF then adds sum(w_k c_k) + T' s, with weights w_k >= 0 that sum to T - T', colours c_k, and s
+ * the colour of sky or background: something from 0 to T times the largest of these. BOUNDED adds T times the mean
+ * colour in front, C / (1 - T), from 0 to T times the largest of the colours in front. So no channel is off by more
+ * than T <= eps times the largest of shaded colours, sky and background. Rounding adds, in OFF, at most 2^-24 of the
+ * sum per splat. Transmittance: OFF has T' <= T <= eps, BOUNDED 0. */
 #include <string.h>
 
 #include "frame/stages.h"

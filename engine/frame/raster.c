@@ -3,6 +3,8 @@
  *   C += T alpha c,  T *= 1 - alpha.
  * They run the kernels over the tiles: raster at every pixel (simd/raster.inl, which has the maths), then adding sky
  * and exposure; sample at points 4 pixels apart (simd/sample.inl). */
+#include <float.h>
+
 #include "frame/stages.h"
 
 /* Tiles in a worker's block, within which it prefetches the next tile's splats. With more, some workers would have
@@ -73,8 +75,10 @@ static void raster_tile(const raster_context *c, int64_t tile, bool goes_on, int
   in.unfinished = f->full && !f->last_slab;
   const pags_raster_out out = tile_output(f, at);
   pags_sky_tile sky;
-  if (f->has_sky && !in.unfinished)
-    pags_frame_find_sky(f, tile, &sky); /* early, so that its texels are fetched while Gaussians are blended */
+  /* Early, so that its texels are fetched while Gaussians are blended; but most tiles of a bounded frame show none. */
+  const bool early = f->has_sky && !in.unfinished && in.eps <= 0.0f;
+  if (early)
+    pags_frame_find_sky(f, tile, &sky);
   const unsigned open = f->kernels->raster(&in, &out);
   if (f->full) {
     f->full->tile_begun[tile] = 1;
@@ -84,10 +88,11 @@ static void raster_tile(const raster_context *c, int64_t tile, bool goes_on, int
   }
   if (in.unfinished && open)
     return;
-  if (f->has_sky && in.unfinished)
-    pags_frame_find_sky(f, tile, &sky);
-  if (f->has_sky) /* while the tile is in the cache */
-    pags_frame_blend_sky(f, tile, &sky);
+  if (early || (f->has_sky && pags_frame_tile_shows(f, tile, FLT_MIN))) {
+    if (!early)
+      pags_frame_find_sky(f, tile, &sky);
+    pags_frame_blend_sky(f, tile, &sky); /* while the tile is in the cache */
+  }
   if (f->options.exposed)
     pags_frame_expose(f, tile);
 }

@@ -2,7 +2,8 @@
 /* The sky behind a frame, a cube map that is blended in by the transmittance T, and the gradient of its texels:
  *   rgb += T sky(direction of the pixel's centre)
  *   dL/dtexel += T weight dL/drgb over the pixels that see the texel
- * Every pixel of the picture shows some sky, since blending stops before T falls below 1e-4.
+ * Every pixel of the picture shows some sky, since blending stops before T falls below 1e-4; but with
+ * PAGS_EARLY_Z_BOUNDED only those that aren't full.
  *
  * For the backward pass the cube map is cut into runs of consecutive texels: at most 64, with many workers 256. First
  * each tile finds out which runs its pixels see. Then each run is one task, which adds up the terms of its tiles in the
@@ -57,6 +58,22 @@ void pags_frame_blend_sky(const pags_frame *frame, int64_t tile, const pags_sky_
                             frame_plane(frame, PLANE_T) + at, rgb);
 }
 
+/* Whether any of 16 pixels of a row has at least this transmittance. */
+static bool row_shows(const float *transmittance, float least) {
+  int any = 0;
+  for (int x = 0; x < PAGS_TILE; x++)
+    any |= transmittance[x] >= least;
+  return any;
+}
+
+bool pags_frame_tile_shows(const pags_frame *frame, int64_t tile, float least) {
+  const float *const t = frame_plane(frame, PLANE_T) + frame_tile_offset(frame, tile);
+  for (int y = 0; y < PAGS_TILE; y++)
+    if (row_shows(t + (int64_t)y * frame->stride, least))
+      return true;
+  return false;
+}
+
 /* ---- Finding the runs of texels that a tile sees ---- */
 
 /* Sets the bits of the runs that texels first..last, both included, lie in. */
@@ -65,31 +82,13 @@ static void add_runs_between(int64_t first, int64_t last, int run_bits, uint64_t
     seen[run / 64] |= UINT64_C(1) << run % 64;
 }
 
-/* Whether any pixel of a tile's row has a transmittance of at least gradient->sky_cut, so that it counts for the sky.
- * The row may reach beyond the picture's edge. */
-static bool row_shows_sky(const sky_context *c, int64_t at) {
-  const float *const t = frame_plane(c->frame, PLANE_T) + at;
-  int any = 0;
-  for (int x = 0; x < PAGS_TILE; x++)
-    any |= t[x] >= c->gradient->sky_cut;
-  return any;
-}
-
-static bool tile_shows_sky(const sky_context *c, int64_t tile) {
-  const int64_t at = frame_tile_offset(c->frame, tile);
-  for (int y = 0; y < PAGS_TILE; y++)
-    if (row_shows_sky(c, at + y * c->frame->stride))
-      return true;
-  return false;
-}
-
 /* Sets the bits of the runs that a tile's pixels see; none where the tile shows no sky. The directions of a cube face
  * are a convex cone: if the tile's four corner pixels fall onto one face, all of its pixels do, in rows of texels
  * between those of the corners, with a row more on either side for rounding. Otherwise every pixel is looked up. */
 static void tile_runs(const sky_context *c, int64_t tile, uint64_t seen[WORDS]) {
   enum { LAST = PAGS_TILE - 1 };
   memset(seen, 0, WORDS * sizeof *seen);
-  if (!tile_shows_sky(c, tile))
+  if (!pags_frame_tile_shows(c->frame, tile, c->gradient->sky_cut))
     return;
   const pags_frame *const f = c->frame;
   const int size = f->rays.size, x0 = frame_tile_x(f, tile), y0 = frame_tile_y(f, tile);
@@ -300,7 +299,7 @@ static void add_run(const sky_context *c, int64_t index, int worker) {
     f->kernels->sky_cells(&f->rays, x0, y0, 1, terms.row, terms.column, weight);
     for (int y = 0; y < box.y1; y++) {
       const int64_t at = (int64_t)(y0 + y) * f->stride + x0;
-      terms.shows[y] = row_shows_sky(c, at);
+      terms.shows[y] = row_shows(frame_plane(f, PLANE_T) + at, c->gradient->sky_cut);
       if (terms.shows[y])
         find_colours(c, at, terms.colour + y * PAGS_TILE);
     }

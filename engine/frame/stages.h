@@ -222,6 +222,8 @@ depth_key *pags_frame_sort_keys(depth_key *keys, depth_key *spare, int64_t count
 void pags_frame_prepare_sky(pags_frame *frame);
 void pags_frame_find_sky(const pags_frame *frame, int64_t tile, pags_sky_tile *out);
 void pags_frame_blend_sky(const pags_frame *frame, int64_t tile, const pags_sky_tile *found);
+/* Whether any pixel of the finished tile, also beyond the picture's edge, has a transmittance of at least `least`. */
+bool pags_frame_tile_shows(const pags_frame *frame, int64_t tile, float least);
 pags_result pags_frame_sky_backward(pags_frame *frame, const pags_picture_gradient *gradient);
 
 void pags_frame_expose(const pags_frame *frame, int64_t tile); /* rgb = gain rgb + offset; after Gaussians and sky */

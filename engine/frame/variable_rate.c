@@ -61,16 +61,6 @@ static void take_nearest(const pags_frame *f, const frame_samples *s, int x0, in
   }
 }
 
-/* The largest transmittance of a tile's pixels; `at` is the tile's offset in a plane. */
-static float most_transmittance(const pags_frame *f, int64_t at) {
-  const float *row = frame_plane(f, PLANE_T) + at;
-  float most = 0.0f;
-  for (int y = 0; y < PAGS_TILE; y++, row += f->stride)
-    for (int x = 0; x < PAGS_TILE; x++)
-      most = row[x] > most ? row[x] : most;
-  return most;
-}
-
 typedef struct enlarging {
   const pags_frame *frame;
   const frame_samples *samples;
@@ -98,7 +88,7 @@ static void enlarge_tiles(void *context, int64_t begin, int64_t end, int worker)
           take_nearest(e->frame, e->samples, x0, y0 + y);
       }
       /* Less sky than 1/512 isn't visible: that is under half a grey level. */
-      if (e->frame->has_sky && most_transmittance(e->frame, at) > 1.0f / 512.0f) {
+      if (e->frame->has_sky && pags_frame_tile_shows(e->frame, tile, 1.0f / 512.0f)) {
         pags_sky_tile sky;
         pags_frame_find_sky(e->frame, tile, &sky);
         pags_frame_blend_sky(e->frame, tile, &sky);

@@ -17,6 +17,7 @@ typedef struct scene {
   int64_t count;
   int x0, y0, width, height;
   const float *hard; /* a plane of depth limits by pixel, or NULL */
+  float eps;         /* pixels stop at this transmittance and are opaque then; 0: they don't */
 } scene;
 
 /* Output of one call, in buffers that end exactly where the kernel may write. */
@@ -73,7 +74,8 @@ static picture blend(const pags_kernels *k, const scene *s, int degree, int chan
                              .exp_degree = degree,
                              .block_masks = p.masks,
                              .pairs = counted ? p.pairs : NULL,
-                             .hard = s->hard};
+                             .hard = s->hard,
+                             .eps = s->eps};
   k->raster(&in, &out);
   return p;
 }
@@ -158,7 +160,7 @@ enum { MARKS = 200 }; /* number of ids that may be marked */
  * kernel's `pairs`. `marks`: a flag for each of MARKS ids, or NULL. */
 static pixel blend_pixel(const scene *s, float px, float py, bool fused, const uint8_t *marks, int64_t *blended) {
   pixel out = {.t = 1.0, .id = -1};
-  for (int64_t i = 0; i < s->count; i++) {
+  for (int64_t i = 0; i < s->count && out.t > (double)s->eps; i++) {
     const pags_splat *const g = s->splats + s->entries[i].splat;
     const float exponent = splat_exponent(g, px, py, fused);
     if (!(exponent >= g->cut))
@@ -177,6 +179,11 @@ static pixel blend_pixel(const scene *s, float px, float py, bool fused, const u
       out.best = w, out.id = g->id;
     out.t -= w;
     ++*blended;
+  }
+  if (out.t <= (double)s->eps) {
+    for (int c = 0; c < 3; c++)
+      out.rgb[c] /= 1.0 - out.t;
+    out.t = 0.0;
   }
   return out;
 }
@@ -202,7 +209,9 @@ static picture blend_plainly(const scene *s, bool fused) {
   return p;
 }
 
-static void check_plainly(const pags_kernels *k, const scene *s, int degree) {
+/* Returns how many pixels are opaque since no more than s->eps would come through. */
+static int check_plainly(const pags_kernels *k, const scene *s, int degree) {
+  /* A stop at eps = 1/255 in one of the two only is worth no more than 1/255. */
   const double close = degree >= 5 ? 4e-6 : 1.5e-4, flips = 0.004, size = 0.012;
   const picture got = blend(k, s, degree, true, true), want = blend_plainly(s, splat_fused(k));
   crop_all(s, &got);
@@ -213,22 +222,30 @@ static void check_plainly(const pags_kernels *k, const scene *s, int degree) {
   CHECK_NEAR("depth", got.depth, want.depth, PLANE, .absolute = 4 * close, .flips = flips, .flip_size = 4.0);
   CHECK_NEAR("depth_sum", got.depth_sum, want.depth_sum, PLANE, .absolute = 4 * close, .flips = flips,
              .flip_size = 4 * size);
-  int id_flips = 0;
-  for (int i = 0; i < PLANE; i++)
+  int id_flips = 0, closed = 0;
+  for (int i = 0; i < PLANE; i++) {
     id_flips += got.id[i] != want.id[i];
+    closed += inside(s, i) && got.transmittance[i] == 0.0f;
+  }
   CHECK(id_flips <= 2);
-  CHECK(differ_by(got.pairs[1], want.pairs[1]) <= 3);
+  CHECK(differ_by(got.pairs[1], want.pairs[1]) <= (s->eps > 0.0f ? 64 : 3));
   CHECK(got.pairs[0] >= got.pairs[1] && got.pairs[0] <= s->count * PAGS_TILE_PIXELS);
+  return closed;
 }
 
 static void test_plainly(const pags_kernels *k) {
   const splat_mix *const mixes[] = {&splats_translucent, &splats_opaque, &splats_awkward};
+  int closed = 0;
   for (size_t n = 0; n < sizeof counts / sizeof *counts; n++)
-    for (int choice = 0; choice < 6; choice++) {
-      const scene s = make_scene(counts[n], mixes[choice / 2], check_below(2));
-      check_plainly(k, &s, choice % 2 ? 3 : 5);
+    for (int choice = 0; choice < 12; choice++) {
+      scene s = make_scene(counts[n], mixes[choice / 4], check_below(2));
+      s.eps = choice & 1 ? 1.0f / 255.0f : 0.0f;
+      const int opaque = check_plainly(k, &s, choice & 2 ? 3 : 5);
+      CHECK(s.eps > 0.0f || opaque == 0);
+      closed += opaque;
       check_release();
     }
+  CHECK(closed > 1000);
 }
 
 /* ---- Variable rate: one sample for each 4x4 pixels ---- */
@@ -308,9 +325,9 @@ static int check_samples(const pags_kernels *k, const scene *s, const uint8_t *m
   int sooner = 0;
   for (int i = 0; i < SAMPLES; i++) {
     const int at = i / 4 * SAMPLE_STRIDE + i % 4;
-    const float more = bounded.transmittance[at] - got.transmittance[at];
-    CHECK(more >= 0.0f && more <= eps && (more == 0.0f || bounded.transmittance[at] <= eps));
-    sooner += more > 0.0f;
+    const float less = got.transmittance[at] - bounded.transmittance[at];
+    CHECK(less == 0.0f || (less <= eps && bounded.transmittance[at] == 0.0f));
+    sooner += less > 0.0f;
   }
   return sooner;
 }
@@ -462,7 +479,7 @@ static void test_own_list(const pags_kernels *k) {
 
 /* A list blended in pieces, each resuming where the previous one ended, gives the bits of the whole list; entries
  * after the tile is saturated change nothing. Returns whether the tile was saturated before the end. */
-static bool blend_in_pieces(const pags_kernels *k, const scene *s, int degree, float eps, const picture *whole) {
+static bool blend_in_pieces(const pags_kernels *k, const scene *s, int degree, const picture *whole) {
   picture p = {0};
   for (int c = 0; c < 3; c++)
     p.rgb[c] = CHECK_NEW(float, PLANE);
@@ -490,7 +507,7 @@ static bool blend_in_pieces(const pags_kernels *k, const scene *s, int degree, f
                                .exp_degree = degree,
                                .resume = at > 0,
                                .unfinished = next < s->count,
-                               .eps = eps};
+                               .eps = s->eps};
     full = k->raster(&in, &out) == 0 && next < s->count;
     if (next == s->count)
       break;
@@ -504,12 +521,13 @@ static void test_resume(const pags_kernels *k) {
   int full = 0;
   for (int run = 0; run < 60; run++) {
     const splat_mix *const mixes[] = {&splats_translucent, &splats_opaque, &splats_awkward};
-    const scene s = make_scene(1 + check_below(600), mixes[run % 3], run % 2);
+    scene s = make_scene(1 + check_below(600), mixes[run % 3], run % 2);
+    s.eps = run % 5 < 2 ? 1.0f / 255.0f : 0.0f;
     const int degree = run % 4 < 2 ? 5 : 3;
     const picture whole = blend(k, &s, degree, true, false);
     picture cropped = whole;
     crop_all(&s, &cropped);
-    full += blend_in_pieces(k, &s, degree, 0.0f, &cropped);
+    full += blend_in_pieces(k, &s, degree, &cropped);
     check_release();
   }
   CHECK(full > 3);
