@@ -149,7 +149,7 @@ typedef struct pags_raster_in {
   int64_t *looked_at;    /* entries processed until saturation, rounded up to a chunk, added to; may be NULL */
   bool resume;           /* continue from the state in the planes instead of from empty pixels */
   bool unfinished;       /* more entries may follow: leave the tile unfinished unless all pixels have stopped */
-  float eps;             /* > 0: a pixel also stops as soon as its transmittance is <= eps */
+  float eps;             /* > 0: a pixel also stops as soon as its transmittance is <= eps, and is opaque then */
   const float
       *hard; /* a plane as the output's: a splat with z > hard changes no pixel there; NULL: none. Not with eps */
 } pags_raster_in;

@@ -82,10 +82,12 @@ static tile make_tile(void) {
     for (int i = 0; i < PLANE; i++)
       t.plane[c][i] = check_uniform(c == 3 ? 1e-4f : 0.0f, 1.0f);
   }
-  for (int y = check_below(8); y < 16;
-       y += 1 + check_below(8)) /* rows that show nothing of the sky, or one pixel of it */
-    for (int x = 0; x < 15 + check_below(2); x++)
+  /* Some rows show nothing of the sky, or at their last pixel only. */
+  for (int y = check_below(8); y < 16; y += 1 + check_below(8)) {
+    const int zeros = 15 + check_below(2);
+    for (int x = 0; x < zeros; x++)
       t.plane[3][y * STRIDE + x] = 0.0f;
+  }
   return t;
 }
 
