@@ -50,7 +50,7 @@ typedef struct pags_session {
             "waymo|pandaset|kitti|nuscenes|argoverse2|nuplan|street-gaussians", "as dataset.json says",               \
             "driving sets: read drivestudio's layout by the rules of this source"),                                   \
       PAGS_TEXT("cameras", 0, (where) + offsetof(pags_dataset_options, cameras), "LIST", "all",                       \
-                "driving sets: use these cameras, numbers separated by commas"),                                      \
+                "driving sets: use these cameras, separated by commas"),                                              \
       PAGS_VALUE("frames", 0, SPAN, (where) + offsetof(pags_dataset_options, frame_first), 0, 0, "A-B", "time steps", \
                  "all", "driving sets: use these time steps, both ends included"),                                    \
       PAGS_TEXT("holdout-camera", 0, (where) + offsetof(pags_dataset_options, holdout_camera), "N", "none",           \

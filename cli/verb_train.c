@@ -53,13 +53,13 @@ static pags_option options[] = {
     PAGS_VALUE("log-every", 0, INT64, RUN(log_every), 1, PAGS_UNLIMITED, "N", "steps", NULL,
                "add a line to SCENE/log.jsonl so often"),
     PAGS_VALUE("preview-every", 0, INT64, RUN(preview_every), 0, PAGS_UNLIMITED, "N", "steps", NULL,
-               "write a preview PNG so often; 0: none"),
-    PAGS_VALUE("time-limit", 0, DURATION, RUN(time_limit_seconds), 1, PAGS_UNLIMITED, "TIME", "90s, 30m, 2h", "none",
+               "write a preview PNG so often, and log PSNR of held-out views if given; 0: none"),
+    PAGS_VALUE("time-limit", 0, DURATION, RUN(time_limit_seconds), 1, PAGS_UNLIMITED, "TIME", "90s, 30m, 2h", "",
                "fit the number of steps to this time; not reproducible"),
     PAGS_FLAG("estimate", 0, RUN(estimate), "run 50 steps, print time and memory of the whole run, write nothing"),
     PAGS_FIELD("seed", 0, "N", "seed"),
     PAGS_VALUE("max-bad-rows", 0, INT64, RUN(bad_rows_most), 0, PAGS_UNLIMITED, "N", "updates", NULL,
-               "fail when more updates were left out as not finite"),
+               "fail when more updates aren't finite"),
 
     PAGS_GROUP("The photographs"),
     PAGS_VALUE("downscale", 0, DOUBLE, AT(dataset.downscale), 1, 64, "F", "times", NULL, "shrink the photographs"),
@@ -439,6 +439,7 @@ int pags_verb_train(int argc, char **argv) {
     return PAGS_EXIT_OK;
   if (arguments.reconstruction)
     arguments.dataset.split_every = 0;
+  arguments.options.held_out = pags_option_given(&parsed, "preview-every");
   arguments.dataset.seed = arguments.config.schedule.seed;
   memcpy(arguments.dataset.background, arguments.config.picture.background, sizeof arguments.dataset.background);
 

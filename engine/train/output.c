@@ -220,6 +220,17 @@ pags_result pags_output_log(pags_output *output, const pags_log_entry *e) {
   return put_line(output, &w);
 }
 
+pags_result pags_output_log_held_out(pags_output *output, int64_t step, int64_t gaussians, double psnr, int views) {
+  pags_json_writer w;
+  pags_json_writer_init(&w, 0);
+  pags_json_begin_object(&w, NULL);
+  pags_json_put_integer(&w, "step", step);
+  pags_json_put_integer(&w, "gaussians", gaussians);
+  pags_json_put_number(&w, "held_out_psnr", psnr);
+  pags_json_put_integer(&w, "held_out_views", views);
+  return put_line(output, &w);
+}
+
 pags_result pags_output_log_density(pags_output *output, int64_t step, const pags_density_change *change,
                                     int64_t gaussians) {
   pags_json_writer w;

@@ -6,6 +6,7 @@
 
 #include <pags/dataset.h>
 #include <pags/frame.h>
+#include <pags/scene.h>
 #include <pags/train.h>
 
 #include "base/file.h"
@@ -43,6 +44,8 @@ pags_result pags_output_log(pags_output *output, const pags_log_entry *entry);
 typedef struct pags_density_change { /* sums over all models */
   int64_t cloned, split, pruned, wanted;
 } pags_density_change;
+/* A line for held-out views: the mean of their PSNR, and how many they are. */
+pags_result pags_output_log_held_out(pags_output *output, int64_t step, int64_t gaussians, double psnr, int views);
 pags_result pags_output_log_density(pags_output *output, int64_t step, const pags_density_change *change,
                                     int64_t gaussians);
 pags_result pags_output_log_prune(pags_output *output, int64_t step, int64_t pruned, int64_t gaussians);
@@ -55,6 +58,9 @@ pags_result pags_output_preview(const pags_output *output, int64_t step, const p
  * gets one PLY for each SH degree that its Gaussians need, and an object's PLY has the highest degree that one of its
  * Gaussians needs. */
 pags_result pags_output_scene(const pags_output *output, const pags_dataset *dataset, const pags_train_state *state);
+/* Lists the data set's views in scene->views, which the caller frees, with the exposures found so far, and sets the
+ * scene's span of time. */
+pags_result pags_output_list_views(const pags_dataset *dataset, const pags_train_state *state, pags_scene *scene);
 /* Computes the number of bytes that pags_output_scene would write now, for the limit on the scene's size; without the
  * PLYs and the data set's path in scene.json. */
 pags_result pags_output_bytes(const pags_dataset *dataset, const pags_train_state *state, uint64_t *bytes);

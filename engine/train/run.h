@@ -27,6 +27,15 @@ typedef struct pags_step_rest {
   } *poses;            /* [batch * models] */
 } pags_step_rest;
 
+/* Held-out views as they were measured last (held_out.h). */
+enum { PAGS_HELD_OUT_VIEWS = 8 };
+typedef struct pags_held_out {
+  int count; /* 0: not measured yet */
+  pags_train_score scores[PAGS_HELD_OUT_VIEWS];
+  double psnr;  /* their mean, dB; NaN: none counts */
+  int64_t step; /* steps done then */
+} pags_held_out;
+
 typedef struct pags_trainer {
   const pags_train_options *options;
   const pags_dataset *dataset;
@@ -41,6 +50,7 @@ typedef struct pags_trainer {
   pags_photo_cache *cache;
   pags_view_render render;
   pags_step_rest rest;
+  pags_held_out held_out;
   int ranks;                      /* that draw photographs, this one included */
   pags_sharing sharing;           /* of the models; zeroed with one rank */
   pags_sky_parts sky_parts;       /* the sky's gradient of this rank's view */

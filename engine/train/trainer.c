@@ -21,6 +21,7 @@
 #include "train/config.h"
 #include "train/density.h"
 #include "train/estimate.h"
+#include "train/held_out.h"
 #include "train/open_run.h"
 #include "train/score_pass.h"
 #include "train/sh_trim.h"
@@ -145,7 +146,7 @@ static void update_clock(const pags_trainer *t, run_clock *clock) {
 }
 
 /* Calls the callbacks for progress and snapshots; returns 0 if one of them, or the cancel flag, asks to stop. */
-static int call_host(pags_trainer *t, run_clock *clock, int level) {
+static int call_host(pags_trainer *t, run_clock *clock, const pags_step_view *v) {
   const pags_train_options *o = t->options;
   const pags_train_state *s = &t->state;
   const double since = pags_clock_ms(), seconds = (since - clock->begin) / 1e3;
@@ -159,8 +160,13 @@ static int call_host(pags_trainer *t, run_clock *clock, int level) {
                                         .psnr = psnr_of(s->mse),
                                         .seconds = seconds,
                                         .eta_seconds = rate > 0.0 ? (double)(s->stop - s->step) / rate : 0.0,
-                                        .level = level,
-                                        .bad_rows = s->nonfinite.count};
+                                        .level = v->level,
+                                        .bad_rows = s->nonfinite.count,
+                                        .seen = {v->view, v->loss.counted > 0 ? psnr_of(v->loss.mse) : (double)NAN},
+                                        .held_out_count = t->held_out.count,
+                                        .held_out = t->held_out.scores,
+                                        .held_out_psnr = t->held_out.psnr,
+                                        .held_out_step = t->held_out.step};
   int go_on = 1;
   pags_tasks_mark(t->tasks, "host", NULL);
   if (o->progress)
@@ -203,6 +209,12 @@ static pags_result write_step(pags_trainer *t, const pags_step_view *v, run_cloc
                                                            .bad_rows = s->nonfinite.count}));
   if (o->preview_every > 0 && s->step % o->preview_every == 0 && t->ranks == 1)
     PAGS_TRY(pags_output_preview(&t->output, s->step, &v->picture, &v->photo));
+  if (o->held_out && o->preview_every > 0 && s->step % o->preview_every == 0 && t->ranks == 1) {
+    PAGS_TRY(pags_held_out_measure(t)); /* `v` has no picture and no photograph from here on */
+    if (t->held_out.count > 0)
+      PAGS_TRY(pags_output_log_held_out(&t->output, s->step, pags_state_gaussian_count(s), t->held_out.psnr,
+                                        t->held_out.count));
+  }
   if (t->ranks == 1 && checkpoint_is_due(t, clock)) {
     pags_tasks_mark(t->tasks, "checkpoint", "write");
     PAGS_TRY(pags_checkpoint_save(t->output.checkpoint, s, t->fingerprint));
@@ -251,7 +263,7 @@ static pags_result loop(pags_trainer *t, run_clock *clock, int *stopped) {
       PAGS_TRY(write_step(t, &v, clock));
     if (limit > 0.0 && !s->clocked && s->step >= ESTIMATE_STEPS)
       PAGS_TRY(fit_to_clock(t, clock));
-    *stopped = !call_host(t, clock, v.level) || (limit > 0.0 && pags_clock_ms() - clock->begin > 1e3 * limit);
+    *stopped = !call_host(t, clock, &v) || (limit > 0.0 && pags_clock_ms() - clock->begin > 1e3 * limit);
     PAGS_TRY(pags_share_run_stops(t, stopped));
   }
   return PAGS_OK;

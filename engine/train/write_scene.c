@@ -31,7 +31,7 @@ static char *borrow(const char *text) {
   return (char *)(uintptr_t)text;
 }
 
-static pags_result list_views(const pags_dataset *dataset, const pags_train_state *state, pags_scene *scene) {
+pags_result pags_output_list_views(const pags_dataset *dataset, const pags_train_state *state, pags_scene *scene) {
   scene->view_count = pags_dataset_view_count(dataset);
   scene->views = calloc((size_t)(scene->view_count > 0 ? scene->view_count : 1), sizeof *scene->views);
   if (!scene->views)
@@ -177,7 +177,7 @@ static pags_result describe(const pags_dataset *dataset, const pags_train_state 
     scene->origin[k] = pags_dataset_origin(dataset)[k];
     scene->background[k] = (float)config->picture.background[k];
   }
-  PAGS_TRY(list_views(dataset, state, scene));
+  PAGS_TRY(pags_output_list_views(dataset, state, scene));
 
   /* The objects. */
   scene->object_count = state->tracks.count;

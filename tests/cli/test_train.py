@@ -60,6 +60,24 @@ class Train(DataCase):
         self.assertEqual(last["bad_rows"], result["bad_rows"])
         self.succeeds("info", out)  # every number of the scene is finite
 
+    def test_held_out_views_in_the_log(self):
+        plain, measured, resumed = self.path("plain"), self.path("measured"), self.path("resumed")
+        often = ["--preview-every", 20]
+        self.train(plain, iterations=60)
+        self.train(measured, *often, iterations=60)
+        for name in ["background.ply", "scene.json", "checkpoint.pags"]:
+            self.assertEqual(read(os.path.join(plain, name)), read(os.path.join(measured, name)), name)
+        self.assertNotIn("held_out_psnr", read(os.path.join(plain, "log.jsonl")).decode())
+        lines = [json.loads(line) for line in read(os.path.join(measured, "log.jsonl")).splitlines()]
+        held = [line for line in lines if "held_out_psnr" in line]
+        self.assertEqual([(line["step"], line["held_out_views"]) for line in held], [(20, 2), (40, 2), (60, 2)])
+        scores = json.loads(self.succeeds("eval", measured, "--split", "test", "--json", "-").stdout)
+        self.assertAlmostEqual(held[-1]["held_out_psnr"], scores["test"]["psnr"], delta=0.01)  # the scene went through PLY
+        self.train(resumed, *often, "--set", "schedule_iterations=60", iterations=40)
+        self.train(resumed, *often, "--resume", iterations=60)
+        self.assertEqual([line for line in read(os.path.join(resumed, "log.jsonl")).splitlines() if b"held_out" in line],
+                         [line for line in read(os.path.join(measured, "log.jsonl")).splitlines() if b"held_out" in line])
+
     def test_train_eval_render_info(self):
         out = self.path("scene")
         result = self.train(out)

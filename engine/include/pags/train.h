@@ -322,6 +322,12 @@ PAGS_API pags_result pags_train_config_set(pags_train_config *config, const char
 
 /* ---- Options and callbacks of a run ---- */
 
+/* How well a view is shown. */
+typedef struct pags_train_score {
+  int64_t view; /* index of the data set's view */
+  double psnr;  /* dB; NaN where no pixel counts */
+} pags_train_score;
+
 /* The state of a run after a step. Running figures are exponential means over about one pass of the training
  * views. */
 typedef struct pags_train_progress {
@@ -334,6 +340,13 @@ typedef struct pags_train_progress {
   double eta_seconds;       /* estimated time to the last step */
   int level;                /* 1, 2 or 4: factor by which the photographs are shrunk at present */
   int64_t bad_rows;         /* as pags_train_result.bad_rows */
+  pags_train_score seen;    /* the step's last photograph, at its present size */
+  /* Held-out views as they were measured last, after `held_out_step` steps, and their mean PSNR in dB; count 0: not
+   * measured in this process. */
+  int held_out_count;
+  const pags_train_score *held_out;
+  double held_out_psnr;
+  int64_t held_out_step;
 } pags_train_progress;
 
 /* A callback on the thread that called pags_train, after every step. Returning 0 stops the run as options.cancel
@@ -356,6 +369,7 @@ typedef struct pags_train_options {
   double checkpoint_minutes; /* minutes between checkpoints, beside checkpoint_every; 0: none */
   int64_t log_every;         /* steps per line of log.jsonl; default 100 */
   int64_t preview_every;     /* steps per preview PNG; 0: none. Default 1000 */
+  int held_out;              /* 1: with each preview, at most 8 held-out views are measured and logged. Default 0 */
   /* 1: continue from the checkpoint in the folder; if the folder has neither a checkpoint nor a scene, begin a
    * run. */
   int resume;

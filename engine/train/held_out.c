@@ -1,0 +1,81 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Measures held-out views between two steps (held_out.h). Pictures are exposed as `pags eval` exposes them. */
+#include "train/held_out.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+#include "maths/maths.h"
+#include "threads/record.h"
+
+/* Mean square of picture - photograph, both within 0..1, over the pixels that count; NaN if none does. */
+static double mean_square(const pags_picture *picture, const pags_photo *photo, const pags_scene_view *view) {
+  double sum = 0;
+  int64_t counted = 0;
+  for (int y = 0; y < picture->height; y++) {
+    double row = 0;
+    for (int x = 0; x < picture->width; x++) {
+      const int64_t at = (int64_t)y * photo->stride + x;
+      if (photo->mask && photo->mask[at] == 0)
+        continue;
+      counted++;
+      for (int c = 0; c < 3; c++) {
+        const double seen = (double)picture->rgb[c][(int64_t)y * picture->stride + x];
+        const double exposed = fmin(fmax(view->gain[c] * seen + view->offset[c], 0), 1);
+        const double away = exposed - photo->rgb[((int64_t)c * photo->height + y) * photo->stride + x] / 255.0;
+        row += away * away;
+      }
+    }
+    sum += row;
+  }
+  return counted > 0 ? sum / (3 * (double)counted) : (double)NAN;
+}
+
+static pags_result measure(pags_trainer *t, int64_t view, const pags_scene_view *exposed, double *psnr) {
+  const int64_t step = t->state.step + 1; /* draws with all steps done, of which this applies the pending ones */
+  const pags_frame_options options = pags_view_render_options(t, step);
+  const pags_camera *camera = &pags_dataset_view(t->dataset, view)->camera;
+  pags_picture picture;
+  pags_photo photo;
+  PAGS_TRY(pags_photo_cache_get(t->cache, view, 1, &photo));
+  pags_view_render_compose(t, view);
+  PAGS_TRY(pags_view_render_draw(t, step, camera, &options, &picture));
+  const double mse = mean_square(&picture, &photo, exposed);
+  *psnr = mse > 0 ? -10 * pags_log10(mse) : (double)NAN;
+  return PAGS_OK;
+}
+
+pags_result pags_held_out_measure(pags_trainer *t) {
+  const int64_t all = pags_dataset_view_count(t->dataset), held = all - t->view_count;
+  const int64_t chosen = held < PAGS_HELD_OUT_VIEWS ? held : PAGS_HELD_OUT_VIEWS;
+  pags_scene scene = {0};
+  pags_held_out *h = &t->held_out;
+  if (chosen == 0)
+    return PAGS_OK;
+  pags_tasks_mark(t->tasks, "held out", NULL);
+  pags_result result = pags_output_list_views(t->dataset, &t->state, &scene);
+  h->count = 0;
+  for (int64_t i = 0, seen = 0; i < all && result == PAGS_OK; i++) {
+    if (!scene.views[i].test)
+      continue;
+    /* view k of the chosen ones is number (k + 1/2) held / chosen of those held out */
+    if (h->count < chosen && seen++ == (2 * h->count + 1) * held / (2 * chosen)) {
+      pags_train_score *score = &h->scores[h->count++];
+      score->view = i;
+      result = measure(t, i, &scene.views[i], &score->psnr);
+    }
+  }
+  free(scene.views);
+  PAGS_TRY(result);
+
+  double sum = 0;
+  int known = 0;
+  for (int i = 0; i < h->count; i++)
+    if (isfinite(h->scores[i].psnr)) {
+      sum += h->scores[i].psnr;
+      known++;
+    }
+  h->psnr = known > 0 ? sum / known : (double)NAN;
+  h->step = t->state.step;
+  return PAGS_OK;
+}
