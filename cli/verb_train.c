@@ -251,6 +251,7 @@ static pags_result write_json(const train_arguments *arguments, const pags_train
   pags_json_put_bool(&writer, "resumed", result->resumed != 0);
   pags_json_put_integer(&writer, "iterations", result->iterations);
   pags_json_put_number(&writer, "seconds", result->seconds);
+  pags_json_put_number(&writer, "seconds_watched", result->seconds_watched);
   pags_json_put_integer(&writer, "gaussians", result->gaussians);
   pags_json_put_unsigned(&writer, "peak_rss_bytes", result->peak_rss_bytes);
   pags_json_put_number(&writer, "iterations_per_second", result->iterations_per_second);

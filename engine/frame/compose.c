@@ -27,7 +27,8 @@ typedef struct group {
   pags_gaussians gaussians;
   pags_clusters clusters;
   pags_packed packed; /* the rows in packed form; then `gaussians` and `clusters` are empty. Else this is empty */
-  int32_t *id;        /* id per row; NULL: the id is the row, as in a packed file */
+  int32_t *id;        /* id per row; NULL: first_id + row */
+  int32_t first_id;   /* without `id`; 0 in a packed file */
   int64_t object;     /* index of the scene's object; -1: none */
   bool tracked;       /* positions are in the object's frame and follow its track; false: they are in the world */
   float *dc;          /* constant SH term at dc_time, 3 planes; NULL: it doesn't change with time */
@@ -50,6 +51,7 @@ struct pags_composition {
   pags_part *parts;        /* of pags_compose: room for every group and addition */
   pags_part *placed_parts; /* of pags_compose_placed: placed_capacity */
   int64_t placed_capacity;
+  bool borrowed; /* the scene and the groups' Gaussians and clusters are somebody else's */
 };
 
 static pags_result out_of_memory(const pags_composition *c) {
@@ -91,6 +93,18 @@ static void sort_by_object(const int32_t *object_id, const int64_t *order, int64
     sorted[end[bucket_of(object_id[order[i]], object_count)]++] = order[i];
 }
 
+/* Makes room for a group's colours at a time, if they change with it. */
+static pags_result add_dc(const pags_composition *c, group *g) {
+  const size_t bytes = (size_t)g->gaussians.stride * 3 * sizeof *g->dc;
+  if (!g->gaussians.fourier)
+    return PAGS_OK;
+  g->dc = pags_port_aligned_alloc(ALIGNMENT, bytes);
+  if (!g->dc)
+    return out_of_memory(c);
+  memset(g->dc, 0, bytes);
+  return PAGS_OK;
+}
+
 /* Appends a group with copies of rows index[0 .. count) of `model`, in this order. Row r gets the id first_id + r. */
 static pags_result add_one_group(pags_composition *c, const pags_gaussians *model, int32_t first_id,
                                  const int64_t *index, int64_t count, int64_t object, bool tracked) {
@@ -107,12 +121,7 @@ static pags_result add_one_group(pags_composition *c, const pags_gaussians *mode
     return out_of_memory(c);
   for (int64_t i = 0; i < count; i++)
     added->id[i] = first_id + (int32_t)index[i];
-  if (added->gaussians.fourier) {
-    added->dc = pags_port_aligned_alloc(ALIGNMENT, (size_t)added->gaussians.stride * 3 * sizeof *added->dc);
-    if (!added->dc)
-      return out_of_memory(c);
-    memset(added->dc, 0, (size_t)added->gaussians.stride * 3 * sizeof *added->dc);
-  }
+  PAGS_TRY(add_dc(c, added));
   PAGS_TRY(pags_clusters_create(&added->clusters, count, CLUSTER_SIZE));
   pags_clusters_update(&added->clusters, &added->gaussians, 0, added->clusters.count);
   return PAGS_OK;
@@ -209,6 +218,39 @@ pags_result pags_composition_create(pags_scene *scene, pags_composition **out) {
   return result;
 }
 
+pags_result pags_composition_borrow(const pags_scene *scene, const pags_clusters *const *clusters,
+                                    pags_composition **out) {
+  pags_composition *c = calloc(1, sizeof *c);
+  *out = NULL;
+  if (!c)
+    return pags_out_of_memory("a scene");
+  c->borrowed = true;
+  c->scene = *scene;
+  int64_t *object_of = objects_of_models(scene);
+  pags_result result = object_of ? PAGS_OK : out_of_memory(c);
+  for (int64_t m = 0; m < scene->model_count && result == PAGS_OK; m++) {
+    group *added = next_group(c);
+    result = added ? PAGS_OK : out_of_memory(c);
+    if (!added)
+      break;
+    added->gaussians = scene->models[m].gaussians;
+    added->clusters = *clusters[m];
+    added->first_id = (int32_t)c->gaussian_count;
+    added->object = object_of[m];
+    added->tracked = added->object >= 0;
+    c->gaussian_count += added->gaussians.count;
+    result = add_dc(c, added);
+  }
+  free(object_of);
+  if (result == PAGS_OK)
+    result = pags_composition_edit(c, NULL, 0);
+  if (result == PAGS_OK)
+    *out = c;
+  else
+    pags_composition_destroy(c);
+  return result;
+}
+
 pags_result pags_composition_load(const char *path, pags_composition **out) {
   pags_scene scene;
   *out = NULL;
@@ -222,8 +264,10 @@ void pags_composition_destroy(pags_composition *composition) {
   if (!composition)
     return;
   for (int64_t i = 0; i < composition->group_count; i++) {
-    pags_gaussians_destroy(&composition->groups[i].gaussians);
-    pags_clusters_destroy(&composition->groups[i].clusters);
+    if (!composition->borrowed) {
+      pags_gaussians_destroy(&composition->groups[i].gaussians);
+      pags_clusters_destroy(&composition->groups[i].clusters);
+    }
     pags_packed_destroy(&composition->groups[i].packed);
     free(composition->groups[i].id);
     pags_port_aligned_free(composition->groups[i].dc);
@@ -232,7 +276,8 @@ void pags_composition_destroy(pags_composition *composition) {
   free(composition->additions);
   free(composition->parts);
   free(composition->placed_parts);
-  pags_scene_destroy(&composition->scene);
+  if (!composition->borrowed)
+    pags_scene_destroy(&composition->scene);
   free(composition);
 }
 
@@ -423,7 +468,7 @@ static void fill_part(pags_composition *c, group *g, double time, pags_part *par
   part->clusters = packed ? &g->packed.clusters : &g->clusters;
   part->packed = packed ? &g->packed : NULL;
   part->id = g->id;
-  part->first_id = g->id ? g->id[0] : 0;
+  part->first_id = g->id ? g->id[0] : g->first_id;
   part->dc = g->dc;
   part->s_sem = priority_of_object(c, g);
   part->label = g->object;
@@ -548,7 +593,7 @@ pags_result pags_compose_placed(pags_composition *composition, double time, cons
 
 /* The id of a group's row. */
 static int64_t id_of(const group *g, int64_t row) {
-  return g->id ? g->id[row] : row;
+  return g->id ? g->id[row] : g->first_id + row;
 }
 
 /* Finds the part's group by its pointer to the group's clusters. */

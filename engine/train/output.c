@@ -296,6 +296,7 @@ pags_result pags_output_report(const pags_output *output, const pags_train_resul
   pags_json_put_integer(&w, "iterations", r->iterations);
   pags_json_put_integer(&w, "gaussians", r->gaussians);
   pags_json_put_number(&w, "seconds", r->seconds);
+  pags_json_put_number(&w, "seconds_watched", r->seconds_watched);
   pags_json_put_number(&w, "iterations_per_second", r->iterations_per_second);
   pags_json_put_unsigned(&w, "peak_rss_bytes", r->peak_rss_bytes);
   pags_json_put_number(&w, "loss", r->loss);

@@ -61,6 +61,11 @@ pags_result pags_output_scene(const pags_output *output, const pags_dataset *dat
 /* Lists the data set's views in scene->views, which the caller frees, with the exposures found so far, and sets the
  * scene's span of time. */
 pags_result pags_output_list_views(const pags_dataset *dataset, const pags_train_state *state, pags_scene *scene);
+/* The scene of a run as it stands, which borrows the run's Gaussians, and its clusters by model. */
+typedef struct pags_described pags_described;
+pags_result pags_output_describe(const pags_dataset *dataset, const pags_train_state *state, pags_described **out);
+const pags_scene *pags_described_scene(const pags_described *described);
+void pags_described_destroy(pags_described *described); /* NULL is allowed */
 /* Computes the number of bytes that pags_output_scene would write now, for the limit on the scene's size; without the
  * PLYs and the data set's path in scene.json. */
 pags_result pags_output_bytes(const pags_dataset *dataset, const pags_train_state *state, uint64_t *bytes);

@@ -51,6 +51,8 @@ typedef struct pags_trainer {
   pags_view_render render;
   pags_step_rest rest;
   pags_held_out held_out;
+  pags_described *described;      /* of pags_train_moment_compose, until its release; else NULL */
+  double watched_ms;              /* time spent in callbacks */
   int ranks;                      /* that draw photographs, this one included */
   pags_sharing sharing;           /* of the models; zeroed with one rank */
   pags_sky_parts sky_parts;       /* the sky's gradient of this rank's view */

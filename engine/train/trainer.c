@@ -166,7 +166,8 @@ static int call_host(pags_trainer *t, run_clock *clock, const pags_step_view *v)
                                         .held_out_count = t->held_out.count,
                                         .held_out = t->held_out.scores,
                                         .held_out_psnr = t->held_out.psnr,
-                                        .held_out_step = t->held_out.step};
+                                        .held_out_step = t->held_out.step,
+                                        .moment = (pags_train_moment *)t};
   int go_on = 1;
   pags_tasks_mark(t->tasks, "host", NULL);
   if (o->progress)
@@ -180,6 +181,7 @@ static int call_host(pags_trainer *t, run_clock *clock, const pags_step_view *v)
   clock->begin += passed;
   clock->window += passed;
   clock->tail += passed;
+  t->watched_ms += passed;
   return go_on && !(o->cancel && *o->cancel);
 }
 
@@ -344,6 +346,7 @@ static pags_result run(pags_trainer *t, double begin, pags_train_result *r) {
   r->ms_loss = t->ms.loss * per_step;
   r->ms_backward = t->ms.backward * per_step;
   r->ms_density = t->ms.density * per_step;
+  r->seconds_watched = 1e-3 * t->watched_ms;
 
   PAGS_TRY(code);
   if (t->options->estimate) {

@@ -18,12 +18,12 @@
 #include "train/model_report.h"
 
 /* The scene to write, with the memory of its arrays. */
-typedef struct description {
+struct pags_described {
   pags_scene scene;
   char config[PAGS_CONFIG_TEXT];
   int by_degree;           /* 1: PLYs have only the SH degrees that their Gaussians need */
   pags_gaussians parts[4]; /* with by_degree: the background's Gaussians, by degree */
-} description;
+};
 
 /* ---- Views and models ---- */
 
@@ -77,7 +77,7 @@ static pags_result add_model(pags_scene *scene, const char *name, const char *fi
   return model->file ? PAGS_OK : pags_out_of_memory("the name of a model");
 }
 
-static pags_result add_background(const pags_train_state *state, description *d) {
+static pags_result add_background(const pags_train_state *state, pags_described *d) {
   static const char *const names[] = {"background-sh0", "background-sh1", "background-sh2"};
   static const char *const files[] = {"background-sh0.ply", "background-sh1.ply", "background-sh2.ply"};
   const pags_gaussians *g = &state->models[0].gaussians;
@@ -124,7 +124,7 @@ static int highest_degree(const pags_gaussians *g) {
 
 /* Lists the models of the scene, whose Gaussians remain the state's; only the file names (and the background's parts
  * by degree) are newly allocated. */
-static pags_result list_models(const pags_train_state *state, description *d) {
+static pags_result list_models(const pags_train_state *state, pags_described *d) {
   pags_scene *scene = &d->scene;
   scene->models = calloc((size_t)state->model_count + 3, sizeof *scene->models);
   if (!scene->models)
@@ -143,7 +143,9 @@ static pags_result list_models(const pags_train_state *state, description *d) {
 
 /* ---- Describing and writing ---- */
 
-static void destroy_description(description *d) {
+void pags_described_destroy(pags_described *d) {
+  if (!d)
+    return;
   for (int64_t i = 0; i < d->scene.model_count; i++)
     free(d->scene.models[i].file);
   for (int i = 0; i < 4; i++)
@@ -153,11 +155,12 @@ static void destroy_description(description *d) {
   free(d->scene.views);
   free(d->scene.block);
   free(d->scene.notes);
+  free(d);
 }
 
 /* Describes the scene to write. `d` must be destroyed on failure, too, and must not be moved, since the scene points
  * into it. */
-static pags_result describe(const pags_dataset *dataset, const pags_train_state *state, description *d) {
+static pags_result describe(const pags_dataset *dataset, const pags_train_state *state, pags_described *d) {
   const pags_train_config *config = &state->schedule.config;
   pags_scene *scene = &d->scene;
   pags_config_write_json(config, d->config);
@@ -199,30 +202,45 @@ static pags_result describe(const pags_dataset *dataset, const pags_train_state 
   return scene->fps > 0.0 ? pags_model_report_write(dataset, state, &scene->notes) : PAGS_OK;
 }
 
-pags_result pags_output_scene(const pags_output *output, const pags_dataset *dataset, const pags_train_state *state) {
-  description *d = calloc(1, sizeof *d);
+/* Creates the description of the scene as it stands. */
+static pags_result create(const pags_dataset *dataset, const pags_train_state *state, bool by_degree,
+                          pags_described **out) {
+  pags_described *d = calloc(1, sizeof *d);
+  *out = NULL;
   if (!d)
     return pags_out_of_memory("the description of a scene");
-  d->by_degree = state->schedule.config.size_limit.sh_error > 0.0;
-  pags_result result = describe(dataset, state, d);
+  d->by_degree = by_degree;
+  const pags_result result = describe(dataset, state, d);
   if (result == PAGS_OK)
-    result = pags_scene_save(output->folder, &d->scene);
-  destroy_description(d);
-  free(d);
+    *out = d;
+  else
+    pags_described_destroy(d);
+  return result;
+}
+
+pags_result pags_output_describe(const pags_dataset *dataset, const pags_train_state *state, pags_described **out) {
+  return create(dataset, state, false, out);
+}
+
+const pags_scene *pags_described_scene(const pags_described *d) {
+  return &d->scene;
+}
+
+pags_result pags_output_scene(const pags_output *output, const pags_dataset *dataset, const pags_train_state *state) {
+  pags_described *d;
+  PAGS_TRY(create(dataset, state, state->schedule.config.size_limit.sh_error > 0.0, &d));
+  const pags_result result = pags_scene_save(output->folder, &d->scene);
+  pags_described_destroy(d);
   return result;
 }
 
 pags_result pags_output_bytes(const pags_dataset *dataset, const pags_train_state *state, uint64_t *bytes) {
-  description *d = calloc(1, sizeof *d);
-  if (!d)
-    return pags_out_of_memory("the description of a scene");
-  pags_result result = describe(dataset, state, d);
+  pags_described *d;
+  PAGS_TRY(create(dataset, state, false, &d));
   d->scene.dataset = d->scene.colmap = d->scene.image_folder =
       NULL; /* paths must not decide how many Gaussians a run has */
-  if (result == PAGS_OK)
-    result = pags_scene_json_size(&d->scene, bytes);
+  const pags_result result = pags_scene_json_size(&d->scene, bytes);
   *bytes += d->scene.sky.size > 0 ? pags_sky_file_size(&d->scene.sky) : 0;
-  destroy_description(d);
-  free(d);
+  pags_described_destroy(d);
   return result;
 }

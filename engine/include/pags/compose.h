@@ -25,6 +25,13 @@ typedef struct pags_composition pags_composition;
  * well. PAGS_ERROR_LIMIT beyond 2^31 - 65 Gaussians; PAGS_ERROR_MEMORY. */
 PAGS_API pags_result pags_composition_create(pags_scene *scene, pags_composition **out);
 
+/* Creates a composition that copies nothing, for a scene whose Gaussians change: those of model m, with their
+ * clusters clusters[m], stay where they are, and the scene owns them and everything else as before; all of it must
+ * stay unchanged until pags_composition_destroy, which frees none of it. The background isn't split by object, so that
+ * parked objects can't be hidden or moved. PAGS_ERROR_MEMORY. */
+PAGS_API pags_result pags_composition_borrow(const pags_scene *scene, const pags_clusters *const *clusters,
+                                             pags_composition **out);
+
 /* Creates a composition of a scene folder or a splat file (pags_scene_load). A packed file is opened by
  * pags_composition_open_packed. Errors as these functions and pags_composition_create; then *out is NULL. */
 PAGS_API pags_result pags_composition_load(const char *path, pags_composition **out);

@@ -322,6 +322,10 @@ PAGS_API pags_result pags_train_config_set(pags_train_config *config, const char
 
 /* ---- Options and callbacks of a run ---- */
 
+/* A run between two steps, in the calls of a progress callback. What is done with it changes no bit of the run's
+ * results, and its time counts neither for rates and estimates nor for the time limit. */
+typedef struct pags_train_moment pags_train_moment;
+
 /* How well a view is shown. */
 typedef struct pags_train_score {
   int64_t view; /* index of the data set's view */
@@ -347,6 +351,7 @@ typedef struct pags_train_progress {
   const pags_train_score *held_out;
   double held_out_psnr;
   int64_t held_out_step;
+  pags_train_moment *moment; /* the run, valid during the call */
 } pags_train_progress;
 
 /* A callback on the thread that called pags_train, after every step. Returning 0 stops the run as options.cancel
@@ -394,6 +399,19 @@ typedef struct pags_train_options {
 
 PAGS_API pags_train_options pags_train_options_default(void);
 
+/* ---- Between two steps ---- */
+
+struct pags_composition; /* compose.h */
+
+/* Creates a composition of the scene as it stands, with all pending updates applied, which borrows the run's
+ * Gaussians (pags_composition_borrow) and is valid until pags_train_moment_release. PAGS_ERROR_MEMORY. */
+PAGS_API pags_result pags_train_moment_compose(pags_train_moment *moment, struct pags_composition **out);
+/* Frees what pags_train_moment_compose made; call it before the callback returns. */
+PAGS_API void pags_train_moment_release(pags_train_moment *moment, struct pags_composition *composition);
+
+/* Writes the checkpoint, as is done every checkpoint_every steps. PAGS_ERROR_IO. */
+PAGS_API pags_result pags_train_moment_save(pags_train_moment *moment);
+
 /* ---- Training ---- */
 
 typedef struct pags_train_result {
@@ -414,6 +432,7 @@ typedef struct pags_train_result {
   /* Mean times per step in this process, ms: waiting for photographs, rendering, loss, backward pass with Adam,
    * density control. */
   double ms_wait, ms_forward, ms_loss, ms_backward, ms_density;
+  double seconds_watched;   /* time spent in callbacks, which `seconds` leaves out */
   double estimated_seconds; /* with options.estimate: time of the whole run */
   uint64_t estimated_bytes; /* with options.estimate: memory at the most Gaussians expected (train/estimate.h) */
 } pags_train_result;
