@@ -26,6 +26,10 @@ void pags_interrupt_install(pags_tasks *tasks) {
   pags_port_on_lost_mapping("pags: a mapped file (.pagsz) was cut short while it was in use\n");
 }
 
+void pags_interrupt_ask(void) {
+  on_interrupt(false);
+}
+
 bool pags_interrupted(void) {
   return interrupted != 0;
 }

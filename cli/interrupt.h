@@ -11,6 +11,9 @@
  * tasks are destroyed. */
 void pags_interrupt_install(pags_tasks *tasks);
 
+/* Does as if Ctrl-C had been pressed, but any number of times. */
+void pags_interrupt_ask(void);
+
 bool pags_interrupted(void);
 
 /* Returns the flag itself, for work that polls it; non-zero after a signal. */

@@ -320,6 +320,10 @@ static int take_option(pags_parsed *parsed, const pags_option *option, const cha
     *(int *)slot = strncmp(option->name, "no-", 3) != 0;
     return 0;
   }
+  int64_t whole;
+  const bool optional = option->metavar && option->metavar[0] == '[';
+  if (optional && !value && !(next[0] && parse_int64(next[0], &whole)))
+    return 0;
   describe(option, expected, sizeof expected);
   const char *text = value ? value : next[0];
   if (!text) {

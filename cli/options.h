@@ -3,7 +3,7 @@
  *
  * Each verb declares one table, from which parsing, checking, `--help` and the docs are derived. Values are written
  * into the verb's own struct at `offset`; the struct's contents before parsing are the defaults, and help prints them
- * from there, so that no default is written twice.
+ * from there, so that no default is written twice. An INT whose metavar is in brackets may stand without its value.
  *
  * Accepted forms: --name VALUE, --name=VALUE, -n VALUE, -nVALUE; flags take no value; `--` ends the options. If an
  * option is given several times, the last one counts. */

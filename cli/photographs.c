@@ -173,10 +173,24 @@ pags_result pags_photographs_open_for(const pags_scene *scene, const char *datas
                                out);
 }
 
+pags_result pags_photographs_of(pags_dataset *dataset, pags_tasks *tasks, uint64_t image_cache, pags_photographs *out) {
+  const int64_t count = pags_dataset_view_count(dataset);
+  *out = (pags_photographs){.dataset = dataset, .borrowed = true, .downscale = 1, .count = count};
+  out->views = calloc((size_t)count + 1, sizeof *out->views);
+  pags_result result = out->views ? PAGS_OK : pags_out_of_memory("%lld views", (long long)count);
+  for (int64_t i = 0; out->views && i < count; i++)
+    out->views[i] = (pags_photographs_view){.index = i, .test = pags_dataset_view(dataset, i)->test};
+  if (result == PAGS_OK)
+    result = pags_photo_cache_create(dataset, tasks, image_cache, &out->photos);
+  if (result != PAGS_OK)
+    pags_photographs_close(out);
+  return result;
+}
+
 void pags_photographs_close(pags_photographs *photographs) {
   if (photographs->photos)
     pags_photo_cache_destroy(photographs->photos);
-  if (photographs->dataset)
+  if (photographs->dataset && !photographs->borrowed)
     pags_dataset_close(photographs->dataset);
   free(photographs->views);
   memset(photographs, 0, sizeof *photographs);

@@ -17,6 +17,7 @@ typedef struct pags_photographs_view {
 
 typedef struct pags_photographs {
   pags_dataset *dataset;
+  bool borrowed;    /* the data set stays open */
   double downscale; /* factor by which the photographs are shrunk */
   pags_photo_cache *photos;
   int64_t count;
@@ -35,6 +36,9 @@ pags_result pags_photographs_open(const pags_scene *scene, const char *path, con
  * photographs are and how they were opened, unless `options` says it, is what the scene says. */
 pags_result pags_photographs_open_for(const pags_scene *scene, const char *dataset, const pags_dataset_options *options,
                                       pags_tasks *tasks, uint64_t image_cache, pags_photographs *out);
+/* As pags_photographs_open, of all views of a data set that is open already and stays the caller's; view i is the data
+ * set's view i. */
+pags_result pags_photographs_of(pags_dataset *dataset, pags_tasks *tasks, uint64_t image_cache, pags_photographs *out);
 void pags_photographs_close(pags_photographs *photographs);
 
 /* A photograph as F32 RGB in [0, 1]. */

@@ -60,7 +60,7 @@ typedef struct pags_session {
       PAGS_TEXT("critical", 0, (where) + offsetof(pags_dataset_options, critical), "LIST",                            \
                 "vehicle,pedestrian,cyclist",                                                                         \
                 "driving sets: treat these kinds or classes (of semantic or of boxes) as critical"),                  \
-      PAGS_TEXT("sfm", 0, (where) + offsetof(pags_dataset_options, sfm), "FOLDER", "none",                            \
+      PAGS_TEXT("sfm", 0, (where) + offsetof(pags_dataset_options, sfm), "FOLDER", "",                                \
                 "driving sets: add the points of this COLMAP model of the same world")
 
 /* Chooses the message stream, checks that the --json file can be written, sends the library's log lines to the

@@ -6,6 +6,7 @@
 #include "cli/option_rules.h"
 #include "cli/session.h"
 #include "cli/verbs.h"
+#include "cli/view/watch.h"
 
 #include <assert.h>
 #include <math.h>
@@ -14,9 +15,16 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/file.h"
 #include "base/log.h"
 #include "base/text.h"
 #include "port/port.h"
+
+/* What the progress callback uses. */
+typedef struct onlookers {
+  pags_progress *progress;
+  pags_watch *watch; /* NULL: no page */
+} onlookers;
 
 typedef struct train_arguments {
   pags_session session;
@@ -26,6 +34,9 @@ typedef struct train_arguments {
   const char *preset, *prune_rate;
   pags_words set; /* of --set: NAME=VALUE each */
   int fields;
+  bool view;
+  int view_port;
+  double view_share;
   pags_train_config config;
   pags_train_options options;
   const pags_parsed *parsed;
@@ -54,6 +65,10 @@ static pags_option options[] = {
                "add a line to SCENE/log.jsonl so often"),
     PAGS_VALUE("preview-every", 0, INT64, RUN(preview_every), 0, PAGS_UNLIMITED, "N", "steps", NULL,
                "write a preview PNG so often, and log PSNR of held-out views if given; 0: none"),
+    PAGS_VALUE("view", 0, INT, AT(view_port), 0, 65535, "[PORT]", "0: a free one", NULL,
+               "show the run in a browser on this machine, with curves (docs/train-view.md)"),
+    PAGS_VALUE("view-share", 0, DOUBLE, AT(view_share), 0, 0.9, "S", NULL, NULL,
+               "--view: let pictures take this share of the time at most"),
     PAGS_VALUE("time-limit", 0, DURATION, RUN(time_limit_seconds), 1, PAGS_UNLIMITED, "TIME", "90s, 30m, 2h", "",
                "fit the number of steps to this time; not reproducible"),
     PAGS_FLAG("estimate", 0, RUN(estimate), "run 50 steps, print time and memory of the whole run, write nothing"),
@@ -221,13 +236,61 @@ static void list_fields(void) {
   }
 }
 
+/* ---- Watching in a browser ---- */
+
+#ifdef PAGS_WITH_VIEW
+static pags_result watch_begin(const train_arguments *arguments, pags_dataset *dataset, pags_watch **watch) {
+  char *log = arguments->options.resume ? pags_path_join(arguments->output, "log.jsonl") : NULL;
+  const pags_result result = pags_watch_create(&(pags_watch_settings){.dataset = dataset,
+                                                                      .name = pags_path_name(arguments->output),
+                                                                      .log = log,
+                                                                      .threads = arguments->session.threads,
+                                                                      .port = arguments->view_port,
+                                                                      .share = arguments->view_share},
+                                               watch);
+  free(log);
+  if (result == PAGS_OK)
+    pags_say(&arguments->session, "Watch it in a browser:\n  %s\n", pags_watch_url(*watch));
+  return result;
+}
+
+/* A page that asks to stop does what Ctrl-C does. */
+static bool watch_step(pags_watch *watch, const pags_train_progress *now) {
+  if (watch && !pags_watch_step(watch, now))
+    pags_interrupt_ask();
+  return !pags_interrupted();
+}
+
+static void watch_end(pags_watch *watch, pags_result result, bool finished) {
+  pags_watch_end(watch, result, finished);
+}
+#else
+static pags_result watch_begin(const train_arguments *arguments, pags_dataset *dataset, pags_watch **watch) {
+  (void)arguments, (void)dataset, (void)watch;
+  return pags_fail(PAGS_ERROR_UNSUPPORTED,
+                   "--view is not in this build, which lacks libwebsockets (Debian: "
+                   "libwebsockets-dev; CMake option PAGS_VIEW)");
+}
+
+static bool watch_step(pags_watch *watch, const pags_train_progress *now) {
+  (void)watch, (void)now;
+  return true;
+}
+
+static void watch_end(pags_watch *watch, pags_result result, bool finished) {
+  (void)watch, (void)result, (void)finished;
+}
+#endif
+
 /* ---- Progress and results ---- */
 
 static int show_progress(void *user, const pags_train_progress *now) {
-  pags_progress *progress = user;
+  const onlookers *both = user;
+  pags_progress *progress = both->progress;
+  const int go_on = watch_step(both->watch, now);
   char eta[32], size[24] = "", bad[48] = "";
   if (!pags_progress_due(progress))
-    return 1;
+    return go_on;
   if (now->level > 1)
     snprintf(size, sizeof size, ", 1/%d size", now->level);
   if (now->bad_rows > 0)
@@ -236,7 +299,7 @@ static int show_progress(void *user, const pags_train_progress *now) {
                      (long long)now->step, (long long)now->iterations, size, now->it_per_second,
                      (long long)now->gaussians, now->loss, now->psnr, bad,
                      pags_format_duration(now->eta_seconds, eta, sizeof eta));
-  return 1;
+  return go_on;
 }
 
 static pags_result write_json(const train_arguments *arguments, const pags_train_result *result) {
@@ -338,12 +401,16 @@ static pags_result train(train_arguments *arguments, const char *path, pags_trai
   arguments->options.tasks = arguments->session.tasks;
   arguments->options.cancel = pags_interrupt_flag();
   arguments->options.progress = show_progress;
-  arguments->options.progress_user = &progress;
+  onlookers both = {.progress = &progress};
+  arguments->options.progress_user = &both;
   pags_interrupt_install(NULL); /* the trainer polls the flag and finishes its step before it stops */
   pags_result status = pags_session_check(&arguments->session);
+  if (status == PAGS_OK && arguments->view)
+    status = watch_begin(arguments, dataset, &both.watch);
   if (status == PAGS_OK)
     status = pags_train(&arguments->config, &arguments->options, result);
   pags_progress_end(&progress);
+  watch_end(both.watch, status, result->finished);
   pags_dataset_close(dataset);
   return status;
 }
@@ -407,6 +474,12 @@ static int usage_conflict(const train_arguments *arguments, const pags_parsed *p
     return pags_usage_error(&verb, "--reconstruction and --split-every exclude each other");
   if (pags_train_config_check(&arguments->config) != PAGS_OK)
     return pags_usage_error(&verb, "%s", pags_error_message());
+  if (arguments->view && arguments->session.quiet)
+    return pags_usage_error(&verb, "--view prints the address to open, which --quiet would leave out");
+  if (arguments->view && arguments->options.estimate)
+    return pags_usage_error(&verb, "--view and --estimate exclude each other");
+  if (!arguments->view && pags_option_given(parsed, "view-share"))
+    return pags_usage_error(&verb, "view-share: no effect without --view");
   const pags_train_config *c = &arguments->config;
   const bool never_prunes = c->schedule.preset == PAGS_PRESET_PLAIN || c->density.strategy == PAGS_STRATEGY_MCMC;
   if (arguments->prune_rate && (c->priority.prunes < 0 ? never_prunes : c->priority.prunes == 0))
@@ -415,7 +488,9 @@ static int usage_conflict(const train_arguments *arguments, const pags_parsed *p
 }
 
 int pags_verb_train(int argc, char **argv) {
-  train_arguments arguments = {.dataset = pags_dataset_options_default(),
+  train_arguments arguments = {.view_port = 8765,
+                               .view_share = 0.2,
+                               .dataset = pags_dataset_options_default(),
                                .config = pags_train_config_default(),
                                .options = pags_train_options_default()};
   pags_train_result result = {0};
@@ -434,13 +509,14 @@ int pags_verb_train(int argc, char **argv) {
     pags_usage_error(&verb, "--%s", pags_error_message());
     return PAGS_EXIT_USAGE;
   }
+  arguments.view = pags_option_given(&parsed, "view");
   if (read_prune_rate(&arguments) || apply_settings(&arguments) || usage_conflict(&arguments, &parsed))
     return PAGS_EXIT_USAGE;
   if (parsed.check_only)
     return PAGS_EXIT_OK;
   if (arguments.reconstruction)
     arguments.dataset.split_every = 0;
-  arguments.options.held_out = pags_option_given(&parsed, "preview-every");
+  arguments.options.held_out = arguments.view || pags_option_given(&parsed, "preview-every");
   arguments.dataset.seed = arguments.config.schedule.seed;
   memcpy(arguments.dataset.background, arguments.config.picture.background, sizeof arguments.dataset.background);
 

@@ -96,7 +96,7 @@ static pags_result serve(const view_arguments *arguments, const char *path, pags
                                         .budget_ms = arguments->budget_ms,
                                         .dataset = arguments->dataset,
                                         .dataset_options = arguments->dataset_options};
-  pags_result result = pags_view_describe(composition, start, pags_path_name(path), &description);
+  pags_result result = pags_view_describe(composition, start, pags_path_name(path), false, &description);
   if (result == PAGS_OK)
     result = pags_drawer_create(&drawing, &drawer);
   if (result == PAGS_OK)

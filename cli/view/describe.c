@@ -124,7 +124,7 @@ static pags_result count_gaussians(const pags_composition *composition, int64_t 
 }
 
 pags_result pags_view_describe(const pags_composition *composition, const pags_view_start *start, const char *name,
-                               pags_json_writer *out) {
+                               bool live, pags_json_writer *out) {
   const pags_scene *scene = pags_composition_scene(composition);
   const double time[2] = {scene->time_begin, scene->time_end};
   int64_t *gaussians;
@@ -133,6 +133,7 @@ pags_result pags_view_describe(const pags_composition *composition, const pags_v
   pags_json_begin_object(out, NULL);
   pags_json_put_string(out, "name", name);
   pags_json_put_string(out, "version", PAGS_VERSION_STRING);
+  pags_json_put_bool(out, "live", live);
   pags_json_put_integer(out, "gaussians", pags_composition_gaussian_count(composition));
   pags_json_put_numbers(out, "time", time, 2);
   pags_json_put_number(out, "fps", scene->fps);

@@ -17,8 +17,8 @@ typedef struct pags_view_start {
 pags_result pags_view_start_find(const pags_scene *scene, pags_view_start *out);
 
 /* Writes the description; the text is out->data, the writer is destroyed by the caller. `name` is what the scene is
- * called. PAGS_ERROR_MEMORY. */
+ * called; `live`: it is a run's, which changes. PAGS_ERROR_MEMORY. */
 pags_result pags_view_describe(const pags_composition *composition, const pags_view_start *start, const char *name,
-                               pags_json_writer *out);
+                               bool live, pags_json_writer *out);
 
 #endif

@@ -24,6 +24,7 @@ struct pags_drawer {
   pags_deadline *deadline;
   float *priority_of; /* of each id; all 0 if the scene knows none */
   int32_t *object_of; /* of each id */
+  int64_t id_room;    /* ids that both have room for */
   pags_part *parts;   /* those of a composition that a look shows */
   int part_room;
   pags_photographs photographs;
@@ -32,20 +33,42 @@ struct pags_drawer {
 
 /* ---- Start and end ---- */
 
+/* Makes room for the values of ids: a quarter more than is needed when there was room for some already. */
+static pags_result reserve_ids(pags_drawer *self, int64_t count) {
+  if (count < self->id_room)
+    return PAGS_OK;
+  const size_t room = (size_t)(count + (self->id_room ? count / 4 : 0) + 1);
+  float *const priority = realloc(self->priority_of, room * sizeof *priority);
+  self->priority_of = priority ? priority : self->priority_of;
+  int32_t *const object = realloc(self->object_of, room * sizeof *object);
+  self->object_of = object ? object : self->object_of;
+  if (!priority || !object)
+    return pags_out_of_memory("the channels of %lld Gaussians", (long long)count);
+  self->id_room = (int64_t)room;
+  return PAGS_OK;
+}
+
+pags_result pags_drawer_show(pags_drawer *self, pags_composition *composition) {
+  const int64_t count = pags_composition_gaussian_count(composition);
+  self->settings.composition = NULL;
+  PAGS_TRY(reserve_ids(self, count));
+  memset(self->priority_of, 0, (size_t)count * sizeof *self->priority_of);
+  memset(self->object_of, 0, (size_t)count * sizeof *self->object_of);
+  pags_composition_priorities(composition, self->priority_of);
+  pags_composition_objects(composition, self->object_of);
+  PAGS_TRY(pags_deadline_set_priorities(self->deadline, self->priority_of, count));
+  self->settings.composition = composition;
+  return PAGS_OK;
+}
+
 pags_result pags_drawer_create(const pags_drawer_settings *settings, pags_drawer **out) {
-  const int64_t count = pags_composition_gaussian_count(settings->composition);
   pags_drawer *self = calloc(1, sizeof *self);
   *out = self;
   if (!self)
     return pags_out_of_memory(NULL);
   self->settings = *settings;
-  self->priority_of = calloc((size_t)count + 1, sizeof *self->priority_of);
-  self->object_of = calloc((size_t)count + 1, sizeof *self->object_of);
-  if (!self->priority_of || !self->object_of)
-    return pags_out_of_memory("the channels of %lld Gaussians", (long long)count);
-  pags_composition_priorities(settings->composition, self->priority_of);
-  pags_composition_objects(settings->composition, self->object_of);
-  return pags_deadline_create(settings->tasks, settings->budget_ms, self->priority_of, count, &self->deadline);
+  PAGS_TRY(pags_deadline_create(settings->tasks, settings->budget_ms, NULL, 0, &self->deadline));
+  return settings->composition ? pags_drawer_show(self, settings->composition) : PAGS_OK;
 }
 
 void pags_drawer_destroy(pags_drawer *self) {
@@ -247,6 +270,11 @@ static pags_result open_photographs(pags_drawer *self) {
   const pags_scene *scene = pags_composition_scene(self->settings.composition);
   if (self->opened)
     return PAGS_OK;
+  if (self->settings.photographs) {
+    PAGS_TRY(pags_photographs_of(self->settings.photographs, self->settings.tasks, CACHE, &self->photographs));
+    self->opened = true;
+    return PAGS_OK;
+  }
   if (!self->settings.dataset && !scene->dataset)
     return pags_fail(PAGS_ERROR_ARGUMENT,
                      "the scene doesn't say what data set it is of: start pags view with --dataset DATASET");
@@ -303,7 +331,8 @@ static pags_result draw_photograph(pags_drawer *self, const pags_view_look *look
     return pags_fail(PAGS_ERROR_ARGUMENT, "no recorded camera is chosen");
   PAGS_TRY(open_photographs(self));
   for (int64_t i = 0; i < self->photographs.count; i++)
-    if (self->photographs.views[i].scene_view == &scene->views[look->view]) {
+    if (self->photographs.borrowed ? i == look->view
+                                   : self->photographs.views[i].scene_view == &scene->views[look->view]) {
       pags_photograph photograph;
       PAGS_TRY(pags_photographs_read(&self->photographs, i, &photograph));
       const pags_result result = compare(self, look, &photograph, &scene->views[look->view], out, drawn);

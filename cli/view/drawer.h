@@ -21,12 +21,17 @@ typedef struct pags_view_message {
 typedef struct pags_drawer pags_drawer;
 
 typedef struct pags_drawer_settings {
-  pags_composition *composition; /* must outlive the drawer */
+  pags_composition *composition; /* must outlive the drawer; NULL: pags_drawer_show says what is drawn */
+  pags_dataset *photographs;     /* of a run, whose views are the scene's; NULL: found by `dataset` */
   pags_tasks *tasks;
   double budget_ms;    /* of a picture while the camera moves */
   const char *dataset; /* where the photographs are; NULL: as the scene says */
   pags_dataset_options dataset_options;
 } pags_drawer_settings;
+
+/* Draws another composition from now on, which must outlive this or the next call. PAGS_ERROR_MEMORY; then the drawer
+ * has none. */
+pags_result pags_drawer_show(pags_drawer *drawer, pags_composition *composition);
 
 pags_result pags_drawer_create(const pags_drawer_settings *settings, pags_drawer **out);
 void pags_drawer_destroy(pags_drawer *drawer); /* NULL is allowed */

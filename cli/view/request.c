@@ -86,8 +86,21 @@ static pags_result read_root(const pags_json *json, pags_view_request *out) {
     PAGS_TRY(pags_json_number(json, root, "y", &out->y));
     return fabs(out->x) < 1e6 && fabs(out->y) < 1e6 ? PAGS_OK : pags_json_fail(json, root, "no such pixel");
   }
-  out->kind = PAGS_VIEW_GOT;
-  return !strcmp(kind, "got") ? PAGS_OK : pags_json_fail(json, root, "no message is of type '%.40s'", kind);
+  if (!strcmp(kind, "run")) {
+    out->kind = PAGS_VIEW_RUN;
+    PAGS_TRY(pags_json_integer(json, root, "edition", 0, most_serial, &out->edition));
+    return pags_json_integer(json, root, "from", 0, most_serial, &out->from);
+  }
+  static const struct {
+    const char *name;
+    pags_view_kind kind;
+  } plain[] = {{"got", PAGS_VIEW_GOT}, {"checkpoint", PAGS_VIEW_CHECKPOINT}, {"stop", PAGS_VIEW_STOP}};
+  for (size_t i = 0; i < sizeof plain / sizeof *plain; i++)
+    if (!strcmp(kind, plain[i].name)) {
+      out->kind = plain[i].kind;
+      return PAGS_OK;
+    }
+  return pags_json_fail(json, root, "no message is of type '%.40s'", kind);
 }
 
 pags_result pags_view_request_parse(const char *text, size_t size, pags_view_request *out) {

@@ -38,14 +38,19 @@ typedef struct pags_view_look {
 typedef enum pags_view_kind {
   PAGS_VIEW_LOOK,
   PAGS_VIEW_PICK, /* what is at a pixel of the picture last looked at */
-  PAGS_VIEW_GOT   /* the page has the picture with that serial: the next one may be sent */
+  PAGS_VIEW_GOT,  /* the page has the picture with that serial: the next one may be sent */
+  /* of a page on a run (board.h): */
+  PAGS_VIEW_RUN,        /* how it stands, and the curves from a point on */
+  PAGS_VIEW_CHECKPOINT, /* write one */
+  PAGS_VIEW_STOP        /* end it as Ctrl-C does */
 } pags_view_kind;
 
 typedef struct pags_view_request {
   pags_view_kind kind;
   pags_view_look look; /* LOOK */
   double x, y;         /* PICK: pixels of the look's camera */
-  int64_t serial;      /* PICK and GOT */
+  int64_t serial;
+  int64_t edition, from; /* RUN: which curves the page has, and how many points of them */
 } pags_view_request;
 
 /* Reads a message. PAGS_ERROR_FORMAT, PAGS_ERROR_LIMIT or PAGS_ERROR_MEMORY, with a message that can be shown. */

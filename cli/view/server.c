@@ -4,9 +4,9 @@
 
 #include "cli/view/files.h"
 #include "cli/view/gate.h"
-#include "cli/view/studio.h"
 
 #include <libwebsockets.h>
+#include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
 #include "base/memory.h"
@@ -31,6 +31,8 @@ struct pags_server {
   struct lws_vhost *host;
   lws_sorted_usec_list_t tick;
   const volatile int *stop;
+  _Atomic(const char *) description; /* NULL: not yet */
+  _Atomic(const char *) goodbye;     /* NULL: not yet */
   char url[256];
   int port;
 };
@@ -124,9 +126,11 @@ static int serve(const pags_server *self, struct lws *wsi, connection *c) {
   if (!by_token && !has_cookie(self, wsi))
     return refuse(self, wsi, c, HTTP_STATUS_FORBIDDEN,
                   "The token is missing or wrong. Open the whole address that pags view printed, with its ?token=.\n");
+  const char *description = atomic_load(&self->description);
+  if (!strcmp(path, "/scene.json") && !description)
+    return refuse(self, wsi, c, HTTP_STATUS_SERVICE_UNAVAILABLE, "The run begins: its first step isn't done yet.\n");
   if (!strcmp(path, "/scene.json"))
-    return answer(self, wsi, c, HTTP_STATUS_OK, "application/json", self->settings.description,
-                  strlen(self->settings.description), false);
+    return answer(self, wsi, c, HTTP_STATUS_OK, "application/json", description, strlen(description), false);
   const char *name = !strcmp(path, "/") ? "index.html" : path + 1;
   for (const pags_view_file *file = pags_view_files; file->name; file++)
     if (!strcmp(file->name, name))
@@ -172,6 +176,24 @@ static int enter(const pags_server *self, struct lws *wsi, connection *c) {
   return -1;
 }
 
+/* Does what a page asks for: of a run at once, the rest is drawn. */
+static void obey(const pags_server *self, struct lws *wsi, const connection *c, const pags_view_request *request) {
+  static const char alone[] = "this is a finished scene, not a run";
+  pags_view_message reply = {0};
+  const int seat = c->seat - 1;
+  if (request->kind < PAGS_VIEW_RUN) {
+    pags_studio_ask(self->studio, seat, request);
+    return;
+  }
+  const pags_result result = self->settings.board ? pags_board_answer(self->settings.board, request, &reply)
+                                                  : pags_fail(PAGS_ERROR_ARGUMENT, "%s", alone);
+  if (result == PAGS_OK)
+    pags_studio_reply(self->studio, seat, &reply);
+  else
+    pags_studio_refuse(self->studio, seat, pags_error_message());
+  lws_callback_on_writable(wsi);
+}
+
 /* Takes a piece of a message, and the message when it is whole. Returns -1 to close the connection. */
 static int receive(const pags_server *self, struct lws *wsi, connection *c, const void *data, size_t size) {
   if (!c->seat || lws_frame_is_binary(wsi) || size > sizeof c->message - c->size) {
@@ -186,7 +208,7 @@ static int receive(const pags_server *self, struct lws *wsi, connection *c, cons
   const pags_result result = pags_view_request_parse(c->message, c->size, &request);
   c->size = 0;
   if (result == PAGS_OK) {
-    pags_studio_ask(self->studio, c->seat - 1, &request);
+    obey(self, wsi, c, &request);
     return 0;
   }
   pags_studio_refuse(self->studio, c->seat - 1, pags_error_message());
@@ -199,6 +221,11 @@ static int receive(const pags_server *self, struct lws *wsi, connection *c, cons
 
 static int send_next(const pags_server *self, struct lws *wsi, connection *c) {
   pags_view_message message;
+  const char *goodbye = atomic_load(&self->goodbye);
+  if (goodbye) {
+    lws_close_reason(wsi, LWS_CLOSE_STATUS_GOINGAWAY, (unsigned char *)(uintptr_t)goodbye, strlen(goodbye));
+    return -1;
+  }
   if (!c->seat || lws_partial_buffered(wsi) || !pags_studio_take(self->studio, c->seat - 1, &message))
     return 0;
   unsigned char *padded = malloc(LWS_PRE + message.size);
@@ -246,8 +273,12 @@ static int on_event(struct lws *wsi, enum lws_callback_reasons reason, void *use
 static const struct lws_protocols protocols[] = {{"pags", on_event, sizeof(connection), 4096, 0, NULL, 0},
                                                  {NULL, NULL, 0, 0, 0, NULL, 0}};
 
+void pags_server_wake(pags_server *self) {
+  lws_cancel_service(self->context);
+}
+
 static void wake(void *user) {
-  lws_cancel_service(((pags_server *)user)->context);
+  pags_server_wake(user);
 }
 
 static void on_tick(lws_sorted_usec_list_t *list) {
@@ -297,12 +328,20 @@ pags_result pags_server_create(const pags_server_settings *settings, pags_server
   if (!self)
     return pags_out_of_memory(NULL);
   self->settings = *settings;
+  atomic_init(&self->description, settings->description);
+  atomic_init(&self->goodbye, NULL);
   PAGS_TRY(open_port(self));
   if (lws_get_random(self->context, random, sizeof random) != sizeof random)
     return pags_fail(PAGS_ERROR_IO, "the system gives no random numbers for the token");
   PAGS_TRY(pags_gate_make(&self->gate, random, settings->bind, self->port, settings->hosts));
   snprintf(self->url, sizeof self->url, "http://%s/?token=%s", self->gate.hosts[0], self->gate.token);
-  return pags_studio_create(settings->drawer, settings->tasks, settings->clients, wake, self, &self->studio);
+  return pags_studio_create(&(pags_studio_settings){.drawer = settings->drawer,
+                                                    .tasks = settings->tasks,
+                                                    .seats = settings->clients,
+                                                    .by_hand = settings->board != NULL,
+                                                    .wake = wake,
+                                                    .user = self},
+                            &self->studio);
 }
 
 void pags_server_destroy(pags_server *self) {
@@ -321,6 +360,19 @@ const char *pags_server_url(const pags_server *self) {
 
 int pags_server_port(const pags_server *self) {
   return self->port;
+}
+
+pags_studio *pags_server_studio(const pags_server *self) {
+  return self->studio;
+}
+
+void pags_server_describe(pags_server *self, const char *description) {
+  atomic_store(&self->description, description);
+}
+
+void pags_server_say_goodbye(pags_server *self, const char *text) {
+  atomic_store(&self->goodbye, text);
+  pags_server_wake(self);
 }
 
 pags_result pags_server_run(pags_server *self, const volatile int *stop) {

@@ -2,6 +2,7 @@
 /* The drawing thread and the seats of pages. */
 #include "cli/view/studio.h"
 
+#include <math.h>
 #include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
@@ -10,8 +11,9 @@
 #include "port/port.h"
 
 enum {
-  STILL_MS = 150, /* after the last look: time for the sharp picture */
-  REPLIES = 8,    /* that wait for a page at most; it is told no more until it reads them */
+  STILL_MS = 150,    /* after the last look: time for the sharp picture */
+  REFRESH_MS = 1000, /* by hand: between sharp pictures of a look that stays, since the scene changes */
+  REPLIES = 8,       /* that wait for a page at most; it is told no more until it reads them */
   SHARP_PERCENT = 92,
   LEAST_PERCENT = 35,
   MOST_PERCENT = 80
@@ -26,7 +28,7 @@ typedef struct seat {
   pags_view_look look;
   bool fresh; /* the look hasn't been drawn */
   bool sharp; /* its sharp picture has been drawn */
-  double looked_ms;
+  double looked_ms, drawn_ms;
   bool in_flight;
   int64_t sent_serial;
   double sent_ms;
@@ -40,10 +42,7 @@ typedef struct seat {
 } seat;
 
 struct pags_studio {
-  pags_drawer *drawer;
-  pags_tasks *tasks;
-  void (*wake)(void *user);
-  void *user;
+  pags_studio_settings settings;
   pthread_t thread;
   pthread_mutex_t lock;
   pthread_cond_t changed;
@@ -83,8 +82,9 @@ int pags_studio_enter(pags_studio *self) {
 void pags_studio_leave(pags_studio *self, int number) {
   pthread_mutex_lock(&self->lock);
   if (self->drawing == number)
-    pags_tasks_cancel(self->tasks);
+    pags_tasks_cancel(self->settings.tasks);
   empty_seat(&self->seats[number]);
+  pthread_cond_signal(&self->changed);
   pthread_mutex_unlock(&self->lock);
 }
 
@@ -104,7 +104,7 @@ static void take_look(pags_studio *self, int number, const pags_view_look *look)
   s->sharp = false;
   s->looked_ms = pags_clock_ms();
   if (self->drawing == number)
-    pags_tasks_cancel(self->tasks);
+    pags_tasks_cancel(self->settings.tasks);
 }
 
 /* The page has its picture: the next may be drawn, as large as the line takes. */
@@ -136,13 +136,16 @@ void pags_studio_ask(pags_studio *self, int number, const pags_view_request *req
   pthread_mutex_unlock(&self->lock);
 }
 
+void pags_studio_reply(pags_studio *self, int number, pags_view_message *message) {
+  pthread_mutex_lock(&self->lock);
+  reply(&self->seats[number], message);
+  pthread_mutex_unlock(&self->lock);
+}
+
 void pags_studio_refuse(pags_studio *self, int number, const char *text) {
   pags_view_message message;
-  if (pags_drawer_refuse(text, 0, &message) != PAGS_OK)
-    return;
-  pthread_mutex_lock(&self->lock);
-  reply(&self->seats[number], &message);
-  pthread_mutex_unlock(&self->lock);
+  if (pags_drawer_refuse(text, 0, &message) == PAGS_OK)
+    pags_studio_reply(self, number, &message);
 }
 
 bool pags_studio_take(pags_studio *self, int number, pags_view_message *out) {
@@ -171,13 +174,15 @@ static bool is_photograph(const seat *s) {
 }
 
 /* Milliseconds until the seat is to be drawn, 0: now; negative: not before something comes from its page. */
-static double due_in(const seat *s, double now) {
+static double due_in(const pags_studio *self, const seat *s, double now) {
   if (!s->taken || !s->has_look)
     return -1;
   if (s->picks)
     return 0;
-  if (s->in_flight || (!s->fresh && s->sharp))
+  if (s->in_flight || (!s->fresh && s->sharp && !self->settings.by_hand))
     return -1;
+  if (!s->fresh && s->sharp)
+    return fmax(s->drawn_ms + REFRESH_MS - now, 0);
   const double still = s->looked_ms + STILL_MS - now;
   return s->fresh || still < 0 ? 0 : still;
 }
@@ -188,7 +193,7 @@ static int next_seat(const pags_studio *self, double *wait) {
   *wait = 3600;
   for (int k = 1; k <= self->count; k++) {
     const int number = (self->last + k) % self->count;
-    const double due = due_in(&self->seats[number], now);
+    const double due = due_in(self, &self->seats[number], now);
     if (due == 0)
       return number;
     if (due > 0 && due * 1e-3 < *wait)
@@ -206,7 +211,7 @@ static void serve_pick(pags_studio *self, int number) {
   pags_view_message message;
   s->picks = false;
   pthread_mutex_unlock(&self->lock);
-  pags_result result = pags_drawer_pick(self->drawer, &look, x, y, serial, &message);
+  pags_result result = pags_drawer_pick(self->settings.drawer, &look, x, y, serial, &message);
   if (result != PAGS_OK)
     result = pags_drawer_refuse(pags_error_message(), serial, &message);
   pthread_mutex_lock(&self->lock);
@@ -236,9 +241,9 @@ static void serve_picture(pags_studio *self, int number) {
   pags_drawer_facts facts;
   s->fresh = false;
   self->drawing = sharp ? number : -1;
-  pags_tasks_reset(self->tasks);
+  pags_tasks_reset(self->settings.tasks);
   pthread_mutex_unlock(&self->lock);
-  pags_result result = pags_drawer_draw(self->drawer, &look, &quality, &message, &facts);
+  pags_result result = pags_drawer_draw(self->settings.drawer, &look, &quality, &message, &facts);
   bool refused = false;
   if (result != PAGS_OK && result != PAGS_CANCELLED) {
     refused = true;
@@ -253,56 +258,90 @@ static void serve_picture(pags_studio *self, int number) {
   if (refused) {
     reply(s, &message);
     s->sharp = !s->fresh;
+    s->drawn_ms = pags_clock_ms();
     return;
   }
   if (!sharp)
     adapt(s, &facts);
   s->sharp = sharp && !s->fresh;
+  s->drawn_ms = pags_clock_ms();
   s->picture = message;
   s->sent_serial = look.serial;
   s->in_flight = true;
 }
 
+/* Draws or picks for the next seat that is due, with the lock held, which it gives up meanwhile. Returns false if none
+ * is; then *wait receives the seconds until one is. */
+static bool serve_next(pags_studio *self, double *wait) {
+  const int number = next_seat(self, wait);
+  if (number < 0)
+    return false;
+  if (self->seats[number].picks)
+    serve_pick(self, number);
+  else {
+    self->last = number;
+    serve_picture(self, number);
+  }
+  pthread_mutex_unlock(&self->lock);
+  self->settings.wake(self->settings.user);
+  pthread_mutex_lock(&self->lock);
+  return true;
+}
+
 static void *draw_loop(void *user) {
   pags_studio *self = user;
+  double wait;
   pthread_mutex_lock(&self->lock);
-  while (!self->quit) {
-    double wait;
-    const int number = next_seat(self, &wait);
-    if (number < 0) {
+  while (!self->quit)
+    if (!serve_next(self, &wait))
       pags_port_condition_wait(&self->changed, &self->lock, wait);
-      continue;
-    }
-    if (self->seats[number].picks)
-      serve_pick(self, number);
-    else {
-      self->last = number;
-      serve_picture(self, number);
-    }
-    pthread_mutex_unlock(&self->lock);
-    self->wake(self->user);
-    pthread_mutex_lock(&self->lock);
-  }
   pthread_mutex_unlock(&self->lock);
   return NULL;
 }
 
+bool pags_studio_is_due(pags_studio *self) {
+  double wait;
+  pthread_mutex_lock(&self->lock);
+  const bool due = next_seat(self, &wait) >= 0;
+  pthread_mutex_unlock(&self->lock);
+  return due;
+}
+
+void pags_studio_draw_next(pags_studio *self) {
+  double wait;
+  pthread_mutex_lock(&self->lock);
+  serve_next(self, &wait);
+  pthread_mutex_unlock(&self->lock);
+}
+
+static bool is_empty(const pags_studio *self) {
+  for (int i = 0; i < self->count; i++)
+    if (self->seats[i].taken)
+      return false;
+  return true;
+}
+
+void pags_studio_wait_empty(pags_studio *self, double seconds) {
+  const double until = pags_clock_ms() + 1e3 * seconds;
+  pthread_mutex_lock(&self->lock);
+  for (double left = seconds; left > 0 && !is_empty(self); left = 1e-3 * (until - pags_clock_ms()))
+    pags_port_condition_wait(&self->changed, &self->lock, left);
+  pthread_mutex_unlock(&self->lock);
+}
+
 /* ---- Start and end ---- */
 
-pags_result pags_studio_create(pags_drawer *drawer, pags_tasks *tasks, int seats, void (*wake)(void *user), void *user,
-                               pags_studio **out) {
-  pags_studio *self = calloc(1, sizeof *self + (size_t)seats * sizeof *self->seats);
+pags_result pags_studio_create(const pags_studio_settings *settings, pags_studio **out) {
+  pags_studio *self = calloc(1, sizeof *self + (size_t)settings->seats * sizeof *self->seats);
   *out = NULL;
   if (!self)
     return pags_out_of_memory(NULL);
-  self->drawer = drawer;
-  self->tasks = tasks;
-  self->wake = wake;
-  self->user = user;
-  self->count = seats;
+  self->settings = *settings;
+  self->count = settings->seats;
   self->drawing = -1;
   pthread_mutex_init(&self->lock, NULL);
-  if (!pags_port_condition_create(&self->changed) || pthread_create(&self->thread, NULL, draw_loop, self)) {
+  if (!pags_port_condition_create(&self->changed) ||
+      (!settings->by_hand && pthread_create(&self->thread, NULL, draw_loop, self))) {
     pthread_mutex_destroy(&self->lock);
     free(self);
     return pags_fail(PAGS_ERROR_MEMORY, "can't start the thread that draws");
@@ -316,11 +355,12 @@ void pags_studio_stop(pags_studio *self) {
     return;
   pthread_mutex_lock(&self->lock);
   self->quit = true;
-  pags_tasks_cancel(self->tasks);
+  pags_tasks_cancel(self->settings.tasks);
   pthread_cond_signal(&self->changed);
   pthread_mutex_unlock(&self->lock);
-  pthread_join(self->thread, NULL);
-  pags_tasks_reset(self->tasks);
+  if (!self->settings.by_hand)
+    pthread_join(self->thread, NULL);
+  pags_tasks_reset(self->settings.tasks);
 }
 
 void pags_studio_destroy(pags_studio *self) {

@@ -77,6 +77,7 @@ struct pags_deadline {
   pags_frame *frame;
   uint8_t *critical; /* per id: 1 where the Gaussian's priority is above 0.5 */
   int64_t count;     /* ids */
+  int64_t room;      /* ids that `critical` has room for */
 };
 
 pags_result pags_deadline_create(pags_tasks *tasks, double target_ms, const float *priority, int64_t count,
@@ -84,21 +85,32 @@ pags_result pags_deadline_create(pags_tasks *tasks, double target_ms, const floa
   assert(target_ms > 0.0 && count >= 0);
   *out = NULL;
   pags_deadline *const b = calloc(1, sizeof *b);
-  uint8_t *const critical = calloc((size_t)count + 1, 1);
-  if (!b || !critical) {
-    free(b);
-    free(critical);
-    return pags_out_of_memory("the priorities of %lld Gaussians", (long long)count);
-  }
-  *b = (pags_deadline){.controller = pags_deadline_controller_begin(target_ms), .critical = critical, .count = count};
-  for (int64_t i = 0; i < count && priority; i++)
-    critical[i] = priority[i] > 0.5f;
-  const pags_result result = pags_frame_create(tasks, &b->frame);
+  if (!b)
+    return pags_out_of_memory("a frame");
+  b->controller = pags_deadline_controller_begin(target_ms);
+  pags_result result = pags_deadline_set_priorities(b, priority, count);
+  if (result == PAGS_OK)
+    result = pags_frame_create(tasks, &b->frame);
   if (result != PAGS_OK) {
     pags_deadline_destroy(b);
     return result;
   }
   *out = b;
+  return PAGS_OK;
+}
+
+pags_result pags_deadline_set_priorities(pags_deadline *b, const float *priority, int64_t count) {
+  if (!b->critical || count > b->room) {
+    const int64_t room = count + (b->critical ? count / 4 : 0) + 1;
+    uint8_t *const grown = realloc(b->critical, (size_t)room);
+    if (!grown)
+      return pags_out_of_memory("the priorities of %lld Gaussians", (long long)count);
+    b->critical = grown;
+    b->room = room;
+  }
+  b->count = count;
+  for (int64_t i = 0; i < count; i++)
+    b->critical[i] = priority && priority[i] > 0.5f;
   return PAGS_OK;
 }
 

@@ -17,36 +17,16 @@ import fixtures
 PATIENCE = 30  # seconds for an answer
 
 
-class Server:
-    """`pags view` of a scene on a free port, ended by close."""
+class Listener:
+    """What listens at an address that was printed, and the requests to it. `process` is set by those who derive from it."""
 
-    def __init__(self, scene, *options):
-        self.folder = tempfile.TemporaryDirectory(prefix="pags-view-")
-        report = os.path.join(self.folder.name, "view.json")
-        command = fixtures.program(["view", scene, "--port", "0", "--json", report, "-q", *options])
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        end = time.monotonic() + PATIENCE
-        while not os.path.exists(report):
-            if self.process.poll() is not None or time.monotonic() > end:
-                self.process.kill()
-                raise AssertionError(f"pags view doesn't listen: {self.process.communicate()}")
-            time.sleep(0.02)
-        with open(report, encoding="utf-8") as file:
-            self.facts = json.load(file)
-        self.port = self.facts["port"]
-        self.url = self.facts["url"]
-        self.token = re.search(r"token=([0-9a-f]+)$", self.url).group(1)
+    def listen(self, url):
+        self.url = url
+        self.port = int(re.search(r":(\d+)/", url).group(1))
+        self.token = re.search(r"token=([0-9a-f]+)$", url).group(1)
         self.host = f"127.0.0.1:{self.port}"
         self.patience = PATIENCE  # seconds that a request waits for its answer
         self.cookie = f"pags_{self.port}={self.token}"
-
-    def close(self, how=signal.SIGINT):
-        """Ends it by Ctrl-C; returns its exit code and what it said."""
-        if self.process.poll() is None:
-            self.process.send_signal(how)
-        _, errors = self.process.communicate(timeout=PATIENCE)
-        self.folder.cleanup()
-        return self.process.returncode, errors
 
     def memory(self):
         """Resident memory, bytes."""
@@ -81,6 +61,65 @@ class Server:
         found = re.match(rb"HTTP/1\.[01] (\d+)", head)
         lines = [line.partition(":") for line in head.decode("latin-1").split("\r\n")[1:]]
         return int(found.group(1)) if found else 0, {name.lower(): value.strip() for name, _, value in lines}, body
+
+
+class Server(Listener):
+    """`pags view` of a scene on a free port, ended by close."""
+
+    def __init__(self, scene, *options):
+        self.folder = tempfile.TemporaryDirectory(prefix="pags-view-")
+        report = os.path.join(self.folder.name, "view.json")
+        command = fixtures.program(["view", scene, "--port", "0", "--json", report, "-q", *options])
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        end = time.monotonic() + PATIENCE
+        while not os.path.exists(report):
+            if self.process.poll() is not None or time.monotonic() > end:
+                self.process.kill()
+                raise AssertionError(f"pags view doesn't listen: {self.process.communicate()}")
+            time.sleep(0.02)
+        with open(report, encoding="utf-8") as file:
+            self.facts = json.load(file)
+        self.listen(self.facts["url"])
+
+    def close(self, how=signal.SIGINT):
+        """Ends it by Ctrl-C; returns its exit code and what it said."""
+        if self.process.poll() is None:
+            self.process.send_signal(how)
+        _, errors = self.process.communicate(timeout=PATIENCE)
+        self.folder.cleanup()
+        return self.process.returncode, errors
+
+
+class Run(Listener):
+    """`pags train --view` on a free port. What it prints is in `output` once it has ended."""
+
+    def __init__(self, *arguments):
+        command = fixtures.program(["train", *arguments, "--view", "0"])
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        self.output = ""
+        while not (found := re.search(r"http://\S+", self.output)):
+            line = self.process.stdout.readline()
+            if not line:
+                raise AssertionError(f"pags train --view doesn't listen: {self.process.wait()}: {self.output}")
+            self.output += line
+        self.listen(found.group())
+
+    def description(self):
+        """scene.json, once the first step is done."""
+        end = time.monotonic() + PATIENCE
+        while time.monotonic() < end:
+            status, _, body = self.get("/scene.json")
+            if status == 200:
+                return json.loads(body)
+            if status != 503:
+                raise AssertionError((status, body))
+            time.sleep(0.02)
+        raise AssertionError("the run doesn't begin")
+
+    def wait(self):
+        """Its exit code when it has ended."""
+        self.output += self.process.communicate(timeout=600)[0]
+        return self.process.returncode
 
 
 class Page:

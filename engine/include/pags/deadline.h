@@ -76,6 +76,10 @@ typedef struct pags_deadline pags_deadline;
 PAGS_API pags_result pags_deadline_create(pags_tasks *tasks, double target_ms, const float *priority, int64_t count,
                                           pags_deadline **out);
 
+/* Replaces the priorities by those of other Gaussians; parameters as above. PAGS_ERROR_MEMORY; then the old ones stay.
+ */
+PAGS_API pags_result pags_deadline_set_priorities(pags_deadline *budget, const float *priority, int64_t count);
+
 /* Frees the renderer. NULL is allowed. */
 PAGS_API void pags_deadline_destroy(pags_deadline *budget);
 
