@@ -22,7 +22,7 @@
 #   make check-cluster  ranks of mpirun killed at ten random moments, and stopped
 #   make check-viewers      splat files of a scene with a least alpha, drawn by Babylon.js and Spark in Chromium beside pags (SCENE=FOLDER: another scene)
 #   make check-scene-html  scene.html in a headless Chromium, without a network, beside pags render (SCENE=FOLDER: another scene)
-#   make check-view  pags view and pages of pags report in a headless Chromium, and ten thousand hostile requests (minutes)
+#   make check-view  pags view, train --view and pages of pags report in a headless Chromium, and ten thousand hostile requests (two minutes)
 #   make check-recordings  imported recordings beside what the sources' own Python packages read of them
 #   make check-blender      the add-on's tests in Debian's Blender; part of make check
 #   make check-obey  local view, borders, clipping and the tool that selects in a window of it
@@ -169,6 +169,7 @@ check-scene-html: all
 check-view: all
 	python3 -B tests/outside/view.py build/pags build/view
 	python3 -B tests/outside/report.py build/pags build/view
+	python3 -B tests/outside/train_view.py build/pags build/view
 	PAGS_VIEW_HOSTILE=10000 python3 -B tests/cli/test_view.py build/pags Hostile
 
 same-bits: all

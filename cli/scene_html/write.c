@@ -174,7 +174,7 @@ pags_result pags_html_write(pags_scene *scene, const char *path, const pags_html
   else
     result = pags_composition_create(scene, &composition);
   if (result == PAGS_OK)
-    result = pags_view_describe(composition, &start, settings->name, &description);
+    result = pags_view_describe(composition, &start, settings->name, false, &description);
   pags_web_settings web = {.description = description.data,
                            .sh_degree = settings->sh_degree,
                            .progress = settings->progress,

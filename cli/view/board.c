@@ -100,13 +100,15 @@ static void read_log(pags_board *self, const char *path) {
 
 /* ---- What the trainer says ---- */
 
-/* At the first step: takes away what the earlier log says of steps that are done again, and spaces the points. */
+/* At the first step: takes away what the earlier log says of steps that are done again, and spaces the points as it
+ * did. */
 static void begin(pags_board *self, const pags_train_progress *progress) {
   while (self->count > 0 && self->points[self->count - 1][STEP] >= (double)progress->step)
     self->count--;
   while (self->held_count > 0 && self->held[self->held_count - 1].step >= progress->step)
     self->held_count--;
-  self->every = 1 + progress->iterations / (POINTS - POINTS / 8);
+  const double apart = self->count > 1 ? self->points[self->count - 1][STEP] - self->points[self->count - 2][STEP] : 1;
+  self->every = apart > 1 ? (int64_t)apart : 1;
 }
 
 void pags_board_tell(pags_board *self, const pags_train_progress *progress, pags_board_share share) {

@@ -168,11 +168,12 @@ static bool may_connect(const pags_server *self, struct lws *wsi) {
 }
 
 static int enter(const pags_server *self, struct lws *wsi, connection *c) {
-  static const char full[] = "as many pages are open as pags view --clients allows";
+  const char *full = self->settings.board ? "as many pages are open as a run allows: 8"
+                                          : "as many pages are open as pags view --clients allows";
   c->seat = 1 + pags_studio_enter(self->studio);
   if (c->seat)
     return 0;
-  lws_close_reason(wsi, LWS_CLOSE_STATUS_PROTOCOL_ERR, (unsigned char *)(uintptr_t)full, sizeof full - 1);
+  lws_close_reason(wsi, LWS_CLOSE_STATUS_PROTOCOL_ERR, (unsigned char *)(uintptr_t)full, strlen(full));
   return -1;
 }
 

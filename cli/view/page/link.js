@@ -19,8 +19,10 @@ export class Link {
       if (this.last) this.look(this.last);
     };
     socket.onclose = (event) => {
-      this.onState(false, event.reason);
+      this.over = event.code === 1001 && event.reason !== ''; // the server has said goodbye
+      this.onState(false, event.reason, this.over);
       this.waiting.clear();
+      if (this.over) return;
       setTimeout(() => this.connect(), this.wait = Math.min(8000, (this.wait ?? 500) * 2));
     };
     socket.onmessage = (event) => (typeof event.data === 'string' ? this.answer(JSON.parse(event.data)) : this.picture(event.data));
@@ -45,10 +47,16 @@ export class Link {
     if (this.send({type: 'pick', serial, x, y})) this.waiting.set(serial, done);
   }
 
+  // Asks something of a run; the answer goes to `done`.
+  ask(type, more, done) {
+    const serial = ++this.serial;
+    if (this.send({type, serial, ...more})) this.waiting.set(serial, done);
+  }
+
   answer(message) {
     const done = this.waiting.get(message.serial);
     this.waiting.delete(message.serial);
-    if (message.type === 'picked') done?.(message);
+    if (message.type === 'picked' || message.type === 'run') done?.(message);
     else this.onAnswer(message);
   }
 

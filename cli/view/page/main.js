@@ -5,14 +5,21 @@ import {Camera} from './camera.js';
 import {Link} from './link.js';
 import {Overlay, objectPose} from './overlay.js';
 import {Recorder} from './recorder.js';
+import {Run} from './run.js';
 import {listen} from './controls.js';
 
 const $ = (id) => document.getElementById(id);
 const MOST_PIXELS = 1600; // of a picture's width: more is scaled up
 
+let noticeTimer = 0;
 history.replaceState(null, '', location.pathname); // the token is in a cookie now
-const answer = await fetch('scene.json');
-if (!answer.ok) notice(await answer.text());
+let answer = await fetch('scene.json');
+while (answer.status === 503) { // a run that hasn't done its first step
+  notice(await answer.text(), true);
+  await new Promise((done) => setTimeout(done, 500));
+  answer = await fetch('scene.json');
+}
+notice(answer.ok ? '' : await answer.text(), true);
 const scene = await answer.json();
 
 const state = {
@@ -24,9 +31,13 @@ const link = new Link({
   onLook: (serial) => { $('picture').dataset.asked = serial; },
   onPicture: show,
   onAnswer: (message) => notice(message.text),
-  onState: (open, reason) => notice(open ? '' : reason || 'No connection to pags view; trying again ...', true)
+  onState: (open, reason, over) => {
+    notice(open ? '' : reason || 'No connection to pags; trying again ...', true);
+    if (over) run?.end(reason);
+  }
 });
-let frame = {x: 0, y: 0, scale: 1}, look = null, noticeTimer = 0, lastPicture = 0;
+const run = scene.live ? new Run(link, scene, setView) : null;
+let frame = {x: 0, y: 0, scale: 1}, look = null, lastPicture = 0;
 
 function notice(text, stays) {
   clearTimeout(noticeTimer);
@@ -185,7 +196,7 @@ function pick(x, y) {
     choose(found.hit ? found.object : -1);
     if (!found.hit) return void ($('picked').textContent = 'Nothing.');
     const object = scene.objects[found.object];
-    $('picked').textContent = (object ? `${object.id}, ${object.class}${object.critical ? ', critical' : ''}\n${object.size.map((v) => v.toFixed(2)).join(' x ')} m, ${number(object.gaussians)} Gaussians\n` : 'Background\n') +
+    $('picked').textContent = (object ? `${object.id}, ${object.class}${object.critical ? ', critical' : ''}\n${object.size.map((v) => v.toFixed(2)).join(' x ')} m${scene.live ? '' : `, ${number(object.gaussians)} Gaussians`}\n` : 'Background\n') +
       `${found.depth.toFixed(2)} m deep, at ${found.point.map((v) => v.toFixed(2)).join(', ')}\nGaussian ${found.gaussian}, priority ${found.priority.toFixed(2)}`;
   });
 }
@@ -260,8 +271,9 @@ function listObjects() {
     const label = element('button', {className: 'label', textContent: `${object.id} ${object.class}`, onclick: () => (choose(index), focusObject(index))});
     const solo = element('button', {className: 'solo', textContent: 'solo', onclick: () => isolate(index)});
     box.setAttribute('aria-label', `show ${object.id}`);
+    box.disabled = solo.disabled = scene.live && !object.tracked; // its Gaussians are the background's while it trains
     const row = element('tr', {className: object.critical ? 'critical' : ''}, element('td', {}, box), element('td', {}, label),
-      element('td', {className: 'number', textContent: number(object.gaussians)}), element('td', {}, solo));
+      element('td', {className: 'number', textContent: scene.live ? '' : number(object.gaussians)}), element('td', {}, solo));
     row.dataset.index = index;
     $('objects').append(row);
   });
@@ -307,7 +319,7 @@ const controls = listen($('stage'), {
 });
 
 $('name').textContent = document.title = scene.name;
-$('facts').textContent = `${number(scene.gaussians)} Gaussians, ${scene.views.length} cameras, ${scene.objects.length} objects`;
+$('facts').textContent = `${scene.live ? '' : `${number(scene.gaussians)} Gaussians, `}${scene.views.length} cameras, ${scene.objects.length} objects`;
 $('time').min = scene.time[0];
 $('time').max = scene.time[1];
 $('time-group').hidden = !spans;
