@@ -14,7 +14,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 
-enum { CREDIT_MS = 100, CLIENTS = 8, BUDGET_MS = 40, GOODBYE_SECONDS = 1 };
+enum { CREDIT_MS = 100, CLIENTS = 8, BUDGET_MS = 40, GOODBYE_SECONDS = 3 };
 
 struct pags_watch {
   pags_watch_settings settings;

@@ -29,7 +29,7 @@ const char *pags_watch_url(const pags_watch *watch);
  * Returns false if one asked to stop. */
 bool pags_watch_step(pags_watch *watch, const pags_train_progress *progress);
 
-/* Tells the pages how the run has ended, for a second at most, and frees everything. NULL is allowed. */
+/* Tells the pages how the run has ended, for three seconds at most, and frees everything. NULL is allowed. */
 void pags_watch_end(pags_watch *watch, pags_result result, bool finished);
 
 #endif

@@ -37,6 +37,7 @@ void pags_train_moment_release(pags_train_moment *moment, pags_composition *comp
 }
 
 pags_result pags_train_moment_save(pags_train_moment *moment) {
-  const pags_trainer *t = (const pags_trainer *)moment;
+  pags_trainer *t = (pags_trainer *)moment;
+  pags_state_flush(&t->state, t->tasks); /* so that the file's bytes don't tell when somebody has drawn the scene */
   return pags_checkpoint_save(t->output.checkpoint, &t->state, t->fingerprint);
 }

@@ -17,7 +17,6 @@
 #include "maths/maths.h"
 #include "port/port.h"
 #include "threads/record.h"
-#include "train/checkpoint.h"
 #include "train/config.h"
 #include "train/density.h"
 #include "train/estimate.h"
@@ -219,7 +218,7 @@ static pags_result write_step(pags_trainer *t, const pags_step_view *v, run_cloc
   }
   if (t->ranks == 1 && checkpoint_is_due(t, clock)) {
     pags_tasks_mark(t->tasks, "checkpoint", "write");
-    PAGS_TRY(pags_checkpoint_save(t->output.checkpoint, s, t->fingerprint));
+    PAGS_TRY(pags_train_moment_save((pags_train_moment *)t));
     clock->saved = pags_clock_ms();
   }
   return PAGS_OK;
@@ -278,9 +277,8 @@ static pags_result loop(pags_trainer *t, run_clock *clock, int *stopped) {
 static pags_result write_end(pags_trainer *t, pags_train_result *r, const run_clock *clock) {
   pags_train_state *s = &t->state;
   pags_tasks_mark(t->tasks, "checkpoint", "write");
-  PAGS_TRY(pags_checkpoint_save(t->output.checkpoint, s, t->fingerprint));
+  PAGS_TRY(pags_train_moment_save((pags_train_moment *)t)); /* no step is pending from here on */
   pags_tasks_mark(t->tasks, "scene", "settle");
-  pags_state_flush(s, t->tasks);
   if (s->step >= s->stop && s->step >= s->schedule.length) /* a run that will be resumed doesn't spend time on it */
     PAGS_TRY(pags_score_pass_finish(t));
   PAGS_TRY(pags_sh_trim(t));

@@ -105,6 +105,21 @@ class Bits(Watched):
         self.assertEqual(run.wait(), 0, run.output)
         self.same(alone, resumed)
 
+    def test_street(self):
+        """Of a drive, where no photograph shows everything, so that updates of what it doesn't show are pending when a page draws it."""
+        street, alone, watched = self.path("street"), self.path("alone"), self.path("watched")
+        done = fixtures.run("synth", "street", "-o", street, "--size", "96x54", "--frames", 6, "--lidar-points", 1000, "--no-shifts", "-q")
+        if "not in this build" in done.stderr:
+            self.skipTest("this build has no pags synth")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        few = ["-n", 150, "--max-gaussians", 6000, "--preview-every", 50]
+        self.succeeds("train", street, "-o", alone, *SMALL, *few)
+        self.data = street
+        run = self.start(watched, *few, "--view-share", 0.9)
+        self.assertGreater(len(self.watch(run)[0]), SEEN)
+        self.assertEqual(run.wait(), 0, run.output)
+        self.same(alone, watched)
+
     def test_curves(self):
         out = self.path("scene")
         run = self.start(out, "--log-every", 20, "--view-share", 0.9, steps=160)

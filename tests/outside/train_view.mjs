@@ -73,7 +73,7 @@ try {
   await pause(300);
   seen.asked = await text(page, '#stop-run');
   seen.running = !/stopp/.test(await text(page, '#run-head'));
-  await page.click('#stop-run');
+  for (let i = 0; i < 20 && !(await page.$eval('#stop-run', (button) => button.disabled)); i++) await page.click('#stop-run'); // on a slow machine a second click may be late
   await page.waitForFunction(() => /was stopped/.test(document.getElementById('notice').textContent), {timeout: 60000});
   seen.end = await text(page, '#run-head');
   await pause(3000); // it doesn't ask any more
