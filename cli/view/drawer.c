@@ -24,7 +24,8 @@ struct pags_drawer {
   pags_deadline *deadline;
   float *priority_of; /* of each id; all 0 if the scene knows none */
   int32_t *object_of; /* of each id */
-  int64_t id_room;    /* ids that both have room for */
+  float *size_of;     /* of each id, metres: geometric mean of its sigmas; of the channel of sizes alone */
+  int64_t id_room;    /* ids that these have room for */
   pags_part *parts;   /* those of a composition that a look shows */
   int part_room;
   pags_photographs photographs;
@@ -42,7 +43,9 @@ static pags_result reserve_ids(pags_drawer *self, int64_t count) {
   self->priority_of = priority ? priority : self->priority_of;
   int32_t *const object = realloc(self->object_of, room * sizeof *object);
   self->object_of = object ? object : self->object_of;
-  if (!priority || !object)
+  float *const size = realloc(self->size_of, room * sizeof *size);
+  self->size_of = size ? size : self->size_of;
+  if (!priority || !object || !size)
     return pags_out_of_memory("the channels of %lld Gaussians", (long long)count);
   self->id_room = (int64_t)room;
   return PAGS_OK;
@@ -79,6 +82,7 @@ void pags_drawer_destroy(pags_drawer *self) {
   pags_deadline_destroy(self->deadline);
   free(self->priority_of);
   free(self->object_of);
+  free(self->size_of);
   free(self->parts);
   free(self);
 }
@@ -124,6 +128,19 @@ static void object_color(int64_t object, float rgb[3]) {
   }
 }
 
+/* Finds the sizes of the Gaussians of the parts. */
+static void measure_sizes(pags_drawer *self, int count) {
+  for (int k = 0; k < count; k++) {
+    const pags_part *part = &self->parts[k];
+    const pags_gaussians *g = part->gaussians;
+    for (int64_t row = 0; row < g->count; row++) {
+      const float sum =
+          pags_plane(g, PAGS_SCALE)[row] + pags_plane(g, PAGS_SCALE + 1)[row] + pags_plane(g, PAGS_SCALE + 2)[row];
+      self->size_of[part->id ? part->id[row] : part->first_id + row] = (float)pags_exp((double)sum / 3);
+    }
+  }
+}
+
 /* Colours of the pixel `i`; `shown` is how much of the scene is there. */
 static void color_pixel(const pags_drawer *self, const pags_picture *p, pags_view_channel channel, size_t i,
                         float rgb[3]) {
@@ -136,6 +153,10 @@ static void color_pixel(const pags_drawer *self, const pags_picture *p, pags_vie
     /* 1 m is the brightest, 256 m black, halving the distance adds an eighth */
     const double z = p->depth[i], bright = z > 0 ? 1 - pags_log(fmax(z, 1)) / pags_log(256) : 0;
     pags_colormap_heat((float)fmax(bright, 0), rgb);
+  } else if (channel == PAGS_VIEW_SIZE) {
+    /* 1 mm is black, 10 m the brightest, each tenfold adds a quarter */
+    const double bright = id < 0 ? 0 : 0.25 * pags_log10(fmax((double)self->size_of[id], 1e-3) / 1e-3);
+    pags_colormap_heat((float)fmin(bright, 1), rgb);
   } else if (channel == PAGS_VIEW_PRIORITY) {
     pags_colormap_heat(id < 0 ? 0 : self->priority_of[id], rgb);
   } else if (channel == PAGS_VIEW_CRITICAL && !(id >= 0 && self->priority_of[id] > 0.5F)) {
@@ -250,9 +271,13 @@ static pags_result draw_scene(pags_drawer *self, const pags_view_look *look, con
   int count;
   PAGS_TRY(compose(self, look, camera.time, &count));
   options.extra_channels = look->channel != PAGS_VIEW_COLOR;
+  if (!look->early_z)
+    options.early_z = PAGS_EARLY_Z_OFF;
+  if (look->channel == PAGS_VIEW_SIZE)
+    measure_sizes(self, count);
   if (!quality->sharp && quality->shrink > 1)
     camera = pags_camera_downscale(&camera, quality->shrink);
-  if (quality->sharp || look->full)
+  if (quality->sharp || look->full || !look->early_z)
     PAGS_TRY(pags_deadline_render_step(self->deadline, 0, self->parts, count, &camera, &options, &picture, drawn));
   else
     PAGS_TRY(pags_deadline_render(self->deadline, self->parts, count, &camera, &options, &picture, drawn));

@@ -7,8 +7,8 @@
 
 #include "base/json.h"
 
-static const char *const channels[PAGS_VIEW_CHANNELS] = {"color",  "depth",      "priority",  "critical",
-                                                         "object", "photograph", "difference"};
+static const char *const channels[PAGS_VIEW_CHANNELS] = {"color",  "depth", "priority",   "critical",
+                                                         "object", "size",  "photograph", "difference"};
 
 static const int64_t most_serial = (int64_t)1 << 52;
 
@@ -66,6 +66,7 @@ static pags_result read_look(const pags_json *json, const pags_json_value *root,
   PAGS_TRY(pags_json_integer_or(json, root, "view", -1, 2147483647, -1, &look->view));
   PAGS_TRY(pags_json_integer_or(json, root, "solo", -1, 2147483647, -1, &look->solo));
   PAGS_TRY(pags_json_bool_or(json, root, "full", false, &look->full));
+  PAGS_TRY(pags_json_bool_or(json, root, "earlyZ", true, &look->early_z));
   return read_hidden(json, root, look);
 }
 

@@ -18,6 +18,7 @@ typedef enum pags_view_channel {
   PAGS_VIEW_PRIORITY, /* as heat */
   PAGS_VIEW_CRITICAL, /* what isn't critical is grey */
   PAGS_VIEW_OBJECT,   /* a colour an object */
+  PAGS_VIEW_SIZE,     /* of Gaussians as heat; metres by a logarithm */
   PAGS_VIEW_PHOTOGRAPH,
   PAGS_VIEW_DIFFERENCE, /* |picture - photograph|, three times */
   PAGS_VIEW_CHANNELS
@@ -32,6 +33,7 @@ typedef struct pags_view_look {
   int hidden_count;
   int32_t hidden[PAGS_VIEW_HIDDEN]; /* objects that aren't drawn; may name some that the scene doesn't have */
   bool full;                        /* full quality even while moving (Early-Z alone) */
+  bool early_z;                     /* false: full quality without it, to see what it saves */
   int64_t serial;                   /* the page's number of this look, which the picture repeats */
 } pags_view_look;
 

@@ -116,7 +116,7 @@ static int serve(const pags_server *self, struct lws *wsi, connection *c) {
   char path[64];
   if (!comes_by_our_name(self, wsi))
     return refuse(self, wsi, c, HTTP_STATUS_FORBIDDEN,
-                  "This server doesn't go by that name. Open the address that pags view printed, or start it with "
+                  "This server doesn't go by that name. Open the address that pags printed, or start it with "
                   "--host NAME.\n");
   if (lws_hdr_total_length(wsi, WSI_TOKEN_GET_URI) <= 0)
     return refuse(self, wsi, c, HTTP_STATUS_METHOD_NOT_ALLOWED, "Only GET is served.\n");
@@ -125,7 +125,7 @@ static int serve(const pags_server *self, struct lws *wsi, connection *c) {
   const bool by_token = has_token_in_address(self, wsi);
   if (!by_token && !has_cookie(self, wsi))
     return refuse(self, wsi, c, HTTP_STATUS_FORBIDDEN,
-                  "The token is missing or wrong. Open the whole address that pags view printed, with its ?token=.\n");
+                  "The token is missing or wrong. Open the whole address that pags printed, with its ?token=.\n");
   const char *description = atomic_load(&self->description);
   if (!strcmp(path, "/scene.json") && !description)
     return refuse(self, wsi, c, HTTP_STATUS_SERVICE_UNAVAILABLE, "The run begins: its first step isn't done yet.\n");

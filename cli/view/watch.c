@@ -53,16 +53,12 @@ static pags_result describe(pags_watch *self, pags_composition *composition) {
 static pags_result look(pags_watch *self, pags_train_moment *moment) {
   pags_composition *composition;
   PAGS_TRY(pags_train_moment_compose(moment, &composition));
-  pags_result result = PAGS_OK;
-  if (!self->described)
-    result = describe(self, composition);
-  else
-    result = pags_drawer_show(self->drawer, composition);
+  pags_result result = self->described ? pags_drawer_show(self->drawer, composition) : describe(self, composition);
   if (result == PAGS_OK && self->described) {
     pags_studio_draw_next(pags_server_studio(self->server));
     self->pictures++;
   }
-  self->described = true;
+  self->described = self->described || result == PAGS_OK;
   pags_train_moment_release(moment, composition);
   return result;
 }
@@ -89,8 +85,8 @@ bool pags_watch_step(pags_watch *self, const pags_train_progress *progress) {
   pags_board_tell(self->board, progress, (pags_board_share){share, all > 0 ? self->taken_ms / all : 0, self->pictures});
   if (pags_board_wants_checkpoint(self->board))
     save(self, progress);
-  const bool draws = self->credit_ms > 0 && pags_studio_is_due(pags_server_studio(self->server));
-  if ((draws || !self->described) && look(self, progress->moment) != PAGS_OK)
+  const bool due = !self->described || (share > 0 && pags_studio_is_due(pags_server_studio(self->server)));
+  if (due && self->credit_ms > 0 && look(self, progress->moment) != PAGS_OK)
     pags_board_say(self->board, pags_error_message());
   self->returned_ms = pags_clock_ms();
   self->taken_ms += self->returned_ms - begun;
@@ -106,6 +102,7 @@ pags_result pags_watch_create(const pags_watch_settings *settings, pags_watch **
   if (!self)
     return pags_out_of_memory(NULL);
   self->settings = *settings;
+  self->credit_ms = CREDIT_MS;
   self->tasks = pags_tasks_create(settings->threads);
   if (!self->tasks)
     return pags_fail(PAGS_ERROR_MEMORY, "can't start %d threads", settings->threads);

@@ -142,13 +142,24 @@ class Pictures(ViewCase):
         first = page.sharp(self.camera())[1]
         self.assertEqual(page.sharp(self.camera())[1], first)
         seen = {first}
-        for more in [{"channel": "depth"}, {"channel": "priority"}, {"channel": "critical"}, {"channel": "object"}, {"hidden": [1]}, {"solo": 1}]:
+        for more in [{"channel": "depth"}, {"channel": "priority"}, {"channel": "critical"}, {"channel": "object"}, {"channel": "size"}, {"hidden": [1]}, {"solo": 1}]:
             jpeg = page.sharp(self.camera(), **more)[1]
             self.assertNotIn(jpeg, seen, more)
             seen.add(jpeg)
         self.assertNotIn(page.sharp(self.camera(time=0.6))[1], seen, "the cars don't move")
         self.assertNotIn(page.sharp(self.camera(1))[1], seen, "the camera doesn't turn")
         self.assertEqual(page.sharp(self.camera())[1], first)
+
+    def test_early_z_off_draws_the_same(self):
+        page = self.page()
+        facts, jpeg = page.sharp(self.camera())
+        without, same = page.sharp(self.camera(), earlyZ=False)
+        self.assertEqual(jpeg, same)
+        self.assertEqual((without["hidden"], without["clustersHidden"]), (0, 0))
+        self.assertGreaterEqual(without["shaded"], facts["shaded"])
+        page.look(self.camera(), earlyZ=False)
+        moving = page.picture()[0]
+        self.assertEqual((moving["sharp"], moving["step"]), (False, 0), "what it saves is seen in moving pictures, too")
 
     def test_hidden_is_hidden_for_this_page_alone(self):
         one, other = self.page(), self.page()

@@ -114,10 +114,17 @@ try {
   seen.difference = await sharp(page);
   seen.psnr = await text(page, '#psnr');
   seen.viewName = await page.$eval('#views', (list) => list.selectedOptions[0].textContent);
-  for (const channel of ['depth', 'priority', 'critical', 'object', 'color']) {
+  for (const channel of ['depth', 'priority', 'critical', 'object', 'size', 'color']) {
     await page.select('#channel', channel);
     seen[channel] = await sharp(page);
   }
+
+  // The same picture without Early-Z.
+  await page.click('#early-z');
+  seen.without = await sharp(page);
+  seen.withoutStats = await text(page, '#stats');
+  await page.click('#early-z');
+  await sharp(page);
 
   // The object of most Gaussians: looked at, hidden, isolated.
   await page.click('#show-boxes');

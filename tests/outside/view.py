@@ -72,7 +72,7 @@ def main():
         (size, saved), (other, rendered) = (rgb(os.path.join(out, file)) for file in (f"{name}.png", os.path.join("rendered", f"{index:05}.png")))
         ends[name] = psnr(saved, rendered) if size == other else 0
     latencies = sorted(seen["latencies"])
-    channels = {seen[name] for name in ("color", "depth", "priority", "critical", "object", "photograph", "difference")}
+    channels = {seen[name] for name in ("color", "depth", "priority", "critical", "object", "size", "photograph", "difference")}
     scrubbed, played = (float(seen[name].split()[0]) for name in ("clock", "played"))
     checks = {
         "the server ended well": (code, errors) == (0, ""),
@@ -86,8 +86,9 @@ def main():
         "playing goes on": played != scrubbed,
         "pick names a place": "m deep, at" in seen["picked"],
         "measure gives metres": 0.05 < float(seen["measured"].split()[0]) < 50,
-        "each channel is another picture": len(channels) == 7,
+        "each channel is another picture": len(channels) == 8,
         "back in colour it is the recorded camera's": seen["color"] == seen["view"],
+        "without Early-Z nothing is hidden, and the picture is the same": seen["without"] == seen["color"] and "\n0 hidden" in seen["withoutStats"],
         "photograph is compared": float(seen["psnr"].split()[1]) > 12,
         "hide hides": seen["hidden"] != seen["object"],
         "solo isolates": seen["solo"] not in (seen["object"], seen["hidden"]),

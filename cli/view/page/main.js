@@ -23,7 +23,7 @@ notice(answer.ok ? '' : await answer.text(), true);
 const scene = await answer.json();
 
 const state = {
-  time: scene.start.time ?? scene.time[0], playing: false, channel: 'color', solo: -1, hidden: new Set(), chosen: -1, full: false,
+  time: scene.start.time ?? scene.time[0], playing: false, channel: 'color', solo: -1, hidden: new Set(), chosen: -1, full: false, earlyZ: true,
   measuring: false, points: [], boxes: false, tracks: false, cameras: false, changed: true, preview: null, rate: 0
 };
 const camera = new Camera(scene), recorder = new Recorder(), overlay = new Overlay($('overlay'));
@@ -114,7 +114,7 @@ function send() {
   if (photograph && camera.view < 0) setChannel('color');
   look = state.preview === null ? camera.look(...size(), scene.time[0] === scene.time[1] && !spans ? null : state.time) : recorder.at(state.preview);
   const {width, height, fx, fy, cx, cy, pose, time} = look;
-  const asked = {camera: {width, height, fx, fy, cx, cy, pose}, channel: state.channel, view: camera.view, solo: state.solo, hidden: [...state.hidden].slice(0, 1024), full: state.full};
+  const asked = {camera: {width, height, fx, fy, cx, cy, pose}, channel: state.channel, view: camera.view, solo: state.solo, hidden: [...state.hidden].slice(0, 1024), full: state.full, earlyZ: state.earlyZ};
   if (time !== null) asked.camera.time = time;
   link.look(asked);
   place();
@@ -339,6 +339,7 @@ $('shift').oninput = () => {
   change();
 };
 for (const name of ['boxes', 'tracks', 'cameras']) $(`show-${name}`).onchange = () => { state[name] = $(`show-${name}`).checked; drawOverlay(); };
+$('early-z').onchange = () => { state.earlyZ = $('early-z').checked; state.changed = true; };
 $('full').onchange = () => { state.full = $('full').checked; state.changed = true; };
 $('key-clear').onclick = () => { recorder.keys = []; refreshKeys(); };
 $('key-play').onclick = () => { state.preview = 0; };
