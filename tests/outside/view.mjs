@@ -119,6 +119,21 @@ try {
     seen[channel] = await sharp(page);
   }
 
+  // The photograph laid over the left half.
+  const halves = () => page.$eval('#picture', (canvas) => [0, 0.6].map((x) => {
+    const pixels = canvas.getContext('2d').getImageData(Math.round(x * canvas.width), 0, Math.round(0.4 * canvas.width), canvas.height).data;
+    return pixels.reduce((sum, value, i) => (31 * sum + value * (1 + (i % 7))) % 1000000007, 7);
+  }));
+  const wipe = async (share) => {
+    await page.$eval('#wipe', (slider, value) => { slider.value = value; slider.dispatchEvent(new Event('input')); }, share);
+    await pause(500); // the photograph comes first
+    await sharp(page);
+    return halves();
+  };
+  seen.wiped = [await wipe(0), await wipe(0.5)];
+  await page.screenshot({path: path.join(folder, 'wipe.jpg'), type: 'jpeg', quality: 70});
+  seen.wiped.push(await wipe(0));
+
   // The same picture without Early-Z.
   await page.click('#early-z');
   seen.without = await sharp(page);

@@ -88,6 +88,8 @@ def main():
         "measure gives metres": 0.05 < float(seen["measured"].split()[0]) < 50,
         "each channel is another picture": len(channels) == 8,
         "back in colour it is the recorded camera's": seen["color"] == seen["view"],
+        "the wipe lays the photograph over the left part alone": seen["wiped"][0][0] != seen["wiped"][1][0] and seen["wiped"][0][1] == seen["wiped"][1][1]
+        and seen["wiped"][2] == seen["wiped"][0],
         "without Early-Z nothing is hidden, and the picture is the same": seen["without"] == seen["color"] and "\n0 hidden" in seen["withoutStats"],
         "photograph is compared": float(seen["psnr"].split()[1]) > 12,
         "hide hides": seen["hidden"] != seen["object"],

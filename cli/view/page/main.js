@@ -6,6 +6,7 @@ import {Link} from './link.js';
 import {Overlay, objectPose} from './overlay.js';
 import {Recorder} from './recorder.js';
 import {Run} from './run.js';
+import {Wipe} from './wipe.js';
 import {listen} from './controls.js';
 
 const $ = (id) => document.getElementById(id);
@@ -26,11 +27,14 @@ const state = {
   time: scene.start.time ?? scene.time[0], playing: false, channel: 'color', solo: -1, hidden: new Set(), chosen: -1, full: false, earlyZ: true,
   measuring: false, points: [], boxes: false, tracks: false, cameras: false, changed: true, preview: null, rate: 0
 };
-const camera = new Camera(scene), recorder = new Recorder(), overlay = new Overlay($('overlay'));
+const camera = new Camera(scene), recorder = new Recorder(), overlay = new Overlay($('overlay')), wipe = new Wipe();
 const link = new Link({
   onLook: (serial) => { $('picture').dataset.asked = serial; },
   onPicture: show,
-  onAnswer: (message) => notice(message.text),
+  onAnswer: (message) => {
+    notice(message.text);
+    if (message.serial === wipe.serial) setWipe(0); // there is no photograph
+  },
   onState: (open, reason, over) => {
     notice(open ? '' : reason || 'No connection to pags; trying again ...', true);
     if (over) run?.end(reason);
@@ -65,8 +69,14 @@ const number = (value) => (value >= 1e6 ? `${(value / 1e6).toFixed(2)} M` : valu
 
 function show(bitmap, facts) {
   const canvas = $('picture'), now = performance.now();
+  if (facts.serial === wipe.serial) {
+    wipe.take(bitmap, camera.view);
+    state.changed = true;
+    return;
+  }
   if (canvas.width !== bitmap.width || canvas.height !== bitmap.height) [canvas.width, canvas.height] = [bitmap.width, bitmap.height];
   canvas.getContext('2d').drawImage(bitmap, 0, 0);
+  wipe.draw(canvas, camera.view, state.channel);
   Object.assign(canvas.dataset, {serial: facts.serial, sharp: facts.sharp, latency: facts.latency.toFixed(1), count: Number(canvas.dataset.count ?? 0) + 1});
   if (!facts.sharp) state.rate = 0.8 * state.rate + 0.2 * (1000 / Math.max(now - lastPicture, 1));
   lastPicture = now;
@@ -114,9 +124,11 @@ function send() {
   if (photograph && camera.view < 0) setChannel('color');
   look = state.preview === null ? camera.look(...size(), scene.time[0] === scene.time[1] && !spans ? null : state.time) : recorder.at(state.preview);
   const {width, height, fx, fy, cx, cy, pose, time} = look;
-  const asked = {camera: {width, height, fx, fy, cx, cy, pose}, channel: state.channel, view: camera.view, solo: state.solo, hidden: [...state.hidden].slice(0, 1024), full: state.full, earlyZ: state.earlyZ};
+  const lacking = wipe.lacks(camera.view, state.channel);
+  const asked = {camera: {width, height, fx, fy, cx, cy, pose}, channel: lacking ? 'photograph' : state.channel, view: camera.view, solo: state.solo, hidden: [...state.hidden].slice(0, 1024), full: state.full, earlyZ: state.earlyZ};
   if (time !== null) asked.camera.time = time;
   link.look(asked);
+  if (lacking) wipe.serial = link.serial;
   place();
   drawOverlay();
   $('time').value = state.time;
@@ -137,6 +149,14 @@ function setChannel(name) {
   }
   state.channel = name;
   $('channel').value = name;
+  state.changed = true;
+}
+
+function setWipe(share) {
+  wipe.share = Number(share);
+  $('wipe').value = wipe.share;
+  if (wipe.share > 0 && camera.view < 0 && scene.views.length) setView(nearestView());
+  if (wipe.share > 0 && state.channel !== 'color') setChannel('color');
   state.changed = true;
 }
 
@@ -340,6 +360,7 @@ $('shift').oninput = () => {
 };
 for (const name of ['boxes', 'tracks', 'cameras']) $(`show-${name}`).onchange = () => { state[name] = $(`show-${name}`).checked; drawOverlay(); };
 $('early-z').onchange = () => { state.earlyZ = $('early-z').checked; state.changed = true; };
+$('wipe').oninput = () => setWipe($('wipe').value);
 $('full').onchange = () => { state.full = $('full').checked; state.changed = true; };
 $('key-clear').onclick = () => { recorder.keys = []; refreshKeys(); };
 $('key-play').onclick = () => { state.preview = 0; };
