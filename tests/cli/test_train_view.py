@@ -28,7 +28,7 @@ class Watched(Case):
     def setUpClass(cls):
         cls.data = make_dataset(os.path.join(cls.shared_folder(), "data"), views=9, width=192, height=144)
 
-    def start(self, out, *options, steps=200):
+    def start(self, out, *options, steps=120):
         run = Run(self.data, "-o", out, "-n", steps, *SMALL, "--preview-every", 50, "--json", self.path("train.json"), *options)
         self.addCleanup(run.process.stdout.close)
         self.addCleanup(lambda: run.process.poll() is None and run.process.kill())
@@ -80,7 +80,7 @@ class Watched(Case):
 class Bits(Watched):
     def test_watching_changes_no_bit(self):
         alone, watched, resumed = self.path("alone"), self.path("watched"), self.path("resumed")
-        self.succeeds("train", self.data, "-o", alone, "-n", 200, *SMALL, "--preview-every", 50)
+        self.succeeds("train", self.data, "-o", alone, "-n", 120, *SMALL, "--preview-every", 50)
         facts, state, farewell = self.watch(run := self.start(watched, "--view-share", 0.9))
         self.assertEqual(run.wait(), 0, run.output)
         self.assertIn("The run is done", farewell)
@@ -93,13 +93,13 @@ class Bits(Watched):
         run = self.start(resumed)
         run.description()
         page = self.page(run)
-        while self.state(page)["step"] < 60:
+        while self.state(page)["step"] < 40:
             time.sleep(0.005)
         self.assertTrue(self.ask(page, "stop")["stopping"])
         self.assertEqual(run.wait(), 3, run.output)
         self.assertIn("--resume", run.output)
         stopped = self.report()["iterations"]
-        self.assertLess(stopped, 200)
+        self.assertLess(stopped, 120)
         run = self.start(resumed, "--resume")
         run.description()
         first = self.state(self.page(run))
@@ -115,7 +115,7 @@ class Bits(Watched):
         if "not in this build" in done.stderr:
             self.skipTest("this build has no pags synth")
         self.assertEqual(done.returncode, 0, done.stderr)
-        few = ["-n", 150, "--max-gaussians", 6000, "--preview-every", 50]
+        few = ["-n", 110, "--max-gaussians", 4000, "--preview-every", 50]
         self.succeeds("train", street, "-o", alone, *SMALL, *few)
         self.data = street
         run = self.start(watched, *few, "--view-share", 0.9)
@@ -125,7 +125,7 @@ class Bits(Watched):
 
     def test_curves(self):
         out = self.path("scene")
-        run = self.start(out, "--log-every", 20, "--view-share", 0.9, steps=160)
+        run = self.start(out, "--log-every", 20, "--view-share", 0.9, steps=120)
         description = run.description()
         self.assertTrue(description["live"])
         _, state, _ = self.watch(run)
@@ -163,7 +163,7 @@ class Bits(Watched):
 class Time(Watched):
     def measure(self, share):
         run = self.start(self.path(f"share-{share}"), "--view-share", share, steps=30000)
-        facts, _, _ = self.watch(run, width=640, height=480, enough=int(100 * share))
+        facts, _, _ = self.watch(run, enough=int(100 * share))
         self.assertEqual(run.wait(), 3, run.output)
         report = self.report()
         longest = max(one["drawMs"] for one in facts) / 1000 if facts else 0
