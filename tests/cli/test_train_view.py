@@ -163,7 +163,7 @@ class Bits(Watched):
 class Time(Watched):
     def measure(self, share):
         run = self.start(self.path(f"share-{share}"), "--view-share", share, steps=30000)
-        facts, _, _ = self.watch(run, enough=int(100 * share))
+        facts, _, _ = self.watch(run, enough=int(250 * share))
         self.assertEqual(run.wait(), 3, run.output)
         report = self.report()
         longest = max(one["drawMs"] for one in facts) / 1000 if facts else 0
