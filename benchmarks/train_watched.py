@@ -19,8 +19,8 @@ from view_client import Page, Run
 
 
 def payload(folder):
-    """Every file but the report and previews: name and bytes."""
-    names = [name for name in fixtures.files_below(folder) if name != "report.json" and not name.startswith("preview")]
+    """Every file but the reports, which have times, and previews: name and bytes."""
+    names = [name for name in fixtures.files_below(folder) if name not in ("report.json", "report.html") and not name.startswith("preview")]
     return {name: fixtures.read(os.path.join(folder, name)) for name in names}
 
 
