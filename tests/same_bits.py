@@ -5,7 +5,7 @@
 A row is one use of the program (a training, a render, an export, an import). Both programs run it on the same input; where a row needs a
 data set or a scene, both get the one that the reference wrote. Payloads are compared instead of files: every number of PLY rows, sky, tracks
 and exposures (of scene.json those and the cameras alone), pixels of PNG and EXR, accessors and names of glTF, unpacked SPZ (of version 4
-its bytes), text of USD without comments. Headers, the scene's configuration, report.json, log.jsonl and checkpoints are left out.
+its bytes), text of USD without comments. Headers, the scene's configuration, reports, log.jsonl and checkpoints are left out.
 
     tests/same_bits.py --reference COMMIT            builds COMMIT in a git worktree below build/
     tests/same_bits.py --reference-build PROGRAM     takes a build that is there
@@ -435,7 +435,7 @@ def read_floats(data):
 
 READERS = {".ply": read_ply, ".npy": read_npy, ".png": read_png, ".exr": read_exr, ".json": read_json, ".glb": read_glb, ".usda": read_usda,
            ".spz": read_spz, ".txt": read_text, ".bin": read_floats}
-LEFT_OUT = re.compile(r"(^|/)(report\.json|log\.jsonl|import\.json|checkpoint\.pags|preview[^/]*\.png)$")
+LEFT_OUT = re.compile(r"(^|/)(report\.(json|html)|log\.jsonl|import\.json|checkpoint\.pags|preview[^/]*\.png)$")
 
 
 def payload(path):
