@@ -44,7 +44,7 @@ typedef struct verb_entry {
 
 /* Runs a verb on one process or, if it shares its work out, on all ranks of a job. */
 static int run_verb(const verb_entry *verb, int argc, char **argv) {
-  static const char *const sharing[] = {"render", "eval"};
+  static const char *const sharing[] = {"train", "render", "eval"};
   bool shares = false;
   for (size_t i = 0; i < sizeof sharing / sizeof *sharing; i++)
     shares |= !strcmp(verb->name, sharing[i]);
@@ -58,7 +58,7 @@ static int run_verb(const verb_entry *verb, int argc, char **argv) {
   if (shares || !pags_ranks())
     code = verb->run(argc, argv);
   else if (pags_ranks_lead())
-    fprintf(stderr, "pags: '%s' runs as one process, and mpirun started %d; render and eval share their work out\n",
+    fprintf(stderr, "pags: '%s' runs as one process, and mpirun started %d; train, render and eval share their work out\n",
             verb->name, pags_transport_ranks(pags_ranks()));
   pags_ranks_leave();
   return code;

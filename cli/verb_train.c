@@ -4,6 +4,7 @@
 #include "cli/html_report/of_training.h"
 #include "cli/interrupt.h"
 #include "cli/option_rules.h"
+#include "cli/ranks.h"
 #include "cli/session.h"
 #include "cli/verbs.h"
 #include "cli/view/watch.h"
@@ -40,6 +41,7 @@ typedef struct train_arguments {
   pags_train_config config;
   pags_train_options options;
   const pags_parsed *parsed;
+  int64_t bytes_sent; /* by all ranks to each other */
 } train_arguments;
 
 #define AT(member) offsetof(train_arguments, member)
@@ -324,6 +326,10 @@ static pags_result write_json(const train_arguments *arguments, const pags_train
   if (result->bad_rows > 0)
     pags_json_put_string(&writer, "first_bad_row", result->first_bad_row);
   pags_json_put_unsigned(&writer, "heap_calls_steady", result->heap_calls_steady);
+  if (pags_ranks()) {
+    pags_json_put_integer(&writer, "ranks", pags_transport_ranks(pags_ranks()));
+    pags_json_put_integer(&writer, "bytes_sent", arguments->bytes_sent);
+  }
   pags_json_begin_object(&writer, "ms");
   pags_json_put_number(&writer, "wait", result->ms_wait);
   pags_json_put_number(&writer, "forward", result->ms_forward);
@@ -348,6 +354,11 @@ static void report(const train_arguments *arguments, const pags_train_result *re
            arguments->output, (long long)result->gaussians, (long long)result->iterations,
            pags_format_duration(result->seconds, time, sizeof time), result->iterations_per_second,
            pags_format_bytes((double)result->peak_rss_bytes, memory, sizeof memory));
+  const int threads = pags_tasks_workers(arguments->session.tasks);
+  if (pags_ranks())
+    pags_say(&arguments->session, "on %d ranks of %d %s, which sent each other %s\n", pags_transport_ranks(pags_ranks()),
+             threads, threads == 1 ? "thread" : "threads",
+             pags_format_bytes((double)arguments->bytes_sent, memory, sizeof memory));
   if (result->bad_rows > 0)
     pags_say(&arguments->session, "%lld updates were left out because a number wasn't finite; the first was %s\n",
              (long long)result->bad_rows, result->first_bad_row);
@@ -367,9 +378,10 @@ static void warn_of_idle(const train_arguments *arguments, const pags_dataset *d
                      names, pags_dataset_kind(dataset), idle->needs);
 }
 
-static pags_result train(train_arguments *arguments, const char *path, pags_train_result *result) {
-  pags_dataset *dataset;
-  PAGS_TRY(pags_dataset_open(path, &arguments->dataset, &dataset));
+/* Opens the data set and says what is in it. */
+static pags_result open_dataset(const train_arguments *arguments, const char *path, pags_dataset **out) {
+  PAGS_TRY(pags_dataset_open(path, &arguments->dataset, out));
+  const pags_dataset *dataset = *out;
   warn_of_idle(arguments, dataset);
   if (pags_dataset_view_count(dataset) > 0) {
     /* Print the data set's objects, notes, views and starting points. */
@@ -395,24 +407,48 @@ static pags_result train(train_arguments *arguments, const char *path, pags_trai
              pags_dataset_path(dataset), (long long)(count - held_out), camera->width, camera->height,
              (long long)held_out, (long long)points, kind, pags_dataset_kind(dataset));
   }
+  return pags_session_check(&arguments->session);
+}
+
+/* All ranks keep the limits that rank 0 has chosen by its machine. */
+static pags_result share_limits(pags_train_options *shared) {
+  uint64_t limits[] = {shared->max_memory, shared->image_cache};
+  PAGS_TRY(pags_transport_broadcast(pags_ranks(), 0, limits, sizeof limits));
+  shared->max_memory = limits[0];
+  shared->image_cache = limits[1];
+  return PAGS_OK;
+}
+
+static pags_result run(train_arguments *arguments, pags_dataset *dataset, pags_train_result *result) {
+  PAGS_TRY(share_limits(&arguments->options));
   pags_progress progress = pags_progress_begin(arguments->session.people);
   arguments->options.dataset = dataset;
   arguments->options.output = arguments->output;
   arguments->options.tasks = arguments->session.tasks;
   arguments->options.cancel = pags_interrupt_flag();
   arguments->options.progress = show_progress;
+  arguments->options.transport = pags_ranks();
   onlookers both = {.progress = &progress};
   arguments->options.progress_user = &both;
   pags_interrupt_install(NULL); /* the trainer polls the flag and finishes its step before it stops */
-  pags_result status = pags_session_check(&arguments->session);
-  if (status == PAGS_OK && arguments->view)
+  pags_result status = PAGS_OK;
+  if (arguments->view)
     status = watch_begin(arguments, dataset, &both.watch);
   if (status == PAGS_OK)
     status = pags_train(&arguments->config, &arguments->options, result);
   pags_progress_end(&progress);
   watch_end(both.watch, status, result->finished);
-  pags_dataset_close(dataset);
   return status;
+}
+
+static pags_result train(train_arguments *arguments, const char *path, pags_train_result *result) {
+  pags_dataset *dataset = NULL;
+  pags_result status = pags_session_meet(&arguments->session, open_dataset(arguments, path, &dataset));
+  if (status == PAGS_OK)
+    status = pags_session_meet(&arguments->session, run(arguments, dataset, result));
+  pags_dataset_close(dataset);
+  arguments->bytes_sent = pags_transport_counted(pags_ranks()).bytes_sent;
+  return status == PAGS_OK ? pags_ranks_sum(&arguments->bytes_sent) : status;
 }
 
 static bool is_prune_rate(double share) {
@@ -474,6 +510,9 @@ static int usage_conflict(const train_arguments *arguments, const pags_parsed *p
     return pags_usage_error(&verb, "--reconstruction and --split-every exclude each other");
   if (pags_train_config_check(&arguments->config) != PAGS_OK)
     return pags_usage_error(&verb, "%s", pags_error_message());
+  if (arguments->view && pags_ranks())
+    return pags_usage_error(&verb, "--view needs one process, and mpirun started %d",
+                            pags_transport_ranks(pags_ranks()));
   if (arguments->view && arguments->session.quiet)
     return pags_usage_error(&verb, "--view prints the address to open, which --quiet would leave out");
   if (arguments->view && arguments->options.estimate)
@@ -539,7 +578,7 @@ int pags_verb_train(int argc, char **argv) {
     outcome = train(&arguments, absolute ? absolute : parsed.positionals[0], &result);
   free(absolute);
   free(command_line);
-  if (outcome == PAGS_OK) {
+  if (outcome == PAGS_OK && pags_ranks_lead()) {
     report(&arguments, &result);
     if (!arguments.options.estimate)
       pags_html_report_of_training(&arguments.session, arguments.output, &arguments.dataset, &result);

@@ -31,6 +31,7 @@ typedef struct pags_backend {
 struct pags_transport {
   const pags_backend *backend;
   int rank, ranks;
+  char failure[1024]; /* the message of the last failure that the ranks have agreed on; names its rank */
   pags_transport_counters counters;
 };
 

@@ -173,14 +173,19 @@ pags_result pags_transport_agree(pags_transport *transport, pags_result mine) {
           (other->result == PAGS_CANCELLED && agreed.result != PAGS_OK && agreed.result != PAGS_CANCELLED))
         continue;
       agreed.result = other->result;
-      if (snprintf(agreed.message, sizeof agreed.message, "rank %d: %s", rank, other->message) < 0)
+      if (!strcmp(other->message, transport->failure))
+        snprintf(agreed.message, sizeof agreed.message, "%s", other->message);
+      else if (snprintf(agreed.message, sizeof agreed.message, "rank %d: %s", rank, other->message) < 0)
         agreed.message[0] = '\0';
     }
   free(endings);
   free(bytes);
   PAGS_TRY(result);
   PAGS_TRY(pags_transport_broadcast(transport, 0, &agreed, sizeof agreed));
-  return agreed.result == PAGS_OK ? PAGS_OK : pags_fail((pags_result)agreed.result, "%s", agreed.message);
+  if (agreed.result == PAGS_OK)
+    return PAGS_OK;
+  snprintf(transport->failure, sizeof transport->failure, "%s", agreed.message);
+  return pags_fail((pags_result)agreed.result, "%s", agreed.message);
 }
 
 /* ---- News, beginning and end ---- */

@@ -52,6 +52,8 @@ pags_result pags_gaussians_create(pags_gaussians *g, int64_t count, int sh_degre
 
 pags_result pags_gaussians_create_like(pags_gaussians *g, int64_t count, const pags_gaussians *like) {
   pags_result result = pags_gaussians_create(g, count, like->sh_degree);
+  if (result == PAGS_OK && count == 0)
+    result = pags_gaussians_reserve(g, 1); /* without room there would be no columns */
   g->alpha_min = like->alpha_min;
   if (result == PAGS_OK && like->s_sem)
     result = pags_gaussians_add_s_sem(g);

@@ -375,7 +375,9 @@ static pags_result get_model(section_reader *r, pags_train_state *s) {
   pags_gaussians g;
   PAGS_TRY(pags_gaussians_create(&g, record.count, config->color.sh_degree));
   g.alpha_min = (float)config->picture.alpha_min;
-  pags_result result = record.fourier ? pags_gaussians_add_fourier(&g) : PAGS_OK;
+  pags_result result = pags_gaussians_reserve(&g, 1); /* a shard's model may have columns and no rows */
+  if (result == PAGS_OK && record.fourier)
+    result = pags_gaussians_add_fourier(&g);
   if (result == PAGS_OK)
     result = get_planes(r, "GAUS", &g);
   if (result == PAGS_OK)

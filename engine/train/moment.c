@@ -7,8 +7,8 @@
 #include <stdlib.h>
 
 #include "base/memory.h"
-#include "train/checkpoint.h"
 #include "train/run.h"
+#include "train/shards.h"
 
 pags_result pags_train_moment_compose(pags_train_moment *moment, pags_composition **out) {
   pags_trainer *t = (pags_trainer *)moment;
@@ -39,5 +39,5 @@ void pags_train_moment_release(pags_train_moment *moment, pags_composition *comp
 pags_result pags_train_moment_save(pags_train_moment *moment) {
   pags_trainer *t = (pags_trainer *)moment;
   pags_state_flush(&t->state, t->tasks); /* so that the file's bytes don't tell when somebody has drawn the scene */
-  return pags_checkpoint_save(t->output.checkpoint, &t->state, t->fingerprint);
+  return pags_shards_save(t->output.checkpoint, t->ranks > 1 ? t->options->transport : NULL, &t->state, t->fingerprint);
 }

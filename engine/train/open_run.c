@@ -8,15 +8,16 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/sort.h"
+#include "cluster/shares.h"
 #include "init/driving_points.h"
 #include "init/from_points.h"
 #include "port/port.h"
-#include "train/checkpoint.h"
 #include "train/config.h"
 #include "train/estimate.h"
 #include "train/open_run.h"
 #include "train/other_views.h"
 #include "train/score_pass.h"
+#include "train/shards.h"
 #include "train/size_limit.h"
 #include "train/whole.h"
 
@@ -259,7 +260,7 @@ static pags_result refuse_other_views(const pags_trainer *t) {
 pags_result pags_trainer_resume(pags_trainer *t, const pags_train_config *config) {
   uint64_t fingerprint;
   const char *path = t->output.checkpoint;
-  PAGS_TRY(pags_checkpoint_load(path, t->dataset, &t->state, &fingerprint));
+  PAGS_TRY(pags_shards_load(path, t->options->transport, pags_shares_cut, t->dataset, &t->state, &fingerprint));
   pags_train_state *s = &t->state;
   /* With preset paper, max_gaussians only sets what the last prune leaves: before that prune, the user may still ask
    * for another number. */

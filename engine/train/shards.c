@@ -402,6 +402,8 @@ pags_result pags_shards_load(const char *path, pags_transport *transport, pags_s
   size_t size;
   *state = (pags_train_state){0};
   pags_result result = read_for_all(path, transport, &text, &size);
+  if (result == PAGS_OK && !text && ranks == 1)
+    return pags_checkpoint_load(path, dataset, state, fingerprint);
   if (result == PAGS_OK) {
     result = read_first(path, text, size, dataset, &m, fingerprint);
     if (result == PAGS_OK)

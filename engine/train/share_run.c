@@ -16,23 +16,39 @@ pags_result pags_share_run_check(const pags_train_config *config, const pags_tra
   if (pags_transport_ranks(options->transport) == 1)
     return PAGS_OK;
   if (options->time_limit_seconds > 0.0)
-    return refuse("a run with a time limit", "give a number of iterations");
+    return refuse("a run with a time limit", "pass --iterations");
+  if (options->held_out && options->preview_every > 0)
+    return refuse("the PSNR of held-out views during the run", "leave out --preview-every");
   if (options->estimate)
     return refuse("an estimate", "ask for it in one process");
   if (config->density.strategy == PAGS_STRATEGY_MCMC)
     return refuse("strategy mcmc", "take the default strategy");
   if (config->density.lidar_pull > 0.0)
-    return refuse("lidar_pull", "set it to 0");
+    return refuse("lidar_pull", "pass --set lidar_pull=0");
   if (config->objects.fourier && config->objects.objects)
-    return refuse("colour over time", "set fourier to 0");
+    return refuse("colour over time", "pass --set fourier=0");
   if (config->size_limit.target_size > 0.0)
-    return refuse("a target size", "give max_gaussians");
+    return refuse("a target size", "pass --max-gaussians");
   if (config->priority.prunes > 0 && config->priority.s_grad_from == PAGS_S_GRAD_FROM_TRAINING)
-    return refuse("s_grad_from training", "set it to pass");
+    return refuse("s_grad_from training", "pass --set s_grad_from=pass");
   return PAGS_OK;
 }
 
-pags_result pags_share_run_begin(pags_trainer *t) {
+/* Cuts this rank's share out of a model that it has in whole, or notes where a resumed run's share lies. */
+static pags_result take_share(pags_trainer *t, int64_t model, bool resumed) {
+  pags_sharing *const s = &t->sharing;
+  pags_train_model *const m = &t->state.models[model];
+  const int64_t *const cuts = s->begin + model * (t->ranks + 1) + t->shared.rank;
+  m->sharing = s;
+  m->index = model;
+  if (!resumed)
+    return pags_model_keep_share(m, cuts[0], cuts[1], t->tasks);
+  m->first_row = cuts[0];
+  m->total = s->rows[model];
+  return PAGS_OK;
+}
+
+pags_result pags_share_run_begin(pags_trainer *t, bool resumed) {
   const int64_t models = t->state.model_count;
   t->round = calloc((size_t)t->ranks, sizeof *t->round);
   if (!t->round)
@@ -48,14 +64,12 @@ pags_result pags_share_run_begin(pags_trainer *t) {
   s->begin = s->rows + models;
   for (int64_t m = 0; m < models; m++)
     s->rows[m] = t->state.models[m].gaussians.count;
+  if (resumed)
+    PAGS_TRY(pags_share_sum(s->transport, s->rows, (int)models));
   pags_shares_cut(s->rows, models, t->state.schedule.config.picture.cluster_size, t->ranks, s->begin);
   pags_result mine = PAGS_OK;
-  for (int64_t m = 0; mine == PAGS_OK && m < models; m++) {
-    const int64_t *const cuts = s->begin + m * (t->ranks + 1) + t->shared.rank;
-    mine = pags_model_keep_share(&t->state.models[m], cuts[0], cuts[1], t->tasks);
-    t->state.models[m].sharing = s;
-    t->state.models[m].index = m;
-  }
+  for (int64_t m = 0; mine == PAGS_OK && m < models; m++)
+    mine = take_share(t, m, resumed);
   return pags_transport_agree(s->transport, mine);
 }
 
@@ -76,10 +90,12 @@ void pags_share_run_destroy(pags_trainer *t) {
   free(t->round);
 }
 
-pags_result pags_share_run_stops(const pags_trainer *t, int *stop) {
-  int64_t stops = *stop;
-  if (t->ranks > 1)
-    PAGS_TRY(pags_share_sum(t->shared.transport, &stops, 1));
-  *stop = stops > 0;
-  return PAGS_OK;
+pags_result pags_share_run_agree(const pags_trainer *t, pags_result mine, int *stop, bool *save) {
+  if (t->ranks == 1)
+    return mine;
+  int64_t sums[] = {*stop != 0, t->shared.rank == 0 && *save, mine != PAGS_OK};
+  PAGS_TRY(pags_share_sum(t->shared.transport, sums, 3));
+  *stop = sums[0] > 0;
+  *save = sums[1] > 0;
+  return sums[2] > 0 ? pags_transport_agree(t->shared.transport, mine) : PAGS_OK;
 }

@@ -5,14 +5,16 @@
 
 #include "train/run.h"
 
-/* Refuses what several ranks can't do. */
+/* Refuses what several ranks can't do yet. */
 pags_result pags_share_run_check(const pags_train_config *config, const pags_train_options *options);
-/* Collective: takes this rank's share of all models, which every rank has in whole before. */
-pags_result pags_share_run_begin(pags_trainer *trainer);
+/* Collective: takes this rank's share of all models, which every rank has in whole before; `resumed`: it has its share
+ * alone, as pags_shards_load cuts it. */
+pags_result pags_share_run_begin(pags_trainer *trainer, bool resumed);
 /* Collective: brings the models back to rank 0, which goes on as if it were alone. */
 pags_result pags_share_run_end(pags_trainer *trainer);
 void pags_share_run_destroy(pags_trainer *trainer); /* a zeroed one is allowed */
-/* Collective: whether one of the ranks wants to stop. */
-pags_result pags_share_run_stops(const pags_trainer *trainer, int *stop);
+/* Collective, after a step: *stop if one of the ranks wants to stop, *save if rank 0 wants a checkpoint; fails if one has
+ * failed, `mine` being how this rank has fared. */
+pags_result pags_share_run_agree(const pags_trainer *trainer, pags_result mine, int *stop, bool *save);
 
 #endif

@@ -192,10 +192,12 @@ static bool checkpoint_is_due(const pags_trainer *t, const run_clock *clock) {
   return (by_steps || by_time) && step < t->state.stop;
 }
 
-static pags_result write_step(pags_trainer *t, const pags_step_view *v, run_clock *clock) {
+/* Writes what a step leaves in the folder: rank 0 the log, and the rank that has drawn the step's last view its
+ * preview. */
+static pags_result write_step(pags_trainer *t, const pags_step_view *v) {
   const pags_train_options *o = t->options;
   const pags_train_state *s = &t->state;
-  if (o->log_every > 0 && s->step % o->log_every == 0)
+  if (t->shared.rank == 0 && o->log_every > 0 && s->step % o->log_every == 0)
     PAGS_TRY(pags_output_log(&t->output, &(pags_log_entry){.step = s->step,
                                                            .gaussians = pags_state_gaussian_count(s),
                                                            .level = v->level,
@@ -208,18 +210,14 @@ static pags_result write_step(pags_trainer *t, const pags_step_view *v, run_cloc
                                                            .step_psnr = psnr_of(v->loss.mse),
                                                            .terms = v->terms,
                                                            .bad_rows = s->nonfinite.count}));
-  if (o->preview_every > 0 && s->step % o->preview_every == 0 && t->ranks == 1)
+  if (o->preview_every > 0 && s->step % o->preview_every == 0 &&
+      t->shared.rank == (s->schedule.batch - 1) % t->ranks)
     PAGS_TRY(pags_output_preview(&t->output, s->step, &v->picture, &v->photo));
-  if (o->held_out && o->preview_every > 0 && s->step % o->preview_every == 0 && t->ranks == 1) {
+  if (o->held_out && o->preview_every > 0 && s->step % o->preview_every == 0) {
     PAGS_TRY(pags_held_out_measure(t)); /* `v` has no picture and no photograph from here on */
     if (t->held_out.count > 0)
       PAGS_TRY(pags_output_log_held_out(&t->output, s->step, pags_state_gaussian_count(s), t->held_out.psnr,
                                         t->held_out.count));
-  }
-  if (t->ranks == 1 && checkpoint_is_due(t, clock)) {
-    pags_tasks_mark(t->tasks, "checkpoint", "write");
-    PAGS_TRY(pags_train_moment_save((pags_train_moment *)t));
-    clock->saved = pags_clock_ms();
   }
   return PAGS_OK;
 }
@@ -260,12 +258,17 @@ static pags_result loop(pags_trainer *t, run_clock *clock, int *stopped) {
       *stopped = s->step >= ESTIMATE_STEPS;
       continue;
     }
-    if (t->shared.rank == 0)
-      PAGS_TRY(write_step(t, &v, clock));
-    if (limit > 0.0 && !s->clocked && s->step >= ESTIMATE_STEPS)
+    const pags_result written = write_step(t, &v);
+    if (written == PAGS_OK && limit > 0.0 && !s->clocked && s->step >= ESTIMATE_STEPS)
       PAGS_TRY(fit_to_clock(t, clock));
-    *stopped = !call_host(t, clock, &v) || (limit > 0.0 && pags_clock_ms() - clock->begin > 1e3 * limit);
-    PAGS_TRY(pags_share_run_stops(t, stopped));
+    *stopped = (written == PAGS_OK && !call_host(t, clock, &v)) || (limit > 0.0 && pags_clock_ms() - clock->begin > 1e3 * limit);
+    bool save = checkpoint_is_due(t, clock);
+    PAGS_TRY(pags_share_run_agree(t, written, stopped, &save));
+    if (!save || *stopped) /* the end writes one, too */
+      continue;
+    pags_tasks_mark(t->tasks, "checkpoint", "write");
+    PAGS_TRY(pags_train_moment_save((pags_train_moment *)t));
+    clock->saved = pags_clock_ms();
   }
   return PAGS_OK;
 }
@@ -379,6 +382,11 @@ static pags_result find_output(pags_trainer *t, int *found) {
   return PAGS_OK;
 }
 
+static pags_result open_state(pags_trainer *t, const pags_train_config *config, int found) {
+  PAGS_TRY(found ? pags_trainer_resume(t, config) : pags_trainer_start(t, config));
+  return pags_view_render_create(t);
+}
+
 static pags_result open_run(pags_trainer *t, const pags_train_config *asked, pags_train_result *result) {
   const pags_train_options *o = t->options;
   int found = 0;
@@ -389,14 +397,16 @@ static pags_result open_run(pags_trainer *t, const pags_train_config *asked, pag
   const pags_train_config config = pags_config_resolve(asked, pags_dataset_fps(t->dataset) > 0.0);
   PAGS_TRY(pags_train_config_check(&config)); /* chosen values can contradict those that were set */
   PAGS_TRY(pags_share_run_check(&config, o));
-  PAGS_TRY(pags_photo_cache_create(t->dataset, t->tasks, o->image_cache, &t->cache));
-  PAGS_TRY(found ? pags_trainer_resume(t, &config) : pags_trainer_start(t, &config));
-  PAGS_TRY(pags_view_render_create(t));
-  PAGS_TRY(pags_share_run_begin(t));
+  PAGS_TRY(pags_transport_agree(o->transport,
+                                pags_photo_cache_create(t->dataset, t->tasks, o->image_cache, &t->cache)));
+  PAGS_TRY(pags_transport_agree(o->transport, open_state(t, &config, found)));
+  PAGS_TRY(pags_share_run_begin(t, found));
   if (config.density.lidar_pull > 0.0)
     PAGS_TRY(pags_lidar_planes_create(t->dataset, t->tasks, &t->lidar_planes));
   result->resumed = found;
-  return o->estimate || t->shared.rank > 0 ? PAGS_OK : pags_output_open(&t->output, found, t->state.step);
+  const bool writes = !o->estimate && t->shared.rank == 0;
+  return pags_transport_agree(o->transport,
+                              writes ? pags_output_open(&t->output, found, t->state.step) : PAGS_OK);
 }
 
 pags_result pags_train(const pags_train_config *config, const pags_train_options *options, pags_train_result *result) {

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""test_ranks.py PAGS: mpirun pags render and eval, beside one process; how they end when a rank fails, dies, stops or is asked to end.
+"""test_ranks.py PAGS: mpirun pags train, render and eval, beside one process; how they end when a rank fails, dies, stops or is asked to end.
 PAGS_KILLS: at so many random moments a rank is killed, and ranks are stopped (make check-cluster: 10)."""
 
 import json
@@ -99,6 +99,100 @@ class Ranks(unittest.TestCase):
         said = self.compare("eval")
         self.assertEqual(len([line for line in said.split("\n") if line.startswith("mean") or "training views" in line]),
                          len({line for line in said.split("\n") if line.startswith("mean") or "training views" in line}))
+
+    # ---- Training ----
+
+    SHORT = ["--iterations", "320", "--batch", "4", "--max-gaussians", "4500", "--log-every", "1", "--set", "resolution_floor=24", "--set", "fourier=0", "--threads", "1", "-q"]
+
+    def training(self, name, *more):
+        return [PAGS, "train", self.street, "-o", self.path(name), *self.SHORT, *more]
+
+    def trained(self, name):
+        """All files of a scene's folder but those with times and the command line."""
+        return {file: data for file, data in contents(self.path(name)).items() if file not in ("report.json", "report.html")}
+
+    def same_training(self, name):
+        """The folder is that of one process, which is made once."""
+        if not os.path.exists(self.path("alone")):
+            done = subprocess.run(self.training("alone"), capture_output=True, text=True)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            log = self.trained("alone")["log.jsonl"].decode()
+            self.assertGreater(log.count('"split"'), 3)
+            self.assertGreater(log.count('"pruned_by_score"'), 1)
+        alone, shared = self.trained("alone"), self.trained(name)
+        self.assertEqual(sorted(alone), sorted(shared))
+        for file, data in alone.items():
+            self.assertTrue(data == shared[file], f"{name}/{file}")
+
+    def goes_on(self, name):
+        """One process, and two ranks, go on with a run that has ended early, to the bits of one that hasn't."""
+        for ranks in (1, 2):
+            copy = f"{name}-{ranks}"
+            shutil.copytree(self.path(name), self.path(copy))
+            command = self.training(copy, "--resume")
+            done = mpirun.run(2, command) if ranks == 2 else subprocess.run(command, capture_output=True, text=True)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            self.same_training(copy)
+
+    def has_shards(self, name):
+        try:
+            with open(os.path.join(self.path(name), "checkpoint.pags"), "rb") as file:
+                return file.read(1) == b"{"
+        except OSError:
+            return False
+
+    def test_train(self):
+        report = self.path("train.json")
+        done = mpirun.run(2, [word for word in self.training("shared", "--checkpoint-every", "20", "--json", report) if word != "-q"])
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertEqual(done.stdout.count("on 2 ranks of 1 thread"), 1, done.stdout)
+        self.assertEqual(done.stdout.count("after 320 iterations"), 1, done.stdout)
+        self.same_training("shared")
+        with open(report, encoding="utf-8") as file:
+            said = json.load(file)
+        self.assertEqual(said["ranks"], 2)
+        self.assertGreater(said["bytes_sent"], 100000)
+
+    def test_train_asked_to_end(self):
+        process = mpirun.start(2, self.training("asked"))
+        wait_for(lambda: os.path.exists(os.path.join(self.path("asked"), "log.jsonl")))
+        os.kill(children_of(process.pid)[1], signal.SIGUSR1)
+        err = self.ends(process)
+        self.assertEqual(process.returncode, 3, err)
+        self.assertEqual(err.count("interrupted after iteration"), 1, err)
+        self.assertIn("scene.json", self.trained("asked"))
+        self.goes_on("asked")
+
+    def test_train_killed(self):
+        process = mpirun.start(2, self.training("killed", "--checkpoint-every", "10"))
+        wait_for(lambda: self.has_shards("killed"))
+        os.kill(children_of(process.pid)[1], signal.SIGKILL)
+        self.assertIn("signal 9", self.ends(process))
+        self.assertTrue(self.has_shards("killed"))
+        self.goes_on("killed")
+
+    def test_train_disk_full_on_one_rank(self):
+        words = " ".join(f"'{word}'" for word in self.training("no-room", "--checkpoint-every", "5"))
+        done = mpirun.run(2, ["sh", "-c", f'[ "$OMPI_COMM_WORLD_RANK" = 0 ] || {{ ulimit -f 0; trap "" XFSZ; }}; exec {words}'])
+        self.assertEqual(done.returncode, 1)
+        self.assertEqual(done.stderr.count("pags: rank 1: "), 1, done.stderr)
+        self.assertEqual(done.stderr.count("rank 0: "), 0, done.stderr)
+        self.assertIn("checkpoint.pags.g1.1", done.stderr)
+        self.assertFalse([file for file in self.trained("no-room") if file.startswith("checkpoint")])
+
+    def test_train_refuses(self):
+        """What several ranks can't do is said once, with a way out, before anything is written."""
+        for given, said, code in ((["--set", "fourier=1"], "colour over time can't be shared out to several ranks; pass --set fourier=0", 1),
+                                  (["--strategy", "mcmc"], "strategy mcmc", 1), (["--set", "lidar_pull=0.1"], "--set lidar_pull=0", 1),
+                                  (["--target-size", "1"], "--max-gaussians", 1), (["--set", "s_grad_from=training"], "--set s_grad_from=pass", 1),
+                                  (["--time-limit", "1m"], "a run with a time limit", 1), (["--estimate"], "an estimate", 1),
+                                  (["--preview-every", "10"], "held-out views during the run", 1), (["--view"], "--view needs one process", 2)):
+            with self.subTest(given=given):
+                words = [word for word in self.training("refused", *given) if word != "-q"]
+                done = mpirun.run(2, words)
+                self.assertEqual(done.returncode, code, done.stderr)
+                self.assertEqual(done.stderr.count(said), 1, done.stderr)
+                self.assertFalse(os.path.exists(self.path("refused")))
 
     # ---- How it ends ----
 

@@ -72,7 +72,7 @@ static pags_result run_one(const shared_run *run, pags_transport *transport, pag
   options.dataset = dataset;
   options.output = run->folder;
   options.tasks = pags_tasks_create(run->threads);
-  options.preview_every = 0;
+  options.preview_every = 25;
   options.log_every = 1;
   options.resume = run->resume;
   options.transport = transport;
@@ -126,6 +126,7 @@ static void assert_same_run(const char *a, const char *b) {
   assert_same_file(a, b, "background.ply");
   assert_same_file(a, b, "sky.npy");
   assert_same_file(a, b, "checkpoint.pags");
+  assert_same_file(a, b, "preview_0000025.png");
   pags_scene scene;
   assert_int_equal(pags_scene_load(scratch(a), &scene), PAGS_OK);
   assert_true(scene.model_count > 1);

@@ -146,6 +146,8 @@ static bool agreements(pags_transport *transport) {
   mine = rank == 0 ? pags_fail(PAGS_CANCELLED, "stopped") : pags_fail(PAGS_ERROR_IO, "disk %d", rank);
   EXPECT(pags_transport_agree(transport, mine) == PAGS_ERROR_IO);
   EXPECT(strcmp(pags_error_message(), "rank 1: disk 1") == 0);
+  EXPECT(pags_transport_agree(transport, PAGS_ERROR_IO) == PAGS_ERROR_IO); /* again: it is named once */
+  EXPECT(strcmp(pags_error_message(), "rank 1: disk 1") == 0);
   mine = rank == 1 ? pags_fail(PAGS_CANCELLED, "stopped") : PAGS_OK;
   EXPECT(pags_transport_agree(transport, mine) == PAGS_CANCELLED);
   EXPECT(strcmp(pags_error_message(), "rank 1: stopped") == 0);
