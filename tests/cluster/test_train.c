@@ -209,8 +209,45 @@ static void resumed_on_other_ranks(void **unused) {
   assert_same_run("one", "several");
 }
 
+static pags_train_config refused_config;
+static pags_train_options refused_options;
+
+static const char *run_rank_that_is_refused(pags_transport *transport, void *expected) {
+  pags_train_options options = refused_options;
+  pags_train_result result;
+  options.dataset = dataset;
+  options.output = scratch("refused");
+  options.tasks = tasks;
+  options.transport = transport;
+  const pags_result code = pags_train(&refused_config, &options, &result);
+  return code == PAGS_ERROR_UNSUPPORTED && strstr(pags_error_message(), expected) ? "" : "isn't refused";
+}
+
+/* What several ranks can't do is refused before anything is written. */
+static void refuses(void **unused) {
+  (void)unused;
+  for (int i = 0; i < 8; i++) {
+    static const char *const expected[] = {"pass --set fourier=0", "strategy mcmc", "pass --set lidar_pull=0",
+                                           "pass --max-gaussians", "pass --set s_grad_from=pass", "pass --iterations",
+                                           "an estimate", "leave out --preview-every"};
+    refused_config = quick();
+    refused_options = pags_train_options_default();
+    refused_config.objects.fourier = i == 0;
+    refused_config.density.strategy = i == 1 ? PAGS_STRATEGY_MCMC : refused_config.density.strategy;
+    refused_config.density.lidar_pull = i == 2 ? 0.1 : 0;
+    refused_config.size_limit.target_size = i == 3;
+    if (i == 4)
+      refused_config.priority.s_grad_from = PAGS_S_GRAD_FROM_TRAINING;
+    refused_options.time_limit_seconds = i == 5 ? 60 : 0;
+    refused_options.estimate = i == 6;
+    refused_options.held_out = i == 7;
+    assert_true(run_ranks(2, 0, 60, run_rank_that_is_refused, (void *)(uintptr_t)expected[i]));
+    assert_false(pags_path_exists(scratch("refused")));
+  }
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(without_density_control), cmocka_unit_test(with_density_control),
-                                     cmocka_unit_test(resumed_on_other_ranks)};
+                                     cmocka_unit_test(resumed_on_other_ranks), cmocka_unit_test(refuses)};
   return cmocka_run_group_tests(tests, make_street, remove_street);
 }
