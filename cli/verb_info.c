@@ -198,6 +198,20 @@ static bool is_image(const char *path, const unsigned char *head) {
   return (!memcmp(head, "RIFF", 4) && !memcmp(head + 8, "WEBP", 4)) || pags_is_picture_name(pags_path_name(path));
 }
 
+/* A checkpoint of several ranks names its shards (train/shards.h). */
+static pags_result describe_shards(pags_report *report, const pags_json *json) {
+  const pags_json_value *const root = pags_json_root(json), *shards;
+  int64_t step, models;
+  PAGS_TRY(pags_json_integer(json, root, "step", 0, INT64_MAX, &step));
+  PAGS_TRY(pags_json_integer(json, root, "models", 1, INT32_MAX, &models));
+  PAGS_TRY(pags_json_array(json, root, "shards", &shards));
+  pags_report_text(report, "kind", "checkpoint");
+  pags_report_count(report, "models", models);
+  pags_report_count(report, "shards", shards->count);
+  pags_report_count(report, "step", step);
+  return PAGS_OK;
+}
+
 /* A JSON file is a transforms file (a data set) if its frames have matrices; a camera or path file if it has sizes and
  * frames or focal lengths, or is one of INRIA or nerfstudio; a splat file if it is the meta.json of a SOG, the list of
  * a streamed one or a glTF; else the data set's reader names it. */
@@ -205,6 +219,12 @@ static pags_result describe_json(pags_report *report, const info_arguments *argu
   pags_json *json;
   PAGS_TRY(pags_json_parse_file(path, &json));
   const pags_json_value *root = pags_json_root(json), *frames = pags_json_member(root, "frames");
+  const pags_json_value *const format = pags_json_member(root, "format");
+  if (format && format->type == PAGS_JSON_STRING && !strcmp(format->text, "pags-checkpoint-shards")) {
+    const pags_result result = describe_shards(report, json);
+    pags_json_destroy(json);
+    return result;
+  }
   const bool matrices = frames && frames->first && pags_json_member(frames->first, "transform_matrix");
   const bool splats = (pags_json_member(root, "means") && pags_json_member(root, "quats")) ||
                       (pags_json_member(root, "lodLevels") && pags_json_member(root, "filenames")) ||

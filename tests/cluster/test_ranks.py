@@ -169,6 +169,8 @@ class Ranks(unittest.TestCase):
         os.kill(children_of(process.pid)[1], signal.SIGKILL)
         self.assertIn("signal 9", self.ends(process))
         self.assertTrue(self.has_shards("killed"))
+        said = subprocess.run([PAGS, "info", "--json", "-", os.path.join(self.path("killed"), "checkpoint.pags")], capture_output=True, text=True)
+        self.assertEqual(json.loads(said.stdout)["shards"], 2, said.stderr)
         self.goes_on("killed", [1, 2])
 
     def test_train_disk_full_on_one_rank(self):
