@@ -58,7 +58,8 @@ static int run_verb(const verb_entry *verb, int argc, char **argv) {
   if (shares || !pags_ranks())
     code = verb->run(argc, argv);
   else if (pags_ranks_lead())
-    fprintf(stderr, "pags: '%s' runs as one process, and mpirun started %d; train, render and eval share their work out\n",
+    fprintf(stderr,
+            "pags: '%s' runs as one process, and mpirun started %d; train, render and eval share their work out\n",
             verb->name, pags_transport_ranks(pags_ranks()));
   pags_ranks_leave();
   return code;

@@ -356,8 +356,8 @@ static void report(const train_arguments *arguments, const pags_train_result *re
            pags_format_bytes((double)result->peak_rss_bytes, memory, sizeof memory));
   const int threads = pags_tasks_workers(arguments->session.tasks);
   if (pags_ranks())
-    pags_say(&arguments->session, "on %d ranks of %d %s, which sent each other %s\n", pags_transport_ranks(pags_ranks()),
-             threads, threads == 1 ? "thread" : "threads",
+    pags_say(&arguments->session, "on %d ranks of %d %s, which sent each other %s\n",
+             pags_transport_ranks(pags_ranks()), threads, threads == 1 ? "thread" : "threads",
              pags_format_bytes((double)arguments->bytes_sent, memory, sizeof memory));
   if (result->bad_rows > 0)
     pags_say(&arguments->session, "%lld updates were left out because a number wasn't finite; the first was %s\n",

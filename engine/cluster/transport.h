@@ -47,8 +47,9 @@ pags_result pags_transport_gather(pags_transport *transport, int root, const voi
                                   const int64_t *receive_bytes);
 
 /* Agrees on how a piece of work ended on all ranks: PAGS_OK if it did everywhere; else the failure of the lowest rank
- * that failed, its message beginning with "rank R: " (cancelled only if nothing worse happened; once, if the ranks agree on the same failure again). Every rank then has
- * the same result and message. `mine` comes with this thread's error message. */
+ * that failed, its message beginning with "rank R: " (cancelled only if nothing worse happened; once, if the ranks
+ * agree on the same failure again). Every rank then has the same result and message. `mine` comes with this thread's
+ * error message. */
 pags_result pags_transport_agree(pags_transport *transport, pags_result mine);
 
 /* ---- News: no waiting, no order ---- */

@@ -13,8 +13,8 @@ pags_result pags_share_run_begin(pags_trainer *trainer, bool resumed);
 /* Collective: brings the models back to rank 0, which goes on as if it were alone. */
 pags_result pags_share_run_end(pags_trainer *trainer);
 void pags_share_run_destroy(pags_trainer *trainer); /* a zeroed one is allowed */
-/* Collective, after a step: *stop if one of the ranks wants to stop, *save if rank 0 wants a checkpoint; fails if one has
- * failed, `mine` being how this rank has fared. */
+/* Collective, after a step: *stop if one of the ranks wants to stop, *save if rank 0 wants a checkpoint; fails if one
+ * has failed, `mine` being how this rank has fared. */
 pags_result pags_share_run_agree(const pags_trainer *trainer, pags_result mine, int *stop, bool *save);
 
 #endif

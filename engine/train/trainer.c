@@ -210,8 +210,7 @@ static pags_result write_step(pags_trainer *t, const pags_step_view *v) {
                                                            .step_psnr = psnr_of(v->loss.mse),
                                                            .terms = v->terms,
                                                            .bad_rows = s->nonfinite.count}));
-  if (o->preview_every > 0 && s->step % o->preview_every == 0 &&
-      t->shared.rank == (s->schedule.batch - 1) % t->ranks)
+  if (o->preview_every > 0 && s->step % o->preview_every == 0 && t->shared.rank == (s->schedule.batch - 1) % t->ranks)
     PAGS_TRY(pags_output_preview(&t->output, s->step, &v->picture, &v->photo));
   if (o->held_out && o->preview_every > 0 && s->step % o->preview_every == 0) {
     PAGS_TRY(pags_held_out_measure(t)); /* `v` has no picture and no photograph from here on */
@@ -261,7 +260,8 @@ static pags_result loop(pags_trainer *t, run_clock *clock, int *stopped) {
     const pags_result written = write_step(t, &v);
     if (written == PAGS_OK && limit > 0.0 && !s->clocked && s->step >= ESTIMATE_STEPS)
       PAGS_TRY(fit_to_clock(t, clock));
-    *stopped = (written == PAGS_OK && !call_host(t, clock, &v)) || (limit > 0.0 && pags_clock_ms() - clock->begin > 1e3 * limit);
+    *stopped = (written == PAGS_OK && !call_host(t, clock, &v)) ||
+               (limit > 0.0 && pags_clock_ms() - clock->begin > 1e3 * limit);
     bool save = checkpoint_is_due(t, clock);
     PAGS_TRY(pags_share_run_agree(t, written, stopped, &save));
     if (!save || *stopped) /* the end writes one, too */
@@ -397,16 +397,15 @@ static pags_result open_run(pags_trainer *t, const pags_train_config *asked, pag
   const pags_train_config config = pags_config_resolve(asked, pags_dataset_fps(t->dataset) > 0.0);
   PAGS_TRY(pags_train_config_check(&config)); /* chosen values can contradict those that were set */
   PAGS_TRY(pags_share_run_check(&config, o));
-  PAGS_TRY(pags_transport_agree(o->transport,
-                                pags_photo_cache_create(t->dataset, t->tasks, o->image_cache, &t->cache)));
+  PAGS_TRY(
+      pags_transport_agree(o->transport, pags_photo_cache_create(t->dataset, t->tasks, o->image_cache, &t->cache)));
   PAGS_TRY(pags_transport_agree(o->transport, open_state(t, &config, found)));
   PAGS_TRY(pags_share_run_begin(t, found));
   if (config.density.lidar_pull > 0.0)
     PAGS_TRY(pags_lidar_planes_create(t->dataset, t->tasks, &t->lidar_planes));
   result->resumed = found;
   const bool writes = !o->estimate && t->shared.rank == 0;
-  return pags_transport_agree(o->transport,
-                              writes ? pags_output_open(&t->output, found, t->state.step) : PAGS_OK);
+  return pags_transport_agree(o->transport, writes ? pags_output_open(&t->output, found, t->state.step) : PAGS_OK);
 }
 
 pags_result pags_train(const pags_train_config *config, const pags_train_options *options, pags_train_result *result) {

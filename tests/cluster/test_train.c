@@ -227,9 +227,14 @@ static const char *run_rank_that_is_refused(pags_transport *transport, void *exp
 static void refuses(void **unused) {
   (void)unused;
   for (int i = 0; i < 8; i++) {
-    static const char *const expected[] = {"pass --set fourier=0", "strategy mcmc", "pass --set lidar_pull=0",
-                                           "pass --max-gaussians", "pass --set s_grad_from=pass", "pass --iterations",
-                                           "an estimate", "leave out --preview-every"};
+    static const char *const expected[] = {"pass --set fourier=0",
+                                           "strategy mcmc",
+                                           "pass --set lidar_pull=0",
+                                           "pass --max-gaussians",
+                                           "pass --set s_grad_from=pass",
+                                           "pass --iterations",
+                                           "an estimate",
+                                           "leave out --preview-every"};
     refused_config = quick();
     refused_options = pags_train_options_default();
     refused_config.objects.fourier = i == 0;
