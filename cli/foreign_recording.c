@@ -31,7 +31,7 @@ static const char installed[] =
     "  from pags_recordings.__main__ import main\n"
     "except ImportError:\n"
     "  sys.exit('pags: importing ' + sys.argv[1] + ' needs the Python package pags-recordings ' + '" PAGS_VERSION_STRING
-    "' + ': ' + sys.executable + ' -m pip install pags-recordings')\n"
+    "' + ', which is expected in ../share/pags/recordings beside this program, or installed for ' + sys.executable)\n"
     "if __version__ != '" PAGS_VERSION_STRING
     "':\n"
     "  sys.exit('pags: the Python package pags-recordings is of version ' + __version__ + ', this program is ' + "
@@ -46,16 +46,15 @@ bool pags_foreign_recording_is(const char *kind) {
 /* Finds the package beside the program: as it is installed, or in the sources of a build. */
 static char *find_beside(void) {
   static const char *const places[] = {"../share/pags/recordings", "../tools/recordings"};
-  char *program = pags_port_program(), *folder = program ? pags_path_folder(program) : NULL, *found = NULL;
-  for (size_t i = 0; folder && !found && i < sizeof places / sizeof *places; i++) {
+  char folder[4096], *found = NULL;
+  const bool known = pags_port_program_folder(folder, sizeof folder);
+  for (size_t i = 0; known && !found && i < sizeof places / sizeof *places; i++) {
     char *path = pags_text_format("%s/%s", folder, places[i]);
     if (path && pags_folder_has(path, "run.py"))
       found = path;
     else
       free(path);
   }
-  free(folder);
-  free(program);
   return found;
 }
 

@@ -148,49 +148,25 @@ static pags_result cut_keys(pags_transport *transport, const pags_key *sorted, c
   return result;
 }
 
-static pags_result scale_counts(const int64_t *items, int ranks, int64_t bytes, int64_t **out) {
-  *out = malloc((size_t)ranks * sizeof **out);
-  if (!*out)
-    return pags_out_of_memory("a message to %d ranks", ranks);
-  for (int rank = 0; rank < ranks; rank++)
-    (*out)[rank] = items[rank] * bytes;
-  return PAGS_OK;
-}
-
-/* An exchange of items of so many bytes each. */
-static pags_result exchange_items(pags_transport *transport, const void *send, const int64_t *sent, void *receive,
-                                  const int64_t *received, int64_t bytes) {
-  const int ranks = pags_transport_ranks(transport);
-  int64_t *from = NULL, *to = NULL;
-  pags_result result = scale_counts(sent, ranks, bytes, &from);
-  if (result == PAGS_OK)
-    result = scale_counts(received, ranks, bytes, &to);
-  if (result == PAGS_OK)
-    result = pags_transport_exchange(transport, send, from, receive, to);
-  free(from);
-  free(to);
-  return result;
-}
-
 static pags_result fill(pags_transport *transport, pags_key *own, const int64_t *cuts, pags_spread_order *order) {
   const int ranks = pags_transport_ranks(transport);
   PAGS_TRY(sort_keys(own, order->own, order->sent));
   PAGS_TRY(cut_keys(transport, own, cuts, order));
-  int64_t *const eights = malloc((size_t)ranks * sizeof *eights);
-  if (!eights)
+  int64_t *const ones = malloc((size_t)ranks * sizeof *ones);
+  if (!ones)
     return pags_out_of_memory("an order over %d ranks", ranks);
   for (int r = 0; r < ranks; r++)
-    eights[r] = sizeof(int64_t);
+    ones[r] = 1;
   const pags_result result =
-      pags_transport_exchange(transport, order->sent_items, eights, order->arrived_items, eights);
-  free(eights);
+      pags_share_items(transport, order->sent_items, ones, order->arrived_items, ones, sizeof(int64_t));
+  free(ones);
   PAGS_TRY(result);
   int64_t arriving = 0;
   for (int r = 0; r < ranks; r++)
     arriving += order->arrived_items[r];
   assert(arriving == order->count);
   (void)arriving;
-  PAGS_TRY(exchange_items(transport, own, order->sent_items, order->keys, order->arrived_items, sizeof *own));
+  PAGS_TRY(pags_share_items(transport, own, order->sent_items, order->keys, order->arrived_items, sizeof *own));
   return sort_keys(order->keys, order->count, order->arrived);
 }
 
@@ -241,17 +217,18 @@ void pags_order_destroy(pags_spread_order *order) {
 
 pags_result pags_order_move(pags_transport *transport, const pags_spread_order *order, void *own, void *placed,
                             bool back) {
-  uint32_t *const out = calloc((size_t)(order->own + order->count + 1), sizeof *out), *const in = out + order->own;
+  uint32_t *const out = calloc((size_t)(order->own + order->count + 1), sizeof *out);
   uint32_t *const mine = own, *const here = placed;
   if (!out)
     return pags_out_of_memory("an order of %lld items", (long long)order->count);
+  uint32_t *const in = out + order->own;
   for (int64_t i = 0; !back && i < order->own; i++)
     out[i] = mine[order->sent[i]];
   for (int64_t i = 0; back && i < order->count; i++)
     in[order->arrived[i]] = here[i];
   const pags_result result =
-      back ? exchange_items(transport, in, order->arrived_items, out, order->sent_items, sizeof *out)
-           : exchange_items(transport, out, order->sent_items, in, order->arrived_items, sizeof *out);
+      back ? pags_share_items(transport, in, order->arrived_items, out, order->sent_items, sizeof *out)
+           : pags_share_items(transport, out, order->sent_items, in, order->arrived_items, sizeof *out);
   for (int64_t i = 0; result == PAGS_OK && !back && i < order->count; i++)
     here[i] = in[order->arrived[i]];
   for (int64_t i = 0; result == PAGS_OK && back && i < order->own; i++)

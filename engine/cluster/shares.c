@@ -105,3 +105,18 @@ pags_result pags_share_before(pags_transport *transport, int64_t number, int64_t
   free(numbers);
   return result;
 }
+
+pags_result pags_share_items(pags_transport *transport, const void *send, const int64_t *sent, void *receive,
+                             const int64_t *received, int64_t bytes) {
+  const int ranks = pags_transport_ranks(transport);
+  int64_t *const counts = malloc(2 * (size_t)ranks * sizeof *counts);
+  if (!counts)
+    return pags_out_of_memory("a message to %d ranks", ranks);
+  for (int r = 0; r < ranks; r++) {
+    counts[r] = sent[r] * bytes;
+    counts[ranks + r] = received[r] * bytes;
+  }
+  const pags_result result = pags_transport_exchange(transport, send, counts, receive, counts + ranks);
+  free(counts);
+  return result;
+}

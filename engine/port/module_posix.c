@@ -11,6 +11,8 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "port/port.h"
+
 /* Opens the module and calls its function; NULL if either fails. `opened`: whether it is a module at all. */
 static const void *open_table(const char *path, const char *symbol, bool *opened) {
   void *const module = dlopen(path, RTLD_NOW | RTLD_LOCAL);
@@ -63,19 +65,13 @@ static void try_path(const char *path, const char *symbol, int version, pags_por
 
 void pags_port_load_module(const char *name, const char *built_in, const char *symbol, int version,
                            pags_port_module *out) {
-  char program[PATH_MAX], path[2 * PATH_MAX];
+  char folder[PATH_MAX], path[2 * PATH_MAX];
   *out = (pags_port_module){.reason = "the module was not found"};
-  const ssize_t length = readlink("/proc/self/exe", program, sizeof program - 1);
-  if (length > 0) {
-    program[length] = '\0';
-    char *slash = strrchr(program, '/');
-    if (slash)
-      *slash = '\0';
-    static const char *const places[] = {"", "/../lib/pags"};
-    for (int i = 0; i < 2 && !out->table; i++) {
-      snprintf(path, sizeof path, "%s%s/%s", program, places[i], name);
-      try_path(path, symbol, version, out);
-    }
+  static const char *const places[] = {"", "/../lib/pags"};
+  const bool known = pags_port_program_folder(folder, sizeof folder);
+  for (int i = 0; known && i < 2 && !out->table; i++) {
+    snprintf(path, sizeof path, "%s%s/%s", folder, places[i], name);
+    try_path(path, symbol, version, out);
   }
   if (!out->table) {
     snprintf(path, sizeof path, "%s/%s", built_in, name);

@@ -134,8 +134,8 @@ void pags_port_on_lost_mapping(const char *message);
  * standard streams carry bytes as they are. */
 void pags_port_begin_program(int *argc, char ***argv);
 
-/* The path of the running program, freed by the caller; NULL if it isn't known or out of memory. */
-char *pags_port_program(void);
+/* Writes the path of the running program's folder; false if it isn't known or doesn't fit into `size` bytes. */
+bool pags_port_program_folder(char *path, size_t size);
 /* Goes on as another program, found along PATH unless its name has a '/', with these arguments, words[0] among them and
  * NULL last: its input, output, signals and exit code are this process's. Returns only if it couldn't be started. On
  * Windows this process waits for it and ends with its code. */

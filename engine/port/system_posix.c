@@ -208,14 +208,20 @@ void pags_port_begin_program(int *argc, char ***argv) {
   (void)argv;
 }
 
-char *pags_port_program(void) {
+bool pags_port_program_folder(char *path, size_t size) {
 #ifdef __linux__
-  return realpath("/proc/self/exe", NULL);
+  const ssize_t length = readlink("/proc/self/exe", path, size - 1);
 #else
-  char path[4096];
-  uint32_t size = sizeof path;
-  return _NSGetExecutablePath(path, &size) == 0 ? realpath(path, NULL) : NULL;
+  uint32_t room = (uint32_t)size;
+  const ssize_t length = _NSGetExecutablePath(path, &room) == 0 ? (ssize_t)strlen(path) : 0;
 #endif
+  if (length <= 0)
+    return false;
+  path[length] = '\0';
+  char *const slash = strrchr(path, '/');
+  if (slash)
+    *slash = '\0';
+  return slash != NULL;
 }
 
 void pags_port_become(const char *const *words) {

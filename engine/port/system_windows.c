@@ -153,15 +153,20 @@ void pags_port_begin_program(int *argc, char ***argv) {
   *argv = narrow; /* lives as long as the program */
 }
 
-char *pags_port_program(void) {
+bool pags_port_program_folder(char *path, size_t size) {
   enum { LONGEST = 32768 }; /* characters of a path */
   wchar_t *wide = malloc(LONGEST * sizeof *wide);
   const DWORD length = wide ? GetModuleFileNameW(NULL, wide, LONGEST) : 0;
-  char *path = length > 0 && length < LONGEST ? pags_port_narrow(wide) : NULL;
+  char *const narrow = length > 0 && length < LONGEST ? pags_port_narrow(wide) : NULL;
+  char *const slash = narrow ? strrchr(narrow, '\\') : NULL;
+  const bool fits = slash && (size_t)(slash - narrow) < size;
+  if (fits) {
+    memcpy(path, narrow, (size_t)(slash - narrow));
+    path[slash - narrow] = '\0';
+  }
+  free(narrow);
   free(wide);
-  for (char *at = path; at && *at; at++)
-    *at = *at == '\\' ? '/' : *at;
-  return path;
+  return fits;
 }
 
 /* Writes an argument so that a program that takes its command line apart by the C library's rules gets it back: in

@@ -197,9 +197,9 @@ static pags_result mark_drops(const pags_prune_request *r, const pags_spread_ord
 
 static pags_result choose(const pags_prune_request *r, const pags_spread_order *order, int32_t *group, uint32_t *drop,
                           uint32_t *own, int64_t *dropped) {
-  floors f = {.members = calloc(2 * (size_t)r->groups, sizeof *f.members)};
-  f.before = f.members + r->groups;
-  pags_result result = f.members ? PAGS_OK : pags_out_of_memory("%lld groups", (long long)r->groups);
+  floors f = {.members = calloc((size_t)r->groups, sizeof *f.members),
+              .before = calloc((size_t)r->groups, sizeof *f.before)};
+  pags_result result = f.members && f.before ? PAGS_OK : pags_out_of_memory("%lld groups", (long long)r->groups);
   result = pags_transport_agree(r->transport, result);
   memcpy(own, r->group, (size_t)r->count * sizeof *own);
   if (result == PAGS_OK)
@@ -218,6 +218,7 @@ static pags_result choose(const pags_prune_request *r, const pags_spread_order *
   if (result == PAGS_OK)
     result = mark_drops(r, order, group, all, &f, drop, dropped);
   free(f.members);
+  free(f.before);
   return result == PAGS_OK ? pags_order_move(r->transport, order, own, drop, true) : result;
 }
 

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "cluster/shares.h"
 
 pags_result pags_buffer_reserve(pags_buffer *buffer, int64_t bytes) {
   if (buffer->data && bytes <= buffer->room)
@@ -75,22 +76,6 @@ static int64_t total(const int64_t *counts, int ranks) {
   return sum;
 }
 
-/* Exchanges items of `bytes` bytes, sent[rank] to and arrived[rank] from each. */
-static pags_result exchange(pags_shared_views *shared, const void *from, const int64_t *sent, void *to,
-                            const int64_t *arrived, int64_t bytes) {
-  const int ranks = shared->ranks;
-  int64_t *const counts = malloc(2 * (size_t)ranks * sizeof *counts);
-  if (!counts)
-    return pags_out_of_memory("a message to %d ranks", ranks);
-  for (int r = 0; r < ranks; r++) {
-    counts[r] = sent[r] * bytes;
-    counts[ranks + r] = arrived[r] * bytes;
-  }
-  const pags_result result = pags_transport_exchange(shared->transport, from, counts, to, counts + ranks);
-  free(counts);
-  return result;
-}
-
 /* Tells each rank how many splats it gets. */
 static pags_result exchange_counts(pags_shared_views *shared) {
   const int ranks = shared->ranks;
@@ -102,7 +87,8 @@ static pags_result exchange_counts(pags_shared_views *shared) {
     pairs[2 * r + 1] = shared->sent_before[r];
     ones[r] = 1;
   }
-  const pags_result result = exchange(shared, pairs, ones, pairs + 2 * ranks, ones, 2 * (int64_t)sizeof *pairs);
+  const pags_result result =
+      pags_share_items(shared->transport, pairs, ones, pairs + 2 * ranks, ones, 2 * (int64_t)sizeof *pairs);
   for (int r = 0; r < ranks; r++) {
     shared->arrived[r] = pairs[2 * (ranks + r)];
     shared->arrived_before[r] = pairs[2 * (ranks + r) + 1];
@@ -127,8 +113,8 @@ pags_result pags_shared_views_send(pags_shared_views *shared, pags_result mine) 
   PAGS_TRY(pags_transport_agree(shared->transport, mine));
   PAGS_TRY(exchange_counts(shared));
   PAGS_TRY(pags_transport_agree(shared->transport, take(shared)));
-  return exchange(shared, shared->sending.data, shared->sent, shared->splats.data, shared->arrived,
-                  sizeof(pags_sent_splat));
+  return pags_share_items(shared->transport, shared->sending.data, shared->sent, shared->splats.data, shared->arrived,
+                          sizeof(pags_sent_splat));
 }
 
 /* ---- Drawing ---- */
@@ -201,7 +187,7 @@ static pags_result give_back(pags_shared_views *shared, pags_returned *r, bool o
     mine = pags_buffer_reserve(&r->returned, total(counts + ranks, ranks) * bytes);
   pags_result result = pags_transport_agree(shared->transport, mine);
   if (result == PAGS_OK)
-    result = exchange(shared, r->own.data, counts, r->returned.data, counts + ranks, bytes);
+    result = pags_share_items(shared->transport, r->own.data, counts, r->returned.data, counts + ranks, bytes);
   free(counts);
   return result;
 }
