@@ -4,23 +4,17 @@
 import json
 import os
 import socket
-import sys
 import time
-import unittest
 
 import fixtures
 from fixtures import Case, make_dataset, read
-from view_client import Page, Run, jpeg_size
+from view_client import Page, Run, jpeg_size, main
 
 # What a run leaves that must not depend on who watches.
 PAYLOAD = ["background.ply", "scene.json", "checkpoint.pags"]
 SMALL = ["--random-points", 3000, "--max-gaussians", 5000, "--preset", "plain"]  # some milliseconds a step
 CREDIT = 0.1  # seconds that pictures may take at once when nobody looked for a while
 SEEN = 4  # pictures at least that a page which asks for one after the other gets of a run of some seconds
-
-
-def lacks_view():
-    return "this build lacks libwebsockets" in fixtures.run("--help").stdout
 
 
 class Watched(Case):
@@ -292,9 +286,4 @@ class Usage(Watched):
 
 
 if __name__ == "__main__":
-    if len(sys.argv) > 1 and not sys.argv[1].startswith("-"):
-        fixtures.PAGS = os.path.abspath(sys.argv.pop(1))
-    if lacks_view():
-        print("skipped: this build has no pags view")
-        sys.exit(77)
-    unittest.main(verbosity=2)
+    main()

@@ -8,24 +8,18 @@ import os
 import random
 import re
 import socket
-import sys
 import time
-import unittest
 
 import fixtures
 import scenes
 from fixtures import Case
-from view_client import Page, Server, jpeg_size
+from view_client import Page, Server, jpeg_size, main
 
 # Hostile requests of the last test; make check-view sends more.
 HOSTILE = int(os.environ.get("PAGS_VIEW_HOSTILE", "150"))
 AT_ONCE = 32  # of them
 CROWD = 1000 if HOSTILE > 1000 else 100  # connections at once; the server keeps 900
 GROWTH = 48 << 20  # bytes that memory may grow by: pictures of several sizes, and what malloc keeps
-
-
-def lacks_view():
-    return "this build lacks libwebsockets" in fixtures.run("--help").stdout
 
 
 class ViewCase(Case):
@@ -484,9 +478,4 @@ class Usage(Case):
 
 
 if __name__ == "__main__":
-    if len(sys.argv) > 1 and not sys.argv[1].startswith("-"):
-        fixtures.PAGS = os.path.abspath(sys.argv.pop(1))
-    if lacks_view():
-        print("skipped: this build has no pags view")
-        sys.exit(77)
-    unittest.main(verbosity=2)
+    main()

@@ -9,8 +9,10 @@ import signal
 import socket
 import struct
 import subprocess
+import sys
 import tempfile
 import time
+import unittest
 
 import fixtures
 
@@ -246,3 +248,13 @@ def jpeg_size(jpeg):
             return width, height
         at += 2 + size
     raise AssertionError("no frame header")
+
+
+def main():
+    """Runs the tests of the calling program, or skips them in a build without a server. The first argument is pags."""
+    if len(sys.argv) > 1 and not sys.argv[1].startswith("-"):
+        fixtures.PAGS = os.path.abspath(sys.argv.pop(1))
+    if "this build lacks libwebsockets" in fixtures.run("--help").stdout:
+        print("skipped: this build has no pags view")
+        sys.exit(77)
+    unittest.main(module="__main__", verbosity=2)

@@ -8,45 +8,16 @@
 #include <cmocka.h>
 
 #include <pags/scene.h>
-#include <pags/synth.h>
 #include <pags/train.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/file.h"
 #include "cluster/thread_ranks.h"
-#include "scratch_folder.h"
+#include "small_street.h"
 #include "train/schedule.h"
 
-enum { FRAMES = 12, BATCH = 4, PHOTOGRAPHS = 240, MOST_RANKS = 4 };
-
-static pags_tasks *tasks;
-static pags_dataset *dataset;
-
-static int make_street(void **unused) {
-  (void)unused;
-  pags_street_options options = pags_street_options_default();
-  pags_dataset_options reading = pags_dataset_options_default();
-  options.width = 96;
-  options.height = 64;
-  options.frames = FRAMES;
-  options.cameras = 1;
-  options.samples = 2;
-  options.objects = 3;
-  options.lidar_points = 4000;
-  options.shifts = 0;
-  tasks = pags_tasks_create(2);
-  if (!tasks || scratch_make() != 0 || pags_synth_street(scratch("street"), &options, tasks, NULL, NULL) != PAGS_OK)
-    return -1;
-  return pags_dataset_open(scratch("street"), &reading, &dataset) == PAGS_OK ? 0 : -1;
-}
-
-static int remove_street(void **unused) {
-  (void)unused;
-  pags_dataset_close(dataset);
-  pags_tasks_destroy(tasks);
-  return scratch_remove();
-}
+enum { BATCH = 4, PHOTOGRAPHS = 240, MOST_RANKS = 4 };
 
 /* A short run in which everything happens: the term of the moving objects, poses, exposure, sky; dropout. */
 static pags_train_config quick(void) {

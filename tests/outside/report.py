@@ -13,6 +13,7 @@ HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path.insert(0, os.path.join(HERE, "..", "cli"))
 
 import fixtures
+from browser import begin
 from view import trained
 
 TEXT = 4.5  # least contrast of text (WCAG 2.1, level AA)
@@ -40,11 +41,7 @@ def look(page, out):
 
 
 def main():
-    fixtures.PAGS = os.path.abspath(sys.argv[1])
-    folder = os.path.abspath(sys.argv[2])
-    if not (shutil.which("chromium") and shutil.which("node") and os.path.isdir(os.path.join(HERE, "node_modules", "puppeteer-core"))):
-        print("skipped: needs node, its modules and chromium: make setup")
-        return 77
+    folder, _ = begin()
     os.makedirs(folder, exist_ok=True)
     scene = trained(folder)
     pages = {"one": [scene], "two": [scene, other(folder)]}

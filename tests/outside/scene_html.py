@@ -16,6 +16,7 @@ HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path.insert(0, os.path.join(HERE, "..", "cli"))
 
 import fixtures
+from browser import begin, camera_from_world
 from test_scene_html import HOSTILE, rich_scene
 from view import psnr, rgb, trained
 
@@ -28,15 +29,7 @@ SLOW = 15  # seconds to the first picture at most, on processors that other work
 
 def pose_of(view):
     """The 12 numbers of world_from_camera of a camera of scene.json."""
-    q = view["camera_from_world_quaternion_wxyz"]
-    size = math.sqrt(sum(v * v for v in q))
-    w, x, y, z = (v / size for v in q)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    t = view["camera_from_world_translation"]
+    rows, t = camera_from_world(view)
     eye = [-sum(rows[i][k] * t[i] for i in range(3)) for k in range(3)]
     return [v for k in range(3) for v in (rows[0][k], rows[1][k], rows[2][k], eye[k])]
 
@@ -99,12 +92,7 @@ def hostile_page(folder):
 
 
 def main():
-    fixtures.PAGS = os.path.abspath(sys.argv[1])
-    folder = os.path.abspath(sys.argv[2])
-    chromium = shutil.which("chromium")
-    if not (chromium and shutil.which("node") and os.path.isdir(os.path.join(HERE, "node_modules", "puppeteer-core"))):
-        print("skipped: needs node, its modules and chromium: make setup")
-        return 77
+    folder, chromium = begin()
     out = os.path.join(folder, "seen")
     shutil.rmtree(out, ignore_errors=True)
     os.makedirs(out)

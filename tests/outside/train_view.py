@@ -12,16 +12,12 @@ HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path.insert(0, os.path.join(HERE, "..", "cli"))
 
 import fixtures
+from browser import begin
 from view_client import Run
 
 
 def main():
-    fixtures.PAGS = os.path.abspath(sys.argv[1])
-    folder = os.path.abspath(sys.argv[2])
-    chromium = shutil.which("chromium")
-    if not (chromium and shutil.which("node") and os.path.isdir(os.path.join(HERE, "node_modules", "puppeteer-core"))):
-        print("skipped: needs node, its modules and chromium: make setup")
-        return 77
+    folder, chromium = begin()
     data, scene, out = (os.path.join(folder, name) for name in ("street", "run", "seen"))
     os.makedirs(out, exist_ok=True)
     if not os.path.exists(data):

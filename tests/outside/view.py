@@ -14,6 +14,7 @@ HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path.insert(0, os.path.join(HERE, "..", "cli"))
 
 import fixtures
+from browser import begin
 from view_client import Server
 
 # dB between a saved picture, which came as a JPEG file of quality 92 without subsampled chroma, and pags render's: such files are 36 to 45 dB
@@ -44,12 +45,7 @@ def psnr(a, b):
 
 
 def main():
-    fixtures.PAGS = os.path.abspath(sys.argv[1])
-    folder = os.path.abspath(sys.argv[2])
-    chromium = shutil.which("chromium")
-    if not (chromium and shutil.which("node") and os.path.isdir(os.path.join(HERE, "node_modules", "puppeteer-core"))):
-        print("skipped: needs node, its modules and chromium: make setup")
-        return 77
+    folder, chromium = begin()
     out = os.path.join(folder, "seen")
     shutil.rmtree(out, ignore_errors=True)
     os.makedirs(out)

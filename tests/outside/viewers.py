@@ -17,6 +17,7 @@ HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path.insert(0, os.path.join(HERE, "..", "cli"))
 
 import fixtures
+from browser import camera_from_world
 
 FORMATS = ("spz", "sog", "glb")
 DRAWN = [("babylon", form) for form in FORMATS] + [("spark", "spz"), ("spark", "sog")]  # Spark doesn't read glTF
@@ -65,15 +66,7 @@ def without_sky(scene, folder):
 
 def seen(view, turned, origin, near, pictures):
     """A view as viewers.mjs takes it, in a file's axes."""
-    q = view["camera_from_world_quaternion_wxyz"]
-    size = math.sqrt(sum(v * v for v in q))
-    w, x, y, z = (v / size for v in q)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    t = view["camera_from_world_translation"]
+    rows, t = camera_from_world(view)
     eye = [-sum(rows[i][k] * t[i] for i in range(3)) - origin[k] for k in range(3)]
     right, down, forward = (turned(row) for row in rows)
     lens = {key: view[key] for key in ("width", "height", "fx", "fy", "cx", "cy")}

@@ -10,13 +10,12 @@
 
 #include <math.h>
 #include <pags/scene.h>
-#include <pags/synth.h>
 #include <pags/train.h>
 #include <string.h>
 
 #include "base/file.h"
 #include "dataset/internal.h"
-#include "scratch_folder.h"
+#include "small_street.h"
 #include "train/color_over_time.h"
 #include "train/config.h"
 #include "train/exposure.h"
@@ -25,35 +24,7 @@
 #include "train/sky_fit.h"
 #include "train/views.h"
 
-enum { FRAMES = 12, ITERATIONS = 120 };
-
-static pags_tasks *tasks;
-static pags_dataset *dataset;
-
-static int make_street(void **unused) {
-  (void)unused;
-  pags_street_options options = pags_street_options_default();
-  pags_dataset_options reading = pags_dataset_options_default();
-  options.width = 96;
-  options.height = 64;
-  options.frames = FRAMES;
-  options.cameras = 1;
-  options.samples = 2;
-  options.objects = 3;
-  options.lidar_points = 4000;
-  options.shifts = 0;
-  tasks = pags_tasks_create(2);
-  if (!tasks || scratch_make() != 0 || pags_synth_street(scratch("street"), &options, tasks, NULL, NULL) != PAGS_OK)
-    return -1;
-  return pags_dataset_open(scratch("street"), &reading, &dataset) == PAGS_OK ? 0 : -1;
-}
-
-static int remove_street(void **unused) {
-  (void)unused;
-  pags_dataset_close(dataset);
-  pags_tasks_destroy(tasks);
-  return scratch_remove();
-}
+enum { ITERATIONS = 120 };
 
 static pags_train_config quick(void) {
   pags_train_config config = pags_train_config_default();

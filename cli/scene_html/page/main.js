@@ -2,7 +2,7 @@
 // The page of scene.html: reads what is in the file, draws it, and answers to mouse, touch and keyboard.
 import * as V from './vector.js';
 import {Camera} from './camera.js';
-import {listen} from './controls.js';
+import {listen, listenToPanel} from './controls.js';
 import {readPage, unpack} from './unpack.js';
 import {Drawing, limitsOf} from './drawing.js';
 import {Sorter} from './sorter.js';
@@ -335,18 +335,7 @@ class Player {
       if (camera.mode !== 'drive' || camera.view >= 0) this.setMode('drive');
       this.change();
     };
-    $('filter').oninput = () => {
-      const wanted = $('filter').value.toLowerCase();
-      for (const row of $('objects').rows) row.hidden = !row.textContent.toLowerCase().includes(wanted);
-    };
-    $('help-toggle').onclick = () => ($('help').open ? $('help').close() : $('help').showModal());
-    $('panel-toggle').onclick = () => {
-      const wide = document.body.classList.toggle('wide');
-      $('panel-toggle').setAttribute('aria-expanded', String(!wide));
-      this.changed = true;
-    };
-    if (window.innerWidth <= 720) $('panel-toggle').click();
-    window.addEventListener('resize', () => { this.changed = true; });
+    listenToPanel(() => { this.changed = true; });
     this.listObjects();
     $('stage').focus();
   }

@@ -82,3 +82,20 @@ export function listen(stage, {camera, commands, pick, focusAt, change, time, fo
   // The keys by which one flies, as amounts forward, right and up; null: none is down.
   return {flying: () => (down.size ? [0, 1, 2].map((i) => [...down].reduce((sum, code) => sum + FLY[code][i], 0)) : null)};
 }
+
+// The panel beside the picture: finding an object, help, and whether the panel shows; `changed` is called when the picture has another size.
+export function listenToPanel(changed) {
+  const $ = (id) => document.getElementById(id);
+  $('filter').oninput = () => {
+    const wanted = $('filter').value.toLowerCase();
+    for (const row of $('objects').rows) row.hidden = !row.textContent.toLowerCase().includes(wanted);
+  };
+  $('help-toggle').onclick = () => ($('help').open ? $('help').close() : $('help').showModal());
+  $('panel-toggle').onclick = () => {
+    const wide = document.body.classList.toggle('wide');
+    $('panel-toggle').setAttribute('aria-expanded', String(!wide));
+    changed();
+  };
+  if (window.innerWidth <= 720) $('panel-toggle').click();
+  window.addEventListener('resize', changed);
+}

@@ -7,7 +7,7 @@ import {Overlay, objectPose} from './overlay.js';
 import {Recorder} from './recorder.js';
 import {Run} from './run.js';
 import {Wipe} from './wipe.js';
-import {listen} from './controls.js';
+import {listen, listenToPanel} from './controls.js';
 
 const $ = (id) => document.getElementById(id);
 const MOST_PIXELS = 1600; // of a picture's width: more is scaled up
@@ -365,18 +365,7 @@ $('full').onchange = () => { state.full = $('full').checked; state.changed = tru
 $('key-clear').onclick = () => { recorder.keys = []; refreshKeys(); };
 $('key-play').onclick = () => { state.preview = 0; };
 $('key-save').onclick = () => save(new Blob([recorder.file(Number($('key-seconds').value) || 2)], {type: 'application/json'}), 'path.json');
-$('filter').oninput = () => {
-  const wanted = $('filter').value.toLowerCase();
-  for (const row of $('objects').rows) row.hidden = !row.textContent.toLowerCase().includes(wanted);
-};
-$('help-toggle').onclick = () => ($('help').open ? $('help').close() : $('help').showModal());
-$('panel-toggle').onclick = () => {
-  const wide = document.body.classList.toggle('wide');
-  $('panel-toggle').setAttribute('aria-expanded', String(!wide));
-  state.changed = true;
-};
-if (window.innerWidth <= 720) $('panel-toggle').click();
-window.onresize = () => { state.changed = true; };
+listenToPanel(() => { state.changed = true; });
 listObjects();
 refreshKeys();
 $('stage').focus();
