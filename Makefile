@@ -24,6 +24,7 @@
 #   make check-scene-html  scene.html in a headless Chromium, without a network, beside pags render (SCENE=FOLDER: another scene)
 #   make check-view  pags view, train --view and pages of pags report in a headless Chromium, and ten thousand hostile requests (two minutes)
 #   make check-recordings  imported recordings beside what the sources' own Python packages read of them
+#   make check-photos  photographs and a video without cameras, by COLMAP, as far as a trained scene (apt-get install colmap ffmpeg; five minutes)
 #   make check-blender      the add-on's tests in Debian's Blender; part of make check
 #   make check-obey  local view, borders, clipping and the tool that selects in a window of it
 #   make check-inspect  the panels Inspect, Recording and Measure in a window of it, the sidebar and the legends
@@ -50,7 +51,7 @@ REFERENCE ?= HEAD
 OPTIONS ?=
 
 # Checks that take hours, or programs that make setup doesn't install.
-NOT_CHECKED := check-arm64 check-blender-new check-blender-window-new check-cluster check-deb check-inspect check-obey check-recordings check-scaling check-scene-html check-view check-viewers check-windows fuzz guide sanitize valgrind
+NOT_CHECKED := check-arm64 check-blender-new check-blender-window-new check-cluster check-deb check-inspect check-obey check-photos check-recordings check-scaling check-scene-html check-view check-viewers check-windows fuzz guide sanitize valgrind
 
 all:
 	cmake --preset release
@@ -157,6 +158,9 @@ check-recordings: all
 	sh tests/recordings/setup.sh
 	tests/recordings/.venv/bin/python -B tests/recordings/check_sources.py build/pags
 
+check-photos: all
+	python3 -B tests/recordings/check_photos.py build/pags
+
 check-cluster: all
 	PAGS_KILLS=10 python3 -B tests/cluster/test_ranks.py build/pags Ranks.test_killed Ranks.test_stopped
 
@@ -190,4 +194,4 @@ install: all
 clean:
 	rm -rf build
 
-.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-inspect check-obey check-blender-new check-blender-window-new bench-blender guide setup-cross cross check-arm64 check-windows check-scaling check-scene-html check-view check-viewers check-recordings same-bits figures docs install clean deb check-deb packages check-cluster
+.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-inspect check-obey check-blender-new check-blender-window-new bench-blender guide setup-cross cross check-arm64 check-windows check-scaling check-scene-html check-view check-viewers check-recordings check-photos same-bits figures docs install clean deb check-deb packages check-cluster

@@ -40,7 +40,7 @@ static const char installed[] =
     "sys.exit(main())\n";
 
 bool pags_foreign_recording_is(const char *kind) {
-  return strcmp(kind, "argoverse2") == 0 || strcmp(kind, "nuscenes") == 0;
+  return strcmp(kind, "argoverse2") == 0 || strcmp(kind, "nuscenes") == 0 || strcmp(kind, "photos") == 0;
 }
 
 /* Finds the package beside the program: as it is installed, or in the sources of a build. */
@@ -59,9 +59,10 @@ static char *find_beside(void) {
 }
 
 pags_result pags_foreign_recording_import(const char *kind, const char *source, const char *folder,
-                                          const pags_import_options *options, const char *json, bool quiet) {
+                                          const pags_import_options *options, int pictures, const char *json,
+                                          bool quiet) {
   const char *words[WORDS];
-  char span[64];
+  char span[64], count[16];
   int n = 0;
   char *beside = find_beside();
   char *script = beside ? pags_path_join(beside, "run.py") : NULL;
@@ -90,6 +91,11 @@ pags_result pags_foreign_recording_import(const char *kind, const char *source, 
   if (options->sequence) {
     words[n++] = "--sequence";
     words[n++] = options->sequence;
+  }
+  if (pictures > 0) {
+    snprintf(count, sizeof count, "%d", pictures);
+    words[n++] = "--pictures";
+    words[n++] = count;
   }
   if (options->overwrite)
     words[n++] = "--overwrite";

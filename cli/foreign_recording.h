@@ -7,13 +7,15 @@
 #include <stdbool.h>
 
 /* The kinds it has, as a sentence names them. */
-#define PAGS_FOREIGN_KINDS "argoverse2 or nuscenes"
+#define PAGS_FOREIGN_KINDS "argoverse2, nuscenes or photos"
 
 bool pags_foreign_recording_is(const char *kind);
 
-/* Goes on as the package's program, which lies beside this program or is installed for Python in the same version.
- * Returns only where it couldn't be started: PAGS_ERROR_UNSUPPORTED with what to do, PAGS_ERROR_MEMORY. */
+/* `pictures`: of kind photos, how many are taken at most; 0: the package's default. Goes on as the package's program,
+ * which lies beside this program or is installed for Python in the same version. Returns only where it couldn't be
+ * started: PAGS_ERROR_UNSUPPORTED with what to do, PAGS_ERROR_MEMORY. */
 pags_result pags_foreign_recording_import(const char *kind, const char *source, const char *folder,
-                                          const pags_import_options *options, const char *json, bool quiet);
+                                          const pags_import_options *options, int pictures, const char *json,
+                                          bool quiet);
 
 #endif

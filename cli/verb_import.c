@@ -13,6 +13,7 @@ typedef struct import_arguments {
   pags_session session;
   const char *output;
   pags_import_options options;
+  int pictures;
 } import_arguments;
 
 #define AT(member) offsetof(import_arguments, member)
@@ -28,6 +29,8 @@ static const pags_option options[] = {
     PAGS_TEXT(
         "sequence", 0, AT(options.sequence), "NAME", "the only one there is",
         "kitti: the sequence (0000), or of raw recordings the drive (0001); argoverse2: the log; nuscenes: the scene"),
+    PAGS_VALUE("pictures", 0, INT, AT(pictures), 3, 2000, "N", "photographs", "120 of a video, all of a folder",
+               "photos: take at most so many, well spread"),
     PAGS_FLAG("overwrite", 0, AT(options.overwrite), "remove another data set's files from the folder first"),
     PAGS_SESSION_OPTIONS(import_arguments),
     {0}};
@@ -44,16 +47,16 @@ enum { KIND_COUNT = sizeof kinds / sizeof kinds[0] };
 static const pags_positional positionals[] = {
     {"KIND",
      "kitti: the tracking benchmark, or a synchronised raw recording; waymo: a segment of the Open Dataset v1; "
-     "argoverse2: a log of the sensor data set; nuscenes: a scene of v1.0; these two by the Python package in "
-     "tools/recordings"},
-    {"RAW", "the recording's folder, or Waymo's .tfrecord file"},
+     "argoverse2: a log of the sensor data set; nuscenes: a scene of v1.0; photos: photographs without cameras, "
+     "or a video, whose cameras COLMAP finds; these three by the Python package in tools/recordings"},
+    {"RAW", "the recording's folder, Waymo's .tfrecord file, or a video"},
     {NULL, NULL}};
 
 static const pags_verb verb = {.name = "import",
                                .usage = "KIND RAW -o DATASET [options]",
                                .about =
-                                   "Turns a recording into a data set that 'pags train' reads. Photographs are copied "
-                                   "byte by byte. What was stopped goes on "
+                                   "Turns a recording, or photographs without cameras, into a data set that "
+                                   "'pags train' reads. Photographs are copied byte by byte. What was stopped goes on "
                                    "where it was when the same command is given again.",
                                .positionals = positionals,
                                .options = options};
@@ -97,12 +100,15 @@ int pags_verb_import(int argc, char **argv) {
   if (!kind && !foreign)
     return pags_usage_error(&verb, "KIND: expected kitti, waymo, " PAGS_FOREIGN_KINDS ", got '%s'",
                             parsed.positionals[0]);
+  if (arguments.pictures && strcmp(parsed.positionals[0], "photos"))
+    return pags_usage_error(&verb, "--pictures: is for the kind photos");
   if (arguments.options.sequence && kind && kind->import == pags_import_waymo)
     return pags_usage_error(&verb, "--sequence: a segment of Waymo is one sequence; give its file");
   pags_result result = pags_session_begin(&arguments.session);
   if (result == PAGS_OK && foreign)
     result = pags_foreign_recording_import(parsed.positionals[0], parsed.positionals[1], arguments.output,
-                                           &arguments.options, arguments.session.json, arguments.session.quiet != 0);
+                                           &arguments.options, arguments.pictures, arguments.session.json,
+                                           arguments.session.quiet != 0);
   else if (result == PAGS_OK)
     result = import(&arguments, kind, parsed.positionals[1]);
   return pags_session_end(&arguments.session, result);

@@ -29,9 +29,7 @@
 #define POLYCAM \
   "Polycam's raw export", "`ns-process-data polycam --data FOLDER --output-dir OUT` writes a transforms.json"
 #define PART "of a COLMAP model that lacks files", "expected cameras and images there, both .bin or both .txt"
-#define PICTURES                                                                                                     \
-  "`colmap automatic_reconstructor --workspace_path FOLDER --image_path FOLDER/images` makes a COLMAP model of the " \
-  "pictures"
+#define PICTURES "`pags import photos FOLDER -o DATASET` finds the cameras of the pictures by COLMAP"
 
 typedef struct mark {
   const char *name; /* of a file or folder below the folder; "*.psx": any of this ending */
@@ -68,8 +66,10 @@ static const mark marks[] = {
     {"*.laz", "a point cloud (LAS)", "points are no capture: " PICTURES},
     {"database.db", "COLMAP's database, without a model",
      "`colmap mapper --database_path database.db --image_path images --output_path sparse` makes the model"},
-    {"*.mp4", "a video", "`ffmpeg -i VIDEO -vf fps=2 images/%05d.jpg` makes pictures; then " PICTURES},
-    {"*.mov", "a video", "`ffmpeg -i VIDEO -vf fps=2 images/%05d.jpg` makes pictures; then " PICTURES},
+    {"*.mp4", "a video",
+     "`pags import photos VIDEO -o DATASET` takes pictures out of it and finds their cameras by COLMAP"},
+    {"*.mov", "a video",
+     "`pags import photos VIDEO -o DATASET` takes pictures out of it and finds their cameras by COLMAP"},
     {"*.insv", "a 360-degree video", "its pictures are panoramas, which can't be used yet"},
     {"*.xml", METASHAPE},
     {"*.p4d", "Pix4D's", PICTURES},
@@ -222,8 +222,8 @@ static pags_result refuse_folder(const char *path) {
                   path, (long long)splats, splats == 1 ? "" : "s", splat);
   else if (pictures || inside)
     result = pags_fail(PAGS_ERROR_FORMAT,
-                       "%s: not a data set: %lld picture%s without cameras; `colmap automatic_reconstructor "
-                       "--workspace_path FOLDER --image_path %s` makes a COLMAP model of them",
+                       "%s: not a data set: %lld picture%s without cameras; `pags import photos %s -o DATASET` finds "
+                       "them by COLMAP",
                        path, (long long)(inside ? inside : pictures), (inside ? inside : pictures) == 1 ? "" : "s",
                        inside ? images : path);
   else if ((result = refuse_children(path, &list)) == PAGS_OK)

@@ -313,14 +313,14 @@ class Foreign(Case):
             "cameras.sfm": ["Meshroom", "aliceVision_exportColmap"],
             "cameras.xml": ["Metashape", "COLMAP"],
             "scene.rsproj": ["RealityScan", "COLMAP"],
-            "camera_pose.LOG": [".log", "colmap"],
+            "camera_pose.LOG": [".log", "pags import photos"],
             "database.db": ["database", "colmap mapper"],
-            "drive.MP4": ["video", "ffmpeg", "colmap"],
-            "a.jpg": ["1 picture without cameras", "colmap automatic_reconstructor"],
+            "drive.MP4": ["video", "pags import photos VIDEO"],
+            "a.jpg": ["1 picture without cameras", "pags import photos "],
             "transforms_test.json": ["transforms_test.json", "give that file itself"],
-            "images/a.jpg": ["1 picture without cameras", "images` makes"],
+            "images/a.jpg": ["1 picture without cameras", "images -o DATASET`"],
             "sparse/0/cameras.txt": ["a COLMAP model that lacks files", "cameras and images"],
-            "readme.md": ["not a data set", "colmap automatic_reconstructor"],
+            "readme.md": ["not a data set", "pags import photos FOLDER"],
         }.items():
             with self.subTest(name):
                 folder = self.path(name.replace("/", "_").replace(".", "_"))
@@ -338,7 +338,7 @@ class Foreign(Case):
             path = self.write(name, text)
             self.fails(["info", path], f"{name}:1: not a data set", word)
             self.fails(["train", path, "-o", self.path("out")], f"{name}:1: not a data set", word)
-        for name, word in [("cameras.xml", "Metashape"), ("a.log", "trajectory"), ("b.mp4", "ffmpeg"), ("images.txt", "COLMAP model")]:
+        for name, word in [("cameras.xml", "Metashape"), ("a.log", "trajectory"), ("b.mp4", "pags import photos VIDEO"), ("images.txt", "COLMAP model")]:
             path = self.write(name, "text")
             self.fails(["info", path], path, word)
             self.fails(["train", path, "-o", self.path("out")], path, word)

@@ -18,6 +18,7 @@ from .writer import Recording
 KINDS = {
     "argoverse2": ("Argoverse 2's sensor data set: a log, or a folder of logs", ("numpy", "PIL", "pandas", "pyarrow")),
     "nuscenes": ("nuScenes v1.0: the folder with samples, sweeps and v1.0-mini or another version's tables", ("numpy", "PIL")),
+    "photos": ("a folder of photographs without cameras, or a video; COLMAP finds the cameras", ("numpy", "PIL")),
 }
 PROGRAM = os.environ.get("PAGS_RECORDINGS_FOR", "pags_recordings")
 
@@ -29,15 +30,22 @@ def frames(text):
     return int(first), int(last) if last else sys.maxsize - 1
 
 
+def number(text):
+    if not (text.isdigit() and 3 <= int(text) <= 2000):
+        raise argparse.ArgumentTypeError(f"expected 3 to 2000, found {text!r}")
+    return int(text)
+
+
 def parser():
     kinds = "; ".join(f"{kind}: {about}" for kind, (about, _) in KINDS.items())
     p = argparse.ArgumentParser(prog=PROGRAM, description="Imports a recording as a driving set. The same command goes on where it stopped.")
     p.add_argument("kind", choices=KINDS, metavar="KIND", help=kinds)
-    p.add_argument("raw", metavar="RAW", help="folder of the recording")
+    p.add_argument("raw", metavar="RAW", help="folder of the recording; photos: a folder, or a video's file")
     p.add_argument("-o", "--output", required=True, metavar="DATASET", help="folder to write to")
     p.add_argument("--sequence", metavar="NAME", help="which recording of those in RAW")
     p.add_argument("--cameras", metavar="LIST", help="names separated by commas (default: all, stereo pairs and the like left out)")
     p.add_argument("--frames", type=frames, metavar="A-B", help="time steps, both included; A-: to the end (default: all)")
+    p.add_argument("--pictures", type=number, metavar="N", help="photos: take at most N, well spread (default: 120 of a video, all of a folder)")
     p.add_argument("--overwrite", action="store_true", help="remove DATASET first, if an import wrote it")
     p.add_argument("--json", metavar="FILE|-", help="write what a machine reads to FILE, or to standard output")
     p.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
@@ -56,10 +64,12 @@ def clear(folder):
         shutil.rmtree(folder)
 
 
-def run(arguments):
-    missing = lacking(KINDS[arguments.kind][1])
-    if missing:
-        raise RecordingError(f"needs the Python package{'s' if len(missing) > 1 else ''} {', '.join(missing)}: {sys.executable} -m pip install {' '.join(missing).replace('PIL', 'pillow')}")
+def photographs(arguments, people):
+    photos = importlib.import_module(".photos", __package__)
+    return photos.read(arguments.raw, arguments.output, arguments.pictures, people, arguments.quiet)
+
+
+def recording(arguments, people):
     if not os.path.isdir(arguments.raw):
         raise RecordingError(f"{arguments.raw}: is no folder")
     reader = importlib.import_module(f".{arguments.kind}", __package__)
@@ -68,11 +78,7 @@ def run(arguments):
         raise RecordingError(f"{arguments.raw}: has nothing of {KINDS[arguments.kind][0].split(':')[0]}")
     name = one_of(list(found), arguments.sequence, "recording", "--sequence")
     cameras = arguments.cameras.split(",") if arguments.cameras else None
-    if arguments.overwrite:
-        clear(arguments.output)
     begun_from = {"importer": arguments.kind, "source": os.path.realpath(found[name]), "cameras": cameras, "frames": arguments.frames and list(arguments.frames)}
-    begun = time.monotonic()
-    people = None if arguments.quiet else sys.stderr if arguments.json == "-" else sys.stdout
     with Recording(arguments.output, begun_from=begun_from) as out:
         if not out.done:
             progress = Progress(arguments.quiet)
@@ -84,8 +90,21 @@ def run(arguments):
         boxes = sum(len(step.boxes) for step in out.steps)
         print(f"{arguments.output}: {len(out.steps)} time steps, {len(out.cameras)} cameras, {len(out.tracks)} things in {boxes} boxes; look at it: "
               f"pags info {arguments.output} --overlay FOLDER", file=people)  # fmt: skip
+    return {}
+
+
+def run(arguments):
+    missing = lacking(KINDS[arguments.kind][1])
+    if missing:
+        raise RecordingError(f"needs the Python package{'s' if len(missing) > 1 else ''} {', '.join(missing)}: {sys.executable} -m pip install {' '.join(missing).replace('PIL', 'pillow')}")
+    if arguments.overwrite:
+        clear(arguments.output)
+    begun = time.monotonic()
+    people = None if arguments.quiet else sys.stderr if arguments.json == "-" else sys.stdout
+    found = photographs(arguments, people) if arguments.kind == "photos" else recording(arguments, people)
+    facts = {"kind": arguments.kind, "dataset": arguments.output, "seconds": time.monotonic() - begun}
     if arguments.json:
-        text = json.dumps({"kind": arguments.kind, "dataset": arguments.output, "seconds": time.monotonic() - begun}, indent=2) + "\n"
+        text = json.dumps(facts | found, indent=2) + "\n"
         if arguments.json == "-":
             sys.stdout.write(text)
         else:
@@ -95,7 +114,12 @@ def run(arguments):
 
 def main():
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    arguments = parser().parse_args()
+    p = parser()
+    arguments = p.parse_args()
+    alien = ("cameras", "frames", "sequence") if arguments.kind == "photos" else ("pictures",)
+    for name in alien:
+        if getattr(arguments, name):
+            p.error(f"--{name}: isn't for {arguments.kind}")
     try:
         run(arguments)
     except KeyboardInterrupt:

@@ -87,7 +87,8 @@ class Tracks:
 class Progress:
     """A line on standard error, rewritten on a terminal, else every ten seconds."""
 
-    def __init__(self, quiet=False):
+    def __init__(self, quiet=False, what="time step"):
+        self.what = what
         self.total, self.begun, self.shown = 0, time.monotonic(), time.monotonic()
         self.stream = None if quiet else sys.stderr
 
@@ -98,7 +99,7 @@ class Progress:
             self.shown = now
             left = (now - self.begun) / done * (self.total - done)
             end = "\r" if every < 1 else "\n"
-            print(f"time step {done} of {self.total}, {left:.0f} s left", end=end, file=self.stream, flush=True)
+            print(f"{self.what} {done} of {self.total}, {left:.0f} s left", end=end, file=self.stream, flush=True)
 
     def end(self):
         if self.stream and self.stream.isatty():

@@ -1,0 +1,210 @@
+# SPDX-License-Identifier: Apache-2.0
+"""pags import photos: what is given to COLMAP, for which stand_in_colmap.py stands, and what is made of its answer. check_photos.py runs COLMAP."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import unittest
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+sys.path[:0] = [os.path.dirname(HERE), os.path.join(os.path.dirname(HERE), "cli")]
+
+from tool_python import TOOLS, need  # noqa: E402
+
+need("recordings", "numpy", "PIL")
+sys.path[:0] = [os.path.join(TOOLS, "recordings")]
+
+import numpy as np  # noqa: E402
+from PIL import Image  # noqa: E402
+
+import fixtures  # noqa: E402
+from fixtures import Case, files_below, read, write  # noqa: E402
+from pags_recordings import photos, video  # noqa: E402
+
+
+def picture(path, size=(60, 40), camera="A", orientation=1, seed=0, **more):
+    os.makedirs(os.path.dirname(path), exist_ok=True)
+    pixels = np.random.default_rng(seed).integers(0, 256, (size[1], size[0], 3), dtype=np.uint8)
+    image = Image.fromarray(pixels)
+    exif = image.getexif()
+    exif[photos.MODEL], exif[photos.ORIENTATION] = camera, orientation
+    image.save(path, exif=exif, **more)
+
+
+class Photos(Case):
+    def setUp(self):
+        super().setUp()
+        self.raw, self.out, self.calls = self.path("raw"), self.path("out"), self.path("calls")
+        os.makedirs(self.path("bin"))
+        shutil.copy(os.path.join(HERE, "stand_in_colmap.py"), self.path("bin", "colmap"))
+        os.chmod(self.path("bin", "colmap"), 0o755)
+
+    def environment(self, **more):
+        return os.environ | {"PYTHONPATH": os.path.join(TOOLS, "recordings"), "PATH": self.path("bin") + ":/usr/bin:/bin", "COLMAP_CALLS": self.calls} | more
+
+    def run_photos(self, *more, raw=None, **environment):
+        command = [sys.executable, "-B", "-m", "pags_recordings", "photos", raw or self.raw, "-o", self.out, *more]
+        return subprocess.run(command, capture_output=True, text=True, env=self.environment(**environment))
+
+    def imports(self, *more, **environment):
+        done = self.run_photos("--json", "-", *more, **environment)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        return json.loads(done.stdout), done.stderr
+
+    def refused(self, *words, code=1, more=(), raw=None, **environment):
+        done = self.run_photos(*more, raw=raw, **environment)
+        self.assertEqual(done.returncode, code, done.stdout + done.stderr)
+        self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
+        for word in words:
+            self.assertIn(word, done.stderr)
+        self.assertFalse(os.path.exists(os.path.join(self.out, "sparse")))
+
+    def called(self):
+        return read(self.calls).decode().splitlines() if os.path.exists(self.calls) else []
+
+    def test_report(self):
+        for number in range(5):
+            picture(os.path.join(self.raw, f"day {number}.jpg"), seed=number)
+        for name in ("alone.jpg", "few.JPG", "aside1.png", "aside2.png"):
+            picture(os.path.join(self.raw, "more", name))
+        write(os.path.join(self.raw, "cut.jpg"), read(os.path.join(self.raw, "day 0.jpg"))[:300])
+        write(os.path.join(self.raw, "notes.txt"), "no picture")
+        facts, said = self.imports()
+        self.assertEqual((facts["photographs"], facts["registered"], facts["points"], facts["reprojection_error"]), (10, 5, 2, 0.75))
+        why = facts["left_out"]
+        self.assertEqual(sorted(why), ["cut.jpg", "more/alone.jpg", "more/aside1.png", "more/aside2.png", "more/few.JPG"])
+        for name, word in [("cut.jpg", "can't be read"), ("more/alone.jpg", "nothing that another"), ("more/aside1.png", "another group of 2"), ("more/few.JPG", "50 features")]:
+            self.assertIn(word, why[name])
+            self.assertIn(f"left out: {name}: ", said)
+        self.assertIn("5 of 10 photographs have cameras", said)
+        self.assertEqual(read(os.path.join(self.out, "images", "day_0.jpg")), read(os.path.join(self.raw, "day 0.jpg")))
+        self.assertEqual(sorted(os.listdir(os.path.join(self.out, "sparse", "0"))), ["cameras.bin", "images.bin", "points3D.bin"])
+        self.assertEqual(sorted(os.listdir(os.path.join(self.out, "colmap"))), ["cameras.log", "features.log", "pairs.log"])
+        self.assertIn("use_gpu 0", self.called()[0])
+        # The same command again says the same and starts nothing; another source is refused.
+        calls = len(self.called())
+        self.assertEqual(self.imports()[0]["left_out"], why)
+        self.assertEqual(len(self.called()), calls)
+        picture(self.path("other", "a.jpg"))
+        done = self.run_photos(raw=self.path("other"))
+        self.assertEqual((done.returncode, "another source" in done.stderr), (1, True), done.stderr)
+
+    def test_cameras_by_size_and_exif(self):
+        for number, (camera, size, orientation) in enumerate([("A", (60, 40), 1), ("A", (60, 40), 1), ("B", (60, 40), 1), ("A", (40, 60), 1), ("A", (60, 40), 6)]):
+            picture(os.path.join(self.raw, f"{number}.jpg"), size, camera, orientation)
+        facts, said = self.imports()
+        self.assertEqual(len([call for call in self.called() if call.startswith("feature_extractor")]), 4)
+        self.assertEqual(facts["turned_upright"], 1)
+        self.assertIn("1 photographs were turned", said)
+        with Image.open(os.path.join(self.out, "images", "4.jpg")) as upright:
+            self.assertEqual((upright.size, upright.getexif().get(photos.ORIENTATION, 1)), ((40, 60), 1))
+            before = np.asarray(Image.open(os.path.join(self.raw, "4.jpg"))).astype(int)
+            self.assertLess(np.abs(np.rot90(before, -1) - np.asarray(upright)).mean(), 6)  # coded once more; noise of 85 grey levels if turned the other way
+
+    def test_pairs(self):
+        self.assertEqual(len(photos.pairs(list(range(20)), False)), 190)
+        ordered = photos.pairs(list(range(400)), True)
+        self.assertLess(len(ordered), 400 * 18)
+        for pair in [(0, 1), (0, 10), (0, 16), (3, 3 + 256), (0, 390), (120, 300)]:
+            self.assertIn(pair, ordered)
+        self.assertNotIn((1, 12), ordered)
+        self.assertEqual(len(set(ordered)), len(ordered))
+
+    def test_stops_and_goes_on(self):
+        for number in range(4):
+            picture(os.path.join(self.raw, f"{number}.png"), seed=number)
+        command = [sys.executable, "-B", "-m", "pags_recordings", "photos", self.raw, "-o", self.out]
+        process = subprocess.Popen(command, stderr=subprocess.PIPE, env=self.environment(COLMAP_DOES="wait"), text=True)
+        deadline = time.monotonic() + 60
+        while not any(call.startswith("matches") for call in self.called()):
+            self.assertLess(time.monotonic(), deadline)
+            time.sleep(0.05)
+        process.send_signal(signal.SIGINT)
+        self.assertIn("the same command goes on", process.communicate()[1])
+        self.assertEqual(process.returncode, 3)
+        children = subprocess.run(["pgrep", "-f", self.path("bin", "colmap")], capture_output=True, text=True).stdout
+        self.assertEqual(children, "")
+        facts, _ = self.imports()
+        self.assertEqual(facts["registered"], 4)
+        self.assertEqual([call.split()[0] for call in self.called()], ["feature_extractor", "matches_importer", "matches_importer", "mapper"])
+
+    def test_fewer(self):
+        for number in range(9):
+            picture(os.path.join(self.raw, f"{number}.png"))
+        facts, _ = self.imports("--pictures", "3")
+        self.assertEqual((facts["photographs"], sorted(os.listdir(os.path.join(self.out, "images")))), (3, ["0.png", "3.png", "6.png"]))
+
+    def test_bad_input(self):
+        os.makedirs(self.raw)
+        self.refused("raw: has no JPEG or PNG files")
+        write(os.path.join(self.raw, "IMG_1.HEIC"), "x")
+        self.refused("1 of other formats, the first is IMG_1.HEIC")
+        picture(os.path.join(self.raw, "1.png"))
+        write(os.path.join(self.raw, "2.png"), "no picture")
+        self.refused("1 photographs that can be read", "2.png can't be read")
+        self.refused("is missing", raw=self.path("none"))
+        write(self.path("a.txt"), "x")
+        self.refused("is no folder and no video", raw=self.path("a.txt"))
+        done = self.run_photos("--sequence", "1")
+        self.assertEqual((done.returncode, "--sequence: isn't for photos" in done.stderr), (2, True), done.stderr)
+        shutil.rmtree(self.out)
+        for number in range(3):
+            picture(os.path.join(self.raw, f"{number}.png"))
+        self.refused("COLMAP failed at its features (code 1): there is no room for it", COLMAP_DOES="fail")
+        self.refused("COLMAP placed no camera", "900 to 900 features", "3 pairs fit together", "No good initial image pair", COLMAP_DOES="nothing")
+        shutil.rmtree(self.out)
+        os.remove(self.path("bin", "colmap"))
+        self.refused("by COLMAP, which isn't installed: ", "install", PATH=self.path("bin"))
+        self.assertFalse(os.path.exists(self.out))
+        write(os.path.join(self.out, "mine.txt"), "x")
+        self.refused("wasn't written by an import", more=("--overwrite",))
+        self.assertEqual(list(files_below(self.out)), ["mine.txt"])
+
+
+class Video(Case):
+    def test_choice(self):
+        """As many as asked for, ascending, the sharpest near each place, spread over time and change."""
+        sharp, change = np.ones(300), np.ones(300)
+        sharp[[7, 23]] = 5
+        chosen = video.choose(sharp, change, 20)
+        self.assertEqual((len(chosen), chosen == sorted(set(chosen)), 7 in chosen, 23 in chosen), (20, True, True, True))
+        self.assertLess(np.diff(chosen).max(), 27)
+        change[:150] = 0  # at rest for the first half: it gets a quarter of the pictures
+        rested = video.choose(np.ones(300), change, 20)
+        self.assertEqual(sum(number < 150 for number in rested), 5)
+        self.assertEqual(video.choose(sharp[:3], change[:3], 20), [0, 1, 2])
+        jump = video.choose(np.ones(21), np.eye(21)[20], 20)  # one cut: nothing lies on half of the way
+        self.assertEqual((len(set(jump)), len(jump), jump[-1]), (11, 11, 20))
+
+    @unittest.skipUnless(shutil.which("ffmpeg"), "needs ffmpeg")
+    def test_frames_of_a_file(self):
+        """A video of 40 frames of which every fourth is sharp gives ten of these, and their pixels."""
+        for number in range(40):
+            base = np.random.default_rng(number // 4).integers(0, 256, (45, 80, 3), dtype=np.uint8)
+            small = Image.fromarray(base).resize((640, 360), Image.NEAREST if number % 4 == 1 else Image.BICUBIC)
+            small.save(self.path(f"f{number:03d}.png"))
+        movie = self.path("a b.mkv")
+        subprocess.run(["ffmpeg", "-v", "error", "-i", self.path("f%03d.png"), "-c:v", "ffv1", movie], check=True, stdin=subprocess.DEVNULL)
+        self.assertEqual(video.length(movie), 40)
+        sharp, change = video.judged(movie, lambda done: None)
+        chosen = video.choose(sharp, change, 10)
+        self.assertEqual(chosen, list(range(1, 40, 4)))
+        os.makedirs(self.path("out"))
+        names = video.extract(movie, chosen, self.path("out"))
+        self.assertEqual((names[1], sorted(os.listdir(self.path("out")))), ("frame_000005.jpg", names))
+        found = np.asarray(Image.open(self.path("out", names[1]))).astype(int)
+        self.assertLess(np.abs(found - np.asarray(Image.open(self.path("f005.png"))).astype(int)).mean(), 8)  # JPEG with halved colour
+
+    @unittest.skipUnless(shutil.which("ffmpeg"), "needs ffmpeg")
+    def test_no_video(self):
+        write(self.path("a.mp4"), "no video")
+        with self.assertRaisesRegex(photos.RecordingError, "isn't a video that ffmpeg reads"):
+            video.length(self.path("a.mp4"))
+
+
+if __name__ == "__main__":
+    fixtures.main()

@@ -1,0 +1,306 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Photographs without cameras, or a video: COLMAP finds the cameras, and DATASET/images and DATASET/sparse/0 are what `pags train` reads.
+
+Work lies in DATASET/colmap: the database, which COLMAP goes on with where it was stopped, and its words, which stay. DATASET/import.json, written
+last, says what came of it.
+"""
+
+import json
+import os
+import shutil
+
+from PIL import Image, ImageOps
+
+from . import colmap, video
+from .errors import RecordingError
+from .importing import Progress
+
+ENDINGS = (".jpg", ".jpeg", ".png")
+OTHERS = (".heic", ".heif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".tif", ".tiff", ".webp", ".avif", ".bmp", ".gif")
+EXHAUSTIVE = 150  # photographs of which each is compared with each other; more are compared in their order
+NEXT, APART = 10, 10  # in order: each with so many that follow, with those 2, 4, 8 ... farther, and every APARTth with every other such
+PART = 64  # pairs that one process of COLMAP compares at least: what is lost when it is stopped
+FRAMES = 120  # pictures of a video
+ORIENTATION, EXIF, FOCAL, MAKE, MODEL = 0x0112, 0x8769, 0x920A, 0x010F, 0x0110
+
+
+def is_video(raw):
+    return os.path.isfile(raw) and raw.lower().endswith(video.ENDINGS)
+
+
+def listed(folder, output):
+    """Photographs below a folder, by their paths from there, sorted; and how many files of other formats."""
+    names, others = [], []
+    for place, folders, files in os.walk(folder):
+        folders[:] = sorted(name for name in folders if not name.startswith(".") and os.path.realpath(os.path.join(place, name)) != os.path.realpath(output))
+        for name in files:
+            ending = os.path.splitext(name)[1].lower()
+            path = os.path.relpath(os.path.join(place, name), folder)
+            if not name.startswith(".") and ending in ENDINGS + OTHERS:
+                (names if ending in ENDINGS else others).append(path)
+    return sorted(names), sorted(others)
+
+
+def plain(name, taken):
+    """The name of a copy: COLMAP's lists separate names by spaces."""
+    stem, ending = os.path.splitext("_".join(name.replace(os.sep, "/").split()))
+    new, number = stem + ending, 1
+    while new.lower() in taken:
+        number += 1
+        new = f"{stem}_{number}{ending}"
+    taken.add(new.lower())
+    return new
+
+
+class Photographs:
+    """The copies that COLMAP sees, by their names below `folder`, each with what says which camera took it."""
+
+    def __init__(self, folder):
+        self.folder, self.camera, self.turned, self.unreadable = folder, {}, 0, []
+
+    def add(self, source, name):
+        """Copies a photograph byte by byte; one that is turned by its EXIF orientation is written upright anew."""
+        target = os.path.join(self.folder, *name.split("/"))
+        try:
+            with Image.open(source) as picture:
+                exif = picture.getexif()
+                turned = exif.get(ORIENTATION, 1) not in (0, 1)
+                self.turned += turned
+                self.camera[name] = self.taken_by(picture, exif, turned)
+                if not os.path.exists(target):
+                    os.makedirs(os.path.dirname(target), exist_ok=True)
+                    if turned:
+                        upright = ImageOps.exif_transpose(picture)
+                        lossless = picture.format == "PNG"
+                        upright.save(target + ".part", picture.format, **({} if lossless else {"quality": 97, "subsampling": 0}))
+                    else:
+                        picture.load()
+                        shutil.copyfile(source, target + ".part")
+                    os.replace(target + ".part", target)
+        except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+            self.unreadable.append((name, str(error)))
+            self.camera.pop(name, None)
+
+    @staticmethod
+    def taken_by(picture, exif, turned):
+        size = picture.size[::-1] if turned else picture.size
+        return (*size, turned, str(exif.get(MAKE)), str(exif.get(MODEL)), str(exif.get_ifd(EXIF).get(FOCAL)))
+
+    def cameras(self):
+        """Names by camera, in order."""
+        found = {}
+        for name in sorted(self.camera):
+            found.setdefault(self.camera[name], []).append(name)
+        return list(found.values())
+
+
+def gather(raw, output, pictures, quiet):
+    """Fills DATASET/images."""
+    folder = os.path.join(output, "images")
+    os.makedirs(folder, exist_ok=True)
+    photographs, progress = Photographs(folder), Progress(quiet, "photograph")
+    if is_video(raw):
+        video.need()
+        progress = Progress(quiet, "video frame")
+        progress.total = video.length(raw)
+        chosen = video.choose(*video.judged(raw, progress.show), pictures or FRAMES)
+        for name in video.extract(raw, chosen, folder):
+            photographs.add(os.path.join(folder, name), name)
+    else:
+        names, others = listed(raw, output)
+        if not names:
+            raise RecordingError(f"{raw}: has no JPEG or PNG files" + (f", but {len(others)} of other formats, the first is {others[0]}; convert them first" if others else ""))
+        if pictures and len(names) > pictures:
+            names = [names[i * len(names) // pictures] for i in range(pictures)]
+        progress.total, taken = len(names), set()
+        for done, name in enumerate(names):
+            photographs.add(os.path.join(raw, name), plain(name, taken))
+            progress.show(done + 1)
+    progress.end()
+    if len(photographs.camera) < 3:
+        why = f"; {photographs.unreadable[0][0]} can't be read: {photographs.unreadable[0][1]}" if photographs.unreadable else ""
+        raise RecordingError(f"{raw}: has {len(photographs.camera)} photographs that can be read; cameras are found of three or more{why}")
+    return photographs
+
+
+def pairs(names, in_order):
+    """Which photographs are compared."""
+    n = len(names)
+    if not in_order:
+        return [(a, b) for a in range(n) for b in range(a + 1, n)]
+    steps = [*range(1, NEXT + 1), *(2**k for k in range(4, 30) if 2**k < n)]
+    near = {(a, a + step) for a in range(n) for step in steps if a + step < n}
+    return sorted(near | {(a, b) for a in range(0, n, APART) for b in range(a + APART, n, APART)})
+
+
+class Work:
+    """COLMAP's steps over the photographs, in DATASET/colmap."""
+
+    def __init__(self, runner, output, photographs, quiet):
+        self.runner, self.photographs, self.quiet = runner, photographs, quiet
+        self.folder = os.path.join(output, "colmap")
+        os.makedirs(self.folder, exist_ok=True)
+        self.file = os.path.join(self.folder, "database.db")
+        self.database = colmap.Database(self.file)
+
+    def path(self, name):
+        return os.path.join(self.folder, name)
+
+    def write(self, name, lines):
+        with open(self.path(name), "w", encoding="utf-8", errors="surrogateescape") as file:
+            file.writelines(line + "\n" for line in lines)
+        return self.path(name)
+
+    def must(self, what, command, log, count=lambda: 0, show=lambda done: None):
+        """Runs one step; its words go to a file."""
+        code = colmap.run(command, log, count, show)
+        if code:
+            raise RecordingError(f"COLMAP failed at its {what} (code {code}): {colmap.last_words(log)[:300]}; all it said is in {log}")
+
+    def features(self):
+        there, progress = self.database.features(), Progress(self.quiet, "features of photograph")
+        progress.total = len(self.photographs.camera)
+        for names in self.photographs.cameras():
+            if not all(name in there for name in names):
+                command = self.runner.extract(self.file, self.photographs.folder, self.write("names.txt", names))
+                self.must("features", command, self.path("features.log"), lambda: self.database.count("keypoints"), progress.show)
+        progress.end()
+
+    def matches(self, in_order):
+        names = sorted(self.photographs.camera)
+        wanted = pairs(names, in_order)
+        there = {frozenset(pair[:2]) for pair in self.database.pairs()}
+        left = [pair for pair in ((names[a], names[b]) for a, b in wanted) if frozenset(pair) not in there]
+        progress, log = Progress(self.quiet, "pair"), self.path("pairs.log")
+        progress.total, begun = len(left), 0
+        while begun < len(left):
+            part = left[begun : begun + max(PART, len(left) // 100)]
+            self.must("pairs", self.runner.match(self.file, self.write("pairs.txt", (" ".join(pair) for pair in part))), log)
+            begun += len(part)
+            progress.show(begun)
+        progress.end()
+
+    def tidy(self):
+        """Leaves what COLMAP said."""
+        for name in os.listdir(self.folder):
+            if not name.endswith(".log"):
+                path = self.path(name)
+                shutil.rmtree(path) if os.path.isdir(path) else os.remove(path)
+
+    def map(self):
+        """The models, best first; an interrupted one begins anew."""
+        models, log = self.path("models"), self.path("cameras.log")
+        shutil.rmtree(models, ignore_errors=True)
+        os.makedirs(models)
+        if os.path.exists(log):
+            os.remove(log)
+        progress = Progress(self.quiet, "camera")
+        progress.total = len(self.photographs.camera)
+        colmap.run(self.runner.map(self.file, self.photographs.folder, models), log, lambda: placed(log), progress.show)
+        progress.end()
+        found = colmap.models(models)
+        if found:
+            return found
+        features = sorted(self.database.features().values()) or [0]
+        fit = sum(fit >= colmap.INLIERS for _, _, fit in self.database.pairs())
+        raise RecordingError(f"COLMAP placed no camera: the photographs have {features[0]} to {features[-1]} features, and {fit} pairs fit together; it takes sharp "
+                             f"photographs of a scene that stands still, each showing most of the one before from another place ({colmap.last_words(log)[:200]}; {log})")  # fmt: skip
+
+
+def placed(log):
+    """Cameras that mapping has placed so far in its best model, by its words."""
+    with open(log, "rb") as file:
+        return file.read().count(b"Registering image")
+
+
+def left_out(name, features, fits, other):
+    """Why a photograph has no camera, most likely."""
+    if name in other:
+        return f"belongs to another group of {other[name]} photographs that nothing connects with the largest"
+    if features.get(name, 0) < 200:
+        return f"{features.get(name, 0)} features: blurred, dark or without texture"
+    if not fits.get(name):
+        return "shows nothing that another photograph shows"
+    return f"fits {fits[name]} other{'s' if fits[name] > 1 else ''} too loosely"
+
+
+def told(work, models):
+    """What came of it, as import.json has it."""
+    best, names = models[0], set(colmap.registered(models[0]))
+    count, error = colmap.points(best)
+    fits, other = {}, {}
+    for a, b, fit in work.database.pairs():
+        for name in (a, b):
+            fits[name] = fits.get(name, 0) + (fit >= colmap.INLIERS)
+    for model in reversed(models[1:]):
+        group = colmap.registered(model)
+        other.update(dict.fromkeys(group, len(group)))
+    features = work.database.features()
+    missing = {name: left_out(name, features, fits, other) for name in sorted(work.photographs.camera) if name not in names}
+    missing.update({name: f"can't be read: {why}" for name, why in work.photographs.unreadable})
+    return {"photographs": len(work.photographs.camera) + len(work.photographs.unreadable), "registered": len(names), "points": count,
+            "reprojection_error": error, "turned_upright": work.photographs.turned, "left_out": missing}  # fmt: skip
+
+
+def say(output, facts, people):
+    print(f"{output}: {facts['registered']} of {facts['photographs']} photographs have cameras; {facts['points']} points, mean reprojection error "
+          f"{facts['reprojection_error']:.2f} px; next: pags train {output} -o SCENE", file=people)  # fmt: skip
+    for name, why in list(facts["left_out"].items())[:10]:
+        print(f"left out: {name}: {why}", file=people)
+    if len(facts["left_out"]) > 10:
+        print(f"left out: {len(facts['left_out']) - 10} more; import.json names them", file=people)
+    if facts["turned_upright"]:
+        print(f"{facts['turned_upright']} photographs were turned by their EXIF orientation and are written upright anew (JPEG, quality 97)", file=people)
+
+
+def begin(raw, output, pictures):
+    """What import.json says the import is of, and what came of it if it is complete. A folder that was begun from anything else is refused."""
+    asked = {"importer": "photos", "source": os.path.realpath(raw), "pictures": pictures}
+    path = os.path.join(output, "import.json")
+    if os.path.isdir(output) and os.listdir(output):
+        try:
+            with open(path, encoding="utf-8") as file:
+                there = json.load(file)
+        except (OSError, ValueError):
+            raise RecordingError(f"{output}: isn't empty, and no import of photographs wrote it; give another folder, or remove it") from None
+        if not isinstance(there, dict) or {key: there.get(key) for key in asked} != asked:
+            raise RecordingError(f"{output}: was begun from another source or with other options (see its import.json); give another folder, or remove it")
+        return asked, there.get("result")
+    put(path, asked)
+    return asked, None
+
+
+def put(path, content):
+    os.makedirs(os.path.dirname(path), exist_ok=True)
+    with open(path + ".part", "w", encoding="utf-8", errors="surrogateescape") as file:
+        file.write(json.dumps(content, indent=1) + "\n")
+    os.replace(path + ".part", path)
+
+
+def read(raw, output, pictures, people, quiet):
+    """Imports a folder of photographs or a video. Returns what came of it."""
+    if not os.path.isdir(raw) and not is_video(raw):
+        raise RecordingError(f"{raw}: {'is no folder and no video: ' + ' '.join(video.ENDINGS) if os.path.exists(raw) else 'is missing'}")
+    if os.path.realpath(output) == os.path.realpath(raw):
+        raise RecordingError(f"{output}: is the folder of the photographs itself; give another one to write to")
+    runner = colmap.find()
+    asked, facts = begin(raw, output, pictures)
+    if facts is None:
+        photographs = gather(raw, output, pictures, quiet)
+        work = Work(runner, output, photographs, quiet)
+        work.features()
+        in_order = is_video(raw) or len(photographs.camera) > EXHAUSTIVE
+        if in_order and people and not is_video(raw):
+            print(f"{len(photographs.camera)} photographs are compared in the order of their names, as they were taken", file=people)
+        work.matches(in_order)
+        models = work.map()
+        facts = told(work, models)
+        model = os.path.join(output, "sparse", "0")
+        shutil.rmtree(os.path.join(output, "sparse"), ignore_errors=True)
+        os.makedirs(os.path.dirname(model))
+        os.replace(models[0], model)
+        work.tidy()
+        put(os.path.join(output, "import.json"), asked | {"result": facts})
+    if people:
+        say(output, facts, people)
+    return facts
