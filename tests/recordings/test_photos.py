@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 import unittest
+from unittest import mock
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path[:0] = [os.path.dirname(HERE), os.path.join(os.path.dirname(HERE), "cli")]
@@ -157,8 +158,9 @@ class Photos(Case):
         self.refused("COLMAP failed at its features (code 1): there is no room for it", COLMAP_DOES="fail")
         self.refused("COLMAP placed no camera", "900 to 900 features", "3 pairs fit together", "No good initial image pair", COLMAP_DOES="nothing")
         shutil.rmtree(self.out)
-        os.remove(self.path("bin", "colmap"))
-        self.refused("by COLMAP, which isn't installed: ", "install", PATH=self.path("bin"))
+        with mock.patch("shutil.which", return_value=None), mock.patch("importlib.util.find_spec", return_value=None):
+            with self.assertRaisesRegex(photos.RecordingError, "by COLMAP, which isn't installed: .*install"):
+                photos.read(self.raw, self.out, None, None, True)
         self.assertFalse(os.path.exists(self.out))
         write(os.path.join(self.out, "mine.txt"), "x")
         self.refused("wasn't written by an import", more=("--overwrite",))

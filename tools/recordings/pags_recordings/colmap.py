@@ -4,6 +4,7 @@
 import importlib.util
 import json
 import os
+import re
 import shutil
 import sqlite3
 import struct
@@ -93,9 +94,9 @@ def run(command, log, count, show):
 
 
 def last_words(log):
-    """The last line of a log that says something."""
+    """The last line of a log that says something, without glog's date and place."""
     with open(log, "rb") as file:
-        lines = [line.strip(" =\t") for line in file.read().decode(errors="replace").splitlines()]
+        lines = [re.sub(r"^[EFIW]\d{8} \S+ +\d+ \S+\] ", "", line).strip(" =\t") for line in file.read().decode(errors="replace").splitlines()]
     return next((line for line in reversed(lines) if line), "it said nothing")
 
 
