@@ -1,10 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Draws dots and projected boxes onto pictures, for the overlay of pags info. Lines are clipped to the picture, boxes
- * to a near plane. */
+/* Draws dots, lines, numbers and projected boxes (overlay_draw.h). Lines are clipped to the picture, boxes to a near
+ * plane. */
 #include "cli/overlay_draw.h"
 
+#include <inttypes.h>
 #include <math.h>
 #include <stdbool.h>
+#include <stdio.h>
 #include <string.h>
 
 #include "maths/maths.h"
@@ -31,8 +33,7 @@ static bool cut(double p, double d, double most, double *lo, double *hi) {
   return *lo < *hi;
 }
 
-/* Draws a line two pixels wide, clipped to the picture. */
-static void draw_line(pags_image *image, const double a[2], const double b[2], const uint8_t rgb[3]) {
+void pags_draw_line(pags_image *image, const double a[2], const double b[2], const uint8_t rgb[3]) {
   double lo = 0, hi = 1, dx = b[0] - a[0], dy = b[1] - a[1];
   if (!cut(a[0], dx, image->width, &lo, &hi) || !cut(a[1], dy, image->height, &lo, &hi))
     return;
@@ -43,6 +44,23 @@ static void draw_line(pags_image *image, const double a[2], const double b[2], c
     pags_draw_dot(image, x + 1, y, 0, rgb);
     pags_draw_dot(image, x, y + 1, 0, rgb);
   }
+}
+
+void pags_draw_number(pags_image *image, int x, int y, int64_t number) {
+  enum { COLUMNS = 3, ROWS = 5, SCALE = 2, EDGE = 2, STEP = (COLUMNS + 1) * SCALE };
+  /* Rows of a digit from above, three bits each, the leftmost the highest. */
+  static const unsigned digits[10] = {075557, 026227, 071747, 071717, 055711, 074717, 074757, 071111, 075757, 075717};
+  static const uint8_t black[3] = {0, 0, 0}, white[3] = {255, 255, 255};
+  char text[24];
+  const int length = snprintf(text, sizeof text, "%" PRId64, number < 0 ? 0 : number);
+  for (int j = 0; j < ROWS * SCALE + 2 * EDGE; j++)
+    for (int i = 0; i < length * STEP - SCALE + 2 * EDGE; i++) {
+      const int column = (i - EDGE) / SCALE % (COLUMNS + 1), row = (j - EDGE) / SCALE;
+      const bool inside = i >= EDGE && j >= EDGE && column < COLUMNS && row < ROWS;
+      const int at = inside ? (i - EDGE) / STEP : length;
+      const bool ink = at < length && digits[text[at] - '0'] >> (3 * (ROWS - 1 - row) + (COLUMNS - 1 - column)) & 1;
+      pags_draw_dot(image, x + i, y + j, 0, ink ? black : white);
+    }
 }
 
 /* Projects and draws the edge from a to b, both in camera coordinates, clipped at the near plane. */
@@ -60,7 +78,7 @@ static void draw_edge(pags_image *image, const pags_camera *camera, const double
     pixels[e][0] = camera->fx * ends[e][0] / ends[e][2] + camera->cx;
     pixels[e][1] = camera->fy * ends[e][1] / ends[e][2] + camera->cy;
   }
-  draw_line(image, pixels[0], pixels[1], rgb);
+  pags_draw_line(image, pixels[0], pixels[1], rgb);
 }
 
 void pags_draw_box(pags_image *image, const pags_camera *camera, const double world_from_object[12],

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Draws dots and projected 3D boxes onto pictures, for the overlay of pags info. */
+/* Draws dots, lines, numbers and projected 3D boxes onto pictures (U8, 3 channels), for pags info. */
 #ifndef PAGS_CLI_OVERLAY_DRAW_H
 #define PAGS_CLI_OVERLAY_DRAW_H
 
@@ -10,6 +10,12 @@
 /* Draws a filled square with a side of 2 * half + 1 px, centred on pixel (x, y) and clipped to the picture. `image`
  * is U8 with 3 channels. */
 void pags_draw_dot(pags_image *image, double x, double y, int half, const uint8_t rgb[3]);
+
+/* Draws a line two pixels wide from pixel a to pixel b, clipped to the picture. */
+void pags_draw_line(pags_image *image, const double a[2], const double b[2], const uint8_t rgb[3]);
+
+/* Writes a number of at most 20 digits in black on white, its top left corner at pixel (x, y), 14 pixels high. */
+void pags_draw_number(pags_image *image, int x, int y, int64_t number);
 
 /* Draws the twelve edges of a box at its pose, clipped to what is at least 0.1 m in front of the camera. The front
  * face (+x) is marked by its two diagonals. `size`: edge lengths in metres. */

@@ -7,6 +7,7 @@
 #include "cli/report.h"
 #include "cli/scene_facts.h"
 #include "cli/session.h"
+#include "cli/sheet.h"
 #include "cli/verbs.h"
 
 #include <errno.h>
@@ -31,7 +32,7 @@
 typedef struct info_arguments {
   pags_session session;
   int memory, objects;
-  const char *overlay;
+  const char *overlay, *sheet;
   pags_dataset_options options;
   pags_reading reading;
   const pags_parsed *parsed;
@@ -49,6 +50,8 @@ static const pags_option options[] = {
               "onto the "
               "photographs of "
               "at most 20 time steps, and say how well they agree"),
+    PAGS_TEXT("sheet", 0, AT(sheet), "FILE", NULL,
+              "of data sets: small photographs of all cameras and a map from above as one picture (.png, .jpg)"),
     PAGS_VALUE("downscale", 0, DOUBLE, AT(options.downscale), 1, 64, "F", "times", NULL, "of data sets: as for train"),
     PAGS_VALUE("split-every", 0, INT, AT(options.split_every), 0, 1e9, "N", "views; 0: none",
                "as stated, else 8; driving sets 4", "of data sets: as for train"),
@@ -65,7 +68,7 @@ static const pags_positional positionals[] = {
     {"ANY", "a data set, scene folder, splat file, camera or path file, checkpoint or image"}, {NULL, NULL}};
 
 static const pags_verb verb = {.name = "info",
-                               .usage = "ANY [--memory] [--objects] [--overlay FOLDER] [--json FILE|-]",
+                               .usage = "ANY [--memory] [--objects] [--overlay FOLDER] [--sheet FILE] [--json FILE|-]",
                                .about = "Says what a file or folder is, by its content, and what it holds.",
                                .positionals = positionals,
                                .options = options};
@@ -77,11 +80,12 @@ typedef enum info_kind { INFO_SCENE, INFO_DATASET, INFO_OTHER } info_kind;
 /* Refuses options that are of another kind of input than this one. */
 static pags_result check_effect(const info_arguments *arguments, const char *path, info_kind kind) {
   static const char *const kinds[] = {"a scene or splat file", "a data set", "such a file"};
-  const pags_option_rule rules[] = {{"memory objects up axes", kind == INFO_SCENE, "scenes and splat files"},
-                                    {"overlay downscale split-every colmap allow-missing image-folder image-alpha kind "
-                                     "cameras frames holdout-camera ego-mask critical sfm",
-                                     kind == INFO_DATASET, "data sets"},
-                                    {0}};
+  const pags_option_rule rules[] = {
+      {"memory objects up axes", kind == INFO_SCENE, "scenes and splat files"},
+      {"overlay sheet downscale split-every colmap allow-missing image-folder image-alpha kind "
+       "cameras frames holdout-camera ego-mask critical sfm",
+       kind == INFO_DATASET, "data sets"},
+      {0}};
   char names[256];
   const pags_option_rule *idle = pags_option_idle(arguments->parsed, rules, names, sizeof names);
   if (!idle)
@@ -161,6 +165,8 @@ static pags_result describe_dataset(pags_report *report, const info_arguments *a
   put_driving(report, dataset);
   pags_result result =
       arguments->overlay ? pags_overlay(dataset, arguments->overlay, &arguments->session, report) : PAGS_OK;
+  if (result == PAGS_OK && arguments->sheet)
+    result = pags_sheet(dataset, arguments->sheet, &arguments->session, report);
   pags_dataset_close(dataset);
   return result;
 }

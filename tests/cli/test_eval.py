@@ -10,6 +10,13 @@ import fixtures
 REGIONS = ["critical", "noncritical", "moving", "vehicles", "pedestrians", "cyclists"]
 
 
+def pixels_of(path):
+    """Width and rows of pixels (r, g, b) of a PNG of 8 bits."""
+    width, height, channels, _, samples = fixtures.read_png(path)
+    pixels = [tuple(samples[i : i + 3]) for i in range(0, len(samples), channels)]
+    return width, [pixels[y * width : (y + 1) * width] for y in range(height)]
+
+
 class Eval(fixtures.Case):
     @classmethod
     def setUpClass(cls):
@@ -123,6 +130,25 @@ class Eval(fixtures.Case):
         self.assertLess(overlay["lidar_under_sky"], 0.02)
         self.assertEqual(overlay["warnings"], [])
         self.assertGreaterEqual(facts["objects_moving"]["all"], 2)
+
+    def test_sheet_of_a_drive(self):
+        """Cells are the photographs; the map has the drive's cameras, held-out ones in red, its LiDAR and its boxes."""
+        facts = json.loads(self.succeeds("info", self.street, "--sheet", self.path("sheet.png"), "--json", "-").stdout)
+        self.assertEqual(facts["sheet"], {"file": self.path("sheet.png"), "cameras": ["0: front"]})
+        width, sheet = pixels_of(self.path("sheet.png"))
+        _, photograph = pixels_of(os.path.join(self.street, "images", "000_0.png"))
+        self.assertEqual(width, 1600)
+        self.assertEqual([row[36:164] for row in sheet[20:72]], photograph[20:])  # below its number; small enough not to be shrunk
+        drawn = [pixel for row in sheet[76:] for pixel in row]
+        counts = {name: drawn.count(colour) for name, colour in {"path": (40, 90, 220), "held out": (220, 40, 40), "LiDAR": (165, 165, 165), "vehicles": (0, 150, 150)}.items()}
+        self.assertGreater(counts["LiDAR"], 300)
+        self.assertGreater(counts["vehicles"], 200)
+        self.assertLess(counts["held out"], counts["path"])
+        self.assertGreaterEqual(counts["held out"], 18)  # two of nine cameras, 3 x 3 pixels each
+
+    def test_sheet_says_what_is_wrong(self):
+        self.fails(["info", self.street, "--sheet", self.path("sheet.txt")], "sheet.txt")
+        self.fails(["info", self.scene, "--sheet", self.path("sheet.png")], "--sheet", "only on data sets")
 
     def test_overlay_warns_of_a_wrong_front(self):
         street = self.path("turned")
