@@ -40,7 +40,11 @@ static const char installed[] =
     "sys.exit(main())\n";
 
 bool pags_foreign_recording_is(const char *kind) {
-  return strcmp(kind, "argoverse2") == 0 || strcmp(kind, "nuscenes") == 0 || strcmp(kind, "photos") == 0;
+  static const char *const kinds[] = {"argoverse2", "nuscenes", "pandaset", "photos"};
+  for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++)
+    if (strcmp(kind, kinds[i]) == 0)
+      return true;
+  return false;
 }
 
 /* Finds the package beside the program: as it is installed, or in the sources of a build. */

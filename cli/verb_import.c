@@ -23,12 +23,13 @@ static const pags_option options[] = {
     PAGS_TEXT("cameras", 0, AT(options.cameras), "LIST",
               "waymo 0,1,2; kitti 0,1 if there; others: all but stereo pairs",
               "cameras to import: waymo 0 front, 1 front left, 2 front right, 3 side left, 4 side right; kitti 0 "
-              "image_02, 1 image_03; argoverse2 and nuscenes: names such as ring_front_center, CAM_FRONT"),
+              "image_02, 1 image_03; the others: names such as ring_front_center, CAM_FRONT, front_camera"),
     PAGS_VALUE("frames", 0, SPAN, AT(options.frame_first), 0, 0, "A-B", NULL, "all",
                "frames to import, both included; A- to the end; they count from 0 in DATASET"),
     PAGS_TEXT(
         "sequence", 0, AT(options.sequence), "NAME", "the only one there is",
-        "kitti: the sequence (0000), or of raw recordings the drive (0001); argoverse2: the log; nuscenes: the scene"),
+        "kitti: the sequence (0000), or of raw recordings the drive (0001); argoverse2: the log; nuscenes: the scene; "
+        "pandaset: the sequence (002)"),
     PAGS_VALUE("pictures", 0, INT, AT(pictures), 3, 2000, "N", "photographs", "120 of a video, all of a folder",
                "photos: take at most so many, well spread"),
     PAGS_FLAG("overwrite", 0, AT(options.overwrite), "remove another data set's files from the folder first"),
@@ -47,8 +48,9 @@ enum { KIND_COUNT = sizeof kinds / sizeof kinds[0] };
 static const pags_positional positionals[] = {
     {"KIND",
      "kitti: the tracking benchmark, or a synchronised raw recording; waymo: a segment of the Open Dataset v1; "
-     "argoverse2: a log of the sensor data set; nuscenes: a scene of v1.0; photos: photographs without cameras, "
-     "or a video, whose cameras COLMAP finds; these three by the Python package in tools/recordings"},
+     "argoverse2: a log of the sensor data set; nuscenes: a scene of v1.0; pandaset: a sequence; photos: "
+     "photographs without cameras, or a video, whose cameras COLMAP finds; these four by the Python package in "
+     "tools/recordings"},
     {"RAW", "the recording's folder, Waymo's .tfrecord file, or a video"},
     {NULL, NULL}};
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The importers of tools/recordings: trees in the sources' own raw formats, made here from the synthetic street, against the street's truth."""
 
+import gzip
 import io
 import json
 import os
@@ -16,14 +17,16 @@ sys.path[:0] = [os.path.dirname(HERE), os.path.join(os.path.dirname(HERE), "cli"
 from tool_python import TOOLS, need  # noqa: E402
 
 need("recordings", "numpy", "PIL", "pandas", "pyarrow")
-sys.path[:0] = [HERE]
+sys.path[:0] = [HERE, os.path.join(TOOLS, "recordings")]
 
 import numpy as np  # noqa: E402
 import pandas as pd  # noqa: E402
 from PIL import Image  # noqa: E402
 
 import fixtures  # noqa: E402
+import old_pickle  # noqa: E402
 from fixtures import Case, files_below, read, write  # noqa: E402
+from pags_recordings import pandaset  # noqa: E402
 from street import about, labels, load, make_street, matrix, parts, sweep  # noqa: E402
 
 FRAMES = 8
@@ -222,7 +225,7 @@ class Argoverse2(Importer):
         for name in files_below(out):
             self.assertEqual(read(os.path.join(out, name)), read(self.path("other", name)), name)
         self.fails(["import", "argoverse2", self.street, "-o", self.path("x")], "has nothing of Argoverse 2")
-        self.fails(["import", "argoverse3", self.street, "-o", self.path("x")], "expected kitti, waymo, argoverse2 or nuscenes", code=2)
+        self.fails(["import", "argoverse3", self.street, "-o", self.path("x")], "expected kitti, waymo, argoverse2, nuscenes, pandaset or photos", code=2)
 
     def test_usage(self):
         for words in (["argoverse3", self.raw, "-o", "x"], ["argoverse2", self.raw], ["argoverse2", self.raw, "-o", "x", "--frames", "5-2"]):
@@ -352,6 +355,131 @@ class NuScenes(Importer):
     def test_cut_sweep(self):
         name = load(self.raw, "v1.0-mini", "sample_data.json")[2]["filename"]
         self.refused(self.changed(name, lambda path: write(path, b"\0" * 44)), "11 numbers aren't rows of 5")
+
+
+# ---- PandaSet ----
+
+
+class PandaSet(Importer):
+    kind, NAMES, START = "pandaset", ("front_camera", "left_camera"), 1_557_539_924.5
+    LIDAR = np.array([[0.0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])  # the car's x forward is the LiDAR's y
+
+    @classmethod
+    def setUpClass(cls):
+        shared = cls.shared_folder()
+        cls.street, cls.raw = make_street(os.path.join(shared, "street"), FRAMES), os.path.join(shared, "pandaset", "002")
+        street, times = cls.street, load(cls.street, "timestamps.json")["frames"]
+        stamps = [cls.START + t for t in times]
+        egos = [matrix(street, "ego_pose", f"{t:03d}.txt") for t in range(FRAMES)]
+        put = lambda content, *names: write(os.path.join(cls.raw, *names), json.dumps(content))  # noqa: E731
+        put([cls.part(ego @ cls.LIDAR) for ego in egos], "lidar", "poses.json")
+        put(stamps, "lidar", "timestamps.json")
+        for n, name in enumerate(cls.NAMES):
+            k, mount = np.loadtxt(os.path.join(street, "intrinsics", f"{n}.txt")), matrix(street, "extrinsics", f"{n}.txt")
+            put({"fx": k[0], "fy": k[1], "cx": k[2] - 0.5, "cy": k[3] - 0.5}, "camera", name, "intrinsics.json")
+            put([cls.part(ego @ mount) for ego in egos], "camera", name, "poses.json")
+            put([stamp - 0.05 for stamp in stamps], "camera", name, "timestamps.json")
+            for t in range(FRAMES):
+                write(os.path.join(cls.raw, "camera", name, f"{t:02d}.jpg"), jpeg(os.path.join(street, "images", f"{t:03d}_{n}.png")))
+        put({"5": "Vegetation"}, "annotations", "semseg", "classes.json")
+        boxes = labels(street)
+        for t in range(FRAMES):
+            rows = sweep(street, f"{t:03d}.bin").astype(float)
+            points = rows[:, :3] @ egos[t][:3, :3].T + egos[t][:3, 3]
+            columns = {"x": points[:, 0], "y": points[:, 1], "z": points[:, 2], "i": rows[:, 3], "t": np.full(len(rows), stamps[t]), "d": np.arange(len(rows)) % 2}
+            write(os.path.join(cls.raw, "lidar", f"{t:02d}.pkl.gz"), old_pickle.packed(columns))
+            write(os.path.join(cls.raw, "annotations", "semseg", f"{t:02d}.pkl.gz"), old_pickle.packed({"class": np.arange(len(rows)) % 43}))
+            write(os.path.join(cls.raw, "annotations", "cuboids", f"{t:02d}.pkl.gz"), old_pickle.packed(cls.cuboids(boxes, t)))
+
+    @staticmethod
+    def part(pose):
+        (x, y, z, w), (a, b, c) = parts(pose)
+        return {"position": {"x": a, "y": b, "z": c}, "heading": {"w": w, "x": x, "y": y, "z": z}}
+
+    @classmethod
+    def cuboids(cls, boxes, t):
+        """The street's boxes, and a twin of the first by the LiDAR that looks ahead, which lacks the first time step."""
+        rows, now = [], sorted((track, *box) for (frame, track), box in boxes.items() if frame == t)
+        for n, (track, name, pose, size) in enumerate(now):
+            yaw = np.arctan2(pose[1, 0], pose[0, 0]) - np.pi / 2
+            row = [track, name, yaw, *pose[:3, 3], size[1], size[0], size[2], "twin" if n == 0 else "-", 0 if n == 0 else -1]
+            rows += [row] if n or t == 0 else [row, ["twin", name, yaw, *(pose[:3, 3] + 0.3), size[1], size[0], size[2], track, 1]]
+        return {name: np.array([row[i] for row in rows], object if isinstance(rows[0][i], str) else None) for i, name in enumerate(pandaset.BOX)} | {"stationary": np.zeros(len(rows), bool)}
+
+    def test_it_comes_out_right(self):
+        out = self.path("out")
+        self.assertIn(f"{FRAMES} time steps, 2 cameras", self.imports(os.path.dirname(self.raw), out))
+        self.hold_to_street(out)
+        self.assertEqual(load(out, "dataset.json")["lidar_columns"], ["x", "y", "z", "intensity", "sensor", "label"])
+        self.assertAlmostEqual(load(out, "timestamps.json")["cameras"]["1"][2], load(self.street, "timestamps.json")["frames"][2] - load(self.street, "timestamps.json")["frames"][0] - 0.05, places=6)
+        for n in range(2):
+            np.testing.assert_allclose(np.loadtxt(os.path.join(out, "intrinsics", f"{n}.txt"))[:4], np.loadtxt(os.path.join(self.street, "intrinsics", f"{n}.txt"))[:4], atol=1e-12)
+        true, made = labels(self.street), labels(out)
+        self.assertEqual(set(made), set(true))  # no twin
+        for key, (name, pose, size) in made.items():
+            self.assertEqual(name, true[key][0])
+            np.testing.assert_allclose(pose, true[key][1], atol=1e-7)
+            np.testing.assert_array_equal(size, true[key][2])
+        for t in range(FRAMES):
+            rows = np.fromfile(os.path.join(out, "lidar", f"{t:06d}.bin"), "<f4").reshape(-1, 6)
+            np.testing.assert_allclose(rows[:, :4], sweep(self.street, f"{t:03d}.bin"), atol=1e-4)
+            np.testing.assert_array_equal(rows[:, 4], np.arange(len(rows)) % 2)
+            np.testing.assert_array_equal(rows[:, 5], np.arange(len(rows)) % 43)
+        overlay = json.loads(self.succeeds("info", out, "--overlay", self.path("look"), "--json", "-").stdout)["overlay"]
+        self.assertEqual(overlay["warnings"], [])
+        self.assertGreater(overlay["lidar_in_boxes"], 0.98)
+
+    def test_a_missing_sweep(self):
+        out = self.path("out")
+        self.imports(self.changed("lidar/03.pkl.gz", lambda path: None), out, "--cameras", "front_camera", "--frames", "2-4")
+        self.assertEqual(sorted(os.listdir(os.path.join(out, "lidar"))), ["000000.bin", "000002.bin"])
+
+    def test_a_pickle_that_calls_something(self):
+        """What a pickle names is called by nobody, be it a function of the system, of numpy, or a class by the back door."""
+        mark = self.path("called")
+        calls = {
+            "posix.system": old_pickle.Named(("posix", "system"), (f"touch {mark}",)),
+            "builtins.eval": old_pickle.Named(("builtins", "eval"), (f"open({mark!r}, 'w')",)),
+            "numpy.load": old_pickle.Named(("numpy", "load"), (mark,)),
+            "numpy.core.multiarray.fromfile": old_pickle.Named(("numpy.core.multiarray", "fromfile"), (mark,)),
+            "pandas.core.frame.DataFrame.to_csv": old_pickle.Named(("pandas.core.frame", "DataFrame.to_csv"), (mark,)),
+        }
+        for name, thing in calls.items():
+            for part in ("annotations/cuboids/02.pkl.gz", "lidar/02.pkl.gz"):
+                content = gzip.compress(old_pickle.dumps(thing))
+                copy = self.changed(part, lambda path, content=content: write(path, content))
+                self.refused(copy, part, f"names {name}, which no table needs")
+                subprocess.run(["rm", "-rf", copy, self.path("out")], check=True)
+        self.assertFalse(os.path.exists(mark))
+
+    def test_bad_tables(self):
+        whole = read(os.path.join(self.raw, "lidar", "02.pkl.gz"))
+        columns = {name: np.zeros(3) for name in ("x", "y", "z", "i", "d")}
+        for content, word in [
+            (whole[: len(whole) // 2], "can't be read as a pickled table"),
+            (b"no gzip", "can't be read as a pickled table"),
+            (gzip.compress(b""), "can't be read as a pickled table"),
+            (gzip.compress(old_pickle.dumps([1, 2])), "can't be read as a pickled table"),
+            (gzip.compress(old_pickle.dumps(old_pickle.Named(("pandas.core.frame", "DataFrame"), (), {"_data": 3}))), "can't be read as a pickled table"),
+            (old_pickle.packed({"x": np.zeros(3)}), "has no column 'y'"),
+            (old_pickle.packed(columns), "but the sweep 3 points"),
+        ]:
+            copy = self.changed("lidar/02.pkl.gz", lambda path, content=content: write(path, content))
+            self.refused(copy, word)
+            subprocess.run(["rm", "-rf", copy, self.path("out")], check=True)
+
+    def test_bad_files(self):
+        for part, content, word in [
+            ("camera/front_camera/intrinsics.json", "{}", "expected fx, fy, cx and cy"),
+            ("camera/front_camera/poses.json", "[]", "expected a list"),
+            ("camera/front_camera/poses.json", "[{}]", "has 1 entries, but lidar/poses.json 8"),
+            ("lidar/timestamps.json", "[1, 2", "can't be read as JSON"),
+            ("lidar/poses.json", json.dumps([{"position": {}}] * FRAMES), "expected position x y z"),
+            ("camera/left_camera/03.jpg", None, "03.jpg: is missing"),
+        ]:
+            copy = self.changed(part, lambda path, content=content: content is None or write(path, content))
+            self.refused(copy, word)
+            subprocess.run(["rm", "-rf", copy, self.path("out")], check=True)
 
 
 if __name__ == "__main__":
