@@ -48,8 +48,9 @@ enum { KIND_COUNT = sizeof kinds / sizeof kinds[0] };
 static const pags_positional positionals[] = {
     {"KIND",
      "kitti: the tracking benchmark, or a synchronised raw recording; waymo: a segment of the Open Dataset v1; "
-     "argoverse2: a log of the sensor data set; nuscenes: a scene of v1.0; pandaset: a sequence; photos: "
-     "photographs without cameras, or a video, whose cameras COLMAP finds; these four by the Python package in "
+     "argoverse2: a log of the sensor data set; nuscenes: a scene of v1.0; pandaset: a sequence; waymo2: a "
+     "segment of the Open Dataset v2 (parquet); photos: photographs without cameras, or a video, whose cameras "
+     "COLMAP finds; these five by the Python package in "
      "tools/recordings"},
     {"RAW", "the recording's folder, Waymo's .tfrecord file, or a video"},
     {NULL, NULL}};

@@ -9,6 +9,8 @@
 #include "base/file.h"
 #include "base/memory.h"
 
+#define PARQUET \
+  "of Waymo Open v2, pags import waymo2 reads the folder that has camera_image and the other components in it"
 #define LAYOUT "docs/dataset-layout.md describes the files to write from it"
 #define DRIVESTUDIO "drivestudio's datasets/preprocess.py makes of it the data set that is read"
 
@@ -25,8 +27,9 @@ static const struct sign {
     {{"samples", "sweeps"}, false, "nuScenes; pags import nuscenes reads it"},
     {{"v1.0-mini"}, false, "nuScenes; pags import nuscenes reads it"},
     {{"v1.0-trainval"}, false, "nuScenes; pags import nuscenes reads it"},
-    {{"camera/front_camera", "lidar"}, false, "a raw sequence of PandaSet; " DRIVESTUDIO ", then with --kind pandaset"},
-    {{"annotations/cuboids", "lidar"}, false, "a raw sequence of PandaSet; " DRIVESTUDIO ", then with --kind pandaset"},
+    {{"camera/front_camera", "lidar"}, false, "a raw sequence of PandaSet; pags import pandaset reads it"},
+    {{"annotations/cuboids", "lidar"}, false, "a raw sequence of PandaSet; pags import pandaset reads it"},
+    {{"camera_image", "vehicle_pose"}, false, "Waymo Open v2; pags import waymo2 reads a segment of it"},
     {{"nuplan-v1.1"}, false, "nuPlan; " DRIVESTUDIO ", then with --kind nuplan"},
     {{"data_2d_raw"}, false, "KITTI-360, which isn't imported; " LAYOUT},
     {{"data_3d_raw"}, false, "KITTI-360, which isn't imported; " LAYOUT},
@@ -60,14 +63,8 @@ static const struct sign {
      true,
      "a day of KITTI's raw recordings: 'pags import kitti' makes a data set of a drive"},
     {{"*.tfrecord"}, true, "a folder of Waymo Open v1 segments: 'pags import waymo FILE' makes a data set of one"},
-    {{"*.parquet"},
-     false,
-     "Waymo Open v2 or other parquet files, which aren't imported; of Waymo, the segment's .tfrecord "
-     "of version 1 is (pags import waymo)"},
-    {{"*/*.parquet"},
-     false,
-     "Waymo Open v2 or other parquet files, which aren't imported; of Waymo, the segment's "
-     ".tfrecord of version 1 is (pags import waymo)"},
+    {{"*.parquet"}, false, "parquet files; " PARQUET},
+    {{"*/*.parquet"}, false, "parquet files; " PARQUET},
     {{"metadata.yaml", "*.db3"}, false, "a ROS 2 bag, which isn't read; " LAYOUT},
     {{"metadata.yaml", "*.mcap"}, false, "a ROS 2 bag, which isn't read; " LAYOUT},
     {{"*.bag"}, false, "a folder of ROS bags, which aren't read; " LAYOUT}};
@@ -116,9 +113,7 @@ static const char *name_folder(const char *folder, bool importers) {
 static const struct {
   const char *magic;
   const char *text;
-} files[] = {{"PAR1",
-              "a parquet file, as of Waymo Open v2, which isn't imported; the segment's .tfrecord of version 1 is "
-              "(pags import waymo)"},
+} files[] = {{"PAR1", "a parquet file; " PARQUET},
              {"ARROW1", "a feather file, as of Argoverse 2; pags import argoverse2 reads the log's folder"},
              {"#ROSBAG", "a ROS bag, which isn't read; " LAYOUT},
              {"\x89MCAP", "an MCAP recording, which isn't read; " LAYOUT},

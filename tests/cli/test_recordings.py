@@ -460,6 +460,10 @@ class Foreign(Case):
     def test_named_with_what_would_do(self):
         self.write("av2/city_SE3_egovehicle.feather", b"ARROW1\0\0")
         self.write("v2/vehicle_pose/1.parquet", b"PAR1" + bytes(60))
+        for component in ("camera_image", "camera_calibration", "vehicle_pose"):
+            self.write(f"v2whole/{component}/1.parquet", b"PAR1" + bytes(60))
+        self.write("panda/lidar/poses.json", "[]")
+        self.write("panda/camera/front_camera/poses.json", "[]")
         self.write("nusc/samples/a", "")
         self.write("nusc/sweeps/a", "")
         self.write("k360/data_2d_raw/a", "")
@@ -471,8 +475,10 @@ class Foreign(Case):
         self.write("w/segment.tfrecord", bytes(20))
         for name, words in {
             "av2": ["Argoverse 2", "pags import argoverse2"],
-            "v2": ["Waymo Open v2", ".tfrecord"],
-            "v2/vehicle_pose/1.parquet": ["parquet", ".tfrecord"],
+            "v2": ["parquet", "Waymo Open v2", "pags import waymo2"],
+            "v2/vehicle_pose/1.parquet": ["parquet", "pags import waymo2"],
+            "v2whole": ["Waymo Open v2", "pags import waymo2"],
+            "panda": ["PandaSet", "pags import pandaset"],
             "av2/city_SE3_egovehicle.feather": ["feather", "pags import argoverse2"],
             "nusc": ["nuScenes", "pags import nuscenes"],
             "k360": ["KITTI-360", "docs/dataset-layout.md"],

@@ -21,6 +21,8 @@ sys.path[:0] = [HERE, os.path.join(TOOLS, "recordings")]
 
 import numpy as np  # noqa: E402
 import pandas as pd  # noqa: E402
+import pyarrow as pa  # noqa: E402
+from pyarrow import parquet as pq  # noqa: E402
 from PIL import Image  # noqa: E402
 
 import fixtures  # noqa: E402
@@ -75,13 +77,13 @@ class Importer(Case):
         change(path)
         return copy
 
-    def hold_to_street(self, out, first=0, shift=0.0):
+    def hold_to_street(self, out, first=0, tolerance=1e-8):
         """Compares poses with the street's: 17 digits went through a quaternion and back."""
         for t in range(len(os.listdir(os.path.join(out, "ego_pose")))):
             ego = matrix(self.street, "ego_pose", f"{t + first:03d}.txt")
-            np.testing.assert_allclose(matrix(out, "ego_pose", f"{t:06d}.txt"), ego, atol=1e-8)
+            np.testing.assert_allclose(matrix(out, "ego_pose", f"{t:06d}.txt"), ego, atol=tolerance)
             for n in range(len(load(out, "dataset.json")["cameras"])):
-                np.testing.assert_allclose(matrix(out, "extrinsics", f"{t:06d}_{n}.txt"), ego @ matrix(self.street, "extrinsics", f"{n}.txt"), atol=1e-8)
+                np.testing.assert_allclose(matrix(out, "extrinsics", f"{t:06d}_{n}.txt"), ego @ matrix(self.street, "extrinsics", f"{n}.txt"), atol=tolerance)
 
 
 # ---- Argoverse 2 ----
@@ -225,7 +227,7 @@ class Argoverse2(Importer):
         for name in files_below(out):
             self.assertEqual(read(os.path.join(out, name)), read(self.path("other", name)), name)
         self.fails(["import", "argoverse2", self.street, "-o", self.path("x")], "has nothing of Argoverse 2")
-        self.fails(["import", "argoverse3", self.street, "-o", self.path("x")], "expected kitti, waymo, argoverse2, nuscenes, pandaset or photos", code=2)
+        self.fails(["import", "argoverse3", self.street, "-o", self.path("x")], "expected kitti, waymo, argoverse2, nuscenes, pandaset, waymo2 or photos", code=2)
 
     def test_usage(self):
         for words in (["argoverse3", self.raw, "-o", "x"], ["argoverse2", self.raw], ["argoverse2", self.raw, "-o", "x", "--frames", "5-2"]):
@@ -479,6 +481,140 @@ class PandaSet(Importer):
         ]:
             copy = self.changed(part, lambda path, content=content: content is None or write(path, content))
             self.refused(copy, word)
+            subprocess.run(["rm", "-rf", copy, self.path("out")], check=True)
+
+
+# ---- Waymo, version 2 ----
+
+
+class Waymo2(Importer):
+    kind, START = "waymo2", 1_552_440_195_362_591
+    ROOF = np.block([[about([0, 0, 1], 2.5), np.array([[1.4], [0.1], [2.1]])], [np.zeros((1, 3)), np.ones((1, 1))]])
+    AXES = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])  # a camera's x right, y down, z forward in Waymo's x forward, y left, z up
+    CLASSES = {"Car": 1, "Pedestrian": 2, "Cyclist": 4}
+
+    @classmethod
+    def setUpClass(cls):
+        shared = cls.shared_folder()
+        cls.street, cls.raw = make_street(os.path.join(shared, "street"), FRAMES), os.path.join(shared, "waymo")
+        street, names = cls.street, [f"{t:03d}" for t in range(FRAMES)]
+        cls.stamps = [cls.START + round(t * 1e6) for t in load(street, "timestamps.json")["frames"]]
+        cls.egos = [matrix(street, "ego_pose", f"{name}.txt") for name in names]
+        lenses = [np.loadtxt(os.path.join(street, "intrinsics", f"{n}.txt")) for n in range(2)]
+        mounts = [matrix(street, "extrinsics", f"{n}.txt") @ np.linalg.inv(cls.AXES) for n in range(2)]
+        frames = [{"key.frame_timestamp_micros": stamp} for stamp in cls.stamps]
+        cls.put("vehicle_pose", "VehiclePoseComponent", [key | {"world_from_vehicle.transform": ego.ravel().tolist()} for key, ego in zip(frames, cls.egos)])
+        cls.put("camera_calibration", "CameraCalibrationComponent", [
+            {"key.camera_name": n + 1, **dict(zip(("intrinsic.f_u", "intrinsic.f_v", "intrinsic.c_u", "intrinsic.c_v"), lens[:4].tolist())), **{f"intrinsic.{k}": 0.0 for k in ("k1", "k2", "p1", "p2", "k3")},
+             "extrinsic.transform": mount.ravel().tolist(), "width": 160, "height": 96} for n, (lens, mount) in enumerate(zip(lenses, mounts))])  # fmt: skip
+        cls.put("camera_image", "CameraImageComponent", [row for t in range(FRAMES) for row in cls.photographs(t)])
+        cls.put("lidar_box", "LiDARBoxComponent", [cls.box(t, track, *box) for (t, track), box in labels(street).items()])
+        cls.put("lidar_calibration", "LiDARCalibrationComponent", [
+            {"key.laser_name": 1, "extrinsic.transform": cls.ROOF.ravel().tolist(), "beam_inclination.min": -0.3, "beam_inclination.max": 0.05, "beam_inclination.values": [-0.3, -0.1, -0.04, 0.05]},
+            {"key.laser_name": 2, "extrinsic.transform": np.eye(4).ravel().tolist(), "beam_inclination.min": -0.4, "beam_inclination.max": 0.2, "beam_inclination.values": None}])  # fmt: skip
+        dice = np.random.default_rng(3)
+        cls.images = {(t, laser): np.where(dice.random((4, 7, 1)) < 0.2, -1, dice.uniform(3, 60, (4, 7, 4))).astype(np.float32) for t in range(FRAMES) for laser in (1, 2)}
+        cls.turns = {t: dice.normal(0, 0.02, (4, 7, 6)).astype(np.float32) + cls.flat(cls.egos[t]) for t in range(FRAMES)}
+        image = lambda name, array: {f"{name}.values": [] if array is None else array.ravel().tolist(), f"{name}.shape": None if array is None else list(array.shape)}  # noqa: E731
+        cls.put("lidar", "LiDARComponent", [frames[t] | {"key.laser_name": laser, **image("range_image_return1", cls.images[t, laser]), **image("range_image_return2", cls.images[t, 2] if laser == 1 else None)}
+                                            for t in range(FRAMES) for laser in (1, 2)])  # fmt: skip
+        cls.put("lidar_pose", "LiDARPoseComponent", [frames[t] | {"key.laser_name": 1, **image("range_image_return1", cls.turns[t])} for t in range(FRAMES)])
+
+    @staticmethod
+    def flat(pose):
+        """Roll, pitch, yaw and place of a car's pose on flat ground."""
+        return np.array([0, 0, np.arctan2(pose[1, 0], pose[0, 0]), *pose[:3, 3]], np.float32)
+
+    @classmethod
+    def put(cls, folder, component, rows, raw=None):
+        path = os.path.join(raw or cls.raw, folder, "a-segment.parquet")
+        os.makedirs(os.path.dirname(path), exist_ok=True)
+        named = [{"key.segment_context_name": "a-segment", **{name if name.startswith("key.") else f"[{component}].{name}": value for name, value in row.items()}} for row in rows]
+        pq.write_table(pa.Table.from_pylist(named), path, row_group_size=5)
+
+    @classmethod
+    def photographs(cls, t):
+        """Of each camera the pose 8 ms before the middle of its exposure, from where the car goes on at 5 m/s and turns at 0.3 rad/s about a slanted axis."""
+        way, turn = np.array([5.0, 1, 0]) * 0.008, np.array([0.1, 0, 0.3]) * 0.008
+        before = cls.egos[t].copy()
+        before[:3, :3] = about(turn, -np.linalg.norm(turn)) @ before[:3, :3]
+        before[:3, 3] -= way
+        at = cls.stamps[t] / 1e6
+        for n in range(2):
+            yield {"key.frame_timestamp_micros": cls.stamps[t], "key.camera_name": n + 1, "image": jpeg(os.path.join(cls.street, "images", f"{t:03d}_{n}.png")),
+                   "pose.transform": before.ravel().tolist(), "pose_timestamp": at, **{f"velocity.linear_velocity.{axis}": v / 0.008 for axis, v in zip("xyz", way)},
+                   **{f"velocity.angular_velocity.{axis}": v / 0.008 for axis, v in zip("xyz", turn)}, "rolling_shutter_params.shutter": 0.003,
+                   "rolling_shutter_params.camera_trigger_time": at - 0.012, "rolling_shutter_params.camera_readout_done_time": at + 0.028}  # fmt: skip
+
+    @classmethod
+    def box(cls, t, track, name, pose, size):
+        pose = np.linalg.inv(cls.egos[t]) @ pose
+        centre, heading = pose[:3, 3], np.arctan2(pose[1, 0], pose[0, 0])
+        return {"key.frame_timestamp_micros": cls.stamps[t], "key.laser_object_id": track, "type": cls.CLASSES[name], "box.heading": heading,
+                **{f"box.center.{axis}": v for axis, v in zip("xyz", centre)}, **{f"box.size.{axis}": v for axis, v in zip("xyz", size)}}  # fmt: skip
+
+    def expected(self, t):
+        """The points, one by one."""
+        beams = {1: [-0.3, -0.1, -0.04, 0.05], 2: [-0.325, -0.175, -0.025, 0.125]}
+        for laser, image, beam in [(1, self.images[t, 1], 1), (1, self.images[t, 2], 1), (2, self.images[t, 2], 2)]:
+            mount = self.ROOF if laser == 1 else np.eye(4)
+            for r in range(4):
+                for c in range(7):
+                    d, up, around = float(image[r, c, 0]), beams[beam][3 - r], np.pi - (c + 0.5) * 2 * np.pi / 7 - (2.5 if laser == 1 else 0)
+                    if d > 0:
+                        p = mount @ [d * np.cos(up) * np.cos(around), d * np.cos(up) * np.sin(around), d * np.sin(up), 1]
+                        roll, pitch, yaw, *place = self.turns[t][r, c].astype(float)
+                        if laser == 1:
+                            world = about([0, 0, 1], yaw) @ about([0, 1, 0], pitch) @ about([1, 0, 0], roll) @ p[:3] + place
+                            p = np.linalg.inv(self.egos[t]) @ [*world, 1]
+                        yield [*p[:3], float(image[r, c, 1])]
+
+    def test_it_comes_out_right(self):
+        out = self.path("out")
+        self.assertIn(f"{FRAMES} time steps, 2 cameras", self.imports(self.raw, out))
+        self.hold_to_street(out, tolerance=3e-6)  # a time of 1.5e9 s is rounded to 0.24 us, at 5 m/s
+        for n in range(2):
+            np.testing.assert_allclose(np.loadtxt(os.path.join(out, "intrinsics", f"{n}.txt"))[:4], np.loadtxt(os.path.join(self.street, "intrinsics", f"{n}.txt"))[:4], atol=1e-12)
+        self.assertAlmostEqual(load(out, "timestamps.json")["cameras"]["1"][2] - load(out, "timestamps.json")["frames"][2], 0.008, places=5)
+        true, made = labels(self.street), labels(out)
+        self.assertEqual(set(made), set(true))
+        for key, (name, pose, size) in made.items():
+            self.assertEqual(name, {"Car": "Vehicle"}.get(true[key][0], true[key][0]))
+            upright = np.linalg.inv(self.egos[key[0]]) @ true[key][1]  # the source's boxes stand upright in the car's frame
+            heading = np.arctan2(upright[1, 0], upright[0, 0])
+            upright[:3, :3] = about([0, 0, 1], heading)
+            np.testing.assert_allclose(pose, self.egos[key[0]] @ upright, atol=1e-7)
+            np.testing.assert_array_equal(size, true[key][2])
+        for t in range(FRAMES):
+            np.testing.assert_allclose(sweep(out, f"{t:06d}.bin"), np.array(list(self.expected(t))), atol=3e-5)  # float32 at 100 m
+        self.assertEqual(read(os.path.join(out, "images", "000003_1.jpg")), jpeg(os.path.join(self.street, "images", "003_1.png")))
+        self.succeeds("info", out, "--overlay", self.path("look"))
+
+    def test_bad_input(self):
+        self.refused(self.street, "has nothing of the Waymo Open Dataset, version 2")
+        for part, content, words in [
+            ("lidar_box", b"PAR1" + bytes(60), ["lidar_box/a-segment.parquet: can't be read as parquet"]),
+            ("camera_image", read(os.path.join(self.raw, "camera_image", "a-segment.parquet"))[:-3000], ["camera_image/a-segment.parquet: can't be read as parquet"]),
+            ("vehicle_pose", None, ["vehicle_pose/a-segment.parquet: is missing"]),
+        ]:
+            name = f"{part}/a-segment.parquet"
+            copy = self.changed(name, lambda path, content=content: content is None or write(path, content))
+            self.refused(copy, *words)
+            subprocess.run(["rm", "-rf", copy, self.path("out")], check=True)
+
+    def test_bad_tables(self):
+        key = {"key.frame_timestamp_micros": self.stamps[0]}
+        image = {"range_image_return1.values": [1.0] * 24, "range_image_return1.shape": [4, 6, 4], "range_image_return2.values": [], "range_image_return2.shape": None}
+        for folder, component, rows, words in [
+            ("vehicle_pose", "VehiclePoseComponent", [key], ["no column '[VehiclePoseComponent].world_from_vehicle.transform'"]),
+            ("vehicle_pose", "VehiclePoseComponent", [key | {"world_from_vehicle.transform": [0.5] * 16}], [f"frame {self.stamps[0]} isn't rigid"]),
+            ("vehicle_pose", "VehiclePoseComponent", [key | {"world_from_vehicle.transform": [1.0, 2.0]}], ["expected 16 numbers, found 2"]),
+            ("lidar", "LiDARComponent", [key | {"key.laser_name": 2} | image], ["LiDAR 2", "has 24 numbers and the shape [4, 6, 4]"]),
+            ("camera_image", "CameraImageComponent", [{**row, "image": b"no JPEG"} for row in self.photographs(0)], ["can't be read as a picture"]),
+        ]:
+            copy = self.changed(f"{folder}/a-segment.parquet", lambda path: None)
+            self.put(folder, component, rows, copy)
+            self.refused(copy, *words)
             subprocess.run(["rm", "-rf", copy, self.path("out")], check=True)
 
 

@@ -1,0 +1,249 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A segment of the Waymo Open Dataset, version 2 (Sun et al. 2020): a folder a component (camera_image, lidar_box, ...), in it a parquet file a
+segment. The same choices as for version 1, which `pags import waymo` reads: see docs/import.md.
+
+A time step is a frame; its photographs have poses of their own, moved on to the middle of their exposure; boxes are those of the frame, in the
+car's frame (x forward, y left, z up)."""
+
+import glob
+import os
+
+import numpy as np
+
+from . import poses
+from .errors import RecordingError
+from .importing import chosen, existing
+
+NAMES = {1: "front", 2: "front_left", 3: "front_right", 4: "side_left", 5: "side_right"}
+USUAL = ("front", "front_left", "front_right")
+CLASSES = {0: "Unknown", 1: "Vehicle", 2: "Pedestrian", 3: "Sign", 4: "Cyclist"}
+FRAME, CAMERA, LASER, THING = "key.frame_timestamp_micros", "key.camera_name", "key.laser_name", "key.laser_object_id"
+ROWS = 8  # in memory at once: a row of the roof's LiDAR takes 5 MB
+FARTHEST_POSE = 0.1  # seconds between a photograph's pose and the middle of its exposure over which its velocity isn't trusted
+
+
+class Component:
+    """A parquet file, read a few rows at a time, quickest in their order. `prefix` is left off the columns' names."""
+
+    def __init__(self, raw, folder, segment, prefix, columns, keys):
+        from pyarrow import ArrowException, parquet
+
+        self.path = existing(raw, folder, f"{segment}.parquet")
+        self.prefix, self.wrong = f"[{prefix}].", (ArrowException, OSError, ValueError)
+        self.columns = columns
+        try:
+            self.file = parquet.ParquetFile(self.path)
+            there = set(self.file.schema_arrow.names)
+            lacking = [name for name in [*keys, *(self.prefix + column for column in columns)] if name not in there]
+            if lacking:
+                raise RecordingError(f"{self.path}: has no column {lacking[0]!r}")
+            rows = self.file.read(columns=keys).to_pylist()
+        except self.wrong as error:
+            raise self.unreadable(error) from None
+        self.places = {}  # number of the row by key
+        for number, row in enumerate(rows):
+            self.places.setdefault(tuple(row[name] for name in keys), number)
+        self.rewind()
+
+    def unreadable(self, error):
+        return RecordingError(f"{self.path}: can't be read as parquet: {str(error).splitlines()[0] if str(error) else type(error).__name__}")
+
+    def rewind(self):
+        self.batches = self.file.iter_batches(batch_size=ROWS, columns=[self.prefix + column for column in self.columns])
+        self.first, self.batch = 0, None
+
+    def at(self, *key):
+        """The row of a key, its columns without the prefix, lists as arrays; None if there is none."""
+        if key not in self.places:
+            return None
+        number = self.places[key]
+        if number < self.first:
+            self.rewind()
+        try:
+            while self.batch is None or number >= self.first + self.batch.num_rows:
+                self.first += self.batch.num_rows if self.batch else 0
+                self.batch = next(self.batches)
+        except self.wrong as error:
+            raise self.unreadable(error) from None
+        return {column: plain(self.batch.column(self.prefix + column)[number - self.first]) for column in self.columns}
+
+
+def plain(value):
+    values = getattr(value, "values", None)
+    return value.as_py() if values is None else values.to_numpy(zero_copy_only=False)
+
+
+def transform(values, what):
+    """A pose of 16 numbers, some of them rounded to float32: its rotation is made one again."""
+    m = np.array(values if values is not None else [], np.float64)
+    if m.size != 16:
+        raise RecordingError(f"{what}: expected 16 numbers, found {m.size}")
+    m = m.reshape(4, 4)
+    if not np.isfinite(m).all() or np.abs(m[:3, :3] @ m[:3, :3].T - np.eye(3)).max() > 1e-4:
+        return poses.check(m, what)
+    u, _, v = np.linalg.svd(m[:3, :3])
+    m[:3, :3] = u @ v
+    return poses.check(m, what)
+
+
+def sequences(raw):
+    found = glob.glob(os.path.join(glob.escape(raw), "camera_image", "*.parquet"))
+    return {os.path.basename(path)[: -len(".parquet")]: path for path in sorted(found)}
+
+
+def read(path, cameras, frames, out, progress):
+    raw, segment = os.path.dirname(os.path.dirname(path)), os.path.basename(path)[: -len(".parquet")]
+    vector = lambda name: [f"{name}.{axis}" for axis in "xyz"]  # noqa: E731
+    images = Component(raw, "camera_image", segment, "CameraImageComponent", ["image", "pose.transform", "pose_timestamp", *vector("velocity.linear_velocity"),
+        *vector("velocity.angular_velocity"), "rolling_shutter_params.camera_trigger_time", "rolling_shutter_params.camera_readout_done_time"], [FRAME, CAMERA])  # fmt: skip
+    lenses = Component(raw, "camera_calibration", segment, "CameraCalibrationComponent",
+                       [*(f"intrinsic.{k}" for k in ("f_u", "f_v", "c_u", "c_v", "k1", "k2", "p1", "p2", "k3")), "extrinsic.transform", "width", "height"], [CAMERA])  # fmt: skip
+    ways = Component(raw, "vehicle_pose", segment, "VehiclePoseComponent", ["world_from_vehicle.transform"], [FRAME])
+    present = [NAMES[number] for number in sorted(NAMES) if (number,) in lenses.places and any(key[1] == number for key in images.places)]
+    if not present:
+        raise RecordingError(f"{images.path}: has no photographs of a camera that {lenses.path} knows")
+    names = chosen(present, cameras, "camera") if cameras else [name for name in present if name in USUAL] or present
+    numbers = {name: number for number, name in NAMES.items() if name in names}
+    steps = sorted(stamp for (stamp,) in ways.places)
+    steps = [stamp for stamp in steps if all((stamp, number) in images.places for number in numbers.values())]
+    steps = steps if frames is None else steps[frames[0] : frames[1] + 1]
+    if not steps:
+        raise RecordingError(f"{raw}: no frame of {segment} is left; there is none that has a photograph of each camera, or --frames chose none")
+    mounts = {}
+    for name, number in numbers.items():
+        lens = lenses.at(number)
+        k = [[lens["intrinsic.f_u"], 0, lens["intrinsic.c_u"]], [0, lens["intrinsic.f_v"], lens["intrinsic.c_v"]], [0, 0, 1]]
+        out.add_camera(name, (lens["width"], lens["height"]), k, [lens[f"intrinsic.{key}"] for key in ("k1", "k2", "p1", "p2", "k3")], pixel_centre=0.5)
+        mounts[name] = transform(lens["extrinsic.transform"], f"{lenses.path}: the extrinsic of camera {name}") @ poses.axes_from_opencv("waymo")
+    boxes, lidar = boxes_of(raw, segment), Lidar.of(raw, segment)
+    progress.total = len(steps)
+    for done, stamp in enumerate(steps):
+        progress.show(done)
+        where = f"{ways.path}, frame {stamp}"
+        world_from_ego = transform(ways.at(stamp)["world_from_vehicle.transform"], where)
+        step = out.add_step((stamp - steps[0]) / 1e6, world_from_ego)
+        for name, number in numbers.items():
+            put_photograph(step, images.at(stamp, number), name, world_from_ego, mounts[name], steps[0] / 1e6, f"{images.path}, frame {stamp}, camera {name}")
+        if lidar and not step.has_lidar(["intensity"]):
+            points = lidar.points(stamp, world_from_ego)
+            if len(points):
+                step.lidar(points, world_from_ego, ["intensity"])
+        for track, name, pose, size in boxes.get(stamp, ()):
+            step.box(track, name, world_from_ego @ pose, size)
+
+
+def put_photograph(step, row, name, world_from_ego, mount, zero, where):
+    """A photograph, whose pose is the car's at its pose_timestamp, moved by its velocities to the middle of trigger and read-out."""
+    if not row["image"]:
+        raise RecordingError(f"{where}: has no photograph")
+    trigger, readout = (row[f"rolling_shutter_params.{key}"] for key in ("camera_trigger_time", "camera_readout_done_time"))
+    known = trigger is not None and readout is not None and readout >= trigger
+    middle = 0.5 * (trigger + readout) if known else row["pose_timestamp"]
+    pose = world_from_ego if row["pose.transform"] is None else transform(row["pose.transform"], where)
+    linear, angular = (np.array([row[f"velocity.{kind}_velocity.{axis}"] for axis in "xyz"], object) for kind in ("linear", "angular"))
+    lag = middle - row["pose_timestamp"] if known and row["pose_timestamp"] is not None else 0.0
+    if row["pose.transform"] is not None and abs(lag) < FARTHEST_POSE and not any(v is None or not np.isfinite(v) for v in [*linear, *angular]):
+        pose = moved(pose, linear.astype(float) * lag, angular.astype(float) * lag)
+    step.photograph(name, row["image"], pose @ mount, None if middle is None else middle - zero)
+
+
+def moved(pose, way, turn):
+    """A pose after a way and a turn (axis times angle) in the world's axes (Rodrigues 1840)."""
+    angle = float(np.linalg.norm(turn))
+    x, y, z = turn / angle if angle > 0 else (0.0, 0.0, 0.0)
+    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    out = pose.copy()
+    out[:3, :3] = (np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k) @ pose[:3, :3]
+    out[:3, 3] += way
+    return out
+
+
+def boxes_of(raw, segment):
+    """Boxes by frame, in the car's frame. What has no id, no size or numbers that aren't finite is left out; an id of two classes is two things."""
+    if not os.path.exists(os.path.join(raw, "lidar_box", f"{segment}.parquet")):  # the test split has none
+        return {}
+    numbers = ["box.center.x", "box.center.y", "box.center.z", "box.heading", "box.size.x", "box.size.y", "box.size.z"]
+    rows, out, classes = Component(raw, "lidar_box", segment, "LiDARBoxComponent", [*numbers, "type"], [FRAME, THING]), {}, {}
+    for stamp, track in rows.places:
+        row = rows.at(stamp, track)
+        values = np.array([np.nan if row[name] is None else row[name] for name in numbers], np.float64)
+        if not track or not np.isfinite(values).all() or (values[4:] <= 0).any():
+            continue
+        name, heading = CLASSES.get(row["type"], "Unknown"), values[3]
+        first = classes.setdefault(track, name)
+        turn = [[np.cos(heading), -np.sin(heading), 0], [np.sin(heading), np.cos(heading), 0], [0, 0, 1]]
+        out.setdefault(stamp, []).append((track if first == name else f"{track} {name}", name, poses.pose(turn, values[:3]), values[4:]))
+    return out
+
+
+class Lidar:
+    """Points of all LiDARs and both returns, from their range images."""
+
+    def __init__(self, raw, segment):
+        returns = [f"range_image_return{n}.{part}" for n in (1, 2) for part in ("values", "shape")]
+        self.images = Component(raw, "lidar", segment, "LiDARComponent", returns, [FRAME, LASER])
+        self.scanners = Component(raw, "lidar_calibration", segment, "LiDARCalibrationComponent",
+                                  ["extrinsic.transform", "beam_inclination.min", "beam_inclination.max", "beam_inclination.values"], [LASER])  # fmt: skip
+        turning = os.path.exists(os.path.join(raw, "lidar_pose", f"{segment}.parquet"))
+        self.turns = Component(raw, "lidar_pose", segment, "LiDARPoseComponent", returns[:2], [FRAME, LASER]) if turning else None
+
+    @classmethod
+    def of(cls, raw, segment):
+        return cls(raw, segment) if os.path.exists(os.path.join(raw, "lidar", f"{segment}.parquet")) else None
+
+    def points(self, stamp, world_from_ego):
+        """x y z intensity in the car's frame at the frame's time, by LiDAR, return, row and column."""
+        found = [np.zeros((0, 4))]
+        for (laser,) in sorted(self.scanners.places):
+            row = self.images.at(stamp, laser)
+            turn = self.turns.at(stamp, laser) if self.turns else None
+            for n in (1, 2):
+                if row and filled(row[f"range_image_return{n}.values"]):
+                    where = f"{self.images.path}, frame {stamp}, LiDAR {laser}"
+                    image = shaped(row, f"range_image_return{n}", 4, where)
+                    pose = shaped(turn, "range_image_return1", 6, where) if turn and filled(turn["range_image_return1.values"]) else None
+                    found.append(self.decode(laser, image, pose, world_from_ego, where))
+        return np.concatenate(found)
+
+    def decode(self, laser, image, pose, world_from_ego, where):
+        """Row r of H has the inclination of beam H - 1 - r, beams ascending: listed, or evenly spaced with halves at the ends. Column c of W has the
+        azimuth (1 - (2 c + 1) / W) pi less the LiDAR's own yaw. The roof's LiDAR has a pose of the car for each pixel, which undoes its motion."""
+        scanner, (height, width) = self.scanners.at(laser), image.shape[:2]
+        mount = transform(scanner["extrinsic.transform"], f"{self.scanners.path}: the extrinsic of LiDAR {laser}")
+        low, high, listed = (scanner[f"beam_inclination.{key}"] for key in ("min", "max", "values"))
+        beams = np.asarray(listed, np.float64) if filled(listed) else low + (np.arange(height) + 0.5) / height * (high - low)
+        if len(beams) != height or not np.isfinite(beams).all():
+            raise RecordingError(f"{where}: {len(beams)} beam inclinations for a range image of {height} rows, or some that aren't finite")
+        if pose is not None and pose.shape[:2] != (height, width):
+            raise RecordingError(f"{where}: poses of {pose.shape[0]} x {pose.shape[1]} pixels for a range image of {height} x {width}")
+        seen = (image[..., 0] > 0) & np.isfinite(image[..., :2]).all(-1)
+        r, c = np.nonzero(seen)
+        distance, up = image[r, c, 0].astype(np.float64), beams[::-1][r]
+        around = (1 - (2 * c + 1) / width) * np.pi - np.arctan2(mount[1, 0], mount[0, 0])
+        points = distance[:, None] * np.stack([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)], -1) @ mount[:3, :3].T + mount[:3, 3]
+        if pose is not None:
+            world = turned(pose[r, c].astype(np.float64), points)
+            points = (world - world_from_ego[:3, 3]) @ world_from_ego[:3, :3]
+        rows = np.column_stack([points, image[r, c, 1]])
+        return rows[np.isfinite(rows).all(1)]
+
+
+def turned(pixels, points):
+    """Points moved each by a pose of its own: roll, pitch, yaw (R = Rz Ry Rx), x, y, z."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(pixels[:, :3].T), np.sin(pixels[:, :3].T)
+    x, y, z = points.T
+    y, z = cr * y - sr * z, sr * y + cr * z
+    x, z = cp * x + sp * z, cp * z - sp * x
+    x, y = cy * x - sy * y, sy * x + cy * y
+    return np.stack([x, y, z], -1) + pixels[:, 3:]
+
+
+def filled(values):
+    return values is not None and len(values) > 0
+
+
+def shaped(row, name, depth, where):
+    values, shape = np.asarray(row[f"{name}.values"], np.float32), row[f"{name}.shape"]
+    if shape is None or len(shape) != 3 or shape[2] != depth or min(shape) < 1 or int(np.prod(shape, dtype=np.int64)) != len(values):
+        raise RecordingError(f"{where}: {name} has {len(values)} numbers and the shape {None if shape is None else [int(n) for n in shape]}; expected rows x columns x {depth}")
+    return values.reshape(shape)
