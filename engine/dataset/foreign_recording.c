@@ -31,9 +31,9 @@ static const struct sign {
     {{"annotations/cuboids", "lidar"}, false, "a raw sequence of PandaSet; pags import pandaset reads it"},
     {{"camera_image", "vehicle_pose"}, false, "Waymo Open v2; pags import waymo2 reads a segment of it"},
     {{"nuplan-v1.1"}, false, "nuPlan; " DRIVESTUDIO ", then with --kind nuplan"},
-    {{"data_2d_raw"}, false, "KITTI-360, which isn't imported; " LAYOUT},
-    {{"data_3d_raw"}, false, "KITTI-360, which isn't imported; " LAYOUT},
-    {{"calibration/perspective.txt"}, false, "KITTI-360, which isn't imported; " LAYOUT},
+    {{"data_2d_raw"}, false, "KITTI-360; pags import kitti360 reads a drive of it"},
+    {{"data_3d_raw"}, false, "KITTI-360; pags import kitti360 reads a drive of it"},
+    {{"calibration/perspective.txt"}, false, "KITTI-360; pags import kitti360 reads a drive of it"},
     {{"image_2", "label_2"},
      false,
      "KITTI's object benchmark: single photographs, no drive; the tracking benchmark or "

@@ -481,7 +481,7 @@ class Foreign(Case):
             "panda": ["PandaSet", "pags import pandaset"],
             "av2/city_SE3_egovehicle.feather": ["feather", "pags import argoverse2"],
             "nusc": ["nuScenes", "pags import nuscenes"],
-            "k360": ["KITTI-360", "docs/dataset-layout.md"],
+            "k360": ["KITTI-360", "pags import kitti360"],
             "object": ["object benchmark", "raw recording is needed"],
             "drive": ["raw recording of KITTI", "pags import kitti"],
             "bag": ["ROS bags"],

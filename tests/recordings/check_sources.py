@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""check_sources.py PAGS: trees of the tests are read by the sources' own packages, nuscenes-devkit and av2, beside our importers: poses, intrinsics,
+"""check_sources.py PAGS: trees of the tests are read by the sources' own packages, nuscenes-devkit, av2 and kitti360Scripts, beside our importers: poses, intrinsics,
 boxes and LiDAR must be equal. Run by a Python that has these packages (make check-recordings makes one); prints the largest differences."""
 
 import os
@@ -16,7 +16,7 @@ import fixtures  # noqa: E402
 import test_importers  # noqa: E402
 from street import labels, matrix  # noqa: E402
 
-TOLERANCE = {"pose": 1e-6, "K": 1e-9, "box": 1e-6, "size": 1e-12, "LiDAR": 1e-3}  # metres and pixels; LiDAR: half floats and float32 at 100 m
+TOLERANCE = {"pose": 1e-6, "K": 1e-9, "box": 1e-6, "size": 1e-9, "LiDAR": 1e-3}  # metres and pixels; LiDAR: half floats and float32 at 100 m
 
 
 class Differences:
@@ -118,11 +118,51 @@ def check_argoverse2(folder):
     return found.end()
 
 
+def check_kitti360(folder):
+    import types
+    import xml.etree.ElementTree as ET
+
+    for name in ("skimage", "matplotlib"):  # the package draws with these; nothing is drawn here
+        sys.modules[name] = types.ModuleType(name)
+    sys.modules["skimage"].io = sys.modules["skimage"].filters = None
+    sys.modules["matplotlib"].cm = types.SimpleNamespace(get_cmap=lambda name: None)
+    from kitti360scripts.devkits.commons.loadCalibration import loadCalibrationCameraToPose, loadCalibrationRigid
+    from kitti360scripts.helpers.annotation import KITTI360Bbox3D
+    from kitti360scripts.helpers.project import CameraPerspective
+
+    case, found = test_importers.Kitti360, Differences("kitti360Scripts")
+    out, first = os.path.join(folder, "kitti360"), case.FIRST
+    boxes = imported(case, out)
+    cameras = [CameraPerspective(case.raw, case.DRIVE, n) for n in range(2)]
+    calibration = os.path.join(case.raw, "calibration")
+    pose_from_velo = loadCalibrationCameraToPose(os.path.join(calibration, "calib_cam_to_pose.txt"))["image_00"] @ np.linalg.inv(loadCalibrationRigid(os.path.join(calibration, "calib_cam_to_velo.txt")))
+    poses = {int(row[0]): np.vstack([row[1:].reshape(3, 4), [0, 0, 0, 1]]) for row in np.loadtxt(os.path.join(case.raw, "data_poses", case.DRIVE, "poses.txt"))}
+    for t in range(test_importers.FRAMES):
+        for n, camera in enumerate(cameras):
+            found.note("pose", matrix(out, "extrinsics", f"{t:06d}_{n}.txt"), camera.cam2world[first + t])
+            found.note("K", intrinsics(out, n), camera.K[:, :3])
+        rows = np.fromfile(os.path.join(case.raw, "data_3d_raw", case.DRIVE, "velodyne_points", "data", f"{first + t:010d}.bin"), "<f4").reshape(-1, 4).astype(np.float64)
+        world_from_velo = poses[first + t] @ pose_from_velo
+        found.note("LiDAR", world_points(out, t, 4), rows[:, :3] @ world_from_velo[:3, :3].T + world_from_velo[:3, 3])
+    for child in ET.parse(os.path.join(case.raw, "data_3d_bboxes", "train", f"{case.DRIVE}.xml")).getroot():
+        theirs = KITTI360Bbox3D()
+        theirs.parseBbox(child)
+        for t in [theirs.timestamp - first] if theirs.timestamp >= 0 else range(2, 5):
+            if theirs.name != "building":
+                _, pose, size = boxes[t, f"{theirs.name} {theirs.instanceId}"]
+                corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]) * size @ pose[:3, :3].T + pose[:3, 3]
+                order = [int(np.argmin(np.linalg.norm(corners - vertex, axis=1))) for vertex in theirs.vertices]
+                assert sorted(order) == list(range(8))
+                found.note("box", corners[order], theirs.vertices)
+                found.note("size", size[2], np.ptp(theirs.vertices @ pose[:3, 2]))
+    return found.end()
+
+
 def main():
     fixtures.PAGS = os.path.abspath(sys.argv[1])
     right, folder = True, tempfile.mkdtemp(prefix="pags-sources-")
     try:
-        for case, check in ((test_importers.NuScenes, check_nuscenes), (test_importers.Argoverse2, check_argoverse2)):
+        for case, check in ((test_importers.NuScenes, check_nuscenes), (test_importers.Argoverse2, check_argoverse2), (test_importers.Kitti360, check_kitti360)):
             case.setUpClass()
             right &= check(folder)
             case.doClassCleanups()

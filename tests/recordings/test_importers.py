@@ -227,7 +227,7 @@ class Argoverse2(Importer):
         for name in files_below(out):
             self.assertEqual(read(os.path.join(out, name)), read(self.path("other", name)), name)
         self.fails(["import", "argoverse2", self.street, "-o", self.path("x")], "has nothing of Argoverse 2")
-        self.fails(["import", "argoverse3", self.street, "-o", self.path("x")], "expected kitti, waymo, argoverse2, nuscenes, pandaset, waymo2 or photos", code=2)
+        self.fails(["import", "argoverse3", self.street, "-o", self.path("x")], "expected kitti, waymo, argoverse2, nuscenes, pandaset, waymo2, kitti360 or photos", code=2)
 
     def test_usage(self):
         for words in (["argoverse3", self.raw, "-o", "x"], ["argoverse2", self.raw], ["argoverse2", self.raw, "-o", "x", "--frames", "5-2"]):
@@ -614,6 +614,128 @@ class Waymo2(Importer):
         ]:
             copy = self.changed(f"{folder}/a-segment.parquet", lambda path: None)
             self.put(folder, component, rows, copy)
+            self.refused(copy, *words)
+            subprocess.run(["rm", "-rf", copy, self.path("out")], check=True)
+
+
+# ---- KITTI-360 ----
+
+
+class Kitti360(Importer):
+    kind, DRIVE, NUMBERS = "kitti360", "2013_05_28_drive_0000_sync", {"Car": 13, "Pedestrian": 19, "Cyclist": 20}
+    POSE = np.diag([1.0, -1, -1, 1])  # the car's pose has y right and z down
+    VELO = np.block([[about([0.02, -0.01, 1], 0.1), np.array([[0.8], [0.3], [-0.1]])], [np.zeros((1, 3)), np.ones((1, 1))]])  # cam0 in the Velodyne's frame
+    FIRST = 250  # frames of the recording before have no pose
+
+    @classmethod
+    def setUpClass(cls):
+        shared = cls.shared_folder()
+        cls.street, cls.raw = make_street(os.path.join(shared, "street"), FRAMES), os.path.join(shared, "kitti360")
+        street, raw, drive = cls.street, cls.raw, cls.DRIVE
+        cls.egos = [matrix(street, "ego_pose", f"{t:03d}.txt") for t in range(FRAMES)]
+        mounts = [matrix(street, "extrinsics", f"{n}.txt") for n in range(2)]
+        cls.turned = [np.eye(4), np.eye(4)]
+        cls.turned[0][:3, :3], cls.turned[1][:3, :3] = about([1, 2, 3], 0.01), about([2, 0, 1], -0.02)
+        cls.mounts = [cls.POSE @ mount @ turned for mount, turned in zip(mounts, cls.turned)]
+        text = lambda values: " ".join(repr(float(v)) for v in np.ravel(values))  # noqa: E731
+        put = lambda content, *names: write(os.path.join(raw, *names), content)  # noqa: E731
+        put("".join(f"image_{n:02d}: {text(mount[:3])}\n" for n, mount in enumerate([*cls.mounts, np.eye(4), np.eye(4)])), "calibration", "calib_cam_to_pose.txt")
+        put(text(cls.VELO[:3]) + "\n", "calibration", "calib_cam_to_velo.txt")
+        lines = ["calib_time: 2013", "corner_dist: 0.06"]
+        for n in range(2):
+            fx, fy, cx, cy = np.loadtxt(os.path.join(street, "intrinsics", f"{n}.txt"))[:4]
+            lines += [f"S_rect_{n:02d}: 160.0 96.0", f"R_rect_{n:02d}: {text(cls.turned[n][:3, :3])}", f"P_rect_{n:02d}: {text([fx, 0, cx - 0.5, 0, 0, fy, cy - 0.5, 0, 0, 0, 1, 0])}"]
+        put("\n".join(lines) + "\n", "calibration", "perspective.txt")
+        put("".join(f"{cls.FIRST + t} {text((ego @ cls.POSE)[:3])}\n" for t, ego in enumerate(cls.egos)), "data_poses", drive, "poses.txt")
+        times = load(street, "timestamps.json")["frames"]
+        stamps = [f"2013-05-28 08:{30 + i // 600:02d}:{i % 600 / 10:012.9f}" for i in range(cls.FIRST)] + [f"2013-05-28 08:40:{t - times[0] + 1:012.9f}" for t in times]
+        for n in range(2):
+            put("\n".join(stamps) + "\n", "data_2d_raw", drive, f"image_{n:02d}", "timestamps.txt")
+            for t in range(FRAMES):
+                put(read(os.path.join(street, "images", f"{t:03d}_{n}.png")), "data_2d_raw", drive, f"image_{n:02d}", "data_rect", f"{cls.FIRST + t:010d}.png")
+        for t in range(FRAMES):
+            rows = sweep(street, f"{t:03d}.bin").astype(float)
+            ego_from_velo = cls.POSE @ cls.mounts[0] @ np.linalg.inv(cls.VELO)
+            moved = (rows[:, :3] - ego_from_velo[:3, 3]) @ ego_from_velo[:3, :3]
+            put(np.column_stack([moved, rows[:, 3]]).astype("<f4").tobytes(), "data_3d_raw", drive, "velodyne_points", "data", f"{cls.FIRST + t:010d}.bin")
+        put(cls.boxes(), "data_3d_bboxes", "train", f"{drive}.xml")
+
+    @classmethod
+    def boxes(cls):
+        """Each box a cube of half a metre around (0.25, 0, 0), mirrored, its front along -y; a building, and a thing that stands."""
+        tracks, out = {}, ["<?xml version='1.0'?>\n<opencv_storage>\n"]
+        body = np.array([[x, y, z] for x in (0.0, 0.5) for y in (-0.25, 0.25) for z in (-0.25, 0.25)])
+        matrix_text = lambda m: f'<rows>{m.shape[0]}</rows><cols>{m.shape[1]}</cols><dt>d</dt><data>\n{" ".join(repr(float(v)) for v in m.ravel())}</data>'  # noqa: E731
+
+        def entry(number, frame, kind, instance, pose, size, first, last):
+            turned = pose @ np.array([[0.0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])  # the front is the body's -y
+            turned[:3, 0] *= -1
+            stretch = 2 * np.array([size[1], size[0], size[2]])
+            transform = turned.copy()
+            transform[:3, :3] = turned[:3, :3] * stretch
+            transform[:3, 3] = turned[:3, 3] - turned[:3, 0] * stretch[0] * 0.25
+            out.append(f'<object{number}><index>{number}</index><label>x</label><category>t</category><semanticId>{kind}</semanticId><instanceId>{instance}</instanceId>'
+                       f'<timestamp>{frame}</timestamp><dynamic>1</dynamic><start_frame>{first}</start_frame><end_frame>{last}</end_frame>'
+                       f'<transform type_id="opencv-matrix">{matrix_text(transform)}</transform><vertices type_id="opencv-matrix">{matrix_text(body)}</vertices>'
+                       f'<faces type_id="opencv-matrix">{matrix_text(np.zeros((12, 3)))}</faces></object{number}>\n')  # fmt: skip
+
+        truth = labels(cls.street)
+        for number, ((t, track), (name, pose, size)) in enumerate(truth.items()):
+            instance = tracks.setdefault(track, len(tracks) + 1)
+            entry(number, cls.FIRST + t, cls.NUMBERS[name], instance, pose, size, cls.FIRST, cls.FIRST + FRAMES)
+        cls.tracks = {number: track for track, number in tracks.items()}
+        entry(9000, -1, 11, 77, np.eye(4), [10, 10, 10], 0, 9999)
+        entry(9001, -1, 15, 78, np.eye(4), [3, 2, 1], cls.FIRST + 2, cls.FIRST + 4)
+        return "".join([*out, "</opencv_storage>\n"])
+
+    def test_it_comes_out_right(self):
+        out = self.path("out")
+        self.assertIn(f"{FRAMES} time steps, 2 cameras", self.imports(self.raw, out))
+        self.hold_to_street(out)
+        for n in range(2):
+            np.testing.assert_allclose(np.loadtxt(os.path.join(out, "intrinsics", f"{n}.txt"))[:4], np.loadtxt(os.path.join(self.street, "intrinsics", f"{n}.txt"))[:4], atol=1e-12)
+        found, times = load(out, "timestamps.json")["frames"], load(self.street, "timestamps.json")["frames"]
+        np.testing.assert_allclose(np.diff(found), np.diff(times), atol=1e-8)
+        true, made, goes = labels(self.street), labels(out), {}
+        for (t, track), (_, pose, _) in true.items():
+            goes.setdefault(track, []).append(pose[:3, 3])
+        standing = {key for key in made if key[1] == "trailer 78"}
+        self.assertEqual(sorted(t for t, _ in standing), [2, 3, 4])
+        named = {(t, self.tracks[int(track.split()[-1])]): box for (t, track), box in made.items() if (t, track) not in standing}
+        self.assertEqual(set(named), set(true))
+        moving = 0
+        for key, (name, pose, size) in named.items():
+            self.assertEqual(name, {"Car": "car", "Pedestrian": "person", "Cyclist": "rider"}[true[key][0]])
+            np.testing.assert_allclose(pose[:3, 3], true[key][1][:3, 3], atol=1e-7)
+            if np.linalg.norm(goes[key[1]][-1] - goes[key[1]][0]) > 2:
+                np.testing.assert_allclose(pose, true[key][1], atol=1e-7)
+                np.testing.assert_allclose(size, true[key][2], atol=1e-7)
+                moving += 1
+        self.assertGreater(moving, 20)
+        for t in range(FRAMES):
+            np.testing.assert_allclose(sweep(out, f"{t:06d}.bin"), sweep(self.street, f"{t:03d}.bin"), atol=1e-4)
+        overlay = json.loads(self.succeeds("info", out, "--overlay", self.path("look"), "--json", "-").stdout)["overlay"]
+        self.assertEqual(overlay["warnings"], [])
+        self.assertGreater(overlay["lidar_in_boxes"], 0.98)
+
+    def test_frames(self):
+        """--frames counts as the recording does; a frame without a pose is left out."""
+        out = self.path("out")
+        self.assertIn("2 time steps, 1 cameras", self.imports(self.raw, out, "--frames", f"248-{self.FIRST + 1}", "--cameras", "image_01"))
+
+    def test_bad_files(self):
+        for part, content, words in [
+            ("calibration/perspective.txt", "S_rect_00: 1 1\n", ["perspective.txt: has no line R_rect_00:"]),
+            ("calibration/calib_cam_to_velo.txt", "1 2 3\n", ["calib_cam_to_velo.txt: expected 12 numbers"]),
+            (f"data_poses/{self.DRIVE}/poses.txt", "250 1 2 x\n", ["poses.txt:1: expected 13 numbers"]),
+            (f"data_poses/{self.DRIVE}/poses.txt", None, ["poses.txt: is missing"]),
+            (f"data_2d_raw/{self.DRIVE}/image_00/timestamps.txt", "yesterday\n", ["timestamps.txt:1: expected a date"]),
+            (f"data_3d_raw/{self.DRIVE}/velodyne_points/data/0000000251.bin", b"abc", ["aren't rows of 4 float32"]),
+            (f"data_3d_bboxes/train/{self.DRIVE}.xml", "<opencv_storage><object1>", ["can't be read as XML"]),
+            (f"data_3d_bboxes/train/{self.DRIVE}.xml", "<a><object1><transform/><timestamp>x</timestamp></object1></a>", ["object1: expected whole numbers"]),
+            (f"data_2d_raw/{self.DRIVE}/image_01/data_rect/0000000252.png", b"x", ["0000000252.png: can't be read as a picture"]),
+        ]:
+            copy = self.changed(part, lambda path, content=content: content is None or write(path, content))
             self.refused(copy, *words)
             subprocess.run(["rm", "-rf", copy, self.path("out")], check=True)
 

@@ -20,6 +20,7 @@ KINDS = {
     "nuscenes": ("nuScenes v1.0: the folder with samples, sweeps and v1.0-mini or another version's tables", ("numpy", "PIL")),
     "pandaset": ("PandaSet: a sequence, or a folder of sequences", ("numpy", "PIL")),
     "waymo2": ("the Waymo Open Dataset, version 2: the folder with camera_image, lidar, ... of parquet files", ("numpy", "PIL", "pyarrow")),
+    "kitti360": ("KITTI-360: the folder with data_2d_raw, data_poses, calibration, ...", ("numpy", "PIL")),
     "photos": ("a folder of photographs without cameras, or a video; COLMAP finds the cameras", ("numpy", "PIL")),
 }
 PROGRAM = os.environ.get("PAGS_RECORDINGS_FOR", "pags_recordings")

@@ -1,0 +1,214 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A drive of KITTI-360 (Liao et al. 2022): the rectified pair of cameras, a Velodyne, poses of the car, boxes in the world's frame.
+
+A time step is a frame that has a pose; poses belong to the cameras' times. The car's pose there has x forward, y right, z down."""
+
+import datetime
+import glob
+import os
+import xml.etree.ElementTree as ET
+
+import numpy as np
+
+from . import poses
+from .errors import RecordingError
+from .importing import chosen, existing
+
+CAMERAS = ("image_00", "image_01")
+EGO_FROM_POSE = np.diag([1.0, -1, -1, 1])
+# Classes of what moves or can move, by the numbers that the boxes' files have.
+CLASSES = {13: "car", 14: "truck", 15: "trailer", 16: "caravan", 17: "motorcycle", 18: "bicycle", 19: "person", 20: "rider", 33: "train", 34: "bus", 36: "unknown vehicle"}
+LEAST_WAY = 1.0  # metres that a thing must go before its way says where its front is
+
+
+def sequences(raw):
+    found = glob.glob(os.path.join(glob.escape(raw), "data_2d_raw", "*_sync"))
+    return {os.path.basename(path): path for path in sorted(found)}
+
+
+def numbers(text, count, where):
+    try:
+        values = [float(word) for word in text.split()]
+    except ValueError:
+        values = []
+    if len(values) != count or not np.isfinite(values).all():
+        raise RecordingError(f"{where}: expected {count} numbers, found {text.strip()[:100]!r}")
+    return np.array(values)
+
+
+def lines_of(*names):
+    path = existing(*names)
+    try:
+        with open(path, encoding="utf-8") as file:
+            return path, file.read().splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise RecordingError(f"{path}: can't be read as text: {error}") from None
+
+
+def named(lines, path, name, count):
+    """The numbers behind NAME: in a calibration file."""
+    for line in lines:
+        if line.startswith(name + ":"):
+            return numbers(line[len(name) + 1 :], count, f"{path}, {name}")
+    raise RecordingError(f"{path}: has no line {name}:")
+
+
+def rigid(values):
+    return np.vstack([np.reshape(values, (3, 4)), [0, 0, 0, 1]])
+
+
+class Calibration:
+    def __init__(self, raw, names):
+        mounts_path, mounts = lines_of(raw, "calibration", "calib_cam_to_pose.txt")
+        lens_path, lenses = lines_of(raw, "calibration", "perspective.txt")
+        self.k, self.mounts, self.sizes = {}, {}, {}
+        for name in names:
+            number = name[-2:]
+            turned = np.eye(4)
+            turned[:3, :3] = named(lenses, lens_path, f"R_rect_{number}", 9).reshape(3, 3)
+            k = named(lenses, lens_path, f"P_rect_{number}", 12).reshape(3, 4)
+            self.k[name], self.sizes[name] = k[:, :3], tuple(int(v) for v in named(lenses, lens_path, f"S_rect_{number}", 2))
+            self.mounts[name] = poses.check(rigid(named(mounts, mounts_path, name, 12)) @ np.linalg.inv(turned), f"{mounts_path}, {name}")
+        self.first = poses.check(rigid(named(mounts, mounts_path, "image_00", 12)), mounts_path)
+        velo_path, velo = lines_of(raw, "calibration", "calib_cam_to_velo.txt")
+        self.pose_from_velo = self.first @ poses.inverse(rigid(numbers(" ".join(velo), 12, velo_path)))
+
+
+def read_poses(raw, sequence):
+    """World from the car's pose, by frame."""
+    path, lines = lines_of(raw, "data_poses", sequence, "poses.txt")
+    out = {}
+    for n, line in enumerate(lines):
+        if line.strip():
+            values = numbers(line, 13, f"{path}:{n + 1}")
+            out[int(values[0])] = poses.check(rigid(values[1:]), f"{path}:{n + 1}")
+    if not out:
+        raise RecordingError(f"{path}: has no poses")
+    return dict(sorted(out.items()))
+
+
+def read_times(folder):
+    """Seconds since the first, a line a frame; dates have nine decimals."""
+    path, lines = lines_of(folder, "timestamps.txt")
+    stamps = []
+    for n, line in enumerate(line for line in lines if line.strip()):
+        whole, _, part = line.strip().partition(".")
+        try:
+            date = datetime.datetime.strptime(whole, "%Y-%m-%d %H:%M:%S").replace(tzinfo=datetime.timezone.utc)
+            stamps.append(int(date.timestamp()) * 10**9 + int((part or "0").ljust(9, "0")[:9]))
+        except ValueError:
+            raise RecordingError(f"{path}:{n + 1}: expected a date such as 2013-05-28 08:46:02.904302080, found {line.strip()[:60]!r}") from None
+    return [(stamp - stamps[0]) / 1e9 for stamp in stamps]
+
+
+def read(drive, cameras, frames, out, progress):
+    raw, sequence = os.path.dirname(os.path.dirname(drive)), os.path.basename(drive)
+    present = [name for name in CAMERAS if os.path.isdir(os.path.join(drive, name, "data_rect"))]
+    if not present:
+        raise RecordingError(f"{drive}: has no photographs; expected {CAMERAS[0]}/data_rect/0000000000.png")
+    names = chosen(present, cameras, "camera")
+    calibration, ways, times = Calibration(raw, names), read_poses(raw, sequence), read_times(os.path.join(drive, names[0]))
+    shot = lambda name, frame: os.path.join(drive, name, "data_rect", f"{frame:010d}.png")  # noqa: E731
+    steps = [frame for frame in ways if frame < len(times) and all(os.path.exists(shot(name, frame)) for name in names)]
+    steps = steps if frames is None else [frame for frame in steps if frames[0] <= frame <= frames[1]]
+    if not steps:
+        raise RecordingError(f"{drive}: no frame is left that has a pose, a time and a photograph of each camera, or --frames chose none")
+    for name in names:
+        out.add_camera(name, calibration.sizes[name], calibration.k[name])
+    boxes = read_boxes(raw, sequence, steps)
+    progress.total = len(steps)
+    for done, frame in enumerate(steps):
+        progress.show(done)
+        step = out.add_step(times[frame], ways[frame] @ EGO_FROM_POSE)
+        for name in names:
+            step.photograph(name, shot(name, frame), ways[frame] @ calibration.mounts[name], times[frame])
+        put_sweep(step, raw, sequence, frame, ways[frame] @ calibration.pose_from_velo)
+        for track, kind, pose, size in boxes.get(frame, ()):
+            step.box(track, kind, pose, size)
+
+
+def put_sweep(step, raw, sequence, frame, world_from_velo):
+    path = os.path.join(raw, "data_3d_raw", sequence, "velodyne_points", "data", f"{frame:010d}.bin")
+    if not os.path.exists(path) or step.has_lidar(["intensity"]):
+        return
+    values = np.fromfile(path, "<f4")
+    if len(values) % 4 or os.path.getsize(path) % 16:
+        raise RecordingError(f"{path}: has {os.path.getsize(path)} bytes, which aren't rows of 4 float32 x y z intensity")
+    step.lidar(values.reshape(-1, 4).astype(np.float64), world_from_velo, ["intensity"])
+
+
+# ---- Boxes ----
+
+
+def matrix_of(element, where):
+    try:
+        rows, columns = int(element.find("rows").text), int(element.find("cols").text)
+        return numbers(element.find("data").text, rows * columns, where).reshape(rows, columns)
+    except (AttributeError, ValueError, TypeError):
+        raise RecordingError(f"{where}: expected a matrix with rows, cols and data") from None
+
+
+class Box:
+    """One entry: a unit body, stretched and moved into the world by `transform`."""
+
+    def __init__(self, element, path):
+        where = f"{path}, {element.tag}"
+        try:
+            self.frame, self.first, self.last = (int(element.find(name).text) for name in ("timestamp", "start_frame", "end_frame"))
+            self.kind, self.instance = (int(element.find(name).text) for name in ("semanticId", "instanceId"))
+        except (AttributeError, ValueError, TypeError):
+            raise RecordingError(f"{where}: expected whole numbers timestamp, start_frame, end_frame, semanticId and instanceId") from None
+        self.name = CLASSES.get(self.kind)
+        if self.name:
+            transform, corners = matrix_of(element.find("transform"), where), matrix_of(element.find("vertices"), where)
+            if transform.shape != (4, 4) or corners.shape[1] != 3:
+                raise RecordingError(f"{where}: expected a transform of 4 x 4 and vertices of 3 columns")
+            stretch = np.linalg.norm(transform[:3, :3], axis=0)
+            if not (stretch > 0).all():
+                raise RecordingError(f"{where}: its transform is flat")
+            axes, low, high = transform[:3, :3] / stretch, corners.min(0), corners.max(0)
+            if np.linalg.det(axes) < 0:  # mirrored, as the body is
+                axes[:, 1] *= -1
+                low[1], high[1] = -high[1], -low[1]
+            self.size = (high - low) * stretch
+            self.pose = poses.pose(axes, transform[:3, 3] + axes @ (stretch * (low + high) / 2))
+
+
+def read_boxes(raw, sequence, steps):
+    """Boxes by frame of what moves or can move. A thing that stands has one box for all frames from its first to its last."""
+    found = [path for part in ("train", "train_full") for path in [os.path.join(raw, "data_3d_bboxes", part, f"{sequence}.xml")] if os.path.exists(path)]
+    tracks, out = {}, {}
+    if not found:
+        return out
+    try:
+        for _, element in ET.iterparse(found[0]):
+            if element.find("transform") is not None:
+                box = Box(element, found[0])
+                if box.name:
+                    tracks.setdefault((box.name, box.instance), []).append(box)
+                element.clear()
+    except ET.ParseError as error:
+        raise RecordingError(f"{found[0]}: can't be read as XML: {error}") from None
+    wanted = set(steps)
+    for (name, instance), marks in tracks.items():
+        turn = to_front(sorted((box for box in marks if box.frame >= 0), key=lambda box: box.frame))
+        moving = {}
+        for box in marks:
+            for frame in [box.frame] if box.frame >= 0 else [frame for frame in steps if box.first <= frame <= box.last]:
+                if frame in wanted:
+                    moving[frame] = box
+        for frame, box in moving.items():
+            out.setdefault(frame, []).append((f"{name} {instance}", name, box.pose @ turn, np.abs(turn[:3, :3].T @ box.size)))
+    return out
+
+
+def to_front(marks):
+    """By this the boxes of a track are turned about their z so that x is their front: the horizontal axis along which the thing goes."""
+    turns = {front: poses.front_from_box(front) for front in ("+x", "-x", "+y", "-y")}
+    score = dict.fromkeys(turns, 0.0)
+    for a, b in zip(marks, marks[1:]):
+        way = b.pose[:3, 3] - a.pose[:3, 3]
+        for front, turn in turns.items():
+            score[front] += float(way @ (a.pose @ turn)[:3, 0])
+    best = max(score, key=score.get)
+    return turns[best] if score[best] > LEAST_WAY else np.eye(4)
