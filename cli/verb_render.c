@@ -6,6 +6,7 @@
 #include "cli/deadline_report.h"
 #include "cli/interrupt.h"
 #include "cli/object_edits.h"
+#include "cli/object_table.h"
 #include "cli/option_rules.h"
 #include "cli/picture_queue.h"
 #include "cli/ranks.h"
@@ -91,7 +92,8 @@ static const pags_option options[] = {
         "the picture before and after), count (of Gaussians blended), overdraw (of those computed for the pixel), "
         "separated by commas; each to its own file: NAME.png, NAME_alpha.png, NAME_depth.exr, ...; all but color, "
         "alpha "
-        "and heat, which is png, are always exr; unless --format exr, priority brings heat along"),
+        "and heat, which is png, are always exr; object brings objects.json along, which says which number is which "
+        "object; unless --format exr, priority brings heat along"),
 
     PAGS_GROUP("Objects (OBJECT: an id as pags info --objects lists them, or class:vehicle, ...)"),
     PAGS_EDIT_OPTIONS(AT(edits)),
@@ -351,8 +353,10 @@ static pags_result draw_all(renderer *self) {
       pags_progress_show(&progress, "frame %lld of %lld, %.1f ms each", (long long)drawn, (long long)count,
                          total_ms(&self->stats[i]));
   }
-  const pags_result written = pags_picture_queue_finish(&self->queue);
+  pags_result written = pags_picture_queue_finish(&self->queue);
   pags_progress_end(&progress);
+  if (written == PAGS_OK && self->done && self->writer.channels >> PAGS_CHANNEL_OBJECT & 1 && pags_ranks_lead())
+    written = pags_object_table_write(pags_composition_scene(self->composition), self->arguments->output);
   const bool stopped = pags_interrupted() || pags_ranks_stopping();
   pags_ranks_tell(self->done, stopped || result != PAGS_OK || written != PAGS_OK);
 

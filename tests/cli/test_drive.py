@@ -191,8 +191,12 @@ class Drive(Case):
 
     def test_channels(self):
         out = self.render("--camera", self.front, "--time", 1, "--channel", "color,object,priority,normal,heat")
-        names = ["00000.png", "00000_heat.png", "00000_normal.exr", "00000_object.exr", "00000_priority.exr"]
+        names = ["00000.png", "00000_heat.png", "00000_normal.exr", "00000_object.exr", "00000_priority.exr", "objects.json"]
         self.assertEqual(files_below(out), names)
+        table = json.loads(read(os.path.join(out, "objects.json")))
+        self.assertEqual((table["version"], table["channel"], table["background"]), (1, "object", -1))
+        listed = [(o["number"], o["name"], o["id"], o["class"], o["category"], o["moving"]) for o in table["objects"]]
+        self.assertEqual(listed, [(0, "car_0000", "p,1", "Car", "vehicle", False), (1, "car_0001", "c=2", "Car", "vehicle", True)])
         width, _, _, _, rows = read_png(os.path.join(out, "00000_heat.png"))
         at = (50 * width + 50) * 3
         self.assertGreater(rows[at], 240)  # critical objects are light

@@ -92,6 +92,13 @@ class Passes(Case):
         flat = [planes[f"{layer}{k:02d}.{c}"][y][x] for k in range(3) for c in "RGBA"]
         return [pair for pair in zip(flat[::2], flat[1::2]) if pair[1] > 0]
 
+    def test_numbers_of_objects(self):
+        out = self.render("--camera", self.front, "--time", 1, "--channel", "object")
+        self.assertEqual(files_below(out), ["00000_object.exr", "objects.json"])
+        numbers = {o["id"]: o["number"] for o in json.loads(read(os.path.join(out, "objects.json")))["objects"]}
+        plane = read_exr(os.path.join(out, "00000_object.exr"))[2]["object"]
+        self.assertEqual((plane[50][50], plane[50][35], plane[2][2]), (numbers["c=2"], numbers["p,1"], -1))
+
     def test_cryptomatte(self):
         out = self.render("--camera", self.front, "--time", 1, "--channel", "crypto-object,crypto-class")
         self.assertEqual(files_below(out), ["00000_crypto-class.exr", "00000_crypto-object.exr"])

@@ -56,7 +56,7 @@ class Render(Case):
         scene = self.write("three.ply", ply_bytes(rows))
         channels = "color,alpha,depth,id,object"
         self.succeeds("render", scene, "--camera", self.camera(), "-o", self.path("out"), "--channel", channels)
-        wanted = ["00000.png", "00000_alpha.png", "00000_depth.exr", "00000_id.exr", "00000_object.exr"]
+        wanted = ["00000.png", "00000_alpha.png", "00000_depth.exr", "00000_id.exr", "00000_object.exr", "objects.json"]
         self.assertEqual(files_below(self.path("out")), wanted)
         red, green, blue = self.pixel(self.path("out", "00000.png"), 32, 24)
         self.assertGreater(red, 250)
