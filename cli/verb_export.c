@@ -33,12 +33,15 @@ typedef struct export_arguments {
 #define AT(member) offsetof(export_arguments, member)
 
 static const pags_option options[] = {
-    PAGS_GROUP("Proxies (.glb, .gltf; with the Gaussians, .usda)"),
+    PAGS_GROUP("Proxies (.glb, .gltf; with the Gaussians, .usda, .usdz)"),
     PAGS_CHOICE(
-        "proxy", AT(level), "mesh|cage|hull|box", NULL,
-        "what stands for each object: its surface, a closed cage subdivided, its convex hull, its labelled box"),
+        "proxy", AT(level), "mesh|cage|hull|box|convex", NULL,
+        "what stands for each object: its surface, a closed cage subdivided, its convex hull, its labelled box, or up "
+        "to 8 convex parts"),
     PAGS_FLAG("lod", 0, AT(proxy.lod), "all of them in one file by MSFT_lod, in place of --proxy"),
-    PAGS_CHOICE("naming", AT(naming), "plain|unreal", NULL, "unreal: hulls are UCX_NAME_00, boxes UBX_NAME_00"),
+    PAGS_CHOICE("naming", AT(naming), "plain|unreal|godot", NULL,
+                "names that a program's importer makes collision shapes of: UCX_NAME_00 and UBX_NAME_00, or -col and "
+                "-convcolonly; a hull, box or convex parts come beside the surface that is seen"),
     PAGS_VALUE("only", 0, WORDS, AT(only), 0, 0, "OBJECT,...", NULL, NULL,
                "these objects alone: ids as pags info --objects lists them, or class:vehicle, ...; may be given again"),
     PAGS_VALUE("triangles", 0, INT64, AT(proxy.triangles), 12, 1e7, "N", "triangles", NULL,
@@ -59,6 +62,8 @@ static const pags_option options[] = {
                "what is farther from the cameras is left out of the background"),
     PAGS_CHOICE("stand", AT(stand), "auto|around|inside", NULL,
                 "from where to look at what has no photographs, to find its surface: all round it, or within a room"),
+    PAGS_VALUE("texture", 0, INT, AT(proxy.texture), 64, 8192, "SIDE", "pixels a side", "none",
+               "bake a picture for every surface, cage and chunk, in place of a colour at each vertex"),
     PAGS_FLAG("cameras", 0, AT(proxy.cameras), "the training views as cameras, and the recording car's way"),
     PAGS_FLAG("invisible", 0, AT(proxy.visibility), "KHR_node_visibility: readers that know it show nothing"),
     PAGS_FLAG("physics", 0, AT(proxy.physics), "KHR_physics_rigid_bodies: objects as kinematic bodies"),
@@ -95,7 +100,7 @@ static const pags_verb verb = {
         "its class, its track as animation and its measured error. Or its Gaussians, for "
         "other programs: .ply, .spz, .sog (or meta.json in a folder), .splat; or packed, to be drawn without "
         "unpacking: .pagsz. Or both as a USD stage: "
-        ".usda. Or a page that plays the scene in any browser: .html.",
+        ".usda, or .usdz, the same in one archive. Or a page that plays the scene in any browser: .html.",
     .positionals = positionals,
     .options = options};
 
@@ -256,6 +261,10 @@ static bool is_page(const char *path) {
   return !strcasecmp(pags_path_extension(path), ".html");
 }
 
+static bool is_usd(const char *path) {
+  return !strcasecmp(pags_path_extension(path), ".usda") || !strcasecmp(pags_path_extension(path), ".usdz");
+}
+
 static pags_result run(export_arguments *arguments, const char *from, const char *to) {
   pags_scene scene;
   PAGS_TRY(pags_check_writable(to));
@@ -279,7 +288,7 @@ static pags_result run(export_arguments *arguments, const char *from, const char
     result = export_splats(arguments, &scene, to);
   else if (result == PAGS_OK && is_page(to))
     result = export_page(arguments, &scene, from, to);
-  else if (result == PAGS_OK && !strcasecmp(pags_path_extension(to), ".usda"))
+  else if (result == PAGS_OK && is_usd(to))
     result = export_usd(arguments, &scene, to);
   else if (result == PAGS_OK)
     result = export_proxies(arguments, &scene, to);
@@ -295,16 +304,20 @@ int pags_verb_export(int argc, char **argv) {
   if (status != PAGS_PARSE_OK)
     return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
   const char *extension = pags_path_extension(parsed.positionals[1]);
-  if (strcasecmp(extension, ".glb") != 0 && strcasecmp(extension, ".gltf") != 0 &&
-      strcasecmp(extension, ".usda") != 0 && !is_page(parsed.positionals[1]) &&
+  const bool gltf = !strcasecmp(extension, ".glb") || !strcasecmp(extension, ".gltf");
+  if (!gltf && !is_usd(parsed.positionals[1]) && !is_page(parsed.positionals[1]) &&
       !pags_export_is_splat(parsed.positionals[1]))
     return pags_usage_error(&verb,
-                            "expected a file name ending in .glb, .gltf, .ply, .spz, .sog, .splat, .pagsz, .usda or "
-                            ".html, or meta.json of a SOG folder, got '%s'",
+                            "expected a file name ending in .glb, .gltf, .ply, .spz, .sog, .splat, .pagsz, .usda, "
+                            ".usdz or .html, or meta.json of a SOG folder, got '%s'",
                             parsed.positionals[1]);
   if (arguments.target_size && !is_page(parsed.positionals[1]))
     return pags_usage_error(&verb, "--target-size: no effect on a file that doesn't end in .html, got '%s'",
                             parsed.positionals[1]);
+  if (arguments.naming && (!gltf || arguments.splats || arguments.proxy.lod))
+    return pags_usage_error(&verb, "--naming: no effect but on proxies in a .glb or .gltf, without --lod");
+  if (arguments.proxy.texture && (!gltf || arguments.splats))
+    return pags_usage_error(&verb, "--texture: no effect but on proxies in a .glb or .gltf");
   const char *expected;
   pags_filter filter;
   const char *misspelt = pags_crop_parse(&arguments.crop, &filter, &expected);

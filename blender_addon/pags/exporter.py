@@ -251,6 +251,7 @@ LEVELS = [
     ("cage", "Cage", "Proxies: a closed cage of quads, subdivided"),
     ("hull", "Hull", "Proxies: convex hulls"),
     ("box", "Box", "Proxies: the labelled boxes"),
+    ("convex", "Convex parts", "Proxies: up to eight convex parts of each object"),
 ]
 
 
@@ -261,10 +262,10 @@ class PAGS_OT_export(jobs.Long, cameras.OnScene, bpy.types.Operator, ExportHelpe
     bl_label = "Export from PAGS scene"
 
     filename_ext = ""
-    filter_glob: StringProperty(default="*.glb;*.gltf;*.ply;*.spz;*.splat;*.pagsz;*.usda", options={"HIDDEN"})
+    filter_glob: StringProperty(default="*.glb;*.gltf;*.ply;*.spz;*.splat;*.pagsz;*.usda;*.usdz", options={"HIDDEN"})
     content: EnumProperty(
         name="In glTF",
-        description="What a .glb or .gltf is to hold; .ply, .spz, .splat and .pagsz hold the Gaussians, .usda both",
+        description="What a .glb or .gltf is to hold; .ply, .spz, .splat and .pagsz hold the Gaussians, .usda and .usdz both",
         items=[*LEVELS, ("splats", "Gaussians", "The Gaussians themselves (KHR_gaussian_splatting)")],
     )
     edits: BoolProperty(
@@ -280,11 +281,11 @@ class PAGS_OT_export(jobs.Long, cameras.OnScene, bpy.types.Operator, ExportHelpe
         row.enabled = not lacking
         row.prop(self, "content")
         if lacking:
-            reasons.explain(self.layout, f".glb, .gltf, .usda: {lacking}")
+            reasons.explain(self.layout, f".glb, .gltf, .usda, .usdz: {lacking}")
         self.layout.prop(self, "edits")
 
     def steps(self, context, root):
-        needs = self.filepath.endswith((".glb", ".gltf", ".usda"))
+        needs = self.filepath.endswith((".glb", ".gltf", ".usda", ".usdz"))
         command = proxy_program(context) if needs else program.command(context)
         return export(root, command, self.filepath, self.form(), self.edits)
 

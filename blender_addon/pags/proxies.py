@@ -67,6 +67,8 @@ def proxies_of(gltf, buffer):
         if "mesh" in node:
             (primitive,) = gltf["meshes"][node["mesh"]]["primitives"]
             attributes = primitive["attributes"]
+            if "COLOR_0" not in attributes:
+                raise ValueError("it has textures; export it without --texture")
             colors = values_of(gltf, buffer, attributes["COLOR_0"]) / np.float32(65535)
             triangles = values_of(gltf, buffer, primitive["indices"]).astype(np.int32).reshape(-1, 3)
             yield Proxy(node["name"], index, values_of(gltf, buffer, attributes["POSITION"]), triangles, colors, "NORMAL" in attributes)

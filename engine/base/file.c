@@ -238,6 +238,13 @@ pags_result pags_file_writer_put(pags_file_writer *writer, const void *bytes, si
   return written ? PAGS_OK : writer_fail(writer, "can't write");
 }
 
+pags_result pags_file_writer_put_first(pags_file_writer *writer, const void *bytes, size_t size) {
+  assert(writer->stream && writer->part);
+  if (fseek(writer->stream, 0, SEEK_SET) != 0)
+    return writer_fail(writer, "can't write");
+  return pags_file_writer_put(writer, bytes, size);
+}
+
 /* Flushes the stream and, if `sync`, syncs the file to disk. FIFOs and most devices cannot be synced: no failure. */
 static bool flush_and_sync(pags_file_writer *writer, bool sync) {
   if (fflush(writer->stream) != 0)

@@ -55,6 +55,8 @@ pags_result pags_file_writer_begin(pags_file_writer *writer, const char *path);
 /* For logs: each put is appended to the file at once, unbuffered; an abort closes the file and keeps its contents. */
 pags_result pags_file_writer_append(pags_file_writer *writer, const char *path);
 pags_result pags_file_writer_put(pags_file_writer *writer, const void *bytes, size_t size);
+/* Writes over the first bytes of a part file, which has at least as many; to be followed by commit. */
+pags_result pags_file_writer_put_first(pags_file_writer *writer, const void *bytes, size_t size);
 pags_result pags_file_writer_commit(pags_file_writer *writer);
 void pags_file_writer_abort(pags_file_writer *writer);
 

@@ -116,7 +116,10 @@ int put_accessor(pags_gltf *gltf, int view, int component, int type, size_t coun
 }
 
 int type_of(int components) {
-  return components == 1 ? TINYGLTF_TYPE_SCALAR : components == 3 ? TINYGLTF_TYPE_VEC3 : TINYGLTF_TYPE_VEC4;
+  return components == 1   ? TINYGLTF_TYPE_SCALAR
+         : components == 2 ? TINYGLTF_TYPE_VEC2
+         : components == 3 ? TINYGLTF_TYPE_VEC3
+                           : TINYGLTF_TYPE_VEC4;
 }
 
 int put_floats(pags_gltf *gltf, const float *values, size_t count, int components, int target, bool bounds) {
@@ -164,6 +167,48 @@ int put_colors(pags_gltf *gltf, const float *colors, size_t count) {
   }
   int view = put_view(gltf, values.data(), 8 * count, TINYGLTF_TARGET_ARRAY_BUFFER, 0);
   return put_accessor(gltf, view, TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT, TINYGLTF_TYPE_VEC4, count, true);
+}
+
+/* ---- Textures ---- */
+
+/* A mesh with a vertex for each corner of its triangles, and indices that name each corner, and that name the first of
+ * the corners at a vertex for all of these. */
+struct Corners {
+  std::vector<float> positions, normals;
+  std::vector<uint32_t> each, merged;
+};
+
+Corners corners_of(const pags_proxy_mesh *surface, const std::vector<float> &normals) {
+  const size_t count = 3 * static_cast<size_t>(surface->triangle_count);
+  std::vector<uint32_t> first(static_cast<size_t>(surface->vertex_count), UINT32_MAX);
+  Corners out;
+  for (size_t i = 0; i < count; i++) {
+    const size_t vertex = surface->triangles[i];
+    out.positions.insert(out.positions.end(), surface->positions + 3 * vertex, surface->positions + 3 * vertex + 3);
+    out.normals.insert(out.normals.end(), normals.data() + 3 * vertex, normals.data() + 3 * vertex + 3);
+    out.each.push_back(static_cast<uint32_t>(i));
+    first[vertex] = std::min(first[vertex], static_cast<uint32_t>(i));
+    out.merged.push_back(first[vertex]);
+  }
+  return out;
+}
+
+int put_textured_material(pags_gltf *gltf, const char *name, const pags_texture *texture, int double_sided) {
+  tinygltf::Image image;
+  image.name = name;
+  image.mimeType = "image/png";
+  image.bufferView = put_view(gltf, texture->png, texture->png_size, 0, 0);
+  tinygltf::Texture use;
+  use.source = static_cast<int>(gltf->model.images.size());
+  tinygltf::Material material;
+  material.name = name;
+  material.doubleSided = double_sided != 0;
+  material.pbrMetallicRoughness.metallicFactor = 0;
+  material.pbrMetallicRoughness.baseColorTexture.index = static_cast<int>(gltf->model.textures.size());
+  gltf->model.images.push_back(image);
+  gltf->model.textures.push_back(use);
+  gltf->model.materials.push_back(material);
+  return static_cast<int>(gltf->model.materials.size()) - 1;
 }
 
 /* ---- Nodes and animation ---- */
@@ -278,33 +323,51 @@ int pags_gltf_material(pags_gltf *gltf, const char *name, int double_sided) {
   });
 }
 
-int pags_gltf_mesh(pags_gltf *gltf, const char *name, const pags_proxy_mesh *surface, int material, int flags) {
+int pags_gltf_mesh(pags_gltf *gltf, const char *name, const pags_proxy_mesh *surface, const pags_texture *texture,
+                   int material, int flags) {
   return guarded(gltf, [&] {
-    size_t vertices = static_cast<size_t>(surface->vertex_count),
-           indices = 3 * static_cast<size_t>(surface->triangle_count);
+    const size_t vertices = static_cast<size_t>(surface->vertex_count),
+                 corners = 3 * static_cast<size_t>(surface->triangle_count);
+    const bool textured = texture && texture->uv;
+    std::vector<float> normals(3 * vertices);
+    if (flags & PAGS_GLTF_NORMALS)
+      pags_proxy_mesh_normals(surface, normals.data());
     tinygltf::Primitive primitive;
     primitive.mode = TINYGLTF_MODE_TRIANGLES;
-    primitive.material = material;
-    primitive.attributes["POSITION"] =
-        put_floats(gltf, surface->positions, vertices, 3, TINYGLTF_TARGET_ARRAY_BUFFER, true);
-    if (flags & PAGS_GLTF_NORMALS) {
-      std::vector<float> normals(3 * vertices);
-      pags_proxy_mesh_normals(surface, normals.data());
-      primitive.attributes["NORMAL"] =
-          put_floats(gltf, normals.data(), vertices, 3, TINYGLTF_TARGET_ARRAY_BUFFER, false);
+    int manifold_indices;
+    if (textured) {
+      /* Each corner has its own place in the texture, so it is a vertex of its own. */
+      const Corners own = corners_of(surface, normals);
+      primitive.material = put_textured_material(gltf, name, texture, material);
+      primitive.attributes["POSITION"] =
+          put_floats(gltf, own.positions.data(), corners, 3, TINYGLTF_TARGET_ARRAY_BUFFER, true);
+      if (flags & PAGS_GLTF_NORMALS)
+        primitive.attributes["NORMAL"] =
+            put_floats(gltf, own.normals.data(), corners, 3, TINYGLTF_TARGET_ARRAY_BUFFER, false);
+      primitive.attributes["TEXCOORD_0"] =
+          put_floats(gltf, texture->uv, corners, 2, TINYGLTF_TARGET_ARRAY_BUFFER, false);
+      primitive.indices = put_indices(gltf, own.each.data(), corners, corners);
+      manifold_indices =
+          flags & PAGS_GLTF_MANIFOLD ? put_indices(gltf, own.merged.data(), corners, corners) : primitive.indices;
+    } else {
+      primitive.material = material;
+      primitive.attributes["POSITION"] =
+          put_floats(gltf, surface->positions, vertices, 3, TINYGLTF_TARGET_ARRAY_BUFFER, true);
+      if (flags & PAGS_GLTF_NORMALS)
+        primitive.attributes["NORMAL"] =
+            put_floats(gltf, normals.data(), vertices, 3, TINYGLTF_TARGET_ARRAY_BUFFER, false);
+      primitive.attributes["COLOR_0"] = put_colors(gltf, surface->colors, vertices);
+      primitive.indices = manifold_indices = put_indices(gltf, surface->triangles, corners, vertices);
     }
-    primitive.attributes["COLOR_0"] = put_colors(gltf, surface->colors, vertices);
-    primitive.indices = put_indices(gltf, surface->triangles, indices, vertices);
     tinygltf::Mesh mesh;
     mesh.name = unique(gltf->meshes, name);
     mesh.primitives.push_back(primitive);
     if (flags & PAGS_GLTF_MANIFOLD) {
-      /* EXT_mesh_manifold asks for indices by which faces share vertices. The proxy's triangles share theirs already,
-       * so the manifold primitive uses the same accessors. */
+      /* EXT_mesh_manifold asks for indices by which faces share vertices. Those of a mesh without a texture do. */
       tinygltf::Value::Object own, manifold, position;
       position["POSITION"] = tinygltf::Value(primitive.attributes["POSITION"]);
       own["attributes"] = tinygltf::Value(position);
-      own["indices"] = tinygltf::Value(primitive.indices);
+      own["indices"] = tinygltf::Value(manifold_indices);
       own["mode"] = tinygltf::Value(TINYGLTF_MODE_TRIANGLES);
       manifold["manifoldPrimitive"] = tinygltf::Value(own);
       mesh.extensions["EXT_mesh_manifold"] = tinygltf::Value(manifold);

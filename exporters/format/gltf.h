@@ -6,7 +6,7 @@
 
 #include <pags/camera.h>
 
-#include "exporters/proxy/mesh.h"
+#include "exporters/proxy/texture.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -21,10 +21,12 @@ void pags_gltf_destroy(pags_gltf *gltf); /* NULL is allowed */
  * number is appended to a name that another thing of its kind has, and what has none is "unnamed". */
 int pags_gltf_material(pags_gltf *gltf, const char *name, int double_sided);
 enum { PAGS_GLTF_NORMALS = 1, PAGS_GLTF_MANIFOLD = 2 };
-/* Adds a triangle mesh with POSITION and COLOR_0 (linear light, 16 bits a channel). PAGS_GLTF_NORMALS adds smooth
- * vertex normals (without normals, readers shade flat); PAGS_GLTF_MANIFOLD adds EXT_mesh_manifold (the mesh must be
- * closed). */
-int pags_gltf_mesh(pags_gltf *gltf, const char *name, const pags_proxy_mesh *surface, int material, int flags);
+/* Adds a triangle mesh with POSITION and COLOR_0 (linear light, 16 bits a channel), or with a texture TEXCOORD_0 and
+ * three vertices for each triangle. PAGS_GLTF_NORMALS adds smooth vertex normals (without normals, readers shade flat);
+ * PAGS_GLTF_MANIFOLD adds EXT_mesh_manifold (the mesh must be closed). `texture` may be NULL or empty; `material` is
+ * then one of pags_gltf_material, else 1 for two sides. */
+int pags_gltf_mesh(pags_gltf *gltf, const char *name, const pags_proxy_mesh *surface, const pags_texture *texture,
+                   int material, int flags);
 /* Adds a node. `parent`: a node's index; -1: a root of the scene; -2: outside of the scene (coarser levels of detail,
  * which only MSFT_lod names). */
 int pags_gltf_node(pags_gltf *gltf, int parent, const char *name);

@@ -3,6 +3,7 @@
  * background into one glTF file, with tracks as animation, each proxy's measured error in `extras`, and, as asked,
  * levels of detail, collision shapes and cameras. */
 #include <math.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -21,9 +22,10 @@
 #include "exporters/proxy/proxy_error.h"
 #include "exporters/proxy/proxy_report.h"
 #include "scene/axes.h"
+#include "scene/object_name.h"
 #include "scene/place_json.h"
 
-enum { NAME_SIZE = 96, MOST_GROUPS = 256 };
+enum { NAME_SIZE = PAGS_OBJECT_NAME, MOST_GROUPS = 256 };
 
 /* A node that gathers the proxies of one class. */
 typedef struct group {
@@ -54,22 +56,12 @@ static pags_result tell(const exporter *self, double fraction, const char *what)
 
 /* ---- Names, groups and extras ---- */
 
-/* Makes a node's name of a class name: "Pedestrian with Object" becomes "pedestrian_with_object". */
-static void plain_name(const char *name, char out[NAME_SIZE]) {
-  size_t i = 0;
-  for (; name[i] && i + 16 < NAME_SIZE; i++) {
-    char c = name[i];
-    out[i] = c >= 'A' && c <= 'Z' ? (char)(c - 'A' + 'a') : (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') ? c : '_';
-  }
-  out[i] = 0;
-}
-
 /* The index of the node that gathers a class, below the node `critical` or `background`; adds both when they are
  * first asked for. */
 static int class_node(exporter *self, int critical, const char *class_name) {
   int *half = critical ? &self->critical : &self->background;
   char name[NAME_SIZE];
-  plain_name(class_name, name);
+  pags_class_plain_name(class_name, name);
   if (*half < 0)
     *half = pags_gltf_node(self->gltf, self->root, critical ? "critical" : "background");
 
@@ -140,23 +132,78 @@ static pags_result place(exporter *self, int node, const pags_object *object) {
   return result;
 }
 
+static int add_mesh(exporter *self, const char *name, const pags_proxy_mesh *mesh, const pags_texture *texture,
+                    const pags_proxy_facts *facts) {
+  return pags_gltf_mesh(
+      self->gltf, name, mesh, texture, texture && texture->uv ? 0 : self->material,
+      (facts->level < PAGS_PROXY_HULL ? PAGS_GLTF_NORMALS : 0) | (facts->closed ? PAGS_GLTF_MANIFOLD : 0));
+}
+
+static pags_result report_level(exporter *self, int64_t object, pags_built_level *built, const char *name) {
+  built->facts.name = name;
+  built->facts.class_name = self->maker.scene->objects[object].record.class_name;
+  return pags_proxy_report_add(self->report, &built->facts);
+}
+
 /* Adds the mesh of one level of one object to the file and its facts to the report; `mesh` receives the mesh's
  * index. */
 static pags_result add_level(exporter *self, int64_t object, pags_built_level *built, const char *name, int *mesh) {
-  pags_proxy_facts *facts = &built->facts;
+  const bool plain = self->maker.options->naming == PAGS_NAMING_UNREAL; /* UCX_NAME_00 collides for the mesh NAME */
   char mesh_name[NAME_SIZE];
-  facts->name = name;
-  facts->class_name = self->maker.scene->objects[object].record.class_name;
-  if (self->maker.options->naming == PAGS_NAMING_UNREAL && facts->level == PAGS_PROXY_HULL)
-    snprintf(mesh_name, NAME_SIZE, "UCX_%.80s_00", name);
-  else if (self->maker.options->naming == PAGS_NAMING_UNREAL && facts->level == PAGS_PROXY_BOX)
-    snprintf(mesh_name, NAME_SIZE, "UBX_%.80s_00", name);
-  else
-    snprintf(mesh_name, NAME_SIZE, "%.80s_%s", name, pags_proxy_level_name(facts->level));
-  *mesh = pags_gltf_mesh(
-      self->gltf, mesh_name, &built->mesh, self->material,
-      (facts->level < PAGS_PROXY_HULL ? PAGS_GLTF_NORMALS : 0) | (facts->closed ? PAGS_GLTF_MANIFOLD : 0));
-  return pags_proxy_report_add(self->report, facts);
+  snprintf(mesh_name, NAME_SIZE, "%.80s%s%s", name, plain ? "" : "_",
+           plain ? "" : pags_proxy_level_name(built->facts.level));
+  *mesh = add_mesh(self, mesh_name, &built->mesh, &built->texture, &built->facts);
+  return report_level(self, object, built, name);
+}
+
+/* Makes a node a kinematic rigid body, which follows its track and which no force moves, or a collider of `mesh` (-1:
+ * none), or both. The collider of a box is an implicit shape. */
+static void put_physics(exporter *self, int node, bool body, const pags_proxy_facts *facts, const pags_object *record,
+                        int mesh) {
+  char collider[128] = "", text[192];
+  if (!self->maker.options->physics)
+    return;
+  if (mesh >= 0 && facts->level == PAGS_PROXY_BOX) {
+    pags_json_begin_object(&self->shapes, NULL);
+    pags_json_put_string(&self->shapes, "type", "box");
+    pags_json_begin_object(&self->shapes, "box");
+    pags_json_put_numbers(&self->shapes, "size", record->size, 3);
+    pags_json_end_object(&self->shapes);
+    pags_json_end_object(&self->shapes);
+    snprintf(collider, sizeof collider, "\"collider\":{\"geometry\":{\"shape\":%d}}", self->shape_count++);
+  } else if (mesh >= 0) {
+    snprintf(collider, sizeof collider, "\"collider\":{\"geometry\":{\"mesh\":%d,\"convexHull\":%s}}", mesh,
+             facts->level >= PAGS_PROXY_HULL ? "true" : "false");
+  }
+  snprintf(text, sizeof text, "{%s%s%s}", body ? "\"motion\":{\"isKinematic\":true}" : "", body && *collider ? "," : "",
+           collider);
+  pags_gltf_node_extension(self->gltf, node, "KHR_physics_rigid_bodies", text);
+}
+
+/* Adds what an object collides with as children of its node, one for each convex part, named so that the importer of
+ * the program that options->naming names makes collision shapes of them. */
+static pags_result add_shapes(exporter *self, int64_t object, pags_built_level *built, const char *name, int node) {
+  const pags_proxy_naming naming = self->maker.options->naming;
+  const pags_object *record = &self->maker.scene->objects[object].record;
+  PAGS_TRY(report_level(self, object, built, name));
+  put_physics(self, node, true, &built->facts, record, -1);
+  for (int i = 0; i == 0 || i < built->parts.count; i++) {
+    pags_proxy_mesh part = {0};
+    char child_name[NAME_SIZE];
+    if (naming == PAGS_NAMING_UNREAL)
+      snprintf(child_name, NAME_SIZE, "%s_%.70s_%02d", built->facts.level == PAGS_PROXY_BOX ? "UBX" : "UCX", name, i);
+    else
+      snprintf(child_name, NAME_SIZE, "%.70s_part%02d%s", name, i, naming == PAGS_NAMING_GODOT ? "-convcolonly" : "");
+    if (built->parts.count)
+      PAGS_TRY(pags_convex_part(&built->mesh, &built->parts, i, &part));
+    const int mesh = add_mesh(self, child_name, built->parts.count ? &part : &built->mesh, NULL, &built->facts);
+    pags_proxy_mesh_destroy(&part);
+    const int child = pags_gltf_node(self->gltf, node, child_name);
+    pags_gltf_node_mesh(self->gltf, child, mesh);
+    put_physics(self, child, false, &built->facts, record, mesh);
+    PAGS_TRY(put_extras(self, child, &built->facts, record));
+  }
+  return PAGS_OK;
 }
 
 /* Adds the levels coarser than the finest as nodes outside of the scene, and lists them in the extension MSFT_lod of
@@ -183,56 +230,33 @@ static pags_result add_coarser(exporter *self, int64_t object, pags_built_object
 static pags_result add_object(exporter *self, int64_t object, pags_built_object *built) {
   const pags_proxy_options *options = self->maker.options;
   const pags_scene_object *o = &self->maker.scene->objects[object];
-  const pags_proxy_facts *facts = &built->levels[0].facts;
-  char plain[NAME_SIZE], name[NAME_SIZE], child_name[NAME_SIZE];
+  const bool apart = built->level_count == 1 && built->levels[0].parts.count > 0; /* there are parts alone */
+  char name[NAME_SIZE], child_name[NAME_SIZE];
   int mesh = -1;
-  plain_name(o->record.class_name, plain);
-  snprintf(name, NAME_SIZE, "%.60s_%04lld", plain, (long long)object);
-  int node = pags_gltf_node(self->gltf, class_node(self, o->critical, o->record.class_name), name);
-  pags_result result = place(self, node, &o->record);
-  if (result == PAGS_OK)
-    result = add_level(self, object, &built->levels[0], name, &mesh);
-  if (result == PAGS_OK)
-    result = put_extras(self, node, facts, &o->record);
-  if (result == PAGS_OK && (options->lod || options->naming == PAGS_NAMING_UNREAL)) {
-    if (options->lod)
-      snprintf(child_name, NAME_SIZE, "%.80s_lod0", name);
-    else
-      snprintf(child_name, NAME_SIZE, "%s%.80s%s",
-               facts->level == PAGS_PROXY_HULL  ? "UCX_"
-               : facts->level == PAGS_PROXY_BOX ? "UBX_"
-                                                : "SM_",
-               name, facts->level >= PAGS_PROXY_HULL ? "_00" : "");
-    int child = pags_gltf_node(self->gltf, node, child_name);
-    pags_gltf_node_mesh(self->gltf, child, mesh);
-    if (options->lod)
-      result = add_coarser(self, object, built, name, child);
-  } else {
-    pags_gltf_node_mesh(self->gltf, node, mesh);
+  pags_object_plain_name(o->record.class_name, object, name);
+  int node = pags_gltf_node(self->gltf, class_node(self, o->critical, o->record.class_name), name), holder = node;
+  PAGS_TRY(place(self, node, &o->record));
+  if (!apart)
+    PAGS_TRY(add_level(self, object, &built->levels[0], name, &mesh));
+  if (apart || (built->level_count == 2 && !options->lod))
+    PAGS_TRY(add_shapes(self, object, &built->levels[built->level_count - 1], name, node));
+  else
+    put_physics(self, node, true, &built->levels[0].facts, &o->record, mesh);
+  PAGS_TRY(put_extras(self, node, &built->levels[0].facts, &o->record));
+
+  /* Levels of detail, and what Godot is to make a collision shape of, are nodes below the one that moves. */
+  const bool shape = options->naming == PAGS_NAMING_GODOT && built->level_count == 1 && !apart;
+  if (options->lod || shape) {
+    snprintf(child_name, NAME_SIZE, "%.80s%s", name, options->lod ? "_lod0" : "_mesh-col");
+    holder = pags_gltf_node(self->gltf, node, child_name);
   }
-  if (result == PAGS_OK && options->physics) {
-    /* A kinematic rigid body: it follows its track and no force moves it. The collider of a box is an implicit shape,
-     * that of the other levels the mesh. */
-    char text[160];
-    if (facts->level == PAGS_PROXY_BOX) {
-      pags_json_begin_object(&self->shapes, NULL);
-      pags_json_put_string(&self->shapes, "type", "box");
-      pags_json_begin_object(&self->shapes, "box");
-      pags_json_put_numbers(&self->shapes, "size", o->record.size, 3);
-      pags_json_end_object(&self->shapes);
-      pags_json_end_object(&self->shapes);
-      snprintf(text, sizeof text, "{\"motion\":{\"isKinematic\":true},\"collider\":{\"geometry\":{\"shape\":%d}}}",
-               self->shape_count++);
-    } else {
-      snprintf(text, sizeof text,
-               "{\"motion\":{\"isKinematic\":true},\"collider\":{\"geometry\":{\"mesh\":%d,\"convexHull\":%s}}}", mesh,
-               facts->level == PAGS_PROXY_HULL ? "true" : "false");
-    }
-    pags_gltf_node_extension(self->gltf, node, "KHR_physics_rigid_bodies", text);
-  }
+  if (!apart)
+    pags_gltf_node_mesh(self->gltf, holder, mesh);
+  if (options->lod)
+    PAGS_TRY(add_coarser(self, object, built, name, holder));
   if (options->visibility)
     pags_gltf_node_extension(self->gltf, node, "KHR_node_visibility", "{\"visible\":false}");
-  return result;
+  return PAGS_OK;
 }
 
 /* ---- The asset ---- */
@@ -319,11 +343,18 @@ static pags_result add_chunk(exporter *self, const pags_background *b, int64_t i
   if (self->background < 0)
     self->background = pags_gltf_node(self->gltf, self->root, "background");
   int parent = strcmp(chunk->class_name, "ground") ? class_node(self, 0, chunk->class_name) : self->background;
-  int node = pags_gltf_node(self->gltf, parent, name);
+  char node_name[NAME_SIZE];
+  snprintf(node_name, NAME_SIZE, "%.80s%s", name, self->maker.options->naming == PAGS_NAMING_GODOT ? "-col" : "");
+  int node = pags_gltf_node(self->gltf, parent, node_name);
+  pags_texture texture = {0};
+  if (self->maker.options->texture && chunk->level < PAGS_PROXY_HULL)
+    PAGS_TRY(pags_texture_bake(&chunk->mesh, &b->depth_views, 3 * self->maker.options->voxel,
+                               self->maker.options->texture, self->maker.tasks, &texture));
   pags_gltf_node_mesh(self->gltf, node,
-                      pags_gltf_mesh(self->gltf, name, &chunk->mesh, self->sheet,
+                      pags_gltf_mesh(self->gltf, name, &chunk->mesh, &texture, texture.uv ? 1 : self->sheet,
                                      (chunk->level < PAGS_PROXY_HULL ? PAGS_GLTF_NORMALS : 0) |
                                          (facts->closed ? PAGS_GLTF_MANIFOLD : 0)));
+  pags_texture_destroy(&texture);
   if (self->maker.options->visibility)
     pags_gltf_node_extension(self->gltf, node, "KHR_node_visibility", "{\"visible\":false}");
   PAGS_TRY(put_extras(self, node, facts, NULL));

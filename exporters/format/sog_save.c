@@ -11,16 +11,16 @@
 #include <strings.h>
 #include <zlib.h>
 
-#include "base/bytes.h"
 #include "base/file.h"
 #include "base/json.h"
 #include "base/memory.h"
 #include "exporters/format/palette.h"
+#include "exporters/format/zip_save.h"
 #include "maths/maths.h"
 #include "scene/axes.h"
 #include "scene/webp.h"
 
-enum { MOST_FILES = 8, LOCAL_RECORD = 30, CENTRAL_RECORD = 46, END_RECORD = 22, PALETTE_ROW = 64, WEBP_SIDE = 16383 };
+enum { MOST_FILES = 8, PALETTE_ROW = 64, WEBP_SIDE = 16383 };
 
 typedef struct packed_file {
   const char *name;
@@ -287,52 +287,23 @@ static pags_result save_folder(const char *path, const sog_writer *w) {
   return result == PAGS_OK ? pags_file_write(path, w->meta.data, w->meta.size) : result;
 }
 
-static void store16(uint8_t *p, unsigned value) {
-  p[0] = (uint8_t)value;
-  p[1] = (uint8_t)(value >> 8);
-}
-
-/* Fills what a member's local header and its entry in the directory share: 26 bytes from the version that is needed on.
- * The time is always the first that zip knows. */
-static void store_member(uint8_t *p, const packed_file *file) {
-  memset(p, 0, 26);
-  store16(p, 20);
-  store16(p + 8, 0x21); /* 1980-01-01 */
-  pags_store_u32(p + 10, (uint32_t)crc32(0, file->bytes, (uInt)file->size));
-  pags_store_u32(p + 14, (uint32_t)file->size);
-  pags_store_u32(p + 18, (uint32_t)file->size);
-  store16(p + 22, (unsigned)strlen(file->name));
-}
-
 /* Writes a zip archive of stored members. */
 static pags_result put_archive(pags_file_writer *out, const packed_file *files, int count) {
-  uint8_t directory[(MOST_FILES + 1) * (CENTRAL_RECORD + 64) + END_RECORD], header[LOCAL_RECORD];
+  uint8_t directory[(MOST_FILES + 1) * (PAGS_ZIP_CENTRAL + 64) + PAGS_ZIP_END], header[PAGS_ZIP_LOCAL + 64];
   size_t offset = 0, used = 0;
   for (int i = 0; i < count; i++) {
-    const size_t length = strlen(files[i].name);
-    pags_store_u32(header, 0x04034b50);
-    store_member(header + 4, &files[i]);
-    uint8_t *entry = directory + used;
-    memset(entry, 0, CENTRAL_RECORD);
-    pags_store_u32(entry, 0x02014b50);
-    store16(entry + 4, 20);
-    store_member(entry + 6, &files[i]);
-    pags_store_u32(entry + 42, (uint32_t)offset);
-    memcpy(entry + CENTRAL_RECORD, files[i].name, length);
-    used += CENTRAL_RECORD + length;
-    PAGS_TRY(pags_file_writer_put(out, header, LOCAL_RECORD));
-    PAGS_TRY(pags_file_writer_put(out, files[i].name, length));
+    const pags_zip_item item = {.name = files[i].name,
+                                .crc = (uint32_t)crc32(0, files[i].bytes, (uInt)files[i].size),
+                                .size = (uint32_t)files[i].size,
+                                .offset = (uint32_t)offset};
+    const size_t length = pags_zip_put_local(header, &item);
+    used += pags_zip_put_central(directory + used, &item);
+    PAGS_TRY(pags_file_writer_put(out, header, length));
     PAGS_TRY(pags_file_writer_put(out, files[i].bytes, files[i].size));
-    offset += LOCAL_RECORD + length + files[i].size;
+    offset += length + files[i].size;
   }
-  uint8_t *end = directory + used;
-  memset(end, 0, END_RECORD);
-  pags_store_u32(end, 0x06054b50);
-  store16(end + 8, (unsigned)count);
-  store16(end + 10, (unsigned)count);
-  pags_store_u32(end + 12, (uint32_t)used);
-  pags_store_u32(end + 16, (uint32_t)offset);
-  return pags_file_writer_put(out, directory, used + END_RECORD);
+  used += pags_zip_put_end(directory + used, count, offset, used);
+  return pags_file_writer_put(out, directory, used);
 }
 
 static pags_result save_archive(const char *path, const sog_writer *w) {

@@ -20,8 +20,9 @@
 #include "exporters/proxy/background.h"
 #include "exporters/proxy/objects.h"
 #include "maths/maths.h"
+#include "scene/object_name.h"
 
-enum { NAME_SIZE = 96, PADDED_DEGREE = 3 };
+enum { NAME_SIZE = PAGS_OBJECT_NAME, PADDED_DEGREE = 3 };
 
 typedef struct usd_export {
   const pags_proxy_options *proxies;
@@ -251,16 +252,16 @@ static void put_custom(usd_export *self, const pags_scene_object *o, int64_t num
   pags_usd_line(usd, "    }");
 }
 
-static const char *const approximations[PAGS_PROXY_LEVELS] = {"none", "none", "convexHull", "boundingCube"};
+static const char *const approximations[PAGS_PROXY_LEVELS] = {"none", "none", "convexHull", "boundingCube",
+                                                              "convexHull"};
 
 static pags_result put_object(usd_export *self, int64_t object) {
   const pags_scene_object *o = &pags_composition_scene(self->composition)->objects[object];
   pags_usd *usd = &self->usd;
   pags_object_gaussians_track track;
-  char label[NAME_SIZE], name[NAME_SIZE];
-  pags_usd_name(o->record.class_name, label, sizeof label - 16);
-  for (char *c = label; *c; c++)
-    *c = *c >= 'A' && *c <= 'Z' ? (char)(*c - 'A' + 'a') : *c;
+  char plain[NAME_SIZE], label[NAME_SIZE], name[NAME_SIZE];
+  pags_class_plain_name(o->record.class_name, plain);
+  pags_usd_name(plain, label, sizeof label - 16);
   snprintf(name, sizeof name, "%.60s_%04lld", label, (long long)object);
   PAGS_TRY(pags_object_gaussians_track_make(self->composition, object, self->time_zero, &track));
   pags_usd_line(usd, "def Xform \"%s\" (", name);
@@ -280,8 +281,17 @@ static pags_result put_object(usd_export *self, int64_t object) {
   if (result == PAGS_OK)
     result = put_splats(self, object);
   const pags_built_level *built = &self->objects[object].levels[0];
-  if (result == PAGS_OK)
+  if (result == PAGS_OK && !built->parts.count)
     put_mesh(self, "proxy", label, &built->mesh, approximations[built->facts.level], &presence);
+  for (int i = 0; i < built->parts.count && result == PAGS_OK; i++) {
+    pags_proxy_mesh part;
+    result = pags_convex_part(&built->mesh, &built->parts, i, &part);
+    if (result != PAGS_OK)
+      break;
+    snprintf(name, sizeof name, "proxy_%02d", i);
+    put_mesh(self, name, label, &part, approximations[built->facts.level], &presence);
+    pags_proxy_mesh_destroy(&part);
+  }
   pags_presence_destroy(&presence);
   pags_usd_close(usd);
   return result;
@@ -368,7 +378,10 @@ static pags_result write_stage(usd_export *self, const char *path) {
 pags_result pags_export_usd(pags_scene *scene, const char *path, const pags_proxy_options *proxies,
                             const pags_splat_options *splats, pags_tasks *tasks, pags_progress_fn *progress, void *user,
                             int64_t *count) {
-  usd_export self = {.proxies = proxies, .splats = splats, .tasks = tasks, .progress = progress, .user = user};
+  pags_proxy_options plain = *proxies; /* names of programs and textures are for glTF */
+  plain.naming = PAGS_NAMING_PLAIN;
+  plain.texture = 0;
+  usd_export self = {.proxies = &plain, .splats = splats, .tasks = tasks, .progress = progress, .user = user};
   pags_result result = make_proxies(&self, scene);
   if (result == PAGS_OK)
     result = pags_composition_create(scene, &self.composition);

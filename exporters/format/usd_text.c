@@ -1,19 +1,32 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Writes USD's text format (.usda). Arrays of floats are formatted in pieces of 64 KiB. A float is written with the
- * fewest digits, 6 to 9, that read back as the same float. */
+ * fewest digits, 6 to 9, that read back as the same float.
+ *
+ * A .usdz (openusd.org, "Usdz File Format Specification") is a zip archive of stored members whose data begin at
+ * multiples of 64 bytes. Its text is written after a record that is filled in at the end, when size and CRC are
+ * known. */
 #include "exporters/format/usd_text.h"
 
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
+#include <zlib.h>
 
 #include "base/memory.h"
 #include "base/text.h"
+#include "exporters/format/zip_save.h"
 
-enum { INDENT = 4, PIECE = 1 << 16 };
+enum { INDENT = 4, PIECE = 1 << 16, USDZ_ALIGNMENT = 64 };
+
+static const char member[] = "scene.usda";
 
 static void put(pags_usd *usd, const char *text, size_t size) {
+  if (usd->archive) {
+    usd->crc = (uint32_t)crc32(usd->crc, (const Bytef *)text, (uInt)size);
+    usd->size += size;
+  }
   if (usd->result == PAGS_OK)
     usd->result = pags_file_writer_put(&usd->file, text, size);
 }
@@ -30,10 +43,38 @@ static void indent(pags_usd *usd) {
 void pags_usd_begin(pags_usd *usd, const char *path) {
   *usd = (pags_usd){0};
   usd->result = pags_file_writer_begin(&usd->file, path);
+  if (!strcasecmp(pags_path_extension(path), ".usdz")) {
+    const uint8_t space[USDZ_ALIGNMENT] = {0};
+    if (usd->result == PAGS_OK && !usd->file.part)
+      usd->result =
+          pags_fail(PAGS_ERROR_UNSUPPORTED,
+                    "%s: the first bytes of a .usdz are written last: expected a regular file, or .usda", path);
+    if (usd->result == PAGS_OK)
+      usd->result = pags_file_writer_put(&usd->file, space, sizeof space);
+    usd->archive = true;
+  }
   put_text(usd, "#usda 1.0\n");
 }
 
+/* Writes the directory of a .usdz and fills in the record at its begin. */
+static pags_result end_archive(pags_usd *usd) {
+  uint8_t record[USDZ_ALIGNMENT], directory[PAGS_ZIP_CENTRAL + sizeof member + PAGS_ZIP_END];
+  const pags_zip_item item = {.name = member,
+                              .crc = usd->crc,
+                              .size = (uint32_t)usd->size,
+                              .padding = USDZ_ALIGNMENT - PAGS_ZIP_LOCAL - (sizeof member - 1)};
+  if (usd->size > 0xfff00000u)
+    return pags_fail(PAGS_ERROR_LIMIT, "%s: more than 4 GB, which a .usdz can't have: write a .usda", usd->file.path);
+  pags_zip_put_local(record, &item);
+  size_t used = pags_zip_put_central(directory, &item);
+  used += pags_zip_put_end(directory + used, 1, USDZ_ALIGNMENT + (size_t)usd->size, used);
+  PAGS_TRY(pags_file_writer_put(&usd->file, directory, used));
+  return pags_file_writer_put_first(&usd->file, record, sizeof record);
+}
+
 pags_result pags_usd_end(pags_usd *usd) {
+  if (usd->result == PAGS_OK && usd->archive)
+    usd->result = end_archive(usd);
   if (usd->result == PAGS_OK)
     return pags_file_writer_commit(&usd->file);
   pags_file_writer_abort(&usd->file);

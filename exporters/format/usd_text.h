@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A writer of USD's text format (.usda): indented lines, blocks in braces, arrays of numbers. The first failure (of
- * the file or of memory) is kept in `result` and returned by pags_usd_end; after a failure nothing more is
- * written. */
+/* A writer of USD's text format (.usda, or .usdz: that text as the only member of a zip archive): indented lines,
+ * blocks in braces, arrays of numbers. The first failure (of the file or of memory) is kept in `result` and returned by
+ * pags_usd_end; after a failure nothing more is written. */
 #ifndef PAGS_FORMAT_USD_TEXT_H
 #define PAGS_FORMAT_USD_TEXT_H
 
@@ -15,9 +15,12 @@ typedef struct pags_usd {
   pags_file_writer file;
   pags_result result;
   int depth;
+  bool archive;  /* .usdz */
+  uint64_t size; /* bytes of text so far, and their CRC */
+  uint32_t crc;
 } pags_usd;
 
-void pags_usd_begin(pags_usd *usd, const char *path);
+void pags_usd_begin(pags_usd *usd, const char *path); /* its extension, in any case, says which of the two */
 pags_result pags_usd_end(pags_usd *usd); /* commits the file; after a failure discards it and returns the failure */
 
 /* Writes one formatted line, indented by the present depth of blocks. */

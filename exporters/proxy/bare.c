@@ -252,7 +252,7 @@ pags_result pags_bare_level(const pags_bare *bare, const pags_proxy_options *opt
     return PAGS_OK;
   if (options->level == PAGS_PROXY_BOX)
     result = make_box(mesh, &made);
-  else if (options->level == PAGS_PROXY_HULL)
+  else if (options->level == PAGS_PROXY_HULL || options->level == PAGS_PROXY_CONVEX)
     result = pags_proxy_mesh_hull(mesh, options->triangles < 252 ? options->triangles : 252, &made);
   else
     result = pags_proxy_mesh_cage(mesh, options->cage_level, options->triangles, &made);
@@ -268,5 +268,9 @@ pags_result pags_bare_level(const pags_bare *bare, const pags_proxy_options *opt
   pags_proxy_mesh_destroy(mesh);
   *mesh = made;
   *level = options->level;
+  if (options->level == PAGS_PROXY_CONVEX) {
+    *level = PAGS_PROXY_HULL;
+    *note = "no photographs: views made up round it; convex parts are made of labelled objects alone: its hull";
+  }
   return PAGS_OK;
 }

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Makes the proxy of an object at the level asked for: a decimated mesh (simplify.c, repair.c), a subdivided cage
- * (cage.c), a convex hull (hull.c) or the labelled box. Also opens and closes the state that all proxies share. */
+ * (cage.c), a convex hull (hull.c), convex parts (convex_parts.c) or the labelled box. Also opens and closes the state
+ * that all proxies share. */
 #include "exporters/proxy/object_proxy.h"
 
 #include <math.h>
@@ -55,28 +56,30 @@ void pags_proxy_maker_close(pags_proxy_maker *maker) {
 }
 
 static pags_result make_level(const pags_proxy_maker *w, const pags_object_shape *shape, pags_proxy_level level,
-                              pags_proxy_mesh *out) {
+                              pags_proxy_mesh *out, pags_convex_parts *parts) {
   switch (level) {
     case PAGS_PROXY_MESH: return pags_proxy_mesh_simplify(&shape->surface, w->options->triangles, out);
     case PAGS_PROXY_CAGE:
       return pags_proxy_mesh_cage(&shape->surface, w->options->cage_level, w->options->triangles, out);
+    case PAGS_PROXY_CONVEX: return pags_proxy_mesh_convex(&shape->surface, w->options->triangles, out, parts);
     default:
       return pags_proxy_mesh_hull(&shape->surface, w->options->triangles < 252 ? w->options->triangles : 252, out);
   }
 }
 
 pags_result pags_object_proxy_make(const pags_proxy_maker *maker, int64_t object, const pags_object_shape *shape,
-                                   pags_proxy_level wanted, pags_proxy_mesh *out, pags_proxy_level *level,
-                                   const char **note) {
+                                   pags_proxy_level wanted, pags_proxy_mesh *out, pags_convex_parts *parts,
+                                   pags_proxy_level *level, const char **note) {
   pags_proxy_mesh_topology topology;
   float color[3];
   *note = wanted == PAGS_PROXY_BOX ? NULL : shape->note;
   *level = wanted;
+  parts->count = 0;
   if (wanted != PAGS_PROXY_BOX) {
     pags_result result = PAGS_ERROR_ARGUMENT;
     if (shape->surface.triangle_count)
-      result = make_level(maker, shape, wanted, out);
-    if (result == PAGS_OK)
+      result = make_level(maker, shape, wanted, out, parts);
+    if (result == PAGS_OK && !parts->count) /* parts touch each other, and are clean each */
       result = pags_proxy_mesh_clean(out);
     if (result == PAGS_ERROR_MEMORY || result == PAGS_CANCELLED)
       return result;
@@ -85,6 +88,7 @@ pags_result pags_object_proxy_make(const pags_proxy_maker *maker, int64_t object
       if (topology.closed)
         return PAGS_OK;
       pags_proxy_mesh_destroy(out);
+      parts->count = 0;
       pags_fail(PAGS_ERROR_FORMAT, "%lld open edges, %lld crossed, volume %g", (long long)topology.open_edges,
                 (long long)topology.crossed_edges, topology.volume);
     }

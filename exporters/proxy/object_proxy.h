@@ -7,6 +7,7 @@
 #include <pags/export.h>
 
 #include "exporters/proxy/bare.h"
+#include "exporters/proxy/convex_parts.h"
 #include "exporters/proxy/lidar.h"
 #include "exporters/proxy/scene_depth.h"
 #include "exporters/proxy/shape_prior.h"
@@ -61,10 +62,10 @@ void pags_object_mark(const pags_proxy_maker *maker, int64_t object, uint8_t *ta
 void pags_object_shape_destroy(pags_object_shape *shape);
 
 /* Makes the proxy of the level asked for. If that can't be made, it makes the labelled box, and `note` (static) says
- * why. `level` receives the level made. */
+ * why. `level` receives the level made, `parts` the parts of PAGS_PROXY_CONVEX, none for others. */
 pags_result pags_object_proxy_make(const pags_proxy_maker *maker, int64_t object, const pags_object_shape *shape,
-                                   pags_proxy_level wanted, pags_proxy_mesh *out, pags_proxy_level *level,
-                                   const char **note);
+                                   pags_proxy_level wanted, pags_proxy_mesh *out, pags_convex_parts *parts,
+                                   pags_proxy_level *level, const char **note);
 
 #ifdef __cplusplus
 }

@@ -34,7 +34,7 @@ static pags_result make_level(const pags_proxy_maker *w, int64_t object, const p
                               .moving = o->record.moving,
                               .gaussians = shape->gaussians.count,
                               .s_sem = shape->s_sem};
-  PAGS_TRY(pags_object_proxy_make(w, object, shape, level, &out->mesh, &facts->level, &facts->note));
+  PAGS_TRY(pags_object_proxy_make(w, object, shape, level, &out->mesh, &out->parts, &facts->level, &facts->note));
   PAGS_TRY(pags_proxy_mesh_inspect(&out->mesh, &topology));
   facts->vertices = out->mesh.vertex_count;
   facts->triangles = out->mesh.triangle_count;
@@ -42,9 +42,26 @@ static pags_result make_level(const pags_proxy_maker *w, int64_t object, const p
   facts->volume = topology.closed ? topology.volume : 0;
   if (measure)
     PAGS_TRY(pags_proxy_compare(&out->mesh, &shape->depth_views, w->tasks, facts));
+  if (w->options->texture && facts->level < PAGS_PROXY_HULL)
+    PAGS_TRY(pags_texture_bake(&out->mesh, &shape->depth_views, 4 * shape->voxel, w->options->texture, w->tasks,
+                               &out->texture));
   if (facts->level == PAGS_PROXY_BOX) /* a box comes from the label, not from what cameras saw */
     facts->observed = 0;
   return PAGS_OK;
+}
+
+/* The levels that are made of each object, finest first. Returns how many. */
+static int levels_of(const pags_proxy_options *options, pags_proxy_level levels[PAGS_PROXY_LEVELS]) {
+  int count = 0;
+  if (options->lod) {
+    for (; count <= PAGS_PROXY_BOX; count++)
+      levels[count] = (pags_proxy_level)count;
+    return count;
+  }
+  if (options->naming != PAGS_NAMING_PLAIN && options->level >= PAGS_PROXY_HULL)
+    levels[count++] = PAGS_PROXY_MESH; /* what is seen, beside what it collides with */
+  levels[count++] = options->level;
+  return count;
 }
 
 static void make_objects(void *context, int64_t begin, int64_t end, int worker) {
@@ -61,12 +78,11 @@ static void make_objects(void *context, int64_t begin, int64_t end, int worker) 
       if (object->result == PAGS_OK) {
         /* Fuse the object's surface once, then make each level asked for of it. */
         pags_object_shape shape = {0};
-        int first = own.options->lod ? PAGS_PROXY_MESH : (int)own.options->level;
-        int last = own.options->lod ? PAGS_PROXY_LEVELS - 1 : first;
+        pags_proxy_level levels[PAGS_PROXY_LEVELS];
+        const int count = levels_of(own.options, levels);
         pags_result result = pags_object_shape_make(&own, i, &shape);
-        for (int level = first; level <= last && result == PAGS_OK; level++)
-          result = make_level(&own, i, &shape, (pags_proxy_level)level, self->measure,
-                              &object->levels[object->level_count++]);
+        for (int level = 0; level < count && result == PAGS_OK; level++)
+          result = make_level(&own, i, &shape, levels[level], self->measure, &object->levels[object->level_count++]);
         pags_object_shape_destroy(&shape);
         object->result = result;
       }
@@ -142,7 +158,8 @@ pags_result pags_objects_make(const pags_proxy_maker *maker, int measure, pags_p
   self.frames = calloc((size_t)workers, sizeof(pags_frame *));
   pags_result result = self.objects && self.frames ? PAGS_OK : pags_out_of_memory("%lld objects", (long long)count);
   forming rough = {.maker = maker, .frames = self.frames};
-  if (result == PAGS_OK && count && maker->options->level != PAGS_PROXY_BOX)
+  if (result == PAGS_OK && count &&
+      (maker->options->level != PAGS_PROXY_BOX || maker->options->naming != PAGS_NAMING_PLAIN))
     result = find_priors(&rough);
   equipped.priors = rough.priors;
   equipped.prior_count = rough.count;
@@ -167,7 +184,9 @@ pags_result pags_objects_make(const pags_proxy_maker *maker, int measure, pags_p
 
 void pags_objects_destroy(pags_built_object *objects, int64_t count) {
   for (int64_t i = 0; objects && i < count; i++)
-    for (int l = 0; l < PAGS_PROXY_LEVELS; l++)
+    for (int l = 0; l < PAGS_PROXY_LEVELS; l++) {
       pags_proxy_mesh_destroy(&objects[i].levels[l].mesh);
+      pags_texture_destroy(&objects[i].levels[l].texture);
+    }
   free(objects);
 }

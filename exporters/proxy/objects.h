@@ -4,18 +4,22 @@
 #define PAGS_PROXY_OBJECTS_H
 
 #include "exporters/proxy/object_proxy.h"
+#include "exporters/proxy/texture.h"
 
 #ifdef __cplusplus
 extern "C" {
 #endif
 
 typedef struct pags_built_level {
-  pags_proxy_mesh mesh;   /* in the object's frame */
+  pags_proxy_mesh mesh; /* in the object's frame */
+  pags_convex_parts parts;
+  pags_texture texture;   /* with options->texture, of meshes and cages */
   pags_proxy_facts facts; /* name and class are not set */
 } pags_built_level;
 
 typedef struct pags_built_object {
-  int level_count; /* levels made: 0 if the object is not chosen, else 1, or with options->lod all, finest first */
+  int level_count; /* levels made: 0 if the object is not chosen, else 1; with options->lod mesh to box, finest first;
+                      with the names of a program the mesh and what it collides with, unless that is the mesh */
   pags_built_level levels[PAGS_PROXY_LEVELS];
   pags_result result;
   char message[256]; /* the message of a failure, copied here since error messages are kept per thread */

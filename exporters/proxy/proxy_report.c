@@ -21,7 +21,7 @@ pags_proxy_options pags_proxy_options_default(void) {
 }
 
 const char *pags_proxy_level_name(pags_proxy_level level) {
-  static const char *const names[] = {"mesh", "cage", "hull", "box"};
+  static const char *const names[] = {"mesh", "cage", "hull", "box", "convex"};
   return names[level];
 }
 

@@ -4,6 +4,7 @@
 import collections
 import json
 import math
+import os
 import struct
 import unittest
 
@@ -150,10 +151,72 @@ class Proxies(Case):
             self.assertIn(name, glb.json["extensionsUsed"])
         self.assertNotIn("extensionsRequired", glb.json)
 
-    def test_unreal_names(self):
-        glb, _, _ = self.export("proxy.glb", "--proxy", "hull", "--naming", "unreal", "--no-background")
-        self.assertIn("UCX_car_0001_00", glb.nodes())
-        self.assertIn("UBX_pedestrian_0002_00", glb.nodes())
+    def test_names_of_programs(self):
+        """What collides lies below the node that moves, which has what is seen; Unreal finds that by the mesh's name."""
+        options = ["--no-background", "--triangles", 200]
+        for naming, level, car, person in (
+            ("unreal", "hull", ["UCX_car_0001_00"], ["UBX_pedestrian_0002_00"]),
+            ("unreal", "mesh", [], []),
+            ("godot", "hull", ["car_0001_part00-convcolonly"], ["pedestrian_0002_part00-convcolonly"]),
+            ("godot", "mesh", ["car_0001_mesh-col"], ["pedestrian_0002_mesh-col"]),
+        ):
+            with self.subTest(naming=naming, level=level):
+                glb, _, _ = self.export("proxy.glb", "--proxy", level, "--naming", naming, *options)
+                nodes = glb.nodes()
+                self.assertEqual(glb.children(nodes["car_0001"]), car)
+                self.assertEqual(glb.children(nodes["pedestrian_0002"]), person)
+                self.assertEqual("mesh" in nodes["car_0001"], (naming, level) != ("godot", "mesh"))
+                if naming == "unreal":
+                    self.assertEqual(glb.json["meshes"][nodes["car_0001"]["mesh"]]["name"], "car_0001")
+        glb, _, _ = self.export("proxy.glb", *QUICK, "--naming", "godot", "--proxy", "box")
+        self.assertIn("ground-col", glb.nodes())
+
+    def test_convex_parts(self):
+        glb, facts, _ = self.export("proxy.glb", "--proxy", "convex", "--no-background", "--physics")
+        nodes = glb.nodes()
+        for name in self.names[:2]:
+            parts = glb.children(nodes[name])
+            self.assertTrue(1 <= len(parts) <= 8, parts)
+            self.assertNotIn("mesh", nodes[name])
+            self.assertEqual(nodes[name]["extensions"]["KHR_physics_rigid_bodies"], {"motion": {"isKinematic": True}})
+            total = 0
+            for part in parts:
+                collider = nodes[part]["extensions"]["KHR_physics_rigid_bodies"]["collider"]["geometry"]
+                self.assertEqual(collider, {"mesh": nodes[part]["mesh"], "convexHull": True})
+                triangles = glb.triangles(nodes[part])
+                self.assertLessEqual(len(triangles), 124)
+                self.assertEqual(open_edges(triangles), 0)
+                self.assertGreater(volume(glb.positions(nodes[part]), triangles), 0)
+                total += len(triangles)
+            self.assertEqual((facts[name]["level"], facts[name]["triangles"]), ("convex", total))
+            self.assertGreater(facts[name]["error"]["silhouette_iou"], 0.85)
+        self.assertEqual(facts["pedestrian_0002"]["level"], "box")
+
+    def test_textures(self):
+        """The car is blue; its picture holds what its vertices held, and each triangle has its own place in it."""
+        glb, _, _ = self.export("proxy.glb", "--texture", 128, "--no-background", "--triangles", 200, "--only", "car_1")
+        primitive = glb.json["meshes"][glb.nodes()["car_0001"]["mesh"]]["primitives"][0]
+        self.assertEqual(set(primitive["attributes"]), {"POSITION", "NORMAL", "TEXCOORD_0"})
+        texture = glb.json["materials"][primitive["material"]]["pbrMetallicRoughness"]["baseColorTexture"]["index"]
+        image = glb.json["images"][glb.json["textures"][texture]["source"]]
+        view = glb.json["bufferViews"][image["bufferView"]]
+        begin = view.get("byteOffset", 0)
+        width, height, channels, _, pixels = fixtures.read_png(self.write("texture.png", glb.bytes[begin : begin + view["byteLength"]]))
+        self.assertEqual((width, height, channels), (120, 120, 3))  # ten cells of twelve pixels a side
+        places = glb.accessor(primitive["attributes"]["TEXCOORD_0"])
+        self.assertEqual(len(set(zip(places[::2], places[1::2]))), len(places) // 2)
+        middle = [0, 0, 0]
+        for u, v in zip(places[::2], places[1::2]):
+            at = 3 * (int(v * height) * width + int(u * width))
+            middle = [a + b for a, b in zip(middle, pixels[at : at + 3])]
+        red, green, blue = (2 * v / len(places) for v in middle)
+        for got, wanted in ((red, 0.1), (green, 0.2), (blue, 0.8)):  # as scenes.py paints it, with some of what is behind it
+            self.assertAlmostEqual(got / 255, wanted, delta=0.08)
+        own = glb.accessor(primitive["indices"])
+        self.assertEqual(sorted(own), list(range(len(own))))
+        merged = glb.json["meshes"][0]["extensions"]["EXT_mesh_manifold"]["manifoldPrimitive"]["indices"]
+        corners = glb.accessor(merged)
+        self.assertEqual(open_edges([corners[i : i + 3] for i in range(0, len(corners), 3)]), 0)
 
     def test_cameras(self):
         glb, _, _ = self.export("proxy.glb", "--cameras", "--no-background", "--only", "car_1")
@@ -189,6 +252,8 @@ class Odd(Case):
         path = self.write("three.ply", fixtures.ply_bytes(fixtures.some_splats()[:3]))
         self.succeeds("export", path, self.path("proxy.glb"))
         self.succeeds("export", path, self.path("splats.glb"), "--splats")
+        done = self.succeeds("export", path, self.path("proxy.glb"), "--proxy", "convex")
+        self.assertIn("of labelled objects alone: its hull", done.stdout)
         self.assertEqual(len(Glb(self.path("splats.glb")).json["meshes"]), 1)
 
     def test_bad_calls(self):
@@ -196,7 +261,18 @@ class Odd(Case):
         self.fails(["export", path, self.path("proxy.obj")], ".glb", code=2)
         self.fails(["export", path, self.path("proxy.glb"), "--triangles", "3"], "--triangles", code=2)
         self.fails(["export", path, self.path("nowhere", "deep", "proxy.glb")], "nowhere")
+        for file, options in (("x.usda", ["--naming", "godot"]), ("x.glb", ["--naming", "unreal", "--lod"]), ("x.ply", ["--texture", 256]),
+                              ("x.usdz", ["--texture", 256])):
+            self.fails(["export", path, self.path(file), *options], options[0], code=2)
         self.fails(["export", self.path("missing"), self.path("proxy.glb")], "missing")
+
+
+class Usdz(Case):
+    def test_a_pipe_is_refused(self):
+        """The archive's head is written last, which a pipe can't take back."""
+        path = self.write("three.ply", fixtures.ply_bytes(fixtures.some_splats()[:3]))
+        os.symlink("/dev/stdout", self.path("x.usdz"))
+        self.fails(["export", path, self.path("x.usdz")], "x.usdz", "expected a regular file")
 
 
 class Splats(Case):

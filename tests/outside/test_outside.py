@@ -63,6 +63,8 @@ class Gltf(Case):
             "cage.glb": ["--proxy", "cage"],
             "hull.glb": ["--proxy", "hull", "--naming", "unreal"],
             "box.glb": ["--proxy", "box", "--no-background"],
+            "convex.glb": ["--proxy", "convex", "--naming", "godot", "--physics", "--no-background"],
+            "texture.glb": ["--texture", 256, "--triangles", 400],
             "all.glb": ["--lod", "--physics", "--invisible", "--cameras"],
         }.items():
             self.succeeds("export", scene, self.path(name), *QUICK, *options)

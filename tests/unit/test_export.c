@@ -510,7 +510,8 @@ static void test_proxies_of_a_scene(void **state) {
     if (level != PAGS_PROXY_BOX) {
       assert_true(report.proxies[0].to_gaussians.mean < 0.04);
       assert_true(report.proxies[0].from_gaussians.mean < 0.04);
-      assert_true(report.proxies[0].silhouette_iou > 0.9);
+      /* One part of 100 triangles has 52 vertices on the ball. */
+      assert_true(report.proxies[0].silhouette_iou > (level == PAGS_PROXY_CONVEX ? 0.85 : 0.9));
       assert_int_equal(report.proxies[1].level, PAGS_PROXY_BOX);
       assert_non_null(report.proxies[1].note);
       /* The ball's shape is taken as the prior for it, and the note says so. */

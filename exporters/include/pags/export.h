@@ -21,28 +21,34 @@ extern "C" {
 #endif
 
 typedef enum pags_proxy_level {
-  PAGS_PROXY_MESH, /* the closed surface of the Gaussians, decimated to a limit of triangles */
-  PAGS_PROXY_CAGE, /* a closed cage of quads, subdivided, whose Catmull-Clark limit surface is fitted to that mesh */
-  PAGS_PROXY_HULL, /* the convex hull of that mesh */
-  PAGS_PROXY_BOX,  /* the labelled box */
+  PAGS_PROXY_MESH,   /* the closed surface of the Gaussians, decimated to a limit of triangles */
+  PAGS_PROXY_CAGE,   /* a closed cage of quads, subdivided, whose Catmull-Clark limit surface is fitted to that mesh */
+  PAGS_PROXY_HULL,   /* the convex hull of that mesh */
+  PAGS_PROXY_BOX,    /* the labelled box */
+  PAGS_PROXY_CONVEX, /* up to 8 convex parts that together cover the mesh, each of at most 124 triangles */
   PAGS_PROXY_LEVELS
 } pags_proxy_level;
 
-/* The level's name: "mesh", "cage", "hull" or "box", a static string. */
+/* The level's name: "mesh", "cage", "hull", "box" or "convex", a static string. */
 PAGS_API const char *pags_proxy_level_name(pags_proxy_level level);
 
+/* In glTF. With the names of a program, a hull, a box or convex parts come beside the object's surface, which is what
+ * is seen; not with `lod`. */
 typedef enum pags_proxy_naming {
-  PAGS_NAMING_PLAIN, /* proxies are named by class and number: car_0007 */
-  PAGS_NAMING_UNREAL /* hulls are UCX_car_0007_00, boxes UBX_car_0007_00: Unreal's importer makes collision shapes of
-                        meshes with these prefixes */
+  PAGS_NAMING_PLAIN,  /* proxies are named by class and number: car_0007 */
+  PAGS_NAMING_UNREAL, /* hulls are UCX_car_0007_00, boxes UBX_car_0007_00: Unreal's importer makes collision shapes of
+                        meshes with these prefixes for the mesh that the rest names, car_0007 */
+  PAGS_NAMING_GODOT   /* surfaces are car_0007_mesh-col, hulls car_0007_00-convcolonly: Godot's importer makes collision
+                        shapes of nodes with these endings */
 } pags_proxy_naming;
 
 typedef struct pags_proxy_options {
   pags_proxy_level level;
   const uint8_t *chosen; /* a flag for each of the scene's objects: 1 is exported; NULL: all are */
-  int lod;               /* 1: all four levels go into one file by MSFT_lod, finest first. Default 0 */
+  int lod;               /* 1: mesh, cage, hull and box go into one file by MSFT_lod, finest first. Default 0 */
   pags_proxy_naming naming;
-  int64_t triangles;        /* limit of triangles of an object's mesh, cage or hull, 12..10^7; default 4000 */
+  int64_t triangles;        /* limit of triangles of an object's mesh, cage, hull or convex parts, 12..10^7; default
+                               4000 */
   int64_t ground_triangles; /* limit of triangles of the ground, 2..10^8; default 60,000 */
   int64_t chunk_triangles;  /* limit of triangles of the other background, all chunks together; default 200,000 */
   double voxel; /* step of the background's TSDF, metres, up to 2; default 0: 0.15. An object's step is a 128th of its
@@ -57,11 +63,13 @@ typedef struct pags_proxy_options {
                          caller to leave out */
   const double *ball; /* 4 numbers, middle and radius, or NULL: likewise */
   pags_stand stand;   /* from where a scene without photographs is looked at; default PAGS_STAND_AUTO */
-  int cage_level;     /* Catmull-Clark subdivisions of the cage as written, 0 (the cage itself) to 3; default 1 */
-  int background;     /* 1: the ground and the chunks are exported, too. Default 1 */
-  int cameras;        /* 1: all views are written as cameras, the first sensor's path as a node `ego`. Default 0 */
-  int visibility;     /* 1: KHR_node_visibility makes proxies invisible (colliders only). Default 0 */
-  int physics; /* 1: objects are kinematic bodies by KHR_implicit_shapes and KHR_physics_rigid_bodies. Default 0 */
+  int texture;    /* pixels a side, 64..8192: glTF's meshes, cages and chunks have a picture of this size baked in place
+                     of a colour at each vertex; default 0: no */
+  int cage_level; /* Catmull-Clark subdivisions of the cage as written, 0 (the cage itself) to 3; default 1 */
+  int background; /* 1: the ground and the chunks are exported, too. Default 1 */
+  int cameras;    /* 1: all views are written as cameras, the first sensor's path as a node `ego`. Default 0 */
+  int visibility; /* 1: KHR_node_visibility makes proxies invisible (colliders only). Default 0 */
+  int physics;    /* 1: objects are kinematic bodies by KHR_implicit_shapes and KHR_physics_rigid_bodies. Default 0 */
 } pags_proxy_options;
 
 PAGS_API pags_proxy_options pags_proxy_options_default(void);
@@ -136,11 +144,11 @@ PAGS_API int pags_export_is_splat(const char *path);
 PAGS_API pags_result pags_export_splats(pags_scene *scene, const char *path, const pags_splat_options *options,
                                         int64_t *count);
 
-/* Writes the Gaussians and the proxies as a USD stage in text (.usda), Z up, in metres. Gaussians are
- * ParticleField3DGaussianSplat prims, each object's below an Xform with its track as time samples; proxies are
- * invisible meshes with UsdPhysics colliders and semantic labels; objects are kinematic bodies. Harmonics are written
- * of degree 0 if splats->sh_degree or the scene's degree is 0, else of degree 3 with missing terms zero. The scene
- * is destroyed, as by pags_export_splats. `count` (may be NULL) receives the number of Gaussians written. */
+/* Writes the Gaussians and the proxies as a USD stage in text (.usda, or .usdz, an archive of it), Z up, in metres.
+ * Gaussians are ParticleField3DGaussianSplat prims, each object's below an Xform with its track as time samples;
+ * proxies are invisible meshes with UsdPhysics colliders and semantic labels; objects are kinematic bodies. Harmonics
+ * are written of degree 0 if splats->sh_degree or the scene's degree is 0, else of degree 3 with missing terms zero.
+ * The scene is destroyed, as by pags_export_splats. `count` (may be NULL) receives the number of Gaussians written. */
 PAGS_API pags_result pags_export_usd(pags_scene *scene, const char *path, const pags_proxy_options *proxies,
                                      const pags_splat_options *splats, pags_tasks *tasks, pags_progress_fn *progress,
                                      void *user, int64_t *count);

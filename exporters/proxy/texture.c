@@ -1,0 +1,131 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Bakes base-colour textures. The texture is a lattice of square cells, two triangles each, divided by the cell's
+ * diagonal: no chart needs to be packed, and any mesh has a texture, at the price of a seam along every edge. Texels
+ * beyond a triangle's edge get the colour of the nearest point on it, so that filtering doesn't show the neighbour. */
+#include "exporters/proxy/texture.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/memory.h"
+#include "exporters/proxy/tsdf.h"
+#ifdef PAGS_WITH_IMAGES
+#include "image/png.h"
+#endif
+
+enum { LEAST_CELL = 5 }; /* pixels: the legs of either triangle are two */
+
+typedef struct lattice {
+  int cells; /* a side */
+  int cell;  /* pixels a side */
+} lattice;
+
+static lattice lattice_of(int64_t triangles, int side) {
+  lattice l = {.cells = (int)ceil(sqrt((double)((triangles + 1) / 2)))};
+  l.cells = l.cells > 1 ? l.cells : 1;
+  l.cell = side / l.cells > LEAST_CELL ? side / l.cells : LEAST_CELL;
+  return l;
+}
+
+/* The pixel of the picture, from the upper left corner, where a corner of a triangle lies: at the middle of a texel.
+ * The first triangle of a cell has its right angle at the upper left, the second at the lower right. */
+static void corner_at(const lattice *l, int64_t triangle, int corner, double out[2]) {
+  const int64_t number = triangle / 2;
+  const double leg = l->cell - 3, first[2] = {corner == 1 ? leg : 0, corner == 2 ? leg : 0};
+  for (int k = 0; k < 2; k++) {
+    const double origin = (double)((k ? number / l->cells : number % l->cells) * l->cell) + 0.5;
+    out[k] = triangle % 2 ? origin + l->cell - 1 - first[k] : origin + first[k];
+  }
+}
+
+/* The point of the mesh that a texel shows. Returns false where the cell has no triangle. */
+static bool point_of(const pags_proxy_mesh *mesh, const lattice *l, int x, int y, double out[3]) {
+  const int u = x % l->cell, v = y % l->cell;
+  const bool second = u + v >= l->cell - 1;
+  const int64_t triangle = 2 * ((int64_t)(y / l->cell) * l->cells + x / l->cell) + second;
+  if (triangle >= mesh->triangle_count)
+    return false;
+  const double leg = l->cell - 3;
+  double b = fmin((second ? l->cell - 1 - u : u) / leg, 1), c = fmin((second ? l->cell - 1 - v : v) / leg, 1);
+  if (b + c > 1) { /* beyond the long edge: the nearest point on it */
+    const double over = 0.5 * (b + c - 1);
+    b = fmax(0, fmin(b - over, 1));
+    c = 1 - b;
+  }
+  const uint32_t *const t = mesh->triangles + 3 * triangle;
+  for (int k = 0; k < 3; k++)
+    out[k] = (1 - b - c) * (double)mesh->positions[3 * (int64_t)t[0] + k] +
+             b * (double)mesh->positions[3 * (int64_t)t[1] + k] + c * (double)mesh->positions[3 * (int64_t)t[2] + k];
+  return true;
+}
+
+/* Paints a cloud of one vertex a texel, and makes a picture of it. */
+static pags_result paint(const pags_proxy_mesh *mesh, const lattice *l, const pags_depth_views *depth_views,
+                         double tolerance, pags_tasks *tasks, uint8_t *rgb) {
+  static const float grey[3] = {0.5f, 0.5f, 0.5f};
+  const int side = l->cells * l->cell;
+  pags_proxy_mesh texels = {0};
+  double point[3];
+  for (int y = 0; y < side; y++)
+    for (int x = 0; x < side; x++)
+      if (point_of(mesh, l, x, y, point))
+        pags_proxy_mesh_vertex(&texels, (const float[3]){(float)point[0], (float)point[1], (float)point[2]}, grey, 1);
+  pags_result result = pags_proxy_mesh_check(&texels);
+  if (result == PAGS_OK)
+    result = pags_proxy_mesh_paint(&texels, depth_views, tolerance, tasks);
+  const float *color = texels.colors;
+  for (int y = 0; y < side && result == PAGS_OK; y++)
+    for (int x = 0; x < side; x++) {
+      const bool used = point_of(mesh, l, x, y, point);
+      for (int c = 0; c < 3; c++)
+        rgb[3 * ((size_t)y * (size_t)side + (size_t)x) + (size_t)c] =
+            used ? (uint8_t)(255 * fminf(fmaxf(color[c], 0), 1) + 0.5f) : 128;
+      color += used ? 3 : 0;
+    }
+  pags_proxy_mesh_destroy(&texels);
+  return result;
+}
+
+static pags_result encode(int side, uint8_t *rgb, pags_texture *out) {
+#ifdef PAGS_WITH_IMAGES
+  pags_sink sink = {0};
+  const pags_image image = {.width = side, .height = side, .channels = 3, .sample = PAGS_U8, .data = rgb};
+  const pags_result result = pags_png_encode("texture", &image, &sink);
+  out->png = sink.bytes;
+  out->png_size = sink.size;
+  return result;
+#else
+  (void)side, (void)rgb, (void)out;
+  return pags_fail(PAGS_ERROR_UNSUPPORTED, "--texture: this build has no pictures (CMake's PAGS_IMAGE)");
+#endif
+}
+
+pags_result pags_texture_bake(const pags_proxy_mesh *mesh, const pags_depth_views *depth_views, double tolerance,
+                              int side, pags_tasks *tasks, pags_texture *out) {
+  const lattice l = lattice_of(mesh->triangle_count, side);
+  const size_t pixels = (size_t)(l.cells * l.cell) * (size_t)(l.cells * l.cell);
+  uint8_t *rgb = malloc(3 * pixels);
+  *out = (pags_texture){.uv = malloc(6 * (size_t)mesh->triangle_count * sizeof *out->uv + 1)};
+  pags_result result = rgb && out->uv ? PAGS_OK : pags_out_of_memory("a texture of %zu pixels", pixels);
+  for (int64_t i = 0; i < 3 * mesh->triangle_count && result == PAGS_OK; i++) {
+    double at[2];
+    corner_at(&l, i / 3, (int)(i % 3), at);
+    for (int k = 0; k < 2; k++)
+      out->uv[2 * i + k] = (float)(at[k] / (l.cells * l.cell));
+  }
+  if (result == PAGS_OK)
+    result = paint(mesh, &l, depth_views, tolerance, tasks, rgb);
+  if (result == PAGS_OK)
+    result = encode(l.cells * l.cell, rgb, out);
+  free(rgb);
+  if (result != PAGS_OK)
+    pags_texture_destroy(out);
+  return result;
+}
+
+void pags_texture_destroy(pags_texture *texture) {
+  free(texture->uv);
+  free(texture->png);
+  *texture = (pags_texture){0};
+}
