@@ -22,6 +22,8 @@
 #   make check-cluster  ranks of mpirun killed at ten random moments, and stopped
 #   make check-viewers      splat files of a scene with a least alpha, drawn by Babylon.js and Spark in Chromium beside pags (SCENE=FOLDER: another scene)
 #   make check-scene-html  scene.html in a headless Chromium, without a network, beside pags render (SCENE=FOLDER: another scene)
+#   make check-tools  what pags export writes for other tools, in Babylon.js, Godot 4 and OpenUSD, of SCENE=FOLDER, by default the demo's, with pictures
+#                into build/tools; GODOT=PROGRAM, else scripts/setup_godot.sh fetches one (0.7 GB)
 #   make check-view  pags view, train --view and pages of pags report in a headless Chromium, and ten thousand hostile requests (two minutes)
 #   make check-recordings  imported recordings beside what the sources' own Python packages read of them
 #   make check-photos  photographs and a video without cameras, by COLMAP, as far as a trained scene (apt-get install colmap ffmpeg; five minutes)
@@ -51,7 +53,7 @@ REFERENCE ?= HEAD
 OPTIONS ?=
 
 # Checks that take hours, or programs that make setup doesn't install.
-NOT_CHECKED := check-arm64 check-blender-new check-blender-window-new check-cluster check-deb check-inspect check-obey check-photos check-recordings check-scaling check-scene-html check-view check-viewers check-windows fuzz guide sanitize valgrind
+NOT_CHECKED := check-arm64 check-blender-new check-blender-window-new check-cluster check-deb check-inspect check-obey check-photos check-recordings check-scaling check-scene-html check-tools check-view check-viewers check-windows fuzz guide sanitize valgrind
 
 all:
 	cmake --preset release
@@ -176,6 +178,10 @@ check-view: all
 	python3 -B tests/outside/train_view.py build/pags build/view
 	PAGS_VIEW_HOSTILE=10000 python3 -B tests/cli/test_view.py build/pags Hostile
 
+check-tools: all $(SCENE)/scene.json
+	mkdir -p build/tools
+	GODOT="$${GODOT:-$$(sh scripts/setup_godot.sh)}" python3 -B tests/outside/test_tools.py build/pags "$(abspath $(SCENE))" "$(CURDIR)/build/tools"
+
 same-bits: all
 	python3 tests/same_bits.py --reference "$(REFERENCE)" $(OPTIONS)
 
@@ -194,4 +200,4 @@ install: all
 clean:
 	rm -rf build
 
-.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-inspect check-obey check-blender-new check-blender-window-new bench-blender guide setup-cross cross check-arm64 check-windows check-scaling check-scene-html check-view check-viewers check-recordings check-photos same-bits figures docs install clean deb check-deb packages check-cluster
+.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-inspect check-obey check-blender-new check-blender-window-new bench-blender guide setup-cross cross check-arm64 check-windows check-scaling check-scene-html check-tools check-view check-viewers check-recordings check-photos same-bits figures docs install clean deb check-deb packages check-cluster

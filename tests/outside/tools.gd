@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+# What Godot 4 makes of the imported scene.glb beside it: godot --path FOLDER -s tools.gd
+#
+# job.json: seconds (of the animation), rays (name to {from, along}, in Godot's Y-up world, metres), and if wanted picture (a file), eye and target.
+# Writes to found.json all nodes with their kinds and extras and where they are at that time, the animations, and what the rays hit first.
+extends SceneTree
+
+func list(node: Node, nodes: Array, parent: String) -> void:
+	var shapes := []
+	for child in node.get_children():
+		if child is CollisionShape3D:
+			shapes.append(child.shape.get_class())
+	var extras = node.get_meta("extras") if node.has_meta("extras") else null
+	var at = node.global_position if node is Node3D else Vector3.ZERO
+	nodes.append({"name": str(node.name), "parent": parent, "kind": node.get_class(), "extras": extras, "shapes": shapes, "at": [at.x, at.y, at.z]})
+	for child in node.get_children():
+		list(child, nodes, str(node.name))
+
+func vector(values: Array) -> Vector3:
+	return Vector3(values[0], values[1], values[2])
+
+func _initialize() -> void:
+	run()
+
+func run() -> void:
+	var job: Dictionary = JSON.parse_string(FileAccess.get_file_as_string("res://job.json"))
+	var scene: Node = load("res://scene.glb").instantiate()
+	root.add_child(scene)
+	await process_frame
+	var found := {"version": Engine.get_version_info()["string"], "nodes": [], "hits": {}, "animations": []}
+	for player in scene.find_children("*", "AnimationPlayer"):
+		found["animations"] = Array(player.get_animation_list())
+		player.play(player.get_animation_list()[0])
+		player.pause()
+		player.seek(job["seconds"], true)
+	for i in 4:
+		await physics_frame
+	list(scene, found["nodes"], "")
+	var space = root.get_world_3d().direct_space_state
+	for name in job["rays"]:
+		var from := vector(job["rays"][name]["from"])
+		var hit = space.intersect_ray(PhysicsRayQueryParameters3D.create(from, from + 1000 * vector(job["rays"][name]["along"])))
+		found["hits"][name] = null
+		if hit:
+			var owner_of = hit["collider"].get_parent()
+			found["hits"][name] = {"name": str(owner_of.name), "body": hit["collider"].get_class(), "distance": from.distance_to(hit["position"])}
+	if job.has("picture"):
+		var camera := Camera3D.new()
+		root.add_child(camera)
+		camera.look_at_from_position(vector(job["eye"]), vector(job["target"]))
+		camera.make_current()
+		var sun := DirectionalLight3D.new()
+		root.add_child(sun)
+		sun.look_at_from_position(Vector3(3, 10, 6), Vector3.ZERO)
+		for i in 4:
+			await process_frame
+		root.get_texture().get_image().save_jpg(job["picture"], 0.8)
+	FileAccess.open("res://found.json", FileAccess.WRITE).store_string(JSON.stringify(found))
+	quit()
