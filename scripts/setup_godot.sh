@@ -16,7 +16,7 @@ if [ ! -x "$root/usr/bin/godot" ]; then
   mkdir -p "$root" "$apt/lists/partial" "$apt/cache/archives/partial"
   echo "deb [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] $mirror $suite main" >"$apt/sources.list"
   : >"$apt/status"
-  for command in "update" "-y --download-only install godot libgl1-mesa-dri"; do
+  for command in "update" "-y --download-only install godot libgl1 libglx-mesa0 libgl1-mesa-dri"; do
     # shellcheck disable=SC2086 # the words of the command
     apt-get -o Dir::Etc::SourceList="$apt/sources.list" -o Dir::Etc::SourceParts=/nonexistent -o Dir::State::Lists="$apt/lists" \
       -o Dir::Cache="$apt/cache" -o Dir::State::Status="$apt/status" -o APT::Install-Recommends=false -o APT::Sandbox::User= $command >"$apt/log" 2>&1 ||

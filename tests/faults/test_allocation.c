@@ -27,6 +27,7 @@
 
 #include "base/file.h"
 #include "exporters/proxy/cage.h"
+#include "exporters/proxy/convex_parts.h"
 #include "exporters/proxy/mesh.h"
 #include "exporters/proxy/tsdf.h"
 #include "memory_guard.h"
@@ -245,11 +246,12 @@ static pags_result export_usd(const char *path) {
   return export_proxies_at(path, PAGS_PROXY_BOX, 1);
 }
 
-/* Mesh operations on a ball and a ring: meshing, simplification, repair, hull, cage. */
+/* Mesh operations on a ball and a ring: meshing, simplification, repair, convex parts, hull, cage. */
 static pags_result shape(const char *path) {
   const double lo[3] = {-2, -2, -2}, hi[3] = {2, 2, 2}, step = 0.25;
   pags_tsdf grid;
   pags_proxy_mesh shell, simple, hull, cage;
+  pags_convex_parts parts;
   (void)path;
   PAGS_TRY(pags_tsdf_create(&grid, lo, hi, step, 0));
   for (int64_t i = 0; i < (int64_t)grid.n[0] * grid.n[1] * grid.n[2]; i++) {
@@ -265,6 +267,10 @@ static pags_result shape(const char *path) {
   if (result == PAGS_OK) {
     result = pags_proxy_mesh_repair(&simple);
     note(simple.positions, 12 * (size_t)simple.vertex_count);
+    if (result == PAGS_OK && (result = pags_proxy_mesh_convex(&simple, 60, &hull, &parts)) == PAGS_OK) {
+      note(hull.positions, 12 * (size_t)hull.vertex_count);
+      pags_proxy_mesh_destroy(&hull);
+    }
     pags_proxy_mesh_destroy(&simple);
   }
   if (result == PAGS_OK && (result = pags_proxy_mesh_hull(&shell, 60, &hull)) == PAGS_OK) {

@@ -52,6 +52,15 @@ func run() -> void:
 		var sun := DirectionalLight3D.new()
 		root.add_child(sun)
 		sun.look_at_from_position(Vector3(3, 10, 6), Vector3.ZERO)
+		var sky := WorldEnvironment.new()
+		sky.environment = Environment.new()
+		sky.environment.background_mode = Environment.BG_COLOR
+		sky.environment.background_color = Color(0.75, 0.8, 0.85)
+		sky.environment.ambient_light_source = Environment.AMBIENT_SOURCE_COLOR
+		sky.environment.ambient_light_color = Color.WHITE
+		sky.environment.ambient_light_energy = 1.5
+		root.add_child(sky)
+		root.size = Vector2i(640, 360)
 		for i in 4:
 			await process_frame
 		root.get_texture().get_image().save_jpg(job["picture"], 0.8)

@@ -22,10 +22,11 @@ import {Color4} from '@babylonjs/core/Maths/math.color.js';
 import {Vector3} from '@babylonjs/core/Maths/math.vector.js';
 import {Ray} from '@babylonjs/core/Culling/ray.js';
 import {AppendSceneAsync} from '@babylonjs/core/Loading/sceneLoader.js';
-import '@babylonjs/core/Loading/loadingScreen.js';
+import {SceneLoaderFlags} from '@babylonjs/core/Loading/sceneLoaderFlags.js';
 import '@babylonjs/core/Animations/animatable.js';
 import '/node_modules/@babylonjs/loaders/glTF/index.js';
 const job = ${JSON.stringify(job)};
+SceneLoaderFlags.ShowLoadingScreen = false; // it would be on the picture
 try {
   const engine = new Engine(document.getElementById('c'), true, {preserveDrawingBuffer: true});
   const scene = new Scene(engine);
