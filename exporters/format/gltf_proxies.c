@@ -191,9 +191,11 @@ static pags_result add_shapes(exporter *self, int64_t object, pags_built_level *
     pags_proxy_mesh part = {0};
     char child_name[NAME_SIZE];
     if (naming == PAGS_NAMING_UNREAL)
-      snprintf(child_name, NAME_SIZE, "%s_%.70s_%02d", built->facts.level == PAGS_PROXY_BOX ? "UBX" : "UCX", name, i);
+      snprintf(child_name, NAME_SIZE, "%s_%.70s_%02d", built->facts.level == PAGS_PROXY_BOX ? "UBX" : "UCX", name,
+               i % 100);
     else
-      snprintf(child_name, NAME_SIZE, "%.70s_part%02d%s", name, i, naming == PAGS_NAMING_GODOT ? "-convcolonly" : "");
+      snprintf(child_name, NAME_SIZE, "%.70s_part%02d%s", name, i % 100,
+               naming == PAGS_NAMING_GODOT ? "-convcolonly" : "");
     if (built->parts.count)
       PAGS_TRY(pags_convex_part(&built->mesh, &built->parts, i, &part));
     const int mesh = add_mesh(self, child_name, built->parts.count ? &part : &built->mesh, NULL, &built->facts);
