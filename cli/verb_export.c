@@ -38,7 +38,7 @@ static const pags_option options[] = {
         "proxy", AT(level), "mesh|cage|hull|box|convex", NULL,
         "what stands for each object: its surface, a closed cage subdivided, its convex hull, its labelled box, or up "
         "to 8 convex parts"),
-    PAGS_FLAG("lod", 0, AT(proxy.lod), "all of them in one file by MSFT_lod, in place of --proxy"),
+    PAGS_FLAG("lod", 0, AT(proxy.lod), "mesh, cage, hull and box in one file by MSFT_lod, in place of --proxy"),
     PAGS_CHOICE("naming", AT(naming), "plain|unreal|godot", NULL,
                 "names that a program's importer makes collision shapes of: UCX_NAME_00 and UBX_NAME_00, or -col and "
                 "-convcolonly; a hull, box or convex parts come beside the surface that is seen"),

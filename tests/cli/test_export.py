@@ -192,6 +192,12 @@ class Proxies(Case):
             self.assertGreater(facts[name]["error"]["silhouette_iou"], 0.85)
         self.assertEqual(facts["pedestrian_0002"]["level"], "box")
 
+    def test_same_bytes_on_any_number_of_threads(self):
+        options = ["--proxy", "convex", "--naming", "godot", "--texture", 64, "--no-background"]
+        for threads in (1, 3):
+            self.succeeds("export", self.scene, self.path(f"{threads}.glb"), *options, "-j", threads)
+        self.assertEqual(fixtures.read(self.path("1.glb")), fixtures.read(self.path("3.glb")))
+
     def test_textures(self):
         """The car is blue; its picture holds what its vertices held, and each triangle has its own place in it."""
         glb, _, _ = self.export("proxy.glb", "--texture", 128, "--no-background", "--triangles", 200, "--only", "car_1")
