@@ -275,8 +275,8 @@ static pags_result cut_best(const body *b, const part *whole, part halves[2]) {
 /* Cuts the first of `parts`, the whole, into at most `most`. `count` says how many hulls are to be freed, also after a
  * failure. */
 static pags_result decompose(const body *b, int most, part parts[PAGS_MOST_PARTS], int *count) {
-  PAGS_TRY(make_hull(b, &parts[0]));
   *count = 1;
+  PAGS_TRY(make_hull(b, &parts[0]));
   const double whole = parts[0].volume;
   while (*count < most) {
     part halves[2];
