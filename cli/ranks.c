@@ -49,7 +49,7 @@ pags_result pags_ranks_gather(const void *own, int64_t bytes, void **all, int64_
   *all_bytes = 0;
   int64_t *sizes = malloc(2 * (size_t)ranks * sizeof *sizes);
   if (!sizes)
-    return pags_out_of_memory("the sizes of %d ranks", ranks);
+    return pags_transport_give_up(transport, pags_out_of_memory("the sizes of %d ranks", ranks));
   int64_t *const of_sizes = sizes + ranks;
   for (int rank = 0; rank < ranks; rank++)
     of_sizes[rank] = sizeof *sizes;
@@ -68,7 +68,7 @@ pags_result pags_ranks_gather(const void *own, int64_t bytes, void **all, int64_
     free(*all);
     *all = NULL;
   }
-  return result;
+  return pags_transport_give_up(transport, result);
 }
 
 pags_result pags_ranks_sum(int64_t *value) {

@@ -70,7 +70,7 @@ static pags_result gather_warnings(pags_session *session) {
     size += strlen(session->warnings[i]) + 1;
   char *own = malloc(size), *end = own;
   if (!own)
-    return pags_out_of_memory("%lld warnings", (long long)session->warning_count);
+    return pags_transport_give_up(pags_ranks(), pags_out_of_memory("%lld warnings", (long long)session->warning_count));
   for (int64_t i = 0; i < session->warning_count && !pags_ranks_lead(); i++)
     end += snprintf(end, size - (size_t)(end - own), "%s", session->warnings[i]) + 1;
   void *all;

@@ -23,6 +23,7 @@ typedef struct pags_backend {
   pags_result (*finish)(pags_transport *transport, pags_transfer *transfer);
   void (*tell)(pags_transport *transport, int64_t done, bool ends_early);
   void (*hear)(const pags_transport *transport, int64_t *done, bool *ends_early);
+  void (*give_up)(pags_transport *transport, pags_result result, const char *message);
   bool (*speaks)(const pags_transport *transport);
   void (*destroy)(pags_transport *transport, bool failed);
 } pags_backend;

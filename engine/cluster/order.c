@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A sample sort without samples: each rank sorts its own keys; the keys at the ranks' cuts are found exactly, bit by
- * bit, from the number of smaller keys at all ranks; then every item goes to the rank of its position. The bits of a
- * cut's key are found from the highest on, one exchange of counts each, since the number of keys below any bound is a
+/* A sample sort without samples: each rank sorts its own keys; the keys at the ranks' cuts are found exactly, digit by
+ * digit, from the number of smaller keys at all ranks; then every item goes to the rank of its position. The digits of
+ * a cut's key are found from the highest on, one exchange of counts each, since the number of keys below any bound is a
  * binary search in a sorted list. */
 #include "cluster/order.h"
 
@@ -103,28 +103,35 @@ pags_result pags_keys_sort(pags_key *keys, int64_t count) {
 
 /* ---- Items at given positions ---- */
 
+static pags_key with_digit(pags_key key, int bit, int digit) {
+  *(bit < 64 ? &key.low : &key.high) |= (uint64_t)digit << bit % 64;
+  return key;
+}
+
 pags_result pags_order_find(pags_transport *transport, const pags_key *sorted, int64_t count, const int64_t *positions,
                             int found, pags_key *keys) {
-  int64_t *const below = malloc((size_t)(found > 0 ? found : 1) * sizeof *below);
+  const int bits = found <= 8 ? 8 : 4, bounds = (1 << bits) - 1; /* of a round: fewer where there are many positions */
+  int64_t *const below = malloc((size_t)(found * bounds + 1) * sizeof *below);
   int64_t all = count;
   pags_result result = below ? pags_share_sum(transport, &all, 1) : pags_out_of_memory("%d positions", found);
   for (int i = 0; i < found; i++)
     keys[i] = (pags_key){0, 0};
 
   /* The key at a position is the largest bound that has at most so many keys below it, unless that is behind all. */
-  for (int bit = 127; result == PAGS_OK && bit >= 0; bit--) {
-    const pags_key one = {bit < 64 ? 0 : UINT64_C(1) << (bit - 64), bit < 64 ? UINT64_C(1) << bit : 0};
+  for (int bit = 128 - bits; result == PAGS_OK && bit >= 0; bit -= bits) {
     for (int i = 0; i < found; i++)
-      below[i] = count_below(sorted, count, (pags_key){keys[i].high | one.high, keys[i].low | one.low});
-    result = pags_share_sum(transport, below, found);
-    for (int i = 0; i < found; i++)
-      if (result == PAGS_OK && (positions[i] >= all || below[i] <= positions[i])) {
-        keys[i].high |= one.high;
-        keys[i].low |= one.low;
-      }
+      for (int digit = 1; digit <= bounds; digit++)
+        below[i * bounds + digit - 1] = count_below(sorted, count, with_digit(keys[i], bit, digit));
+    result = pags_share_sum(transport, below, found * bounds);
+    for (int i = 0; result == PAGS_OK && i < found; i++) {
+      int digit = bounds;
+      while (digit > 0 && positions[i] < all && below[i * bounds + digit - 1] > positions[i])
+        digit--;
+      keys[i] = with_digit(keys[i], bit, digit);
+    }
   }
   free(below);
-  return result;
+  return pags_transport_give_up(transport, result);
 }
 
 /* ---- The whole order ---- */
@@ -189,7 +196,7 @@ pags_result pags_order_create(pags_transport *transport, const pags_key *keys, i
   if (result == PAGS_OK)
     result = fill(transport, copy, cuts, order);
   free(copy);
-  return result;
+  return pags_transport_give_up(transport, result);
 }
 
 pags_result pags_order_create_even(pags_transport *transport, const pags_key *keys, int64_t count,
@@ -203,7 +210,7 @@ pags_result pags_order_create_even(pags_transport *transport, const pags_key *ke
   if (result == PAGS_OK)
     result = pags_order_create(transport, keys, count, cuts, order);
   free(cuts);
-  return result;
+  return pags_transport_give_up(transport, result);
 }
 
 void pags_order_destroy(pags_spread_order *order) {
@@ -220,7 +227,7 @@ pags_result pags_order_move(pags_transport *transport, const pags_spread_order *
   uint32_t *const out = calloc((size_t)(order->own + order->count + 1), sizeof *out);
   uint32_t *const mine = own, *const here = placed;
   if (!out)
-    return pags_out_of_memory("an order of %lld items", (long long)order->count);
+    return pags_transport_give_up(transport, pags_out_of_memory("an order of %lld items", (long long)order->count));
   uint32_t *const in = out + order->own;
   for (int64_t i = 0; !back && i < order->own; i++)
     out[i] = mine[order->sent[i]];

@@ -71,7 +71,7 @@ pags_result pags_share_all(pags_transport *transport, const void *mine, int64_t 
     result = pags_transport_exchange(transport, copies, counts, all, counts);
   free(counts);
   free(copies);
-  return result;
+  return pags_transport_give_up(transport, result);
 }
 
 pags_result pags_share_sum(pags_transport *transport, int64_t *numbers, int count) {
@@ -80,7 +80,7 @@ pags_result pags_share_sum(pags_transport *transport, int64_t *numbers, int coun
     return PAGS_OK;
   int64_t *const all = malloc((size_t)ranks * (size_t)count * sizeof *all);
   if (!all)
-    return pags_out_of_memory("%d numbers of %d ranks", count, ranks);
+    return pags_transport_give_up(transport, pags_out_of_memory("%d numbers of %d ranks", count, ranks));
   const pags_result result = pags_share_all(transport, numbers, count * (int64_t)sizeof *numbers, all);
   for (int i = 0; result == PAGS_OK && i < count; i++) {
     numbers[i] = 0;
@@ -95,7 +95,7 @@ pags_result pags_share_before(pags_transport *transport, int64_t number, int64_t
   const int ranks = pags_transport_ranks(transport), rank = pags_transport_rank(transport);
   int64_t *const numbers = malloc((size_t)ranks * sizeof *numbers);
   if (!numbers)
-    return pags_out_of_memory("the numbers of %d ranks", ranks);
+    return pags_transport_give_up(transport, pags_out_of_memory("the numbers of %d ranks", ranks));
   const pags_result result = pags_share_all(transport, &number, sizeof number, numbers);
   *before = *all = 0;
   for (int r = 0; result == PAGS_OK && r < ranks; r++) {
@@ -111,7 +111,7 @@ pags_result pags_share_items(pags_transport *transport, const void *send, const 
   const int ranks = pags_transport_ranks(transport);
   int64_t *const counts = malloc(2 * (size_t)ranks * sizeof *counts);
   if (!counts)
-    return pags_out_of_memory("a message to %d ranks", ranks);
+    return pags_transport_give_up(transport, pags_out_of_memory("a message to %d ranks", ranks));
   for (int r = 0; r < ranks; r++) {
     counts[r] = sent[r] * bytes;
     counts[ranks + r] = received[r] * bytes;

@@ -33,14 +33,15 @@ static void destroy_transfer(pags_transfer *transfer) {
   free(transfer);
 }
 
-static pags_result create_transfer(int ranks, pags_transfer **out) {
+static pags_result create_transfer(pags_transport *transport, pags_transfer **out) {
+  const int ranks = pags_transport_ranks(transport);
   pags_transfer *transfer = *out = calloc(1, sizeof *transfer);
   if (transfer)
     transfer->parts = calloc((size_t)ranks, sizeof *transfer->parts);
   if (!transfer || !transfer->parts) {
     destroy_transfer(transfer);
     *out = NULL;
-    return pags_out_of_memory("a message to %d ranks", ranks);
+    return pags_transport_give_up(transport, pags_out_of_memory("a message to %d ranks", ranks));
   }
   transfer->ranks = ranks;
   return PAGS_OK;
@@ -65,7 +66,7 @@ static pags_result begin_transfer(pags_transport *transport, pags_transfer **tra
     destroy_transfer(*transfer);
     *transfer = NULL;
   }
-  return result;
+  return pags_transport_give_up(transport, result);
 }
 
 pags_result pags_transport_exchange_finish(pags_transport *transport, pags_transfer *transfer) {
@@ -91,7 +92,7 @@ static pags_result run_transfer(pags_transport *transport, pags_transfer *transf
 pags_result pags_transport_exchange_begin(pags_transport *transport, const void *send, const int64_t *send_bytes,
                                           void *receive, const int64_t *receive_bytes, pags_transfer **transfer) {
   const int ranks = pags_transport_ranks(transport);
-  PAGS_TRY(create_transfer(ranks, transfer));
+  PAGS_TRY(create_transfer(transport, transfer));
   const char *from = send;
   char *to = receive;
   for (int rank = 0; rank < ranks; rank++) {
@@ -115,7 +116,7 @@ pags_result pags_transport_exchange(pags_transport *transport, const void *send,
 pags_result pags_transport_broadcast(pags_transport *transport, int root, void *data, int64_t bytes) {
   assert(bytes >= 0 && root >= 0 && root < pags_transport_ranks(transport));
   pags_transfer *transfer;
-  PAGS_TRY(create_transfer(pags_transport_ranks(transport), &transfer));
+  PAGS_TRY(create_transfer(transport, &transfer));
   if (pags_transport_rank(transport) != root)
     transfer->parts[root] = (struct pags_part){.receive = data, .receive_bytes = bytes};
   else
@@ -129,7 +130,7 @@ pags_result pags_transport_gather(pags_transport *transport, int root, const voi
                                   const int64_t *receive_bytes) {
   assert(bytes >= 0 && root >= 0 && root < pags_transport_ranks(transport));
   pags_transfer *transfer;
-  PAGS_TRY(create_transfer(pags_transport_ranks(transport), &transfer));
+  PAGS_TRY(create_transfer(transport, &transfer));
   if (pags_transport_rank(transport) == root) {
     char *to = receive;
     for (int rank = 0; rank < transfer->ranks; rank++) {
@@ -143,13 +144,36 @@ pags_result pags_transport_gather(pags_transport *transport, int root, const voi
   return run_transfer(transport, transfer);
 }
 
+typedef struct ending {
+  int result;
+  char message[1020];
+} ending;
+
+/* How all ranks end, given how each does. */
+static ending choose_ending(const ending *endings, int ranks, const char *agreed_before) {
+  ending agreed = {0};
+  bool alike = true;
+  for (int rank = 1; rank < ranks; rank++)
+    alike &= endings[rank].result == endings[0].result && !strcmp(endings[rank].message, endings[0].message);
+  for (int rank = ranks - 1; rank >= 0; rank--) {
+    const ending *other = &endings[rank];
+    if (other->result == PAGS_OK ||
+        (other->result == PAGS_CANCELLED && agreed.result != PAGS_OK && agreed.result != PAGS_CANCELLED))
+      continue;
+    agreed.result = other->result;
+    const bool plain = alike || other->result == PAGS_CANCELLED || !strcmp(other->message, agreed_before);
+    char prefix[32] = "";
+    if (!plain)
+      snprintf(prefix, sizeof prefix, "rank %d: ", rank);
+    if (snprintf(agreed.message, sizeof agreed.message, "%s%s", prefix, other->message) < 0)
+      agreed.message[0] = '\0';
+  }
+  return agreed;
+}
+
 pags_result pags_transport_agree(pags_transport *transport, pags_result mine) {
   if (!transport)
     return mine;
-  typedef struct ending {
-    int result;
-    char message[1020];
-  } ending;
   const int ranks = transport->ranks;
   ending own = {.result = (int)mine}, agreed = {0};
   if (mine != PAGS_OK)
@@ -167,25 +191,24 @@ pags_result pags_transport_agree(pags_transport *transport, pags_result mine) {
   pags_result result = memory ? pags_transport_gather(transport, 0, &own, sizeof own, endings, bytes)
                               : pags_out_of_memory("the endings of %d ranks", ranks);
   if (result == PAGS_OK && transport->rank == 0)
-    for (int rank = ranks - 1; rank >= 0; rank--) {
-      const ending *other = &endings[rank];
-      if (other->result == PAGS_OK ||
-          (other->result == PAGS_CANCELLED && agreed.result != PAGS_OK && agreed.result != PAGS_CANCELLED))
-        continue;
-      agreed.result = other->result;
-      if (!strcmp(other->message, transport->failure))
-        snprintf(agreed.message, sizeof agreed.message, "%s", other->message);
-      else if (snprintf(agreed.message, sizeof agreed.message, "rank %d: %s", rank, other->message) < 0)
-        agreed.message[0] = '\0';
-    }
+    agreed = choose_ending(endings, ranks, transport->failure);
   free(endings);
   free(bytes);
-  PAGS_TRY(result);
+  PAGS_TRY(pags_transport_give_up(transport, result));
   PAGS_TRY(pags_transport_broadcast(transport, 0, &agreed, sizeof agreed));
   if (agreed.result == PAGS_OK)
     return PAGS_OK;
   snprintf(transport->failure, sizeof transport->failure, "%s", agreed.message);
   return pags_fail((pags_result)agreed.result, "%s", agreed.message);
+}
+
+pags_result pags_transport_give_up(pags_transport *transport, pags_result mine) {
+  char message[1024];
+  if (!transport || mine == PAGS_OK || (transport->failure[0] && !strcmp(pags_error_message(), transport->failure)))
+    return mine;
+  if (snprintf(message, sizeof message, "rank %d: %s", transport->rank, pags_error_message()) > 0)
+    transport->backend->give_up(transport, mine, message);
+  return mine;
 }
 
 /* ---- News, beginning and end ---- */

@@ -47,10 +47,19 @@ pags_result pags_transport_gather(pags_transport *transport, int root, const voi
                                   const int64_t *receive_bytes);
 
 /* Agrees on how a piece of work ended on all ranks: PAGS_OK if it did everywhere; else the failure of the lowest rank
- * that failed, its message beginning with "rank R: " (cancelled only if nothing worse happened; once, if the ranks
- * agree on the same failure again). Every rank then has the same result and message. `mine` comes with this thread's
- * error message. */
+ * that failed, its message beginning with "rank R: " unless all say the same or it is a cancellation (which counts only
+ * if nothing worse happened). Every rank then has the same result and message. `mine` comes with this thread's error
+ * message. */
 pags_result pags_transport_agree(pags_transport *transport, pags_result mine);
+
+/* ---- A failure of one rank alone ---- */
+
+/* For a rank that can't go on while the others don't know: every call fails from now on, on all ranks, with this
+ * failure and "rank R: " before its message. With MPI the others don't hear of it: this rank speaks, and its
+ * pags_transport_destroy, which must follow soon, ends them. Nothing happens if `mine` is PAGS_OK, if the ranks have
+ * agreed on it or if calls fail already. `mine` comes with this thread's error message. Returns `mine`. A collective
+ * function ends with it where it may fail at one rank alone. */
+pags_result pags_transport_give_up(pags_transport *transport, pags_result mine);
 
 /* ---- News: no waiting, no order ---- */
 
@@ -60,7 +69,7 @@ void pags_transport_tell(pags_transport *transport, int64_t done, bool ends_earl
 /* The sum of what all ranks have told, and whether one of them ends early or can't be reached. */
 void pags_transport_hear(const pags_transport *transport, int64_t *done, bool *ends_early);
 
-/* Whether this rank is the one that prints for all: rank 0, or the lowest that is left. */
+/* Whether this rank is the one that prints for all: rank 0, or the lowest that is left; and one that gave up. */
 bool pags_transport_speaks(const pags_transport *transport);
 
 /* ---- Counters ---- */

@@ -104,7 +104,8 @@ typedef struct mpi_transport {
   bool started, leaving, over; /* over: the messenger has ended MPI */
   bool failed;                 /* to be aborted */
   int silent;                  /* the rank that was given up; -1: none */
-  char broken[512];            /* why nothing works any more; "": all is well */
+  bool gave_up;                /* this rank has failed by itself, and speaks for all */
+  char broken[1024];           /* why nothing works any more; "": all is well */
 } mpi_transport;
 
 /* ---- The messenger ---- */
@@ -410,11 +411,20 @@ static void hear(const pags_transport *transport, int64_t *done, bool *ends_earl
   pthread_mutex_unlock(&self->lock);
 }
 
+static void give_up(pags_transport *transport, pags_result result, const char *message) {
+  mpi_transport *self = (mpi_transport *)transport;
+  (void)result;
+  pthread_mutex_lock(&self->lock);
+  self->gave_up |= !self->broken[0];
+  pthread_mutex_unlock(&self->lock);
+  break_down(self, -1, message);
+}
+
 /* After the loss of a rank the lowest of the others speaks for all. */
 static bool speaks(const pags_transport *transport) {
   mpi_transport *self = (mpi_transport *)transport;
   pthread_mutex_lock(&self->lock);
-  const int speaker = self->silent == 0 ? 1 : 0;
+  const int speaker = self->gave_up ? transport->rank : self->silent == 0 ? 1 : 0;
   pthread_mutex_unlock(&self->lock);
   return transport->rank == speaker;
 }
@@ -429,7 +439,8 @@ static void free_transport(mpi_transport *self) {
 static void destroy(pags_transport *transport, bool failed) {
   enum { FAILED_CODE = 1 };
   mpi_transport *self = (mpi_transport *)transport;
-  const double patience = speaks(transport) ? 0 : 3; /* seconds for the one who speaks to say why */
+  /* Seconds: for mpirun to read what the one who speaks has said, and for that one to say why. */
+  const double patience = speaks(transport) ? 0.5 : 3;
   pthread_mutex_lock(&self->lock);
   self->leaving = true;
   pthread_cond_broadcast(&self->changed);
@@ -453,7 +464,7 @@ static void destroy(pags_transport *transport, bool failed) {
 /* ---- Joining ---- */
 
 pags_result pags_transport_create_mpi(pags_transport **transport) {
-  static const pags_backend backend = {begin, finish, tell, hear, speaks, destroy};
+  static const pags_backend backend = {begin, finish, tell, hear, give_up, speaks, destroy};
   *transport = NULL;
   const int started = find_started_ranks();
   if (started == 1)
@@ -465,6 +476,10 @@ pags_result pags_transport_create_mpi(pags_transport **transport) {
                      "started as one of several by mpirun, but MPI can't be loaded: %s; expected pags_mpi.so beside "
                      "the program or in ../lib/pags, and Open MPI (Debian: libopenmpi3) installed",
                      module.reason);
+  /* With more ranks than cores Open MPI gives up its time slice at each look at a message. The messenger sleeps between
+   * its looks: where others compute, too, it would wait for them once more. */
+  if (!getenv("OMPI_MCA_mpi_yield_when_idle"))
+    pags_port_set_environment("OMPI_MCA_mpi_yield_when_idle", "0");
   mpi_transport *self = calloc(1, sizeof *self);
   if (!self)
     return pags_out_of_memory("messages");

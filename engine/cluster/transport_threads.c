@@ -6,6 +6,7 @@
  * other at each end, both directions apart (a full-duplex network card). The data itself is there earlier; calls wait
  * for the time. */
 #include <assert.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -35,6 +36,8 @@ typedef struct hub {
   pthread_cond_t changed;
   int present; /* the last rank to leave frees the hub */
   double bytes_a_ms, watchdog;
+  pags_result failure; /* of a rank that gave up */
+  char failed[1024];   /* its message; "": none did */
   seat *seats;
 } hub;
 
@@ -51,11 +54,20 @@ typedef struct moving {
   double sent_ms; /* when the last of this rank's parts is away */
 } moving;
 
+static pags_result fail_parted(threads_transport *self) {
+  hub *shared = self->hub;
+  pthread_mutex_lock(&shared->lock);
+  const pags_result result = shared->failed[0] ? pags_fail(shared->failure, "%s", shared->failed)
+                                               : pags_fail(PAGS_ERROR_IO, "the ranks have parted after a failure");
+  pthread_mutex_unlock(&shared->lock);
+  return result;
+}
+
 static pags_result begin(pags_transport *transport, pags_transfer *transfer) {
   threads_transport *self = (threads_transport *)transport;
   hub *shared = self->hub;
   if (self->broken)
-    return pags_fail(PAGS_ERROR_IO, "the ranks have parted after a failure");
+    return fail_parted(self);
   moving *state = transfer->state = malloc(sizeof *state);
   message **messages = calloc((size_t)transfer->ranks, sizeof *messages);
   bool memory = state && messages;
@@ -127,6 +139,8 @@ static pags_result receive(threads_transport *self, int from, int64_t number, st
   const double give_up_ms = pags_clock_ms() + shared->watchdog * 1e3;
   message *found;
   while (!(found = take(own, from, number))) {
+    if (shared->failed[0])
+      return pags_fail(shared->failure, "%s", shared->failed);
     if (shared->seats[from].left)
       return pags_fail(PAGS_ERROR_IO, "rank %d of %d has ended before its work was done", from, self->base.ranks);
     const double left = give_up_ms - pags_clock_ms();
@@ -150,7 +164,7 @@ static pags_result finish(pags_transport *transport, pags_transfer *transfer) {
   const moving state = *(moving *)transfer->state;
   free(transfer->state);
   if (self->broken)
-    return pags_fail(PAGS_ERROR_IO, "the ranks have parted after a failure");
+    return fail_parted(self);
   pags_result result = PAGS_OK;
   pthread_mutex_lock(&self->hub->lock);
   for (int rank = 0; result == PAGS_OK && rank < transfer->ranks; rank++)
@@ -178,6 +192,19 @@ static void hear(const pags_transport *transport, int64_t *done, bool *ends_earl
     *done += shared->seats[rank].done;
     *ends_early |= shared->seats[rank].ends_early || shared->seats[rank].left;
   }
+  pthread_mutex_unlock(&shared->lock);
+}
+
+static void give_up(pags_transport *transport, pags_result result, const char *why) {
+  threads_transport *self = (threads_transport *)transport;
+  hub *shared = self->hub;
+  pthread_mutex_lock(&shared->lock);
+  if (!self->broken && !shared->failed[0]) {
+    shared->failure = result;
+    snprintf(shared->failed, sizeof shared->failed, "%s", why);
+  }
+  self->broken = true;
+  pthread_cond_broadcast(&shared->changed);
   pthread_mutex_unlock(&shared->lock);
 }
 
@@ -212,7 +239,7 @@ static void destroy(pags_transport *transport, bool failed) {
 
 pags_result pags_transport_create_threads(int ranks, double bytes_a_second, double watchdog,
                                           pags_transport **transports) {
-  static const pags_backend backend = {begin, finish, tell, hear, speaks, destroy};
+  static const pags_backend backend = {begin, finish, tell, hear, give_up, speaks, destroy};
   assert(ranks >= 1 && ranks <= PAGS_RANKS_MOST && bytes_a_second >= 0 && watchdog > 0);
   for (int rank = 0; rank < ranks; rank++)
     transports[rank] = NULL;

@@ -4,6 +4,7 @@
  *   mismatch rank 1 sends less than rank 0 expects
  *   leave    rank 1 ends while rank 0 waits for it
  *   stop     rank 1 stops its process
+ *   fail     rank 1 fails by itself while rank 0 waits for it
  *   overlap  a part arrives before it is waited for */
 #include <pags/base.h>
 #include <signal.h>
@@ -59,6 +60,11 @@ int main(int argc, char **argv) {
   char data[2000] = "";
   if (rank == 1 && !strcmp(argv[1], "leave"))
     return say(transport, true, "");
+  if (rank == 1 && !strcmp(argv[1], "fail")) {
+    pags_transport_give_up(transport, pags_fail(PAGS_ERROR_LIMIT, "no room"));
+    pags_transport_give_up(transport, pags_transport_agree(transport, PAGS_OK)); /* as what is around it does, too */
+    return say(transport, false, pags_error_message());
+  }
   if (rank == 1 && !strcmp(argv[1], "stop"))
     raise(SIGSTOP);
   const pags_result result = pags_transport_exchange(transport, data, sends, data, receives);

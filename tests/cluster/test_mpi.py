@@ -31,6 +31,12 @@ class Transport(unittest.TestCase):
         self.assertNotEqual(done.returncode, 0)
         self.assertIn("rank 0: rank 1 of 2 has ended before its work was done", done.stderr)
 
+    def test_rank_that_fails_by_itself(self):
+        done = mpirun.run(2, [RANKS, "fail"], timeout=30)
+        self.assertNotEqual(done.returncode, 0)
+        self.assertIn("rank 1: no room", done.stderr)
+        self.assertNotIn("rank 0: ", done.stderr)
+
     def test_rank_that_stops(self):
         done = mpirun.run(2, [RANKS, "stop"], PAGS_WATCHDOG="2")
         self.assertNotEqual(done.returncode, 0)

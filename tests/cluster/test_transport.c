@@ -62,6 +62,41 @@ static void test_lost_rank(void **state) {
   }
 }
 
+/* Rank 2 fails by itself; ranks 0 and 1 hear of it where they wait for it, each in another call. */
+static const char *give_up(pags_transport *transport, void *unused) {
+  (void)unused;
+  static const char *const expected = "rank 2: no room";
+  const int rank = pags_transport_rank(transport);
+  int64_t number = rank;
+  if (rank == 2 && pags_transport_give_up(transport, pags_fail(PAGS_ERROR_LIMIT, "no room")) != PAGS_ERROR_LIMIT)
+    return "give_up must return what it gets";
+  const pags_result result = rank == 1 ? pags_transport_agree(transport, PAGS_OK)
+                                       : pags_transport_broadcast(transport, 2, &number, sizeof number);
+  if (result != PAGS_ERROR_LIMIT || strcmp(pags_error_message(), expected) != 0)
+    return pags_error_message();
+  /* handing on what was heard changes nothing, and nothing works any more */
+  pags_transport_give_up(transport, result);
+  if (pags_transport_agree(transport, PAGS_OK) != PAGS_ERROR_LIMIT || strcmp(pags_error_message(), expected) != 0)
+    return pags_error_message();
+  return "";
+}
+
+/* What the ranks have agreed on is no news. */
+static const char *agree_first(pags_transport *transport, void *unused) {
+  (void)unused;
+  const pags_result mine = pags_transport_rank(transport) == 1 ? pags_fail(PAGS_ERROR_LIMIT, "no room") : PAGS_OK;
+  const pags_result agreed = pags_transport_agree(transport, mine);
+  pags_transport_give_up(transport, agreed);
+  return agreed == PAGS_ERROR_LIMIT && pags_transport_agree(transport, PAGS_OK) == PAGS_OK ? "" : pags_error_message();
+}
+
+static void test_one_gives_up(void **state) {
+  (void)state;
+  assert_true(run_ranks(3, 0, 60, give_up, NULL));
+  assert_true(run_ranks(3, 0, 60, agree_first, NULL));
+  assert_int_equal(pags_transport_give_up(NULL, PAGS_ERROR_IO), PAGS_ERROR_IO);
+}
+
 /* ---- Rate ---- */
 
 /* Every rank sends `bytes` to every other. */
@@ -101,10 +136,8 @@ static void test_rate(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_one_process),
-      cmocka_unit_test(test_ranks),
-      cmocka_unit_test(test_lost_rank),
-      cmocka_unit_test(test_rate),
+      cmocka_unit_test(test_one_process),  cmocka_unit_test(test_ranks), cmocka_unit_test(test_lost_rank),
+      cmocka_unit_test(test_one_gives_up), cmocka_unit_test(test_rate),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
