@@ -19,7 +19,7 @@
 #   make check-arm64  the engine's unit tests and a short training for 64-bit ARM, under an emulator; beside the same of x86-64, bit by bit
 #   make check-windows  tests and program of the build for Windows, under wine; beside the program of Linux, bit by bit
 #   make check-scaling  the predictions of pags-bench scaling beside the clock, on two threads of a quiet machine
-#   make check-cluster  ranks of mpirun killed at ten random moments, and stopped
+#   make check-cluster  ranks of mpirun killed at ten random moments, stopped, out of memory, with a full disk, behind a link that goes down; trainings on 1 to 4 ranks, bit by bit
 #   make check-viewers      splat files of a scene with a least alpha, drawn by Babylon.js and Spark in Chromium beside pags (SCENE=FOLDER: another scene)
 #   make check-scene-html  scene.html in a headless Chromium, without a network, beside pags render (SCENE=FOLDER: another scene)
 #   make check-tools  what pags export writes for other tools, in Babylon.js, Godot 4 and OpenUSD, of SCENE=FOLDER, by default the demo's, with pictures
@@ -165,6 +165,7 @@ check-photos: all
 
 check-cluster: all
 	PAGS_KILLS=10 python3 -B tests/cluster/test_ranks.py build/pags Ranks.test_killed Ranks.test_stopped
+	PAGS_KILLS=10 python3 -B tests/cluster/test_failures.py build/pags build/tests/cluster/libfailing_malloc.so
 
 check-viewers: all
 	python3 -B tests/outside/viewers.py build/pags build/viewers $(if $(filter command line,$(origin SCENE)),"$(abspath $(SCENE))")

@@ -10,7 +10,9 @@
 
 #include "base/log.h"
 #include "base/memory.h"
+#include "cluster/shares.h"
 #include "maths/maths.h"
+#include "train/round.h"
 #include "train/views.h"
 
 enum { TERMS = 5, SHRINK = 2 };
@@ -35,11 +37,16 @@ typedef struct object_error {
 static int64_t model_of_id(const pags_trainer *t, int32_t id) {
   int64_t first = 0;
   for (int64_t i = 0; i < t->state.model_count; i++) {
-    first += t->state.models[i].gaussians.count;
+    first += t->state.models[i].total;
     if (id < first)
       return i;
   }
   return 0;
+}
+
+/* How much smaller than a photograph of that level the pictures are. */
+static int factor_of(int level) {
+  return level < SHRINK ? SHRINK / level : 1;
 }
 
 /* The mean of a channel over the factor x factor pixels of the photograph under pixel (x, y) of a smaller picture,
@@ -86,24 +93,18 @@ static double gain_of(const object_fit *f) {
   return f->squares > 0.0 ? -10.0 * pags_log10(fmax(1.0 - less / f->squares, 1e-6)) : 0.0;
 }
 
-static pags_result add_view(pags_trainer *t, int64_t index, object_error *errors, object_fit *fits) {
-  const pags_view *view = pags_dataset_view(t->dataset, t->views[index]);
+/* Draws this rank's view of the round, the training view `index`, and sums up the errors of each object over the pixels
+ * where its Gaussian has the largest weight. */
+static pags_result find_errors(pags_trainer *t, int64_t index, const pags_frame_options *options,
+                               object_error *errors) {
   int level;
   pags_photo photo;
   pags_picture picture;
-  pags_frame_options options = pags_view_render_options(t, t->state.step);
-  options.extra_channels = 1;
-  pags_view_render_compose(t, t->views[index]);
-  if (t->render.part_count < 2)
-    return PAGS_OK;
   PAGS_TRY(pags_views_photo(t, index, &level, &photo));
-  int factor = level < SHRINK ? SHRINK / level : 1;
-  pags_camera camera = pags_camera_downscale(&view->camera, level * factor);
-  PAGS_TRY(pags_view_render_draw(t, t->state.step + 1, &camera, &options, &picture));
+  const int factor = factor_of(level);
+  PAGS_TRY(pags_round_draw(t, t->state.step + 1, options, &picture));
   memset(errors, 0, (size_t)t->state.model_count * sizeof *errors);
-
-  /* Sum up the errors per object over the pixels where an object's Gaussian has the largest weight. */
-  int32_t background = (int32_t)t->state.models[0].gaussians.count;
+  const int32_t background = (int32_t)t->state.models[0].total;
   for (int y = 0; y < picture.height; y++)
     for (int x = 0; x < picture.width; x++) {
       int64_t at = (int64_t)y * picture.stride + x;
@@ -117,8 +118,13 @@ static pags_result add_view(pags_trainer *t, int64_t index, object_error *errors
       }
       e->pixels += 1.0;
     }
+  return PAGS_OK;
+}
 
-  /* Add each object's errors in this view to the normal equations of its fit. */
+/* Adds each object's errors in a view to the normal equations of its fit. */
+static void add_errors(pags_trainer *t, int64_t view, const object_error *errors, object_fit *fits) {
+  const int frame = pags_dataset_view(t->dataset, view)->frame;
+  pags_view_render_compose(t, view);
   for (int i = 0; i < t->render.part_count; i++) {
     int64_t model = t->render.drawn[i].model;
     const object_error *e = &errors[model];
@@ -126,8 +132,8 @@ static pags_result add_view(pags_trainer *t, int64_t index, object_error *errors
     const double *basis = t->render.models[model].basis;
     if (e->pixels <= 0.0)
       continue;
-    f->steps += f->last_frame != view->frame;
-    f->last_frame = view->frame;
+    f->steps += f->last_frame != frame;
+    f->last_frame = frame;
     f->pixels += e->pixels;
     f->squares += e->squares;
     for (int k = 0; k < TERMS; k++) {
@@ -137,19 +143,57 @@ static pags_result add_view(pags_trainer *t, int64_t index, object_error *errors
         f->b[c][k] += e->sum[c] * basis[k];
     }
   }
+}
 
+/* Looks at `count` training views, one a rank. `errors`: those of this rank's view, then those of all. */
+static pags_result add_round(pags_trainer *t, const int64_t *indices, int count, object_error *errors,
+                             object_fit *fits) {
+  const int64_t models = t->state.model_count;
+  pags_transport *const transport = t->shared.transport;
+  pags_frame_options options = pags_view_render_options(t, t->state.step);
+  options.extra_channels = 1;
+  for (int i = 0; i < count; i++) {
+    const int level = pags_views_level(t, indices[i]);
+    const pags_camera *camera = &pags_dataset_view(t->dataset, t->views[indices[i]])->camera;
+    t->round[i] = (pags_step_view){.view = t->views[indices[i]],
+                                   .camera = pags_camera_downscale(camera, level * factor_of(level))};
+  }
+  PAGS_TRY(pags_round_project(t, t->state.step + 1, count, &options));
+  pags_result mine = PAGS_OK;
+  if (pags_round_draws(t, count))
+    mine = find_errors(t, indices[t->shared.rank], &options, errors);
+  PAGS_TRY(pags_transport_agree(transport, mine));
+  PAGS_TRY(pags_share_all(transport, errors, models * (int64_t)sizeof *errors, errors + models));
+  for (int i = 0; i < count; i++)
+    add_errors(t, t->round[i].view, errors + (1 + i) * models, fits);
+  return PAGS_OK;
+}
+
+/* Fits all objects' errors. Views without one are left out. */
+static pags_result fit_views(pags_trainer *t, object_error *errors, object_fit *fits) {
+  int64_t indices[PAGS_RANKS_MOST];
+  int count = 0;
+  for (int64_t i = 0; i < t->view_count; i++) {
+    pags_view_render_compose(t, t->views[i]);
+    if (t->render.part_count > 1)
+      indices[count++] = i;
+    if (count == 0 || (count < t->ranks && i + 1 < t->view_count))
+      continue;
+    PAGS_TRY(add_round(t, indices, count, errors, fits));
+    count = 0;
+  }
   return PAGS_OK;
 }
 
 pags_result pags_color_over_time_decide(pags_trainer *t) {
   size_t models = (size_t)t->state.model_count;
-  object_error *errors = calloc(models, sizeof *errors);
+  object_error *errors = calloc(models * (1 + (size_t)t->ranks), sizeof *errors);
   object_fit *fits = calloc(models, sizeof *fits);
   pags_result result = errors && fits ? PAGS_OK : pags_out_of_memory("%zu fits", models);
   for (size_t i = 0; result == PAGS_OK && i < models; i++)
     fits[i].last_frame = -1;
-  for (int64_t i = 0; result == PAGS_OK && i < t->view_count; i++)
-    result = add_view(t, i, errors, fits);
+  if (result == PAGS_OK)
+    result = fit_views(t, errors, fits);
   int64_t given = 0;
   for (size_t i = 1; result == PAGS_OK && i < models; i++) {
     pags_train_model *m = &t->state.models[i];

@@ -11,6 +11,7 @@
 #include "train/densify.h"
 #include "train/mcmc.h"
 #include "train/prune.h"
+#include "train/shared_step.h"
 #include "train/size_limit.h"
 
 enum { LARGEST_CLUSTER = 256, UNSEEN_GRAIN = 4 };
@@ -37,6 +38,7 @@ static void move_unseen_block(void *context, int64_t begin, int64_t end, int wor
     pags_nonfinite_row bad_row = {0};
     int left_out = pags_adam_update(&m->adam, &m->gaussians, &m->clusters, c, data, stride, planes, &bad_row);
     bad_row.object = m->object;
+    bad_row.row += m->first_row;
     if (left_out)
       pags_nonfinite_note(job->nonfinite, left_out, &bad_row);
   }
@@ -87,20 +89,29 @@ static pags_result refine(pags_trainer *t) {
   return pags_output_log_density(&t->output, s->step, &change, pags_state_gaussian_count(s));
 }
 
+/* Under MCMC, the regularisers and the noise also move the Gaussians that the step's view doesn't show. */
+static pags_result move_unseen(pags_trainer *t) {
+  pags_train_state *s = &t->state;
+  t->shared_nonfinite = s->nonfinite.count;
+  for (int64_t i = 0; i < s->model_count; i++) {
+    pags_train_model *const m = &s->models[i];
+    pags_adam_begin(&m->adam, m->step);
+    if (!pags_parallel_for(t->tasks, m->adam.cluster_count, UNSEEN_GRAIN, move_unseen_block,
+                           &(unseen_job){m, &s->nonfinite}))
+      return pags_fail(PAGS_CANCELLED, "cancelled");
+    PAGS_TRY(pags_mcmc_noise(m, m->step, t->tasks));
+  }
+  return t->ranks > 1 ? pags_shared_step_nonfinite(t) : PAGS_OK;
+}
+
 /* See density.h. */
 pags_result pags_density_control(pags_trainer *t) {
   pags_train_state *s = &t->state;
   int due = pags_schedule_is_densify(&s->schedule, s->step), reset = pags_schedule_is_reset(&s->schedule, s->step);
   int prune = pags_schedule_prune(&s->schedule, s->step);
   int fourier = s->schedule.config.objects.fourier && s->step == s->schedule.fourier_from && s->model_count > 1;
-  for (int64_t i = 0; s->schedule.config.density.strategy == PAGS_STRATEGY_MCMC && i < s->model_count; i++) {
-    /* Under MCMC, the regularisers and the noise also move the Gaussians that the step's view doesn't show. */
-    pags_adam_begin(&s->models[i].adam, s->models[i].step);
-    if (!pags_parallel_for(t->tasks, s->models[i].adam.cluster_count, UNSEEN_GRAIN, move_unseen_block,
-                           &(unseen_job){(&s->models[i]), &t->state.nonfinite}))
-      return pags_fail(PAGS_CANCELLED, "cancelled");
-    PAGS_TRY(pags_mcmc_noise(&s->models[i], s->models[i].step, t->tasks));
-  }
+  if (s->schedule.config.density.strategy == PAGS_STRATEGY_MCMC)
+    PAGS_TRY(move_unseen(t));
   int pulls = t->lidar_planes.count > 0 && pags_schedule_is_draw(&s->schedule, s->step);
   const bool scales = pags_schedule_is_scale_reset(&s->schedule, s->step);
   if (!due && !reset && !fourier && !pulls && !scales && prune < 0)

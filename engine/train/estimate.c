@@ -37,29 +37,41 @@ uint64_t pags_batch_bytes(const pags_train_config *config, int64_t gaussians, in
   return config->schedule.batch > 1 ? (uint64_t)gaussians * planes * 4 * 3 / 2 + 3 * 4 * texels : 0;
 }
 
-/* Milliseconds of a pass at one resolution level: `rows` is the part proportional to the number of Gaussians,
- * `pixels` the part that depends on the pixels. */
+/* Milliseconds of a photograph at one resolution level: `rows` is the part proportional to the number of Gaussians,
+ * `pixels` the part that depends on the pixels. With several ranks, a photograph's share of its step's rounds. */
 typedef struct cost {
   double rows, pixels;
 } cost;
 
+/* Milliseconds that a frame's last view has spent on what is proportional to the number of Gaussians. */
+static double rows_ms(const pags_frame *frame) {
+  const pags_frame_stats *s = pags_frame_stats_get(frame);
+  return s->ms_cull + s->ms_project + s->ms_shade + s->ms_sort + s->ms_project_backward;
+}
+
 static pags_result probe(pags_trainer *t, int level, cost *out) {
+  const int64_t batch = t->state.schedule.batch, rounds = (batch + t->ranks - 1) / t->ranks;
+  const int count = batch < t->ranks ? (int)batch : t->ranks;
+  const double share = (double)rounds / (double)batch;
   *out = (cost){0.0, 0.0};
-  for (int i = 0; i <= PROBES; i++) { /* the first pass warms up and isn't measured */
-    int64_t pick = i * t->view_count / (PROBES + 1);
-    pags_step_view v = {.number = t->state.step * t->state.schedule.batch + 1, .view = t->views[pick], .level = level};
+  for (int64_t i = 0; i <= PROBES; i++) { /* the first pass warms up and isn't measured */
+    for (int k = 0; k < count; k++)
+      t->round[k] = (pags_step_view){.number = t->state.step * batch + 1,
+                                     .view = t->views[(i * count + k) * t->view_count / ((PROBES + 1) * count)],
+                                     .level = level};
     double begin = pags_clock_ms(), waited = t->ms.wait;
     t->measuring = 1;
-    pags_result result = pags_train_view(t, t->state.step + 1, &v);
+    pags_result result = pags_train_round(t, t->state.step + 1, t->round, count);
     t->measuring = 0;
     PAGS_TRY(result);
     double whole = pags_clock_ms() - begin - (t->ms.wait - waited);
-    const pags_frame_stats *s = pags_frame_stats_get(t->render.frame);
-    double rows = s->ms_cull + s->ms_project + s->ms_shade + s->ms_sort + s->ms_project_backward;
+    double rows = rows_ms(t->render.frame);
+    for (int k = 0; t->ranks > 1 && k < count; k++)
+      rows += rows_ms(t->shared.owners[k]);
     if (i == 0)
       continue;
-    out->rows += rows / PROBES;
-    out->pixels += fmax(whole - rows, 0.0) / PROBES;
+    out->rows += share * rows / PROBES;
+    out->pixels += share * fmax(whole - rows, 0.0) / PROBES;
   }
   return PAGS_OK;
 }
@@ -83,11 +95,11 @@ static double mean_growth(const pags_train_state *s, double now, double final) {
 /* Returns the number of step-equivalents of all score passes. A scored view costs as much as a step: drawing it is a
  * step's forward half, and summing each Gaussian's contribution goes through the (Gaussian, pixel) pairs like the
  * backward half. Prunes score at half size, where there are fewer pairs but as many Gaussians: those views count
- * half. */
+ * half. At the end one rank scores alone. */
 static double scored_views(const pags_trainer *t) {
   const pags_schedule *s = &t->state.schedule;
   int at_end = pags_score_pass_has_labels(t->dataset) && s->config.priority.s_sem != PAGS_S_SEM_INIT;
-  return (0.5 * (double)s->prunes + (double)at_end) * (double)t->view_count;
+  return (0.5 * (double)s->prunes + (double)(at_end * t->ranks)) * (double)t->view_count;
 }
 
 pags_result pags_trainer_estimate(pags_trainer *t, pags_estimate *out) {

@@ -5,8 +5,10 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include "cluster/shares.h"
 #include "maths/maths.h"
 #include "threads/record.h"
+#include "train/round.h"
 
 /* Mean square of picture - photograph, both within 0..1, over the pixels that count; NaN if none does. */
 static double mean_square(const pags_picture *picture, const pags_photo *photo, const pags_scene_view *view) {
@@ -31,17 +33,36 @@ static double mean_square(const pags_picture *picture, const pags_photo *photo, 
   return counted > 0 ? sum / (3 * (double)counted) : (double)NAN;
 }
 
-static pags_result measure(pags_trainer *t, int64_t view, const pags_scene_view *exposed, double *psnr) {
-  const int64_t step = t->state.step + 1; /* draws with all steps done, of which this applies the pending ones */
-  const pags_frame_options options = pags_view_render_options(t, step);
-  const pags_camera *camera = &pags_dataset_view(t->dataset, view)->camera;
+/* Draws this rank's view of the round and compares it with its photograph. */
+static pags_result measure(pags_trainer *t, int64_t step, const pags_frame_options *options,
+                           const pags_scene_view *views, double *psnr) {
+  const int64_t view = t->round[t->shared.rank].view;
   pags_picture picture;
   pags_photo photo;
   PAGS_TRY(pags_photo_cache_get(t->cache, view, 1, &photo));
-  pags_view_render_compose(t, view);
-  PAGS_TRY(pags_view_render_draw(t, step, camera, &options, &picture));
-  const double mse = mean_square(&picture, &photo, exposed);
+  PAGS_TRY(pags_round_draw(t, step, options, &picture));
+  const double mse = mean_square(&picture, &photo, &views[view]);
   *psnr = mse > 0 ? -10 * pags_log10(mse) : (double)NAN;
+  return PAGS_OK;
+}
+
+/* Measures `count` scores, one a rank. */
+static pags_result measure_round(pags_trainer *t, pags_train_score *scores, int count, const pags_scene_view *views) {
+  const int64_t step = t->state.step + 1; /* draws with all steps done, of which this applies the pending ones */
+  const pags_frame_options options = pags_view_render_options(t, step);
+  pags_transport *const transport = t->shared.transport;
+  double own = (double)NAN, all[PAGS_RANKS_MOST];
+  pags_result mine = PAGS_OK;
+  for (int i = 0; i < count; i++)
+    t->round[i] =
+        (pags_step_view){.view = scores[i].view, .camera = pags_dataset_view(t->dataset, scores[i].view)->camera};
+  PAGS_TRY(pags_round_project(t, step, count, &options));
+  if (pags_round_draws(t, count))
+    mine = measure(t, step, &options, views, &own);
+  PAGS_TRY(pags_transport_agree(transport, mine));
+  PAGS_TRY(pags_share_all(transport, &own, sizeof own, all));
+  for (int i = 0; i < count; i++)
+    scores[i].psnr = all[i];
   return PAGS_OK;
 }
 
@@ -53,18 +74,15 @@ pags_result pags_held_out_measure(pags_trainer *t) {
   if (chosen == 0)
     return PAGS_OK;
   pags_tasks_mark(t->tasks, "held out", NULL);
-  pags_result result = pags_output_list_views(t->dataset, &t->state, &scene);
+  PAGS_TRY(pags_output_list_views(t->dataset, &t->state, &scene));
   h->count = 0;
-  for (int64_t i = 0, seen = 0; i < all && result == PAGS_OK; i++) {
-    if (!scene.views[i].test)
-      continue;
+  for (int64_t i = 0, seen = 0; i < all; i++)
     /* view k of the chosen ones is number (k + 1/2) held / chosen of those held out */
-    if (h->count < chosen && seen++ == (2 * h->count + 1) * held / (2 * chosen)) {
-      pags_train_score *score = &h->scores[h->count++];
-      score->view = i;
-      result = measure(t, i, &scene.views[i], &score->psnr);
-    }
-  }
+    if (scene.views[i].test && h->count < chosen && seen++ == (2 * h->count + 1) * held / (2 * chosen))
+      h->scores[h->count++].view = i;
+  pags_result result = PAGS_OK;
+  for (int i = 0; i < h->count && result == PAGS_OK; i += t->ranks)
+    result = measure_round(t, h->scores + i, h->count - i < t->ranks ? h->count - i : t->ranks, scene.views);
   free(scene.views);
   PAGS_TRY(result);
 

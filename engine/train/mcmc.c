@@ -42,32 +42,33 @@ void pags_mcmc_relocation(double opacity, int copies, double *new_opacity, doubl
   *factor = sum > 0.0 ? opacity / sum : 1.0;
 }
 
-/* Data for drawing rows at random in proportion to opacity. */
+/* Data for drawing rows at random in proportion to opacity. With several ranks each has its rows, in the order of the
+ * ranks. */
 typedef struct lottery {
-  double *total;  /* total[i]: sum of the opacities of rows 0 .. i, dead Gaussians left out */
+  pags_transport *transport;
+  int rank, ranks;
+  double *total;  /* total[i]: sum of the opacities of all rows up to row i of this rank, dead Gaussians left out */
   int64_t *dead;  /* rows of dead Gaussians */
   int32_t *drawn; /* per row: how often it was drawn */
   int64_t dead_count, count;
+  /* Per rank: `total` of its last row, its dead Gaussians, its rows. */
+  struct rank_rows {
+    double total;
+    int64_t dead, rows;
+  } *of_rank;
+  int64_t all_dead, all_rows;
 } lottery;
 
 static void free_lottery(lottery *l) {
   free(l->total);
   free(l->dead);
   free(l->drawn);
+  free(l->of_rank);
 }
 
-static pags_result make_lottery(const pags_train_model *model, lottery *l) {
+/* Fills this rank's rows, `sum` being the total of the rows before them; returns the total with them. */
+static double add_up(const pags_train_model *model, lottery *l, double sum) {
   const float *opacity = pags_plane(&model->gaussians, PAGS_OPACITY);
-  size_t n = (size_t)(model->gaussians.count > 0 ? model->gaussians.count : 1);
-  *l = (lottery){.total = malloc(n * sizeof(double)),
-                 .dead = malloc(n * sizeof(int64_t)),
-                 .drawn = calloc(n, sizeof(int32_t)),
-                 .count = model->gaussians.count};
-  if (!l->total || !l->dead || !l->drawn) {
-    free_lottery(l);
-    return pags_out_of_memory("%lld Gaussians", (long long)l->count);
-  }
-  double sum = 0.0;
   for (int64_t i = 0; i < l->count; i++) {
     double o = sigmoid((double)opacity[i]);
     if (o > dead_opacity) /* false for NaN, which counts as dead */
@@ -76,21 +77,69 @@ static pags_result make_lottery(const pags_train_model *model, lottery *l) {
       l->dead[l->dead_count++] = i;
     l->total[i] = sum;
   }
-  return PAGS_OK;
+  return sum;
 }
 
-/* Draws `count` rows into `rows`, in proportion to opacity, then gives each drawn row the opacity and sigma of one of
- * 1 + (times drawn) copies of it. */
-static void draw_and_thin(pags_train_model *model, lottery *l, int purpose, int64_t *rows, int64_t count) {
+/* Collective. One rank after the other adds up its rows, since the bits of a sum depend on its order. */
+static pags_result make_lottery(const pags_train_model *model, lottery *l) {
+  pags_transport *const transport = pags_model_transport(model);
+  const int ranks = pags_transport_ranks(transport);
+  size_t n = (size_t)(model->gaussians.count > 0 ? model->gaussians.count : 1);
+  *l = (lottery){.transport = transport,
+                 .rank = pags_transport_rank(transport),
+                 .ranks = ranks,
+                 .total = malloc(n * sizeof(double)),
+                 .dead = malloc(n * sizeof(int64_t)),
+                 .drawn = calloc(n, sizeof(int32_t)),
+                 .count = model->gaussians.count,
+                 .of_rank = calloc((size_t)ranks, sizeof *l->of_rank)};
+  const bool room = l->total && l->dead && l->drawn && l->of_rank;
+  pags_result result =
+      pags_transport_agree(transport, room ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)l->count));
+  for (int r = 0; result == PAGS_OK && r < ranks; r++) {
+    struct rank_rows *const rows = l->of_rank + r;
+    if (r == l->rank) {
+      rows->total = add_up(model, l, r > 0 ? rows[-1].total : 0.0);
+      rows->dead = l->dead_count;
+      rows->rows = l->count;
+    }
+    result = pags_transport_broadcast(transport, r, rows, sizeof *rows);
+    l->all_dead += rows->dead;
+    l->all_rows += rows->rows;
+  }
+  if (result != PAGS_OK)
+    free_lottery(l);
+  return result;
+}
+
+/* The rank with the row whose interval of the cumulative opacities contains `at`; the last with any row behind the end
+ * of all. */
+static int rank_at(const lottery *l, double at) {
+  int last = 0;
+  for (int r = 0; r < l->ranks; r++) {
+    if (l->of_rank[r].rows > 0 && l->of_rank[r].total > at)
+      return r;
+    last = l->of_rank[r].rows > 0 ? r : last;
+  }
+  return last;
+}
+
+/* Draws `count` rows in proportion to opacity: moves[i].from_rank has them, which alone knows moves[i].from; then gives
+ * each drawn row the opacity and sigma of one of 1 + (times drawn) copies of it. */
+static void draw_and_thin(pags_train_model *model, lottery *l, int purpose, pags_row_move *moves, int64_t count) {
   pags_gaussians *g = &model->gaussians;
+  const uint64_t seed = model->schedule.config.schedule.seed;
+  const double all = l->of_rank[l->ranks - 1].total;
   for (int64_t i = 0; i < l->count; i++)
     l->drawn[i] = 0;
   for (int64_t i = 0; i < count; i++) {
-    uint64_t seed = model->schedule.config.schedule.seed;
-
-    /* Find the row whose interval of the cumulative opacities contains u times their total, by bisection. */
     double u = pags_rng_uniform(seed, pags_draw(model->step, purpose), (uint64_t)i);
-    double at = u * l->total[l->count - 1];
+    double at = u * all;
+    moves[i].from_rank = rank_at(l, at);
+    if (moves[i].from_rank != l->rank)
+      continue;
+
+    /* Find the row whose interval contains u times the total, by bisection. */
     int64_t lo = 0, hi = l->count - 1;
     while (lo < hi) {
       int64_t middle = lo + (hi - lo) / 2;
@@ -99,9 +148,8 @@ static void draw_and_thin(pags_train_model *model, lottery *l, int purpose, int6
       else
         lo = middle + 1;
     }
-    rows[i] = lo;
-
-    l->drawn[rows[i]]++;
+    moves[i].from = lo;
+    l->drawn[lo]++;
   }
   for (int64_t row = 0; row < l->count; row++) {
     if (!l->drawn[row])
@@ -115,44 +163,72 @@ static void draw_and_thin(pags_train_model *model, lottery *l, int purpose, int6
   }
 }
 
-static pags_result grow(pags_train_model *model, pags_tasks *tasks) {
-  int64_t count = model->gaussians.count, most = model->cap > 0 ? model->cap : 1000000;
-  int64_t target = (int64_t)((1.0 + model->schedule.config.mcmc.mcmc_growth) * (double)count);
-  target = target > most ? most : target;
-  if (target <= count)
-    return PAGS_OK;
+/* Moves each dead Gaussian onto a drawn one. */
+static pags_result relocate(pags_train_model *model) {
   lottery l;
   PAGS_TRY(make_lottery(model, &l));
-  int64_t *source = malloc((size_t)target * sizeof *source);
-  pags_result result = source ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)target);
-  if (source && l.dead_count < l.count) {
-    for (int64_t i = 0; i < count; i++)
-      source[i] = i;
-    draw_and_thin(model, &l, PAGS_DRAW_ADD, source + count, target - count);
-    result = pags_model_gather(model, source, target, count, tasks);
+  pags_row_move *moves = malloc((size_t)(l.all_dead > 0 ? l.all_dead : 1) * sizeof *moves);
+  pags_result result = moves ? PAGS_OK : pags_out_of_memory("Gaussians");
+  if (moves && l.all_dead < l.all_rows) {
+    draw_and_thin(model, &l, PAGS_DRAW_RELOCATE, moves, l.all_dead);
+    int64_t i = 0;
+    for (int r = 0; r < l.ranks; r++)
+      for (int64_t k = 0; k < l.of_rank[r].dead; k++, i++) {
+        moves[i].to_rank = r;
+        moves[i].to = r == l.rank ? l.dead[k] : 0;
+      }
+    result = pags_model_relocate(model, moves, l.all_dead);
   }
-  free(source);
+  free(moves);
   free_lottery(&l);
   return result;
 }
 
-pags_result pags_mcmc_refine(pags_train_model *model, pags_tasks *tasks) {
-  /* Relocate: move each dead Gaussian onto a drawn one. */
-  lottery l;
-  PAGS_TRY(make_lottery(model, &l));
-  int64_t *rows = malloc((size_t)(l.dead_count > 0 ? l.dead_count : 1) * sizeof *rows);
-  pags_result result = rows ? PAGS_OK : pags_out_of_memory("Gaussians");
-  if (rows && l.dead_count < l.count) {
-    draw_and_thin(model, &l, PAGS_DRAW_RELOCATE, rows, l.dead_count);
-    pags_model_relocate(model, l.dead, rows, l.dead_count);
+/* Adds copies of drawn Gaussians behind all rows; each comes about at the rank that has the drawn one. *numbers, which
+ * the caller frees, receives the places of this rank's rows among those of all. */
+static pags_result grow(pags_train_model *model, pags_tasks *tasks, uint32_t **numbers) {
+  const int64_t own = model->gaussians.count, count = model->total, most = model->cap > 0 ? model->cap : 1000000;
+  int64_t target = (int64_t)((1.0 + model->schedule.config.mcmc.mcmc_growth) * (double)count), added = 0;
+  target = target > most ? most : target;
+  target = target > count ? target : count;
+  const size_t room = (size_t)(own + target - count + 1);
+  lottery l = {0};
+  pags_row_move *moves = malloc((size_t)(target - count + 1) * sizeof *moves);
+  int64_t *source = malloc(room * sizeof *source);
+  *numbers = malloc(room * sizeof **numbers);
+  pags_result result = moves && source && *numbers ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)target);
+  for (int64_t i = 0; result == PAGS_OK && i < own; i++) {
+    source[i] = i;
+    (*numbers)[i] = (uint32_t)(model->first_row + i);
   }
-  free(rows);
-  free_lottery(&l);
-  PAGS_TRY(result);
+  if (result == PAGS_OK && target > count)
+    result = make_lottery(model, &l);
+  if (result == PAGS_OK && l.all_dead < l.all_rows) {
+    draw_and_thin(model, &l, PAGS_DRAW_ADD, moves, target - count);
+    for (int64_t i = 0; i < target - count; i++)
+      if (moves[i].from_rank == l.rank) {
+        source[own + added] = moves[i].from;
+        (*numbers)[own + added++] = (uint32_t)(count + i);
+      }
+    result = pags_model_gather(model, source, own + added, own, tasks);
+  }
+  if (result == PAGS_OK && target > count)
+    free_lottery(&l);
+  free(moves);
+  free(source);
+  return result;
+}
 
-  PAGS_TRY(grow(model, tasks));
-  pags_model_clear_density(model);
-  return pags_model_sort(model, NULL, tasks);
+pags_result pags_mcmc_refine(pags_train_model *model, pags_tasks *tasks) {
+  uint32_t *numbers;
+  PAGS_TRY(relocate(model));
+  pags_result result = grow(model, tasks, &numbers);
+  if (result == PAGS_OK) {
+    pags_model_clear_density(model);
+    result = pags_model_sort(model, numbers, tasks);
+  }
+  free(numbers);
+  return result;
 }
 
 /* ---- Regularisers and noise ---- */
@@ -170,8 +246,8 @@ static double shrink_of(const pags_train_model *model) {
 void pags_mcmc_regularise(const pags_train_model *model, int64_t first, int rows, float *gradient, int64_t stride) {
   const pags_gaussians *g = &model->gaussians;
   const pags_train_config *c = &model->schedule.config;
-  float opacity_weight = (float)(c->mcmc.mcmc_opacity_reg / (double)g->count);
-  float scale_weight = (float)(c->mcmc.mcmc_scale_reg * shrink_of(model) / (3.0 * (double)g->count));
+  float opacity_weight = (float)(c->mcmc.mcmc_opacity_reg / (double)model->total);
+  float scale_weight = (float)(c->mcmc.mcmc_scale_reg * shrink_of(model) / (3.0 * (double)model->total));
   for (int i = 0; i < rows; i++) {
     float o = 1.0f / (1.0f + pags_expf(-pags_plane(g, PAGS_OPACITY)[first + i]));
     gradient[PAGS_OPACITY * stride + i] += opacity_weight * o * (1.0f - o);
@@ -195,8 +271,9 @@ static void shake_row(const noise_job *job, int64_t row) {
     return; /* opacity over 0.21: by default, weight is at most 80 extents and a move under 1e-7 extents sigma^2 */
   double n[4], q[4], r[9], local[3];
   uint64_t seed = job->model->schedule.config.schedule.seed;
-  pags_rng_normal2(seed, pags_draw(job->step, PAGS_DRAW_NOISE), (uint64_t)row, n);
-  pags_rng_normal2(seed, pags_draw(job->step, PAGS_DRAW_NOISE + 1), (uint64_t)row, n + 2);
+  const uint64_t number = (uint64_t)(job->model->first_row + row);
+  pags_rng_normal2(seed, pags_draw(job->step, PAGS_DRAW_NOISE), number, n);
+  pags_rng_normal2(seed, pags_draw(job->step, PAGS_DRAW_NOISE + 1), number, n + 2);
   for (int i = 0; i < 4; i++)
     q[i] = (double)pags_plane(g, PAGS_ROTATION + i)[row];
   pags_rotation_from_quaternion(q, r);

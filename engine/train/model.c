@@ -329,17 +329,61 @@ pags_result pags_model_collect(pags_train_model *model, pags_transport *transpor
   return result == PAGS_OK && root ? make_clusters(model, tasks) : result;
 }
 
-void pags_model_relocate(pags_train_model *model, const int64_t *rows, const int64_t *onto, int64_t count) {
+/* The moves' values of one column on their way: those that this rank sends, by the rank that gets them, and those that
+ * it gets, by the rank that sends them, each in the order of the moves. */
+typedef struct relocation {
+  int64_t *sent, *received; /* per rank */
+  int64_t *from, *to;       /* own rows in the order in which they are sent and received */
+  int64_t all_sent, all_received;
+} relocation;
+
+static void list_moves(const pags_row_move *moves, int64_t count, int rank, int ranks, relocation *r) {
+  for (int other = 0; other < ranks; other++) {
+    const int64_t sent = r->all_sent, received = r->all_received;
+    for (int64_t i = 0; i < count; i++) {
+      if (moves[i].from_rank == rank && moves[i].to_rank == other)
+        r->from[r->all_sent++] = moves[i].from;
+      if (moves[i].to_rank == rank && moves[i].from_rank == other)
+        r->to[r->all_received++] = moves[i].to;
+    }
+    r->sent[other] = r->all_sent - sent;
+    r->received[other] = r->all_received - received;
+  }
+}
+
+static pags_result move_columns(pags_train_model *model, const relocation *r, uint32_t *out, uint32_t *in) {
   column columns[MAX_COLUMNS];
   const int n = list_columns(model, columns);
   for (int c = 0; c < n; c++) {
     uint32_t *data = columns[c].data;
-    for (int64_t i = 0; i < count; i++) {
+    for (int64_t i = 0; i < r->all_sent; i++) {
       if (columns[c].moment)
-        data[onto[i]] = 0;
-      data[rows[i]] = data[onto[i]];
+        data[r->from[i]] = 0;
+      out[i] = data[r->from[i]];
     }
+    PAGS_TRY(pags_share_items(pags_model_transport(model), out, r->sent, in, r->received, sizeof *in));
+    for (int64_t i = 0; i < r->all_received; i++)
+      data[r->to[i]] = in[i];
   }
+  return PAGS_OK;
+}
+
+pags_result pags_model_relocate(pags_train_model *model, const pags_row_move *moves, int64_t count) {
+  pags_transport *const transport = pags_model_transport(model);
+  const int ranks = pags_transport_ranks(transport);
+  int64_t *const lists = malloc(2 * ((size_t)ranks + (size_t)count) * sizeof *lists);
+  uint32_t *const values = malloc((2 * (size_t)count + 1) * sizeof *values);
+  const bool room = lists && values;
+  pags_result result =
+      pags_transport_agree(transport, room ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)count));
+  if (result == PAGS_OK) {
+    relocation r = {lists, lists + ranks, lists + 2 * ranks, lists + 2 * ranks + count, 0, 0};
+    list_moves(moves, count, pags_transport_rank(transport), ranks, &r);
+    result = move_columns(model, &r, values, values + count);
+  }
+  free(lists);
+  free(values);
+  return result;
 }
 
 /* ---- Sorting over ranks ---- */
@@ -431,6 +475,7 @@ pags_result pags_model_sort(pags_train_model *model, const uint32_t *numbers, pa
 /* ---- Fourier terms and rows that aren't finite ---- */
 
 pags_result pags_model_add_fourier(pags_train_model *model) {
+  PAGS_TRY(reserve(model, 1)); /* without room for a row there would be no columns, of which all ranks have the same */
   PAGS_TRY(pags_gaussians_add_fourier(&model->gaussians));
   PAGS_TRY(pags_gaussians_add_fourier(&model->adam.first));
   return pags_gaussians_add_fourier(&model->adam.second);

@@ -72,9 +72,14 @@ pags_result pags_model_collect(pags_train_model *model, pags_transport *transpor
 /* Copies rows, with moments and statistics, to rows `at` and following of another model that has as many columns; their
  * clusters' steps and bounds are the caller's. */
 void pags_model_copy_rows(pags_train_model *from, int64_t first, int64_t count, pags_train_model *to, int64_t at);
-/* Makes each of `count` rows a copy of the row onto[i] in all planes and statistics; the moments of both become zero.
- * No row may be in both lists. */
-void pags_model_relocate(pags_train_model *model, const int64_t *rows, const int64_t *onto, int64_t count);
+/* A row that becomes a copy of another; `from` and `to` are known, and read, only at their own ranks. */
+typedef struct pags_row_move {
+  int from_rank, to_rank;
+  int64_t from, to;
+} pags_row_move;
+/* Makes the row `to` of each move a copy of the row `from` in all planes and statistics; the moments of both become
+ * zero. No row may be copied from and to. Collective: all ranks have the same list. */
+pags_result pags_model_relocate(pags_train_model *model, const pags_row_move *moves, int64_t count);
 /* Sorts the rows in Morton order and rebuilds the clusters and their bounds. The model must be settled. With several
  * ranks (collective) the rows go to the ranks that the order gives them to; numbers[row] is the row's place among those
  * of all ranks, which decides between equal codes. `numbers` may be NULL with one rank. */

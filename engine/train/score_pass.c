@@ -9,6 +9,7 @@
 #include "base/memory.h"
 #include "cluster/shares.h"
 #include "threads/record.h"
+#include "train/round.h"
 #include "train/views.h"
 
 typedef struct score_pass {
@@ -84,20 +85,17 @@ static void add_cluster(void *user, const pags_cluster_score *c, int worker) {
   }
 }
 
-/* Returns the factor by which a rough pass shrinks training's picture: 2, or 1 if the picture would be smaller than
- * training's pictures ever are. */
-static int factor_of(const pags_trainer *t, const pags_camera *camera, int level) {
-  int shorter = camera->width < camera->height ? camera->width : camera->height;
-  return level < 4 && shorter / (2 * level) >= t->state.schedule.config.schedule.resolution_floor ? 2 : 1;
+static const pags_camera *whole_camera(const pags_trainer *t, int64_t index) {
+  return &pags_dataset_view(t->dataset, t->views[index])->camera;
 }
 
-/* The camera that the pass draws training view `index` with; *factor: how much its picture is smaller than the
- * photograph. */
-static pags_camera camera_of(const pags_trainer *t, int64_t index, int rough, int *factor) {
-  const pags_camera *whole = &pags_dataset_view(t->dataset, t->views[index])->camera;
-  const int level = pags_views_level(t, index);
-  *factor = rough ? factor_of(t, whole, level) : 1;
-  return pags_camera_downscale(whole, level * *factor);
+/* Returns the factor by which a rough pass shrinks training's picture of training view `index`: 2, or 1 if the picture
+ * would be smaller than training's pictures ever are. */
+static int factor_of(const pags_trainer *t, int64_t index, int rough) {
+  const pags_camera *camera = whole_camera(t, index);
+  const int shorter = camera->width < camera->height ? camera->width : camera->height,
+            level = pags_views_level(t, index);
+  return rough && level < 4 && shorter / (2 * level) >= t->state.schedule.config.schedule.resolution_floor ? 2 : 1;
 }
 
 static pags_frame_options options_of(const pags_trainer *t) {
@@ -127,76 +125,55 @@ static pags_result mask(score_pass *p, const pags_picture *picture, const pags_p
   return PAGS_OK;
 }
 
-static pags_result add_view(score_pass *p, int64_t index, int rough) {
+/* Draws and scores this rank's view, the training view `index`. */
+static pags_result look_at(score_pass *p, int64_t index, int rough, const pags_frame_options *options) {
   pags_trainer *t = p->trainer;
-  int level, factor;
+  int level;
   pags_photo photo;
   pags_picture picture;
   pags_score_planes planes;
-  const pags_frame_options options = options_of(t);
   pags_tasks_mark(t->tasks, NULL, "photograph");
   PAGS_TRY(pags_views_photo(t, index, &level, &photo));
   pags_tasks_mark(t->tasks, NULL, "compose");
-  const pags_camera camera = camera_of(t, index, rough, &factor);
-  pags_view_render_compose(t, t->views[index]);
-  PAGS_TRY(pags_view_render_draw(t, t->state.step, &camera, &options, &picture));
-  PAGS_TRY(mask(p, &picture, &photo, factor, &planes));
-  return pags_frame_scores(t->render.frame, &planes, add_cluster, p);
+  PAGS_TRY(pags_round_draw(t, t->state.step, options, &picture));
+  PAGS_TRY(mask(p, &picture, &photo, factor_of(t, index, rough), &planes));
+  return t->ranks > 1 ? pags_shared_views_scores(&t->shared, t->render.frame, &planes)
+                      : pags_frame_scores(t->render.frame, &planes, add_cluster, p);
 }
 
-/* ---- Views shared out to ranks ---- */
-
-static pags_result project(score_pass *p, const int64_t *indices, int count, int rough) {
+/* Returns the scores of a round to the owners of the Gaussians. */
+static pags_result give_back(score_pass *p, int count) {
   pags_trainer *t = p->trainer;
-  pags_render_context context = {t, t->state.step, 0};
-  const pags_frame_options options = options_of(t);
-  for (int i = 0; i < count; i++) {
-    int factor;
-    const pags_camera camera = camera_of(t, indices[i], rough, &factor);
-    pags_view_render_compose(t, t->views[indices[i]]);
-    PAGS_TRY(pags_view_render_prepare(t, t->state.step));
-    PAGS_TRY(pags_shared_views_project(&t->shared, i, t->render.parts, t->render.part_count, &camera, &options,
-                                       pags_view_render_touch, &context));
+  pags_transport *const transport = t->shared.transport;
+  uint8_t labelled[PAGS_RANKS_MOST];
+  const uint8_t own = (uint8_t)p->labelled;
+  pags_result mine = PAGS_OK;
+  PAGS_TRY(pags_share_all(transport, &own, sizeof own, labelled));
+  PAGS_TRY(pags_shared_views_return_scores(&t->shared));
+  for (int i = 0; mine == PAGS_OK && i < count; i++) {
+    pags_view_render_compose(t, t->round[i].view);
+    p->labelled = labelled[i];
+    mine = pags_shared_views_receive_scores(&t->shared, i, add_cluster, p);
   }
-  return PAGS_OK;
-}
-
-static pags_result draw(score_pass *p, int64_t index, int rough) {
-  pags_trainer *t = p->trainer;
-  int factor;
-  pags_photo photo;
-  pags_picture picture;
-  pags_score_planes planes;
-  const pags_frame_options options = options_of(t);
-  PAGS_TRY(pags_photo_cache_get(t->cache, t->views[index], pags_views_level(t, index), &photo));
-  const pags_camera camera = camera_of(t, index, rough, &factor);
-  PAGS_TRY(pags_shared_views_draw(&t->shared, t->render.frame, false, t->state.models[0].gaussians.alpha_min, &camera,
-                                  &options, &picture));
-  PAGS_TRY(mask(p, &picture, &photo, factor, &planes));
-  return pags_shared_views_scores(&t->shared, t->render.frame, &planes);
+  return pags_transport_agree(transport, mine);
 }
 
 /* Looks at `count` views, one a rank. */
 static pags_result add_round(score_pass *p, const int64_t *indices, int count, int rough) {
   pags_trainer *t = p->trainer;
-  pags_shared_views *const shared = &t->shared;
-  uint8_t own = 0, labelled[PAGS_RANKS_MOST];
-  pags_shared_views_begin(shared, count);
-  PAGS_TRY(pags_shared_views_send(shared, project(p, indices, count, rough)));
+  const pags_frame_options options = options_of(t);
+  for (int i = 0; i < count; i++) {
+    const int factor = pags_views_level(t, indices[i]) * factor_of(t, indices[i], rough);
+    t->round[i] = (pags_step_view){.view = t->views[indices[i]],
+                                   .camera = pags_camera_downscale(whole_camera(t, indices[i]), factor)};
+  }
+  PAGS_TRY(pags_round_project(t, t->state.step, count, &options));
+  p->labelled = 0;
   pags_result mine = PAGS_OK;
-  if (pags_shared_views_draws(shared)) {
-    mine = draw(p, indices[shared->rank], rough);
-    own = (uint8_t)p->labelled;
-  }
-  PAGS_TRY(pags_transport_agree(shared->transport, mine));
-  PAGS_TRY(pags_share_all(shared->transport, &own, sizeof own, labelled));
-  PAGS_TRY(pags_shared_views_return_scores(shared));
-  for (int i = 0; mine == PAGS_OK && i < count; i++) {
-    pags_view_render_compose(t, t->views[indices[i]]);
-    p->labelled = labelled[i];
-    mine = pags_shared_views_receive_scores(shared, i, add_cluster, p);
-  }
-  return pags_transport_agree(shared->transport, mine);
+  if (pags_round_draws(t, count))
+    mine = look_at(p, indices[t->shared.rank], rough, &options);
+  PAGS_TRY(pags_transport_agree(t->shared.transport, mine));
+  return t->ranks > 1 ? give_back(p, count) : PAGS_OK;
 }
 
 /* Returns whether a rough pass looks at view `index`: at half of the views where there are many, by a sequence that
@@ -216,7 +193,7 @@ static pags_result add_views(score_pass *p, int rough) {
       indices[count++] = i;
     if (count == 0 || (count < t->ranks && i + 1 < t->view_count))
       continue;
-    PAGS_TRY(t->ranks > 1 ? add_round(p, indices, count, rough) : add_view(p, indices[0], rough));
+    PAGS_TRY(add_round(p, indices, count, rough));
     count = 0;
   }
   return PAGS_OK;
@@ -258,7 +235,7 @@ pags_result pags_score_pass_finish(pags_trainer *t) {
   return PAGS_OK;
 }
 
-static void add_squares(void *user, const pags_cluster_score *c, int worker) {
+void pags_score_pass_add_squares(void *user, const pags_cluster_score *c, int worker) {
   pags_trainer *t = user;
   pags_train_model *m = &t->state.models[t->render.drawn[c->part].model];
   (void)worker;
@@ -266,10 +243,10 @@ static void add_squares(void *user, const pags_cluster_score *c, int worker) {
     m->density.squared[c->first + i] += (float)c->squared[i];
 }
 
-pags_result pags_score_pass_add_training(pags_trainer *t, const pags_picture_gradient *gradient, const float *ones,
-                                         const float *zeros) {
+pags_score_planes pags_score_pass_training_planes(const pags_picture_gradient *gradient, const float *ones,
+                                                  const float *zeros) {
   pags_score_planes planes = {.counted = ones, .critical = zeros};
   for (int c = 0; c < 3; c++)
     planes.rgb[c] = gradient->rgb[c];
-  return pags_frame_scores(t->render.frame, &planes, add_squares, t);
+  return planes;
 }

@@ -7,31 +7,11 @@
 #include "base/memory.h"
 #include "cluster/shares.h"
 
-static pags_result refuse(const char *what, const char *instead) {
-  return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s can't be shared out to several ranks; %s, or train in one process", what,
-                   instead);
-}
-
-pags_result pags_share_run_check(const pags_train_config *config, const pags_train_options *options) {
-  if (pags_transport_ranks(options->transport) == 1)
+pags_result pags_share_run_check(const pags_train_options *options) {
+  if (pags_transport_ranks(options->transport) == 1 || !options->estimate)
     return PAGS_OK;
-  if (options->time_limit_seconds > 0.0)
-    return refuse("a run with a time limit", "pass --iterations");
-  if (options->held_out && options->preview_every > 0)
-    return refuse("the PSNR of held-out views during the run", "leave out --preview-every");
-  if (options->estimate)
-    return refuse("an estimate", "ask for it in one process");
-  if (config->density.strategy == PAGS_STRATEGY_MCMC)
-    return refuse("strategy mcmc", "take the default strategy");
-  if (config->density.lidar_pull > 0.0)
-    return refuse("lidar_pull", "pass --set lidar_pull=0");
-  if (config->objects.fourier && config->objects.objects)
-    return refuse("colour over time", "pass --set fourier=0");
-  if (config->size_limit.target_size > 0.0)
-    return refuse("a target size", "pass --max-gaussians");
-  if (config->priority.prunes > 0 && config->priority.s_grad_from == PAGS_S_GRAD_FROM_TRAINING)
-    return refuse("s_grad_from training", "pass --set s_grad_from=pass");
-  return PAGS_OK;
+  return pags_fail(PAGS_ERROR_UNSUPPORTED,
+                   "an estimate can't be shared out to several ranks; ask for it in one process");
 }
 
 /* Cuts this rank's share out of a model that it has in whole, or notes where a resumed run's share lies. */

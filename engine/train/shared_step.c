@@ -68,7 +68,7 @@ typedef struct left_out {
   pags_nonfinite_row first;
 } left_out;
 
-static pags_result share_nonfinite(pags_trainer *t) {
+pags_result pags_shared_step_nonfinite(pags_trainer *t) {
   pags_nonfinite *const n = &t->state.nonfinite;
   left_out mine, *const all = calloc((size_t)t->shared.ranks, sizeof *all);
   if (!all)
@@ -85,6 +85,6 @@ static pags_result share_nonfinite(pags_trainer *t) {
 }
 
 pags_result pags_shared_step_rest(pags_trainer *t) {
-  PAGS_TRY(share_nonfinite(t));
+  PAGS_TRY(pags_shared_step_nonfinite(t));
   return share_poses(t);
 }

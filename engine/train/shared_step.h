@@ -11,5 +11,7 @@
 pags_result pags_shared_step_results(pags_trainer *trainer, pags_step_view *views, int count);
 /* Collective, at the end of a step, after the Gaussians' updates: brings together trainer->rest and state.nonfinite. */
 pags_result pags_shared_step_rest(pags_trainer *trainer);
+/* Collective: brings together state.nonfinite since it was trainer->shared_nonfinite. */
+pags_result pags_shared_step_nonfinite(pags_trainer *trainer);
 
 #endif

@@ -383,8 +383,17 @@ static void clear_poses(pags_trainer *t) {
   }
 }
 
-pags_result pags_train_view(pags_trainer *t, int64_t step, pags_step_view *v) {
-  const pags_train_config *config = &t->state.schedule.config;
+/* Whether prunes rank Gaussians by derivatives of training's own loss. */
+static bool scores(const pags_trainer *t) {
+  const pags_train_config *const c = &t->state.schedule.config;
+  return !t->measuring && c->priority.prunes > 0 && c->priority.s_grad_from == PAGS_S_GRAD_FROM_TRAINING;
+}
+
+static pags_score_planes score_planes(const pags_trainer *t, const pags_picture_gradient *gradient) {
+  return pags_score_pass_training_planes(gradient, t->render.plane[ONES], t->render.plane[ZEROS]);
+}
+
+static pags_result train_view(pags_trainer *t, int64_t step, pags_step_view *v) {
   double clock = pags_clock_ms();
   pags_render_context context = {t, step, 0};
   pags_picture_gradient gradient;
@@ -403,8 +412,10 @@ pags_result pags_train_view(pags_trainer *t, int64_t step, pags_step_view *v) {
   t->ms.loss += pags_clock_lap_ms(&clock);
   clear_poses(t);
   PAGS_TRY(pags_frame_backward(t->render.frame, &gradient, receive, &context, NULL));
-  if (!t->measuring && config->priority.prunes > 0 && config->priority.s_grad_from == PAGS_S_GRAD_FROM_TRAINING)
-    PAGS_TRY(pags_score_pass_add_training(t, &gradient, t->render.plane[ONES], t->render.plane[ZEROS]));
+  if (scores(t)) {
+    const pags_score_planes planes = score_planes(t, &gradient);
+    PAGS_TRY(pags_frame_scores(t->render.frame, &planes, pags_score_pass_add_squares, t));
+  }
   if (!t->measuring)
     keep_rest(t, v);
   t->ms.backward += pags_clock_lap_ms(&clock);
@@ -443,7 +454,11 @@ static pags_result draw_own(pags_trainer *t, int64_t step, pags_step_view *v, pa
   PAGS_TRY(losses(t, step, v, &gradient));
   t->ms.loss += pags_clock_lap_ms(&clock);
   PAGS_TRY(pags_sky_parts_catch(sky, &t->state.sky, &gradient));
-  return pags_shared_views_sums(&t->shared, t->render.frame, false, &gradient);
+  PAGS_TRY(pags_shared_views_sums(&t->shared, t->render.frame, false, &gradient));
+  if (!scores(t))
+    return PAGS_OK;
+  const pags_score_planes planes = score_planes(t, &gradient);
+  return pags_shared_views_scores(&t->shared, t->render.frame, &planes);
 }
 
 /* Takes each view's sums back to the parameters of this rank's Gaussians, in the order of the views. */
@@ -457,14 +472,17 @@ static pags_result go_back(pags_trainer *t, int64_t step, pags_step_view *views,
       PAGS_TRY(pags_shared_views_backward(&t->shared, i, true, objects, hold, &context));
     }
     PAGS_TRY(pags_shared_views_backward(&t->shared, i, false, NULL, receive, &context));
-    keep_rest(t, views + i);
+    if (scores(t))
+      PAGS_TRY(pags_shared_views_receive_scores(&t->shared, i, pags_score_pass_add_squares, t));
+    if (!t->measuring)
+      keep_rest(t, views + i);
   }
   return PAGS_OK;
 }
 
 pags_result pags_train_round(pags_trainer *t, int64_t step, pags_step_view *views, int count) {
   if (!shares(t))
-    return pags_train_view(t, step, views);
+    return train_view(t, step, views);
   pags_shared_views *const shared = &t->shared;
   uint8_t objects[PAGS_RANKS_MOST];
   double clock = pags_clock_ms();
@@ -484,7 +502,10 @@ pags_result pags_train_round(pags_trainer *t, int64_t step, pags_step_view *view
   if (any)
     PAGS_TRY(pags_shared_views_return_sums(shared, true, objects));
   PAGS_TRY(pags_shared_views_return_sums(shared, false, NULL));
-  PAGS_TRY(pags_sky_parts_add(&t->sky_parts, shared->transport, &t->state.sky, &t->state.schedule, step));
+  if (scores(t))
+    PAGS_TRY(pags_shared_views_return_scores(shared));
+  if (!t->measuring)
+    PAGS_TRY(pags_sky_parts_add(&t->sky_parts, shared->transport, &t->state.sky, &t->state.schedule, step));
   PAGS_TRY(pags_transport_agree(shared->transport, go_back(t, step, views, count, objects)));
   t->ms.backward += pags_clock_lap_ms(&clock);
   return PAGS_OK;

@@ -6,11 +6,9 @@
 
 #include "train/run.h"
 
-/* Draws view v->view at level v->level, as photograph v->number of the run in step `step`, evaluates the losses and
- * goes backward. Fills the rest of `v`; adds the times of its phases to trainer->ms. */
-pags_result pags_train_view(pags_trainer *trainer, int64_t step, pags_step_view *v);
-
-/* The same of a round of `count` views, at most one for each rank, with one rank the view itself. */
+/* Draws a round of `count` views, at most one for each rank: view v->view at level v->level, as photograph v->number of
+ * the run in step `step`; evaluates the losses and goes backward. Fills the rest of each `v`; adds the times of its
+ * phases to trainer->ms. Collective. */
 pags_result pags_train_round(pags_trainer *trainer, int64_t step, pags_step_view *views, int count);
 
 /* Ends the step after its last view: updates what waits for all of them. */

@@ -212,16 +212,25 @@ static pags_result write_step(pags_trainer *t, const pags_step_view *v) {
                                                            .bad_rows = s->nonfinite.count}));
   if (o->preview_every > 0 && s->step % o->preview_every == 0 && t->shared.rank == (s->schedule.batch - 1) % t->ranks)
     PAGS_TRY(pags_output_preview(&t->output, s->step, &v->picture, &v->photo));
-  if (o->held_out && o->preview_every > 0 && s->step % o->preview_every == 0) {
-    PAGS_TRY(pags_held_out_measure(t)); /* `v` has no picture and no photograph from here on */
-    if (t->held_out.count > 0)
-      PAGS_TRY(pags_output_log_held_out(&t->output, s->step, pags_state_gaussian_count(s), t->held_out.psnr,
-                                        t->held_out.count));
-  }
   return PAGS_OK;
 }
 
-/* Sets the number of steps so that the run takes the time limit, by the estimate. */
+/* Measures held-out views after the steps that write a preview, whose view has no picture and no photograph from here
+ * on. `written`: how that went. */
+static pags_result measure_held_out(pags_trainer *t, pags_result written) {
+  const pags_train_options *o = t->options;
+  const int64_t step = t->state.step;
+  if (!o->held_out || o->preview_every <= 0 || step % o->preview_every != 0)
+    return written;
+  PAGS_TRY(pags_transport_agree(o->transport, written));
+  PAGS_TRY(pags_held_out_measure(t));
+  if (t->held_out.count == 0 || t->shared.rank > 0)
+    return PAGS_OK;
+  return pags_output_log_held_out(&t->output, step, pags_state_gaussian_count(&t->state), t->held_out.psnr,
+                                  t->held_out.count);
+}
+
+/* Sets the number of steps so that the run takes the time limit, by the estimate; rank 0 decides. Collective. */
 static pags_result fit_to_clock(pags_trainer *t, const run_clock *clock) {
   pags_train_state *s = &t->state;
   pags_estimate estimate;
@@ -229,6 +238,7 @@ static pags_result fit_to_clock(pags_trainer *t, const run_clock *clock) {
   double left = t->options->time_limit_seconds - (pags_clock_ms() - clock->begin) / 1e3 - estimate.scoring_seconds;
   double fitted = fmax(left, 0.0) / fmax(estimate.step_seconds, 1e-9);
   int64_t steps = s->step + (int64_t)fmin(fmax(fitted, 1.0), 1e7 - ESTIMATE_STEPS);
+  PAGS_TRY(pags_transport_broadcast(t->options->transport, 0, &steps, sizeof steps));
   pags_state_settle(s, t->tasks);
   pags_train_config config = s->schedule.config;
   config.schedule.iterations = steps * s->schedule.batch;
@@ -244,7 +254,8 @@ static pags_result fit_to_clock(pags_trainer *t, const run_clock *clock) {
 
 static pags_result loop(pags_trainer *t, run_clock *clock, int *stopped) {
   pags_train_state *s = &t->state;
-  double limit = t->options->time_limit_seconds;
+  const double limit = t->options->time_limit_seconds;
+  const bool times = limit > 0.0 && t->shared.rank == 0; /* rank 0's clock decides when the time is over */
   while (s->step < s->stop && !*stopped) {
     pags_step_view v;
     PAGS_TRY(do_step(t, &v));
@@ -257,11 +268,13 @@ static pags_result loop(pags_trainer *t, run_clock *clock, int *stopped) {
       *stopped = s->step >= ESTIMATE_STEPS;
       continue;
     }
-    const pags_result written = write_step(t, &v);
-    if (written == PAGS_OK && limit > 0.0 && !s->clocked && s->step >= ESTIMATE_STEPS)
+    const pags_result written = measure_held_out(t, write_step(t, &v));
+    if (limit > 0.0 && !s->clocked && s->step >= ESTIMATE_STEPS) {
+      PAGS_TRY(pags_transport_agree(t->options->transport, written));
       PAGS_TRY(fit_to_clock(t, clock));
-    *stopped = (written == PAGS_OK && !call_host(t, clock, &v)) ||
-               (limit > 0.0 && pags_clock_ms() - clock->begin > 1e3 * limit);
+    }
+    *stopped =
+        (written == PAGS_OK && !call_host(t, clock, &v)) || (times && pags_clock_ms() - clock->begin > 1e3 * limit);
     bool save = checkpoint_is_due(t, clock);
     PAGS_TRY(pags_share_run_agree(t, written, stopped, &save));
     if (!save || *stopped) /* the end writes one, too */
@@ -373,13 +386,19 @@ pags_train_options pags_train_options_default(void) {
                               .bad_rows_most = 1000};
 }
 
-/* All ranks look at the folder before rank 0, which alone writes there, opens it. */
-static pags_result find_output(pags_trainer *t, int *found) {
-  pags_transport *const transport = t->options->transport;
-  PAGS_TRY(pags_transport_agree(transport, pags_output_find(&t->output, t->options, found)));
-  if (pags_transport_rank(transport) > 0)
+/* What a rank finds out by itself, before anything is written; rank 0 alone writes to the folder. */
+static pags_result prepare(pags_trainer *t, const pags_train_config *asked, pags_train_config *config, int *found) {
+  const pags_train_options *o = t->options;
+  PAGS_TRY(pags_train_config_check(asked));
+  if (!o->estimate)
+    PAGS_TRY(pags_output_find(&t->output, o, found));
+  if (pags_transport_rank(o->transport) > 0)
     t->output.made = 0;
-  return PAGS_OK;
+  PAGS_TRY(pags_views_list(t));
+  *config = pags_config_resolve(asked, pags_dataset_fps(t->dataset) > 0.0);
+  PAGS_TRY(pags_train_config_check(config)); /* chosen values can contradict those that were set */
+  PAGS_TRY(pags_share_run_check(o));
+  return pags_photo_cache_create(t->dataset, t->tasks, o->image_cache, &t->cache);
 }
 
 static pags_result open_state(pags_trainer *t, const pags_train_config *config, int found) {
@@ -389,23 +408,18 @@ static pags_result open_state(pags_trainer *t, const pags_train_config *config, 
 
 static pags_result open_run(pags_trainer *t, const pags_train_config *asked, pags_train_result *result) {
   const pags_train_options *o = t->options;
+  pags_train_config config;
   int found = 0;
-  PAGS_TRY(pags_train_config_check(asked));
-  if (!o->estimate)
-    PAGS_TRY(find_output(t, &found));
-  PAGS_TRY(pags_views_list(t));
-  const pags_train_config config = pags_config_resolve(asked, pags_dataset_fps(t->dataset) > 0.0);
-  PAGS_TRY(pags_train_config_check(&config)); /* chosen values can contradict those that were set */
-  PAGS_TRY(pags_share_run_check(&config, o));
-  PAGS_TRY(
-      pags_transport_agree(o->transport, pags_photo_cache_create(t->dataset, t->tasks, o->image_cache, &t->cache)));
+  PAGS_TRY(pags_transport_agree(o->transport, prepare(t, asked, &config, &found)));
   PAGS_TRY(pags_transport_agree(o->transport, open_state(t, &config, found)));
   PAGS_TRY(pags_share_run_begin(t, found));
-  if (config.density.lidar_pull > 0.0)
-    PAGS_TRY(pags_lidar_planes_create(t->dataset, t->tasks, &t->lidar_planes));
   result->resumed = found;
-  const bool writes = !o->estimate && t->shared.rank == 0;
-  return pags_transport_agree(o->transport, writes ? pags_output_open(&t->output, found, t->state.step) : PAGS_OK);
+  pags_result mine = PAGS_OK;
+  if (config.density.lidar_pull > 0.0)
+    mine = pags_lidar_planes_create(t->dataset, t->tasks, &t->lidar_planes);
+  if (mine == PAGS_OK && !o->estimate && t->shared.rank == 0)
+    mine = pags_output_open(&t->output, found, t->state.step);
+  return pags_transport_agree(o->transport, mine);
 }
 
 pags_result pags_train(const pags_train_config *config, const pags_train_options *options, pags_train_result *result) {
@@ -422,6 +436,8 @@ pags_result pags_train(const pags_train_config *config, const pags_train_options
   pags_result code = open_run(t, config, result);
   if (code == PAGS_OK)
     code = run(t, begin, result);
+  if (t->ranks > 1) /* where rank 0 has gone on alone, the others have done their part */
+    pags_transport_give_up(options->transport, code);
 
   /* Free everything; close the output folder. */
   int failed = code != PAGS_OK;

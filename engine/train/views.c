@@ -111,7 +111,8 @@ int pags_views_level(const pags_trainer *t, int64_t index) {
 pags_result pags_views_photo(pags_trainer *t, int64_t index, int *level, pags_photo *photo) {
   int64_t left = t->view_count - index;
   *level = level_of(t, t->state.step, t->views[index]);
-  pags_photo_cache_prefetch(t->cache, t->views + index, left < PAGS_TRAIN_AHEAD ? left : PAGS_TRAIN_AHEAD, *level);
+  if (t->ranks == 1)
+    pags_photo_cache_prefetch(t->cache, t->views + index, left < PAGS_TRAIN_AHEAD ? left : PAGS_TRAIN_AHEAD, *level);
   return pags_photo_cache_get(t->cache, t->views[index], *level, photo);
 }
 

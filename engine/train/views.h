@@ -22,7 +22,7 @@ int64_t pags_views_next(pags_trainer *trainer, int64_t photograph, int *level);
 /* Returns the level of training view `index` at the last step done. */
 int pags_views_level(const pags_trainer *trainer, int64_t index);
 /* Returns the photograph of training view `index`, for code that looks at all training views in turn, at the level of
- * the last step done (`level` receives it); the next photographs are decoded meanwhile. At any other level, each
+ * the last step done (`level` receives it); one process decodes the next ones meanwhile. At any other level, each
  * photograph would have to be decoded anew, and once more for the next step. */
 pags_result pags_views_photo(pags_trainer *trainer, int64_t index, int *level, pags_photo *photo);
 

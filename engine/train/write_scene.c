@@ -239,6 +239,8 @@ pags_result pags_output_bytes(const pags_dataset *dataset, const pags_train_stat
   PAGS_TRY(create(dataset, state, false, &d));
   d->scene.dataset = d->scene.colmap = d->scene.image_folder =
       NULL; /* paths must not decide how many Gaussians a run has */
+  for (int64_t i = 0; i < d->scene.model_count; i++)
+    d->scene.models[i].gaussians.count = state->models[i].total; /* of which only the digits count here */
   const pags_result result = pags_scene_json_size(&d->scene, bytes);
   *bytes += d->scene.sky.size > 0 ? pags_sky_file_size(&d->scene.sky) : 0;
   pags_described_destroy(d);

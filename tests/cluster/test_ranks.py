@@ -10,24 +10,15 @@ import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 import unittest
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import mpirun
+import rank_jobs
+from rank_jobs import children_of, contents, wait_for
 
 KILLS = int(os.environ.get("PAGS_KILLS", "0"))
-
-def contents(folder):
-    """{path: bytes} of all files below the folder."""
-    found = {}
-    for base, _, names in os.walk(folder):
-        for name in names:
-            with open(os.path.join(base, name), "rb") as file:
-                found[os.path.relpath(os.path.join(base, name), folder)] = file.read()
-    return found
-
 
 def without_times(value):
     if isinstance(value, dict):
@@ -35,44 +26,12 @@ def without_times(value):
     return [without_times(item) for item in value] if isinstance(value, list) else value
 
 
-def children_of(pid):
-    """The pags processes of a mpirun, in the order in which they were started."""
-    found = []
-    for name in os.listdir("/proc"):
-        try:
-            with open(f"/proc/{name}/stat", encoding="ascii", errors="replace") as file:
-                head, tail = file.read().rsplit(")", 1)
-            if name.isdigit() and int(tail.split()[1]) == pid and head.endswith("(pags"):
-                found.append(int(name))
-        except OSError:
-            pass
-    return sorted(found)
-
-
-def wait_for(condition, seconds=60):
-    end = time.monotonic() + seconds
-    while not condition():
-        if time.monotonic() > end:
-            raise AssertionError("it doesn't happen")
-        time.sleep(0.02)
-
-
-class Ranks(unittest.TestCase):
+class Ranks(rank_jobs.Jobs):
     @classmethod
     def setUpClass(cls):
-        cls.root = tempfile.mkdtemp(prefix="pags-ranks-")
-        cls.street, cls.scene = os.path.join(cls.root, "street"), os.path.join(cls.root, "scene")
-        for arguments in (["synth", "street", "-q", "-o", cls.street, "--size", "128x72", "--frames", "7", "--cameras", "1", "--no-shifts"],
-                          ["train", cls.street, "-q", "-o", cls.scene, "--iterations", "8", "--seed", "1"]):
-            done = subprocess.run([PAGS, *arguments], capture_output=True, text=True)
-            assert done.returncode == 0, done.stderr
-
-    @classmethod
-    def tearDownClass(cls):
-        shutil.rmtree(cls.root)
-
-    def path(self, name):
-        return os.path.join(self.root, name)
+        super().setUpClass()
+        cls.scene = os.path.join(cls.root, "scene")
+        cls.make(["train", cls.street, "-q", "-o", cls.scene, "--iterations", "8", "--seed", "1"])
 
     def compare(self, verb, *arguments):
         """The same of one process, and of two ranks: files and report."""
@@ -102,45 +61,6 @@ class Ranks(unittest.TestCase):
 
     # ---- Training ----
 
-    SHORT = ["--iterations", "240", "--batch", "4", "--max-gaussians", "4500", "--log-every", "1", "--set", "resolution_floor=24", "--set", "fourier=0", "--threads", "1", "-q"]
-
-    def training(self, name, *more):
-        return [PAGS, "train", self.street, "-o", self.path(name), *self.SHORT, *more]
-
-    def trained(self, name):
-        """All files of a scene's folder but those with times and the command line."""
-        return {file: data for file, data in contents(self.path(name)).items() if file not in ("report.json", "report.html")}
-
-    def same_training(self, name):
-        """The folder is that of one process, which is made once."""
-        if not os.path.exists(self.path("alone")):
-            done = subprocess.run(self.training("alone"), capture_output=True, text=True)
-            self.assertEqual(done.returncode, 0, done.stderr)
-            log = self.trained("alone")["log.jsonl"].decode()
-            self.assertGreater(log.count('"split"'), 3)
-            self.assertGreater(log.count('"pruned_by_score"'), 1)
-        alone, shared = self.trained("alone"), self.trained(name)
-        self.assertEqual(sorted(alone), sorted(shared))
-        for file, data in alone.items():
-            self.assertTrue(data == shared[file], f"{name}/{file}")
-
-    def goes_on(self, name, numbers):
-        """So many ranks, one being a single process, go on with a run that has ended early, to the bits of one that hasn't."""
-        for ranks in numbers:
-            copy = f"{name}-{ranks}"
-            shutil.copytree(self.path(name), self.path(copy))
-            command = self.training(copy, "--resume")
-            done = mpirun.run(2, command) if ranks == 2 else subprocess.run(command, capture_output=True, text=True)
-            self.assertEqual(done.returncode, 0, done.stderr)
-            self.same_training(copy)
-
-    def has_shards(self, name):
-        try:
-            with open(os.path.join(self.path(name), "checkpoint.pags"), "rb") as file:
-                return file.read(1) == b"{"
-        except OSError:
-            return False
-
     def test_train(self):
         report = self.path("train.json")
         done = mpirun.run(2, [word for word in self.training("shared", "--checkpoint-every", "20", "--json", report) if word != "-q"])
@@ -159,7 +79,7 @@ class Ranks(unittest.TestCase):
         os.kill(children_of(process.pid)[1], signal.SIGUSR1)
         err = self.ends(process)
         self.assertEqual(process.returncode, 3, err)
-        self.assertEqual(err.count("interrupted after iteration"), 1, err)
+        self.assertEqual(err.count("pags: interrupted after iteration"), 1, err)
         self.assertIn("scene.json", self.trained("asked"))
         self.goes_on("asked", [2])
 
@@ -183,8 +103,8 @@ class Ranks(unittest.TestCase):
         self.assertFalse([file for file in self.trained("no-room") if file.startswith("checkpoint")])
 
     def test_train_refuses(self):
-        """Once, with a way out, before anything is written; what else is refused: test_train.c."""
-        for given, said, code in ((["--set", "fourier=1"], "colour over time can't be shared out to several ranks; pass --set fourier=0", 1),
+        """Once, with a way out, before anything is written."""
+        for given, said, code in ((["--estimate"], "pags: an estimate can't be shared out to several ranks; ask for it in one process", 1),
                                   (["--view"], "--view needs one process", 2)):
             with self.subTest(given=given):
                 done = mpirun.run(2, [word for word in self.training("refused", *given) if word != "-q"])
@@ -201,15 +121,6 @@ class Ranks(unittest.TestCase):
         process = mpirun.start(ranks, [PAGS, "render", self.scene, "-o", out, "--frames", "100000", "--threads", "1"], **more)
         wait_for(lambda: os.path.isdir(out) and any(name.endswith(".png") for name in os.listdir(out)))
         return process, out
-
-    def ends(self, process):
-        try:
-            out, err = process.communicate(timeout=60)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            raise
-        self.assertNotEqual(process.returncode, 0, out + err)
-        return err
 
     def whole_pictures(self, out):
         """Nothing half-written has a picture's name."""
@@ -231,7 +142,8 @@ class Ranks(unittest.TestCase):
     def test_missing_scene_is_said_once(self):
         done = mpirun.run(2, [PAGS, "eval", self.path("nowhere")])
         self.assertEqual(done.returncode, 1)
-        self.assertEqual(done.stderr.count("pags: rank 0: "), 1, done.stderr)
+        self.assertEqual(done.stderr.count("pags: "), 1, done.stderr)
+        self.assertEqual(done.stderr.count("rank 0"), 0, done.stderr)
         self.assertEqual(done.stderr.count("nowhere"), 1, done.stderr)
 
     def test_disk_full_on_one_rank(self):
@@ -251,7 +163,7 @@ class Ranks(unittest.TestCase):
             os.kill(target, signal.SIGUSR1)
             err = self.ends(process)
             self.assertEqual(process.returncode, 3, err)
-            self.assertEqual(err.count("interrupted after"), 1, err)
+            self.assertEqual(err.count("pags: interrupted after"), 1, err)
             self.whole_pictures(out)
 
     @unittest.skipUnless(KILLS, "make check-cluster")
@@ -277,5 +189,5 @@ class Ranks(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    PAGS = os.path.abspath(sys.argv.pop(1))
+    PAGS = rank_jobs.PAGS = os.path.abspath(sys.argv.pop(1))
     unittest.main()

@@ -1,0 +1,167 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""test_failures.py PAGS FAILING_MALLOC: a training of several ranks under mpirun of which one fails, dies, stops or can't be reached: all end, one
+line says why, and the checkpoint that is there is whole and is gone on with to the bits of a run without failures.
+PAGS_KILLS: how often ranks are killed and allocations refused, at random moments (make check-cluster: 10); then disks fill up and links go down, too."""
+
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import mpirun
+import rank_jobs
+import two_machines
+from rank_jobs import children_of, wait_for
+
+KILLS = int(os.environ.get("PAGS_KILLS", "0"))
+LONG = unittest.skipUnless(KILLS, "make check-cluster")
+
+
+class Failures(rank_jobs.Jobs):
+    def lines(self, err):
+        """What the ranks themselves have said."""
+        return [line for line in err.split("\n") if line.startswith("pags: ")]
+
+    def has_ended(self, done, *said):
+        self.assertEqual(done.returncode, 1, done.stderr)
+        lines = self.lines(done.stderr)
+        self.assertEqual(len(lines), 1, done.stderr)
+        for words in said:
+            self.assertIn(words, lines[0])
+
+    def seconds_alone(self):
+        """How long two undisturbed ranks take."""
+        if not hasattr(Failures, "seconds"):
+            since = time.monotonic()
+            done = mpirun.run(3, self.training("undisturbed", "--checkpoint-every", "5"))
+            self.assertEqual(done.returncode, 0, done.stderr)
+            Failures.seconds = time.monotonic() - since
+            self.same_training("undisturbed")
+        return Failures.seconds
+
+    def resumes(self, name):
+        done = subprocess.run(self.training(name, "--resume"), capture_output=True, text=True)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.same_training(name)
+
+    def test_photograph_that_is_removed(self):
+        """The rank whose turn it is finds that out, in the middle of a step."""
+        street = self.path("removed")
+        shutil.copytree(self.street, street)
+        command = [word if word != self.street else street for word in self.training("unread", "--image-cache", "1", "--iterations", "100000")]
+        process = mpirun.start(3, command)
+        wait_for(lambda: os.path.exists(os.path.join(self.path("unread"), "log.jsonl")))
+        images = os.path.join(street, "images")
+        os.remove(os.path.join(images, sorted(os.listdir(images))[1]))
+        err = self.ends(process)
+        self.has_ended(subprocess.CompletedProcess(command, process.returncode, "", err), "pags: rank ", "images/", "No such file")
+
+    def refuse(self, rank, number, **more):
+        return mpirun.run(3, self.training("refused", "--overwrite", "--checkpoint-every", "5"), LD_PRELOAD=FAILING, PAGS_REFUSE=str(number),
+                          PAGS_REFUSE_RANK=str(rank), **more)
+
+    def test_memory_of_one_rank(self):
+        count = self.path("count")
+        done = self.refuse(1, 10**9, PAGS_REFUSE_COUNT=count)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        with open(count, encoding="ascii") as file:
+            most = int(file.read())
+        self.assertGreater(most, 1000)
+        failed = 0
+        for i in range(max(KILLS, 1)):
+            rank, number = (i + 1) % 3, random.randint(most // 4, most)
+            done = self.refuse(rank, number)
+            with self.subTest(rank=rank, number=number):
+                if done.returncode == 0:  # it could be done without
+                    self.same_training("refused")
+                    continue
+                failed += 1
+                self.has_ended(done, "memory")
+                self.assertIn(f"rank {rank}: ", done.stderr)
+                self.resumes("refused")
+        self.assertTrue(failed or KILLS < 2)
+
+    @LONG
+    def test_killed(self):
+        """At any moment, whether there is a checkpoint yet or not."""
+        seconds = self.seconds_alone()
+        killed = 0
+        while killed < KILLS:
+            name, after, rank = f"killed{killed}", random.uniform(0, seconds), random.randrange(3)
+            process = mpirun.start(3, self.training(name, "--checkpoint-every", "5"))
+            time.sleep(after)
+            ranks = children_of(process.pid)
+            if len(ranks) == 3:
+                os.kill(ranks[rank], signal.SIGKILL)
+            out, err = process.communicate(timeout=60)
+            with self.subTest(after=after, rank=rank):
+                if process.returncode:
+                    self.assertIn("signal 9", err)
+                    killed += 1
+                    print(f"rank {rank} killed after {after:.2f} s: {self.shards(name)}", flush=True)
+                self.resumes(name)
+
+    def shards(self, name):
+        found = sorted(file for file in self.trained(name) if file.startswith("checkpoint")) if os.path.isdir(self.path(name)) else []
+        return ", ".join(found) or "no checkpoint yet"
+
+    @LONG
+    def test_stopped(self):
+        """A process that stands still: the others give it up and say so."""
+        for rank in range(3):
+            name = f"stopped{rank}"
+            process = mpirun.start(3, self.training(name, "--checkpoint-every", "5"), PAGS_WATCHDOG="2")
+            wait_for(lambda: self.has_shards(name))
+            os.kill(children_of(process.pid)[rank], signal.SIGSTOP)
+            err = self.ends(process)
+            self.assertEqual(len(self.lines(err)), 1, err)
+            self.assertIn(f"pags: rank {rank} of 3 has been silent for 2 s", err)
+            self.resumes(name)
+
+    @LONG
+    def test_full_disk(self):
+        """A disk that holds a checkpoint, but not a second one beside it."""
+        self.seconds_alone()
+        size = os.path.getsize(os.path.join(self.path("alone"), "checkpoint.pags")) // 1024
+        disk = tempfile.mkdtemp(prefix="pags-disk-")
+        self.addCleanup(os.rmdir, disk)
+        mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size * 3 // 2}k", "tmpfs", disk], capture_output=True, text=True)
+        if mounted.returncode:
+            self.skipTest(f"no small disk can be mounted here (root can): {mounted.stderr.strip()}")
+        self.addCleanup(subprocess.run, ["umount", disk], check=False)
+        name = os.path.join(disk, "scene")
+        done = mpirun.run(3, self.training(name, "--checkpoint-every", "5"))
+        self.has_ended(done, "rank ", disk, "No space left")
+        self.assertTrue(self.has_shards(name))
+        self.assertFalse([file for file in self.trained(name) if file.endswith(".part")])
+        subprocess.run(["mount", "-o", f"remount,size={8 * size}k", disk], check=True)
+        self.resumes(name)
+
+    @LONG
+    def test_link_goes_down(self):
+        if not two_machines.can_be_made():
+            self.skipTest("network namespaces can't be made here (root can, with iproute2)")
+        machines = two_machines.Machines(self.root)
+        self.addCleanup(machines.remove)
+        process = subprocess.Popen([*machines.mpirun(), *self.training("parted", "--checkpoint-every", "5")], stdin=subprocess.DEVNULL,
+                                   stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=mpirun.environment(PAGS_WATCHDOG="3"))
+        wait_for(lambda: self.has_shards("parted"))
+        since = time.monotonic()
+        machines.cut()
+        err = self.ends(process)
+        print(f"ended {time.monotonic() - since:.1f} s after the link went down; {self.shards('parted')}", flush=True)
+        self.assertIn("pags: rank 1 of 2 has been silent for 3 s", err)
+        self.resumes("parted")
+
+
+if __name__ == "__main__":
+    FAILING = os.path.abspath(sys.argv.pop(2))
+    rank_jobs.PAGS = os.path.abspath(sys.argv.pop(1))
+    unittest.main()
