@@ -127,12 +127,12 @@ class Failures(rank_jobs.Jobs):
 
     @LONG
     def test_full_disk(self):
-        """A disk that holds a checkpoint, but not a second one beside it."""
+        """A disk that holds a checkpoint of three shards, each with its own copy of the sky, but not a second one beside it."""
         self.seconds_alone()
         size = os.path.getsize(os.path.join(self.path("alone"), "checkpoint.pags")) // 1024
         disk = tempfile.mkdtemp(prefix="pags-disk-")
         self.addCleanup(os.rmdir, disk)
-        mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size * 3 // 2}k", "tmpfs", disk], capture_output=True, text=True)
+        mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={4 * size}k", "tmpfs", disk], capture_output=True, text=True)
         if mounted.returncode:
             self.skipTest(f"no small disk can be mounted here (root can): {mounted.stderr.strip()}")
         self.addCleanup(subprocess.run, ["umount", disk], check=False)
@@ -141,7 +141,7 @@ class Failures(rank_jobs.Jobs):
         self.has_ended(done, "rank ", disk, "No space left")
         self.assertTrue(self.has_shards(name))
         self.assertFalse([file for file in self.trained(name) if file.endswith(".part")])
-        subprocess.run(["mount", "-o", f"remount,size={8 * size}k", disk], check=True)
+        subprocess.run(["mount", "-o", f"remount,size={12 * size}k", disk], check=True)
         self.resumes(name)
 
     @LONG
@@ -150,14 +150,20 @@ class Failures(rank_jobs.Jobs):
             self.skipTest("network namespaces can't be made here (root can, with iproute2)")
         machines = two_machines.Machines(self.root)
         self.addCleanup(machines.remove)
-        process = subprocess.Popen([*machines.mpirun(), *self.training("parted", "--checkpoint-every", "5")], stdin=subprocess.DEVNULL,
-                                   stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=mpirun.environment(PAGS_WATCHDOG="3"))
+        said = self.path("said")
+        with open(said, "w", encoding="utf-8") as file:
+            command = [*machines.mpirun(), "-x", "PAGS_WATCHDOG", *self.training("parted", "--checkpoint-every", "5")]
+            process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=file, stderr=file, env=mpirun.environment(PAGS_WATCHDOG="3"))
         wait_for(lambda: self.has_shards("parted"))
+        self.assertEqual(list(machines.processes().values()).count("pags"), 2)
         since = time.monotonic()
         machines.cut()
-        err = self.ends(process)
-        print(f"ended {time.monotonic() - since:.1f} s after the link went down; {self.shards('parted')}", flush=True)
-        self.assertIn("pags: rank 1 of 2 has been silent for 3 s", err)
+        wait_for(lambda: "pags" not in machines.processes().values())
+        print(f"both ended {time.monotonic() - since:.1f} s after the link went down; {self.shards('parted')}", flush=True)
+        machines.remove()  # mpirun waits for the other machine until TCP gives it up
+        self.assertNotEqual(process.wait(timeout=60), 0)
+        with open(said, encoding="utf-8") as file:
+            self.assertIn("pags: rank 1 of 2 has been silent for 3 s", file.read())
         self.resumes("parted")
 
 

@@ -3,6 +3,7 @@
 
 import os
 import shutil
+import signal
 import subprocess
 
 
@@ -48,6 +49,20 @@ class Machines:
         """Takes the cable out."""
         self.ip_of(self.names[0], "link", "set", self.ends[0], "down")
 
+    def processes(self):
+        """{process id: name} of what runs on the two machines."""
+        found = {}
+        for name in self.names:
+            for pid in subprocess.run(["ip", "netns", "pids", name], capture_output=True, text=True).stdout.split():
+                try:
+                    with open(f"/proc/{pid}/comm", encoding="utf-8") as file:
+                        found[int(pid)] = file.read().strip()
+                except OSError:
+                    pass
+        return found
+
     def remove(self):
+        for pid in self.processes():
+            os.kill(pid, signal.SIGKILL)
         for name in self.names:
             subprocess.run(["ip", "netns", "del", name], check=False, capture_output=True)
