@@ -166,6 +166,8 @@ check-photos: all
 check-cluster: all
 	PAGS_KILLS=10 python3 -B tests/cluster/test_ranks.py build/pags Ranks.test_killed Ranks.test_stopped
 	PAGS_KILLS=10 python3 -B tests/cluster/test_failures.py build/pags build/tests/cluster/libfailing_malloc.so
+	build/pags synth street -q --overwrite -o build/check-cluster/street --size 192x108 --frames 12 --cameras 1 --no-shifts
+	python3 -B benchmarks/cluster_bits.py build/pags build/check-cluster/street build/check-cluster --iterations 480 --set resolution_floor=32 --max-gaussians 6000
 
 check-viewers: all
 	python3 -B tests/outside/viewers.py build/pags build/viewers $(if $(filter command line,$(origin SCENE)),"$(abspath $(SCENE))")
