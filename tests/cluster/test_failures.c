@@ -18,7 +18,7 @@
 #include "memory_guard.h"
 #include "small_street.h"
 
-enum { RANKS = 2, BATCH = 2, PHOTOGRAPHS = 40, SAMPLES = 24, RESUMED = 4, PATIENCE = 60 };
+enum { RANKS = 2, BATCH = 2, PHOTOGRAPHS = 40, SAMPLES = 16, RESUMED = 3, PATIENCE = 60 };
 
 typedef struct failing_run {
   pags_train_config config;

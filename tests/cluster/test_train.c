@@ -177,6 +177,7 @@ static void with_density_control(void **unused) {
 static void with_other_settings(void **unused) {
   (void)unused;
   pags_train_config config = quick();
+  config.schedule.iterations = PHOTOGRAPHS / 2;
   config.size_limit.target_size = 1.45;
   config.priority.s_grad_from = PAGS_S_GRAD_FROM_TRAINING;
   config.density.lidar_pull = 0.1;
@@ -187,6 +188,7 @@ static void with_other_settings(void **unused) {
 static void with_mcmc(void **unused) {
   (void)unused;
   pags_train_config config = quick();
+  config.schedule.iterations = PHOTOGRAPHS / 2;
   config.density.strategy = PAGS_STRATEGY_MCMC;
   ranks_change_no_bit(&config, "mcmc", 3);
 }
