@@ -291,7 +291,7 @@ static double kernel_alpha(const pags_kernels *kernels, int degree, float expone
   float planes[4][PAGS_TILE_PIXELS] __attribute__((aligned(64)));
   const pags_splat flat = {
       .x = 8, .y = 8, .log2_opacity = exponent, .r = 1, .g = 1, .b = 1, .z = 1, .cut = -PAGS_LOG2_255};
-  const pags_entry entry = {0, 0};
+  const pags_entry entry = {.splat = 0};
   const pags_raster_in in = {
       .splats = &flat, .entries = &entry, .count = 1, .width = PAGS_TILE, .height = PAGS_TILE, .exp_degree = degree};
   const pags_raster_out out = {

@@ -65,16 +65,18 @@ static inline uint64_t small_box_touched(const pags_splat *s, const pags_tile_bo
  * LANE_TILES tiles are done one by one instead, with their tiles in the lanes. */
 enum { LANE_TILES = 9 };
 
-typedef struct box_lanes {
-  float x[V_LANES], y[V_LANES], p[V_LANES], h[V_LANES], w[V_LANES], slope[V_LANES], cut[V_LANES];
-  float extent_x[V_LANES], extent_y[V_LANES];
-} box_lanes;
+/* Sixteen splats as vectors: the members of pags_splat in their order, one vector each. */
+enum { SPLAT_FIELDS = sizeof(pags_splat) / sizeof(float) };
+_Static_assert((int)SPLAT_FIELDS == (int)V_LANES && sizeof(pags_tile_box) == 4 * sizeof(float),
+               "a splat fills a vector, a box a quarter of one");
+#define SPLAT_AT(member) (offsetof(pags_splat, member) / sizeof(float))
 
-static inline void box_lanes_put(box_lanes *l, int k, const pags_splat *s, const pags_tile_box *box) {
-  l->x[k] = s->x, l->y[k] = s->y;
-  l->p[k] = s->p, l->h[k] = s->h, l->w[k] = s->w, l->slope[k] = s->slope;
-  l->cut[k] = cut_off(s);
-  l->extent_x[k] = box->extent[0], l->extent_y[k] = box->extent[1];
+/* As vectors, since gcc copies structs in smaller pieces, which loads of whole ones would wait for. */
+V_INLINE vf load_splat(const pags_splat *s) {
+  return v_load((const float *)(const void *)s);
+}
+V_INLINE void store_splat(pags_splat *s, vf fields) {
+  v_store((float *)(void *)s, fields);
 }
 
 /* Returns t clamped to [0, tiles] and rounded down. */
@@ -83,27 +85,63 @@ static inline vf tile_floor(vf t, int tiles) {
   return v_sub(nearest, v_maskz(v_gt(nearest, cut), v_set(1.0f)));
 }
 
-/* Returns, in each lane, the mask of touched tiles of that splat's box: bit k for tile k, row by row, if the box has
- * 2 to LANE_TILES tiles. 1 for a box of one tile, which is not tested; 0 for larger boxes, which are tested
- * elsewhere. */
-static inline vi few_touched(const box_lanes *l, vf x0, vf y0, vf nx, vf tiles) {
-  const quadratic q = {v_load(l->p), v_load(l->h), v_load(l->w), v_load(l->slope)};
-  const vf x = v_load(l->x), y = v_load(l->y), cut = v_load(l->cut), one = v_set(1.0f);
-  const vm few = v_le(tiles, v_set((float)LANE_TILES));
-  vi touched = i_select(v_le(tiles, one), i_set(1), i_set(0));
+/* What is known of sixteen splats' tiles once their boxes are found: how many each touches and, as a bit each, which
+ * have boxes of more than LANE_TILES tiles and are left for large_boxes. */
+typedef struct boxes_found {
+  vi tiles;
+  unsigned large;
+} boxes_found;
+
+/* Finds, in each lane, the mask of touched tiles of that splat's box: bit k for tile k, row by row, if the box has 2 to
+ * LANE_TILES tiles; 1 for a box of one tile, which is not tested; 0 for other boxes. *tiles: the number of bits. */
+V_INLINE vi few_touched(const vf *fields, vf x0, vf y0, vf nx, vf area, vi *tiles) {
+  const quadratic q = {fields[SPLAT_AT(p)], fields[SPLAT_AT(h)], fields[SPLAT_AT(w)], fields[SPLAT_AT(slope)]};
+  const vf cut = v_add(fields[SPLAT_AT(log2_opacity)], v_sub(v_set(PAGS_CUT_SLACK), fields[SPLAT_AT(cut)]));
+  const vf one = v_set(1.0f);
+  const vm few = v_le(area, v_set((float)LANE_TILES));
+  vi touched = i_select(m_and(v_gt(area, v_zero()), v_le(area, one)), i_set(1), i_set(0));
+  *tiles = touched;
   vf column = v_zero(), row = v_zero();
   for (int k = 0; k < LANE_TILES; k++) {
-    const vm there = m_and(few, v_gt(tiles, v_set((float)(k > 0 ? k : 1))));
+    const vm there = m_and(few, v_gt(area, v_set((float)(k > 0 ? k : 1))));
     if (m_bits(there) == 0)
       break;
-    const vm is = tile_touched(there, q, cut, x, y, v_add(column, x0), v_add(row, y0));
+    const vm is =
+        tile_touched(there, q, cut, fields[SPLAT_AT(x)], fields[SPLAT_AT(y)], v_add(column, x0), v_add(row, y0));
     touched = i_select(is, i_or(touched, i_set(1 << k)), touched);
+    *tiles = i_select(is, i_add(*tiles, i_set(1)), *tiles);
     column = v_add(column, one);
     const vm next_row = v_ge(column, nx);
     column = v_select(next_row, v_zero(), column);
     row = v_add(row, v_maskz(next_row, one));
   }
   return touched;
+}
+
+/* Finds the boxes of up to sixteen splats, which are members rows[0], rows[1], ... of `boxes`, from half their size.
+ * Lanes from `count` on must hold zeros. */
+V_INLINE boxes_found find_boxes(const vf *fields, vf extent_x, vf extent_y, const int32_t *rows, int count, int tiles_x,
+                                int tiles_y, pags_tile_box *boxes) {
+  const vf inv = v_set(1.0f / (float)PAGS_TILE), one = v_set(1.0f), x = fields[SPLAT_AT(x)], y = fields[SPLAT_AT(y)];
+  const vf x0 = tile_floor(v_mul(v_sub(x, extent_x), inv), tiles_x),
+           x1 = tile_floor(v_fma(v_add(x, extent_x), inv, one), tiles_x);
+  const vf y0 = tile_floor(v_mul(v_sub(y, extent_y), inv), tiles_y),
+           y1 = tile_floor(v_fma(v_add(y, extent_y), inv, one), tiles_y);
+  const vf nx = v_sub(x1, x0), ny = v_sub(y1, y0), area = v_mul(nx, ny);
+  const vm some = v_gt(area, v_zero());
+  boxes_found found = {.large = m_bits(m_and(m_first(count), v_gt(area, v_set((float)LANE_TILES))))};
+  const vi touched = few_touched(fields, x0, y0, nx, area, &found.tiles);
+
+  /* The four words of a pags_tile_box in each lane, then one box in each quarter of a vector. */
+  vf words[4] = {v_from_bits(touched), v_zero(), v_maskz(some, v_from_bits(i_or(v_to_i(x0), i_shl(v_to_i(y0), 16)))),
+                 v_maskz(some, v_from_bits(i_or(v_to_i(nx), i_shl(v_to_i(ny), 16))))};
+  v_transpose4(words);
+  float quarters[4][V_LANES];
+  for (int k = 0; k < 4; k++)
+    v_store(quarters[k], words[k]);
+  for (int k = 0; k < count; k++)
+    memcpy(boxes + rows[k], quarters[k & 3] + 4 * (k >> 2), sizeof *boxes);
+  return found;
 }
 
 /* Counts the touched tiles of a box of more than 64 tiles. */
@@ -116,134 +154,173 @@ static inline uint32_t large_box_tiles(const pags_splat *s, const pags_tile_box 
   return tiles;
 }
 
-/* Computes the boxes, touched tiles and tile counts of up to sixteen splats. */
-static inline void box_lanes_finish(const box_lanes *l, const uint16_t *members, int count, int tiles_x, int tiles_y,
-                                    pags_splat *splats, pags_tile_box *boxes) {
-  const vf inv = v_set(1.0f / (float)PAGS_TILE), one = v_set(1.0f);
-  const vf x = v_load(l->x), y = v_load(l->y), extent_x = v_load(l->extent_x), extent_y = v_load(l->extent_y);
-  const vf x0 = tile_floor(v_mul(v_sub(x, extent_x), inv), tiles_x),
-           x1 = tile_floor(v_fma(v_add(x, extent_x), inv, one), tiles_x);
-  const vf y0 = tile_floor(v_mul(v_sub(y, extent_y), inv), tiles_y),
-           y1 = tile_floor(v_fma(v_add(y, extent_y), inv, one), tiles_y);
-  const vf nx = v_sub(x1, x0), ny = v_sub(y1, y0), tiles = v_mul(nx, ny);
-  int32_t column[V_LANES], row[V_LANES], across[V_LANES], down[V_LANES], touched[V_LANES];
-  i_store(column, v_to_i(x0));
-  i_store(row, v_to_i(y0));
-  i_store(across, v_to_i(nx));
-  i_store(down, v_to_i(ny));
-  i_store(touched, few_touched(l, x0, y0, nx, tiles));
-  for (int k = 0; k < count; k++) {
-    pags_splat *const s = splats + members[k];
-    pags_tile_box *const box = boxes + members[k];
-    *box = (pags_tile_box){
-        {(uint64_t)touched[k]}, (uint16_t)column[k], (uint16_t)row[k], (uint16_t)across[k], (uint16_t)down[k]};
-    const int64_t area = (int64_t)across[k] * down[k];
-    if (area <= 0)
-      *box = (pags_tile_box){{0}, 0, 0, 0, 0};
-    else if (area > LANE_TILES && area <= 64)
+/* Finds the touched tiles of the larger boxes, and their number. */
+static inline void large_boxes(unsigned large, const int32_t *rows, pags_splat *splats, pags_tile_box *boxes) {
+  for (; large; large &= large - 1) {
+    pags_splat *const s = splats + rows[__builtin_ctz(large)];
+    pags_tile_box *const box = boxes + rows[__builtin_ctz(large)];
+    const bool masked = box->nx * box->ny <= 64;
+    if (masked)
       box->touched = small_box_touched(s, box);
-    s->tiles = area > 64 ? large_box_tiles(s, box) : (uint32_t)__builtin_popcountll(box->touched);
+    s->tiles = masked ? (uint32_t)__builtin_popcountll(box->touched) : large_box_tiles(s, box);
   }
 }
 
 static void tile_boxes(pags_splat *splats, const uint32_t *keys, int count, int tiles_x, int tiles_y,
                        pags_tile_box *boxes) {
-  uint16_t members[256 + 1]; /* indices of the splats that are drawn */
+  int32_t rows[256 + 1]; /* indices of the splats that are drawn */
   int drawn = 0;
   for (int k = 0; k < count; k++) {
-    members[drawn] = (uint16_t)k;
+    rows[drawn] = k;
     drawn += keys[k] != UINT32_MAX;
   }
-  box_lanes lanes;
-  memset(&lanes, 0, sizeof lanes);
   for (int first = 0; first < drawn; first += V_LANES) {
     const int n = drawn - first < V_LANES ? drawn - first : V_LANES;
+    vf fields[SPLAT_FIELDS];
+    float extent_x[V_LANES] = {0}, extent_y[V_LANES] = {0};
+    for (int k = 0; k < n; k++) {
+      fields[k] = load_splat(splats + rows[first + k]);
+      extent_x[k] = boxes[rows[first + k]].extent[0];
+      extent_y[k] = boxes[rows[first + k]].extent[1];
+    }
+    for (int k = n; k < SPLAT_FIELDS; k++)
+      fields[k] = v_zero();
+    v_transpose(fields);
+    const boxes_found found =
+        find_boxes(fields, v_load(extent_x), v_load(extent_y), rows + first, n, tiles_x, tiles_y, boxes);
+    int32_t tiles[V_LANES];
+    i_store(tiles, found.tiles);
     for (int k = 0; k < n; k++)
-      box_lanes_put(&lanes, k, splats + members[first + k], boxes + members[first + k]);
-    box_lanes_finish(&lanes, members + first, n, tiles_x, tiles_y, splats, boxes);
+      splats[rows[first + k]].tiles = (uint32_t)tiles[k];
+    large_boxes(found.large, rows + first, splats, boxes);
   }
 }
 
 /* ---- Lists ---- */
 
-/* The destination of (splat, tile) pairs, which are counted (counts) or written (offsets, entries). */
-typedef struct bin_sink {
-  int tiles_x;
-  uint32_t splat, rank;
-  uint32_t *counts;
-  int64_t *offsets;
-  pags_entry *entries;
-  const float *limits; /* per tile, largest z that is drawn; NULL: no limit */
-  float z;
-  int64_t hidden; /* pairs left out because z exceeds the limit */
-} bin_sink;
+/* Pairs are made for BIN_SPLATS splats at a time: first the tiles of each splat are written down without a branch, then
+ * one loop goes through all of these pairs. The end of a loop whose length varies is a mispredicted branch, which costs
+ * as much as several pairs. */
+enum { BIN_SPLATS = 16, BIN_PAIRS = 1024 };
 
-V_INLINE void bin_tile(bin_sink *sink, int64_t tile, bool fill) {
-  if (sink->limits && sink->z > sink->limits[tile]) {
-    sink->hidden++;
-    return;
+typedef struct bin_batch {
+  uint32_t splat[BIN_SPLATS], key[BIN_SPLATS], rank[BIN_SPLATS]; /* rank: of the next entry */
+  float z[BIN_SPLATS];
+  uint8_t some[BIN_SPLATS]; /* 1: the splat has a pair */
+  int pairs;
+  int32_t pair[BIN_PAIRS + V_LANES]; /* BIN_SPLATS * tile + splat of the batch */
+} bin_batch;
+
+/* What is done with a pair: constant in each function made from it. */
+typedef struct bin_how {
+  bool fill, limited, ranks;
+} bin_how;
+
+V_INLINE void bin_pairs(const pags_bin *in, bin_batch *b, uint32_t *counts, int64_t *offsets, pags_entry *entries,
+                        bin_how how, int64_t *hidden) {
+  for (int i = 0; i < b->pairs; i++) {
+    const unsigned pair = (unsigned)b->pair[i], k = pair % BIN_SPLATS;
+    const int64_t tile = pair / BIN_SPLATS;
+    if (how.limited && b->z[k] > in->limits[tile]) {
+      ++*hidden;
+      continue;
+    }
+    if (!how.fill) {
+      counts[tile]++;
+      b->some[k] = 1;
+    } else if (how.ranks) {
+      entries[offsets[tile]++] = (pags_entry){.splat = b->splat[k], .rank = b->rank[k]++};
+    } else {
+      entries[offsets[tile]++] = (pags_entry){.splat = b->splat[k], .key = b->key[k]};
+    }
   }
-  if (fill)
-    sink->entries[sink->offsets[tile]++] = (pags_entry){sink->splat, sink->rank};
-  else
-    sink->counts[tile]++;
-  sink->rank++;
+  b->pairs = 0;
 }
 
-/* Handles a box of at most 64 tiles. One loop over all touched tiles rather than one per row: the end of a loop whose
- * length varies is a mispredicted branch, which costs as much as several pairs. Tile k is in row k / nx, computed
- * from k + 0.5 so that rounding errors cannot cross a whole number. */
-V_INLINE void bin_small(bin_sink *sink, const pags_tile_box *box, bool fill) {
-  const int64_t first = (int64_t)box->y0 * sink->tiles_x + box->x0;
-  const float inv_nx = 1.0f / (float)box->nx;
-  for (uint64_t touched = box->touched; touched; touched &= touched - 1) {
-    const int k = __builtin_ctzll(touched), row = (int)(((float)k + 0.5f) * inv_nx);
-    bin_tile(sink, first + k + row * (sink->tiles_x - box->nx), fill);
-  }
+/* l / n in lane l, for n = 0 (unused) to FEW_TILES. */
+enum { FEW_TILES = 8 };
+static const int32_t bin_rows[FEW_TILES + 1][V_LANES] __attribute__((aligned(64))) = {
+    {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0}, {0, 1, 2, 3, 4, 5, 6, 7, 0, 0, 0, 0, 0, 0, 0, 0},
+    {0, 0, 1, 1, 2, 2, 3, 3, 0, 0, 0, 0, 0, 0, 0, 0}, {0, 0, 0, 1, 1, 1, 2, 2, 0, 0, 0, 0, 0, 0, 0, 0},
+    {0, 0, 0, 0, 1, 1, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0}, {0, 0, 0, 0, 0, 1, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0},
+    {0, 0, 0, 0, 0, 0, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0}, {0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0},
+    {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0},
+};
+
+/* Writes down the tiles of a box of at most FEW_TILES tiles. Tile l is in row l / nx. */
+V_INLINE void bin_few(bin_batch *b, int k, const pags_tile_box *box, int tiles_x) {
+  const vi row = i_load(bin_rows[box->nx]);
+  const vi tile = i_add(i_mul(row, i_set(tiles_x - box->nx)), i_set(box->y0 * tiles_x + box->x0));
+  const vi pair = i_add(i_shl(i_add(tile, v_to_i(v_iota())), 4), i_set(k));
+  b->pairs += i_compress8(b->pair + b->pairs, (unsigned)box->touched, pair);
 }
 
-V_INLINE void bin_large(bin_sink *sink, const pags_splat *s, const pags_tile_box *box, bool fill) {
+/* Writes down the tiles of a larger box, a row of sixteen at a time; goes through the pairs whenever there is no room
+ * for more. */
+V_INLINE void bin_many(const pags_bin *in, bin_batch *b, int k, uint32_t *counts, int64_t *offsets, pags_entry *entries,
+                       bin_how how, int64_t *hidden) {
+  const pags_tile_box *const box = in->boxes + b->splat[k];
+  const bool masked = box->nx * box->ny <= 64;
   for (int y = 0; y < box->ny; y++)
     for (int x = 0; x < box->nx; x += V_LANES) {
-      unsigned bits = box_touched(s, box, box->nx - x, v_add(v_iota(), v_set((float)x)), v_set((float)y));
-      for (; bits; bits &= bits - 1)
-        bin_tile(sink, (int64_t)(box->y0 + y) * sink->tiles_x + box->x0 + x + __builtin_ctz(bits), fill);
+      const int left = box->nx - x < V_LANES ? box->nx - x : V_LANES;
+      const unsigned bits =
+          masked ? (unsigned)(box->touched >> (y * box->nx + x)) & ((1u << left) - 1)
+                 : box_touched(in->splats + b->splat[k], box, left, v_add(v_iota(), v_set((float)x)), v_set((float)y));
+      const int first = (box->y0 + y) * in->tiles_x + box->x0 + x;
+      if (b->pairs > BIN_PAIRS - V_LANES)
+        bin_pairs(in, b, counts, offsets, entries, how, hidden);
+      b->pairs += i_compress(b->pair + b->pairs, m_from_bits(bits),
+                             i_add(i_shl(i_add(i_set(first), v_to_i(v_iota())), 4), i_set(k)));
     }
 }
 
-/* Counts or writes the pairs of all splats, in the order of `drawn`, which is about that of memory. Returns the
- * number of splats that have a pair. */
-V_INLINE int64_t bin_all(const pags_bin *in, bin_sink sink, bool fill, bool limited) {
-  int64_t binned = 0;
-  for (int64_t i = 0; i < in->count; i++) {
-    const uint32_t splat = in->drawn[i];
-    const pags_tile_box *const box = in->boxes + splat;
-    sink.splat = splat;
-    sink.rank = 0;
-    if (limited)
-      sink.z = in->splats[splat].z;
-    else
-      sink.limits = NULL;
-    if (box->nx * box->ny <= 64)
-      bin_small(&sink, box, fill);
-    else
-      bin_large(&sink, in->splats + splat, box, fill);
-    binned += sink.rank > 0;
+/* Counts or writes the pairs of all splats, in the order of `drawn`, which is about that of memory. Returns, if they
+ * are counted, the number of splats that have a pair. */
+V_INLINE int64_t bin_all(const pags_bin *in, uint32_t *counts, int64_t *offsets, pags_entry *entries, bin_how how) {
+  int64_t binned = 0, hidden = 0;
+  bin_batch b;
+  b.pairs = 0;
+  for (int64_t first = 0; first < in->count; first += BIN_SPLATS) {
+    const int n = in->count - first < BIN_SPLATS ? (int)(in->count - first) : BIN_SPLATS;
+    for (int k = 0; k < n; k++) {
+      const uint32_t splat = b.splat[k] = in->drawn[first + k];
+      const pags_tile_box *const box = in->boxes + splat;
+      b.some[k] = 0;
+      b.rank[k] = 0;
+      if (how.fill && !how.ranks)
+        b.key[k] = in->keys[splat];
+      if (how.limited) {
+        const uint32_t bits = in->keys[splat] & INT32_MAX; /* the paper's order sets the sign */
+        memcpy(b.z + k, &bits, sizeof bits);
+      }
+      if (b.pairs > BIN_PAIRS - V_LANES)
+        bin_pairs(in, &b, counts, offsets, entries, how, &hidden);
+      if (box->nx * box->ny <= FEW_TILES)
+        bin_few(&b, k, box, in->tiles_x);
+      else
+        bin_many(in, &b, k, counts, offsets, entries, how, &hidden);
+    }
+    bin_pairs(in, &b, counts, offsets, entries, how, &hidden);
+    if (!how.fill)
+      for (int k = 0; k < n; k++)
+        binned += b.some[k];
   }
-  if (in->hidden && !fill)
-    *in->hidden = sink.hidden;
+  if (in->hidden && !how.fill)
+    *in->hidden = hidden;
   return binned;
 }
 
 static int64_t bin_count(const pags_bin *in, uint32_t *counts) {
-  const bin_sink sink = {.tiles_x = in->tiles_x, .counts = counts, .limits = in->limits};
-  return in->limits ? bin_all(in, sink, false, true) : bin_all(in, sink, false, false);
+  return in->limits ? bin_all(in, counts, NULL, NULL, (bin_how){.limited = true})
+                    : bin_all(in, counts, NULL, NULL, (bin_how){0});
 }
 
 static void bin_fill(const pags_bin *in, int64_t *offsets, pags_entry *entries) {
-  const bin_sink sink = {.tiles_x = in->tiles_x, .offsets = offsets, .entries = entries, .limits = in->limits};
   if (in->limits)
-    bin_all(in, sink, true, true);
+    bin_all(in, NULL, offsets, entries, (bin_how){.fill = true, .limited = true});
+  else if (in->keys)
+    bin_all(in, NULL, offsets, entries, (bin_how){.fill = true});
   else
-    bin_all(in, sink, true, false);
+    bin_all(in, NULL, offsets, entries, (bin_how){.fill = true, .ranks = true});
 }

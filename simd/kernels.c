@@ -6,9 +6,9 @@
 
 /* The order matters: later files use functions of earlier ones. */
 /* clang-format off */
+#include "bin.inl"
 #include "project.inl"
 #include "shade.inl"
-#include "bin.inl"
 #include "raster.inl"
 #include "sample.inl"
 #include "raster_backward.inl"

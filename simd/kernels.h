@@ -104,10 +104,14 @@ enum {                          /* the layout of a slot: sums over the pair's pi
        PAGS_SLOT_ABS_Y
 };
 
-/* One entry of a tile's list: the index of the splat, and the rank of the tile among the tiles of that splat that
- * have an entry (row by row, from 0). */
+/* One entry of a tile's list: the index of the splat, and either the splat's key, by which the list is sorted, or the
+ * rank of the tile among the tiles of that splat that have an entry (row by row, from 0), where a backward pass will
+ * need it. */
 typedef struct pags_entry {
-  uint32_t splat, rank;
+  uint32_t splat;
+  union {
+    uint32_t key, rank;
+  };
 } pags_entry;
 
 typedef struct pags_bin {
@@ -116,8 +120,9 @@ typedef struct pags_bin {
   const uint32_t *drawn;      /* indices of the `count` splats that are drawn */
   int64_t count;
   int tiles_x;
-  const float *limits; /* per tile: pairs with a larger z are left out; NULL: no limits */
-  int64_t *hidden;     /* out, by bin_count: number of pairs left out; may be NULL */
+  const float *limits;  /* per tile: pairs with a larger z are left out; NULL: no limits */
+  int64_t *hidden;      /* out, by bin_count: number of pairs left out; may be NULL */
+  const uint32_t *keys; /* per splat, which bin_fill gives to the entries; NULL: ranks, and no limits */
 } pags_bin;
 
 /* Output planes of a tile: pointers to its top left pixel in each plane; NULL if not wanted. Of depth, depth_sum,
@@ -145,7 +150,8 @@ typedef struct pags_raster_in {
   int width, height;     /* of the picture: pixels outside count as stopped */
   int exp_degree;        /* 3 or 5 */
   uint16_t *block_masks; /* out, count entries: blocks of the tile that each pair may still change; may be NULL */
-  int64_t *pairs;        /* [2], lanes evaluated and lanes blended, added to; NULL: not counted */
+  int64_t *pairs;        /* [3], lanes evaluated, blended, and evaluated at pixels that hadn't stopped; added to; NULL:
+                            not counted */
   int64_t *looked_at;    /* entries processed until saturation, rounded up to a chunk, added to; may be NULL */
   bool resume;           /* continue from the state in the planes instead of from empty pixels */
   bool unfinished;       /* more entries may follow: leave the tile unfinished unless all pixels have stopped */
@@ -308,14 +314,15 @@ typedef struct pags_kernels {
   const char *name; /* "scalar", "avx2", "avx512", "neon" */
 
   /* Projects rows [0, count), count <= 256, of the planes (plane p at data + p * stride; rows up to the next multiple
-   * of 16 must be readable). Writes `splats` but for the colours, `keys` (the bits of z; UINT32_MAX if the row isn't
-   * drawn) and, of the rows that are drawn, the extents of `boxes` and, unless NULL, the `reaches`. The method is EWA
+   * of 16 must be readable). Writes `keys` (the bits of z; UINT32_MAX if the row isn't drawn) and, of the rows that are
+   * drawn, `splats`, with zeros as colours and id, and, unless NULL, the `reaches`; of `boxes` the extents or, if
+   * `tiles`, all that tile_boxes would find for the view's picture. The method is EWA
    * splatting (Zwicker et al. 2001) with INRIA's constants; the determinant of the covariance is computed by the
    * Cauchy-Binet formula, as a sum of squares that is never negative. `factor`: per row, the opacity is multiplied by
    * this, readable as far as the planes; 0: the row isn't drawn; NULL: 1. The backward pass needs no factor, since it
    * differentiates by the logarithm of the opacity. */
   void (*project)(const pags_projection *view, const float *data, int64_t stride, const float *factor, int count,
-                  pags_splat *splats, uint32_t *keys, pags_tile_box *boxes, pags_reach *reaches);
+                  pags_splat *splats, uint32_t *keys, bool tiles, pags_tile_box *boxes, pags_reach *reaches);
 
   /* Computes the colours of the rows whose key is not UINT32_MAX: max(0, 0.5 + SH(direction)). `dc`: three planes of
    * the constant SH term, `stride` floats apart, that replace those of the data; NULL: those of the data are used. */

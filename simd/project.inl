@@ -161,70 +161,103 @@ static inline row_cuts project_cuts(const pags_projection *view, vf compensation
   return c;
 }
 
-static void project(const pags_projection *view, const float *data, int64_t stride, const float *factor, int count,
-                    pags_splat *splats, uint32_t *keys, pags_tile_box *boxes, pags_reach *reaches) {
-  for (int first = 0; first < count; first += V_LANES) {
-    projected s;
-    project_all(&s, view, data + first, stride);
-    if (factor)
-      s.opacity = v_mul(s.opacity, v_load(factor + first));
-    const row_cuts cuts = project_cuts(view, s.compensation);
-    const vf raw = v_log2(v_max(s.opacity, v_set(1e-30f)));
-    const vf l = v_add(factor ? raw : v_min(raw, v_zero()), v_set(view->alpha.lift));
-    /* Half size of the box in which it is blended (the opacity-aware bound of StopThePop, not 3 sigma). */
-    const vf reach = v_mul(v_sub(l, cuts.cut), v_set(1.0f / PAGS_HALF_LOG2E));
-    const vf extent_x = v_sqrt(v_max(v_mul(reach, s.a), v_zero()));
-    const vf extent_y = v_sqrt(v_max(v_mul(reach, s.c), v_zero()));
-    /* Comparisons are false for NaN, so a row with any non-finite value that matters drops out here. */
-    const vf huge = v_set(1e18f);
-    vm drawn = m_and(v_gt(s.z, v_set(view->near_plane)), v_ge(s.opacity, cuts.least));
-    for (int k = 0; k < view->clip_count; k++) {
-      const float *const p = view->clips[k];
-      const vf inside = v_add(v_dot3(v_set(p[0]), v_set(p[1]), v_set(p[2]), s.x, s.y, s.z), v_set(p[3]));
-      drawn = m_and(drawn, v_ge(inside, v_zero()));
-    }
-    drawn = m_and(drawn, m_and(v_lt(s.a, huge), v_lt(s.c, huge)));
-    drawn = m_and(drawn, m_and(v_gt(s.d, v_zero()), v_lt(s.d, v_set(1e36f))));
-    drawn = m_and(drawn, m_and(v_gt(v_add(s.mx, extent_x), v_zero()), v_lt(v_sub(s.mx, extent_x), v_set(view->width))));
-    drawn =
-        m_and(drawn, m_and(v_gt(v_add(s.my, extent_y), v_zero()), v_lt(v_sub(s.my, extent_y), v_set(view->height))));
-    drawn = m_and(drawn, m_and(v_lt(s.z, huge), m_and(v_lt(v_abs(s.mx), huge), v_lt(v_abs(s.my), huge))));
-    drawn = m_and(drawn, m_first(count - first));
-    const unsigned bits = m_bits(drawn);
+/* The rows of a call that are drawn, without gaps: what projection finds of their splats, half the sizes of their
+ * boxes, and their numbers. */
+enum { PACKED_ROWS = 256 + V_LANES };
+typedef struct packed_splats {
+  float x[PACKED_ROWS], y[PACKED_ROWS], p[PACKED_ROWS], h[PACKED_ROWS], w[PACKED_ROWS], log2_opacity[PACKED_ROWS];
+  float z[PACKED_ROWS], slope[PACKED_ROWS], cut[PACKED_ROWS], floor[PACKED_ROWS];
+  float extent_x[PACKED_ROWS], extent_y[PACKED_ROWS];
+  int32_t rows[PACKED_ROWS];
+  int count;
+} packed_splats;
 
-    const vf inv_c = v_div(v_set(1.0f), s.c);
-    float field[12][V_LANES];
-    v_store(field[0], s.mx);
-    v_store(field[1], s.my);
-    v_store(field[2], v_sqrt(v_div(v_mul(v_set(PAGS_HALF_LOG2E), s.c), s.d)));
-    v_store(field[3], v_mul(s.b, inv_c));
-    v_store(field[4], v_sqrt(v_mul(v_set(PAGS_HALF_LOG2E), inv_c)));
-    v_store(field[5], l);
-    v_store(field[6], s.z);
-    v_store(field[7], v_div(s.b, s.a));
-    v_store(field[8], extent_x);
-    v_store(field[9], extent_y);
-    v_store(field[10], cuts.cut);
-    v_store(field[11], cuts.floor);
-    const int lanes = count - first < V_LANES ? count - first : V_LANES;
-    if (reaches)
-      project_reaches(&s, view, l, cuts.cut, drawn, lanes, reaches + first);
-    for (int k = 0; k < lanes; k++) {
-      uint32_t *const key = keys + first + k;
-      if (!(bits >> k & 1u)) {
-        *key = UINT32_MAX;
-        continue;
-      }
-      pags_splat *const out = splats + first + k;
-      out->x = field[0][k], out->y = field[1][k];
-      out->p = field[2][k], out->h = field[3][k], out->w = field[4][k];
-      out->log2_opacity = field[5][k];
-      out->z = field[6][k];
-      out->slope = field[7][k];
-      out->cut = field[10][k], out->floor = field[11][k];
-      boxes[first + k].extent[0] = field[8][k], boxes[first + k].extent[1] = field[9][k];
-      out->tiles = 0;
-      memcpy(key, &out->z, sizeof *key);
+/* Projects the sixteen rows from `first` on and appends those that are drawn to `out`. */
+static inline void project_rows(const pags_projection *view, const float *data, int64_t stride, const float *factor,
+                                int first, int count, uint32_t *keys, pags_reach *reaches, packed_splats *out) {
+  projected s;
+  project_all(&s, view, data + first, stride);
+  if (factor)
+    s.opacity = v_mul(s.opacity, v_load(factor + first));
+  const row_cuts cuts = project_cuts(view, s.compensation);
+  const vf raw = v_log2(v_max(s.opacity, v_set(1e-30f)));
+  const vf l = v_add(factor ? raw : v_min(raw, v_zero()), v_set(view->alpha.lift));
+  /* Half size of the box in which it is blended (the opacity-aware bound of StopThePop, not 3 sigma). */
+  const vf reach = v_mul(v_sub(l, cuts.cut), v_set(1.0f / PAGS_HALF_LOG2E));
+  const vf extent_x = v_sqrt(v_max(v_mul(reach, s.a), v_zero()));
+  const vf extent_y = v_sqrt(v_max(v_mul(reach, s.c), v_zero()));
+  /* Comparisons are false for NaN, so a row with any non-finite value that matters drops out here. */
+  const vf huge = v_set(1e18f);
+  vm drawn = m_and(v_gt(s.z, v_set(view->near_plane)), v_ge(s.opacity, cuts.least));
+  for (int k = 0; k < view->clip_count; k++) {
+    const float *const p = view->clips[k];
+    const vf inside = v_add(v_dot3(v_set(p[0]), v_set(p[1]), v_set(p[2]), s.x, s.y, s.z), v_set(p[3]));
+    drawn = m_and(drawn, v_ge(inside, v_zero()));
+  }
+  drawn = m_and(drawn, m_and(v_lt(s.a, huge), v_lt(s.c, huge)));
+  drawn = m_and(drawn, m_and(v_gt(s.d, v_zero()), v_lt(s.d, v_set(1e36f))));
+  drawn = m_and(drawn, m_and(v_gt(v_add(s.mx, extent_x), v_zero()), v_lt(v_sub(s.mx, extent_x), v_set(view->width))));
+  drawn = m_and(drawn, m_and(v_gt(v_add(s.my, extent_y), v_zero()), v_lt(v_sub(s.my, extent_y), v_set(view->height))));
+  drawn = m_and(drawn, m_and(v_lt(s.z, huge), m_and(v_lt(v_abs(s.mx), huge), v_lt(v_abs(s.my), huge))));
+  drawn = m_and(drawn, m_first(count - first));
+
+  const int lanes = count - first < V_LANES ? count - first : V_LANES;
+  int32_t key[V_LANES];
+  i_store(key, i_select(drawn, v_bits(s.z), i_set(-1)));
+  memcpy(keys + first, key, (size_t)lanes * sizeof *keys);
+  if (m_bits(drawn) == 0)
+    return;
+  if (reaches)
+    project_reaches(&s, view, l, cuts.cut, drawn, lanes, reaches + first);
+
+  const vf inv_c = v_div(v_set(1.0f), s.c);
+  const v_packing packing = v_packing_of(drawn);
+  const int at = out->count;
+  v_pack(out->x + at, packing, s.mx);
+  v_pack(out->y + at, packing, s.my);
+  v_pack(out->p + at, packing, v_sqrt(v_div(v_mul(v_set(PAGS_HALF_LOG2E), s.c), s.d)));
+  v_pack(out->h + at, packing, v_mul(s.b, inv_c));
+  v_pack(out->w + at, packing, v_sqrt(v_mul(v_set(PAGS_HALF_LOG2E), inv_c)));
+  v_pack(out->log2_opacity + at, packing, l);
+  v_pack(out->z + at, packing, s.z);
+  v_pack(out->slope + at, packing, v_div(s.b, s.a));
+  v_pack(out->cut + at, packing, cuts.cut);
+  v_pack(out->floor + at, packing, cuts.floor);
+  v_pack(out->extent_x + at, packing, extent_x);
+  v_pack(out->extent_y + at, packing, extent_y);
+  out->count += i_compress(out->rows + out->count, drawn, i_add(v_to_i(v_iota()), i_set(first)));
+}
+
+static void project(const pags_projection *view, const float *data, int64_t stride, const float *factor, int count,
+                    pags_splat *splats, uint32_t *keys, bool tiles, pags_tile_box *boxes, pags_reach *reaches) {
+  packed_splats packed;
+  packed.count = 0;
+  for (int first = 0; first < count; first += V_LANES)
+    project_rows(view, data, stride, factor, first, count, keys, reaches, &packed);
+
+  const int tiles_x = ((int)view->width + PAGS_TILE - 1) / PAGS_TILE,
+            tiles_y = ((int)view->height + PAGS_TILE - 1) / PAGS_TILE;
+  for (int first = 0; first < packed.count; first += V_LANES) {
+    const int n = packed.count - first < V_LANES ? packed.count - first : V_LANES;
+    const int32_t *const rows = packed.rows + first;
+    const vm there = m_first(n);
+#define PACKED(member) v_maskz(there, v_load(packed.member + first))
+    const vf none = v_zero();
+    vf fields[] = {PACKED(x),     PACKED(y), PACKED(p), PACKED(h), PACKED(w),     PACKED(log2_opacity),
+                   none,          none,      none,      PACKED(z), PACKED(slope), PACKED(cut),
+                   PACKED(floor), none,      none,      none};
+    boxes_found found = {.large = 0};
+    if (tiles) {
+      found = find_boxes(fields, PACKED(extent_x), PACKED(extent_y), rows, n, tiles_x, tiles_y, boxes);
+      fields[SPLAT_AT(tiles)] = v_from_bits(found.tiles);
+    } else {
+      for (int k = 0; k < n; k++)
+        boxes[rows[k]].extent[0] = packed.extent_x[first + k], boxes[rows[k]].extent[1] = packed.extent_y[first + k];
     }
+#undef PACKED
+    v_transpose(fields);
+    for (int k = 0; k < n; k++)
+      store_splat(splats + rows[k], fields[k]);
+    large_boxes(found.large, rows, splats, boxes);
   }
 }

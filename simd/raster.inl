@@ -38,7 +38,7 @@ V_INLINE vf raster_alpha(const pags_splat *s, vf exponent, int degree) {
 /* The variant of the rasteriser: constant within each function made from it, so that unused code is removed.
  *   sum      the sum of w z, which `extra` needs, too
  *   extra    depth, sum of weights, and the id of the splat with the largest weight
- *   counted  blended lanes are counted
+ *   counted  blended lanes, and those that hadn't stopped before, are counted
  *   bounded  pixels stop at transmittance eps
  *   hard     splats behind a given depth plane are not blended */
 typedef struct raster_how {
@@ -49,7 +49,8 @@ typedef struct raster_how {
   int64_t mark_count;
 } raster_how;
 
-/* Blends one splat over the sixteen pixels of a block. Returns how many it was blended at if how.counted, else 0.
+/* Blends one splat over the sixteen pixels of a block. Returns, if how.counted, at how many it was blended, and 32
+ * times as many as hadn't stopped before; else 0.
  *
  * Transmittance never grows, and rounding is monotone. So a pixel whose transmittance has fallen below a threshold
  * stays below it, and it stops whatever splats are blended in between. */
@@ -77,7 +78,10 @@ V_INLINE unsigned raster_blend(raster_state *state, const pags_splat *s, vf alph
     state->id = i_select(heavier, i_set(s->id), state->id);
   }
   state->t = v_select(goes_on, next, v_minus_abs(t));
-  return how.counted ? (unsigned)__builtin_popcount(m_bits(v_gt(w, v_zero()))) : 0;
+  if (!how.counted)
+    return 0;
+  const vm open = v_gt(t, v_set(how.bounded ? how.eps : 0.0f));
+  return (unsigned)__builtin_popcount(m_bits(v_gt(w, v_zero()))) + 32 * (unsigned)__builtin_popcount(m_bits(open));
 }
 
 /* A splat and a block that it can change. */
@@ -179,12 +183,16 @@ V_INLINE void raster_pairs(raster_state *state, const raster_chunk *chunk, int p
   if (pairs == 0)
     return;
   raster_pipeline pipe = raster_prime(pair_of(chunk, state, 0), pair_of(chunk, state, 1), how.degree);
-  int64_t blends = 0;
-  for (int k = 0; k < pairs; k++)
-    blends += raster_step(&pipe, pair_of(chunk, state, k + 2), how);
+  int64_t blends = 0, open = 0;
+  for (int k = 0; k < pairs; k++) {
+    const unsigned lanes = raster_step(&pipe, pair_of(chunk, state, k + 2), how);
+    blends += lanes % 32;
+    open += lanes / 32;
+  }
   if (how.counted && counts) {
     counts[0] += (int64_t)pairs * V_LANES;
     counts[1] += blends;
+    counts[2] += open;
   }
 }
 

@@ -188,6 +188,53 @@ static inline int i_compress(int32_t *out, vm m, vi index) {
   return n + i_compress4(out + n, bits >> 12, _mm256_extracti128_si256(index.b, 1));
 }
 
+static inline int i_compress8(int32_t *out, unsigned bits, vi index) {
+  const int n = i_compress4(out, bits, _mm256_castsi256_si128(index.a));
+  return n + i_compress4(out + n, bits >> 4, _mm256_extracti128_si256(index.a, 1));
+}
+
+typedef struct v_packing {
+  __m256i a, b; /* the lanes of either half that come first */
+  int low, count;
+} v_packing;
+static inline __m256i v_packing8(unsigned bits) {
+  const uint64_t bytes = _pdep_u64(bits, 0x0101010101010101u) * 255u;
+  return _mm256_cvtepu8_epi32(_mm_cvtsi64_si128((long long)_pext_u64(0x0706050403020100u, bytes)));
+}
+static inline v_packing v_packing_of(vm m) {
+  const unsigned bits = m_bits(m);
+  return (v_packing){v_packing8(bits & 255u), v_packing8(bits >> 8), __builtin_popcount(bits & 255u),
+                     __builtin_popcount(bits)};
+}
+static inline void v_pack(float *out, v_packing p, vf x) {
+  _mm256_storeu_ps(out, _mm256_permutevar8x32_ps(x.a, p.a));
+  _mm256_storeu_ps(out + p.low, _mm256_permutevar8x32_ps(x.b, p.b));
+}
+static inline void v_transpose4_8(__m256 *r0, __m256 *r1, __m256 *r2, __m256 *r3) {
+  const __m256d a = _mm256_castps_pd(_mm256_unpacklo_ps(*r0, *r1)), b = _mm256_castps_pd(_mm256_unpackhi_ps(*r0, *r1)),
+                c = _mm256_castps_pd(_mm256_unpacklo_ps(*r2, *r3)), d = _mm256_castps_pd(_mm256_unpackhi_ps(*r2, *r3));
+  *r0 = _mm256_castpd_ps(_mm256_unpacklo_pd(a, c));
+  *r1 = _mm256_castpd_ps(_mm256_unpackhi_pd(a, c));
+  *r2 = _mm256_castpd_ps(_mm256_unpacklo_pd(b, d));
+  *r3 = _mm256_castpd_ps(_mm256_unpackhi_pd(b, d));
+}
+static inline void v_transpose4(vf rows[4]) {
+  v_transpose4_8(&rows[0].a, &rows[1].a, &rows[2].a, &rows[3].a);
+  v_transpose4_8(&rows[0].b, &rows[1].b, &rows[2].b, &rows[3].b);
+}
+static inline void v_transpose(vf rows[V_LANES]) {
+  for (int k = 0; k < V_LANES; k += 4)
+    v_transpose4(rows + k);
+  /* Quarter q of rows[4 i + j] now has lanes 4 i, ..., 4 i + 3 of row 4 q + j: the quarters are transposed. */
+  for (int j = 0; j < 4; j++) {
+    const vf r0 = rows[j], r1 = rows[4 + j], r2 = rows[8 + j], r3 = rows[12 + j];
+    rows[j] = (vf){_mm256_permute2f128_ps(r0.a, r1.a, 0x20), _mm256_permute2f128_ps(r2.a, r3.a, 0x20)};
+    rows[4 + j] = (vf){_mm256_permute2f128_ps(r0.a, r1.a, 0x31), _mm256_permute2f128_ps(r2.a, r3.a, 0x31)};
+    rows[8 + j] = (vf){_mm256_permute2f128_ps(r0.b, r1.b, 0x20), _mm256_permute2f128_ps(r2.b, r3.b, 0x20)};
+    rows[12 + j] = (vf){_mm256_permute2f128_ps(r0.b, r1.b, 0x31), _mm256_permute2f128_ps(r2.b, r3.b, 0x31)};
+  }
+}
+
 static inline vf v_spread(vf x, int k) {
   const __m256 half = k < 2 ? x.a : x.b;
   const __m256i lo = _mm256_setr_epi32(0, 0, 0, 0, 1, 1, 1, 1), shift = _mm256_set1_epi32(k % 2 * 4),

@@ -159,6 +159,48 @@ static inline int i_compress(int32_t *out, vm m, vi index) {
   return __builtin_popcount((unsigned)m);
 }
 
+static inline int i_compress8(int32_t *out, unsigned bits, vi index) {
+  _mm256_storeu_si256((__m256i *)(void *)out,
+                      _mm256_maskz_compress_epi32((__mmask8)bits, _mm512_castsi512_si256(index)));
+  return __builtin_popcount(bits);
+}
+
+typedef struct v_packing {
+  __mmask16 lanes;
+  int count;
+} v_packing;
+static inline v_packing v_packing_of(vm m) {
+  return (v_packing){m, __builtin_popcount((unsigned)m)};
+}
+static inline void v_pack(float *out, v_packing p, vf a) {
+  _mm512_storeu_ps(out, _mm512_maskz_compress_ps(p.lanes, a));
+}
+static inline void v_transpose4(vf rows[4]) {
+  const __m512d a = _mm512_castps_pd(_mm512_unpacklo_ps(rows[0], rows[1])),
+                b = _mm512_castps_pd(_mm512_unpackhi_ps(rows[0], rows[1])),
+                c = _mm512_castps_pd(_mm512_unpacklo_ps(rows[2], rows[3])),
+                d = _mm512_castps_pd(_mm512_unpackhi_ps(rows[2], rows[3]));
+  rows[0] = _mm512_castpd_ps(_mm512_unpacklo_pd(a, c));
+  rows[1] = _mm512_castpd_ps(_mm512_unpackhi_pd(a, c));
+  rows[2] = _mm512_castpd_ps(_mm512_unpacklo_pd(b, d));
+  rows[3] = _mm512_castpd_ps(_mm512_unpackhi_pd(b, d));
+}
+static inline void v_transpose(vf rows[V_LANES]) {
+  for (int k = 0; k < V_LANES; k += 4)
+    v_transpose4(rows + k);
+  /* Quarter q of rows[4 i + j] now has lanes 4 i, ..., 4 i + 3 of row 4 q + j: the quarters are transposed. */
+  for (int j = 0; j < 4; j++) {
+    const vf even01 = _mm512_shuffle_f32x4(rows[j], rows[4 + j], 0x88),
+             odd01 = _mm512_shuffle_f32x4(rows[j], rows[4 + j], 0xDD),
+             even23 = _mm512_shuffle_f32x4(rows[8 + j], rows[12 + j], 0x88),
+             odd23 = _mm512_shuffle_f32x4(rows[8 + j], rows[12 + j], 0xDD);
+    rows[j] = _mm512_shuffle_f32x4(even01, even23, 0x88);
+    rows[4 + j] = _mm512_shuffle_f32x4(odd01, odd23, 0x88);
+    rows[8 + j] = _mm512_shuffle_f32x4(even01, even23, 0xDD);
+    rows[12 + j] = _mm512_shuffle_f32x4(odd01, odd23, 0xDD);
+  }
+}
+
 static inline vf v_spread(vf a, int k) {
   const __m512i quarters = _mm512_setr_epi32(0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3);
   return _mm512_permutexvar_ps(_mm512_add_epi32(quarters, _mm512_set1_epi32(4 * k)), a);

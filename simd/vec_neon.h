@@ -179,16 +179,61 @@ static inline void v_store_4x4(float *p, int64_t stride, vf x) {
   for (int k = 0; k < 4; k++)
     vst1q_f32(p + k * stride, x.r[k]);
 }
-static inline int i_compress(int32_t *out, vm m, vi index) {
-  const unsigned bits = m_bits(m);
+V_INLINE int i_compress_quarters(int32_t *out, unsigned bits, vi index, int quarters) {
   int n = 0;
-  for (int k = 0; k < 4; k++) {
+  for (int k = 0; k < quarters; k++) {
     const unsigned four = bits >> 4 * k & 15u;
     const uint8x16_t lanes = vqtbl1q_u8(vreinterpretq_u8_s32(index.r[k]), vld1q_u8(v_compress4[four]));
     vst1q_s32(out + n, vreinterpretq_s32_u8(lanes));
     n += __builtin_popcount(four);
   }
   return n;
+}
+static inline int i_compress(int32_t *out, vm m, vi index) {
+  return i_compress_quarters(out, m_bits(m), index, 4);
+}
+static inline int i_compress8(int32_t *out, unsigned bits, vi index) {
+  return i_compress_quarters(out, bits, index, 2);
+}
+
+typedef struct v_packing {
+  uint8x16_t order[4]; /* of each quarter, the lanes that come first */
+  int counts[4], count;
+} v_packing;
+static inline v_packing v_packing_of(vm m) {
+  const unsigned bits = m_bits(m);
+  v_packing p = {.count = __builtin_popcount(bits)};
+  for (int k = 0; k < 4; k++) {
+    p.order[k] = vld1q_u8(v_compress4[bits >> 4 * k & 15u]);
+    p.counts[k] = __builtin_popcount(bits >> 4 * k & 15u);
+  }
+  return p;
+}
+static inline void v_pack(float *out, v_packing p, vf x) {
+  for (int k = 0; k < 4; out += p.counts[k++])
+    vst1q_f32(out, vreinterpretq_f32_u8(vqtbl1q_u8(vreinterpretq_u8_f32(x.r[k]), p.order[k])));
+}
+static inline void v_transpose4(vf rows[4]) {
+  for (int q = 0; q < 4; q++) {
+    const float32x4_t a = vzip1q_f32(rows[0].r[q], rows[2].r[q]), b = vzip2q_f32(rows[0].r[q], rows[2].r[q]),
+                      c = vzip1q_f32(rows[1].r[q], rows[3].r[q]), d = vzip2q_f32(rows[1].r[q], rows[3].r[q]);
+    rows[0].r[q] = vzip1q_f32(a, c);
+    rows[1].r[q] = vzip2q_f32(a, c);
+    rows[2].r[q] = vzip1q_f32(b, d);
+    rows[3].r[q] = vzip2q_f32(b, d);
+  }
+}
+static inline void v_transpose(vf rows[V_LANES]) {
+  for (int k = 0; k < V_LANES; k += 4)
+    v_transpose4(rows + k);
+  for (int j = 0; j < 4; j++) { /* quarter q of rows[4 i + j] and quarter i of rows[4 q + j] change places */
+    for (int i = 0; i < 4; i++)
+      for (int q = 0; q < i; q++) {
+        const float32x4_t swap = rows[4 * i + j].r[q];
+        rows[4 * i + j].r[q] = rows[4 * q + j].r[i];
+        rows[4 * q + j].r[i] = swap;
+      }
+  }
 }
 
 static inline vf v_spread(vf x, int quarter) {

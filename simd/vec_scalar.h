@@ -172,6 +172,43 @@ static inline int i_compress(int32_t *out, vm m, vi index) {
   return n;
 }
 
+static inline int i_compress8(int32_t *out, unsigned bits, vi index) {
+  int n = 0;
+  for (; bits; bits &= bits - 1)
+    out[n++] = index.l[__builtin_ctz(bits)];
+  return n;
+}
+
+typedef struct v_packing {
+  int from[V_LANES], count;
+} v_packing;
+static inline v_packing v_packing_of(vm m) {
+  v_packing p = {.count = 0};
+  for (int k = 0; k < V_LANES; k++)
+    if (m.l[k])
+      p.from[p.count++] = k;
+  return p;
+}
+static inline void v_pack(float *out, v_packing p, vf x) {
+  for (int k = 0; k < p.count; k++)
+    out[k] = x.l[p.from[k]];
+}
+static inline void v_transpose4(vf rows[4]) {
+  vf out[4];
+  for (int j = 0; j < 4; j++)
+    for (int k = 0; k < V_LANES; k++)
+      out[j].l[k] = rows[k & 3].l[(k & ~3) + j];
+  memcpy(rows, out, sizeof out);
+}
+static inline void v_transpose(vf rows[V_LANES]) {
+  for (int k = 0; k < V_LANES; k++)
+    for (int j = 0; j < k; j++) {
+      const float swap = rows[k].l[j];
+      rows[k].l[j] = rows[j].l[k];
+      rows[j].l[k] = swap;
+    }
+}
+
 static inline vf v_spread(vf x, int quarter) {
   V_DO(vf, x.l[4 * quarter + (k >> 2)]);
 }

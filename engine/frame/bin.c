@@ -92,7 +92,13 @@ typedef struct bin_context {
 } bin_context;
 
 static pags_bin bin_input(const pags_frame *f, int64_t begin, int64_t end) {
-  return (pags_bin){f->splats, f->boxes, f->drawn + begin, end - begin, f->tiles_x, f->tile_limits, NULL};
+  return (pags_bin){.splats = f->splats,
+                    .boxes = f->boxes,
+                    .keys = f->options.keep_for_backward ? NULL : f->keys,
+                    .drawn = f->drawn + begin,
+                    .count = end - begin,
+                    .tiles_x = f->tiles_x,
+                    .limits = f->tile_limits};
 }
 
 /* Block function: counts a block's pairs per tile, and the pairs that tile_limits leaves out. */

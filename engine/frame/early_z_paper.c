@@ -45,8 +45,7 @@ static void load(const paper *p, int64_t i, int worker) {
   const view_cluster *const c = p->frame->clusters + i;
   if (p->touch)
     p->touch(p->user, c->part, c->cluster, worker);
-  pags_frame_project_cluster(p->frame, c, p->reaches + c->base);
-  pags_frame_box_members(p->frame, c->base, c->count);
+  pags_frame_project_cluster(p->frame, c, true, p->reaches + c->base);
   p->loaded[i] = 1;
 }
 

@@ -90,7 +90,7 @@ static pags_result order_clusters(slabs *s) {
   if (!s->order || !spare)
     return PAGS_ERROR_MEMORY;
   for (int64_t i = 0; i < f->cluster_count; i++)
-    s->order[i] = (depth_key){bits_of(f->bounds[i].near), (uint32_t)i};
+    s->order[i] = (depth_key){.key = bits_of(f->bounds[i].near), .splat = (uint32_t)i};
   s->order = pags_frame_sort_keys(s->order, spare, f->cluster_count);
   return PAGS_OK;
 }
@@ -134,7 +134,7 @@ static void take_clusters(slabs *s, int64_t most) {
   pags_frame *const f = s->frame;
   int64_t taken = 0;
   for (; s->next < f->cluster_count && taken < most; s->next++) {
-    const int64_t i = s->order[s->next].index;
+    const int64_t i = s->order[s->next].splat;
     if (!is_open(f->full, f->bounds[i].reach)) {
       f->stats.clusters_hidden++;
       continue;
@@ -181,7 +181,7 @@ static void choose_members(const slabs *s, active_cluster *a) {
 static void project_fresh(const slabs *s, active_cluster *a) {
   const pags_frame *const f = s->frame;
   const view_cluster *const c = f->clusters + a->view;
-  pags_frame_project_cluster(f, c, s->reaches + c->base);
+  pags_frame_project_cluster(f, c, false, s->reaches + c->base);
   for (int k = 0; k < c->count; k++)
     if (f->keys[c->base + k] != UINT32_MAX)
       a->waiting[k / GROUP] = (uint16_t)(a->waiting[k / GROUP] | 1u << k % GROUP);

@@ -118,12 +118,8 @@ pags_result pags_frame_draw_projected(pags_frame *frame) {
 pags_result pags_frame_draw(pags_frame *frame, pags_touch_fn *touch, void *user) {
   const double t0 = pags_clock_ms();
   PAGS_TRY(pags_stage_touch(frame, touch, user));
-  const double t1 = pags_clock_ms();
+  frame->stats.ms_cull += pags_clock_ms() - t0;
   PAGS_TRY(pags_stage_project(frame));
-  const double t2 = pags_clock_ms();
-  PAGS_TRY(pags_stage_shade(frame));
-  pags_frame_stats *const s = &frame->stats;
-  s->ms_cull += t1 - t0, s->ms_project = t2 - t1, s->ms_shade = pags_clock_ms() - t2;
   return pags_frame_draw_projected(frame);
 }
 
@@ -149,7 +145,6 @@ pags_result pags_frame_begin(pags_frame *frame, const pags_part *parts, int part
   frame->tile_limits = NULL;
   frame->hard = NULL;
   frame->extents = NULL;
-  frame->looked_at = 0;
   memset(&frame->stats, 0, sizeof frame->stats);
   pags_arena_reset(frame->arena);
   frame->part_count = part_count;
@@ -221,7 +216,7 @@ pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int par
    * rasteriser did not reach because their tiles were saturated. */
   if (!slabs && !paper && !frame->variable_rate && early_z) {
     const int64_t pairs = frame->stats.pairs_binned;
-    frame->hiding = pairs > 0 ? 1.0 - (double)frame->looked_at / (double)pairs : 0.0;
+    frame->hiding = pairs > 0 ? 1.0 - (double)frame->stats.pairs_reached / (double)pairs : 0.0;
   }
   pags_frame_show(frame, out);
   return PAGS_OK;

@@ -4,6 +4,7 @@
  * They run the kernels over the tiles: raster at every pixel (simd/raster.inl, which has the maths), then adding sky
  * and exposure; sample at points 4 pixels apart (simd/sample.inl). */
 #include <float.h>
+#include <string.h>
 
 #include "frame/stages.h"
 
@@ -14,7 +15,7 @@ enum { TILES_AT_A_TIME = 4 };
 typedef struct raster_context {
   pags_frame *frame;
   const frame_samples *samples; /* output of the sample stage; NULL: the raster stage */
-  int64_t (*counts)[8];         /* per worker: lanes evaluated, lanes blended, entries reached; a cache line apart */
+  int64_t (*counts)[8];         /* per worker: lanes evaluated, blended, open; entries reached; a cache line apart */
 } raster_context;
 
 /* The kernel's output pointers into the frame's planes, at the plane offset `at` of a tile. Under a sky the
@@ -59,7 +60,7 @@ static pags_raster_in tile_input(const raster_context *c, int64_t tile, bool goe
                           .height = f->camera.height,
                           .exp_degree = f->options.exp_degree,
                           .pairs = f->options.count_pairs ? c->counts[worker] : NULL,
-                          .looked_at = &c->counts[worker][2],
+                          .looked_at = &c->counts[worker][3],
                           .eps = f->options.early_z == PAGS_EARLY_Z_BOUNDED ? f->options.early_z_eps : 0.0f};
 }
 
@@ -135,12 +136,13 @@ static pags_result run_tiles(pags_frame *frame, const frame_samples *samples, pa
   if (!c.counts)
     return PAGS_ERROR_MEMORY;
   for (int w = 0; w < workers; w++)
-    c.counts[w][0] = c.counts[w][1] = c.counts[w][2] = 0;
+    memset(c.counts[w], 0, sizeof c.counts[w]);
   PAGS_TRY(pags_frame_for(frame, (int64_t)frame->tiles_x * frame->tiles_y, TILES_AT_A_TIME, fn, &c));
   for (int w = 0; w < workers; w++) {
     frame->stats.pairs_evaluated += c.counts[w][0];
     frame->stats.pairs_blended += c.counts[w][1];
-    frame->looked_at += c.counts[w][2];
+    frame->stats.pairs_open += c.counts[w][2];
+    frame->stats.pairs_reached += c.counts[w][3];
   }
   return PAGS_OK;
 }

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The stage sort: brings each tile's list into front-to-back order, by (bits of z, id). Each list is sorted by one
  * worker, in that worker's cache. The Gaussians as a whole are never sorted: binning writes the lists about in memory
- * order (bin.c), in which neighbours fall into the same tiles.
+ * order (bin.c), in which neighbours fall into the same tiles. Entries carry the key that they are sorted by, unless a
+ * backward pass needs their ranks in its place: then keys are gathered first, and the entries follow the order.
  *
  * Since z > 0, the bits of z as an unsigned integer have the order of z. */
 #include <string.h>
@@ -74,31 +75,27 @@ typedef struct sort_context {
 } sort_context;
 
 /* Sorts a run of items of equal depth by id, with Shell sort: most runs are short, and a long one (a wall that faces
- * the camera) still takes only about n^1.3 steps. */
+ * the camera) still takes only about n^1.3 steps. `entries`: what the items are the indices of; NULL: of splats. */
 static void order_run(const pags_frame *frame, const pags_entry *entries, depth_key *run, int64_t count) {
   int64_t gap = 1;
   while (gap < count / 9)
     gap = 3 * gap + 1;
+#define ID_OF(item) (frame->splats[entries ? entries[(item).splat].splat : (item).splat].id)
   for (; gap > 0; gap /= 3)
     for (int64_t i = gap; i < count; i++) {
       const depth_key moving = run[i];
-      const int32_t id = frame->splats[entries[moving.index].splat].id;
+      const int32_t id = ID_OF(moving);
       int64_t k = i;
-      for (; k >= gap && frame->splats[entries[run[k - gap].index].splat].id > id; k -= gap)
+      for (; k >= gap && ID_OF(run[k - gap]) > id; k -= gap)
         run[k] = run[k - gap];
       run[k] = moving;
     }
+#undef ID_OF
 }
 
-/* Sorts one tile's list by (depth, id); `keys` and `spare` are buffers of `count` items. */
-static void sort_list(const pags_frame *f, pags_entry *entries, int64_t count, depth_key *keys, depth_key *spare) {
-  bool sorted = true;
-  for (int64_t i = 0; i < count; i++) {
-    keys[i] = (depth_key){f->keys[entries[i].splat], (uint32_t)i};
-    sorted &= i == 0 || keys[i - 1].key < keys[i].key;
-  }
-  if (sorted)
-    return;
+/* Sorts items by (depth, id); returns `keys` or `spare`, whichever holds the result. */
+static depth_key *sort_items(const pags_frame *f, const pags_entry *entries, depth_key *keys, depth_key *spare,
+                             int64_t count) {
   depth_key *const order = pags_frame_sort_keys(keys, spare, count);
   if (!f->ids_ascend || f->full) /* the dense order of slabs isn't that of the ids */
     /* Equal depths are ordered by id. Where ids ascend in memory order, the stable sort has done so already. */
@@ -108,11 +105,18 @@ static void sort_list(const pags_frame *f, pags_entry *entries, int64_t count, d
           order_run(f, entries, order + begin, end - begin);
         begin = end;
       }
+  return order;
+}
 
-  pags_entry *const copy = (pags_entry *)(void *)(order == keys ? spare : keys);
+/* Sorts one tile's list of entries with ranks by (depth, id); `keys` and `spare` are buffers of `count` items. */
+static void sort_ranked(const pags_frame *f, pags_entry *entries, int64_t count, depth_key *keys, depth_key *spare) {
+  for (int64_t i = 0; i < count; i++)
+    keys[i] = (depth_key){.key = f->keys[entries[i].splat], .splat = (uint32_t)i};
+  depth_key *const order = sort_items(f, entries, keys, spare, count);
+  pags_entry *const copy = order == keys ? spare : keys;
   memcpy(copy, entries, (size_t)count * sizeof *copy);
   for (int64_t i = 0; i < count; i++)
-    entries[i] = copy[order[i].index];
+    entries[i] = copy[order[i].splat];
 }
 
 static void sort_tiles(void *context, int64_t begin, int64_t end, int worker) {
@@ -121,7 +125,13 @@ static void sort_tiles(void *context, int64_t begin, int64_t end, int worker) {
   for (int64_t tile = begin; tile < end; tile++) {
     const int64_t start = f->tile_start[tile], count = f->tile_start[tile + 1] - start;
     depth_key *const keys = c->scratch + 2 * (c->stretch ? worker * c->stretch : start);
-    sort_list(f, f->entries + start, count, keys, keys + (c->stretch ? c->stretch : count));
+    if (f->options.keep_for_backward) {
+      sort_ranked(f, f->entries + start, count, keys, keys + (c->stretch ? c->stretch : count));
+    } else {
+      const depth_key *const order = sort_items(f, NULL, f->entries + start, keys, count);
+      if (order == keys)
+        memcpy(f->entries + start, keys, (size_t)count * sizeof *keys);
+    }
   }
 }
 

@@ -21,7 +21,6 @@ pags_result pags_frame_project(pags_frame *frame, const pags_part *parts, int pa
   if (!frame->extents)
     return PAGS_ERROR_MEMORY;
   PAGS_TRY(pags_stage_project(frame));
-  PAGS_TRY(pags_stage_shade(frame));
   PAGS_TRY(pags_frame_place_slots(frame));
   *count = frame->slot_start[frame->dense_count];
   return PAGS_OK;

@@ -33,10 +33,9 @@ typedef struct cluster_bound {
   pags_reach reach; /* the 4x4-pixel blocks outside of which no member changes a pixel */
 } cluster_bound;
 
-/* A sort item: the bits of a depth z, and the index of the Gaussian, list entry or cluster that has this depth. */
-typedef struct depth_key {
-  uint32_t key, index;
-} depth_key;
+/* An item to sort by `key`, the bits of a depth z. `splat` is the index of what has this depth: of a splat, as in the
+ * tiles' lists, of a list's entry, or of a cluster. */
+typedef pags_entry depth_key;
 
 /* Which tiles and 4x4-pixel blocks are saturated while a frame is drawn slab by slab (early_z_slabs.c). A pixel is
  * saturated when its blending has stopped; a block or a tile, when all of its pixels inside of the picture are. */
@@ -104,7 +103,6 @@ struct pags_frame {
   const uint8_t *wanted;    /* per tile: 0 where the raster stage leaves the tile out; NULL: it draws all tiles */
   const float *tile_limits; /* per tile: splats with a larger z aren't binned; NULL: no limits */
   float *hard;              /* a plane of z: splats with a larger z don't change the pixel; NULL: none */
-  int64_t looked_at;        /* list entries that the rasteriser reached before their tiles saturated */
   bool guessed;             /* `hiding` has been set */
   double hiding; /* fraction hidden in the last Early-Z frame: of Gaussians (slabs) or of list entries (at once) */
   int64_t *slot_start; /* dense_count + 1: each splat's first gradient slot; if keep_for_backward */
@@ -157,8 +155,8 @@ pags_alpha_cut pags_frame_alpha_cut(float alpha_min);
  * too. */
 pags_result pags_stage_cull(pags_frame *frame, bool bounded); /* -> clusters, bounds */
 pags_result pags_stage_touch(pags_frame *frame, pags_touch_fn *touch, void *user);
-pags_result pags_stage_project(pags_frame *frame); /* -> splats (no colour), keys, boxes */
-pags_result pags_stage_shade(pags_frame *frame);   /* -> colours */
+pags_result pags_stage_project(pags_frame *frame); /* -> splats, keys, boxes, and their times; shades, too */
+pags_result pags_stage_shade(pags_frame *frame);   /* -> colours, where a stage of its own projects */
 pags_result pags_stage_list(pags_frame *frame);    /* -> drawn */
 pags_result pags_stage_bin(pags_frame *frame);     /* -> tile_start, entries in the order of `drawn` */
 pags_result pags_stage_sort(pags_frame *frame);    /* -> entries of each tile front to back */
@@ -203,9 +201,9 @@ static inline bool frame_is_critical(const pags_part *part, int64_t row) {
     return pags_packed_s_sem(part->packed, row) > 0.5f;
   return (part->gaussians->s_sem ? part->gaussians->s_sem[row] : part->s_sem) > 0.5f;
 }
-/* Projects one cluster's members: writes their splats (without colours), ids and keys and, unless `reaches` is NULL,
- * the 4x4-pixel blocks that each may change. */
-void pags_frame_project_cluster(const pags_frame *frame, const view_cluster *cluster, pags_reach *reaches);
+/* Projects one cluster's members: writes their splats (without colours), ids and keys, if `tiles` their boxes and
+ * tiles, else the boxes' extents, and, unless `reaches` is NULL, the 4x4-pixel blocks that each may change. */
+void pags_frame_project_cluster(const pags_frame *frame, const view_cluster *cluster, bool tiles, pags_reach *reaches);
 /* The projection to shade a cluster with: the part's own, with the SH degree lowered by options.rest_sh_less where
  * the cluster holds nothing critical. */
 pags_projection pags_frame_shading(const pags_frame *frame, const view_cluster *cluster);

@@ -44,7 +44,7 @@ class Scaling(DataCase):
         self.assertEqual((frame["phase"], frame["times"]), ("frame", 4))
         self.check_phase(frame)
         names = [s["stage"] for s in frame["stages"]]
-        for stage in ["cull", "project", "shade", "bin", "sort", "raster"]:
+        for stage in ["cull", "project", "bin", "sort", "raster"]:
             self.assertIn(stage, names)
         self.assertEqual(told["measured"], sent["measured"])
         self.assertEqual([m["workers"] for m in sent["measured"]][0], 1)

@@ -68,7 +68,8 @@ static bins bin(const pags_kernels *k, const bins *in) {
   b.counts = CHECK_NEW(uint32_t, tiles);
   memset(b.counts, 0, (size_t)tiles * sizeof *b.counts);
   find_boxes(k, &b);
-  const pags_bin list = {b.splats, b.boxes, b.order, b.count, b.tiles_x, NULL, NULL};
+  const pags_bin list = {
+      .splats = b.splats, .boxes = b.boxes, .drawn = b.order, .count = b.count, .tiles_x = b.tiles_x};
   k->bin_count(&list, b.counts);
   b.start = CHECK_NEW(int64_t, tiles + 1);
   b.start[0] = 0;
@@ -153,7 +154,7 @@ static unsigned blocks_reached(const pags_splat *s, int x0, int y0) {
 static unsigned blocks_listed(const pags_kernels *k, const pags_splat *s, int x0, int y0) {
   float planes[4][PAGS_TILE_PIXELS];
   uint16_t mask;
-  const pags_entry entry = {0, 0};
+  const pags_entry entry = {.splat = 0};
   const pags_raster_in in = {.splats = s,
                              .entries = &entry,
                              .count = 1,
@@ -254,7 +255,8 @@ static void test_shapes(const pags_kernels *k) {
     }
 }
 
-/* With depth limits per tile, pairs of a larger z are left out and counted. */
+/* With depth limits per tile, pairs of a larger z are left out and counted. With keys, entries have these in place of
+ * ranks. */
 static void test_limits(const pags_kernels *k) {
   const splat_mix mix = {-10, -10, 154, 122, 0.3f, 40, 10, 0.004f, 1.0f, true};
   bins in = make_bins(400, 9, 7);
@@ -266,7 +268,19 @@ static void test_limits(const pags_kernels *k) {
     limits[t] = t % 4 == 0 ? -1.0f : t % 4 == 1 ? INFINITY : in.splats[check_below(400)].z;
   uint32_t counts[9 * 7] = {0};
   int64_t hidden = -1, offsets[9 * 7], binned = 0;
-  const pags_bin list = {all.splats, all.boxes, all.order, all.count, all.tiles_x, limits, &hidden};
+  uint32_t *const keys = CHECK_NEW(uint32_t, all.splat_count);
+  for (int64_t i = 0; i < all.splat_count; i++) {
+    memcpy(keys + i, &all.splats[i].z, sizeof *keys);
+    keys[i] |= (uint32_t)(i % 2) << 31; /* the sign isn't part of the depth */
+  }
+  const pags_bin list = {.splats = all.splats,
+                         .boxes = all.boxes,
+                         .keys = keys,
+                         .drawn = all.order,
+                         .count = all.count,
+                         .tiles_x = all.tiles_x,
+                         .limits = limits,
+                         .hidden = &hidden};
   const int64_t said = k->bin_count(&list, counts);
   pags_entry *const entries = CHECK_NEW(pags_entry, all.total);
   memcpy(offsets, all.start, sizeof offsets);
@@ -282,13 +296,25 @@ static void test_limits(const pags_kernels *k) {
         left++;
         continue;
       }
-      CHECK(entries[place++].splat == splat);
+      CHECK(entries[place].splat == splat && entries[place].key == keys[splat]);
+      place++;
       binned += !seen[splat];
       seen[splat] = true;
     }
     CHECK(offsets[t] == place && counts[t] == place - all.start[t]);
   }
   CHECK(left > 0 && hidden == left && said == binned);
+
+  const pags_bin unlimited = {.splats = all.splats,
+                              .boxes = all.boxes,
+                              .keys = keys,
+                              .drawn = all.order,
+                              .count = all.count,
+                              .tiles_x = all.tiles_x};
+  memcpy(offsets, all.start, sizeof offsets);
+  k->bin_fill(&unlimited, offsets, entries);
+  for (int64_t i = 0; i < all.total; i++)
+    CHECK(entries[i].splat == all.entries[i].splat && entries[i].key == keys[entries[i].splat]);
 }
 
 static void test_counts(const pags_kernels *k) {
@@ -313,7 +339,8 @@ static void test_bench(const pags_kernels *k) {
   const bins b = bin(k, &in);
   int64_t *const offsets = CHECK_NEW(int64_t, 40 * 30);
   pags_tile_box *const boxes = CHECK_NEW(pags_tile_box, b.splat_count);
-  const pags_bin list = {b.splats, b.boxes, b.order, b.count, b.tiles_x, NULL, NULL};
+  const pags_bin list = {
+      .splats = b.splats, .boxes = b.boxes, .drawn = b.order, .count = b.count, .tiles_x = b.tiles_x};
   CHECK(b.total > b.count);
   float *const extents = CHECK_NEW(float, 4096 * 2);
   for (int i = 0; i < 4096; i++)
@@ -326,9 +353,15 @@ static void test_bench(const pags_kernels *k) {
   }
   CHECK_BENCH("bin_count", b.count, "splat")
   k->bin_count(&list, b.counts);
-  CHECK_BENCH("bin_fill", b.total, "pair") {
+  CHECK_BENCH("bin_fill, ranks", b.total, "pair") {
     memcpy(offsets, b.start, 40 * 30 * sizeof *offsets);
     k->bin_fill(&list, offsets, b.entries);
+  }
+  pags_bin keyed = list;
+  keyed.keys = b.keys;
+  CHECK_BENCH("bin_fill, keys", b.total, "pair") {
+    memcpy(offsets, b.start, 40 * 30 * sizeof *offsets);
+    k->bin_fill(&keyed, offsets, b.entries);
   }
 }
 

@@ -17,7 +17,7 @@ typedef struct projection {
 static projection project_by(const pags_kernels *k, const pags_projection *view, const rows *r, const float *factor) {
   const projection p = {CHECK_NEW(pags_splat, r->count), CHECK_NEW(uint32_t, r->count),
                         CHECK_NEW(pags_tile_box, r->count)};
-  k->project(view, r->data, r->stride, factor, r->count, p.splats, p.keys, p.boxes, NULL);
+  k->project(view, r->data, r->stride, factor, r->count, p.splats, p.keys, false, p.boxes, NULL);
   return p;
 }
 
@@ -67,11 +67,14 @@ static void check_splat(const pags_splat *s, const pags_tile_box *box, uint32_t 
 
 static void check_plainly(const projection *p, const pags_projection *view, const rows *r, int tally[3]) {
   for (int i = 0; i < r->count; i++) {
-    static const unsigned char untouched[] = {0xA5, 0xA5, 0xA5, 0xA5, 0xA5, 0xA5, 0xA5, 0xA5, 0xA5, 0xA5, 0xA5, 0xA5};
     const bool drawn = p->keys[i] != UINT32_MAX;
     double row[ROW_FLOATS];
     row_read(r, i, row);
-    CHECK(memcmp(&p->splats[i].r, untouched, 12) == 0 && memcmp(&p->splats[i].clamped, untouched, 4) == 0);
+    /* Splats that aren't drawn are untouched; colour and id of the others are zero. */
+    unsigned char other[sizeof(pags_splat)];
+    memset(other, drawn ? 0 : 0xA5, sizeof other);
+    CHECK(memcmp(&p->splats[i].r, other, 12) == 0 && memcmp(&p->splats[i].id, other, 4) == 0 &&
+          memcmp(&p->splats[i].clamped, other, 4) == 0 && (drawn || memcmp(p->splats + i, other, sizeof other) == 0));
     if (!row_usable(row, ROW_SH)) {
       if (drawn)
         CHECK_FAIL("row %d is drawn though a parameter is not a number or infinite", i);
@@ -153,6 +156,31 @@ static void test_factor(const pags_kernels *k) {
   CHECK(taken > 100 && kept > 200);
 }
 
+/* With its tiles found on the way, a splat and its box have the bits that tile_boxes gives them afterwards. */
+static void test_tiles(const pags_kernels *k) {
+  int large = 0, few = 0;
+  for (size_t n = 0; n < sizeof counts / sizeof *counts; n++)
+    for (row_kind kind = ROWS_ORDINARY; kind <= ROWS_AWKWARD; kind++) {
+      const pags_projection view = view_random(0, n % 2);
+      const rows r = rows_random(&view, counts[n], kind);
+      const projection want = project(k, &view, &r);
+      k->tile_boxes(want.splats, want.keys, r.count, ((int)view.width + PAGS_TILE - 1) / PAGS_TILE,
+                    ((int)view.height + PAGS_TILE - 1) / PAGS_TILE, want.boxes);
+      const projection got = {CHECK_NEW(pags_splat, r.count), CHECK_NEW(uint32_t, r.count),
+                              CHECK_NEW(pags_tile_box, r.count)};
+      k->project(&view, r.data, r.stride, NULL, r.count, got.splats, got.keys, true, got.boxes, NULL);
+      CHECK(memcmp(got.keys, want.keys, (size_t)r.count * sizeof *got.keys) == 0);
+      CHECK(memcmp(got.splats, want.splats, (size_t)r.count * sizeof *got.splats) == 0);
+      CHECK(memcmp(got.boxes, want.boxes, (size_t)r.count * sizeof *got.boxes) == 0);
+      for (int i = 0; i < r.count; i++)
+        if (got.keys[i] != UINT32_MAX)
+          got.splats[i].tiles > 9 ? large++ : few++;
+      check_release();
+    }
+  check_note("%d splats of up to nine tiles, %d of more", few, large);
+  CHECK(few > 300 && large > 100);
+}
+
 /* A depth exactly at the near plane isn't drawn, the next larger float is. NaNs of any payload in any parameter
  * aren't drawn. */
 static void test_edges(const pags_kernels *k) {
@@ -168,7 +196,7 @@ static void test_edges(const pags_kernels *k) {
   pags_splat splats[16];
   uint32_t keys[16];
   pags_tile_box boxes[16];
-  k->project(&view, data[0], 16, NULL, 16, splats, keys, boxes, NULL);
+  k->project(&view, data[0], 16, NULL, 16, splats, keys, false, boxes, NULL);
   for (int i = 0; i < 16; i++)
     CHECK((keys[i] == UINT32_MAX) == (i == 0));
   for (int plane = 0; plane < ROW_SH; plane++) {
@@ -178,7 +206,7 @@ static void test_edges(const pags_kernels *k) {
       const uint32_t nan = (i & 1 ? 0x7FC00000u : 0xFFC00000u) | (check_u32() & 0x3FFFFFu);
       memcpy(&data[plane][i], &nan, sizeof nan);
     }
-    k->project(&view, data[0], 16, NULL, 16, splats, keys, boxes, NULL);
+    k->project(&view, data[0], 16, NULL, 16, splats, keys, false, boxes, NULL);
     for (int i = 0; i < 16; i++)
       if (keys[i] != UINT32_MAX)
         CHECK_FAIL("drawn with NaN in plane %d", plane);
@@ -216,7 +244,9 @@ static void test_bench(const pags_kernels *k) {
   const rows r = rows_random(&view, 256, ROWS_ORDINARY);
   const projection p = project(k, &view, &r);
   CHECK_BENCH("project", r.count, "row")
-  k->project(&view, r.data, r.stride, NULL, r.count, p.splats, p.keys, p.boxes, NULL);
+  k->project(&view, r.data, r.stride, NULL, r.count, p.splats, p.keys, false, p.boxes, NULL);
+  CHECK_BENCH("project with tiles", r.count, "row")
+  k->project(&view, r.data, r.stride, NULL, r.count, p.splats, p.keys, true, p.boxes, NULL);
 }
 
 /* Checks one axis: blocks [first, end) must contain every pixel centre of the picture within `extent` of the mean,
@@ -242,7 +272,7 @@ static void check_reaches(const pags_kernels *k, row_kind kind) {
     const projection p = {CHECK_NEW(pags_splat, r.count), CHECK_NEW(uint32_t, r.count),
                           CHECK_NEW(pags_tile_box, r.count)};
     pags_reach *const reaches = CHECK_NEW(pags_reach, r.count);
-    k->project(&view, r.data, r.stride, NULL, r.count, p.splats, p.keys, p.boxes, reaches);
+    k->project(&view, r.data, r.stride, NULL, r.count, p.splats, p.keys, false, p.boxes, reaches);
     for (int i = 0; i < r.count; i++) {
       if (p.keys[i] == UINT32_MAX)
         continue;
@@ -271,7 +301,7 @@ int main(int argc, char **argv) {
   static const check_case cases[] = {
       {"project ordinary", test_ordinary}, {"project needles", test_needles}, {"project awkward", test_awkward},
       {"project clips", test_clips},       {"project edges", test_edges},     {"project factor", test_factor},
-      {"project reaches", test_reaches},   {"project bench", test_bench},
+      {"project tiles", test_tiles},       {"project reaches", test_reaches}, {"project bench", test_bench},
   };
   return check_main(argc, argv, cases, (int)(sizeof cases / sizeof *cases));
 }

@@ -27,7 +27,7 @@ static frame make_frame(const pags_kernels *k, int count, row_kind kind, int deg
   f.boxes = CHECK_NEW(pags_tile_box, count);
   f.slot_start = CHECK_NEW(int64_t, count);
   f.poisoned = CHECK_NEW(bool, count);
-  k->project(&f.view, f.rows.data, f.rows.stride, NULL, count, f.splats, f.keys, f.boxes, NULL);
+  k->project(&f.view, f.rows.data, f.rows.stride, NULL, count, f.splats, f.keys, false, f.boxes, NULL);
   k->shade(&f.view, f.rows.data, f.rows.stride, NULL, count, f.keys, f.splats);
   for (int i = 0; i < count; i++) {
     /* Rows that aren't drawn have no valid slot. */

@@ -25,7 +25,7 @@ typedef struct picture {
   float *rgb[3], *transmittance, *depth, *depth_sum;
   int32_t *id;
   uint16_t *masks;
-  int64_t pairs[2];
+  int64_t pairs[3];
 } picture;
 
 static const float background[3] = {0.25f, 0.5f, 0.125f};
@@ -37,7 +37,7 @@ static scene make_scene(int64_t count, const splat_mix *mix, bool border) {
   s.height = border ? 48 + 1 + check_below(15) : 70;
   for (int64_t i = 0; i < count; i++) {
     s.splats[i] = splat_random(mix);
-    s.entries[i] = (pags_entry){(uint32_t)(count - 1 - i), check_u32()};
+    s.entries[i] = (pags_entry){.splat = (uint32_t)(count - 1 - i), .rank = check_u32()};
   }
   for (int64_t i = count - 1; i > 0; i--) {
     const int j = check_below((int)i + 1);
@@ -52,7 +52,7 @@ static scene make_scene(int64_t count, const splat_mix *mix, bool border) {
 enum { SUM_ALONE = 2 }; /* values of `channels`: 0 none, 1 all extra channels, 2 only the depth sum */
 
 static picture blend(const pags_kernels *k, const scene *s, int degree, int channels, bool counted) {
-  picture p = {.masks = CHECK_NEW(uint16_t, s->count), .pairs = {0, 0}};
+  picture p = {.masks = CHECK_NEW(uint16_t, s->count), .pairs = {0, 0, 0}};
   for (int c = 0; c < 3; c++)
     p.rgb[c] = CHECK_NEW(float, PLANE);
   p.transmittance = CHECK_NEW(float, PLANE);
@@ -119,7 +119,8 @@ static void compare(const picture *got, const picture *want, int64_t count) {
   for (int64_t i = 0; i < count; i++)
     mask_flips += __builtin_popcount((unsigned)got->masks[i] ^ (unsigned)want->masks[i]);
   CHECK(mask_flips <= (CHECK_EXACT ? 0 : 2 + count * PAGS_TILE_BLOCKS / 100));
-  for (int j = 0; j < 2; j++)
+  CHECK(got->pairs[1] <= got->pairs[2] && got->pairs[2] <= got->pairs[0]);
+  for (int j = 0; j < 3; j++)
     CHECK(differ_by(got->pairs[j], want->pairs[j]) <= (CHECK_EXACT ? 0 : 64 + want->pairs[j] / 100));
   if (!want->depth)
     return;
@@ -399,7 +400,7 @@ static void test_strangers(const pags_kernels *k) {
     longer.splats[s.count] = splat_make(500.0, 500.0, 2.0, 0.0, 2.0, 0.5);
     for (int64_t i = 0; i < s.count; i++) {
       for (int strangers = check_below(4); strangers > 0; strangers--)
-        longer.entries[longer.count++] = (pags_entry){(uint32_t)s.count, 0};
+        longer.entries[longer.count++] = (pags_entry){.splat = (uint32_t)s.count};
       longer.entries[longer.count++] = s.entries[i];
     }
     const picture a = blend(k, &s, 5, true, false), b = blend(k, &longer, 5, true, false);

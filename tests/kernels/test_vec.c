@@ -112,12 +112,14 @@ static void test_masks(const pags_kernels *k) {
     CHECK(ops->from_and_to_bits(bits) == bits);
 }
 
-/* compress writes at most sixteen lanes, for every choice of lanes. */
+/* compress and pack write at most sixteen lanes, for every choice of lanes. */
 static void test_compress(const pags_kernels *k) {
   const vec_ops *const ops = ops_of(k);
   int32_t *const in = CHECK_NEW(int32_t, VEC_LANES), *const out = CHECK_NEW(int32_t, VEC_LANES);
+  int32_t *const half = CHECK_NEW(int32_t, VEC_LANES / 2);
+  float *const floats = CHECK_NEW(float, VEC_LANES);
   for (int l = 0; l < VEC_LANES; l++)
-    in[l] = (int32_t)check_u32();
+    in[l] = (int32_t)(check_u32() & 0xBFFFFFFF); /* as floats: no NaN, whose bits a copy may change */
   for (unsigned chosen = 0; chosen <= 0xFFFFu; chosen++) {
     const int n = ops->compress(out, chosen, in);
     int want = 0;
@@ -125,6 +127,10 @@ static void test_compress(const pags_kernels *k) {
       if (chosen >> l & 1u)
         CHECK(out[want++] == in[l]);
     CHECK(n == want);
+    CHECK(chosen > 0xFFu ||
+          (ops->compress8(half, chosen, in) == want && memcmp(half, out, (size_t)want * sizeof *out) == 0));
+    CHECK(ops->pack(floats, chosen, (const float *)(const void *)in) == want);
+    CHECK(memcmp(floats, out, (size_t)want * sizeof *out) == 0);
   }
 }
 
@@ -172,6 +178,23 @@ static void test_rows_of_four(const pags_kernels *k) {
     ops->spread(rows, quarter, out);
     for (int l = 0; l < VEC_LANES; l++)
       CHECK(out[l] == (float)(4 * quarter + l / 4));
+  }
+}
+
+static void test_transposed(const pags_kernels *k) {
+  const vec_ops *const ops = ops_of(k);
+  float *const rows = CHECK_NEW(float, 16 * VEC_LANES);
+  for (int i = 0; i < 16 * VEC_LANES; i++)
+    rows[i] = (float)i;
+  ops->transpose(rows);
+  for (int i = 0; i < 16 * VEC_LANES; i++)
+    CHECK(rows[i] == (float)(i % 16 * 16 + i / 16));
+  for (int i = 0; i < 4 * VEC_LANES; i++)
+    rows[i] = (float)i;
+  ops->transpose4(rows);
+  for (int i = 0; i < 4 * VEC_LANES; i++) {
+    const int row = i / VEC_LANES, quarter = i % VEC_LANES / 4;
+    CHECK(rows[i] == (float)(i % 4 * VEC_LANES + 4 * quarter + row));
   }
 }
 
@@ -268,15 +291,11 @@ static void test_log2(const pags_kernels *k) {
 
 int main(int argc, char **argv) {
   static const check_case cases[] = {
-      {"lanes", test_lanes},
-      {"masks", test_masks},
-      {"compress", test_compress},
-      {"memory", test_memory},
-      {"rows of four", test_rows_of_four},
-      {"sums", test_sums},
-      {"exp2", test_exp2},
-      {"exp", test_exp},
-      {"log2", test_log2},
+      {"lanes", test_lanes},       {"masks", test_masks},
+      {"compress", test_compress}, {"transposed", test_transposed},
+      {"memory", test_memory},     {"rows of four", test_rows_of_four},
+      {"sums", test_sums},         {"exp2", test_exp2},
+      {"exp", test_exp},           {"log2", test_log2},
   };
   return check_main(argc, argv, cases, (int)(sizeof cases / sizeof *cases));
 }

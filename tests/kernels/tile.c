@@ -14,7 +14,7 @@ tile tile_make(int64_t count, const splat_mix *mix, bool border) {
   t.height = border ? 48 + 1 + check_below(15) : 70;
   for (int64_t i = 0; i < count; i++) {
     t.splats[i] = splat_random(mix);
-    t.entries[count - 1 - i] = (pags_entry){(uint32_t)i, (uint32_t)check_below(3)};
+    t.entries[count - 1 - i] = (pags_entry){.splat = (uint32_t)i, .rank = (uint32_t)check_below(3)};
     t.slot_start[i] = t.slot_count;
     t.slot_count += (int64_t)t.entries[count - 1 - i].rank + 1 + check_below(2);
   }

@@ -58,6 +58,30 @@ static unsigned from_and_to_bits(unsigned bits) {
 static int compress(int32_t *out, unsigned chosen, const int32_t *in) {
   return i_compress(out, m_from_bits(chosen), i_load(in));
 }
+static int compress8(int32_t *out, unsigned chosen, const int32_t *in) {
+  return i_compress8(out, chosen, i_load(in));
+}
+static int pack(float *out, unsigned chosen, const float *in) {
+  const v_packing packing = v_packing_of(m_from_bits(chosen));
+  v_pack(out, packing, v_load(in));
+  return packing.count;
+}
+static void transpose(float *rows) {
+  vf all[V_LANES];
+  for (int k = 0; k < V_LANES; k++)
+    all[k] = v_load(rows + V_LANES * k);
+  v_transpose(all);
+  for (int k = 0; k < V_LANES; k++)
+    v_store(rows + V_LANES * k, all[k]);
+}
+static void transpose4(float *rows) {
+  vf all[4];
+  for (int k = 0; k < 4; k++)
+    all[k] = v_load(rows + V_LANES * k);
+  v_transpose4(all);
+  for (int k = 0; k < 4; k++)
+    v_store(rows + V_LANES * k, all[k]);
+}
 static void spread(const float *in, int quarter, float *out) {
   v_store(out, v_spread(v_load(in), quarter));
 }
@@ -115,6 +139,10 @@ const vec_ops vec_ops_scalar = {
     .first = first,
     .from_and_to_bits = from_and_to_bits,
     .compress = compress,
+    .compress8 = compress8,
+    .pack = pack,
+    .transpose = transpose,
+    .transpose4 = transpose4,
     .spread = spread,
     .load_fours = load_fours,
     .columns3 = columns3,

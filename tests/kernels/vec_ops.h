@@ -66,6 +66,10 @@ typedef struct vec_ops {
   unsigned (*first)(int count);
   unsigned (*from_and_to_bits)(unsigned bits);
   int (*compress)(int32_t *out, unsigned chosen, const int32_t *in);
+  int (*compress8)(int32_t *out, unsigned chosen, const int32_t *in);
+  int (*pack)(float *out, unsigned chosen, const float *in);
+  void (*transpose)(float *rows);  /* 16 vectors, in place */
+  void (*transpose4)(float *rows); /* 4 vectors, in place */
   void (*spread)(const float *in, int quarter, float *out);
   void (*load_fours)(const float *a, const float *b, const float *c, const float *d, float *out);
   void (*columns3)(const float *in, float *out); /* transposes 64 floats to 48 */

@@ -478,11 +478,93 @@ static void test_steady(void **unused) {
   scene_destroy(&s);
 }
 
+/* ---- Frames one after the other ---- */
+
+enum { CAMERAS = 200, ORDERS = 4 };
+
+static void street_camera(pags_camera *camera, int i) {
+  const double yaw = 0.4 * sin(0.13 * i), c = cos(yaw), s = sin(yaw);
+  const double pose[12] = {c, 0, s, 0.01 * i - 1, 0, 1, 0, 0.1 * sin(0.31 * i), -s, 0, c, 0.004 * i};
+  memcpy(camera->world_from_camera, pose, sizeof pose);
+}
+
+/* Draws camera i of the street and returns a hash of the picture's bits (FNV-1a); counts frames drawn in slabs. */
+static uint64_t draw_one(pags_frame *frame, scene *s, int i, pags_early_z mode, int *in_slabs) {
+  pags_picture picture;
+  s->options.early_z = mode;
+  street_camera(&s->camera, i);
+  assert_int_equal(pags_frame_render(frame, s->parts, s->part_count, &s->camera, &s->options, NULL, NULL, &picture),
+                   PAGS_OK);
+  *in_slabs += pags_frame_stats_get(frame)->slabs > 1;
+  uint64_t hash = 0xCBF29CE484222325u;
+  for (int plane = 0; plane < 4; plane++)
+    for (int y = 0; y < picture.height; y++)
+      for (int x = 0; x < picture.width; x++) {
+        uint32_t bits;
+        memcpy(&bits, (plane < 3 ? picture.rgb[plane] : picture.transmittance) + (int64_t)y * picture.stride + x, 4);
+        hash = (hash ^ bits) * 0x100000001B3u;
+      }
+  return hash;
+}
+
+static void draw_fresh(pags_tasks *tasks, scene *s, pags_early_z mode, uint64_t hashes[CAMERAS], int *in_slabs) {
+  for (int i = 0; i < CAMERAS; i++) {
+    pags_frame *frame;
+    assert_int_equal(pags_frame_create(tasks, &frame), PAGS_OK);
+    hashes[i] = draw_one(frame, s, i, mode, in_slabs);
+    pags_frame_destroy(frame);
+  }
+}
+
+/* What a frame knows of the one before changes no bit: cameras forwards, backwards, shuffled and by turns from two
+ * frames, then an edited scene, give what frames that know nothing give. */
+static void test_sequences(void **unused) {
+  (void)unused;
+  scene s;
+  uint64_t off[CAMERAS], want[CAMERAS];
+  int shuffled[CAMERAS], at_once = 0, in_slabs = 0;
+  state = 53;
+  scene_create(&s, OPAQUE_WALLS, 12000);
+  s.camera.width = 64, s.camera.height = 48, s.camera.fx = s.camera.fy = 40, s.camera.cx = 32, s.camera.cy = 24;
+  s.options.extra_channels = 0;
+  for (int i = 0; i < CAMERAS; i++) {
+    const int j = below(i + 1);
+    shuffled[i] = shuffled[j];
+    shuffled[j] = i;
+  }
+  pags_tasks *const tasks = pags_tasks_create(2);
+  pags_frame *frames[2];
+  for (int f = 0; f < 2; f++)
+    assert_int_equal(pags_frame_create(tasks, &frames[f]), PAGS_OK);
+  for (int edit = 0; edit < 2; edit++) {
+    for (int64_t i = 0; edit && i < s.gaussians[0].count; i += 3)
+      put(&s.gaussians[0], i, PAGS_OPACITY, -6);
+    draw_fresh(tasks, &s, PAGS_EARLY_Z_OFF, off, &at_once);
+    for (pags_early_z mode = PAGS_EARLY_Z_LOSSLESS; mode <= PAGS_EARLY_Z_BOUNDED; mode++) {
+      draw_fresh(tasks, &s, mode, want, &at_once);
+      assert_true(mode == PAGS_EARLY_Z_BOUNDED || memcmp(off, want, sizeof off) == 0);
+      for (int order = 0; order < (edit ? 1 : ORDERS); order++)
+        for (int i = 0; i < CAMERAS; i++) {
+          const int camera = order == 1 ? CAMERAS - 1 - i : order >= 2 ? shuffled[i] : i;
+          const uint64_t got = draw_one(frames[order == 3 ? i % 2 : 0], &s, camera, mode, &in_slabs);
+          if (got != want[camera])
+            fail_msg("edit %d, mode %d, order %d: camera %d has other bits than alone", edit, (int)mode, order, camera);
+        }
+    }
+  }
+  print_message("%d frames in slabs after others, %d of those alone\n", in_slabs, at_once);
+  assert_true(in_slabs > CAMERAS && at_once == 0);
+  for (int f = 0; f < 2; f++)
+    pags_frame_destroy(frames[f]);
+  pags_tasks_destroy(tasks);
+  scene_destroy(&s);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_parse),   cmocka_unit_test(test_every_recipe),  cmocka_unit_test(test_random_scenes),
-      cmocka_unit_test(test_padding), cmocka_unit_test(test_first_of_many), cmocka_unit_test(test_choice),
-      cmocka_unit_test(test_steady),
+      cmocka_unit_test(test_parse),     cmocka_unit_test(test_every_recipe),  cmocka_unit_test(test_random_scenes),
+      cmocka_unit_test(test_padding),   cmocka_unit_test(test_first_of_many), cmocka_unit_test(test_choice),
+      cmocka_unit_test(test_sequences), cmocka_unit_test(test_steady),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The tiles' splat lists: the sort by depth key, and the lists of whole frames, read from the frame's internals. Each
- * list is sorted front to back by (bits of z, id), and a splat's entries are numbered 0, 1, 2, ... by their ranks
- * without a gap, whatever the depths, the ids and the number of threads. */
+ * list is sorted front to back by (bits of z, id), and a splat's entries have its key or, for a backward pass, are
+ * numbered 0, 1, 2, ... by their ranks without a gap, whatever the depths, the ids and the number of threads. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -27,7 +27,7 @@ static float uniform(float lo, float hi) {
 
 static int compare_keys(const void *a, const void *b) {
   const depth_key *const x = a, *const y = b;
-  return x->key != y->key ? (x->key > y->key) - (x->key < y->key) : (x->index > y->index) - (x->index < y->index);
+  return x->key != y->key ? (x->key > y->key) - (x->key < y->key) : (x->splat > y->splat) - (x->splat < y->splat);
 }
 
 /* The sort is stable and by key, for lengths around those at which it changes its algorithm and for every number of
@@ -42,7 +42,7 @@ static void test_keys(void **unused) {
     for (int bits = 0; bits <= 32; bits++) {
       const uint32_t base = bits < 32 ? next_u32() >> 1 >> (bits == 31) : 0;
       for (int64_t i = 0; i < counts[n]; i++)
-        keys[i] = (depth_key){base + (bits ? next_u32() >> (32 - bits) : 0), (uint32_t)i};
+        keys[i] = (depth_key){.key = base + (bits ? next_u32() >> (32 - bits) : 0), .splat = (uint32_t)i};
       memcpy(want, keys, (size_t)counts[n] * sizeof *keys);
       qsort(want, (size_t)counts[n], sizeof *want, compare_keys);
       const depth_key *const got = pags_frame_sort_keys(keys, spare, counts[n]);
@@ -129,8 +129,10 @@ static int64_t check_lists(const pags_frame *f) {
   assert_non_null(next_rank);
   for (int64_t tile = 0; tile < tiles_of(f); tile++) {
     check_list(f, tile);
-    for (int64_t i = f->tile_start[tile]; i < f->tile_start[tile + 1]; i++)
-      assert_int_equal(f->entries[i].rank, next_rank[f->entries[i].splat]++);
+    for (int64_t i = f->tile_start[tile]; i < f->tile_start[tile + 1]; i++) {
+      const uint32_t splat = f->entries[i].splat, rank = next_rank[splat]++;
+      assert_int_equal(f->entries[i].rank, f->options.keep_for_backward ? rank : f->keys[splat]);
+    }
     const int64_t length = f->tile_start[tile + 1] - f->tile_start[tile];
     longest = length > longest ? length : longest;
   }
@@ -167,7 +169,9 @@ static int64_t check_crowd(crowd c, int width, int height) {
       first = memcpy(malloc(size + 1), f->entries, size);
     assert_memory_equal(first, f->entries, size);
     render(f, &c, width, height, true);
-    assert_memory_equal(first, f->entries, size);
+    check_lists(f);
+    for (size_t i = 0; i < size / sizeof *first; i++)
+      assert_int_equal(first[i].splat, f->entries[i].splat);
     check_slots(f);
     render(f, &c, width, height, true);
     const uint64_t settled = pags_frame_heap_calls(f);

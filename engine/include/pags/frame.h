@@ -170,8 +170,10 @@ typedef struct pags_frame_stats {
   int64_t binned;                    /* Gaussians in at least one tile */
   int64_t pairs_hidden;              /* (Gaussian, tile) pairs left out because the tile was saturated */
   int64_t pairs_binned;              /* (Gaussian, tile) pairs in the tiles' lists */
+  int64_t pairs_reached;             /* pairs_binned that the rasteriser came to before their tiles had stopped */
   int64_t pairs_evaluated;           /* (Gaussian, pixel) pairs computed, in vector lanes; 0 without count_pairs */
   int64_t pairs_blended;             /* pairs_evaluated that were blended; 0 without count_pairs */
+  int64_t pairs_open;                /* pairs_evaluated at pixels that hadn't stopped; 0 without count_pairs */
   int64_t clusters, clusters_hidden; /* clusters in view; those of them that were hidden and never read */
   int64_t tiles, tiles_full;         /* tiles of the picture; tiles saturated before the last slab (0 with one) */
   int64_t occluders;                 /* EARLY_Z_PAPER: Gaussians that wrote depth */
