@@ -192,6 +192,37 @@ static pags_result measure_size(render_bench *self, int index) {
 
 /* ---- Printed table and JSON ---- */
 
+/* Milliseconds over a million units, in nanoseconds a unit; 0 where there is nothing to do. */
+static double each_ns(const pags_bench_mode_result *r, int stage, int64_t units) {
+  return units > 0 ? r->ms[stage].median * 1e6 / (double)units : 0.0;
+}
+
+/* Share of the bare kernel's speed that the raster stage has, the sky's blending included. */
+static double share_of_bare(const pags_bench_mode_result *r) {
+  const double ms = r->ms[PAGS_BENCH_RASTER].median;
+  return ms > 0 && r->peak > 0 ? (double)r->counts.pairs_evaluated / ms * 1e3 / r->peak : 0.0;
+}
+
+/* The work of each stage: time per unit, the rasteriser beside the bare kernel, and what an early stop could still
+ * bring. */
+static void say_work(const render_bench *self, const pags_bench_mode_result *results) {
+  const pags_session *session = &self->arguments->session;
+  pags_say(session, "%-16s %11s %11s %11s %11s %11s %9s   %s\n", "ns each", "project", "shade", "bin", "sort", "raster",
+           "of bare", "perfect stop: pairs, tested, ms (times as fast)");
+  pags_say(session, "%-16s %11s %11s %11s %11s %11s\n", "", "loaded", "shaded", "pair", "pair", "tested");
+  for (int k = 0; k < self->modes.count; k++) {
+    const pags_bench_mode_result *const r = &results[k];
+    const pags_frame_stats *const s = &r->counts;
+    const double perfect = pags_bench_perfect_ms(r);
+    pags_say(session, "%-16s %11.2f %11.2f %11.2f %11.2f %11.4f %7.0f %%   ", self->modes.modes[k].name,
+             each_ns(r, PAGS_BENCH_PROJECT, s->loaded), each_ns(r, PAGS_BENCH_SHADE, s->shaded),
+             each_ns(r, PAGS_BENCH_BIN, s->pairs_binned), each_ns(r, PAGS_BENCH_SORT, s->pairs_binned),
+             each_ns(r, PAGS_BENCH_RASTER, s->pairs_evaluated), 100 * share_of_bare(r));
+    pags_say(session, "%lld, %.1fM, %.2f (%.2f)\n", (long long)s->pairs_reached, (double)s->pairs_open * 1e-6, perfect,
+             perfect > 0 ? r->ms[PAGS_BENCH_FRAME].median / perfect : 0.0);
+  }
+}
+
 static void say_size(const render_bench *self, int index) {
   const pags_session *session = &self->arguments->session;
   const pags_bench_mode_result *results = self->results[index];
@@ -232,6 +263,7 @@ static void say_size(const render_bench *self, int index) {
       pags_say(session, " %8.2f", results[k].ms[i].median);
     pags_say(session, "\n");
   }
+  say_work(self, results);
   if (self->arguments->budget_ms > 0)
     pags_deadline_report_print(&self->deadlines[index], session);
 }
@@ -261,6 +293,10 @@ static void put_mode(pags_json_writer *json, const char *name, const pags_bench_
   pags_json_put_integer(json, "pairs_binned", s->pairs_binned);
   pags_json_put_integer(json, "pairs_evaluated", s->pairs_evaluated);
   pags_json_put_integer(json, "pairs_blended", s->pairs_blended);
+  pags_json_put_integer(json, "pairs_reached", s->pairs_reached);
+  pags_json_put_integer(json, "pairs_open", s->pairs_open);
+  pags_json_put_number(json, "share_of_bare", share_of_bare(r));
+  pags_json_put_number(json, "perfect_stop_ms", pags_bench_perfect_ms(r));
   pags_json_put_number(json, "bytes_moved", r->bytes);
   if (isinf(r->psnr))
     pags_json_put_null(json, "psnr"); /* infinite: the pictures are equal */

@@ -8,7 +8,18 @@
 
 #include <pags/frame.h>
 
-enum { PAGS_BENCH_STAGES = 8 }; /* the stages of a frame; the last entry is the whole frame */
+/* The stages of a frame; the last one stands for the whole frame. */
+enum {
+  PAGS_BENCH_CULL,
+  PAGS_BENCH_OCCLUDE,
+  PAGS_BENCH_PROJECT,
+  PAGS_BENCH_SHADE,
+  PAGS_BENCH_SORT,
+  PAGS_BENCH_BIN,
+  PAGS_BENCH_RASTER,
+  PAGS_BENCH_FRAME,
+  PAGS_BENCH_STAGES
+};
 extern const char *const pags_bench_stage_names[PAGS_BENCH_STAGES];
 
 typedef struct pags_bench_mode {
@@ -64,6 +75,7 @@ typedef struct pags_bench_mode_result {
   /* median ratio of the first mode's frame time to this mode's, of frames rendered one after the other */
   double speed_up;
   pags_frame_stats counts; /* per frame, mean over the cameras; its times are not set */
+  double peak;             /* lanes a second of the bare blending kernel with the mode's exp degree, on all threads */
   double bytes;            /* bytes moved per frame, by the stages' data structures */
   double psnr;             /* dB against the first mode over all frames, values clamped to 0..1; infinite if equal */
   double max_error;        /* largest difference of a colour channel, not clamped */
@@ -71,6 +83,11 @@ typedef struct pags_bench_mode_result {
   double differing;        /* share of pixels whose colour or transmittance differs in any bit */
   double *frame_ms;        /* of each camera: median time of the whole frame */
 } pags_bench_mode_result;
+
+/* Milliseconds of a frame in which no pair beyond a pixel's or a tile's stop were binned, sorted or blended, the
+ * stages' time being in proportion: what a perfect early stop could bring, but for Gaussians that it needn't project.
+ */
+double pags_bench_perfect_ms(const pags_bench_mode_result *result);
 
 /* Renders each camera once per mode to count and to compare, then `repetitions` times with the clock, the modes
  * taking turns. `results` has mode_count entries; free them with pags_bench_modes_free, also after a failure.

@@ -123,7 +123,15 @@ void pags_peak_blocks(void *context, int64_t begin, int64_t end, int worker) {
   pags_peak *const c = context;
   (void)worker;
   for (int64_t i = begin; i < end; i++)
-    c->kept[i] = c->kernels->roofline(&pags_faint_splat, c->steps, 5);
+    c->kept[i] = c->kernels->roofline(&pags_faint_splat, c->steps, c->degree);
+}
+
+double pags_peak_rate(pags_tasks *tasks, const pags_kernels *kernels, int degree) {
+  const int workers = pags_tasks_workers(tasks);
+  pags_peak c = {.kernels = kernels, .steps = 1 << 19, .degree = degree};
+  const int64_t begin = pags_port_clock_ns();
+  pags_parallel_for(tasks, workers, 1, pags_peak_blocks, &c);
+  return (double)(c.steps * PAGS_LANES * workers) / (double)(pags_port_clock_ns() - begin) * 1e9;
 }
 
 /* Times as long as alone that the bare blending kernel takes while it runs on all cores: below what is lost to shared
@@ -209,7 +217,7 @@ static void measure(pags_tasks *tasks, pags_peak *peak, pags_pool_costs *out) {
 
 pags_result pags_pool_costs_measure(pags_pool_costs *out) {
   const char *why = "";
-  pags_peak peak = {.kernels = pags_kernels_get(&why), .steps = STEPS};
+  pags_peak peak = {.kernels = pags_kernels_get(&why), .steps = STEPS, .degree = 5};
   *out = (pags_pool_costs){.cores = pags_available_threads()};
   if (!peak.kernels)
     return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s", why);

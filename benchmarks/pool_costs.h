@@ -24,9 +24,12 @@ extern const pags_splat pags_faint_splat;
 typedef struct pags_peak {
   const pags_kernels *kernels;
   int64_t steps;
+  int degree;                           /* of the polynomial for 2^x: 3 or 5 */
   float kept[PAGS_REPLAY_MOST_WORKERS]; /* results per block, stored so that the compiler can't remove the work */
 } pags_peak;
 void pags_peak_blocks(void *context, int64_t begin, int64_t end, int worker);
+/* Lanes a second that it computes on all workers at once, in one run of some milliseconds. */
+double pags_peak_rate(pags_tasks *tasks, const pags_kernels *kernels, int degree);
 
 /* Bytes per second that all workers together read; 0 if out of memory. */
 double pags_read_bandwidth(pags_tasks *tasks);

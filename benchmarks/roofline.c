@@ -13,7 +13,7 @@
 #include "benchmarks/pool_costs.h"
 #include "port/port.h"
 
-enum { STEPS = 1 << 19, ROUNDS = 5 };
+enum { ROUNDS = 5 };
 
 typedef struct share {
   double peak, forward, backward; /* pixel pairs evaluated per second */
@@ -28,13 +28,7 @@ static pags_result measure_isa(const pags_bench_view *view, const pags_kernels *
   pags_bench_view once = *view;
   once.repetitions = (view->repetitions + ROUNDS - 1) / ROUNDS;
   for (int round = 0; round < ROUNDS; round++) {
-    /* Time the bare kernel on all workers together. */
-    const int workers = pags_tasks_workers(view->tasks);
-    pags_peak c = {.kernels = kernels, .steps = STEPS};
-    const double t0 = pags_clock_ms();
-    pags_parallel_for(view->tasks, workers, 1, pags_peak_blocks, &c);
-    const double peak = (double)STEPS * PAGS_LANES * workers / (pags_clock_ms() - t0) * 1e3;
-
+    const double peak = pags_peak_rate(view->tasks, kernels, 5);
     pags_bench_frame frame;
     PAGS_TRY(pags_bench_measure(&once, 1, &frame));
     const double pairs = (double)frame.stats.pairs_evaluated;

@@ -36,6 +36,11 @@ class Bench(Case):
             self.assertTrue(bounded["max_error"] <= 0.021)
             self.assertEqual((off["gaussians"], off["in_view"], off["hidden"]), (40, off["loaded"], 0))
             self.assertTrue(0 < off["pairs_blended"] <= off["pairs_evaluated"])
+            for mode in size["modes"]:
+                self.assertTrue(0 < mode["pairs_reached"] <= mode["pairs_binned"])
+                self.assertTrue(mode["pairs_blended"] <= mode["pairs_open"] <= mode["pairs_evaluated"])
+                self.assertTrue(0 < mode["perfect_stop_ms"] <= mode["ms"]["frame"]["median"] and mode["share_of_bare"] > 0)
+            self.assertTrue(bounded["pairs_open"] <= off["pairs_open"])
             self.assertTrue(size["gaussians_per_pixel"] > 0)
             self.assertTrue(off["ms"]["frame"]["low"] <= off["ms"]["frame"]["median"] <= off["ms"]["frame"]["high"])
         rows = list(csv.DictReader(read(self.path("a.csv")).decode().splitlines()))
