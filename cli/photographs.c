@@ -71,7 +71,8 @@ static bool far_apart(const pags_camera *a, const pags_camera *b) {
 
 static pags_result check_same_camera(const pags_dataset *dataset, const pags_scene_view *mine,
                                      const pags_camera *other) {
-  if (same_camera(&mine->camera, other))
+  const pags_camera recorded = pags_scene_view_recorded(mine);
+  if (same_camera(&recorded, other))
     return PAGS_OK;
   return pags_fail(
       PAGS_ERROR_FORMAT,
@@ -86,7 +87,8 @@ static bool is_other_part(const pags_scene *scene, const pags_dataset *dataset) 
   for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++) {
     const pags_view *view = pags_dataset_view(dataset, i);
     const pags_scene_view *mine = find_view(scene, view->name);
-    if (mine && !far_apart(&mine->camera, &view->camera))
+    const pags_camera recorded = mine ? pags_scene_view_recorded(mine) : view->camera;
+    if (mine && !far_apart(&recorded, &view->camera))
       return false;
   }
   return true;
@@ -214,6 +216,13 @@ void pags_photograph_destroy(pags_photograph *photo) {
   pags_image_destroy(&photo->image);
   free(photo->mask);
   memset(photo, 0, sizeof *photo);
+}
+
+const pags_camera *pags_photographs_camera(const pags_photographs *photographs, int64_t i) {
+  const pags_photographs_view *at = &photographs->views[i];
+  return at->scene_view && pags_scene_view_is_corrected(at->scene_view)
+             ? &at->scene_view->camera
+             : &pags_dataset_view(photographs->dataset, at->index)->camera;
 }
 
 pags_result pags_photographs_read(pags_photographs *photographs, int64_t i, pags_photograph *out) {

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* pags eval: renders a scene's views and compares them with their photographs (PSNR, SSIM, LPIPS, by region), with
  * LiDAR depth, and with the truth of synthetic data sets. */
+#include "cli/camera_errors.h"
 #include "cli/depth_errors.h"
 #include "cli/interrupt.h"
 #include "cli/option_rules.h"
@@ -115,6 +116,7 @@ typedef struct evaluation {
   pags_depth_errors depth_errors[2]; /* [0] training views, [1] held-out views */
   pags_depth_figures depth[2];
   pags_pose_errors poses;
+  pags_camera_errors cameras;
   pags_shifted_view_scores shifts;
   pags_priority_truth priority_truth;
 } evaluation;
@@ -190,7 +192,7 @@ static bool is_blank(const pags_photograph *photo) {
 static pags_result compare_view(evaluation *self, int64_t i) {
   const pags_photographs_view *at = &self->photographs.views[i];
   const pags_view *view = pags_dataset_view(self->photographs.dataset, at->index);
-  const pags_camera *camera = &view->camera;
+  const pags_camera *camera = pags_photographs_camera(&self->photographs, i);
   pags_view_score *score = &self->scores[self->count];
   pags_photograph photo;
   pags_picture picture;
@@ -206,6 +208,8 @@ static pags_result compare_view(evaluation *self, int64_t i) {
     pags_photograph_destroy(&photo);
     return PAGS_OK;
   }
+  if (at->scene_view)
+    exposed.light = at->scene_view->light;
   if (at->scene_view && pags_frame_options_expose(&exposed, at->scene_view->gain, at->scene_view->offset))
     result = compare_unexposed(self, camera, parts, part_count, &photo, score);
   if (result == PAGS_OK)
@@ -278,6 +282,16 @@ static void put_shifts(pags_json_writer *writer, const evaluation *self) {
   pags_json_end_array(writer);
 }
 
+static void print_cameras(const pags_session *session, const pags_camera_errors *e) {
+  for (int test = 0; test < 2; test++)
+    if (e->views[test] > 0 && e->recorded[test].metres > 1e-6)
+      pags_say(
+          session,
+          "cameras of %lld %s views: off by %.3f m and %.2f degrees as recorded, %.3f m and %.2f degrees as used\n",
+          (long long)e->views[test], test ? "held-out" : "training", e->recorded[test].metres,
+          e->recorded[test].degrees, e->corrected[test].metres, e->corrected[test].degrees);
+}
+
 static void print_poses(const pags_session *session, const pags_pose_errors *e) {
   if (!e->knots)
     return;
@@ -327,6 +341,7 @@ static void print_more(const evaluation *self) {
     pags_say(session, "shifted cameras %-16s %9.3f %8.4f\n", self->shifts.items[i].name, self->shifts.items[i].psnr,
              self->shifts.items[i].ssim);
   print_poses(session, &self->poses);
+  print_cameras(session, &self->cameras);
   print_priority_truth(session, &self->priority_truth);
 }
 
@@ -532,6 +547,7 @@ static pags_result evaluate(evaluation *self, const char *scene_path) {
     self->depth[test] = pags_depth_errors_figures(&self->depth_errors[test]);
   const char *dataset = pags_dataset_path(self->photographs.dataset);
   PAGS_TRY(pags_pose_errors_measure(dataset, self->scene, &self->poses));
+  PAGS_TRY(pags_camera_errors_measure(dataset, self->scene, &self->cameras));
   PAGS_TRY(pags_priority_truth_measure(self->composition, &self->photographs, self->frame, &self->options,
                                        &self->priority_truth));
   if (arguments->shift)
@@ -555,6 +571,7 @@ static pags_result evaluate(evaluation *self, const char *scene_path) {
   put_split(&writer, self, "test", 1);
   put_shifts(&writer, self);
   pags_pose_errors_put_json(&writer, &self->poses);
+  pags_camera_errors_put_json(&writer, &self->cameras);
   pags_priority_truth_put_json(&writer, &self->priority_truth);
   return pags_session_json(&self->arguments->session, &writer);
 }

@@ -316,8 +316,10 @@ static pags_result draw(renderer *self, int64_t index) {
   PAGS_TRY(pags_render_passes_moment(&self->passes, 1,
                                      motion && index + 1 < self->viewpoints.count ? &viewpoint[1].camera : NULL));
   pags_compose(self->composition, viewpoint->camera.time, &parts, &part_count);
-  if (self->arguments->exposure)
+  if (self->arguments->exposure) {
+    self->options.light = viewpoint->light;
     pags_frame_options_expose(&self->options, viewpoint->gain, viewpoint->offset);
+  }
   if (self->report) {
     PAGS_TRY(pags_deadline_report_draw(&self->deadline, parts, part_count, &viewpoint->camera, &self->options, &picture,
                                        &self->report[index]));

@@ -17,7 +17,8 @@ typedef struct synth_arguments {
   int width, height, samples, overwrite;
   uint64_t seed;
   pags_street_options street;
-  int frames; /* -1: the kind's own default */
+  pags_words faults; /* NAME=VALUE each */
+  int frames;        /* -1: the kind's own default */
   pags_town_options town;
   pags_town_facts town_facts;
 } synth_arguments;
@@ -46,6 +47,15 @@ static const pags_option options[] = {
     PAGS_VALUE("yaw-noise", 0, DOUBLE, AT(street.yaw_noise), 0, 180, "A", "degrees", NULL,
                "sigma of the error put on its yaw"),
     PAGS_FLAG("no-shifts", 0, AT(street.shifts), "leave out the true pictures from 1, 2, 3 m to the right and 1 m up"),
+    {.name = "fault",
+     .type = PAGS_OPTION_WORDS,
+     .offset = AT(faults),
+     .metavar = "NAME=VALUE",
+     .help =
+         "what is wrong with the cameras; may be repeated. rolling-down, -up, -right, -left: seconds to read a picture "
+         "that way; delay: sigma of how late each camera is, seconds; position, angle: error of the car's pose, metres "
+         "and degrees; mount-position, mount-angle: of each camera's in the car; vignette: share of light lost in "
+         "the corners; response: exponent less 1; distortion: k1"},
     PAGS_GROUP("Of a town"),
     PAGS_VALUE("gaussians", 0, INT64, AT(town.gaussians), 1000, 2e8, "N", "Gaussians", NULL,
                "at density 1; the town is as large as they cover"),
@@ -109,12 +119,12 @@ static const struct kind {
   pags_result (*make)(synth_arguments *arguments, pags_progress_fn *progress, void *user);
   void (*tell)(const synth_arguments *arguments, double seconds, pags_json_writer *json);
   const char *foreign[16]; /* options that are an error for this kind */
-} kinds[] = {
-    {"street", make_street, tell_street, {"gaussians", "density"}},
-    {"town",
-     make_town,
-     tell_town,
-     {"samples", "fps", "cameras", "objects", "lidar-points", "lidar-noise", "pose-noise", "yaw-noise", "no-shifts"}}};
+} kinds[] = {{"street", make_street, tell_street, {"gaussians", "density"}},
+             {"town",
+              make_town,
+              tell_town,
+              {"samples", "fps", "cameras", "objects", "lidar-points", "lidar-noise", "pose-noise", "yaw-noise",
+               "no-shifts", "fault"}}};
 enum { KIND_COUNT = sizeof kinds / sizeof kinds[0] };
 
 static const pags_positional positionals[] = {
@@ -180,6 +190,9 @@ int pags_verb_synth(int argc, char **argv) {
   for (int i = 0; kind->foreign[i]; i++)
     if (pags_option_given(&parsed, kind->foreign[i]))
       return pags_usage_error(&verb, "--%s: a %s has no such option", kind->foreign[i], kind->name);
+  for (int i = 0; i < arguments.faults.count; i++)
+    if (pags_street_faults_set(&arguments.street.faults, arguments.faults.items[i].name) != PAGS_OK)
+      return pags_usage_error(&verb, "--fault: %s", pags_error_message());
   if (arguments.size && !parse_size(&arguments))
     return pags_usage_error(&verb, "--size: expected WIDTHxHEIGHT, each 16..8192, got '%s'", arguments.size);
   pags_result result = pags_session_begin(&arguments.session);

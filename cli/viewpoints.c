@@ -80,6 +80,7 @@ pags_result pags_viewpoints_of_scene(const pags_scene *scene, const char *path, 
     if (result == PAGS_OK) {
       memcpy(out->items[out->count - 1].gain, view->gain, sizeof view->gain);
       memcpy(out->items[out->count - 1].offset, view->offset, sizeof view->offset);
+      out->items[out->count - 1].light = view->light;
     }
   }
   if (result == PAGS_OK)

@@ -10,6 +10,7 @@ typedef struct pags_viewpoint {
   char *name; /* file name of the picture, without folder and extension */
   pags_camera camera;
   double gain[3], offset[3]; /* exposure of the camera at that moment; 1 and 0 if unknown */
+  pags_light light;          /* of the camera; plain if unknown */
 } pags_viewpoint;
 
 typedef struct pags_viewpoints {

@@ -13,6 +13,7 @@ enum { FRAMES = 12 };
 
 static pags_tasks *tasks;
 static pags_dataset *dataset;
+static int small_street_cameras = 1;
 
 /* Set-up and tear-down for a group of cmocka tests. */
 static inline int make_street(void **unused) {
@@ -22,7 +23,7 @@ static inline int make_street(void **unused) {
   options.width = 96;
   options.height = 64;
   options.frames = FRAMES;
-  options.cameras = 1;
+  options.cameras = small_street_cameras;
   options.samples = 2;
   options.objects = 3;
   options.lidar_points = 4000;

@@ -47,7 +47,7 @@ pags_frame_options pags_frame_options_default(void) {
 }
 
 int pags_frame_options_expose(pags_frame_options *options, const double gain[3], const double offset[3]) {
-  options->exposed = 0;
+  options->exposed = !pags_light_is_plain(&options->light);
   for (int c = 0; c < 3; c++) {
     options->gain[c] = (float)gain[c];
     options->offset[c] = (float)offset[c];

@@ -17,6 +17,8 @@
 
 #include <pags/frame.h>
 
+#include "base/vec3.h"
+
 enum { ROWS = 64 }; /* rows whose SH terms are summed at a time */
 
 /* The generators G_a, the angular momentum matrices of the real spherical harmonics Y_k, with the signs of shade.inl:
@@ -99,5 +101,20 @@ void pags_pose_gradient(const float *data, int64_t stride, int planes, const pag
       for (int k = 0; k < 6; k++)
         out[k] += own[k];
     }
+  }
+}
+
+/* A motion (w, v) of the world is R^T (w, v + w x t) in the frame of a part with the pose [R|t]. */
+void pags_pose_gradient_by_world(const double world_from_model[12], const double by_pose[6], double by_world[6]) {
+  const double place[3] = {world_from_model[3], world_from_model[7], world_from_model[11]};
+  double turn[3], push[3], lever[3];
+  for (int k = 0; k < 3; k++) {
+    turn[k] = pags_dot3(world_from_model + 4 * k, by_pose);
+    push[k] = pags_dot3(world_from_model + 4 * k, by_pose + 3);
+  }
+  pags_cross3(place, push, lever);
+  for (int k = 0; k < 3; k++) {
+    by_world[k] += turn[k] + lever[k];
+    by_world[3 + k] += push[k];
   }
 }

@@ -11,6 +11,7 @@
 #include "base/json.h"
 #include "base/memory.h"
 #include "base/vec3.h"
+#include "synth/faults.h"
 #include "synth/street_labels.h"
 
 struct pags_street_truth {
@@ -31,6 +32,7 @@ pags_result pags_street_write_truth(const pags_street *street, const char *path)
   pags_json_put_number(&json, "fps", o->fps);
   pags_json_put_integer(&json, "objects", o->objects);
   pags_json_put_unsigned(&json, "seed", o->seed);
+  pags_faults_to_json(&json, &o->faults);
   pags_json_end_object(&json);
   const pags_result result = pags_json_writer_save(&json, path);
   pags_json_writer_destroy(&json);

@@ -122,8 +122,14 @@ pags_result pags_street_write_frame_instances(const pags_street *street, const c
 static pags_layout_info info_of(const pags_street *street, pags_layout_camera cameras[3]) {
   static const char *const names[] = {"front", "front_left", "front_right"};
   static const char *const columns[] = {"x", "y", "z", "intensity", NULL};
+  static const char *const words[] = {[PAGS_READ_DOWN] = "top_to_bottom",
+                                      [PAGS_READ_UP] = "bottom_to_top",
+                                      [PAGS_READ_RIGHT] = "left_to_right",
+                                      [PAGS_READ_LEFT] = "right_to_left"};
+  const pags_street_faults *faults = &street->options->faults;
   for (int c = 0; c < 3; c++)
-    cameras[c] = (pags_layout_camera){.number = c, .name = names[c]};
+    cameras[c] = (pags_layout_camera){
+        .number = c, .name = names[c], .rolling_shutter = faults->rolling > 0.0 ? words[faults->read_out] : NULL};
   return (pags_layout_info){.kind = "pags",
                             .fps = street->options->fps,
                             .frame_count = street->options->frames,
@@ -132,7 +138,8 @@ static pags_layout_info info_of(const pags_street *street, pags_layout_camera ca
                             .lidar_columns = columns};
 }
 
-/* All exposures of a frame have the frame's time: cameras have no delay and no rolling shutter. */
+/* All exposures of a frame have the frame's time: nobody knows of a camera's delay. Of a rolling shutter, the begin and
+ * the end of the read-out are known; a line is exposed for no time. */
 pags_result pags_street_write_timestamps(const pags_street *street, const char *path) {
   pags_layout_camera cameras[3];
   const pags_layout_info info = info_of(street, cameras);
@@ -144,6 +151,11 @@ pags_result pags_street_write_timestamps(const pags_street *street, const char *
     for (int64_t i = 0; i < exposures; i++) {
       exposure[i] = pags_layout_exposure_unknown();
       exposure[i].time = frame_time(street, (int)(i / info.camera_count));
+      if (street->options->faults.rolling > 0.0) {
+        exposure[i].trigger = exposure[i].time - 0.5 * street->options->faults.rolling;
+        exposure[i].readout = exposure[i].time + 0.5 * street->options->faults.rolling;
+        exposure[i].shutter = 0.0;
+      }
     }
     for (int64_t f = 0; f < info.frame_count; f++)
       frames[f] = frame_time(street, (int)f);
@@ -178,7 +190,7 @@ pags_result pags_street_write_pose(const char *path, const double pose[12]) {
   return write_numbers(path, whole, 16, 4);
 }
 
-pags_result pags_street_write_intrinsics(const char *path, const pags_camera *camera) {
-  const double numbers[9] = {camera->fx, camera->fy, camera->cx, camera->cy};
+pags_result pags_street_write_intrinsics(const char *path, const pags_camera *camera, double k1) {
+  const double numbers[9] = {camera->fx, camera->fy, camera->cx, camera->cy, k1};
   return write_numbers(path, numbers, 9, 1);
 }

@@ -11,6 +11,7 @@
 
 #include "base/file.h"
 #include "base/memory.h"
+#include "synth/faults.h"
 #include "synth/range.h"
 #include "synth/street_labels.h"
 #include "synth/sweep.h"
@@ -69,6 +70,7 @@ static pags_result make_folders(const writer *w) {
                                       "truth/instances",
                                       "truth/depth",
                                       "truth/ids",
+                                      "truth/cameras",
                                       "truth/shift/right1",
                                       "truth/shift/right2",
                                       "truth/shift/right3",
@@ -241,10 +243,10 @@ static pags_result save_sweep(const writer *w) {
   return result;
 }
 
-static pags_result save_ego(const writer *w, double time) {
+static pags_result save_ego(const writer *w) {
   double ego[12];
   char relative[32], *path = NULL;
-  pags_street_ego(time, ego);
+  pags_faults_ego(w->street->options, w->frame, ego);
   snprintf(relative, sizeof relative, "ego_pose/%03d.txt", w->frame);
   PAGS_TRY(join(w, relative, &path));
   const pags_result result = pags_street_write_pose(path, ego);
@@ -262,21 +264,18 @@ static pags_result write_frame(writer *w, int frame) {
   pags_street *street = w->street;
   w->frame = frame;
   w->view_count = o->cameras;
+  PAGS_TRY(pags_street_expose(street, w->stage, frame, w->views, w->tasks));
   pags_street_set_time(street, time);
   PAGS_TRY(pags_stage_commit(w->stage, street->first_moving, street->placement_count - street->first_moving));
-  for (int c = 0; c < o->cameras; c++)
-    w->views[c].camera = pags_street_camera(o, time, c, 0.0, 0.0);
-  /* The views of the shifted cameras follow those of the cameras; of them, only the picture is drawn. */
-  pags_street_view drawn[VIEWS];
-  memcpy(drawn, w->views, sizeof drawn);
-  for (int i = 0; is_shift_frame(o, frame) && i < SHIFTS; i++) {
-    drawn[w->view_count] = (pags_street_view){.camera = pags_street_camera(o, time, 0, shifts[i].right, shifts[i].up),
-                                              .rgb = w->views[CAMERAS + i].rgb};
-    w->view_count++;
-  }
+  /* The views of the shifted cameras, which have no faults, follow those of the cameras; of them, only the picture is
+   * drawn. */
   writer shown = *w;
-  memcpy(shown.views, drawn, sizeof drawn);
-  PAGS_TRY(pags_street_draw(street, w->stage, drawn, w->view_count, w->tasks));
+  for (int i = 0; is_shift_frame(o, frame) && i < SHIFTS; i++)
+    shown.views[shown.view_count++] =
+        (pags_street_view){.camera = pags_street_camera(o, time, 0, shifts[i].right, shifts[i].up),
+                           .sensor = -1,
+                           .rgb = w->views[CAMERAS + i].rgb};
+  PAGS_TRY(pags_street_draw(street, w->stage, shown.views + o->cameras, shown.view_count - o->cameras, NULL, w->tasks));
 
   /* Write the images of all views. */
   const int files = (PLANES + 2) * shown.street->options->cameras + shown.view_count - shown.street->options->cameras;
@@ -294,7 +293,7 @@ static pags_result write_frame(writer *w, int frame) {
 
   w->point_count = pags_sweep_trace(street, w->stage, frame, w->tasks, w->points);
   PAGS_TRY(save_sweep(w));
-  return save_ego(w, time);
+  return save_ego(w);
 }
 
 /* ---- Text files and the whole data set ---- */
@@ -317,13 +316,40 @@ static pags_result true_instances(const pags_street *street, const char *path) {
   return pags_street_write_instances(street, path, 1);
 }
 
+/* The cameras of a path file: those of one camera of the car, as they really are, or those of a shifted one. */
+typedef struct path_cameras {
+  int camera;
+  const struct shift *shift; /* NULL: of the car */
+} path_cameras;
+
+static pags_result write_path(const writer *w, const char *relative, const path_cameras *which) {
+  const pags_street_options *o = w->street->options;
+  const struct shift *s = which->shift;
+  pags_camera_path cameras = {.fps = s ? o->fps / SHIFT_EVERY : o->fps};
+  char *path = NULL;
+  cameras.cameras = malloc((size_t)o->frames * sizeof *cameras.cameras);
+  if (!cameras.cameras)
+    return pags_out_of_memory("%s", w->folder);
+  for (int f = 0; f < o->frames; f++)
+    if (!s || is_shift_frame(o, f))
+      cameras.cameras[cameras.count++] =
+          s ? pags_street_camera(o, f / o->fps, 0, s->right, s->up) : pags_faults_camera(o, f, which->camera, -1);
+  pags_result result = join(w, relative, &path);
+  if (result == PAGS_OK)
+    result = pags_camera_path_save(path, &cameras);
+  free(path);
+  pags_camera_path_destroy(&cameras);
+  return result;
+}
+
 static pags_result write_texts(const writer *w) {
   /* Poses of the cameras in the ego frame, and their intrinsics. */
   for (int c = 0; c < w->street->options->cameras; c++) {
-    const pags_camera camera = pags_street_camera(w->street->options, 0.0, c, 0.0, 0.0);
+    const pags_street_options *o = w->street->options;
+    const pags_camera camera = pags_faults_camera(o, 0, c, -1);
     double mount[12];
     char relative[32], *path = NULL;
-    pags_street_mount(c, mount);
+    pags_faults_mount(o, c, mount);
     snprintf(relative, sizeof relative, "extrinsics/%d.txt", c);
     PAGS_TRY(join(w, relative, &path));
     pags_result result = pags_street_write_pose(path, mount);
@@ -331,9 +357,11 @@ static pags_result write_texts(const writer *w) {
     PAGS_TRY(result);
     snprintf(relative, sizeof relative, "intrinsics/%d.txt", c);
     PAGS_TRY(join(w, relative, &path));
-    result = pags_street_write_intrinsics(path, &camera);
+    result = pags_street_write_intrinsics(path, &camera, o->faults.distortion);
     free(path);
     PAGS_TRY(result);
+    snprintf(relative, sizeof relative, "truth/cameras/%d.json", c);
+    PAGS_TRY(write_path(w, relative, &(path_cameras){.camera = c}));
   }
 
   PAGS_TRY(write_text(w, "instances/instances_info.json", labelled_instances));
@@ -343,23 +371,9 @@ static pags_result write_texts(const writer *w) {
   PAGS_TRY(write_text(w, "timestamps.json", pags_street_write_timestamps));
   /* Camera paths of the shifted pictures; with too few frames there is no such picture, and no path. */
   for (int i = 0; w->street->options->shifts && w->street->options->frames > SHIFT_EVERY && i < SHIFTS; i++) {
-    /* The path of one shifted camera. */
-    const pags_street_options *o = w->street->options;
-    pags_camera_path cameras = {.fps = o->fps / SHIFT_EVERY};
-    char relative[48], *path = NULL;
-    cameras.cameras = malloc((size_t)o->frames * sizeof *cameras.cameras);
-    if (!cameras.cameras)
-      return pags_out_of_memory("%s", w->folder);
-    for (int f = 0; f < o->frames; f++)
-      if (is_shift_frame(o, f))
-        cameras.cameras[cameras.count++] = pags_street_camera(o, f / o->fps, 0, shifts[i].right, shifts[i].up);
+    char relative[48];
     snprintf(relative, sizeof relative, "truth/shift/%s/path.json", shifts[i].name);
-    pags_result result = join(w, relative, &path);
-    if (result == PAGS_OK)
-      result = pags_camera_path_save(path, &cameras);
-    free(path);
-    pags_camera_path_destroy(&cameras);
-    PAGS_TRY(result);
+    PAGS_TRY(write_path(w, relative, &(path_cameras){.shift = &shifts[i]}));
   }
   return PAGS_OK;
 }
@@ -379,6 +393,7 @@ static pags_result write_all(writer *w, const pags_street_options *o, pags_progr
   PAGS_TRY(pags_synth_in_range("lidar_noise", o->lidar_noise, 0.0, 10.0));
   PAGS_TRY(pags_synth_in_range("pose_noise", o->pose_noise, 0.0, 10.0));
   PAGS_TRY(pags_synth_in_range("yaw_noise", o->yaw_noise, 0.0, 180.0));
+  PAGS_TRY(pags_faults_check(&o->faults));
 
   PAGS_TRY(pags_street_build(o, w->street));
   pags_street_number(w->street);

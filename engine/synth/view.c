@@ -10,36 +10,43 @@
 
 #include "base/vec3.h"
 #include "maths/maths.h"
+#include "synth/faults.h"
 #include "synth/sky.h"
 
 /* ---- Cameras and jobs ---- */
 
-/* Sets `direction` to the world direction of the ray through image position (x, y), px, scaled to a camera z of 1, so
- * that distances along it are camera depths. */
-static void camera_ray(const pags_camera *camera, double x, double y, float direction[3]) {
-  const double u = (x - camera->cx) / camera->fx, v = (y - camera->cy) / camera->fy;
-  const double *m = camera->world_from_camera;
-  for (int k = 0; k < 3; k++)
-    direction[k] = (float)(m[4 * k] * u + m[4 * k + 1] * v + m[4 * k + 2]);
-}
-
-/* Converts a linear value, clamped to 0..1, to display-referred sRGB, rounded to a byte. */
-static uint8_t encode_srgb(float linear) {
-  const float v = linear <= 0.0f ? 0.0f : linear >= 1.0f ? 1.0f : linear;
-  const float s = v <= 0.0031308f ? 12.92f * v : 1.055f * pags_powf(v, 1.0f / 2.4f) - 0.055f;
-  return (uint8_t)(s * 255.0f + 0.5f);
-}
-
-enum { ROWS = 4 }; /* rows of a picture in one block of parallel work */
+enum { ROWS = 4, COLUMNS = 8 * PAGS_PACKET }; /* size in pixels of a block of parallel work */
 
 typedef struct draw_job {
   const pags_street *street;
   const pags_stage *stage;
   pags_street_view *views;
-  int blocks; /* blocks of ROWS rows in each view */
-  int step;   /* of the lattice of samples in a pixel (lattice_step) */
+  pags_street_window window;
+  int across, blocks; /* blocks side by side, and in all, of the window of each view */
+  int step;           /* of the lattice of samples in a pixel (lattice_step) */
   uint64_t seed;
 } draw_job;
+
+/* Sets `direction` to the world direction of the ray through image position (x, y), px, scaled to a camera z of 1, so
+ * that distances along it are camera depths. */
+static void camera_ray(const draw_job *job, const pags_street_view *view, double x, double y, float direction[3]) {
+  const pags_camera *camera = &view->camera;
+  const double *m = camera->world_from_camera;
+  double own[3] = {(x - camera->cx) / camera->fx, (y - camera->cy) / camera->fy, 1.0};
+  if (view->sensor >= 0)
+    pags_faults_ray(job->street->options, camera, x, y, own);
+  for (int k = 0; k < 3; k++)
+    direction[k] = (float)(m[4 * k] * own[0] + m[4 * k + 1] * own[1] + m[4 * k + 2] * own[2]);
+}
+
+/* Converts a linear value, clamped to 0..1, to display-referred sRGB, raised to a power and rounded to a byte. */
+static uint8_t encode_srgb(float linear, float power) {
+  const float v = linear <= 0.0f ? 0.0f : linear >= 1.0f ? 1.0f : linear;
+  float s = v <= 0.0031308f ? 12.92f * v : 1.055f * pags_powf(v, 1.0f / 2.4f) - 0.055f;
+  if (power != 1.0f)
+    s = pags_powf(s, power);
+  return (uint8_t)(s * 255.0f + 0.5f);
+}
 
 /* ---- Light, reflection and shading ---- */
 
@@ -141,9 +148,10 @@ static void add_haze(float distance, float color[3]) {
     color[c] = color[c] * clear + haze[c] * (1.0f - clear);
 }
 
-/* Adds to `sum` the colours of the packet's samples that hit a surface. An odd sample reuses the reflectance of the
- * even one before it if both lie on one face. Textures are filtered over half a pixel's width. */
-static void add_surfaces(const draw_job *job, const pags_camera *camera, const pags_rays *rays,
+/* Adds to `sum` the colours of the packet's samples that hit a surface, times the share `bright` of their light. An odd
+ * sample reuses the reflectance of the even one before it if both lie on one face. Textures are filtered over half a
+ * pixel's width. */
+static void add_surfaces(const draw_job *job, const pags_camera *camera, float bright, const pags_rays *rays,
                          const pags_touch *touches, unsigned met, float sum[3]) {
   const lighting light = find_light(job, touches, met);
   surface seen = {{0}, {0}};
@@ -173,7 +181,7 @@ static void add_surfaces(const draw_job *job, const pags_camera *camera, const p
       color[c] = color[c] * seen.reflectance[c] + seen.mirrored[c];
     add_haze(touch->distance * sqrtf(pags_dot3f(rays->direction[i], rays->direction[i])), color);
     for (int c = 0; c < 3; c++)
-      sum[c] += color[c] < 1.0f ? color[c] : 1.0f;
+      sum[c] += bright * color[c] < 1.0f ? bright * color[c] : 1.0f;
   }
 }
 
@@ -225,13 +233,16 @@ static int lattice_step(int n) {
 
 static void draw_pixel(const draw_job *job, const pags_street_view *view, int x, int y, pags_rays *rays) {
   const int samples = job->street->options->samples;
+  const pags_street_options *o = job->street->options;
+  const float bright = view->sensor < 0 ? 1.0f : pags_faults_vignette(o, x + 0.5, y + 0.5);
+  const float power = view->sensor < 0 ? 1.0f : pags_faults_response(o, view->sensor);
   uint8_t *out = view->rgb + 3 * ((int64_t)y * view->camera.width + x);
   float sum[3] = {0};
   for (int first = 0; first < samples; first += PAGS_PACKET) {
     rays->active = 0;
     for (int i = 0; i < PAGS_PACKET && first + i < samples; i++) {
       const int row = (int)((int64_t)(first + i) * job->step % samples);
-      camera_ray(&view->camera, x + (first + i + 0.5) / samples, y + (row + 0.5) / samples, rays->direction[i]);
+      camera_ray(job, view, x + (first + i + 0.5) / samples, y + (row + 0.5) / samples, rays->direction[i]);
       rays->active |= 1u << i;
     }
 
@@ -239,7 +250,7 @@ static void draw_pixel(const draw_job *job, const pags_street_view *view, int x,
     pags_touch touches[PAGS_PACKET];
     const unsigned met = pags_stage_trace(job->stage, rays, touches);
     if (met)
-      add_surfaces(job, &view->camera, rays, touches, met, sum);
+      add_surfaces(job, &view->camera, bright, rays, touches, met, sum);
     if (met != rays->active) {
       /* The sky changes little within a pixel: its colour in the mean direction of these rays counts for all of
        * them. */
@@ -254,27 +265,26 @@ static void draw_pixel(const draw_job *job, const pags_street_view *view, int x,
       const float length = sqrtf(pags_dot3f(mean, mean));
       pags_sky_color((float[3]){mean[0] / length, mean[1] / length, mean[2] / length}, job->seed, color);
       for (int c = 0; c < 3; c++)
-        sum[c] += count * (color[c] < 1.0f ? color[c] : 1.0f);
+        sum[c] += count * (bright * color[c] < 1.0f ? bright * color[c] : 1.0f);
     }
   }
   for (int c = 0; c < 3; c++)
-    out[c] = encode_srgb(sum[c] / (float)samples);
+    out[c] = encode_srgb(sum[c] / (float)samples, power);
 }
 
-/* Fills row y of the view's depth, labels and actors from rays through the pixels' centres, eight neighbours at a
- * time. */
-static void draw_truth(const draw_job *job, const pags_street_view *view, int y, pags_rays *rays) {
-  const int width = view->camera.width;
+/* Fills pixels [first, end) of row y of the view's depth, labels and actors from rays through the pixels' centres,
+ * eight neighbours at a time. */
+static void draw_truth(const draw_job *job, const pags_street_view *view, int first, int end, int y, pags_rays *rays) {
   pags_touch touches[PAGS_PACKET];
-  for (int first = 0; first < width; first += PAGS_PACKET) {
+  for (; first < end; first += PAGS_PACKET) {
     rays->active = 0;
-    for (int i = 0; i < PAGS_PACKET && first + i < width; i++) {
-      camera_ray(&view->camera, first + i + 0.5, y + 0.5, rays->direction[i]);
+    for (int i = 0; i < PAGS_PACKET && first + i < end; i++) {
+      camera_ray(job, view, first + i + 0.5, y + 0.5, rays->direction[i]);
       rays->active |= 1u << i;
     }
     const unsigned met = pags_stage_trace(job->stage, rays, touches);
-    for (int i = 0; i < PAGS_PACKET && first + i < width; i++) {
-      int64_t at = (int64_t)y * width + first + i;
+    for (int i = 0; i < PAGS_PACKET && first + i < end; i++) {
+      int64_t at = (int64_t)y * view->camera.width + first + i;
       const pags_touch *touch = met >> i & 1u ? &touches[i] : NULL;
       view->depth[at] = touch ? touch->distance : 0.0f;
       view->labels[at] = touch ? job->street->materials.list[touch->material].label : PAGS_CLASS_SKY;
@@ -283,32 +293,71 @@ static void draw_truth(const draw_job *job, const pags_street_view *view, int y,
   }
 }
 
-static void draw_rows(void *context, int64_t begin, int64_t end, int worker) {
+static void draw_blocks(void *context, int64_t begin, int64_t end, int worker) {
   (void)worker;
   const draw_job *job = context;
+  const pags_street_window *w = &job->window;
   for (int64_t b = begin; b < end; b++) {
     const pags_street_view *view = &job->views[b / job->blocks];
-    const int first = ROWS * (int)(b % job->blocks);
+    const int block = (int)(b % job->blocks);
+    const int left = w->x[0] + COLUMNS * (block % job->across), top = w->y[0] + ROWS * (block / job->across);
+    const int right = left + COLUMNS < w->x[1] ? left + COLUMNS : w->x[1];
     pags_rays rays;
     memset(&rays, 0, sizeof rays);
     for (int i = 0; i < PAGS_PACKET; i++)
       for (int k = 0; k < 3; k++)
         rays.origin[i][k] = (float)view->camera.world_from_camera[4 * k + 3];
-    for (int y = first; y < first + ROWS && y < view->camera.height; y++) {
-      for (int x = 0; x < view->camera.width; x++)
+    for (int y = top; y < top + ROWS && y < w->y[1]; y++) {
+      for (int x = left; x < right; x++)
         draw_pixel(job, view, x, y, &rays);
       if (view->depth)
-        draw_truth(job, view, y, &rays);
+        draw_truth(job, view, left, right, y, &rays);
     }
   }
 }
 
 pags_result pags_street_draw(const pags_street *street, const pags_stage *stage, pags_street_view *views, int count,
-                             pags_tasks *tasks) {
-  draw_job job = {.street = street, .stage = stage, .views = views, .seed = street->options->seed};
-  job.step = lattice_step(street->options->samples);
-  job.blocks = (street->options->height + ROWS - 1) / ROWS;
-  return pags_parallel_for(tasks, (int64_t)job.blocks * count, 1, draw_rows, &job)
+                             const pags_street_window *window, pags_tasks *tasks) {
+  const pags_street_options *o = street->options;
+  draw_job job = {.street = street, .stage = stage, .views = views, .seed = o->seed};
+  job.window = window ? *window : (pags_street_window){.x = {0, o->width}, .y = {0, o->height}};
+  job.step = lattice_step(o->samples);
+  job.across = (job.window.x[1] - job.window.x[0] + COLUMNS - 1) / COLUMNS;
+  job.blocks = job.across * ((job.window.y[1] - job.window.y[0] + ROWS - 1) / ROWS);
+  return pags_parallel_for(tasks, (int64_t)job.blocks * count, 1, draw_blocks, &job)
              ? PAGS_OK
              : pags_fail(PAGS_CANCELLED, "cancelled");
+}
+
+/* ---- Exposures ---- */
+
+/* The pixels of a line that a shutter reads at one time. */
+static pags_street_window window_of(const pags_street_options *o, int line) {
+  pags_street_window window = {.x = {0, o->width}, .y = {0, o->height}};
+  if (o->faults.rolling > 0.0) {
+    int *side = pags_faults_reads_rows(o) ? window.y : window.x;
+    side[0] = line;
+    side[1] = line + 1;
+  }
+  return window;
+}
+
+pags_result pags_street_expose(pags_street *street, pags_stage *stage, int frame, pags_street_view *views,
+                               pags_tasks *tasks) {
+  const pags_street_options *o = street->options;
+  const bool rolls = o->faults.rolling > 0.0;
+  const int lines = pags_faults_lines(o), together = o->faults.delay > 0.0 ? 1 : o->cameras;
+  for (int first = 0; first < o->cameras; first += together) { /* cameras that expose at one time */
+    for (int line = 0; line < lines; line++) {
+      const pags_street_window window = window_of(o, line);
+      for (int c = first; c < first + together; c++) {
+        views[c].sensor = c;
+        views[c].camera = pags_faults_camera(o, frame, c, rolls ? line : -1);
+      }
+      pags_street_set_time(street, views[first].camera.time);
+      PAGS_TRY(pags_stage_commit(stage, street->first_moving, street->placement_count - street->first_moving));
+      PAGS_TRY(pags_street_draw(street, stage, views + first, together, &window, tasks));
+    }
+  }
+  return PAGS_OK;
 }

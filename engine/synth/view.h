@@ -10,6 +10,7 @@
 
 typedef struct pags_street_view {
   pags_camera camera;
+  int sensor;   /* the camera of the car whose lens and light the picture has (faults.h); -1: a perfect pinhole */
   uint8_t *rgb; /* 3 bytes a pixel (sRGB): the mean of samples spread over the pixel */
   /* Truth by the ray through the pixel's centre; NULL where only the picture is wanted. */
   float *depth;    /* camera z, metres; 0 for the sky */
@@ -17,9 +18,20 @@ typedef struct pags_street_view {
   int32_t *actors; /* index of the labelled object; -1: none */
 } pags_street_view;
 
-/* Draws all views, with objects where the stage has them. Error: PAGS_CANCELLED. */
+/* Pixels [x[0], x[1]) of rows [y[0], y[1]). */
+typedef struct pags_street_window {
+  int x[2], y[2];
+} pags_street_window;
+
+/* Draws the part `window` (NULL: all) of all views, with objects where the stage has them. Error: PAGS_CANCELLED. */
 pags_result pags_street_draw(const pags_street *street, const pags_stage *stage, pags_street_view *views, int count,
-                             pags_tasks *tasks);
+                             const pags_street_window *window, pags_tasks *tasks);
+
+/* Draws the photographs and the truth of the time step `frame` as the car's cameras take them, each line of a rolling
+ * shutter at its own time: sets cameras and sensors of the views, one for each camera of the car. Leaves the moving
+ * objects of the street and the stage at some time within the exposures. Errors: PAGS_CANCELLED, or the stage's. */
+pags_result pags_street_expose(pags_street *street, pags_stage *stage, int frame, pags_street_view *views,
+                               pags_tasks *tasks);
 
 /* Sets `color` to the linear colour of the surface point `touch` (whose `distance` is not used), lit by the sun and
  * by all eight sky directions, with textures filtered over `footprint`. Patterns of roads and pavements follow the

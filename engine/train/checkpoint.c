@@ -165,6 +165,28 @@ static pags_result put_tracks(section_writer *w, const pags_track_poses *tracks)
   return close_section(w);
 }
 
+/* The begin of sections CAMS and LITE; the parts follow. */
+typedef struct cameras_record {
+  pags_trial trial;
+  int64_t items;
+} cameras_record;
+
+static pags_result put_cameras(section_writer *w, const pags_camera_poses *p) {
+  const cameras_record record = {p->trial, pags_camera_poses_items(p)};
+  PAGS_TRY(open_section(w, "CAMS", sizeof record + (size_t)pags_camera_poses_items(p) * sizeof *p->items));
+  PAGS_TRY(put(w, &record, sizeof record));
+  PAGS_TRY(put(w, p->items, (size_t)pags_camera_poses_items(p) * sizeof *p->items));
+  return close_section(w);
+}
+
+static pags_result put_photometry(section_writer *w, const pags_photometry *p) {
+  const cameras_record record = {p->trial, p->count};
+  PAGS_TRY(open_section(w, "LITE", sizeof record + (size_t)p->count * sizeof *p->parts));
+  PAGS_TRY(put(w, &record, sizeof record));
+  PAGS_TRY(put(w, p->parts, (size_t)p->count * sizeof *p->parts));
+  return close_section(w);
+}
+
 static pags_result put_state(section_writer *w, const pags_train_state *s, uint64_t fingerprint) {
   char text[PAGS_CONFIG_TEXT];
   size_t sky = sky_bytes(s->sky.sky.size);
@@ -200,6 +222,10 @@ static pags_result put_state(section_writer *w, const pags_train_state *s, uint6
   }
   PAGS_TRY(close_section(w));
   PAGS_TRY(put_whole(w, "EXPO", s->exposures.items, exposure_bytes(&s->exposures)));
+  if (s->cameras.trial.state != PAGS_TRIAL_NONE)
+    PAGS_TRY(put_cameras(w, &s->cameras));
+  if (s->photometry.trial.state != PAGS_TRIAL_NONE)
+    PAGS_TRY(put_photometry(w, &s->photometry));
   if (s->nonfinite.count > 0)
     PAGS_TRY(
         put_whole(w, "BADR", &(nonfinite_record){s->nonfinite.count, s->nonfinite.first}, sizeof(nonfinite_record)));
@@ -430,6 +456,58 @@ static pags_result get_exposures(section_reader *r, const run_record *run, const
   return PAGS_OK;
 }
 
+static pags_result get_cameras(section_reader *r, const pags_dataset *dataset, pags_camera_poses *p) {
+  const uint8_t *payload = NULL;
+  uint64_t size = 0;
+  cameras_record record;
+  PAGS_TRY(next(r, "CAMS", &payload, &size));
+  if (size < sizeof record)
+    return out_of_range(r, "CAMS");
+  memcpy(&record, payload, sizeof record);
+  const bool fitted = record.trial.state == PAGS_TRIAL_RUNS || record.trial.state == PAGS_TRIAL_PAID;
+  if (!(fitted || record.trial.state == PAGS_TRIAL_FAILED) || !dataset)
+    return out_of_range(r, "CAMS");
+  if (fitted)
+    PAGS_TRY(pags_camera_poses_create(p, dataset));
+  if (record.items != pags_camera_poses_items(p) ||
+      size != sizeof record + (size_t)pags_camera_poses_items(p) * sizeof *p->items)
+    return out_of_range(r, "CAMS");
+  if (fitted)
+    memcpy(p->items, payload + sizeof record, (size_t)pags_camera_poses_items(p) * sizeof *p->items);
+  for (size_t i = 0; i < (size_t)pags_camera_poses_items(p); i++)
+    for (int k = 0; k < 6; k++)
+      if (!isfinite(p->items[i].value[k]) || p->items[i].moments.count < 0)
+        return out_of_range(r, "CAMS");
+  p->trial = record.trial;
+  return PAGS_OK;
+}
+
+static pags_result get_photometry(section_reader *r, const pags_dataset *dataset, pags_photometry *p) {
+  const uint8_t *payload = NULL;
+  uint64_t size = 0;
+  cameras_record record;
+  PAGS_TRY(next(r, "LITE", &payload, &size));
+  if (size < sizeof record)
+    return out_of_range(r, "LITE");
+  memcpy(&record, payload, sizeof record);
+  const bool fitted = record.trial.state == PAGS_TRIAL_RUNS || record.trial.state == PAGS_TRIAL_PAID;
+  if (!(fitted || record.trial.state == PAGS_TRIAL_FAILED) || !dataset)
+    return out_of_range(r, "LITE");
+  if (fitted)
+    PAGS_TRY(pags_photometry_create(p, dataset));
+  if (record.items != p->count || size != sizeof record + (size_t)p->count * sizeof *p->parts)
+    return out_of_range(r, "LITE");
+  if (fitted)
+    memcpy(p->parts, payload + sizeof record, (size_t)p->count * sizeof *p->parts);
+  for (int64_t s = 0; s < p->count; s++) {
+    const pags_light light = pags_photometry_light(p, (int)s);
+    if (!pags_light_is_sound(&light) || p->parts[s].by_vignette.count < 0 || p->parts[s].by_slopes.count < 0)
+      return out_of_range(r, "LITE");
+  }
+  p->trial = record.trial;
+  return PAGS_OK;
+}
+
 static pags_result get_nonfinite(section_reader *r, pags_train_state *s) {
   const uint8_t *payload = NULL;
   nonfinite_record record;
@@ -438,7 +516,7 @@ static pags_result get_nonfinite(section_reader *r, pags_train_state *s) {
   const pags_nonfinite_row *o = &record.first;
   if (record.count <= 0 || o->step < 0 || o->step > s->step || o->object < -1 || o->object >= s->tracks.count ||
       o->row < 0 || o->plane < 0 || o->plane >= PAGS_MAX_PLANES + PAGS_FOURIER_PLANES || o->kind < 0 ||
-      o->kind > PAGS_NONFINITE_EXPOSURE)
+      o->kind > PAGS_NONFINITE_CAMERA)
     return out_of_range(r, "BADR");
   s->nonfinite.count = record.count;
   s->nonfinite.first = record.first;
@@ -484,6 +562,10 @@ static pags_result read_state(section_reader *r, const pags_dataset *dataset, pa
   PAGS_TRY(get_tracks(r, &s->tracks));
   PAGS_TRY(get_sky(r, &record, &s->sky));
   PAGS_TRY(get_exposures(r, &record, dataset, &s->exposures));
+  if (r->end - r->at >= 4 && memcmp(r->at, "CAMS", 4) == 0)
+    PAGS_TRY(get_cameras(r, dataset, &s->cameras));
+  if (r->end - r->at >= 4 && memcmp(r->at, "LITE", 4) == 0)
+    PAGS_TRY(get_photometry(r, dataset, &s->photometry));
   if (r->end - r->at >= 4 && memcmp(r->at, "BADR", 4) == 0)
     PAGS_TRY(get_nonfinite(r, s));
   return next_sized(r, "END!", 0, &payload);

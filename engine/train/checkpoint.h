@@ -8,7 +8,8 @@
  * parameters, MOM1 and MOM2 the moments (Fourier terms after the standard planes); STEP the two steps of each cluster
  * (pending Adam steps are stored as pending); STAT the densify statistics; and, each only if the model has them, OBJI
  * object numbers, SSEM priorities, SQUA squared derivatives. TRAK holds the increments and moments of all knots (the
- * labelled poses come from the data set), SKY0 texels, moments and visits, EXPO the exposures, BADR (only if there
+ * labelled poses come from the data set), SKY0 texels, moments and visits, EXPO the exposures, CAMS
+ * (only if they were tried) the corrections of camera poses, LITE (likewise) the cameras' light, BADR (only if there
  * was one) the number of updates left out and the first of them, END! nothing. Sections come in this order. */
 #ifndef PAGS_TRAIN_CHECKPOINT_H
 #define PAGS_TRAIN_CHECKPOINT_H

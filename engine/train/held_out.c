@@ -11,7 +11,8 @@
 #include "train/round.h"
 
 /* Mean square of picture - photograph, both within 0..1, over the pixels that count; NaN if none does. */
-static double mean_square(const pags_picture *picture, const pags_photo *photo, const pags_scene_view *view) {
+static double mean_square(const pags_picture *picture, const pags_photo *photo, const pags_camera *camera,
+                          const pags_scene_view *view) {
   double sum = 0;
   int64_t counted = 0;
   for (int y = 0; y < picture->height; y++) {
@@ -21,8 +22,10 @@ static double mean_square(const pags_picture *picture, const pags_photo *photo, 
       if (photo->mask && photo->mask[at] == 0)
         continue;
       counted++;
+      const double bright = pags_light_vignette(&view->light, pags_light_distance(camera, x + 0.5, y + 0.5));
       for (int c = 0; c < 3; c++) {
-        const double seen = (double)picture->rgb[c][(int64_t)y * picture->stride + x];
+        const double drawn = (double)picture->rgb[c][(int64_t)y * picture->stride + x];
+        const double seen = pags_light_response(&view->light, bright * drawn, NULL);
         const double exposed = fmin(fmax(view->gain[c] * seen + view->offset[c], 0), 1);
         const double away = exposed - photo->rgb[((int64_t)c * photo->height + y) * photo->stride + x] / 255.0;
         row += away * away;
@@ -33,17 +36,25 @@ static double mean_square(const pags_picture *picture, const pags_photo *photo, 
   return counted > 0 ? sum / (3 * (double)counted) : (double)NAN;
 }
 
-/* Draws this rank's view of the round and compares it with its photograph. */
+/* Draws this rank's view of the round and compares it with its photograph, exposed as `exposed` says. */
 static pags_result measure(pags_trainer *t, int64_t step, const pags_frame_options *options,
-                           const pags_scene_view *views, double *psnr) {
-  const int64_t view = t->round[t->shared.rank].view;
+                           const pags_scene_view *exposed, double *psnr) {
+  const pags_step_view *const own = t->round + t->shared.rank;
   pags_picture picture;
   pags_photo photo;
-  PAGS_TRY(pags_photo_cache_get(t->cache, view, 1, &photo));
+  PAGS_TRY(pags_photo_cache_get(t->cache, own->view, 1, &photo));
   PAGS_TRY(pags_round_draw(t, step, options, &picture));
-  const double mse = mean_square(&picture, &photo, &views[view]);
+  const double mse = mean_square(&picture, &photo, &own->camera, exposed);
   *psnr = mse > 0 ? -10 * pags_log10(mse) : (double)NAN;
   return PAGS_OK;
+}
+
+pags_result pags_held_out_view(pags_trainer *t, int64_t view, const pags_camera *camera, const pags_scene_view *exposed,
+                               double *psnr) {
+  const int64_t step = t->state.step + 1; /* draws with all steps done, of which this applies the pending ones */
+  const pags_frame_options options = pags_view_render_options(t, step);
+  t->round[t->shared.rank] = (pags_step_view){.view = view, .camera = *camera};
+  return measure(t, step, &options, exposed, psnr);
 }
 
 /* Measures `count` scores, one a rank. */
@@ -54,11 +65,10 @@ static pags_result measure_round(pags_trainer *t, pags_train_score *scores, int 
   double own = (double)NAN, all[PAGS_RANKS_MOST];
   pags_result mine = PAGS_OK;
   for (int i = 0; i < count; i++)
-    t->round[i] =
-        (pags_step_view){.view = scores[i].view, .camera = pags_dataset_view(t->dataset, scores[i].view)->camera};
+    t->round[i] = (pags_step_view){.view = scores[i].view, .camera = views[scores[i].view].camera};
   PAGS_TRY(pags_round_project(t, step, count, &options));
   if (pags_round_draws(t, count))
-    mine = measure(t, step, &options, views, &own);
+    mine = measure(t, step, &options, views + scores[t->shared.rank].view, &own);
   PAGS_TRY(pags_transport_agree(transport, mine));
   PAGS_TRY(pags_share_all(transport, &own, sizeof own, all));
   for (int i = 0; i < count; i++)

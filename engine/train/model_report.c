@@ -8,6 +8,7 @@
 #include "base/json.h"
 #include "base/memory.h"
 #include "base/text.h"
+#include "base/vec3.h"
 
 static const char *why_object(const pags_train_state *s, const pags_object *o, int64_t model) {
   if (!o->moving)
@@ -55,6 +56,43 @@ static void put_object(pags_json_writer *w, const pags_train_state *s, int64_t o
   pags_json_end_object(w);
 }
 
+/* Why something that was on trial is modelled or not, and what it brought. */
+static void put_trial(pags_json_writer *w, const pags_trial *trial) {
+  pags_json_put_string(w, "why",
+                       trial->state == PAGS_TRIAL_RUNS   ? "on trial"
+                       : trial->state == PAGS_TRIAL_PAID ? "photographs kept out are drawn better"
+                                                         : "photographs kept out are not drawn better");
+  if (isfinite(trial->gain)) {
+    pags_json_put_number(w, "gain_db", trial->gain);
+    pags_json_put_number(w, "standard_error_db", trial->uncertain);
+  }
+}
+
+/* Whether camera poses are corrected, what that brought on photographs kept out, and how far they moved. */
+static void put_cameras(pags_json_writer *w, const pags_dataset *dataset, const pags_train_state *s) {
+  const pags_camera_poses *p = &s->cameras;
+  double metres = 0.0, radians = 0.0;
+  if (p->trial.state == PAGS_TRIAL_NONE)
+    return;
+  pags_json_begin_object(w, "camera_poses");
+  pags_json_put_bool(w, "corrected", p->count > 0);
+  put_trial(w, &p->trial);
+  for (int64_t i = 0; i < p->count; i++) {
+    const pags_camera camera = pags_camera_poses_view(p, dataset, i);
+    double inverse[12], motion[12], turn[3];
+    pags_rigid_inverse(pags_dataset_view(dataset, i)->camera.world_from_camera, inverse);
+    pags_rigid_multiply(inverse, camera.world_from_camera, motion);
+    pags_increment_rotation(motion, turn);
+    metres += sqrt(motion[3] * motion[3] + motion[7] * motion[7] + motion[11] * motion[11]) / (double)p->count;
+    radians += pags_length3(turn) / (double)p->count;
+  }
+  if (p->count > 0) {
+    pags_json_put_number(w, "mean_shift_metres", metres);
+    pags_json_put_number(w, "mean_turn_degrees", radians * 57.29577951308232);
+  }
+  pags_json_end_object(w);
+}
+
 pags_result pags_model_report_write(const pags_dataset *dataset, const pags_train_state *s, char **text) {
   pags_json_writer w;
   pags_json_writer_init(&w, 0);
@@ -73,6 +111,13 @@ pags_result pags_model_report_write(const pags_dataset *dataset, const pags_trai
   pags_json_end_object(&w);
 
   pags_json_put_bool(&w, "exposure", s->exposures.count > 0);
+  put_cameras(&w, dataset, s);
+  if (s->photometry.trial.state != PAGS_TRIAL_NONE) {
+    pags_json_begin_object(&w, "light");
+    pags_json_put_bool(&w, "fitted", s->photometry.count > 0);
+    put_trial(&w, &s->photometry.trial);
+    pags_json_end_object(&w);
+  }
   pags_json_put_bool(&w, "track_optimisation", s->schedule.config.objects.tracks);
   pags_json_put_integer(&w, "lidar_points", s->lidar_points);
   pags_json_begin_array(&w, "objects");

@@ -78,5 +78,9 @@ void pags_nonfinite_describe(const pags_nonfinite *nonfinite, const char *name, 
       snprintf(text, PAGS_GUARD_TEXT, "the gradient by the exposure of view %lld at step %lld", (long long)o->row,
                (long long)o->step);
       break;
+    case PAGS_NONFINITE_CAMERA:
+      snprintf(text, PAGS_GUARD_TEXT, "the gradient by the camera pose of view %lld at step %lld", (long long)o->row,
+               (long long)o->step);
+      break;
   }
 }

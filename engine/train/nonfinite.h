@@ -13,7 +13,8 @@ typedef enum pags_nonfinite_kind {
   PAGS_NONFINITE_GRADIENT,  /* the gradient of a Gaussian: not finite, or so large that its square isn't finite */
   PAGS_NONFINITE_PARAMETER, /* a parameter of a Gaussian */
   PAGS_NONFINITE_POSE,      /* the gradient of a knot of an object's track */
-  PAGS_NONFINITE_EXPOSURE   /* the gradient of a view's exposure */
+  PAGS_NONFINITE_EXPOSURE,  /* the gradient of a view's exposure */
+  PAGS_NONFINITE_CAMERA     /* the gradient of a view's camera pose */
 } pags_nonfinite_kind;
 
 typedef struct pags_nonfinite_row {

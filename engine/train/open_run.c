@@ -85,6 +85,11 @@ static pags_result find_points(const pags_trainer *t, const pags_train_config *c
 static pags_result start_static(pags_trainer *t, const pags_train_config *config, const start_points *p,
                                 double extent) {
   pags_train_state *s = &t->state;
+  if (config->cameras.camera_poses || config->cameras.light)
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s: camera_poses and light are left out: they are for the rigs of driving sets, whose cameras "
+                     "are the same in all time steps",
+                     pags_dataset_path(t->dataset));
   pags_gaussians g;
   const int64_t most = s->cap > 0 ? s->cap : INT32_MAX - 64;
   PAGS_TRY(pags_init_gaussians(config, p->count, p->xyz, p->rgb, most, extent, t->tasks, &g));
@@ -200,6 +205,10 @@ static pags_result start_driving(pags_trainer *t, const pags_train_config *confi
     PAGS_TRY(pags_sky_fit_create(&s->sky, t->dataset, t->cache, &s->sky_share));
   if (config->exposure.exposure)
     PAGS_TRY(pags_exposures_create(&s->exposures, t->dataset));
+  if (config->cameras.camera_poses)
+    PAGS_TRY(pags_camera_poses_create(&s->cameras, t->dataset));
+  if (config->cameras.light)
+    PAGS_TRY(pags_photometry_create(&s->photometry, t->dataset));
   PAGS_TRY(pags_whole_take(t->dataset, true, s));
   pags_log_message(PAGS_LOG_INFO, "start: %lld Gaussians in the background, %lld in %lld moving objects; sky %s",
                    (long long)s->models[0].gaussians.count,

@@ -19,6 +19,8 @@ typedef struct pags_step_rest {
   struct {
     int64_t view;
     double by_exposure[6];
+    double by_world[6]; /* by a motion of everything that the camera sees (camera_poses.h) */
+    pags_light_gradient by_light;
   } *photographs; /* [batch] */
   int64_t pose_count;
   struct {
@@ -76,6 +78,7 @@ typedef struct pags_step_view {
   pags_picture picture;
   bool objects_drawn; /* the object opacity term was evaluated */
   pags_photometric_loss loss;
+  pags_light_gradient by_light; /* of the loss, by the camera's light */
   pags_driving_losses terms;
 } pags_step_view;
 

@@ -190,16 +190,16 @@ static int64_t list_views(const pags_trainer *t, const pags_train_model *m, pags
   const double *origin = pags_dataset_origin(t->dataset);
   int64_t count = 0;
   for (int64_t i = 0; i < t->view_count; i++) {
-    const pags_camera *camera = &pags_dataset_view(t->dataset, t->views[i])->camera;
+    const pags_camera camera = pags_camera_poses_view(&t->state.cameras, t->dataset, t->views[i]);
     double pose[12];
     memcpy(pose, still, sizeof pose);
     if (m->object >= 0) {
-      if (!pags_object_pose(&t->state.tracks.objects[m->object], camera->time, pose))
+      if (!pags_object_pose(&t->state.tracks.objects[m->object], camera.time, pose))
         continue;
       for (int k = 0; k < 3; k++)
         pose[4 * k + 3] -= origin[k];
     }
-    views[count++] = pags_sh_view_make(camera, pose, origin, c->picture.near_plane, c->picture.low_pass);
+    views[count++] = pags_sh_view_make(&camera, pose, origin, c->picture.near_plane, c->picture.low_pass);
   }
   return count;
 }

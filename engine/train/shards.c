@@ -305,6 +305,8 @@ static pags_result take_shared(pags_train_state *from, pags_train_state *to) {
   from->tracks = (pags_track_poses){0};
   from->sky = (pags_sky_fit){0};
   from->exposures = (pags_exposures){0};
+  from->cameras = (pags_camera_poses){0};
+  from->photometry = (pags_photometry){0};
   return PAGS_OK;
 }
 

@@ -6,7 +6,7 @@
 #include "train/run.h"
 
 /* Refuses what several ranks can't do yet. */
-pags_result pags_share_run_check(const pags_train_options *options);
+pags_result pags_share_run_check(const pags_train_config *config, const pags_train_options *options);
 /* Collective: takes this rank's share of all models, which every rank has in whole before; `resumed`: it has its share
  * alone, as pags_shards_load cuts it. */
 pags_result pags_share_run_begin(pags_trainer *trainer, bool resumed);

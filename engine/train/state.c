@@ -21,6 +21,8 @@ void pags_state_destroy(pags_train_state *state) {
   pags_track_poses_destroy(&state->tracks);
   pags_sky_fit_destroy(&state->sky);
   pags_exposures_destroy(&state->exposures);
+  pags_camera_poses_destroy(&state->cameras);
+  pags_photometry_destroy(&state->photometry);
   *state = (pags_train_state){0};
 }
 

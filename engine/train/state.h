@@ -3,9 +3,11 @@
 #ifndef PAGS_TRAIN_STATE_H
 #define PAGS_TRAIN_STATE_H
 
+#include "train/camera_poses.h"
 #include "train/exposure.h"
 #include "train/model.h"
 #include "train/nonfinite.h"
+#include "train/photometry.h"
 #include "train/sky_fit.h"
 #include "train/track_poses.h"
 
@@ -18,13 +20,15 @@ typedef struct pags_train_state {
   int64_t clocked;  /* 1: the number of steps was set by the time limit, so it may differ from the one asked for */
   double loss, mse; /* running means over about one pass; 0 before the first step */
   int64_t model_count;
-  pags_train_model *models; /* the background first, then objects in the data set's order */
-  pags_track_poses tracks;  /* tracks of all labelled objects */
-  pags_sky_fit sky;         /* size 0: no sky */
-  double sky_share;         /* share of the training photographs' pixels that is sky */
-  int64_t lidar_points;     /* number of LiDAR points that the background started from */
-  pags_exposures exposures; /* count 0: exposure isn't modelled */
-  pags_nonfinite nonfinite; /* updates left out so far for a number that isn't finite */
+  pags_train_model *models;   /* the background first, then objects in the data set's order */
+  pags_track_poses tracks;    /* tracks of all labelled objects */
+  pags_sky_fit sky;           /* size 0: no sky */
+  double sky_share;           /* share of the training photographs' pixels that is sky */
+  int64_t lidar_points;       /* number of LiDAR points that the background started from */
+  pags_exposures exposures;   /* count 0: exposure isn't modelled */
+  pags_camera_poses cameras;  /* count 0: poses are as recorded */
+  pags_photometry photometry; /* count 0: no vignettes and response curves */
+  pags_nonfinite nonfinite;   /* updates left out so far for a number that isn't finite */
 } pags_train_state;
 
 /* Creates the state of a run of `stop` steps, without models but with room for `models` of them. */

@@ -31,7 +31,7 @@ enum { LARGEST_CLUSTER = 256, MOST_SAMPLES = 16384, ROW_PLANES = PAGS_MAX_PLANES
 /* The object opacity term is evaluated for one of so many photographs: its picture changes slowly, and it costs a tenth
  * of a step. */
 enum { OBJECTS_EVERY = 4, FINISH_GRAIN = 8 };
-enum { GRADIENT, GRADIENT_T = 3, GRADIENT_DEPTH, ZEROS, ONES, PLANES };
+enum { GRADIENT, GRADIENT_T = 3, GRADIENT_DEPTH, ZEROS, ONES, SHOWN, PLANES = SHOWN + 3 };
 
 /* ---- Memory ---- */
 
@@ -43,7 +43,7 @@ static pags_result reserve_planes(pags_trainer *t, const pags_picture *picture) 
   if (floats <= p->plane_floats)
     return PAGS_OK;
   p->plane_floats = 0;
-  for (int i = 0; i < PLANES; i++) {
+  for (int i = 0; i < (t->state.photometry.count > 0 ? PLANES : SHOWN); i++) {
     pags_port_aligned_free(p->plane[i]);
     /* The stride is a multiple of 16 floats, so the size is one of 64 bytes. */
     p->plane[i] = pags_port_aligned_alloc(64, (size_t)floats * sizeof(float));
@@ -172,7 +172,7 @@ static void receive(void *user, const pags_cluster_gradient *g, int worker) {
   }
   for (int64_t i = 0; held && i < (int64_t)g->planes * g->stride; i++)
     copy[i] += held[i];
-  if (m->object >= 0)
+  if (m->object >= 0 || c->trainer->state.cameras.count > 0)
     pags_pose_gradient(data, g->stride, g->planes, &m->gaussians, g->first, g->count,
                        p->models[model].pose[g->cluster]);
   if (mcmc)
@@ -287,6 +287,21 @@ static pags_result prepare(pags_trainer *t, const pags_step_view *v, const pags_
              : pags_fail(PAGS_CANCELLED, "cancelled");
 }
 
+/* Evaluates the photometric loss of what the camera shows of the picture. */
+static pags_result compare(pags_trainer *t, pags_step_view *v, const pags_comparison *how) {
+  float **const gradient = t->render.plane + GRADIENT, **const shown = t->render.plane + SHOWN;
+  const pags_photometry *const p = &t->state.photometry;
+  if (p->count == 0)
+    return pags_photometric_loss_evaluate(t->tasks, &v->picture, &v->photo, how, gradient, &v->loss);
+  const pags_light light = pags_photometry_light(p, pags_dataset_view(t->dataset, v->view)->sensor);
+  pags_picture picture = v->picture;
+  PAGS_TRY(pags_photometry_apply(t->tasks, &light, &v->camera, &v->picture, shown));
+  for (int c = 0; c < 3; c++)
+    picture.rgb[c] = shown[c];
+  PAGS_TRY(pags_photometric_loss_evaluate(t->tasks, &picture, &v->photo, how, gradient, &v->loss));
+  return pags_photometry_back(t->tasks, &light, &v->camera, &v->picture, gradient, &v->by_light);
+}
+
 /* Evaluates all loss terms and writes dLoss/d(picture) to the planes. `gradient` receives the planes; those of T and
  * sum(w z) are NULL if no term has a gradient by them. */
 static pags_result losses(pags_trainer *t, int64_t step, pags_step_view *v, pags_picture_gradient *gradient) {
@@ -310,8 +325,7 @@ static pags_result losses(pags_trainer *t, int64_t step, pags_step_view *v, pags
   if (depth)
     gradient->depth_sum = p->plane[GRADIENT_DEPTH];
   PAGS_TRY(prepare(t, v, gradient, &how));
-  PAGS_TRY(
-      pags_photometric_loss_evaluate(t->tasks, &v->picture, &v->photo, &how, t->render.plane + GRADIENT, &v->loss));
+  PAGS_TRY(compare(t, v, &how));
 
   if (sky)
     PAGS_TRY(pags_driving_loss_sky(t->tasks, &v->picture, &v->photo, c->losses.sky_weight, p->plane[GRADIENT_T],
@@ -327,10 +341,13 @@ static pags_result losses(pags_trainer *t, int64_t step, pags_step_view *v, pags
 
 /* ---- One photograph ---- */
 
-/* Keeps what the photograph says about exposure and poses until the step's end. The pose of a knot is summed over
- * clusters in their order. */
+/* Keeps what the photograph says about exposure and poses until the step's end. The pose of a knot, and that of the
+ * camera, is summed over clusters in their order. */
 static void keep_rest(pags_trainer *t, const pags_step_view *v) {
   pags_step_rest *r = &t->rest;
+  double *by_world = r->photographs[r->count].by_world;
+  memset(by_world, 0, sizeof r->photographs->by_world);
+  r->photographs[r->count].by_light = v->by_light;
   r->photographs[r->count].view = v->view;
   memcpy(r->photographs[r->count++].by_exposure, v->loss.by_exposure, sizeof v->loss.by_exposure);
   for (int i = 0; i < t->render.part_count; i++) {
@@ -338,11 +355,16 @@ static void keep_rest(pags_trainer *t, const pags_step_view *v) {
     const pags_train_model *m = &t->state.models[model];
     double sum[6] = {0.0};
     const bool own = m->gaussians.count > 0 || (m->total == 0 && t->shared.rank == 0);
-    if (m->object < 0 || t->render.drawn[i].knot < 0 || !own)
+    const bool object = m->object >= 0 && t->render.drawn[i].knot >= 0;
+    if (!own || !(object || t->state.cameras.count > 0))
       continue;
     for (int64_t c = 0; c < m->clusters.count; c++)
       for (int k = 0; k < 6; k++)
         sum[k] += t->render.models[model].pose[c][k];
+    if (t->state.cameras.count > 0)
+      pags_pose_gradient_by_world(t->render.parts[i].world_from_model, sum, by_world);
+    if (!object)
+      continue;
     r->poses[r->pose_count].object = m->object;
     r->poses[r->pose_count].knot = t->render.drawn[i].knot;
     memcpy(r->poses[r->pose_count++].by_pose, sum, sizeof sum);
@@ -366,7 +388,8 @@ static pags_frame_options options_of(const pags_trainer *t, int64_t step, const 
 /* Composes the view's parts and makes room for what a step keeps of them. */
 static pags_result compose(pags_trainer *t, pags_step_view *v) {
   t->render.photograph = v->number;
-  v->camera = pags_camera_downscale(&pags_dataset_view(t->dataset, v->view)->camera, v->level);
+  const pags_camera whole = pags_camera_poses_view(&t->state.cameras, t->dataset, v->view);
+  v->camera = pags_camera_downscale(&whole, v->level);
   pags_view_render_compose(t, v->view);
   for (int i = 0; t->state.schedule.batch > 1 && i < t->render.part_count; i++)
     PAGS_TRY(
@@ -374,11 +397,11 @@ static pags_result compose(pags_trainer *t, pags_step_view *v) {
   return pags_view_render_reserve_factors(t);
 }
 
-/* Sets the pose gradients of the drawn objects to zero. */
+/* Sets the pose gradients of the drawn parts to zero. */
 static void clear_poses(pags_trainer *t) {
   for (int i = 0; i < t->render.part_count; i++) {
     const int64_t model = t->render.drawn[i].model, clusters = t->state.models[model].clusters.count;
-    if (t->state.models[model].object >= 0 && clusters > 0)
+    if ((t->state.models[model].object >= 0 || t->state.cameras.count > 0) && clusters > 0)
       memset(t->render.models[model].pose, 0, (size_t)clusters * sizeof *t->render.models[model].pose);
   }
 }
@@ -571,6 +594,17 @@ pags_result pags_train_finish(pags_trainer *t, int64_t step) {
                                s, step))
       pags_nonfinite_note(&t->state.nonfinite, 1,
                           &(pags_nonfinite_row){step, -1, r->photographs[i].view, 0, PAGS_NONFINITE_EXPOSURE});
+  for (int64_t i = 0; t->state.cameras.count > 0 && step > pags_trial_from(s) && i < r->count; i++)
+    if (!pags_camera_poses_update(&t->state.cameras, t->dataset, r->photographs[i].view, r->photographs[i].by_world, s,
+                                  step))
+      pags_nonfinite_note(&t->state.nonfinite, 1,
+                          &(pags_nonfinite_row){step, -1, r->photographs[i].view, 0, PAGS_NONFINITE_CAMERA});
+  for (int64_t i = 0; t->state.photometry.count > 0 && step > pags_trial_from(s) && i < r->count; i++) {
+    const int sensor = pags_dataset_view(t->dataset, r->photographs[i].view)->sensor;
+    if (!pags_photometry_update(&t->state.photometry, sensor, &r->photographs[i].by_light, s, step))
+      pags_nonfinite_note(&t->state.nonfinite, 1,
+                          &(pags_nonfinite_row){step, -1, r->photographs[i].view, 0, PAGS_NONFINITE_EXPOSURE});
+  }
   pags_exposures_decide(&t->state.exposures, t->dataset, s, step);
   r->count = r->pose_count = 0;
   t->ms.backward += pags_clock_lap_ms(&clock);

@@ -27,6 +27,7 @@
 #include "train/share_run.h"
 #include "train/size_limit.h"
 #include "train/step.h"
+#include "train/trial_end.h"
 #include "train/views.h"
 
 enum { ESTIMATE_STEPS = 50 };
@@ -103,6 +104,7 @@ static pags_result do_step(pags_trainer *t, pags_step_view *v) {
   pags_state_set_step(s, step);
 
   PAGS_TRY(check_nonfinite(t));
+  PAGS_TRY(pags_trials_end(t));
   PAGS_TRY(pags_density_control(t));
   if (pags_schedule_is_half_decision(&s->schedule, step))
     decide_half_size(t);
@@ -397,7 +399,7 @@ static pags_result prepare(pags_trainer *t, const pags_train_config *asked, pags
   PAGS_TRY(pags_views_list(t));
   *config = pags_config_resolve(asked, pags_dataset_fps(t->dataset) > 0.0);
   PAGS_TRY(pags_train_config_check(config)); /* chosen values can contradict those that were set */
-  PAGS_TRY(pags_share_run_check(o));
+  PAGS_TRY(pags_share_run_check(config, o));
   return pags_photo_cache_create(t->dataset, t->tasks, o->image_cache, &t->cache);
 }
 

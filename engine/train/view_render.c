@@ -158,7 +158,8 @@ pags_result pags_view_render_prepare(pags_trainer *t, int64_t step) {
     pags_view_render *p = &t->render;
     const pags_train_model *m = &t->state.models[model];
     int64_t clusters = m->clusters.count;
-    if (m->object >= 0 && clusters > p->models[model].pose_room) {
+    const bool posed = m->object >= 0 || t->state.cameras.count > 0;
+    if (posed && clusters > p->models[model].pose_room) {
       free(p->models[model].pose);
       p->models[model].pose_room = clusters + clusters / 2;
       p->models[model].pose = calloc((size_t)p->models[model].pose_room, sizeof *p->models[model].pose);

@@ -10,11 +10,11 @@
 
 struct pags_trainer;
 
-enum { PAGS_RENDER_PLANES = 7 };
+enum { PAGS_RENDER_PLANES = 10 };
 
 /* Buffers that a model needs to be drawn and trained; they grow with its number of clusters. */
 typedef struct pags_model_room {
-  double (*pose)[6]; /* per cluster: its share of the gradient by the object's pose */
+  double (*pose)[6]; /* per cluster: its share of the gradient by the model's pose */
   int64_t pose_room; /* clusters that fit in `pose` */
   float *dc;         /* with colour over time: 3 planes, the constant colour term at the view's time */
   int64_t dc_stride;
@@ -39,7 +39,8 @@ typedef struct pags_view_render {
   int part_count;
   int64_t photograph;               /* number in the run of the one that training sees now */
   pags_model_room *models;          /* one per model */
-  float *plane[PAGS_RENDER_PLANES]; /* gradients by R, G, B, T, sum(w z); zeros; ones */
+  float *plane[PAGS_RENDER_PLANES]; /* gradients by R, G, B, T, sum(w z); zeros; ones; R, G, B as the
+                                       camera shows them (photometry.h) */
   uint8_t *emphasis;                /* 1 where the training view is critical, else 0; as long as a plane */
   int64_t plane_floats;             /* floats allocated per plane */
   struct {

@@ -40,10 +40,21 @@ pags_result pags_output_list_views(const pags_dataset *dataset, const pags_train
   for (int64_t i = 0; i < scene->view_count; i++) {
     const pags_view *view = pags_dataset_view(dataset, i);
     scene->views[i] = (pags_scene_view){.name = borrow(view->name),
-                                        .camera = view->camera,
+                                        .camera = pags_camera_poses_view(&state->cameras, dataset, i),
                                         .test = view->test,
                                         .sensor = view->sensor,
+                                        .light = pags_photometry_light(&state->photometry, view->sensor),
                                         .frame = view->frame};
+
+    if (state->cameras.count > 0) {
+      /* The correction is what follows the recorded pose. */
+      double inverse[12], motion[12];
+      pags_rigid_inverse(view->camera.world_from_camera, inverse);
+      pags_rigid_multiply(inverse, scene->views[i].camera.world_from_camera, motion);
+      pags_increment_rotation(motion, scene->views[i].correction);
+      for (int k = 0; k < 3; k++)
+        scene->views[i].correction[3 + k] = motion[4 * k + 3];
+    }
 
     /* The exposure of the view; those of a driving set's held-out views are interpolated below. */
     double value[6] = {1.0, 1.0, 1.0, 0.0, 0.0, 0.0};

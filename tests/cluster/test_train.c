@@ -218,17 +218,19 @@ static void resumed_on_other_ranks(void **unused) {
   assert_same_run("one", "several");
 }
 
-static const char *run_rank_that_is_refused(pags_transport *transport, void *folder) {
-  const pags_train_config config = quick();
+static pags_train_config refused_config;
+static bool estimates;
+
+static const char *run_rank_that_is_refused(pags_transport *transport, void *expected) {
   pags_train_options options = pags_train_options_default();
   pags_train_result result;
   options.dataset = dataset;
-  options.output = folder;
+  options.output = scratch("refused");
   options.tasks = tasks;
   options.transport = transport;
-  options.estimate = true;
-  const pags_result code = pags_train(&config, &options, &result);
-  return code == PAGS_ERROR_UNSUPPORTED && strstr(pags_error_message(), "an estimate") == pags_error_message()
+  options.estimate = estimates;
+  const pags_result code = pags_train(&refused_config, &options, &result);
+  return code == PAGS_ERROR_UNSUPPORTED && strstr(pags_error_message(), expected) == pags_error_message()
              ? ""
              : "isn't refused";
 }
@@ -236,10 +238,15 @@ static const char *run_rank_that_is_refused(pags_transport *transport, void *fol
 /* What several ranks can't do is refused before anything is written, and no rank is named. */
 static void refuses(void **unused) {
   (void)unused;
-  char folder[1024];
-  snprintf(folder, sizeof folder, "%s", scratch("refused"));
-  assert_true(run_ranks(2, 0, 60, run_rank_that_is_refused, folder));
-  assert_false(pags_path_exists(folder));
+  static const char *const expected[] = {"an estimate", "corrections of camera poses", "vignettes and response curves"};
+  for (int i = 0; i < 3; i++) {
+    refused_config = quick();
+    refused_config.cameras.camera_poses = i == 1;
+    refused_config.cameras.light = i == 2;
+    estimates = i == 0;
+    assert_true(run_ranks(2, 0, 60, run_rank_that_is_refused, (void *)(uintptr_t)expected[i]));
+    assert_false(pags_path_exists(scratch("refused")));
+  }
 }
 
 int main(void) {

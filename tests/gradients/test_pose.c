@@ -70,7 +70,7 @@ static void moved(const double pose[12], const double increment[6], double out[1
 }
 
 static reference_picture render(pose_scene *s) {
-  s->options.sky = &s->sky;
+  s->options.sky = s->sky.size > 0 ? &s->sky : NULL;
   return reference_render(s->parts, PARTS, &s->camera, &s->options);
 }
 
@@ -153,6 +153,66 @@ static void check(uint64_t seed, int sh_degree) {
   destroy(&s);
 }
 
+/* The loss's change by a motion of the camera that is the inverse of exp(increment), about the origin that Gaussians
+ * are relative to: that of the opposite motion of everything that it sees. Without a sky, which doesn't move. */
+static double camera_difference(pose_scene *s, int axis) {
+  const double step = 1e-7;
+  const pags_camera base = s->camera;
+  const double still[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+  double central[2];
+  for (int k = 0; k < 2; k++)
+    for (int side = 1; side >= -1; side -= 2) {
+      double increment[6] = {0}, motion[12];
+      increment[axis] = -side * (k + 1) * step;
+      moved(still, increment, motion);
+      s->camera = base;
+      double *m = s->camera.world_from_camera;
+      for (int i = 0; i < 3; i++)
+        m[4 * i + 3] -= s->options.origin[i];
+      pags_rigid_multiply(motion, m, m);
+      for (int i = 0; i < 3; i++)
+        m[4 * i + 3] += s->options.origin[i];
+      central[k] = side > 0 ? loss(s) : central[k] - loss(s);
+    }
+  s->camera = base;
+  return (8 * central[0] - central[1]) / (12 * step);
+}
+
+static void test_camera(void **state) {
+  (void)state;
+  for (uint64_t seed = 71; seed <= 73; seed++) {
+    pose_scene s = create(seed, (int)(seed % 4));
+    s.sky.size = 0;
+    make_weights(&s);
+    pags_tasks *tasks = pags_tasks_create(2);
+    pags_frame *frame;
+    assert_int_equal(pags_frame_create(tasks, &frame), PAGS_OK);
+    frame_scene scene = frame_scene_create(s.parts, PARTS, 16, 0);
+    const reference_picture_gradient gradient = {s.weights, s.weights + 3 * PIXELS, s.weights + 4 * PIXELS, NULL};
+    frame_result drawn = frame_run(frame, &scene, &s.camera, &s.options, &gradient);
+    double got[6] = {0}, want[6], turns = 0, moves = 0;
+    for (int p = 0; p < PARTS; p++) {
+      double own[6];
+      engine_gradient(&scene, &drawn, p, own);
+      pags_pose_gradient_by_world(s.parts[p].world_from_model, own, got);
+    }
+    for (int axis = 0; axis < 6; axis++) {
+      want[axis] = camera_difference(&s, axis);
+      *(axis < 3 ? &turns : &moves) += want[axis] * want[axis] / 3;
+    }
+    for (int axis = 0; axis < 6; axis++) {
+      const double error = fabs(got[axis] - want[axis]) / sqrt(axis < 3 ? turns : moves);
+      if (!(error < 3e-4))
+        fail_msg("seed %d, axis %d: %.9g, should be %.9g", (int)seed, axis, got[axis], want[axis]);
+    }
+    frame_result_destroy(&drawn);
+    frame_scene_destroy(&scene);
+    pags_frame_destroy(frame);
+    pags_tasks_destroy(tasks);
+    destroy(&s);
+  }
+}
+
 static void test_every_degree(void **state) {
   (void)state;
   for (int degree = 0; degree <= 3; degree++) {
@@ -173,6 +233,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_every_degree),
       cmocka_unit_test(test_other_dc),
+      cmocka_unit_test(test_camera),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

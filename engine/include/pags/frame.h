@@ -22,6 +22,7 @@
 #include <pags/camera.h>
 #include <pags/clusters.h>
 #include <pags/gaussians.h>
+#include <pags/light.h>
 #include <pags/sky.h>
 #include <pags/tasks.h>
 
@@ -113,6 +114,7 @@ typedef struct pags_frame_options {
    * (pags_scene_exposure). Not with keep_for_backward. Default 0. */
   int exposed;
   float gain[3], offset[3];
+  pags_light light;     /* what the camera makes of the colours before that (pags/light.h); default plain: zeros */
   pags_early_z early_z; /* default LOSSLESS; a render with one of the keep options is always drawn with OFF */
   float early_z_eps;    /* eps of BOUNDED: 0 < eps < 1, default 1/255 */
   pags_order order;     /* default DEPTH; PAPER not with keep_for_backward */
@@ -130,7 +132,8 @@ typedef struct pags_frame_options {
 
 PAGS_API pags_frame_options pags_frame_options_default(void);
 
-/* Sets gain and offset, and `exposed` to whether they change anything; returns `exposed`. */
+/* Sets gain and offset, and `exposed` to whether they, or the light that the options have, change anything; returns
+ * `exposed`. */
 PAGS_API int pags_frame_options_expose(pags_frame_options *options, const double gain[3], const double offset[3]);
 
 /* Parses "off", "lossless", "paper", "bounded" or "bounded=EPS" (0 < EPS < 1) into early_z and early_z_eps. For
@@ -321,6 +324,12 @@ PAGS_API pags_result pags_frame_scores(pags_frame *frame, const pags_score_plane
  * order give the same bits. The parameters must be those that were drawn. */
 PAGS_API void pags_pose_gradient(const float *data, int64_t stride, int planes, const pags_gaussians *gaussians,
                                  int64_t first, int count, double out[6]);
+
+/* Adds to `by_world` what a part's gradient `by_pose` means for a motion of everything in the world: its derivatives by
+ * the rotation and the translation about the origin that parts are relative to. The sum over all parts, with its sign
+ * changed, is that by a motion of the camera; a sky, which doesn't move, has no part in it. */
+PAGS_API void pags_pose_gradient_by_world(const double world_from_model[12], const double by_pose[6],
+                                          double by_world[6]);
 
 /* Returns the statistics of the last render and its backward pass, owned by the frame. */
 PAGS_API const pags_frame_stats *pags_frame_stats_get(const pags_frame *frame);

@@ -9,6 +9,7 @@
 #include <pags/base.h>
 #include <pags/camera.h>
 #include <pags/gaussians.h>
+#include <pags/light.h>
 #include <pags/object.h>
 #include <pags/place.h>
 #include <pags/sky.h>
@@ -36,6 +37,10 @@ typedef struct pags_scene_view {
    * is none. The exposure of a held-out view is interpolated in time between training views of the same sensor. */
   double gain[3];
   double offset[3];
+  /* What training found its pose to be off by: rotation vector, radians, and translation, metres, in the recorded
+   * camera's frame. `camera` has it already: camera = recorded * pags_increment_matrix(correction). 0: none. */
+  double correction[6];
+  pags_light light; /* of the camera, before the exposure; zeros: plain */
 } pags_scene_view;
 
 typedef struct pags_scene_object {
@@ -158,6 +163,11 @@ PAGS_API int64_t pags_scene_gaussian_count(const pags_scene *scene);
 
 /* Returns the labelled object whose track has this id, owned by the scene; NULL if there is none. */
 PAGS_API const pags_scene_object *pags_scene_find_object(const pags_scene *scene, const char *id);
+
+/* Returns the camera of a view as the data set has it, without the correction. */
+PAGS_API pags_camera pags_scene_view_recorded(const pags_scene_view *view);
+/* Whether the view's pose was corrected. */
+PAGS_API int pags_scene_view_is_corrected(const pags_scene_view *view);
 
 /* Computes the exposure of a camera of the rig at a time (seconds), per channel of display-referred sRGB:
  * photograph = gain * picture + offset. The exposure is linear in time between training views of that sensor, and

@@ -11,20 +11,45 @@
 extern "C" {
 #endif
 
+/* The order in which a rolling shutter reads a picture: rows from the top down or from the bottom up, columns from the
+ * left to the right or from the right to the left. */
+typedef enum pags_read_out { PAGS_READ_DOWN, PAGS_READ_UP, PAGS_READ_RIGHT, PAGS_READ_LEFT } pags_read_out;
+
+/* What is wrong with the cameras of a street; 0: nothing. Errors are drawn by chance from the seed; those of poses and
+ * times are in what the data set says: truth/cameras/C.json has the true cameras. */
+typedef struct pags_street_faults {
+  double rolling;         /* time to read a picture, 0..0.2 seconds; its middle is the time of the exposure */
+  pags_read_out read_out; /* its direction */
+  double delay;           /* standard deviation of the time by which a camera is late, 0..0.2 seconds */
+  /* Root mean square of the error of the car's pose in a time step, half of its variance independent and half
+   * correlated over half a second: 0..2 metres, 0..10 degrees. */
+  double position, angle;
+  double mount_position, mount_angle; /* that of the constant error of a camera's pose in the car */
+  double vignette;   /* share of the light, 0..0.9, that is lost in a corner of the picture; the squared distance from
+                        the middle scales it */
+  double response;   /* exponent of the response curve less 1, 0..0.5: camera 1 has it, camera 2 its negative, camera 0
+                        none */
+  double distortion; /* radial term k1 of the lens, -0.3..0.3 */
+} pags_street_faults;
+
+/* Sets a fault from "NAME=VALUE" (docs/synth.md). PAGS_ERROR_ARGUMENT: no such name, no number, or out of range. */
+PAGS_API pags_result pags_street_faults_set(pags_street_faults *faults, const char *text);
+
 typedef struct pags_street_options {
-  int width, height;    /* of the images, px, 16..8192; default 480x270 */
-  int frames;           /* time steps, 2..10000; default 40 */
-  double fps;           /* time steps per second, 0.1..1000; frames / fps is at most 1000 s; default 10 */
-  int cameras;          /* 1..3: front, front left, front right; default 3 */
-  int samples;          /* rays per pixel, 1..1024; default 8 */
-  int objects;          /* moving cars, pedestrians and cyclists, 0..64; default 8 */
-  int64_t lidar_points; /* LiDAR rays per sweep, 0..10^6; default 20000 */
-  double lidar_noise;   /* standard deviation of the LiDAR's range, 0..10 metres; default 0.02 */
-  double pose_noise;    /* standard deviation of the error added to the boxes' x and y, 0..10 metres; default 0 */
-  double yaw_noise;     /* standard deviation of the error added to the boxes' yaw, 0..180 degrees; default 0 */
-  int shifts;           /* 1: also write true pictures from cameras 1, 2, 3 m to the right and 1 m up. Default 1 */
-  uint64_t seed;        /* default 0 */
-  int overwrite;        /* 1: write into a folder that is not empty. Default 0 */
+  int width, height;         /* of the images, px, 16..8192; default 480x270 */
+  int frames;                /* time steps, 2..10000; default 40 */
+  double fps;                /* time steps per second, 0.1..1000; frames / fps is at most 1000 s; default 10 */
+  int cameras;               /* 1..3: front, front left, front right; default 3 */
+  int samples;               /* rays per pixel, 1..1024; default 8 */
+  int objects;               /* moving cars, pedestrians and cyclists, 0..64; default 8 */
+  int64_t lidar_points;      /* LiDAR rays per sweep, 0..10^6; default 20000 */
+  double lidar_noise;        /* standard deviation of the LiDAR's range, 0..10 metres; default 0.02 */
+  double pose_noise;         /* standard deviation of the error added to the boxes' x and y, 0..10 metres; default 0 */
+  double yaw_noise;          /* standard deviation of the error added to the boxes' yaw, 0..180 degrees; default 0 */
+  int shifts;                /* 1: also write true pictures from cameras 1, 2, 3 m to the right and 1 m up. Default 1 */
+  uint64_t seed;             /* default 0 */
+  int overwrite;             /* 1: write into a folder that is not empty. Default 0 */
+  pags_street_faults faults; /* default none */
 } pags_street_options;
 
 PAGS_API pags_street_options pags_street_options_default(void);

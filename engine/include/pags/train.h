@@ -256,6 +256,22 @@ typedef struct pags_train_exposure {
   double exposure_rate; /* per step, of gains and offsets, falling to a tenth */
 } pags_train_exposure;
 
+/* What is recorded of a driving set's cameras isn't exact. Corrections of their poses: one for each time step, which
+ * moves the whole rig, one for each camera, and each camera's delay. */
+typedef struct pags_train_cameras {
+  /* 1: they are fitted on trial, without one of eight training photographs, and after 0.3 of the schedule kept if they
+   * bring 0.3 dB or more on those; then these photographs are given back. Poses of held-out views lie between those of
+   * their neighbours in time. Not in static sets. */
+  int camera_poses;
+  double camera_rotation_rate;    /* radians per step, falling to a tenth; divided by the visits of a time step / 100 */
+  double camera_translation_rate; /* metres per step, likewise */
+  double camera_delay_rate;       /* seconds per step, likewise, by the visits of a camera */
+  /* 1: a vignette and a response curve of each camera (pags/light.h) are fitted on trial and kept, likewise. */
+  int light;
+  double
+      light_rate; /* per step, of the vignette's numbers and the logarithms of the curve's slopes; falls to a tenth */
+} pags_train_cameras;
+
 /* The whole configuration. */
 typedef struct pags_train_config {
   uint32_t cookie; /* set by pags_train_config_default; a struct that doesn't come from there is refused */
@@ -272,6 +288,7 @@ typedef struct pags_train_config {
   pags_train_objects objects;
   pags_train_sky sky;
   pags_train_exposure exposure;
+  pags_train_cameras cameras;
 } pags_train_config;
 
 /* Returns the default configuration. */

@@ -1,0 +1,46 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Vignette and response curve of a camera (pags/light.h). */
+#include <pags/light.h>
+
+#include <math.h>
+
+int pags_light_is_plain(const pags_light *light) {
+  int plain = 1;
+  for (int k = 0; k < PAGS_LIGHT_RINGS; k++)
+    plain &= light->vignette[k] == 0;
+  for (int i = 0; i < PAGS_LIGHT_PIECES - 1; i++)
+    plain &= light->response[i] == 0;
+  return plain;
+}
+
+double pags_light_knot(const pags_light *light, int i) {
+  return i / (double)PAGS_LIGHT_PIECES + (i > 0 && i < PAGS_LIGHT_PIECES ? light->response[i - 1] : 0);
+}
+
+int pags_light_is_sound(const pags_light *light) {
+  int sound = 1;
+  for (int k = 0; k < PAGS_LIGHT_RINGS; k++)
+    sound &= isfinite(light->vignette[k]) != 0;
+  for (int i = 0; i < PAGS_LIGHT_PIECES; i++)
+    sound &= pags_light_knot(light, i + 1) > pags_light_knot(light, i);
+  return sound;
+}
+
+double pags_light_vignette(const pags_light *light, double q) {
+  const int piece = q < 2.0 / 3.0 ? (int)(3 * q) : 2;
+  const double begin = light->vignette[piece], end = light->vignette[piece + 1];
+  return fmax(1 + begin + (end - begin) * (3 * q - piece), 0.01);
+}
+
+double pags_light_response(const pags_light *light, double value, double *slope) {
+  double steep = 1, out = value;
+  if (value > 0 && value < 1) {
+    const int piece = (int)(value * PAGS_LIGHT_PIECES);
+    const double begin = pags_light_knot(light, piece);
+    steep = (pags_light_knot(light, piece + 1) - begin) * PAGS_LIGHT_PIECES;
+    out = begin + steep * (value - piece / (double)PAGS_LIGHT_PIECES);
+  }
+  if (slope)
+    *slope = steep;
+  return out;
+}

@@ -1,0 +1,248 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Fits corrections of the poses of a rig's cameras by Adam; see camera_poses.h.
+ *
+ * The pose of view i, of time step t and camera s, is
+ *     T(p_t) exp(a_t) T(-p_t) P_i exp(b_s + d_s u_i)
+ * with the recorded pose P_i and its speed u_i, the middle p_t of the cameras of the step, and the parts a_t, b_s, d_s.
+ * Moving the camera by M changes a picture as moving the world by the inverse of M does. To first order a motion (w, v)
+ * of the world about the origin changes the loss by G_w . w + G_v . v. Hence, with the camera's rotation R and position
+ * c, the gradient by a_t is (-G_w - G_v x p_t, -G_v), that by b_s is R^T (-G_w - G_v x c, -G_v), and that by d_s is the
+ * latter times u_i. The sky, which doesn't move with the Gaussians, adds nothing to G. */
+#include "train/camera_poses.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/memory.h"
+#include "base/vec3.h"
+#include "maths/maths.h"
+
+/* The learning rates at the schedule's end as a share of the first; they fall log-linearly. */
+static const double final_share = 0.1;
+/* Visits of a time step, or of a camera, in a run that need no correction of the rates. */
+static const double reference_visits = 100.0;
+/* Photographs of a camera to either side over which its speed is the mean: the error of their poses matters less. */
+enum { SPEED_SPAN = 2 };
+/* ---- The corrections ---- */
+
+/* Sets the items of all views and counts time steps and cameras. */
+static void list_items(pags_camera_poses *p, const pags_dataset *dataset) {
+  int frame = 0;
+  for (int64_t i = 0; i < p->count; i++) {
+    const pags_view *view = pags_dataset_view(dataset, i);
+    p->steps += i == 0 || view->frame != frame; /* views are sorted by frame */
+    frame = view->frame;
+    p->step_of[i] = (int32_t)p->steps - 1;
+    int64_t s = 0, same = -1; /* the camera's number in the order in which they appear */
+    for (int64_t j = 0; j < i && same < 0; j++) {
+      same = pags_dataset_view(dataset, j)->sensor == view->sensor ? p->sensor_of[j] : -1;
+      s = p->sensor_of[j] + 1 > s ? p->sensor_of[j] + 1 : s;
+    }
+    p->sensor_of[i] = (int32_t)(same >= 0 ? same : s);
+    p->sensors = p->sensor_of[i] + 1 > p->sensors ? p->sensor_of[i] + 1 : p->sensors;
+  }
+}
+
+int64_t pags_camera_poses_items(const pags_camera_poses *p) {
+  return p->count > 0 ? p->steps + 2 * p->sensors : 0;
+}
+
+/* Sets the mean speed of a view's camera between its photographs some time steps before and after. */
+static void find_speed(pags_camera_poses *p, const pags_dataset *dataset, int64_t view) {
+  int64_t before = view, after = view;
+  for (int64_t i = 0; i < p->count; i++) {
+    const int32_t away = p->step_of[i] - p->step_of[view];
+    if (p->sensor_of[i] != p->sensor_of[view] || away < -SPEED_SPAN || away > SPEED_SPAN)
+      continue;
+    before = i < before ? i : before;
+    after = i > after ? i : after;
+  }
+  const pags_camera *a = &pags_dataset_view(dataset, before)->camera, *b = &pags_dataset_view(dataset, after)->camera;
+  const double *m = pags_dataset_view(dataset, view)->camera.world_from_camera;
+  double inverse[12], motion[12];
+  if (!(b->time > a->time))
+    return;
+  pags_rigid_inverse(a->world_from_camera, inverse);
+  pags_rigid_multiply(inverse, b->world_from_camera, motion);
+  pags_increment_rotation(motion, p->speeds[view]);
+  for (int k = 0; k < 3; k++) {
+    double along = 0.0;
+    for (int i = 0; i < 3; i++)
+      along += m[4 * i + k] * (b->world_from_camera[4 * i + 3] - a->world_from_camera[4 * i + 3]);
+    p->speeds[view][k] /= b->time - a->time;
+    p->speeds[view][3 + k] = along / (b->time - a->time);
+  }
+}
+
+pags_result pags_camera_poses_create(pags_camera_poses *p, const pags_dataset *dataset) {
+  const int64_t count = pags_dataset_view_count(dataset);
+  const double *origin = pags_dataset_origin(dataset);
+  *p = (pags_camera_poses){.trial = pags_trial_begin(), .count = count};
+  p->step_of = calloc((size_t)count, sizeof *p->step_of);
+  p->sensor_of = calloc((size_t)count, sizeof *p->sensor_of);
+  if (p->step_of && p->sensor_of) {
+    list_items(p, dataset);
+    p->items = calloc((size_t)pags_camera_poses_items(p), sizeof *p->items);
+    p->speeds = calloc((size_t)count, sizeof *p->speeds);
+    p->places = calloc((size_t)p->steps, sizeof *p->places);
+    p->turns = calloc((size_t)p->sensors, sizeof *p->turns);
+  }
+  if (!p->items || !p->speeds || !p->places || !p->turns) {
+    pags_camera_poses_destroy(p);
+    return pags_out_of_memory("the poses of %lld cameras", (long long)count);
+  }
+  for (int64_t i = count; i-- > 0;) {
+    const double *m = pags_dataset_view(dataset, i)->camera.world_from_camera;
+    int64_t alike = 0;
+    for (int64_t j = i; j >= 0 && p->step_of[j] == p->step_of[i]; j--)
+      alike++;
+    for (int64_t j = i + 1; j < count && p->step_of[j] == p->step_of[i]; j++)
+      alike++;
+    for (int k = 0; k < 3; k++) {
+      p->places[p->step_of[i]][k] += (m[4 * k + 3] - origin[k]) / (double)alike;
+      memcpy(p->turns[p->sensor_of[i]] + 3 * k, m + 4 * k, 3 * sizeof *m);
+    }
+    find_speed(p, dataset, i);
+  }
+  return PAGS_OK;
+}
+
+void pags_camera_poses_destroy(pags_camera_poses *p) {
+  free(p->items);
+  free(p->step_of);
+  free(p->sensor_of);
+  free(p->speeds);
+  free(p->places);
+  free(p->turns);
+  *p = (pags_camera_poses){.trial = p->trial};
+}
+
+/* Time of a time step: that of its first view. */
+static double time_of(const pags_camera_poses *p, const pags_dataset *dataset, int64_t step) {
+  int64_t i = 0;
+  while (p->step_of[i] != step)
+    i++;
+  return pags_dataset_view(dataset, i)->camera.time;
+}
+
+/* The correction of a time step; of one without gradients so far, linear in time between the next ones that have
+ * some. */
+static void step_value(const pags_camera_poses *p, const pags_dataset *dataset, int64_t step, double out[6]) {
+  int64_t before = step, after = step;
+  while (before >= 0 && p->items[before].moments.count == 0)
+    before--;
+  while (after < p->steps && p->items[after].moments.count == 0)
+    after++;
+  before = before < 0 ? after : before;
+  after = after >= p->steps ? before : after;
+  memset(out, 0, 6 * sizeof *out);
+  if (before < 0 || before >= p->steps)
+    return;
+  const double begin = time_of(p, dataset, before), end = time_of(p, dataset, after);
+  const double u = after > before ? (time_of(p, dataset, step) - begin) / (end - begin) : 0.0;
+  for (int k = 0; k < 6; k++)
+    out[k] = (1.0 - u) * p->items[before].value[k] + u * p->items[after].value[k];
+}
+
+pags_camera pags_camera_poses_view(const pags_camera_poses *p, const pags_dataset *dataset, int64_t view) {
+  pags_camera camera = pags_dataset_view(dataset, view)->camera;
+  if (p->count == 0)
+    return camera;
+  double motion[12], value[6], own[6], *m = camera.world_from_camera;
+  const pags_camera_part *part = &p->items[p->steps + p->sensor_of[view]];
+  for (int k = 0; k < 6; k++)
+    own[k] = part->value[k] + part[p->sensors].value[0] * p->speeds[view][k];
+  const double *place = p->places[p->step_of[view]];
+  const double *origin = pags_dataset_origin(dataset);
+  pags_increment_matrix(own, own + 3, motion);
+  pags_rigid_multiply(m, motion, m);
+  step_value(p, dataset, p->step_of[view], value);
+  pags_increment_matrix(value, value + 3, motion);
+  for (int k = 0; k < 3; k++)
+    m[4 * k + 3] -= origin[k] + place[k];
+  pags_rigid_multiply(motion, m, m);
+  for (int k = 0; k < 3; k++)
+    m[4 * k + 3] += origin[k] + place[k];
+  return camera;
+}
+
+/* ---- Training ---- */
+
+/* Sets the mean of the time steps' corrections that photographs have moved, and that of all cameras' in the world's
+ * axes, and of their delays to zero. */
+static void hold_means(pags_camera_poses *p) {
+  double mean[6] = {0.0}, moved = 0.0, world[6] = {0.0}, delay = 0.0;
+  for (int64_t i = 0; i < p->steps; i++) {
+    moved += p->items[i].moments.count > 0;
+    for (int k = 0; k < 6 && p->items[i].moments.count > 0; k++)
+      mean[k] += p->items[i].value[k];
+  }
+  for (int64_t i = 0; i < p->steps; i++)
+    for (int k = 0; k < 6 && p->items[i].moments.count > 0; k++)
+      p->items[i].value[k] -= mean[k] / moved;
+  for (int64_t s = 0; s < p->sensors; s++)
+    delay += p->items[p->steps + p->sensors + s].value[0] / (double)p->sensors;
+  for (int64_t s = 0; s < p->sensors; s++)
+    p->items[p->steps + p->sensors + s].value[0] -= delay;
+  for (int64_t s = 0; s < p->sensors; s++)
+    for (int k = 0; k < 6; k++)
+      world[k] += pags_dot3(p->turns[s] + 3 * (k % 3), p->items[p->steps + s].value + k / 3 * 3);
+  for (int64_t s = 0; s < p->sensors; s++)
+    for (int k = 0; k < 6; k++) {
+      const double *turn = p->turns[s] + k % 3; /* a column */
+      p->items[p->steps + s].value[k] -=
+          (turn[0] * world[k / 3 * 3] + turn[3] * world[k / 3 * 3 + 1] + turn[6] * world[k / 3 * 3 + 2]) /
+          (double)p->sensors;
+    }
+}
+
+void pags_camera_poses_gradient(const pags_camera_poses *p, const pags_dataset *dataset, int64_t view,
+                                const double by_world[6], double by_step[6], double by_sensor[6], double *by_delay) {
+  const pags_camera camera = pags_camera_poses_view(p, dataset, view);
+  const double *origin = pags_dataset_origin(dataset), *m = camera.world_from_camera;
+  const double *turn = by_world, *push = by_world + 3, *place = p->places[p->step_of[view]];
+  const double at[3] = {m[3] - origin[0], m[7] - origin[1], m[11] - origin[2]};
+  double about_place[3], about_camera[3];
+  pags_cross3(push, place, about_place);
+  pags_cross3(push, at, about_camera);
+  for (int k = 0; k < 3; k++) {
+    by_step[k] = -(turn[k] + about_place[k]);
+    by_step[3 + k] = -push[k];
+    about_camera[k] += turn[k];
+  }
+  for (int k = 0; k < 3; k++) {
+    by_sensor[k] = -(m[k] * about_camera[0] + m[4 + k] * about_camera[1] + m[8 + k] * about_camera[2]);
+    by_sensor[3 + k] = -(m[k] * push[0] + m[4 + k] * push[1] + m[8 + k] * push[2]);
+  }
+  *by_delay = pags_dot3(by_sensor, p->speeds[view]) + pags_dot3(by_sensor + 3, p->speeds[view] + 3);
+}
+
+bool pags_camera_poses_update(pags_camera_poses *p, const pags_dataset *dataset, int64_t view, const double by_world[6],
+                              const pags_schedule *schedule, int64_t step) {
+  const pags_train_config *c = &schedule->config;
+  double by_step[6], by_sensor[6], by_delay[6] = {0.0}, direction[3][6], begun[6];
+  pags_camera_poses_gradient(p, dataset, view, by_world, by_step, by_sensor, by_delay);
+
+  /* A step that is visited for the first time goes on from what lies between its neighbours. */
+  pags_camera_part *rig = &p->items[p->step_of[view]], *own = &p->items[p->steps + p->sensor_of[view]];
+  step_value(p, dataset, p->step_of[view], begun);
+  if (!pags_adam6_step(&rig->moments, by_step, c, direction[0]) ||
+      !pags_adam6_step(&own->moments, by_sensor, c, direction[1]) ||
+      !pags_adam6_step(&own[p->sensors].moments, by_delay, c, direction[2]))
+    return false;
+  memcpy(rig->value, begun, sizeof begun);
+  const double t = fmin((double)step / (double)schedule->length, 1.0),
+               photographs = (double)(schedule->length * schedule->batch);
+  const double fall = pags_pow(final_share, t);
+  const double rigs = fmin(reference_visits * (double)p->steps / photographs, 4.0),
+               owns = fmin(reference_visits * (double)p->sensors / photographs, 4.0);
+  for (int k = 0; k < 6; k++) {
+    const double rate = fall * (k < 3 ? c->cameras.camera_rotation_rate : c->cameras.camera_translation_rate);
+    rig->value[k] -= rate * rigs * direction[0][k];
+    own->value[k] -= p->sensors > 1 ? rate * owns * direction[1][k] : 0.0;
+  }
+  own[p->sensors].value[0] -= p->sensors > 1 ? fall * owns * c->cameras.camera_delay_rate * direction[2][0] : 0.0;
+  hold_means(p);
+  return true;
+}

@@ -1,0 +1,61 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Corrections of the recorded poses of a rig's cameras, found in training. A photograph's correction has three parts:
+ * that of its time step, which moves the whole rig; that of its camera, which is the same in all time steps; and the
+ * camera's delay, by which it moves along the drive. No photograph is corrected by itself: its own error would be
+ * fitted, too. Objects stay where they are at the frame's time: a delay doesn't move them.
+ *
+ * They are on trial first (trial.h). */
+#ifndef PAGS_TRAIN_CAMERA_POSES_H
+#define PAGS_TRAIN_CAMERA_POSES_H
+
+#include <stdbool.h>
+
+#include <pags/dataset.h>
+
+#include "train/adam6.h"
+#include "train/schedule.h"
+#include "train/trial.h"
+
+typedef struct pags_camera_part {
+  double value[6]; /* rotation vector, radians, then translation, metres */
+  pags_adam6 moments;
+} pags_camera_part;
+
+typedef struct pags_camera_poses {
+  pags_trial trial;
+  int64_t count; /* views of the data set; 0: poses are as recorded */
+  int64_t steps, sensors;
+  pags_camera_part *items; /* those of the `steps` time steps: in world axes, about the middle of the rig's cameras;
+                              then those of the `sensors` cameras: in the camera's frame, applied first; then their
+                              delays: value[0], seconds */
+  int32_t *step_of, *sensor_of; /* per view: its items, the second counted from `steps` */
+  double (*speeds)[6];          /* per view: of the recorded camera, in its own frame: radians and metres a second */
+  double (*places)[3];          /* per time step: the middle of its cameras, relative to the data set's origin */
+  double (*turns)[9];           /* per camera: its rotation to the world's axes in its first photograph */
+} pags_camera_poses;
+
+/* Starts with corrections of zero, on trial. The set must be a driving set. */
+pags_result pags_camera_poses_create(pags_camera_poses *poses, const pags_dataset *dataset);
+/* Frees the corrections: the poses are as recorded again. The outcome of the trial stays. */
+void pags_camera_poses_destroy(pags_camera_poses *poses);
+
+/* Returns a view's camera with its correction. A time step that no photograph has corrected yet, as those that are held
+ * out, gets what lies between its neighbours in time. */
+pags_camera pags_camera_poses_view(const pags_camera_poses *poses, const pags_dataset *dataset, int64_t view);
+
+/* Number of items. */
+int64_t pags_camera_poses_items(const pags_camera_poses *poses);
+
+/* The loss's gradients by the parts of a view's time step and of its camera, and by the delay, from that by a motion
+ * (rotation, translation) of everything in the world about the data set's origin. Exact where the correction is zero.
+ */
+void pags_camera_poses_gradient(const pags_camera_poses *poses, const pags_dataset *dataset, int64_t view,
+                                const double by_world[6], double by_step[6], double by_sensor[6], double *by_delay);
+
+/* One Adam step (Kingma and Ba 2015) of the parts of a view, from the gradient `by_world`. The mean of the corrections
+ * of all time steps, of all cameras in the world's axes, and of all delays is held at zero, since moving all cameras
+ * and the world alike changes no picture. Returns false, and changes nothing, if the gradient isn't finite. */
+bool pags_camera_poses_update(pags_camera_poses *poses, const pags_dataset *dataset, int64_t view,
+                              const double by_world[6], const pags_schedule *schedule, int64_t step);
+
+#endif

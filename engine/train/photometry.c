@@ -1,0 +1,197 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Fits vignettes and response curves of a rig's cameras by Adam; see photometry.h.
+ * With x the picture's value and u = x times the vignette's factor, which is linear in its numbers, the camera shows
+ * y = f(u). The curve f rises by w_i = exp(s_i) / sum exp(s) in piece i. A point at the share t of piece i
+ * is at f = w_0 + ... + w_(i-1) + t w_i, and df/ds_j = w_j (c_j - f) with c_j = 1 for j < i, t for j = i, else 0. */
+#include "train/photometry.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/memory.h"
+#include "maths/maths.h"
+
+enum { RINGS = PAGS_LIGHT_RINGS, PIECES = PAGS_LIGHT_PIECES, GRAIN = 8 };
+static const double final_share = 0.1; /* the learning rate at the schedule's end as a share of the first */
+
+/* Sets the share of the picture that each number of the vignette has. */
+static void find_shares(const pags_camera *camera, double share[RINGS]) {
+  enum { GRID = 64 };
+  memset(share, 0, RINGS * sizeof *share);
+  for (int y = 0; y < GRID; y++)
+    for (int x = 0; x < GRID; x++) {
+      const double q = pags_light_distance(camera, (x + 0.5) / GRID * camera->width, (y + 0.5) / GRID * camera->height);
+      const int ring = q < 2.0 / 3.0 ? (int)(3.0 * q) : 2;
+      share[ring] += (1.0 + ring - 3.0 * q) / (GRID * GRID);
+      share[ring + 1] += (3.0 * q - ring) / (GRID * GRID);
+    }
+}
+
+pags_result pags_photometry_create(pags_photometry *p, const pags_dataset *dataset) {
+  *p = (pags_photometry){.trial = pags_trial_begin()};
+  for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++) {
+    const int64_t number = pags_dataset_view(dataset, i)->sensor;
+    p->count = number >= p->count ? number + 1 : p->count;
+  }
+  p->parts = calloc((size_t)p->count + 1, sizeof *p->parts);
+  if (!p->parts)
+    return pags_out_of_memory("the light of %lld cameras", (long long)p->count);
+  for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++) {
+    const pags_view *view = pags_dataset_view(dataset, i);
+    if (view->sensor >= 0)
+      find_shares(&view->camera, p->parts[view->sensor].share);
+  }
+  return PAGS_OK;
+}
+
+void pags_photometry_destroy(pags_photometry *p) {
+  free(p->parts);
+  *p = (pags_photometry){.trial = p->trial};
+}
+
+/* Shares w of the curve's pieces. */
+static void shares_of(const double slopes[PIECES], double shares[PIECES]) {
+  double sum = 0.0;
+  for (int i = 0; i < PIECES; i++)
+    sum += shares[i] = pags_exp(slopes[i]);
+  for (int i = 0; i < PIECES; i++)
+    shares[i] /= sum;
+}
+
+pags_light pags_photometry_light(const pags_photometry *p, int sensor) {
+  pags_light light = {.vignette = {0.0}};
+  double shares[PIECES], at = 0.0;
+  if (sensor < 0 || sensor >= p->count)
+    return light;
+  memcpy(light.vignette, p->parts[sensor].vignette, sizeof light.vignette);
+  shares_of(p->parts[sensor].slopes, shares);
+  for (int i = 0; i < PIECES - 1; i++) {
+    at += shares[i];
+    light.response[i] = at - (i + 1) / (double)PIECES;
+  }
+  return light;
+}
+
+/* ---- Pictures ---- */
+
+typedef struct light_job {
+  const pags_light *light;
+  const pags_camera *camera;
+  const pags_picture *picture;
+  float *const *planes;
+  double shares[PIECES];     /* of the curve's pieces */
+  pags_light_gradient *rows; /* one a row; NULL: the planes receive the light's values */
+} light_job;
+
+static void apply_rows(void *context, int64_t begin, int64_t end, int worker) {
+  const light_job *const job = context;
+  (void)worker;
+  for (int64_t y = begin; y < end; y++)
+    for (int x = 0; x < job->picture->width; x++) {
+      const double bright = pags_light_vignette(job->light, pags_light_distance(job->camera, x + 0.5, (double)y + 0.5));
+      const int64_t at = y * job->picture->stride + x;
+      for (int c = 0; c < 3; c++)
+        job->planes[c][at] = (float)pags_light_response(job->light, bright * (double)job->picture->rgb[c][at], NULL);
+    }
+}
+
+static void back_rows(void *context, int64_t begin, int64_t end, int worker) {
+  const light_job *const job = context;
+  (void)worker;
+  for (int64_t y = begin; y < end; y++) {
+    pags_light_gradient *const sum = &job->rows[y];
+    memset(sum, 0, sizeof *sum);
+    for (int x = 0; x < job->picture->width; x++) {
+      const double q = pags_light_distance(job->camera, x + 0.5, (double)y + 0.5);
+      const double bright = pags_light_vignette(job->light, q);
+      const int ring = q < 2.0 / 3.0 ? (int)(3.0 * q) : 2;
+      const int64_t at = y * job->picture->stride + x;
+      for (int c = 0; c < 3; c++) {
+        const double value = (double)job->picture->rgb[c][at], by_y = (double)job->planes[c][at], u = bright * value;
+        double slope;
+        const double out = pags_light_response(job->light, u, &slope);
+        if (u > 0 && u < 1) {
+          const int piece = (int)(u * PIECES);
+          for (int j = 0; j < PIECES; j++)
+            sum->slopes[j] += by_y * job->shares[j] * ((j < piece ? 1.0 : j == piece ? u * PIECES - piece : 0.0) - out);
+        }
+        sum->vignette[ring] += by_y * slope * value * (1.0 + ring - 3.0 * q);
+        sum->vignette[ring + 1] += by_y * slope * value * (3.0 * q - ring);
+        job->planes[c][at] = (float)(by_y * slope * bright);
+      }
+    }
+  }
+}
+
+pags_result pags_photometry_apply(pags_tasks *tasks, const pags_light *light, const pags_camera *camera,
+                                  const pags_picture *picture, float *const out[3]) {
+  light_job job = {.light = light, .camera = camera, .picture = picture, .planes = out};
+  return pags_parallel_for(tasks, picture->height, GRAIN, apply_rows, &job) ? PAGS_OK
+                                                                            : pags_fail(PAGS_CANCELLED, "cancelled");
+}
+
+pags_result pags_photometry_back(pags_tasks *tasks, const pags_light *light, const pags_camera *camera,
+                                 const pags_picture *picture, float *const gradient[3], pags_light_gradient *out) {
+  light_job job = {.light = light, .camera = camera, .picture = picture, .planes = gradient};
+  for (int i = 0; i < PIECES; i++)
+    job.shares[i] = pags_light_knot(light, i + 1) - pags_light_knot(light, i);
+  memset(out, 0, sizeof *out);
+  job.rows = malloc((size_t)picture->height * sizeof *job.rows);
+  if (!job.rows)
+    return pags_out_of_memory("the light of a picture of %d rows", picture->height);
+  const bool done = pags_parallel_for(tasks, picture->height, GRAIN, back_rows, &job);
+  for (int y = 0; done && y < picture->height; y++) {
+    for (int k = 0; k < RINGS; k++)
+      out->vignette[k] += job.rows[y].vignette[k];
+    for (int i = 0; i < PIECES; i++)
+      out->slopes[i] += job.rows[y].slopes[i];
+  }
+  free(job.rows);
+  return done ? PAGS_OK : pags_fail(PAGS_CANCELLED, "cancelled");
+}
+
+/* ---- Training ---- */
+
+/* Sets to zero: the mean of each camera's vignette over the picture, which is a gain; the mean of the slopes of each
+ * camera, which changes nothing; and that of each piece over the cameras, which the scene's colours make up for. */
+static void hold_means(pags_photometry *p) {
+  for (int64_t s = 0; s < p->count; s++) {
+    double mean = 0.0, bright = 0.0;
+    for (int k = 0; k < RINGS; k++)
+      bright += p->parts[s].share[k] * p->parts[s].vignette[k];
+    for (int k = 0; k < RINGS; k++)
+      p->parts[s].vignette[k] -= bright;
+    for (int i = 0; i < PIECES; i++)
+      mean += p->parts[s].slopes[i] / PIECES;
+    for (int i = 0; i < PIECES; i++)
+      p->parts[s].slopes[i] -= mean;
+  }
+  for (int i = 0; i < PIECES; i++) {
+    double mean = 0.0, seen = 0.0;
+    for (int64_t s = 0; s < p->count; s++) {
+      seen += p->parts[s].by_slopes.count > 0;
+      mean += p->parts[s].slopes[i];
+    }
+    for (int64_t s = 0; s < p->count; s++)
+      p->parts[s].slopes[i] -= p->parts[s].by_slopes.count > 0 ? mean / seen : 0.0;
+  }
+}
+
+bool pags_photometry_update(pags_photometry *p, int sensor, const pags_light_gradient *gradient,
+                            const pags_schedule *schedule, int64_t step) {
+  const pags_train_config *c = &schedule->config;
+  pags_photometry_part *part = &p->parts[sensor];
+  double by_vignette[6] = {0.0}, direction[2][6];
+  memcpy(by_vignette, gradient->vignette, sizeof gradient->vignette);
+  if (!pags_adam6_step(&part->by_vignette, by_vignette, c, direction[0]) ||
+      !pags_adam6_step(&part->by_slopes, gradient->slopes, c, direction[1]))
+    return false;
+  const double rate = c->cameras.light_rate * pags_pow(final_share, fmin((double)step / (double)schedule->length, 1.0));
+  for (int k = 0; k < RINGS; k++)
+    part->vignette[k] -= rate * direction[0][k];
+  for (int i = 0; i < PIECES; i++)
+    part->slopes[i] -= 5.0 * rate * direction[1][i]; /* before gains and offsets take the place of a curve */
+  hold_means(p);
+  return true;
+}

@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Corrections of camera poses, vignettes and response curves: a street whose cameras have faults is trained with them and evaluated; the same bits for threads and
+for a run that was stopped."""
+
+import json
+import os
+
+import fixtures
+from fixtures import Case, files_below, read, run
+
+STREET = ["--frames", 20, "--size", "128x72", "--samples", 2, "--objects", 2, "--lidar-points", 6000, "--no-shifts"]
+TRAIN = ["--iterations", 300, "--set", "camera_poses=1", "--set", "light=1"]
+
+
+def load(*names):
+    with open(os.path.join(*names)) as file:
+        return json.load(file)
+
+
+class Cameras(Case):
+    @classmethod
+    def setUpClass(cls):
+        cls.shared = cls.shared_folder()
+        cls.noisy, cls.scene = os.path.join(cls.shared, "noisy"), os.path.join(cls.shared, "scene")
+        noise = ["--fault", "position=0.15", "--fault", "angle=1", "--fault", "delay=0.02", "--fault", "vignette=0.6", "--fault", "response=0.2"]
+        done = run("synth", "street", "-o", cls.noisy, *STREET, *noise)
+        assert done.returncode == 0, done.stderr
+        cls.succeeds(cls(), "train", cls.noisy, "-o", cls.scene, *TRAIN, "--iterations", 800)
+
+    def test_found(self):
+        """Corrections switch themselves on and bring the cameras nearer to the truth; eval takes them and the recorded data set."""
+        modelled = load(self.scene, "scene.json")["modelled"]["camera_poses"]
+        self.assertTrue(modelled["corrected"], modelled)
+        self.assertGreater(modelled["gain_db"], 0.3)
+        self.assertTrue(load(self.scene, "scene.json")["modelled"]["light"]["fitted"])
+        self.assertIn("camera poses", self.succeeds("info", self.scene).stdout)
+        self.succeeds("eval", self.scene, "--json", self.path("eval.json"))
+        result = load(self.path("eval.json"))
+        for name, least in (("metres", 0.7), ("degrees", 0.7)):
+            cameras = result["cameras"]["train"]
+            self.assertLess(cameras["corrected"][name], least * cameras["recorded"][name], cameras)
+        views = load(self.scene, "scene.json")["cameras"]
+        self.assertTrue(all(len(view["correction"]) == 6 and len(view["response"]) == 5 for view in views))
+        for sensor in range(3):
+            vignette = next(view["vignette"] for view in views if view["sensor"] == sensor)
+            corner = (1 + vignette[3]) / (1 + vignette[0])
+            self.assertTrue(0.5 < corner < 0.85, vignette)  # 0.4 of the light is about 0.66 of the value
+
+        # A scene whose corrections are taken away draws its photographs worse, and is another camera than the data set's.
+        for view in views:
+            del view["correction"]
+        bare = self.path("bare")
+        os.mkdir(bare)
+        for name in files_below(self.scene):
+            os.makedirs(os.path.dirname(os.path.join(bare, name)), exist_ok=True)
+            if name.endswith((".ply", ".npy")):
+                os.link(os.path.join(self.scene, name), os.path.join(bare, name))
+        with open(os.path.join(bare, "scene.json"), "w") as file:
+            json.dump({**load(self.scene, "scene.json"), "cameras": views}, file)
+        self.fails(["eval", bare], "is not the one that the scene was trained with")
+
+    def test_same_bits(self):
+        """Two threads, and a run that ended in the trial and another that ended after it, give the bits of one run by one thread."""
+        once, threads, resumed = self.path("once"), self.path("threads"), self.path("resumed")
+        self.succeeds("train", self.noisy, "-o", once, "-j", 1, *TRAIN)
+        self.succeeds("train", self.noisy, "-o", threads, "-j", 2, *TRAIN)
+        for iterations in (60, 200, 300):
+            steps = ["--iterations", iterations, "--set", "schedule_iterations=300"] if iterations < 300 else ["--iterations", 300]
+            self.succeeds("train", self.noisy, "-o", resumed, *TRAIN[2:], *steps, *(["--resume"] if iterations > 60 else []))
+        for name in ("background.ply", "scene.json"):
+            self.assertEqual(read(os.path.join(once, name)), read(os.path.join(threads, name)), name)
+        self.assertEqual(read(os.path.join(once, "background.ply")), read(os.path.join(resumed, "background.ply")))
+
+    def test_static(self):
+        """A static set has no rig: that it is trained without corrections is said."""
+        data = fixtures.make_dataset(self.path("data"))
+        done = self.succeeds("train", data, "-o", self.path("scene"), *fixtures.SMALL, *TRAIN, "--iterations", 20)
+        self.assertIn("camera_poses and light are left out", done.stdout + done.stderr)
+
+    def test_off(self):
+        """A street without faults keeps its recorded poses, and says why."""
+        clean, scene = self.path("clean"), self.path("scene")
+        self.succeeds("synth", "street", "-o", clean, *STREET)
+        self.succeeds("train", clean, "-o", scene, *TRAIN)
+        modelled = load(scene, "scene.json")["modelled"]["camera_poses"]
+        self.assertFalse(modelled["corrected"], modelled)
+        self.assertFalse(load(scene, "scene.json")["modelled"]["light"]["fitted"])
+        self.assertNotIn("correction", load(scene, "scene.json")["cameras"][0])
+        self.succeeds("eval", scene, "--json", self.path("eval.json"))
+        self.assertLess(load(self.path("eval.json"))["cameras"]["train"]["corrected"]["metres"], 1e-4)
+
+
+if __name__ == "__main__":
+    fixtures.main()

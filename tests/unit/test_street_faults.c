@@ -1,0 +1,362 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The faults of the synthetic street's cameras: each is in the pictures or in what the data set says, as large as it
+ * was asked for, and nowhere else; the truth about it is in truth/. */
+#include <pags/camera.h>
+#include <pags/dataset.h>
+#include <pags/image.h>
+#include <pags/synth.h>
+#include <pags/tasks.h>
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "base/file.h"
+#include "base/json.h"
+#include "scratch_folder.h"
+
+enum { SIDE = 16, LAST = 40, CAMERAS = 3 };
+
+/* A street of 0.2 s: whatever its rate, the same houses and objects. */
+static pags_street_options small_street(double fps) {
+  pags_street_options options = pags_street_options_default();
+  options.width = SIDE;
+  options.height = SIDE;
+  options.fps = fps;
+  options.frames = 1 + (int)(0.2 * fps + 0.5);
+  options.samples = 1;
+  options.lidar_points = 0;
+  options.shifts = 0;
+  options.seed = 3;
+  return options;
+}
+
+static void write_street(const char *set, const pags_street_options *options, int threads) {
+  pags_tasks *tasks = pags_tasks_create(threads);
+  if (pags_synth_street(scratch(set), options, tasks, NULL, NULL) != PAGS_OK)
+    fail_msg("%s", pags_error_message());
+  pags_tasks_destroy(tasks);
+}
+
+static void set_fault(pags_street_options *options, const char *text) {
+  if (pags_street_faults_set(&options->faults, text) != PAGS_OK)
+    fail_msg("%s", pags_error_message());
+}
+
+static pags_image load(const char *set, int frame, int camera) {
+  pags_image image = {0};
+  char name[96];
+  snprintf(name, sizeof name, "%s/images/%03d_%d.png", set, frame, camera);
+  if (pags_image_load(scratch(name), PAGS_U8, 3, &image) != PAGS_OK)
+    fail_msg("%s", pags_error_message());
+  return image;
+}
+
+static pags_camera_path load_truth(const char *set, int camera) {
+  pags_camera_path path = {0};
+  char name[96];
+  snprintf(name, sizeof name, "%s/truth/cameras/%d.json", set, camera);
+  if (pags_camera_path_load(scratch(name), &path) != PAGS_OK)
+    fail_msg("%s", pags_error_message());
+  return path;
+}
+
+static pags_dataset *open_set(const char *set) {
+  pags_dataset *dataset = NULL;
+  const pags_dataset_options options = pags_dataset_options_default();
+  if (pags_dataset_open(scratch(set), &options, &dataset) != PAGS_OK)
+    fail_msg("%s", pags_error_message());
+  return dataset;
+}
+
+/* Largest difference of a byte between line i of one picture and of another; `column`: the line is one. */
+static int line_difference(const pags_image *a, const pags_image *b, int i, bool column) {
+  int most = 0;
+  for (int k = 0; k < SIDE; k++)
+    for (int c = 0; c < 3; c++) {
+      const size_t at = 3 * (size_t)(column ? k * SIDE + i : i * SIDE + k) + (size_t)c;
+      const int difference = abs(((const uint8_t *)a->data)[at] - ((const uint8_t *)b->data)[at]);
+      most = difference > most ? difference : most;
+    }
+  return most;
+}
+
+/* Each line of a picture that is read in 0.16 s is that line of a picture which a global shutter takes at the line's
+ * time: line i is read (i - 7.5) 0.01 s after the middle. */
+static void test_rolling(void **state) {
+  (void)state;
+  static const char *const faults[4] = {"rolling-down=0.16", "rolling-up=0.16", "rolling-right=0.16",
+                                        "rolling-left=0.16"};
+  static const char *const words[4] = {"top_to_bottom", "bottom_to_top", "left_to_right", "right_to_left"};
+  const pags_street_options fast = small_street(200);
+  write_street("fast", &fast, 2);
+  for (int d = 0; d < 4; d++) {
+    pags_street_options options = small_street(10);
+    set_fault(&options, faults[d]);
+    write_street(words[d], &options, 1 + d % 2);
+    for (int c = 0; c < CAMERAS; c++) {
+      pags_image rolling = load(words[d], 1, c);
+      int64_t same = 0, other = 0;
+      for (int i = 0; i < SIDE; i++) {
+        const int line = d % 2 ? SIDE - 1 - i : i; /* that is read as number i */
+        pags_image then = load("fast", 5 + 2 * i, c);
+        same += line_difference(&rolling, &then, line, d >= 2) <= 1;
+        other += line_difference(&rolling, &then, SIDE - 1 - line, d >= 2) <= 1;
+        pags_image_destroy(&then);
+      }
+      pags_image_destroy(&rolling);
+      /* A ray that just meets an edge may miss it: times differ in their last digit. */
+      assert_true(same >= SIDE - 1);
+      assert_true(other < SIDE / 2);
+    }
+    char name[96];
+    pags_json *json = NULL;
+    snprintf(name, sizeof name, "%s/dataset.json", words[d]);
+    assert_int_equal(pags_json_parse_file(scratch(name), &json), PAGS_OK);
+    assert_string_equal(pags_json_member(pags_json_member(pags_json_root(json), "rolling_shutter"), "2")->text,
+                        words[d]);
+    pags_json_destroy(json);
+    snprintf(name, sizeof name, "%s/timestamps.json", words[d]);
+    assert_int_equal(pags_json_parse_file(scratch(name), &json), PAGS_OK);
+    const pags_json_value *root = pags_json_root(json);
+    const double begin = pags_json_member(pags_json_member(root, "trigger"), "1")->first->next->number,
+                 end = pags_json_member(pags_json_member(root, "readout"), "1")->first->next->number;
+    pags_json_destroy(json);
+    assert_true(fabs(begin - 0.02) < 1e-12 && fabs(end - 0.18) < 1e-12);
+  }
+}
+
+/* A camera that is late sees what a later frame would show, and nothing of the data set says so. */
+static void test_delay(void **state) {
+  (void)state;
+  pags_street_options options = small_street(10);
+  set_fault(&options, "delay=0.05");
+  write_street("late", &options, 2);
+  pags_dataset *dataset = open_set("late");
+  double late[CAMERAS];
+  for (int c = 0; c < CAMERAS; c++) {
+    pags_camera_path path = load_truth("late", c);
+    late[c] = path.cameras[0].time;
+    for (int f = 0; f < options.frames; f++) {
+      const pags_camera *camera = &path.cameras[f];
+      assert_true(fabs(camera->time - late[c] - f / 10.0) < 1e-12);
+      const pags_view *view = pags_dataset_view(dataset, f * CAMERAS + c);
+      assert_true(view->camera.time == f / 10.0 && view->shutter_time == f / 10.0);
+      /* The car drives at 9 to 11 m/s. */
+      const double apart = camera->world_from_camera[3] - view->camera.world_from_camera[3];
+      assert_true(fabs(apart - 10.0 * late[c]) < fabs(late[c]) * 1.3 + 1e-3);
+    }
+    pags_camera_path_destroy(&path);
+    /* The picture is that of the time which truth says. */
+    double best = HUGE_VAL;
+    int nearest = 0;
+    pags_image picture = load("late", 1, c);
+    for (int j = 0; j <= LAST; j++) {
+      pags_image then = load("fast", j, c);
+      double sum = 0.0;
+      for (int i = 0; i < 3 * SIDE * SIDE; i++)
+        sum += fabs((double)((const uint8_t *)picture.data)[i] - (double)((const uint8_t *)then.data)[i]);
+      nearest = sum < best ? j : nearest;
+      best = fmin(best, sum);
+      pags_image_destroy(&then);
+    }
+    pags_image_destroy(&picture);
+    assert_true(fabs(nearest / 200.0 - (0.1 + late[c])) < 0.006);
+  }
+  pags_dataset_close(dataset);
+  assert_true(fabs(late[0] - late[1]) > 1e-3 && fabs(late[1] - late[2]) > 1e-3);
+  for (int c = 0; c < CAMERAS; c++)
+    assert_true(fabs(late[c]) > 1e-4 && fabs(late[c]) < 0.2);
+}
+
+/* The errors of poses: rotation in degrees, position in metres, of the recorded camera in the frame of the true one. */
+static void pose_error(const pags_camera *truth, const pags_camera *recorded, double *degrees, double *metres) {
+  double to[12], off[12];
+  pags_rigid_inverse(truth->world_from_camera, to);
+  pags_rigid_multiply(to, recorded->world_from_camera, off);
+  *metres = sqrt(off[3] * off[3] + off[7] * off[7] + off[11] * off[11]);
+  const double x = off[9] - off[6], y = off[2] - off[8], z = off[4] - off[1];
+  *degrees = asin(0.5 * sqrt(x * x + y * y + z * z)) * 57.29577951308232;
+}
+
+static void test_poses(void **state) {
+  (void)state;
+  enum { FRAMES = 80 };
+  pags_street_options options = small_street(10);
+  options.frames = FRAMES;
+  options.objects = 0;
+  set_fault(&options, "position=0.05");
+  set_fault(&options, "angle=0.3");
+  write_street("moved", &options, 2);
+  pags_dataset *dataset = open_set("moved");
+  double squares[CAMERAS][2] = {{0}};
+  for (int c = 0; c < CAMERAS; c++) {
+    pags_camera_path path = load_truth("moved", c);
+    assert_int_equal(path.count, FRAMES);
+    for (int f = 0; f < FRAMES; f++) {
+      double degrees, metres;
+      pose_error(&path.cameras[f], &pags_dataset_view(dataset, f * CAMERAS + c)->camera, &degrees, &metres);
+      squares[c][0] += degrees * degrees / FRAMES;
+      squares[c][1] += metres * metres / FRAMES;
+    }
+    pags_camera_path_destroy(&path);
+    /* Of 80 steps, half of whose error is correlated: within a quarter. All cameras of the car turn alike, and 1.6 m
+     * before the axle a turn of 0.3 degrees adds a centimetre. */
+    assert_true(fabs(sqrt(squares[c][0]) / 0.3 - 1.0) < 0.25);
+    assert_true(fabs(sqrt(squares[c][1]) / 0.05 - 1.0) < 0.3);
+    assert_true(fabs(squares[c][0] - squares[0][0]) < 1e-6);
+  }
+  pags_dataset_close(dataset);
+
+  options.faults = (pags_street_faults){0};
+  set_fault(&options, "mount-position=0.02");
+  set_fault(&options, "mount-angle=0.5");
+  options.frames = 3;
+  write_street("bent", &options, 2);
+  dataset = open_set("bent");
+  double degrees[2 * CAMERAS], metres[2 * CAMERAS];
+  for (int c = 0; c < CAMERAS; c++) {
+    pags_camera_path path = load_truth("bent", c);
+    for (int f = 0; f < 2; f++)
+      pose_error(&path.cameras[f], &pags_dataset_view(dataset, f * CAMERAS + c)->camera, &degrees[CAMERAS * f + c],
+                 &metres[CAMERAS * f + c]);
+    pags_camera_path_destroy(&path);
+    assert_true(fabs(degrees[c] - degrees[CAMERAS + c]) < 1e-6 && fabs(metres[c] - metres[CAMERAS + c]) < 1e-9);
+    assert_true(degrees[c] > 0.05 && degrees[c] < 2.0 && metres[c] > 0.001 && metres[c] < 0.08);
+  }
+  pags_dataset_close(dataset);
+  assert_true(fabs(degrees[0] - degrees[1]) > 1e-3 && fabs(metres[1] - metres[2]) > 1e-5);
+}
+
+/* Linear light of a byte of a picture. */
+static double light_at(const pags_image *image, int x, int y, double power) {
+  const double s = pow(((const uint8_t *)image->data)[3 * (y * SIDE + x) + 1] / 255.0, 1.0 / power);
+  return s <= 0.04045 ? s / 12.92 : pow((s + 0.055) / 1.055, 2.4);
+}
+
+static void test_light(void **state) {
+  (void)state;
+  static const double powers[CAMERAS] = {1.0, 1.2, 0.8};
+  pags_street_options options = small_street(10);
+  write_street("plain", &options, 2);
+  set_fault(&options, "vignette=0.5");
+  set_fault(&options, "response=0.2");
+  write_street("dark", &options, 2);
+  for (int c = 0; c < CAMERAS; c++) {
+    pags_image plain = load("plain", 1, c), dark = load("dark", 1, c);
+    for (int y = 0; y < SIDE; y++)
+      for (int x = 0; x < SIDE; x++) {
+        const double u = (x - 7.5) / 8.0, v = (y - 7.5) / 8.0, full = light_at(&plain, x, y, 1.0);
+        if (full > 0.05 && full < 0.9) /* else a byte says little, or is clipped */
+          assert_true(fabs(light_at(&dark, x, y, powers[c]) / full - (1.0 - 0.5 * (u * u + v * v) / 2.0)) < 0.05);
+      }
+    pags_image_destroy(&plain);
+    pags_image_destroy(&dark);
+  }
+}
+
+/* The share of pixels of two pictures of the front camera, of which the first is read as a data set, that are alike. */
+static double alike(const char *set, int frame, const pags_image *wanted) {
+  pags_dataset *dataset = open_set(set);
+  pags_tasks *tasks = pags_tasks_create(1);
+  pags_photo_cache *cache = NULL;
+  pags_photo photo;
+  int64_t same = 0, used = 0;
+  assert_int_equal(pags_photo_cache_create(dataset, tasks, 1 << 24, &cache), PAGS_OK);
+  assert_int_equal(pags_photo_cache_get(cache, frame, 1, &photo), PAGS_OK);
+  const pags_camera *camera = &pags_dataset_view(dataset, frame)->camera;
+  for (int y = 0; y < photo.height; y++)
+    for (int x = 0; x < photo.width; x++) {
+      /* The same direction in the pinhole picture. */
+      const int px = (int)floor((x + 0.5 - camera->cx) / camera->fx * 0.8 * wanted->width + 0.5 * wanted->width),
+                py = (int)floor((y + 0.5 - camera->cy) / camera->fy * 0.8 * wanted->width + 0.5 * wanted->height);
+      if (px < 0 || py < 0 || px >= wanted->width || py >= wanted->height ||
+          (photo.mask && !photo.mask[(int64_t)y * photo.stride + x]))
+        continue;
+      used++;
+      same += abs(photo.rgb[(int64_t)y * photo.stride + x] -
+                  ((const uint8_t *)wanted->data)[3 * (py * wanted->width + px)]) < 25;
+    }
+  pags_photo_cache_destroy(cache);
+  pags_tasks_destroy(tasks);
+  pags_dataset_close(dataset);
+  assert_true(used > wanted->width * wanted->height / 3);
+  return (double)same / (double)used;
+}
+
+/* A distorted photograph that is undistorted shows what a pinhole camera sees. */
+static void test_distortion(void **state) {
+  (void)state;
+  pags_street_options options = small_street(10);
+  options.width = 96;
+  options.height = 64;
+  options.cameras = 1;
+  options.samples = 4;
+  write_street("straight", &options, 2);
+  pags_image wanted = load("straight", 1, 0);
+  set_fault(&options, "distortion=-0.2");
+  write_street("distorted", &options, 2);
+  pags_image distorted = load("distorted", 1, 0);
+  int64_t same = 0;
+  for (int i = 0; i < 3 * 96 * 64; i++)
+    same += abs(((const uint8_t *)distorted.data)[i] - ((const uint8_t *)wanted.data)[i]) < 25;
+  const double before = (double)same / (3 * 96 * 64), after = alike("distorted", 1, &wanted);
+  print_message("distorted: %.1f %% alike, undistorted: %.1f %%\n", 100 * before, 100 * after);
+  assert_true(after > 0.93 && 1.0 - after < 0.6 * (1.0 - before));
+  pags_image_destroy(&distorted);
+  pags_image_destroy(&wanted);
+}
+
+/* The same bytes for any number of threads. */
+static void test_threads(void **state) {
+  (void)state;
+  static const char *const all[] = {"rolling-right=0.03", "delay=0.01",   "position=0.05", "angle=0.3",
+                                    "vignette=0.3",       "response=0.1", "distortion=0.1"};
+  static const char *const files[] = {"images/001_2.png", "truth/depth/002_0.exr", "truth/cameras/1.json",
+                                      "ego_pose/001.txt", "truth/street.json",     "semantic/001_1.png"};
+  pags_street_options options = small_street(10);
+  for (size_t i = 0; i < sizeof all / sizeof *all; i++)
+    set_fault(&options, all[i]);
+  write_street("one", &options, 1);
+  write_street("three", &options, 3);
+  for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
+    char a[96], b[96];
+    uint8_t *bytes[2];
+    size_t sizes[2];
+    snprintf(a, sizeof a, "one/%s", files[i]);
+    snprintf(b, sizeof b, "three/%s", files[i]);
+    assert_int_equal(pags_file_read(scratch(a), &bytes[0], &sizes[0]), PAGS_OK);
+    assert_int_equal(pags_file_read(scratch(b), &bytes[1], &sizes[1]), PAGS_OK);
+    assert_int_equal(sizes[0], sizes[1]);
+    assert_memory_equal(bytes[0], bytes[1], sizes[0]);
+    free(bytes[0]);
+    free(bytes[1]);
+  }
+}
+
+static void test_names(void **state) {
+  (void)state;
+  pags_street_faults faults = {0};
+  static const char *const wrong[] = {"rolling",    "rolling=0.1", "delay=", "delay=x",
+                                      "vignette=1", "angle=-1",    "=1",     "position=nan"};
+  for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++)
+    assert_int_equal(pags_street_faults_set(&faults, wrong[i]), PAGS_ERROR_ARGUMENT);
+  assert_int_equal(pags_street_faults_set(&faults, "shake=1"), PAGS_ERROR_ARGUMENT);
+  assert_non_null(strstr(pags_error_message(), "mount-angle"));
+  pags_street_options options = small_street(10);
+  options.faults.vignette = 2.0;
+  assert_int_equal(pags_synth_street(scratch("never"), &options, NULL, NULL, NULL), PAGS_ERROR_ARGUMENT);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_rolling),    cmocka_unit_test(test_delay),
+                                     cmocka_unit_test(test_poses),      cmocka_unit_test(test_light),
+                                     cmocka_unit_test(test_distortion), cmocka_unit_test(test_threads),
+                                     cmocka_unit_test(test_names)};
+  return cmocka_run_group_tests(tests, scratch_setup, scratch_teardown);
+}
