@@ -26,7 +26,7 @@ export PAGS_CROSS="$cross" ZIG_GLOBAL_CACHE_DIR="$cross/zig-cache" ZIG_LOCAL_CAC
 jobs=${JOBS:-$(nproc)}
 
 # The libraries, anew if a row of the table or their build has changed.
-recipe=$(cat scripts/cross_sources.txt cmake/zig.cmake cmake/cross_libraries/CMakeLists.txt | sha256sum | cut -d' ' -f1)
+recipe=$(cat scripts/cross_sources.txt cmake/zig.cmake cmake/cross_libraries/* | sha256sum | cut -d' ' -f1)
 if [ "$(cat "$cross/$target/recipe" 2>/dev/null)" != "$recipe" ]; then
   echo "cross: libraries for $target"
   rm -rf "${cross:?}/$target" "$cross/build/$target"
@@ -41,9 +41,12 @@ if [ "$(cat "$cross/$target/recipe" 2>/dev/null)" != "$recipe" ]; then
   echo "$recipe" >"$cross/$target/recipe"
 fi
 
-# The engine. What needs a library that isn't among those is left out: synth, proxies, and pictures other than PNG, JPEG and EXR.
+# The engine. What needs a library that isn't among those is left out: pictures other than PNG, JPEG and EXR, and where Embree isn't built
+# synth and proxies.
+proxies=OFF
+[ ! -e "$cross/$target/lib/cmake/TinyGLTF" ] || proxies=ON
 build=${PAGS_BUILD:-build-cross/$target}
 cmake -S . -B "$build" -DCMAKE_BUILD_TYPE=Release -DCMAKE_TOOLCHAIN_FILE="$PWD/cmake/zig.cmake" -DPAGS_TARGET="$target" -DPAGS_CROSS="$cross" \
-  -DPAGS_IMAGES=OFF -DPAGS_EMBREE=OFF -DPAGS_EXPORT=OFF -DPAGS_TESTS=OFF "$@"
+  -DPAGS_IMAGES=OFF -DPAGS_EMBREE=$proxies -DPAGS_EXPORT=$proxies -DPAGS_TESTS=OFF "$@"
 cmake --build "$build" --parallel "$jobs"
 python3 scripts/cross_report.py "$build"

@@ -74,10 +74,30 @@ fetch_debian() { # NAME VERSION SHA256
   echo "$3" >"$cross/sources/$1/.dsc-hash"
 }
 
+fetch_tarball() { # NAME VERSION SHA256
+  [ "$(cat "$cross/sources/$1/.tar-hash" 2>/dev/null)" = "$3" ] && return 0
+  tarball=$1_$(echo "$2" | sed 's/^[0-9]*://; s/-[^-]*$//').orig.tar.xz
+  if ! has_hash "$tarball" "$3"; then
+    echo "setup-cross: $1 $2"
+    list_archives
+    apt source --download-only "$1=$2" >"$cross/apt/log" 2>&1 || true # of the package's files one is needed
+  fi
+  if ! has_hash "$tarball" "$3"; then
+    cat "$cross/apt/log" >&2
+    echo "setup-cross: no $tarball with SHA-256 $3; put it into $cross/files, or renew its row in $table" >&2
+    exit 1
+  fi
+  rm -rf "$cross/sources/$1"
+  mkdir "$cross/sources/$1"
+  tar -xf "$tarball" -C "$cross/sources/$1" --strip-components=1
+  echo "$3" >"$cross/sources/$1/.tar-hash"
+}
+
 while read -r name kind version hash; do
   case $kind in
     wheel) fetch_wheel "$name" "$version" "$hash" ;;
     debian) fetch_debian "$name" "$version" "$hash" ;;
+    tarball) fetch_tarball "$name" "$version" "$hash" ;;
   esac
 done <<END
 $(grep -v '^#' "$table")
