@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """package_cross.py BUILD FOLDER: packs what `make cross` built in BUILD (build-cross/TARGET) into FOLDER: a wheel for Python with the module
-and the program, an archive with the program alone, the add-on's zip; and the wheel of tools/recordings. The same bytes each time: entries are
-sorted, and their times are those of SOURCE_DATE_EPOCH, else of the commit."""
+and the program, an archive with the program alone, the add-on's zip; and the wheel of tools/recordings. Each brings the licences of what is
+linked, from the sources in PAGS_CROSS. The same bytes each time: entries are sorted, and their times are those of SOURCE_DATE_EPOCH, else of
+the commit; a program that names a folder of this machine is refused."""
 
 import base64
 import gzip
@@ -17,15 +18,21 @@ import time
 import zipfile
 
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+CROSS = os.path.realpath(os.environ.get("PAGS_CROSS") or os.path.expanduser("~/.cache/pags-cross"))
 
-# target: tag of the wheel's platform, name of the program, of the module
+# target: tag of the wheel's platform, the oldest Python, name of the program, of the module. The module asks for buffers, which are in the
+# limited API from Python 3.11 on. Python 3.10 has the same functions and shows them, but not in Windows' python3.dll.
 TARGETS = {
-    "linux-x64-glibc2.17": ("manylinux_2_17_x86_64.manylinux2014_x86_64", "pags", "pags.abi3.so"),
-    "linux-arm64": ("manylinux_2_17_aarch64.manylinux2014_aarch64", "pags", "pags.abi3.so"),
-    "macos-arm64": ("macosx_11_0_arm64", "pags", "pags.abi3.so"),
-    "macos-x64": ("macosx_11_0_x86_64", "pags", "pags.abi3.so"),
-    "windows-x64": ("win_amd64", "pags.exe", "pags.pyd"),
+    "linux-x64-glibc2.17": ("manylinux_2_17_x86_64.manylinux2014_x86_64", 10, "pags", "pags.abi3.so"),
+    "linux-arm64": ("manylinux_2_17_aarch64.manylinux2014_aarch64", 10, "pags", "pags.abi3.so"),
+    "macos-arm64": ("macosx_11_0_arm64", 10, "pags", "pags.abi3.so"),
+    "macos-x64": ("macosx_11_0_x86_64", 10, "pags", "pags.abi3.so"),
+    "windows-x64": ("win_amd64", 11, "pags.exe", "pags.pyd"),
 }
+
+# Rows of scripts/cross_sources.txt of which nothing is in the products, and those that are where proxies are.
+NOT_SHIPPED = ("cmocka", "python3.11")
+FOR_PROXIES = ("embree", "meshoptimizer", "nlohmann-json3", "opensubdiv", "qhull", "tinygltf")
 
 
 def read(*path):
@@ -83,11 +90,42 @@ def wheel(name, tags, lines, text, files):
     return f"{name.replace('-', '_')}-{version()}-{tags}.whl", zip_bytes(files)
 
 
-def engine_wheel(build, platform, program, module):
+def licences(target):
+    """The licences of all code of others that is linked: {name: (bytes, mode)}."""
+    zig = os.path.join(os.path.dirname(os.path.realpath(os.path.join(CROSS, "zig"))), "lib")
+    found = {"musl": os.path.join(ROOT, "engine/maths/musl/COPYRIGHT"), "llvm-libcxx": os.path.join(zig, "libcxx/LICENSE.TXT")}
+    if target.startswith("windows"):
+        found["mingw-w64"] = os.path.join(zig, "libc/mingw/COPYING")
+    for line in read(ROOT, "scripts/cross_sources.txt").decode().splitlines():
+        name, kind = line.split()[:2] if line.strip() and line[0] != "#" else ("", "wheel")
+        if kind == "wheel" or name in NOT_SHIPPED:
+            continue
+        if name not in FOR_PROXIES or os.path.isdir(os.path.join(CROSS, target, "lib/cmake/TinyGLTF")):
+            found[name] = os.path.join(CROSS, "sources", name, "debian/copyright" if kind == "debian" else "LICENSE.txt")
+    for path in found.values():
+        if not os.path.exists(path):
+            sys.exit(f"package_cross: {path}, a licence, isn't there: make setup-cross fetches it into PAGS_CROSS, {CROSS}")
+    return {f"{name}.txt": (read(path), 0o644) for name, path in found.items()}
+
+
+def refuse_folders(files):
+    """Ends where a file of {name: (bytes, mode)} names a folder of this machine."""
+    folders = {ROOT, CROSS, *(os.path.realpath(os.path.join(CROSS, part)) for part in ("sources", "venv"))}
+    for name, (content, _) in sorted(files.items()):
+        for folder in sorted(folders):
+            at = content.find(folder.encode() + b"/")
+            if at >= 0:
+                text = content[at:at + 120].split(b"\0")[0].decode(errors="replace")
+                sys.exit(f"package_cross: {name} has this machine's path {text} at byte {at}; packages name no folder of the machine that built them")
+
+
+def engine_wheel(build, target, others):
     """The module and the program, which lies among the scripts, so that it is started without a Python."""
+    platform, python, program, module = TARGETS[target]
     base = f"pags-{version()}"
-    return wheel("pags", f"cp310-abi3-{platform}", [
-        "Summary: Gaussian splatting of driving scenes on processors", "License-File: THIRD_PARTY.md", "Requires-Python: >=3.10",
+    return wheel("pags", f"cp3{python}-abi3-{platform}", [
+        "Summary: Gaussian splatting of driving scenes on processors", "License-File: THIRD_PARTY.md",
+        *(f"License-File: third_party/{name}" for name in sorted(others)), f"Requires-Python: >=3.{python}",
         "Provides-Extra: recordings", f'Requires-Dist: pags-recordings == {version()}; extra == "recordings"',
     ], "Turns recordings of a driving car and photographs of static scenes into 3D Gaussians, draws them, and exports meshes and splat files, on ordinary\n"
        "processors: the module `pags` (`help(pags)`) and the program `pags` (`pags --help`).", {
@@ -95,6 +133,7 @@ def engine_wheel(build, platform, program, module):
         "pags-stubs/__init__.pyi": (read(build, "python", "pags.pyi"), 0o644),
         f"{base}.data/scripts/{program}": (read(build, program), 0o755),
         f"{base}.dist-info/licenses/THIRD_PARTY.md": (read(ROOT, "THIRD_PARTY.md"), 0o644),
+        **{f"{base}.dist-info/licenses/third_party/{name}": file for name, file in others.items()},
     })
 
 
@@ -116,22 +155,26 @@ def main():
     target = os.path.basename(os.path.normpath(build))
     if target not in TARGETS:
         sys.exit(f"package_cross: {build}: expected the folder of one of {', '.join(TARGETS)}")
-    platform, program, module = TARGETS[target]
+    _, _, program, module = TARGETS[target]
     addon = f"pags-blender-{version()}-{target.split('-glibc')[0]}.zip"
     for name in (program, "python/" + module, "python/pags.pyi", addon):
         if not os.path.exists(os.path.join(build, name)):
             sys.exit(f"package_cross: {os.path.join(build, name)} isn't there: make cross TARGET={target} makes it")
     name = f"pags-{version()}-{target.split('-glibc')[0]}"
-    packages = dict([engine_wheel(build, platform, program, module), recordings_wheel()])
-    alone = {f"{name}/{program}": (read(build, program), 0o755), **{f"{name}/{text}": (read(ROOT, text), 0o644) for text in
-                                                                   ("LICENSE", "THIRD_PARTY.md", "README.md", "CHANGELOG.md")}}
+    others = licences(target)
+    refuse_folders({path: (read(build, path), 0) for path in (program, "python/" + module)})
+    packages = dict([engine_wheel(build, target, others), recordings_wheel()])
+    alone = {f"{name}/{program}": (read(build, program), 0o755),
+             **{f"{name}/{text}": (read(ROOT, text), 0o644) for text in ("LICENSE", "THIRD_PARTY.md", "README.md", "CHANGELOG.md")},
+             **{f"{name}/third_party/{text}": file for text, file in others.items()}}
     if program.endswith(".exe"):
         packages[name + ".zip"] = zip_bytes(alone)
     elif target.startswith("linux"):
         packages[name + ".tar.gz"] = tar_bytes(alone)
     with zipfile.ZipFile(os.path.join(build, addon)) as built:
-        packages[addon] = zip_bytes({entry.filename: (built.read(entry), 0o755 if entry.external_attr >> 16 & 0o100 else 0o644)
-                                     for entry in built.infolist() if not entry.is_dir()})
+        inside = {entry.filename: (built.read(entry), 0o755 if entry.external_attr >> 16 & 0o100 else 0o644)
+                  for entry in built.infolist() if not entry.is_dir()}
+    packages[addon] = zip_bytes({**inside, **{f"pags/third_party/{text}": file for text, file in others.items()}})
     os.makedirs(folder, exist_ok=True)
     for file, content in packages.items():
         with open(os.path.join(folder, file), "wb") as out:

@@ -3,12 +3,14 @@
 
 import base64
 import csv
+import fnmatch
 import hashlib
 import io
 import os
 import re
 import subprocess
 import sys
+import tarfile
 import unittest
 import zipfile
 
@@ -35,10 +37,27 @@ class Packages(Case):
             addon.writestr(info, "program")
         return self.path(folder)
 
-    def pack(self, build, umask=0o22, **environment):
+    def cross(self):
+        """A folder of the compiler and of sources, of which each has a licence of a word."""
+        folder = self.path("cross")
+        if not os.path.exists(folder):
+            for name in ["libcxx/LICENSE.TXT", "libc/mingw/COPYING"]:
+                self.write("cross/zig-of-python/lib/" + name, name)
+            self.write("cross/zig-of-python/zig", "")
+            os.symlink("zig-of-python/zig", os.path.join(folder, "zig"))
+            for line in fixtures.read(os.path.join(ROOT, "scripts/cross_sources.txt")).decode().splitlines():
+                if not line.startswith("#"):
+                    name, kind = line.split()[:2]
+                    self.write(f"cross/sources/{name}/" + ("debian/copyright" if kind == "debian" else "LICENSE.txt"), "licence of " + name)
+        return folder
+
+    def run_script(self, build, umask=0o22, **environment):
+        return subprocess.run([sys.executable, "-B", SCRIPT, build, build + "-out"], capture_output=True, text=True, umask=umask,
+                              env={**os.environ, "SOURCE_DATE_EPOCH": "1700000000", "PAGS_CROSS": self.cross(), **environment})
+
+    def pack(self, build, **options):
         out = build + "-out"
-        done = subprocess.run([sys.executable, "-B", SCRIPT, build, out], capture_output=True, text=True, umask=umask,
-                              env={**os.environ, "SOURCE_DATE_EPOCH": "1700000000", **environment})
+        done = self.run_script(build, **options)
         self.assertEqual(done.returncode, 0, done.stderr)
         return {name: fixtures.read(os.path.join(out, name)) for name in sorted(os.listdir(out))}
 
@@ -59,7 +78,7 @@ class Packages(Case):
         for target, program, module, tags in [
             ("linux-arm64", "pags", "pags.abi3.so", ["cp310-abi3-manylinux_2_17_aarch64", "cp310-abi3-manylinux2014_aarch64"]),
             ("macos-arm64", "pags", "pags.abi3.so", ["cp310-abi3-macosx_11_0_arm64"]),
-            ("windows-x64", "pags.exe", "pags.pyd", ["cp310-abi3-win_amd64"]),
+            ("windows-x64", "pags.exe", "pags.pyd", ["cp311-abi3-win_amd64"]),
         ]:
             packed = self.pack(self.build(target, program, module))
             name = next(name for name in packed if name.startswith("pags-") and name.endswith(".whl"))
@@ -80,6 +99,38 @@ class Packages(Case):
                 self.assertEqual(addon.getinfo("pags/bin/" + program).external_attr >> 16, 0o100755)
                 self.assertEqual(addon.getinfo("pags/__init__.py").external_attr >> 16, 0o100644)
 
+    def test_licences(self):
+        """Each package has those of what its target links: Embree's only where proxies are built, MinGW's only on Windows."""
+        os.makedirs(self.cross() + "/linux-x64-glibc2.17/lib/cmake/TinyGLTF")
+        for target, program, module, some, others in [
+            ("linux-x64-glibc2.17", "pags", "pags.abi3.so", ["embree", "zlib", "musl", "llvm-libcxx"], ["mingw-w64", "cmocka", "ziglang", "python3.11"]),
+            ("windows-x64", "pags.exe", "pags.pyd", ["mingw-w64", "zlib"], ["embree", "qhull"]),
+        ]:
+            packed = self.pack(self.build(target, program, module))
+            for file, folder in [(f"pags-{VERSION}-cp3", f"pags-{VERSION}.dist-info/licenses/third_party/"), ("pags-blender", "pags/third_party/"),
+                                 (f"pags-{VERSION}-{target[:5]}", "third_party/")]:
+                data = packed[next(name for name in packed if name.startswith(file))]
+                if data[:2] == b"PK":
+                    names = zipfile.ZipFile(io.BytesIO(data)).namelist()
+                else:
+                    names = tarfile.open(fileobj=io.BytesIO(data)).getnames()
+                found = {os.path.basename(name)[:-4] for name in names if folder in name}
+                self.assertEqual(found & set(some + others), set(some), file)
+                for name in ["zlib", "libzstd", "libwebp", "libpng1.6", "libjpeg-turbo", "imath", "openexr", "expat", "protobuf-c"]:
+                    self.assertIn(name, found)
+        os.remove(self.cross() + "/sources/zlib/debian/copyright")
+        done = self.run_script(self.build("linux-arm64"))
+        self.assertEqual(done.returncode, 1)
+        self.assertRegex(done.stderr, "sources/zlib/debian/copyright, a licence, isn't there: make setup-cross")
+
+    def test_a_path_of_this_machine(self):
+        build = self.build("linux-arm64")
+        self.write(os.path.relpath(build, self.path(".")) + "/python/pags.abi3.so", "module" + 20 * "\0" + self.cross() + "/zig-cache/x.c\0more")
+        done = self.run_script(build)
+        self.assertEqual(done.returncode, 1)
+        self.assertEqual(done.stderr, f"package_cross: python/pags.abi3.so has this machine's path {self.cross()}/zig-cache/x.c at byte 26; packages name no "
+                                      "folder of the machine that built them\n")
+
     @unittest.skipUnless(os.uname().machine == "x86_64" and subprocess.run([sys.executable, "-m", "pip", "--version"], capture_output=True).returncode == 0,
                          "no pip")
     def test_pip_takes_it(self):
@@ -93,13 +144,24 @@ class Packages(Case):
         for name in ["pags.abi3.so", "pags-stubs/__init__.pyi", "pags_recordings/writer.py"]:
             self.assertEqual(len([path for path in installed if path.endswith("-packages/" + name)]), 1, name)
 
+    def test_the_lines_of_the_readme(self):
+        """Each names one file of those that are packed for all systems."""
+        packed = []
+        for target in ["linux-x64-glibc2.17", "linux-arm64", "macos-arm64", "macos-x64", "windows-x64"]:
+            windows = target == "windows-x64"
+            packed += self.pack(self.build(target, "pags.exe" if windows else "pags", "pags.pyd" if windows else "pags.abi3.so"))
+        patterns = re.findall(r"^pip install dist/(\S+)", fixtures.read(os.path.join(ROOT, "README.md")).decode(), re.M)
+        self.assertGreaterEqual(len(patterns), 4)
+        for pattern in patterns:
+            self.assertEqual(len(fnmatch.filter(packed, pattern)), 1, pattern)
+
     def test_what_is_no_build(self):
         done = subprocess.run([sys.executable, "-B", SCRIPT, self.path("amiga"), self.path("out")], capture_output=True, text=True)
         self.assertEqual(done.returncode, 1)
         self.assertIn("amiga: expected the folder of one of linux-x64-glibc2.17", done.stderr)
         build = self.build("linux-arm64")
         os.remove(os.path.join(build, "python/pags.abi3.so"))
-        done = subprocess.run([sys.executable, "-B", SCRIPT, build, self.path("out")], capture_output=True, text=True)
+        done = self.run_script(build)
         self.assertEqual(done.returncode, 1)
         self.assertIn("python/pags.abi3.so isn't there: make cross TARGET=linux-arm64", done.stderr)
 
