@@ -13,7 +13,10 @@
 #   make setup-cross  what make cross needs, into PAGS_CROSS (~/.cache/pags-cross): a compiler and the sources of libraries, checked by hash
 #   make cross TARGET=NAME  program, library, Python module and add-on for another system, into build-cross/NAME (docs/porting.md); NAME is
 #                windows-x64, macos-arm64, macos-x64, linux-x64-glibc2.17 or linux-arm64
-#   make packages TARGETS="NAME ..."  wheel, archive and add-on of cross builds, by default of all five, and the Debian packages, into dist/
+#   make packages  wheels, archives and add-ons of all cross builds, and the Debian packages, into dist/; TARGETS="NAME ...": those of these alone
+#   make container  the program of the Linux archive as a container image in dist/ (docs/containers.md)
+#   make check-wheel  the wheel for Linux, installed into a fresh environment, beside build/pags, bit by bit (OLD=FOLDER: in an older Debian, too)
+#   make check-reproducible TARGETS="NAME ..."  build their packages again in another folder, at another time: the same bytes (an hour a target)
 #   make deb     the Debian packages of the commit that is checked out, into dist/, checked by lintian (docs/release.md)
 #   make check-deb  install these into a fresh Debian 12, use them there and remove them (mmdebstrap; as root; a quarter of an hour)
 #   make check-arm64  the engine's unit tests and a short training for 64-bit ARM, under an emulator; beside the same of x86-64, bit by bit
@@ -49,11 +52,12 @@ MINUTES ?= 1
 LONG_MINUTES ?= $(MINUTES)
 TARGETS ?=
 TARGET ?=
+OLD ?=
 REFERENCE ?= HEAD
 OPTIONS ?=
 
 # Checks that take hours, or programs that make setup doesn't install.
-NOT_CHECKED := check-arm64 check-blender-new check-blender-window-new check-cluster check-deb check-inspect check-obey check-photos check-recordings check-scaling check-scene-html check-tools check-view check-viewers check-windows fuzz guide sanitize valgrind
+NOT_CHECKED := check-reproducible check-wheel check-arm64 check-blender-new check-blender-window-new check-cluster check-deb check-inspect check-obey check-photos check-recordings check-scaling check-scene-html check-tools check-view check-viewers check-windows fuzz guide sanitize valgrind
 
 all:
 	cmake --preset release
@@ -135,9 +139,18 @@ setup-cross:
 cross:
 	JOBS=$(JOBS) sh scripts/cross.sh $(TARGET)
 
-packages: deb
+packages: $(if $(TARGETS),,deb)
 	for target in $(or $(TARGETS),windows-x64 macos-arm64 macos-x64 linux-x64-glibc2.17 linux-arm64); do \
 	  JOBS=$(JOBS) sh scripts/cross.sh $$target && python3 -B scripts/package_cross.py build-cross/$$target dist || exit 1; done
+
+container:
+	sh scripts/container.sh
+
+check-wheel: all
+	PAGS_OLD_ROOT="$(OLD)" python3 -B tests/wheel.py dist/pags-*manylinux_2_17_x86_64*.whl build/pags
+
+check-reproducible:
+	sh scripts/check_reproducible.sh $(TARGETS)
 
 deb:
 	JOBS=$(JOBS) sh scripts/package_deb.sh
@@ -203,4 +216,4 @@ install: all
 clean:
 	rm -rf build
 
-.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-inspect check-obey check-blender-new check-blender-window-new bench-blender guide setup-cross cross check-arm64 check-windows check-scaling check-scene-html check-tools check-view check-viewers check-recordings check-photos same-bits figures docs install clean deb check-deb packages check-cluster
+.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-inspect check-obey check-blender-new check-blender-window-new bench-blender guide setup-cross cross check-arm64 check-windows check-scaling check-scene-html check-tools check-view check-viewers check-recordings check-photos same-bits figures docs install clean deb check-deb packages container check-wheel check-reproducible check-cluster

@@ -12,23 +12,28 @@ root=${2:-$work/root}
 if [ ! -e "$root/etc/debian_version" ]; then
   mmdebstrap --variant=minbase bookworm "$root" http://deb.debian.org/debian >"$work/log" 2>&1 || { tail "$work/log" >&2; exit 1; }
 fi
-rm -rf "$root/packages"
-mkdir "$root/packages"
+rm -rf "$root/packages" "$root/dist"
+mkdir "$root/packages" "$root/dist"
 cp "$packages/"*pags*_*.deb "$root/packages/"
+cp "$packages/"pags_*.deb "$root/dist/"
 rm -f "$root/packages/"blender-pags* # Blender brings 1.5 GB; its package is unpacked below
+# What the README says, but for the build, which is over, and sudo.
+line=$(sed -n 's/^make deb && sudo \(apt install [^#]*[^# ]\) *#.*/\1/p' README.md)
+[ -n "$line" ] || { echo "check-deb: README.md has no line 'make deb && sudo apt install ...'" >&2; exit 1; }
 
 run() {
   echo "\$ $*"
   chroot "$root" env LC_ALL=C.UTF-8 DEBIAN_FRONTEND=noninteractive PATH=/usr/sbin:/usr/bin:/sbin:/bin "$@"
 }
 files() {
-  (cd "$root" && find . -xdev \( -path ./proc -o -path ./sys -o -path ./dev -o -path ./packages -o -path ./tmp -o -path ./var -o -path ./root \) -prune -o -print | grep -i pags || true)
+  (cd "$root" && find . -xdev \( -path ./proc -o -path ./sys -o -path ./dev -o -path ./packages -o -path ./dist -o -path ./tmp -o -path ./var -o -path ./root \) -prune -o -print | grep -i pags || true)
 }
 
 cp /etc/resolv.conf "$root/etc/resolv.conf" 2>/dev/null || true
 run apt-get update -q >"$work/log" 2>&1 || { tail "$work/log" >&2; exit 1; }
-run sh -c 'apt-get install -y -q -o Dpkg::Options::=--force-unsafe-io --no-install-recommends /packages/*.deb python3' >"$work/log" 2>&1 || { tail -n 30 "$work/log" >&2; exit 1; }
+run sh -c "cd / && $line -y -q -o Dpkg::Options::=--force-unsafe-io" >"$work/log" 2>&1 || { tail -n 30 "$work/log" >&2; exit 1; }
 run pags --version
+run sh -c 'apt-get install -y -q -o Dpkg::Options::=--force-unsafe-io --no-install-recommends /packages/*.deb python3' >"$work/log" 2>&1 || { tail -n 30 "$work/log" >&2; exit 1; }
 run sh -ec 'cd /tmp; rm -rf street scene proxies.glb
   pags synth street -o street --frames 4 --size 96x64 -q
   pags train street -o scene -n 20 -q

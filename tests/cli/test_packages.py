@@ -155,6 +155,22 @@ class Packages(Case):
         for pattern in patterns:
             self.assertEqual(len(fnmatch.filter(packed, pattern)), 1, pattern)
 
+    def test_the_job_of_slurm(self):
+        """With commands in place of Slurm's: what is run, out of the image where one is named; queued again when it was interrupted, and only then."""
+        job = os.path.join(ROOT, "examples/slurm/train.sbatch")
+        for name, text in [("srun", 'echo "$@" >>said; exit $PAGS_CODE'), ("scontrol", 'echo "scontrol $@" >>said')]:
+            os.chmod(self.write("bin/" + name, "#!/bin/sh\n" + text + "\n"), 0o755)
+        trained = "pags train /data/drive -o /scenes/a --resume --threads 8 -n 300\n"
+        for code, image, said in [(0, None, trained), (1, None, trained), (3, None, trained + "scontrol requeue 17\n"),
+                                  (0, "p.sif", "apptainer exec --bind /data,/scenes p.sif " + trained)]:
+            environment = {"PATH": self.path("bin") + ":/usr/bin:/bin", "PAGS_CODE": str(code), "SLURM_JOB_ID": "17", "SLURM_CPUS_PER_TASK": "8"}
+            if image:
+                environment["PAGS_IMAGE"] = image
+            done = subprocess.run(["sh", job, "/data/drive", "/scenes/a", "-n", "300"], cwd=self.path("."), env=environment)
+            self.assertEqual(done.returncode, code)
+            self.assertEqual(fixtures.read(self.path("said")).decode(), said)
+            os.remove(self.path("said"))
+
     def test_what_is_no_build(self):
         done = subprocess.run([sys.executable, "-B", SCRIPT, self.path("amiga"), self.path("out")], capture_output=True, text=True)
         self.assertEqual(done.returncode, 1)

@@ -1,0 +1,38 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# check_reproducible.sh [TARGET...]: builds the packages of cross builds that lie in dist/ a second time, from a clone of the commit in another
+# folder, with the compiler and the libraries fetched and built anew, another umask, locale and time zone, one job and the clock a day later
+# (faketime), and compares them byte by byte. Files that were fetched already are taken from PAGS_CROSS, by their hashes.
+set -eu
+cd "$(dirname "$0")/.."
+[ $# -gt 0 ] || set -- linux-x64-glibc2.17
+cross=$(realpath "${PAGS_CROSS:-$HOME/.cache/pags-cross}")
+dist=$PWD/dist
+command -v faketime >/dev/null || { echo "check-reproducible: no faketime (Debian: faketime)" >&2; exit 1; }
+[ -z "$(git status --porcelain --untracked-files=no)" ] || { echo "check-reproducible: files differ from the commit, of which the clone is made" >&2; exit 1; }
+
+work=$(mktemp -d)
+trap 'chmod -R u+w "$work"; rm -rf "$work"' EXIT
+clone="$work/another folder/pags"
+unset SOURCE_DATE_EPOCH
+umask 077
+mkdir -p "$work/another folder" "$work/home" "$work/cross/files"
+cp "$cross/files/"*.dsc "$cross/files/"*.tar.* "$work/cross/files/"
+git clone -q . "$clone"
+cd "$clone"
+export HOME="$work/home" PAGS_CROSS="$work/cross" LC_ALL=de_DE.UTF-8 LANG=de_DE.UTF-8 TZ=Asia/Tokyo JOBS=1 CCACHE_DISABLE=1
+failed=0
+for target; do
+  faketime -f +1d sh scripts/cross.sh "$target" >"$work/log" 2>&1 || { tail -n 30 "$work/log" >&2; exit 1; }
+  faketime -f +1d python3 -B scripts/package_cross.py "build-cross/$target" "$work/dist/$target" >/dev/null
+  for file in "$work/dist/$target/"*; do
+    if cmp -- "$file" "$dist/${file##*/}"; then
+      echo "same bytes: $(sha256sum <"$file" | cut -c1-16)... ${file##*/}"
+    else
+      failed=1
+      [ -z "${PAGS_KEEP:-}" ] || cp "$file" "$PAGS_KEEP/"
+    fi
+  done
+done
+[ $failed = 0 ] && echo "check-reproducible: all the same" || echo "check-reproducible: there are differences" >&2
+exit $failed
