@@ -164,9 +164,11 @@ static void wheel(pags_mesh *mesh, float x, float radius, uint16_t tyre, uint16_
 }
 
 void pags_bicycle_add(pags_mesh *mesh, pags_materials *materials, pags_dice *dice) {
-  const uint16_t frame =
-      pags_materials_plain(materials, PAGS_CLASS_BICYCLE, pags_dice_between(dice, 0.05f, 0.6f),
-                           pags_dice_between(dice, 0.05f, 0.3f), pags_dice_between(dice, 0.05f, 0.3f));
+  /* One after the other: C leaves the order of a call's arguments to the compiler. */
+  const float blue = pags_dice_between(dice, 0.05f, 0.3f);
+  const float green = pags_dice_between(dice, 0.05f, 0.3f);
+  const float red = pags_dice_between(dice, 0.05f, 0.6f);
+  const uint16_t frame = pags_materials_plain(materials, PAGS_CLASS_BICYCLE, red, green, blue);
   const uint16_t tyre = pags_materials_plain(materials, PAGS_CLASS_BICYCLE, 0.02f, 0.02f, 0.02f);
   const uint16_t metal = pags_materials_plain(materials, PAGS_CLASS_BICYCLE, 0.4f, 0.4f, 0.4f);
   wheel(mesh, -0.52f, 0.33f, tyre, metal);
