@@ -20,7 +20,8 @@ mkdir -p "$work/another folder" "$work/home" "$work/cross/files"
 cp "$cross/files/"*.dsc "$cross/files/"*.tar.* "$work/cross/files/"
 git clone -q . "$clone"
 cd "$clone"
-export HOME="$work/home" PAGS_CROSS="$work/cross" LC_ALL=de_DE.UTF-8 LANG=de_DE.UTF-8 TZ=Asia/Tokyo JOBS=1 CCACHE_DISABLE=1
+other=$(locale -a | grep -v '^C\|^POSIX\|^en' | head -n 1) # where there is none that is farther from this one, C
+export HOME="$work/home" PAGS_CROSS="$work/cross" LC_ALL="${other:-C}" TZ=Asia/Tokyo JOBS=1 CCACHE_DISABLE=1
 failed=0
 for target; do
   faketime -f +1d sh scripts/cross.sh "$target" >"$work/log" 2>&1 || { tail -n 30 "$work/log" >&2; exit 1; }
