@@ -32,5 +32,16 @@ ctest --test-dir "$build" --parallel "${JOBS:-$(nproc)}" --output-on-failure -E 
 grep -h '\.\.\. skipped \|^skipped: ' "$build/Testing/Temporary/LastTest.log" | sort -u || true
 grep -v '^#' tests/windows_lacks.txt | sed 's/^/left out: /'
 python3 -B tests/windows.py "$build/pags.exe" build/pags || failed=1
+
+# The wheel, where make packages has made one: its program as pip installs it, and its module in that Python.
+for wheel in dist/pags-*win_amd64.whl; do
+  [ -e "$wheel" ] || continue
+  rm -rf "$build/installed"
+  python3 -m pip install -q --disable-pip-version-check --no-deps --no-index --platform win_amd64 --python-version 3.11 --only-binary :all: --target "$build/installed" "$wheel"
+  mkdir "$build/installed/bin/tests"
+  cp "$build/tests/windows_interrupt.exe" "$build/installed/bin/tests/"
+  python3 -B tests/windows.py "$build/installed/bin/pags.exe" build/pags || failed=1
+  [ -z "$python" ] || PYTHONPATH=$(winepath -w "$build/installed") wine "$python" -B -c "import pags; print('the module of the wheel:', pags.__version__)" || failed=1
+done
 [ $failed = 0 ] && echo "check-windows: all passed" || echo "check-windows: there are failures" >&2
 exit $failed
