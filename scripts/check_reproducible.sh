@@ -13,6 +13,7 @@ command -v faketime >/dev/null || { echo "check-reproducible: no faketime (Debia
 
 work=$(mktemp -d)
 trap 'chmod -R u+w "$work"; rm -rf "$work"' EXIT
+trap 'exit 130' HUP INT TERM
 clone="$work/another folder/pags"
 unset SOURCE_DATE_EPOCH
 umask 077

@@ -20,6 +20,7 @@ export SOURCE_DATE_EPOCH
 work=$(mktemp -d)
 storage="--root $work/storage --runroot $work/run --storage-driver vfs" # of its own: no image of this machine's is touched
 trap 'rm -rf "$work"' EXIT
+trap 'exit 130' HUP INT TERM
 # Unpacked alone: nothing of the packages is run, and what configures them isn't there.
 mmdebstrap --variant=extract --include=libc6,busybox-static,base-files bookworm "$work/root" http://deb.debian.org/debian >"$work/log" 2>&1 ||
   { tail "$work/log" >&2; exit 1; }
