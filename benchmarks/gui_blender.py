@@ -23,9 +23,9 @@ from gui_case import (  # noqa: E402
     empty_scene,
     in_view,
     native,
-    pace,
     region,
     settled,
+    stopwatch,
     tell,
     view3d,
     viewport,
@@ -122,7 +122,7 @@ def moving(name, step):
     """Measures pictures a second and times while `step(i)` moves something at each tick of the timer; then the time
     until the still picture is at full quality."""
     view = the_view()
-    view.watch = pace.Stopwatch()
+    view.watch = stopwatch.Stopwatch()
     ticks, begin, before = [], time.monotonic(), stolen()
     while time.monotonic() - begin < SECONDS:
         step(len(ticks))
@@ -130,7 +130,7 @@ def moving(name, step):
         yield 0.005
     pictures = list(view.watch.pictures)
     put(f"{name}_fps", round((len(pictures) - 1) / (pictures[-1][0] - pictures[0][0]), 1) if len(pictures) > 1 else 0)
-    put(f"{name}_dropped", {"1/%g, SH %d" % key: n for key, n in count((p[1], p[2]) for p in pictures).items()})
+    put(f"{name}_steps", dict(sorted(count(p[1]["step"] for p in pictures).items())))
     all_, others = stolen() - before
     put(f"{name}_stolen", round(others / all_, 3))
     tell_parts(name, view.watch)
@@ -159,8 +159,8 @@ def tell_parts(name, watch):
     put(f"{name}_python_ms", spread(watch.python))
     put(f"{name}_upload_ms", spread([v for v in watch.upload if v > 0]))
     put(f"{name}_draw_ms", spread(watch.draw))
-    put(f"{name}_fill_ms", spread([p[3]["ms_fill"] for p in watch.pictures]))
-    put(f"{name}_engine_ms", spread([p[3]["ms_job"] - p[3]["ms_fill"] for p in watch.pictures]))
+    put(f"{name}_fill_ms", spread([p[1]["ms_fill"] for p in watch.pictures]))
+    put(f"{name}_engine_ms", spread([p[1]["ms_job"] - p[1]["ms_fill"] for p in watch.pictures]))
 
 
 def orbiting():
@@ -200,7 +200,7 @@ def scrubbing():
 def still(name):
     """Redraws an unchanged view repeatedly. Blender's own time is the whole redraw less the add-on's part."""
     view = the_view()
-    view.watch = pace.Stopwatch()
+    view.watch = stopwatch.Stopwatch()
     yield 0.2
     begin, times = time.perf_counter(), 20
     with in_view():

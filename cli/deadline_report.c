@@ -12,18 +12,18 @@
 
 pags_result pags_deadline_report_create(const pags_composition *composition, pags_tasks *tasks, double ms,
                                         int check_every, pags_deadline_report *out) {
-  *out =
-      (pags_deadline_report){.ms = ms, .check_every = check_every, .ids = pags_composition_gaussian_count(composition)};
+  *out = (pags_deadline_report){.check_every = check_every, .ids = pags_composition_gaussian_count(composition)};
+  out->controller = pags_deadline_controller_begin(ms);
   out->priority = calloc((size_t)out->ids + 1, sizeof *out->priority);
   if (!out->priority)
     return pags_out_of_memory("the priorities of %lld Gaussians", (long long)out->ids);
   pags_composition_priorities(composition, out->priority);
-  PAGS_TRY(pags_deadline_create(tasks, ms, out->priority, out->ids, &out->budget));
+  PAGS_TRY(pags_deadline_create(tasks, out->priority, out->ids, &out->deadline));
   return pags_frame_create(tasks, &out->full_frame);
 }
 
 void pags_deadline_report_destroy(pags_deadline_report *deadline) {
-  pags_deadline_destroy(deadline->budget);
+  pags_deadline_destroy(deadline->deadline);
   if (deadline->full_frame)
     pags_frame_destroy(deadline->full_frame);
   free(deadline->priority);
@@ -39,7 +39,7 @@ pags_result pags_deadline_report_draw(pags_deadline_report *d, const pags_part *
                                       pags_deadline_result *report) {
   pags_frame_options full = *options;
   pags_picture full_picture;
-  PAGS_TRY(pags_deadline_render(d->budget, parts, part_count, camera, options, out, report));
+  PAGS_TRY(pags_deadline_render(d->deadline, &d->controller, parts, part_count, camera, options, out, report));
   d->met += report->met;
   d->at_step[report->step]++;
   d->sum_ms += report->ms;
@@ -92,9 +92,10 @@ static void say_error(const pags_session *session, const char *what, double squa
 
 void pags_deadline_report_print(const pags_deadline_report *d, const pags_session *session) {
   const double n = d->frames ? (double)d->frames : 1;
-  pags_say(session, "budget %g ms: %lld of %lld frames within (%.1f %%), %.2f ms on average, %.2f at worst\n", d->ms,
-           (long long)d->met, (long long)d->frames, 100 * (double)d->met / n, d->sum_ms / n, d->worst_ms);
-  for (int k = 0; k < PAGS_DEADLINE_STEPS; k++) {
+  pags_say(session, "budget %g ms: %lld of %lld frames within (%.1f %%), %.2f ms on average, %.2f at worst\n",
+           d->controller.target, (long long)d->met, (long long)d->frames, 100 * (double)d->met / n, d->sum_ms / n,
+           d->worst_ms);
+  for (int k = 0; k < PAGS_DEADLINE_WHOLE_STEPS; k++) {
     const pags_deadline_step *step = &pags_deadline_steps()[k];
     if (d->at_step[k]) {
       /* Print what this step reduces, and in which share of the frames (in per cent) it was used. */
@@ -130,14 +131,14 @@ static void put_error(pags_json_writer *json, const char *name, double squared, 
 void pags_deadline_report_put(const pags_deadline_report *d, pags_json_writer *json) {
   const double n = d->frames ? (double)d->frames : 1;
   pags_json_begin_object(json, "budget");
-  pags_json_put_number(json, "ms", d->ms);
+  pags_json_put_number(json, "ms", d->controller.target);
   pags_json_put_integer(json, "frames", d->frames);
   pags_json_put_integer(json, "met", d->met);
   pags_json_put_number(json, "mean_ms", d->sum_ms / n);
   pags_json_put_number(json, "worst_ms", d->worst_ms);
   pags_json_put_number(json, "full_tiles", d->sum_full_tiles / n);
   pags_json_begin_array(json, "steps");
-  for (int k = 0; k < PAGS_DEADLINE_STEPS; k++) {
+  for (int k = 0; k < PAGS_DEADLINE_WHOLE_STEPS; k++) {
     const pags_deadline_step *step = &pags_deadline_steps()[k];
     pags_json_begin_object(json, NULL);
     pags_json_put_number(json, "eps", (double)step->eps);

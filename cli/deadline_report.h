@@ -10,14 +10,14 @@
 #include <pags/deadline.h>
 
 typedef struct pags_deadline_report {
-  pags_deadline *budget;
+  pags_deadline *deadline;
+  pags_deadline_controller controller;
   pags_frame *full_frame; /* renders the full-quality frames to compare with */
   float *priority;        /* of each Gaussian id */
   int64_t ids;
-  double ms;       /* the budget */
   int check_every; /* compare every so many frames with full quality */
   int64_t frames, met, checked;
-  int64_t at_step[PAGS_DEADLINE_STEPS];
+  int64_t at_step[PAGS_DEADLINE_WHOLE_STEPS];
   double sum_ms, worst_ms, sum_full_tiles;
   double squared, samples, squared_critical, samples_critical, largest, largest_critical;
 } pags_deadline_report;

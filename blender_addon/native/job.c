@@ -70,6 +70,7 @@ static void job_dealloc(PyObject *object) {
     pags_matte_names_destroy(&job->mattes[k]);
   }
   Py_XDECREF(job->renderer);
+  Py_XDECREF(job->deadline);
   ((freefunc)(size_t)PyType_GetSlot(type, Py_tp_free))(object);
   Py_DECREF(type);
 }

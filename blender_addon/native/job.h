@@ -9,6 +9,7 @@
 
 #include "blender_addon/native/native.h"
 
+#include <pags/deadline.h>
 #include <pags/tasks.h>
 
 typedef enum job_state { JOB_QUEUED, JOB_RUNNING, JOB_DONE } job_state;
@@ -24,6 +25,12 @@ typedef struct native_renderer {
   bool stopping;
   native_job *first, *last, *running;
 } native_renderer;
+
+typedef struct native_deadline {
+  PyObject_HEAD pthread_mutex_t lock; /* guards the controller */
+  bool has_lock;
+  pags_deadline_controller controller;
+} native_deadline;
 
 /* The scenes of a picture, at least one, and their parts. */
 typedef struct native_contents {
@@ -49,6 +56,7 @@ typedef struct native_moment {
 
 struct native_job {
   PyObject_HEAD PyObject *renderer;
+  PyObject *deadline; /* NULL: the picture is drawn in full */
   native_job *next;
   job_state state;
   bool cancelled, taken;
@@ -69,7 +77,7 @@ struct native_job {
  */
 typedef struct native_job_arguments {
   PyObject *outputs, *placements, *others, *window, *object_values, *background, *exposure, *before, *after, *names,
-      *clips;
+      *clips, *deadline;
   const char *mode, *early_z;
   int linear, flip, transparent, antialiased, sh_degree, exp_degree;
   double cut, near_plane, depth_empty, depth_scale;
@@ -77,18 +85,19 @@ typedef struct native_job_arguments {
 
 #define JOB_ARGUMENT_NAMES                                                                                            \
   "outputs", "placements", "others", "window", "object_values", "background", "exposure", "before", "after", "names", \
-      "clips", "mode", "early_z", "linear", "flip", "transparent", "antialiased", "sh_degree", "exp_degree", "cut",   \
-      "near_plane", "depth_empty", "depth_scale"
-#define JOB_ARGUMENT_SIGNATURE                                                                                        \
-  "outputs=None, placements=None, others=None, window=None, object_values=None, background=None, exposure=None, "     \
-  "before=None, "                                                                                                     \
-  "after=None, names=None, clips=None, mode='rgb', early_z='lossless', linear=False, flip=False, transparent=False, " \
+      "clips", "deadline", "mode", "early_z", "linear", "flip", "transparent", "antialiased", "sh_degree",            \
+      "exp_degree", "cut", "near_plane", "depth_empty", "depth_scale"
+#define JOB_ARGUMENT_SIGNATURE                                                                                    \
+  "outputs=None, placements=None, others=None, window=None, object_values=None, background=None, exposure=None, " \
+  "before=None, "                                                                                                 \
+  "after=None, names=None, clips=None, deadline=None, mode='rgb', early_z='lossless', linear=False, flip=False, " \
+  "transparent=False, "                                                                                           \
   "antialiased=-1, sh_degree=3, exp_degree=5, cut=0, near_plane=0, depth_empty=0, depth_scale=1"
-#define JOB_ARGUMENT_FORMAT "OOOOOOOOOOOsspppiiidddd"
-#define JOB_ARGUMENT_TARGETS(w)                                                                                \
-  &(w).outputs, &(w).placements, &(w).others, &(w).window, &(w).object_values, &(w).background, &(w).exposure, \
-      &(w).before, &(w).after, &(w).names, &(w).clips, &(w).mode, &(w).early_z, &(w).linear, &(w).flip,        \
-      &(w).transparent, &(w).antialiased, &(w).sh_degree, &(w).exp_degree, &(w).cut, &(w).near_plane,          \
+#define JOB_ARGUMENT_FORMAT "OOOOOOOOOOOOsspppiiidddd"
+#define JOB_ARGUMENT_TARGETS(w)                                                                                        \
+  &(w).outputs, &(w).placements, &(w).others, &(w).window, &(w).object_values, &(w).background, &(w).exposure,         \
+      &(w).before, &(w).after, &(w).names, &(w).clips, &(w).deadline, &(w).mode, &(w).early_z, &(w).linear, &(w).flip, \
+      &(w).transparent, &(w).antialiased, &(w).sh_degree, &(w).exp_degree, &(w).cut, &(w).near_plane,                  \
       &(w).depth_empty, &(w).depth_scale
 
 native_job_arguments native_default_job_arguments(void);
@@ -115,6 +124,12 @@ pags_result native_passes_moments(native_job *job, pags_moment out[2]);
 /* Computes the passes of the picture that `frame` has drawn of the job's parts. */
 pags_result native_passes_draw(const native_job *job, const pags_moment moments[2], pags_frame *frame,
                                pags_passes *out);
+/* Draws the composed parts of a job at the step that its deadline has chosen, and shrinks the window of `layout` as the
+ * picture was. Call with the job's scenes locked. */
+pags_result native_deadline_draw(const native_job *job, pags_deadline *renderer, native_layout *layout,
+                                 pags_picture *picture, native_drawn *drawn);
+/* Reports what a picture took that was drawn at a step. */
+void native_deadline_tell(PyObject *deadline, int step, double ms);
 /* Waits for the job. Returns a new Picture, or raises the job's error. */
 PyObject *native_job_take(const native_state *state, native_job *job);
 #endif

@@ -124,6 +124,10 @@ static bool read_options(const native_job_arguments *w, const native_scene *scen
     PyErr_SetString(PyExc_ValueError, pags_error_message());
     return false;
   }
+  if (job->deadline && o->early_z == PAGS_EARLY_Z_PAPER) {
+    PyErr_SetString(PyExc_ValueError, "deadline: expected early_z off, lossless or bounded, found paper");
+    return false;
+  }
   o->sh_degree = w->sh_degree;
   o->exp_degree = w->exp_degree;
   o->extra_channels = native_layout_needs_extras(&job->layout);
@@ -143,6 +147,11 @@ static bool read_arguments(const native_state *state, PyObject *scene, const nat
   l->transparent = w->transparent != 0;
   l->depth_empty = (float)w->depth_empty;
   l->depth_scale = (float)w->depth_scale;
+  if (w->deadline != Py_None && !PyObject_TypeCheck(w->deadline, state->deadline)) {
+    PyErr_SetString(PyExc_TypeError, "deadline: expected a Deadline or None");
+    return false;
+  }
+  job->deadline = w->deadline != Py_None ? Py_NewRef(w->deadline) : NULL;
   const native_contents_arguments contents = {w->placements, w->object_values, w->names, w->others};
   return read_window(w->window, job) &&
          native_contents_read(state, scene, &contents, job->camera.time, &job->contents) &&
@@ -184,6 +193,7 @@ native_job_arguments native_default_job_arguments(void) {
                                 .after = Py_None,
                                 .names = Py_None,
                                 .clips = Py_None,
+                                .deadline = Py_None,
                                 .mode = "rgb",
                                 .early_z = "lossless",
                                 .antialiased = -1,

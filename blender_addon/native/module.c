@@ -70,9 +70,11 @@ static int module_exec(PyObject *module) {
   state->buffer = add_type(module, &native_buffer_spec, "Buffer");
   state->scene = add_type(module, &native_scene_spec, "Scene");
   state->renderer = add_type(module, &native_renderer_spec, "Renderer");
+  state->deadline = add_type(module, &native_deadline_spec, "Deadline");
   state->job = add_type(module, &native_job_spec, "Job");
   state->picture = add_type(module, &native_picture_spec, "Picture");
-  if (!state->cancelled || !state->buffer || !state->scene || !state->renderer || !state->job || !state->picture)
+  if (!state->cancelled || !state->buffer || !state->scene || !state->renderer || !state->deadline || !state->job ||
+      !state->picture)
     return -1;
   return PyModule_AddStringConstant(module, "__version__", PAGS_VERSION_STRING);
 }
@@ -84,6 +86,7 @@ static int module_traverse(PyObject *module, visitproc visit, void *arg) {
   Py_VISIT(state->buffer);
   Py_VISIT(state->scene);
   Py_VISIT(state->renderer);
+  Py_VISIT(state->deadline);
   Py_VISIT(state->job);
   Py_VISIT(state->picture);
   return 0;
@@ -96,6 +99,7 @@ static int module_clear(PyObject *module) {
   Py_CLEAR(state->buffer);
   Py_CLEAR(state->scene);
   Py_CLEAR(state->renderer);
+  Py_CLEAR(state->deadline);
   Py_CLEAR(state->job);
   Py_CLEAR(state->picture);
   return 0;

@@ -18,7 +18,7 @@
 
 typedef struct native_state {
   PyObject *error, *cancelled; /* exceptions */
-  PyTypeObject *buffer, *scene, *renderer, *job, *picture;
+  PyTypeObject *buffer, *scene, *renderer, *deadline, *job, *picture;
 } native_state;
 
 /* The state of the module that defined the object's type. */
@@ -145,6 +145,12 @@ typedef struct native_layout {
   float depth_scale;
 } native_layout;
 
+/* How a picture was drawn. */
+typedef struct native_drawn {
+  int step;     /* of the deadline's ladder; 0: full quality */
+  int place[4]; /* x, y, width, height: pixels of the picture that was asked for which the planes cover */
+} native_drawn;
+
 typedef struct native_planes {
   int width, height;
   float *rgba, *depth, *object, *priority, *heat; /* rgba and heat: 4 floats a pixel; NULL where not asked for */
@@ -153,6 +159,7 @@ typedef struct native_planes {
   float *crypto[2], *normal, *motion; /* objects and classes: 12 floats a pixel; 3; 4 */
   float *pairs[2];                    /* Gaussians blended, computed */
   pags_frame_stats stats;
+  native_drawn drawn;
   double ms;      /* of the whole job */
   double ms_fill; /* of these, the time to fill the planes */
 } native_planes;
@@ -175,7 +182,7 @@ extern PyType_Spec native_picture_spec;
 
 /* ---- Renderers and jobs ---- */
 
-extern PyType_Spec native_renderer_spec, native_job_spec;
+extern PyType_Spec native_renderer_spec, native_deadline_spec, native_job_spec;
 PyObject *native_camera(PyObject *module, PyObject *arguments, PyObject *keywords);
 PyObject *native_gradients(PyObject *module, PyObject *arguments, PyObject *keywords);
 PyObject *native_render(PyObject *module, PyObject *arguments, PyObject *keywords);

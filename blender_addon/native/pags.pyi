@@ -128,6 +128,8 @@ class Picture:
     @property
     def stats(self) -> dict[str, float]: ...
     @property
+    def place(self) -> tuple[int, int, int, int]: ...
+    @property
     def rgba(self) -> Buffer | Any: ...  # None where it wasn't asked for
     @property
     def rgb8(self) -> Buffer | Any: ...
@@ -162,6 +164,16 @@ class Job:
     def cancel(self, /) -> None: ...
 
 @final
+class Deadline:
+    def __new__(cls, ms: float) -> Deadline: ...
+    ms: float
+    @property
+    def step(self) -> int: ...
+    @property
+    def haste(self) -> float: ...
+    def pace(self, ms: float, wanted: float, /) -> None: ...
+
+@final
 class Renderer:
     def __new__(cls, threads: int = 0) -> Renderer: ...
     @property
@@ -182,6 +194,7 @@ class Renderer:
         after: _Moment | None = None,
         names: Sequence[str] | None = None,
         clips: Sequence[Sequence[float]] | None = None,
+        deadline: Deadline | None = None,
         mode: _Mode = "rgb",
         early_z: str = "lossless",
         linear: bool = False,
@@ -228,6 +241,7 @@ def render(
     after: _Moment | None = None,
     names: Sequence[str] | None = None,
     clips: Sequence[Sequence[float]] | None = None,
+    deadline: Deadline | None = None,
     mode: _Mode = "rgb",
     early_z: str = "lossless",
     linear: bool = False,
@@ -258,6 +272,7 @@ def render(
     after: _Moment | None = None,
     names: Sequence[str] | None = None,
     clips: Sequence[Sequence[float]] | None = None,
+    deadline: Deadline | None = None,
     mode: _Mode = "rgb",
     early_z: str = "lossless",
     linear: bool = False,

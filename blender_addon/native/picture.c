@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include <pags/deadline.h>
 #include <pags/tasks.h>
 
 #include "base/memory.h"
@@ -380,12 +381,16 @@ static PyObject *picture_stats(PyObject *object, void *closure) {
   const native_planes *p = &((native_picture *)object)->planes;
   const pags_frame_stats *s = &p->stats;
   double frame = s->ms_cull + s->ms_project + s->ms_shade + s->ms_sort + s->ms_bin + s->ms_raster + s->ms_occlude;
+  const pags_deadline_step *const step = pags_deadline_steps() + p->drawn.step;
   PyObject *dict = PyDict_New();
   (void)closure;
   bool good = dict && native_put(dict, "ms", PyFloat_FromDouble(frame)) &&
               native_put(dict, "ms_job", PyFloat_FromDouble(p->ms)) &&
               native_put(dict, "ms_fill", PyFloat_FromDouble(p->ms_fill)) &&
               native_put(dict, "ms_raster", PyFloat_FromDouble(s->ms_raster)) &&
+              native_put(dict, "step", PyLong_FromLong(p->drawn.step)) &&
+              native_put(dict, "divisor", PyFloat_FromDouble(step->divisor)) &&
+              native_put(dict, "sampled", PyLong_FromLong(step->sampled)) &&
               native_put(dict, "gaussians", PyLong_FromLongLong(s->gaussians)) &&
               native_put(dict, "hidden", PyLong_FromLongLong(s->hidden)) &&
               native_put(dict, "in_view", PyLong_FromLongLong(s->in_view)) &&
@@ -399,6 +404,12 @@ static PyObject *picture_stats(PyObject *object, void *closure) {
   return NULL;
 }
 
+static PyObject *picture_place(PyObject *object, void *closure) {
+  const int *const place = ((native_picture *)object)->planes.drawn.place;
+  (void)closure;
+  return Py_BuildValue("(iiii)", place[0], place[1], place[2], place[3]);
+}
+
 static const int plane_numbers[PLANES] = {
     PLANE_RGBA,          PLANE_DEPTH,        PLANE_OBJECT, PLANE_PRIORITY, PLANE_HEAT,  PLANE_ID,      PLANE_RGB8,
     PLANE_CRYPTO_OBJECT, PLANE_CRYPTO_CLASS, PLANE_NORMAL, PLANE_MOTION,   PLANE_COUNT, PLANE_OVERDRAW};
@@ -409,7 +420,11 @@ static PyGetSetDef picture_getset[] = {
     {"height", picture_size, NULL, "pixels", PLANE(0)},
     {"stats", picture_stats, NULL,
      "dictionary: ms of the frame, of the whole job and of filling these planes, Gaussians that exist, loaded, shaded, "
-     "...",
+     "...; step of the deadline (0: full quality), divisor of the size, 1 as sampled where the rest is",
+     NULL},
+    {"place", picture_place, NULL,
+     "x, y, width, height: pixels of the picture that was asked for which this one covers; a deadline may make it "
+     "smaller, never its field of view",
      NULL},
     {"rgba", picture_plane, NULL, "Buffer [height][width][4] float32, premultiplied; None where it wasn't asked for",
      PLANE(PLANE_RGBA)},

@@ -12,21 +12,29 @@ static double now_ms(void) {
 /* ---- The renderer's thread ---- */
 
 /* Draws the picture and its passes, and fills the job's planes. */
-static pags_result draw_picture(pags_frame *frame, pags_tasks *tasks, native_job *job, const pags_moment moments[2]) {
+static pags_result draw_picture(pags_deadline *renderer, pags_tasks *tasks, native_job *job,
+                                const pags_moment moments[2]) {
   const native_contents *const c = &job->contents;
+  pags_frame *const frame = pags_deadline_frame(renderer);
+  native_layout layout = job->layout;
+  native_drawn how = {.place = {layout.x, layout.y, layout.width, layout.height}};
   pags_picture picture;
   pags_passes passes = {.normal = {NULL}};
   PAGS_TRY(native_contents_compose(job, &job->contents));
-  PAGS_TRY(pags_frame_render(frame, c->parts, c->part_count, &job->camera, &job->options, NULL, NULL, &picture));
+  if (job->deadline)
+    PAGS_TRY(native_deadline_draw(job, renderer, &layout, &picture, &how));
+  else
+    PAGS_TRY(pags_frame_render(frame, c->parts, c->part_count, &job->camera, &job->options, NULL, NULL, &picture));
   if (job->options.keep_for_passes)
     PAGS_TRY(native_passes_draw(job, moments, frame, &passes));
   const double drawn = now_ms();
-  PAGS_TRY(native_planes_fill(tasks, &picture, &passes, c->shown, c->shown_count, &job->layout, &job->planes));
+  PAGS_TRY(native_planes_fill(tasks, &picture, &passes, c->shown, c->shown_count, &layout, &job->planes));
   job->planes.ms_fill = now_ms() - drawn;
+  job->planes.drawn = how;
   return PAGS_OK;
 }
 
-static pags_result draw_locked(pags_frame *frame, pags_tasks *tasks, native_job *job) {
+static pags_result draw_locked(pags_deadline *renderer, pags_tasks *tasks, native_job *job) {
   double begin = now_ms();
 
   /* Fill the scenes' tables that the outputs of this job read. */
@@ -43,15 +51,17 @@ static pags_result draw_locked(pags_frame *frame, pags_tasks *tasks, native_job 
 
   pags_moment moments[2];
   PAGS_TRY(native_passes_moments(job, moments));
-  PAGS_TRY(draw_picture(frame, tasks, job, moments));
-  job->planes.stats = *pags_frame_stats_get(frame);
+  PAGS_TRY(draw_picture(renderer, tasks, job, moments));
+  job->planes.stats = *pags_frame_stats_get(pags_deadline_frame(renderer));
   job->planes.ms = now_ms() - begin;
+  if (job->deadline)
+    native_deadline_tell(job->deadline, job->planes.drawn.step, job->planes.ms);
   return PAGS_OK;
 }
 
-static void draw(pags_frame *frame, pags_tasks *tasks, native_job *job) {
+static void draw(pags_deadline *renderer, pags_tasks *tasks, native_job *job) {
   native_job_lock(job, true);
-  job->result = draw_locked(frame, tasks, job);
+  job->result = draw_locked(renderer, tasks, job);
   if (job->result != PAGS_OK)
     strncpy(job->message, pags_error_message(), sizeof job->message - 1);
   native_job_lock(job, false);
@@ -74,13 +84,13 @@ static native_job *next_job(native_renderer *self) {
 
 static void *serve(void *context) {
   native_renderer *self = context;
-  pags_frame *frame = NULL;
+  pags_deadline *renderer = NULL;
   pthread_mutex_lock(&self->lock);
   for (native_job *job; (job = next_job(self)) != NULL;) {
     pthread_mutex_unlock(&self->lock);
-    job->result = frame ? PAGS_OK : pags_frame_create(self->tasks, &frame);
+    job->result = renderer ? PAGS_OK : pags_deadline_create(self->tasks, NULL, 0, &renderer);
     if (job->result == PAGS_OK)
-      draw(frame, self->tasks, job);
+      draw(renderer, self->tasks, job);
     else
       strncpy(job->message, pags_error_message(), sizeof job->message - 1);
     pthread_mutex_lock(&self->lock);
@@ -90,7 +100,7 @@ static void *serve(void *context) {
     pthread_cond_broadcast(&self->finished);
   }
   pthread_mutex_unlock(&self->lock);
-  pags_frame_destroy(frame);
+  pags_deadline_destroy(renderer);
   return NULL;
 }
 
@@ -285,7 +295,8 @@ static PyMethodDef renderer_methods[] = {
      "motion refers to; None: "
      "nothing "
      "moves on that side.\nnames: of the placements, for crypto_object. clips: planes a, b, c, d; what has a x + b y + "
-     "c z + d < 0 isn't drawn. exposure: gain and offset, 6 numbers. early_z: "
+     "c z + d < 0 isn't drawn. deadline: a Deadline, whose time the picture keeps by "
+     "giving up quality and size. exposure: gain and offset, 6 numbers. early_z: "
      "off, lossless or bounded=EPS. linear: "
      "decode sRGB. flip: bottom row first. cut: leave out what isn't critical and whose opacity times area is under so "
      "many pixels. -1 and 0: as the scene asks for."},

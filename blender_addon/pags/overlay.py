@@ -8,7 +8,7 @@ import gpu
 import numpy as np
 from gpu_extras.batch import batch_for_shader
 
-from . import draw, gather, pace, viewport
+from . import draw, gather, stopwatch, viewport
 from .native import SceneError
 
 _views = {}  # by region pointer
@@ -67,7 +67,7 @@ def on_draw():
 
 
 def draw_splats(context):
-    begin = pace.clock()
+    begin = stopwatch.clock()
     view = view_of(context)
     depsgraph = context.evaluated_depsgraph_get()
     if view.version != _version or view.stale(depsgraph, context.space_data):
@@ -82,7 +82,7 @@ def draw_splats(context):
     if second is not None:
         upload += second.advance(second.request(context, depsgraph, window, ("rgba", "depth"), True))
         edge = viewport.edge_of(context.scene.pags)
-    middle = pace.clock()
+    middle = stopwatch.clock()
     if second is not None and second.shown is not None and second.shown.depth is not None and second.state is not None:
         put(context, second.shown, edge + 4 / width, 1)  # a gap of two pixels is the edge
     if view.shown is not None and view.shown.depth is not None and view.state is not None:

@@ -2,8 +2,9 @@
 """The picture of a 3D view: coarse while something moves, full resolution when nothing does; drawing never waits for it.
 
 Each view makes a request (a key and the job's arguments) whenever it is drawn. At most one job of a view runs at a time.
-After a change of the request, the next job is a coarse one that keeps the deadline; after a pause without change, one at
-full resolution, which is cancelled when the request changes. A timer looks for finished jobs and redraws their views."""
+After a change of the request, the next job is one that keeps the deadline, for which the engine's controller gives up quality;
+after a pause without change, one of full quality, which is cancelled when the request changes. A timer looks for finished jobs
+and redraws their views."""
 
 import math
 import time
@@ -12,11 +13,12 @@ import weakref
 import bpy
 import gpu
 
-from . import draw, gather, ignored, lens, native, pace
+from . import draw, gather, ignored, lens, native, stopwatch
 from .native import SceneError
 
-STILL = 0.12  # seconds without change before the picture at full resolution is rendered
+STILL = 0.12  # seconds without change before the picture of full quality is rendered
 TICK = 0.008
+PERIOD = 95  # milliseconds between pictures that are wished for: a little more than ten a second
 UNANSWERED = 50  # redraws asked for in vain before a view counts as gone: Blender 5 keeps a view's engine after its region
 
 views = weakref.WeakSet()
@@ -25,11 +27,13 @@ views = weakref.WeakSet()
 class Shown:
     """A picture on the GPU with the request that it answers."""
 
-    def __init__(self, key, scale, picture, values, place):
-        """place: (x, y, width, height) in the region, in pixels from its bottom."""
-        self.key, self.scale, self.values, self.degree, self.place = key, scale, values, 3, place
+    def __init__(self, key, unsharp, picture, values):
+        """unsharp: drawn within the deadline, so that one of full quality has to follow."""
+        self.key, self.unsharp, self.values = key, unsharp, values
         self.stats = picture.stats
         self.size = (picture.width, picture.height)
+        x, y, width, height = picture.place
+        self.place = (x, values["height"] - y - height, width, height)  # in the region, in pixels from its bottom
         begin = time.perf_counter()
         self.color = draw.texture(picture.rgba, picture.width, picture.height, 4)
         self.depth = (
@@ -54,12 +58,12 @@ class View:
     def __init__(self):
         self.state = self.frame = None
         self.hidden, self.remark = frozenset(), ""  # what this view leaves out, and what it ignores
-        self.job = self.job_key = self.job_scale = self.job_values = self.job_degree = self.job_place = None
-        self.requested, self.changed_at, self.requested_degree = None, 0.0, 3
+        self.job = self.job_key = self.job_values = self.job_unsharp = None
+        self.requested, self.changed_at = None, 0.0
         self.shown = None
-        self.budget, self.pace = pace.Budget(), pace.Pace()
+        self.deadline, self.came = None, -1e9  # the engine's controller; when the last picture under it came
         self.error = ""
-        self.watch = pace.Stopwatch()
+        self.watch = stopwatch.Stopwatch()
         self.loading = False
         self.unanswered = 0  # redraws that were asked for since the last one
         self.wiped, self.second = "", None  # name of the scene that is drawn right of the wipe's edge, and the View that draws it
@@ -69,7 +73,7 @@ class View:
     # ---- Requests and jobs ----
 
     def update(self, depsgraph, space):
-        begin = pace.clock()
+        begin = stopwatch.clock()
         self.hidden = gather.hidden_in(space, depsgraph)
         self.wiped = wiped_scene(depsgraph)
         self.state = gather.gather(depsgraph, self.hidden, without=self.wiped)
@@ -86,7 +90,7 @@ class View:
         return self.wiped != wiped_scene(depsgraph) or self.hidden != gather.hidden_in(space, depsgraph)
 
     def request(self, context, depsgraph, window, outputs, transparent):
-        """A request: key and arguments of a job at full resolution, or None where there is nothing to draw. window: x, y, width and height of what is
+        """A request: key and arguments of a job, or None where there is nothing to draw. window: x, y, width and height of what is
         drawn of the region, in pixels from its top."""
         space, width, height = context.space_data, context.region.width, context.region.height
         if self.state is None:
@@ -115,28 +119,18 @@ class View:
         self.error = ""
         return key, frame, camera, values, job_arguments, settings, now
 
-    def submit(self, requested, scale, degree):
+    def submit(self, requested, unsharp):
         key, frame, camera, values, job_arguments, settings, now = requested
-        small = dict(camera)
-        small["width"], small["height"] = (
-            max(1, round(camera["width"] / scale)),
-            max(1, round(camera["height"] / scale)),
-        )
-        across, down = small["width"] / camera["width"], small["height"] / camera["height"]
-        small["fx"], small["cx"] = camera["fx"] * across, camera["cx"] * across
-        small["fy"], small["cy"] = camera["fy"] * down, camera["cy"] * down
-        x, y, width, height = job_arguments["window"]
-        x0, y0 = int(x * across), int(y * down)
-        x1, y1 = min(small["width"], math.ceil((x + width) * across)), min(small["height"], math.ceil((y + height) * down))
-        window = (x0, y0, max(1, x1 - x0), max(1, y1 - y0))
-        left, right = round(x0 / across), round((x0 + window[2]) / across)
-        top, bottom = round(y0 / down), round((y0 + window[3]) / down)
-        self.job_place = (left, camera["height"] - bottom, right - left, bottom - top)
-        job_arguments = dict(job_arguments, window=window, sh_degree=min(degree, job_arguments["sh_degree"]), cut=pace.CUTS[scale])
+        self.deadline = self.deadline or native.module.Deadline(settings.deadline)
+        self.deadline.ms = settings.deadline
         self.job = native.renderer("view", settings.threads).submit(
-            frame.entry.scene, small, **frame.contents_at(now, settings.hide_noncritical), **job_arguments
+            frame.entry.scene,
+            camera,
+            deadline=self.deadline if unsharp else None,
+            **frame.contents_at(now, settings.hide_noncritical),
+            **job_arguments,
         )
-        self.job_key, self.job_scale, self.job_values, self.job_degree = key, scale, values, degree
+        self.job_key, self.job_values, self.job_unsharp = key, {**values, "height": camera["height"]}, unsharp
 
     def advance(self, requested):
         """Takes a finished picture and submits the next job; returns the milliseconds of the upload to the GPU."""
@@ -145,22 +139,17 @@ class View:
         upload = self.collect()
         if requested is None:
             return upload
-        key, settings, now = requested[0], requested[5], time.monotonic()
-        self.requested_degree = settings.sh_degree
+        key, now = requested[0], time.monotonic()
         if key != self.requested:
             self.requested, self.changed_at = key, now
         if self.job is not None:
-            if self.job_key != key and self.job_scale <= 1.0 and now - self.changed_at < STILL:
+            if self.job_key != key and not self.job_unsharp and now - self.changed_at < STILL:
                 self.job.cancel()
             return upload
         if self.shown is None or self.shown.key != key:
-            size = requested[4]["window"][2:]
-            scale, kept = self.budget.choose(*size, settings.deadline)
-            hurried, _ = self.budget.choose(*size, settings.deadline * self.pace.share)
-            scale = max(scale, min(hurried, self.pace.COARSEST))
-            self.submit(requested, scale, settings.sh_degree if kept else 0)
+            self.submit(requested, True)
         elif self.shown.unsharp and now - self.changed_at >= STILL:
-            self.submit(requested, 1.0, settings.sh_degree)
+            self.submit(requested, False)
         return upload
 
     def collect(self):
@@ -174,13 +163,12 @@ class View:
         except (native.module.Error, MemoryError) as error:
             self.error = str(error)
             return 0.0
-        self.shown = Shown(self.job_key, self.job_scale, picture, self.job_values, self.job_place)
-        self.shown.degree = self.job_degree
-        self.shown.unsharp = self.job_scale > 1.0 or self.job_degree < self.requested_degree
-        self.budget.learn(self.shown.stats, picture.width, picture.height)
+        self.shown = Shown(self.job_key, self.job_unsharp, picture, self.job_values)
         self.watch.add_picture(self.shown)
         if self.shown.unsharp:
-            self.pace.came(time.monotonic())
+            now = time.monotonic()
+            self.deadline.pace(1e3 * (now - self.came), PERIOD)
+            self.came = now
         return self.shown.ms_upload
 
     def restless(self):
@@ -203,21 +191,23 @@ class View:
             return self.error
         if self.shown is None:
             return "drawing ..."
-        text = self.dropped(settings) if self.shown.unsharp or self.frame is None else self.frame.counts(self.shown.stats)
+        text = self.given_up() if self.shown.unsharp or self.frame is None else self.frame.counts(self.shown.stats)
         if self.rate() > 0:
             text += f", {self.rate():.1f} FPS"
         said = "" if self.shown.unsharp or self.frame is None else self.frame.remarks(settings)
         return "; ".join(filter(None, (text, said, self.remark)))
 
-    def dropped(self, settings):
-        """How the picture was reduced to keep the deadline: size and SH degree."""
-        less_colour = f", SH degree {self.shown.degree}" if self.shown.degree < settings.sh_degree else ""
-        return f"1/{self.shown.scale:g} size{less_colour}"
+    def given_up(self):
+        """What the picture gave up to keep the deadline, in a few words."""
+        stats = self.shown.stats
+        if stats["divisor"] > 1:
+            return f"1/{stats['divisor']:g} size"
+        return "the rest at 1/4 size" if stats["sampled"] else f"moving, step {stats['step']}"
 
     # ---- Drawing ----
 
     def draw_rendered(self, engine, context, depsgraph):
-        begin = pace.clock()
+        begin = stopwatch.clock()
         try:
             if self.stale(depsgraph, context.space_data):
                 self.update(depsgraph, context.space_data)
@@ -230,7 +220,7 @@ class View:
         except (SceneError, RuntimeError, ValueError) as error:
             self.error, upload = str(error), 0.0
         engine.update_stats("", self.statistics(depsgraph.scene.pags))
-        middle = pace.clock()
+        middle = stopwatch.clock()
         edge = edge_of(depsgraph.scene.pags) if self.second is not None else 1
         if self.shown is not None:
             self.put_plain(-1, edge)

@@ -8,7 +8,6 @@
 
 #include <assert.h>
 #include <math.h>
-#include <pags/deadline.h>
 #include <pags/eval.h>
 #include <pags/image.h>
 #include <pags/pick.h>
@@ -70,7 +69,7 @@ pags_result pags_drawer_create(const pags_drawer_settings *settings, pags_drawer
   if (!self)
     return pags_out_of_memory(NULL);
   self->settings = *settings;
-  PAGS_TRY(pags_deadline_create(settings->tasks, settings->budget_ms, NULL, 0, &self->deadline));
+  PAGS_TRY(pags_deadline_create(settings->tasks, NULL, 0, &self->deadline));
   return settings->composition ? pags_drawer_show(self, settings->composition) : PAGS_OK;
 }
 
@@ -85,6 +84,10 @@ void pags_drawer_destroy(pags_drawer *self) {
   free(self->size_of);
   free(self->parts);
   free(self);
+}
+
+pags_deadline_controller pags_drawer_controller(const pags_drawer *self) {
+  return pags_deadline_controller_begin_live(self->settings.budget_ms);
 }
 
 /* ---- Parts ---- */
@@ -266,21 +269,17 @@ static pags_result send_picture(const pags_view_look *look, const pags_image *im
 static pags_result draw_scene(pags_drawer *self, const pags_view_look *look, const pags_drawer_quality *quality,
                               pags_view_message *out, pags_deadline_result *drawn) {
   pags_frame_options options = pags_composition_options(self->settings.composition);
-  pags_camera camera = look->camera;
+  const pags_camera *camera = &look->camera;
+  const int step = look->full || !look->early_z ? 0 : quality->step;
   pags_picture picture;
   int count;
-  PAGS_TRY(compose(self, look, camera.time, &count));
+  PAGS_TRY(compose(self, look, camera->time, &count));
   options.extra_channels = look->channel != PAGS_VIEW_COLOR;
   if (!look->early_z)
     options.early_z = PAGS_EARLY_Z_OFF;
   if (look->channel == PAGS_VIEW_SIZE)
     measure_sizes(self, count);
-  if (!quality->sharp && quality->shrink > 1)
-    camera = pags_camera_downscale(&camera, quality->shrink);
-  if (quality->sharp || look->full || !look->early_z)
-    PAGS_TRY(pags_deadline_render_step(self->deadline, 0, self->parts, count, &camera, &options, &picture, drawn));
-  else
-    PAGS_TRY(pags_deadline_render(self->deadline, self->parts, count, &camera, &options, &picture, drawn));
+  PAGS_TRY(pags_deadline_render_step(self->deadline, step, self->parts, count, camera, &options, &picture, drawn));
   pags_image image;
   PAGS_TRY(to_image(self, &picture, look->channel, &image));
   const pags_result result = send_picture(look, &image, quality->percent, quality->sharp, drawn, (double)NAN, out);

@@ -8,6 +8,7 @@
 
 #include <pags/compose.h>
 #include <pags/dataset.h>
+#include <pags/deadline.h>
 #include <pags/tasks.h>
 #include "base/json.h"
 
@@ -36,17 +37,20 @@ pags_result pags_drawer_show(pags_drawer *drawer, pags_composition *composition)
 pags_result pags_drawer_create(const pags_drawer_settings *settings, pags_drawer **out);
 void pags_drawer_destroy(pags_drawer *drawer); /* NULL is allowed */
 
+/* A controller for the pictures of one page. */
+pags_deadline_controller pags_drawer_controller(const pags_drawer *drawer);
+
 /* How a picture is drawn. */
 typedef struct pags_drawer_quality {
-  bool sharp;  /* full quality, whatever time it takes; else within the budget */
-  int shrink;  /* 1..4: sides are divided by it; not when sharp */
+  int step;    /* of the deadline's ladder; 0: full quality, whatever time it takes */
+  bool sharp;  /* the page is told so */
   int percent; /* JPEG quality, 1..100 */
 } pags_drawer_quality;
 
 /* What came of it. */
 typedef struct pags_drawer_facts {
   double ms; /* drawing and encoding */
-  int step;  /* of the deadline's ladder; 0: full quality */
+  int step;  /* that it was drawn at: 0 for a look that asks for full quality */
 } pags_drawer_facts;
 
 /* Draws a look. PAGS_CANCELLED if the tasks were cancelled; errors of photographs. */

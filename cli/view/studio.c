@@ -19,7 +19,7 @@ enum {
   MOST_PERCENT = 80
 };
 
-/* The time that a picture should take from being sent to being acknowledged; a slower line gets smaller pictures. */
+/* The time that a picture should take from being sent to being acknowledged; a slower line gets fewer bytes. */
 static const double line_ms = 80;
 
 typedef struct seat {
@@ -32,7 +32,8 @@ typedef struct seat {
   bool in_flight;
   int64_t sent_serial;
   double sent_ms;
-  int shrink, percent;
+  int percent;
+  pags_deadline_controller controller;
   bool picks;
   double pick_x, pick_y;
   int64_t pick_serial;
@@ -72,7 +73,7 @@ int pags_studio_enter(pags_studio *self) {
   if (found >= 0) {
     empty_seat(&self->seats[found]);
     self->seats[found].taken = true;
-    self->seats[found].shrink = 1;
+    self->seats[found].controller = pags_drawer_controller(self->settings.drawer);
     self->seats[found].percent = MOST_PERCENT;
   }
   pthread_mutex_unlock(&self->lock);
@@ -107,7 +108,7 @@ static void take_look(pags_studio *self, int number, const pags_view_look *look)
     pags_tasks_cancel(self->settings.tasks);
 }
 
-/* The page has its picture: the next may be drawn, as large as the line takes. */
+/* The page has its picture: the next may be drawn, of the quality that the line takes. */
 static void acknowledge(seat *s, int64_t serial) {
   if (!s->in_flight || s->picture.bytes || serial != s->sent_serial)
     return;
@@ -221,22 +222,13 @@ static void serve_pick(pags_studio *self, int number) {
     free(message.bytes);
 }
 
-/* Fits the size of moving pictures to the time that they take: smaller when even the fastest step is too slow. */
-static void adapt(seat *s, const pags_drawer_facts *facts) {
-  static const double slow_ms = 90, fast_ms = 35;
-  if (facts->ms > slow_ms && s->shrink < 4)
-    s->shrink++;
-  else if (facts->ms < fast_ms && facts->step == 0 && s->shrink > 1)
-    s->shrink--;
-}
-
 static void serve_picture(pags_studio *self, int number) {
   seat *s = &self->seats[number];
   const pags_view_look look = s->look;
   const uint64_t tenant = s->tenant;
   const bool sharp = !s->fresh || is_photograph(s);
   const pags_drawer_quality quality = {
-      .sharp = sharp, .shrink = s->shrink, .percent = sharp ? SHARP_PERCENT : s->percent};
+      .step = sharp ? 0 : s->controller.step, .sharp = sharp, .percent = sharp ? SHARP_PERCENT : s->percent};
   pags_view_message message = {0};
   pags_drawer_facts facts;
   s->fresh = false;
@@ -261,8 +253,8 @@ static void serve_picture(pags_studio *self, int number) {
     s->drawn_ms = pags_clock_ms();
     return;
   }
-  if (!sharp)
-    adapt(s, &facts);
+  if (!sharp && facts.step == quality.step) /* a look may ask for full quality, which says nothing of the step */
+    pags_deadline_controller_tell(&s->controller, facts.ms);
   s->sharp = sharp && !s->fresh;
   s->drawn_ms = pags_clock_ms();
   s->picture = message;

@@ -1,162 +1,215 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Rendering with a time budget per frame. A controller learns from measured frame times what each of eight quality
- * steps costs, and picks the step of the next frame. The steps reduce the quality of what isn't critical (S_sem <=
- * 0.5); critical Gaussians keep theirs but for a few grey levels. */
+/* Rendering with a time budget per frame. A controller learns from measured frame times what each quality step costs,
+ * and picks the step of the next frame. The steps reduce the quality of what isn't critical (S_sem <= 0.5) first;
+ * critical Gaussians keep theirs but for a few grey levels, until nothing but a smaller picture is left to try. */
 #include <assert.h>
 #include <math.h>
 #include <pags/deadline.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "frame/stages.h"
 
 #include "base/memory.h"
+#include "maths/maths.h"
 
-/* The steps (pags_deadline_step): eps, SH degrees taken off, smallest opacity x area in px, sampled or not. Sorted by
- * falling cost, which was measured on trained streets. */
+/* ---- The steps ---- */
+
+/* eps, SH degrees taken off, smallest opacity x area in px, sampled or not, divisor of the sides. Sorted by falling
+ * cost, which was measured on trained streets. Smaller pictures aren't sampled: their samples would lie 6 to 16 pixels
+ * of the picture asked for apart. */
 #define GREY (1.0f / 255.0f)
 static const pags_deadline_step steps[PAGS_DEADLINE_STEPS] = {
-    {0.0f, 0, 0.0f, 0}, {GREY, 0, 0.0f, 0},     {GREY, 3, 0.25f, 0},    {GREY, 3, 1.0f, 0},
-    {GREY, 3, 0.0f, 1}, {2 * GREY, 3, 1.0f, 1}, {4 * GREY, 3, 4.0f, 1}, {4 * GREY, 3, 16.0f, 1}};
+    {0.0f, 0, 0.0f, 0, 1},       {GREY, 0, 0.0f, 0, 1},     {GREY, 3, 0.25f, 0, 1},    {GREY, 3, 1.0f, 0, 1},
+    {GREY, 3, 0.0f, 1, 1},       {2 * GREY, 3, 1.0f, 1, 1}, {2 * GREY, 3, 4.0f, 1, 1}, {2 * GREY, 3, 16.0f, 1, 1},
+    {4 * GREY, 3, 1.0f, 0, 1.5}, {4 * GREY, 3, 1.0f, 0, 2}, {4 * GREY, 3, 1.0f, 0, 3}, {4 * GREY, 3, 1.0f, 0, 4}};
 
 /* Initial guesses of each step's cost as a fraction of a full frame's; measurements replace them. */
-static const double first_shares[PAGS_DEADLINE_STEPS] = {1.0, 0.9, 0.85, 0.8, 0.65, 0.6, 0.55, 0.5};
-
-#define MARGIN 1.12 /* frame times along a camera path vary by about 12 % from frame to frame */
+static const double first_shares[PAGS_DEADLINE_STEPS] = {1.0,  0.9, 0.85, 0.8,  0.65, 0.6,
+                                                         0.55, 0.5, 0.47, 0.42, 0.36, 0.33};
 
 const pags_deadline_step *pags_deadline_steps(void) {
   return steps;
 }
 
+/* The camera of a smaller picture with the same field of view. */
+static pags_camera smaller_camera(const pags_camera *camera, double divisor) {
+  pags_camera out = *camera;
+  out.width = (int)fmax(round(camera->width / divisor), 1);
+  out.height = (int)fmax(round(camera->height / divisor), 1);
+  const double across = (double)out.width / camera->width, down = (double)out.height / camera->height;
+  out.fx *= across, out.cx *= across;
+  out.fy *= down, out.cy *= down;
+  return out;
+}
+
+/* ---- The controller ---- */
+
+#define MARGIN 1.12     /* frame times along a camera path vary by about 12 % from frame to frame */
+#define RISE_MARGIN 1.2 /* what a finer step has to promise */
+#define OUTLIER 1.25    /* a frame that took so many times what was expected counts if the next one does, too */
+#define LEAST_HASTE 0.25
+#define PAUSE_MS 500 /* pictures further apart belong to two movements */
+
 pags_deadline_controller pags_deadline_controller_begin(double target_ms) {
-  pags_deadline_controller out = {.target = target_ms, .last_step = -1};
+  pags_deadline_controller out = {
+      .target = target_ms, .last = PAGS_DEADLINE_WHOLE_STEPS - 1, .haste = 1, .last_step = -1};
   memcpy(out.share, first_shares, sizeof out.share);
   return out;
 }
 
+pags_deadline_controller pags_deadline_controller_begin_live(double target_ms) {
+  pags_deadline_controller out = pags_deadline_controller_begin(target_ms);
+  out.first = 1;
+  out.last = PAGS_DEADLINE_STEPS - 1;
+  while (steps[out.step].divisor < 2)
+    out.step++;
+  return out;
+}
+
 /* Updates the cost shares after a frame of `ms` milliseconds at the current step, if the last frame was drawn at
- * another step: their views hardly differ, so the ratio of the times is the ratio of the steps' costs. */
+ * another step: their views hardly differ, so the ratio of the times is the ratio of the steps' costs. The ratio is
+ * corrected half of the way on a log scale, and that of two steps in between by their part of the way; ratios of other
+ * neighbouring steps stay. */
 static void learn(pags_deadline_controller *c, double ms) {
-  const int k = c->step;
-  if (c->last_step < 0 || c->last_step == k || !(c->last_ms > 0.0))
+  const int k = c->step, last = c->last_step;
+  if (last < 0 || last == k)
     return;
-  const double told = c->share[c->last_step] * ms / c->last_ms;
-  if (k == 0) { /* share[0] is fixed at 1, so all other shares are scaled instead, half of the way on a log scale */
-    const double by = fmin(fmax(c->share[c->last_step] / told, 0.5), 2.0);
-    for (int j = 1; j < PAGS_DEADLINE_STEPS; j++)
-      c->share[j] *= sqrt(by);
-  } else {
-    c->share[k] = 0.5 * (c->share[k] + told);
+  const int fine = k < last ? k : last, coarse = k < last ? last : k;
+  const double told = k == coarse ? ms / c->last_ms : c->last_ms / ms;
+  const double by = sqrt(fmin(fmax(told * c->share[fine] / c->share[coarse], 0.5), 2.0));
+  for (int j = fine + 1; j < PAGS_DEADLINE_STEPS; j++) { /* a later step never costs more */
+    const double way = j < coarse ? (double)(j - fine) / (coarse - fine) : 1.0;
+    c->share[j] = fmin(fmax(c->share[j] * pags_pow(by, way), 0.002), c->share[j - 1]);
   }
-  c->share[k] = k == 0 ? 1.0 : c->share[k];
-  for (int j = 1; j < PAGS_DEADLINE_STEPS; j++) { /* keep the shares falling: a later step never costs more */
-    c->share[j] = fmin(fmax(c->share[j], 0.01), 1.0);
-    if (j < k)
-      c->share[j] = fmax(c->share[j], c->share[k]);
-    else if (j > k)
-      c->share[j] = fmin(c->share[j], c->share[k]);
-  }
+}
+
+/* Updates what a frame at step 0 is expected to take: a rise counts at once, a fall gradually, an outlier not at all.
+ * At a new step a long time is no outlier: what the step costs may have been guessed wrong. */
+static void expect(pags_deadline_controller *c, double ms) {
+  const double now = ms / c->share[c->step];
+  const bool outlier = now > OUTLIER * c->full && c->step == c->last_step;
+  if (!outlier)
+    c->full = now > c->full ? now : 0.7 * c->full + 0.3 * now;
+  else if (c->last_full > OUTLIER * c->full)
+    c->full = fmin(now, c->last_full);
+  c->last_full = now;
+}
+
+static bool keeps(const pags_deadline_controller *c, int step) {
+  return c->full * c->share[step] * (step < c->step ? RISE_MARGIN : MARGIN) <= c->target * c->haste;
 }
 
 void pags_deadline_controller_tell(pags_deadline_controller *c, double ms) {
   if (!(ms > 0.0) || !isfinite(ms))
     return;
+  const bool first = c->last_step < 0;
   learn(c, ms);
-  const double now = ms / c->share[c->step];
-  c->full = now > c->full ? now : 0.7 * c->full + 0.3 * now; /* a rise counts at once, a fall only gradually */
-  int next = 0;
-  while (next + 1 < PAGS_DEADLINE_STEPS && c->full * c->share[next] * MARGIN > c->target)
+  expect(c, ms);
+  int next = c->first;
+  while (next < c->last && !keeps(c, next))
     next++;
   c->last_step = c->step;
   c->last_ms = ms;
-  c->step = next < c->step - 1 ? c->step - 1 : next;
+  c->step = !first && next < c->step - 1 ? c->step - 1 : next;
 }
 
+void pags_deadline_controller_pace(pags_deadline_controller *c, double ms, double wanted_ms) {
+  if (ms > wanted_ms && ms < PAUSE_MS)
+    c->haste = fmax(LEAST_HASTE, 0.93 * c->haste);
+  else if (ms < 0.9 * wanted_ms)
+    c->haste = fmin(1.0, 1.05 * c->haste);
+}
+
+/* ---- The renderer ---- */
+
 struct pags_deadline {
-  pags_deadline_controller controller;
   pags_frame *frame;
   uint8_t *critical; /* per id: 1 where the Gaussian's priority is above 0.5 */
   int64_t count;     /* ids */
   int64_t room;      /* ids that `critical` has room for */
 };
 
-pags_result pags_deadline_create(pags_tasks *tasks, double target_ms, const float *priority, int64_t count,
-                                 pags_deadline **out) {
-  assert(target_ms > 0.0 && count >= 0);
+pags_result pags_deadline_create(pags_tasks *tasks, const float *priority, int64_t count, pags_deadline **out) {
+  assert(count >= 0);
   *out = NULL;
-  pags_deadline *const b = calloc(1, sizeof *b);
-  if (!b)
+  pags_deadline *const d = calloc(1, sizeof *d);
+  if (!d)
     return pags_out_of_memory("a frame");
-  b->controller = pags_deadline_controller_begin(target_ms);
-  pags_result result = pags_deadline_set_priorities(b, priority, count);
+  pags_result result = pags_deadline_set_priorities(d, priority, count);
   if (result == PAGS_OK)
-    result = pags_frame_create(tasks, &b->frame);
+    result = pags_frame_create(tasks, &d->frame);
   if (result != PAGS_OK) {
-    pags_deadline_destroy(b);
+    pags_deadline_destroy(d);
     return result;
   }
-  *out = b;
+  *out = d;
   return PAGS_OK;
 }
 
-pags_result pags_deadline_set_priorities(pags_deadline *b, const float *priority, int64_t count) {
-  if (!b->critical || count > b->room) {
-    const int64_t room = count + (b->critical ? count / 4 : 0) + 1;
-    uint8_t *const grown = realloc(b->critical, (size_t)room);
+pags_result pags_deadline_set_priorities(pags_deadline *d, const float *priority, int64_t count) {
+  if (!d->critical || count > d->room) {
+    const int64_t room = count + (d->critical ? count / 4 : 0) + 1;
+    uint8_t *const grown = realloc(d->critical, (size_t)room);
     if (!grown)
       return pags_out_of_memory("the priorities of %lld Gaussians", (long long)count);
-    b->critical = grown;
-    b->room = room;
+    d->critical = grown;
+    d->room = room;
   }
-  b->count = count;
+  d->count = count;
   for (int64_t i = 0; i < count; i++)
-    b->critical[i] = priority && priority[i] > 0.5f;
+    d->critical[i] = priority && priority[i] > 0.5f;
   return PAGS_OK;
 }
 
-void pags_deadline_destroy(pags_deadline *budget) {
-  if (!budget)
+void pags_deadline_destroy(pags_deadline *d) {
+  if (!d)
     return;
-  pags_frame_destroy(budget->frame);
-  free(budget->critical);
-  free(budget);
+  pags_frame_destroy(d->frame);
+  free(d->critical);
+  free(d);
 }
 
-pags_result pags_deadline_render_step(pags_deadline *b, int step, const pags_part *parts, int part_count,
+pags_frame *pags_deadline_frame(pags_deadline *d) {
+  return d->frame;
+}
+
+pags_result pags_deadline_render_step(pags_deadline *d, int step, const pags_part *parts, int part_count,
                                       const pags_camera *camera, const pags_frame_options *options, pags_picture *out,
                                       pags_deadline_result *facts) {
   assert(step >= 0 && step < PAGS_DEADLINE_STEPS && options->early_z != PAGS_EARLY_Z_PAPER &&
          options->order == PAGS_ORDER_DEPTH);
   const double begun = pags_clock_ms();
   const pags_deadline_step *const s = steps + step;
-  frame_variable_rate rate = {.critical = b->critical, .count = b->count, .full_tiles = 1.0};
+  frame_variable_rate rate = {.critical = d->critical, .count = d->count, .full_tiles = 1.0};
+  const pags_camera smaller = s->divisor > 1 ? smaller_camera(camera, s->divisor) : *camera;
   pags_frame_options reduced = *options;
-  if (s->eps > 0.0f) {
+  if (s->eps > 0.0f && !options->keep_for_passes) {
     reduced.early_z_eps = options->early_z == PAGS_EARLY_Z_BOUNDED ? fmaxf(options->early_z_eps, s->eps) : s->eps;
     reduced.early_z = PAGS_EARLY_Z_BOUNDED;
     reduced.exp_degree = 3;
   }
-  reduced.rest_cut = s->cut;
-  reduced.rest_sh_less = s->sh_less;
-  b->frame->variable_rate = s->sampled ? &rate : NULL;
-  const pags_result result = pags_frame_render(b->frame, parts, part_count, camera, &reduced, NULL, NULL, out);
-  b->frame->variable_rate = NULL;
+  reduced.rest_cut = options->keep_for_passes ? 0.0f : s->cut;
+  reduced.rest_sh_less = options->keep_for_passes ? 0 : s->sh_less;
+  d->frame->variable_rate = s->sampled && !options->keep_for_passes ? &rate : NULL;
+  const pags_result result = pags_frame_render(d->frame, parts, part_count, &smaller, &reduced, NULL, NULL, out);
+  d->frame->variable_rate = NULL;
   PAGS_TRY(result);
   *facts =
-      (pags_deadline_result){.step = step, .full_tiles = rate.full_tiles, .stats = *pags_frame_stats_get(b->frame)};
+      (pags_deadline_result){.step = step, .full_tiles = rate.full_tiles, .stats = *pags_frame_stats_get(d->frame)};
   facts->ms = pags_clock_ms() - begun;
-  facts->met = facts->ms <= b->controller.target;
   return PAGS_OK;
 }
 
-pags_result pags_deadline_render(pags_deadline *b, const pags_part *parts, int part_count, const pags_camera *camera,
-                                 const pags_frame_options *options, pags_picture *out, pags_deadline_result *facts) {
-  const bool first = b->controller.last_step < 0;
-  PAGS_TRY(pags_deadline_render_step(b, b->controller.step, parts, part_count, camera, options, out, facts));
-  pags_deadline_controller_tell(&b->controller, facts->ms);
-  if (!first || facts->met)
-    return PAGS_OK;
-  PAGS_TRY(pags_deadline_render_step(b, b->controller.step, parts, part_count, camera, options, out, facts));
-  pags_deadline_controller_tell(&b->controller, facts->ms);
+pags_result pags_deadline_render(pags_deadline *d, pags_deadline_controller *controller, const pags_part *parts,
+                                 int part_count, const pags_camera *camera, const pags_frame_options *options,
+                                 pags_picture *out, pags_deadline_result *facts) {
+  const int drawings = controller->last_step < 0 ? 2 : 1;
+  for (int i = 0; i < drawings && (i == 0 || !facts->met); i++) {
+    PAGS_TRY(pags_deadline_render_step(d, controller->step, parts, part_count, camera, options, out, facts));
+    facts->met = facts->ms <= controller->target;
+    pags_deadline_controller_tell(controller, facts->ms);
+  }
   return PAGS_OK;
 }

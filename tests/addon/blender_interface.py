@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The add-on in Blender without a window: the interface, and how coarse its pictures are."""
+"""The add-on in Blender without a window: the interface."""
 
 import fnmatch
 import os
@@ -57,41 +57,6 @@ class Interface(BlenderCase):
         self.assertEqual((settings.sh_degree, settings.early_z, settings.deadline), (1, "lossless", 120))
         bpy.ops.pags.add_preset(name="fast", remove_name=True)
         self.assertFalse(os.path.exists(path))
-
-
-class Deadline(BlenderCase):
-    """How coarse pictures are while something moves, without a window."""
-
-    def setUp(self):
-        super().setUp()
-        self.pace = sys.modules[addon.__name__ + ".pace"]
-
-    def test_the_finest_that_keeps_it(self):
-        budget = self.pace.Budget()
-        self.assertEqual(budget.choose(1000, 1000, 50), (4, True))  # nothing is known yet
-        budget.learn({"ms_raster": 160, "ms_job": 170, "ms": 170}, 1000, 1000)
-        for deadline, chosen in ((170, (1, True)), (169, (1.5, True)), (50, (2, True)), (28, (3, True)), (12, (8, False))):
-            self.assertEqual(budget.choose(1000, 1000, deadline), chosen)
-
-    def test_pace(self):
-        """Falls while pictures come too seldom, rises again; a pause between movements says nothing."""
-        pace, now = self.pace.Pace(), 100.0
-
-        def come(times, every):
-            nonlocal now
-            for _ in range(times):
-                now += every
-                pace.came(now)
-            return pace.share
-
-        self.assertEqual(come(10, 2.0), 1)
-        slow = come(5, 0.12)
-        self.assertTrue(pace.LEAST < slow < 1)
-        self.assertEqual(come(3, 0.09), slow)  # as wished
-        self.assertEqual(come(3, 5.0), slow)
-        self.assertEqual(come(100, 0.12), pace.LEAST)
-        self.assertGreater(come(5, 0.05), pace.LEAST)
-        self.assertEqual(come(100, 0.05), 1)
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ from mathutils import Euler
 from fixtures import read_png
 
 viewport = sys.modules[addon.__name__ + ".viewport"]
-pace = sys.modules[addon.__name__ + ".pace"]
+stopwatch = sys.modules[addon.__name__ + ".stopwatch"]
 overlay = sys.modules[addon.__name__ + ".overlay"]
 lens = sys.modules[addon.__name__ + ".lens"]
 native = sys.modules[addon.__name__ + ".native"]
@@ -109,7 +109,7 @@ def color(picture, point):
 def settled():
     """All is drawn and sharp."""
     return len(viewport.views) > 0 and all(
-        v.shown is not None and not v.restless() and v.shown.scale == 1 for v in viewport.views
+        v.shown is not None and not v.restless() and not v.shown.unsharp for v in viewport.views
     )
 
 
@@ -122,7 +122,7 @@ def wait(seconds=200):
     end = time.monotonic() + seconds * PATIENCE
     yield 0.1
     while not settled():
-        assert time.monotonic() < end, [(v.error, v.shown and v.shown.scale, v.job) for v in viewport.views]
+        assert time.monotonic() < end, [(v.error, v.shown and v.shown.stats, v.job) for v in viewport.views]
         yield 0.05
 
 

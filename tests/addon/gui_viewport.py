@@ -26,8 +26,8 @@ from gui_case import (  # noqa: E402
     sharp_shot,
     tell,
     view3d,
-    pace,
     redraw,
+    stopwatch,
     viewport,
     wait,
     window,
@@ -199,7 +199,7 @@ def awake():
     report("while a picture of %.1f s was drawn" % (time.monotonic() - begin), ticks)
     del ticks[:]
     for view in viewport.views:
-        view.watch = pace.Stopwatch()
+        view.watch = stopwatch.Stopwatch()
     for step in range(30):
         view3d().region_3d.view_rotation = Euler((np.pi / 2, 0, -np.pi / 2 + 0.02 * step)).to_quaternion()
         yield 0.03

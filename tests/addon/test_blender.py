@@ -13,14 +13,14 @@ from blender_files import Files  # noqa: E402
 from blender_final import Final  # noqa: E402
 from blender_import import Import  # noqa: E402
 from blender_inspecting import Inspecting  # noqa: E402
-from blender_interface import Interface, Deadline  # noqa: E402
+from blender_interface import Interface  # noqa: E402
 from blender_jobs import Jobs  # noqa: E402
 from blender_native_splats import NativeSplats  # noqa: E402
 from blender_program import Program  # noqa: E402
 from blender_scenes import SeveralScenes  # noqa: E402
 from blender_case import main  # noqa: E402
 
-__all__ = ["Cameras", "Composite", "Deadline", "Edits", "Export", "Files", "Final", "Import", "Inspecting", "Interface", "Jobs", "NativeSplats", "Program", "SeveralScenes"]
+__all__ = ["Cameras", "Composite", "Edits", "Export", "Files", "Final", "Import", "Inspecting", "Interface", "Jobs", "NativeSplats", "Program", "SeveralScenes"]
 
 if __name__ == "__main__":
     main()

@@ -10,6 +10,7 @@
 #include <cmocka.h>
 #include <math.h>
 #include <pags/deadline.h>
+#include <stdbool.h>
 
 /* ---- The controller ---- */
 
@@ -25,7 +26,7 @@ static double noise_of(clock_model *m) {
   return 1 + m->noise * ((double)(m->state >> 8) / 8388608.0 - 1);
 }
 
-static const clock_model steep = {{1, 0.95, 0.85, 0.7, 0.5, 0.35, 0.2, 0.1}, 0.04, 1};
+static const clock_model steep = {{1, 0.95, 0.85, 0.7, 0.5, 0.35, 0.2, 0.1, 0.09, 0.06, 0.04, 0.03}, 0.04, 1};
 
 /* Simulates frames whose full cost varies between `low` and `high` milliseconds with a period of 60 frames. Returns
  * the share of frames that met the target, and the mean reduction step. */
@@ -80,11 +81,98 @@ static void test_the_impossible(void **state) {
   double step;
   pags_deadline_controller c = pags_deadline_controller_begin(5);
   assert_true(drive(&c, steep, 100, 200, 100, &step) == 0);
-  assert_int_equal(c.step, PAGS_DEADLINE_STEPS - 1);
+  assert_int_equal(c.step, PAGS_DEADLINE_WHOLE_STEPS - 1); /* a picture that is kept has its size */
   pags_deadline_controller_tell(&c, NAN);
   pags_deadline_controller_tell(&c, 0);
   pags_deadline_controller_tell(&c, INFINITY);
+  assert_int_equal(c.step, PAGS_DEADLINE_WHOLE_STEPS - 1);
+}
+
+/* Frames that are looked at: bounded at least, smaller where nothing else keeps the time. */
+static void test_live(void **state) {
+  (void)state;
+  double step;
+  pags_deadline_controller c = pags_deadline_controller_begin_live(50);
+  assert_true(pags_deadline_steps()[c.step].divisor == 2); /* nothing is known yet */
+  drive(&c, steep, 20, 40, 30, &step);
+  assert_true(drive(&c, steep, 20, 40, 200, &step) == 1 && step == 1);
+  c = pags_deadline_controller_begin_live(5);
+  drive(&c, steep, 60, 80, 30, &step);
+  assert_true(drive(&c, steep, 60, 80, 200, &step) >= 0.95 && step > PAGS_DEADLINE_WHOLE_STEPS);
+  drive(&c, steep, 1000, 1100, 30, &step);
   assert_int_equal(c.step, PAGS_DEADLINE_STEPS - 1);
+}
+
+/* Counts the changes of step over `frames` frames of steady cost, with one frame in `spike_every` (0: none) that takes
+ * three times as long. *met: frames within the target, spikes left out. */
+static int steady(pags_deadline_controller *c, clock_model m, double full, int frames, int spike_every, int *met) {
+  int changes = 0;
+  *met = 0;
+  for (int i = 0; i < frames; i++) {
+    const bool spike = spike_every && i % spike_every == spike_every - 1;
+    const int step = c->step;
+    const double ms = full * m.share[step] * noise_of(&m);
+    *met += spike || ms <= c->target;
+    pags_deadline_controller_tell(c, spike ? 3 * ms : ms);
+    changes += c->step != step;
+  }
+  return changes;
+}
+
+/* Whatever the cost is, the step settles and stays; single frames that something else has delayed change nothing. */
+static void test_no_oscillation(void **state) {
+  (void)state;
+  for (double full = 30; full < 400; full *= 1.07)
+    for (int spikes = 0; spikes <= 37; spikes += 37) {
+      int met;
+      pags_deadline_controller c = pags_deadline_controller_begin(50);
+      steady(&c, steep, full, 40, 0, &met);
+      assert_true(steady(&c, steep, full, 300, spikes, &met) <= 6);
+      assert_true(met >= 294);
+    }
+}
+
+/* A scene that gets slower, slowly or at once: the time is kept again after so many frames. */
+static void test_a_scene_that_gets_slower(void **state) {
+  (void)state;
+  int met;
+  pags_deadline_controller c = pags_deadline_controller_begin(50);
+  steady(&c, steep, 40, 50, 0, &met);
+  assert_int_equal(c.step, 0);
+  int kept = 0;
+  for (double full = 40; full < 200; full *= 1.01) {
+    int one;
+    steady(&c, steep, full, 1, 0, &one);
+    kept += one;
+  }
+  assert_true(kept >= 157); /* of 162 */
+  steady(&c, steep, 40, 60, 0, &met);
+  assert_int_equal(c.step, 0);
+  steady(&c, steep, 160, 6, 0, &met); /* at once four times as slow */
+  steady(&c, steep, 160, 100, 0, &met);
+  assert_true(met >= 98);
+}
+
+/* What the caller's own drawing takes: pictures that come too seldom get less of the target, then more again. */
+static void test_pace(void **state) {
+  (void)state;
+  int met;
+  pags_deadline_controller c = pags_deadline_controller_begin_live(50);
+  steady(&c, steep, 40, 30, 0, &met);
+  assert_int_equal(c.step, 1);
+  for (int i = 0; i < 60; i++) {
+    pags_deadline_controller_pace(&c, 120, 95);
+    steady(&c, steep, 40, 1, 0, &met);
+  }
+  assert_true(c.haste == 0.25 && 40 * steep.share[c.step] < 0.25 * 50);
+  pags_deadline_controller_pace(&c, 3000, 95); /* a pause between two movements says nothing */
+  pags_deadline_controller_pace(&c, 90, 95);   /* as wished */
+  assert_true(c.haste == 0.25);
+  for (int i = 0; i < 60; i++) {
+    pags_deadline_controller_pace(&c, 50, 95);
+    steady(&c, steep, 40, 1, 0, &met);
+  }
+  assert_true(c.haste == 1 && c.step == 1);
 }
 
 /* ---- Frames ---- */
@@ -264,12 +352,12 @@ static void test_steps(void **state) {
   pags_deadline *budget;
   create(&s);
   create(&other);
-  assert_int_equal(pags_deadline_create(s.tasks, 50, s.priority, COUNT, &budget), PAGS_OK);
+  assert_int_equal(pags_deadline_create(s.tasks, s.priority, COUNT, &budget), PAGS_OK);
   const pags_picture whole = draw(&s, &s.options);
   uint8_t tiles[1024], all_tiles[1024];
   memset(all_tiles, 1, sizeof all_tiles);
   mark_critical(&whole, tiles);
-  for (int step = 0; step < PAGS_DEADLINE_STEPS; step++) {
+  for (int step = 0; step < PAGS_DEADLINE_WHOLE_STEPS; step++) {
     const int sampled = pags_deadline_steps()[step].sampled;
     pags_picture out;
     pags_deadline_result facts;
@@ -312,10 +400,10 @@ static void test_neighbours_are_full(void **state) {
     pags_plane(&both[k]->gaussians, PAGS_SCALE + 1)[0] = logf(0.6f);
     pags_clusters_update(&both[k]->clusters, &both[k]->gaussians, 0, both[k]->clusters.count);
   }
-  assert_int_equal(pags_deadline_create(s.tasks, 50, s.priority, COUNT, &budget), PAGS_OK);
+  assert_int_equal(pags_deadline_create(s.tasks, s.priority, COUNT, &budget), PAGS_OK);
   uint8_t tiles[1024] = {0};
   tiles[2 * ((WIDTH + 15) / 16) + 3] = 1;
-  for (int step = 4; step < PAGS_DEADLINE_STEPS; step++) {
+  for (int step = 4; step < PAGS_DEADLINE_WHOLE_STEPS; step++) {
     pags_picture out;
     pags_deadline_result facts;
     assert_int_equal(pags_deadline_render_step(budget, step, &s.part, 1, &s.camera, &s.options, &out, &facts), PAGS_OK);
@@ -348,7 +436,7 @@ static void test_samples_are_interpolated(void **state) {
   s.options.exposed = 1;
   for (int k = 0; k < 3; k++)
     s.options.gain[k] = 1.2f, s.options.offset[k] = 0.05f;
-  assert_int_equal(pags_deadline_create(s.tasks, 50, s.priority, COUNT, &budget), PAGS_OK);
+  assert_int_equal(pags_deadline_create(s.tasks, s.priority, COUNT, &budget), PAGS_OK);
   pags_picture out;
   pags_deadline_result facts;
   const pags_picture full = draw_step(&s, 4);
@@ -372,15 +460,97 @@ static void test_samples_are_interpolated(void **state) {
   destroy(&s);
 }
 
+/* A smaller picture: the field of view stays, and its pixels are those of a camera of that size at those options. */
+static void test_smaller(void **state) {
+  (void)state;
+  scene s, other;
+  pags_deadline *deadline;
+  create(&s);
+  create(&other);
+  assert_int_equal(pags_deadline_create(s.tasks, s.priority, COUNT, &deadline), PAGS_OK);
+  for (int step = PAGS_DEADLINE_WHOLE_STEPS; step < PAGS_DEADLINE_STEPS; step++) {
+    const double divisor = pags_deadline_steps()[step].divisor;
+    pags_picture out;
+    pags_deadline_result facts;
+    assert_int_equal(pags_deadline_render_step(deadline, step, &s.part, 1, &s.camera, &s.options, &out, &facts),
+                     PAGS_OK);
+    assert_true(out.width == lround(WIDTH / divisor) && out.height == lround(HEIGHT / divisor));
+    other.camera = (pags_camera){.width = out.width,
+                                 .height = out.height,
+                                 .fx = s.camera.fx * out.width / WIDTH,
+                                 .fy = s.camera.fy * out.height / HEIGHT,
+                                 .cx = out.width / 2.0,
+                                 .cy = out.height / 2.0,
+                                 .world_from_camera = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+    const pags_picture wanted = draw_step(&other, step);
+    for (int y = 0; y < out.height; y++)
+      assert_memory_equal(out.rgb[0] + (int64_t)y * out.stride, wanted.rgb[0] + (int64_t)y * wanted.stride,
+                          (size_t)out.width * sizeof(float));
+  }
+  pags_deadline_destroy(deadline);
+  destroy(&s);
+  destroy(&other);
+}
+
+/* Passes need a frame that is whole: nothing but size is given up for one. */
+static void test_passes_are_whole(void **state) {
+  (void)state;
+  scene s, other;
+  pags_deadline *deadline;
+  uint8_t all_tiles[1024];
+  memset(all_tiles, 1, sizeof all_tiles);
+  create(&s);
+  create(&other);
+  s.options.keep_for_passes = 1;
+  assert_int_equal(pags_deadline_create(s.tasks, s.priority, COUNT, &deadline), PAGS_OK);
+  const pags_picture whole = draw(&other, &other.options);
+  for (int step = 1; step < PAGS_DEADLINE_WHOLE_STEPS; step++) {
+    pags_picture out;
+    pags_deadline_result facts;
+    assert_int_equal(pags_deadline_render_step(deadline, step, &s.part, 1, &s.camera, &s.options, &out, &facts),
+                     PAGS_OK);
+    assert_int_equal(differing(&whole, &out, all_tiles), 0);
+  }
+  pags_deadline_destroy(deadline);
+  destroy(&s);
+  destroy(&other);
+}
+
+/* A first frame that is too slow is drawn again at the step then chosen, later ones aren't. */
+static void test_the_first_frame(void **state) {
+  (void)state;
+  scene s;
+  pags_deadline *deadline;
+  pags_picture out;
+  pags_deadline_result facts;
+  create(&s);
+  assert_int_equal(pags_deadline_create(s.tasks, s.priority, COUNT, &deadline), PAGS_OK);
+  pags_deadline_controller c = pags_deadline_controller_begin(1e-6), long_time = pags_deadline_controller_begin(1e6);
+  assert_int_equal(pags_deadline_render(deadline, &c, &s.part, 1, &s.camera, &s.options, &out, &facts), PAGS_OK);
+  assert_true(facts.step == PAGS_DEADLINE_WHOLE_STEPS - 1 && !facts.met && out.width == WIDTH);
+  assert_int_equal(pags_deadline_render(deadline, &long_time, &s.part, 1, &s.camera, &s.options, &out, &facts),
+                   PAGS_OK);
+  assert_true(facts.step == 0 && facts.met && long_time.last_step == 0);
+  pags_deadline_destroy(deadline);
+  destroy(&s);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_nothing_is_given_up_for_nothing),
       cmocka_unit_test(test_the_time_is_kept),
       cmocka_unit_test(test_the_impossible),
+      cmocka_unit_test(test_live),
+      cmocka_unit_test(test_no_oscillation),
+      cmocka_unit_test(test_a_scene_that_gets_slower),
+      cmocka_unit_test(test_pace),
       cmocka_unit_test(test_rest_is_cut),
       cmocka_unit_test(test_steps),
       cmocka_unit_test(test_neighbours_are_full),
       cmocka_unit_test(test_samples_are_interpolated),
+      cmocka_unit_test(test_smaller),
+      cmocka_unit_test(test_passes_are_whole),
+      cmocka_unit_test(test_the_first_frame),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

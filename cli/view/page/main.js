@@ -80,7 +80,7 @@ function show(bitmap, facts) {
   Object.assign(canvas.dataset, {serial: facts.serial, sharp: facts.sharp, latency: facts.latency.toFixed(1), count: Number(canvas.dataset.count ?? 0) + 1});
   if (!facts.sharp) state.rate = 0.8 * state.rate + 0.2 * (1000 / Math.max(now - lastPicture, 1));
   lastPicture = now;
-  $('stats').textContent = `${facts.width}x${facts.height} ${facts.sharp ? 'sharp' : `moving, step ${facts.step} of 7`}\n` +
+  $('stats').textContent = `${facts.width}x${facts.height} ${facts.sharp ? 'sharp' : `moving, step ${facts.step} of 11`}\n` +
     `${facts.drawMs.toFixed(1)} ms drawn${facts.sharp ? '' : `, ${facts.latency.toFixed(0)} ms to here, ${state.rate.toFixed(0)} a second`}, ${(facts.bytes / 1024).toFixed(0)} kB\n` +
     `${number(facts.inView)} of ${number(facts.gaussians)} Gaussians in view\n${number(facts.inView - facts.loaded + facts.hidden)} hidden, ${number(facts.shaded)} shaded`;
   $('psnr').textContent = facts.psnr === null ? '' : `PSNR ${facts.psnr.toFixed(2)} dB`;

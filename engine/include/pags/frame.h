@@ -108,8 +108,7 @@ typedef struct pags_frame_options {
                             extra_channels. Only with keep_for_backward. Default 0 */
   int count_pairs;       /* 1: fill pairs_evaluated and pairs_blended (costs a few per cent). Default 0 */
   int keep_for_backward; /* 1: keep what pags_frame_backward and pags_frame_scores need. Default 0 */
-  int keep_for_passes;   /* 1: keep what pags_frame_passes needs (pags/passes.h). Not for a frame with a deadline.
-                            Default 0 */
+  int keep_for_passes;   /* 1: keep what pags_frame_passes needs (pags/passes.h). Default 0 */
   /* 1: rgb becomes gain * rgb + offset per channel, as a camera with that exposure shows the scene
    * (pags_scene_exposure). Not with keep_for_backward. Default 0. */
   int exposed;

@@ -1,0 +1,182 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Deadline: the Python object of the controller that keeps the pictures of one view within a time (pags/deadline.h). */
+#include "blender_addon/native/job.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/memory.h"
+
+/* ---- For jobs ---- */
+
+/* Writes the priorities of the ids of all scenes of a job, one scene after another. */
+static pags_result set_priorities(const native_contents *contents, pags_deadline *renderer) {
+  const native_shown *const last = &contents->shown[contents->shown_count - 1];
+  const int64_t count = last->id_base + pags_composition_gaussian_count(((native_scene *)last->scene)->composition);
+  float *const all = malloc((size_t)(count + 1) * sizeof *all);
+  if (!all)
+    return pags_out_of_memory("the priorities of %lld Gaussians", (long long)count);
+  for (int i = 0; i < contents->shown_count; i++) {
+    const native_scene *const scene = (native_scene *)contents->shown[i].scene;
+    memcpy(all + contents->shown[i].id_base, scene->priority_of,
+           (size_t)pags_composition_gaussian_count(scene->composition) * sizeof *all);
+  }
+  const pags_result result = pags_deadline_set_priorities(renderer, all, count);
+  free(all);
+  return result;
+}
+
+/* The part of the picture that was asked for which is drawn of a smaller one: whole pixels of the smaller one around
+ * the window. `place` receives the pixels of the picture asked for that they cover. */
+static void shrink_window(const pags_camera *asked, const pags_picture *picture, native_layout *layout, int place[4]) {
+  const double across = (double)picture->width / asked->width, down = (double)picture->height / asked->height;
+  const int x0 = (int)(layout->x * across), y0 = (int)(layout->y * down);
+  const int x1 = (int)fmin(ceil((layout->x + layout->width) * across), picture->width);
+  const int y1 = (int)fmin(ceil((layout->y + layout->height) * down), picture->height);
+  layout->x = x0, layout->y = y0;
+  layout->width = x1 > x0 ? x1 - x0 : 1;
+  layout->height = y1 > y0 ? y1 - y0 : 1;
+  place[0] = (int)lround(x0 / across), place[1] = (int)lround(y0 / down);
+  place[2] = (int)lround((x0 + layout->width) / across) - place[0];
+  place[3] = (int)lround((y0 + layout->height) / down) - place[1];
+}
+
+pags_result native_deadline_draw(const native_job *job, pags_deadline *renderer, native_layout *layout,
+                                 pags_picture *picture, native_drawn *drawn) {
+  native_deadline *const self = (native_deadline *)job->deadline;
+  pags_deadline_result facts;
+  pthread_mutex_lock(&self->lock);
+  drawn->step = self->controller.step;
+  pthread_mutex_unlock(&self->lock);
+  if (pags_deadline_steps()[drawn->step].sampled) {
+    for (int i = 0; i < job->contents.shown_count; i++)
+      PAGS_TRY(native_scene_need_priorities((native_scene *)job->contents.shown[i].scene));
+    PAGS_TRY(set_priorities(&job->contents, renderer));
+  }
+  PAGS_TRY(pags_deadline_render_step(renderer, drawn->step, job->contents.parts, job->contents.part_count, &job->camera,
+                                     &job->options, picture, &facts));
+  shrink_window(&job->camera, picture, layout, drawn->place);
+  return PAGS_OK;
+}
+
+void native_deadline_tell(PyObject *object, int step, double ms) {
+  native_deadline *const self = (native_deadline *)object;
+  pthread_mutex_lock(&self->lock);
+  if (self->controller.step == step)
+    pags_deadline_controller_tell(&self->controller, ms);
+  pthread_mutex_unlock(&self->lock);
+}
+
+/* ---- The object ---- */
+
+static bool read_ms(PyObject *value, double *out) {
+  *out = PyFloat_AsDouble(value);
+  if (PyErr_Occurred())
+    return false;
+  if (*out > 0 && isfinite(*out))
+    return true;
+  PyErr_SetString(PyExc_ValueError, "Deadline: expected milliseconds over 0");
+  return false;
+}
+
+static PyObject *deadline_new(PyTypeObject *type, PyObject *arguments, PyObject *keywords) {
+  static char *names[] = {"ms", NULL};
+  PyObject *value;
+  double ms;
+  if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "O:Deadline", names, &value) || !read_ms(value, &ms))
+    return NULL;
+  allocfunc alloc = (allocfunc)(size_t)PyType_GetSlot(type, Py_tp_alloc);
+  native_deadline *self = (native_deadline *)alloc(type, 0);
+  if (!self)
+    return NULL;
+  self->controller = pags_deadline_controller_begin_live(ms);
+  self->has_lock = pthread_mutex_init(&self->lock, NULL) == 0;
+  if (self->has_lock)
+    return (PyObject *)self;
+  PyErr_SetString(PyExc_MemoryError, "no lock can be had");
+  Py_DECREF(self);
+  return NULL;
+}
+
+static void deadline_dealloc(PyObject *object) {
+  native_deadline *self = (native_deadline *)object;
+  PyTypeObject *type = Py_TYPE(object);
+  if (self->has_lock)
+    pthread_mutex_destroy(&self->lock);
+  ((freefunc)(size_t)PyType_GetSlot(type, Py_tp_free))(object);
+  Py_DECREF(type);
+}
+
+static pags_deadline_controller controller_of(PyObject *object) {
+  native_deadline *self = (native_deadline *)object;
+  pthread_mutex_lock(&self->lock);
+  const pags_deadline_controller out = self->controller;
+  pthread_mutex_unlock(&self->lock);
+  return out;
+}
+
+static PyObject *get_ms(PyObject *object, void *closure) {
+  (void)closure;
+  return PyFloat_FromDouble(controller_of(object).target);
+}
+
+static int set_ms(PyObject *object, PyObject *value, void *closure) {
+  native_deadline *self = (native_deadline *)object;
+  double ms;
+  (void)closure;
+  if (!value) {
+    PyErr_SetString(PyExc_AttributeError, "ms can't be deleted");
+    return -1;
+  }
+  if (!read_ms(value, &ms))
+    return -1;
+  pthread_mutex_lock(&self->lock);
+  self->controller.target = ms;
+  pthread_mutex_unlock(&self->lock);
+  return 0;
+}
+
+static PyObject *get_step(PyObject *object, void *closure) {
+  (void)closure;
+  return PyLong_FromLong(controller_of(object).step);
+}
+
+static PyObject *get_haste(PyObject *object, void *closure) {
+  (void)closure;
+  return PyFloat_FromDouble(controller_of(object).haste);
+}
+
+static PyObject *pace(PyObject *object, PyObject *arguments) {
+  native_deadline *self = (native_deadline *)object;
+  double ms, wanted;
+  if (!PyArg_ParseTuple(arguments, "dd:pace", &ms, &wanted))
+    return NULL;
+  pthread_mutex_lock(&self->lock);
+  pags_deadline_controller_pace(&self->controller, ms, wanted);
+  pthread_mutex_unlock(&self->lock);
+  Py_RETURN_NONE;
+}
+
+static PyMethodDef methods[] = {
+    {"pace", pace, METH_VARARGS,
+     "pace($self, ms, wanted, /)\n--\n\nSays that a picture appeared so many milliseconds after the one before, and "
+     "how many are wished for: where they come too\nseldom, because the viewer's own drawing takes the processors, "
+     "pictures get less of the time."},
+    {0}};
+static PyGetSetDef getset[] = {{"ms", get_ms, set_ms, "milliseconds that a picture may take", NULL},
+                               {"step", get_step, NULL, "of the next picture: 1 (bounded Early-Z) to 11", NULL},
+                               {"haste", get_haste, NULL, "share of ms that a picture may take, see pace", NULL},
+                               {0}};
+static PyType_Slot slots[] = {
+    {Py_tp_new, deadline_new},
+    {Py_tp_dealloc, deadline_dealloc},
+    {Py_tp_methods, methods},
+    {Py_tp_getset, getset},
+    {Py_tp_doc,
+     "Deadline(ms)\n--\n\nKeeps the pictures of one view that moves within a time: each job submitted with "
+     "it gives up as much as the time of\nthose before it says, what isn't critical first, the picture's "
+     "size last."},
+    {0, NULL}};
+PyType_Spec native_deadline_spec = {
+    .name = "pags.Deadline", .basicsize = sizeof(native_deadline), .flags = Py_TPFLAGS_DEFAULT, .slots = slots};
