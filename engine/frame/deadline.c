@@ -22,12 +22,12 @@
 #define GREY (1.0f / 255.0f)
 static const pags_deadline_step steps[PAGS_DEADLINE_STEPS] = {
     {0.0f, 0, 0.0f, 0, 1},       {GREY, 0, 0.0f, 0, 1},     {GREY, 3, 0.25f, 0, 1},    {GREY, 3, 1.0f, 0, 1},
-    {GREY, 3, 0.0f, 1, 1},       {2 * GREY, 3, 1.0f, 1, 1}, {2 * GREY, 3, 4.0f, 1, 1}, {2 * GREY, 3, 16.0f, 1, 1},
+    {2 * GREY, 3, 4.0f, 0, 1},   {2 * GREY, 3, 1.0f, 1, 1}, {2 * GREY, 3, 4.0f, 1, 1}, {2 * GREY, 3, 16.0f, 1, 1},
     {4 * GREY, 3, 1.0f, 0, 1.5}, {4 * GREY, 3, 1.0f, 0, 2}, {4 * GREY, 3, 1.0f, 0, 3}, {4 * GREY, 3, 1.0f, 0, 4}};
 
 /* Initial guesses of each step's cost as a fraction of a full frame's; measurements replace them. */
-static const double first_shares[PAGS_DEADLINE_STEPS] = {1.0,  0.9, 0.85, 0.8,  0.65, 0.6,
-                                                         0.55, 0.5, 0.47, 0.42, 0.36, 0.33};
+static const double first_shares[PAGS_DEADLINE_STEPS] = {1.0,  0.95, 0.9,  0.87, 0.83, 0.7,
+                                                         0.65, 0.6,  0.55, 0.45, 0.38, 0.34};
 
 const pags_deadline_step *pags_deadline_steps(void) {
   return steps;

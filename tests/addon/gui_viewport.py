@@ -5,6 +5,7 @@ interface stays awake."""
 import os
 import sys
 import time
+import types
 
 import bpy
 import numpy as np
@@ -24,6 +25,7 @@ from gui_case import (  # noqa: E402
     on_screen,
     region,
     sharp_shot,
+    shoot,
     tell,
     view3d,
     redraw,
@@ -60,6 +62,7 @@ def story():
     yield from among_meshes()
     yield from moved()
     yield from camera_at_view()
+    yield from hurried()
     yield from several()
     yield from awake()
 
@@ -147,6 +150,43 @@ def camera_at_view():
     r, (x, y) = region(), in_region((10, 0, 0))
     assert abs(x - r.width / 2) < 3 and abs(y - r.height / 2) < 3, "the camera doesn't look where the view did"
     look_ahead()
+
+
+def hurried():
+    """A deadline that nothing keeps: a picture of a quarter of the size lies where the sharp one did, in Rendered and in Solid, until all is still."""
+    settings, patience, submit = bpy.context.scene.pags, viewport.STILL, viewport.View.submit
+
+    def submit_hurried(view, requested, unsharp):
+        impossible = types.SimpleNamespace(deadline=1e-6, threads=settings.threads, hide_noncritical=False)
+        submit(view, (*requested[:5], impossible, requested[6]), unsharp)
+
+    viewport.View.submit, viewport.STILL = submit_hurried, 1e9
+    for shading in ("RENDERED", "SOLID"):
+        view3d().shading.type = shading
+        view = None
+        for step in range(40):  # its first pictures are finer
+            view3d().region_3d.view_distance = 10 + 0.001 * (step % 2)
+            redraw()
+            yield 0.1
+            shown = [v for v in viewport.views if v.shown is not None and v.shown.unsharp and v.shown.stats["divisor"] == 4]
+            if step > 8 and shown:
+                view = max(shown, key=lambda v: v.changed_at)
+                break
+        assert view is not None, [v.shown and v.shown.stats for v in viewport.views]
+        assert "1/4 size" in view.statistics(settings), view.statistics(settings)
+        while view.job is not None or view.shown.key != view.requested:
+            yield 0.05
+            redraw()
+        picture = shoot(f"hurried-{shading.lower()}")
+        red, green, blue = color(picture, GREEN)
+        assert green > 150 and red < 100 and blue < 100, f"{shading}: {red}, {green}, {blue}"
+        if shading == "RENDERED":
+            near(color(picture, (10, -2, -1)), (0, 0, 128))  # sky
+    viewport.View.submit, viewport.STILL = submit, patience
+    yield from wait()
+    assert all(v.shown.stats["step"] == 0 for v in viewport.views if v.unanswered == 0)
+    view3d().shading.type = "RENDERED"
+    near(color((yield from sharp_shot("after-hurry")), GREEN), (0, 255, 0), 12)
 
 
 def several():

@@ -403,7 +403,7 @@ static void test_neighbours_are_full(void **state) {
   assert_int_equal(pags_deadline_create(s.tasks, s.priority, COUNT, &budget), PAGS_OK);
   uint8_t tiles[1024] = {0};
   tiles[2 * ((WIDTH + 15) / 16) + 3] = 1;
-  for (int step = 4; step < PAGS_DEADLINE_WHOLE_STEPS; step++) {
+  for (int step = 5; step < PAGS_DEADLINE_WHOLE_STEPS; step++) {
     pags_picture out;
     pags_deadline_result facts;
     assert_int_equal(pags_deadline_render_step(budget, step, &s.part, 1, &s.camera, &s.options, &out, &facts), PAGS_OK);
@@ -439,8 +439,8 @@ static void test_samples_are_interpolated(void **state) {
   assert_int_equal(pags_deadline_create(s.tasks, s.priority, COUNT, &budget), PAGS_OK);
   pags_picture out;
   pags_deadline_result facts;
-  const pags_picture full = draw_step(&s, 4);
-  assert_int_equal(pags_deadline_render_step(budget, 4, &s.part, 1, &s.camera, &s.options, &out, &facts), PAGS_OK);
+  const pags_picture full = draw_step(&s, 5);
+  assert_int_equal(pags_deadline_render_step(budget, 5, &s.part, 1, &s.camera, &s.options, &out, &facts), PAGS_OK);
   assert_true(facts.full_tiles == 0);
   for (int y = 2; y < HEIGHT - 2; y++)
     for (int x = 2; x < WIDTH - 2; x++)
