@@ -94,6 +94,8 @@ static void test_live(void **state) {
   double step;
   pags_deadline_controller c = pags_deadline_controller_begin_live(50);
   assert_true(pags_deadline_steps()[c.step].divisor == 2); /* nothing is known yet */
+  pags_deadline_controller_tell(&c, 2);
+  assert_int_equal(c.step, 1); /* at once, since the first picture was a guess */
   drive(&c, steep, 20, 40, 30, &step);
   assert_true(drive(&c, steep, 20, 40, 200, &step) == 1 && step == 1);
   c = pags_deadline_controller_begin_live(5);
@@ -137,6 +139,12 @@ static void test_a_scene_that_gets_slower(void **state) {
   (void)state;
   int met;
   pags_deadline_controller c = pags_deadline_controller_begin(50);
+  for (int i = 0; i < 10; i++)
+    pags_deadline_controller_tell(&c, 42);
+  assert_int_equal(c.step, 0);
+  pags_deadline_controller_tell(&c, 48); /* within the time, but the next may not be */
+  assert_true(c.step > 0);
+  c = pags_deadline_controller_begin(50);
   steady(&c, steep, 40, 50, 0, &met);
   assert_int_equal(c.step, 0);
   int kept = 0;
