@@ -131,7 +131,7 @@ class PagsScene(bpy.types.PropertyGroup):
     )
     deadline: FloatProperty(
         name="Deadline (ms)",
-        description="Milliseconds a picture may take while something moves; resolution, small things and colour detail are lowered to keep it",
+        description="Milliseconds a picture may take while something moves; detail of what is not critical is given up to keep it, then resolution",
         default=50,
         min=10,
         max=2000,

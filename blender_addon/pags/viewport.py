@@ -6,7 +6,6 @@ After a change of the request, the next job is one that keeps the deadline, for 
 after a pause without change, one of full quality, which is cancelled when the request changes. A timer looks for finished jobs
 and redraws their views."""
 
-import math
 import time
 import weakref
 
