@@ -8,6 +8,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "maths/maths.h"
+
 static const uint8_t path_colour[3] = {40, 90, 220}, held_colour[3] = {220, 40, 40}, cone_colour[3] = {20, 40, 120},
                      bar_colour[3] = {0, 0, 0}, parked_colour[3] = {150, 150, 150}, lidar_colour[3] = {165, 165, 165};
 static const uint8_t category_colours[4][3] = {{120, 120, 120}, {0, 150, 150}, {200, 40, 200}, {200, 140, 0}};
@@ -54,7 +56,7 @@ static void turn_along(const pags_dataset *dataset, double right[3], double forw
         yy += (y - mean[1]) * (y - mean[1]);
       }
     }
-  const double angle = 0.5 * atan2(2 * xy, xx - yy), c = cos(angle), s = sin(angle);
+  const double angle = 0.5 * pags_atan2(2 * xy, xx - yy), c = pags_cos(angle), s = pags_sin(angle);
   for (int k = 0; k < 3; k++) {
     const double r = right[k], f = forward[k];
     right[k] = c * r + s * f;
@@ -203,7 +205,7 @@ static void draw_cone(const drawing *d, const pags_camera *camera) {
       way[k] = camera->world_from_camera[4 * k] * x + camera->world_from_camera[4 * k + 2];
     end[0] = dot3(way, d->map->across);
     end[1] = dot3(way, d->map->down);
-    const double length = hypot(end[0], end[1]);
+    const double length = sqrt(end[0] * end[0] + end[1] * end[1]);
     for (int k = 0; k < 2; k++)
       end[k] = at[k] + (length > 0 ? LENGTH * end[k] / length : 0);
     if (end[0] >= 0 && end[0] < d->map->width && end[1] >= d->top && end[1] < d->top + d->map->height)
@@ -234,7 +236,7 @@ static void draw_cameras(const drawing *d, const int64_t *views, int count) {
 
 /* Draws a bar of 1, 2 or 5 times a power of ten, a sixth of the map long at most, and its length if that is whole. */
 static void draw_bar(const drawing *d) {
-  const double most = d->map->width / 6.0 / d->map->scale, power = pow(10, floor(log10(most)));
+  const double most = d->map->width / 6.0 / d->map->scale, power = pags_pow(10, floor(pags_log10(most)));
   const double length = power * (most >= 5 * power ? 5 : most >= 2 * power ? 2 : 1);
   const double y = d->top + d->map->height - 12, a[2] = {12, y}, b[2] = {12 + length * d->map->scale, y};
   pags_draw_line(d->image, a, b, bar_colour);

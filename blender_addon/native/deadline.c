@@ -37,9 +37,9 @@ static void shrink_window(const pags_camera *asked, const pags_picture *picture,
   layout->x = x0, layout->y = y0;
   layout->width = x1 > x0 ? x1 - x0 : 1;
   layout->height = y1 > y0 ? y1 - y0 : 1;
-  place[0] = (int)lround(x0 / across), place[1] = (int)lround(y0 / down);
-  place[2] = (int)lround((x0 + layout->width) / across) - place[0];
-  place[3] = (int)lround((y0 + layout->height) / down) - place[1];
+  place[0] = (int)floor(x0 / across + 0.5), place[1] = (int)floor(y0 / down + 0.5);
+  place[2] = (int)floor((x0 + layout->width) / across + 0.5) - place[0];
+  place[3] = (int)floor((y0 + layout->height) / down + 0.5) - place[1];
 }
 
 pags_result native_deadline_draw(const native_job *job, pags_deadline *renderer, native_layout *layout,

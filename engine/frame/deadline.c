@@ -36,8 +36,8 @@ const pags_deadline_step *pags_deadline_steps(void) {
 /* The camera of a smaller picture with the same field of view. */
 static pags_camera smaller_camera(const pags_camera *camera, double divisor) {
   pags_camera out = *camera;
-  out.width = (int)fmax(round(camera->width / divisor), 1);
-  out.height = (int)fmax(round(camera->height / divisor), 1);
+  out.width = (int)fmax(floor(camera->width / divisor + 0.5), 1);
+  out.height = (int)fmax(floor(camera->height / divisor + 0.5), 1);
   const double across = (double)out.width / camera->width, down = (double)out.height / camera->height;
   out.fx *= across, out.cx *= across;
   out.fy *= down, out.cy *= down;

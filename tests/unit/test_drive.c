@@ -21,6 +21,7 @@
 #include "train/exposure.h"
 #include "train/open_run.h"
 #include "train/score_pass.h"
+#include "train/share_run.h"
 #include "train/sky_fit.h"
 #include "train/views.h"
 
@@ -340,10 +341,11 @@ static void begin_run(pags_train_options *options, pags_trainer *t) {
   options->dataset = dataset;
   options->tasks = tasks;
   const pags_train_config asked = quick(), config = pags_config_resolve(&asked, true);
-  *t = (pags_trainer){.options = options, .dataset = options->dataset, .tasks = options->tasks};
+  *t = (pags_trainer){.options = options, .dataset = options->dataset, .tasks = options->tasks, .ranks = 1};
   assert_int_equal(pags_views_list(t), PAGS_OK);
   assert_int_equal(pags_photo_cache_create(t->dataset, t->tasks, options->image_cache, &t->cache), PAGS_OK);
   assert_int_equal(pags_trainer_start(t, &config), PAGS_OK);
+  assert_int_equal(pags_share_run_begin(t, false), PAGS_OK);
   assert_int_equal(pags_view_render_create(t), PAGS_OK);
   pags_state_set_step(&t->state, ITERATIONS - 1);
 }
@@ -354,6 +356,7 @@ static void end_run(pags_trainer *t) {
   pags_state_destroy(&t->state);
   free(t->views);
   free(t->order);
+  free(t->round);
 }
 
 static uint64_t decoded_by(const pags_trainer *t) {

@@ -131,6 +131,7 @@ def main():
     except (RecordingError, OSError, MemoryError) as error:
         print(f"{PROGRAM}: {' '.join(str(error).split())}", file=sys.stderr)
         return 1
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # all is written
     return 0
 
 
