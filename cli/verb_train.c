@@ -5,6 +5,7 @@
 #include "cli/interrupt.h"
 #include "cli/option_rules.h"
 #include "cli/ranks.h"
+#include "cli/ranks_train.h"
 #include "cli/session.h"
 #include "cli/verbs.h"
 #include "cli/view/watch.h"
@@ -41,7 +42,7 @@ typedef struct train_arguments {
   pags_train_config config;
   pags_train_options options;
   const pags_parsed *parsed;
-  int64_t bytes_sent; /* by all ranks to each other */
+  pags_rank_shares shares;
 } train_arguments;
 
 #define AT(member) offsetof(train_arguments, member)
@@ -326,16 +327,14 @@ static pags_result write_json(const train_arguments *arguments, const pags_train
   if (result->bad_rows > 0)
     pags_json_put_string(&writer, "first_bad_row", result->first_bad_row);
   pags_json_put_unsigned(&writer, "heap_calls_steady", result->heap_calls_steady);
-  if (pags_ranks()) {
-    pags_json_put_integer(&writer, "ranks", pags_transport_ranks(pags_ranks()));
-    pags_json_put_integer(&writer, "bytes_sent", arguments->bytes_sent);
-  }
+  pags_rank_shares_put(&arguments->shares, &writer);
   pags_json_begin_object(&writer, "ms");
   pags_json_put_number(&writer, "wait", result->ms_wait);
   pags_json_put_number(&writer, "forward", result->ms_forward);
   pags_json_put_number(&writer, "loss", result->ms_loss);
   pags_json_put_number(&writer, "backward", result->ms_backward);
   pags_json_put_number(&writer, "density", result->ms_density);
+  pags_json_put_number(&writer, "processor", result->ms_processor);
   pags_json_end_object(&writer);
   return pags_session_json(&arguments->session, &writer);
 }
@@ -354,11 +353,11 @@ static void report(const train_arguments *arguments, const pags_train_result *re
            arguments->output, (long long)result->gaussians, (long long)result->iterations,
            pags_format_duration(result->seconds, time, sizeof time), result->iterations_per_second,
            pags_format_bytes((double)result->peak_rss_bytes, memory, sizeof memory));
-  const int threads = pags_tasks_workers(arguments->session.tasks);
-  if (pags_ranks())
-    pags_say(&arguments->session, "on %d ranks of %d %s, which sent each other %s\n",
-             pags_transport_ranks(pags_ranks()), threads, threads == 1 ? "thread" : "threads",
-             pags_format_bytes((double)arguments->bytes_sent, memory, sizeof memory));
+  if (arguments->shares.count > 0) {
+    char shares[256];
+    pags_rank_shares_describe(&arguments->shares, pags_tasks_workers(arguments->session.tasks), shares, sizeof shares);
+    pags_say(&arguments->session, "%s", shares);
+  }
   if (result->bad_rows > 0)
     pags_say(&arguments->session, "%lld updates were left out because a number wasn't finite; the first was %s\n",
              (long long)result->bad_rows, result->first_bad_row);
@@ -447,8 +446,7 @@ static pags_result train(train_arguments *arguments, const char *path, pags_trai
   if (status == PAGS_OK)
     status = pags_session_meet(&arguments->session, run(arguments, dataset, result));
   pags_dataset_close(dataset);
-  arguments->bytes_sent = pags_transport_counted(pags_ranks()).bytes_sent;
-  return status == PAGS_OK ? pags_ranks_sum(&arguments->bytes_sent) : status;
+  return status == PAGS_OK ? pags_rank_shares_gather(result, &arguments->shares) : status;
 }
 
 static bool is_prune_rate(double share) {
@@ -584,6 +582,7 @@ int pags_verb_train(int argc, char **argv) {
       pags_html_report_of_training(&arguments.session, arguments.output, &arguments.dataset, &result);
     outcome = write_json(&arguments, &result);
   }
+  free(arguments.shares.each);
   if (outcome == PAGS_OK && !result.finished && !arguments.options.estimate)
     outcome = pags_fail(PAGS_CANCELLED,
                         "interrupted after iteration %lld; the state is saved in %s, --resume goes on from it",

@@ -17,7 +17,6 @@
 
 enum { BLOCK = 4096, LONGEST_SIDE = 1200 };
 
-static const uint64_t cache_bytes = (uint64_t)128 << 20;
 static const float near_time = 0.5f;  /* seconds between photograph and measurement at which the weight is halved */
 static const float doubtful = 1e-3f;  /* factor on the weight of a pixel that probably shows something else */
 static const double near_plane = 0.1; /* metres */
@@ -196,9 +195,8 @@ static pags_result allocate(colorizer *p, int64_t **views, pags_far_points *far)
 }
 
 pags_result pags_lidar_points_colorize(const pags_dataset *dataset, pags_tasks *tasks, pags_lidar_points *points,
-                                       int64_t measured, pags_far_points *far) {
+                                       int64_t measured, pags_photo_cache *photos, pags_far_points *far) {
   colorizer p = {.dataset = dataset, .tasks = tasks, .points = points, .measured = measured};
-  pags_photo_cache *photos = NULL;
   int64_t *views = NULL, count = 0;
   if (pags_dataset_sweep_count(dataset) > 0)
     p.time_begin = pags_dataset_sweep(dataset, 0)->time;
@@ -207,11 +205,7 @@ pags_result pags_lidar_points_colorize(const pags_dataset *dataset, pags_tasks *
     if (!pags_dataset_view(dataset, i)->test)
       views[count++] = i;
   if (result == PAGS_OK && count > 0)
-    result = pags_photo_cache_create(dataset, tasks, cache_bytes, &photos);
-  if (result == PAGS_OK && count > 0)
     result = colorize_all(&p, photos, views, count, far);
-  if (photos)
-    pags_photo_cache_destroy(photos);
   pags_z_buffer_destroy(&p.z_buffer);
   free(p.poses);
   free(p.seen);

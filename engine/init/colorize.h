@@ -22,7 +22,7 @@ typedef struct pags_far_points {
  * only at times at which the object has a pose. Also draws far->wanted random points into `far`, fewer if the
  * photographs have too few pixels for them. */
 pags_result pags_lidar_points_colorize(const pags_dataset *dataset, pags_tasks *tasks, pags_lidar_points *points,
-                                       int64_t measured, pags_far_points *far);
+                                       int64_t measured, pags_photo_cache *photos, pags_far_points *far);
 
 /* Draws up to `count` random points on one photograph and adds them to `far`, which has room. `z_buffer` holds the
  * LiDAR points of the photograph; `from`, the view's number, selects the random numbers. */

@@ -222,8 +222,8 @@ typedef struct work {
 
 /* Gathers, thins and colours the LiDAR points, of the background at most `most`. Leaves the background's points that a
  * photograph shows in w->points, and puts those of the objects into `out`. */
-static pags_result make_lidar(const pags_dataset *dataset, int lidar, int most, pags_tasks *tasks, work *w,
-                              double middle[3], double *largest, pags_driving_points *out) {
+static pags_result make_lidar(const pags_dataset *dataset, int lidar, int most, pags_photo_cache *photos,
+                              pags_tasks *tasks, work *w, double middle[3], double *largest, pags_driving_points *out) {
   double radius = 0, side = finest_voxel;
   if (lidar)
     PAGS_TRY(pags_lidar_points_gather(dataset, tasks, MOST_READ, &w->points));
@@ -235,7 +235,7 @@ static pags_result make_lidar(const pags_dataset *dataset, int lidar, int most, 
   while (measured < w->points.count && w->points.rows[measured].kind == PAGS_CANDIDATE_MEASURED)
     measured++;
   w->far.farthest = farthest_times * radius;
-  PAGS_TRY(pags_lidar_points_colorize(dataset, tasks, &w->points, measured, &w->far));
+  PAGS_TRY(pags_lidar_points_colorize(dataset, tasks, &w->points, measured, photos, &w->far));
 
   /* The coloured points of the moving objects. */
   for (int64_t i = 0; i < out->object_count; i++)
@@ -256,8 +256,8 @@ static pags_result make_lidar(const pags_dataset *dataset, int lidar, int most, 
   return PAGS_OK;
 }
 
-static pags_result make(const pags_dataset *dataset, const pags_train_config *config, int lidar, pags_tasks *tasks,
-                        work *w, pags_driving_points *out) {
+static pags_result make(const pags_dataset *dataset, const pags_train_config *config, int lidar,
+                        pags_photo_cache *photos, pags_tasks *tasks, work *w, pags_driving_points *out) {
   double middle[3], largest = INFINITY;
   out->object_count = pags_dataset_object_count(dataset);
   out->objects = calloc((size_t)out->object_count + 1, sizeof *out->objects);
@@ -287,7 +287,7 @@ static pags_result make(const pags_dataset *dataset, const pags_train_config *co
       middle[k] += (double)w->eyes[3 * i + k] / (double)w->eye_count;
   }
 
-  PAGS_TRY(make_lidar(dataset, lidar, config->start.lidar_points, tasks, w, middle, &largest, out));
+  PAGS_TRY(make_lidar(dataset, lidar, config->start.lidar_points, photos, tasks, w, middle, &largest, out));
   PAGS_TRY(find_extra(dataset, config, w->points.count, tasks, &w->extra));
 
   /* The background's points in order: LiDAR, other points, random far points. */
@@ -310,10 +310,10 @@ static pags_result make(const pags_dataset *dataset, const pags_train_config *co
 }
 
 pags_result pags_driving_points_create(const pags_dataset *dataset, const pags_train_config *config, int lidar,
-                                       pags_tasks *tasks, pags_driving_points *out) {
+                                       pags_photo_cache *photos, pags_tasks *tasks, pags_driving_points *out) {
   work w = {.far = {.wanted = FAR_POINTS, .seed = config->schedule.seed}};
   *out = (pags_driving_points){0};
-  pags_result result = make(dataset, config, lidar, tasks, &w, out);
+  pags_result result = make(dataset, config, lidar, photos, tasks, &w, out);
   pags_lidar_points_destroy(&w.points);
   free(w.far.xyz);
   free(w.far.rgb);

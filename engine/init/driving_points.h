@@ -27,7 +27,7 @@ typedef struct pags_driving_points {
 /* Makes the initial points from training time steps and training views only. `lidar` 0 leaves the LiDAR out, to
  * measure what it brings. The points are the same for any number of threads. */
 pags_result pags_driving_points_create(const pags_dataset *dataset, const pags_train_config *config, int lidar,
-                                       pags_tasks *tasks, pags_driving_points *out);
+                                       pags_photo_cache *photos, pags_tasks *tasks, pags_driving_points *out);
 void pags_driving_points_destroy(pags_driving_points *start);
 
 #endif

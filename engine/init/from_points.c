@@ -3,13 +3,16 @@
  * nearest neighbours. */
 #include "init/from_points.h"
 
+#include <assert.h>
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 
 #include "base/memory.h"
 #include "base/sort.h"
 #include "init/knn.h"
 #include "maths/maths.h"
+#include "scene/morton.h"
 
 /* Lower bound of the mean squared neighbour distance, m^2: duplicate points have distance 0. It is INRIA's bound. */
 static const float least_square = 1e-7f;
@@ -76,11 +79,15 @@ pags_result pags_init_extent(const pags_dataset *dataset, const int64_t *views, 
   return PAGS_OK;
 }
 
+static bool is_finite(const float p[3]) {
+  return isfinite(p[0]) && isfinite(p[1]) && isfinite(p[2]);
+}
+
 /* Writes the indices of the points to use, finite ones and at most `most` of them, to `chosen`; returns how many. */
 static int64_t choose_points(int64_t points, const float *xyz, int64_t most, int64_t *chosen) {
   int64_t finite = 0, taken = 0;
   for (int64_t i = 0; i < points; i++)
-    if (isfinite(xyz[3 * i]) && isfinite(xyz[3 * i + 1]) && isfinite(xyz[3 * i + 2]))
+    if (is_finite(xyz + 3 * i))
       chosen[finite++] = i;
   if (finite <= most)
     return finite;
@@ -102,36 +109,55 @@ static void fill_row(const pags_train_config *config, const float *xyz, const ui
   pags_plane(g, PAGS_OPACITY)[row] = (float)pags_log(config->start.init_opacity / (1.0 - config->start.init_opacity));
 }
 
-/* Makes the Gaussians in Morton order. `xyz` and `square` (mean squared neighbour distances) belong to the chosen
- * points in their order, `rgb` to all points. */
-static pags_result sorted_rows(const pags_train_config *config, int64_t count, const float *xyz, const uint8_t *rgb,
-                               const int64_t *chosen, const float *square, double extent, pags_gaussians *out) {
-  pags_gaussians unsorted;
-  PAGS_TRY(pags_gaussians_create(&unsorted, count, config->color.sh_degree));
+/* Writes the order of the points along a Morton curve. */
+static pags_result order_points(int64_t count, const float *xyz, pags_tasks *tasks, int64_t *order) {
+  float *const planes = malloc(3 * (size_t)count * sizeof *planes);
+  if (!planes)
+    return pags_out_of_memory("%lld points", (long long)count);
   for (int64_t i = 0; i < count; i++)
-    fill_row(config, xyz + 3 * i, rgb + 3 * chosen[i], square[i], extent, &unsorted, i);
-  int64_t *order = malloc((size_t)count * sizeof *order);
-  pags_result result =
-      order ? pags_gaussians_morton_order(&unsorted, order) : pags_out_of_memory("%lld Gaussians", (long long)count);
-  if (result == PAGS_OK)
-    result = pags_gaussians_create(out, count, config->color.sh_degree);
-  if (result == PAGS_OK)
-    pags_gaussians_gather(&unsorted, order, count, out);
-  if (result == PAGS_OK)
-    out->alpha_min = (float)config->picture.alpha_min;
-  free(order);
-  pags_gaussians_destroy(&unsorted);
+    for (int k = 0; k < 3; k++)
+      planes[k * count + i] = xyz[3 * i + k];
+  static_assert(PAGS_MEAN == 0, "means are the first planes");
+  const pags_result result =
+      pags_morton_order(&(pags_gaussians){.count = count, .stride = count, .data = planes}, tasks, order);
+  free(planes);
   return result;
 }
 
+/* Makes the Gaussians [begin, end) of those in Morton order. `xyz` and `square` (mean squared neighbour distances)
+ * belong to the chosen points in their order, `rgb` to all points. */
+static pags_result sorted_rows(const pags_train_config *config, int64_t begin, int64_t end, const int64_t *order,
+                               const float *xyz, const uint8_t *rgb, const int64_t *chosen, const float *square,
+                               double extent, pags_gaussians *out) {
+  PAGS_TRY(pags_gaussians_create(out, end - begin, config->color.sh_degree));
+  if (end == begin)
+    PAGS_TRY(pags_gaussians_reserve(out, 1)); /* without room there would be no columns */
+  out->alpha_min = (float)config->picture.alpha_min;
+  for (int64_t row = begin; row < end; row++) {
+    const int64_t i = order[row];
+    fill_row(config, xyz + 3 * i, rgb + 3 * chosen[i], square[i], extent, out, row - begin);
+  }
+  return PAGS_OK;
+}
+
+int64_t pags_init_count(int64_t points, const float *xyz, int64_t most) {
+  int64_t finite = 0;
+  for (int64_t i = 0; i < points; i++)
+    finite += is_finite(xyz + 3 * i);
+  return finite < most ? finite : most;
+}
+
 pags_result pags_init_gaussians(const pags_train_config *config, int64_t points, const float *xyz, const uint8_t *rgb,
-                                int64_t most, double extent, pags_tasks *tasks, pags_gaussians *out) {
+                                int64_t most, double extent, const int64_t *rows, pags_tasks *tasks,
+                                pags_gaussians *out) {
   *out = (pags_gaussians){0};
   int64_t *chosen = malloc((size_t)(points > 0 ? points : 1) * sizeof *chosen);
   int64_t count = chosen ? choose_points(points, xyz, most, chosen) : 0;
-  float *positions = malloc((size_t)(count > 0 ? count : 1) * 4 * sizeof(float)); /* then their mean squares */
+  const size_t room = (size_t)(count > 0 ? count : 1);
+  float *positions = malloc(room * 4 * sizeof *positions); /* then their mean squares */
+  int64_t *order = malloc(room * sizeof *order);
   pags_result result = PAGS_OK;
-  if (!chosen || !positions)
+  if (!chosen || !positions || !order)
     result = pags_out_of_memory("%lld points", (long long)points);
   else if (count == 0)
     result = pags_fail(PAGS_ERROR_FORMAT, "the data set has no point to start from: %lld points, none finite",
@@ -142,7 +168,13 @@ pags_result pags_init_gaussians(const pags_train_config *config, int64_t points,
   if (result == PAGS_OK)
     result = pags_knn_mean_squared(positions, count, tasks, positions + 3 * count);
   if (result == PAGS_OK)
-    result = sorted_rows(config, count, positions, rgb, chosen, positions + 3 * count, extent, out);
+    result = order_points(count, positions, tasks, order);
+  if (result == PAGS_OK)
+    result = sorted_rows(config, rows ? rows[0] : 0, rows ? rows[1] : count, order, positions, rgb, chosen,
+                         positions + 3 * count, extent, out);
+  if (result != PAGS_OK)
+    pags_gaussians_destroy(out);
+  free(order);
   free(positions);
   free(chosen);
   return result;

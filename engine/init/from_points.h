@@ -19,8 +19,11 @@ pags_result pags_init_extent(const pags_dataset *dataset, const int64_t *views, 
 /* Makes one isotropic Gaussian per point, in Morton order. Its sigma is init_scale times the root mean square
  * distance of the three nearest neighbours, at most init_scale_max times `extent`; it has the point's colour and the
  * opacity init_opacity. Points that are not finite are left out; of more than `most` points every (points / most)th
- * is taken. */
+ * is taken. Of these Gaussians `out` receives the rows [rows[0], rows[1]); NULL: all. */
 pags_result pags_init_gaussians(const pags_train_config *config, int64_t points, const float *xyz, const uint8_t *rgb,
-                                int64_t most, double extent, pags_tasks *tasks, pags_gaussians *out);
+                                int64_t most, double extent, const int64_t *rows, pags_tasks *tasks,
+                                pags_gaussians *out);
+/* How many Gaussians that makes of the points. */
+int64_t pags_init_count(int64_t points, const float *xyz, int64_t most);
 
 #endif

@@ -27,7 +27,8 @@ void pags_port_aligned_free(void *block); /* NULL is allowed */
 
 /* ---- Clock and resources ---- */
 
-int64_t pags_port_clock_ns(void); /* monotonic, with an arbitrary zero */
+int64_t pags_port_clock_ns(void);        /* monotonic, with an arbitrary zero */
+int64_t pags_port_thread_clock_ns(void); /* processor time of the calling thread */
 
 /* Number of processors that this process may run on (its affinity mask), >= 1. */
 int pags_port_processors(void);

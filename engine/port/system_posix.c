@@ -17,6 +17,7 @@
 #include <time.h>
 #include <unistd.h>
 #ifdef __linux__
+#include <malloc.h>
 #include <sched.h>
 #else
 #include <mach-o/dyld.h>
@@ -30,6 +31,12 @@
 int64_t pags_port_clock_ns(void) {
   struct timespec now;
   clock_gettime(CLOCK_MONOTONIC, &now);
+  return (int64_t)now.tv_sec * 1000000000 + now.tv_nsec;
+}
+
+int64_t pags_port_thread_clock_ns(void) {
+  struct timespec now;
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
   return (int64_t)now.tv_sec * 1000000000 + now.tv_nsec;
 }
 
@@ -206,6 +213,11 @@ void pags_port_on_lost_mapping(const char *message) {
 void pags_port_begin_program(int *argc, char ***argv) {
   (void)argc;
   (void)argv;
+#ifdef __GLIBC__
+  /* Otherwise the limit grows to the largest block that was ever freed, up to 32 MB: later blocks then lie in the heap,
+   * which isn't given back, and calloc fills with zeros what would take no memory until it is used. */
+  mallopt(M_MMAP_THRESHOLD, 2 << 20);
+#endif
 }
 
 bool pags_port_program_folder(char *path, size_t size) {

@@ -24,6 +24,14 @@ int64_t pags_port_clock_ns(void) {
          now.QuadPart % frequency.QuadPart * 1000000000 / frequency.QuadPart;
 }
 
+int64_t pags_port_thread_clock_ns(void) {
+  FILETIME made, ended, kernel, user; /* in units of 100 ns */
+  if (!GetThreadTimes(GetCurrentThread(), &made, &ended, &kernel, &user))
+    return 0;
+  return 100 * (int64_t)(((uint64_t)kernel.dwHighDateTime << 32 | kernel.dwLowDateTime) +
+                         ((uint64_t)user.dwHighDateTime << 32 | user.dwLowDateTime));
+}
+
 int pags_port_processors(void) {
   DWORD_PTR process = 0, system = 0;
   int count = 0;

@@ -10,6 +10,8 @@
 #include <zlib.h>
 
 #include "base/file.h"
+#include "base/memory.h"
+#include "cluster/shares.h"
 #include "train/config.h"
 #include "train/run.h"
 
@@ -46,15 +48,55 @@ static uint32_t crc_add(uint32_t crc, const void *bytes, size_t size) {
   return crc;
 }
 
-/* The file and the CRC of the section being written. */
+/* The file and the CRC of the section being written. With a transport all ranks go through the same sections, each with
+ * a file of its own, or one `whole` file by rank 0, which takes the rows of all, a column at a time. A failure to write
+ * is kept until the end, since the others wait for what a rank sends or takes. */
 typedef struct section_writer {
   pags_file_writer file;
   uint32_t crc;
+  pags_transport *transport;
+  bool whole;
+  pags_result failed;
+  uint32_t *column; /* [rows of the largest model] at rank 0 */
+  int64_t *rows;    /* [ranks] of the model that is being written */
+  int64_t *bytes;   /* [ranks] */
 } section_writer;
+
+static bool leads(const section_writer *w) {
+  return pags_transport_rank(w->transport) == 0;
+}
+
+static pags_result put_bytes(section_writer *w, const void *bytes, size_t size) {
+  if (!w->transport)
+    return pags_file_writer_put(&w->file, bytes, size);
+  if ((leads(w) || !w->whole) && w->failed == PAGS_OK)
+    w->failed = pags_file_writer_put(&w->file, bytes, size);
+  return PAGS_OK;
+}
 
 static pags_result put(section_writer *w, const void *bytes, size_t size) {
   w->crc = crc_add(w->crc, bytes, size);
-  return pags_file_writer_put(&w->file, bytes, size);
+  return put_bytes(w, bytes, size);
+}
+
+/* A column of four bytes for each row of the model, or each `group` rows. */
+static pags_result put_column(section_writer *w, const pags_train_model *m, const void *own, int group) {
+  if (!w->whole)
+    return put(w, own, (size_t)((m->gaussians.count + group - 1) / group) * sizeof(uint32_t));
+  const int ranks = pags_transport_ranks(w->transport);
+  int64_t all = 0;
+  for (int r = 0; r < ranks; r++) {
+    w->bytes[r] = (w->rows[r] + group - 1) / group * (int64_t)sizeof(uint32_t);
+    all += w->bytes[r];
+  }
+  PAGS_TRY(
+      pags_transport_gather(w->transport, 0, own, w->bytes[pags_transport_rank(w->transport)], w->column, w->bytes));
+  return leads(w) ? put(w, w->column, (size_t)all) : PAGS_OK;
+}
+
+/* Rows of which the columns are written. */
+static int64_t written_rows(const section_writer *w, const pags_train_model *m) {
+  return w->whole ? m->total : m->gaussians.count;
 }
 
 static pags_result open_section(section_writer *w, const char tag[4], uint64_t size) {
@@ -64,8 +106,8 @@ static pags_result open_section(section_writer *w, const char tag[4], uint64_t s
 }
 
 static pags_result close_section(section_writer *w) {
-  uint32_t crc = w->crc;
-  return pags_file_writer_put(&w->file, &crc, sizeof crc);
+  const uint32_t crc = w->crc;
+  return put_bytes(w, &crc, sizeof crc);
 }
 
 static pags_result put_whole(section_writer *w, const char tag[4], const void *bytes, size_t size) {
@@ -84,20 +126,23 @@ static float *plane_at(const pags_gaussians *g, int plane) {
   return plane < standard ? pags_plane(g, plane) : g->fourier + (int64_t)(plane - standard) * g->stride;
 }
 
-static pags_result put_planes(section_writer *w, const char tag[4], const pags_gaussians *g) {
-  int planes = plane_count(g);
-  size_t bytes = (size_t)g->count * sizeof(float);
-  PAGS_TRY(open_section(w, tag, (uint64_t)planes * bytes));
+static pags_result put_planes(section_writer *w, const char tag[4], const pags_train_model *m,
+                              const pags_gaussians *g) {
+  const int planes = plane_count(g);
+  PAGS_TRY(open_section(w, tag, (uint64_t)planes * (uint64_t)written_rows(w, m) * sizeof(float)));
   for (int p = 0; p < planes; p++)
-    PAGS_TRY(put(w, plane_at(g, p), bytes));
+    PAGS_TRY(put_column(w, m, plane_at(g, p), 1));
   return close_section(w);
 }
 
-static pags_result put_pair(section_writer *w, const char tag[4], const void *a, const void *b, int64_t count) {
-  size_t bytes = (size_t)count * sizeof(int32_t);
-  PAGS_TRY(open_section(w, tag, 2 * (uint64_t)bytes));
-  PAGS_TRY(put(w, a, bytes));
-  PAGS_TRY(put(w, b, bytes));
+/* A section of one or two columns; b may be NULL. */
+static pags_result put_columns(section_writer *w, const char tag[4], const pags_train_model *m, const void *a,
+                               const void *b, int group) {
+  const int64_t items = (written_rows(w, m) + group - 1) / group;
+  PAGS_TRY(open_section(w, tag, (b ? 2 : 1) * (uint64_t)items * sizeof(uint32_t)));
+  PAGS_TRY(put_column(w, m, a, group));
+  if (b)
+    PAGS_TRY(put_column(w, m, b, group));
   return close_section(w);
 }
 
@@ -114,27 +159,31 @@ static size_t sky_bytes(int64_t size) {
 
 static pags_result put_model(section_writer *w, const pags_train_model *m) {
   const pags_gaussians *g = &m->gaussians;
+  const int cluster = m->adam.cluster_size;
+  const int64_t rows = written_rows(w, m);
   model_record record = {.object = m->object,
-                         .count = g->count,
+                         .count = rows,
                          .sh_degree = g->sh_degree,
-                         .clusters = m->adam.cluster_count,
+                         .clusters = (rows + cluster - 1) / cluster,
                          .fourier = g->fourier != NULL,
                          .object_ids = g->object_id != NULL,
                          .s_sem = g->s_sem != NULL,
                          .squared = m->density.squared != NULL,
                          .extent = m->schedule.extent,
                          .fourier_gain = m->fourier_gain};
+  if (w->whole)
+    PAGS_TRY(pags_share_all(w->transport, &g->count, sizeof g->count, w->rows));
   PAGS_TRY(put_whole(w, "MODL", &record, sizeof record));
-  PAGS_TRY(put_planes(w, "GAUS", g));
-  PAGS_TRY(put_planes(w, "MOM1", &m->adam.first));
-  PAGS_TRY(put_planes(w, "MOM2", &m->adam.second));
-  PAGS_TRY(put_pair(w, "STEP", m->adam.moment_step, m->adam.param_step, m->adam.cluster_count));
-  PAGS_TRY(put_pair(w, "STAT", m->density.gradient, m->density.seen, g->count));
+  PAGS_TRY(put_planes(w, "GAUS", m, g));
+  PAGS_TRY(put_planes(w, "MOM1", m, &m->adam.first));
+  PAGS_TRY(put_planes(w, "MOM2", m, &m->adam.second));
+  PAGS_TRY(put_columns(w, "STEP", m, m->adam.moment_step, m->adam.param_step, cluster));
+  PAGS_TRY(put_columns(w, "STAT", m, m->density.gradient, m->density.seen, 1));
   if (g->object_id)
-    PAGS_TRY(put_whole(w, "OBJI", g->object_id, (size_t)g->count * sizeof(int32_t)));
+    PAGS_TRY(put_columns(w, "OBJI", m, g->object_id, NULL, 1));
   if (g->s_sem)
-    PAGS_TRY(put_whole(w, "SSEM", g->s_sem, (size_t)g->count * sizeof(float)));
-  return m->density.squared ? put_whole(w, "SQUA", m->density.squared, (size_t)g->count * sizeof(float)) : PAGS_OK;
+    PAGS_TRY(put_columns(w, "SSEM", m, g->s_sem, NULL, 1));
+  return m->density.squared ? put_columns(w, "SQUA", m, m->density.squared, NULL, 1) : PAGS_OK;
 }
 
 /* One knot's record in section TRAK. */
@@ -187,9 +236,68 @@ static pags_result put_photometry(section_writer *w, const pags_photometry *p) {
   return close_section(w);
 }
 
+/* ---- The sky ---- */
+
+/* Own blocks of each rank that are brought together at a time. */
+enum { SKY_BLOCKS = 1024 };
+
+/* Values of `each` bytes a texel, of which the ranks have blocks in turn; rank 0 writes all of them. */
+static pags_result put_sky_shares(section_writer *w, const pags_sky_fit *sky, const void *own, int64_t each) {
+  const int ranks = sky->ranks;
+  const int64_t bytes = each * PAGS_SKY_BLOCK, blocks = pags_sky_fit_blocks(sky);
+  int64_t left = 6 * (int64_t)sky->sky.size * sky->sky.size * each;
+  char *const arrived = malloc((size_t)(leads(w) ? 2 * SKY_BLOCKS * ranks * bytes : 1));
+  pags_result result = pags_transport_agree(w->transport, arrived ? PAGS_OK : pags_out_of_memory("a sky"));
+  for (int64_t first = 0; result == PAGS_OK && first * ranks < blocks; first += SKY_BLOCKS) {
+    int64_t counts[PAGS_RANKS_MOST], all = 0;
+    for (int r = 0; r < ranks; r++) {
+      const int64_t rest = pags_sky_fit_own_blocks(sky, r) - first;
+      counts[r] = rest < 0 ? 0 : rest < SKY_BLOCKS ? rest : SKY_BLOCKS;
+      w->bytes[r] = counts[r] * bytes;
+      all += w->bytes[r];
+    }
+    result = pags_transport_gather(w->transport, 0, (const char *)own + first * bytes, w->bytes[sky->rank], arrived,
+                                   w->bytes);
+    if (result != PAGS_OK || !leads(w))
+      continue;
+    char *const in_turn = arrived + SKY_BLOCKS * ranks * bytes;
+    const char *from = arrived;
+    for (int r = 0; r < ranks; r++)
+      for (int64_t i = 0; i < counts[r]; i++, from += bytes)
+        memcpy(in_turn + (i * ranks + r) * bytes, from, (size_t)bytes);
+    put(w, in_turn, (size_t)(all < left ? all : left));
+    left -= all;
+  }
+  free(arrived);
+  return result;
+}
+
+/* With several ranks rank 0's file alone has the sky. */
+static int written_sky(const section_writer *w, const pags_sky_fit *sky) {
+  return sky->ranks > 1 && !leads(w) ? 0 : sky->sky.size;
+}
+
+static pags_result put_sky(section_writer *w, const pags_sky_fit *sky) {
+  const size_t bytes = sky_bytes(sky->sky.size), written = sky_bytes(written_sky(w, sky));
+  PAGS_TRY(open_section(w, "SKY0", 3 * (uint64_t)written + written / 6));
+  if (written > 0)
+    PAGS_TRY(put(w, sky->sky.texels, bytes));
+  if (bytes > 0 && sky->ranks > 1) {
+    PAGS_TRY(put_sky_shares(w, sky, sky->first, 3 * sizeof *sky->first));
+    PAGS_TRY(put_sky_shares(w, sky, sky->second, 3 * sizeof *sky->second));
+    PAGS_TRY(put_sky_shares(w, sky, sky->visits, sizeof *sky->visits));
+  } else if (bytes > 0) {
+    PAGS_TRY(put(w, sky->first, bytes));
+    PAGS_TRY(put(w, sky->second, bytes));
+    PAGS_TRY(put(w, sky->visits, bytes / 6));
+  }
+  return close_section(w);
+}
+
+/* ---- All of it ---- */
+
 static pags_result put_state(section_writer *w, const pags_train_state *s, uint64_t fingerprint) {
   char text[PAGS_CONFIG_TEXT];
-  size_t sky = sky_bytes(s->sky.sky.size);
   run_record record = {.step = s->step,
                        .stop = s->stop,
                        .resets = s->resets,
@@ -198,7 +306,7 @@ static pags_result put_state(section_writer *w, const pags_train_state *s, uint6
                        .views = s->schedule.views,
                        .models = s->model_count,
                        .knots = knots_of(&s->tracks),
-                       .sky_size = s->sky.sky.size,
+                       .sky_size = written_sky(w, &s->sky),
                        .exposures = s->exposures.count,
                        .lidar_points = s->lidar_points,
                        .extent = s->schedule.extent,
@@ -207,20 +315,13 @@ static pags_result put_state(section_writer *w, const pags_train_state *s, uint6
                        .sky_share = s->sky_share,
                        .fingerprint = fingerprint};
   pags_config_write(&s->schedule.config, text);
-  PAGS_TRY(pags_file_writer_put(&w->file, magic, sizeof magic));
+  PAGS_TRY(put_bytes(w, magic, sizeof magic));
   PAGS_TRY(put_whole(w, "CONF", text, strlen(text)));
   PAGS_TRY(put_whole(w, "RUN0", &record, sizeof record));
   for (int64_t i = 0; i < s->model_count; i++)
     PAGS_TRY(put_model(w, &s->models[i]));
   PAGS_TRY(put_tracks(w, &s->tracks));
-  PAGS_TRY(open_section(w, "SKY0", 3 * (uint64_t)sky + sky / 6));
-  if (sky > 0) {
-    PAGS_TRY(put(w, s->sky.sky.texels, sky));
-    PAGS_TRY(put(w, s->sky.first, sky));
-    PAGS_TRY(put(w, s->sky.second, sky));
-    PAGS_TRY(put(w, s->sky.visits, sky / 6));
-  }
-  PAGS_TRY(close_section(w));
+  PAGS_TRY(put_sky(w, &s->sky));
   PAGS_TRY(put_whole(w, "EXPO", s->exposures.items, exposure_bytes(&s->exposures)));
   if (s->cameras.trial.state != PAGS_TRIAL_NONE)
     PAGS_TRY(put_cameras(w, &s->cameras));
@@ -241,6 +342,36 @@ pags_result pags_checkpoint_save(const char *path, const pags_train_state *state
     return result;
   }
   return pags_file_writer_commit(&w.file);
+}
+
+/* Memory for the columns, and the file where one is written. */
+static pags_result begin_shared(section_writer *w, const char *path, const pags_train_state *state, bool writes) {
+  int64_t most = 0;
+  for (int64_t i = 0; i < state->model_count; i++)
+    most = state->models[i].total > most ? state->models[i].total : most;
+  w->rows = malloc(2 * (size_t)pags_transport_ranks(w->transport) * sizeof *w->rows);
+  w->column = malloc((size_t)(w->whole && writes ? most + 1 : 1) * sizeof *w->column);
+  if (!w->rows || !w->column)
+    return pags_out_of_memory("a column of %lld Gaussians", (long long)most);
+  w->bytes = w->rows + pags_transport_ranks(w->transport);
+  return writes ? pags_file_writer_begin(&w->file, path) : PAGS_OK;
+}
+
+pags_result pags_checkpoint_save_shared(const char *path, pags_transport *transport, bool whole,
+                                        const pags_train_state *state, uint64_t fingerprint) {
+  section_writer w = {.transport = transport, .whole = whole};
+  const bool writes = leads(&w) || !whole;
+  const pags_result begun = begin_shared(&w, path, state, writes);
+  pags_result result = pags_transport_agree(transport, begun);
+  if (result == PAGS_OK)
+    result = put_state(&w, state, fingerprint);
+  if (result == PAGS_OK && writes && w.failed == PAGS_OK)
+    w.failed = pags_file_writer_commit(&w.file);
+  else if (begun == PAGS_OK && writes)
+    pags_file_writer_abort(&w.file);
+  free(w.rows);
+  free(w.column);
+  return result == PAGS_OK ? pags_transport_agree(transport, w.failed) : result;
 }
 
 /* ---- Reading sections ---- */

@@ -59,12 +59,12 @@ static pags_result probe(pags_trainer *t, int level, cost *out) {
       t->round[k] = (pags_step_view){.number = t->state.step * batch + 1,
                                      .view = t->views[(i * count + k) * t->view_count / ((PROBES + 1) * count)],
                                      .level = level};
-    double begin = pags_clock_ms(), waited = t->ms.wait;
+    double begin = pags_clock_ms(), waited = t->ms.wait.wall;
     t->measuring = 1;
     pags_result result = pags_train_round(t, t->state.step + 1, t->round, count);
     t->measuring = 0;
     PAGS_TRY(result);
-    double whole = pags_clock_ms() - begin - (t->ms.wait - waited);
+    double whole = pags_clock_ms() - begin - (t->ms.wait.wall - waited);
     double rows = rows_ms(t->render.frame);
     for (int k = 0; t->ranks > 1 && k < count; k++)
       rows += rows_ms(t->shared.owners[k]);

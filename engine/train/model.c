@@ -83,13 +83,18 @@ pags_result pags_model_create(pags_train_model *model, const pags_schedule *sche
   return result;
 }
 
+static void destroy_density(pags_density *density) {
+  free(density->gradient);
+  free(density->seen);
+  free(density->squared);
+  *density = (pags_density){0};
+}
+
 void pags_model_destroy(pags_train_model *model) {
   pags_gaussians_destroy(&model->gaussians);
   pags_adam_destroy(&model->adam);
   pags_clusters_destroy(&model->clusters);
-  free(model->density.gradient);
-  free(model->density.seen);
-  free(model->density.squared);
+  destroy_density(&model->density);
   *model = (pags_train_model){0};
 }
 
@@ -112,15 +117,27 @@ typedef struct column {
 
 enum { MAX_COLUMNS = 3 * PAGS_MAX_PLANES + 3 * PAGS_FOURIER_PLANES + 5 };
 
+/* Those of the Gaussians alone. */
+static int list_parameters(pags_gaussians *g, column columns[MAX_COLUMNS]) {
+  int n = 0;
+  for (int p = 0; p < pags_plane_count(g->sh_degree); p++)
+    columns[n++] = (column){pags_plane(g, p), 0};
+  for (int p = 0; g->fourier && p < PAGS_FOURIER_PLANES; p++)
+    columns[n++] = (column){g->fourier + p * g->stride, 0};
+  if (g->s_sem)
+    columns[n++] = (column){g->s_sem, 0};
+  if (g->object_id)
+    columns[n++] = (column){g->object_id, 0};
+  return n;
+}
+
 static int list_columns(pags_train_model *model, column columns[MAX_COLUMNS]) {
-  int n = 0, planes = pags_plane_count(model->gaussians.sh_degree);
+  int n = list_parameters(&model->gaussians, columns), planes = pags_plane_count(model->gaussians.sh_degree);
   for (int p = 0; p < planes; p++) {
-    columns[n++] = (column){pags_plane(&model->gaussians, p), 0};
     columns[n++] = (column){pags_plane(&model->adam.first, p), 1};
     columns[n++] = (column){pags_plane(&model->adam.second, p), 1};
   }
   for (int p = 0; model->gaussians.fourier && p < PAGS_FOURIER_PLANES; p++) {
-    columns[n++] = (column){model->gaussians.fourier + p * model->gaussians.stride, 0};
     columns[n++] = (column){model->adam.first.fourier + p * model->adam.first.stride, 1};
     columns[n++] = (column){model->adam.second.fourier + p * model->adam.second.stride, 1};
   }
@@ -128,10 +145,6 @@ static int list_columns(pags_train_model *model, column columns[MAX_COLUMNS]) {
   columns[n++] = (column){model->density.seen, 0};
   if (model->density.squared)
     columns[n++] = (column){model->density.squared, 0};
-  if (model->gaussians.s_sem)
-    columns[n++] = (column){model->gaussians.s_sem, 0};
-  if (model->gaussians.object_id)
-    columns[n++] = (column){model->gaussians.object_id, 0};
   return n;
 }
 
@@ -233,100 +246,31 @@ pags_result pags_model_gather(pags_train_model *model, const int64_t *source, in
   return pags_adam_regroup(&model->adam, count, model->step);
 }
 
-pags_result pags_model_keep_share(pags_train_model *model, int64_t begin, int64_t end, pags_tasks *tasks) {
-  const int64_t count = end - begin, total = model->gaussians.count, first = begin / model->adam.cluster_size;
-  int64_t *const source = malloc((size_t)(count + 1) * sizeof *source);
-  if (!source)
-    return pags_out_of_memory("%lld Gaussians", (long long)count);
-  for (int64_t i = 0; i < count; i++)
-    source[i] = begin + i;
-  const int64_t clusters = (count + model->adam.cluster_size - 1) / model->adam.cluster_size;
-  int32_t *const steps = malloc((size_t)(2 * clusters + 1) * sizeof *steps);
-  pags_result result = steps ? PAGS_OK : pags_out_of_memory("%lld clusters", (long long)clusters);
-  if (steps && clusters > 0) {
-    memcpy(steps, model->adam.moment_step + first, (size_t)clusters * sizeof *steps);
-    memcpy(steps + clusters, model->adam.param_step + first, (size_t)clusters * sizeof *steps);
-  }
-  if (result == PAGS_OK)
-    result = pags_model_gather(model, source, count, count, tasks);
-  if (result == PAGS_OK && clusters > 0) {
-    memcpy(model->adam.moment_step, steps, (size_t)clusters * sizeof *steps);
-    memcpy(model->adam.param_step, steps + clusters, (size_t)clusters * sizeof *steps);
-  }
-  free(source);
-  free(steps);
-  PAGS_TRY(result);
-  model->first_row = begin;
-  model->total = total;
-  return make_clusters(model, tasks);
-}
-
-/* Gathers `count` values of four bytes at rank 0: `own` are this rank's, `whole` receives all. */
-static pags_result collect(pags_transport *transport, const void *own, const int64_t *counts, void *whole) {
+pags_result pags_model_collect(pags_train_model *model) {
+  pags_transport *const transport = pags_model_transport(model);
   const int ranks = pags_transport_ranks(transport), rank = pags_transport_rank(transport);
+  const int64_t own_bytes = model->gaussians.count * (int64_t)sizeof(uint32_t);
+  pags_gaussians all = {0};
+  column own[MAX_COLUMNS], whole[MAX_COLUMNS];
+  pags_adam_destroy(&model->adam);
+  pags_clusters_destroy(&model->clusters);
+  destroy_density(&model->density);
   int64_t *const bytes = malloc((size_t)ranks * sizeof *bytes);
-  if (!bytes)
-    return pags_out_of_memory("a message of %d ranks", ranks);
-  for (int r = 0; r < ranks; r++)
-    bytes[r] = counts[r] * (int64_t)sizeof(uint32_t);
-  const pags_result result = pags_transport_gather(transport, 0, own, bytes[rank], whole, bytes);
-  free(bytes);
-  return result;
-}
-
-/* Rows and, behind them, clusters of each rank. */
-static pags_result list_shares(const pags_train_model *model, pags_transport *transport, int64_t **out) {
-  const int ranks = pags_transport_ranks(transport);
-  const int64_t own = model->gaussians.count, size = model->adam.cluster_size;
-  *out = malloc(2 * (size_t)ranks * sizeof **out);
-  if (!*out)
-    return pags_out_of_memory("the shares of %d ranks", ranks);
-  const pags_result result = pags_share_all(transport, &own, sizeof own, *out);
-  for (int r = 0; r < ranks; r++)
-    (*out)[ranks + r] = ((*out)[r] + size - 1) / size;
-  return result;
-}
-
-static pags_result collect_all(pags_train_model *model, pags_transport *transport, const int64_t *counts,
-                               uint32_t *whole, int32_t *steps) {
-  const int ranks = pags_transport_ranks(transport);
-  const bool root = pags_transport_rank(transport) == 0;
-  const int64_t clusters = (model->total + model->adam.cluster_size - 1) / model->adam.cluster_size;
-  PAGS_TRY(collect(transport, model->adam.moment_step, counts + ranks, steps));
-  PAGS_TRY(collect(transport, model->adam.param_step, counts + ranks, steps + clusters));
-  column columns[MAX_COLUMNS];
-  const int n = list_columns(model, columns);
-  for (int c = 0; c < n; c++) {
-    PAGS_TRY(collect(transport, columns[c].data, counts, whole));
-    if (root && model->total > 0)
-      memcpy(columns[c].data, whole, (size_t)model->total * sizeof *whole);
-  }
-  if (!root)
-    return PAGS_OK;
-  model->gaussians.count = model->total;
-  PAGS_TRY(pags_adam_regroup(&model->adam, model->total, model->step));
-  memcpy(model->adam.moment_step, steps, (size_t)clusters * sizeof *steps);
-  memcpy(model->adam.param_step, steps + clusters, (size_t)clusters * sizeof *steps);
-  return PAGS_OK;
-}
-
-pags_result pags_model_collect(pags_train_model *model, pags_transport *transport, pags_tasks *tasks) {
-  const bool root = pags_transport_rank(transport) == 0;
-  int64_t *counts = NULL;
-  uint32_t *whole = malloc((size_t)(root ? model->total + 1 : 1) * sizeof *whole);
-  int32_t *steps = malloc((size_t)(root ? 2 * model->total / 16 + 4 : 1) * sizeof *steps); /* clusters of 16 at least */
-  pags_result mine = whole && steps ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)model->total);
-  if (mine == PAGS_OK && root)
-    mine = reserve(model, model->total);
+  pags_result mine = bytes ? PAGS_OK : pags_out_of_memory("a message of %d ranks", ranks);
+  if (mine == PAGS_OK && rank == 0)
+    mine = pags_gaussians_create_like(&all, model->total, &model->gaussians);
   pags_result result = pags_transport_agree(transport, mine);
   if (result == PAGS_OK)
-    result = list_shares(model, transport, &counts);
-  if (result == PAGS_OK)
-    result = collect_all(model, transport, counts, whole, steps);
-  free(counts);
-  free(whole);
-  free(steps);
-  return result == PAGS_OK && root ? make_clusters(model, tasks) : result;
+    result = pags_share_all(transport, &own_bytes, sizeof own_bytes, bytes);
+  const int n = list_parameters(&model->gaussians, own);
+  if (rank == 0 && result == PAGS_OK)
+    list_parameters(&all, whole);
+  for (int c = 0; result == PAGS_OK && c < n; c++)
+    result = pags_transport_gather(transport, 0, own[c].data, own_bytes, rank == 0 ? whole[c].data : NULL, bytes);
+  free(bytes);
+  pags_gaussians_destroy(&model->gaussians);
+  model->gaussians = all;
+  return result;
 }
 
 /* The moves' values of one column on their way: those that this rank sends, by the rank that gets them, and those that

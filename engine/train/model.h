@@ -63,12 +63,9 @@ void pags_model_settle(pags_train_model *model, pags_tasks *tasks);
  * pags_model_sort afterwards. */
 pags_result pags_model_gather(pags_train_model *model, const int64_t *source, int64_t count, int64_t fresh,
                               pags_tasks *tasks);
-/* Keeps only the rows [begin, end) as this rank's share; `begin` is a multiple of the cluster size, `end`, too, or the
- * number of rows. Pending Adam steps stay pending. */
-pags_result pags_model_keep_share(pags_train_model *model, int64_t begin, int64_t end, pags_tasks *tasks);
-/* Collective: brings the shares of all ranks back to rank 0, which has the whole model then; other ranks keep theirs.
- */
-pags_result pags_model_collect(pags_train_model *model, pags_transport *transport, pags_tasks *tasks);
+/* Collective, at the end of a run: brings the Gaussians of all ranks to rank 0. Moments and statistics are given up, so
+ * that the model can't be trained any more; other ranks have nothing of it then. */
+pags_result pags_model_collect(pags_train_model *model);
 /* Copies rows, with moments and statistics, to rows `at` and following of another model that has as many columns; their
  * clusters' steps and bounds are the caller's. */
 void pags_model_copy_rows(pags_train_model *from, int64_t first, int64_t count, pags_train_model *to, int64_t at);

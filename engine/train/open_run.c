@@ -18,7 +18,6 @@
 #include "train/other_views.h"
 #include "train/score_pass.h"
 #include "train/shards.h"
-#include "train/size_limit.h"
 #include "train/whole.h"
 
 /* ---- Limit on Gaussians ---- */
@@ -82,18 +81,58 @@ static pags_result find_points(const pags_trainer *t, const pags_train_config *c
   return PAGS_OK;
 }
 
+/* ---- First models ---- */
+
+/* What a model begins with. `most`: of its Gaussians. */
+typedef struct first_model {
+  int64_t object; /* -1: the background */
+  double extent;
+  int64_t count; /* points */
+  const float *xyz;
+  const uint8_t *rgb;
+  int64_t most;
+} first_model;
+
+/* Adds the rows [rows[0], rows[1]) of the model's `all` Gaussians. */
+static pags_result add_model(pags_trainer *t, const pags_train_config *config, const first_model *m,
+                             const int64_t *rows, int64_t all) {
+  pags_train_state *const s = &t->state;
+  pags_gaussians g;
+  PAGS_TRY(pags_init_gaussians(config, m->count, m->xyz, m->rgb, m->most, m->extent, rows, t->tasks, &g));
+  PAGS_TRY(pags_state_add_model(s, m->object, m->extent, &g));
+  pags_train_model *const added = &s->models[s->model_count - 1];
+  added->first_row = rows[0];
+  added->total = all;
+  return PAGS_OK;
+}
+
+/* Adds the models. With several ranks each makes the Gaussians of its share alone. */
+static pags_result add_models(pags_trainer *t, const pags_train_config *config, const first_model *models,
+                              int64_t count) {
+  const int rank = pags_transport_rank(t->options->transport), ranks = pags_transport_ranks(t->options->transport);
+  int64_t *const rows = malloc((size_t)count * (size_t)(ranks + 2) * sizeof *rows), *const begin = rows + count;
+  if (!rows)
+    return pags_out_of_memory("%lld models", (long long)count);
+  for (int64_t i = 0; i < count; i++)
+    rows[i] = pags_init_count(models[i].count, models[i].xyz, models[i].most);
+  pags_shares_cut(rows, count, config->picture.cluster_size, ranks, begin);
+  pags_result result = PAGS_OK;
+  for (int64_t i = 0; result == PAGS_OK && i < count; i++)
+    result = add_model(t, config, models + i, begin + i * (ranks + 1) + rank, rows[i]);
+  free(rows);
+  return result;
+}
+
 static pags_result start_static(pags_trainer *t, const pags_train_config *config, const start_points *p,
                                 double extent) {
-  pags_train_state *s = &t->state;
+  pags_train_state *const s = &t->state;
   if (config->cameras.camera_poses || config->cameras.light)
     pags_log_message(PAGS_LOG_WARNING,
                      "%s: camera_poses and light are left out: they are for the rigs of driving sets, whose cameras "
                      "are the same in all time steps",
                      pags_dataset_path(t->dataset));
-  pags_gaussians g;
-  const int64_t most = s->cap > 0 ? s->cap : INT32_MAX - 64;
-  PAGS_TRY(pags_init_gaussians(config, p->count, p->xyz, p->rgb, most, extent, t->tasks, &g));
-  PAGS_TRY(pags_state_add_model(s, -1, extent, &g));
+  const first_model only = {-1, extent, p->count, p->xyz, p->rgb, s->cap > 0 ? s->cap : INT32_MAX - 64};
+  PAGS_TRY(add_models(t, config, &only, 1));
   return config->exposure.exposure ? pags_exposures_create(&s->exposures, t->dataset) : PAGS_OK;
 }
 
@@ -137,56 +176,49 @@ static pags_result mark_rows(const pags_point_set *points, pags_gaussians *g) {
   return result;
 }
 
-static pags_result add_background(pags_trainer *t, const pags_train_config *config, const pags_driving_points *start,
-                                  int64_t most, double extent) {
-  const pags_point_set *p = &start->background;
-  pags_train_state *s = &t->state;
-  pags_gaussians g;
-  PAGS_TRY(pags_init_gaussians(config, p->count, p->xyz, p->rgb, most, extent, t->tasks, &g));
-  pags_result result = p->object ? mark_rows(p, &g) : PAGS_OK;
-  if (result == PAGS_OK)
-    return pags_state_add_model(s, -1, extent, &g);
-  pags_gaussians_destroy(&g);
-  return result;
-}
-
 /* Returns an object's extent in metres: half of the longest side of its box, as in Street Gaussians (Yan et al.
  * 2024). */
 static double object_extent(const pags_object *o) {
   return 0.5 * fmax(fmax(o->size[0], o->size[1]), o->size[2]);
 }
 
-static pags_result add_object(pags_trainer *t, const pags_train_config *config, int64_t object, const pags_point_set *p,
-                              int64_t most) {
-  pags_train_state *s = &t->state;
-  const pags_object *o = &s->tracks.objects[object];
-  pags_gaussians g;
-  if (most == 0)
-    return PAGS_OK;
-  PAGS_TRY(pags_init_gaussians(config, p->count, p->xyz, p->rgb, most, object_extent(o), t->tasks, &g));
-  pags_result result = pags_gaussians_add_s_sem(&g);
-  for (int64_t row = 0; result == PAGS_OK && row < g.count; row++)
-    g.s_sem[row] = pags_dataset_object_is_critical(t->dataset, object) ? 1.0f : 0.0f;
-  if (result == PAGS_OK)
-    result = pags_state_add_model(s, object, object_extent(o), &g);
-  pags_gaussians_destroy(&g);
-  PAGS_TRY(result);
-  pags_state_fit_box(s, s->model_count - 1);
+/* Numbers and priorities of the background's and the objects' rows. */
+static pags_result mark_models(pags_trainer *t, const pags_point_set *background) {
+  pags_train_state *const s = &t->state;
+  if (background->object)
+    PAGS_TRY(mark_rows(background, &s->models[0].gaussians));
+  for (int64_t m = 1; m < s->model_count; m++) {
+    pags_gaussians *const g = &s->models[m].gaussians;
+    PAGS_TRY(pags_gaussians_add_s_sem(g));
+    for (int64_t row = 0; row < g->count; row++)
+      g->s_sem[row] = pags_dataset_object_is_critical(t->dataset, s->models[m].object) ? 1.0f : 0.0f;
+    pags_state_fit_box(s, m);
+  }
   return PAGS_OK;
 }
 
 /* Creates the background's and the objects' models. If the number of Gaussians is limited, objects get at most half
  * of it, shared out in proportion to their numbers of points. */
-static pags_result add_models(pags_trainer *t, const pags_train_config *config, const pags_driving_points *start,
-                              double extent) {
-  int64_t cap = t->state.cap > 0 ? t->state.cap : INT32_MAX - 64, points = 0;
+static pags_result add_driving_models(pags_trainer *t, const pags_train_config *config,
+                                      const pags_driving_points *start, double extent) {
+  int64_t cap = t->state.cap > 0 ? t->state.cap : INT32_MAX - 64, points = 0, count = 0;
   for (int64_t i = 0; config->objects.objects && i < start->object_count; i++)
     points += start->objects[i].count;
-  int64_t most = points < cap / 2 ? points : cap / 2;
-  PAGS_TRY(add_background(t, config, start, cap - most, extent));
-  for (int64_t i = 0; points > 0 && i < start->object_count; i++) /* both factors are below 2^31 */
-    PAGS_TRY(add_object(t, config, i, &start->objects[i], start->objects[i].count * most / points));
-  return PAGS_OK;
+  const int64_t most = points < cap / 2 ? points : cap / 2;
+  first_model *const models = malloc((size_t)(start->object_count + 1) * sizeof *models);
+  if (!models)
+    return pags_out_of_memory("%lld models", (long long)start->object_count + 1);
+  const pags_point_set *const p = &start->background;
+  models[count++] = (first_model){-1, extent, p->count, p->xyz, p->rgb, cap - most};
+  for (int64_t i = 0; points > 0 && i < start->object_count; i++) {
+    const pags_point_set *const o = start->objects + i;
+    const int64_t share = o->count * most / points; /* both factors are below 2^31 */
+    if (share > 0)
+      models[count++] = (first_model){i, object_extent(&t->state.tracks.objects[i]), o->count, o->xyz, o->rgb, share};
+  }
+  const pags_result result = add_models(t, config, models, count);
+  free(models);
+  return result == PAGS_OK ? mark_models(t, p) : result;
 }
 
 static pags_result start_driving(pags_trainer *t, const pags_train_config *config, double extent) {
@@ -195,9 +227,9 @@ static pags_result start_driving(pags_trainer *t, const pags_train_config *confi
   PAGS_TRY(pags_track_poses_create(&s->tracks, t->dataset));
   if (config->objects.tracks)
     PAGS_TRY(pags_tracks_smooth(&s->tracks));
-  PAGS_TRY(pags_driving_points_create(t->dataset, config, config->start.lidar_start, t->tasks, &start));
+  PAGS_TRY(pags_driving_points_create(t->dataset, config, config->start.lidar_start, t->cache, t->tasks, &start));
   s->lidar_points = start.lidar_points;
-  pags_result result = add_models(t, config, &start, extent);
+  pags_result result = add_driving_models(t, config, &start, extent);
   pags_driving_points_destroy(&start);
   PAGS_TRY(result);
   const pags_block *block = pags_dataset_block(t->dataset);
@@ -211,8 +243,7 @@ static pags_result start_driving(pags_trainer *t, const pags_train_config *confi
     PAGS_TRY(pags_photometry_create(&s->photometry, t->dataset));
   PAGS_TRY(pags_whole_take(t->dataset, true, s));
   pags_log_message(PAGS_LOG_INFO, "start: %lld Gaussians in the background, %lld in %lld moving objects; sky %s",
-                   (long long)s->models[0].gaussians.count,
-                   (long long)(pags_state_gaussian_count(s) - s->models[0].gaussians.count),
+                   (long long)s->models[0].total, (long long)(pags_state_gaussian_count(s) - s->models[0].total),
                    (long long)s->model_count - 1, s->sky.sky.size > 0 ? "modelled" : "not seen");
   return PAGS_OK;
 }
@@ -244,7 +275,7 @@ static pags_result start(pags_trainer *t, const pags_train_config *config, start
   PAGS_TRY(driving ? start_driving(t, config, extent) : start_static(t, config, points, extent));
   for (int64_t i = 0; i < t->state.model_count; i++)
     PAGS_TRY(set_priorities(t, &t->state.models[i].gaussians));
-  return pags_size_limit_start(t->dataset, &t->state, t->tasks);
+  return PAGS_OK;
 }
 
 pags_result pags_trainer_start(pags_trainer *t, const pags_train_config *config) {

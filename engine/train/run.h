@@ -10,6 +10,7 @@
 #include "train/photometric_loss.h"
 #include "train/shared_views.h"
 #include "train/sky_parts.h"
+#include "train/stage_clock.h"
 #include "train/state.h"
 #include "train/view_render.h"
 
@@ -63,8 +64,9 @@ typedef struct pags_trainer {
   struct pags_step_view *round;   /* [ranks]: the views of a round */
   pags_lidar_planes lidar_planes; /* of the data set; empty without lidar_pull */
   int measuring;                  /* 1: a timing probe; gradients are computed but nothing is updated */
+  pags_train_traffic traffic;     /* with several ranks: of the views that this one has drawn */
   struct {
-    double wait, forward, loss, backward, density; /* ms, summed over the steps of this process */
+    pags_stage_time wait, forward, loss, backward, density; /* summed over the steps of this process */
   } ms;
 } pags_trainer;
 

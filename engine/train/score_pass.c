@@ -203,6 +203,8 @@ pags_result pags_score_pass_measure(pags_trainer *t, int rough, pags_score_pass 
   *out = (pags_score_pass){0};
   pags_result result = p.first ? create(out, count_rows(&t->state))
                                : pags_out_of_memory("the scores of %lld models", (long long)t->state.model_count);
+  if (t->ranks > 1)
+    result = pags_transport_agree(t->options->transport, result);
   if (result == PAGS_OK)
     result = add_views(&p, rough);
   free(p.first);

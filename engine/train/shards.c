@@ -138,8 +138,9 @@ pags_result pags_shards_save(const char *path, pags_transport *transport, const 
   generation++;
   PAGS_TRY(pags_transport_broadcast(transport, 0, &generation, sizeof generation));
   char *own = shard_path(path, generation, pags_transport_rank(transport));
-  result = own ? pags_checkpoint_save(own, state, fingerprint) : pags_out_of_memory(NULL);
-  result = pags_transport_agree(transport, result);
+  result = pags_transport_agree(transport, own ? PAGS_OK : pags_out_of_memory(NULL));
+  if (result == PAGS_OK)
+    result = pags_checkpoint_save_shared(own, transport, false, state, fingerprint);
   if (result == PAGS_OK)
     result = name_shards(path, own, generation, transport, state);
   if (result != PAGS_OK && own)
@@ -148,6 +149,16 @@ pags_result pags_shards_save(const char *path, pags_transport *transport, const 
   if (result == PAGS_OK && leads)
     look_through(path, generation, &newest); /* what stays of earlier generations takes room, and no more */
   return result;
+}
+
+pags_result pags_shards_save_whole(const char *path, pags_transport *transport, const pags_train_state *state,
+                                   uint64_t fingerprint) {
+  int64_t newest;
+  if (pags_transport_ranks(transport) == 1)
+    return pags_shards_save(path, NULL, state, fingerprint);
+  PAGS_TRY(pags_checkpoint_save_shared(path, transport, true, state, fingerprint));
+  return pags_transport_agree(transport,
+                              pags_transport_rank(transport) == 0 ? look_through(path, 0, &newest) : PAGS_OK);
 }
 
 /* ---- Reading ---- */

@@ -19,6 +19,10 @@
 pags_result pags_shards_save(const char *path, pags_transport *transport, const pags_train_state *state,
                              uint64_t fingerprint);
 
+/* Collective. The same, but one file at PATH, as one rank writes it. */
+pags_result pags_shards_save_whole(const char *path, pags_transport *transport, const pags_train_state *state,
+                                   uint64_t fingerprint);
+
 /* Shares out the rows of `models` models of rows[] rows each: model m's rows [begin[m * (ranks + 1) + r], begin[m *
  * (ranks + 1) + r + 1]) are rank r's; cuts within a model lie at multiples of `cluster` rows. */
 typedef void pags_shards_cut_fn(const int64_t *rows, int64_t models, int cluster, int ranks, int64_t *begin);

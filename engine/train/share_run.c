@@ -23,21 +23,19 @@ pags_result pags_share_run_check(const pags_train_config *config, const pags_tra
   return PAGS_OK;
 }
 
-/* Cuts this rank's share out of a model that it has in whole, or notes where a resumed run's share lies. */
-static pags_result take_share(pags_trainer *t, int64_t model, bool resumed) {
+/* Notes where in the whole models this rank's rows lie. */
+static void note_shares(pags_trainer *t) {
   pags_sharing *const s = &t->sharing;
-  pags_train_model *const m = &t->state.models[model];
-  const int64_t *const cuts = s->begin + model * (t->ranks + 1) + t->shared.rank;
-  m->sharing = s;
-  m->index = model;
-  if (!resumed)
-    return pags_model_keep_share(m, cuts[0], cuts[1], t->tasks);
-  m->first_row = cuts[0];
-  m->total = s->rows[model];
-  return PAGS_OK;
+  for (int64_t i = 0; i < s->models; i++) {
+    pags_train_model *const m = &t->state.models[i];
+    m->sharing = s;
+    m->index = i;
+    m->first_row = s->begin[i * (t->ranks + 1) + t->shared.rank];
+    m->total = s->rows[i];
+  }
 }
 
-pags_result pags_share_run_begin(pags_trainer *t, bool resumed) {
+pags_result pags_share_run_begin(pags_trainer *t) {
   const int64_t models = t->state.model_count;
   t->round = calloc((size_t)t->ranks, sizeof *t->round);
   if (!t->round)
@@ -53,23 +51,24 @@ pags_result pags_share_run_begin(pags_trainer *t, bool resumed) {
   s->begin = s->rows + models;
   for (int64_t m = 0; m < models; m++)
     s->rows[m] = t->state.models[m].gaussians.count;
-  if (resumed)
-    PAGS_TRY(pags_share_sum(s->transport, s->rows, (int)models));
+  PAGS_TRY(pags_share_sum(s->transport, s->rows, (int)models));
   pags_shares_cut(s->rows, models, t->state.schedule.config.picture.cluster_size, t->ranks, s->begin);
-  pags_result mine = PAGS_OK;
-  for (int64_t m = 0; mine == PAGS_OK && m < models; m++)
-    mine = take_share(t, m, resumed);
-  return pags_transport_agree(s->transport, mine);
+  note_shares(t);
+  return pags_transport_agree(s->transport, pags_sky_fit_share(&t->state.sky, t->shared.rank, t->ranks));
 }
 
 pags_result pags_share_run_end(pags_trainer *t) {
-  for (int64_t m = 0; t->ranks > 1 && m < t->state.model_count; m++) {
-    PAGS_TRY(pags_model_collect(&t->state.models[m], t->shared.transport, t->tasks));
+  if (t->ranks == 1)
+    return PAGS_OK;
+  pags_shared_views_destroy(&t->shared); /* makes room for the scene */
+  pags_view_render_destroy(t);
+  pags_result result = PAGS_OK;
+  for (int64_t m = 0; result == PAGS_OK && m < t->state.model_count; m++) {
+    result = pags_model_collect(&t->state.models[m]);
     t->state.models[m].sharing = NULL;
   }
-  t->ranks = 1;
-  pags_shared_views_destroy(&t->shared);
-  return PAGS_OK;
+  t->ranks = result == PAGS_OK ? 1 : t->ranks;
+  return result;
 }
 
 void pags_share_run_destroy(pags_trainer *t) {

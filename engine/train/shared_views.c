@@ -2,6 +2,7 @@
 /* Splats and their sums on their way between ranks; see shared_views.h. */
 #include "train/shared_views.h"
 
+#include <assert.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -16,12 +17,6 @@ pags_result pags_buffer_reserve(pags_buffer *buffer, int64_t bytes) {
   buffer->data = malloc((size_t)room);
   buffer->room = buffer->data ? room : 0;
   return buffer->data ? PAGS_OK : pags_out_of_memory("messages of %lld bytes", (long long)room);
-}
-
-static void destroy_returned(pags_returned *r) {
-  free(r->own.data);
-  free(r->returned.data);
-  free(r->spread.data);
 }
 
 pags_result pags_shared_views_create(pags_shared_views *shared, pags_transport *transport, pags_tasks *tasks) {
@@ -47,9 +42,8 @@ void pags_shared_views_destroy(pags_shared_views *shared) {
   free(shared->sending.data);
   free(shared->splats.data);
   free(shared->object_splats.data);
-  destroy_returned(&shared->sums);
-  destroy_returned(&shared->object_sums);
-  destroy_returned(&shared->scores);
+  free(shared->object_sums.data);
+  free(shared->spread.data);
   *shared = (pags_shared_views){0};
 }
 
@@ -57,6 +51,7 @@ void pags_shared_views_destroy(pags_shared_views *shared) {
 
 void pags_shared_views_begin(pags_shared_views *shared, int count) {
   shared->count = count;
+  shared->bytes_there = shared->bytes_back = 0;
   memset(shared->sent, 0, 4 * (size_t)shared->ranks * sizeof *shared->sent);
 }
 
@@ -113,8 +108,11 @@ pags_result pags_shared_views_send(pags_shared_views *shared, pags_result mine) 
   PAGS_TRY(pags_transport_agree(shared->transport, mine));
   PAGS_TRY(exchange_counts(shared));
   PAGS_TRY(pags_transport_agree(shared->transport, take(shared)));
-  return pags_share_items(shared->transport, shared->sending.data, shared->sent, shared->splats.data, shared->arrived,
-                          sizeof(pags_sent_splat));
+  const int64_t before = pags_transport_counted(shared->transport).bytes_received;
+  PAGS_TRY(pags_share_items(shared->transport, shared->sending.data, shared->sent, shared->splats.data, shared->arrived,
+                            sizeof(pags_sent_splat)));
+  shared->bytes_there += pags_transport_counted(shared->transport).bytes_received - before;
+  return PAGS_OK;
 }
 
 /* ---- Drawing ---- */
@@ -153,14 +151,13 @@ pags_result pags_shared_views_draw(pags_shared_views *shared, pags_frame *frame,
 
 pags_result pags_shared_views_sums(pags_shared_views *shared, pags_frame *frame, bool objects,
                                    const pags_picture_gradient *gradient) {
-  pags_returned *const r = objects ? &shared->object_sums : &shared->sums;
-  PAGS_TRY(pags_buffer_reserve(&r->own, drawn_count(shared, objects) * (int64_t)sizeof(pags_splat_sums)));
-  return pags_frame_splat_sums(frame, gradient, r->own.data);
+  static_assert(sizeof(pags_splat_sums) <= sizeof(pags_sent_splat), "sums take the room of their splats");
+  return pags_frame_splat_sums(frame, gradient, objects ? shared->object_splats.data : shared->splats.data);
 }
 
 pags_result pags_shared_views_scores(pags_shared_views *shared, pags_frame *frame, const pags_score_planes *planes) {
-  PAGS_TRY(pags_buffer_reserve(&shared->scores.own, drawn_count(shared, false) * (int64_t)sizeof(pags_splat_scores)));
-  return pags_frame_splat_scores(frame, planes, shared->scores.own.data);
+  static_assert(sizeof(pags_splat_scores) <= sizeof(pags_sent_splat), "scores take the room of their splats");
+  return pags_frame_splat_scores(frame, planes, shared->splats.data);
 }
 
 /* ---- The way back ---- */
@@ -170,9 +167,10 @@ static int64_t returned_count(const pags_shared_views *shared, int view, bool ob
   return shared->sent[view] - (objects ? shared->sent_before[view] : 0);
 }
 
-/* `drawn`: NULL: all views of the round. */
-static pags_result give_back(pags_shared_views *shared, pags_returned *r, bool objects, const uint8_t *drawn,
-                             int64_t bytes) {
+/* Items of so many bytes each; `drawn`: NULL: all views of the round. */
+static pags_result give_back(pags_shared_views *shared, bool objects, const uint8_t *drawn, int64_t bytes) {
+  pags_buffer *const own = objects ? &shared->object_splats : &shared->splats;
+  pags_buffer *const returned = objects ? &shared->object_sums : &shared->sending;
   const int ranks = shared->ranks;
   int64_t *const counts = calloc(2 * (size_t)ranks, sizeof *counts);
   pags_result mine = counts ? PAGS_OK : pags_out_of_memory("a message to %d ranks", ranks);
@@ -184,32 +182,33 @@ static pags_result give_back(pags_shared_views *shared, pags_returned *r, bool o
       counts[ranks + k] = returned_count(shared, k, objects);
   }
   if (counts)
-    mine = pags_buffer_reserve(&r->returned, total(counts + ranks, ranks) * bytes);
+    mine = pags_buffer_reserve(returned, total(counts + ranks, ranks) * bytes);
   pags_result result = pags_transport_agree(shared->transport, mine);
+  const int64_t before = pags_transport_counted(shared->transport).bytes_sent;
   if (result == PAGS_OK)
-    result = pags_share_items(shared->transport, r->own.data, counts, r->returned.data, counts + ranks, bytes);
+    result = pags_share_items(shared->transport, own->data, counts, returned->data, counts + ranks, bytes);
+  shared->bytes_back += pags_transport_counted(shared->transport).bytes_sent - before;
   free(counts);
   return result;
 }
 
 pags_result pags_shared_views_return_sums(pags_shared_views *shared, bool objects, const uint8_t *drawn) {
-  return give_back(shared, objects ? &shared->object_sums : &shared->sums, objects, drawn, sizeof(pags_splat_sums));
+  return give_back(shared, objects, drawn, sizeof(pags_splat_sums));
 }
 
 pags_result pags_shared_views_return_scores(pags_shared_views *shared) {
-  return give_back(shared, &shared->scores, false, NULL, sizeof(pags_splat_scores));
+  return give_back(shared, false, NULL, sizeof(pags_splat_scores));
 }
 
 pags_result pags_shared_views_backward(pags_shared_views *shared, int view, bool objects, const uint8_t *drawn,
                                        pags_receive_fn *receive, void *user) {
-  pags_returned *const r = objects ? &shared->object_sums : &shared->sums;
-  const pags_splat_sums *sums = r->returned.data;
+  const pags_splat_sums *sums = objects ? shared->object_sums.data : shared->sending.data;
   for (int k = 0; k < view; k++)
     sums += !drawn || drawn[k] ? returned_count(shared, k, objects) : 0;
   if (objects) { /* the frame finds them behind those of the background, which it doesn't read */
     const int64_t some = returned_count(shared, view, true);
-    PAGS_TRY(pags_buffer_reserve(&r->spread, (shared->sent[view] + 1) * (int64_t)sizeof *sums));
-    pags_splat_sums *const spread = r->spread.data;
+    PAGS_TRY(pags_buffer_reserve(&shared->spread, (shared->sent[view] + 1) * (int64_t)sizeof *sums));
+    pags_splat_sums *const spread = shared->spread.data;
     if (some > 0)
       memcpy(spread + shared->sent_before[view], sums, (size_t)some * sizeof *sums);
     sums = spread;
@@ -218,8 +217,15 @@ pags_result pags_shared_views_backward(pags_shared_views *shared, int view, bool
 }
 
 pags_result pags_shared_views_receive_scores(pags_shared_views *shared, int view, pags_score_fn *receive, void *user) {
-  const pags_splat_scores *scores = shared->scores.returned.data;
+  const pags_splat_scores *scores = shared->sending.data;
   for (int k = 0; k < view; k++)
     scores += shared->sent[k];
   return pags_frame_return_scores(shared->owners[view], scores, receive, user);
+}
+
+void pags_shared_views_count(const pags_shared_views *shared, pags_train_traffic *sum) {
+  sum->views += pags_shared_views_draws(shared);
+  sum->splats += total(shared->arrived, shared->ranks);
+  sum->bytes_there += shared->bytes_there;
+  sum->bytes_back += shared->bytes_back;
 }

@@ -6,6 +6,7 @@
 #define PAGS_TRAIN_SHARED_VIEWS_H
 
 #include <pags/frame.h>
+#include <pags/train.h>
 
 #include "cluster/transport.h"
 #include "frame/splats.h"
@@ -16,12 +17,6 @@ typedef struct pags_buffer {
   int64_t room; /* bytes */
 } pags_buffer;
 
-/* A set of numbers for every splat on its way back: those of the own view, and what the other ranks return of the own
- * splats, view after view. */
-typedef struct pags_returned {
-  pags_buffer own, returned, spread;
-} pags_returned;
-
 typedef struct pags_shared_views {
   pags_transport *transport;
   int rank, ranks;
@@ -30,8 +25,12 @@ typedef struct pags_shared_views {
   /* [ranks] splats sent for each view, and arrived of the own view from each rank; and how many of them, which come
    * first, are of the background. */
   int64_t *sent, *sent_before, *arrived, *arrived_before;
-  pags_buffer sending, splats, object_splats;
-  pags_returned sums, object_sums, scores;
+  /* Splats of all views on their way there, then what comes back of them, view after view, which takes less room. */
+  pags_buffer sending;
+  /* Splats of the own view, then what goes back of them; the same of the moving objects alone. */
+  pags_buffer splats, object_splats;
+  pags_buffer object_sums, spread; /* sums of objects that come back; those of one view in their places */
+  int64_t bytes_there, bytes_back; /* of the round: splats received, and sums sent, as the transport counts them */
 } pags_shared_views;
 
 pags_result pags_shared_views_create(pags_shared_views *shared, pags_transport *transport, pags_tasks *tasks);
@@ -68,5 +67,8 @@ pags_result pags_shared_views_return_scores(pags_shared_views *shared);
 pags_result pags_shared_views_backward(pags_shared_views *shared, int view, bool objects, const uint8_t *drawn,
                                        pags_receive_fn *receive, void *user);
 pags_result pags_shared_views_receive_scores(pags_shared_views *shared, int view, pags_score_fn *receive, void *user);
+
+/* Adds the round to the sums of a run. */
+void pags_shared_views_count(const pags_shared_views *shared, pags_train_traffic *sum);
 
 #endif

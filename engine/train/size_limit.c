@@ -84,35 +84,54 @@ pags_result pags_size_limit_room(const pags_dataset *dataset, const pags_train_s
   return PAGS_OK;
 }
 
+/* Keeps an even choice of `kept` rows of all ranks. */
 static pags_result keep_evenly(pags_train_model *m, int64_t kept, pags_tasks *tasks) {
-  int64_t count = m->gaussians.count;
-  int64_t *source = malloc((size_t)kept * sizeof *source);
-  if (!source)
-    return pags_out_of_memory("from %lld Gaussians", (long long)count);
-  for (int64_t i = 0; i < kept; i++)
-    source[i] = i * count / kept;
-  pags_result result = pags_model_gather(m, source, kept, kept, tasks);
+  const int64_t total = m->total, begin = m->first_row, end = begin + m->gaussians.count;
+  int64_t *const source = malloc((size_t)kept * sizeof *source), own = 0;
+  uint32_t *const numbers = malloc((size_t)kept * sizeof *numbers); /* among all that are kept */
+  const bool room = source && numbers;
+  for (int64_t i = 0; room && i < kept; i++) {
+    const int64_t row = i * total / kept;
+    if (row < begin || row >= end)
+      continue;
+    source[own] = row - begin;
+    numbers[own++] = (uint32_t)i;
+  }
+  pags_result mine = room ? PAGS_OK : pags_out_of_memory("from %lld Gaussians", (long long)total);
+  if (mine == PAGS_OK)
+    mine = pags_model_gather(m, source, own, own, tasks);
+  pags_result result = pags_transport_agree(pags_model_transport(m), mine);
+  if (result == PAGS_OK)
+    result = pags_model_sort(m, numbers, tasks);
   free(source);
-  return result == PAGS_OK ? pags_model_sort(m, NULL, tasks) : result;
+  free(numbers);
+  return result;
 }
 
-pags_result pags_size_limit_start(const pags_dataset *dataset, pags_train_state *s, pags_tasks *tasks) {
+/* How many Gaussians of the background the run may start with. */
+static pags_result count_kept(const pags_dataset *dataset, const pags_train_state *s, int64_t *kept) {
   int64_t bytes = 0;
   int most, row = pags_size_limit_row(s, 0);
-  if (s->schedule.config.size_limit.target_size <= 0.0)
-    return PAGS_OK;
   PAGS_TRY(pags_size_limit_rows(dataset, s, &bytes));
-  int64_t over = bytes_used(s, &most) - bytes, count = s->models[0].gaussians.count;
-  int64_t kept = over > 0 ? count - (over + row - 1) / row : count;
+  int64_t over = bytes_used(s, &most) - bytes, count = s->models[0].total;
+  *kept = over > 0 ? count - (over + row - 1) / row : count;
   const int64_t least = count < least_background ? count : least_background;
-  if (kept < least)
+  if (*kept < least)
     return pags_fail(
         PAGS_ERROR_LIMIT, "target_size: %g MB is too small: %lld Gaussians of the background and all else take %.3f MB",
         s->schedule.config.size_limit.target_size, (long long)least,
-        ceil(1e3 * s->schedule.config.size_limit.target_size + 1e-3 * (double)((least - kept) * row)) / 1e3);
-  if (kept == count || is_later(s))
+        ceil(1e3 * s->schedule.config.size_limit.target_size + 1e-3 * (double)((least - *kept) * row)) / 1e3);
+  return PAGS_OK;
+}
+
+pags_result pags_size_limit_start(const pags_dataset *dataset, pags_train_state *s, pags_tasks *tasks) {
+  int64_t kept = 0;
+  if (s->schedule.config.size_limit.target_size <= 0.0)
+    return PAGS_OK;
+  PAGS_TRY(pags_transport_agree(pags_model_transport(&s->models[0]), count_kept(dataset, s, &kept)));
+  if (kept == s->models[0].total || is_later(s))
     return PAGS_OK;
   pags_log_message(PAGS_LOG_INFO, "start: %lld of %lld Gaussians of the background fit the target size",
-                   (long long)kept, (long long)count);
+                   (long long)kept, (long long)s->models[0].total);
   return keep_evenly(&s->models[0], kept, tasks);
 }

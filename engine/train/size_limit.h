@@ -17,8 +17,8 @@ pags_result pags_size_limit_rows(const pags_dataset *dataset, const pags_train_s
  * INT32_MAX if growth isn't limited: no target size, or a prune by score still to come, which applies it. */
 pags_result pags_size_limit_room(const pags_dataset *dataset, const pags_train_state *state, int64_t *gaussians);
 
-/* Call before the first step: if no prune by score is to come, thins the background evenly so that the start fits the
- * target size. */
+/* Collective. Call before the first step: if no prune by score is to come, thins the background evenly so that the
+ * start fits the target size. */
 pags_result pags_size_limit_start(const pags_dataset *dataset, pags_train_state *state, pags_tasks *tasks);
 
 #endif

@@ -88,6 +88,57 @@ pags_result pags_sky_fit_prepare(pags_sky_fit *fit, int size) {
   return PAGS_OK;
 }
 
+/* ---- Shares of ranks ---- */
+
+int64_t pags_sky_fit_blocks(const pags_sky_fit *fit) {
+  const int64_t texels = 6 * (int64_t)fit->sky.size * fit->sky.size;
+  return (texels + PAGS_SKY_BLOCK - 1) / PAGS_SKY_BLOCK;
+}
+
+static int ranks_of(const pags_sky_fit *fit) {
+  return fit->ranks > 0 ? fit->ranks : 1;
+}
+
+int64_t pags_sky_fit_own_blocks(const pags_sky_fit *fit, int rank) {
+  return (pags_sky_fit_blocks(fit) - rank + ranks_of(fit) - 1) / ranks_of(fit);
+}
+
+/* Moves every ranks-th block of `bytes` each to a smaller array; *all is of `size` bytes. Blocks of zeros, which most
+ * of a sky stays, aren't written, so that they take no memory. */
+static bool keep_blocks(void **all, int64_t size, int rank, int ranks, int64_t own, int64_t bytes) {
+  static const char zeros[3 * PAGS_SKY_BLOCK * sizeof(float)] = {0};
+  char *const kept = calloc((size_t)(own + 1), (size_t)bytes);
+  for (int64_t i = 0; kept && i < own; i++) {
+    const char *const from = (char *)*all + (i * ranks + rank) * bytes;
+    const int64_t left = (char *)*all + size - from, length = left < bytes ? left : bytes;
+    if (memcmp(from, zeros, (size_t)length) != 0)
+      memcpy(kept + i * bytes, from, (size_t)length);
+  }
+  if (!kept)
+    return false;
+  free(*all);
+  *all = kept;
+  return true;
+}
+
+pags_result pags_sky_fit_share(pags_sky_fit *fit, int rank, int ranks) {
+  const int64_t texels = 6 * (int64_t)fit->sky.size * fit->sky.size;
+  const int64_t colours = 3 * PAGS_SKY_BLOCK * (int64_t)sizeof(float), whole = 3 * texels * (int64_t)sizeof(float);
+  if (texels == 0)
+    return PAGS_OK;
+  fit->rank = rank;
+  fit->ranks = ranks;
+  const int64_t own = pags_sky_fit_own_blocks(fit, rank), visits = (int64_t)sizeof *fit->visits;
+  void *first = fit->first, *second = fit->second, *visited = fit->visits;
+  const bool kept = keep_blocks(&first, whole, rank, ranks, own, colours) &&
+                    keep_blocks(&second, whole, rank, ranks, own, colours) &&
+                    keep_blocks(&visited, visits * texels, rank, ranks, own, visits * PAGS_SKY_BLOCK);
+  fit->first = first;
+  fit->second = second;
+  fit->visits = visited;
+  return kept ? PAGS_OK : pags_out_of_memory("a sky of %d texels a side", fit->sky.size);
+}
+
 void pags_sky_fit_destroy(pags_sky_fit *fit) {
   pags_sky_destroy(&fit->sky);
   free(fit->first);
@@ -105,11 +156,14 @@ enum { BLOCK_FLOATS = 3 * PAGS_SKY_BLOCK, FINISH_GRAIN = 64 };
 
 static const float epsilon = 1e-15f;
 
-/* Does one Adam step for a block of texels. A texel that no pixel saw stays as it is; a gradient that isn't finite
- * counts as none. */
-static void update_block(pags_sky_fit *f, int64_t first_texel, int64_t texels, const float *gradient) {
+/* Does one Adam step for a block of texels of this rank. A texel that no pixel saw stays as it is; a gradient that
+ * isn't finite counts as none. */
+static void update_block(pags_sky_fit *f, int64_t block, const float *gradient) {
+  const int64_t first_texel = block * PAGS_SKY_BLOCK, own_texel = block / ranks_of(f) * PAGS_SKY_BLOCK;
+  const int64_t left = 6 * (int64_t)f->sky.size * f->sky.size - first_texel;
+  const int64_t texels = left < PAGS_SKY_BLOCK ? left : PAGS_SKY_BLOCK;
   float rate[BLOCK_FLOATS] = {0.0f}, correction[BLOCK_FLOATS] = {0.0f};
-  uint16_t *visits = f->visits + first_texel;
+  uint16_t *visits = f->visits + own_texel;
   for (int64_t i = 0; i < texels; i++) {
     const float *g = gradient + 3 * i;
     const int finite = isfinite(g[0]) && isfinite(g[1]) && isfinite(g[2]);
@@ -124,7 +178,7 @@ static void update_block(pags_sky_fit *f, int64_t first_texel, int64_t texels, c
   }
 
   const pags_sky_step step = {f->beta1, f->beta2, epsilon, gradient, rate, correction};
-  float *const parts[3] = {f->sky.texels + 3 * first_texel, f->first + 3 * first_texel, f->second + 3 * first_texel};
+  float *const parts[3] = {f->sky.texels + 3 * first_texel, f->first + 3 * own_texel, f->second + 3 * own_texel};
   if (texels == PAGS_SKY_BLOCK) {
     f->kernels->sky_adam(&step, BLOCK_FLOATS, parts[0], parts[1], parts[2]);
     return;
@@ -146,13 +200,9 @@ static int64_t next_seen(const pags_sky_gradient *g, int64_t block) {
 
 static void update(void *user, const pags_sky_gradient *g, int worker) {
   pags_sky_fit *f = user;
-  const int64_t all = 6 * (int64_t)f->sky.size * f->sky.size;
   (void)worker;
-  for (int64_t block = next_seen(g, 0), next; block < g->blocks; block = next) {
-    const int64_t first = g->first + block * PAGS_SKY_BLOCK, left = all - first;
-    next = next_seen(g, block + 1);
-    update_block(f, first, left < PAGS_SKY_BLOCK ? left : PAGS_SKY_BLOCK, g->data + block * BLOCK_FLOATS);
-  }
+  for (int64_t block = next_seen(g, 0); block < g->blocks; block = next_seen(g, block + 1))
+    update_block(f, g->first / PAGS_SKY_BLOCK + block, g->data + block * BLOCK_FLOATS);
 }
 
 /* Adds a photograph's gradients to the step's sum. One that isn't finite counts as none. */
@@ -164,7 +214,7 @@ static void add(void *user, const pags_sky_gradient *g, int worker) {
     float sound[BLOCK_FLOATS];
     for (int i = 0; i < BLOCK_FLOATS; i++)
       sound[i] = isfinite(from[i]) ? from[i] : 0.0f;
-    pags_gradient_store_add(&f->sum, g->first / PAGS_SKY_BLOCK + block, f->step, sound, BLOCK_FLOATS);
+    pags_gradient_store_add(&f->sum, (g->first / PAGS_SKY_BLOCK + block) / ranks_of(f), f->step, sound, BLOCK_FLOATS);
   }
 }
 
@@ -176,16 +226,14 @@ typedef struct finish_job {
 static void finish_blocks(void *context, int64_t begin, int64_t end, int worker) {
   const finish_job *const job = context;
   pags_sky_fit *const f = job->fit;
-  const int64_t all = 6 * (int64_t)f->sky.size * f->sky.size;
   (void)worker;
-  for (int64_t block = begin; block < end; block++) {
-    const float *const sum = pags_gradient_store_find(&f->sum, block, f->step);
-    const int64_t first = block * PAGS_SKY_BLOCK, left = all - first;
+  for (int64_t own = begin; own < end; own++) {
+    const float *const sum = pags_gradient_store_find(&f->sum, own, f->step);
     float mean[BLOCK_FLOATS];
     for (int i = 0; sum && i < BLOCK_FLOATS; i++)
       mean[i] = job->share * sum[i];
     if (sum)
-      update_block(f, first, left < PAGS_SKY_BLOCK ? left : PAGS_SKY_BLOCK, mean);
+      update_block(f, own * ranks_of(f) + f->rank, mean);
   }
 }
 
@@ -220,10 +268,8 @@ pags_result pags_sky_fit_receive(pags_sky_fit *fit, const pags_schedule *schedul
   fit->beta2 = (float)schedule->beta2;
   fit->rate = (float)(schedule->rate_factor * c->sky.sky_rate * pags_pow(final_share, t));
   fit->step = step;
-  if (schedule->batch > 1) {
-    const int64_t texels = 6 * (int64_t)fit->sky.size * fit->sky.size;
-    PAGS_TRY(pags_gradient_store_reserve(&fit->sum, (texels + PAGS_SKY_BLOCK - 1) / PAGS_SKY_BLOCK, BLOCK_FLOATS));
-  }
+  if (schedule->batch > 1)
+    PAGS_TRY(pags_gradient_store_reserve(&fit->sum, pags_sky_fit_own_blocks(fit, fit->rank), BLOCK_FLOATS));
   gradient->sky = schedule->batch > 1 ? add : update;
   gradient->sky_user = fit;
   gradient->sky_cut = 1.0f / 255.0f;

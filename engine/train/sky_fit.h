@@ -17,8 +17,11 @@ struct pags_kernels;
 
 typedef struct pags_sky_fit {
   const struct pags_kernels *kernels;
-  pags_sky sky;          /* size 0: the scene has no sky */
-  bool fixed;            /* it is another scene's and stays as it is (whole.h) */
+  pags_sky sky; /* size 0: the scene has no sky */
+  bool fixed;   /* it is another scene's and stays as it is (whole.h) */
+  /* Each rank has all texels; of every ranks-th block of them, from block number `rank` on, it has the following as
+   * well, and updates them. ranks 0: not shared, all blocks. */
+  int rank, ranks;
   float *first, *second; /* Adam's moments, as the texels; a texel's change only with a gradient */
   uint16_t *visits; /* per texel: number of gradients so far, at most 65535, for the bias correction of the moments */
   pags_gradient_store sum;  /* of the step's photographs, where it has several: per block of texels */
@@ -41,6 +44,11 @@ uint64_t pags_sky_fit_most_bytes(const pags_dataset *dataset);
  * when PAGS_CPU asks for kernels that can't run here. */
 pags_result pags_sky_fit_prepare(pags_sky_fit *fit, int size);
 void pags_sky_fit_destroy(pags_sky_fit *fit);
+/* Keeps only the rank's part of a sky that it has in whole. PAGS_ERROR_MEMORY. */
+pags_result pags_sky_fit_share(pags_sky_fit *fit, int rank, int ranks);
+/* Blocks of texels of the whole sky, and those that a rank updates. */
+int64_t pags_sky_fit_blocks(const pags_sky_fit *fit);
+int64_t pags_sky_fit_own_blocks(const pags_sky_fit *fit, int rank);
 
 /* Prepares the sky's part of a photograph's backward pass through `gradient`: its Adam step, or with several
  * photographs a step the sum of their gradients, which pags_sky_fit_finish uses. Only pixels in which the

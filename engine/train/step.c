@@ -17,7 +17,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/clock.h"
 #include "base/memory.h"
 #include "port/port.h"
 #include "threads/record.h"
@@ -63,14 +62,15 @@ static pags_result reserve_planes(pags_trainer *t, const pags_picture *picture) 
 
 /* Floats that a cluster's gradients take at most. */
 static int64_t cluster_floats(const pags_train_model *m) {
-  return (pags_plane_count(m->gaussians.sh_degree) + PAGS_FOURIER_PLANES) * (int64_t)m->clusters.size;
+  return (pags_plane_count(m->gaussians.sh_degree) + (m->gaussians.fourier ? PAGS_FOURIER_PLANES : 0)) *
+         (int64_t)m->clusters.size;
 }
 
 /* Makes room in a store for the clusters of a model, and for their growth. */
 static pags_result reserve_store(const pags_train_model *m, pags_gradient_store *store) {
   const int64_t clusters = m->clusters.count;
-  return clusters <= store->clusters ? PAGS_OK
-                                     : pags_gradient_store_reserve(store, clusters + clusters / 2, cluster_floats(m));
+  return pags_gradient_store_reserve(store, clusters <= store->clusters ? clusters : clusters + clusters / 2,
+                                     cluster_floats(m));
 }
 
 static pags_result reserve_rest(pags_trainer *t) {
@@ -417,22 +417,22 @@ static pags_score_planes score_planes(const pags_trainer *t, const pags_picture_
 }
 
 static pags_result train_view(pags_trainer *t, int64_t step, pags_step_view *v) {
-  double clock = pags_clock_ms();
+  pags_stage_time clock = pags_stage_now();
   pags_render_context context = {t, step, 0};
   pags_picture_gradient gradient;
   PAGS_TRY(reserve_rest(t));
   pags_tasks_mark(t->tasks, NULL, "photograph");
   PAGS_TRY(read_view(t, v));
-  t->ms.wait += pags_clock_lap_ms(&clock);
+  pags_stage_lap(&clock, &t->ms.wait);
   pags_tasks_mark(t->tasks, NULL, "compose");
   PAGS_TRY(compose(t, v));
   const pags_frame_options options = options_of(t, step, v);
   PAGS_TRY(pags_view_render_draw(t, step, &v->camera, &options, &v->picture));
-  t->ms.forward += pags_clock_lap_ms(&clock);
+  pags_stage_lap(&clock, &t->ms.forward);
   PAGS_TRY(reserve_planes(t, &v->picture));
   pags_tasks_mark(t->tasks, NULL, "loss");
   PAGS_TRY(losses(t, step, v, &gradient));
-  t->ms.loss += pags_clock_lap_ms(&clock);
+  pags_stage_lap(&clock, &t->ms.loss);
   clear_poses(t);
   PAGS_TRY(pags_frame_backward(t->render.frame, &gradient, receive, &context, NULL));
   if (scores(t)) {
@@ -441,7 +441,7 @@ static pags_result train_view(pags_trainer *t, int64_t step, pags_step_view *v) 
   }
   if (!t->measuring)
     keep_rest(t, v);
-  t->ms.backward += pags_clock_lap_ms(&clock);
+  pags_stage_lap(&clock, &t->ms.backward);
   return PAGS_OK;
 }
 
@@ -462,26 +462,23 @@ static pags_result project_views(pags_trainer *t, int64_t step, pags_step_view *
   return PAGS_OK;
 }
 
-/* Draws this rank's view, evaluates the losses and sums up what each splat gets; `sky` keeps the sky's gradient. */
-static pags_result draw_own(pags_trainer *t, int64_t step, pags_step_view *v, pags_sky_parts *sky) {
-  pags_picture_gradient gradient;
-  double clock = pags_clock_ms();
+/* Draws this rank's view, evaluates the losses and sums up what each splat gets; `sky` keeps the sky's gradient.
+ * *gradient: by the picture. */
+static pags_result draw_own(pags_trainer *t, int64_t step, pags_step_view *v, pags_sky_parts *sky,
+                            pags_picture_gradient *gradient) {
+  pags_stage_time clock = pags_stage_now();
   pags_tasks_mark(t->tasks, NULL, "photograph");
   PAGS_TRY(read_view(t, v));
-  t->ms.wait += pags_clock_lap_ms(&clock);
+  pags_stage_lap(&clock, &t->ms.wait);
   PAGS_TRY(compose(t, v));
   const pags_frame_options options = options_of(t, step, v);
   PAGS_TRY(pags_shared_views_draw(&t->shared, t->render.frame, false, alpha_min(t), &v->camera, &options, &v->picture));
-  t->ms.forward += pags_clock_lap_ms(&clock);
+  pags_stage_lap(&clock, &t->ms.forward);
   PAGS_TRY(reserve_planes(t, &v->picture));
-  PAGS_TRY(losses(t, step, v, &gradient));
-  t->ms.loss += pags_clock_lap_ms(&clock);
-  PAGS_TRY(pags_sky_parts_catch(sky, &t->state.sky, &gradient));
-  PAGS_TRY(pags_shared_views_sums(&t->shared, t->render.frame, false, &gradient));
-  if (!scores(t))
-    return PAGS_OK;
-  const pags_score_planes planes = score_planes(t, &gradient);
-  return pags_shared_views_scores(&t->shared, t->render.frame, &planes);
+  PAGS_TRY(losses(t, step, v, gradient));
+  pags_stage_lap(&clock, &t->ms.loss);
+  PAGS_TRY(pags_sky_parts_catch(sky, &t->state.sky, gradient));
+  return pags_shared_views_sums(&t->shared, t->render.frame, false, gradient);
 }
 
 /* Takes each view's sums back to the parameters of this rank's Gaussians, in the order of the views. */
@@ -495,12 +492,30 @@ static pags_result go_back(pags_trainer *t, int64_t step, pags_step_view *views,
       PAGS_TRY(pags_shared_views_backward(&t->shared, i, true, objects, hold, &context));
     }
     PAGS_TRY(pags_shared_views_backward(&t->shared, i, false, NULL, receive, &context));
-    if (scores(t))
-      PAGS_TRY(pags_shared_views_receive_scores(&t->shared, i, pags_score_pass_add_squares, t));
     if (!t->measuring)
       keep_rest(t, views + i);
   }
   return PAGS_OK;
+}
+
+/* Scores this rank's view by `gradient` and takes the scores of each view back to this rank's Gaussians. The scores
+ * travel where the sums have been, so these must have been used. */
+static pags_result add_scores(pags_trainer *t, pags_step_view *views, int count,
+                              const pags_picture_gradient *gradient) {
+  pags_shared_views *const shared = &t->shared;
+  pags_result mine = PAGS_OK;
+  if (pags_shared_views_draws(shared)) {
+    const pags_score_planes planes = score_planes(t, gradient);
+    mine = pags_shared_views_scores(shared, t->render.frame, &planes);
+  }
+  PAGS_TRY(pags_transport_agree(shared->transport, mine));
+  PAGS_TRY(pags_shared_views_return_scores(shared));
+  for (int i = 0; mine == PAGS_OK && i < count; i++) {
+    mine = compose(t, views + i);
+    if (mine == PAGS_OK)
+      mine = pags_shared_views_receive_scores(shared, i, pags_score_pass_add_squares, t);
+  }
+  return pags_transport_agree(shared->transport, mine);
 }
 
 pags_result pags_train_round(pags_trainer *t, int64_t step, pags_step_view *views, int count) {
@@ -508,16 +523,17 @@ pags_result pags_train_round(pags_trainer *t, int64_t step, pags_step_view *view
     return train_view(t, step, views);
   pags_shared_views *const shared = &t->shared;
   uint8_t objects[PAGS_RANKS_MOST];
-  double clock = pags_clock_ms();
+  pags_picture_gradient gradient;
+  pags_stage_time clock = pags_stage_now();
   pags_shared_views_begin(shared, count);
   PAGS_TRY(pags_shared_views_send(shared, project_views(t, step, views, count)));
-  t->ms.forward += pags_clock_lap_ms(&clock);
+  pags_stage_lap(&clock, &t->ms.forward);
   pags_result mine = PAGS_OK;
   pags_sky_parts_begin(&t->sky_parts);
   if (pags_shared_views_draws(shared))
-    mine = draw_own(t, step, views + shared->rank, &t->sky_parts);
+    mine = draw_own(t, step, views + shared->rank, &t->sky_parts, &gradient);
   PAGS_TRY(pags_transport_agree(shared->transport, mine));
-  clock = pags_clock_ms();
+  clock = pags_stage_now();
   PAGS_TRY(pags_shared_step_results(t, views, count));
   int any = 0;
   for (int i = 0; i < count; i++)
@@ -525,12 +541,14 @@ pags_result pags_train_round(pags_trainer *t, int64_t step, pags_step_view *view
   if (any)
     PAGS_TRY(pags_shared_views_return_sums(shared, true, objects));
   PAGS_TRY(pags_shared_views_return_sums(shared, false, NULL));
-  if (scores(t))
-    PAGS_TRY(pags_shared_views_return_scores(shared));
   if (!t->measuring)
     PAGS_TRY(pags_sky_parts_add(&t->sky_parts, shared->transport, &t->state.sky, &t->state.schedule, step));
   PAGS_TRY(pags_transport_agree(shared->transport, go_back(t, step, views, count, objects)));
-  t->ms.backward += pags_clock_lap_ms(&clock);
+  if (!t->measuring)
+    pags_shared_views_count(shared, &t->traffic);
+  if (scores(t))
+    PAGS_TRY(add_scores(t, views, count, &gradient));
+  pags_stage_lap(&clock, &t->ms.backward);
   return PAGS_OK;
 }
 
@@ -575,7 +593,7 @@ static void finish_blocks(void *context, int64_t begin, int64_t end, int worker)
 pags_result pags_train_finish(pags_trainer *t, int64_t step) {
   const pags_schedule *s = &t->state.schedule;
   pags_step_rest *r = &t->rest;
-  double clock = pags_clock_ms();
+  pags_stage_time clock = pags_stage_now();
   pags_tasks_mark(t->tasks, NULL, "finish");
   for (int64_t i = 0; s->batch > 1 && i < t->state.model_count; i++)
     if (t->render.models[i].sum.rows && !pags_parallel_for(t->tasks, t->state.models[i].clusters.count, FINISH_GRAIN,
@@ -585,6 +603,8 @@ pags_result pags_train_finish(pags_trainer *t, int64_t step) {
     PAGS_TRY(pags_shared_step_rest(t));
   if (s->batch > 1 && t->state.sky.sky.size > 0 && !t->state.sky.fixed)
     PAGS_TRY(pags_sky_fit_finish(&t->state.sky, s, step, t->tasks));
+  if (shares(t))
+    PAGS_TRY(pags_sky_parts_spread(&t->sky_parts, t->shared.transport, &t->state.sky));
   for (int64_t i = 0; s->config.objects.tracks && step > s->tracks_from && i < r->pose_count; i++)
     if (!pags_track_poses_update(&t->state.tracks, r->poses[i].object, r->poses[i].knot, r->poses[i].by_pose, s, step))
       pags_nonfinite_note(&t->state.nonfinite, 1,
@@ -607,6 +627,6 @@ pags_result pags_train_finish(pags_trainer *t, int64_t step) {
   }
   pags_exposures_decide(&t->state.exposures, t->dataset, s, step);
   r->count = r->pose_count = 0;
-  t->ms.backward += pags_clock_lap_ms(&clock);
+  pags_stage_lap(&clock, &t->ms.backward);
   return PAGS_OK;
 }

@@ -24,6 +24,7 @@
 #include "train/open_run.h"
 #include "train/score_pass.h"
 #include "train/sh_trim.h"
+#include "train/shards.h"
 #include "train/share_run.h"
 #include "train/size_limit.h"
 #include "train/step.h"
@@ -100,7 +101,7 @@ static pags_result do_step(pags_trainer *t, pags_step_view *v) {
     PAGS_TRY(do_round(t, step, first, v));
   PAGS_TRY(pags_train_finish(t, step));
   pags_tasks_mark(t->tasks, NULL, "end");
-  double clock = pags_clock_ms();
+  pags_stage_time clock = pags_stage_now();
   pags_state_set_step(s, step);
 
   PAGS_TRY(check_nonfinite(t));
@@ -109,7 +110,7 @@ static pags_result do_step(pags_trainer *t, pags_step_view *v) {
   if (pags_schedule_is_half_decision(&s->schedule, step))
     decide_half_size(t);
   PAGS_TRY(check_nonfinite(t)); /* under MCMC, density control has updated the Gaussians that the view doesn't show */
-  t->ms.density += pags_clock_lap_ms(&clock);
+  pags_stage_lap(&clock, &t->ms.density);
   return PAGS_OK;
 }
 
@@ -290,15 +291,22 @@ static pags_result loop(pags_trainer *t, run_clock *clock, int *stopped) {
 
 /* ---- The end of a run ---- */
 
-/* Writes the results of a run. The checkpoint is written first, so that nothing trained is lost if writing the scene
+/* What all ranks do at the end. The checkpoint is written first, so that nothing trained is lost if writing the scene
  * fails. */
-static pags_result write_end(pags_trainer *t, pags_train_result *r, const run_clock *clock) {
-  pags_train_state *s = &t->state;
+static pags_result end_together(pags_trainer *t) {
+  pags_train_state *const s = &t->state;
   pags_tasks_mark(t->tasks, "checkpoint", "write");
-  PAGS_TRY(pags_train_moment_save((pags_train_moment *)t)); /* no step is pending from here on */
+  pags_state_flush(s, t->tasks); /* no step is pending from here on */
+  PAGS_TRY(pags_shards_save_whole(t->output.checkpoint, t->options->transport, s, t->fingerprint));
   pags_tasks_mark(t->tasks, "scene", "settle");
   if (s->step >= s->stop && s->step >= s->schedule.length) /* a run that will be resumed doesn't spend time on it */
     PAGS_TRY(pags_score_pass_finish(t));
+  return pags_share_run_end(t);
+}
+
+/* Writes the results of a run. */
+static pags_result write_end(pags_trainer *t, pags_train_result *r, const run_clock *clock) {
+  pags_train_state *s = &t->state;
   PAGS_TRY(pags_sh_trim(t));
 
   /* A scene must hold finite numbers only; its reader would refuse it otherwise. */
@@ -328,6 +336,7 @@ static pags_result write_end(pags_trainer *t, pags_train_result *r, const run_cl
   pags_tasks_mark(t->tasks, NULL, "write");
   PAGS_TRY(pags_output_scene(&t->output, t->dataset, s));
   r->seconds = (pags_clock_ms() - clock->begin) / 1e3;
+  r->peak_rss_bytes = pags_port_peak_memory();
   pags_tasks_mark(t->tasks, NULL, "report");
   return pags_output_report(&t->output, r, t->options->command_line, t->tasks);
 }
@@ -357,11 +366,14 @@ static pags_result run(pags_trainer *t, double begin, pags_train_result *r) {
   if (s->nonfinite.count > 0)
     pags_nonfinite_describe(&s->nonfinite, bad_row_name(t), r->first_bad_row);
   r->heap_calls_steady = pags_frame_heap_calls(t->render.frame) - clock.tail_heap_calls;
-  r->ms_wait = t->ms.wait * per_step;
-  r->ms_forward = t->ms.forward * per_step;
-  r->ms_loss = t->ms.loss * per_step;
-  r->ms_backward = t->ms.backward * per_step;
-  r->ms_density = t->ms.density * per_step;
+  r->ms_wait = t->ms.wait.wall * per_step;
+  r->ms_forward = t->ms.forward.wall * per_step;
+  r->ms_loss = t->ms.loss.wall * per_step;
+  r->ms_backward = t->ms.backward.wall * per_step;
+  r->ms_density = t->ms.density.wall * per_step;
+  r->ms_processor =
+      per_step * (t->ms.forward.processor + t->ms.loss.processor + t->ms.backward.processor + t->ms.density.processor);
+  r->traffic = t->traffic;
   r->seconds_watched = 1e-3 * t->watched_ms;
 
   PAGS_TRY(code);
@@ -374,7 +386,8 @@ static pags_result run(pags_trainer *t, double begin, pags_train_result *r) {
     return PAGS_OK;
   }
   const bool writes = t->shared.rank == 0;
-  PAGS_TRY(pags_share_run_end(t));
+  PAGS_TRY(end_together(t));
+  r->peak_rss_bytes = pags_port_peak_memory();
   return writes ? write_end(t, r, &clock) : PAGS_OK;
 }
 
@@ -414,7 +427,9 @@ static pags_result open_run(pags_trainer *t, const pags_train_config *asked, pag
   int found = 0;
   PAGS_TRY(pags_transport_agree(o->transport, prepare(t, asked, &config, &found)));
   PAGS_TRY(pags_transport_agree(o->transport, open_state(t, &config, found)));
-  PAGS_TRY(pags_share_run_begin(t, found));
+  PAGS_TRY(pags_share_run_begin(t));
+  if (!found)
+    PAGS_TRY(pags_size_limit_start(t->dataset, &t->state, t->tasks));
   result->resumed = found;
   pags_result mine = PAGS_OK;
   if (config.density.lidar_pull > 0.0)

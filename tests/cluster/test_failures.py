@@ -127,12 +127,12 @@ class Failures(rank_jobs.Jobs):
 
     @LONG
     def test_full_disk(self):
-        """A disk that holds a checkpoint of three shards, each with its own copy of the sky, but not a second one beside it."""
+        """A disk that holds a checkpoint of three shards, of which the first alone has the sky, but not a second one beside it."""
         self.seconds_alone()
         size = os.path.getsize(os.path.join(self.path("alone"), "checkpoint.pags")) // 1024
         disk = tempfile.mkdtemp(prefix="pags-disk-")
         self.addCleanup(os.rmdir, disk)
-        mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={4 * size}k", "tmpfs", disk], capture_output=True, text=True)
+        mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={3 * size // 2}k", "tmpfs", disk], capture_output=True, text=True)
         if mounted.returncode:
             self.skipTest(f"no small disk can be mounted here (root can): {mounted.stderr.strip()}")
         self.addCleanup(subprocess.run, ["umount", disk], check=False)
@@ -141,7 +141,7 @@ class Failures(rank_jobs.Jobs):
         self.has_ended(done, "rank ", disk, "No space left")
         self.assertTrue(self.has_shards(name))
         self.assertFalse([file for file in self.trained(name) if file.endswith(".part")])
-        subprocess.run(["mount", "-o", f"remount,size={12 * size}k", disk], check=True)
+        subprocess.run(["mount", "-o", f"remount,size={8 * size}k", disk], check=True)
         self.resumes(name)
 
     @LONG

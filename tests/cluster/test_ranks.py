@@ -71,7 +71,14 @@ class Ranks(rank_jobs.Jobs):
         with open(report, encoding="utf-8") as file:
             said = json.load(file)
         self.assertEqual(said["ranks"], 2)
-        self.assertGreater(said["bytes_sent"], 100000)
+        each = said["each_rank"]
+        self.assertEqual([rank["photographs"] for rank in each], [120, 120])
+        self.assertEqual(sum(rank["bytes_sent"] for rank in each), said["bytes_sent"])
+        for rank in each:
+            self.assertGreater(rank["bytes_sent"], rank["bytes_back"])
+            self.assertGreater(rank["bytes_there"], 100000)
+            self.assertGreater(rank["processor_ms"], 0)
+            self.assertGreater(rank["peak_rss_bytes"], 10e6)
 
     def test_train_asked_to_end(self):
         process = mpirun.start(2, self.training("asked"))

@@ -345,7 +345,7 @@ static void begin_run(pags_train_options *options, pags_trainer *t) {
   assert_int_equal(pags_views_list(t), PAGS_OK);
   assert_int_equal(pags_photo_cache_create(t->dataset, t->tasks, options->image_cache, &t->cache), PAGS_OK);
   assert_int_equal(pags_trainer_start(t, &config), PAGS_OK);
-  assert_int_equal(pags_share_run_begin(t, false), PAGS_OK);
+  assert_int_equal(pags_share_run_begin(t), PAGS_OK);
   assert_int_equal(pags_view_render_create(t), PAGS_OK);
   pags_state_set_step(&t->state, ITERATIONS - 1);
 }

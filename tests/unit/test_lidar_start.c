@@ -24,7 +24,10 @@ static pags_driving_points make_of(int lidar, int most, int threads) {
   if (most > 0)
     config.start.lidar_points = most;
   pags_driving_points start;
-  assert_int_equal(pags_driving_points_create(d, &config, lidar, tasks, &start), PAGS_OK);
+  pags_photo_cache *photos;
+  assert_int_equal(pags_photo_cache_create(d, tasks, (uint64_t)64 << 20, &photos), PAGS_OK);
+  assert_int_equal(pags_driving_points_create(d, &config, lidar, photos, tasks, &start), PAGS_OK);
+  pags_photo_cache_destroy(photos);
   pags_tasks_destroy(tasks);
   stub_close(d);
   return start;

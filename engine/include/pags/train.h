@@ -431,6 +431,12 @@ PAGS_API pags_result pags_train_moment_save(pags_train_moment *moment);
 
 /* ---- Training ---- */
 
+/* What the photographs that a rank has drawn took of other ranks. */
+typedef struct pags_train_traffic {
+  int64_t views, splats;           /* photographs; splats drawn in them, of all ranks */
+  int64_t bytes_there, bytes_back; /* splats that other ranks sent for them; sums that were sent back */
+} pags_train_traffic;
+
 typedef struct pags_train_result {
   int finished;                 /* 1: the last step is done; 0: stopped before */
   int resumed;                  /* 1: continued from a checkpoint */
@@ -449,9 +455,11 @@ typedef struct pags_train_result {
   /* Mean times per step in this process, ms: waiting for photographs, rendering, loss, backward pass with Adam,
    * density control. */
   double ms_wait, ms_forward, ms_loss, ms_backward, ms_density;
-  double seconds_watched;   /* time spent in callbacks, which `seconds` leaves out */
-  double estimated_seconds; /* with options.estimate: time of the whole run */
-  uint64_t estimated_bytes; /* with options.estimate: memory at the most Gaussians expected (train/estimate.h) */
+  double ms_processor; /* of the calling thread's processor time a step, without waiting for photographs and ranks */
+  pags_train_traffic traffic; /* of this rank; zero if it is alone */
+  double seconds_watched;     /* time spent in callbacks, which `seconds` leaves out */
+  double estimated_seconds;   /* with options.estimate: time of the whole run */
+  uint64_t estimated_bytes;   /* with options.estimate: memory at the most Gaussians expected (train/estimate.h) */
 } pags_train_result;
 
 /* Trains, and writes to the folder options->output: scene.json with the models (background.ply, ...) and the sky,
