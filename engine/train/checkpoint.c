@@ -587,17 +587,23 @@ static pags_result get_exposures(section_reader *r, const run_record *run, const
   return PAGS_OK;
 }
 
+/* Finds a section about what is on trial (trial.h); *fitted: its values follow the record. */
+static pags_result next_trial(section_reader *r, const char *tag, const pags_dataset *dataset, const uint8_t **payload,
+                              uint64_t *size, cameras_record *record, bool *fitted) {
+  PAGS_TRY(next(r, tag, payload, size));
+  if (*size < sizeof *record)
+    return out_of_range(r, tag);
+  memcpy(record, *payload, sizeof *record);
+  *fitted = record->trial.state == PAGS_TRIAL_RUNS || record->trial.state == PAGS_TRIAL_PAID;
+  return dataset && (*fitted || record->trial.state == PAGS_TRIAL_FAILED) ? PAGS_OK : out_of_range(r, tag);
+}
+
 static pags_result get_cameras(section_reader *r, const pags_dataset *dataset, pags_camera_poses *p) {
   const uint8_t *payload = NULL;
   uint64_t size = 0;
   cameras_record record;
-  PAGS_TRY(next(r, "CAMS", &payload, &size));
-  if (size < sizeof record)
-    return out_of_range(r, "CAMS");
-  memcpy(&record, payload, sizeof record);
-  const bool fitted = record.trial.state == PAGS_TRIAL_RUNS || record.trial.state == PAGS_TRIAL_PAID;
-  if (!(fitted || record.trial.state == PAGS_TRIAL_FAILED) || !dataset)
-    return out_of_range(r, "CAMS");
+  bool fitted = false;
+  PAGS_TRY(next_trial(r, "CAMS", dataset, &payload, &size, &record, &fitted));
   if (fitted)
     PAGS_TRY(pags_camera_poses_create(p, dataset));
   if (record.items != pags_camera_poses_items(p) ||
@@ -617,13 +623,8 @@ static pags_result get_photometry(section_reader *r, const pags_dataset *dataset
   const uint8_t *payload = NULL;
   uint64_t size = 0;
   cameras_record record;
-  PAGS_TRY(next(r, "LITE", &payload, &size));
-  if (size < sizeof record)
-    return out_of_range(r, "LITE");
-  memcpy(&record, payload, sizeof record);
-  const bool fitted = record.trial.state == PAGS_TRIAL_RUNS || record.trial.state == PAGS_TRIAL_PAID;
-  if (!(fitted || record.trial.state == PAGS_TRIAL_FAILED) || !dataset)
-    return out_of_range(r, "LITE");
+  bool fitted = false;
+  PAGS_TRY(next_trial(r, "LITE", dataset, &payload, &size, &record, &fitted));
   if (fitted)
     PAGS_TRY(pags_photometry_create(p, dataset));
   if (record.items != p->count || size != sizeof record + (size_t)p->count * sizeof *p->parts)
