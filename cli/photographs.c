@@ -218,11 +218,14 @@ void pags_photograph_destroy(pags_photograph *photo) {
   memset(photo, 0, sizeof *photo);
 }
 
-const pags_camera *pags_photographs_camera(const pags_photographs *photographs, int64_t i) {
+pags_camera pags_photographs_camera(const pags_photographs *photographs, int64_t i) {
   const pags_photographs_view *at = &photographs->views[i];
-  return at->scene_view && pags_scene_view_is_corrected(at->scene_view)
-             ? &at->scene_view->camera
-             : &pags_dataset_view(photographs->dataset, at->index)->camera;
+  pags_camera camera = pags_dataset_view(photographs->dataset, at->index)->camera;
+  if (at->scene_view && pags_scene_view_is_corrected(at->scene_view))
+    return at->scene_view->camera;
+  if (at->scene_view)
+    camera.shutter = at->scene_view->camera.shutter;
+  return camera;
 }
 
 pags_result pags_photographs_read(pags_photographs *photographs, int64_t i, pags_photograph *out) {

@@ -41,9 +41,9 @@ pags_result pags_photographs_open_for(const pags_scene *scene, const char *datas
 pags_result pags_photographs_of(pags_dataset *dataset, pags_tasks *tasks, uint64_t image_cache, pags_photographs *out);
 void pags_photographs_close(pags_photographs *photographs);
 
-/* The camera that the scene draws views[i] with: the data set's, or the scene's where training has corrected its pose.
- */
-const pags_camera *pags_photographs_camera(const pags_photographs *photographs, int64_t i);
+/* The camera that the scene draws views[i] with: the data set's, or the scene's where training has corrected its pose;
+ * with a rolling shutter if the scene was trained with it. */
+pags_camera pags_photographs_camera(const pags_photographs *photographs, int64_t i);
 
 /* A photograph as F32 RGB in [0, 1]. */
 typedef struct pags_photograph {

@@ -192,7 +192,7 @@ static bool is_blank(const pags_photograph *photo) {
 static pags_result compare_view(evaluation *self, int64_t i) {
   const pags_photographs_view *at = &self->photographs.views[i];
   const pags_view *view = pags_dataset_view(self->photographs.dataset, at->index);
-  const pags_camera *camera = pags_photographs_camera(&self->photographs, i);
+  const pags_camera camera = pags_photographs_camera(&self->photographs, i);
   pags_view_score *score = &self->scores[self->count];
   pags_photograph photo;
   pags_picture picture;
@@ -200,7 +200,7 @@ static pags_result compare_view(evaluation *self, int64_t i) {
   int part_count;
   pags_frame_options exposed = self->options;
   *score = pags_view_score_make(view->name, at->test);
-  pags_compose(self->composition, camera->time, &parts, &part_count);
+  pags_compose(self->composition, camera.time, &parts, &part_count);
   PAGS_TRY(pags_photographs_read(&self->photographs, i, &photo));
   pags_result result = PAGS_OK;
   if (is_blank(&photo)) {
@@ -211,9 +211,9 @@ static pags_result compare_view(evaluation *self, int64_t i) {
   if (at->scene_view)
     exposed.light = at->scene_view->light;
   if (at->scene_view && pags_frame_options_expose(&exposed, at->scene_view->gain, at->scene_view->offset))
-    result = compare_unexposed(self, camera, parts, part_count, &photo, score);
+    result = compare_unexposed(self, &camera, parts, part_count, &photo, score);
   if (result == PAGS_OK)
-    result = pags_frame_render(self->frame, parts, part_count, camera, &exposed, NULL, NULL, &picture);
+    result = pags_frame_render(self->frame, parts, part_count, &camera, &exposed, NULL, NULL, &picture);
   if (result == PAGS_OK) {
     self->shown += pags_frame_stats_get(self->frame)->binned > 0;
     result = compare_picture(self, at, &picture, &photo);

@@ -13,6 +13,7 @@
 #include "cli/reading.h"
 #include "cli/render_passes.h"
 #include "cli/session.h"
+#include "cli/shutter.h"
 #include "cli/verbs.h"
 #include "cli/viewpoints.h"
 
@@ -38,8 +39,9 @@ typedef struct render_arguments {
   float near_plane, low_pass;
   int exposure, antialiased, sh_degree, exp_degree; /* exp_degree: index in "3|5" */
   const char *early_z;
-  int order; /* pags_order */
-  int stand; /* pags_stand */
+  int order;   /* pags_order */
+  int stand;   /* pags_stand */
+  int shutter; /* pags_shutter_choice */
   pags_dataset_options dataset_options;
   pags_reading reading;
   int packed;
@@ -78,6 +80,8 @@ static const pags_option options[] = {
     PAGS_TEXT("image-folder", 0, AT(dataset_options.image_folder), "FOLDER", NULL,
               "with --dataset: its photographs are in this folder"),
     PAGS_VALUE("downscale", 0, DOUBLE, AT(downscale), 1, 64, "F", "times", NULL, "shrink the pictures"),
+    PAGS_CHOICE("shutter", AT(shutter), "global|rolling", "as the cameras have it",
+                "read all lines at once, or one after another as the scene's cameras do"),
 
     PAGS_GROUP("Reading"),
     PAGS_READING_OPTIONS(AT(reading)),
@@ -262,6 +266,7 @@ static void put_stats(pags_json_writer *writer, const pags_frame_stats *s) {
   pags_json_put_integer(writer, "tiles_full", s->tiles_full);
   pags_json_put_integer(writer, "slabs", s->slabs);
   pags_json_put_integer(writer, "occluders", s->occluders);
+  pags_json_put_integer(writer, "held", s->held);
 }
 
 /* Mean of the frames' times and counts; counts are rounded down. */
@@ -402,6 +407,9 @@ static pags_result find_work(renderer *self, const pags_parsed *parsed, const pa
                              int64_t *edit_count) {
   const render_arguments *arguments = self->arguments;
   PAGS_TRY(find_viewpoints(arguments, parsed, scene, &self->viewpoints));
+  PAGS_TRY(pags_shutter_choose(
+      pags_option_given(parsed, "shutter") ? (pags_shutter_choice)arguments->shutter : PAGS_SHUTTER_AS_RECORDED, scene,
+      &self->viewpoints));
   if (pags_option_given(parsed, "time")) {
     /* Set --time for all viewpoints. A time up to one frame interval after the last frame is allowed, since a drive's
      * last frame lasts as long as any other. */

@@ -7,6 +7,7 @@
 /* The order matters: later files use functions of earlier ones. */
 /* clang-format off */
 #include "bin.inl"
+#include "scan.inl"
 #include "project.inl"
 #include "shade.inl"
 #include "raster.inl"

@@ -22,6 +22,9 @@ enum {
 #define PAGS_T_STOP 1e-4f
 #define PAGS_COLOUR_MAX 1e6f      /* of a Gaussian's shaded colour; the loss takes four of these in a product */
 #define PAGS_LOG2_255 7.99435344f /* -log2 of it */
+/* Of Gaussians that are drawn at the time of their line (scan.inl): the least q, and the most pixels a line. */
+#define PAGS_SCAN_LEAST 0.1f
+#define PAGS_SCAN_MOST 1.0f
 /* Added to the cut-off, in powers of two, by every test that excludes pixels before they are computed, so that no
  * pixel is excluded at which the rasteriser, with its rounding of u^2 + v^2, would blend. u has an error of about
  * 2^-23 p |d| <= 1e-3 for |d| <= 4096 px, hence u^2 one of at most 0.01. */
@@ -73,6 +76,15 @@ typedef struct pags_reach {
   uint16_t x0, x1, y0, y1;
 } pags_reach;
 
+/* How a part moves in camera space while a rolling shutter reads the picture. Time u counts read-outs from the middle
+ * of the exposure: -1/2 at one edge of the picture, 1/2 at the opposite one. The pose is the parabola through the exact
+ * poses at u = -1/2, 0 and 1/2. */
+typedef struct pags_scan {
+  float x, y, start;                /* a pixel at (x, y) is read at u = x X + y Y + start; one of x and y is 0 */
+  float r1[9], t1[3], r2[9], t2[3]; /* camera_from_model is r + u r1 + u^2 r2, t + u t1 + u^2 t2 */
+  float eye1[3], eye2[3];           /* the camera's centre is eye + u eye1 + u^2 eye2 */
+} pags_scan;
+
 /* The parameters of projection: a camera and the pose of a part, computed in double and stored as floats. */
 typedef struct pags_projection {
   float r[9], t[3];                     /* camera_from_model: p_cam = r p + t */
@@ -86,6 +98,7 @@ typedef struct pags_projection {
   pags_alpha_cut alpha;
   int32_t antialiased;
   int32_t sh_degree;
+  const pags_scan *scan; /* NULL: all pixels are read at once */
 } pags_projection;
 
 enum { PAGS_SLOT_FLOATS = 12 }; /* partial gradient of one (Gaussian, tile) pair */
@@ -320,9 +333,10 @@ typedef struct pags_kernels {
    * splatting (Zwicker et al. 2001) with INRIA's constants; the determinant of the covariance is computed by the
    * Cauchy-Binet formula, as a sum of squares that is never negative. `factor`: per row, the opacity is multiplied by
    * this, readable as far as the planes; 0: the row isn't drawn; NULL: 1. The backward pass needs no factor, since it
-   * differentiates by the logarithm of the opacity. */
-  void (*project)(const pags_projection *view, const float *data, int64_t stride, const float *factor, int count,
-                  pags_splat *splats, uint32_t *keys, bool tiles, pags_tile_box *boxes, pags_reach *reaches);
+   * differentiates by the logarithm of the opacity. Returns how many rows are drawn at mid-exposure since they are
+   * too fast for the read-out (scan.inl); 0 without `scan`. */
+  int (*project)(const pags_projection *view, const float *data, int64_t stride, const float *factor, int count,
+                 pags_splat *splats, uint32_t *keys, bool tiles, pags_tile_box *boxes, pags_reach *reaches);
 
   /* Computes the colours of the rows whose key is not UINT32_MAX: max(0, 0.5 + SH(direction)). `dc`: three planes of
    * the constant SH term, `stride` floats apart, that replace those of the data; NULL: those of the data are used. */

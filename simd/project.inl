@@ -52,12 +52,15 @@ static inline void rotation_from_quaternion(projected *s, const float *data, int
 /* Computes the mean in camera space and in pixels, and the Jacobian J at the clamped direction. The clamp (INRIA's
  * 1.3 tan, around the principal point as in gsplat) bounds how far a Gaussian outside of the picture is stretched
  * into it; the mean itself is not clamped. */
-static inline void project_mean(projected *s, const pags_projection *view, const float *data, int64_t stride) {
+V_INLINE void project_mean(projected *s, scanned *scan, const pags_projection *view, const float *data,
+                           int64_t stride) {
   const vf px = v_load(data), py = v_load(data + stride), pz = v_load(data + 2 * stride);
   vf cam[3];
   for (int k = 0; k < 3; k++)
     cam[k] = v_fma(v_set(view->r[3 * k]), px,
                    v_fma(v_set(view->r[3 * k + 1]), py, v_fma(v_set(view->r[3 * k + 2]), pz, v_set(view->t[k]))));
+  if (scan)
+    scan_mean(scan, view, px, py, pz, cam);
   s->x = cam[0], s->y = cam[1], s->z = cam[2];
   /* A Gaussian behind the near plane is masked later; z = 1 keeps the division finite until then. */
   const vf z = v_select(v_gt(s->z, v_set(view->near_plane)), s->z, v_set(1.0f));
@@ -75,12 +78,15 @@ static inline void project_mean(projected *s, const pags_projection *view, const
   s->j12 = v_mul(v_set(-1.0f), v_mul(s->j11, s->ty));
 }
 
-static inline void project_covariance(projected *s, const pags_projection *view, const float *data, int64_t stride) {
+V_INLINE void project_covariance(projected *s, scanned *scan, const pags_projection *view, const float *data,
+                                 int64_t stride) {
   for (int k = 0; k < 3; k++) {
     s->sigma[k] = v_exp(v_load(data + (3 + k) * stride));
-    s->t[k] = v_fma(s->j00, v_set(view->r[k]), v_mul(s->j02, v_set(view->r[6 + k])));
-    s->t[3 + k] = v_fma(s->j11, v_set(view->r[3 + k]), v_mul(s->j12, v_set(view->r[6 + k])));
+    s->t[k] = v_fma(s->j00, scan_turn(scan, view, k), v_mul(s->j02, scan_turn(scan, view, 6 + k)));
+    s->t[3 + k] = v_fma(s->j11, scan_turn(scan, view, 3 + k), v_mul(s->j12, scan_turn(scan, view, 6 + k)));
   }
+  if (scan)
+    scan_shear(scan, view->scan, s->t);
   for (int i = 0; i < 2; i++)
     for (int k = 0; k < 3; k++)
       s->m[3 * i + k] = v_mul(
@@ -110,10 +116,11 @@ static inline void project_opacity(projected *s, const pags_projection *view, co
   s->opacity = v_mul(s->raw_opacity, s->compensation);
 }
 
-static inline void project_all(projected *s, const pags_projection *view, const float *data, int64_t stride) {
+/* `scan`: NULL without a rolling shutter; a constant, so that each has code of its own. */
+V_INLINE void project_all(projected *s, scanned *scan, const pags_projection *view, const float *data, int64_t stride) {
   rotation_from_quaternion(s, data, stride);
-  project_mean(s, view, data, stride);
-  project_covariance(s, view, data, stride);
+  project_mean(s, scan, view, data, stride);
+  project_covariance(s, scan, view, data, stride);
   project_opacity(s, view, data, stride);
 }
 
@@ -172,11 +179,14 @@ typedef struct packed_splats {
   int count;
 } packed_splats;
 
-/* Projects the sixteen rows from `first` on and appends those that are drawn to `out`. */
-static inline void project_rows(const pags_projection *view, const float *data, int64_t stride, const float *factor,
-                                int first, int count, uint32_t *keys, pags_reach *reaches, packed_splats *out) {
+/* Projects the sixteen rows from `first` on and appends those that are drawn to `out`; returns how many of them are
+ * held at mid-exposure. */
+V_INLINE int project_rows(bool rolls, const pags_projection *view, const float *data, int64_t stride,
+                          const float *factor, int first, int count, uint32_t *keys, pags_reach *reaches,
+                          packed_splats *out) {
   projected s;
-  project_all(&s, view, data + first, stride);
+  scanned scan;
+  project_all(&s, rolls ? &scan : NULL, view, data + first, stride);
   if (factor)
     s.opacity = v_mul(s.opacity, v_load(factor + first));
   const row_cuts cuts = project_cuts(view, s.compensation);
@@ -191,7 +201,8 @@ static inline void project_rows(const pags_projection *view, const float *data, 
   vm drawn = m_and(v_gt(s.z, v_set(view->near_plane)), v_ge(s.opacity, cuts.least));
   for (int k = 0; k < view->clip_count; k++) {
     const float *const p = view->clips[k];
-    const vf inside = v_add(v_dot3(v_set(p[0]), v_set(p[1]), v_set(p[2]), s.x, s.y, s.z), v_set(p[3]));
+    const vf x = rolls ? scan.c0[0] : s.x, y = rolls ? scan.c0[1] : s.y, z = rolls ? scan.c0[2] : s.z;
+    const vf inside = v_add(v_dot3(v_set(p[0]), v_set(p[1]), v_set(p[2]), x, y, z), v_set(p[3]));
     drawn = m_and(drawn, v_ge(inside, v_zero()));
   }
   drawn = m_and(drawn, m_and(v_lt(s.a, huge), v_lt(s.c, huge)));
@@ -206,7 +217,7 @@ static inline void project_rows(const pags_projection *view, const float *data, 
   i_store(key, i_select(drawn, v_bits(s.z), i_set(-1)));
   memcpy(keys + first, key, (size_t)lanes * sizeof *keys);
   if (m_bits(drawn) == 0)
-    return;
+    return 0;
   if (reaches)
     project_reaches(&s, view, l, cuts.cut, drawn, lanes, reaches + first);
 
@@ -226,14 +237,24 @@ static inline void project_rows(const pags_projection *view, const float *data, 
   v_pack(out->extent_x + at, packing, extent_x);
   v_pack(out->extent_y + at, packing, extent_y);
   out->count += i_compress(out->rows + out->count, drawn, i_add(v_to_i(v_iota()), i_set(first)));
+  return rolls ? __builtin_popcount(m_bits(drawn) & ~m_bits(scan.found)) : 0;
 }
 
-static void project(const pags_projection *view, const float *data, int64_t stride, const float *factor, int count,
-                    pags_splat *splats, uint32_t *keys, bool tiles, pags_tile_box *boxes, pags_reach *reaches) {
-  packed_splats packed;
-  packed.count = 0;
+/* Whether the shutter rolls is a constant, so that a global one has code of its own. */
+V_INLINE int pack_rows(bool rolls, const pags_projection *view, const float *data, int64_t stride, const float *factor,
+                       int count, uint32_t *keys, pags_reach *reaches, packed_splats *packed) {
+  int held = 0;
+  packed->count = 0;
   for (int first = 0; first < count; first += V_LANES)
-    project_rows(view, data, stride, factor, first, count, keys, reaches, &packed);
+    held += project_rows(rolls, view, data, stride, factor, first, count, keys, reaches, packed);
+  return held;
+}
+
+static int project(const pags_projection *view, const float *data, int64_t stride, const float *factor, int count,
+                   pags_splat *splats, uint32_t *keys, bool tiles, pags_tile_box *boxes, pags_reach *reaches) {
+  packed_splats packed;
+  const int held = view->scan ? pack_rows(true, view, data, stride, factor, count, keys, reaches, &packed)
+                              : pack_rows(false, view, data, stride, factor, count, keys, reaches, &packed);
 
   const int tiles_x = ((int)view->width + PAGS_TILE - 1) / PAGS_TILE,
             tiles_y = ((int)view->height + PAGS_TILE - 1) / PAGS_TILE;
@@ -260,4 +281,5 @@ static void project(const pags_projection *view, const float *data, int64_t stri
       store_splat(splats + rows[k], fields[k]);
     large_boxes(found.large, rows, splats, boxes);
   }
+  return held;
 }

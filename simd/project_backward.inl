@@ -75,14 +75,14 @@ static inline void quaternion_backward(const projected *s, const vf *gr, vf *gq)
 }
 
 /* dL/d(mean in camera space), from dL/d(J W), from dL/d(mean in pixels) and from dL/d(depth). */
-static inline void camera_backward(const projected *s, const pags_projection *view, const vf *gt, vf gmx, vf gmy,
-                                   vf gdepth, vf *gcam) {
+V_INLINE void camera_backward(const projected *s, const scanned *scan, const pags_projection *view, const vf *gt,
+                              vf gmx, vf gmy, vf gdepth, vf *gcam) {
   vf g00 = v_zero(), g02 = v_zero(), g11 = v_zero(), g12 = v_zero();
   for (int k = 0; k < 3; k++) {
-    g00 = v_fma(gt[k], v_set(view->r[k]), g00);
-    g02 = v_fma(gt[k], v_set(view->r[6 + k]), g02);
-    g11 = v_fma(gt[3 + k], v_set(view->r[3 + k]), g11);
-    g12 = v_fma(gt[3 + k], v_set(view->r[6 + k]), g12);
+    g00 = v_fma(gt[k], scan_turn(scan, view, k), g00);
+    g02 = v_fma(gt[k], scan_turn(scan, view, 6 + k), g02);
+    g11 = v_fma(gt[3 + k], scan_turn(scan, view, 3 + k), g11);
+    g12 = v_fma(gt[3 + k], scan_turn(scan, view, 6 + k), g12);
   }
   /* j00 = fx / z; j02 = -fx tx / z with tx = x/z, or a constant where it was clamped. */
   const vm all = m_from_bits(0xFFFFu);
@@ -94,6 +94,63 @@ static inline void camera_backward(const projected *s, const pags_projection *vi
   const vf dx = v_mul(s->x, s->inv_z), dy = v_mul(s->y, s->inv_z);
   const vf gshift = v_fma(v_mul(gmx, s->j00), dx, v_mul(v_mul(gmy, s->j11), dy)); /* d(fx x/z)/dz = -j00 x/z */
   gcam[2] = v_fma(free_x, s->tx, v_fma(free_y, s->ty, v_fnma(gj, s->inv_z, v_sub(gdepth, gshift))));
+}
+
+/* Back through the shear of scan.inl, t = (I + h (x, y)) J W with h = m' / q: turns dL/dt into dL/d(J W), and returns
+ * dL/dm' in gdrift. */
+static inline void shear_backward(const scanned *s, const pags_scan *scan, vf *gt, vf *gdrift) {
+  vf gshear[2], galong[3];
+  for (int i = 0; i < 2; i++)
+    gshear[i] = v_dot3(gt[3 * i], gt[3 * i + 1], gt[3 * i + 2], s->along[0], s->along[1], s->along[2]);
+  for (int k = 0; k < 3; k++) {
+    galong[k] = v_mul(s->gain, v_fma(s->drift[0], gt[k], v_mul(s->drift[1], gt[3 + k])));
+    gt[k] = v_fma(v_set(scan->x), galong[k], gt[k]);
+    gt[3 + k] = v_fma(v_set(scan->y), galong[k], gt[3 + k]);
+  }
+  /* h = m' / q, q = 1 - (x, y) m' */
+  const vf by_q = v_mul(v_mul(s->gain, s->gain), v_fma(gshear[0], s->drift[0], v_mul(gshear[1], s->drift[1])));
+  gdrift[0] = v_fma(gshear[0], s->gain, v_mul(v_set(scan->x), by_q));
+  gdrift[1] = v_fma(gshear[1], s->gain, v_mul(v_set(scan->y), by_q));
+}
+
+/* dL/d(mean) with a rolling shutter, added to gmean, which holds what the colours give. gt: dL/d(J W); gcam: dL/dc with
+ * u and m' held. L depends on u by c, c', W and the eye, and u on the mean by du = (x J_x + y J_y) W dp / q. */
+static inline void scan_backward(const projected *p, const scanned *s, const pags_projection *view, const vf *gt,
+                                 const vf *gdrift, vf *gcam, vf *gmean) {
+  const pags_scan *const scan = view->scan;
+  const vf two = v_set(2.0f), focal[2] = {v_set(view->fx), v_set(view->fy)}, slope[2] = {s->dx, s->dy};
+  vf gv[3], rate[9], gu = v_zero();
+  /* m'_i = f_i / Z (v_i - slope_i v_Z) */
+  gv[2] = v_zero();
+  for (int i = 0; i < 2; i++) {
+    const vf g = v_mul(gdrift[i], v_mul(focal[i], p->inv_z)); /* by v_i - slope_i v_Z */
+    const vf gslope = v_sub(v_zero(), v_mul(g, s->v[2]));
+    gv[i] = g;
+    gv[2] = v_fnma(g, slope[i], gv[2]);
+    gcam[i] = v_fma(gslope, p->inv_z, gcam[i]);
+    gcam[2] = v_fnma(p->inv_z, v_fma(gslope, slope[i], v_mul(gdrift[i], s->drift[i])), gcam[2]);
+  }
+  for (int k = 0; k < 3; k++)
+    gu = v_fma(gcam[k], s->v[k], v_fma(v_mul(two, gv[k]), s->c2[k], gu));
+  for (int k = 0; k < 9; k++) { /* W' */
+    rate[k] = v_fma(v_mul(two, s->u), v_set(scan->r2[k]), v_set(scan->r1[k]));
+    const vf gturn = k < 3   ? v_mul(p->j00, gt[k])
+                     : k < 6 ? v_mul(p->j11, gt[k])
+                             : v_fma(p->j02, gt[k - 6], v_mul(p->j12, gt[k - 3]));
+    gu = v_fma(gturn, rate[k], gu);
+  }
+  for (int k = 0; k < 3; k++)
+    gu = v_fnma(gmean[k], v_fma(v_mul(two, s->u), v_set(scan->eye2[k]), v_set(scan->eye1[k])), gu);
+
+  const vf by_line = v_mul(gu, s->gain), gx = v_mul(by_line, v_mul(v_set(scan->x), p->j00)),
+           gy = v_mul(by_line, v_mul(v_set(scan->y), p->j11));
+  gcam[0] = v_add(gcam[0], gx);
+  gcam[1] = v_add(gcam[1], gy);
+  gcam[2] = v_fnma(gx, s->dx, v_fnma(gy, s->dy, gcam[2]));
+  for (int k = 0; k < 3; k++) {
+    gmean[k] = v_add(gmean[k], v_dot3(gcam[0], gcam[1], gcam[2], s->turn[k], s->turn[3 + k], s->turn[6 + k]));
+    gmean[k] = v_add(gmean[k], v_dot3(gv[0], gv[1], gv[2], rate[k], rate[3 + k], rate[6 + k]));
+  }
 }
 
 /* dL/d(direction), the three coordinates taken as independent, from k, the sums over channels of dL/dcolour times
@@ -135,10 +192,10 @@ static inline void sh_direction_gradient(int degree, const vf *d, const vf *k, v
   g[2] = v_fma(s[4], v_mul(eight, xz), v_fma(s[5], minus, g[2]));
 }
 
-static inline void shade_backward(const pags_projection *view, const float *data, int64_t stride, const vf *gcolour,
-                                  float *out, int64_t out_stride, vf *gmean) {
+V_INLINE void shade_backward(const pags_projection *view, const vf *u, const float *data, int64_t stride,
+                             const vf *gcolour, float *out, int64_t out_stride, vf *gmean) {
   vf direction[3], inverse_distance, basis[16], weighted[16], gdirection[3];
-  sh_direction(view, data, stride, direction, &inverse_distance);
+  sh_direction(view, u, data, stride, direction, &inverse_distance);
   sh_basis(view->sh_degree, direction[0], direction[1], direction[2], basis);
   const int coefficients = (view->sh_degree + 1) * (view->sh_degree + 1);
   for (int k = 0; k < coefficients; k++) {
@@ -190,11 +247,12 @@ static inline void colour_gradient(const slot_sums *sums, const pags_splat *spla
     gcolour[c] = v_maskz(m_from_bits(~negative[c] & 0xFFFFu), sums->field[PAGS_SLOT_R + c]);
 }
 
-static inline int rows_backward(const pags_projection *view, const float *data, int64_t stride, const slot_sums *sums,
-                                unsigned drawn, const pags_splat *splats, float *out, int64_t out_stride, float *mean2d,
-                                float *mean2d_abs, float *radius, uint8_t *name) {
+V_INLINE int rows_backward(bool rolls, const pags_projection *view, const float *data, int64_t stride,
+                           const slot_sums *sums, unsigned drawn, const pags_splat *splats, float *out,
+                           int64_t out_stride, float *mean2d, float *mean2d_abs, float *radius, uint8_t *name) {
   projected s;
-  project_all(&s, view, data, stride);
+  scanned scan;
+  project_all(&s, rolls ? &scan : NULL, view, data, stride);
   const vf *const f = sums->field, two = v_set(2.0f);
   const vf inv_c = v_div(v_set(1.0f), s.c), inv_d = v_div(v_set(1.0f), s.d), inv_root_d = v_sqrt(inv_d);
   const vf p = v_sqrt(v_mul(v_mul(v_set(PAGS_HALF_LOG2E), s.c), inv_d)), h = v_mul(s.b, inv_c);
@@ -220,7 +278,7 @@ static inline int rows_backward(const pags_projection *view, const float *data, 
   gc = v_fma(low, gd, gc);
   v_store(out + 10 * out_stride, v_mul(glog, s.rest));
 
-  vf gm[6], gt[6], gr[9], gq[4], gcam[3], gmean[3], gcolour[3];
+  vf gm[6], gt[6], gr[9], gq[4], gcam[3], gmean[3], gcolour[3], gdrift[2];
   covariance_backward(&s, ga, gb, gc, gd0, gm);
   for (int k = 0; k < 3; k++)
     v_store(out + (3 + k) * out_stride, v_fma(gm[k], s.m[k], v_mul(gm[3 + k], s.m[3 + k])));
@@ -235,11 +293,21 @@ static inline int rows_backward(const pags_projection *view, const float *data, 
   quaternion_backward(&s, gr, gq);
   for (int k = 0; k < 4; k++)
     v_store(out + (6 + k) * out_stride, gq[k]);
-  camera_backward(&s, view, gt, gmx, gmy, f[PAGS_SLOT_Z], gcam);
+  if (rolls)
+    shear_backward(&scan, view->scan, gt, gdrift);
+  camera_backward(&s, rolls ? &scan : NULL, view, gt, gmx, gmy, f[PAGS_SLOT_Z], gcam);
   for (int k = 0; k < 3; k++)
-    gmean[k] = v_dot3(gcam[0], gcam[1], gcam[2], v_set(view->r[k]), v_set(view->r[3 + k]), v_set(view->r[6 + k]));
+    gmean[k] = rolls
+                   ? v_zero()
+                   : v_dot3(gcam[0], gcam[1], gcam[2], v_set(view->r[k]), v_set(view->r[3 + k]), v_set(view->r[6 + k]));
   colour_gradient(sums, splats, drawn, gcolour);
-  shade_backward(view, data, stride, gcolour, out, out_stride, gmean);
+  if (rolls) {
+    const vf u = scan_time(view->scan, splats, drawn);
+    shade_backward(view, &u, data, stride, gcolour, out, out_stride, gmean);
+    scan_backward(&s, &scan, view, gt, gdrift, gcam, gmean);
+  } else {
+    shade_backward(view, NULL, data, stride, gcolour, out, out_stride, gmean);
+  }
   for (int k = 0; k < 3; k++)
     v_store(out + k * out_stride, gmean[k]);
 
@@ -258,9 +326,9 @@ static inline int rows_backward(const pags_projection *view, const float *data, 
   return __builtin_popcount(bad);
 }
 
-static int project_backward(const pags_projection *view, const float *data, int64_t stride, int count,
-                            const uint32_t *keys, const pags_splat *splats, const int64_t *slot_start,
-                            const float *slots, const pags_row_gradient *out) {
+V_INLINE int all_rows_backward(bool rolls, const pags_projection *view, const float *data, int64_t stride, int count,
+                               const uint32_t *keys, const pags_splat *splats, const int64_t *slot_start,
+                               const float *slots, const pags_row_gradient *out) {
   const int planes = 11 + 3 * (view->sh_degree + 1) * (view->sh_degree + 1);
   int bad = 0;
   for (int first = 0; first < count; first += V_LANES) {
@@ -268,8 +336,8 @@ static int project_backward(const pags_projection *view, const float *data, int6
     const int lanes = count - first < V_LANES ? count - first : V_LANES;
     const unsigned drawn = gather_slots(&sums, lanes, keys + first, splats + first, slot_start + first, slots);
     if (drawn) {
-      bad += rows_backward(view, data + first, stride, &sums, drawn, splats + first, out->data + first, out->stride,
-                           out->mean2d + first, out->mean2d_abs + first, out->radius + first,
+      bad += rows_backward(rolls, view, data + first, stride, &sums, drawn, splats + first, out->data + first,
+                           out->stride, out->mean2d + first, out->mean2d_abs + first, out->radius + first,
                            out->bad ? out->bad + first : NULL);
       continue;
     }
@@ -280,4 +348,12 @@ static int project_backward(const pags_projection *view, const float *data, int6
     v_store(out->radius + first, v_zero());
   }
   return bad;
+}
+
+static int project_backward(const pags_projection *view, const float *data, int64_t stride, int count,
+                            const uint32_t *keys, const pags_splat *splats, const int64_t *slot_start,
+                            const float *slots, const pags_row_gradient *out) {
+  if (view->scan)
+    return all_rows_backward(true, view, data, stride, count, keys, splats, slot_start, slots, out);
+  return all_rows_backward(false, view, data, stride, count, keys, splats, slot_start, slots, out);
 }

@@ -40,11 +40,12 @@ static inline void sh_basis(int degree, vf x, vf y, vf z, vf *basis) {
   basis[15] = v_mul(v_mul(v_set(sh_c3[6]), x), v_sub(xx, v_mul(three, yy)));
 }
 
-/* Unit direction from the eye; (0, 0, 1) at the eye itself, where *inverse_distance is 0 and so is every gradient. */
-static inline void sh_direction(const pags_projection *view, const float *data, int64_t stride, vf *d,
-                                vf *inverse_distance) {
+/* Unit direction from the eye; (0, 0, 1) at the eye itself, where *inverse_distance is 0 and so is every gradient. `u`:
+ * when the rows are read out; NULL without a rolling shutter. */
+V_INLINE void sh_direction(const pags_projection *view, const vf *u, const float *data, int64_t stride, vf *d,
+                           vf *inverse_distance) {
   for (int k = 0; k < 3; k++)
-    d[k] = v_sub(v_load(data + k * stride), v_set(view->eye[k]));
+    d[k] = v_sub(v_load(data + k * stride), u ? scan_eye(view, k, *u) : v_set(view->eye[k]));
   const vf norm2 = v_dot3(d[0], d[1], d[2], d[0], d[1], d[2]);
   const vm apart = v_gt(norm2, v_set(1e-30f));
   *inverse_distance = v_maskz(apart, v_div(v_set(1.0f), v_sqrt(v_select(apart, norm2, v_set(1.0f)))));
@@ -64,8 +65,8 @@ static inline void sh_colour(int degree, const vf *basis, const float *data, con
   }
 }
 
-static void shade(const pags_projection *view, const float *data, int64_t stride, const float *dc, int count,
-                  const uint32_t *keys, pags_splat *splats) {
+V_INLINE void shade_rows(bool rolls, const pags_projection *view, const float *data, int64_t stride, const float *dc,
+                         int count, const uint32_t *keys, pags_splat *splats) {
   if (!dc)
     dc = data + 11 * stride;
   for (int first = 0; first < count; first += V_LANES) {
@@ -75,8 +76,10 @@ static void shade(const pags_projection *view, const float *data, int64_t stride
       drawn |= (unsigned)(keys[first + k] != UINT32_MAX) << k;
     if (!drawn)
       continue;
-    vf direction[3], inverse_distance, basis[16], rgb[3];
-    sh_direction(view, data + first, stride, direction, &inverse_distance);
+    vf u, direction[3], inverse_distance, basis[16], rgb[3];
+    if (rolls)
+      u = scan_time(view->scan, splats + first, drawn);
+    sh_direction(view, rolls ? &u : NULL, data + first, stride, direction, &inverse_distance);
     sh_basis(view->sh_degree, direction[0], direction[1], direction[2], basis);
     sh_colour(view->sh_degree, basis, data + first, dc + first, stride, rgb);
     float colour[3][V_LANES];
@@ -92,4 +95,12 @@ static void shade(const pags_projection *view, const float *data, int64_t stride
       out->clamped = (negative[0] >> k & 1u) | (negative[1] >> k & 1u) << 1 | (negative[2] >> k & 1u) << 2;
     }
   }
+}
+
+static void shade(const pags_projection *view, const float *data, int64_t stride, const float *dc, int count,
+                  const uint32_t *keys, pags_splat *splats) {
+  if (view->scan)
+    shade_rows(true, view, data, stride, dc, count, keys, splats);
+  else
+    shade_rows(false, view, data, stride, dc, count, keys, splats);
 }

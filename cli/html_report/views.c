@@ -217,18 +217,18 @@ static pags_result draw_view(pags_report_views *views, pags_report_view *view, p
       PAGS_TRY(read);
     there = read == PAGS_OK;
   }
-  const pags_camera *camera = view->photograph >= 0 ? pags_photographs_camera(&views->photographs, view->photograph)
-                                                    : &view->scene_view->camera;
+  const pags_camera camera =
+      view->photograph >= 0 ? pags_photographs_camera(&views->photographs, view->photograph) : view->scene_view->camera;
   const pags_part *parts;
   int part_count;
   pags_picture picture;
   pags_image render = {0};
-  pags_compose(composition, camera->time, &parts, &part_count);
+  pags_compose(composition, camera.time, &parts, &part_count);
   if (view->scene_view) {
     options.light = view->scene_view->light;
     pags_frame_options_expose(&options, view->scene_view->gain, view->scene_view->offset);
   }
-  pags_result result = pags_frame_render(frame, parts, part_count, camera, &options, NULL, NULL, &picture);
+  pags_result result = pags_frame_render(frame, parts, part_count, &camera, &options, NULL, NULL, &picture);
   if (result == PAGS_OK)
     result = pags_picture_to_image(&picture, PAGS_F32, &render);
   if (result == PAGS_OK)

@@ -276,6 +276,7 @@ static pags_result make_views(pags_dataset *dataset, const pags_dataset_options 
     pags_camera camera = dataset->pinholes[i];
     memcpy(camera.world_from_camera, from->world_from_camera, sizeof camera.world_from_camera);
     camera.time = dataset->parsed.driving ? from->time : (double)NAN;
+    camera.shutter = from->shutter;
     char *what = pags_text_format("%s (%s)", from->where, view->name);
     pags_result result = what ? pags_camera_check(&camera, what) : pags_out_of_memory("%s", from->where);
     free(what);

@@ -36,6 +36,7 @@ typedef struct pags_parsed_view {
   /* Of driving sets only: */
   int sensor, frame;
   double time, shutter_time;                     /* seconds; shutter_time NaN where unknown */
+  pags_shutter shutter;                          /* of the camera; all 0: global, or not known */
   char *sky_path, *semantic_path, *dynamic_path; /* NULL: none */
   char *part_path;                               /* dynamic mask of the critical kinds alone; NULL: none */
 } pags_parsed_view;

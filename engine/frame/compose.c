@@ -474,12 +474,36 @@ static void fill_part(pags_composition *c, group *g, double time, pags_part *par
   part->label = g->object;
 }
 
+/* The velocity of a group that follows a track and is drawn with an edit's motion D (NULL: none): that of the object,
+ * P(t) = P [Exp(t w) | t v], seen from the frame of P D. */
+static void find_velocity(const pags_composition *c, const group *g, const double *motion, double time,
+                          double velocity[6]) {
+  double own[6];
+  memset(velocity, 0, 6 * sizeof *velocity);
+  if (!g->tracked)
+    return;
+  pags_object_velocity(&c->scene.objects[g->object].record, time, own);
+  if (!motion) {
+    memcpy(velocity, own, sizeof own);
+    return;
+  }
+  const double *const w = own, *const d = motion;
+  const double v[3] = {own[3] + w[1] * d[11] - w[2] * d[7], own[4] + w[2] * d[3] - w[0] * d[11],
+                       own[5] + w[0] * d[7] - w[1] * d[3]};
+  for (int k = 0; k < 3; k++)
+    for (int i = 0; i < 3; i++) {
+      velocity[k] += d[4 * i + k] * w[i];
+      velocity[3 + k] += d[4 * i + k] * v[i];
+    }
+}
+
 /* Appends the group's part to c->parts, unless the group is empty or isn't there at `time`. */
 static void put_part(pags_composition *c, group *g, const double *motion, double time, int *count) {
   pags_part *part = &c->parts[*count];
   if (group_rows(g) == 0 || !place(c, g, motion, time, part->world_from_model))
     return;
   fill_part(c, g, time, part);
+  find_velocity(c, g, motion, time, part->velocity);
   ++*count;
 }
 

@@ -8,7 +8,15 @@
  * with reach_max = log2(255 o)/k for the largest opacity o (1, or the part's largest factor) and |tx| at most its
  * clamp; likewise for y. The row norm of J W is that of J times the stretch of W, which is 1 where W is a rotation.
  * Boxes are padded for the rounding of the float transform. So a cluster that fails the test holds no Gaussian that
- * would pass the kernel's test, and the picture does not depend on how the Gaussians are grouped into clusters. */
+ * would pass the kernel's test, and the picture does not depend on how the Gaussians are grouped into clusters.
+ *
+ * With a rolling shutter (simd/scan.inl) a mean is drawn where it is at some u in [-1, 1], at c0 + u c1 + u^2 c2. All
+ * three are affine in the mean, so that over the box each coordinate of c1 and of c2 is bounded by its value in the
+ * middle and the half sizes. [x], [y] and [z] are widened by |c1| + |c2|, and the velocity is at most |c1| + 2 |c2|.
+ * The shear adds to a row of J at most |m'| / q times |(x, y) J|, with
+ *   |m'_x| <= fx/z0 (|v_x| + |x/z| |v_z|) and at most a pixel a line,
+ *   q >= max(0.1, 1 - |x m'_x| - |y m'_y|),
+ * and W = r + u r1 + u^2 r2 stretches by at most what r does plus the Frobenius norms of r1 and r2. */
 #include <math.h>
 #include <string.h>
 
@@ -70,6 +78,51 @@ static cluster_bound everywhere(const pags_projection *v) {
   return bound;
 }
 
+/* How far, and how fast, the means of a box move at most along the camera's axes while the picture is read. */
+static void motion_bound(const pags_scan *s, const float centre[3], const float half[3], float moved[3],
+                         float speed[3]) {
+  const float *const turn[2] = {s->r1, s->r2}, *const shift[2] = {s->t1, s->t2};
+  for (int a = 0; a < 3; a++) {
+    float most[2]; /* of |c1|, of |c2| */
+    for (int i = 0; i < 2; i++) {
+      float middle = shift[i][a], reach = 0.0f, size = fabsf(shift[i][a]);
+      for (int b = 0; b < 3; b++) {
+        const float r = turn[i][3 * a + b];
+        middle += r * centre[b];
+        reach += fabsf(r) * half[b];
+        size += fabsf(r) * (fabsf(centre[b]) + half[b]);
+      }
+      most[i] = fabsf(middle) + reach + 4e-6f * size;
+    }
+    moved[a] = most[0] + most[1];
+    speed[a] = most[0] + 2.0f * most[1];
+  }
+}
+
+/* By how much more than `stretch`, that at mid-exposure, the pose stretches at most. */
+static float turn_bound(const pags_scan *s, float stretch) {
+  float first = 0.0f, second = 0.0f;
+  for (int k = 0; k < 9; k++) {
+    first += s->r1[k] * s->r1[k];
+    second += s->r2[k] * s->r2[k];
+  }
+  return 1.0001f + 1.0001f * (sqrtf(first) + sqrtf(second)) / stretch;
+}
+
+/* The factors by which the shear of a rolling shutter widens Gaussians along x and y at most, if the pose does by
+ * `turned`; lo, hi and z0: the box of their means in camera space. */
+static void shear_bound(const pags_projection *v, const float lo[3], const float hi[3], float z0, const float speed[3],
+                        float lim2_x, float lim2_y, float turned, float widened[2]) {
+  const float x = fmaxf(fabsf(lo[0]), fabsf(hi[0])) / z0, y = fmaxf(fabsf(lo[1]), fabsf(hi[1])) / z0;
+  const float across = fabsf(v->scan->x), down = fabsf(v->scan->y), most = 1.0001f * PAGS_SCAN_MOST / (across + down);
+  const float drift[2] = {fminf(most, v->fx / z0 * (speed[0] + x * speed[2])),
+                          fminf(most, v->fy / z0 * (speed[1] + y * speed[2]))};
+  const float row[2] = {v->fx * sqrtf(lim2_x), v->fy * sqrtf(lim2_y)};
+  const float q = fmaxf(PAGS_SCAN_LEAST, 1.0f - across * drift[0] - down * drift[1]);
+  for (int i = 0; i < 2; i++)
+    widened[i] = turned * (1.0f + drift[i] / q * (across * row[0] + down * row[1]) / row[i]);
+}
+
 /* Whether entry i of `k` lies outside of the view; if not, *bound receives the bounds of its members' depth and
  * pixels. `k` may be clusters or runs of clusters: a run's box and sigma bound those of its clusters, so a run that
  * is outside holds no cluster that would be in view. */
@@ -80,8 +133,11 @@ static bool cluster_outside(const cull_context *c, const pags_clusters *k, int64
     centre[a] = 0.5f * (k->lo[a][i] + k->hi[a][i]);
     half[a] = 0.5f * (k->hi[a][i] - k->lo[a][i]);
   }
+  float moved[3] = {0.0f, 0.0f, 0.0f}, speed[3], widened[2] = {1.0f, 1.0f};
+  if (v->scan)
+    motion_bound(v->scan, centre, half, moved, speed);
   for (int a = 0; a < 3; a++) {
-    float middle = v->t[a], reach = 0.0f, size = fabsf(v->t[a]);
+    float middle = v->t[a], reach = moved[a], size = fabsf(v->t[a]) + moved[a];
     for (int b = 0; b < 3; b++) {
       const float r = v->r[3 * a + b];
       middle += r * centre[b];
@@ -99,9 +155,13 @@ static bool cluster_outside(const cull_context *c, const pags_clusters *k, int64
   *bound = everywhere(v);
   if (!(z0 > 0.0f))
     return false;
+  if (v->scan)
+    shear_bound(v, lo, hi, z0, speed, c->lim2_x, c->lim2_y, turn_bound(v->scan, c->stretch), widened);
   const float sigma = k->sigma[i] * c->stretch;
-  const interval x = axis_reach(lo[0], hi[0], z0, z1, v->fx, v->cx, sigma, c->lim2_x, v->low_pass, c->reach_max);
-  const interval y = axis_reach(lo[1], hi[1], z0, z1, v->fy, v->cy, sigma, c->lim2_y, v->low_pass, c->reach_max);
+  const interval x =
+      axis_reach(lo[0], hi[0], z0, z1, v->fx, v->cx, widened[0] * sigma, c->lim2_x, v->low_pass, c->reach_max);
+  const interval y =
+      axis_reach(lo[1], hi[1], z0, z1, v->fy, v->cy, widened[1] * sigma, c->lim2_y, v->low_pass, c->reach_max);
   if (is_outside(x, v->width) || is_outside(y, v->height))
     return true;
   bound->near = z0;
@@ -201,8 +261,12 @@ pags_result pags_stage_cull(pags_frame *frame, bool bounded) {
   cluster_bound *const bounds = bounded ? pags_frame_alloc(frame, all, sizeof *bounds, "cluster bounds") : NULL;
   frame->clusters = pags_frame_alloc(frame, all, sizeof *frame->clusters, "clusters in view");
   frame->bounds = bounded ? pags_frame_alloc(frame, all, sizeof *frame->bounds, "cluster bounds") : NULL;
-  if (!parts || !first_block || !seen || !frame->clusters || (bounded && (!bounds || !frame->bounds)))
+  frame->held = frame->scans ? pags_frame_alloc(frame, all, sizeof *frame->held, "clusters in view") : NULL;
+  if (!parts || !first_block || !seen || !frame->clusters || (bounded && (!bounds || !frame->bounds)) ||
+      (frame->scans && !frame->held))
     return PAGS_ERROR_MEMORY;
+  if (frame->held)
+    memset(frame->held, 0, (size_t)all * sizeof *frame->held);
   frame->cluster_count = frame->dense_count = 0;
   for (int64_t p = 0, at = 0; p < frame->part_count; p++) {
     const pags_projection *const view = frame->projections + p;

@@ -18,8 +18,10 @@
  *       and its reach, which holds every pixel that the rasteriser could change (cull.c, project.inl), has only
  *       saturated blocks;
  *   (e) pixels beyond the picture's edge count as saturated.
- * The same holds for PAGS_EARLY_Z_BOUNDED, compared with a frame without slabs whose pixels also stop at T <= eps:
- * the number of slabs and the depths at which they are cut change no bit in either mode.
+ * A rolling shutter changes none of this: a Gaussian has one key, its depth when its line is read, for all pixels that
+ * it covers, and both the clusters' bounds and the reaches hold for all times at which it may be drawn (cull.c). The
+ * same holds for PAGS_EARLY_Z_BOUNDED, compared with a frame without slabs whose pixels also stop at T <= eps: the
+ * number of slabs and the depths at which they are cut change no bit in either mode.
  *
  * Error of PAGS_EARLY_Z_BOUNDED: let a pixel stop at transmittance T <= eps where OFF goes on. Until then both have
  * summed up the same C. OFF then adds sum(w_k c_k) + T' s, with weights w_k >= 0 that sum to T - T', colours c_k, and s

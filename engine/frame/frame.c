@@ -78,14 +78,13 @@ static pags_projection make_projection(const pags_camera *camera, const pags_fra
   v.sh_degree = options->sh_degree < part->gaussians->sh_degree ? options->sh_degree : part->gaussians->sh_degree;
   /* The float positions of a part are relative to the scene's origin or, where it follows a track, in the object's
    * frame; world_from_model takes either of them to the world relative to the origin. */
-  double local[12], camera_from_world[12], camera_from_model[12], model_from_camera[12];
+  double local[12], camera_from_model[12], model_from_camera[12];
   memcpy(local, camera->world_from_camera, sizeof local);
   for (int k = 0; k < 3; k++)
     local[4 * k + 3] -= options->origin[k];
   take_clips(options, local, &v);
-  pags_rigid_inverse(local, camera_from_world);
-  pags_rigid_multiply(camera_from_world, part->world_from_model, camera_from_model);
-  pags_affine_inverse(camera_from_model, model_from_camera);
+  pags_frame_pose(camera->world_from_camera, options->origin, part->world_from_model, camera_from_model,
+                  model_from_camera);
   for (int i = 0; i < 3; i++) {
     for (int k = 0; k < 3; k++)
       v.r[3 * i + k] = (float)camera_from_model[4 * i + k];
@@ -167,7 +166,7 @@ pags_result pags_frame_begin(pags_frame *frame, const pags_part *parts, int part
   size_planes(frame);
   if (frame_keeps_lists(frame))
     frame->options.early_z = PAGS_EARLY_Z_OFF;
-  return PAGS_OK;
+  return pags_frame_scan(frame);
 }
 
 void pags_frame_show(pags_frame *frame, pags_picture *out) {
@@ -218,6 +217,8 @@ pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int par
     const int64_t pairs = frame->stats.pairs_binned;
     frame->hiding = pairs > 0 ? 1.0 - (double)frame->stats.pairs_reached / (double)pairs : 0.0;
   }
+  for (int64_t i = 0; frame->held && i < frame->cluster_count; i++)
+    frame->stats.held += frame->held[i];
   pags_frame_show(frame, out);
   return PAGS_OK;
 }

@@ -41,9 +41,11 @@ void pags_frame_project_cluster(const pags_frame *frame, const view_cluster *c, 
   row_scratch scratch;
   int64_t stride;
   const float *const rows = pags_frame_geometry(part, c, &scratch, &stride);
-  frame->kernels->project(frame->projections + c->part, rows, stride,
-                          part->opacity_factor ? part->opacity_factor + c->first : NULL, c->count, splats, keys, tiles,
-                          frame->boxes + c->base, reaches);
+  const int held = frame->kernels->project(frame->projections + c->part, rows, stride,
+                                           part->opacity_factor ? part->opacity_factor + c->first : NULL, c->count,
+                                           splats, keys, tiles, frame->boxes + c->base, reaches);
+  if (frame->held)
+    frame->held[c - frame->clusters] = held;
   if (frame->options.rest_cut > 0.0f)
     cut_rest(frame, c, splats, keys);
   for (int k = 0; k < c->count; k++)

@@ -46,8 +46,9 @@ void pags_frame_prepare_sky(pags_frame *frame) {
 }
 
 void pags_frame_find_sky(const pags_frame *frame, int64_t tile, pags_sky_tile *out) {
-  frame->kernels->sky_find(&frame->rays, frame->options.sky->texels, frame_tile_x(frame, tile),
-                           frame_tile_y(frame, tile), out);
+  const pags_sky_rays rays = pags_frame_rays(frame, tile);
+  frame->kernels->sky_find(&rays, frame->options.sky->texels, frame_tile_x(frame, tile), frame_tile_y(frame, tile),
+                           out);
 }
 
 void pags_frame_blend_sky(const pags_frame *frame, int64_t tile, const pags_sky_tile *found) {
@@ -92,10 +93,11 @@ static void tile_runs(const sky_context *c, int64_t tile, uint64_t seen[WORDS]) 
     return;
   const pags_frame *const f = c->frame;
   const int size = f->rays.size, x0 = frame_tile_x(f, tile), y0 = frame_tile_y(f, tile);
+  const pags_sky_rays rays = pags_frame_rays(f, tile);
   int32_t row[PAGS_TILE_PIXELS], column[PAGS_TILE_PIXELS];
   float unused[4][PAGS_TILE_PIXELS];
   float *const weight[4] = {unused[0], unused[1], unused[2], unused[3]};
-  f->kernels->sky_cells(&f->rays, x0, y0, LAST, row, column, weight);
+  f->kernels->sky_cells(&rays, x0, y0, LAST, row, column, weight);
   const int32_t corner[4] = {row[0], row[LAST], row[PAGS_TILE], row[PAGS_TILE + LAST]};
   int64_t first = corner[0], last = corner[0];
   bool one_face = true;
@@ -109,7 +111,7 @@ static void tile_runs(const sky_context *c, int64_t tile, uint64_t seen[WORDS]) 
     add_runs_between(first * size, (last + 1) * size - 1, c->run_bits, seen);
     return;
   }
-  f->kernels->sky_cells(&f->rays, x0, y0, 1, row, column, weight);
+  f->kernels->sky_cells(&rays, x0, y0, 1, row, column, weight);
   for (int i = 0; i < PAGS_TILE_PIXELS; i++) { /* pixels beyond the picture's edge do no harm: they only add runs */
     const int64_t texel = (int64_t)row[i] * size + column[i];
     /* From the first to the last of the cell's four texels; a run is longer, so that they lie in one run or in
@@ -296,7 +298,8 @@ static void add_run(const sky_context *c, int64_t index, int worker) {
     pixel_box box = {0, 0, width < PAGS_TILE ? width : PAGS_TILE, height < PAGS_TILE ? height : PAGS_TILE};
     tile_terms terms;
     float *const weight[4] = {terms.weight[0], terms.weight[1], terms.weight[2], terms.weight[3]};
-    f->kernels->sky_cells(&f->rays, x0, y0, 1, terms.row, terms.column, weight);
+    const pags_sky_rays rays = pags_frame_rays(f, tile);
+    f->kernels->sky_cells(&rays, x0, y0, 1, terms.row, terms.column, weight);
     for (int y = 0; y < box.y1; y++) {
       const int64_t at = (int64_t)(y0 + y) * f->stride + x0;
       terms.shows[y] = row_shows(frame_plane(f, PLANE_T) + at, c->gradient->sky_cut);

@@ -74,6 +74,7 @@ struct pags_frame {
 
   pags_part *parts;             /* copied into the arena */
   pags_projection *projections; /* one per part */
+  pags_scan *scans;             /* one per part; NULL: a global shutter */
   int part_count;
   pags_camera camera;
   pags_frame_options options;
@@ -83,6 +84,7 @@ struct pags_frame {
 
   view_cluster *clusters;
   cluster_bound *bounds; /* per cluster in view; NULL unless drawn in slabs or with PAGS_EARLY_Z_PAPER */
+  int32_t *held;         /* per cluster in view: members that are too fast for it; NULL: a global shutter */
   int64_t cluster_count, dense_count;
   pags_splat *splats;   /* dense_count */
   uint32_t *keys;       /* dense_count sort keys: the bits of z; UINT32_MAX where the Gaussian isn't drawn */
@@ -212,6 +214,14 @@ void pags_frame_box_members(const pags_frame *frame, int64_t first, int count);
 /* Sorts `count` items by ascending key, stably, with `spare` as a second buffer of `count` items. Returns `keys` or
  * `spare`, whichever holds the result. */
 depth_key *pags_frame_sort_keys(depth_key *keys, depth_key *spare, int64_t count);
+
+/* Fills in how the parts move while a rolling shutter reads the picture (shutter.c); `scans` is NULL if it doesn't. */
+pags_result pags_frame_scan(pags_frame *frame);
+/* camera_from_model and its inverse, as make_projection takes them: with the world's origin at `origin`. */
+void pags_frame_pose(const double world_from_camera[12], const double origin[3], const double world_from_model[12],
+                     double camera_from_model[12], double model_from_camera[12]);
+/* The directions of a tile's pixels: frame->rays, with a rolling shutter as the camera stood when they were read. */
+pags_sky_rays pags_frame_rays(const pags_frame *frame, int64_t tile);
 
 /* The sky (sky.c). prepare sets has_sky and the pixels' directions, before any tile is drawn. find looks up the cube
  * map cells that a tile's pixels see and prefetches their texels, so it is best called before the tile's Gaussians

@@ -199,6 +199,33 @@ double pags_affine_stretch(const double m[12]) {
   return sqrt(most);
 }
 
+static const struct {
+  const char *words;
+  double across, down; /* sign */
+} directions[] = {{"none", 0, 0},
+                  {"top_to_bottom", 0, 1},
+                  {"bottom_to_top", 0, -1},
+                  {"left_to_right", 1, 0},
+                  {"right_to_left", -1, 0}};
+enum { DIRECTIONS = sizeof directions / sizeof *directions };
+
+int pags_shutter_set(pags_shutter *shutter, const char *direction, double seconds) {
+  for (int i = 0; i < DIRECTIONS; i++)
+    if (strcmp(direction, directions[i].words) == 0) {
+      shutter->across = directions[i].across != 0 ? directions[i].across * seconds : 0;
+      shutter->down = directions[i].down != 0 ? directions[i].down * seconds : 0;
+      return 1;
+    }
+  return 0;
+}
+
+const char *pags_shutter_direction(const pags_shutter *shutter) {
+  for (int i = 1; i < DIRECTIONS; i++)
+    if (directions[i].across * shutter->across > 0 || directions[i].down * shutter->down > 0)
+      return directions[i].words;
+  return directions[0].words;
+}
+
 pags_result pags_camera_check(pags_camera *camera, const char *what) {
   if (camera->width < 1 || camera->width > 65535 || camera->height < 1 || camera->height > 65535)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a picture of 1 to 65535 pixels a side, found %d x %d", what,
@@ -209,6 +236,16 @@ pags_result pags_camera_check(pags_camera *camera, const char *what) {
   if (!isfinite(camera->cx) || !isfinite(camera->cy))
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a finite principal point, found cx %g, cy %g", what, camera->cx,
                      camera->cy);
+  const pags_shutter *const s = &camera->shutter;
+  double speed = 0;
+  for (int k = 0; k < 6; k++)
+    speed += fabs(s->velocity[k]);
+  if (!(fabs(s->across) <= 1 && fabs(s->down) <= 1 && (s->across == 0 || s->down == 0) && isfinite(speed)))
+    return pags_fail(
+        PAGS_ERROR_FORMAT,
+        "%s: expected a rolling shutter that reads the picture across or down in at most 1 s, and a finite "
+        "velocity; found %g s across, %g s down and a velocity of %g",
+        what, s->across, s->down, speed);
   return pags_rigid_check(camera->world_from_camera, what);
 }
 

@@ -13,6 +13,26 @@
 
 static const char axes_note[] = "OpenCV: x right, y down, z forward; pixel centres at i + 0.5";
 
+static pags_result read_shutter(const pags_json *json, const pags_json_value *object, pags_shutter *shutter) {
+  const pags_json_value *value;
+  const char *direction;
+  double seconds;
+  *shutter = (pags_shutter){0};
+  if (!pags_json_member(object, "rolling_shutter"))
+    return PAGS_OK;
+  PAGS_TRY(pags_json_object(json, object, "rolling_shutter", &value));
+  PAGS_TRY(pags_json_string(json, value, "direction", &direction));
+  PAGS_TRY(pags_json_number(json, value, "seconds", &seconds));
+  PAGS_TRY(pags_json_numbers(json, value, "velocity", 6, shutter->velocity));
+  if (!(seconds >= 0) || !pags_shutter_set(shutter, direction, seconds))
+    return pags_json_fail(
+        json, value,
+        "expected a direction top_to_bottom, bottom_to_top, left_to_right, right_to_left or none, and "
+        "0 seconds or more; found '%s' and %g",
+        direction, seconds);
+  return PAGS_OK;
+}
+
 pags_result pags_camera_from_json(const pags_json *json, const pags_json_value *object, pags_camera *camera) {
   int64_t width, height;
   PAGS_TRY(pags_json_integer(json, object, "width", 1, 65535, &width));
@@ -24,6 +44,7 @@ pags_result pags_camera_from_json(const pags_json *json, const pags_json_value *
   PAGS_TRY(pags_json_number(json, object, "cx", &camera->cx));
   PAGS_TRY(pags_json_number(json, object, "cy", &camera->cy));
   PAGS_TRY(pags_json_number_or(json, object, "time", (double)NAN, &camera->time));
+  PAGS_TRY(read_shutter(json, object, &camera->shutter));
 
   /* The file holds camera_from_world as a quaternion of any length and a translation, the struct the inverse. */
   double q[4], t[3], r[9], pose[12];
@@ -71,6 +92,13 @@ void pags_camera_to_json(pags_json_writer *writer, const pags_camera *camera) {
   pags_json_put_numbers(writer, "camera_from_world_translation", t, 3);
   if (!isnan(camera->time))
     pags_json_put_number(writer, "time", camera->time);
+  if (!pags_camera_rolls(camera))
+    return;
+  pags_json_begin_object(writer, "rolling_shutter");
+  pags_json_put_string(writer, "direction", pags_shutter_direction(&camera->shutter));
+  pags_json_put_number(writer, "seconds", fabs(camera->shutter.across + camera->shutter.down));
+  pags_json_put_numbers(writer, "velocity", camera->shutter.velocity, 6);
+  pags_json_end_object(writer);
 }
 
 /* Reads a path file, which has the key "frames", the files of other programs, or else a camera file, as a path of one

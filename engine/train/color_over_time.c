@@ -154,9 +154,8 @@ static pags_result add_round(pags_trainer *t, const int64_t *indices, int count,
   options.extra_channels = 1;
   for (int i = 0; i < count; i++) {
     const int level = pags_views_level(t, indices[i]);
-    const pags_camera camera = pags_camera_poses_view(&t->state.cameras, t->dataset, t->views[indices[i]]);
-    t->round[i] = (pags_step_view){.view = t->views[indices[i]],
-                                   .camera = pags_camera_downscale(&camera, level * factor_of(level))};
+    const int64_t view = t->views[indices[i]];
+    t->round[i] = (pags_step_view){.view = view, .camera = pags_view_render_camera(t, view, level * factor_of(level))};
   }
   PAGS_TRY(pags_round_project(t, t->state.step + 1, count, &options));
   pags_result mine = PAGS_OK;

@@ -236,6 +236,9 @@ const pags_train_field pags_fields[] = {
     NUMBER(picture, low_pass, 0.3, 0, 100, "px^2", "add this to both variances of a Gaussian on the screen"),
     SWITCH(picture, antialiased, 0,
            "lower opacities by what the low-pass filter adds (the 2D filter of Mip-Splatting)"),
+    SWITCH(
+        picture, rolling_shutter, 1,
+        "draw each Gaussian as the camera and its object stood when its line was read, where the data set says when"),
     PRESET(picture, alpha_min, 0.0196, 0.0196, 0, 0, "; 0 with strategy mcmc or antialiased", 0, 0.1, "1",
            "blend (alpha - alpha_min) / (1 - alpha_min) where that is positive; 0: alpha where it is at least 1/255"),
     BACKGROUND("r", 0),

@@ -26,6 +26,7 @@ static void project(const pags_camera *camera, const double camera_from_sweep[12
     out[i] = (pags_seen_point){0};
     if (!(p[2] > 0.1))
       continue;
+    pags_camera_see(camera, p, p); /* where the photograph shows it, whether or not training knows of the shutter */
     double u = camera->fx * p[0] / p[2] + camera->cx, v = camera->fy * p[1] / p[2] + camera->cy;
     if (u >= 0 && v >= 0 && u < camera->width && v < camera->height)
       out[i] = (pags_seen_point){(float)u, (float)v, (float)p[2]};

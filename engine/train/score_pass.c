@@ -85,15 +85,12 @@ static void add_cluster(void *user, const pags_cluster_score *c, int worker) {
   }
 }
 
-static pags_camera whole_camera(const pags_trainer *t, int64_t index) {
-  return pags_camera_poses_view(&t->state.cameras, t->dataset, t->views[index]);
-}
-
 /* Returns the factor by which a rough pass shrinks training's picture of training view `index`: 2, or 1 if the picture
  * would be smaller than training's pictures ever are. */
 static int factor_of(const pags_trainer *t, int64_t index, int rough) {
-  const pags_camera camera = whole_camera(t, index);
-  const int shorter = camera.width < camera.height ? camera.width : camera.height, level = pags_views_level(t, index);
+  const pags_camera *camera = &pags_dataset_view(t->dataset, t->views[index])->camera;
+  const int shorter = camera->width < camera->height ? camera->width : camera->height,
+            level = pags_views_level(t, index);
   return rough && level < 4 && shorter / (2 * level) >= t->state.schedule.config.schedule.resolution_floor ? 2 : 1;
 }
 
@@ -163,8 +160,8 @@ static pags_result add_round(score_pass *p, const int64_t *indices, int count, i
   const pags_frame_options options = options_of(t);
   for (int i = 0; i < count; i++) {
     const int factor = pags_views_level(t, indices[i]) * factor_of(t, indices[i], rough);
-    const pags_camera whole = whole_camera(t, indices[i]);
-    t->round[i] = (pags_step_view){.view = t->views[indices[i]], .camera = pags_camera_downscale(&whole, factor)};
+    t->round[i] = (pags_step_view){.view = t->views[indices[i]],
+                                   .camera = pags_view_render_camera(t, t->views[indices[i]], factor)};
   }
   PAGS_TRY(pags_round_project(t, t->state.step, count, &options));
   p->labelled = 0;

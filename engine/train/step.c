@@ -388,8 +388,7 @@ static pags_frame_options options_of(const pags_trainer *t, int64_t step, const 
 /* Composes the view's parts and makes room for what a step keeps of them. */
 static pags_result compose(pags_trainer *t, pags_step_view *v) {
   t->render.photograph = v->number;
-  const pags_camera whole = pags_camera_poses_view(&t->state.cameras, t->dataset, v->view);
-  v->camera = pags_camera_downscale(&whole, v->level);
+  v->camera = pags_view_render_camera(t, v->view, v->level);
   pags_view_render_compose(t, v->view);
   for (int i = 0; t->state.schedule.batch > 1 && i < t->render.part_count; i++)
     PAGS_TRY(

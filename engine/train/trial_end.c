@@ -5,6 +5,7 @@
 #include "train/trial_end.h"
 
 #include <math.h>
+#include <string.h>
 
 #include "base/log.h"
 #include "maths/maths.h"
@@ -24,8 +25,10 @@ bool pags_trials_keep_at(const pags_train_state *s, int64_t step) {
 
 /* PSNR without what is on trial, subtracted from that with it. */
 static pags_result gain_of(pags_trainer *t, trial_of what, int64_t view, double *gain) {
-  const pags_view *recorded = pags_dataset_view(t->dataset, view);
-  const pags_camera corrected = pags_camera_poses_view(&t->state.cameras, t->dataset, view);
+  const pags_view *const v = pags_dataset_view(t->dataset, view);
+  const pags_camera corrected = pags_view_render_camera(t, view, 1);
+  pags_camera recorded = corrected;
+  memcpy(recorded.world_from_camera, v->camera.world_from_camera, sizeof recorded.world_from_camera);
   pags_scene_view with = {.gain = {1, 1, 1}};
   double value[6], before, after;
   if (t->state.exposures.count > 0) {
@@ -35,11 +38,11 @@ static pags_result gain_of(pags_trainer *t, trial_of what, int64_t view, double 
       with.offset[c] = value[3 + c];
     }
   }
-  with.light = pags_photometry_light(&t->state.photometry, recorded->sensor);
+  with.light = pags_photometry_light(&t->state.photometry, v->sensor);
   pags_scene_view without = with;
   if (what == OF_LIGHT)
     without.light = (pags_light){.vignette = {0.0}};
-  PAGS_TRY(pags_held_out_view(t, view, what == OF_POSES ? &recorded->camera : &corrected, &without, &before));
+  PAGS_TRY(pags_held_out_view(t, view, what == OF_POSES ? &recorded : &corrected, &without, &before));
   PAGS_TRY(pags_held_out_view(t, view, &corrected, &with, &after));
   *gain = after - before;
   return PAGS_OK;

@@ -97,10 +97,20 @@ void pags_view_render_compose(pags_trainer *t, int64_t view) {
         double begin = object->knots[0].time, end = object->knots[object->knot_count - 1].time;
         pags_fourier_basis(pags_fourier_phase(begin, end, v->camera.time), t->render.models[i].basis);
         add_part(t, i, first_id, pags_track_poses_knot(object, v->frame), pose);
+        if (pags_camera_rolls(&v->camera))
+          pags_object_velocity(object, v->camera.time, t->render.parts[t->render.part_count - 1].velocity);
       }
     }
     first_id += (int32_t)m->total;
   }
+}
+
+pags_camera pags_view_render_camera(const pags_trainer *t, int64_t view, double factor) {
+  const pags_camera whole = pags_camera_poses_view(&t->state.cameras, t->dataset, view);
+  pags_camera camera = pags_camera_downscale(&whole, factor);
+  if (!t->state.schedule.config.picture.rolling_shutter)
+    camera.shutter = (pags_shutter){0};
+  return camera;
 }
 
 pags_frame_options pags_view_render_options(const pags_trainer *t, int64_t step) {

@@ -62,6 +62,8 @@ void pags_view_render_destroy(struct pags_trainer *trainer);
 
 /* Sets the parts to those that exist at a view's time, with the poses trained so far. */
 void pags_view_render_compose(struct pags_trainer *trainer, int64_t view);
+/* Returns the camera that a view of the data set is drawn with, its size divided by `factor`. */
+pags_camera pags_view_render_camera(const struct pags_trainer *trainer, int64_t view, double factor);
 /* Returns the frame's options for a view at `step`. */
 pags_frame_options pags_view_render_options(const struct pags_trainer *trainer, int64_t step);
 /* For photographs with dropout: gives each part an array of opacity factors, one per Gaussian, which

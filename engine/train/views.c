@@ -28,6 +28,8 @@ static uint64_t fingerprint_of(const pags_dataset *dataset) {
     hash = hash_bytes(hash, sizes, sizeof sizes);
     hash = hash_bytes(hash, lens, sizeof lens);
     hash = hash_bytes(hash, v->camera.world_from_camera, sizeof v->camera.world_from_camera);
+    if (pags_camera_rolls(&v->camera))
+      hash = hash_bytes(hash, &v->camera.shutter, sizeof v->camera.shutter);
   }
   for (int64_t i = 0; i < pags_dataset_object_count(dataset); i++) {
     const pags_object *o = pags_dataset_object(dataset, i);

@@ -65,6 +65,9 @@ pags_result pags_output_list_views(const pags_dataset *dataset, const pags_train
     memcpy(scene->views[i].gain, value, sizeof scene->views[i].gain);
     memcpy(scene->views[i].offset, value + 3, sizeof scene->views[i].offset);
 
+    if (!state->schedule.config.picture.rolling_shutter)
+      scene->views[i].camera.shutter = (pags_shutter){0};
+
     double time = view->camera.time;
     if (!isfinite(time))
       continue;

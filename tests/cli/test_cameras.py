@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Corrections of camera poses, vignettes and response curves: a street whose cameras have faults is trained with them and evaluated; the same bits for threads and
-for a run that was stopped."""
+"""Corrections of camera poses, vignettes and response curves, and rolling shutters: a street whose cameras have faults is trained with them and evaluated; the same
+bits for threads and for a run that was stopped."""
 
 import json
 import os
@@ -76,6 +76,24 @@ class Cameras(Case):
         data = fixtures.make_dataset(self.path("data"))
         done = self.succeeds("train", data, "-o", self.path("scene"), *fixtures.SMALL, *TRAIN, "--iterations", 20)
         self.assertIn("camera_poses and light are left out", done.stdout + done.stderr)
+
+    def test_rolling_shutter(self):
+        """A street that was read line by line is evaluated as its scene was trained: with the shutter, or without."""
+        data, scenes = self.path("rolling"), {1: self.path("with"), 0: self.path("without")}
+        self.succeeds("synth", "street", "-o", data, *STREET, "--fault", "rolling-down=0.08")
+        for rolls, scene in scenes.items():
+            self.succeeds("train", data, "-o", scene, "--iterations", 300, "--set", f"rolling_shutter={rolls}")
+            self.assertEqual(["rolling_shutter" in view for view in load(scene, "scene.json")["cameras"]], [bool(rolls)] * 60)
+        root = load(scenes[1], "scene.json")
+        scores = {}
+        for shutter in ("kept", "taken"):
+            with open(os.path.join(scenes[1], "scene.json"), "w") as file:
+                json.dump(root, file)
+            self.succeeds("eval", scenes[1], "--json", self.path("eval.json"))
+            scores[shutter] = load(self.path("eval.json"))["train"]["psnr"]
+            for view in root["cameras"]:
+                view.pop("rolling_shutter", None)
+        self.assertGreater(scores["kept"], scores["taken"] + 1)
 
     def test_off(self):
         """A street without faults keeps its recorded poses, and says why."""

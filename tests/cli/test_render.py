@@ -2,10 +2,12 @@
 """pags render and pags info on small synthetic splat files."""
 
 import json
+import math
 import os
 import struct
 
 import fixtures
+import scenes
 from fixtures import FRONT, Case, files_below, make_dataset, ply_bytes, read, read_png, some_splats, splat
 
 
@@ -28,6 +30,53 @@ class Render(Case):
         self.assertEqual(self.pixel(self.path("out", "00000.png"), 0, 0), (0, 0, 0))
         self.succeeds("render", scene, "--camera", self.camera(), "-o", self.path("out"), "--background", "0,0.5,1")
         self.assertEqual(self.pixel(self.path("out", "00000.png"), 0, 0), (0, 128, 255))
+
+    def test_shutter(self):
+        scene = self.write("a.ply", ply_bytes(some_splats()))
+        shutter = {"direction": "left_to_right", "seconds": 0.1, "velocity": [0, 0, 0, 2, 0, 0]}
+        rolling = self.camera(rolling_shutter=shutter)
+        drawn = {}
+        for name, more in {"default": [], "rolling": ["--shutter", "rolling"], "global": ["--shutter", "global"]}.items():
+            self.succeeds("render", scene, "--camera", rolling, "-o", self.path(name), *more)
+            drawn[name] = read(self.path(name, "00000.png"))
+        self.assertEqual(drawn["default"], drawn["rolling"])
+        self.assertNotEqual(drawn["default"], drawn["global"])
+        self.succeeds("render", scene, "--camera", self.camera(), "-o", self.path("plain"))
+        self.assertEqual(read(self.path("plain", "00000.png")), drawn["global"])
+        error = self.fails(["render", scene, "--camera", self.camera(), "-o", self.path("no"), "--shutter", "rolling"], "--shutter rolling")
+        self.assertIn("rolling_shutter", error)
+        for wrong in ({**shutter, "direction": "down"}, {**shutter, "seconds": -1}, {**shutter, "velocity": [1]}, {**shutter, "seconds": 2}):
+            self.fails(["render", scene, "--camera", self.camera(rolling_shutter=wrong), "-o", self.path("no")], "camera.json:")
+
+    def test_shutter_along_a_path(self):
+        # A path without shutters gets the scene's read-out, and velocities from the times and places of its frames.
+        folder = scenes.make_scene(self.path("scene"))
+        with open(self.path("scene", "scene.json")) as file:
+            scene = json.load(file)
+        frames = [scenes.camera(f, 0.8 * f, 0.0) for f in range(4)]
+        velocity = [0, 0, 0, 0, -8 * math.sin(0.15), 8 * math.cos(0.15)]
+        shutter = {"direction": "top_to_bottom", "seconds": 0.1, "velocity": velocity}
+        drawn = {}
+        for name, own in {"given": {"rolling_shutter": shutter}, "found": {}}.items():
+            path = self.write(f"{name}.json", json.dumps({"fps": 10, "frames": [{**frame, **own} for frame in frames]}))
+            scene["cameras"] = [{**frame, "rolling_shutter": {**shutter, "velocity": [0] * 6}} for frame in frames]
+            self.write("scene/scene.json", json.dumps(scene))
+            for choice in ("rolling", "global"):
+                out = self.path(name + choice)
+                self.succeeds("render", folder, "--path", path, "-o", out, "--shutter", choice, "--format", "exr")
+                drawn[name, choice] = [read(self.path(name + choice, f"0000{f}.exr")) for f in range(4)]
+        self.assertEqual(drawn["given", "global"], drawn["found", "global"])
+        for rolling, still in zip(drawn["given", "rolling"], drawn["given", "global"]):
+            self.assertNotEqual(rolling, still)
+        # The velocities agree to rounding, and so do the pictures.
+        self.succeeds("render", folder, "--path", self.path("found.json"), "-o", self.path("again"), "--shutter", "rolling")
+        self.succeeds("render", folder, "--path", self.path("given.json"), "-o", self.path("png"))
+        for f in range(4):
+            first, second = (read_png(self.path(at, f"0000{f}.png"))[4] for at in ("again", "png"))
+            self.assertLess(max(abs(x - y) for x, y in zip(first, second)), 3)
+        still = [{k: v for k, v in frame.items() if k != "time"} for frame in frames]
+        path = self.write("timeless.json", json.dumps({"fps": 10, "frames": still}))
+        self.fails(["render", folder, "--path", path, "-o", self.path("no"), "--shutter", "rolling"], "expected a path whose time runs")
 
     def test_packed_file(self):
         scene, packed = self.write("a.ply", ply_bytes(some_splats())), self.path("a.pagsz")

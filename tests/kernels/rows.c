@@ -59,6 +59,20 @@ pags_projection view_straight(int sh_degree) {
   return view_of((const double[9]){1, 0, 0, 0, 1, 0, 0, 0, 1}, (const double[3]){0, 0, 0}, sh_degree);
 }
 
+pags_scan scan_random(const pags_projection *view) {
+  const bool across = check_below(2), back = check_below(2);
+  pags_scan s = {.x = across ? 1.0f / view->width : 0.0f, .y = across ? 0.0f : 1.0f / view->height, .start = -0.5f};
+  if (back)
+    s.x *= -1.0f, s.y *= -1.0f, s.start = 0.5f;
+  for (int k = 0; k < 9; k++)
+    s.r1[k] = check_uniform(-0.1f, 0.1f), s.r2[k] = check_uniform(-0.01f, 0.01f);
+  for (int k = 0; k < 3; k++) {
+    s.t1[k] = check_uniform(-1.0f, 1.0f), s.t2[k] = check_uniform(-0.05f, 0.05f);
+    s.eye1[k] = check_uniform(-1.0f, 1.0f), s.eye2[k] = check_uniform(-0.05f, 0.05f);
+  }
+  return s;
+}
+
 /* ---- Rows ---- */
 
 static void place(const pags_projection *v, float row[ROW_FLOATS], float x, float y, float z) {

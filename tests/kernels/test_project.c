@@ -239,6 +239,47 @@ static void test_clips(const pags_kernels *k) {
   CHECK(clipped > 100 && tally[1] > 50);
 }
 
+/* With a rolling shutter: the scalar kernel's bits on every machine, rows that aren't usable aren't drawn. Their values
+ * are compared with the oracle's in tests/unit/test_shutter.c. */
+static void test_rolling(const pags_kernels *k) {
+  int drawn = 0, moved = 0, held = 0;
+  for (size_t n = 0; n < sizeof counts / sizeof *counts; n++)
+    for (int kind = ROWS_ORDINARY; kind <= ROWS_AWKWARD; kind++) {
+      pags_projection view = view_random(check_below(4), n % 2);
+      const pags_scan scan = scan_random(&view);
+      const rows r = rows_random(&view, counts[n], (row_kind)kind);
+      const projection still = project(k, &view, &r);
+      view.scan = &scan;
+      const projection got = project(k, &view, &r), want = project(&pags_kernels_scalar, &view, &r);
+      check_scalar(&got, &want, r.count);
+      for (int i = 0; i < r.count; i++) {
+        double row[ROW_FLOATS];
+        row_read(&r, i, row);
+        CHECK(got.keys[i] == UINT32_MAX || row_usable(row, ROW_SH));
+        drawn += got.keys[i] != UINT32_MAX;
+        moved += got.keys[i] != UINT32_MAX && still.keys[i] != UINT32_MAX && got.splats[i].x != still.splats[i].x;
+      }
+      const int here = k->project(&view, r.data, r.stride, NULL, r.count, got.splats, got.keys, false, got.boxes, NULL);
+      const int there = pags_kernels_scalar.project(&view, r.data, r.stride, NULL, r.count, want.splats, want.keys,
+                                                    false, want.boxes, NULL);
+      CHECK(!CHECK_EXACT || here == there);
+      held += here;
+      check_release();
+    }
+  check_note("%d rows drawn, %d elsewhere than at mid-exposure, %d held", drawn, moved, held);
+  CHECK(drawn > 300 && moved > 200 && held > 0 && held < drawn / 2);
+}
+
+static void test_rolling_bench(const pags_kernels *k) {
+  pags_projection view = view_random(3, false);
+  const pags_scan scan = scan_random(&view);
+  const rows r = rows_random(&view, 256, ROWS_ORDINARY);
+  view.scan = &scan;
+  const projection p = project(k, &view, &r);
+  CHECK_BENCH("project, rolling", r.count, "row")
+  k->project(&view, r.data, r.stride, NULL, r.count, p.splats, p.keys, false, p.boxes, NULL);
+}
+
 static void test_bench(const pags_kernels *k) {
   const pags_projection view = view_random(3, false);
   const rows r = rows_random(&view, 256, ROWS_ORDINARY);
@@ -299,9 +340,17 @@ static void test_reaches(const pags_kernels *k) {
 
 int main(int argc, char **argv) {
   static const check_case cases[] = {
-      {"project ordinary", test_ordinary}, {"project needles", test_needles}, {"project awkward", test_awkward},
-      {"project clips", test_clips},       {"project edges", test_edges},     {"project factor", test_factor},
-      {"project tiles", test_tiles},       {"project reaches", test_reaches}, {"project bench", test_bench},
+      {"project ordinary", test_ordinary},
+      {"project needles", test_needles},
+      {"project awkward", test_awkward},
+      {"project clips", test_clips},
+      {"project edges", test_edges},
+      {"project factor", test_factor},
+      {"project tiles", test_tiles},
+      {"project reaches", test_reaches},
+      {"project bench", test_bench},
+      {"project rolling", test_rolling},
+      {"project rolling bench", test_rolling_bench},
   };
   return check_main(argc, argv, cases, (int)(sizeof cases / sizeof *cases));
 }

@@ -19,8 +19,11 @@ typedef struct frame {
   bool *poisoned; /* whether a slot of this row holds a NaN or infinity that must matter */
 } frame;
 
+static const pags_scan *scan; /* that of the frames which are made; NULL: they have a global shutter */
+
 static frame make_frame(const pags_kernels *k, int count, row_kind kind, int degree, bool antialiased, bool poison) {
   frame f = {.view = view_random(degree, antialiased)};
+  f.view.scan = scan;
   f.rows = rows_random(&f.view, count, kind);
   f.splats = CHECK_NEW(pags_splat, count);
   f.keys = CHECK_NEW(uint32_t, count);
@@ -246,6 +249,23 @@ static void test_poison(const pags_kernels *k) {
   check_kind(k, ROWS_ORDINARY, true);
 }
 
+/* With a rolling shutter: the scalar kernel's bits on every machine. The values are compared with differences of the
+ * oracle in tests/unit/test_shutter.c. */
+static void test_rolling(const pags_kernels *k) {
+  for (size_t n = 0; n < sizeof counts / sizeof *counts; n++)
+    for (int kind = ROWS_ORDINARY; kind <= ROWS_AWKWARD; kind++) {
+      const pags_projection view = view_random(0, false);
+      const pags_scan own = scan_random(&view);
+      scan = &own;
+      const frame f = make_frame(k, counts[n], (row_kind)kind, check_below(4), n % 2, kind == ROWS_ORDINARY && n % 2);
+      const gradient got = backward(k, &f), want = backward(&pags_kernels_scalar, &f);
+      check_form(&f, &got);
+      check_scalar(&f, &got, &want);
+      check_release();
+    }
+  scan = NULL;
+}
+
 static void test_bench(const pags_kernels *k) {
   const frame f = make_frame(k, 256, ROWS_ORDINARY, 3, false, false);
   const gradient g = backward(k, &f);
@@ -258,7 +278,7 @@ int main(int argc, char **argv) {
   static const check_case cases[] = {
       {"project_backward ordinary", test_ordinary}, {"project_backward awkward", test_awkward},
       {"project_backward needles", test_needles},   {"project_backward poison", test_poison},
-      {"project_backward bench", test_bench},
+      {"project_backward bench", test_bench},       {"project_backward rolling", test_rolling},
   };
   return check_main(argc, argv, cases, (int)(sizeof cases / sizeof *cases));
 }

@@ -74,6 +74,7 @@ static void create_part(frame_scene *scene, int p, const reference_part *from, i
   scene->parts[p] =
       (pags_part){.gaussians = g, .clusters = &scene->clusters[p], .id = scene->id[p], .first_id = from->first_id};
   memcpy(scene->parts[p].world_from_model, from->world_from_model, sizeof from->world_from_model);
+  memcpy(scene->parts[p].velocity, from->velocity, sizeof from->velocity);
   if (from->dc)
     create_dc(scene, p, from);
   if (from->factor)

@@ -42,6 +42,7 @@ reference_part reference_part_from(const pags_part *from) {
   part.id = from->id;
   part.first_id = from->first_id;
   memcpy(part.world_from_model, from->world_from_model, sizeof part.world_from_model);
+  memcpy(part.velocity, from->velocity, sizeof part.velocity);
   return part;
 }
 
@@ -286,17 +287,48 @@ static bool clipped(const reference_splat *splat, const pags_camera *camera, con
   return out;
 }
 
-static reference_splat find_splat(const reference_part *part, int64_t i, const reference_view *view,
+static void find_camera(const reference_part *part, int64_t i, const reference_view *view, double camera[3]) {
+  for (int row = 0; row < 3; row++) {
+    camera[row] = view->translation[row];
+    for (int k = 0; k < 3; k++)
+      camera[row] += view->rotation[3 * row + k] * reference_value(part, PAGS_MEAN + k, i);
+  }
+}
+
+/* The view `seconds` after the middle of the exposure. */
+static reference_view view_at(const reference_part *part, const reference_view *middle, const pags_camera *camera,
+                              const pags_frame_options *options, double seconds) {
+  const reference_moment moment = reference_moment_at(part, camera, seconds);
+  reference_view view = reference_view_of(&moment.part, &moment.camera, options);
+  view.widened = middle->widened;
+  return view;
+}
+
+static reference_splat find_splat(const reference_part *part, int64_t i, const reference_view *middle,
                                   const pags_camera *camera, const pags_frame_options *options, double least) {
   reference_splat splat = {.id = part->id ? part->id[i] : part->first_id + (int32_t)i};
-  for (int row = 0; row < 3; row++) {
-    splat.camera[row] = view->translation[row];
-    for (int k = 0; k < 3; k++)
-      splat.camera[row] += view->rotation[3 * row + k] * reference_value(part, PAGS_MEAN + k, i);
+  reference_line line = {.shear = {1, 0, 0, 1}, .margin = INFINITY};
+  reference_view own = *middle, seen = *middle;
+  find_camera(part, i, middle, splat.camera);
+  if (clipped(&splat, camera, options))
+    return splat;
+  if (pags_camera_rolls(camera)) {
+    line = reference_find_line(part, i, camera, options);
+    own = view_at(part, middle, camera, options, line.seconds);
+    seen = view_at(part, middle, camera, options, line.seen);
+    splat.held = line.held;
+    find_camera(part, i, &own, splat.camera);
   }
-  if (!(splat.camera[2] > (double)options->near_plane) || clipped(&splat, camera, options))
+  const reference_view *const view = &own;
+  if (!(splat.camera[2] > (double)options->near_plane))
     return splat;
   reference_projection p = reference_project(part, i, view, camera, &splat);
+  splat.margin = fmin(splat.margin, line.margin);
+  for (int k = 0; k < 3; k++) {
+    const double x = p.factor[k], y = p.factor[3 + k];
+    p.factor[k] = line.shear[0] * x + line.shear[1] * y;
+    p.factor[3 + k] = line.shear[2] * x + line.shear[3] * y;
+  }
   if (!find_covariance(&p, options, &splat))
     return splat;
   splat.opacity = splat.compensation / (1 + exp(-reference_value(part, PAGS_OPACITY, i)));
@@ -310,7 +342,7 @@ static reference_splat find_splat(const reference_part *part, int64_t i, const r
   }
   if (!(splat.opacity > 0 && splat.opacity >= splat.least))
     return splat;
-  find_colour(part, i, view, options, &splat);
+  find_colour(part, i, &seen, options, &splat);
   splat.drawn = 1;
   return splat;
 }
@@ -452,8 +484,13 @@ void reference_behind(const pags_camera *camera, const pags_frame_options *optio
     rgb[channel] = (double)options->background[channel];
   if (!options->sky || options->sky->size == 0)
     return;
-  const reference_sky_taps taps =
-      reference_sky_look(options->sky, camera, (int)(pixel % camera->width), (int)(pixel / camera->width));
+  const int x = (int)(pixel % camera->width), y = (int)(pixel / camera->width);
+  pags_camera seen = *camera;
+  if (pags_camera_rolls(camera)) {
+    const reference_part none = {0};
+    seen = reference_moment_at(&none, camera, pags_camera_read_at(camera, x + 0.5, y + 0.5)).camera;
+  }
+  const reference_sky_taps taps = reference_sky_look(options->sky, &seen, x, y);
   reference_sky_colour(options->sky, &taps, rgb);
   keep_smaller(margin, taps.margin);
 }

@@ -17,13 +17,18 @@
  *   pixel  = front to back: raw = o exp(-d' conic d / 2), alpha = min(0.99, raw), skipped when raw < 1/255; the pixel
  *            stops before T (1 - alpha) < 1e-4; what T is left shows the sky towards the pixel's centre or the
  *              background. Of a part with alpha_min a, in place of raw: (raw - a') / (1 - a), skipped when raw < a';
- *              a' = a, antialiased: times the compensation, but at least 1/255 */
+ *              a' = a, antialiased: times the compensation, but at least 1/255
+ * With a rolling shutter (reference_shutter.c) camera_from_model is that of the time t at which the line is read on
+ * which the mean is seen, t clamped to half a read-out beyond the picture; J becomes (I + m' s / (1 - s m')) J with the
+ * velocity m' of the mean on the picture and s = dt/d(pixel), but stays J where t is clamped; where 1 - s m' < 0.1 or
+ * |s| (|m'_x| + |m'_y|) > 1, t is 0. There is no backward pass. */
 #ifndef PAGS_TESTS_REFERENCE_H
 #define PAGS_TESTS_REFERENCE_H
 
 #include <pags/camera.h>
 #include <pags/frame.h>
 #include <pags/gaussians.h>
+#include <stdbool.h>
 
 typedef struct reference_part {
   int64_t count;
@@ -32,6 +37,7 @@ typedef struct reference_part {
   const int32_t *id; /* NULL: first_id + i */
   int32_t first_id;
   double world_from_model[12];
+  double velocity[6]; /* as of pags_part */
   double *dc; /* used in place of the constant SH term: channel c of Gaussian i at dc[c * count + i]; NULL: the planes'
                  own */
   double *factor;   /* factor of the opacity of Gaussian i, 0: not drawn; NULL: all are 1 */
@@ -60,6 +66,7 @@ typedef struct reference_splat {
   int clamped_axis[2];   /* Jacobian: -1 or 1 where x/z, y/z was clamped, else 0 */
   int clamped_colour[3]; /* 1: negative before max(0, .) */
   int floored;           /* compensation at its floor */
+  int held;              /* with a rolling shutter: keeps up with the read-out and is drawn at mid-exposure */
   double margin;         /* relative distance to the nearest of the clamps above */
 } reference_splat;
 
@@ -142,6 +149,29 @@ void reference_backward(const reference_part *parts, int part_count, const pags_
                         const pags_frame_options *options, const reference_picture *picture,
                         const reference_picture_gradient *gradient, reference_part_gradient *out);
 void reference_gradient_destroy(reference_part_gradient *gradients, int part_count);
+
+/* ---- Rolling shutter ---- */
+
+/* A part and a camera with the poses that they have `seconds` after the middle of the exposure; the camera's shutter is
+ * global. The part shares the planes. */
+typedef struct reference_moment {
+  reference_part part;
+  pags_camera camera;
+} reference_moment;
+
+reference_moment reference_moment_at(const reference_part *part, const pags_camera *camera, double seconds);
+
+/* When the line is read on which a Gaussian's mean is seen. */
+typedef struct reference_line {
+  double seconds,
+      seen;        /* time of its pose, and of the camera's place for its colour, from the middle of the exposure */
+  double shear[4]; /* 2x2, I + m' s / (1 - s m') */
+  bool held;
+  double margin; /* relative distance to a different decision */
+} reference_line;
+
+reference_line reference_find_line(const reference_part *part, int64_t i, const pags_camera *camera,
+                                   const pags_frame_options *options);
 
 /* ---- Shared by the forward and the backward pass ---- */
 

@@ -4,6 +4,7 @@
  * Convention for symmetric 2x2 matrices (xx, xy, yy): the derivative by xy counts both off-diagonal entries. */
 #include "reference/reference.h"
 
+#include <assert.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -236,6 +237,7 @@ void reference_backward(const reference_part *parts, int part_count, const pags_
                         const pags_frame_options *options, const reference_picture *picture,
                         const reference_picture_gradient *gradient, reference_part_gradient *out) {
   splat_gradient *splats = reference_alloc(picture->splat_count, sizeof *splats);
+  assert(!pags_camera_rolls(camera));
   pixels_backward(picture, camera, options, gradient, splats);
   if (gradient->sky && gradient->rgb && options->sky)
     sky_backward(picture, camera, options->sky, gradient);

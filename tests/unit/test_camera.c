@@ -15,7 +15,8 @@
 
 static pags_camera sample(uint64_t seed) {
   double q[4], r[9];
-  pags_camera camera = {640, 480, 500, 510, 320.25, 239.5, {0}, (double)NAN};
+  pags_camera camera = {
+      .width = 640, .height = 480, .fx = 500, .fy = 510, .cx = 320.25, .cy = 239.5, .time = (double)NAN};
   pags_rng_normal2(seed, 0, 0, q);
   pags_rng_normal2(seed, 1, 0, q + 2);
   pags_rotation_from_quaternion(q, r);

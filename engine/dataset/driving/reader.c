@@ -312,6 +312,7 @@ static pags_result read_parts(pags_driving *driving, const pags_dataset_options 
 
   PAGS_TRY(pags_calibration_check(driving, parsed));
   PAGS_TRY(pags_times_read(driving, parsed));
+  PAGS_TRY(pags_rolling_read(driving, parsed));
   PAGS_TRY(pags_driving_check_motion(driving, parsed));
   driving->street_tracks =
       !pags_folder_has(driving->root, "instances/instances_info.json") && pags_street_tracks_exist(driving->root);

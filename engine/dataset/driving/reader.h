@@ -20,6 +20,9 @@ pags_result pags_rules_read(const char *root, const char *kind, bool per_frame_f
 /* Reads the times of the steps and of the exposures from timestamps.json or, without that file, sets the time of
  * frame t to t / fps. Also sets driving->fps. */
 pags_result pags_times_read(pags_driving *driving, pags_parsed_dataset *parsed);
+/* Reads the direction of the cameras' rolling shutters from dataset.json and the times of their read-outs from
+ * timestamps.json, and finds the cameras' velocities from their poses (rolling.c). */
+pags_result pags_rolling_read(pags_driving *driving, pags_parsed_dataset *parsed);
 /* Reads the objects with their knots at the used time steps from instances/ (tracks.c). */
 pags_result pags_tracks_read(pags_driving *driving);
 /* Whether the set has track/track_info.txt, and reads the objects from it (street_tracks.c). */

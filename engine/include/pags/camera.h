@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A pinhole camera without distortion, rigid motions and rotations, and the JSON files that hold one camera or a
- * path of cameras. All functions are safe to call from several threads at once. */
+/* A pinhole camera without distortion, which may have a rolling shutter, rigid motions and rotations, and the JSON
+ * files that hold one camera or a path of cameras. All functions are safe to call from several threads at once. */
 #ifndef PAGS_CAMERA_H
 #define PAGS_CAMERA_H
 
@@ -10,18 +10,52 @@
 extern "C" {
 #endif
 
+/* A rolling shutter: the lines of the picture are read one after another while the camera moves. The camera's pose is
+ * that of the middle of the exposure, when the line in the middle of the picture is read. */
+typedef struct pags_shutter {
+  /* Read-out: seconds from the left edge of the picture to the right one, or from the top to the bottom; negative the
+   * other way round. One of them is 0; both: a global shutter, all pixels are read at once. */
+  double across, down;
+  /* Motion meanwhile: t seconds after the middle the pose is world_from_camera * [Exp(t w) | t v]; w, radians a second,
+   * is velocity[0..2] and v, metres a second, velocity[3..5], both in the camera's frame. */
+  double velocity[6];
+} pags_shutter;
+
 typedef struct pags_camera {
   int width, height;     /* pixels, 1..65535 */
   double fx, fy, cx, cy; /* focal lengths and principal point, pixels; the image's edges lie at 0 and width/height */
   /* 3x4 row-major [R|t], OpenCV axes, metres, in absolute world coordinates: the scene's origin is not
    * subtracted. */
   double world_from_camera[12];
-  double time; /* seconds; NaN if unknown */
+  double time;          /* seconds; NaN if unknown */
+  pags_shutter shutter; /* all 0: global */
 } pags_camera;
 
+/* Whether the lines of the camera's picture are read one after another. */
+static inline int pags_camera_rolls(const pags_camera *camera) {
+  return camera->shutter.across != 0.0 || camera->shutter.down != 0.0;
+}
+
+/* Seconds from the middle of the exposure to when the pixel at (x, y), px, is read; 0 with a global shutter. */
+static inline double pags_camera_read_at(const pags_camera *camera, double x, double y) {
+  return camera->shutter.across * (x / camera->width - 0.5) + camera->shutter.down * (y / camera->height - 0.5);
+}
+
+/* Computes where a point that stands still lies when the camera reads the line on which it is seen: `middle` and `out`
+ * are its coordinates in the camera's frame in the middle of the exposure and then. `out` may be `middle`. */
+PAGS_API void pags_camera_see(const pags_camera *camera, const double middle[3], double out[3]);
+
+/* Sets the read-out from its direction, "top_to_bottom", "bottom_to_top", "left_to_right", "right_to_left" or "none",
+ * and its seconds; the velocity stays. Returns 0, with `shutter` unchanged, if it is none of these, otherwise 1. */
+PAGS_API int pags_shutter_set(pags_shutter *shutter, const char *direction, double seconds);
+
+/* Returns the direction in these words, a static string. */
+PAGS_API const char *pags_shutter_direction(const pags_shutter *shutter);
+
 /* Checks the size (1..65535 pixels a side), that the focal lengths are positive and finite, that the principal
- * point is finite, and the pose as pags_rigid_check does, which also makes R exactly orthonormal. Returns
- * PAGS_ERROR_FORMAT if a check fails; `what` names the camera in the message. */
+ * point is finite, that a rolling shutter reads in one direction, in at most a second and with a finite velocity, and
+ * the pose as pags_rigid_check does, which also makes R exactly orthonormal. Returns PAGS_ERROR_FORMAT if a check
+ * fails; `what` names the camera in the message. */
 PAGS_API pags_result pags_camera_check(pags_camera *camera, const char *what);
 
 /* Returns the same camera at width/factor x height/factor pixels (rounded down, at least 1); factor >= 1. Focal
@@ -34,6 +68,14 @@ PAGS_API pags_camera pags_camera_downscale(const pags_camera *camera, double fac
  * iteration for the polar factor, Higham 1986); an R that is orthonormal already keeps its bits. Returns
  * PAGS_ERROR_FORMAT otherwise; `what` names the pose in the message. */
 PAGS_API pags_result pags_rigid_check(double m[12], const char *what);
+
+/* Moves a pose at a constant velocity, out = m [Exp(t w) | t v] with (w, v) = velocity, as pags_shutter has it. `out`
+ * may be `m`. */
+PAGS_API void pags_rigid_move(const double m[12], const double velocity[6], double seconds, double out[12]);
+
+/* Computes the velocity (w, v), in the frame of a pose `m` between them, at which a moves to b in `seconds` > 0. */
+PAGS_API void pags_rigid_velocity(const double a[12], const double m[12], const double b[12], double seconds,
+                                  double velocity[6]);
 
 /* Computes the inverse [R^T | -R^T t] of a rigid motion [R|t]. `out` may be `m`. */
 PAGS_API void pags_rigid_inverse(const double m[12], double out[12]);
@@ -70,7 +112,8 @@ PAGS_API void pags_rotation_from_quaternion(const double q[4], double r[9]);
 PAGS_API void pags_quaternion_from_rotation(const double r[9], double q[4]);
 
 /* One camera or a path of cameras. A camera file is a JSON object with the members width, height, fx, fy, cx, cy,
- * camera_from_world_quaternion_wxyz, camera_from_world_translation and, optionally, time. A path file is {"fps":
+ * camera_from_world_quaternion_wxyz, camera_from_world_translation and, optionally, time and rolling_shutter, an object
+ * with the members direction, seconds and velocity (6 numbers). A path file is {"fps":
  * f, "frames": [camera, ...]} with f > 0 and at least one frame. */
 typedef struct pags_camera_path {
   double fps; /* frames per second; 0 for a single camera */

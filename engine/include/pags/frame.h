@@ -14,7 +14,10 @@
  * alpha < 1/255. Of Gaussians with an alpha_min a, (alpha - a) / (1 - a) is blended instead, where it is positive; with
  * the antialiased projection a is scaled as the opacity is, but not below 1/255. A pixel stops before the Gaussian that
  * would take its transmittance T below 1e-4. Such a pixel, and a tile all of whose pixels have stopped, is called
- * saturated. "The paper" is Priority-Adaptive Gaussian Splatting (arXiv:2510.12282). */
+ * saturated. "The paper" is Priority-Adaptive Gaussian Splatting (arXiv:2510.12282).
+ *
+ * With a rolling shutter (pags_camera.shutter) each Gaussian is drawn as the camera and its part stood when the line
+ * was read on which its mean is seen, and its depth and colour are those of that moment (docs/rolling-shutter.md). */
 #ifndef PAGS_FRAME_H
 #define PAGS_FRAME_H
 
@@ -47,6 +50,9 @@ typedef struct pags_part {
   /* 3x4 pose, metres, relative to the options' origin. It may scale, stretch and mirror, which is exact: the
    * covariances become A S A', and colours are those of the direction in the model's frame. */
   double world_from_model[12];
+  /* Motion while a camera with a rolling shutter reads the picture: t seconds after the middle of the exposure the pose
+   * is world_from_model * [Exp(t w) | t v], as pags_shutter has it; in the model's frame. 0: it stands still. */
+  double velocity[6];
   float low_pass;  /* px^2, in place of the options' low_pass; 0: the options' */
   int antialiased; /* 1: on, -1: off, whatever the options say; 0: as they say */
   /* Constant colour terms to use instead of those of the Gaussians: 3 planes of gaussians->stride floats, 64-byte
@@ -94,8 +100,8 @@ typedef struct pags_frame_options {
    * background colour. Must outlive the frame's use. */
   const pags_sky *sky;
   float near_plane; /* Gaussians whose mean has camera z <= this are not drawn; metres, default 0.01 */
-  /* Planes in absolute world coordinates: Gaussians whose mean has a x + b y + c z + d < 0 for one of them are not
-   * drawn. Sky and background are. Default 0 planes. */
+  /* Planes in absolute world coordinates: Gaussians whose mean has a x + b y + c z + d < 0 for one of them, with a
+   * rolling shutter at the middle of the exposure, are not drawn. Sky and background are. Default 0 planes. */
   int clip_count; /* 0..PAGS_MOST_CLIPS */
   double clips[PAGS_MOST_CLIPS][4];
   float low_pass;        /* px^2, added to both variances of the 2D covariance; default 0.3 (Mip-Splatting: 0.1) */
@@ -180,6 +186,7 @@ typedef struct pags_frame_stats {
   int64_t tiles, tiles_full;         /* tiles of the picture; tiles saturated before the last slab (0 with one) */
   int64_t occluders;                 /* EARLY_Z_PAPER: Gaussians that wrote depth */
   int64_t slabs;                     /* slabs of depth drawn one after another; 1 with OFF */
+  int64_t held; /* too fast for the rolling shutter, so drawn as at mid-exposure (docs/rolling-shutter.md) */
 } pags_frame_stats;
 
 /* Compute means over frames: pags_frame_stats_add adds every member of `one` to `sum`; pags_frame_stats_divide

@@ -85,6 +85,10 @@ PAGS_API const pags_knot *pags_object_knot(const pags_object *object, int64_t fr
  * these two knots; before the first and after the last trained knot, that knot's increment holds. */
 PAGS_API int pags_object_pose(const pags_object *object, double time, double out[12]);
 
+/* Computes the velocity of an object at `time` in its own frame: (w, v) of pags_shutter, radians and metres a second,
+ * the mean over a tenth of a second; zeros where the object isn't present. */
+PAGS_API void pags_object_velocity(const pags_object *object, double time, double velocity[6]);
+
 /* Computes the rigid motion exp(increment) = [Exp(rotation) | translation], 3x4; `rotation` is axis times angle
  * in radians (Rodrigues). */
 PAGS_API void pags_increment_matrix(const double rotation[3], const double translation[3], double out[12]);

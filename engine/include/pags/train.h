@@ -220,6 +220,7 @@ typedef struct pags_train_picture {
   double near_plane;    /* metres */
   double low_pass;      /* px^2, added to both variances of the 2D covariance */
   int antialiased;      /* 1: the 2D filter of Mip-Splatting */
+  int rolling_shutter;  /* 1: photographs are drawn as read line by line, where the data set says how (pags_shutter) */
   double alpha_min;     /* pags_gaussians.alpha_min of all models, 0..0.1; 0 with `antialiased` and MCMC */
   double background[3]; /* display-referred sRGB, 0..1; its fields are background_r, background_g and background_b */
   int cluster_size;     /* Gaussians culled together, a multiple of 16; changes speed, not results */

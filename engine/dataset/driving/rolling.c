@@ -1,0 +1,145 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Reads the rolling shutters of a driving set's cameras. dataset.json says in which direction a camera reads its
+ * picture, timestamps.json when the first line's exposure begins, when the last one's ends, and how long a line is
+ * exposed:
+ *     {"rolling_shutter": {"0": "top_to_bottom", ...}, "read_out": {"0": seconds}}
+ *     {"trigger": {"0": [seconds]}, "readout": {"0": [seconds]}, "shutter": {"0": [seconds]}}
+ * From the middle of the first line's exposure to that of the last one's it takes readout - trigger - shutter, or
+ * read_out, which holds where dataset.json has it. The camera's velocity is the mean over the time steps around the
+ * photograph's. */
+#include "dataset/driving/reader.h"
+
+#include "base/file.h"
+#include "base/json.h"
+#include "base/memory.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+static const double longest = 0.5; /* seconds of a read-out; more is another unit or no time of one */
+
+typedef struct rolling {
+  const pags_json *description, *times;
+  pags_driving *driving;
+  pags_parsed_dataset *parsed;
+} rolling;
+
+/* What dataset.json or timestamps.json say of a camera, by the key of that; NULL: nothing. */
+static const pags_json_value *of_camera(const pags_json *json, const char *key, const char *camera) {
+  const pags_json_value *all = json ? pags_json_member(pags_json_root(json), key) : NULL;
+  return all ? pags_json_member(all, camera) : NULL;
+}
+
+/* The number of a camera at a frame in the list of timestamps.json; NaN where there is none. */
+static double time_of(const rolling *r, const char *what, const char *camera, int frame) {
+  const pags_json_value *list = of_camera(r->times, what, camera);
+  const pags_json_value *item = list && list->type == PAGS_JSON_ARRAY ? list->first : NULL;
+  for (; item && frame > 0; frame--)
+    item = item->next;
+  return item && item->type == PAGS_JSON_NUMBER ? item->number : (double)NAN;
+}
+
+static double moment_of(const pags_parsed_view *view) {
+  return isnan(view->shutter_time) ? view->time : view->shutter_time;
+}
+
+/* The camera's velocity in the view at `step` of sensor number `sensor`, from its poses in the steps before and after.
+ * Returns false if it has none. */
+static bool find_velocity(const rolling *r, int64_t step, int64_t sensor, double velocity[6]) {
+  const int64_t width = r->driving->sensor_count;
+  const pags_parsed_view *const views = r->parsed->views + sensor, *const now = views + step * width, *first = now,
+                                *last = now;
+  if (step > 0 && !views[(step - 1) * width].missing)
+    first = views + (step - 1) * width;
+  if (step + 1 < r->driving->step_count && !views[(step + 1) * width].missing)
+    last = views + (step + 1) * width;
+  const double seconds = moment_of(last) - moment_of(first);
+  if (!(seconds > 0))
+    return false;
+  pags_rigid_velocity(first->world_from_camera, now->world_from_camera, last->world_from_camera, seconds, velocity);
+  return true;
+}
+
+/* Seconds from the first line of a view to the last; NaN if the set doesn't say. */
+static double read_out_of(const rolling *r, const char *camera, int frame) {
+  const pags_json_value *stated = of_camera(r->description, "read_out", camera);
+  if (stated && stated->type == PAGS_JSON_NUMBER)
+    return stated->number;
+  const double exposed = time_of(r, "shutter", camera, frame);
+  return time_of(r, "readout", camera, frame) - time_of(r, "trigger", camera, frame) - (isnan(exposed) ? 0 : exposed);
+}
+
+/* Sets the shutters of a camera's views; *count: how many, *seconds: the sum of their read-outs. */
+static pags_result read_camera(const rolling *r, const pags_json_value *item, int64_t sensor, int64_t *count,
+                               double *seconds) {
+  const char *direction;
+  PAGS_TRY(pags_json_as_string(r->description, item, "the direction of a rolling shutter", &direction));
+  for (int64_t step = 0; step < r->driving->step_count; step++) {
+    pags_parsed_view *const view = &r->parsed->views[step * r->driving->sensor_count + sensor];
+    const double read_out = read_out_of(r, item->key, view->frame);
+    pags_shutter shutter = {0};
+    if (!pags_shutter_set(&shutter, direction, read_out))
+      return pags_json_fail(r->description, item,
+                            "camera %s: expected a rolling shutter top_to_bottom, bottom_to_top, left_to_right, "
+                            "right_to_left or none, found '%s'",
+                            item->key, direction);
+    if (view->missing || !(read_out > 0 && read_out <= longest) || strcmp(direction, "none") == 0 ||
+        !find_velocity(r, step, sensor, shutter.velocity))
+      continue;
+    view->shutter = shutter;
+    ++*count;
+    *seconds += read_out;
+  }
+  return PAGS_OK;
+}
+
+static pags_result read_all(const rolling *r) {
+  const pags_json_value *cameras = pags_json_member(pags_json_root(r->description), "rolling_shutter");
+  if (!cameras)
+    return PAGS_OK;
+  PAGS_TRY(pags_json_as_object(r->description, cameras, "the rolling shutters of the cameras"));
+  for (const pags_json_value *item = cameras->first; item; item = item->next) {
+    int64_t sensor = -1, count = 0;
+    double seconds = 0;
+    for (int64_t i = 0; i < r->driving->sensor_count; i++)
+      sensor = strtol(item->key, NULL, 10) == r->driving->sensors[i].number ? i : sensor;
+    if (sensor < 0 || item->type == PAGS_JSON_NULL)
+      continue;
+    PAGS_TRY(read_camera(r, item, sensor, &count, &seconds));
+    if (count > 0)
+      PAGS_TRY(pags_driving_note(r->driving, "rolling shutter: camera %s is read %s in %.1f ms, %lld of %lld views",
+                                 item->key, item->text, 1e3 * seconds / (double)count, (long long)count,
+                                 (long long)r->driving->step_count));
+    else if (strcmp(item->text, "none") != 0)
+      PAGS_TRY(
+          pags_driving_note(r->driving,
+                            "rolling shutter: camera %s is read %s, but neither timestamps.json nor read_out says how "
+                            "long that takes; drawn as read at once",
+                            item->key, item->text));
+  }
+  return PAGS_OK;
+}
+
+/* Parses a file of the set; *out is NULL if there is none. */
+static pags_result parse(const pags_driving *driving, const char *name, pags_json **out) {
+  char *path = pags_path_join(driving->root, name);
+  *out = NULL;
+  if (!path)
+    return pags_out_of_memory("%s", driving->root);
+  const pags_result result = pags_file_exists(path) ? pags_json_parse_file(path, out) : PAGS_OK;
+  free(path);
+  return result;
+}
+
+pags_result pags_rolling_read(pags_driving *driving, pags_parsed_dataset *parsed) {
+  pags_json *description = NULL, *times = NULL;
+  pags_result result = parse(driving, "dataset.json", &description);
+  if (result == PAGS_OK && description && pags_json_member(pags_json_root(description), "rolling_shutter"))
+    result = parse(driving, "timestamps.json", &times);
+  if (result == PAGS_OK && description)
+    result = read_all(&(rolling){description, times, driving, parsed});
+  pags_json_destroy(description);
+  pags_json_destroy(times);
+  return result;
+}

@@ -1,0 +1,92 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Rolling shutter: how each part, and the directions of the sky's pixels, move while the picture is read. The kernels
+ * (simd/scan.inl) find from it when each Gaussian is read. */
+#include <math.h>
+#include <string.h>
+
+#include "frame/stages.h"
+
+void pags_frame_pose(const double world_from_camera[12], const double origin[3], const double world_from_model[12],
+                     double camera_from_model[12], double model_from_camera[12]) {
+  double local[12], camera_from_world[12];
+  memcpy(local, world_from_camera, sizeof local);
+  for (int k = 0; k < 3; k++)
+    local[4 * k + 3] -= origin[k];
+  pags_rigid_inverse(local, camera_from_world);
+  pags_rigid_multiply(camera_from_world, world_from_model, camera_from_model);
+  pags_affine_inverse(camera_from_model, model_from_camera);
+}
+
+/* camera_from_model and the camera's centre in the model's frame, `seconds` after the middle of the exposure. */
+static void pose_at(const pags_frame *f, const pags_part *part, double seconds, double camera_from_model[12],
+                    double eye[3]) {
+  double camera[12], model[12], model_from_camera[12];
+  pags_rigid_move(f->camera.world_from_camera, f->camera.shutter.velocity, seconds, camera);
+  pags_rigid_move(part->world_from_model, part->velocity, seconds, model);
+  pags_frame_pose(camera, f->options.origin, model, camera_from_model, model_from_camera);
+  for (int k = 0; k < 3; k++)
+    eye[k] = model_from_camera[4 * k + 3];
+}
+
+/* The coefficients of u and u^2 of the parabola with these values at -1/2, 0 and 1/2. */
+static void parabola(double before, double middle, double after, float *first, float *second) {
+  *first = (float)(after - before);
+  *second = (float)(2.0 * (after + before) - 4.0 * middle);
+}
+
+static void scan_part(const pags_frame *f, const pags_part *part, pags_scan *scan) {
+  const pags_camera *const c = &f->camera;
+  const double direction = c->shutter.across + c->shutter.down > 0.0 ? 1.0 : -1.0;
+  const double read_out = fabs(c->shutter.across + c->shutter.down); /* one of them is 0 */
+  double pose[3][12], eye[3][3];
+  *scan = (pags_scan){.x = (float)(c->shutter.across != 0.0 ? direction / c->width : 0.0),
+                      .y = (float)(c->shutter.down != 0.0 ? direction / c->height : 0.0),
+                      .start = (float)(-0.5 * direction)};
+  for (int k = 0; k < 3; k++)
+    pose_at(f, part, 0.5 * (k - 1) * read_out, pose[k], eye[k]);
+  for (int i = 0; i < 3; i++) {
+    for (int k = 0; k < 3; k++)
+      parabola(pose[0][4 * i + k], pose[1][4 * i + k], pose[2][4 * i + k], scan->r1 + 3 * i + k, scan->r2 + 3 * i + k);
+    parabola(pose[0][4 * i + 3], pose[1][4 * i + 3], pose[2][4 * i + 3], scan->t1 + i, scan->t2 + i);
+    parabola(eye[0][i], eye[1][i], eye[2][i], scan->eye1 + i, scan->eye2 + i);
+  }
+}
+
+pags_result pags_frame_scan(pags_frame *frame) {
+  frame->scans = NULL;
+  frame->held = NULL;
+  if (!pags_camera_rolls(&frame->camera))
+    return PAGS_OK;
+  frame->scans = pags_frame_alloc(frame, frame->part_count, sizeof *frame->scans, "parts");
+  if (!frame->scans)
+    return PAGS_ERROR_MEMORY;
+  for (int p = 0; p < frame->part_count; p++) {
+    scan_part(frame, frame->parts + p, frame->scans + p);
+    frame->projections[p].scan = frame->scans + p;
+  }
+  return PAGS_OK;
+}
+
+/* Within a tile the directions are linear in the pixel: those at the tile's middle, and how they change from there by
+ * the pixel and by the camera's rotation until it is read. What is left out is less than 1e-3 px at a radian a second.
+ */
+pags_sky_rays pags_frame_rays(const pags_frame *frame, int64_t tile) {
+  const pags_camera *const c = &frame->camera;
+  pags_sky_rays rays = frame->rays;
+  if (!pags_camera_rolls(c))
+    return rays;
+  const double x = frame_tile_x(frame, tile) + 0.5 * PAGS_TILE, y = frame_tile_y(frame, tile) + 0.5 * PAGS_TILE;
+  const double u = (x - c->cx) / c->fx, v = (y - c->cy) / c->fy, *const w = c->shutter.velocity;
+  const double turned[3] = {w[1] - w[2] * v, w[2] * u - w[0], w[0] * v - w[1] * u}; /* w x (u, v, 1) */
+  double m[12];
+  pags_rigid_move(c->world_from_camera, c->shutter.velocity, pags_camera_read_at(c, x, y), m);
+  for (int k = 0; k < 3; k++) {
+    const double *const r = m + 4 * k, rate = r[0] * turned[0] + r[1] * turned[1] + r[2] * turned[2];
+    const double across = r[0] / c->fx + rate * c->shutter.across / c->width,
+                 down = r[1] / c->fy + rate * c->shutter.down / c->height;
+    rays.across[k] = (float)across;
+    rays.downwards[k] = (float)down;
+    rays.forward[k] = (float)(r[0] * u + r[1] * v + r[2] - (x - c->cx) * across - (y - c->cy) * down);
+  }
+  return rays;
+}
