@@ -128,14 +128,7 @@ static pags_result draw_view(overlay *o, int64_t index) {
   pags_image image = {0};
   PAGS_TRY(pags_photo_cache_get(o->photos, index, 1, &photo));
 
-  /* Copy the photograph's planes into an interleaved image. */
-  size_t plane = (size_t)photo.height * (size_t)photo.stride;
-  PAGS_TRY(pags_image_create(&image, photo.width, photo.height, 3, PAGS_U8));
-  uint8_t *out = image.data;
-  for (int y = 0; y < photo.height; y++)
-    for (int x = 0; x < photo.width; x++)
-      for (size_t c = 0; c < 3; c++)
-        *out++ = photo.rgb[c * plane + (size_t)y * (size_t)photo.stride + (size_t)x];
+  PAGS_TRY(pags_photo_image(&photo, &image));
 
   size_t pixels = (size_t)photo.width * (size_t)photo.height;
   uint8_t *grown = realloc(o->outlines, pixels);

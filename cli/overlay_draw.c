@@ -13,6 +13,17 @@
 
 static const double near_plane = 0.1;
 
+pags_result pags_photo_image(const pags_photo *photo, pags_image *out) {
+  PAGS_TRY(pags_image_create(out, photo->width, photo->height, 3, PAGS_U8));
+  const size_t plane = (size_t)photo->height * (size_t)photo->stride;
+  uint8_t *to = out->data;
+  for (int y = 0; y < photo->height; y++)
+    for (int x = 0; x < photo->width; x++)
+      for (size_t c = 0; c < 3; c++)
+        *to++ = photo->rgb[c * plane + (size_t)y * (size_t)photo->stride + (size_t)x];
+  return PAGS_OK;
+}
+
 void pags_draw_dot(pags_image *image, double x, double y, int half, const uint8_t rgb[3]) {
   uint8_t *data = image->data;
   int left = (int)floor(x) - half, top = (int)floor(y) - half;

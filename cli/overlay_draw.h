@@ -4,8 +4,12 @@
 #define PAGS_CLI_OVERLAY_DRAW_H
 
 #include <pags/camera.h>
+#include <pags/dataset.h>
 #include <pags/image.h>
 #include <pags/object.h>
+
+/* Creates a picture of a photograph's colours. */
+pags_result pags_photo_image(const pags_photo *photo, pags_image *out);
 
 /* Draws a filled square with a side of 2 * half + 1 px, centred on pixel (x, y) and clipped to the picture. `image`
  * is U8 with 3 channels. */

@@ -7,10 +7,8 @@
 #include "cli/sheet_map.h"
 
 #include <math.h>
-#include <stdlib.h>
+#include <stdio.h>
 #include <string.h>
-#include "base/file.h"
-#include "base/text.h"
 #include "image/resample.h"
 
 enum { WIDTH = 1600, COLUMNS = 8, MOST_ROWS = 12, STATIC_ROWS = 4, MARGIN = 36, GAP = 4, MOST_MAP = 1000 };
@@ -98,20 +96,13 @@ static void place_rows(sheet *s) {
 static pags_result draw_cell(const sheet *s, int cell, const pags_photo *photo, pags_image *image) {
   const int width = cell_width(s, cell), height = cell_height(s, cell);
   const int left = cell_left(s->column_of[cell]), top = s->top[s->row_of[cell]];
-  const size_t plane = (size_t)photo->height * (size_t)photo->stride;
   pags_image whole = {0}, small = {0};
-  pags_result result = pags_image_create(&whole, photo->width, photo->height, 3, PAGS_U8);
+  pags_result result = pags_photo_image(photo, &whole);
   if (result == PAGS_OK)
     result = pags_image_create(&small, width, height, 3, PAGS_U8);
-  if (result == PAGS_OK) {
-    uint8_t *out = whole.data;
-    for (int y = 0; y < photo->height; y++)
-      for (int x = 0; x < photo->width; x++)
-        for (size_t c = 0; c < 3; c++)
-          *out++ = photo->rgb[c * plane + (size_t)y * (size_t)photo->stride + (size_t)x];
+  if (result == PAGS_OK)
     result = pags_shrink_mean(&whole, fmax(1, (double)photo->width / width), fmax(1, (double)photo->height / height),
                               &small);
-  }
   for (int y = 0; result == PAGS_OK && y < height; y++)
     memcpy((uint8_t *)image->data + 3 * ((size_t)(top + y) * WIDTH + (size_t)left),
            (const uint8_t *)small.data + 3 * (size_t)y * (size_t)width, 3 * (size_t)width);

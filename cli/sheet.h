@@ -12,7 +12,7 @@
  * 12), its number at the left, with at most 8 time steps, their numbers in the corners; of a static set at most 32
  * views, evenly chosen, with their numbers. The map looks down along the set's up axis, the path's longest way to the
  * right: cameras blue, held-out ones red, numbers and a view cone at the steps of the photographs, moving objects at
- * these steps in the colours of --overlay with a stroke to their front, parked ones grey, LiDAR of these steps or the
+ * these steps by category with a stroke to their front, parked ones grey, LiDAR of these steps or the
  * points of the data set, a scale bar in metres (of a static set in units of its world).
  *
  * Adds a report group "sheet" with the file and what the numbers stand for. PAGS_ERROR_IO, PAGS_ERROR_FORMAT (a

@@ -10,6 +10,8 @@ wanted="gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user python3-dev blende
 wanted="$wanted libopenmpi-dev openmpi-bin"
 # For make fuzz: libFuzzer and the sanitizers of Debian 12's clang.
 wanted="$wanted clang libclang-rt-dev"
+# For the tests of pictures taken out of videos.
+wanted="$wanted ffmpeg"
 # For make valgrind.
 wanted="$wanted valgrind"
 # For the tests in which other programs read exported files, one of them in a browser. An npm that is there already is used.

@@ -24,6 +24,7 @@ static const double final_share = 0.1;
 static const double reference_visits = 100.0;
 /* Photographs of a camera to either side over which its speed is the mean: the error of their poses matters less. */
 enum { SPEED_SPAN = 2 };
+
 /* ---- The corrections ---- */
 
 /* Sets the items of all views and counts time steps and cameras. */
@@ -59,20 +60,9 @@ static void find_speed(pags_camera_poses *p, const pags_dataset *dataset, int64_
     after = i > after ? i : after;
   }
   const pags_camera *a = &pags_dataset_view(dataset, before)->camera, *b = &pags_dataset_view(dataset, after)->camera;
-  const double *m = pags_dataset_view(dataset, view)->camera.world_from_camera;
-  double inverse[12], motion[12];
-  if (!(b->time > a->time))
-    return;
-  pags_rigid_inverse(a->world_from_camera, inverse);
-  pags_rigid_multiply(inverse, b->world_from_camera, motion);
-  pags_increment_rotation(motion, p->speeds[view]);
-  for (int k = 0; k < 3; k++) {
-    double along = 0.0;
-    for (int i = 0; i < 3; i++)
-      along += m[4 * i + k] * (b->world_from_camera[4 * i + 3] - a->world_from_camera[4 * i + 3]);
-    p->speeds[view][k] /= b->time - a->time;
-    p->speeds[view][3 + k] = along / (b->time - a->time);
-  }
+  if (b->time > a->time)
+    pags_rigid_velocity(a->world_from_camera, pags_dataset_view(dataset, view)->camera.world_from_camera,
+                        b->world_from_camera, b->time - a->time, p->speeds[view]);
 }
 
 pags_result pags_camera_poses_create(pags_camera_poses *p, const pags_dataset *dataset) {

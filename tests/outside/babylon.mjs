@@ -4,8 +4,7 @@
 // CAMERA.json: width, height, fx, fy, cx, cy (pixels), eye, forward, up (the file's own axes, y up), background (0..1). Prints Babylon's version
 // and how many splats each of its meshes has. Exits with 77 where no browser can be started.
 import fs from 'node:fs';
-import path from 'node:path';
-import {launch, serve} from './chromium.mjs';
+import {show} from './chromium.mjs';
 
 const [chromium, file, cameraFile, picture] = process.argv.slice(2);
 const camera = JSON.parse(fs.readFileSync(cameraFile, 'utf8'));
@@ -57,20 +56,4 @@ try {
 }
 </script>`;
 
-const browser = await launch(chromium, {protocolTimeout: 600000});
-const server = serve({'/': {type: 'text/html', text: page}}, url => (url === '/file.glb' ? path.resolve(file) : undefined));
-try {
-  const tab = await browser.newPage();
-  await tab.setViewport({width: camera.width, height: camera.height});
-  tab.on('pageerror', error => console.error(String(error)));
-  tab.on('console', line => console.error(line.text()));
-  await tab.goto(`http://127.0.0.1:${server.address().port}/`);
-  await tab.waitForFunction('window.done', {timeout: 600000, polling: 200});
-  const done = await tab.evaluate('window.done');
-  if (!done.error) fs.writeFileSync(picture, await (await tab.$('#c')).screenshot());
-  console.log(JSON.stringify(done));
-  process.exitCode = done.error ? 1 : 0;
-} finally {
-  await browser.close();
-  server.close();
-}
+await show(chromium, page, file, {width: camera.width, height: camera.height}, async canvas => fs.writeFileSync(picture, await canvas.screenshot()));

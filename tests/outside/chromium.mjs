@@ -22,6 +22,28 @@ export function serve(pages, fileOf) {
   }).listen(0, '127.0.0.1');
 }
 
+// Shows a page that sets window.done, with FILE as /file.glb, and prints that; then, unless it is an error, calls finish(canvas). Exits with 1 after
+// an error.
+export async function show(executablePath, text, file, viewport, finish) {
+  const browser = await launch(executablePath, {protocolTimeout: 600000});
+  const server = serve({'/': {type: 'text/html', text}}, url => (url === '/file.glb' ? path.resolve(file) : undefined));
+  try {
+    const tab = await browser.newPage();
+    await tab.setViewport(viewport);
+    tab.on('pageerror', error => console.error(String(error)));
+    tab.on('console', line => console.error(line.text()));
+    await tab.goto(`http://127.0.0.1:${server.address().port}/`);
+    await tab.waitForFunction('window.done', {timeout: 600000, polling: 200});
+    const done = await tab.evaluate('window.done');
+    if (!done.error) await finish(await tab.$('#c'));
+    console.log(JSON.stringify(done));
+    process.exitCode = done.error ? 1 : 0;
+  } finally {
+    await browser.close();
+    server.close();
+  }
+}
+
 // Starts the browser, with more options of puppeteer and more flags; exits with 77 where none can be started.
 export async function launch(executablePath, options, flags = []) {
   try {

@@ -5,8 +5,7 @@
 // (a file), eye and target. Prints as JSON all nodes with the extras that Babylon keeps of them and where they are at that time, the animations, and
 // what the rays hit first. Exits with 77 where no browser can be started.
 import fs from 'node:fs';
-import path from 'node:path';
-import {launch, serve} from './chromium.mjs';
+import {show} from './chromium.mjs';
 
 const [chromium, file, jobFile] = process.argv.slice(2);
 const job = JSON.parse(fs.readFileSync(jobFile, 'utf8'));
@@ -62,20 +61,6 @@ try {
 }
 </script>`;
 
-const browser = await launch(chromium, {protocolTimeout: 600000});
-const server = serve({'/': {type: 'text/html', text: page}}, url => (url === '/file.glb' ? path.resolve(file) : undefined));
-try {
-  const tab = await browser.newPage();
-  await tab.setViewport({width: 640, height: 360});
-  tab.on('pageerror', error => console.error(String(error)));
-  tab.on('console', line => console.error(line.text()));
-  await tab.goto(`http://127.0.0.1:${server.address().port}/`);
-  await tab.waitForFunction('window.done', {timeout: 600000, polling: 200});
-  const done = await tab.evaluate('window.done');
-  if (!done.error && job.picture) fs.writeFileSync(job.picture, await (await tab.$('#c')).screenshot({type: 'jpeg', quality: 80}));
-  console.log(JSON.stringify(done));
-  process.exitCode = done.error ? 1 : 0;
-} finally {
-  await browser.close();
-  server.close();
-}
+await show(chromium, page, file, {width: 640, height: 360}, async canvas => {
+  if (job.picture) fs.writeFileSync(job.picture, await canvas.screenshot({type: 'jpeg', quality: 80}));
+});

@@ -8,6 +8,7 @@
 #include <pags/import.h>
 
 #include "raw_kitti.h"
+#include "same_file.h"
 #include "unit/scratch.h"
 
 /* Largest differences found between the imported poses and the source's: places in metres, turns in radians. */
@@ -34,17 +35,6 @@ static inline void compare_pose(const double found[12], const double expected[12
     sum += (found[i] - expected[i] + origin[i]) * (found[i] - expected[i] + origin[i]);
   *place = fmax(*place, sqrt(sum));
   *turn = fmax(*turn, turn_between(found, expected));
-}
-
-static inline void compare_files(const char *a, const char *b) {
-  uint8_t *x, *y;
-  size_t m, n;
-  scratch_ok(pags_file_read(a, &x, &m));
-  scratch_ok(pags_file_read(b, &y, &n));
-  assert_int_equal(m, n);
-  assert_memory_equal(x, y, m);
-  free(x);
-  free(y);
 }
 
 static inline const pags_view *view_of(const pags_dataset *dataset, int sensor, int frame) {
@@ -74,8 +64,8 @@ static inline void check_import_views(const raw_kitti *raw, const pags_dataset *
       assert_true(fabs(a->fx - b->fx) < 1e-9 && fabs(a->fy - b->fy) < 1e-9 && fabs(a->cx - b->cx) < 1e-9 &&
                   fabs(a->cy - b->cy) < 1e-9);
     }
-    compare_files(source->image_path, left->image_path);
-    compare_files(other->image_path, right->image_path);
+    assert_same_file(source->image_path, left->image_path);
+    assert_same_file(other->image_path, right->image_path);
   }
 }
 

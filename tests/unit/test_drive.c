@@ -15,6 +15,7 @@
 
 #include "base/file.h"
 #include "dataset/internal.h"
+#include "same_file.h"
 #include "small_street.h"
 #include "train/color_over_time.h"
 #include "train/config.h"
@@ -51,30 +52,23 @@ static pags_train_result train(const pags_train_config *config, const char *name
   return result;
 }
 
-static void assert_same_file(const char *a, const char *b, const char *file) {
+static void assert_same_in(const char *a, const char *b, const char *file) {
   char left[1024], right[1024];
-  uint8_t *x, *y;
-  size_t m, n;
   snprintf(left, sizeof left, "%s/%s", scratch(a), file);
   snprintf(right, sizeof right, "%s/%s", scratch(b), file);
-  assert_int_equal(pags_file_read(left, &x, &m), PAGS_OK);
-  assert_int_equal(pags_file_read(right, &y, &n), PAGS_OK);
-  if (m != n || memcmp(x, y, m) != 0)
-    fail_msg("%s differs from %s", left, right);
-  free(x);
-  free(y);
+  assert_same_file(left, right);
 }
 
 static void assert_same_run(const char *a, const char *b) {
-  assert_same_file(a, b, "scene.json");
-  assert_same_file(a, b, "background.ply");
-  assert_same_file(a, b, "sky.npy");
-  assert_same_file(a, b, "log.jsonl");
+  assert_same_in(a, b, "scene.json");
+  assert_same_in(a, b, "background.ply");
+  assert_same_in(a, b, "sky.npy");
+  assert_same_in(a, b, "log.jsonl");
   pags_scene scene;
   assert_int_equal(pags_scene_load(scratch(a), &scene), PAGS_OK);
   assert_true(scene.model_count > 1);
   for (int64_t i = 1; i < scene.model_count; i++)
-    assert_same_file(a, b, scene.models[i].file);
+    assert_same_in(a, b, scene.models[i].file);
   pags_scene_destroy(&scene);
 }
 
@@ -119,9 +113,9 @@ static void threads_and_interruptions_change_no_bit(void **unused) {
   half.schedule.iterations = ITERATIONS;
   pags_train_result result = train(&half, "resumed", one, 1000, 1);
   assert_int_equal(result.resumed, 1);
-  assert_same_file("one", "resumed", "background.ply");
-  assert_same_file("one", "resumed", "log.jsonl");
-  assert_same_file("one", "resumed", "sky.npy");
+  assert_same_in("one", "resumed", "background.ply");
+  assert_same_in("one", "resumed", "log.jsonl");
+  assert_same_in("one", "resumed", "sky.npy");
   pags_tasks_destroy(one);
 }
 
@@ -149,8 +143,8 @@ static void pruned_runs_go_on(const pags_train_config *config, const char *name)
   half.schedule.iterations = ITERATIONS;
   result = train(&half, parts, tasks, 1000, 1);
   assert_int_equal(result.resumed, 1);
-  assert_same_file(whole, parts, "background.ply");
-  assert_same_file(whole, parts, "log.jsonl");
+  assert_same_in(whole, parts, "background.ply");
+  assert_same_in(whole, parts, "log.jsonl");
   assert_int_equal(pags_scene_load(scratch(whole), &scene), PAGS_OK);
   for (int64_t i = 1; i < scene.model_count; i++)
     assert_true(mean_s_sem(&scene.models[i].gaussians) > mean_s_sem(&scene.models[0].gaussians));

@@ -9,6 +9,7 @@
 
 #include "base/rng.h"
 #include "base/text.h"
+#include "same_file.h"
 #include "scratch_folder.h"
 #include "splat_files.h"
 
@@ -130,26 +131,15 @@ static void a_scene_comes_back(void **state) {
   assert_int_equal(back.model_count, 0);
 }
 
-static void assert_same_file(const char *a, const char *b) {
-  uint8_t *bytes[2];
-  size_t sizes[2];
-  assert_int_equal(pags_file_read(scratch(a), &bytes[0], &sizes[0]), PAGS_OK);
-  assert_int_equal(pags_file_read(scratch(b), &bytes[1], &sizes[1]), PAGS_OK);
-  assert_int_equal(sizes[0], sizes[1]);
-  assert_memory_equal(bytes[0], bytes[1], sizes[0]);
-  free(bytes[0]);
-  free(bytes[1]);
-}
-
 static void saving_is_the_same_to_the_byte(void **state) {
   (void)state;
   pags_scene scene = sample(), back;
   assert_int_equal(pags_scene_save(scratch("one"), &scene), PAGS_OK);
   assert_int_equal(pags_scene_load(scratch("one/scene.json"), &back), PAGS_OK);
   assert_int_equal(pags_scene_save(scratch("two"), &back), PAGS_OK);
-  assert_same_file("one/scene.json", "two/scene.json");
-  assert_same_file("one/background.ply", "two/background.ply");
-  assert_same_file("one/objects/car 1.ply", "two/objects/car 1.ply");
+  assert_same_file(scratch("one/scene.json"), scratch("two/scene.json"));
+  assert_same_file(scratch("one/background.ply"), scratch("two/background.ply"));
+  assert_same_file(scratch("one/objects/car 1.ply"), scratch("two/objects/car 1.ply"));
   pags_scene_destroy(&scene);
   pags_scene_destroy(&back);
 }
@@ -187,9 +177,9 @@ static void a_driving_scene_comes_back(void **state) {
   assert_int_equal(back.models[0].gaussians.object_id[4], 1);
   assert_non_null(back.models[1].gaussians.fourier);
   assert_int_equal(pags_scene_save(scratch("d2"), &back), PAGS_OK);
-  assert_same_file("d/scene.json", "d2/scene.json");
-  assert_same_file("d/sky.npy", "d2/sky.npy");
-  assert_same_file("d/objects/car 1.ply", "d2/objects/car 1.ply");
+  assert_same_file(scratch("d/scene.json"), scratch("d2/scene.json"));
+  assert_same_file(scratch("d/sky.npy"), scratch("d2/sky.npy"));
+  assert_same_file(scratch("d/objects/car 1.ply"), scratch("d2/objects/car 1.ply"));
   pags_scene_destroy(&scene);
   pags_scene_destroy(&back);
 }

@@ -19,7 +19,7 @@
 #include "base/file.h"
 #include "base/json.h"
 #include "base/text.h"
-#include "scratch_folder.h"
+#include "written_street.h"
 
 enum { WIDTH = 64, HEIGHT = 36, FRAMES = 6, CAMERAS = 3, PIXELS = WIDTH * HEIGHT };
 
@@ -33,13 +33,6 @@ static pags_street_options small_street(void) {
   options.lidar_noise = 0.0;
   options.seed = 5;
   return options;
-}
-
-static void write_street(const char *set, const pags_street_options *options, int threads) {
-  pags_tasks *tasks = pags_tasks_create(threads);
-  if (pags_synth_street(scratch(set), options, tasks, NULL, NULL) != PAGS_OK)
-    fail_msg("%s", pags_error_message());
-  pags_tasks_destroy(tasks);
 }
 
 static int make_sets(void **state) {

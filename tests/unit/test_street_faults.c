@@ -18,7 +18,8 @@
 
 #include "base/file.h"
 #include "base/json.h"
-#include "scratch_folder.h"
+#include "same_file.h"
+#include "written_street.h"
 
 enum { SIDE = 16, LAST = 40, CAMERAS = 3 };
 
@@ -34,13 +35,6 @@ static pags_street_options small_street(double fps) {
   options.shifts = 0;
   options.seed = 3;
   return options;
-}
-
-static void write_street(const char *set, const pags_street_options *options, int threads) {
-  pags_tasks *tasks = pags_tasks_create(threads);
-  if (pags_synth_street(scratch(set), options, tasks, NULL, NULL) != PAGS_OK)
-    fail_msg("%s", pags_error_message());
-  pags_tasks_destroy(tasks);
 }
 
 static void set_fault(pags_street_options *options, const char *text) {
@@ -326,16 +320,9 @@ static void test_threads(void **state) {
   write_street("three", &options, 3);
   for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
     char a[96], b[96];
-    uint8_t *bytes[2];
-    size_t sizes[2];
     snprintf(a, sizeof a, "one/%s", files[i]);
     snprintf(b, sizeof b, "three/%s", files[i]);
-    assert_int_equal(pags_file_read(scratch(a), &bytes[0], &sizes[0]), PAGS_OK);
-    assert_int_equal(pags_file_read(scratch(b), &bytes[1], &sizes[1]), PAGS_OK);
-    assert_int_equal(sizes[0], sizes[1]);
-    assert_memory_equal(bytes[0], bytes[1], sizes[0]);
-    free(bytes[0]);
-    free(bytes[1]);
+    assert_same_file(scratch(a), scratch(b));
   }
 }
 

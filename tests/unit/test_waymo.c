@@ -14,6 +14,7 @@
 #include "import/waymo_message.h"
 #include "import/waymo_semantic.h"
 #include "raw_waymo.h"
+#include "same_file.h"
 #include "shared_data.h"
 #include "unit/waymo_check.h"
 #include "unit/waymo_set.h"
@@ -50,14 +51,6 @@ static bytes read_bytes(const char *path) {
   bytes b;
   scratch_ok(pags_file_read(path, &b.data, &b.size));
   return b;
-}
-
-static void assert_same_file(const char *a, const char *b) {
-  const bytes left = read_bytes(a), right = read_bytes(b);
-  if (left.size != right.size || memcmp(left.data, right.data, left.size) != 0)
-    fail_msg("%s and %s differ", a, b);
-  free(left.data);
-  free(right.data);
 }
 
 static void read_matrix(const char *path, double out[16]) {

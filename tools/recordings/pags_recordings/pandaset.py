@@ -145,7 +145,6 @@ def read_boxes(sequence, steps):
         if other in rows and (len(rows[other]), other in turning, other) > (len(marks), track in turning, track):
             continue
         for t, (yaw, x, y, z, *extents) in marks:
-            turn = [[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]]
-            pose = poses.pose(turn, [x, y, z]) @ poses.front_from_box("+y")
+            pose = poses.turned_left(yaw, [x, y, z]) @ poses.front_from_box("+y")
             out.setdefault(t, []).append((track, names[track].most_common(1)[0][0], pose, poses.box_size(extents, "+y")))
     return out

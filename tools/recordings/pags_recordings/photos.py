@@ -208,7 +208,7 @@ class Work:
 
 
 def placed(log):
-    """Cameras that mapping has placed so far in its best model, by its words."""
+    """Cameras that mapping has set out to place so far, by its words; the first two are none of these."""
     with open(log, "rb") as file:
         return file.read().count(b"Registering image")
 

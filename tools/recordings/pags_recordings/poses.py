@@ -64,6 +64,11 @@ def pose(rotation, translation, order=None):
     return check(np.block([[r, np.reshape(np.asarray(translation, np.float64), (3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]]))
 
 
+def turned_left(angle, translation):
+    """A pose that is upright: turned by an angle about z, from x towards y, in radians."""
+    return pose([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]], translation)
+
+
 def check(matrix, what="a pose"):
     """The pose as 4x4 float64; 3x4 is taken as well. RecordingError unless it is rigid."""
     m = np.asarray(matrix, np.float64)

@@ -169,10 +169,9 @@ def boxes_of(raw, segment):
         values = np.array([np.nan if row[name] is None else row[name] for name in numbers], np.float64)
         if not track or not np.isfinite(values).all() or (values[4:] <= 0).any():
             continue
-        name, heading = CLASSES.get(row["type"], "Unknown"), values[3]
+        name = CLASSES.get(row["type"], "Unknown")
         first = classes.setdefault(track, name)
-        turn = [[np.cos(heading), -np.sin(heading), 0], [np.sin(heading), np.cos(heading), 0], [0, 0, 1]]
-        out.setdefault(stamp, []).append((track if first == name else f"{track} {name}", name, poses.pose(turn, values[:3]), values[4:]))
+        out.setdefault(stamp, []).append((track if first == name else f"{track} {name}", name, poses.turned_left(values[3], values[:3]), values[4:]))
     return out
 
 
