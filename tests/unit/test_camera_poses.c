@@ -107,6 +107,24 @@ static void test_gradient(void **state) {
   pags_camera_poses_destroy(&poses);
 }
 
+/* A camera that is as late as the next photograph stands where that was taken. */
+static void test_delay(void **state) {
+  (void)state;
+  pags_camera_poses poses;
+  assert_int_equal(pags_camera_poses_create(&poses, dataset), PAGS_OK);
+  for (int64_t view = 6; view < 14; view++) { /* whose speed is a mean over two photographs to either side */
+    const pags_camera *next = &pags_dataset_view(dataset, view + 2)->camera;
+    double *const delay = poses.items[poses.steps + poses.sensors + poses.sensor_of[view]].value;
+    delay[0] = next->time - pags_dataset_view(dataset, view)->camera.time;
+    const pags_camera late = pags_camera_poses_view(&poses, dataset, view);
+    delay[0] = 0.0;
+    assert_int_equal(poses.sensor_of[view + 2], poses.sensor_of[view]);
+    for (int k = 0; k < 12; k++) /* of 1 m; the street's car brakes and turns */
+      assert_true(fabs(late.world_from_camera[k] - next->world_from_camera[k]) < (k % 4 == 3 ? 0.1 : 0.01));
+  }
+  pags_camera_poses_destroy(&poses);
+}
+
 /* Time steps that nobody has corrected get what lies between their neighbours; poses don't change without a
  * correction. */
 static void test_between(void **state) {
@@ -184,7 +202,7 @@ static void test_found(void **state) {
 
 int main(void) {
   small_street_cameras = 2;
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_gradient), cmocka_unit_test(test_between),
-                                     cmocka_unit_test(test_found)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_gradient), cmocka_unit_test(test_delay),
+                                     cmocka_unit_test(test_between), cmocka_unit_test(test_found)};
   return cmocka_run_group_tests(tests, make_street, remove_street);
 }
