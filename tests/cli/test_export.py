@@ -211,6 +211,14 @@ class Proxies(Case):
         self.assertEqual((width, height, channels), (120, 120, 3))  # ten cells of twelve pixels a side
         places = glb.accessor(primitive["attributes"]["TEXCOORD_0"])
         self.assertEqual(len(set(zip(places[::2], places[1::2]))), len(places) // 2)
+        # A cell of twelve pixels has two triangles with legs of nine, from middle to middle of a texel: two pixels lie between them, one at the cell's edge.
+        texels = [(u * width - 0.5, v * height - 0.5) for u, v in zip(places[::2], places[1::2])]
+        for i in range(0, len(texels), 3):
+            (u0, v0), (u1, v1), (u2, v2) = texels[i : i + 3]
+            self.assertAlmostEqual(u0, round(u0), 3)
+            self.assertAlmostEqual(v0, round(v0), 3)
+            for got, wanted in ((abs(u1 - u0), 9), (v1 - v0, 0), (u2 - u0, 0), (abs(v2 - v0), 9)):
+                self.assertAlmostEqual(got, wanted, 3)
         middle = [0, 0, 0]
         for u, v in zip(places[::2], places[1::2]):
             at = 3 * (int(v * height) * width + int(u * width))
