@@ -31,13 +31,22 @@ static const pags_json_value *of_camera(const pags_json *json, const char *key, 
   return all ? pags_json_member(all, camera) : NULL;
 }
 
-/* The number of a camera at a frame in the list of timestamps.json; NaN where there is none. */
-static double time_of(const rolling *r, const char *what, const char *camera, int frame) {
+/* A camera's list of numbers in timestamps.json, read along the frames. */
+typedef struct time_list {
+  const pags_json_value *item; /* of `frame`; NULL: there is none */
+  int frame;
+} time_list;
+
+static time_list times_of(const rolling *r, const char *what, const char *camera) {
   const pags_json_value *list = of_camera(r->times, what, camera);
-  const pags_json_value *item = list && list->type == PAGS_JSON_ARRAY ? list->first : NULL;
-  for (; item && frame > 0; frame--)
-    item = item->next;
-  return item && item->type == PAGS_JSON_NUMBER ? item->number : (double)NAN;
+  return (time_list){list && list->type == PAGS_JSON_ARRAY ? list->first : NULL, 0};
+}
+
+/* The number at a frame, which isn't before the last one asked for; NaN where there is none. */
+static double time_at(time_list *t, int frame) {
+  for (; t->item && t->frame < frame; t->frame++)
+    t->item = t->item->next;
+  return t->item && t->item->type == PAGS_JSON_NUMBER ? t->item->number : (double)NAN;
 }
 
 static double moment_of(const pags_parsed_view *view) {
@@ -61,23 +70,20 @@ static bool find_velocity(const rolling *r, int64_t step, int64_t sensor, double
   return true;
 }
 
-/* Seconds from the first line of a view to the last; NaN if the set doesn't say. */
-static double read_out_of(const rolling *r, const char *camera, int frame) {
-  const pags_json_value *stated = of_camera(r->description, "read_out", camera);
-  if (stated && stated->type == PAGS_JSON_NUMBER)
-    return stated->number;
-  const double exposed = time_of(r, "shutter", camera, frame);
-  return time_of(r, "readout", camera, frame) - time_of(r, "trigger", camera, frame) - (isnan(exposed) ? 0 : exposed);
-}
-
 /* Sets the shutters of a camera's views; *count: how many, *seconds: the sum of their read-outs. */
 static pags_result read_camera(const rolling *r, const pags_json_value *item, int64_t sensor, int64_t *count,
                                double *seconds) {
   const char *direction;
   PAGS_TRY(pags_json_as_string(r->description, item, "the direction of a rolling shutter", &direction));
+  const pags_json_value *stated = of_camera(r->description, "read_out", item->key);
+  time_list begun = times_of(r, "trigger", item->key), ended = times_of(r, "readout", item->key),
+            exposed = times_of(r, "shutter", item->key);
   for (int64_t step = 0; step < r->driving->step_count; step++) {
     pags_parsed_view *const view = &r->parsed->views[step * r->driving->sensor_count + sensor];
-    const double read_out = read_out_of(r, item->key, view->frame);
+    const double line = time_at(&exposed, view->frame);
+    double read_out = time_at(&ended, view->frame) - time_at(&begun, view->frame) - (isnan(line) ? 0 : line);
+    if (stated && stated->type == PAGS_JSON_NUMBER)
+      read_out = stated->number;
     pags_shutter shutter = {0};
     if (!pags_shutter_set(&shutter, direction, read_out))
       return pags_json_fail(r->description, item,
