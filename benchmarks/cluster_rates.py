@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Trains over lines of a given rate and compares with the model: benchmarks/cluster_rates.py PAGS DATASET -o FOLDER [options]
+"""Trains over lines of a given rate and compares with the model: benchmarks/cluster_rates.py -o FOLDER [options] PAGS DATASET [-- words of pags train]
 
 Each rank runs in a network namespace of its own, with a line to a bridge that tc holds to the rate in both directions. Needs root, ip, tc and
 Open MPI. docs/lab/cluster-model.md has the model, docs/lab/ranks-measured.md what was measured."""
@@ -24,6 +24,8 @@ def shell(*words):
 
 def remove_lines(ranks):
     for rank in range(ranks):
+        # The line first: the kernel removes what is in a namespace some time after the namespace
+        subprocess.run(["ip", "link", "delete", f"{PREFIX}{rank}o"], capture_output=True)
         subprocess.run(["ip", "netns", "delete", f"{PREFIX}{rank}"], capture_output=True)
     subprocess.run(["ip", "link", "delete", PREFIX], capture_output=True)
 
@@ -83,7 +85,7 @@ def main():
     parser.add_argument("--batch", type=int, default=4, metavar="B")
     parser.add_argument("--steps", type=int, default=50, metavar="N", help="[default 50]")
     parser.add_argument("--rates", default="1,10", metavar="LIST", help="Gb/s [default 1,10]")
-    parser.add_argument("more", nargs="*", help="further words of pags train, after --")
+    parser.add_argument("more", nargs="*", help="further words of pags train, at the end, after --")
     chosen = parser.parse_args()
     folder, ranks, batch = os.path.abspath(chosen.output), chosen.ranks, chosen.batch
     os.makedirs(folder, exist_ok=True)
