@@ -20,9 +20,9 @@ const char pags_program_name[] = "pags-bench";
 typedef struct bench_arguments {
   pags_session session;
   const char *input;
-  const char *camera, *output, *colmap, *markdown;
+  const char *camera, *output, *colmap, *markdown, *picture;
   int views, repetitions, split_every;
-  double downscale;
+  double downscale, background[3];
   int64_t iterations, snapshot_every, max_gaussians;
 } bench_arguments;
 
@@ -74,6 +74,24 @@ static const pags_option error_options[] = {
     PAGS_TEXT("markdown", 0, AT(markdown), "FILE", NULL, "write the table as Markdown too"),
     PAGS_SESSION_OPTIONS(bench_arguments),
     {0}};
+
+static const pags_option reference_options[] = {
+    PAGS_OUTPUT(AT(picture), "FILE.pfm", "the picture, three channels of floats; replaced"),
+    PAGS_TEXT("camera", 0, AT(camera), "FILE", "the scene's first training view, or an orbit's",
+              "draw what this camera sees"),
+    PAGS_VALUE("downscale", 0, DOUBLE, AT(downscale), 1, 64, "F", "times", NULL, "shrink the picture"),
+    PAGS_VALUE("background", 0, COLOR, AT(background), 0, 0, "R,G,B", "sRGB, 0..1", NULL, "colour behind everything"),
+    PAGS_SESSION_OPTIONS(bench_arguments),
+    {0}};
+
+static const pags_verb reference_verb = {
+    .name = "reference",
+    .usage = "SCENE -o FILE.pfm [options]",
+    .about =
+        "Draws a view by the tests' renderer in double precision, to hold the pictures of any program against. "
+        "Slow: a second or more for a picture of 960x540.",
+    .positionals = scene_positionals,
+    .options = reference_options};
 
 static const pags_verb error_verb = {.name = "error",
                                      .usage = "SCENE [options]",
@@ -152,8 +170,11 @@ static pags_result bench_scene(const bench_arguments *arguments, scene_bench *be
                           .all = cameras->all,
                           .all_count = cameras->all_count,
                           .markdown = arguments->markdown,
+                          .picture = arguments->picture,
                           .progress = show_progress,
                           .progress_user = &progress};
+  for (int c = 0; c < 3 && arguments->picture; c++)
+    view.options.background[c] = (float)arguments->background[c];
   view.options.early_z = PAGS_EARLY_Z_OFF; /* early-z off, so that each stage does all of its work */
   pags_compose(composition, cameras->some[0].time, &parts, &view.part_count);
   view.parts = parts;
@@ -173,6 +194,8 @@ static pags_result run_on_scene(bench_arguments *arguments, scene_bench *bench) 
   camera_list cameras = {0};
   if (arguments->markdown)
     PAGS_TRY(pags_check_writable(arguments->markdown));
+  if (arguments->picture)
+    PAGS_TRY(pags_check_writable(arguments->picture));
   PAGS_TRY(pags_scene_load(arguments->input, &scene));
   pags_result result = choose_cameras(arguments, &scene, &cameras);
   if (result == PAGS_OK)
@@ -247,11 +270,9 @@ static int run_entry(const bench_entry *entry, int argc, char **argv) {
 }
 
 static const bench_entry entries[] = {
-    {&stages_verb, pags_bench_stages, 1, 10},
-    {&roofline_verb, pags_bench_roofline, 1, 10},
-    {&train_verb, NULL, 1, 10},
+    {&stages_verb, pags_bench_stages, 1, 10}, {&roofline_verb, pags_bench_roofline, 1, 10},  {&train_verb, NULL, 1, 10},
 #ifdef PAGS_WITH_REFERENCE
-    {&error_verb, pags_bench_error, 4, 3},
+    {&error_verb, pags_bench_error, 4, 3},    {&reference_verb, pags_bench_reference, 1, 1},
 #endif
 };
 enum { ENTRY_COUNT = sizeof entries / sizeof entries[0] };
@@ -285,7 +306,9 @@ static void print_help(void) {
       "each set of options and\n"
       "compares quality, size and time.\n");
 #ifndef PAGS_WITH_REFERENCE
-  printf("'error' is not in this build, which lacks the tests' double-precision renderer (CMake option PAGS_TESTS).\n");
+  printf(
+      "'error' and 'reference' are not in this build, which lacks the tests' double-precision renderer (CMake option "
+      "PAGS_TESTS).\n");
 #endif
 #ifndef PAGS_WITH_PROXIES
   printf("'proxies' is not in this build, which lacks pags synth or pags export.\n");
@@ -306,9 +329,9 @@ int main(int argc, char **argv) {
   for (int i = 0; i < OWN_COUNT; i++)
     if (!strcmp(what, own_entries[i].name))
       return own_entries[i].run(argc - 2, argv + 2);
-  fprintf(stderr,
-          "pags-bench: expected stages, roofline, train, error, render, scale, scaling or proxies; 'pags-bench --help' "
-          "tells "
-          "what each measures\n");
+  fprintf(
+      stderr,
+      "pags-bench: expected stages, roofline, train, error, reference, render, scale, scaling or proxies; 'pags-bench "
+      "--help' tells what each measures\n");
   return PAGS_EXIT_USAGE;
 }

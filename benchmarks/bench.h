@@ -25,6 +25,7 @@ typedef struct pags_bench_view {
   const pags_camera *all; /* all training cameras, downscaled like `cameras`; all_count 0: use `cameras` */
   int64_t all_count;
   const char *markdown;       /* file to write the table to as Markdown; NULL: none */
+  const char *picture;        /* file that pags_bench_reference writes */
   pags_progress_fn *progress; /* may be NULL */
   void *progress_user;
 } pags_bench_view;
@@ -65,6 +66,10 @@ pags_result pags_bench_roofline(const pags_bench_view *view, FILE *people, pags_
 /* Largest and mean error of each approximation of the engine, against the double-precision oracle or against the
  * engine without that approximation, and what it saves. Fails for more than PAGS_BENCH_ERROR_PARTS models. */
 pags_result pags_bench_error(const pags_bench_view *view, FILE *people, pags_json_writer *json);
+
+/* Draws the first camera's view in double precision and writes view->picture, a PFM: three channels of 32-bit floats,
+ * rows from below. Fails for more than PAGS_BENCH_ERROR_PARTS models. */
+pags_result pags_bench_reference(const pags_bench_view *view, FILE *people, pags_json_writer *json);
 
 /* Trains and measures held-out PSNR every `snapshot_every` steps; reports PSNR against training time, then stages and
  * roofline of the trained Gaussians. `options` is complete except for the snapshot members, which are set here. */

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """pags-bench render, scale and error: their tables, CSV, JSON, Markdown and plot. No timing is asserted."""
 
+import array
 import csv
 import json
 import os
@@ -131,6 +132,29 @@ class Bench(Case):
         beside = self.errors([splat(12, 0, -3, (0.9, 0.9, 0.9), sigma=1.5, opacity=4.0)])
         self.assertTrue(beside["affine image, slopes clamped"]["mean"] < 0.5 * beside["affine image, no clamp"]["mean"])
 
+    def test_reference(self):
+        scene, camera = self.write("a.ply", ply_bytes(some_splats())), self.write("camera.json", json.dumps(CAMERA))
+        found = []
+        for background in ("0,0,0", "1,0.5,0"):
+            self.succeeds("reference", scene, "--camera", camera, "-o", self.path("a.pfm"), "--background", background)
+            head, size, order, data = read(self.path("a.pfm")).split(b"\n", 3)
+            self.assertEqual((head, size, float(order) < 0), (b"PF", f"{CAMERA['width']} {CAMERA['height']}".encode(), sys.byteorder == "little"))
+            self.assertEqual(len(data), 12 * CAMERA["width"] * CAMERA["height"])
+            found.append(array.array("f", data))
+        pags = os.path.join(os.path.dirname(fixtures.PAGS), "pags")
+        drawn = subprocess.run([pags, "render", scene, "--camera", camera, "-o", self.path("drawn"), "--bits", "16", "-q"], capture_output=True, text=True)
+        self.assertEqual(drawn.returncode, 0, drawn.stderr)
+        width, height, channels, bits, data = fixtures.read_png(self.path("drawn/00000.png"))
+        self.assertEqual((width, height, channels, bits), (CAMERA["width"], CAMERA["height"], 3, 16))
+        ours = [int.from_bytes(data[i : i + 2], "big") / 65535 for i in range(0, len(data), 2)]
+        theirs = [v for y in reversed(range(height)) for v in found[0][3 * width * y : 3 * width * (y + 1)]]  # rows from below
+        self.assertTrue(max(ours) > 0.5)
+        self.assertTrue(max(abs(a - min(b, 1)) for a, b in zip(ours, theirs)) < 1e-4)
+        more = [b - a for a, b in zip(*found)]
+        self.assertTrue(0.9 < max(more[0::3]) <= 1 and 0.45 < max(more[1::3]) <= 0.5 and max(more[2::3]) == 0)
+        self.fails(["reference", scene, "-o", self.path("none/a.pfm")], "none/a.pfm")
+        self.fails(["reference", scene], "-o FILE.pfm is missing", code=2)
+
     def test_wrong_usage(self):
         self.fails(self.render("--sizes", "64x"), "WIDTHxHEIGHT", code=2)
         self.fails(self.render("--repetitions", "0"), "repetitions", code=2)
@@ -154,7 +178,7 @@ class Bench(Case):
         chapter = read(os.path.join(docs, "pags-bench.md")).decode()
         chapter += read(os.path.join(docs, "command-line.md")).decode().split("\n## train\n")[0]
         chapter += read(os.path.join(docs, "scale.md")).decode()
-        for what in ["stages", "roofline", "error", "train", "render", "scale", "scaling", "proxies"]:
+        for what in ["stages", "roofline", "error", "reference", "train", "render", "scale", "scaling", "proxies"]:
             shown = fixtures.run(what, "--help").stdout  # empty if this build lacks the command
             for name in re.findall(r"^  (?:-., |    )(--[a-z0-9-]+)", shown, re.M):
                 self.assertTrue(name in chapter or name == "--help", f"{what} {name} is not in docs/pags-bench.md")
