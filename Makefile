@@ -15,7 +15,8 @@
 #                windows-x64, macos-arm64, macos-x64, linux-x64-glibc2.17 or linux-arm64
 #   make packages  wheels, archives and add-ons of all cross builds, and the Debian packages, into dist/; TARGETS="NAME ...": those of these alone
 #   make container  the program of the Linux archive as a container image in dist/ (docs/containers.md)
-#   make check-wheel  the wheel for Linux, installed into a fresh environment, beside build/pags, bit by bit (OLD=FOLDER: in an older Debian, too)
+#   make check-wheel  the wheel for Linux, installed into a fresh environment, beside build/pags, bit by bit (OLD=FOLDER: in an older Debian, too);
+#                the wheel for 64-bit ARM in the same way under an emulator, and what those for macOS promise, as far as they are in dist/
 #   make check-reproducible TARGETS="NAME ..."  build their packages again in another folder, at another time: the same bytes (an hour a target)
 #   make deb     the Debian packages of the commit that is checked out, into dist/, checked by lintian (docs/release.md)
 #   make check-deb  install these into a fresh Debian 12, use them there and remove them (mmdebstrap; as root; a quarter of an hour)
@@ -148,6 +149,7 @@ container:
 
 check-wheel: all
 	PAGS_OLD_ROOT="$(OLD)" python3 -B tests/wheel.py dist/pags-*manylinux_2_17_x86_64*.whl build/pags
+	python3 -B tests/foreign_wheels.py build/pags $(wildcard dist/pags-*manylinux_2_17_aarch64*.whl dist/pags-*macosx*.whl)
 
 check-reproducible:
 	sh scripts/check_reproducible.sh $(TARGETS)
