@@ -13,7 +13,8 @@
 #   make setup-cross  what make cross needs, into PAGS_CROSS (~/.cache/pags-cross): a compiler and the sources of libraries, checked by hash
 #   make cross TARGET=NAME  program, library, Python module and add-on for another system, into build-cross/NAME (docs/porting.md); NAME is
 #                windows-x64, macos-arm64, macos-x64, linux-x64-glibc2.17 or linux-arm64
-#   make packages  wheels, archives and add-ons of all cross builds, and the Debian packages, into dist/; TARGETS="NAME ...": those of these alone
+#   make packages  wheels, archives and add-ons of all cross builds, and the Debian packages, into dist/; TARGETS="NAME ...": those of these alone;
+#                and of the add-ons there one zip for Blender 3.4 to 4.1 on all of their systems
 #   make container  the program of the Linux archive as a container image in dist/ (docs/containers.md)
 #   make check-wheel  the wheel for Linux, installed into a fresh environment, beside build/pags, bit by bit (OLD=FOLDER: in an older Debian, too);
 #                the wheel for 64-bit ARM in the same way under an emulator, and what those for macOS promise, as far as they are in dist/
@@ -143,6 +144,7 @@ cross:
 packages: $(if $(TARGETS),,deb)
 	for target in $(or $(TARGETS),windows-x64 macos-arm64 macos-x64 linux-x64-glibc2.17 linux-arm64); do \
 	  JOBS=$(JOBS) sh scripts/cross.sh $$target && python3 -B scripts/package_cross.py build-cross/$$target dist || exit 1; done
+	python3 -B scripts/package_addon.py dist
 
 container:
 	sh scripts/container.sh

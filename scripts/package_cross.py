@@ -20,14 +20,13 @@ import zipfile
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 CROSS = os.path.realpath(os.environ.get("PAGS_CROSS") or os.path.expanduser("~/.cache/pags-cross"))
 
-# target: tag of the wheel's platform, the oldest Python, name of the program, of the module. The module asks for buffers, which are in the
-# limited API from Python 3.11 on. Python 3.10 has the same functions and shows them, but not in Windows' python3.dll.
+# target: tag of the wheel's platform, the oldest Python, name of the program, of the module.
 TARGETS = {
     "linux-x64-glibc2.17": ("manylinux_2_17_x86_64.manylinux2014_x86_64", 10, "pags", "pags.abi3.so"),
     "linux-arm64": ("manylinux_2_17_aarch64.manylinux2014_aarch64", 10, "pags", "pags.abi3.so"),
     "macos-arm64": ("macosx_11_0_arm64", 10, "pags", "pags.abi3.so"),
     "macos-x64": ("macosx_11_0_x86_64", 10, "pags", "pags.abi3.so"),
-    "windows-x64": ("win_amd64", 11, "pags.exe", "pags.pyd"),
+    "windows-x64": ("win_amd64", 10, "pags.exe", "pags.pyd"),
 }
 
 # Rows of scripts/cross_sources.txt of which nothing is in the products, and those that are where proxies are.

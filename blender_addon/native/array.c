@@ -1,6 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Reads arrays of numbers from Python: what has the buffer protocol (numpy's arrays, array.array, memoryview, Buffer)
- * as it lies in memory, and nested sequences item by item. */
+ * as it lies in memory, and nested sequences item by item.
+ *
+ * Buffers are opened through the slots of their type, as CPython's PyObject_GetBuffer and PyBuffer_Release do: these
+ * two are in the limited API from Python 3.11 on only, and Windows' python3.dll of 3.10, which Blender 3.4 to 4.0
+ * bring, doesn't export them. */
 #include "blender_addon/native/native.h"
 
 #include <stdlib.h>
@@ -64,6 +68,30 @@ static void *allocate(int dimensions, const Py_ssize_t *shape, bool wide) {
 }
 
 /* ---- Buffers ---- */
+
+typedef int (*opener)(PyObject *, Py_buffer *, int);
+typedef void (*closer)(PyObject *, Py_buffer *);
+
+static bool has_buffer(PyObject *value) {
+  return PyType_GetSlot(Py_TYPE(value), Py_bf_getbuffer) != NULL;
+}
+
+/* Opens the buffer of a value that has one, with strides and format; false with Python's error set where it can't. */
+static bool open_buffer(PyObject *value, Py_buffer *view) {
+  const opener open = (opener)(size_t)PyType_GetSlot(Py_TYPE(value), Py_bf_getbuffer);
+  return open(value, view, PyBUF_STRIDES | PyBUF_FORMAT) == 0;
+}
+
+static void close_buffer(Py_buffer *view) {
+  PyObject *const object = view->obj; /* NULL: its type lends memory that needs no giving back */
+  if (!object)
+    return;
+  const closer close = (closer)(size_t)PyType_GetSlot(Py_TYPE(object), Py_bf_releasebuffer);
+  if (close)
+    close(object, view);
+  view->obj = NULL;
+  Py_DECREF(object);
+}
 
 /* 'f' or 'd' where the buffer holds floats or doubles in this machine's order, else 0. */
 static char float_kind(const Py_buffer *view) {
@@ -148,8 +176,8 @@ void *native_read_array(PyObject *value, const char *what, bool wide, int dimens
   Py_ssize_t found[NATIVE_DIMENSIONS + 1];
   Py_buffer view;
   sink s = {.wide = wide};
-  if (PyObject_CheckBuffer(value)) {
-    if (PyObject_GetBuffer(value, &view, PyBUF_STRIDES | PyBUF_FORMAT) < 0)
+  if (has_buffer(value)) {
+    if (!open_buffer(value, &view))
       return NULL;
     if (float_kind(&view)) {
       if (!fits(dimensions, shape, view.ndim, view.shape))
@@ -159,10 +187,10 @@ void *native_read_array(PyObject *value, const char *what, bool wide, int dimens
         if (view.len > 0)
           copy(&view, 0, view.buf, &s);
       }
-      PyBuffer_Release(&view);
+      close_buffer(&view);
       return s.data;
     }
-    PyBuffer_Release(&view); /* integers and others: item by item */
+    close_buffer(&view); /* integers and others: item by item */
   }
   int found_dimensions = measure(value, NATIVE_DIMENSIONS + 1, found);
   if (found_dimensions < 0)
@@ -184,11 +212,11 @@ void *native_read_array(PyObject *value, const char *what, bool wide, int dimens
 int native_array_dimensions(PyObject *value) {
   Py_ssize_t found[NATIVE_DIMENSIONS + 1];
   Py_buffer view;
-  if (!PyObject_CheckBuffer(value))
+  if (!has_buffer(value))
     return measure(value, NATIVE_DIMENSIONS + 1, found);
-  if (PyObject_GetBuffer(value, &view, PyBUF_STRIDES | PyBUF_FORMAT) < 0)
+  if (!open_buffer(value, &view))
     return -1;
   const int dimensions = view.ndim;
-  PyBuffer_Release(&view);
+  close_buffer(&view);
   return dimensions;
 }

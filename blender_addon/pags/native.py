@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The only file that imports the C module. Caches loaded scenes by path, and renderers."""
 
+import importlib
 import os
 import threading
 
 import bpy
 
-from . import bl_info
+from . import bl_info, system
 
 VERSION = ".".join(str(number) for number in bl_info["version"][:2])
 problem = ""
 module = None
 try:
-    from . import pags as module  # pags.abi3.so, on Windows pags.pyd, beside this file
-
+    module = importlib.import_module(system.module(), __package__)  # pags.abi3.so, on Windows pags.pyd
     if not module.__version__.startswith(VERSION + "."):
         problem = f"the add-on is for version {VERSION} of the PAGS module, and the module beside it is {module.__version__}"
         module = None

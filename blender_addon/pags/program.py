@@ -9,7 +9,7 @@ import threading
 
 import bpy
 
-from . import native
+from . import native, system
 
 # As the program prints it: "background: 40 %, 12 s left", or "view 3 of 12".
 PROGRESS, EACH = re.compile(r"^(.*): +(\d+) %"), re.compile(r"^(\w+ (\d+) of (\d+))$")
@@ -17,8 +17,8 @@ _lacking = {}  # by path and time of the program: what `pags --help` says that i
 
 
 def own():
-    """Path of the program in the add-on's folder, which is there unless the zip was made without it."""
-    return os.path.join(os.path.dirname(os.path.abspath(__file__)), "bin", "pags.exe" if os.name == "nt" else "pags")
+    """Path of this system's program in the add-on's folder, which is there unless the zip was made without it."""
+    return os.path.join(system.folder(), "bin", "pags.exe" if os.name == "nt" else "pags")
 
 
 def command(context):

@@ -78,7 +78,7 @@ class Packages(Case):
         for target, program, module, tags in [
             ("linux-arm64", "pags", "pags.abi3.so", ["cp310-abi3-manylinux_2_17_aarch64", "cp310-abi3-manylinux2014_aarch64"]),
             ("macos-arm64", "pags", "pags.abi3.so", ["cp310-abi3-macosx_11_0_arm64"]),
-            ("windows-x64", "pags.exe", "pags.pyd", ["cp311-abi3-win_amd64"]),
+            ("windows-x64", "pags.exe", "pags.pyd", ["cp310-abi3-win_amd64"]),
         ]:
             packed = self.pack(self.build(target, program, module))
             name = next(name for name in packed if name.startswith("pags-") and name.endswith(".whl"))
