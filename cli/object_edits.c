@@ -78,7 +78,8 @@ static pags_result find(const pags_scene *scene, const char *name, size_t length
   if (list->count > before)
     return PAGS_OK;
   return pags_fail(PAGS_ERROR_ARGUMENT,
-                   "--%s: expected the id of one of the scene's %lld objects or class:CLASS of one, found '%.*s'",
+                   "--%s: expected the id of one of the scene's %lld objects or class:CLASS of one (pags info SCENE "
+                   "--objects lists them), found '%.*s'",
                    options[edit.kind], (long long)scene->object_count, (int)(length < 200 ? length : 200), name);
 }
 

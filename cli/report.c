@@ -28,30 +28,30 @@ static void append(pags_report *report, const char *text, size_t length) {
 }
 
 PAGS_PRINTF(3, 0)
-static void line_of(pags_report *report, const char *key, const char *format, va_list list) {
-  char buffer[1280], value[1100], name[64];
+static void line_of(pags_report *report, const char *name, const char *format, va_list list) {
+  char buffer[1280], value[1100];
   vsnprintf(value, sizeof value, format, list);
-  snprintf(name, sizeof name, "%s", key);
-  for (char *c = name; *c; c++)
-    if (*c == '_')
-      *c = ' ';
   int length = *value ? snprintf(buffer, sizeof buffer, "%*s%-*s %s\n", report->indent, "", KEY_WIDTH, name, value)
                       : snprintf(buffer, sizeof buffer, "%*s%s\n", report->indent, "", name);
   append(report, buffer, (size_t)(length < (int)sizeof buffer ? length : (int)sizeof buffer - 1));
 }
 
-PAGS_PRINTF(3, 4)
-static void line(pags_report *report, const char *key, const char *format, ...) {
+void pags_report_line(pags_report *report, const char *key, const char *format, ...) {
+  char words[64];
   va_list list;
+  snprintf(words, sizeof words, "%s", key);
+  for (char *c = words; *c; c++)
+    if (*c == '_')
+      *c = ' ';
   va_start(list, format);
-  line_of(report, key, format, list);
+  line_of(report, words, format, list);
   va_end(list);
 }
 
-void pags_report_line(pags_report *report, const char *key, const char *format, ...) {
+void pags_report_named(pags_report *report, const char *name, const char *format, ...) {
   va_list list;
   va_start(list, format);
-  line_of(report, key, format, list);
+  line_of(report, name, format, list);
   va_end(list);
 }
 
@@ -77,31 +77,31 @@ pags_result pags_report_end(pags_report *report, const pags_session *session, pa
 }
 
 void pags_report_text(pags_report *report, const char *key, const char *value) {
-  line(report, key, "%s", value);
+  pags_report_line(report, key, "%s", value);
   pags_json_put_string(&report->json, key, value);
 }
 
 void pags_report_count(pags_report *report, const char *key, int64_t value) {
-  line(report, key, "%lld", (long long)value);
+  pags_report_line(report, key, "%lld", (long long)value);
   pags_json_put_integer(&report->json, key, value);
 }
 
 void pags_report_number(pags_report *report, const char *key, double value) {
   if (isnan(value))
-    line(report, key, "%s", "-");
+    pags_report_line(report, key, "%s", "-");
   else
-    line(report, key, "%.6g", value);
+    pags_report_line(report, key, "%.6g", value);
   pags_json_put_number(&report->json, key, value);
 }
 
 void pags_report_bytes(pags_report *report, const char *key, double value) {
   char text[32];
-  line(report, key, "%.0f (%s)", value, pags_format_bytes(value, text, sizeof text));
+  pags_report_line(report, key, "%.0f (%s)", value, pags_format_bytes(value, text, sizeof text));
   pags_json_put_integer(&report->json, key, (int64_t)value);
 }
 
 void pags_report_flag(pags_report *report, const char *key, bool value) {
-  line(report, key, "%s", value ? "yes" : "no");
+  pags_report_line(report, key, "%s", value ? "yes" : "no");
   pags_json_put_bool(&report->json, key, value);
 }
 
@@ -110,7 +110,7 @@ void pags_report_vector(pags_report *report, const char *key, const double *valu
   size_t used = 0;
   for (int i = 0; i < count && used < sizeof text; i++)
     used += (size_t)snprintf(text + used, sizeof text - used, "%s%.9g", i ? " " : "", values[i]);
-  line(report, key, "%s", text);
+  pags_report_line(report, key, "%s", text);
   pags_json_put_numbers(&report->json, key, values, count);
 }
 
@@ -120,7 +120,7 @@ void pags_report_place(pags_report *report, const pags_place *place) {
 }
 
 void pags_report_begin_group(pags_report *report, const char *key) {
-  line(report, key, "%s", "");
+  pags_report_line(report, key, "%s", "");
   report->indent += INDENT;
   pags_json_begin_object(&report->json, key);
 }
@@ -131,7 +131,7 @@ void pags_report_end_group(pags_report *report) {
 }
 
 void pags_report_begin_list(pags_report *report, const char *key) {
-  line(report, key, "%s", "");
+  pags_report_line(report, key, "%s", "");
   report->indent += INDENT;
   pags_json_begin_array(&report->json, key);
 }
@@ -145,7 +145,7 @@ void pags_report_sentence(pags_report *report, const char *text) {
 }
 
 void pags_report_begin_item(pags_report *report, const char *name) {
-  line(report, name, "%s", "");
+  pags_report_named(report, name, "%s", "");
   report->indent += INDENT;
   pags_json_begin_object(&report->json, NULL);
   pags_json_put_string(&report->json, "name", name);

@@ -34,6 +34,8 @@ void pags_report_place(pags_report *report, const pags_place *place);
 
 /* Adds a printed line only; the caller writes the JSON counterpart to `json` itself. */
 void pags_report_line(pags_report *report, const char *key, const char *format, ...) PAGS_PRINTF(3, 4);
+/* The same with a name of the data, an object's id say, which is printed as options take it. */
+void pags_report_named(pags_report *report, const char *name, const char *format, ...) PAGS_PRINTF(3, 4);
 
 void pags_report_begin_group(pags_report *report, const char *key); /* opens a JSON object */
 void pags_report_end_group(pags_report *report);

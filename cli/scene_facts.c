@@ -112,9 +112,9 @@ static pags_result put_models(pags_report *report, const char *path, const pags_
       /* Print one line per object's model, since there may be a hundred of them. */
       const pags_gaussians *g = &model->gaussians;
       char size[32];
-      pags_report_line(report, model->name, "%s, %lld Gaussians of SH degree %d, %s%s%s", object->record.class_name,
-                       (long long)g->count, g->sh_degree, pags_format_bytes((double)bytes, size, sizeof size),
-                       g->fourier ? ", colour over time" : "", object->rigid ? "" : ", not rigid");
+      pags_report_named(report, model->name, "%s, %lld Gaussians of SH degree %d, %s%s%s", object->record.class_name,
+                        (long long)g->count, g->sh_degree, pags_format_bytes((double)bytes, size, sizeof size),
+                        g->fourier ? ", colour over time" : "", object->rigid ? "" : ", not rigid");
       pags_json_writer *w = &report->json;
       pags_json_begin_object(w, NULL);
       pags_json_put_string(w, "name", model->name);
@@ -322,7 +322,7 @@ static void list_notes(pags_report *report, const pags_json_value *array) {
   for (const pags_json_value *v = array->first; v; v = v->next) {
     const pags_json_value *id = pags_json_member(v, "id");
     pags_spoken_members(v, "id", text, sizeof text);
-    pags_report_line(report, id && id->type == PAGS_JSON_STRING ? id->text : "-", "%s", text);
+    pags_report_named(report, id && id->type == PAGS_JSON_STRING ? id->text : "-", "%s", text);
   }
   report->indent -= 2;
 }

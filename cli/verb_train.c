@@ -231,10 +231,8 @@ static void list_fields(void) {
       snprintf(standard, sizeof standard, "%.*s", (int)strcspn(choice, "|"), choice);
       snprintf(range, sizeof range, "%s", f->choices);
     }
-    if (f->rule)
-      snprintf(standard, sizeof standard, "%s", f->rule);
     snprintf(left, sizeof left, "  %s", f->name);
-    snprintf(text, sizeof text, "%s [%s; default %s]", f->text, range, standard);
+    snprintf(text, sizeof text, "%s [%s; default %s]", f->text, range, f->rule ? f->rule : standard);
     pags_options_entry(left, text, WIDTH);
   }
 }

@@ -221,6 +221,14 @@ class Drive(Case):
         self.assertRegex(text, r"(?m)^    c=2 +modelled yes, why moves$")
         self.assertRegex(text, r"(?m)^  car +Car, 1 Gaussians of SH degree 0, ")
 
+    def test_names_as_options_take_them(self):
+        text = read(os.path.join(self.scene, "scene.json")).decode()
+        write(os.path.join(self.scene, "scene.json"), text.replace('"c=2"', '"a_car_2"'))
+        text = self.succeeds("info", self.scene, "--objects").stdout
+        self.assertRegex(text, r"(?m)^    a_car_2 +modelled yes, why moves$")
+        self.assertRegex(text, r"(?m)^  a_car_2$")
+        self.assertEqual(self.columns("--time", 1, "--without", "a_car_2"), (None, 35))
+
     def test_bad_scene(self):
         text = read(os.path.join(self.scene, "scene.json")).decode()
         write(os.path.join(self.scene, "scene.json"), text.replace('"model": "car"', '"model": "bus"'))

@@ -131,6 +131,7 @@ class Usage(Case):
         self.assertEqual(len(fields), len(set(fields)))
         words = re.sub(r"\s+", " ", shown)
         self.assertEqual(len(re.findall(r"\[[^]]+; default [^]]+\]", words)), len(fields))
+        self.assertIn("presets plain and paper 0.2]", words)  # the longest is whole
         self.assertNotIn("default -1", words)
         for row in ["[steps of 30 000; 0 to 1e9; default 500]", "[px^2; 0 to 100; default 0.3]", "[0 or 1; default 1]",
                     "[times the position rate; 0 to 1e9; default 500000]", "[default|mcmc; default default]",
