@@ -6,6 +6,7 @@
 #include "cli/interrupt.h"
 #include "cli/picture.h"
 
+#include <math.h>
 #include <pags/eval.h>
 #include <stdlib.h>
 #include <string.h>
@@ -59,6 +60,46 @@ static pags_result save(const shifting *s, const char *name, int64_t i, const ch
   return pags_image_save_in(s->images, file, image);
 }
 
+/* Compares the pixels of the road, class 0 of the Cityscapes train ids, where the set has the classes. */
+static pags_result compare_road(const pags_image *render, const pags_image *photographs, const char *folder,
+                                const pags_camera *full, int64_t i, pags_shifted_view_score *score) {
+  char file[64];
+  double psnr;
+  pags_image classes;
+  snprintf(file, sizeof file, "%05lld_semantic.png", (long long)i);
+  char *path = pags_path_join(folder, file);
+  if (!path)
+    return pags_out_of_memory(NULL);
+  pags_result result = PAGS_OK;
+  const bool there = pags_file_exists(path);
+  if (there)
+    result = pags_image_load(path, PAGS_U8, 1, &classes);
+  if (there && result == PAGS_OK) {
+    if (classes.width != full->width || classes.height != full->height)
+      result = pags_fail(PAGS_ERROR_FORMAT, "%s: is %dx%d, expected %dx%d as path.json says", path, classes.width,
+                         classes.height, full->width, full->height);
+    uint8_t *const road = calloc((size_t)render->width * (size_t)render->height, 1);
+    if (!road)
+      result = pags_out_of_memory("%s", path);
+    for (int y = 0; result == PAGS_OK && y < render->height; y++)
+      for (int x = 0; x < render->width; x++) {
+        const int64_t column = ((int64_t)2 * x + 1) * full->width / (2 * render->width);
+        const int64_t row = ((int64_t)2 * y + 1) * full->height / (2 * render->height);
+        road[(int64_t)y * render->width + x] = ((const uint8_t *)classes.data)[row * full->width + column] == 0;
+      }
+    if (result == PAGS_OK)
+      result = pags_eval_psnr(render, photographs, road, &psnr);
+    if (result == PAGS_OK && !isnan(psnr)) {
+      score->road_psnr += psnr;
+      score->road_views++;
+    }
+    free(road);
+    pags_image_destroy(&classes);
+  }
+  free(path);
+  return result;
+}
+
 static pags_result compare(const shifting *s, const pags_image *render, const pags_image *photographs, int64_t i,
                            pags_shifted_view_score *score) {
   double psnr, ssim;
@@ -99,6 +140,8 @@ static pags_result measure_view(const shifting *s, const char *folder, const pag
   result = pags_picture_to_image(&picture, PAGS_F32, &render);
   if (result == PAGS_OK) {
     result = compare(s, &render, &photographs, i, score);
+    if (result == PAGS_OK)
+      result = compare_road(&render, &photographs, folder, full, i, score);
     pags_image_destroy(&render);
   }
   pags_image_destroy(&photographs);
@@ -127,6 +170,7 @@ static pags_result measure_path(const shifting *s, const char *folder, pags_shif
   pags_camera_path_destroy(&cameras);
   score->psnr /= (double)score->views;
   score->ssim /= (double)score->views;
+  score->road_psnr = score->road_views > 0 ? score->road_psnr / (double)score->road_views : (double)NAN;
   return result;
 }
 

@@ -11,7 +11,9 @@
 typedef struct pags_shifted_view_score {
   char name[64]; /* name of the folder, such as "right_1" */
   int64_t views;
-  double psnr, ssim; /* means over the views */
+  double psnr, ssim;  /* means over the views */
+  int64_t road_views; /* those with pixels of the road, told by NNNNN_semantic.png beside the picture */
+  double road_psnr;   /* of those pixels, their mean over these views; NaN without such views */
 } pags_shifted_view_score;
 
 typedef struct pags_shifted_view_scores {

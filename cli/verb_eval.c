@@ -277,6 +277,8 @@ static void put_shifts(pags_json_writer *writer, const evaluation *self) {
     pags_json_put_integer(writer, "views", score->views);
     pags_json_put_number(writer, "psnr", score->psnr);
     pags_json_put_number(writer, "ssim", score->ssim);
+    pags_json_put_integer(writer, "road_views", score->road_views);
+    pags_json_put_number(writer, "road_psnr", score->road_psnr);
     pags_json_end_object(writer);
   }
   pags_json_end_array(writer);
@@ -337,9 +339,13 @@ static void print_more(const evaluation *self) {
                "%.1f %% within 5 %%\n",
                sets[test], self->depth[test].median, self->depth[test].mean, self->depth[test].mean95,
                100 * self->depth[test].within);
-  for (int64_t i = 0; i < self->shifts.count; i++)
-    pags_say(session, "shifted cameras %-16s %9.3f %8.4f\n", self->shifts.items[i].name, self->shifts.items[i].psnr,
-             self->shifts.items[i].ssim);
+  for (int64_t i = 0; i < self->shifts.count; i++) {
+    const pags_shifted_view_score *const score = &self->shifts.items[i];
+    pags_say(session, "shifted cameras %-16s %9.3f %8.4f", score->name, score->psnr, score->ssim);
+    if (score->road_views > 0)
+      pags_say(session, "   road %9.3f", score->road_psnr);
+    pags_say(session, "\n");
+  }
   print_poses(session, &self->poses);
   print_cameras(session, &self->cameras);
   print_priority_truth(session, &self->priority_truth);

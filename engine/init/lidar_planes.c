@@ -14,6 +14,7 @@
 
 #include "base/memory.h"
 #include "base/sort.h"
+#include "maths/maths.h"
 
 enum { LEVELS = 3, MOST_POINTS = 2000000, LEAST_POINTS = 10, GRAIN = 4096, CELL_BITS = 20 };
 
@@ -22,9 +23,10 @@ static const double thickest =
     0.04; /* largest standard deviation across a plane, metres: noise of LiDAR and poses, a little relief */
 static const double narrowest =
     0.1; /* smallest standard deviation along its second axis, in cell sides: points on a line have no plane */
-static const double widest = 0.75;  /* reach of a plane from its centre, along the plane, in cell sides */
-static const double farthest = 0.3; /* reach of a plane across it, metres */
-static const double nearest = 0.03; /* Gaussians nearer than this stay: the planes are not known better, metres */
+static const double widest = 0.75;   /* reach of a plane from its centre, along the plane, in cell sides */
+static const double farthest = 0.3;  /* reach of a plane across it, metres */
+static const double nearest = 0.03;  /* Gaussians nearer than this stay: the planes are not known better, metres */
+static const double thinnest = 0.02; /* sigma across a plane to which laying makes Gaussians flat, metres */
 
 /* ---- Cells and their hash table ---- */
 
@@ -267,4 +269,86 @@ static void draw_block(void *context, int64_t begin, int64_t end, int worker) {
 bool pags_lidar_planes_pull(const pags_lidar_planes *self, pags_gaussians *g, double share, pags_tasks *tasks) {
   drawing d = {self, g, (float)share};
   return self->count == 0 || pags_parallel_for(tasks, g->count, GRAIN, draw_block, &d);
+}
+
+/* ---- Laying Gaussians into planes ---- */
+
+/* The unit vector along axis `axis` of a row's rotation: a column of the matrix of its quaternion. */
+static void axis_of(const float q[4], int axis, float out[3]) {
+  const float w = q[0], x = q[1], y = q[2], z = q[3];
+  const float columns[3][3] = {{1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)},
+                               {2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)},
+                               {2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)}};
+  memcpy(out, columns[axis], sizeof columns[axis]);
+}
+
+/* Turns the axis that is nearest to the plane's normal towards it by the share, and returns that axis; -1 if the
+ * quaternion is zero. The turn is the least one: the quaternion (1 + a.b, a x b), normalised, takes a to b. */
+static int turn(pags_gaussians *g, int64_t row, const float normal[3], float share) {
+  float q[4], norm = 0, best = 0, along[3] = {0};
+  int axis = -1;
+  for (int k = 0; k < 4; k++) {
+    q[k] = pags_plane(g, PAGS_ROTATION + k)[row];
+    norm += q[k] * q[k];
+  }
+  if (!(norm > 0.0f))
+    return -1;
+  for (int k = 0; k < 4; k++)
+    q[k] /= sqrtf(norm);
+  for (int k = 0; k < 3; k++) {
+    float a[3];
+    axis_of(q, k, a);
+    const float dot = a[0] * normal[0] + a[1] * normal[1] + a[2] * normal[2];
+    if (fabsf(dot) <= fabsf(best))
+      continue;
+    best = dot;
+    axis = k;
+    memcpy(along, a, sizeof along);
+  }
+  float goal[3], length = 0;
+  for (int k = 0; k < 3; k++) {
+    goal[k] = (1 - share) * along[k] + copysignf(share, best) * normal[k];
+    length += goal[k] * goal[k];
+  }
+  length = sqrtf(length); /* at least 1/sqrt 2, since the angle between the two is less than 55 degrees */
+  float dot = 0;
+  for (int k = 0; k < 3; k++) {
+    goal[k] /= length;
+    dot += goal[k] * along[k];
+  }
+  const float t[4] = {1 + dot, along[1] * goal[2] - along[2] * goal[1], along[2] * goal[0] - along[0] * goal[2],
+                      along[0] * goal[1] - along[1] * goal[0]};
+  const float unit = sqrtf(t[0] * t[0] + t[1] * t[1] + t[2] * t[2] + t[3] * t[3]);
+  const float turned[4] = {
+      t[0] * q[0] - t[1] * q[1] - t[2] * q[2] - t[3] * q[3], t[0] * q[1] + t[1] * q[0] + t[2] * q[3] - t[3] * q[2],
+      t[0] * q[2] - t[1] * q[3] + t[2] * q[0] + t[3] * q[1], t[0] * q[3] + t[1] * q[2] - t[2] * q[1] + t[3] * q[0]};
+  for (int k = 0; k < 4; k++)
+    pags_plane(g, PAGS_ROTATION + k)[row] = turned[k] * (sqrtf(norm) / unit);
+  return axis;
+}
+
+static void lay_block(void *context, int64_t begin, int64_t end, int worker) {
+  const drawing *const d = context;
+  const float share = d->share, thin = (float)pags_log(thinnest);
+  (void)worker;
+  for (int64_t row = begin; row < end; row++) {
+    float p[3], across = 0;
+    if (d->g->object_id && d->g->object_id[row] >= 0)
+      continue;
+    for (int k = 0; k < 3; k++)
+      p[k] = pags_plane(d->g, PAGS_MEAN + k)[row];
+    const pags_lidar_plane *const plane = nearest_plane(d->planes, p, &across);
+    const int axis = plane ? turn(d->g, row, plane->normal, share) : -1;
+    if (axis < 0)
+      continue;
+    for (int k = 0; k < 3; k++)
+      pags_plane(d->g, PAGS_MEAN + k)[row] = p[k] - share * across * plane->normal[k];
+    float *const scale = pags_plane(d->g, PAGS_SCALE + axis) + row;
+    *scale -= share * fmaxf(*scale - thin, 0.0f);
+  }
+}
+
+bool pags_lidar_planes_lay(const pags_lidar_planes *self, pags_gaussians *g, double share, pags_tasks *tasks) {
+  drawing d = {self, g, (float)share};
+  return self->count == 0 || pags_parallel_for(tasks, g->count, GRAIN, lay_block, &d);
 }

@@ -105,8 +105,6 @@ static pags_result make_views(writer *w) {
     pags_street_view *view = &w->views[i];
     view->rgb = malloc(3 * pixels);
     complete &= view->rgb != NULL;
-    if (i >= CAMERAS)
-      continue;
     view->depth = malloc(pixels * sizeof *view->depth);
     view->labels = malloc(pixels);
     view->actors = malloc(pixels * sizeof *view->actors);
@@ -193,25 +191,29 @@ static pags_result save_depth(const pags_street_view *view, const char *path) {
 }
 
 /* Writes file number `index` of the current frame. In order of numbers: for each camera its one-channel images, its
- * depth and its picture, then the pictures from shifted cameras. */
+ * depth and its picture, then of each shifted camera its picture and its classes. */
 static pags_result save_file(const writer *w, int index) {
   enum { EACH = PLANES + 2 };
   const int cameras = w->street->options->cameras, camera = index / EACH, kind = index % EACH;
-  const bool shifted = index >= EACH * cameras;
+  const int beside = index - EACH * cameras; /* >= 0: a file of shifted camera beside / 2 */
   char relative[64], *path = NULL;
-  if (shifted)
-    snprintf(relative, sizeof relative, "truth/shift/%s/%05d.png", shifts[index - EACH * cameras].name,
-             w->frame / SHIFT_EVERY - 1);
+  if (beside >= 0)
+    snprintf(relative, sizeof relative, "truth/shift/%s/%05d%s.png", shifts[beside / 2].name,
+             w->frame / SHIFT_EVERY - 1, beside % 2 ? "_semantic" : "");
   else if (kind < PLANES)
     snprintf(relative, sizeof relative, "%s/%03d_%d.png", planes[kind].folder, w->frame, camera);
   else
     snprintf(relative, sizeof relative, kind == PLANES ? "truth/depth/%03d_%d.exr" : "images/%03d_%d.png", w->frame,
              camera);
-  const pags_street_view *view = &w->views[shifted ? cameras + index - EACH * cameras : camera];
+  const pags_street_view *view = &w->views[beside >= 0 ? cameras + beside / 2 : camera];
   PAGS_TRY(join(w, relative, &path));
-  const pags_result result = shifted || kind == EACH - 1 ? save_picture(view, path)
-                             : kind < PLANES             ? save_plane(w, view, &planes[kind], path)
-                                                         : save_depth(view, path);
+  pags_result result;
+  if (beside >= 0)
+    result = beside % 2 ? save_plane(w, view, &planes[0], path) : save_picture(view, path);
+  else
+    result = kind == EACH - 1 ? save_picture(view, path)
+             : kind < PLANES  ? save_plane(w, view, &planes[kind], path)
+                              : save_depth(view, path);
   free(path);
   return result;
 }
@@ -267,18 +269,21 @@ static pags_result write_frame(writer *w, int frame) {
   PAGS_TRY(pags_street_expose(street, w->stage, frame, w->views, w->tasks));
   pags_street_set_time(street, time);
   PAGS_TRY(pags_stage_commit(w->stage, street->first_moving, street->placement_count - street->first_moving));
-  /* The views of the shifted cameras, which have no faults, follow those of the cameras; of them, only the picture is
-   * drawn. */
+  /* The views of the shifted cameras, which have no faults, follow those of the cameras; of them, the picture
+   * and the classes are written. */
   writer shown = *w;
   for (int i = 0; is_shift_frame(o, frame) && i < SHIFTS; i++)
     shown.views[shown.view_count++] =
         (pags_street_view){.camera = pags_street_camera(o, time, 0, shifts[i].right, shifts[i].up),
                            .sensor = -1,
-                           .rgb = w->views[CAMERAS + i].rgb};
+                           .rgb = w->views[CAMERAS + i].rgb,
+                           .depth = w->views[CAMERAS + i].depth,
+                           .labels = w->views[CAMERAS + i].labels,
+                           .actors = w->views[CAMERAS + i].actors};
   PAGS_TRY(pags_street_draw(street, w->stage, shown.views + o->cameras, shown.view_count - o->cameras, NULL, w->tasks));
 
   /* Write the images of all views. */
-  const int files = (PLANES + 2) * shown.street->options->cameras + shown.view_count - shown.street->options->cameras;
+  const int files = (PLANES + 2) * o->cameras + 2 * (shown.view_count - o->cameras);
   save_job *job = calloc(1, sizeof *job);
   if (!job)
     return pags_out_of_memory("%s", shown.folder);

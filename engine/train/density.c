@@ -112,9 +112,12 @@ pags_result pags_density_control(pags_trainer *t) {
   int fourier = s->schedule.config.objects.fourier && s->step == s->schedule.fourier_from && s->model_count > 1;
   if (s->schedule.config.density.strategy == PAGS_STRATEGY_MCMC)
     PAGS_TRY(move_unseen(t));
-  int pulls = t->lidar_planes.count > 0 && pags_schedule_is_draw(&s->schedule, s->step);
+  const double pull = s->schedule.config.density.lidar_pull;
+  const bool pulls = pull > 0 && t->lidar_planes.count > 0 && pags_schedule_is_draw(&s->schedule, s->step);
+  const double lay = s->schedule.config.density.lidar_lay;
+  const bool lays = lay > 0 && t->lidar_planes.count > 0 && pags_schedule_is_lay(&s->schedule, s->step);
   const bool scales = pags_schedule_is_scale_reset(&s->schedule, s->step);
-  if (!due && !reset && !fourier && !pulls && !scales && prune < 0)
+  if (!due && !reset && !fourier && !pulls && !lays && !scales && prune < 0)
     return PAGS_OK;
   pags_tasks_mark(t->tasks, "densify", "settle");
   pags_state_settle(s, t->tasks);
@@ -128,7 +131,13 @@ pags_result pags_density_control(pags_trainer *t) {
   pags_tasks_mark(t->tasks, NULL, "other");
   if (pulls) { /* move the background's Gaussians towards the LiDAR planes, then recompute its clusters' bounds */
     pags_train_model *m = &s->models[0];
-    if (!pags_lidar_planes_pull(&t->lidar_planes, &m->gaussians, s->schedule.config.density.lidar_pull, t->tasks))
+    if (!pags_lidar_planes_pull(&t->lidar_planes, &m->gaussians, pull, t->tasks))
+      return pags_fail(PAGS_CANCELLED, "cancelled");
+    pags_adam_bound_all(&m->adam, &m->gaussians, &m->clusters, t->tasks);
+  }
+  if (lays) {
+    pags_train_model *m = &s->models[0];
+    if (!pags_lidar_planes_lay(&t->lidar_planes, &m->gaussians, lay, t->tasks))
       return pags_fail(PAGS_CANCELLED, "cancelled");
     pags_adam_bound_all(&m->adam, &m->gaussians, &m->clusters, t->tasks);
   }

@@ -432,7 +432,7 @@ static pags_result open_run(pags_trainer *t, const pags_train_config *asked, pag
     PAGS_TRY(pags_size_limit_start(t->dataset, &t->state, t->tasks));
   result->resumed = found;
   pags_result mine = PAGS_OK;
-  if (config.density.lidar_pull > 0.0)
+  if (config.density.lidar_pull > 0.0 || config.density.lidar_lay > 0.0)
     mine = pags_lidar_planes_create(t->dataset, t->tasks, &t->lidar_planes);
   if (mine == PAGS_OK && !o->estimate && t->shared.rank == 0)
     mine = pags_output_open(&t->output, found, t->state.step);

@@ -51,6 +51,28 @@ class Eval(fixtures.Case):
         for shift in figures["shift"]:
             self.assertGreater(shift["views"], 0)
             self.assertGreater(shift["psnr"], 5)
+            self.assertEqual(shift["road_views"], shift["views"])
+            self.assertGreater(shift["road_psnr"], 5)
+
+    def test_road_of_shifted_views(self):
+        """The road is what the classes beside the true pictures say; a set without them has no figure of it."""
+        street = self.path("street")
+        shutil.copytree(self.street, street)
+        shifted = os.path.join(street, "truth", "shift", "right2")
+        size, road = (128, 72), json.loads(self.succeeds("eval", self.scene, "--dataset", street, "--shift", "--json", "-").stdout)["shift"][1]
+        names = sorted(name for name in os.listdir(shifted) if name.endswith("_semantic.png"))
+        self.assertEqual(len(names), road["views"])
+        for name in names:
+            fixtures.write(os.path.join(shifted, name), fixtures.png_bytes(*size, bytes(3 * size[0] * size[1])))
+        everything = json.loads(self.succeeds("eval", self.scene, "--dataset", street, "--shift", "--json", "-").stdout)["shift"][1]
+        self.assertAlmostEqual(everything["road_psnr"], everything["psnr"], 5)
+        self.assertNotAlmostEqual(road["road_psnr"], road["psnr"], 2)
+        fixtures.write(os.path.join(shifted, names[0]), fixtures.png_bytes(4, 2, bytes(24)))
+        self.fails(["eval", self.scene, "--dataset", street, "--shift"], names[0], "4x2", "128x72")
+        for name in names:
+            os.remove(os.path.join(shifted, name))
+        without = json.loads(self.succeeds("eval", self.scene, "--dataset", street, "--shift", "--json", "-").stdout)["shift"][1]
+        self.assertEqual((without["road_views"], without["road_psnr"]), (0, None))
 
     def test_errors_of_noisy_poses(self):
         poses = json.loads(self.succeeds("eval", self.scene, "--split", "test", "--json", "-").stdout)["poses"]

@@ -203,7 +203,7 @@ static void with_other_settings(void **unused) {
   config.schedule.iterations = PHOTOGRAPHS / 2;
   config.size_limit.target_size = 1.45;
   config.priority.s_grad_from = PAGS_S_GRAD_FROM_TRAINING;
-  config.density.lidar_pull = 0.1;
+  config.density.lidar_pull = config.density.lidar_lay = 0.1;
   ranks_change_no_bit(&config, "other", 2);
 }
 

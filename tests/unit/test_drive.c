@@ -175,7 +175,7 @@ static void pruning_changes_no_bit_of_a_resumed_run(void **unused) {
   config = quick();
   config.schedule.preset = PAGS_PRESET_DEFAULT;
   config.priority.prune_floor = 20;
-  config.density.lidar_pull = 0.5;
+  config.density.lidar_pull = config.density.lidar_lay = 0.5;
   pruned_runs_go_on(&config, "default");
 }
 
