@@ -43,6 +43,9 @@ def main():
     systems = [target.split("-glibc")[0] for target in TARGETS if target != "linux-arm64"]  # there is no Blender up to 4.1 for Linux on ARM
     there = {system: os.path.join(folder, f"pags-blender-{version()}-{system}.zip") for system in systems}
     zips = {system: path for system, path in there.items() if os.path.exists(path)}
+    if not zips and os.path.exists(os.path.join(folder, f"pags-blender-{version()}-linux-arm64.zip")):
+        print("package_addon: no zip for Blender 3.4 to 4.1, which there isn't for Linux on 64-bit ARM")
+        return
     if not zips:
         sys.exit(f"package_addon: {folder} has no pags-blender-{version()}-SYSTEM.zip: make packages makes them")
     file, content = f"pags-blender-{version()}-3.4-to-4.1.zip", zip_bytes(merge(zips))
