@@ -30,7 +30,7 @@
 #   make check-tools  what pags export writes for other tools, in Babylon.js, Godot 4 and OpenUSD, of SCENE=FOLDER, by default the demo's, with pictures
 #                into build/tools; GODOT=PROGRAM, else scripts/setup_godot.sh fetches one (0.7 GB)
 #   make check-view  pags view, train --view and pages of pags report in a headless Chromium, and ten thousand hostile requests (two minutes)
-#   make check-recordings  imported recordings beside what the sources' own Python packages read of them
+#   make check-recordings  imported recordings beside what the sources' own Python packages read of them; raw trees with damaged files (two minutes)
 #   make check-photos  photographs and a video without cameras, by COLMAP, as far as a trained scene (apt-get install colmap ffmpeg; five minutes)
 #   make check-blender      the add-on's tests in Debian's Blender; part of make check
 #   make check-obey  local view, borders, clipping and the tool that selects in a window of it
@@ -176,6 +176,8 @@ check-scaling: all
 check-recordings: all
 	sh tests/recordings/setup.sh
 	tests/recordings/.venv/bin/python -B tests/recordings/check_sources.py build/pags
+	tests/recordings/.venv/bin/python -B tests/recordings/check_blind.py build/pags
+	tests/recordings/.venv/bin/python -B tests/recordings/check_damage.py build/pags
 
 check-photos: all
 	python3 -B tests/recordings/check_photos.py build/pags

@@ -120,6 +120,8 @@ def check_argoverse2(folder):
 
 def check_kitti360(folder):
     import types
+
+    import cv2
     import xml.etree.ElementTree as ET
 
     for name in ("skimage", "matplotlib"):  # the package draws with these; nothing is drawn here
@@ -143,6 +145,11 @@ def check_kitti360(folder):
             found.note("K", intrinsics(out, n), camera.K[:, :3])
         rows = np.fromfile(os.path.join(case.raw, "data_3d_raw", case.DRIVE, "velodyne_points", "data", f"{first + t:010d}.bin"), "<f4").reshape(-1, 4).astype(np.float64)
         world_from_velo = poses[first + t] @ pose_from_velo
+        if t:  # helpers/curlVelodyneData isn't built by pip: its formula, with the motion that devkits/accumuLaser gives it
+            motion = np.linalg.inv(world_from_velo) @ poses[first + t - 1] @ pose_from_velo
+            turn = cv2.Rodrigues(motion[:3, :3])[0][:, 0]
+            share = 0.5 * np.arctan2(rows[:, 1], rows[:, 0]) / np.pi
+            rows = np.array([cv2.Rodrigues(s * turn)[0] @ row[:3] + s * motion[:3, 3] for s, row in zip(share, rows)])
         found.note("LiDAR", world_points(out, t, 4), rows[:, :3] @ world_from_velo[:3, :3].T + world_from_velo[:3, 3])
     for child in ET.parse(os.path.join(case.raw, "data_3d_bboxes", "train", f"{case.DRIVE}.xml")).getroot():
         theirs = KITTI360Bbox3D()

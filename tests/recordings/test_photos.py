@@ -202,6 +202,23 @@ class Video(Case):
         self.assertLess(np.abs(found - np.asarray(Image.open(self.path("f005.png"))).astype(int)).mean(), 8)  # JPEG with halved colour
 
     @unittest.skipUnless(shutil.which("ffmpeg"), "needs ffmpeg")
+    def test_frames_are_judged_once(self):
+        """An import that goes on takes the frames that it took before, and judges them anew only if the video is another."""
+        for number in range(12):
+            picture(self.path(f"f{number:03d}.png"), (96, 64), seed=number)
+        movie, out = self.path("a.mkv"), self.path("out")
+        subprocess.run(["ffmpeg", "-v", "error", "-i", self.path("f%03d.png"), "-c:v", "ffv1", movie], check=True, stdin=subprocess.DEVNULL)
+        first = photos.gather(movie, out, 4, True)
+        with mock.patch.object(video, "judged", side_effect=AssertionError("judged again")):
+            self.assertEqual(list(photos.gather(movie, out, 4, True).camera), list(first.camera))
+        os.utime(movie, ns=(1, 1))
+        with mock.patch.object(video, "judged", wraps=video.judged) as again:
+            photos.gather(movie, out, 4, True)
+            again.assert_called_once()
+        write(os.path.join(out, "colmap", "frames.json"), '{"bytes": 3')
+        self.assertEqual(list(photos.gather(movie, out, 4, True).camera), list(first.camera))
+
+    @unittest.skipUnless(shutil.which("ffmpeg"), "needs ffmpeg")
     def test_no_video(self):
         write(self.path("a.mp4"), "no video")
         with self.assertRaisesRegex(photos.RecordingError, "isn't a video that ffmpeg reads"):

@@ -11,7 +11,7 @@ import numpy as np
 
 from . import poses
 from .errors import RecordingError
-from .importing import Tracks, chosen, existing, nearest
+from .importing import Tracks, chosen, existing, inside, nearest
 
 CAMERAS = ("ring_front_center", "ring_front_left", "ring_front_right", "ring_side_left", "ring_side_right", "ring_rear_left", "ring_rear_right")
 LARGEST_GAP = 0.03  # seconds between a sweep and a photograph of its step: a little more than half of the cameras' 50 ms
@@ -61,10 +61,11 @@ def read(log, cameras, frames, out, progress):
     lenses = table(os.path.join(log, "calibration", "intrinsics.feather"), ["sensor_name", "fx_px", "fy_px", "cx_px", "cy_px", "width_px", "height_px"]).set_index("sensor_name")
     mounts = table(os.path.join(log, "calibration", "egovehicle_SE3_sensor.feather"), ["sensor_name", *QUATERNION, *TRANSLATION]).set_index("sensor_name")
     path = table(os.path.join(log, "city_SE3_egovehicle.feather"), ["timestamp_ns", *QUATERNION, *TRANSLATION]).sort_values("timestamp_ns").drop_duplicates("timestamp_ns")
-    shots = {name: stamps(os.path.join(log, "sensors", "cameras", name), "jpg") for name in lenses.index}
+    photographs = os.path.join(log, "sensors", "cameras")
+    shots = {name: stamps(inside(photographs, name, os.path.join(log, "calibration", "intrinsics.feather")), "jpg") for name in lenses.index}
     present = [name for name in CAMERAS if shots.get(name)] + [name for name in lenses.index if shots[name] and name not in CAMERAS]
     if not present:
-        raise RecordingError(f"{os.path.join(log, 'sensors', 'cameras')}: has no photographs; expected CAMERA/TIME.jpg")
+        raise RecordingError(f"{photographs}: has no photographs; expected CAMERA/TIME.jpg")
     names = chosen(present, cameras, "camera") if cameras else [name for name in present if name in CAMERAS] or present
     zero = int(path["timestamp_ns"].iloc[0])
     stations = (path["timestamp_ns"].to_numpy() - zero) / 1e9

@@ -122,19 +122,37 @@ def read(drive, cameras, frames, out, progress):
         step = out.add_step(times[frame], ways[frame] @ EGO_FROM_POSE)
         for name in names:
             step.photograph(name, shot(name, frame), ways[frame] @ calibration.mounts[name], times[frame])
-        put_sweep(step, raw, sequence, frame, ways[frame] @ calibration.pose_from_velo)
+        put_sweep(step, raw, sequence, frame, ways, calibration.pose_from_velo)
         for track, kind, pose, size in boxes.get(frame, ()):
             step.box(track, kind, pose, size)
 
 
-def put_sweep(step, raw, sequence, frame, world_from_velo):
+def put_sweep(step, raw, sequence, frame, ways, pose_from_velo):
     path = os.path.join(raw, "data_3d_raw", sequence, "velodyne_points", "data", f"{frame:010d}.bin")
     if not os.path.exists(path) or step.has_lidar(["intensity"]):
         return
     values = np.fromfile(path, "<f4")
     if len(values) % 4 or os.path.getsize(path) % 16:
         raise RecordingError(f"{path}: has {os.path.getsize(path)} bytes, which aren't rows of 4 float32 x y z intensity")
-    step.lidar(values.reshape(-1, 4).astype(np.float64), world_from_velo, ["intensity"])
+    rows = values.reshape(-1, 4).astype(np.float64)
+    now = ways[frame] @ pose_from_velo
+    if frame - 1 in ways:
+        rows[:, :3] = untwisted(rows[:, :3], poses.inverse(now) @ ways[frame - 1] @ pose_from_velo)
+    step.lidar(rows, now, ["intensity"])
+
+
+def untwisted(points, before):
+    """Points of a turn as they would be, had the car stood where it is as the scanner looks ahead. `before` is the scanner's pose a turn earlier in its
+    pose now. The scanner turns clockwise from behind, so azimuth / 2 pi is the share of a turn by which a point is earlier; rotation vector and way
+    are proportional to it (KITTI-360's own accumuLaser does the same). Rotations by Rodrigues' formula."""
+    cosine = float(np.clip((np.trace(before[:3, :3]) - 1) / 2, -1, 1))
+    vector = np.array([before[2, 1] - before[1, 2], before[0, 2] - before[2, 0], before[1, 0] - before[0, 1]])  # twice the sine, times the axis
+    length = float(np.linalg.norm(vector))
+    axis, angle = (vector / length, np.arctan2(length / 2, cosine)) if length > 1e-12 else (np.array([0.0, 0, 1]), 0.0)
+    share = np.arctan2(points[:, 1], points[:, 0])[:, None] / (2 * np.pi)
+    sine, rest = np.sin(share * angle), 1 - np.cos(share * angle)
+    turned = points + sine * np.cross(axis, points) + rest * np.cross(axis, np.cross(axis, points))
+    return turned + share * before[:3, 3]
 
 
 # ---- Boxes ----

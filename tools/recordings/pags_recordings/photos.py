@@ -9,6 +9,7 @@ import json
 import os
 import shutil
 
+import numpy as np
 from PIL import Image, ImageOps
 
 from . import colmap, video
@@ -94,6 +95,22 @@ class Photographs:
         return list(found.values())
 
 
+def judged_once(raw, path, show):
+    """What video.judged says of a video's frames, kept in a file for an import that goes on."""
+    status = os.stat(raw)
+    mark = {"bytes": status.st_size, "modified": status.st_mtime_ns}
+    try:
+        with open(path, encoding="utf-8") as file:
+            there = json.load(file)
+        if {key: there[key] for key in mark} == mark and len(there["sharp"]) == len(there["change"]) > 0:
+            return np.array(there["sharp"], float), np.array(there["change"], float)
+    except (OSError, ValueError, LookupError, TypeError):
+        pass
+    sharp, change = video.judged(raw, show)
+    put(path, mark | {"sharp": sharp.tolist(), "change": change.tolist()})
+    return sharp, change
+
+
 def gather(raw, output, pictures, quiet):
     """Fills DATASET/images."""
     folder = os.path.join(output, "images")
@@ -103,7 +120,7 @@ def gather(raw, output, pictures, quiet):
         video.need()
         progress = Progress(quiet, "video frame")
         progress.total = video.length(raw)
-        chosen = video.choose(*video.judged(raw, progress.show), pictures or FRAMES)
+        chosen = video.choose(*judged_once(raw, os.path.join(output, "colmap", "frames.json"), progress.show), pictures or FRAMES)
         for name in video.extract(raw, chosen, folder):
             photographs.add(os.path.join(folder, name), name)
     else:
