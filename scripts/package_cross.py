@@ -29,6 +29,12 @@ TARGETS = {
     "windows-x64": ("win_amd64", 10, "pags.exe", "pags.pyd"),
 }
 
+# Functions and data that the limited API has from Python 3.11 on (its Misc/stable_abi.toml). Python 3.10 shows those that it has, but on Windows,
+# where a module is loaded against python3.dll, whose list they aren't in.
+NEW_IN_PYTHON_3_11 = """PyType_GetName PyType_GetQualName PyObject_CheckBuffer PyObject_GetBuffer PyBuffer_GetPointer PyBuffer_SizeFromFormat PyBuffer_ToContiguous
+PyBuffer_FromContiguous PyObject_CopyData PyBuffer_IsContiguous PyBuffer_FillContiguousStrides PyBuffer_FillInfo PyBuffer_Release PyMemoryView_FromBuffer
+PyErr_GetHandledException PyErr_SetHandledException PyExc_BaseExceptionGroup PyStructSequence_UnnamedField Py_Version""".split()
+
 # Rows of scripts/cross_sources.txt of which nothing is in the products, and those that are where proxies are.
 NOT_SHIPPED = ("cmocka", "python3.11")
 FOR_PROXIES = ("embree", "meshoptimizer", "nlohmann-json3", "opensubdiv", "qhull", "tinygltf")
@@ -118,6 +124,13 @@ def refuse_folders(files):
                 sys.exit(f"package_cross: {name} has this machine's path {text} at byte {at}; packages name no folder of the machine that built them")
 
 
+def refuse_new_names(name, content):
+    """Ends where a module asks for what Python 3.10 hasn't."""
+    for new in NEW_IN_PYTHON_3_11:
+        if b"\0" + new.encode() + b"\0" in content:
+            sys.exit(f"package_cross: {name} asks for {new}, which Python has from 3.11 on; the packages are for Python 3.10 and later")
+
+
 def engine_wheel(build, target, others):
     """The module and the program, which lies among the scripts, so that it is started without a Python."""
     platform, python, program, module = TARGETS[target]
@@ -162,6 +175,7 @@ def main():
     name = f"pags-{version()}-{target.split('-glibc')[0]}"
     others = licences(target)
     refuse_folders({path: (read(build, path), 0) for path in (program, "python/" + module)})
+    refuse_new_names(module, read(build, "python", module))
     packages = dict([engine_wheel(build, target, others), recordings_wheel()])
     alone = {f"{name}/{program}": (read(build, program), 0o755),
              **{f"{name}/{text}": (read(ROOT, text), 0o644) for text in ("LICENSE", "THIRD_PARTY.md", "README.md", "CHANGELOG.md")},

@@ -131,6 +131,13 @@ class Packages(Case):
         self.assertEqual(done.stderr, f"package_cross: python/pags.abi3.so has this machine's path {self.cross()}/zig-cache/x.c at byte 26; packages name no "
                                       "folder of the machine that built them\n")
 
+    def test_what_python_3_10_lacks(self):
+        build = self.build("windows-x64", "pags.exe", "pags.pyd")
+        self.write(os.path.relpath(build, self.path(".")) + "/python/pags.pyd", "module\0PyObject_GetBuffer\0more")
+        done = self.run_script(build)
+        self.assertEqual(done.returncode, 1)
+        self.assertRegex(done.stderr, r"^package_cross: pags\.pyd asks for PyObject_GetBuffer, .* 3\.11 on")
+
     @unittest.skipUnless(os.uname().machine == "x86_64" and subprocess.run([sys.executable, "-m", "pip", "--version"], capture_output=True).returncode == 0,
                          "no pip")
     def test_pip_takes_it(self):

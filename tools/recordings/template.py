@@ -40,6 +40,8 @@ def write(raw, dataset):
 
 
 if __name__ == "__main__":
+    if len(sys.argv) != 3:
+        sys.exit(__doc__)
     try:
         write(pathlib.Path(sys.argv[1]), sys.argv[2])
     except (RecordingError, OSError, KeyError) as error:
