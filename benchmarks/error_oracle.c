@@ -32,12 +32,14 @@ static const struct limit {
   const char *name, *exact;
   reference_limits limits;
 } limits[LIMITS] = {
-    {"alpha cut at 1/255", "cut at 1/65280, double", {LOW_CUT, REFERENCE_ALPHA_CAP, REFERENCE_STOP, REFERENCE_WIDENED}},
-    {"stop at T < 1e-4", "no stop, double", {REFERENCE_ALPHA_MIN, REFERENCE_ALPHA_CAP, 0, REFERENCE_WIDENED}},
-    {"alpha capped at 0.99", "cap at 1, no stop, double", {REFERENCE_ALPHA_MIN, 1, 0, REFERENCE_WIDENED}},
+    {"alpha cut at 1/255",
+     "cut at 1/65280, double",
+     {LOW_CUT, REFERENCE_ALPHA_CAP, REFERENCE_STOP, REFERENCE_WIDENED, 0}},
+    {"stop at T < 1e-4", "no stop, double", {REFERENCE_ALPHA_MIN, REFERENCE_ALPHA_CAP, 0, REFERENCE_WIDENED, 0}},
+    {"alpha capped at 0.99", "cap at 1, no stop, double", {REFERENCE_ALPHA_MIN, 1, 0, REFERENCE_WIDENED, 0}},
     {"affine image, no clamp",
      "value along rays, double",
-     {REFERENCE_ALPHA_MIN, REFERENCE_ALPHA_CAP, REFERENCE_STOP, INFINITY}},
+     {REFERENCE_ALPHA_MIN, REFERENCE_ALPHA_CAP, REFERENCE_STOP, INFINITY, 0}},
 };
 
 static const struct group { /* range [first, last) of parameter planes that share a unit */

@@ -267,6 +267,7 @@ static void put_stats(pags_json_writer *writer, const pags_frame_stats *s) {
   pags_json_put_integer(writer, "slabs", s->slabs);
   pags_json_put_integer(writer, "occluders", s->occluders);
   pags_json_put_integer(writer, "held", s->held);
+  pags_json_put_integer(writer, "beyond", s->beyond);
 }
 
 /* Mean of the frames' times and counts; counts are rounded down. */

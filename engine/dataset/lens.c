@@ -1,13 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Lens distortion: projection, inverse projection, and the choice of the pinhole camera to which photographs are
- * resampled.
+/* Lens distortion: projection and its inverse on the plane z = 1, and the choice of the pinhole camera to which
+ * photographs are resampled.
  *
  * The models are described at pags_lens_kind; the size of the output follows the rule of COLMAP's undistorter. */
 #include "dataset/lens.h"
 
 #include <math.h>
+#include <string.h>
 
 #include "maths/maths.h"
+#include "scene/lens.h"
 
 #define PI 3.14159265358979323846
 
@@ -17,64 +19,13 @@ static inline double poly(const double k[4], double t) {
   return 1 + t * (k[0] + t * (k[1] + t * (k[2] + t * k[3])));
 }
 
-static inline double poly6(const double k[6], double t) {
-  return 1 + t * (k[0] + t * (k[1] + t * (k[2] + t * (k[3] + t * (k[4] + t * k[5])))));
-}
-
-static inline double denominator(const double d[3], double t) {
-  return 1 + t * (d[0] + t * (d[1] + t * d[2]));
-}
-
-/* The sign of the derivative of s * poly6(k, s^2) / denominator(d, s^2) with respect to s, as a function of t = s^2;
- * negative where the denominator isn't positive. It is the derivative itself where all of d is 0. */
-static double slope(const pags_lens *lens, double t) {
-  const double *k = lens->k, *d = lens->d, t2 = t * t;
-  const double up =
-      1 + t * (3 * k[0] + t * (5 * k[1] + t * (7 * k[2] + t * 9 * k[3]))) + t2 * t2 * t * (11 * k[4] + t * 13 * k[5]);
-  if (lens->kind != PAGS_LENS_RATIONAL)
-    return up;
-  const double below = denominator(d, t);
-  return below > 0 ? up * below - poly6(k, t) * 2 * t * (d[0] + t * (2 * d[1] + t * 3 * d[2])) : -1;
-}
-
-/* Returns the smallest t = s^2 in (0, end) at which the radial polynomials stop growing, or `end` if they grow
- * throughout. A scan over s in 4096 steps finds the sign change of the derivative, bisection refines it. */
-static double growing_until(const pags_lens *lens, double end) {
-  const int steps = 4096;
-  double low = 0;
-  for (int i = 1; i <= steps; i++) {
-    double s = sqrt(end) * i / steps, high = s * s;
-    if (slope(lens, high) <= 0) {
-      for (int j = 0; j < 60; j++) {
-        double middle = 0.5 * (low + high);
-        if (slope(lens, middle) > 0)
-          low = middle;
-        else
-          high = middle;
-      }
-      return low;
-    }
-    low = high;
-  }
-  return end;
-}
-
-static bool of_angle(const pags_lens *lens) {
-  return lens->kind == PAGS_LENS_FISHEYE || lens->kind == PAGS_LENS_THIN_PRISM || lens->kind == PAGS_LENS_ARIA;
-}
-
-/* The distorted radius of a point on the axis's side, without tangential and prism terms; s: its angle theta for the
- * fisheye kinds, else its radius. */
-static double radial(const pags_lens *lens, double s) {
-  const double *k = lens->k;
-  switch (lens->kind) {
-    case PAGS_LENS_RATIONAL: return s * poly6(k, s * s) / denominator(lens->d, s * s);
-    case PAGS_LENS_FOV: return pags_lens_is_pinhole(lens) ? s : pags_atan(2 * s * pags_tan(0.5 * k[0])) / k[0];
-    case PAGS_LENS_ARIA: return s * poly6(k, s * s);
-    case PAGS_LENS_DIVISION: return 2 * s / (1 + sqrt(fmax(1 - 4 * k[0] * s * s, 0)));
-    case PAGS_LENS_EUCM: return s / (k[0] * sqrt(k[1] * s * s + 1) + 1 - k[0]);
-    default: return s * poly(k, s * s);
-  }
+pags_lens_model pags_lens_model_of(const pags_lens *lens) {
+  pags_lens_model m = {.kind = lens->kind};
+  memcpy(m.k, lens->k, sizeof m.k);
+  memcpy(m.d, lens->d, sizeof m.d);
+  memcpy(m.p, lens->p, sizeof m.p);
+  memcpy(m.s, lens->s, sizeof m.s);
+  return m;
 }
 
 /* Checks that the intrinsics can be those of a camera. */
@@ -90,82 +41,33 @@ static pags_result check(const pags_lens *lens, const char *where) {
   if (!(lens->fx > 0) || !(lens->fy > 0))
     return pags_fail(PAGS_ERROR_FORMAT, "%s: focal lengths %g and %g, expected them above 0", where, lens->fx,
                      lens->fy);
-  if (lens->kind == PAGS_LENS_FOV && !(fabs(lens->k[0]) < PI))
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: FOV's omega is %g, expected an angle in radians between -pi and pi", where,
-                     lens->k[0]);
-  if (lens->kind == PAGS_LENS_EUCM && !(lens->k[0] >= 0 && lens->k[0] <= 1 && lens->k[1] > 0))
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: EUCM's alpha is %g and beta %g, expected 0..1 and above 0", where,
-                     lens->k[0], lens->k[1]);
-  return PAGS_OK;
+  pags_lens_model model = pags_lens_model_of(lens);
+  return pags_lens_model_check(&model, where);
 }
 
 pags_result pags_lens_prepare(pags_lens *lens, const char *where) {
   PAGS_TRY(check(lens, where));
   /* Largest angle from the optical axis, 85 degrees: a pinhole image becomes useless beyond it. */
   const double widest = 85 * PI / 180, end = pags_tan(widest) * pags_tan(widest);
-  lens->folds = false;
-  if (of_angle(lens)) {
-    const double grows = growing_until(lens, widest * widest), t = pags_tan(sqrt(grows));
+  const pags_lens_model model = pags_lens_model_of(lens);
+  if (pags_lens_is_of_angle(lens->kind)) {
+    const double grows = pags_lens_grows_until(&model, widest * widest), t = pags_tan(sqrt(grows));
     lens->limit = t * t;
     lens->folds = grows < widest * widest;
     return PAGS_OK;
   }
-  if (lens->kind == PAGS_LENS_DIVISION)
-    lens->limit = lens->k[0] > 0 ? fmin(end, 0.25 / lens->k[0]) : end;
-  else if (lens->kind == PAGS_LENS_FOV || lens->kind == PAGS_LENS_EUCM)
-    lens->limit = end;
-  else
-    lens->limit = growing_until(lens, end);
+  lens->limit = pags_lens_grows_until(&model, end);
   lens->folds = lens->limit < end;
   return PAGS_OK;
 }
 
 bool pags_lens_is_pinhole(const pags_lens *lens) {
-  /* FOV is a pinhole at omega 0, to 1e-13 at 1e-6; EUCM at alpha 0, whatever beta is. */
-  if (of_angle(lens))
-    return false;
-  if (lens->kind == PAGS_LENS_FOV)
-    return fabs(lens->k[0]) < 1e-6;
-  if (lens->kind == PAGS_LENS_EUCM)
-    return lens->k[0] == 0;
-  bool zero = lens->p[0] == 0 && lens->p[1] == 0;
-  for (int i = 0; i < 6; i++)
-    zero = zero && lens->k[i] == 0;
-  for (int i = 0; i < 3; i++)
-    zero = zero && lens->d[i] == 0;
-  return zero;
+  const pags_lens_model model = pags_lens_model_of(lens);
+  return pags_lens_model_is_plain(&model);
 }
 
-/* Adds the tangential terms at (x, y). */
-static inline void add_tangential(const pags_lens *lens, double x, double y, double out[2]) {
-  const double r2 = x * x + y * y, p1 = lens->p[0], p2 = lens->p[1];
-  out[0] += 2 * p1 * x * y + p2 * (r2 + 2 * x * x);
-  out[1] += p1 * (r2 + 2 * y * y) + 2 * p2 * x * y;
-}
-
-/* The kinds that are rare: their radial function, then tangential and prism terms. */
-static void distort_rare(const pags_lens *lens, double x, double y, double out[2]) {
-  const double r = sqrt(x * x + y * y), theta = of_angle(lens) ? pags_atan(r) : r;
-  const double scale = r > 1e-12 ? radial(lens, theta) / r : lens->kind == PAGS_LENS_FOV ? radial(lens, 1e-6) * 1e6 : 1;
-  out[0] = x * scale;
-  out[1] = y * scale;
-  if (lens->kind == PAGS_LENS_RATIONAL)
-    add_tangential(lens, x, y, out);
-  if (lens->kind == PAGS_LENS_THIN_PRISM) {
-    const double bent = r > 1e-12 ? theta / r : 1;
-    add_tangential(lens, x * bent, y * bent, out);
-    out[0] += lens->s[0] * theta * theta;
-    out[1] += lens->s[1] * theta * theta;
-  }
-  if (lens->kind == PAGS_LENS_ARIA) {
-    const double x1 = out[0], y1 = out[1], square = x1 * x1 + y1 * y1;
-    add_tangential(lens, x1, y1, out);
-    out[0] += square * (lens->s[0] + square * lens->s[1]);
-    out[1] += square * (lens->s[2] + square * lens->s[3]);
-  }
-}
-
-/* Maps the undistorted point (x, y) on the plane z = 1 to its distorted position on the same plane. */
+/* Maps the undistorted point (x, y) on the plane z = 1 to its distorted position on the same plane: pags_lens_see, of
+ * which the two usual kinds are written out without derivatives, since every pixel of a photograph takes it. */
 static inline void distort(const pags_lens *lens, double x, double y, double out[2]) {
   double r2 = x * x + y * y;
   if (lens->kind == PAGS_LENS_PERSPECTIVE) {
@@ -178,7 +80,8 @@ static inline void distort(const pags_lens *lens, double x, double y, double out
     out[0] = x * scale;
     out[1] = y * scale;
   } else {
-    distort_rare(lens, x, y, out);
+    const pags_lens_model model = pags_lens_model_of(lens);
+    pags_lens_see(&model, (double[3]){x, y, 1}, out, NULL);
   }
 }
 
@@ -206,11 +109,12 @@ void pags_lens_project_row(const pags_lens *lens, int count, double x, double st
 /* Inverts the radial distortion without the tangential part: returns the radius on the plane z = 1 whose distorted
  * radius is `target`. Bisection over the range in which the function grows. */
 static double invert_radial(const pags_lens *lens, double target) {
-  bool fisheye = of_angle(lens);
+  const pags_lens_model model = pags_lens_model_of(lens);
+  bool fisheye = pags_lens_is_of_angle(lens->kind);
   double low = 0, high = fisheye ? pags_atan(sqrt(lens->limit)) : sqrt(lens->limit);
   for (int i = 0; i < 60; i++) {
     double middle = 0.5 * (low + high);
-    if (radial(lens, middle) < target)
+    if (pags_lens_radius(&model, middle) < target)
       low = middle;
     else
       high = middle;
@@ -257,7 +161,9 @@ pags_result pags_lens_check_inverse(const pags_lens *lens, const char *where, do
   if (pags_lens_is_pinhole(lens) || !lens->folds)
     return PAGS_OK;
   /* The radius of the fold in the picture, for the message. */
-  const double at = radial(lens, of_angle(lens) ? pags_atan(sqrt(lens->limit)) : sqrt(lens->limit)) * lens->fx;
+  const pags_lens_model model = pags_lens_model_of(lens);
+  const double edge = sqrt(lens->limit),
+               at = pags_lens_radius(&model, pags_lens_is_of_angle(lens->kind) ? pags_atan(edge) : edge) * lens->fx;
   int lost = 0;
   for (int j = 0; j <= STEPS; j++)
     for (int i = 0; i <= STEPS; i++) {

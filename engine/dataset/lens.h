@@ -8,20 +8,7 @@
 
 #include <pags/camera.h>
 
-/* What maps the point (x, y, 1) of the camera frame to its distorted position on the plane z = 1. r is the distance of
- * (x, y) from the axis, theta = atan(r). The formulas are those of OpenCV's manual and of COLMAP's documentation of its
- * camera models (https://colmap.github.io/cameras.html). */
-typedef enum pags_lens_kind {
-  PAGS_LENS_PERSPECTIVE, /* radial r_d = r (1 + k1 r^2 + ... + k4 r^8), then p1, p2 (OpenCV; k4: nerfstudio) */
-  PAGS_LENS_FISHEYE,     /* theta_d = theta (1 + k1 theta^2 + ... + k4 theta^8) (OpenCV's fisheye) */
-  PAGS_LENS_RATIONAL,    /* as PERSPECTIVE, the radial part divided by 1 + d1 r^2 + d2 r^4 + d3 r^6 (FULL_OPENCV) */
-  PAGS_LENS_FOV,         /* r_d = atan(2 r tan(omega / 2)) / omega, omega = k[0] (Devernay and Faugeras 2001) */
-  PAGS_LENS_THIN_PRISM,  /* as PERSPECTIVE with a thin prism s[0] r^2, s[1] r^2, of (x, y) * theta / r (Weng 1992) */
-  PAGS_LENS_ARIA,        /* six radial terms of theta; p and s[0..3] act on the result (Fisheye624 of Project Aria) */
-  PAGS_LENS_DIVISION,    /* r = r_d / (1 + k[0] r_d^2) (Fitzgibbon 2001) */
-  PAGS_LENS_EUCM         /* r_d = r / (a sqrt(b r^2 + 1) + 1 - a), a = k[0], b = k[1] (Khomutenko et al. 2016) */
-} pags_lens_kind;
-
+/* A lens (pags/lens.h) with its picture; `limit` is that of the plane z = 1. */
 typedef struct pags_lens {
   pags_lens_kind kind;
   int width, height;
@@ -30,6 +17,9 @@ typedef struct pags_lens {
   double limit; /* squared radius on the plane z = 1 up to which the radial function grows; by pags_lens_prepare */
   bool folds;   /* `limit` is where the radial function stops growing, nearer than 85 degrees; by pags_lens_prepare */
 } pags_lens;
+
+/* The lens alone, for pags_camera; its field is open. */
+pags_lens_model pags_lens_model_of(const pags_lens *lens);
 
 /* Checks the intrinsics and the size, and computes `limit`. `where` is put in front of an error message. */
 pags_result pags_lens_prepare(pags_lens *lens, const char *where);

@@ -12,7 +12,7 @@
 #include <stdatomic.h>
 #include <string.h>
 
-#include "frame/stages.h"
+#include "frame/lens_view.h"
 
 typedef struct backward_context {
   pags_frame *frame;
@@ -117,8 +117,10 @@ static void clusters_backward(void *context, int64_t begin, int64_t end, int wor
     float *const extra = scratch + (int64_t)planes * stride;
     const pags_row_gradient rows = {scratch, stride, extra, extra + stride, extra + 2 * stride, bad_planes};
     memset(bad_planes, 0, (size_t)v->count);
-    const int bad = f->kernels->project_backward(view, g->data + v->first, g->stride, v->count, f->keys + v->base,
-                                                 f->splats + v->base, f->slot_start + v->base, c->slots, &rows);
+    const int bad = f->lens
+                        ? pags_frame_lens_backward(f, v, c->slots, &rows)
+                        : f->kernels->project_backward(view, g->data + v->first, g->stride, v->count, f->keys + v->base,
+                                                       f->splats + v->base, f->slot_start + v->base, c->slots, &rows);
     if (bad)
       atomic_fetch_add(&c->bad_rows, bad);
     for (int k = 0; k < v->count; k++)

@@ -20,17 +20,20 @@
 #include <math.h>
 #include <string.h>
 
-#include "frame/stages.h"
+#include "frame/lens_view.h"
 #include "maths/maths.h"
 
 enum { RUN = 64 };                   /* clusters that one entry of pags_clusters.runs bounds */
 enum { CULLED_AT_A_TIME = 2 * RUN }; /* a worker's block, of one part */
 
+enum { SEEN = 1, SEAM };
+
 typedef struct cull_context {
   pags_frame *frame;
   const pags_clusters *clusters;
   const pags_projection *view;
-  uint8_t *seen;         /* per cluster: 1 where it is in view */
+  uint8_t *seen;         /* per cluster: SEEN where it is in view */
+  bool seams;            /* SEAM where it also reaches over the seam of an equirectangular picture */
   cluster_bound *bounds; /* per cluster, set for those in view; NULL: not wanted */
   float stretch;         /* by which the part's pose lengthens a sigma at most */
   float lim2_x, lim2_y;  /* 1 + tx^2 and 1 + ty^2 at the largest clamp */
@@ -149,6 +152,8 @@ static bool cluster_outside(const cull_context *c, const pags_clusters *k, int64
     lo[a] = middle - reach - slack;
     hi[a] = middle + reach + slack;
   }
+  if (c->frame->lens)
+    return pags_frame_lens_misses(c->frame->lens, v, lo, hi, k->sigma[i] * c->stretch, c->reach_max, bound);
   if (hi[2] <= v->near_plane)
     return true;
   const float z0 = lo[2] > v->near_plane ? lo[2] : v->near_plane, z1 = hi[2];
@@ -181,7 +186,9 @@ static void cull_clusters(const cull_context *c, int64_t begin, int64_t end) {
       i += RUN - 1;
       continue;
     }
-    c->seen[i] = !cluster_outside(c, c->clusters, i, &bound);
+    c->seen[i] = !cluster_outside(c, c->clusters, i, &bound) ? SEEN : 0;
+    if (c->seams && c->seen[i] && bound.seam)
+      c->seen[i] = SEAM;
     if (c->bounds && c->seen[i])
       c->bounds[i] = bound;
   }
@@ -216,7 +223,8 @@ typedef struct touch_context {
 static void touch_block(void *context, int64_t begin, int64_t end, int worker) {
   const touch_context *const c = context;
   for (int64_t i = begin; i < end; i++)
-    c->touch(c->user, c->frame->clusters[i].part, c->frame->clusters[i].cluster, worker);
+    if (!c->frame->clusters[i].turned)
+      c->touch(c->user, c->frame->clusters[i].part, c->frame->clusters[i].cluster, worker);
 }
 
 /* reach_max of a part: log2(o / a)/k, plus the kernel's slack, for the part's largest opacity o and least alpha a;
@@ -231,20 +239,21 @@ static float largest_square(float a, float b) {
   return 1.0f + (a * a > b * b ? a * a : b * b);
 }
 
-/* Appends the clusters of a part that are in view to the frame's list, and gives each its range of dense indices. */
-static void append_seen(const cull_context *c, int part) {
+/* Appends the clusters of a part whose flag is `seen` to the frame's list, and gives each its range of dense indices.
+ */
+static void append_seen(const cull_context *c, int part, uint8_t seen) {
   pags_frame *const frame = c->frame;
   const pags_clusters *const clusters = c->clusters;
   const int64_t gaussians = frame->parts[part].gaussians->count;
   for (int64_t i = 0; i < clusters->count; i++) {
-    if (!c->seen[i])
+    if (c->seen[i] < seen)
       continue;
     const int64_t first = i * clusters->size;
     const int64_t left = gaussians - first;
     const int32_t count = (int32_t)(left < clusters->size ? left : clusters->size);
     if (c->bounds)
       frame->bounds[frame->cluster_count] = c->bounds[i];
-    frame->clusters[frame->cluster_count++] = (view_cluster){part, count, i, first, frame->dense_count};
+    frame->clusters[frame->cluster_count++] = (view_cluster){part, count, i, first, frame->dense_count, seen == SEAM};
     frame->dense_count += (count + 15) / 16 * 16;
     frame->stats.in_view += count;
   }
@@ -259,14 +268,18 @@ pags_result pags_stage_cull(pags_frame *frame, bool bounded) {
   int64_t *const first_block = pags_frame_alloc(frame, frame->part_count + 1, sizeof *first_block, "parts");
   uint8_t *const seen = pags_frame_alloc(frame, all, 1, "cluster flags");
   cluster_bound *const bounds = bounded ? pags_frame_alloc(frame, all, sizeof *bounds, "cluster bounds") : NULL;
-  frame->clusters = pags_frame_alloc(frame, all, sizeof *frame->clusters, "clusters in view");
-  frame->bounds = bounded ? pags_frame_alloc(frame, all, sizeof *frame->bounds, "cluster bounds") : NULL;
-  frame->held = frame->scans ? pags_frame_alloc(frame, all, sizeof *frame->held, "clusters in view") : NULL;
+  /* The gradients of a cluster are handed over once, so it is drawn once. */
+  const bool seams = frame->lens && frame->lens->turn > 0 && !frame->options.keep_for_backward,
+             counted = frame->scans || frame->lens;
+  const int64_t most = seams ? 2 * all : all;
+  frame->clusters = pags_frame_alloc(frame, most, sizeof *frame->clusters, "clusters in view");
+  frame->bounds = bounded ? pags_frame_alloc(frame, most, sizeof *frame->bounds, "cluster bounds") : NULL;
+  frame->held = counted ? pags_frame_alloc(frame, most, sizeof *frame->held, "clusters in view") : NULL;
   if (!parts || !first_block || !seen || !frame->clusters || (bounded && (!bounds || !frame->bounds)) ||
-      (frame->scans && !frame->held))
+      (counted && !frame->held))
     return PAGS_ERROR_MEMORY;
   if (frame->held)
-    memset(frame->held, 0, (size_t)all * sizeof *frame->held);
+    memset(frame->held, 0, (size_t)most * sizeof *frame->held);
   frame->cluster_count = frame->dense_count = 0;
   for (int64_t p = 0, at = 0; p < frame->part_count; p++) {
     const pags_projection *const view = frame->projections + p;
@@ -274,6 +287,7 @@ pags_result pags_stage_cull(pags_frame *frame, bool bounded) {
                               frame->parts[p].clusters,
                               view,
                               seen + at,
+                              seams,
                               bounded ? bounds + at : NULL,
                               (float)pags_affine_stretch(frame->parts[p].world_from_model),
                               largest_square(view->lim_x0, view->lim_x1),
@@ -286,7 +300,9 @@ pags_result pags_stage_cull(pags_frame *frame, bool bounded) {
   first_block[frame->part_count] = blocks;
   PAGS_TRY(pags_frame_for(frame, blocks, 1, cull_blocks, &(cull_parts){parts, first_block}));
   for (int p = 0; p < frame->part_count; p++)
-    append_seen(parts + p, p);
+    append_seen(parts + p, p, SEEN);
+  for (int p = 0; seams && p < frame->part_count; p++)
+    append_seen(parts + p, p, SEAM);
   frame->stats.clusters = frame->cluster_count;
   if (frame->dense_count >= INT64_C(1) << 31)
     return pags_fail(PAGS_ERROR_LIMIT, "%lld Gaussians in view; at most 2^31 - 1 can be drawn",

@@ -7,7 +7,7 @@
 #include <string.h>
 
 #include "base/memory.h"
-#include "frame/stages.h"
+#include "frame/lens_view.h"
 #include "maths/maths.h"
 #include "port/port.h"
 
@@ -166,6 +166,7 @@ pags_result pags_frame_begin(pags_frame *frame, const pags_part *parts, int part
   size_planes(frame);
   if (frame_keeps_lists(frame))
     frame->options.early_z = PAGS_EARLY_Z_OFF;
+  PAGS_TRY(pags_frame_prepare_lens(frame));
   return pags_frame_scan(frame);
 }
 
@@ -204,6 +205,10 @@ pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int par
   PAGS_TRY(pags_stage_cull(frame, slabs || paper));
   frame->stats.ms_cull = pags_clock_ms() - t0;
   frame->stats.tiles = (int64_t)frame->tiles_x * frame->tiles_y;
+  if (touch && frame->lens && frame->lens->turn > 0) { /* each cluster once, before either of its two places is read */
+    PAGS_TRY(pags_stage_touch(frame, touch, user));
+    touch = NULL;
+  }
   if (paper)
     PAGS_TRY(pags_frame_early_z_paper(frame, touch, user));
   else if (slabs)
@@ -218,7 +223,7 @@ pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int par
     frame->hiding = pairs > 0 ? 1.0 - (double)frame->stats.pairs_reached / (double)pairs : 0.0;
   }
   for (int64_t i = 0; frame->held && i < frame->cluster_count; i++)
-    frame->stats.held += frame->held[i];
+    *(frame->lens ? &frame->stats.beyond : &frame->stats.held) += frame->held[i];
   pags_frame_show(frame, out);
   return PAGS_OK;
 }

@@ -31,6 +31,7 @@ void pags_frame_destroy(pags_frame *frame) {
     return;
   pags_arena_destroy(frame->arena);
   pags_port_aligned_free(frame->planes);
+  pags_port_aligned_free(frame->lens_rays);
   free(frame);
 }
 
@@ -56,5 +57,6 @@ uint64_t pags_frame_heap_calls(const pags_frame *frame) {
 }
 
 size_t pags_frame_bytes(const pags_frame *frame) {
-  return pags_arena_high_water(frame->arena) + (size_t)frame->plane_capacity * PLANE_COUNT * sizeof(float);
+  return pags_arena_high_water(frame->arena) + (size_t)frame->plane_capacity * PLANE_COUNT * sizeof(float) +
+         (frame->lens_rays ? 3 * sizeof(float) * (size_t)frame->plane_size : 0);
 }

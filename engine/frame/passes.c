@@ -399,6 +399,8 @@ pags_result pags_frame_passes(pags_frame *frame, const pags_pass_request *reques
   pass_context c = {.frame = frame, .request = request};
   int32_t *part_of;
   memset(out, 0, sizeof *out);
+  if (frame->lens && request->motion)
+    return pags_fail(PAGS_ERROR_UNSUPPORTED, "motion vectors are those of a pinhole; this camera has a lens");
   PAGS_TRY(reserve(&c, &part_of));
   for (int64_t i = 0; i < frame->cluster_count; i++)
     for (int64_t k = 0; k < frame->clusters[i].count; k += 16)

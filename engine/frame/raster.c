@@ -6,7 +6,7 @@
 #include <float.h>
 #include <string.h>
 
-#include "frame/stages.h"
+#include "frame/lens_view.h"
 
 /* Tiles in a worker's block, within which it prefetches the next tile's splats. With more, some workers would have
  * nothing left to do at the end. */
@@ -96,6 +96,8 @@ static void raster_tile(const raster_context *c, int64_t tile, bool goes_on, int
   }
   if (f->options.exposed)
     pags_frame_expose(f, tile);
+  if (f->lens)
+    pags_frame_mask_lens(f, tile);
 }
 
 static void raster_tiles(void *context, int64_t begin, int64_t end, int worker) {

@@ -12,7 +12,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "frame/stages.h"
+#include "frame/lens_view.h"
 
 /* A run has at least 2^12 texels. More runs cost more, since a tile adds its pixels to each run that it sees, but give
  * more workers something to do; the gradient doesn't depend on them. */
@@ -47,6 +47,10 @@ void pags_frame_prepare_sky(pags_frame *frame) {
 
 void pags_frame_find_sky(const pags_frame *frame, int64_t tile, pags_sky_tile *out) {
   const pags_sky_rays rays = pags_frame_rays(frame, tile);
+  if (frame->lens) {
+    pags_frame_lens_sky(frame, frame_tile_x(frame, tile), frame_tile_y(frame, tile), out);
+    return;
+  }
   frame->kernels->sky_find(&rays, frame->options.sky->texels, frame_tile_x(frame, tile), frame_tile_y(frame, tile),
                            out);
 }
@@ -57,6 +61,17 @@ void pags_frame_blend_sky(const pags_frame *frame, int64_t tile, const pags_sky_
                          frame_plane(frame, PLANE_B) + at};
   frame->kernels->sky_blend(&frame->rays, frame->options.sky->texels, found, frame->stride,
                             frame_plane(frame, PLANE_T) + at, rgb);
+}
+
+/* As pags_kernels.sky_cells, of a pinhole or a lens. */
+static void find_cells(const pags_frame *f, int64_t tile, int step, int32_t *row, int32_t *column,
+                       float *const weight[4]) {
+  const int x0 = frame_tile_x(f, tile), y0 = frame_tile_y(f, tile);
+  const pags_sky_rays rays = pags_frame_rays(f, tile);
+  if (f->lens)
+    pags_frame_lens_cells(f, x0, y0, step, row, column, weight);
+  else
+    f->kernels->sky_cells(&rays, x0, y0, step, row, column, weight);
 }
 
 /* Whether any of 16 pixels of a row has at least this transmittance. */
@@ -92,15 +107,14 @@ static void tile_runs(const sky_context *c, int64_t tile, uint64_t seen[WORDS]) 
   if (!pags_frame_tile_shows(c->frame, tile, c->gradient->sky_cut))
     return;
   const pags_frame *const f = c->frame;
-  const int size = f->rays.size, x0 = frame_tile_x(f, tile), y0 = frame_tile_y(f, tile);
-  const pags_sky_rays rays = pags_frame_rays(f, tile);
+  const int size = f->rays.size;
   int32_t row[PAGS_TILE_PIXELS], column[PAGS_TILE_PIXELS];
   float unused[4][PAGS_TILE_PIXELS];
   float *const weight[4] = {unused[0], unused[1], unused[2], unused[3]};
-  f->kernels->sky_cells(&rays, x0, y0, LAST, row, column, weight);
+  find_cells(f, tile, LAST, row, column, weight);
   const int32_t corner[4] = {row[0], row[LAST], row[PAGS_TILE], row[PAGS_TILE + LAST]};
   int64_t first = corner[0], last = corner[0];
-  bool one_face = true;
+  bool one_face = !f->lens; /* a lens bends the tile's sides */
   for (int k = 1; k < 4; k++) {
     one_face &= corner[k] / size == corner[0] / size;
     first = corner[k] < first ? corner[k] : first;
@@ -111,7 +125,7 @@ static void tile_runs(const sky_context *c, int64_t tile, uint64_t seen[WORDS]) 
     add_runs_between(first * size, (last + 1) * size - 1, c->run_bits, seen);
     return;
   }
-  f->kernels->sky_cells(&rays, x0, y0, 1, row, column, weight);
+  find_cells(f, tile, 1, row, column, weight);
   for (int i = 0; i < PAGS_TILE_PIXELS; i++) { /* pixels beyond the picture's edge do no harm: they only add runs */
     const int64_t texel = (int64_t)row[i] * size + column[i];
     /* From the first to the last of the cell's four texels; a run is longer, so that they lie in one run or in
@@ -298,8 +312,7 @@ static void add_run(const sky_context *c, int64_t index, int worker) {
     pixel_box box = {0, 0, width < PAGS_TILE ? width : PAGS_TILE, height < PAGS_TILE ? height : PAGS_TILE};
     tile_terms terms;
     float *const weight[4] = {terms.weight[0], terms.weight[1], terms.weight[2], terms.weight[3]};
-    const pags_sky_rays rays = pags_frame_rays(f, tile);
-    f->kernels->sky_cells(&rays, x0, y0, 1, terms.row, terms.column, weight);
+    find_cells(f, tile, 1, terms.row, terms.column, weight);
     for (int y = 0; y < box.y1; y++) {
       const int64_t at = (int64_t)(y0 + y) * f->stride + x0;
       terms.shows[y] = row_shows(frame_plane(f, PLANE_T) + at, c->gradient->sky_cut);

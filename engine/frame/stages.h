@@ -21,6 +21,7 @@ typedef struct view_cluster {
   int32_t part;
   int32_t count;
   int64_t cluster, first, base;
+  bool turned; /* a second time, for what reaches over the seam of an equirectangular picture (lens_view.h) */
 } view_cluster;
 
 static inline int32_t part_id(const pags_part *part, int64_t row) {
@@ -29,8 +30,9 @@ static inline int32_t part_id(const pags_part *part, int64_t row) {
 
 /* Bounds of a cluster's drawn members that are known from the cluster's box alone, without reading the members. */
 typedef struct cluster_bound {
-  float near;       /* lower bound of the members' camera z as the projection kernel rounds it; metres, >= 0 */
+  float near;       /* lower bound of the members' depth as the projection rounds it; metres, >= 0 */
   pags_reach reach; /* the 4x4-pixel blocks outside of which no member changes a pixel */
+  bool seam;        /* members may reach over the seam of an equirectangular picture; set where a lens is */
 } cluster_bound;
 
 /* An item to sort by `key`, the bits of a depth z. `splat` is the index of what has this depth: of a splat, as in the
@@ -78,13 +80,16 @@ struct pags_frame {
   int part_count;
   pags_camera camera;
   pags_frame_options options;
+  const struct frame_lens *lens; /* NULL: a pinhole */
+  float *lens_rays;              /* of the last frame with a lens, of lens_camera (lens_view.h); on the heap */
+  pags_camera lens_camera;
   bool rendered, ids_ascend; /* a render has finished; the ids ascend in memory order */
   bool has_sky;
   pags_sky_rays rays; /* directions of the pixels in the sky's cube map; set where has_sky */
 
   view_cluster *clusters;
   cluster_bound *bounds; /* per cluster in view; NULL unless drawn in slabs or with PAGS_EARLY_Z_PAPER */
-  int32_t *held;         /* per cluster in view: members that are too fast for it; NULL: a global shutter */
+  int32_t *held; /* per cluster in view: members too fast for a rolling shutter or beyond a lens; NULL: neither */
   int64_t cluster_count, dense_count;
   pags_splat *splats;   /* dense_count */
   uint32_t *keys;       /* dense_count sort keys: the bits of z; UINT32_MAX where the Gaussian isn't drawn */

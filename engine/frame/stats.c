@@ -21,14 +21,14 @@ static int counts_of(pags_frame_stats *s, int64_t *out[MOST]) {
                           &s->shaded,          &s->binned,        &s->pairs_hidden, &s->pairs_binned,
                           &s->pairs_evaluated, &s->pairs_blended, &s->clusters,     &s->clusters_hidden,
                           &s->tiles,           &s->tiles_full,    &s->slabs,        &s->occluders,
-                          &s->pairs_reached,   &s->pairs_open,    &s->held};
+                          &s->pairs_reached,   &s->pairs_open,    &s->held,         &s->beyond};
   const int count = sizeof all / sizeof *all;
   for (int i = 0; i < count; i++)
     out[i] = all[i];
   return count;
 }
 
-_Static_assert(sizeof(pags_frame_stats) == 9 * sizeof(double) + 19 * sizeof(int64_t), "a member is missing above");
+_Static_assert(sizeof(pags_frame_stats) == 9 * sizeof(double) + 20 * sizeof(int64_t), "a member is missing above");
 
 void pags_frame_stats_add(pags_frame_stats *sum, const pags_frame_stats *one) {
   pags_frame_stats copy = *one;

@@ -6,7 +6,7 @@
  * of tile. */
 #include <string.h>
 
-#include "frame/stages.h"
+#include "frame/lens_view.h"
 
 enum { TILE_SAMPLES = PAGS_TILE / SAMPLE_SIDE }; /* along a tile's side */
 #define SHOWS 0.125f /* a sample shows critical Gaussians if the sum of their weights is at least this */
@@ -95,6 +95,8 @@ static void enlarge_tiles(void *context, int64_t begin, int64_t end, int worker)
       }
       if (e->frame->options.exposed)
         pags_frame_expose(e->frame, tile);
+      if (e->frame->lens)
+        pags_frame_mask_lens(e->frame, tile);
     }
 }
 

@@ -4,6 +4,7 @@
 #include <pags/camera.h>
 
 #include <math.h>
+#include <stdbool.h>
 #include <string.h>
 
 #include "maths/maths.h"
@@ -246,7 +247,38 @@ pags_result pags_camera_check(pags_camera *camera, const char *what) {
         "%s: expected a rolling shutter that reads the picture across or down in at most 1 s, and a finite "
         "velocity; found %g s across, %g s down and a velocity of %g",
         what, s->across, s->down, speed);
+  PAGS_TRY(pags_lens_model_check(&camera->lens, what));
+  if (pags_camera_bends(camera) && pags_camera_rolls(camera))
+    return pags_fail(PAGS_ERROR_FORMAT,
+                     "%s: has a rolling shutter and a lens other than a pinhole, which aren't drawn together; expected "
+                     "one of them (the photographs can be undistorted)",
+                     what);
   return pags_rigid_check(camera->world_from_camera, what);
+}
+
+int pags_camera_project(const pags_camera *camera, const double point[3], double pixel[2], double jacobian[6]) {
+  double at[2];
+  const double radians = pags_lens_angle(point);
+  const bool seen = pags_camera_bends(camera) ? radians <= pags_lens_model_widest(&camera->lens) : point[2] > 0;
+  if (!seen)
+    return 0;
+  pags_lens_see(&camera->lens, point, at, jacobian);
+  pixel[0] = camera->fx * at[0] + camera->cx;
+  pixel[1] = camera->fy * at[1] + camera->cy;
+  for (int k = 0; k < 3 && jacobian; k++)
+    jacobian[k] *= camera->fx, jacobian[3 + k] *= camera->fy;
+  return 1;
+}
+
+int pags_camera_look(const pags_camera *camera, double x, double y, double direction[3]) {
+  const double at[2] = {(x - camera->cx) / camera->fx, (y - camera->cy) / camera->fy};
+  if (pags_camera_bends(camera)) {
+    direction[0] = direction[1] = direction[2] = 0;
+    return pags_lens_look(&camera->lens, at, direction);
+  }
+  const double length = sqrt(at[0] * at[0] + at[1] * at[1] + 1);
+  direction[0] = at[0] / length, direction[1] = at[1] / length, direction[2] = 1 / length;
+  return 1;
 }
 
 /* Returns `size` / `factor` pixels, rounded down, at least 1. */

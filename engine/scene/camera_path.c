@@ -5,6 +5,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "scene/camera_json.h"
 
@@ -33,6 +34,34 @@ static pags_result read_shutter(const pags_json *json, const pags_json_value *ob
   return PAGS_OK;
 }
 
+static pags_result read_lens(const pags_json *json, const pags_json_value *object, pags_lens_model *lens) {
+  const pags_json_value *value;
+  const char *kind;
+  int found = 0;
+  *lens = (pags_lens_model){0};
+  if (!pags_json_member(object, "lens"))
+    return PAGS_OK;
+  PAGS_TRY(pags_json_object(json, object, "lens", &value));
+  PAGS_TRY(pags_json_string(json, value, "kind", &kind));
+  while (found < PAGS_LENS_KINDS && strcmp(kind, pags_lens_kind_name((pags_lens_kind)found)) != 0)
+    found++;
+  if (found == PAGS_LENS_KINDS)
+    return pags_json_fail(json, value,
+                          "expected a lens of kind perspective, fisheye, rational, fov, thin_prism, aria, division, "
+                          "eucm, ftheta or equirectangular, found '%s'",
+                          kind);
+  lens->kind = (pags_lens_kind)found;
+  const struct {
+    const char *key;
+    double *numbers;
+    int count;
+  } terms[] = {{"k", lens->k, 6}, {"d", lens->d, 3}, {"p", lens->p, 2}, {"s", lens->s, 4}};
+  for (size_t i = 0; i < sizeof terms / sizeof *terms; i++)
+    if (pags_json_member(value, terms[i].key))
+      PAGS_TRY(pags_json_numbers(json, value, terms[i].key, terms[i].count, terms[i].numbers));
+  return pags_json_number_or(json, value, "field", 0, &lens->field);
+}
+
 pags_result pags_camera_from_json(const pags_json *json, const pags_json_value *object, pags_camera *camera) {
   int64_t width, height;
   PAGS_TRY(pags_json_integer(json, object, "width", 1, 65535, &width));
@@ -45,6 +74,7 @@ pags_result pags_camera_from_json(const pags_json *json, const pags_json_value *
   PAGS_TRY(pags_json_number(json, object, "cy", &camera->cy));
   PAGS_TRY(pags_json_number_or(json, object, "time", (double)NAN, &camera->time));
   PAGS_TRY(read_shutter(json, object, &camera->shutter));
+  PAGS_TRY(read_lens(json, object, &camera->lens));
 
   /* The file holds camera_from_world as a quaternion of any length and a translation, the struct the inverse. */
   double q[4], t[3], r[9], pose[12];
@@ -78,6 +108,26 @@ void pags_camera_lens_to_json(pags_json_writer *writer, const pags_camera *camer
   pags_json_put_number(writer, "cy", camera->cy);
 }
 
+static void write_lens(pags_json_writer *writer, const pags_lens_model *lens) {
+  const struct {
+    const char *key;
+    const double *numbers;
+    int count;
+  } terms[] = {{"k", lens->k, 6}, {"d", lens->d, 3}, {"p", lens->p, 2}, {"s", lens->s, 4}};
+  pags_json_begin_object(writer, "lens");
+  pags_json_put_string(writer, "kind", pags_lens_kind_name(lens->kind));
+  for (size_t i = 0; i < sizeof terms / sizeof *terms; i++) {
+    double size = 0;
+    for (int k = 0; k < terms[i].count; k++)
+      size += fabs(terms[i].numbers[k]);
+    if (size > 0)
+      pags_json_put_numbers(writer, terms[i].key, terms[i].numbers, terms[i].count);
+  }
+  if (lens->field > 0)
+    pags_json_put_number(writer, "field", lens->field);
+  pags_json_end_object(writer);
+}
+
 void pags_camera_to_json(pags_json_writer *writer, const pags_camera *camera) {
   double pose[12], r[9], q[4], t[3];
   pags_rigid_inverse(camera->world_from_camera, pose);
@@ -92,6 +142,8 @@ void pags_camera_to_json(pags_json_writer *writer, const pags_camera *camera) {
   pags_json_put_numbers(writer, "camera_from_world_translation", t, 3);
   if (!isnan(camera->time))
     pags_json_put_number(writer, "time", camera->time);
+  if (pags_camera_bends(camera))
+    write_lens(writer, &camera->lens);
   if (!pags_camera_rolls(camera))
     return;
   pags_json_begin_object(writer, "rolling_shutter");

@@ -125,6 +125,34 @@ static void multiply_23(const double a[6], const double b[9], double out[6]) {
   }
 }
 
+/* The projection through a lens, from sigmas and rotation on. */
+static void project_through_lens(const reference_view *view, const pags_camera *camera, reference_projection *p,
+                                 reference_splat *splat) {
+  double point[3] = {splat->camera[0], splat->camera[1], splat->camera[2]}, to_camera[6], axes[9] = {0}, covariance[3];
+  reference_lens_pixel(camera, point, splat->mean2d);
+  for (int k = 0; k < 2 && view->lens.clamps; k++) {
+    const double slope = point[k] / point[2], held = fmin(fmax(slope, view->lens.least[k]), view->lens.most[k]);
+    splat->margin = fmin(splat->margin, fmin(fabs(slope - view->lens.least[k]), fabs(slope - view->lens.most[k])));
+    splat->clamped_axis[k] = held < slope ? 1 : held > slope ? -1 : 0;
+    point[k] = held * point[2];
+  }
+  reference_lens_jacobian(camera, point, p->jacobian);
+  multiply_23(p->jacobian, view->rotation, to_camera);
+  multiply_23(to_camera, p->rotation, p->factor);
+  for (int k = 0; k < 6; k++)
+    p->factor[k] *= p->sigma[k % 3];
+  if (!view->sigma_points)
+    return;
+  for (int row = 0; row < 3; row++)
+    for (int column = 0; column < 3; column++)
+      for (int k = 0; k < 3; k++)
+        axes[3 * row + column] += view->rotation[3 * row + k] * p->rotation[3 * k + column] * p->sigma[column];
+  reference_lens_sigma_points(camera, splat->camera, axes, splat->mean2d, covariance);
+  const double a = sqrt(covariance[0]), b = covariance[1] / a, c = sqrt(fmax(covariance[2] - b * b, 0));
+  const double factor[6] = {a, 0, 0, b, c, 0};
+  memcpy(p->factor, factor, sizeof factor);
+}
+
 reference_projection reference_project(const reference_part *part, int64_t i, const reference_view *view,
                                        const pags_camera *camera, reference_splat *splat) {
   reference_projection p;
@@ -138,6 +166,10 @@ reference_projection reference_project(const reference_part *part, int64_t i, co
     p.sigma[k] = exp(reference_value(part, PAGS_SCALE + k, i));
 
   splat->margin = INFINITY;
+  if (view->lens.is) {
+    project_through_lens(view, camera, &p, splat);
+    return p;
+  }
   p.slope[0] = clamp_slope(xyz[0] / xyz[2], camera->width, camera->fx, camera->cx, view->widened,
                            &splat->clamped_axis[0], &splat->margin);
   p.slope[1] = clamp_slope(xyz[1] / xyz[2], camera->height, camera->fy, camera->cy, view->widened,
@@ -320,7 +352,11 @@ static reference_splat find_splat(const reference_part *part, int64_t i, const r
     find_camera(part, i, &own, splat.camera);
   }
   const reference_view *const view = &own;
-  if (!(splat.camera[2] > (double)options->near_plane))
+  const double *const at = splat.camera;
+  splat.depth = view->lens.is ? sqrt(at[0] * at[0] + at[1] * at[1] + at[2] * at[2]) : at[2];
+  if (!(splat.depth > (double)options->near_plane))
+    return splat;
+  if (view->lens.is && !(acos(fmin(fmax(at[2] / splat.depth, -1), 1)) <= view->lens.farthest))
     return splat;
   reference_projection p = reference_project(part, i, view, camera, &splat);
   splat.margin = fmin(splat.margin, line.margin);
@@ -376,9 +412,10 @@ static void keep_smaller(double *value, double candidate) {
     *value = candidate;
 }
 
-static void blend(reference_picture *picture, int64_t *capacity, pixel_state *state, int32_t pixel, int64_t gaussian) {
+static void blend(reference_picture *picture, int64_t *capacity, pixel_state *state, int32_t pixel, int64_t gaussian,
+                  double shift) {
   const reference_splat *splat = &picture->splats[gaussian];
-  double dx = pixel % picture->width + 0.5 - splat->mean2d[0];
+  double dx = pixel % picture->width + 0.5 - splat->mean2d[0] - shift;
   double dy = pixel / picture->width + 0.5 - splat->mean2d[1];
   double power = -0.5 * (splat->conic[0] * dx * dx + 2 * splat->conic[1] * dx * dy + splat->conic[2] * dy * dy);
   double falloff = exp(power), whole = splat->opacity * falloff, raw = splat->gain * whole - splat->floor;
@@ -390,8 +427,9 @@ static void blend(reference_picture *picture, int64_t *capacity, pixel_state *st
   keep_smaller(&picture->margin[pixel], fabs(after / picture->limits.stop - 1));
   keep_smaller(&picture->margin[pixel], fabs(raw / picture->limits.alpha_cap - 1));
   keep_smaller(&picture->margin[pixel], splat->margin);
-  keep_smaller(&picture->depth_margin[pixel], (splat->camera[2] - state->last_depth) / splat->camera[2]);
-  state->last_depth = splat->camera[2];
+  if (shift == 0)
+    keep_smaller(&picture->depth_margin[pixel], (splat->depth - state->last_depth) / splat->depth);
+  state->last_depth = splat->depth;
   if (after < picture->limits.stop) {
     state->stopped = 1;
     hash_in(&picture->decisions, (uint64_t)pixel * 2654435761u + 77);
@@ -401,7 +439,7 @@ static void blend(reference_picture *picture, int64_t *capacity, pixel_state *st
   int64_t pixels = (int64_t)picture->width * picture->height;
   for (int channel = 0; channel < 3; channel++)
     picture->rgb[channel * pixels + pixel] += weight * splat->colour[channel];
-  picture->depth_sum[pixel] += weight * splat->camera[2];
+  picture->depth_sum[pixel] += weight * splat->depth;
   state->weight_sum += weight;
   if (weight > state->best_weight) {
     state->best_weight = weight;
@@ -421,11 +459,17 @@ static void blend_box(reference_picture *picture, int64_t *capacity, pixel_state
   double x0 = fmax(0, floor(splat->mean2d[0] - half_width)), x1 = fmin(picture->width, splat->mean2d[0] + half_width);
   double y0 = fmax(0, floor(splat->mean2d[1] - half_height)),
          y1 = fmin(picture->height, splat->mean2d[1] + half_height);
+  if (picture->turn > 0)
+    x0 = 0, x1 = picture->width;
   for (int y = (int)fmin(y0, picture->height); y < y1; y++) {
     for (int x = (int)fmin(x0, picture->width); x < x1; x++) {
       int32_t pixel = (int32_t)(y * picture->width + x);
       if (!states[pixel].stopped)
-        blend(picture, capacity, &states[pixel], pixel, gaussian);
+        blend(picture, capacity, &states[pixel], pixel, gaussian, 0);
+      /* On the other side of the seam once more. */
+      if (picture->turn > 0 && !states[pixel].stopped)
+        blend(picture, capacity, &states[pixel], pixel, gaussian,
+              splat->mean2d[0] > picture->middle ? -picture->turn : picture->turn);
     }
   }
   for (int k = 0; k < 3; k++)
@@ -453,7 +497,7 @@ int64_t reference_front_to_back(const reference_picture *picture, int64_t *gauss
   int64_t drawn = 0;
   for (int64_t i = 0; i < picture->splat_count; i++) {
     if (picture->splats[i].drawn)
-      order[drawn++] = (order_entry){picture->splats[i].camera[2], picture->splats[i].id, i};
+      order[drawn++] = (order_entry){picture->splats[i].depth, picture->splats[i].id, i};
   }
   qsort(order, (size_t)drawn, sizeof *order, compare_order);
   for (int64_t k = 0; k < drawn; k++)
@@ -522,9 +566,14 @@ reference_picture reference_render_within(reference_limits limits, const referen
     picture.splat_count += parts[p].count;
   picture.splats = reference_alloc(picture.splat_count, sizeof *picture.splats);
   int64_t next = 0;
+  const reference_lens lens = reference_lens_of(camera);
+  picture.turn = lens.turn;
+  picture.middle = camera->cx;
   for (int p = 0; p < part_count; p++) {
     reference_view view = reference_view_of(&parts[p], camera, options);
     view.widened = limits.widened;
+    view.lens = lens;
+    view.sigma_points = limits.sigma_points;
     for (int64_t i = 0; i < parts[p].count; i++)
       picture.splats[next++] = find_splat(&parts[p], i, &view, camera, options, limits.alpha_min);
   }
@@ -535,6 +584,15 @@ reference_picture reference_render_within(reference_limits limits, const referen
     reference_behind(camera, options, pixel, behind, &picture.margin[pixel]);
     for (int channel = 0; channel < 3; channel++)
       picture.rgb[channel * pixels + pixel] += picture.transmittance[pixel] * behind[channel];
+    double ray[3];
+    if (lens.is && !reference_lens_ray(camera, (double)(pixel % camera->width) + 0.5,
+                                       (double)(pixel / camera->width) + 0.5, ray)) {
+      for (int channel = 0; channel < 3; channel++)
+        picture.rgb[channel * pixels + pixel] = 0;
+      picture.transmittance[pixel] = 1;
+      picture.depth_sum[pixel] = picture.depth[pixel] = 0;
+      picture.id[pixel] = -1;
+    }
   }
   return picture;
 }

@@ -21,7 +21,10 @@
  * With a rolling shutter (reference_shutter.c) camera_from_model is that of the time t at which the line is read on
  * which the mean is seen, t clamped to half a read-out beyond the picture; J becomes (I + m' s / (1 - s m')) J with the
  * velocity m' of the mean on the picture and s = dt/d(pixel), but stays J where t is clamped; where 1 - s m' < 0.1 or
- * |s| (|m'_x| + |m'_y|) > 1, t is 0. There is no backward pass. */
+ * |s| (|m'_x| + |m'_y|) > 1, t is 0. There is no backward pass.
+ * With a lens (reference_lens.c) the mean is seen where the lens shows it and J is the derivative there; depth and near
+ * plane are distances; means beyond what is seen at the picture's border by more than 0.35 radians aren't drawn. There
+ * is no backward pass. */
 #ifndef PAGS_TESTS_REFERENCE_H
 #define PAGS_TESTS_REFERENCE_H
 
@@ -55,7 +58,8 @@ void reference_part_destroy(reference_part *part);
 typedef struct reference_splat {
   int drawn;
   int32_t id;
-  double camera[3]; /* mean in camera axes, metres; [2] is the depth */
+  double camera[3]; /* mean in camera axes, metres */
+  double depth;     /* camera[2], with a lens the distance */
   double mean2d[2]; /* pixels */
   double cov[3];    /* xx xy yy with the low-pass, px^2 */
   double conic[3];  /* inverse of cov */
@@ -83,10 +87,11 @@ typedef struct reference_contribution {
  * isn't clamped: in tangents of half the field of view on every side. */
 typedef struct reference_limits {
   double alpha_min, alpha_cap, stop, widened;
+  int sigma_points; /* 1: with a lens, covariances by sigma points in place of J */
 } reference_limits;
 #define REFERENCE_LIMITS \
-  ((reference_limits){REFERENCE_ALPHA_MIN, REFERENCE_ALPHA_CAP, REFERENCE_STOP, REFERENCE_WIDENED})
-#define REFERENCE_NO_LIMITS ((reference_limits){0, 1, 0, REFERENCE_WIDENED})
+  ((reference_limits){REFERENCE_ALPHA_MIN, REFERENCE_ALPHA_CAP, REFERENCE_STOP, REFERENCE_WIDENED, 0})
+#define REFERENCE_NO_LIMITS ((reference_limits){0, 1, 0, REFERENCE_WIDENED, 0})
 
 typedef struct reference_picture {
   int width, height;
@@ -103,6 +108,7 @@ typedef struct reference_picture {
   double *depth_margin;
 
   reference_limits limits;
+  double turn, middle; /* of the lens: px a turn, and the column across from the seam */
   int64_t splat_count;
   reference_splat *splats; /* of all parts, in order */
   int64_t contribution_count;
@@ -181,12 +187,31 @@ reference_line reference_find_line(const reference_part *part, int64_t i, const 
 #define REFERENCE_WIDENED 0.3
 #define REFERENCE_COMPENSATION_FLOOR 2.5e-5 /* floor of the ratio of determinants */
 
+/* What a lens draws: means up to an angle from the axis, and J at x/z and y/z within a range. */
+typedef struct reference_lens {
+  int is, clamps;
+  double farthest, least[2], most[2];
+  double turn; /* px a turn; 0: the picture doesn't meet itself */
+} reference_lens;
+
+reference_lens reference_lens_of(const pags_camera *camera);
+int reference_has_lens(const pags_camera *camera);
+void reference_lens_pixel(const pags_camera *camera, const double point[3], double pixel[2]);
+void reference_lens_jacobian(const pags_camera *camera, const double point[3], double jacobian[6]);
+/* The unit direction that the camera sees at (x, y), px; returns 0 if there is none. */
+int reference_lens_ray(const pags_camera *camera, double x, double y, double direction[3]);
+/* The mean and the covariance on the picture by sigma points; axes: the columns R S in camera axes. */
+void reference_lens_sigma_points(const pags_camera *camera, const double mean[3], const double axes[9], double pixel[2],
+                                 double covariance[3]);
+
 /* A part's frame of reference seen from the camera. */
 typedef struct reference_view {
   double rotation[9]; /* camera_from_model */
   double translation[3];
   double position[3]; /* camera position in the model's frame */
   double widened;     /* reference_limits.widened; by default REFERENCE_WIDENED */
+  reference_lens lens;
+  int sigma_points; /* reference_limits.sigma_points */
 } reference_view;
 
 reference_view reference_view_of(const reference_part *part, const pags_camera *camera,

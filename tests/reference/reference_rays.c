@@ -5,7 +5,8 @@
  * With S the covariance in camera axes, m the mean and d the ray, the value at t d is exp(-(t d - m)' S^-1 (t d - m)
  * / 2); it is largest at t = d' S^-1 m / d' S^-1 d. The integral along the ray is that value times a factor that
  * doesn't depend on how far from the mean the ray passes. The low-pass filter widens S by low_pass (z / f)^2 across
- * the picture's axes, whose affine image is low_pass I. */
+ * the picture's axes, whose affine image is low_pass I. With a lens it widens S by low_pass J+ J+', J+ = J' (J J')^-1,
+ * whose affine image is the same, and rays go where the lens looks. */
 #include "reference/reference.h"
 
 #include <math.h>
@@ -49,9 +50,21 @@ static int find_ray_splat(const reference_part *part, int64_t i, const reference
     for (int k = 0; k < 3; k++)
       out->s[e] += axes[3 * rows[e] + k] * axes[3 * columns[e] + k];
   }
-  const double x = splat->camera[2] / camera->fx, y = splat->camera[2] / camera->fy;
-  out->s[0] += low_pass * x * x;
-  out->s[3] += low_pass * y * y;
+  if (view->lens.is) {
+    double j[6], wide[6];
+    reference_lens_jacobian(camera, splat->camera, j);
+    const double a = j[0] * j[0] + j[1] * j[1] + j[2] * j[2], b = j[0] * j[3] + j[1] * j[4] + j[2] * j[5],
+                 c = j[3] * j[3] + j[4] * j[4] + j[5] * j[5], all = a * c - b * b;
+    for (int k = 0; k < 3; k++)
+      wide[2 * k] = (c * j[k] - b * j[3 + k]) / all, wide[2 * k + 1] = (a * j[3 + k] - b * j[k]) / all;
+    for (int e = 0; e < 6; e++)
+      out->s[e] +=
+          low_pass * (wide[2 * rows[e]] * wide[2 * columns[e]] + wide[2 * rows[e] + 1] * wide[2 * columns[e] + 1]);
+  } else {
+    const double x = splat->camera[2] / camera->fx, y = splat->camera[2] / camera->fy;
+    out->s[0] += low_pass * x * x;
+    out->s[3] += low_pass * y * y;
+  }
   out->limit = 2 * log(splat->opacity / least);
   return find_inverse(out, splat->camera);
 }
@@ -70,16 +83,18 @@ static void find_span(double mean, double z, double s_aa, double s_az, double s_
   *end = (int)fmin(size, fmax(0, ceil(hi + 1)));
 }
 
-static double ray_distance(const ray_splat *r, double x, double y) {
-  const double *q = r->q;
-  const double dqm = x * r->qm[0] + y * r->qm[1] + r->qm[2];
-  const double dqd = q[0] * x * x + 2 * q[1] * x * y + 2 * q[2] * x + q[3] * y * y + 2 * q[4] * y + q[5];
+static double ray_distance(const ray_splat *r, const double ray[3]) {
+  const double *q = r->q, x = ray[0], y = ray[1], z = ray[2];
+  const double dqm = x * r->qm[0] + y * r->qm[1] + z * r->qm[2];
+  const double dqd =
+      q[0] * x * x + 2 * q[1] * x * y + 2 * q[2] * x * z + q[3] * y * y + 2 * q[4] * y * z + q[5] * z * z;
   return dqm > 0 ? r->mqm - dqm * dqm / dqd : INFINITY; /* the largest value lies behind the eye: not seen */
 }
 
 typedef struct ray_picture {
   double *rgb, *transmittance;
   uint8_t *stopped;
+  double *rays; /* of each pixel; 0, 0, 0: nothing is seen there */
 } ray_picture;
 
 static void blend_ray(const reference_picture *from, const reference_splat *splat, double distance, int64_t pixel,
@@ -101,16 +116,17 @@ static void blend_ray(const reference_picture *from, const reference_splat *spla
 static void blend_splat(const reference_picture *from, const reference_splat *splat, const ray_splat *ray,
                         const pags_camera *camera, ray_picture *out) {
   const double *m = splat->camera, *s = ray->s;
-  int x0, x1, y0, y1;
-  find_span(m[0], m[2], s[0], s[2], s[5], ray->limit, camera->fx, camera->cx, from->width, &x0, &x1);
-  find_span(m[1], m[2], s[3], s[4], s[5], ray->limit, camera->fy, camera->cy, from->height, &y0, &y1);
+  int x0 = 0, x1 = from->width, y0 = 0, y1 = from->height;
+  const int lens = reference_has_lens(camera);
+  if (!lens)
+    find_span(m[0], m[2], s[0], s[2], s[5], ray->limit, camera->fx, camera->cx, from->width, &x0, &x1);
+  if (!lens)
+    find_span(m[1], m[2], s[3], s[4], s[5], ray->limit, camera->fy, camera->cy, from->height, &y0, &y1);
   for (int y = y0; y < y1; y++)
     for (int x = x0; x < x1; x++) {
       const int64_t pixel = (int64_t)y * from->width + x;
       if (!out->stopped[pixel])
-        blend_ray(from, splat,
-                  ray_distance(ray, (x + 0.5 - camera->cx) / camera->fx, (y + 0.5 - camera->cy) / camera->fy), pixel,
-                  out);
+        blend_ray(from, splat, ray_distance(ray, out->rays + 3 * pixel), pixel, out);
     }
 }
 
@@ -129,11 +145,21 @@ double *reference_ray_picture(const reference_part *parts, int part_count, const
   int64_t *order = reference_alloc(from->splat_count, sizeof *order), row;
   reference_view *views = reference_alloc(part_count, sizeof *views);
   ray_picture out = {reference_alloc(3 * pixels, sizeof(double)), reference_alloc(pixels, sizeof(double)),
-                     reference_alloc(pixels, 1)};
-  for (int64_t k = 0; k < pixels; k++)
+                     reference_alloc(pixels, 1), reference_alloc(3 * pixels, sizeof(double))};
+  const int lens = reference_has_lens(camera);
+  for (int64_t k = 0; k < pixels; k++) {
+    const double x = (double)(k % from->width) + 0.5, y = (double)(k / from->width) + 0.5;
+    double *const ray = out.rays + 3 * k;
     out.transmittance[k] = 1;
+    ray[0] = (x - camera->cx) / camera->fx, ray[1] = (y - camera->cy) / camera->fy, ray[2] = 1;
+    if (lens && !reference_lens_ray(camera, x, y, ray)) {
+      ray[0] = ray[1] = ray[2] = 0;
+      out.stopped[k] = 1;
+      out.transmittance[k] = 0;
+    }
+  }
   for (int p = 0; p < part_count; p++)
-    views[p] = reference_view_of(&parts[p], camera, options);
+    views[p] = reference_view_of(&parts[p], camera, options), views[p].lens = reference_lens_of(camera);
   const int64_t drawn = reference_front_to_back(from, order);
   for (int64_t k = 0; k < drawn; k++) {
     const reference_splat *splat = &from->splats[order[k]];
@@ -152,5 +178,6 @@ double *reference_ray_picture(const reference_part *parts, int part_count, const
   free(views);
   free(out.transmittance);
   free(out.stopped);
+  free(out.rays);
   return out.rgb;
 }

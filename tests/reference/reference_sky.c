@@ -5,7 +5,9 @@
 #include <math.h>
 
 reference_sky_taps reference_sky_look(const pags_sky *sky, const pags_camera *camera, int x, int y) {
-  const double ray[3] = {(x + 0.5 - camera->cx) / camera->fx, (y + 0.5 - camera->cy) / camera->fy, 1};
+  double ray[3] = {(x + 0.5 - camera->cx) / camera->fx, (y + 0.5 - camera->cy) / camera->fy, 1};
+  if (reference_has_lens(camera) && !reference_lens_ray(camera, x + 0.5, y + 0.5, ray))
+    ray[0] = ray[1] = 0, ray[2] = 1;
   double d[3], length[3];
   for (int k = 0; k < 3; k++) {
     d[k] = 0;

@@ -38,8 +38,8 @@ static pags_scene sample(void) {
     scene.models[i].gaussians.alpha_min = i ? 0.0f : 0.02f;
     scene.views[i].name = pags_text_copy(i ? "b.png" : "a.png");
     scene.views[i].test = i == 0;
-    scene.views[i].camera =
-        (pags_camera){64, 48, 50.5, 51, 32, 24, {1, 0, 0, 3, 0, 1, 0, 4, 0, 0, 1, 5}, i ? 2 : (double)NAN, {0, 0, {0}}};
+    scene.views[i].camera = (pags_camera){
+        64, 48, 50.5, 51, 32, 24, {1, 0, 0, 3, 0, 1, 0, 4, 0, 0, 1, 5}, i ? 2 : (double)NAN, {0, 0, {0}}, {0}};
   }
   return scene;
 }

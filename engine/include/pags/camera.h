@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A pinhole camera without distortion, which may have a rolling shutter, rigid motions and rotations, and the JSON
- * files that hold one camera or a path of cameras. All functions are safe to call from several threads at once. */
+/* A camera: a pinhole, or one with a lens, or with a rolling shutter; rigid motions and rotations, and the JSON files
+ * that hold one camera or a path of cameras. All functions are safe to call from several threads at once. */
 #ifndef PAGS_CAMERA_H
 #define PAGS_CAMERA_H
 
 #include <pags/base.h>
+#include <pags/lens.h>
 
 #ifdef __cplusplus
 extern "C" {
@@ -29,7 +30,25 @@ typedef struct pags_camera {
   double world_from_camera[12];
   double time;          /* seconds; NaN if unknown */
   pags_shutter shutter; /* all 0: global */
+  /* All 0: a pinhole. The depth of a camera with a lens is the distance from its centre, metres, that of a pinhole the
+   * coordinate along its axis. Its near plane is a sphere. Nothing is drawn outside of the circle that the lens sees.
+   */
+  pags_lens_model lens;
 } pags_camera;
+
+/* Whether the camera has a lens other than a pinhole. */
+static inline int pags_camera_bends(const pags_camera *camera) {
+  return !pags_lens_model_is_plain(&camera->lens);
+}
+
+/* Where the camera sees a point of its own frame, which need not be inside of the picture: `pixel`, and the derivatives
+ * by the point unless `jacobian` is NULL, row by row. Returns 0 if the lens doesn't see it, or if a pinhole has it
+ * behind its plane z = 0. The camera must have passed pags_camera_check. */
+PAGS_API int pags_camera_project(const pags_camera *camera, const double point[3], double pixel[2], double jacobian[6]);
+
+/* The unit direction, in the camera's frame, in which the camera sees at (x, y), px. Returns 0 if the lens sees nothing
+ * there. The camera must have passed pags_camera_check. */
+PAGS_API int pags_camera_look(const pags_camera *camera, double x, double y, double direction[3]);
 
 /* Whether the lines of the camera's picture are read one after another. */
 static inline int pags_camera_rolls(const pags_camera *camera) {
@@ -53,8 +72,9 @@ PAGS_API int pags_shutter_set(pags_shutter *shutter, const char *direction, doub
 PAGS_API const char *pags_shutter_direction(const pags_shutter *shutter);
 
 /* Checks the size (1..65535 pixels a side), that the focal lengths are positive and finite, that the principal
- * point is finite, that a rolling shutter reads in one direction, in at most a second and with a finite velocity, and
- * the pose as pags_rigid_check does, which also makes R exactly orthonormal. Returns PAGS_ERROR_FORMAT if a check
+ * point is finite, that a rolling shutter reads in one direction, in at most a second and with a finite velocity, the
+ * lens as pags_lens_model_check does and that it has no rolling shutter, and the pose as pags_rigid_check does, which
+ * also makes R exactly orthonormal. Returns PAGS_ERROR_FORMAT if a check
  * fails; `what` names the camera in the message. */
 PAGS_API pags_result pags_camera_check(pags_camera *camera, const char *what);
 
@@ -112,9 +132,10 @@ PAGS_API void pags_rotation_from_quaternion(const double q[4], double r[9]);
 PAGS_API void pags_quaternion_from_rotation(const double r[9], double q[4]);
 
 /* One camera or a path of cameras. A camera file is a JSON object with the members width, height, fx, fy, cx, cy,
- * camera_from_world_quaternion_wxyz, camera_from_world_translation and, optionally, time and rolling_shutter, an object
- * with the members direction, seconds and velocity (6 numbers). A path file is {"fps":
- * f, "frames": [camera, ...]} with f > 0 and at least one frame. */
+ * camera_from_world_quaternion_wxyz, camera_from_world_translation and, optionally, time, rolling_shutter, an object
+ * with the members direction, seconds and velocity (6 numbers), and lens, one with the members kind
+ * (pags_lens_kind_name) and, where they aren't 0, k (6 numbers), d (3), p (2), s (4) and field (degrees). A path file
+ * is {"fps": f, "frames": [camera, ...]} with f > 0 and at least one frame. */
 typedef struct pags_camera_path {
   double fps; /* frames per second; 0 for a single camera */
   int64_t count;

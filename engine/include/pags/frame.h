@@ -159,9 +159,10 @@ typedef struct pags_picture {
   int stride;                 /* width rounded up to a multiple of 16 */
   const float *rgb[3];        /* display-referred sRGB, background or sky included; not clamped */
   const float *transmittance; /* T: the fraction of the background that remains, 1 - accumulated alpha */
-  const float *depth;         /* extra_channels: sum(w z) / sum(w), camera z in metres; 0 where nothing is blended */
-  const int32_t *id;          /* extra_channels: id of the Gaussian of the largest w (equal: the nearer); -1: none */
-  const float *depth_sum;     /* extra_channels or depth_sum: sum(w z), the numerator of `depth` */
+  const float *depth;     /* extra_channels: sum(w z) / sum(w), camera z, with a lens the distance, in metres; 0 where
+                             nothing is blended */
+  const int32_t *id;      /* extra_channels: id of the Gaussian of the largest w (equal: the nearer); -1: none */
+  const float *depth_sum; /* extra_channels or depth_sum: sum(w z), the numerator of `depth` */
 } pags_picture;
 
 /* What a frame took and did. A pair is a Gaussian and a tile that it touches, or a Gaussian and a pixel. */
@@ -186,7 +187,8 @@ typedef struct pags_frame_stats {
   int64_t tiles, tiles_full;         /* tiles of the picture; tiles saturated before the last slab (0 with one) */
   int64_t occluders;                 /* EARLY_Z_PAPER: Gaussians that wrote depth */
   int64_t slabs;                     /* slabs of depth drawn one after another; 1 with OFF */
-  int64_t held; /* too fast for the rolling shutter, so drawn as at mid-exposure (docs/rolling-shutter.md) */
+  int64_t held;   /* too fast for the rolling shutter, so drawn as at mid-exposure (docs/rolling-shutter.md) */
+  int64_t beyond; /* of clusters in view, farther from the axis than the lens sees, so not drawn (docs/lenses.md) */
 } pags_frame_stats;
 
 /* Compute means over frames: pags_frame_stats_add adds every member of `one` to `sum`; pags_frame_stats_divide

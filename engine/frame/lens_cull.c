@@ -1,0 +1,83 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Which clusters a lens sees. The means of a cluster lie in a ball, of radius r about a point at the distance d > r,
+ * and so within the angle a = asin(r / d) of the direction to its middle, of angle c from the axis. Means beyond the
+ * angle `farthest` aren't drawn, so that nothing is where c - a is larger. Else, along the great circle from the middle
+ * to a mean, which nowhere is farther than c + a from the axis, |pixel of the mean - pixel of the middle| <= L a,   L
+ * the largest derivative of a pixel by a direction up to there extent = sqrt(reach_max (s^2 |J|^2 + low_pass)),    |J|
+ * <= L / (d - r), of a lens that clamps L / (least z) with the latter since a clamped direction is nearer to the axis
+ * and as far along it. */
+#include <math.h>
+
+#include "frame/lens_view.h"
+#include "maths/maths.h"
+
+typedef struct ball {
+  double middle[3], distance, radius;
+} ball;
+
+static ball ball_of(const float lo[3], const float hi[3]) {
+  ball b;
+  double along = 0, half = 0;
+  for (int k = 0; k < 3; k++) {
+    const double side = 0.5 * ((double)hi[k] - (double)lo[k]);
+    b.middle[k] = 0.5 * ((double)lo[k] + (double)hi[k]);
+    along += b.middle[k] * b.middle[k];
+    half += side * side;
+  }
+  b.distance = sqrt(along);
+  b.radius = 1.000001 * sqrt(half) + 1e-6 * b.distance;
+  return b;
+}
+
+/* The angle whose sine is `ratio` < 1. */
+static double angle_of_sine(double ratio) {
+  return pags_atan2(ratio, sqrt((1 - ratio) * (1 + ratio)));
+}
+
+/* Whether a Gaussian may reach over the seam, the half plane X = 0, Z < 0. A mean at the horizontal distance h has the
+ * extent sqrt(reach_max (s^2 (fx / h)^2 + low_pass)) along the longitude. */
+static bool meets_seam(const struct frame_lens *l, const pags_projection *v, ball b, float sigma, float reach_max) {
+  const double flat = sqrt(b.middle[0] * b.middle[0] + b.middle[2] * b.middle[2]);
+  if (!(flat > 1.001 * b.radius))
+    return true;
+  const double slope = l->camera.fx / (flat - b.radius), size = (double)sigma * slope;
+  const double extent = sqrt((double)reach_max * (size * size + (double)v->low_pass));
+  const double longitude = fabs(pags_atan2(b.middle[0], b.middle[2])) + angle_of_sine(b.radius / flat);
+  return 1.0001 * (l->camera.fx * longitude + extent) + 1 >= 0.5 * l->turn;
+}
+
+/* Sets the range [*first, *end) of 4-pixel blocks within `aside` of `middle`; returns whether it is empty. */
+static bool find_blocks(double middle, double aside, float size, uint16_t *first, uint16_t *end) {
+  const double blocks = ceil((double)size * 0.25);
+  *first = (uint16_t)fmin(fmax(floor((middle - aside + 0.5) * 0.25), 0), blocks);
+  *end = (uint16_t)fmin(fmax(floor((middle + aside - 0.5) * 0.25) + 1, 0), blocks);
+  return middle + aside <= 0 || middle - aside >= (double)size;
+}
+
+bool pags_frame_lens_misses(const struct frame_lens *l, const pags_projection *v, const float lo[3], const float hi[3],
+                            float sigma, float reach_max, cluster_bound *bound) {
+  const ball b = ball_of(lo, hi);
+  const double nearest = fmax(b.distance - b.radius, (double)v->near_plane);
+  bound->near = (float)(0.999999 * nearest);
+  bound->seam = l->sphere && meets_seam(l, v, b, sigma, reach_max);
+  find_blocks(0, INFINITY, v->width, &bound->reach.x0, &bound->reach.x1);
+  find_blocks(0, INFINITY, v->height, &bound->reach.y0, &bound->reach.y1);
+  if (b.distance + b.radius <= (double)v->near_plane)
+    return true;
+  if (l->sphere || !(b.distance > b.radius)) /* also where it isn't a number */
+    return false;
+  const double off = pags_lens_angle(b.middle), within = angle_of_sine(b.radius / b.distance);
+  if (off - within > l->farthest + 1e-6)
+    return true;
+  const double step = ceil((off + within) / l->farthest * LENS_STEPS);
+  if (!(step <= LENS_STEPS) || (l->clamps && !(lo[2] > 0.0f)))
+    return false;
+  double at[2];
+  pags_lens_see(&l->camera.lens, b.middle, at, NULL);
+  const double most = (double)l->reach[(int)step], slope = most / (l->clamps ? (double)lo[2] : b.distance - b.radius);
+  const double extent = sqrt((double)reach_max * ((double)sigma * slope * (double)sigma * slope + (double)v->low_pass)),
+               aside = 1.0001 * (most * within + extent) + 1e-3;
+  const double x = l->camera.fx * at[0] + l->camera.cx, y = l->camera.fy * at[1] + l->camera.cy;
+  const bool beside = find_blocks(x, aside, v->width, &bound->reach.x0, &bound->reach.x1);
+  return find_blocks(y, aside, v->height, &bound->reach.y0, &bound->reach.y1) || beside;
+}

@@ -1,0 +1,380 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Projection of Gaussians through a lens, and its backward pass, in double precision, one Gaussian at a time.
+ *
+ * The covariance is projected by the Jacobian J of the lens at the mean (EWA: Zwicker et al. 2001), as in
+ * simd/project.inl with its notation, where J is a pinhole's:
+ *   M = J W R S,  [A B; B C] = M M' + low_pass I,  D0 = the sum of the squared 2x2 minors of M
+ * Sigma points (Julier and Uhlmann 1997; Wu et al. 2024) were measured beside it (docs/lab/lenses.md).
+ *
+ * Backward, L depends on the mean p by m(p), by the distance and by J. With G = dL/dJ, row g_i for row J_i,
+ *   dL/dp_k = sum_ij G_ij dJ_ij/dp_k = sum_i (derivative of J_ik along g_i),
+ * since the second derivatives of m_i are symmetric: two directional derivatives, taken as central differences of J,
+ * whose error in double is below the rounding of the floats that are stored. */
+#include <assert.h>
+#include <math.h>
+#include <string.h>
+
+#include "frame/lens_view.h"
+#include "maths/maths.h"
+
+enum { MOST_MEMBERS = 256 };
+
+static const double half_log2e = 0.72134752044448170;
+
+/* A projected Gaussian: what the backward pass takes up again. */
+typedef struct seen {
+  double p[3], distance, at[2]; /* mean in camera space, px */
+  double q[3];                  /* where J is taken: p, or the nearest direction of a lens that clamps */
+  bool clamped[2];
+  double here[6], j[6]; /* derivatives at p and at q */
+  double sigma[3], quaternion[4], inverse_norm, rotation[9], t[6], m[6], minor[3];
+  double a, b, c, d0, d, compensation, opacity, rest;
+} seen;
+
+typedef enum sight { SIGHT_NEAR, SIGHT_BEYOND, SIGHT_GOOD } sight_kind;
+
+/* ---- Forward ---- */
+
+static void find_derivatives(const struct frame_lens *l, const double p[3], double at[2], double j[6]) {
+  double plane[2];
+  pags_lens_see(&l->camera.lens, p, plane, j);
+  at[0] = l->camera.fx * plane[0] + l->camera.cx;
+  at[1] = l->camera.fy * plane[1] + l->camera.cy;
+  for (int k = 0; k < 3; k++)
+    j[k] *= l->camera.fx, j[3 + k] *= l->camera.fy;
+}
+
+static void find_rotation(const float *data, int64_t stride, seen *s) {
+  double norm2 = 0;
+  for (int k = 0; k < 4; k++) {
+    s->quaternion[k] = (double)data[(PAGS_ROTATION + k) * stride];
+    norm2 += s->quaternion[k] * s->quaternion[k];
+  }
+  const bool none = norm2 <= 1e-30;
+  s->inverse_norm = none ? 0 : 1 / sqrt(norm2);
+  for (int k = 0; k < 4; k++)
+    s->quaternion[k] = none ? (k == 0 ? 1 : 0) : s->quaternion[k] * s->inverse_norm;
+  pags_rotation_from_quaternion(s->quaternion, s->rotation);
+}
+
+/* Computes the mean in camera space and in pixels, and J. */
+static sight_kind find_mean(const struct frame_lens *l, const pags_projection *v, const float *data, int64_t stride,
+                            seen *s) {
+  double square = 0;
+  for (int i = 0; i < 3; i++) {
+    s->p[i] = (double)v->t[i];
+    for (int k = 0; k < 3; k++)
+      s->p[i] += (double)v->r[3 * i + k] * (double)data[(PAGS_MEAN + k) * stride];
+    square += s->p[i] * s->p[i];
+  }
+  s->distance = sqrt(square);
+  if (!(s->distance > (double)v->near_plane && s->distance < 1e18)) /* false for NaN */
+    return SIGHT_NEAR;
+  if (!l->sphere && !(pags_lens_angle(s->p) <= l->farthest))
+    return SIGHT_BEYOND;
+  find_derivatives(l, s->p, s->at, s->here);
+  memcpy(s->q, s->p, sizeof s->q);
+  for (int i = 0; i < 2; i++) {
+    const double slope = l->clamps ? s->p[i] / s->p[2] : 0, held = fmin(fmax(slope, l->least[i]), l->most[i]);
+    s->clamped[i] = l->clamps && held != slope;
+    if (s->clamped[i])
+      s->q[i] = held * s->p[2];
+  }
+  memcpy(s->j, s->here, sizeof s->j);
+  if (s->clamped[0] || s->clamped[1]) {
+    double unused[2];
+    find_derivatives(l, s->q, unused, s->j);
+  }
+  return SIGHT_GOOD;
+}
+
+static sight_kind find_seen(const struct frame_lens *l, const pags_projection *v, const float *data, int64_t stride,
+                            seen *s) {
+  const sight_kind sight = find_mean(l, v, data, stride, s);
+  if (sight != SIGHT_GOOD)
+    return sight;
+  find_rotation(data, stride, s);
+  for (int i = 0; i < 2; i++)
+    for (int k = 0; k < 3; k++)
+      s->t[3 * i + k] =
+          s->j[3 * i] * (double)v->r[k] + s->j[3 * i + 1] * (double)v->r[3 + k] + s->j[3 * i + 2] * (double)v->r[6 + k];
+  for (int k = 0; k < 3; k++) {
+    s->sigma[k] = pags_exp((double)data[(PAGS_SCALE + k) * stride]);
+    for (int i = 0; i < 2; i++)
+      s->m[3 * i + k] =
+          (s->t[3 * i] * s->rotation[k] + s->t[3 * i + 1] * s->rotation[3 + k] + s->t[3 * i + 2] * s->rotation[6 + k]) *
+          s->sigma[k];
+  }
+  const double *const m = s->m, low = (double)v->low_pass;
+  s->minor[0] = m[0] * m[4] - m[1] * m[3];
+  s->minor[1] = m[0] * m[5] - m[2] * m[3];
+  s->minor[2] = m[1] * m[5] - m[2] * m[4];
+  const double a0 = m[0] * m[0] + m[1] * m[1] + m[2] * m[2], c0 = m[3] * m[3] + m[4] * m[4] + m[5] * m[5];
+  s->a = a0 + low;
+  s->b = m[0] * m[3] + m[1] * m[4] + m[2] * m[5];
+  s->c = c0 + low;
+  s->d0 = s->minor[0] * s->minor[0] + s->minor[1] * s->minor[1] + s->minor[2] * s->minor[2];
+  s->d = s->d0 + low * (a0 + c0) + low * low;
+
+  const double fade = pags_exp(-(double)data[PAGS_OPACITY * stride]), raw = 1 / (1 + fade);
+  s->rest = fade < 1e300 ? fade * raw : 1;
+  s->compensation = v->antialiased ? sqrt(fmax(2.5e-5, s->d0 / s->d)) : 1;
+  s->opacity = raw * s->compensation;
+  return SIGHT_GOOD;
+}
+
+/* Where the splat's box begins and ends along an axis, in 4-pixel blocks that have a pixel centre in it. */
+static void find_blocks(double mean, double extent, double size, uint16_t *first, uint16_t *end) {
+  const double e = extent * 1.00001 + fabs(mean) * 1e-6 + 1e-3, blocks = ceil(size * 0.25);
+  *first = (uint16_t)fmin(fmax(floor((mean - e + 0.5) * 0.25), 0), blocks);
+  *end = (uint16_t)fmin(fmax(floor((mean + e - 0.5) * 0.25) + 1, 0), blocks);
+}
+
+/* The cut of a part with antialiasing, as project_cuts of simd/project.inl. */
+static pags_alpha_cut cut_of(const pags_projection *v, double compensation) {
+  pags_alpha_cut cut = v->alpha;
+  if (!v->antialiased || cut.floor == 0.0f)
+    return cut;
+  const double scale = fmax(compensation, (double)(PAGS_ALPHA_MIN / cut.least));
+  cut.least = (float)((double)cut.least * scale);
+  cut.cut = (float)((double)cut.cut + pags_log2(scale));
+  cut.floor = (float)((double)cut.floor * scale);
+  return cut;
+}
+
+/* Writes the splat, the box's extent and *reach of a Gaussian; returns its key, UINT32_MAX if it isn't drawn.
+ * `across`: px by which it is moved, for its second place over the seam. */
+static uint32_t write_splat(const pags_projection *v, const seen *s, double factor, bool factored, double across,
+                            pags_splat *out, pags_tile_box *box, pags_reach *reach) {
+  const pags_alpha_cut cut = cut_of(v, s->compensation);
+  const double opacity = s->opacity * factor, x = s->at[0] + across, y = s->at[1];
+  const double raw = pags_log2(fmax(opacity, 1e-30)), l = (factored ? raw : fmin(raw, 0)) + (double)v->alpha.lift;
+  const double square = (l - (double)cut.cut) / half_log2e;
+  const double half[2] = {sqrt(fmax(square * s->a, 0)), sqrt(fmax(square * s->c, 0))};
+  for (int k = 0; k < v->clip_count; k++) {
+    const float *const p = v->clips[k];
+    if (!((double)p[0] * s->p[0] + (double)p[1] * s->p[1] + (double)p[2] * s->p[2] + (double)p[3] >= 0))
+      return UINT32_MAX;
+  }
+  /* Comparisons are false for NaN. */
+  const bool drawn = (float)opacity >= cut.least && s->a < 1e18 && s->c < 1e18 && s->d > 0 && s->d < 1e36 &&
+                     x + half[0] > 0 && x - half[0] < (double)v->width && y + half[1] > 0 &&
+                     y - half[1] < (double)v->height && fabs(x) < 1e18 && fabs(y) < 1e18;
+  if (!drawn)
+    return UINT32_MAX;
+  *out = (pags_splat){.x = (float)x,
+                      .y = (float)y,
+                      .p = (float)sqrt(half_log2e * s->c / s->d),
+                      .h = (float)(s->b / s->c),
+                      .w = (float)sqrt(half_log2e / s->c),
+                      .log2_opacity = (float)l,
+                      .z = (float)s->distance,
+                      .slope = (float)(s->b / s->a),
+                      .cut = cut.cut,
+                      .floor = cut.floor};
+  box->extent[0] = (float)half[0], box->extent[1] = (float)half[1];
+  if (reach) {
+    const double wide = (l + (double)PAGS_CUT_SLACK - (double)cut.cut) / half_log2e;
+    find_blocks(x, sqrt(fmax(wide * s->a, 0)), (double)v->width, &reach->x0, &reach->x1);
+    find_blocks(y, sqrt(fmax(wide * s->c, 0)), (double)v->height, &reach->y0, &reach->y1);
+  }
+  uint32_t key;
+  memcpy(&key, &out->z, sizeof key);
+  return key;
+}
+
+int pags_frame_project_lens(const pags_frame *f, const view_cluster *c, const float *rows, int64_t stride,
+                            pags_reach *reaches) {
+  const struct frame_lens *const lens = f->lens;
+  const pags_projection *const v = f->projections + c->part;
+  const float *const factors = f->parts[c->part].opacity_factor;
+  int beyond = 0;
+  for (int k = 0; k < c->count; k++) {
+    seen s;
+    const sight_kind sight = find_seen(lens, v, rows + k, stride, &s);
+    f->keys[c->base + k] = UINT32_MAX;
+    beyond += sight == SIGHT_BEYOND;
+    if (sight != SIGHT_GOOD)
+      continue;
+    const double across = !c->turned ? 0 : s.at[0] > lens->camera.cx ? -lens->turn : lens->turn;
+    f->keys[c->base + k] = write_splat(v, &s, factors ? (double)factors[c->first + k] : 1, factors, across,
+                                       f->splats + c->base + k, f->boxes + c->base + k, reaches ? reaches + k : NULL);
+  }
+  return beyond;
+}
+
+/* ---- Backward ---- */
+
+/* Adds up the row's slots; the splat is drawn. */
+static void add_slots(const pags_splat *splat, const float *slots, double sums[PAGS_SLOT_FLOATS]) {
+  const double ln2 = 0.69314718055994531;
+  for (int f = 0; f < PAGS_SLOT_FLOATS; f++)
+    sums[f] = 0;
+  for (uint32_t i = 0; i < splat->tiles; i++)
+    for (int f = 0; f < PAGS_SLOT_FLOATS; f++)
+      sums[f] += (double)slots[i * PAGS_SLOT_FLOATS + (uint32_t)f];
+  for (int f = 0; f < PAGS_SLOT_FLOATS; f++)
+    sums[f] *= f >= PAGS_SLOT_R && f <= PAGS_SLOT_Z ? 1 : ln2;
+}
+
+/* dL/dM from dL/d(A0, B, C0, D0). */
+static void covariance_backward(const seen *s, double ga, double gb, double gc, double gd0, double gm[6]) {
+  const double *const m = s->m;
+  double e[3];
+  for (int k = 0; k < 3; k++) {
+    e[k] = 2 * gd0 * s->minor[k];
+    gm[k] = 2 * ga * m[k] + gb * m[3 + k];
+    gm[3 + k] = 2 * gc * m[3 + k] + gb * m[k];
+  }
+  gm[0] += e[0] * m[4] + e[1] * m[5];
+  gm[1] += e[2] * m[5] - e[0] * m[3];
+  gm[2] -= e[1] * m[3] + e[2] * m[4];
+  gm[3] -= e[0] * m[1] + e[1] * m[2];
+  gm[4] += e[0] * m[0] - e[2] * m[2];
+  gm[5] += e[1] * m[0] + e[2] * m[1];
+}
+
+/* dL/dq of the quaternion as stored from dL/dR. */
+static void quaternion_backward(const seen *s, const double gr[9], double gq[4]) {
+  const double w = s->quaternion[0], x = s->quaternion[1], y = s->quaternion[2], z = s->quaternion[3];
+  const double g[4] = {2 * (x * (gr[7] - gr[5]) + y * (gr[2] - gr[6]) + z * (gr[3] - gr[1])),
+                       2 * (y * (gr[1] + gr[3]) + z * (gr[2] + gr[6]) + w * (gr[7] - gr[5])) - 4 * x * (gr[4] + gr[8]),
+                       2 * (x * (gr[1] + gr[3]) + z * (gr[5] + gr[7]) + w * (gr[2] - gr[6])) - 4 * y * (gr[0] + gr[8]),
+                       2 * (x * (gr[2] + gr[6]) + y * (gr[5] + gr[7]) + w * (gr[3] - gr[1])) - 4 * z * (gr[0] + gr[4])};
+  /* The derivative of the normalisation is (I - q q') / |q|. */
+  const double along = w * g[0] + x * g[1] + y * g[2] + z * g[3];
+  for (int k = 0; k < 4; k++)
+    gq[k] = (g[k] - along * s->quaternion[k]) * s->inverse_norm;
+}
+
+/* Adds to gp what dL/dJ = g gives: the derivative of each row of J along its row of g. */
+static void jacobian_backward(const struct frame_lens *l, const seen *s, const double g[6], double gp[3]) {
+  double by_q[3] = {0, 0, 0}, unused[2];
+  const double length = sqrt(s->q[0] * s->q[0] + s->q[1] * s->q[1] + s->q[2] * s->q[2]);
+  for (int i = 0; i < 2; i++) {
+    const double *const along = g + 3 * i;
+    const double size = sqrt(along[0] * along[0] + along[1] * along[1] + along[2] * along[2]);
+    if (!(size > 0))
+      continue;
+    const double step = 1e-4 * length / size;
+    double before[3], after[3], low[6], high[6];
+    for (int k = 0; k < 3; k++)
+      before[k] = s->q[k] - step * along[k], after[k] = s->q[k] + step * along[k];
+    find_derivatives(l, before, unused, low);
+    find_derivatives(l, after, unused, high);
+    for (int k = 0; k < 3; k++)
+      by_q[k] += (high[3 * i + k] - low[3 * i + k]) / (2 * step);
+  }
+  for (int i = 0; i < 2; i++)
+    if (s->clamped[i]) { /* q_i = held * p_z */
+      by_q[2] += by_q[i] * s->q[i] / s->q[2];
+      by_q[i] = 0;
+    }
+  for (int k = 0; k < 3; k++)
+    gp[k] += by_q[k];
+}
+
+/* Adds the gradients of row k by its place and shape; the planes hold those by its colour. */
+static void shape_backward(const struct frame_lens *l, const pags_projection *v, const seen *s,
+                           const double f[PAGS_SLOT_FLOATS], int k, const pags_row_gradient *out) {
+  const double p = sqrt(half_log2e * s->c / s->d), h = s->b / s->c, w = sqrt(half_log2e / s->c);
+  const double low = (double)v->low_pass;
+  const double by_pixel[2] = {2 * p * f[PAGS_SLOT_SU], 2 * (w * f[PAGS_SLOT_SV] - p * h * f[PAGS_SLOT_SU])};
+  const double gb = 2 * f[PAGS_SLOT_SUV] / sqrt(s->d), glog = f[PAGS_SLOT_S] * 1.44269504088896340;
+  double gc = (f[PAGS_SLOT_SVV] - f[PAGS_SLOT_SUU]) / s->c - h * gb, gd = f[PAGS_SLOT_SUU] / s->d, gd0 = 0;
+  if (v->antialiased && s->d0 / s->d > 2.5e-5) { /* d ln compensation = (dD0/D0 - dD/D) / 2 above its floor */
+    gd0 = 0.5 * glog / s->d0;
+    gd -= 0.5 * glog / s->d;
+  }
+  gd0 += gd;
+  gc += low * gd;
+
+  double gm[6], gt[6], gr[9], gq[4], gj[6], gp[3];
+  covariance_backward(s, low * gd, gb, gc, gd0, gm);
+  for (int i = 0; i < 3; i++)
+    out->data[(PAGS_SCALE + i) * out->stride + k] = (float)(gm[i] * s->m[i] + gm[3 + i] * s->m[3 + i]);
+  for (int i = 0; i < 6; i++)
+    gm[i] *= s->sigma[i % 3];
+  for (int i = 0; i < 3; i++) {
+    const double *const r = s->rotation + 3 * i;
+    gt[i] = gm[0] * r[0] + gm[1] * r[1] + gm[2] * r[2];
+    gt[3 + i] = gm[3] * r[0] + gm[4] * r[1] + gm[5] * r[2];
+    for (int n = 0; n < 3; n++)
+      gr[3 * i + n] = s->t[i] * gm[n] + s->t[3 + i] * gm[3 + n];
+  }
+  quaternion_backward(s, gr, gq);
+  for (int i = 0; i < 4; i++)
+    out->data[(PAGS_ROTATION + i) * out->stride + k] = (float)gq[i];
+  out->data[PAGS_OPACITY * out->stride + k] = (float)(glog * s->rest);
+  for (int i = 0; i < 3; i++) {
+    const float *const r = v->r + 3 * i;
+    gj[i] = gt[0] * (double)r[0] + gt[1] * (double)r[1] + gt[2] * (double)r[2];
+    gj[3 + i] = gt[3] * (double)r[0] + gt[4] * (double)r[1] + gt[5] * (double)r[2];
+    gp[i] = by_pixel[0] * s->here[i] + by_pixel[1] * s->here[3 + i] + f[PAGS_SLOT_Z] * s->p[i] / s->distance;
+  }
+  jacobian_backward(l, s, gj, gp);
+  for (int i = 0; i < 3; i++)
+    out->data[(PAGS_MEAN + i) * out->stride + k] +=
+        (float)(gp[0] * (double)v->r[i] + gp[1] * (double)v->r[3 + i] + gp[2] * (double)v->r[6 + i]);
+
+  const double half_w = 0.5 * (double)v->width, half_h = 0.5 * (double)v->height, middle = 0.5 * (s->a + s->c);
+  out->mean2d[k] = (float)pags_hypot(by_pixel[0] * half_w, by_pixel[1] * half_h);
+  out->mean2d_abs[k] = (float)pags_hypot(2 * p * f[PAGS_SLOT_ABS_X] * half_w, 2 * f[PAGS_SLOT_ABS_Y] * half_h);
+  out->radius[k] = (float)(3 * sqrt(middle + sqrt(fmax(0.1, middle * middle - s->d))));
+}
+
+/* Sets a row with a value that isn't finite to zero, and returns whether it had one. */
+static bool guard_row(int planes, int k, const pags_row_gradient *out) {
+  int p = 0;
+  while (p < planes && fabsf(out->data[p * out->stride + k]) < 3e38f)
+    p++;
+  if (p == planes)
+    return false;
+  out->bad[k] = (uint8_t)(p + 1);
+  for (p = 0; p < planes; p++)
+    out->data[p * out->stride + k] = 0.0f;
+  out->mean2d[k] = out->mean2d_abs[k] = 0.0f;
+  return true;
+}
+
+int pags_frame_lens_backward(const pags_frame *frame, const view_cluster *c, const float *slots,
+                             const pags_row_gradient *out) {
+  const pags_projection *const v = frame->projections + c->part;
+  const pags_gaussians *const g = frame->parts[c->part].gaussians;
+  const uint32_t *const keys = frame->keys + c->base;
+  double sums[MOST_MEMBERS][PAGS_SLOT_FLOATS];
+  float colours[MOST_MEMBERS * PAGS_SLOT_FLOATS] = {0.0f};
+  pags_splat splats[MOST_MEMBERS];
+  int64_t places[MOST_MEMBERS];
+  assert(c->count <= MOST_MEMBERS && out->bad);
+  for (int k = 0; k < c->count; k++) {
+    splats[k] = frame->splats[c->base + k];
+    places[k] = k;
+    if (keys[k] == UINT32_MAX || splats[k].tiles == 0)
+      continue;
+    add_slots(splats + k, slots + frame->slot_start[c->base + k] * PAGS_SLOT_FLOATS, sums[k]);
+    for (int f = PAGS_SLOT_R; f <= PAGS_SLOT_B; f++)
+      colours[k * PAGS_SLOT_FLOATS + f] = (float)sums[k][f];
+    splats[k].tiles = 1;
+  }
+  /* The gradients by the colours, and through the direction by the mean, are a pinhole's. Its kernel takes them along
+   * with the shape of a camera in which all else is constant. */
+  pags_projection alone = *v;
+  memset(alone.r, 0, sizeof alone.r);
+  alone.t[0] = alone.t[1] = alone.cx = alone.cy = alone.near_plane = 0.0f;
+  alone.t[2] = alone.fx = alone.fy = alone.low_pass = alone.lim_x1 = alone.lim_y1 = 1.0f;
+  alone.lim_x0 = alone.lim_y0 = -1.0f;
+  alone.antialiased = 0;
+  int bad = frame->kernels->project_backward(&alone, g->data + c->first, g->stride, c->count, keys, splats, places,
+                                             colours, out);
+  for (int k = 0; k < c->count; k++) {
+    seen s;
+    if (keys[k] == UINT32_MAX || splats[k].tiles == 0 || out->bad[k])
+      continue;
+    if (find_seen(frame->lens, v, g->data + c->first + k, g->stride, &s) != SIGHT_GOOD)
+      continue;
+    shape_backward(frame->lens, v, &s, sums[k], k, out);
+    bad += guard_row(pags_plane_count(v->sh_degree), k, out);
+  }
+  return bad;
+}

@@ -1,0 +1,231 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What a frame knows of its lens: how far means are drawn, how fast pixels change with directions, and the direction of
+ * each pixel's centre, along which the sky is seen. The directions are kept for the next frame of the same lens. */
+#include "frame/lens_view.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "base/memory.h"
+#include "maths/maths.h"
+#include "port/port.h"
+#include "scene/lens.h"
+
+/* Means this much beyond what is seen are drawn still, radians: 20 degrees, for large Gaussians at the edge. */
+static const double beyond = 0.35;
+
+/* ---- Limits ---- */
+
+/* The largest angle from the axis at the picture's border, and the range of x/z and y/z there; the lens's widest angle
+ * where the border isn't seen. */
+static void look_at_border(const pags_camera *c, double *angle, double least[2], double most[2]) {
+  enum { POINTS = 64 };
+  const double widest = pags_lens_model_widest(&c->lens);
+  *angle = 0;
+  least[0] = least[1] = INFINITY;
+  most[0] = most[1] = -INFINITY;
+  for (int i = 0; i < POINTS; i++) {
+    const double along = (double)(i % 16) / 16, side = i / 16 % 2 ? 1 : 0;
+    const double u = i < 32 ? (side > 0 ? 1 - along : along) : side, v = i < 32 ? side : (side > 0 ? 1 - along : along);
+    double direction[3];
+    const bool seen = pags_camera_look(c, u * c->width, v * c->height, direction);
+    *angle = fmax(*angle, seen ? pags_lens_angle(direction) : widest);
+    if (!seen) { /* as far as the lens goes, in the direction of this point */
+      const double x = u * c->width - c->cx, y = v * c->height - c->cy, length = fmax(pags_hypot(x, y), 1e-9);
+      direction[0] = pags_sin(widest) * x / length;
+      direction[1] = pags_sin(widest) * y / length;
+      direction[2] = pags_cos(widest);
+    }
+    for (int k = 0; k < 2; k++) {
+      least[k] = fmin(least[k], direction[k] / direction[2]);
+      most[k] = fmax(most[k], direction[k] / direction[2]);
+    }
+  }
+}
+
+/* The largest singular value of a 2x3 matrix. */
+static double largest_stretch(const double j[6]) {
+  const double a = j[0] * j[0] + j[1] * j[1] + j[2] * j[2], b = j[0] * j[3] + j[1] * j[4] + j[2] * j[5],
+               c = j[3] * j[3] + j[4] * j[4] + j[5] * j[5];
+  return sqrt(0.5 * (a + c + sqrt((a - c) * (a - c) + 4 * b * b)));
+}
+
+/* Samples the derivatives in rings around the axis; 5 % are added for what lies in between. */
+static void find_reach(struct frame_lens *l) {
+  enum { ROUND = 32 };
+  double most = 0;
+  for (int i = 0; i <= LENS_STEPS; i++) {
+    const double angle = l->farthest * i / LENS_STEPS;
+    for (int k = 0; k < ROUND; k++) {
+      const double turn = 2 * 3.14159265358979323846 * k / ROUND;
+      const double v[3] = {pags_sin(angle) * pags_cos(turn), pags_sin(angle) * pags_sin(turn), pags_cos(angle)};
+      double at[2], j[6];
+      pags_lens_see(&l->camera.lens, v, at, j);
+      for (int n = 0; n < 3; n++)
+        j[n] *= l->camera.fx, j[3 + n] *= l->camera.fy;
+      most = fmax(most, largest_stretch(j));
+    }
+    l->reach[i] = (float)(1.05 * most);
+  }
+}
+
+/* ---- Directions of the pixels ---- */
+
+typedef struct rays_context {
+  const pags_camera *camera;
+  float *x, *y, *z; /* planes */
+  int stride;
+} rays_context;
+
+/* Goes along a row from the column nearest to the principal point outwards, each direction beginning at the last. What
+ * lies beyond the first pixel that isn't seen isn't, either. */
+static void find_row(const rays_context *c, int row, int from, int to, int step) {
+  const pags_camera *const camera = c->camera;
+  double direction[3] = {0, 0, 0};
+  for (int x = from; x != to; x += step) {
+    const double at[2] = {(x + 0.5 - camera->cx) / camera->fx, (row + 0.5 - camera->cy) / camera->fy};
+    if (!pags_lens_look(&camera->lens, at, direction))
+      return;
+    const int64_t pixel = (int64_t)row * c->stride + x;
+    c->x[pixel] = (float)direction[0], c->y[pixel] = (float)direction[1], c->z[pixel] = (float)direction[2];
+  }
+}
+
+/* Block function: rows [begin, end). */
+static void find_rows(void *context, int64_t begin, int64_t end, int worker) {
+  const rays_context *const c = context;
+  (void)worker;
+  for (int64_t row = begin; row < end; row++) {
+    const int width = c->camera->width, middle = (int)fmin(fmax(c->camera->cx, 0), width);
+    find_row(c, (int)row, middle, width, 1);
+    find_row(c, (int)row, middle - 1, -1, -1);
+  }
+}
+
+static bool same_lens(const pags_camera *a, const pags_camera *b) {
+  return a->width == b->width && a->height == b->height && a->fx == b->fx && a->fy == b->fy && a->cx == b->cx &&
+         a->cy == b->cy && a->lens.kind == b->lens.kind && memcmp(a->lens.k, b->lens.k, sizeof a->lens.k) == 0 &&
+         memcmp(a->lens.d, b->lens.d, sizeof a->lens.d) == 0 && memcmp(a->lens.p, b->lens.p, sizeof a->lens.p) == 0 &&
+         memcmp(a->lens.s, b->lens.s, sizeof a->lens.s) == 0 && a->lens.field == b->lens.field;
+}
+
+static pags_result find_rays(pags_frame *f, const pags_camera *camera) {
+  if (f->lens_rays && same_lens(&f->lens_camera, camera))
+    return PAGS_OK;
+  pags_port_aligned_free(f->lens_rays);
+  const size_t bytes = (size_t)f->plane_size * 3 * sizeof *f->lens_rays;
+  f->lens_rays = pags_port_aligned_alloc(64, bytes);
+  f->plane_calls++;
+  if (!f->lens_rays)
+    return pags_out_of_memory("the directions of %d x %d pixels", camera->width, camera->height);
+  memset(f->lens_rays, 0, bytes);
+  f->lens_camera = (pags_camera){0};
+  const rays_context c = {camera, f->lens_rays, f->lens_rays + f->plane_size, f->lens_rays + 2 * f->plane_size,
+                          f->stride};
+  PAGS_TRY(pags_frame_for(f, camera->height, 8, find_rows, (void *)&c));
+  f->lens_camera = *camera;
+  return PAGS_OK;
+}
+
+pags_result pags_frame_prepare_lens(pags_frame *f) {
+  f->lens = NULL;
+  if (!pags_camera_bends(&f->camera))
+    return PAGS_OK;
+  struct frame_lens *const l = pags_frame_alloc(f, 1, sizeof *l, "lens");
+  if (!l)
+    return PAGS_ERROR_MEMORY;
+  *l = (struct frame_lens){.camera = f->camera};
+  PAGS_TRY(pags_lens_model_check(&l->camera.lens, "the camera's lens"));
+  if (pags_camera_rolls(&f->camera))
+    return pags_fail(PAGS_ERROR_UNSUPPORTED, "a rolling shutter and a lens other than a pinhole aren't drawn together");
+  double angle;
+  look_at_border(&l->camera, &angle, l->least, l->most);
+  l->farthest = fmin(l->camera.lens.limit, fmin(angle, pags_lens_model_widest(&l->camera.lens)) + beyond);
+  l->sphere = l->camera.lens.kind == PAGS_LENS_EQUIRECTANGULAR;
+  l->turn = l->sphere ? 2 * 3.14159265358979323846 * l->camera.fx : 0;
+  l->clamps = !l->sphere && !pags_lens_is_of_angle(l->camera.lens.kind);
+  for (int k = 0; k < 2; k++) {
+    const double more = 0.15 * (l->most[k] - l->least[k]); /* 0.3 of half the field, as a pinhole's */
+    l->least[k] = fmin(l->least[k] - more, 0), l->most[k] = fmax(l->most[k] + more, 0); /* towards the axis, always */
+  }
+  if (!l->sphere)
+    find_reach(l);
+  PAGS_TRY(find_rays(f, &l->camera));
+  l->rays = f->lens_rays;
+  f->lens = l;
+  return PAGS_OK;
+}
+
+/* ---- What isn't seen, and the sky ---- */
+
+void pags_frame_mask_lens(const pags_frame *f, int64_t tile) {
+  const int64_t at = frame_tile_offset(f, tile);
+  const float *const ray[3] = {f->lens->rays + at, f->lens->rays + f->plane_size + at,
+                               f->lens->rays + 2 * f->plane_size + at};
+  for (int y = 0; y < PAGS_TILE; y++)
+    for (int x = 0; x < PAGS_TILE; x++) {
+      const int64_t i = (int64_t)y * f->stride + x;
+      if (ray[0][i] != 0.0f || ray[1][i] != 0.0f || ray[2][i] != 0.0f)
+        continue;
+      for (int c = 0; c < 3; c++)
+        frame_plane(f, PLANE_R + c)[at + i] = 0.0f;
+      frame_plane(f, PLANE_T)[at + i] = 1.0f;
+      if (f->options.extra_channels || f->options.depth_sum)
+        frame_plane(f, PLANE_DEPTH_SUM)[at + i] = 0.0f;
+      if (f->options.extra_channels) {
+        frame_plane(f, PLANE_DEPTH)[at + i] = 0.0f;
+        ((int32_t *)(void *)frame_plane(f, PLANE_ID))[at + i] = -1;
+      }
+    }
+}
+
+/* One axis of simd/sky.inl's cell: the first texel, and the place 0..1 in the cell. */
+static int32_t sky_axis(float position, int size, float *rest) {
+  const float half = 0.5f * (float)size, last = (float)(size - 1), last_cell = size > 1 ? (float)(size - 2) : 0.0f;
+  const float u = fmaxf(fminf(position * half + (half - 0.5f), last), 0.0f);
+  const int32_t first = (int32_t)fminf(floorf(u), last_cell);
+  *rest = u - (float)first;
+  return first;
+}
+
+/* The cell that pixel (x, y) sees, as simd/sky.inl finds it from a direction; the first one where nothing is seen. */
+static void find_cell(const pags_frame *f, int x, int y, int32_t *row, int32_t *column, float *along, float *down) {
+  const int64_t pixel = (int64_t)y * f->stride + x;
+  const double *const m = f->camera.world_from_camera;
+  float d[3], a[3];
+  for (int k = 0; k < 3; k++) {
+    d[k] = 0.0f;
+    for (int j = 0; j < 3; j++)
+      d[k] += (float)m[4 * k + j] * f->lens->rays[j * f->plane_size + pixel];
+    a[k] = fabsf(d[k]);
+  }
+  *row = *column = 0;
+  *along = *down = 0.0f;
+  const bool on_x = a[0] >= a[1] && a[0] >= a[2], on_y = !on_x && a[1] >= a[2];
+  const int axis = on_x ? 0 : on_y ? 1 : 2, face = 2 * axis + (d[axis] < 0.0f ? 1 : 0);
+  if (!(a[axis] > 0.0f))
+    return;
+  const float s[6] = {-d[2], d[2], d[0], d[0], d[0], -d[0]}, t[6] = {-d[1], -d[1], d[2], -d[2], -d[1], -d[1]};
+  *column = sky_axis(s[face] / a[axis], f->rays.size, along);
+  *row = face * f->rays.size + sky_axis(t[face] / a[axis], f->rays.size, down);
+}
+
+void pags_frame_lens_sky(const pags_frame *f, int x0, int y0, pags_sky_tile *tile) {
+  for (int i = 0; i < PAGS_TILE_PIXELS; i++) {
+    int32_t row, column;
+    find_cell(f, x0 + i % PAGS_TILE, y0 + i / PAGS_TILE, &row, &column, tile->along + i, tile->down + i);
+    tile->texel[i] = row * f->rays.size + column;
+  }
+}
+
+void pags_frame_lens_cells(const pags_frame *f, int x0, int y0, int step, int32_t *row, int32_t *column,
+                           float *const weight[4]) {
+  for (int y = 0; y * step < PAGS_TILE; y++)
+    for (int x = 0; x < PAGS_TILE; x++) {
+      const int i = y * PAGS_TILE + x;
+      float along, down;
+      find_cell(f, x0 + x, y0 + y * step, row + i, column + i, &along, &down);
+      weight[0][i] = (1.0f - down) * (1.0f - along), weight[1][i] = (1.0f - down) * along;
+      weight[2][i] = down * (1.0f - along), weight[3][i] = down * along;
+    }
+}

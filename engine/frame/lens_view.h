@@ -1,0 +1,54 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Drawing through a lens (pags/lens.h). A Gaussian's mean is projected by the lens itself, its covariance by the lens's
+ * derivatives at the mean, in double precision, one Gaussian at a time; what comes out is the splat that the kernels
+ * write for a pinhole, and all later stages are the same. Depth, key and near plane are distances from the camera.
+ * Internal to engine/frame. */
+#ifndef PAGS_FRAME_LENS_VIEW_H
+#define PAGS_FRAME_LENS_VIEW_H
+
+#include "frame/stages.h"
+
+enum { LENS_STEPS = 128 };
+
+/* What the stages know of a frame's lens. */
+struct frame_lens {
+  pags_camera camera; /* checked */
+  double farthest;    /* angle from the axis, radians, up to which means are drawn: a little beyond what is seen */
+  bool sphere;        /* equirectangular: every direction is seen */
+  /* Lenses of r (pags/lens.h): the directions x/z, y/z up to which derivatives are taken; others take those at the
+   * nearest one of these, as a pinhole's do. */
+  bool clamps;
+  double least[2], most[2];
+  double turn; /* px a full turn, after which the picture would begin anew; 0: it doesn't */
+  /* reach[i]: no derivative of the pixel by the direction, px a radian, is larger within i / LENS_STEPS of `farthest`
+   */
+  float reach[LENS_STEPS + 1];
+  const float *rays; /* frame->lens_rays: per pixel, planes of the world's x, y, z of its direction; 0, 0, 0: nothing */
+};
+
+/* Sets frame->lens, NULL of a pinhole, and the directions of the pixels. */
+pags_result pags_frame_prepare_lens(pags_frame *frame);
+
+/* As pags_kernels.project for the Gaussians of a cluster: writes splats, keys, and the boxes' extents. Returns how many
+ * lie beyond the angle that is drawn. */
+int pags_frame_project_lens(const pags_frame *frame, const view_cluster *cluster, const float *rows, int64_t stride,
+                            pags_reach *reaches);
+
+/* As pags_kernels.project_backward, by the same derivatives. */
+int pags_frame_lens_backward(const pags_frame *frame, const view_cluster *cluster, const float *slots,
+                             const pags_row_gradient *out);
+
+/* Whether no member of a cluster is drawn whose means lie in the box [lo, hi] of camera space, whose sigmas there are
+ * at most `sigma`, and which ends at `reach_max` squared sigmas; if any may be, *bound receives its nearest depth, its
+ * pixels, and whether it may reach over the seam. */
+bool pags_frame_lens_misses(const struct frame_lens *lens, const pags_projection *view, const float lo[3],
+                            const float hi[3], float sigma, float reach_max, cluster_bound *bound);
+
+/* Ends a tile: what the lens doesn't see has no colour, no depth and no id, and a transmittance of 1. */
+void pags_frame_mask_lens(const pags_frame *frame, int64_t tile);
+/* As pags_kernels.sky_find and sky_cells, with the lens's directions. */
+void pags_frame_lens_sky(const pags_frame *frame, int x0, int y0, pags_sky_tile *tile);
+void pags_frame_lens_cells(const pags_frame *frame, int x0, int y0, int step, int32_t *row, int32_t *column,
+                           float *const weight[4]);
+
+#endif

@@ -1,0 +1,329 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Lenses: projection of directions with its derivatives, and its inverse. The models are described at pags_lens_kind.
+ *
+ * With rho = |(X, Y)|, the unit vector e = (X, Y) / rho and s the angle or the distance of the direction from the axis,
+ * the radial part is R(s) e and has the derivatives
+ *   d/d(X, Y) = R/rho (I - e e') + R' ds/drho e e',   d/dZ = R' ds/dZ e
+ * Tangential and prism terms act on w = s e or on w = R e, which has derivatives of the same form. */
+#include "scene/lens.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "maths/maths.h"
+
+#define PI 3.14159265358979323846
+
+static const double most_of_radius = 85 * PI / 180; /* a picture on a plane becomes useless beyond it */
+static const double most_of_angle = 3.1; /* all directions in the circle at pi are the same one: it has no derivative */
+
+static const char *const names[PAGS_LENS_KINDS] = {"perspective", "fisheye",  "rational", "fov",    "thin_prism",
+                                                   "aria",        "division", "eucm",     "ftheta", "equirectangular"};
+
+const char *pags_lens_kind_name(pags_lens_kind kind) {
+  return (unsigned)kind < PAGS_LENS_KINDS ? names[kind] : NULL;
+}
+
+/* ---- Radial functions ---- */
+
+static inline double poly(const double k[4], double t) {
+  return 1 + t * (k[0] + t * (k[1] + t * (k[2] + t * k[3])));
+}
+
+static inline double poly6(const double k[6], double t) {
+  return 1 + t * (k[0] + t * (k[1] + t * (k[2] + t * (k[3] + t * (k[4] + t * k[5])))));
+}
+
+static inline double denominator(const double d[3], double t) {
+  return 1 + t * (d[0] + t * (d[1] + t * d[2]));
+}
+
+bool pags_lens_is_of_angle(pags_lens_kind kind) {
+  return kind == PAGS_LENS_FISHEYE || kind == PAGS_LENS_THIN_PRISM || kind == PAGS_LENS_ARIA ||
+         kind == PAGS_LENS_FTHETA;
+}
+
+double pags_lens_radius(const pags_lens_model *lens, double s) {
+  const double *k = lens->k;
+  switch (lens->kind) {
+    case PAGS_LENS_RATIONAL: return s * poly6(k, s * s) / denominator(lens->d, s * s);
+    case PAGS_LENS_FOV: return pags_lens_model_is_plain(lens) ? s : pags_atan(2 * s * pags_tan(0.5 * k[0])) / k[0];
+    case PAGS_LENS_ARIA: return s * poly6(k, s * s);
+    case PAGS_LENS_DIVISION: return 2 * s / (1 + sqrt(fmax(1 - 4 * k[0] * s * s, 0)));
+    case PAGS_LENS_EUCM: return s / (k[0] * sqrt(k[1] * s * s + 1) + 1 - k[0]);
+    case PAGS_LENS_FTHETA: return s * (1 + s * (k[0] + s * (k[1] + s * (k[2] + s * (k[3] + s * k[4])))));
+    default: return s * poly(k, s * s);
+  }
+}
+
+/* The derivative of the radial function times the square of the denominator, which is positive where it has one;
+ * negative where the denominator isn't. */
+static double growth(const pags_lens_model *lens, double s) {
+  const double *k = lens->k, *d = lens->d, t = s * s, t2 = t * t;
+  if (lens->kind == PAGS_LENS_FTHETA)
+    return 1 + s * (2 * k[0] + s * (3 * k[1] + s * (4 * k[2] + s * (5 * k[3] + s * 6 * k[4]))));
+  const double up =
+      1 + t * (3 * k[0] + t * (5 * k[1] + t * (7 * k[2] + t * 9 * k[3]))) + t2 * t2 * t * (11 * k[4] + t * 13 * k[5]);
+  if (lens->kind != PAGS_LENS_RATIONAL)
+    return up;
+  const double below = denominator(d, t);
+  return below > 0 ? up * below - poly6(k, t) * 2 * t * (d[0] + t * (2 * d[1] + t * 3 * d[2])) : -1;
+}
+
+/* The derivative of the radial function. */
+static double slope(const pags_lens_model *lens, double s) {
+  const double *k = lens->k;
+  switch (lens->kind) {
+    case PAGS_LENS_RATIONAL: {
+      const double below = denominator(lens->d, s * s);
+      return growth(lens, s) / (below * below);
+    }
+    case PAGS_LENS_FOV: {
+      const double spread = 2 * pags_tan(0.5 * k[0]);
+      return pags_lens_model_is_plain(lens) ? 1 : spread / (k[0] * (1 + spread * spread * s * s));
+    }
+    case PAGS_LENS_DIVISION: {
+      const double root = sqrt(fmax(1 - 4 * k[0] * s * s, 1e-12));
+      return 2 / (1 + root) + 8 * k[0] * s * s / (root * (1 + root) * (1 + root));
+    }
+    case PAGS_LENS_EUCM: {
+      const double root = sqrt(k[1] * s * s + 1), below = k[0] * root + 1 - k[0];
+      return (below - k[0] * k[1] * s * s / root) / (below * below);
+    }
+    default: return growth(lens, s);
+  }
+}
+
+/* A scan over s in 4096 steps finds the sign change of the derivative, bisection refines it. */
+double pags_lens_grows_until(const pags_lens_model *lens, double end) {
+  const int steps = 4096;
+  double low = 0;
+  if (lens->kind == PAGS_LENS_DIVISION)
+    return lens->k[0] > 0 ? fmin(end, 0.25 / lens->k[0]) : end;
+  if (lens->kind == PAGS_LENS_FOV || lens->kind == PAGS_LENS_EUCM)
+    return end;
+  for (int i = 1; i <= steps; i++) {
+    double s = sqrt(end) * i / steps, high = s * s;
+    if (growth(lens, s) <= 0) {
+      for (int j = 0; j < 60; j++) {
+        double middle = 0.5 * (low + high);
+        if (growth(lens, sqrt(middle)) > 0)
+          low = middle;
+        else
+          high = middle;
+      }
+      return low;
+    }
+    low = high;
+  }
+  return end;
+}
+
+/* ---- Checks ---- */
+
+int pags_lens_model_is_plain(const pags_lens_model *lens) {
+  /* FOV is a pinhole at omega 0, to 1e-13 at 1e-6; EUCM at alpha 0, whatever beta is. */
+  if (pags_lens_is_of_angle(lens->kind) || lens->kind == PAGS_LENS_EQUIRECTANGULAR)
+    return false;
+  if (lens->kind == PAGS_LENS_FOV)
+    return fabs(lens->k[0]) < 1e-6;
+  if (lens->kind == PAGS_LENS_EUCM)
+    return lens->k[0] == 0;
+  bool zero = lens->p[0] == 0 && lens->p[1] == 0;
+  for (int i = 0; i < 6; i++)
+    zero = zero && lens->k[i] == 0;
+  for (int i = 0; i < 3; i++)
+    zero = zero && lens->d[i] == 0;
+  return zero;
+}
+
+pags_result pags_lens_model_check(pags_lens_model *lens, const char *what) {
+  double sum = 0;
+  for (int i = 0; i < 6; i++)
+    sum += fabs(lens->k[i]);
+  for (int i = 0; i < 4; i++)
+    sum += fabs(lens->s[i]) + (i < 3 ? fabs(lens->d[i]) : 0) + (i < 2 ? fabs(lens->p[i]) : 0);
+  if (!pags_lens_kind_name(lens->kind) || !isfinite(sum))
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a lens of finite numbers and a kind that is known", what);
+  if (!(lens->field >= 0 && lens->field <= 360))
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a lens's field of 0 to 360 degrees, found %g", what, lens->field);
+  if (lens->kind == PAGS_LENS_FOV && !(fabs(lens->k[0]) < PI))
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: FOV's omega is %g, expected an angle in radians between -pi and pi", what,
+                     lens->k[0]);
+  if (lens->kind == PAGS_LENS_EUCM && !(lens->k[0] >= 0 && lens->k[0] <= 1 && lens->k[1] > 0))
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: EUCM's alpha is %g and beta %g, expected 0..1 and above 0", what,
+                     lens->k[0], lens->k[1]);
+  if (lens->kind == PAGS_LENS_FTHETA && !(1 + lens->s[0] > lens->s[1] * lens->s[2]))
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: F-theta's matrix [%g %g; %g 1] mirrors the picture", what, 1 + lens->s[0],
+                     lens->s[1], lens->s[2]);
+  if (lens->kind == PAGS_LENS_EQUIRECTANGULAR) {
+    lens->limit = PI;
+  } else if (pags_lens_is_of_angle(lens->kind)) {
+    lens->limit = sqrt(pags_lens_grows_until(lens, most_of_angle * most_of_angle));
+  } else {
+    const double end = pags_tan(most_of_radius);
+    lens->limit = pags_atan(sqrt(pags_lens_grows_until(lens, end * end)));
+  }
+  return PAGS_OK;
+}
+
+double pags_lens_model_widest(const pags_lens_model *lens) {
+  return lens->field > 0 ? fmin(lens->field * (PI / 360), lens->limit) : lens->limit;
+}
+
+/* ---- Projection ---- */
+
+/* The angle of (rho, Z), of which atan(rho) is the one at Z = 1. */
+static double angle_of(double rho, double z) {
+  return z > 0 ? pags_atan(rho / z) : z < 0 ? PI - pags_atan(rho / -z) : 0.5 * PI;
+}
+
+double pags_lens_angle(const double v[3]) {
+  return angle_of(sqrt(v[0] * v[0] + v[1] * v[1]), v[2]);
+}
+
+/* A direction from the axis: what radial functions and their derivatives take. */
+typedef struct aside {
+  double e[2], rho, s, s_rho, s_z; /* s_rho, s_z: derivatives of s */
+} aside;
+
+/* at = value e and its derivatives; `value` is a function of s with the derivative `rate`. */
+static void along_e(const aside *a, double value, double rate, double at[2], double jacobian[6]) {
+  const double out = rate * a->s_rho, round = a->rho > 1e-12 * fabs(a->s) && a->rho > 0 ? value / a->rho : out;
+  for (int i = 0; i < 2; i++) {
+    at[i] = value * a->e[i];
+    for (int j = 0; j < 2; j++)
+      jacobian[3 * i + j] = (i == j ? round : 0) + (out - round) * a->e[i] * a->e[j];
+    jacobian[3 * i + 2] = rate * a->s_z * a->e[i];
+  }
+}
+
+/* Adds the terms of p and of the prism at w, with the derivatives wj of w. `prism`: coefficients of |w|^2 and |w|^4 of
+ * x, then of y. */
+static void add_terms(const double p[2], const double prism[4], const double w[2], const double wj[6], double at[2],
+                      double jacobian[6]) {
+  const double x = w[0], y = w[1], r2 = x * x + y * y;
+  const double bend[2] = {prism[0] + 2 * prism[1] * r2, prism[2] + 2 * prism[3] * r2}; /* by |w|^2 */
+  const double by[4] = {2 * p[0] * y + 6 * p[1] * x + 2 * bend[0] * x, 2 * p[0] * x + 2 * p[1] * y + 2 * bend[0] * y,
+                        2 * p[0] * x + 2 * p[1] * y + 2 * bend[1] * x, 6 * p[0] * y + 2 * p[1] * x + 2 * bend[1] * y};
+  at[0] += 2 * p[0] * x * y + p[1] * (r2 + 2 * x * x) + r2 * (prism[0] + r2 * prism[1]);
+  at[1] += p[0] * (r2 + 2 * y * y) + 2 * p[1] * x * y + r2 * (prism[2] + r2 * prism[3]);
+  for (int i = 0; i < 2; i++)
+    for (int k = 0; k < 3; k++)
+      jacobian[3 * i + k] += by[2 * i] * wj[k] + by[2 * i + 1] * wj[3 + k];
+}
+
+static void see_sphere(const double v[3], double at[2], double jacobian[6]) {
+  const double x = v[0], y = v[1], z = v[2], flat2 = fmax(x * x + z * z, 1e-30), flat = sqrt(flat2);
+  const double all2 = flat2 + y * y;
+  const double derivatives[6] = {z / flat2, 0, -x / flat2, -x * y / (all2 * flat), flat / all2, -z * y / (all2 * flat)};
+  at[0] = pags_atan2(x, z);
+  at[1] = pags_atan2(y, flat);
+  memcpy(jacobian, derivatives, sizeof derivatives);
+}
+
+void pags_lens_see(const pags_lens_model *lens, const double v[3], double at[2], double jacobian[6]) {
+  double own[6], *const j = jacobian ? jacobian : own, w[2], wj[6];
+  if (lens->kind == PAGS_LENS_EQUIRECTANGULAR) {
+    see_sphere(v, at, j);
+    return;
+  }
+  const double rho = sqrt(v[0] * v[0] + v[1] * v[1]), square = rho * rho + v[2] * v[2];
+  aside a = {.e = {1, 0}, .rho = rho};
+  if (rho > 0)
+    a.e[0] = v[0] / rho, a.e[1] = v[1] / rho;
+  if (pags_lens_is_of_angle(lens->kind))
+    a.s = angle_of(rho, v[2]), a.s_rho = v[2] / square, a.s_z = -rho / square;
+  else
+    a.s = rho / v[2], a.s_rho = 1 / v[2], a.s_z = -a.s / v[2];
+  const double radius = pags_lens_radius(lens, a.s), rate = slope(lens, a.s);
+  along_e(&a, radius, rate, at, j);
+  if (lens->kind == PAGS_LENS_PERSPECTIVE || lens->kind == PAGS_LENS_RATIONAL) {
+    static const double none[4] = {0, 0, 0, 0};
+    along_e(&a, a.s, 1, w, wj);
+    add_terms(lens->p, none, w, wj, at, j);
+  } else if (lens->kind == PAGS_LENS_THIN_PRISM) {
+    const double prism[4] = {lens->s[0], 0, lens->s[1], 0};
+    along_e(&a, a.s, 1, w, wj);
+    add_terms(lens->p, prism, w, wj, at, j);
+  } else if (lens->kind == PAGS_LENS_ARIA) {
+    along_e(&a, radius, rate, w, wj);
+    add_terms(lens->p, lens->s, w, wj, at, j);
+  } else if (lens->kind == PAGS_LENS_FTHETA) {
+    const double c = 1 + lens->s[0], d = lens->s[1], e = lens->s[2], x = at[0], y = at[1];
+    at[0] = c * x + d * y;
+    at[1] = e * x + y;
+    for (int k = 0; k < 3; k++) {
+      const double across = j[k], down = j[3 + k];
+      j[k] = c * across + d * down;
+      j[3 + k] = e * across + down;
+    }
+  }
+}
+
+/* ---- Inverse projection ---- */
+
+/* The direction whose radial part is seen there, by bisection over the range in which the function grows. */
+static void look_radially(const pags_lens_model *lens, const double at[2], double v[3]) {
+  double x = at[0], y = at[1];
+  if (lens->kind == PAGS_LENS_FTHETA) {
+    const double c = 1 + lens->s[0], d = lens->s[1], e = lens->s[2], all = c - d * e;
+    x = (at[0] - d * at[1]) / all;
+    y = (c * at[1] - e * at[0]) / all;
+  }
+  const bool of_angle = pags_lens_is_of_angle(lens->kind);
+  const double target = sqrt(x * x + y * y);
+  double low = 0, high = of_angle ? lens->limit : pags_tan(lens->limit);
+  for (int i = 0; i < 40; i++) {
+    const double middle = 0.5 * (low + high);
+    if (pags_lens_radius(lens, middle) < target)
+      low = middle;
+    else
+      high = middle;
+  }
+  const double across = of_angle ? pags_sin(low) : low, scale = target > 0 ? across / target : 0;
+  v[0] = x * scale;
+  v[1] = y * scale;
+  v[2] = of_angle ? pags_cos(low) : 1;
+}
+
+static void make_unit(double v[3]) {
+  const double length = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+  for (int k = 0; k < 3; k++)
+    v[k] /= length;
+}
+
+/* The last step that changes the point by less than 1e-8 leaves 1e-12 where the lens is far from its limit, since the
+ * errors are squared. */
+int pags_lens_look(const pags_lens_model *lens, const double at[2], double v[3]) {
+  if (lens->kind == PAGS_LENS_EQUIRECTANGULAR) {
+    const double flat = pags_cos(at[1]);
+    v[0] = pags_sin(at[0]) * flat;
+    v[1] = pags_sin(at[1]);
+    v[2] = pags_cos(at[0]) * flat;
+    return fabs(at[0]) <= PI && fabs(at[1]) <= 0.5 * PI && pags_lens_angle(v) <= pags_lens_model_widest(lens);
+  }
+  if (v[0] == 0 && v[1] == 0 && v[2] == 0)
+    look_radially(lens, at, v);
+  make_unit(v);
+  const double farthest = lens->limit + 1e-9;
+  for (int i = 0; i < 20; i++) {
+    double seen[2], j[6];
+    pags_lens_see(lens, v, seen, j);
+    const double off[2] = {at[0] - seen[0], at[1] - seen[1]};
+    /* The shortest step d with J d = off: J' (J J')^-1 off. J v = 0, so that it lies across v. */
+    const double a = j[0] * j[0] + j[1] * j[1] + j[2] * j[2], b = j[0] * j[3] + j[1] * j[4] + j[2] * j[5],
+                 c = j[3] * j[3] + j[4] * j[4] + j[5] * j[5], all = a * c - b * b;
+    if (!(all > 1e-12 * a * c))
+      return 0;
+    const double left = (c * off[0] - b * off[1]) / all, right = (a * off[1] - b * off[0]) / all;
+    for (int k = 0; k < 3; k++)
+      v[k] += left * j[k] + right * j[3 + k];
+    make_unit(v);
+    if (!(pags_lens_angle(v) <= farthest))
+      return 0;
+    if (fabs(off[0]) + fabs(off[1]) < 1e-8 * (1 + fabs(at[0]) + fabs(at[1])))
+      return pags_lens_angle(v) <= pags_lens_model_widest(lens);
+  }
+  return 0;
+}
