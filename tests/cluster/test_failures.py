@@ -92,9 +92,10 @@ class Failures(rank_jobs.Jobs):
     def test_killed(self):
         """At any moment, whether there is a checkpoint yet or not."""
         seconds = self.seconds_alone()
-        killed = 0
+        killed = begun = 0
         while killed < KILLS:
-            name, after, rank = f"killed{killed}", random.uniform(0, seconds), random.randrange(3)
+            name, after, rank = f"killed{begun}", random.uniform(0, seconds), random.randrange(3)
+            begun += 1  # one that was done before it could be killed keeps its folder
             process = mpirun.start(3, self.training(name, "--checkpoint-every", "5"))
             time.sleep(after)
             ranks = children_of(process.pid)
