@@ -192,8 +192,8 @@ static void the_limits_bias_is_known(void **unused) {
   print_message("bias of dropout at D = 0.25 (0.14 for a quarter of the rows):\n");
   print_bias("opacity up to 0.6, all limits", faint, REFERENCE_LIMITS, 1.0);
   print_bias("opacity 0.12 to 0.998, all limits", any, REFERENCE_LIMITS, 6.0);
-  print_bias("opacity 0.12 to 0.998, cap only", any, (reference_limits){0, REFERENCE_ALPHA_CAP, 0, REFERENCE_WIDENED},
-             6.0);
+  print_bias("opacity 0.12 to 0.998, cap only", any,
+             (reference_limits){0, REFERENCE_ALPHA_CAP, 0, REFERENCE_WIDENED, 0}, 6.0);
   print_bias("opacity 0.95 to 0.998, all limits", opaque, REFERENCE_LIMITS, 8.0);
 }
 
