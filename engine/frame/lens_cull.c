@@ -1,11 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Which clusters a lens sees. The means of a cluster lie in a ball, of radius r about a point at the distance d > r,
  * and so within the angle a = asin(r / d) of the direction to its middle, of angle c from the axis. Means beyond the
- * angle `farthest` aren't drawn, so that nothing is where c - a is larger. Else, along the great circle from the middle
- * to a mean, which nowhere is farther than c + a from the axis, |pixel of the mean - pixel of the middle| <= L a,   L
- * the largest derivative of a pixel by a direction up to there extent = sqrt(reach_max (s^2 |J|^2 + low_pass)),    |J|
- * <= L / (d - r), of a lens that clamps L / (least z) with the latter since a clamped direction is nearer to the axis
- * and as far along it. */
+ * angle `farthest` aren't drawn, so that nothing is where c - a is larger. Else let L be the largest derivative of a
+ * pixel by a direction up to the angle c + a, beyond which the great circle from the middle to a mean nowhere goes:
+ *
+ *   |pixel of the mean - pixel of the middle| <= L a
+ *   extent = sqrt(reach_max (s^2 |J|^2 + low_pass)),  |J| <= L / (d - r)
+ *
+ * Of a lens that clamps, |J| <= L / (least z), since a clamped direction is nearer to the axis and as far along it. */
 #include <math.h>
 
 #include "frame/lens_view.h"
@@ -46,11 +48,9 @@ static bool meets_seam(const struct frame_lens *l, const pags_projection *v, bal
   return 1.0001 * (l->camera.fx * longitude + extent) + 1 >= 0.5 * l->turn;
 }
 
-/* Sets the range [*first, *end) of 4-pixel blocks within `aside` of `middle`; returns whether it is empty. */
+/* As lens_blocks; returns whether all of it lies beside the picture. */
 static bool find_blocks(double middle, double aside, float size, uint16_t *first, uint16_t *end) {
-  const double blocks = ceil((double)size * 0.25);
-  *first = (uint16_t)fmin(fmax(floor((middle - aside + 0.5) * 0.25), 0), blocks);
-  *end = (uint16_t)fmin(fmax(floor((middle + aside - 0.5) * 0.25) + 1, 0), blocks);
+  lens_blocks(middle, aside, (double)size, first, end);
   return middle + aside <= 0 || middle - aside >= (double)size;
 }
 
@@ -73,11 +73,10 @@ bool pags_frame_lens_misses(const struct frame_lens *l, const pags_projection *v
   if (!(step <= LENS_STEPS) || (l->clamps && !(lo[2] > 0.0f)))
     return false;
   double at[2];
-  pags_lens_see(&l->camera.lens, b.middle, at, NULL);
+  pags_frame_lens_see(l, b.middle, at, NULL);
   const double most = (double)l->reach[(int)step], slope = most / (l->clamps ? (double)lo[2] : b.distance - b.radius);
   const double extent = sqrt((double)reach_max * ((double)sigma * slope * (double)sigma * slope + (double)v->low_pass)),
                aside = 1.0001 * (most * within + extent) + 1e-3;
-  const double x = l->camera.fx * at[0] + l->camera.cx, y = l->camera.fy * at[1] + l->camera.cy;
-  const bool beside = find_blocks(x, aside, v->width, &bound->reach.x0, &bound->reach.x1);
-  return find_blocks(y, aside, v->height, &bound->reach.y0, &bound->reach.y1) || beside;
+  const bool beside = find_blocks(at[0], aside, v->width, &bound->reach.x0, &bound->reach.x1);
+  return find_blocks(at[1], aside, v->height, &bound->reach.y0, &bound->reach.y1) || beside;
 }

@@ -35,15 +35,6 @@ typedef enum sight { SIGHT_NEAR, SIGHT_BEYOND, SIGHT_GOOD } sight_kind;
 
 /* ---- Forward ---- */
 
-static void find_derivatives(const struct frame_lens *l, const double p[3], double at[2], double j[6]) {
-  double plane[2];
-  pags_lens_see(&l->camera.lens, p, plane, j);
-  at[0] = l->camera.fx * plane[0] + l->camera.cx;
-  at[1] = l->camera.fy * plane[1] + l->camera.cy;
-  for (int k = 0; k < 3; k++)
-    j[k] *= l->camera.fx, j[3 + k] *= l->camera.fy;
-}
-
 static void find_rotation(const float *data, int64_t stride, seen *s) {
   double norm2 = 0;
   for (int k = 0; k < 4; k++) {
@@ -72,7 +63,7 @@ static sight_kind find_mean(const struct frame_lens *l, const pags_projection *v
     return SIGHT_NEAR;
   if (!l->sphere && !(pags_lens_angle(s->p) <= l->farthest))
     return SIGHT_BEYOND;
-  find_derivatives(l, s->p, s->at, s->here);
+  pags_frame_lens_see(l, s->p, s->at, s->here);
   memcpy(s->q, s->p, sizeof s->q);
   for (int i = 0; i < 2; i++) {
     const double slope = l->clamps ? s->p[i] / s->p[2] : 0, held = fmin(fmax(slope, l->least[i]), l->most[i]);
@@ -83,7 +74,7 @@ static sight_kind find_mean(const struct frame_lens *l, const pags_projection *v
   memcpy(s->j, s->here, sizeof s->j);
   if (s->clamped[0] || s->clamped[1]) {
     double unused[2];
-    find_derivatives(l, s->q, unused, s->j);
+    pags_frame_lens_see(l, s->q, unused, s->j);
   }
   return SIGHT_GOOD;
 }
@@ -123,11 +114,9 @@ static sight_kind find_seen(const struct frame_lens *l, const pags_projection *v
   return SIGHT_GOOD;
 }
 
-/* Where the splat's box begins and ends along an axis, in 4-pixel blocks that have a pixel centre in it. */
+/* Where the splat's box begins and ends along an axis, in blocks; a little larger, for the rounding of floats. */
 static void find_blocks(double mean, double extent, double size, uint16_t *first, uint16_t *end) {
-  const double e = extent * 1.00001 + fabs(mean) * 1e-6 + 1e-3, blocks = ceil(size * 0.25);
-  *first = (uint16_t)fmin(fmax(floor((mean - e + 0.5) * 0.25), 0), blocks);
-  *end = (uint16_t)fmin(fmax(floor((mean + e - 0.5) * 0.25) + 1, 0), blocks);
+  lens_blocks(mean, extent * 1.00001 + fabs(mean) * 1e-6 + 1e-3, size, first, end);
 }
 
 /* The cut of a part with antialiasing, as project_cuts of simd/project.inl. */
@@ -260,8 +249,8 @@ static void jacobian_backward(const struct frame_lens *l, const seen *s, const d
     double before[3], after[3], low[6], high[6];
     for (int k = 0; k < 3; k++)
       before[k] = s->q[k] - step * along[k], after[k] = s->q[k] + step * along[k];
-    find_derivatives(l, before, unused, low);
-    find_derivatives(l, after, unused, high);
+    pags_frame_lens_see(l, before, unused, low);
+    pags_frame_lens_see(l, after, unused, high);
     for (int k = 0; k < 3; k++)
       by_q[k] += (high[3 * i + k] - low[3 * i + k]) / (2 * step);
   }

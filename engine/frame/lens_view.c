@@ -11,8 +11,18 @@
 #include "port/port.h"
 #include "scene/lens.h"
 
+static const double pi = 3.14159265358979323846;
 /* Means this much beyond what is seen are drawn still, radians: 20 degrees, for large Gaussians at the edge. */
 static const double beyond = 0.35;
+
+void pags_frame_lens_see(const struct frame_lens *l, const double point[3], double pixel[2], double j[6]) {
+  double at[2];
+  pags_lens_see(&l->camera.lens, point, at, j);
+  pixel[0] = l->camera.fx * at[0] + l->camera.cx;
+  pixel[1] = l->camera.fy * at[1] + l->camera.cy;
+  for (int k = 0; k < 3 && j; k++)
+    j[k] *= l->camera.fx, j[3 + k] *= l->camera.fy;
+}
 
 /* ---- Limits ---- */
 
@@ -57,12 +67,10 @@ static void find_reach(struct frame_lens *l) {
   for (int i = 0; i <= LENS_STEPS; i++) {
     const double angle = l->farthest * i / LENS_STEPS;
     for (int k = 0; k < ROUND; k++) {
-      const double turn = 2 * 3.14159265358979323846 * k / ROUND;
+      const double turn = 2 * pi * k / ROUND;
       const double v[3] = {pags_sin(angle) * pags_cos(turn), pags_sin(angle) * pags_sin(turn), pags_cos(angle)};
       double at[2], j[6];
-      pags_lens_see(&l->camera.lens, v, at, j);
-      for (int n = 0; n < 3; n++)
-        j[n] *= l->camera.fx, j[3 + n] *= l->camera.fy;
+      pags_frame_lens_see(l, v, at, j);
       most = fmax(most, largest_stretch(j));
     }
     l->reach[i] = (float)(1.05 * most);
@@ -142,7 +150,7 @@ pags_result pags_frame_prepare_lens(pags_frame *f) {
   look_at_border(&l->camera, &angle, l->least, l->most);
   l->farthest = fmin(l->camera.lens.limit, fmin(angle, pags_lens_model_widest(&l->camera.lens)) + beyond);
   l->sphere = l->camera.lens.kind == PAGS_LENS_EQUIRECTANGULAR;
-  l->turn = l->sphere ? 2 * 3.14159265358979323846 * l->camera.fx : 0;
+  l->turn = l->sphere ? 2 * pi * l->camera.fx : 0;
   l->clamps = !l->sphere && !pags_lens_is_of_angle(l->camera.lens.kind);
   for (int k = 0; k < 2; k++) {
     const double more = 0.15 * (l->most[k] - l->least[k]); /* 0.3 of half the field, as a pinhole's */

@@ -6,6 +6,8 @@
 #ifndef PAGS_FRAME_LENS_VIEW_H
 #define PAGS_FRAME_LENS_VIEW_H
 
+#include <math.h>
+
 #include "frame/stages.h"
 
 enum { LENS_STEPS = 128 };
@@ -28,6 +30,17 @@ struct frame_lens {
 
 /* Sets frame->lens, NULL of a pinhole, and the directions of the pixels. */
 pags_result pags_frame_prepare_lens(pags_frame *frame);
+
+/* As pags_lens_see, in px of the picture; `jacobian` may be NULL. */
+void pags_frame_lens_see(const struct frame_lens *lens, const double point[3], double pixel[2], double jacobian[6]);
+
+/* Sets [*first, *end) to the 4-pixel blocks of an axis of `size` px that have a pixel centre within `aside` of
+ * `middle`. */
+static inline void lens_blocks(double middle, double aside, double size, uint16_t *first, uint16_t *end) {
+  const double blocks = ceil(size * 0.25);
+  *first = (uint16_t)fmin(fmax(floor((middle - aside + 0.5) * 0.25), 0), blocks);
+  *end = (uint16_t)fmin(fmax(floor((middle + aside - 0.5) * 0.25) + 1, 0), blocks);
+}
 
 /* As pags_kernels.project for the Gaussians of a cluster: writes splats, keys, and the boxes' extents. Returns how many
  * lie beyond the angle that is drawn. */

@@ -46,13 +46,12 @@ void pags_frame_prepare_sky(pags_frame *frame) {
 }
 
 void pags_frame_find_sky(const pags_frame *frame, int64_t tile, pags_sky_tile *out) {
+  const int x0 = frame_tile_x(frame, tile), y0 = frame_tile_y(frame, tile);
   const pags_sky_rays rays = pags_frame_rays(frame, tile);
-  if (frame->lens) {
-    pags_frame_lens_sky(frame, frame_tile_x(frame, tile), frame_tile_y(frame, tile), out);
-    return;
-  }
-  frame->kernels->sky_find(&rays, frame->options.sky->texels, frame_tile_x(frame, tile), frame_tile_y(frame, tile),
-                           out);
+  if (frame->lens)
+    pags_frame_lens_sky(frame, x0, y0, out);
+  else
+    frame->kernels->sky_find(&rays, frame->options.sky->texels, x0, y0, out);
 }
 
 void pags_frame_blend_sky(const pags_frame *frame, int64_t tile, const pags_sky_tile *found) {

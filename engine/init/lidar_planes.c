@@ -250,16 +250,21 @@ static const pags_lidar_plane *nearest_plane(const pags_lidar_planes *self, cons
   return NULL;
 }
 
+/* Reads the mean of a row and returns the plane nearest to it, as nearest_plane; NULL of a parked object's row. */
+static const pags_lidar_plane *plane_of_row(const drawing *d, int64_t row, float p[3], float *across) {
+  if (d->g->object_id && d->g->object_id[row] >= 0)
+    return NULL;
+  for (int k = 0; k < 3; k++)
+    p[k] = pags_plane(d->g, PAGS_MEAN + k)[row];
+  return nearest_plane(d->planes, p, across);
+}
+
 static void draw_block(void *context, int64_t begin, int64_t end, int worker) {
   const drawing *d = context;
   (void)worker;
   for (int64_t row = begin; row < end; row++) {
     float p[3], across = 0;
-    if (d->g->object_id && d->g->object_id[row] >= 0)
-      continue;
-    for (int k = 0; k < 3; k++)
-      p[k] = pags_plane(d->g, PAGS_MEAN + k)[row];
-    const pags_lidar_plane *plane = nearest_plane(d->planes, p, &across);
+    const pags_lidar_plane *plane = plane_of_row(d, row, p, &across);
     float excess = fabsf(across) - (float)nearest;
     for (int k = 0; plane && excess > 0.0f && k < 3; k++)
       pags_plane(d->g, PAGS_MEAN + k)[row] = p[k] - copysignf(d->share * excess, across) * plane->normal[k];
@@ -333,11 +338,7 @@ static void lay_block(void *context, int64_t begin, int64_t end, int worker) {
   (void)worker;
   for (int64_t row = begin; row < end; row++) {
     float p[3], across = 0;
-    if (d->g->object_id && d->g->object_id[row] >= 0)
-      continue;
-    for (int k = 0; k < 3; k++)
-      p[k] = pags_plane(d->g, PAGS_MEAN + k)[row];
-    const pags_lidar_plane *const plane = nearest_plane(d->planes, p, &across);
+    const pags_lidar_plane *const plane = plane_of_row(d, row, p, &across);
     const int axis = plane ? turn(d->g, row, plane->normal, share) : -1;
     if (axis < 0)
       continue;

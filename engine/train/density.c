@@ -129,15 +129,10 @@ pags_result pags_density_control(pags_trainer *t) {
   if (prune >= 0)
     PAGS_TRY(pags_prune(t, prune));
   pags_tasks_mark(t->tasks, NULL, "other");
-  if (pulls) { /* move the background's Gaussians towards the LiDAR planes, then recompute its clusters' bounds */
+  if (pulls || lays) { /* move the background's Gaussians to the LiDAR planes, then recompute its clusters' bounds */
     pags_train_model *m = &s->models[0];
-    if (!pags_lidar_planes_pull(&t->lidar_planes, &m->gaussians, pull, t->tasks))
-      return pags_fail(PAGS_CANCELLED, "cancelled");
-    pags_adam_bound_all(&m->adam, &m->gaussians, &m->clusters, t->tasks);
-  }
-  if (lays) {
-    pags_train_model *m = &s->models[0];
-    if (!pags_lidar_planes_lay(&t->lidar_planes, &m->gaussians, lay, t->tasks))
+    if ((pulls && !pags_lidar_planes_pull(&t->lidar_planes, &m->gaussians, pull, t->tasks)) ||
+        (lays && !pags_lidar_planes_lay(&t->lidar_planes, &m->gaussians, lay, t->tasks)))
       return pags_fail(PAGS_CANCELLED, "cancelled");
     pags_adam_bound_all(&m->adam, &m->gaussians, &m->clusters, t->tasks);
   }

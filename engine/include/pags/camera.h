@@ -74,8 +74,8 @@ PAGS_API const char *pags_shutter_direction(const pags_shutter *shutter);
 /* Checks the size (1..65535 pixels a side), that the focal lengths are positive and finite, that the principal
  * point is finite, that a rolling shutter reads in one direction, in at most a second and with a finite velocity, the
  * lens as pags_lens_model_check does and that it has no rolling shutter, and the pose as pags_rigid_check does, which
- * also makes R exactly orthonormal. Returns PAGS_ERROR_FORMAT if a check
- * fails; `what` names the camera in the message. */
+ * also makes R exactly orthonormal. Returns PAGS_ERROR_FORMAT if a check fails; `what` names the camera in the
+ * message. */
 PAGS_API pags_result pags_camera_check(pags_camera *camera, const char *what);
 
 /* Returns the same camera at width/factor x height/factor pixels (rounded down, at least 1); factor >= 1. Focal
