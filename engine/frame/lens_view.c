@@ -29,19 +29,22 @@ void pags_frame_lens_see(const struct frame_lens *l, const double point[3], doub
 /* The largest angle from the axis at the picture's border, and the range of x/z and y/z there; the lens's widest angle
  * where the border isn't seen. */
 static void look_at_border(const pags_camera *c, double *angle, double least[2], double most[2]) {
-  enum { POINTS = 64 };
+  enum { SIDES = 4, POINTS = 16 };
+  static const double corner[SIDES + 1][2] = {{0, 0}, {1, 0}, {1, 1}, {0, 1}, {0, 0}};
   const double widest = pags_lens_model_widest(&c->lens);
   *angle = 0;
   least[0] = least[1] = INFINITY;
   most[0] = most[1] = -INFINITY;
-  for (int i = 0; i < POINTS; i++) {
-    const double along = (double)(i % 16) / 16, side = i / 16 % 2 ? 1 : 0;
-    const double u = i < 32 ? (side > 0 ? 1 - along : along) : side, v = i < 32 ? side : (side > 0 ? 1 - along : along);
+  for (int i = 0; i < SIDES * POINTS; i++) {
+    const double *const from = corner[i / POINTS], *const to = corner[i / POINTS + 1];
+    const double along = (double)(i % POINTS) / POINTS;
+    const double u = (from[0] + along * (to[0] - from[0])) * c->width,
+                 v = (from[1] + along * (to[1] - from[1])) * c->height;
     double direction[3];
-    const bool seen = pags_camera_look(c, u * c->width, v * c->height, direction);
+    const bool seen = pags_camera_look(c, u, v, direction);
     *angle = fmax(*angle, seen ? pags_lens_angle(direction) : widest);
     if (!seen) { /* as far as the lens goes, in the direction of this point */
-      const double x = u * c->width - c->cx, y = v * c->height - c->cy, length = fmax(pags_hypot(x, y), 1e-9);
+      const double x = u - c->cx, y = v - c->cy, length = fmax(pags_hypot(x, y), 1e-9);
       direction[0] = pags_sin(widest) * x / length;
       direction[1] = pags_sin(widest) * y / length;
       direction[2] = pags_cos(widest);

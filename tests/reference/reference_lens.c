@@ -171,7 +171,7 @@ reference_lens reference_lens_of(const pags_camera *c) {
   l.clamps = !by_angle(c->lens.kind);
   for (int i = 0; i < 64; i++) {
     const double a = i % 16 / 16.0;
-    const double u[4] = {a, 1 - a, 0, 1}, v[4] = {0, 1, a, 1 - a};
+    const double u[4] = {a, 1, 1 - a, 0}, v[4] = {0, a, 1, 1 - a};
     double ray[3];
     const double x = u[i / 16] * c->width, y = v[i / 16] * c->height, widest = widest_of(c);
     if (!reference_lens_ray(c, x, y, ray)) {
