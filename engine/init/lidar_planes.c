@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Fits planes to LiDAR points and pulls Gaussians onto them; see lidar_planes.h.
+/* Fits planes to LiDAR points, pulls Gaussians onto them and lays Gaussians into them; see lidar_planes.h.
  *
- * Points are sorted into cubic cells of three sizes. In each cell a plane is fitted by least squares: its normal is
+ * Points are sorted into cubic cells of four sizes. In each cell a plane is fitted by least squares: its normal is
  * the eigenvector of the smallest eigenvalue of the points' covariance. If the points lie within the LiDAR's noise of
  * it, the cell has a plane; else the cell is remembered as rough, so that Gaussians in it are not pulled to the plane
- * of a larger cell either. */
+ * of a larger cell either. Pulling goes by the smallest cells that have a plane, which follow relief; laying by the
+ * largest, whose normals are the mean of the most points: a Gaussian that is flat must not be askew. */
 #include "init/lidar_planes.h"
 
 #include <math.h>
@@ -16,17 +17,17 @@
 #include "base/sort.h"
 #include "maths/maths.h"
 
-enum { LEVELS = 3, MOST_POINTS = 2000000, LEAST_POINTS = 10, GRAIN = 4096, CELL_BITS = 20 };
+enum { LEVELS = 4, PULL_LEVELS = 3, MOST_POINTS = 2000000, LEAST_POINTS = 10, GRAIN = 4096, CELL_BITS = 20 };
 
-static const double finest = 0.4; /* side of the smallest cells, metres; the others are twice and four times it */
+static const double finest = 0.4; /* side of the smallest cells, metres; the others are 2, 4 and 8 times it */
 static const double thickest =
     0.04; /* largest standard deviation across a plane, metres: noise of LiDAR and poses, a little relief */
 static const double narrowest =
     0.1; /* smallest standard deviation along its second axis, in cell sides: points on a line have no plane */
-static const double widest = 0.75;   /* reach of a plane from its centre, along the plane, in cell sides */
-static const double farthest = 0.3;  /* reach of a plane across it, metres */
-static const double nearest = 0.03;  /* Gaussians nearer than this stay: the planes are not known better, metres */
-static const double thinnest = 0.02; /* sigma across a plane to which laying makes Gaussians flat, metres */
+static const double widest = 0.75;    /* reach of a plane from its centre, along the plane, in cell sides */
+static const double farthest = 0.3;   /* reach of a plane across it, metres */
+static const double nearest = 0.03;   /* Gaussians nearer than this stay: the planes are not known better, metres */
+static const double thinnest = 0.005; /* sigma across a plane to which laying makes Gaussians flat, metres */
 
 /* ---- Cells and their hash table ---- */
 
@@ -220,43 +221,64 @@ static bool reaches(const pags_lidar_plane *plane, const float p[3], float side,
   return fabsf(*across) <= (float)farthest && along2 <= (float)(widest * widest) * side * side;
 }
 
-/* Returns the plane nearest to p among those that reach it in its own cell and the six neighbours, at the smallest
- * cell size that has one; NULL if there is none or if p's own cell is rough. `across` receives the signed
- * distance. */
-static const pags_lidar_plane *nearest_plane(const pags_lidar_planes *self, const float p[3], float *across) {
+typedef enum around {
+  UNKNOWN, /* none of the cells has enough points, nor has a smaller one within them */
+  KNOWN,
+  ROUGH /* p's own cell */
+} around;
+
+/* Finds the plane nearest to p among those that reach it in its own cell of one size and the six neighbours; `best`
+ * receives it, NULL if there is none, and `across` the signed distance. */
+static around plane_of_level(const pags_lidar_planes *self, const float p[3], int level, const pags_lidar_plane **best,
+                             float *across) {
   static const int8_t step[7][3] = {{0, 0, 0}, {1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
-  for (int level = 0; level < LEVELS; level++) {
-    double side = ldexp(finest, level);
-    const pags_lidar_plane *best = NULL;
-    int64_t cell[3];
-    cell_of(p, side, cell);
-    for (int i = 0; i < 7; i++) {
-      int64_t beside[3] = {cell[0] + step[i][0], cell[1] + step[i][1], cell[2] + step[i][2]};
-      const pags_lidar_plane *plane = find(self, key_of(beside, level));
-      float d;
-      if (!plane)
-        continue;
-      int rough = plane->normal[0] == 0.0f && plane->normal[1] == 0.0f && plane->normal[2] == 0.0f;
-      if (rough && i == 0)
-        return NULL;
-      if (!rough && reaches(plane, p, (float)side, &d) && (!best || fabsf(d) < fabsf(*across))) {
-        best = plane;
-        *across = d;
-      }
+  const double side = ldexp(finest, level);
+  around found = UNKNOWN;
+  int64_t cell[3];
+  cell_of(p, side, cell);
+  *best = NULL;
+  for (int i = 0; i < 7; i++) {
+    const int64_t beside[3] = {cell[0] + step[i][0], cell[1] + step[i][1], cell[2] + step[i][2]};
+    const pags_lidar_plane *const plane = find(self, key_of(beside, level));
+    float d;
+    if (!plane)
+      continue;
+    const bool rough = plane->normal[0] == 0.0f && plane->normal[1] == 0.0f && plane->normal[2] == 0.0f;
+    if (rough && i == 0)
+      return ROUGH;
+    found = KNOWN;
+    if (!rough && reaches(plane, p, (float)side, &d) && (!*best || fabsf(d) < fabsf(*across))) {
+      *best = plane;
+      *across = d;
     }
-    if (best)
-      return best;
   }
-  return NULL;
+  return found;
 }
 
-/* Reads the mean of a row and returns the plane nearest to it, as nearest_plane; NULL of a parked object's row. */
-static const pags_lidar_plane *plane_of_row(const drawing *d, int64_t row, float p[3], float *across) {
-  if (d->g->object_id && d->g->object_id[row] >= 0)
-    return NULL;
+/* The plane to which p is pulled, of the smallest cells that have one; NULL if there is none or if p's own cell is
+ * rough. */
+static const pags_lidar_plane *finest_plane(const pags_lidar_planes *self, const float p[3], float *across) {
+  const pags_lidar_plane *best = NULL;
+  for (int level = 0; level < PULL_LEVELS && !best; level++)
+    if (plane_of_level(self, p, level, &best, across) == ROUGH)
+      return NULL;
+  return best;
+}
+
+/* The plane into which p is laid, of the largest cells that have one; NULL if there is none. */
+static const pags_lidar_plane *steadiest_plane(const pags_lidar_planes *self, const float p[3], float *across) {
+  const pags_lidar_plane *best = NULL;
+  for (int level = LEVELS - 1; level >= 0 && !best; level--)
+    if (plane_of_level(self, p, level, &best, across) == UNKNOWN)
+      return NULL;
+  return best;
+}
+
+/* Reads the mean of a row; returns false of a parked object's, which stays. */
+static bool reads_mean(const pags_gaussians *g, int64_t row, float p[3]) {
   for (int k = 0; k < 3; k++)
-    p[k] = pags_plane(d->g, PAGS_MEAN + k)[row];
-  return nearest_plane(d->planes, p, across);
+    p[k] = pags_plane(g, PAGS_MEAN + k)[row];
+  return !g->object_id || g->object_id[row] < 0;
 }
 
 static void draw_block(void *context, int64_t begin, int64_t end, int worker) {
@@ -264,7 +286,7 @@ static void draw_block(void *context, int64_t begin, int64_t end, int worker) {
   (void)worker;
   for (int64_t row = begin; row < end; row++) {
     float p[3], across = 0;
-    const pags_lidar_plane *plane = plane_of_row(d, row, p, &across);
+    const pags_lidar_plane *plane = reads_mean(d->g, row, p) ? finest_plane(d->planes, p, &across) : NULL;
     float excess = fabsf(across) - (float)nearest;
     for (int k = 0; plane && excess > 0.0f && k < 3; k++)
       pags_plane(d->g, PAGS_MEAN + k)[row] = p[k] - copysignf(d->share * excess, across) * plane->normal[k];
@@ -338,7 +360,7 @@ static void lay_block(void *context, int64_t begin, int64_t end, int worker) {
   (void)worker;
   for (int64_t row = begin; row < end; row++) {
     float p[3], across = 0;
-    const pags_lidar_plane *const plane = plane_of_row(d, row, p, &across);
+    const pags_lidar_plane *const plane = reads_mean(d->g, row, p) ? steadiest_plane(d->planes, p, &across) : NULL;
     const int axis = plane ? turn(d->g, row, plane->normal, share) : -1;
     if (axis < 0)
       continue;

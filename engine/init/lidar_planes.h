@@ -31,22 +31,23 @@ typedef struct pags_lidar_planes {
 /* Fits planes to the sweeps of the training time steps; without sweeps `out` is empty. The result is the same for any
  * number of threads. */
 pags_result pags_lidar_planes_create(const pags_dataset *dataset, pags_tasks *tasks, pags_lidar_planes *out);
-/* Fits planes to the background's points in cells of 0.4, 0.8 and 1.6 m. Points of parked objects are left out, since
- * bodywork and windows are no planes. */
+/* Fits planes to the background's points in cells of 0.4, 0.8, 1.6 and 3.2 m. Points of parked objects are left out,
+ * since bodywork and windows are no planes. */
 pags_result pags_lidar_planes_fit(const pags_lidar_points *points, pags_lidar_planes *out);
 void pags_lidar_planes_destroy(pags_lidar_planes *self); /* a zeroed struct is allowed */
 
-/* Moves the means of Gaussians within 0.3 m of a plane, on either side, towards it by `share` (0..1) of the amount by
- * which their distance exceeds 3 cm. Gaussians of parked objects (object_id >= 0) stay. The caller must renew bounds
- * of clusters, which no longer fit. Returns 0 when cancelled. */
+/* Moves the means of Gaussians within 0.3 m of a plane of cells up to 1.6 m, on either side, towards it by `share`
+ * (0..1) of the amount by which their distance exceeds 3 cm. Gaussians of parked objects (object_id >= 0) stay. The
+ * caller must renew bounds of clusters, which no longer fit. Returns 0 when cancelled. */
 bool pags_lidar_planes_pull(const pags_lidar_planes *self, pags_gaussians *g, double share, pags_tasks *tasks);
 
-/* Lays Gaussians within 0.3 m of a plane into it, by `share` (0..1) of the way: its mean comes to the plane, the one of
- * its axes that is nearest to the normal turns to the normal, and where its sigma along that axis exceeds 2 cm, the
- * logarithm of the sigma falls to that of 2 cm (flat Gaussians: 2DGS, Huang et al. 2024). A Gaussian that isn't in the
- * surface, or that reaches out of it, blends to the right colours from where the photographs were taken, and to a
- * stroke along their line of sight from elsewhere. Gaussians of parked objects (object_id >= 0) stay. The caller must
- * renew bounds of clusters. The same bits for any number of threads. Returns false when cancelled. */
+/* Lays Gaussians within 0.3 m of a plane, that of the largest cell which has one, into it, by `share` (0..1) of the
+ * way: its mean comes to the plane, the one of its axes that is nearest to the normal turns to the normal, and where
+ * its sigma along that axis exceeds 5 mm, the logarithm of the sigma falls to that of 5 mm (flat Gaussians: 2DGS, Huang
+ * et al. 2024). A Gaussian that isn't in the surface, or that reaches out of it, blends to the right colours from where
+ * the photographs were taken, and to a stroke along their line of sight from elsewhere. Gaussians of parked objects
+ * (object_id >= 0) stay. The caller must renew bounds of clusters. The same bits for any number of threads. Returns
+ * false when cancelled. */
 bool pags_lidar_planes_lay(const pags_lidar_planes *self, pags_gaussians *g, double share, pags_tasks *tasks);
 
 #endif

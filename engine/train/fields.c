@@ -183,7 +183,7 @@ const pags_train_field pags_fields[] = {
     NUMBER(density, lidar_pull, 0, 0, 1, "of the way",
            "move Gaussians of the background towards the plane that LiDAR shows nearby, as often as densify; 0: don't"),
     NUMBER(density, lidar_lay, 0, 0, 1, "of the way",
-           "lay Gaussians of the background flat into the plane that LiDAR shows nearby, four times as often as "
+           "lay Gaussians of the background flat into the plane that LiDAR shows nearby, 20 times as often as "
            "densify; 0: don't"),
 
     NUMBER(mcmc, mcmc_growth, 0.05, 0, 10, "of the Gaussians",

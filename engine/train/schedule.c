@@ -130,7 +130,7 @@ bool pags_schedule_is_draw(const pags_schedule *s, int64_t step) {
 }
 
 bool pags_schedule_is_lay(const pags_schedule *s, int64_t step) {
-  return step > s->densify_from && step < s->length && step % at_least(s->densify_every / 4, 1) == 0;
+  return step > s->densify_from && step < s->length && step % at_least(s->densify_every / 20, 1) == 0;
 }
 
 int pags_schedule_prune(const pags_schedule *s, int64_t step) {

@@ -79,7 +79,7 @@ bool pags_schedule_is_densify(const pags_schedule *schedule, int64_t step);
 /* Whether the step pulls Gaussians towards the planes that LiDAR shows (init/lidar_planes.h): at densify's interval,
  * but up to the end of the schedule. */
 bool pags_schedule_is_draw(const pags_schedule *schedule, int64_t step);
-/* Whether the step lays Gaussians into those planes: after the step densify_from, four times as often as densify, since
+/* Whether the step lays Gaussians into those planes: after the step densify_from, 20 times as often as densify, since
  * each step of the optimiser lifts some out of them again. */
 bool pags_schedule_is_lay(const pags_schedule *schedule, int64_t step);
 /* Whether opacities are reset after the step. A reset that would be followed by a prune by score within a third of

@@ -122,6 +122,7 @@ static pags_gaussians make_shapes(int count, const float (*means)[3]) {
 static void they_lie_in_the_road(void **unused) {
   (void)unused;
   enum { LAID = 200, OTHERS = 4, ALL = LAID + OTHERS };
+  const double steady = cos(0.3 * 3.14159 / 180.0);
   float means[ALL][3] = {{0}};
   for (int i = 0; i < ALL; i++) {
     means[i][0] = (float)(1 + 4 * pags_rng_uniform(5, 0, (uint64_t)i));
@@ -149,14 +150,14 @@ static void they_lie_in_the_road(void **unused) {
         continue; /* in a cell of which the road cuts off a corner, whose few points make no plane */
       for (int k = 0; k < 3; k++) {
         const float was = pags_plane(&before, PAGS_SCALE + k)[i], is = pags_plane(&g, PAGS_SCALE + k)[i];
-        const double expected = half ? 0.5 * ((double)was + log(0.02)) : log(0.02);
+        const double expected = half ? 0.5 * ((double)was + log(0.005)) : log(0.005);
         changed += is != was;
         assert_true(is == was || fabs((double)is - expected) < 1e-5);
       }
       assert_int_equal(changed, 1);
-      /* A plane of a dozen points with 2 cm of noise may be off by more. */
+      /* A plane of 0.4 m and 64 points with 2 cm of noise is askew by one degree; one of 3.2 m isn't. */
       laid +=
-          fabs(above(&g, i) - (half ? 0.5 * above(&before, i) : 0.0)) < 0.02 && (half || along_normal(&g, i) > 0.99);
+          fabs(above(&g, i) - (half ? 0.5 * above(&before, i) : 0.0)) < 0.02 && (half || along_normal(&g, i) > steady);
     }
     assert_true(laid > LAID * 3 / 4);
     for (int i = LAID; i < ALL; i++)

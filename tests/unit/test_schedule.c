@@ -66,10 +66,11 @@ static void events_of_30000_steps(void **unused) {
   pags_train_config config = pags_train_config_default();
   config.schedule.preset = PAGS_PRESET_PLAIN;
   pags_schedule s = pags_schedule_make(&config, 1.0, 10);
-  int densify = 0, resets = 0;
+  int densify = 0, resets = 0, lays = 0;
   for (int64_t step = 1; step <= 30000; step++) {
     densify += pags_schedule_is_densify(&s, step);
     resets += pags_schedule_is_reset(&s, step);
+    lays += pags_schedule_is_lay(&s, step);
   }
   config.density.scale_reset = 0.6;
   s = pags_schedule_make(&config, 1.0, 10);
@@ -81,6 +82,7 @@ static void events_of_30000_steps(void **unused) {
     }
   assert_true(resets_of_scales == 6 && last == 21000); /* at the steps 6000, 9000, ... */
   assert_int_equal(densify, 144);                      /* at the steps 600, 700, ... 14900 */
+  assert_int_equal(lays, 5899);                        /* at the steps 505, 510, ... 29995 */
   assert_int_equal(resets, 4);
   assert_int_equal(pags_schedule_sh_degree(&s, 999), 0);
   assert_int_equal(pags_schedule_sh_degree(&s, 2000), 2);
