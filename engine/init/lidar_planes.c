@@ -27,6 +27,8 @@ static const double narrowest =
 static const double widest = 0.75;    /* reach of a plane from its centre, along the plane, in cell sides */
 static const double farthest = 0.3;   /* reach of a plane across it, metres */
 static const double nearest = 0.03;   /* Gaussians nearer than this stay: the planes are not known better, metres */
+static const double close = 0.1;      /* reach of a plane that Gaussians are laid into, across it, metres */
+static const double level_at = 0.9;   /* cosine of the steepest slope of such a plane; z is up */
 static const double thinnest = 0.005; /* sigma across a plane to which laying makes Gaussians flat, metres */
 
 /* ---- Cells and their hash table ---- */
@@ -265,13 +267,15 @@ static const pags_lidar_plane *finest_plane(const pags_lidar_planes *self, const
   return best;
 }
 
-/* The plane into which p is laid, of the largest cells that have one; NULL if there is none. */
-static const pags_lidar_plane *steadiest_plane(const pags_lidar_planes *self, const float p[3], float *across) {
+/* The plane into which p is laid: the nearest of the largest cells that have one, if it is near and level; NULL if
+ * there is none. */
+static const pags_lidar_plane *ground_plane(const pags_lidar_planes *self, const float p[3], float *across) {
   const pags_lidar_plane *best = NULL;
   for (int level = LEVELS - 1; level >= 0 && !best; level--)
     if (plane_of_level(self, p, level, &best, across) == UNKNOWN)
       return NULL;
-  return best;
+  const bool laid = best && fabsf(*across) <= (float)close && fabsf(best->normal[2]) >= (float)level_at;
+  return laid ? best : NULL;
 }
 
 /* Reads the mean of a row; returns false of a parked object's, which stays. */
@@ -360,7 +364,7 @@ static void lay_block(void *context, int64_t begin, int64_t end, int worker) {
   (void)worker;
   for (int64_t row = begin; row < end; row++) {
     float p[3], across = 0;
-    const pags_lidar_plane *const plane = reads_mean(d->g, row, p) ? steadiest_plane(d->planes, p, &across) : NULL;
+    const pags_lidar_plane *const plane = reads_mean(d->g, row, p) ? ground_plane(d->planes, p, &across) : NULL;
     const int axis = plane ? turn(d->g, row, plane->normal, share) : -1;
     if (axis < 0)
       continue;

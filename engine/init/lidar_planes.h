@@ -41,13 +41,13 @@ void pags_lidar_planes_destroy(pags_lidar_planes *self); /* a zeroed struct is a
  * caller must renew bounds of clusters, which no longer fit. Returns 0 when cancelled. */
 bool pags_lidar_planes_pull(const pags_lidar_planes *self, pags_gaussians *g, double share, pags_tasks *tasks);
 
-/* Lays Gaussians within 0.3 m of a plane, that of the largest cell which has one, into it, by `share` (0..1) of the
- * way: its mean comes to the plane, the one of its axes that is nearest to the normal turns to the normal, and where
- * its sigma along that axis exceeds 5 mm, the logarithm of the sigma falls to that of 5 mm (flat Gaussians: 2DGS, Huang
- * et al. 2024). A Gaussian that isn't in the surface, or that reaches out of it, blends to the right colours from where
- * the photographs were taken, and to a stroke along their line of sight from elsewhere. Gaussians of parked objects
- * (object_id >= 0) stay. The caller must renew bounds of clusters. The same bits for any number of threads. Returns
- * false when cancelled. */
+/* Lays Gaussians within 0.1 m of the ground into it, by `share` (0..1) of the way: into the plane of the largest cell
+ * that has one, where its slope is less than 26 degrees (z is up). The mean comes to the plane, the one of its axes
+ * that is nearest to the normal turns to the normal, and where its sigma along that axis exceeds 5 mm, the logarithm of
+ * the sigma falls to that of 5 mm (flat Gaussians: 2DGS, Huang et al. 2024). A Gaussian that isn't in the surface, or
+ * that reaches out of it, blends to the right colours from where the photographs were taken, and to a stroke along
+ * their line of sight from elsewhere. Gaussians of parked objects (object_id >= 0) stay. The caller must renew bounds
+ * of clusters. The same bits for any number of threads. Returns false when cancelled. */
 bool pags_lidar_planes_lay(const pags_lidar_planes *self, pags_gaussians *g, double share, pags_tasks *tasks);
 
 #endif

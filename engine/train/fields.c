@@ -182,9 +182,10 @@ const pags_train_field pags_fields[] = {
     NUMBER(density, scale_reset_until, 21000, 0, MOST_STEPS, STEPS, "reset scales up to this step"),
     NUMBER(density, lidar_pull, 0, 0, 1, "of the way",
            "move Gaussians of the background towards the plane that LiDAR shows nearby, as often as densify; 0: don't"),
-    NUMBER(density, lidar_lay, 0, 0, 1, "of the way",
-           "lay Gaussians of the background flat into the plane that LiDAR shows nearby, 20 times as often as "
-           "densify; 0: don't"),
+    NUMBER(
+        density, lidar_lay, 0, 0, 1, "of the way",
+        "lay Gaussians of the background within 0.1 m of the ground that LiDAR shows flat into it, 20 times as often "
+        "as densify; 0: don't"),
 
     NUMBER(mcmc, mcmc_growth, 0.05, 0, 10, "of the Gaussians",
            "add so many Gaussians at each densify step of strategy mcmc"),

@@ -117,21 +117,22 @@ static pags_gaussians make_shapes(int count, const float (*means)[3]) {
 }
 
 /* All of the way: nearly all Gaussians about the road lie in it and are flat there, whatever they were like; their
- * other two sigmas stay. Those in the bush, beyond the road's edge and of a parked object keep every bit, and so does
- * one whose quaternion is zero. Half of the way changes half as much. */
+ * other two sigmas stay. Those in the bush, beyond the road's edge, 12 cm above it and of a parked object keep every
+ * bit, and so does one whose quaternion is zero. Half of the way changes half as much. */
 static void they_lie_in_the_road(void **unused) {
   (void)unused;
-  enum { LAID = 200, OTHERS = 4, ALL = LAID + OTHERS };
+  enum { LAID = 200, OTHERS = 5, ALL = LAID + OTHERS };
   const double steady = cos(0.3 * 3.14159 / 180.0);
   float means[ALL][3] = {{0}};
   for (int i = 0; i < ALL; i++) {
     means[i][0] = (float)(1 + 4 * pags_rng_uniform(5, 0, (uint64_t)i));
     means[i][1] = (float)(1 + 4 * pags_rng_uniform(5, 1, (uint64_t)i));
     means[i][2] =
-        (float)(height((double)means[i][0], (double)means[i][1]) + 0.4 * pags_rng_uniform(5, 2, (uint64_t)i) - 0.2);
+        (float)(height((double)means[i][0], (double)means[i][1]) + 0.16 * pags_rng_uniform(5, 2, (uint64_t)i) - 0.08);
   }
   memcpy(means[LAID], (const float[3]){6.05f, 1.0f, 3.4f}, sizeof means[0]);
   memcpy(means[LAID + 1], (const float[3]){-2.0f, 3.0f, 2.9f}, sizeof means[0]);
+  memcpy(means[LAID + 4], (const float[3]){3.0f, 3.0f, (float)(height(3.0, 3.0) + 0.12)}, sizeof means[0]);
   pags_lidar_points points = make_points();
   pags_lidar_planes planes;
   pags_tasks *tasks = pags_tasks_create(2);
@@ -166,6 +167,32 @@ static void they_lie_in_the_road(void **unused) {
     pags_gaussians_destroy(&g);
     pags_gaussians_destroy(&before);
   }
+  pags_lidar_planes_destroy(&planes);
+  pags_lidar_points_destroy(&points);
+  pags_tasks_destroy(tasks);
+}
+
+/* The same surface as a wall: Gaussians are pulled to it, but not laid into it. */
+static void walls_are_not_laid(void **unused) {
+  (void)unused;
+  float means[1][3] = {{(float)(height(3.0, 3.0) + 0.08), 3.0f, 3.0f}};
+  pags_lidar_points points = make_points();
+  for (int i = 0; i < COUNT; i++) {
+    float *const p = points.rows[i].p, x = p[0];
+    p[0] = p[2];
+    p[2] = x;
+  }
+  pags_lidar_planes planes;
+  pags_tasks *tasks = pags_tasks_create(2);
+  assert_int_equal(pags_lidar_planes_fit(&points, &planes), PAGS_OK);
+  pags_gaussians g = make_shapes(1, (const float(*)[3])means), before = make_shapes(1, (const float(*)[3])means);
+  assert_true(pags_lidar_planes_lay(&planes, &g, 1.0, tasks));
+  for (int plane = 0; plane < PAGS_OPACITY; plane++)
+    assert_true(pags_plane(&g, plane)[0] == pags_plane(&before, plane)[0]);
+  assert_true(pags_lidar_planes_pull(&planes, &g, 1.0, tasks));
+  assert_true(fabs((double)pags_plane(&g, PAGS_MEAN)[0] - (double)means[0][0] + 0.05) < 0.01);
+  pags_gaussians_destroy(&g);
+  pags_gaussians_destroy(&before);
   pags_lidar_planes_destroy(&planes);
   pags_lidar_points_destroy(&points);
   pags_tasks_destroy(tasks);
@@ -219,9 +246,8 @@ static void threads_change_no_bit(void **unused) {
 
 int main(void) {
   static const struct CMUnitTest tests[] = {
-      cmocka_unit_test(they_come_halfway),
-      cmocka_unit_test(they_lie_in_the_road),
-      cmocka_unit_test(objects_have_no_facets),
+      cmocka_unit_test(they_come_halfway),     cmocka_unit_test(they_lie_in_the_road),
+      cmocka_unit_test(walls_are_not_laid),    cmocka_unit_test(objects_have_no_facets),
       cmocka_unit_test(threads_change_no_bit),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);

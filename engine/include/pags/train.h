@@ -166,8 +166,9 @@ typedef struct pags_train_density {
   /* Every densify_every steps from densify_from to the end of the schedule, Gaussians of the background move by
    * this fraction of the way to the plane that LiDAR shows nearby (docs/driving.md); 0: they don't. */
   double lidar_pull;
-  /* 20 times as often, they are laid into that plane by this fraction of the way: the mean moves, the axis nearest to
-   * the plane's normal turns to it, and a sigma of more than 5 mm across falls to that; 0: they aren't. */
+  /* 20 times as often, those within 0.1 m of the ground are laid into it by this fraction of the way: the mean moves,
+   * the axis nearest to the plane's normal turns to it, and a sigma of more than 5 mm across falls to that; 0: they
+   * aren't. */
   double lidar_lay;
 } pags_train_density;
 
