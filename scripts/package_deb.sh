@@ -36,6 +36,12 @@ if ! (cd "$source" && DEB_BUILD_OPTIONS="parallel=${JOBS:-$(nproc)} noautodbgsym
   exit 1
 fi
 lintian --fail-on error,warning --profile debian "$work/pags_${version}_"*.changes && echo "package-deb: lintian finds no error and no warning" || failed=yes
+for package in "$work/"*.deb; do
+  if dpkg-deb --fsys-tarfile "$package" | grep -qaF "$work/"; then
+    echo "package-deb: ${package##*/} names $work, the folder in which it was built" >&2
+    failed=yes
+  fi
+done
 cp "$work/"*.deb "$out/"
 cd "$out"
 ls -l -- *"_${version}_"*.deb | awk '{ print $9, $5, "bytes" }'
