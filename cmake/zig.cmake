@@ -51,9 +51,14 @@ foreach(tool ar ranlib)
   set(CMAKE_${name} ${script} CACHE FILEPATH "" FORCE)
 endforeach()
 
-# What is built is shipped: without symbols of its own, and without this machine's paths.
+# What is built is shipped: without symbols of its own, and without this machine's paths. Of a file for macOS -s takes nothing but what debuggers
+# read; local names go by -x.
+set(pags_strip -s)
+if(CMAKE_SYSTEM_NAME STREQUAL "Darwin")
+  string(APPEND pags_strip " -Wl,-x")
+endif()
 foreach(kind EXE SHARED MODULE)
-  set(CMAKE_${kind}_LINKER_FLAGS_INIT "-s")
+  set(CMAKE_${kind}_LINKER_FLAGS_INIT ${pags_strip})
 endforeach()
 set(CMAKE_BUILD_WITH_INSTALL_RPATH ON)
 set(CMAKE_STRIP true CACHE FILEPATH "" FORCE)

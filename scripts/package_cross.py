@@ -110,7 +110,11 @@ def licences(target):
     for path in found.values():
         if not os.path.exists(path):
             sys.exit(f"package_cross: {path}, a licence, isn't there: make setup-cross fetches it into PAGS_CROSS, {CROSS}")
-    return {f"{name}.txt": (read(path), 0o644) for name, path in found.items()}
+    texts = {f"{name}.txt": (read(path), 0o644) for name, path in found.items()}
+    if "embree" in found and target.endswith("arm64"):  # the header by which Embree's code for SSE2 becomes NEON's has its licence in its head
+        header = read(CROSS, "sources/embree/common/simd/arm/sse2neon.h")
+        texts["sse2neon.txt"] = (header[header.index(b"// This header"):header.index(b"*/") + 3], 0o644)
+    return texts
 
 
 def refuse_folders(files):
@@ -182,7 +186,7 @@ def main():
              **{f"{name}/third_party/{text}": file for text, file in others.items()}}
     if program.endswith(".exe"):
         packages[name + ".zip"] = zip_bytes(alone)
-    elif target.startswith("linux"):
+    else:
         packages[name + ".tar.gz"] = tar_bytes(alone)
     with zipfile.ZipFile(os.path.join(build, addon)) as built:
         inside = {entry.filename: (built.read(entry), 0o755 if entry.external_attr >> 16 & 0o100 else 0o644)

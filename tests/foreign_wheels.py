@@ -125,6 +125,8 @@ class Wheels(unittest.TestCase):
                 self.assertEqual((kind, cross_report.PROCESSORS[machine]), ("Mach-O", processor.replace("x86_64", "x64")))
                 self.assertEqual(needed, ["/usr/lib/libSystem.B.dylib"])
                 self.assertEqual(floor.split(",")[0], f"macOS {major}.{minor}")
+                local = next(struct.unpack_from("<I", data, at + 12)[0] for command, at in load_commands(data) if command == 0xB)
+                self.assertLess(local, 500, "names that no one asks for: the linker's -x takes most of them away (cmake/zig.cmake)")
                 if processor == "arm64":
                     self.assertEqual(signature_faults(data), [])
             self.assertIn("_PyInit_pags", macho_exports(module))

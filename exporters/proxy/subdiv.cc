@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Subdivision of quad meshes (Catmull and Clark 1978) and stencils of the limit surface, by OpenSubdiv. This is the
  * only file that includes OpenSubdiv; every C++ exception is caught here and becomes PAGS_ERROR_MEMORY. */
+#define _DARWIN_C_SOURCE /* alloca on macOS, which OpenSubdiv's headers call */
 #include "exporters/proxy/subdiv.h"
 
 #include <cstdlib>

@@ -49,6 +49,7 @@ class Packages(Case):
                 if not line.startswith("#"):
                     name, kind = line.split()[:2]
                     self.write(f"cross/sources/{name}/" + ("debian/copyright" if kind == "debian" else "LICENSE.txt"), "licence of " + name)
+            self.write("cross/sources/embree/common/simd/arm/sse2neon.h", "#pragma once\n// This header\n/*\n * MIT\n */\n/* Code */\n")
         return folder
 
     def run_script(self, build, umask=0o22, **environment):
@@ -100,10 +101,12 @@ class Packages(Case):
                 self.assertEqual(addon.getinfo("pags/__init__.py").external_attr >> 16, 0o100644)
 
     def test_licences(self):
-        """Each package has those of what its target links: Embree's only where proxies are built, MinGW's only on Windows."""
-        os.makedirs(self.cross() + "/linux-x64-glibc2.17/lib/cmake/TinyGLTF")
+        """Each package has those of what its target links: Embree's only where proxies are built, sse2neon's there on ARM, MinGW's only on Windows."""
+        for target in ["linux-x64-glibc2.17", "macos-arm64"]:
+            os.makedirs(f"{self.cross()}/{target}/lib/cmake/TinyGLTF")
         for target, program, module, some, others in [
-            ("linux-x64-glibc2.17", "pags", "pags.abi3.so", ["embree", "zlib", "musl", "llvm-libcxx"], ["mingw-w64", "cmocka", "ziglang", "python3.11"]),
+            ("linux-x64-glibc2.17", "pags", "pags.abi3.so", ["embree", "zlib", "musl", "llvm-libcxx"], ["mingw-w64", "cmocka", "ziglang", "python3.11", "sse2neon"]),
+            ("macos-arm64", "pags", "pags.abi3.so", ["embree", "sse2neon", "zlib"], ["mingw-w64"]),
             ("windows-x64", "pags.exe", "pags.pyd", ["mingw-w64", "zlib"], ["embree", "qhull"]),
         ]:
             packed = self.pack(self.build(target, program, module))
@@ -111,7 +114,11 @@ class Packages(Case):
                                  (f"pags-{VERSION}-{target[:5]}", "third_party/")]:
                 data = packed[next(name for name in packed if name.startswith(file))]
                 if data[:2] == b"PK":
-                    names = zipfile.ZipFile(io.BytesIO(data)).namelist()
+                    archive = zipfile.ZipFile(io.BytesIO(data))
+                    names = archive.namelist()
+                    for name in names:
+                        if name.endswith("/sse2neon.txt"):
+                            self.assertEqual(archive.read(name), b"// This header\n/*\n * MIT\n */\n")
                 else:
                     names = tarfile.open(fileobj=io.BytesIO(data)).getnames()
                 found = {os.path.basename(name)[:-4] for name in names if folder in name}
