@@ -41,7 +41,7 @@ CHANGES = {"alpha": "--alpha", "rate": "--prune-rate", "preset": "--preset", "be
            "s-grad-from": "--set s_grad_from"}
 SWITCHES = {"no-objects": "--no-objects", "no-tracks": "--no-tracks", "no-fourier": "--set fourier=0", "no-sky": "--no-sky",
             "no-lidar-start": "--no-lidar-start", "no-exposure": "--no-exposure", "no-lidar-loss": "--set depth_weight=0",
-            "camera-poses": "--set camera_poses=1", "light": "--set light=1",
+            "no-camera-poses": "--set camera_poses=0", "no-light": "--set light=0",
             # each of these takes one part of the default away
             "no-alpha-min": "--set alpha_min=0", "no-scale-reset": "--set scale_reset=1", "no-prunes": "--set prunes=0",
             "no-rates": "--set position_rate_begin=0.00016 --set position_rate_end=1.6e-6 --set scale_rate=0.005 --set sh_dc_rate=0.0025 "

@@ -18,6 +18,7 @@
 #include "project_backward.inl"
 #include "ssim.inl"
 #include "opacity.inl"
+#include "light.inl"
 #include "sky.inl"
 #include "adam.inl"
 /* clang-format on */
@@ -57,5 +58,7 @@ const pags_kernels pags_kernels_scalar = {
     .adam_reach = adam_reach,
     .loss_rows = loss_rows,
     .opacity_row = opacity_row,
+    .light_row = light_row,
+    .light_back = light_back,
     .roofline = roofline,
 };

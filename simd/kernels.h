@@ -314,6 +314,19 @@ typedef struct pags_opacity_row {
   float scale;
 } pags_opacity_row;
 
+/* A row of pixels through a camera's vignette and response curve (light.inl). */
+enum { PAGS_LIGHT_BENDS = 6 };
+typedef struct pags_light_row {
+  int width;                     /* planes are readable and writable up to the next multiple of 16 pixels */
+  float cx, y_squared;           /* the principal point, px; the row's squared distance from it, px^2 */
+  float per_corner;              /* 1 / the corner's squared distance, px^-2 */
+  float vignette[4];             /* base, slope, and its changes at q = 1/3 and 2/3 */
+  float bends[PAGS_LIGHT_BENDS]; /* changes of the curve's slope at u = k/6, from 1 */
+  const float *rgb[3];           /* what the scene shows */
+  float *planes[3];              /* what the camera makes of it: written; or the gradient by that, which becomes that
+                                    by what the scene shows */
+} pags_light_row;
+
 /* Distance between rows of the scratch, in floats: an odd number of cache lines, so that rows lie in different
  * cache sets. */
 static inline int64_t pags_loss_pitch(int64_t stride) {
@@ -408,6 +421,11 @@ typedef struct pags_kernels {
   /* Cross-entropy of the opacity of a row of pixels, or entropy for those that may be empty or full (opacity.inl).
    * Returns the sum, not multiplied by `scale`. */
   double (*opacity_row)(const pags_opacity_row *in);
+
+  /* A camera's light over a row of pixels, and its gradient: by the four numbers of the vignette, and by the logarithm
+   * of the slope of each piece of the curve divided by the piece's rise (light.inl). */
+  void (*light_row)(const pags_light_row *in);
+  void (*light_back)(const pags_light_row *in, double by_vignette[4], double by_rises[PAGS_LIGHT_BENDS]);
 
   /* Benchmark of the peak blending rate: blends `steps` Gaussians over one 4x4 block, all in registers. Returns a sum
    * of the result, so that the work isn't optimised away. */

@@ -14,6 +14,7 @@ enum { FRAMES = 12 };
 static pags_tasks *tasks;
 static pags_dataset *dataset;
 static int small_street_cameras = 1;
+static const char *const *small_street_faults = NULL; /* ends with NULL */
 
 /* Set-up and tear-down for a group of cmocka tests. */
 static inline int make_street(void **unused) {
@@ -28,6 +29,9 @@ static inline int make_street(void **unused) {
   options.objects = 3;
   options.lidar_points = 4000;
   options.shifts = 0;
+  for (const char *const *fault = small_street_faults; fault && *fault; fault++)
+    if (pags_street_faults_set(&options.faults, *fault) != PAGS_OK)
+      return -1;
   tasks = pags_tasks_create(2);
   if (!tasks || scratch_make() != 0 || pags_synth_street(scratch("street"), &options, tasks, NULL, NULL) != PAGS_OK)
     return -1;

@@ -224,6 +224,10 @@ pags_train_config pags_config_resolve(const pags_train_config *config, bool driv
     c.priority.dropout = c.schedule.preset == PAGS_PRESET_PAPER;
   if (c.exposure.exposure < 0)
     c.exposure.exposure = driving || !baseline;
+  if (c.cameras.camera_poses < 0)
+    c.cameras.camera_poses = driving && !baseline;
+  if (c.cameras.light < 0)
+    c.cameras.light = driving && !baseline;
   take_preset(&c);
   return c;
 }

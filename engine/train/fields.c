@@ -271,14 +271,16 @@ const pags_train_field pags_fields[] = {
                 "fit a gain and an offset for each photograph"),
     NUMBER(exposure, exposure_rate, 3e-3, 0, 1, "per step", "set the learning rate of exposures; it falls to a tenth"),
 
-    SWITCH(cameras, camera_poses, 0, "correct the cameras' poses of a driving set where that pays"),
+    AUTO_SWITCH(cameras, camera_poses, "1 on driving sets, but for blocks; presets plain and paper 0",
+                "correct the cameras' poses of a driving set where that pays"),
     NUMBER(cameras, camera_rotation_rate, 3e-4, 0, 1, "radians per step",
            "set the learning rate of their rotations; it falls to a tenth"),
     NUMBER(cameras, camera_translation_rate, 3e-3, 0, 10, "metres per step",
            "set the learning rate of their positions; it falls to a tenth"),
     NUMBER(cameras, camera_delay_rate, 1.5e-3, 0, 1, "seconds per step",
            "set the learning rate of their delays; it falls to a tenth"),
-    SWITCH(cameras, light, 0, "fit a vignette and a response curve of each camera of a driving set where that pays"),
+    AUTO_SWITCH(cameras, light, "1 on driving sets, but for blocks; presets plain and paper 0",
+                "fit a vignette and a response curve of each camera of a driving set where that pays"),
     NUMBER(cameras, light_rate, 2e-3, 0, 1, "per step",
            "set the learning rate of vignettes and response curves; it falls to a tenth"),
 };

@@ -49,30 +49,28 @@ static pags_result measure(pags_trainer *t, int64_t step, const pags_frame_optio
   return PAGS_OK;
 }
 
-pags_result pags_held_out_view(pags_trainer *t, int64_t view, const pags_camera *camera, const pags_scene_view *exposed,
-                               double *psnr) {
-  const int64_t step = t->state.step + 1; /* draws with all steps done, of which this applies the pending ones */
-  const pags_frame_options options = pags_view_render_options(t, step);
-  t->round[t->shared.rank] = (pags_step_view){.view = view, .camera = *camera};
-  return measure(t, step, &options, exposed, psnr);
-}
-
-/* Measures `count` scores, one a rank. */
-static pags_result measure_round(pags_trainer *t, pags_train_score *scores, int count, const pags_scene_view *views) {
+/* Measures `count` views, one a rank. */
+static pags_result measure_round(pags_trainer *t, pags_measured_view *views, int count) {
   const int64_t step = t->state.step + 1; /* draws with all steps done, of which this applies the pending ones */
   const pags_frame_options options = pags_view_render_options(t, step);
   pags_transport *const transport = t->shared.transport;
   double own = (double)NAN, all[PAGS_RANKS_MOST];
   pags_result mine = PAGS_OK;
   for (int i = 0; i < count; i++)
-    t->round[i] = (pags_step_view){.view = scores[i].view, .camera = views[scores[i].view].camera};
+    t->round[i] = (pags_step_view){.view = views[i].view, .camera = views[i].camera};
   PAGS_TRY(pags_round_project(t, step, count, &options));
   if (pags_round_draws(t, count))
-    mine = measure(t, step, &options, views + scores[t->shared.rank].view, &own);
+    mine = measure(t, step, &options, &views[t->shared.rank].exposed, &own);
   PAGS_TRY(pags_transport_agree(transport, mine));
   PAGS_TRY(pags_share_all(transport, &own, sizeof own, all));
   for (int i = 0; i < count; i++)
-    scores[i].psnr = all[i];
+    views[i].psnr = all[i];
+  return PAGS_OK;
+}
+
+pags_result pags_held_out_views(pags_trainer *t, pags_measured_view *views, int count) {
+  for (int i = 0; i < count; i += t->ranks)
+    PAGS_TRY(measure_round(t, views + i, count - i < t->ranks ? count - i : t->ranks));
   return PAGS_OK;
 }
 
@@ -90,19 +88,24 @@ pags_result pags_held_out_measure(pags_trainer *t) {
     /* view k of the chosen ones is number (k + 1/2) held / chosen of those held out */
     if (scene.views[i].test && h->count < chosen && seen++ == (2 * h->count + 1) * held / (2 * chosen))
       h->scores[h->count++].view = i;
-  pags_result result = PAGS_OK;
-  for (int i = 0; i < h->count && result == PAGS_OK; i += t->ranks)
-    result = measure_round(t, h->scores + i, h->count - i < t->ranks ? h->count - i : t->ranks, scene.views);
+  pags_measured_view views[PAGS_HELD_OUT_VIEWS];
+  for (int i = 0; i < h->count; i++) {
+    const pags_scene_view *const v = scene.views + h->scores[i].view;
+    views[i] = (pags_measured_view){.view = h->scores[i].view, .camera = v->camera, .exposed = *v};
+  }
+  const pags_result result = pags_held_out_views(t, views, h->count);
   free(scene.views);
   PAGS_TRY(result);
 
   double sum = 0;
   int known = 0;
-  for (int i = 0; i < h->count; i++)
-    if (isfinite(h->scores[i].psnr)) {
-      sum += h->scores[i].psnr;
+  for (int i = 0; i < h->count; i++) {
+    h->scores[i].psnr = views[i].psnr;
+    if (isfinite(views[i].psnr)) {
+      sum += views[i].psnr;
       known++;
     }
+  }
   h->psnr = known > 0 ? sum / known : (double)NAN;
   h->step = t->state.step;
   return PAGS_OK;

@@ -6,13 +6,19 @@
 
 #include "train/run.h"
 
-/* Draws a view by `camera`, which may be another than the data set's, exposes it as `exposed` says, and measures its
- * PSNR in dB; NaN if no pixel counts or none differs. */
-pags_result pags_held_out_view(pags_trainer *trainer, int64_t view, const pags_camera *camera,
-                               const pags_scene_view *exposed, double *psnr);
+/* A view to measure: drawn by `camera`, which may be another than the data set's, and exposed as `exposed` says. */
+typedef struct pags_measured_view {
+  int64_t view;
+  pags_camera camera;
+  pags_scene_view exposed;
+  double psnr; /* dB, the result; NaN if no pixel counts or none differs */
+} pags_measured_view;
 
-/* Measures the held-out views that stand for all of them, at most PAGS_HELD_OUT_VIEWS spread evenly over the data
- * set: trainer->held_out. Does nothing where none is held out. Errors of photographs. */
+/* Collective: measures the views, which are the same at all ranks. Errors of photographs. */
+pags_result pags_held_out_views(pags_trainer *trainer, pags_measured_view *views, int count);
+
+/* Collective: measures the held-out views that stand for all of them, at most PAGS_HELD_OUT_VIEWS spread evenly over
+ * the data set: trainer->held_out. Does nothing where none is held out. Errors of photographs. */
 pags_result pags_held_out_measure(pags_trainer *trainer);
 
 #endif

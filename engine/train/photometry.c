@@ -11,6 +11,7 @@
 
 #include "base/memory.h"
 #include "maths/maths.h"
+#include "simd/kernels.h"
 
 enum { RINGS = PAGS_LIGHT_RINGS, PIECES = PAGS_LIGHT_PIECES, GRAIN = 8 };
 static const double final_share = 0.1; /* the learning rate at the schedule's end as a share of the first */
@@ -76,76 +77,80 @@ pags_light pags_photometry_light(const pags_photometry *p, int sensor) {
 /* ---- Pictures ---- */
 
 typedef struct light_job {
-  const pags_light *light;
+  const pags_kernels *kernels;
   const pags_camera *camera;
   const pags_picture *picture;
   float *const *planes;
-  double shares[PIECES];     /* of the curve's pieces */
+  pags_light_row row;        /* the members that are the same for all rows */
   pags_light_gradient *rows; /* one a row; NULL: the planes receive the light's values */
 } light_job;
 
-static void apply_rows(void *context, int64_t begin, int64_t end, int worker) {
-  const light_job *const job = context;
-  (void)worker;
-  for (int64_t y = begin; y < end; y++)
-    for (int x = 0; x < job->picture->width; x++) {
-      const double bright = pags_light_vignette(job->light, pags_light_distance(job->camera, x + 0.5, (double)y + 0.5));
-      const int64_t at = y * job->picture->stride + x;
-      for (int c = 0; c < 3; c++)
-        job->planes[c][at] = (float)pags_light_response(job->light, bright * (double)job->picture->rgb[c][at], NULL);
-    }
+static pags_result prepare(const pags_light *light, const pags_camera *camera, const pags_picture *picture,
+                           float *const planes[3], light_job *job) {
+  const char *why;
+  *job = (light_job){.kernels = pags_kernels_get(&why), .camera = camera, .picture = picture, .planes = planes};
+  if (!job->kernels)
+    return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s", why);
+  pags_light_row *const row = &job->row;
+  row->width = picture->width;
+  row->cx = (float)camera->cx;
+  row->per_corner = (float)(1.0 / (camera->cx * camera->cx + camera->cy * camera->cy));
+  double slope = 0.0;
+  row->vignette[0] = (float)(1.0 + light->vignette[0]);
+  for (int k = 1; k < RINGS; k++) {
+    const double next = 3.0 * (light->vignette[k] - light->vignette[k - 1]);
+    row->vignette[k] = (float)(next - slope);
+    slope = next;
+  }
+  slope = 1.0;
+  for (int i = 0; i < PIECES; i++) {
+    const double next = PIECES * (pags_light_knot(light, i + 1) - pags_light_knot(light, i));
+    row->bends[i] = (float)(next - slope);
+    slope = next;
+  }
+  return PAGS_OK;
 }
 
-static void back_rows(void *context, int64_t begin, int64_t end, int worker) {
+static void light_rows(void *context, int64_t begin, int64_t end, int worker) {
   const light_job *const job = context;
   (void)worker;
   for (int64_t y = begin; y < end; y++) {
-    pags_light_gradient *const sum = &job->rows[y];
-    memset(sum, 0, sizeof *sum);
-    for (int x = 0; x < job->picture->width; x++) {
-      const double q = pags_light_distance(job->camera, x + 0.5, (double)y + 0.5);
-      const double bright = pags_light_vignette(job->light, q);
-      const int ring = q < 2.0 / 3.0 ? (int)(3.0 * q) : 2;
-      const int64_t at = y * job->picture->stride + x;
-      for (int c = 0; c < 3; c++) {
-        const double value = (double)job->picture->rgb[c][at], by_y = (double)job->planes[c][at], u = bright * value;
-        double slope;
-        const double out = pags_light_response(job->light, u, &slope);
-        if (u > 0 && u < 1) {
-          const int piece = (int)(u * PIECES);
-          for (int j = 0; j < PIECES; j++)
-            sum->slopes[j] += by_y * job->shares[j] * ((j < piece ? 1.0 : j == piece ? u * PIECES - piece : 0.0) - out);
-        }
-        sum->vignette[ring] += by_y * slope * value * (1.0 + ring - 3.0 * q);
-        sum->vignette[ring + 1] += by_y * slope * value * (3.0 * q - ring);
-        job->planes[c][at] = (float)(by_y * slope * bright);
-      }
+    pags_light_row row = job->row;
+    const double down = (double)y + 0.5 - job->camera->cy;
+    row.y_squared = (float)(down * down);
+    for (int c = 0; c < 3; c++) {
+      row.rgb[c] = job->picture->rgb[c] + y * job->picture->stride;
+      row.planes[c] = job->planes[c] + y * job->picture->stride;
     }
+    if (job->rows)
+      job->kernels->light_back(&row, job->rows[y].vignette, job->rows[y].slopes);
+    else
+      job->kernels->light_row(&row);
   }
 }
 
 pags_result pags_photometry_apply(pags_tasks *tasks, const pags_light *light, const pags_camera *camera,
                                   const pags_picture *picture, float *const out[3]) {
-  light_job job = {.light = light, .camera = camera, .picture = picture, .planes = out};
-  return pags_parallel_for(tasks, picture->height, GRAIN, apply_rows, &job) ? PAGS_OK
+  light_job job;
+  PAGS_TRY(prepare(light, camera, picture, out, &job));
+  return pags_parallel_for(tasks, picture->height, GRAIN, light_rows, &job) ? PAGS_OK
                                                                             : pags_fail(PAGS_CANCELLED, "cancelled");
 }
 
 pags_result pags_photometry_back(pags_tasks *tasks, const pags_light *light, const pags_camera *camera,
                                  const pags_picture *picture, float *const gradient[3], pags_light_gradient *out) {
-  light_job job = {.light = light, .camera = camera, .picture = picture, .planes = gradient};
-  for (int i = 0; i < PIECES; i++)
-    job.shares[i] = pags_light_knot(light, i + 1) - pags_light_knot(light, i);
+  light_job job;
   memset(out, 0, sizeof *out);
+  PAGS_TRY(prepare(light, camera, picture, gradient, &job));
   job.rows = malloc((size_t)picture->height * sizeof *job.rows);
   if (!job.rows)
     return pags_out_of_memory("the light of a picture of %d rows", picture->height);
-  const bool done = pags_parallel_for(tasks, picture->height, GRAIN, back_rows, &job);
+  const bool done = pags_parallel_for(tasks, picture->height, GRAIN, light_rows, &job);
   for (int y = 0; done && y < picture->height; y++) {
     for (int k = 0; k < RINGS; k++)
       out->vignette[k] += job.rows[y].vignette[k];
     for (int i = 0; i < PIECES; i++)
-      out->slopes[i] += job.rows[y].slopes[i];
+      out->slopes[i] += job.rows[y].slopes[i] * (pags_light_knot(light, i + 1) - pags_light_knot(light, i));
   }
   free(job.rows);
   return done ? PAGS_OK : pags_fail(PAGS_CANCELLED, "cancelled");

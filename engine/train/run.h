@@ -6,6 +6,7 @@
 
 #include "init/lidar_planes.h"
 #include "train/driving_losses.h"
+#include "train/exact_sum.h"
 #include "train/output.h"
 #include "train/photometric_loss.h"
 #include "train/shared_views.h"
@@ -20,7 +21,7 @@ typedef struct pags_step_rest {
   struct {
     int64_t view;
     double by_exposure[6];
-    double by_world[6]; /* by a motion of everything that the camera sees (camera_poses.h) */
+    pags_exact_sum by_world; /* by a motion of everything that the camera sees (camera_poses.h) */
     pags_light_gradient by_light;
   } *photographs; /* [batch] */
   int64_t pose_count;

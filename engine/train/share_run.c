@@ -7,19 +7,10 @@
 #include "base/memory.h"
 #include "cluster/shares.h"
 
-static pags_result refuse(const char *what, const char *instead) {
-  return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s can't be shared out to several ranks; %s", what, instead);
-}
-
-pags_result pags_share_run_check(const pags_train_config *config, const pags_train_options *options) {
-  if (pags_transport_ranks(options->transport) == 1)
-    return PAGS_OK;
-  if (options->estimate)
-    return refuse("an estimate", "ask for it in one process");
-  if (config->cameras.camera_poses)
-    return refuse("corrections of camera poses", "pass --set camera_poses=0");
-  if (config->cameras.light)
-    return refuse("vignettes and response curves", "pass --set light=0");
+pags_result pags_share_run_check(const pags_train_options *options) {
+  if (options->estimate && pags_transport_ranks(options->transport) > 1)
+    return pags_fail(PAGS_ERROR_UNSUPPORTED,
+                     "an estimate can't be shared out to several ranks; ask for it in one process");
   return PAGS_OK;
 }
 

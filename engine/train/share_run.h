@@ -6,7 +6,7 @@
 #include "train/run.h"
 
 /* Refuses what several ranks can't do yet. */
-pags_result pags_share_run_check(const pags_train_config *config, const pags_train_options *options);
+pags_result pags_share_run_check(const pags_train_options *options);
 /* Collective: begins to share. Every rank has its share of all models alone, as pags_shares_cut cuts it. */
 pags_result pags_share_run_begin(pags_trainer *trainer);
 /* Collective, when nothing more is drawn: brings the Gaussians to rank 0, which goes on to write the scene. */

@@ -11,6 +11,7 @@
 typedef struct view_result {
   pags_photometric_loss loss;
   pags_driving_losses terms;
+  pags_light_gradient by_light;
   bool objects_drawn;
 } view_result;
 
@@ -24,12 +25,14 @@ pags_result pags_shared_step_results(pags_trainer *t, pags_step_view *views, int
     const pags_step_view *const own = views + t->shared.rank;
     mine.loss = own->loss;
     mine.terms = own->terms;
+    mine.by_light = own->by_light;
     mine.objects_drawn = own->objects_drawn;
   }
   const pags_result result = pags_share_all(transport, &mine, sizeof mine, all);
   for (int i = 0; result == PAGS_OK && i < count; i++) {
     views[i].loss = all[i].loss;
     views[i].terms = all[i].terms;
+    views[i].by_light = all[i].by_light;
     views[i].objects_drawn = all[i].objects_drawn;
   }
   free(all);
@@ -61,6 +64,26 @@ static pags_result share_poses(pags_trainer *t) {
   return result;
 }
 
+/* Adds up what the Gaussians of all ranks say about the camera of each photograph. */
+static pags_result share_cameras(pags_trainer *t) {
+  pags_step_rest *const r = &t->rest;
+  const int ranks = t->shared.ranks;
+  pags_exact_sum *const mine = calloc((size_t)r->count * (size_t)(ranks + 1), sizeof *mine), *const all =
+                                                                                                 mine + r->count;
+  if (!mine)
+    return pags_transport_give_up(t->shared.transport,
+                                  pags_out_of_memory("the cameras of %lld photographs", (long long)r->count));
+  for (int64_t i = 0; i < r->count; i++)
+    mine[i] = r->photographs[i].by_world;
+  const pags_result result = pags_share_all(t->shared.transport, mine, r->count * (int64_t)sizeof *mine, all);
+  for (int64_t i = 0; result == PAGS_OK && i < r->count; i++)
+    for (int k = 0; k < ranks; k++)
+      if (k != t->shared.rank)
+        pags_exact_sum_join(&r->photographs[i].by_world, all + k * r->count + i);
+  free(mine);
+  return result;
+}
+
 /* ---- Updates that were left out ---- */
 
 typedef struct left_out {
@@ -86,5 +109,7 @@ pags_result pags_shared_step_nonfinite(pags_trainer *t) {
 
 pags_result pags_shared_step_rest(pags_trainer *t) {
   PAGS_TRY(pags_shared_step_nonfinite(t));
+  if (t->state.cameras.count > 0)
+    PAGS_TRY(share_cameras(t));
   return share_poses(t);
 }

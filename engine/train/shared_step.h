@@ -1,13 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* What all ranks must know of a step that they share: losses of photographs that others have drawn, gradients of poses
- * whose objects others own, updates that were left out. Tracks, exposures and the sky are the same at every rank, which
- * updates them from the same numbers. */
+ * whose objects others own, of the cameras' poses and light, updates that were left out. Tracks, exposures, cameras and
+ * the sky are the same at every rank, which updates them from the same numbers. */
 #ifndef PAGS_TRAIN_SHARED_STEP_H
 #define PAGS_TRAIN_SHARED_STEP_H
 
 #include "train/run.h"
 
-/* Collective: fills losses and terms of all views of a round, of which rank r has drawn view r. */
+/* Collective: fills losses, terms and the gradient by the light of all views of a round, of which rank r has drawn view
+ * r. */
 pags_result pags_shared_step_results(pags_trainer *trainer, pags_step_view *views, int count);
 /* Collective, at the end of a step, after the Gaussians' updates: brings together trainer->rest and state.nonfinite. */
 pags_result pags_shared_step_rest(pags_trainer *trainer);

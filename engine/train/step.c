@@ -341,30 +341,43 @@ static pags_result losses(pags_trainer *t, int64_t step, pags_step_view *v, pags
 
 /* ---- One photograph ---- */
 
-/* Keeps what the photograph says about exposure and poses until the step's end. The pose of a knot, and that of the
- * camera, is summed over clusters in their order. */
+/* Adds up what the clusters of a part say about a motion of everything that the camera sees. */
+static void add_by_world(const double (*pose)[6], int64_t clusters, const double world_from_model[12],
+                         pags_exact_sum *by_world) {
+  for (int64_t c = 0; c < clusters; c++) {
+    double moved[6] = {0.0};
+    bool any = false;
+    for (int k = 0; k < 6; k++)
+      any |= pose[c][k] != 0.0;
+    if (!any)
+      continue;
+    pags_pose_gradient_by_world(world_from_model, pose[c], moved);
+    pags_exact_sum_add(by_world, moved);
+  }
+}
+
+/* Keeps what the photograph says about exposure and poses until the step's end. The pose of a knot is summed over
+ * clusters in their order; all clusters of an object are those of one rank. */
 static void keep_rest(pags_trainer *t, const pags_step_view *v) {
   pags_step_rest *r = &t->rest;
-  double *by_world = r->photographs[r->count].by_world;
-  memset(by_world, 0, sizeof r->photographs->by_world);
+  pags_exact_sum *const by_world = &r->photographs[r->count].by_world;
+  memset(by_world, 0, sizeof *by_world);
   r->photographs[r->count].by_light = v->by_light;
   r->photographs[r->count].view = v->view;
   memcpy(r->photographs[r->count++].by_exposure, v->loss.by_exposure, sizeof v->loss.by_exposure);
   for (int i = 0; i < t->render.part_count; i++) {
     const int64_t model = t->render.drawn[i].model;
     const pags_train_model *m = &t->state.models[model];
+    const double(*const pose)[6] = (const double(*)[6])t->render.models[model].pose;
     double sum[6] = {0.0};
+    if (t->state.cameras.count > 0)
+      add_by_world(pose, m->clusters.count, t->render.parts[i].world_from_model, by_world);
     const bool own = m->gaussians.count > 0 || (m->total == 0 && t->shared.rank == 0);
-    const bool object = m->object >= 0 && t->render.drawn[i].knot >= 0;
-    if (!own || !(object || t->state.cameras.count > 0))
+    if (!own || m->object < 0 || t->render.drawn[i].knot < 0)
       continue;
     for (int64_t c = 0; c < m->clusters.count; c++)
       for (int k = 0; k < 6; k++)
-        sum[k] += t->render.models[model].pose[c][k];
-    if (t->state.cameras.count > 0)
-      pags_pose_gradient_by_world(t->render.parts[i].world_from_model, sum, by_world);
-    if (!object)
-      continue;
+        sum[k] += pose[c][k];
     r->poses[r->pose_count].object = m->object;
     r->poses[r->pose_count].knot = t->render.drawn[i].knot;
     memcpy(r->poses[r->pose_count++].by_pose, sum, sizeof sum);
@@ -613,11 +626,13 @@ pags_result pags_train_finish(pags_trainer *t, int64_t step) {
                                s, step))
       pags_nonfinite_note(&t->state.nonfinite, 1,
                           &(pags_nonfinite_row){step, -1, r->photographs[i].view, 0, PAGS_NONFINITE_EXPOSURE});
-  for (int64_t i = 0; t->state.cameras.count > 0 && step > pags_trial_from(s) && i < r->count; i++)
-    if (!pags_camera_poses_update(&t->state.cameras, t->dataset, r->photographs[i].view, r->photographs[i].by_world, s,
-                                  step))
+  for (int64_t i = 0; t->state.cameras.count > 0 && step > pags_trial_from(s) && i < r->count; i++) {
+    double by_world[6];
+    pags_exact_sum_value(&r->photographs[i].by_world, by_world);
+    if (!pags_camera_poses_update(&t->state.cameras, t->dataset, r->photographs[i].view, by_world, s, step))
       pags_nonfinite_note(&t->state.nonfinite, 1,
                           &(pags_nonfinite_row){step, -1, r->photographs[i].view, 0, PAGS_NONFINITE_CAMERA});
+  }
   for (int64_t i = 0; t->state.photometry.count > 0 && step > pags_trial_from(s) && i < r->count; i++) {
     const int sensor = pags_dataset_view(t->dataset, r->photographs[i].view)->sensor;
     if (!pags_photometry_update(&t->state.photometry, sensor, &r->photographs[i].by_light, s, step))

@@ -401,6 +401,17 @@ pags_train_options pags_train_options_default(void) {
                               .bad_rows_most = 1000};
 }
 
+/* Fills in the fields set to auto. Blocks of a recording have one gauge of poses and brightness, which corrections of
+ * each block by itself would move. */
+static pags_train_config resolve(const pags_dataset *dataset, const pags_train_config *asked) {
+  pags_train_config config = *asked;
+  if (pags_dataset_block(dataset)) {
+    config.cameras.camera_poses = config.cameras.camera_poses > 0;
+    config.cameras.light = config.cameras.light > 0;
+  }
+  return pags_config_resolve(&config, pags_dataset_fps(dataset) > 0.0);
+}
+
 /* What a rank finds out by itself, before anything is written; rank 0 alone writes to the folder. */
 static pags_result prepare(pags_trainer *t, const pags_train_config *asked, pags_train_config *config, int *found) {
   const pags_train_options *o = t->options;
@@ -410,9 +421,9 @@ static pags_result prepare(pags_trainer *t, const pags_train_config *asked, pags
   if (pags_transport_rank(o->transport) > 0)
     t->output.made = 0;
   PAGS_TRY(pags_views_list(t));
-  *config = pags_config_resolve(asked, pags_dataset_fps(t->dataset) > 0.0);
+  *config = resolve(t->dataset, asked);
   PAGS_TRY(pags_train_config_check(config)); /* chosen values can contradict those that were set */
-  PAGS_TRY(pags_share_run_check(config, o));
+  PAGS_TRY(pags_share_run_check(o));
   return pags_photo_cache_create(t->dataset, t->tasks, o->image_cache, &t->cache);
 }
 

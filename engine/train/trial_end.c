@@ -5,9 +5,11 @@
 #include "train/trial_end.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "base/log.h"
+#include "base/memory.h"
 #include "maths/maths.h"
 #include "train/held_out.h"
 
@@ -23,56 +25,66 @@ bool pags_trials_keep_at(const pags_train_state *s, int64_t step) {
          step <= pags_trial_end(&s->schedule);
 }
 
-/* PSNR without what is on trial, subtracted from that with it. */
-static pags_result gain_of(pags_trainer *t, trial_of what, int64_t view, double *gain) {
+/* The view as it is drawn without what is on trial and with it. */
+static void set_pair(const pags_trainer *t, trial_of what, int64_t view, pags_measured_view pair[2]) {
   const pags_view *const v = pags_dataset_view(t->dataset, view);
-  const pags_camera corrected = pags_view_render_camera(t, view, 1);
-  pags_camera recorded = corrected;
-  memcpy(recorded.world_from_camera, v->camera.world_from_camera, sizeof recorded.world_from_camera);
-  pags_scene_view with = {.gain = {1, 1, 1}};
-  double value[6], before, after;
+  pags_measured_view *const without = pair, *const with = pair + 1;
+  *with =
+      (pags_measured_view){.view = view, .camera = pags_view_render_camera(t, view, 1), .exposed = {.gain = {1, 1, 1}}};
   if (t->state.exposures.count > 0) {
+    double value[6];
     pags_exposures_value(&t->state.exposures, t->dataset, view, value);
     for (int c = 0; c < 3; c++) {
-      with.gain[c] = value[c];
-      with.offset[c] = value[3 + c];
+      with->exposed.gain[c] = value[c];
+      with->exposed.offset[c] = value[3 + c];
     }
   }
-  with.light = pags_photometry_light(&t->state.photometry, v->sensor);
-  pags_scene_view without = with;
-  if (what == OF_LIGHT)
-    without.light = (pags_light){.vignette = {0.0}};
-  PAGS_TRY(pags_held_out_view(t, view, what == OF_POSES ? &recorded : &corrected, &without, &before));
-  PAGS_TRY(pags_held_out_view(t, view, &corrected, &with, &after));
-  *gain = after - before;
-  return PAGS_OK;
+  with->exposed.light = pags_photometry_light(&t->state.photometry, v->sensor);
+  *without = *with;
+  if (what == OF_POSES)
+    memcpy(without->camera.world_from_camera, v->camera.world_from_camera, sizeof v->camera.world_from_camera);
+  else
+    without->exposed.light = (pags_light){.vignette = {0.0}};
 }
 
-static pags_result end(pags_trainer *t, trial_of what, const char *name, pags_trial *trial) {
-  int64_t kept = 0, seen = 0, count = 0;
-  double sum = 0.0, squares = 0.0;
+/* Chooses views of those that are kept out, spread evenly over them; returns their number. */
+static int choose(const pags_trainer *t, trial_of what, pags_measured_view (*pairs)[2]) {
+  int64_t kept = 0, seen = 0;
+  int chosen = 0;
   for (int64_t i = 0; i < t->view_count; i++)
     kept += pags_trial_keeps(i);
   const int64_t most = kept < MOST_VIEWS ? kept : MOST_VIEWS;
-  for (int64_t i = 0, chosen = 0; i < t->view_count && chosen < most; i++) {
-    double gain;
-    if (!pags_trial_keeps(i) || seen++ != (2 * chosen + 1) * kept / (2 * most))
-      continue;
-    chosen++;
-    PAGS_TRY(gain_of(t, what, t->views[i], &gain));
+  for (int64_t i = 0; i < t->view_count && chosen < most; i++)
+    if (pags_trial_keeps(i) && seen++ == (2 * chosen + 1) * kept / (2 * most))
+      set_pair(t, what, t->views[i], pairs[chosen++]);
+  return chosen;
+}
+
+static pags_result end(pags_trainer *t, trial_of what, const char *name, pags_trial *trial) {
+  int count = 0;
+  double sum = 0.0, squares = 0.0;
+  pags_measured_view(*const pairs)[2] = malloc(MOST_VIEWS * sizeof *pairs);
+  PAGS_TRY(
+      pags_transport_agree(t->shared.transport, pairs ? PAGS_OK : pags_out_of_memory("the photographs of a trial")));
+  const int chosen = choose(t, what, pairs);
+  const pags_result result = pags_held_out_views(t, pairs[0], 2 * chosen);
+  for (int i = 0; result == PAGS_OK && i < chosen; i++) {
+    const double gain = pairs[i][1].psnr - pairs[i][0].psnr;
     if (!isfinite(gain)) /* no pixel of the photograph counts */
       continue;
     count++;
     sum += gain;
     squares += gain * gain;
   }
+  free(pairs);
+  PAGS_TRY(result);
   trial->gain = count > 0 ? sum / (double)count : 0.0;
   trial->uncertain =
       count > 1 ? sqrt(fmax(squares / (double)count - trial->gain * trial->gain, 0.0) / (double)(count - 1)) : 0.0;
   const bool pays = count > 1 && trial->gain >= least_gain && trial->gain > least_errors * trial->uncertain;
   trial->state = pays ? PAGS_TRIAL_PAID : PAGS_TRIAL_FAILED;
-  pags_log_message(PAGS_LOG_INFO, "%s: %+.2f dB (standard error %.2f) on %lld photographs kept out: %s", name,
-                   trial->gain, trial->uncertain, (long long)count, pays ? "kept" : "left as recorded");
+  pags_log_message(PAGS_LOG_INFO, "%s: %+.2f dB (standard error %.2f) on %d photographs kept out: %s", name,
+                   trial->gain, trial->uncertain, count, pays ? "kept" : "left as recorded");
   return PAGS_OK;
 }
 

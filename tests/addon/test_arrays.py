@@ -558,11 +558,17 @@ class Memory(Case):
 
         work()
         gc.collect()
-        before, counts = resident(), [sys.getrefcount(o) for o in watched[1:]]
-        for _ in range(20):
-            work()
-        gc.collect()
-        self.assertLess(resident() - before, 8 << 20)
+        counts = [sys.getrefcount(o) for o in watched[1:]]
+        grown = []
+        for _ in range(3):  # a leak grows each time; a system that takes pages of a waiting process away and gives them back grows it once
+            before = resident()
+            for _ in range(20):
+                work()
+            gc.collect()
+            grown.append(resident() - before)
+            if grown[-1] < 8 << 20:
+                break
+        self.assertLess(min(grown), 8 << 20)
         self.assertEqual([sys.getrefcount(o) for o in watched[1:]], counts)
 
 

@@ -196,6 +196,40 @@ static void with_density_control(void **unused) {
   assert_true(count_in_log("grown4", "\"pruned_by_score\"") > 1);
 }
 
+/* What the scene says of its cameras. */
+static bool cameras_have(const char *name, const char *what) {
+  char path[1024];
+  uint8_t *bytes;
+  size_t size;
+  snprintf(path, sizeof path, "%s/scene.json", scratch(name));
+  assert_int_equal(pags_file_read(path, &bytes, &size), PAGS_OK);
+  char *const text = calloc(size + 1, 1);
+  assert_non_null(text);
+  memcpy(text, bytes, size);
+  const bool found = strstr(text, what) != NULL;
+  free(text);
+  free(bytes);
+  return found;
+}
+
+/* A run that ends while corrections of poses, vignettes and response curves are on trial; then others go on with it, so
+ * that the trials end. */
+static void with_corrected_cameras(void **unused) {
+  (void)unused;
+  pags_train_config config = quick();
+  config.schedule.schedule_iterations = 4 * PHOTOGRAPHS;
+  config.objects.fourier_from /= 4;
+  ranks_change_no_bit(&config, "corrected", 3);
+  assert_true(cameras_have("corrected", "\"correction\""));
+  assert_true(cameras_have("corrected", "\"vignette\""));
+  assert_false(cameras_have("corrected", "\"gain_db\""));
+  config.schedule.iterations = 2 * PHOTOGRAPHS;
+  train(&config, "corrected", 0, 1);
+  train(&config, "corrected2", 3, 1);
+  assert_same_run("corrected", "corrected2");
+  assert_true(cameras_have("corrected", "\"gain_db\""));
+}
+
 /* Settings that few runs have: a size that the scene must keep to, S_grad from training, the pull onto LiDAR planes. */
 static void with_other_settings(void **unused) {
   (void)unused;
@@ -241,9 +275,6 @@ static void resumed_on_other_ranks(void **unused) {
   assert_same_run("one", "several");
 }
 
-static pags_train_config refused_config;
-static bool estimates;
-
 static const char *run_rank_that_is_refused(pags_transport *transport, void *expected) {
   pags_train_options options = pags_train_options_default();
   pags_train_result result;
@@ -251,8 +282,9 @@ static const char *run_rank_that_is_refused(pags_transport *transport, void *exp
   options.output = scratch("refused");
   options.tasks = tasks;
   options.transport = transport;
-  options.estimate = estimates;
-  const pags_result code = pags_train(&refused_config, &options, &result);
+  options.estimate = 1;
+  const pags_train_config config = quick();
+  const pags_result code = pags_train(&config, &options, &result);
   return code == PAGS_ERROR_UNSUPPORTED && strstr(pags_error_message(), expected) == pags_error_message()
              ? ""
              : "isn't refused";
@@ -261,15 +293,9 @@ static const char *run_rank_that_is_refused(pags_transport *transport, void *exp
 /* What several ranks can't do is refused before anything is written, and no rank is named. */
 static void refuses(void **unused) {
   (void)unused;
-  static const char *const expected[] = {"an estimate", "corrections of camera poses", "vignettes and response curves"};
-  for (int i = 0; i < 3; i++) {
-    refused_config = quick();
-    refused_config.cameras.camera_poses = i == 1;
-    refused_config.cameras.light = i == 2;
-    estimates = i == 0;
-    assert_true(run_ranks(2, 0, 60, run_rank_that_is_refused, (void *)(uintptr_t)expected[i]));
-    assert_false(pags_path_exists(scratch("refused")));
-  }
+  static char expected[] = "an estimate";
+  assert_true(run_ranks(2, 0, 60, run_rank_that_is_refused, expected));
+  assert_false(pags_path_exists(scratch("refused")));
 }
 
 int main(void) {
@@ -280,5 +306,10 @@ int main(void) {
                                      cmocka_unit_test(with_a_time_limit),
                                      cmocka_unit_test(resumed_on_other_ranks),
                                      cmocka_unit_test(refuses)};
-  return cmocka_run_group_tests(tests, make_street, remove_street);
+  const struct CMUnitTest of_cameras[] = {cmocka_unit_test(with_corrected_cameras)};
+  static const char *const faults[] = {"position=0.2", "angle=1", "vignette=0.6", "response=0.2", NULL};
+  const int failed = cmocka_run_group_tests(tests, make_street, remove_street);
+  small_street_cameras = 3;
+  small_street_faults = faults;
+  return failed + cmocka_run_group_tests(of_cameras, make_street, remove_street);
 }

@@ -266,12 +266,14 @@ typedef struct pags_train_exposure {
 typedef struct pags_train_cameras {
   /* 1: they are fitted on trial, without one of eight training photographs, and after 0.3 of the schedule kept if they
    * bring 0.3 dB or more on those; then these photographs are given back. Poses of held-out views lie between those of
-   * their neighbours in time. Not in static sets. */
+   * their neighbours in time. Auto: 1 on driving sets, but 0 on a block of one and with presets PLAIN and PAPER. Not in
+   * static sets. */
   int camera_poses;
   double camera_rotation_rate;    /* radians per step, falling to a tenth; divided by the visits of a time step / 100 */
   double camera_translation_rate; /* metres per step, likewise */
   double camera_delay_rate;       /* seconds per step, likewise, by the visits of a camera */
-  /* 1: a vignette and a response curve of each camera (pags/light.h) are fitted on trial and kept, likewise. */
+  /* 1: a vignette and a response curve of each camera (pags/light.h) are fitted on trial and kept, likewise; auto: as
+   * of camera_poses. */
   int light;
   double
       light_rate; /* per step, of the vignette's numbers and the logarithms of the curve's slopes; falls to a tenth */
