@@ -24,6 +24,7 @@ typedef struct backward_context {
   void *user;
   float *scratch;       /* per worker: SCRATCH_PLANES planes of MOST_MEMBERS floats */
   uint8_t *drawn, *bad; /* per worker: MOST_MEMBERS flags each */
+  kept_room *kept;
   atomic_llong bad_rows;
 } backward_context;
 
@@ -117,14 +118,14 @@ static void clusters_backward(void *context, int64_t begin, int64_t end, int wor
     float *const extra = scratch + (int64_t)planes * stride;
     const pags_row_gradient rows = {scratch, stride, extra, extra + stride, extra + 2 * stride, bad_planes};
     memset(bad_planes, 0, (size_t)v->count);
-    const int bad = f->lens
-                        ? pags_frame_lens_backward(f, v, c->slots, &rows)
-                        : f->kernels->project_backward(view, g->data + v->first, g->stride, v->count, f->keys + v->base,
-                                                       f->splats + v->base, f->slot_start + v->base, c->slots, &rows);
+    const frame_members members = pags_frame_members(f, v, c->kept, worker);
+    const int bad = f->lens ? pags_frame_lens_backward(f, v, &members, c->slots, &rows)
+                            : f->kernels->project_backward(view, g->data + v->first, g->stride, v->count, members.keys,
+                                                           members.splats, members.slot_start, c->slots, &rows);
     if (bad)
       atomic_fetch_add(&c->bad_rows, bad);
     for (int k = 0; k < v->count; k++)
-      drawn[k] = f->keys[v->base + k] != UINT32_MAX && f->splats[v->base + k].tiles > 0;
+      drawn[k] = members.keys[k] != UINT32_MAX && members.splats[k].tiles > 0;
     const pags_cluster_gradient out = {.part = v->part,
                                        .cluster = v->cluster,
                                        .first = v->first,
@@ -172,6 +173,7 @@ pags_result pags_stage_project_backward(pags_frame *frame, int first_part, const
   c.bad = pags_frame_alloc(frame, (int64_t)workers * MOST_MEMBERS, 1, "flags of gradients");
   if (!c.scratch || !c.drawn || !c.bad)
     return PAGS_ERROR_MEMORY;
+  PAGS_TRY(pags_frame_kept_reserve(frame, &c.kept));
   PAGS_TRY(pags_frame_for(frame, frame->cluster_count, 4, clusters_backward, &c));
   frame->stats.ms_project_backward = pags_clock_ms() - t0;
   if (bad_rows)

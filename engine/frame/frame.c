@@ -144,6 +144,8 @@ pags_result pags_frame_begin(pags_frame *frame, const pags_part *parts, int part
   frame->tile_limits = NULL;
   frame->hard = NULL;
   frame->extents = NULL;
+  frame->kept = NULL;
+  frame->cluster_slots = NULL;
   memset(&frame->stats, 0, sizeof frame->stats);
   pags_arena_reset(frame->arena);
   frame->part_count = part_count;

@@ -194,16 +194,16 @@ int pags_frame_project_lens(const pags_frame *f, const view_cluster *c, const fl
 
 /* ---- Backward ---- */
 
-/* Adds up the row's slots; the splat is drawn. */
+/* Adds up the row's slots, in single precision as gather_slots of simd/project_backward.inl and add_slots of splats.c
+ * do, so that sums that another frame has taken have the same bits; the splat is drawn. */
 static void add_slots(const pags_splat *splat, const float *slots, double sums[PAGS_SLOT_FLOATS]) {
   const double ln2 = 0.69314718055994531;
-  for (int f = 0; f < PAGS_SLOT_FLOATS; f++)
-    sums[f] = 0;
-  for (uint32_t i = 0; i < splat->tiles; i++)
-    for (int f = 0; f < PAGS_SLOT_FLOATS; f++)
-      sums[f] += (double)slots[i * PAGS_SLOT_FLOATS + (uint32_t)f];
-  for (int f = 0; f < PAGS_SLOT_FLOATS; f++)
-    sums[f] *= f >= PAGS_SLOT_R && f <= PAGS_SLOT_Z ? 1 : ln2;
+  for (int f = 0; f < PAGS_SLOT_FLOATS; f++) {
+    float sum = slots[f];
+    for (uint32_t i = 1; i < splat->tiles; i++)
+      sum += slots[i * PAGS_SLOT_FLOATS + (uint32_t)f];
+    sums[f] = (f >= PAGS_SLOT_R && f <= PAGS_SLOT_Z ? 1 : ln2) * (double)sum;
+  }
 }
 
 /* dL/dM from dL/d(A0, B, C0, D0). */
@@ -326,22 +326,22 @@ static bool guard_row(int planes, int k, const pags_row_gradient *out) {
   return true;
 }
 
-int pags_frame_lens_backward(const pags_frame *frame, const view_cluster *c, const float *slots,
-                             const pags_row_gradient *out) {
+int pags_frame_lens_backward(const pags_frame *frame, const view_cluster *c, const frame_members *members,
+                             const float *slots, const pags_row_gradient *out) {
   const pags_projection *const v = frame->projections + c->part;
   const pags_gaussians *const g = frame->parts[c->part].gaussians;
-  const uint32_t *const keys = frame->keys + c->base;
+  const uint32_t *const keys = members->keys;
   double sums[MOST_MEMBERS][PAGS_SLOT_FLOATS];
   float colours[MOST_MEMBERS * PAGS_SLOT_FLOATS] = {0.0f};
   pags_splat splats[MOST_MEMBERS];
   int64_t places[MOST_MEMBERS];
   assert(c->count <= MOST_MEMBERS && out->bad);
   for (int k = 0; k < c->count; k++) {
-    splats[k] = frame->splats[c->base + k];
+    splats[k] = members->splats[k];
     places[k] = k;
     if (keys[k] == UINT32_MAX || splats[k].tiles == 0)
       continue;
-    add_slots(splats + k, slots + frame->slot_start[c->base + k] * PAGS_SLOT_FLOATS, sums[k]);
+    add_slots(splats + k, slots + members->slot_start[k] * PAGS_SLOT_FLOATS, sums[k]);
     for (int f = PAGS_SLOT_R; f <= PAGS_SLOT_B; f++)
       colours[k * PAGS_SLOT_FLOATS + f] = (float)sums[k][f];
     splats[k].tiles = 1;

@@ -8,7 +8,7 @@
 
 #include <math.h>
 
-#include "frame/stages.h"
+#include "frame/kept.h"
 
 enum { LENS_STEPS = 128 };
 
@@ -48,8 +48,8 @@ int pags_frame_project_lens(const pags_frame *frame, const view_cluster *cluster
                             pags_reach *reaches);
 
 /* As pags_kernels.project_backward, by the same derivatives. */
-int pags_frame_lens_backward(const pags_frame *frame, const view_cluster *cluster, const float *slots,
-                             const pags_row_gradient *out);
+int pags_frame_lens_backward(const pags_frame *frame, const view_cluster *cluster, const frame_members *members,
+                             const float *slots, const pags_row_gradient *out);
 
 /* Whether no member of a cluster is drawn whose means lie in the box [lo, hi] of camera space, whose sigmas there are
  * at most `sigma`, and which ends at `reach_max` squared sigmas; if any may be, *bound receives its nearest depth, its

@@ -4,7 +4,7 @@
  * (Gaussian, tile) pair; each cluster then adds up its members' slots, always in the same order. */
 #include <assert.h>
 
-#include "frame/stages.h"
+#include "frame/kept.h"
 
 typedef struct score_context {
   pags_frame *frame;
@@ -15,6 +15,7 @@ typedef struct score_context {
   pags_score_fn *receive;
   void *user;
   double *scratch; /* per worker: PAGS_SCORE_SUMS arrays of MOST_MEMBERS */
+  kept_room *kept;
 } score_context;
 
 enum { MOST_MEMBERS = 256 };
@@ -62,13 +63,12 @@ pags_splat_scores pags_frame_add_scores(const pags_frame *f, const float *slots,
   return sum;
 }
 
-/* The scores of the Gaussian at dense index `dense`; zeros where it isn't drawn. */
-static pags_splat_scores scores_of(const score_context *c, int64_t dense) {
-  const pags_frame *const f = c->frame;
+/* The scores of member k of a cluster; zeros where it isn't drawn. */
+static pags_splat_scores scores_of(const score_context *c, const view_cluster *v, const frame_members *members, int k) {
   if (!c->sums)
-    return pags_frame_add_scores(f, c->slots, dense);
-  const bool drawn = f->keys[dense] != UINT32_MAX && f->splats[dense].tiles > 0;
-  return drawn ? c->sums[f->slot_start[dense]] : (pags_splat_scores){0.0, 0.0, 0.0};
+    return pags_frame_add_scores(c->frame, c->slots, v->base + k);
+  const bool drawn = members->keys[k] != UINT32_MAX && members->splats[k].tiles > 0;
+  return drawn ? c->sums[members->slot_start[k]] : (pags_splat_scores){0.0, 0.0, 0.0};
 }
 
 /* Block function: sums the scores of the members of clusters [begin, end) and calls the receiver. */
@@ -78,8 +78,9 @@ static void clusters_score(void *context, int64_t begin, int64_t end, int worker
   double *const critical = seen + MOST_MEMBERS, *const squared = critical + MOST_MEMBERS;
   for (int64_t i = begin; i < end; i++) {
     const view_cluster *const v = c->frame->clusters + i;
+    const frame_members members = pags_frame_members(c->frame, v, c->kept, worker);
     for (int k = 0; k < v->count; k++) {
-      const pags_splat_scores sum = scores_of(c, v->base + k);
+      const pags_splat_scores sum = scores_of(c, v, &members, k);
       seen[k] = sum.seen, critical[k] = sum.critical, squared[k] = sum.squared;
     }
     const pags_cluster_score out = {.part = v->part,
@@ -109,7 +110,10 @@ pags_result pags_stage_receive_scores(pags_frame *frame, const float *slots, con
   const int workers = pags_tasks_workers(frame->tasks);
   score_context c = {.frame = frame, .slots = slots, .sums = sums, .receive = receive, .user = user};
   c.scratch = pags_frame_alloc(frame, (int64_t)workers * PAGS_SCORE_SUMS * MOST_MEMBERS, sizeof *c.scratch, "scores");
-  return c.scratch ? pags_frame_for(frame, frame->cluster_count, 4, clusters_score, &c) : PAGS_ERROR_MEMORY;
+  if (!c.scratch)
+    return PAGS_ERROR_MEMORY;
+  PAGS_TRY(pags_frame_kept_reserve(frame, &c.kept));
+  return pags_frame_for(frame, frame->cluster_count, 4, clusters_score, &c);
 }
 
 pags_result pags_frame_scores(pags_frame *frame, const pags_score_planes *planes, pags_score_fn *receive, void *user) {

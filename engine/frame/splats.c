@@ -5,23 +5,35 @@
 #include <assert.h>
 #include <string.h>
 
-#include "frame/stages.h"
+#include "frame/kept.h"
 
 enum { MEMBERS = 256 }; /* a worker's block of splats */
 
 /* ---- Owners ---- */
 
-pags_result pags_frame_project(pags_frame *frame, const pags_part *parts, int part_count, const pags_camera *camera,
-                               const pags_frame_options *options, pags_touch_fn *touch, void *user, int64_t *count) {
-  assert(options->keep_for_backward);
-  PAGS_TRY(pags_frame_begin(frame, parts, part_count, camera, options));
-  PAGS_TRY(pags_stage_cull(frame, false));
-  PAGS_TRY(pags_stage_touch(frame, touch, user));
+static pags_result project(pags_frame *frame) {
   frame->extents = pags_frame_alloc(frame, frame->dense_count, sizeof *frame->extents, "extents of splats");
   if (!frame->extents)
     return PAGS_ERROR_MEMORY;
   PAGS_TRY(pags_stage_project(frame));
-  PAGS_TRY(pags_frame_place_slots(frame));
+  return pags_frame_place_slots(frame);
+}
+
+pags_result pags_frame_project(pags_frame *frame, pags_frame *lender, const pags_part *parts, int part_count,
+                               const pags_camera *camera, const pags_frame_options *options, pags_touch_fn *touch,
+                               void *user, int64_t *count) {
+  assert(options->keep_for_backward && lender != frame);
+  PAGS_TRY(pags_frame_begin(frame, parts, part_count, camera, options));
+  PAGS_TRY(pags_stage_cull(frame, false));
+  PAGS_TRY(pags_stage_touch(frame, touch, user));
+  /* The splats lie in the lender's memory, since they go with the next view. */
+  pags_arena *const own = frame->arena;
+  lender->rendered = false;
+  pags_arena_reset(lender->arena);
+  frame->arena = lender->arena;
+  const pags_result result = project(frame);
+  frame->arena = own;
+  PAGS_TRY(result);
   *count = frame->slot_start[frame->dense_count];
   return PAGS_OK;
 }
@@ -45,26 +57,47 @@ static pags_sent_splat sent(const pags_splat *s, const float extent[2]) {
 typedef struct taking {
   const pags_frame *frame;
   pags_sent_splat *out;
+  uint8_t *kept;
 } taking;
 
 static void take(void *context, int64_t begin, int64_t end, int worker) {
   const taking *const t = context;
   const pags_frame *const f = t->frame;
   (void)worker;
-  for (int64_t i = begin; i < end; i++)
-    if (f->slot_start[i] < f->slot_start[i + 1])
-      t->out[f->slot_start[i]] = sent(f->splats + i, f->extents[i]);
+  for (int64_t i = begin; i < end; i++) {
+    t->kept[i] = 0;
+    if (f->slot_start[i] == f->slot_start[i + 1])
+      continue;
+    t->out[f->slot_start[i]] = sent(f->splats + i, f->extents[i]);
+    t->kept[i] = (uint8_t)(KEPT_DRAWN | f->splats[i].clamped);
+  }
 }
 
 pags_result pags_frame_take_splats(pags_frame *frame, pags_sent_splat *out) {
-  return pags_frame_for(frame, frame->dense_count, MEMBERS, take, &(taking){frame, out});
+  assert(!frame->kept);
+  uint8_t *const kept = pags_frame_alloc(frame, frame->dense_count, 1, "what is kept of splats");
+  int64_t *const slots = pags_frame_alloc(frame, frame->cluster_count + 1, sizeof *slots, "slots of clusters");
+  if (!kept || !slots)
+    return PAGS_ERROR_MEMORY;
+  PAGS_TRY(pags_frame_for(frame, frame->dense_count, MEMBERS, take, &(taking){frame, out, kept}));
+  for (int64_t c = 0; c < frame->cluster_count; c++)
+    slots[c] = frame->slot_start[frame->clusters[c].base];
+  slots[frame->cluster_count] = frame->slot_start[frame->dense_count];
+  frame->kept = kept;
+  frame->cluster_slots = slots;
+  frame->splats = NULL;
+  frame->keys = NULL;
+  frame->boxes = NULL;
+  frame->extents = NULL;
+  frame->slot_start = NULL;
+  return PAGS_OK;
 }
 
 int64_t pags_frame_splats_before(const pags_frame *frame, int part) {
-  for (int64_t c = 0; c < frame->cluster_count; c++)
-    if (frame->clusters[c].part >= part)
-      return frame->slot_start[frame->clusters[c].base];
-  return frame->slot_start[frame->dense_count];
+  int64_t c = 0;
+  while (c < frame->cluster_count && frame->clusters[c].part < part)
+    c++;
+  return frame->cluster_slots[c];
 }
 
 pags_result pags_frame_return_sums(pags_frame *frame, int first_part, const pags_splat_sums *sums,

@@ -6,7 +6,8 @@
  * sums are taken over its tiles in the order of one frame.
  *
  * Owners call, in this order, pags_frame_project, pags_frame_take_splats and, as often as they like,
- * pags_frame_return_sums and pags_frame_return_scores. The frame that draws calls pags_frame_draw_splats, then
+ * pags_frame_return_sums and pags_frame_return_scores. In between they keep one byte of each Gaussian (frame/kept.h);
+ * the parameters must stay as they were projected. The frame that draws calls pags_frame_draw_splats, then
  * pags_frame_splat_sums and pags_frame_splat_scores. The options need keep_for_backward, and the same for all. */
 #ifndef PAGS_FRAME_SPLATS_H
 #define PAGS_FRAME_SPLATS_H
@@ -33,11 +34,13 @@ typedef struct pags_splat_scores {
 
 /* ---- Owners ---- */
 
-/* Culls, touches, projects and shades the parts; *count receives how many of their Gaussians touch a tile. Errors as
- * pags_frame_render. */
-pags_result pags_frame_project(pags_frame *frame, const pags_part *parts, int part_count, const pags_camera *camera,
-                               const pags_frame_options *options, pags_touch_fn *touch, void *user, int64_t *count);
-/* Writes these splats, part after part and row after row. PAGS_CANCELLED. */
+/* Culls, touches, projects and shades the parts; *count receives how many of their Gaussians touch a tile. Until they
+ * are taken, the splats lie in the memory of `lender`, another frame, which forgets what it has drawn and isn't used
+ * meanwhile. Errors as pags_frame_render. */
+pags_result pags_frame_project(pags_frame *frame, pags_frame *lender, const pags_part *parts, int part_count,
+                               const pags_camera *camera, const pags_frame_options *options, pags_touch_fn *touch,
+                               void *user, int64_t *count);
+/* Writes these splats, part after part and row after row, and forgets them. PAGS_ERROR_MEMORY, PAGS_CANCELLED. */
 pags_result pags_frame_take_splats(pags_frame *frame, pags_sent_splat *out);
 /* Goes back through shading and projection, as pags_frame_backward does, from the sums of the splats taken, one for
  * each in their order. Only parts from `first_part` on; the sums of others aren't read. */

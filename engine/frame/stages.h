@@ -113,6 +113,10 @@ struct pags_frame {
   bool guessed;             /* `hiding` has been set */
   double hiding; /* fraction hidden in the last Early-Z frame: of Gaussians (slabs) or of list entries (at once) */
   int64_t *slot_start; /* dense_count + 1: each splat's first gradient slot; if keep_for_backward */
+  /* Of an owner whose splats have been taken (splats.c), in place of splats, keys, boxes and slot_start: what is kept
+   * of each of the dense_count members (kept.h), and each cluster's first slot, cluster_count + 1; else NULL. */
+  uint8_t *kept;
+  int64_t *cluster_slots;
 
   float *planes; /* 7 float planes and one of int32 ids, plane_size pixels each, in the order of PLANE_R .. */
   int64_t plane_capacity, plane_size; /* pixels per plane: allocated, used */

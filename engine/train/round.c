@@ -14,8 +14,8 @@ static pags_result project_all(pags_trainer *t, int64_t step, int count, const p
   for (int i = 0; i < count; i++) {
     pags_view_render_compose(t, t->round[i].view);
     PAGS_TRY(pags_view_render_prepare(t, step));
-    PAGS_TRY(pags_shared_views_project(&t->shared, i, t->render.parts, t->render.part_count, &t->round[i].camera,
-                                       options, pags_view_render_touch, &context));
+    PAGS_TRY(pags_shared_views_project(&t->shared, i, t->render.frame, t->render.parts, t->render.part_count,
+                                       &t->round[i].camera, options, pags_view_render_touch, &context));
   }
   return PAGS_OK;
 }

@@ -55,11 +55,29 @@ void pags_shared_views_begin(pags_shared_views *shared, int count) {
   memset(shared->sent, 0, 4 * (size_t)shared->ranks * sizeof *shared->sent);
 }
 
-pags_result pags_shared_views_project(pags_shared_views *shared, int view, const pags_part *parts, int part_count,
-                                      const pags_camera *camera, const pags_frame_options *options,
+/* Makes room and keeps what is there. */
+static pags_result buffer_extend(pags_buffer *buffer, int64_t bytes) {
+  if (buffer->data && bytes <= buffer->room)
+    return PAGS_OK;
+  const int64_t room = bytes + bytes / 2 + 64;
+  void *const data = realloc(buffer->data, (size_t)room);
+  if (!data)
+    return pags_out_of_memory("messages of %lld bytes", (long long)room);
+  *buffer = (pags_buffer){data, room};
+  return PAGS_OK;
+}
+
+pags_result pags_shared_views_project(pags_shared_views *shared, int view, pags_frame *lender, const pags_part *parts,
+                                      int part_count, const pags_camera *camera, const pags_frame_options *options,
                                       pags_touch_fn *touch, void *user) {
   pags_frame *const frame = shared->owners[view];
-  PAGS_TRY(pags_frame_project(frame, parts, part_count, camera, options, touch, user, shared->sent + view));
+  int64_t before = 0, count = 0;
+  for (int k = 0; k < view; k++)
+    before += shared->sent[k];
+  PAGS_TRY(pags_frame_project(frame, lender, parts, part_count, camera, options, touch, user, &count));
+  PAGS_TRY(buffer_extend(&shared->sending, (before + count) * (int64_t)sizeof(pags_sent_splat)));
+  PAGS_TRY(pags_frame_take_splats(frame, (pags_sent_splat *)shared->sending.data + before));
+  shared->sent[view] = count;
   shared->sent_before[view] = pags_frame_splats_before(frame, 1);
   return PAGS_OK;
 }
@@ -92,22 +110,11 @@ static pags_result exchange_counts(pags_shared_views *shared) {
   return result;
 }
 
-static pags_result take(pags_shared_views *shared) {
-  const int64_t bytes = sizeof(pags_sent_splat);
-  PAGS_TRY(pags_buffer_reserve(&shared->sending, total(shared->sent, shared->ranks) * bytes));
-  PAGS_TRY(pags_buffer_reserve(&shared->splats, total(shared->arrived, shared->ranks) * bytes));
-  pags_sent_splat *at = shared->sending.data;
-  for (int view = 0; view < shared->count; view++) {
-    PAGS_TRY(pags_frame_take_splats(shared->owners[view], at));
-    at += shared->sent[view];
-  }
-  return PAGS_OK;
-}
-
 pags_result pags_shared_views_send(pags_shared_views *shared, pags_result mine) {
   PAGS_TRY(pags_transport_agree(shared->transport, mine));
   PAGS_TRY(exchange_counts(shared));
-  PAGS_TRY(pags_transport_agree(shared->transport, take(shared)));
+  mine = pags_buffer_reserve(&shared->splats, total(shared->arrived, shared->ranks) * (int64_t)sizeof(pags_sent_splat));
+  PAGS_TRY(pags_transport_agree(shared->transport, mine));
   const int64_t before = pags_transport_counted(shared->transport).bytes_received;
   PAGS_TRY(pags_share_items(shared->transport, shared->sending.data, shared->sent, shared->splats.data, shared->arrived,
                             sizeof(pags_sent_splat)));

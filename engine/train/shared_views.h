@@ -42,9 +42,10 @@ pags_result pags_buffer_reserve(pags_buffer *buffer, int64_t bytes);
 /* ---- A round: begin; project for each view; send; on ranks that have a view, draw and sums; then the returns ---- */
 
 void pags_shared_views_begin(pags_shared_views *shared, int count);
-/* Projects the own Gaussians for view number `view` of the round; part 0 is the background. */
-pags_result pags_shared_views_project(pags_shared_views *shared, int view, const pags_part *parts, int part_count,
-                                      const pags_camera *camera, const pags_frame_options *options,
+/* Projects the own Gaussians for view number `view` of the round, one view after the other; part 0 is the background.
+ * `lender`: a frame whose memory is used meanwhile (frame/splats.h). */
+pags_result pags_shared_views_project(pags_shared_views *shared, int view, pags_frame *lender, const pags_part *parts,
+                                      int part_count, const pags_camera *camera, const pags_frame_options *options,
                                       pags_touch_fn *touch, void *user);
 /* Collective: sends all splats to the ranks that draw them. `mine`: how this rank has fared so far; all ranks fail if
  * one has. */

@@ -468,8 +468,8 @@ static pags_result project_views(pags_trainer *t, int64_t step, pags_step_view *
     PAGS_TRY(pags_view_render_prepare(t, step));
     pags_frame_options options = pags_view_render_options(t, step);
     options.keep_for_backward = 1;
-    PAGS_TRY(pags_shared_views_project(&t->shared, i, t->render.parts, t->render.part_count, &views[i].camera, &options,
-                                       pags_view_render_touch, &context));
+    PAGS_TRY(pags_shared_views_project(&t->shared, i, t->render.frame, t->render.parts, t->render.part_count,
+                                       &views[i].camera, &options, pags_view_render_touch, &context));
   }
   return PAGS_OK;
 }

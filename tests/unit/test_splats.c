@@ -32,6 +32,7 @@ typedef struct piece {
   pags_part parts[2];
   pags_gaussians gaussians[2];
   pags_clusters clusters[2];
+  float *factors[2];
   pags_frame *frame;
   outcome *out;
 } piece;
@@ -149,6 +150,11 @@ static void piece_create(piece *p, const frame_scene *scene, const int64_t begin
     p->parts[k].gaussians = &p->gaussians[k];
     p->parts[k].clusters = &p->clusters[k];
     p->parts[k].first_id = scene->parts[k].first_id + (int32_t)begin[k];
+    if (scene->parts[k].opacity_factor) { /* of its own, which others don't change */
+      p->parts[k].opacity_factor = p->factors[k] = zeros(p->gaussians[k].stride, sizeof(float));
+      for (int64_t i = begin[k]; i < end[k]; i++)
+        p->factors[k][i - begin[k]] = scene->parts[k].opacity_factor[i];
+    }
   }
 }
 
@@ -157,6 +163,7 @@ static void piece_destroy(piece *p) {
   for (int k = 0; k < 2; k++) {
     pags_clusters_destroy(&p->clusters[k]);
     pags_gaussians_destroy(&p->gaussians[k]);
+    free(p->factors[k]);
   }
 }
 
@@ -182,6 +189,8 @@ static outcome *draw_pieces(fixture *f, const frame_scene *scene, int count, int
   piece pieces[MOST_PIECES];
   int64_t taken[MOST_PIECES], before[MOST_PIECES], all = 0, begin[2] = {0, 0};
   pags_sent_splat *splats = zeros(o->count, sizeof *splats);
+  pags_frame *frame;
+  check(pags_frame_create(tasks, &frame));
   for (int k = 0; k < count; k++) {
     int64_t end[2];
     for (int p = 0; p < 2; p++) {
@@ -190,17 +199,18 @@ static outcome *draw_pieces(fixture *f, const frame_scene *scene, int count, int
     }
     piece_create(&pieces[k], scene, begin, end, tasks, o);
     memcpy(begin, end, sizeof begin);
-    check(pags_frame_project(pieces[k].frame, pieces[k].parts, 2, &f->camera, &f->options, NULL, NULL, &taken[k]));
+    check(
+        pags_frame_project(pieces[k].frame, frame, pieces[k].parts, 2, &f->camera, &f->options, NULL, NULL, &taken[k]));
     pags_sent_splat *own = zeros(taken[k], sizeof *own);
     check(pags_frame_take_splats(pieces[k].frame, own));
     before[k] = pags_frame_splats_before(pieces[k].frame, first_part);
     memcpy(splats + all, own + before[k], (size_t)(taken[k] - before[k]) * sizeof *own);
     all += taken[k] - before[k];
     free(own);
+    for (int p = 0; p < 2 && pieces[k].factors[p]; p++) /* training draws those of the next view here */
+      memset(pieces[k].factors[p], 0, (size_t)pieces[k].gaussians[p].stride * sizeof(float));
   }
-  pags_frame *frame;
   pags_picture picture;
-  check(pags_frame_create(tasks, &frame));
   check(pags_frame_draw_splats(frame, splats, all, scene->gaussians[0].alpha_min, &f->camera, &f->options, &picture));
   copy_picture(&picture, o);
   free(splats); /* the frame has copied them */
@@ -312,6 +322,90 @@ static void test_pieces_are_one_frame(void **state) {
   scene_destroy(&s);
 }
 
+/* ---- What owners keep of their splats ---- */
+
+typedef struct view_kind {
+  const char *name;
+  pags_lens_model lens;
+  int antialiased, rolls, factors;
+} view_kind;
+
+/* Colours are clamped in each channel by itself, and in none. */
+static void darken(scene_of_two *s, float *factors[2]) {
+  for (int p = 0; p < 2; p++) {
+    fixture *const f = p ? &s->second : &s->first;
+    const int64_t count = p ? SECOND : FIRST;
+    factors[p] = zeros(count + 64, sizeof(float));
+    for (int64_t i = 0; i < count; i++) {
+      factors[p][i] = i % 5 == 0 ? 0.0f : (float)reference_uniform(&f->random, 0.5, 3);
+      for (int c = 0; c < 3; c++)
+        if (i >> c & 1)
+          *fixture_at(f, PAGS_SH + c, i) = -4;
+    }
+  }
+}
+
+/* Draws a scene by one frame and by owners, and counts the channels of what is drawn that got no gradient. */
+static void check_kind(const view_kind *kind, uint64_t seed) {
+  scene_of_two s;
+  float *factors[2];
+  scene_create(&s, seed);
+  darken(&s, factors);
+  const reference_part parts[2] = {s.first.part, s.second.part};
+  frame_scene_destroy(&s.scene);
+  s.scene = frame_scene_create(parts, 2, SIZE, 0);
+  for (int p = 0; p < 2 && kind->factors; p++) {
+    s.scene.parts[p].opacity_factor = factors[p];
+    s.scene.parts[p].opacity_factor_most = 3;
+  }
+  s.first.options.antialiased = kind->antialiased;
+  s.first.camera.lens = kind->lens;
+  if (kind->rolls) {
+    assert_true(pags_shutter_set(&s.first.camera.shutter, "top_to_bottom", 0.03));
+    for (int k = 0; k < 6; k++)
+      s.first.camera.shutter.velocity[k] = k < 3 ? 0.3 : 4;
+    s.scene.parts[1].velocity[0] = 5;
+  }
+  assert_int_equal(pags_camera_check(&s.first.camera, kind->name), PAGS_OK);
+  pags_tasks *const tasks = pags_tasks_create(2);
+  outcome *const whole = draw_whole(&s.first, &s.scene, tasks);
+  int64_t drawn = 0, held[3] = {0, 0, 0};
+  for (int64_t i = 0; i < whole->count; i++) {
+    drawn += whole->drawn[i];
+    for (int c = 0; c < 3; c++)
+      held[c] += whole->drawn[i] && whole->gradient[i * PAGS_MAX_PLANES + PAGS_SH + c] == 0.0f &&
+                 whole->gradient[i * PAGS_MAX_PLANES + PAGS_OPACITY] != 0.0f;
+  }
+  assert_in_range(drawn, 300, whole->count - 1);
+  for (int c = 0; c < 3; c++) /* by half */
+    assert_in_range(held[c], drawn / 5, drawn * 4 / 5);
+  for (int count = 1; count <= MOST_PIECES; count += 2) {
+    outcome *const got = draw_pieces(&s.first, &s.scene, count, 0, tasks);
+    assert_same(whole, got, 0);
+    outcome_destroy(got);
+  }
+  outcome_destroy(whole);
+  pags_tasks_destroy(tasks);
+  free(factors[0]);
+  free(factors[1]);
+  scene_destroy(&s);
+}
+
+/* Each way by which a byte a Gaussian leads back to the gradients. */
+static void test_kept_of_each_camera(void **state) {
+  static const view_kind kinds[] = {
+      {"pinhole", {0}, 0, 0, 0},
+      {"antialiased", {0}, 1, 0, 0},
+      {"antialiased, dropout", {0}, 1, 0, 1},
+      {"lens", {.kind = PAGS_LENS_FISHEYE, .k = {-0.06, 0.012, -0.0006}, .field = 200}, 0, 0, 0},
+      {"antialiased lens", {.kind = PAGS_LENS_PERSPECTIVE, .k = {-0.15, 0.03}, .p = {0.002, -0.003}}, 1, 0, 1},
+      {"rolling shutter", {0}, 0, 1, 0},
+      {"antialiased rolling shutter, dropout", {0}, 1, 1, 1}};
+  (void)state;
+  for (size_t k = 0; k < sizeof kinds / sizeof *kinds; k++)
+    check_kind(kinds + k, 23 + k);
+}
+
 /* A second picture of the second part alone, from splats that were projected once: as training's term of the moving
  * objects. */
 static void test_pieces_of_one_part(void **state) {
@@ -338,6 +432,7 @@ static void test_pieces_of_one_part(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_pieces_are_one_frame),
+                                     cmocka_unit_test(test_kept_of_each_camera),
                                      cmocka_unit_test(test_pieces_of_one_part)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
