@@ -310,7 +310,7 @@ static uint8_t paint_open(int x, int y, int c) {
   return paint_drive(x, y > 150 ? 300 - y : y, c);
 }
 
-static void write_drive(scratch *s, uint8_t (*paint)(int x, int y, int c)) {
+static void write_drive(scratch *s, uint8_t (*paint)(int x, int y, int c), bool looks_up) {
   for (drive_frame = 0; drive_frame < DRIVE; drive_frame++) {
     double pose[12];
     char name[64];
@@ -318,6 +318,11 @@ static void write_drive(scratch *s, uint8_t (*paint)(int x, int y, int c)) {
     scratch_picture(s, name, WIDE, HIGH, paint);
     snprintf(name, sizeof name, "extrinsics/%03d_0.txt", drive_frame);
     tree_view(drive_frame, 0, pose);
+    for (int k = 0; looks_up && k < 12; k += 4) { /* forward becomes up, and down becomes forward */
+      const double down = pose[k + 1];
+      pose[k + 1] = pose[k + 2];
+      pose[k + 2] = -down;
+    }
     tree_write_matrix(s, name, pose);
   }
   tree_text(s, "intrinsics/0.txt", "200 200 160 100 0 0 0 0 0");
@@ -329,7 +334,7 @@ static void the_own_car_is_found(void **state) {
   pags_photo photo;
   scratch s;
   scratch_begin(&s);
-  write_drive(&s, paint_drive);
+  write_drive(&s, paint_drive, false);
   scratch_ok(pags_dataset_open(s.folder, NULL, &dataset));
   assert_true(tree_has_note(dataset, "ego mask: camera 0 sees"));
   with_photo(dataset, 3, 1, copy_photo, &photo);
@@ -344,8 +349,15 @@ static void the_own_car_is_found(void **state) {
     }
   drop_photo(&photo);
   pags_dataset_close(dataset);
-  write_drive(&s, paint_open);
+  write_drive(&s, paint_open, false);
   scratch_ok(pags_dataset_open(s.folder, NULL, &dataset));
+  assert_true(tree_has_note(dataset, "none found"));
+  pags_dataset_close(dataset);
+
+  /* What never changes at the lower edge of a camera that looks up is the sky. */
+  write_drive(&s, paint_drive, true);
+  scratch_ok(pags_dataset_open(s.folder, NULL, &dataset));
+  assert_true(tree_has_note(dataset, "don't stand upright and aren't searched, the first is camera 0"));
   assert_true(tree_has_note(dataset, "none found"));
   pags_dataset_close(dataset);
   scratch_end(&s);

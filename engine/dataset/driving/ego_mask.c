@@ -7,7 +7,9 @@
  * the photographs is below two of 255 levels; the texture of a road varies by more, however grey it looks. After a
  * 3x3 morphological opening, which removes isolated pixels, a connected component of still pixels becomes the mask if
  * it covers at least a hundredth of the picture and touches at least a twentieth of its lower edge. Four photographs
- * rule out most cameras; only the remaining ones are searched with all chosen photographs (up to twelve). */
+ * rule out most cameras; only the remaining ones are searched with all chosen photographs (up to twelve). Cameras that
+ * don't stand upright aren't searched: at the lower edge of one that looks up there may be clear sky, which is as
+ * still. */
 #include "dataset/internal.h"
 
 #include "dataset/driving/driving_set.h"
@@ -304,12 +306,25 @@ static pags_result begin_search(search *s) {
                                                                    : pags_out_of_memory("%s", s->dataset->path);
 }
 
+/* Whether camera `number` stands upright in its first view, give or take 45 degrees. */
+static bool stands_upright(const pags_dataset *dataset, int number) {
+  for (int64_t i = 0; i < dataset->count; i++)
+    if (dataset->views[i].sensor == number)
+      return dataset->views[i].camera.world_from_camera[9] < -0.7; /* the image's downward axis, along z, which is up */
+  return false;
+}
+
 static pags_result search_all(pags_dataset *dataset) {
   pags_driving *driving = dataset->parsed.driving;
-  int searched = 0;
+  int searched = 0, others = 0, first = 0;
   for (int64_t i = 0; i < driving->sensor_count; i++) {
     pags_sensor *sensor = &driving->sensors[i];
     search s = {.dataset = dataset};
+    if (!stands_upright(dataset, sensor->number)) {
+      first = others++ ? first : sensor->number;
+      searched++;
+      continue;
+    }
     double reach = fmax(spacing, way_driven(&s, sensor->number) / MANY);
     s.count = choose_spaced(&s, sensor->number, reach, MANY, s.views);
     if (s.count < MANY / 2)
@@ -327,6 +342,10 @@ static pags_result search_all(pags_dataset *dataset) {
     PAGS_TRY(result);
     searched++;
   }
+  if (others > 0)
+    PAGS_TRY(pags_driving_note(
+        driving, "ego mask: %d of %lld cameras don't stand upright and aren't searched, the first is camera %d", others,
+        (long long)driving->sensor_count, first));
   if (searched < driving->sensor_count)
     return pags_driving_note(driving, "ego mask: none given, and the car moves too little to look for one");
   for (int64_t i = 0; i < driving->sensor_count; i++)
