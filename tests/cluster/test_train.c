@@ -135,13 +135,13 @@ static void assert_same_run(const char *a, const char *b) {
   pags_scene_destroy(&scene);
 }
 
-/* How often a word stands in the log. */
-static int count_in_log(const char *name, const char *word) {
+/* How often a word stands in a file of the run. */
+static int count_in(const char *name, const char *file, const char *word) {
   char path[1024];
   uint8_t *bytes;
   size_t size;
   int found = 0;
-  snprintf(path, sizeof path, "%s/log.jsonl", scratch(name));
+  snprintf(path, sizeof path, "%s/%s", scratch(name), file);
   assert_int_equal(pags_file_read(path, &bytes, &size), PAGS_OK);
   char *const text = calloc(size + 1, 1);
   assert_non_null(text);
@@ -191,25 +191,9 @@ static void with_density_control(void **unused) {
   assert_true(densified > 3);
   assert_true(reset > 0);
   ranks_change_no_bit(&config, "grown", 4);
-  assert_true(count_in_log("grown4", "\"split\"") > 3);
-  assert_true(count_in_log("grown4", "\"held_out_psnr\"") > 1);
-  assert_true(count_in_log("grown4", "\"pruned_by_score\"") > 1);
-}
-
-/* What the scene says of its cameras. */
-static bool cameras_have(const char *name, const char *what) {
-  char path[1024];
-  uint8_t *bytes;
-  size_t size;
-  snprintf(path, sizeof path, "%s/scene.json", scratch(name));
-  assert_int_equal(pags_file_read(path, &bytes, &size), PAGS_OK);
-  char *const text = calloc(size + 1, 1);
-  assert_non_null(text);
-  memcpy(text, bytes, size);
-  const bool found = strstr(text, what) != NULL;
-  free(text);
-  free(bytes);
-  return found;
+  assert_true(count_in("grown4", "log.jsonl", "\"split\"") > 3);
+  assert_true(count_in("grown4", "log.jsonl", "\"held_out_psnr\"") > 1);
+  assert_true(count_in("grown4", "log.jsonl", "\"pruned_by_score\"") > 1);
 }
 
 /* A run that ends while corrections of poses, vignettes and response curves are on trial; then others go on with it, so
@@ -220,14 +204,14 @@ static void with_corrected_cameras(void **unused) {
   config.schedule.schedule_iterations = 4 * PHOTOGRAPHS;
   config.objects.fourier_from /= 4;
   ranks_change_no_bit(&config, "corrected", 3);
-  assert_true(cameras_have("corrected", "\"correction\""));
-  assert_true(cameras_have("corrected", "\"vignette\""));
-  assert_false(cameras_have("corrected", "\"gain_db\""));
+  assert_true(count_in("corrected", "scene.json", "\"correction\""));
+  assert_true(count_in("corrected", "scene.json", "\"vignette\""));
+  assert_false(count_in("corrected", "scene.json", "\"gain_db\""));
   config.schedule.iterations = 2 * PHOTOGRAPHS;
   train(&config, "corrected", 0, 1);
   train(&config, "corrected2", 3, 1);
   assert_same_run("corrected", "corrected2");
-  assert_true(cameras_have("corrected", "\"gain_db\""));
+  assert_true(count_in("corrected", "scene.json", "\"gain_db\""));
 }
 
 /* Settings that few runs have: a size that the scene must keep to, S_grad from training, the pull onto LiDAR planes. */
