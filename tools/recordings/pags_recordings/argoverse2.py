@@ -102,9 +102,12 @@ def read_tracks(log, zero, stations, ways):
     if not os.path.exists(name):  # the test split has none
         return tracks
     rows = table(name, ["timestamp_ns", "track_uuid", "category", "length_m", "width_m", "height_m", *QUATERNION, *TRANSLATION])
+    cars = {}
     for _, row in rows.sort_values("timestamp_ns", kind="stable").iterrows():
         at = (int(row["timestamp_ns"]) - zero) / 1e9
-        box = poses.interpolate(stations, ways, at) @ pose_of(row)
+        if at not in cars:  # a sweep's labels share its time
+            cars[at] = poses.interpolate(stations, ways, at)
+        box = cars[at] @ pose_of(row)
         tracks.add(row["track_uuid"], row["category"], at, box, [row["length_m"], row["width_m"], row["height_m"]])
     return tracks
 

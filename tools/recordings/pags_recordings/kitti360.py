@@ -7,6 +7,7 @@ import datetime
 import glob
 import os
 import xml.etree.ElementTree as ET
+from bisect import bisect_left, bisect_right
 
 import numpy as np
 
@@ -193,7 +194,7 @@ class Box:
 
 
 def read_boxes(raw, sequence, steps):
-    """Boxes by frame of what moves or can move. A thing that stands has one box for all frames from its first to its last."""
+    """Boxes by frame, of ascending `steps`, of what moves or can move. A thing that stands has one box for all frames from its first to its last."""
     found = [path for part in ("train", "train_full") for path in [os.path.join(raw, "data_3d_bboxes", part, f"{sequence}.xml")] if os.path.exists(path)]
     tracks, out = {}, {}
     if not found:
@@ -212,11 +213,12 @@ def read_boxes(raw, sequence, steps):
         turn = to_front(sorted((box for box in marks if box.frame >= 0), key=lambda box: box.frame))
         moving = {}
         for box in marks:
-            for frame in [box.frame] if box.frame >= 0 else [frame for frame in steps if box.first <= frame <= box.last]:
+            entry = (f"{name} {instance}", name, box.pose @ turn, np.abs(turn[:3, :3].T @ box.size))  # one for all frames of a box
+            for frame in [box.frame] if box.frame >= 0 else steps[bisect_left(steps, box.first) : bisect_right(steps, box.last)]:
                 if frame in wanted:
-                    moving[frame] = box
-        for frame, box in moving.items():
-            out.setdefault(frame, []).append((f"{name} {instance}", name, box.pose @ turn, np.abs(turn[:3, :3].T @ box.size)))
+                    moving[frame] = entry
+        for frame, entry in moving.items():
+            out.setdefault(frame, []).append(entry)
     return out
 
 
