@@ -57,10 +57,10 @@ static pags_result measure_round(pags_trainer *t, pags_measured_view *views, int
   double own = (double)NAN, all[PAGS_RANKS_MOST];
   pags_result mine = PAGS_OK;
   for (int i = 0; i < count; i++)
-    t->round[i] = (pags_step_view){.view = views[i].view, .camera = views[i].camera};
+    t->round[i] = (pags_step_view){.view = views[i].view, .camera = views[i].shown.camera};
   PAGS_TRY(pags_round_project(t, step, count, &options));
   if (pags_round_draws(t, count))
-    mine = measure(t, step, &options, &views[t->shared.rank].exposed, &own);
+    mine = measure(t, step, &options, &views[t->shared.rank].shown, &own);
   PAGS_TRY(pags_transport_agree(transport, mine));
   PAGS_TRY(pags_share_all(transport, &own, sizeof own, all));
   for (int i = 0; i < count; i++)
@@ -89,10 +89,8 @@ pags_result pags_held_out_measure(pags_trainer *t) {
     if (scene.views[i].test && h->count < chosen && seen++ == (2 * h->count + 1) * held / (2 * chosen))
       h->scores[h->count++].view = i;
   pags_measured_view views[PAGS_HELD_OUT_VIEWS];
-  for (int i = 0; i < h->count; i++) {
-    const pags_scene_view *const v = scene.views + h->scores[i].view;
-    views[i] = (pags_measured_view){.view = h->scores[i].view, .camera = v->camera, .exposed = *v};
-  }
+  for (int i = 0; i < h->count; i++)
+    views[i] = (pags_measured_view){.view = h->scores[i].view, .shown = scene.views[h->scores[i].view]};
   const pags_result result = pags_held_out_views(t, views, h->count);
   free(scene.views);
   PAGS_TRY(result);

@@ -6,12 +6,11 @@
 
 #include "train/run.h"
 
-/* A view to measure: drawn by `camera`, which may be another than the data set's, and exposed as `exposed` says. */
+/* A view to measure. */
 typedef struct pags_measured_view {
-  int64_t view;
-  pags_camera camera;
-  pags_scene_view exposed;
-  double psnr; /* dB, the result; NaN if no pixel counts or none differs */
+  int64_t view;          /* of the data set */
+  pags_scene_view shown; /* by which camera it is drawn, which may be another than the data set's, and how exposed */
+  double psnr;           /* dB, the result; NaN if no pixel counts or none differs */
 } pags_measured_view;
 
 /* Collective: measures the views, which are the same at all ranks. Errors of photographs. */

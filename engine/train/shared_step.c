@@ -68,13 +68,13 @@ static pags_result share_poses(pags_trainer *t) {
 static pags_result share_cameras(pags_trainer *t) {
   pags_step_rest *const r = &t->rest;
   const int ranks = t->shared.ranks;
-  pags_exact_sum *const mine = calloc((size_t)r->count * (size_t)(ranks + 1), sizeof *mine), *const all =
-                                                                                                 mine + r->count;
+  pags_exact_sum *const mine = calloc((size_t)r->count * (size_t)(ranks + 1), sizeof *mine);
   if (!mine)
     return pags_transport_give_up(t->shared.transport,
                                   pags_out_of_memory("the cameras of %lld photographs", (long long)r->count));
   for (int64_t i = 0; i < r->count; i++)
     mine[i] = r->photographs[i].by_world;
+  pags_exact_sum *const all = mine + r->count;
   const pags_result result = pags_share_all(t->shared.transport, mine, r->count * (int64_t)sizeof *mine, all);
   for (int64_t i = 0; result == PAGS_OK && i < r->count; i++)
     for (int k = 0; k < ranks; k++)

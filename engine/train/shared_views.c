@@ -12,11 +12,12 @@
 pags_result pags_buffer_reserve(pags_buffer *buffer, int64_t bytes) {
   if (buffer->data && bytes <= buffer->room)
     return PAGS_OK;
-  free(buffer->data);
   const int64_t room = bytes + bytes / 2 + 64;
-  buffer->data = malloc((size_t)room);
-  buffer->room = buffer->data ? room : 0;
-  return buffer->data ? PAGS_OK : pags_out_of_memory("messages of %lld bytes", (long long)room);
+  void *const data = realloc(buffer->data, (size_t)room);
+  if (!data)
+    return pags_out_of_memory("messages of %lld bytes", (long long)room);
+  *buffer = (pags_buffer){data, room};
+  return PAGS_OK;
 }
 
 pags_result pags_shared_views_create(pags_shared_views *shared, pags_transport *transport, pags_tasks *tasks) {
@@ -55,18 +56,6 @@ void pags_shared_views_begin(pags_shared_views *shared, int count) {
   memset(shared->sent, 0, 4 * (size_t)shared->ranks * sizeof *shared->sent);
 }
 
-/* Makes room and keeps what is there. */
-static pags_result buffer_extend(pags_buffer *buffer, int64_t bytes) {
-  if (buffer->data && bytes <= buffer->room)
-    return PAGS_OK;
-  const int64_t room = bytes + bytes / 2 + 64;
-  void *const data = realloc(buffer->data, (size_t)room);
-  if (!data)
-    return pags_out_of_memory("messages of %lld bytes", (long long)room);
-  *buffer = (pags_buffer){data, room};
-  return PAGS_OK;
-}
-
 pags_result pags_shared_views_project(pags_shared_views *shared, int view, pags_frame *lender, const pags_part *parts,
                                       int part_count, const pags_camera *camera, const pags_frame_options *options,
                                       pags_touch_fn *touch, void *user) {
@@ -75,7 +64,7 @@ pags_result pags_shared_views_project(pags_shared_views *shared, int view, pags_
   for (int k = 0; k < view; k++)
     before += shared->sent[k];
   PAGS_TRY(pags_frame_project(frame, lender, parts, part_count, camera, options, touch, user, &count));
-  PAGS_TRY(buffer_extend(&shared->sending, (before + count) * (int64_t)sizeof(pags_sent_splat)));
+  PAGS_TRY(pags_buffer_reserve(&shared->sending, (before + count) * (int64_t)sizeof(pags_sent_splat)));
   PAGS_TRY(pags_frame_take_splats(frame, (pags_sent_splat *)shared->sending.data + before));
   shared->sent[view] = count;
   shared->sent_before[view] = pags_frame_splats_before(frame, 1);

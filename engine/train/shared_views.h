@@ -36,7 +36,7 @@ typedef struct pags_shared_views {
 pags_result pags_shared_views_create(pags_shared_views *shared, pags_transport *transport, pags_tasks *tasks);
 void pags_shared_views_destroy(pags_shared_views *shared); /* a zeroed struct is allowed */
 
-/* Makes room, without keeping what is there; PAGS_ERROR_MEMORY. */
+/* Makes room and keeps what is there; PAGS_ERROR_MEMORY. */
 pags_result pags_buffer_reserve(pags_buffer *buffer, int64_t bytes);
 
 /* ---- A round: begin; project for each view; send; on ranks that have a view, draw and sums; then the returns ---- */

@@ -25,30 +25,20 @@ bool pags_trials_keep_at(const pags_train_state *s, int64_t step) {
          step <= pags_trial_end(&s->schedule);
 }
 
-/* The view as it is drawn without what is on trial and with it. */
-static void set_pair(const pags_trainer *t, trial_of what, int64_t view, pags_measured_view pair[2]) {
-  const pags_view *const v = pags_dataset_view(t->dataset, view);
+/* The view as it is shown without what is on trial and with it. */
+static void set_pair(const pags_trainer *t, trial_of what, int64_t view, const pags_scene_view *shown,
+                     pags_measured_view pair[2]) {
   pags_measured_view *const without = pair, *const with = pair + 1;
-  *with =
-      (pags_measured_view){.view = view, .camera = pags_view_render_camera(t, view, 1), .exposed = {.gain = {1, 1, 1}}};
-  if (t->state.exposures.count > 0) {
-    double value[6];
-    pags_exposures_value(&t->state.exposures, t->dataset, view, value);
-    for (int c = 0; c < 3; c++) {
-      with->exposed.gain[c] = value[c];
-      with->exposed.offset[c] = value[3 + c];
-    }
-  }
-  with->exposed.light = pags_photometry_light(&t->state.photometry, v->sensor);
-  *without = *with;
+  *without = *with = (pags_measured_view){.view = view, .shown = *shown};
   if (what == OF_POSES)
-    memcpy(without->camera.world_from_camera, v->camera.world_from_camera, sizeof v->camera.world_from_camera);
+    memcpy(without->shown.camera.world_from_camera, pags_dataset_view(t->dataset, view)->camera.world_from_camera,
+           sizeof without->shown.camera.world_from_camera);
   else
-    without->exposed.light = (pags_light){.vignette = {0.0}};
+    without->shown.light = (pags_light){.vignette = {0.0}};
 }
 
 /* Chooses views of those that are kept out, spread evenly over them; returns their number. */
-static int choose(const pags_trainer *t, trial_of what, pags_measured_view (*pairs)[2]) {
+static int choose(const pags_trainer *t, trial_of what, const pags_scene_view *views, pags_measured_view (*pairs)[2]) {
   int64_t kept = 0, seen = 0;
   int chosen = 0;
   for (int64_t i = 0; i < t->view_count; i++)
@@ -56,18 +46,22 @@ static int choose(const pags_trainer *t, trial_of what, pags_measured_view (*pai
   const int64_t most = kept < MOST_VIEWS ? kept : MOST_VIEWS;
   for (int64_t i = 0; i < t->view_count && chosen < most; i++)
     if (pags_trial_keeps(i) && seen++ == (2 * chosen + 1) * kept / (2 * most))
-      set_pair(t, what, t->views[i], pairs[chosen++]);
+      set_pair(t, what, t->views[i], views + t->views[i], pairs[chosen++]);
   return chosen;
 }
 
 static pags_result end(pags_trainer *t, trial_of what, const char *name, pags_trial *trial) {
   int count = 0;
   double sum = 0.0, squares = 0.0;
+  pags_scene scene = {0};
   pags_measured_view(*const pairs)[2] = malloc(MOST_VIEWS * sizeof *pairs);
-  PAGS_TRY(
-      pags_transport_agree(t->shared.transport, pairs ? PAGS_OK : pags_out_of_memory("the photographs of a trial")));
-  const int chosen = choose(t, what, pairs);
-  const pags_result result = pags_held_out_views(t, pairs[0], 2 * chosen);
+  pags_result result = pairs ? PAGS_OK : pags_out_of_memory("the photographs of a trial");
+  if (result == PAGS_OK)
+    result = pags_output_list_views(t->dataset, &t->state, &scene);
+  result = pags_transport_agree(t->shared.transport, result);
+  const int chosen = result == PAGS_OK ? choose(t, what, scene.views, pairs) : 0;
+  if (result == PAGS_OK)
+    result = pags_held_out_views(t, pairs[0], 2 * chosen);
   for (int i = 0; result == PAGS_OK && i < chosen; i++) {
     const double gain = pairs[i][1].psnr - pairs[i][0].psnr;
     if (!isfinite(gain)) /* no pixel of the photograph counts */
@@ -77,6 +71,7 @@ static pags_result end(pags_trainer *t, trial_of what, const char *name, pags_tr
     squares += gain * gain;
   }
   free(pairs);
+  free(scene.views);
   PAGS_TRY(result);
   trial->gain = count > 0 ? sum / (double)count : 0.0;
   trial->uncertain =

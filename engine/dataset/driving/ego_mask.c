@@ -306,29 +306,28 @@ static pags_result begin_search(search *s) {
                                                                    : pags_out_of_memory("%s", s->dataset->path);
 }
 
-/* Whether camera `number` stands upright in its first view, give or take 45 degrees. */
-static bool stands_upright(const pags_dataset *dataset, int number) {
-  for (int64_t i = 0; i < dataset->count; i++)
-    if (dataset->views[i].sensor == number)
-      return dataset->views[i].camera.world_from_camera[9] < -0.7; /* the image's downward axis, along z, which is up */
-  return false;
+/* Whether a view's camera stands upright, give or take 45 degrees: the second column is the picture's downward
+ * direction, and z is up. */
+static bool stands_upright(const pags_view *view) {
+  return view->camera.world_from_camera[9] < -0.7;
 }
 
 static pags_result search_all(pags_dataset *dataset) {
   pags_driving *driving = dataset->parsed.driving;
-  int searched = 0, others = 0, first = 0;
+  int slow = 0, tilted = 0, first_tilted = 0; /* cameras that move too little, and that don't stand upright */
   for (int64_t i = 0; i < driving->sensor_count; i++) {
     pags_sensor *sensor = &driving->sensors[i];
     search s = {.dataset = dataset};
-    if (!stands_upright(dataset, sensor->number)) {
-      first = others++ ? first : sensor->number;
-      searched++;
-      continue;
-    }
     double reach = fmax(spacing, way_driven(&s, sensor->number) / MANY);
     s.count = choose_spaced(&s, sensor->number, reach, MANY, s.views);
-    if (s.count < MANY / 2)
+    if (s.count > 0 && !stands_upright(dataset->views + s.views[0])) {
+      first_tilted = tilted++ ? first_tilted : sensor->number;
       continue;
+    }
+    if (s.count < MANY / 2) {
+      slow++;
+      continue;
+    }
     pags_result result = begin_search(&s);
     if (result == PAGS_OK)
       result = search_camera(&s, sensor);
@@ -340,13 +339,12 @@ static pags_result search_all(pags_dataset *dataset) {
     free(s.stack);
 
     PAGS_TRY(result);
-    searched++;
   }
-  if (others > 0)
+  if (tilted > 0)
     PAGS_TRY(pags_driving_note(
-        driving, "ego mask: %d of %lld cameras don't stand upright and aren't searched, the first is camera %d", others,
-        (long long)driving->sensor_count, first));
-  if (searched < driving->sensor_count)
+        driving, "ego mask: %d of %lld cameras don't stand upright and aren't searched, the first is camera %d", tilted,
+        (long long)driving->sensor_count, first_tilted));
+  if (slow > 0)
     return pags_driving_note(driving, "ego mask: none given, and the car moves too little to look for one");
   for (int64_t i = 0; i < driving->sensor_count; i++)
     if (driving->sensors[i].ego.data)

@@ -110,7 +110,7 @@ def read(drive, cameras, frames, out, progress):
     names = chosen(present, cameras, "camera")
     calibration, ways, times = Calibration(raw, names), read_poses(raw, sequence), read_times(os.path.join(drive, names[0]))
     shot = lambda name, frame: os.path.join(drive, name, "data_rect", f"{frame:010d}.png")  # noqa: E731
-    steps = [frame for frame in sorted(ways) if frame < len(times) and all(os.path.exists(shot(name, frame)) for name in names)]
+    steps = [frame for frame in ways if frame < len(times) and all(os.path.exists(shot(name, frame)) for name in names)]
     steps = steps if frames is None else [frame for frame in steps if frames[0] <= frame <= frames[1]]
     if not steps:
         raise RecordingError(f"{drive}: no frame is left that has a pose, a time and a photograph of each camera, or --frames chose none")
