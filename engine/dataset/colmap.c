@@ -88,20 +88,20 @@ int pags_colmap_parameters(int kind) {
 void pags_colmap_set_lens(int kind, const double *parameters, pags_lens *lens) {
   const model_kind *model = &kinds[kind];
   const double *p = parameters;
-  lens->kind = model->lens;
+  lens->model.kind = model->lens;
   lens->fx = *p++;
   lens->fy = model->single ? lens->fx : *p++;
   lens->cx = *p++;
   lens->cy = *p++;
-  double *const k = lens->k, *const tangential = lens->p;
+  double *const k = lens->model.k, *const tangential = lens->model.p;
   int next_k = 0, next_d = 0, next_p = 0, next_s = 0;
   for (const char *letter = model->rest; letter && *letter; letter++, p++)
     switch (*letter) {
       case 'k': k[next_k++] = *p; break;
-      case 'd': lens->d[next_d++] = *p; break;
+      case 'd': lens->model.d[next_d++] = *p; break;
       case 'p': tangential[next_p++] = *p; break;
       case 'q': tangential[1 - next_p++] = *p; break;
-      default: lens->s[next_s++] = *p; break;
+      default: lens->model.s[next_s++] = *p; break;
     }
 }
 

@@ -217,10 +217,11 @@ static pags_result leave_out_missing(pags_dataset *dataset, int allowed) {
 /* ---- Cameras and views ---- */
 
 static bool same_lens(const pags_lens *a, const pags_lens *b) {
-  return a->kind == b->kind && a->width == b->width && a->height == b->height && a->fx == b->fx && a->fy == b->fy &&
-         a->cx == b->cx && a->cy == b->cy && memcmp(a->k, b->k, sizeof a->k) == 0 &&
-         memcmp(a->d, b->d, sizeof a->d) == 0 && memcmp(a->p, b->p, sizeof a->p) == 0 &&
-         memcmp(a->s, b->s, sizeof a->s) == 0;
+  const pags_lens_model *const m = &a->model, *const n = &b->model;
+  return m->kind == n->kind && a->width == b->width && a->height == b->height && a->fx == b->fx && a->fy == b->fy &&
+         a->cx == b->cx && a->cy == b->cy && memcmp(m->k, n->k, sizeof m->k) == 0 &&
+         memcmp(m->d, n->d, sizeof m->d) == 0 && memcmp(m->p, n->p, sizeof m->p) == 0 &&
+         memcmp(m->s, n->s, sizeof m->s) == 0 && m->field == n->field;
 }
 
 /* Computes the pinhole camera of view `index` from its lens. *share: the part of the picture at which the lens can't be

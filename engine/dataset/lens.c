@@ -19,69 +19,60 @@ static inline double poly(const double k[4], double t) {
   return 1 + t * (k[0] + t * (k[1] + t * (k[2] + t * k[3])));
 }
 
-pags_lens_model pags_lens_model_of(const pags_lens *lens) {
-  pags_lens_model m = {.kind = lens->kind};
-  memcpy(m.k, lens->k, sizeof m.k);
-  memcpy(m.d, lens->d, sizeof m.d);
-  memcpy(m.p, lens->p, sizeof m.p);
-  memcpy(m.s, lens->s, sizeof m.s);
-  return m;
-}
-
 /* Checks that the intrinsics can be those of a camera. */
-static pags_result check(const pags_lens *lens, const char *where) {
-  const double numbers[] = {lens->fx,   lens->fy,   lens->cx,   lens->cy,   lens->k[0], lens->k[1], lens->k[2],
-                            lens->k[3], lens->k[4], lens->k[5], lens->d[0], lens->d[1], lens->d[2], lens->p[0],
-                            lens->p[1], lens->s[0], lens->s[1], lens->s[2], lens->s[3]};
-  for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++)
-    if (!isfinite(numbers[i]))
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: expected finite intrinsics", where);
+static pags_result check(pags_lens *lens, const char *where) {
+  double sum = fabs(lens->fx) + fabs(lens->fy) + fabs(lens->cx) + fabs(lens->cy);
+  for (int i = 0; i < 6; i++)
+    sum += fabs(lens->model.k[i]);
+  for (int i = 0; i < 4; i++)
+    sum += fabs(lens->model.s[i]) + (i < 3 ? fabs(lens->model.d[i]) : 0) + (i < 2 ? fabs(lens->model.p[i]) : 0);
+  if (!isfinite(sum))
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected finite intrinsics", where);
   if (lens->width < 1 || lens->width > 65535 || lens->height < 1 || lens->height > 65535)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: %d x %d pixels, expected 1..65535", where, lens->width, lens->height);
   if (!(lens->fx > 0) || !(lens->fy > 0))
     return pags_fail(PAGS_ERROR_FORMAT, "%s: focal lengths %g and %g, expected them above 0", where, lens->fx,
                      lens->fy);
-  pags_lens_model model = pags_lens_model_of(lens);
-  return pags_lens_model_check(&model, where);
+  return pags_lens_model_check(&lens->model, where);
 }
 
 pags_result pags_lens_prepare(pags_lens *lens, const char *where) {
   PAGS_TRY(check(lens, where));
   /* Largest angle from the optical axis, 85 degrees: a pinhole image becomes useless beyond it. */
   const double widest = 85 * PI / 180, end = pags_tan(widest) * pags_tan(widest);
-  const pags_lens_model model = pags_lens_model_of(lens);
-  if (pags_lens_is_of_angle(lens->kind)) {
-    const double grows = pags_lens_grows_until(&model, widest * widest), t = pags_tan(sqrt(grows));
+  if (pags_lens_is_of_angle(lens->model.kind)) {
+    const double grows = pags_lens_grows_until(&lens->model, widest * widest), t = pags_tan(sqrt(grows));
     lens->limit = t * t;
     lens->folds = grows < widest * widest;
-    return PAGS_OK;
+  } else {
+    lens->limit = pags_lens_grows_until(&lens->model, end);
+    lens->folds = lens->limit < end;
   }
-  lens->limit = pags_lens_grows_until(&model, end);
-  lens->folds = lens->limit < end;
+  const double half = 0.5 * lens->model.field * PI / 180, t = half > 0 && half < widest ? pags_tan(half) : 0;
+  if (t > 0)
+    lens->limit = fmin(lens->limit, t * t);
   return PAGS_OK;
 }
 
 bool pags_lens_is_pinhole(const pags_lens *lens) {
-  const pags_lens_model model = pags_lens_model_of(lens);
-  return pags_lens_model_is_plain(&model);
+  return pags_lens_model_is_plain(&lens->model);
 }
 
 /* Maps the undistorted point (x, y) on the plane z = 1 to its distorted position on the same plane: pags_lens_see, of
  * which the two usual kinds are written out without derivatives, since every pixel of a photograph takes it. */
 static inline void distort(const pags_lens *lens, double x, double y, double out[2]) {
   double r2 = x * x + y * y;
-  if (lens->kind == PAGS_LENS_PERSPECTIVE) {
-    double scale = poly(lens->k, r2), p1 = lens->p[0], p2 = lens->p[1];
+  if (lens->model.kind == PAGS_LENS_PERSPECTIVE) {
+    double scale = poly(lens->model.k, r2), p1 = lens->model.p[0], p2 = lens->model.p[1];
     out[0] = x * scale + 2 * p1 * x * y + p2 * (r2 + 2 * x * x);
     out[1] = y * scale + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y;
-  } else if (lens->kind == PAGS_LENS_FISHEYE) {
+  } else if (lens->model.kind == PAGS_LENS_FISHEYE) {
     double r = sqrt(r2), theta = pags_atan(r);
-    double scale = r > 1e-12 ? theta * poly(lens->k, theta * theta) / r : 1;
+    double scale = r > 1e-12 ? theta * poly(lens->model.k, theta * theta) / r : 1;
     out[0] = x * scale;
     out[1] = y * scale;
   } else {
-    const pags_lens_model model = pags_lens_model_of(lens);
-    pags_lens_see(&model, (double[3]){x, y, 1}, out, NULL);
+    pags_lens_see(&lens->model, (double[3]){x, y, 1}, out, NULL);
   }
 }
 
@@ -109,12 +100,11 @@ void pags_lens_project_row(const pags_lens *lens, int count, double x, double st
 /* Inverts the radial distortion without the tangential part: returns the radius on the plane z = 1 whose distorted
  * radius is `target`. Bisection over the range in which the function grows. */
 static double invert_radial(const pags_lens *lens, double target) {
-  const pags_lens_model model = pags_lens_model_of(lens);
-  bool fisheye = pags_lens_is_of_angle(lens->kind);
+  bool fisheye = pags_lens_is_of_angle(lens->model.kind);
   double low = 0, high = fisheye ? pags_atan(sqrt(lens->limit)) : sqrt(lens->limit);
   for (int i = 0; i < 60; i++) {
     double middle = 0.5 * (low + high);
-    if (pags_lens_radius(&model, middle) < target)
+    if (pags_lens_radius(&lens->model, middle) < target)
       low = middle;
     else
       high = middle;
@@ -161,9 +151,9 @@ pags_result pags_lens_check_inverse(const pags_lens *lens, const char *where, do
   if (pags_lens_is_pinhole(lens) || !lens->folds)
     return PAGS_OK;
   /* The radius of the fold in the picture, for the message. */
-  const pags_lens_model model = pags_lens_model_of(lens);
   const double edge = sqrt(lens->limit),
-               at = pags_lens_radius(&model, pags_lens_is_of_angle(lens->kind) ? pags_atan(edge) : edge) * lens->fx;
+               at = pags_lens_radius(&lens->model, pags_lens_is_of_angle(lens->model.kind) ? pags_atan(edge) : edge) *
+                    lens->fx;
   int lost = 0;
   for (int j = 0; j <= STEPS; j++)
     for (int i = 0; i <= STEPS; i++) {

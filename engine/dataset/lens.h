@@ -8,20 +8,18 @@
 
 #include <pags/camera.h>
 
-/* A lens (pags/lens.h) with its picture; `limit` is that of the plane z = 1. */
+/* A lens with its picture; `limit` is that of the plane z = 1. */
 typedef struct pags_lens {
-  pags_lens_kind kind;
+  pags_lens_model model;
   int width, height;
   double fx, fy, cx, cy; /* pixels; the corners of the image lie at 0 and width or height */
-  double k[6], d[3], p[2], s[4];
-  double limit; /* squared radius on the plane z = 1 up to which the radial function grows; by pags_lens_prepare */
-  bool folds;   /* `limit` is where the radial function stops growing, nearer than 85 degrees; by pags_lens_prepare */
+  /* Squared radius on the plane z = 1 up to which the radial function grows and the lens sees; by pags_lens_prepare */
+  double limit;
+  bool folds; /* `limit` is where the radial function stops growing, nearer than 85 degrees; by pags_lens_prepare */
 } pags_lens;
 
-/* The lens alone, for pags_camera; its field is open. */
-pags_lens_model pags_lens_model_of(const pags_lens *lens);
-
-/* Checks the intrinsics and the size, and computes `limit`. `where` is put in front of an error message. */
+/* Checks the intrinsics, the size and the model, and computes the limits of both. `where` is put in front of an error
+ * message. */
 pags_result pags_lens_prepare(pags_lens *lens, const char *where);
 
 /* Whether the lens has no distortion, so that its photographs need no resampling. */

@@ -152,7 +152,7 @@ static pags_result find_lens(const reader *r, const pags_json_value *frame, pags
   static const char *const x_keys[] = {"fl_x", "camera_angle_x", "x_fov"};
   static const char *const y_keys[] = {"fl_y", "camera_angle_y", "y_fov"};
   pags_lens *lens = &view->lens;
-  PAGS_TRY(find_kind(r, frame, &lens->kind));
+  PAGS_TRY(find_kind(r, frame, &lens->model.kind));
   PAGS_TRY(find_side(r, frame, "w", &lens->width));
   PAGS_TRY(find_side(r, frame, "h", &lens->height));
   if (lens->width == 0 || lens->height == 0) {
@@ -177,18 +177,18 @@ static pags_result find_lens(const reader *r, const pags_json_value *frame, pags
 
   PAGS_TRY(find_number_or(r, frame, "cx", 0.5 * lens->width, &lens->cx));
   PAGS_TRY(find_number_or(r, frame, "cy", 0.5 * lens->height, &lens->cy));
-  if (lens->kind == PAGS_LENS_FOV) /* COLMAP's omega, under the name of its first distortion parameter */
+  if (lens->model.kind == PAGS_LENS_FOV) /* COLMAP's omega, under the name of its first distortion parameter */
     return find_number_or(r, frame,
                           pags_json_member(r->root, "omega") || pags_json_member(frame, "omega") ? "omega" : "k1", 0,
-                          &lens->k[0]);
-  for (int i = 0; i < (lens->kind == PAGS_LENS_RATIONAL ? 3 : 4); i++)
-    PAGS_TRY(find_number_or(r, frame, radial[i], 0, &lens->k[i]));
-  for (int i = 0; i < 3 && lens->kind == PAGS_LENS_RATIONAL; i++)
-    PAGS_TRY(find_number_or(r, frame, below[i], 0, &lens->d[i]));
+                          &lens->model.k[0]);
+  for (int i = 0; i < (lens->model.kind == PAGS_LENS_RATIONAL ? 3 : 4); i++)
+    PAGS_TRY(find_number_or(r, frame, radial[i], 0, &lens->model.k[i]));
+  for (int i = 0; i < 3 && lens->model.kind == PAGS_LENS_RATIONAL; i++)
+    PAGS_TRY(find_number_or(r, frame, below[i], 0, &lens->model.d[i]));
   for (int i = 0; i < 2; i++)
-    PAGS_TRY(find_number_or(r, frame, tangential[i], 0, &lens->p[i]));
-  for (int i = 0; i < 2 && lens->kind == PAGS_LENS_THIN_PRISM; i++)
-    PAGS_TRY(find_number_or(r, frame, prism[i], 0, &lens->s[i]));
+    PAGS_TRY(find_number_or(r, frame, tangential[i], 0, &lens->model.p[i]));
+  for (int i = 0; i < 2 && lens->model.kind == PAGS_LENS_THIN_PRISM; i++)
+    PAGS_TRY(find_number_or(r, frame, prism[i], 0, &lens->model.s[i]));
   return PAGS_OK;
 }
 

@@ -123,15 +123,15 @@ static pags_result map_pixels(const pags_lens *lens, const char *where, pags_tas
 pags_result pags_waymo_lens_make(const pags_layout_camera *camera, const char *where, pags_tasks *tasks,
                                  pags_waymo_lens *out) {
   const double *k = camera->intrinsics;
-  pags_lens lens = {.kind = PAGS_LENS_PERSPECTIVE,
+  pags_lens lens = {.model.kind = PAGS_LENS_PERSPECTIVE,
                     .width = camera->width,
                     .height = camera->height,
                     .fx = k[0],
                     .fy = k[1],
                     .cx = k[2],
                     .cy = k[3],
-                    .k = {k[4], k[5], k[8], 0},
-                    .p = {k[6], k[7]}};
+                    .model.k = {k[4], k[5], k[8], 0},
+                    .model.p = {k[6], k[7]}};
   *out = (pags_waymo_lens){0};
   PAGS_TRY(pags_lens_prepare(&lens, where));
   if (!pags_lens_is_pinhole(&lens)) {

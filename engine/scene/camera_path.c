@@ -34,14 +34,11 @@ static pags_result read_shutter(const pags_json *json, const pags_json_value *ob
   return PAGS_OK;
 }
 
-static pags_result read_lens(const pags_json *json, const pags_json_value *object, pags_lens_model *lens) {
-  const pags_json_value *value;
+pags_result pags_lens_from_json(const pags_json *json, const pags_json_value *value, pags_lens_model *lens) {
   const char *kind;
   int found = 0;
   *lens = (pags_lens_model){0};
-  if (!pags_json_member(object, "lens"))
-    return PAGS_OK;
-  PAGS_TRY(pags_json_object(json, object, "lens", &value));
+  PAGS_TRY(pags_json_as_object(json, value, "a lens"));
   PAGS_TRY(pags_json_string(json, value, "kind", &kind));
   while (found < PAGS_LENS_KINDS && strcmp(kind, pags_lens_kind_name((pags_lens_kind)found)) != 0)
     found++;
@@ -74,7 +71,10 @@ pags_result pags_camera_from_json(const pags_json *json, const pags_json_value *
   PAGS_TRY(pags_json_number(json, object, "cy", &camera->cy));
   PAGS_TRY(pags_json_number_or(json, object, "time", (double)NAN, &camera->time));
   PAGS_TRY(read_shutter(json, object, &camera->shutter));
-  PAGS_TRY(read_lens(json, object, &camera->lens));
+  const pags_json_value *const lens = pags_json_member(object, "lens");
+  camera->lens = (pags_lens_model){0};
+  if (lens)
+    PAGS_TRY(pags_lens_from_json(json, lens, &camera->lens));
 
   /* The file holds camera_from_world as a quaternion of any length and a translation, the struct the inverse. */
   double q[4], t[3], r[9], pose[12];
@@ -108,13 +108,13 @@ void pags_camera_lens_to_json(pags_json_writer *writer, const pags_camera *camer
   pags_json_put_number(writer, "cy", camera->cy);
 }
 
-static void write_lens(pags_json_writer *writer, const pags_lens_model *lens) {
+void pags_lens_to_json(pags_json_writer *writer, const char *key, const pags_lens_model *lens) {
   const struct {
     const char *key;
     const double *numbers;
     int count;
   } terms[] = {{"k", lens->k, 6}, {"d", lens->d, 3}, {"p", lens->p, 2}, {"s", lens->s, 4}};
-  pags_json_begin_object(writer, "lens");
+  pags_json_begin_object(writer, key);
   pags_json_put_string(writer, "kind", pags_lens_kind_name(lens->kind));
   for (size_t i = 0; i < sizeof terms / sizeof *terms; i++) {
     double size = 0;
@@ -143,7 +143,7 @@ void pags_camera_to_json(pags_json_writer *writer, const pags_camera *camera) {
   if (!isnan(camera->time))
     pags_json_put_number(writer, "time", camera->time);
   if (pags_camera_bends(camera))
-    write_lens(writer, &camera->lens);
+    pags_lens_to_json(writer, "lens", &camera->lens);
   if (!pags_camera_rolls(camera))
     return;
   pags_json_begin_object(writer, "rolling_shutter");

@@ -210,14 +210,14 @@ static const char *const driving_files[] = {"drive/dataset.json", "drive/timesta
                                             "drive/instances/frame_instances.json", "drive/ego_pose/000.txt"};
 enum { DRIVING_FILES = sizeof driving_files / sizeof *driving_files };
 
-static pags_result take_name(void *context, int number, const char *name) {
+static pags_result take_fact(void *context, int number, const char *name, const pags_lens_model *lens) {
   (void)context;
-  FUZZ_CHECK(number >= 0 && name);
+  FUZZ_CHECK(number >= 0 && !name == !!lens && (!lens || lens->limit > 0));
   return PAGS_OK;
 }
 
 static pags_result read_drive(pags_parsed_dataset *parsed, pags_driving *driving) {
-  PAGS_TRY(pags_rules_read(driving->root, NULL, false, &driving->rules, take_name, NULL));
+  PAGS_TRY(pags_rules_read(driving->root, NULL, false, &driving->rules, take_fact, NULL));
   PAGS_TRY(pags_times_read(driving, parsed));
   PAGS_TRY(pags_tracks_read(driving));
   double pose[12];
@@ -304,7 +304,8 @@ static void seed_driving(void) {
       &out,
       "{\"kind\": \"pags\", \"camera_axes\": \"opencv\", \"extrinsics\": \"constant\", \"object_forward\": \"+x\", "
       "\"fps\": 10, \"lidar_columns\": [\"x\", \"y\", \"z\"], \"labels\": \"kitti-360\", \"cameras\": {\"0\": "
-      "\"front\"}}" FUZZ_CUT);
+      "\"front\"}, \"lenses\": {\"0\": {\"kind\": \"ftheta\", \"k\": [-0.02, 0, 0, 0, 0, 0], \"field\": "
+      "150}}}" FUZZ_CUT);
   bytes_put(&out, times, sizeof times - 1);
   bytes_text(&out, FUZZ_CUT);
   bytes_put(&out, boxes, sizeof boxes - 1);
@@ -323,6 +324,8 @@ static const char *const driving_words[] = {"\"kind\": ",
                                             "\"lidar_columns\": [",
                                             "\"labels\": ",
                                             "\"cameras\": {",
+                                            "\"lenses\": {",
+                                            "\"fisheye\"",
                                             "\"frames\": [",
                                             "\"frame_idx\": [",
                                             "\"obj_to_world\": [",

@@ -198,6 +198,47 @@ class Template(Case):
         self.assertIn(f"{self.out}: isn't empty", done.stderr)
 
 
+# ---- Lenses ----
+
+
+class Lenses(Case):
+    """A fisheye, which dataset.json states, and what pags says where it can't be right."""
+
+    def record(self, folder, field=190):
+        with Recording(self.path(folder)) as out:
+            out.add_camera("front", (160, 120), [[45, 0, 79.5], [0, 45, 59.5], [0, 0, 1]], lens={"kind": "fisheye", "k": [-0.02, 0.003], "field": field})
+            out.add_camera("side", (160, 120), [[90, 0, 79.5], [0, 90, 59.5], [0, 0, 1]], [-0.1, 0.01, 0, 0])
+            for number in range(2):
+                step = out.add_step(number / 10)
+                for name in ("front", "side"):
+                    step.photograph(name, np.random.default_rng(number).integers(0, 256, (120, 160, 3), np.uint8), poses.pose(about([1, 0, 0], -np.pi / 2), [number, 0, 1]))
+
+    def spoil(self, key, value):
+        """Opens the set with its lens changed; returns what pags says."""
+        facts = load(self.path("D"), "dataset.json")
+        facts["lenses"]["0"] = dict(self.lens, **{key: value})
+        self.write("D/dataset.json", json.dumps(facts))
+        done = fixtures.run("info", self.path("D"))
+        self.assertEqual((done.returncode, done.stderr.count("\n")), (1, 1), done.stderr)
+        return done.stderr
+
+    def test_a_fisheye(self):
+        self.record("D")
+        facts = load(self.path("D"), "dataset.json")
+        self.assertEqual(facts["lenses"], {"0": {"kind": "fisheye", "k": [-0.02, 0.003, 0, 0, 0, 0], "field": 190}})
+        self.lens = facts["lenses"]["0"]
+        done = fixtures.run("info", self.path("D"))
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        for words, key, value in (("found 'wide'", "kind", "wide"), ("expected 6 numbers for 'k', found 1", "k", [0.1]), ("an array for 'k', found a string", "k", "0.1"),
+                                  ("field of 0 to 360 degrees, found 400", "field", 400), ("field of 0 to 360 degrees, found -1", "field", -1),
+                                  ("up to a field of 14[0-9].* only; expected 190", "k", [-0.2, 0, 0, 0, 0, 0])):  # fmt: skip
+            self.assertRegex(self.spoil(key, value), "dataset.json:[0-9]+: .*" + words)
+        self.assertIn("dataset.json:1", self.spoil("k", [float("nan")] * 6))
+        self.write("D/dataset.json", json.dumps(facts))
+        self.write("D/intrinsics/0.txt", "45 45 80 60 0.1 0 0 0")
+        self.assertIn("expected fx fy cx cy alone", fixtures.run("info", self.path("D")).stderr)
+
+
 # ---- What is refused ----
 
 
@@ -218,10 +259,19 @@ class Refused(Case):
         self.refused("no other camera has", r.add_camera, "front", (16, 12), self.K)
         self.refused("aren't pixels", r.add_camera, "b", (16, 12), [[0.8, 0, 0.5], [0, 0.8, 0.5], [0, 0, 1]])
         self.refused("without skew", r.add_camera, "b", (16, 12), [[50, 3, 8], [0, 50, 6], [0, 0, 1]])
-        self.refused("undistort", r.add_camera, "b", (16, 12), self.K, [1, 2, 3, 4, 5, 6, 7, 8])
+        self.refused("given as lens=", r.add_camera, "b", (16, 12), self.K, [1, 2, 3, 4, 5, 6, 7, 8])
         self.refused("at 0 or at 0.5", r.add_camera, "b", (16, 12), self.K, pixel_centre=1)
         r.add_step(0)
         self.refused("before the first time step", r.add_camera, "b", (16, 12), self.K)
+
+    def test_lenses(self):
+        r = self.begin()
+        for words, lens in (("found \\{'kind': 'wide'", {"kind": "wide"}), ("found 'fisheye'", "fisheye"), ("not 'k1'", {"kind": "fisheye", "k1": 0.1}),
+                            ("6 finite numbers for 'k'", {"kind": "fisheye", "k": [0.1, np.nan]}), ("3 finite numbers for 'd'", {"kind": "rational", "d": [1, 2, 3, 4]}),
+                            ("0 to 360 degrees, found 400", {"kind": "fisheye", "field": 400}), ("0 to 360 degrees, found nan", {"kind": "fisheye", "field": np.nan}),
+                            ("up to a field of 14[0-9].. degrees only, not 200", {"kind": "fisheye", "k": [-0.2], "field": 200})):  # fmt: skip
+            self.refused(words, r.add_camera, "b", (16, 12), self.K, lens=lens)
+        self.refused("expected one of them", r.add_camera, "b", (16, 12), self.K, [0.1, 0, 0, 0], lens={"kind": "fisheye"})
 
     def test_steps(self):
         r = self.begin()

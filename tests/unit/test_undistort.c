@@ -14,8 +14,8 @@ static const pags_lens fox_lens = {.width = 540,
                                    .fy = 687.6776936365344,
                                    .cx = 277.279,
                                    .cy = 482.634,
-                                   .k = {0.053545374500611989, -0.075797193663761461},
-                                   .p = {-0.00081220164019132803, 5.7733598567121789e-05}};
+                                   .model.k = {0.053545374500611989, -0.075797193663761461},
+                                   .model.p = {-0.00081220164019132803, 5.7733598567121789e-05}};
 
 static const pags_lens barrel_lens = {.width = 320,
                                       .height = 240,
@@ -23,53 +23,73 @@ static const pags_lens barrel_lens = {.width = 320,
                                       .fy = 205,
                                       .cx = 162,
                                       .cy = 118,
-                                      .k = {-0.25, 0.06, -0.004},
-                                      .p = {0.001, -0.002}};
+                                      .model.k = {-0.25, 0.06, -0.004},
+                                      .model.p = {0.001, -0.002}};
 
-static const pags_lens fisheye_lens = {.kind = PAGS_LENS_FISHEYE,
+static const pags_lens fisheye_lens = {.model.kind = PAGS_LENS_FISHEYE,
                                        .width = 320,
                                        .height = 240,
                                        .fx = 150,
                                        .fy = 150,
                                        .cx = 158,
                                        .cy = 121,
-                                       .k = {-0.02, 0.003, -0.001, 0.0002}};
+                                       .model.k = {-0.02, 0.003, -0.001, 0.0002}};
 
 /* The terms of FULL_OPENCV, FOV, THIN_PRISM_FISHEYE, Fisheye624, DIVISION and EUCM as lenses have them. */
-static const pags_lens rare[] = {
-    {.kind = PAGS_LENS_RATIONAL,
-     .k = {-0.2, 0.05, 0.01},
-     .d = {0.03, -0.02, 0.004},
-     .p = {0.004, -0.006},
-     .width = 320,
-     .height = 240,
-     .fx = 260,
-     .fy = 255,
-     .cx = 160,
-     .cy = 120},
-    {.kind = PAGS_LENS_FOV, .k = {0.8}, .width = 320, .height = 240, .fx = 260, .fy = 260, .cx = 155, .cy = 122},
-    {.kind = PAGS_LENS_THIN_PRISM,
-     .k = {0.05, -0.02, 0.005, -0.003},
-     .p = {0.001, -0.002},
-     .s = {0.001, -0.0015},
-     .width = 320,
-     .height = 240,
-     .fx = 200,
-     .fy = 202,
-     .cx = 160,
-     .cy = 120},
-    {.kind = PAGS_LENS_ARIA,
-     .k = {0.05, -0.02, 0.005, -0.003, 0.001, -0.0002},
-     .p = {-0.002, 0.001},
-     .s = {0.0005, -0.0005, 0.0002, -0.0002},
-     .width = 320,
-     .height = 240,
-     .fx = 150,
-     .fy = 150,
-     .cx = 160,
-     .cy = 120},
-    {.kind = PAGS_LENS_DIVISION, .k = {-0.15}, .width = 320, .height = 240, .fx = 260, .fy = 260, .cx = 160, .cy = 120},
-    {.kind = PAGS_LENS_EUCM, .k = {0.6, 1.1}, .width = 320, .height = 240, .fx = 200, .fy = 200, .cx = 160, .cy = 120}};
+static const pags_lens rare[] = {{.model.kind = PAGS_LENS_RATIONAL,
+                                  .model.k = {-0.2, 0.05, 0.01},
+                                  .model.d = {0.03, -0.02, 0.004},
+                                  .model.p = {0.004, -0.006},
+                                  .width = 320,
+                                  .height = 240,
+                                  .fx = 260,
+                                  .fy = 255,
+                                  .cx = 160,
+                                  .cy = 120},
+                                 {.model.kind = PAGS_LENS_FOV,
+                                  .model.k = {0.8},
+                                  .width = 320,
+                                  .height = 240,
+                                  .fx = 260,
+                                  .fy = 260,
+                                  .cx = 155,
+                                  .cy = 122},
+                                 {.model.kind = PAGS_LENS_THIN_PRISM,
+                                  .model.k = {0.05, -0.02, 0.005, -0.003},
+                                  .model.p = {0.001, -0.002},
+                                  .model.s = {0.001, -0.0015},
+                                  .width = 320,
+                                  .height = 240,
+                                  .fx = 200,
+                                  .fy = 202,
+                                  .cx = 160,
+                                  .cy = 120},
+                                 {.model.kind = PAGS_LENS_ARIA,
+                                  .model.k = {0.05, -0.02, 0.005, -0.003, 0.001, -0.0002},
+                                  .model.p = {-0.002, 0.001},
+                                  .model.s = {0.0005, -0.0005, 0.0002, -0.0002},
+                                  .width = 320,
+                                  .height = 240,
+                                  .fx = 150,
+                                  .fy = 150,
+                                  .cx = 160,
+                                  .cy = 120},
+                                 {.model.kind = PAGS_LENS_DIVISION,
+                                  .model.k = {-0.15},
+                                  .width = 320,
+                                  .height = 240,
+                                  .fx = 260,
+                                  .fy = 260,
+                                  .cx = 160,
+                                  .cy = 120},
+                                 {.model.kind = PAGS_LENS_EUCM,
+                                  .model.k = {0.6, 1.1},
+                                  .width = 320,
+                                  .height = 240,
+                                  .fx = 200,
+                                  .fy = 200,
+                                  .cx = 160,
+                                  .cy = 120}};
 
 static const pags_lens *const lenses[] = {&fox_lens, &barrel_lens, &fisheye_lens, &rare[0], &rare[1],
                                           &rare[2],  &rare[3],     &rare[4],      &rare[5]};
@@ -136,10 +156,10 @@ static void test_rare_models(void **state) {
     }
   }
   pags_lens lens = rare[1];
-  lens.k[0] = 2 * pi;
+  lens.model.k[0] = 2 * pi;
   scratch_expect(pags_lens_prepare(&lens, "lens"), PAGS_ERROR_FORMAT, "FOV's omega");
   lens = rare[5];
-  lens.k[0] = 1.5;
+  lens.model.k[0] = 1.5;
   scratch_expect(pags_lens_prepare(&lens, "lens"), PAGS_ERROR_FORMAT, "EUCM's alpha");
 }
 
@@ -147,15 +167,15 @@ static void test_rare_models(void **state) {
 static void test_folds(void **state) {
   (void)state;
   double share;
-  pags_lens lens = {.width = 100, .height = 100, .fx = 50, .fy = 50, .cx = 50, .cy = 50, .k = {-0.05}};
+  pags_lens lens = {.width = 100, .height = 100, .fx = 50, .fy = 50, .cx = 50, .cy = 50, .model.k = {-0.05}};
   scratch_ok(pags_lens_prepare(&lens, "lens"));
   scratch_ok(pags_lens_check_inverse(&lens, "lens", &share));
   assert_true(share == 0);
-  lens.k[0] = -0.11; /* grows to 1.16 of 1.41 in the corners */
+  lens.model.k[0] = -0.11; /* grows to 1.16 of 1.41 in the corners */
   scratch_ok(pags_lens_prepare(&lens, "lens"));
   scratch_ok(pags_lens_check_inverse(&lens, "lens", &share));
   assert_true(share > 0 && share < 0.1);
-  lens.k[0] = -0.5; /* grows to (2/3)^1.5 = 0.544, 27 pixels */
+  lens.model.k[0] = -0.5; /* grows to (2/3)^1.5 = 0.544, 27 pixels */
   scratch_ok(pags_lens_prepare(&lens, "lens"));
   scratch_expect(pags_lens_check_inverse(&lens, "lens", &share), PAGS_ERROR_FORMAT, "stops growing 27 pixels");
   for (int i = 0; i < 6; i++) {
@@ -202,7 +222,7 @@ static void test_row_equals_points(void **state) {
  * second time. */
 static void test_limit(void **state) {
   (void)state;
-  pags_lens lens = {.width = 100, .height = 100, .fx = 50, .fy = 50, .cx = 50, .cy = 50, .k = {-0.3}};
+  pags_lens lens = {.width = 100, .height = 100, .fx = 50, .fy = 50, .cx = 50, .cy = 50, .model.k = {-0.3}};
   scratch_ok(pags_lens_prepare(&lens, "lens"));
   assert_true(fabs(lens.limit - 1 / 0.9) < 1e-6); /* 1 - 0.9 r^2 = 0 */
   double u, v;
@@ -353,7 +373,7 @@ static void test_masks(void **state) {
 static void test_bad_numbers(void **state) {
   (void)state;
   pags_lens lens = fox_lens;
-  lens.k[1] = NAN;
+  lens.model.k[1] = NAN;
   scratch_expect(pags_lens_prepare(&lens, "a.json:7"), PAGS_ERROR_FORMAT, "a.json:7: expected finite");
   lens = fox_lens;
   lens.fy = 0;

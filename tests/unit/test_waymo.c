@@ -266,14 +266,14 @@ static void check_dynamic_masks(const pags_dataset *set, const char *folder) {
   for (int t = 0; t < FRAMES; t++)
     for (int c = 0; c < CAMERAS; c++) {
       double camera[12], back[12], p[12], u, v;
-      pags_lens lens = {.kind = PAGS_LENS_PERSPECTIVE,
+      pags_lens lens = {.model.kind = PAGS_LENS_PERSPECTIVE,
                         .width = WIDTH,
                         .height = HEIGHT,
                         .fx = 70.1,
                         .fy = 70.3,
                         .cx = 48.7,
                         .cy = 31.9,
-                        .k = {c == 2 ? -0.1 : 0, c == 2 ? -0.02 : 0}};
+                        .model.k = {c == 2 ? -0.1 : 0, c == 2 ? -0.02 : 0}};
       scratch_ok(pags_lens_prepare(&lens, "test"));
       for (int64_t i = 0; i < TRACKS; i++) {
         const pags_object *o = pags_dataset_object(set, i);

@@ -32,6 +32,7 @@ typedef struct pags_sensor {
   int number;
   char *name;
   pags_lens lens;             /* width and height are not set */
+  bool lens_stated;           /* dataset.json says what lens it is, not the count of numbers in its intrinsics */
   double ego_from_camera[12]; /* OpenCV axes; only with constant extrinsics */
   pags_image ego;   /* one channel, size of the photographs, 255 where the ego vehicle is seen; data NULL: none */
   bool ego_of_ones; /* the file of `ego` has 1 in place of 255 */

@@ -146,10 +146,10 @@ static bool take_lens(const double *n, int count, pags_lens *out) {
   if (count != 4 && count != 8 && count != 9)
     return false;
   for (int i = 0; i < 2 && count >= 8; i++) {
-    out->k[i] = n[4 + i];
-    out->p[i] = n[6 + i];
+    out->model.k[i] = n[4 + i];
+    out->model.p[i] = n[6 + i];
   }
-  out->k[2] = count == 9 ? n[8] : 0;
+  out->model.k[2] = count == 9 ? n[8] : 0;
   return true;
 }
 
@@ -159,12 +159,20 @@ static pags_result read_intrinsics(const pags_driving *driving, pags_sensor *sen
   char *path = pags_text_format("%s/intrinsics/%d.txt", driving->root, sensor->number);
   if (!path)
     return pags_out_of_memory("%s", driving->root);
+  const pags_lens_model stated = sensor->lens.model;
   pags_result result = pags_text_matrix_read(path, 16, n, &count);
   if (result == PAGS_OK && !take_lens(n, count, &sensor->lens))
     result = pags_fail(PAGS_ERROR_FORMAT,
                        "%s: %d numbers, expected fx fy cx cy, or these and k1 k2 p1 p2 or k1 k2 p1 p2 k3, or a camera "
                        "matrix of 3x3, 3x4 or 4x4 without skew and without a fourth column",
                        path, count);
+  if (result == PAGS_OK && sensor->lens_stated && !pags_lens_is_pinhole(&sensor->lens))
+    result = pags_fail(PAGS_ERROR_FORMAT,
+                       "%s: %d numbers, expected fx fy cx cy alone, since 'lenses' of dataset.json has the distortion "
+                       "of camera %d",
+                       path, count, sensor->number);
+  if (sensor->lens_stated)
+    sensor->lens.model = stated;
   if (result == PAGS_OK && !(sensor->lens.fx > 0 && sensor->lens.fy > 0))
     result = pags_fail(PAGS_ERROR_FORMAT, "%s:1: expected focal lengths above 0, found %g and %g", path,
                        sensor->lens.fx, sensor->lens.fy);
@@ -249,13 +257,17 @@ static pags_result add_view(pags_driving *driving, const pags_sensor *sensor, in
   return result;
 }
 
-/* Takes a camera's name from dataset.json (pags_camera_name_fn). */
-static pags_result name_sensor(void *context, int number, const char *name) {
+/* Takes a camera's name or lens from dataset.json (pags_camera_fact_fn). */
+static pags_result take_fact(void *context, int number, const char *name, const pags_lens_model *lens) {
   pags_driving *driving = context;
   pags_sensor *sensor = pags_driving_sensor(driving, number);
-  char *copy = sensor ? pags_text_copy(name) : NULL;
-  if (!sensor)
+  if (sensor && lens) {
+    sensor->lens.model = *lens;
+    sensor->lens_stated = true;
+  }
+  if (!sensor || !name)
     return PAGS_OK;
+  char *copy = pags_text_copy(name);
   if (!copy)
     return pags_out_of_memory("%s", driving->root);
   free(sensor->name);
@@ -277,7 +289,7 @@ static bool has_poses_per_view(const pags_driving *driving, const char *folder) 
 static pags_result read_parts(pags_driving *driving, const pags_dataset_options *options,
                               const pags_driving_picture *pictures, int64_t count, pags_parsed_dataset *parsed) {
   PAGS_TRY(pags_rules_read(driving->root, options->kind, has_poses_per_view(driving, "extrinsics"), &driving->rules,
-                           name_sensor, driving));
+                           take_fact, driving));
 
   const pags_rules *rules = &driving->rules;
   PAGS_TRY(pags_driving_note(driving, "kind %s: %s, camera axes %s, sweeps in the %s frame, boxes' front %s",

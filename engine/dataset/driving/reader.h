@@ -12,10 +12,11 @@ pags_result pags_driving_read(const char *folder, const pags_dataset_options *op
 
 /* Reads the conventions of a set (rules.c). `kind`: the caller's choice; NULL: as dataset.json says.
  * `per_frame_files`: the set has extrinsics named TTT_C, which identify PandaSet's kind if neither the caller nor
- * dataset.json names one. The camera names that dataset.json has are passed to `name(context, number, name)`. */
-typedef pags_result pags_camera_name_fn(void *context, int number, const char *name);
+ * dataset.json names one. The names of cameras and the lenses that dataset.json has are passed to `take`: one of `name`
+ * and `lens`, which is checked, at a time; the other is NULL. */
+typedef pags_result pags_camera_fact_fn(void *context, int number, const char *name, const pags_lens_model *lens);
 pags_result pags_rules_read(const char *root, const char *kind, bool per_frame_files, pags_rules *rules,
-                            pags_camera_name_fn *name, void *context);
+                            pags_camera_fact_fn *take, void *context);
 
 /* Reads the times of the steps and of the exposures from timestamps.json or, without that file, sets the time of
  * frame t to t / fps. Also sets driving->fps. */

@@ -9,9 +9,11 @@
 #include "base/file.h"
 #include "base/json.h"
 #include "base/memory.h"
+#include "scene/camera_json.h"
 #include "scene/place_json.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -144,19 +146,40 @@ static pags_result read_fps(const source *s, pags_rules *rules) {
   return PAGS_OK;
 }
 
-static pags_result read_names(const source *s, pags_camera_name_fn *name, void *context) {
+/* Reads a lens. One that states its field must see as far, since photographs show it. */
+static pags_result read_lens(const source *s, const pags_json_value *value, pags_lens_model *lens) {
+  char what[900];
+  snprintf(what, sizeof what, "%s:%d", pags_json_path(s->json), value->line);
+  PAGS_TRY(pags_lens_from_json(s->json, value, lens));
+  PAGS_TRY(pags_lens_model_check(lens, what));
+  const double degrees = 2 * lens->limit * 180 / 3.14159265358979323846;
+  if (lens->field > degrees && degrees < 355)
+    return pags_json_fail(s->json, value,
+                          "its numbers show each direction once up to a field of %.1f degrees only; expected %g as "
+                          "'field' says, or a lens of theta (docs/lenses.md) for more than 170",
+                          degrees, lens->field);
+  return PAGS_OK;
+}
+
+/* Reads a key of the form {"C": value}: the cameras' names, or their lenses. */
+static pags_result read_cameras(const source *s, const char *key, bool lenses, pags_camera_fact_fn *take,
+                                void *context) {
   const pags_json_value *list;
-  if (!states(s, "cameras"))
+  if (!states(s, key))
     return PAGS_OK;
-  PAGS_TRY(pags_json_object(s->json, s->root, "cameras", &list));
+  PAGS_TRY(pags_json_object(s->json, s->root, key, &list));
   for (const pags_json_value *item = list->first; item; item = item->next) {
-    const char *text;
+    const char *name = NULL;
+    pags_lens_model lens;
     char *end;
-    PAGS_TRY(pags_json_as_string(s->json, item, "a camera's name", &text));
+    if (lenses)
+      PAGS_TRY(read_lens(s, item, &lens));
+    else
+      PAGS_TRY(pags_json_as_string(s->json, item, "a camera's name", &name));
     long number = strtol(item->key, &end, 10);
     if (*end || end == item->key || number < 0 || number > 999999)
       return pags_json_fail(s->json, item, "expected the number of a camera, found '%s'", item->key);
-    PAGS_TRY(name(context, (int)number, text));
+    PAGS_TRY(take(context, (int)number, name, lenses ? &lens : NULL));
   }
   return PAGS_OK;
 }
@@ -204,7 +227,7 @@ static pags_result read_rules(const char *root, const char *kind, bool per_frame
 }
 
 pags_result pags_rules_read(const char *root, const char *kind, bool per_frame_files, pags_rules *rules,
-                            pags_camera_name_fn *name, void *context) {
+                            pags_camera_fact_fn *take, void *context) {
   char *path = pags_path_join(root, "dataset.json");
   if (!path)
     return pags_out_of_memory("%s", root);
@@ -217,7 +240,9 @@ pags_result pags_rules_read(const char *root, const char *kind, bool per_frame_f
   if (result == PAGS_OK)
     result = read_rules(root, kind, per_frame_files, &s, rules);
   if (result == PAGS_OK)
-    result = read_names(&s, name, context);
+    result = read_cameras(&s, "cameras", false, take, context);
+  if (result == PAGS_OK)
+    result = read_cameras(&s, "lenses", true, take, context);
   pags_json_destroy(s.json);
   free(path);
   return result;

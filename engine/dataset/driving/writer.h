@@ -30,6 +30,7 @@ typedef struct pags_layout_camera {
   const char *rolling_shutter; /* direction, e.g. "left_to_right", or "none"; NULL: unknown */
   int width, height;           /* px */
   double intrinsics[9];        /* fx fy cx cy in px, corners of the picture at 0 and width, height; k1 k2 p1 p2 k3 */
+  pags_lens_model lens;        /* a lens that these can't say, all 0: none; k1 to k3 are then 0 */
 } pags_layout_camera;
 
 /* Times of a photograph in seconds on the clock of the frames, and the motion of the ego vehicle. Members that the

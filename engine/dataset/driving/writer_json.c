@@ -9,6 +9,7 @@
 #include "base/json.h"
 #include "base/memory.h"
 #include "dataset/driving/writer.h"
+#include "scene/camera_json.h"
 #include "scene/place_json.h"
 
 /* Makes the path of a file of the layout and creates its folder. */
@@ -107,7 +108,8 @@ static pags_result put_intrinsics(const pags_layout *layout) {
   for (int c = 0; c < info->camera_count; c++) {
     char text[9 * 32], name[48];
     int at = 0;
-    for (int i = 0; i < 9; i++)
+    const int numbers = pags_lens_model_is_plain(&info->cameras[c].lens) ? 9 : 4;
+    for (int i = 0; i < numbers; i++)
       at += snprintf(text + at, sizeof text - (size_t)at, "%.17g\n", info->cameras[c].intrinsics[i]);
     snprintf(name, sizeof name, "intrinsics/%d.txt", info->cameras[c].number);
     char *path = NULL;
@@ -193,20 +195,30 @@ static const char *extrinsics_words(const pags_layout_info *info) {
 
 static void put_cameras(pags_json_writer *writer, const pags_layout_info *info) {
   char key[24];
-  bool rolling = false;
+  bool rolling = false, bends = false;
   pags_json_begin_object(writer, "cameras");
   for (int c = 0; c < info->camera_count; c++) {
     snprintf(key, sizeof key, "%d", info->cameras[c].number);
     pags_json_put_string(writer, key, info->cameras[c].name);
     rolling = rolling || info->cameras[c].rolling_shutter;
+    bends = bends || !pags_lens_model_is_plain(&info->cameras[c].lens);
   }
   pags_json_end_object(writer);
-  if (!rolling)
+  if (rolling) {
+    pags_json_begin_object(writer, "rolling_shutter");
+    for (int c = 0; c < info->camera_count; c++) {
+      snprintf(key, sizeof key, "%d", info->cameras[c].number);
+      pags_json_put_string(writer, key, info->cameras[c].rolling_shutter);
+    }
+    pags_json_end_object(writer);
+  }
+  if (!bends)
     return;
-  pags_json_begin_object(writer, "rolling_shutter");
+  pags_json_begin_object(writer, "lenses");
   for (int c = 0; c < info->camera_count; c++) {
     snprintf(key, sizeof key, "%d", info->cameras[c].number);
-    pags_json_put_string(writer, key, info->cameras[c].rolling_shutter);
+    if (!pags_lens_model_is_plain(&info->cameras[c].lens))
+      pags_lens_to_json(writer, key, &info->cameras[c].lens);
   }
   pags_json_end_object(writer);
 }

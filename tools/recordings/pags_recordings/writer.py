@@ -152,6 +152,38 @@ def encode(picture, what):
     return picture, found, PICTURES[form]
 
 
+LENSES = "perspective", "fisheye", "rational", "fov", "thin_prism", "aria", "division", "eucm", "ftheta", "equirectangular"
+LENS_TERMS = {"k": 6, "d": 3, "p": 2, "s": 4}
+
+
+def growth(lens, angle):
+    """The derivative of a fisheye's or an F-theta lens's radius by the angle, in focal lengths."""
+    powers = range(2, 7) if lens["kind"] == "ftheta" else range(3, 10, 2)
+    return 1 + sum(power * factor * angle ** (power - 1) for power, factor in zip(powers, lens.get("k", [])))
+
+
+def check_lens(lens, what):
+    """A lens as dataset.json has it: its kind, its terms filled up with zeros, its field in degrees."""
+    require(isinstance(lens, dict) and lens.get("kind") in LENSES, f"{what}: expected a lens as {{'kind': ...}} of {', '.join(LENSES)}, found {lens!r}")
+    strange = [key for key in lens if key not in ("kind", "field", *LENS_TERMS)]
+    require(not strange, f"{what}: a lens has k, d, p, s and field, not {', '.join(map(repr, strange))}")
+    out = {"kind": lens["kind"]}
+    for key, count in LENS_TERMS.items():
+        if key in lens:
+            numbers = np.atleast_1d(np.asarray(lens[key], np.float64))
+            require(numbers.ndim == 1 and len(numbers) <= count and np.isfinite(numbers).all(), f"{what}: expected at most {count} finite numbers for {key!r}, found {lens[key]!r}")
+            out[key] = numbers.tolist() + [0.0] * (count - len(numbers))
+    field = float(lens.get("field", 0))
+    require(0 <= field <= 360, f"{what}: expected a field of 0 to 360 degrees, found {field:g}")
+    if field:
+        out["field"] = field
+    if lens["kind"] in ("fisheye", "ftheta"):
+        angles = np.linspace(0, np.radians(min(field or 10, 355)) / 2, 2000)
+        ends = np.degrees(2 * angles[growth(out, angles) <= 0])
+        require(not len(ends), f"{what}: its numbers show each direction once up to a field of {ends[0] if len(ends) else 0:.1f} degrees only, not {field or 10:g}")
+    return out
+
+
 class Recording:
     """A recording in the making. Use it as a context manager: what goes wrong inside leaves no data set."""
 
@@ -210,9 +242,10 @@ class Recording:
         if os.path.isdir(self.folder) and not os.listdir(self.folder):
             os.rmdir(self.folder)
 
-    def add_camera(self, name, size, matrix, distortion=(), pixel_centre=0.0):
+    def add_camera(self, name, size, matrix, distortion=(), pixel_centre=0.0, lens=None):
         """A camera of so many pixels (width, height): its 3x3 matrix K, and OpenCV's k1 k2 p1 p2 or k1 k2 p1 p2 k3. `pixel_centre`: where K puts the
-        middle of the first pixel: 0, as OpenCV does, or 0.5. Fisheye lenses aren't read: undistort such pictures first."""
+        middle of the first pixel: 0, as OpenCV does, or 0.5. `lens`: what these can't say, in the words of docs/lenses.md:
+        {"kind": "fisheye", "k": [k1, k2, k3, k4], "field": 200}."""
         require(isinstance(name, str) and name and name not in self.cameras, f"camera {name!r}: expected a name that no other camera has")
         require(not self.steps, f"camera {name!r}: add all cameras before the first time step")
         k = np.asarray(matrix, np.float64)
@@ -221,10 +254,12 @@ class Recording:
         require(width > 0 and height > 0, f"camera {name!r}: expected width and height in pixels, found {size!r}")
         require(0.05 * width < k[0, 0] < 50 * width and 0.05 * width < k[1, 1] < 50 * width, f"camera {name!r}: focal lengths {k[0, 0]:g} and {k[1, 1]:g} aren't pixels of a picture of {width} x {height}")
         require(pixel_centre in (0, 0.5), f"camera {name!r}: the middle of the first pixel is at 0 or at 0.5, not {pixel_centre!r}")
-        lens = [float(v) for v in distortion]
-        require(len(lens) in (0, 4, 5) and np.isfinite(lens).all(), f"camera {name!r}: expected k1 k2 p1 p2 or k1 k2 p1 p2 k3, found {len(lens)} numbers; undistort pictures of other lenses first")
+        terms = [float(v) for v in distortion]
+        require(len(terms) in (0, 4, 5) and np.isfinite(terms).all(), f"camera {name!r}: expected k1 k2 p1 p2 or k1 k2 p1 p2 k3, found {len(terms)} numbers; other lenses are given as lens=")
+        require(lens is None or not terms, f"camera {name!r}: has a distortion and a lens; expected one of them")
         to_corner = 0.5 - pixel_centre
-        self.cameras[name] = {"number": len(self.cameras), "size": (width, height), "intrinsics": [k[0, 0], k[1, 1], k[0, 2] + to_corner, k[1, 2] + to_corner, *lens]}
+        self.cameras[name] = {"number": len(self.cameras), "size": (width, height), "intrinsics": [k[0, 0], k[1, 1], k[0, 2] + to_corner, k[1, 2] + to_corner, *terms],
+                              "lens": None if lens is None else check_lens(lens, f"camera {name!r}")}  # fmt: skip
         return name
 
     def camera_of(self, name, where):
@@ -267,6 +302,9 @@ class Recording:
             self.put_boxes()
         facts = {"kind": "pags", "camera_axes": "opencv", "extrinsics": "per-frame camera-to-world (TTT_C.txt)", "object_forward": "+x",
                  "lidar_columns": self.columns or ["x", "y", "z"], "lidar_frame": "ego", "cameras": {str(c["number"]): name for name, c in self.cameras.items()}}  # fmt: skip
+        lenses = {str(c["number"]): c["lens"] for c in self.cameras.values() if c["lens"]}
+        if lenses:
+            facts["lenses"] = lenses
         if self.labels:
             facts["labels"] = self.labels
         self.put("dataset.json", json.dumps(facts, indent=1) + "\n")
