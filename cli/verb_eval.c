@@ -22,6 +22,7 @@
 #include "base/file.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "train/fit_pose.h"
 
 typedef struct eval_arguments {
   pags_session session;
@@ -29,7 +30,7 @@ typedef struct eval_arguments {
   int order; /* pags_order */
   const char *dataset, *lpips_weights, *images;
   int split; /* index in "all|train|test" */
-  int shift;
+  int shift, fit_poses;
   int64_t views; /* how many views to compare; 0: all */
   double background[3];
   float near_plane, low_pass;
@@ -47,6 +48,8 @@ static const pags_option options[] = {
     PAGS_TEXT("images", 0, AT(images), "FOLDER", NULL,
               "write NAME_render.png and NAME_photo.png of every view compared"),
     PAGS_FLAG("shift", 0, AT(shift), "of synthetic data: compare with the true pictures from shifted cameras, too"),
+    PAGS_FLAG("fit-poses", 0, AT(fit_poses),
+              "of captures: score right halves, too, as the poses are and fitted to the left halves"),
     PAGS_CHOICE("split", AT(split), "all|train|test", NULL, "which views to compare"),
     PAGS_VALUE("views", 0, INT64, AT(views), 0, 1e9, "N", "0: all", NULL,
                "compare so many of them only, evenly spread"),
@@ -180,6 +183,17 @@ static pags_result compare_unexposed(evaluation *self, const pags_camera *camera
   return result;
 }
 
+/* Scores the right half of the photograph, as its pose is and as its left half has it. */
+static pags_result compare_fitted(evaluation *self, const pags_camera *camera, const pags_frame_options *exposed,
+                                  const pags_part *parts, int part_count, const pags_photo *photo,
+                                  pags_view_score *score) {
+  pags_fitted_pose pose;
+  PAGS_TRY(pags_fit_pose(self->frame, parts, part_count, camera, exposed, NULL, NULL, photo, &pose));
+  score->psnr_right = pose.given;
+  score->psnr_right_fitted = pose.fitted;
+  return PAGS_OK;
+}
+
 /* Whether the mask of a photograph leaves no pixel. */
 static bool is_blank(const pags_photograph *photo) {
   const size_t count = (size_t)photo->image.width * (size_t)photo->image.height;
@@ -212,6 +226,8 @@ static pags_result compare_view(evaluation *self, int64_t i) {
     exposed.light = at->scene_view->light;
   if (at->scene_view && pags_frame_options_expose(&exposed, at->scene_view->gain, at->scene_view->offset))
     result = compare_unexposed(self, &camera, parts, part_count, &photo, score);
+  if (result == PAGS_OK && self->arguments->fit_poses)
+    result = compare_fitted(self, &camera, &exposed, parts, part_count, &photo.photo, score);
   if (result == PAGS_OK)
     result = pags_frame_render(self->frame, parts, part_count, &camera, &exposed, NULL, NULL, &picture);
   if (result == PAGS_OK) {
@@ -414,6 +430,11 @@ static pags_result open_all(evaluation *self, const char *scene_path) {
     opened.colmap = self->scene->colmap;
   PAGS_TRY(pags_photographs_open(self->scene, dataset, &opened, arguments->dataset != NULL, arguments->session.tasks,
                                  arguments->image_cache, &self->photographs));
+  if (arguments->fit_poses && pags_dataset_fps(self->photographs.dataset) > 0)
+    return pags_fail(PAGS_ERROR_ARGUMENT,
+                     "%s: --fit-poses is for captures; in a driving set held-out views take the corrections that lie "
+                     "between those of their neighbours",
+                     dataset);
   PAGS_TRY(pags_session_check(&arguments->session));
   self->scores = calloc((size_t)self->photographs.count, sizeof *self->scores);
   self->score_views = calloc((size_t)self->photographs.count, sizeof *self->score_views);

@@ -17,7 +17,8 @@ static const char *const suffixes[PAGS_REGION_COUNT] = {"",          "_critical"
                                                         "_vehicles", "_pedestrians", "_cyclists"};
 
 pags_view_score pags_view_score_make(const char *name, int test) {
-  pags_view_score score = {.name = name, .test = test, .lpips = (double)NAN, .psnr_unexposed = (double)NAN};
+  pags_view_score score = {.name = name, .test = test};
+  score.lpips = score.psnr_unexposed = score.psnr_right = score.psnr_right_fitted = (double)NAN;
   for (int r = 0; r < PAGS_REGION_COUNT; r++)
     score.psnr[r] = score.ssim[r] = (double)NAN;
   return score;
@@ -77,6 +78,7 @@ static double mean_of(const running_mean *m) {
 pags_mean_score pags_view_scores_mean(const pags_view_score *scores, int64_t count, int test) {
   pags_mean_score out = {.mean = pags_view_score_make(NULL, test)};
   running_mean psnr[PAGS_REGION_COUNT] = {{0}}, ssim[PAGS_REGION_COUNT] = {{0}}, lpips = {0}, unexposed = {0};
+  running_mean right = {0}, right_fitted = {0};
   for (int64_t i = 0; i < count; i++) {
     if (scores[i].test != test)
       continue;
@@ -87,6 +89,8 @@ pags_mean_score pags_view_scores_mean(const pags_view_score *scores, int64_t cou
     }
     mean_add(&lpips, scores[i].lpips);
     mean_add(&unexposed, scores[i].psnr_unexposed);
+    mean_add(&right, scores[i].psnr_right);
+    mean_add(&right_fitted, scores[i].psnr_right_fitted);
   }
   for (int r = 0; r < PAGS_REGION_COUNT; r++) {
     out.mean.psnr[r] = mean_of(&psnr[r]);
@@ -94,6 +98,8 @@ pags_mean_score pags_view_scores_mean(const pags_view_score *scores, int64_t cou
   }
   out.mean.lpips = mean_of(&lpips);
   out.mean.psnr_unexposed = mean_of(&unexposed);
+  out.mean.psnr_right = mean_of(&right);
+  out.mean.psnr_right_fitted = mean_of(&right_fitted);
   return out;
 }
 
@@ -103,6 +109,8 @@ void pags_view_scores_put_json(pags_json_writer *writer, const pags_view_score *
   pags_json_put_number(writer, "ssim", score->ssim[PAGS_REGION_WHOLE]);
   pags_json_put_number(writer, "lpips", score->lpips);
   pags_json_put_number(writer, "psnr_unexposed", score->psnr_unexposed);
+  pags_json_put_number(writer, "psnr_right", score->psnr_right);
+  pags_json_put_number(writer, "psnr_right_fitted", score->psnr_right_fitted);
   for (int r = PAGS_REGION_WHOLE + 1; r < PAGS_REGION_COUNT; r++) {
     snprintf(key, sizeof key, "psnr%s", suffixes[r]);
     pags_json_put_number(writer, key, score->psnr[r]);
@@ -130,7 +138,7 @@ void pags_view_scores_print(const pags_session *session, const pags_view_score *
   for (int test = 0; test < 2; test++) {
     pags_mean_score mean = pags_view_scores_mean(scores, count, test);
     if (mean.views) {
-      /* Print the split's mean, then one line for each region that occurs, then the mean without exposure. */
+      /* Print the split's mean, then one line for each region that occurs, then what else was measured. */
       const pags_view_score *m = &mean.mean;
       char name[48];
       snprintf(name, sizeof name, "mean of %lld", (long long)mean.views);
@@ -142,6 +150,10 @@ void pags_view_scores_print(const pags_session *session, const pags_view_score *
       }
       if (!isnan(m->psnr_unexposed))
         pags_say(session, "%-32s %-5s %9.3f\n", "  without exposure", sets[test], m->psnr_unexposed);
+      if (!isnan(m->psnr_right)) {
+        pags_say(session, "%-32s %-5s %9.3f\n", "  right halves", sets[test], m->psnr_right);
+        pags_say(session, "%-32s %-5s %9.3f\n", "  with poses fitted to the left", sets[test], m->psnr_right_fitted);
+      }
     }
   }
 }

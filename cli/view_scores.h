@@ -29,6 +29,8 @@ typedef struct pags_view_score {
   /* NaN: not measured. psnr_unexposed: of the picture in the scene's own colours; the other scores are of the picture
    * as the camera exposes it */
   double lpips, psnr_unexposed;
+  /* NaN: not measured. Of the right half of the picture, by the pose as it is and fitted to the left half */
+  double psnr_right, psnr_right_fitted;
 } pags_view_score;
 
 pags_view_score pags_view_score_make(const char *name, int test);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Fits corrections of the poses of a rig's cameras by Adam; see camera_poses.h.
+/* Fits corrections of the poses of cameras by Adam; see camera_poses.h.
  *
  * The pose of view i, of time step t and camera s, is
  *     T(p_t) exp(a_t) T(-p_t) P_i exp(b_s + d_s u_i)
@@ -22,6 +22,8 @@
 static const double final_share = 0.1;
 /* Visits of a time step, or of a camera, in a run that need no correction of the rates. */
 static const double reference_visits = 100.0;
+/* The extent of a scene for which camera_translation_rate is meant, metres. */
+static const double reference_extent = 10.0;
 /* Photographs of a camera to either side over which its speed is the mean: the error of their poses matters less. */
 enum { SPEED_SPAN = 2 };
 
@@ -32,7 +34,7 @@ static void list_items(pags_camera_poses *p, const pags_dataset *dataset) {
   int frame = 0;
   for (int64_t i = 0; i < p->count; i++) {
     const pags_view *view = pags_dataset_view(dataset, i);
-    p->steps += i == 0 || view->frame != frame; /* views are sorted by frame */
+    p->steps += i == 0 || p->alone || view->frame != frame; /* views are sorted by frame */
     frame = view->frame;
     p->step_of[i] = (int32_t)p->steps - 1;
     int64_t s = 0, same = -1; /* the camera's number in the order in which they appear */
@@ -68,7 +70,7 @@ static void find_speed(pags_camera_poses *p, const pags_dataset *dataset, int64_
 pags_result pags_camera_poses_create(pags_camera_poses *p, const pags_dataset *dataset) {
   const int64_t count = pags_dataset_view_count(dataset);
   const double *origin = pags_dataset_origin(dataset);
-  *p = (pags_camera_poses){.trial = pags_trial_begin(), .count = count};
+  *p = (pags_camera_poses){.trial = pags_trial_begin(), .count = count, .alone = pags_dataset_fps(dataset) <= 0.0};
   p->step_of = calloc((size_t)count, sizeof *p->step_of);
   p->sensor_of = calloc((size_t)count, sizeof *p->sensor_of);
   if (p->step_of && p->sensor_of) {
@@ -117,12 +119,12 @@ static double time_of(const pags_camera_poses *p, const pags_dataset *dataset, i
 }
 
 /* The correction of a time step; of one without gradients so far, linear in time between the next ones that have
- * some. */
+ * some, or in a capture none. */
 static void step_value(const pags_camera_poses *p, const pags_dataset *dataset, int64_t step, double out[6]) {
   int64_t before = step, after = step;
-  while (before >= 0 && p->items[before].moments.count == 0)
+  while (!p->alone && before >= 0 && p->items[before].moments.count == 0)
     before--;
-  while (after < p->steps && p->items[after].moments.count == 0)
+  while (!p->alone && after < p->steps && p->items[after].moments.count == 0)
     after++;
   before = before < 0 ? after : before;
   after = after >= p->steps ? before : after;
@@ -225,10 +227,12 @@ bool pags_camera_poses_update(pags_camera_poses *p, const pags_dataset *dataset,
   const double t = fmin((double)step / (double)schedule->length, 1.0),
                photographs = (double)(schedule->length * schedule->batch);
   const double fall = pags_pow(final_share, t);
+  /* Lengths of a capture are in units of its own. */
+  const double push = c->cameras.camera_translation_rate * (p->alone ? schedule->extent / reference_extent : 1.0);
   const double rigs = fmin(reference_visits * (double)p->steps / photographs, 4.0),
                owns = fmin(reference_visits * (double)p->sensors / photographs, 4.0);
   for (int k = 0; k < 6; k++) {
-    const double rate = fall * (k < 3 ? c->cameras.camera_rotation_rate : c->cameras.camera_translation_rate);
+    const double rate = fall * (k < 3 ? c->cameras.camera_rotation_rate : push);
     rig->value[k] -= rate * rigs * direction[0][k];
     own->value[k] -= p->sensors > 1 ? rate * owns * direction[1][k] : 0.0;
   }

@@ -1,8 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Corrections of the recorded poses of a rig's cameras, found in training. A photograph's correction has three parts:
- * that of its time step, which moves the whole rig; that of its camera, which is the same in all time steps; and the
- * camera's delay, by which it moves along the drive. No photograph is corrected by itself: its own error would be
- * fitted, too. Objects stay where they are at the frame's time: a delay doesn't move them.
+/* Corrections of the recorded poses of cameras, found in training. A photograph's correction in a driving set has three
+ * parts: that of its time step, which moves the whole rig; that of its camera, which is the same in all time steps; and
+ * the camera's delay, by which it moves along the drive. No photograph there is corrected by itself: its own error
+ * would be fitted, too. Objects stay where they are at the frame's time: a delay doesn't move them. In a capture, whose
+ * cameras know nothing of each other, each photograph is a time step of its own, and those that aren't trained on stay
+ * as they are.
  *
  * They are on trial first (trial.h). */
 #ifndef PAGS_TRAIN_CAMERA_POSES_H
@@ -24,6 +26,7 @@ typedef struct pags_camera_part {
 typedef struct pags_camera_poses {
   pags_trial trial;
   int64_t count; /* views of the data set; 0: poses are as recorded */
+  bool alone;    /* a capture: each view is a time step, and they have one camera, which isn't corrected */
   int64_t steps, sensors;
   pags_camera_part *items; /* those of the `steps` time steps: in world axes, about the middle of the rig's cameras;
                               then those of the `sensors` cameras: in the camera's frame, applied first; then their
@@ -34,13 +37,13 @@ typedef struct pags_camera_poses {
   double (*turns)[9];           /* per camera: its rotation to the world's axes in its first photograph */
 } pags_camera_poses;
 
-/* Starts with corrections of zero, on trial. The set must be a driving set. */
+/* Starts with corrections of zero, on trial. */
 pags_result pags_camera_poses_create(pags_camera_poses *poses, const pags_dataset *dataset);
 /* Frees the corrections: the poses are as recorded again. The outcome of the trial stays. */
 void pags_camera_poses_destroy(pags_camera_poses *poses);
 
 /* Returns a view's camera with its correction. A time step that no photograph has corrected yet, as those that are held
- * out, gets what lies between its neighbours in time. */
+ * out, gets what lies between its neighbours in time; in a capture nothing. */
 pags_camera pags_camera_poses_view(const pags_camera_poses *poses, const pags_dataset *dataset, int64_t view);
 
 /* Number of items. */

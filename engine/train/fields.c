@@ -271,8 +271,8 @@ const pags_train_field pags_fields[] = {
                 "fit a gain and an offset for each photograph"),
     NUMBER(exposure, exposure_rate, 3e-3, 0, 1, "per step", "set the learning rate of exposures; it falls to a tenth"),
 
-    AUTO_SWITCH(cameras, camera_poses, "1 on driving sets, but for blocks; presets plain and paper 0",
-                "correct the cameras' poses of a driving set where that pays"),
+    AUTO_SWITCH(cameras, camera_poses, "1 on driving sets, but for blocks; captures, presets plain and paper 0",
+                "correct the cameras' poses where that pays"),
     NUMBER(cameras, camera_rotation_rate, 3e-4, 0, 1, "radians per step",
            "set the learning rate of their rotations; it falls to a tenth"),
     NUMBER(cameras, camera_translation_rate, 3e-3, 0, 10, "metres per step",

@@ -87,10 +87,47 @@ static void put_cameras(pags_json_writer *w, const pags_dataset *dataset, const 
     radians += pags_length3(turn) / (double)p->count;
   }
   if (p->count > 0) {
-    pags_json_put_number(w, "mean_shift_metres", metres);
+    pags_json_put_number(w, p->alone ? "mean_shift" : "mean_shift_metres", metres); /* a capture has units of its own */
     pags_json_put_number(w, "mean_turn_degrees", radians * 57.29577951308232);
   }
   pags_json_end_object(w);
+}
+
+/* Whether the sky is modelled, at which resolution, and why. */
+static void put_sky(pags_json_writer *w, const pags_train_state *s) {
+  pags_json_begin_object(w, "sky");
+  pags_json_put_bool(w, "modelled", s->sky.sky.size > 0);
+  pags_json_put_integer(w, "texels", s->sky.sky.size);
+  pags_json_put_number(w, "share_of_pixels", s->sky_share);
+  pags_json_put_string(w, "why",
+                       !s->schedule.config.sky.sky ? "switched off"
+                       : s->sky.fixed              ? "it is that of the whole recording"
+                       : s->sky.sky.size > 0       ? "training photographs show it"
+                                                   : "less than a thousandth of the training pixels shows it");
+  pags_json_end_object(w);
+}
+
+/* What is modelled of a driving set. */
+static void put_drive(pags_json_writer *w, const pags_dataset *dataset, const pags_train_state *s) {
+  put_sky(w, s);
+  pags_json_put_bool(w, "exposure", s->exposures.count > 0);
+  put_cameras(w, dataset, s);
+  if (s->photometry.trial.state != PAGS_TRIAL_NONE) {
+    pags_json_begin_object(w, "light");
+    pags_json_put_bool(w, "fitted", s->photometry.count > 0);
+    put_trial(w, &s->photometry.trial);
+    pags_json_end_object(w);
+  }
+  pags_json_put_bool(w, "track_optimisation", s->schedule.config.objects.tracks);
+  pags_json_put_integer(w, "lidar_points", s->lidar_points);
+  pags_json_begin_array(w, "objects");
+  for (int64_t i = 0; i < s->tracks.count; i++)
+    put_object(w, s, i);
+  pags_json_end_array(w);
+  pags_json_begin_array(w, "data");
+  for (int64_t i = 0; i < pags_dataset_note_count(dataset); i++)
+    pags_json_put_string(w, NULL, pags_dataset_note(dataset, i));
+  pags_json_end_array(w);
 }
 
 pags_result pags_model_report_write(const pags_dataset *dataset, const pags_train_state *s, char **text) {
@@ -98,36 +135,10 @@ pags_result pags_model_report_write(const pags_dataset *dataset, const pags_trai
   pags_json_writer_init(&w, 0);
   pags_json_begin_object(&w, NULL);
 
-  /* The sky: whether it is modelled, at which resolution, and why. */
-  pags_json_begin_object(&w, "sky");
-  pags_json_put_bool(&w, "modelled", s->sky.sky.size > 0);
-  pags_json_put_integer(&w, "texels", s->sky.sky.size);
-  pags_json_put_number(&w, "share_of_pixels", s->sky_share);
-  pags_json_put_string(&w, "why",
-                       !s->schedule.config.sky.sky ? "switched off"
-                       : s->sky.fixed              ? "it is that of the whole recording"
-                       : s->sky.sky.size > 0       ? "training photographs show it"
-                                                   : "less than a thousandth of the training pixels shows it");
-  pags_json_end_object(&w);
-
-  pags_json_put_bool(&w, "exposure", s->exposures.count > 0);
-  put_cameras(&w, dataset, s);
-  if (s->photometry.trial.state != PAGS_TRIAL_NONE) {
-    pags_json_begin_object(&w, "light");
-    pags_json_put_bool(&w, "fitted", s->photometry.count > 0);
-    put_trial(&w, &s->photometry.trial);
-    pags_json_end_object(&w);
-  }
-  pags_json_put_bool(&w, "track_optimisation", s->schedule.config.objects.tracks);
-  pags_json_put_integer(&w, "lidar_points", s->lidar_points);
-  pags_json_begin_array(&w, "objects");
-  for (int64_t i = 0; i < s->tracks.count; i++)
-    put_object(&w, s, i);
-  pags_json_end_array(&w);
-  pags_json_begin_array(&w, "data");
-  for (int64_t i = 0; i < pags_dataset_note_count(dataset); i++)
-    pags_json_put_string(&w, NULL, pags_dataset_note(dataset, i));
-  pags_json_end_array(&w);
+  if (pags_dataset_fps(dataset) > 0.0)
+    put_drive(&w, dataset, s);
+  else
+    put_cameras(&w, dataset, s);
   pags_json_end_object(&w);
   pags_result result = pags_json_writer_finish(&w);
   *text = NULL;

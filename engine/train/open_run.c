@@ -126,11 +126,18 @@ static pags_result add_models(pags_trainer *t, const pags_train_config *config, 
 static pags_result start_static(pags_trainer *t, const pags_train_config *config, const start_points *p,
                                 double extent) {
   pags_train_state *const s = &t->state;
-  if (config->cameras.camera_poses || config->cameras.light)
+  if (config->cameras.light)
+    pags_log_message(
+        PAGS_LOG_WARNING,
+        "%s: light is left out: it is for the rigs of driving sets, whose cameras are the same in all time "
+        "steps",
+        pags_dataset_path(t->dataset));
+  if (config->cameras.camera_poses && t->ranks > 1) /* their trial draws the whole scene again and again */
     pags_log_message(PAGS_LOG_WARNING,
-                     "%s: camera_poses and light are left out: they are for the rigs of driving sets, whose cameras "
-                     "are the same in all time steps",
-                     pags_dataset_path(t->dataset));
+                     "%s: camera_poses is left out: a capture's poses are corrected by one process, not by %d ranks",
+                     pags_dataset_path(t->dataset), t->ranks);
+  else if (config->cameras.camera_poses)
+    PAGS_TRY(pags_camera_poses_create(&s->cameras, t->dataset));
   const first_model only = {-1, extent, p->count, p->xyz, p->rgb, s->cap > 0 ? s->cap : INT32_MAX - 64};
   PAGS_TRY(add_models(t, config, &only, 1));
   return config->exposure.exposure ? pags_exposures_create(&s->exposures, t->dataset) : PAGS_OK;
