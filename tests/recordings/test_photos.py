@@ -36,7 +36,7 @@ def picture(path, size=(60, 40), camera="A", orientation=1, seed=0, **more):
     image.save(path, exif=exif, **more)
 
 
-class Photos(Case):
+class WithStandIn(Case):
     def setUp(self):
         super().setUp()
         self.raw, self.out, self.calls = self.path("raw"), self.path("out"), self.path("calls")
@@ -67,6 +67,8 @@ class Photos(Case):
     def called(self):
         return read(self.calls).decode().splitlines() if os.path.exists(self.calls) else []
 
+
+class Photos(WithStandIn):
     def test_report(self):
         for number in range(5):
             picture(os.path.join(self.raw, f"day {number}.jpg"), seed=number)
@@ -146,7 +148,7 @@ class Photos(Case):
         self.refused("1 of other formats, the first is IMG_1.HEIC")
         picture(os.path.join(self.raw, "1.png"))
         write(os.path.join(self.raw, "2.png"), "no picture")
-        self.refused("1 photographs that can be read", "2.png can't be read")
+        self.refused("photographs that can be read: 1;", "2.png can't be read")
         self.refused("is missing", raw=self.path("none"))
         write(self.path("a.txt"), "x")
         self.refused("is no folder and no video", raw=self.path("a.txt"))
@@ -165,6 +167,111 @@ class Photos(Case):
         write(os.path.join(self.out, "mine.txt"), "x")
         self.refused("wasn't written by an import", more=("--overwrite",))
         self.assertEqual(list(files_below(self.out)), ["mine.txt"])
+
+
+class Damage(WithStandIn):
+    """What is cut, empty, in the way or named by an enemy ends with one line and exit code 1, or is left out and named; nothing is written elsewhere."""
+
+    def setUp(self):
+        super().setUp()
+        for number in range(5):
+            picture(os.path.join(self.raw, f"{number}.jpg"), (200, 150), seed=number)
+        self.good = read(os.path.join(self.raw, "0.jpg"))
+
+    def outside(self):
+        return {name: os.lstat(self.path(name)).st_mtime_ns for name in files_below(self.path()) if not name.startswith(("out/", "calls"))}
+
+    def test_photographs(self):
+        """Those that are cut or no photographs are left out of a good folder, each with a reason."""
+        bad = {"cut.jpg": self.good[: len(self.good) // 2], "end.jpg": self.good[:-900], "empty.jpg": b"", "text.png": b"a text\n" * 99, "zero.jpg": bytes(5000)}
+        for name, content in bad.items():
+            write(os.path.join(self.raw, name), content)
+        os.symlink(self.path("nowhere"), os.path.join(self.raw, "link.jpg"))
+        os.makedirs(os.path.join(self.raw, "folder.jpg"))
+        before = self.outside()
+        facts, said = self.imports()
+        self.assertEqual((facts["photographs"], facts["registered"], sorted(facts["left_out"])), (11, 5, sorted([*bad, "link.jpg"])))
+        for name in facts["left_out"]:
+            self.assertIn(f"left out: {name}: can't be read: ", said)
+        self.assertEqual((sorted(os.listdir(os.path.join(self.out, "images"))), self.outside()), ([f"{n}.jpg" for n in range(5)], before))
+
+    def test_one_and_none(self):
+        for number in range(1, 5):
+            os.remove(os.path.join(self.raw, f"{number}.jpg"))
+        self.refused("raw: photographs that can be read: 1; cameras are found of three or more")
+        os.remove(os.path.join(self.raw, "0.jpg"))
+        self.refused("raw: has no JPEG or PNG files")
+
+    def test_file_in_the_way(self):
+        write(self.out, "mine")
+        before = self.outside()
+        for out in (self.out, os.path.join(self.out, "deeper", "still")):
+            for more in ((), ("--overwrite",)):
+                done = self.run_photos("-o", out, *more)
+                self.assertEqual((done.returncode, done.stderr.count("\n"), f"{self.out}: is no folder, and stands where {out}" in done.stderr), (1, 1, True), done.stderr)
+        self.assertEqual((self.outside(), read(self.out)), (before, b"mine"))
+
+    def test_names(self):
+        """Folders and photographs of any name; COLMAP gets names that it reads back as they are."""
+        self.raw, self.out = self.path("r\naw $(touch x)%41"), self.path("o ut\n#?%41;'")
+        names = ["plain.jpg", "-o.jpg", "#a.jpg", "a\\b.jpg", "a\nb.jpg", "$(touch y) `z`;'\".jpg", "%d.jpg", "..c.jpg", os.fsdecode(b"\xe9\xff.jpg"), "s\nub/-d.jpg", "e\x1b[31m.jpg"]
+        for number, name in enumerate(names):
+            picture(os.path.join(self.raw, name), seed=number)
+        before = set(os.listdir(self.path()))
+        facts, _ = self.imports()
+        self.assertEqual((facts["registered"], facts["left_out"]), (len(names) - 1, {}))  # ..c.jpg begins with a dot: hidden, as in a listing
+        self.assertEqual(set(os.listdir(self.path())) - before, {os.path.basename(self.out), "calls"})
+        copies = list(files_below(os.path.join(self.out, "images")))
+        self.assertEqual(len(copies), facts["registered"])
+        for name in copies:
+            self.assertFalse(set(name) & set("\\# \n\x1b") or not name.isprintable(), name)
+        self.assertEqual(sorted(read(os.path.join(self.out, "images", n)) for n in copies), sorted(read(os.path.join(self.raw, n)) for n in names if not n.startswith(".")))
+
+    @unittest.skipUnless(shutil.which("ffmpeg"), "needs ffmpeg")
+    def test_videos(self):
+        """A video that is cut gives pictures of what is there, and says so; what is no video ends with a line."""
+        for number in range(30):
+            picture(self.path("frames", f"{number:03d}.png"), (96, 64), seed=number)
+        movie = {}
+        for name, flags in (("whole.mp4", ["-movflags", "faststart"]), ("last.mp4", []), ("film.mkv", [])):  # last: its table is at the end
+            subprocess.run(["ffmpeg", "-v", "error", "-i", self.path("frames", "%03d.png"), *flags, self.path(name)], check=True, stdin=subprocess.DEVNULL)
+            movie[name] = read(self.path(name))
+        whole = movie["whole.mp4"]
+        self.raw = self.path("whole.mp4")
+        self.assertIsNone(self.imports("--pictures", "8")[0]["damage"])
+        hole = whole[: len(whole) // 2] + bytes(len(whole) // 8) + whole[len(whole) // 2 + len(whole) // 8 :]
+        for name, content in (("cut.mp4", whole[: len(whole) * 2 // 3]), ("hole.mp4", hole), ("cut.mkv", movie["film.mkv"][: len(movie["film.mkv"]) // 2])):
+            shutil.rmtree(self.out)
+            self.raw = self.path(name)
+            write(self.raw, content)
+            facts, said = self.imports("--pictures", "8")
+            self.assertEqual(facts["photographs"], 8)
+            self.assertIn(f"{name} is cut or damaged; ", facts["damage"])
+            self.assertIn(f"warning: {facts['damage']}\n", said)
+        shutil.rmtree(self.out)
+        os.makedirs(self.path("folder.mp4"))
+        for name, content in (("text.mp4", b"a text\n" * 99), ("none.mp4", b""), ("head.mp4", whole[:600]), ("last.mp4", movie["last.mp4"][:-1000]), ("zero.mkv", bytes(5000))):
+            write(self.path(name), content)
+            self.refused(f"{name}: isn't a video that ffmpeg reads", raw=self.path(name))
+            shutil.rmtree(self.out)
+        write(self.path("head.mkv"), movie["film.mkv"][:600])
+        self.refused("head.mkv: ffmpeg reads no picture of it", raw=self.path("head.mkv"))
+        shutil.rmtree(self.out)
+        self.refused("folder.mp4: has no JPEG or PNG files", raw=self.path("folder.mp4"))
+
+    @unittest.skipUnless(shutil.which("ffmpeg"), "needs ffmpeg")
+    def test_many_words(self):
+        """ffmpeg's words on a video full of holes don't stop it: they are more than a pipe holds."""
+        for number in range(8):
+            picture(self.path("frames", f"{number:03d}.png"), (320, 240), seed=number)
+        film = self.path("a.avi")
+        subprocess.run(["ffmpeg", "-v", "error", "-stream_loop", "150", "-i", self.path("frames", "%03d.png"), "-c:v", "mjpeg", "-q:v", "9", film], check=True, stdin=subprocess.DEVNULL)
+        frames = read(film).split(b"\xff\xd8\xff")
+        write(film, b"\xff\xd8\xff".join(frame if number % 4 == 0 else frame[:500] + bytes(99) + frame[599:] for number, frame in enumerate(frames)))
+        sharp, _, words = video.judged(film, lambda done: None)
+        self.assertGreater(len(sharp), 300)
+        self.assertEqual(len(words), 300)
+        self.assertGreater(len(subprocess.run(["ffmpeg", "-v", "error", "-i", film, "-f", "null", "-"], capture_output=True, stdin=subprocess.DEVNULL).stderr), 70000)
 
 
 class Video(Case):
@@ -192,7 +299,8 @@ class Video(Case):
         movie = self.path("a b.mkv")
         subprocess.run(["ffmpeg", "-v", "error", "-i", self.path("f%03d.png"), "-c:v", "ffv1", movie], check=True, stdin=subprocess.DEVNULL)
         self.assertEqual(video.length(movie), 40)
-        sharp, change = video.judged(movie, lambda done: None)
+        sharp, change, words = video.judged(movie, lambda done: None)
+        self.assertEqual(words, "")
         chosen = video.choose(sharp, change, 10)
         self.assertEqual(chosen, list(range(1, 40, 4)))
         os.makedirs(self.path("out"))

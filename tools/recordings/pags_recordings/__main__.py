@@ -59,6 +59,15 @@ def lacking(modules):
     return [name for name in modules if importlib.util.find_spec(name) is None]
 
 
+def need_room(folder):
+    """A file where the folder, or one above it, is to be made."""
+    place = os.path.abspath(folder)
+    while not os.path.lexists(place):
+        place = os.path.dirname(place)
+    if not os.path.isdir(place):
+        raise RecordingError(f"{place}: is no folder, and stands where {folder} is to be made; give another folder, or remove it")
+
+
 def clear(folder):
     """Removes what an earlier import wrote; nothing without its import.json."""
     if os.path.isdir(folder) and os.listdir(folder):
@@ -100,6 +109,7 @@ def run(arguments):
     missing = lacking(KINDS[arguments.kind][1])
     if missing:
         raise RecordingError(f"needs the Python package{'s' if len(missing) > 1 else ''} {', '.join(missing)}: {sys.executable} -m pip install {' '.join(missing).replace('PIL', 'pillow')}")
+    need_room(arguments.output)
     if arguments.overwrite:
         clear(arguments.output)
     begun = time.monotonic()

@@ -10,6 +10,7 @@ import sqlite3
 import struct
 import subprocess
 import sys
+import urllib.parse
 
 import numpy as np
 
@@ -109,7 +110,7 @@ class Database:
         if not os.path.exists(self.path):
             return []
         try:
-            connection = sqlite3.connect(f"file:{self.path.replace('?', '%3f').replace('#', '%23')}?mode=ro", uri=True, timeout=5)
+            connection = sqlite3.connect(f"file:{urllib.parse.quote(os.fsencode(self.path))}?mode=ro", uri=True, timeout=5)
             try:
                 return connection.execute(query).fetchall()
             finally:

@@ -7,7 +7,9 @@ last, says what came of it.
 
 import json
 import os
+import re
 import shutil
+import warnings
 
 import numpy as np
 from PIL import Image, ImageOps
@@ -23,6 +25,7 @@ NEXT, APART = 10, 10  # in order: each with so many that follow, with those 2, 4
 PART = 64  # pairs that one process of COLMAP compares at least: what is lost when it is stopped
 FRAMES = 120  # pictures of a video
 ORIENTATION, EXIF, FOCAL, MAKE, MODEL = 0x0112, 0x8769, 0x920A, 0x010F, 0x0110
+warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # a photograph of 90 million pixels is none
 
 
 def is_video(raw):
@@ -43,8 +46,8 @@ def listed(folder, output):
 
 
 def plain(name, taken):
-    """The name of a copy: COLMAP's lists separate names by spaces."""
-    stem, ending = os.path.splitext("_".join(name.replace(os.sep, "/").split()))
+    """The name of a copy. COLMAP's lists separate names by spaces, pass over lines that begin with # and are UTF-8; it turns \\ into /."""
+    stem, ending = os.path.splitext(re.sub(r"[\\#\x00-\x20\x7f\ud800-\udfff]", "_", "_".join(name.replace(os.sep, "/").split())))
     new, number = stem + ending, 1
     while new.lower() in taken:
         number += 1
@@ -57,7 +60,7 @@ class Photographs:
     """The copies that COLMAP sees, by their names below `folder`, each with what says which camera took it."""
 
     def __init__(self, folder):
-        self.folder, self.camera, self.turned, self.unreadable = folder, {}, 0, []
+        self.folder, self.camera, self.turned, self.unreadable, self.damage = folder, {}, 0, [], None
 
     def add(self, source, name):
         """Copies a photograph byte by byte; one that is turned by its EXIF orientation is written upright anew."""
@@ -103,12 +106,12 @@ def judged_once(raw, path, show):
         with open(path, encoding="utf-8") as file:
             there = json.load(file)
         if {key: there[key] for key in mark} == mark and len(there["sharp"]) == len(there["change"]) > 0:
-            return np.array(there["sharp"], float), np.array(there["change"], float)
+            return np.array(there["sharp"], float), np.array(there["change"], float), str(there["words"])
     except (OSError, ValueError, LookupError, TypeError):
         pass
-    sharp, change = video.judged(raw, show)
-    put(path, mark | {"sharp": sharp.tolist(), "change": change.tolist()})
-    return sharp, change
+    sharp, change, words = video.judged(raw, show)
+    put(path, mark | {"sharp": sharp.tolist(), "change": change.tolist(), "words": words})
+    return sharp, change, words
 
 
 def gather(raw, output, pictures, quiet):
@@ -120,8 +123,10 @@ def gather(raw, output, pictures, quiet):
         video.need()
         progress = Progress(quiet, "video frame")
         progress.total = video.length(raw)
-        chosen = video.choose(*judged_once(raw, os.path.join(output, "colmap", "frames.json"), progress.show), pictures or FRAMES)
-        for name in video.extract(raw, chosen, folder):
+        sharp, change, words = judged_once(raw, os.path.join(output, "colmap", "frames.json"), progress.show)
+        if words:
+            photographs.damage = f"{raw} is cut or damaged; {len(sharp)} of about {progress.total} frames can be read: {words}"
+        for name in video.extract(raw, video.choose(sharp, change, pictures or FRAMES), folder):
             photographs.add(os.path.join(folder, name), name)
     else:
         names, others = listed(raw, output)
@@ -136,7 +141,7 @@ def gather(raw, output, pictures, quiet):
     progress.end()
     if len(photographs.camera) < 3:
         why = f"; {photographs.unreadable[0][0]} can't be read: {photographs.unreadable[0][1]}" if photographs.unreadable else ""
-        raise RecordingError(f"{raw}: has {len(photographs.camera)} photographs that can be read; cameras are found of three or more{why}")
+        raise RecordingError(f"{raw}: photographs that can be read: {len(photographs.camera)}; cameras are found of three or more{why}")
     return photographs
 
 
@@ -256,12 +261,14 @@ def told(work, models):
     missing = {name: left_out(name, features, fits, other) for name in sorted(work.photographs.camera) if name not in names}
     missing.update({name: f"can't be read: {why}" for name, why in work.photographs.unreadable})
     return {"photographs": len(work.photographs.camera) + len(work.photographs.unreadable), "registered": len(names), "points": count,
-            "reprojection_error": error, "turned_upright": work.photographs.turned, "left_out": missing}  # fmt: skip
+            "reprojection_error": error, "turned_upright": work.photographs.turned, "left_out": missing, "damage": work.photographs.damage}  # fmt: skip
 
 
 def say(output, facts, people):
     print(f"{output}: {facts['registered']} of {facts['photographs']} photographs have cameras; {facts['points']} points, mean reprojection error "
           f"{facts['reprojection_error']:.2f} px; next: pags train {output} -o SCENE", file=people)  # fmt: skip
+    if facts.get("damage"):
+        print(f"warning: {facts['damage']}", file=people)
     for name, why in list(facts["left_out"].items())[:10]:
         print(f"left out: {name}: {why}", file=people)
     if len(facts["left_out"]) > 10:

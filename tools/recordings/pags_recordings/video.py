@@ -5,6 +5,7 @@ import json
 import os
 import shutil
 import subprocess
+import tempfile
 
 import numpy as np
 
@@ -41,10 +42,11 @@ def place(path):
 
 
 def judged(path, show):
-    """For each frame: how sharp it is (the mean square of its second differences), and how much it differs from the one before (0 to 255)."""
+    """For each frame: how sharp it is (the mean square of its second differences), and how much it differs from the one before (0 to 255). Then what
+    ffmpeg says of damage, "" where it finds none."""
     command = ["ffmpeg", "-v", "error", "-nostdin", "-i", place(path), "-map", "0:v:0", "-vf", f"scale={WIDTH}:{HEIGHT}:flags=area,format=gray", "-fps_mode", "passthrough", "-f", "rawvideo", "-"]
     sharp, change, before = [], [], None
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+    with tempfile.TemporaryFile() as said, subprocess.Popen(command, stdout=subprocess.PIPE, stderr=said) as process:  # said: a pipe would fill up
         try:
             while len(data := process.stdout.read(WIDTH * HEIGHT)) == WIDTH * HEIGHT:
                 frame = np.frombuffer(data, np.uint8).reshape(HEIGHT, WIDTH).astype(np.float32)
@@ -56,10 +58,12 @@ def judged(path, show):
                 show(len(sharp))
         finally:
             process.kill()
-        words = process.stderr.read().decode(errors="replace")
+            process.wait()
+        said.seek(0)
+        words = " ".join(said.read(4000).decode(errors="replace").split())[:300]
     if not sharp:
-        raise RecordingError(f"{path}: ffmpeg reads no picture of it: {' '.join(words.split())[:300] or 'it said nothing'}")
-    return np.array(sharp), np.array(change)
+        raise RecordingError(f"{path}: ffmpeg reads no picture of it: {words or 'it said nothing'}")
+    return np.array(sharp), np.array(change), words
 
 
 def choose(sharp, change, wanted):
