@@ -46,6 +46,7 @@ static const pags_option options[] = {
                "sigma of the error put on x and y of each box of what moves"),
     PAGS_VALUE("yaw-noise", 0, DOUBLE, AT(street.yaw_noise), 0, 180, "A", "degrees", NULL,
                "sigma of the error put on its yaw"),
+    PAGS_FLAG("lively", 0, AT(street.lively), "let the car brake, speed up and swerve"),
     PAGS_FLAG("no-shifts", 0, AT(street.shifts), "leave out the true pictures from 1, 2, 3 m to the right and 1 m up"),
     {.name = "fault",
      .type = PAGS_OPTION_WORDS,
@@ -124,7 +125,7 @@ static const struct kind {
               make_town,
               tell_town,
               {"samples", "fps", "cameras", "objects", "lidar-points", "lidar-noise", "pose-noise", "yaw-noise",
-               "no-shifts", "fault"}}};
+               "lively", "no-shifts", "fault"}}};
 enum { KIND_COUNT = sizeof kinds / sizeof kinds[0] };
 
 static const pags_positional positionals[] = {

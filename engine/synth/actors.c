@@ -107,22 +107,22 @@ typedef struct part {
 
 static void drive_ahead(pags_street *street, const pags_cast *models, pags_dice *dice, part p, int right) {
   const double ahead = (right ? 13.5 : 25.0) + 9.0 * p.index;
-  add_car(
-      street, models,
-      (pags_actor){.moving = 1,
-                   .start = {ahead + pags_street_ego_x(0.0), right ? (double)PAGS_RIGHT_LANE : (double)PAGS_EGO_LANE},
-                   .speed = right ? 10.2 : 9.8,
-                   .sway = 0.8,
-                   .sway_rate = 0.9,
-                   .phase = (double)pags_dice_between(dice, 0.0f, 6.0f)},
-      p.look % PAGS_CAR_KINDS);
+  add_car(street, models,
+          (pags_actor){.moving = 1,
+                       .start = {ahead + pags_street_ego_x(street->options, 0.0),
+                                 right ? (double)PAGS_RIGHT_LANE : (double)PAGS_EGO_LANE},
+                       .speed = right ? 10.2 : 9.8,
+                       .sway = 0.8,
+                       .sway_rate = 0.9,
+                       .phase = (double)pags_dice_between(dice, 0.0f, 6.0f)},
+          p.look % PAGS_CAR_KINDS);
 }
 
 static void drive_towards(pags_street *street, const pags_cast *models, part p) {
   const double speed = 9.0, met = meeting(street, p.index, p.count, 0.45) + 0.3;
   add_car(street, models,
           (pags_actor){.moving = 1,
-                       .start = {pags_street_ego_x(met) + speed * met, (double)PAGS_ONCOMING_LANE},
+                       .start = {pags_street_ego_x(street->options, met) + speed * met, (double)PAGS_ONCOMING_LANE},
                        .heading = PI,
                        .speed = speed},
           p.look % PAGS_CAR_KINDS);
@@ -135,7 +135,7 @@ static void walk(pags_street *street, const pags_cast *models, pags_dice *dice, 
   const double y = kerb + (left ? 1.0 : -1.0) * (away ? 1.5 : 2.6);
   pags_actors_stand(street, &models->people[p.look % PAGS_PERSON_KINDS],
                     (pags_actor){.moving = 1,
-                                 .start = {pags_street_ego_x(met) + 8.0 - direction * speed * met, y},
+                                 .start = {pags_street_ego_x(street->options, met) + 8.0 - direction * speed * met, y},
                                  .heading = away ? 0.0 : PI,
                                  .speed = speed,
                                  .ground = (double)PAGS_KERB_HEIGHT,
@@ -162,12 +162,13 @@ static void cross(pags_street *street, const pags_cast *models, pags_dice *dice,
 
 static void ride(pags_street *street, const pags_cast *models, pags_dice *dice, part p) {
   const double speed = 5.5, met = meeting(street, p.index, p.count, 0.7) + 0.25 * street->duration;
-  pags_actors_stand(street, &models->riders[p.look % PAGS_RIDER_KINDS],
-                    (pags_actor){.moving = 1,
-                                 .start = {pags_street_ego_x(met) + 6.0 - speed * met, (double)PAGS_CYCLE_LINE},
-                                 .speed = speed,
-                                 .step_rate = 5.0,
-                                 .phase = (double)pags_dice_between(dice, 0.0f, 6.0f)});
+  pags_actors_stand(
+      street, &models->riders[p.look % PAGS_RIDER_KINDS],
+      (pags_actor){.moving = 1,
+                   .start = {pags_street_ego_x(street->options, met) + 6.0 - speed * met, (double)PAGS_CYCLE_LINE},
+                   .speed = speed,
+                   .step_rate = 5.0,
+                   .phase = (double)pags_dice_between(dice, 0.0f, 6.0f)});
 }
 
 /* Adds the moving actors, options->objects of them. Their roles are dealt in turn (car ahead, oncoming car,

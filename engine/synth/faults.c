@@ -146,7 +146,7 @@ static void disturb(double pose[12], const double turn[3], const double move[3],
 }
 
 void pags_faults_ego(const pags_street_options *o, int frame, double pose[12]) {
-  pags_street_ego(frame / o->fps, pose);
+  pags_street_ego(o, frame / o->fps, pose);
   if (o->faults.position == 0.0 && o->faults.angle == 0.0)
     return;
   const double kept = pags_exp(-1.0 / (o->fps * correlation_seconds)), fresh = sqrt(1.0 - kept * kept);

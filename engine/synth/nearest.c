@@ -32,6 +32,8 @@ pags_result pags_street_write_truth(const pags_street *street, const char *path)
   pags_json_put_number(&json, "fps", o->fps);
   pags_json_put_integer(&json, "objects", o->objects);
   pags_json_put_unsigned(&json, "seed", o->seed);
+  if (o->lively)
+    pags_json_put_bool(&json, "lively", true);
   pags_faults_to_json(&json, &o->faults);
   pags_json_end_object(&json);
   const pags_result result = pags_json_writer_save(&json, path);
@@ -42,6 +44,7 @@ pags_result pags_street_write_truth(const pags_street *street, const char *path)
 static pags_result read_options(const char *path, pags_street_options *out) {
   pags_json *json;
   double frames, fps, objects, seed;
+  bool lively = false;
   PAGS_TRY(pags_json_parse_file(path, &json));
   const pags_json_value *root = pags_json_root(json);
   pags_result result = pags_json_number(json, root, "frames", &frames);
@@ -51,6 +54,8 @@ static pags_result read_options(const char *path, pags_street_options *out) {
     result = pags_json_number(json, root, "objects", &objects);
   if (result == PAGS_OK)
     result = pags_json_number(json, root, "seed", &seed);
+  if (result == PAGS_OK)
+    result = pags_json_bool_or(json, root, "lively", false, &lively);
   pags_json_destroy(json);
   PAGS_TRY(result);
   if (!(frames >= 2 && frames <= 10000 && fps >= 0.1 && fps <= 1000 && objects >= 0 && objects <= 64 && seed >= 0 &&
@@ -61,6 +66,7 @@ static pags_result read_options(const char *path, pags_street_options *out) {
   out->fps = fps;
   out->objects = (int)objects;
   out->seed = (uint64_t)seed;
+  out->lively = lively;
   return PAGS_OK;
 }
 

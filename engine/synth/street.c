@@ -70,13 +70,27 @@ void pags_street_destroy(pags_street *street) {
   memset(street, 0, sizeof *street);
 }
 
-/* The ego vehicle drives at 10 m/s, varying by a tenth. */
-double pags_street_ego_x(double time) {
-  return 10.0 * time + 0.9 * pags_sin(1.1 * time);
+/* How the ego vehicle's way at 10 m/s and its place in the lane vary: waves of metres, their radians a second, and the
+ * product of both, metres a second. */
+typedef struct drive {
+  double ahead, ahead_rate, ahead_speed, aside, aside_rate, aside_speed;
+} drive;
+
+/* Steadily, its speed varies by a tenth; lively, it brakes and speeds up by 3.2 m/s2 and turns by 6 degrees to either
+ * side. */
+static drive drive_of(const pags_street_options *options) {
+  return options->lively ? (drive){4.0, 0.9, 3.6, 0.8, 1.3, 1.04} : (drive){0.9, 1.1, 0.99, 0.22, 0.9, 0.198};
 }
 
-void pags_street_ego(double time, double pose[12]) {
-  const double forward = 10.0 + 0.99 * pags_cos(1.1 * time), aside = 0.198 * pags_cos(0.9 * time + 0.4);
+double pags_street_ego_x(const pags_street_options *options, double time) {
+  const drive d = drive_of(options);
+  return 10.0 * time + d.ahead * pags_sin(d.ahead_rate * time);
+}
+
+void pags_street_ego(const pags_street_options *options, double time, double pose[12]) {
+  const drive d = drive_of(options);
+  const double forward = 10.0 + d.ahead_speed * pags_cos(d.ahead_rate * time),
+               aside = d.aside_speed * pags_cos(d.aside_rate * time + 0.4);
   const double yaw = pags_atan2(aside, forward), pitch = 0.003 * pags_sin(5.0 * time),
                roll = 0.003 * pags_sin(3.7 * time + 1.0);
   const double cy = pags_cos(yaw), sy = pags_sin(yaw), cp = pags_cos(pitch), sp = pags_sin(pitch), cr = pags_cos(roll),
@@ -84,11 +98,11 @@ void pags_street_ego(double time, double pose[12]) {
   const double out[12] = {cy * cp,
                           cy * sp * sr - sy * cr,
                           cy * sp * cr + sy * sr,
-                          pags_street_ego_x(time),
+                          pags_street_ego_x(options, time),
                           sy * cp,
                           sy * sp * sr + cy * cr,
                           sy * sp * cr - cy * sr,
-                          PAGS_EGO_LANE + 0.22 * pags_sin(0.9 * time + 0.4),
+                          PAGS_EGO_LANE + d.aside * pags_sin(d.aside_rate * time + 0.4),
                           -sp,
                           cp * sr,
                           cp * cr,
@@ -113,7 +127,7 @@ pags_camera pags_street_camera(const pags_street_options *options, double time, 
   out.fx = out.fy = 0.8 * options->width;
   out.cx = 0.5 * options->width;
   out.cy = 0.5 * options->height;
-  pags_street_ego(time, ego);
+  pags_street_ego(options, time, ego);
   pags_street_mount(camera, mount);
   pags_rigid_multiply(ego, mount, out.world_from_camera);
   for (int k = 0; k < 3; k++)

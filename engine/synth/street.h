@@ -98,9 +98,9 @@ void pags_street_set_time(pags_street *street, double time);
 
 /* Pose of the ego vehicle at `time`, world from ego: x forward, y left, z up, origin on the road below its rear
  * axle. */
-void pags_street_ego(double time, double pose[12]);
+void pags_street_ego(const pags_street_options *options, double time, double pose[12]);
 /* The x coordinate of the ego vehicle at `time`, metres. */
-double pags_street_ego_x(double time);
+double pags_street_ego_x(const pags_street_options *options, double time);
 /* Pose of a camera in the ego frame (ego from camera), which is constant. Camera 0 looks ahead, 1 to the front left,
  * 2 to the front right. OpenCV axes: x right, y down, z forward. */
 void pags_street_mount(int camera, double pose[12]);

@@ -17,7 +17,7 @@ pags_result pags_street_build(const pags_street_options *options, pags_street *s
   memset(street, 0, sizeof *street);
   street->options = options;
   street->duration = (options->frames - 1) / options->fps;
-  street->end = pags_street_ego_x(street->duration);
+  street->end = pags_street_ego_x(options, street->duration);
   street->begin_x = -45.0f;
   street->end_x = (float)street->end + 130.0f;
   street->markings = (pags_markings){.first_crossing = (float)street->end + 22.0f, .spacing = 84.0f};

@@ -25,7 +25,7 @@ static double frame_time(const pags_street *street, int frame) {
 static bool labelled(const pags_street *street, const pags_actor *actor, int frame) {
   double box[12], ego[12];
   pags_actor_pose(actor, frame_time(street, frame), box);
-  pags_street_ego(frame_time(street, frame), ego);
+  pags_street_ego(street->options, frame_time(street, frame), ego);
   return pags_hypot(box[3] - ego[3], box[7] - ego[7]) <= REACH;
 }
 

@@ -82,7 +82,7 @@ int64_t pags_sweep_trace(const pags_street *street, const pags_stage *stage, int
   sweep_job job = {.street = street, .stage = stage, .frame = frame, .points = points};
   int64_t count = 0;
   job.columns = street->options->lidar_points / BEAMS;
-  pags_street_ego(frame / street->options->fps, job.ego);
+  pags_street_ego(street->options, frame / street->options->fps, job.ego);
   const int64_t rays = job.columns * BEAMS;
   for (int64_t i = 0; i < rays; i++)
     points[4 * i + 3] = -1.0f; /* for rays that a cancelled loop leaves out */

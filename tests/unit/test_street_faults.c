@@ -326,6 +326,54 @@ static void test_threads(void **state) {
   }
 }
 
+/* A lively drive brakes from 13.6 m/s to 6.4 within half of its wave; and its true surfaces, built again, are those
+ * that its LiDAR saw, which stand where the car met them. */
+static void test_lively(void **state) {
+  (void)state;
+  pags_street_options options = small_street(5);
+  pags_dataset_options opened = pags_dataset_options_default();
+  pags_dataset *dataset;
+  pags_street_truth *truth;
+  double least = INFINITY, most = 0.0;
+  options.frames = 18;
+  options.lively = 1;
+  options.lidar_points = 400;
+  options.lidar_noise = 0.0;
+  write_street("lively", &options, 2);
+  pags_camera_path path = load_truth("lively", 0);
+  for (int64_t i = 0; i + 1 < path.count; i++) {
+    const double *a = path.cameras[i].world_from_camera, *b = path.cameras[i + 1].world_from_camera;
+    const double speed = hypot(b[3] - a[3], b[7] - a[7]) * options.fps;
+    least = fmin(least, speed);
+    most = fmax(most, speed);
+  }
+  pags_camera_path_destroy(&path);
+  if (!(least < 6.7 && most > 13.3))
+    fail_msg("from %.2f to %.2f m/s", least, most);
+
+  assert_int_equal(pags_dataset_open(scratch("lively"), &opened, &dataset), PAGS_OK);
+  assert_int_equal(pags_street_truth_open(scratch("lively"), &truth), PAGS_OK);
+  const pags_sweep *sweep = pags_dataset_sweep(dataset, 9);
+  int64_t count;
+  float *xyz, distances[2][400];
+  assert_int_equal(pags_dataset_sweep_load(dataset, 9, &count, &xyz), PAGS_OK);
+  for (int64_t i = 0; i < count; i++) {
+    const double own[3] = {xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2]};
+    double world[3];
+    pags_rigid_point(sweep->world_from_sweep, own, world);
+    for (int k = 0; k < 3; k++)
+      xyz[3 * i + k] = (float)world[k];
+  }
+  assert_int_equal(pags_street_truth_distances(truth, sweep->time, xyz, count, 1.0, distances[0], distances[1]),
+                   PAGS_OK);
+  for (int64_t i = 0; i < count; i++)
+    if (!(fminf(distances[0][i], distances[1][i]) < 0.02f))
+      fail_msg("point %d is %.3f m from any surface", (int)i, (double)fminf(distances[0][i], distances[1][i]));
+  free(xyz);
+  pags_street_truth_close(truth);
+  pags_dataset_close(dataset);
+}
+
 static void test_names(void **state) {
   (void)state;
   pags_street_faults faults = {0};
@@ -344,6 +392,6 @@ int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_rolling),    cmocka_unit_test(test_delay),
                                      cmocka_unit_test(test_poses),      cmocka_unit_test(test_light),
                                      cmocka_unit_test(test_distortion), cmocka_unit_test(test_threads),
-                                     cmocka_unit_test(test_names)};
+                                     cmocka_unit_test(test_lively),     cmocka_unit_test(test_names)};
   return cmocka_run_group_tests(tests, scratch_setup, scratch_teardown);
 }

@@ -43,6 +43,7 @@ typedef struct pags_street_options {
   int samples;               /* rays per pixel, 1..1024; default 8 */
   int objects;               /* moving cars, pedestrians and cyclists, 0..64; default 8 */
   int64_t lidar_points;      /* LiDAR rays per sweep, 0..10^6; default 20000 */
+  int lively;                /* 1: the car brakes, speeds up and swerves, rather than drive steadily. Default 0 */
   double lidar_noise;        /* standard deviation of the LiDAR's range, 0..10 metres; default 0.02 */
   double pose_noise;         /* standard deviation of the error added to the boxes' x and y, 0..10 metres; default 0 */
   double yaw_noise;          /* standard deviation of the error added to the boxes' yaw, 0..180 degrees; default 0 */
