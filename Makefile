@@ -178,6 +178,7 @@ check-recordings: all
 	tests/recordings/.venv/bin/python -B tests/recordings/check_sources.py build/pags
 	tests/recordings/.venv/bin/python -B tests/recordings/check_blind.py build/pags
 	tests/recordings/.venv/bin/python -B tests/recordings/check_damage.py build/pags
+	TOOL_PYTHON=own tests/recordings/.venv/bin/python -B tests/recordings/test_ncore.py build/pags
 
 check-photos: all
 	python3 -B tests/recordings/check_photos.py build/pags

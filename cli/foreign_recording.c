@@ -40,7 +40,7 @@ static const char installed[] =
     "sys.exit(main())\n";
 
 bool pags_foreign_recording_is(const char *kind) {
-  static const char *const kinds[] = {"argoverse2", "nuscenes", "pandaset", "waymo2", "kitti360", "photos"};
+  static const char *const kinds[] = {"argoverse2", "nuscenes", "pandaset", "waymo2", "kitti360", "ncore", "photos"};
   for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++)
     if (strcmp(kind, kinds[i]) == 0)
       return true;

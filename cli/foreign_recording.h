@@ -7,7 +7,7 @@
 #include <stdbool.h>
 
 /* The kinds it has, as a sentence names them. */
-#define PAGS_FOREIGN_KINDS "argoverse2, nuscenes, pandaset, waymo2, kitti360 or photos"
+#define PAGS_FOREIGN_KINDS "argoverse2, nuscenes, pandaset, waymo2, kitti360, ncore or photos"
 
 bool pags_foreign_recording_is(const char *kind);
 

@@ -49,8 +49,8 @@ static const pags_positional positionals[] = {
     {"KIND",
      "kitti: the tracking benchmark, or a synchronised raw recording; waymo: a segment of the Open Dataset v1; "
      "argoverse2: a log of the sensor data set; nuscenes: a scene of v1.0; pandaset: a sequence; waymo2: a "
-     "segment of the Open Dataset v2 (parquet); kitti360: a drive; photos: photographs without cameras, or a video, "
-     "whose cameras COLMAP finds; these six by the Python package in "
+     "segment of the Open Dataset v2 (parquet); kitti360: a drive; ncore: a sequence of NCore v4; photos: photographs "
+     "without cameras, or a video, whose cameras COLMAP finds; these seven by the Python package in "
      "tools/recordings"},
     {"RAW", "the recording's folder, Waymo's .tfrecord file, or a video"},
     {NULL, NULL}};

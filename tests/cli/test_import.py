@@ -112,7 +112,7 @@ class Import(Case):
         self.assertNotIn("images/002_0.png", files_below(out))
 
     def test_usage(self):
-        self.fails(["import", "nuplan", "x", "-o", "y"], "kitti, waymo, argoverse2, nuscenes, pandaset, waymo2, kitti360 or photos", "'nuplan'", code=2)
+        self.fails(["import", "nuplan", "x", "-o", "y"], "kitti, waymo, argoverse2, nuscenes, pandaset, waymo2, kitti360, ncore or photos", "'nuplan'", code=2)
         for frames in ["3-2", "a", "-3", "1-2-3"]:
             self.fails(["import", "kitti", "x", "-o", "y", f"--frames={frames}"], "--frames: expected a span", code=2)
         self.fails(["import", "waymo", "x", "-o", "y", "--sequence", "1"], "--sequence", code=2)

@@ -21,8 +21,10 @@ KINDS = {
     "pandaset": ("PandaSet: a sequence, or a folder of sequences", ("numpy", "PIL")),
     "waymo2": ("the Waymo Open Dataset, version 2: the folder with camera_image, lidar, ... of parquet files", ("numpy", "PIL", "pyarrow")),
     "kitti360": ("KITTI-360: the folder with data_2d_raw, data_poses, calibration, ...", ("numpy", "PIL")),
+    "ncore": ("NVIDIA's NCore, version 4: the folder with NAME.ncore4*.zarr.itar, or a folder of such", ("numpy", "PIL", "scipy", "zarr", "cbor2", "dataclasses_json", "upath", "ncore")),
     "photos": ("a folder of photographs without cameras, or a video; COLMAP finds the cameras", ("numpy", "PIL")),
 }
+PACKAGES = {"PIL": "pillow", "zarr": "'zarr<3'", "dataclasses_json": "dataclasses-json", "upath": "universal-pathlib"}  # that are named otherwise than their modules
 PROGRAM = os.environ.get("PAGS_RECORDINGS_FOR", "pags_recordings")
 
 
@@ -68,6 +70,12 @@ def need_room(folder):
         raise RecordingError(f"{place}: is no folder, and stands where {folder} is to be made; give another folder, or remove it")
 
 
+def install(missing):
+    """The commands that install modules. NCore's package asks for torch, which its reader does without."""
+    pip, plain = f"{sys.executable} -m pip install", [PACKAGES.get(name, name) for name in missing if name != "ncore"]
+    return " && ".join([f"{pip} {' '.join(plain)}"] * bool(plain) + [f"{pip} --no-deps nvidia-ncore"] * ("ncore" in missing))
+
+
 def clear(folder):
     """Removes what an earlier import wrote; nothing without its import.json."""
     if os.path.isdir(folder) and os.listdir(folder):
@@ -108,7 +116,7 @@ def recording(arguments, people):
 def run(arguments):
     missing = lacking(KINDS[arguments.kind][1])
     if missing:
-        raise RecordingError(f"needs the Python package{'s' if len(missing) > 1 else ''} {', '.join(missing)}: {sys.executable} -m pip install {' '.join(missing).replace('PIL', 'pillow')}")
+        raise RecordingError(f"needs the Python package{'s' if len(missing) > 1 else ''} {', '.join(missing)}: {install(missing)}")
     need_room(arguments.output)
     if arguments.overwrite:
         clear(arguments.output)

@@ -64,9 +64,15 @@ def pose(rotation, translation, order=None):
     return check(np.block([[r, np.reshape(np.asarray(translation, np.float64), (3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]]))
 
 
+def rotation_about(axis, angle):
+    """The 3x3 rotation about the axis "x", "y" or "z" by an angle in radians, counter-clockwise as seen from its tip."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array({"x": [[1, 0, 0], [0, c, -s], [0, s, c]], "y": [[c, 0, s], [0, 1, 0], [-s, 0, c]], "z": [[c, -s, 0], [s, c, 0], [0, 0, 1]]}[axis])
+
+
 def turned_left(angle, translation):
     """A pose that is upright: turned by an angle about z, from x towards y, in radians."""
-    return pose([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]], translation)
+    return pose(rotation_about("z", angle), translation)
 
 
 def check(matrix, what="a pose"):

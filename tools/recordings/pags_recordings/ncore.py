@@ -1,0 +1,226 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A sequence of NVIDIA's NCore format, version 4, read by its own package (nvidia-ncore; github.com/NVIDIA/ncore, docs/data/conventions.rst): component stores
+of zarr, times in microseconds, a graph of poses named by frames ("rig", x forward, y left, z up; "world"; the sensors), cameras of OpenCV's axes with the
+picture's corners at 0, rays and distances of LiDAR, boxes in the frame of a sensor at its time.
+
+One time step is one photograph of the first camera, with the photograph nearest to it of each other camera and the nearest sweep. A photograph's time
+and pose are those of the middle of its exposure. The package moves the points of a sweep to its end."""
+
+import contextlib
+import os
+import pathlib
+
+import numpy as np
+
+from . import poses
+from .errors import RecordingError
+from .importing import Tracks, chosen, nearest
+
+STORE = ".ncore4"  # NAME.ncore4.zarr.itar, NAME.ncore4-GROUP.zarr
+LARGEST_GAP = 0.05  # seconds between the photographs of a step
+SWEEP_GAP = 0.06  # seconds between a step and the middle of its sweep: a little more than half of a turn
+LABEL_GAP = 0.6  # seconds between two labels of a track that a box may lie between
+FIT = 0.2  # pixels by which a polynomial of ours may differ from an F-theta camera's own
+WORLD, RIG = "world", "rig"
+
+
+@contextlib.contextmanager
+def reading(where):
+    """What the package raises for a damaged store, of whatever type, as one line of ours."""
+    try:
+        yield
+    except (RecordingError, MemoryError):
+        raise
+    except Exception as error:  # noqa: BLE001  it asserts, indexes and decodes
+        raise RecordingError(f"{where}: nvidia-ncore can't read it: {type(error).__name__}: {str(error)[:300]}") from None
+
+
+def store_name(file):
+    """The sequence's name of a component store, or None."""
+    name, mark, rest = file.partition(STORE)
+    return name if mark and name and rest.startswith((".", "-")) and rest.endswith((".zarr", ".zarr.itar")) else None
+
+
+def sequences(raw):
+    """Sequences in the folder and one level deeper, by name."""
+    found = {}
+    for folder in [raw, *sorted(entry.path for entry in os.scandir(raw) if entry.is_dir() and STORE not in entry.name)]:
+        for file in sorted(os.listdir(folder)):
+            if store_name(file):
+                found.setdefault(store_name(file), os.path.join(folder, store_name(file)))
+    return found
+
+
+def only(readers, source, what):
+    """The component of that kind that is called default, or the only one; None without any."""
+    if "default" not in readers and len(readers) > 1:
+        raise RecordingError(f"{source}: has {len(readers)} components of {what}, none called default: {', '.join(sorted(readers))}")
+    return "default" if "default" in readers else next(iter(readers), None)
+
+
+def load(source):
+    """The package's reader of a sequence."""
+    import numcodecs.registry
+    from ncore.data import v4
+
+    numcodecs.registry.codec_registry.pop("pickle", None)  # arrays of objects may be pickles, and a pickle is a program
+    folder, name = os.path.split(source)
+    stores = [pathlib.Path(folder, file).absolute() for file in sorted(os.listdir(folder)) if store_name(file) == name]
+    with reading(source):
+        groups = v4.SequenceComponentGroupsReader(stores)
+        kinds = {"poses": v4.PosesComponent, "intrinsics": v4.IntrinsicsComponent, "cuboids": v4.CuboidsComponent}
+        named = {what: only(groups.open_component_readers(kind.Reader), source, what) for what, kind in kinds.items()}
+        for what in ("poses", "intrinsics"):
+            if named[what] is None:
+                raise RecordingError(f"{source}: has no component of {what} among {', '.join(path.name for path in stores)}")
+        return v4.SequenceLoaderV4(groups, named["poses"], named["intrinsics"], None, named["cuboids"])
+
+
+def ftheta(model, what):
+    """Focal length, lens and principal point of an F-theta camera. Its radius is a polynomial of the angle, or the angle one of the radius: then that is
+    fitted by one of ours, in pixels."""
+    limit = float(model.max_angle)
+    if model.reference_poly == type(model).PolynomialType.ANGLE_TO_PIXELDIST:
+        constant, *terms = (float(v) for v in model.angle_to_pixeldist_poly)
+        if abs(constant) > FIT:
+            raise RecordingError(f"{what}: its polynomial is {constant:g} pixels at the angle 0; expected 0")
+        terms = terms + [0.0] * (6 - len(terms))
+    else:
+        far = float(np.hypot(*np.asarray(model.resolution, float)))
+        radii = np.linspace(0, far, 4001)
+        angles = np.polynomial.polynomial.polyval(radii, np.asarray(model.pixeldist_to_angle_poly, float))
+        end = int(np.argmax((angles > limit) | (np.diff(angles, append=np.inf) <= 0)))
+        radii, angles = radii[: end + 1], angles[: end + 1]
+        powers = angles[:, None] ** np.arange(1, 7)
+        terms = (np.linalg.lstsq(powers / powers.max(0), radii, rcond=None)[0] / powers.max(0)).tolist()
+        apart = np.abs(powers @ terms - radii).max()
+        if apart > FIT:
+            raise RecordingError(f"{what}: no polynomial of the sixth degree shows its pixels to {FIT} of one; the best is {apart:.2f} pixels off")
+        limit = min(limit, float(angles[-1]))
+    focal = terms[0]
+    if not focal > 0:
+        raise RecordingError(f"{what}: its focal length is {focal:g} pixels")
+    c, d, e = (float(v) for v in model.linear_cde)
+    lens = {"kind": "ftheta", "k": [term / focal for term in terms[1:]], "s": [c - 1, d, e], "field": float(np.degrees(2 * limit))}
+    return [focal, focal], lens, np.asarray(model.principal_point, float) + 0.5  # such a camera's pixels have their middle at 0
+
+
+def add_camera(out, name, model):
+    what = f"camera {name!r}"
+    if model.external_distortion_parameters is not None:
+        raise RecordingError(f"{what} looks through a windshield with a distortion of its own, which isn't read; leave it out by --cameras")
+    kind, distortion, lens, centre = model.type(), (), None, None
+    if kind == "ftheta":
+        focal, lens, centre = ftheta(model, what)
+    elif kind == "opencv-fisheye":
+        focal, lens = model.focal_length, {"kind": "fisheye", "k": model.radial_coeffs, "field": float(np.degrees(2 * model.max_angle))}
+    elif kind == "opencv-pinhole":
+        focal, (k1, k2, k3, k4, k5, k6), (p1, p2) = model.focal_length, *(v.astype(float) for v in (model.radial_coeffs, model.tangential_coeffs))
+        if model.thin_prism_coeffs.any():
+            raise RecordingError(f"{what} has thin-prism coefficients {model.thin_prism_coeffs.tolist()}, which no lens of ours has; leave it out by --cameras")
+        if k4 or k5 or k6:
+            lens = {"kind": "rational", "k": [k1, k2, k3], "d": [k4, k5, k6], "p": [p1, p2]}
+        else:
+            distortion = (k1, k2, p1, p2, k3) if any((k1, k2, k3, p1, p2)) else ()
+    elif kind == "ideal-pinhole":
+        focal = model.focal_length
+    else:
+        raise RecordingError(f"{what} is of the model {kind!r}; expected ftheta, opencv-fisheye, opencv-pinhole or ideal-pinhole")
+    cx, cy = (float(v) for v in (model.principal_point if centre is None else centre))
+    matrix = [[float(focal[0]), 0, cx], [0, float(focal[1]), cy], [0, 0, 1]]
+    out.add_camera(name, tuple(int(v) for v in model.resolution), matrix, distortion, pixel_centre=0.5, lens=lens)
+
+
+class Sequence:
+    """The package's loader, with seconds since the sequence's begin, and poses in the world."""
+
+    def __init__(self, source):
+        self.source, self.loader = source, load(source)
+        self.zero = int(self.loader.sequence_timestamp_interval_us.start)
+        with reading(source):
+            self.cameras = {name: self.loader.get_camera_sensor(name) for name in sorted(self.loader.camera_ids)}
+            self.middles = {name: self.middle_of(camera) for name, camera in self.cameras.items()}
+            self.lidars = {name: self.loader.get_lidar_sensor(name) for name in sorted(self.loader.lidar_ids)}
+
+    @staticmethod
+    def middle_of(sensor):
+        """The middles of a sensor's frames in microseconds."""
+        begin, end = np.asarray(sensor.frames_timestamps_us, np.int64).reshape(-1, 2).T
+        return begin + (end - begin) // 2
+
+    def seconds(self, at):
+        return (int(at) - self.zero) / 1e6
+
+    def pose(self, frame, at):
+        with reading(f"{self.source}: the pose of {frame!r} at {int(at)}"):
+            return np.asarray(self.loader.pose_graph.evaluate_poses(frame, WORLD, np.array(int(at), np.uint64)), np.float64).reshape(4, 4)
+
+    def tracks(self):
+        """Labels by id. A box is that of its frame's time, turned about that frame's fixed axes x, y, z in this order."""
+        tracks, seen = Tracks(), set()
+        with reading(f"{self.source}: its boxes"):
+            rows = sorted(self.loader.get_cuboid_track_observations(), key=lambda row: row.timestamp_us)
+        for row in rows:
+            if (row.track_id, row.timestamp_us) not in seen:
+                seen.add((row.track_id, row.timestamp_us))
+                about_x, about_y, about_z = (np.float64(v) for v in row.bbox3.rot)
+                turn = poses.rotation_about("z", about_z) @ poses.rotation_about("y", about_y) @ poses.rotation_about("x", about_x)
+                world_from_box = self.pose(row.reference_frame_id, row.reference_frame_timestamp_us) @ poses.pose(turn, row.bbox3.centroid)
+                tracks.add(row.track_id, row.class_id, self.seconds(row.timestamp_us), world_from_box, row.bbox3.dim)
+        return tracks
+
+    def put_photograph(self, step, name, number):
+        camera, at = self.cameras[name], self.middles[name][number]
+        with reading(f"{self.source}: photograph {number} of {name}"):
+            content = bytes(camera.get_frame_handle(number).get_data().get_encoded_image_data())
+        step.photograph(name, content, self.pose(name, at), self.seconds(at))
+
+    def put_sweep(self, step, name, number):
+        """All returns of a sweep, which the package moves to its end."""
+        lidar, parts = self.lidars[name], []
+        with reading(f"{self.source}: sweep {number} of {name}"):
+            for back in range(lidar.get_frame_ray_bundle_return_count(number)):
+                valid = lidar.get_frame_ray_bundle_return_valid_mask(number, back)
+                points = lidar.get_frame_point_cloud(number, motion_compensation=True, with_start_points=False, return_index=back).xyz_m_end
+                parts.append(np.column_stack([points, lidar.get_frame_ray_bundle_return_intensity(number, back)])[valid])
+            end = lidar.frames_timestamps_us[number, 1]
+        if parts:
+            step.lidar(np.concatenate(parts), self.pose(name, end), ["intensity"])
+
+
+def pick_steps(middles, names):
+    """For each photograph of the first camera those of the others that are nearest; steps in which one is too far are left out."""
+    steps = []
+    for number, at in enumerate(middles[names[0]]):
+        picked = {name: number if name == names[0] else nearest(middles[name], at) for name in names}
+        if all(abs(int(middles[name][i]) - int(at)) <= LARGEST_GAP * 1e6 for name, i in picked.items()):
+            steps.append(picked)
+    return steps
+
+
+def read(source, cameras, frames, out, progress):
+    sequence = Sequence(source)
+    names = chosen([name for name in sequence.cameras if len(sequence.middles[name])], cameras, "camera")
+    if not names:
+        raise RecordingError(f"{source}: has no camera with photographs")
+    steps = pick_steps(sequence.middles, names)
+    steps = steps if frames is None else steps[frames[0] : frames[1] + 1]
+    if not steps:
+        raise RecordingError(f"{source}: no time step is left; there is none in which each camera has a photograph within {LARGEST_GAP} s, or --frames chose none")
+    progress.total = len(steps)
+    for name in names:
+        with reading(f"{source}: camera {name}"):
+            add_camera(out, name, sequence.cameras[name].model_parameters)
+    tracks = sequence.tracks()
+    lidar = max(sequence.lidars, key=lambda name: sequence.lidars[name].frames_count, default=None)
+    sweeps = sequence.middle_of(sequence.lidars[lidar]) if lidar else np.empty(0)
+    for done, picked in enumerate(steps):
+        progress.show(done)
+        middle = int(np.mean([int(sequence.middles[name][number]) for name, number in picked.items()]))
+        step = out.add_step(sequence.seconds(middle), sequence.pose(RIG, middle))
+        for name, number in picked.items():
+            sequence.put_photograph(step, name, number)
+        sweep = nearest(sweeps, middle) if len(sweeps) else None
+        if sweep is not None and abs(int(sweeps[sweep]) - middle) <= SWEEP_GAP * 1e6 and not step.has_lidar(["intensity"]):
+            sequence.put_sweep(step, lidar, sweep)
+        tracks.put(step, sequence.seconds(middle), LABEL_GAP)
