@@ -74,10 +74,33 @@ void pags_draw_number(pags_image *image, int x, int y, int64_t number) {
     }
 }
 
+/* Draws the edge through a lens in short pieces; those on both sides of a panorama's seam are left out. */
+static void draw_curve(pags_image *image, const pags_camera *camera, const double a[3], const double b[3],
+                       const uint8_t rgb[3]) {
+  enum { PIECES = 16 };
+  double before[2] = {0, 0}, at[2];
+  bool drawn = false;
+  for (int i = 0; i <= PIECES; i++) {
+    double p[3];
+    for (int k = 0; k < 3; k++)
+      p[k] = a[k] + (b[k] - a[k]) * i / PIECES;
+    const bool seen =
+        p[0] * p[0] + p[1] * p[1] + p[2] * p[2] > near_plane * near_plane && pags_camera_project(camera, p, at, NULL);
+    if (seen && drawn && fabs(at[0] - before[0]) < 0.5 * image->width)
+      pags_draw_line(image, before, at, rgb);
+    drawn = seen;
+    memcpy(before, at, sizeof before);
+  }
+}
+
 /* Projects and draws the edge from a to b, both in camera coordinates, clipped at the near plane. */
 static void draw_edge(pags_image *image, const pags_camera *camera, const double a[3], const double b[3],
                       const uint8_t rgb[3]) {
   double ends[2][3], pixels[2][2];
+  if (pags_camera_bends(camera)) {
+    draw_curve(image, camera, a, b, rgb);
+    return;
+  }
   if (a[2] < near_plane && b[2] < near_plane)
     return;
   for (int k = 0; k < 3; k++) {

@@ -56,7 +56,8 @@ static bool same_camera(const pags_camera *a, const pags_camera *b) {
     if (fabs(a->world_from_camera[i] - b->world_from_camera[i]) > pose_tolerance * size)
       return false;
   }
-  return fabs(a->fx - b->fx) <= 1e-4 * a->fx && fabs(a->fy - b->fy) <= 1e-4 * a->fy;
+  return fabs(a->fx - b->fx) <= 1e-4 * a->fx && fabs(a->fy - b->fy) <= 1e-4 * a->fy &&
+         pags_lens_model_same(&a->lens, &b->lens);
 }
 
 /* Whether two views can't be the same one: other places, not rounding. */
@@ -138,7 +139,11 @@ static pags_result open_dataset(const pags_scene *scene, const char *path, pags_
     return pags_dataset_open(path, &options, out);
   options.downscale = 1;
   options.split_every = scene->fps > 0 ? options.split_every : 0; /* which are held out, the scene says */
-  options.allow_missing = 1; /* the scene's own views decide which photographs are needed */
+  bool bends = false;
+  for (int64_t i = 0; i < scene->view_count; i++)
+    bends = bends || pags_camera_bends(&scene->views[i].camera);
+  options.undistort = !bends; /* as in training */
+  options.allow_missing = 1;  /* the scene's own views decide which photographs are needed */
   PAGS_TRY(pags_dataset_open(path, &options, out));
   pags_result result = scene_downscale(scene, *out, given, &options.downscale);
   *downscale = options.downscale;

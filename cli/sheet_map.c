@@ -200,9 +200,13 @@ static void draw_cone(const drawing *d, const pags_camera *camera) {
     return;
   for (int side = 0; side < 2; side++) {
     const double x = ((side ? camera->width : 0) - camera->cx) / camera->fx;
-    double way[3], end[2];
+    double way[3], end[2], ray[3] = {x, 0, 1};
+    if (pags_camera_bends(camera) && !pags_camera_look(camera, side ? camera->width : 0, camera->cy, ray)) {
+      const double widest = pags_lens_model_widest(&camera->lens);
+      ray[0] = (side ? 1 : -1) * pags_sin(widest), ray[1] = 0, ray[2] = pags_cos(widest);
+    }
     for (int k = 0; k < 3; k++)
-      way[k] = camera->world_from_camera[4 * k] * x + camera->world_from_camera[4 * k + 2];
+      way[k] = camera->world_from_camera[4 * k] * ray[0] + camera->world_from_camera[4 * k + 2] * ray[2];
     end[0] = dot3(way, d->map->across);
     end[1] = dot3(way, d->map->down);
     const double length = sqrt(end[0] * end[0] + end[1] * end[1]);

@@ -57,6 +57,7 @@ static const pags_option options[] = {
                "as stated, else 8; driving sets 4", "of data sets: as for train"),
     PAGS_TEXT("colmap", 0, AT(options.colmap), "FOLDER", NULL, "of data sets: as for train"),
     PAGS_FLAG("allow-missing", 0, AT(options.allow_missing), "of data sets: as for train"),
+    PAGS_FLAG("undistort", 0, AT(options.undistort), "of data sets: as for train"),
     PAGS_TEXT("image-folder", 0, AT(options.image_folder), "FOLDER", NULL, "of data sets: as for train"),
     PAGS_CHOICE("image-alpha", AT(options.image_alpha), "composite|mask|ignore", NULL, "of data sets: as for train"),
     PAGS_DRIVING_OPTIONS(AT(options)),
@@ -82,7 +83,7 @@ static pags_result check_effect(const info_arguments *arguments, const char *pat
   static const char *const kinds[] = {"a scene or splat file", "a data set", "such a file"};
   const pags_option_rule rules[] = {
       {"memory objects up axes", kind == INFO_SCENE, "scenes and splat files"},
-      {"overlay sheet downscale split-every colmap allow-missing image-folder image-alpha kind "
+      {"overlay sheet downscale split-every colmap allow-missing undistort image-folder image-alpha kind "
        "cameras frames holdout-camera ego-mask critical sfm",
        kind == INFO_DATASET, "data sets"},
       {0}};

@@ -56,7 +56,8 @@ static const pags_option options[] = {
          "what is wrong with the cameras; may be repeated. rolling-down, -up, -right, -left: seconds to read a picture "
          "that way; delay: sigma of how late each camera is, seconds; position, angle: error of the car's pose, metres "
          "and degrees; mount-position, mount-angle: of each camera's in the car; vignette: share of light lost in "
-         "the corners; response: exponent less 1; distortion: k1"},
+         "the corners; response: exponent less 1; distortion: k1; "
+         "fisheye: degrees across"},
     PAGS_GROUP("Of a town"),
     PAGS_VALUE("gaussians", 0, INT64, AT(town.gaussians), 1000, 2e8, "N", "Gaussians", NULL,
                "at density 1; the town is as large as they cover"),

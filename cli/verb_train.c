@@ -86,6 +86,7 @@ static pags_option options[] = {
     PAGS_FLAG("reconstruction", 0, AT(reconstruction), "hold nothing out: train on every photograph"),
     PAGS_TEXT("colmap", 0, AT(dataset.colmap), "FOLDER", NULL, "take cameras and points from this COLMAP model"),
     PAGS_FLAG("allow-missing", 0, AT(dataset.allow_missing), "leave out views whose photograph or pose is missing"),
+    PAGS_FLAG("undistort", 0, AT(dataset.undistort), "resample fisheyes and panoramas to pinholes, too"),
     PAGS_PHOTOGRAPH_OPTIONS(AT(dataset), NULL),
     PAGS_DRIVING_OPTIONS(AT(dataset)),
     PAGS_VALUE("random-points", 0, INT64, AT(dataset.random_points), 1, 1e8, "N", NULL, NULL,
@@ -131,9 +132,8 @@ static pags_option options[] = {
     {0}};
 
 static const pags_positional positionals[] = {{"DATASET",
-                                               "a folder with transforms.json (nerfstudio, instant-ngp) or a COLMAP "
-                                               "model and images, a transforms file, or a driving set in "
-                                               "drivestudio's layout"},
+                                               "a folder with transforms.json or a COLMAP model and images, a "
+                                               "transforms file, or a driving set in drivestudio's layout"},
                                               {NULL, NULL}};
 
 /* ---- Completing the option table ---- */

@@ -134,7 +134,9 @@ PyObject *native_camera_dict(const pags_camera *camera) {
               native_put(dict, "cx", PyFloat_FromDouble(camera->cx)) &&
               native_put(dict, "cy", PyFloat_FromDouble(camera->cy)) &&
               native_put(dict, "world_from_camera", native_numbers(camera->world_from_camera, 12)) &&
-              (isnan(camera->time) || native_put(dict, "time", PyFloat_FromDouble(camera->time)));
+              (isnan(camera->time) || native_put(dict, "time", PyFloat_FromDouble(camera->time))) &&
+              (!pags_camera_bends(camera) ||
+               native_put(dict, "lens", PyUnicode_FromString(pags_lens_kind_name(camera->lens.kind))));
   if (good)
     return dict;
   Py_XDECREF(dict);

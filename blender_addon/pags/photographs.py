@@ -63,8 +63,15 @@ def lens_of(folder, sensor):
     return numbers[:9] if len(numbers) >= 9 and any(abs(k) > 1e-9 for k in numbers[4:9]) else None
 
 
+def refuse_lens(view):
+    """Raises SceneError for a view with a lens that no camera of Blender's has here: its photograph would lie beside the picture."""
+    if "lens" in view:
+        raise native.SceneError(f"the photograph {view['name']} was taken, and is modelled, through a lens ({view['lens']}), not a pinhole; pags view and pags eval compare it")
+
+
 def load(job, root, entry, view):
     """Steps that return a view's photograph as its pinhole camera sees it."""
+    refuse_lens(view)
     folder, path = find(root, entry, view["name"])
     picture = undistort.read(path)
     yield
@@ -138,6 +145,7 @@ def show(job, camera, root):
     views = sorted((v for v in entry.scene.views if v["sensor"] == sensor and "time" in v), key=lambda v: v["time"])
     if not views:
         raise native.SceneError(f"{camera.name}: the scene has no photographs of it")
+    refuse_lens(views[0])
     source = find(root, entry, views[0]["name"])[0]
     paths = [find(root, entry, v["name"])[1] for v in views]
     distortion = lens_of(source, sensor)

@@ -69,6 +69,14 @@ static double how_seen(const pags_scene *head, const pags_object *object) {
     pags_rigid_inverse(view->camera.world_from_camera, inverse);
     for (int k = 0; k < 3; k++)
       at[k] = inverse[4 * k] * p[3] + inverse[4 * k + 1] * p[7] + inverse[4 * k + 2] * p[11] + inverse[4 * k + 3];
+    if (pags_camera_bends(&view->camera)) {
+      const double away = at[0] * at[0] + at[1] * at[1] + at[2] * at[2];
+      double pixel[2];
+      if (away > 0.01 && pags_camera_project(&view->camera, at, pixel, NULL) && pixel[0] >= 0 &&
+          pixel[0] < view->camera.width && pixel[1] >= 0 && pixel[1] < view->camera.height)
+        sum += view->camera.fx * view->camera.fy * size * size / away;
+      continue;
+    }
     const double x = view->camera.fx * at[0] / at[2] + view->camera.cx;
     const double y = view->camera.fy * at[1] / at[2] + view->camera.cy;
     if (at[2] > 0.1 && x >= 0 && x < view->camera.width && y >= 0 && y < view->camera.height)

@@ -50,7 +50,7 @@ static const model_kind kinds[] = {
     {"SIMPLE_FISHEYE", 3, true, PAGS_LENS_FISHEYE, ""},
     {"FISHEYE", 4, false, PAGS_LENS_FISHEYE, ""},
     {"EUCM", 6, false, PAGS_LENS_EUCM, "kk"},
-    {"EQUIRECTANGULAR", 2, false, PAGS_LENS_PERSPECTIVE, NULL} /* panoramas: no pinhole camera */
+    {"EQUIRECTANGULAR", 2, false, PAGS_LENS_EQUIRECTANGULAR, NULL} /* width and height of a whole panorama */
 };
 
 enum { KINDS = sizeof kinds / sizeof *kinds };
@@ -67,16 +67,12 @@ int pags_colmap_kind_by_name(const char *name) {
 }
 
 pags_result pags_colmap_check_kind(const char *where, int kind, const char *name) {
-  if (kind >= 0 && kinds[kind].rest)
-    return PAGS_OK;
   if (kind >= 0)
-    return pags_fail(PAGS_ERROR_UNSUPPORTED,
-                     "%s: camera model %s: panoramas can't be used yet; expected pictures of perspective or fisheye "
-                     "cameras (cut each panorama into several pinhole pictures first)",
-                     where, kinds[kind].name);
+    return PAGS_OK;
   return pags_fail(PAGS_ERROR_UNSUPPORTED,
                    "%s: camera model %s is not known; expected SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, "
-                   "FULL_OPENCV, FOV, DIVISION, EUCM or a FISHEYE model of COLMAP; `colmap image_undistorter` makes "
+                   "FULL_OPENCV, FOV, DIVISION, EUCM, EQUIRECTANGULAR or a FISHEYE model of COLMAP; `colmap "
+                   "image_undistorter` makes "
                    "PINHOLE ones of any",
                    where, name);
 }
@@ -89,6 +85,10 @@ void pags_colmap_set_lens(int kind, const double *parameters, pags_lens *lens) {
   const model_kind *model = &kinds[kind];
   const double *p = parameters;
   lens->model.kind = model->lens;
+  if (model->lens == PAGS_LENS_EQUIRECTANGULAR) {
+    pags_lens_set_panorama(p[0], p[1], lens);
+    return;
+  }
   lens->fx = *p++;
   lens->fy = model->single ? lens->fx : *p++;
   lens->cx = *p++;

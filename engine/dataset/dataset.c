@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Opens a data set: chooses the reader by the files it finds, has the pictures found and compared with their cameras,
- * marks the held-out views and gives every view an undistorted, downscaled pinhole camera. Also holds the accessors
- * of the public API. */
+ * marks the held-out views and gives every view its downscaled camera. Also holds the accessors of the public API. */
 #include "dataset/internal.h"
 
 #include "dataset/colmap_models.h"
@@ -11,6 +10,7 @@
 #include "dataset/photo_mask.h"
 #include "dataset/pictures.h"
 #include "dataset/splits.h"
+#include "dataset/view_camera.h"
 
 #include "base/file.h"
 #include "base/log.h"
@@ -216,31 +216,6 @@ static pags_result leave_out_missing(pags_dataset *dataset, int allowed) {
 
 /* ---- Cameras and views ---- */
 
-static bool same_lens(const pags_lens *a, const pags_lens *b) {
-  const pags_lens_model *const m = &a->model, *const n = &b->model;
-  return m->kind == n->kind && a->width == b->width && a->height == b->height && a->fx == b->fx && a->fy == b->fy &&
-         a->cx == b->cx && a->cy == b->cy && memcmp(m->k, n->k, sizeof m->k) == 0 &&
-         memcmp(m->d, n->d, sizeof m->d) == 0 && memcmp(m->p, n->p, sizeof m->p) == 0 &&
-         memcmp(m->s, n->s, sizeof m->s) == 0 && m->field == n->field;
-}
-
-/* Computes the pinhole camera of view `index` from its lens. *share: the part of the picture at which the lens can't be
- * inverted, 0 if an earlier view has the same lens. Finding it costs milliseconds, so the result of an
- * earlier view with an identical lens is copied instead. */
-static pags_result find_pinhole(pags_dataset *dataset, int64_t index, double *share) {
-  pags_parsed_view *views = dataset->parsed.views;
-  *share = 0;
-  for (int64_t i = 0; i < index; i++)
-    if (same_lens(&views[i].lens, &views[index].lens)) {
-      views[index].lens = views[i].lens;
-      dataset->pinholes[index] = dataset->pinholes[i];
-      return PAGS_OK;
-    }
-  PAGS_TRY(pags_lens_prepare(&views[index].lens, views[index].where));
-  PAGS_TRY(pags_lens_check_inverse(&views[index].lens, views[index].where, share));
-  return pags_lens_pinhole(&views[index].lens, views[index].where, &dataset->pinholes[index]);
-}
-
 /* Fills in the sensor, frame and shutter time of a view and whether the view is held out: in a driving set by time
  * step or by camera, in a static set every `every`-th view in file-name order, or as the data set states (-1). */
 static void choose_part(const pags_dataset *dataset, int64_t index, int every, pags_view *view) {
@@ -257,11 +232,12 @@ static void choose_part(const pags_dataset *dataset, int64_t index, int every, p
 static pags_result make_views(pags_dataset *dataset, const pags_dataset_options *options) {
   size_t count = (size_t)dataset->count;
   dataset->views = calloc(count, sizeof *dataset->views);
-  dataset->pinholes = calloc(count, sizeof *dataset->pinholes);
-  if (!dataset->views || !dataset->pinholes)
+  dataset->cameras = calloc(count, sizeof *dataset->cameras);
+  if (!dataset->views || !dataset->cameras)
     return pags_out_of_memory("%s", dataset->path);
   int64_t training = 0;
-  const char *lossy = NULL;
+  const char *lossy = NULL, *bent = NULL; /* the first view of each sort */
+  int64_t bent_count = 0, rolling = 0;
   double worst = 0;
   for (int64_t i = 0; i < dataset->count; i++) {
     const pags_parsed_view *from = &dataset->parsed.views[i];
@@ -271,13 +247,19 @@ static pags_result make_views(pags_dataset *dataset, const pags_dataset_options 
     view->mask_path = from->mask_path;
     choose_part(dataset, i, options->split_every, view);
     double share;
-    PAGS_TRY(find_pinhole(dataset, i, &share));
+    PAGS_TRY(pags_view_camera_choose(dataset, i, options->undistort, &share));
     lossy = share > 0 && !lossy ? view->name : lossy;
     worst = fmax(worst, share);
-    pags_camera camera = dataset->pinholes[i];
+    pags_camera camera = dataset->cameras[i];
     memcpy(camera.world_from_camera, from->world_from_camera, sizeof camera.world_from_camera);
     camera.time = dataset->parsed.driving ? from->time : (double)NAN;
     camera.shutter = from->shutter;
+    if (pags_camera_bends(&camera)) {
+      bent = bent ? bent : view->name;
+      bent_count++;
+      rolling += pags_camera_rolls(&camera);
+      camera.shutter = (pags_shutter){0};
+    }
     char *what = pags_text_format("%s (%s)", from->where, view->name);
     pags_result result = what ? pags_camera_check(&camera, what) : pags_out_of_memory("%s", from->where);
     free(what);
@@ -291,6 +273,21 @@ static pags_result make_views(pags_dataset *dataset, const pags_dataset_options 
                      "%s: the distortion can't be undone at up to %.1f %% of a picture, which is left out; the first "
                      "picture of such a camera is %s",
                      dataset->parsed.source, 100 * worst, lossy);
+  if (bent && dataset->parsed.driving)
+    PAGS_TRY(pags_driving_note(dataset->parsed.driving,
+                               "lenses: %lld of %lld views keep theirs, of which a pinhole would lose a tenth or more, "
+                               "the first is %s (--undistort resamples them to pinholes)",
+                               (long long)bent_count, (long long)dataset->count, bent));
+  else if (bent)
+    pags_log_message(PAGS_LOG_INFO,
+                     "%s: %lld of %lld views keep their lens, of which a pinhole would lose a tenth or more, the first "
+                     "is %s (--undistort resamples them to pinholes)",
+                     dataset->parsed.source, (long long)bent_count, (long long)dataset->count, bent);
+  if (rolling)
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s: %lld views that keep their lens have a rolling shutter, which isn't used with a lens: their "
+                     "pictures are taken as exposed at once",
+                     dataset->parsed.source, (long long)rolling);
   if (training == 0)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: all of its views are held out; expected more views, or --split-every 0",
                      dataset->parsed.source);
@@ -311,12 +308,12 @@ static pags_result check_plausible(const pags_dataset *dataset) {
           "pixels (are they in millimetres, or the pictures of another size?)",
           view->where, pags_path_name(view->image_path), lens->fx, lens->fy, lens->width, lens->height,
           2 * pags_atan(0.5 / ratio) * 180 / 3.14159265358979323846);
-    const double left = (double)dataset->pinholes[i].width / lens->width;
+    const double left = (double)dataset->cameras[i].width / lens->width;
     if (left < 0.1)
       return pags_fail(PAGS_ERROR_FORMAT,
                        "%s (%s): its distortion leaves %d x %d pixels of %d x %d; expected parameters of a lens",
-                       view->where, pags_path_name(view->image_path), dataset->pinholes[i].width,
-                       dataset->pinholes[i].height, lens->width, lens->height);
+                       view->where, pags_path_name(view->image_path), dataset->cameras[i].width,
+                       dataset->cameras[i].height, lens->width, lens->height);
     const bool usual = ratio > 0.1 && ratio < 50 && even > 0.5 && even < 2 && left > 0.5;
     if (!usual && !odd++)
       first = i;
@@ -329,8 +326,8 @@ static pags_result check_plausible(const pags_dataset *dataset) {
         "%s: %lld of %lld views have unlikely intrinsics, the first is %s: focal lengths %g and %g, centre "
         "%g, %g for %d x %d pixels, of which the distortion leaves %d x %d",
         dataset->parsed.source, (long long)odd, (long long)dataset->count, pags_path_name(view->image_path), lens->fx,
-        lens->fy, lens->cx, lens->cy, lens->width, lens->height, dataset->pinholes[first].width,
-        dataset->pinholes[first].height);
+        lens->fy, lens->cx, lens->cy, lens->width, lens->height, dataset->cameras[first].width,
+        dataset->cameras[first].height);
   return PAGS_OK;
 }
 
@@ -483,7 +480,7 @@ void pags_dataset_close(pags_dataset *dataset) {
   free(dataset->colmap);
   free(dataset->image_folder);
   free(dataset->views);
-  free(dataset->pinholes);
+  free(dataset->cameras);
   free(dataset->xyz);
   free(dataset->rgb);
   free(dataset);

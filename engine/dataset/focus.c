@@ -102,6 +102,14 @@ pags_result pags_focus_distance(const pags_camera *const *cameras, int64_t count
 bool pags_camera_sees(const pags_camera *camera, const double point[3], double nearest) {
   const double *m = camera->world_from_camera;
   double p[3] = {point[0] - m[3], point[1] - m[7], point[2] - m[11]};
+  if (pags_camera_bends(camera)) {
+    double own[3], pixel[2];
+    for (int k = 0; k < 3; k++)
+      own[k] = m[k] * p[0] + m[4 + k] * p[1] + m[8 + k] * p[2];
+    return p[0] * p[0] + p[1] * p[1] + p[2] * p[2] >= nearest * nearest &&
+           pags_camera_project(camera, own, pixel, NULL) && pixel[0] >= 0 && pixel[0] <= camera->width &&
+           pixel[1] >= 0 && pixel[1] <= camera->height;
+  }
   double z = m[2] * p[0] + m[6] * p[1] + m[10] * p[2];
   if (!(z >= nearest))
     return false;

@@ -54,6 +54,13 @@ pags_result pags_lens_prepare(pags_lens *lens, const char *where) {
   return PAGS_OK;
 }
 
+void pags_lens_set_panorama(double width, double height, pags_lens *lens) {
+  lens->fx = width / (2 * PI);
+  lens->fy = height / PI;
+  lens->cx = 0.5 * width;
+  lens->cy = 0.5 * height;
+}
+
 bool pags_lens_is_pinhole(const pags_lens *lens) {
   return pags_lens_model_is_plain(&lens->model);
 }

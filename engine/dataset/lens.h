@@ -22,6 +22,9 @@ typedef struct pags_lens {
  * message. */
 pags_result pags_lens_prepare(pags_lens *lens, const char *where);
 
+/* Sets the intrinsics of a whole panorama of this size, px: the full turn across, from the zenith to the nadir. */
+void pags_lens_set_panorama(double width, double height, pags_lens *lens);
+
 /* Whether the lens has no distortion, so that its photographs need no resampling. */
 bool pags_lens_is_pinhole(const pags_lens *lens);
 

@@ -106,6 +106,46 @@ static pags_result keep_photo(const pags_photo_data *photo, picture *p) {
   return PAGS_OK;
 }
 
+/* Resamples a photograph that keeps its lens to a pinhole of the same focal lengths and size, since patches are warped
+ * between pinholes: the middle of what the lens sees. */
+static pags_result straighten(picture *p) {
+  const pags_camera from = p->camera;
+  const size_t pixels = (size_t)p->width * (size_t)p->height;
+  uint8_t *const rgb = calloc(pixels, 3), *const mask = calloc(pixels, 1);
+  if (!rgb || !mask) {
+    free(rgb);
+    free(mask);
+    return pags_out_of_memory("points from photographs");
+  }
+  p->camera.lens = (pags_lens_model){0};
+  for (int y = 0; y < p->height; y++)
+    for (int x = 0; x < p->width; x++) {
+      const size_t to = (size_t)y * (size_t)p->width + (size_t)x;
+      double way[3], at[2];
+      pags_camera_look(&p->camera, x + 0.5, y + 0.5, way);
+      if (!pags_camera_project(&from, way, at, NULL) || !(at[0] >= 0.5 && at[1] >= 0.5) ||
+          !(at[0] < p->width - 0.501 && at[1] < p->height - 0.501))
+        continue;
+      const int left = (int)(at[0] - 0.5), top = (int)(at[1] - 0.5);
+      const double across = at[0] - 0.5 - left, down = at[1] - 0.5 - top;
+      const size_t a = (size_t)top * (size_t)p->width + (size_t)left, c = a + (size_t)p->width;
+      double sum[3];
+      for (size_t k = 0; k < 3; k++) {
+        const double upper = p->rgb[3 * a + k] + across * (p->rgb[3 * a + 3 + k] - p->rgb[3 * a + k]);
+        const double lower = p->rgb[3 * c + k] + across * (p->rgb[3 * c + 3 + k] - p->rgb[3 * c + k]);
+        sum[k] = upper + down * (lower - upper);
+        rgb[3 * to + k] = (uint8_t)(sum[k] + 0.5);
+      }
+      p->grey[to] = (float)((sum[0] + 2 * sum[1] + sum[2]) / 4);
+      mask[to] = !p->mask || (p->mask[a] && p->mask[a + 1] && p->mask[c] && p->mask[c + 1]) ? 255 : 0;
+    }
+  free(p->rgb);
+  free(p->mask);
+  p->rgb = rgb;
+  p->mask = mask;
+  return PAGS_OK;
+}
+
 static void load_block(void *context, int64_t begin, int64_t end, int worker) {
   (void)worker;
   matcher *m = context;
@@ -119,6 +159,8 @@ static void load_block(void *context, int64_t begin, int64_t end, int worker) {
     m->results[i] = pags_photo_decode(m->dataset, m->views[i], shrink, &photo);
     if (m->results[i] == PAGS_OK)
       m->results[i] = keep_photo(&photo, &m->pictures[i]);
+    if (m->results[i] == PAGS_OK && pags_camera_bends(camera))
+      m->results[i] = straighten(&m->pictures[i]);
     if (m->results[i] != PAGS_OK)
       snprintf(m->messages[i], sizeof m->messages[i], "%s", pags_error_message());
     pags_port_aligned_free(photo.planes);

@@ -8,6 +8,7 @@
 #include "dataset/photo_colour.h"
 #include "dataset/photo_mask.h"
 #include "dataset/undistort.h"
+#include "dataset/view_camera.h"
 #include "image/resample.h"
 #include "port/port.h"
 
@@ -71,12 +72,15 @@ static pags_result load(const pags_dataset *dataset, int64_t index, pictures *ou
   return pags_label_plane_load(dataset, index, &out->labels, &out->mask);
 }
 
-static pags_result undistort(const pags_lens *lens, const pags_camera *pinhole, pictures *p) {
+/* Resamples the pictures to the pinhole of a view or, if it keeps its lens, masks what that doesn't see. */
+static pags_result undistort(const pags_lens *lens, const pags_camera *camera, pictures *p) {
   if (pags_lens_is_pinhole(lens))
     return PAGS_OK;
+  if (pags_camera_bends(camera))
+    return pags_view_camera_mask(camera, &p->mask);
   pictures out = nothing;
-  PAGS_TRY(pags_undistort(lens, pinhole, &p->colour, p->mask.data ? &p->mask : NULL, &out.colour, &out.mask));
-  pags_result result = p->labels.data ? pags_undistort_labels(lens, pinhole, &p->labels, &out.labels) : PAGS_OK;
+  PAGS_TRY(pags_undistort(lens, camera, &p->colour, p->mask.data ? &p->mask : NULL, &out.colour, &out.mask));
+  pags_result result = p->labels.data ? pags_undistort_labels(lens, camera, &p->labels, &out.labels) : PAGS_OK;
   destroy(p);
   *p = out;
   return result;
@@ -181,15 +185,15 @@ static pags_result add_labels(const pags_dataset *dataset, int64_t index, const 
 pags_result pags_photo_decode(const pags_dataset *dataset, int64_t index, int factor, pags_photo_data *out) {
   assert(index >= 0 && index < dataset->count && factor >= 1);
   const pags_lens *lens = &dataset->parsed.views[index].lens;
-  const pags_camera *pinhole = &dataset->pinholes[index];
+  const pags_camera *camera = &dataset->cameras[index];
   pags_camera target = pags_camera_downscale(&dataset->views[index].camera, factor);
   memset(out, 0, sizeof *out);
   pictures p = nothing;
   pags_result result = load(dataset, index, &p);
   if (result == PAGS_OK)
-    result = undistort(lens, pinhole, &p);
+    result = undistort(lens, camera, &p);
   if (result == PAGS_OK)
-    result = shrink(pinhole, &target, &p);
+    result = shrink(camera, &target, &p);
   if (result == PAGS_OK)
     result = split(&p, pags_label_planes_exist(dataset, index), out);
   destroy(&p);
@@ -198,22 +202,22 @@ pags_result pags_photo_decode(const pags_dataset *dataset, int64_t index, int fa
 
 void pags_photo_bytes(const pags_dataset *dataset, int64_t index, int factor, uint64_t *kept, uint64_t *decoding) {
   const pags_lens *lens = &dataset->parsed.views[index].lens;
-  const pags_camera *pinhole = &dataset->pinholes[index];
+  const pags_camera *camera = &dataset->cameras[index];
   pags_camera target = pags_camera_downscale(&dataset->views[index].camera, factor);
-  bool straight = pags_lens_is_pinhole(lens), same = is_full_size(pinhole, &target);
+  bool straight = pags_lens_is_pinhole(lens) || pags_camera_bends(camera), same = is_full_size(camera, &target);
   /* Upper bound: the decoded files, the undistorted pictures, the shrunk pictures and the planes are counted as if
    * they existed together, although each step only holds its input and its output. Two source planes are counted for
    * labels: the label image and one of the files it is made of, which are loaded one at a time. */
   uint64_t labels = pags_label_planes_exist(dataset, index) ? 1 : 0;
   const pags_parsed_view *view = &dataset->parsed.views[index];
   const bool alpha = view->picture.alpha && dataset->image_alpha != PAGS_ALPHA_IGNORE;
-  /* What a photograph takes more before it is colours and a mask of bytes: alpha, linear light, and that it is turned.
-   */
+  /* What a photograph takes more before it is colours and a mask of bytes: alpha, linear light, that it is turned, and
+   * what its lens sees. */
   const int channels = alpha ? 4 : 3;
   const uint64_t loaded = (alpha ? 4u : 0u) + (view->picture.sample == PAGS_F32 ? 5u * (unsigned)channels : 0u) +
-                          (view->turn > 1 ? 4u : 0u);
+                          (view->turn > 1 ? 4u : 0u) + (pags_camera_bends(camera) ? 1u : 0u);
   uint64_t source = (4 + 2 * labels + loaded) * (uint64_t)lens->width * (uint64_t)lens->height;
-  uint64_t upright = straight ? 0 : (4 + labels) * (uint64_t)pinhole->width * (uint64_t)pinhole->height;
+  uint64_t upright = straight ? 0 : (4 + labels) * (uint64_t)camera->width * (uint64_t)camera->height;
   uint64_t shrunk = same ? 0 : (4 + labels) * (uint64_t)target.width * (uint64_t)target.height;
   *kept = (4 + labels) * plane_bytes(target.width, target.height) + 64;
   *decoding = source + upright + shrunk + *kept;

@@ -34,6 +34,12 @@ static void draw_point(const pags_camera *const *cameras, int64_t count, double 
   double z = pags_focus_depth(distance, pags_rng_uniform(seed, STREAM + DRAW_DEPTH, draw));
   double x = (pixel[0] * camera->width - camera->cx) / camera->fx * z;
   double y = (pixel[1] * camera->height - camera->cy) / camera->fy * z;
+  double ray[3];
+  if (pags_camera_bends(camera)) { /* beside its circle a lens sees nothing: along its axis then */
+    if (!pags_camera_look(camera, pixel[0] * camera->width, pixel[1] * camera->height, ray))
+      ray[0] = ray[1] = 0, ray[2] = 1;
+    x = ray[0] * z, y = ray[1] * z, z = ray[2] * z;
+  }
   for (int i = 0; i < 3; i++)
     point[i] = m[4 * i] * x + m[4 * i + 1] * y + m[4 * i + 2] * z + m[4 * i + 3];
 }

@@ -82,7 +82,9 @@ static const struct {
               {"FISHEYE", PAGS_LENS_FISHEYE},
               {"FULL_OPENCV", PAGS_LENS_RATIONAL},
               {"FOV", PAGS_LENS_FOV},
-              {"THIN_PRISM_FISHEYE", PAGS_LENS_THIN_PRISM}};
+              {"THIN_PRISM_FISHEYE", PAGS_LENS_THIN_PRISM},
+              {"EQUIRECTANGULAR", PAGS_LENS_EQUIRECTANGULAR},
+              {"LATLONG", PAGS_LENS_EQUIRECTANGULAR}};
 
 static bool same_name(const char *a, const char *b) {
   while (*a && *b && (*a == *b || (*a >= 'a' && *a <= 'z' && *a - 'a' + 'A' == *b)))
@@ -94,14 +96,16 @@ static pags_result find_kind(const reader *r, const pags_json_value *frame, pags
   const char *model;
   PAGS_TRY(pags_json_string_or(r->json, r->root, "camera_model", "OPENCV", &model));
   PAGS_TRY(pags_json_string_or(r->json, frame, "camera_model", model, &model));
-  /* The keys by which instant-ngp marks lenses. */
+  /* The keys by which instant-ngp marks lenses: its latlong is longitude and latitude, its equirectangular a cylinder
+   * of equal areas. */
   static const char *const others[] = {"equirectangular", "latlong", "orthographic", "ftheta"};
+  static const char *const theirs[] = {"equal-area cylinder", "EQUIRECTANGULAR", "orthographic", "ftheta"};
   bool fisheye, other;
   for (size_t i = 0; i < sizeof others / sizeof *others; i++) {
     PAGS_TRY(pags_json_bool_or(r->json, r->root, others[i], false, &other));
     PAGS_TRY(pags_json_bool_or(r->json, frame, others[i], other, &other));
     if (other)
-      model = others[i];
+      model = theirs[i];
   }
   if (pags_json_member(r->root, "ftheta_p0") || pags_json_member(frame, "ftheta_p0"))
     model = "ftheta";
@@ -112,14 +116,10 @@ static pags_result find_kind(const reader *r, const pags_json_value *frame, pags
       *kind = fisheye ? PAGS_LENS_FISHEYE : models[i].kind;
       return PAGS_OK;
     }
-  const bool panorama = same_name(model, "EQUIRECTANGULAR") || same_name(model, "LATLONG");
   return pags_json_fail(r->json, frame,
-                        "camera_model '%s' %s; expected PINHOLE, SIMPLE_PINHOLE, SIMPLE_RADIAL, "
-                        "RADIAL, OPENCV, FULL_OPENCV, FOV, OPENCV_FISHEYE or THIN_PRISM_FISHEYE",
-                        model,
-                        panorama
-                            ? "is of panoramas, which can't be used yet (cut each into several pinhole pictures first)"
-                            : "is not known");
+                        "camera_model '%s' is not known; expected PINHOLE, SIMPLE_PINHOLE, SIMPLE_RADIAL, RADIAL, "
+                        "OPENCV, FULL_OPENCV, FOV, OPENCV_FISHEYE, THIN_PRISM_FISHEYE or EQUIRECTANGULAR",
+                        model);
 }
 
 /* Reads one focal length in pixels, for a side of `size` pixels: keys[0] is the focal length itself, keys[1] a full
@@ -162,6 +162,11 @@ static pags_result find_lens(const reader *r, const pags_json_value *frame, pags
     lens->width = view->picture.width;
     lens->height = view->picture.height;
     view->sized = true;
+  }
+
+  if (lens->model.kind == PAGS_LENS_EQUIRECTANGULAR) {
+    pags_lens_set_panorama(lens->width, lens->height, lens);
+    return PAGS_OK;
   }
 
   /* A missing focal length equals the other. */

@@ -51,11 +51,26 @@ static void set_motion(const colorizer *p, const double world_from_owner[12], ow
   out->present = 1;
 }
 
+/* Where a camera with a lens shows a point; its depth is the distance. */
+static pags_seen_point see_through(const pags_camera *c, const float m[12], const float q[3]) {
+  double own[3], at[2], square = 0;
+  for (int k = 0; k < 3; k++) {
+    own[k] = (double)(m[4 * k] * q[0] + m[4 * k + 1] * q[1] + m[4 * k + 2] * q[2] + m[4 * k + 3]);
+    square += own[k] * own[k];
+  }
+  if (!(square > near_plane * near_plane) || !pags_camera_project(c, own, at, NULL))
+    return (pags_seen_point){0};
+  const float u = (float)at[0], v = (float)at[1];
+  const bool inside = u >= 0 && v >= 0 && u < (float)c->width && v < (float)c->height;
+  return inside ? (pags_seen_point){u, v, (float)sqrt(square)} : (pags_seen_point){0};
+}
+
 static void project_block(void *context, int64_t begin, int64_t end, int worker) {
   (void)worker;
   const colorizer *p = context;
   const pags_camera *c = &p->camera;
   const float fx = (float)c->fx, fy = (float)c->fy, cx = (float)c->cx, cy = (float)c->cy;
+  const bool bends = pags_camera_bends(c);
   for (int64_t i = begin; i < end; i++) {
     const pags_lidar_point *row = &p->points->rows[i];
     const owner_pose *pose = &p->poses[1 + row->owner];
@@ -63,6 +78,10 @@ static void project_block(void *context, int64_t begin, int64_t end, int worker)
     p->seen[i].z = 0;
     if (!pose->present)
       continue;
+    if (bends) {
+      p->seen[i] = see_through(c, m, q);
+      continue;
+    }
     float z = m[8] * q[0] + m[9] * q[1] + m[10] * q[2] + m[11];
     if (!(z > (float)near_plane))
       continue;

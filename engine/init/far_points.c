@@ -58,6 +58,12 @@ static void emit(const pags_photo *photo, const pags_camera *camera, const doubl
                  double depth, pags_far_points *far) {
   const double *m = camera->world_from_camera;
   double x = (u - camera->cx) / camera->fx * depth, y = (v - camera->cy) / camera->fy * depth;
+  double ray[3];
+  if (pags_camera_bends(camera)) { /* depths are distances */
+    if (!pags_camera_look(camera, u, v, ray))
+      return;
+    x = ray[0] * depth, y = ray[1] * depth, depth = ray[2] * depth;
+  }
   for (int k = 0; k < 3; k++)
     far->xyz[3 * far->count + k] =
         (float)(m[4 * k] * x + m[4 * k + 1] * y + m[4 * k + 2] * depth + m[4 * k + 3] - origin[k]);

@@ -19,7 +19,7 @@ enum { PAGS_OCCLUSION_CELL = 2 }; /* side of a cell, px */
 
 typedef struct pags_seen_point {
   float u, v; /* px */
-  float z;    /* camera z, metres; 0: outside of the picture */
+  float z;    /* camera z, metres, or the distance from a camera with a lens; 0: outside of the picture */
 } pags_seen_point;
 
 /* Sets the size and empties all cells. Memory is reused from call to call; `self` may be a zeroed struct. The focal

@@ -137,6 +137,16 @@ int pags_lens_model_is_plain(const pags_lens_model *lens) {
   return zero;
 }
 
+int pags_lens_model_same(const pags_lens_model *a, const pags_lens_model *b) {
+  double off = fabs(a->field - b->field);
+  for (int i = 0; i < 6; i++)
+    off = fmax(off, fabs(a->k[i] - b->k[i]));
+  for (int i = 0; i < 4; i++)
+    off = fmax(fmax(off, fabs(a->s[i] - b->s[i])),
+               fmax(i < 3 ? fabs(a->d[i] - b->d[i]) : 0, i < 2 ? fabs(a->p[i] - b->p[i]) : 0));
+  return a->kind == b->kind && off <= 1e-9;
+}
+
 pags_result pags_lens_model_check(pags_lens_model *lens, const char *what) {
   double sum = 0;
   for (int i = 0; i < 6; i++)

@@ -8,7 +8,8 @@
  * constant error. Each error has independent normal components along the three axes.
  *
  * Light falls off with the squared distance from the image's middle; a camera's electronics bend the display-referred
- * value by a power. The lens has the radial term k1 of OpenCV's model, which is inverted by Newton's iteration. */
+ * value by a power. The lens has the radial term k1 of OpenCV's model, or is OpenCV's fisheye, whose circle is as wide
+ * as the picture; both are inverted by Newton's iteration. */
 #include "synth/faults.h"
 
 #include <math.h>
@@ -22,6 +23,7 @@
 
 enum { STREAM_DELAY = 1 << 29, STREAM_MOUNT, STREAM_EGO = STREAM_MOUNT + 3, AXES = 3 };
 static const double correlation_seconds = 0.5, radians = 0.017453292519943295;
+static const double fisheye_terms[2] = {-0.02, 0.0015}; /* k1 and k2 of the fisheye */
 
 /* ---- Names and ranges ---- */
 
@@ -41,7 +43,8 @@ static const struct fault {
               {"mount-angle", offsetof(pags_street_faults, mount_angle), 0, 10, -1},
               {"vignette", offsetof(pags_street_faults, vignette), 0, 0.9, -1},
               {"response", offsetof(pags_street_faults, response), 0, 0.5, -1},
-              {"distortion", offsetof(pags_street_faults, distortion), -0.3, 0.3, -1}};
+              {"distortion", offsetof(pags_street_faults, distortion), -0.3, 0.3, -1},
+              {"fisheye", offsetof(pags_street_faults, fisheye), 60, 240, -1}};
 enum { FAULTS = sizeof faults / sizeof faults[0] };
 
 static double value_of(const pags_street_faults *f, const struct fault *fault) {
@@ -89,6 +92,10 @@ pags_result pags_faults_check(const pags_street_faults *f) {
   for (int i = 0; i < FAULTS; i++)
     if (is_set(f, &faults[i]) || isnan(value_of(f, &faults[i])))
       PAGS_TRY(check(&faults[i], value_of(f, &faults[i])));
+  if (f->fisheye > 0.0 && (f->rolling > 0.0 || f->distortion != 0.0))
+    return pags_fail(PAGS_ERROR_ARGUMENT,
+                     "fault fisheye: expected neither a rolling shutter nor distortion beside it, found %s",
+                     f->rolling > 0.0 ? "a rolling shutter" : "distortion");
   return PAGS_OK;
 }
 
@@ -117,7 +124,14 @@ pags_camera pags_faults_camera(const pags_street_options *o, int frame, int came
     share = -share;
   pags_rng_normal2(o->seed, STREAM_DELAY, (uint64_t)camera, normal);
   const double time = frame / o->fps + o->faults.delay * normal[0] + share * o->faults.rolling;
-  return pags_street_camera(o, time, camera, 0.0, 0.0);
+  pags_camera out = pags_street_camera(o, time, camera, 0.0, 0.0);
+  if (o->faults.fisheye > 0.0) {
+    const double edge = 0.5 * radians * o->faults.fisheye, square = edge * edge;
+    out.fx = out.fy = 0.5 * o->width / (edge * (1.0 + square * (fisheye_terms[0] + square * fisheye_terms[1])));
+    out.lens = (pags_lens_model){
+        .kind = PAGS_LENS_FISHEYE, .k = {fisheye_terms[0], fisheye_terms[1]}, .field = o->faults.fisheye};
+  }
+  return out;
 }
 
 /* ---- Poses ---- */
@@ -187,9 +201,26 @@ float pags_faults_response(const pags_street_options *o, int camera) {
   return (float)(1.0 + o->faults.response * sides[camera]);
 }
 
-void pags_faults_ray(const pags_street_options *o, const pags_camera *camera, double x, double y, double direction[3]) {
+/* Solves theta (1 + k1 theta^2 + k2 theta^4) = |(u, v)|; the direction has the length 1. */
+static bool fisheye_ray(const pags_street_options *o, double u, double v, double direction[3]) {
+  const double bent = sqrt(u * u + v * v), k1 = fisheye_terms[0], k2 = fisheye_terms[1];
+  double theta = bent;
+  for (int i = 0; i < 30; i++) {
+    const double t = theta * theta;
+    theta -= (theta * (1.0 + t * (k1 + t * k2)) - bent) / (1.0 + t * (3.0 * k1 + t * 5.0 * k2));
+  }
+  const double across = bent > 0.0 ? pags_sin(theta) / bent : 1.0;
+  direction[0] = across * u;
+  direction[1] = across * v;
+  direction[2] = pags_cos(theta);
+  return theta <= 0.5 * radians * o->faults.fisheye;
+}
+
+bool pags_faults_ray(const pags_street_options *o, const pags_camera *camera, double x, double y, double direction[3]) {
   double u = (x - camera->cx) / camera->fx, v = (y - camera->cy) / camera->fy;
   const double bent = sqrt(u * u + v * v);
+  if (o->faults.fisheye > 0.0)
+    return fisheye_ray(o, u, v, direction);
   direction[2] = 1.0;
   if (o->faults.distortion != 0.0 && bent > 0.0) {
     double r = bent; /* solves r (1 + k1 r^2) = bent */
@@ -200,4 +231,5 @@ void pags_faults_ray(const pags_street_options *o, const pags_camera *camera, do
   }
   direction[0] = u;
   direction[1] = v;
+  return true;
 }

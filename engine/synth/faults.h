@@ -25,8 +25,8 @@ float pags_faults_vignette(const pags_street_options *options, double x, double 
 float pags_faults_response(const pags_street_options *options, int camera);
 
 /* Sets `direction` to the direction, in the camera's frame, of the ray through the image position (x, y), pixels,
- * with z = 1. */
-void pags_faults_ray(const pags_street_options *options, const pags_camera *camera, double x, double y,
+ * with z = 1, or of unit length through a fisheye. Returns whether the lens sees there. */
+bool pags_faults_ray(const pags_street_options *options, const pags_camera *camera, double x, double y,
                      double direction[3]);
 
 /* Checks the range of each fault. */

@@ -14,6 +14,7 @@
 #include "base/text.h"
 #include "dataset/driving/writer.h"
 #include "maths/maths.h"
+#include "synth/faults.h"
 
 enum { STREAM_POSE_NOISE = 1 << 28 };
 #define REACH 90.0 /* metres from the ego vehicle within which boxes are labelled */
@@ -128,8 +129,10 @@ static pags_layout_info info_of(const pags_street *street, pags_layout_camera ca
                                       [PAGS_READ_LEFT] = "right_to_left"};
   const pags_street_faults *faults = &street->options->faults;
   for (int c = 0; c < 3; c++)
-    cameras[c] = (pags_layout_camera){
-        .number = c, .name = names[c], .rolling_shutter = faults->rolling > 0.0 ? words[faults->read_out] : NULL};
+    cameras[c] = (pags_layout_camera){.number = c,
+                                      .name = names[c],
+                                      .rolling_shutter = faults->rolling > 0.0 ? words[faults->read_out] : NULL,
+                                      .lens = pags_faults_camera(street->options, 0, c, -1).lens};
   return (pags_layout_info){.kind = "pags",
                             .fps = street->options->fps,
                             .frame_count = street->options->frames,
@@ -192,5 +195,5 @@ pags_result pags_street_write_pose(const char *path, const double pose[12]) {
 
 pags_result pags_street_write_intrinsics(const char *path, const pags_camera *camera, double k1) {
   const double numbers[9] = {camera->fx, camera->fy, camera->cx, camera->cy, k1};
-  return write_numbers(path, numbers, 9, 1);
+  return write_numbers(path, numbers, pags_camera_bends(camera) ? 4 : 9, 1);
 }

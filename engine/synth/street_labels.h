@@ -14,7 +14,7 @@ pags_result pags_street_write_timestamps(const pags_street *street, const char *
 pags_result pags_street_write_description(const pags_street *street, const char *path);
 /* Writes a 4x4 matrix, one row a line. */
 pags_result pags_street_write_pose(const char *path, const double pose[12]);
-/* Writes fx fy cx cy and k1 k2 p1 p2 k3, of which all but k1 are 0. */
+/* Writes fx fy cx cy and k1 k2 p1 p2 k3, of which all but k1 are 0; fx fy cx cy alone of a fisheye. */
 pags_result pags_street_write_intrinsics(const char *path, const pags_camera *camera, double k1);
 
 /* truth/street.json holds the options from which the same street can be built again. Reading takes the data set's

@@ -15,6 +15,8 @@
 
 /* ---- Cameras and jobs ---- */
 
+static const uint8_t unseen = 255; /* the class of pixels that a lens doesn't see: unknown */
+
 enum { ROWS = 4, COLUMNS = 8 * PAGS_PACKET }; /* size in pixels of a block of parallel work */
 
 typedef struct draw_job {
@@ -28,15 +30,16 @@ typedef struct draw_job {
 } draw_job;
 
 /* Sets `direction` to the world direction of the ray through image position (x, y), px, scaled to a camera z of 1, so
- * that distances along it are camera depths. */
-static void camera_ray(const draw_job *job, const pags_street_view *view, double x, double y, float direction[3]) {
+ * that distances along it are camera depths; through a fisheye, to a length of 1. Returns whether the lens sees there.
+ */
+static bool camera_ray(const draw_job *job, const pags_street_view *view, double x, double y, float direction[3]) {
   const pags_camera *camera = &view->camera;
   const double *m = camera->world_from_camera;
   double own[3] = {(x - camera->cx) / camera->fx, (y - camera->cy) / camera->fy, 1.0};
-  if (view->sensor >= 0)
-    pags_faults_ray(job->street->options, camera, x, y, own);
+  const bool seen = view->sensor < 0 || pags_faults_ray(job->street->options, camera, x, y, own);
   for (int k = 0; k < 3; k++)
     direction[k] = (float)(m[4 * k] * own[0] + m[4 * k + 1] * own[1] + m[4 * k + 2] * own[2]);
+  return seen;
 }
 
 /* Converts a linear value, clamped to 0..1, to display-referred sRGB, raised to a power and rounded to a byte. */
@@ -242,8 +245,8 @@ static void draw_pixel(const draw_job *job, const pags_street_view *view, int x,
     rays->active = 0;
     for (int i = 0; i < PAGS_PACKET && first + i < samples; i++) {
       const int row = (int)((int64_t)(first + i) * job->step % samples);
-      camera_ray(job, view, x + (first + i + 0.5) / samples, y + (row + 0.5) / samples, rays->direction[i]);
-      rays->active |= 1u << i;
+      if (camera_ray(job, view, x + (first + i + 0.5) / samples, y + (row + 0.5) / samples, rays->direction[i]))
+        rays->active |= 1u << i;
     }
 
     /* Trace up to eight samples and add their colours. */
@@ -279,15 +282,17 @@ static void draw_truth(const draw_job *job, const pags_street_view *view, int fi
   for (; first < end; first += PAGS_PACKET) {
     rays->active = 0;
     for (int i = 0; i < PAGS_PACKET && first + i < end; i++) {
-      camera_ray(job, view, first + i + 0.5, y + 0.5, rays->direction[i]);
-      rays->active |= 1u << i;
+      if (camera_ray(job, view, first + i + 0.5, y + 0.5, rays->direction[i]))
+        rays->active |= 1u << i;
     }
     const unsigned met = pags_stage_trace(job->stage, rays, touches);
     for (int i = 0; i < PAGS_PACKET && first + i < end; i++) {
       int64_t at = (int64_t)y * view->camera.width + first + i;
       const pags_touch *touch = met >> i & 1u ? &touches[i] : NULL;
       view->depth[at] = touch ? touch->distance : 0.0f;
-      view->labels[at] = touch ? job->street->materials.list[touch->material].label : PAGS_CLASS_SKY;
+      view->labels[at] = touch                    ? job->street->materials.list[touch->material].label
+                         : rays->active >> i & 1u ? PAGS_CLASS_SKY
+                                                  : unseen;
       view->actors[at] = touch ? job->street->placements[touch->placement].actor : -1;
     }
   }

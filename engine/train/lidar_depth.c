@@ -3,6 +3,7 @@
  * samples. */
 #include "train/lidar_depth.h"
 
+#include <math.h>
 #include <stdlib.h>
 
 #include "base/memory.h"
@@ -24,6 +25,13 @@ static void project(const pags_camera *camera, const double camera_from_sweep[12
       p[k] = m[0] * q[0] + m[1] * q[1] + m[2] * q[2] + m[3];
     }
     out[i] = (pags_seen_point){0};
+    if (pags_camera_bends(camera)) { /* whose depth is the distance */
+      double at[2], away = sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]);
+      if (away > 0.1 && pags_camera_project(camera, p, at, NULL) && at[0] >= 0 && at[1] >= 0 && at[0] < camera->width &&
+          at[1] < camera->height)
+        out[i] = (pags_seen_point){(float)at[0], (float)at[1], (float)away};
+      continue;
+    }
     if (!(p[2] > 0.1))
       continue;
     pags_camera_see(camera, p, p); /* where the photograph shows it, whether or not training knows of the shutter */

@@ -28,6 +28,10 @@ static char *compare(const pags_view *now, const pags_scene_view *then) {
       fabs(a->cy - b->cy) > 1e-6 * b->fy)
     return pags_text_format("the camera of %s has focal lengths %g, %g and centre %g, %g now, not %g, %g and %g, %g",
                             now->name, a->fx, a->fy, a->cx, a->cy, b->fx, b->fy, b->cx, b->cy);
+  if (pags_camera_bends(a) != pags_camera_bends(b))
+    return pags_text_format("the camera of %s %s its lens now", now->name, pags_camera_bends(a) ? "keeps" : "loses");
+  if (!pags_lens_model_same(&a->lens, &b->lens))
+    return pags_text_format("the lens of %s has other numbers now", now->name);
   if (square > 1e-10)
     return pags_text_format("the camera of %s stands %.3g m from where it stood", now->name, sqrt(square));
   return turn > 1e-6 ? pags_text_format("the camera of %s is turned", now->name) : NULL;

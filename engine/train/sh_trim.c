@@ -40,6 +40,7 @@ pags_sh_view pags_sh_view_make(const pags_camera *camera, const double world_fro
                     .cy = (float)camera->cy,
                     .width = (float)camera->width,
                     .height = (float)camera->height,
+                    .bends = pags_camera_bends(camera),
                     .reach_x = (float)reach_of(camera->fx, camera->cx, camera->width),
                     .reach_y = (float)reach_of(camera->fy, camera->cy, camera->height),
                     .near_plane = (float)near_plane,
@@ -55,6 +56,8 @@ pags_sh_view pags_sh_view_make(const pags_camera *camera, const double world_fro
 
 /* Returns whether a Gaussian at `p` whose sigmas are at most `sigma` may show in the view. Conservative. */
 static bool may_show(const pags_sh_view *v, const float p[3], float sigma) {
+  if (v->bends)
+    return true;
   float z = v->r[6] * p[0] + v->r[7] * p[1] + v->r[8] * p[2] + v->t[2];
   if (!(z > v->near_plane))
     return false;

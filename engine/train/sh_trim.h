@@ -15,6 +15,7 @@ typedef struct pags_sh_view {
   float r[9], t[3]; /* camera_from_model: rotation, translation */
   float eye[3];     /* the camera's centre in the model's frame */
   float fx, fy, cx, cy, width, height;
+  bool bends;             /* has a lens: everything may show */
   float reach_x, reach_y; /* largest extent on the screen, px per (sigma / depth) */
   float near_plane, low;  /* metres; px that the low-pass filter adds to the extent */
 } pags_sh_view;

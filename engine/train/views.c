@@ -30,6 +30,16 @@ static uint64_t fingerprint_of(const pags_dataset *dataset) {
     hash = hash_bytes(hash, v->camera.world_from_camera, sizeof v->camera.world_from_camera);
     if (pags_camera_rolls(&v->camera))
       hash = hash_bytes(hash, &v->camera.shutter, sizeof v->camera.shutter);
+    if (pags_camera_bends(&v->camera)) {
+      const pags_lens_model *const m = &v->camera.lens;
+      const int kind = (int)m->kind;
+      hash = hash_bytes(hash, &kind, sizeof kind);
+      hash = hash_bytes(hash, m->k, sizeof m->k);
+      hash = hash_bytes(hash, m->d, sizeof m->d);
+      hash = hash_bytes(hash, m->p, sizeof m->p);
+      hash = hash_bytes(hash, m->s, sizeof m->s);
+      hash = hash_bytes(hash, &m->field, sizeof m->field);
+    }
   }
   for (int64_t i = 0; i < pags_dataset_object_count(dataset); i++) {
     const pags_object *o = pags_dataset_object(dataset, i);

@@ -10,8 +10,10 @@
 
 #include "base/file.h"
 #include "base/json.h"
+#include "base/log.h"
 #include "base/memory.h"
 #include "base/sort.h"
+#include "scene/camera_json.h"
 
 /* A glTF camera that is already in the file. Views of the same intrinsics share it. */
 typedef struct kind {
@@ -76,6 +78,8 @@ static pags_result add_view(pags_gltf *gltf, int parent, const pags_scene *scene
   pags_json_put_number(&w, "fy", c->fy);
   pags_json_put_number(&w, "cx", c->cx);
   pags_json_put_number(&w, "cy", c->cy);
+  if (pags_camera_bends(c))
+    pags_lens_to_json(&w, "lens", &c->lens);
   pags_json_end_object(&w);
   pags_result result = pags_json_writer_finish(&w);
   if (result == PAGS_OK)
@@ -127,7 +131,15 @@ static pags_result add_ego(pags_gltf *gltf, int parent, const pags_scene *scene,
 pags_result pags_gltf_add_views(pags_gltf *gltf, int parent, const pags_scene *scene, double time_zero) {
   if (!scene->view_count)
     return PAGS_OK;
-  int64_t kind_count = 0;
+  int64_t kind_count = 0, bent = 0;
+  for (int64_t i = 0; i < scene->view_count; i++)
+    bent += pags_camera_bends(&scene->views[i].camera);
+  if (bent)
+    pags_log_message(
+        PAGS_LOG_WARNING,
+        "glTF has no lenses: %lld of %lld cameras are pinholes of the same focal lengths there; their lens "
+        "is in the extras",
+        (long long)bent, (long long)scene->view_count);
   kind *kinds = malloc((size_t)scene->view_count * sizeof *kinds);
   if (!kinds)
     return pags_out_of_memory("%lld views", (long long)scene->view_count);

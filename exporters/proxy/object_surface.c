@@ -82,6 +82,7 @@ void pags_object_mark(const pags_proxy_maker *maker, int64_t object, uint8_t *ta
 static bool camera_of(const pags_object *object, const pags_scene_view *view, const double reach[3], pags_camera *out) {
   double world_from_object[12], object_from_world[12], lo[3];
   pags_camera camera = view->camera;
+  camera.lens = (pags_lens_model){0}; /* depth views are pinholes, also of views with a lens */
   if (view->test || !pags_object_pose(object, camera.time, world_from_object))
     return false;
   pags_rigid_inverse(world_from_object, object_from_world);

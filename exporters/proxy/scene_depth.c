@@ -109,6 +109,7 @@ pags_result pags_scene_depth_draw(const pags_scene *scene, pags_frame *frame, co
     if (scene->views[v].test)
       continue;
     out->views[v].camera = pags_camera_downscale(trained, fmax(1, (double)trained->width / widest));
+    out->views[v].camera.lens = (pags_lens_model){0}; /* depth views are pinholes, also of views with a lens */
     for (int k = 0; k < 3; k++)
       out->views[v].camera.world_from_camera[4 * k + 3] -= scene->origin[k];
     if (draw)

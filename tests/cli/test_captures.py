@@ -141,7 +141,7 @@ class Colmap(Case):
         self.write("sparse/0/cameras.txt", CAMERA + "7 OPENCV 16 12 -1.#IND 1 1 1 0 0 0 0\n8 SOMETHING 3 4\n")
         self.assertEqual(self.info("--strict")[0]["warnings"], [])
         self.write("sparse/0/cameras.txt", "1 EQUIRECTANGULAR 16 12 16 12\n")
-        self.fails(["info", self.folder], "cameras.txt:1: camera model EQUIRECTANGULAR: panoramas")
+        self.assertIn("views keep their lens", self.succeeds("info", self.folder).stdout)
         self.write("sparse/0/cameras.txt", "1 PINHOLE 16 12 0.02 0.02 8 6\n")
         self.fails(["info", self.folder], "an angle of view of 180 degrees", "millimetres")
 
@@ -297,7 +297,9 @@ class Transforms(DataCase):
         self.save(fl_x=None, fl_y=None, camera_angle_x=angle)
         self.fails(["info", self.data], "transforms.json", "'camera_angle_x' is 56.145, expected radians", "degrees")
         self.save(camera_model="EQUIRECTANGULAR")
-        self.fails(["info", self.data], "camera_model 'EQUIRECTANGULAR' is of panoramas")
+        self.assertIn("views keep their lens", self.succeeds("info", self.data).stdout)
+        self.save(camera_model=None, equirectangular=True)
+        self.fails(["info", self.data], "camera_model 'equal-area cylinder' is not known")
         self.save(frames=[{**f, "depth_file_path": "depth/0.png"} for f in self.content["frames"]])
         self.assertIn("'depth_file_path' of 9 frames is ignored", self.info()[0]["warnings"][0])
 

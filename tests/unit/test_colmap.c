@@ -159,8 +159,14 @@ static void test_camera_models(void **state) {
       assert_true(camera->width == 8 && camera->height == 6 && camera->cx == known[i].cx && camera->cy == known[i].cy);
     pags_dataset_close(dataset);
   }
-  write_text(s, "4 EQUIRECTANGULAR 8 6 8 6\n", images, "");
-  open_fails(s->folder, PAGS_ERROR_UNSUPPORTED, "cameras.txt:1: camera model EQUIRECTANGULAR: panoramas");
+  write_text(s, "4 EQUIRECTANGULAR 8 6 8 6\n", images, ""); /* a panorama: left of it all, what is behind */
+  pags_dataset *panorama = open_ok(s->folder, NULL);
+  const pags_camera *whole = &pags_dataset_view(panorama, 0)->camera;
+  double direction[3];
+  assert_true(whole->lens.kind == PAGS_LENS_EQUIRECTANGULAR && whole->width == 8);
+  assert_true(pags_camera_look(whole, 2, 3, direction) && direction[0] < -0.999999);
+  assert_true(pags_camera_look(whole, 4, 6 - 1e-9, direction) && direction[1] > 0.999999);
+  pags_dataset_close(panorama);
   write_text(s, "4 FULL_OPENCV_2 8 6 10 11 4 3\n", images, "");
   open_fails(s->folder, PAGS_ERROR_UNSUPPORTED, "camera model FULL_OPENCV_2 is not known");
   /* An unused camera may be anything; r(1 - r^2) folds within the picture, 20 pixels wide at a focal length of 10. */
@@ -367,9 +373,9 @@ static void test_damaged_binary(void **state) {
   }
   buffer cameras, images, points;
   make_binary(&cameras, &images, &points);
-  cameras.bytes[12] = 17;
+  cameras.bytes[12] = 18;
   write_binary(s, &cameras, &images, &points);
-  open_fails(s->folder, PAGS_ERROR_UNSUPPORTED, "EQUIRECTANGULAR");
+  open_fails(s->folder, PAGS_ERROR_UNSUPPORTED, "number 18");
   cameras.bytes[12] = 200;
   write_binary(s, &cameras, &images, &points);
   open_fails(s->folder, PAGS_ERROR_UNSUPPORTED, "number 200");

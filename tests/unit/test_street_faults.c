@@ -19,6 +19,7 @@
 #include "base/file.h"
 #include "base/json.h"
 #include "same_file.h"
+#include "synth/faults.h"
 #include "written_street.h"
 
 enum { SIDE = 16, LAST = 40, CAMERAS = 3 };
@@ -306,6 +307,38 @@ static void test_distortion(void **state) {
   pags_image_destroy(&wanted);
 }
 
+/* The rays of a fisheye are those of the lens that the set says, and nothing is seen beside its circle. */
+static void test_fisheye(void **state) {
+  (void)state;
+  pags_street_options options = small_street(10);
+  options.width = 48;
+  options.height = 32;
+  set_fault(&options, "fisheye=170");
+  pags_camera camera = pags_faults_camera(&options, 1, 2, -1);
+  if (pags_camera_check(&camera, "camera") != PAGS_OK)
+    fail_msg("%s", pags_error_message());
+  int seen = 0;
+  for (int y = 0; y < 32; y++)
+    for (int x = 0; x < 48; x++) {
+      double traced[3], looked[3] = {0};
+      const bool is_seen = pags_faults_ray(&options, &camera, x + 0.5, y + 0.5, traced);
+      assert_int_equal(is_seen, pags_camera_look(&camera, x + 0.5, y + 0.5, looked));
+      seen += is_seen;
+      for (int k = 0; k < 3 && is_seen; k++)
+        assert_true(fabs(traced[k] - looked[k]) < 1e-9);
+    }
+  assert_in_range(seen, 1100, 1480); /* the circle is as wide as the picture */
+  write_street("fisheye", &options, 2);
+  pags_image image = load("fisheye", 1, 0), classes = {0};
+  if (pags_image_load(scratch("fisheye/semantic/001_0.png"), PAGS_U8, 1, &classes) != PAGS_OK)
+    fail_msg("%s", pags_error_message());
+  assert_int_equal(((const uint8_t *)image.data)[0] + ((const uint8_t *)image.data)[2], 0);
+  assert_int_equal(((const uint8_t *)classes.data)[0], 255);
+  assert_true(((const uint8_t *)classes.data)[16 * 48 + 24] < 20);
+  pags_image_destroy(&image);
+  pags_image_destroy(&classes);
+}
+
 /* The same bytes for any number of threads. */
 static void test_threads(void **state) {
   (void)state;
@@ -389,9 +422,9 @@ static void test_names(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_rolling),    cmocka_unit_test(test_delay),
-                                     cmocka_unit_test(test_poses),      cmocka_unit_test(test_light),
-                                     cmocka_unit_test(test_distortion), cmocka_unit_test(test_threads),
-                                     cmocka_unit_test(test_lively),     cmocka_unit_test(test_names)};
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_rolling), cmocka_unit_test(test_delay),      cmocka_unit_test(test_poses),
+      cmocka_unit_test(test_light),   cmocka_unit_test(test_distortion), cmocka_unit_test(test_threads),
+      cmocka_unit_test(test_lively),  cmocka_unit_test(test_fisheye),    cmocka_unit_test(test_names)};
   return cmocka_run_group_tests(tests, scratch_setup, scratch_teardown);
 }

@@ -231,10 +231,10 @@ static void test_bad_frames(void **state) {
       {"\"camera_angle_x\": 0,", "", "'camera_angle_x' is 0, expected radians", PAGS_ERROR_FORMAT},
       {"\"x_fov\": 190,", "", "'x_fov' is 190, expected degrees", PAGS_ERROR_FORMAT},
       {"\"fl_x\": 0.1,", "", "an angle of view of", PAGS_ERROR_FORMAT},
-      {"\"fl_x\": 5,", "\"latlong\": true,", "transforms.json:3: camera_model 'latlong' is of panoramas",
-       PAGS_ERROR_FORMAT},
+      {"\"fl_x\": 5,", "\"equirectangular\": true,",
+       "transforms.json:3: camera_model 'equal-area cylinder' is not known", PAGS_ERROR_FORMAT},
       {"\"fl_x\": 5,", "\"w\": 7.5, \"h\": 6,", "whole number", PAGS_ERROR_FORMAT},
-      {"\"fl_x\": 5,", "\"camera_model\": \"EQUIRECTANGULAR\",", "EQUIRECTANGULAR", PAGS_ERROR_FORMAT},
+      {"\"fl_x\": 5,", "\"camera_model\": \"ROUND\",", "expected PINHOLE", PAGS_ERROR_FORMAT},
   };
   for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
     const char *path = write_set(s, cases[i].top, cases[i].in_b);

@@ -1,12 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Lens models and undistortion: against the models' definitions, against analytic pictures, and against the picture
- * size that COLMAP chooses. */
+ * size that COLMAP chooses; which lens a view keeps, and what is seen through it. */
 #include <pags/image.h>
 
+#include "dataset/driving/pixel_rays.h"
 #include "dataset/undistort.h"
+#include "dataset/view_camera.h"
 #include "unit/scratch.h"
 
 #include <math.h>
+#include <string.h>
 
 static const pags_lens fox_lens = {.width = 540,
                                    .height = 960,
@@ -389,6 +392,115 @@ static void test_bad_numbers(void **state) {
   assert_true(result == PAGS_OK || result == PAGS_ERROR_FORMAT);
 }
 
+/* ---- Lenses that views keep ---- */
+
+/* A set of one view. */
+static void choose(pags_lens lens, bool undistort, pags_camera *out) {
+  pags_parsed_view parsed = {.where = (char *)"a.json:7", .lens = lens};
+  pags_dataset dataset = {.parsed = {.views = &parsed, .count = 1}, .cameras = out, .count = 1};
+  double share;
+  scratch_ok(pags_view_camera_choose(&dataset, 0, undistort, &share));
+}
+
+/* A view keeps its lens where a pinhole would lose a tenth of what it sees; unless it must not. */
+static void test_which_lens_is_kept(void **state) {
+  (void)state;
+  pags_lens wide = fisheye_lens, panorama = {.model.kind = PAGS_LENS_EQUIRECTANGULAR, .width = 400, .height = 200};
+  wide.fx = wide.fy = 0.3 * wide.width;
+  wide.model.field = 190;
+  panorama.fx = panorama.fy = 200 / 3.14159265358979;
+  panorama.cx = 200;
+  panorama.cy = 100;
+  const struct {
+    pags_lens lens;
+    bool undistort, kept;
+  } rows[] = {{fox_lens, false, false},
+              {wide, false, true},
+              {wide, true, false},
+              {panorama, false, true},
+              {panorama, true, false}};
+  for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
+    pags_camera camera = {0};
+    choose(rows[i].lens, rows[i].undistort, &camera);
+    assert_int_equal(pags_camera_bends(&camera), rows[i].kept);
+    if (rows[i].kept) {
+      assert_int_equal(camera.width, rows[i].lens.width);
+      assert_true(camera.fx == rows[i].lens.fx && camera.lens.field == rows[i].lens.model.field);
+    }
+  }
+}
+
+/* What is used is seen, and what isn't used is not seen or within two pixels of that. */
+static void test_what_is_seen(void **state) {
+  (void)state;
+  enum { W = 90, H = 70 };
+  const pags_lens_model models[] = {
+      {.kind = PAGS_LENS_FISHEYE, .k = {-0.03, 0.002}, .field = 160},
+      {.kind = PAGS_LENS_FTHETA, .k = {0.02, -0.03}, .s = {0.05, 0.02, -0.03}, .field = 150},
+      {.kind = PAGS_LENS_THIN_PRISM, .k = {0.02}, .p = {0.004, -0.003}, .s = {0.002, 0.001}, .field = 120},
+      {.kind = PAGS_LENS_PERSPECTIVE, .k = {-0.3}},
+      {.kind = PAGS_LENS_EQUIRECTANGULAR, .field = 200}};
+  for (size_t i = 0; i < sizeof models / sizeof *models; i++) {
+    pags_camera camera = {.width = W, .height = H, .fx = 26, .fy = 25, .cx = 47, .cy = 33, .lens = models[i]};
+    scratch_ok(pags_lens_model_check(&camera.lens, "lens"));
+    bool seen[H + 4][W + 4]; /* two pixels beyond each side, too */
+    int count = 0;
+    for (int y = 0; y < H + 4; y++)
+      for (int x = 0; x < W + 4; x++) {
+        double direction[3];
+        seen[y][x] = pags_camera_look(&camera, x - 1.5, y - 1.5, direction);
+        count += seen[y][x];
+      }
+    assert_true(count > W * H / 10 && count < (W + 4) * (H + 4) - 50);
+    pags_image mask = {0};
+    scratch_ok(pags_view_camera_mask(&camera, &mask));
+    assert_non_null(mask.data);
+    const uint8_t *used = mask.data;
+    for (int y = 0; y < H; y++)
+      for (int x = 0; x < W; x++) {
+        bool inside = true;
+        for (int j = 0; j < 5; j++)
+          for (int k = 0; k < 5; k++)
+            inside = inside && seen[y + j][x + k];
+        if (used[y * W + x] ? !seen[y + 2][x + 2] : inside)
+          fail_msg("lens %zu: pixel %d, %d", i, x, y);
+      }
+    pags_image_destroy(&mask);
+  }
+}
+
+/* Through a lens that hardly bends, a box covers the pixels that a pinhole's outline does; one around the camera, all.
+ */
+static void test_boxes_by_rays(void **state) {
+  (void)state;
+  enum { W = 64, H = 48 };
+  const double pose[12] = {0.8, 0, 0.6, 0.7, 0, 1, 0, -0.4, -0.6, 0, 0.8, 6}, size[3] = {4, 1.5, 1.6};
+  const double here[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+  pags_camera plain = {.width = W, .height = H, .fx = 50, .fy = 50, .cx = 32, .cy = 24}, bent;
+  memcpy(plain.world_from_camera, here, sizeof here);
+  bent = plain;
+  bent.lens.k[0] = 1e-9;
+  scratch_ok(pags_camera_check(&bent, "camera"));
+  uint8_t wanted[H * W] = {0}, found[H * W] = {0};
+  double corners[32];
+  pags_outline_fill(corners, pags_box_outline(&plain, pose, size, corners), W, H, W, 4, wanted);
+  pags_pixel_rays rays;
+  scratch_ok(pags_pixel_rays_create(&plain, &rays));
+  assert_null(rays.direction);
+  scratch_ok(pags_pixel_rays_create(&bent, &rays));
+  pags_pixel_rays_fill_box(&rays, &bent, pose, size, W, 4, found);
+  int count = 0, other = 0;
+  for (int i = 0; i < W * H; i++) {
+    count += wanted[i] != 0;
+    other += wanted[i] != found[i];
+  }
+  assert_true(count > 400 && other <= 2);
+  pags_pixel_rays_fill_box(&rays, &bent, here, size, W, 1, found);
+  for (int i = 0; i < W * H; i++)
+    assert_true(found[i] & 1);
+  pags_pixel_rays_destroy(&rays);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_models),
@@ -403,6 +515,9 @@ int main(void) {
       cmocka_unit_test(test_analytic_picture),
       cmocka_unit_test(test_masks),
       cmocka_unit_test(test_bad_numbers),
+      cmocka_unit_test(test_which_lens_is_kept),
+      cmocka_unit_test(test_what_is_seen),
+      cmocka_unit_test(test_boxes_by_rays),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -3,7 +3,8 @@
  *
  * The part of the box nearer than 0.1 m is clipped in camera space before projection, because a corner behind the
  * camera has no valid projection. The corners in front of the clipping plane and the intersections of the edges with
- * that plane span the rest of the box; its outline is the convex hull of their projections. */
+ * that plane span the rest of the box; its outline is the convex hull of their projections. Through a lens, edges are
+ * curves: points along them are projected, and the hull is thinned to the corners that there is room for. */
 #include <pags/dataset.h>
 
 #include <assert.h>
@@ -15,6 +16,9 @@
 /* Most points that span a clipped box: 8 corners, or at most 7 corners and 6 intersections, because a plane cuts at
  * most six of the twelve edges and then leaves at most seven corners. */
 enum { MOST_POINTS = 16 };
+
+/* Pieces of an edge that a lens bends, and the points of all edges. */
+enum { PER_EDGE = 8, EDGE_POINTS = 12 * (PER_EDGE + 1) };
 
 static const double nearest = 0.1; /* metres: distance of the clipping plane */
 
@@ -56,9 +60,9 @@ static double turn(const double *a, const double *b, const double *c) {
 }
 
 /* Computes the convex hull with Andrew's monotone chain algorithm: the lower chain from left to right, then the upper
- * chain back. Returns the number of corners. */
-static int hull(double points[][2], int count, double out[32]) {
-  double chain[2 * MOST_POINTS + 1][2];
+ * chain back. Returns the number of corners, at most `room`. */
+static int hull(double points[][2], int count, double *out, int room) {
+  double chain[2 * EDGE_POINTS + 1][2];
   int length = 0;
   pags_sort(points, count, sizeof *points, by_position);
   for (int side = 0; side < 2; side++) {
@@ -72,13 +76,43 @@ static int hull(double points[][2], int count, double out[32]) {
     }
     length--; /* the next chain begins with this point, or the first one began with it */
   }
-  if (length > MOST_POINTS)
-    length = MOST_POINTS;
+  if (length > room)
+    length = room;
   for (int i = 0; i < length; i++) {
     out[2 * i] = chain[i][0];
     out[2 * i + 1] = chain[i][1];
   }
   return length;
+}
+
+/* The outline through a lens, of the points along the edges that it sees; none if the box lies on both sides of an
+ * equirectangular picture's seam. */
+static int outline_through_lens(const pags_camera *camera, double box[8][3], double corners[32]) {
+  double points[EDGE_POINTS][2], outline[2 * (EDGE_POINTS + 1)];
+  int count = 0, kept = 0;
+  double least = INFINITY, most = -INFINITY;
+  for (int i = 0; i < 8; i++)
+    for (int axis = 0; axis < 3; axis++)
+      for (int s = 0; s <= PER_EDGE && !(i >> axis & 1); s++) {
+        double p[3], square = 0;
+        for (int k = 0; k < 3; k++) {
+          p[k] = box[i][k] + (box[i | 1 << axis][k] - box[i][k]) * s / PER_EDGE;
+          square += p[k] * p[k];
+        }
+        if (square < nearest * nearest || !pags_camera_project(camera, p, points[count], NULL))
+          continue;
+        least = fmin(least, points[count][0]);
+        most = fmax(most, points[count++][0]);
+      }
+  if (count < 3 || (camera->lens.kind == PAGS_LENS_EQUIRECTANGULAR && most - least > 3.14159265 * camera->fx))
+    return 0;
+  const int length = hull(points, count, outline, EDGE_POINTS);
+  for (; kept < MOST_POINTS && kept < length; kept++) {
+    const int from = length <= MOST_POINTS ? kept : kept * length / MOST_POINTS;
+    corners[2 * kept] = outline[2 * from];
+    corners[2 * kept + 1] = outline[2 * from + 1];
+  }
+  return kept >= 3 ? kept : 0;
 }
 
 int pags_box_outline(const pags_camera *camera, const double world_from_object[12], const double size[3],
@@ -96,13 +130,15 @@ int pags_box_outline(const pags_camera *camera, const double world_from_object[1
     for (int k = 0; k < 3; k++)
       box[i][k] = c[k] * world[0] + c[4 + k] * world[1] + c[8 + k] * world[2];
   }
+  if (pags_camera_bends(camera))
+    return outline_through_lens(camera, box, corners);
   int count = clip(camera, box, points);
   if (count < 3)
     return 0;
   for (int i = 0; i < count; i++)
     if (!isfinite(points[i][0]) || !isfinite(points[i][1]))
       return 0;
-  int length = hull(points, count, corners);
+  int length = hull(points, count, corners, MOST_POINTS);
   return length >= 3 ? length : 0;
 }
 

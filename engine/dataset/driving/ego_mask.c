@@ -9,11 +9,12 @@
  * it covers at least a hundredth of the picture and touches at least a twentieth of its lower edge. Four photographs
  * rule out most cameras; only the remaining ones are searched with all chosen photographs (up to twelve). Cameras that
  * don't stand upright aren't searched: at the lower edge of one that looks up there may be clear sky, which is as
- * still. */
+ * still. Where a lens sees a circle of the picture, its lower edge is that of the circle in each column. */
 #include "dataset/internal.h"
 
 #include "dataset/driving/driving_set.h"
 #include "dataset/driving/masks.h"
+#include "dataset/view_camera.h"
 #include "image/resample.h"
 
 #include "base/file.h"
@@ -124,6 +125,7 @@ typedef struct search {
   double step;              /* source pixels per pixel of the search */
   float *sum, *square;      /* sums of brightness and of its square over the photographs, by pixel */
   uint8_t *still, *scratch; /* still: 0 no, 1 still, 2 in the component being filled, 3 proposed as mask */
+  pags_image seen;          /* 255: the lens sees the pixel; data NULL: it sees all */
   int *stack;
 } search;
 
@@ -199,8 +201,18 @@ static void spread(const search *s, const uint8_t *from, bool smallest, uint8_t 
     }
 }
 
+static bool sees(const search *s, int at) {
+  return !s->seen.data || ((const uint8_t *)s->seen.data)[at] != 0;
+}
+
+/* Whether nothing is seen below the pixel of a column. */
+static bool is_lowest(const search *s, int at) {
+  const int below = at + s->width;
+  return below >= s->width * s->height || !sees(s, below);
+}
+
 /* Flood fill: marks the connected component of still pixels around `seed` with 2. Returns its number of pixels;
- * *lowest is the number of them in the lowest row. */
+ * *lowest is the number of them at the lower edge. */
 static int flood(search *s, int seed, int *lowest) {
   int depth = 0, size = 0;
   *lowest = 0;
@@ -211,7 +223,7 @@ static int flood(search *s, int seed, int *lowest) {
     const int next[4] = {x > 0 ? at - 1 : at, x + 1 < s->width ? at + 1 : at, y > 0 ? at - s->width : at,
                          y + 1 < s->height ? at + s->width : at};
     size++;
-    *lowest += y == s->height - 1;
+    *lowest += is_lowest(s, at);
     for (int i = 0; i < 4; i++)
       if (s->still[next[i]] == 1) {
         s->still[next[i]] = 2;
@@ -227,6 +239,8 @@ static int propose(search *s) {
   int total = 0;
   for (int x = 0; x < s->width; x++) {
     int lowest, seed = (s->height - 1) * s->width + x;
+    while (seed >= s->width && !sees(s, seed))
+      seed -= s->width;
     if (s->still[seed] != 1)
       continue;
     int size = flood(s, seed, &lowest);
@@ -250,7 +264,7 @@ static pags_result look_at(search *s, int count, int *proposed) {
   /* A pixel is still if the variance of its brightness is small; then a morphological opening. */
   for (int i = 0; i < s->width * s->height; i++) {
     float mean = s->sum[i] / (float)count, variance = s->square[i] / (float)count - mean * mean;
-    s->still[i] = (double)variance < still_deviation * still_deviation;
+    s->still[i] = (double)variance < still_deviation * still_deviation && sees(s, i);
   }
   spread(s, s->still, true, s->scratch);
   spread(s, s->scratch, false, s->still);
@@ -302,8 +316,12 @@ static pags_result begin_search(search *s) {
   s->still = malloc(pixels);
   s->scratch = malloc(pixels);
   s->stack = malloc(pixels * sizeof *s->stack);
-  return s->sum && s->square && s->still && s->scratch && s->stack ? PAGS_OK
-                                                                   : pags_out_of_memory("%s", s->dataset->path);
+  if (!(s->sum && s->square && s->still && s->scratch && s->stack))
+    return pags_out_of_memory("%s", s->dataset->path);
+  pags_camera small = pags_camera_downscale(&s->dataset->cameras[s->views[0]], s->step);
+  small.width = s->width;
+  small.height = s->height;
+  return pags_view_camera_mask(&small, &s->seen);
 }
 
 /* Whether a view's camera stands upright, give or take 45 degrees: the second column is the picture's downward
@@ -337,6 +355,7 @@ static pags_result search_all(pags_dataset *dataset) {
     free(s.still);
     free(s.scratch);
     free(s.stack);
+    pags_image_destroy(&s.seen);
 
     PAGS_TRY(result);
   }

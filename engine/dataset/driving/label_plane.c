@@ -128,21 +128,30 @@ pags_result pags_label_plane_add(const pags_dataset *dataset, int64_t index, con
                                  uint8_t *plane) {
   const pags_driving *driving = dataset->parsed.driving;
   const pags_parsed_view *view = &dataset->parsed.views[index];
+  pags_pixel_rays rays;
+  PAGS_TRY(pags_pixel_rays_create(camera, &rays));
 
   for (int64_t i = 0; i < driving->object_count; i++) {
     const pags_object *object = &driving->objects[i];
     const pags_knot *knot = pags_object_knot(object, view->frame);
     double corners[32];
+    if (rays.direction) {
+      if (knot)
+        pags_pixel_rays_fill_box(&rays, camera, knot->world_from_object, object->size, stride,
+                                 bits_of(driving, i, view), plane);
+      continue;
+    }
     int count = knot ? pags_box_outline(camera, knot->world_from_object, object->size, corners) : 0;
     pags_outline_fill(corners, count, camera->width, camera->height, stride, bits_of(driving, i, view), plane);
   }
 
-  if (view->sky_path || (view->semantic_path && pags_labels_know_sky(driving)))
-    return PAGS_OK;
-  for (int y = 0; y < camera->height && driving->sweep_count == 0; y++)
+  const bool known = view->sky_path || (view->semantic_path && pags_labels_know_sky(driving));
+  for (int y = 0; y < camera->height && !known && driving->sweep_count == 0; y++)
     for (int x = 0; x < camera->width; x++)
       plane[(size_t)y * (size_t)stride + (size_t)x] |= PAGS_LABEL_SKY_UNKNOWN;
-  if (driving->sweep_count == 0)
-    return PAGS_OK;
-  return pags_sky_from_lidar(driving, view->frame, camera, stride, plane);
+  pags_result result = PAGS_OK;
+  if (!known && driving->sweep_count > 0)
+    result = pags_sky_from_lidar(driving, view->frame, camera, &rays, stride, plane);
+  pags_pixel_rays_destroy(&rays);
+  return result;
 }

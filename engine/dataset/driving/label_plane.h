@@ -6,6 +6,7 @@
 #include <pags/image.h>
 
 #include "dataset/driving/driving_set.h"
+#include "dataset/driving/pixel_rays.h"
 #include "dataset/internal.h"
 
 /* Whether photographs of this view have a label plane: it has label files, or its set has boxes or LiDAR. */
@@ -22,8 +23,8 @@ pags_result pags_label_plane_add(const pags_dataset *dataset, int64_t view, cons
                                  uint8_t *plane);
 
 /* Sets PAGS_LABEL_SKY at pixels whose viewing direction lies above the horizon and above the highest LiDAR returns of
- * its azimuth (sky_from_lidar.c). */
-pags_result pags_sky_from_lidar(const pags_driving *driving, int frame, const pags_camera *camera, int stride,
-                                uint8_t *plane);
+ * its azimuth (sky_from_lidar.c). `rays`: those of the camera. */
+pags_result pags_sky_from_lidar(const pags_driving *driving, int frame, const pags_camera *camera,
+                                const pags_pixel_rays *rays, int stride, uint8_t *plane);
 
 #endif

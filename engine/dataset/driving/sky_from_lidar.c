@@ -93,8 +93,8 @@ static pags_result gather(const pags_driving *driving, int frame, const pags_cam
   return PAGS_OK;
 }
 
-pags_result pags_sky_from_lidar(const pags_driving *driving, int frame, const pags_camera *camera, int stride,
-                                uint8_t *plane) {
+pags_result pags_sky_from_lidar(const pags_driving *driving, int frame, const pags_camera *camera,
+                                const pags_pixel_rays *rays, int stride, uint8_t *plane) {
   bins b = {.ceiling = -INFINITY};
   double limit[BINS];
   for (int i = 0; i < BINS; i++)
@@ -116,8 +116,11 @@ pags_result pags_sky_from_lidar(const pags_driving *driving, int frame, const pa
     double v = (y + 0.5 - camera->cy) / camera->fy;
     for (int x = 0; x < camera->width; x++) {
       double u = (x + 0.5 - camera->cx) / camera->fx, d[3];
+      const float *const ray =
+          rays->direction ? rays->direction + 3 * ((size_t)y * (size_t)rays->width + (size_t)x) : NULL;
       for (int k = 0; k < 3; k++)
-        d[k] = c[4 * k] * u + c[4 * k + 1] * v + c[4 * k + 2];
+        d[k] = ray ? c[4 * k] * (double)ray[0] + c[4 * k + 1] * (double)ray[1] + c[4 * k + 2] * (double)ray[2]
+                   : c[4 * k] * u + c[4 * k + 1] * v + c[4 * k + 2];
       if (d[2] <= 0)
         continue;
       const double elevation = pags_atan2(d[2], pags_hypot(d[0], d[1]));

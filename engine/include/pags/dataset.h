@@ -44,6 +44,9 @@ typedef struct pags_dataset_options {
   const char *image_folder;
   pags_image_alpha image_alpha; /* default PAGS_ALPHA_COMPOSITE */
   double background[3];         /* display-referred sRGB, 0..1, for PAGS_ALPHA_COMPOSITE; default black */
+  /* 0: a camera of which a pinhole would show less than nine tenths (fisheyes, panoramas, strong distortion) keeps its
+   * lens, and its photographs their pixels; those of others are undistorted. 1: all are undistorted. */
+  int undistort;
   int allow_missing; /* 1: views whose image or pose is missing are left out, with a warning in the log; 0: an error */
   uint64_t seed;     /* seed of the random points that a static set without points of its own gets */
   int64_t random_points; /* number of these, 1..10^8; default 10000 */

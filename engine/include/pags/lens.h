@@ -44,6 +44,9 @@ typedef struct pags_lens_model {
 /* Whether the lens is a pinhole without distortion. */
 PAGS_API int pags_lens_model_is_plain(const pags_lens_model *lens);
 
+/* Whether two lenses are of one kind and have the same numbers and field, to 1e-9. */
+PAGS_API int pags_lens_model_same(const pags_lens_model *a, const pags_lens_model *b);
+
 /* Checks the numbers and computes `limit`. PAGS_ERROR_FORMAT; `what` names the lens in the message. */
 PAGS_API pags_result pags_lens_model_check(pags_lens_model *lens, const char *what);
 

@@ -30,6 +30,9 @@ typedef struct pags_street_faults {
   double response;   /* exponent of the response curve less 1, 0..0.5: camera 1 has it, camera 2 its negative, camera 0
                         none */
   double distortion; /* radial term k1 of the lens, -0.3..0.3 */
+  /* Degrees across the circle of OpenCV fisheyes, as wide as the picture, in place of pinholes, 60..240; 0: pinholes.
+   * truth/depth then holds distances. */
+  double fisheye;
 } pags_street_faults;
 
 /* Sets a fault from "NAME=VALUE" (docs/synth.md). PAGS_ERROR_ARGUMENT: no such name, no number, or out of range. */

@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Training in a lens's own pixels: a street photographed by fisheyes of 200 degrees, read, trained, compared and exported."""
+
+import json
+import os
+import shutil
+
+import fixtures
+from fixtures import Case, read, read_png, write
+
+STREET = ["--size", "64x64", "--frames", "8", "--samples", "4", "--no-shifts", "--lidar-points", "6000"]
+KEPT = "24 of 24 views keep theirs"
+
+
+class Lenses(Case):
+    @classmethod
+    def setUpClass(cls):
+        super().setUpClass()
+        cls.shared = cls.shared_folder()
+        cls.fish = os.path.join(cls.shared, "fish")
+        cls.ready("synth", "street", "-o", cls.fish, *STREET, "--fault", "fisheye=200")
+        cls.trained = cls.train(cls.fish, "trained", 1)
+
+    @classmethod
+    def ready(cls, *arguments):
+        done = fixtures.run(*arguments, "-q")
+        assert done.returncode == 0, done.stderr
+        return done
+
+    @classmethod
+    def train(cls, data, name, threads=2, more=()):
+        scene = os.path.join(cls.shared, name)
+        cls.ready("train", data, "-o", scene, "-n", "150", "--threads", str(threads), *more)
+        return scene
+
+    def held_out(self, scene, *more):
+        """PSNR of the held-out photographs."""
+        facts = os.path.join(scene, "eval.json")
+        self.ready("eval", scene, "--json", facts, *more)
+        return json.loads(read(facts))["test"]["psnr"]
+
+    def changed(self, name, change):
+        """A copy of the street in which dataset.json has other lenses."""
+        out = os.path.join(self.folder, name)
+        shutil.copytree(self.fish, out)
+        facts = json.loads(read(os.path.join(out, "dataset.json")))
+        change(facts["lenses"])
+        write(os.path.join(out, "dataset.json"), json.dumps(facts))
+        return out
+
+    def test_it_reads_back(self):
+        facts = json.loads(read(os.path.join(self.fish, "dataset.json")))
+        self.assertEqual(facts["lenses"]["2"], {"kind": "fisheye", "k": [-0.02, 0.0015, 0, 0, 0, 0], "field": 200})
+        done = fixtures.run("info", self.fish, "--overlay", os.path.join(self.folder, "look"), "--json", os.path.join(self.folder, "info.json"))
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn(KEPT, done.stdout)
+        look = json.loads(read(os.path.join(self.folder, "info.json")))["overlay"]
+        self.assertEqual(look["warnings"], [])
+        self.assertGreater(look["lidar_points"], 20000)  # those behind the cameras' planes, too
+        self.assertGreater(look["lidar_in_boxes"], 0.97)
+        self.assertLess(look["lidar_under_sky"], 0.01)
+
+    def test_views_have_the_lens(self):
+        scene = json.loads(read(os.path.join(self.trained, "scene.json")))
+        for view in scene["cameras"]:
+            self.assertEqual((view["lens"]["kind"], view["lens"]["field"], view["width"]), ("fisheye", 200, 64))
+
+    def test_threads(self):
+        other = self.train(self.fish, "two threads", 2)
+        for name in ("background.ply", "scene.json"):
+            self.assertEqual(read(os.path.join(self.trained, name)), read(os.path.join(other, name)), name)
+
+    def test_the_right_lens_is_the_best(self):
+        right = self.held_out(self.trained)
+        self.assertGreater(right, 20)
+
+        def bend(lenses):
+            for lens in lenses.values():
+                lens["k"][0] -= 0.03
+
+        wrong = self.held_out(self.train(self.changed("bent", bend), "bent scene"))
+        self.assertGreater(right, wrong + 1)
+
+    def test_other_lenses_are_said(self):
+        """A scene compared with photographs whose lens has changed since, and a run resumed with them."""
+        other = self.changed("other", lambda lenses: lenses["1"].__setitem__("field", 190))
+        done = fixtures.run("eval", self.trained, "--dataset", other)
+        self.assertEqual(done.returncode, 1)
+        self.assertIn("is not the one that the scene was trained with", done.stderr)
+        scene = os.path.join(self.folder, "resumed")
+        shutil.copytree(self.trained, scene)
+        done = fixtures.run("train", other, "-o", scene, "-n", "200", "--resume")
+        self.assertEqual(done.returncode, 1)
+        self.assertIn("the lens of", done.stderr)
+
+    def test_undistort(self):
+        scene = self.train(self.fish, "pinholes", 2, ["--undistort"])
+        views = json.loads(read(os.path.join(scene, "scene.json")))["cameras"]
+        self.assertFalse([view for view in views if "lens" in view])
+        self.assertGreater(self.held_out(scene), 15)  # of the pinholes' pictures, found without being told
+
+    def test_what_is_not_seen_is_black(self):
+        out = os.path.join(self.folder, "pictures")
+        self.ready("render", self.trained, "-o", out, "--split", "test")
+        name = sorted(n for n in os.listdir(out) if n.endswith(".png"))[0]
+        width, height, channels, _, pixels = read_png(os.path.join(out, name))
+        self.assertEqual((width, height), (64, 64))
+        self.assertEqual(pixels[: 3 * channels], bytes(3 * channels))
+        self.assertGreater(sum(pixels[channels * (64 * 32 + 32) :][:3]), 60)
+
+    def test_proxies(self):
+        """Depth views of a proxy are pinholes, also of views with a lens."""
+        self.ready("export", self.trained, os.path.join(self.folder, "scene.glb"), "--proxy", "hull")
+        self.assertEqual(read(os.path.join(self.folder, "scene.glb"))[:4], b"glTF")
+
+    def test_faults_that_do_not_go_together(self):
+        for fault in ("rolling-down=0.03", "distortion=0.1"):
+            done = fixtures.run("synth", "street", "-o", os.path.join(self.folder, "none"), "--fault", "fisheye=200", "--fault", fault)
+            self.assertEqual((done.returncode, done.stderr.count("\n")), (1, 1))
+            self.assertIn("expected neither", done.stderr)
+
+
+if __name__ == "__main__":
+    fixtures.main()
