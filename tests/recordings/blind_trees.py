@@ -208,7 +208,7 @@ def nuscenes(street, root):
         tables.add("attribute", name=name, description="")
     tables.rows["visibility"] = [{"token": str(i + 1), "level": level, "description": ""} for i, level in enumerate(["v0-40", "v40-60", "v60-80", "v80-100"])]
     _nuscenes_scene(tables, street, root, None, "scene-0061", range(3), 1532402900000000, random, turned(0.3, 411.3, 1180.9))
-    _nuscenes_scene(tables, street, root, truth, "scene-0103", range(min(9, street.count)), 1532402927647951, random, turned(-2.1, 601.2, 1646.5))
+    _nuscenes_scene(tables, street, root, truth, "scene-0103", range(9 if street.count == 10 else street.count), 1532402927647951, random, turned(-2.1, 601.2, 1646.5))
     for name, rows in tables.rows.items():
         order = random.permutation(len(rows)) if name != "visibility" else range(len(rows))
         text = json.dumps([{**rows[i], "remark": None} for i in order], indent=0, ensure_ascii=False)

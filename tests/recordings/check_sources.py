@@ -14,7 +14,7 @@ import numpy as np  # noqa: E402
 
 import fixtures  # noqa: E402
 import test_importers  # noqa: E402
-from street import labels, matrix  # noqa: E402
+from street import labels, matrix, world_points  # noqa: E402
 
 TOLERANCE = {"pose": 1e-6, "K": 1e-9, "box": 1e-6, "size": 1e-9, "LiDAR": 1e-3}  # metres and pixels; LiDAR: half floats and float32 at 100 m
 
@@ -37,12 +37,6 @@ class Differences:
 def intrinsics(folder, n):
     fx, fy, cx, cy = np.loadtxt(os.path.join(folder, "intrinsics", f"{n}.txt"))[:4]
     return [[fx, 0, cx - 0.5], [0, fy, cy - 0.5], [0, 0, 1]]
-
-
-def world_points(folder, t, columns):
-    rows = np.fromfile(os.path.join(folder, "lidar", f"{t:06d}.bin"), "<f4").reshape(-1, columns).astype(np.float64)
-    ego = matrix(folder, "ego_pose", f"{t:06d}.txt")
-    return rows[:, :3] @ ego[:3, :3].T + ego[:3, 3]
 
 
 def imported(case, out, *more):
@@ -76,7 +70,7 @@ def check_nuscenes(folder):
         cloud = LidarPointCloud.from_file(theirs.get_sample_data_path(data["token"]))
         cloud.points = cloud.points.astype(np.float64)
         cloud.transform(pose(theirs.get("ego_pose", data["ego_pose_token"])) @ pose(theirs.get("calibrated_sensor", data["calibrated_sensor_token"])))
-        found.note("LiDAR", world_points(out, t, 5), cloud.points[:3].T)
+        found.note("LiDAR", world_points(out, t), cloud.points[:3].T)
         for box in theirs.get_boxes(data["token"]):  # between key frames by the package's own interpolation
             annotation = theirs.get("sample_annotation", box.token)
             key = (t, annotation["instance_token"])
@@ -107,7 +101,7 @@ def check_argoverse2(folder):
             found.note("pose", matrix(out, "extrinsics", f"{t:06d}_{n}.txt"), world_from_ego @ camera.ego_SE3_cam.transform_matrix)
             found.note("K", intrinsics(out, n), camera.intrinsics.K)
         points = read_lidar_sweep(log / "sensors" / "lidar" / f"{stamp}.feather", attrib_spec="xyz").astype(np.float64)
-        found.note("LiDAR", world_points(out, t, 4), points @ world_from_ego[:3, :3].T + world_from_ego[:3, 3])
+        found.note("LiDAR", world_points(out, t), points @ world_from_ego[:3, :3].T + world_from_ego[:3, 3])
         now = [cuboid for cuboid in cuboids if cuboid.timestamp_ns == stamp]
         assert len(now) == len([key for key in boxes if key[0] == t])
         for cuboid in now:
@@ -150,7 +144,7 @@ def check_kitti360(folder):
             turn = cv2.Rodrigues(motion[:3, :3])[0][:, 0]
             share = 0.5 * np.arctan2(rows[:, 1], rows[:, 0]) / np.pi
             rows = np.array([cv2.Rodrigues(s * turn)[0] @ row[:3] + s * motion[:3, 3] for s, row in zip(share, rows)])
-        found.note("LiDAR", world_points(out, t, 4), rows[:, :3] @ world_from_velo[:3, :3].T + world_from_velo[:3, 3])
+        found.note("LiDAR", world_points(out, t), rows[:, :3] @ world_from_velo[:3, :3].T + world_from_velo[:3, 3])
     for child in ET.parse(os.path.join(case.raw, "data_3d_bboxes", "train", f"{case.DRIVE}.xml")).getroot():
         theirs = KITTI360Bbox3D()
         theirs.parseBbox(child)

@@ -29,6 +29,19 @@ def sweep(folder, name):
     return np.fromfile(os.path.join(folder, "lidar", name), "<f4").reshape(-1, 4)
 
 
+def world_points(folder, step):
+    """A step's sweep of an imported set in the world, or None."""
+    told = load(folder, "dataset.json")
+    digits = len(os.listdir(os.path.join(folder, "ego_pose"))[0].split(".")[0])
+    path = os.path.join(folder, "lidar", f"{step:0{digits}d}.bin")
+    if not os.path.exists(path):
+        return None
+    names = told["lidar_columns"]
+    rows = np.fromfile(path, "<f4").reshape(-1, len(names)).astype(float)
+    frame = matrix(folder, "lidar_pose" if told["lidar_frame"] == "laser" else "ego_pose", f"{step:0{digits}d}.txt") if told["lidar_frame"] != "world" else np.eye(4)
+    return rows[:, [names.index(axis) for axis in "xyz"]] @ frame[:3, :3].T + frame[:3, 3]
+
+
 def labels(folder):
     """The boxes of a data set: (frame, id) -> class, pose, size."""
     out = {}

@@ -19,10 +19,10 @@ import pyarrow.feather  # noqa: E402
 
 import fixtures  # noqa: E402
 from fixtures import Case, files_below  # noqa: E402
-from street import labels, load, matrix  # noqa: E402
+from street import labels, load, matrix, world_points  # noqa: E402
 import blind_tables  # noqa: E402
 import blind_trees  # noqa: E402
-from blind_trees import Street, move, turned  # noqa: E402
+from blind_trees import Street, turned  # noqa: E402
 
 FORWARD = {"+x": np.eye(4), "+y": turned(-np.pi / 2)}  # box of front +y's axes from those of front +x
 
@@ -45,19 +45,6 @@ def lens_of(file):
     """fx fy cx cy k1 k2 p1 p2 k3 of a file of intrinsics."""
     values = np.loadtxt(file)
     return np.append(values.ravel(), np.zeros(9))[:9]
-
-
-def world_points(folder, step):
-    """A step's sweep in the world, and its columns by name."""
-    told = load(folder, "dataset.json")
-    digits = len(os.listdir(os.path.join(folder, "ego_pose"))[0].split(".")[0])
-    path = os.path.join(folder, "lidar", f"{step:0{digits}d}.bin")
-    if not os.path.exists(path):
-        return None
-    names = told["lidar_columns"]
-    rows = np.fromfile(path, "<f4").reshape(-1, len(names)).astype(float)
-    frame = matrix(folder, "lidar_pose" if told["lidar_frame"] == "laser" else "ego_pose", f"{step:0{digits}d}.txt") if told["lidar_frame"] != "world" else np.eye(4)
-    return move(frame, rows[:, [names.index(axis) for axis in "xyz"]])
 
 
 def farthest(points, others):

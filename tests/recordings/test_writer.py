@@ -103,6 +103,19 @@ class Dgp(Case):
             for n in range(3):
                 self.assertEqual(read(os.path.join(out, "images", f"{t:06d}_{n}.jpg")), read(os.path.join(DGP, "images", f"{t:03d}_{n}.jpg")))
                 np.testing.assert_array_equal(matrix(out, "extrinsics", f"{t:06d}_{n}.txt"), matrix(DGP, "extrinsics", f"{t:03d}_{n}.txt"))
+        again = load(out, "timestamps.json")
+        self.assertEqual((again["frames"], again["cameras"]), (times["frames"], times["cameras"]))
+        self.assertEqual({load(out, "dataset.json")["cameras"][n] for n in info["cameras"]}, set(info["cameras"].values()))
+        for n in info["cameras"]:
+            mine, theirs = (np.loadtxt(os.path.join(folder, "intrinsics", f"{n}.txt")) for folder in (out, DGP))
+            np.testing.assert_array_equal(mine, theirs[: len(mine)])
+            self.assertFalse(theirs[len(mine) :].any())
+        true, made = labels(DGP), labels(out)
+        self.assertEqual(set(made), set(true))
+        for key, (name, pose, size) in made.items():
+            self.assertEqual(name, true[key][0])
+            np.testing.assert_array_equal(pose, true[key][1])
+            np.testing.assert_array_equal(size, true[key][2])
         facts = [json.loads(self.succeeds("info", folder, "--json", "-").stdout) for folder in (DGP, out)]
         rates = [fact.pop("fps") for fact in facts]  # stated as 1 there; by the times here
         self.assertAlmostEqual(rates[0], rates[1], 3)
@@ -167,6 +180,8 @@ class Template(Case):
 
     def test_it_comes_out_right(self):
         cameras = load(self.street, "dataset.json")["cameras"]
+        times = np.array(load(self.street, "timestamps.json")["frames"])
+        np.testing.assert_allclose(load(self.out, "timestamps.json")["frames"], times - times[0], atol=1e-9)
         for t in range(8):
             ego = matrix(self.street, "ego_pose", f"{t:03d}.txt")
             np.testing.assert_allclose(matrix(self.out, "ego_pose", f"{t:06d}.txt"), ego, atol=1e-9)
