@@ -335,7 +335,7 @@ def _kitti360_drive(street, root, drive, frames, shift, random, truth):
     pose = {t: shift @ street.ego[t] @ imu for t in frames if t != 5}
     lines(f"data_poses/{sequence}/poses.txt", [f"{t + 1} {numbers(p[:3])} " for t, p in pose.items()])
     lines(f"data_poses/{sequence}/cam0_to_world.txt", [f"{t + 1} {numbers(p @ cam_to_imu[0] @ np.linalg.inv(tilt))} " for t, p in pose.items()])
-    times = ["2013-05-28 08:46:02.850000123", *(f"2013-05-28 08:46:{2.95 + 0.1 * t:012.9f}" for t in frames)]
+    times = ["2013-05-28 08:46:02.850000123", *(f"2013-05-28 08:{46 + (29 + t) // 600}:{(2.95 + 0.1 * t) % 60:012.9f}" for t in frames)]
     for folder in ("data_2d_raw/{}/image_00", "data_2d_raw/{}/image_01", "data_3d_raw/{}/velodyne_points", "data_3d_raw/{}/sick_points"):
         lines(f"{folder.format(sequence)}/timestamps.txt", times)
     velo = np.linalg.inv(cam_to_velo @ np.linalg.inv(cam_to_imu[0]))  # velodyne to imu

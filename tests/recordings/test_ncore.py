@@ -306,6 +306,8 @@ class Sequences(Case):
 
     def test_damage(self):
         """Stores that are taken away, cut, empty or full of other bytes: one line, or a data set without what is gone."""
+        import numcodecs.registry
+
         Tree(self.street, self.path("raw"))
         before = {name: read(self.path("raw", name)) for name in files_below(self.path("raw"))}
         refused = 0
@@ -313,7 +315,7 @@ class Sequences(Case):
             for bad in (None, content[: len(content) // 2], content[:-1], b"", bytes(len(content)), bytes((37 * i) % 256 for i in range(len(content)))):
                 os.remove(self.path("raw", name)) if bad is None else write(self.path("raw", name), bad)
                 words = io.StringIO()
-                with contextlib.redirect_stderr(words), mock.patch.object(sys, "argv", ["pags import", "ncore", self.path("raw"), "-o", self.path("out"), "-q", "--overwrite"]):
+                with contextlib.redirect_stderr(words), mock.patch.dict(numcodecs.registry.codec_registry), mock.patch.object(sys, "argv", ["pags import", "ncore", self.path("raw"), "-o", self.path("out"), "-q", "--overwrite"]):
                     code = importer.main()
                 signal.signal(signal.SIGINT, signal.default_int_handler)
                 refused += code
