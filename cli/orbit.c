@@ -266,6 +266,7 @@ static pags_result orbit_of_views(const pags_scene *scene, const pags_survey *su
   follow_cameras(angles, radii, heights, scene->view_count, o);
   find_arc(angles, scene->view_count, o);
   o->lens = scene->views[0].camera;
+  o->lens.lens = (pags_lens_model){0}; /* pictures of an orbit are pinholes' */
   free(radii);
 
   /* Where the eye would be in something solid it is moved towards the centre. */
@@ -294,6 +295,7 @@ static void orbit_of_drive(const pags_scene *scene, const pags_survey *survey, o
   }
   o->centre = pags_vec_add(base, pags_vec_scale(sum, 1.0 / (double)scene->view_count));
   o->lens = scene->views[0].camera;
+  o->lens.lens = (pags_lens_model){0}; /* pictures of an orbit are pinholes' */
   for (int a = 0; a < AZIMUTHS; a++) {
     double share = 0.35; /* what is nearer to the centre is what is looked at */
     while (share < 1 &&

@@ -51,6 +51,7 @@ class View(Camera, total=False):
     frame: int
     gain: tuple[float, float, float]
     offset: tuple[float, float, float]
+    lens: str  # kind of the lens that the photograph was taken and modelled through; absent: a pinhole
 
 @type_check_only
 class Arrays(TypedDict, total=False):

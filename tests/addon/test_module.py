@@ -6,6 +6,7 @@ import json
 import math
 import os
 import re
+import shutil
 import struct
 import subprocess
 import sys
@@ -20,7 +21,7 @@ sys.path.insert(0, MODULE)
 
 import fixtures  # noqa: E402
 import pags  # noqa: E402
-from fixtures import Case, ply_bytes, read_png, some_splats, splat  # noqa: E402
+from fixtures import Case, ply_bytes, read, read_png, some_splats, splat, write  # noqa: E402
 from test_drive import ORIGIN, camera, make_drive  # noqa: E402
 
 SANITIZED = "PAGS_SANITIZED" in os.environ
@@ -220,6 +221,13 @@ class Contents(ModuleCase):
         self.assertEqual(self.scene.views[0]["sensor"], 0)
         self.assertIsNone(self.scene.pose(1, 110.0))
         self.assertEqual(self.scene.track(1).shape, (3, 13))
+
+    def test_a_lens(self):
+        facts = json.loads(read(self.path("scene", "scene.json")))
+        facts["cameras"][1]["lens"] = {"kind": "fisheye", "field": 190}
+        shutil.copytree(self.path("scene"), self.path("wide"))
+        write(self.path("wide", "scene.json"), json.dumps(facts))
+        self.assertEqual([view.get("lens") for view in pags.load(self.path("wide")).views[:3]], [None, "fisheye", None])
         with self.assertRaises(IndexError):
             self.scene.pose(2, 100.0)
 

@@ -228,7 +228,7 @@ class Argoverse2(Importer):
         for name in files_below(out):
             self.assertEqual(read(os.path.join(out, name)), read(self.path("other", name)), name)
         self.fails(["import", "argoverse2", self.street, "-o", self.path("x")], "has nothing of Argoverse 2")
-        self.fails(["import", "argoverse3", self.street, "-o", self.path("x")], "expected kitti, waymo, argoverse2, nuscenes, pandaset, waymo2, kitti360 or photos", code=2)
+        self.fails(["import", "argoverse3", self.street, "-o", self.path("x")], "expected kitti, waymo, argoverse2, nuscenes, pandaset, waymo2, kitti360, ncore or photos", code=2)
 
     def test_usage(self):
         for words in (["argoverse3", self.raw, "-o", "x"], ["argoverse2", self.raw], ["argoverse2", self.raw, "-o", "x", "--frames", "5-2"]):
