@@ -325,6 +325,17 @@ class Sequences(Case):
                 write(self.path("raw", name), content)
         self.assertGreaterEqual(refused, 5 * 4)
 
+    def test_a_missing_part_of_a_folder(self):
+        """zarr fills what is missing with zeros: it isn't taken for rays or a photograph."""
+        Tree(self.street, self.path("raw"), "directory")
+        for store, part, words in (("lidar", "direction", "rays aren't of length 1"), ("cameras", "image", "can't be read as a picture")):
+            store = self.path("raw", f"drive.ncore4-{store}.zarr")
+            name = next(name for name in sorted(files_below(store)) if f"{os.sep}{part}{os.sep}" in name and name.split(os.sep)[-1][0].isdigit())
+            content = read(os.path.join(store, name))
+            os.remove(os.path.join(store, name))
+            self.refused(words, more=("--overwrite",))
+            write(os.path.join(store, name), content)
+
     def test_pickle(self):
         """An array of objects that is a pickle isn't unpickled: it could call anything."""
         Tree(self.street, self.path("raw"), "directory")

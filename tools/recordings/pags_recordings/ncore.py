@@ -179,6 +179,9 @@ class Sequence:
         """All returns of a sweep, which the package moves to its end."""
         lidar, parts = self.lidars[name], []
         with reading(f"{self.source}: sweep {number} of {name}"):
+            rays = np.linalg.norm(lidar.get_frame_ray_bundle_direction(number), axis=1)
+            if (np.abs(rays - 1) > 0.01).any():  # zarr reads zeros where a folder lacks a file
+                raise RecordingError(f"{self.source}: sweep {number} of {name}: {int((np.abs(rays - 1) > 0.01).sum())} of {len(rays)} rays aren't of length 1; a file is missing or damaged")
             for back in range(lidar.get_frame_ray_bundle_return_count(number)):
                 valid = lidar.get_frame_ray_bundle_return_valid_mask(number, back)
                 points = lidar.get_frame_point_cloud(number, motion_compensation=True, with_start_points=False, return_index=back).xyz_m_end
