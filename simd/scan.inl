@@ -18,6 +18,7 @@
  * read, whose path isn't straight. Both are drawn as at u = 0, and so is what the iteration doesn't find. */
 
 enum { SCAN_STEPS = 4 }; /* errors are squared in each; at q = 1/2 the last one changes less than rounding does */
+#define SCAN_DONE 1e-4f  /* a mean whose last step was smaller takes no further one, whatever its neighbours do */
 
 /* What the projection of sixteen Gaussians knows of their time, and the backward pass uses. */
 typedef struct scanned {
@@ -65,9 +66,11 @@ static inline void scan_mean(scanned *s, const pags_projection *view, vf px, vf 
     s->c2[k] = scan_row(scan->r2, scan->t2, k, px, py, pz);
   }
   vf q, u = v_zero();
-  for (int i = 0; i < SCAN_STEPS; i++) {
-    const vf late = v_sub(u, scan_at(s, view, u, cam, &q));
-    u = v_clamp(v_sub(u, v_div(late, v_max(q, least))), minus_one, one);
+  vm moves_on = m_first(V_LANES);
+  for (int i = 0; i < SCAN_STEPS && m_bits(moves_on) != 0; i++) {
+    const vf late = v_sub(u, scan_at(s, view, u, cam, &q)), step = v_div(late, v_max(q, least));
+    u = v_select(moves_on, v_clamp(v_sub(u, step), minus_one, one), u);
+    moves_on = m_and(moves_on, v_ge(v_abs(step), v_set(SCAN_DONE)));
   }
   const vf read = v_clamp(scan_at(s, view, u, cam, &q), minus_one, one);
   const vf moves = v_mul(v_set(fabsf(scan->x + scan->y)), v_add(v_abs(s->drift[0]), v_abs(s->drift[1])));
@@ -75,7 +78,8 @@ static inline void scan_mean(scanned *s, const pags_projection *view, vf px, vf 
                    v_lt(v_abs(v_sub(read, u)), v_set(1e-3f)));
   s->free = m_and(s->found, v_lt(v_abs(u), one));
   s->u = v_maskz(s->found, u);
-  scan_at(s, view, s->u, cam, &q);
+  if (m_bits(s->found) != m_bits(m_first(V_LANES)))
+    scan_at(s, view, s->u, cam, &q);
   s->gain = v_maskz(s->free, v_div(one, v_select(s->free, q, one)));
   for (int k = 0; k < 9; k++)
     s->turn[k] = v_fma(s->u, v_fma(s->u, v_set(scan->r2[k]), v_set(scan->r1[k])), v_set(view->r[k]));
