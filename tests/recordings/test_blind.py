@@ -6,16 +6,19 @@ import os
 import pathlib
 import shutil
 import sys
+import types
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path[:0] = [os.path.dirname(HERE), os.path.join(os.path.dirname(HERE), "cli")]
 
-from tool_python import need  # noqa: E402
+from tool_python import TOOLS, need  # noqa: E402
 
 need("recordings", "numpy", "PIL", "pandas", "pyarrow")
+sys.path[:0] = [os.path.join(TOOLS, "recordings")]
 
 import numpy as np  # noqa: E402
 import pyarrow.feather  # noqa: E402
+import pyarrow.parquet  # noqa: E402
 
 import fixtures  # noqa: E402
 from fixtures import Case, files_below  # noqa: E402
@@ -23,6 +26,7 @@ from street import labels, load, matrix, world_points  # noqa: E402
 import blind_tables  # noqa: E402
 import blind_trees  # noqa: E402
 from blind_trees import Street, turned  # noqa: E402
+from pags_recordings import waymo2  # noqa: E402
 
 FORWARD = {"+x": np.eye(4), "+y": turned(-np.pi / 2)}  # box of front +y's axes from those of front +x
 
@@ -144,6 +148,25 @@ class Blind(Case):
     def test_waymo2(self):
         truth = self.tree(blind_tables.waymo2)
         self.compare(truth, self.bring("waymo2", truth), unseen=[4])
+
+    def test_waymo2_rows_of_chance(self):
+        """Rows that lie in the order of chance cost their row group, not the file up to them."""
+        order = np.random.default_rng(1).permutation(60)
+        os.makedirs(self.path("stats"))
+        pyarrow.parquet.write_table(pyarrow.table({"key": order, "[S].value": order * 10}), self.path("stats", "a.parquet"), row_group_size=5)
+        component = waymo2.Component(self.path(), "stats", "a", "S", ["value"], ["key"])
+        iterate, rows = component.file.iter_batches, []
+
+        def counted(**given):
+            for batch in iterate(**given):
+                rows.append(batch.num_rows)
+                yield batch
+
+        component.file = types.SimpleNamespace(iter_batches=counted)
+        for key in range(60):
+            self.assertEqual(component.at(key), {"value": 10 * key})
+        self.assertIsNone(component.at(60))
+        self.assertLessEqual(sum(rows), 60 * 5)
 
     def test_kitti360(self):
         truth = self.tree(blind_tables.kitti360)

@@ -43,22 +43,26 @@ class Component:
         self.places = {}  # number of the row by key
         for number, row in enumerate(rows):
             self.places.setdefault(tuple(row[name] for name in keys), number)
-        self.rewind()
+        groups = self.file.metadata
+        self.begins = np.cumsum([0, *(groups.row_group(i).num_rows for i in range(groups.num_row_groups))])
+        self.group = None
 
     def unreadable(self, error):
         return RecordingError(f"{self.path}: can't be read as parquet: {str(error).splitlines()[0] if str(error) else type(error).__name__}")
 
-    def rewind(self):
-        self.batches = self.file.iter_batches(batch_size=ROWS, columns=[self.prefix + column for column in self.columns])
-        self.first, self.batch = 0, None
+    def enter(self, group):
+        """Begins a row group anew: of rows in the order of chance no more than theirs are read."""
+        self.batches = self.file.iter_batches(batch_size=ROWS, row_groups=[group], columns=[self.prefix + column for column in self.columns])
+        self.group, self.first, self.batch = group, int(self.begins[group]), None
 
     def at(self, *key):
         """The row of a key, its columns without the prefix, lists as arrays; None if there is none."""
         if key not in self.places:
             return None
         number = self.places[key]
-        if number < self.first:
-            self.rewind()
+        group = int(np.searchsorted(self.begins, number, "right")) - 1
+        if group != self.group or number < self.first:
+            self.enter(group)
         try:
             while self.batch is None or number >= self.first + self.batch.num_rows:
                 self.first += self.batch.num_rows if self.batch else 0
