@@ -325,6 +325,16 @@ class Refused(Case):
         self.refused("is there twice", step.box, "7", "Car", np.eye(4), [4, 2, 2])
         self.refused("'Bus', but 'Car'", r.add_step(1).box, 7, "Bus", np.eye(4), [4, 2, 2])
 
+    def test_a_world_far_from_its_zero(self):
+        """LiDAR in the world's axes, with UTM's coordinates: what counts is the distance from the car."""
+        r = self.begin()
+        car = poses.pose(np.eye(3), [691_000, 5_334_000, 520])
+        points = np.array([[691_010.5, 5_334_000, 520], [691_000, 5_333_980, 521]])
+        r.add_step(0, car).lidar(points, np.eye(4))
+        self.refused("2 LiDAR points are farther than 1000 m from the car", r.add_step(1, car).lidar, points - car[:3, 3], np.eye(4))
+        found = np.frombuffer(read(os.path.join(r.folder, "lidar", "000000.bin")), "<f4").reshape(-1, 3)
+        np.testing.assert_allclose(found, [[10.5, 0, 0], [0, -20, 1]], atol=1e-5)
+
     def test_what_fails_leaves_nothing(self):
         with self.assertRaises(RecordingError), Recording(self.path("D")) as r:
             r.add_camera("front", (16, 12), self.K)

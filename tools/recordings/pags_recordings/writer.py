@@ -20,7 +20,7 @@ DIGITS = 6
 LABELS = ("cityscapes", "cityscapes-ids", "step", "kitti-360", "waymo", "pandaset")
 PICTURES = {"JPEG": ".jpg", "PNG": ".png"}
 FOLDERS = ("images", "intrinsics", "extrinsics", "ego_pose", "lidar", "instances", "sky_masks", "semantic", "dynamic_masks", "ego_masks")
-FARTHEST = 1000.0  # metres from the sensor: no LiDAR sees farther, pags refuses more
+FARTHEST = 1000.0  # metres from the car: no LiDAR sees farther, pags refuses more
 
 
 def require(condition, message):
@@ -99,10 +99,13 @@ class Step:
         require(p.ndim == 2 and p.shape[1] == len(columns), f"{self}: expected LiDAR points of the columns {', '.join(columns)}, found shape {p.shape}")
         require(r.columns in (None, columns), f"{self}: LiDAR columns {', '.join(columns)}, but other steps have {', '.join(r.columns or ())}")
         p = p[np.isfinite(p).all(1)]
-        far = int((np.linalg.norm(p[:, :3], axis=1) > FARTHEST).sum())
-        require(not far, f"{self}: {far} LiDAR points are farther than {FARTHEST:g} m from the origin of their frame; expected metres in the frame whose pose is given")
+        world_from_points = poses.check(world_from_points, f"{self}: the pose of its LiDAR points")
+        first = next(iter(self.photographs.values()), (world_from_points, None))[0]
+        car = (poses.inverse(world_from_points) @ (first if self.world_from_ego is None else self.world_from_ego))[:3, 3]
+        far = int((np.linalg.norm(p[:, :3] - car, axis=1) > FARTHEST).sum())
+        require(not far, f"{self}: {far} LiDAR points are farther than {FARTHEST:g} m from the car; expected metres in the frame whose pose is given")
         r.columns = columns
-        self.sweep = (p, poses.check(world_from_points, f"{self}: the pose of its LiDAR points"))
+        self.sweep = (p, world_from_points)
 
     def close(self):
         """Writes the sweep, in the car's frame, once the car's pose is known."""
