@@ -6,7 +6,7 @@ import os
 import shutil
 
 import fixtures
-from fixtures import Case, read, read_png, write
+from fixtures import Case, png_bytes, read, read_png, write
 
 STREET = ["--size", "64x64", "--frames", "8", "--samples", "4", "--no-shifts", "--lidar-points", "6000"]
 KEPT = "24 of 24 views keep theirs"
@@ -69,6 +69,19 @@ class Lenses(Case):
         other = self.train(self.fish, "two threads", 2)
         for name in ("background.ply", "scene.json"):
             self.assertEqual(read(os.path.join(self.trained, name)), read(os.path.join(other, name)), name)
+
+    def test_what_is_beside_the_circle(self):
+        """White in place of black there: the same bytes, since nothing of it is looked at."""
+        other = self.changed("white", lambda lenses: None)
+        for name in os.listdir(os.path.join(other, "images")):
+            path = os.path.join(other, "images", name)
+            pixels = bytearray(read_png(path)[4])
+            for at in range(64 * 64):
+                if (at % 64 - 31.5) ** 2 + (at // 64 - 31.5) ** 2 > 33**2:
+                    pixels[3 * at : 3 * at + 3] = b"\xff\xff\xff"
+            write(path, png_bytes(64, 64, bytes(pixels)))
+        scene = self.train(other, "white scene", 2)
+        self.assertEqual(read(os.path.join(scene, "background.ply")), read(os.path.join(self.trained, "background.ply")))
 
     def test_the_right_lens_is_the_best(self):
         right = self.held_out(self.trained)
