@@ -11,17 +11,8 @@
 static bool point_at(const pags_picture *picture, const pags_camera *camera, int x, int y, double p[3]) {
   if (x < 0 || y < 0 || x >= picture->width || y >= picture->height)
     return false;
-  double z = (double)picture->depth[(int64_t)y * picture->stride + x];
-  if (pags_camera_bends(camera)) {
-    const bool seen = z > 0 && pags_camera_look(camera, x + 0.5, y + 0.5, p);
-    for (int k = 0; k < 3; k++)
-      p[k] *= z;
-    return seen;
-  }
-  p[0] = (x + 0.5 - camera->cx) / camera->fx * z;
-  p[1] = (y + 0.5 - camera->cy) / camera->fy * z;
-  p[2] = z;
-  return z > 0;
+  const double depth = (double)picture->depth[(int64_t)y * picture->stride + x];
+  return depth > 0 && pags_camera_point(camera, x + 0.5, y + 0.5, depth, p);
 }
 
 /* Computes the surface tangent for one pixel in direction (dx, dy): the difference to that of the two neighbours

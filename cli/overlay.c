@@ -86,16 +86,10 @@ static void measure_point(overlay *o, const pags_view *view, const pags_photo *p
   unsigned labels = photo->labels ? photo->labels[(size_t)sample->y * (size_t)photo->stride + (size_t)sample->x] : 0;
 
   /* Unproject the sample to the world. */
-  double z = (double)sample->depth, x = ((double)sample->x - view->camera.cx) / view->camera.fx * z,
-         y = ((double)sample->y - view->camera.cy) / view->camera.fy * z, ray[3];
-  if (pags_camera_bends(&view->camera)) { /* whose depth is the distance */
-    pags_camera_look(&view->camera, (double)sample->x, (double)sample->y, ray);
-    x = ray[0] * z, y = ray[1] * z, z = ray[2] * z;
-  }
-  for (int k = 0; k < 3; k++) {
-    const double *m = view->camera.world_from_camera + 4 * k;
-    world[k] = m[0] * x + m[1] * y + m[2] * z + m[3];
-  }
+  double p[3];
+  if (!pags_camera_point(&view->camera, (double)sample->x, (double)sample->y, (double)sample->depth, p))
+    return;
+  pags_rigid_point(view->camera.world_from_camera, p, world);
 
   int place = place_of(o, view->camera.time, world);
   o->in_boxes.of += place > 0;

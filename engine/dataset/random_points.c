@@ -31,17 +31,12 @@ static void draw_point(const pags_camera *const *cameras, int64_t count, double 
   const double *m = camera->world_from_camera;
   double pixel[2];
   pags_rng_uniform2(seed, STREAM + DRAW_PIXEL, draw, pixel);
-  double z = pags_focus_depth(distance, pags_rng_uniform(seed, STREAM + DRAW_DEPTH, draw));
-  double x = (pixel[0] * camera->width - camera->cx) / camera->fx * z;
-  double y = (pixel[1] * camera->height - camera->cy) / camera->fy * z;
-  double ray[3];
-  if (pags_camera_bends(camera)) { /* beside its circle a lens sees nothing: along its axis then */
-    if (!pags_camera_look(camera, pixel[0] * camera->width, pixel[1] * camera->height, ray))
-      ray[0] = ray[1] = 0, ray[2] = 1;
-    x = ray[0] * z, y = ray[1] * z, z = ray[2] * z;
-  }
+  const double depth = pags_focus_depth(distance, pags_rng_uniform(seed, STREAM + DRAW_DEPTH, draw));
+  double p[3];
+  if (!pags_camera_point(camera, pixel[0] * camera->width, pixel[1] * camera->height, depth, p))
+    p[0] = p[1] = 0, p[2] = depth; /* beside its circle a lens sees nothing: along its axis then */
   for (int i = 0; i < 3; i++)
-    point[i] = m[4 * i] * x + m[4 * i + 1] * y + m[4 * i + 2] * z + m[4 * i + 3];
+    point[i] = m[4 * i] * p[0] + m[4 * i + 1] * p[1] + m[4 * i + 2] * p[2] + m[4 * i + 3];
 }
 
 pags_result pags_random_points(const pags_camera *const *cameras, int64_t camera_count, const double origin[3],

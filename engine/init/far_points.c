@@ -57,16 +57,12 @@ static double draw_depth(uint64_t seed, uint64_t a, uint64_t b, double below, do
 static void emit(const pags_photo *photo, const pags_camera *camera, const double *origin, double u, double v,
                  double depth, pags_far_points *far) {
   const double *m = camera->world_from_camera;
-  double x = (u - camera->cx) / camera->fx * depth, y = (v - camera->cy) / camera->fy * depth;
-  double ray[3];
-  if (pags_camera_bends(camera)) { /* depths are distances */
-    if (!pags_camera_look(camera, u, v, ray))
-      return;
-    x = ray[0] * depth, y = ray[1] * depth, depth = ray[2] * depth;
-  }
+  double p[3];
+  if (!pags_camera_point(camera, u, v, depth, p))
+    return;
   for (int k = 0; k < 3; k++)
     far->xyz[3 * far->count + k] =
-        (float)(m[4 * k] * x + m[4 * k + 1] * y + m[4 * k + 2] * depth + m[4 * k + 3] - origin[k]);
+        (float)(m[4 * k] * p[0] + m[4 * k + 1] * p[1] + m[4 * k + 2] * p[2] + m[4 * k + 3] - origin[k]);
   int64_t plane = (int64_t)photo->height * photo->stride, at = (int64_t)v * photo->stride + (int64_t)u;
   for (int c = 0; c < 3; c++)
     far->rgb[3 * far->count + c] = photo->rgb[c * plane + at];

@@ -281,6 +281,19 @@ int pags_camera_look(const pags_camera *camera, double x, double y, double direc
   return 1;
 }
 
+int pags_camera_point(const pags_camera *camera, double x, double y, double depth, double out[3]) {
+  if (pags_camera_bends(camera)) {
+    const int seen = pags_camera_look(camera, x, y, out);
+    for (int k = 0; seen && k < 3; k++)
+      out[k] *= depth;
+    return seen;
+  }
+  out[0] = (x - camera->cx) / camera->fx * depth;
+  out[1] = (y - camera->cy) / camera->fy * depth;
+  out[2] = depth;
+  return 1;
+}
+
 /* Returns `size` / `factor` pixels, rounded down, at least 1. */
 static int scaled_size(int size, double factor) {
   int scaled = (int)floor((double)size / factor);

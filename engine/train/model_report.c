@@ -89,12 +89,12 @@ static void put_cameras(pags_json_writer *w, const pags_dataset *dataset, const 
   if (p->count > 0) {
     pags_json_put_number(w, p->alone ? "mean_shift" : "mean_shift_metres", metres); /* a capture has units of its own */
     pags_json_put_number(w, "mean_turn_degrees", radians * 57.29577951308232);
-    if (!p->alone)
-      pags_json_begin_array(w, "delays_seconds"); /* of the cameras, in the order in which views first have them */
-    for (int64_t k = 0; !p->alone && k < p->sensors; k++)
+  }
+  if (p->count > 0 && !p->alone) {
+    pags_json_begin_array(w, "delays_seconds"); /* of the cameras, in the order in which views first have them */
+    for (int64_t k = 0; k < p->sensors; k++)
       pags_json_put_number(w, NULL, p->items[p->steps + p->sensors + k].value[0]);
-    if (!p->alone)
-      pags_json_end_array(w);
+    pags_json_end_array(w);
   }
   pags_json_end_object(w);
 }

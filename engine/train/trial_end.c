@@ -51,17 +51,17 @@ static void set_pair(const pags_trainer *t, trial_of what, int64_t view, const p
     without->shown.light = (pags_light){.vignette = {0.0}};
 }
 
-/* Chooses views of those that are kept out, spread evenly over them; returns their number. */
-static int choose(const pags_trainer *t, trial_of what, const pags_scene_view *views, pags_measured_view (*pairs)[2]) {
+/* Chooses at most `most` views of those that are kept out, spread evenly over them; returns their number. */
+static int choose(const pags_trainer *t, int64_t most, int64_t chosen[MOST_VIEWS]) {
   int64_t kept = 0, seen = 0;
-  int chosen = 0;
+  int count = 0;
   for (int64_t i = 0; i < t->view_count; i++)
     kept += pags_trial_keeps(i);
-  const int64_t most = kept < MOST_VIEWS ? kept : MOST_VIEWS;
-  for (int64_t i = 0; i < t->view_count && chosen < most; i++)
-    if (pags_trial_keeps(i) && seen++ == (2 * chosen + 1) * kept / (2 * most))
-      set_pair(t, what, t->views[i], views + t->views[i], pairs[chosen++]);
-  return chosen;
+  most = kept < most ? kept : most;
+  for (int64_t i = 0; i < t->view_count && count < most; i++)
+    if (pags_trial_keeps(i) && seen++ == (2 * count + 1) * kept / (2 * most))
+      chosen[count++] = t->views[i];
+  return count;
 }
 
 /* Compares the chosen photographs drawn without what is on trial and with it. */
@@ -69,10 +69,13 @@ static pags_result compare(pags_trainer *t, trial_of what, const pags_scene_view
   pags_measured_view(*const pairs)[2] = malloc(MOST_VIEWS * sizeof *pairs);
   pags_result result = pairs ? PAGS_OK : pags_out_of_memory("the photographs of a trial");
   result = pags_transport_agree(t->shared.transport, result);
-  const int chosen = result == PAGS_OK ? choose(t, what, views, pairs) : 0;
+  int64_t chosen[MOST_VIEWS];
+  const int count = choose(t, MOST_VIEWS, chosen);
+  for (int i = 0; result == PAGS_OK && i < count; i++)
+    set_pair(t, what, chosen[i], views + chosen[i], pairs[i]);
   if (result == PAGS_OK)
-    result = pags_held_out_views(t, pairs[0], 2 * chosen);
-  for (int i = 0; result == PAGS_OK && i < chosen; i++)
+    result = pags_held_out_views(t, pairs[0], 2 * count);
+  for (int i = 0; result == PAGS_OK && i < count; i++)
     add(gains, pairs[i][1].psnr - pairs[i][0].psnr);
   free(pairs);
   return result;
@@ -97,15 +100,10 @@ static pags_result compare_fitted(pags_trainer *t, const pags_scene_view *shown,
 /* The same for photographs of a capture, whose corrections say nothing of a photograph kept out: if the poses of these
  * aren't exact, those of the others aren't either. */
 static pags_result compare_alone(pags_trainer *t, const pags_scene_view *views, sums *gains) {
-  int64_t kept = 0, seen = 0;
-  for (int64_t i = 0; i < t->view_count; i++)
-    kept += pags_trial_keeps(i);
-  const int64_t most = kept < MOST_FITTED ? kept : MOST_FITTED;
-  for (int64_t i = 0, chosen = 0; i < t->view_count && chosen < most; i++)
-    if (pags_trial_keeps(i) && seen++ == (2 * chosen + 1) * kept / (2 * most)) {
-      PAGS_TRY(compare_fitted(t, views + t->views[i], t->views[i], gains));
-      chosen++;
-    }
+  int64_t chosen[MOST_VIEWS];
+  const int count = choose(t, MOST_FITTED, chosen);
+  for (int i = 0; i < count; i++)
+    PAGS_TRY(compare_fitted(t, views + chosen[i], chosen[i], gains));
   return PAGS_OK;
 }
 

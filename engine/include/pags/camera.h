@@ -50,6 +50,11 @@ PAGS_API int pags_camera_project(const pags_camera *camera, const double point[3
  * there. The camera must have passed pags_camera_check. */
 PAGS_API int pags_camera_look(const pags_camera *camera, double x, double y, double direction[3]);
 
+/* Computes the point, in the camera's frame, that a picture shows at (x, y), px, with this depth: the coordinate along
+ * the axis of a pinhole, the distance of a camera with a lens, metres. Returns 0, and no point, if the lens sees
+ * nothing there. */
+PAGS_API int pags_camera_point(const pags_camera *camera, double x, double y, double depth, double out[3]);
+
 /* Whether the lines of the camera's picture are read one after another. */
 static inline int pags_camera_rolls(const pags_camera *camera) {
   return camera->shutter.across != 0.0 || camera->shutter.down != 0.0;
