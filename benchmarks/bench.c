@@ -315,9 +315,7 @@ static void print_help(void) {
 #endif
 }
 
-int main(int argc, char **argv) {
-  setlocale(LC_ALL, "C");
-  pags_port_ignore_broken_pipes(); /* a closed pipe makes a write fail instead of killing the process */
+static int run(int argc, char **argv) {
   const char *const what = argc > 1 ? argv[1] : "";
   if (!strcmp(what, "--help") || !strcmp(what, "-h")) {
     print_help();
@@ -334,4 +332,10 @@ int main(int argc, char **argv) {
       "pags-bench: expected stages, roofline, train, error, reference, render, scale, scaling or proxies; 'pags-bench "
       "--help' tells what each measures\n");
   return PAGS_EXIT_USAGE;
+}
+
+int main(int argc, char **argv) {
+  setlocale(LC_ALL, "C");
+  pags_port_ignore_broken_pipes(); /* a closed pipe makes a write fail instead of killing the process */
+  return pags_output_end(run(argc, argv));
 }

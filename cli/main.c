@@ -2,6 +2,7 @@
 /* The program pags: prints the general help, or finds the verb and runs it. */
 #include "cli/options.h"
 #include "cli/ranks.h"
+#include "cli/session.h"
 #include "cli/verbs.h"
 #include "cli/version.h"
 #include "port/port.h"
@@ -81,12 +82,7 @@ static const verb_entry verbs[] = {
 };
 enum { VERB_COUNT = sizeof verbs / sizeof verbs[0] };
 
-int main(int argc, char **argv) {
-  setlocale(LC_ALL, "C");
-  pags_port_begin_program(&argc, &argv);
-  /* with a closed pipe (`pags info x | head`), a write fails instead of killing the process with half-written
-   * files */
-  pags_port_ignore_broken_pipes();
+static int run(int argc, char **argv) {
   if (argc < 2) {
     fprintf(stderr, "pags: no verb given; 'pags --help' lists them\n");
     return PAGS_EXIT_USAGE;
@@ -132,4 +128,13 @@ int main(int argc, char **argv) {
   else
     fprintf(stderr, "pags: unknown verb '%s'; 'pags --help' lists them\n", argv[1]);
   return PAGS_EXIT_USAGE;
+}
+
+int main(int argc, char **argv) {
+  setlocale(LC_ALL, "C");
+  pags_port_begin_program(&argc, &argv);
+  /* with a closed pipe (`pags info x | head`), a write fails instead of killing the process with half-written
+   * files */
+  pags_port_ignore_broken_pipes();
+  return pags_output_end(run(argc, argv));
 }

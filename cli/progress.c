@@ -1,10 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Implements progress.h: the progress line with the estimated time left, and formatting of durations and sizes. */
+/* Implements progress.h: the progress line with the estimated time left, the check of standard output, and formatting
+ * of durations and sizes. */
 #include "cli/progress.h"
 #include "cli/interrupt.h"
+#include "cli/options.h"
 
+#include <errno.h>
 #include <math.h>
 #include <stdarg.h>
+#include <string.h>
 
 #include "base/clock.h"
 #include "port/port.h"
@@ -13,6 +17,24 @@ static const double terminal_seconds = 0.2, least_plain_seconds = 1, most_plain_
 
 double pags_seconds(void) {
   return 1e-3 * pags_clock_ms();
+}
+
+/* Why standard output could first not be written: later calls don't know any more. */
+static int output_error;
+
+void pags_output_flush(FILE *stream) {
+  errno = 0;
+  if (fflush(stream) != 0 && stream == stdout && !output_error)
+    output_error = errno;
+}
+
+int pags_output_end(int code) {
+  pags_output_flush(stdout);
+  if ((!output_error && !ferror(stdout)) || code != PAGS_EXIT_OK) /* another failure has its message already */
+    return code;
+  fprintf(stderr, "%s: standard output: %s\n", pags_program_name,
+          output_error ? strerror(output_error) : "part of it couldn't be written");
+  return PAGS_EXIT_FAILED;
 }
 
 pags_progress pags_progress_begin(FILE *stream) {
@@ -44,7 +66,7 @@ static void print_line(pags_progress *progress, bool stays, const char *format, 
   int length = fprintf(progress->stream, "%s%s", line, progress->terminal && !stays ? "" : "\n");
   if (progress->terminal && !stays)
     progress->length = length;
-  fflush(progress->stream);
+  pags_output_flush(progress->stream);
 }
 
 void pags_progress_show(pags_progress *progress, const char *format, ...) {
@@ -86,7 +108,7 @@ void pags_progress_end(pags_progress *progress) {
   if (!progress->stream)
     return;
   clear_line(progress);
-  fflush(progress->stream);
+  pags_output_flush(progress->stream);
 }
 
 const char *pags_format_duration(double seconds, char *text, size_t size) {

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Progress output of a verb: one line rewritten in place on a terminal, plain lines elsewhere: after a second,
- * then more and more rarely, at last every ten seconds. Errors are never printed this way. */
+ * then more and more rarely, at last every ten seconds. Errors are never printed this way. Also whether standard output
+ * took everything. */
 #ifndef PAGS_CLI_PROGRESS_H
 #define PAGS_CLI_PROGRESS_H
 
@@ -22,6 +23,12 @@ typedef struct pags_progress {
 #else
 #define PAGS_CLI_PRINTF
 #endif
+
+/* As fflush; keeps the reason for pags_output_end if this is standard output and can't be written. */
+void pags_output_flush(FILE *stream);
+/* The exit code of a program that has done all else with `code`: in place of 0 it is 1, and a message is printed, if
+ * part of what was printed couldn't be written to standard output. */
+int pags_output_end(int code);
 
 pags_progress pags_progress_begin(FILE *stream);
 /* Whether it is time for another line; callers ask first, since building a line may cost something. */

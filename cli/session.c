@@ -48,9 +48,12 @@ static void receive_log(void *user, pags_log_level level, const char *line) {
   const bool warning = level == PAGS_LOG_WARNING;
   const bool said = level == PAGS_LOG_DEBUG || (warning ? !keep_line(&session->warnings, &session->warning_count, line)
                                                         : !keep_line(&session->notes, &session->note_count, line));
-  FILE *stream = session->people ? session->people : warning && pags_ranks_lead() ? stderr : NULL;
-  if (stream && !said)
-    fprintf(stream, "%s%s\n", warning ? "warning: " : "", line);
+  if (session->people && !said && !warning)
+    fprintf(session->people, "%s\n", line);
+  if (session->people && !said && warning)
+    pags_output_flush(session->people); /* so that the warning comes after what was printed before it */
+  if (!said && warning && pags_ranks_lead())
+    fprintf(stderr, "warning: %s\n", line);
   pthread_mutex_unlock(&warnings_lock);
 }
 
@@ -100,6 +103,11 @@ pags_result pags_session_begin(pags_session *session) {
   bool json_on_stdout = session->json && !strcmp(session->json, "-");
   session->people = session->quiet || !pags_ranks_lead() ? NULL : json_on_stdout ? stderr : stdout;
   pags_log_set(receive_log, session);
+  if (!pags_port_is_writable(stdout) && pags_ranks_lead()) {
+    if (json_on_stdout || (session->people && session->answers && !session->json))
+      return pags_fail(PAGS_ERROR_IO, "standard output is closed, and the result goes there; --json FILE writes it");
+    session->people = session->people == stdout ? NULL : session->people;
+  }
   if (session->json && !json_on_stdout && pags_ranks_lead())
     PAGS_TRY(pags_check_writable(session->json));
   session->tasks = pags_tasks_create(session->threads);
@@ -114,7 +122,7 @@ int pags_session_end(pags_session *session, pags_result result) {
   session->tasks = NULL;
   pags_log_set(NULL, NULL);
   if (session->people)
-    fflush(session->people);
+    pags_output_flush(session->people);
   if (result == PAGS_OK)
     result = pags_session_check(session);
   result = pags_session_meet(session, result);
@@ -134,7 +142,7 @@ void pags_say(const pags_session *session, const char *format, ...) {
   va_start(list, format);
   vfprintf(session->people, format, list);
   va_end(list);
-  fflush(session->people);
+  pags_output_flush(session->people);
 }
 
 pags_result pags_session_json(const pags_session *session, pags_json_writer *writer) {

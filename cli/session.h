@@ -15,6 +15,7 @@ typedef struct pags_session {
   int threads;      /* 0: the number of processors that this process may use */
   const char *json; /* file, "-" for stdout, NULL: none */
   int strict, quiet;
+  bool answers; /* what it prints is the verb's result, unless --json takes it */
   FILE *people; /* stream for messages to people: stdout; stderr if JSON goes to stdout; NULL if quiet */
   pags_tasks *tasks;
   /* The warnings that the library logged so far, each once. */
@@ -63,8 +64,9 @@ typedef struct pags_session {
       PAGS_TEXT("sfm", 0, (where) + offsetof(pags_dataset_options, sfm), "FOLDER", "",                                \
                 "driving sets: add the points of this COLMAP model of the same world")
 
-/* Chooses the message stream, checks that the --json file can be written, sends the library's log lines to the
- * message stream, and starts the threads. */
+/* Chooses the message stream, checks that the --json file can be written, sends the library's notes to the message
+ * stream and its warnings to standard error, and starts the threads. A standard output that is closed takes no
+ * messages; it is an error where the verb's result goes there. */
 pags_result pags_session_begin(pags_session *session);
 
 /* The ranks of a job meet here at the end of each piece of work: all get the same result, that of the lowest rank that

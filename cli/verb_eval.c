@@ -611,6 +611,7 @@ int pags_verb_eval(int argc, char **argv) {
   pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
   if (status != PAGS_PARSE_OK)
     return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
+  arguments.session.answers = true;
   pags_result result = pags_session_begin(&arguments.session);
   if (result == PAGS_OK)
     result = evaluate(&self, parsed.positionals[0]);

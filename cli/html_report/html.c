@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/base64.h"
+#include "base/text.h"
 
 static void append(pags_html *html, const void *bytes, size_t size) {
   html->failed = html->failed || !pags_sink_put(&html->sink, bytes, size);
@@ -25,38 +26,26 @@ void pags_html_put(pags_html *html, const char *format, ...) {
     append(html, text, (size_t)length);
 }
 
-/* Length in bytes of the UTF-8 character at `s`, which is not ASCII; 0 if there is none: a stray byte, an overlong
- * form, a surrogate, or a code beyond U+10FFFF. */
-static size_t utf8_length(const unsigned char *s) {
-  const size_t length = s[0] >= 0xC2 && s[0] <= 0xDF   ? 2
-                        : s[0] >= 0xE0 && s[0] <= 0xEF ? 3
-                        : s[0] >= 0xF0 && s[0] <= 0xF4 ? 4
-                                                       : 0;
-  for (size_t i = 1; i < length; i++)
-    if ((s[i] & 0xC0) != 0x80)
-      return 0;
-  const bool bad = (s[0] == 0xE0 && s[1] < 0xA0) || (s[0] == 0xED && s[1] > 0x9F) || (s[0] == 0xF0 && s[1] < 0x90) ||
-                   (s[0] == 0xF4 && s[1] > 0x8F) || (s[0] == 0xC2 && s[1] < 0xA0);
-  return bad ? 0 : length;
-}
-
 void pags_html_text(pags_html *html, const char *text) {
-  static const char replacement[] = "\xEF\xBF\xBD";
-  for (const unsigned char *s = (const unsigned char *)text; *s;) {
-    const char *entity = *s == '&'    ? "&amp;"
-                         : *s == '<'  ? "&lt;"
-                         : *s == '>'  ? "&gt;"
-                         : *s == '"'  ? "&quot;"
-                         : *s == '\'' ? "&#39;"
-                                      : NULL;
-    const bool plain = (*s >= 0x20 && *s < 0x7F) || *s == '\n' || *s == '\t';
-    const size_t length = plain ? 1 : *s < 0x80 ? 0 : utf8_length(s);
+  for (const char *s = text; *s;) {
+    const unsigned char c = (unsigned char)*s;
+    const char *entity = c == '&'    ? "&amp;"
+                         : c == '<'  ? "&lt;"
+                         : c == '>'  ? "&gt;"
+                         : c == '"'  ? "&quot;"
+                         : c == '\'' ? "&#39;"
+                                     : NULL;
+    const size_t length = pags_text_utf8(s);
+    const bool control = c == 0x7F || (c < 0x20 && c != '\n' && c != '\t') || (c == 0xC2 && (unsigned char)s[1] < 0xA0);
+    char code[8];
     if (entity)
       append(html, entity, strlen(entity));
-    else if (length)
-      append(html, s, length);
+    else if (!length)
+      append(html, code, (size_t)snprintf(code, sizeof code, "\\x%02X", c));
+    else if (control)
+      append(html, "\xEF\xBF\xBD", 3);
     else
-      append(html, replacement, sizeof replacement - 1);
+      append(html, s, length);
     s += length ? length : 1;
   }
 }

@@ -18,7 +18,7 @@ typedef struct pags_html {
 void pags_html_put(pags_html *html, const char *format, ...) PAGS_PRINTF(2, 3);
 
 /* Appends text that comes from anywhere: what HTML would read as markup is escaped, also within quotes; control
- * characters and bytes that aren't UTF-8 become U+FFFD. */
+ * characters become U+FFFD, and a byte that isn't UTF-8 \xDF (its value). */
 void pags_html_text(pags_html *html, const char *text);
 
 /* Appends an element with such a text, isolated from the direction of the text around it: <name>text</name>. `name` may

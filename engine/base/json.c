@@ -169,7 +169,8 @@ static pags_result read_hex4(reader *r, unsigned *code) {
   return PAGS_OK;
 }
 
-/* Reads what follows "\u", a second half of a surrogate pair included, and stores the character as UTF-8. */
+/* Reads what follows "\u", a second half of a surrogate pair included, and stores the character as UTF-8. U+DC80 to
+ * U+DCFF alone are bytes that aren't UTF-8 (json_write.c). */
 static pags_result read_unicode_escape(reader *r) {
   unsigned code, low;
   PAGS_TRY(read_hex4(r, &code));
@@ -181,6 +182,9 @@ static pags_result read_unicode_escape(reader *r) {
     if (low < 0xDC00 || low > 0xDFFF)
       return syntax_error(r, "the second half of a surrogate pair before this");
     code = 0x10000 + ((code - 0xD800) << 10) + (low - 0xDC00);
+  } else if (code >= 0xDC80 && code <= 0xDCFF) {
+    *r->string_at++ = (char)(code & 0xFF);
+    return PAGS_OK;
   } else if (code >= 0xDC00 && code <= 0xDFFF) {
     return syntax_error(r, "the first half of a surrogate pair before this");
   }

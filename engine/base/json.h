@@ -3,8 +3,10 @@
  * number for 'fl_x'". The writer produces the same bytes for the same calls.
  *
  * The reader accepts RFC 8259 without extensions, but for a byte order mark at the beginning. Nesting is limited to
- * 128 levels; strings are UTF-8, which is not validated, and must not contain U+0000; of duplicate keys the last one
- * counts; numbers are read as double, independent of the locale, and as exact 64-bit integers by the integer getters.
+ * 128 levels; strings are UTF-8, which is not validated, and must not contain U+0000; lone surrogates U+DC80 to U+DCFF
+ * are bytes that aren't UTF-8, which the writer writes so, as Python's "surrogateescape" has it; of duplicate keys the
+ * last one counts; numbers are read as double, independent of the locale, and as exact 64-bit integers by the integer
+ * getters.
  *
  * A getter takes the document (for the path in messages), an object of it and a key. The getters without _or fail
  * with PAGS_ERROR_FORMAT if the key is missing or its value has another type; those with _or return the fallback if

@@ -46,10 +46,18 @@ static void put_line_break(pags_json_writer *w) {
     put(w, " ", 1);
 }
 
+/* A byte that isn't UTF-8, as in a file name of an old disk, is written as the lone surrogate that Python's
+ * "surrogateescape" gives it, U+DC80 to U+DCFF, and so reads back as it was. */
+static void put_stray(pags_json_writer *w, char byte) {
+  char escape[8];
+  put(w, escape, (size_t)snprintf(escape, sizeof escape, "\\udc%02x", (unsigned char)byte));
+}
+
 static void put_quoted(pags_json_writer *w, const char *text) {
   put(w, "\"", 1);
   for (const char *at = text; *at; at++) {
-    unsigned char c = (unsigned char)*at;
+    const unsigned char c = (unsigned char)*at;
+    const size_t length = pags_text_utf8(at);
     char escape[8];
     if (c == '"' || c == '\\')
       put(w, (char[]){'\\', *at}, 2);
@@ -59,8 +67,12 @@ static void put_quoted(pags_json_writer *w, const char *text) {
       put(w, "\\t", 2);
     else if (c < 0x20)
       put(w, escape, (size_t)snprintf(escape, sizeof escape, "\\u%04x", c));
-    else
-      put(w, at, 1);
+    else if (!length)
+      put_stray(w, *at);
+    else {
+      put(w, at, length);
+      at += length - 1;
+    }
   }
   put(w, "\"", 1);
 }
@@ -166,7 +178,13 @@ void pags_json_put_numbers(pags_json_writer *writer, const char *key, const doub
 
 void pags_json_put_raw(pags_json_writer *writer, const char *key, const char *text) {
   begin_value(writer, key);
-  put_text(writer, text);
+  for (size_t length; *text; text += length ? length : 1) {
+    length = pags_text_utf8(text);
+    if (length)
+      put(writer, text, length);
+    else
+      put_stray(writer, *text);
+  }
 }
 
 pags_result pags_json_writer_finish(pags_json_writer *writer) {

@@ -4,6 +4,7 @@
 #include "base/text.h"
 
 #include <stdarg.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -29,6 +30,35 @@ int pags_text_from_double(double value, char out[PAGS_DOUBLE_TEXT]) {
   }
   pags_port_leave_c_locale(scope);
   return length;
+}
+
+size_t pags_text_utf8(const char *text) {
+  const unsigned char *const s = (const unsigned char *)text;
+  const size_t length = s[0] >= 0x01 && s[0] <= 0x7F   ? 1
+                        : s[0] >= 0xC2 && s[0] <= 0xDF ? 2
+                        : s[0] >= 0xE0 && s[0] <= 0xEF ? 3
+                        : s[0] >= 0xF0 && s[0] <= 0xF4 ? 4
+                                                       : 0;
+  for (size_t i = 1; i < length; i++)
+    if ((s[i] & 0xC0) != 0x80)
+      return 0;
+  const bool bad = (s[0] == 0xE0 && s[1] < 0xA0) || (s[0] == 0xED && s[1] > 0x9F) || (s[0] == 0xF0 && s[1] < 0x90) ||
+                   (s[0] == 0xF4 && s[1] > 0x8F);
+  return bad ? 0 : length;
+}
+
+char *pags_text_readable(const char *text) {
+  char *const copy = malloc(4 * strlen(text) + 1), *to = copy;
+  while (copy && *text) {
+    const size_t length = pags_text_utf8(text);
+    if (length)
+      memcpy(to, text, length);
+    to += length ? length : (size_t)sprintf(to, "\\x%02X", (unsigned char)*text);
+    text += length ? length : 1;
+  }
+  if (copy)
+    *to = 0;
+  return copy;
 }
 
 char *pags_text_copy(const char *text) {

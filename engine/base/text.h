@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Conversion between numbers and text that doesn't depend on the locale, and strings on the heap. */
+/* Conversion between numbers and text that doesn't depend on the locale, UTF-8, and strings on the heap. */
 #ifndef PAGS_BASE_TEXT_H
 #define PAGS_BASE_TEXT_H
 
@@ -16,6 +16,13 @@ enum { PAGS_DOUBLE_TEXT = 32 };
 /* Writes the shortest of %.15g, %.16g and %.17g that reads back to the same bits ("0.1", "1e-07", "nan"). Returns its
  * length. */
 int pags_text_from_double(double value, char out[PAGS_DOUBLE_TEXT]);
+
+/* Length in bytes of the UTF-8 character at `text`, 1 of an ASCII character; 0 at the end and where there is none: at a
+ * stray byte, an overlong form, a surrogate, or a code beyond U+10FFFF. */
+size_t pags_text_utf8(const char *text);
+/* Returns a copy of `text` in valid UTF-8, for people to read, that the caller frees: a byte that isn't UTF-8, as in a
+ * file name of an old disk, becomes \xDF (its value). NULL if out of memory. */
+char *pags_text_readable(const char *text);
 
 /* Returns a copy of `text` that the caller frees; NULL if out of memory or if `text` is NULL. */
 char *pags_text_copy(const char *text);

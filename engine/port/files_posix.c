@@ -143,6 +143,11 @@ bool pags_port_is_terminal(FILE *stream) {
   return isatty(fileno(stream)) == 1;
 }
 
+bool pags_port_is_writable(FILE *stream) {
+  const int flags = fcntl(fileno(stream), F_GETFL);
+  return flags >= 0 && (flags & O_ACCMODE) != O_RDONLY;
+}
+
 /* ---- Names ---- */
 
 bool pags_port_rename(const char *from, const char *to) {

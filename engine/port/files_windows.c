@@ -218,6 +218,10 @@ bool pags_port_is_terminal(FILE *stream) {
   return _isatty(_fileno(stream)) != 0;
 }
 
+bool pags_port_is_writable(FILE *stream) {
+  return _fileno(stream) >= 0;
+}
+
 /* ---- Names ---- */
 
 bool pags_port_rename(const char *from, const char *to) {

@@ -78,6 +78,7 @@ FILE *pags_port_open_straight(const char *path);
 bool pags_port_sync(FILE *stream); /* flushed data to disk; true for devices that can't be synced */
 bool pags_port_seek(FILE *stream, int64_t offset, int whence);
 bool pags_port_is_terminal(FILE *stream);
+bool pags_port_is_writable(FILE *stream); /* it is open, and for writing */
 
 /* Renames a file; replaces a file that has the new name already. */
 bool pags_port_rename(const char *from, const char *to);
@@ -132,7 +133,8 @@ void pags_port_ignore_broken_pipes(void);
 /* Prints `message` and ends the program with code 1 when a mapped file turns out to be shorter than its mapping. */
 void pags_port_on_lost_mapping(const char *message);
 /* Makes main's arguments UTF-8 where the system gives them in another form, the console understand UTF-8, and the
- * standard streams carry bytes as they are. */
+ * standard streams carry bytes as they are. Reserves the descriptors of standard streams that are closed, so that no
+ * file gets one: what is written to such an output fails. */
 void pags_port_begin_program(int *argc, char ***argv);
 
 /* Writes the path of the running program's folder; false if it isn't known or doesn't fit into `size` bytes. */

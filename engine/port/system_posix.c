@@ -9,6 +9,7 @@
 #include "port/port.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <locale.h>
 #include <signal.h>
 #include <stdlib.h>
@@ -213,6 +214,9 @@ void pags_port_on_lost_mapping(const char *message) {
 void pags_port_begin_program(int *argc, char ***argv) {
   (void)argc;
   (void)argv;
+  for (int stream = STDIN_FILENO; stream <= STDERR_FILENO; stream++)
+    if (fcntl(stream, F_GETFL) < 0) /* open takes the lowest free descriptor; other programs find it closed */
+      open("/dev/null", O_RDONLY | O_CLOEXEC);
 #ifdef __GLIBC__
   /* Otherwise the limit grows to the largest block that was ever freed, up to 32 MB: later blocks then lie in the heap,
    * which isn't given back, and calloc fills with zeros what would take no memory until it is used. */

@@ -5,8 +5,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
+#include <cstdlib>
 #include <cstring>
 #include <memory>
+#include <new>
 #include <set>
 #include <sstream>
 #include <stdexcept>
@@ -19,6 +22,7 @@
 #include "base/file.h"
 #include "base/json.h"
 #include "base/memory.h"
+#include "base/text.h"
 #include "maths/maths.h"
 
 struct pags_gltf {
@@ -45,9 +49,17 @@ int guarded(pags_gltf *gltf, const Work &what) {
   }
 }
 
+/* Text for the file, which has to be UTF-8. */
+std::string readable(const char *text) {
+  const std::unique_ptr<char, void (*)(void *)> copy(pags_text_readable(text), std::free);
+  if (!copy)
+    throw std::bad_alloc();
+  return std::string(copy.get());
+}
+
 /* Makes a name unique among those taken: importers tell things apart by it, or overwrite one by the other. */
 std::string unique(std::set<std::string> &taken, const char *name) {
-  const std::string wanted = *name ? name : "unnamed";
+  const std::string wanted = *name ? readable(name) : "unnamed";
   std::string out = wanted;
   for (int i = 2; !taken.insert(out).second; i++)
     out = wanted + "_" + std::to_string(i);
@@ -61,7 +73,7 @@ tinygltf::Value convert(const pags_json_value *value) {
       if (!std::strpbrk(value->text, ".eE") && std::fabs(value->number) < 2e9)
         return tinygltf::Value(static_cast<int>(value->number));
       return tinygltf::Value(value->number);
-    case PAGS_JSON_STRING: return tinygltf::Value(std::string(value->text));
+    case PAGS_JSON_STRING: return tinygltf::Value(readable(value->text));
     case PAGS_JSON_ARRAY: {
       tinygltf::Value::Array array;
       for (const pags_json_value *child = value->first; child; child = child->next)
@@ -72,7 +84,7 @@ tinygltf::Value convert(const pags_json_value *value) {
       tinygltf::Value::Object object;
       for (const pags_json_value *child = value->first; child; child = child->next)
         if (child->type != PAGS_JSON_NULL)
-          object[child->key] = convert(child);
+          object[readable(child->key)] = convert(child);
       return tinygltf::Value(object);
     }
     default: return tinygltf::Value();
@@ -195,13 +207,13 @@ Corners corners_of(const pags_proxy_mesh *surface, const std::vector<float> &nor
 
 int put_textured_material(pags_gltf *gltf, const char *name, const pags_texture *texture, int double_sided) {
   tinygltf::Image image;
-  image.name = name;
+  image.name = readable(name);
   image.mimeType = "image/png";
   image.bufferView = put_view(gltf, texture->png, texture->png_size, 0, 0);
   tinygltf::Texture use;
   use.source = static_cast<int>(gltf->model.images.size());
   tinygltf::Material material;
-  material.name = name;
+  material.name = readable(name);
   material.doubleSided = double_sided != 0;
   material.pbrMetallicRoughness.metallicFactor = 0;
   material.pbrMetallicRoughness.baseColorTexture.index = static_cast<int>(gltf->model.textures.size());
@@ -268,6 +280,20 @@ uint32_t word_at(const std::string &bytes, size_t at) {
   return word;
 }
 
+/* A file name as a URI: all but letters, digits and "-._~" in percent-encoding. */
+std::string uri_of(const char *name) {
+  std::string uri;
+  for (; *name; name++) {
+    char code[4];
+    const unsigned char c = static_cast<unsigned char>(*name);
+    const bool plain =
+        (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || std::strchr("-._~", c);
+    std::snprintf(code, sizeof code, plain ? "%c" : "%%%02X", c);
+    uri += code;
+  }
+  return uri;
+}
+
 /* Writes a GLB in memory as a .gltf and a .bin. A GLB is a header of 12 bytes and chunks of (length, kind, bytes):
  * first the JSON, then the buffer. The name of the .bin is put into the JSON as the buffer's `uri`. */
 pags_result save_apart(const std::string &glb, const char *path) {
@@ -280,7 +306,7 @@ pags_result save_apart(const std::string &glb, const char *path) {
   const std::string mark = "\"buffers\":[{"; /* quotes in JSON strings are escaped, so only the member matches */
   size_t at = json.find(mark);
   if (at != std::string::npos) {
-    json.insert(at + mark.size(), "\"uri\":\"" + std::string(pags_path_name(bin_path.c_str())) + "\",");
+    json.insert(at + mark.size(), "\"uri\":\"" + uri_of(pags_path_name(bin_path.c_str())) + "\",");
     size_t bin_size = word_at(glb, bin_at);
     PAGS_TRY(pags_file_write(bin_path.c_str(), glb.data() + bin_at + 8, bin_size));
   }
@@ -315,7 +341,7 @@ void pags_gltf_destroy(pags_gltf *gltf) {
 int pags_gltf_material(pags_gltf *gltf, const char *name, int double_sided) {
   return guarded(gltf, [&] {
     tinygltf::Material material;
-    material.name = name;
+    material.name = readable(name);
     material.doubleSided = double_sided != 0;
     material.pbrMetallicRoughness.metallicFactor = 0;
     gltf->model.materials.push_back(material);

@@ -233,11 +233,11 @@ class Case(unittest.TestCase):
         return done
 
     def fails(self, arguments, *words, code=1, **more):
-        """One line on stderr beginning with the program's name that holds each of `words`; nothing else of ours there. (libpng
-        prints a line of its own where a file ends too early.)"""
+        """One line on stderr beginning with the program's name that holds each of `words`; nothing else of ours there but
+        warnings. (libpng prints a line of its own where a file ends too early.)"""
         done = run(*arguments, **more)
         self.assertEqual(done.returncode, code, f"{arguments}: {done.stdout}{done.stderr}")
-        lines = [line for line in done.stderr.splitlines() if not line.startswith("libpng ")]
+        lines = [line for line in done.stderr.splitlines() if not line.startswith(("libpng ", "warning: "))]
         self.assertEqual(len(lines), 1, f"{arguments}: expected one line, got {done.stderr!r}")
         name = os.path.basename(program(arguments)[0])
         self.assertTrue(lines[0].startswith(f"{name}: " if code == 1 else name), lines[0])

@@ -33,8 +33,8 @@ class Effect(DataCase):
     def test_train(self):
         verb = ["train", self.data, "-n", "1", "--estimate", *SMALL]
         done = self.succeeds(*verb, "--no-sky", "--no-lidar-start")
-        self.assertEqual(done.stdout.count("warning: "), 1, done.stdout)
-        self.assertIn(f"{self.data}: --no-sky, --no-lidar-start: no effect on a static set", done.stdout)
+        self.assertEqual(done.stderr.count("warning: "), 1, done.stderr)
+        self.assertIn(f"{self.data}: --no-sky, --no-lidar-start: no effect on a static set", done.stderr)
         self.fails([*verb, "--no-sky", "--strict"], "--no-sky", "because of --strict")
         self.fails([*verb, "--preset", "plain", "--prune-rate", "0.5/0.2"], "--prune-rate", "pruned by score", code=2)
 

@@ -27,7 +27,7 @@ class Warnings(Case):
     def test_are_said_and_written(self):
         for verb in [["info", self.odd], ["export", self.odd, self.path("out.spz")]]:
             done = self.succeeds(*verb, "--json", self.path("out.json"))
-            self.assertEqual(done.stdout.count(f"warning: {self.line}\n"), 1, done.stdout)
+            self.assertEqual(done.stderr.count(f"warning: {self.line}\n"), 1, done.stderr)
             self.assertEqual(json.loads(read(self.path("out.json")))["warnings"], [self.line])
         self.assertEqual(self.succeeds("info", self.odd, "--quiet").stdout, "")
 

@@ -166,7 +166,7 @@ class MaskTest(StreetCase):
         shutil.rmtree(self.at("lidar"))
         done = self.succeeds("train", self.street, "-o", self.path("scene"), "--iterations", "1", *fixtures.SMALL)
         self.assertIn("sky modelled", done.stdout)
-        self.assertIn("warning: ", done.stdout)
+        self.assertIn("warning: ", done.stderr)
 
     def test_an_empty_mask_says_nothing_of_the_others(self):
         self.repaint("dynamic_masks/all", lambda value, y, height: 1 if y > 40 else 0)

@@ -6,6 +6,7 @@
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "base/text.h"
@@ -91,6 +92,53 @@ static void strings_are_decoded(void **state) {
   assert_string_equal(pags_json_root(json)->first->text, "\xC3\xA9\xF0\x9F\x98\x80\n\"/");
   assert_string_equal(pags_json_root(json)->first->next->text, "\xC3\xA9");
   pags_json_destroy(json);
+}
+
+/* File names may have any bytes but zero and the slash; what is written has to be UTF-8 and to read back as it was. */
+static void bytes_that_are_not_utf8_read_back(void **state) {
+  (void)state;
+  static const char *const texts[] = {
+      "stra\xDF"
+      "e",
+      "\xC3\xA9\xDF",
+      "\xC0\xAF",
+      "\xED\xA0\x80",
+      "\xF4\x90\x80\x80",
+      "\xF0\x9F\x98\x80\xF0\x9F\x98",
+      "\x80\xFF",
+      "\xE2\x82"};
+  static const char *const written[] = {"stra\\udcdfe",
+                                        "\xC3\xA9\\udcdf",
+                                        "\\udcc0\\udcaf",
+                                        "\\udced\\udca0\\udc80",
+                                        "\\udcf4\\udc90\\udc80\\udc80",
+                                        "\xF0\x9F\x98\x80\\udcf0\\udc9f\\udc98",
+                                        "\\udc80\\udcff",
+                                        "\\udce2\\udc82"};
+  for (size_t i = 0; i < sizeof texts / sizeof *texts; i++) {
+    pags_json_writer w;
+    char raw[64], expected[256];
+    snprintf(raw, sizeof raw, "\"%s\"", texts[i]);
+    snprintf(expected, sizeof expected, "{\"%s\": \"%s\", \"raw\": \"%s\"}\n", written[i], written[i], written[i]);
+    pags_json_writer_init(&w, 0);
+    pags_json_begin_object(&w, NULL);
+    pags_json_put_string(&w, texts[i], texts[i]);
+    pags_json_put_raw(&w, "raw", raw);
+    pags_json_end_object(&w);
+    assert_int_equal(pags_json_writer_finish(&w), PAGS_OK);
+    assert_string_equal(w.data, expected);
+    pags_json *json = parse(w.data);
+    assert_string_equal(pags_json_root(json)->first->text, texts[i]);
+    assert_string_equal(pags_json_root(json)->first->key, texts[i]);
+    assert_string_equal(pags_json_root(json)->first->next->text, texts[i]);
+    pags_json_destroy(json);
+    pags_json_writer_destroy(&w);
+  }
+  char *const readable = pags_text_readable(
+      "stra\xDF"
+      "e \xC3\xA9");
+  assert_string_equal(readable, "stra\\xDFe \xC3\xA9");
+  free(readable);
 }
 
 static void getters_name_key_and_line(void **state) {
@@ -220,17 +268,12 @@ static void files_are_named(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(values_know_type_and_line),
-      cmocka_unit_test(syntax_errors_name_the_line),
-      cmocka_unit_test(nesting_has_a_limit),
-      cmocka_unit_test(every_truncation_fails_cleanly),
-      cmocka_unit_test(strings_are_decoded),
-      cmocka_unit_test(getters_name_key_and_line),
-      cmocka_unit_test(unsigned_integers_are_exact),
-      cmocka_unit_test(the_writer_writes_this),
-      cmocka_unit_test(doubles_survive),
-      cmocka_unit_test(the_locale_changes_nothing),
-      cmocka_unit_test(files_are_named),
+      cmocka_unit_test(values_know_type_and_line),      cmocka_unit_test(bytes_that_are_not_utf8_read_back),
+      cmocka_unit_test(syntax_errors_name_the_line),    cmocka_unit_test(nesting_has_a_limit),
+      cmocka_unit_test(every_truncation_fails_cleanly), cmocka_unit_test(strings_are_decoded),
+      cmocka_unit_test(getters_name_key_and_line),      cmocka_unit_test(unsigned_integers_are_exact),
+      cmocka_unit_test(the_writer_writes_this),         cmocka_unit_test(doubles_survive),
+      cmocka_unit_test(the_locale_changes_nothing),     cmocka_unit_test(files_are_named),
   };
   return cmocka_run_group_tests(tests, scratch_setup, scratch_teardown);
 }

@@ -135,6 +135,8 @@ def run(arguments):
 
 def main():
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    for stream in filter(None, (sys.stdout, sys.stderr)):
+        stream.reconfigure(errors="surrogateescape")  # names that aren't UTF-8 are printed as they are
     p = parser()
     arguments = p.parse_args()
     alien = ("cameras", "frames", "sequence") if arguments.kind == "photos" else ("pictures",)
@@ -143,6 +145,8 @@ def main():
             p.error(f"--{name}: isn't for {arguments.kind}")
     try:
         run(arguments)
+        if sys.stdout:
+            sys.stdout.flush()
     except KeyboardInterrupt:
         print(f"{PROGRAM}: interrupted; the same command goes on", file=sys.stderr)
         return 3

@@ -268,7 +268,7 @@ def say(output, facts, people):
     print(f"{output}: {facts['registered']} of {facts['photographs']} photographs have cameras; {facts['points']} points, mean reprojection error "
           f"{facts['reprojection_error']:.2f} px; next: pags train {output} -o SCENE", file=people)  # fmt: skip
     if facts.get("damage"):
-        print(f"warning: {facts['damage']}", file=people)
+        print(f"warning: {facts['damage']}", file=sys.stderr)
     for name, why in list(facts["left_out"].items())[:10]:
         print(f"left out: {name}: {why}", file=people)
     if len(facts["left_out"]) > 10:
