@@ -20,7 +20,7 @@
 #                the wheel for 64-bit ARM in the same way under an emulator, and what those for macOS promise, as far as they are in dist/
 #   make check-reproducible TARGETS="NAME ..."  build their packages again in another folder, at another time: the same bytes (an hour a target)
 #   make deb     the Debian packages of the commit that is checked out, into dist/, checked by lintian (docs/release.md)
-#   make check-deb  install these into a fresh Debian 12, use them there and remove them (mmdebstrap; as root; a quarter of an hour)
+#   make check-deb  install these into a fresh Debian 12, use them there, in Blender, too, and remove them (mmdebstrap; as root; a quarter of an hour)
 #   make check-arm64  the engine's unit tests and a short training for 64-bit ARM, under an emulator; beside the same of x86-64, bit by bit
 #   make check-windows  tests and program of the build for Windows, under wine; beside the program of Linux, bit by bit
 #   make check-scaling  the predictions of pags-bench scaling beside the clock, on two threads of a quiet machine
@@ -124,7 +124,7 @@ check-blender-window-new: addon build/demo/scene/scene.json
 	@test -n "$(BLENDER_NEW)" || { echo "name a Blender by BLENDER_NEW=PROGRAM; scripts/setup_blender_new.sh makes one of Debian's packages"; exit 1; }
 	"$(BLENDER_NEW)" --command extension validate "$(CURDIR)"/build/pags-blender-*.zip
 	for script in viewport files jobs labels obey inspect look guide; do echo "gui_$$script.py"; PAGS_GUIDE_SCENE="$(CURDIR)/build/demo/scene" python3 tests/addon/run_blender.py gui_$$script.py \
-	  "$(CURDIR)/build/addon/pags/bin/pags" "$(CURDIR)"/build/pags-blender-*.zip "$(BLENDER_NEW)" || exit 1; done
+	  "$(CURDIR)/build/addon/pags_blender/bin/pags" "$(CURDIR)"/build/pags-blender-*.zip "$(BLENDER_NEW)" || exit 1; done
 	python3 -B tests/addon/test_guide.py build/pags build/pags-blender-*.zip "$(BLENDER_NEW)"
 
 bench-blender: addon

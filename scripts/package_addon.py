@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """package_addon.py FOLDER: makes one zip of the add-on for Blender 3.4 to 4.1 of those for single systems in FOLDER (package_cross.py), whichever
-are there: FOLDER/pags-blender-VERSION-3.4-to-4.1.zip. Module and program of a system lie in a folder of its name, where blender_addon/pags/system.py
+are there: FOLDER/pags-blender-VERSION-3.4-to-4.1.zip. Module and program of a system lie in a folder of its name, where blender_addon/pags_blender/system.py
 looks; Python, licences and texts are there once, and have to be the same in all. The manifest, which only extensions have, is left out."""
 
 import hashlib
@@ -12,8 +12,8 @@ import zipfile
 
 from package_cross import TARGETS, version, zip_bytes
 
-PARTS = re.compile(r"pags/(?:pags\.abi3\.so|pags\.pyd|bin/.*)")  # of one system
-LEFT_OUT = "pags/blender_manifest.toml"
+PARTS = re.compile(r"pags_blender/(?:pags\.abi3\.so|pags\.pyd|bin/.*)")  # of one system
+LEFT_OUT = "pags_blender/blender_manifest.toml"
 
 
 def merge(zips):
@@ -26,12 +26,12 @@ def merge(zips):
                 if entry.is_dir() or name == LEFT_OUT:
                     continue
                 if PARTS.fullmatch(name):
-                    name = name.replace("pags/", f"pags/{system}/", 1)
+                    name = name.replace("pags_blender/", f"pags_blender/{system}/", 1)
                 file = archive.read(entry), entry.external_attr >> 16 & 0o777
                 if files.setdefault(name, file)[0] != file[0]:
                     sys.exit(f"package_addon: {path}: its {name} isn't that of {first[name]}; expected zips of one commit: make packages builds them all")
                 first.setdefault(name, path)
-        if not any(name.startswith(f"pags/{system}/pags.") for name in files):
+        if not any(name.startswith(f"pags_blender/{system}/pags.") for name in files):
             sys.exit(f"package_addon: {path}: has no module; expected one that scripts/package_cross.py has made")
     return files
 

@@ -191,7 +191,7 @@ def main():
     with zipfile.ZipFile(os.path.join(build, addon)) as built:
         inside = {entry.filename: (built.read(entry), 0o755 if entry.external_attr >> 16 & 0o100 else 0o644)
                   for entry in built.infolist() if not entry.is_dir()}
-    packages[addon] = zip_bytes({**inside, **{f"pags/third_party/{text}": file for text, file in others.items()}})
+    packages[addon] = zip_bytes({**inside, **{f"pags_blender/third_party/{text}": file for text, file in others.items()}})
     os.makedirs(folder, exist_ok=True)
     for file, content in packages.items():
         with open(os.path.join(folder, file), "wb") as out:

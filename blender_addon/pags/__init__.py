@@ -1,55 +1,38 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""PAGS in Blender: import a reconstructed driving scene, see it, scrub its time, move its objects, place cameras,
-render.
+"""The Python API of PAGS in Blender up to 4.1, as `import pags`. The add-on itself is pags_blender; this was its name once, so that what is switched on or
+imported under it is that add-on's."""
 
-One tree is a legacy add-on up to Blender 4.1 and an extension from 4.2 on. Layers: this file registers; engine.py,
-viewport.py and overlay.py draw; gather.py turns Blender's state into what is to be drawn; native.py alone knows the C
-module."""
+import importlib
+
+import addon_utils
+import pags_blender
 
 bl_info = {
-    "name": "PAGS: driving scenes as Gaussian splats",
-    "author": "The PAGS authors",
-    "version": (0, 0, 0),  # the build puts the engine's here
+    "name": "PAGS: under its former name",
     "blender": (3, 4, 0),
-    "location": "File > Import, Render engine PAGS, 3D View > Sidebar > PAGS",
-    "description": "Import, edit and render Gaussian-splat driving scenes with the PAGS engine",
+    "description": "Switch on 'PAGS: driving scenes as Gaussian splats' in place of it",
+    "support": "TESTING",  # which lists leave out
     "category": "Import-Export",
 }
 
-from . import (
-    cameras,
-    cleanup,
-    comparison,
-    composite,
-    engine,
-    exporter,
-    handlers,
-    importer,
-    inspect_panel,
-    inspector,
-    jobs,
-    legend,
-    measure,
-    native_splats,
-    overlay,
-    picked,
-    properties,
-    proxies,
-    recording,
-    select_tool,
-    ui,
-    watch,
-)
 
-PARTS = (properties, cleanup, jobs, importer, cameras, engine, overlay, inspector, select_tool, comparison, measure, recording, composite)
-PARTS += (exporter, native_splats, proxies, legend, picked, ui, inspect_panel, handlers, watch)
+def __getattr__(name):
+    """What the module has, else a part of the add-on."""
+    api = pags_blender.native.module
+    if api is None:
+        raise ImportError(pags_blender.native.problem)
+    if hasattr(api, name):
+        return getattr(api, name)
+    try:
+        return importlib.import_module(f"pags_blender.{name}")
+    except ModuleNotFoundError:
+        raise AttributeError(f"module 'pags' has no attribute {name!r}") from None
 
 
 def register():
-    for part in PARTS:
-        part.register()
+    if not addon_utils.check("pags_blender")[1]:
+        addon_utils.enable("pags_blender", default_set=True, persistent=True)
 
 
 def unregister():
-    for part in reversed(PARTS):
-        part.unregister()
+    pass  # the add-on has a switch of its own

@@ -33,8 +33,8 @@ def install():
             bpy.ops.preferences.addon_enable(module=name)
     else:
         bpy.ops.preferences.addon_install(filepath=PACKAGE, overwrite=True)
-        bpy.ops.preferences.addon_enable(module="pags")
-        name = "pags"
+        bpy.ops.preferences.addon_enable(module="pags_blender")
+        name = "pags_blender"
     __import__(name)
     return sys.modules[name]
 

@@ -72,8 +72,8 @@ class Install(Case):
         self.assertTrue(os.path.exists(os.path.join(prefix, f"lib/libpags.so.{version}")))
         self.assertIn(f'\n__version__ = "{version}"', fixtures.read(os.path.join(prefix, "share/pags/recordings/pags_recordings/__init__.py")).decode())
         with zipfile.ZipFile(os.path.join(BUILD, f"pags-blender-{version}-linux-x64.zip")) as addon:
-            self.assertIn(f'\nversion = "{version}"\n', addon.read("pags/blender_manifest.toml").decode())
-            self.assertIn(f'"version": ({", ".join(parts)}),', addon.read("pags/__init__.py").decode())
+            self.assertIn(f'\nversion = "{version}"\n', addon.read("pags_blender/blender_manifest.toml").decode())
+            self.assertIn(f'"version": ({", ".join(parts)}),', addon.read("pags_blender/__init__.py").decode())
         for name in ["man/man1/pags.1", "man/man1/pags-train.1", "bash-completion/completions/pags", "zsh/site-functions/_pags",
                      "fish/vendor_completions.d/pags.fish"]:
             self.assertIn("pags", fixtures.read(os.path.join(prefix, "share", name)).decode(), name)

@@ -41,8 +41,8 @@ class Zip(Case):
             for entry in own.infolist():
                 if not entry.is_dir() and not package_addon.PARTS.fullmatch(entry.filename):
                     made.writestr(entry, own.read(entry) + (b"\n" if entry.filename == change else b""))
-            made.writestr("pags/" + module, f"a module for {system}")
-            made.writestr("pags/bin/" + program, f"a program for {system}")
+            made.writestr("pags_blender/" + module, f"a module for {system}")
+            made.writestr("pags_blender/bin/" + program, f"a program for {system}")
         return path
 
     def own(self):
@@ -67,11 +67,11 @@ class Zip(Case):
             self.assertEqual(len(names), len(set(names)))
             for entry in own.namelist():
                 part = package_addon.PARTS.fullmatch(entry)
-                if not entry.endswith("/") and entry != "pags/blender_manifest.toml":
-                    self.assertEqual(merged.read(entry.replace("pags/", f"pags/{OWN}/", 1) if part else entry), own.read(entry))
-            self.assertNotIn("pags/blender_manifest.toml", names)
-            self.assertEqual(merged.read("pags/windows-x64/bin/pags.exe"), b"a program for windows-x64")
-            self.assertEqual(merged.read("pags/macos-arm64/pags.abi3.so"), b"a module for macos-arm64")
+                if not entry.endswith("/") and entry != "pags_blender/blender_manifest.toml":
+                    self.assertEqual(merged.read(entry.replace("pags_blender/", f"pags_blender/{OWN}/", 1) if part else entry), own.read(entry))
+            self.assertNotIn("pags_blender/blender_manifest.toml", names)
+            self.assertEqual(merged.read("pags_blender/windows-x64/bin/pags.exe"), b"a program for windows-x64")
+            self.assertEqual(merged.read("pags_blender/macos-arm64/pags.abi3.so"), b"a module for macos-arm64")
 
     def test_what_is_there(self):
         """Those that lack are named; zips of other sources are refused, with the file."""
@@ -80,14 +80,14 @@ class Zip(Case):
         self.assertIsNone(self.merge()[0])
         self.own()
         self.assertIn("without macos-arm64", self.merge()[1])
-        self.stand_in("windows-x64", "pags/importer.py")
+        self.stand_in("windows-x64", "pags_blender/importer.py")
         said = self.merge(1)
-        self.assertIn("pags/importer.py", said)
+        self.assertIn("pags_blender/importer.py", said)
         self.assertIn("windows-x64.zip", said)
 
     def test_which_part_is_taken(self):
         """By what Python says of the process, in zips for one system and for several; one that is for others says for which."""
-        spec = importlib.util.spec_from_file_location("system", ROOT / "blender_addon/pags/system.py")
+        spec = importlib.util.spec_from_file_location("system", ROOT / "blender_addon/pags_blender/system.py")
         system = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(system)
 

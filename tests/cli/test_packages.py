@@ -30,9 +30,9 @@ class Packages(Case):
         self.write(f"{folder}/python/{module}", "module")
         self.write(f"{folder}/python/pags.pyi", "types")
         with zipfile.ZipFile(self.path(f"{folder}/pags-blender-{VERSION}-{target.split('-glibc')[0]}.zip"), "w") as addon:
-            addon.writestr("pags/__init__.py", "text")
-            addon.writestr("pags/bin/", "")
-            info = zipfile.ZipInfo("pags/bin/" + program)
+            addon.writestr("pags_blender/__init__.py", "text")
+            addon.writestr("pags_blender/bin/", "")
+            info = zipfile.ZipInfo("pags_blender/bin/" + program)
             info.external_attr = 0o100755 << 16
             addon.writestr(info, "program")
         return self.path(folder)
@@ -97,8 +97,8 @@ class Packages(Case):
                 self.assertEqual(wheel.read(module), b"module")
                 self.assertEqual(wheel.getinfo(f"pags-{VERSION}.data/scripts/{program}").external_attr >> 16, 0o100755)
             with zipfile.ZipFile(io.BytesIO(packed[next(name for name in packed if name.startswith("pags-blender"))])) as addon:
-                self.assertEqual(addon.getinfo("pags/bin/" + program).external_attr >> 16, 0o100755)
-                self.assertEqual(addon.getinfo("pags/__init__.py").external_attr >> 16, 0o100644)
+                self.assertEqual(addon.getinfo("pags_blender/bin/" + program).external_attr >> 16, 0o100755)
+                self.assertEqual(addon.getinfo("pags_blender/__init__.py").external_attr >> 16, 0o100644)
 
     def test_licences(self):
         """Each package has those of what its target links: Embree's only where proxies are built, sse2neon's there on ARM, MinGW's only on Windows."""
@@ -110,7 +110,7 @@ class Packages(Case):
             ("windows-x64", "pags.exe", "pags.pyd", ["mingw-w64", "zlib"], ["embree", "qhull"]),
         ]:
             packed = self.pack(self.build(target, program, module))
-            for file, folder in [(f"pags-{VERSION}-cp3", f"pags-{VERSION}.dist-info/licenses/third_party/"), ("pags-blender", "pags/third_party/"),
+            for file, folder in [(f"pags-{VERSION}-cp3", f"pags-{VERSION}.dist-info/licenses/third_party/"), ("pags-blender", "pags_blender/third_party/"),
                                  (f"pags-{VERSION}-{target[:5]}", "third_party/")]:
                 data = packed[next(name for name in packed if name.startswith(file))]
                 if data[:2] == b"PK":

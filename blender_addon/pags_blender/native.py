@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The only file that imports the C module. Caches loaded scenes by path, and renderers."""
 
-import importlib
+import importlib.machinery
 import os
+import sys
 import threading
+import types
 
 import bpy
 
@@ -19,6 +21,20 @@ try:
         module = None
 except ImportError as error:
     problem = f"the PAGS module can't be loaded: {error}"
+
+
+def publish():
+    """Makes `import pags` give the module in this Blender, unless a script has imported another. An extension gives a copy without a file: Blender warns
+    of extensions whose files are modules of the top level."""
+    if module is None:
+        return
+    if not __package__.startswith("bl_ext."):
+        sys.modules.setdefault("pags", module)
+        return
+    api = types.ModuleType("pags", module.__doc__)
+    vars(api).update((name, value) for name, value in vars(module).items() if not name.startswith("__") or name == "__version__")
+    api.__spec__ = importlib.machinery.ModuleSpec("pags", None)
+    sys.modules.setdefault("pags", api)
 
 
 class SceneError(Exception):

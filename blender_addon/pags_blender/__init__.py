@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""PAGS in Blender: import a reconstructed driving scene, see it, scrub its time, move its objects, place cameras,
+render.
+
+One tree is a legacy add-on up to Blender 4.1 and an extension from 4.2 on. Layers: this file registers; engine.py,
+viewport.py and overlay.py draw; gather.py turns Blender's state into what is to be drawn; native.py alone knows the C
+module."""
+
+bl_info = {
+    "name": "PAGS: driving scenes as Gaussian splats",
+    "author": "The PAGS authors",
+    "version": (0, 0, 0),  # the build puts the engine's here
+    "blender": (3, 4, 0),
+    "location": "File > Import, Render engine PAGS, 3D View > Sidebar > PAGS",
+    "description": "Import, edit and render Gaussian-splat driving scenes with the PAGS engine",
+    "category": "Import-Export",
+}
+
+import sys
+
+import addon_utils
+import bpy
+
+from . import (
+    cameras,
+    cleanup,
+    comparison,
+    composite,
+    engine,
+    exporter,
+    handlers,
+    importer,
+    inspect_panel,
+    inspector,
+    jobs,
+    legend,
+    measure,
+    native,
+    native_splats,
+    overlay,
+    picked,
+    properties,
+    proxies,
+    recording,
+    select_tool,
+    ui,
+    watch,
+)
+
+PARTS = (properties, cleanup, jobs, importer, cameras, engine, overlay, inspector, select_tool, comparison, measure, recording, composite)
+PARTS += (exporter, native_splats, proxies, legend, picked, ui, inspect_panel, handlers, watch)
+
+
+FORMER = "pags"  # the add-on's name until it got out of the Python module's way
+
+
+def leave_former_copy():
+    """Switches off the copy that runs, and is chosen in the preferences, under the former name; returns its settings. Raises RuntimeError where a copy under
+    another name is on: both would register the same classes."""
+    known = bpy.types.Operator.bl_rna_get_subclass_py("PAGS_OT_job")
+    package = known.__module__.rpartition(".")[0] if known else ""
+    if package not in {"", __package__, FORMER}:
+        raise RuntimeError(f"another copy of this add-on is switched on, as {package}; switch that one off first")
+    former = bpy.context.preferences.addons.get(FORMER) if __package__ == "pags_blender" else None
+    kept = {name: getattr(former.preferences, name) for name in ("program", "budget") if hasattr(former.preferences, name)} if former else {}
+    if package == FORMER != __package__:
+        addon_utils.disable(FORMER, default_set=True)
+        sys.modules.pop(FORMER)  # which is now the Python module's
+    elif former:
+        bpy.context.preferences.addons.remove(former)
+    return kept
+
+
+def register():
+    kept = leave_former_copy()
+    native.publish()
+    for part in PARTS:
+        part.register()
+    chosen = properties.preferences(bpy.context)
+    for name, value in kept.items() if chosen else ():
+        setattr(chosen, name, value)
+
+
+def unregister():
+    for part in reversed(PARTS):
+        part.unregister()
