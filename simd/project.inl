@@ -14,7 +14,7 @@ typedef struct projected {
   vf inv_z, tx, ty; /* clamped x/z, y/z */
   vm clamped_x, clamped_y;
   vf sigma[3];
-  vf q[4], q_inv_norm;   /* unit quaternion, 1/|q| (0 for a zero quaternion, which is taken as the identity) */
+  vf q[4], q_inv_norm;   /* unit quaternion, and 1/|q|, at most 1e15; 0 for a zero quaternion, which is the identity */
   vf rotation[9];        /* R */
   vf j00, j02, j11, j12; /* J */
   vf t[6];               /* J W, 2x3 */
@@ -26,16 +26,31 @@ typedef struct projected {
   vf raw_opacity, rest; /* sigmoid(logit), and 1 - sigmoid(logit) computed without cancellation */
 } projected;
 
+static inline vf quaternion_square(const vf q[4]) {
+  return v_fma(q[0], q[0], v_dot3(q[1], q[2], q[3], q[1], q[2], q[3]));
+}
+
 static inline void rotation_from_quaternion(projected *s, const float *data, int64_t stride) {
   vf q[4];
   for (int k = 0; k < 4; k++)
     q[k] = v_load(data + (6 + k) * stride);
-  const vf norm2 = v_fma(q[0], q[0], v_dot3(q[1], q[2], q[3], q[1], q[2], q[3]));
-  const vm none = v_le(norm2, v_set(1e-30f)); /* false for NaN, which stays NaN: such a row is not drawn */
+  vf norm2 = quaternion_square(q), scale = v_set(1.0f);
+  const vm ordinary = m_and(v_gt(norm2, v_set(1e-30f)), v_lt(norm2, v_set(1e38f)));
+  const bool scaled = m_bits(ordinary) != 0xFFFFu;
+  if (scaled) { /* a power of two brings the squares of every length but 0 into the range of floats */
+    const vf other = v_select(v_lt(norm2, scale), v_set(0x1p100f), v_set(0x1p-100f));
+    scale = v_select(ordinary, scale, other);
+    for (int k = 0; k < 4; k++)
+      q[k] = v_mul(q[k], scale);
+    norm2 = quaternion_square(q);
+  }
+  const vm none = v_le(norm2, v_zero()); /* false for NaN, which stays NaN: such a row is not drawn */
   s->q_inv_norm = v_select(none, v_zero(), v_div(v_set(1.0f), v_sqrt(v_select(none, v_set(1.0f), norm2))));
   s->q[0] = v_select(none, v_set(1.0f), v_mul(q[0], s->q_inv_norm));
   for (int k = 1; k < 4; k++)
     s->q[k] = v_mul(q[k], s->q_inv_norm);
+  if (scaled)
+    s->q_inv_norm = v_min(v_mul(s->q_inv_norm, scale), v_set(1e15f));
   const vf w = s->q[0], x = s->q[1], y = s->q[2], z = s->q[3], two = v_set(2.0f), one = v_set(1.0f);
   const vf xx = v_mul(x, x), yy = v_mul(y, y), zz = v_mul(z, z);
   s->rotation[0] = v_fnma(two, v_add(yy, zz), one);

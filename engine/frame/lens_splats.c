@@ -41,10 +41,11 @@ static void find_rotation(const float *data, int64_t stride, seen *s) {
     s->quaternion[k] = (double)data[(PAGS_ROTATION + k) * stride];
     norm2 += s->quaternion[k] * s->quaternion[k];
   }
-  const bool none = norm2 <= 1e-30;
-  s->inverse_norm = none ? 0 : 1 / sqrt(norm2);
+  const bool none = norm2 <= 0;
+  const double inverse = none ? 0 : 1 / sqrt(norm2);
+  s->inverse_norm = fmin(inverse, 1e15); /* as in simd/project.inl */
   for (int k = 0; k < 4; k++)
-    s->quaternion[k] = none ? (k == 0 ? 1 : 0) : s->quaternion[k] * s->inverse_norm;
+    s->quaternion[k] = none ? (k == 0 ? 1 : 0) : s->quaternion[k] * inverse;
   pags_rotation_from_quaternion(s->quaternion, s->rotation);
 }
 

@@ -314,7 +314,8 @@ static void axis_of(const float q[4], int axis, float out[3]) {
 }
 
 /* Turns the axis that is nearest to the plane's normal towards it by the share, and returns that axis; -1 if the
- * quaternion is zero. The turn is the least one: the quaternion (1 + a.b, a x b), normalised, takes a to b. */
+ * quaternion is zero, or too short or long. The turn is the least one: the quaternion (1 + a.b, a x b), normalised,
+ * takes a to b. */
 static int turn(pags_gaussians *g, int64_t row, const float normal[3], float share) {
   float q[4], norm = 0, best = 0, along[3] = {0};
   int axis = -1;
@@ -322,7 +323,7 @@ static int turn(pags_gaussians *g, int64_t row, const float normal[3], float sha
     q[k] = pags_plane(g, PAGS_ROTATION + k)[row];
     norm += q[k] * q[k];
   }
-  if (!(norm > 0.0f))
+  if (!(norm > 1e-30f && norm < 1e38f)) /* the square of its length isn't a float of full precision */
     return -1;
   for (int k = 0; k < 4; k++)
     q[k] /= sqrtf(norm);

@@ -52,9 +52,16 @@ void pags_rigid_from_angles(const double turn[3], const double place[3], double 
   memcpy(out, m, sizeof m);
 }
 
-void pags_rotation_from_quaternion(const double q[4], double r[9]) {
-  double norm = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+void pags_rotation_from_quaternion(const double quaternion[4], double r[9]) {
+  const double *q = quaternion;
+  double norm = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]), scaled[4];
   double w = 1, x = 0, y = 0, z = 0;
+  if (norm < 1e-150 || norm > 1e150) { /* the squares leave the range of doubles */
+    for (int k = 0; k < 4; k++)
+      scaled[k] = quaternion[k] * (norm < 1 ? 0x1p600 : 0x1p-600);
+    q = scaled;
+    norm = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+  }
   if (norm > 0) {
     w = q[0] / norm;
     x = q[1] / norm;

@@ -41,10 +41,10 @@ static void zero_quaternion(const spot *at, double *row) {
     row[PAGS_ROTATION + k] = 0;
 }
 
-/* #6: quaternions of lengths from 1e-12 to 1e18. */
+/* #6: quaternions of lengths from 1e-14 to 1e34. */
 static void any_length(const spot *at, double *row) {
   set_scales(row, 5 * at->pixel, 2 * at->pixel, at->pixel);
-  turn_at_random(at, row, pow(10, -12 + 2 * at->index));
+  turn_at_random(at, row, pow(10, -14 + 3.2 * at->index));
 }
 
 /* #7: needles of 1:1e4 that lie parallel to the picture at 45 degrees, in both diagonals. */

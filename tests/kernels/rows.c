@@ -10,7 +10,7 @@
 
 static void rotation(const double q[4], double r[9]) {
   const double norm = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
-  const bool none = norm * norm <= 1e-30;
+  const bool none = norm == 0.0;
   const double w = none ? 1.0 : q[0] / norm, x = none ? 0.0 : q[1] / norm, y = none ? 0.0 : q[2] / norm;
   const double z = none ? 0.0 : q[3] / norm;
   const double m[9] = {1 - 2 * (y * y + z * z), 2 * (x * y - w * z),     2 * (x * z + w * y),
@@ -99,7 +99,8 @@ static void ordinary(const pags_projection *v, float row[ROW_FLOATS], row_kind k
 
 static void make_awkward(const pags_projection *v, float row[ROW_FLOATS]) {
   static const float odd[] = {NAN, INFINITY, -INFINITY, 1e30f, -1e30f, 0.0f, -0.0f, 1e-40f, 3e38f};
-  switch (check_below(12)) {
+  static const float lengths[] = {1e-37f, 1e-30f, 1e-22f, 1e-16f, 1e-15f, 1e17f, 1e19f, 1e20f, 1e30f, 5e37f};
+  switch (check_below(13)) {
     case 0: place(v, row, 200.0f, 150.0f, check_uniform(-9.0f, 0.0f)); break;
     case 1: place(v, row, check_uniform(0.0f, v->width), check_uniform(0.0f, v->height), v->near_plane); break;
     case 2: memcpy(row + ROW_MEAN, v->eye, sizeof v->eye); break;
@@ -116,6 +117,12 @@ static void make_awkward(const pags_projection *v, float row[ROW_FLOATS]) {
         row[ROW_SH + k] -= 4.0f;
       break;
     case 9: row[ROW_LOGIT] = check_below(2) ? INFINITY : 40.0f; break;
+    case 10: {
+      const float length = lengths[check_below((int)(sizeof lengths / sizeof *lengths))];
+      for (int k = 0; k < 4; k++)
+        row[ROW_QUATERNION + k] *= length;
+      break;
+    }
     default: row[check_below(ROW_SH + 6)] = odd[check_below((int)(sizeof odd / sizeof *odd))]; break;
   }
 }

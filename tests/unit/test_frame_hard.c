@@ -129,6 +129,36 @@ static void test_zero_quaternion(void **state) {
   fixture_destroy(&f);
 }
 
+/* #6: a quaternion's length changes no bit of the picture, through a pinhole or a lens: powers of two, so that nothing
+ * but the length changes. Gradients are finite. */
+static void test_quaternion_lengths(void **state) {
+  (void)state;
+  const int powers[] = {-120, -100, -64, -50, -49, -10, 10, 62, 63, 64, 65, 100, 120};
+  for (int lens = 0; lens < 2; lens++) {
+    fixture f = fixture_create(21, 40);
+    frame_scene_round(&f.part);
+    if (lens) {
+      f.camera.lens = (pags_lens_model){.kind = PAGS_LENS_FISHEYE};
+      assert_int_equal(pags_camera_check(&f.camera, "it"), PAGS_OK);
+    }
+    frame_result plain = fixture_run_finite(&f);
+    for (size_t n = 0; n < sizeof powers / sizeof *powers; n++) {
+      fixture other = fixture_create(21, 40);
+      other.camera.lens = f.camera.lens;
+      frame_scene_round(&other.part);
+      for (int64_t i = 0; i < 40; i++)
+        for (int k = 0; k < 4 && i % 3; k++) /* some keep their length */
+          *fixture_at(&other, PAGS_ROTATION + k, i) *= ldexp(1, powers[n]);
+      frame_result result = fixture_run_finite(&other);
+      assert_memory_equal(result.rgb, plain.rgb, 3 * PIXELS * sizeof(float));
+      frame_result_destroy(&result);
+      fixture_destroy(&other);
+    }
+    frame_result_destroy(&plain);
+    fixture_destroy(&f);
+  }
+}
+
 /* #7: a needle with axes of 1:1e4 at 45 degrees through the picture's centre covers its line and nothing else. */
 static void test_needle_does_not_flash(void **state) {
   (void)state;
@@ -382,6 +412,7 @@ int main(void) {
       cmocka_unit_test(test_non_finite_rows),
       cmocka_unit_test(test_at_the_camera),
       cmocka_unit_test(test_zero_quaternion),
+      cmocka_unit_test(test_quaternion_lengths),
       cmocka_unit_test(test_needle_does_not_flash),
       cmocka_unit_test(test_giants),
       cmocka_unit_test(test_fans_beside_the_picture),
