@@ -138,6 +138,8 @@ pags_result pags_frame_begin(pags_frame *frame, const pags_part *parts, int part
   assert(options->early_z != PAGS_EARLY_Z_BOUNDED || (options->early_z_eps > 0.0f && options->early_z_eps < 1.0f));
   frame->camera = *camera;
   frame->options = *options;
+  frame->enlargement = (float)pags_frame_enlargement(options, camera);
+  frame->options.early_z_eps /= frame->enlargement;
   frame->rendered = false;
   frame->full = NULL;
   frame->wanted = NULL;

@@ -1,9 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The options of a frame: their defaults, setting the exposure, and names and parsing of the Early-Z modes. */
 #include <errno.h>
+#include <math.h>
 #include <pags/frame.h>
 #include <stdlib.h>
 #include <string.h>
+
+#include "frame/stages.h"
 
 static const char *const names[] = {"off", "lossless", "bounded", "paper"};
 enum { MODES = sizeof names / sizeof *names };
@@ -44,6 +47,21 @@ pags_frame_options pags_frame_options_default(void) {
                               .exp_degree = 5,
                               .early_z = PAGS_EARLY_Z_LOSSLESS,
                               .early_z_eps = 1.0f / 255.0f};
+}
+
+/* A pixel that closes at the transmittance t is off by t (c - d): c is the mean colour of what lies in front and at
+ * least 0, d a colour behind, which only the sky and the background make negative. Light and exposure enlarge that. */
+double pags_frame_enlargement(const pags_frame_options *options, const pags_camera *camera) {
+  const bool sky = options->sky && options->sky->size > 0;
+  double least = 0.0, most = 0.0, gain = options->exposed ? 0.0 : 1.0;
+  for (int c = 0; c < 3; c++) {
+    least = fmin(least, (double)options->background[c]);
+    most = fmax(most, (double)options->background[c]);
+    if (options->exposed)
+      gain = fmax(gain, fabs((double)options->gain[c]) * pags_light_most(&options->light, camera));
+  }
+  const double dip = sky ? (double)options->sky->dip : least < 0.0 ? fmin(-least / most, 1.0) : 0.0;
+  return fmax(gain, 1.0) * (1.0 + dip);
 }
 
 int pags_frame_options_expose(pags_frame_options *options, const double gain[3], const double offset[3]) {

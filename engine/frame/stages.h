@@ -79,7 +79,8 @@ struct pags_frame {
   pags_scan *scans;             /* one per part; NULL: a global shutter */
   int part_count;
   pags_camera camera;
-  pags_frame_options options;
+  pags_frame_options options;    /* early_z_eps is divided by `enlargement` */
+  float enlargement;             /* pags_frame_enlargement */
   const struct frame_lens *lens; /* NULL: a pinhole */
   float *lens_rays;              /* of the last frame with a lens, of lens_camera (lens_view.h); on the heap */
   pags_camera lens_camera;
@@ -154,6 +155,8 @@ static inline bool frame_hides_enough(const pags_frame *frame) {
 /* Begins a frame: forgets the last one, takes options, camera and parts, and sets the planes' size. */
 pags_result pags_frame_begin(pags_frame *frame, const pags_part *parts, int part_count, const pags_camera *camera,
                              const pags_frame_options *options);
+/* By what factor what PAGS_EARLY_Z_BOUNDED leaves out at a pixel shows in the picture, at least 1. */
+double pags_frame_enlargement(const pags_frame_options *options, const pags_camera *camera);
 /* Grows the planes' memory where needed; it never shrinks. */
 pags_result pags_frame_reserve_planes(pags_frame *frame);
 /* Ends the forward part of a frame: sets the picture's pointers into the frame's planes. */

@@ -87,8 +87,8 @@ static void enlarge_tiles(void *context, int64_t begin, int64_t end, int worker)
         if (e->frame->options.extra_channels)
           take_nearest(e->frame, e->samples, x0, y0 + y);
       }
-      /* Less sky than 1/512 isn't visible: that is under half a grey level. */
-      if (e->frame->has_sky && pags_frame_tile_shows(e->frame, tile, 1.0f / 512.0f)) {
+      /* Less sky than 1/512 isn't visible: that is under half a grey level, if it isn't made brighter. */
+      if (e->frame->has_sky && pags_frame_tile_shows(e->frame, tile, 1.0f / 512.0f / e->frame->enlargement)) {
         pags_sky_tile sky;
         pags_frame_find_sky(e->frame, tile, &sky);
         pags_frame_blend_sky(e->frame, tile, &sky);

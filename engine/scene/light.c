@@ -26,6 +26,20 @@ int pags_light_is_sound(const pags_light *light) {
   return sound;
 }
 
+double pags_light_most(const pags_light *light, const pags_camera *camera) {
+  double steepest = 1, brightest = 0; /* beyond 0..1 the curve's slope is 1 */
+  for (int i = 0; i < PAGS_LIGHT_PIECES; i++)
+    steepest = fmax(steepest, (pags_light_knot(light, i + 1) - pags_light_knot(light, i)) * PAGS_LIGHT_PIECES);
+  /* The vignette is straight between its rings and from the last one to the corners. */
+  for (int k = 0; k < PAGS_LIGHT_RINGS - 1; k++)
+    brightest = fmax(brightest, pags_light_vignette(light, k / (double)(PAGS_LIGHT_RINGS - 1)));
+  for (int corner = 0; corner < 4; corner++) {
+    const double x = corner & 1 ? camera->width : 0, y = corner & 2 ? camera->height : 0;
+    brightest = fmax(brightest, pags_light_vignette(light, pags_light_distance(camera, x, y)));
+  }
+  return steepest * brightest;
+}
+
 double pags_light_vignette(const pags_light *light, double q) {
   const int piece = q < 2.0 / 3.0 ? (int)(3 * q) : 2;
   const double begin = light->vignette[piece], end = light->vignette[piece + 1];

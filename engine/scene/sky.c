@@ -89,12 +89,16 @@ static pags_result decode(const char *path, const uint8_t *bytes, size_t size, p
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected %zu bytes of texels from byte %zu, found %zu", path,
                      2 * value_count(texels), begin, size - begin);
   PAGS_TRY(pags_sky_create(sky, texels));
+  float least = 0.0f, most = 0.0f;
   for (size_t i = 0; i < value_count(texels); i++) {
     sky->texels[i] = pags_float_from_half(pags_load_u16(bytes + begin + 2 * i));
     if (!isfinite(sky->texels[i]))
       return pags_fail(PAGS_ERROR_FORMAT, "%s: expected finite numbers, found %s at byte %zu", path,
                        isnan(sky->texels[i]) ? "nan" : "inf", begin + 2 * i);
+    least = fminf(least, sky->texels[i]);
+    most = fmaxf(most, sky->texels[i]);
   }
+  sky->dip = least < 0.0f ? fminf(-least / most, 1.0f) : 0.0f;
   return PAGS_OK;
 }
 

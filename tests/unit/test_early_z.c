@@ -324,6 +324,33 @@ static void test_every_recipe(void **unused) {
   print_totals("recipes", RECIPES, &sum);
 }
 
+/* The bound holds for what is shown: after a camera's light and an exposure, and before a background or a sky that is
+ * negative somewhere. Colours, of degree 0, are at most 0.79. */
+static void test_bound_is_of_the_picture(void **unused) {
+  (void)unused;
+  const float eps = 1.0f / 255.0f;
+  for (int k = 0; k < 12; k++) {
+    scene s;
+    state = 4242 + (uint64_t)k;
+    scene_create(&s, k % 2 ? INSIDE : MIXTURE, MOST_GAUSSIANS);
+    s.options.sh_degree = 0;
+    if (k % 3 == 0)
+      s.options.light = (pags_light){.vignette = {0.0, 0.4, 0.9, 1.5}, .response = {0.1, 0.3, 0.25, 0.2, 0.1}};
+    assert_true(pags_light_is_sound(&s.options.light));
+    if (k % 3 < 2)
+      pags_frame_options_expose(&s.options, (double[3]){1, 4, -2.5}, (double[3]){0, -0.5, 0.1});
+    s.sky.dip = 1.0f;
+    for (int c = 0; c < 3; c++)
+      s.options.background[c] = k % 4 == 1 ? -1.0f : s.options.background[c];
+    for (size_t i = 0; k % 4 == 2 && i < sizeof s.sky_texels / sizeof *s.sky_texels; i++)
+      s.sky_texels[i] = -1.0f;
+    shot off = shoot(1, &s, PAGS_EARLY_Z_OFF, 0.5f, 0), bounded = shoot(1, &s, PAGS_EARLY_Z_BOUNDED, eps, 300);
+    check_bound(&off, &bounded, eps, 1.0f, (uint64_t)k);
+    shot_destroy(&off), shot_destroy(&bounded);
+    scene_destroy(&s);
+  }
+}
+
 /* The names of the modes are parsed. */
 static void test_parse(void **unused) {
   (void)unused;
@@ -563,9 +590,11 @@ static void test_sequences(void **unused) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_parse),     cmocka_unit_test(test_every_recipe),  cmocka_unit_test(test_random_scenes),
-      cmocka_unit_test(test_padding),   cmocka_unit_test(test_first_of_many), cmocka_unit_test(test_choice),
-      cmocka_unit_test(test_sequences), cmocka_unit_test(test_steady),
+      cmocka_unit_test(test_parse),         cmocka_unit_test(test_every_recipe),
+      cmocka_unit_test(test_random_scenes), cmocka_unit_test(test_bound_is_of_the_picture),
+      cmocka_unit_test(test_padding),       cmocka_unit_test(test_first_of_many),
+      cmocka_unit_test(test_choice),        cmocka_unit_test(test_sequences),
+      cmocka_unit_test(test_steady),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

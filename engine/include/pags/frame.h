@@ -73,10 +73,12 @@ typedef enum pags_early_z {
   PAGS_EARLY_Z_OFF,      /* everything in view is drawn; only pixels stop when they are saturated */
   PAGS_EARLY_Z_LOSSLESS, /* the same bits as OFF in colour, transmittance, depth and id; if little is hidden, drawn as
                             OFF */
-  /* A pixel stops as soon as T <= eps, and is opaque then: T becomes 0, and the light that was left gets the mean
-   * colour of what lies in front. Compared with OFF, no colour channel is off by more than eps times the largest of
-   * the shaded colours, the sky and the background, and transmittance by no more than eps (before clamping, plus
-   * rounding). Depth and ids carry no bound. */
+  /* A pixel stops as soon as T is small enough, and is opaque then: T becomes 0, and the light that was left gets the
+   * mean colour of what lies in front. Compared with OFF, no colour channel of the picture, exposed or not, is off by
+   * more than eps times the largest of the shaded colours, the sky and the background (before exposure, in magnitude),
+   * and transmittance by no more than eps (before clamping, plus rounding). T is small enough at eps, divided by what
+   * enlarges the error: the largest gain, the light's steepest slope, and 1 to 2 if the sky or the background is
+   * negative somewhere. Depth and ids carry no bound. */
   PAGS_EARLY_Z_BOUNDED,
   /* As in the paper: critical, opaque Gaussians (S_sem > 0.5, opacity >= 0.7) write their depth at pixels where
    * their alpha is >= 1/2, and nothing is drawn behind that depth. What would be visible through them is lost;

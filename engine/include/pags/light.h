@@ -29,6 +29,9 @@ PAGS_API int pags_light_is_plain(const pags_light *light);
 /* Whether the curve rises and its numbers are finite. */
 PAGS_API int pags_light_is_sound(const pags_light *light);
 
+/* By what factor a difference between two values can grow at most in a picture of `camera`. */
+PAGS_API double pags_light_most(const pags_light *light, const pags_camera *camera);
+
 /* The squared distance q of the image position (x, y), pixels. */
 static inline double pags_light_distance(const pags_camera *camera, double x, double y) {
   const double u = x - camera->cx, v = y - camera->cy;
