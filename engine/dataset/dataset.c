@@ -18,6 +18,7 @@
 #include "base/text.h"
 #include "maths/maths.h"
 #include "port/port.h"
+#include "scene/large.h"
 
 #include <assert.h>
 #include <math.h>
@@ -396,10 +397,6 @@ static pags_result check_static(const char *path, const pags_parsed_dataset *par
   return PAGS_OK;
 }
 
-/* From 4096 on, neighbouring single-precision numbers are half a millimetre apart (2^-11 m) or more. Camera positions
- * beyond it move the origin. */
-#define LARGE_COORDINATE 4096.0
-
 static pags_result open_into(pags_dataset *dataset, const char *path, const pags_dataset_options *options) {
   dataset->path = pags_text_copy(path);
   dataset->colmap = pags_text_copy(options->colmap);
@@ -434,7 +431,7 @@ static pags_result open_into(pags_dataset *dataset, const char *path, const pags
       largest = fmax(largest, fabs(at));
     }
   for (int c = 0; c < 3; c++)
-    dataset->origin[c] = largest > LARGE_COORDINATE ? pags_round(mean[c]) : 0;
+    dataset->origin[c] = largest > PAGS_LARGE_COORDINATE ? pags_round(mean[c]) : 0;
 
   if (dataset->parsed.driving)
     PAGS_TRY(pags_ego_masks_make(dataset, options));

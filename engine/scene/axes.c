@@ -108,6 +108,18 @@ static void exchange(pags_gaussians *g) {
   }
 }
 
+void pags_axes_turn_point(int axes, double point[3]) {
+  int vector[3], harmonics[15];
+  const double y = point[1];
+  if (axes > 8) { /* as exchange */
+    point[1] = point[2];
+    point[2] = 0.0 - y;
+  }
+  pags_axes_signs(axes > 8 ? axes - 8 : axes, vector, harmonics);
+  for (int k = 0; k < 3; k++)
+    point[k] = 0.0 + vector[k] * point[k]; /* no negative zeros */
+}
+
 void pags_gaussians_turn(pags_gaussians *g, int axes) {
   assert(axes > 0 && axes < PAGS_AXES_COUNT);
   if (g->count == 0) /* has no planes */

@@ -16,6 +16,9 @@ bool pags_up_from_code(const char *name, pags_up *up);
  * of the other handedness are mirrored. */
 void pags_gaussians_turn(pags_gaussians *g, int axes);
 
+/* Turns a point in the same way. */
+void pags_axes_turn_point(int axes, double point[3]);
+
 /* Writes the signs that take a vector from `axes`, one of the first eight, to PLY's axes or back, and those of the SH
  * functions 1 to 15. */
 void pags_axes_signs(int axes, int vector[3], int harmonics[15]);

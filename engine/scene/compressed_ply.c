@@ -129,19 +129,21 @@ static pags_result unpack_sh(const reader *r, pags_gaussians *out) {
   return PAGS_OK;
 }
 
-pags_result pags_compressed_ply_decode(const ply_table *table, pags_gaussians *out) {
+pags_result pags_compressed_ply_decode(const ply_table *table, pags_gaussians *out, double origin[3]) {
   reader r;
   int degree;
   PAGS_TRY(bind(&r, table));
   PAGS_TRY(find_degree(&r, &degree));
   PAGS_TRY(pags_gaussians_create(out, r.vertex->count, degree > 3 ? 3 : degree));
+  for (int k = 0; k < 3; k++) /* positions have more digits than the bounds that they lie between */
+    origin[k] = pags_ply_origin(table, r.chunk, r.bounds[k]);
   int64_t infinite = 0;
   for (int64_t chunk = 0; chunk * CHUNK_ROWS < out->count; chunk++) {
     /* Colour bounds are 0 and 1 unless the file has them. */
     double bounds[BOUNDS] = {[15] = 1, [16] = 1, [17] = 1};
     for (int i = 0; i < BOUNDS; i++)
       if (r.bounds[i])
-        bounds[i] = pags_ply_value(r.table, r.chunk, r.bounds[i], chunk);
+        bounds[i] = pags_ply_value(r.table, r.chunk, r.bounds[i], chunk) - (i < 6 ? origin[i % 3] : 0);
     infinite += isinf(bounds[6]) || isinf(bounds[7]) || isinf(bounds[8]);
     for (int64_t row = chunk * CHUNK_ROWS; row < out->count && row < (chunk + 1) * CHUNK_ROWS; row++) {
       uint32_t words[4];

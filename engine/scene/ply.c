@@ -15,6 +15,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
+#include "scene/large.h"
 #include "scene/splat_formats.h"
 
 enum { NORMALS = 3, MAX_COLUMNS = PAGS_MAX_PLANES + NORMALS, BLOCK_ROWS = 256, NAME_SIZE = 24 };
@@ -167,7 +168,7 @@ static pags_result read_s_sem(const ply_table *table, const ply_element *vertex,
   if (!s_sem)
     return PAGS_OK;
   PAGS_TRY(pags_gaussians_add_s_sem(out));
-  pags_ply_column(table, vertex, s_sem, 0, out->count, out->s_sem);
+  pags_ply_column(table, vertex, s_sem, 0, 0, out->count, out->s_sem);
   for (int64_t i = 0; i < out->count; i++)
     if (!(out->s_sem[i] >= 0 && out->s_sem[i] <= 1))
       return pags_fail(PAGS_ERROR_FORMAT, "%s: vertex %lld: expected 's_sem' from 0 to 1, found %g", table->path,
@@ -213,11 +214,13 @@ static pags_result read_fourier(const ply_table *table, const ply_element *verte
                      names[missing]);
   PAGS_TRY(pags_gaussians_add_fourier(out));
   for (int p = 0; p < FOURIER_PLANES && out->count; p++)
-    pags_ply_column(table, vertex, properties[p], 0, out->count, out->fourier + p * out->stride);
+    pags_ply_column(table, vertex, properties[p], 0, 0, out->count, out->fourier + p * out->stride);
   return PAGS_OK;
 }
 
-static pags_result read_vertices(const ply_table *table, const ply_element *vertex, pags_gaussians *out) {
+/* Reads the elements' Gaussians. Positions of a higher precision than floats have may get an origin (scene/large.h). */
+static pags_result read_vertices(const ply_table *table, const ply_element *vertex, pags_gaussians *out,
+                                 double origin[3]) {
   column columns[MAX_COLUMNS];
   const ply_property *properties[MAX_COLUMNS];
   reduced kind = {0};
@@ -245,11 +248,15 @@ static pags_result read_vertices(const ply_table *table, const ply_element *vert
 
   PAGS_TRY(pags_ply_table_need(table, vertex));
   PAGS_TRY(pags_gaussians_create(out, vertex->count, degree));
+  for (int k = 0; k < 3 && out->count; k++)
+    if (properties[k]->type != PLY_FLOAT)
+      origin[k] = pags_ply_origin(table, vertex, properties[k]);
   for (int64_t first = 0; first < out->count; first += BLOCK_ROWS) {
     const int64_t rows = out->count - first < BLOCK_ROWS ? out->count - first : BLOCK_ROWS;
     for (int i = 0; i < count; i++)
       if (properties[i])
-        pags_ply_column(table, vertex, properties[i], first, rows, pags_plane(out, columns[i].plane) + first);
+        pags_ply_column(table, vertex, properties[i], i < 3 ? origin[i] : 0, first, rows,
+                        pags_plane(out, columns[i].plane) + first);
   }
   complete(table, vertex, &kind, out);
   if (stored > 3)
@@ -271,11 +278,13 @@ pags_result pags_ply_decode(const char *path, const uint8_t *bytes, size_t size,
   if (!vertex)
     result = pags_fail(PAGS_ERROR_FORMAT, "%s: expected an element 'vertex'", path);
   else if (compressed)
-    result = pags_compressed_ply_decode(&table, out);
+    result = pags_compressed_ply_decode(&table, out, table.facts.taken_off);
   else
-    result = read_vertices(&table, vertex, out);
+    result = read_vertices(&table, vertex, out, table.facts.taken_off);
   out->alpha_min = table.alpha_min;
   *facts = table.facts;
+  for (int k = 0; k < 3; k++)
+    facts->origin[k] += facts->taken_off[k];
   facts->kind = compressed ? "compressed PLY" : "PLY";
   pags_ply_table_close(&table);
   const int64_t count = out->count;
@@ -296,6 +305,8 @@ pags_result pags_ply_load(const char *path, pags_gaussians *out) {
   pags_result result = size >= 4 && memcmp(bytes, "ply", 3) == 0 && (bytes[3] == '\n' || bytes[3] == '\r')
                            ? pags_ply_decode(path, bytes, size, out, &facts)
                            : pags_fail(PAGS_ERROR_FORMAT, "%s: expected a PLY file, which begins with 'ply'", path);
+  if (result == PAGS_OK)
+    pags_large_put_back(out, facts.taken_off);
   free(bytes);
   return result;
 }

@@ -13,6 +13,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
+#include "scene/large.h"
 
 static const struct {
   const char *name;
@@ -384,11 +385,20 @@ double pags_ply_value(const ply_table *table, const ply_element *element, const 
   }
 }
 
-void pags_ply_column(const ply_table *table, const ply_element *element, const ply_property *property, int64_t first,
-                     int64_t count, float *out) {
-  if (property->type != PLY_FLOAT || table->big_endian) {
+double pags_ply_origin(const ply_table *table, const ply_element *element, const ply_property *property) {
+  enum { MOST = 1024 };
+  double values[MOST];
+  const int count = element->count < MOST ? (int)element->count : MOST;
+  for (int i = 0; i < count; i++)
+    values[i] = pags_ply_value(table, element, property, (int64_t)((double)element->count / count * i));
+  return pags_large_origin(values, count);
+}
+
+void pags_ply_column(const ply_table *table, const ply_element *element, const ply_property *property, double origin,
+                     int64_t first, int64_t count, float *out) {
+  if (property->type != PLY_FLOAT || table->big_endian || origin != 0) {
     for (int64_t i = 0; i < count; i++)
-      out[i] = (float)pags_ply_value(table, element, property, first + i);
+      out[i] = (float)(pags_ply_value(table, element, property, first + i) - origin);
     return;
   }
   const uint8_t *at = element->rows + first * element->stride + property->offset;

@@ -58,9 +58,11 @@ pags_result pags_ply_table_need(const ply_table *table, const ply_element *eleme
 const ply_property *pags_ply_property_find(const ply_table *table, const ply_element *element, const char *property);
 /* Returns the value of a property in row `row`, whatever its type. */
 double pags_ply_value(const ply_table *table, const ply_element *element, const ply_property *property, int64_t row);
-/* Writes rows [first, first + count) of a property to `out` as floats; the bits of values that are floats are
- * kept. */
-void pags_ply_column(const ply_table *table, const ply_element *element, const ply_property *property, int64_t first,
-                     int64_t count, float *out);
+/* Writes rows [first, first + count) of a property less `origin` to `out` as floats; the bits of values that are floats
+ * are kept where `origin` is 0. */
+void pags_ply_column(const ply_table *table, const ply_element *element, const ply_property *property, double origin,
+                     int64_t first, int64_t count, float *out);
+/* The origin (scene/large.h) for the positions in a property, by up to 1,024 rows spread over the element. */
+double pags_ply_origin(const ply_table *table, const ply_element *element, const ply_property *property);
 
 #endif

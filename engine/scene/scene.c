@@ -13,14 +13,16 @@
 #include "base/memory.h"
 #include "base/text.h"
 #include "scene/foreign_folder.h"
+#include "scene/large.h"
 #include "scene/scene_json.h"
 
 enum { SAFE_NAME = 100 }; /* bytes of an object's id in a file name, with the final zero */
 
 /* ---- Loading ---- */
 
-/* Loads the PLY of a model and checks its count and SH degree against those that scene.json gives. */
-static pags_result load_model(const char *folder, pags_model *model, int64_t expected) {
+/* Loads the PLY of a model and checks its count and SH degree against those that scene.json gives. Of the background,
+ * the first model, an origin that reading took off large positions is added to the scene's. */
+static pags_result load_model(const char *folder, pags_scene *scene, pags_model *model, int64_t expected) {
   const int expected_degree = model->gaussians.sh_degree;
   const float alpha_min = model->gaussians.alpha_min;
   char *path = pags_path_join(folder, model->file);
@@ -35,6 +37,10 @@ static pags_result load_model(const char *folder, pags_model *model, int64_t exp
                   path, (long long)expected, expected_degree, (long long)found, model->gaussians.sh_degree);
   if (alpha_min > 0.0f)
     model->gaussians.alpha_min = alpha_min;
+  for (int k = 0; k < 3 && result == PAGS_OK && model == scene->models; k++)
+    scene->origin[k] += facts.taken_off[k];
+  if (result == PAGS_OK && model != scene->models)
+    pags_large_put_back(&model->gaussians, facts.taken_off);
   free(path);
   return result;
 }
@@ -79,7 +85,7 @@ static pags_result load_own(const char *folder, pags_scene *scene) {
     return pags_out_of_memory("%s: a path", folder);
   pags_result result = pags_file_exists(path) ? pags_scene_json_read(path, scene, &files) : refuse_folder(folder);
   for (int64_t i = 0; i < scene->model_count && result == PAGS_OK; i++) {
-    result = load_model(folder, &scene->models[i], files.counts[i]);
+    result = load_model(folder, scene, &scene->models[i], files.counts[i]);
     if (result == PAGS_OK)
       result = check_object_ids(folder, scene, &scene->models[i]);
   }

@@ -119,8 +119,12 @@ static pags_result decode(const char *path, const uint8_t *bytes, size_t size, i
         "%s: no record of its axes: taken as %s, as its format's specification says; what splat-transform 3 "
         "and SuperSplat write is RDF (--axes rdf)",
         path, pags_axes_name(facts->axes));
-  if (facts->axes != PAGS_AXES_UNKNOWN)
+  if (facts->axes != PAGS_AXES_UNKNOWN) {
     pags_gaussians_turn(out, facts->axes);
+    if (strncmp(facts->kind, "SPZ", 3) != 0) /* whose record has the origin in PLY's axes */
+      pags_axes_turn_point(facts->axes, facts->origin);
+    pags_axes_turn_point(facts->axes, facts->taken_off);
+  }
   const double from = (double)facts->converted_from;
   if (from >= (double)PAGS_LEAST_ALPHA_MIN && from < 1 && out->alpha_min == 0.0f)
     pags_plain_cut_undo(out, from);

@@ -281,6 +281,55 @@ static void comments_say_what_a_scene_says(void **state) {
   pags_gaussians_destroy(&g);
 }
 
+/* A PLY of `count` Gaussians on a line, whose x y z are doubles near `far`; the third is a stray one. */
+static file_bytes make_far_ply(int count, const double far[3], const char *comment) {
+  static const char *const rest[] = {"f_dc_0",  "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1",
+                                     "scale_2", "rot_0",  "rot_1",  "rot_2",   "rot_3"};
+  file_bytes file = {0};
+  bytes_text(&file, "ply\nformat ascii 1.0\n%selement vertex %d\n", comment, count);
+  bytes_text(&file, "property double x\nproperty double y\nproperty double z\n");
+  for (int k = 0; k < 11; k++)
+    bytes_text(&file, "property float %s\n", rest[k]);
+  bytes_text(&file, "end_header\n");
+  for (int i = 0; i < count; i++)
+    bytes_text(&file, "%.6f %.6f %.6f 0 0 0 1 -3 -3 -3 1 0 0 0\n", i == 2 ? 1e12 : far[0] + 0.001 * i,
+               far[1] - 0.001 * i, far[2] + 0.002 * i);
+  return file;
+}
+
+/* Doubles at large coordinates are relative to an origin, to which a comment's offset is added; small ones stay. */
+static void doubles_far_away_keep_their_digits(void **state) {
+  (void)state;
+  const double far[3] = {500000.25, -4600000, 120};
+  file_bytes file = make_far_ply(50, far, "comment offset 10 20 30\n");
+  pags_splat_facts facts;
+  pags_gaussians g;
+  const char *const path = scratch_file("far.ply", file.data, file.size);
+  assert_int_equal(pags_splat_read(path, PAGS_AXES_UNKNOWN, &g, &facts), PAGS_OK);
+  assert_true(facts.origin[0] == 500010 && facts.origin[1] == -4599980 && facts.origin[2] == 30);
+  assert_true(facts.taken_off[0] == 500000 && facts.taken_off[1] == -4600000 && facts.taken_off[2] == 0);
+  for (int i = 0; i < 50; i++) {
+    assert_true(i == 2 || fabs((double)pags_plane(&g, PAGS_MEAN)[i] - (0.25 + 0.001 * i)) < 1e-7);
+    assert_true(fabs((double)pags_plane(&g, PAGS_MEAN + 1)[i] + 0.001 * i) < 1e-7);
+    assert_true(pags_plane(&g, PAGS_MEAN + 2)[i] == (float)(120 + 0.002 * i));
+  }
+  pags_gaussians_destroy(&g);
+  assert_int_equal(pags_splat_read(path, PAGS_AXES_RUB, &g, &facts),
+                   PAGS_OK); /* y up, z back: both turn, the origin, too */
+  assert_true(facts.origin[0] == 500010 && facts.origin[1] == 4599980 && facts.origin[2] == -30);
+  assert_true(fabs((double)pags_plane(&g, PAGS_MEAN + 1)[9] - 0.009) < 1e-7);
+  pags_gaussians_destroy(&g);
+  load(path, &g); /* which returns no origin */
+  assert_true(pags_plane(&g, PAGS_MEAN + 1)[0] == -4600000);
+  pags_gaussians_destroy(&g);
+  bytes_free(&file);
+  file = make_far_ply(50, (const double[3]){3000, -4000, 5}, "");
+  assert_int_equal(pags_splat_read(scratch_file("near.ply", file.data, file.size), 0, &g, &facts), PAGS_OK);
+  assert_true(facts.origin[0] == 0 && facts.origin[1] == 0 && pags_plane(&g, PAGS_MEAN + 1)[0] == -4000);
+  pags_gaussians_destroy(&g);
+  bytes_free(&file);
+}
+
 static void zero_quaternions_become_the_identity(void **state) {
   (void)state;
   pags_gaussians g, back;
@@ -364,6 +413,7 @@ int main(void) {
       cmocka_unit_test(truncated_files_say_where),
       cmocka_unit_test(rows_that_are_not_finite_are_left_out),
       cmocka_unit_test(comments_say_what_a_scene_says),
+      cmocka_unit_test(doubles_far_away_keep_their_digits),
       cmocka_unit_test(zero_quaternions_become_the_identity),
       cmocka_unit_test(writing_where_one_cannot_is_an_error),
       cmocka_unit_test(inrias_file_round_trips),

@@ -127,6 +127,26 @@ static void older_files_have_no_colour_bounds(void **state) {
   bytes_free(&file);
 }
 
+/* Between bounds far from zero, positions keep the digits that they have, relative to an origin. */
+static void a_packed_vertex_far_away_keeps_its_digits(void **state) {
+  (void)state;
+  file_bytes file = make_compressed_ply(1, 0, 1, 2);
+  uint8_t *chunk = file.data + file.size - 16 - 72, *vertex = chunk + 72;
+  for (int k = 0; k < 3; k++) {
+    pags_store_f32(chunk + 4 * k, 4600000.0f);
+    pags_store_f32(chunk + 12 + 4 * k, 4600001.0f);
+  }
+  pags_store_u32(vertex, 1024u << 21 | 256u << 11 | 512u);
+  pags_gaussians g;
+  pags_splat_facts facts;
+  assert_int_equal(pags_splat_read(scratch_file("c.ply", file.data, file.size), 0, &g, &facts), PAGS_OK);
+  const double expected[3] = {1024 / 2047.0, 256 / 1023.0, 512 / 2047.0};
+  for (int k = 0; k < 3; k++)
+    assert_true(facts.origin[k] == 4600000 && fabs(plane(&g, k, 0) - expected[k]) < 1e-6);
+  pags_gaussians_destroy(&g);
+  bytes_free(&file);
+}
+
 static void bad_compressed_files_are_explained(void **state) {
   (void)state;
   file_bytes file = make_compressed_ply(300, 1, 1, 3);
@@ -172,6 +192,7 @@ int main(void) {
       cmocka_unit_test(bad_splats_are_explained),
       cmocka_unit_test(a_packed_vertex_decodes),
       cmocka_unit_test(older_files_have_no_colour_bounds),
+      cmocka_unit_test(a_packed_vertex_far_away_keeps_its_digits),
       cmocka_unit_test(bad_compressed_files_are_explained),
       cmocka_unit_test(luma_seal_reads),
   };

@@ -81,8 +81,11 @@ typedef struct pags_splat_facts {
   const char *kind; /* "PLY", "compressed PLY", "splat", "SPZ v4", "SOG v2", "glTF", ...; static. NULL: no splat file */
   int antialiased;  /* 1: opacities expect the antialiased projection (Mip-Splatting) */
   pags_up up;       /* unknown unless the file says it */
-  double origin[3]; /* metres, to be added to all positions; zeros unless the file says it */
-  int axes;         /* a pags_axes: those that the file was read in; unknown where it is no question */
+  double origin[3]; /* metres, to be added to all positions; zeros unless the file says it or positions are large */
+  /* The part of `origin` that the file doesn't say: positions of a PLY that are stored with more digits than a float
+   * has, and half of which lie beyond 4,096 m along an axis, are read relative to their median, in whole metres. */
+  double taken_off[3];
+  int axes;              /* a pags_axes: those that the file was read in; unknown where it is no question */
   const char *axes_from; /* who says so: "record" of the file, "specification", "option"; static, NULL like axes */
   int64_t left_out;      /* Gaussians that were left out, since one of their values isn't finite */
   /* The alpha_min that the Gaussians had before they were changed to look alike where alpha is cut at 1/255, as other
