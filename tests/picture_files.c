@@ -205,20 +205,23 @@ typedef struct exr_kind {
   const char *types; /* h, f or u for each channel */
 } exr_kind;
 
-static const exr_kind exr_kinds[] = {{"rgb-half", {"R", "G", "B"}, "hhh"},
-                                     {"rgb-float", {"B", "G", "R"}, "fff"},
-                                     {"rgba-half", {"A", "B", "G", "R"}, "hhhh"},
-                                     {"rgba-float", {"R", "G", "B", "A"}, "ffff"},
-                                     {"grey-half", {"Y"}, "h"},
-                                     {"depth", {"Z"}, "f"},
-                                     {"number", {"id"}, "u"},
-                                     {"grey-alpha", {"A", "Y"}, "hf"},
-                                     {"mixed", {"R", "G", "B", "A", "Z", "id"}, "hhhhfu"},
-                                     {"mixed-first", {"id", "R", "uv.x"}, "uhf"},
-                                     {"normals", {"X", "Y", "Z"}, "hhh"},
-                                     {"layers", {"diffuse.R", "diffuse.G", "diffuse.B", "Z", "alpha"}, "hhhff"},
-                                     {"points", {"P.Z", "P.Y", "P.X", "red", "Blue", "green"}, "fffhhh"},
-                                     {"unknown", {"b", "a", "c"}, "uuu"}};
+static const exr_kind exr_kinds[] = {
+    {"rgb-half", {"R", "G", "B"}, "hhh"},
+    {"rgb-float", {"B", "G", "R"}, "fff"},
+    {"rgba-half", {"A", "B", "G", "R"}, "hhhh"},
+    {"rgba-float", {"R", "G", "B", "A"}, "ffff"},
+    {"grey-half", {"Y"}, "h"},
+    {"depth", {"Z"}, "f"},
+    {"one", {"id"}, "h"},
+    {"grey-alpha", {"A", "Y"}, "hf"},
+    {"mixed", {"R", "G", "B", "A", "Z", "id"}, "hhhhfu"},
+    {"mixed-first", {"id", "L.R", "L.uv.x", "L.B", "L.G"}, "uhffh"},
+    {"normals", {"N.X", "N.Y", "N.Z", "Y"}, "hhhf"},
+    {"layers", {"diffuse.R", "diffuse.G", "diffuse.B", "Z", "alpha"}, "hhhff"},
+    {"points", {"P.Z", "P.Y", "P.X", "red", "Blue", "green"}, "fffhhh"},
+    {"combined",
+     {"V.AO.R", "V.AO.G", "V.AO.B", "V.Combined.A", "V.Combined.B", "V.Combined.G", "V.Combined.R", "V.Depth.Z"},
+     "hhhffffu"}};
 static const struct {
   const char *name;
   exr_compression_t compression;
@@ -287,6 +290,9 @@ static int make_exr(int kind, int width, int height, file_bytes *out, char name[
     return 0;
   const exr_kind *const k = &exr_kinds[kind % EXR_KINDS];
   const int packing = kind / EXR_KINDS, left = kind % 3 - 1, top = 4 - kind % 7;
+  /* The display window: the data window, a larger one, a smaller one, one that is only in part the same. */
+  static const int shifts[4][4] = {{0, 0, 0, 0}, {-2, -1, 3, 1}, {1, 1, -1, -1}, {-3, 1, -1, 2}};
+  const int *const shift = shifts[width > 2 && height > 2 ? kind % 4 : kind % 2];
   exr_context_t context;
   exr_context_initializer_t setup = EXR_DEFAULT_CONTEXT_INITIALIZER;
   setup.user_data = out;
@@ -299,6 +305,9 @@ static int make_exr(int kind, int width, int height, file_bytes *out, char name[
         "the header");
   const exr_attr_box2i_t window = {.min = {.x = left, .y = top}, .max = {.x = left + width - 1, .y = top + height - 1}};
   check(exr_set_data_window(context, part, &window) == EXR_ERR_SUCCESS, "the window");
+  const exr_attr_box2i_t shown = {.min = {.x = left + shift[0], .y = top + shift[1]},
+                                  .max = {.x = window.max.x + shift[2], .y = window.max.y + shift[3]}};
+  check(exr_set_display_window(context, part, &shown) == EXR_ERR_SUCCESS, "the display window");
   for (int c = 0; k->types[c]; c++)
     check(exr_add_channel(context, part, k->channels[c],
                           k->types[c] == 'h'   ? EXR_PIXEL_HALF

@@ -210,7 +210,7 @@ void pags_photo_bytes(const pags_dataset *dataset, int64_t index, int factor, ui
    * labels: the label image and one of the files it is made of, which are loaded one at a time. */
   uint64_t labels = pags_label_planes_exist(dataset, index) ? 1 : 0;
   const pags_parsed_view *view = &dataset->parsed.views[index];
-  const bool alpha = view->picture.alpha && dataset->image_alpha != PAGS_ALPHA_IGNORE;
+  const bool alpha = pags_photo_has_alpha(&view->picture, dataset->image_alpha);
   /* What a photograph takes more before it is colours and a mask of bytes: alpha, linear light, that it is turned, and
    * what its lens sees. */
   const int channels = alpha ? 4 : 3;

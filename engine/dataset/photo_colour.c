@@ -72,9 +72,13 @@ static pags_result apply_alpha(const pags_image *rgba, const pags_alpha_rule *ru
   return PAGS_OK;
 }
 
+bool pags_photo_has_alpha(const pags_image_facts *facts, pags_image_alpha what) {
+  return (facts->alpha || facts->window == PAGS_WINDOW_PARTIAL) && what != PAGS_ALPHA_IGNORE;
+}
+
 pags_result pags_photo_colour_load(const char *path, const pags_image_facts *facts, const pags_alpha_rule *rule,
                                    pags_image *colour, pags_image *mask) {
-  const bool alpha = facts->alpha && rule->what != PAGS_ALPHA_IGNORE, light = facts->sample == PAGS_F32;
+  const bool alpha = pags_photo_has_alpha(facts, rule->what), light = facts->sample == PAGS_F32;
   pags_image loaded;
   memset(colour, 0, sizeof *colour);
   memset(mask, 0, sizeof *mask);

@@ -4,6 +4,7 @@
  * with scaled intrinsics. */
 #include "dataset/pictures.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -188,15 +189,28 @@ static void add(tally *t, const pags_parsed_view *view) {
 
 typedef struct findings {
   long long views;
-  tally scaled, turned, as_stored, unclear, alpha, light, aside;
+  tally scaled, turned, as_stored, unclear, alpha, light, aside, stretched, oblong, larger, partial, layer, first_layer;
   int lens_width, lens_height; /* of the first that is scaled */
 } findings;
+
+/* How well a picture of so many pixels fits its camera; one whose pixels aren't square may also fit it stretched to
+ * square ones. `aspect` is a pixel's width over its height. */
+static pags_size_fit fit_size(const pags_lens *lens, int width, int height, double aspect) {
+  const pags_size_fit fit = pags_size_fits(width, height, lens->width, lens->height);
+  if (fit != PAGS_FIT_NONE || aspect == 1)
+    return fit;
+  const int wider = (int)lround(width * aspect), taller = (int)lround(height / aspect);
+  return pags_size_fits(wider, height, lens->width, lens->height) != PAGS_FIT_NONE ||
+                 pags_size_fits(width, taller, lens->width, lens->height) != PAGS_FIT_NONE
+             ? PAGS_FIT_SCALED
+             : PAGS_FIT_NONE;
+}
 
 /* How well a picture fits its camera as it is stored and, if its orientation exchanges the sides, turned. */
 static void compare(const pags_parsed_view *view, pags_size_fit *stored, pags_size_fit *turned) {
   const pags_image_facts *p = &view->picture;
-  *stored = pags_size_fits(p->width, p->height, view->lens.width, view->lens.height);
-  *turned = p->orientation >= 5  ? pags_size_fits(p->height, p->width, view->lens.width, view->lens.height)
+  *stored = fit_size(&view->lens, p->width, p->height, p->pixel_aspect);
+  *turned = p->orientation >= 5  ? fit_size(&view->lens, p->height, p->width, 1 / p->pixel_aspect)
             : p->orientation > 1 ? *stored
                                  : PAGS_FIT_NONE;
 }
@@ -251,11 +265,12 @@ static pags_result fit_camera(pags_parsed_view *view, int habit, findings *found
   pags_lens *lens = &view->lens;
   if (lens->width == width && lens->height == height)
     return PAGS_OK;
-  if (!found->scaled.count) {
+  const bool stretched = pags_size_fits(width, height, lens->width, lens->height) == PAGS_FIT_NONE;
+  if (!stretched && !found->scaled.count) {
     found->lens_width = lens->width;
     found->lens_height = lens->height;
   }
-  add(&found->scaled, view);
+  add(stretched ? &found->stretched : &found->scaled, view);
   const double x = (double)width / lens->width, y = (double)height / lens->height;
   lens->fx *= x;
   lens->cx *= x;
@@ -264,6 +279,45 @@ static pags_result fit_camera(pags_parsed_view *view, int habit, findings *found
   lens->width = width;
   lens->height = height;
   return PAGS_OK;
+}
+
+static const char *layer_of(const pags_parsed_view *view) {
+  return view->picture.layer[0] ? view->picture.layer : "what has no layer";
+}
+
+/* Says how the files of photographs were read where they leave a choice. */
+static void report_files(const pags_parsed_dataset *parsed, const findings *found, pags_image_alpha alpha) {
+  static const char *const rest[] = {"the background colour", "left out of the loss", "black"};
+  if (found->partial.count)
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s: %lld of %lld photographs are EXR files whose data window covers only a part of their display "
+                     "window, the rest of which is %s (--image-alpha); the first is %s",
+                     parsed->source, found->partial.count, found->views, rest[alpha], found->partial.first->name);
+  if (found->first_layer.count)
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s: %lld of %lld photographs are EXR files in which several layers may be the picture, and the "
+                     "first of them is used; of %s it is %s",
+                     parsed->source, found->first_layer.count, found->views, found->first_layer.first->name,
+                     layer_of(found->first_layer.first));
+  if (found->oblong.count)
+    pags_log_message(
+        PAGS_LOG_WARNING,
+        "%s: %lld of %lld photographs have pixels that are not square, but cameras whose focal lengths are "
+        "equal; the first is %s, with pixels of %.4g times their height. If these cameras are of square "
+        "pixels, store the pictures so, or give both focal lengths",
+        parsed->source, found->oblong.count, found->views, found->oblong.first->name,
+        found->oblong.first->picture.pixel_aspect);
+  if (found->stretched.count)
+    pags_log_message(
+        PAGS_LOG_INFO,
+        "%s: %lld of %lld photographs have pixels that are not square, and cameras of square pixels, whose "
+        "intrinsics are scaled across or down; the first is %s, with pixels of %.4g times their height",
+        parsed->source, found->stretched.count, found->views, found->stretched.first->name,
+        found->stretched.first->picture.pixel_aspect);
+  if (found->layer.count)
+    pags_log_message(PAGS_LOG_INFO, "%s: %lld of %lld photographs are EXR files of several layers; of %s, %s is used",
+                     parsed->source, found->layer.count, found->views, found->layer.first->name,
+                     layer_of(found->layer.first));
 }
 
 /* Says what is no fault: how many there are of a kind. */
@@ -302,8 +356,19 @@ static void report(const pags_parsed_dataset *parsed, const findings *found, boo
                      found->aside.first->lens.height);
   note(parsed, found, &found->turned, "are turned by their EXIF orientation, as their cameras are");
   note(parsed, found, &found->as_stored, "are not turned by their EXIF orientation, as their cameras aren't");
+  report_files(parsed, found, alpha);
+  note(parsed, found, &found->larger,
+       "are EXR files whose data window is larger than their display window, which is used");
   note(parsed, found, &found->light, "are linear light, encoded for display by the curve of sRGB");
   note(parsed, found, &found->alpha, rules[alpha]);
+}
+
+static void count_file(const pags_parsed_view *view, findings *found) {
+  const pags_image_facts *p = &view->picture;
+  if (p->window != PAGS_WINDOW_WHOLE)
+    add(p->window == PAGS_WINDOW_LARGER ? &found->larger : &found->partial, view);
+  if (p->layer_rule != PAGS_LAYER_ONLY)
+    add(p->layer_rule == PAGS_LAYER_FIRST ? &found->first_layer : &found->layer, view);
 }
 
 pags_result pags_pictures_check(pags_parsed_dataset *parsed, bool asked, pags_image_alpha alpha) {
@@ -315,6 +380,7 @@ pags_result pags_pictures_check(pags_parsed_dataset *parsed, bool asked, pags_im
     if (view->picture.width == 0)
       PAGS_TRY(pags_image_inspect(view->image_path, &view->picture));
     found.views++;
+    count_file(view, &found);
     if (view->picture.alpha)
       add(&found.alpha, view);
     if (view->picture.sample == PAGS_F32)
@@ -332,6 +398,12 @@ pags_result pags_pictures_check(pags_parsed_dataset *parsed, bool asked, pags_im
   for (int64_t i = 0; i < parsed->count && !parsed->driving; i++)
     if (!parsed->views[i].missing)
       PAGS_TRY(fit_camera(&parsed->views[i], habit, &found));
+  for (int64_t i = 0; i < parsed->count; i++) {
+    const pags_parsed_view *view = &parsed->views[i];
+    if (!view->missing && view->picture.pixel_aspect != 1 && fabs(view->lens.fx / view->lens.fy - 1) < 0.005 &&
+        view->lens.model.kind != PAGS_LENS_EQUIRECTANGULAR)
+      add(&found.oblong, view);
+  }
   report(parsed, &found, asked, alpha);
   return PAGS_OK;
 }

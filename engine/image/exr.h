@@ -8,15 +8,15 @@
 
 #include "image/encoded.h"
 
-/* Reads what the header says; the size is that of the data window. Errors as pags_exr_decode. */
+/* Reads what the header says of the layer that is the picture (layers.h); the size is that of the display window.
+ * Errors as pags_exr_decode. */
 pags_result pags_exr_inspect(const pags_encoded *file, pags_image_facts *facts);
 
-/* Decodes the first `most` (1..4) channels of the first part of a file: F32, as they are stored, so alpha isn't divided
- * out. R, G, B, Y, A and Z (or Red, Green, ...) come in that order and before other channels, which follow by name;
- * channels without a layer come before those of layers. Unsigned integers are divided by 2^32.
+/* Decodes at most `most` (3 or 4) channels of the picture: F32, as they are stored, so alpha isn't divided out. Pixels
+ * of the display window that the data window lacks are 0, and so is their alpha, which a layer without alpha gets then.
  *
- * Scan lines are read, uncompressed or compressed by RLE, ZIP, ZIPS or PIZ, from channels as large as the picture:
- * PAGS_ERROR_UNSUPPORTED for others. PAGS_ERROR_FORMAT or PAGS_ERROR_MEMORY. On failure `out` is zeroed. */
+ * Scan lines are read, uncompressed or compressed by RLE, ZIP, ZIPS or PIZ: PAGS_ERROR_UNSUPPORTED for others.
+ * PAGS_ERROR_FORMAT or PAGS_ERROR_MEMORY. On failure `out` is zeroed. */
 pags_result pags_exr_decode(const pags_encoded *file, int most, pags_image *out);
 
 /* Float channels to write: sample (x, y) of channel c is planes[c][y * row_step + x * pixel_step]. */

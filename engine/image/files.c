@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Reading and writing picture files. The decoder is chosen by how a file begins: PNG, JPEG and EXR have their own, what
- * is none of these is given to the OpenImageIO module (module.h), if this build has it. */
+ * is none of these, or of another kind than they read, is given to OpenImageIO (other.h). */
 #include <pags/image.h>
 
 #include "base/file.h"
@@ -9,8 +9,7 @@
 #include "image/encoded.h"
 #include "image/exr.h"
 #include "image/jpeg.h"
-#include "image/module.h"
-#include "image/oiio.h"
+#include "image/other.h"
 #include "image/png.h"
 #include "port/port.h"
 
@@ -86,35 +85,6 @@ static pags_result read_begin(const char *path, uint8_t *bytes, size_t most, siz
   return failed ? pags_fail(PAGS_ERROR_IO, "%s: can't read", path) : PAGS_OK;
 }
 
-/* A file that OpenImageIO has opened. */
-typedef struct other_picture {
-  const pags_oiio *oiio;
-  void *reader;
-  pags_oiio_info info;
-} other_picture;
-
-/* Opens with OpenImageIO a picture that was refused with PAGS_ERROR_UNSUPPORTED and a message. Where there is no
- * OpenImageIO the refusal stands. */
-static pags_result open_other(const char *path, other_picture *other) {
-  char refusal[512];
-  snprintf(refusal, sizeof refusal, "%s", pags_error_message());
-  const pags_result loaded = pags_oiio_module(&other->oiio);
-  if (loaded != PAGS_OK)
-    return pags_fail(loaded, "%s; OpenImageIO reads more: %s", refusal, pags_error_message());
-  pags_oiio_message message;
-  const pags_oiio_info *const info = &other->info;
-  const pags_result result = other->oiio->open(path, &other->reader, &other->info, &message);
-  if (result != PAGS_OK)
-    return pags_fail(result, "%s: not a readable picture: %s", path, message.text);
-  if (info->width >= 1 && info->width <= PAGS_IMAGE_MAX_SIDE && info->height >= 1 &&
-      info->height <= PAGS_IMAGE_MAX_SIDE && info->depth <= 1 && info->channels >= 1)
-    return PAGS_OK;
-  other->oiio->close(other->reader);
-  return pags_fail(PAGS_ERROR_FORMAT, "%s: %lld x %lld x %lld pixels with %d channels, expected sides of 1..%d", path,
-                   (long long)info->width, (long long)info->height, (long long)info->depth, info->channels,
-                   PAGS_IMAGE_MAX_SIDE);
-}
-
 /* Reads the header of a PNG, JPEG or EXR file from its first bytes; where these are not enough, from the whole file. */
 static pags_result inspect_known(const char *path, uint8_t *begin, pags_image_facts *facts) {
   size_t size;
@@ -141,15 +111,7 @@ pags_result pags_image_inspect(const char *path, pags_image_facts *facts) {
   free(begin);
   if (result != PAGS_ERROR_UNSUPPORTED)
     return result;
-  other_picture other;
-  PAGS_TRY(open_other(path, &other));
-  other.oiio->close(other.reader);
-  *facts = (pags_image_facts){.width = (int)other.info.width,
-                              .height = (int)other.info.height,
-                              .alpha = other.info.alpha,
-                              .sample = other.info.sample,
-                              .orientation = other.info.orientation};
-  return PAGS_OK;
+  return pags_other_inspect(path, facts);
 }
 
 pags_result pags_image_size(const char *path, int *width, int *height) {
@@ -175,21 +137,6 @@ static pags_result load_known(const char *path, int most, int rows, pags_image *
   return result;
 }
 
-static pags_result load_other(const char *path, int most, pags_image *out) {
-  other_picture other;
-  PAGS_TRY(open_other(path, &other));
-  const int stored = other.info.channels < most ? other.info.channels : most;
-  pags_result result = pags_image_create(out, (int)other.info.width, (int)other.info.height, stored, other.info.sample);
-  if (result == PAGS_OK) {
-    pags_oiio_message message;
-    result = other.oiio->read(other.reader, stored, other.info.sample, out->data, &message);
-    if (result != PAGS_OK)
-      pags_fail(result, "%s: can't be decoded: %s", path, message.text);
-  }
-  other.oiio->close(other.reader);
-  return result;
-}
-
 pags_result pags_image_load(const char *path, pags_sample sample, int channels, pags_image *out) {
   return pags_image_load_top(path, sample, channels, 0, out);
 }
@@ -202,7 +149,7 @@ pags_result pags_image_load_top(const char *path, pags_sample sample, int channe
   const int most = channels == 3 ? 3 : 4;
   pags_result result = load_known(path, most, rows, out);
   if (result == PAGS_ERROR_UNSUPPORTED)
-    result = load_other(path, most, out);
+    result = pags_other_load(path, most, out);
   if (result == PAGS_OK)
     result = pags_image_convert(out, sample, channels ? channels : out->channels);
   if (result != PAGS_OK)

@@ -178,13 +178,19 @@ static pags_result decode(jpeg_reader *r, int most, pags_image *out) {
                              : PAGS_OK;
 }
 
+/* The ratio of a pixel's sides that a JFIF segment states by its densities; 0: none does. */
+static double find_pixel_aspect(const struct jpeg_decompress_struct *jpeg) {
+  return jpeg->saw_JFIF_marker && jpeg->X_density > 0 ? (double)jpeg->Y_density / jpeg->X_density : 0;
+}
+
 pags_result pags_jpeg_inspect(const pags_encoded *file, pags_image_facts *facts) {
   jpeg_reader r = {.file = file};
   const pags_result result = begin(&r);
   if (result == PAGS_OK)
     *facts = (pags_image_facts){.width = (int)r.jpeg.image_width,
                                 .height = (int)r.jpeg.image_height,
-                                .orientation = pags_orientation_of_jpeg(file->bytes, file->size)};
+                                .orientation = pags_orientation_of_jpeg(file->bytes, file->size),
+                                .pixel_aspect = pags_pixel_aspect(find_pixel_aspect(&r.jpeg))};
   jpeg_destroy_decompress(&r.jpeg);
   return result;
 }

@@ -18,6 +18,7 @@ namespace {
 
 struct reader {
   std::unique_ptr<OIIO::ImageInput> input;
+  std::string part; // name of the part
 };
 
 // OpenImageIO's messages may have several lines; ours have one.
@@ -63,6 +64,32 @@ pags_sample sample_of(OIIO::TypeDesc type) {
   return type.basetype == OIIO::TypeDesc::UINT16 ? PAGS_U16 : PAGS_F32;
 }
 
+void describe(reader *r, pags_oiio_info *info) {
+  const OIIO::ImageSpec &spec = r->input->spec();
+  const std::string format = r->input->format_name();
+  *info = {};
+  info->width = spec.width;
+  info->height = spec.height;
+  info->depth = spec.depth;
+  if (format == "openexr") {
+    info->left = spec.x;
+    info->top = spec.y;
+    info->shown_left = spec.full_x;
+    info->shown_top = spec.full_y;
+    info->shown_width = spec.full_width;
+    info->shown_height = spec.full_height;
+  }
+  info->channels = spec.nchannels;
+  info->sample = sample_of(spec.format);
+  info->alpha = spec.alpha_channel >= 0 && spec.alpha_channel == (spec.nchannels == 2 ? 1 : 3);
+  const int orientation = spec.get_int_attribute("Orientation", 1);
+  info->orientation = orientation >= 1 && orientation <= 8 ? orientation : 1;
+  info->pixel_aspect = spec.get_float_attribute("PixelAspectRatio", 1);
+  r->part = spec.get_string_attribute("oiio:subimagename");
+  info->part = r->part.c_str();
+  std::snprintf(info->format, sizeof info->format, "%s", format.c_str());
+}
+
 pags_result open_reader(const char *path, void **out, pags_oiio_info *info, pags_oiio_message *message) {
   return guarded(message, [&] {
     // Alpha is left as the file has it: premultiplying on read would darken the edges of masks kept as alpha.
@@ -73,28 +100,52 @@ pags_result open_reader(const char *path, void **out, pags_oiio_info *info, pags
       set_message(message, OIIO::geterror());
       return PAGS_ERROR_FORMAT;
     }
-    const OIIO::ImageSpec &spec = input->spec();
-    info->width = spec.width;
-    info->height = spec.height;
-    info->depth = spec.depth;
-    info->channels = spec.nchannels;
-    info->sample = sample_of(spec.format);
-    info->alpha = spec.alpha_channel >= 0 && spec.alpha_channel == (spec.nchannels == 2 ? 1 : 3);
-    const int orientation = spec.get_int_attribute("Orientation", 1);
-    info->orientation = orientation >= 1 && orientation <= 8 ? orientation : 1;
-    std::snprintf(info->format, sizeof info->format, "%s", input->format_name());
-    *out = new reader{std::move(input)};
+    auto opened = std::make_unique<reader>();
+    opened->input = std::move(input);
+    describe(opened.get(), info);
+    *out = opened.release();
     return PAGS_OK;
   });
 }
 
-pags_result read_pixels(void *handle, int channels, pags_sample sample, void *data, pags_oiio_message *message) {
+int go_to_part(void *handle, int index, pags_oiio_info *info) {
+  pags_oiio_message ignored;
+  reader *const r = static_cast<reader *>(handle);
+  return guarded(&ignored, [&] {
+           if (!r->input->seek_subimage(index, 0)) {
+             r->input->geterror(); // clears it
+             return PAGS_ERROR_ARGUMENT;
+           }
+           describe(r, info);
+           return PAGS_OK;
+         }) == PAGS_OK;
+}
+
+const char *channel_of(void *handle, int index, int *number) {
+  const OIIO::ImageSpec &spec = static_cast<reader *>(handle)->input->spec();
+  *number = spec.channelformat(index).basetype == OIIO::TypeDesc::UINT32;
+  return spec.channelnames[static_cast<size_t>(index)].c_str();
+}
+
+pags_result read_pixels(void *handle, const int *channels, int count, pags_sample sample, int step, void *data,
+                        pags_oiio_message *message) {
   return guarded(message, [&] {
     OIIO::ImageInput *input = static_cast<reader *>(handle)->input.get();
-    if (input->read_image(0, 0, 0, channels, type_of(sample), data))
-      return PAGS_OK;
-    set_message(message, input->geterror());
-    return PAGS_ERROR_FORMAT;
+    const OIIO::TypeDesc type = type_of(sample);
+    const OIIO::stride_t stride = static_cast<OIIO::stride_t>(type.size()) * step;
+    const int part = input->current_subimage();
+    for (int i = 0; i < count;) { // neighbours in the file are read at once
+      int end = i + 1;
+      while (end < count && channels[end] == channels[end - 1] + 1)
+        end++;
+      char *const to = static_cast<char *>(data) + type.size() * static_cast<size_t>(i);
+      if (!input->read_image(part, 0, channels[i], channels[end - 1] + 1, type, to, stride)) {
+        set_message(message, input->geterror());
+        return PAGS_ERROR_FORMAT;
+      }
+      i = end;
+    }
+    return PAGS_OK;
   });
 }
 
@@ -109,7 +160,7 @@ void close_reader(void *handle) {
 } // namespace
 
 extern "C" const void *pags_oiio_table(void) {
-  static const pags_oiio table = {PAGS_OIIO_VERSION, open_reader, read_pixels, close_reader};
+  static const pags_oiio table = {PAGS_OIIO_VERSION, open_reader, go_to_part, channel_of, read_pixels, close_reader};
   try {
     // Our own pool decodes several pictures at once; threads of OpenImageIO's and OpenEXR's would only add to them.
     OIIO::attribute("threads", 1);

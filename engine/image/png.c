@@ -190,12 +190,14 @@ pags_result pags_png_inspect(const pags_encoded *file, pags_image_facts *facts) 
   if (result == PAGS_OK)
     result = pags_encoded_check(file, &info, 0);
   if (result == PAGS_OK)
-    *facts = (pags_image_facts){.width = (int)info.width,
-                                .height = (int)info.height,
-                                .alpha = (png_get_color_type(state.png, state.info) & PNG_COLOR_MASK_ALPHA) != 0 ||
-                                         png_get_valid(state.png, state.info, PNG_INFO_tRNS),
-                                .sample = png_get_bit_depth(state.png, state.info) == 16 ? PAGS_U16 : PAGS_U8,
-                                .orientation = find_orientation(&state)};
+    *facts = (pags_image_facts){
+        .width = (int)info.width,
+        .height = (int)info.height,
+        .alpha = (png_get_color_type(state.png, state.info) & PNG_COLOR_MASK_ALPHA) != 0 ||
+                 png_get_valid(state.png, state.info, PNG_INFO_tRNS),
+        .sample = png_get_bit_depth(state.png, state.info) == 16 ? PAGS_U16 : PAGS_U8,
+        .orientation = find_orientation(&state),
+        .pixel_aspect = pags_pixel_aspect((double)png_get_pixel_aspect_ratio(state.png, state.info))};
   png_destroy_read_struct(&state.png, &state.info, NULL);
   return result;
 }

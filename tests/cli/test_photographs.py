@@ -33,32 +33,33 @@ def png(width, height, samples, channels=3, bits=8, orientation=1):
     )
 
 
-def exr(width, height, rows):
-    """The bytes of an uncompressed EXR of half-float channels; rows[y][c]: list of values, channels in the order of names."""
+def exr(width, height, rows, channels="BGRA", left=0, top=0, shown=None, aspect=1):
+    """The bytes of an uncompressed EXR of half-float channels; rows[y][c]: list of values. The data window begins at left, top; shown: display window."""
 
     def attribute(name, kind, value):
         return name + b"\0" + kind + b"\0" + struct.pack("<i", len(value)) + value
 
-    names = sorted("BGRA"[: len(rows[0])])
-    channels = b"".join(name.encode() + b"\0" + struct.pack("<iB3xii", 1, 0, 1, 1) for name in names) + b"\0"
-    box = struct.pack("<4i", 0, 0, width - 1, height - 1)
+    given = list(channels[: len(rows[0])])
+    names = sorted(given)
+    listed = b"".join(name.encode() + b"\0" + struct.pack("<iB3xii", 1, 0, 1, 1) for name in names) + b"\0"
+    box = (left, top, left + width - 1, top + height - 1)
     head = (
         struct.pack("<II", 20000630, 2)
-        + attribute(b"channels", b"chlist", channels)
+        + attribute(b"channels", b"chlist", listed)
         + attribute(b"compression", b"compression", b"\0")
-        + attribute(b"dataWindow", b"box2i", box)
-        + attribute(b"displayWindow", b"box2i", box)
+        + attribute(b"dataWindow", b"box2i", struct.pack("<4i", *box))
+        + attribute(b"displayWindow", b"box2i", struct.pack("<4i", *(shown or box)))
         + attribute(b"lineOrder", b"lineOrder", b"\0")
-        + attribute(b"pixelAspectRatio", b"float", struct.pack("<f", 1))
+        + attribute(b"pixelAspectRatio", b"float", struct.pack("<f", aspect))
         + attribute(b"screenWindowCenter", b"v2f", struct.pack("<2f", 0, 0))
         + attribute(b"screenWindowWidth", b"float", struct.pack("<f", 1))
         + b"\0"
     )
     line = width * 2 * len(names)
     places = b"".join(struct.pack("<Q", len(head) + 8 * height + y * (8 + line)) for y in range(height))
-    order = ["BGRA".index(name) for name in names]
+    order = [given.index(name) for name in names]
     data = b"".join(
-        struct.pack("<ii", y, line) + b"".join(struct.pack(f"<{width}e", *rows[y][c]) for c in order)
+        struct.pack("<ii", top + y, line) + b"".join(struct.pack(f"<{width}e", *rows[y][c]) for c in order)
         for y in range(height)
     )
     return head + places + data
@@ -88,7 +89,9 @@ class Photographs(fixtures.Case):
     def train(self, *arguments, steps=1):
         scene = self.path("scene")
         more = ["-o", scene, "-n", steps, "--preview-every", 0, "--overwrite", "--random-points", 200, "--json", "-"]
-        return json.loads(self.succeeds("train", self.set, *more, *arguments).stdout)
+        done = self.succeeds("train", self.set, *more, *arguments)
+        self.said = done.stderr
+        return json.loads(done.stdout)
 
     def eval(self, *arguments):
         done = self.succeeds("eval", self.path("scene"), "--json", "-", "--images", self.path("eval"), *arguments)
@@ -229,21 +232,95 @@ class Photographs(fixtures.Case):
         self.change(frames=content["frames"])
         self.assertAlmostEqual(self.eval("--image-alpha", "ignore")["train"]["psnr"], masked, places=9)
 
-    def test_linear_light(self):
+    # ---- EXR ----
+
+    def light(self, i):
+        """Linear light of picture i: rows of channels B, G, R."""
+        light = [v / 255 for v in self.pixels[i]]
+        light = [v / 12.92 if v <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4 for v in light]
+        return [[light[3 * WIDTH * y + c : 3 * WIDTH * (y + 1) : 3] for c in (2, 1, 0)] for y in range(HEIGHT)]
+
+    def store_exr(self, make):
+        """Makes all photographs EXR files; make(i, rows) is the bytes of one."""
         content = self.change()
         for i, frame in enumerate(content["frames"]):
-            light = [v / 255 for v in self.pixels[i]]
-            light = [v / 12.92 if v <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4 for v in light]
-            rows = [[light[3 * WIDTH * y + c : 3 * WIDTH * (y + 1) : 3] for c in (2, 1, 0)] for y in range(HEIGHT)]
+            frame["file_path"] = f"images/{i:03d}.exr"
+            write(f"{self.set}/{frame['file_path']}", make(i, self.light(i)))
+        self.change(frames=content["frames"])
+
+    def photo_is(self, i, inside=lambda x, y: True, outside=0):
+        width, height, data = self.photo(f"{i:03d}")
+        self.assertEqual((width, height), (WIDTH, HEIGHT))
+        for y in range(HEIGHT):
+            for x in range(WIDTH):
+                at = 3 * (y * WIDTH + x)
+                want = self.pixels[i][at : at + 3] if inside(x, y) else [outside] * 3
+                self.assertLessEqual(max(abs(a - b) for a, b in zip(data[at : at + 3], want)), 1, (x, y))
+
+    def test_linear_light(self):
+        def make(i, rows):
             if i == 0:  # alpha of one half, by which the colours are multiplied
                 rows = [[[v / 2 for v in c] for c in row] + [[0.5] * WIDTH] for row in rows]
-            frame["file_path"] = f"images/{i:03d}.exr"
-            write(f"{self.set}/{frame['file_path']}", exr(WIDTH, HEIGHT, rows))
-        self.change(frames=content["frames"])
+            return exr(WIDTH, HEIGHT, rows)
+
+        self.store_exr(make)
         self.assertEqual(self.train()["warnings"], [])
         self.eval()
-        self.assertLessEqual(max(abs(a - b) for a, b in zip(self.photo("001")[2], self.pixels[1])), 1)
+        self.photo_is(1)
         self.assertLessEqual(max(abs(2 * a - b) for a, b in zip(self.photo("000")[2], self.pixels[0])), 3)
+
+    def test_data_window_larger_than_the_picture(self):
+        def make(i, rows):
+            rows = [[c[:1] * 3 + c + c[-1:] for c in row] for row in rows]  # three columns more at the left, one at the right
+            return exr(WIDTH + 4, HEIGHT + 5, rows[:1] * 4 + rows + rows[-1:], left=97, top=-54, shown=(100, -50, 99 + WIDTH, -51 + HEIGHT))
+
+        self.store_exr(make)
+        self.assertEqual(self.train()["warnings"], [])
+        self.assertIn("9 of 9 photographs are EXR files whose data window is larger", self.said)
+        self.eval()
+        self.photo_is(0)
+
+    def test_data_window_of_a_part(self):
+        def make(i, rows):
+            return exr(20, 10, [[c[6:26] for c in row] for row in rows[8:18]], left=6, top=8, shown=(0, 0, WIDTH - 1, HEIGHT - 1))
+
+        self.store_exr(make)
+        inside = lambda x, y: 6 <= x < 26 and 8 <= y < 18
+        self.one_warning(self.train("--background", "0.2,0.2,0.2"), "data window covers only a part", "is the background", "000.exr")
+        self.eval("--background", "0.2,0.2,0.2")
+        self.photo_is(0, inside, 51)
+        self.one_warning(self.train("--image-alpha", "mask"), "left out of the loss")
+        self.one_warning(self.train("--image-alpha", "ignore"), "is black")
+        self.eval()
+        self.photo_is(0, inside)
+
+    def test_layers(self):
+        grey = [0.9] * WIDTH
+        more = lambda rows: [row + [grey] * 5 for row in rows]
+        depth = ["V.AO.R", "V.AO.G", "V.AO.B", "V.Depth.Z", "V.Index"]
+        names = ["V.Combined.B", "V.Combined.G", "V.Combined.R", *depth]
+        self.store_exr(lambda i, rows: exr(WIDTH, HEIGHT, more(rows), names))
+        self.assertEqual(self.train()["warnings"], [])
+        self.assertIn("9 of 9 photographs are EXR files of several layers; of 000.exr, V.Combined is used", self.said)
+        self.eval()
+        self.photo_is(0)
+        names = ["A.Combined.B", "A.Combined.G", "A.Combined.R", "B.Combined.R", "B.Combined.G", "B.Combined.B", "Z", "id"]
+        self.store_exr(lambda i, rows: exr(WIDTH, HEIGHT, more(rows), names))
+        self.one_warning(self.train(), "several layers may be the picture", "of 000.exr it is A.Combined")
+        names = ["gloss.B", "gloss.G", "gloss.R", "diffuse.R", "diffuse.G", "diffuse.B", "Z", "id"]
+        self.store_exr(lambda i, rows: exr(WIDTH, HEIGHT, more(rows), names))
+        self.fails(["info", self.set], "000.exr: several layers", "diffuse, gloss", "oiiotool")
+        self.store_exr(lambda i, rows: exr(WIDTH, HEIGHT, rows, ["N.X", "N.Y", "N.Z"]))
+        self.fails(["info", self.set], "000.exr: no colours", "N.X, N.Y, N.Z")
+
+    def test_pixels_that_are_not_square(self):
+        self.store_exr(lambda i, rows: exr(WIDTH, HEIGHT, rows, aspect=1.5))
+        self.one_warning(self.info(), "9 of 9 photographs have pixels that are not square", "000.exr, with pixels of 1.5 times")
+        self.change(w=WIDTH * 3 // 2, h=HEIGHT, fl_x=60, fl_y=60, cx=24, cy=12)
+        self.assertEqual(self.train()["warnings"], [])
+        with open(self.path("scene", "scene.json")) as file:
+            camera = json.load(file)["cameras"][0]
+        self.assertEqual([camera[k] for k in ("width", "fx", "fy", "cx")], [WIDTH, 40, 60, 16])
 
     # ---- Orientation ----
 

@@ -31,14 +31,29 @@ PAGS_API void pags_image_destroy(pags_image *image);
 /* Reads the width and height of a picture file (pixels) without decoding its samples. Errors as pags_image_load. */
 PAGS_API pags_result pags_image_size(const char *path, int *width, int *height);
 
+/* Bytes of a name in pags_image_facts, with the 0 at its end; longer names are cut. */
+#define PAGS_IMAGE_NAME 64
+
+/* Whether the samples of an EXR file cover its picture, which is the display window. What lies outside of that isn't
+ * read; where the data window has no samples, all channels are 0. */
+typedef enum pags_image_window { PAGS_WINDOW_WHOLE, PAGS_WINDOW_LARGER, PAGS_WINDOW_PARTIAL } pags_image_window;
+
+/* How the layer of an EXR file was chosen: there is no other with colours; by its name; it is the first of several that
+ * are as likely. */
+typedef enum pags_layer_rule { PAGS_LAYER_ONLY, PAGS_LAYER_NAMED, PAGS_LAYER_FIRST } pags_layer_rule;
+
 /* What the header of a picture file says. */
 typedef struct pags_image_facts {
-  int width, height; /* pixels as stored */
+  int width, height; /* pixels as stored; of an EXR file its display window */
   int alpha;         /* 1: the last of 2 or 4 channels is alpha, or a colour is transparent */
   /* As pags_image_load decodes them before it converts. By convention U8 and U16 are display-referred with straight
    * alpha, and F32 is linear light with colours multiplied by alpha. */
   pags_sample sample;
-  int orientation; /* as EXIF numbers them, 1..8; 1: stored as it is looked at, or unknown */
+  int orientation;     /* as EXIF numbers them, 1..8; 1: stored as it is looked at, or unknown */
+  double pixel_aspect; /* width of a pixel over its height; 1: square, or unknown */
+  pags_image_window window;
+  pags_layer_rule layer_rule;
+  char layer[PAGS_IMAGE_NAME]; /* of an EXR file: the layer that is read; "": the channels without a layer */
 } pags_image_facts;
 
 /* Reads these facts without decoding the samples. Errors as pags_image_load. */

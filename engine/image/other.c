@@ -1,0 +1,192 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Pictures through the OpenImageIO module (other.h). */
+#include "image/other.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/memory.h"
+#include "base/text.h"
+#include "image/encoded.h"
+#include "image/layers.h"
+#include "image/module.h"
+#include "image/oiio.h"
+
+/* A file that OpenImageIO has opened, at the part that is read. */
+typedef struct other_picture {
+  const pags_oiio *oiio;
+  void *reader;
+  pags_oiio_info info; /* of that part */
+  pags_layer layer;    /* the channels that are read */
+  pags_image_window window;
+  int width, height; /* of the picture */
+  int left, top;     /* of the part's samples in it */
+} other_picture;
+
+/* ---- Parts and layers of EXR files ---- */
+
+enum { MOST_CHANNELS = 1024 };
+
+/* The channels of all parts, with names that are freed by free_channels. */
+typedef struct channel_list {
+  int count;
+  pags_layer_channel items[MOST_CHANNELS];
+} channel_list;
+
+static void free_channels(channel_list *list) {
+  for (int i = 0; i < list->count; i++) {
+    free((char *)list->items[i].name);
+    free((char *)list->items[i].part);
+  }
+  free(list);
+}
+
+static pags_result list_channels(const char *path, other_picture *other, channel_list *list) {
+  pags_oiio_info info;
+  for (int part = 0; other->oiio->part(other->reader, part, &info); part++)
+    for (int i = 0; i < info.channels; i++) {
+      int number;
+      const char *const name = other->oiio->channel(other->reader, i, &number);
+      if (list->count == MOST_CHANNELS)
+        return pags_fail(PAGS_ERROR_FORMAT, "%s: more than %d channels", path, MOST_CHANNELS);
+      pags_layer_channel *const c = &list->items[list->count++];
+      *c = (pags_layer_channel){pags_text_copy(name), pags_text_copy(info.part), part, i, number};
+      if (!c->name || !c->part)
+        return pags_out_of_memory("%s", path);
+    }
+  return PAGS_OK;
+}
+
+static pags_result choose_layer(const char *path, other_picture *other) {
+  channel_list *const list = calloc(1, sizeof *list);
+  if (!list)
+    return pags_out_of_memory("%s", path);
+  pags_result result = list_channels(path, other, list);
+  if (result == PAGS_OK)
+    result = pags_layer_choose(path, list->items, list->count, &other->layer);
+  free_channels(list);
+  if (result == PAGS_OK && !other->oiio->part(other->reader, other->layer.part, &other->info))
+    result = pags_fail(PAGS_ERROR_FORMAT, "%s: part %d of it can't be read", path, other->layer.part);
+  return result;
+}
+
+/* The picture of an EXR file: its layer and windows. */
+static pags_result open_exr(const char *path, other_picture *other) {
+  PAGS_TRY(choose_layer(path, other));
+  const pags_oiio_info *const info = &other->info;
+  const pags_window_box data = {info->left, info->top, info->left + info->width, info->top + info->height};
+  const pags_window_box shown = {info->shown_left, info->shown_top, info->shown_left + info->shown_width,
+                                 info->shown_top + info->shown_height};
+  PAGS_TRY(pags_window_compare(path, &data, &shown, &other->window));
+  other->width = (int)info->shown_width;
+  other->height = (int)info->shown_height;
+  other->left = (int)(info->left - info->shown_left);
+  other->top = (int)(info->top - info->shown_top);
+  return PAGS_OK;
+}
+
+/* ---- Reading ---- */
+
+/* The picture of any other format: the first channels of the first part. */
+static pags_result open_plain(const char *path, other_picture *other) {
+  const pags_oiio_info *const info = &other->info;
+  if (info->width < 1 || info->width > PAGS_IMAGE_MAX_SIDE || info->height < 1 || info->height > PAGS_IMAGE_MAX_SIDE ||
+      info->depth > 1 || info->channels < 1)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: %lld x %lld x %lld pixels with %d channels, expected sides of 1..%d", path,
+                     (long long)info->width, (long long)info->height, (long long)info->depth, info->channels,
+                     PAGS_IMAGE_MAX_SIDE);
+  other->width = (int)info->width;
+  other->height = (int)info->height;
+  other->layer =
+      (pags_layer){.channels = info->channels < 4 ? info->channels : 4, .order = {0, 1, 2, 3}, .alpha = info->alpha};
+  return PAGS_OK;
+}
+
+/* Opens a picture; the caller closes it if PAGS_OK is returned. */
+static pags_result open_other(const char *path, other_picture *other) {
+  char refusal[512];
+  pags_oiio_message message;
+  snprintf(refusal, sizeof refusal, "%s", pags_error_message());
+  *other = (other_picture){.window = PAGS_WINDOW_WHOLE};
+  const pags_result loaded = pags_oiio_module(&other->oiio);
+  if (loaded != PAGS_OK)
+    return pags_fail(loaded, "%s; OpenImageIO reads more: %s", refusal, pags_error_message());
+  pags_result result = other->oiio->open(path, &other->reader, &other->info, &message);
+  if (result != PAGS_OK)
+    return pags_fail(result, "%s: not a readable picture: %s", path, message.text);
+  result = other->info.shown_width > 0 ? open_exr(path, other) : open_plain(path, other);
+  if (result != PAGS_OK)
+    other->oiio->close(other->reader);
+  return result;
+}
+
+pags_result pags_other_inspect(const char *path, pags_image_facts *facts) {
+  other_picture other;
+  PAGS_TRY(open_other(path, &other));
+  other.oiio->close(other.reader);
+  *facts = (pags_image_facts){.width = other.width,
+                              .height = other.height,
+                              .alpha = other.layer.alpha,
+                              .sample = other.info.sample,
+                              .orientation = other.info.orientation,
+                              .pixel_aspect = pags_pixel_aspect(other.info.pixel_aspect),
+                              .window = other.window,
+                              .layer_rule = other.layer.rule};
+  memcpy(facts->layer, other.layer.name, sizeof facts->layer);
+  return PAGS_OK;
+}
+
+static size_t sample_bytes(pags_sample sample) {
+  return sample == PAGS_U8 ? 1 : sample == PAGS_U16 ? 2 : 4;
+}
+
+/* Copies the samples of the data window to their place in the picture. */
+static void place(const other_picture *other, const pags_image *data, pags_image *out) {
+  const size_t bytes = sample_bytes(out->sample) * (size_t)out->channels;
+  const int begin = other->left < 0 ? -other->left : 0;
+  const int end = data->width < out->width - other->left ? data->width : out->width - other->left;
+  for (int y = 0; y < data->height; y++)
+    if (other->top + y >= 0 && other->top + y < out->height)
+      memcpy((uint8_t *)out->data +
+                 ((size_t)(other->top + y) * (size_t)out->width + (size_t)(other->left + begin)) * bytes,
+             (const uint8_t *)data->data + ((size_t)y * (size_t)data->width + (size_t)begin) * bytes,
+             (size_t)(end - begin) * bytes);
+}
+
+/* Reads all samples of the part. */
+static pags_result read_samples(const char *path, const other_picture *other, int channels, pags_image *out) {
+  pags_oiio_message message;
+  const int stored = other->layer.channels < channels ? other->layer.channels : channels;
+  PAGS_TRY(pags_image_create(out, (int)other->info.width, (int)other->info.height, channels, other->info.sample));
+  const pags_result result =
+      other->oiio->read(other->reader, other->layer.order, stored, other->info.sample, channels, out->data, &message);
+  if (result != PAGS_OK)
+    return pags_fail(result, "%s: can't be decoded: %s", path, message.text);
+  if (channels > stored) { /* alpha of what has samples, of an EXR file */
+    const size_t samples = (size_t)out->width * (size_t)out->height * (size_t)channels;
+    for (size_t i = (size_t)channels - 1; i < samples; i += (size_t)channels)
+      ((float *)out->data)[i] = 1;
+  }
+  return PAGS_OK;
+}
+
+pags_result pags_other_load(const char *path, int most, pags_image *out) {
+  other_picture other;
+  PAGS_TRY(open_other(path, &other));
+  const int channels = pags_layer_channels(&other.layer, other.window, most);
+  pags_result result;
+  if (other.window == PAGS_WINDOW_WHOLE) {
+    result = read_samples(path, &other, channels, out);
+  } else {
+    pags_image data = {0};
+    result = read_samples(path, &other, channels, &data);
+    if (result == PAGS_OK)
+      result = pags_image_create(out, other.width, other.height, channels, other.info.sample);
+    if (result == PAGS_OK)
+      place(&other, &data, out);
+    pags_image_destroy(&data);
+  }
+  other.oiio->close(other.reader);
+  return result;
+}
