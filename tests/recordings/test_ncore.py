@@ -112,6 +112,7 @@ class Tree:
         self.lidar = np.eye(4)
         self.lidar[:3] = np.column_stack([about([0.2, 0.1, 1], 2.0), [0.9, 0.1, 1.8]])
         self.models, self.boxes, self.junk = models, labels(street), None
+        self.lags, self.lost = (-10_000, 10_000), ()  # one camera 10 ms before the frame, the other 10 ms after it
         change(self)
         self.write(folder, store)
 
@@ -128,8 +129,8 @@ class Tree:
         return out
 
     def photograph(self, t, c):
-        """The middle of an exposure and the pose of the camera then: one camera 10 ms before the frame, the other 10 ms after it."""
-        at = BEGIN + t * STEP + (-10_000, 10_000)[c]
+        """The middle of an exposure and the pose of the camera then."""
+        at = BEGIN + t * STEP + self.lags[c]
         return at, self.rig(at) @ self.mounts[c]
 
     def world(self, t):
@@ -176,6 +177,8 @@ class Tree:
             intrinsics.store_camera_intrinsics(name, self.parameters(c))
             camera = make(v4.CameraSensorComponent.Writer, name, "cameras")
             for t in range(1, self.count - 1):
+                if (t, c) in self.lost:
+                    continue
                 middle, _ = self.photograph(t, c)
                 camera.store_frame(read(os.path.join(self.street, "images", f"{t:03d}_{c}.png")), "png", np.array([middle - EXPOSURE // 2, middle + EXPOSURE // 2], np.uint64), {}, {})
         lidar = make(v4.LidarSensorComponent.Writer, "top", "lidar")
@@ -292,6 +295,20 @@ class Sequences(Case):
 
         tree, out = self.imports(Tree(self.street, self.path("raw"), change=change))
         self.assertFalse(os.path.exists(os.path.join(out, "instances")))
+
+    def test_lost_photographs(self):
+        """A camera half a step behind the other lost two: each photograph goes to one time step, and the steps without one are counted."""
+
+        def change(tree):
+            tree.lags, tree.lost = (0, 50_000), ((2, 1), (3, 1))
+
+        tree, out = self.imports(Tree(self.street, self.path("raw"), change=change))
+        pictures = [read(os.path.join(out, "images", name)) for name in sorted(os.listdir(os.path.join(out, "images"))) if "_1." in name]
+        self.assertEqual((len(pictures), len(set(pictures))), (tree.count - 4, tree.count - 4))
+        result = load(out, "import.json")["result"]
+        left = {(row["what"], row["why"]): row["count"] for row in result["left_out"]}
+        self.assertEqual((result["steps"], left["time steps", "side has no photograph of its own within 0.05 s"]), (tree.count - 4, 2))
+        self.assertEqual(left["photographs", "of front, which belong to no time step"], 2)
 
     def test_refused(self):
         for kind, word in (("windshield", "'side' looks through a windshield"), ("prism", "'side' has thin-prism coefficients")):

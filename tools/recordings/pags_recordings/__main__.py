@@ -11,6 +11,7 @@ import signal
 import sys
 import time
 
+from .account import counted, lines
 from .errors import RecordingError
 from .importing import Progress, one_of
 from .writer import Recording
@@ -104,13 +105,11 @@ def recording(arguments, people):
             progress = Progress(arguments.quiet)
             reader.read(found[name], cameras, arguments.frames, out, progress)
             progress.end()
-    if people and out.done:
-        print(f"{arguments.output}: is complete", file=people)
-    elif people:
-        boxes = sum(len(step.boxes) for step in out.steps)
-        print(f"{arguments.output}: {len(out.steps)} time steps, {len(out.cameras)} cameras, {len(out.tracks)} things in {boxes} boxes; look at it: "
-              f"pags info {arguments.output} --overlay FOLDER", file=people)  # fmt: skip
-    return {}
+    done = "is complete; " if out.done else ""
+    result = out.result or {"left_out": []}
+    if people:
+        print(f"{arguments.output}: {done}{counted(result)}; look at it: pags info {arguments.output} --overlay FOLDER", *lines(result["left_out"]), sep="\n", file=people)
+    return result
 
 
 def run(arguments):

@@ -11,7 +11,7 @@ import numpy as np
 
 from . import poses
 from .errors import RecordingError
-from .importing import Tracks, chosen, existing, inside, nearest
+from .importing import Tracks, chosen, existing, inside, joined, listed, optional
 
 CAMERAS = ("ring_front_center", "ring_front_left", "ring_front_right", "ring_side_left", "ring_side_right", "ring_rear_left", "ring_rear_right")
 LARGEST_GAP = 0.03  # seconds between a sweep and a photograph of its step: a little more than half of the cameras' 50 ms
@@ -38,11 +38,10 @@ def pose_of(row):
     return poses.pose([row[k] for k in QUATERNION], [row[k] for k in TRANSLATION], order="wxyz")
 
 
-def stamps(folder, end):
+def stamps(folder, endings, what, account):
     """Files named by their time in nanoseconds, ascending."""
     found = {}
-    for path in glob.glob(os.path.join(glob.escape(folder), f"*.{end}")):
-        name = os.path.basename(path)[: -len(end) - 1]
+    for name, path in listed(folder, endings, what, account).items():
         if not name.isdigit():
             raise RecordingError(f"{path}: expected the name of a time in nanoseconds")
         found[int(name)] = path
@@ -62,21 +61,28 @@ def read(log, cameras, frames, out, progress):
     mounts = table(os.path.join(log, "calibration", "egovehicle_SE3_sensor.feather"), ["sensor_name", *QUATERNION, *TRANSLATION]).set_index("sensor_name")
     path = table(os.path.join(log, "city_SE3_egovehicle.feather"), ["timestamp_ns", *QUATERNION, *TRANSLATION]).sort_values("timestamp_ns").drop_duplicates("timestamp_ns")
     photographs = os.path.join(log, "sensors", "cameras")
-    shots = {name: stamps(inside(photographs, name, os.path.join(log, "calibration", "intrinsics.feather")), "jpg") for name in lenses.index}
+    table_of_lenses = os.path.join(log, "calibration", "intrinsics.feather")
+    shots = {name: stamps(inside(photographs, name, table_of_lenses), (".jpg", ".jpeg", ".png"), "photographs", None) for name in lenses.index}
     present = [name for name in CAMERAS if shots.get(name)] + [name for name in lenses.index if shots[name] and name not in CAMERAS]
     if not present:
         raise RecordingError(f"{photographs}: has no photographs; expected CAMERA/TIME.jpg")
     names = chosen(present, cameras, "camera") if cameras else [name for name in present if name in CAMERAS] or present
+    out.account.leave_out("cameras", "have no photographs", [name for name in CAMERAS if name in lenses.index and name not in present])
+    out.account.leave_out("cameras", "not among the ring's; --cameras takes them", [] if cameras else [name for name in present if name not in names])
     zero = int(path["timestamp_ns"].iloc[0])
     stations = (path["timestamp_ns"].to_numpy() - zero) / 1e9
     ways = [pose_of(row) for _, row in path.iterrows()]
-    sweeps = stamps(os.path.join(log, "sensors", "lidar"), "feather")
-    steps = pick_steps(log, names, shots, sweeps, zero)
-    steps = steps if frames is None else steps[frames[0] : frames[1] + 1]
+    sweeps = stamps(os.path.join(log, "sensors", "lidar"), (".feather",), "sweeps", out.account)
+    anchors = list(sweeps or shots[names[0]])
+    times = {name: list(shots[name]) for name in names}
+    steps = [(anchors[i], {name: times[name][j] for name, j in picked.items()}) for i, picked in joined(anchors, times, LARGEST_GAP, frames, out.account, 1e9)]
     if not steps:
         raise RecordingError(f"{log}: no time step is left; there is none in which each camera has a photograph within {LARGEST_GAP} s, or --frames chose none")
+    out.account.contains("sweeps", len(steps) if sweeps else 0, os.path.join(log, "sensors", "lidar"))
+    out.account.leave_out("sweeps", "of the time steps that are left out", count=len(sweeps) - len(steps) if sweeps else 0)
     progress.total = len(steps)
-    tracks = read_tracks(log, zero, stations, ways)
+    tracks = read_tracks(log, zero, stations, ways, out.account)
+    tracks.within((steps[0][0] - zero) / 1e9, (steps[-1][0] - zero) / 1e9, os.path.join(log, "annotations.feather"))
     for name in names:
         lens = lenses.loc[name]
         k = [[lens["fx_px"], 0, lens["cx_px"]], [0, lens["fy_px"], lens["cy_px"]], [0, 0, 1]]
@@ -86,20 +92,9 @@ def read(log, cameras, frames, out, progress):
         put_step(out, (stamp - zero) / 1e9, {name: ((at - zero) / 1e9, shots[name][at]) for name, at in picked.items()}, sweeps.get(stamp), mounts, stations, ways, tracks)
 
 
-def pick_steps(log, names, shots, sweeps, zero):
-    """The sweeps' times, or the first camera's where there are no sweeps, at which every camera has a photograph near by."""
-    times = {name: list(shots[name]) for name in names}
-    steps = []
-    for stamp in sweeps or times[names[0]]:
-        picked = {name: times[name][nearest(times[name], stamp)] for name in names}
-        if all(abs(at - stamp) <= LARGEST_GAP * 1e9 for at in picked.values()):
-            steps.append((stamp, picked))
-    return steps
-
-
-def read_tracks(log, zero, stations, ways):
-    tracks, name = Tracks(), os.path.join(log, "annotations.feather")
-    if not os.path.exists(name):  # the test split has none
+def read_tracks(log, zero, stations, ways, account):
+    tracks, name = Tracks(account), optional(log, "annotations.feather", "boxes", account)
+    if not name:  # the test split has none
         return tracks
     rows = table(name, ["timestamp_ns", "track_uuid", "category", "length_m", "width_m", "height_m", *QUATERNION, *TRANSLATION])
     cars = {}

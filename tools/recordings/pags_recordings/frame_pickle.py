@@ -55,7 +55,8 @@ NAMES = {
 class Reader(pickle.Unpickler):
     def find_class(self, module, name):
         if (module, name) not in NAMES:
-            raise pickle.UnpicklingError(f"names {module}.{name}, which no table needs")
+            newer = "; tables of pandas 1.3 and later aren't read, take PandaSet's own files" if module.split(".")[0] in ("pandas", "pyarrow") else ""
+            raise pickle.UnpicklingError(f"names {module}.{name}, which no table needs{newer}")
         return NAMES[module, name]
 
     def persistent_load(self, identity):
@@ -63,7 +64,10 @@ class Reader(pickle.Unpickler):
 
 
 def unpacked(path):
-    with gzip.open(path, "rb") as file:
+    """The bytes of a pickle, which may be compressed, whatever its name says."""
+    with open(path, "rb") as file:
+        packed = file.read(2) == b"\x1f\x8b"
+    with gzip.open(path, "rb") if packed else open(path, "rb") as file:
         data = file.read(MOST + 1)
     if len(data) > MOST:
         raise RecordingError(f"{path}: is over {MOST >> 20} MB unpacked, more than any table")

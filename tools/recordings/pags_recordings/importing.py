@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the importers share: the choice of cameras and time steps, photographs nearest to a time, boxes between their labels, progress."""
+"""What the importers share: files in their forms, the choice of cameras and time steps, photographs that belong together, boxes between their
+labels, progress."""
 
 import os
 import sys
@@ -27,11 +28,138 @@ def inside(root, name, where):
     return os.path.join(root, plain)
 
 
+PACKED = (".zip", ".tar", ".tar.gz", ".tgz", ".gz", ".7z", ".rar", ".bz2", ".xz", ".zst")
+
+
+def others(folder, name):
+    """Files and folders that look like the missing NAME in another form: packed, of another ending, in other letters."""
+    stem = name.lower().split(".")[0]
+    there = os.listdir(folder) if os.path.isdir(folder) else []
+    return sorted(entry for entry in there if entry != name and (entry.lower() == name.lower() or entry.lower().split(".")[0] == stem and (entry.lower().endswith(PACKED) or "." in name)))
+
+
+def optional(folder, name, what, account):
+    """The path of a file or folder that may be missing; then None, and the account, if there is one, says so. What is there in another form is an error."""
+    path = os.path.join(folder, name)
+    if os.path.exists(path):
+        return path
+    other = others(folder, name)
+    if other:
+        raise RecordingError(f"{os.path.join(folder, other[0])}: {what} are read from {name}; unpack, convert or rename it, or move it elsewhere to import without {what}")
+    if account:
+        account.lacks(what, f"{path} is missing")
+    return None
+
+
+def listed(folder, endings, what, account, besides=(".json", ".txt")):
+    """Files of an optional folder by their names without ending. Where there are none, files of other endings are an error, and the account says that the
+    folder is missing or empty; where some have other endings, it counts these."""
+    place = optional(*os.path.split(folder), what, account)
+    found, strange = {}, []
+    for entry in sorted(os.listdir(place)) if place else ():
+        ending = next((ending for ending in endings if entry.lower().endswith(ending)), None)
+        if ending and not entry.startswith("."):
+            found.setdefault(entry[: -len(ending)], os.path.join(place, entry))
+        elif not entry.startswith(".") and not entry.lower().endswith(besides):
+            strange.append(entry)
+    if strange and not found:
+        raise RecordingError(f"{place}: has {strange[0]}{' and others' if len(strange) > 1 else ''}, but no file that ends in {' or '.join(endings)}, which {what} are read from; convert or unpack them")
+    if account and place:
+        account.leave_out("files", f"don't end in {' or '.join(endings)}, which {what} are read from", [os.path.join(folder, entry) for entry in strange])
+        if not found:
+            account.lacks(what, f"{place} is empty")
+    return found
+
+
 def nearest(times, at):
     """The index of the time nearest to `at`; times ascend."""
     t = np.asarray(times)
     i = int(np.clip(np.searchsorted(t, at), 1, len(t) - 1)) if len(t) > 1 else 0
     return i - 1 if i and at - t[i - 1] <= t[i] - at else i
+
+
+def partners(times, at, gap):
+    """For each time of `at` the index of its partner among `times`, or -1. Both ascend. Partners are at most `gap` apart, no time has two, and their order
+    is that of time. Among all such choices the sum of gap - distance is largest (dynamic programming, as in aligning sequences: Needleman, Wunsch 1970):
+    a lost time costs its own partner alone, and a shift of half a period doesn't matter."""
+    zero = at[0] if len(at) else 0
+    t, a = (np.asarray(np.asarray(one) - zero, np.float64) for one in (times, at))
+    best, top, rows = [0.0] * (len(t) + 1), 0, []  # best[j]: the largest sum so far of the first j of `times`
+    for one in a:
+        first, last = int(np.searchsorted(t, one - gap)), int(np.searchsorted(t, one + gap, "right"))
+        best[top + 1 : last + 1] = [best[top]] * (last - top)
+        before, top, how = best[first], last, []
+        for j in range(first, last):
+            taken, left = before + 1.001 * gap - abs(t[j] - one), best[j]
+            before = best[j + 1]
+            how.append("taken" if taken > max(left, before) else "left" if left > before else "before")
+            best[j + 1] = max(taken, left, before)
+        rows.append((first, how))
+    found, end = [-1] * len(a), len(t)
+    for i, (first, how) in reversed(list(enumerate(rows))):
+        j = min(end - first, len(how)) - 1
+        while j >= 0 and how[j] == "left":
+            j -= 1
+        if j >= 0 and how[j] == "taken":
+            found[i] = first + j
+            end = first + j
+        else:
+            end = min(end, first + max(j, -1) + 1)
+    return found
+
+
+def joined(anchors, shots, gap, frames, account, unit=1.0):
+    """The time steps: for each of the anchors' times its number, and for each camera of `shots` (times by name) the number of the photograph that
+    belongs to it alone, at most `gap` seconds away. Steps in which a camera has none are left out, then those that `frames` doesn't choose; the
+    account counts both, and the photographs without a step. Times count `unit` a second and ascend."""
+    found = {name: partners(times, anchors, gap * unit) for name, times in shots.items()}
+    whole, lost = [], {}
+    for i, at in enumerate(anchors):
+        lacking = next((name for name in shots if found[name][i] < 0), None)
+        if lacking is None:
+            whole.append((i, {name: found[name][i] for name in shots}))
+        else:
+            lost.setdefault(lacking, []).append(f"{(at - anchors[0]) / unit:.3f} s after the begin")
+    for name, which in lost.items():
+        account.leave_out("time steps", f"{name} has no photograph of its own within {gap} s", which)
+    steps = choose_steps(whole, frames, account)
+    account.leave_out("photographs", "of the time steps that --frames left out", count=(len(whole) - len(steps)) * len(shots))
+    for name, times in shots.items():
+        used = {picked[name] for _, picked in whole}
+        account.leave_out("photographs", f"of {name}, which belong to no time step", count=sum(i not in used for i in range(len(times))))
+    return steps
+
+
+def choose_steps(steps, frames, account):
+    """Those that --frames chose, both ends included."""
+    kept = steps if frames is None else steps[frames[0] : frames[1] + 1]
+    account.leave_out("time steps", "--frames chose others", count=len(steps) - len(kept))
+    return kept
+
+
+def sweeps_of_steps(times, steps, gap, where, account):
+    """For each step's time the number of the sweep that belongs to it alone, at most `gap` seconds away, or -1. Times are seconds and ascend."""
+    found = partners(times, steps, gap)
+    within = sum(steps[0] - gap <= at <= steps[-1] + gap for at in times)
+    account.contains("sweeps", within, where)
+    account.leave_out("sweeps", "before the first or after the last time step", count=len(times) - within)
+    account.leave_out("sweeps", f"between the time steps: no step of their own within {gap} s", count=within - sum(i >= 0 for i in found))
+    return found
+
+
+def complete(steps, shots, account):
+    """Those of the steps at which each camera has a photograph; `shots` has the steps of which there are photographs, by camera. The account counts the
+    other steps, and the photographs that are in none of the complete ones."""
+    kept = []
+    for step in steps:
+        lacking = next((name for name in shots if step not in shots[name]), None)
+        if lacking is None:
+            kept.append(step)
+        else:
+            account.leave_out("time steps", f"{lacking} has no photograph of them", [f"number {step}"])
+    for name in shots:
+        account.leave_out("photographs", f"of {name}, which belong to no time step that is read", count=len(shots[name]) - len(kept))
+    return kept
 
 
 def chosen(available, asked, what):
@@ -54,19 +182,29 @@ def one_of(names, asked, what, option):
     raise RecordingError(f"{f'no {what} is named {asked!r}' if asked else f'there are {len(names)} {what}s'}; choose one with {option}: {some}")
 
 
+TWICE = "another label of the same thing at the same time; the first one counts"
+
+
 class Tracks:
     """Labels of things by id, and their boxes between the labels."""
 
-    def __init__(self):
-        self.labels = {}
+    def __init__(self, account):
+        self.labels, self.account = {}, account
 
     def add(self, track, name, at, world_from_box, size):
-        """A label at a time in seconds, times of a track ascending."""
+        """A label at a time in seconds, times of a track ascending. A second one of a thing at one time is left out."""
         self.labels.setdefault(track, (name, [], [], []))
         _, times, boxes, sizes = self.labels[track]
+        if times and at == times[-1]:
+            self.account.leave_out("boxes", TWICE, [f"{track} at {at:.3f} s"])
+            return
         times.append(float(at))
         boxes.append(world_from_box)
         sizes.append(size)
+
+    def within(self, first, last, where):
+        """Tells the account how many labels lie between two times."""
+        self.account.contains("boxes", sum(first <= at <= last for _, times, _, _ in self.labels.values() for at in times), where)
 
     def put(self, step, at, gap):
         """Gives a step the boxes at a time: between two labels at most `gap` seconds apart, or within a quarter of that of a track's ends."""
@@ -79,6 +217,8 @@ class Tracks:
             i = min(max(int(np.searchsorted(times, at)) - 1, 0), max(len(times) - 2, 0))
             apart = times[i + 1] - times[i] if len(times) > 1 else 0
             reach = max(times[0] - at, at - times[-1])
+            if not outside and apart > gap:
+                self.account.leave_out("boxes", f"between two labels that are more than {gap} s apart", [f"{track} at {at:.3f} s"])
             if apart == 0 or apart > gap or (outside and reach > min(gap / 4, apart)):
                 continue
             step.box(track, name, poses.interpolate(times, boxes, at), sizes[near])

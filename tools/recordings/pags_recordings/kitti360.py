@@ -13,7 +13,7 @@ import numpy as np
 
 from . import poses
 from .errors import RecordingError
-from .importing import chosen, existing
+from .importing import TWICE, chosen, complete, existing, listed, optional
 
 CAMERAS = ("image_00", "image_01")
 EGO_FROM_POSE = np.diag([1.0, -1, -1, 1])
@@ -108,30 +108,42 @@ def read(drive, cameras, frames, out, progress):
     if not present:
         raise RecordingError(f"{drive}: has no photographs; expected {CAMERAS[0]}/data_rect/0000000000.png")
     names = chosen(present, cameras, "camera")
+    out.account.leave_out("cameras", "have no photographs", [] if cameras else [name for name in CAMERAS if name not in names])
     calibration, ways, times = Calibration(raw, names), read_poses(raw, sequence), read_times(os.path.join(drive, names[0]))
-    shot = lambda name, frame: os.path.join(drive, name, "data_rect", f"{frame:010d}.png")  # noqa: E731
-    steps = [frame for frame in ways if frame < len(times) and all(os.path.exists(shot(name, frame)) for name in names)]
-    steps = steps if frames is None else [frame for frame in steps if frames[0] <= frame <= frames[1]]
+    shots = {name: numbered(os.path.join(drive, name, "data_rect"), (".png", ".jpg", ".jpeg"), "photographs", None, frames) for name in names}
+    steps = complete([frame for frame in ways if frame < len(times) and in_frames(frame, frames)], shots, out.account)
     if not steps:
         raise RecordingError(f"{drive}: no frame is left that has a pose, a time and a photograph of each camera, or --frames chose none")
     for name in names:
         out.add_camera(name, calibration.sizes[name], calibration.k[name])
-    boxes = read_boxes(raw, sequence, steps)
+    boxes, scans = read_boxes(raw, sequence, steps, out.account), os.path.join(raw, "data_3d_raw", sequence, "velodyne_points", "data")
+    sweeps = numbered(scans, (".bin",), "sweeps", out.account, frames)
+    out.account.contains("sweeps", sum(frame in sweeps for frame in steps), scans)
+    out.account.leave_out("sweeps", "the files are missing", [f"frame {frame}" for frame in steps if sweeps and frame not in sweeps])
+    out.account.leave_out("sweeps", "of frames that are left out", count=sum(frame not in set(steps) for frame in sweeps))
     progress.total = len(steps)
     for done, frame in enumerate(steps):
         progress.show(done)
         step = out.add_step(times[frame], ways[frame] @ EGO_FROM_POSE)
         for name in names:
-            step.photograph(name, shot(name, frame), ways[frame] @ calibration.mounts[name], times[frame])
-        put_sweep(step, raw, sequence, frame, ways, calibration.pose_from_velo)
+            step.photograph(name, shots[name][frame], ways[frame] @ calibration.mounts[name], times[frame])
+        if frame in sweeps and not step.has_lidar(["intensity"]):
+            put_sweep(step, sweeps[frame], frame, ways, calibration.pose_from_velo)
         for track, kind, pose, size in boxes.get(frame, ()):
             step.box(track, kind, pose, size)
 
 
-def put_sweep(step, raw, sequence, frame, ways, pose_from_velo):
-    path = os.path.join(raw, "data_3d_raw", sequence, "velodyne_points", "data", f"{frame:010d}.bin")
-    if not os.path.exists(path) or step.has_lidar(["intensity"]):
-        return
+def in_frames(frame, frames):
+    return frames is None or frames[0] <= frame <= frames[1]
+
+
+def numbered(folder, endings, what, account, frames):
+    """The files of a folder by the numbers of their frames, those that --frames chose."""
+    found = {int(name): path for name, path in listed(folder, endings, what, account).items() if name.isdigit()}
+    return {frame: path for frame, path in found.items() if in_frames(frame, frames)}
+
+
+def put_sweep(step, path, frame, ways, pose_from_velo):
     values = np.fromfile(path, "<f4")
     if len(values) % 4 or os.path.getsize(path) % 16:
         raise RecordingError(f"{path}: has {os.path.getsize(path)} bytes, which aren't rows of 4 float32 x y z intensity")
@@ -193,11 +205,14 @@ class Box:
             self.pose = poses.pose(axes, transform[:3, 3] + axes @ (stretch * (low + high) / 2))
 
 
-def read_boxes(raw, sequence, steps):
+def read_boxes(raw, sequence, steps, account):
     """Boxes by frame, of ascending `steps`, of what moves or can move. A thing that stands has one box for all frames from its first to its last."""
-    found = [path for part in ("train", "train_full") for path in [os.path.join(raw, "data_3d_bboxes", part, f"{sequence}.xml")] if os.path.exists(path)]
+    place = optional(raw, "data_3d_bboxes", "boxes", account)
+    found = [path for part in ("train", "train_full") for path in [place and optional(os.path.join(place, part), f"{sequence}.xml", "boxes", None)] if path]
     tracks, out = {}, {}
     if not found:
+        if place:
+            account.lacks("boxes", f"{place} has neither train/{sequence}.xml nor train_full/{sequence}.xml")
         return out
     try:
         for _, element in ET.iterparse(found[0]):
@@ -205,20 +220,28 @@ def read_boxes(raw, sequence, steps):
                 box = Box(element, found[0])
                 if box.name:
                     tracks.setdefault((box.name, box.instance), []).append(box)
+                else:
+                    account.leave_out("labels", "of classes that never move", count=1)
                 element.clear()
     except ET.ParseError as error:
         raise RecordingError(f"{found[0]}: can't be read as XML: {error}") from None
-    wanted = set(steps)
+    wanted, own = set(steps), 0
     for (name, instance), marks in tracks.items():
         turn = to_front(sorted((box for box in marks if box.frame >= 0), key=lambda box: box.frame))
-        moving = {}
+        moving, given = {}, set()
         for box in marks:
             entry = (f"{name} {instance}", name, box.pose @ turn, np.abs(turn[:3, :3].T @ box.size))  # one for all frames of a box
             for frame in [box.frame] if box.frame >= 0 else steps[bisect_left(steps, box.first) : bisect_right(steps, box.last)]:
                 if frame in wanted:
+                    own += 1
+                    if box.frame >= 0 and frame in given:
+                        account.leave_out("boxes", TWICE, [f"{name} {instance} in frame {frame}"])
+                        continue
+                    given |= {frame} if box.frame >= 0 else set()
                     moving[frame] = entry
         for frame, entry in moving.items():
             out.setdefault(frame, []).append(entry)
+    account.contains("boxes", own, found[0])
     return out
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from . import poses
 from .errors import RecordingError
-from .importing import Tracks, chosen, nearest
+from .importing import Tracks, chosen, joined, sweeps_of_steps
 
 STORE = ".ncore4"  # NAME.ncore4.zarr.itar, NAME.ncore4-GROUP.zarr
 LARGEST_GAP = 0.05  # seconds between the photographs of a step
@@ -155,18 +155,16 @@ class Sequence:
         with reading(f"{self.source}: the pose of {frame!r} at {int(at)}"):
             return np.asarray(self.loader.pose_graph.evaluate_poses(frame, WORLD, np.array(int(at), np.uint64)), np.float64).reshape(4, 4)
 
-    def tracks(self):
+    def tracks(self, account):
         """Labels by id. A box is that of its frame's time, turned about that frame's fixed axes x, y, z in this order."""
-        tracks, seen = Tracks(), set()
+        tracks = Tracks(account)
         with reading(f"{self.source}: its boxes"):
             rows = sorted(self.loader.get_cuboid_track_observations(), key=lambda row: row.timestamp_us)
         for row in rows:
-            if (row.track_id, row.timestamp_us) not in seen:
-                seen.add((row.track_id, row.timestamp_us))
-                about_x, about_y, about_z = (np.float64(v) for v in row.bbox3.rot)
-                turn = poses.rotation_about("z", about_z) @ poses.rotation_about("y", about_y) @ poses.rotation_about("x", about_x)
-                world_from_box = self.pose(row.reference_frame_id, row.reference_frame_timestamp_us) @ poses.pose(turn, row.bbox3.centroid)
-                tracks.add(row.track_id, row.class_id, self.seconds(row.timestamp_us), world_from_box, row.bbox3.dim)
+            about_x, about_y, about_z = (np.float64(v) for v in row.bbox3.rot)
+            turn = poses.rotation_about("z", about_z) @ poses.rotation_about("y", about_y) @ poses.rotation_about("x", about_x)
+            world_from_box = self.pose(row.reference_frame_id, row.reference_frame_timestamp_us) @ poses.pose(turn, row.bbox3.centroid)
+            tracks.add(row.track_id, row.class_id, self.seconds(row.timestamp_us), world_from_box, row.bbox3.dim)
         return tracks
 
     def put_photograph(self, step, name, number):
@@ -191,39 +189,32 @@ class Sequence:
             step.lidar(np.concatenate(parts), self.pose(name, end), ["intensity"])
 
 
-def pick_steps(middles, names):
-    """For each photograph of the first camera those of the others that are nearest; steps in which one is too far are left out."""
-    steps = []
-    for number, at in enumerate(middles[names[0]]):
-        picked = {name: number if name == names[0] else nearest(middles[name], at) for name in names}
-        if all(abs(int(middles[name][i]) - int(at)) <= LARGEST_GAP * 1e6 for name, i in picked.items()):
-            steps.append(picked)
-    return steps
-
-
 def read(source, cameras, frames, out, progress):
     sequence = Sequence(source)
+    out.account.leave_out("cameras", "have no photographs", [name for name in sequence.cameras if not len(sequence.middles[name])])
     names = chosen([name for name in sequence.cameras if len(sequence.middles[name])], cameras, "camera")
     if not names:
         raise RecordingError(f"{source}: has no camera with photographs")
-    steps = pick_steps(sequence.middles, names)
-    steps = steps if frames is None else steps[frames[0] : frames[1] + 1]
+    shots = {name: sequence.middles[name].tolist() for name in names}
+    steps = [picked for _, picked in joined(shots[names[0]], shots, LARGEST_GAP, frames, out.account, 1e6)]
     if not steps:
         raise RecordingError(f"{source}: no time step is left; there is none in which each camera has a photograph within {LARGEST_GAP} s, or --frames chose none")
     progress.total = len(steps)
     for name in names:
         with reading(f"{source}: camera {name}"):
             add_camera(out, name, sequence.cameras[name].model_parameters)
-    tracks = sequence.tracks()
+    tracks = sequence.tracks(out.account)
     lidar = max(sequence.lidars, key=lambda name: sequence.lidars[name].frames_count, default=None)
     sweeps = sequence.middle_of(sequence.lidars[lidar]) if lidar else np.empty(0)
-    for done, picked in enumerate(steps):
+    out.account.leave_out("LiDARs", f"the sweeps are those of {lidar}, which has most", [name for name in sequence.lidars if name != lidar])
+    middles = [int(np.mean([shots[name][number] for name, number in picked.items()])) for picked in steps]
+    swept = sweeps_of_steps([sequence.seconds(at) for at in sweeps], [sequence.seconds(at) for at in middles], SWEEP_GAP, source, out.account)
+    tracks.within(sequence.seconds(middles[0]), sequence.seconds(middles[-1]), source)
+    for done, (picked, middle, sweep) in enumerate(zip(steps, middles, swept)):
         progress.show(done)
-        middle = int(np.mean([int(sequence.middles[name][number]) for name, number in picked.items()]))
         step = out.add_step(sequence.seconds(middle), sequence.pose(RIG, middle))
         for name, number in picked.items():
             sequence.put_photograph(step, name, number)
-        sweep = nearest(sweeps, middle) if len(sweeps) else None
-        if sweep is not None and abs(int(sweeps[sweep]) - middle) <= SWEEP_GAP * 1e6 and not step.has_lidar(["intensity"]):
+        if sweep >= 0 and not step.has_lidar(["intensity"]):
             sequence.put_sweep(step, lidar, sweep)
         tracks.put(step, sequence.seconds(middle), LABEL_GAP)

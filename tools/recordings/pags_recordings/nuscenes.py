@@ -13,7 +13,7 @@ import numpy as np
 
 from . import poses
 from .errors import RecordingError
-from .importing import Tracks, chosen, existing, inside, nearest
+from .importing import Tracks, chosen, existing, inside, joined, optional, sweeps_of_steps
 
 CAMERAS = ("CAM_FRONT", "CAM_FRONT_LEFT", "CAM_FRONT_RIGHT", "CAM_BACK_LEFT", "CAM_BACK_RIGHT", "CAM_BACK")
 LIDAR = "LIDAR_TOP"
@@ -69,7 +69,8 @@ def sequences(raw):
 class Scene:
     """The rows of one scene. `source` is the folder of its version and its name."""
 
-    def __init__(self, source):
+    def __init__(self, source, account):
+        self.account = account
         self.folder, name = os.path.split(source)
         self.root = os.path.dirname(self.folder)
         self.scene = next(row for row in load(self.folder, "scene", "token", "name", "first_sample_token") if row["name"] == name)
@@ -85,10 +86,23 @@ class Scene:
             mount = look_up(self.mounts, row["calibrated_sensor_token"], f"{self.folder}/calibrated_sensor.json", f"sample_data {row['token']}")
             channel = look_up(sensors, mount["sensor_token"], f"{self.folder}/sensor.json", f"calibrated_sensor {mount['token']}")["channel"]
             self.channels.setdefault(channel, []).append(row)
-        for rows in self.channels.values():
-            rows.sort(key=lambda row: row["timestamp"])
+        for channel, rows in self.channels.items():
+            self.channels[channel] = self.present(channel, sorted(rows, key=lambda row: row["timestamp"]))
         wanted = {row["ego_pose_token"] for row in data}
         self.egos = {row["token"]: row for row in load(self.folder, "ego_pose", "token", "translation", "rotation") if row["token"] in wanted}
+
+    def present(self, channel, rows):
+        """The rows whose files are there, each file once."""
+        what, there = "sweeps" if channel == LIDAR else "photographs", {}
+        for row in rows if channel == LIDAR or channel.startswith("CAM") else ():
+            path = self.file(row)
+            if not os.path.exists(path):
+                self.account.leave_out(what, f"{channel}: the files are missing", [row["filename"]])
+            elif path in there:
+                self.account.leave_out("rows", f"sample_data.json names the file of {channel} in another row, too", [row["filename"]])
+            else:
+                there[path] = row
+        return list(there.values())
 
     def time(self, row):
         return (row["timestamp"] - self.zero) / 1e6
@@ -104,8 +118,8 @@ class Scene:
 
     def tracks(self):
         """Boxes at key frames; empty where the version has none (v1.0-test)."""
-        tracks = Tracks()
-        if not os.path.exists(os.path.join(self.folder, "sample_annotation.json")):
+        tracks = Tracks(self.account)
+        if not optional(self.folder, "sample_annotation.json", "boxes", self.account):
             return tracks
         rows = load(self.folder, "sample_annotation", "token", "sample_token", "instance_token", "translation", "rotation", "size")
         instances = by_token(load(self.folder, "instance", "token", "category_token"))
@@ -126,13 +140,16 @@ class Scene:
 
 
 def read(source, cameras, frames, out, progress):
-    scene = Scene(source)
+    scene = Scene(source, out.account)
+    for name in [name for name in scene.channels if name.startswith("CAM") and not scene.channels[name]]:
+        del scene.channels[name]
+        out.account.leave_out("cameras", "no photograph is there", [name])
     present = [name for name in CAMERAS if name in scene.channels] + [name for name in scene.channels if name.startswith("CAM") and name not in CAMERAS]
     if not present:
         raise RecordingError(f"{scene.folder}/sample_data.json: {scene.scene['name']} has no camera")
     names = chosen(present, cameras, "camera")
-    steps = pick_steps(scene, names)
-    steps = steps if frames is None else steps[frames[0] : frames[1] + 1]
+    shots = {name: [row["timestamp"] for row in scene.channels[name]] for name in names}
+    steps = [{name: scene.channels[name][i] for name, i in picked.items()} for _, picked in joined(shots[names[0]], shots, LARGEST_GAP, frames, out.account, 1e6)]
     if not steps:
         raise RecordingError(f"{source}: no time step is left; there is none in which each camera has a photograph within {LARGEST_GAP} s, or --frames chose none")
     progress.total = len(steps)
@@ -144,23 +161,12 @@ def read(source, cameras, frames, out, progress):
         out.add_camera(name, (first["width"], first["height"]), k)
     tracks, labels = scene.tracks(), scene.labels()
     sweeps = scene.channels.get(LIDAR, [])
-    times = [scene.time(row) for row in sweeps]
+    middles = [float(np.mean([scene.time(row) for row in picked.values()])) for picked in steps]
+    swept = sweeps_of_steps([scene.time(row) for row in sweeps], middles, SWEEP_GAP, f"{scene.folder}/sample_data.json", out.account)
+    tracks.within(middles[0], middles[-1], f"{scene.folder}/sample_annotation.json")
     for number, picked in enumerate(steps):
         progress.show(number)
-        middle = float(np.mean([scene.time(row) for row in picked.values()]))
-        sweep = sweeps[nearest(times, middle)] if sweeps else None
-        put_step(scene, out, picked, middle, sweep if sweep and abs(scene.time(sweep) - middle) <= SWEEP_GAP else None, labels, tracks)
-
-
-def pick_steps(scene, names):
-    """For each photograph of the first camera those of the others that are nearest; steps in which one is too far are left out."""
-    times = {name: [row["timestamp"] for row in scene.channels[name]] for name in names}
-    steps = []
-    for row in scene.channels[names[0]]:
-        picked = {name: scene.channels[name][nearest(times[name], row["timestamp"])] for name in names}
-        if all(abs(other["timestamp"] - row["timestamp"]) <= LARGEST_GAP * 1e6 for other in picked.values()):
-            steps.append(picked)
-    return steps
+        put_step(scene, out, picked, middles[number], sweeps[swept[number]] if swept[number] >= 0 else None, labels, tracks)
 
 
 def put_step(scene, out, picked, middle, sweep, labels, tracks):

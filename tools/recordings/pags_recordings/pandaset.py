@@ -15,14 +15,17 @@ from PIL import Image
 from . import poses
 from .errors import RecordingError
 from .frame_pickle import table
-from .importing import chosen, existing
+from .importing import TWICE, choose_steps, chosen, complete, existing, listed
 
 CAMERAS = ("front_camera", "front_left_camera", "front_right_camera", "left_camera", "right_camera", "back_camera")
 EGO_FROM_LIDAR = np.array([[0.0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])  # x right, y forward becomes x forward, y left
+PHOTOGRAPHS = ".jpg", ".jpeg", ".png"
+SWEEP = ["x", "y", "z", "i", "d"]
+PICKLES = ".pkl.gz", ".pkl"
 BOX = ["uuid", "label", "yaw", "position.x", "position.y", "position.z", "dimensions.x", "dimensions.y", "dimensions.z", "cuboids.sibling_id", "cuboids.sensor_id"]
 
 
-def listed(path):
+def rows_of(path):
     """A list in a JSON file."""
     try:
         with open(existing(path), encoding="utf-8") as file:
@@ -49,12 +52,17 @@ def sequences(raw):
     return {os.path.basename(os.path.dirname(os.path.dirname(path))): os.path.dirname(os.path.dirname(path)) for path in sorted(found)}
 
 
+def numbered(sequence, folder, endings, what, account):
+    """The files of time steps, by their numbers."""
+    return {int(name): path for name, path in listed(os.path.join(sequence, *folder), endings, what, account).items() if name.isdigit()}
+
+
 class Camera:
     """A camera's calibration, and pose and time of each of its photographs."""
 
-    def __init__(self, folder, steps):
-        self.folder, self.poses = folder, listed(os.path.join(folder, "poses.json"))
-        self.times = listed(os.path.join(folder, "timestamps.json"))
+    def __init__(self, folder, steps, files):
+        self.folder, self.files, self.poses = folder, files, rows_of(os.path.join(folder, "poses.json"))
+        self.times = rows_of(os.path.join(folder, "timestamps.json"))
         path = existing(folder, "intrinsics.json")
         try:
             with open(path, encoding="utf-8") as file:
@@ -66,32 +74,37 @@ class Camera:
             if len(rows) != steps:
                 raise RecordingError(f"{os.path.join(folder, name)}: has {len(rows)} entries, but lidar/poses.json {steps}")
 
-    def photograph(self, t):
-        return existing(self.folder, f"{t:02d}.jpg")
-
     def size(self, t):
         try:
-            with Image.open(self.photograph(t)) as picture:
+            with Image.open(self.files[t]) as picture:
                 return picture.size
         except (OSError, SyntaxError) as error:
-            raise RecordingError(f"{self.photograph(t)}: can't be read as a picture: {error}") from None
+            raise RecordingError(f"{self.files[t]}: can't be read as a picture: {error}") from None
 
 
 def read(sequence, cameras, frames, out, progress):
-    ways, stamps = (listed(os.path.join(sequence, "lidar", name)) for name in ("poses.json", "timestamps.json"))
+    ways, stamps = (rows_of(os.path.join(sequence, "lidar", name)) for name in ("poses.json", "timestamps.json"))
     if len(ways) != len(stamps):
         raise RecordingError(f"{os.path.join(sequence, 'lidar')}: {len(ways)} poses, but {len(stamps)} times")
+    account = out.account
     present = [name for name in CAMERAS if os.path.isdir(os.path.join(sequence, "camera", name))]
-    if not present:
-        raise RecordingError(f"{os.path.join(sequence, 'camera')}: has no cameras; expected {', '.join(CAMERAS)}")
-    used = {name: Camera(os.path.join(sequence, "camera", name), len(ways)) for name in chosen(present, cameras, "camera")}
-    steps = list(range(len(ways)))
-    steps = steps if frames is None else steps[frames[0] : frames[1] + 1]
+    names = chosen(present, cameras, "camera")
+    shots = {name: numbered(sequence, ["camera", name], PHOTOGRAPHS, "photographs", None) for name in names}
+    names = [name for name in names if shots[name] or cameras]
+    if not names:
+        raise RecordingError(f"{os.path.join(sequence, 'camera')}: has no photographs; expected {', '.join(CAMERAS)} with 00.jpg and so on")
+    account.leave_out("cameras", "have no photographs", [] if cameras else [name for name in CAMERAS if name not in names])
+    steps = complete(choose_steps(list(range(len(ways))), frames, account), {name: shots[name] for name in names}, account)
     if not steps:
-        raise RecordingError(f"{sequence}: has {len(ways)} time steps, and --frames chose none")
+        raise RecordingError(f"{sequence}: no time step is left of {len(ways)}; there is none of which each camera has a photograph, or --frames chose none")
+    used = {name: Camera(os.path.join(sequence, "camera", name), len(ways), shots[name]) for name in names}
     for name, camera in used.items():
         out.add_camera(name, camera.size(steps[0]), camera.k)
-    boxes = read_boxes(sequence, steps)
+    boxes = read_boxes(numbered(sequence, ["annotations", "cuboids"], PICKLES, "boxes", account), steps, account)
+    sweeps = numbered(sequence, ["lidar"], PICKLES, "sweeps", account)
+    classes = numbered(sequence, ["annotations", "semseg"], PICKLES, "classes of LiDAR points", account)
+    account.contains("sweeps", sum(t in sweeps for t in steps), os.path.join(sequence, "lidar"))
+    account.leave_out("sweeps", "the files are missing", [f"time step {t}" for t in steps if sweeps and t not in sweeps])
     progress.total = len(steps)
     for done, t in enumerate(steps):
         progress.show(done)
@@ -99,50 +112,63 @@ def read(sequence, cameras, frames, out, progress):
         step = out.add_step(float(stamps[t]) - float(stamps[0]), world_from_lidar @ EGO_FROM_LIDAR)
         for name, camera in used.items():
             pose = pose_of(camera.poses[t], f"{os.path.join(camera.folder, 'poses.json')}, entry {t}")
-            step.photograph(name, camera.photograph(t), pose, float(camera.times[t]) - float(stamps[0]))
-        put_sweep(step, sequence, t)
+            step.photograph(name, camera.files[t], pose, float(camera.times[t]) - float(stamps[0]))
+        put_sweep(step, t, sweeps, classes)
         for track, name, pose, size in boxes.get(t, ()):
             step.box(track, name, pose, size)
 
 
-def put_sweep(step, sequence, t):
+def put_sweep(step, t, sweeps, classes):
     """Points of both LiDARs, `sensor` 0 the one that turns, 1 the one that looks ahead, with their classes where the sequence has them."""
-    sweep, classes = (os.path.join(sequence, *names, f"{t:02d}.pkl.gz") for names in (["lidar"], ["annotations", "semseg"]))
-    labelled = os.path.isdir(os.path.dirname(classes))
-    columns = ["intensity", "sensor"] + ["label"] * labelled
-    if not os.path.exists(sweep) or step.has_lidar(columns):
+    columns = ["intensity", "sensor"] + ["label"] * bool(classes)
+    if t not in sweeps or step.has_lidar(columns):
         return
-    rows = table(sweep, ["x", "y", "z", "i", "d"])
-    points = [rows[name].astype(np.float64) for name in ("x", "y", "z", "i", "d")]
-    if labelled:
-        label = table(classes, ["class"])["class"].astype(np.float64)
+    points = numbers(table(sweeps[t], SWEEP), sweeps[t], SWEEP)
+    if classes:
+        if t not in classes:
+            raise RecordingError(f"{sweeps[t]}: has no classes in annotations/semseg, but other sweeps have; move semseg elsewhere to import without classes")
+        (label,) = numbers(table(classes[t], ["class"]), classes[t], ["class"])
         if len(label) != len(points[0]):
-            raise RecordingError(f"{classes}: has {len(label)} classes, but the sweep {len(points[0])} points")
+            raise RecordingError(f"{classes[t]}: has {len(label)} classes, but the sweep {len(points[0])} points")
         points.append(label)
     step.lidar(np.column_stack(points), np.eye(4), columns)
 
 
-def read_boxes(sequence, steps):
+def numbers(rows, path, columns):
+    """Columns of a table as numbers."""
+    try:
+        return [rows[name].astype(np.float64) for name in columns]
+    except (ValueError, TypeError, OverflowError):
+        raise RecordingError(f"{path}: expected numbers in the columns {', '.join(columns)}") from None
+
+
+def read_boxes(files, steps, account):
     """Boxes by time step. What both LiDARs saw has two tracks, of which the longer one is taken, or else the one of the LiDAR that turns. A
     track's class is the one that it has most often."""
     rows, names, siblings, turning = {}, {}, {}, set()
     for t in steps:
-        path = os.path.join(sequence, "annotations", "cuboids", f"{t:02d}.pkl.gz")
-        if not os.path.exists(path):
+        if t not in files:
+            account.leave_out("files of boxes", "are missing", [f"time step {t}"] if files else [])
             continue
-        found = table(path, BOX)
+        found = table(files[t], BOX)
+        sizes = numbers(found, files[t], BOX[2:9])
         for i, track in enumerate(found["uuid"]):
             track = str(track)
-            rows.setdefault(track, []).append((t, [float(found[name][i]) for name in BOX[2:9]]))
+            if rows.get(track, [(None,)])[-1][0] == t:
+                account.leave_out("boxes", TWICE, [f"{track} at time step {t}"])
+                continue
+            rows.setdefault(track, []).append((t, [float(column[i]) for column in sizes]))
             names.setdefault(track, Counter())[str(found["label"][i])] += 1
             if found["cuboids.sensor_id"][i] >= 0:
                 siblings[track] = str(found["cuboids.sibling_id"][i])
                 if found["cuboids.sensor_id"][i] == 0:
                     turning.add(track)
+    account.contains("boxes", sum(len(marks) for marks in rows.values()), os.path.dirname(next(iter(files.values()), "")))
     out = {}
     for track, marks in rows.items():
         other = siblings.get(track)
         if other in rows and (len(rows[other]), other in turning, other) > (len(marks), track in turning, track):
+            account.leave_out("boxes", "of things that the other LiDAR saw, too", [track], len(marks))
             continue
         for t, (yaw, x, y, z, *extents) in marks:
             pose = poses.turned_left(yaw, [x, y, z]) @ poses.front_from_box("+y")

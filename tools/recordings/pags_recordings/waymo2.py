@@ -12,7 +12,7 @@ import numpy as np
 
 from . import poses
 from .errors import RecordingError
-from .importing import chosen, existing
+from .importing import TWICE, choose_steps, chosen, complete, existing, optional
 
 NAMES = {1: "front", 2: "front_left", 3: "front_right", 4: "side_left", 5: "side_right"}
 USUAL = ("front", "front_left", "front_right")
@@ -40,9 +40,11 @@ class Component:
             rows = self.file.read(columns=keys).to_pylist()
         except self.wrong as error:
             raise self.unreadable(error) from None
-        self.places = {}  # number of the row by key
+        self.places, self.twice = {}, []  # number of the row by key; keys of further rows
         for number, row in enumerate(rows):
-            self.places.setdefault(tuple(row[name] for name in keys), number)
+            key = tuple(row[name] for name in keys)
+            if self.places.setdefault(key, number) != number:
+                self.twice.append(key)
         groups = self.file.metadata
         self.begins = np.cumsum([0, *(groups.row_group(i).num_rows for i in range(groups.num_row_groups))])
         self.group = None
@@ -107,10 +109,11 @@ def read(path, cameras, frames, out, progress):
     if not present:
         raise RecordingError(f"{images.path}: has no photographs of a camera that {lenses.path} knows")
     names = chosen(present, cameras, "camera") if cameras else [name for name in present if name in USUAL] or present
+    out.account.leave_out("cameras", "not among those in front; --cameras takes them", [] if cameras else [name for name in present if name not in names])
+    out.account.leave_out("rows", "camera_image has another one of the same frame and camera", images.twice)
     numbers = {name: number for number, name in NAMES.items() if name in names}
-    steps = sorted(stamp for (stamp,) in ways.places)
-    steps = [stamp for stamp in steps if all((stamp, number) in images.places for number in numbers.values())]
-    steps = steps if frames is None else steps[frames[0] : frames[1] + 1]
+    shots = {name: {stamp for stamp, camera in images.places if camera == number} for name, number in numbers.items()}
+    steps = choose_steps(complete(sorted(stamp for (stamp,) in ways.places if stamp is not None), shots, out.account), frames, out.account)
     if not steps:
         raise RecordingError(f"{raw}: no frame of {segment} is left; there is none that has a photograph of each camera, or --frames chose none")
     mounts = {}
@@ -119,7 +122,8 @@ def read(path, cameras, frames, out, progress):
         k = [[lens["intrinsic.f_u"], 0, lens["intrinsic.c_u"]], [0, lens["intrinsic.f_v"], lens["intrinsic.c_v"]], [0, 0, 1]]
         out.add_camera(name, (lens["width"], lens["height"]), k, [lens[f"intrinsic.{key}"] for key in ("k1", "k2", "p1", "p2", "k3")], pixel_centre=0.5)
         mounts[name] = transform(lens["extrinsic.transform"], f"{lenses.path}: the extrinsic of camera {name}") @ poses.axes_from_opencv("waymo")
-    boxes, lidar = boxes_of(raw, segment), Lidar.of(raw, segment)
+    boxes, lidar = boxes_of(raw, segment, steps, out.account), Lidar.of(raw, segment, out.account)
+    out.account.contains("sweeps", len(set(steps) & {stamp for stamp, _ in lidar.images.places}) if lidar else 0, os.path.join(raw, "lidar", f"{segment}.parquet"))
     progress.total = len(steps)
     for done, stamp in enumerate(steps):
         progress.show(done)
@@ -132,6 +136,8 @@ def read(path, cameras, frames, out, progress):
             points = lidar.points(stamp, world_from_ego)
             if len(points):
                 step.lidar(points, world_from_ego, ["intensity"])
+            else:
+                out.account.leave_out("sweeps", "no range image has a return", [f"frame {stamp}"])
         for track, name, pose, size in boxes.get(stamp, ()):
             step.box(track, name, world_from_ego @ pose, size)
 
@@ -162,16 +168,20 @@ def moved(pose, way, turn):
     return out
 
 
-def boxes_of(raw, segment):
+def boxes_of(raw, segment, steps, account):
     """Boxes by frame, in the car's frame. What has no id, no size or numbers that aren't finite is left out; an id of two classes is two things."""
-    if not os.path.exists(os.path.join(raw, "lidar_box", f"{segment}.parquet")):  # the test split has none
+    if not optional_component(raw, "lidar_box", segment, "boxes", account):  # the test split has none
         return {}
     numbers = ["box.center.x", "box.center.y", "box.center.z", "box.heading", "box.size.x", "box.size.y", "box.size.z"]
     rows, out, classes = Component(raw, "lidar_box", segment, "LiDARBoxComponent", [*numbers, "type"], [FRAME, THING]), {}, {}
+    read = set(steps)
+    account.contains("boxes", sum(stamp in read for stamp, _ in rows.places), rows.path)
+    account.leave_out("boxes", TWICE, [f"{track} in frame {stamp}" for stamp, track in rows.twice])
     for stamp, track in rows.places:
         row = rows.at(stamp, track)
         values = np.array([np.nan if row[name] is None else row[name] for name in numbers], np.float64)
         if not track or not np.isfinite(values).all() or (values[4:] <= 0).any():
+            account.leave_out("boxes", "no id, no size or numbers that aren't finite", [f"{track} in frame {stamp}"])
             continue
         name = CLASSES.get(row["type"], "Unknown")
         first = classes.setdefault(track, name)
@@ -179,20 +189,26 @@ def boxes_of(raw, segment):
     return out
 
 
+def optional_component(raw, folder, segment, what, account):
+    """Whether a folder that may be missing has a file of the segment."""
+    place = optional(raw, folder, what, account)
+    return place and optional(place, f"{segment}.parquet", what, account)
+
+
 class Lidar:
     """Points of all LiDARs and both returns, from their range images."""
 
-    def __init__(self, raw, segment):
+    def __init__(self, raw, segment, account):
         returns = [f"range_image_return{n}.{part}" for n in (1, 2) for part in ("values", "shape")]
         self.images = Component(raw, "lidar", segment, "LiDARComponent", returns, [FRAME, LASER])
         self.scanners = Component(raw, "lidar_calibration", segment, "LiDARCalibrationComponent",
                                   ["extrinsic.transform", "beam_inclination.min", "beam_inclination.max", "beam_inclination.values"], [LASER])  # fmt: skip
-        turning = os.path.exists(os.path.join(raw, "lidar_pose", f"{segment}.parquet"))
+        turning = optional_component(raw, "lidar_pose", segment, "poses of the LiDAR's pixels", account)
         self.turns = Component(raw, "lidar_pose", segment, "LiDARPoseComponent", returns[:2], [FRAME, LASER]) if turning else None
 
     @classmethod
-    def of(cls, raw, segment):
-        return cls(raw, segment) if os.path.exists(os.path.join(raw, "lidar", f"{segment}.parquet")) else None
+    def of(cls, raw, segment, account):
+        return cls(raw, segment, account) if optional_component(raw, "lidar", segment, "sweeps", account) else None
 
     def points(self, stamp, world_from_ego):
         """x y z intensity in the car's frame at the frame's time, by LiDAR, return, row and column."""

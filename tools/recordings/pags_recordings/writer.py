@@ -14,6 +14,7 @@ import numpy as np
 from PIL import Image
 
 from . import poses
+from .account import Account
 from .errors import RecordingError
 
 DIGITS = 6
@@ -55,7 +56,7 @@ class Step:
         self.recording, self.number, self.time = recording, number, time
         self.world_from_ego = world_from_ego
         self.photographs, self.boxes = {}, {}
-        self.sweep = None
+        self.sweep, self.swept = None, False
 
     def __str__(self):
         return f"time step {self.number}"
@@ -88,7 +89,8 @@ class Step:
     def has_lidar(self, columns=()):
         """Whether the sweep, of such columns, is there from an earlier run of the same import."""
         self.recording.columns = ["x", "y", "z", *columns]
-        return self.recording.written(f"lidar/{self.number:0{DIGITS}d}.bin")
+        self.swept = self.recording.written(f"lidar/{self.number:0{DIGITS}d}.bin")
+        return self.swept
 
     def lidar(self, points, world_from_points, columns=()):
         """The sweep: [N, 3 or more], x y z in metres in a frame whose pose is given; `columns` names what follows x y z."""
@@ -98,14 +100,19 @@ class Step:
         columns = ["x", "y", "z", *columns]
         require(p.ndim == 2 and p.shape[1] == len(columns), f"{self}: expected LiDAR points of the columns {', '.join(columns)}, found shape {p.shape}")
         require(r.columns in (None, columns), f"{self}: LiDAR columns {', '.join(columns)}, but other steps have {', '.join(r.columns or ())}")
-        p = p[np.isfinite(p).all(1)]
+        finite = np.isfinite(p).all(1)
+        r.account.leave_out("LiDAR points", "numbers that aren't finite", [self], int((~finite).sum()))
+        p = p[finite]
+        r.columns = columns
+        if not len(p):
+            r.account.leave_out("sweeps", "have no points", [self])
+            return
         world_from_points = poses.check(world_from_points, f"{self}: the pose of its LiDAR points")
         first = next(iter(self.photographs.values()), (world_from_points, None))[0]
         car = (poses.inverse(world_from_points) @ (first if self.world_from_ego is None else self.world_from_ego))[:3, 3]
         far = int((np.linalg.norm(p[:, :3] - car, axis=1) > FARTHEST).sum())
         require(not far, f"{self}: {far} LiDAR points are farther than {FARTHEST:g} m from the car; expected metres in the frame whose pose is given")
-        r.columns = columns
-        self.sweep = (p, world_from_points)
+        self.sweep, self.swept = (p, world_from_points), True
 
     def close(self):
         """Writes the sweep, in the car's frame, once the car's pose is known."""
@@ -194,16 +201,17 @@ class Recording:
         """`labels`: what the numbers of semantic masks mean: "cityscapes" (train ids), "cityscapes-ids", "step", "kitti-360", "waymo", "pandaset".
 
         `begun_from`: a dictionary of all that the content depends on, kept as import.json: a folder that was begun from the same is gone on with, what
-        is there isn't written anew, and what goes wrong leaves it. Without it the folder must be empty, and what goes wrong empties it."""
+        is there isn't written anew, and what goes wrong leaves it; at the end the account is added to it as "result". Without it the folder must be empty, and what goes wrong empties it."""
         require(labels is None or labels in LABELS, f"labels are {', '.join(LABELS)}, not {labels!r}")
         self.folder, self.labels = os.fspath(folder), labels
         self.cameras, self.steps, self.tracks, self.columns = {}, [], {}, None
         self.begun_from, self.done = begun_from, False
+        self.account, self.result = Account(), None
         there = os.listdir(self.folder) if os.path.isdir(self.folder) else []
         if begun_from is not None and "import.json" in there:
-            with open(os.path.join(self.folder, "import.json"), "rb") as file:
-                same = file.read() == self.mark()
-            require(same, f"{self.folder}: was begun from another source or with other options (see its import.json); give another folder, or remove it")
+            there_from = self.read_mark()
+            self.result = there_from.pop("result", None)
+            require(there_from == json.loads(json.dumps(begun_from)), f"{self.folder}: was begun from another source or with other options (see its import.json); give another folder, or remove it")
             self.done = "dataset.json" in there
         else:
             require(not there, f"{self.folder}: isn't empty; give another folder, or remove it")
@@ -211,8 +219,15 @@ class Recording:
             if begun_from is not None:
                 self.put("import.json", self.mark())
 
-    def mark(self):
-        return (json.dumps(self.begun_from, indent=1) + "\n").encode()
+    def read_mark(self):
+        try:
+            with open(os.path.join(self.folder, "import.json"), encoding="utf-8") as file:
+                return dict(json.load(file))
+        except (ValueError, TypeError):
+            return {}
+
+    def mark(self, **more):
+        return (json.dumps(self.begun_from | more, indent=1) + "\n").encode()
 
     def written(self, *names):
         """Whether a file of one of these names is there from an earlier run of the same import."""
@@ -287,6 +302,11 @@ class Recording:
         number, size = self.camera_of(camera, "the mask of the car")
         self.put(f"ego_masks/{number}.png", grey(mask, size, f"camera {camera!r}: the mask of the car"))
 
+    def counts(self):
+        """How many there are of what was written."""
+        return {"steps": len(self.steps), "cameras": len(self.cameras), "photographs": sum(len(step.photographs) for step in self.steps),
+                "sweeps": sum(step.swept for step in self.steps), "boxes": sum(len(step.boxes) for step in self.steps), "objects": len(self.tracks)}  # fmt: skip
+
     # ---- The files about all of it ----
 
     def finish(self):
@@ -295,6 +315,7 @@ class Recording:
         for step in self.steps:
             lacking = [name for name in self.cameras if name not in step.photographs]
             require(not lacking, f"{step} has no photograph of {', '.join(map(repr, lacking))}; every camera has one at every time step: leave the step out, or the camera")
+        self.result = self.account.result(self.counts())
         self.steps[-1].close()
         for camera in self.cameras.values():
             self.put(f"intrinsics/{camera['number']}.txt", text_of(np.reshape(camera["intrinsics"], (-1, 1))))
@@ -310,6 +331,8 @@ class Recording:
             facts["lenses"] = lenses
         if self.labels:
             facts["labels"] = self.labels
+        if self.begun_from is not None:
+            self.put("import.json", self.mark(result=self.result))
         self.put("dataset.json", json.dumps(facts, indent=1) + "\n")
 
     def put_step(self, step):
