@@ -36,6 +36,9 @@ const pags_kernels pags_kernels_neon = {
 const pags_kernels pags_kernels_scalar = {
     .name = "scalar",
 #endif
+#if defined(PAGS_FUSED) && (defined(PAGS_ISA_AVX512) || defined(PAGS_ISA_AVX2) || defined(PAGS_ISA_NEON))
+    .fuses = true,
+#endif
     .project = project,
     .shade = shade,
     .tile_boxes = tile_boxes,

@@ -337,7 +337,8 @@ static inline int64_t pags_loss_scratch(int64_t stride) {
 }
 
 typedef struct pags_kernels {
-  const char *name; /* "scalar", "avx2", "avx512", "neon" */
+  const char *name; /* "scalar", "avx2", "avx512", "neon"; fewer than 8 characters */
+  bool fuses;       /* multiply-add in one rounding; tables that agree in this give the same bits */
 
   /* Projects rows [0, count), count <= 256, of the planes (plane p at data + p * stride; rows up to the next multiple
    * of 16 must be readable). Writes `keys` (the bits of z; UINT32_MAX if the row isn't drawn) and, of the rows that are

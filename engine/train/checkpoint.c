@@ -3,6 +3,7 @@
  * read is checked before it is used, so that a damaged file gives an error message. */
 #include "train/checkpoint.h"
 
+#include <ctype.h>
 #include <math.h>
 #include <stdbool.h>
 #include <stdlib.h>
@@ -12,6 +13,7 @@
 #include "base/file.h"
 #include "base/memory.h"
 #include "cluster/shares.h"
+#include "simd/kernels.h"
 #include "train/config.h"
 #include "train/run.h"
 
@@ -214,6 +216,17 @@ static pags_result put_tracks(section_writer *w, const pags_track_poses *tracks)
   return close_section(w);
 }
 
+/* Section KERN: the names of the kernels so far, with this process's, by whether they fuse multiply-add. */
+static pags_result put_kernels(section_writer *w, const pags_train_state *s) {
+  pags_kernel_names names = s->kernels;
+  const pags_kernels *const own = pags_kernels_get(NULL);
+  if (own) {
+    memset(names.of[own->fuses], 0, PAGS_KERNEL_NAME);
+    memcpy(names.of[own->fuses], own->name, strlen(own->name));
+  }
+  return put_whole(w, "KERN", &names, sizeof names);
+}
+
 /* The begin of sections CAMS and LITE; the parts follow. */
 typedef struct cameras_record {
   pags_trial trial;
@@ -330,6 +343,7 @@ static pags_result put_state(section_writer *w, const pags_train_state *s, uint6
   if (s->nonfinite.count > 0)
     PAGS_TRY(
         put_whole(w, "BADR", &(nonfinite_record){s->nonfinite.count, s->nonfinite.first}, sizeof(nonfinite_record)));
+  PAGS_TRY(put_kernels(w, s));
   return put_whole(w, "END!", "", 0);
 }
 
@@ -655,6 +669,21 @@ static pags_result get_nonfinite(section_reader *r, pags_train_state *s) {
   return PAGS_OK;
 }
 
+static pags_result get_kernels(section_reader *r, pags_kernel_names *names) {
+  const uint8_t *payload = NULL;
+  PAGS_TRY(next_sized(r, "KERN", sizeof *names, &payload));
+  memcpy(names, payload, sizeof *names);
+  for (int k = 0; k < 2; k++) {
+    int length = 0;
+    while (length < PAGS_KERNEL_NAME - 1 && isalnum((unsigned char)names->of[k][length]))
+      length++;
+    for (int i = length; i < PAGS_KERNEL_NAME; i++)
+      if (names->of[k][i])
+        return out_of_range(r, "KERN");
+  }
+  return PAGS_OK;
+}
+
 static pags_result read_state(section_reader *r, const pags_dataset *dataset, pags_train_state *s,
                               uint64_t *fingerprint) {
   pags_train_config config = pags_train_config_default();
@@ -700,6 +729,8 @@ static pags_result read_state(section_reader *r, const pags_dataset *dataset, pa
     PAGS_TRY(get_photometry(r, dataset, &s->photometry));
   if (r->end - r->at >= 4 && memcmp(r->at, "BADR", 4) == 0)
     PAGS_TRY(get_nonfinite(r, s));
+  if (r->end - r->at >= 4 && memcmp(r->at, "KERN", 4) == 0)
+    PAGS_TRY(get_kernels(r, &s->kernels));
   return next_sized(r, "END!", 0, &payload);
 }
 

@@ -12,6 +12,7 @@
 #include "init/driving_points.h"
 #include "init/from_points.h"
 #include "port/port.h"
+#include "simd/kernels.h"
 #include "train/config.h"
 #include "train/estimate.h"
 #include "train/open_run.h"
@@ -304,6 +305,17 @@ static pags_result refuse_other_views(const pags_trainer *t) {
   return result;
 }
 
+/* Warns where steps were computed by kernels that round otherwise than this process's. */
+static void compare_kernels(const char *path, const pags_kernel_names *before) {
+  const pags_kernels *const own = pags_kernels_get(NULL);
+  const char *const other = own ? before->of[!own->fuses] : "";
+  if (*other)
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s: steps were computed with the kernels %s, this process has %s, which round differently: "
+                     "the bits will differ from those of an undisturbed run; PAGS_CPU=%s selects the former",
+                     path, other, own->name, other);
+}
+
 pags_result pags_trainer_resume(pags_trainer *t, const pags_train_config *config) {
   uint64_t fingerprint;
   const char *path = t->output.checkpoint;
@@ -325,6 +337,8 @@ pags_result pags_trainer_resume(pags_trainer *t, const pags_train_config *config
                      "%s: was begun with another %s; pass the same, or --overwrite to begin afresh", path, field);
   PAGS_TRY(pags_whole_take(t->dataset, false, s));
   const int64_t batch = s->schedule.batch, stop = pags_schedule_steps(&s->schedule, config->schedule.iterations);
+  if (s->step < (s->clocked ? s->stop : stop))
+    compare_kernels(path, &s->kernels);
   if (s->clocked || stop == s->stop)
     return PAGS_OK;
   if (stop < s->stop)

@@ -11,6 +11,14 @@
 #include "train/sky_fit.h"
 #include "train/track_poses.h"
 
+/* Names of the kernels that computed a run: [0] of those that round products by themselves, [1] of those that fuse
+ * multiply-add (simd/kernels.h); the last of several, empty if there were none. Both: the run has other bits than an
+ * undisturbed one. */
+enum { PAGS_KERNEL_NAME = 8 };
+typedef struct pags_kernel_names {
+  char of[2][PAGS_KERNEL_NAME];
+} pags_kernel_names;
+
 typedef struct pags_train_state {
   pags_schedule schedule;
   int64_t stop;     /* last step to do; larger than schedule.length after --resume --iterations */
@@ -29,6 +37,7 @@ typedef struct pags_train_state {
   pags_camera_poses cameras;  /* count 0: poses are as recorded */
   pags_photometry photometry; /* count 0: no vignettes and response curves */
   pags_nonfinite nonfinite;   /* updates left out so far for a number that isn't finite */
+  pags_kernel_names kernels;  /* of the processes before this one */
 } pags_train_state;
 
 /* Creates the state of a run of `stop` steps, without models but with room for `models` of them. */

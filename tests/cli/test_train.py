@@ -206,6 +206,20 @@ class Train(DataCase):
     def test_kill_and_resume(self):
         self.interrupted(signal.SIGKILL)
 
+    def test_resumed_with_other_kernels(self):
+        """Where the bits differ from an undisturbed run, a warning says so, also when the first kernels are back; else none does."""
+        words, plain = ["train", self.data, "-q", *SMALL, "-n"], {**os.environ, "PAGS_CPU": "scalar"}
+        self.succeeds(*words, 30, "-o", self.path("whole"))
+        self.assertEqual(self.succeeds(*words, 10, "-o", self.path("alike")).stderr, "")
+        self.assertEqual(self.succeeds(*words, 30, "-o", self.path("alike"), "--resume").stderr, "")
+        self.succeeds(*words, 10, "-o", self.path("mixed"), env=plain)
+        said = [self.succeeds(*words, n, "-o", self.path("mixed"), "--resume", env=env).stderr for n, env in [(20, None), (30, plain), (30, None)]]
+        same = all(read(self.path(name, "background.ply")) == read(self.path("whole", "background.ply")) for name in ["alike", "mixed"])
+        kernels = [] if same else ["scalar", self.succeeds("--version").stdout.split("run here; ")[1].split()[0]]
+        self.assertEqual([line.count("the bits will differ") for line in said], [len(kernels) // 2] * 2 + [0], said)
+        for name, line in zip(kernels, said):
+            self.assertIn(f"mixed/checkpoint.pags: steps were computed with the kernels {name}, ", line)
+
     def test_second_interrupt_ends_at_once(self):
         running = self.start(self.path("scene"), 1000000)
         running.send_signal(signal.SIGSTOP)
