@@ -27,6 +27,7 @@
 #include "dataset/foreign_recording.h"
 #include "port/port.h"
 #include "scene/foreign_cameras.h"
+#include "scene/unread_splats.h"
 #include "train/checkpoint.h"
 
 typedef struct info_arguments {
@@ -220,8 +221,8 @@ static pags_result describe_shards(pags_report *report, const pags_json *json) {
 }
 
 /* A JSON file is a transforms file (a data set) if its frames have matrices; a camera or path file if it has sizes and
- * frames or focal lengths, or is one of INRIA or nerfstudio; a splat file if it is the meta.json of a SOG, the list of
- * a streamed one or a glTF; else the data set's reader names it. */
+ * frames or focal lengths, or is one of INRIA or nerfstudio; a splat file if it is the meta.json of a SOG or a glTF;
+ * else the data set's reader names it. */
 static pags_result describe_json(pags_report *report, const info_arguments *arguments, const char *path) {
   pags_json *json;
   PAGS_TRY(pags_json_parse_file(path, &json));
@@ -234,12 +235,13 @@ static pags_result describe_json(pags_report *report, const info_arguments *argu
   }
   const bool matrices = frames && frames->first && pags_json_member(frames->first, "transform_matrix");
   const bool splats = (pags_json_member(root, "means") && pags_json_member(root, "quats")) ||
-                      (pags_json_member(root, "lodLevels") && pags_json_member(root, "filenames")) ||
                       (pags_json_member(root, "asset") && pags_json_member(root, "buffers"));
+  const pags_result known = matrices || splats ? PAGS_OK : pags_unread_splats_refuse(path, NULL, 0, root);
   const bool cameras = (frames && frames->first && frames->first->type == PAGS_JSON_OBJECT) ||
                        pags_json_member(root, "width") || pags_json_member(root, "fx") ||
                        pags_cameras_are_inria(root) || pags_cameras_are_nerfstudio(root);
   pags_json_destroy(json);
+  PAGS_TRY(known);
   return matrices  ? describe_dataset(report, arguments, path)
          : splats  ? describe_scene(report, arguments, path)
          : cameras ? describe_cameras(report, arguments, path)
@@ -267,7 +269,7 @@ static bool is_sog_archive(const char *path) {
 
 /* Whether a file is a splat file by its name or, if it is an archive, by what it holds. */
 static bool is_splat(const char *path, const unsigned char *head) {
-  static const char *const endings[] = {".ply", ".spz", ".splat", ".ksplat", ".pagsz", ".sog", ".glb", ".gltf"};
+  static const char *const endings[] = {".ply", ".spz", ".splat", ".pagsz", ".sog", ".glb", ".gltf"};
   for (size_t i = 0; i < sizeof endings / sizeof *endings; i++)
     if (strcasecmp(pags_path_extension(path), endings[i]) == 0)
       return true;
@@ -354,6 +356,8 @@ static pags_result describe(pags_report *report, const info_arguments *arguments
   /* Anything else is a file of another program, which the data set's reader names, or a splat file: its loader tells
    * the format. */
   const bool splat = is_splat(path, head);
+  if (!splat && !begins_as_splat(head))
+    PAGS_TRY(pags_unread_splats_refuse(path, head, got, NULL));
   if (!splat && pags_foreign_knows(path))
     return describe_dataset(report, arguments, path);
   PAGS_TRY(splat ? PAGS_OK : pags_foreign_recording_check(path, true));

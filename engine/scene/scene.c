@@ -15,6 +15,7 @@
 #include "scene/foreign_folder.h"
 #include "scene/large.h"
 #include "scene/scene_json.h"
+#include "scene/unread_splats.h"
 
 enum { SAFE_NAME = 100 }; /* bytes of an object's id in a file name, with the final zero */
 
@@ -64,6 +65,7 @@ static pags_result load_sky(const char *folder, const char *file, pags_sky *sky)
 }
 
 static pags_result refuse_folder(const char *folder) {
+  PAGS_TRY(pags_unread_splats_refuse_folder(folder));
   static const char *const names[] = {"transforms.json", "transforms_train.json", "dataset.json", "sparse", "images"};
   bool photographs = false;
   for (size_t i = 0; i < sizeof names / sizeof *names; i++) {

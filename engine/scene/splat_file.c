@@ -18,6 +18,7 @@
 #include "scene/axes.h"
 #include "scene/plain_cut.h"
 #include "scene/splat_formats.h"
+#include "scene/unread_splats.h"
 
 /* ---- What other files are, which are named like splat files or found beside them ---- */
 
@@ -31,14 +32,7 @@ static bool is_text(const uint8_t *bytes, size_t size) {
 }
 
 static pags_result refuse(const char *path, const uint8_t *bytes, size_t size) {
-  const char *const extension = pags_path_extension(path);
   const size_t blanks = strspn((const char *)bytes, " \t\r\n");
-  if (strcasecmp(extension, ".ksplat") == 0)
-    return pags_fail(
-        PAGS_ERROR_UNSUPPORTED,
-        "%s: .ksplat, the format of the viewer GaussianSplats3D, can't be read; '@playcanvas/splat-transform' "
-        "turns it into .ply",
-        path);
   if (size > blanks && (bytes[blanks] == '{' || bytes[blanks] == '['))
     return pags_fail(
         PAGS_ERROR_FORMAT,
@@ -68,18 +62,14 @@ static pags_result decode_json(const char *path, const uint8_t *bytes, size_t si
   PAGS_TRY(pags_json_parse_text(path, (const char *)bytes, size, &json));
   const pags_json_value *root = pags_json_root(json);
   const bool sog = pags_json_member(root, "means") && pags_json_member(root, "quats");
-  const bool streamed = pags_json_member(root, "lodLevels") && pags_json_member(root, "filenames");
   const bool gltf = pags_json_member(root, "asset") && pags_json_member(root, "buffers");
+  const pags_result known = sog || gltf ? PAGS_OK : pags_unread_splats_refuse(path, NULL, 0, root);
   pags_json_destroy(json);
+  PAGS_TRY(known);
   if (sog)
     return pags_sog_decode(path, bytes, size, out, facts);
   if (gltf)
     return pags_gltf_decode(path, bytes, size, out, facts);
-  if (streamed)
-    return pags_fail(PAGS_ERROR_UNSUPPORTED,
-                     "%s: the list of a streamed SOG, which PAGS doesn't put together: expected one of its parts, "
-                     "such as the meta.json of a folder beside it",
-                     path);
   return refuse(path, bytes, size);
 }
 
@@ -98,12 +88,14 @@ static pags_result decode(const char *path, const uint8_t *bytes, size_t size, i
     PAGS_TRY(pags_splat_decode(path, bytes, size, out));
   } else if (size >= 4 && memcmp(bytes, "glTF", 4) == 0)
     PAGS_TRY(pags_gltf_decode(path, bytes, size, out, facts));
-  else if (pags_zip_is(bytes, size))
-    PAGS_TRY(pags_sog_decode_zip(path, bytes, size, out, facts));
   else if (blanks < size && bytes[blanks] == '{')
     PAGS_TRY(decode_json(path, bytes, size, out, facts));
-  else
-    return refuse(path, bytes, size);
+  else {
+    PAGS_TRY(pags_unread_splats_refuse(path, bytes, size, NULL));
+    if (!pags_zip_is(bytes, size))
+      return refuse(path, bytes, size);
+    PAGS_TRY(pags_sog_decode_zip(path, bytes, size, out, facts));
+  }
   if (axes != PAGS_AXES_UNKNOWN && strcmp(facts->kind, "glTF") == 0) {
     pags_gaussians_destroy(out);
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: a glTF's axes are known: expected no other ones", path);
