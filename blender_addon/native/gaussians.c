@@ -14,6 +14,7 @@
 #include "base/memory.h"
 #include "base/text.h"
 #include "scene/axes.h"
+#include "scene/splat_formats.h"
 
 /* ---- From arrays ---- */
 
@@ -287,6 +288,7 @@ static bool check_savable(const pags_scene *scene) {
 }
 
 static pags_result save(const char *path, const pags_scene *scene, const pags_gaussians *g, bool packed) {
+  PAGS_TRY(pags_ply_check_name(path));
   if (packed) {
     pags_packed head = {.up = (int)scene->up, .antialiased = scene->antialiased};
     memcpy(head.origin, scene->origin, sizeof head.origin);

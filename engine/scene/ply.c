@@ -7,6 +7,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
 #include <pags/scene.h>
 
@@ -343,6 +344,17 @@ static int put_facts(const pags_splat_facts *facts, char *text, size_t size) {
     length += snprintf(text + length, size - (size_t)length, "comment converted_from_alpha_min %.9g\n",
                        (double)facts->converted_from);
   return length;
+}
+
+pags_result pags_ply_check_name(const char *path) {
+  static const char ending[] = ".compressed.ply";
+  const size_t length = strlen(path), end = sizeof ending - 1;
+  if (length < end || strcasecmp(path + length - end, ending) != 0)
+    return PAGS_OK;
+  return pags_fail(PAGS_ERROR_ARGUMENT,
+                   "%s: other programs take this name for PlayCanvas's compressed PLY, which isn't written: expected "
+                   "another name ending in .ply, or .sog or .spz for a small file",
+                   path);
 }
 
 pags_result pags_ply_save(const char *path, const pags_gaussians *gaussians) {

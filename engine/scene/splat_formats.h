@@ -11,6 +11,8 @@
 /* `bytes` must end with a zero byte that `size` doesn't count, as pags_file_read returns it. */
 pags_result pags_ply_decode(const char *path, const uint8_t *bytes, size_t size, pags_gaussians *out,
                             pags_splat_facts *facts);
+/* Refuses names that end in .compressed.ply, by which other programs know a form of PLY that isn't written. */
+pags_result pags_ply_check_name(const char *path);
 /* `origin` receives what is taken off all positions (scene/large.h). */
 pags_result pags_compressed_ply_decode(const ply_table *table, pags_gaussians *out, double origin[3]);
 pags_result pags_splat_decode(const char *path, const uint8_t *bytes, size_t size, pags_gaussians *out);

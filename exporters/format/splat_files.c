@@ -18,6 +18,7 @@
 #include "exporters/format/sog_save.h"
 #include "exporters/format/spz_save.h"
 #include "scene/axes.h"
+#include "scene/splat_formats.h"
 
 pags_splat_options pags_splat_options_default(void) {
   return (pags_splat_options){.time = (double)NAN, .sh_degree = 3, .spz_version = 3, .spz_axes = PAGS_AXES_RUB};
@@ -107,6 +108,7 @@ pags_result pags_export_splats(pags_scene *scene, const char *path, const pags_s
   int part_count, degree = 0;
   pags_gaussians baked = {0};
   int64_t written = 0;
+  PAGS_TRY(pags_ply_check_name(path));
   PAGS_TRY(pags_composition_create(scene, &composition));
   if (options->tracks) {
     pags_result saved = pags_gltf_tracks_save(path, composition, options, count ? count : &written);

@@ -3,6 +3,7 @@
 
 import json
 import math
+import os
 import struct
 
 from fixtures import Case, main, ply_bytes, png_bytes, read, run, some_splats, splat
@@ -133,6 +134,42 @@ class Reading(Splats):
         foreign = self.write("d.json", '{"nodes": []}')
         self.refuses("d.json", "not a data set: expected 'frames'")
         self.fails(["render", foreign, "-o", self.path("out")], "a JSON file of another program")
+
+    def test_formats_that_are_not_read_are_named(self):
+        """By their content, whatever they are called, else by their names; in every verb, and for a folder of them."""
+        lcc = '{"version": "5.0", "totalSplats": 3, "cellLengthX": 30, "encoding": "COMPRESS"}'
+        tiles = '{"asset": {"version": "1.1"}, "geometricError": 9, "root": {}}'
+        levels = '{"version": 1, "lodLevels": 2, "filenames": []}'
+        for name, data, *words in [
+            ("meta.lcc", lcc, "XGRIDS", "splat-transform"),
+            ("renamed.json", lcc, "XGRIDS"),
+            ("a.ksplat", bytes(4096), ".ksplat", "splat-transform"),
+            ("b.rad", b"RAD0" + bytes(60), "Spark", "export a .ply"),
+            ("c.bin", b"RAD0" + bytes(60), "Spark"),
+            ("d.spx", b"spx\1" + bytes(124), "Reall3D", "gsbox"),
+            ("tileset.json", tiles, "3D Tiles", ".glb"),
+            ("other.json", tiles, "3D Tiles"),
+            ("lod-meta.json", levels, "streamed SOG", "meta.json"),
+            ("e.ssproj", b"PK\5\6" + bytes(18), "SuperSplat"),
+            ("f.usdc", b"PXR-USDC" + bytes(80), "USD"),
+        ]:
+            with self.subTest(name):
+                path = self.write(f"{name.split('.')[0]}/{name}", data)
+                self.fails(["info", path], path, *words)
+                self.fails(["export", path, self.path("out.ply")], path, *words)
+                if name != "c.bin":
+                    self.fails(["train", path, "-o", self.path("x")], path, *words)
+                if name in ("meta.lcc", "tileset.json", "b.rad"):
+                    self.fails(["render", os.path.dirname(path), "-o", self.path("x")], f"holds {name}", *words)
+                    self.fails(["info", os.path.dirname(path)], f"holds {name}", *words)
+
+    def test_the_name_of_a_compressed_ply(self):
+        """Other programs take it for a form that isn't written."""
+        plain = self.write("a.ply", ply_bytes(some_splats()))
+        for name in ("b.compressed.ply", "B.Compressed.PLY"):
+            self.fails(["export", plain, self.path(name)], name, "compressed", ".sog")
+            self.assertFalse(os.path.exists(self.path(name)))
+        self.works("export", plain, self.path("compressed.ply"))
 
     def test_header_variants(self):
         whole = ply_bytes(some_splats())
