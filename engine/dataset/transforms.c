@@ -31,6 +31,9 @@ typedef struct reader {
   pags_parsed_dataset *parsed;
   pags_file_finder files;
   pags_split_lists lists;
+  int64_t scaled;           /* frames whose matrix has a scale, which is left out */
+  double scale_range[2];    /* the least and the greatest of these scales */
+  const char *first_scaled; /* file_path of the first */
 } reader;
 
 /* ---- Camera parameters of a frame ---- */
@@ -263,6 +266,31 @@ static void report_unused(const reader *r, const pags_json_value *frames) {
 
 /* ---- Reading the whole file ---- */
 
+/* The pose has 3 or 4 rows. Negating the y and z columns turns OpenGL camera axes into OpenCV axes. The scale of a
+ * camera object, as Blender and pyrender have it, says nothing of the view and is left out. */
+static pags_result read_pose(reader *r, const pags_json_value *frame, const char *file, pags_parsed_view *view) {
+  const pags_json_value *rows;
+  double all[16] = {[15] = 1};
+  PAGS_TRY(pags_json_array(r->json, frame, "transform_matrix", &rows));
+  PAGS_TRY(pags_json_numbers(r->json, frame, "transform_matrix", rows->count == 3 ? 12 : 16, all));
+  if (fabs(all[12]) + fabs(all[13]) + fabs(all[14]) + fabs(all[15] - 1) > 1e-6)
+    return pags_json_fail(
+        r->json, rows,
+        "the last row of 'transform_matrix' is %g %g %g %g, expected 0 0 0 1: the matrix is written row "
+        "by row, with the camera's position in its last column",
+        all[12], all[13], all[14], all[15]);
+  for (int i = 0; i < 12; i++)
+    view->world_from_camera[i] = i % 4 == 1 || i % 4 == 2 ? -all[i] : all[i];
+  const double scale = pags_rigid_unscale(view->world_from_camera);
+  if (scale == 1)
+    return PAGS_OK;
+  r->scale_range[0] = r->scaled ? fmin(r->scale_range[0], scale) : scale;
+  r->scale_range[1] = fmax(r->scale_range[1], scale);
+  r->first_scaled = r->first_scaled ? r->first_scaled : file;
+  r->scaled++;
+  return PAGS_OK;
+}
+
 static pags_result read_frame(reader *r, const pags_json_value *frame, pags_split split) {
   const char *file;
   PAGS_TRY(pags_json_as_object(r->json, frame, "a frame"));
@@ -285,16 +313,7 @@ static pags_result read_frame(reader *r, const pags_json_value *frame, pags_spli
   view->missing = !exists;
   PAGS_TRY(find_mask(r, frame, view));
 
-  /* The pose has 3 or 4 rows. Negating the y and z columns turns OpenGL camera axes into OpenCV axes. */
-  const pags_json_value *rows;
-  PAGS_TRY(pags_json_array(r->json, frame, "transform_matrix", &rows));
-  double all[16];
-  if (rows->count == 3)
-    PAGS_TRY(pags_json_numbers(r->json, frame, "transform_matrix", 12, all));
-  else
-    PAGS_TRY(pags_json_numbers(r->json, frame, "transform_matrix", 16, all));
-  for (int i = 0; i < 12; i++)
-    view->world_from_camera[i] = i % 4 == 1 || i % 4 == 2 ? -all[i] : all[i];
+  PAGS_TRY(read_pose(r, frame, file, view));
   return find_lens(r, frame, view);
 }
 
@@ -320,6 +339,12 @@ static pags_result read_all(reader *r, const char *path, pags_split split) {
         "names that 'file_path' has",
         (long long)frames->count);
   report_unused(r, frames);
+  if (r->scaled)
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s: 'transform_matrix' of %lld of %lld frames has a scale (%.4g to %.4g), which is left out: "
+                     "rotation and position are used as they are; the first is %s",
+                     pags_json_path(r->json), (long long)r->scaled, (long long)frames->count, r->scale_range[0],
+                     r->scale_range[1], r->first_scaled);
   return r->parsed->points.count ? PAGS_OK : read_points(r);
 }
 

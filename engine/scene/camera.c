@@ -146,15 +146,39 @@ static void make_orthonormal(double m[12]) {
   }
 }
 
+/* Largest entry of R R^T - I at which a pose is taken as rigid. */
+static const double rigid_tolerance = 2e-3;
+
+double pags_rigid_unscale(double m[12]) {
+  double turned[12], squares = 0;
+  for (int i = 0; i < 12; i++)
+    squares += i % 4 == 3 ? 0 : m[i] * m[i];
+  const double scale = sqrt(squares / 3);
+  if (!(scale > 0 && isfinite(scale)) || orthonormal_error(m) <= rigid_tolerance)
+    return 1;
+  for (int i = 0; i < 12; i++)
+    turned[i] = i % 4 == 3 ? m[i] : m[i] / scale;
+  if (orthonormal_error(turned) > rigid_tolerance)
+    return 1;
+  memcpy(m, turned, sizeof turned);
+  return scale;
+}
+
 pags_result pags_rigid_check(double m[12], const char *what) {
   for (int i = 0; i < 12; i++)
     if (!isfinite(m[i]))
       return pags_fail(PAGS_ERROR_FORMAT, "%s: the pose is not finite", what);
-  double c[9];
-  double error = orthonormal_error(m);
-  if (error > 2e-3 || cofactors(m, c) < 0)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: the pose is not a rotation and a translation (off by %.3g)", what,
-                     error > 2e-3 ? error : 2.0);
+  double c[9], turned[12];
+  const double error = orthonormal_error(m), volume = cofactors(m, c);
+  memcpy(turned, m, sizeof turned);
+  const double scale = pags_rigid_unscale(turned);
+  if (scale != 1)
+    return pags_fail(PAGS_ERROR_FORMAT,
+                     "%s: the pose is not a rotation and a translation: it scales by %.6g; expected axes of length 1",
+                     what, scale);
+  if (error > rigid_tolerance || volume < 0)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: the pose is not a rotation and a translation (%s)", what,
+                     error <= rigid_tolerance ? "it mirrors" : "its axes are not at right angles or differ in length");
   make_orthonormal(m);
   return PAGS_OK;
 }

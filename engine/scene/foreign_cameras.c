@@ -69,9 +69,10 @@ bool pags_cameras_are_nerfstudio(const pags_json_value *root) {
   return path && path->type == PAGS_JSON_ARRAY;
 }
 
-/* A camera of the path: camera_to_world, 16 numbers row by row in OpenGL's axes, and fov, degrees of the height. */
+/* A camera of the path: camera_to_world, 16 numbers row by row in OpenGL's axes, and fov, degrees of the height. Counts
+ * it in `scaled` if the matrix has a scale, which is left out. */
 static pags_result read_frame(const pags_json *json, const pags_json_value *value, int width, int height,
-                              pags_camera *out) {
+                              pags_camera *out, int64_t *scaled) {
   double m[16], fov;
   PAGS_TRY(pags_json_as_object(json, value, "a camera"));
   PAGS_TRY(pags_json_numbers(json, value, "camera_to_world", 16, m));
@@ -89,13 +90,14 @@ static pags_result read_frame(const pags_json *json, const pags_json_value *valu
   for (int i = 0; i < 3; i++)
     for (int j = 0; j < 4; j++)
       out->world_from_camera[4 * i + j] = m[4 * i + j] * (j == 1 || j == 2 ? -1 : 1);
+  *scaled += pags_rigid_unscale(out->world_from_camera) != 1;
   return check(json, value, out);
 }
 
 pags_result pags_camera_path_from_nerfstudio(const pags_json *json, pags_camera_path *out) {
   const pags_json_value *root = pags_json_root(json), *frames, *crop = pags_json_member(root, "crop");
   const char *type;
-  int64_t width, height;
+  int64_t width, height, scaled = 0;
   PAGS_TRY(pags_json_array(json, root, "camera_path", &frames));
   PAGS_TRY(pags_json_string_or(json, root, "camera_type", "perspective", &type));
   if (strcmp(type, "perspective") != 0)
@@ -109,7 +111,10 @@ pags_result pags_camera_path_from_nerfstudio(const pags_json *json, pags_camera_
     return pags_json_fail(json, root, "expected a positive number for 'fps', found %g", out->fps);
   PAGS_TRY(allocate(json, frames->count, out));
   for (const pags_json_value *v = frames->first; v; v = v->next)
-    PAGS_TRY(read_frame(json, v, (int)width, (int)height, &out->cameras[out->count++]));
+    PAGS_TRY(read_frame(json, v, (int)width, (int)height, &out->cameras[out->count++], &scaled));
+  if (scaled)
+    pags_log_message(PAGS_LOG_WARNING, "%s: 'camera_to_world' of %lld of %lld cameras has a scale, which is left out",
+                     pags_json_path(json), (long long)scaled, (long long)frames->count);
   if (crop && crop->type != PAGS_JSON_NULL)
     pags_log_message(PAGS_LOG_WARNING, "%s: its 'crop' is ignored: everything is drawn", pags_json_path(json));
   return PAGS_OK;

@@ -286,6 +286,36 @@ class Transforms(DataCase):
         facts, _ = self.info()
         self.assertEqual(len(facts["warnings"]), 2, facts["warnings"])
 
+    def scaled(self, *scales):
+        """The frames, the axes of the first cameras multiplied by the scales."""
+        frames = json.loads(json.dumps(self.content["frames"]))
+        for frame, scale in zip(frames, scales, strict=False):
+            for row in frame["transform_matrix"][:3]:
+                row[:3] = [scale[i] * v for i, v in enumerate(row[:3])]
+        return frames
+
+    def test_matrices_with_a_scale(self):
+        """The scale of a camera object says nothing of the view; other matrices are no poses."""
+        self.save()
+        self.succeeds("train", self.data, "-o", self.path("plain"), "-n", 1, *SMALL)
+        self.save(frames=self.scaled([0.33] * 3, [100] * 3))
+        facts, _ = self.info()
+        self.assertEqual(len(facts["warnings"]), 1, facts["warnings"])
+        self.assertIn("'transform_matrix' of 2 of 9 frames has a scale (0.33 to 100), which is left out", facts["warnings"][0])
+        self.succeeds("train", self.data, "-o", self.path("scaled"), "-n", 1, *SMALL)
+        cameras = [json.loads(read(self.path(name, "scene.json")))["cameras"] for name in ("plain", "scaled")]
+        for a, b in zip(*cameras, strict=True):
+            for key in ("camera_from_world_translation", "camera_from_world_quaternion_wxyz"):
+                for x, y in zip(a[key], b[key], strict=True):
+                    self.assertAlmostEqual(x, y, 9)
+        for scale, words in [([1, 1, 2], "differ in length"), ([-1, -1, -1], "it mirrors"), ([-3, -3, -3], "it mirrors"), ([0, 0, 0], "differ in length")]:
+            self.save(frames=self.scaled(scale))
+            self.fails(["info", self.data], "transforms.json", "(000.png)", words)
+        frames = self.scaled()
+        frames[4]["transform_matrix"] = [list(row) for row in zip(*frames[4]["transform_matrix"], strict=True)]
+        self.save(frames=frames)
+        self.fails(["info", self.data], "the last row of 'transform_matrix'", "expected 0 0 0 1")
+
     def test_dialects(self):
         """Names of camera models, angles in degrees, and keys that aren't used."""
         angle = 56.144973871  # twice the arc tangent of 32 / 60, degrees

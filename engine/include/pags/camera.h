@@ -94,6 +94,10 @@ PAGS_API pags_camera pags_camera_downscale(const pags_camera *camera, double fac
  * PAGS_ERROR_FORMAT otherwise; `what` names the pose in the message. */
 PAGS_API pags_result pags_rigid_check(double m[12], const char *what);
 
+/* Divides the 3x3 part of a pose by its uniform scale, where it has one that pags_rigid_check would refuse, and returns
+ * that scale. Returns 1, with `m` unchanged, where it has none or where its axes would not be orthonormal. */
+PAGS_API double pags_rigid_unscale(double m[12]);
+
 /* Moves a pose at a constant velocity, out = m [Exp(t w) | t v] with (w, v) = velocity, as pags_shutter has it. `out`
  * may be `m`. */
 PAGS_API void pags_rigid_move(const double m[12], const double velocity[6], double seconds, double out[12]);
