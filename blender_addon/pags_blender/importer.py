@@ -163,7 +163,7 @@ class Import:
 
     def limit(self, part, index, times):
         """Hides a part before and after its track; a track is valid half a time step beyond its first and last pose."""
-        step = float(np.median(np.diff(times))) / 2 if len(times) > 1 else 0.0
+        step = float(np.median(np.diff(times)) if len(times) > 1 else 1 / (self.info["fps"] or 10)) / 2
         begin, end = float(times[0]) - step, float(times[-1]) + step
         if begin > self.info["time_begin"] + 1e-6 or end < self.info["time_end"] - 1e-6:
             curves.set_visibility(part, float(self.frame_of(begin)), float(self.frame_of(end)) + 1e-3)

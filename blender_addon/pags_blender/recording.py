@@ -291,7 +291,7 @@ def add_box(collection, frame, index, record):
     frames = [frame.frame_of(time) for time in times]
     curves.set_track(block, frames, poses)
     if record["tracked"] and len(frames) > 0:
-        half = float(np.median(np.diff(frames))) / 2 if len(frames) > 1 else 0.0
+        half = float(np.median(np.diff(frames)) if len(frames) > 1 else frame.root.pags.fps / (frame.info["fps"] or 10)) / 2
         curves.set_curve(block, "hide_viewport", 0, [frames[0] - half - 1, frames[0] - half, frames[-1] + half + 1e-3], [1, 0, 1], "CONSTANT")
 
 

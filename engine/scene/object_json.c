@@ -18,6 +18,8 @@ static pags_result fail_memory(const pags_json *json) {
   return pags_out_of_memory("%s: the objects", pags_json_path(json));
 }
 
+static const double usual_fps = 10; /* of scenes that state none, as of data sets */
+
 static int compare_names(const void *a, const void *b) {
   const char *const *x = a;
   const char *const *y = b;
@@ -55,6 +57,23 @@ static pags_result check_rigid(const pags_json *json, const pags_json_value *val
   if (!(error <= 2e-3) || determinant < 0)
     return pags_json_fail(json, value, "expected a rotation and a translation for 'world_from_object' (off by %.3g)",
                           determinant < 0 ? 2.0 : error);
+  return PAGS_OK;
+}
+
+/* Checks that a pose and its correction are of a size that arithmetic, and the float positions made of them, can hold.
+ */
+static pags_result check_sizes(const pags_json *json, const pags_json_value *value, const pags_knot *k) {
+  static const double farthest = 1e12, most_turn = 1e3; /* metres, radians */
+  double away = 0, moved = 0, turned = 0;
+  for (int i = 0; i < 3; i++) {
+    away = fmax(away, fabs(k->world_from_object[4 * i + 3]));
+    moved = fmax(moved, fabs(k->translation[i]));
+    turned = fmax(turned, fabs(k->rotation[i]));
+  }
+  if (!(away <= farthest && moved <= farthest && turned <= most_turn))
+    return pags_json_fail(
+        json, value, "a pose %.3g m away, corrected by %.3g m and %.3g rad; expected at most %g m, %g m and %g rad",
+        away, moved, turned, farthest, farthest, most_turn);
   return PAGS_OK;
 }
 
@@ -105,6 +124,7 @@ static pags_result read_record(const pags_json *json, const pags_json_value *obj
     PAGS_TRY(check_rigid(json, pags_json_member(value, "world_from_object"), knot->world_from_object));
     PAGS_TRY(pags_json_numbers(json, value, "rotation", 3, knot->rotation));
     PAGS_TRY(pags_json_numbers(json, value, "translation", 3, knot->translation));
+    PAGS_TRY(check_sizes(json, value, knot));
     knot->frame = (int32_t)frame;
     knot->trained = trained;
 
@@ -141,6 +161,7 @@ static pags_result read_objects(const pags_json *json, const pags_json_value *ob
     pags_scene_object *object = &scene->objects[scene->object_count++];
     bool critical, rigid;
     PAGS_TRY(read_record(json, value, &object->record));
+    object->record.time_step = 1 / (scene->fps > 0 ? scene->fps : usual_fps);
     PAGS_TRY(pags_json_bool_or(json, value, "critical", pags_category_is_critical(object->record.category), &critical));
     PAGS_TRY(pags_json_bool_or(json, value, "rigid", true, &rigid));
     object->critical = critical;

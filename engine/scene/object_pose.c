@@ -91,12 +91,15 @@ static void interpolate_pose(const double a[12], const double b[12], double shar
 /* ---- Labels ---- */
 
 /* Returns whether the median time between neighbouring knots (for an even number, the upper of the middle two) is at
- * least `length` seconds. It suffices to count the shorter ones, without sorting. A single knot has no spacing: 0. */
+ * least `length` seconds. It suffices to count the shorter ones, without sorting. A single knot has the spacing of the
+ * time steps. */
 static bool median_reaches(const pags_object *object, double length) {
   int64_t spacings = object->knot_count - 1, shorter = 0;
+  if (spacings == 0)
+    return object->time_step >= length - same_time;
   for (int64_t i = 0; i < spacings; i++)
     shorter += object->knots[i + 1].time - object->knots[i].time < length - same_time;
-  return spacings > 0 && shorter <= spacings / 2;
+  return shorter <= spacings / 2;
 }
 
 /* Computes the labelled pose at `time` into `out`, `after` being the number of knots at or before `time`. Returns 0

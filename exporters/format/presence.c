@@ -32,7 +32,7 @@ pags_result pags_presence_find(const pags_scene *scene, int64_t object, pags_pre
   for (int64_t i = 0; i + 1 < o->knot_count; i++)
     spacings[i] = o->knots[i + 1].time - o->knots[i].time;
   pags_sort_doubles(spacings, o->knot_count - 1);
-  const double usual = o->knot_count > 1 ? spacings[(o->knot_count - 1) / 2] : scene->fps > 0 ? 1 / scene->fps : 0;
+  const double usual = o->knot_count > 1 ? spacings[(o->knot_count - 1) / 2] : o->time_step;
   free(spacings);
   for (int64_t i = 0; i < o->knot_count; i++) {
     const double begins = o->knots[i].time - 0.5 * usual, ends = o->knots[i].time + 0.5 * usual;

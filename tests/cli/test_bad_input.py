@@ -6,6 +6,7 @@ import os
 import struct
 
 import fixtures
+import scenes
 from fixtures import FRONT, Case, files_below, make_dataset, ply_bytes, png_bytes, read, some_splats
 
 
@@ -70,6 +71,16 @@ class BadScenes(Case):
     def test_empty_folder(self):
         os.makedirs(self.path("scene"))
         self.refused(self.path("scene"))
+
+    def test_poses_beyond_arithmetic(self):
+        """A pose or a correction that is finite, but of which nothing finite can be made, is refused."""
+        scenes.make_scene(self.path("scene"))
+        good = json.loads(read(self.path("scene/scene.json")))
+        for key, value in [("rotation", [1e300, 0, 0]), ("translation", [0, 1e300, 0]), ("world_from_object", [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 1e200])]:
+            bad = json.loads(json.dumps(good))
+            bad["objects"][1]["knots"][2][key] = value
+            self.write("scene/scene.json", json.dumps(bad))
+            self.refused("scene.json:1: a pose", "expected at most")
 
 
 class BadCameras(Case):

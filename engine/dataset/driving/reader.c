@@ -329,6 +329,8 @@ static pags_result read_parts(pags_driving *driving, const pags_dataset_options 
   driving->street_tracks =
       !pags_folder_has(driving->root, "instances/instances_info.json") && pags_street_tracks_exist(driving->root);
   PAGS_TRY(driving->street_tracks ? pags_street_tracks_read(driving) : pags_tracks_read(driving));
+  for (int64_t i = 0; i < driving->object_count; i++)
+    driving->objects[i].time_step = 1 / driving->fps;
   pags_driving_check_places(driving, parsed);
   PAGS_TRY(pags_critical_choose(driving, options->critical, parsed));
   PAGS_TRY(pags_sweeps_find(driving));

@@ -56,6 +56,7 @@ typedef struct pags_object {
   int moving;     /* 1: moves, by the rule of pags_object_classify_motion; 0: parked */
   int64_t knot_count;
   pags_knot *knots; /* at least one */
+  double time_step; /* seconds between the time steps of the scene or data set: the spacing of a track of one knot */
 } pags_object;
 
 /* Frees the strings and the knots, and zeroes the struct. A zeroed struct is allowed. */
@@ -76,7 +77,7 @@ PAGS_API const pags_knot *pags_object_knot(const pags_object *object, int64_t fr
  * The labelled pose: at a knot (within 1e-6 s) the label itself; between two knots at most 1.5 median spacings of
  * the track apart the interpolated labels (translation linear, rotation along the shorter arc); up to half a median
  * spacing beyond an end of the track, or into a longer gap, the label of the nearest knot. Otherwise the object
- * isn't present.
+ * isn't present. A track of one knot has the spacing `time_step`, so that the object is there for a whole time step.
  *
  * Increments: without increments the pose is the labelled pose. If the nearest trained knots before and after
  * `time` are at most 2.5 median spacings apart and at least one of them has an increment, the pose lies on the
