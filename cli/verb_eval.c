@@ -22,6 +22,7 @@
 #include "base/file.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "dataset/photo_mask.h"
 #include "train/fit_pose.h"
 
 typedef struct eval_arguments {
@@ -556,12 +557,17 @@ static pags_result evaluate(evaluation *self, const char *scene_path) {
   if (!pags_ranks_lead())
     return PAGS_OK;
 
-  if (self->without_count)
-    pags_log_message(
-        PAGS_LOG_WARNING, "%s: %lld of %lld views have no pixel that their mask uses, and no figures; the first is %s",
-        pags_dataset_path(self->photographs.dataset), (long long)self->without_count,
-        (long long)(self->count + self->without_count),
-        pags_dataset_view(self->photographs.dataset, self->photographs.views[self->without_pixels[0]].index)->name);
+  if (self->without_count) {
+    const int64_t first = self->photographs.views[self->without_pixels[0]].index;
+    char masks[160];
+    pags_dataset_masks_of(self->photographs.dataset, first, masks, sizeof masks);
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s: %lld of %lld views have no pixel that is used, and no figures; the first is %s, whose pixels "
+                     "are left out by %s",
+                     pags_dataset_path(self->photographs.dataset), (long long)self->without_count,
+                     (long long)(self->count + self->without_count),
+                     pags_dataset_view(self->photographs.dataset, first)->name, masks);
+  }
   if (self->count && !self->shown)
     pags_log_message(PAGS_LOG_WARNING, "%s: nothing of the scene is in view in any of %lld views", scene_path,
                      (long long)self->count);

@@ -4,6 +4,7 @@
 #include "dataset/internal.h"
 
 #include "base/memory.h"
+#include "dataset/driving/driving_set.h"
 #include "dataset/driving/label_plane.h"
 #include "dataset/photo_colour.h"
 #include "dataset/photo_mask.h"
@@ -14,6 +15,7 @@
 
 #include <assert.h>
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -70,6 +72,32 @@ static pags_result load(const pags_dataset *dataset, int64_t index, pictures *ou
   if (view->mask_path)
     PAGS_TRY(load_mask(from, out));
   return pags_label_plane_load(dataset, index, &out->labels, &out->mask);
+}
+
+static bool is_white(const pags_image *image) {
+  const uint8_t *data = image->data;
+  const size_t size = (size_t)image->width * (size_t)image->height;
+  size_t white = 0;
+  while (white < size && data[white] >= 128)
+    white++;
+  return data && white == size;
+}
+
+bool pags_dataset_masks_of(const pags_dataset *dataset, int64_t index, char *text, size_t size) {
+  const pags_parsed_view *view = &dataset->parsed.views[index];
+  const pags_driving *driving = dataset->parsed.driving;
+  const pags_sensor *sensor = driving ? pags_driving_sensor(driving, view->sensor) : NULL;
+  const pags_lens *lens = &view->lens;
+  const bool ego = sensor && sensor->ego.data, all = ego && is_white(&sensor->ego);
+  const bool alpha = !all && view->picture.alpha && dataset->image_alpha != PAGS_ALPHA_IGNORE;
+  const bool file = !all && view->mask_path, bent = !all && !pags_lens_is_pinhole(lens);
+  char camera[48] = "";
+  if (ego)
+    snprintf(camera, sizeof camera, "the ego mask of camera %d", sensor->number);
+  snprintf(text, size, "%s%s%s%s%s%s%s", camera, ego && file ? ", " : "", file ? "its mask" : "",
+           (ego || file) && alpha ? ", " : "", alpha ? "its alpha" : "", (ego || file || alpha) && bent ? ", " : "",
+           bent ? "its lens, which doesn't see every pixel" : "");
+  return ego || alpha || bent || !file;
 }
 
 /* Resamples the pictures to the pinhole of a view or, if it keeps its lens, masks what that doesn't see. */

@@ -3,6 +3,7 @@
 #ifndef PAGS_DATASET_PHOTO_MASK_H
 #define PAGS_DATASET_PHOTO_MASK_H
 
+#include <pags/dataset.h>
 #include <pags/image.h>
 
 #include "dataset/parsed.h"
@@ -35,5 +36,9 @@ pags_result pags_photo_masks_find(const char *root, pags_parsed_dataset *parsed)
 /* Compares the sizes of all masks with their photographs', and says how the masks that are looked at are read and which
  * of them leave no pixel. Those of a set in which no mask leaves any are dropped. */
 pags_result pags_photo_masks_check(pags_parsed_dataset *parsed);
+
+/* Writes what may leave out pixels of a view's photograph: "the ego mask of camera 1", if that leaves out all of them,
+ * else every mask that the view has. Returns false if it has none but a mask file. */
+bool pags_dataset_masks_of(const pags_dataset *dataset, int64_t view, char *text, size_t size);
 
 #endif

@@ -14,6 +14,7 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "dataset/photo_mask.h"
 #include "maths/maths.h"
 #include "port/port.h"
 #include "threads/record.h"
@@ -31,7 +32,7 @@
 #include "train/trial_end.h"
 #include "train/views.h"
 
-enum { ESTIMATE_STEPS = 50 };
+enum { ESTIMATE_STEPS = 50, MASKS_TEXT = 160 };
 
 /* ---- One step ---- */
 
@@ -126,9 +127,9 @@ typedef struct run_clock {
   double tail;  /* begin of the run's last tenth */
   double saved; /* the last checkpoint, or the first step */
   int64_t tail_step, first_step;
-  int64_t blank;            /* steps in a row in which no Gaussian was in view */
-  int64_t masked;           /* steps whose photograph's own alpha left no pixel */
-  const char *first_masked; /* the name of the first such photograph */
+  int64_t blank;        /* steps in a row in which no Gaussian was in view */
+  int64_t masked;       /* steps whose photograph has no pixel that counts, unless a mask file alone does that */
+  int64_t first_masked; /* the view of the first */
   uint64_t tail_heap_calls;
 } run_clock;
 
@@ -263,9 +264,9 @@ static pags_result loop(pags_trainer *t, run_clock *clock, int *stopped) {
     pags_step_view v;
     PAGS_TRY(do_step(t, &v));
     update_clock(t, clock);
-    const pags_view *view = pags_dataset_view(t->dataset, v.view);
-    if (v.loss.counted == 0 && !view->mask_path && clock->masked++ == 0)
-      clock->first_masked = view->name;
+    char masks[MASKS_TEXT];
+    if (v.loss.counted == 0 && pags_dataset_masks_of(t->dataset, v.view, masks, sizeof masks) && clock->masked++ == 0)
+      clock->first_masked = v.view;
     clock->blank = pags_frame_stats_get(t->render.frame)->binned > 0 ? 0 : clock->blank + 1;
     if (t->options->estimate) {
       *stopped = s->step >= ESTIMATE_STEPS;
@@ -321,11 +322,13 @@ static pags_result write_end(pags_trainer *t, pags_train_result *r, const run_cl
     pags_log_message(PAGS_LOG_WARNING, "%lld Gaussians with parameters that are not finite are left out of the scene",
                      (long long)dropped);
 
-  if (clock->masked > 0)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld steps taught nothing, since the alpha of their photograph leaves no pixel; the first "
-                     "photograph is %s",
-                     t->output.folder, (long long)clock->masked, clock->first_masked);
+  char masks[MASKS_TEXT];
+  if (clock->masked > 0 && pags_dataset_masks_of(t->dataset, clock->first_masked, masks, sizeof masks))
+    pags_log_message(
+        PAGS_LOG_WARNING,
+        "%s: %lld steps taught nothing, since no pixel of their photograph is used; the first photograph is "
+        "%s, whose pixels are left out by %s",
+        t->output.folder, (long long)clock->masked, pags_dataset_view(t->dataset, clock->first_masked)->name, masks);
   const int64_t done = s->step - clock->first_step, pass = pags_schedule_steps(&s->schedule, t->view_count);
   const int64_t turn = pass < done ? pass : done;
   if (turn > 0 && clock->blank >= turn)

@@ -203,6 +203,16 @@ class MaskTest(StreetCase):
         write(self.at("ego_masks/0.png"), grey_png(96, 54, [255 - 255 * p for p in pixels]))
         self.warns("1 of 2 ego masks leave out more than half", "camera 0's", "inverted")
 
+    def test_ego_masks_that_hide_everything(self):
+        """Training and eval name the ego mask, not an alpha that the photographs don't have."""
+        for camera in (0, 1):
+            write(self.at(f"ego_masks/{camera}.png"), grey_png(96, 54, [255] * (96 * 54)))
+        train = ["train", self.street, "-o", self.path("scene"), "-n", 2, "--preview-every", 0, *fixtures.SMALL]
+        done = self.succeeds(*train)
+        self.assertRegex(done.stdout + done.stderr, "2 steps taught nothing.* left out by the ego mask of camera [01]\n")
+        done = fixtures.run("eval", self.path("scene"))
+        self.assertIn("left out by the ego mask of camera", done.stdout + done.stderr)
+
 
 class LabelTest(StreetCase):
     COLOURS = {10: (70, 130, 180), 13: (0, 0, 142), 11: (220, 20, 60)}
