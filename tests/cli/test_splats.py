@@ -30,7 +30,8 @@ class Splats(Case):
         return json.loads(read(self.path("info.json")))
 
     def works(self, *arguments):
-        return self.succeeds(*arguments).stdout
+        done = self.succeeds(*arguments)
+        return done.stdout + done.stderr
 
     def refuses(self, name, *words):
         self.fails(["info", self.path(name)], *words)
