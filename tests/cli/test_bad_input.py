@@ -32,7 +32,7 @@ class BadSplats(Case):
             rows = some_splats()
             rows[7][column] = float("nan")
             path = self.write(f"nan_{name}.ply", ply_bytes(rows))
-            self.assertIn("1 of 40 Gaussians are left out", self.succeeds("info", path).stdout)
+            self.assertIn("1 of 40 Gaussians are left out", self.succeeds("info", path).stderr)
             self.fails(["info", path, "--strict"], "the first is 7")
             self.refused(self.write(f"all_{name}.ply", ply_bytes(rows[7:8])), "Gaussian 0")
         rows = some_splats()
