@@ -4,6 +4,7 @@
 import argparse
 import importlib
 import importlib.util
+import io
 import json
 import os
 import shutil
@@ -134,8 +135,9 @@ def run(arguments):
 
 def main():
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    for stream in filter(None, (sys.stdout, sys.stderr)):
-        stream.reconfigure(errors="surrogateescape")  # names that aren't UTF-8 are printed as they are
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="surrogateescape")  # names that aren't UTF-8 are printed as they are
     p = parser()
     arguments = p.parse_args()
     alien = ("cameras", "frames", "sequence") if arguments.kind == "photos" else ("pictures",)
