@@ -176,28 +176,29 @@ static pags_result draw_view(overlay *o, int64_t index) {
   return result;
 }
 
-/* Returns whether a time step is among the at most MOST_STEPS evenly chosen ones. `first` and `last` are the data
- * set's first and last time steps. */
-static bool is_drawn(int frame, int first, int last) {
-  int64_t steps = (int64_t)last - first + 1, at = (int64_t)frame - first;
-  return steps <= MOST_STEPS || at * MOST_STEPS / steps != (at + 1) * MOST_STEPS / steps;
+/* Returns whether a time step, counted from 0, is among the at most MOST_STEPS evenly chosen ones. */
+static bool is_drawn(int64_t step, int64_t steps) {
+  return steps <= MOST_STEPS || step * MOST_STEPS / steps != (step + 1) * MOST_STEPS / steps;
+}
+
+/* Whether the view is the first of its time step; views are sorted by it. */
+static bool begins_step(const pags_dataset *dataset, int64_t view) {
+  return view == 0 || pags_dataset_view(dataset, view)->frame != pags_dataset_view(dataset, view - 1)->frame;
 }
 
 static pags_result draw_all(overlay *o, const pags_session *session) {
-  int64_t count = pags_dataset_view_count(o->dataset);
-  int first = INT32_MAX, last = 0;
+  const int64_t count = pags_dataset_view_count(o->dataset);
+  int64_t steps = 0, step = -1;
   pags_result result = PAGS_OK;
-  for (int64_t i = 0; i < count; i++) {
-    int frame = pags_dataset_view(o->dataset, i)->frame;
-    first = frame < first ? frame : first;
-    last = frame > last ? frame : last;
-  }
+  for (int64_t i = 0; i < count; i++)
+    steps += begins_step(o->dataset, i);
   pags_progress progress = pags_progress_begin(session->people);
   pags_interrupt_install(session->tasks);
   for (int64_t i = 0; result == PAGS_OK && i < count; i++) {
+    step += begins_step(o->dataset, i);
     if (pags_interrupted())
       result = pags_fail(PAGS_CANCELLED, "interrupted after %lld pictures", (long long)o->pictures);
-    else if (is_drawn(pags_dataset_view(o->dataset, i)->frame, first, last))
+    else if (is_drawn(step, steps))
       result = draw_view(o, i);
     if (pags_progress_due(&progress))
       pags_progress_show(&progress, "view %lld of %lld", (long long)i + 1, (long long)count);

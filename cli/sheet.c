@@ -25,10 +25,15 @@ typedef struct sheet {
 
 /* ---- Layout ---- */
 
+/* Returns the number of the time step that a view is of, given that of the view before; views are sorted by frame. */
+static int64_t next_step(const pags_dataset *dataset, int64_t view, int64_t step) {
+  return step + (view == 0 || pags_dataset_view(dataset, view)->frame != pags_dataset_view(dataset, view - 1)->frame);
+}
+
 /* A row a camera, the columns evenly chosen time steps. */
 static void choose_drive(sheet *s) {
   const int64_t count = pags_dataset_view_count(s->dataset);
-  const int first = pags_dataset_view(s->dataset, 0)->frame, last = pags_dataset_view(s->dataset, count - 1)->frame;
+  int64_t steps = 0, step = -1;
   for (int64_t i = 0; i < count; i++) {
     const int sensor = pags_dataset_view(s->dataset, i)->sensor;
     int row = 0;
@@ -36,19 +41,21 @@ static void choose_drive(sheet *s) {
       row++;
     if (row == s->rows && s->rows < MOST_ROWS)
       s->sensors[s->rows++] = sensor;
+    steps = next_step(s->dataset, i, steps);
   }
-  const int steps = last - first + 1, columns = steps < COLUMNS ? steps : COLUMNS;
-  for (int column = 0; column < columns; column++) {
-    const int frame = first + (columns > 1 ? (int)((int64_t)column * (steps - 1) / (columns - 1)) : 0);
-    for (int64_t i = 0; i < count; i++) {
-      const pags_view *const view = pags_dataset_view(s->dataset, i);
-      for (int row = 0; view->frame == frame && row < s->rows; row++)
-        if (s->sensors[row] == view->sensor) {
-          s->views[s->count] = i;
-          s->row_of[s->count] = row;
-          s->column_of[s->count++] = column;
-        }
-    }
+  const int columns = steps < COLUMNS ? (int)steps : COLUMNS;
+  int column = 0;
+  for (int64_t i = 0; i < count; i++) {
+    step = next_step(s->dataset, i, step);
+    const int sensor = pags_dataset_view(s->dataset, i)->sensor;
+    while (column < columns - 1 && column * (steps - 1) / (columns - 1) < step)
+      column++;
+    for (int row = 0; row < s->rows; row++)
+      if (s->sensors[row] == sensor && (columns < 2 || column * (steps - 1) / (columns - 1) == step)) {
+        s->views[s->count] = i;
+        s->row_of[s->count] = row;
+        s->column_of[s->count++] = column;
+      }
   }
 }
 

@@ -93,21 +93,26 @@ static pags_result add_sensor(pags_driving *driving, int number) {
   return PAGS_OK;
 }
 
-/* Makes the time steps and the cameras of the pictures, which are sorted by frame. Frames whose number is a multiple
- * of `every` (0: none) are held out, except frame 0. */
-static pags_result make_steps(pags_driving *driving, const pags_driving_picture *pictures, int64_t count, int every) {
+/* Makes the time steps and the cameras of the chosen pictures. `all` lists those of the whole recording; both lists are
+ * sorted by frame. Every `every`-th time step of the recording is held out, whatever the numbers of its frames are and
+ * whichever part of it is chosen, except the first (0: none). */
+static pags_result make_steps(pags_driving *driving, const pags_driving_picture *chosen, int64_t count,
+                              const pags_driving_picture *all, int every) {
   driving->steps = calloc((size_t)count, sizeof *driving->steps);
   if (!driving->steps)
     return pags_out_of_memory("%s", driving->root);
-  for (int64_t i = 0; i < count; i++) {
-    int frame = pictures[i].frame;
-    PAGS_TRY(add_sensor(driving, pictures[i].camera));
-    if (i > 0 && pictures[i - 1].frame == frame)
+  int64_t step = 0; /* of the recording */
+  for (int64_t i = 0, at = 0; i < count; i++) {
+    const int frame = chosen[i].frame;
+    PAGS_TRY(add_sensor(driving, chosen[i].camera));
+    if (i > 0 && chosen[i - 1].frame == frame)
       continue;
-    bool test = every > 0 && frame > 0 && frame % every == 0;
+    for (; all[at].frame < frame; at++)
+      step += all[at].frame != all[at + 1].frame;
+    const bool test = every > 0 && step > 0 && step % every == 0;
     driving->steps[driving->step_count++] = (pags_time_step){.frame = frame, .test = test};
   }
-  driving->digits = pictures[0].digits;
+  driving->digits = chosen[0].digits;
   pags_sort(driving->sensors, driving->sensor_count, sizeof *driving->sensors, by_number);
   return PAGS_OK;
 }
@@ -376,7 +381,7 @@ static pags_result read_listed(pags_driving *driving, const char *folder, const 
       chosen[count++] = pictures[i];
   pags_result result = check_pictures(folder, list, chosen, count, all);
   if (result == PAGS_OK)
-    result = make_steps(driving, chosen, count, options->split_every == -1 ? 4 : options->split_every);
+    result = make_steps(driving, chosen, count, pictures, options->split_every == -1 ? 4 : options->split_every);
   if (result == PAGS_OK)
     result = check_cameras(driving, &selected);
   if (result == PAGS_OK)

@@ -35,8 +35,9 @@ typedef struct pags_dataset_options {
   const char *colmap;
   double downscale; /* factor by which cameras and photographs are shrunk, >= 1; default 1 (full size) */
   /* Which views are held out. Static sets: every Nth view in file-name order (index % N == 0, missing pictures
-   * counted). Driving sets: all cameras of every time step t > 0 with t % N == 0. N = 0: none; N >= 2; -1 (default): as
-   * the data set states, else 8 for static sets, 4 for driving sets. */
+   * counted). Driving sets: all cameras of every Nth time step of the recording but the first, whatever the numbers of
+   * its frames are. N = 0: none; N >= 2; -1 (default): as the data set states, else 8 for static sets, 4 for driving
+   * sets. */
   int split_every;
   /* Folder to take the photographs of a static set from, in place of the one that it names: images_4, say. Names below
    * it are those of the set, but for the extension. Relative to the data set's folder, or to the current one. NULL:
