@@ -579,7 +579,7 @@ const pags_sweep *pags_dataset_sweep(const pags_dataset *dataset, int64_t index)
 
 pags_result pags_dataset_sweep_load(const pags_dataset *dataset, int64_t index, int64_t *count, float **xyz) {
   assert(index >= 0 && index < pags_dataset_sweep_count(dataset));
-  return pags_sweep_read(dataset->parsed.driving, index, count, xyz);
+  return pags_sweep_read(dataset->parsed.driving, index, count, xyz, NULL);
 }
 
 const char *pags_dataset_sensor_name(const pags_dataset *dataset, int sensor) {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Objects: maps the class names of data sets to categories and decides whether a labelled track moves. object_pose.c
- * computes an object's pose at a time. */
+/* Objects: maps the class names of data sets to categories. object_motion.c decides whether a labelled track moves,
+ * object_pose.c computes an object's pose at a time. */
 #include <pags/object.h>
 
 #include <assert.h>
@@ -104,59 +104,13 @@ pags_category pags_category_of(const char *class_name) {
   return PAGS_CATEGORY_OTHER;
 }
 
-/* ---- Motion ---- */
+/* ---- Tracks ---- */
 
 void pags_object_destroy(pags_object *object) {
   free(object->id);
   free(object->class_name);
   free(object->knots);
   memset(object, 0, sizeof *object);
-}
-
-/* Whether the object goes straight on, faster than any label drifts, though its track is too short to go far: by more
- * than `least` metres at more than `speed` m/s. The distances to a straight line of constant speed must be small beside
- * the way. */
-static bool goes_straight(const pags_object *object, double travel, double least, double speed) {
-  const pags_knot *first = &object->knots[0], *last = &object->knots[object->knot_count - 1];
-  const double duration = last->time - first->time;
-  if (!(duration > 0) || travel < least || travel < speed * duration)
-    return false;
-  double square = 0;
-  for (int64_t i = 0; i < object->knot_count; i++) {
-    const double share = (object->knots[i].time - first->time) / duration;
-    for (int axis = 3; axis < 12; axis += 4) {
-      const double from = first->world_from_object[axis], to = last->world_from_object[axis];
-      const double d = object->knots[i].world_from_object[axis] - from - share * (to - from);
-      square += d * d;
-    }
-  }
-  return sqrt(square / (double)object->knot_count) < 0.15 * travel;
-}
-
-/* The rule of Street Gaussians (Yan et al. 2024): an object moves if its first and last labelled position are more
- * than 2 m apart, or if the standard deviation of its positions along x, y or z exceeds 0.5 m. In a short clip nobody
- * walks that far: pedestrians and cyclists also move if they go straight on for 0.8 m at 0.5 m/s, vehicles for 1.2 m at
- * 1 m/s. At least three labels are needed for that. */
-void pags_object_classify_motion(pags_object *object) {
-  assert(object->knot_count > 0);
-  const double *first = object->knots[0].world_from_object;
-  const double *last = object->knots[object->knot_count - 1].world_from_object;
-  double travel = 0, largest = 0, count = (double)object->knot_count;
-  for (int axis = 3; axis < 12; axis += 4) {
-    double mean = 0, square = 0;
-    for (int64_t i = 0; i < object->knot_count; i++)
-      mean += (object->knots[i].world_from_object[axis] - first[axis]) / count;
-    for (int64_t i = 0; i < object->knot_count; i++) {
-      double d = object->knots[i].world_from_object[axis] - first[axis] - mean;
-      square += d * d / count;
-    }
-    travel += (last[axis] - first[axis]) * (last[axis] - first[axis]);
-    largest = fmax(largest, square);
-  }
-  const bool person = object->category == PAGS_CATEGORY_PEDESTRIAN || object->category == PAGS_CATEGORY_CYCLIST;
-  object->moving = sqrt(travel) > 2 || sqrt(largest) > 0.5;
-  if (object->category != PAGS_CATEGORY_OTHER && object->knot_count > 2)
-    object->moving = object->moving || goes_straight(object, sqrt(travel), person ? 0.8 : 1.2, person ? 0.5 : 1.0);
 }
 
 const pags_knot *pags_object_knot(const pags_object *object, int64_t frame) {

@@ -106,17 +106,17 @@ class Labels(Street):
         return true
 
     def test_box_aside(self):
-        for frames in [[5], [5, 6], [0]]:
+        for frames in [[5], [5, 6], [5, 6, 7], [0]]:
             self.instances = json.loads(read(os.path.join(self.street, "instances/instances_info.json")))
             true = self.aside(frames, 1, 3)
             self.warned(f"instances_info.json: {len(frames)} of ", "lie aside", f"Car 'moving_car_027' in frame {frames[0]}")
             for frame, m in self.knots().items():
                 far = math.dist(m[3::4], true[frame][3::4])
-                self.assertLess(far, 0.6 if frame in frames else 1e-9, frame)
+                self.assertLess(far, 0.7 if frame in frames else 1e-9, frame)
 
     def test_boxes_that_leap_for_long_are_warned_of(self):
-        self.aside([5, 6, 7], 1, 3)
-        self.warned("the boxes of 1 of ", "leap", "Car 'moving_car_027' from frame 4 to 5, 3.00 m off in 0.10 s")
+        self.aside([1, 3, 5, 7, 9], 1, 3)
+        self.warned("the boxes of 1 of ", "leap", "Car 'moving_car_027' from frame 0 to 1, ", " m off in 0.10 s")
 
     def test_box_of_another_size(self):
         name, at = self.cyclist()

@@ -104,13 +104,36 @@ static void motion_is_travel_or_spread(void **state) {
   assert_false(moves((const double[][3]){{0, 0, 0}, {0.99, 0, 0}}, 2));
   assert_true(moves((const double[][3]){{0, 0, 0}, {1.01, 0, 0}}, 2));
   assert_true(moves((const double[][3]){{0, 0, 0}, {0, 4, 0}, {0, 0, 0}}, 3));
-  /* Of ten knots only the last is displaced: the spread is 0.3 of its distance, so that the distance travelled
+  /* Ten knots on a way with a bend and a stop: the spread on each axis is below 0.5 m, so that the distance travelled
    * decides. */
-  double late[10][3] = {{0}};
-  late[9][0] = 1.25, late[9][1] = 1.25, late[9][2] = 0.9;
-  assert_false(moves((const double(*)[3])late, 10));
-  late[9][2] = 1;
-  assert_true(moves((const double(*)[3])late, 10));
+  double way[10][3];
+  for (int far = 0; far < 2; far++) {
+    for (int i = 0; i < 10; i++) {
+      way[i][0] = 1.25 / 3 * fmin(i, 3);
+      way[i][1] = 1.25 / 3 * fmax(i - 6, 0);
+      way[i][2] = (far ? 1.0 : 0.9) / 3 * fmax(i - 6, 0);
+    }
+    assert_int_equal(moves((const double(*)[3])way, 10), far);
+  }
+}
+
+/* Labels of six or more that lie about one place are a parked thing's, however far apart they are. */
+static void jitter_is_no_motion(void **state) {
+  (void)state;
+  double labels[40][3] = {{0}};
+  labels[9][0] = 5; /* only the last is displaced */
+  assert_false(moves((const double(*)[3])labels, 10));
+  assert_true(moves((const double(*)[3])(labels + 7), 3)); /* of too few nobody knows */
+  for (int i = 0; i < 12; i++)
+    labels[i][i % 2] = i % 3 ? 1.2 : -1.2;
+  assert_false(moves((const double(*)[3])labels, 12));
+  for (int i = 0; i < 12; i++)
+    labels[i][0] += 0.5 * i; /* it drives all the same */
+  assert_true(moves((const double(*)[3])labels, 12));
+  memset(labels, 0, sizeof labels);
+  for (int i = 20; i < 40; i++)
+    labels[i][1] = 0.01 * (i - 20) * (i - 20); /* stands, then drives off */
+  assert_true(moves((const double(*)[3])labels, 40));
 }
 
 /* Whether an object moves that goes `metres` in `count` equal steps of 0.1 s, with every other label `jitter` aside. */
@@ -365,6 +388,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(names_become_categories),
       cmocka_unit_test(motion_is_travel_or_spread),
+      cmocka_unit_test(jitter_is_no_motion),
       cmocka_unit_test(walkers_of_a_short_clip_move),
       cmocka_unit_test(a_knot_is_taken_as_it_stands),
       cmocka_unit_test(between_knots_labels_are_interpolated),

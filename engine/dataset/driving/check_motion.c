@@ -69,19 +69,16 @@ pags_result pags_driving_check_motion(pags_driving *driving, const pags_parsed_d
 
 enum { FARTHEST = 500 }; /* m; no label of a LiDAR or a photograph lies beyond */
 
-void pags_driving_check_places(const pags_driving *driving, const pags_parsed_dataset *parsed) {
+void pags_driving_check_places(const pags_driving *driving) {
   pags_tally far = {0};
   int64_t all = 0;
   for (int64_t i = 0; i < driving->object_count; i++) {
     const pags_object *object = &driving->objects[i];
     for (int64_t k = 0; k < object->knot_count; k++, all++) {
-      const int64_t step = pags_driving_step(driving, object->knots[k].frame);
-      const pags_parsed_view *view = &parsed->views[step * driving->sensor_count], *end = view + driving->sensor_count;
-      while (view < end && view->missing)
-        view++;
+      const double *eye = driving->steps[pags_driving_step(driving, object->knots[k].frame)].eye;
       double square = 0;
-      for (int axis = 3; axis < 12 && view < end; axis += 4) {
-        const double d = object->knots[k].world_from_object[axis] - view->world_from_camera[axis];
+      for (int axis = 0; axis < 3; axis++) {
+        const double d = object->knots[k].world_from_object[4 * axis + 3] - eye[axis];
         square += d * d;
       }
       if (square > (double)FARTHEST * FARTHEST)

@@ -41,7 +41,7 @@ static int by_height(const void *a, const void *b) {
 static pags_result take(const pags_driving *driving, int64_t index, points *out) {
   float heights[MOST_HEIGHTS], *xyz;
   int64_t count, looked = 0;
-  PAGS_TRY(pags_sweep_read(driving, index, &count, &xyz));
+  PAGS_TRY(pags_sweep_read(driving, index, &count, &xyz, NULL));
   for (int64_t i = 0; i < MOST_HEIGHTS && count > 0; i++)
     heights[looked++] = xyz[3 * (i * count / MOST_HEIGHTS) + 2];
   pags_sort(heights, looked, sizeof *heights, by_height);

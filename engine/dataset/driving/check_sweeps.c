@@ -26,7 +26,10 @@
 /* Pieces of the file that are looked at, bytes of a piece (a multiple of 8), fewest and most columns looked for. */
 enum { PIECES = 8, PIECE = 2048, FEWEST = 3, MOST = 16, FEW_VALUES = 512, FEW_POINTS = 200 };
 
-static const double farthest = 1000;      /* metres: no LiDAR of cars sees as far */
+/* Points below which another sweep is looked at, how many sweeps are, and bytes of sweeps of which rows are counted. */
+enum { FEW_ROWS = 64, MOST_TRIED = 16, MOST_BYTES = 256 << 20 };
+
+static const double farthest = PAGS_FARTHEST;
 static const double nearest_median = 0.3; /* metres: half of the points are farther than this */
 static const double small = 1e-6;         /* numbers nearer to zero, but for zero, are no coordinates */
 
@@ -68,9 +71,9 @@ typedef struct reading {
 
 /* What the points are like. */
 typedef struct points_look {
-  int64_t rows, finite, wrong; /* wrong: of the finite ones, those that no LiDAR gives */
-  double median;               /* metres: of the distances of the finite ones */
-  double spread[3];            /* metres: standard deviations of x, y, z of the finite ones */
+  int64_t rows, points, wrong; /* points: finite ones but for zeros; wrong: those of them that no LiDAR gives */
+  double median;               /* metres: of the distances of the points */
+  double spread[3];            /* metres: standard deviations of x, y, z of the points */
   double first[3];             /* the first wrong one */
   int64_t first_row;
 } points_look;
@@ -104,9 +107,9 @@ static void look_at_points(const sample *s, const reading *how, points_look *out
         square += p[k] * p[k];
         odd = odd || (p[k] != 0 && fabs(p[k]) < small);
       }
-      if (!isfinite(p[0]) || !isfinite(p[1]) || !isfinite(p[2]))
+      if (!isfinite(p[0]) || !isfinite(p[1]) || !isfinite(p[2]) || square == 0) /* a beam that met nothing */
         continue;
-      distances[out->finite++] = sqrt(square);
+      distances[out->points++] = sqrt(square);
       for (int k = 0; k < 3; k++) {
         sum[k] += p[k];
         squares[k] += p[k] * p[k];
@@ -118,43 +121,24 @@ static void look_at_points(const sample *s, const reading *how, points_look *out
         out->first_row = (int64_t)(at / row);
       }
     }
-  for (int k = 0; k < 3 && out->finite; k++) {
-    const double mean = sum[k] / (double)out->finite;
-    out->spread[k] = sqrt(fmax(squares[k] / (double)out->finite - mean * mean, 0));
+  for (int k = 0; k < 3 && out->points; k++) {
+    const double mean = sum[k] / (double)out->points;
+    out->spread[k] = sqrt(fmax(squares[k] / (double)out->points - mean * mean, 0));
   }
-  pags_sort(distances, out->finite, sizeof *distances, by_value);
-  out->median = out->finite ? distances[out->finite / 2] : 0;
+  pags_sort(distances, out->points, sizeof *distances, by_value);
+  out->median = out->points ? distances[out->points / 2] : 0;
 }
 
 static bool is_plausible(const points_look *look) {
-  return 2 * look->finite >= look->rows && 20 * look->wrong <= look->finite && look->median >= nearest_median;
+  return 20 * look->wrong <= look->points && look->median >= nearest_median;
 }
 
 /* ---- What else the file may be ---- */
 
-const char *pags_sweep_format(const char *path) {
-  static const struct {
-    const char *magic, *name;
-  } known[] = {{"\x93NUMPY", "a .npy file of numpy (write its array with tofile)"},
-               {"ply\n", "a PLY file"},
-               {"ply\r", "a PLY file"},
-               {"# .PCD", "a PCD file"},
-               {"VERSION", "a PCD file"},
-               {"LASF", "a LAS file"},
-               {"PK\x03\x04", "a zip archive (.npz)"},
-               {"version https://git-lfs", "a pointer of Git LFS (fetch the file itself with 'git lfs pull')"}};
-  char head[32];
-  const size_t got = pags_file_head(path, head, sizeof head);
-  for (size_t i = 0; i < sizeof known / sizeof *known; i++)
-    if (got >= strlen(known[i].magic) && memcmp(head, known[i].magic, strlen(known[i].magic)) == 0)
-      return known[i].name;
-  return NULL;
-}
-
 static bool fits(const sample *s, const reading *how) {
   points_look look;
   look_at_points(s, how, &look);
-  return look.rows > 0 && is_plausible(&look) && look.median >= 4 && look.median <= 60;
+  return look.points > 0 && is_plausible(&look) && look.median >= 4 && look.median <= 60;
 }
 
 /* Says what the points look like, if they aren't what the rules say. */
@@ -185,14 +169,32 @@ static const char *guess(const sample *s, const reading *declared, const pags_sw
 
 /* ---- Columns ---- */
 
+/* Whether a value of the sample is in a row, as declared, whose point is zero: a beam that met nothing says nothing of
+ * the columns. */
+static bool is_no_return(const sample *s, const reading *declared, int piece, size_t at) {
+  const size_t row = 4 * (size_t)declared->columns, within = (size_t)((s->at[piece] + at) % row);
+  if (within > at || at - within + row > s->size[piece])
+    return false;
+  const uint8_t *begin = s->bytes[piece] + (at - within);
+  for (int k = 0; k < 3; k++)
+    if (pags_load_f32(begin + 4 * declared->position[k]) != 0)
+      return false;
+  return true;
+}
+
 /* Returns the gain of reading the values in rows of so many columns (see above); -1 if there are too few. */
-static double gain_of(const sample *s, int columns) {
+static double gain_of(const sample *s, const reading *declared, int columns) {
   double sum[MOST] = {0}, square[MOST] = {0}, total = 0, squares = 0, gain = 0;
   int64_t counts[MOST] = {0}, all = 0;
+  bool skipped[MOST] = {false};
   for (int i = 0; i < PIECES; i++) {
     int column = (int)(s->at[i] / 4 % (uint64_t)columns);
     for (size_t at = 0; at + 4 <= s->size[i]; at += 4, column = column + 1 == columns ? 0 : column + 1) {
       const double v = (double)pags_load_f32(s->bytes[i] + at);
+      if (is_no_return(s, declared, i, at)) {
+        skipped[column] = true;
+        continue;
+      }
       if (!(fabs(v) < 10 * farthest))
         continue;
       sum[column] += v;
@@ -211,6 +213,8 @@ static double gain_of(const sample *s, int columns) {
   if (!(spread > 0))
     return -1;
   for (int j = 0; j < columns; j++) {
+    if (counts[j] == 0 && skipped[j])
+      continue;
     const double m = counts[j] ? sum[j] / (double)counts[j] : 0;
     const double own = counts[j] ? sqrt(fmax(square[j] / (double)counts[j] - m * m, 0)) : 0;
     gain -= pags_log(own / spread + 1e-3) / columns;
@@ -220,10 +224,11 @@ static double gain_of(const sample *s, int columns) {
 
 /* Returns the number of columns that the file has by its values; 0 if it is the declared one or can't be told. *alike:
  * whether the declared columns don't differ, and no others do. */
-static int other_columns(const sample *s, int declared, bool *alike) {
+static int other_columns(const sample *s, const reading *how, bool *alike) {
+  const int declared = how->columns;
   double gains[MOST + 1] = {0}, best = 0;
   for (int c = FEWEST; c <= MOST; c++) {
-    gains[c] = gain_of(s, c);
+    gains[c] = gain_of(s, how, c);
     best = fmax(best, gains[c]);
   }
   *alike = declared <= MOST && best < 0.5 && gains[declared] > -0.5 && gains[declared] < 0.15;
@@ -248,7 +253,7 @@ static pags_result check_rows(const pags_driving *driving, const char *path, con
     return pags_fail(PAGS_ERROR_FORMAT, "%s: is %s; expected rows of %d little-endian float32 without a header", path,
                      known, how->columns);
   look_at_points(s, how, &look);
-  if (look.rows > 0 && !driving->rules.lidar_world && !is_plausible(&look)) {
+  if (look.points > 0 && !driving->rules.lidar_world && !is_plausible(&look)) {
     const char *other = guess(s, how, sweep);
     if (look.wrong > 0)
       return pags_fail(PAGS_ERROR_FORMAT,
@@ -257,13 +262,12 @@ static pags_result check_rows(const pags_driving *driving, const char *path, con
                        path, (long long)look.wrong, (long long)look.rows, farthest, (long long)look.first_row,
                        look.first[0], look.first[1], look.first[2], how->columns, driving->rules.kind, other);
     return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: %lld of %lld points looked at are numbers, and half of them are nearer than %g m; expected "
-                     "rows of %d float32, metres, about the car (kind %s)%s",
-                     path, (long long)look.finite, (long long)look.rows, look.median, how->columns, driving->rules.kind,
-                     other);
+                     "%s: half of the %lld points looked at are nearer than %g m; expected rows of %d float32, metres, "
+                     "about the car (kind %s)%s",
+                     path, (long long)look.points, nearest_median, how->columns, driving->rules.kind, other);
   }
   bool alike;
-  const int columns = other_columns(s, how->columns, &alike);
+  const int columns = other_columns(s, how, &alike);
   if (columns > 0)
     return pags_fail(PAGS_ERROR_FORMAT,
                      "%s: by its values it has %d floats a row, expected %d as kind %s has; name them in "
@@ -278,7 +282,7 @@ static pags_result check_rows(const pags_driving *driving, const char *path, con
     return PAGS_OK;
   }
   const double flattest = fmin(look.spread[0], look.spread[1]);
-  if (look.finite >= FEW_POINTS && look.spread[2] > 1.5 * flattest)
+  if (look.points >= FEW_POINTS && look.spread[2] > 1.5 * flattest)
     pags_log_message(
         PAGS_LOG_WARNING,
         "%s: its points spread by %.1f m along z, but %.1f m along %s: their axes may be wrong; expected z to "
@@ -287,18 +291,76 @@ static pags_result check_rows(const pags_driving *driving, const char *path, con
   return PAGS_OK;
 }
 
-pags_result pags_sweeps_check(pags_driving *driving) {
-  if (driving->sweep_count == 0)
-    return PAGS_OK;
-  const pags_sweep *sweep = &driving->sweeps[driving->sweep_count / 2];
+/* Looks at the form of the sweep of the middle or, where that has hardly any points, of the next one that has some. */
+static pags_result check_form(const pags_driving *driving, sample *s) {
   reading how = {.columns = driving->rules.columns, .unit = 1};
   memcpy(how.position, driving->rules.position, sizeof how.position);
+  const int64_t middle = driving->sweep_count / 2;
+  for (int64_t i = 0; i < driving->sweep_count; i++) {
+    const pags_sweep *sweep = &driving->sweeps[(middle + i) % driving->sweep_count];
+    points_look look;
+    PAGS_TRY(read_sample(sweep->path, s));
+    look_at_points(s, &how, &look);
+    if (look.points < FEW_ROWS && i + 1 < driving->sweep_count && i < MOST_TRIED)
+      continue;
+    return check_rows(driving, sweep->path, s, &how, sweep);
+  }
+  return PAGS_OK;
+}
+
+/* ---- Rows that are no points ---- */
+
+static void warn_of_rows(const pags_driving *driving, const pags_sweep_rows *sum, int64_t looked,
+                         const pags_tally *wanting, const pags_tally *empty) {
+  const long long left_out = (long long)(sum->not_finite + sum->no_return + sum->far);
+  if (left_out)
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s/lidar: %lld of %lld rows in %lld sweeps are no points and left out: %lld not finite, %lld "
+                     "without a return (zero, or at one repeated place), %lld beyond %d m; the first such sweep is %s",
+                     driving->root, left_out, (long long)sum->all, (long long)looked, (long long)sum->not_finite,
+                     (long long)sum->no_return, (long long)sum->far, (int)PAGS_FARTHEST, wanting->first);
+  if (empty->count)
+    pags_log_message(PAGS_LOG_WARNING, "%s/lidar: %lld of %lld sweeps have no points, the first is %s", driving->root,
+                     (long long)empty->count, (long long)looked, empty->first);
+}
+
+/* Counts the rows that are no points in all sweeps or, of a long recording, in every Nth, so that MOST_BYTES are read
+ * at most. */
+static pags_result count_rows(const pags_driving *driving) {
+  pags_sweep_rows sum = {0};
+  pags_tally wanting = {0}, empty = {0};
+  int64_t looked = 0;
+  uint64_t bytes = 0;
+  for (int64_t i = 0; i < driving->sweep_count; i++) {
+    uint64_t size;
+    PAGS_TRY(pags_file_size(driving->sweeps[i].path, &size));
+    bytes += size;
+  }
+  for (int64_t i = 0; i < driving->sweep_count; i += (int64_t)(bytes / MOST_BYTES) + 1, looked++) {
+    const char *name = pags_path_name(driving->sweeps[i].path);
+    pags_sweep_rows rows;
+    int64_t count;
+    float *xyz;
+    PAGS_TRY(pags_sweep_read(driving, i, &count, &xyz, &rows));
+    free(xyz);
+    if (count == 0)
+      pags_tally_add(&empty, "%s", name);
+    if (count < rows.all)
+      pags_tally_add(&wanting, "%s", name);
+    sum.all += rows.all;
+    sum.not_finite += rows.not_finite;
+    sum.no_return += rows.no_return;
+    sum.far += rows.far;
+  }
+  warn_of_rows(driving, &sum, looked, &wanting, &empty);
+  return PAGS_OK;
+}
+
+pags_result pags_sweeps_check(pags_driving *driving) {
   sample *s = malloc(sizeof *s);
   if (!s)
-    return pags_out_of_memory("%s", sweep->path);
-  pags_result result = read_sample(sweep->path, s);
-  if (result == PAGS_OK)
-    result = check_rows(driving, sweep->path, s, &how, sweep);
+    return pags_out_of_memory("%s", driving->root);
+  pags_result result = check_form(driving, s);
   free(s);
-  return result;
+  return result == PAGS_OK ? count_rows(driving) : result;
 }

@@ -21,12 +21,9 @@ pags_result pags_calibration_check(const pags_driving *driving, const pags_parse
  * loaded. */
 pags_result pags_masks_check(const pags_driving *driving, const pags_parsed_dataset *parsed);
 
-/* Refuses sweeps whose values can't be points in metres, or whose rows have another number of columns
- * (check_sweeps.c). */
+/* Refuses sweeps whose values can't be points in metres, or whose rows have another number of columns; counts the rows
+ * that are no points (check_sweeps.c). */
 pags_result pags_sweeps_check(pags_driving *driving);
-
-/* Returns what format a file begins as that is no plain rows of floats, in words; NULL: none that is known. */
-const char *pags_sweep_format(const char *path);
 
 /* Warns if sweeps fit each other better without their poses, or with the inverse ones (check_overlap.c). */
 pags_result pags_sweep_poses_check(const pags_driving *driving);

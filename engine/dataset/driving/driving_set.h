@@ -42,6 +42,7 @@ typedef struct pags_time_step {
   int frame;
   bool test;
   double time;
+  double eye[3]; /* where its first camera with a pose stands, in the world; NaN: no camera has one */
 } pags_time_step;
 
 /* Whether an object's box marks critical pixels: never; only in views without label images, which are more precise
@@ -78,9 +79,7 @@ typedef struct pags_driving {
   pags_object *objects;
   pags_critical critical;
   int64_t sweep_count;
-  pags_sweep *sweeps;   /* each sweep owns its `path` */
-  int64_t empty_sweeps; /* how many have no points, and the frame of the first of them */
-  int first_empty_sweep;
+  pags_sweep *sweeps; /* each sweep owns its `path` */
   int64_t note_count;
   char **notes;
 } pags_driving;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Finds poses of a car that leap and labels of objects that lie aside (motion.h).
+/* Finds poses of a car that leap, labels of objects that lie aside, and tracks that go from one object to another
+ * (motion.h).
  *
  * A fault is told from motion by its neighbours: a value is compared with the median of what the poses around it
  * predict. The median stays right as long as most of them are, so that one wrong pose, or two in a row, don't make
@@ -9,6 +10,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/sort.h"
 #include "maths/maths.h"
 
 static const double degrees = 57.29577951308232;
@@ -116,7 +118,7 @@ static void turn_back(double m[12]) {
 
 /* The labels fall into two groups, which face opposite ways. The smaller one is turned; of two equal ones that which
  * faces against the way that the object goes. */
-static void turn_flips(pags_object *object, uint8_t *mended) {
+static void turn_flips(const pags_object *object, uint8_t *mended) {
   int64_t flips = 0, turned = 0;
   bool side = false;
   double along = 0; /* way along the front of the first group minus that of the second */
@@ -129,13 +131,13 @@ static void turn_flips(pags_object *object, uint8_t *mended) {
       next = object->knots[i + 1].world_from_object;
     for (int k = 0; k < 3; k++)
       along += (side ? -1 : 1) * m[4 * k] * (next[4 * k + 3] - m[4 * k + 3]);
-    mended[i] = side ? PAGS_MENDED_TURNED : PAGS_MENDED_NOT;
+    mended[i] = (uint8_t)((mended[i] & PAGS_MENDED_MOVED) | (side ? PAGS_MENDED_TURNED : 0));
   }
   const bool swap = 2 * turned > object->knot_count || (2 * turned == object->knot_count && along < 0);
   for (int64_t i = 0; i < object->knot_count && flips; i++) {
     if (swap)
-      mended[i] = mended[i] == PAGS_MENDED_NOT ? PAGS_MENDED_TURNED : PAGS_MENDED_NOT;
-    if (mended[i] == PAGS_MENDED_TURNED)
+      mended[i] ^= PAGS_MENDED_TURNED;
+    if (mended[i] & PAGS_MENDED_TURNED)
       turn_back(object->knots[i].world_from_object);
   }
 }
@@ -149,7 +151,7 @@ static int near_labels(const pags_object *object, const uint8_t *mended, int64_t
                        int64_t out[NEAR]) {
   int n = 0;
   for (int64_t i = at + step; i >= 0 && i < object->knot_count && n < NEAR; i += step)
-    if (mended[i] != PAGS_MENDED_MOVED && fabs(object->knots[i].time - object->knots[at].time) <= longest)
+    if (!(mended[i] & PAGS_MENDED_MOVED) && fabs(object->knots[i].time - object->knots[at].time) <= longest)
       out[n++] = i;
   return n;
 }
@@ -201,7 +203,7 @@ static bool is_noisy(const pags_object *object, const uint8_t *mended, double sp
 }
 
 /* Turns a label as the one before it if that and the one behind agree and it differs. */
-static bool mend_turn(pags_object *object, int64_t at) {
+static bool mend_turn(const pags_object *object, int64_t at) {
   if (at == 0 || at + 1 == object->knot_count)
     return false;
   double *m = object->knots[at].world_from_object;
@@ -216,22 +218,22 @@ static bool mend_turn(pags_object *object, int64_t at) {
   return true;
 }
 
-void pags_track_mend(pags_object *object, uint8_t *mended) {
-  memset(mended, PAGS_MENDED_NOT, (size_t)object->knot_count);
+void pags_track_mend(const pags_object *object, uint8_t *mended) {
+  double spacing = INFINITY, place[3];
+  int64_t moved = 0;
   turn_flips(object, mended);
-  if (object->knot_count < LEAST_KNOTS)
-    return;
-  double spacing = INFINITY;
-  for (int64_t i = 1; i < object->knot_count; i++)
-    spacing = fmin(spacing, object->knots[i].time - object->knots[i - 1].time);
+  for (int64_t i = 0; i < object->knot_count; i++) {
+    spacing = i ? fmin(spacing, object->knots[i].time - object->knots[i - 1].time) : spacing;
+    moved += (mended[i] & PAGS_MENDED_MOVED) != 0;
+  }
 
   /* Move the label that is farthest off first, since a wrong label makes its neighbours' predictions worse; at most a
    * quarter of them, for a track of which more is wrong has no neighbours to trust. */
-  for (int64_t moved = 0; 4 * moved < object->knot_count; moved++) {
-    double worst = 1, place[3] = {0};
+  for (; object->knot_count >= LEAST_KNOTS && 4 * moved < object->knot_count; moved++) {
+    double worst = 1;
     int64_t at = -1;
     for (int64_t i = 0; i < object->knot_count; i++) {
-      const double error = mended[i] == PAGS_MENDED_MOVED ? 0 : place_error(object, mended, i, spacing, place);
+      const double error = mended[i] & PAGS_MENDED_MOVED ? 0 : place_error(object, mended, i, spacing, place);
       if (error > worst) {
         worst = error;
         at = i;
@@ -239,15 +241,137 @@ void pags_track_mend(pags_object *object, uint8_t *mended) {
     }
     if (at < 0 || is_noisy(object, mended, spacing, worst))
       break;
-    mended[at] = PAGS_MENDED_MOVED;
+    mended[at] |= PAGS_MENDED_MOVED;
   }
-  for (int64_t i = 0; i < object->knot_count; i++) {
-    double place[3]; /* from the labels that weren't moved */
-    if (mended[i] == PAGS_MENDED_MOVED && predict(object, mended, i, 4.5 * spacing, place))
+  /* A moved label gets the place that those which weren't moved predict. */
+  for (int64_t i = 0; i < object->knot_count; i++)
+    if (mended[i] & PAGS_MENDED_MOVED && predict(object, mended, i, 4.5 * spacing, place))
       for (int k = 0; k < 3; k++)
         object->knots[i].world_from_object[4 * k + 3] = place[k];
+  for (int64_t i = 0; i < object->knot_count && object->knot_count >= LEAST_KNOTS; i++)
+    if (mend_turn(object, i))
+      mended[i] |= PAGS_MENDED_TURNED;
+}
+
+/* ---- Tracks that go from one thing to another ---- */
+
+/* Labels of a thing of its own, at least; steps beside a gap that tell the speed there; most pieces of a track. */
+enum { LEAST_PART = 3, SIDE = 3, MOST_PARTS = 32 };
+
+/* Velocity along an axis at a label, from at most SIDE steps to labels of the same part before (direction -1) or behind
+ * (1) it: the median. NaN without such steps. */
+static double side_speed(const pags_object *object, const int *part, int64_t at, int direction, int axis) {
+  double speeds[SIDE];
+  int n = 0;
+  int64_t from = at;
+  for (int64_t i = at + direction; i >= 0 && i < object->knot_count && n < SIDE; i += direction) {
+    if (part[i] != part[at])
+      continue;
+    const pags_knot *a = &object->knots[from], *b = &object->knots[i];
+    speeds[n++] = (b->world_from_object[axis] - a->world_from_object[axis]) / (b->time - a->time);
+    from = i;
   }
+  return n ? median(speeds, n) : (double)NAN;
+}
+
+/* How far label `b` is from where the labels before `a` lead or, if that is less, `a` from where those behind `b` come
+ * from: in metres. */
+static double gap_error(const pags_object *object, const int *part, int64_t a, int64_t b) {
+  const double dt = object->knots[b].time - object->knots[a].time;
+  double before = 0, behind = 0;
+  for (int axis = 3; axis < 12; axis += 4) {
+    const double step = object->knots[b].world_from_object[axis] - object->knots[a].world_from_object[axis];
+    const double ahead = step - dt * side_speed(object, part, a, -1, axis);
+    const double back = step - dt * side_speed(object, part, b, 1, axis);
+    before += ahead * ahead;
+    behind += back * back;
+  }
+  const double error = sqrt(fmin(before, behind)); /* fmin ignores a side without steps */
+  return isfinite(error) ? error : 0;
+}
+
+/* Cuts the track where it leaps: by more than a metre of noise, 24 m/s^2, and five times the error of half of the
+ * steps, which is that of the labels. Returns the number of pieces. */
+static int cut(const pags_object *object, int *part, const double *errors, double usual) {
+  int pieces = 1;
+  for (int64_t i = 0; i + 1 < object->knot_count; i++) {
+    const double dt = object->knots[i + 1].time - object->knots[i].time;
+    pieces += errors[i] > 1 + 12 * dt * dt + 5 * usual;
+    part[i + 1] = pieces - 1;
+  }
+  return pieces;
+}
+
+/* Joins a piece to an earlier part that it goes on from, but for the one just before it: what comes back after a leap.
+ * Its labels must be within a metre and 2 m/s of where that part leads. */
+static void join(const pags_object *object, int *part, int64_t begin, double usual) {
+  int best = -1;
+  double least = 1;
+  for (int64_t a = begin - 1, last[MOST_PARTS] = {0}; a >= 0; a--) {
+    if (part[a] == part[begin - 1] || last[part[a]]++)
+      continue;
+    const double dt = object->knots[begin].time - object->knots[a].time;
+    const double error = gap_error(object, part, a, begin) / (1 + 2 * dt + 5 * usual);
+    if (error < least) {
+      least = error;
+      best = part[a];
+    }
+  }
+  for (int64_t i = begin, piece = part[begin]; best >= 0 && i < object->knot_count && part[i] == piece; i++)
+    part[i] = best;
+}
+
+/* Numbers the parts anew: the one with most labels becomes 0, as do those of few labels or between its own, which lie
+ * aside as long as these are at most a quarter. Returns the number of parts. */
+static int number_parts(const pags_object *object, int *part, uint8_t *mended, int pieces) {
+  int64_t sizes[MOST_PARTS] = {0}, aside = 0, first = -1, last = -1;
+  int names[MOST_PARTS], main_part = 0, parts = 1;
   for (int64_t i = 0; i < object->knot_count; i++)
-    if (mend_turn(object, i) && mended[i] == PAGS_MENDED_NOT)
-      mended[i] = PAGS_MENDED_TURNED;
+    sizes[part[i]]++;
+  for (int p = 1; p < pieces; p++)
+    main_part = sizes[p] > sizes[main_part] ? p : main_part;
+  for (int64_t i = 0; i < object->knot_count; i++)
+    if (part[i] == main_part) {
+      first = first < 0 ? i : first;
+      last = i;
+    }
+  for (int p = 0; p < pieces; p++)
+    names[p] = -1;
+  names[main_part] = 0;
+  for (int64_t i = 0; i < object->knot_count; i++) {
+    const int p = part[i];
+    const bool few = sizes[p] < LEAST_PART || (i > first && i < last && 4 * sizes[p] <= object->knot_count);
+    if (names[p] < 0)
+      names[p] = few ? 0 : parts++;
+    if (p != main_part && names[p] == 0) {
+      mended[i] = PAGS_MENDED_MOVED;
+      aside++;
+    }
+    part[i] = names[p];
+  }
+  if (4 * aside > object->knot_count)
+    memset(mended, PAGS_MENDED_NOT, (size_t)object->knot_count);
+  return parts;
+}
+
+int pags_track_split(const pags_object *object, int *part, uint8_t *mended, double *errors) {
+  const int64_t count = object->knot_count;
+  memset(part, 0, (size_t)count * sizeof *part);
+  memset(mended, PAGS_MENDED_NOT, (size_t)count);
+  if (count < 2 * LEAST_PART)
+    return 1;
+  for (int64_t i = 0; i + 1 < count; i++)
+    errors[i] = gap_error(object, part, i, i + 1);
+  memcpy(errors + count, errors, (size_t)(count - 1) * sizeof *errors);
+  pags_sort_doubles(errors + count, count - 1);
+  const double usual = errors[count + (count - 1) / 2];
+  const int pieces = cut(object, part, errors, usual);
+  if (pieces > MOST_PARTS || 4 * (pieces - 1) > count) { /* a track that leaps all the time follows nothing */
+    memset(part, 0, (size_t)count * sizeof *part);
+    return 1;
+  }
+  for (int64_t i = 1; i < count; i++)
+    if (part[i] != part[i - 1])
+      join(object, part, i, usual);
+  return number_parts(object, part, mended, pieces);
 }

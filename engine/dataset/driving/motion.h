@@ -30,13 +30,20 @@ typedef struct pags_track_leap {
 } pags_track_leap;
 pags_track_leap pags_track_find_leap(const pags_object *object);
 
-/* What was done to a label. */
-enum { PAGS_MENDED_NOT, PAGS_MENDED_TURNED, PAGS_MENDED_MOVED };
+/* Bits that say what was done to a label. */
+enum { PAGS_MENDED_NOT = 0, PAGS_MENDED_TURNED = 1, PAGS_MENDED_MOVED = 2 };
 
 /* Mends the labelled poses of a track, whose knots are sorted by time. Labels that face the other way than most of
  * their track are turned by half a turn; a label that lies aside or is turned, while those around it agree on where it
- * ought to be, is put there. `mended` has a byte per knot and becomes PAGS_MENDED_*. */
-void pags_track_mend(pags_object *object, uint8_t *mended);
+ * ought to be, is put there. `mended` has a byte per knot: PAGS_MENDED_MOVED for labels that are known to lie aside,
+ * and becomes PAGS_MENDED_*. */
+void pags_track_mend(const pags_object *object, uint8_t *mended);
+
+/* Finds the things that the labels of one id follow: an id that a tracker hands to another car leaps there and stays.
+ * `part` becomes the number of the thing that each label is of, 0 for the one with most labels; its labels that lie
+ * aside, at most a quarter, become PAGS_MENDED_MOVED in `mended`, the others PAGS_MENDED_NOT. Returns the number of
+ * things. `scratch` has room for two numbers a label. */
+int pags_track_split(const pags_object *object, int *part, uint8_t *mended, double *scratch);
 
 #ifdef __cplusplus
 }

@@ -19,6 +19,7 @@
 #include <pags/camera.h>
 
 #include <assert.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -289,6 +290,17 @@ static bool has_poses_per_view(const pags_driving *driving, const char *folder) 
   return found;
 }
 
+/* Sets where the car is at each time step, by the first of its cameras that has a pose. */
+static void find_eyes(pags_driving *driving, const pags_parsed_dataset *parsed) {
+  for (int64_t i = 0; i < driving->step_count; i++) {
+    const pags_parsed_view *view = &parsed->views[i * driving->sensor_count], *end = view + driving->sensor_count;
+    while (view < end && view->missing)
+      view++;
+    for (int k = 0; k < 3; k++)
+      driving->steps[i].eye[k] = view < end ? view->world_from_camera[4 * k + 3] : (double)NAN;
+  }
+}
+
 /* Reads the conventions, calibration, views, times, objects and sweeps of the set; `pictures` is sorted by frame and
  * camera. */
 static pags_result read_parts(pags_driving *driving, const pags_dataset_options *options,
@@ -327,6 +339,7 @@ static pags_result read_parts(pags_driving *driving, const pags_dataset_options 
       at += found;
     }
 
+  find_eyes(driving, parsed);
   PAGS_TRY(pags_calibration_check(driving, parsed));
   PAGS_TRY(pags_times_read(driving, parsed));
   PAGS_TRY(pags_rolling_read(driving, parsed));
@@ -336,7 +349,7 @@ static pags_result read_parts(pags_driving *driving, const pags_dataset_options 
   PAGS_TRY(driving->street_tracks ? pags_street_tracks_read(driving) : pags_tracks_read(driving));
   for (int64_t i = 0; i < driving->object_count; i++)
     driving->objects[i].time_step = 1 / driving->fps;
-  pags_driving_check_places(driving, parsed);
+  pags_driving_check_places(driving);
   PAGS_TRY(pags_critical_choose(driving, options->critical, parsed));
   PAGS_TRY(pags_sweeps_find(driving));
   PAGS_TRY(pags_sweeps_check(driving));

@@ -31,9 +31,23 @@ bool pags_street_tracks_exist(const char *root);
 pags_result pags_street_tracks_read(pags_driving *driving);
 /* Finds the sweep of each time step in lidar/ and reads its pose. */
 pags_result pags_sweeps_find(pags_driving *driving);
-/* Reads the points of a sweep: 3 floats per point, in the frame of the sweep; points with a coordinate that is not
- * finite are left out. The caller frees *xyz. */
-pags_result pags_sweep_read(const pags_driving *driving, int64_t index, int64_t *count, float **xyz);
+/* Returns what format a file begins as that is no plain rows of floats, in words; NULL: none that is known. */
+const char *pags_sweep_format(const char *path);
+
+/* Rows of a sweep that are no points. */
+typedef struct pags_sweep_rows {
+  int64_t all;
+  int64_t not_finite;
+  int64_t no_return; /* at the scanner, or one of many at the same place: a beam that met nothing */
+  int64_t far;       /* farther from the car than PAGS_FARTHEST */
+} pags_sweep_rows;
+
+enum { PAGS_FARTHEST = 1000 }; /* metres: no LiDAR of cars sees as far */
+
+/* Reads the points of a sweep: 3 floats per point, in the frame of the sweep. Rows that are no points are left out, and
+ * counted in `rows`, which may be NULL. The caller frees *xyz. */
+pags_result pags_sweep_read(const pags_driving *driving, int64_t index, int64_t *count, float **xyz,
+                            pags_sweep_rows *rows);
 
 /* Reads the points of a COLMAP model in the same world and makes them the points of the parsed set. */
 pags_result pags_sfm_points_read(const char *model, pags_parsed_dataset *parsed);
@@ -49,6 +63,6 @@ bool pags_text_pose_is_missing(const char *path);
 /* Warns of poses that leap: steps between neighbouring time steps that no car makes. */
 pags_result pags_driving_check_motion(pags_driving *driving, const pags_parsed_dataset *parsed);
 /* Warns of boxes that are too far from the cameras to have been seen. */
-void pags_driving_check_places(const pags_driving *driving, const pags_parsed_dataset *parsed);
+void pags_driving_check_places(const pags_driving *driving);
 
 #endif

@@ -69,7 +69,7 @@ static pags_result gather(const pags_driving *driving, int frame, const pags_cam
     distance = next_sweep(driving, frame, distance, index, &index);
     if (distance < 0)
       break;
-    PAGS_TRY(pags_sweep_read(driving, index, &count, &xyz));
+    PAGS_TRY(pags_sweep_read(driving, index, &count, &xyz, NULL));
 
     const double *m = driving->sweeps[index].world_from_sweep, *c = camera->world_from_camera;
     for (int64_t i = 0; i < count; i++) {

@@ -4,6 +4,7 @@
  *     frame_id track_id object_class alpha height width length center_x center_y center_z heading speed
  * in metres and radians, in the frame of the car at that frame: x forward, y left, z up, the heading about z. The car's
  * poses are ego_pose/TTT.txt. */
+#include "dataset/driving/labels.h"
 #include "dataset/driving/reader.h"
 
 #include "base/file.h"
@@ -15,6 +16,7 @@
 #include <pags/camera.h>
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -79,7 +81,7 @@ static pags_result read_row(const rows *list, const char *at, int64_t line, row 
                      list->path, (long long)line, n[0], n[1]);
   for (int k = 0; k < 3; k++) {
     out->size[k] = n[6 - k];
-    if (!(out->size[k] > 0 && out->size[k] < 1000))
+    if (!(out->size[k] < 1000))
       return pags_fail(PAGS_ERROR_FORMAT, "%s:%lld: expected extents above 0 and below 1000 m, found %g", list->path,
                        (long long)line, out->size[k]);
   }
@@ -164,64 +166,30 @@ static pags_result place(const pags_driving *driving, rows *list, int64_t *lone)
   return PAGS_OK;
 }
 
-/* Makes an object of the rows of one track; it gets a knot for each used time step. */
-static pags_result make_object(const pags_driving *driving, const rows *list, const row *items, int64_t count,
-                               pags_object *object) {
-  pags_object whole = {.knot_count = count};
-  object->id = pags_text_format("%lld", (long long)items->track);
-  object->class_name = pags_text_copy(items->class_name);
-  object->knots = calloc((size_t)count, sizeof *object->knots);
-  whole.knots = calloc((size_t)count, sizeof *whole.knots);
-  if (!object->id || !object->class_name || !object->knots || !whole.knots) {
-    free(whole.knots);
-    return pags_out_of_memory("%s", list->path);
+static pags_result make_objects(pags_labels *all, const rows *list) {
+  pags_label *labels = malloc(((size_t)list->count + 1) * sizeof *labels);
+  pags_result result = labels ? PAGS_OK : pags_out_of_memory("%s", list->path);
+  for (int64_t begin = 0, end; begin < list->count && result == PAGS_OK; begin = end) {
+    const row *first = &list->items[begin];
+    char id[32];
+    for (end = begin; end < list->count && list->items[end].track == first->track; end++) {
+      const row *item = &list->items[end];
+      pags_label *label = &labels[end - begin];
+      *label = (pags_label){.knot = {.frame = item->frame}};
+      memcpy(label->knot.world_from_object, item->pose, sizeof item->pose);
+      memcpy(label->size, item->size, sizeof item->size);
+    }
+    snprintf(id, sizeof id, "%lld", (long long)first->track);
+    result = pags_labels_take(all, id, first->class_name, NULL, labels, end - begin);
   }
-  object->category = pags_category_of(object->class_name);
-  pags_result result = PAGS_OK;
-  for (int64_t i = 0; i < count && result == PAGS_OK; i++) {
-    if (i > 0 && items[i].frame == items[i - 1].frame)
-      result = pags_fail(PAGS_ERROR_FORMAT, "%s:%lld: track %lld has a second box at frame %d; expected one",
-                         list->path, (long long)(items[i].line > items[i - 1].line ? items[i].line : items[i - 1].line),
-                         (long long)items[i].track, items[i].frame);
-    const int64_t step = pags_driving_step(driving, items[i].frame);
-    memcpy(whole.knots[i].world_from_object, items[i].pose, sizeof items[i].pose);
-    if (step < 0)
-      continue;
-    const pags_time_step *time = &driving->steps[step];
-    pags_knot *knot = &object->knots[object->knot_count++];
-    *knot = (pags_knot){.frame = time->frame, .trained = !time->test, .time = time->time};
-    memcpy(knot->world_from_object, items[i].pose, sizeof items[i].pose);
-    for (int k = 0; k < 3; k++) /* a running mean, which leaves equal sizes as they are */
-      object->size[k] += (items[i].size[k] - object->size[k]) / (double)object->knot_count;
-  }
-  pags_object_classify_motion(&whole);
-  object->moving = whole.moving;
-  free(whole.knots);
+  free(labels);
   return result;
-}
-
-static pags_result make_objects(pags_driving *driving, const rows *list) {
-  driving->objects = calloc((size_t)list->count + 1, sizeof *driving->objects);
-  if (!driving->objects)
-    return pags_out_of_memory("%s", list->path);
-  for (int64_t begin = 0, end; begin < list->count; begin = end) {
-    pags_object object = {0};
-    for (end = begin + 1; end < list->count && list->items[end].track == list->items[begin].track;)
-      end++;
-    pags_result result = make_object(driving, list, &list->items[begin], end - begin, &object);
-    if (result == PAGS_OK && object.knot_count > 0)
-      driving->objects[driving->object_count++] = object;
-    else
-      pags_object_destroy(&object);
-    PAGS_TRY(result);
-  }
-  return PAGS_OK;
 }
 
 pags_result pags_street_tracks_read(pags_driving *driving) {
   uint8_t *bytes = NULL;
   size_t size;
-  int64_t lone = 0, moving = 0;
+  int64_t lone = 0;
   char *path = pags_path_join(driving->root, track_file);
   if (!path)
     return pags_out_of_memory("%s", driving->root);
@@ -231,15 +199,11 @@ pags_result pags_street_tracks_read(pags_driving *driving) {
     result = read_rows(&list, (const char *)bytes);
   if (result == PAGS_OK)
     result = place(driving, &list, &lone);
+  pags_labels all = {.driving = driving, .source = path};
   if (result == PAGS_OK)
-    result = make_objects(driving, &list);
-  for (int64_t i = 0; i < driving->object_count; i++)
-    moving += driving->objects[i].moving;
-  if (result == PAGS_OK) {
-    driving->provides |= PAGS_PROVIDES_BOXES;
-    result = pags_driving_note(driving, "boxes: %lld objects of %s, %lld of them moving",
-                               (long long)driving->object_count, track_file, (long long)moving);
-  }
+    result = make_objects(&all, &list);
+  if (result == PAGS_OK)
+    result = pags_labels_end(&all, " of track/track_info.txt");
   if (result == PAGS_OK && lone > 0)
     result = pags_driving_note(driving, "boxes: %lld are left out, whose frames have no ego_pose", (long long)lone);
   free(list.items);

@@ -8,6 +8,7 @@
 #include "base/file.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/sort.h"
 #include "base/text.h"
 
 #include <assert.h>
@@ -15,6 +16,25 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+
+const char *pags_sweep_format(const char *path) {
+  static const struct {
+    const char *magic, *name;
+  } known[] = {{"\x93NUMPY", "a .npy file of numpy (write its array with tofile)"},
+               {"ply\n", "a PLY file"},
+               {"ply\r", "a PLY file"},
+               {"# .PCD", "a PCD file"},
+               {"VERSION", "a PCD file"},
+               {"LASF", "a LAS file"},
+               {"PK\x03\x04", "a zip archive (.npz)"},
+               {"version https://git-lfs", "a pointer of Git LFS (fetch the file itself with 'git lfs pull')"}};
+  char head[32];
+  const size_t got = pags_file_head(path, head, sizeof head);
+  for (size_t i = 0; i < sizeof known / sizeof *known; i++)
+    if (got >= strlen(known[i].magic) && memcmp(head, known[i].magic, strlen(known[i].magic)) == 0)
+      return known[i].name;
+  return NULL;
+}
 
 static uint64_t row_bytes(const pags_driving *driving) {
   return 4 * (uint64_t)driving->rules.columns;
@@ -57,8 +77,6 @@ static pags_result add_sweep(pags_driving *driving, const pags_time_step *step, 
                      path);
   PAGS_TRY(pags_file_size(path, &size));
   PAGS_TRY(check_size(driving, path, size));
-  if (size == 0 && driving->empty_sweeps++ == 0)
-    driving->first_empty_sweep = step->frame;
   *sweep = (pags_sweep){.frame = step->frame, .test = step->test, .time = step->time};
   bool missing;
   PAGS_TRY(read_pose(driving, step->frame, sweep->world_from_sweep, &missing, lost));
@@ -89,10 +107,6 @@ pags_result pags_sweeps_find(pags_driving *driving) {
                      driving->root, (long long)lost.count, (long long)driving->step_count, lost.first);
   if (driving->sweep_count > 0)
     driving->provides |= PAGS_PROVIDES_LIDAR;
-  if (driving->empty_sweeps > 0)
-    pags_log_message(PAGS_LOG_WARNING, "%s/lidar: %lld of %lld sweeps have no points, the first is of frame %d",
-                     driving->root, (long long)driving->empty_sweeps, (long long)driving->sweep_count,
-                     driving->first_empty_sweep);
 
   /* The note reads like "LiDAR: 76 sweeps, none for 4 frames: 056 057 058 071". */
   char line[400];
@@ -116,35 +130,90 @@ pags_result pags_sweeps_find(pags_driving *driving) {
   return pags_driving_note(driving, "%s", line);
 }
 
-/* Copies the finite points of the rows to `xyz`; returns their number. */
-static int64_t take_points(const pags_rules *rules, const uint8_t *bytes, int64_t rows, float *xyz) {
+/* ---- Points ---- */
+
+enum { SAMPLED = 512, REPEATED = 8, MOST_PLACES = 4 };
+
+static int by_bytes(const void *a, const void *b) {
+  return memcmp(a, b, 3 * sizeof(float));
+}
+
+static void load_point(const pags_rules *rules, const uint8_t *row, float point[3]) {
+  for (int c = 0; c < 3; c++)
+    point[c] = pags_load_f32(row + 4 * rules->position[c]);
+}
+
+/* Whether a point is at the scanner, to a millimetre. */
+static bool is_zero(const float p[3]) {
+  return fabsf(p[0]) < 1e-3f && fabsf(p[1]) < 1e-3f && fabsf(p[2]) < 1e-3f;
+}
+
+/* Finds places where many rows lie: beams without a return are rows of zeros, which a converter may have moved to the
+ * scanner's place in the car or in the world. Of at most SAMPLED rows, REPEATED are at the same place to the last bit:
+ * no surface gives more than a few returns of equal coordinates. Returns the number of such places. */
+static int find_places(const pags_rules *rules, const uint8_t *bytes, int64_t rows, float places[MOST_PLACES][3]) {
+  float sampled[SAMPLED][3];
+  const int count = rows < SAMPLED ? (int)rows : SAMPLED;
+  int found = 0;
+  for (int i = 0; i < count; i++)
+    load_point(rules, bytes + 4 * (i * rows / count) * rules->columns, sampled[i]);
+  pags_sort(sampled, count, sizeof *sampled, by_bytes);
+  for (int begin = 0, end; begin < count && found < MOST_PLACES; begin = end) {
+    for (end = begin + 1; end < count && by_bytes(sampled[begin], sampled[end]) == 0;)
+      end++;
+    if (end - begin >= REPEATED)
+      memcpy(places[found++], sampled[begin], sizeof *sampled);
+  }
+  return found;
+}
+
+/* Copies the points of the rows to `xyz` and counts the rows that are none; returns the number of points. `centre`: the
+ * car's place in the frame of the sweep. */
+static int64_t take_points(const pags_rules *rules, const uint8_t *bytes, const double centre[3], float *xyz,
+                           pags_sweep_rows *rows) {
+  float places[MOST_PLACES][3];
+  const int place_count = find_places(rules, bytes, rows->all, places);
   int64_t count = 0;
-  for (int64_t i = 0; i < rows; i++) {
-    const uint8_t *row = bytes + 4 * i * rules->columns;
-    float *point = xyz + 3 * count;
-    for (int c = 0; c < 3; c++)
-      point[c] = pags_load_f32(row + 4 * rules->position[c]);
-    count += isfinite(point[0]) && isfinite(point[1]) && isfinite(point[2]);
+  for (int64_t i = 0; i < rows->all; i++) {
+    float *p = xyz + 3 * count;
+    load_point(rules, bytes + 4 * i * rules->columns, p);
+    if (!isfinite(p[0]) || !isfinite(p[1]) || !isfinite(p[2])) {
+      rows->not_finite++;
+      continue;
+    }
+    bool none = is_zero(p);
+    for (int k = 0; k < place_count; k++)
+      none = none || memcmp(p, places[k], sizeof places[k]) == 0;
+    const double x = (double)p[0] - centre[0], y = (double)p[1] - centre[1], z = (double)p[2] - centre[2];
+    const bool far = x * x + y * y + z * z > (double)PAGS_FARTHEST * PAGS_FARTHEST;
+    rows->no_return += none;
+    rows->far += far && !none;
+    count += !none && !far;
   }
   return count;
 }
 
-pags_result pags_sweep_read(const pags_driving *driving, int64_t index, int64_t *count, float **xyz) {
+pags_result pags_sweep_read(const pags_driving *driving, int64_t index, int64_t *count, float **xyz,
+                            pags_sweep_rows *rows) {
   assert(index >= 0 && index < driving->sweep_count);
-  const char *path = driving->sweeps[index].path;
+  const pags_sweep *sweep = &driving->sweeps[index];
+  const pags_time_step *step = &driving->steps[pags_driving_step(driving, sweep->frame)];
+  const double zero[3] = {0}, *centre = driving->rules.lidar_world && isfinite(step->eye[0]) ? step->eye : zero;
   uint8_t *bytes;
   size_t size;
   *xyz = NULL;
   *count = 0;
-  PAGS_TRY(pags_file_read(path, &bytes, &size));
-  int64_t rows = (int64_t)(size / row_bytes(driving));
-  pags_result result = check_size(driving, path, size); /* the file may have changed since the data set was opened */
+  PAGS_TRY(pags_file_read(sweep->path, &bytes, &size));
+  pags_sweep_rows counted = {.all = (int64_t)(size / row_bytes(driving))};
+  pags_result result = check_size(driving, sweep->path, size); /* it may have changed since the data set was opened */
   if (result == PAGS_OK)
-    *xyz = malloc(((size_t)rows + 1) * 3 * sizeof **xyz);
+    *xyz = malloc(((size_t)counted.all + 1) * 3 * sizeof **xyz);
   if (*xyz)
-    *count = take_points(&driving->rules, bytes, rows, *xyz);
+    *count = take_points(&driving->rules, bytes, centre, *xyz, &counted);
   else if (result == PAGS_OK)
-    result = pags_out_of_memory("%s", path);
+    result = pags_out_of_memory("%s", sweep->path);
   free(bytes);
+  if (rows)
+    *rows = counted;
   return result;
 }

@@ -65,7 +65,9 @@ PAGS_API void pags_object_destroy(pags_object *object);
 /* Sets object->moving from the labelled poses by the rule of Street Gaussians: 1 if the first and the last
  * position are more than 2 m apart, or if the standard deviation of the positions exceeds 0.5 m on an axis of the
  * world. For short tracks of three labels or more, also 1 if the object goes straight on: a pedestrian or cyclist by
- * 0.8 m at 0.5 m/s or more, a vehicle by 1.2 m at 1 m/s. Uses the times and the category. */
+ * 0.8 m at 0.5 m/s or more, a vehicle by 1.2 m at 1 m/s. 0 if six labels or more lie about one place: if they differ
+ * from label to label as much as on the whole, or, of a vehicle, wander to and fro. Uses the times and the category.
+ */
 PAGS_API void pags_object_classify_motion(pags_object *object);
 
 /* Returns the knot of a time step, which the object owns; NULL if the track has none there. */

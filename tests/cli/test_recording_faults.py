@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings with faults that nothing refuses: what is missing or can't be is told with its numbers, and harms nothing."""
+
+import array
+import json
+import math
+import os
+import random
+import shutil
+
+import fixtures
+from fixtures import read, write
+from test_recordings import FRAMES, Street
+
+
+class Frames(Street):
+    """Held-out time steps are counted, whatever the numbers of their frames are."""
+
+    def number(self, first, step):
+        """Gives the frames the numbers first, first + step, ..."""
+        names = sorted(os.path.join(folder, name) for folder, _, files in os.walk(self.set) for name in files
+                       if name[:3].isdigit() and "truth" not in folder)
+        for name in reversed(names):
+            folder, file = os.path.split(name)
+            os.rename(name, os.path.join(folder, "%03d%s" % (first + step * int(file[:3]), file[3:])))
+        for v in self.instances.values():
+            at = v["frame_annotations"]
+            at["frame_idx"] = [first + step * t for t in at["frame_idx"]]
+        self.save()
+        listing = os.path.join(self.set, "instances/frame_instances.json")
+        write(listing, json.dumps({str(first + step * int(k)): v for k, v in json.loads(read(listing)).items()}))
+        os.remove(os.path.join(self.set, "timestamps.json"))
+
+    def test_numbers_with_gaps(self):
+        for first, step in ((0, 4), (3, 8)):
+            with self.subTest(first=first, step=step):
+                shutil.rmtree(self.set)
+                shutil.copytree(self.street, self.set)
+                self.instances = json.loads(read(self.file))
+                self.number(first, step)
+                said = self.info()
+                self.assertEqual((said["views_train"], said["views_test"]), (FRAMES - 2, 2))
+                said = self.info("--overlay", self.path(f"overlay{first}"), "--sheet", self.path(f"sheet{first}.png"))
+                self.assertEqual(said["overlay"]["pictures"], FRAMES)
+
+    def test_a_part_has_the_steps_of_the_whole(self):
+        said = self.info("--frames", "3-8")
+        self.assertEqual((said["views_train"], said["views_test"]), (4, 2))
+
+
+class Sweeps(Street):
+    def sweep(self, frame, change):
+        """Rewrites a sweep: change() gets and gives a list of its rows."""
+        path = os.path.join(self.set, f"lidar/{frame:03d}.bin")
+        values = array.array("f", read(path))
+        rows = change([list(values[i:i + 4]) for i in range(0, len(values), 4)])
+        write(path, array.array("f", [v for row in rows for v in row]).tobytes())
+        return len(rows)
+
+    def test_rows_that_are_no_points(self):
+        beams = lambda value: lambda rows: [r for row in rows for r in (row, value)]
+        count = [self.sweep(3, beams([0, 0, 0, 0])), self.sweep(4, beams([math.nan] * 4)), self.sweep(5, beams([1.5, 0, 1.875, 0])),
+                 self.sweep(6, lambda rows: rows + [[1e7, 0, 0, 0]])]
+        left_out = [n // 2 for n in count[:3]]
+        self.warned(f"lidar: {sum(left_out) + 1} of ", f"in {FRAMES} sweeps are no points and left out: {left_out[1]} not finite, "
+                    f"{left_out[0] + left_out[2]} without a return", "1 beyond 1000 m", "the first such sweep is 003.bin")
+        clean = self.path("clean")
+        shutil.copytree(self.street, clean)
+        for source, scene in ((clean, "a"), (self.set, "b")):  # rows that are no points change nothing of a training
+            self.succeeds("train", source, "-o", self.path(scene), "--iterations", "2")
+        self.assertEqual(read(self.path("a/background.ply")), read(self.path("b/background.ply")))
+
+    def test_sweeps_without_a_point(self):
+        for frame in (FRAMES // 2, FRAMES // 2 + 1):  # the form is looked at in that of the middle
+            self.sweep(frame, lambda rows: [[0.0] * 4 for _ in rows])
+        warnings = self.info()["warnings"]
+        self.assertEqual(len(warnings), 2, warnings)
+        self.assertIn(f"2 of {FRAMES} sweeps have no points, the first is 006.bin", warnings[1])
+
+    def test_most_beams_meet_nothing(self):
+        for frame in range(FRAMES):
+            self.sweep(frame, lambda rows: [r for row in rows for r in (row, [0] * 4, [0] * 4, [0] * 4)])
+        self.warned("without a return")
+
+
+class Boxes(Street):
+    def test_files_without_objects(self):
+        """What moves is left out of the loss, as without the file."""
+        listing = os.path.join(self.set, "instances/frame_instances.json")
+        for instances, listed in (({}, {}), (self.instances, {str(t): [] for t in range(FRAMES)})):
+            write(self.file, json.dumps(instances))
+            write(listing, json.dumps(listed))
+            said = self.info()
+            self.assertTrue([w for w in said["warnings"] if "has a box at a time step used" in w], said["warnings"])
+            self.assertTrue([n for n in said["notes"] if "left out of the loss" in n], said["notes"])
+
+    def test_boxes_of_no_size(self):
+        name, at = self.cyclist()
+        for i in (2, 3):
+            at["box_size"][i] = [1e-6, 1e-6, 1e-6]
+        self.save()
+        self.warned("instances_info.json: 2 of ", "a side is shorter than 0.01 m", f"Cyclist '{name}' in frame {at['frame_idx'][2]}")
+
+    def test_two_boxes_in_one_frame(self):
+        at = self.annotations("moving_car_027")
+        true = at["obj_to_world"][6]
+        wrong = [[v + (9 if i == 1 and k == 3 else 0) for k, v in enumerate(row)] for i, row in enumerate(true)]
+        for key, value in (("frame_idx", at["frame_idx"][6]), ("obj_to_world", wrong), ("box_size", at["box_size"][6])):
+            at[key].insert(6, value)
+        self.save()
+        self.warned("instances_info.json: 1 of ", "another in the same frame", f"Car 'moving_car_027' in frame {at['frame_idx'][6]}")
+        self.succeeds("train", self.set, "-o", self.path("scene"), "--iterations", "1")
+        car = next(o for o in json.loads(read(self.path("scene/scene.json")))["objects"] if o["id"] == "moving_car_027")
+        self.assertAlmostEqual(car["knots"][6]["world_from_object"][7], true[1][3], 9)
+
+    def objects(self):
+        self.succeeds("train", self.set, "-o", self.path("scene"), "--iterations", "1", "--overwrite")
+        return {o["id"]: o for o in json.loads(read(self.path("scene/scene.json")))["objects"]}
+
+    def test_id_that_goes_to_another_car(self):
+        """Each car is an object of its own, with its own labels."""
+        a, b = self.annotations("moving_car_027"), self.annotations("moving_car_030")
+        for key in ("obj_to_world", "box_size", "frame_idx"):
+            both = [[v for f, v in zip(at["frame_idx"], at[key]) if (f < 6) == (at is a)] for at in (a, b)]
+            a[key + "_"] = both[0] + both[1]
+        for key in ("obj_to_world", "box_size", "frame_idx"):
+            a[key] = a.pop(key + "_")
+        true = dict(zip(a["frame_idx"], a["obj_to_world"]))
+        self.save()
+        self.warned("instances_info.json: 1 of ", "ids go from one thing to another", "Car 'moving_car_027', to 2 things")
+        objects = self.objects()
+        for name, frames in (("moving_car_027", range(6)), ("moving_car_027-part2", range(6, FRAMES))):
+            knots = {k["frame"]: k["world_from_object"] for k in objects[name]["knots"]}
+            self.assertEqual(sorted(knots), list(frames))
+            for frame in frames:
+                self.assertLess(math.dist(knots[frame][3::4], [row[3] for row in true[frame][:3]]), 1e-9)
+
+    def parked(self):
+        """A parked car that is labelled in all frames, and how many cars move."""
+        moving = self.info()["objects_moving"]["vehicle"]
+        return next(v["frame_annotations"] for v in self.instances.values()
+                    if "parked_car" in v["id"] and len(v["frame_annotations"]["frame_idx"]) == FRAMES), moving
+
+    def test_parked_cars_stay_parked(self):
+        at, moving = self.parked()
+        places = [[row[3] for row in m[:2]] for m in at["obj_to_world"]]
+        draw = random.Random(3)
+        white = [[draw.gauss(0, 0.8) for _ in range(2)] for _ in range(FRAMES)]
+        ends = [[draw.gauss(0, 0.1) + (2.6 if i in (0, FRAMES - 2, FRAMES - 1) and k == 0 else 0) for k in range(2)]
+                for i in range(FRAMES)]
+        slow = [[0.9 * math.sin(i * 1.1 + k) for k in range(2)] for i in range(FRAMES)]  # to and fro
+        for what, error in (("white", white), ("ends", ends), ("slow", slow)):
+            with self.subTest(what):
+                for m, place, e in zip(at["obj_to_world"], places, error):
+                    m[0][3], m[1][3] = place[0] + e[0], place[1] + e[1]
+                self.save()
+                said = self.info()
+                self.assertEqual(said["objects_moving"]["vehicle"], moving, said["warnings"])
+                self.assertTrue(said["warnings"])
+
+    def test_slow_cars_move(self):
+        at, moving = self.parked()
+        for i, m in enumerate(at["obj_to_world"]):
+            m[0][3] += 0.2 * i + 0.05 * (-1) ** i
+        self.save()
+        said = self.info()
+        self.assertEqual((said["objects_moving"]["vehicle"], said["warnings"]), (moving + 1, []))
+
+
+if __name__ == "__main__":
+    fixtures.main()
