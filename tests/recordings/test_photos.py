@@ -25,6 +25,8 @@ from PIL import Image  # noqa: E402
 import fixtures  # noqa: E402
 from fixtures import Case, files_below, read, write  # noqa: E402
 from pags_recordings import photos, video  # noqa: E402
+from pags_recordings.account import Account  # noqa: E402
+from pags_recordings.folder import Folder  # noqa: E402
 
 
 def picture(path, size=(60, 40), camera="A", orientation=1, seed=0, **more):
@@ -56,6 +58,10 @@ class WithStandIn(Case):
         self.assertEqual(done.returncode, 0, done.stderr)
         return json.loads(done.stdout), done.stderr
 
+    def reasons(self, facts):
+        """Why each file was left out, by its name."""
+        return {name: row["why"] for row in facts["left_out"] for name in row["which"]}
+
     def refused(self, *words, code=1, more=(), raw=None, **environment):
         done = self.run_photos(*more, raw=raw, **environment)
         self.assertEqual(done.returncode, code, done.stdout + done.stderr)
@@ -72,25 +78,26 @@ class Photos(WithStandIn):
     def test_report(self):
         for number in range(5):
             picture(os.path.join(self.raw, f"day {number}.jpg"), seed=number)
-        for name in ("alone.jpg", "few.JPG", "aside1.png", "aside2.png"):
-            picture(os.path.join(self.raw, "more", name))
+        for number, name in enumerate(("alone.jpg", "few.JPG", "aside1.png", "aside2.png")):
+            picture(os.path.join(self.raw, "more", name), seed=10 + number)
         write(os.path.join(self.raw, "cut.jpg"), read(os.path.join(self.raw, "day 0.jpg"))[:300])
         write(os.path.join(self.raw, "notes.txt"), "no picture")
         facts, said = self.imports()
-        self.assertEqual((facts["photographs"], facts["registered"], facts["points"], facts["reprojection_error"]), (10, 5, 2, 0.75))
-        why = facts["left_out"]
+        self.assertEqual((facts["photographs"], facts["registered"], facts["points"], facts["reprojection_error"]), (9, 5, 2, 0.75))
+        why = self.reasons(facts)
+        self.assertEqual(why.pop("notes.txt"), "no photographs by their endings")
         self.assertEqual(sorted(why), ["cut.jpg", "more/alone.jpg", "more/aside1.png", "more/aside2.png", "more/few.JPG"])
         for name, word in [("cut.jpg", "can't be read"), ("more/alone.jpg", "nothing that another"), ("more/aside1.png", "another group of 2"), ("more/few.JPG", "50 features")]:
             self.assertIn(word, why[name])
-            self.assertIn(f"left out: {name}: ", said)
-        self.assertIn("5 of 10 photographs have cameras", said)
+            self.assertIn(name, said)
+        self.assertIn("5 of 9 photographs have cameras", said)
         self.assertEqual(read(os.path.join(self.out, "images", "day_0.jpg")), read(os.path.join(self.raw, "day 0.jpg")))
         self.assertEqual(sorted(os.listdir(os.path.join(self.out, "sparse", "0"))), ["cameras.bin", "images.bin", "points3D.bin"])
         self.assertEqual(sorted(os.listdir(os.path.join(self.out, "colmap"))), ["cameras.log", "features.log", "pairs.log"])
         self.assertIn("use_gpu 0", self.called()[0])
         # The same command again says the same and starts nothing; another source is refused.
         calls = len(self.called())
-        self.assertEqual(self.imports()[0]["left_out"], why)
+        self.assertEqual(self.imports()[0]["left_out"], facts["left_out"])
         self.assertEqual(len(self.called()), calls)
         picture(self.path("other", "a.jpg"))
         done = self.run_photos(raw=self.path("other"))
@@ -98,7 +105,7 @@ class Photos(WithStandIn):
 
     def test_cameras_by_size_and_exif(self):
         for number, (camera, size, orientation) in enumerate([("A", (60, 40), 1), ("A", (60, 40), 1), ("B", (60, 40), 1), ("A", (40, 60), 1), ("A", (60, 40), 6)]):
-            picture(os.path.join(self.raw, f"{number}.jpg"), size, camera, orientation)
+            picture(os.path.join(self.raw, f"{number}.jpg"), size, camera, orientation, seed=number)
         facts, said = self.imports()
         self.assertEqual(len([call for call in self.called() if call.startswith("feature_extractor")]), 4)
         self.assertEqual(facts["turned_upright"], 1)
@@ -137,7 +144,7 @@ class Photos(WithStandIn):
 
     def test_fewer(self):
         for number in range(9):
-            picture(os.path.join(self.raw, f"{number}.png"))
+            picture(os.path.join(self.raw, f"{number}.png"), seed=number)
         facts, _ = self.imports("--pictures", "3")
         self.assertEqual((facts["photographs"], sorted(os.listdir(os.path.join(self.out, "images")))), (3, ["0.png", "3.png", "6.png"]))
 
@@ -145,10 +152,10 @@ class Photos(WithStandIn):
         os.makedirs(self.raw)
         self.refused("raw: has no JPEG or PNG files")
         write(os.path.join(self.raw, "IMG_1.HEIC"), "x")
-        self.refused("1 of other formats, the first is IMG_1.HEIC")
+        self.refused("raw: has no JPEG or PNG files", "left out: 1 photograph: IMG_1.HEIC: HEIC isn't read; convert to JPEG or PNG first")
         picture(os.path.join(self.raw, "1.png"))
         write(os.path.join(self.raw, "2.png"), "no picture")
-        self.refused("photographs that can be read: 1;", "2.png can't be read")
+        self.refused("files that can be read: 1;", "2.png: can't be read")
         self.refused("is missing", raw=self.path("none"))
         write(self.path("a.txt"), "x")
         self.refused("is no folder and no video", raw=self.path("a.txt"))
@@ -156,7 +163,7 @@ class Photos(WithStandIn):
         self.assertEqual((done.returncode, "--sequence: isn't for photos" in done.stderr), (2, True), done.stderr)
         shutil.rmtree(self.out)
         for number in range(3):
-            picture(os.path.join(self.raw, f"{number}.png"))
+            picture(os.path.join(self.raw, f"{number}.png"), seed=number)
         self.refused("COLMAP failed at its features (code 1): there is no room for it", COLMAP_DOES="fail")
         self.refused("COLMAP placed no camera", "900 to 900 features", "3 pairs fit together", "No good initial image pair", COLMAP_DOES="nothing")
         shutil.rmtree(self.out)
@@ -167,6 +174,99 @@ class Photos(WithStandIn):
         write(os.path.join(self.out, "mine.txt"), "x")
         self.refused("wasn't written by an import", more=("--overwrite",))
         self.assertEqual(list(files_below(self.out)), ["mine.txt"])
+
+
+class Folders(WithStandIn):
+    """Every file of a folder is a photograph, its mask, or counted with a reason."""
+
+    def put(self, *names, seed=0):
+        for number, name in enumerate(names):
+            picture(os.path.join(self.raw, name), seed=seed + number)
+
+    def mask(self, *names, size=(60, 40)):
+        for name in names:
+            os.makedirs(os.path.dirname(os.path.join(self.raw, name)), exist_ok=True)
+            Image.fromarray(np.repeat(np.uint8([[0, 255]]), size[0] // 2, 1).repeat(size[1], 0)).save(os.path.join(self.raw, name))
+
+    def look(self):
+        """The photographs, the masks by photograph, and the counts by what and why; all files are in one of them."""
+        account = Account()
+        found = Folder(self.raw, self.out, account)
+        rows = [row for row in account.rows.values() if row["what"] != "folders"]
+        self.assertEqual(len(found.photographs) + len(found.masks) + sum(row["count"] for row in rows), len(list(files_below(self.raw))))
+        return found.photographs, found.masks, {name: row["why"] for row in account.rows.values() for name in row["which"]}
+
+    def test_formats(self):
+        self.put("1.jpg", "2.PNG", "sub/3.jpeg")
+        for name in ("4.HEIC", "5.heif", "6.tif", "1.CR2", "7.MOV", "notes.txt", "1.xmp", "Thumbs.db", ".hidden.jpg", ".cache/8.jpg", "__MACOSX/._1.jpg", "@eaDir/1.jpg"):
+            write(os.path.join(self.raw, name), "x")
+        os.symlink(self.raw, os.path.join(self.raw, "loop"))
+        photographs, masks, why = self.look()
+        self.assertEqual((photographs, masks), (["1.jpg", "2.PNG", "sub/3.jpeg"], {}))
+        for name, words in [("4.HEIC", "HEIC isn't read; convert"), ("6.tif", "TIF isn't read"), ("1.CR2", "of which there is a JPEG"), ("7.MOV", "a video is imported by itself"), ("notes.txt", "no photographs"),
+                            ("Thumbs.db", "of the system"), (".cache/8.jpg", "hidden"), ("__MACOSX/._1.jpg", "of the system"), ("loop", "aren't followed")]:  # fmt: skip
+            self.assertIn(words, why[name])
+        with mock.patch("os.walk", side_effect=lambda root, onerror: onerror(PermissionError(13, "Permission denied", os.path.join(root, "sub"))) or []):
+            self.assertEqual(self.look_without_count()["sub"], "can't be read: Permission denied")
+
+    def look_without_count(self):
+        account = Account()
+        Folder(self.raw, self.out, account)
+        return {name: row["why"] for row in account.rows.values() for name in row["which"]}
+
+    def test_masks(self):
+        self.put("images/a.jpg", "images/b.jpg", "images/cam/a.jpg", "images/c.JPG")
+        self.mask("masks/a.jpg.png", "masks/b.png", "Masks/cam/a.png", "masks/gone.png", "sky_masks/a.png")
+        photographs, masks, why = self.look()
+        self.assertEqual(photographs, ["images/a.jpg", "images/b.jpg", "images/c.JPG", "images/cam/a.jpg"])
+        self.assertEqual(masks, {"images/a.jpg": "masks/a.jpg.png", "images/b.jpg": "masks/b.png", "images/cam/a.jpg": "Masks/cam/a.png"})
+        self.assertIn("have no photograph", why["masks/gone.png"])
+        self.assertIn("in sky_masks: ", why["sky_masks/a.png"])
+
+    def test_masks_elsewhere(self):
+        """Beside the photographs, by their names; a folder of masks for each camera; nothing but a folder of that name."""
+        self.put("a.jpg", "b.jpg", "left/images/1.png", "right/images/1.png", "the mask.jpg")
+        self.mask("a_mask.png", "b.jpg.png", "left/masks/1.png", "right/masks/1.png", "masks/1.png")
+        photographs, masks, why = self.look()
+        self.assertEqual(photographs, ["a.jpg", "b.jpg", "left/images/1.png", "right/images/1.png", "the mask.jpg"])
+        self.assertEqual(masks, {"a.jpg": "a_mask.png", "b.jpg": "b.jpg.png", "left/images/1.png": "left/masks/1.png", "right/images/1.png": "right/masks/1.png"})
+        self.assertEqual(why, {"masks/1.png": "belong to several photographs"})
+        self.raw = self.path("of masks")
+        self.put("masks/1.jpg", "masks/2.jpg")
+        self.assertEqual(self.look()[0], ["masks/1.jpg", "masks/2.jpg"])
+
+    def test_copies_and_maps(self):
+        """What has the names of photographs elsewhere: smaller copies, maps; a second camera's photographs are no such thing."""
+        self.put("images/1.jpg", "images/2.jpg", "images_4/1.jpg", "images_4/2.jpg", "depth/1.png", "cam1/1.jpg", "other_4/9.jpg")
+        self.mask("seg person/1.png")
+        photographs, _, why = self.look()
+        self.assertEqual(photographs, ["cam1/1.jpg", "images/1.jpg", "images/2.jpg", "other_4/9.jpg"])
+        self.assertEqual(sorted(why), ["depth/1.png", "images_4/1.jpg", "images_4/2.jpg", "seg person/1.png"])
+        self.assertIn("smaller copies of the photographs in images", why["images_4/1.jpg"])
+        self.assertIn("put them into a folder masks", why["seg person/1.png"])
+
+    def test_masks_are_written(self):
+        """Beside DATASET/images, where training finds them: as PNG, turned as the photograph was; one of another shape is left out."""
+        self.put("images/1.jpg", "images/2.jpg", "images/4 5.jpg")
+        picture(os.path.join(self.raw, "images", "3.jpg"), orientation=6, seed=9)
+        self.mask("masks/1.png", "masks/3.png", "masks/4 5.jpg")
+        self.mask("masks/2.png", size=(40, 40))
+        facts, said = self.imports()
+        self.assertEqual((facts["photographs"], facts["masks"], sorted(files_below(os.path.join(self.out, "images")))), (4, 3, ["1.jpg", "2.jpg", "3.jpg", "4_5.jpg"]))
+        self.assertIn("3 masks are in ", said)
+        self.assertEqual(sorted(files_below(os.path.join(self.out, "masks"))), ["1.jpg.png", "3.jpg.png", "4_5.jpg.png"])
+        self.assertEqual(read(os.path.join(self.out, "masks", "1.jpg.png")), read(os.path.join(self.raw, "masks", "1.png")))
+        with Image.open(os.path.join(self.out, "masks", "3.jpg.png")) as turned:
+            self.assertEqual((turned.size, [turned.getpixel((5, y)) for y in (5, 55)]), ((40, 60), [0, 255]))
+        self.assertEqual([row["why"] for row in facts["left_out"]], ["can't be used: 40 x 40 pixels, but the photograph has 60 x 40"])
+
+    def test_the_same_photograph_twice(self):
+        self.put("1.jpg", "2.jpg", "3.jpg")
+        for name in ("1 (1).jpg", "again/3.jpg"):
+            write(os.path.join(self.raw, name), read(os.path.join(self.raw, name[0] + ".jpg" if name[0] == "1" else "3.jpg")))
+        facts, _ = self.imports()
+        self.assertEqual((facts["photographs"], sum(row["count"] for row in facts["left_out"])), (3, 2))
+        self.assertEqual(sorted(row["why"] for row in facts["left_out"]), ["has the same bytes as 1_(1).jpg", "has the same bytes as 3.jpg"])
 
 
 class Damage(WithStandIn):
@@ -190,15 +290,16 @@ class Damage(WithStandIn):
         os.makedirs(os.path.join(self.raw, "folder.jpg"))
         before = self.outside()
         facts, said = self.imports()
-        self.assertEqual((facts["photographs"], facts["registered"], sorted(facts["left_out"])), (11, 5, sorted([*bad, "link.jpg"])))
-        for name in facts["left_out"]:
-            self.assertIn(f"left out: {name}: can't be read: ", said)
+        self.assertEqual((facts["photographs"], facts["registered"], sorted(self.reasons(facts))), (5, 5, sorted([*bad, "link.jpg"])))
+        for name in self.reasons(facts):
+            self.assertIn(name, said)
+            self.assertIn("can't be read: ", self.reasons(facts)[name])
         self.assertEqual((sorted(os.listdir(os.path.join(self.out, "images"))), self.outside()), ([f"{n}.jpg" for n in range(5)], before))
 
     def test_one_and_none(self):
         for number in range(1, 5):
             os.remove(os.path.join(self.raw, f"{number}.jpg"))
-        self.refused("raw: photographs that can be read: 1; cameras are found of three or more")
+        self.refused("raw: JPEG and PNG files that can be read: 1; cameras are found of three photographs or more")
         os.remove(os.path.join(self.raw, "0.jpg"))
         self.refused("raw: has no JPEG or PNG files")
 
@@ -219,7 +320,7 @@ class Damage(WithStandIn):
             picture(os.path.join(self.raw, name), seed=number)
         before = set(os.listdir(self.path()))
         facts, _ = self.imports()
-        self.assertEqual((facts["registered"], facts["left_out"]), (len(names) - 1, {}))  # ..c.jpg begins with a dot: hidden, as in a listing
+        self.assertEqual((facts["registered"], list(self.reasons(facts))), (len(names) - 1, ["..c.jpg"]))  # ..c.jpg begins with a dot: hidden, as in a listing
         self.assertEqual(set(os.listdir(self.path())) - before, {os.path.basename(self.out), "calls"})
         copies = list(files_below(os.path.join(self.out, "images")))
         self.assertEqual(len(copies), facts["registered"])

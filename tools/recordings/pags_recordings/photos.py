@@ -5,25 +5,29 @@ Work lies in DATASET/colmap: the database, which COLMAP goes on with where it wa
 last, says what came of it.
 """
 
+import hashlib
 import json
 import os
 import re
 import shutil
+import sys
 import warnings
 
 import numpy as np
 from PIL import Image, ImageOps
 
 from . import colmap, video
+from .account import Account, lines, plural
 from .errors import RecordingError
+from .folder import Folder
 from .importing import Progress
 
-ENDINGS = (".jpg", ".jpeg", ".png")
-OTHERS = (".heic", ".heif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".tif", ".tiff", ".webp", ".avif", ".bmp", ".gif")
+OF_IMAGES = re.compile(r"images|input|images_.*")  # folders beside which training looks for masks: DATASET/images is to be the only one
 EXHAUSTIVE = 150  # photographs of which each is compared with each other; more are compared in their order
 NEXT, APART = 10, 10  # in order: each with so many that follow, with those 2, 4, 8 ... farther, and every APARTth with every other such
 PART = 64  # pairs that one process of COLMAP compares at least: what is lost when it is stopped
 FRAMES = 120  # pictures of a video
+TURNS = {5: Image.Transpose.TRANSPOSE, 6: Image.Transpose.ROTATE_270, 7: Image.Transpose.TRANSVERSE, 8: Image.Transpose.ROTATE_90}  # by EXIF's orientation
 ORIENTATION, EXIF, FOCAL, MAKE, MODEL = 0x0112, 0x8769, 0x920A, 0x010F, 0x0110
 warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # a photograph of 90 million pixels is none
 
@@ -32,21 +36,10 @@ def is_video(raw):
     return os.path.isfile(raw) and raw.lower().endswith(video.ENDINGS)
 
 
-def listed(folder, output):
-    """Photographs below a folder, by their paths from there, sorted; and how many files of other formats."""
-    names, others = [], []
-    for place, folders, files in os.walk(folder):
-        folders[:] = sorted(name for name in folders if not name.startswith(".") and os.path.realpath(os.path.join(place, name)) != os.path.realpath(output))
-        for name in files:
-            ending = os.path.splitext(name)[1].lower()
-            path = os.path.relpath(os.path.join(place, name), folder)
-            if not name.startswith(".") and ending in ENDINGS + OTHERS:
-                (names if ending in ENDINGS else others).append(path)
-    return sorted(names), sorted(others)
-
-
 def plain(name, taken):
-    """The name of a copy. COLMAP's lists separate names by spaces, pass over lines that begin with # and are UTF-8; it turns \\ into /."""
+    """The name of a copy, without folders called images. COLMAP's lists separate names by spaces, pass over lines that begin with # and are UTF-8; it turns \\ into /."""
+    *folders, file = name.split(os.sep)
+    name = os.sep.join([*(folder for folder in folders if not OF_IMAGES.fullmatch(folder)), file])
     stem, ending = os.path.splitext(re.sub(r"[\\#\x00-\x20\x7f\ud800-\udfff]", "_", "_".join(name.replace(os.sep, "/").split())))
     new, number = stem + ending, 1
     while new.lower() in taken:
@@ -60,16 +53,31 @@ class Photographs:
     """The copies that COLMAP sees, by their names below `folder`, each with what says which camera took it."""
 
     def __init__(self, folder):
-        self.folder, self.camera, self.turned, self.unreadable, self.damage = folder, {}, 0, [], None
+        self.folder, self.account, self.camera, self.masks, self.damage = folder, Account(), {}, 0, None
+        self.sizes, self.digests, self.turns = {}, {}, {}
+
+    def is_copy(self, source, name):
+        """Whether another photograph has the same bytes: held out, it would be known from training."""
+        first = self.sizes.setdefault(os.path.getsize(source), (source, name))
+        if first[0] == source:
+            return False
+        for path, known in (first, (source, name)):
+            with open(path, "rb") as file:
+                digest = hashlib.sha256(file.read()).digest()
+            known = self.digests.setdefault(digest, known)
+        if known != name:
+            self.account.leave_out("photographs", f"has the same bytes as {known}", [name])
+        return known != name
 
     def add(self, source, name):
         """Copies a photograph byte by byte; one that is turned by its EXIF orientation is written upright anew."""
         target = os.path.join(self.folder, *name.split("/"))
         try:
             with Image.open(source) as picture:
+                if self.is_copy(source, name):
+                    return
                 exif = picture.getexif()
                 turned = exif.get(ORIENTATION, 1) not in (0, 1)
-                self.turned += turned
                 self.camera[name] = self.taken_by(picture, exif, turned)
                 if not os.path.exists(target):
                     os.makedirs(os.path.dirname(target), exist_ok=True)
@@ -81,9 +89,32 @@ class Photographs:
                         picture.load()
                         shutil.copyfile(source, target + ".part")
                     os.replace(target + ".part", target)
+                if turned:
+                    self.turns[name] = exif[ORIENTATION]
         except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-            self.unreadable.append((name, str(error)))
+            self.account.leave_out("photographs", f"can't be read: {' '.join(str(error).split())}", [name])
             self.camera.pop(name, None)
+
+    def add_mask(self, source, name):
+        """A mask as PNG where training looks for it; turned as its photograph was, if only that fits it."""
+        target = os.path.join(os.path.dirname(self.folder), "masks", *(name + ".png").split("/"))
+        try:
+            with Image.open(source) as picture, Image.open(os.path.join(self.folder, *name.split("/"))) as photograph:
+                picture.load()
+                width, height = photograph.size
+                fits = lambda size: abs(size[0] * height - size[1] * width) <= max(width, height)  # noqa: E731
+                stored = TURNS.get(self.turns.get(name)) if not fits(picture.size) and fits(picture.size[::-1]) else None
+                if not fits(picture.size) and stored is None:
+                    raise ValueError(f"{picture.size[0]} x {picture.size[1]} pixels, but the photograph has {width} x {height}")
+                os.makedirs(os.path.dirname(target), exist_ok=True)
+                if picture.format == "PNG" and stored is None:
+                    shutil.copyfile(source, target + ".part")
+                else:
+                    (picture if stored is None else picture.transpose(stored)).save(target + ".part", "PNG")
+                os.replace(target + ".part", target)
+            self.masks += 1
+        except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+            self.account.leave_out("masks", f"can't be used: {' '.join(str(error).split())}", [name])
 
     @staticmethod
     def taken_by(picture, exif, turned):
@@ -126,22 +157,27 @@ def gather(raw, output, pictures, quiet):
         sharp, change, words = judged_once(raw, os.path.join(output, "colmap", "frames.json"), progress.show)
         if words:
             photographs.damage = f"{raw} is cut or damaged; {len(sharp)} of about {progress.total} frames can be read: {words}"
-        for name in video.extract(raw, video.choose(sharp, change, pictures or FRAMES), folder):
+        chosen = video.choose(sharp, change, pictures or FRAMES)
+        photographs.account.leave_out("video frames", "sharper ones beside them are taken", count=len(sharp) - len(chosen))
+        for name in video.extract(raw, chosen, folder):
             photographs.add(os.path.join(folder, name), name)
     else:
-        names, others = listed(raw, output)
-        if not names:
-            raise RecordingError(f"{raw}: has no JPEG or PNG files" + (f", but {len(others)} of other formats, the first is {others[0]}; convert them first" if others else ""))
+        found, taken = Folder(raw, output, photographs.account), set()
+        names = found.photographs
         if pictures and len(names) > pictures:
             names = [names[i * len(names) // pictures] for i in range(pictures)]
-        progress.total, taken = len(names), set()
+            photographs.account.leave_out("photographs", f"--pictures {pictures} chose others", count=len(found.photographs) - pictures)
+        progress.total = len(names)
         for done, name in enumerate(names):
-            photographs.add(os.path.join(raw, name), plain(name, taken))
+            copy = plain(name, taken)
+            photographs.add(os.path.join(raw, name), copy)
+            if copy in photographs.camera and name in found.masks:
+                photographs.add_mask(os.path.join(raw, found.masks[name]), copy)
             progress.show(done + 1)
     progress.end()
     if len(photographs.camera) < 3:
-        why = f"; {photographs.unreadable[0][0]} can't be read: {photographs.unreadable[0][1]}" if photographs.unreadable else ""
-        raise RecordingError(f"{raw}: photographs that can be read: {len(photographs.camera)}; cameras are found of three or more{why}")
+        why = "".join(f"; {line}" for line in lines(list(photographs.account.rows.values()), 3))
+        raise RecordingError(f"{raw}: {'has no JPEG or PNG files' if not photographs.camera else f'JPEG and PNG files that can be read: {len(photographs.camera)}'}; cameras are found of three photographs or more{why}")
     return photographs
 
 
@@ -258,10 +294,12 @@ def told(work, models):
         group = colmap.registered(model)
         other.update(dict.fromkeys(group, len(group)))
     features = work.database.features()
-    missing = {name: left_out(name, features, fits, other) for name in sorted(work.photographs.camera) if name not in names}
-    missing.update({name: f"can't be read: {why}" for name, why in work.photographs.unreadable})
-    return {"photographs": len(work.photographs.camera) + len(work.photographs.unreadable), "registered": len(names), "points": count,
-            "reprojection_error": error, "turned_upright": work.photographs.turned, "left_out": missing, "damage": work.photographs.damage}  # fmt: skip
+    photographs = work.photographs
+    for name in sorted(photographs.camera):
+        if name not in names:
+            photographs.account.leave_out("photographs", left_out(name, features, fits, other), [name])
+    counts = {"cameras": len(photographs.cameras()), "photographs": len(photographs.camera), "masks": photographs.masks, "registered": len(names), "points": count}
+    return photographs.account.result(counts | {"reprojection_error": error, "turned_upright": len(photographs.turns), "damage": photographs.damage})
 
 
 def say(output, facts, people):
@@ -269,10 +307,10 @@ def say(output, facts, people):
           f"{facts['reprojection_error']:.2f} px; next: pags train {output} -o SCENE", file=people)  # fmt: skip
     if facts.get("damage"):
         print(f"warning: {facts['damage']}", file=sys.stderr)
-    for name, why in list(facts["left_out"].items())[:10]:
-        print(f"left out: {name}: {why}", file=people)
-    if len(facts["left_out"]) > 10:
-        print(f"left out: {len(facts['left_out']) - 10} more; import.json names them", file=people)
+    if facts.get("masks"):
+        print(f"{plural(facts['masks'], 'masks')} are in {os.path.join(output, 'masks')}, where training finds them: white where a photograph counts", file=people)
+    for line in lines(facts["left_out"]):
+        print(line, file=people)
     if facts["turned_upright"]:
         print(f"{facts['turned_upright']} photographs were turned by their EXIF orientation and are written upright anew (JPEG, quality 97)", file=people)
 
@@ -289,7 +327,10 @@ def begin(raw, output, pictures):
             raise RecordingError(f"{output}: isn't empty, and no import of photographs wrote it; give another folder, or remove it") from None
         if not isinstance(there, dict) or {key: there.get(key) for key in asked} != asked:
             raise RecordingError(f"{output}: was begun from another source or with other options (see its import.json); give another folder, or remove it")
-        return asked, there.get("result")
+        facts = there.get("result")
+        if facts and isinstance(facts["left_out"], dict):  # of version 0.2.0
+            facts["left_out"] = [{"what": "photographs", "count": 1, "why": why, "which": [name]} for name, why in facts["left_out"].items()]
+        return asked, facts
     put(path, asked)
     return asked, None
 
