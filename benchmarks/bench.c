@@ -336,6 +336,6 @@ static int run(int argc, char **argv) {
 
 int main(int argc, char **argv) {
   setlocale(LC_ALL, "C");
-  pags_port_ignore_broken_pipes(); /* a closed pipe makes a write fail instead of killing the process */
+  pags_port_let_writes_fail();
   return pags_output_end(run(argc, argv));
 }

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Signal handling: the first Ctrl-C or SIGTERM asks for a clean stop, a second Ctrl-C exits at once. */
+/* Signal handling: the first Ctrl-C, SIGTERM, SIGHUP, SIGUSR1, SIGUSR2 or SIGXCPU asks for a clean stop; a Ctrl-C more
+ * than 0.3 s later exits at once. */
 #ifndef PAGS_CLI_INTERRUPT_H
 #define PAGS_CLI_INTERRUPT_H
 

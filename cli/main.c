@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The program pags: prints the general help, or finds the verb and runs it. */
+#include "base/lock.h"
 #include "cli/options.h"
 #include "cli/ranks.h"
 #include "cli/session.h"
@@ -54,6 +55,9 @@ static int run_verb(const verb_entry *verb, int argc, char **argv) {
     return PAGS_EXIT_FAILED;
   }
   int code = PAGS_EXIT_USAGE;
+  char name[32];
+  snprintf(name, sizeof name, "pags %s", verb->name);
+  pags_lock_set_holder(name);
   if (!pags_ranks_lead())
     pags_options_silence();
   if (shares || !pags_ranks())
@@ -133,8 +137,6 @@ static int run(int argc, char **argv) {
 int main(int argc, char **argv) {
   setlocale(LC_ALL, "C");
   pags_port_begin_program(&argc, &argv);
-  /* with a closed pipe (`pags info x | head`), a write fails instead of killing the process with half-written
-   * files */
-  pags_port_ignore_broken_pipes();
+  pags_port_let_writes_fail();
   return pags_output_end(run(argc, argv));
 }

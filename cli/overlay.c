@@ -233,13 +233,12 @@ static double front_cosine(const pags_dataset *dataset) {
   return count ? sum / (double)count : (double)NAN;
 }
 
-pags_result pags_overlay(const pags_dataset *dataset, const char *folder, const pags_session *session,
-                         pags_report *report) {
+pags_result pags_overlay(const pags_dataset *dataset, const char *folder, pags_session *session, pags_report *report) {
   overlay o = {.dataset = dataset, .folder = folder};
   if (!(pags_dataset_fps(dataset) > 0))
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: --overlay is for driving sets, which have boxes or LiDAR",
                      pags_dataset_path(dataset));
-  PAGS_TRY(pags_prepare_folder(folder, NULL));
+  PAGS_TRY(pags_prepare_folder(session, folder));
   PAGS_TRY(pags_photo_cache_create(dataset, session->tasks, (uint64_t)128 << 20, &o.photos));
   pags_result result = draw_all(&o, session);
   pags_photo_cache_destroy(o.photos);

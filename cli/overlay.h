@@ -11,7 +11,6 @@
 /* Writes the annotated photographs of at most twenty evenly chosen time steps into `folder` (NAME.jpg, folder made if
  * missing). Adds a report group "overlay" with figures of agreement, measured on the same photographs, and a list
  * "warnings". Returns PAGS_ERROR_ARGUMENT for static sets. */
-pags_result pags_overlay(const pags_dataset *dataset, const char *folder, const pags_session *session,
-                         pags_report *report);
+pags_result pags_overlay(const pags_dataset *dataset, const char *folder, pags_session *session, pags_report *report);
 
 #endif

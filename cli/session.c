@@ -120,6 +120,8 @@ int pags_session_end(pags_session *session, pags_result result) {
   pags_interrupt_install(NULL);
   pags_tasks_destroy(session->tasks);
   session->tasks = NULL;
+  pags_lock_release(session->lock);
+  session->lock = NULL;
   pags_log_set(NULL, NULL);
   if (session->people)
     pags_output_flush(session->people);
@@ -191,16 +193,16 @@ pags_result pags_check_writable(const char *path) {
   return result;
 }
 
-pags_result pags_prepare_folder(const char *path, bool *made) {
-  bool existed = pags_dir_exists(path);
-  if (!existed)
-    PAGS_TRY(pags_make_dirs(path));
-  pags_result result = try_create(path, path);
-  if (result != PAGS_OK && !existed)
-    pags_port_remove_folder(path);
-  if (made)
-    *made = !existed;
-  return result;
+pags_result pags_prepare_folder(pags_session *session, const char *path) {
+  if (!pags_ranks_lead())
+    return PAGS_OK;
+  PAGS_TRY(pags_lock_folder(path, &session->lock));
+  return try_create(path, path);
+}
+
+pags_result pags_prepare_file(pags_session *session, const char *path) {
+  PAGS_TRY(pags_check_writable(path));
+  return pags_lock_file(path, &session->lock);
 }
 
 void pags_stem(const char *name, char *out, size_t size) {

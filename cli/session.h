@@ -10,6 +10,7 @@
 #include <pags/base.h>
 #include <pags/tasks.h>
 #include "base/json.h"
+#include "base/lock.h"
 
 typedef struct pags_session {
   int threads;      /* 0: the number of processors that this process may use */
@@ -24,7 +25,8 @@ typedef struct pags_session {
   /* Its informative lines so far, each once. */
   char **notes;
   int64_t note_count;
-  bool parted; /* the ranks have agreed on a failure, and call nothing collective any more */
+  pags_lock *lock; /* of the output folder, or file; NULL: none */
+  bool parted;     /* the ranks have agreed on a failure, and call nothing collective any more */
 } pags_session;
 
 /* Rows for the end of a verb's option table; `owner` is the verb's struct, which has a member `session`. */
@@ -92,9 +94,12 @@ pags_result pags_session_json(const pags_session *session, pags_json_writer *wri
 /* Checks that a file of this name could be created, without leaving one. */
 pags_result pags_check_writable(const char *path);
 
-/* Creates the folder if it is missing and checks that files can be created in it. `made` (may be NULL) receives
- * whether it was created. */
-pags_result pags_prepare_folder(const char *path, bool *made);
+/* Creates the folder if it is missing, checks that files can be created in it and locks it until the session ends, on
+ * rank 0 alone. A folder that was created and has stayed empty is removed then. */
+pags_result pags_prepare_folder(pags_session *session, const char *path);
+
+/* Checks that a file of this name could be created, and locks it until the session ends. */
+pags_result pags_prepare_file(pags_session *session, const char *path);
 
 /* Writes the name of a view without extension into `out`: "cam0/DSC_01.JPG" -> "cam0/DSC_01". Of a name that would
  * leave the folder that it is put in, as "../DSC_01.JPG", only what follows the last slash is taken. */

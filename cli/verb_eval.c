@@ -447,7 +447,7 @@ static pags_result open_all(evaluation *self, const char *scene_path) {
   self->options.order = (pags_order)arguments->order;
   self->options.extra_channels = (pags_dataset_provides(self->photographs.dataset) & PAGS_PROVIDES_LIDAR) != 0;
   PAGS_TRY(pags_frame_create(arguments->session.tasks, &self->frame));
-  return arguments->images ? pags_prepare_folder(arguments->images, NULL) : PAGS_OK;
+  return arguments->images ? pags_prepare_folder(self->session, arguments->images) : PAGS_OK;
 }
 
 /* Compares every chosen view with its photograph, this rank its share of them. */

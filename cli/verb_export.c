@@ -267,7 +267,7 @@ static bool is_usd(const char *path) {
 
 static pags_result run(export_arguments *arguments, const char *from, const char *to) {
   pags_scene scene;
-  PAGS_TRY(pags_check_writable(to));
+  PAGS_TRY(pags_prepare_file(&arguments->session, to));
   PAGS_TRY(pags_scene_load_in_axes(from, arguments->reading.axes, &scene));
   pags_reading_apply(&arguments->reading, &scene);
   uint8_t *chosen;

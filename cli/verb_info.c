@@ -132,7 +132,7 @@ static void put_driving(pags_report *report, const pags_dataset *dataset) {
   pags_report_end_list(report);
 }
 
-static pags_result describe_dataset(pags_report *report, const info_arguments *arguments, const char *path) {
+static pags_result describe_dataset(pags_report *report, info_arguments *arguments, const char *path) {
   pags_dataset *dataset;
   int64_t points, held_out = 0;
   const float *xyz;
@@ -223,7 +223,7 @@ static pags_result describe_shards(pags_report *report, const pags_json *json) {
 /* A JSON file is a transforms file (a data set) if its frames have matrices; a camera or path file if it has sizes and
  * frames or focal lengths, or is one of INRIA or nerfstudio; a splat file if it is the meta.json of a SOG or a glTF;
  * else the data set's reader names it. */
-static pags_result describe_json(pags_report *report, const info_arguments *arguments, const char *path) {
+static pags_result describe_json(pags_report *report, info_arguments *arguments, const char *path) {
   pags_json *json;
   PAGS_TRY(pags_json_parse_file(path, &json));
   const pags_json_value *root = pags_json_root(json), *frames = pags_json_member(root, "frames");
@@ -301,7 +301,7 @@ static bool is_scene_folder(const char *path) {
   return false;
 }
 
-static pags_result describe(pags_report *report, const info_arguments *arguments, const char *path) {
+static pags_result describe(pags_report *report, info_arguments *arguments, const char *path) {
   unsigned char head[17];
   if (pags_dir_exists(path))
     return is_scene_folder(path) ? describe_scene(report, arguments, path) : describe_dataset(report, arguments, path);

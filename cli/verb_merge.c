@@ -5,7 +5,6 @@
 #include "cli/verbs.h"
 
 #include <pags/blocks.h>
-#include "port/port.h"
 
 typedef struct merge_arguments {
   pags_session session;
@@ -31,15 +30,11 @@ static const pags_verb verb = {
 
 static pags_result merge(merge_arguments *arguments, const char *folder) {
   pags_merge_facts facts;
-  bool made;
-  PAGS_TRY(pags_prepare_folder(arguments->output, &made));
   pags_progress progress = pags_progress_begin(arguments->session.people);
   pags_interrupt_install(arguments->session.tasks);
   const pags_result result =
       pags_merge(folder, arguments->output, arguments->session.tasks, pags_progress_watch, &progress, &facts);
   pags_progress_end(&progress);
-  if (result != PAGS_OK && made)
-    pags_port_remove_folder(arguments->output); /* does nothing unless the folder is empty */
   if (result == PAGS_CANCELLED)
     return pags_fail(result, "interrupted; nothing was written");
   PAGS_TRY(result);

@@ -490,7 +490,7 @@ static pags_result begin_deadline(renderer *self) {
                                      CHECK_EVERY, &self->deadline);
 }
 
-static pags_result prepare(renderer *self, const pags_parsed *parsed, unsigned channels, bool *made) {
+static pags_result prepare(renderer *self, const pags_parsed *parsed, unsigned channels) {
   const render_arguments *arguments = self->arguments;
   PAGS_TRY(compose(self, parsed));
   PAGS_TRY(pags_picture_writer_create(self->composition, channels, (pags_picture_format)arguments->format,
@@ -503,16 +503,13 @@ static pags_result prepare(renderer *self, const pags_parsed *parsed, unsigned c
   PAGS_TRY(pags_frame_create(arguments->session.tasks, &self->frame));
   PAGS_TRY(begin_deadline(self));
   PAGS_TRY(pags_picture_queue_create(&self->writer, arguments->session.tasks, arguments->output, &self->queue));
-  return pags_prepare_folder(arguments->output, made);
+  return pags_prepare_folder(self->session, arguments->output);
 }
 
 static pags_result render(renderer *self, const pags_parsed *parsed, unsigned channels) {
   const render_arguments *arguments = self->arguments;
-  bool made = false;
-  PAGS_TRY(pags_session_meet(self->session, prepare(self, parsed, channels, &made)));
+  PAGS_TRY(pags_session_meet(self->session, prepare(self, parsed, channels)));
   pags_result result = pags_session_meet(self->session, draw_all(self));
-  if (result != PAGS_OK && made)
-    pags_port_remove_folder(arguments->output); /* fails, and so keeps the folder, if it holds any file */
   if (result == PAGS_OK)
     result = gather_stats(self);
   if (result != PAGS_OK || !pags_ranks_lead())

@@ -79,7 +79,7 @@ static pags_result write_json(const report_arguments *arguments, const pags_html
   return pags_session_json(&arguments->session, &json);
 }
 
-static pags_result write_report(const report_arguments *arguments, char *const *paths, int count) {
+static pags_result write_report(report_arguments *arguments, char *const *paths, int count) {
   pags_html_report_facts facts[2] = {{0}};
   pags_progress progress = pags_progress_begin(arguments->session.people);
   const pags_html_report_settings settings = {.scenes = {paths[0], paths[1]},
@@ -94,7 +94,7 @@ static pags_result write_report(const report_arguments *arguments, char *const *
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: %s; expected a scene folder, or -o FILE", paths[0],
                      pags_path_exists(paths[0]) ? "a file, in which no page can be written" : "no such folder");
   char *output = arguments->output ? pags_text_copy(arguments->output) : pags_path_join(paths[0], "report.html");
-  pags_result result = output ? pags_check_writable(output) : pags_out_of_memory("a path");
+  pags_result result = output ? pags_prepare_file(&arguments->session, output) : pags_out_of_memory("a path");
   pags_interrupt_install(arguments->session.tasks);
   if (result == PAGS_OK)
     result = pags_html_report_write(&settings, output, facts);

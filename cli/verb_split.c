@@ -165,9 +165,10 @@ static pags_result make_whole(split_arguments *arguments, const char *path, int 
 /* ---- The verb ---- */
 
 /* Writes split.json into a folder that is empty, or holds the same split or a scene of the whole drive. */
-static pags_result begin_folder(const char *folder, const pags_blocks *split) {
+static pags_result begin_folder(pags_session *session, const char *folder, const pags_blocks *split) {
   pags_blocks there;
   bool empty;
+  PAGS_TRY(pags_prepare_folder(session, folder));
   PAGS_TRY(pags_dir_is_empty(folder, &empty));
   if (pags_folder_has(folder, "split.json")) {
     pags_result result = pags_blocks_load(folder, &there);
@@ -184,7 +185,6 @@ static pags_result begin_folder(const char *folder, const pags_blocks *split) {
     if (!ours)
       return pags_fail(PAGS_ERROR_ARGUMENT, "%s: not empty; expected a new folder", folder);
   }
-  PAGS_TRY(pags_prepare_folder(folder, NULL));
   return pags_blocks_save(split, folder);
 }
 
@@ -227,7 +227,7 @@ static pags_result split_set(split_arguments *arguments, const char *path, const
   if (split->count == 1)
     pags_say(&arguments->session, "one block is the whole drive: training it as it is gives the same\n");
   PAGS_TRY(pags_session_check(&arguments->session));
-  PAGS_TRY(begin_folder(arguments->output, split));
+  PAGS_TRY(begin_folder(&arguments->session, arguments->output, split));
   int width = 1;
   for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++) {
     const int wide = pags_dataset_view(dataset, i)->camera.width;

@@ -194,6 +194,8 @@ static pags_result open_part(pags_file_writer *writer) {
     return pags_fail(PAGS_ERROR_IO, "%s: can't write: %s is in the way; expected a regular file there or nothing",
                      writer->path, writer->part);
   writer->stream = pags_port_open_part(writer->part);
+  if (!writer->stream && errno == EBUSY)
+    return pags_fail(PAGS_ERROR_IO, "%s: can't write: another process is writing it", writer->path);
   if (!writer->stream && (errno == EACCES || errno == EROFS))
     return pags_fail_errno(writer->path, "can't write into its folder");
   return writer->stream ? PAGS_OK : pags_fail_errno(writer->path, "can't write");
@@ -258,15 +260,13 @@ static pags_result writer_finish(pags_file_writer *writer, bool sync) {
   const pags_port_signals held = pags_port_hold_broken_pipe();
   bool done = flush_and_sync(writer, sync);
   if (done) {
-    done = fclose(writer->stream) == 0;
+    done = writer->part ? pags_port_rename_part(writer->stream, writer->part, writer->target)
+                        : fclose(writer->stream) == 0;
     writer->stream = NULL;
-    if (writer->part) {
-      done = done && pags_port_rename(writer->part, writer->target);
-      const int error = errno;
-      if (!done)
-        pags_port_remove_file(writer->part);
-      errno = error;
-    }
+    const int error = errno;
+    if (!done && writer->part)
+      pags_port_remove_file(writer->part);
+    errno = error;
   }
   pags_port_release_broken_pipe(&held);
   if (!done)

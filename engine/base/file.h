@@ -80,7 +80,7 @@ bool pags_path_is_inside(const char *path);
 /* Creates the folder and its parents where they are missing. */
 pags_result pags_make_dirs(const char *path);
 
-/* The names in a folder without "." and "..", sorted by bytes. */
+/* The names in a folder without "." and ".." and without locks (base/lock.h), sorted by bytes. */
 typedef struct pags_dir_list {
   int64_t count;
   char **names;
@@ -88,7 +88,7 @@ typedef struct pags_dir_list {
 pags_result pags_dir_list_read(const char *path, pags_dir_list *out);
 void pags_dir_list_destroy(pags_dir_list *list);
 
-/* Sets *empty to whether the folder has no entries; also true if there is no such folder. */
+/* Sets *empty to whether the folder has no entries but locks; also true if there is no such folder. */
 pags_result pags_dir_is_empty(const char *path, bool *empty);
 /* Removes a file, or a folder with all its contents, without following links. A missing path is no error. */
 pags_result pags_remove_tree(const char *path);

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "base/file.h"
+#include "base/lock.h"
 #include "base/memory.h"
 #include "base/sort.h"
 #include "base/text.h"
@@ -59,7 +60,7 @@ static bool append_name(pags_dir_list *list, int64_t *capacity, const char *name
   return list->names[list->count] ? ++list->count > 0 : false;
 }
 
-pags_result pags_dir_list_read(const char *path, pags_dir_list *out) {
+static pags_result read_names(const char *path, bool locks, pags_dir_list *out) {
   *out = (pags_dir_list){0};
   pags_port_folder *dir = pags_port_folder_open(path);
   if (!dir)
@@ -73,7 +74,7 @@ pags_result pags_dir_list_read(const char *path, pags_dir_list *out) {
         result = pags_fail_errno(path, "can't list the folder");
       break;
     }
-    if (!append_name(out, &capacity, name)) {
+    if ((locks || !pags_lock_is_name(name)) && !append_name(out, &capacity, name)) {
       result = fail_memory(path);
       break;
     }
@@ -84,6 +85,10 @@ pags_result pags_dir_list_read(const char *path, pags_dir_list *out) {
   else if (out->count)
     pags_sort(out->names, out->count, sizeof *out->names, compare_names);
   return result;
+}
+
+pags_result pags_dir_list_read(const char *path, pags_dir_list *out) {
+  return read_names(path, false, out);
 }
 
 void pags_dir_list_destroy(pags_dir_list *list) {
@@ -110,7 +115,7 @@ pags_result pags_remove_tree(const char *path) {
     return errno == ENOENT ? PAGS_OK : pags_fail_errno(path, "can't remove");
   if (status.kind == PAGS_PORT_FOLDER) {
     pags_dir_list list;
-    PAGS_TRY(pags_dir_list_read(path, &list));
+    PAGS_TRY(read_names(path, true, &list));
     pags_result result = PAGS_OK;
     for (int64_t i = 0; i < list.count && result == PAGS_OK; i++) {
       char *child = pags_path_join(path, list.names[i]);

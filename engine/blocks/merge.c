@@ -11,11 +11,13 @@
 #include <pags/scene.h>
 
 #include "base/file.h"
+#include "base/lock.h"
 #include "base/memory.h"
 #include "base/text.h"
 #include "blocks/cells.h"
 #include "blocks/trained.h"
 #include "maths/maths.h"
+#include "scene/scene_json.h"
 
 enum { DEGREES = 4, ROWS = 4096 };
 
@@ -364,16 +366,20 @@ static pags_result merge(merger *m, const char *folder, const char *output, pags
   m->facts->views = m->out.view_count;
   if (progress && !progress(user, 0.0, "writing the scene"))
     return pags_fail(PAGS_CANCELLED, "merging was cancelled");
-  return pags_scene_save(output, &m->out);
+  return pags_scene_write(output, &m->out);
 }
 
 pags_result pags_merge(const char *folder, const char *output, pags_tasks *tasks, pags_progress_fn *progress,
                        void *user, pags_merge_facts *facts) {
   merger m = {.tasks = tasks, .facts = facts};
   *facts = (pags_merge_facts){0};
-  if (pags_folder_has(output, "scene.json"))
-    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: holds a scene already; give another folder, or remove it", output);
-  const pags_result result = merge(&m, folder, output, progress, user);
+  pags_lock *lock;
+  PAGS_TRY(pags_lock_folder(output, &lock));
+  const pags_result result =
+      pags_folder_has(output, "scene.json")
+          ? pags_fail(PAGS_ERROR_ARGUMENT, "%s: holds a scene already; give another folder, or remove it", output)
+          : merge(&m, folder, output, progress, user);
   destroy(&m);
+  pags_lock_release(lock);
   return result;
 }

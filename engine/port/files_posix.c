@@ -10,10 +10,12 @@
 #include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/file.h>
 #include <sys/mman.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/un.h>
+#include <time.h>
 #include <unistd.h>
 
 /* ---- What lies at a path ---- */
@@ -97,8 +99,52 @@ static FILE *stream_of(int descriptor) {
   return stream;
 }
 
+/* Whether the path still leads to the open file. */
+static bool is_at(int file, const char *path) {
+  struct stat opened, there;
+  return fstat(file, &opened) == 0 && lstat(path, &there) == 0 && opened.st_dev == there.st_dev &&
+         opened.st_ino == there.st_ino;
+}
+
+/* Whether a lock was refused because another one holds the file; EACCES: what shared folders of Windows answer. */
+static bool is_held(int error) {
+  return error == EWOULDBLOCK || error == EAGAIN || error == EACCES;
+}
+
 FILE *pags_port_open_part(const char *path) {
-  return stream_of(open(path, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC | O_NOFOLLOW, 0666));
+  enum { TRIES = 100 }; /* the file may get its own name between open and lock */
+  for (int i = 0; i < TRIES; i++) {
+    const int file = open(path, O_WRONLY | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0666);
+    if (file < 0)
+      return NULL;
+    const bool locked = flock(file, LOCK_EX | LOCK_NB) == 0;
+    if (!locked && is_held(errno)) {
+      close(file);
+      break;
+    }
+    if (locked && !is_at(file, path)) {
+      close(file);
+      continue;
+    }
+    if (ftruncate(file, 0) == 0)
+      return stream_of(file);
+    const int error = errno;
+    close(file);
+    errno = error;
+    return NULL;
+  }
+  errno = EBUSY;
+  return NULL;
+}
+
+bool pags_port_rename_part(FILE *stream, const char *from, const char *to) {
+  const int lock = fcntl(fileno(stream), F_DUPFD_CLOEXEC, 0); /* a lock lasts until its last descriptor is closed */
+  const bool done = fclose(stream) == 0 && rename(from, to) == 0;
+  const int error = errno;
+  if (lock >= 0)
+    close(lock);
+  errno = error;
+  return done;
 }
 
 static int connect_to(const char *path) {
@@ -208,6 +254,77 @@ const char *pags_port_folder_next(pags_port_folder *folder) {
 void pags_port_folder_close(pags_port_folder *folder) {
   closedir(folder->dir);
   free(folder);
+}
+
+/* ---- Locks ---- */
+
+/* Waits for 20 ms. */
+static void pause_briefly(void) {
+  nanosleep(&(struct timespec){.tv_nsec = 20000000}, NULL);
+}
+
+static void read_text(int file, char *text, size_t size) {
+  const ssize_t got = pread(file, text, size - 1, 0);
+  text[got > 0 ? got : 0] = '\0';
+}
+
+static pags_port_lock_state write_text(int file, const char *text) {
+  const size_t length = strlen(text);
+  /* On a full disk the lock holds without its text. */
+  if (ftruncate(file, 0) != 0 || pwrite(file, text, length, 0) != (ssize_t)length)
+    errno = 0;
+  return PAGS_PORT_LOCKED;
+}
+
+/* flock, not fcntl: it belongs to the open file, so that no other close of the file drops it; NFS keeps it as a lock of
+ * the server's. A lock counts only if its file still has the name, which the former holder may just have removed. */
+pags_port_lock_state pags_port_lock(const char *path, const char *text, intptr_t *lock, char *holder, size_t size) {
+  enum { TRIES = 25 };
+  for (int i = 0; i < TRIES; i++) {
+    int file = open(path, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0666);
+    const bool foreign = file < 0 && errno == EACCES; /* left by another user, whose process may have ended */
+    if (foreign && (file = open(path, O_RDONLY | O_CLOEXEC | O_NOFOLLOW)) < 0)
+      errno = EACCES;
+    if (file < 0)
+      return PAGS_PORT_LOCK_FAILS;
+    *lock = file;
+    if (flock(file, LOCK_EX | LOCK_NB) == 0) {
+      const bool ours = is_at(file, path);
+      if (ours && !foreign)
+        return write_text(file, text);
+      if (ours && unlink(path) != 0)
+        return PAGS_PORT_LOCKED;
+    } else if (is_held(errno)) {
+      read_text(file, holder, size);
+      pause_briefly();
+    } else if (errno != ESTALE) {
+      const int error = errno;
+      if (!foreign)
+        unlink(path);
+      close(file);
+      errno = error;
+      return PAGS_PORT_NO_LOCKS;
+    }
+    close(file);
+  }
+  return PAGS_PORT_HELD;
+}
+
+void pags_port_unlock(const char *path, intptr_t lock) {
+  const int file = (int)lock;
+  if (is_at(file, path))
+    unlink(path);
+  close(file);
+}
+
+bool pags_port_is_locked(const char *path, char *holder, size_t size) {
+  const int file = open(path, O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
+  if (file < 0)
+    return false;
+  const bool held = flock(file, LOCK_SH | LOCK_NB) != 0 && is_held(errno);
+  read_text(file, holder, size);
+  close(file);
+  return held;
 }
 
 /* ---- Mapping ---- */

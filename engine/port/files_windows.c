@@ -6,6 +6,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <io.h>
+#include <share.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -198,7 +199,16 @@ FILE *pags_port_open(const char *path, const char *mode) {
 }
 
 FILE *pags_port_open_part(const char *path) {
-  return pags_port_open(path, "wb");
+  wchar_t *wide = path_of(path);
+  FILE *stream = wide ? _wfsopen(wide, L"wb", _SH_DENYWR) : NULL;
+  if (!stream && wide && GetLastError() == ERROR_SHARING_VIOLATION)
+    errno = EBUSY;
+  free(wide);
+  return stream;
+}
+
+bool pags_port_rename_part(FILE *stream, const char *from, const char *to) {
+  return fclose(stream) == 0 && pags_port_rename(from, to); /* an open file can't be renamed */
 }
 
 FILE *pags_port_open_straight(const char *path) {
@@ -344,6 +354,79 @@ void pags_port_folder_close(pags_port_folder *folder) {
   FindClose(folder->find);
   free(folder->name);
   free(folder);
+}
+
+/* ---- Locks ---- */
+
+/* A lock is an open file that nobody else may write to meanwhile; Windows removes it when it is closed, also when its
+ * process is killed. Others may read it if they share it for deletion, too. */
+static HANDLE open_lock(const wchar_t *path, bool read_only) {
+  return read_only ? CreateFileW(path, GENERIC_READ, FILE_SHARE_READ | FILE_SHARE_WRITE | FILE_SHARE_DELETE, NULL,
+                                 OPEN_EXISTING, FILE_ATTRIBUTE_NORMAL, NULL)
+                   : CreateFileW(path, GENERIC_READ | GENERIC_WRITE | DELETE, FILE_SHARE_READ | FILE_SHARE_DELETE, NULL,
+                                 OPEN_ALWAYS, FILE_ATTRIBUTE_HIDDEN | FILE_FLAG_DELETE_ON_CLOSE, NULL);
+}
+
+static void read_text(const wchar_t *path, char *text, size_t size) {
+  DWORD got = 0;
+  const HANDLE file = open_lock(path, true);
+  text[0] = '\0';
+  if (file == INVALID_HANDLE_VALUE)
+    return;
+  if (ReadFile(file, text, (DWORD)size - 1, &got, NULL))
+    text[got] = '\0';
+  CloseHandle(file);
+}
+
+pags_port_lock_state pags_port_lock(const char *path, const char *text, intptr_t *lock, char *holder, size_t size) {
+  enum { TRIES = 25 };
+  wchar_t *wide = path_of(path);
+  pags_port_lock_state state = PAGS_PORT_LOCK_FAILS;
+  for (int i = 0; wide && i < TRIES; i++) {
+    const HANDLE file = open_lock(wide, false);
+    if (file != INVALID_HANDLE_VALUE) {
+      DWORD written;
+      SetEndOfFile(file);
+      WriteFile(file, text, (DWORD)strlen(text), &written, NULL); /* on a full disk the lock holds without its text */
+      FlushFileBuffers(file);
+      *lock = (intptr_t)file;
+      state = PAGS_PORT_LOCKED;
+      break;
+    }
+    const DWORD error = GetLastError();
+    /* A file that is being deleted answers that access is denied, and so does a folder that can't be written to. */
+    state = error == ERROR_SHARING_VIOLATION ? PAGS_PORT_HELD : PAGS_PORT_LOCK_FAILS;
+    if (error != ERROR_SHARING_VIOLATION && error != ERROR_ACCESS_DENIED) {
+      set_errno();
+      break;
+    }
+    read_text(wide, holder, size);
+    SetLastError(error);
+    set_errno();
+    Sleep(20);
+  }
+  free(wide);
+  return state;
+}
+
+void pags_port_unlock(const char *path, intptr_t lock) {
+  (void)path; /* removed by the system */
+  CloseHandle((HANDLE)lock);
+}
+
+bool pags_port_is_locked(const char *path, char *holder, size_t size) {
+  wchar_t *wide = path_of(path);
+  if (!wide)
+    return false;
+  /* Who may write to it while others are shut out finds nobody. */
+  const HANDLE file = CreateFileW(wide, GENERIC_READ | GENERIC_WRITE, FILE_SHARE_READ | FILE_SHARE_DELETE, NULL,
+                                  OPEN_EXISTING, FILE_ATTRIBUTE_NORMAL, NULL);
+  const bool held = file == INVALID_HANDLE_VALUE && GetLastError() == ERROR_SHARING_VIOLATION;
+  if (file != INVALID_HANDLE_VALUE)
+    CloseHandle(file);
+  read_text(wide, holder, size);
+  free(wide);
+  return held;
 }
 
 /* ---- Mapping ---- */

@@ -39,6 +39,10 @@ uint64_t pags_port_peak_memory(void);
 /* Resident memory of this process now, bytes, with its pages of mapped files; 0 if unknown. */
 uint64_t pags_port_resident_memory(void);
 
+int64_t pags_port_process_id(void);
+/* The name of this machine in a network; "" if it has none or it doesn't fit. */
+void pags_port_host_name(char *name, size_t size);
+
 /* Sets a variable of this process's environment; NULL removes it. */
 bool pags_port_set_environment(const char *name, const char *value);
 
@@ -70,8 +74,11 @@ char *pags_port_real_path(const char *path);
 
 /* As fopen; a folder is opened or fails with EISDIR. */
 FILE *pags_port_open(const char *path, const char *mode);
-/* Opens an empty part file for writing; an existing file of that name is emptied, a link is refused. */
+/* Opens an empty part file for writing, and locks it where the file system can; an existing file of that name is
+ * emptied, a link is refused. EBUSY: another process, or another stream of this one, is writing it. */
 FILE *pags_port_open_part(const char *path);
+/* Closes a part file's stream and renames the file, which stays locked in between. */
+bool pags_port_rename_part(FILE *stream, const char *from, const char *to);
 /* Opens for writing what is no file to be replaced: appends to a file, writes to a device or FIFO, connects to a
  * stream socket. A missing file is created. */
 FILE *pags_port_open_straight(const char *path);
@@ -95,6 +102,25 @@ typedef struct pags_port_folder pags_port_folder;
 pags_port_folder *pags_port_folder_open(const char *path);
 const char *pags_port_folder_next(pags_port_folder *folder);
 void pags_port_folder_close(pags_port_folder *folder);
+
+/* Locks of files, for programs that agree on a lock file. The system drops a lock when its process ends, however it
+ * ends; programs that are started meanwhile don't inherit it. Two locks of one file exclude each other within a
+ * process, too. */
+typedef enum pags_port_lock_state {
+  PAGS_PORT_LOCKED,
+  PAGS_PORT_HELD,      /* by another lock */
+  PAGS_PORT_NO_LOCKS,  /* the file system has none; errno says why */
+  PAGS_PORT_LOCK_FAILS /* errno */
+} pags_port_lock_state;
+
+/* Creates the lock file if it is missing, locks it and writes `text` into it. If it is held, waits up to half a second,
+ * since a process that was killed may take that long to end; then `holder` receives the text in the file, "" if it
+ * can't be read. */
+pags_port_lock_state pags_port_lock(const char *path, const char *text, intptr_t *lock, char *holder, size_t size);
+/* Removes the lock file and lets go. */
+void pags_port_unlock(const char *path, intptr_t lock);
+/* Whether somebody holds a lock file, and the text in it; creates nothing. */
+bool pags_port_is_locked(const char *path, char *holder, size_t size);
 
 /* Maps a file of `size` > 0 bytes, readable and writable; what is written stays in this process. */
 bool pags_port_map(const char *path, uint64_t size, uint8_t **bytes);
@@ -125,11 +151,13 @@ pags_port_signals pags_port_hold_broken_pipe(void);
 void pags_port_release_broken_pipe(const pags_port_signals *held);
 
 /* For programs, not for libraries. The handler is called on a signal or, on Windows, on another thread; `keyboard`: by
- * Ctrl-C, else by a request to end (SIGTERM, SIGUSR1). It may set flags and call pags_port_exit_at_once. */
+ * Ctrl-C, else by a request to end: SIGTERM, SIGUSR1, SIGUSR2, SIGXCPU, and SIGHUP unless it was ignored when the
+ * program started, as nohup does. The handler may set flags, read the clock and call pags_port_exit_at_once. */
 void pags_port_on_interrupt(void (*handler)(bool keyboard));
 void pags_port_exit_at_once(int code);
-/* From now on a broken pipe makes writes fail and doesn't end the program. */
-void pags_port_ignore_broken_pipes(void);
+/* From now on a write to a broken pipe, or beyond the limit on a file's size (ulimit -f), fails and doesn't end the
+ * program. Programs that this one becomes (pags_port_become) get the signals as they were. */
+void pags_port_let_writes_fail(void);
 /* Prints `message` and ends the program with code 1 when a mapped file turns out to be shorter than its mapping. */
 void pags_port_on_lost_mapping(const char *message);
 /* Makes main's arguments UTF-8 where the system gives them in another form, the console understand UTF-8, and the

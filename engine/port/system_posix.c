@@ -98,6 +98,15 @@ uint64_t pags_port_resident_memory(void) {
 #endif
 }
 
+int64_t pags_port_process_id(void) {
+  return (int64_t)getpid();
+}
+
+void pags_port_host_name(char *name, size_t size) {
+  if (gethostname(name, size) != 0 || !memchr(name, '\0', size))
+    name[0] = '\0';
+}
+
 bool pags_port_set_environment(const char *name, const char *value) {
   return (value ? setenv(name, value, 1) : unsetenv(name)) == 0;
 }
@@ -183,18 +192,37 @@ static void interrupted(int signal_number) {
 
 void pags_port_on_interrupt(void (*handler)(bool keyboard)) {
   const struct sigaction action = {.sa_handler = interrupted, .sa_flags = SA_RESTART};
+  /* Queues send SIGUSR1, SIGUSR2 or SIGXCPU before a job's time is over, and mpirun hands these on. */
+  static const int signals[] = {SIGINT, SIGTERM, SIGUSR1, SIGUSR2, SIGXCPU};
+  struct sigaction hangup;
   on_interrupt = handler;
-  install(SIGINT, action);
-  install(SIGTERM, action);
-  install(SIGUSR1, action); /* as a queue sends it before a job's time is over, and as mpirun hands it on */
+  for (size_t i = 0; i < sizeof signals / sizeof *signals; i++)
+    install(signals[i], action);
+  if (sigaction(SIGHUP, NULL, &hangup) == 0 && hangup.sa_handler != SIG_IGN)
+    install(SIGHUP, action);
 }
 
 void pags_port_exit_at_once(int code) {
   _exit(code);
 }
 
-void pags_port_ignore_broken_pipes(void) {
-  signal(SIGPIPE, SIG_IGN);
+static const int write_signals[] = {SIGPIPE, SIGXFSZ};
+enum { WRITE_SIGNALS = sizeof write_signals / sizeof *write_signals };
+static struct sigaction found[WRITE_SIGNALS]; /* as they were when the program started */
+static bool writes_may_fail;
+
+void pags_port_let_writes_fail(void) {
+  for (int i = 0; i < WRITE_SIGNALS; i++) {
+    sigaction(write_signals[i], NULL, &found[i]);
+    signal(write_signals[i], SIG_IGN);
+  }
+  writes_may_fail = true;
+}
+
+/* Handlers are dropped when another program takes over; what is ignored stays ignored. */
+static void set_back_write_signals(void) {
+  for (int i = 0; writes_may_fail && i < WRITE_SIGNALS; i++)
+    sigaction(write_signals[i], &found[i], NULL);
 }
 
 static const char *lost_mapping;
@@ -241,7 +269,10 @@ bool pags_port_program_folder(char *path, size_t size) {
 }
 
 void pags_port_become(const char *const *words) {
+  set_back_write_signals();
   execvp(words[0], (char *const *)(uintptr_t)words);
+  if (writes_may_fail)
+    pags_port_let_writes_fail();
 }
 
 /* ---- Waiting ---- */

@@ -63,6 +63,19 @@ uint64_t pags_port_resident_memory(void) {
   return memory_counters(&counters) ? counters.WorkingSetSize : 0;
 }
 
+int64_t pags_port_process_id(void) {
+  return (int64_t)GetCurrentProcessId();
+}
+
+void pags_port_host_name(char *name, size_t size) {
+  wchar_t wide[MAX_COMPUTERNAME_LENGTH + 1];
+  DWORD length = MAX_COMPUTERNAME_LENGTH + 1;
+  char *narrow = GetComputerNameW(wide, &length) ? pags_port_narrow(wide) : NULL;
+  const size_t bytes = narrow ? strlen(narrow) + 1 : 1;
+  memcpy(name, narrow && bytes <= size ? narrow : "", narrow && bytes <= size ? bytes : 1);
+  free(narrow);
+}
+
 bool pags_port_set_environment(const char *name, const char *value) {
   return _putenv_s(name, value ? value : "") == 0;
 }
@@ -126,7 +139,7 @@ void pags_port_exit_at_once(int code) {
   _exit(code);
 }
 
-void pags_port_ignore_broken_pipes(void) {}
+void pags_port_let_writes_fail(void) {}
 
 static const char *lost_mapping;
 

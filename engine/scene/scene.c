@@ -10,6 +10,7 @@
 #include <pags/packed.h>
 
 #include "base/file.h"
+#include "base/lock.h"
 #include "base/memory.h"
 #include "base/text.h"
 #include "scene/foreign_folder.h"
@@ -201,8 +202,7 @@ static pags_result save_sky(const char *folder, const pags_sky *sky) {
 
 /* scene.json is written last: if saving is interrupted, a new scene.json never names a model or sky that has not been
  * written completely. */
-pags_result pags_scene_save(const char *folder, const pags_scene *scene) {
-  PAGS_TRY(pags_make_dirs(folder));
+pags_result pags_scene_write(const char *folder, const pags_scene *scene) {
   for (int64_t i = 0; i < scene->model_count; i++)
     PAGS_TRY(save_model(folder, scene, &scene->models[i]));
   if (scene->sky.size > 0)
@@ -212,6 +212,14 @@ pags_result pags_scene_save(const char *folder, const pags_scene *scene) {
     return pags_out_of_memory("%s: a path", folder);
   pags_result result = pags_scene_json_write(path, scene);
   free(path);
+  return result;
+}
+
+pags_result pags_scene_save(const char *folder, const pags_scene *scene) {
+  pags_lock *lock;
+  PAGS_TRY(pags_lock_folder(folder, &lock));
+  const pags_result result = pags_scene_write(folder, scene);
+  pags_lock_release(lock);
   return result;
 }
 

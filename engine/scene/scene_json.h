@@ -22,4 +22,7 @@ pags_result pags_scene_json_write(const char *path, const pags_scene *scene);
 /* Computes the size in bytes of the file that pags_scene_json_write would write. */
 pags_result pags_scene_json_size(const pags_scene *scene, uint64_t *bytes);
 
+/* As pags_scene_save (scene.c), into a folder that is there and that the caller has locked (base/lock.h). */
+pags_result pags_scene_write(const char *folder, const pags_scene *scene);
+
 #endif

@@ -10,6 +10,7 @@
 #include <string.h>
 
 #include "base/file.h"
+#include "base/lock.h"
 #include "base/memory.h"
 #include "synth/faults.h"
 #include "synth/range.h"
@@ -44,6 +45,7 @@ typedef struct writer {
   pags_street *street;
   pags_stage *stage;
   pags_tasks *tasks;
+  pags_lock *lock;
   pags_street_view views[VIEWS];
   int view_count, frame;
   float *points;
@@ -405,6 +407,7 @@ static pags_result write_all(writer *w, const pags_street_options *o, pags_progr
   PAGS_TRY(pags_stage_create(w->street->meshes, w->street->mesh_count, w->street->placements,
                              w->street->placement_count, &w->stage));
   PAGS_TRY(make_views(w));
+  PAGS_TRY(pags_lock_folder(w->folder, &w->lock));
   PAGS_TRY(make_folders(w));
   PAGS_TRY(write_texts(w));
   for (int f = 0; f < o->frames; f++) {
@@ -420,6 +423,7 @@ pags_result pags_synth_street(const char *folder, const pags_street_options *opt
   pags_street street = {.options = options};
   writer w = {.folder = folder, .street = &street, .tasks = tasks};
   const pags_result result = write_all(&w, options, progress, user);
+  pags_lock_release(w.lock);
   pags_stage_destroy(w.stage);
   pags_street_destroy(&street);
 

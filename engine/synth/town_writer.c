@@ -8,8 +8,10 @@
 #include <string.h>
 
 #include "base/file.h"
+#include "base/lock.h"
 #include "base/memory.h"
 #include "base/text.h"
+#include "scene/scene_json.h"
 #include "synth/layout.h"
 #include "synth/range.h"
 #include "synth/size_tables.h"
@@ -160,13 +162,15 @@ pags_result pags_synth_town(const char *folder, const pags_town_options *options
   PAGS_TRY(pags_synth_in_range("height", options->height, 16, 8192));
   PAGS_TRY(pags_synth_in_range("frames", options->frames, 1, 10000));
 
-  PAGS_TRY(pags_make_dirs(folder));
-  PAGS_TRY(pags_dir_is_empty(folder, &empty));
-  if (!empty && !options->overwrite)
-    return pags_fail(PAGS_ERROR_IO, "%s: expected an empty or a new folder", folder);
-  pags_result result = make_scene(&maker, tasks, progress, user, &scene);
+  pags_lock *lock;
+  PAGS_TRY(pags_lock_folder(folder, &lock));
+  pags_result result = pags_dir_is_empty(folder, &empty);
+  if (result == PAGS_OK && !empty && !options->overwrite)
+    result = pags_fail(PAGS_ERROR_IO, "%s: expected an empty or a new folder", folder);
   if (result == PAGS_OK)
-    result = pags_scene_save(folder, &scene);
+    result = make_scene(&maker, tasks, progress, user, &scene);
+  if (result == PAGS_OK)
+    result = pags_scene_write(folder, &scene);
   if (result == PAGS_OK && facts) {
     /* What was made, for the caller's report. */
     *facts = (pags_town_facts){.gaussians = pags_scene_gaussian_count(&scene),
@@ -179,5 +183,6 @@ pags_result pags_synth_town(const char *folder, const pags_town_options *options
   }
   pags_scene_destroy(&scene);
   raze(&maker);
+  pags_lock_release(lock);
   return result;
 }

@@ -13,6 +13,7 @@
 
 #include "base/file.h"
 #include "base/json.h"
+#include "base/lock.h"
 #include "base/log.h"
 #include "base/memory.h"
 #include "port/port.h"
@@ -59,11 +60,12 @@ pags_result pags_output_find(pags_output *output, const pags_train_options *opti
     return pags_out_of_memory("paths in %s", options->output);
   if (pags_path_exists(options->output) && !pags_dir_exists(options->output))
     return pags_fail(PAGS_ERROR_IO, "%s: a file; expected a folder to write the scene to", options->output);
+  if (pags_transport_rank(options->transport) == 0)
+    PAGS_TRY(pags_lock_folder(options->output, &output->lock));
   PAGS_TRY(pags_dir_is_empty(options->output, &empty));
   if (!empty && !options->resume && !options->overwrite)
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: not empty; pass --resume to go on or --overwrite to begin afresh",
                      options->output);
-  output->made = !pags_dir_exists(options->output);
   *found = options->resume && pags_file_exists(output->checkpoint);
   return options->resume && !*found ? begin_instead(output) : PAGS_OK;
 }
@@ -173,8 +175,7 @@ void pags_output_close(pags_output *output, int failed) {
   if (output->begun && failed && !pags_file_exists(output->checkpoint) && pags_port_stat(output->log, false, &status) &&
       status.kind == PAGS_PORT_FILE)
     pags_port_remove_file(output->log);
-  if (failed && output->made && output->folder)
-    pags_port_remove_folder(output->folder); /* does nothing unless the folder is empty */
+  pags_lock_release(output->lock);
   free(output->folder);
   free(output->checkpoint);
   free(output->log);

@@ -16,19 +16,20 @@
 typedef struct pags_output {
   char *folder;
   char *checkpoint, *log, *report; /* paths in the folder */
-  int made;                        /* 1: the folder didn't exist before the run */
+  struct pags_lock *lock;          /* of the folder, on rank 0; NULL on others */
   pags_file_writer lines;          /* writes the log; its stream is NULL before open and after a line failed */
   bool begun;                      /* the log has been opened */
 } pags_output;
 
-/* Examines the output folder without changing it: fails if it is a file, or if it isn't empty and neither resume nor
- * overwrite is set. `found` receives 1 if there is a checkpoint to resume. */
+/* Locks the output folder and examines it without changing it: fails if it is a file, if another process writes there,
+ * or if it isn't empty and neither resume nor overwrite is set. `found` receives 1 if there is a checkpoint to resume.
+ */
 pags_result pags_output_find(pags_output *output, const pags_train_options *options, int *found);
 /* Creates the folder and opens the log. A fresh run removes what an earlier run left in the folder; a resumed run
  * keeps the lines of the log up to `step`. */
 pags_result pags_output_open(pags_output *output, int resumed, int64_t step);
-/* Closes the log. If `failed` and the folder holds no checkpoint, the log is removed, and so is the folder, if this
- * run made it and it is empty. */
+/* Closes the log and lets the folder go. If `failed` and the folder holds no checkpoint, the log is removed, and so is
+ * the folder, if this run made it and it is empty. */
 void pags_output_close(pags_output *output, int failed);
 
 /* A line of the log. It contains no times, so that the logs of equal runs are equal. */

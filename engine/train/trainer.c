@@ -421,8 +421,6 @@ static pags_result prepare(pags_trainer *t, const pags_train_config *asked, pags
   PAGS_TRY(pags_train_config_check(asked));
   if (!o->estimate)
     PAGS_TRY(pags_output_find(&t->output, o, found));
-  if (pags_transport_rank(o->transport) > 0)
-    t->output.made = 0;
   PAGS_TRY(pags_views_list(t));
   *config = resolve(t->dataset, asked);
   PAGS_TRY(pags_train_config_check(config)); /* chosen values can contradict those that were set */

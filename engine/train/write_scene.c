@@ -245,7 +245,7 @@ const pags_scene *pags_described_scene(const pags_described *d) {
 pags_result pags_output_scene(const pags_output *output, const pags_dataset *dataset, const pags_train_state *state) {
   pags_described *d;
   PAGS_TRY(create(dataset, state, state->schedule.config.size_limit.sh_error > 0.0, &d));
-  const pags_result result = pags_scene_save(output->folder, &d->scene);
+  const pags_result result = pags_scene_write(output->folder, &d->scene);
   pags_described_destroy(d);
   return result;
 }

@@ -3,8 +3,10 @@
 
 import argparse
 import dataclasses
+import os
 import signal
 import sys
+import time
 
 from . import exports
 from .automatic import Settings, automatic_masks
@@ -204,8 +206,27 @@ def run(a):
     say(a, f"{len(left)} images in {seconds}, masks in {' and '.join(output.folders())}")
 
 
-def interrupt(*_):
-    raise KeyboardInterrupt
+class Interrupt:
+    """What asks a process to end, as pags takes it: once KeyboardInterrupt; a Ctrl-C more than 0.3 s later ends it at once."""
+
+    ASKING = "SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGUSR2", "SIGXCPU"
+
+    def __init__(self):
+        self.since, self.former = None, {}
+        for number in (getattr(signal, name) for name in self.ASKING if hasattr(signal, name)):
+            if number == signal.SIGINT or signal.getsignal(number) != signal.SIG_IGN:  # under nohup SIGHUP is ignored
+                self.former[number] = signal.signal(number, self.on_signal)
+
+    def on_signal(self, number, _):
+        if self.since is None:
+            self.since = time.monotonic()
+            raise KeyboardInterrupt
+        if number == signal.SIGINT and time.monotonic() - self.since >= 0.3:
+            os._exit(130)
+
+    def set_back(self):
+        for number, handler in self.former.items():
+            signal.signal(number, handler)
 
 
 def main(arguments=None):
@@ -215,7 +236,7 @@ def main(arguments=None):
         print(exports.table_text())
         return DONE
     check_usage(p, a)
-    former = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
+    signals = Interrupt()
     try:
         run(a)
         return DONE
@@ -226,5 +247,4 @@ def main(arguments=None):
         print("segment: interrupted before the first image", file=sys.stderr)
         return INTERRUPTED
     finally:
-        for number, handler in former.items():
-            signal.signal(number, handler)
+        signals.set_back()

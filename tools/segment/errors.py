@@ -7,4 +7,4 @@ class SegmentError(Exception):
 
 
 class Interrupted(SegmentError):
-    """The run was stopped by Ctrl-C or SIGTERM; finished images are kept."""
+    """The run was stopped by Ctrl-C or by a signal that asks it to end; finished images are kept."""

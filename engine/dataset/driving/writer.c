@@ -12,6 +12,7 @@
 #include "base/bytes.h"
 #include "base/file.h"
 #include "base/json.h"
+#include "base/lock.h"
 #include "base/memory.h"
 #include "base/text.h"
 
@@ -124,8 +125,6 @@ static pags_result claim(const pags_layout *layout, const char *marker, const pa
     free(path);
   }
   PAGS_TRY(result);
-
-  PAGS_TRY(pags_make_dirs(layout->folder));
   return pags_file_write(marker, writer->data, writer->size);
 }
 
@@ -153,6 +152,8 @@ pags_result pags_layout_begin(pags_layout *layout, const char *folder, const pag
   pags_result result = pags_json_writer_finish(&writer);
 
   if (result == PAGS_OK)
+    result = pags_lock_folder(folder, &layout->lock);
+  if (result == PAGS_OK)
     result = join(layout, "import.json", &marker);
   if (result == PAGS_OK)
     result = claim(layout, marker, &writer, overwrite);
@@ -164,6 +165,7 @@ pags_result pags_layout_begin(pags_layout *layout, const char *folder, const pag
 }
 
 void pags_layout_destroy(pags_layout *layout) {
+  pags_lock_release(layout->lock);
   free(layout->folder);
   *layout = (pags_layout){0};
 }

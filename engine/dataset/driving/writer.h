@@ -76,13 +76,14 @@ typedef struct pags_layout_times {
 typedef struct pags_layout {
   char *folder;
   const pags_layout_info *info; /* owned by the caller; must outlive the layout */
+  struct pags_lock *lock;
 } pags_layout;
 
 pags_layout_exposure pags_layout_exposure_unknown(void);
 void pags_layout_track_destroy(pags_layout_track *track);
 
-/* Creates the folder and begins or continues an import. `overwrite`: first removes the files and folders of this
- * layout (images, lidar, ..., dataset.json), unless they are unfinished work of the same import. Files with other
+/* Creates and locks the folder and begins or continues an import. `overwrite`: first removes the files and folders of
+ * this layout (images, lidar, ..., dataset.json), unless they are unfinished work of the same import. Files with other
  * names are left alone. */
 pags_result pags_layout_begin(pags_layout *layout, const char *folder, const pags_layout_info *info, bool overwrite);
 void pags_layout_destroy(pags_layout *layout); /* a zeroed layout is allowed */

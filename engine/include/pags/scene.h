@@ -154,8 +154,9 @@ PAGS_API pags_result pags_scene_load_in_axes(const char *path, int axes, pags_sc
 PAGS_API const char *pags_scene_folder_kind(const char *path);
 
 /* Writes the scene folder, which is created if missing. Each file is written under another name and then renamed;
- * scene.json is written last, so that a new scene.json only names files that exist. PAGS_ERROR_IO,
- * PAGS_ERROR_MEMORY, PAGS_ERROR_ARGUMENT (a sky that float16 can't hold). */
+ * scene.json is written last, so that a new scene.json only names files that exist. The folder is locked meanwhile: it
+ * is PAGS_ERROR_IO if another process is writing there. PAGS_ERROR_IO, PAGS_ERROR_MEMORY, PAGS_ERROR_ARGUMENT (a sky
+ * that float16 can't hold). */
 PAGS_API pags_result pags_scene_save(const char *folder, const pags_scene *scene);
 
 /* Frees everything that the scene owns and zeroes the struct. A zeroed struct is allowed. */

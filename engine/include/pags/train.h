@@ -477,7 +477,7 @@ typedef struct pags_train_result {
  * except that iterations may be larger (the run continues at the rates of the schedule's end; after a time limit the
  * number is ignored), that schedule_iterations is ignored, and that with preset PAPER max_gaussians may differ
  * before the last prune. A folder that isn't empty is refused, and not changed, without `resume` or `overwrite`; so is,
- * without `overwrite`, a folder with a scene but no checkpoint.
+ * without `overwrite`, a folder with a scene but no checkpoint, and always a folder that another process is writing.
  *
  * Stopping early by options.cancel or the progress callback is PAGS_OK with finished = 0. PAGS_CANCELLED if
  * pags_tasks_cancel was called: then nothing is written and the last checkpoint stands. PAGS_ERROR_ARGUMENT (a

@@ -8,10 +8,10 @@ import io
 import json
 import os
 import shutil
-import signal
 import sys
 import time
 
+from . import interrupt, lock
 from .account import counted, lines
 from .errors import RecordingError
 from .importing import Progress, one_of
@@ -80,10 +80,11 @@ def install(missing):
 
 def clear(folder):
     """Removes what an earlier import wrote; nothing without its import.json."""
-    if os.path.isdir(folder) and os.listdir(folder):
-        if not os.path.exists(os.path.join(folder, "import.json")):
-            raise RecordingError(f"{folder}: wasn't written by an import (it has no import.json); give another folder, or remove it")
-        shutil.rmtree(folder)
+    names = lock.contents(folder)
+    if names and "import.json" not in names:
+        raise RecordingError(f"{folder}: wasn't written by an import (it has no import.json); give another folder, or remove it")
+    for path in (os.path.join(folder, name) for name in sorted(names, key=lambda name: name == "import.json")):
+        shutil.rmtree(path) if os.path.isdir(path) and not os.path.islink(path) else os.remove(path)
 
 
 def photographs(arguments, people):
@@ -118,6 +119,11 @@ def run(arguments):
     if missing:
         raise RecordingError(f"needs the Python package{'s' if len(missing) > 1 else ''} {', '.join(missing)}: {install(missing)}")
     need_room(arguments.output)
+    with lock.FolderLock(arguments.output, f"{PROGRAM} import {arguments.kind}" if PROGRAM == "pags" else PROGRAM):
+        write(arguments)
+
+
+def write(arguments):
     if arguments.overwrite:
         clear(arguments.output)
     begun = time.monotonic()
@@ -134,7 +140,7 @@ def run(arguments):
 
 
 def main():
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+    interrupt.install()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="surrogateescape")  # names that aren't UTF-8 are printed as they are
@@ -154,7 +160,7 @@ def main():
     except (RecordingError, OSError, MemoryError) as error:
         print(f"{PROGRAM}: {' '.join(str(error).split())}", file=sys.stderr)
         return 1
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # all is written
+    interrupt.ignore()
     return 0
 
 

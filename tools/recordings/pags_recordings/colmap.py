@@ -14,6 +14,7 @@ import urllib.parse
 
 import numpy as np
 
+from . import interrupt
 from .errors import RecordingError
 
 INSTALL = "apt-get install colmap" if os.path.exists("/etc/debian_version") else f"{sys.executable} -m pip install pycolmap"
@@ -78,7 +79,7 @@ def quiet_screen():
 def run(command, log, count, show):
     """Runs a step to its end, its words going to a file; `show` is told twice a second what `count` counts."""
     with open(log, "ab") as words:
-        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=words, stderr=words, env=quiet_screen())
+        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=words, stderr=words, env=quiet_screen(), preexec_fn=interrupt.BEFORE_START)
     try:
         while True:
             try:

@@ -16,7 +16,7 @@ import warnings
 import numpy as np
 from PIL import Image, ImageOps
 
-from . import colmap, video
+from . import colmap, lock, video
 from .account import Account, lines, plural
 from .errors import RecordingError
 from .folder import Folder
@@ -319,7 +319,7 @@ def begin(raw, output, pictures):
     """What import.json says the import is of, and what came of it if it is complete. A folder that was begun from anything else is refused."""
     asked = {"importer": "photos", "source": os.path.realpath(raw), "pictures": pictures}
     path = os.path.join(output, "import.json")
-    if os.path.isdir(output) and os.listdir(output):
+    if lock.contents(output):
         try:
             with open(path, encoding="utf-8") as file:
                 there = json.load(file)

@@ -9,6 +9,7 @@ import tempfile
 
 import numpy as np
 
+from . import interrupt
 from .errors import RecordingError
 
 ENDINGS = (".mp4", ".mov", ".m4v", ".mkv", ".avi", ".webm", ".mts", ".3gp")
@@ -46,7 +47,7 @@ def judged(path, show):
     ffmpeg says of damage, "" where it finds none."""
     command = ["ffmpeg", "-v", "error", "-nostdin", "-i", place(path), "-map", "0:v:0", "-vf", f"scale={WIDTH}:{HEIGHT}:flags=area,format=gray", "-fps_mode", "passthrough", "-f", "rawvideo", "-"]
     sharp, change, before = [], [], None
-    with tempfile.TemporaryFile() as said, subprocess.Popen(command, stdout=subprocess.PIPE, stderr=said) as process:  # said: a pipe would fill up
+    with tempfile.TemporaryFile() as said, subprocess.Popen(command, stdout=subprocess.PIPE, stderr=said, preexec_fn=interrupt.BEFORE_START) as process:  # said: a pipe would fill up
         try:
             while len(data := process.stdout.read(WIDTH * HEIGHT)) == WIDTH * HEIGHT:
                 frame = np.frombuffer(data, np.uint8).reshape(HEIGHT, WIDTH).astype(np.float32)
@@ -94,7 +95,7 @@ def extract(path, frames, folder):
     os.makedirs(part)
     chosen = "+".join(f"eq(n,{number})" for number in frames)
     command = ["ffmpeg", "-v", "error", "-nostdin", "-i", place(path), "-map", "0:v:0", "-vf", f"select='{chosen}'", "-fps_mode", "passthrough", "-q:v", "2", os.path.join(part, "%06d.jpg")]
-    done = subprocess.run(command, capture_output=True, text=True)
+    done = subprocess.run(command, capture_output=True, text=True, preexec_fn=interrupt.BEFORE_START)
     written = sorted(name for name in os.listdir(part) if name.endswith(".jpg"))
     if done.returncode or len(written) != len(names):
         raise RecordingError(f"{path}: ffmpeg wrote {len(written)} of {len(names)} pictures: {' '.join(done.stderr.split())[:300] or 'it said nothing'}")

@@ -13,7 +13,7 @@ import shutil
 import numpy as np
 from PIL import Image
 
-from . import poses
+from . import lock, poses
 from .account import Account
 from .errors import RecordingError
 
@@ -207,16 +207,22 @@ class Recording:
         self.cameras, self.steps, self.tracks, self.columns = {}, [], {}, None
         self.begun_from, self.done = begun_from, False
         self.account, self.result = Account(), None
-        there = os.listdir(self.folder) if os.path.isdir(self.folder) else []
-        if begun_from is not None and "import.json" in there:
+        self.lock = lock.FolderLock(self.folder)
+        try:
+            self.begin(lock.contents(self.folder))
+        except BaseException:
+            self.lock.release()
+            raise
+
+    def begin(self, there):
+        if self.begun_from is not None and "import.json" in there:
             there_from = self.read_mark()
             self.result = there_from.pop("result", None)
-            require(there_from == json.loads(json.dumps(begun_from)), f"{self.folder}: was begun from another source or with other options (see its import.json); give another folder, or remove it")
+            require(there_from == json.loads(json.dumps(self.begun_from)), f"{self.folder}: was begun from another source or with other options (see its import.json); give another folder, or remove it")
             self.done = "dataset.json" in there
         else:
             require(not there, f"{self.folder}: isn't empty; give another folder, or remove it")
-            os.makedirs(self.folder, exist_ok=True)
-            if begun_from is not None:
+            if self.begun_from is not None:
                 self.put("import.json", self.mark())
 
     def read_mark(self):
@@ -237,10 +243,13 @@ class Recording:
         return self
 
     def __exit__(self, kind, error, trace):
-        if kind is None and not self.done:
-            self.finish()
-        elif kind is not None and self.begun_from is None:
-            self.discard()
+        try:
+            if kind is None and not self.done:
+                self.finish()
+            elif kind is not None and self.begun_from is None:
+                self.discard()
+        finally:
+            self.lock.release()
 
     def path(self, name):
         path = os.path.join(self.folder, *name.split("/"))
@@ -257,6 +266,7 @@ class Recording:
         """Removes what was written."""
         for name in FOLDERS:
             shutil.rmtree(os.path.join(self.folder, name), ignore_errors=True)
+        self.lock.release()
         if os.path.isdir(self.folder) and not os.listdir(self.folder):
             os.rmdir(self.folder)
 

@@ -1,0 +1,185 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Locks of what a process writes (lock.h). */
+#include "base/lock.h"
+
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#include "base/file.h"
+#include "base/log.h"
+#include "base/memory.h"
+#include "base/text.h"
+#include "port/port.h"
+
+static const char lock_name[] = ".pags.lock";
+enum { WHO = 320 }; /* characters of a lock file's text */
+
+struct pags_lock {
+  char *path; /* of the lock file */
+  int made;   /* number of folders that were created for it: its folder, and those above */
+  intptr_t handle;
+  bool held;
+};
+
+static char holder_name[64] = "a program with libpags";
+
+void pags_lock_set_holder(const char *program) {
+  snprintf(holder_name, sizeof holder_name, "%s", program);
+}
+
+bool pags_lock_is_name(const char *name) {
+  const size_t length = strlen(name), ending = sizeof lock_name - 1;
+  return name[0] == '.' && length >= ending && strcmp(name + length - ending, lock_name) == 0;
+}
+
+/* ---- Who holds a lock ---- */
+
+static void describe_self(char *text, size_t size) {
+  char host[128], since[40] = "";
+  const time_t now = time(NULL);
+  const struct tm *const utc = gmtime(&now);
+  pags_port_host_name(host, sizeof host);
+  if (utc)
+    strftime(since, sizeof since, ", since %Y-%m-%d %H:%M:%S UTC", utc);
+  snprintf(text, size, "%s, process %lld%s%s%s\n", holder_name, (long long)pags_port_process_id(),
+           host[0] ? " on " : "", host, since);
+}
+
+/* Keeps the first line of a lock file's text, which anybody may have written, as far as it can be printed. */
+static void tidy(char *text) {
+  text[strcspn(text, "\r\n")] = '\0';
+  for (char *c = text; *c; c++)
+    if ((unsigned char)*c < ' ' || *c == 127)
+      *c = '?';
+}
+
+static pags_result fail_held(const char *path, const char *where, char *holder) {
+  tidy(holder);
+  return pags_fail(PAGS_ERROR_IO,
+                   "%s: another process is writing %s%s%s; wait until it has ended, or give another name", path, where,
+                   holder[0] ? ": " : "", holder);
+}
+
+/* ---- Locking ---- */
+
+/* Removes the folders that the lock has created, from its own on upwards, as far as they are empty. */
+static void remove_made(const pags_lock *lock) {
+  char *folder = lock->path ? pags_path_folder(lock->path) : NULL;
+  for (int i = 0; folder && i < lock->made && pags_port_remove_folder(folder); i++) {
+    char *const above = pags_path_folder(folder);
+    free(folder);
+    folder = above;
+  }
+  free(folder);
+}
+
+void pags_lock_release(pags_lock *lock) {
+  if (!lock)
+    return;
+  if (lock->held)
+    pags_port_unlock(lock->path, lock->handle);
+  remove_made(lock);
+  free(lock->path);
+  free(lock);
+}
+
+/* Takes the lock, a file in `place`, of what messages call `path`. */
+static pags_result take(pags_lock *lock, const char *path, const char *place, const char *name) {
+  char self[WHO], holder[WHO] = "";
+  char *const real = pags_port_real_path(place); /* the working directory may change meanwhile */
+  lock->path = real ? pags_path_join(real, name) : NULL;
+  const int error = errno;
+  free(real);
+  errno = error;
+  if (!lock->path)
+    return pags_fail_errno(path, "can't write there");
+  describe_self(self, sizeof self);
+  switch (pags_port_lock(lock->path, self, &lock->handle, holder, sizeof holder)) {
+    case PAGS_PORT_LOCKED: lock->held = true; return PAGS_OK;
+    case PAGS_PORT_HELD: return fail_held(path, strcmp(name, lock_name) == 0 ? "there" : "it", holder);
+    case PAGS_PORT_NO_LOCKS:
+      pags_log_message(PAGS_LOG_WARNING,
+                       "%s: the file system has no locks (%s); two programs that write there at the same time would "
+                       "damage each other's files",
+                       path, strerror(errno));
+      return PAGS_OK;
+    default: return pags_fail_errno(path, "can't write there");
+  }
+}
+
+/* The number of folders, from `folder` on upwards, that aren't there. */
+static int count_missing(const char *folder) {
+  int count = 0;
+  char *at = pags_text_copy(folder);
+  while (at && !pags_dir_exists(at)) {
+    const char *const name = pags_path_name(at);
+    char *above = pags_path_folder(at);
+    count += name[0] && strcmp(name, ".") != 0; /* a path may end in a slash */
+    if (above && strcmp(above, at) == 0) {      /* a drive that isn't there */
+      free(above);
+      above = NULL;
+    }
+    free(at);
+    at = above;
+  }
+  free(at);
+  return count;
+}
+
+pags_result pags_lock_folder(const char *folder, pags_lock **out) {
+  pags_lock *const lock = calloc(1, sizeof *lock);
+  *out = NULL;
+  if (!lock)
+    return pags_out_of_memory("a lock");
+  lock->made = count_missing(folder);
+  pags_result result = pags_make_dirs(folder);
+  if (result == PAGS_OK)
+    result = take(lock, folder, folder, lock_name);
+  if (result != PAGS_OK)
+    pags_lock_release(lock);
+  else
+    *out = lock;
+  return result;
+}
+
+/* Fails if somebody has locked the folder of `path`. */
+static pags_result refuse_locked_folder(const char *path, const char *folder) {
+  char holder[WHO] = "";
+  char *const there = pags_path_join(folder, lock_name);
+  if (!there)
+    return pags_out_of_memory("a path");
+  const bool locked = pags_port_is_locked(there, holder, sizeof holder);
+  free(there);
+  return locked ? fail_held(path, "to its folder", holder) : PAGS_OK;
+}
+
+pags_result pags_lock_file(const char *path, pags_lock **out) {
+  char *target, *folder = NULL, *name = NULL;
+  bool straight;
+  pags_lock *lock = NULL;
+  *out = NULL;
+  PAGS_TRY(pags_file_find_target(path, &target, &straight));
+  if (straight) { /* a device or a FIFO */
+    free(target);
+    return PAGS_OK;
+  }
+  folder = pags_path_folder(target);
+  name = pags_text_format(".%s%s", pags_path_name(target), lock_name);
+  lock = calloc(1, sizeof *lock);
+  pags_result result = folder && name && lock ? PAGS_OK : pags_out_of_memory("a lock");
+  if (result == PAGS_OK)
+    result = refuse_locked_folder(path, folder);
+  if (result == PAGS_OK)
+    result = take(lock, path, folder, name);
+  if (result != PAGS_OK)
+    pags_lock_release(lock);
+  else
+    *out = lock;
+  free(target);
+  free(folder);
+  free(name);
+  return result;
+}
