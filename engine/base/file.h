@@ -77,6 +77,11 @@ const char *pags_path_extension(const char *path);
  * no drive, no component "..", with '\\' as a separator, too. */
 bool pags_path_is_inside(const char *path);
 
+/* How the names of lock files end (base/lock.h), and whether a file's name is that of one; lists of folders leave them
+ * out. */
+#define PAGS_LOCK_NAME ".pags.lock"
+bool pags_path_is_lock(const char *name);
+
 /* Creates the folder and its parents where they are missing. */
 pags_result pags_make_dirs(const char *path);
 

@@ -5,7 +5,6 @@
 #include <string.h>
 
 #include "base/file.h"
-#include "base/lock.h"
 #include "base/memory.h"
 #include "base/sort.h"
 #include "base/text.h"
@@ -74,7 +73,7 @@ static pags_result read_names(const char *path, bool locks, pags_dir_list *out) 
         result = pags_fail_errno(path, "can't list the folder");
       break;
     }
-    if ((locks || !pags_lock_is_name(name)) && !append_name(out, &capacity, name)) {
+    if ((locks || !pags_path_is_lock(name)) && !append_name(out, &capacity, name)) {
       result = fail_memory(path);
       break;
     }

@@ -14,7 +14,7 @@
 #include "base/text.h"
 #include "port/port.h"
 
-static const char lock_name[] = ".pags.lock";
+static const char lock_name[] = PAGS_LOCK_NAME;
 enum { WHO = 320 }; /* characters of a lock file's text */
 
 struct pags_lock {
@@ -28,11 +28,6 @@ static char holder_name[64] = "a program with libpags";
 
 void pags_lock_set_holder(const char *program) {
   snprintf(holder_name, sizeof holder_name, "%s", program);
-}
-
-bool pags_lock_is_name(const char *name) {
-  const size_t length = strlen(name), ending = sizeof lock_name - 1;
-  return name[0] == '.' && length >= ending && strcmp(name + length - ending, lock_name) == 0;
 }
 
 /* ---- Who holds a lock ---- */

@@ -30,9 +30,6 @@ pags_result pags_lock_file(const char *path, pags_lock **out);
  */
 void pags_lock_release(pags_lock *lock);
 
-/* Whether a file's name is that of a lock; lists of folders leave such files out. */
-bool pags_lock_is_name(const char *name);
-
 #ifdef __cplusplus
 }
 #endif

@@ -96,3 +96,8 @@ bool pags_path_is_inside(const char *path) {
   }
   return true;
 }
+
+bool pags_path_is_lock(const char *name) {
+  const size_t length = strlen(name), ending = sizeof PAGS_LOCK_NAME - 1;
+  return name[0] == '.' && length >= ending && strcmp(name + length - ending, PAGS_LOCK_NAME) == 0;
+}

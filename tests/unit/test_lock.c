@@ -190,10 +190,10 @@ static void a_file_has_one_writer_at_a_time(void **state) {
 
 static void names_of_locks(void **state) {
   (void)state;
-  assert_true(pags_lock_is_name(".pags.lock"));
-  assert_true(pags_lock_is_name(".a.ply.pags.lock"));
-  assert_false(pags_lock_is_name("a.pags.lock"));
-  assert_false(pags_lock_is_name(".pags.lock.ply"));
+  assert_true(pags_path_is_lock(".pags.lock"));
+  assert_true(pags_path_is_lock(".a.ply.pags.lock"));
+  assert_false(pags_path_is_lock("a.pags.lock"));
+  assert_false(pags_path_is_lock(".pags.lock.ply"));
 }
 
 int main(void) {
