@@ -11,7 +11,7 @@ import numpy as np
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper, ImportHelper
 
-from . import curves, jobs, lens, native
+from . import curves, jobs, lens, native, whereabouts
 
 
 def root_of(context):
@@ -31,7 +31,7 @@ class OnScene:
     def invoke(self, context, event):
         """By hand. A scene that is still being read isn't waited for, as it is for scripts."""
         root = root_of(context)
-        if root is not None and native.is_loading(native.absolute_path(root)):
+        if root is not None and native.is_loading(whereabouts.absolute_path(root)):
             self.report({"WARNING"}, "the scene is still being read; try it again in a moment")
             return {"CANCELLED"}
         return self.asked(context, event)
@@ -44,6 +44,8 @@ class OnScene:
         if root is None:
             self.report({"ERROR"}, "there is no PAGS scene in this file: File > Import > PAGS scene")
             return {"CANCELLED"}
+        if remark := whereabouts.locate(root)[1]:
+            self.report({"WARNING"}, remark)
         try:
             told = self.work(context, root)
         except self.errors as error:
@@ -59,7 +61,7 @@ class Frame:
 
     def __init__(self, context, root):
         self.root, self.context = root, context
-        self.entry = native.load(native.absolute_path(root))
+        self.entry = native.load(whereabouts.absolute_path(root))
         self.info, self.scene = self.entry.info, self.entry.scene
         self.origin = np.array(self.info["origin"])
 
@@ -336,7 +338,7 @@ class PAGS_OT_write_path(jobs.Long, OnScene, bpy.types.Operator, ExportHelper):
         if os.path.exists(path) and not os.stat(path).st_mode & 0o222:  # refused even for root, which could write it
             raise native.SceneError(f"{path}: can't write: it is read-only")
         numbers = [scene.frame_current_final] if single else range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
-        (width, height), scene_path = lens.picture_size(scene.render), native.absolute_path(root)
+        (width, height), scene_path = lens.picture_size(scene.render), whereabouts.absolute_path(root)
 
         def work(job):
             yield jobs.beside(native.load, scene_path)

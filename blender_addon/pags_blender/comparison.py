@@ -15,7 +15,7 @@ import gpu
 import numpy as np
 from bpy.props import BoolProperty, CollectionProperty, FloatProperty, IntProperty, StringProperty
 
-from . import cameras, draw, inspector, jobs, lens, native, photographs, program
+from . import cameras, draw, inspector, jobs, lens, native, photographs, program, whereabouts
 
 REST = 0.15  # seconds that the view rests on a photograph before it is compared
 TICK = 0.02
@@ -98,7 +98,7 @@ def current(context):
     root = camera.pags.root if camera is not None and camera.pags.kind == "CAMERA" else None
     if root is None or context.region_data.view_perspective != "CAMERA":
         return "comparison: look through a camera of the recording (sidebar > PAGS > Cameras > Nearest)"
-    entry = native.entry(native.absolute_path(root), False)
+    entry = native.entry(whereabouts.absolute_path(root), False)
     if entry.scene is None:
         return "loading ..."
     sensor = camera.data.pags.sensor
@@ -316,7 +316,7 @@ class PAGS_OT_rank(jobs.Long, cameras.OnScene, bpy.types.Operator):
     bl_label = "List photographs by PSNR"
 
     def steps(self, context, root):
-        command, path = program.command(context), native.absolute_path(root)
+        command, path = program.command(context), whereabouts.absolute_path(root)
 
         def work(job):
             entry = yield jobs.beside(native.load, path)

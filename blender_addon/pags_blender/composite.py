@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 from bpy.props import BoolProperty, EnumProperty, FloatProperty
 
-from . import cameras, curves, gather, jobs, lens, native, undistort
+from . import cameras, curves, gather, jobs, lens, native, undistort, whereabouts
 
 SECOND = "PAGS behind"
 LIGHT = "PAGS surroundings"  # name of the world and of its picture
@@ -342,7 +342,7 @@ class PAGS_OT_composite(jobs.Long, cameras.OnScene, bpy.types.Operator):
             raise native.SceneError("there is no camera in the scene")
         if self.engine == "CYCLES" and not hasattr(scene, "cycles"):
             raise native.SceneError("this Blender has no Cycles, or its add-on isn't enabled (Preferences > Add-ons)")
-        path, engine, tolerance, use_light = native.absolute_path(root), self.engine, self.tolerance, self.use_light
+        path, engine, tolerance, use_light = whereabouts.absolute_path(root), self.engine, self.tolerance, self.use_light
         root_from_world = np.linalg.inv(lens.matrix(root.matrix_world))
         eye = (root_from_world @ lens.matrix(scene.camera.matrix_world))[:3, 3]
         turn = lens.rigid(root_from_world)[0][:3, :3]

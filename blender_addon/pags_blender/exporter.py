@@ -15,7 +15,7 @@ import numpy as np
 from bpy.props import BoolProperty, EnumProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 
-from . import cameras, cleanup, files, gather, jobs, lens, native, photographs, program, reasons
+from . import cameras, cleanup, files, gather, jobs, lens, native, photographs, program, reasons, whereabouts
 
 ROWS = 65536  # of a splat file, read, changed and written at a time
 
@@ -323,7 +323,7 @@ def export(root, command, path, form, edits):
 def source_of(job, root, folder, edits):
     """Steps that return the path of what the program is to read: the scene itself, or a copy of it in `folder`, made of links, with Blender's edits
     and with the data set where it is now; and what it lacks of the edits."""
-    path = native.absolute_path(root)
+    path = whereabouts.absolute_path(root)
     yield jobs.beside(native.load, path)
     cleaned = (yield from cleaned_of(job, root, path, os.path.join(os.path.dirname(folder), "cleaned"))) if edits else ""
     if not cleaned and (not os.path.isdir(path) or not (edits or root.pags.dataset)):
@@ -366,7 +366,7 @@ class PAGS_OT_save_edited(jobs.Long, cameras.OnScene, bpy.types.Operator):
             raise native.SceneError("choose a folder for the scene")
         if os.path.exists(os.path.join(folder, "scene.json")):
             raise native.SceneError(f"{folder}: there is a scene already; choose another folder")
-        path = native.absolute_path(root)
+        path = whereabouts.absolute_path(root)
 
         def work(job):
             yield jobs.beside(native.load, path)

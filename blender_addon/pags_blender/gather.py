@@ -6,7 +6,7 @@ the active camera, else the first by name. Sky, background and near plane are th
 
 import numpy as np
 
-from . import cleanup, lens, native
+from . import cleanup, lens, native, whereabouts, whereabouts
 
 IDENTITY = [1.0, 0, 0, 0, 0, 1.0, 0, 0, 0, 0, 1.0, 0]
 NOWHERE = [np.nan] * 12
@@ -26,7 +26,8 @@ class Gathered:
     """State of one PAGS scene on which a picture depends, difference from camera and time."""
 
     def __init__(self, root, depsgraph):
-        self.root_name, self.path = root.original.name_full, native.absolute_path(root.original)
+        self.root_name = root.original.name_full
+        self.path, self.remark, _ = whereabouts.locate(root.original)
         self.rules = cleanup.rules_of(root, -1, depsgraph, everything=True)
         self.world_from_root = lens.matrix(root.matrix_world)
         self.frame_start, self.fps = root.pags.frame_start, root.pags.fps

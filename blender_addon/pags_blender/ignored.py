@@ -18,7 +18,8 @@ def of_render(depsgraph, state):
     said += ["stereoscopy"] if render.use_multiview else []
     said += ["Freestyle"] if render.use_freestyle else []
     lines = [f"not drawn by PAGS: {some(state.strangers)} (Composite with Cycles/EEVEE adds meshes)"] if state.strangers else []
-    return lines + ([f"ignored by PAGS: {', '.join(said)}"] if said else [])
+    lines += [f"ignored by PAGS: {', '.join(said)}"] if said else []
+    return lines + [scene.remark for scene in state.scenes if scene.remark]
 
 
 def of_view(context, state):
@@ -28,4 +29,4 @@ def of_view(context, state):
         final += ["depth of field"] if blur.aperture_radius(camera.data) > 0 else []
     final += ["motion blur"] if blur.shutter(context.scene)[1] > 0 else []
     lists = (("not drawn", some(state.strangers)), ("F12 alone", ", ".join(final)), ("ignored", ", ".join(state.ignored)))
-    return "; ".join(f"{what}: {names}" for what, names in lists if names)
+    return "; ".join([scene.remark for scene in state.scenes if scene.remark] + [f"{what}: {names}" for what, names in lists if names])

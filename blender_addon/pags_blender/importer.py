@@ -12,7 +12,7 @@ from bpy.props import BoolProperty, CollectionProperty, EnumProperty, StringProp
 from bpy_extras.io_utils import ImportHelper
 from mathutils import Matrix, Quaternion, Vector
 
-from . import curves, exporter, jobs, lens, native, photographs, program, proxies, reasons
+from . import curves, exporter, jobs, lens, native, photographs, program, proxies, reasons, whereabouts
 from .properties import preview_budget
 
 # Rotations that take a file's up axis to Blender's z: quarter and half turns about x, or about y for files with x up.
@@ -345,6 +345,7 @@ def clear_views():
 def bring_in(job, path, options, said):
     """Steps that import a scene. said: what is to be told of the choice of the path, as a list of sentences."""
     entry = yield jobs.beside(native.load, path)  # an unreadable scene fails here, before anything is changed
+    yield jobs.beside(whereabouts.look, path)
     context, scene, fps = bpy.context, bpy.context.scene, entry.info["fps"]
     empty = blend_is_empty(scene)
     rate = fps > 0 and (options.use_rate == "YES" or (options.use_rate == "AUTO" and empty))
@@ -361,8 +362,8 @@ def bring_in(job, path, options, said):
         clear_views()
         if options.use_engine and not bpy.app.background:
             look_through_camera(context)
-    if options.relative and bpy.data.filepath:
-        work.root.pags.path = bpy.path.relpath(work.root.pags.path)
+    whereabouts.place(work.root, "path", path, bpy.data.filepath, options.relative and bool(bpy.data.filepath))
+    photographs.note(work.root, entry)
     work.root.pags.relative = options.relative and not bpy.data.filepath
     for other in context.selected_objects:
         other.select_set(False)

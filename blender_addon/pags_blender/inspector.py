@@ -5,7 +5,7 @@ import bpy
 import numpy as np
 from bpy.props import BoolProperty, IntProperty, StringProperty
 
-from . import cameras, gather, jobs, lens, native, photographs
+from . import cameras, gather, jobs, lens, native, photographs, whereabouts
 
 
 class PAGS_OT_pick(bpy.types.Operator):
@@ -167,7 +167,7 @@ class PAGS_OT_compare(jobs.Long, cameras.OnScene, bpy.types.Operator):
 
     def steps(self, context, root):
         name, use_exposure, threads = self.name, self.use_exposure, context.scene.pags.threads
-        path = native.absolute_path(root)
+        path = whereabouts.absolute_path(root)
 
         def work(job):
             yield jobs.beside(native.load, path)

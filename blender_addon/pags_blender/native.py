@@ -7,9 +7,7 @@ import sys
 import threading
 import types
 
-import bpy
-
-from . import bl_info, system
+from . import bl_info, system, whereabouts
 
 VERSION = ".".join(str(number) for number in bl_info["version"][:2])
 problem = ""
@@ -49,7 +47,7 @@ class Entry:
     scene is the one without them, and `bare`: its sky alone is drawn."""
 
     def __init__(self, path, edits=""):
-        self.path, self.stamp, self.edits = path, stamp_of(path), edits
+        self.path, self.stamp, self.edits = path, whereabouts.stamp_of(path), edits
         self.scene, self.error, self.bare = None, "", False
         self.objects, self.info, self.views = [], {}, []
         self.exposed = False  # whether any view has an exposure
@@ -63,7 +61,7 @@ class Entry:
             self.exposed = any(any(v != 1 for v in view["gain"]) or any(view["offset"]) for view in self.views)
             self.scene = scene
         except (module.Error, MemoryError) as error:
-            self.error = str(error)
+            self.error = whereabouts.problem_of(self.path) or str(error)
 
     def read(self):
         if self.edits:
@@ -92,22 +90,12 @@ _renderers = {}
 generation = 0  # counts scenes that were read anew: pictures of before are no longer of what is drawn
 
 
-def stamp_of(path):
-    """A stamp of the scene on disk, which changes when the scene does."""
-    inner = os.path.join(path, "scene.json") if os.path.isdir(path) else path
-    try:
-        status = os.stat(inner)
-        return status.st_mtime_ns, status.st_size
-    except OSError:
-        return None
-
-
 def entry(path, wait):
     """The entry of an absolute path; loads the scene where needed. wait=False: returns at once, possibly while loading."""
     if not module:
         raise SceneError(problem)
     known = _entries.get(path)
-    if known and not known.loading and known.error and known.stamp != stamp_of(path):
+    if known and not known.loading and known.error and known.stamp != whereabouts.stamp_of(path):
         known = None  # it failed to load, but the files have changed since
     if not known:
         known = _entries[path] = Entry(path)
@@ -143,6 +131,12 @@ def is_making(path, owner, edits):
     """Whether what was asked for by `edited` isn't ready yet."""
     held = _edited.get((path, owner))
     return bool(edits and held and (held[-1].loading or held[-1].edits != edits))
+
+
+def known(path):
+    """The entry of a scene that has been loaded, or None."""
+    found = _entries.get(path)
+    return found if found is not None and found.scene is not None else None
 
 
 def entries():
@@ -198,24 +192,3 @@ def close():
     _renderers.clear()
     _entries.clear()
     _edited.clear()
-
-
-def resolve(root, path):
-    """Absolute form of a path that a root holds. That of a linked root is relative to its library, and so is that of an override which still has the
-    library's value."""
-    library = root.library
-    if root.override_library is not None and root.override_library.reference is not None:
-        origin = root.override_library.reference
-        library = origin.library if path in {origin.pags.path, origin.pags.dataset} else None
-    return os.path.normpath(bpy.path.abspath(path, library=library)), library
-
-
-def absolute_path(root):
-    """Absolute path of a root's scene. Where it is missing, a file or folder of the same name beside the .blend is taken (both were moved)."""
-    path, library = resolve(root, root.pags.path)
-    blend = bpy.path.abspath(library.filepath, library=library.parent) if library is not None else bpy.data.filepath
-    if not os.path.exists(path) and blend:
-        beside = os.path.join(os.path.dirname(blend), os.path.basename(path))
-        if os.path.exists(beside):
-            return beside
-    return path

@@ -14,7 +14,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from . import cameras, native
+from . import cameras, native, whereabouts
 
 NEEDED = (5, 3, 0)
 MARK = "pags_native"  # custom property of a converted object: the name of the object that it was made of
@@ -93,7 +93,7 @@ class PAGS_OT_native_splats(cameras.OnScene, bpy.types.Operator):
         return True
 
     def work(self, context, root):
-        entry = native.load(native.absolute_path(root))
+        entry = native.load(whereabouts.absolute_path(root))
         arrays = {name: np.asarray(values) for name, values in entry.scene.arrays().items()}
         owner = np.asarray(entry.scene.object_of)
         parts = [o for o in context.scene.objects if o.pags.kind in {"OBJECT", "BACKGROUND"} and o.pags.root == root]

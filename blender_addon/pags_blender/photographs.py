@@ -9,48 +9,95 @@ import tempfile
 import bpy
 import numpy as np
 
-from . import files, jobs, native, program, undistort
+from . import farm_check, files, jobs, native, program, undistort, whereabouts
 
 
 # ---- Where they are ----
 
 
-def places(root, entry):
-    """Folders of the data set to look in, in this order: the scene's *Data set folder*, where training read it, beside the scene."""
-    chosen = native.resolve(root, root.pags.dataset)[0] if root.pags.dataset else None
+FIELD = "set Data set folder (sidebar > PAGS > Cameras) to where it is on this machine"
+
+
+def candidates(root, entry):
+    """Yields folders of the data set in the order in which they count: the scene's *Data set folder*, where training read it, beside the scene. Another set
+    beside the scene, of the same name, is none of them."""
+    if root.pags.dataset:
+        yield whereabouts.locate(root, "dataset")[0]
     recorded = entry.info.get("dataset")
-    out = [chosen] if chosen else []
     if recorded:
         base = os.path.dirname(entry.path)
-        name = os.path.basename(os.path.normpath(recorded.replace("\\", "/")))
-        out += [os.path.abspath(recorded), os.path.join(base, recorded), os.path.join(entry.path, recorded), os.path.join(base, name)]
-    return list(dict.fromkeys(os.path.normpath(p) for p in out))  # none twice
+        yield from map(os.path.normpath, [recorded] if os.path.isabs(recorded) else [os.path.join(entry.path, recorded), os.path.join(base, recorded)])
+        beside = os.path.normpath(os.path.join(base, os.path.basename(os.path.normpath(recorded.replace("\\", "/")))))
+        if not os.path.exists(beside) or not why_not(root, entry, beside):
+            yield beside
+
+
+def why_not(root, entry, folder):
+    """Why a folder beside the scene can't be the data set that is missing; empty where it can."""
+    record = whereabouts.record_of(root, "photographs", entry.info["dataset"])
+    if record:
+        return "" if farm_check.is_same(folder, record, whereabouts.identity_of) else "is another data set"
+    lacking = next((v["name"] for v in entry.views if not any(os.path.exists(os.path.join(folder, inner, v["name"])) for inner in ("images", ""))), None)
+    return f"lacks {lacking}" if lacking is not None else ""
+
+
+def places(root, entry):
+    """The candidates, none twice, up to the first that is there: a photograph that one lacks isn't taken from another, which may have one of its name."""
+    out = []
+    for path in candidates(root, entry):
+        if path not in out:
+            out.append(path)
+        if os.path.exists(path):
+            break
+    return out
 
 
 def dataset(root, entry):
-    """The first of these that is there, else what the scene file says, which may be None."""
+    """The one that is there, else what the scene file says, which may be None."""
     return next((p for p in places(root, entry) if os.path.exists(p)), entry.info.get("dataset"))
 
 
 def moved(root, entry):
     """The data set's folder for a program that reads the scene, where that isn't the one that the scene names; else None."""
     found, recorded = dataset(root, entry), entry.info.get("dataset")
-    same = recorded is not None and os.path.abspath(recorded) == os.path.abspath(found)
+    same = recorded is not None and os.path.normpath(recorded) == os.path.normpath(found)
     return None if found is None or same else found
+
+
+def note(root, entry):
+    """Notes what the data set is, where training read it, so that it is known again elsewhere."""
+    recorded = entry.info.get("dataset")
+    if recorded and os.path.isabs(recorded) and os.path.exists(recorded):
+        whereabouts.note(root, "photographs", recorded, recorded, "")
+
+
+def remark(root, entry):
+    """What a user has to know of the data set that is taken; empty where it is the one that was chosen or that training read."""
+    found = places(root, entry)
+    chosen = whereabouts.locate(root, "dataset") if root.pags.dataset else ("", "", "")
+    if not found or not os.path.exists(found[-1]) or found[-1] == chosen[0]:
+        return chosen[1]
+    return f"{found[0]} is missing; {found[-1]} is taken" if len(found) > 1 else ""
 
 
 def find(root, entry, name):
     """(data set's folder, path) of a view's photograph. SceneError says where it was looked for."""
     looked_in = places(root, entry)
-    for folder in looked_in:
-        for inner in ("images", ""):
-            path = os.path.join(folder, inner, name)
-            if os.path.exists(path):
-                return folder, path
-    field = "set Data set folder (sidebar > PAGS > Cameras) to where it is on this machine"
     if not looked_in:
-        raise native.SceneError(f"the photograph {name} isn't found: the scene doesn't say what it was trained on; {field}")
-    raise native.SceneError(f"the photograph {name} isn't found: looked in {', '.join(looked_in)} and in images there; {field}")
+        raise native.SceneError(f"the photograph {name} isn't found: the scene doesn't say what it was trained on; {FIELD}")
+    for inner in ("images", ""):
+        path = os.path.join(looked_in[-1], inner, name)
+        if os.path.exists(path):
+            return looked_in[-1], path
+    raise native.SceneError(f"the photograph {name} isn't found: looked in {', '.join(looked_in)} and in images there{refused(root, entry)}; {FIELD}")
+
+
+def refused(root, entry):
+    """That a folder beside the scene has the data set's name and isn't it, as a further part of a sentence."""
+    recorded = entry.info.get("dataset") or ""
+    beside = os.path.join(os.path.dirname(entry.path), os.path.basename(os.path.normpath(recorded.replace("\\", "/"))))
+    why = why_not(root, entry, beside) if recorded and os.path.isdir(beside) and not os.path.exists(recorded) else ""
+    return f"; {beside} has its name, but {why}" if why else ""
 
 
 def lens_of(folder, sensor):
@@ -139,7 +186,7 @@ def convert(job, items):
 
 def show(job, camera, root):
     """Steps that show a sensor's photographs as its camera's background, in place of those shown before."""
-    path = native.absolute_path(root)
+    path = whereabouts.absolute_path(root)
     entry = yield jobs.beside(native.load, path)
     sensor, fps = camera.data.pags.sensor, root.pags.fps
     views = sorted((v for v in entry.scene.views if v["sensor"] == sensor and "time" in v), key=lambda v: v["time"])
@@ -147,6 +194,8 @@ def show(job, camera, root):
         raise native.SceneError(f"{camera.name}: the scene has no photographs of it")
     refuse_lens(views[0])
     source = find(root, entry, views[0]["name"])[0]
+    if told := remark(root, entry):
+        job.notes.append(told)
     paths = [find(root, entry, v["name"])[1] for v in views]
     distortion = lens_of(source, sensor)
     times, begin = np.array([v["time"] for v in views]), entry.info["time_begin"]

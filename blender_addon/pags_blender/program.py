@@ -23,7 +23,7 @@ def own():
 
 def command(context):
     """Path of the program to run: that of the preferences, else the add-on's own, else one on the PATH. Raises SceneError where there is none."""
-    addon = context.preferences.addons.get(__package__)  # None where a script registered the add-on by hand
+    addon = context.preferences.addons.get(system.ADDON)  # None where a script registered the add-on by hand
     chosen = addon.preferences.program if addon else ""
     if chosen:
         path = os.path.abspath(bpy.path.abspath(chosen))

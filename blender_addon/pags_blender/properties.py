@@ -12,7 +12,7 @@ from bpy.props import (
     StringProperty,
 )
 
-from . import draw, photographs, picked
+from . import draw, photographs, picked, system, whereabouts
 
 KINDS = [
     ("NONE", "None", "Not of a PAGS scene"),
@@ -65,7 +65,9 @@ class PagsObject(bpy.types.PropertyGroup):
     index: IntProperty(name="Number", description="Of the object in the scene file", default=-1)
     root: PointerProperty(name="Scene", description="The Empty that the scene hangs from", type=bpy.types.Object, **OWN)
     # On roots only:
-    path: StringProperty(name="Path", description="Scene folder or splat file", subtype="FILE_PATH", **OWN, **RELATIVE)
+    path: StringProperty(
+        name="Path", description="Scene folder or splat file", subtype="FILE_PATH", update=lambda s, _: whereabouts.chosen(s, "path"), **OWN, **RELATIVE
+    )
     relative: BoolProperty(
         name="Becomes relative", description="At the first save the path becomes one relative to the .blend", options={"HIDDEN"}
     )
@@ -73,9 +75,11 @@ class PagsObject(bpy.types.PropertyGroup):
         name="Data set folder",
         description="Where the recording's photographs and sweeps are on this machine; empty: where training read them, or beside the scene",
         subtype="DIR_PATH",
+        update=lambda s, _: whereabouts.chosen(s, "dataset"),
         **OWN,
         **RELATIVE,
     )
+    record: StringProperty(name="Notes", description="Where scene and data set were, and what they were (whereabouts.py)", options={"HIDDEN"}, **OWN)
     frame_start: FloatProperty(name="First frame", description="Frame at which the scene begins", default=1, precision=1, **OWN)
     fps: FloatProperty(
         name="Frames a second", description="Frames of the timeline in a second of the scene", default=24, min=0.01, precision=2, **OWN
@@ -202,7 +206,7 @@ POINTS = 60000
 
 
 class PagsPreferences(bpy.types.AddonPreferences):
-    bl_idname = __package__
+    bl_idname = system.ADDON
 
     program: StringProperty(
         name="pags program",
@@ -224,7 +228,7 @@ class PagsPreferences(bpy.types.AddonPreferences):
 
 def preferences(context):
     """The add-on's preferences, or None where a script registered the add-on by hand."""
-    addon = context.preferences.addons.get(__package__)
+    addon = context.preferences.addons.get(system.ADDON)
     return addon.preferences if addon else None
 
 

@@ -4,7 +4,7 @@
 import os
 import textwrap
 
-from . import native
+from . import native, whereabouts
 
 
 def entries(context):
@@ -12,7 +12,7 @@ def entries(context):
     found = []
     for root in (o for o in context.scene.objects if o.pags.kind == "ROOT"):
         try:
-            entry = native.entry(native.absolute_path(root), False)
+            entry = native.entry(whereabouts.absolute_path(root), False)
         except native.SceneError:
             continue
         if entry.scene is not None:
@@ -34,7 +34,7 @@ def exposure(context):
     if camera is None or camera.type != "CAMERA" or camera.data.pags.sensor < 0 or camera.pags.root is None:
         return "the scene's camera is none of the recording's"
     try:
-        entry = native.entry(native.absolute_path(camera.pags.root), False)
+        entry = native.entry(whereabouts.absolute_path(camera.pags.root), False)
     except native.SceneError:
         return "the camera's scene can't be read"
     return "" if entry.scene is None or entry.exposed else "training found no exposures in this recording"
@@ -53,7 +53,7 @@ def several(context):
 def recording(root):
     """Of what the recording holds besides the scene."""
     try:
-        entry = native.entry(native.absolute_path(root), False)
+        entry = native.entry(whereabouts.absolute_path(root), False)
     except native.SceneError:
         return "the scene can't be read"
     return "the scene has no photographs" if entry.scene is not None and not entry.views else ""
@@ -79,7 +79,7 @@ def drive(context, root):
 
 def folder(root):
     """Of what writes a scene folder anew."""
-    path = native.absolute_path(root)
+    path = whereabouts.absolute_path(root)
     return "" if os.path.isdir(path) or not os.path.exists(path) else "this is a splat file, not a scene folder; Export writes it"
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from bpy.app.handlers import persistent
 from gpu_extras.batch import batch_for_shader
 
-from . import cameras, curves, jobs, native, overlay, photographs
+from . import cameras, curves, jobs, native, overlay, photographs, whereabouts
 
 # Columns of a sweep's row, which of them are x y z, and the frame that they are in, by kind of the set.
 KINDS = {
@@ -48,8 +48,7 @@ class Sweeps:
         places = photographs.places(root, entry)
         self.folder = next((p for p in places if os.path.isdir(os.path.join(p, "lidar"))), None)
         if self.folder is None:
-            field = "set Data set folder (sidebar > PAGS > Cameras) to where the recording is on this machine"
-            raise native.SceneError(f"the recording has no folder lidar: looked in {', '.join(places) or 'no place, since the scene names none'}; {field}")
+            raise native.SceneError(f"the recording has no folder lidar: looked in {', '.join(places) or 'no place, since the scene names none'}; {photographs.FIELD}")
         self.columns, self.position, self.frame = self.rules()
         steps = {}
         for view in entry.scene.views:
@@ -156,7 +155,7 @@ def show_sweep(block, scene):
     root = block.parent
     if root is None or root.pags.kind != "ROOT":
         return
-    entry = native.entry(native.absolute_path(root), False)
+    entry = native.entry(whereabouts.absolute_path(root), False)
     if entry.scene is None:
         return
     sweeps = sweeps_of(root, entry)
@@ -192,7 +191,7 @@ class PAGS_OT_lidar(jobs.Long, cameras.OnScene, bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     def steps(self, context, root):
-        path, scene = native.absolute_path(root), context.scene
+        path, scene = whereabouts.absolute_path(root), context.scene
 
         def work(job):
             entry = yield jobs.beside(native.load, path)
@@ -246,7 +245,7 @@ class PAGS_OT_boxes(jobs.Long, cameras.OnScene, bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     def steps(self, context, root):
-        path, scene = native.absolute_path(root), context.scene
+        path, scene = whereabouts.absolute_path(root), context.scene
 
         def work(job):
             entry = yield jobs.beside(native.load, path)

@@ -8,6 +8,7 @@ import sys
 import sysconfig
 
 HERE = os.path.dirname(os.path.abspath(__file__))
+ADDON = __package__.removesuffix(".pags_blender")  # the module that Blender switches on: of a zip that was unpacked as a whole the folder around
 SYSTEMS = {"linux": "linux", "darwin": "macos", "win32": "windows"}
 PROCESSORS = {"x86_64": "x64", "amd64": "x64", "aarch64": "arm64", "arm64": "arm64"}
 MODULES = ("pags.abi3.so", "pags.pyd")

@@ -6,7 +6,7 @@ import textwrap
 import bpy
 from bl_operators.presets import AddPresetBase
 
-from . import blur, cameras, comparison, exporter, jobs, native, native_splats, overlay, photographs, picked, program, reasons, recording, viewport
+from . import blur, cameras, comparison, exporter, jobs, native, native_splats, overlay, photographs, picked, program, reasons, recording, viewport, whereabouts
 
 
 class Sidebar:
@@ -42,7 +42,7 @@ class PAGS_PT_scene(Sidebar, bpy.types.Panel):
             return
         layout.prop(root.pags, "path", text="")
         try:
-            entry = native.entry(native.absolute_path(root), False)
+            entry = native.entry(whereabouts.absolute_path(root), False)
         except native.SceneError as error:
             reasons.explain(layout, str(error), "ERROR")
         else:

@@ -5,7 +5,7 @@ was moved, hidden, keyed or deleted in Blender stays. Objects are found again by
 import bpy
 import numpy as np
 
-from . import curves, draw, jobs, native
+from . import curves, draw, jobs, native, whereabouts
 
 PERIOD = 2.0  # seconds between looks at the files, and for which they have to rest
 
@@ -15,7 +15,7 @@ _tried = {}  # by path: the stamp that was read last
 
 def due(path, entry):
     """Whether a scene's files have changed, and have rested since the last look."""
-    stamp = native.stamp_of(path)
+    stamp = whereabouts.stamp_of(path)
     if entry.loading or entry.scene is None or stamp is None or stamp == entry.stamp:
         _changed.pop(path, None)
         return False
@@ -35,7 +35,7 @@ def tick():
 
 
 def roots_of(path):
-    return [o for o in bpy.data.objects if o.pags.kind == "ROOT" and native.absolute_path(o) == path]
+    return [o for o in bpy.data.objects if o.pags.kind == "ROOT" and whereabouts.absolute_path(o) == path]
 
 
 def read_anew(job, path):

@@ -40,11 +40,10 @@ class Files(BlenderCase):
         if bpy.app.version < (4, 2, 0):  # which don't say before where the file goes
             bpy.ops.wm.save_mainfile()
         for place, wanted in ((("deep", "work.blend"), "//../scene"), (("deep", "er", "copy.blend"), "//../../scene")):
-            if "er" in place and bpy.app.version < (4, 2, 0):
-                continue
             bpy.ops.wm.open_mainfile(filepath=self.path(*place))
             root = next(o for o in self.scene.objects if o.pags.kind == "ROOT")
-            self.assertEqual(paths(root)[0], wanted)
+            if "er" not in place or bpy.app.version >= (4, 2, 0):
+                self.assertEqual(paths(root)[0], wanted)
             self.assertGreater(max(self.f12()[4]), 100)
 
     def test_a_missing_scene_is_said(self):

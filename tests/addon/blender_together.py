@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The add-on in a Blender that has the Python module `pags`, too, where Debian's packages put it: before the add-ons on sys.path."""
 
-import importlib.util
 import os
 import sys
+import zipfile
 from types import SimpleNamespace
 from unittest import mock
 
@@ -35,22 +35,49 @@ class Together(BlenderCase):
             addon.register()
         self.bring_in()
 
-    def test_the_former_name(self):
-        """Up to Blender 4.1 the zip has a package `pags`, which is the Python API and, where a script or a farm switches that on, the add-on."""
+    def test_unpacked_into_a_folder(self):
+        """Of its own among the add-ons, which may have the add-on's former name, the whole zip is an add-on, too, and the Python API."""
         if addon.__name__.startswith("bl_ext."):
-            self.skipTest("an extension has no other name")
-        former = os.path.join(os.path.dirname(os.path.dirname(addon.__file__)), "pags", "__init__.py")
-        spec = importlib.util.spec_from_file_location("pags", former)
-        module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-        self.assertEqual(module.load(self.path("scene")).info["gaussians"], sys.modules["pags"].load(self.path("scene")).info["gaussians"])
-        self.assertIs(module.importer, sys.modules[addon.__name__ + ".importer"])
-        with self.assertRaises(AttributeError):
-            module.nothing
+            self.skipTest("extensions are installed by Blender alone")
+        import pags
+
         bpy.ops.preferences.addon_disable(module=addon.__name__)
-        bpy.context.preferences.addons.new().module = "pags"  # chosen once
-        module.register()
+        known = {name: sys.modules.pop(name) for name in list(sys.modules) if name.split(".")[0] in {"pags", addon.__name__}}
+        folder = self.path("pags")
+        with zipfile.ZipFile(PACKAGE) as package:
+            package.extractall(folder)
+        with mock.patch.object(sys, "path", [self.path(""), *sys.path]):
+            bpy.ops.preferences.addon_enable(module="pags")
+            self.assertTrue(sys.modules["pags"].__file__.startswith(folder))
+            self.bring_in()
+            self.assertGreater(max(self.f12()[4]), 100)
+            bpy.context.preferences.addons["pags"].preferences.budget = 7
+            self.assertEqual(sys.modules["pags"].pags_blender.properties.preview_budget(bpy.context), 7)
+            self.assertEqual(sys.modules["pags"].load(self.path("scene")).info, pags.load(self.path("scene")).info)
+            from pags import importer
+
+            self.assertEqual(importer.__name__, "pags.pags_blender.importer")
+            self.assertFalse(hasattr(sys.modules["pags"], "nothing"))
+        bpy.ops.preferences.addon_disable(module="pags")
+        for name in [name for name in sys.modules if name.split(".")[0] == "pags"]:
+            del sys.modules[name]
+        sys.modules.update(known)
+        bpy.ops.preferences.addon_enable(module=addon.__name__)
+
+    def test_the_former_name(self):
+        """A copy that is on under the name that the add-on had makes way, and leaves its settings."""
+        if addon.__name__.startswith("bl_ext."):
+            self.skipTest("an extension has kept its name")
+        former = bpy.context.preferences.addons.new()
+        former.module = "pags"
+        settings = type("PagsFormer", (bpy.types.AddonPreferences,), {"bl_idname": "pags", "__annotations__": {"budget": bpy.props.IntProperty()}})
+        bpy.utils.register_class(settings)
+        former.preferences.budget = 123
+        bpy.ops.preferences.addon_disable(module=addon.__name__)
+        bpy.ops.preferences.addon_enable(module=addon.__name__)
+        bpy.utils.unregister_class(settings)
         self.assertEqual([a.module for a in bpy.context.preferences.addons if "pags" in a.module], [addon.__name__])
+        self.assertEqual(bpy.context.preferences.addons[addon.__name__].preferences.budget, 123)
         self.bring_in()
 
 

@@ -18,9 +18,10 @@ from blender_jobs import Jobs  # noqa: E402
 from blender_native_splats import NativeSplats  # noqa: E402
 from blender_program import Program  # noqa: E402
 from blender_scenes import SeveralScenes  # noqa: E402
+from blender_whereabouts import Whereabouts  # noqa: E402
 from blender_case import main  # noqa: E402
 
-__all__ = ["Cameras", "Composite", "Edits", "Export", "Files", "Final", "Import", "Inspecting", "Interface", "Jobs", "NativeSplats", "Program", "SeveralScenes"]
+__all__ = ["Cameras", "Composite", "Edits", "Export", "Files", "Final", "Import", "Inspecting", "Interface", "Jobs", "NativeSplats", "Program", "SeveralScenes", "Whereabouts"]
 
 if __name__ == "__main__":
     main()

@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Checks on a render node that the PAGS scenes of a .blend can be drawn as they were when it was saved: the add-on is switched on, in the file's version,
+and each scene is there, and the same. The add-on keeps this script in every .blend with a scene, and what it checks in the Blender scenes' custom property
+"pags_needs", so that it needs no add-on itself:
+
+    blender -b FILE.blend --python-exit-code 1 --python-text pags_check.py -a
+
+ends before the first frame, with the reason and the exit code 1, where something is missing. Without it a Blender that hasn't the add-on writes empty frames
+and ends with 0. Ticked as *Register* in the text editor, it checks by itself wherever Blender may run the file's scripts (-y)."""
+
+import hashlib
+import json
+import os
+import sys
+
+NEEDS = "pags_needs"
+
+
+def digest(path):
+    """SHA-256 of a file."""
+    found = hashlib.sha256()
+    with open(path, "rb") as file:
+        while block := file.read(1 << 20):
+            found.update(block)
+    return found.hexdigest()
+
+
+def named(value, folder):
+    """Relative names of the files of a folder that a JSON value mentions."""
+    if isinstance(value, dict):
+        value = value.values()
+    elif isinstance(value, str):
+        return {value} if value and not os.path.isabs(value) and os.path.isfile(os.path.join(folder, value)) else set()
+    elif not isinstance(value, list):
+        return set()
+    return set().union(*(named(v, folder) for v in value))
+
+
+def identity(path):
+    """[bytes, SHA-256] of what makes a scene or a data set the same one elsewhere. Of a file: of its content. Of a scene folder: of scene.json, without the
+    data set's place, and the files that it names. Of another folder: of the names and sizes of its files and of those in `images`."""
+    if os.path.isfile(path):
+        return [os.path.getsize(path), digest(path)]
+    inner = os.path.join(path, "scene.json")
+    if os.path.isfile(inner):
+        with open(inner, encoding="utf-8", errors="surrogateescape") as file:
+            record = json.load(file)
+        record = {key: value for key, value in record.items() if key != "dataset"}
+        lines = [json.dumps(record, sort_keys=True)]
+        files = [(name, os.path.join(path, name)) for name in sorted(named(record, path))]
+        lines += [f"{name} {digest(file)}" for name, file in files]
+    else:
+        folders = [path, *filter(os.path.isdir, [os.path.join(path, "images")])]
+        files = sorted((os.path.relpath(f.path, path), f.path) for folder in folders for f in os.scandir(folder) if f.is_file())
+        lines = [f"{name.replace(os.sep, '/')} {os.path.getsize(file)}" for name, file in files]
+    text = "\n".join(lines).encode("utf-8", "surrogatepass")
+    return [sum(os.path.getsize(file) for _, file in files), hashlib.sha256(text).hexdigest()]
+
+
+def is_same(path, record, identity_of):
+    if not record.get("sha256") or os.path.isfile(path) and os.path.getsize(path) != record["size"]:
+        return False
+    try:
+        return identity_of(path) == [record["size"], record["sha256"]]
+    except (OSError, ValueError):
+        return False
+
+
+def choose(value, here, blend, record, identity_of=identity):
+    """Which scene or data set a path means: (path, remark, problem). value: the path as the root has it; here: the same, absolute, where `blend` is the file
+    that the root is in; record: what the add-on noted of it when it was chosen or saved, which may be empty. A file of the same name in another place is
+    taken where it has the same content, with a remark. problem: why none is taken; the path is then the one that is missing."""
+    place = record.get("place", "")
+    recorded = not record or os.path.normcase(here) == os.path.normcase(place)
+    if recorded and os.path.exists(here):
+        return here, "", ""
+    beside = os.path.join(os.path.dirname(blend), os.path.basename(here)) if blend else here
+    owned = os.path.normpath(os.path.join(os.path.dirname(record["blend"]), value[2:])) if record.get("blend") and value.startswith("//") else here
+    there = [path for path in dict.fromkeys((here, owned, place or here, beside)) if os.path.exists(path)]
+    lost = f"{here} isn't what the .blend was saved with" if os.path.exists(here) else f"{here}, which the .blend was saved with, is missing"
+    for path in there:
+        if is_same(path, record, identity_of):
+            return path, "" if path == here else f"{lost}; what it was saved with is at {path} and is taken", ""
+    if place in there:
+        return place, f"{lost}; {place} is taken, which has changed since", ""
+    unlike = next((path for path in there if path != here), "")
+    if unlike:
+        lost += f"; {unlike} has its name, but {'other content' if record.get('sha256') else 'nothing was noted by which to tell that it is the same'}"
+    missing = place if os.path.exists(here) else here
+    return missing, "", f"{lost}; bring {f'that to {missing}' if missing != here else 'it there'}, or choose the path anew"
+
+
+# ---- As a script of the .blend ----
+
+
+def faults(bpy):
+    """What this Blender lacks to render the file."""
+    engine = next((c for c in bpy.types.RenderEngine.__subclasses__() if getattr(c, "bl_idname", "") == "PAGS"), None)
+    found, checked = [], set()
+    for scene in bpy.data.scenes:
+        if NEEDS not in scene or engine is not None and scene.render.engine != "PAGS":
+            continue  # without the add-on Blender doesn't say which engine the scene has
+        needs = json.loads(scene[NEEDS])
+        if engine is None:
+            return [f"the PAGS add-on, version {needs['version']}, isn't switched on in this Blender (blender --addons pags_blender, or in its preferences)"]
+        info = sys.modules[engine.__module__.rpartition(".")[0]].bl_info["version"]
+        if list(info[:2]) < [int(number) for number in needs["version"].split(".")[:2]]:
+            found.append(f"the PAGS add-on is version {'.'.join(map(str, info))}; the file was saved with {needs['version']}")
+        for record in needs["scenes"]:
+            if (record["library"], record["root"]) in checked:
+                continue
+            checked.add((record["library"], record["root"]))
+            blend = bpy.path.abspath(record["library"]) if record["library"] else bpy.data.filepath
+            value = record["path"]
+            here = os.path.normpath(os.path.join(os.path.dirname(blend), value[2:])) if value.startswith("//") else value
+            path, _, problem = choose(value, here, blend, record if record.get("sha256") else {})
+            if problem:
+                found.append(f"{record['root']}: {problem}")
+            elif record.get("sha256") and not is_same(path, record, identity):
+                found.append(f"{record['root']}: {path} isn't the scene that the .blend was saved with; save it again to render this one")
+    return found
+
+
+def main():
+    import bpy
+
+    try:
+        found = faults(bpy)
+    except (OSError, ValueError, KeyError, AttributeError) as error:
+        found = [f"can't check: {type(error).__name__}: {error}"]
+    for fault in found:
+        print(f"pags_check: {fault}", file=sys.stderr, flush=True)
+    if not found:
+        print("pags_check: the add-on and all scenes are there", flush=True)
+    elif bpy.app.background:
+        os._exit(1)  # an exception would not end a render
+    else:
+        raise RuntimeError("; ".join(found))
+
+
+if __name__ == "__main__":
+    import bpy
+
+    if any(text.use_module and text.name.startswith("pags_check") for text in bpy.data.texts):  # run as the file was opened, perhaps for something else
+        bpy.app.handlers.render_init.append(lambda *_: main())
+    else:
+        main()

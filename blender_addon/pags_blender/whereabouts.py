@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Where a root's scene and data set are. A path relative to its .blend means something else after an append, a link, or when the .blend was copied without
+its scene. So a root notes, beside each path, the absolute place, the .blend that the path is relative to, and size and hash of what lay there; a file of the
+same name elsewhere is taken only where it is the same (farm_check.py). The notes are JSON: {"path": {...}, "dataset": {...}}."""
+
+import contextlib
+import functools
+import json
+import os
+import sys
+
+import bpy
+
+from . import bl_info, farm_check
+
+NAMES = ("path", "dataset")
+CHECK = "pags_check.py"  # the text of a .blend
+
+_found = {}  # by what determines it: (path, remark), as long as the path is there
+_identities = {}  # by path: (stamp, identity)
+_problems = {}  # by path that is missing: why no other was taken
+
+
+def stamp_of(path):
+    """A stamp of the scene on disk, which changes when the scene does; None of what is none."""
+    inner = os.path.join(path, "scene.json") if os.path.isdir(path) else path
+    try:
+        status = os.stat(inner)
+        return status.st_mtime_ns, status.st_size
+    except OSError:
+        return None
+
+
+def identity_of(path):
+    """farm_check.identity, read once as long as nothing changes."""
+    stamp, known = stamp_of(path), _identities.get(path)
+    if known is None or known[0] is None or known[0] != stamp:
+        known = _identities[path] = (stamp, farm_check.identity(path))
+    return known[1]
+
+
+def look(path):
+    """Reads the identity ahead, in a thread beside Blender's."""
+    with contextlib.suppress(OSError, ValueError):
+        identity_of(path)
+
+
+def origin_of(root, name):
+    """The linked root whose value an override still has, or None."""
+    origin = root.override_library.reference if root.override_library is not None else None
+    return origin if origin is not None and getattr(root.pags, name) == getattr(origin.pags, name) else None
+
+
+def library_of(root, name):
+    """The library that a root's path is relative to, or None: this file."""
+    origin = origin_of(root, name)
+    return origin.library if origin is not None else root.library
+
+
+def resolve(root, name):
+    """A root's path in absolute form."""
+    return os.path.normpath(bpy.path.abspath(getattr(root.pags, name), library=library_of(root, name)))
+
+
+def blend_of(root, name):
+    library = library_of(root, name)
+    return os.path.abspath(bpy.path.abspath(library.filepath, library=library.parent)) if library is not None else bpy.data.filepath
+
+
+@functools.lru_cache(maxsize=64)
+def parsed(text):
+    try:
+        return json.loads(text)
+    except ValueError:
+        return {}
+
+
+def record_of(root, name, value=None):
+    """What was noted of a root's path; empty where that path has been chosen anew since."""
+    record = parsed(root.pags.record).get(name, {})
+    return record if record.get("path") == (getattr(root.pags, name) if value is None else value) else {}
+
+
+def locate(root, name="path"):
+    """(path, remark, problem) of a root's scene or data set, as farm_check.choose has them. What was found holds as long as it is there: a scene that is
+    trained anew stays the one that is meant."""
+    here, blend, record = resolve(root, name), blend_of(root, name), record_of(root, name)
+    key = (getattr(root.pags, name), here, blend, json.dumps(record))
+    known = _found.get(key)
+    if known is not None and os.path.exists(known[0]):
+        return *known, ""
+    path, remark, problem = farm_check.choose(key[0], here, blend, record, identity_of)
+    if problem:
+        _problems[path] = problem
+    else:
+        _found[key] = path, remark
+    return path, remark, problem
+
+
+def absolute_path(root):
+    """Absolute path of a root's scene; of one that is missing, where it should be."""
+    return locate(root)[0]
+
+
+def problem_of(path):
+    """Why no other file is taken for a missing one; empty where none is missing."""
+    return _problems.get(path, "") if not os.path.exists(path) else ""
+
+
+def roots():
+    return [o for o in bpy.data.objects if o.pags.kind == "ROOT"]
+
+
+def forget():
+    for kept in (_found, _identities, _problems):
+        kept.clear()
+
+
+def tell():
+    """Says of the file that was opened which scenes are not where they were."""
+    for root in roots():
+        _, remark, problem = locate(root)
+        if remark or problem:
+            print(f"PAGS: warning: {root.name}: {remark or problem}", file=sys.stderr, flush=True)
+
+
+# ---- Notes ----
+
+
+def chosen(settings, name):
+    """A path was set: what was noted of the one before no longer counts."""
+    record = dict(parsed(settings.record))
+    if record.pop(name, None) is not None:
+        settings.record = json.dumps(record)
+
+
+def note(root, name, value, path, blend):
+    """Notes what is at the absolute `path`, which `value`, relative to `blend` or not, stands for. Without a size and a hash nothing is noted."""
+    before, stamp = record_of(root, name, value), list(stamp_of(path) or ())
+    if stamp and before.get("place") == path and before.get("stamp") == stamp:
+        size, sha256 = before["size"], before["sha256"]
+    else:
+        try:
+            size, sha256 = identity_of(path)
+        except (OSError, ValueError):
+            return chosen(root.pags, name)
+    text = json.dumps({**parsed(root.pags.record), name: {"path": value, "place": path, "blend": blend, "stamp": stamp, "size": size, "sha256": sha256}})
+    if root.pags.record != text:
+        root.pags.record = text
+
+
+def place(root, name, path, blend, relative):
+    """Lets a root's path be the one to the absolute `path`, relative to `blend` or not, and notes what is there."""
+    value = path
+    if relative:
+        with contextlib.suppress(ValueError):  # on another drive of Windows, where no relative path exists
+            value = bpy.path.relpath(path, start=os.path.dirname(blend))
+    known = dict(record_of(root, name), path=value)
+    if getattr(root.pags, name) != value:
+        setattr(root.pags, name, value)
+        root.pags.record = json.dumps({**parsed(root.pags.record), name: known})  # the setting has dropped it
+    note(root, name, value, path, blend)
+
+
+def owned():
+    """Pairs (root, name) of the paths that this file holds itself."""
+    return [(root, name) for root in roots() for name in NAMES if root.library is None and getattr(root.pags, name) and origin_of(root, name) is None]
+
+
+def targets():
+    """Of the paths that this file holds: (root, name, absolute path, whether it is to be relative). One that is missing and of which something was noted stays as
+    it is, with its notes."""
+    found = []
+    for root, name in owned():
+        path, _, problem = locate(root, name)
+        relative = getattr(root.pags, name).startswith("//") or name == "path" and root.pags.relative
+        if not (problem and record_of(root, name)):
+            found.append((root, name, path if not problem else resolve(root, name), relative))
+    return found
+
+
+def leave_check():
+    """Puts into the file what a render node needs to check that it can draw it."""
+    scenes = []
+    for root in roots():
+        library = library_of(root, "path")
+        named = {"root": root.name, "path": root.pags.path, "library": library.filepath if library is not None else ""}
+        scenes.append({**record_of(root, "path"), **named})
+    drawn = [scene for scene in bpy.data.scenes if scene.render.engine == "PAGS" and scene.library is None]
+    for scene in bpy.data.scenes:
+        if farm_check.NEEDS in scene and scene.library is None and (scene not in drawn or not scenes):
+            del scene[farm_check.NEEDS]
+    if not scenes or not drawn:
+        return
+    for scene in drawn:
+        scene[farm_check.NEEDS] = json.dumps({"engine": "PAGS", "version": ".".join(map(str, bl_info["version"])), "scenes": scenes})
+    with open(farm_check.__file__, encoding="utf-8") as file:
+        script = file.read()
+    text = bpy.data.texts.get(CHECK) or bpy.data.texts.new(CHECK)
+    if text.library is None and text.as_string() != script:
+        text.clear()
+        text.write(script)
