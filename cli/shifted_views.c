@@ -32,7 +32,7 @@ void pags_shifted_view_scores_destroy(pags_shifted_view_scores *scores) {
 static pags_result open_photographs(const char *path, const pags_camera *full, const pags_camera *small,
                                     pags_image *out) {
   pags_image bytes, shrunk;
-  PAGS_TRY(pags_image_load(path, PAGS_U8, 3, &bytes));
+  PAGS_TRY(pags_image_load_display(path, 3, &bytes));
   pags_result result = PAGS_OK;
   if (bytes.width != full->width || bytes.height != full->height)
     result = pags_fail(PAGS_ERROR_FORMAT, "%s: is %dx%d, expected %dx%d as path.json says", path, bytes.width,

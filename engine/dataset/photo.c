@@ -242,7 +242,10 @@ void pags_photo_bytes(const pags_dataset *dataset, int64_t index, int factor, ui
   /* What a photograph takes more before it is colours and a mask of bytes: alpha, linear light, that it is turned, and
    * what its lens sees. */
   const int channels = alpha ? 4 : 3;
-  const uint64_t loaded = (alpha ? 4u : 0u) + (view->picture.sample == PAGS_F32 ? 5u * (unsigned)channels : 0u) +
+  const uint64_t loaded = (alpha ? 4u : 0u) +
+                          (view->picture.sample == PAGS_F32           ? 5u * (unsigned)channels
+                           : view->picture.colour != PAGS_COLOUR_SRGB ? 3u * (unsigned)channels
+                                                                      : 0u) +
                           (view->turn > 1 ? 4u : 0u) + (pags_camera_bends(camera) ? 1u : 0u);
   uint64_t source = (4 + 2 * labels + loaded) * (uint64_t)lens->width * (uint64_t)lens->height;
   uint64_t upright = straight ? 0 : (4 + labels) * (uint64_t)camera->width * (uint64_t)camera->height;

@@ -18,8 +18,8 @@ typedef struct pags_alpha_rule {
 bool pags_photo_has_alpha(const pags_image_facts *facts, pags_image_alpha what);
 
 /* Loads a photograph: `colour` U8 RGB, and with PAGS_ALPHA_MASK, if the picture has alpha, `mask` U8 of one channel,
- * 255 where alpha is 128 or more, else 0; otherwise mask->data is NULL. Linear light is encoded with the curve of sRGB
- * (IEC 61966-2-1), values over 1 as 255. On failure both are zeroed. */
+ * 255 where alpha is 128 or more, else 0; otherwise mask->data is NULL. Colours as pags_image_load_display. On failure
+ * both are zeroed. */
 pags_result pags_photo_colour_load(const char *path, const pags_image_facts *facts, const pags_alpha_rule *rule,
                                    pags_image *colour, pags_image *mask);
 

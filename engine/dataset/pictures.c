@@ -14,6 +14,7 @@
 #include "base/sort.h"
 #include "dataset/find_file.h"
 #include "dataset/photo_size.h"
+#include "image/colour.h"
 
 /* ---- Folders ---- */
 
@@ -189,7 +190,8 @@ static void add(tally *t, const pags_parsed_view *view) {
 
 typedef struct findings {
   long long views;
-  tally scaled, turned, as_stored, unclear, alpha, light, aside, stretched, oblong, larger, partial, layer, first_layer;
+  tally scaled, turned, as_stored, unclear, alpha, light, aside, stretched, oblong, larger, partial, layer, first_layer,
+      space;
   int lens_width, lens_height; /* of the first that is scaled */
 } findings;
 
@@ -314,6 +316,12 @@ static void report_files(const pags_parsed_dataset *parsed, const findings *foun
         "intrinsics are scaled across or down; the first is %s, with pixels of %.4g times their height",
         parsed->source, found->stretched.count, found->views, found->stretched.first->name,
         found->stretched.first->picture.pixel_aspect);
+  if (found->space.count)
+    pags_log_message(PAGS_LOG_INFO,
+                     "%s: %lld of %lld photographs have colours that are not sRGB and are converted to it; those of %s "
+                     "are %s",
+                     parsed->source, found->space.count, found->views, found->space.first->name,
+                     found->space.first->picture.space);
   if (found->layer.count)
     pags_log_message(PAGS_LOG_INFO, "%s: %lld of %lld photographs are EXR files of several layers; of %s, %s is used",
                      parsed->source, found->layer.count, found->views, found->layer.first->name,
@@ -367,6 +375,8 @@ static void count_file(const pags_parsed_view *view, findings *found) {
   const pags_image_facts *p = &view->picture;
   if (p->window != PAGS_WINDOW_WHOLE)
     add(p->window == PAGS_WINDOW_LARGER ? &found->larger : &found->partial, view);
+  if (p->colour == PAGS_COLOUR_OTHER)
+    add(&found->space, view);
   if (p->layer_rule != PAGS_LAYER_ONLY)
     add(p->layer_rule == PAGS_LAYER_FIRST ? &found->first_layer : &found->layer, view);
 }
@@ -380,6 +390,8 @@ pags_result pags_pictures_check(pags_parsed_dataset *parsed, bool asked, pags_im
     if (view->picture.width == 0)
       PAGS_TRY(pags_image_inspect(view->image_path, &view->picture));
     found.views++;
+    if (view->picture.colour == PAGS_COLOUR_UNKNOWN)
+      return pags_colour_refuse(view->image_path, view->picture.space);
     count_file(view, &found);
     if (view->picture.alpha)
       add(&found.alpha, view);

@@ -275,11 +275,21 @@ static pags_result decode(exr_state *state, int most, pags_image *out) {
   return result;
 }
 
-pags_result pags_exr_inspect(const pags_encoded *file, pags_image_facts *facts) {
+/* Reads the primaries, which are those of sRGB where none are stated. */
+static void find_colour(const exr_state *state, pags_colour *colour) {
+  exr_attr_chromaticities_t c;
+  memset(colour, 0, sizeof *colour);
+  if (exr_attr_get_chromaticities(state->context, state->layer.part, "chromaticities", &c) != EXR_ERR_SUCCESS)
+    return;
+  const double xy[8] = {(double)c.red_x,  (double)c.red_y,  (double)c.green_x, (double)c.green_y,
+                        (double)c.blue_x, (double)c.blue_y, (double)c.white_x, (double)c.white_y};
+  pags_colour_set_primaries(colour, xy);
+}
+
+pags_result pags_exr_inspect(const pags_encoded *file, pags_image_facts *facts, pags_colour *colour) {
   exr_state state = {.file = file};
   uint64_t least;
   const pags_result result = begin(&state, &least);
-  exr_finish(&state.context);
   if (result == PAGS_OK) {
     *facts = (pags_image_facts){.width = state.width,
                                 .height = state.height,
@@ -290,7 +300,10 @@ pags_result pags_exr_inspect(const pags_encoded *file, pags_image_facts *facts) 
                                 .window = state.window,
                                 .layer_rule = state.layer.rule};
     memcpy(facts->layer, state.layer.name, sizeof facts->layer);
+    find_colour(&state, colour);
+    pags_colour_state(colour, facts);
   }
+  exr_finish(&state.context);
   return result;
 }
 

@@ -6,11 +6,12 @@
 
 #include <pags/image.h>
 
+#include "image/colour.h"
 #include "image/encoded.h"
 
 /* Reads what the header says of the layer that is the picture (layers.h); the size is that of the display window.
  * Errors as pags_exr_decode. */
-pags_result pags_exr_inspect(const pags_encoded *file, pags_image_facts *facts);
+pags_result pags_exr_inspect(const pags_encoded *file, pags_image_facts *facts, pags_colour *colour);
 
 /* Decodes at most `most` (3 or 4) channels of the picture: F32, as they are stored, so alpha isn't divided out. Pixels
  * of the display window that the data window lacks are 0, and so is their alpha, which a layer without alpha gets then.

@@ -27,7 +27,7 @@ enum { MAGIC = 8 };
 typedef struct picture_format {
   uint8_t magic[MAGIC]; /* how its files begin */
   size_t magic_size;
-  pags_result (*inspect)(const pags_encoded *file, pags_image_facts *facts);
+  pags_result (*inspect)(const pags_encoded *file, pags_image_facts *facts, pags_colour *colour);
   pags_result (*decode)(const pags_encoded *file, int most, pags_image *out);
 } picture_format;
 
@@ -92,11 +92,12 @@ static pags_result inspect_known(const char *path, uint8_t *begin, pags_image_fa
   const picture_format *const format = find_format(begin, size);
   if (!format)
     return refuse(path, begin, size);
-  pags_result result = format->inspect(&(pags_encoded){.path = path, .bytes = begin, .size = size}, facts);
+  pags_colour colour;
+  pags_result result = format->inspect(&(pags_encoded){.path = path, .bytes = begin, .size = size}, facts, &colour);
   if (result != PAGS_OK && size == BEGIN) {
     uint8_t *bytes;
     PAGS_TRY(pags_file_read(path, &bytes, &size));
-    result = format->inspect(&(pags_encoded){.path = path, .bytes = bytes, .size = size}, facts);
+    result = format->inspect(&(pags_encoded){.path = path, .bytes = bytes, .size = size}, facts, &colour);
     free(bytes);
   }
   return result;
@@ -123,16 +124,20 @@ pags_result pags_image_size(const char *path, int *width, int *height) {
   return PAGS_OK;
 }
 
-static pags_result load_known(const char *path, int most, int rows, pags_image *out) {
+/* Decodes a PNG, JPEG or EXR file; `colour`, unless it is NULL, gets the space of its colours. */
+static pags_result load_known(const char *path, int most, int rows, pags_image *out, pags_colour *colour) {
   uint8_t magic[MAGIC], *bytes;
   size_t size;
+  pags_image_facts facts;
   PAGS_TRY(read_begin(path, magic, sizeof magic, &size));
   const picture_format *const format = find_format(magic, size);
   if (!format)
     return refuse(path, magic, size);
   PAGS_TRY(pags_file_read(path, &bytes, &size));
   const pags_encoded file = {.path = path, .bytes = bytes, .size = size, .rows = rows};
-  const pags_result result = format->decode(&file, most, out);
+  pags_result result = format->decode(&file, most, out);
+  if (result == PAGS_OK && colour)
+    result = format->inspect(&file, &facts, colour);
   free(bytes);
   return result;
 }
@@ -143,15 +148,34 @@ pags_result pags_image_load(const char *path, pags_sample sample, int channels, 
 
 pags_result pags_image_load_top(const char *path, pags_sample sample, int channels, int rows, pags_image *out) {
   assert(path && out && channels >= 0 && channels <= 4);
+  pags_colour ignored;
   memset(out, 0, sizeof *out);
   /* Channels that are not needed are not read. For one or two wanted channels up to four are: the luma of a colour
    * picture takes three, its alpha is the fourth. */
   const int most = channels == 3 ? 3 : 4;
-  pags_result result = load_known(path, most, rows, out);
+  pags_result result = load_known(path, most, rows, out, NULL);
   if (result == PAGS_ERROR_UNSUPPORTED)
-    result = pags_other_load(path, most, out);
+    result = pags_other_load(path, most, out, &ignored);
   if (result == PAGS_OK)
     result = pags_image_convert(out, sample, channels ? channels : out->channels);
+  if (result != PAGS_OK)
+    pags_image_destroy(out);
+  return result;
+}
+
+pags_result pags_image_load_display(const char *path, int channels, pags_image *out) {
+  assert(path && out && (channels == 3 || channels == 4));
+  pags_colour colour;
+  memset(out, 0, sizeof *out);
+  pags_result result = load_known(path, channels, 0, out, &colour);
+  if (result == PAGS_ERROR_UNSUPPORTED)
+    result = pags_other_load(path, channels, out, &colour);
+  if (result == PAGS_OK && out->sample != PAGS_F32 && colour.kind == PAGS_COLOUR_SRGB)
+    result = pags_image_convert(out, PAGS_U8, channels);
+  if (result == PAGS_OK)
+    result = pags_image_convert(out, out->sample, channels);
+  if (result == PAGS_OK)
+    result = pags_colour_convert(&colour, path, out);
   if (result != PAGS_OK)
     pags_image_destroy(out);
   return result;

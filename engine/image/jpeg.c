@@ -15,7 +15,7 @@
 #include "base/memory.h"
 #include "image/orientation.h"
 
-enum { START_OF_IMAGE = 0xd8, END_OF_IMAGE = 0xd9, START_OF_SCAN = 0xda };
+enum { APP2 = 0xe2, START_OF_IMAGE = 0xd8, END_OF_IMAGE = 0xd9, START_OF_SCAN = 0xda };
 enum { FULL_CHROMA = 90 }; /* from this quality on, chroma keeps its resolution */
 enum { MOST_SCANS = 500 }; /* progressive files have about ten; each takes time in proportion to the pixels */
 
@@ -183,14 +183,65 @@ static double find_pixel_aspect(const struct jpeg_decompress_struct *jpeg) {
   return jpeg->saw_JFIF_marker && jpeg->X_density > 0 ? (double)jpeg->Y_density / jpeg->X_density : 0;
 }
 
-pags_result pags_jpeg_inspect(const pags_encoded *file, pags_image_facts *facts) {
+/* Joins the parts of an ICC profile, which segments APP2 hold: a name of 12 bytes, the part's number from 1 on, the
+ * number of parts (ICC.1, B.4). NULL: there is none (*size 0), it isn't whole, or there is no memory (*size not 0). */
+static uint8_t *join_profile(const pags_encoded *file, size_t *size) {
+  static const uint8_t name[12] = "ICC_PROFILE";
+  const uint8_t *parts[256] = {NULL};
+  size_t sizes[256] = {0}, all = 0;
+  int count = 0, there = 0;
+  for (size_t at = 2; at + 4 <= file->size && file->bytes[at] == 0xff && file->bytes[at + 1] != START_OF_SCAN;) {
+    const uint8_t *const segment = file->bytes + at;
+    const size_t length = (size_t)segment[2] << 8 | segment[3];
+    if (segment[1] == APP2 && length >= 16 && length + 2 <= file->size - at &&
+        memcmp(segment + 4, name, sizeof name) == 0 && !parts[segment[16]]) {
+      parts[segment[16]] = segment + 18;
+      sizes[segment[16]] = length - 16;
+      all += length - 16;
+      count = segment[17];
+      there++;
+    }
+    at += segment[1] == 0xff ? 1 : 2 + length;
+  }
+  *size = all + (there > 0);
+  bool whole = there > 0 && there == count;
+  for (int i = 1; i <= count && whole; i++)
+    whole = parts[i];
+  uint8_t *const profile = whole ? malloc(all + 1) : NULL;
+  size_t used = 0;
+  for (int i = 1; i <= count && profile; used += sizes[i], i++)
+    memcpy(profile + used, parts[i], sizes[i]);
+  return profile;
+}
+
+/* The space of the colours: that of the profile, or what EXIF says. */
+static void find_colour(const jpeg_reader *r, pags_colour *colour) {
+  size_t size, exif_size;
+  uint8_t *const profile = join_profile(r->file, &size);
+  const uint8_t *const exif = pags_exif_of_jpeg(r->file->bytes, r->file->size, &exif_size);
+  memset(colour, 0, sizeof *colour);
+  if (profile)
+    pags_colour_set_icc(colour, profile, size - 1);
+  else if (size > 0)
+    pags_colour_set_unknown(colour, "a damaged ICC profile");
+  else if (exif && pags_exif_says_adobe_rgb(exif, exif_size))
+    pags_colour_set_adobe_rgb(colour);
+  free(profile);
+}
+
+pags_result pags_jpeg_inspect(const pags_encoded *file, pags_image_facts *facts, pags_colour *colour) {
   jpeg_reader r = {.file = file};
   const pags_result result = begin(&r);
-  if (result == PAGS_OK)
+  if (result == PAGS_OK) {
+    size_t size;
+    const uint8_t *const exif = pags_exif_of_jpeg(file->bytes, file->size, &size);
     *facts = (pags_image_facts){.width = (int)r.jpeg.image_width,
                                 .height = (int)r.jpeg.image_height,
-                                .orientation = pags_orientation_of_jpeg(file->bytes, file->size),
+                                .orientation = exif ? pags_orientation_of_exif(exif, size) : 1,
                                 .pixel_aspect = pags_pixel_aspect(find_pixel_aspect(&r.jpeg))};
+    find_colour(&r, colour);
+    pags_colour_state(colour, facts);
+  }
   jpeg_destroy_decompress(&r.jpeg);
   return result;
 }

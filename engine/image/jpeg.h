@@ -5,10 +5,11 @@
 
 #include <pags/image.h>
 
+#include "image/colour.h"
 #include "image/encoded.h"
 
 /* Reads what the header says. Errors as pags_jpeg_decode. */
-pags_result pags_jpeg_inspect(const pags_encoded *file, pags_image_facts *facts);
+pags_result pags_jpeg_inspect(const pags_encoded *file, pags_image_facts *facts, pags_colour *colour);
 
 /* Decodes a picture: U8, grey or RGB. CMYK, which Adobe's programs store inverted, becomes RGB by multiplying each
  * colour with black. Nothing is turned. No file has alpha: `most` (3 or 4) only bounds the channels of

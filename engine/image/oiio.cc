@@ -85,6 +85,21 @@ void describe(reader *r, pags_oiio_info *info) {
   const int orientation = spec.get_int_attribute("Orientation", 1);
   info->orientation = orientation >= 1 && orientation <= 8 ? orientation : 1;
   info->pixel_aspect = spec.get_float_attribute("PixelAspectRatio", 1);
+  if (const OIIO::ParamValue *p = spec.find_attribute("ICCProfile"))
+    if (p->type().basetype == OIIO::TypeDesc::UINT8) {
+      info->profile = static_cast<const unsigned char *>(p->data());
+      info->profile_size = p->type().size();
+    }
+  if (const OIIO::ParamValue *p = spec.find_attribute("chromaticities"))
+    if (p->type().basetype == OIIO::TypeDesc::FLOAT && p->type().numelements() == 8 && p->type().aggregate == 1)
+      std::memcpy(info->chromaticities, p->data(), sizeof info->chromaticities);
+  if (const OIIO::ParamValue *p = spec.find_attribute("CICP"))
+    if (p->type().basetype == OIIO::TypeDesc::INT && p->type().numelements() == 4)
+      std::memcpy(info->cicp, p->data(), sizeof info->cicp);
+  std::string space = spec.get_string_attribute("tiff:ColorSpace");
+  if (space.empty() || space == "RGB")
+    space = spec.get_string_attribute("oiio:ColorSpace");
+  std::snprintf(info->space, sizeof info->space, "%s", space.c_str());
   r->part = spec.get_string_attribute("oiio:subimagename");
   info->part = r->part.c_str();
   std::snprintf(info->format, sizeof info->format, "%s", format.c_str());

@@ -31,8 +31,13 @@ typedef struct pags_oiio_info {
   int alpha;       /* 1: the last of 2, or the fourth of more channels is alpha */
   int orientation; /* as EXIF numbers them, 1..8 */
   double pixel_aspect;
-  const char *part; /* name of the part, "": none; valid until the reader is closed or reads another part */
-  char format[16];  /* "png", "jpeg", "openexr", ... */
+  const char *part;             /* name of the part, "": none; valid until the reader is closed or reads another part */
+  const unsigned char *profile; /* ICC, NULL: none; valid as `part` */
+  size_t profile_size;
+  float chromaticities[8]; /* of red, green, blue and white; all 0: not stated */
+  int cicp[4];             /* primaries, transfer, matrix, full range (ITU-T H.273); all 0: not stated */
+  char space[32];          /* OpenImageIO's name of the colour space, "": none */
+  char format[16];         /* "png", "jpeg", "openexr", ... */
 } pags_oiio_info;
 
 typedef struct pags_oiio {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* EXIF orientation: the value of tag 274 in the first directory of a TIFF structure, which a JPEG file has in a segment
- * APP1 that begins with "Exif" and two zeros. */
+/* EXIF: a TIFF structure (CIPA DC-008), which a JPEG file has in a segment APP1 that begins with "Exif" and two zeros.
+ * Its first directory has the orientation; the colour space is in directories below. */
 #include "image/orientation.h"
 
 #include <assert.h>
@@ -8,7 +8,14 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { TAG_ORIENTATION = 274, TYPE_SHORT = 3, TYPE_LONG = 4, ENTRY = 12 };
+enum {
+  TAG_ORIENTATION = 274,
+  TAG_EXIF = 0x8769,
+  TAG_COLOUR_SPACE = 0xa001,
+  TAG_INTEROPERABILITY = 0xa005,
+  TAG_INDEX = 1
+};
+enum { TYPE_SHORT = 3, TYPE_LONG = 4, ENTRY = 12, ADOBE_RGB = 2 };
 enum { APP1 = 0xe1, START_OF_SCAN = 0xda };
 
 /* ---- Reading ---- */
@@ -20,37 +27,76 @@ static uint32_t load(const uint8_t *p, int count, bool big) {
   return value;
 }
 
-int pags_orientation_of_exif(const uint8_t *bytes, size_t size) {
+/* An EXIF block: a TIFF structure. */
+typedef struct exif {
+  const uint8_t *bytes;
+  size_t size;
+  bool big; /* endian */
+} exif;
+
+static bool open_exif(const uint8_t *bytes, size_t size, exif *out) {
   if (size < 8 || (memcmp(bytes, "II*\0", 4) != 0 && memcmp(bytes, "MM\0*", 4) != 0))
-    return 1;
-  const bool big = bytes[0] == 'M';
-  const size_t directory = load(bytes + 4, 4, big);
-  if (directory > size - 2)
-    return 1;
-  const size_t count = load(bytes + directory, 2, big), room = (size - directory - 2) / ENTRY;
-  for (size_t i = 0; i < count && i < room; i++) {
-    const uint8_t *const entry = bytes + directory + 2 + i * ENTRY;
-    const uint32_t type = load(entry + 2, 2, big);
-    if (load(entry, 2, big) != TAG_ORIENTATION || (type != TYPE_SHORT && type != TYPE_LONG))
-      continue;
-    const uint32_t value = load(entry + 8, type == TYPE_SHORT ? 2 : 4, big);
-    return value >= 1 && value <= 8 ? (int)value : 1;
-  }
-  return 1;
+    return false;
+  *out = (exif){bytes, size, bytes[0] == 'M'};
+  return true;
 }
 
-int pags_orientation_of_jpeg(const uint8_t *bytes, size_t size) {
+/* The entry of a tag in the directory at a byte; NULL: there is none. */
+static const uint8_t *find_entry(const exif *e, size_t directory, unsigned tag) {
+  if (directory > e->size - 2)
+    return NULL;
+  const size_t count = load(e->bytes + directory, 2, e->big), room = (e->size - directory - 2) / ENTRY;
+  for (size_t i = 0; i < count && i < room; i++)
+    if (load(e->bytes + directory + 2 + i * ENTRY, 2, e->big) == tag)
+      return e->bytes + directory + 2 + i * ENTRY;
+  return NULL;
+}
+
+/* The number that an entry holds; 0 for other types. */
+static uint32_t number_of(const exif *e, const uint8_t *entry) {
+  const uint32_t type = load(entry + 2, 2, e->big);
+  return type == TYPE_SHORT || type == TYPE_LONG ? load(entry + 8, type == TYPE_SHORT ? 2 : 4, e->big) : 0;
+}
+
+int pags_orientation_of_exif(const uint8_t *bytes, size_t size) {
+  exif e;
+  if (!open_exif(bytes, size, &e))
+    return 1;
+  const uint8_t *const entry = find_entry(&e, load(bytes + 4, 4, e.big), TAG_ORIENTATION);
+  const uint32_t value = entry ? number_of(&e, entry) : 0;
+  return value >= 1 && value <= 8 ? (int)value : 1;
+}
+
+bool pags_exif_says_adobe_rgb(const uint8_t *bytes, size_t size) {
+  exif e;
+  if (!open_exif(bytes, size, &e))
+    return false;
+  const uint8_t *const below = find_entry(&e, load(bytes + 4, 4, e.big), TAG_EXIF);
+  const size_t directory = below ? number_of(&e, below) : 0;
+  if (directory == 0)
+    return false;
+  const uint8_t *const space = find_entry(&e, directory, TAG_COLOUR_SPACE);
+  if (space && number_of(&e, space) == ADOBE_RGB)
+    return true;
+  const uint8_t *const interoperability = find_entry(&e, directory, TAG_INTEROPERABILITY);
+  const size_t last = interoperability ? number_of(&e, interoperability) : 0;
+  const uint8_t *const index = last ? find_entry(&e, last, TAG_INDEX) : NULL;
+  return index && memcmp(index + 8, "R03", 3) == 0;
+}
+
+const uint8_t *pags_exif_of_jpeg(const uint8_t *bytes, size_t size, size_t *exif_size) {
   for (size_t at = 2; at + 4 <= size && bytes[at] == 0xff && bytes[at + 1] != START_OF_SCAN;) {
     if (bytes[at + 1] == 0xff) { /* padding */
       at++;
       continue;
     }
     const size_t length = (size_t)bytes[at + 2] << 8 | bytes[at + 3], end = at + 2 + length;
+    *exif_size = length - 8;
     if (bytes[at + 1] == APP1 && length >= 8 && end <= size && memcmp(bytes + at + 4, "Exif\0\0", 6) == 0)
-      return pags_orientation_of_exif(bytes + at + 10, length - 8);
+      return bytes + at + 10;
     at = end;
   }
-  return 1;
+  return NULL;
 }
 
 /* ---- Turning ---- */

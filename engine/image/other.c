@@ -5,13 +5,16 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
 #include "base/memory.h"
 #include "base/text.h"
+#include "image/container.h"
 #include "image/encoded.h"
 #include "image/layers.h"
 #include "image/module.h"
 #include "image/oiio.h"
+#include "port/port.h"
 
 /* A file that OpenImageIO has opened, at the part that is read. */
 typedef struct other_picture {
@@ -121,9 +124,47 @@ static pags_result open_other(const char *path, other_picture *other) {
   return result;
 }
 
+/* Looks in the file itself, where OpenImageIO doesn't tell. */
+static bool find_in_container(const char *path, pags_colour *colour) {
+  enum { MOST = 1 << 20 }; /* bytes, in which headers lie */
+  uint8_t *const bytes = malloc(MOST);
+  FILE *const file = pags_port_open(path, "rb");
+  const size_t size = bytes && file ? fread(bytes, 1, MOST, file) : 0;
+  const bool found = pags_container_colour(bytes, size, colour);
+  if (file)
+    fclose(file);
+  free(bytes);
+  return found;
+}
+
+/* The space of the colours. What OpenImageIO names it counts where the file has neither profile nor numbers; names of
+ * what it has converted itself, or assumes, mean nothing here. */
+static void find_colour(const char *path, const pags_oiio_info *info, pags_colour *colour) {
+  double xy[8], gamma;
+  memset(colour, 0, sizeof *colour);
+  for (int i = 0; i < 8; i++)
+    xy[i] = (double)info->chromaticities[i];
+  if (info->profile)
+    pags_colour_set_icc(colour, info->profile, info->profile_size);
+  else if (info->cicp[0] > 0)
+    pags_colour_set_cicp(colour, info->cicp[0], info->cicp[1], info->cicp[3] != 0);
+  else if (find_in_container(path, colour))
+    return;
+  else if (info->sample == PAGS_F32 && xy[7] > 0)
+    pags_colour_set_primaries(colour, xy);
+  else if (info->sample != PAGS_F32 && (strncasecmp(info->space, "lin", 3) == 0))
+    pags_colour_set_gamma(colour, 1, NULL, NULL);
+  else if (info->sample != PAGS_F32 && sscanf(info->space, "Gamma%lf", &gamma) == 1 && gamma > 0.1 && gamma < 10)
+    pags_colour_set_gamma(colour, gamma, NULL, NULL);
+  else if (strstr(info->space, "Log") || strstr(info->space, "LAB") || strstr(info->space, "Lab"))
+    pags_colour_set_unknown(colour, info->space);
+}
+
 pags_result pags_other_inspect(const char *path, pags_image_facts *facts) {
   other_picture other;
+  pags_colour colour;
   PAGS_TRY(open_other(path, &other));
+  find_colour(path, &other.info, &colour);
   other.oiio->close(other.reader);
   *facts = (pags_image_facts){.width = other.width,
                               .height = other.height,
@@ -134,6 +175,7 @@ pags_result pags_other_inspect(const char *path, pags_image_facts *facts) {
                               .window = other.window,
                               .layer_rule = other.layer.rule};
   memcpy(facts->layer, other.layer.name, sizeof facts->layer);
+  pags_colour_state(&colour, facts);
   return PAGS_OK;
 }
 
@@ -171,9 +213,10 @@ static pags_result read_samples(const char *path, const other_picture *other, in
   return PAGS_OK;
 }
 
-pags_result pags_other_load(const char *path, int most, pags_image *out) {
+pags_result pags_other_load(const char *path, int most, pags_image *out, pags_colour *colour) {
   other_picture other;
   PAGS_TRY(open_other(path, &other));
+  find_colour(path, &other.info, colour);
   const int channels = pags_layer_channels(&other.layer, other.window, most);
   pags_result result;
   if (other.window == PAGS_WINDOW_WHOLE) {

@@ -74,6 +74,10 @@ static void flush_nothing(png_structp png) {
 
 /* ---- Reading ---- */
 
+static uint32_t load_big(const uint8_t *p) {
+  return (uint32_t)p[0] << 24 | (uint32_t)p[1] << 16 | (uint32_t)p[2] << 8 | p[3];
+}
+
 /* Fails if a chunk before the pixels claims to reach beyond the end of the file: libpng (1.6.39) would allocate the
  * length that a chunk claims, up to 2 GB, before it reads the chunk. A chunk is length, type, data and CRC (ISO/IEC
  * 15948, 5.3). */
@@ -82,7 +86,7 @@ static pags_result check_chunks(const pags_encoded *file) {
     const uint8_t *const head = file->bytes + at;
     if (memcmp(head + 4, "IDAT", 4) == 0)
       return PAGS_OK;
-    const uint32_t length = (uint32_t)head[0] << 24 | (uint32_t)head[1] << 16 | (uint32_t)head[2] << 8 | head[3];
+    const uint32_t length = load_big(head);
     const uint64_t end = (uint64_t)at + HEAD + length + CHECKSUM;
     if (end > file->size)
       return pags_fail(PAGS_ERROR_FORMAT,
@@ -182,14 +186,53 @@ static int find_orientation(const png_state *state) {
   return 1;
 }
 
-pags_result pags_png_inspect(const pags_encoded *file, pags_image_facts *facts) {
+/* A chunk before the pixels; NULL: there is none. check_chunks has found that all lie in the file. */
+static const uint8_t *find_chunk(const pags_encoded *file, const char *type, uint32_t least) {
+  for (size_t at = SIGNATURE; file->size >= HEAD && at <= file->size - HEAD;) {
+    const uint8_t *const head = file->bytes + at;
+    const uint32_t length = load_big(head);
+    if (memcmp(head + 4, "IDAT", 4) == 0)
+      return NULL;
+    if (memcmp(head + 4, type, 4) == 0 && length >= least)
+      return head + HEAD;
+    at += HEAD + (size_t)length + CHECKSUM;
+  }
+  return NULL;
+}
+
+/* The space of the colours by the chunks that say it, the strongest first (W3C PNG, third edition, 4.3). libpng 1.6.39
+ * doesn't know cICP. */
+static void find_colour(const png_state *state, pags_colour *colour) {
+  const uint8_t *const cicp = find_chunk(state->file, "cICP", 4), *const gama = find_chunk(state->file, "gAMA", 4);
+  const uint8_t *const chrm = find_chunk(state->file, "cHRM", 32);
+  const double steps = 100000;
+  png_charp name;
+  png_bytep profile;
+  png_uint_32 size;
+  int compression;
+  memset(colour, 0, sizeof *colour);
+  if (cicp) {
+    pags_colour_set_cicp(colour, cicp[0], cicp[1], cicp[3] != 0);
+  } else if (png_get_iCCP(state->png, state->info, &name, &compression, &profile, &size)) {
+    pags_colour_set_icc(colour, profile, size);
+  } else if (!find_chunk(state->file, "sRGB", 1) && (gama || chrm)) {
+    static const int order[8] = {2, 3, 4, 5, 6, 7, 0, 1}; /* white comes first in the file */
+    const double stated = gama ? load_big(gama) : 0;
+    double xy[8];
+    for (int i = 0; chrm && i < 8; i++)
+      xy[i] = load_big(chrm + 4 * order[i]) / steps;
+    pags_colour_set_gamma(colour, stated > 0 ? steps / stated : 0, chrm ? xy : NULL, NULL);
+  }
+}
+
+pags_result pags_png_inspect(const pags_encoded *file, pags_image_facts *facts, pags_colour *colour) {
   png_state state = {.file = file};
   pags_picture_info info;
   uint64_t least;
   pags_result result = begin(&state, 4, &info, &least);
   if (result == PAGS_OK)
     result = pags_encoded_check(file, &info, 0);
-  if (result == PAGS_OK)
+  if (result == PAGS_OK) {
     *facts = (pags_image_facts){
         .width = (int)info.width,
         .height = (int)info.height,
@@ -198,6 +241,9 @@ pags_result pags_png_inspect(const pags_encoded *file, pags_image_facts *facts) 
         .sample = png_get_bit_depth(state.png, state.info) == 16 ? PAGS_U16 : PAGS_U8,
         .orientation = find_orientation(&state),
         .pixel_aspect = pags_pixel_aspect((double)png_get_pixel_aspect_ratio(state.png, state.info))};
+    find_colour(&state, colour);
+    pags_colour_state(colour, facts);
+  }
   png_destroy_read_struct(&state.png, &state.info, NULL);
   return result;
 }

@@ -5,13 +5,14 @@
 
 #include <pags/image.h>
 
+#include "image/colour.h"
 #include "image/encoded.h"
 
 /* Reads what the header says. Errors as pags_png_decode. */
-pags_result pags_png_inspect(const pags_encoded *file, pags_image_facts *facts);
+pags_result pags_png_inspect(const pags_encoded *file, pags_image_facts *facts, pags_colour *colour);
 
 /* Decodes a picture: U16 for 16 bits a sample, else U8. Fewer bits are scaled to 8, a palette becomes RGB, a
- * transparent colour becomes alpha; alpha is straight, and gamma and colour profile are ignored. With `most` 3, alpha
+ * transparent colour becomes alpha; alpha is straight. Gamma and colour profile are not applied. With `most` 3, alpha
  * is left out. With file->rows, the picture ends after so many rows, unless it is interlaced. PAGS_ERROR_FORMAT or
  * PAGS_ERROR_MEMORY; then `out` is zeroed. */
 pags_result pags_png_decode(const pags_encoded *file, int most, pags_image *out);

@@ -14,8 +14,8 @@ from fixtures import read_png, write
 WIDTH, HEIGHT, VIEWS = 32, 24, 9
 
 
-def png(width, height, samples, channels=3, bits=8, orientation=1):
-    """The bytes of a PNG; samples: bytes, big-endian where bits is 16."""
+def png(width, height, samples, channels=3, bits=8, orientation=1, chunks=()):
+    """The bytes of a PNG; samples: bytes, big-endian where bits is 16; chunks: (name, data) before the pixels."""
 
     def chunk(kind, data):
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
@@ -28,6 +28,7 @@ def png(width, height, samples, channels=3, bits=8, orientation=1):
         b"\x89PNG\r\n\x1a\n"
         + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, bits, colour, 0, 0, 0))
         + (chunk(b"eXIf", exif) if orientation > 1 else b"")
+        + b"".join(chunk(*more) for more in chunks)
         + chunk(b"IDAT", zlib.compress(rows))
         + chunk(b"IEND", b"")
     )
@@ -231,6 +232,47 @@ class Photographs(fixtures.Case):
         self.masks(lambda i: png(WIDTH, HEIGHT, bytes(255 if x < 20 else 0 for y in range(HEIGHT) for x in range(WIDTH)), 1))
         self.change(frames=content["frames"])
         self.assertAlmostEqual(self.eval("--image-alpha", "ignore")["train"]["psnr"], masked, places=9)
+
+    # ---- Colours ----
+
+    def store_png(self, samples, *chunks):
+        """Makes all photographs PNG files with these chunks; samples(bytes of the picture) are stored."""
+        for i in range(VIEWS):
+            write(f"{self.set}/images/{i:03d}.png", png(WIDTH, HEIGHT, samples(self.pixels[i]), chunks=chunks))
+
+    def photo_near(self, tolerance):
+        self.assertLessEqual(max(abs(a - b) for a, b in zip(self.photo()[2], self.pixels[0])), tolerance)
+
+    def test_colours_of_png(self):
+        gamma = lambda g: (b"gAMA", struct.pack(">I", round(100000 * g)))
+        grey = [b"cHRM", struct.pack(">8I", 31270, 32900, 64000, 33000, 30000, 60000, 15000, 6000)]
+        self.store_png(bytes, gamma(0.45455), grey)  # what programs write beside sRGB
+        self.assertEqual(self.train()["warnings"], [])
+        self.assertNotIn("sRGB", self.said)
+        self.store_png(lambda p: bytes(p), (b"cICP", bytes([1, 13, 0, 1])), gamma(1))  # cICP counts more
+        self.train()
+        self.assertNotIn("sRGB", self.said)
+        self.eval()
+        self.photo_near(0)
+
+        def linear(p):
+            return bytes(round(255 * (v / 255 / 12.92 if v <= 10 else ((v / 255 + 0.055) / 1.055) ** 2.4)) for v in p)
+
+        self.store_png(linear, gamma(1))
+        self.assertEqual(self.train()["warnings"], [])
+        self.assertIn("9 of 9 photographs have colours that are not sRGB and are converted to it; those of 000.png are gamma 1", self.said)
+        self.eval()
+        self.photo_near(7)  # 8 bits of light are coarse in the dark
+        self.store_png(linear, gamma(1), (b"sRGB", b"\0"))  # sRGB counts more than gAMA
+        self.train()
+        self.assertNotIn("not sRGB", self.said)
+        self.store_png(bytes, (b"cICP", bytes([9, 16, 0, 1])))
+        self.fails(["info", self.set], "000.png: its colours are in a space that is not converted here (BT.2020, PQ (HDR))", "zscale")
+
+    def test_masks_have_no_colours(self):
+        profiled = lambda i: png(WIDTH, HEIGHT, self.left_half(), 1, chunks=[(b"cICP", bytes([9, 16, 0, 1]))])
+        self.masks(profiled)
+        self.assertEqual(self.train()["warnings"], [])
 
     # ---- EXR ----
 

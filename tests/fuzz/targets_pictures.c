@@ -15,12 +15,13 @@
 enum { MOST_PIXELS = 1 << 20 };
 
 static int run_decoder(const char *name, const uint8_t *data, size_t size,
-                       pags_result (*inspect)(const pags_encoded *, pags_image_facts *),
+                       pags_result (*inspect)(const pags_encoded *, pags_image_facts *, pags_colour *),
                        pags_result (*decode)(const pags_encoded *, int, pags_image *)) {
   const pags_encoded file = {.path = name, .bytes = data, .size = size};
   pags_image_facts facts;
   pags_image image;
-  pags_result result = inspect(&file, &facts);
+  pags_colour colour;
+  pags_result result = inspect(&file, &facts, &colour);
   if (result != PAGS_OK) {
     fuzz_refused(result, name);
     return 0;

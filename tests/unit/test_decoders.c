@@ -23,7 +23,8 @@ typedef struct decoded {
 
 static decoded decode_theirs(const char *path, int most) {
   decoded d = {.image = {0}};
-  d.result = pags_other_load(path, most, &d.image);
+  pags_colour colour;
+  d.result = pags_other_load(path, most, &d.image, &colour);
   return d;
 }
 

@@ -170,7 +170,7 @@ static double way_driven(const search *s, int number) {
 
 static pags_result add_photograph(search *s, int64_t view) {
   pags_image full, small;
-  PAGS_TRY(pags_image_load(s->dataset->views[view].image_path, PAGS_U8, 3, &full));
+  PAGS_TRY(pags_image_load_display(s->dataset->views[view].image_path, 3, &full));
   pags_result result = pags_image_create(&small, s->width, s->height, 3, PAGS_U8);
   if (result == PAGS_OK)
     result = pags_shrink_mean(&full, s->step, s->step, &small);

@@ -42,6 +42,10 @@ typedef enum pags_image_window { PAGS_WINDOW_WHOLE, PAGS_WINDOW_LARGER, PAGS_WIN
  * are as likely. */
 typedef enum pags_layer_rule { PAGS_LAYER_ONLY, PAGS_LAYER_NAMED, PAGS_LAYER_FIRST } pags_layer_rule;
 
+/* Whether colours are display-referred sRGB, or linear light with its primaries, or nothing is said; of another space,
+ * which is known; of one that is not. */
+typedef enum pags_colour_kind { PAGS_COLOUR_SRGB, PAGS_COLOUR_OTHER, PAGS_COLOUR_UNKNOWN } pags_colour_kind;
+
 /* What the header of a picture file says. */
 typedef struct pags_image_facts {
   int width, height; /* pixels as stored; of an EXR file its display window */
@@ -53,6 +57,8 @@ typedef struct pags_image_facts {
   double pixel_aspect; /* width of a pixel over its height; 1: square, or unknown */
   pags_image_window window;
   pags_layer_rule layer_rule;
+  pags_colour_kind colour;
+  char space[PAGS_IMAGE_NAME]; /* name of the colour space; "": none is stated */
   char layer[PAGS_IMAGE_NAME]; /* of an EXR file: the layer that is read; "": the channels without a layer */
 } pags_image_facts;
 
@@ -66,8 +72,8 @@ PAGS_API pags_result pags_image_turn(pags_image *image, int orientation);
 /* Reads PNG, JPEG and EXR, and any other format that OpenImageIO reads where it is there. The format is found by the
  * file's first bytes, whatever its name. Alpha is straight or not as the file has it, and nothing is multiplied by it.
  *
- * The samples are converted to `sample`: 0..255 or 0..65535 correspond to 0..1 of a float, and no transfer curve is
- * applied, so that display-referred files give display-referred samples. They are converted to `channels` (0: as in
+ * The samples are converted to `sample`: 0..255 or 0..65535 correspond to 0..1 of a float. No transfer curve or colour
+ * profile is applied: masks and labels are numbers. They are converted to `channels` (0: as in
  * the file, at most 4): RGB from grey repeats the grey; grey from RGB is the Rec. 709 luma of the display-referred
  * samples; alpha that isn't wanted is dropped, not multiplied in; alpha that is missing is opaque. Nothing is
  * turned by an EXIF orientation (pags_image_turn does that).
@@ -77,8 +83,15 @@ PAGS_API pags_result pags_image_turn(pags_image *image, int orientation);
  * zeroed. */
 PAGS_API pags_result pags_image_load(const char *path, pags_sample sample, int channels, pags_image *out);
 
-/* The same for a look at a picture: of a PNG that isn't interlaced only the first `rows` rows are decoded, and
- * out->height is their number; of another picture, or where `rows` is 0 or less or the height or more, all are. */
+/* Reads a photograph for what compares it with renders: as U8 of 3 or 4 `channels`, display-referred sRGB with straight
+ * alpha. Colours of another space are converted by the ICC profile or what else the file says; linear light is encoded
+ * by the curve of sRGB (IEC 61966-2-1), values over 1 as 255. Errors as pags_image_load, and PAGS_ERROR_FORMAT for a
+ * space that is not converted: HDR, CMYK with a profile, profiles of tables alone. */
+PAGS_API pags_result pags_image_load_display(const char *path, int channels, pags_image *out);
+
+/* The same as pags_image_load for a look at a picture: of a PNG that isn't interlaced only the first `rows` rows are
+ * decoded, and out->height is their number; of another picture, or where `rows` is 0 or less or the height or more, all
+ * are. */
 PAGS_API pags_result pags_image_load_top(const char *path, pags_sample sample, int channels, int rows, pags_image *out);
 
 /* Writes a picture in the format of the extension: .png (8 or 16 bits as the image has; float samples are clamped
