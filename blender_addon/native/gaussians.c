@@ -14,6 +14,7 @@
 #include "base/memory.h"
 #include "base/text.h"
 #include "scene/axes.h"
+#include "scene/large.h"
 #include "scene/splat_formats.h"
 
 /* ---- From arrays ---- */
@@ -101,13 +102,42 @@ static bool create_gaussians(const scene_arguments *w, Py_ssize_t rows, float **
   return false;
 }
 
-static bool fill_gaussians(const scene_arguments *w, pags_gaussians *g) {
+/* Finds the origin (scene/large.h) of an axis of the means, by up to 1,024 of their rows; 0 if floats lose no digit. */
+static double origin_of(const double *means, Py_ssize_t rows, int axis) {
+  enum { MOST = 1024 };
+  double values[MOST];
+  bool lost = false;
+  const int count = rows < MOST ? (int)rows : MOST;
+  for (int i = 0; i < count; i++) {
+    values[i] = means[3 * (Py_ssize_t)((double)rows / count * i) + axis];
+    lost = lost || (double)(float)values[i] != values[i];
+  }
+  return lost ? pags_large_origin(values, count) : 0;
+}
+
+/* Reads the means as floats, which the caller frees. Where the caller names no origin, large ones may get one. */
+static float *read_means(const scene_arguments *w, Py_ssize_t shape[2], double origin[3]) {
+  double *const means = native_read_array(w->array[MEANS], arrays[MEANS].name, true, 2, shape);
+  const Py_ssize_t numbers = means ? 3 * shape[0] : 0;
+  float *const floats = means ? malloc((size_t)numbers * sizeof *floats + 1) : NULL;
+  if (means && !floats)
+    PyErr_NoMemory();
+  for (int k = 0; k < 3 && floats && w->origin == Py_None; k++)
+    origin[k] = origin_of(means, shape[0], k);
+  for (Py_ssize_t i = 0; i < numbers && floats; i++)
+    floats[i] = (float)(means[i] - (w->origin == Py_None ? origin[i % 3] : 0));
+  free(means);
+  return floats;
+}
+
+static bool fill_gaussians(const scene_arguments *w, pags_gaussians *g, double origin[3]) {
   Py_ssize_t rows = -1;
   float *from = NULL, *sh = NULL;
   bool good = true;
   for (int a = 0; good && a < SH; a++) {
     Py_ssize_t shape[2] = {rows, arrays[a].planes};
-    from = native_read_array(w->array[a], arrays[a].name, false, a == OPACITIES ? 1 : 2, shape);
+    from = a == MEANS ? read_means(w, shape, origin)
+                      : native_read_array(w->array[a], arrays[a].name, false, a == OPACITIES ? 1 : 2, shape);
     good = from != NULL;
     if (good && a == MEANS) {
       rows = shape[0];
@@ -132,7 +162,7 @@ static bool fill_scene(const scene_arguments *w, pags_scene *scene) {
     return false;
   }
   if ((w->background && !native_read_numbers(w->background, "background", 3, background)) ||
-      (w->origin && !native_read_numbers(w->origin, "origin", 3, scene->origin)))
+      (w->origin != Py_None && !native_read_numbers(w->origin, "origin", 3, scene->origin)))
     return false;
   for (int k = 0; k < 3; k++) {
     scene->background[k] = (float)background[k];
@@ -155,7 +185,7 @@ static bool fill_scene(const scene_arguments *w, pags_scene *scene) {
     PyErr_NoMemory();
     return false;
   }
-  if (!fill_gaussians(w, &model->gaussians))
+  if (!fill_gaussians(w, &model->gaussians, scene->origin))
     return false;
   model->gaussians.alpha_min = (float)w->alpha_min;
   return true;
@@ -164,7 +194,7 @@ static bool fill_scene(const scene_arguments *w, pags_scene *scene) {
 PyObject *native_scene_new(PyTypeObject *type, PyObject *arguments, PyObject *keywords) {
   static char *names[] = {"means",       "quats",     "scales",     "opacities", "sh", "priorities",
                           "antialiased", "alpha_min", "background", "origin",    "up", NULL};
-  scene_arguments w = {.priorities = Py_None, .up = "-y"};
+  scene_arguments w = {.priorities = Py_None, .origin = Py_None, .up = "-y"};
   pags_scene scene = {0};
   if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OOOOO|$OpdOOs:Scene", names, &w.array[MEANS], &w.array[QUATS],
                                    &w.array[SCALES], &w.array[OPACITIES], &w.array[SH], &w.priorities, &w.antialiased,

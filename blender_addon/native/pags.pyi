@@ -101,7 +101,7 @@ class Scene:
         antialiased: bool = False,
         alpha_min: float = 0,
         background: Sequence[float] = (0, 0, 0),
-        origin: Sequence[float] = (0, 0, 0),
+        origin: Sequence[float] | None = None,
         up: str = "-y",
     ) -> Scene: ...
     @property

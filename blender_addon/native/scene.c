@@ -481,13 +481,15 @@ static PyObject *scene_repr(PyObject *object) {
 
 #define SCENE_DOC                                                                                                      \
   "Scene(means, quats, scales, opacities, sh, *, priorities=None, antialiased=False, alpha_min=0, background=(0, 0, "  \
-  "0), origin=(0, 0, 0), up='-y')\n--\n\n"                                                                             \
+  "0), origin=None, up='-y')\n--\n\n"                                                                                  \
   "A scene ready for drawing: of arrays, or by load(path) of files.\n\n"                                               \
   "means [n][3] (metres, relative to origin), quats [n][4] (w, x, y, z, of any length), scales [n][3] (ln sigma, not " \
   "sigma), opacities [n] (logits), sh [n][k][3] (spherical harmonics, k of 1, 4, 9 or 16: colour = 0.5 + 0.2821 "      \
   "sh[0] "                                                                                                             \
   "+ ..., sRGB), priorities [n] (0 to 1). Arrays are numpy's, anything else with the buffer protocol, or nested "      \
-  "lists; they are copied. antialiased: as Mip-Splatting. alpha_min: the least alpha that is drawn, 0: 1/255."
+  "lists; they are copied. antialiased: as Mip-Splatting. alpha_min: the least alpha that is drawn, 0: 1/255. origin " \
+  "None: 0; if the means lose digits as floats and most lie beyond 4096 m along an axis, whole metres, taken off "     \
+  "them."
 
 static PyGetSetDef scene_getset[] = {
     {"info", scene_info, NULL,

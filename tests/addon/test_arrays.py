@@ -118,6 +118,48 @@ class Arrays(Case):
         pags.Scene(**random_gaussians(3), alpha_min=0.0196).save(self.path("least.ply"))
         self.assertAlmostEqual(pags.load(self.path("least.ply")).info["alpha_min"], 0.0196)
 
+    def test_doubles_far_away(self):
+        """Means at a place on the earth keep their digits as doubles, in arrays and files, and beside a scene of another origin."""
+        place = (512345.0, -4612345.0, 100.0)
+        near, far = random_gaussians(150, kind="d"), random_gaussians(150, kind="d")
+        for i in range(150):
+            for k in range(3):
+                far["means"][i, k] += place[k]
+        far["means"][7, 0] = 1e15  # one that is nowhere near changes nothing
+        near["means"][7, 0] = 1e15 - place[0]
+        scene = pags.Scene(**far)
+        origin = scene.info["origin"]
+        self.assertEqual(origin[2], 0)
+        self.assertLess(max(abs(a - b) for a, b in zip(origin, place)), 101)
+        there = pags.camera(32, 24, [[32, 0, 16], [0, 32, 12], [0, 0, 1]], [[int(i == k) if k < 3 else place[i] for k in range(4)] for i in range(3)])
+        wanted = floats(pags.render(pags.Scene(**near), front()).rgba)
+        close = lambda picture: self.assertLess(max(abs(a - b) for a, b in zip(floats(picture.rgba), wanted)), 1e-3)  # noqa: E731
+        close(pags.render(scene, there))
+        scene.save(self.path("far.ply"))
+        close(pags.render(pags.load(self.path("far.ply")), there))
+        head = "".join(f"property {'double' if n in 'xyz' else 'float'} {n}\n" for n in ["x", "y", "z", *(f"f_dc_{k}" for k in range(3))])
+        head += "".join(f"property float {n}\n" for n in ["opacity", *(f"scale_{k}" for k in range(3)), *(f"rot_{k}" for k in range(4))])
+        rows = [struct.pack("<3d11f", *far["means"].tolist()[i], *far["sh"].tolist()[i][0], far["opacities"][i], *far["scales"].tolist()[i],
+                            *far["quats"].tolist()[i]) for i in range(150)]  # fmt: skip
+        self.write("double.ply", f"ply\nformat binary_little_endian 1.0\nelement vertex 150\n{head}end_header\n".encode() + b"".join(rows))
+        double = pags.load(self.path("double.ply"))
+        self.assertEqual(double.info["origin"], origin)
+        flat = {**near, "sh": buffer([v for row in near["sh"].tolist() for v in row[0]], 150, 1, 3)}
+        wanted = floats(pags.render(pags.Scene(**flat), front()).rgba)
+        close(pags.render(double, there))
+        elsewhere = [[0.0, 0.0, -1000.0]], [[1, 0, 0, 0]], [[-3, -3, -3]], [1], [[[0, 0, 0]]]  # behind the camera
+        pose = [1, 0, 0, -place[0], 0, 1, 0, -place[1], 0, 0, 1, -place[2]]
+        close(pags.render(pags.Scene(*elsewhere), front(), others=[{"scene": double, "world_from_scene": pose}]))
+        self.assertEqual(pags.Scene([[5e6, 0, 0]], *elsewhere[1:]).info["origin"], (0, 0, 0))  # a float has all of its digits
+        self.assertEqual(pags.Scene([[5e6 + 0.1, 0, 0]], *elsewhere[1:], origin=(1, 2, 3)).info["origin"], (1, 2, 3))
+
+    def test_quaternions_of_any_length(self):
+        given = random_gaussians(40)
+        wanted = bits(pags.render(pags.Scene(**given), front()).rgba)
+        for power in (-110, -60, 60, 110):
+            quats = buffer([math.ldexp(v, power) for v in memoryview(given["quats"]).cast("B").cast("f")], 40, 4)
+            self.assertEqual(bits(pags.render(pags.Scene(**{**given, "quats": quats}), front()).rgba), wanted, power)
+
     def test_arrays_of_a_scene_folder(self):
         """Rows are numbered by id, as pictures and picks name Gaussians; a tracked object's are in its own frame."""
         make_drive(self.path("scene"))
