@@ -4,6 +4,7 @@
 #include <math.h>
 #include <stdbool.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include <pags/gaussians.h>
 
@@ -36,6 +37,66 @@ pags_morton_cube pags_morton_bounds(const pags_gaussians *g) {
   return box;
 }
 
+/* ---- Boxes without stray rows ---- */
+
+enum { PARTS = PAGS_MORTON_COUNTS / 3, PART_SHIFT = 21 };
+
+/* The parts of an axis are those of all floats by sign, exponent and two bits of the mantissa, in ascending order. */
+static int part_of(float x) {
+  uint32_t bits;
+  memcpy(&bits, &x, sizeof bits);
+  return (int)((bits & 0x80000000u ? ~bits : bits | 0x80000000u) >> PART_SHIFT);
+}
+
+/* The least number of a part. */
+static double part_begin(int part) {
+  const uint32_t bits = (uint32_t)part << PART_SHIFT;
+  const uint32_t number = bits & 0x80000000u ? bits & 0x7FFFFFFFu : ~bits;
+  float x;
+  memcpy(&x, &number, sizeof x);
+  return (double)x;
+}
+
+static double extent_of(const pags_morton_cube *box) {
+  return fmax(box->hi[0] - box->lo[0], fmax(box->hi[1] - box->lo[1], box->hi[2] - box->lo[2]));
+}
+
+bool pags_morton_is_wide(const pags_morton_cube *bounds) {
+  return extent_of(bounds) > 16384; /* cells of 8 mm or more */
+}
+
+void pags_morton_count(const pags_gaussians *g, int64_t counts[PAGS_MORTON_COUNTS]) {
+  for (int64_t i = 0; i < g->count; i++)
+    for (int k = 0; k < 3 && is_finite_mean(g, i); k++)
+      counts[k * PARTS + part_of(pags_plane(g, PAGS_MEAN + k)[i])]++;
+}
+
+void pags_morton_tighten(const int64_t counts[PAGS_MORTON_COUNTS], pags_morton_cube *bounds) {
+  double lo[3], hi[3], core = 0;
+  int64_t all = 0;
+  for (int part = 0; part < PARTS; part++)
+    all += counts[part];
+  for (int k = 0; k < 3; k++) { /* all but a 32nd of the rows on either side */
+    const int64_t *const axis = counts + k * PARTS;
+    int first = 0, last = PARTS - 1;
+    for (int64_t left = all / 32 - axis[0]; left >= 0 && first < last; left -= axis[first])
+      first++;
+    for (int64_t left = all / 32 - axis[last]; left >= 0 && first < last; left -= axis[last])
+      last--;
+    lo[k] = fmax(part_begin(first), bounds->lo[k]);
+    hi[k] = last + 1 < PARTS ? fmin(part_begin(last + 1), bounds->hi[k]) : bounds->hi[k];
+    core = fmax(core, hi[k] - lo[k]);
+  }
+  if (!(extent_of(bounds) > 4096 * core)) /* at least 512 cells across them all */
+    return;
+  for (int k = 0; k < 3; k++) {
+    bounds->lo[k] = fmax(bounds->lo[k], lo[k] - 16 * core);
+    bounds->hi[k] = fmin(bounds->hi[k], hi[k] + 16 * core);
+  }
+}
+
+/* ---- Codes ---- */
+
 /* Moves bit k of the 21 low bits of x to bit 3 k. */
 static uint64_t spread(uint64_t x) {
   x = (x | x << 32) & 0x001F00000000FFFFu;
@@ -50,13 +111,13 @@ static uint64_t spread(uint64_t x) {
 uint64_t pags_morton_code(const pags_gaussians *g, int64_t i, const pags_morton_cube *box) {
   if (!is_finite_mean(g, i))
     return UINT64_MAX; /* larger than any code, which has 63 bits: such rows come last */
-  const double *const lo = box->lo, *const hi = box->hi;
-  const double extent = fmax(hi[0] - lo[0], fmax(hi[1] - lo[1], hi[2] - lo[2]));
+  const double *const lo = box->lo;
+  const double extent = extent_of(box);
   const double cells_per_metre = extent > 0 ? (double)(1 << AXIS_BITS) / extent : 0;
   uint64_t code = 0;
   for (int k = 0; k < 3; k++) {
     double cell = (pags_plane(g, PAGS_MEAN + k)[i] - lo[k]) * cells_per_metre;
-    uint64_t whole = (uint64_t)fmin(cell, (double)((1 << AXIS_BITS) - 1));
+    uint64_t whole = (uint64_t)fmin(fmax(cell, 0), (double)((1 << AXIS_BITS) - 1));
     code |= spread(whole) << k;
   }
   return code;
@@ -165,14 +226,20 @@ pags_result pags_morton_order(const pags_gaussians *g, pags_tasks *tasks, int64_
   s.blocks = (g->count + BLOCK - 1) / BLOCK;
   keyed_row *const block = calloc((size_t)g->count, 2 * sizeof *block);
   s.place = malloc((size_t)s.blocks * sizeof *s.place);
-  const bool room = block && s.place;
+  s.box = pags_morton_bounds(g);
+  int64_t *const counts = pags_morton_is_wide(&s.box) ? calloc(PAGS_MORTON_COUNTS, sizeof *counts) : NULL;
+  const bool room = block && s.place && (counts || !pags_morton_is_wide(&s.box));
   bool done = false;
   if (room) {
     s.rows = block;
     s.other = block + g->count;
-    s.box = pags_morton_bounds(g);
+    if (counts) {
+      pags_morton_count(g, counts);
+      pags_morton_tighten(counts, &s.box);
+    }
     done = sort(&s);
   }
+  free(counts);
   free(block);
   free(s.place);
   if (!room)

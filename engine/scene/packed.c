@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Packs Gaussians into quantised clusters (pags/packed.h, which has the bit layout), and writes, maps and checks
  * packed files (.pagsz): a header of 128 bytes, then the bounds of the clusters (seven planes of floats), the
- * geometry and the colours, each at a multiple of 64 bytes. */
+ * geometry and the colours, and, in files of version 02, the clusters with whole rows and these rows, each at a
+ * multiple of 64 bytes. */
 #include <pags/packed.h>
 
 #include <math.h>
@@ -16,34 +17,43 @@
 #include "maths/maths.h"
 #include "port/port.h"
 #include "scene/packed_rows.h"
+#include "scene/packed_whole.h"
 
 enum { ROWS = PAGS_PACKED_ROWS, HEAD = 128, ALIGNMENT = 64, BOUND_PLANES = 7, CHUNK = 4096 };
-static const char magic[8] = {'P', 'A', 'G', 'S', 'P', 'K', '0', '1'};
+static const char magic[2][8] = {"PAGSPK01", "PAGSPK02"}; /* without and with whole rows */
 
-/* Byte offsets of the three arrays in a file or memory block of packed Gaussians, and the size of the whole. */
+/* How much there is to pack. */
+typedef struct extent {
+  int64_t count, clusters; /* Gaussians, clusters */
+  int64_t mixed, whole;    /* clusters with whole rows, whole rows */
+  int degree;
+} extent;
+
+/* Byte offsets of the arrays in a file or memory block of packed Gaussians, and the size of it all. */
 typedef struct places {
-  size_t bounds, geometry, colour, size;
+  size_t bounds, geometry, colour, mixed, whole, size;
 } places;
 
 static size_t align(size_t size) {
   return (size + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT;
 }
 
-static places find_places(int64_t clusters, int sh_degree) {
+static places find_places(const extent *e) {
   places p = {.bounds = HEAD};
-  p.geometry = align(p.bounds + (size_t)clusters * BOUND_PLANES * sizeof(float));
-  p.colour = p.geometry + (size_t)clusters * PAGS_PACKED_GEOMETRY;
-  p.size = p.colour + (size_t)clusters * pags_packed_colour_bytes(sh_degree);
+  p.geometry = align(p.bounds + (size_t)e->clusters * BOUND_PLANES * sizeof(float));
+  p.colour = p.geometry + (size_t)e->clusters * PAGS_PACKED_GEOMETRY;
+  p.mixed = p.colour + (size_t)e->clusters * pags_packed_colour_bytes(e->degree);
+  p.whole = align(p.mixed + (size_t)e->mixed * sizeof(pags_packed_mixed));
+  p.size = p.whole + (size_t)e->whole * pags_packed_whole_bytes(e->degree);
   return p;
 }
 
-/* Makes `packed` a view of `bytes`, a block of the layout above with `count` Gaussians: sets its counts, its pointers
- * and its size. */
-static void attach(pags_packed *packed, uint8_t *bytes, int64_t count, int sh_degree) {
-  const int64_t clusters = (count + ROWS - 1) / ROWS;
-  const places p = find_places(clusters, sh_degree);
+/* Makes `packed` a view of `bytes`, a block of the layout above: sets its counts, its pointers and its size. */
+static void attach(pags_packed *packed, uint8_t *bytes, const extent *e) {
+  const int64_t clusters = e->clusters;
+  const places p = find_places(e);
   float *const bounds = (float *)(void *)(bytes + p.bounds);
-  packed->shape = (pags_gaussians){.count = count, .sh_degree = sh_degree, .alpha_min = packed->shape.alpha_min};
+  packed->shape = (pags_gaussians){.count = e->count, .sh_degree = e->degree, .alpha_min = packed->shape.alpha_min};
   packed->clusters = (pags_clusters){.count = clusters, .size = ROWS};
   for (int k = 0; k < 3; k++) {
     packed->clusters.lo[k] = bounds + k * clusters;
@@ -52,6 +62,10 @@ static void attach(pags_packed *packed, uint8_t *bytes, int64_t count, int sh_de
   packed->clusters.sigma = bounds + 6 * clusters;
   packed->geometry = bytes + p.geometry;
   packed->colour = bytes + p.colour;
+  packed->mixed = (const pags_packed_mixed *)(const void *)(bytes + p.mixed);
+  packed->whole = bytes + p.whole;
+  packed->mixed_count = e->mixed;
+  packed->whole_count = e->whole;
   packed->block = bytes;
   packed->block_size = p.size;
 }
@@ -62,6 +76,11 @@ static void attach(pags_packed *packed, uint8_t *bytes, int64_t count, int sh_de
 static uint16_t quantise(float value, float lowest, float step, float most) {
   const float code = floorf((value - lowest) / step + 0.5f);
   return (uint16_t)(code > 0.0f ? code < most ? code : most : 0.0f); /* 0 for NaN */
+}
+
+/* The byte of the block of a struct that is being packed, at which one of its arrays lies. */
+static uint8_t *writable(const pags_packed *out, const void *at) {
+  return (uint8_t *)out->block + ((const uint8_t *)at - (const uint8_t *)out->block);
 }
 
 /* Stores a 16-bit word of row `row` in plane `plane` of a cluster's block. */
@@ -93,8 +112,8 @@ static void pack_rotation(const pags_gaussians *g, int64_t row, int i, uint8_t *
 
 /* Packs the colours of `rows` Gaussians from `first` on as one cluster's block: the constant SH coefficients as half
  * floats (clamped to the largest finite one), the others as int8 in steps of 1/127 of the largest of cluster and
- * plane. */
-static void pack_colours(const pags_gaussians *g, int64_t first, int rows, uint8_t *block) {
+ * plane. `whole`: rows that don't count. */
+static void pack_colours(const pags_gaussians *g, int64_t first, int rows, uint64_t whole, uint8_t *block) {
   const int rest = 3 * (pags_sh_coefficients(g->sh_degree) - 1);
   uint8_t *const steps = block + pags_packed_steps_at(g->sh_degree);
   for (int c = 0; c < 3; c++)
@@ -106,72 +125,122 @@ static void pack_colours(const pags_gaussians *g, int64_t first, int rows, uint8
     const float *const values = pags_plane(g, PAGS_SH + 3 + p) + first;
     float most = 0.0f;
     for (int i = 0; i < rows; i++)
-      most = fabsf(values[i]) > most ? fabsf(values[i]) : most;
+      most = fabsf(values[i]) > most && !(whole >> i & 1) ? fabsf(values[i]) : most;
     const float step = most / 127.0f;
     memcpy(steps + 4 * p, &step, sizeof step);
     for (int i = 0; i < rows; i++)
-      block[(6 + p) * ROWS + i] = (uint8_t)(int8_t)(step > 0.0f ? (long)rintf(values[i] / step) : 0);
+      block[(6 + p) * ROWS + i] =
+          (uint8_t)(int8_t)(step > 0.0f && !(whole >> i & 1) ? (long)rintf(values[i] / step) : 0);
   }
 }
 
-pags_result pags_packed_create(const pags_gaussians *gaussians, pags_packed *out) {
-  const int64_t clusters = (gaussians->count + ROWS - 1) / ROWS;
-  const size_t size = find_places(clusters, gaussians->sh_degree).size;
-  *out = (pags_packed){.shape.alpha_min = gaussians->alpha_min};
-  uint8_t *const bytes = pags_port_aligned_alloc(ALIGNMENT, align(size));
-  if (!bytes)
-    return pags_out_of_memory("packing %lld Gaussians", (long long)gaussians->count);
-  memset(bytes, 0, align(size));
-  attach(out, bytes, gaussians->count, gaussians->sh_degree);
-  out->has_s_sem = gaussians->s_sem != NULL;
-  for (int64_t c = 0; c < clusters; c++) {
-    const int64_t first = c * ROWS;
-    const int rows = (int)(gaussians->count - first < ROWS ? gaussians->count - first : ROWS);
-
-    uint8_t *block = bytes + (out->geometry - bytes) + c * PAGS_PACKED_GEOMETRY;
-
-    /* Means: 16 bits between the bounds of the cluster on each axis. */
-    for (int a = 0; a < 3; a++) {
-      const float *const mean = pags_plane(gaussians, PAGS_MEAN + a) + first;
-      float lo = mean[0], hi = mean[0];
-      for (int i = 1; i < rows; i++) {
-        lo = mean[i] < lo ? mean[i] : lo;
-        hi = mean[i] > hi ? mean[i] : hi;
-      }
-      out->clusters.lo[a][c] = lo;
-      out->clusters.hi[a][c] = hi;
-      const float step = (hi - lo) * (1.0f / 65535.0f);
-      for (int i = 0; i < rows; i++)
-        put_word(block, a, i, step > 0.0f ? quantise(mean[i], lo, step, 65535.0f) : 0);
-    }
-
-    /* The logarithm of sigma, rotation, opacity logit and semantic priority. */
+/* Packs the means of a cluster: 16 bits between the bounds of those rows that aren't whole. Sets the bounds of all. */
+static void pack_means(const pags_gaussians *g, int64_t first, int rows, uint64_t whole, int64_t cluster,
+                       pags_packed *out, float box[2][3], uint8_t *block) {
+  for (int a = 0; a < 3; a++) {
+    const float *const mean = pags_plane(g, PAGS_MEAN + a) + first;
+    float lo = INFINITY, hi = -INFINITY, least = mean[0], most = mean[0];
     for (int i = 0; i < rows; i++) {
-      for (int k = 0; k < 3; k++)
-        put_word(
-            block, 3 + k, i,
-            quantise(pags_plane(gaussians, PAGS_SCALE + k)[first + i], PAGS_PACKED_LOWEST, PAGS_PACKED_STEP, 65535.0f));
-      pack_rotation(gaussians, first + i, i, block);
-      put_word(
-          block, 9, i,
-          quantise(pags_plane(gaussians, PAGS_OPACITY)[first + i], PAGS_PACKED_LOWEST, PAGS_PACKED_STEP, 65535.0f));
-      if (gaussians->s_sem)
-        block[2 * PAGS_PACKED_WORDS * ROWS + i] =
-            (uint8_t)(fminf(fmaxf(gaussians->s_sem[first + i], 0.0f), 1.0f) * 255.0f + 0.5f);
+      least = mean[i] < least ? mean[i] : least;
+      most = mean[i] > most ? mean[i] : most;
+      if (whole >> i & 1)
+        continue;
+      lo = mean[i] < lo ? mean[i] : lo;
+      hi = mean[i] > hi ? mean[i] : hi;
     }
-
-    pack_colours(gaussians, first, rows,
-                 bytes + (out->colour - bytes) + (size_t)c * pags_packed_colour_bytes(gaussians->sh_degree));
-
-    /* The bound on sigma, from the unpacked values. One part in 1e5 is added because the exp of the projection kernel
-     * rounds differently from that of libm. */
-    float planes[PAGS_PACKED_GEOMETRY_PLANES * ROWS], largest = PAGS_PACKED_LOWEST;
-    pags_packed_geometry(out, c, planes);
-    for (int k = 0; k < 3; k++)
-      for (int i = 0; i < rows; i++)
-        largest = planes[(PAGS_SCALE + k) * ROWS + i] > largest ? planes[(PAGS_SCALE + k) * ROWS + i] : largest;
-    out->clusters.sigma[c] = pags_expf(largest) * 1.00001f;
+    out->clusters.lo[a][cluster] = least;
+    out->clusters.hi[a][cluster] = most;
+    box[0][a] = lo <= hi ? lo : least; /* all rows may be whole */
+    box[1][a] = lo <= hi ? hi : least;
+    const float step = (box[1][a] - box[0][a]) * (1.0f / 65535.0f);
+    for (int i = 0; i < rows; i++)
+      put_word(block, a, i, step > 0.0f && !(whole >> i & 1) ? quantise(mean[i], lo, step, 65535.0f) : 0);
   }
+}
+
+/* Appends a cluster's whole rows, and the cluster, to the lists. ln sigma and the logit are clamped as those of others
+ * are. */
+static void put_whole(const pags_gaussians *g, int64_t first, int rows, uint64_t whole, int64_t cluster,
+                      float box[2][3], pags_packed *out) {
+  const size_t bytes = pags_packed_whole_bytes(g->sh_degree);
+  pags_packed_mixed mixed = {.cluster = (uint32_t)cluster, .first = (uint32_t)out->whole_count};
+  memcpy(mixed.lo, box[0], sizeof mixed.lo);
+  memcpy(mixed.hi, box[1], sizeof mixed.hi);
+  memcpy(writable(out, out->mixed + out->mixed_count++), &mixed, sizeof mixed);
+  for (int i = 0; i < rows; i++) {
+    if (!(whole >> i & 1))
+      continue;
+    uint8_t *const at = writable(out, out->whole + (size_t)out->whole_count++ * bytes);
+    const uint32_t row = (uint32_t)i;
+    memcpy(at, &row, sizeof row);
+    for (int p = 0; p < pags_plane_count(g->sh_degree); p++) {
+      float value = pags_plane(g, p)[first + i];
+      if ((p >= PAGS_SCALE && p < PAGS_ROTATION) || p == PAGS_OPACITY)
+        value = fminf(fmaxf(value, PAGS_PACKED_LOWEST), -PAGS_PACKED_LOWEST);
+      memcpy(at + sizeof row + (size_t)p * sizeof value, &value, sizeof value);
+    }
+  }
+}
+
+/* Packs the rows of one cluster. */
+static void pack_cluster(const pags_gaussians *g, int64_t c, uint64_t whole, pags_packed *out) {
+  const int64_t first = c * ROWS;
+  const int rows = (int)(g->count - first < ROWS ? g->count - first : ROWS);
+  uint8_t *const block = writable(out, out->geometry + c * PAGS_PACKED_GEOMETRY);
+  float box[2][3];
+  pack_means(g, first, rows, whole, c, out, box, block);
+
+  /* The logarithm of sigma, rotation, opacity logit and semantic priority. */
+  for (int i = 0; i < rows; i++) {
+    for (int k = 0; k < 3; k++)
+      put_word(block, 3 + k, i,
+               quantise(pags_plane(g, PAGS_SCALE + k)[first + i], PAGS_PACKED_LOWEST, PAGS_PACKED_STEP, 65535.0f));
+    pack_rotation(g, first + i, i, block);
+    put_word(block, 9, i,
+             quantise(pags_plane(g, PAGS_OPACITY)[first + i], PAGS_PACKED_LOWEST, PAGS_PACKED_STEP, 65535.0f));
+    if (g->s_sem)
+      block[2 * PAGS_PACKED_WORDS * ROWS + i] =
+          (uint8_t)(fminf(fmaxf(g->s_sem[first + i], 0.0f), 1.0f) * 255.0f + 0.5f);
+  }
+
+  pack_colours(g, first, rows, whole, writable(out, out->colour + (size_t)c * pags_packed_colour_bytes(g->sh_degree)));
+  if (whole)
+    put_whole(g, first, rows, whole, c, box, out);
+
+  /* The bound on sigma, from the unpacked values. One part in 1e5 is added because the exp of the projection kernel
+   * rounds differently from that of libm. */
+  float planes[PAGS_PACKED_GEOMETRY_PLANES * ROWS], largest = PAGS_PACKED_LOWEST;
+  pags_packed_geometry(out, c, planes);
+  for (int k = 0; k < 3; k++)
+    for (int i = 0; i < rows; i++)
+      largest = planes[(PAGS_SCALE + k) * ROWS + i] > largest ? planes[(PAGS_SCALE + k) * ROWS + i] : largest;
+  out->clusters.sigma[c] = pags_expf(largest) * 1.00001f;
+}
+
+pags_result pags_packed_create(const pags_gaussians *gaussians, pags_packed *out) {
+  extent e = {.count = gaussians->count, .degree = gaussians->sh_degree};
+  e.clusters = (e.count + ROWS - 1) / ROWS;
+  *out = (pags_packed){.shape.alpha_min = gaussians->alpha_min};
+  uint64_t *const whole = malloc((size_t)(e.clusters + 1) * sizeof *whole); /* bit i of a cluster's: its row i */
+  for (int64_t c = 0; whole && c < e.clusters; c++) {
+    const int64_t left = e.count - c * ROWS;
+    whole[c] = pags_packed_choose_whole(gaussians, c * ROWS, left < ROWS ? (int)left : ROWS);
+    e.mixed += whole[c] != 0;
+    e.whole += __builtin_popcountll(whole[c]);
+  }
+  const size_t size = find_places(&e).size;
+  uint8_t *const bytes = whole ? pags_port_aligned_alloc(ALIGNMENT, align(size)) : NULL;
+  if (!bytes) {
+    free(whole);
+    return pags_out_of_memory("packing %lld Gaussians", (long long)gaussians->count);
+  }
+  memset(bytes, 0, align(size));
+  attach(out, bytes, &e);
+  out->has_s_sem = gaussians->s_sem != NULL;
+  out->mixed_count = out->whole_count = 0;
+  for (int64_t c = 0; c < e.clusters; c++)
+    pack_cluster(gaussians, c, whole[c], out);
+  free(whole);
   const pags_result result = pags_clusters_add_runs(&out->clusters);
   if (result != PAGS_OK)
     pags_packed_destroy(out);
@@ -219,12 +288,14 @@ pags_result pags_packed_unpack(const pags_packed *packed, pags_gaussians *out) {
 /* ---- Writing the file ---- */
 
 /* Fills the header: magic (byte 0), count (8), SH degree (16), rows per cluster (17), whether it has s_sem (18), up
- * axis (19), antialiased (20), origin (24, three doubles), background (48, three floats), alpha_min (60); all other
- * bytes are 0. */
-static void fill_head(const pags_packed *packed, int64_t count, uint8_t head[HEAD]) {
+ * axis (19), antialiased (20), origin (24, three doubles), background (48, three floats), alpha_min (60), numbers of
+ * clusters with whole rows (64) and of whole rows (72); all other bytes are 0. */
+static void fill_head(const pags_packed *packed, const extent *e, uint8_t head[HEAD]) {
   memset(head, 0, HEAD);
-  memcpy(head, magic, sizeof magic);
-  memcpy(head + 8, &count, sizeof count);
+  memcpy(head, magic[e->mixed > 0], sizeof *magic);
+  memcpy(head + 8, &e->count, sizeof e->count);
+  memcpy(head + 64, &e->mixed, sizeof e->mixed);
+  memcpy(head + 72, &e->whole, sizeof e->whole);
   head[16] = (uint8_t)packed->shape.sh_degree;
   head[17] = ROWS;
   head[18] = packed->has_s_sem != 0;
@@ -256,38 +327,97 @@ static pags_result put_bounds(pags_file_writer *file, const float *plane, int64_
   return PAGS_OK;
 }
 
+/* Moves `count` packed floats, of up to three axes, by an offset. */
+static void move(uint8_t *floats, const double *offset) {
+  for (int k = 0; k < 3 && offset; k++) {
+    float x;
+    memcpy(&x, floats + 4 * k, sizeof x);
+    x = (float)((double)x + offset[k]);
+    memcpy(floats + 4 * k, &x, sizeof x);
+  }
+}
+
+/* Writes the lists of the first `mixed` clusters with whole rows and of the first `whole` of these rows, once per copy
+ * of `clusters` clusters. */
+static pags_result put_lists(pags_file_writer *file, const pags_packed *packed, const extent *one, int64_t copies,
+                             const double *offsets) {
+  const size_t bytes = pags_packed_whole_bytes(one->degree);
+  uint8_t row[sizeof(uint32_t) + PAGS_MAX_PLANES * sizeof(float)];
+  for (int64_t c = 0; c < copies; c++)
+    for (int64_t m = 0; m < one->mixed; m++) {
+      pags_packed_mixed mixed = packed->mixed[m];
+      mixed.cluster += (uint32_t)(c * one->clusters);
+      mixed.first += (uint32_t)(c * one->whole);
+      move((uint8_t *)mixed.lo, offsets ? offsets + 3 * c : NULL);
+      move((uint8_t *)mixed.hi, offsets ? offsets + 3 * c : NULL);
+      PAGS_TRY(pags_file_writer_put(file, &mixed, sizeof mixed));
+    }
+  const size_t written = (size_t)(copies * one->mixed) * sizeof(pags_packed_mixed);
+  PAGS_TRY(put_zeros(file, align(written) - written));
+  for (int64_t c = 0; c < copies; c++)
+    for (int64_t i = 0; i < one->whole; i++) {
+      memcpy(row, packed->whole + (size_t)i * bytes, bytes);
+      move(row + sizeof(uint32_t), offsets ? offsets + 3 * c : NULL);
+      PAGS_TRY(pags_file_writer_put(file, row, bytes));
+    }
+  return PAGS_OK;
+}
+
+/* Fails where the header couldn't be read again. */
+static pags_result check_head(const char *path, const pags_packed *packed) {
+  for (int k = 0; k < 3; k++)
+    if (!isfinite(packed->origin[k]) || !isfinite(packed->background[k]))
+      return pags_fail(PAGS_ERROR_ARGUMENT, "%s: expected a finite origin and background, found %g and %g", path,
+                       packed->origin[k], (double)packed->background[k]);
+  return PAGS_OK;
+}
+
 pags_result pags_packed_save(const char *path, const pags_packed *packed, int64_t copies, const double *offsets) {
-  const int64_t whole = packed->shape.count / ROWS;
-  const int64_t clusters = copies > 1 ? whole : packed->clusters.count;
-  const int64_t count = copies > 1 ? whole * ROWS * copies : packed->shape.count;
+  extent one = {.count = packed->shape.count,
+                .clusters = packed->clusters.count,
+                .mixed = packed->mixed_count,
+                .whole = packed->whole_count,
+                .degree = packed->shape.sh_degree};
+  if (copies > 1) { /* whole clusters alone */
+    one.clusters = one.count / ROWS;
+    one.count = one.clusters * ROWS;
+    if (one.mixed && packed->mixed[one.mixed - 1].cluster >= one.clusters)
+      one.whole = packed->mixed[--one.mixed].first;
+  }
+  const extent all = {copies * one.count, copies * one.clusters, copies * one.mixed, copies * one.whole, one.degree};
   pags_file_writer file;
-  if (count > INT64_C(0x7FFFFFC0))
+  if (all.count > INT64_C(0x7FFFFFC0))
     return pags_fail(PAGS_ERROR_LIMIT, "%s: %lld Gaussians are more than the 2^31 - 64 of a packed file", path,
-                     (long long)count);
+                     (long long)all.count);
+  PAGS_TRY(check_head(path, packed));
   PAGS_TRY(pags_file_writer_begin(&file, path));
 
-  /* The header, the bounds (six planes of boxes, one of sigmas), the padding, the geometry, the colours. */
+  /* The header, the bounds (six planes of boxes, one of sigmas), the padding, the geometry, the colours, the lists. */
   uint8_t head[HEAD];
-  const places p = find_places(clusters * copies, packed->shape.sh_degree);
-  fill_head(packed, count, head);
+  const places p = find_places(&all);
+  fill_head(packed, &all, head);
   PAGS_TRY(pags_file_writer_put(&file, head, HEAD));
   for (int k = 0; k < 6; k++)
-    PAGS_TRY(put_bounds(&file, k < 3 ? packed->clusters.lo[k] : packed->clusters.hi[k - 3], clusters, copies, k % 3,
+    PAGS_TRY(put_bounds(&file, k < 3 ? packed->clusters.lo[k] : packed->clusters.hi[k - 3], one.clusters, copies, k % 3,
                         offsets));
-  PAGS_TRY(put_bounds(&file, packed->clusters.sigma, clusters, copies, -1, NULL));
-  PAGS_TRY(put_zeros(&file, p.geometry - p.bounds - (size_t)(clusters * copies) * BOUND_PLANES * sizeof(float)));
+  PAGS_TRY(put_bounds(&file, packed->clusters.sigma, one.clusters, copies, -1, NULL));
+  PAGS_TRY(put_zeros(&file, p.geometry - p.bounds - (size_t)all.clusters * BOUND_PLANES * sizeof(float)));
   for (int64_t c = 0; c < copies; c++)
-    PAGS_TRY(pags_file_writer_put(&file, packed->geometry, (size_t)clusters * PAGS_PACKED_GEOMETRY));
+    PAGS_TRY(pags_file_writer_put(&file, packed->geometry, (size_t)one.clusters * PAGS_PACKED_GEOMETRY));
   for (int64_t c = 0; c < copies; c++)
-    PAGS_TRY(pags_file_writer_put(&file, packed->colour,
-                                  (size_t)clusters * pags_packed_colour_bytes(packed->shape.sh_degree)));
-
+    PAGS_TRY(pags_file_writer_put(&file, packed->colour, (size_t)one.clusters * pags_packed_colour_bytes(one.degree)));
+  PAGS_TRY(put_lists(&file, packed, &one, copies, offsets));
   return pags_file_writer_commit(&file);
 }
 
 pags_result pags_packed_export(const char *path, const pags_gaussians *gaussians, const pags_packed *head) {
   pags_gaussians sorted;
   pags_packed packed;
+  for (int p = 0; p < pags_plane_count(gaussians->sh_degree); p++)
+    for (int64_t i = 0; i < gaussians->count; i++)
+      if (!isfinite(pags_plane(gaussians, p)[i]))
+        return pags_fail(PAGS_ERROR_ARGUMENT, "%s: Gaussian %lld: expected finite numbers, found %g", path,
+                         (long long)i, (double)pags_plane(gaussians, p)[i]);
   PAGS_TRY(pags_gaussians_sorted_copy(&sorted, gaussians));
   pags_result result = pags_packed_create(&sorted, &packed);
   pags_gaussians_destroy(&sorted);
@@ -303,13 +433,16 @@ pags_result pags_packed_export(const char *path, const pags_gaussians *gaussians
 
 /* ---- Mapping the file ---- */
 
-/* Fails unless the bounds of all clusters in the file are finite and in order. */
+/* Fails unless the bounds of all clusters in the file are finite and in order, and means between them, too. */
 static pags_result check_bounds(const char *path, const pags_packed *packed) {
   const pags_clusters *const c = &packed->clusters;
   for (int64_t i = 0; i < c->count; i++) {
     bool good = c->sigma[i] >= 0.0f && c->sigma[i] < 1e7f; /* false for NaN */
+    int64_t count;
+    const bool mixed = packed->mixed_count && pags_packed_find_mixed(packed, i, &count); /* has a box of its own */
     for (int k = 0; k < 3; k++)
-      good = good && c->lo[k][i] <= c->hi[k][i] && fabsf(c->lo[k][i]) < 1e30f && fabsf(c->hi[k][i]) < 1e30f;
+      good = good && c->lo[k][i] <= c->hi[k][i] && isfinite(c->lo[k][i]) && isfinite(c->hi[k][i]) &&
+             (mixed || isfinite(c->hi[k][i] - c->lo[k][i]));
     if (!good)
       return pags_fail(PAGS_ERROR_FORMAT, "%s: cluster %lld: expected finite bounds, lowest first", path, (long long)i);
   }
@@ -317,19 +450,29 @@ static pags_result check_bounds(const char *path, const pags_packed *packed) {
 }
 
 /* Reads and checks the header and compares the file's size in bytes with the one it implies. */
-static pags_result read_head(const char *path, const uint8_t *head, uint64_t size, int64_t *count, int *degree,
-                             pags_packed *out) {
-  memcpy(count, head + 8, sizeof *count);
-  *degree = head[16];
-  if (memcmp(head, magic, sizeof magic) != 0)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a packed splat file, which begins with 'PAGSPK01'", path);
-  if (*count < 0 || *count > INT64_C(0x7FFFFFC0) || *degree > 3 || head[17] != ROWS || head[19] > PAGS_UP_Y)
+static pags_result read_head(const char *path, const uint8_t *head, uint64_t size, extent *e, pags_packed *out) {
+  const bool second = memcmp(head, magic[1], sizeof *magic) == 0;
+  if (!second && memcmp(head, magic[0], sizeof *magic) != 0)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a packed splat file, which begins with 'PAGSPK01' or 'PAGSPK02'",
+                     path);
+  *e = (extent){.degree = head[16]};
+  memcpy(&e->count, head + 8, sizeof e->count);
+  if (second) {
+    memcpy(&e->mixed, head + 64, sizeof e->mixed);
+    memcpy(&e->whole, head + 72, sizeof e->whole);
+  }
+  if (e->count < 0 || e->count > INT64_C(0x7FFFFFC0) || e->degree > 3 || head[17] != ROWS || head[19] > PAGS_UP_Y)
     return pags_fail(PAGS_ERROR_FORMAT,
                      "%s: head: expected at most 2^31 - 64 Gaussians of degree 0 to 3 in clusters of %d", path, ROWS);
-  const places p = find_places((*count + ROWS - 1) / ROWS, *degree);
+  e->clusters = (e->count + ROWS - 1) / ROWS;
+  if (e->mixed < 0 || e->mixed > e->clusters || e->whole < e->mixed || e->whole > e->count)
+    return pags_fail(PAGS_ERROR_FORMAT,
+                     "%s: head: expected at most %lld clusters with whole rows, and at most %lld of these", path,
+                     (long long)e->clusters, (long long)e->count);
+  const places p = find_places(e);
   if (p.size != size)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected %llu bytes for %lld Gaussians of degree %d, found %llu", path,
-                     (unsigned long long)p.size, (long long)*count, *degree, (unsigned long long)size);
+                     (unsigned long long)p.size, (long long)e->count, e->degree, (unsigned long long)size);
   out->has_s_sem = head[18];
   out->up = head[19];
   out->antialiased = head[20] != 0;
@@ -340,8 +483,8 @@ static pags_result read_head(const char *path, const uint8_t *head, uint64_t siz
   if (least != 0.0f && !(least >= PAGS_LEAST_ALPHA_MIN && least < 1.0f))
     return pags_fail(PAGS_ERROR_FORMAT, "%s: head: expected a least alpha from 1/255 to 1", path);
   for (int k = 0; k < 3; k++)
-    if (!isfinite(out->origin[k]) || !(out->background[k] >= 0.0f && out->background[k] <= 1.0f))
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: head: expected a finite origin and a background from 0 to 1", path);
+    if (!isfinite(out->origin[k]) || !isfinite(out->background[k]))
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: head: expected a finite origin and background", path);
   return PAGS_OK;
 }
 
@@ -353,19 +496,20 @@ static pags_result map_file(const char *path, uint64_t size, uint8_t **bytes) {
 pags_result pags_packed_open(const char *path, pags_packed *out) {
   uint64_t size;
   uint8_t *bytes = NULL;
-  int64_t count = 0;
-  int degree = 0;
+  extent e;
   *out = (pags_packed){0};
   PAGS_TRY(pags_file_size(path, &size));
   if (size < HEAD)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a head of %d bytes, found %llu", path, HEAD,
                      (unsigned long long)size);
   PAGS_TRY(map_file(path, size, &bytes));
-  pags_result result = read_head(path, bytes, size, &count, &degree, out);
+  pags_result result = read_head(path, bytes, size, &e, out);
   if (result == PAGS_OK) {
-    attach(out, bytes, count, degree);
+    attach(out, bytes, &e);
     out->mapped = 1;
     result = check_bounds(path, out);
+    if (result == PAGS_OK)
+      result = pags_packed_check_whole(path, out);
     if (result == PAGS_OK)
       result = pags_clusters_add_runs(&out->clusters);
   } else {
@@ -377,10 +521,10 @@ pags_result pags_packed_open(const char *path, pags_packed *out) {
 }
 
 int pags_packed_is_file(const char *path) {
-  char start[sizeof magic];
+  char start[sizeof *magic];
   FILE *const file = pags_port_open(path, "rb");
-  const bool is =
-      file && fread(start, 1, sizeof start, file) == sizeof start && memcmp(start, magic, sizeof magic) == 0;
+  const bool is = file && fread(start, 1, sizeof start, file) == sizeof start &&
+                  (memcmp(start, magic[0], sizeof start) == 0 || memcmp(start, magic[1], sizeof start) == 0);
   if (file)
     fclose(file);
   return is;

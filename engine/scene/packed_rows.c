@@ -6,6 +6,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "scene/packed_whole.h"
+
 enum { ROWS = PAGS_PACKED_ROWS };
 
 /* Converts a half float: its exponent and mantissa bits are moved to their places in a float, which is then
@@ -24,9 +26,13 @@ static inline float half_to_float(uint32_t half) {
 }
 
 /* Unpacks the means; clamped to the upper bound, beyond which rounding could take them. */
-static void unpack_means(const uint16_t words[][ROWS], const pags_clusters *clusters, int64_t cluster, float *planes) {
+static void unpack_means(const uint16_t words[][ROWS], const pags_packed *packed, int64_t cluster, float *planes) {
+  const pags_clusters *const clusters = &packed->clusters;
+  int64_t unused;
+  const pags_packed_mixed *const mixed = packed->mixed_count ? pags_packed_find_mixed(packed, cluster, &unused) : NULL;
   for (int a = 0; a < 3; a++) {
-    const float from = clusters->lo[a][cluster], to = clusters->hi[a][cluster], step = (to - from) * (1.0f / 65535.0f);
+    const float from = mixed ? mixed->lo[a] : clusters->lo[a][cluster],
+                to = mixed ? mixed->hi[a] : clusters->hi[a][cluster], step = (to - from) * (1.0f / 65535.0f);
     float *const out = planes + a * ROWS;
     for (int i = 0; i < ROWS; i++) {
       const float v = from + (float)words[a][i] * step;
@@ -64,17 +70,21 @@ static void unpack_rotations(const uint16_t words[3][ROWS], float *q) {
 void pags_packed_geometry(const pags_packed *packed, int64_t cluster, float *planes) {
   uint16_t words[PAGS_PACKED_WORDS][ROWS];
   memcpy(words, packed->geometry + cluster * PAGS_PACKED_GEOMETRY, sizeof words);
-  unpack_means((const uint16_t(*)[ROWS])words, &packed->clusters, cluster, planes);
+  unpack_means((const uint16_t(*)[ROWS])words, packed, cluster, planes);
   for (int k = 0; k < 3; k++)
     unpack_scaled(words[3 + k], planes + (PAGS_SCALE + k) * ROWS);
   unpack_rotations((const uint16_t(*)[ROWS])words + 6, planes + PAGS_ROTATION * ROWS);
   unpack_scaled(words[9], planes + PAGS_OPACITY * ROWS);
+  if (packed->mixed_count)
+    pags_packed_put_whole(packed, cluster, PAGS_MEAN, PAGS_SH, planes);
 }
 
 void pags_packed_means(const pags_packed *packed, int64_t cluster, float *planes) {
   uint16_t words[3][ROWS];
   memcpy(words, packed->geometry + cluster * PAGS_PACKED_GEOMETRY, sizeof words);
-  unpack_means((const uint16_t(*)[ROWS])words, &packed->clusters, cluster, planes);
+  unpack_means((const uint16_t(*)[ROWS])words, packed, cluster, planes);
+  if (packed->mixed_count)
+    pags_packed_put_whole(packed, cluster, PAGS_MEAN, PAGS_MEAN + 3, planes);
 }
 
 void pags_packed_colours(const pags_packed *packed, int64_t cluster, int sh_degree, float *planes) {
@@ -95,6 +105,8 @@ void pags_packed_colours(const pags_packed *packed, int64_t cluster, int sh_degr
     for (int i = 0; i < ROWS; i++)
       planes[(3 + p) * ROWS + i] = (float)bytes[i] * step;
   }
+  if (packed->mixed_count)
+    pags_packed_put_whole(packed, cluster, PAGS_SH, PAGS_SH + 3 + rest, planes);
 }
 
 float pags_packed_s_sem(const pags_packed *packed, int64_t row) {

@@ -332,6 +332,14 @@ pags_result pags_model_relocate(pags_train_model *model, const pags_row_move *mo
 
 /* ---- Sorting over ranks ---- */
 
+static pags_result tighten_bounds(const pags_train_model *model, pags_morton_cube *bounds) {
+  int64_t counts[PAGS_MORTON_COUNTS] = {0};
+  pags_morton_count(&model->gaussians, counts);
+  PAGS_TRY(pags_share_sum(model->sharing->transport, counts, PAGS_MORTON_COUNTS));
+  pags_morton_tighten(counts, bounds);
+  return PAGS_OK;
+}
+
 static pags_result make_keys(const pags_train_model *model, const uint32_t *numbers, pags_key **out) {
   const pags_gaussians *const g = &model->gaussians;
   const int ranks = pags_transport_ranks(model->sharing->transport);
@@ -347,6 +355,8 @@ static pags_result make_keys(const pags_train_model *model, const uint32_t *numb
       own.lo[k] = fmin(own.lo[k], all[r].lo[k]);
       own.hi[k] = fmax(own.hi[k], all[r].hi[k]);
     }
+  if (result == PAGS_OK && pags_morton_is_wide(&own))
+    result = tighten_bounds(model, &own);
   for (int64_t i = 0; result == PAGS_OK && i < g->count; i++)
     keys[i] = (pags_key){pags_morton_code(g, i, &own), numbers[i]};
   free(all);

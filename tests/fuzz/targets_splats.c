@@ -160,6 +160,7 @@ static void seed_packed(void) {
     pags_packed head = {.background = {0.5f, 0, 1}};
     sample_gaussians(&g, degree ? 70 : 3, degree, 2);
     FUZZ_CHECK(pags_gaussians_add_s_sem(&g) == PAGS_OK);
+    pags_plane(&g, PAGS_MEAN)[1] = 1e9f; /* one that is stored whole */
     const char *const path = fuzz_file("seed.pagsz", "", 0);
     fuzz_seed_saved(pags_packed_export(path, &g, &head), path);
     pags_gaussians_destroy(&g);

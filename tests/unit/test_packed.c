@@ -5,6 +5,7 @@
 #include <pags/compose.h>
 #include <pags/packed.h>
 #include <pags/scene.h>
+#include <stdbool.h>
 
 #include "base/rng.h"
 #include "unit/scratch.h"
@@ -158,7 +159,8 @@ typedef struct drawn {
   int32_t id[WIDTH * HEIGHT];
 } drawn;
 
-static void draw_by(pags_composition *composition, pags_early_z mode, drawn *out) {
+/* Returns how many Gaussians are in clusters in view. */
+static int64_t draw_by(pags_composition *composition, pags_early_z mode, drawn *out) {
   const pags_camera camera = {.width = WIDTH,
                               .height = HEIGHT,
                               .fx = 90,
@@ -183,8 +185,10 @@ static void draw_by(pags_composition *composition, pags_early_z mode, drawn *out
         out->rgb[k][y * WIDTH + x] = picture.rgb[k][y * picture.stride + x];
       out->id[y * WIDTH + x] = picture.id[y * picture.stride + x];
     }
+  const int64_t in_view = pags_frame_stats_get(frame)->in_view;
   pags_frame_destroy(frame);
   pags_tasks_destroy(tasks);
+  return in_view;
 }
 
 static void draw(pags_composition *composition, drawn *out) {
@@ -307,6 +311,110 @@ static void test_copies(void **state) {
   pags_gaussians_destroy(&g);
 }
 
+/* Rows far from the others of their cluster, or with far larger harmonics, cost the others no accuracy and keep their
+ * own values: one, a few, half of a cluster, all rows apart from each other, and some of an unfinished cluster. */
+static void test_stray_rows(void **state) {
+  (void)state;
+  static const float far[] = {1e3f, 1e6f, -1e12f, 1e30f, -3e38f, 3e38f};
+  for (int degree = 0; degree <= 3; degree += 3) {
+    pags_gaussians g = make_cloud(400, degree), back, copies;
+    pags_packed packed, opened;
+    bool stray[400] = {false};
+    for (int i = 0; i < 400; i++) {
+      const int cluster = i / 64, row = i % 64;
+      stray[i] = (cluster == 0 && row == 7) || (cluster == 1 && row % 11 == 0) || (cluster == 2 && row % 2) ||
+                 cluster == 3 || (cluster == 6 && row < 2);
+      for (int k = 0; k < 3; k++) /* all others are near each other */
+        pags_plane(&g, PAGS_MEAN + k)[i] = 5.0f + 0.2f * normal(70u + (uint64_t)k, i);
+      if (cluster == 2 && row % 2)
+        pags_plane(&g, PAGS_MEAN + 1)[i] += 1e5f;
+      else if (stray[i])
+        pags_plane(&g, PAGS_MEAN + i % 3)[i] = far[i / 3 % 6] * (1.0f + 0.001f * (float)row);
+      if (degree && cluster == 4 && row % 13 == 0) {
+        pags_plane(&g, PAGS_SH + 3 + row % 45)[i] = row == 13 ? 1e6f : 40.0f;
+        stray[i] = true;
+      }
+    }
+    scratch_ok(pags_packed_create(&g, &packed));
+    scratch_path(&place, "stray.pagsz");
+    scratch_ok(pags_packed_save(place.path, &packed, 1, NULL));
+    scratch_ok(pags_packed_open(place.path, &opened));
+    scratch_ok(pags_packed_unpack(&opened, &back));
+    for (int i = 0; i < 400; i++) {
+      for (int k = 0; k < 3; k++) {
+        const float mean = pags_plane(&g, k)[i];
+        const float error = fabsf(mean - pags_plane(&back, k)[i]);
+        assert_true(error <= (i / 64 == 2 || !stray[i] ? 2e-5f : 0.0f) ||
+                    (i / 64 == 2 && error <= fabsf(mean) * 1e-7f));
+        assert_true(pags_plane(&back, k)[i] >= opened.clusters.lo[k][i / 64] &&
+                    pags_plane(&back, k)[i] <= opened.clusters.hi[k][i / 64]);
+      }
+      for (int p = PAGS_SH + 3; p < pags_plane_count(degree); p++)
+        assert_true(fabsf(pags_plane(&g, p)[i] - pags_plane(&back, p)[i]) <= 2.0f / 254.0f);
+    }
+    const double offsets[6] = {0, 0, 0, 100, 0, -7};
+    scratch_ok(pags_packed_save(place.path, &packed, 2, offsets));
+    pags_packed_destroy(&opened);
+    scratch_ok(pags_packed_open(place.path, &opened));
+    scratch_ok(pags_packed_unpack(&opened, &copies));
+    assert_int_equal(copies.count, 2 * 384);
+    for (int i = 0; i < 384; i++)
+      assert_true(fabs((double)pags_plane(&copies, 0)[384 + i] - (double)pags_plane(&back, 0)[i] - 100) <=
+                  1e-5 + fabs((double)pags_plane(&back, 0)[i]) * 1e-7);
+    pags_packed_destroy(&opened);
+    pags_packed_destroy(&packed);
+    pags_gaussians_destroy(&copies);
+    pags_gaussians_destroy(&back);
+    pags_gaussians_destroy(&g);
+  }
+}
+
+/* Stray Gaussians leave the clusters of all others small, so that those out of view are culled as before; packed, the
+ * picture stays what it was. */
+static void test_stray_rows_and_culling(void **state) {
+  (void)state;
+  static drawn plain, packed, without;
+  static const float far[] = {1e9f, 1e30f};
+  pags_gaussians cloud = make_cloud(CLOUD, 0);
+  pags_composition *composition = compose(&cloud);
+  const int64_t seen = draw_by(composition, PAGS_EARLY_Z_OFF, &without);
+  pags_composition_destroy(composition);
+  assert_true(seen < CLOUD * 6 / 10);
+  for (int n = 0; n < 2; n++) {
+    pags_gaussians g = make_cloud(CLOUD, 0);
+    for (int i = 0; i < 1 + 99 * n; i++)
+      pags_plane(&g, PAGS_MEAN + i % 3)[160 * i + 1] = far[n] * (i % 2 ? -1.0f : 1.0f);
+    composition = compose(&g);
+    assert_true(draw_by(composition, PAGS_EARLY_Z_OFF, &plain) < seen + CLOUD / 20);
+    scratch_ok(pags_composition_pack(composition));
+    assert_true(draw_by(composition, PAGS_EARLY_Z_OFF, &packed) < seen + CLOUD / 20);
+    pags_composition_destroy(composition);
+    double squares = 0;
+    for (int k = 0; k < 3; k++)
+      for (int i = 0; i < WIDTH * HEIGHT; i++)
+        squares += pow((double)plain.rgb[k][i] - (double)packed.rgb[k][i], 2);
+    assert_true(sqrt(squares / (3.0 * WIDTH * HEIGHT)) < 1.0 / 255);
+  }
+}
+
+/* What is written can be read again: colours beyond 0 to 1, also negative ones. What can't isn't written. */
+static void test_written_is_readable(void **state) {
+  (void)state;
+  pags_gaussians g = make_cloud(100, 0);
+  pags_packed head = {.background = {-1.5f, 0, 7}}, opened;
+  scratch_path(&place, "w.pagsz");
+  scratch_ok(pags_packed_export(place.path, &g, &head));
+  scratch_ok(pags_packed_open(place.path, &opened));
+  assert_memory_equal(opened.background, head.background, sizeof head.background);
+  pags_packed_destroy(&opened);
+  head.origin[1] = (double)NAN;
+  scratch_expect(pags_packed_export(place.path, &g, &head), PAGS_ERROR_ARGUMENT, "finite origin");
+  head.origin[1] = 0;
+  pags_plane(&g, PAGS_SCALE + 1)[42] = INFINITY;
+  scratch_expect(pags_packed_export(place.path, &g, &head), PAGS_ERROR_ARGUMENT, "Gaussian 42");
+  pags_gaussians_destroy(&g);
+}
+
 /* Writes the bytes to a file and expects a refusal whose message contains `part`. */
 static void refuses(const uint8_t *bytes, size_t size, const char *part) {
   pags_packed opened;
@@ -367,6 +475,48 @@ static void test_faults(void **state) {
   pags_gaussians_destroy(&g);
 }
 
+/* Damaged lists of whole rows. */
+static void test_faults_of_whole_rows(void **state) {
+  (void)state;
+  pags_gaussians g = make_cloud(200, 1);
+  pags_packed head = {0}, opened;
+  uint8_t *bytes;
+  size_t size;
+  for (int i = 0; i < 200; i += 50)
+    pags_plane(&g, PAGS_MEAN)[i] = 1e20f;
+  char *path = pags_path_join(place.folder, "d.pagsz");
+  scratch_ok(pags_packed_export(path, &g, &head));
+  scratch_ok(pags_packed_open(path, &opened));
+  const size_t mixed = (size_t)((const uint8_t *)opened.mixed - (uint8_t *)opened.block),
+               whole = (size_t)(opened.whole - (uint8_t *)opened.block);
+  assert_true(opened.mixed_count > 0 && opened.whole_count == 4);
+  pags_packed_destroy(&opened);
+  scratch_ok(pags_file_read(path, &bytes, &size));
+  const struct {
+    size_t at;
+    uint32_t value;
+    const char *part;
+  } faults[] = {{64, 5, "clusters with whole rows"},
+                {72, 201, "clusters with whole rows"},
+                {72, 3, "bytes for"},
+                {mixed, 4, "whole rows within"},
+                {mixed + 4, 1, "whole rows within"},
+                {mixed + 8, 0x7FC00000, "whole rows within"},
+                {whole, 64, "whole rows within"},
+                {whole + 4, 0x7F800000, "whole rows within"},
+                {whole + 4 * 10, 0x7FC00000, "whole rows within"}};
+  for (size_t i = 0; i < sizeof faults / sizeof *faults; i++) {
+    uint32_t before;
+    memcpy(&before, bytes + faults[i].at, sizeof before);
+    memcpy(bytes + faults[i].at, &faults[i].value, sizeof before);
+    refuses(bytes, size, faults[i].part);
+    memcpy(bytes + faults[i].at, &before, sizeof before);
+  }
+  free(bytes);
+  free(path);
+  pags_gaussians_destroy(&g);
+}
+
 static int setup(void **state) {
   (void)state;
   scratch_begin(&place);
@@ -380,9 +530,17 @@ static int teardown(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_errors), cmocka_unit_test(test_ends),
-                                     cmocka_unit_test(test_bytes),  cmocka_unit_test(test_picture),
-                                     cmocka_unit_test(test_file),   cmocka_unit_test(test_copies),
-                                     cmocka_unit_test(test_faults), cmocka_unit_test(test_bad_colours)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_errors),
+                                     cmocka_unit_test(test_ends),
+                                     cmocka_unit_test(test_bytes),
+                                     cmocka_unit_test(test_picture),
+                                     cmocka_unit_test(test_file),
+                                     cmocka_unit_test(test_copies),
+                                     cmocka_unit_test(test_faults),
+                                     cmocka_unit_test(test_bad_colours),
+                                     cmocka_unit_test(test_stray_rows),
+                                     cmocka_unit_test(test_stray_rows_and_culling),
+                                     cmocka_unit_test(test_written_is_readable),
+                                     cmocka_unit_test(test_faults_of_whole_rows)};
   return cmocka_run_group_tests(tests, setup, teardown);
 }

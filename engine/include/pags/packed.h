@@ -18,7 +18,11 @@
  * colour, degree 0   3 x half float                                      2^-12 relative
  * colour, others     8 bits, scaled by the largest magnitude in the      1/254 of that magnitude
  *                    cluster's plane
- * s_sem              8 bits over 0..1                                    1/510 */
+ * s_sem              8 bits over 0..1                                    1/510
+ *
+ * A row that lies far from the others of its cluster, or has far larger harmonics, would cost them accuracy. It is
+ * stored whole, as floats, apart from ln sigma and opacity, which are clamped as above, and counts neither for the box
+ * of the means nor for the magnitudes. Few clusters of few scenes have such rows. */
 #ifndef PAGS_PACKED_H
 #define PAGS_PACKED_H
 
@@ -47,12 +51,22 @@ static inline size_t pags_packed_colour_bytes(int sh_degree) {
   return (6 * (size_t)PAGS_PACKED_ROWS + planes * (PAGS_PACKED_ROWS + 4) + 63) / 64 * 64;
 }
 
+/* A cluster with rows that are stored whole. */
+typedef struct pags_packed_mixed {
+  uint32_t cluster;
+  uint32_t first;     /* number of its first whole row, of those of all clusters; they go on to the next cluster's */
+  float lo[3], hi[3]; /* the box of the means of its other rows */
+} pags_packed_mixed;
+
 typedef struct pags_packed {
-  pags_gaussians shape;    /* only count, sh_degree and alpha_min are set; it has no planes */
-  pags_clusters clusters;  /* bounds of the clusters of 64 rows; they bound the unpacked values */
-  const uint8_t *geometry; /* PAGS_PACKED_GEOMETRY bytes per cluster */
-  const uint8_t *colour;   /* pags_packed_colour_bytes(sh_degree) bytes per cluster */
-  int has_s_sem;           /* non-zero: s_sem is known */
+  pags_gaussians shape;           /* only count, sh_degree and alpha_min are set; it has no planes */
+  pags_clusters clusters;         /* bounds of the clusters of 64 rows; they bound the unpacked values */
+  const uint8_t *geometry;        /* PAGS_PACKED_GEOMETRY bytes per cluster */
+  const uint8_t *colour;          /* pags_packed_colour_bytes(sh_degree) bytes per cluster */
+  const pags_packed_mixed *mixed; /* clusters with whole rows, in ascending order */
+  const uint8_t *whole;           /* whole rows: a uint32, the row in its cluster, and all planes of means to SH */
+  int64_t mixed_count, whole_count;
+  int has_s_sem; /* non-zero: s_sem is known */
   /* The next three are set by pags_packed_open, from the scene that the file was made of. */
   double origin[3];    /* metres */
   int up, antialiased; /* a pags_up; 1: opacities expect the antialiased projection */
@@ -78,8 +92,8 @@ PAGS_API size_t pags_packed_bytes(const pags_packed *packed);
 PAGS_API pags_result pags_packed_unpack(const pags_packed *packed, pags_gaussians *out);
 
 /* Sorts a copy of the Gaussians in Morton order, packs it and writes it to a file. The file's origin, up,
- * antialiased and background are those of `head`, whose other members are ignored. PAGS_ERROR_IO,
- * PAGS_ERROR_MEMORY. */
+ * antialiased and background are those of `head`, whose other members are ignored. PAGS_ERROR_ARGUMENT for values
+ * that aren't finite; PAGS_ERROR_IO, PAGS_ERROR_MEMORY. */
 PAGS_API pags_result pags_packed_export(const char *path, const pags_gaussians *gaussians, const pags_packed *head);
 
 /* Writes a file that holds the rows `copies` times in sequence, copy c moved by the three numbers (metres) from
@@ -90,7 +104,8 @@ PAGS_API pags_result pags_packed_save(const char *path, const pags_packed *packe
                                       const double *offsets);
 
 /* Maps a packed file; `out` is overwritten. Sizes and bounds are checked; the packed rows need no check, since
- * any bytes unpack to finite values. PAGS_ERROR_IO, PAGS_ERROR_FORMAT or PAGS_ERROR_MEMORY; then `out` is zeroed. */
+ * any bytes unpack to finite values. Files without whole rows have no lists of them. PAGS_ERROR_IO, PAGS_ERROR_FORMAT
+ * or PAGS_ERROR_MEMORY; then `out` is zeroed. */
 PAGS_API pags_result pags_packed_open(const char *path, pags_packed *out);
 
 /* Returns 1 if a file exists and begins with the signature of a packed file, otherwise 0. */
