@@ -158,8 +158,8 @@ static void pack_means(const pags_gaussians *g, int64_t first, int rows, uint64_
   }
 }
 
-/* Appends a cluster's whole rows, and the cluster, to the lists. ln sigma and the logit are clamped as those of others
- * are. */
+/* Appends a cluster's whole rows, and the cluster, to the lists. ln sigma and the logit are clamped, and zero
+ * quaternions the identity, as those of others are. */
 static void put_whole(const pags_gaussians *g, int64_t first, int rows, uint64_t whole, int64_t cluster,
                       float box[2][3], pags_packed *out) {
   const size_t bytes = pags_packed_whole_bytes(g->sh_degree);
@@ -173,12 +173,15 @@ static void put_whole(const pags_gaussians *g, int64_t first, int rows, uint64_t
     uint8_t *const at = writable(out, out->whole + (size_t)out->whole_count++ * bytes);
     const uint32_t row = (uint32_t)i;
     memcpy(at, &row, sizeof row);
+    float values[PAGS_MAX_PLANES];
     for (int p = 0; p < pags_plane_count(g->sh_degree); p++) {
-      float value = pags_plane(g, p)[first + i];
+      values[p] = pags_plane(g, p)[first + i];
       if ((p >= PAGS_SCALE && p < PAGS_ROTATION) || p == PAGS_OPACITY)
-        value = fminf(fmaxf(value, PAGS_PACKED_LOWEST), -PAGS_PACKED_LOWEST);
-      memcpy(at + sizeof row + (size_t)p * sizeof value, &value, sizeof value);
+        values[p] = fminf(fmaxf(values[p], PAGS_PACKED_LOWEST), -PAGS_PACKED_LOWEST);
     }
+    float *const q = values + PAGS_ROTATION;
+    q[0] = q[0] == 0 && q[1] == 0 && q[2] == 0 && q[3] == 0 ? 1.0f : q[0];
+    memcpy(at + sizeof row, values, bytes - sizeof row);
   }
 }
 

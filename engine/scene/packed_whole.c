@@ -128,16 +128,17 @@ static bool is_sound(const pags_packed *packed, int64_t cluster, const uint8_t *
   const int64_t rows = packed->shape.count - cluster * ROWS < ROWS ? packed->shape.count - cluster * ROWS : ROWS;
   uint32_t row;
   memcpy(&row, at, sizeof row);
-  bool good = row < rows && (int64_t)row > *last;
+  bool good = row < rows && (int64_t)row > *last, turned = false;
   for (int p = 0; p < planes; p++) {
     float value;
     memcpy(&value, at + sizeof row + (size_t)p * sizeof value, sizeof value);
     good = good && isfinite(value);
+    turned = turned || (p >= PAGS_ROTATION && p < PAGS_OPACITY && value != 0);
     if (p < 3)
       good = good && value >= packed->clusters.lo[p][cluster] && value <= packed->clusters.hi[p][cluster];
   }
   *last = row;
-  return good;
+  return good && turned;
 }
 
 pags_result pags_packed_check_whole(const char *path, const pags_packed *packed) {

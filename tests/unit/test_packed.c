@@ -335,6 +335,8 @@ static void test_stray_rows(void **state) {
         stray[i] = true;
       }
     }
+    for (int k = 0; k < 4; k++) /* a zero quaternion is the identity here, too */
+      pags_plane(&g, PAGS_ROTATION + k)[7] = 0.0f;
     scratch_ok(pags_packed_create(&g, &packed));
     scratch_path(&place, "stray.pagsz");
     scratch_ok(pags_packed_save(place.path, &packed, 1, NULL));
@@ -352,6 +354,7 @@ static void test_stray_rows(void **state) {
       for (int p = PAGS_SH + 3; p < pags_plane_count(degree); p++)
         assert_true(fabsf(pags_plane(&g, p)[i] - pags_plane(&back, p)[i]) <= 2.0f / 254.0f);
     }
+    assert_true(pags_plane(&back, PAGS_ROTATION)[7] == 1.0f && pags_gaussians_find_bad(&back, NULL) == 0);
     const double offsets[6] = {0, 0, 0, 100, 0, -7};
     scratch_ok(pags_packed_save(place.path, &packed, 2, offsets));
     pags_packed_destroy(&opened);
