@@ -7,7 +7,13 @@
 #include "cli/verbs.h"
 
 #include <pags/import.h>
+#include <stdlib.h>
 #include <string.h>
+
+#include "base/file.h"
+#include "base/json.h"
+#include "base/memory.h"
+#include "base/text.h"
 
 typedef struct import_arguments {
   pags_session session;
@@ -64,6 +70,91 @@ static const pags_verb verb = {.name = "import",
                                .positionals = positionals,
                                .options = options};
 
+/* ---- Report ---- */
+
+/* Names of the counts in import.json's result, and in words. */
+static const struct {
+  const char *key, *one, *many;
+} counts[] = {{"steps", "time step", "time steps"},
+              {"cameras", "camera", "cameras"},
+              {"photographs", "photograph", "photographs"},
+              {"sweeps", "sweep", "sweeps"},
+              {"boxes", "box", "boxes"},
+              {"objects", "object", "objects"}};
+enum { COUNTS = sizeof counts / sizeof counts[0] };
+
+/* Prints a reason for what was left out, as the Python importers do. */
+static pags_result say_left_out(const pags_session *session, const pags_json *json, const pags_json_value *row) {
+  const char *what, *why;
+  const pags_json_value *which;
+  int64_t count;
+  PAGS_TRY(pags_json_string(json, row, "what", &what));
+  PAGS_TRY(pags_json_string(json, row, "why", &why));
+  PAGS_TRY(pags_json_array(json, row, "which", &which));
+  PAGS_TRY(pags_json_integer(json, row, "count", 0, INT64_MAX, &count));
+  const char *first = which->count ? which->first->text : NULL;
+  const int shorter = count == 1 ? (strcmp(what, "boxes") == 0 ? 2 : 1) : 0;
+  if (!count)
+    pags_say(session, "no %s: %s\n", what, why);
+  else
+    pags_say(session, "left out: %lld %.*s%s%s: %s\n", (long long)count, (int)strlen(what) - shorter, what,
+             !first       ? ""
+             : count == 1 ? ": "
+                          : ", the first is ",
+             first ? first : "", why);
+  return PAGS_OK;
+}
+
+/* Reads what the import's account says: a line in words, and the members of --json. */
+static pags_result report_account(import_arguments *arguments, const pags_json *json, double seconds,
+                                  pags_json_writer *writer) {
+  const pags_json_value *result, *rows, *row;
+  char words[256] = "", text[32];
+  PAGS_TRY(pags_json_object(json, pags_json_root(json), "result", &result));
+  for (int i = 0; i < COUNTS; i++) {
+    int64_t count;
+    const size_t length = strlen(words);
+    PAGS_TRY(pags_json_integer(json, result, counts[i].key, 0, INT64_MAX, &count));
+    pags_json_put_integer(writer, counts[i].key, count);
+    snprintf(words + length, sizeof words - length, "%s%lld %s", i ? ", " : "", (long long)count,
+             count == 1 ? counts[i].one : counts[i].many);
+  }
+  pags_say(&arguments->session, "%s: %s; imported in %s\n", arguments->output, words,
+           pags_format_duration(seconds, text, sizeof text));
+  PAGS_TRY(pags_json_array(json, result, "left_out", &rows));
+  for (row = rows->first; row; row = row->next)
+    PAGS_TRY(say_left_out(&arguments->session, json, row));
+  char *raw = pags_text_format("%.*s", (int)(rows->source_end - rows->source_begin), rows->source_begin);
+  if (!raw)
+    return pags_out_of_memory("%s", arguments->output);
+  pags_json_put_raw(writer, "left_out", raw);
+  free(raw);
+  return PAGS_OK;
+}
+
+/* Prints what was imported and left out, and writes the JSON. A set that an earlier version imported has no account. */
+static pags_result report(import_arguments *arguments, const char *kind, double seconds) {
+  pags_json_writer writer;
+  pags_json *json = NULL;
+  char *path = pags_path_join(arguments->output, "import.json");
+  pags_json_writer_init(&writer, 2);
+  pags_json_begin_object(&writer, NULL);
+  pags_json_put_string(&writer, "kind", kind);
+  pags_json_put_string(&writer, "dataset", arguments->output);
+  pags_json_put_number(&writer, "seconds", seconds);
+  pags_result result = path ? pags_json_parse_file(path, &json) : pags_out_of_memory("%s", arguments->output);
+  if (result == PAGS_OK && pags_json_member(pags_json_root(json), "result"))
+    result = report_account(arguments, json, seconds, &writer);
+  else if (result == PAGS_OK)
+    pags_say(&arguments->session, "%s: is complete\n", arguments->output);
+  pags_json_destroy(json);
+  free(path);
+  if (result == PAGS_OK)
+    return pags_session_json(&arguments->session, &writer);
+  pags_json_writer_destroy(&writer);
+  return result;
+}
+
 static pags_result import(import_arguments *arguments, const struct kind *kind, const char *source) {
   pags_progress progress = pags_progress_begin(arguments->session.people);
   pags_interrupt_install(arguments->session.tasks);
@@ -75,18 +166,7 @@ static pags_result import(import_arguments *arguments, const struct kind *kind, 
     return pags_fail(result, "interrupted; the same command goes on from here");
   PAGS_TRY(result);
 
-  /* Print the duration and write the JSON. */
-  double seconds = pags_seconds() - begun;
-  pags_json_writer writer;
-  char text[32];
-  pags_say(&arguments->session, "%s: imported in %s\n", arguments->output,
-           pags_format_duration(seconds, text, sizeof text));
-  pags_json_writer_init(&writer, 2);
-  pags_json_begin_object(&writer, NULL);
-  pags_json_put_string(&writer, "kind", kind->name);
-  pags_json_put_string(&writer, "dataset", arguments->output);
-  pags_json_put_number(&writer, "seconds", seconds);
-  return pags_session_json(&arguments->session, &writer);
+  return report(arguments, kind->name, pags_seconds() - begun);
 }
 
 int pags_verb_import(int argc, char **argv) {

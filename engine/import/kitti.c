@@ -313,6 +313,10 @@ static pags_result find_form(importer *im) {
                      "%s: taken for rows of %d %s in %s, as all other sweeps; KITTI's have 4 floats in metres", ends[0],
                      im->form.columns, im->form.width == 8 ? "doubles" : "floats",
                      im->form.scale == 1 ? "metres" : "millimetres");
+  if (result == PAGS_OK && empty.count && !ends[0])
+    result = pags_fail(PAGS_ERROR_FORMAT, "%s: %lld sweeps in these frames, but all are empty files; the first is %s",
+                       im->tree.root, (long long)empty.count, empty.first);
+  pags_account_leave_out(&im->tree.account, "sweeps", &empty, "the files are empty");
   if (empty.count)
     pags_log_message(PAGS_LOG_WARNING, "%s: %lld of %lld sweeps are empty files and are left out; the first is %s",
                      im->tree.root, (long long)empty.count, (long long)im->count, empty.first);
@@ -361,8 +365,9 @@ static pags_result set_cameras(importer *im) {
 }
 
 static pags_result read_tracks(importer *im) {
-  const pags_kitti_span span = {im->tree.first, im->tree.last, im->tree.frames, im->times,
-                                (const double(*)[12])im->world_from_velo};
+  const pags_kitti_span span = {
+      im->tree.first,   im->tree.last, im->tree.frames, im->times, (const double(*)[12])im->world_from_velo,
+      &im->tree.account};
   if (!im->tree.has_labels)
     return PAGS_OK;
   char *path = pags_kitti_labels_path(&im->tree);
@@ -539,6 +544,7 @@ static pags_result run(importer *im, const char *folder, bool overwrite, pags_ta
   PAGS_TRY(put_frames(im, tasks, progress, user));
   if (im->tree.has_labels)
     PAGS_TRY(pags_layout_put_instances(&im->layout, im->tracks.items, im->tracks.count));
+  PAGS_TRY(pags_layout_put_account(&im->layout, &im->tree.account, im->tracks.items, im->tracks.count));
   PAGS_TRY(pags_layout_finish(&im->layout, &times));
   if (progress)
     progress(user, 1, "frames");

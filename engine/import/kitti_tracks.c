@@ -83,6 +83,15 @@ static pags_result choose_rows(const char *path, const pags_kitti_labels *labels
     if (row->scored)
       pags_tally_add(&scores, "%g in line %d", row->score, row->line);
   }
+  if (flat.count && !*count)
+    return pags_fail(
+        PAGS_ERROR_FORMAT,
+        "%s: %lld boxes in these frames, but none has a height, width, length and place in space; the first "
+        "is a %s; move the file elsewhere to import without boxes",
+        path, (long long)flat.count, flat.first);
+  pags_account_leave_out(span->account, "boxes", &late, "past the last photograph, frame %lld",
+                         (long long)span->total - 1);
+  pags_account_leave_out(span->account, "boxes", &flat, "no height, width, length or place in space");
   if (late.count)
     pags_log_message(PAGS_LOG_WARNING,
                      "%s: %lld of %lld labels are left out, as there are photographs of frames 0 to %lld only; the "
@@ -276,18 +285,29 @@ pags_result pags_kitti_tracks_from_tracklets(const char *path, const pags_kitti_
   *out = (pags_kitti_tracks){.items = calloc((size_t)(tracklets->count ? tracklets->count : 1), sizeof *out->items)};
   pags_result result = out->items ? PAGS_OK : pags_out_of_memory("%s: its tracks", path);
   pags_tally late = {0}, empty = {0};
+  int64_t flat = 0; /* tracklets with poses, but without a size */
   for (int64_t i = 0; i < tracklets->count && result == PAGS_OK; i++) {
     const pags_kitti_tracklet *tracklet = &tracklets->items[i];
     const int64_t last = tracklet->first_frame + tracklet->count - 1;
     if (tracklet->count && last >= span->total)
       pags_tally_add(&late, "tracklet %lld, a %s of frames %lld to %lld", (long long)i, tracklet->type,
                      (long long)tracklet->first_frame, (long long)last);
-    if (!tracklet->count || !(tracklet->height > 0 && tracklet->width > 0 && tracklet->length > 0))
+    const bool sized = tracklet->height > 0 && tracklet->width > 0 && tracklet->length > 0;
+    flat += tracklet->count && !sized;
+    if (!tracklet->count || !sized)
       pags_tally_add(&empty, "tracklet %lld, a %s of frame %lld", (long long)i, tracklet->type,
                      (long long)tracklet->first_frame);
     else
       result = add_tracklet(tracklet, i, span, out);
   }
+  pags_account_leave_out(span->account, "tracklets", &late, "their boxes past the last photograph, frame %lld",
+                         (long long)span->total - 1);
+  pags_account_leave_out(span->account, "tracklets", &empty, "no poses or no size");
+  if (result == PAGS_OK && flat == tracklets->count && flat)
+    result = pags_fail(PAGS_ERROR_FORMAT,
+                       "%s: %lld tracklets, but none has a size; the first is %s; move the file elsewhere to import "
+                       "without boxes",
+                       path, (long long)flat, empty.first);
   if (late.count)
     pags_log_message(
         PAGS_LOG_WARNING,

@@ -16,13 +16,15 @@ typedef struct pags_kitti_span {
   int64_t first, last, total;          /* first and last included; total: number of frames of the whole sequence */
   const double *times;                 /* seconds, one per frame from `first` on */
   const double (*world_from_velo)[12]; /* of each frame from `first` on */
+  pags_account *account;               /* what is left out is added to it; NULL: nowhere */
 } pags_kitti_span;
 
 /* Make tracks from the boxes of the imported frames; other boxes, and tracks without a box in these frames, are left
- * out. A warning tells of labels past the last photograph, of labels without a size, of scores, and of track numbers
- * whose classes differ: each class is an object of its own, unless one object of one category goes by two names (a car
- * and a van). The id of an object is its track number, or "NUMBER-Class" for the second and further classes. Whether an
- * object moves is decided from its poses in these frames. `path` is used in messages. */
+ * out. None of all boxes in these frames is PAGS_ERROR_FORMAT. A warning tells of labels past the last photograph, of
+ * labels without a size, of scores, and of track numbers whose classes differ: each class is an object of its own,
+ * unless one object of one category goes by two names (a car and a van). The id of an object is its track number, or
+ * "NUMBER-Class" for the second and further classes. Whether an object moves is decided from its poses in these frames.
+ * `path` is used in messages. */
 pags_result pags_kitti_tracks_from_labels(const char *path, const pags_kitti_labels *labels,
                                           const double cam0_from_velo[12], const pags_kitti_span *span,
                                           pags_kitti_tracks *out);

@@ -14,6 +14,7 @@
 #include "base/text.h"
 #include "dataset/foreign_recording.h"
 #include "import/options.h"
+#include "import/other_forms.h"
 
 /* ---- Paths ---- */
 
@@ -345,6 +346,7 @@ static bool has_pictures(const pags_kitti_tree *tree, int camera) {
 
 /* Drops the cameras without photographs, unless the caller chose the cameras or none would be left. */
 static void keep_cameras_with_pictures(pags_kitti_tree *tree) {
+  pags_tally without = {0};
   int kept = 0;
   int numbers[16];
   for (int c = 0; c < tree->camera_count; c++)
@@ -353,11 +355,14 @@ static void keep_cameras_with_pictures(pags_kitti_tree *tree) {
   if (kept == 0 || kept == tree->camera_count)
     return;
   for (int c = 0; c < tree->camera_count; c++)
-    if (!has_pictures(tree, tree->cameras[c]))
+    if (!has_pictures(tree, tree->cameras[c])) {
+      pags_tally_add(&without, "image_%02d", tree->cameras[c] + 2);
       pags_log_message(PAGS_LOG_WARNING,
                        "%s: camera %d is left out: image_%02d has no photographs (--cameras %d says that it isn't "
                        "wanted)",
                        tree->root, tree->cameras[c], tree->cameras[c] + 2, numbers[0]);
+    }
+  pags_account_leave_out(&tree->account, "cameras", &without, "no photographs");
   memcpy(tree->cameras, numbers, (size_t)kept * sizeof *numbers);
   tree->camera_count = kept;
 }
@@ -408,6 +413,43 @@ static void want_file(missing *m, char *path) {
   free(path);
 }
 
+/* Says why there is no LiDAR; sweeps in another form than KITTI's are an error. */
+static pags_result explain_no_sweeps(pags_kitti_tree *tree, const char *velodyne) {
+  char *path = pags_kitti_points_path(tree, tree->first), *folder = path ? pags_path_folder(path) : NULL;
+  pags_result result = folder ? PAGS_OK : pags_out_of_memory("%s", tree->root);
+  if (result == PAGS_OK)
+    result = pags_other_files_check(folder, ".bin", "sweeps");
+  if (result == PAGS_OK)
+    result = pags_other_form_check(tree->root, velodyne, "sweeps");
+  if (result == PAGS_OK && !tree->raw) {
+    char *all = pags_path_folder(folder);
+    result = all ? pags_other_form_check(all, tree->sequence, "sweeps") : pags_out_of_memory("%s", tree->root);
+    free(all);
+  }
+  free(folder);
+  free(path);
+  PAGS_TRY(result);
+  pags_log_message(PAGS_LOG_WARNING, "%s: no LiDAR: %s is missing or empty", tree->root, velodyne);
+  pags_account_lacks(&tree->account, "sweeps", "%s is missing or empty", velodyne);
+  return PAGS_OK;
+}
+
+static pags_result explain_no_labels(pags_kitti_tree *tree) {
+  const char *name = tree->raw ? "tracklet_labels.xml" : "label_02";
+  char *path = pags_kitti_labels_path(tree), *folder = path ? pags_path_folder(path) : NULL;
+  pags_result result = folder ? PAGS_OK : pags_out_of_memory("%s", tree->root);
+  if (result == PAGS_OK)
+    result = pags_other_form_check(folder, pags_path_name(path), "boxes");
+  if (result == PAGS_OK && !tree->raw)
+    result = pags_other_form_check(tree->root, name, "boxes");
+  free(folder);
+  free(path);
+  PAGS_TRY(result);
+  pags_log_message(PAGS_LOG_WARNING, "%s: no boxes: %s is missing", tree->root, name);
+  pags_account_lacks(&tree->account, "boxes", "%s is missing", name);
+  return PAGS_OK;
+}
+
 static pags_result check_frames(pags_kitti_tree *tree) {
   missing needed = {.root = tree->root}, sweeps = {.root = tree->root};
   for (int64_t frame = tree->first; frame <= tree->last; frame++) {
@@ -425,18 +467,20 @@ static pags_result check_frames(pags_kitti_tree *tree) {
     return report(tree, &needed, &none);
   }
   const int64_t count = tree->last - tree->first + 1;
+  const char *velodyne = tree->raw ? "velodyne_points" : "velodyne";
+  pags_tally lost = {.count = sweeps.count};
   if (sweeps.count == count)
     tree->has_points = false;
   if (!tree->has_points)
-    pags_log_message(PAGS_LOG_WARNING, "%s: no LiDAR: velodyne%s is missing or empty", tree->root,
-                     tree->raw ? "_points" : "");
+    PAGS_TRY(explain_no_sweeps(tree, velodyne));
   else if (sweeps.count)
     pags_log_message(PAGS_LOG_WARNING, "%s: %lld of %lld sweeps are missing: %.400s", tree->root,
                      (long long)sweeps.count, (long long)count, sweeps.text);
-  if (!tree->has_labels)
-    pags_log_message(PAGS_LOG_WARNING, "%s: no boxes: %s is missing", tree->root,
-                     tree->raw ? "tracklet_labels.xml" : "label_02");
-  return PAGS_OK;
+  if (tree->has_points) {
+    snprintf(lost.first, sizeof lost.first, "%.*s", (int)strcspn(sweeps.text, ","), sweeps.text);
+    pags_account_leave_out(&tree->account, "sweeps", &lost, "the files are missing");
+  }
+  return tree->has_labels ? PAGS_OK : explain_no_labels(tree);
 }
 
 static pags_result open_tree(const char *path, const pags_import_options *options, choice *found,
@@ -454,6 +498,8 @@ static pags_result open_tree(const char *path, const pags_import_options *option
   PAGS_TRY(tree->raw ? check_raw(tree) : check_tracking(tree, found));
   PAGS_TRY(count_frames(tree));
   PAGS_TRY(pags_import_frames(options, tree->frames, &tree->first, &tree->last));
+  const pags_tally others = {.count = tree->frames - (tree->last - tree->first + 1)};
+  pags_account_leave_out(&tree->account, "time steps", &others, "--frames chose others");
   return check_frames(tree);
 }
 

@@ -7,6 +7,8 @@
 #include <pags/import.h>
 #include <stdbool.h>
 
+#include "dataset/driving/account.h"
+
 typedef struct pags_kitti_tree {
   bool raw;        /* a drive of a raw recording; else the tracking benchmark */
   char *root;      /* folder that holds image_02 etc.; raw: DATE/DATE_drive_NNNN_sync */
@@ -15,11 +17,13 @@ typedef struct pags_kitti_tree {
   int camera_count;
   int64_t frames;              /* number of frames of the whole sequence */
   int64_t first, last;         /* imported frames, both included */
+  pags_account account;        /* what is left out, and why */
   bool has_points, has_labels; /* whether there are any sweeps; whether there is a file of labels */
 } pags_kitti_tree;
 
 /* Recognises the tree at `path`, chooses the sequence and the frames, and checks that all files they need exist; one
- * error message lists all missing files. Sweeps and labels may be missing, which is logged. */
+ * error message lists all missing files. Sweeps and labels may be missing, which is logged; sweeps
+ * and labels in another form, e.g. packed, are PAGS_ERROR_FORMAT. */
 pags_result pags_kitti_tree_open(const char *path, const pags_import_options *options, pags_kitti_tree *out);
 void pags_kitti_tree_close(pags_kitti_tree *tree);
 

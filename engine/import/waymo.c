@@ -66,6 +66,7 @@ typedef struct importer {
   double *camera_poses;            /* 12 numbers per photograph: camera-to-world */
   int64_t labelled;                /* number of photographs with panoptic labels */
   int64_t sweeps;                  /* number of frames with LiDAR points */
+  pags_account account;            /* what is left out, and why */
 } importer;
 
 /* Calls the progress function; fails if it asks to cancel. */
@@ -291,6 +292,14 @@ static pags_result begin(importer *im, const pags_waymo_frame *first, const char
                          bool overwrite) {
   if (first->context && first->context->name)
     snprintf(im->context, sizeof im->context, "%s", first->context->name);
+  pags_tally others = {0};
+  for (int name = 1, c = 0; name <= PAGS_WAYMO_CAMERAS; name++) {
+    if (c < im->info.camera_count && im->numbers[c] == name - 1)
+      c++;
+    else if (pags_waymo_image(first, name))
+      pags_tally_add(&others, "%d, %s", name - 1, pags_waymo_camera_name(name));
+  }
+  pags_account_leave_out(&im->account, "cameras", &others, "--cameras takes them");
   for (int c = 0; c < im->info.camera_count; c++)
     PAGS_TRY(read_camera(im, first, c, where));
   PAGS_TRY(allocate_frames(im));
@@ -429,7 +438,7 @@ static double frame_rate(const importer *im) {
   return pags_round(100 * (double)(n - 1) / (im->times[n - 1] - im->times[0])) / 100;
 }
 
-static void log_findings(const importer *im) {
+static void log_findings(importer *im) {
   const long long frames = im->info.frame_count;
   const pags_leaps leaps = pags_find_leaps((const double(*)[12])im->ego_poses, im->times, im->info.frame_count);
   if (leaps.count)
@@ -438,6 +447,13 @@ static void log_findings(const importer *im) {
                      "degrees off in %.2f s",
                      im->source, (long long)leaps.count, frames - 1, (long long)leaps.first, (long long)leaps.first + 1,
                      leaps.metres, leaps.degrees, leaps.seconds);
+  const pags_tally dark = {.count = im->sweeps ? frames - im->sweeps : 0};
+  pags_account_leave_out(&im->account, "sweeps", &dark, "the frames have no LiDAR");
+  if (!im->sweeps)
+    pags_account_lacks(&im->account, "sweeps", "no frame has LiDAR");
+  pags_account_leave_out(&im->account, "boxes", &im->boxes.unusable, "no id, no size or numbers that aren't finite");
+  if (!im->boxes.count)
+    pags_account_lacks(&im->account, "boxes", "no frame has labels");
   if (im->sweeps < frames)
     pags_log_message(PAGS_LOG_WARNING, "%s: %lld of %lld frames have no LiDAR", im->source,
                      frames - (long long)im->sweeps, frames);
@@ -457,6 +473,10 @@ static void log_findings(const importer *im) {
 }
 
 static pags_result put_boxes(importer *im) {
+  if (!im->boxes.count && im->boxes.unusable.count)
+    return pags_fail(PAGS_ERROR_FORMAT,
+                     "%s: %lld boxes, but none has an id, a size and finite numbers; the first is %s", im->source,
+                     (long long)im->boxes.unusable.count, im->boxes.unusable.first);
   if (!im->boxes.count) {
     PAGS_TRY(drop_folder(im, "instances"));
     return drop_folder(im, "dynamic_masks");
@@ -478,6 +498,7 @@ static pags_result finish(importer *im) {
   }
   im->info.fps = frame_rate(im);
   log_findings(im);
+  PAGS_TRY(pags_layout_put_account(&im->layout, &im->account, im->tracks, im->track_count));
   const pags_layout_times times = {.frames = im->times, .exposures = im->exposures};
   PAGS_TRY(pags_layout_finish(&im->layout, &times));
   report(im, 1, "done"); /* the return value is ignored, as nothing is left to cancel */
@@ -502,6 +523,8 @@ static pags_result import(importer *im, const char *folder, const pags_import_op
   PAGS_TRY(count_records(im->source, &records));
   PAGS_TRY(pags_import_frames(options, records, &im->info.first_frame, &last));
   im->info.frame_count = last - im->info.first_frame + 1;
+  const pags_tally others = {.count = records - im->info.frame_count};
+  pags_account_leave_out(&im->account, "time steps", &others, "--frames chose others");
   pags_tfrecord *reader;
   PAGS_TRY(pags_tfrecord_open(im->source, &reader));
   pags_result result = read_records(im, reader, folder, options->overwrite);

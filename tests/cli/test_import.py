@@ -77,6 +77,59 @@ class Import(Case):
         self.succeeds("import", "kitti", raw, "-o", out)
         self.assertEqual(before, {name: os.stat(os.path.join(out, name)).st_mtime_ns for name in files_below(out)})
 
+    def result(self, out):
+        return json.loads(read(os.path.join(out, "import.json")))["result"]
+
+    def test_account(self):
+        """The end of an import says what was read and what was left out and why; import.json and --json have the same."""
+        raw, out = make_tree(self.path("raw"), 6), self.path("out")
+        os.remove(os.path.join(raw, "velodyne/0000/000002.bin"))
+        write(os.path.join(raw, "velodyne/0000/000003.bin"), b"")
+        lines = read(os.path.join(raw, "label_02/0000.txt")).decode().splitlines(keepends=True)
+        write(os.path.join(raw, "label_02/0000.txt"), "".join(lines) + lines[-1].replace("5 0 Car", "9 0 Car", 1))
+        words = ["import", "kitti", raw, "-o", out, "--frames", "1-5"]
+        said = self.succeeds(*words).stdout.splitlines()
+        self.assertRegex(said[0], "out: 5 time steps, 2 cameras, 10 photographs, 3 sweeps, 5 boxes, 1 object; imported in ")
+        self.assertEqual(said[1:], ["left out: 1 time step: --frames chose others", "left out: 1 sweep: velodyne/0000/000002.bin: the files are missing",
+                                    f"left out: 1 sweep: {raw}/velodyne/0000/000003.bin: the files are empty",
+                                    "left out: 1 box: Car of track 0 in frame 9 (line 7): past the last photograph, frame 5"])  # fmt: skip
+        result = self.result(out)
+        self.assertEqual([result[key] for key in ("steps", "cameras", "photographs", "sweeps", "boxes", "objects")], [5, 2, 10, 3, 5, 1])
+        again = json.loads(self.succeeds(*words, "--json", "-").stdout)  # it is complete: nothing is written
+        self.assertEqual({key: again[key] for key in result}, result)
+
+    def test_nothing_at_all(self):
+        raw, out = make_tree(self.path("raw"), 3), self.path("out")
+        os.rename(os.path.join(raw, "velodyne"), self.path("velodyne"))
+        os.rename(os.path.join(raw, "label_02"), self.path("label_02"))
+        said = self.succeeds("import", "kitti", raw, "-o", out).stdout
+        self.assertIn("no sweeps: velodyne is missing or empty\nno boxes: label_02 is missing\n", said)
+
+    def test_other_forms(self):
+        """Sweeps and labels that are packed, of another ending or all unusable are no missing ones."""
+        raw, out = make_tree(self.path("raw"), 3), self.path("out")
+        sweep, labels = os.path.join(raw, "velodyne/0000"), os.path.join(raw, "label_02/0000.txt")
+        lines = read(labels).decode()
+        os.rename(sweep, self.path("sweeps"))
+        for name, words in [("velodyne/0000/000000.bin.gz", "has 000000.bin.gz, but no file that ends in .bin"), ("velodyne/0000.zip", "0000.zip: sweeps are read from 0000; unpack"), ("Velodyne.tar.gz", "Velodyne.tar.gz: sweeps are read from velodyne; unpack")]:
+            write(os.path.join(raw, name), "x")
+            self.fails(["import", "kitti", raw, "-o", out], words)
+            os.remove(os.path.join(raw, name))
+            for folder in ("velodyne/0000", "velodyne"):
+                if os.path.isdir(os.path.join(raw, folder)) and not os.listdir(os.path.join(raw, folder)):
+                    os.rmdir(os.path.join(raw, folder))
+        os.makedirs(os.path.dirname(sweep))
+        os.rename(self.path("sweeps"), sweep)
+        os.rename(labels, labels[:-4] + ".csv")
+        self.fails(["import", "kitti", raw, "-o", out], "0000.csv: boxes are read from 0000.txt")
+        write(labels, lines.replace(" 1.5 1.6 4 ", " -1 -1 -1 "))
+        self.fails(["import", "kitti", raw, "-o", out], "0000.txt: 3 boxes in these frames, but none has a height")
+        write(labels, lines)
+        for t in range(3):
+            write(os.path.join(sweep, f"{t:06d}.bin"), b"")
+        self.fails(["import", "kitti", raw, "-o", out], "3 sweeps in these frames, but all are empty files")
+        self.assertFalse(os.path.exists(out))
+
     def test_interrupted_goes_on(self):
         raw, out, whole = make_tree(self.path("raw"), 40), self.path("out"), self.path("whole")
         running = subprocess.Popen([fixtures.PAGS, "import", "kitti", raw, "-o", out], stdout=subprocess.PIPE, stderr=subprocess.PIPE)

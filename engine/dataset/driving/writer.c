@@ -87,17 +87,37 @@ bool pags_layout_is_finished(const pags_layout *layout) {
 /* What import.json in the folder says: missing; equal to the one of this import; of another import. */
 typedef enum work_state { WORK_NONE, WORK_SAME, WORK_OTHER } work_state;
 
-/* Compares the file `marker` with the import.json that this import would write. */
+/* Compares the file `marker` with the import.json that this import would write, which may go on with a result. */
 static pags_result compare_work(const char *marker, const pags_json_writer *writer, work_state *out) {
+  static const char end[] = "\n}\n", result[] = ",\n  \"result\": ";
+  const size_t common = writer->size - (sizeof end - 1);
   uint8_t *bytes = NULL;
   size_t size = 0;
   *out = WORK_NONE;
   if (!pags_file_exists(marker))
     return PAGS_OK;
   PAGS_TRY(pags_file_read(marker, &bytes, &size));
-  *out = size == writer->size && !memcmp(bytes, writer->data, size) ? WORK_SAME : WORK_OTHER;
+  const bool whole = size == writer->size && !memcmp(bytes, writer->data, size);
+  const bool ended = size > common + sizeof result && !memcmp(bytes, writer->data, common) &&
+                     !memcmp(bytes + common, result, sizeof result - 1);
+  *out = whole || ended ? WORK_SAME : WORK_OTHER;
   free(bytes);
   return PAGS_OK;
+}
+
+/* Begins import.json, which lists everything that the content of the files depends on. */
+static void begin_marker(const pags_layout_info *info, pags_json_writer *writer) {
+  pags_json_writer_init(writer, 2);
+  pags_json_begin_object(writer, NULL);
+  pags_json_put_string(writer, "kind", info->kind);
+  pags_json_put_string(writer, "source", info->source);
+  pags_json_put_integer(writer, "first_frame", info->first_frame);
+  pags_json_put_integer(writer, "frames", info->frame_count);
+  pags_json_begin_array(writer, "cameras");
+  for (int i = 0; i < info->camera_count; i++)
+    pags_json_put_integer(writer, NULL, info->cameras[i].number);
+  pags_json_end_array(writer);
+  pags_json_put_string(writer, "version", PAGS_VERSION_STRING);
 }
 
 /* Prepares the folder: continues unfinished work of the same import; otherwise the folder must be empty, or
@@ -136,18 +156,7 @@ pags_result pags_layout_begin(pags_layout *layout, const char *folder, const pag
   if (!layout->folder)
     return pags_out_of_memory("%s", folder);
 
-  /* import.json lists everything that the content of the files depends on. */
-  pags_json_writer_init(&writer, 2);
-  pags_json_begin_object(&writer, NULL);
-  pags_json_put_string(&writer, "kind", info->kind);
-  pags_json_put_string(&writer, "source", info->source);
-  pags_json_put_integer(&writer, "first_frame", info->first_frame);
-  pags_json_put_integer(&writer, "frames", info->frame_count);
-  pags_json_begin_array(&writer, "cameras");
-  for (int i = 0; i < info->camera_count; i++)
-    pags_json_put_integer(&writer, NULL, info->cameras[i].number);
-  pags_json_end_array(&writer);
-  pags_json_put_string(&writer, "version", PAGS_VERSION_STRING);
+  begin_marker(info, &writer);
   pags_json_end_object(&writer);
   pags_result result = pags_json_writer_finish(&writer);
 
@@ -161,6 +170,30 @@ pags_result pags_layout_begin(pags_layout *layout, const char *folder, const pag
   pags_json_writer_destroy(&writer);
   if (result != PAGS_OK)
     pags_layout_destroy(layout);
+  return result;
+}
+
+pags_result pags_layout_put_account(const pags_layout *layout, const pags_account *account,
+                                    const pags_layout_track *tracks, int64_t track_count) {
+  const pags_layout_info *info = layout->info;
+  pags_account_counts counts = {.steps = info->frame_count,
+                                .cameras = info->camera_count,
+                                .photographs = info->frame_count * info->camera_count,
+                                .objects = track_count};
+  for (int64_t frame = 0; frame < info->frame_count; frame++)
+    counts.sweeps += pags_layout_has(layout, "lidar", frame, -1, ".bin");
+  for (int64_t i = 0; i < track_count; i++)
+    counts.boxes += tracks[i].object.knot_count;
+  pags_json_writer writer;
+  char *marker = NULL;
+  begin_marker(info, &writer);
+  pags_account_put(account, &counts, "result", &writer);
+  pags_json_end_object(&writer);
+  pags_result result = join(layout, "import.json", &marker);
+  if (result == PAGS_OK)
+    result = pags_json_writer_save(&writer, marker);
+  pags_json_writer_destroy(&writer);
+  free(marker);
   return result;
 }
 

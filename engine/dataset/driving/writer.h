@@ -5,7 +5,8 @@
  * Use: begin, any number of puts in any order, finish. An interrupted import can be continued: files are written
  * under a temporary name and renamed, so that a file that exists is complete, and a put of an existing
  * file of a frame does nothing. Begin writes the source and the options of the import to import.json; a folder that was
- * begun from another source, or that holds other files, is refused. dataset.json is written last.
+ * begun from another source, or that holds other files, is refused. dataset.json is written last, after the import's
+ * account has been added to import.json as "result".
  *
  * Frames count from 0, whatever their numbers in the source are. Puts of different files may be called by several
  * threads at once. */
@@ -17,6 +18,8 @@
 #include <pags/object.h>
 #include <pags/place.h>
 #include <stdbool.h>
+
+#include "dataset/driving/account.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -138,6 +141,9 @@ pags_result pags_layout_put_dynamic_masks_through(const pags_layout *layout, int
 /* Writes instances/instances_info.json and instances/frame_instances.json. */
 pags_result pags_layout_put_instances(const pags_layout *layout, const pags_layout_track *tracks, int64_t count);
 
+/* Counts what was written, with the tracks that are given, and adds the account to import.json. */
+pags_result pags_layout_put_account(const pags_layout *layout, const pags_account *account,
+                                    const pags_layout_track *tracks, int64_t track_count);
 /* Writes intrinsics/C.txt, timestamps.json and, last, dataset.json. */
 pags_result pags_layout_finish(const pags_layout *layout, const pags_layout_times *times);
 
