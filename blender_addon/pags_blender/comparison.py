@@ -323,6 +323,7 @@ class PAGS_OT_rank(jobs.Long, cameras.OnScene, bpy.types.Operator):
             if not entry.scene.views:
                 raise native.SceneError("the scene has no photographs")
             photographs.find(root, entry, entry.scene.views[0]["name"])  # says where it looked, and which field would do
+            photographs.tell(job, root, entry)
             given = photographs.moved(root, entry)
             with tempfile.TemporaryDirectory(prefix="pags-list-") as folder:
                 target = os.path.join(folder, "eval.json")

@@ -103,14 +103,15 @@ def faults(bpy):
         needs = json.loads(scene[NEEDS])
         if engine is None:
             return [f"the PAGS add-on, version {needs['version']}, isn't switched on in this Blender (blender --addons pags_blender, or in its preferences)"]
-        info = sys.modules[engine.__module__.rpartition(".")[0]].bl_info["version"]
-        if list(info[:2]) < [int(number) for number in needs["version"].split(".")[:2]]:
-            found.append(f"the PAGS add-on is version {'.'.join(map(str, info))}; the file was saved with {needs['version']}")
+        version = sys.modules[engine.__module__.rpartition(".")[0] + ".native"].VERSION
+        if list(map(int, version.split("."))) < [int(number) for number in needs["version"].split(".")[:2]]:
+            found.append(f"the PAGS add-on is version {version}; the file was saved with {needs['version']}")
         for record in needs["scenes"]:
-            if (record["library"], record["root"]) in checked:
+            own = bpy.path.abspath(scene.library.filepath, library=scene.library.parent) if scene.library is not None else bpy.data.filepath
+            blend = bpy.path.abspath(record["library"], start=os.path.dirname(own)) if record["library"] else own
+            if (blend, record["root"]) in checked:
                 continue
-            checked.add((record["library"], record["root"]))
-            blend = bpy.path.abspath(record["library"]) if record["library"] else bpy.data.filepath
+            checked.add((blend, record["root"]))
             value = record["path"]
             here = os.path.normpath(os.path.join(os.path.dirname(blend), value[2:])) if value.startswith("//") else value
             path, _, problem = choose(value, here, blend, record if record.get("sha256") else {})

@@ -71,18 +71,19 @@ def note(root, entry):
         whereabouts.note(root, "photographs", recorded, recorded, "")
 
 
-def remark(root, entry):
-    """What a user has to know of the data set that is taken; empty where it is the one that was chosen or that training read."""
+def tell(job, root, entry):
+    """Warns of a data set that is neither where it was chosen nor where training read it."""
     found = places(root, entry)
     chosen = whereabouts.locate(root, "dataset") if root.pags.dataset else ("", "", "")
-    if not found or not os.path.exists(found[-1]) or found[-1] == chosen[0]:
-        return chosen[1]
-    return f"{found[0]} is missing; {found[-1]} is taken" if len(found) > 1 else ""
+    if chosen[1]:
+        job.notes.append(chosen[1])
+    elif len(found) > 1 and os.path.exists(found[-1]):
+        job.notes.append(f"the data set {found[0]} is missing; {found[-1]} is taken")
 
 
-def find(root, entry, name):
-    """(data set's folder, path) of a view's photograph. SceneError says where it was looked for."""
-    looked_in = places(root, entry)
+def find(root, entry, name, looked_in=None):
+    """(data set's folder, path) of a view's photograph. SceneError says where it was looked for: in `looked_in`, or in the scene's places."""
+    looked_in = places(root, entry) if looked_in is None else looked_in
     if not looked_in:
         raise native.SceneError(f"the photograph {name} isn't found: the scene doesn't say what it was trained on; {FIELD}")
     for inner in ("images", ""):
@@ -120,6 +121,7 @@ def load(job, root, entry, view):
     """Steps that return a view's photograph as its pinhole camera sees it."""
     refuse_lens(view)
     folder, path = find(root, entry, view["name"])
+    tell(job, root, entry)
     picture = undistort.read(path)
     yield
     return (yield jobs.beside(undistort.as_view, picture, view, lens_of(folder, view["sensor"])))
@@ -193,10 +195,10 @@ def show(job, camera, root):
     if not views:
         raise native.SceneError(f"{camera.name}: the scene has no photographs of it")
     refuse_lens(views[0])
-    source = find(root, entry, views[0]["name"])[0]
-    if told := remark(root, entry):
-        job.notes.append(told)
-    paths = [find(root, entry, v["name"])[1] for v in views]
+    looked_in = places(root, entry)
+    source = find(root, entry, views[0]["name"], looked_in)[0]
+    tell(job, root, entry)
+    paths = [find(root, entry, v["name"], looked_in)[1] for v in views]
     distortion = lens_of(source, sensor)
     times, begin = np.array([v["time"] for v in views]), entry.info["time_begin"]
     count = int(np.floor((times[-1] - begin) * fps + 1e-6)) + 1

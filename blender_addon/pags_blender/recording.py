@@ -197,6 +197,7 @@ class PAGS_OT_lidar(jobs.Long, cameras.OnScene, bpy.types.Operator):
             entry = yield jobs.beside(native.load, path)
             forget()
             sweeps = sweeps_of(root, entry)
+            photographs.tell(job, root, entry)
             yield jobs.beside(sweeps.read, 0)  # what can't be read fails before anything is made
             job.changes = True
             block = next((o for o in scene.objects if "pags_lidar" in o and o.parent == root), None)

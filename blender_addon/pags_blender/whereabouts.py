@@ -186,13 +186,13 @@ def leave_check():
         library = library_of(root, "path")
         named = {"root": root.name, "path": root.pags.path, "library": library.filepath if library is not None else ""}
         scenes.append({**record_of(root, "path"), **named})
-    drawn = [scene for scene in bpy.data.scenes if scene.render.engine == "PAGS" and scene.library is None]
+    drawn = [scene for scene in bpy.data.scenes if scene.render.engine == "PAGS" and scenes]
     for scene in bpy.data.scenes:
-        if farm_check.NEEDS in scene and scene.library is None and (scene not in drawn or not scenes):
+        if scene.library is None and farm_check.NEEDS in scene and scene not in drawn:
             del scene[farm_check.NEEDS]
-    if not scenes or not drawn:
+    if not drawn:
         return
-    for scene in drawn:
+    for scene in (scene for scene in drawn if scene.library is None):
         scene[farm_check.NEEDS] = json.dumps({"engine": "PAGS", "version": ".".join(map(str, bl_info["version"])), "scenes": scenes})
     with open(farm_check.__file__, encoding="utf-8") as file:
         script = file.read()

@@ -142,6 +142,20 @@ class Whereabouts(BlenderCase):
             for link in (False, True):
                 self.refuses(self.path("home", "model.ply"), blend=self.path(folder, f"shot {link}.blend"))
 
+    def test_what_a_node_needs_of_a_linked_scene(self):
+        """The Blender scene of another file, whose paths are relative to that."""
+        blend, check = self.project("home", "one.blend"), sys.modules[addon.__name__ + ".farm_check"]
+        self.new()
+        bpy.ops.wm.save_as_mainfile(filepath=self.path("shot.blend"))
+        with bpy.data.libraries.load(blend, link=True) as (there, here):
+            here.scenes = there.scenes
+        self.assertIn("pags_needs", here.scenes[0])
+        bpy.ops.wm.save_mainfile()
+        self.assertIn("pags_check.py", bpy.data.texts)
+        self.assertEqual(check.faults(bpy), [])
+        self.ball("home", "model.ply", colour=BLUE)
+        self.assertIn(self.path("home", "model.ply"), check.faults(bpy)[0])
+
     def test_an_override(self):
         """Of a linked scene: its path is the library's until it is changed, then it is one of this file, and follows it."""
         blend = self.project("home", "one.blend")
