@@ -25,6 +25,8 @@
 #   make check-windows  tests and program of the build for Windows, under wine; beside the program of Linux, bit by bit
 #   make check-scaling  the predictions of pags-bench scaling beside the clock, on two threads of a quiet machine
 #   make check-cluster  ranks of mpirun killed at ten random moments, stopped, out of memory, with a full disk, behind a link that goes down; trainings on 1 to 4 ranks, bit by bit
+#   make check-interrupts  every signal at ten random moments of training, import, export and merge; two and four processes at one folder, 50 times; 200
+#                ordinary runs one after the other (twenty minutes)
 #   make check-viewers      splat files of a scene with a least alpha, drawn by Babylon.js and Spark in Chromium beside pags (SCENE=FOLDER: another scene)
 #   make check-scene-html  scene.html in a headless Chromium, without a network, beside pags render (SCENE=FOLDER: another scene)
 #   make check-tools  what pags export writes for other tools, in Babylon.js, Godot 4 and OpenUSD, of SCENE=FOLDER, by default the demo's, with pictures
@@ -59,7 +61,7 @@ REFERENCE ?= HEAD
 OPTIONS ?=
 
 # Checks that take hours, or programs that make setup doesn't install.
-NOT_CHECKED := check-reproducible check-wheel check-arm64 check-blender-new check-blender-window-new check-cluster check-deb check-inspect check-obey check-photos check-recordings check-scaling check-scene-html check-tools check-view check-viewers check-windows fuzz guide sanitize valgrind
+NOT_CHECKED := check-reproducible check-wheel check-arm64 check-blender-new check-blender-window-new check-cluster check-deb check-inspect check-interrupts check-obey check-photos check-recordings check-scaling check-scene-html check-tools check-view check-viewers check-windows fuzz guide sanitize valgrind
 
 all:
 	cmake --preset release
@@ -189,6 +191,9 @@ check-cluster: all
 	build/pags synth street -q --overwrite -o build/check-cluster/street --size 192x108 --frames 12 --cameras 1 --no-shifts
 	python3 -B benchmarks/cluster_bits.py build/pags build/check-cluster/street build/check-cluster --iterations 480 --set resolution_floor=32 --max-gaussians 6000
 
+check-interrupts: all
+	PAGS_MOMENTS=10 PAGS_TOGETHER=50 PAGS_ORDINARY=200 python3 -B tests/faults/test_interrupts.py build/pags
+
 check-viewers: all
 	python3 -B tests/outside/viewers.py build/pags build/viewers $(if $(filter command line,$(origin SCENE)),"$(abspath $(SCENE))")
 
@@ -223,4 +228,4 @@ install: all
 clean:
 	rm -rf build
 
-.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-inspect check-obey check-blender-new check-blender-window-new bench-blender guide setup-cross cross check-arm64 check-windows check-scaling check-scene-html check-tools check-view check-viewers check-recordings check-photos same-bits figures docs install clean deb check-deb packages container check-wheel check-reproducible check-cluster
+.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-inspect check-obey check-blender-new check-blender-window-new bench-blender guide setup-cross cross check-arm64 check-windows check-scaling check-scene-html check-tools check-view check-viewers check-recordings check-photos same-bits figures docs install clean deb check-deb packages container check-wheel check-reproducible check-cluster check-interrupts

@@ -195,17 +195,17 @@ static bool replacement(const char *name, char *text, size_t size) {
   return true;
 }
 
-static const pags_verb verb = {
-    .name = "train",
-    .usage = "DATASET -o SCENE [options]",
-    .about =
-        "Reconstructs a scene from photographs with known cameras. Ctrl-C, SIGTERM or SIGUSR1 writes a checkpoint and "
-        "the "
-        "scene as it stands and exits with 3; --resume goes on to the same bits as an undisturbed run. A number "
-        "of \"steps of 30 000\" is multiplied by iterations / 30 000.",
-    .positionals = positionals,
-    .options = options,
-    .replacement = replacement};
+static const pags_verb verb = {.name = "train",
+                               .usage = "DATASET -o SCENE [options]",
+                               .about =
+                                   "Reconstructs a scene from photographs with known cameras. Ctrl-C, SIGTERM, SIGHUP "
+                                   "or SIGUSR1 writes a checkpoint "
+                                   "and the scene as it stands and exits with 3; --resume goes on to the same bits as "
+                                   "an undisturbed run. A number "
+                                   "of \"steps of 30 000\" is multiplied by iterations / 30 000.",
+                               .positionals = positionals,
+                               .options = options,
+                               .replacement = replacement};
 
 /* --fields: prints the training's field table, group by group. */
 static void list_fields(void) {

@@ -279,7 +279,7 @@ static pags_port_lock_state write_text(int file, const char *text) {
 /* flock, not fcntl: it belongs to the open file, so that no other close of the file drops it; NFS keeps it as a lock of
  * the server's. A lock counts only if its file still has the name, which the former holder may just have removed. */
 pags_port_lock_state pags_port_lock(const char *path, const char *text, intptr_t *lock, char *holder, size_t size) {
-  enum { TRIES = 25 };
+  enum { TRIES = 5 };
   for (int i = 0; i < TRIES; i++) {
     int file = open(path, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0666);
     const bool foreign = file < 0 && errno == EACCES; /* left by another user, whose process may have ended */

@@ -379,7 +379,7 @@ static void read_text(const wchar_t *path, char *text, size_t size) {
 }
 
 pags_port_lock_state pags_port_lock(const char *path, const char *text, intptr_t *lock, char *holder, size_t size) {
-  enum { TRIES = 25 };
+  enum { TRIES = 5 };
   wchar_t *wide = path_of(path);
   pags_port_lock_state state = PAGS_PORT_LOCK_FAILS;
   for (int i = 0; wide && i < TRIES; i++) {

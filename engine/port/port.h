@@ -113,9 +113,9 @@ typedef enum pags_port_lock_state {
   PAGS_PORT_LOCK_FAILS /* errno */
 } pags_port_lock_state;
 
-/* Creates the lock file if it is missing, locks it and writes `text` into it. If it is held, waits up to half a second,
- * since a process that was killed may take that long to end; then `holder` receives the text in the file, "" if it
- * can't be read. */
+/* Creates the lock file if it is missing, locks it and writes `text` into it. If it is held, waits for a tenth of a
+ * second, since a process that was killed may take that long to end; then `holder` receives the text in the file, "" if
+ * it can't be read. */
 pags_port_lock_state pags_port_lock(const char *path, const char *text, intptr_t *lock, char *holder, size_t size);
 /* Removes the lock file and lets go. */
 void pags_port_unlock(const char *path, intptr_t lock);

@@ -2,7 +2,9 @@
 """Processes: two of them at one folder, the signals that ask one to end, and what it does when a file grows too large."""
 
 import os
+import pty
 import resource
+import select
 import shutil
 import signal
 import subprocess
@@ -178,6 +180,47 @@ class Signals(Processes):
         running.communicate(timeout=60)
         self.assertIn(running.returncode, (3, 130))
         self.succeeds("train", self.data, "-o", out, "-n", 5, "-q", "--overwrite", *SMALL)
+
+    def in_a_terminal(self, out):
+        """Starts a training in a terminal of its own; returns its process id and the terminal's other end once it has begun."""
+        pid, terminal = pty.fork()
+        if pid == 0:
+            signal.pthread_sigmask(signal.SIG_SETMASK, [])
+            os.execv(fixtures.PAGS, [fixtures.PAGS, "train", self.data, "-o", out, "-n", "1000000", "-j", "1", "--log-every", "10", "--preview-every", "0", *SMALL])
+        self.addCleanup(os.close, terminal)
+        log, deadline = os.path.join(out, "log.jsonl"), time.monotonic() + 60
+        while not (os.path.exists(log) and os.path.getsize(log)):
+            self.assertLess(time.monotonic(), deadline)
+            self.read_terminal(terminal)
+        return pid, terminal
+
+    def read_terminal(self, terminal):
+        try:
+            return os.read(terminal, 65536) if select.select([terminal], [], [], 0.02)[0] else b""
+        except OSError:  # the process has ended
+            return b""
+
+    def test_ctrl_c_in_a_terminal(self):
+        """Typed twice by an impatient or trembling hand."""
+        pid, terminal = self.in_a_terminal(self.path("scene"))
+        os.write(terminal, b"\x03")
+        time.sleep(0.05)
+        os.write(terminal, b"\x03")
+        said, ended, deadline = b"", 0, time.monotonic() + 60
+        while not ended:
+            self.assertLess(time.monotonic(), deadline)
+            said += self.read_terminal(terminal)
+            ended, how = os.waitpid(pid, os.WNOHANG)
+        self.assertEqual(os.waitstatus_to_exitcode(how), 3, said)
+        self.assertIn(b"the state is saved", said + self.read_terminal(terminal))
+
+    def test_the_terminal_is_closed(self):
+        """SIGHUP, and nothing can be printed any more: the state is saved all the same."""
+        out = self.path("scene")
+        pid, terminal = self.in_a_terminal(out)
+        os.dup2(os.open(os.devnull, os.O_RDWR), terminal)  # closes it
+        self.assertEqual(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), 3)
+        self.assertLessEqual({"checkpoint.pags", "scene.json"}, set(os.listdir(out)))
 
     def test_limit_on_files(self):
         """ulimit -f, as a user sets it: the write fails and names the file; nothing is set up for the program but the limit."""

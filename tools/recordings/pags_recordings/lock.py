@@ -20,7 +20,7 @@ except ImportError:  # Windows
     fcntl = None
 
 NAME = ".pags.lock"
-TRIES, PAUSE = 25, 0.02  # a process that was killed may take half a second to end
+TRIES, PAUSE = 5, 0.02  # a process that was killed takes a while to end
 HELD = errno.EAGAIN, errno.EACCES
 taken = {}  # of this process, by folder: the locks, which may be nested
 
