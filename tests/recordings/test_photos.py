@@ -21,11 +21,14 @@ sys.path[:0] = [os.path.join(TOOLS, "recordings")]
 
 import numpy as np  # noqa: E402
 from PIL import Image  # noqa: E402
+from PIL.PngImagePlugin import PngInfo  # noqa: E402
 
 import fixtures  # noqa: E402
 from fixtures import Case, files_below, read, write  # noqa: E402
 from pags_recordings import photos, video  # noqa: E402
 from pags_recordings.account import Account  # noqa: E402
+from pags_recordings.display import Display  # noqa: E402
+from pags_recordings.errors import RecordingError  # noqa: E402
 from pags_recordings.folder import Folder  # noqa: E402
 
 
@@ -375,6 +378,60 @@ class Damage(WithStandIn):
         self.assertGreater(len(subprocess.run(["ffmpeg", "-v", "error", "-i", film, "-f", "null", "-"], capture_output=True, stdin=subprocess.DEVNULL).stderr), 70000)
 
 
+class Colours(WithStandIn):
+    """What is written anew, upright and square, keeps what its file says of colours."""
+
+    def opened(self, name):
+        with Image.open(os.path.join(self.out, "images", name)) as copy:
+            copy.load()
+            return copy
+
+    def copies(self):
+        self.imports()
+        return {name: self.opened(name) for name in os.listdir(os.path.join(self.out, "images"))}
+
+    def test_profiles_stay(self):
+        for number in range(3):
+            picture(os.path.join(self.raw, f"{number}.jpg"), orientation=6, seed=number, icc_profile=b"a profile")
+        for name, copy in self.copies().items():
+            self.assertEqual((copy.size, copy.info["icc_profile"]), ((40, 60), b"a profile"), name)
+
+    def test_adobe_rgb_of_cameras(self):
+        entry = lambda tag, kind, count, value: tag.to_bytes(2, "big") + kind.to_bytes(2, "big") + count.to_bytes(4, "big") + value  # noqa: E731
+        end = bytes(4)
+        exif = b"Exif\0\0MM\0*\0\0\0\x08" + b"\0\x02" + entry(0x112, 3, 1, b"\0\x06\0\0") + entry(0x8769, 4, 1, (38).to_bytes(4, "big")) + end
+        exif += b"\0\x01" + entry(0xA005, 4, 1, (56).to_bytes(4, "big")) + end + b"\0\x01" + entry(1, 2, 4, b"R03\0") + end
+        for number in range(3):
+            picture(os.path.join(self.raw, f"{number}.jpg"), seed=number)
+            with Image.open(os.path.join(self.raw, f"{number}.jpg")) as plain:
+                plain.load()
+                plain.save(os.path.join(self.raw, f"{number}.jpg"), exif=exif)
+        for name, copy in self.copies().items():
+            self.assertEqual((copy.size, copy.getexif()[0x112], copy.getexif().get_ifd(0xA005)[1]), ((40, 60), 1, "R03"), name)
+
+    def test_png_chunks_stay(self):
+        for number in range(3):
+            path = os.path.join(self.raw, f"{number}.png")
+            said = PngInfo()
+            said.add(b"gAMA", (100000).to_bytes(4, "big"))
+            said.add(b"cICP", bytes([12, 13, 0, 1]))
+            picture(path, orientation=3, seed=number, pnginfo=said)
+        for name in self.copies():
+            content = read(os.path.join(self.out, "images", name))
+            self.assertIn(b"gAMA" + (100000).to_bytes(4, "big"), content)
+            self.assertIn(b"cICP" + bytes([12, 13, 0, 1]), content)
+
+    def test_pixels_become_square(self):
+        for number in range(3):
+            picture(os.path.join(self.raw, f"{number}.png"), seed=number, dpi=(100, 150))
+            picture(os.path.join(self.raw, f"{number}.jpg"), seed=number + 5, orientation=6, dpi=(200, 100))
+        facts, _ = self.imports()
+        self.assertEqual(facts["made_square"], 6)
+        for number in range(3):
+            self.assertEqual(self.opened(f"{number}.png").size, (90, 40))
+            self.assertEqual(self.opened(f"{number}.jpg").size, (80, 60))
+
+
 class Video(Case):
     def test_choice(self):
         """As many as asked for, ascending, the sharpest near each place, spread over time and change."""
@@ -409,6 +466,81 @@ class Video(Case):
         self.assertEqual((names[1], sorted(os.listdir(self.path("out")))), ("frame_000005.jpg", names))
         found = np.asarray(Image.open(self.path("out", names[1]))).astype(int)
         self.assertLess(np.abs(found - np.asarray(Image.open(self.path("f005.png"))).astype(int)).mean(), 8)  # JPEG with halved colour
+
+    def film(self, name, frames, *flags):
+        """A film of six frames of yuv420p or yuv420p10le planes, each second one upside down."""
+        width, height = 64, 32
+        deep = "yuv420p10le" in flags
+        values = [value[::step].astype("<u2" if deep else "u1").tobytes() for step in (1, -1) for value in frames]
+        write(self.path("raw.yuv"), b"".join(values) * 3)
+        command = ["ffmpeg", "-v", "error", "-y", "-f", "rawvideo", "-pix_fmt", "yuv420p10le" if deep else "yuv420p", "-s", f"{width}x{height}", "-r", "10", "-i", self.path("raw.yuv"), *flags, self.path(name)]
+        if subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True).returncode:
+            self.skipTest("ffmpeg can't write such a film")
+        return self.path(name)
+
+    def shown(self, path):
+        """What is done to a film, the size of its pictures, and the colour of one in the middle of each half."""
+        facts = Display(path, video.place(path))
+        shutil.rmtree(self.path("out"), ignore_errors=True)
+        os.makedirs(self.path("out"))
+        self.assertEqual(len(video.judged(path, lambda done: None, facts.before)[0]), 6)
+        name = video.extract(path, [1, 4], self.path("out"), facts)[1]
+        pixels = np.asarray(Image.open(self.path("out", name))).astype(int)
+        height, width = pixels.shape[:2]
+        return "; ".join(facts.words), (width, height), [pixels[height // 2, width * part // 4] for part in (1, 3)]
+
+    def halves(self, colours, kr, kb, top):
+        """Planes of a picture whose halves have two colours of samples 0 to 1, in a narrow range of 8 or 10 bits."""
+        planes = [np.empty((32, 64)), np.empty((16, 32)), np.empty((16, 32))]
+        for half, (r, g, b) in enumerate(colours):
+            y = kr * r + (1 - kr - kb) * g + kb * b
+            for plane, value, scale, zero in zip(planes, (y, (b - y) / 2 / (1 - kb), (r - y) / 2 / (1 - kr)), (219, 224, 224), (16, 128, 128)):
+                plane[:, half * plane.shape[1] // 2 : (half + 1) * plane.shape[1] // 2] = np.round((value * scale + zero) * top)
+        return planes
+
+    def near(self, seen, wanted, tolerance=6):
+        self.assertLess(np.abs(np.array(seen) - np.array(wanted)).max(), tolerance, seen)
+
+    @unittest.skipUnless(shutil.which("ffmpeg"), "needs ffmpeg")
+    def test_colours(self):
+        """Films of BT.709, BT.2020, HLG and PQ show the colours that were filmed."""
+        wanted = np.array([[200, 60, 40], [90, 150, 60]]) / 255
+        lit = np.where(wanted <= 0.04045, wanted / 12.92, ((wanted + 0.055) / 1.055) ** 2.4)
+        wide = lit @ np.array([[0.6274, 0.3293, 0.0433], [0.0691, 0.9195, 0.0114], [0.0164, 0.0880, 0.8956]]).T
+        scene = wide * 0.2650  # 75 % of HLG
+        hlg = np.where(scene <= 1 / 12, np.sqrt(3 * scene), 0.17883277 * np.log(np.maximum(12 * scene - 0.28466892, 1e-9)) + 0.55991073)
+        power = (wide * 203 / 10000) ** 0.1593017578125
+        pq = ((0.8359375 + 18.8515625 * power) / (1 + 18.6875 * power)) ** 78.84375
+        sdr = np.where(wide <= 0.0031308, wide * 12.92, 1.055 * wide ** (1 / 2.4) - 0.055)
+        tags = lambda primaries, transfer, matrix: ["-color_primaries", primaries, "-color_trc", transfer, "-colorspace", matrix]  # noqa: E731
+        for name, samples, primaries, transfer, words in (("hlg", hlg, "bt2020", "arib-std-b67", "HLG (HDR), BT.2020"), ("pq", pq, "bt2020", "smpte2084", "PQ (HDR), BT.2020"), ("sdr", sdr, "bt2020", "bt2020-10", "colours of BT.2020 become sRGB")):
+            planes = self.halves(samples, 0.2627, 0.0593, 4)
+            said, _, seen = self.shown(self.film(f"{name}.mkv", planes, "-pix_fmt", "yuv420p10le", "-c:v", "ffv1", *tags(primaries, transfer, "bt2020nc")))
+            self.assertIn(words, said)
+            self.near(seen, wanted * 255)
+        said, _, seen = self.shown(self.film("709.mkv", self.halves(wanted, 0.2126, 0.0722, 1), "-c:v", "ffv1", *tags("bt709", "bt709", "bt709")))
+        self.assertEqual(said, "")
+        self.near(seen, wanted * 255)
+        said, _, seen = self.shown(self.film("601.mkv", self.halves(wanted, 0.299, 0.114, 1), "-c:v", "ffv1"))
+        self.assertEqual(said, "")
+        self.near(seen, wanted * 255)
+        path = self.film("log.mkv", self.halves(wanted, 0.2126, 0.0722, 1), "-c:v", "ffv1", *tags("bt709", "log100", "bt709"))
+        with self.assertRaisesRegex(RecordingError, r"log.mkv: its colours \(log.*\) aren't converted here; .*zscale"):
+            Display(path, video.place(path))
+
+    @unittest.skipUnless(shutil.which("ffmpeg"), "needs ffmpeg")
+    def test_shapes(self):
+        """Interlaced frames become whole ones, pixels square; a turned film is upright, and its number of frames the same."""
+        rows = np.arange(32) % 2 * 100 + 60  # a comb, as a moving edge leaves it
+        planes = [np.repeat(rows[:, None], 64, 1), np.full((16, 32), 128), np.full((16, 32), 128)]
+        comb = self.film("a.avi", planes, "-c:v", "mpeg2video", "-flags", "+ilme+ildct", "-top", "1", "-qscale:v", "1", "-vf", "setfield=tff,setsar=4/3")
+        said, size, seen = self.shown(comb)
+        self.assertIn("interlaced frames are made whole (bwdif); pixels of 4:3 are made square", said)
+        self.assertEqual(size, (86, 32))
+        pixels = np.asarray(Image.open(self.path("out", "frame_000004.jpg"))).astype(int)
+        self.assertLess(np.abs(np.diff(pixels[8:24, 40, 0])).max(), 40)  # the comb has steps of 100
+        _, size, _ = self.shown(self.film("b.mkv", planes, "-c:v", "ffv1", "-vf", "setsar=1/2"))
+        self.assertEqual(size, (64, 64))
 
     @unittest.skipUnless(shutil.which("ffmpeg"), "needs ffmpeg")
     def test_frames_are_judged_once(self):

@@ -15,9 +15,11 @@ import warnings
 
 import numpy as np
 from PIL import Image, ImageOps
+from PIL.PngImagePlugin import PngInfo
 
 from . import colmap, lock, video
 from .account import Account, lines, plural
+from .display import Display
 from .errors import RecordingError
 from .folder import Folder
 from .importing import Progress
@@ -28,7 +30,7 @@ NEXT, APART = 10, 10  # in order: each with so many that follow, with those 2, 4
 PART = 64  # pairs that one process of COLMAP compares at least: what is lost when it is stopped
 FRAMES = 120  # pictures of a video
 TURNS = {5: Image.Transpose.TRANSPOSE, 6: Image.Transpose.ROTATE_270, 7: Image.Transpose.TRANSVERSE, 8: Image.Transpose.ROTATE_90}  # by EXIF's orientation
-ORIENTATION, EXIF, FOCAL, MAKE, MODEL = 0x0112, 0x8769, 0x920A, 0x010F, 0x0110
+ORIENTATION, EXIF, FOCAL, MAKE, MODEL, SPACE, INTEROPERABILITY = 0x0112, 0x8769, 0x920A, 0x010F, 0x0110, 0xA001, 0xA005
 warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # a photograph of 90 million pixels is none
 
 
@@ -49,11 +51,49 @@ def plain(name, taken):
     return new
 
 
+def square_size(picture):
+    """The size with square pixels: JPEG and PNG may state how many there are across and down an inch, or in what ratio."""
+    across, down = picture.info.get("jfif_density") or picture.info.get("dpi" if picture.format == "PNG" else "") or picture.info.get("aspect") or (1, 1)
+    aspect = down / across if across > 0 and down > 0 else 1
+    if 0.99 < aspect < 1.01 or not 0.05 < aspect < 20:
+        return picture.size
+    width, height = picture.size
+    return (round(width * aspect), height) if aspect > 1 else (width, round(height / aspect))
+
+
+def how_stored(source, picture, exif):
+    """Options of Pillow's that keep what the file says of its colours."""
+    if picture.format == "PNG":
+        said, kept = PngInfo(), (b"gAMA", b"cHRM", b"sRGB", b"cICP")
+        with open(source, "rb") as file:
+            file.seek(8)
+            while len(head := file.read(8)) == 8 and head[4:] != b"IDAT":
+                data = file.read(int.from_bytes(head[:4], "big") + 4)[:-4]
+                if head[4:] in kept:
+                    said.add(head[4:], data)
+        return {"pnginfo": said}
+    options = {"quality": 97, "subsampling": 0, "icc_profile": picture.info.get("icc_profile")}
+    if exif.get_ifd(EXIF).get(SPACE) == 2 or exif.get_ifd(INTEROPERABILITY).get(1) == "R03":  # Adobe RGB: two ways of cameras to say it
+        options["exif"] = without_turn(picture.info["exif"])
+    return options
+
+
+def without_turn(exif):
+    """The bytes of EXIF with the orientation 1 (upright) in the first directory."""
+    order = "little" if exif[6:8] == b"II" else "big"
+    number = lambda at, size: int.from_bytes(exif[at : at + size], order)  # noqa: E731
+    first = 6 + number(10, 4)
+    for entry in range(first + 2, first + 2 + 12 * number(first, 2), 12):
+        if number(entry, 2) == ORIENTATION:
+            return exif[: entry + 8] + (1).to_bytes(2, order) + exif[entry + 10 :]
+    return exif
+
+
 class Photographs:
     """The copies that COLMAP sees, by their names below `folder`, each with what says which camera took it."""
 
     def __init__(self, folder):
-        self.folder, self.account, self.camera, self.masks, self.damage = folder, Account(), {}, 0, None
+        self.folder, self.account, self.camera, self.masks, self.damage, self.video, self.squared = folder, Account(), {}, 0, None, [], 0
         self.sizes, self.digests, self.turns = {}, {}, {}
 
     def is_copy(self, source, name):
@@ -70,7 +110,7 @@ class Photographs:
         return known != name
 
     def add(self, source, name):
-        """Copies a photograph byte by byte; one that is turned by its EXIF orientation is written upright anew."""
+        """Copies a photograph byte by byte; one that is turned by its EXIF orientation, or whose pixels aren't square, is written upright and square anew."""
         target = os.path.join(self.folder, *name.split("/"))
         try:
             with Image.open(source) as picture:
@@ -78,17 +118,18 @@ class Photographs:
                     return
                 exif = picture.getexif()
                 turned = exif.get(ORIENTATION, 1) not in (0, 1)
-                self.camera[name] = self.taken_by(picture, exif, turned)
+                size = square_size(picture)
+                self.camera[name] = self.taken_by(size, picture, exif, turned)
                 if not os.path.exists(target):
                     os.makedirs(os.path.dirname(target), exist_ok=True)
-                    if turned:
-                        upright = ImageOps.exif_transpose(picture)
-                        lossless = picture.format == "PNG"
-                        upright.save(target + ".part", picture.format, **({} if lossless else {"quality": 97, "subsampling": 0}))
+                    if turned or size != picture.size:
+                        square = picture if size == picture.size else picture.resize(size, Image.Resampling.LANCZOS)
+                        ImageOps.exif_transpose(square).save(target + ".part", picture.format, **how_stored(source, picture, exif))
                     else:
                         picture.load()
                         shutil.copyfile(source, target + ".part")
                     os.replace(target + ".part", target)
+                self.squared += size != picture.size
                 if turned:
                     self.turns[name] = exif[ORIENTATION]
         except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
@@ -117,9 +158,8 @@ class Photographs:
             self.account.leave_out("masks", f"can't be used: {' '.join(str(error).split())}", [name])
 
     @staticmethod
-    def taken_by(picture, exif, turned):
-        size = picture.size[::-1] if turned else picture.size
-        return (*size, turned, str(exif.get(MAKE)), str(exif.get(MODEL)), str(exif.get_ifd(EXIF).get(FOCAL)))
+    def taken_by(size, picture, exif, turned):
+        return (*(size[::-1] if turned else size), turned, str(exif.get(MAKE)), str(exif.get(MODEL)), str(exif.get_ifd(EXIF).get(FOCAL)))
 
     def cameras(self):
         """Names by camera, in order."""
@@ -129,10 +169,10 @@ class Photographs:
         return list(found.values())
 
 
-def judged_once(raw, path, show):
+def judged_once(raw, path, show, before):
     """What video.judged says of a video's frames, kept in a file for an import that goes on."""
     status = os.stat(raw)
-    mark = {"bytes": status.st_size, "modified": status.st_mtime_ns}
+    mark = {"bytes": status.st_size, "modified": status.st_mtime_ns, "before": list(before)}
     try:
         with open(path, encoding="utf-8") as file:
             there = json.load(file)
@@ -140,12 +180,12 @@ def judged_once(raw, path, show):
             return np.array(there["sharp"], float), np.array(there["change"], float), str(there["words"])
     except (OSError, ValueError, LookupError, TypeError):
         pass
-    sharp, change, words = video.judged(raw, show)
+    sharp, change, words = video.judged(raw, show, before)
     put(path, mark | {"sharp": sharp.tolist(), "change": change.tolist(), "words": words})
     return sharp, change, words
 
 
-def gather(raw, output, pictures, quiet):
+def gather(raw, output, pictures, quiet, people=None):
     """Fills DATASET/images."""
     folder = os.path.join(output, "images")
     os.makedirs(folder, exist_ok=True)
@@ -154,12 +194,16 @@ def gather(raw, output, pictures, quiet):
         video.need()
         progress = Progress(quiet, "video frame")
         progress.total = video.length(raw)
-        sharp, change, words = judged_once(raw, os.path.join(output, "colmap", "frames.json"), progress.show)
+        shown = Display(raw, video.place(raw))
+        photographs.video = shown.words
+        if people and shown.words:
+            print(f"{raw}: {'; '.join(shown.words)}", file=people)
+        sharp, change, words = judged_once(raw, os.path.join(output, "colmap", "frames.json"), progress.show, shown.before)
         if words:
             photographs.damage = f"{raw} is cut or damaged; {len(sharp)} of about {progress.total} frames can be read: {words}"
         chosen = video.choose(sharp, change, pictures or FRAMES)
         photographs.account.leave_out("video frames", "sharper ones beside them are taken", count=len(sharp) - len(chosen))
-        for name in video.extract(raw, chosen, folder):
+        for name in video.extract(raw, chosen, folder, shown):
             photographs.add(os.path.join(folder, name), name)
     else:
         found, taken = Folder(raw, output, photographs.account), set()
@@ -299,7 +343,7 @@ def told(work, models):
         if name not in names:
             photographs.account.leave_out("photographs", left_out(name, features, fits, other), [name])
     counts = {"cameras": len(photographs.cameras()), "photographs": len(photographs.camera), "masks": photographs.masks, "registered": len(names), "points": count}
-    return photographs.account.result(counts | {"reprojection_error": error, "turned_upright": len(photographs.turns), "damage": photographs.damage})
+    return photographs.account.result(counts | {"reprojection_error": error, "turned_upright": len(photographs.turns), "made_square": photographs.squared, "damage": photographs.damage, "video": photographs.video})
 
 
 def say(output, facts, people):
@@ -313,6 +357,8 @@ def say(output, facts, people):
         print(line, file=people)
     if facts["turned_upright"]:
         print(f"{facts['turned_upright']} photographs were turned by their EXIF orientation and are written upright anew (JPEG, quality 97)", file=people)
+    if facts.get("made_square"):
+        print(f"{facts['made_square']} photographs have pixels that are not square, and are written with square ones", file=people)
 
 
 def begin(raw, output, pictures):
@@ -351,7 +397,7 @@ def read(raw, output, pictures, people, quiet):
     runner = colmap.find()
     asked, facts = begin(raw, output, pictures)
     if facts is None:
-        photographs = gather(raw, output, pictures, quiet)
+        photographs = gather(raw, output, pictures, quiet, people)
         work = Work(runner, output, photographs, quiet)
         work.features()
         in_order = is_video(raw) or len(photographs.camera) > EXHAUSTIVE

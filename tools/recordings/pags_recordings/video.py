@@ -42,10 +42,10 @@ def place(path):
     return "file:" + os.path.abspath(path)
 
 
-def judged(path, show):
-    """For each frame: how sharp it is (the mean square of its second differences), and how much it differs from the one before (0 to 255). Then what
-    ffmpeg says of damage, "" where it finds none."""
-    command = ["ffmpeg", "-v", "error", "-nostdin", "-i", place(path), "-map", "0:v:0", "-vf", f"scale={WIDTH}:{HEIGHT}:flags=area,format=gray", "-fps_mode", "passthrough", "-f", "rawvideo", "-"]
+def judged(path, show, before=()):
+    """For each frame, after the filters `before`: how sharp it is (the mean square of its second differences), and how much it differs from the one before
+    (0 to 255). Then what ffmpeg says of damage, "" where it finds none."""
+    command = ["ffmpeg", "-v", "error", "-nostdin", "-i", place(path), "-map", "0:v:0", "-vf", ",".join([*before, f"scale={WIDTH}:{HEIGHT}:flags=area", "format=gray"]), "-fps_mode", "passthrough", "-f", "rawvideo", "-"]
     sharp, change, before = [], [], None
     with tempfile.TemporaryFile() as said, subprocess.Popen(command, stdout=subprocess.PIPE, stderr=said, preexec_fn=interrupt.BEFORE_START) as process:  # said: a pipe would fill up
         try:
@@ -85,17 +85,21 @@ def choose(sharp, change, wanted):
     return chosen
 
 
-def extract(path, frames, folder):
-    """Writes frames as JPEG files frame_000123.jpg, named by their numbers. Returns the names."""
+def extract(path, frames, folder, shown=None):
+    """Writes frames as JPEG files frame_000123.jpg, named by their numbers, as `shown` (a Display) makes pictures of them. Returns the names."""
     names = [f"frame_{number:06d}.jpg" for number in frames]
     if all(os.path.exists(os.path.join(folder, name)) for name in names):
         return names
     part = os.path.join(folder, "part")
     shutil.rmtree(part, ignore_errors=True)
     os.makedirs(part)
-    chosen = "+".join(f"eq(n,{number})" for number in frames)
-    command = ["ffmpeg", "-v", "error", "-nostdin", "-i", place(path), "-map", "0:v:0", "-vf", f"select='{chosen}'", "-fps_mode", "passthrough", "-q:v", "2", os.path.join(part, "%06d.jpg")]
-    done = subprocess.run(command, capture_output=True, text=True, preexec_fn=interrupt.BEFORE_START)
+    if shown and shown.table:
+        with open(os.path.join(part, "colours.cube"), "w", encoding="ascii") as file:
+            shown.write_table(file)
+    chosen = "select='" + "+".join(f"eq(n,{number})" for number in frames) + "'"
+    filters = [*shown.before, chosen, *shown.after] if shown else [chosen]
+    command = ["ffmpeg", "-v", "error", "-nostdin", "-i", place(path), "-map", "0:v:0", "-vf", ",".join(filters), "-fps_mode", "passthrough", "-q:v", "2", "%06d.jpg"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=part)
     written = sorted(name for name in os.listdir(part) if name.endswith(".jpg"))
     if done.returncode or len(written) != len(names):
         raise RecordingError(f"{path}: ffmpeg wrote {len(written)} of {len(names)} pictures: {' '.join(done.stderr.split())[:300] or 'it said nothing'}")
