@@ -145,7 +145,13 @@ static bool walk(PyObject *value, const char *what, int dimensions, const Py_ssi
   if (dimensions == 0) {
     const double number = PyFloat_AsDouble(value);
     put(s, number);
-    return !(number == -1 && PyErr_Occurred());
+    if (number != -1 || !PyErr_Occurred())
+      return true;
+    if (PyErr_ExceptionMatches(PyExc_TypeError)) {
+      PyErr_Clear();
+      PyErr_Format(PyExc_TypeError, "%s: expected numbers, found %.80R", what, value);
+    }
+    return false;
   }
   const Py_ssize_t length = PySequence_Check(value) && !PyUnicode_Check(value) ? PySequence_Size(value) : -1;
   if (length != shape[0]) {

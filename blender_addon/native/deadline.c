@@ -71,12 +71,11 @@ void native_deadline_tell(PyObject *object, int step, double ms) {
 /* ---- The object ---- */
 
 static bool read_ms(PyObject *value, double *out) {
-  *out = PyFloat_AsDouble(value);
-  if (PyErr_Occurred())
+  if (!native_read_finite(value, "ms", out))
     return false;
-  if (*out > 0 && isfinite(*out))
+  if (*out > 0)
     return true;
-  PyErr_SetString(PyExc_ValueError, "Deadline: expected milliseconds over 0");
+  PyErr_Format(PyExc_ValueError, "ms: expected milliseconds over 0, found %.80R", value);
   return false;
 }
 
@@ -149,8 +148,11 @@ static PyObject *get_haste(PyObject *object, void *closure) {
 
 static PyObject *pace(PyObject *object, PyObject *arguments) {
   native_deadline *self = (native_deadline *)object;
+  PyObject *took, *wish;
   double ms, wanted;
-  if (!PyArg_ParseTuple(arguments, "dd:pace", &ms, &wanted))
+  if (!PyArg_ParseTuple(arguments, "OO:pace", &took, &wish) ||
+      !native_read_number(took, "ms", 0, NATIVE_LARGEST, &ms) ||
+      !native_read_number(wish, "wanted", 0, NATIVE_LARGEST, &wanted))
     return NULL;
   pthread_mutex_lock(&self->lock);
   pags_deadline_controller_pace(&self->controller, ms, wanted);

@@ -31,10 +31,7 @@ static const struct {
                     [SH] = {"sh", PAGS_SH, 0}};
 
 typedef struct scene_arguments {
-  PyObject *array[ARRAYS], *priorities, *background, *origin;
-  const char *up;
-  int antialiased;
-  double alpha_min;
+  PyObject *array[ARRAYS], *priorities, *background, *origin, *up, *antialiased, *alpha_min; /* NULL: not given */
 } scene_arguments;
 
 /* Copies rows of `planes` numbers to planes. Raises and returns false at a number that isn't finite. */
@@ -98,7 +95,7 @@ static bool create_gaussians(const scene_arguments *w, Py_ssize_t rows, float **
   }
   if (pags_gaussians_create(g, rows, degree) == PAGS_OK)
     return true;
-  PyErr_SetString(PyExc_MemoryError, pags_error_message());
+  native_raise_value(PyExc_MemoryError);
   return false;
 }
 
@@ -152,26 +149,27 @@ static bool fill_gaussians(const scene_arguments *w, pags_gaussians *g, double o
 }
 
 static bool fill_scene(const scene_arguments *w, pags_scene *scene) {
-  double background[3] = {0, 0, 0};
-  if (!pags_up_from_code(w->up, &scene->up)) {
-    PyErr_Format(PyExc_ValueError, "up: expected z, -y, y or unknown, found %s", w->up);
+  double background[3] = {0, 0, 0}, alpha_min = 0;
+  const char *up = "-y";
+  int antialiased = 0;
+  if ((w->up && !native_read_word(w->up, "up", &up)) ||
+      (w->alpha_min && !native_read_finite(w->alpha_min, "alpha_min", &alpha_min)) ||
+      (w->antialiased && !native_read_flag(w->antialiased, "antialiased", &antialiased)))
+    return false;
+  if (!pags_up_from_code(up, &scene->up)) {
+    PyErr_Format(PyExc_ValueError, "up: expected z, -y, y or unknown, found %s", up);
     return false;
   }
-  if (w->alpha_min != 0 && !(w->alpha_min >= (double)PAGS_LEAST_ALPHA_MIN && w->alpha_min < 1)) {
-    PyErr_SetString(PyExc_ValueError, "alpha_min: expected 0, or a number from 1/255 to 1");
+  if (alpha_min != 0 && !(alpha_min >= (double)PAGS_LEAST_ALPHA_MIN && alpha_min < 1)) {
+    PyErr_Format(PyExc_ValueError, "alpha_min: expected 0, or a number from 1/255 to 1, found %.80R", w->alpha_min);
     return false;
   }
   if ((w->background && !native_read_numbers(w->background, "background", 3, background)) ||
       (w->origin != Py_None && !native_read_numbers(w->origin, "origin", 3, scene->origin)))
     return false;
-  for (int k = 0; k < 3; k++) {
+  for (int k = 0; k < 3; k++)
     scene->background[k] = (float)background[k];
-    if (isfinite(background[k]) && isfinite(scene->origin[k]))
-      continue;
-    PyErr_SetString(PyExc_ValueError, "background and origin: expected finite numbers");
-    return false;
-  }
-  scene->antialiased = w->antialiased;
+  scene->antialiased = antialiased;
   scene->models = calloc(1, sizeof *scene->models);
   if (!scene->models) {
     PyErr_NoMemory();
@@ -187,24 +185,25 @@ static bool fill_scene(const scene_arguments *w, pags_scene *scene) {
   }
   if (!fill_gaussians(w, &model->gaussians, scene->origin))
     return false;
-  model->gaussians.alpha_min = (float)w->alpha_min;
+  model->gaussians.alpha_min = (float)alpha_min;
   return true;
 }
 
 PyObject *native_scene_new(PyTypeObject *type, PyObject *arguments, PyObject *keywords) {
   static char *names[] = {"means",       "quats",     "scales",     "opacities", "sh", "priorities",
                           "antialiased", "alpha_min", "background", "origin",    "up", NULL};
-  scene_arguments w = {.priorities = Py_None, .origin = Py_None, .up = "-y"};
+  scene_arguments w = {.priorities = Py_None, .origin = Py_None};
   pags_scene scene = {0};
-  if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OOOOO|$OpdOOs:Scene", names, &w.array[MEANS], &w.array[QUATS],
+  if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OOOOO|$OOOOOO:Scene", names, &w.array[MEANS], &w.array[QUATS],
                                    &w.array[SCALES], &w.array[OPACITIES], &w.array[SH], &w.priorities, &w.antialiased,
                                    &w.alpha_min, &w.background, &w.origin, &w.up))
     return NULL;
   native_scene *self = native_scene_create(type);
   pags_result result = PAGS_OK;
   if (self && fill_scene(&w, &scene)) {
+    const float alpha_min = scene.models->gaussians.alpha_min;
     Py_BEGIN_ALLOW_THREADS result = pags_composition_create(&scene, &self->composition);
-    Py_END_ALLOW_THREADS self->alpha_min = (float)w.alpha_min;
+    Py_END_ALLOW_THREADS self->alpha_min = alpha_min;
     if (result == PAGS_OK)
       return (PyObject *)self;
     native_raise(native_state_of((PyObject *)self), result);

@@ -131,14 +131,14 @@ PyObject *native_gradients(PyObject *module, PyObject *arguments, PyObject *keyw
                           "background", "transparent", "antialiased", "sh_degree", "near_plane", NULL};
   const native_state *state = PyModule_GetState(module);
   native_job_arguments w = native_default_job_arguments();
-  PyObject *scene, *camera, *rgb, *depth = Py_None;
+  PyObject *scene, *camera, *rgb, *depth = Py_None, *threads = NULL;
   backward b = {0};
   int one;
-  if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OOO|$OiOOpiid:gradients", names, &scene, &camera, &rgb, &depth,
-                                   &b.threads, &w.placements, &w.background, &w.transparent, &w.antialiased,
+  if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OOO|$OOOOOOOO:gradients", names, &scene, &camera, &rgb, &depth,
+                                   &threads, &w.placements, &w.background, &w.transparent, &w.antialiased,
                                    &w.sh_degree, &w.near_plane))
     return NULL;
-  if (!native_check_threads(b.threads))
+  if (!native_read_threads(threads, &b.threads))
     return NULL;
   PyObject *job = native_job_new(state, scene, camera, &w);
   if (!job)

@@ -81,9 +81,10 @@ static PyObject *job_done(PyObject *object, PyObject *unused) {
 }
 
 static PyObject *job_wait(PyObject *object, PyObject *arguments) {
+  PyObject *value = NULL;
   double seconds = -1;
   bool done;
-  if (!PyArg_ParseTuple(arguments, "|d:wait", &seconds))
+  if (!PyArg_ParseTuple(arguments, "|O:wait", &value) || (value && !native_read_finite(value, "seconds", &seconds)))
     return NULL;
   Py_BEGIN_ALLOW_THREADS done = wait_for((native_job *)object, seconds);
   Py_END_ALLOW_THREADS return PyBool_FromLong(done);

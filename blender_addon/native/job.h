@@ -73,14 +73,13 @@ struct native_job {
   char message[1024];
 };
 
-/* The arguments of submit, render and pick after scene and camera; antialiased -1 and near_plane 0: as the scene says.
- */
+/* The arguments of submit, render, gradients and pick after scene and camera, as Python gives them: borrowed references.
+ * Those of the first row may be None; those of the others are NULL where they aren't given. */
 typedef struct native_job_arguments {
   PyObject *outputs, *placements, *others, *window, *object_values, *background, *exposure, *before, *after, *names,
       *clips, *deadline;
-  const char *mode, *early_z;
-  int linear, flip, transparent, antialiased, sh_degree, exp_degree;
-  double cut, near_plane, depth_empty, depth_scale;
+  PyObject *mode, *early_z, *linear, *flip, *transparent, *antialiased, *sh_degree, *exp_degree, *cut, *near_plane,
+      *depth_empty, *depth_scale;
 } native_job_arguments;
 
 #define JOB_ARGUMENT_NAMES                                                                                            \
@@ -93,7 +92,7 @@ typedef struct native_job_arguments {
   "after=None, names=None, clips=None, deadline=None, mode='rgb', early_z='lossless', linear=False, flip=False, " \
   "transparent=False, "                                                                                           \
   "antialiased=-1, sh_degree=3, exp_degree=5, cut=0, near_plane=0, depth_empty=0, depth_scale=1"
-#define JOB_ARGUMENT_FORMAT "OOOOOOOOOOOOsspppiiidddd"
+#define JOB_ARGUMENT_FORMAT "OOOOOOOOOOOOOOOOOOOOOOOO"
 #define JOB_ARGUMENT_TARGETS(w)                                                                                        \
   &(w).outputs, &(w).placements, &(w).others, &(w).window, &(w).object_values, &(w).background, &(w).exposure,         \
       &(w).before, &(w).after, &(w).names, &(w).clips, &(w).deadline, &(w).mode, &(w).early_z, &(w).linear, &(w).flip, \
@@ -101,8 +100,8 @@ typedef struct native_job_arguments {
       &(w).depth_empty, &(w).depth_scale
 
 native_job_arguments native_default_job_arguments(void);
-/* Whether so many threads can be asked for; else raises. */
-bool native_check_threads(int threads);
+/* Reads a number of threads, NULL: 0, all. Raises and returns false if so many can't be asked for. */
+bool native_read_threads(PyObject *value, int *threads);
 /* A new job with these arguments, not yet queued. On failure raises and returns NULL. */
 PyObject *native_job_new(const native_state *state, PyObject *scene, PyObject *camera, const native_job_arguments *w);
 void native_job_enqueue(native_renderer *renderer, native_job *job);

@@ -2,6 +2,7 @@
 /* Converts Python's arguments of submit, render and pick to the camera, frame options and layout of a job. */
 #include "blender_addon/native/job.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -26,11 +27,13 @@ static unsigned output_named(const char *name) {
 
 static bool read_outputs(PyObject *value, unsigned *outputs) {
   *outputs = 0;
-  Py_ssize_t count = PySequence_Size(value);
+  const Py_ssize_t count = PyUnicode_Check(value) || !PySequence_Check(value) ? -1 : PySequence_Size(value);
+  if (count < 0 && !PyErr_Occurred())
+    PyErr_Format(PyExc_TypeError, "outputs: expected names in a list or tuple, found %.80R", value);
   for (Py_ssize_t i = 0; i < count; i++) {
-    PyObject *item = PySequence_GetItem(value, i), *bytes = item ? PyUnicode_AsUTF8String(item) : NULL;
-    unsigned output = bytes ? output_named(PyBytes_AsString(bytes)) : 0;
-    Py_XDECREF(bytes);
+    const char *name;
+    PyObject *item = PySequence_GetItem(value, i);
+    const unsigned output = item && native_read_word(item, "outputs", &name) ? output_named(name) : 0;
     Py_XDECREF(item);
     if (!output)
       return false;
@@ -39,7 +42,12 @@ static bool read_outputs(PyObject *value, unsigned *outputs) {
   return count >= 0;
 }
 
-static bool read_mode(const char *name, native_mode *mode) {
+static bool read_mode(PyObject *value, native_mode *mode) {
+  const char *name;
+  if (!value)
+    return true;
+  if (!native_read_word(value, "mode", &name))
+    return false;
   static const char *const names[MODE_COUNT] = {"rgb", "priority", "critical", "depth", "size", "count", "overdraw"};
   for (int i = 0; i < MODE_COUNT; i++)
     if (!strcmp(name, names[i])) {
@@ -54,12 +62,19 @@ static bool read_mode(const char *name, native_mode *mode) {
 static bool read_window(PyObject *value, native_job *job) {
   native_layout *l = &job->layout;
   double n[4];
+  bool whole = true;
   l->width = job->camera.width;
   l->height = job->camera.height;
   if (value == Py_None)
     return true;
   if (!native_read_numbers(value, "window: x, y, width, height", 4, n))
     return false;
+  for (int k = 0; k < 4; k++)
+    whole = whole && n[k] == floor(n[k]);
+  if (!whole) {
+    PyErr_Format(PyExc_ValueError, "window: expected whole pixels, found %.80R", value);
+    return false;
+  }
   if (!(n[0] >= 0 && n[1] >= 0 && n[2] >= 1 && n[3] >= 1 && n[0] + n[2] <= l->width && n[1] + n[3] <= l->height)) {
     PyErr_SetString(PyExc_ValueError, "window: x, y, width, height must lie within the picture");
     return false;
@@ -73,80 +88,106 @@ static bool read_clips(PyObject *value, pags_frame_options *o) {
   double *const planes = value == Py_None ? NULL : native_read_array(value, "clips: planes a, b, c, d", true, 2, shape);
   if (!planes)
     return value == Py_None;
-  const bool good = shape[0] <= PAGS_MOST_CLIPS;
-  if (good) {
+  bool good = true;
+  for (Py_ssize_t i = 0; good && i < 4 * shape[0]; i++)
+    good = isfinite(planes[i]);
+  if (!good)
+    PyErr_Format(PyExc_ValueError, "clips: planes a, b, c, d: expected finite numbers, found %.200R", value);
+  if (good && shape[0] <= PAGS_MOST_CLIPS) {
     o->clip_count = (int)shape[0];
     memcpy(o->clips, planes, (size_t)shape[0] * sizeof *o->clips);
-  } else
-    PyErr_Format(PyExc_ValueError, "clips: expected at most %d planes, found %zd", (int)PAGS_MOST_CLIPS, shape[0]);
+  } else if (good)
+    good = PyErr_Format(PyExc_ValueError, "clips: expected at most %d planes, found %zd", (int)PAGS_MOST_CLIPS, shape[0]);
   free(planes);
   return good;
 }
 
+/* Reads an argument that is a whole number; `out` keeps its value where it isn't given. */
+static bool read_count(PyObject *value, const char *what, int least, int most, int *out) {
+  long long number = *out;
+  const bool good = !value || native_read_integer(value, what, least, most, &number);
+  *out = (int)number;
+  return good;
+}
+
+static bool read_degrees(const native_job_arguments *w, native_job *job) {
+  pags_frame_options *const o = &job->options;
+  o->sh_degree = 3;
+  o->exp_degree = 5;
+  job->antialiased = -1;
+  if (!read_count(w->sh_degree, "sh_degree", 0, 3, &o->sh_degree) ||
+      !read_count(w->exp_degree, "exp_degree", 3, 5, &o->exp_degree) ||
+      !read_count(w->antialiased, "antialiased", -1, 1, &job->antialiased))
+    return false;
+  if (job->antialiased >= 0)
+    o->antialiased = job->antialiased;
+  if (o->exp_degree == 4)
+    PyErr_SetString(PyExc_ValueError, "exp_degree: expected 3 or 5, found 4");
+  return o->exp_degree != 4;
+}
+
+static bool read_early_z(PyObject *value, native_job *job) {
+  const char *text = "lossless";
+  if (value && !native_read_word(value, "early_z", &text))
+    return false;
+  if (pags_early_z_parse(text, &job->options) != PAGS_OK) {
+    native_raise_value(PyExc_ValueError);
+    return false;
+  }
+  if (!job->deadline || job->options.early_z != PAGS_EARLY_Z_PAPER)
+    return true;
+  PyErr_SetString(PyExc_ValueError, "deadline: expected early_z off, lossless or bounded, found paper");
+  return false;
+}
+
 static bool read_options(const native_job_arguments *w, const native_scene *scene, native_job *job) {
   pags_frame_options *o = &job->options;
-  double background[3];
+  double background[3], cut = 0, near_plane = 0, light[6]; /* light: gain r g b, offset r g b */
   *o = pags_composition_options(scene->composition);
-  if (w->sh_degree < 0 || w->sh_degree > 3 || (w->exp_degree != 3 && w->exp_degree != 5)) {
-    PyErr_SetString(PyExc_ValueError, "sh_degree: expected 0 to 3; exp_degree: 3 or 5");
+  if (!read_degrees(w, job) || (w->cut && !native_read_number(w->cut, "cut", 0, MOST_CUT, &cut)) ||
+      (w->near_plane && !native_read_number(w->near_plane, "near_plane", 0, NATIVE_LARGEST, &near_plane)) ||
+      !read_clips(w->clips, o) ||
+      (w->background != Py_None && !native_read_numbers(w->background, "background", 3, background)) ||
+      (w->exposure != Py_None && !native_read_numbers(w->exposure, "exposure: gain and offset", 6, light)))
     return false;
-  }
-  if (!(w->cut >= 0 && w->cut <= MOST_CUT)) {
-    PyErr_Format(PyExc_ValueError, "cut: expected 0 to %d pixels", MOST_CUT);
-    return false;
-  }
-  o->rest_cut = (float)w->cut;
-  job->antialiased = w->antialiased;
-  if (w->antialiased >= 0)
-    o->antialiased = w->antialiased;
-  if (w->near_plane > 0)
-    o->near_plane = (float)w->near_plane;
-  if (!read_clips(w->clips, o))
-    return false;
-  if (w->background != Py_None) {
-    if (!native_read_numbers(w->background, "background", 3, background))
-      return false;
-    o->sky = NULL;
-    for (int c = 0; c < 3; c++)
-      o->background[c] = (float)background[c];
-  }
-  if (w->transparent) {
-    o->sky = NULL;
+  o->rest_cut = (float)cut;
+  if (near_plane > 0)
+    o->near_plane = (float)near_plane;
+  for (int c = 0; w->background != Py_None && c < 3; c++)
+    o->background[c] = (float)background[c];
+  if (job->layout.transparent)
     memset(o->background, 0, sizeof o->background);
-  }
-  if (w->exposure != Py_None) {
-    double values[6]; /* gain r g b, offset r g b */
-    if (!native_read_numbers(w->exposure, "exposure: gain and offset", 6, values))
-      return false;
-    pags_frame_options_expose(o, values, values + 3);
-  }
-  if (pags_early_z_parse(w->early_z, o) != PAGS_OK) {
-    PyErr_SetString(PyExc_ValueError, pags_error_message());
-    return false;
-  }
-  if (job->deadline && o->early_z == PAGS_EARLY_Z_PAPER) {
-    PyErr_SetString(PyExc_ValueError, "deadline: expected early_z off, lossless or bounded, found paper");
-    return false;
-  }
-  o->sh_degree = w->sh_degree;
-  o->exp_degree = w->exp_degree;
+  if (job->layout.transparent || w->background != Py_None)
+    o->sky = NULL;
+  if (w->exposure != Py_None)
+    pags_frame_options_expose(o, light, light + 3);
   o->extra_channels = native_layout_needs_extras(&job->layout);
   o->keep_for_passes = native_layout_needs_passes(&job->layout);
+  return read_early_z(w->early_z, job);
+}
+
+static bool read_layout(const native_job_arguments *w, native_layout *l) {
+  int linear = 0, flip = 0, transparent = 0;
+  double empty = 0, scale = 1;
+  l->outputs = OUTPUT_RGBA;
+  if (!read_mode(w->mode, &l->mode) || (w->outputs != Py_None && !read_outputs(w->outputs, &l->outputs)) ||
+      (w->linear && !native_read_flag(w->linear, "linear", &linear)) ||
+      (w->flip && !native_read_flag(w->flip, "flip", &flip)) ||
+      (w->transparent && !native_read_flag(w->transparent, "transparent", &transparent)) ||
+      (w->depth_empty && !native_read_finite(w->depth_empty, "depth_empty", &empty)) ||
+      (w->depth_scale && !native_read_finite(w->depth_scale, "depth_scale", &scale)))
+    return false;
+  l->linear = linear != 0;
+  l->flip = flip != 0;
+  l->transparent = transparent != 0;
+  l->depth_empty = (float)empty;
+  l->depth_scale = (float)scale;
   return true;
 }
 
 static bool read_arguments(const native_state *state, PyObject *scene, const native_job_arguments *w, native_job *job) {
-  native_layout *l = &job->layout;
-  if (!read_mode(w->mode, &l->mode))
+  if (!read_layout(w, &job->layout))
     return false;
-  l->outputs = OUTPUT_RGBA;
-  if (w->outputs != Py_None && !read_outputs(w->outputs, &l->outputs))
-    return false;
-  l->linear = w->linear != 0;
-  l->flip = w->flip != 0;
-  l->transparent = w->transparent != 0;
-  l->depth_empty = (float)w->depth_empty;
-  l->depth_scale = (float)w->depth_scale;
   if (w->deadline != Py_None && !PyObject_TypeCheck(w->deadline, state->deadline)) {
     PyErr_SetString(PyExc_TypeError, "deadline: expected a Deadline or None");
     return false;
@@ -170,13 +211,8 @@ PyObject *native_job_new(const native_state *state, PyObject *scene, PyObject *c
   if (!job)
     return NULL;
   job->state = JOB_DONE;
-  if (native_read_camera(camera, &job->camera)) {
-    pags_result result = pags_camera_check(&job->camera, "camera");
-    if (result != PAGS_OK)
-      native_raise(state, result);
-    else if (read_arguments(state, scene, w, job))
-      return (PyObject *)job;
-  }
+  if (native_read_camera(camera, "camera", &job->camera) && read_arguments(state, scene, w, job))
+    return (PyObject *)job;
   Py_DECREF(job);
   return NULL;
 }
@@ -193,11 +229,5 @@ native_job_arguments native_default_job_arguments(void) {
                                 .after = Py_None,
                                 .names = Py_None,
                                 .clips = Py_None,
-                                .deadline = Py_None,
-                                .mode = "rgb",
-                                .early_z = "lossless",
-                                .antialiased = -1,
-                                .sh_degree = 3,
-                                .exp_degree = 5,
-                                .depth_scale = 1};
+                                .deadline = Py_None};
 }

@@ -42,7 +42,7 @@ static bool read_names(PyObject *value, native_shown *shown) {
     PyErr_SetString(PyExc_ValueError, "names: are those of placements, which must be given, too");
     return false;
   }
-  if (PyUnicode_Check(value) || PySequence_Size(value) != count) {
+  if (PyUnicode_Check(value) || !PySequence_Check(value) || PySequence_Size(value) != count) {
     if (!PyErr_Occurred())
       PyErr_Format(PyExc_ValueError, "names: expected a list of %lld, one for each placement", (long long)count);
     return false;
@@ -51,11 +51,11 @@ static bool read_names(PyObject *value, native_shown *shown) {
   if (!shown->names)
     PyErr_NoMemory();
   for (int64_t i = 0; shown->names && i < count; i++) {
-    PyObject *item = PySequence_GetItem(value, (Py_ssize_t)i), *bytes = item ? PyUnicode_AsUTF8String(item) : NULL;
-    shown->names[i] = bytes ? pags_text_copy(PyBytes_AsString(bytes)) : NULL;
-    if (bytes && !shown->names[i])
+    const char *name = NULL;
+    PyObject *item = PySequence_GetItem(value, (Py_ssize_t)i);
+    shown->names[i] = item && native_read_word(item, "names", &name) ? pags_text_copy(name) : NULL;
+    if (name && !shown->names[i])
       PyErr_NoMemory();
-    Py_XDECREF(bytes);
     Py_XDECREF(item);
     if (!shown->names[i])
       return false;
@@ -109,10 +109,11 @@ static bool read_other(const native_state *state, PyObject *dict, double time, n
   }
   if (good) {
     const pags_result result = pags_affine_check(shown->world_from_scene, "others: world_from_scene");
-    shown->time = value[TIME] == Py_None ? time : PyFloat_AsDouble(value[TIME]);
-    good = result == PAGS_OK && !PyErr_Occurred();
+    shown->time = time;
     if (result != PAGS_OK)
-      native_raise(state, result);
+      native_raise_value(PyExc_ValueError);
+    good = result == PAGS_OK &&
+           (value[TIME] == Py_None || native_read_finite(value[TIME], "others: time", &shown->time));
   }
   good = good && read_drawn(value[PLACEMENTS], value[OBJECT_VALUES], value[NAMES], shown);
   for (int i = 0; i < KEYS; i++)
@@ -142,9 +143,13 @@ static bool number(const native_state *state, native_contents *contents) {
 
 bool native_contents_read(const native_state *state, PyObject *scene, const native_contents_arguments *w, double time,
                           native_contents *out) {
-  const Py_ssize_t others = w->others == Py_None ? 0 : PySequence_Size(w->others);
-  if (others < 0)
+  const bool list = PySequence_Check(w->others) && !PyUnicode_Check(w->others);
+  const Py_ssize_t others = w->others == Py_None ? 0 : list ? PySequence_Size(w->others) : -1;
+  if (others < 0) {
+    if (!list)
+      PyErr_Format(PyExc_TypeError, "others: expected a sequence of dictionaries, found %.80R", w->others);
     return false;
+  }
   out->shown = others < 65536 ? calloc((size_t)others + 1, sizeof *out->shown) : NULL;
   if (!out->shown) {
     PyErr_NoMemory();

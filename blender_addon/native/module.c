@@ -9,10 +9,11 @@ native_state *native_state_of(PyObject *self) {
 }
 
 PyObject *native_raise_text(const native_state *state, pags_result code, const char *text) {
-  PyObject *type = code == PAGS_CANCELLED ? state->cancelled : state->error;
-  PyObject *error = code == PAGS_ERROR_MEMORY ? NULL : PyObject_CallFunction(type, "s", text);
-  if (code == PAGS_ERROR_MEMORY)
-    PyErr_SetString(PyExc_MemoryError, text);
+  PyObject *type = code == PAGS_CANCELLED ? state->cancelled : state->error, *words = native_text(text);
+  PyObject *error = words && code != PAGS_ERROR_MEMORY ? PyObject_CallFunctionObjArgs(type, words, NULL) : NULL;
+  if (words && code == PAGS_ERROR_MEMORY)
+    PyErr_SetObject(PyExc_MemoryError, words);
+  Py_XDECREF(words);
   if (!error)
     return NULL;
   PyObject *name = PyUnicode_FromString(pags_result_name(code));
@@ -27,6 +28,14 @@ PyObject *native_raise(const native_state *state, pags_result code) {
   return native_raise_text(state, code, pags_error_message());
 }
 
+PyObject *native_raise_value(PyObject *kind) {
+  PyObject *words = native_text(pags_error_message());
+  if (words)
+    PyErr_SetObject(kind, words);
+  Py_XDECREF(words);
+  return NULL;
+}
+
 static PyObject *available_threads(PyObject *module, PyObject *unused) {
   (void)module;
   (void)unused;
@@ -34,11 +43,13 @@ static PyObject *available_threads(PyObject *module, PyObject *unused) {
 }
 
 static PyObject *heat(PyObject *module, PyObject *arguments) {
-  float value, rgb[3];
+  PyObject *number;
+  double value;
+  float rgb[3];
   (void)module;
-  if (!PyArg_ParseTuple(arguments, "f:heat", &value))
+  if (!PyArg_ParseTuple(arguments, "O:heat", &number) || !native_read_finite(number, "value", &value))
     return NULL;
-  pags_colormap_heat(value, rgb);
+  pags_colormap_heat((float)value, rgb);
   const double color[3] = {(double)rgb[0], (double)rgb[1], (double)rgb[2]};
   return native_numbers(color, 3);
 }
@@ -156,8 +167,8 @@ static struct PyModuleDef module_definition = {
         "Cameras are dictionaries (camera() makes one of matrices): width, height, fx, fy, cx, cy (pixels; corners at "
         "0 and width), world_from_camera "
         "(12 "
-        "numbers\nrow by row, or a matrix of 3 x 4 or 4 x 4; x right, y down, z forward; metres) and time (seconds; "
-        "may be left out).",
+        "numbers\nrow by row, or a matrix of 3 x 4 or 4 x 4; x right, y down, z forward; metres). time (seconds), lens "
+        "and rolling_shutter\n(dictionaries, as in camera files) may be left out.",
     .m_size = sizeof(native_state),
     .m_methods = methods,
     .m_slots = slots,

@@ -13,6 +13,7 @@
 #include <pags/compose.h>
 #include <pags/frame.h>
 #include <pags/passes.h>
+#include <float.h>
 #include <pthread.h>
 #include <stdbool.h>
 
@@ -27,6 +28,9 @@ native_state *native_state_of(PyObject *self);
 /* Raises an exception with this thread's last error message of the engine; returns NULL. */
 PyObject *native_raise(const native_state *state, pags_result code);
 PyObject *native_raise_text(const native_state *state, pags_result code, const char *text);
+PyObject *native_raise_value(PyObject *kind); /* kind: such as PyExc_ValueError */
+/* The string of a text of the engine; bytes that aren't UTF-8, of file names, as os.fsdecode has them. */
+PyObject *native_text(const char *text);
 
 /* ---- Buffers ---- */
 
@@ -86,9 +90,17 @@ typedef struct native_shown {
 /* The scene among `count` whose Gaussian has this id; *id becomes the Gaussian's id in that scene. */
 const native_shown *native_shown_of(const native_shown *shown, int count, int32_t *id);
 
-bool native_read_camera(PyObject *value, pags_camera *out);
-bool native_read_numbers(PyObject *value, const char *what, Py_ssize_t count, double *out);
-/* A rigid pose: 12 numbers, a matrix of 3 x 4, or one of 4 x 4 whose last row is 0 0 0 1. Not checked further. */
+#define NATIVE_LARGEST ((double)FLT_MAX) /* of a number that counts as finite */
+
+/* `what` names the value in messages. Numbers have to be within [least, most], and so finite. */
+bool native_read_number(PyObject *value, const char *what, double least, double most, double *out);
+bool native_read_finite(PyObject *value, const char *what, double *out);
+bool native_read_integer(PyObject *value, const char *what, long long least, long long most, long long *out);
+bool native_read_flag(PyObject *value, const char *what, int *out);              /* True or False, 1 or 0 */
+bool native_read_word(PyObject *value, const char *what, const char **out);      /* valid while `value` is */
+bool native_read_camera(PyObject *value, const char *what, pags_camera *out);    /* and checks it */
+bool native_read_numbers(PyObject *value, const char *what, Py_ssize_t count, double *out); /* finite */
+/* A pose of finite numbers: 12, a matrix of 3 x 4, or one of 4 x 4 whose last row is 0 0 0 1. Not checked further. */
 bool native_read_pose(PyObject *value, const char *what, double out[12]);
 /* Reads an array of numbers from a buffer or nested sequences into a new block of floats, of doubles if `wide`, which
  * the caller frees. `shape` says what is expected (-1: any), and receives what there is. */

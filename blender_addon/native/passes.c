@@ -19,10 +19,10 @@ static bool read_moment(const native_state *state, const native_job *job, PyObje
     PyErr_Format(PyExc_ValueError, "%s: expected a camera, or a tuple of a camera, placements and others", what);
     return false;
   }
-  if (!native_read_camera(size ? PyTuple_GetItem(value, 0) : value, &out->camera))
+  if (!native_read_camera(size ? PyTuple_GetItem(value, 0) : value, what, &out->camera))
     return false;
-  if (pags_camera_check(&out->camera, what) != PAGS_OK) {
-    PyErr_SetString(PyExc_ValueError, pags_error_message());
+  if (pags_camera_bends(&out->camera)) {
+    PyErr_Format(PyExc_ValueError, "%s: has a lens, and motion is that of a pinhole", what);
     return false;
   }
   out->known = true;
@@ -77,7 +77,7 @@ static bool make_mattes(native_job *job) {
                                       : pags_out_of_memory("%lld names", (long long)count);
     free(labels);
     if (result != PAGS_OK) {
-      PyErr_SetString(PyExc_MemoryError, pags_error_message());
+      native_raise_value(PyExc_MemoryError);
       return false;
     }
   }
@@ -99,11 +99,11 @@ bool native_passes_read(const native_state *state, const native_job_arguments *w
 
 PyObject *native_cryptomatte_hash(PyObject *module, PyObject *arguments) {
   const char *name;
-  Py_ssize_t length;
+  PyObject *value;
   (void)module;
-  if (!PyArg_ParseTuple(arguments, "s#:cryptomatte_hash", &name, &length))
+  if (!PyArg_ParseTuple(arguments, "O:cryptomatte_hash", &value) || !native_read_word(value, "name", &name))
     return NULL;
-  return PyLong_FromUnsignedLong(pags_cryptomatte_hash(name, (size_t)length));
+  return PyLong_FromUnsignedLong(pags_cryptomatte_hash(name, strlen(name)));
 }
 
 /* ---- Drawing ---- */

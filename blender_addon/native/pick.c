@@ -38,13 +38,15 @@ static pags_result pick_locked(native_job *job, int x, int y, found *out) {
   options.nearest = (double)job->options.near_plane;
   memcpy(options.origin, job->options.origin, sizeof options.origin);
 
-  /* The ray through the pixel, in world coordinates. */
-  const double *m = job->camera.world_from_camera;
-  double across = (x + 0.5 - job->camera.cx) / job->camera.fx, down = (y + 0.5 - job->camera.cy) / job->camera.fy;
+  /* The ray through the pixel, in world coordinates: a distance along this vector is a depth. */
+  const pags_camera *const camera = &job->camera;
+  double m[12], look[3] = {(x + 0.5 - camera->cx) / camera->fx, (y + 0.5 - camera->cy) / camera->fy, 1};
+  if (pags_camera_bends(camera) && !pags_camera_look(camera, x + 0.5, y + 0.5, look))
+    return PAGS_OK; /* outside of the circle that the lens sees */
+  pags_rigid_move(camera->world_from_camera, camera->shutter.velocity, pags_camera_read_at(camera, x + 0.5, y + 0.5), m);
   for (int k = 0; k < 3; k++) {
     origin[k] = m[4 * k + 3];
-    direction[k] = m[4 * k] * across + m[4 * k + 1] * down +
-                   m[4 * k + 2]; /* camera z is 1: a distance along this vector is a depth */
+    direction[k] = m[4 * k] * look[0] + m[4 * k + 1] * look[1] + m[4 * k + 2] * look[2];
   }
 
   clip_ray(&job->options, origin, direction, &options);
@@ -84,23 +86,23 @@ PyObject *native_pick(PyObject *module, PyObject *arguments, PyObject *keywords)
   static char *names[] = {"scene", "camera", "x", "y", "placements", "others", "clips", NULL};
   const native_state *state = PyModule_GetState(module);
   native_job_arguments w = native_default_job_arguments();
-  PyObject *scene, *camera;
+  PyObject *scene, *camera, *column, *row;
   found f = {.picked = {.part = -1}};
   pags_result result;
-  int x, y;
-  if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OOii|$OOO:pick", names, &scene, &camera, &x, &y, &w.placements,
-                                   &w.others, &w.clips))
+  long long x, y;
+  if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OOOO|$OOO:pick", names, &scene, &camera, &column, &row,
+                                   &w.placements, &w.others, &w.clips))
     return NULL;
   native_job *job = (native_job *)native_job_new(state, scene, camera, &w);
   if (!job)
     return NULL;
-  if (x < 0 || y < 0 || x >= job->camera.width || y >= job->camera.height) {
-    PyErr_SetString(PyExc_ValueError, "pick: x and y must lie within the picture");
+  if (!native_read_integer(column, "x", 0, job->camera.width - 1, &x) ||
+      !native_read_integer(row, "y", 0, job->camera.height - 1, &y)) {
     Py_DECREF((PyObject *)job);
     return NULL;
   }
   Py_BEGIN_ALLOW_THREADS native_job_lock(job, true);
-  result = pick_locked(job, x, y, &f);
+  result = pick_locked(job, (int)x, (int)y, &f);
   native_job_lock(job, false);
   Py_END_ALLOW_THREADS Py_DECREF((PyObject *)job);
   return result == PAGS_OK ? describe(&f) : native_raise(state, result);

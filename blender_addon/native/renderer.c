@@ -119,15 +119,16 @@ static bool start(native_renderer *self, int threads) {
   return self->has_thread;
 }
 
-bool native_check_threads(int threads) {
-  if (threads >= 0 && threads <= 256)
-    return true;
-  PyErr_SetString(PyExc_ValueError, "threads: expected 0 (all) to 256");
-  return false;
+bool native_read_threads(PyObject *value, int *threads) {
+  long long number = 0;
+  const bool good = !value || native_read_integer(value, "threads", 0, 256, &number);
+  *threads = (int)number;
+  return good;
 }
 
-static PyObject *create_renderer(PyTypeObject *type, int threads) {
-  if (!native_check_threads(threads))
+static PyObject *create_renderer(PyTypeObject *type, PyObject *wanted) {
+  int threads;
+  if (!native_read_threads(wanted, &threads))
     return NULL;
   allocfunc alloc = (allocfunc)(size_t)PyType_GetSlot(type, Py_tp_alloc);
   native_renderer *self = (native_renderer *)alloc(type, 0);
@@ -142,8 +143,8 @@ static PyObject *create_renderer(PyTypeObject *type, int threads) {
 
 static PyObject *renderer_new(PyTypeObject *type, PyObject *arguments, PyObject *keywords) {
   static char *names[] = {"threads", NULL};
-  int threads = 0;
-  if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "|i:Renderer", names, &threads))
+  PyObject *threads = NULL;
+  if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "|O:Renderer", names, &threads))
     return NULL;
   return create_renderer(type, threads);
 }
@@ -252,10 +253,9 @@ static PyObject *jobs_of(const native_state *state, PyObject *scene, PyObject *c
 
 PyObject *native_render(PyObject *module, PyObject *arguments, PyObject *keywords) {
   static char *names[] = {"scene", "camera", "threads", JOB_ARGUMENT_NAMES, NULL};
-  PyObject *scene, *camera;
-  int threads = 0;
+  PyObject *scene, *camera, *threads = NULL;
   native_job_arguments w = native_default_job_arguments();
-  if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OO|$i" JOB_ARGUMENT_FORMAT ":render", names, &scene, &camera,
+  if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OO|$O" JOB_ARGUMENT_FORMAT ":render", names, &scene, &camera,
                                    &threads, JOB_ARGUMENT_TARGETS(w)))
     return NULL;
 

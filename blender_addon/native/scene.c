@@ -2,6 +2,7 @@
 /* Scene: a composition with its lock, its contents as Python values, and a sample of its Gaussians as points. */
 #include "blender_addon/native/native.h"
 
+#include <limits.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -206,6 +207,11 @@ static PyObject *text_or_none(const char *text) {
   return Py_None;
 }
 
+/* The same of a name of a file, which Python's os.fsencode gives back. */
+static PyObject *name_or_none(const char *text) {
+  return text ? native_text(text) : text_or_none(NULL);
+}
+
 static PyObject *scene_info(PyObject *self, void *closure) {
   const pags_scene *s = scene_of(self);
   const pags_composition *c = ((native_scene *)self)->composition;
@@ -223,7 +229,7 @@ static PyObject *scene_info(PyObject *self, void *closure) {
               native_put(dict, "sky", PyBool_FromLong(s->sky.size > 0)) &&
               native_put(dict, "models", PyLong_FromLongLong(s->model_count)) &&
               native_put(dict, "iterations", PyLong_FromLongLong(s->iterations)) &&
-              native_put(dict, "dataset", text_or_none(s->dataset)) &&
+              native_put(dict, "dataset", name_or_none(s->dataset)) &&
               native_put(dict, "config", text_or_none(s->config));
   if (good)
     return dict;
@@ -281,7 +287,7 @@ static PyObject *scene_objects(PyObject *self, void *closure) {
 
 static PyObject *view_dict(const pags_scene_view *view) {
   PyObject *dict = native_camera_dict(&view->camera);
-  bool good = dict && native_put(dict, "name", text_or_none(view->name)) &&
+  bool good = dict && native_put(dict, "name", name_or_none(view->name)) &&
               native_put(dict, "test", PyBool_FromLong(view->test)) &&
               native_put(dict, "sensor", PyLong_FromLong(view->sensor)) &&
               native_put(dict, "frame", PyLong_FromLong(view->frame)) &&
@@ -308,22 +314,26 @@ static PyObject *scene_views(PyObject *self, void *closure) {
 }
 
 /* Reads an object index (-1: background). Raises and returns -2 where it is not valid. */
-static int64_t read_object(PyObject *self, long long object, int64_t least) {
-  if (object >= least && object < scene_of(self)->object_count)
+static int64_t read_object(PyObject *self, PyObject *value, int64_t least) {
+  const int64_t count = scene_of(self)->object_count;
+  long long object = -2;
+  if (!native_read_integer(value, "object", LLONG_MIN, LLONG_MAX, &object) && !PyErr_ExceptionMatches(PyExc_ValueError))
+    return -2;
+  if (!PyErr_Occurred() && object >= least && object < count)
     return object;
-  PyErr_Format(PyExc_IndexError, "the scene has %lld objects; there is no number %lld",
-               (long long)scene_of(self)->object_count, object);
+  PyErr_Clear();
+  PyErr_Format(PyExc_IndexError, "object: the scene has %lld objects; there is no number %.80R", (long long)count, value);
   return -2;
 }
 
 static PyObject *scene_pose(PyObject *self, PyObject *arguments) {
   const pags_composition *c = ((native_scene *)self)->composition;
-  long long number;
+  PyObject *number, *when;
   double time, pose[12];
-  if (!PyArg_ParseTuple(arguments, "Ld:pose", &number, &time))
+  if (!PyArg_ParseTuple(arguments, "OO:pose", &number, &when))
     return NULL;
   int64_t object = read_object(self, number, 0);
-  if (object < 0)
+  if (object < 0 || !native_read_finite(when, "time", &time))
     return NULL;
   if (!pags_composition_is_tracked(c, object))
     pags_composition_rest_pose(c, object, pose);
@@ -333,17 +343,19 @@ static PyObject *scene_pose(PyObject *self, PyObject *arguments) {
 }
 
 static PyObject *scene_exposure(PyObject *self, PyObject *arguments) {
-  int sensor;
+  PyObject *number, *when;
+  long long sensor;
   double time, values[6];
-  if (!PyArg_ParseTuple(arguments, "id:exposure", &sensor, &time))
+  if (!PyArg_ParseTuple(arguments, "OO:exposure", &number, &when) ||
+      !native_read_integer(number, "sensor", INT_MIN, INT_MAX, &sensor) || !native_read_finite(when, "time", &time))
     return NULL;
-  pags_scene_exposure(scene_of(self), sensor, time, values, values + 3);
+  pags_scene_exposure(scene_of(self), (int)sensor, time, values, values + 3);
   return native_numbers(values, 6);
 }
 
 static PyObject *scene_track(PyObject *self, PyObject *arguments) {
-  long long number;
-  if (!PyArg_ParseTuple(arguments, "L:track", &number))
+  PyObject *number;
+  if (!PyArg_ParseTuple(arguments, "O:track", &number))
     return NULL;
   int64_t object = read_object(self, number, 0);
   if (object < 0)
@@ -437,11 +449,12 @@ static Py_ssize_t sample(const pags_part *parts, int part_count, int64_t most, f
 static PyObject *scene_points(PyObject *object, PyObject *arguments) {
   native_scene *self = (native_scene *)object;
   native_state *state = native_state_of(object);
-  long long number, budget;
-  if (!PyArg_ParseTuple(arguments, "LL:points", &number, &budget))
+  PyObject *number, *limit;
+  long long budget;
+  if (!PyArg_ParseTuple(arguments, "OO:points", &number, &limit))
     return NULL;
   int64_t which = read_object(object, number, -1);
-  if (which < -1)
+  if (which < -1 || !native_read_integer(limit, "budget", LLONG_MIN, LLONG_MAX, &budget))
     return NULL;
   int64_t most = pags_composition_gaussian_count(self->composition);
   budget = budget < 1 ? 1 : budget < most ? budget : most;

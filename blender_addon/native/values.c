@@ -1,23 +1,103 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Converts numbers, poses and cameras from and to Python. */
+/* Converts numbers, words, poses and placements from and to Python. What doesn't fit is a TypeError or ValueError that
+ * names the argument; a number that isn't finite never fits. */
 #include "blender_addon/native/native.h"
 
+#include <float.h>
+#include <limits.h>
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+
+#include "base/text.h"
+
+/* ---- Single values ---- */
+
+/* Replaces Python's error about a value, which doesn't name the argument. Others, such as KeyboardInterrupt, stay. */
+static bool expected(PyObject *value, const char *what, const char *wanted) {
+  PyObject *kind = PyExc_ValueError;
+  if (PyErr_Occurred()) {
+    if (PyErr_ExceptionMatches(PyExc_TypeError))
+      kind = PyExc_TypeError;
+    else if (!PyErr_ExceptionMatches(PyExc_ValueError) && !PyErr_ExceptionMatches(PyExc_OverflowError))
+      return false;
+    PyErr_Clear();
+  }
+  PyErr_Format(kind, "%s: expected %s, found %.80R", what, wanted, value);
+  return false;
+}
+
+bool native_read_number(PyObject *value, const char *what, double least, double most, double *out) {
+  char wanted[96];
+  *out = PyFloat_AsDouble(value);
+  if (!PyErr_Occurred() && *out >= least && *out <= most)
+    return true;
+  if (least <= -NATIVE_LARGEST && most >= NATIVE_LARGEST)
+    snprintf(wanted, sizeof wanted, "a finite number");
+  else if (most >= NATIVE_LARGEST)
+    snprintf(wanted, sizeof wanted, "a finite number of at least %g", least);
+  else
+    snprintf(wanted, sizeof wanted, "a number from %g to %g", least, most);
+  return expected(value, what, wanted);
+}
+
+bool native_read_finite(PyObject *value, const char *what, double *out) {
+  return native_read_number(value, what, -NATIVE_LARGEST, NATIVE_LARGEST, out);
+}
+
+bool native_read_integer(PyObject *value, const char *what, long long least, long long most, long long *out) {
+  char wanted[96];
+  int overflow = 1;
+  PyObject *const index = PyNumber_Index(value);
+  if (index) {
+    *out = PyLong_AsLongLongAndOverflow(index, &overflow);
+    Py_DECREF(index);
+  } else if (PyErr_ExceptionMatches(PyExc_TypeError)) { /* a float such as 640.0 will do */
+    PyErr_Clear();
+    const double number = PyFloat_AsDouble(value);
+    overflow = PyErr_Occurred() || !(fabs(number) < 9e18) || number != floor(number);
+    *out = overflow ? 0 : (long long)number;
+  }
+  if (!PyErr_Occurred() && !overflow && *out >= least && *out <= most)
+    return true;
+  if (most == LLONG_MAX)
+    snprintf(wanted, sizeof wanted, "a whole number");
+  else
+    snprintf(wanted, sizeof wanted, "a whole number from %lld to %lld", least, most);
+  return expected(value, what, wanted);
+}
+
+bool native_read_flag(PyObject *value, const char *what, int *out) {
+  const int yes = PyObject_RichCompareBool(value, Py_True, Py_EQ);
+  const int no = yes == 0 ? PyObject_RichCompareBool(value, Py_False, Py_EQ) : 0;
+  *out = yes > 0;
+  return yes > 0 || no > 0 || expected(value, what, "True or False");
+}
+
+bool native_read_word(PyObject *value, const char *what, const char **out) {
+  *out = PyUnicode_Check(value) ? PyUnicode_AsUTF8AndSize(value, NULL) : NULL;
+  return *out || expected(value, what, "a string");
+}
+
+PyObject *native_text(const char *text) {
+  return PyUnicode_DecodeUTF8(text, (Py_ssize_t)strlen(text), "surrogateescape");
+}
+
+/* ---- Several ---- */
 
 bool native_read_numbers(PyObject *value, const char *what, Py_ssize_t count, double *out) {
   Py_ssize_t length = PySequence_Check(value) ? PySequence_Size(value) : -1;
   if (length != count) {
-    PyErr_Clear();
-    PyErr_Format(PyExc_ValueError, "%s: expected %zd numbers", what, count);
-    return false;
+    char wanted[48];
+    snprintf(wanted, sizeof wanted, "%lld numbers", (long long)count);
+    return expected(value, what, wanted);
   }
   for (Py_ssize_t i = 0; i < count; i++) {
     PyObject *item = PySequence_GetItem(value, i);
-    out[i] = item ? PyFloat_AsDouble(item) : 0;
+    const bool good = item && native_read_finite(item, what, &out[i]);
     Py_XDECREF(item);
-    if (PyErr_Occurred())
+    if (!good)
       return false;
   }
   return true;
@@ -36,6 +116,12 @@ bool native_read_pose(PyObject *value, const char *what, double out[12]) {
   bool good = shape[0] == 3 || shape[0] == 4;
   for (int k = 0; good && shape[0] == 4 && k < 4; k++)
     good = fabs(rows[12 + k] - (k == 3)) < 1e-6;
+  for (int k = 0; good && k < 12; k++)
+    if (!isfinite(rows[k])) {
+      PyErr_Format(PyExc_ValueError, "%s: expected finite numbers, found one that isn't in row %d", what, k / 4);
+      free(rows);
+      return false;
+    }
   if (good)
     memcpy(out, rows, 12 * sizeof *out);
   else
@@ -44,51 +130,10 @@ bool native_read_pose(PyObject *value, const char *what, double out[12]) {
   return good;
 }
 
-static bool read_number(PyObject *dict, const char *key, double *out) {
-  PyObject *value = PyMapping_GetItemString(dict, key);
-  *out = value ? PyFloat_AsDouble(value) : 0;
-  Py_XDECREF(value);
-  if (!PyErr_Occurred())
-    return true;
-  PyErr_Clear();
-  PyErr_Format(PyExc_ValueError, "camera: expected a number as \"%s\"", key);
-  return false;
-}
-
-static bool read_size(PyObject *dict, const char *key, int *out) {
-  double value;
-  if (!read_number(dict, key, &value))
-    return false;
-  if (!(value >= 1 && value <= 65535)) {
-    PyErr_Format(PyExc_ValueError, "camera: %s must be 1 to 65535 pixels", key);
-    return false;
-  }
-  *out = (int)value;
-  return true;
-}
-
-bool native_read_camera(PyObject *value, pags_camera *out) {
-  *out = (pags_camera){.time = (double)NAN};
-  if (!PyMapping_Check(value)) {
-    PyErr_SetString(PyExc_TypeError, "camera: expected a dictionary");
-    return false;
-  }
-  if (!read_size(value, "width", &out->width) || !read_size(value, "height", &out->height) ||
-      !read_number(value, "fx", &out->fx) || !read_number(value, "fy", &out->fy) ||
-      !read_number(value, "cx", &out->cx) || !read_number(value, "cy", &out->cy))
-    return false;
-  PyObject *pose = PyMapping_GetItemString(value, "world_from_camera");
-  bool good = pose && native_read_pose(pose, "camera: world_from_camera", out->world_from_camera);
-  Py_XDECREF(pose);
-  if (!good)
-    return false;
-  return PyMapping_HasKeyString(value, "time") ? read_number(value, "time", &out->time) : true;
-}
-
 bool native_read_placements(PyObject *value, pags_placement **out, int64_t *count) {
-  const Py_ssize_t size = PySequence_Size(value);
+  const Py_ssize_t size = PySequence_Check(value) ? PySequence_Size(value) : -1;
   if (size < 0)
-    return false;
+    return expected(value, "placements", "a list of (object, world_from_object)");
   *out = calloc((size_t)size + 1, sizeof **out);
   if (!*out) {
     PyErr_NoMemory();
@@ -96,17 +141,18 @@ bool native_read_placements(PyObject *value, pags_placement **out, int64_t *coun
   }
   *count = size;
   for (Py_ssize_t i = 0; i < size; i++) {
-    PyObject *item = PySequence_GetItem(value, i), *object = item ? PySequence_GetItem(item, 0) : NULL;
-    PyObject *pose = object ? PySequence_GetItem(item, 1) : NULL;
-    if (pose) {
-      (*out)[i].object = PyLong_AsLongLong(object);
-      if (!PyErr_Occurred())
-        native_read_pose(pose, "placements: world_from_object", (*out)[i].world_from_object);
-    }
+    PyObject *item = PySequence_GetItem(value, i);
+    const bool pair = item && PySequence_Check(item) && PySequence_Size(item) == 2;
+    PyObject *object = pair ? PySequence_GetItem(item, 0) : NULL, *pose = object ? PySequence_GetItem(item, 1) : NULL;
+    long long number = 0;
+    const bool good = pose ? native_read_integer(object, "placements: object", -1, INT_MAX, &number) &&
+                                 native_read_pose(pose, "placements: world_from_object", (*out)[i].world_from_object)
+                           : item && expected(item, "placements", "pairs of object and world_from_object");
+    (*out)[i].object = number;
     Py_XDECREF(pose);
     Py_XDECREF(object);
     Py_XDECREF(item);
-    if (PyErr_Occurred())
+    if (!good)
       return false;
   }
   return true;
@@ -123,89 +169,4 @@ PyObject *native_numbers(const double *values, Py_ssize_t count) {
   for (Py_ssize_t i = 0; tuple && i < count; i++)
     PyTuple_SetItem(tuple, i, PyFloat_FromDouble(values[i]));
   return tuple;
-}
-
-PyObject *native_camera_dict(const pags_camera *camera) {
-  PyObject *dict = PyDict_New();
-  bool good = dict && native_put(dict, "width", PyLong_FromLong(camera->width)) &&
-              native_put(dict, "height", PyLong_FromLong(camera->height)) &&
-              native_put(dict, "fx", PyFloat_FromDouble(camera->fx)) &&
-              native_put(dict, "fy", PyFloat_FromDouble(camera->fy)) &&
-              native_put(dict, "cx", PyFloat_FromDouble(camera->cx)) &&
-              native_put(dict, "cy", PyFloat_FromDouble(camera->cy)) &&
-              native_put(dict, "world_from_camera", native_numbers(camera->world_from_camera, 12)) &&
-              (isnan(camera->time) || native_put(dict, "time", PyFloat_FromDouble(camera->time))) &&
-              (!pags_camera_bends(camera) ||
-               native_put(dict, "lens", PyUnicode_FromString(pags_lens_kind_name(camera->lens.kind))));
-  if (good)
-    return dict;
-  Py_XDECREF(dict);
-  return NULL;
-}
-
-/* ---- pags.camera ---- */
-
-/* Takes focal lengths and principal point from K, in pixels. */
-static bool read_intrinsics(PyObject *value, pags_camera *out) {
-  Py_ssize_t shape[2] = {3, 3};
-  double *k = native_read_array(value, "K", true, 2, shape);
-  if (!k)
-    return false;
-  const bool good = k[1] == 0 && k[3] == 0 && k[6] == 0 && k[7] == 0 && k[8] == 1;
-  if (good)
-    out->fx = k[0], out->fy = k[4], out->cx = k[2], out->cy = k[5];
-  else
-    PyErr_SetString(PyExc_ValueError, "K: expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels, without skew");
-  free(k);
-  return good;
-}
-
-/* Sets the pose from whichever of two matrices is given, in OpenCV's axes or OpenGL's (y up, z back). */
-static bool read_extrinsics(PyObject *to_world, PyObject *to_camera, const char *axes, pags_camera *out) {
-  const bool opengl = strcmp(axes, "opengl") == 0, inverse = to_world == Py_None;
-  double pose[12];
-  if (!opengl && strcmp(axes, "opencv") != 0) {
-    PyErr_Format(PyExc_ValueError,
-                 "axes: expected opencv (x right, y down, z forward) or opengl (y up, z back), found %s", axes);
-    return false;
-  }
-  if ((to_world == Py_None) == (to_camera == Py_None)) {
-    PyErr_SetString(PyExc_ValueError, "expected one of world_from_camera and camera_from_world");
-    return false;
-  }
-  if (!native_read_pose(inverse ? to_camera : to_world, inverse ? "camera_from_world" : "world_from_camera", pose))
-    return false;
-  if (pags_rigid_check(pose, inverse ? "camera_from_world" : "world_from_camera") != PAGS_OK) {
-    PyErr_SetString(PyExc_ValueError, pags_error_message());
-    return false;
-  }
-  if (inverse)
-    pags_rigid_inverse(pose, pose);
-  for (int i = 0; opengl && i < 3; i++) {
-    pose[4 * i + 1] = -pose[4 * i + 1];
-    pose[4 * i + 2] = -pose[4 * i + 2];
-  }
-  memcpy(out->world_from_camera, pose, sizeof pose);
-  return true;
-}
-
-PyObject *native_camera(PyObject *module, PyObject *arguments, PyObject *keywords) {
-  static char *names[] = {"width", "height", "K", "world_from_camera", "camera_from_world", "axes", "time", NULL};
-  PyObject *intrinsics, *to_world = Py_None, *to_camera = Py_None, *time = Py_None;
-  const char *axes = "opencv";
-  pags_camera camera = {.time = (double)NAN};
-  (void)module;
-  if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "iiO|O$OsO:camera", names, &camera.width, &camera.height,
-                                   &intrinsics, &to_world, &to_camera, &axes, &time))
-    return NULL;
-  if (!read_intrinsics(intrinsics, &camera) || !read_extrinsics(to_world, to_camera, axes, &camera))
-    return NULL;
-  if (time != Py_None)
-    camera.time = PyFloat_AsDouble(time);
-  if (PyErr_Occurred())
-    return NULL;
-  if (pags_camera_check(&camera, "camera") == PAGS_OK)
-    return native_camera_dict(&camera);
-  PyErr_SetString(PyExc_ValueError, pags_error_message());
-  return NULL;
 }
