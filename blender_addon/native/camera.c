@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Cameras from and to Python: dictionaries with the keys of camera files (scene/camera_json.h), but world_from_camera in
- * place of the quaternion and translation. */
+/* Cameras from and to Python: dictionaries with the keys of camera files (scene/camera_json.h), but world_from_camera
+ * in place of the quaternion and translation. */
 #include "blender_addon/native/native.h"
 
 #include <limits.h>
@@ -107,11 +107,11 @@ static bool read_shutter(PyObject *dict, pags_shutter *shutter) {
       !read_key(dict, "camera: rolling_shutter: velocity", false, 6, shutter->velocity))
     return false;
   PyObject *word = read_word_key(dict, "camera: rolling_shutter: direction", &direction);
-  const bool good = word && seconds >= 0 && pags_shutter_set(shutter, direction, seconds);
+  const bool good = word && seconds >= 0 && seconds <= 1 && pags_shutter_set(shutter, direction, seconds);
   if (word && !good)
     PyErr_Format(PyExc_ValueError,
                  "camera: rolling_shutter: expected a direction top_to_bottom, bottom_to_top, left_to_right, "
-                 "right_to_left or none, and 0 seconds or more, found %.200R",
+                 "right_to_left or none, and 0 to 1 seconds, found %.200R",
                  dict);
   Py_XDECREF(word);
   return good;
@@ -136,7 +136,8 @@ bool native_read_camera(PyObject *value, const char *what, pags_camera *out) {
   Py_XDECREF(pose);
   Py_XDECREF(lens);
   Py_XDECREF(shutter);
-  if (good && pags_camera_check(out, what) != PAGS_OK) {
+  if (good && (pags_rigid_check(out->world_from_camera, "camera: world_from_camera") != PAGS_OK ||
+               pags_camera_check(out, what) != PAGS_OK)) {
     native_raise_value(PyExc_ValueError);
     return false;
   }

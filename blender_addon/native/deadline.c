@@ -46,9 +46,9 @@ pags_result native_deadline_draw(const native_job *job, pags_deadline *renderer,
                                  pags_picture *picture, native_drawn *drawn) {
   native_deadline *const self = (native_deadline *)job->deadline;
   pags_deadline_result facts;
-  pthread_mutex_lock(&self->lock);
+  pthread_mutex_lock(&self->lock.mutex);
   drawn->step = self->controller.step;
-  pthread_mutex_unlock(&self->lock);
+  pthread_mutex_unlock(&self->lock.mutex);
   if (pags_deadline_steps()[drawn->step].sampled) {
     for (int i = 0; i < job->contents.shown_count; i++)
       PAGS_TRY(native_scene_need_priorities((native_scene *)job->contents.shown[i].scene));
@@ -62,10 +62,10 @@ pags_result native_deadline_draw(const native_job *job, pags_deadline *renderer,
 
 void native_deadline_tell(PyObject *object, int step, double ms) {
   native_deadline *const self = (native_deadline *)object;
-  pthread_mutex_lock(&self->lock);
+  pthread_mutex_lock(&self->lock.mutex);
   if (self->controller.step == step)
     pags_deadline_controller_tell(&self->controller, ms);
-  pthread_mutex_unlock(&self->lock);
+  pthread_mutex_unlock(&self->lock.mutex);
 }
 
 /* ---- The object ---- */
@@ -90,10 +90,8 @@ static PyObject *deadline_new(PyTypeObject *type, PyObject *arguments, PyObject 
   if (!self)
     return NULL;
   self->controller = pags_deadline_controller_begin_live(ms);
-  self->has_lock = pthread_mutex_init(&self->lock, NULL) == 0;
-  if (self->has_lock)
+  if (native_lock_create(&self->lock))
     return (PyObject *)self;
-  PyErr_SetString(PyExc_MemoryError, "no lock can be had");
   Py_DECREF(self);
   return NULL;
 }
@@ -101,23 +99,26 @@ static PyObject *deadline_new(PyTypeObject *type, PyObject *arguments, PyObject 
 static void deadline_dealloc(PyObject *object) {
   native_deadline *self = (native_deadline *)object;
   PyTypeObject *type = Py_TYPE(object);
-  if (self->has_lock)
-    pthread_mutex_destroy(&self->lock);
+  native_lock_destroy(&self->lock);
   ((freefunc)(size_t)PyType_GetSlot(type, Py_tp_free))(object);
   Py_DECREF(type);
 }
 
+static bool is_alive(PyObject *object) {
+  return native_lock_check(&((native_deadline *)object)->lock, native_state_of(object), "Deadline");
+}
+
 static pags_deadline_controller controller_of(PyObject *object) {
   native_deadline *self = (native_deadline *)object;
-  pthread_mutex_lock(&self->lock);
+  pthread_mutex_lock(&self->lock.mutex);
   const pags_deadline_controller out = self->controller;
-  pthread_mutex_unlock(&self->lock);
+  pthread_mutex_unlock(&self->lock.mutex);
   return out;
 }
 
 static PyObject *get_ms(PyObject *object, void *closure) {
   (void)closure;
-  return PyFloat_FromDouble(controller_of(object).target);
+  return is_alive(object) ? PyFloat_FromDouble(controller_of(object).target) : NULL;
 }
 
 static int set_ms(PyObject *object, PyObject *value, void *closure) {
@@ -128,22 +129,22 @@ static int set_ms(PyObject *object, PyObject *value, void *closure) {
     PyErr_SetString(PyExc_AttributeError, "ms can't be deleted");
     return -1;
   }
-  if (!read_ms(value, &ms))
+  if (!read_ms(value, &ms) || !is_alive(object))
     return -1;
-  pthread_mutex_lock(&self->lock);
+  pthread_mutex_lock(&self->lock.mutex);
   self->controller.target = ms;
-  pthread_mutex_unlock(&self->lock);
+  pthread_mutex_unlock(&self->lock.mutex);
   return 0;
 }
 
 static PyObject *get_step(PyObject *object, void *closure) {
   (void)closure;
-  return PyLong_FromLong(controller_of(object).step);
+  return is_alive(object) ? PyLong_FromLong(controller_of(object).step) : NULL;
 }
 
 static PyObject *get_haste(PyObject *object, void *closure) {
   (void)closure;
-  return PyFloat_FromDouble(controller_of(object).haste);
+  return is_alive(object) ? PyFloat_FromDouble(controller_of(object).haste) : NULL;
 }
 
 static PyObject *pace(PyObject *object, PyObject *arguments) {
@@ -152,11 +153,11 @@ static PyObject *pace(PyObject *object, PyObject *arguments) {
   double ms, wanted;
   if (!PyArg_ParseTuple(arguments, "OO:pace", &took, &wish) ||
       !native_read_number(took, "ms", 0, NATIVE_LARGEST, &ms) ||
-      !native_read_number(wish, "wanted", 0, NATIVE_LARGEST, &wanted))
+      !native_read_number(wish, "wanted", 0, NATIVE_LARGEST, &wanted) || !is_alive(object))
     return NULL;
-  pthread_mutex_lock(&self->lock);
+  pthread_mutex_lock(&self->lock.mutex);
   pags_deadline_controller_pace(&self->controller, ms, wanted);
-  pthread_mutex_unlock(&self->lock);
+  pthread_mutex_unlock(&self->lock.mutex);
   Py_RETURN_NONE;
 }
 

@@ -255,9 +255,11 @@ PyObject *native_arrays_dict(const native_state *state, const pags_gaussians *ga
 static bool gather(PyObject *object, pags_gaussians *out) {
   native_scene *self = (native_scene *)object;
   pags_result result;
-  Py_BEGIN_ALLOW_THREADS pthread_mutex_lock(&self->lock);
+  if (!native_lock_check(&self->lock, native_state_of(object), "Scene"))
+    return false;
+  Py_BEGIN_ALLOW_THREADS pthread_mutex_lock(&self->lock.mutex);
   result = pags_composition_gaussians(self->composition, out);
-  pthread_mutex_unlock(&self->lock);
+  pthread_mutex_unlock(&self->lock.mutex);
   Py_END_ALLOW_THREADS if (result != PAGS_OK) native_raise(native_state_of(object), result);
   return result == PAGS_OK;
 }
@@ -294,9 +296,11 @@ PyObject *native_scene_object_of(PyObject *object, void *closure) {
   const Py_ssize_t shape[1] = {(Py_ssize_t)pags_composition_gaussian_count(self->composition)};
   pags_result result;
   (void)closure;
-  Py_BEGIN_ALLOW_THREADS pthread_mutex_lock(&self->lock);
+  if (!native_lock_check(&self->lock, native_state_of(object), "Scene"))
+    return NULL;
+  Py_BEGIN_ALLOW_THREADS pthread_mutex_lock(&self->lock.mutex);
   result = native_scene_need_objects(self);
-  pthread_mutex_unlock(&self->lock);
+  pthread_mutex_unlock(&self->lock.mutex);
   Py_END_ALLOW_THREADS if (result != PAGS_OK) return native_raise(native_state_of(object), result);
   return native_buffer_new(native_state_of(object), object, self->object_of, 'i', 1, shape);
 }

@@ -135,8 +135,8 @@ PyObject *native_gradients(PyObject *module, PyObject *arguments, PyObject *keyw
   backward b = {0};
   int one;
   if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OOO|$OOOOOOOO:gradients", names, &scene, &camera, &rgb, &depth,
-                                   &threads, &w.placements, &w.background, &w.transparent, &w.antialiased,
-                                   &w.sh_degree, &w.near_plane))
+                                   &threads, &w.placements, &w.background, &w.transparent, &w.antialiased, &w.sh_degree,
+                                   &w.near_plane))
     return NULL;
   if (!native_read_threads(threads, &b.threads))
     return NULL;

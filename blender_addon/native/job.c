@@ -8,6 +8,21 @@
 
 #include "port/port.h"
 
+/* Whether the job was not done when this process was forked, and so never will be. */
+static bool is_lost(const native_job *job) {
+  return job->state != JOB_DONE && native_forked_since(((const native_renderer *)job->renderer)->process);
+}
+
+static bool check_alive(PyObject *object) {
+  if (!is_lost((native_job *)object))
+    return true;
+  native_raise_text(
+      native_state_of(object), PAGS_ERROR_UNSUPPORTED,
+      "Job: wasn't done when this process was forked, and is drawn in the parent alone; submit it here to a "
+      "Renderer made here");
+  return false;
+}
+
 /* Call with the renderer's lock held. */
 static void unqueue(native_renderer *r, native_job *job) {
   native_job *before = NULL;
@@ -28,7 +43,7 @@ static void unqueue(native_renderer *r, native_job *job) {
 
 static void cancel(native_job *job) {
   native_renderer *r = (native_renderer *)job->renderer;
-  if (!r)
+  if (!r || native_forked_since(r->process))
     return;
   pthread_mutex_lock(&r->lock);
   if (job->state == JOB_QUEUED)
@@ -41,8 +56,8 @@ static void cancel(native_job *job) {
 /* Waits at most so many seconds; < 0: until the job is done. */
 static bool wait_for(native_job *job, double seconds) {
   native_renderer *r = (native_renderer *)job->renderer;
-  if (!r)
-    return true;
+  if (!r || native_forked_since(r->process))
+    return job->state == JOB_DONE;
   const int64_t begin = pags_port_clock_ns();
   double left = seconds;
   pthread_mutex_lock(&r->lock);
@@ -61,11 +76,13 @@ static bool wait_for(native_job *job, double seconds) {
 static void job_dealloc(PyObject *object) {
   native_job *job = (native_job *)object;
   PyTypeObject *type = Py_TYPE(object);
+  const bool lost = job->renderer && is_lost(job); /* half drawn: what it holds stays */
   Py_BEGIN_ALLOW_THREADS cancel(job);
   wait_for(job, -1);
-  Py_END_ALLOW_THREADS native_planes_free(&job->planes);
-  native_contents_free(&job->contents);
-  for (int k = 0; k < 2; k++) {
+  Py_END_ALLOW_THREADS if (!lost) native_planes_free(&job->planes);
+  if (!lost)
+    native_contents_free(&job->contents);
+  for (int k = 0; k < 2 && !lost; k++) {
     native_contents_free(&job->moments[k].contents);
     pags_matte_names_destroy(&job->mattes[k]);
   }
@@ -77,14 +94,15 @@ static void job_dealloc(PyObject *object) {
 
 static PyObject *job_done(PyObject *object, PyObject *unused) {
   (void)unused;
-  return PyBool_FromLong(wait_for((native_job *)object, 0));
+  return check_alive(object) ? PyBool_FromLong(wait_for((native_job *)object, 0)) : NULL;
 }
 
 static PyObject *job_wait(PyObject *object, PyObject *arguments) {
   PyObject *value = NULL;
   double seconds = -1;
   bool done;
-  if (!PyArg_ParseTuple(arguments, "|O:wait", &value) || (value && !native_read_finite(value, "seconds", &seconds)))
+  if (!PyArg_ParseTuple(arguments, "|O:wait", &value) || (value && !native_read_finite(value, "seconds", &seconds)) ||
+      !check_alive(object))
     return NULL;
   Py_BEGIN_ALLOW_THREADS done = wait_for((native_job *)object, seconds);
   Py_END_ALLOW_THREADS return PyBool_FromLong(done);
@@ -92,6 +110,8 @@ static PyObject *job_wait(PyObject *object, PyObject *arguments) {
 
 static PyObject *job_cancel(PyObject *object, PyObject *unused) {
   (void)unused;
+  if (!check_alive(object))
+    return NULL;
   cancel((native_job *)object);
   Py_RETURN_NONE;
 }
@@ -109,6 +129,8 @@ PyObject *native_job_take(const native_state *state, native_job *job) {
 
 static PyObject *job_take(PyObject *object, PyObject *unused) {
   (void)unused;
+  if (!check_alive(object))
+    return NULL;
   return native_job_take(native_state_of(object), (native_job *)object);
 }
 
@@ -116,6 +138,7 @@ static PyObject *job_repr(PyObject *object) {
   native_job *job = (native_job *)object;
   return PyUnicode_FromFormat("<pags.Job %d x %d, %s>", job->layout.width, job->layout.height,
                               job->taken         ? "taken"
+                              : is_lost(job)     ? "lost by a fork"
                               : wait_for(job, 0) ? "done"
                                                  : "waiting or drawing");
 }

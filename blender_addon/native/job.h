@@ -19,6 +19,7 @@ typedef struct native_job native_job;
 typedef struct native_renderer {
   PyObject_HEAD pags_tasks *tasks;
   pthread_t thread;
+  int64_t process; /* whose threads draw */
   bool has_thread, has_lock;
   pthread_mutex_t lock;
   pthread_cond_t wake, finished;
@@ -27,8 +28,7 @@ typedef struct native_renderer {
 } native_renderer;
 
 typedef struct native_deadline {
-  PyObject_HEAD pthread_mutex_t lock; /* guards the controller */
-  bool has_lock;
+  PyObject_HEAD native_lock lock; /* guards the controller */
   pags_deadline_controller controller;
 } native_deadline;
 
@@ -73,8 +73,8 @@ struct native_job {
   char message[1024];
 };
 
-/* The arguments of submit, render, gradients and pick after scene and camera, as Python gives them: borrowed references.
- * Those of the first row may be None; those of the others are NULL where they aren't given. */
+/* The arguments of submit, render, gradients and pick after scene and camera, as Python gives them: borrowed
+ * references. Those of the first row may be None; those of the others are NULL where they aren't given. */
 typedef struct native_job_arguments {
   PyObject *outputs, *placements, *others, *window, *object_values, *background, *exposure, *before, *after, *names,
       *clips, *deadline;

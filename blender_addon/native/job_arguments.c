@@ -97,7 +97,8 @@ static bool read_clips(PyObject *value, pags_frame_options *o) {
     o->clip_count = (int)shape[0];
     memcpy(o->clips, planes, (size_t)shape[0] * sizeof *o->clips);
   } else if (good)
-    good = PyErr_Format(PyExc_ValueError, "clips: expected at most %d planes, found %zd", (int)PAGS_MOST_CLIPS, shape[0]);
+    good =
+        PyErr_Format(PyExc_ValueError, "clips: expected at most %d planes, found %zd", (int)PAGS_MOST_CLIPS, shape[0]);
   free(planes);
   return good;
 }
@@ -131,7 +132,9 @@ static bool read_early_z(PyObject *value, native_job *job) {
   if (value && !native_read_word(value, "early_z", &text))
     return false;
   if (pags_early_z_parse(text, &job->options) != PAGS_OK) {
-    native_raise_value(PyExc_ValueError);
+    PyErr_Format(PyExc_ValueError,
+                 "early_z: expected off, lossless, paper, bounded or bounded=EPS with 0 < EPS < 1, found \"%.80s\"",
+                 text);
     return false;
   }
   if (!job->deadline || job->options.early_z != PAGS_EARLY_Z_PAPER)
@@ -192,6 +195,8 @@ static bool read_arguments(const native_state *state, PyObject *scene, const nat
     PyErr_SetString(PyExc_TypeError, "deadline: expected a Deadline or None");
     return false;
   }
+  if (w->deadline != Py_None && !native_lock_check(&((native_deadline *)w->deadline)->lock, state, "Deadline"))
+    return false;
   job->deadline = w->deadline != Py_None ? Py_NewRef(w->deadline) : NULL;
   const native_contents_arguments contents = {w->placements, w->object_values, w->names, w->others};
   return read_window(w->window, job) &&

@@ -112,8 +112,8 @@ static bool read_other(const native_state *state, PyObject *dict, double time, n
     shown->time = time;
     if (result != PAGS_OK)
       native_raise_value(PyExc_ValueError);
-    good = result == PAGS_OK &&
-           (value[TIME] == Py_None || native_read_finite(value[TIME], "others: time", &shown->time));
+    good =
+        result == PAGS_OK && (value[TIME] == Py_None || native_read_finite(value[TIME], "others: time", &shown->time));
   }
   good = good && read_drawn(value[PLACEMENTS], value[OBJECT_VALUES], value[NAMES], shown);
   for (int i = 0; i < KEYS; i++)
@@ -124,6 +124,9 @@ static bool read_other(const native_state *state, PyObject *dict, double time, n
 /* Numbers the Gaussians and labels of all scenes, one scene after another. */
 static bool number(const native_state *state, native_contents *contents) {
   int64_t gaussians = 0, labels = 0;
+  for (int i = 0; i < contents->shown_count; i++)
+    if (!native_lock_check(&scene_of(&contents->shown[i])->lock, state, "Scene"))
+      return false;
   for (int i = 0; i < contents->shown_count; i++) {
     native_shown *const shown = &contents->shown[i];
     const pags_composition *const c = scene_of(shown)->composition;
@@ -209,9 +212,9 @@ static native_scene *next_scene(const native_job *job, const native_scene *last)
 void native_job_lock(const native_job *job, bool lock) {
   for (native_scene *scene = next_scene(job, NULL); scene; scene = next_scene(job, scene))
     if (lock)
-      pthread_mutex_lock(&scene->lock);
+      pthread_mutex_lock(&scene->lock.mutex);
     else
-      pthread_mutex_unlock(&scene->lock);
+      pthread_mutex_unlock(&scene->lock.mutex);
 }
 
 /* ---- Parts ---- */

@@ -10,10 +10,10 @@
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
 
+#include <float.h>
 #include <pags/compose.h>
 #include <pags/frame.h>
 #include <pags/passes.h>
-#include <float.h>
 #include <pthread.h>
 #include <stdbool.h>
 
@@ -32,6 +32,24 @@ PyObject *native_raise_value(PyObject *kind); /* kind: such as PyExc_ValueError 
 /* The string of a text of the engine; bytes that aren't UTF-8, of file names, as os.fsdecode has them. */
 PyObject *native_text(const char *text);
 
+/* ---- Locks, which a fork may lose (fork.c) ---- */
+
+/* Whether this is a process forked from the one of that number (pags_port_process_id). */
+bool native_forked_since(int64_t process);
+
+typedef struct native_lock {
+  pthread_mutex_t mutex;
+  int64_t process; /* that it was made in or last checked in */
+  bool made, lost;
+} native_lock;
+
+bool native_lock_create(native_lock *lock); /* raises if there is none */
+void native_lock_destroy(native_lock *lock);
+/* Whether the lock, and what it guards, can be used in this process. */
+bool native_lock_is_alive(native_lock *lock);
+/* The same; raises that `what` was lost by a fork. To be called before the mutex is locked by a call from Python. */
+bool native_lock_check(native_lock *lock, const native_state *state, const char *what);
+
 /* ---- Buffers ---- */
 
 /* A read-only block of memory with a shape, seen through the buffer protocol; `owner` keeps the memory alive. */
@@ -46,8 +64,7 @@ extern PyType_Spec native_buffer_spec;
 
 typedef struct native_scene {
   PyObject_HEAD pags_composition *composition;
-  pthread_mutex_t lock; /* guards the composition and the tables below */
-  bool has_lock;
+  native_lock lock;   /* guards the composition and the tables below */
   float alpha_min;    /* of the Gaussians drawn first, the background's */
   int32_t *object_of; /* these tables by Gaussian id are filled at first use */
   float *priority_of;
@@ -96,9 +113,9 @@ const native_shown *native_shown_of(const native_shown *shown, int count, int32_
 bool native_read_number(PyObject *value, const char *what, double least, double most, double *out);
 bool native_read_finite(PyObject *value, const char *what, double *out);
 bool native_read_integer(PyObject *value, const char *what, long long least, long long most, long long *out);
-bool native_read_flag(PyObject *value, const char *what, int *out);              /* True or False, 1 or 0 */
-bool native_read_word(PyObject *value, const char *what, const char **out);      /* valid while `value` is */
-bool native_read_camera(PyObject *value, const char *what, pags_camera *out);    /* and checks it */
+bool native_read_flag(PyObject *value, const char *what, int *out);                         /* True or False, 1 or 0 */
+bool native_read_word(PyObject *value, const char *what, const char **out);                 /* valid while `value` is */
+bool native_read_camera(PyObject *value, const char *what, pags_camera *out);               /* and checks it */
 bool native_read_numbers(PyObject *value, const char *what, Py_ssize_t count, double *out); /* finite */
 /* A pose of finite numbers: 12, a matrix of 3 x 4, or one of 4 x 4 whose last row is 0 0 0 1. Not checked further. */
 bool native_read_pose(PyObject *value, const char *what, double out[12]);

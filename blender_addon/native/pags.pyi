@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Types of the module pags, for editors and type checkers; docs/python-api.md says what it does. Camera, View, Arrays and Picked are
+"""Types of the module pags, for editors and type checkers; docs/python-api.md says what it does. Camera, Lens, View, Arrays and Picked are
 names of dictionaries that only type checkers know."""
 
 from collections.abc import Mapping, Sequence
@@ -33,6 +33,21 @@ class Error(RuntimeError):
 class Cancelled(Error): ...
 
 @type_check_only
+class Lens(TypedDict, total=False):
+    kind: str
+    k: Sequence[float]  # 6
+    d: Sequence[float]  # 3
+    p: Sequence[float]  # 2
+    s: Sequence[float]  # 4
+    field: float
+
+@type_check_only
+class RollingShutter(TypedDict):
+    direction: str
+    seconds: float
+    velocity: Sequence[float]  # 6
+
+@type_check_only
 class Camera(TypedDict, total=False):
     width: int
     height: int
@@ -42,6 +57,8 @@ class Camera(TypedDict, total=False):
     cy: float
     world_from_camera: tuple[float, ...]
     time: float
+    lens: Lens  # absent: a pinhole
+    rolling_shutter: RollingShutter  # absent: a global shutter
 
 @type_check_only
 class View(Camera, total=False):
@@ -51,7 +68,6 @@ class View(Camera, total=False):
     frame: int
     gain: tuple[float, float, float]
     offset: tuple[float, float, float]
-    lens: str  # kind of the lens that the photograph was taken and modelled through; absent: a pinhole
 
 @type_check_only
 class Arrays(TypedDict, total=False):

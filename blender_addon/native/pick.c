@@ -43,7 +43,8 @@ static pags_result pick_locked(native_job *job, int x, int y, found *out) {
   double m[12], look[3] = {(x + 0.5 - camera->cx) / camera->fx, (y + 0.5 - camera->cy) / camera->fy, 1};
   if (pags_camera_bends(camera) && !pags_camera_look(camera, x + 0.5, y + 0.5, look))
     return PAGS_OK; /* outside of the circle that the lens sees */
-  pags_rigid_move(camera->world_from_camera, camera->shutter.velocity, pags_camera_read_at(camera, x + 0.5, y + 0.5), m);
+  pags_rigid_move(camera->world_from_camera, camera->shutter.velocity, pags_camera_read_at(camera, x + 0.5, y + 0.5),
+                  m);
   for (int k = 0; k < 3; k++) {
     origin[k] = m[4 * k + 3];
     direction[k] = m[4 * k] * look[0] + m[4 * k + 1] * look[1] + m[4 * k + 2] * look[2];

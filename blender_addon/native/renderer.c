@@ -107,6 +107,7 @@ static void *serve(void *context) {
 /* ---- Renderer ---- */
 
 static bool start(native_renderer *self, int threads) {
+  self->process = pags_port_process_id();
   if (pthread_mutex_init(&self->lock, NULL) != 0)
     return false;
   pthread_cond_init(&self->wake, NULL);
@@ -160,9 +161,11 @@ static void stop(native_renderer *self) {
 static void renderer_dealloc(PyObject *object) {
   native_renderer *self = (native_renderer *)object;
   PyTypeObject *type = Py_TYPE(object);
-  Py_BEGIN_ALLOW_THREADS if (self->has_thread) stop(self);
-  pags_tasks_destroy(self->tasks);
-  if (self->has_lock) {
+  const bool mine = !native_forked_since(self->process); /* else nothing can be ended */
+  Py_BEGIN_ALLOW_THREADS if (mine && self->has_thread) stop(self);
+  if (mine)
+    pags_tasks_destroy(self->tasks);
+  if (mine && self->has_lock) {
     pthread_cond_destroy(&self->wake);
     pthread_cond_destroy(&self->finished);
     pthread_mutex_destroy(&self->lock);
@@ -192,6 +195,10 @@ static PyObject *renderer_submit(PyObject *object, PyObject *arguments, PyObject
   if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OO|$" JOB_ARGUMENT_FORMAT ":submit", names, &scene, &camera,
                                    JOB_ARGUMENT_TARGETS(w)))
     return NULL;
+  if (native_forked_since(((native_renderer *)object)->process))
+    return native_raise_text(native_state_of(object), PAGS_ERROR_UNSUPPORTED,
+                             "Renderer: was made before this process was forked, and its threads stayed in the parent; "
+                             "make another Renderer here, or start processes by multiprocessing's \"spawn\"");
   PyObject *job = native_job_new(native_state_of(object), scene, camera, &w);
   if (job)
     native_job_enqueue((native_renderer *)object, (native_job *)job);

@@ -20,11 +20,7 @@ static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
 native_scene *native_scene_create(PyTypeObject *type) {
   allocfunc alloc = (allocfunc)(size_t)PyType_GetSlot(type, Py_tp_alloc);
   native_scene *self = (native_scene *)alloc(type, 0);
-  if (self && pthread_mutex_init(&self->lock, NULL) == 0)
-    self->has_lock = true;
-  else if (self)
-    PyErr_SetString(PyExc_MemoryError, "no lock can be had");
-  if (!self || self->has_lock)
+  if (!self || native_lock_create(&self->lock))
     return self;
   Py_DECREF(self);
   return NULL;
@@ -102,9 +98,9 @@ PyObject *native_write_edited(PyObject *module, PyObject *arguments) {
 static void scene_dealloc(PyObject *object) {
   native_scene *self = (native_scene *)object;
   PyTypeObject *type = Py_TYPE(object);
-  pags_composition_destroy(self->composition);
-  if (self->has_lock)
-    pthread_mutex_destroy(&self->lock);
+  if (native_lock_is_alive(&self->lock)) /* else a thread of another process was changing it */
+    pags_composition_destroy(self->composition);
+  native_lock_destroy(&self->lock);
   free(self->object_of);
   free(self->priority_of);
   free(self->size_of);
@@ -247,12 +243,16 @@ static PyObject *object_dict(native_scene *self, int64_t index) {
   const pags_part *parts;
   int count;
   int64_t sum = 0;
-  pthread_mutex_lock(&self->lock);
+  if (!native_lock_check(&self->lock, native_state_of((PyObject *)self), "Scene")) {
+    Py_XDECREF(dict);
+    return NULL;
+  }
+  pthread_mutex_lock(&self->lock.mutex);
   if (parts_of(self, index, &parts, &count) != PAGS_OK)
     count = 0;
   for (int p = 0; p < count; p++)
     sum += parts[p].gaussians->count;
-  pthread_mutex_unlock(&self->lock);
+  pthread_mutex_unlock(&self->lock.mutex);
   Py_BEGIN_ALLOW_THREADS gaussians = sum;
 
   Py_END_ALLOW_THREADS bool good =
@@ -322,7 +322,8 @@ static int64_t read_object(PyObject *self, PyObject *value, int64_t least) {
   if (!PyErr_Occurred() && object >= least && object < count)
     return object;
   PyErr_Clear();
-  PyErr_Format(PyExc_IndexError, "object: the scene has %lld objects; there is no number %.80R", (long long)count, value);
+  PyErr_Format(PyExc_IndexError, "object: the scene has %lld objects; there is no number %.80R", (long long)count,
+               value);
   return -2;
 }
 
@@ -454,7 +455,8 @@ static PyObject *scene_points(PyObject *object, PyObject *arguments) {
   if (!PyArg_ParseTuple(arguments, "OO:points", &number, &limit))
     return NULL;
   int64_t which = read_object(object, number, -1);
-  if (which < -1 || !native_read_integer(limit, "budget", LLONG_MIN, LLONG_MAX, &budget))
+  if (which < -1 || !native_read_integer(limit, "budget", LLONG_MIN, LLONG_MAX, &budget) ||
+      !native_lock_check(&self->lock, state, "Scene"))
     return NULL;
   int64_t most = pags_composition_gaussian_count(self->composition);
   budget = budget < 1 ? 1 : budget < most ? budget : most;
@@ -462,14 +464,14 @@ static PyObject *scene_points(PyObject *object, PyObject *arguments) {
   float *colors = malloc((size_t)(budget + 1) * 4 * sizeof *colors);
   Py_ssize_t taken = 0;
   pags_result result = points && colors ? PAGS_OK : pags_out_of_memory("a sample");
-  Py_BEGIN_ALLOW_THREADS pthread_mutex_lock(&self->lock);
+  Py_BEGIN_ALLOW_THREADS pthread_mutex_lock(&self->lock.mutex);
   const pags_part *parts;
   int count;
   if (result == PAGS_OK)
     result = parts_of(self, which, &parts, &count);
   if (result == PAGS_OK)
     taken = sample(parts, count, budget, points, colors);
-  pthread_mutex_unlock(&self->lock);
+  pthread_mutex_unlock(&self->lock.mutex);
   Py_END_ALLOW_THREADS if (result != PAGS_OK) {
     free(points);
     free(colors);

@@ -31,7 +31,8 @@ typedef struct pags_runner {
 } pags_runner;
 
 /* Creates a pool of `threads` workers, of which worker 0 is the thread that calls pags_parallel_for. 0: as many
- * as pags_available_threads(). Returns NULL if out of memory or if threads can't be started. */
+ * as pags_available_threads(). Returns NULL if out of memory or if threads can't be started. A process forked from this
+ * one has none of the threads: there, the pool must not be used nor destroyed. */
 pags_tasks *pags_tasks_create(int threads);
 
 /* Creates the same interface over a host's threads; `runner` is copied. Returns NULL if out of memory. */
