@@ -144,18 +144,36 @@ pags_result pags_colmap_cameras_txt(pags_colmap *model, const pags_colmap_bytes 
   return pags_colmap_sort_cameras(model, bytes->path);
 }
 
-/* Checks that the line of observations has a multiple of three fields (x, y, point id). Any other number means that
- * the empty line of an image without observations is missing from the file, so that the next image was read in its
- * place. */
-static pags_result check_observations(lines *l) {
+/* Whether three fields are those of an observation: x, y and the number of a point, or -1. */
+static bool is_observation(lines l, char *fields) {
+  int64_t point;
+  double at;
+  l.field = fields;
+  return take_number(&l, "x", &at) == PAGS_OK && take_number(&l, "y", &at) == PAGS_OK &&
+         take_integer(&l, "a point's number", -1, LARGEST_ID, &point) == PAGS_OK;
+}
+
+/* Goes to the line of observations of an image, which may be empty, and checks that it has triples of fields, of which
+ * the first and the last are observations. Any other line is that of the next image, read in its place: the empty lines
+ * are missing from the file. */
+static pags_result pass_observations(lines *l) {
+  char *last[3] = {NULL};
   int fields = 0;
+  do
+    if (!next_line(l))
+      return PAGS_OK;
+  while (*l->field == '#');
   for (char *at = l->field; *at; fields++) {
+    last[fields % 3] = at;
     while (!is_end(at))
       at++;
     at = skip_separator(at);
   }
-  return fields % 3 == 0 ? PAGS_OK
-                         : expected(l, "a line of observations (x y point), or an empty one, after each image");
+  if (fields == 0 || (fields % 3 == 0 && is_observation(*l, l->field) && is_observation(*l, last[0])))
+    return PAGS_OK;
+  return expected(l,
+                  "a line of observations (x y point) after each image, or an empty one; are the empty lines missing "
+                  "from this file?");
 }
 
 pags_result pags_colmap_images_txt(pags_colmap *model, const pags_colmap_bytes *bytes) {
@@ -175,7 +193,7 @@ pags_result pags_colmap_images_txt(pags_colmap *model, const pags_colmap_bytes *
     pags_result result = where ? pags_colmap_add_image(model, where, &image) : pags_out_of_memory("%s", l.bytes->path);
     free(where);
     PAGS_TRY(result);
-    PAGS_TRY(next_line(&l) ? check_observations(&l) : PAGS_OK);
+    PAGS_TRY(pass_observations(&l));
   }
   return PAGS_OK;
 }

@@ -135,6 +135,21 @@ class Colmap(Case):
         self.write("sparse/0/test.txt", "1.png\nnone.png\n")
         self.warning(self.info()[0], "1 of its 2 names are of no picture")
 
+    def test_images_without_their_empty_lines(self):
+        """Whatever words a name has, the next image is not taken for observations; comments may stand between."""
+        for pattern in ("{}.png", "a ({}).png", "a b {}.png", "{} 1 2", "a b c d e {}.png"):
+            for end in ("\n", "\r\n"):
+                names = [pattern.format(i) for i in range(6)]
+                for name in names:
+                    self.write(f"images/{name}", GREY)
+                self.model("sparse/0", names)
+                text = colmap_text(names).replace("1 0 0 0", "0.9 0.1 0.3 0.3").replace("\n", end)
+                self.write("sparse/0/images.txt", text.replace(end + end, end + "# observations" + end + "  1.5 2.5 -1  3 4 7 " + end))
+                self.assertEqual(self.views(self.info()[0]), 6, pattern)
+                self.write("sparse/0/images.txt", text.replace(end + end, end))
+                self.fails(["info", self.folder], "images.txt:2: expected a line of observations", "empty lines missing")
+                shutil.rmtree(self.path("images"))
+
     def test_unused_cameras_and_unknown_ones(self):
         names = self.pictures()
         self.model("sparse/0", names)

@@ -223,7 +223,7 @@ class Photographs(fixtures.Case):
         self.assertEqual(self.photo()[2], self.pixels[0])
         self.assertNotAlmostEqual(masked, ignored, places=2)
         write(f"{self.set}/images/002.png", png(WIDTH, HEIGHT, bytes(WIDTH * HEIGHT * 4), 4))
-        self.one_warning(self.train("--image-alpha", "mask", steps=12), "alpha of their photograph", "002.png")
+        self.one_warning(self.train("--image-alpha", "mask", steps=12), "left out by its alpha", "002.png")
         self.cut_out()
         self.train("--image-alpha", "mask")
         content = self.change()
