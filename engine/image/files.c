@@ -46,7 +46,7 @@ static const picture_format *find_format(const uint8_t *bytes, size_t size) {
 }
 
 /* Fails with PAGS_ERROR_UNSUPPORTED because a file is of none of the formats above, or with PAGS_ERROR_FORMAT if it is
- * empty. */
+ * empty or of a format that no photograph has and whose reader in OpenImageIO crashes where a file is cut off. */
 static pags_result refuse(const char *path, const uint8_t *bytes, size_t size) {
   static const struct {
     const char *magic, *name;
@@ -59,6 +59,10 @@ static pags_result refuse(const char *path, const uint8_t *bytes, size_t size) {
       name = known[i].name;
   if (size == 0)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: is empty, expected a picture", path);
+  const bool icon = size >= 4 && memcmp(bytes, "\0\0\1\0", 4) == 0;
+  if (icon || (size >= 4 && (memcmp(bytes, "FOR4", 4) == 0 || memcmp(bytes, "FORM", 4) == 0)))
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: %s, which isn't read: expected a photograph, such as a PNG", path,
+                     icon ? "an icon" : "an IFF");
   return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: PNG, JPEG and EXR are read; this file is %s", path, name);
 }
 

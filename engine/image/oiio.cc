@@ -154,7 +154,8 @@ pags_result read_pixels(void *handle, const int *channels, int count, pags_sampl
       while (end < count && channels[end] == channels[end - 1] + 1)
         end++;
       char *const to = static_cast<char *>(data) + type.size() * static_cast<size_t>(i);
-      if (!input->read_image(part, 0, channels[i], channels[end - 1] + 1, type, to, stride)) {
+      // The reader of TIFF returns true for a file that is cut off, but leaves its message.
+      if (!input->read_image(part, 0, channels[i], channels[end - 1] + 1, type, to, stride) || input->has_error()) {
         set_message(message, input->geterror());
         return PAGS_ERROR_FORMAT;
       }
