@@ -7,6 +7,7 @@
 #include "cli/option_rules.h"
 #include "cli/photographs.h"
 #include "cli/picture.h"
+#include "cli/picture_names.h"
 #include "cli/pose_errors.h"
 #include "cli/priority_truth.h"
 #include "cli/ranks.h"
@@ -22,6 +23,7 @@
 #include "base/file.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/text.h"
 #include "dataset/photo_mask.h"
 #include "train/fit_pose.h"
 
@@ -112,9 +114,10 @@ typedef struct evaluation {
   pags_frame *frame;
   pags_frame_options options;
   pags_view_score *scores;
-  int64_t *score_views;    /* of each score the index of its view among the photographs' */
-  int64_t count;           /* scores; of this rank until the ranks' are gathered */
-  int64_t *without_pixels; /* indices of views whose mask leaves no pixel: they have no figures */
+  pags_picture_names names; /* of --images, of all views of the data set */
+  int64_t *score_views;     /* of each score the index of its view among the photographs' */
+  int64_t count;            /* scores; of this rank until the ranks' are gathered */
+  int64_t *without_pixels;  /* indices of views whose mask leaves no pixel: they have no figures */
   int64_t without_count;
   int64_t shown;                     /* views in which a Gaussian is in view */
   pags_depth_errors depth_errors[2]; /* [0] training views, [1] held-out views */
@@ -128,18 +131,19 @@ typedef struct evaluation {
 /* ---- Comparing one view ---- */
 
 static pags_result save_image(const char *folder, const char *name, const char *what, const pags_image *image) {
-  char stem[PAGS_STEM], file[PAGS_STEM + 16];
-  pags_stem(name, stem, sizeof stem);
-  snprintf(file, sizeof file, "%s_%s.png", stem, what);
-  return pags_image_save_in(folder, file, image);
+  char *file = pags_text_format("%s_%s.png", name, what);
+  const pags_result result = file ? pags_image_save_in(folder, file, image) : pags_out_of_memory("%s", name);
+  free(file);
+  return result;
 }
 
-static pags_result measure(const evaluation *self, pags_image *render, const pags_photograph *photo,
+/* `view`: its index in the data set. */
+static pags_result measure(const evaluation *self, int64_t view, pags_image *render, const pags_photograph *photo,
                            pags_view_score *score) {
   PAGS_TRY(pags_view_score_measure(render, photo, self->arguments->session.tasks, score));
   if (self->arguments->images) {
-    PAGS_TRY(save_image(self->arguments->images, score->name, "render", render));
-    PAGS_TRY(save_image(self->arguments->images, score->name, "photo", &photo->image));
+    PAGS_TRY(save_image(self->arguments->images, self->names.items[view], "render", render));
+    PAGS_TRY(save_image(self->arguments->images, self->names.items[view], "photo", &photo->image));
   }
   if (self->lpips) {
     if (photo->mask) {
@@ -162,7 +166,7 @@ static pags_result compare_picture(evaluation *self, const pags_photographs_view
   pags_view_score *score = &self->scores[self->count];
   pags_image render = {0};
   PAGS_TRY(pags_picture_to_image(picture, PAGS_F32, &render));
-  pags_result result = measure(self, &render, photo, score);
+  pags_result result = measure(self, at->index, &render, photo, score);
   pags_image_destroy(&render);
   if (result == PAGS_OK && picture->depth)
     result = pags_depth_errors_add(&self->depth_errors[at->test != 0], self->photographs.dataset, at->index, picture,
@@ -447,7 +451,10 @@ static pags_result open_all(evaluation *self, const char *scene_path) {
   self->options.order = (pags_order)arguments->order;
   self->options.extra_channels = (pags_dataset_provides(self->photographs.dataset) & PAGS_PROVIDES_LIDAR) != 0;
   PAGS_TRY(pags_frame_create(arguments->session.tasks, &self->frame));
-  return arguments->images ? pags_prepare_folder(self->session, arguments->images) : PAGS_OK;
+  if (!arguments->images)
+    return PAGS_OK;
+  PAGS_TRY(pags_picture_names_of_dataset(self->photographs.dataset, &self->names));
+  return pags_prepare_folder(self->session, arguments->images);
 }
 
 /* Compares every chosen view with its photograph, this rank its share of them. */
@@ -623,6 +630,7 @@ int pags_verb_eval(int argc, char **argv) {
     result = evaluate(&self, parsed.positionals[0]);
   if (self.frame)
     pags_frame_destroy(self.frame);
+  pags_picture_names_destroy(&self.names);
   pags_photographs_close(&self.photographs);
   if (self.lpips)
     pags_lpips_destroy(self.lpips);

@@ -6,8 +6,7 @@
 #include "base/file.h"
 #include "base/memory.h"
 #include "base/text.h"
-#include "cli/picture.h"
-#include "cli/session.h"
+#include "cli/picture_names.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -36,23 +35,6 @@ static pags_result append(pags_viewpoints *viewpoints, const char *name, const p
   return PAGS_OK;
 }
 
-static bool taken(const pags_viewpoints *viewpoints, const char *name) {
-  for (int64_t i = 0; i < viewpoints->count; i++)
-    if (!strcmp(viewpoints->items[i].name, name))
-      return true;
-  return false;
-}
-
-/* Adds a view under the stem of its photograph's name; under the whole name if another view already has
- * that stem (a.jpg beside a.png). */
-static pags_result append_view(pags_viewpoints *viewpoints, const char *photograph, const pags_camera *camera) {
-  char stem[PAGS_STEM];
-  pags_stem(photograph, stem, sizeof stem);
-  if (taken(viewpoints, stem))
-    return append(viewpoints, pags_path_is_inside(photograph) ? photograph : pags_path_name(photograph), camera);
-  return append(viewpoints, stem, camera);
-}
-
 static bool wanted(pags_split split, int test) {
   return split == PAGS_SPLIT_ALL || (split == PAGS_SPLIT_TEST) == (test != 0);
 }
@@ -70,19 +52,21 @@ static pags_result check_any(const pags_viewpoints *viewpoints, pags_split split
 
 pags_result pags_viewpoints_of_scene(const pags_scene *scene, const char *path, pags_split split,
                                      pags_viewpoints *out) {
+  pags_picture_names names;
   PAGS_TRY(create(scene->view_count, out));
-  pags_result result = PAGS_OK;
+  pags_result result = pags_picture_names_of_scene(scene, &names);
   for (int64_t i = 0; result == PAGS_OK && i < scene->view_count; i++) {
     const pags_scene_view *view = &scene->views[i];
     if (!wanted(split, view->test))
       continue;
-    result = append_view(out, view->name, &view->camera);
+    result = append(out, names.items[i], &view->camera);
     if (result == PAGS_OK) {
       memcpy(out->items[out->count - 1].gain, view->gain, sizeof view->gain);
       memcpy(out->items[out->count - 1].offset, view->offset, sizeof view->offset);
       out->items[out->count - 1].light = view->light;
     }
   }
+  pags_picture_names_destroy(&names);
   if (result == PAGS_OK)
     result = check_any(out, split, path,
                        scene->view_count ? "expected --split all, or a training with another --split-every"
@@ -94,13 +78,15 @@ pags_result pags_viewpoints_of_scene(const pags_scene *scene, const char *path, 
 
 pags_result pags_viewpoints_of_dataset(const pags_dataset *dataset, pags_split split, pags_viewpoints *out) {
   int64_t count = pags_dataset_view_count(dataset);
+  pags_picture_names names;
   PAGS_TRY(create(count, out));
-  pags_result result = PAGS_OK;
+  pags_result result = pags_picture_names_of_dataset(dataset, &names);
   for (int64_t i = 0; result == PAGS_OK && i < count; i++) {
     const pags_view *view = pags_dataset_view(dataset, i);
     if (wanted(split, view->test))
-      result = append_view(out, view->name, &view->camera);
+      result = append(out, names.items[i], &view->camera);
   }
+  pags_picture_names_destroy(&names);
   if (result == PAGS_OK)
     result = check_any(out, split, pags_dataset_path(dataset), "expected another --split or --split-every");
   if (result != PAGS_OK)

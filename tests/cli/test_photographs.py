@@ -183,6 +183,24 @@ class Photographs(fixtures.Case):
         self.succeeds("render", self.path("scene"), "--split", "all", "-o", self.path("again", "drawn"))
         self.assertIn("outside.png", os.listdir(self.path("again", "drawn")))
 
+    def test_names_that_differ_in_extension_or_case(self):
+        """No picture of a view overwrites another's, wherever it is unpacked; a name doesn't depend on the chosen views."""
+        names = ["a.png", "a.jpg", "A.png", "a.jpeg", "cam/a.png", "cam/a.JPG", "a.png-1.png", "b.c.png", "b.c"]
+        content = self.change()
+        for frame, name in zip(content["frames"], names, strict=True):
+            write(f"{self.set}/images/{name}", fixtures.read(f"{self.set}/{frame['file_path']}"))
+            frame["file_path"] = f"images/{name}"
+        self.change(frames=content["frames"])
+        self.train()
+        self.eval()
+        self.succeeds("render", self.path("scene"), "--split", "all", "-o", self.path("drawn"))
+        drawn = {name[: -len(".png")] for name in fixtures.files_below(self.path("drawn"))}
+        compared = {name[: -len("_photo.png")] for name in fixtures.files_below(self.path("eval")) if name.endswith("_photo.png")}
+        self.assertEqual(drawn, compared)
+        self.assertEqual(len({name.lower() for name in drawn}), 9, drawn)
+        self.succeeds("render", self.path("scene"), "--split", "test", "-o", self.path("some"))
+        self.assertLess({name[: -len(".png")] for name in fixtures.files_below(self.path("some"))}, drawn)
+
     # ---- Colours ----
 
     def rgba(self, i, alpha):
