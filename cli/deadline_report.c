@@ -8,7 +8,7 @@
 #include <string.h>
 
 #include "base/memory.h"
-#include "maths/maths.h"
+#include "base/psnr.h"
 
 pags_result pags_deadline_report_create(const pags_composition *composition, pags_tasks *tasks, double ms,
                                         int check_every, pags_deadline_report *out) {
@@ -76,18 +76,13 @@ pags_result pags_deadline_report_draw(pags_deadline_report *d, const pags_part *
   return PAGS_OK;
 }
 
-/* PSNR in dB of a sum of squared errors over `samples` values; infinite if nothing differs. */
-static double decibels(double squared, double samples) {
-  return squared > 0 ? -10 * pags_log10(squared / samples) : (double)INFINITY;
-}
-
 static void say_error(const pags_session *session, const char *what, double squared, double samples, double largest) {
   if (samples == 0)
     pags_say(session, "; %s: none", what);
   else if (squared == 0)
     pags_say(session, "; %s: no error", what);
   else
-    pags_say(session, "; %s: %.2f dB, largest error %.4f", what, decibels(squared, samples), largest);
+    pags_say(session, "; %s: %.2f dB, largest error %.4f", what, pags_psnr(squared / samples), largest);
 }
 
 void pags_deadline_report_print(const pags_deadline_report *d, const pags_session *session) {
@@ -120,10 +115,7 @@ void pags_deadline_report_print(const pags_deadline_report *d, const pags_sessio
 static void put_error(pags_json_writer *json, const char *name, double squared, double samples, double largest) {
   pags_json_begin_object(json, name);
   pags_json_put_integer(json, "pixels", (int64_t)(samples / 3));
-  if (squared > 0)
-    pags_json_put_number(json, "psnr", decibels(squared, samples));
-  else
-    pags_json_put_null(json, "psnr"); /* no pixel differs */
+  pags_json_put_number(json, "psnr", samples > 0 ? pags_psnr(squared / samples) : (double)NAN);
   pags_json_put_number(json, "max_error", largest);
   pags_json_end_object(json);
 }

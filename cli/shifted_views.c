@@ -12,6 +12,7 @@
 #include <string.h>
 #include "base/file.h"
 #include "base/memory.h"
+#include "base/psnr.h"
 #include "image/resample.h"
 
 typedef struct shifting {
@@ -90,7 +91,7 @@ static pags_result compare_road(const pags_image *render, const pags_image *phot
     if (result == PAGS_OK)
       result = pags_eval_psnr(render, photographs, road, &psnr);
     if (result == PAGS_OK && !isnan(psnr)) {
-      score->road_psnr += psnr;
+      score->road_psnr += pags_psnr_capped(psnr);
       score->road_views++;
     }
     free(road);
@@ -105,7 +106,7 @@ static pags_result compare(const shifting *s, const pags_image *render, const pa
   double psnr, ssim;
   PAGS_TRY(pags_eval_psnr(render, photographs, NULL, &psnr));
   PAGS_TRY(pags_eval_ssim(render, photographs, NULL, s->session->tasks, &ssim));
-  score->psnr += psnr;
+  score->psnr += pags_psnr_capped(psnr);
   score->ssim += ssim;
   score->views++;
   if (!s->images)

@@ -23,6 +23,7 @@
 #include "base/file.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/psnr.h"
 #include "base/text.h"
 #include "dataset/photo_mask.h"
 #include "train/fit_pose.h"
@@ -184,6 +185,7 @@ static pags_result compare_unexposed(evaluation *self, const pags_camera *camera
   PAGS_TRY(pags_frame_render(self->frame, parts, part_count, camera, &self->options, NULL, NULL, &picture));
   PAGS_TRY(pags_picture_to_image(&picture, PAGS_F32, &render));
   pags_result result = pags_eval_psnr(&render, &photo->image, photo->mask, &score->psnr_unexposed);
+  score->psnr_unexposed = pags_psnr_capped(score->psnr_unexposed);
   pags_image_destroy(&render);
   return result;
 }

@@ -12,6 +12,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "base/psnr.h"
 
 static const char *const suffixes[PAGS_REGION_COUNT] = {"",          "_critical",    "_noncritical", "_moving",
                                                         "_vehicles", "_pedestrians", "_cyclists"};
@@ -55,6 +56,8 @@ pags_result pags_view_score_measure(const pags_image *render, const pags_photogr
   const pags_result result =
       pags_eval_regions(render, &photograph->image, regions, PAGS_REGION_COUNT, tasks, score->psnr, score->ssim);
   free(regions);
+  for (int r = 0; result == PAGS_OK && r < PAGS_REGION_COUNT; r++)
+    score->psnr[r] = pags_psnr_capped(score->psnr[r]);
   return result;
 }
 

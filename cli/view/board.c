@@ -70,7 +70,7 @@ static pags_result read_line(pags_board *self, const pags_json *json) {
     add_held_out(self, (int64_t)step, psnr);
   } else if (pags_json_member(root, "loss")) {
     PAGS_TRY(pags_json_number(json, root, "loss", &loss));
-    PAGS_TRY(pags_json_number(json, root, "psnr", &psnr));
+    PAGS_TRY(pags_json_number_or(json, root, "psnr", (double)NAN, &psnr));
     const double point[COLUMNS] = {step, loss, psnr, gaussians, (double)NAN, (double)NAN};
     add_point(self, point);
   }

@@ -15,6 +15,7 @@
 #include <string.h>
 #include "base/clock.h"
 #include "base/memory.h"
+#include "base/psnr.h"
 #include "image/jpeg.h"
 #include "maths/maths.h"
 
@@ -342,7 +343,7 @@ static pags_result compare(pags_drawer *self, const pags_view_look *look, const 
       const float value = look->channel == PAGS_VIEW_PHOTOGRAPH ? b[i] : TIMES * fabsf(a[i] - b[i]);
       ((uint8_t *)shown.data)[i] = (uint8_t)(255 * (value > 0 ? value < 1 ? value : 1 : 0) + 0.5F);
     }
-    result = send_picture(look, &shown, QUALITY, true, drawn, psnr, out);
+    result = send_picture(look, &shown, QUALITY, true, drawn, pags_psnr_capped(psnr), out);
   }
   pags_image_destroy(&picture);
   pags_image_destroy(&shown);

@@ -12,6 +12,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "base/psnr.h"
 #include "base/vec3.h"
 #include "maths/maths.h"
 #include "port/port.h"
@@ -130,10 +131,6 @@ static pags_result camera_gradient(fit *f, pags_frame *frame, const pags_camera 
   return PAGS_OK;
 }
 
-static double psnr_of(double mean_square) {
-  return mean_square > 0.0 ? -10.0 * pags_log10(mean_square) : (double)NAN;
-}
-
 static pags_result run(fit *f, pags_frame *frame, const pags_frame_options *options, pags_touch_fn *touch, void *user,
                        pags_fitted_pose *out) {
   const pags_train_config config = pags_train_config_default();
@@ -149,14 +146,14 @@ static pags_result run(fit *f, pags_frame *frame, const pags_frame_options *opti
     const double left = mean_square(f, &picture, 0, half, true), right = mean_square(f, &picture, half, width, false);
     if (step == 0) {
       depth = mean_depth(&picture);
-      out->given = out->fitted = psnr_of(right);
+      out->given = out->fitted = pags_psnr(right);
     }
     if (isnan(left) || isnan(right))
       return PAGS_OK;
     if (left < least) {
       least = left;
       out->camera = camera;
-      out->fitted = psnr_of(right);
+      out->fitted = pags_psnr(right);
     }
     if (step == STEPS)
       break;

@@ -9,7 +9,7 @@
 
 typedef struct pags_fitted_pose {
   pags_camera camera;   /* with the fitted pose */
-  double given, fitted; /* PSNR of the right half, dB, as given and as fitted; NaN if no pixel counts or none differs */
+  double given, fitted; /* PSNR of the right half, dB, as given and as fitted; NaN if no pixel counts */
 } pags_fitted_pose;
 
 /* Draws `parts` through `camera` some forty times, with keep_for_backward and therefore without a light; gain and

@@ -5,8 +5,8 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include "base/psnr.h"
 #include "cluster/shares.h"
-#include "maths/maths.h"
 #include "threads/record.h"
 #include "train/round.h"
 
@@ -45,7 +45,7 @@ static pags_result measure(pags_trainer *t, int64_t step, const pags_frame_optio
   PAGS_TRY(pags_photo_cache_get(t->cache, own->view, 1, &photo));
   PAGS_TRY(pags_round_draw(t, step, options, &picture));
   const double mse = mean_square(&picture, &photo, &own->camera, exposed);
-  *psnr = mse > 0 ? -10 * pags_log10(mse) : (double)NAN;
+  *psnr = pags_psnr(mse);
   return PAGS_OK;
 }
 

@@ -10,7 +10,7 @@
 typedef struct pags_measured_view {
   int64_t view;          /* of the data set */
   pags_scene_view shown; /* by which camera it is drawn, which may be another than the data set's, and how exposed */
-  double psnr;           /* dB, the result; NaN if no pixel counts or none differs */
+  double psnr;           /* dB, the result; NaN if no pixel counts */
 } pags_measured_view;
 
 /* Collective: measures the views, which are the same at all ranks. Errors of photographs. */

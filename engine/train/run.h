@@ -64,6 +64,7 @@ typedef struct pags_trainer {
   int64_t shared_nonfinite;       /* state.nonfinite.count at the begin of the step */
   struct pags_step_view *round;   /* [ranks]: the views of a round */
   pags_lidar_planes lidar_planes; /* of the data set; empty without lidar_pull and lidar_lay */
+  bool counted;                   /* a pixel of a photograph has counted */
   int measuring;                  /* 1: a timing probe; gradients are computed but nothing is updated */
   pags_train_traffic traffic;     /* with several ranks: of the views that this one has drawn */
   struct {

@@ -14,8 +14,8 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/psnr.h"
 #include "dataset/photo_mask.h"
-#include "maths/maths.h"
 #include "port/port.h"
 #include "threads/record.h"
 #include "train/config.h"
@@ -36,8 +36,14 @@ enum { ESTIMATE_STEPS = 50, MASKS_TEXT = 160 };
 
 /* ---- One step ---- */
 
-static double psnr_of(double mse) {
-  return mse > 0.0 ? -10.0 * pags_log10(mse) : 0.0;
+/* PSNR of a view; NaN if none of its pixels counts. */
+static double view_psnr(const pags_photometric_loss *loss) {
+  return loss->counted > 0 ? pags_psnr(loss->mse) : (double)NAN;
+}
+
+/* PSNR of the running mean; NaN if no pixel has counted yet. */
+static double mean_psnr(const pags_trainer *t) {
+  return t->counted || t->state.mse > 0 ? pags_psnr(t->state.mse) : (double)NAN;
 }
 
 static const char *bad_row_name(const pags_trainer *t) {
@@ -87,6 +93,7 @@ static pags_result do_round(pags_trainer *t, int64_t step, int64_t first, pags_s
     const double weight = 1.0 / (double)(v->number < t->view_count ? v->number : t->view_count);
     s->loss += weight * (v->loss.loss - s->loss);
     s->mse += weight * (v->loss.mse - s->mse);
+    t->counted = t->counted || v->loss.counted > 0;
   }
   *last = t->round[count - 1];
   return PAGS_OK;
@@ -160,12 +167,12 @@ static int call_host(pags_trainer *t, run_clock *clock, const pags_step_view *v)
                                         .it_per_second = rate,
                                         .gaussians = pags_state_gaussian_count(s),
                                         .loss = s->loss,
-                                        .psnr = psnr_of(s->mse),
+                                        .psnr = mean_psnr(t),
                                         .seconds = seconds,
                                         .eta_seconds = rate > 0.0 ? (double)(s->stop - s->step) / rate : 0.0,
                                         .level = v->level,
                                         .bad_rows = s->nonfinite.count,
-                                        .seen = {v->view, v->loss.counted > 0 ? psnr_of(v->loss.mse) : (double)NAN},
+                                        .seen = {v->view, view_psnr(&v->loss)},
                                         .held_out_count = t->held_out.count,
                                         .held_out = t->held_out.scores,
                                         .held_out_psnr = t->held_out.psnr,
@@ -207,11 +214,11 @@ static pags_result write_step(pags_trainer *t, const pags_step_view *v) {
                                                            .level = v->level,
                                                            .sh_degree = pags_schedule_sh_degree(&s->schedule, s->step),
                                                            .loss = s->loss,
-                                                           .psnr = psnr_of(s->mse),
+                                                           .psnr = mean_psnr(t),
                                                            .step_loss = v->loss.loss,
                                                            .step_l1 = v->loss.l1,
                                                            .step_ssim = v->loss.ssim,
-                                                           .step_psnr = psnr_of(v->loss.mse),
+                                                           .step_psnr = view_psnr(&v->loss),
                                                            .terms = v->terms,
                                                            .bad_rows = s->nonfinite.count}));
   if (o->preview_every > 0 && s->step % o->preview_every == 0 && t->shared.rank == (s->schedule.batch - 1) % t->ranks)
@@ -364,7 +371,7 @@ static pags_result run(pags_trainer *t, double begin, pags_train_result *r) {
         1e3 * (double)((s->step - clock.tail_step) * s->schedule.batch) / fmax(now - clock.tail, 1e-6);
   r->peak_rss_bytes = pags_port_peak_memory();
   r->loss = s->loss;
-  r->psnr = psnr_of(s->mse);
+  r->psnr = mean_psnr(t);
   r->bad_rows = s->nonfinite.count;
   if (s->nonfinite.count > 0)
     pags_nonfinite_describe(&s->nonfinite, bad_row_name(t), r->first_bad_row);
@@ -405,9 +412,11 @@ pags_train_options pags_train_options_default(void) {
 }
 
 /* Fills in the fields set to auto. Blocks of a recording have one gauge of poses and brightness, which corrections of
- * each block by itself would move. */
-static pags_train_config resolve(const pags_dataset *dataset, const pags_train_config *asked) {
+ * each block by itself would move. Photographs of one colour have none that depends on the view. */
+static pags_train_config resolve(const pags_dataset *dataset, const pags_train_config *asked, bool one_colour) {
   pags_train_config config = *asked;
+  if (one_colour && config.color.sh_degree < 0)
+    config.color.sh_degree = 0;
   if (pags_dataset_block(dataset)) {
     config.cameras.camera_poses = config.cameras.camera_poses > 0;
     config.cameras.light = config.cameras.light > 0;
@@ -416,16 +425,19 @@ static pags_train_config resolve(const pags_dataset *dataset, const pags_train_c
 }
 
 /* What a rank finds out by itself, before anything is written; rank 0 alone writes to the folder. */
-static pags_result prepare(pags_trainer *t, const pags_train_config *asked, pags_train_config *config, int *found) {
+static pags_result prepare(pags_trainer *t, const pags_train_config *asked, pags_train_config *config, int *found,
+                           bool *one_colour) {
   const pags_train_options *o = t->options;
   PAGS_TRY(pags_train_config_check(asked));
   if (!o->estimate)
     PAGS_TRY(pags_output_find(&t->output, o, found));
   PAGS_TRY(pags_views_list(t));
-  *config = resolve(t->dataset, asked);
+  PAGS_TRY(pags_photo_cache_create(t->dataset, t->tasks, o->image_cache, &t->cache));
+  if (!(pags_dataset_fps(t->dataset) > 0.0))
+    PAGS_TRY(pags_views_find_one_colour(t, one_colour));
+  *config = resolve(t->dataset, asked, *one_colour);
   PAGS_TRY(pags_train_config_check(config)); /* chosen values can contradict those that were set */
-  PAGS_TRY(pags_share_run_check(o));
-  return pags_photo_cache_create(t->dataset, t->tasks, o->image_cache, &t->cache);
+  return pags_share_run_check(o);
 }
 
 static pags_result open_state(pags_trainer *t, const pags_train_config *config, int found) {
@@ -437,8 +449,10 @@ static pags_result open_run(pags_trainer *t, const pags_train_config *asked, pag
   const pags_train_options *o = t->options;
   pags_train_config config;
   int found = 0;
-  PAGS_TRY(pags_transport_agree(o->transport, prepare(t, asked, &config, &found)));
+  bool one_colour = false;
+  PAGS_TRY(pags_transport_agree(o->transport, prepare(t, asked, &config, &found, &one_colour)));
   PAGS_TRY(pags_transport_agree(o->transport, open_state(t, &config, found)));
+  t->state.one_colour = one_colour;
   PAGS_TRY(pags_share_run_begin(t));
   if (!found)
     PAGS_TRY(pags_size_limit_start(t->dataset, &t->state, t->tasks));

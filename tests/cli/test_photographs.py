@@ -201,6 +201,27 @@ class Photographs(fixtures.Case):
         self.succeeds("render", self.path("scene"), "--split", "test", "-o", self.path("some"))
         self.assertLess({name[: -len(".png")] for name in fixtures.files_below(self.path("some"))}, drawn)
 
+    def test_photographs_of_one_colour(self):
+        """Equal pictures have 100 dB, which is a number in every file and in means; no colour depends on the view."""
+        black = fixtures.png_bytes(WIDTH, HEIGHT, bytes(3 * WIDTH * HEIGHT))
+        for i in range(VIEWS):
+            write(f"{self.set}/images/{i:03d}.png", black)
+        aside = write(self.path("aside.ply"), fixtures.ply_bytes([fixtures.splat(0, 0, 500, (1, 1, 1))]))
+        found = json.loads(self.succeeds("eval", aside, "--dataset", self.set, "--json", "-").stdout)
+        self.assertEqual([found[part]["psnr"] for part in ("train", "test")], [100, 100])
+        self.assertEqual({view["psnr"] for view in found["train"]["per_view"]}, {100})
+        more = ["-n", 4, "--preview-every", 2, "--log-every", 1, "--random-points", 200]
+        self.succeeds("train", self.set, "-o", self.path("scene"), *more)
+        scene = json.loads(fixtures.read(self.path("scene", "scene.json")))
+        self.assertEqual((scene["models"][0]["sh_degree"], scene["modelled"]["colour"]["sh_degree"]), (0, 0))
+        lines = [json.loads(line) for line in fixtures.read(self.path("scene", "log.jsonl")).splitlines()]
+        self.assertNotIn(None, [line[key] for line in lines for key in ("psnr", "view_psnr", "held_out_psnr") if key in line])
+        self.assertIn("the photographs have one colour", self.succeeds("info", self.path("scene")).stdout)
+        write(f"{self.set}/images/004.png", fixtures.png_bytes(WIDTH, HEIGHT, bytes([2]) + bytes(3 * WIDTH * HEIGHT - 1)))
+        self.train()
+        scene = json.loads(fixtures.read(self.path("scene", "scene.json")))
+        self.assertEqual(scene["models"][0]["sh_degree"], 3)
+
     # ---- Colours ----
 
     def rgba(self, i, alpha):

@@ -67,7 +67,7 @@ export class Run {
     $('run-head').textContent = `Step ${state.step} of ${state.steps}, ` + (last ? 'scoring and writing the scene' : state.stopping ? 'stopping' : `${duration(state.left)} left`);
     $('run-bar').value = state.step / state.steps;
     const held = this.held.at(-1);
-    $('run-facts').textContent = `loss ${state.loss.toFixed(4)}, training PSNR ${state.psnr.toFixed(2)} dB${state.shrink > 1 ? ` at 1/${state.shrink} size` : ''}\n` +
+    $('run-facts').textContent = `loss ${state.loss.toFixed(4)}, training PSNR ${state.psnr === null ? 'unknown' : `${state.psnr.toFixed(2)} dB`}${state.shrink > 1 ? ` at 1/${state.shrink} size` : ''}\n` +
       (held ? `held-out PSNR ${held[1] === null ? 'unknown' : `${held[1].toFixed(2)} dB`} at step ${held[0]}\n` : '') +
       `${short(state.gaussians)} Gaussians, ${state.rate.toFixed(1)} steps a second, ${duration(state.seconds)} trained\n` +
       `pages took ${(100 * state.share).toFixed(1)} % of the time, ${(100 * state.mostShare).toFixed(0)} % at most` +
