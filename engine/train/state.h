@@ -31,6 +31,7 @@ typedef struct pags_train_state {
   pags_train_model *models;   /* the background first, then objects in the data set's order */
   pags_track_poses tracks;    /* tracks of all labelled objects */
   pags_sky_fit sky;           /* size 0: no sky */
+  bool one_colour;            /* the photographs have no second one */
   double sky_share;           /* share of the training photographs' pixels that is sky */
   int64_t lidar_points;       /* number of LiDAR points that the background started from */
   pags_exposures exposures;   /* count 0: exposure isn't modelled */

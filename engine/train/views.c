@@ -121,6 +121,34 @@ static void announce(pags_trainer *t, int64_t photograph, int level) {
   pags_photo_cache_prefetch(t->cache, ahead, count, level);
 }
 
+/* Widens the range of each colour by the pixels of a photograph that count, until one is wider than a level. */
+static bool within_a_level(const pags_photo *photo, int lo[3], int hi[3]) {
+  for (int y = 0; y < photo->height; y++)
+    for (int x = 0; x < photo->width; x++) {
+      const size_t at = (size_t)y * (size_t)photo->stride + (size_t)x;
+      for (int c = 0; c < 3 && (!photo->mask || photo->mask[at]); c++) {
+        const int value = photo->rgb[(size_t)c * (size_t)photo->stride * (size_t)photo->height + at];
+        lo[c] = value < lo[c] ? value : lo[c];
+        hi[c] = value > hi[c] ? value : hi[c];
+        if (hi[c] - lo[c] > 1)
+          return false;
+      }
+    }
+  return true;
+}
+
+pags_result pags_views_find_one_colour(pags_trainer *t, bool *out) {
+  int lo[3] = {255, 255, 255}, hi[3] = {0};
+  *out = true;
+  for (int64_t i = 0; i < t->view_count && *out; i++) {
+    pags_photo photo;
+    PAGS_TRY(pags_photo_cache_get(t->cache, t->views[i], 1, &photo));
+    *out = within_a_level(&photo, lo, hi);
+  }
+  *out = *out && hi[0] >= lo[0];
+  return PAGS_OK;
+}
+
 int pags_views_level(const pags_trainer *t, int64_t index) {
   return level_of(t, t->state.step, t->views[index]);
 }

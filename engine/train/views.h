@@ -15,6 +15,10 @@ pags_result pags_views_list(pags_trainer *trainer);
 /* Returns the mean number of pixels of the training photographs at their full size. */
 double pags_views_mean_pixels(const pags_trainer *trainer);
 
+/* Whether no pixel of the training photographs differs from another by more than a level of 255. Looks at photographs
+ * until one does, which is the first for all but blank captures. */
+pags_result pags_views_find_one_colour(pags_trainer *trainer, bool *out);
+
 /* Returns the view of a photograph, by its number in the run from 1 (index of the data set's view), and its level, the
  * factor by which it is shrunk; tells the photo cache which views come next. */
 int64_t pags_views_next(pags_trainer *trainer, int64_t photograph, int *level);

@@ -213,9 +213,7 @@ static pags_result describe(const pags_dataset *dataset, const pags_train_state 
     return pags_out_of_memory("the description of a scene");
 
   PAGS_TRY(list_models(state, d));
-  return scene->fps > 0.0 || state->cameras.trial.state != PAGS_TRIAL_NONE
-             ? pags_model_report_write(dataset, state, &scene->notes)
-             : PAGS_OK;
+  return pags_model_report_write(dataset, state, &scene->notes);
 }
 
 /* Creates the description of the scene as it stands. */
