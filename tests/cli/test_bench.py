@@ -60,7 +60,7 @@ class Bench(Case):
             self.assertEqual([m["mode"] for m in size["modes"]], ["off", "paper"])
             budget = size["budget"]
             self.assertEqual((budget["frames"], budget["met"], budget["checked"], budget["full_tiles"]), (2, 2, 2, 1))
-            self.assertIsNone(budget["error"]["psnr"])
+            self.assertEqual(budget["error"]["psnr"], 100)
 
     def test_scale(self):
         scene = self.write("many.ply", ply_bytes(3 * some_splats()))

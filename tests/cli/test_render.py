@@ -91,7 +91,7 @@ class Render(Case):
         self.succeeds(*common, 100000)  # the time budget suffices: quality isn't reduced
         told = json.loads(read(self.path("r.json")))
         self.assertEqual((told["budget"]["met"], told["budget"]["steps"][0]["frames"]), (6, 6))
-        self.assertIsNone(told["budget"]["error"]["psnr"])
+        self.assertEqual(told["budget"]["error"]["psnr"], 100)
         self.assertTrue(all(frame["met"] and frame["step"] == 0 for frame in told["frames"]))
         self.succeeds(*common, 0.1)  # hardly any time: the reductions and their error are reported
         told = json.loads(read(self.path("r.json")))["budget"]
