@@ -113,7 +113,6 @@ static pags_result export_proxies(export_arguments *arguments, const pags_scene 
   arguments->proxy.level = (pags_proxy_level)arguments->level;
   arguments->proxy.naming = (pags_proxy_naming)arguments->naming;
   arguments->proxy.stand = (pags_stand)arguments->stand;
-  pags_interrupt_install(arguments->session.tasks);
   pags_result result = pags_export_proxies(scene, path, &arguments->proxy, arguments->session.tasks,
                                            pags_progress_watch, &progress, &report);
   pags_progress_end(&progress);
@@ -207,7 +206,6 @@ static pags_result export_usd(export_arguments *arguments, pags_scene *scene, co
   arguments->splat.time = scene->time_begin + arguments->time;
   arguments->proxy.level = (pags_proxy_level)arguments->level;
   arguments->proxy.stand = (pags_stand)arguments->stand;
-  pags_interrupt_install(arguments->session.tasks);
   const pags_result result = pags_export_usd(scene, path, &arguments->proxy, &arguments->splat,
                                              arguments->session.tasks, pags_progress_watch, &progress, &count);
   pags_progress_end(&progress);
@@ -223,7 +221,6 @@ static pags_result export_page(export_arguments *arguments, pags_scene *scene, c
   const double begun = pags_seconds();
   pags_html_report report;
   char size[32];
-  pags_interrupt_install(arguments->session.tasks);
   const pags_html_settings settings = {.name = pags_path_name(from),
                                        .sh_degree = arguments->splat.sh_degree,
                                        .target_size = arguments->target_size,
@@ -268,6 +265,8 @@ static bool is_usd(const char *path) {
 static pags_result run(export_arguments *arguments, const char *from, const char *to) {
   pags_scene scene;
   PAGS_TRY(pags_prepare_file(&arguments->session, to));
+  pags_interrupt_install(arguments->session.tasks);
+  pags_file_stop_when(pags_interrupt_flag());
   PAGS_TRY(pags_scene_load_in_axes(from, arguments->reading.axes, &scene));
   pags_reading_apply(&arguments->reading, &scene);
   uint8_t *chosen;

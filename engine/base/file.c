@@ -229,8 +229,19 @@ pags_result pags_file_writer_append(pags_file_writer *writer, const char *path) 
   return PAGS_OK;
 }
 
+static const volatile int *stop;
+
+void pags_file_stop_when(const volatile int *asked) {
+  stop = asked;
+}
+
 pags_result pags_file_writer_put(pags_file_writer *writer, const void *bytes, size_t size) {
   assert(writer->stream);
+  if (stop && *stop) {
+    const pags_result result = pags_fail(PAGS_CANCELLED, "%s: interrupted; nothing was written", writer->path);
+    pags_file_writer_abort(writer);
+    return result;
+  }
   pags_port_signals held;
   if (!writer->part) /* part files raise no signal: saves system calls for many small puts */
     held = pags_port_hold_broken_pipe();

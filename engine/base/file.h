@@ -59,6 +59,9 @@ pags_result pags_file_writer_put(pags_file_writer *writer, const void *bytes, si
 pags_result pags_file_writer_put_first(pags_file_writer *writer, const void *bytes, size_t size);
 pags_result pags_file_writer_commit(pags_file_writer *writer);
 void pags_file_writer_abort(pags_file_writer *writer);
+/* For programs: from now on, as soon as *asked isn't 0, puts fail with PAGS_CANCELLED, so that a file that isn't
+ * complete is not written any more. NULL: never. */
+void pags_file_stop_when(const volatile int *asked);
 
 bool pags_file_exists(const char *path); /* a regular file, or a link to one */
 bool pags_dir_exists(const char *path);

@@ -42,6 +42,12 @@ class Processes(DataCase):
             time.sleep(0.02)
         return running
 
+    def wait_for_handler(self, running):
+        deadline = time.monotonic() + 60
+        while running.poll() is None and not catches(running.pid, signal.SIGTERM):
+            self.assertLess(time.monotonic(), deadline)
+            time.sleep(0.001)
+
     def ends(self, running, code, *words):
         _, errors = running.communicate(timeout=60)
         self.assertEqual(running.returncode, code, errors)
@@ -62,9 +68,11 @@ class Locks(Processes):
         while not os.path.exists(os.path.join(out, "checkpoint.pags")):
             self.assertLess(time.monotonic(), deadline)
             time.sleep(0.02)
-        train = ["train", self.data, "-o", out, "-n", 20, *SMALL]
+        copy, link = self.path("copy"), self.path("link")
+        shutil.copytree(out, copy)  # with the lock
+        os.symlink("scene", link)
         for words in (
-            [*train, "--resume"],
+            ["train", self.data, "-o", link + "/", "-n", 20, "--overwrite", *SMALL],
             ["import", "kitti", raw, "-o", out, "--overwrite"],
             ["render", splats, "--path", "orbit", "-n", 1, "-o", out],
             ["export", splats, os.path.join(out, "x.ply")],
@@ -76,12 +84,12 @@ class Locks(Processes):
         running.kill()
         running.communicate()
         self.assertIn(LOCK, os.listdir(out))
-        running = self.start("train", self.data, "-o", out, "-n", 1000000, "-j", 1, "--preview-every", 0, *SMALL, "--resume")
-        while running.poll() is None and not catches(running.pid, signal.SIGTERM):
-            time.sleep(0.01)
-        running.terminate()
-        self.ends(running, 3)
-        self.assertNotIn(LOCK, os.listdir(out))
+        for folder in (out, copy):
+            running = self.start("train", self.data, "-o", folder, "-n", 1000000, "-j", 1, "--preview-every", 0, *SMALL, "--resume")
+            self.wait_for_handler(running)
+            running.terminate()
+            self.ends(running, 3)
+            self.assertNotIn(LOCK, os.listdir(folder))
         self.succeeds("export", out, os.path.join(out, "x.ply"))
         self.succeeds("eval", out, "--images", self.path("images"))
         self.assertFalse([name for name in files_below(self.folder) if name.endswith(LOCK)])
@@ -146,12 +154,21 @@ class Signals(Processes):
     def test_of_an_import(self):
         raw, whole = make_tree(self.path("raw"), 60), self.path("whole")
         running = self.start("import", "kitti", raw, "-o", whole, "-q")
-        while running.poll() is None and not catches(running.pid, signal.SIGHUP):
-            time.sleep(0.001)
+        self.wait_for_handler(running)
         running.send_signal(signal.SIGHUP)
         running.communicate(timeout=60)
         self.assertIn(running.returncode, (0, 3))
         self.succeeds("import", "kitti", raw, "-o", whole)
+
+    def test_of_an_export(self):
+        """What isn't written yet isn't written, whatever the format, and nothing is left."""
+        scene = self.write("scene.ply", ply_bytes(some_splats() * 5000))
+        for name in ("a.ply", "a.spz", "a.pagsz", "a.gltf"):
+            running = self.start("export", scene, self.path(name), *(["--splats"] if name == "a.gltf" else []), "-q")
+            self.wait_for_handler(running)
+            running.send_signal(signal.SIGUSR2)
+            self.ends(running, 3, "interrupted")
+            self.assertEqual(os.listdir(self.folder), ["scene.ply"])
 
     def test_nohup(self):
         out = self.path("scene")
@@ -232,6 +249,9 @@ class Signals(Processes):
         self.fails(["train", self.data, "-o", out, "-n", 20, "-q", *SMALL], "checkpoint.pags", "File too large", preexec_fn=limit)
         self.assertFalse([name for name in files_below(self.folder) if name.endswith((".part", LOCK))])
         self.succeeds("train", self.data, "-o", out, "-n", 20, "-q", "--resume", *SMALL)
+        street = ["synth", "street", "-o", self.path("street"), "--frames", 2, "--size", "64x36", "--cameras", 1, "--no-shifts", "-q"]
+        if self.succeeds("synth", "--help").returncode == 0:
+            self.fails(street, self.path("street"), "File too large", preexec_fn=limit)
 
     def test_other_programs_get_their_signals_back(self):
         """pags import becomes Python: what pags ignores for itself isn't ignored there."""
@@ -244,6 +264,22 @@ class Signals(Processes):
         ignored = int(done.stdout.split()[-1], 16)
         for number in (signal.SIGPIPE, signal.SIGXFSZ):
             self.assertFalse(ignored >> (number - 1) & 1, number.name)
+
+
+class Surroundings(Processes):
+    """What a user's machine sets up and the other tests don't: rights of new files, a locale, folders for the user and for what is temporary."""
+
+    def test_rights_and_places(self):
+        out, empty = self.path("scene"), self.path("empty")
+        os.makedirs(empty)
+        environment = {"PATH": "/nonexistent", "HOME": "/nonexistent", "TMPDIR": "/nonexistent", "LC_ALL": "de_DE.UTF-8", "TZ": "Asia/Tokyo"}
+        for words in (["train", self.data, "-o", out, "-n", 20, *SMALL], ["export", out, os.path.join(out, "a.spz")], ["render", out, "-o", os.path.join(out, "r")]):
+            self.succeeds(*words, umask=0o002, env=environment, cwd=empty, stdin=subprocess.DEVNULL)
+        self.assertEqual(os.listdir(empty), [])
+        for folder, _, names in os.walk(out):
+            self.assertEqual(os.stat(folder).st_mode & 0o777, 0o775, folder)
+            for name in names:
+                self.assertEqual(os.stat(os.path.join(folder, name)).st_mode & 0o777, 0o664, name)
 
 
 if __name__ == "__main__":

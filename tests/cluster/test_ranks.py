@@ -83,7 +83,15 @@ class Ranks(rank_jobs.Jobs):
     def test_train_asked_to_end(self):
         process = mpirun.start(2, self.training("asked"))
         wait_for(lambda: os.path.exists(os.path.join(self.path("asked"), "log.jsonl")))
-        os.kill(children_of(process.pid)[1], signal.SIGUSR1)
+        ranks = children_of(process.pid)
+        for rank in ranks:
+            os.kill(rank, signal.SIGSTOP)
+        second = mpirun.run(2, self.training("asked", "--resume"))  # another job at the same folder
+        for rank in ranks:
+            os.kill(rank, signal.SIGCONT)
+        self.assertEqual((second.returncode, second.stderr.count("pags: ")), (1, 1), second.stderr)
+        self.assertIn(f"another process is writing there: pags train, process {ranks[0]} on ", second.stderr)
+        os.kill(ranks[1], signal.SIGUSR2)
         err = self.ends(process)
         self.assertEqual(process.returncode, 3, err)
         self.assertEqual(err.count("pags: interrupted after iteration"), 1, err)

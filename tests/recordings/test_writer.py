@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """tools/recordings: recordings written with it, which pags reads back; what it refuses; its conversions against others' formulas."""
 
+import contextlib
+import errno
 import io
 import json
 import os
@@ -8,6 +10,7 @@ import pathlib
 import subprocess
 import sys
 import unittest
+from unittest import mock
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path[:0] = [os.path.dirname(HERE), os.path.join(os.path.dirname(HERE), "cli")]
@@ -24,7 +27,7 @@ import fixtures  # noqa: E402
 from fixtures import Case, read, write  # noqa: E402
 from street import about, half_angle, labels, load, make_street, matrix, parts, sweep  # noqa: E402
 import pags_recordings  # noqa: E402
-from pags_recordings import Recording, RecordingError, poses  # noqa: E402
+from pags_recordings import Recording, RecordingError, lock, poses  # noqa: E402
 
 TEMPLATE = os.path.join(TOOLS, "recordings", "template.py")
 SHARED = os.environ.get("PAGS_SHARED_DATA") or os.path.join(os.path.dirname(TOOLS), "..", "shared", "data")
@@ -345,6 +348,43 @@ class Refused(Case):
         self.write("D/notes.txt", "mine")
         self.refused("isn't empty", Recording, self.path("D"))
         self.assertEqual(os.listdir(self.path("D")), ["notes.txt"])
+
+
+class Locks(Case):
+    """The folder is locked as the program locks it: one shuts the other out, and a process that was killed shuts out nobody."""
+
+    HOLDER = "import sys, time; from pags_recordings import lock; held = lock.FolderLock(sys.argv[1], 'pags import photos'); print(flush=True); time.sleep(60)"
+
+    def hold(self):
+        environment = os.environ | {"PYTHONPATH": os.path.join(TOOLS, "recordings")}
+        process = subprocess.Popen([sys.executable, "-B", "-c", self.HOLDER, self.path("D")], stdout=subprocess.PIPE, env=environment)
+        self.addCleanup(process.communicate)
+        self.addCleanup(process.kill)
+        process.stdout.readline()
+        return process
+
+    def test_python_and_the_program(self):
+        process = self.hold()
+        who = f"pags import photos, process {process.pid} on "
+        with self.assertRaisesRegex(RecordingError, "D: another process is writing there: " + who):
+            Recording(self.path("D"))
+        self.fails(["synth", "town", "-o", self.path("D"), "-q"], who)
+        self.assertEqual(os.listdir(self.path("D")), [lock.NAME])
+        process.kill()
+        process.wait()
+        with lock.FolderLock(self.path("D")), lock.FolderLock(self.path("D")) as inner:
+            self.fails(["synth", "town", "-o", self.path("D"), "-q"], f"process {os.getpid()} on ")
+            inner.release()
+            self.assertEqual(os.listdir(self.path("D")), [lock.NAME])
+        self.assertEqual(os.listdir(self.path("D")), [])
+
+    def test_without_locks(self):
+        words = io.StringIO()
+        with mock.patch.object(lock, "try_lock", side_effect=OSError(errno.ENOLCK, "No locks available")), contextlib.redirect_stderr(words):
+            with lock.FolderLock(self.path("new", "D")):
+                self.assertTrue(os.path.isdir(self.path("new", "D")))
+        self.assertRegex(words.getvalue(), "^warning: .*no locks")
+        self.assertEqual(os.listdir(self.folder), [])
 
 
 def encoded(picture, form):
