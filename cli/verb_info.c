@@ -373,6 +373,7 @@ static pags_result describe(pags_report *report, info_arguments *arguments, cons
 
 int pags_verb_info(int argc, char **argv) {
   info_arguments arguments = {.options = pags_dataset_options_default()};
+  arguments.options.look = 1;
   pags_parsed parsed;
   arguments.parsed = &parsed;
   pags_report report;

@@ -553,6 +553,7 @@ int pags_verb_train(int argc, char **argv) {
     arguments.dataset.split_every = 0;
   arguments.options.held_out = arguments.view || pags_option_given(&parsed, "preview-every");
   arguments.dataset.seed = arguments.config.schedule.seed;
+  arguments.dataset.look = 1;
   memcpy(arguments.dataset.background, arguments.config.picture.background, sizeof arguments.dataset.background);
 
   /* Without --max-memory and --image-cache, their defaults follow from the memory that this process may use. The

@@ -4,6 +4,7 @@
 #include "dataset/internal.h"
 
 #include "dataset/colmap_models.h"
+#include "dataset/driving/looks.h"
 #include "dataset/driving/reader.h"
 #include "dataset/foreign.h"
 #include "dataset/foreign_recording.h"
@@ -434,7 +435,7 @@ static pags_result open_into(pags_dataset *dataset, const char *path, const pags
     dataset->origin[c] = largest > PAGS_LARGE_COORDINATE ? pags_round(mean[c]) : 0;
 
   if (dataset->parsed.driving)
-    PAGS_TRY(pags_ego_masks_make(dataset, options));
+    PAGS_TRY(pags_driving_views_check(dataset, options));
   PAGS_TRY(pags_dataset_make_points(dataset, options));
   pags_dataset_check_in_view(dataset);
   return PAGS_OK;

@@ -364,7 +364,7 @@ class CalibrationTest(StreetCase):
         for name in self.names("ego_pose"):
             m = numbers(self.at("ego_pose", name))
             write(self.at("ego_pose", name), matrix_text(m[0:4] + [-v for v in m[8:12]] + m[4:8] + m[12:]))
-        self.warns("ego_pose: 2 of 2 cameras don't stand upright in the world", "z to point up")
+        self.warns("ego_pose: cameras don't stand upright in the world: their upward direction is 90 degrees off its z", "expected z up")
 
 
 class TimeTest(StreetCase):
@@ -502,10 +502,14 @@ class StreetGaussiansTest(StreetCase):
         self.refused("track_info.txt:4: 3 words, expected at least 11")
         self.write_tracks(self.lines[:3] + ["0 7 vehicle -10 1 1 nan 0 0 0 0 0"])
         self.refused("track_info.txt:4: expected a number, found 'nan'")
-        self.write_tracks(self.lines[:3] + ["0 7 vehicle -10 1 1 0 0 0 0 0 0"])
+        self.write_tracks(self.lines[:3] + ["0 7 vehicle -10 1 1 5000 0 0 0 0 0"])
         self.refused("track_info.txt:4: expected extents above 0")
-        self.write_tracks(self.lines[:3] + [self.lines[2]])
-        self.refused("track_info.txt:4: track", "has a second box at frame")
+
+    def test_labels_are_mended_as_those_of_instances(self):
+        self.write_tracks(self.lines + ["0 700 vehicle -10 1 1 0 0 0 0 0 0"])
+        self.assertIn("a side is shorter than 0.01 m; the first is vehicle '700' in frame 0", "\n".join(self.warnings()))
+        self.write_tracks(self.lines + [self.lines[2]])
+        self.assertIn("another in the same frame", "\n".join(self.warnings()))
 
 
 class SweepTest(StreetCase):
@@ -597,7 +601,7 @@ class SweepTest(StreetCase):
 
     def test_empty_sweeps(self):
         write(self.at("lidar/001.bin"), b"")
-        self.warns("lidar: 1 of 6 sweeps have no points, the first is of frame 1")
+        self.warns("lidar: 1 of 6 sweeps have no points, the first is 001.bin")
 
     def test_inverse_poses(self):
         for name in self.names("ego_pose"):

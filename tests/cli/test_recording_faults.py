@@ -9,7 +9,7 @@ import random
 import shutil
 
 import fixtures
-from fixtures import read, write
+from fixtures import Case, read, run, write
 from test_recordings import FRAMES, Street
 
 
@@ -165,6 +165,129 @@ class Boxes(Street):
         self.save()
         said = self.info()
         self.assertEqual((said["objects_moving"]["vehicle"], said["warnings"]), (moving + 1, []))
+
+
+class Drive(Case):
+    """A street with two cameras, wide enough to look at what its photographs show."""
+
+    @classmethod
+    def setUpClass(cls):
+        super().setUpClass()
+        cls.street = os.path.join(cls.shared_folder(), "drive")
+        size = ["--frames", FRAMES, "--size", "160x90", "--cameras", "2", "--no-shifts"]
+        made = run("synth", "street", "-q", "-o", cls.street, *size)
+        assert made.returncode == 0, made.stderr
+
+    def setUp(self):
+        super().setUp()
+        self.set = self.path("set")
+        shutil.copytree(self.street, self.set)
+
+    def warns(self, *parts):
+        warnings = json.loads(self.succeeds("info", self.set, *self.options, "--json", "-").stdout)["warnings"]
+        self.assertEqual(len(warnings), 1 if parts else 0, warnings)
+        for part in parts:
+            self.assertIn(part, warnings[0])
+
+    options = ()
+
+    def photograph(self, frame, camera):
+        return os.path.join(self.set, f"images/{frame:03d}_{camera}.png")
+
+    def matrices(self, change, *folders):
+        """Rewrites the poses of folders: change() gets and gives 4 rows."""
+        for folder in folders:
+            for name in os.listdir(os.path.join(self.set, folder)):
+                path = os.path.join(self.set, folder, name)
+                rows = change([[float(x) for x in line.split()] for line in read(path).decode().splitlines()])
+                write(path, "".join(" ".join(map(repr, row)) + "\n" for row in rows))
+
+    def boxes(self, change):
+        file = os.path.join(self.set, "instances/instances_info.json")
+        instances = json.loads(read(file))
+        for v in instances.values():
+            at = v["frame_annotations"]
+            at["obj_to_world"] = [change(m) for m in at["obj_to_world"]]
+        write(file, json.dumps(instances))
+
+    def test_good_one(self):
+        self.warns()
+
+    def test_camera_that_repeats_a_photograph(self):
+        for frame in range(5, 9):
+            shutil.copy(self.photograph(4, 1), self.photograph(frame, 1))
+        self.warns("images: 4 of 24 photographs looked at repeat an earlier one though the camera moved",
+                   "the first is 005_1.png, which shows what 004_1.png does", "--allow-missing")
+        self.assertIn("repeat an earlier one", self.succeeds("train", self.set, "-o", self.path("s"), "--iterations", "1").stderr)
+
+    def test_black_photographs(self):
+        black = fixtures.png_bytes(160, 90, bytes(3 + i * 7 % 5 for i in range(3 * 160 * 90)))  # with noise
+        for frame in (3, 4, 10):
+            write(self.photograph(frame, 0), black)
+        self.warns("images: 3 of 24 photographs looked at show nothing", "the first is 003_0.png (mean ")
+
+    def test_photographs_of_another_camera(self):
+        for frame in range(FRAMES):
+            shutil.copy(self.photograph(frame, 0), self.photograph(frame, 1))
+        warnings = json.loads(self.succeeds("info", self.set, "--json", "-").stdout)["warnings"]
+        self.assertIn("12 of 24 photographs looked at are those of another camera; the first is 000_1.png", "\n".join(warnings))
+
+    def test_camera_of_which_all_are_held_out(self):
+        for frame in range(FRAMES):
+            if frame % 4:
+                os.remove(self.photograph(frame, 1))
+        self.fails(["info", self.set], "9 of 24 images are missing")
+        said = json.loads(self.succeeds("info", self.set, "--allow-missing", "--json", "-").stdout)
+        self.assertEqual((said["views_train"], said["views_test"], said["views_missing"]), (11, 4, 9))
+        self.assertIn("1 of 2 cameras are held out, the first is camera 1, 2 of whose 3 photographs are", "\n".join(said["warnings"]))
+
+    def test_mirrored(self):
+        """All of it in left-handed axes: only the photographs tell."""
+        flip = lambda m: [[v if (i == 1) == (k == 1) else -v for k, v in enumerate(row)] for i, row in enumerate(m)]
+        mount = lambda m: [[-m[0][0], *m[0][1:]], [m[1][0], *[-v for v in m[1][1:]]], [-m[2][0], *m[2][1:]], m[3]]
+        self.matrices(flip, "ego_pose")
+        self.matrices(mount, "extrinsics")
+        self.boxes(flip)
+        for name in os.listdir(os.path.join(self.set, "lidar")):
+            path = os.path.join(self.set, "lidar", name)
+            values = array.array("f", read(path))
+            for i in range(1, len(values), 4):
+                values[i] = -values[i]
+            write(path, values.tobytes())
+        self.warns("pairs of photographs better mirrored", "left-handed", "negate y")
+
+    def turned(self, turn, offset):
+        product = lambda m: [[sum(turn[i][k] * m[k][j] for k in range(3)) + (offset[i] if j == 3 else 0) for j in range(4)]
+                             for i in range(3)] + [m[3]]
+        self.matrices(product, "ego_pose")
+        self.boxes(product)
+
+    def test_earth_fixed_axes(self):
+        a, b = math.radians(49), math.radians(8.4)
+        east, north = [-math.sin(b), math.cos(b), 0], [-math.sin(a) * math.cos(b), -math.sin(a) * math.sin(b), math.cos(a)]
+        up = [math.cos(a) * math.cos(b), math.cos(a) * math.sin(b), math.sin(a)]
+        self.turned([list(row) for row in zip(east, north, up)], [6378137 * v for v in up])
+        self.warns("ego_pose: positions are 63", "41 degrees off the world's z", "ECEF", "east, north, up")
+
+    def test_a_world_that_leans(self):
+        c, s = math.cos(0.5), math.sin(0.5)
+        self.turned([[1, 0, 0], [0, c, -s], [0, s, c]], [0, 0, 0])
+        self.warns("upward direction is 28 degrees off its z", "expected z up")
+
+    def test_a_hill_is_none(self):
+        c, s = math.cos(0.2), math.sin(0.2)
+        self.turned([[c, 0, -s], [0, 1, 0], [s, 0, c]], [5e5, 6.3e6, 300])  # in UTM, as far from zero as the earth's centre
+        self.warns()
+
+    def test_boxes_of_other_axes(self):
+        self.boxes(lambda m: [[row[0], -row[2], row[1], row[3]] for row in m[:3]] + [m[3]])
+        self.warns("boxes stand 9", " degrees off the cameras' upward direction")
+
+    def test_poses_that_are_repeated(self):
+        for frame in (4, 8):
+            shutil.copy(os.path.join(self.set, f"ego_pose/{frame - 1:03d}.txt"), os.path.join(self.set, f"ego_pose/{frame:03d}.txt"))
+        warnings = json.loads(self.succeeds("info", self.set, "--json", "-").stdout)["warnings"]
+        self.assertIn("ego_pose: 2 of 11 poses repeat the one before though the car drives on; the first is of frame 004", "\n".join(warnings))
 
 
 if __name__ == "__main__":

@@ -167,7 +167,7 @@ static void check_upright(const pags_driving *driving, const pags_parsed_dataset
       "", "; inverted they would be upright: expected camera-to-car (or camera-to-world), not its inverse",
       "; with the other camera_axes of dataset.json (--kind) they would be upright",
       "; inverted and with the other camera_axes of dataset.json (--kind) they would be upright"};
-  int total = 0, upright[READINGS] = {0}, first = -1, tilted = 0, first_tilted = -1;
+  int total = 0, upright[READINGS] = {0}, first = -1;
   for (int64_t i = 0; i < driving->sensor_count; i++) {
     const pags_sensor *sensor = &driving->sensors[i];
     const pags_parsed_view *view = find_view(parsed, sensor, NULL);
@@ -179,8 +179,6 @@ static void check_upright(const pags_driving *driving, const pags_parsed_dataset
       upright[r] += uprightness(driving, pose, r) > 0.5;
     if (uprightness(driving, pose, AS_READ) <= 0.5)
       first = first < 0 ? sensor->number : first;
-    else if (-view->world_from_camera[9] <= 0.5 && tilted++ == 0)
-      first_tilted = view->frame;
   }
   int better = AS_READ;
   for (int r = BOTH; r > AS_READ; r--)
@@ -190,12 +188,6 @@ static void check_upright(const pags_driving *driving, const pags_parsed_dataset
                      "%s/extrinsics: %d of %d cameras don't stand upright, the first is camera %d: extrinsics or "
                      "camera_axes may be wrong%s",
                      driving->root, total - upright[AS_READ], total, first, advice[better]);
-  if (tilted > 0)
-    pags_log_message(
-        PAGS_LOG_WARNING,
-        "%s/ego_pose: %d of %d cameras don't stand upright in the world, the first at frame %d: ego_pose may "
-        "be wrong; expected the world's z to point up",
-        driving->root, tilted, total, first_tilted);
 }
 
 /* Warns of cameras that move up or down rather than forward, as they do with inverted poses of each exposure: these

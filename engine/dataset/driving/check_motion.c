@@ -11,47 +11,67 @@
 #include "dataset/driving/motion.h"
 #include "dataset/driving/reader.h"
 
+#include <pags/camera.h>
+
 typedef struct track {
   int64_t *steps; /* time step of each pose */
   double *times;
   double (*poses)[12];
 } track;
 
-/* Copies the poses of a camera at the time steps where it has one; returns their number. */
-static int64_t take_poses(const pags_driving *driving, const pags_parsed_dataset *parsed, int64_t sensor, track *out) {
+/* Copies the poses of a camera at the time steps where it has one; returns their number. `any`: cameras are fixed to
+ * the car, so that at a step without a photograph of this one another camera's pose says where it is. */
+static int64_t take_poses(const pags_driving *driving, const pags_parsed_dataset *parsed, int64_t sensor, bool any,
+                          track *out) {
   int64_t count = 0;
   for (int64_t step = 0; step < driving->step_count; step++) {
-    const pags_parsed_view *view = &parsed->views[step * driving->sensor_count + sensor];
-    if (view->missing)
+    const pags_parsed_view *views = &parsed->views[step * driving->sensor_count];
+    int64_t other = sensor;
+    for (int64_t i = 0; i < driving->sensor_count && any && views[other].missing; i++)
+      other = i;
+    if (views[other].missing)
       continue;
+    double *pose = out->poses[count];
+    memcpy(pose, views[other].world_from_camera, sizeof *out->poses);
+    if (other != sensor) {
+      double back[12];
+      pags_rigid_inverse(driving->sensors[other].ego_from_camera, back);
+      pags_rigid_multiply(pose, back, pose);
+      pags_rigid_multiply(pose, driving->sensors[sensor].ego_from_camera, pose);
+    }
     out->steps[count] = step;
-    out->times[count] = driving->steps[step].time;
-    memcpy(out->poses[count++], view->world_from_camera, sizeof *out->poses);
+    out->times[count++] = driving->steps[step].time;
   }
   return count;
 }
 
-/* With constant extrinsics, all cameras have the ego vehicle's motion, so that one is looked at. */
+/* With constant extrinsics and poses, all cameras have the car's motion, so that one is looked at. */
 pags_result pags_driving_check_motion(pags_driving *driving, const pags_parsed_dataset *parsed) {
-  const bool per_frame = driving->rules.per_frame;
+  const bool each = driving->rules.per_frame || driving->exposure_poses;
+  const char *folder = driving->rules.per_frame ? "extrinsics" : "ego_pose";
   const size_t steps = (size_t)driving->step_count;
-  pags_tally found = {0};
+  pags_tally found = {0}, repeated = {0};
   int64_t all = 0;
   track t = {malloc(steps * sizeof *t.steps), malloc(steps * sizeof *t.times), malloc(steps * sizeof *t.poses)};
   pags_result result = t.steps && t.times && t.poses ? PAGS_OK : pags_out_of_memory("%s", driving->root);
-  for (int64_t sensor = 0; result == PAGS_OK && sensor < (per_frame ? driving->sensor_count : 1); sensor++) {
-    const int64_t count = take_poses(driving, parsed, sensor, &t);
+  for (int64_t sensor = 0; result == PAGS_OK && sensor < (each ? driving->sensor_count : 1); sensor++) {
+    const int64_t count = take_poses(driving, parsed, sensor, !each, &t);
     const pags_leaps leaps = pags_find_leaps((const double(*)[12])t.poses, t.times, count);
+    char camera[24] = "";
+    if (each)
+      snprintf(camera, sizeof camera, " of camera %d", driving->sensors[sensor].number);
     all += count > 0 ? count - 1 : 0;
     if (leaps.count) {
-      char camera[24] = "";
-      if (per_frame)
-        snprintf(camera, sizeof camera, " of camera %d", driving->sensors[sensor].number);
       pags_tally_add(&found, "from frame %0*d to %0*d%s, %.2f m and %.1f degrees off in %.2f s", driving->digits,
                      driving->steps[t.steps[leaps.first]].frame, driving->digits,
                      driving->steps[t.steps[leaps.first + 1]].frame, camera, leaps.metres, leaps.degrees,
                      leaps.seconds);
       found.count += leaps.count - 1;
+    }
+    if (leaps.repeats) {
+      pags_tally_add(&repeated, "%0*d%s", driving->digits, driving->steps[t.steps[leaps.first_repeat + 1]].frame,
+                     camera);
+      repeated.count += leaps.repeats - 1;
     }
   }
   driving->poses_leap = found.count > 0;
@@ -59,8 +79,12 @@ pags_result pags_driving_check_motion(pags_driving *driving, const pags_parsed_d
     pags_log_message(PAGS_LOG_WARNING,
                      "%s/%s: %lld of %lld steps between poses leap as no car does, so poses or times may be wrong; the "
                      "first is %s",
-                     driving->root, per_frame ? "extrinsics" : "ego_pose", (long long)found.count, (long long)all,
-                     found.first);
+                     driving->root, folder, (long long)found.count, (long long)all, found.first);
+  if (repeated.count)
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s/%s: %lld of %lld poses repeat the one before though the car drives on; the first is of frame "
+                     "%s; expected a pose of its own for each time step",
+                     driving->root, folder, (long long)repeated.count, (long long)all, repeated.first);
   free(t.steps);
   free(t.times);
   free(t.poses);

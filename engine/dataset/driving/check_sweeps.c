@@ -356,11 +356,11 @@ static pags_result count_rows(const pags_driving *driving) {
   return PAGS_OK;
 }
 
-pags_result pags_sweeps_check(pags_driving *driving) {
+pags_result pags_sweeps_check(pags_driving *driving, bool look) {
   sample *s = malloc(sizeof *s);
   if (!s)
     return pags_out_of_memory("%s", driving->root);
   pags_result result = check_form(driving, s);
   free(s);
-  return result == PAGS_OK ? count_rows(driving) : result;
+  return result == PAGS_OK && look ? count_rows(driving) : result;
 }

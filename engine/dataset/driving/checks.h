@@ -17,13 +17,16 @@ pags_result pags_driving_say_unread(const pags_driving *driving, const pags_dir_
  * of another size and of cameras that don't stand upright (check_calibration.c). */
 pags_result pags_calibration_check(const pags_driving *driving, const pags_parsed_dataset *parsed);
 
+/* Warns if the world's z isn't up for the cameras, the car or the boxes, which must have been read (check_world.c). */
+void pags_world_check(const pags_driving *driving, const pags_parsed_dataset *parsed);
+
 /* Warns of masks and label images that look like none of their kind (check_masks.c); fails for one that can't be
  * loaded. */
 pags_result pags_masks_check(const pags_driving *driving, const pags_parsed_dataset *parsed);
 
-/* Refuses sweeps whose values can't be points in metres, or whose rows have another number of columns; counts the rows
- * that are no points (check_sweeps.c). */
-pags_result pags_sweeps_check(pags_driving *driving);
+/* Refuses sweeps whose values can't be points in metres, or whose rows have another number of columns; with
+ * `look`, counts the rows that are no points (check_sweeps.c). */
+pags_result pags_sweeps_check(pags_driving *driving, bool look);
 
 /* Warns if sweeps fit each other better without their poses, or with the inverse ones (check_overlap.c). */
 pags_result pags_sweep_poses_check(const pags_driving *driving);

@@ -14,6 +14,7 @@
 
 #include "dataset/driving/driving_set.h"
 #include "dataset/driving/masks.h"
+#include "dataset/driving/small_photo.h"
 #include "dataset/view_camera.h"
 #include "image/resample.h"
 
@@ -129,12 +130,6 @@ typedef struct search {
   int *stack;
 } search;
 
-/* Distance between the camera centres of two views, metres. */
-static double distance(const pags_dataset *dataset, int64_t a, int64_t b) {
-  const double *p = dataset->views[a].camera.world_from_camera, *q = dataset->views[b].camera.world_from_camera;
-  return sqrt((p[3] - q[3]) * (p[3] - q[3]) + (p[7] - q[7]) * (p[7] - q[7]) + (p[11] - q[11]) * (p[11] - q[11]));
-}
-
 /* Chooses training views of camera `number` in order of time: the first one, then each view that is at least `reach`
  * metres of driven path after the last chosen one; at most `most`. Returns their number. */
 static int choose_spaced(const search *s, int number, double reach, int most, int64_t *out) {
@@ -145,7 +140,7 @@ static int choose_spaced(const search *s, int number, double reach, int most, in
     const pags_view *view = &s->dataset->views[i];
     if (view->sensor != number || view->test)
       continue;
-    since += before >= 0 ? distance(s->dataset, before, i) : 0;
+    since += before >= 0 ? pags_view_distance(s->dataset, before, i) : 0;
     before = i;
     if (count > 0 && since < reach)
       continue;
@@ -162,7 +157,7 @@ static double way_driven(const search *s, int number) {
   for (int64_t i = 0; i < s->dataset->count; i++) {
     if (s->dataset->views[i].sensor != number || s->dataset->views[i].test)
       continue;
-    sum += before >= 0 ? distance(s->dataset, before, i) : 0;
+    sum += before >= 0 ? pags_view_distance(s->dataset, before, i) : 0;
     before = i;
   }
   return sum;

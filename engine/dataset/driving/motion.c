@@ -75,16 +75,43 @@ static bool is_leap(double metres, double dt) {
   return metres > 0.8 + 30 * dt * dt;
 }
 
+static double step_length(const sequence *s, int64_t at) {
+  double square = 0;
+  for (int axis = 3; axis < 12; axis += 4) {
+    const double step = pose_at(s, at + 1)[axis] - pose_at(s, at)[axis];
+    square += step * step;
+  }
+  return sqrt(square);
+}
+
+/* Whether the step leads nowhere while those around it lead on. */
+static bool is_repeat(const sequence *s, int64_t at) {
+  double sum = 0;
+  int n = 0;
+  if (step_length(s, at) > 1e-6)
+    return false;
+  for (int64_t i = at - AROUND; i <= at + AROUND; i++)
+    if (i >= 0 && i + 1 < s->count && i != at) {
+      sum += step_length(s, i);
+      n++;
+    }
+  return n > 1 && sum > 0.3 * n;
+}
+
 pags_leaps pags_find_leaps(const double (*poses)[12], const double *times, int64_t count) {
   const sequence s = {poses ? *poses : NULL, times, 12, 1, count};
   pags_leaps leaps = {0};
   for (int64_t i = 0; i + 1 < count; i++) {
     const double dt = step_time(&s, i), off = step_error(&s, i);
     const double angle = angle_between(poses[i], poses[i + 1]);
-    if (!(dt > 0) || (!is_leap(off, dt) && angle <= 4 + 90 * dt))
+    if (is_repeat(&s, i) && leaps.repeats++ == 0)
+      leaps.first_repeat = i;
+    if (!(dt > 0) || (!is_leap(off, dt) && angle <= 4 + 90 * dt) || leaps.count++ > 0)
       continue;
-    if (leaps.count++ == 0)
-      leaps = (pags_leaps){.count = 1, .first = i, .metres = off, .degrees = angle, .seconds = dt};
+    leaps.first = i;
+    leaps.metres = off;
+    leaps.degrees = angle;
+    leaps.seconds = dt;
   }
   return leaps;
 }

@@ -350,9 +350,10 @@ static pags_result read_parts(pags_driving *driving, const pags_dataset_options 
   for (int64_t i = 0; i < driving->object_count; i++)
     driving->objects[i].time_step = 1 / driving->fps;
   pags_driving_check_places(driving);
+  pags_world_check(driving, parsed);
   PAGS_TRY(pags_critical_choose(driving, options->critical, parsed));
   PAGS_TRY(pags_sweeps_find(driving));
-  PAGS_TRY(pags_sweeps_check(driving));
+  PAGS_TRY(pags_sweeps_check(driving, options->look != 0));
   PAGS_TRY(pags_sweep_poses_check(driving));
   PAGS_TRY(pags_masks_check(driving, parsed));
   return pags_critical_note(driving, parsed);

@@ -1,0 +1,96 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Tells from the cameras, the car and the boxes which way is up in a driving set, and compares it with the world's z.
+ *
+ * Roads rise by 20 degrees at most, and cameras look down by little more; but the means over a recording of the car's
+ * and of its cameras' upward directions are both as far off only if the world's axes are others: y up, as in Unity and
+ * in OpenGL, z down, as in aviation (NED), or earth-fixed (ECEF), where up points away from the centre of the earth. */
+#include "dataset/driving/checks.h"
+
+#include "base/log.h"
+#include "maths/maths.h"
+
+#include <math.h>
+#include <string.h>
+
+static const double degrees = 57.29577951308232;
+static const double steepest = 20, steepest_ecef = 3; /* degrees off the world's z: where that is, and isn't, all */
+/* Metres from the centre of the earth of places on it (WGS84, with 9 km up and 1 km down), and how far up may be off
+ * the direction from there: the roughness of roads and of directions of cameras. */
+static const double least_earth = 6.355e6, most_earth = 6.388e6, off_earth = 15;
+
+/* A sum of unit vectors. */
+typedef struct direction {
+  double sum[3];
+  int64_t count;
+} direction;
+
+static void add(direction *d, const double pose[12], int column, double sign) {
+  for (int k = 0; k < 3; k++)
+    d->sum[k] += sign * pose[4 * k + column];
+  d->count++;
+}
+
+/* The angle in degrees between the mean of a direction and an axis; 0 without one. */
+static double angle(const direction *d, const double axis[3]) {
+  double dot = 0, square = 0, length = 0;
+  for (int k = 0; k < 3; k++) {
+    dot += d->sum[k] * axis[k];
+    square += d->sum[k] * d->sum[k];
+    length += axis[k] * axis[k];
+  }
+  return square > 0 && length > 0 ? degrees * pags_acos(fmax(-1, fmin(1, dot / sqrt(square * length)))) : 0;
+}
+
+/* Adds up the upward directions of the photographs, of the car where extrinsics are constant, and the places. */
+static void add_views(const pags_driving *driving, const pags_parsed_dataset *parsed, direction *cameras,
+                      direction *car, double place[3]) {
+  for (int64_t i = 0; i < parsed->count; i++) {
+    const pags_parsed_view *view = &parsed->views[i];
+    if (view->missing)
+      continue;
+    add(cameras, view->world_from_camera, 1, -1); /* the second column is the picture's downward direction */
+    for (int k = 0; k < 3; k++)
+      place[k] += view->world_from_camera[4 * k + 3];
+    if (driving->rules.per_frame)
+      continue;
+    double back[12], ego[12];
+    pags_rigid_inverse(driving->sensors[i % driving->sensor_count].ego_from_camera, back);
+    pags_rigid_multiply(view->world_from_camera, back, ego);
+    add(car, ego, 2, 1);
+  }
+}
+
+void pags_world_check(const pags_driving *driving, const pags_parsed_dataset *parsed) {
+  static const double up[3] = {0, 0, 1};
+  direction cameras = {{0}, 0}, car = {{0}, 0}, boxes = {{0}, 0};
+  double place[3] = {0};
+  add_views(driving, parsed, &cameras, &car, place);
+  const double off = car.count ? fmin(angle(&cameras, up), angle(&car, up)) : angle(&cameras, up);
+  for (int k = 0; k < 3; k++)
+    place[k] /= (double)(cameras.count ? cameras.count : 1);
+  const double radius = sqrt(place[0] * place[0] + place[1] * place[1] + place[2] * place[2]);
+  const bool on_earth = radius > least_earth && radius < most_earth && angle(&cameras, place) < off_earth;
+  const char *folder = driving->rules.per_frame ? "extrinsics" : "ego_pose";
+  if (on_earth && off > steepest_ecef)
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s/%s: positions are %.0f km from zero, and up is the direction from there, %.0f degrees off the "
+                     "world's z: axes look earth-fixed (ECEF); expected z up: turn poses and boxes to east, north, up",
+                     driving->root, folder, radius / 1000, off);
+  else if (off > steepest)
+    pags_log_message(
+        PAGS_LOG_WARNING,
+        "%s/%s: cameras don't stand upright in the world: their upward direction is %.0f degrees off its z "
+        "in the mean of %lld photographs; expected z up: turn poses and boxes, or correct ego_pose",
+        driving->root, folder, off, (long long)cameras.count);
+
+  for (int64_t i = 0; i < driving->object_count; i++)
+    for (int64_t k = 0; k < driving->objects[i].knot_count; k++)
+      add(&boxes, driving->objects[i].knots[k].world_from_object, 2, 1);
+  const double apart = angle(&boxes, cameras.sum);
+  if (apart > steepest && angle(&boxes, up) > steepest)
+    pags_log_message(
+        PAGS_LOG_WARNING,
+        "%s/instances/instances_info.json: %lld boxes stand %.0f degrees off the cameras' upward direction "
+        "in the mean; expected boxes whose z points up",
+        driving->root, (long long)boxes.count, apart);
+}

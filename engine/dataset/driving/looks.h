@@ -1,0 +1,19 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What is looked at in the photographs of an opened driving set, with options.look: each look decodes few of them, and
+ * warns with one line a kind of fault. */
+#ifndef PAGS_DATASET_DRIVING_LOOKS_H
+#define PAGS_DATASET_DRIVING_LOOKS_H
+
+#include "dataset/internal.h"
+
+/* Finds ego masks; with `look`, looks at the photographs; warns of cameras of which most photographs are held out. Call
+ * it after the views are made. */
+pags_result pags_driving_views_check(pags_dataset *dataset, const pags_dataset_options *options);
+
+/* Warns of photographs without content and of those that a moving camera repeats (look_photographs.c). */
+pags_result pags_look_at_photographs(const pags_dataset *dataset);
+
+/* Warns if the LiDAR points fit the photographs mirrored (look_mirrored.c). */
+pags_result pags_look_for_mirror(const pags_dataset *dataset);
+
+#endif
