@@ -26,6 +26,7 @@ import pandas as pd  # noqa: E402
 from PIL import Image  # noqa: E402
 
 import fixtures  # noqa: E402
+import fuzz_tables  # noqa: E402
 import old_pickle  # noqa: E402
 from fixtures import Case, read, write  # noqa: E402
 from pags_recordings import RecordingError, __main__ as importer, pandaset  # noqa: E402
@@ -133,6 +134,47 @@ class Parts(Case):
         self.assertEqual(account.result({"sweeps": 1})["sweeps"], 1)
         with self.assertRaisesRegex(RecordingError, "lidar: 2 sweeps in these time steps, but none could be read; 2 sweeps: have no points"):
             account.result({"sweeps": 0})
+
+
+# ---- Damaged tables ----
+
+
+class Damage(Case):
+    """What fuzz_tables.py found, and some of what it tries."""
+
+    def test_some_of_each(self):
+        for name, count in (("pickle", 700), ("parquet", 300), ("feather", 200)):
+            done, read_whole = fuzz_tables.run(name, seed=5, count=count)
+            self.assertEqual(done, count)
+            self.assertGreater(read_whole, 0, name)  # some changes do no harm
+
+    def table_of(self, thing):
+        path = self.path("00.pkl")
+        write(path, old_pickle.dumps(thing))
+        return pandaset.table(path, ["x"])
+
+    def test_arrays_that_lie(self):
+        """numpy's own types, filled with such states, read and write memory that isn't theirs."""
+        kind = lambda code, state=(3, "<", None, None, None, -1, -1, 0): old_pickle.Named(("numpy", "dtype"), (code, False, True), state)  # noqa: E731
+        array = lambda shape, of, data: old_pickle.Named(("numpy.core.multiarray", "_reconstruct"), (old_pickle.Named(("numpy", "ndarray"), None), (0,), b"b"), (1, shape, of, False, data))  # noqa: E731
+        names = array((1,), kind("O8"), ["x"])
+        whole = lambda values, names=names: old_pickle.Named(("pandas.core.frame", "DataFrame"), (), {"_data": old_pickle.Named(("pandas.core.internals.managers", "BlockManager"), (), (  # noqa: E731
+            [], [], [], {"0.14.1": {"axes": [{"data": names}], "blocks": [{"values": values, "mgr_locs": old_pickle.Named(("builtins", "slice"), (0, 1, 1))}]}}))})  # fmt: skip
+        self.assertEqual(self.table_of(whole(array((1, 2), kind("f8"), np.arange(2.0).tobytes())))["x"].tolist(), [0, 1])
+        for values, words in [
+            (array((1, 2), kind("O8"), bytes(16)), "another number of objects"),
+            (array((1, 2), kind("O8", (3, "|", None, None, None, -1, -1, 0)), bytes(16)), "another number of objects"),
+            (array((1, 2**40), kind("f8"), bytes(16)), "another number of bytes"),
+            (array((1, -2), kind("f8"), bytes(16)), "another number of bytes|no shape"),
+            (array((1, 2), kind("V8"), bytes(16)), "an array of the type 'V8'"),
+            (array((1, 2), kind("f8,O8"), bytes(32)), "an array of the type"),
+            (3, "something else in place of an array"),
+        ]:
+            with self.assertRaisesRegex(RecordingError, words):
+                self.table_of(whole(values))
+        write(self.path("00.pkl"), b"\x80\x03]r\xff\xff\xff\x7f.")
+        with self.assertRaisesRegex(RecordingError, "stores a thing under number 2147483647"):
+            pandaset.table(self.path("00.pkl"), ["x"])
 
 
 # ---- nuScenes ----

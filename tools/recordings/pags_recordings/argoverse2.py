@@ -18,17 +18,36 @@ LARGEST_GAP = 0.03  # seconds between a sweep and a photograph of its step: a li
 LABEL_GAP = 0.25  # seconds between two labels of a track that a box may lie between; they are 0.1 s apart
 
 
+def by_sensor(path, columns):
+    """A table by the sensors' names, each once."""
+    rows = table(path, ["sensor_name", *columns]).set_index("sensor_name")
+    if not rows.index.is_unique:
+        raise RecordingError(f"{path}: has two rows of {rows.index[rows.index.duplicated()][0]}")
+    return rows
+
+
+TEXTS = ("sensor_name", "track_uuid", "category")
+
+
 def table(path, columns):
     import pandas
+    from pyarrow import ArrowException, feather
 
     try:
-        rows = pandas.read_feather(existing(path))
-    except (OSError, ValueError) as error:
-        raise RecordingError(f"{path}: can't be read as feather: {str(error).splitlines()[0]}") from None
-    lacking = [name for name in columns if name not in rows.columns]
+        content = feather.read_table(existing(path), memory_map=False)
+        content.validate(full=True)  # it isn't looked at before: offsets of texts beyond the file crash the process
+        rows = content.to_pandas()
+    except (ArrowException, OSError, ValueError, TypeError, LookupError) as error:
+        raise RecordingError(f"{path}: can't be read as feather: {str(error).splitlines()[0] if str(error) else type(error).__name__}") from None
+    lacking = [name for name in columns if list(rows.columns).count(name) != 1]
     if lacking or len(rows) == 0:
         raise RecordingError(f"{path}: {f'has no column {lacking[0]!r}' if lacking else 'has no rows'}; expected {', '.join(columns)}")
-    return rows
+    for name in columns:
+        kind = rows[name].dtype
+        right = pandas.api.types.is_integer_dtype(kind) if name.endswith("_ns") else name in TEXTS or pandas.api.types.is_numeric_dtype(kind) and not pandas.api.types.is_complex_dtype(kind)
+        if not right or rows[name].isna().any() and name not in ("x", "y", "z", "intensity"):
+            raise RecordingError(f"{path}: column {name!r} is of type {kind}, or lacks values; expected {'whole numbers' if name.endswith('_ns') else 'texts' if name in TEXTS else 'numbers'}")
+    return rows.astype({name: str for name in columns if name in TEXTS})
 
 
 QUATERNION, TRANSLATION = ["qw", "qx", "qy", "qz"], ["tx_m", "ty_m", "tz_m"]
@@ -57,8 +76,8 @@ def sequences(raw):
 
 
 def read(log, cameras, frames, out, progress):
-    lenses = table(os.path.join(log, "calibration", "intrinsics.feather"), ["sensor_name", "fx_px", "fy_px", "cx_px", "cy_px", "width_px", "height_px"]).set_index("sensor_name")
-    mounts = table(os.path.join(log, "calibration", "egovehicle_SE3_sensor.feather"), ["sensor_name", *QUATERNION, *TRANSLATION]).set_index("sensor_name")
+    lenses = by_sensor(os.path.join(log, "calibration", "intrinsics.feather"), ["fx_px", "fy_px", "cx_px", "cy_px", "width_px", "height_px"])
+    mounts = by_sensor(os.path.join(log, "calibration", "egovehicle_SE3_sensor.feather"), [*QUATERNION, *TRANSLATION])
     path = table(os.path.join(log, "city_SE3_egovehicle.feather"), ["timestamp_ns", *QUATERNION, *TRANSLATION]).sort_values("timestamp_ns").drop_duplicates("timestamp_ns")
     photographs = os.path.join(log, "sensors", "cameras")
     table_of_lenses = os.path.join(log, "calibration", "intrinsics.feather")
@@ -84,6 +103,8 @@ def read(log, cameras, frames, out, progress):
     tracks = read_tracks(log, zero, stations, ways, out.account)
     tracks.within((steps[0][0] - zero) / 1e9, (steps[-1][0] - zero) / 1e9, os.path.join(log, "annotations.feather"))
     for name in names:
+        if name not in mounts.index:
+            raise RecordingError(f"{os.path.join(log, 'calibration', 'egovehicle_SE3_sensor.feather')}: has no row of {name}")
         lens = lenses.loc[name]
         k = [[lens["fx_px"], 0, lens["cx_px"]], [0, lens["fy_px"], lens["cy_px"]], [0, 0, 1]]
         out.add_camera(name, (int(lens["width_px"]), int(lens["height_px"])), k)

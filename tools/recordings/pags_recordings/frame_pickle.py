@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tables that pandas wrote as pickles, read without running what they say: a pickle is a program, and this one may call nothing but numpy's arrays.
+"""Tables that pandas wrote as pickles, read without running what they say: a pickle is a program, and this one may call nothing but what is below.
 
-Of pandas only the names are known that its pickled tables consist of (the form "0.14.1", which versions up to 1.2 wrote); stand-ins take their
-parts. Anything else that a file names is refused.
+Of pandas and numpy only the names are known that pickled tables consist of (the form "0.14.1", which versions up to 1.2 wrote); stand-ins take their
+parts. Anything else that a file names is refused. numpy's own types are no stand-ins: they believe what a pickle says of their inside (a type of
+objects that says it has none turns bytes of the file into pointers).
 """
 
 import gzip
 import io
+import math
 import pickle
+import pickletools
+import re
 import zlib
 
 import numpy as np
@@ -15,7 +19,6 @@ import numpy as np
 from .errors import RecordingError
 
 MOST = 1 << 30  # bytes, unpacked: the largest tables of the sources take 10 MB
-RECONSTRUCT = np.zeros(0).__reduce__()[0]
 
 
 class Parts:
@@ -30,11 +33,56 @@ class Parts:
         self.state = state
 
 
-def array_of(kind, *arguments):
-    """numpy's own, of arrays alone: no subclass can be named."""
-    if kind is not np.ndarray:
-        raise pickle.UnpicklingError("an array of another class")
-    return RECONSTRUCT(kind, *arguments)
+class Type:
+    """Stands for numpy's dtype: a code such as f8, and the order of its bytes."""
+
+    order = "<"
+
+    def __init__(self, code, *flags):
+        self.code = str(code)
+
+    def __setstate__(self, state):
+        self.order = {"<": "<", ">": ">"}.get(state[1], "<")
+
+    def real(self):
+        """The type, of numbers or objects; no other is needed."""
+        if self.code in ("O", "O8", "O4"):
+            return np.dtype(object)
+        if not re.fullmatch("f[248]|[iu][1248]|b1", self.code):
+            raise pickle.UnpicklingError(f"has an array of the type {self.code[:40]!r}")
+        return np.dtype(self.order + self.code)
+
+
+class Array:
+    """Stands for numpy's array, which a pickle makes empty and fills by __setstate__; `values` is one."""
+
+    values = None
+
+    def __init__(self, *arguments):
+        pass
+
+    def __setstate__(self, state):
+        _, shape, kind, fortran, data = state
+        kind, count = kind.real(), math.prod(shape)
+        if not all(type(n) is int and n >= 0 for n in shape):
+            raise pickle.UnpicklingError("has an array of no shape")
+        if kind == object:
+            if type(data) is not list or len(data) != count:
+                raise pickle.UnpicklingError("has an array with another number of objects than its shape")
+            flat = np.empty(count, object)
+            for i, value in enumerate(data):
+                flat[i] = value
+        else:
+            if type(data) is not bytes or len(data) != count * kind.itemsize:
+                raise pickle.UnpicklingError("has an array with another number of bytes than its shape")
+            flat = np.frombuffer(data, kind)
+        self.values = flat.reshape(shape, order="F" if fortran else "C")
+
+
+def values_of(thing):
+    if not isinstance(thing, Array) or thing.values is None:
+        raise pickle.UnpicklingError("has something else in place of an array")
+    return thing.values
 
 
 NAMES = {
@@ -45,10 +93,10 @@ NAMES = {
     ("pandas.core.indexes.base", "Index"): Parts,
     ("pandas.core.indexes.numeric", "Int64Index"): Parts,
     ("pandas.core.indexes.range", "RangeIndex"): Parts,
-    ("numpy", "ndarray"): np.ndarray,
-    ("numpy", "dtype"): np.dtype,
-    ("numpy.core.multiarray", "_reconstruct"): array_of,
-    ("numpy._core.multiarray", "_reconstruct"): array_of,
+    ("numpy", "ndarray"): Array,
+    ("numpy", "dtype"): Type,
+    ("numpy.core.multiarray", "_reconstruct"): Array,
+    ("numpy._core.multiarray", "_reconstruct"): Array,
 }
 
 
@@ -61,6 +109,13 @@ class Reader(pickle.Unpickler):
 
     def persistent_load(self, identity):
         raise pickle.UnpicklingError("refers to something outside of the file")
+
+
+def check_places(data):
+    """The unpickler keeps a list as long as the largest number that a thing is stored under: numbers beyond the file's size take all memory."""
+    for code, place, _ in pickletools.genops(data):
+        if code.name in ("PUT", "BINPUT", "LONG_BINPUT") and not 0 <= place <= len(data):
+            raise pickle.UnpicklingError(f"stores a thing under number {place} of a file of {len(data)} bytes")
 
 
 def unpacked(path):
@@ -77,12 +132,17 @@ def unpacked(path):
 def table(path, columns):
     """Columns of a table by their names, each a numpy array; RecordingError unless all of `columns` are there."""
     try:
-        frame = Reader(io.BytesIO(unpacked(path))).load()
+        data = unpacked(path)
+        check_places(data)
+        frame = Reader(io.BytesIO(data)).load()
         parts = (frame.state.get("_mgr") or frame.state["_data"]).state[3]["0.14.1"]
-        names = [str(name) for name in parts["axes"][0]["data"]]
+        names = [str(name) for name in values_of(parts["axes"][0]["data"])]
         found = {}
         for block in parts["blocks"]:
-            found.update((names[i], row) for i, row in zip(np.arange(len(names))[block["mgr_locs"]], np.atleast_2d(block["values"])))
+            places = block["mgr_locs"] if isinstance(block["mgr_locs"], slice) else values_of(block["mgr_locs"])
+            found.update((names[i], row) for i, row in zip(np.arange(len(names))[places], np.atleast_2d(values_of(block["values"]))))
+        if any(column.ndim != 1 for column in found.values()):
+            raise ValueError("a column isn't a row of values")
         lengths = {len(column) for column in found.values()}
         if len(lengths) != 1:
             raise ValueError("its columns differ in length" if lengths else "it has no columns")

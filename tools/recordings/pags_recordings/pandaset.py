@@ -151,7 +151,7 @@ def read_boxes(files, steps, account):
             account.leave_out("files of boxes", "are missing", [f"time step {t}"] if files else [])
             continue
         found = table(files[t], BOX)
-        sizes = numbers(found, files[t], BOX[2:9])
+        (sensors,), sizes = numbers(found, files[t], BOX[-1:]), numbers(found, files[t], BOX[2:9])
         for i, track in enumerate(found["uuid"]):
             track = str(track)
             if rows.get(track, [(None,)])[-1][0] == t:
@@ -159,9 +159,9 @@ def read_boxes(files, steps, account):
                 continue
             rows.setdefault(track, []).append((t, [float(column[i]) for column in sizes]))
             names.setdefault(track, Counter())[str(found["label"][i])] += 1
-            if found["cuboids.sensor_id"][i] >= 0:
+            if sensors[i] >= 0:
                 siblings[track] = str(found["cuboids.sibling_id"][i])
-                if found["cuboids.sensor_id"][i] == 0:
+                if sensors[i] == 0:
                     turning.add(track)
     account.contains("boxes", sum(len(marks) for marks in rows.values()), os.path.dirname(next(iter(files.values()), "")))
     out = {}

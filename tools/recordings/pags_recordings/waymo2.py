@@ -37,12 +37,20 @@ class Component:
             lacking = [name for name in [*keys, *(self.prefix + column for column in columns)] if name not in there]
             if lacking:
                 raise RecordingError(f"{self.path}: has no column {lacking[0]!r}")
+            for name in [*keys, *(self.prefix + column for column in columns)]:
+                kind = self.file.schema_arrow.field(name).type
+                if not fits(kind, name):
+                    raise RecordingError(f"{self.path}: column {name!r} is of the type {kind}, which it can't be")
             rows = self.file.read(columns=keys).to_pylist()
+        except RecordingError:
+            raise
         except self.wrong as error:
             raise self.unreadable(error) from None
         self.places, self.twice = {}, []  # number of the row by key; keys of further rows
         for number, row in enumerate(rows):
             key = tuple(row[name] for name in keys)
+            if None in key[: len(keys) - (THING in keys)]:
+                raise RecordingError(f"{self.path}: row {number} has no {keys[key.index(None)]}")
             if self.places.setdefault(key, number) != number:
                 self.twice.append(key)
         groups = self.file.metadata
@@ -68,10 +76,38 @@ class Component:
         try:
             while self.batch is None or number >= self.first + self.batch.num_rows:
                 self.first += self.batch.num_rows if self.batch else 0
-                self.batch = next(self.batches)
+                self.batch = next(self.batches, None)
+                if self.batch is None:
+                    raise RecordingError(f"{self.path}: has fewer rows than it says")
+                self.batch.validate(full=True)
         except self.wrong as error:
             raise self.unreadable(error) from None
         return {column: plain(self.batch.column(self.prefix + column)[number - self.first]) for column in self.columns}
+
+    def whole(self, *key):
+        """The row of a key in which nothing may be missing."""
+        row = self.at(*key)
+        lacking = next((column for column, value in (row or {"": None}).items() if value is None), None)
+        if lacking is not None:
+            raise RecordingError(f"{self.path}: {', '.join(map(str, key))} has no {lacking or 'row'}")
+        return row
+
+
+def fits(kind, name):
+    """Whether an arrow type is that of a column: keys are whole numbers, but for ids, lists have numbers, a picture bytes."""
+    from pyarrow import types
+
+    number = lambda kind: types.is_integer(kind) or types.is_floating(kind)  # noqa: E731
+    inner = getattr(kind, "value_type", None)
+    if name == THING:
+        return types.is_string(kind) or types.is_large_string(kind)
+    if name.startswith("key."):
+        return types.is_integer(kind)
+    if name.endswith("].image"):
+        return types.is_binary(kind) or types.is_large_binary(kind)
+    if name.endswith((".transform", ".values", ".shape")):
+        return types.is_null(kind) or (types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind)) and (number(inner) or types.is_null(inner))
+    return number(kind) or types.is_null(kind)
 
 
 def plain(value):
@@ -118,7 +154,7 @@ def read(path, cameras, frames, out, progress):
         raise RecordingError(f"{raw}: no frame of {segment} is left; there is none that has a photograph of each camera, or --frames chose none")
     mounts = {}
     for name, number in numbers.items():
-        lens = lenses.at(number)
+        lens = lenses.whole(number)
         k = [[lens["intrinsic.f_u"], 0, lens["intrinsic.c_u"]], [0, lens["intrinsic.f_v"], lens["intrinsic.c_v"]], [0, 0, 1]]
         out.add_camera(name, (lens["width"], lens["height"]), k, [lens[f"intrinsic.{key}"] for key in ("k1", "k2", "p1", "p2", "k3")], pixel_centre=0.5)
         mounts[name] = transform(lens["extrinsic.transform"], f"{lenses.path}: the extrinsic of camera {name}") @ poses.axes_from_opencv("waymo")
@@ -128,7 +164,7 @@ def read(path, cameras, frames, out, progress):
     for done, stamp in enumerate(steps):
         progress.show(done)
         where = f"{ways.path}, frame {stamp}"
-        world_from_ego = transform(ways.at(stamp)["world_from_vehicle.transform"], where)
+        world_from_ego = transform(ways.whole(stamp)["world_from_vehicle.transform"], where)
         step = out.add_step((stamp - steps[0]) / 1e6, world_from_ego)
         for name, number in numbers.items():
             put_photograph(step, images.at(stamp, number), name, world_from_ego, mounts[name], steps[0] / 1e6, f"{images.path}, frame {stamp}, camera {name}")
@@ -229,7 +265,8 @@ class Lidar:
         azimuth (1 - (2 c + 1) / W) pi less the LiDAR's own yaw. The roof's LiDAR has a pose of the car for each pixel, which undoes its motion."""
         scanner, (height, width) = self.scanners.at(laser), image.shape[:2]
         mount = transform(scanner["extrinsic.transform"], f"{self.scanners.path}: the extrinsic of LiDAR {laser}")
-        low, high, listed = (scanner[f"beam_inclination.{key}"] for key in ("min", "max", "values"))
+        low, high = (np.nan if value is None else value for value in (scanner["beam_inclination.min"], scanner["beam_inclination.max"]))
+        listed = scanner["beam_inclination.values"]
         beams = np.asarray(listed, np.float64) if filled(listed) else low + (np.arange(height) + 0.5) / height * (high - low)
         if len(beams) != height or not np.isfinite(beams).all():
             raise RecordingError(f"{where}: {len(beams)} beam inclinations for a range image of {height} rows, or some that aren't finite")

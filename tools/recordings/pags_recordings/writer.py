@@ -68,6 +68,7 @@ class Step:
         number, size = r.camera_of(camera, self)
         require(camera not in self.photographs, f"{what} has a photograph already")
         pose = poses.check(world_from_camera, f"{what}: its pose")
+        require(time is None or np.isfinite(time), f"{what}: its time is {time}")
         name = f"images/{self.number:0{DIGITS}d}_{number}"
         there = r.written(name + ".jpg", name + ".png")
         if not there:
