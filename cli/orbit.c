@@ -10,6 +10,7 @@
 #include "cli/camera_paths.h"
 #include "cli/vectors.h"
 #include "maths/maths.h"
+#include "scene/far_cameras.h"
 
 enum { PATH_FPS = 30, AZIMUTHS = 72, SPREAD = 4 }; /* SPREAD: azimuths on either side that are smoothed over */
 enum { DEFAULT_WIDTH = 1280, DEFAULT_HEIGHT = 720, OBJECT_FOCAL = 1000, ROOM_FOCAL = 700 };
@@ -282,6 +283,34 @@ static pags_result orbit_of_views(const pags_scene *scene, const pags_survey *su
   return PAGS_OK;
 }
 
+/* The same without the cameras that stand far from all others. */
+static pags_result orbit_of_near_views(const pags_scene *scene, const pags_survey *survey, orbit *o) {
+  const size_t count = (size_t)scene->view_count;
+  const double *lo = survey->lo, *hi = survey->hi;
+  pags_far_cameras found;
+  pags_scene near = *scene;
+  double *positions = malloc(3 * count * sizeof *positions);
+  bool *far = malloc(count * sizeof *far);
+  near.views = malloc(count * sizeof *near.views);
+  pags_result result = positions && far && near.views ? PAGS_OK : pags_out_of_memory(NULL);
+  for (size_t i = 0; result == PAGS_OK && i < 3 * count; i++)
+    positions[i] = scene->views[i / 3].camera.world_from_camera[4 * (i % 3) + 3];
+  if (result == PAGS_OK)
+    result = pags_far_cameras_find(positions, scene->view_count,
+                                   fmax(fmax(hi[0] - lo[0], hi[1] - lo[1]), hi[2] - lo[2]) / 2, far, &found);
+  if (result == PAGS_OK) {
+    near.view_count = 0;
+    for (size_t i = 0; i < count; i++)
+      if (!far[i])
+        near.views[near.view_count++] = scene->views[i];
+    result = orbit_of_views(&near, survey, o);
+  }
+  free(positions);
+  free(far);
+  free(near.views);
+  return result;
+}
+
 /* Orbit for a drive, whose cameras look along a street and so have no common centre: circles, from above, a place
  * ahead of the mean camera position, nearer where something is in the way. */
 static void orbit_of_drive(const pags_scene *scene, const pags_survey *survey, orbit *o) {
@@ -321,7 +350,7 @@ pags_result pags_camera_path_orbit(const pags_scene *scene, int64_t frames, pags
   if (stand == PAGS_STAND_AUTO && pags_scene_is_drive(scene))
     orbit_of_drive(scene, &survey, &o);
   else if (stand == PAGS_STAND_AUTO && scene->view_count > 1)
-    result = orbit_of_views(scene, &survey, &o);
+    result = orbit_of_near_views(scene, &survey, &o);
   else if (stand == PAGS_STAND_INSIDE || (stand == PAGS_STAND_AUTO && survey.inside && survey.surrounded > closed))
     orbit_of_room(scene, &survey, &o);
   else

@@ -6,6 +6,7 @@
 #include "dataset/colmap_models.h"
 #include "dataset/driving/looks.h"
 #include "dataset/driving/reader.h"
+#include "dataset/far_cameras.h"
 #include "dataset/foreign.h"
 #include "dataset/foreign_recording.h"
 #include "dataset/photo_mask.h"
@@ -19,7 +20,6 @@
 #include "base/text.h"
 #include "maths/maths.h"
 #include "port/port.h"
-#include "scene/large.h"
 
 #include <assert.h>
 #include <math.h>
@@ -421,19 +421,7 @@ static pags_result open_into(pags_dataset *dataset, const char *path, const pags
   if (!dataset->parsed.driving)
     PAGS_TRY(check_plausible(dataset));
   report_split(dataset, &resolved);
-
-  /* With large coordinates (metres in a map grid), the origin is the mean camera position rounded to whole metres, so
-   * that positions relative to it fit single precision; otherwise the origin stays at zero. */
-  double mean[3] = {0}, largest = 0;
-  for (int64_t i = 0; i < dataset->count; i++)
-    for (int c = 0; c < 3; c++) {
-      double at = dataset->views[i].camera.world_from_camera[4 * c + 3];
-      mean[c] += at / (double)dataset->count;
-      largest = fmax(largest, fabs(at));
-    }
-  for (int c = 0; c < 3; c++)
-    dataset->origin[c] = largest > PAGS_LARGE_COORDINATE ? pags_round(mean[c]) : 0;
-
+  PAGS_TRY(pags_dataset_set_origin(dataset));
   if (dataset->parsed.driving)
     PAGS_TRY(pags_driving_views_check(dataset, options));
   PAGS_TRY(pags_dataset_make_points(dataset, options));
@@ -479,6 +467,7 @@ void pags_dataset_close(pags_dataset *dataset) {
   free(dataset->image_folder);
   free(dataset->views);
   free(dataset->cameras);
+  free(dataset->far);
   free(dataset->xyz);
   free(dataset->rgb);
   free(dataset);

@@ -14,6 +14,7 @@ struct pags_dataset {
   pags_parsed_dataset parsed; /* owns the strings of `views`; parsed.views has the same order */
   pags_view *views;
   pags_camera *cameras; /* one per view: not downscaled; only size, intrinsics and lens are set (view_camera.h) */
+  bool *far;            /* one per view: far_cameras.h */
   int64_t count;
   double origin[3];
   int64_t missing;

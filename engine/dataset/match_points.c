@@ -17,6 +17,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/rng.h"
+#include "dataset/far_cameras.h"
 #include "dataset/focus.h"
 #include "maths/maths.h"
 #include "port/port.h"
@@ -455,10 +456,10 @@ static pags_result prepare(matcher *m) {
   int64_t training = 0, seen = 0;
   int count = 0;
   for (int64_t i = 0; i < m->dataset->count; i++)
-    training += !m->dataset->views[i].test;
+    training += !m->dataset->views[i].test && !pags_dataset_is_far(m->dataset, i);
   int64_t step = (training + MOST_PICTURES - 1) / MOST_PICTURES;
   for (int64_t i = 0; i < m->dataset->count; i++)
-    if (!m->dataset->views[i].test && seen++ % step == 0)
+    if (!m->dataset->views[i].test && !pags_dataset_is_far(m->dataset, i) && seen++ % step == 0)
       m->views[count++] = i;
   m->count = count;
 

@@ -3,6 +3,7 @@
  * else random points. A driving set without such points gets none here, because its training starts from LiDAR
  * points. */
 #include "dataset/driving/reader.h"
+#include "dataset/far_cameras.h"
 #include "dataset/internal.h"
 
 #include "base/log.h"
@@ -84,7 +85,7 @@ static pags_result make_random_points(pags_dataset *dataset, const pags_dataset_
     return pags_out_of_memory("%s", dataset->path);
   int64_t training = 0;
   for (int64_t i = 0; i < dataset->count; i++)
-    if (!dataset->views[i].test)
+    if (!dataset->views[i].test && !pags_dataset_is_far(dataset, i))
       cameras[training++] = &dataset->views[i].camera;
   pags_result result = pags_random_points(cameras, training, dataset->origin, options->seed, options->random_points,
                                           dataset->xyz, dataset->rgb);

@@ -10,6 +10,7 @@
 
 #include "base/memory.h"
 #include "base/sort.h"
+#include "dataset/far_cameras.h"
 #include "init/knn.h"
 #include "maths/maths.h"
 #include "scene/morton.h"
@@ -59,12 +60,15 @@ static pags_result median_distance(int64_t points, const float *xyz, const doubl
 pags_result pags_init_extent(const pags_dataset *dataset, const int64_t *views, int64_t count, int64_t points,
                              const float *xyz, double *extent) {
   double mean[3] = {0.0, 0.0, 0.0}, centre[3], largest = 0.0, median;
+  int64_t near = 0;
   for (int64_t i = 0; i < count; i++)
-    for (int k = 0; k < 3; k++)
-      mean[k] += pags_dataset_view(dataset, views[i])->camera.world_from_camera[4 * k + 3] / (double)count;
+    near += !pags_dataset_is_far(dataset, views[i]);
+  for (int64_t i = 0; i < count; i++)
+    for (int k = 0; k < 3 && !pags_dataset_is_far(dataset, views[i]); k++)
+      mean[k] += pags_dataset_view(dataset, views[i])->camera.world_from_camera[4 * k + 3] / (double)near;
   for (int64_t i = 0; i < count; i++) {
     double square = 0.0;
-    for (int k = 0; k < 3; k++) {
+    for (int k = 0; k < 3 && !pags_dataset_is_far(dataset, views[i]); k++) {
       double d = pags_dataset_view(dataset, views[i])->camera.world_from_camera[4 * k + 3] - mean[k];
       square += d * d;
     }

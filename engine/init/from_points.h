@@ -9,10 +9,11 @@
 #include <pags/train.h>
 
 /* The scene's extent: 1.1 times the largest distance of a camera from the cameras' mean position, metres (Kerbl et al.
- * 2023), but at least a quarter of the median distance of the points from there: cameras that stand closely together
- * (on a tripod, or before a far wall) say nothing of the size of what they see. Without points, 1 if all cameras stand
- * in one place. `views` are the indices of the training views in the data set; xyz holds 3 floats per point, relative
- * to the data set's origin. PAGS_ERROR_MEMORY. */
+ * 2023), without those that are far from all others (dataset/far_cameras.h), but at least a quarter of the median
+ * distance of the points from there: cameras that stand closely together (on a tripod, or before a far wall) say
+ * nothing of the size of what they see. Without points, 1 if all cameras stand in one place. `views` are the indices of
+ * the training views in the data set; xyz holds 3 floats per point, relative to the data set's origin.
+ * PAGS_ERROR_MEMORY. */
 pags_result pags_init_extent(const pags_dataset *dataset, const int64_t *views, int64_t count, int64_t points,
                              const float *xyz, double *extent);
 

@@ -551,6 +551,35 @@ class Photographs(fixtures.Case):
         self.assertGreater(scores[0], 15)
         self.assertGreater(scores[1], scores[0] - 1)
 
+    def test_a_camera_far_off(self):
+        """A picture whose registration failed is named, and the scene keeps its size and its middle."""
+        scores = []
+        for away in (0, 500, 1e7):
+            self.set = self.path(f"away{away:g}")
+            shutil.copytree(self.data, self.set)
+            frames = self.change()["frames"]
+            frames[4]["transform_matrix"][0][3] += away
+            self.change(frames=frames)
+            warnings = self.train("--max-gaussians", 1000, steps=200)["warnings"]
+            self.assertEqual(len(warnings), away > 0, warnings)
+            if away:
+                self.assertIn("1 of 9 cameras stand far from the others, the first is 004.png", warnings[0])
+            views = self.eval()["train"]["per_view"]
+            scores.append(sum(v["psnr"] for v in views if v["name"] != "004.png") / (len(views) - 1))
+            self.succeeds("render", self.path("scene"), "--path", "orbit", "-n", 4, "-o", self.path("orbit"))
+            for i in range(4):
+                self.assertGreater(len(set(read_png(self.path("orbit", f"{i:05d}.png"))[4])), 20)
+        self.assertGreater(scores[0], 15)
+        self.assertGreater(min(scores[1:]), scores[0] - 1.5)
+        self.folder = self.path("two")
+        make = fixtures.make_dataset(self.path("set"), VIEWS, WIDTH, HEIGHT)
+        self.set = make
+        frames = self.change()["frames"]
+        for frame in frames[:2]:
+            frame["transform_matrix"][0][3] += 500
+        self.change(frames=frames)
+        self.assertEqual(self.info()["warnings"], [])  # a capture of two parts
+
     def test_nothing_in_view(self):
         self.point_set(0, move=-1e6)
         content = self.change()
