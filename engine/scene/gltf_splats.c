@@ -493,10 +493,9 @@ static pags_result decode(gltf_splats *s, pags_gaussians *out, pags_splat_facts 
                      "%s: a glTF without Gaussians (%s), with %lld other primitives: expected a splat "
                      "file",
                      s->file.path, EXTENSION, (long long)s->other_primitives);
-  double origin[3] = {0};
-  PAGS_TRY(read_items(s, out, origin));
+  PAGS_TRY(read_items(s, out, facts->taken_off));
   for (int k = 0; k < 3; k++)
-    facts->origin[k] += origin[k];
+    facts->origin[k] += facts->taken_off[k];
   say(s);
   return pags_splat_accept(s->file.path, out);
 }

@@ -81,6 +81,9 @@ static pags_result parse_property(ply_table *t, int line, int words, char *word[
     t->properties = grown;
     t->property_capacity = capacity;
   }
+  const bool position = word[2][0] && strchr("xyz", word[2][0]) && !word[2][1];
+  if (t->ascii && type == PLY_FLOAT && position) /* text has all the digits that were written */
+    type = PLY_DOUBLE;
   t->properties[t->property_count++] = (ply_property){word[2], type, element->stride};
   element->property_count++;
   element->stride += type_sizes[type];

@@ -23,6 +23,7 @@
 #include "base/zip.h"
 #include "maths/maths.h"
 #include "scene/axes.h"
+#include "scene/large.h"
 #include "scene/splat_formats.h"
 #include "scene/webp.h"
 
@@ -49,9 +50,9 @@ typedef struct sog_file {
   int64_t count, palette; /* Gaussians; entries of the palette */
   double mins[3], maxs[3];
   sog_scale scales, sh0, shn;
-  pags_up up; /* as PAGS writes it; unknown in other files */
-  double origin[3];
-  int lossy; /* pictures that are not lossless */
+  pags_up up;                     /* as PAGS writes it; unknown in other files */
+  double origin[3], taken_off[3]; /* as in pags_splat_facts, apart from each other */
+  int lossy;                      /* pictures that are not lossless */
   char first_lossy[MOST_NAME];
 } sog_file;
 
@@ -289,17 +290,28 @@ static double from_log(double v) {
   return v < 0 ? -size : size;
 }
 
+static double mean_of(const sog_file *f, const pags_webp *low, const pags_webp *high, int64_t i, int k) {
+  const int fixed = low->rgba[4 * i + k] | high->rgba[4 * i + k] << 8;
+  return from_log(f->mins[k] + (f->maxs[k] - f->mins[k]) * fixed / 65535);
+}
+
+/* Far from zero, positions have more digits than a float: they get an origin, by up to 1,024 of them. */
 static pags_result decode_means(sog_file *f, pags_gaussians *out) {
+  enum { MOST = 1024 };
+  double values[MOST];
   pags_webp low, high;
   PAGS_TRY(read_rows(f, "means", 0, &low));
   pags_result result = read_rows(f, "means", 1, &high);
   if (result == PAGS_OK)
     result = pags_gaussians_create(out, f->count, f->sh_degree);
-  for (int64_t i = 0; i < f->count && result == PAGS_OK; i++)
-    for (int k = 0; k < 3; k++) {
-      const int fixed = low.rgba[4 * i + k] | high.rgba[4 * i + k] << 8;
-      pags_plane(out, PAGS_MEAN + k)[i] = (float)from_log(f->mins[k] + (f->maxs[k] - f->mins[k]) * fixed / 65535);
-    }
+  for (int k = 0; k < 3 && result == PAGS_OK; k++) {
+    const int count = f->count < MOST ? (int)f->count : MOST;
+    for (int i = 0; i < count; i++)
+      values[i] = mean_of(f, &low, &high, (int64_t)((double)f->count / count * i), k);
+    f->taken_off[k] = pags_large_origin(values, count);
+    for (int64_t i = 0; i < f->count; i++)
+      pags_plane(out, PAGS_MEAN + k)[i] = (float)(mean_of(f, &low, &high, i, k) - f->taken_off[k]);
+  }
   free(low.rgba);
   free(high.rgba);
   return result;
@@ -439,7 +451,10 @@ static pags_result decode(const sog_source *source, const uint8_t *meta, size_t 
   facts->kind = f->version == 2 ? "SOG v2" : "SOG v1";
   facts->antialiased = f->antialiased;
   facts->up = f->up;
-  memcpy(facts->origin, f->origin, sizeof facts->origin);
+  for (int k = 0; k < 3; k++) {
+    facts->origin[k] = f->origin[k] + f->taken_off[k];
+    facts->taken_off[k] = f->taken_off[k];
+  }
   pags_json_destroy(f->json);
   free(f);
   if (result != PAGS_OK)

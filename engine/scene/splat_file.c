@@ -16,6 +16,7 @@
 #include "base/memory.h"
 #include "base/zip.h"
 #include "scene/axes.h"
+#include "scene/large.h"
 #include "scene/plain_cut.h"
 #include "scene/splat_formats.h"
 #include "scene/unread_splats.h"
@@ -168,6 +169,7 @@ pags_result pags_splat_read(const char *path, int axes, pags_gaussians *out, pag
 pags_result pags_splat_load(const char *path, pags_gaussians *out, const char **kind, int *antialiased) {
   pags_splat_facts facts;
   PAGS_TRY(pags_splat_read(path, PAGS_AXES_UNKNOWN, out, &facts));
+  pags_large_put_back(out, facts.taken_off);
   if (kind)
     *kind = facts.kind;
   if (antialiased)

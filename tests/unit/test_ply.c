@@ -281,13 +281,13 @@ static void comments_say_what_a_scene_says(void **state) {
   pags_gaussians_destroy(&g);
 }
 
-/* A PLY of `count` Gaussians on a line, whose x y z are doubles near `far`; the third is a stray one. */
-static file_bytes make_far_ply(int count, const double far[3], const char *comment) {
+/* A PLY of `count` Gaussians on a line, whose x y z, of a `type`, lie near `far`; the third is a stray one. */
+static file_bytes make_far_ply(int count, const double far[3], const char *comment, const char *type) {
   static const char *const rest[] = {"f_dc_0",  "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1",
                                      "scale_2", "rot_0",  "rot_1",  "rot_2",   "rot_3"};
   file_bytes file = {0};
   bytes_text(&file, "ply\nformat ascii 1.0\n%selement vertex %d\n", comment, count);
-  bytes_text(&file, "property double x\nproperty double y\nproperty double z\n");
+  bytes_text(&file, "property %s x\nproperty %s y\nproperty %s z\n", type, type, type);
   for (int k = 0; k < 11; k++)
     bytes_text(&file, "property float %s\n", rest[k]);
   bytes_text(&file, "end_header\n");
@@ -301,7 +301,7 @@ static file_bytes make_far_ply(int count, const double far[3], const char *comme
 static void doubles_far_away_keep_their_digits(void **state) {
   (void)state;
   const double far[3] = {500000.25, -4600000, 120};
-  file_bytes file = make_far_ply(50, far, "comment offset 10 20 30\n");
+  file_bytes file = make_far_ply(50, far, "comment offset 10 20 30\n", "double");
   pags_splat_facts facts;
   pags_gaussians g;
   const char *const path = scratch_file("far.ply", file.data, file.size);
@@ -323,7 +323,12 @@ static void doubles_far_away_keep_their_digits(void **state) {
   assert_true(pags_plane(&g, PAGS_MEAN + 1)[0] == -4600000);
   pags_gaussians_destroy(&g);
   bytes_free(&file);
-  file = make_far_ply(50, (const double[3]){3000, -4000, 5}, "");
+  file = make_far_ply(50, far, "", "float"); /* text has the digits, whatever its type */
+  assert_int_equal(pags_splat_read(scratch_file("text.ply", file.data, file.size), 0, &g, &facts), PAGS_OK);
+  assert_true(facts.origin[1] == -4600000 && fabs((double)pags_plane(&g, PAGS_MEAN + 1)[9] + 0.009) < 1e-7);
+  pags_gaussians_destroy(&g);
+  bytes_free(&file);
+  file = make_far_ply(50, (const double[3]){3000, -4000, 5}, "", "double");
   assert_int_equal(pags_splat_read(scratch_file("near.ply", file.data, file.size), 0, &g, &facts), PAGS_OK);
   assert_true(facts.origin[0] == 0 && facts.origin[1] == 0 && pags_plane(&g, PAGS_MEAN + 1)[0] == -4000);
   pags_gaussians_destroy(&g);

@@ -151,6 +151,22 @@ static void sog_says_what_it_guesses(void **state) {
   pags_gaussians_destroy(&g);
 }
 
+/* Positions far from zero have more digits than a float: they are relative to an origin. */
+static void sog_far_away_keeps_its_digits(void **state) {
+  pags_gaussians g;
+  pags_splat_facts facts;
+  const char *const path =
+      changed(*state, "[-1, -2, 0], \"maxs\": [1, 2, 3]", "[15.3, -2, 0], \"maxs\": [15.3001, 2, 3]");
+  scratch_ok(pags_splat_read(path, PAGS_AXES_UNKNOWN, &g, &facts));
+  assert_true(facts.origin[0] > 4e6 && facts.origin[0] == facts.taken_off[0] && facts.origin[1] == 0);
+  for (int i = 0; i < SOG_COUNT; i++) {
+    const double v = 15.3 + 0.0001 * (sog_pixel(1, i, 0) + 256 * sog_pixel(2, i, 0)) / 65535;
+    near(facts.origin[0] + value(&g, 0, i), exp(v) - 1, 1e-4);
+    near(value(&g, 1, i), mean(i, 1), 1e-6);
+  }
+  pags_gaussians_destroy(&g);
+}
+
 static void sog_refuses_what_cannot_be(void **state) {
   scratch *s = *state;
   static const struct {
@@ -373,6 +389,7 @@ int main(void) {
 #ifdef PAGS_WITH_WEBP
       scratch_test(sog_decodes_in_folders_and_archives),
       scratch_test(sog_says_what_it_guesses),
+      scratch_test(sog_far_away_keeps_its_digits),
       scratch_test(sog_refuses_what_cannot_be),
       scratch_test(archives_are_checked),
 #endif

@@ -82,8 +82,9 @@ typedef struct pags_splat_facts {
   int antialiased;  /* 1: opacities expect the antialiased projection (Mip-Splatting) */
   pags_up up;       /* unknown unless the file says it */
   double origin[3]; /* metres, to be added to all positions; zeros unless the file says it or positions are large */
-  /* The part of `origin` that the file doesn't say: positions of a PLY that are stored with more digits than a float
-   * has, and half of which lie beyond 4,096 m along an axis, are read relative to their median, in whole metres. */
+  /* The part of `origin` that the file doesn't say: positions of a PLY or SOG that are stored with more digits than a
+   * float has, and half of which lie beyond 4,096 m along an axis, are read relative to their median, in whole metres;
+   * those of a glTF relative to the place of its first node beyond 10,000 m. */
   double taken_off[3];
   int axes;              /* a pags_axes: those that the file was read in; unknown where it is no question */
   const char *axes_from; /* who says so: "record" of the file, "specification", "option"; static, NULL like axes */
@@ -207,7 +208,7 @@ PAGS_API int pags_ply_row_bytes(const pags_gaussians *gaussians);
  * folder of an unpacked SOG. `facts` may be NULL. Errors as pags_scene_load_in_axes. */
 PAGS_API pags_result pags_splat_read(const char *path, int axes, pags_gaussians *out, pags_splat_facts *facts);
 
-/* pags_splat_read with axes 0 and two of the facts, which may be NULL. */
+/* pags_splat_read with axes 0 and two of the facts, which may be NULL; nothing is taken off the positions. */
 PAGS_API pags_result pags_splat_load(const char *path, pags_gaussians *out, const char **kind, int *antialiased);
 
 #ifdef __cplusplus
