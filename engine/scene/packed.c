@@ -13,6 +13,7 @@
 #include "base/bytes.h"
 #include "base/file.h"
 #include "base/half.h"
+#include "base/log.h"
 #include "base/memory.h"
 #include "maths/maths.h"
 #include "port/port.h"
@@ -413,14 +414,32 @@ pags_result pags_packed_save(const char *path, const pags_packed *packed, int64_
   return pags_file_writer_commit(&file);
 }
 
+/* Fails at a value that isn't finite; says how many Gaussians have a sigma or a colour that is clamped. */
+static pags_result check_range(const char *path, const pags_gaussians *g) {
+  int64_t clamped = 0;
+  for (int64_t i = 0; i < g->count; i++) {
+    bool beyond = false;
+    for (int p = 0; p < pags_plane_count(g->sh_degree); p++) {
+      const float value = pags_plane(g, p)[i];
+      if (!isfinite(value))
+        return pags_fail(PAGS_ERROR_ARGUMENT, "%s: Gaussian %lld: expected finite numbers, found %g", path,
+                         (long long)i, (double)value);
+      beyond = beyond || (p >= PAGS_SCALE && p < PAGS_ROTATION && value > -PAGS_PACKED_LOWEST) ||
+               (p >= PAGS_SH && p < PAGS_SH + 3 && fabsf(value) > 65504.0f);
+    }
+    clamped += beyond;
+  }
+  if (clamped)
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s: %lld Gaussians have a sigma over 8.9e6 m or a colour over 18,000, which are clamped", path,
+                     (long long)clamped);
+  return PAGS_OK;
+}
+
 pags_result pags_packed_export(const char *path, const pags_gaussians *gaussians, const pags_packed *head) {
   pags_gaussians sorted;
   pags_packed packed;
-  for (int p = 0; p < pags_plane_count(gaussians->sh_degree); p++)
-    for (int64_t i = 0; i < gaussians->count; i++)
-      if (!isfinite(pags_plane(gaussians, p)[i]))
-        return pags_fail(PAGS_ERROR_ARGUMENT, "%s: Gaussian %lld: expected finite numbers, found %g", path,
-                         (long long)i, (double)pags_plane(gaussians, p)[i]);
+  PAGS_TRY(check_range(path, gaussians));
   PAGS_TRY(pags_gaussians_sorted_copy(&sorted, gaussians));
   pags_result result = pags_packed_create(&sorted, &packed);
   pags_gaussians_destroy(&sorted);

@@ -100,7 +100,7 @@ void pags_packed_colours(const pags_packed *packed, int64_t cluster, int sh_degr
   for (int p = 0; p < rest; p++) {
     float step;
     memcpy(&step, steps + 4 * p, sizeof step);
-    step = fabsf(step) < 1e30f ? step : 0.0f; /* infinite or NaN in a damaged file only */
+    step = fabsf(step) < 2.6e36f ? step : 0.0f; /* larger in a damaged file only */
     memcpy(bytes, block + (6 + p) * ROWS, sizeof bytes);
     for (int i = 0; i < ROWS; i++)
       planes[(3 + p) * ROWS + i] = (float)bytes[i] * step;

@@ -79,8 +79,8 @@ static pags_result read_numbers(const sog_file *f, const pags_json_value *object
       first_missing = true;
     else
       PAGS_TRY(pags_json_as_number(f->json, v, key, &out[i]));
-    if (!(i == 0 && first_missing) && !(fabs(out[i]) < 1e30))
-      return pags_json_fail(f->json, v, "expected a number within 1e30 of zero for '%s', found %g", key, out[i]);
+    if (!(i == 0 && first_missing) && !(fabs(out[i]) < 3.5e38)) /* of a float's range */
+      return pags_json_fail(f->json, v, "expected a number within 3.5e38 of zero for '%s', found %g", key, out[i]);
   }
   if (first_missing) {
     out[0] = out[1] + (out[1] - out[*count - 1]) / (*count - 1);
@@ -186,8 +186,8 @@ static pags_result read_meta(sog_file *f) {
   PAGS_TRY(read_numbers(f, means, "mins", 3, f->mins, &lows));
   PAGS_TRY(read_numbers(f, means, "maxs", 3, f->maxs, &highs));
   for (int k = 0; k < 3; k++)
-    if (lows != 3 || highs != 3 || !(fabs(f->mins[k]) <= 80 && fabs(f->maxs[k]) <= 80))
-      return pags_json_fail(f->json, means, "expected 3 logarithms within -80 and 80 each for 'mins' and 'maxs'");
+    if (lows != 3 || highs != 3 || !(fabs(f->mins[k]) <= 89 && fabs(f->maxs[k]) <= 89))
+      return pags_json_fail(f->json, means, "expected 3 logarithms within -89 and 89 each for 'mins' and 'maxs'");
   PAGS_TRY(read_scale(f, scales, 3, &f->scales));
   PAGS_TRY(read_scale(f, sh0, f->version == 2 ? 3 : 4, &f->sh0));
   PAGS_TRY(read_model(f));

@@ -175,7 +175,7 @@ static void sog_refuses_what_cannot_be(void **state) {
               {"\"count\": 5", "\"count\": 17", "expected 17 to"},
               {"\"count\": 5", "\"count\": 2000000000", "are no picture of 2000000000 Gaussians"},
               {"[-5, -4, -3, -2]", "[-5, -4]", "'scales': pixel 0: expected an index of the 2 values"},
-              {"[-1, -2, 0]", "[-1, -200, 0]", "within -80 and 80"},
+              {"[-1, -2, 0]", "[-1, -200, 0]", "within -89 and 89"},
               {"quats.webp", "none.webp", "meta.json: names 'none.webp', which isn't beside it"},
               {"quats.webp", "../quats.webp", "expected names of files beside meta.json"},
               {"quats.webp", "meta.json", "expected a WebP picture"},
