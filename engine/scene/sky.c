@@ -95,8 +95,8 @@ static pags_result decode(const char *path, const uint8_t *bytes, size_t size, p
     if (!isfinite(sky->texels[i]))
       return pags_fail(PAGS_ERROR_FORMAT, "%s: expected finite numbers, found %s at byte %zu", path,
                        isnan(sky->texels[i]) ? "nan" : "inf", begin + 2 * i);
-    least = fminf(least, sky->texels[i]);
-    most = fmaxf(most, sky->texels[i]);
+    least = sky->texels[i] < least ? sky->texels[i] : least;
+    most = sky->texels[i] > most ? sky->texels[i] : most;
   }
   sky->dip = least < 0.0f ? fminf(-least / most, 1.0f) : 0.0f;
   return PAGS_OK;

@@ -57,6 +57,23 @@ static void fill(pags_sky *sky, int size) {
     sky->texels[i] = (float)i / 256;
 }
 
+/* What bounded Early-Z has to know of a sky: how far it is below 0. */
+static void a_loaded_sky_knows_its_dip(void **state) {
+  (void)state;
+  const float least[] = {0.0f, -0.5f, -100.0f}, dips[] = {0.0f, 0.25f, 1.0f};
+  for (int i = 0; i < 3; i++) {
+    pags_sky sky, back;
+    fill(&sky, 1);
+    sky.texels[3] = least[i];
+    sky.texels[17] = 2.0f;
+    assert_int_equal(pags_sky_save(scratch("dip.npy"), &sky), PAGS_OK);
+    assert_int_equal(pags_sky_load(scratch("dip.npy"), &back), PAGS_OK);
+    assert_true(back.dip == dips[i]);
+    pags_sky_destroy(&sky);
+    pags_sky_destroy(&back);
+  }
+}
+
 static void a_sky_comes_back(void **state) {
   (void)state;
   pags_sky sky, back;
@@ -148,11 +165,9 @@ static void directions_meet_their_texels(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(every_half_comes_back),
-      cmocka_unit_test(halves_are_the_nearest_with_ties_to_even),
-      cmocka_unit_test(a_sky_comes_back),
-      cmocka_unit_test(bad_files_are_explained),
-      cmocka_unit_test(directions_meet_their_texels),
+      cmocka_unit_test(every_half_comes_back),   cmocka_unit_test(halves_are_the_nearest_with_ties_to_even),
+      cmocka_unit_test(a_sky_comes_back),        cmocka_unit_test(a_loaded_sky_knows_its_dip),
+      cmocka_unit_test(bad_files_are_explained), cmocka_unit_test(directions_meet_their_texels),
   };
   return cmocka_run_group_tests(tests, scratch_setup, scratch_teardown);
 }
