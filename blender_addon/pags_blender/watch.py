@@ -44,6 +44,7 @@ def read_anew(job, path):
     old, fresh = native.entry(path, False), native.Entry(path)
     _tried[path] = fresh.stamp
     yield jobs.beside(fresh.thread.join)
+    yield jobs.beside(whereabouts.look, path)  # so that the next save needn't
     if fresh.error:
         job.notes.append(f"{path} was written anew, but can't be read ({fresh.error}); what was read before is shown")
         return None
