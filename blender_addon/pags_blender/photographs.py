@@ -132,7 +132,9 @@ def load(job, root, entry, view):
 
 def cache_folder(entry, source, sensor, fps):
     """Folder of the numbered copies or links: below the user's data folder, where extensions have to write."""
-    key = hashlib.sha1(f"{entry.path} {entry.stamp} {source} {sensor} {fps:.6f}".encode()).hexdigest()[:12]
+    status = os.stat(source)  # another set in the place of this one has photographs of the same names, which may be older
+    told = f"{entry.path} {entry.stamp} {source} {status.st_dev} {status.st_ino} {sensor} {fps:.6f}"
+    key = hashlib.sha1(told.encode("utf-8", "surrogateescape")).hexdigest()[:12]
     inner = os.path.join("photographs", key)
     if hasattr(bpy.utils, "extension_path_user") and __package__.startswith("bl_ext."):
         return bpy.utils.extension_path_user(__package__, path=inner, create=True)

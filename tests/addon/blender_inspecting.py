@@ -99,6 +99,12 @@ class Inspecting(BlenderCase):
                     os.utime(self.path("set", "images", "002_0.png"), (4e9, 4e9))
                     bpy.ops.pags.photographs()
                     self.assertEqual(fixtures.read(path(5)), photographs["001_0.png"])
+                os.rename(self.path("set"), self.path(f"before {distorted}"))  # another set with this one's names, older than what was made of it
+                for name in photographs:
+                    self.write(f"set/images/{name}", photographs["002_0.png"])
+                    os.utime(self.path("set", "images", name), (1e9, 1e9))
+                bpy.ops.pags.photographs()
+                self.assertEqual(fixtures.read(self.background()(1)), photographs["002_0.png"])
                 self.assertEqual(len(self.scene.camera.data.background_images), 1)  # however often they were shown
 
     def test_a_scene_of_another_machine(self):
