@@ -335,10 +335,10 @@ static pags_result save(const char *path, const pags_scene *scene, const pags_ga
 
 PyObject *native_scene_save(PyObject *self, PyObject *arguments) {
   const pags_scene *scene = pags_composition_scene(((native_scene *)self)->composition);
-  PyObject *bytes;
+  PyObject *file, *bytes;
   pags_gaussians g;
   pags_result result;
-  if (!check_savable(scene) || !PyArg_ParseTuple(arguments, "O&:save", PyUnicode_FSConverter, &bytes))
+  if (!check_savable(scene) || !PyArg_ParseTuple(arguments, "O:save", &file) || !native_read_path(file, "path", &bytes))
     return NULL;
   const char *path = PyBytes_AsString(bytes);
   const char *extension = pags_path_extension(path);

@@ -115,6 +115,7 @@ bool native_read_finite(PyObject *value, const char *what, double *out);
 bool native_read_integer(PyObject *value, const char *what, long long least, long long most, long long *out);
 bool native_read_flag(PyObject *value, const char *what, int *out);                         /* True or False, 1 or 0 */
 bool native_read_word(PyObject *value, const char *what, const char **out);                 /* valid while `value` is */
+bool native_read_path(PyObject *value, const char *what, PyObject **bytes);                 /* a new reference */
 bool native_read_camera(PyObject *value, const char *what, pags_camera *out);               /* and checks it */
 bool native_read_numbers(PyObject *value, const char *what, Py_ssize_t count, double *out); /* finite */
 /* A pose of finite numbers: 12, a matrix of 3 x 4, or one of 4 x 4 whose last row is 0 0 0 1. Not checked further. */

@@ -52,9 +52,10 @@ static pags_result load(const char *path, const char *edits, native_scene *self)
 
 PyObject *native_scene_load(PyObject *module, PyObject *arguments) {
   native_state *state = PyModule_GetState(module);
-  PyObject *bytes;
+  PyObject *file, *rules = Py_None, *bytes;
   const char *edits = NULL;
-  if (!PyArg_ParseTuple(arguments, "O&|z:load", PyUnicode_FSConverter, &bytes, &edits))
+  if (!PyArg_ParseTuple(arguments, "O|O:load", &file, &rules) ||
+      (rules != Py_None && !native_read_word(rules, "edits", &edits)) || !native_read_path(file, "path", &bytes))
     return NULL;
   native_scene *self = native_scene_create(state->scene);
   pags_result result = PAGS_OK;
@@ -80,12 +81,16 @@ static pags_result write_edited(const char *path, const char *edits, const char 
 }
 
 PyObject *native_write_edited(PyObject *module, PyObject *arguments) {
-  PyObject *from, *to;
+  PyObject *file, *rules, *out, *from, *to;
   const char *edits;
   pags_result result;
-  if (!PyArg_ParseTuple(arguments, "O&sO&:write_edited", PyUnicode_FSConverter, &from, &edits, PyUnicode_FSConverter,
-                        &to))
+  if (!PyArg_ParseTuple(arguments, "OOO:write_edited", &file, &rules, &out) ||
+      !native_read_word(rules, "edits", &edits) || !native_read_path(file, "path", &from))
     return NULL;
+  if (!native_read_path(out, "folder", &to)) {
+    Py_DECREF(from);
+    return NULL;
+  }
   const char *path = PyBytes_AsString(from), *folder = PyBytes_AsString(to);
   Py_BEGIN_ALLOW_THREADS result = write_edited(path, edits, folder);
   Py_END_ALLOW_THREADS Py_DECREF(from);

@@ -80,6 +80,10 @@ bool native_read_word(PyObject *value, const char *what, const char **out) {
   return *out || expected(value, what, "a string");
 }
 
+bool native_read_path(PyObject *value, const char *what, PyObject **bytes) {
+  return PyUnicode_FSConverter(value, bytes) || expected(value, what, "a path");
+}
+
 PyObject *native_text(const char *text) {
   return PyUnicode_DecodeUTF8(text, (Py_ssize_t)strlen(text), "surrogateescape");
 }

@@ -82,6 +82,7 @@ class Unfit(ModuleCase):
             ("x", pags.pick, scene, view, 1.5, 0), ("y", pags.pick, scene, view, 0, NAN), ("x", pags.pick, scene, view, -1, 0),
             ("time", scene.pose, 1, NAN), ("object", scene.pose, "a", 0), ("sensor", scene.exposure, 0.5, 0), ("time", scene.exposure, 0, INF),
             ("object", scene.track, "a"), ("budget", scene.points, 0, NAN), ("value", pags.heat, NAN), ("name", pags.cryptomatte_hash, 5),
+            ("path", pags.load, 5), ("edits", pags.load, self.path("scene"), 5), ("folder", pags.write_edited, "a", "{}", 5),
             ("ms", pags.Deadline, NAN), ("ms", pags.Deadline(5).pace, NAN, 5), ("wanted", pags.Deadline(5).pace, 5, INF),
             ("threads", pags.Renderer, 1.5), ("seconds", pags.Renderer().submit(scene, view).wait, NAN),
             ("rgb", pags.gradients, scene, view, [[[NAN] * 3] * view["width"]] * view["height"]),
@@ -90,6 +91,7 @@ class Unfit(ModuleCase):
         for named, value in [("background", (NAN, 0, 0)), ("near_plane", NAN), ("sh_degree", 1.5), ("threads", NAN), ("transparent", "no")]:
             self.refused(pags.gradients, named, scene, view, rgb, **{named: value})
         one = dict(means=[[0, 0, 3]], quats=[[1, 0, 0, 0]], scales=[[-2] * 3], opacities=[2], sh=[[[1, 1, 1]]])
+        self.refused(pags.Scene(**one).save, "path", 5)
         for named, value in [("alpha_min", NAN), ("alpha_min", "a"), ("background", (0, NAN, 0)), ("origin", (0, 0, INF)), ("up", 5),
                              ("antialiased", "no"), ("means", [["a", 0, 0]]), ("means", [[INF, 0, 0]]), ("priorities", [NAN])]:  # fmt: skip
             self.refused(pags.Scene, named, **{**one, named: value})

@@ -3,6 +3,7 @@
 
 import argparse
 import dataclasses
+import io
 import os
 import signal
 import sys
@@ -230,6 +231,9 @@ class Interrupt:
 
 
 def main(arguments=None):
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="surrogateescape")  # names that aren't UTF-8 are printed as they are
     p = parser()
     a = p.parse_args(arguments)
     if a.list_exports:
@@ -240,7 +244,7 @@ def main(arguments=None):
     try:
         run(a)
         return DONE
-    except SegmentError as error:
+    except (SegmentError, OSError) as error:  # an OSError also of standard output
         print(f"segment: {error}", file=sys.stderr)
         return INTERRUPTED if isinstance(error, Interrupted) else FAILED
     except KeyboardInterrupt:
