@@ -56,6 +56,17 @@ class Inspecting(BlenderCase):
         os.remove(self.path("set", "images", "001_0.png"))
         self.raises(["001_0.png"], bpy.ops.pags.compare, name="001_0.png")
 
+    def test_photograph_of_linear_light(self):
+        """An EXR's light becomes display values, as in training."""
+        undistort = sys.modules[addon.__name__ + ".undistort"]
+        image = bpy.data.images.new("light", 4, 4, float_buffer=True)
+        image.colorspace_settings.name = "Non-Color"
+        image.pixels.foreach_set([0.0331, 0.2159, 4.0, 1] * 16)
+        image.file_format, image.filepath_raw = "OPEN_EXR", self.path("light.exr")
+        image.save()
+        for value, wanted in zip(undistort.read(self.path("light.exr"))[1, 2], (51, 128, 255)):
+            self.assertAlmostEqual(255 * value, wanted, delta=0.5)
+
     def photographed(self, distorted=False):
         """Brings in the scene with pictures as its photographs; returns the name that a frame's file has."""
         self.succeeds("render", self.path("scene"), "--split", "all", "-o", self.path("set", "images"), "--no-exposure")
