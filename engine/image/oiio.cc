@@ -82,6 +82,10 @@ void describe(reader *r, pags_oiio_info *info) {
   info->channels = spec.nchannels;
   info->sample = sample_of(spec.format);
   info->alpha = spec.alpha_channel >= 0 && spec.alpha_channel == (spec.nchannels == 2 ? 1 : 3);
+  // Of the integer formats with alpha, only TIFF and WebP (up to OpenImageIO 2.4) give colours that are multiplied by
+  // it.
+  info->straight = spec.get_int_attribute("oiio:UnassociatedAlpha", 0) != 0 ||
+                   (info->sample != PAGS_F32 && format != "tiff" && format != "webp");
   const int orientation = spec.get_int_attribute("Orientation", 1);
   info->orientation = orientation >= 1 && orientation <= 8 ? orientation : 1;
   info->pixel_aspect = spec.get_float_attribute("PixelAspectRatio", 1);

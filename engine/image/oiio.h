@@ -12,7 +12,7 @@
 extern "C" {
 #endif
 
-#define PAGS_OIIO_VERSION 5 /* version of this table; a module built for another one is refused */
+#define PAGS_OIIO_VERSION 6 /* version of this table; a module built for another one is refused */
 #define PAGS_OIIO_SYMBOL "pags_oiio_table"
 
 typedef struct pags_oiio_message {
@@ -29,6 +29,7 @@ typedef struct pags_oiio_info {
   int channels;
   pags_sample sample;
   int alpha;       /* 1: the last of 2, or the fourth of more channels is alpha */
+  int straight;    /* 1: colours are not multiplied by alpha */
   int orientation; /* as EXIF numbers them, 1..8 */
   double pixel_aspect;
   const char *part;             /* name of the part, "": none; valid until the reader is closed or reads another part */

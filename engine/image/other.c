@@ -213,11 +213,37 @@ static pags_result read_samples(const char *path, const other_picture *other, in
   return PAGS_OK;
 }
 
+/* Brings colours to the convention: straight of integers, multiplied by alpha of floats. */
+static void multiply_by_alpha(const other_picture *other, pags_image *image) {
+  const size_t count = (size_t)image->channels, pixels = (size_t)image->width * (size_t)image->height;
+  const bool wide = image->sample == PAGS_U16;
+  const unsigned full = wide ? 65535 : 255;
+  const bool light = image->sample == PAGS_F32;
+  if (!other->layer.alpha || count % 2 != 0 || light != (other->info.straight != 0))
+    return;
+  for (size_t i = 0; i < pixels; i++)
+    for (size_t c = 0; c + 1 < count; c++) {
+      const size_t at = i * count + c, last = i * count + count - 1;
+      if (light) {
+        ((float *)image->data)[at] *= ((float *)image->data)[last];
+        continue;
+      }
+      const unsigned alpha = wide ? ((uint16_t *)image->data)[last] : ((uint8_t *)image->data)[last];
+      const unsigned colour = wide ? ((uint16_t *)image->data)[at] : ((uint8_t *)image->data)[at];
+      const uint64_t straight = alpha > 0 ? ((uint64_t)colour * full + alpha / 2) / alpha : colour;
+      if (wide)
+        ((uint16_t *)image->data)[at] = (uint16_t)(straight < full ? straight : full);
+      else
+        ((uint8_t *)image->data)[at] = (uint8_t)(straight < full ? straight : full);
+    }
+}
+
 pags_result pags_other_load(const char *path, int most, pags_image *out, pags_colour *colour) {
   other_picture other;
   PAGS_TRY(open_other(path, &other));
   find_colour(path, &other.info, colour);
-  const int channels = pags_layer_channels(&other.layer, other.window, most);
+  const bool straighten = other.layer.alpha && other.info.sample != PAGS_F32 && !other.info.straight;
+  const int channels = pags_layer_channels(&other.layer, other.window, straighten ? 4 : most);
   pags_result result;
   if (other.window == PAGS_WINDOW_WHOLE) {
     result = read_samples(path, &other, channels, out);
@@ -230,6 +256,8 @@ pags_result pags_other_load(const char *path, int most, pags_image *out, pags_co
       place(&other, &data, out);
     pags_image_destroy(&data);
   }
+  if (result == PAGS_OK)
+    multiply_by_alpha(&other, out);
   other.oiio->close(other.reader);
   return result;
 }

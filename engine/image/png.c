@@ -9,6 +9,7 @@
 #include <string.h>
 
 #include <png.h>
+#include <zlib.h>
 
 #include "base/memory.h"
 #include "image/orientation.h"
@@ -200,22 +201,44 @@ static const uint8_t *find_chunk(const pags_encoded *file, const char *type, uin
   return NULL;
 }
 
+/* The profile in a chunk iCCP: a name, 0, a method, deflated bytes, the first four of which are their number. libpng
+ * (1.6.39) drops those that it takes for unfit. NULL: it is damaged, or there is no memory; the caller frees it. */
+static uint8_t *inflate_profile(const uint8_t *chunk, size_t *size) {
+  const size_t length = load_big(chunk - HEAD);
+  const uint8_t *const end = memchr(chunk, 0, length < 80 ? length : 80);
+  const size_t at = end ? (size_t)(end - chunk) + 2 : length;
+  uint8_t head[4] = {0};
+  uLongf got = sizeof head;
+  if (at >= length)
+    return NULL;
+  uncompress(head, &got, chunk + at, (uLong)(length - at)); /* no room for the rest */
+  *size = load_big(head);
+  uint8_t *const profile = *size / DEFLATE_RATIO <= length ? malloc(*size + 1) : NULL;
+  got = (uLongf)*size;
+  if (profile && uncompress(profile, &got, chunk + at, (uLong)(length - at)) == Z_OK && got == *size)
+    return profile;
+  free(profile);
+  return NULL;
+}
+
 /* The space of the colours by the chunks that say it, the strongest first (W3C PNG, third edition, 4.3). libpng 1.6.39
  * doesn't know cICP. */
-static void find_colour(const png_state *state, pags_colour *colour) {
-  const uint8_t *const cicp = find_chunk(state->file, "cICP", 4), *const gama = find_chunk(state->file, "gAMA", 4);
-  const uint8_t *const chrm = find_chunk(state->file, "cHRM", 32);
+static void find_colour(const pags_encoded *file, pags_colour *colour) {
+  const uint8_t *const cicp = find_chunk(file, "cICP", 4), *const gama = find_chunk(file, "gAMA", 4);
+  const uint8_t *const chrm = find_chunk(file, "cHRM", 32), *const iccp = find_chunk(file, "iCCP", 1);
   const double steps = 100000;
-  png_charp name;
-  png_bytep profile;
-  png_uint_32 size;
-  int compression;
   memset(colour, 0, sizeof *colour);
   if (cicp) {
     pags_colour_set_cicp(colour, cicp[0], cicp[1], cicp[3] != 0);
-  } else if (png_get_iCCP(state->png, state->info, &name, &compression, &profile, &size)) {
-    pags_colour_set_icc(colour, profile, size);
-  } else if (!find_chunk(state->file, "sRGB", 1) && (gama || chrm)) {
+  } else if (iccp) {
+    size_t size;
+    uint8_t *const profile = inflate_profile(iccp, &size);
+    if (profile)
+      pags_colour_set_icc(colour, profile, size);
+    else
+      pags_colour_set_unknown(colour, "a damaged ICC profile");
+    free(profile);
+  } else if (!find_chunk(file, "sRGB", 1) && (gama || chrm)) {
     static const int order[8] = {2, 3, 4, 5, 6, 7, 0, 1}; /* white comes first in the file */
     const double stated = gama ? load_big(gama) : 0;
     double xy[8];
@@ -241,7 +264,7 @@ pags_result pags_png_inspect(const pags_encoded *file, pags_image_facts *facts, 
         .sample = png_get_bit_depth(state.png, state.info) == 16 ? PAGS_U16 : PAGS_U8,
         .orientation = find_orientation(&state),
         .pixel_aspect = pags_pixel_aspect((double)png_get_pixel_aspect_ratio(state.png, state.info))};
-    find_colour(&state, colour);
+    find_colour(file, colour);
     pags_colour_state(colour, facts);
   }
   png_destroy_read_struct(&state.png, &state.info, NULL);

@@ -34,6 +34,15 @@ def png(width, height, samples, channels=3, bits=8, orientation=1, chunks=()):
     )
 
 
+def tiff(width, height, samples, extra):
+    """The bytes of a TIFF of 8-bit RGBA; extra: 1: colours are multiplied by alpha, 2: they are not."""
+    entries = [(256, 4, width), (257, 4, height), (258, 3, 8), (259, 3, 1), (262, 3, 2), (273, 4, 200), (277, 3, 4), (278, 4, height), (279, 4, len(samples)), (338, 3, extra)]
+    head = b"II*\0" + struct.pack("<IH", 8, len(entries))
+    for tag, kind, value in entries:
+        head += struct.pack("<HHII", tag, kind, 4, 180) if tag == 258 else struct.pack("<HHII", tag, kind, 1, value)
+    return head.ljust(180, b"\0") + struct.pack("<4H", 8, 8, 8, 8).ljust(20, b"\0") + samples
+
+
 def exr(width, height, rows, channels="BGRA", left=0, top=0, shown=None, aspect=1):
     """The bytes of an uncompressed EXR of half-float channels; rows[y][c]: list of values. The data window begins at left, top; shown: display window."""
 
@@ -307,6 +316,24 @@ class Photographs(fixtures.Case):
         self.assertNotIn("not sRGB", self.said)
         self.store_png(bytes, (b"cICP", bytes([9, 16, 0, 1])))
         self.fails(["info", self.set], "000.png: its colours are in a space that is not converted here (BT.2020, PQ (HDR))", "zscale")
+
+    def test_tiff_multiplied_by_alpha(self):
+        """Of both kinds the colours behind alpha are the same."""
+        content = self.change()
+        for extra in (1, 2):
+            for i, frame in enumerate(content["frames"]):
+                frame["file_path"] = f"images/{i:03d}.tif"
+                p = self.pixels[i]
+                rgba = b"".join(bytes([*(v * 128 // 255 if extra == 1 else v for v in p[at : at + 3]), 128]) for at in range(0, len(p), 3))
+                write(f"{self.set}/{frame['file_path']}", tiff(WIDTH, HEIGHT, rgba, extra))
+            self.change(frames=content["frames"])
+            done = fixtures.run("info", self.set)
+            if "OpenImageIO reads more" in done.stderr:
+                self.skipTest("needs OpenImageIO")
+            for alpha, scale in (("ignore", 1), ("composite", 128 / 255)):
+                self.train("--image-alpha", alpha)
+                self.eval()
+                self.assertLessEqual(max(abs(a - b * scale) for a, b in zip(self.photo()[2], self.pixels[0])), 3, (extra, alpha))
 
     def test_masks_have_no_colours(self):
         profiled = lambda i: png(WIDTH, HEIGHT, self.left_half(), 1, chunks=[(b"cICP", bytes([9, 16, 0, 1]))])

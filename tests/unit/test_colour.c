@@ -323,6 +323,10 @@ static void test_png(void **state) {
   scratch_ok(pags_image_inspect(s->path, &facts));
   assert_string_equal(facts.space, "Named");
   assert_int_equal(facts.colour, PAGS_COLOUR_OTHER);
+  all.bytes[60] ^= 64; /* in the deflated bytes; the chunk's CRC tells, but the profile's size or checksum as well */
+  scratch_write(s, "b.png", all.bytes, all.size + plain_size - 33);
+  scratch_ok(pags_image_inspect(s->path, &facts));
+  assert_string_equal(facts.space, "a damaged ICC profile");
 }
 
 static void test_containers(void **state) {
