@@ -384,6 +384,29 @@ static pags_result check_raw(pags_kitti_tree *tree) {
 
 /* ---- Frames ---- */
 
+/* Counts the photographs of the other cameras past the last of the first one. */
+static pags_result count_late(pags_kitti_tree *tree) {
+  pags_tally late = {0};
+  for (int c = 1; c < tree->camera_count; c++) {
+    pags_dir_list list = {0};
+    char *path = pags_kitti_image_path(tree, tree->cameras[c], 0), *folder = path ? pags_path_folder(path) : NULL;
+    const pags_result result = folder ? pags_dir_list_read(folder, &list) : pags_out_of_memory("%s", tree->root);
+    for (int64_t i = 0; i < list.count; i++)
+      if (number_of_picture(list.names[i]) >= tree->frames)
+        pags_tally_add(&late, "%s/%s", folder, list.names[i]);
+    pags_dir_list_destroy(&list);
+    free(folder);
+    free(path);
+    PAGS_TRY(result);
+  }
+  if (late.count)
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s: %lld photographs are left out, as image_%02d ends before them; the first is %s", tree->root,
+                     (long long)late.count, tree->cameras[0] + 2, late.first);
+  pags_account_leave_out(&tree->account, "photographs", &late, "image_%02d ends before them", tree->cameras[0] + 2);
+  return PAGS_OK;
+}
+
 /* Sets tree->frames to 1 + the highest number of a photograph of the first camera. */
 static pags_result count_frames(pags_kitti_tree *tree) {
   pags_dir_list list;
@@ -483,6 +506,24 @@ static pags_result check_frames(pags_kitti_tree *tree) {
   return tree->has_labels ? PAGS_OK : explain_no_labels(tree);
 }
 
+/* The grey cameras, and a colour camera with photographs that the caller didn't choose. */
+static void tell_other_cameras(pags_kitti_tree *tree) {
+  pags_tally grey = {0}, others = {0};
+  for (int number = 0; number < 2; number++) {
+    char name[16];
+    snprintf(name, sizeof name, "image_%02d", number);
+    if (has(tree->root, name))
+      pags_tally_add(&grey, "%s", name);
+    bool chosen = false;
+    for (int c = 0; c < tree->camera_count; c++)
+      chosen = chosen || tree->cameras[c] == number;
+    if (!chosen && has_pictures(tree, number))
+      pags_tally_add(&others, "image_%02d", number + 2);
+  }
+  pags_account_leave_out(&tree->account, "cameras", &grey, "grey");
+  pags_account_leave_out(&tree->account, "cameras", &others, "--cameras chose others");
+}
+
 static pags_result open_tree(const char *path, const pags_import_options *options, choice *found,
                              pags_kitti_tree *tree) {
   PAGS_TRY(pags_import_cameras(options->cameras, 2, 2, tree->cameras, &tree->camera_count));
@@ -496,7 +537,9 @@ static pags_result open_tree(const char *path, const pags_import_options *option
   if (!options->cameras && tree->sequence)
     keep_cameras_with_pictures(tree);
   PAGS_TRY(tree->raw ? check_raw(tree) : check_tracking(tree, found));
+  tell_other_cameras(tree);
   PAGS_TRY(count_frames(tree));
+  PAGS_TRY(count_late(tree));
   PAGS_TRY(pags_import_frames(options, tree->frames, &tree->first, &tree->last));
   const pags_tally others = {.count = tree->frames - (tree->last - tree->first + 1)};
   pags_account_leave_out(&tree->account, "time steps", &others, "--frames chose others");

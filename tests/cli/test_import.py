@@ -98,6 +98,15 @@ class Import(Case):
         again = json.loads(self.succeeds(*words, "--json", "-").stdout)  # it is complete: nothing is written
         self.assertEqual({key: again[key] for key in result}, result)
 
+    def test_a_camera_that_lost_its_end(self):
+        raw, out = make_tree(self.path("raw"), 5), self.path("out")
+        os.remove(os.path.join(raw, "image_02/0000/000004.png"))
+        done = self.succeeds("import", "kitti", raw, "-o", out)
+        self.assertIn("out: 4 time steps, 2 cameras, 8 photographs", done.stdout)
+        self.assertIn("1 photographs are left out, as image_02 ends before them; the first is " + raw + "/image_03/0000/000004.png", done.stderr)
+        self.assertIn("left out: 1 photograph: ", done.stdout)
+        self.assertIn("left out: 1 camera: image_03: --cameras chose others", self.succeeds("import", "kitti", raw, "-o", self.path("left"), "--cameras", "0").stdout)
+
     def test_nothing_at_all(self):
         raw, out = make_tree(self.path("raw"), 3), self.path("out")
         os.rename(os.path.join(raw, "velodyne"), self.path("velodyne"))

@@ -275,6 +275,16 @@ class NuScenes(WithImports):
         self.assertEqual(self.counts()[3], 2)
         self.assertEqual(self.left["boxes", "between two labels that are more than 0.75 s apart"], 11)
 
+    def test_a_thing_that_is_labelled_once(self):
+        self.tables["instance"].append({"token": "inst-B", "category_token": "k"})
+        self.label(1, 50)
+        self.tables["sample_annotation"][-1]["instance_token"] = "inst-B"
+        for row in self.tables["sample"]:
+            row["timestamp"] += 30_000
+        self.save()
+        self.assertEqual(self.counts()[3], 13)
+        self.assertEqual([row for row in self.left if row[0] == "objects"], [("objects", "labelled once, not at a time step, or with too long gaps: they have no box")])
+
     def test_sweeps_and_labels_that_are_not_there(self):
         shutil.rmtree(os.path.join(self.raw, "sweeps", "LIDAR_TOP"))
         os.remove(os.path.join(self.raw, "v1.0-mini", "sample_annotation.json"))
@@ -338,9 +348,12 @@ class PandaSet(WithImports):
         shutil.rmtree(os.path.join(self.raw, "annotations"))
         write(os.path.join(self.raw, "annotations", "cuboids.zip"), "x")
         self.refused("cuboids.zip: boxes are read from cuboids; unpack")
+        shutil.rmtree(os.path.join(self.raw, "annotations"))
+        write(os.path.join(self.raw, "annotations.zip"), "x")
+        self.refused("annotations.zip: boxes are read from annotations; unpack")
+        os.remove(os.path.join(self.raw, "annotations.zip"))
         for i in range(self.STEPS):
             pd.DataFrame({name: np.ones(3) for name in pandaset.SWEEP}).to_pickle(os.path.join(self.raw, "lidar", f"{i:02d}.pkl"))
-        shutil.rmtree(os.path.join(self.raw, "annotations"))
         self.refused("00.pkl", "tables of pandas 1.3 and later aren't read")
 
     def test_lost_files(self):

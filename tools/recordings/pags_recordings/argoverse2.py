@@ -111,6 +111,7 @@ def read(log, cameras, frames, out, progress):
     for number, (stamp, picked) in enumerate(steps):
         progress.show(number)
         put_step(out, (stamp - zero) / 1e9, {name: ((at - zero) / 1e9, shots[name][at]) for name, at in picked.items()}, sweeps.get(stamp), mounts, stations, ways, tracks)
+    tracks.end()
 
 
 def read_tracks(log, zero, stations, ways, account):

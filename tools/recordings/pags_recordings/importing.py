@@ -40,9 +40,12 @@ def others(folder, name):
 
 def optional(folder, name, what, account):
     """The path of a file or folder that may be missing; then None, and the account, if there is one, says so. What is there in another form is an error."""
-    path = os.path.join(folder, name)
+    path = place = os.path.join(folder, name)
     if os.path.exists(path):
         return path
+    while not os.path.exists(os.path.dirname(place)):  # a folder above it may be the one that is packed
+        place = os.path.dirname(place)
+    folder, name = os.path.split(place)
     other = others(folder, name)
     if other:
         raise RecordingError(f"{os.path.join(folder, other[0])}: {what} are read from {name}; unpack, convert or rename it, or move it elsewhere to import without {what}")
@@ -189,7 +192,7 @@ class Tracks:
     """Labels of things by id, and their boxes between the labels."""
 
     def __init__(self, account):
-        self.labels, self.account = {}, account
+        self.labels, self.account, self.used = {}, account, set()
 
     def add(self, track, name, at, world_from_box, size):
         """A label at a time in seconds, times of a track ascending. A second one of a thing at one time is left out."""
@@ -203,7 +206,8 @@ class Tracks:
         sizes.append(size)
 
     def within(self, first, last, where):
-        """Tells the account how many labels lie between two times."""
+        """Tells the account how many labels lie between the first and the last time step."""
+        self.span = first, last
         self.account.contains("boxes", sum(first <= at <= last for _, times, _, _ in self.labels.values() for at in times), where)
 
     def put(self, step, at, gap):
@@ -211,6 +215,7 @@ class Tracks:
         for track, (name, times, boxes, sizes) in self.labels.items():
             near = nearest(times, at)
             if abs(times[near] - at) < 1e-4:
+                self.used.add(track)
                 step.box(track, name, boxes[near], sizes[near])
                 continue
             outside = at < times[0] or at > times[-1]
@@ -221,7 +226,14 @@ class Tracks:
                 self.account.leave_out("boxes", f"between two labels that are more than {gap} s apart", [f"{track} at {at:.3f} s"])
             if apart == 0 or apart > gap or (outside and reach > min(gap / 4, apart)):
                 continue
+            self.used.add(track)
             step.box(track, name, poses.interpolate(times, boxes, at), sizes[near])
+
+    def end(self):
+        """Tells the account which things, labelled between the first and the last time step, have no box."""
+        first, last = self.span
+        lost = [track for track, (_, times, _, _) in self.labels.items() if track not in self.used and any(first <= at <= last for at in times)]
+        self.account.leave_out("objects", "labelled once, not at a time step, or with too long gaps: they have no box", lost)
 
 
 class Progress:

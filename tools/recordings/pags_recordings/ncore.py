@@ -218,3 +218,4 @@ def read(source, cameras, frames, out, progress):
         if sweep >= 0 and not step.has_lidar(["intensity"]):
             sequence.put_sweep(step, lidar, sweep)
         tracks.put(step, sequence.seconds(middle), LABEL_GAP)
+    tracks.end()

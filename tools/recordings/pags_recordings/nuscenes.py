@@ -141,6 +141,7 @@ class Scene:
 
 def read(source, cameras, frames, out, progress):
     scene = Scene(source, out.account)
+    out.account.leave_out("sensors", f"neither cameras nor {LIDAR}", sorted(name for name in scene.channels if name != LIDAR and not name.startswith("CAM")))
     for name in [name for name in scene.channels if name.startswith("CAM") and not scene.channels[name]]:
         del scene.channels[name]
         out.account.leave_out("cameras", "no photograph is there", [name])
@@ -167,6 +168,7 @@ def read(source, cameras, frames, out, progress):
     for number, picked in enumerate(steps):
         progress.show(number)
         put_step(scene, out, picked, middles[number], sweeps[swept[number]] if swept[number] >= 0 else None, labels, tracks)
+    tracks.end()
 
 
 def put_step(scene, out, picked, middle, sweep, labels, tracks):
