@@ -292,6 +292,12 @@ class NuScenes(WithImports):
         self.assertEqual(self.left["sweeps", "LIDAR_TOP: the files are missing"], 21)
         self.assertEqual([why.endswith("sample_annotation.json is missing") for (what, why) in self.left if what == "boxes"], [True])
 
+    def test_files_in_another_form(self):
+        for row in self.data("LIDAR_TOP"):
+            path = os.path.join(self.raw, row["filename"])
+            os.rename(path, path + ".gz")
+        self.refused(".bin.gz: sweeps are read from ", "unpack, convert or rename it")
+
     def test_sweeps_at_other_times(self):
         for row in self.data("LIDAR_TOP"):
             row["timestamp"] += 100

@@ -93,15 +93,18 @@ class Scene:
 
     def present(self, channel, rows):
         """The rows whose files are there, each file once."""
-        what, there = "sweeps" if channel == LIDAR else "photographs", {}
+        what, there, missing = "sweeps" if channel == LIDAR else "photographs", {}, []
         for row in rows if channel == LIDAR or channel.startswith("CAM") else ():
             path = self.file(row)
             if not os.path.exists(path):
-                self.account.leave_out(what, f"{channel}: the files are missing", [row["filename"]])
+                if not missing:  # all are of one form
+                    optional(*os.path.split(path), what, None)
+                missing.append(row["filename"])
             elif path in there:
                 self.account.leave_out("rows", f"sample_data.json names the file of {channel} in another row, too", [row["filename"]])
             else:
                 there[path] = row
+        self.account.leave_out(what, f"{channel}: the files are missing", missing)
         return list(there.values())
 
     def time(self, row):
