@@ -4,6 +4,7 @@
 import hashlib
 import json
 import os
+import secrets
 import tempfile
 
 import bpy
@@ -169,7 +170,9 @@ def link_all(job, links):
 
 
 def convert(job, items):
-    """Steps that undistort photographs: in a second Blender, or here where there is no window."""
+    """Steps that undistort photographs: in a second Blender, or here where there is no window. Another Blender may be writing the same files."""
+    for item in items:
+        item["part"] = f"{item['target']}.{secrets.token_hex(4)}.part"
     if bpy.app.background:
         for item in items:
             undistort.convert(item)
@@ -184,8 +187,8 @@ def convert(job, items):
         finally:
             if job.stopped.is_set():
                 for item in items:
-                    if os.path.exists(item["target"] + ".part"):
-                        os.remove(item["target"] + ".part")
+                    if os.path.exists(item["part"]):
+                        os.remove(item["part"])
 
 
 def show(job, camera, root):

@@ -75,7 +75,7 @@ def save(picture, path):
 
 def convert(item):
     """One of the list: a photograph, what its view and its lens are, and the new file, which appears whole or not at all."""
-    part = item["target"] + ".part"
+    part = item["part"]
     try:
         save(as_view(read(item["source"]), item["view"], item["distortion"]), part)
         os.replace(part, item["target"])
