@@ -129,10 +129,19 @@ pags_result pags_lock_folder(const char *folder, pags_lock **out) {
   *out = NULL;
   if (!lock)
     return pags_out_of_memory("a lock");
-  lock->made = count_missing(folder);
-  pags_result result = pags_make_dirs(folder);
-  if (result == PAGS_OK)
-    result = take(lock, folder, folder, lock_name);
+  enum { TRIES = 5 };
+  pags_result result = PAGS_OK;
+  for (int i = 0; i < TRIES && !lock->path;
+       i++) { /* another process may just be removing the folder that it has made */
+    lock->made = count_missing(folder);
+    result = pags_make_dirs(folder);
+    if (result == PAGS_OK)
+      result = take(lock, folder, folder, lock_name);
+    if (result != PAGS_OK && lock->path && !pags_dir_exists(folder)) {
+      free(lock->path);
+      lock->path = NULL;
+    }
+  }
   if (result != PAGS_OK)
     pags_lock_release(lock);
   else

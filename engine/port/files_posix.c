@@ -268,12 +268,10 @@ static void read_text(int file, char *text, size_t size) {
   text[got > 0 ? got : 0] = '\0';
 }
 
-static pags_port_lock_state write_text(int file, const char *text) {
-  const size_t length = strlen(text);
-  /* On a full disk the lock holds without its text. */
-  if (ftruncate(file, 0) != 0 || pwrite(file, text, length, 0) != (ssize_t)length)
-    errno = 0;
-  return PAGS_PORT_LOCKED;
+/* Says who holds a lock. On a full disk the lock holds without its text. */
+static void write_text(int file, const char *text) {
+  const bool written = ftruncate(file, 0) == 0 && pwrite(file, text, strlen(text), 0) > 0;
+  (void)written;
 }
 
 /* flock, not fcntl: it belongs to the open file, so that no other close of the file drops it; NFS keeps it as a lock of
@@ -291,8 +289,8 @@ pags_port_lock_state pags_port_lock(const char *path, const char *text, intptr_t
     if (flock(file, LOCK_EX | LOCK_NB) == 0) {
       const bool ours = is_at(file, path);
       if (ours && !foreign)
-        return write_text(file, text);
-      if (ours && unlink(path) != 0)
+        write_text(file, text);
+      if (ours && (!foreign || unlink(path) != 0))
         return PAGS_PORT_LOCKED;
     } else if (is_held(errno)) {
       read_text(file, holder, size);

@@ -150,6 +150,7 @@ class Import(Case):
         self.assertIn("goes on from here", error)
         self.assertFalse(os.path.exists(os.path.join(out, "dataset.json")))
         self.succeeds("import", "kitti", raw, "-o", out)
+        fixtures.write(os.path.join(whole, "import.json.part"), b"{")  # killed as it began
         self.succeeds("import", "kitti", raw, "-o", whole)
         self.same(out, whole)
 

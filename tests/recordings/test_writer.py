@@ -372,6 +372,10 @@ class Locks(Case):
         self.assertEqual(os.listdir(self.path("D")), [lock.NAME])
         process.kill()
         process.wait()
+        self.write("D/import.json.part", "")
+        with Recording(self.path("D"), begun_from={}) as r:
+            r.done = True
+        os.remove(self.path("D", "import.json"))
         with lock.FolderLock(self.path("D")), lock.FolderLock(self.path("D")) as inner:
             self.fails(["synth", "town", "-o", self.path("D"), "-q"], f"process {os.getpid()} on ")
             inner.release()

@@ -120,17 +120,26 @@ static void begin_marker(const pags_layout_info *info, pags_json_writer *writer)
   pags_json_put_string(writer, "version", PAGS_VERSION_STRING);
 }
 
+/* Whether a folder has nothing, or nothing but what a process has left that was killed while it wrote import.json. */
+static pags_result is_unused(const char *folder, bool *unused) {
+  pags_dir_list list;
+  PAGS_TRY(pags_dir_list_read(folder, &list));
+  *unused = list.count == 0 || (list.count == 1 && strcmp(list.names[0], "import.json.part") == 0);
+  pags_dir_list_destroy(&list);
+  return PAGS_OK;
+}
+
 /* Prepares the folder: continues unfinished work of the same import; otherwise the folder must be empty, or
  * `overwrite` set, in which case the files of the layout are removed. Then writes import.json. */
 static pags_result claim(const pags_layout *layout, const char *marker, const pags_json_writer *writer,
                          bool overwrite) {
   work_state state = WORK_NONE;
-  bool empty = false;
+  bool unused = false;
   PAGS_TRY(compare_work(marker, writer, &state));
-  PAGS_TRY(pags_dir_is_empty(layout->folder, &empty));
+  PAGS_TRY(is_unused(layout->folder, &unused));
   if (state == WORK_SAME && !(overwrite && pags_layout_is_finished(layout)))
     return PAGS_OK;
-  if (!empty && !overwrite)
+  if (!unused && !overwrite)
     return pags_fail(PAGS_ERROR_IO, "%s: %s; another folder is wanted, or --overwrite", layout->folder,
                      state == WORK_OTHER ? "was begun from another source or with other options (see its import.json)"
                                          : "holds something else already");

@@ -155,6 +155,7 @@ def main():
         if sys.stdout:
             sys.stdout.flush()
     except KeyboardInterrupt:
+        interrupt.ignore()  # pyarrow may send the signal once more
         print(f"{PROGRAM}: interrupted; the same command goes on", file=sys.stderr)
         return 3
     except (RecordingError, OSError, MemoryError) as error:

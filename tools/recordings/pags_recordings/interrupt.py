@@ -30,7 +30,7 @@ def on_signal(number, _):
 
 
 def ignore():
-    """All is written: nothing is to be stopped any more."""
+    """The process is about to end: nothing is to be stopped any more. Python leaves signals that are ignored so when it ends."""
     for number in (getattr(signal, name) for name in ASKING if hasattr(signal, name)):
         signal.signal(number, signal.SIG_IGN)
 

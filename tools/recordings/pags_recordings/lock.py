@@ -26,8 +26,8 @@ taken = {}  # of this process, by folder: the locks, which may be nested
 
 
 def contents(folder):
-    """The names in a folder without locks; none if it isn't there."""
-    return [name for name in os.listdir(folder) if not name.endswith(NAME)] if os.path.isdir(folder) else []
+    """The names in a folder without locks and without what a process that was killed as it began has left; none if it isn't there."""
+    return [name for name in os.listdir(folder) if not name.endswith(NAME) and name != "import.json.part"] if os.path.isdir(folder) else []
 
 
 def try_lock(file):
@@ -95,12 +95,8 @@ class FolderLock:
             try:
                 try_lock(file)
                 if is_at(file, self.path) or not fcntl:
-                    now = time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime())
-                    os.ftruncate(file, 0)
-                    os.lseek(file, 0, os.SEEK_SET)
-                    os.write(file, f"{program}, process {os.getpid()} on {socket.gethostname()}, since {now} UTC\n".encode())
                     self.file = file
-                    return
+                    break
             except OSError as error:
                 if error.errno not in HELD:
                     print(f"warning: {self.folder}: the file system has no locks ({error.strerror}); two programs that write there at the same time would "
@@ -110,8 +106,14 @@ class FolderLock:
                     return
             os.close(file)
             time.sleep(PAUSE)
-        holder = read_holder(self.path)
-        raise RecordingError(f"{self.folder}: another process is writing there{': ' if holder else ''}{holder}; wait until it has ended, or give another name")
+        else:
+            holder = read_holder(self.path)
+            raise RecordingError(f"{self.folder}: another process is writing there{': ' if holder else ''}{holder}; wait until it has ended, or give another name")
+        with contextlib.suppress(OSError):  # on a full disk the lock holds without its text
+            now = time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime())
+            os.ftruncate(file, 0)
+            os.lseek(file, 0, os.SEEK_SET)
+            os.write(file, f"{program}, process {os.getpid()} on {socket.gethostname()}, since {now} UTC\n".encode())
 
     def clear_away(self):
         """Removes the lock file that another user's process has left; False if the folder can't be written to. On Windows its holder shuts others out."""
