@@ -174,7 +174,7 @@ class Drive(Case):
     def setUpClass(cls):
         super().setUpClass()
         cls.street = os.path.join(cls.shared_folder(), "drive")
-        size = ["--frames", FRAMES, "--size", "160x90", "--cameras", "2", "--no-shifts"]
+        size = ["--frames", FRAMES, "--size", "160x90", "--cameras", "2", "--no-shifts", "--samples", "4", "--lidar-points", "8000"]
         made = run("synth", "street", "-q", "-o", cls.street, *size)
         assert made.returncode == 0, made.stderr
 

@@ -220,6 +220,14 @@ class Poses(Street):
         self.pose(6, turned)
         self.warned("4 of 11 steps", "from frame 005 to 006", "20.")
 
+    def test_small_leaps(self):
+        """Poses that are else smooth needn't be off by much."""
+        def off(rows):
+            rows[1][3] += 0.7
+
+        self.pose(5, off)
+        self.warned("ego_pose: 2 of 11 steps between poses leap", "from frame 004 to 005, 0.7")
+
     def test_missing(self):
         os.remove(os.path.join(self.set, "ego_pose/005.txt"))
 

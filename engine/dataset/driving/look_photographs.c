@@ -7,13 +7,15 @@
  * car that has driven half a metre, cells differ by a root mean square of 1.8 levels and more; below 0.4, or a
  * thirtieth of the deviation of a dim picture, they are the same picture.
  *
- * A camera is looked at in all its photographs if these are few, else in pairs of neighbours spread over the recording,
- * and in all if one of them is found wanting. */
+ * A camera is looked at in all its photographs if these are few, else in pairs of neighbours spread over the recording
+ * and in those whose files are as long as another or much shorter than most; in all if one of them is
+ * found wanting. */
 #include "dataset/driving/looks.h"
 
 #include "base/file.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/sort.h"
 #include "dataset/driving/driving_set.h"
 #include "dataset/driving/small_photo.h"
 
@@ -93,7 +95,38 @@ static int64_t compare(looks *all, const int64_t *views, int64_t count) {
   return wanting;
 }
 
-static pags_result look_at_camera(looks *all, int64_t *views, int64_t count) {
+static int64_t count_less(const double *sorted, int64_t count, double limit) {
+  int64_t low = 0;
+  for (int64_t high = count; low < high;) {
+    const int64_t middle = (low + high) / 2;
+    if (sorted[middle] < limit)
+      low = middle + 1;
+    else
+      high = middle;
+  }
+  return low;
+}
+
+/* Looks at photographs whose files are a third as long as half of the camera's, as black ones are, and at those as long
+ * as another. `sizes` has room for two numbers a photograph. */
+static pags_result look_at_odd_files(looks *all, const int64_t *views, int64_t count, double *sizes) {
+  double *sorted = sizes + count;
+  for (int64_t i = 0; i < count; i++) {
+    uint64_t size;
+    PAGS_TRY(pags_file_size(all->dataset->views[views[i]].image_path, &size));
+    sizes[i] = sorted[i] = (double)size;
+  }
+  pags_sort_doubles(sorted, count);
+  for (int64_t i = 0; i < count; i++) {
+    const int64_t first = count_less(sorted, count, sizes[i]);
+    if (3 * sizes[i] < sorted[count / 2] || (first + 1 < count && sorted[first + 1] == sizes[i]))
+      PAGS_TRY(look_at(all, views[i]));
+  }
+  return PAGS_OK;
+}
+
+static pags_result look_at_camera(looks *all, const int64_t *views, int64_t count, double *sizes) {
+  PAGS_TRY(look_at_odd_files(all, views, count, sizes));
   for (int64_t i = 0; i < count; i++)
     /* the first or the second of a pair */
     if (count <= 2 * PAIRS || i * PAIRS / (count - 1) != (i + 1) * PAIRS / (count - 1) ||
@@ -145,13 +178,14 @@ pags_result pags_look_at_photographs(const pags_dataset *dataset) {
   const pags_driving *driving = dataset->parsed.driving;
   looks all = {.dataset = dataset, .views = calloc((size_t)dataset->count, sizeof *all.views)};
   int64_t *views = malloc((size_t)dataset->count * sizeof *views);
-  pags_result result = all.views && views ? PAGS_OK : pags_out_of_memory("%s", driving->root);
+  double *sizes = malloc(2 * (size_t)dataset->count * sizeof *sizes);
+  pags_result result = all.views && views && sizes ? PAGS_OK : pags_out_of_memory("%s", driving->root);
   for (int64_t s = 0; s < driving->sensor_count && result == PAGS_OK; s++) {
     int64_t count = 0;
     for (int64_t i = 0; i < dataset->count; i++)
       if (dataset->views[i].sensor == driving->sensors[s].number)
         views[count++] = i;
-    result = look_at_camera(&all, views, count);
+    result = look_at_camera(&all, views, count, sizes);
   }
   if (result == PAGS_OK) {
     compare_cameras(&all);
@@ -161,5 +195,6 @@ pags_result pags_look_at_photographs(const pags_dataset *dataset) {
     pags_image_destroy(&all.views[i].cells);
   free(all.views);
   free(views);
+  free(sizes);
   return result;
 }

@@ -17,7 +17,7 @@ static const double degrees = 57.29577951308232;
 
 /* ---- The motion of a car ---- */
 
-enum { AROUND = 3 }; /* steps on either side that a step is compared with */
+enum { AROUND = 3, MOST_LOOKED = 512 }; /* AROUND: steps on either side that a step is compared with */
 
 /* Few values, which are sorted by insertion. */
 static double median(double *values, int count) {
@@ -98,15 +98,38 @@ static bool is_repeat(const sequence *s, int64_t at) {
   return n > 1 && sum > 0.3 * n;
 }
 
+/* How far the angle of the step from a pose to the next differs from those around it, in degrees. */
+static double turn_error(const sequence *s, int64_t at) {
+  double angles[2 * AROUND];
+  int n = 0;
+  for (int64_t i = at - AROUND; i <= at + AROUND; i++)
+    if (i >= 0 && i + 1 < s->count && i != at)
+      angles[n++] = angle_between(pose_at(s, i), pose_at(s, i + 1));
+  return n >= 2 ? fabs(angle_between(pose_at(s, at), pose_at(s, at + 1)) - median(angles, n)) : 0;
+}
+
+/* The median of an error over at most MOST_LOOKED steps spread over the sequence. */
+static double usual_error(const sequence *s, double (*error)(const sequence *s, int64_t at)) {
+  double errors[MOST_LOOKED];
+  int64_t n = 0;
+  for (int64_t i = 0; i + 1 < s->count; i += 1 + s->count / MOST_LOOKED)
+    errors[n++] = error(s, i);
+  pags_sort_doubles(errors, n);
+  return n ? errors[n / 2] : 0;
+}
+
 pags_leaps pags_find_leaps(const double (*poses)[12], const double *times, int64_t count) {
   const sequence s = {poses ? *poses : NULL, times, 12, 1, count};
+  const double usual = usual_error(&s, step_error), usual_turn = usual_error(&s, turn_error);
   pags_leaps leaps = {0};
   for (int64_t i = 0; i + 1 < count; i++) {
-    const double dt = step_time(&s, i), off = step_error(&s, i);
+    const double dt = step_time(&s, i), off = step_error(&s, i), turn_off = turn_error(&s, i);
     const double angle = angle_between(poses[i], poses[i + 1]);
+    const bool leaps_far = is_leap(off, dt) || off > fmax(0.3 + 12 * dt * dt, 10 * usual);
+    const bool turns_far = angle > 4 + 90 * dt || turn_off > fmax(2 + 30 * dt, 10 * usual_turn);
     if (is_repeat(&s, i) && leaps.repeats++ == 0)
       leaps.first_repeat = i;
-    if (!(dt > 0) || (!is_leap(off, dt) && angle <= 4 + 90 * dt) || leaps.count++ > 0)
+    if (!(dt > 0) || (!leaps_far && !turns_far) || leaps.count++ > 0)
       continue;
     leaps.first = i;
     leaps.metres = off;

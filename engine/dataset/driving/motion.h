@@ -20,9 +20,10 @@ typedef struct pags_leaps {
 
 /* Compares the step from each pose to the next with the median of the six steps around it. A step is a leap if its
  * speed differs by more than a car's can, which is 30 m/s^2 plus 0.8 m of noise, or if it turns faster than 90 degrees
- * a second plus 4 degrees of noise. It is a repeat if it goes nowhere, to a micrometre, and the steps around it go 0.3
- * m on average, as those of a car that comes to a stop don't. `times`: seconds, ascending; `poses`: 3x4, world from car
- * or camera. */
+ * a second plus 4 degrees of noise; where poses are smooth, also if it is off by 12 m/s^2 plus 0.3 m, or by 30 degrees
+ * a second plus 2 degrees, and by ten times the median of all steps. It is a repeat if it goes nowhere, to a
+ * micrometre, and the steps around it go 0.3 m on average, as those of a car that comes to a stop don't. `times`:
+ * seconds, ascending; `poses`: 3x4, world from car or camera. */
 pags_leaps pags_find_leaps(const double (*poses)[12], const double *times, int64_t count);
 
 /* The first step of a track, from knot `knot` to the next, whose speed differs by more than 30 m/s^2 and 0.8 m of noise
