@@ -297,8 +297,8 @@ static void report_files(const pags_parsed_dataset *parsed, const findings *foun
                      parsed->source, found->partial.count, found->views, rest[alpha], found->partial.first->name);
   if (found->first_layer.count)
     pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld of %lld photographs are EXR files in which several layers may be the picture, and the "
-                     "first of them is used; of %s it is %s",
+                     "%s: %lld of %lld photographs are EXR files in which several layers may be the picture; of %s, %s "
+                     "is used",
                      parsed->source, found->first_layer.count, found->views, found->first_layer.first->name,
                      layer_of(found->first_layer.first));
   if (found->oblong.count)

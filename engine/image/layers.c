@@ -66,7 +66,7 @@ static void write_name(const pags_layer_channel *c, char name[PAGS_IMAGE_NAME]) 
 /* ---- Choice ---- */
 
 /* How likely a layer is the picture. */
-enum { NO_COLOUR, GREY, COLOUR, NAMED, COMBINED, COMPOSITE, WITHOUT_LAYER };
+enum { NO_COLOUR, GREY, COLOUR, NAMED, COMBINED, FIRST_VIEW, COMPOSITE, WITHOUT_LAYER };
 
 /* The channels of a layer that has colours, and their rank. */
 typedef struct candidate {
@@ -95,7 +95,9 @@ static candidate judge(const pags_layer_channel *all, int count, const pags_laye
   if (!parts && layer_length(like->name) == 0)
     c.rank = WITHOUT_LAYER;
   else if (layer_has_word(like, "Combined", false))
-    c.rank = layer_has_word(like, "Composite", false) ? COMPOSITE : COMBINED;
+    c.rank = layer_has_word(like, "Composite", false)                                                 ? COMPOSITE
+             : layer_has_word(like, "ViewLayer", false) || layer_has_word(like, "RenderLayer", false) ? FIRST_VIEW
+                                                                                                      : COMBINED;
   else
     for (size_t i = 0; i < sizeof known / sizeof *known; i++)
       if (layer_has_word(like, known[i], true))
@@ -155,7 +157,7 @@ static pags_result accept(const char *path, const pags_layer_channel *all, const
 pags_result pags_layer_choose(const char *path, const pags_layer_channel *channels, int count, pags_layer *out) {
   const bool parts = count > 0 && channels[count - 1].part_index > 0;
   candidate best = {.rank = NO_COLOUR};
-  int alike = 0, coloured = 0;
+  int alike = 0, coloured = 0, combined = 0;
   memset(out, 0, sizeof *out);
   if (count == 1)
     return accept(path, channels, &(candidate){.channels = {0}, .count = 1}, out);
@@ -164,6 +166,7 @@ pags_result pags_layer_choose(const char *path, const pags_layer_channel *channe
     if (c.rank == NO_COLOUR || c.channels[0] != i) /* each layer once, at its first colour */
       continue;
     coloured++;
+    combined += c.rank == COMBINED || c.rank == FIRST_VIEW;
     alike = c.rank > best.rank ? 1 : alike + (c.rank == best.rank);
     if (c.rank > best.rank)
       best = c;
@@ -179,9 +182,9 @@ pags_result pags_layer_choose(const char *path, const pags_layer_channel *channe
                      "%s: this EXR file holds luminance and chroma (Y, RY, BY), which is not supported; expected R, G "
                      "and B. Write it as RGB",
                      path);
-  out->rule = alike > 1                                   ? PAGS_LAYER_FIRST
-              : coloured > 1 || best.rank < WITHOUT_LAYER ? PAGS_LAYER_NAMED
-                                                          : PAGS_LAYER_ONLY;
+  out->rule = alike > 1 || (best.rank == FIRST_VIEW && combined > 1) ? PAGS_LAYER_FIRST
+              : coloured > 1 || best.rank < WITHOUT_LAYER            ? PAGS_LAYER_NAMED
+                                                                     : PAGS_LAYER_ONLY;
   return accept(path, channels, &best, out);
 }
 

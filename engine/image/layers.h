@@ -27,7 +27,7 @@ typedef struct pags_layer {
 
 /* Chooses the picture: R, G, B and A, or Y and A, in order of preference
  *   - without a layer, in a file of one part;
- *   - of a layer Combined, as Blender calls a rendered picture, that of the compositor first;
+ *   - of a layer Combined, as Blender calls a rendered picture: of the compositor, of ViewLayer, of another view layer;
  *   - of a layer with another name of rendered pictures (rgba, beauty, main, ...);
  *   - of the only layer that has colours; in a file of several parts, without a layer in the first.
  * A file of one channel is grey, whatever the channel's name. PAGS_ERROR_FORMAT, with the names that are there, where

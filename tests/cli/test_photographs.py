@@ -414,7 +414,7 @@ class Photographs(fixtures.Case):
         self.photo_is(0)
         names = ["A.Combined.B", "A.Combined.G", "A.Combined.R", "B.Combined.R", "B.Combined.G", "B.Combined.B", "Z", "id"]
         self.store_exr(lambda i, rows: exr(WIDTH, HEIGHT, more(rows), names))
-        self.one_warning(self.train(), "several layers may be the picture", "of 000.exr it is A.Combined")
+        self.one_warning(self.train(), "several layers may be the picture", "of 000.exr, A.Combined is used")
         names = ["gloss.B", "gloss.G", "gloss.R", "diffuse.R", "diffuse.G", "diffuse.B", "Z", "id"]
         self.store_exr(lambda i, rows: exr(WIDTH, HEIGHT, more(rows), names))
         self.fails(["info", self.set], "000.exr: several layers", "diffuse, gloss", "oiiotool")

@@ -38,8 +38,8 @@ PAGS_API pags_result pags_image_size(const char *path, int *width, int *height);
  * read; where the data window has no samples, all channels are 0. */
 typedef enum pags_image_window { PAGS_WINDOW_WHOLE, PAGS_WINDOW_LARGER, PAGS_WINDOW_PARTIAL } pags_image_window;
 
-/* How the layer of an EXR file was chosen: there is no other with colours; by its name; it is the first of several that
- * are as likely. */
+/* How the layer of an EXR file was chosen: there is no other with colours; by its name; it is one of several that are
+ * as likely. */
 typedef enum pags_layer_rule { PAGS_LAYER_ONLY, PAGS_LAYER_NAMED, PAGS_LAYER_FIRST } pags_layer_rule;
 
 /* Whether colours are display-referred sRGB, or linear light with its primaries, or nothing is said; of another space,
