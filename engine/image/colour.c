@@ -357,9 +357,10 @@ void pags_colour_set_icc(pags_colour *out, const uint8_t *profile, size_t size) 
     return;
   }
   const bool grey = memcmp(profile + 16, "GRAY", 4) == 0;
-  bool known = grey || (memcmp(profile + 16, "RGB ", 4) == 0 && read_matrix(profile, size, d50));
+  bool known = memcmp(profile + 20, "XYZ ", 4) == 0 &&
+               (grey || (memcmp(profile + 16, "RGB ", 4) == 0 && read_matrix(profile, size, d50)));
   if (grey)
-    known = d50_from_primaries(bt709, d50);
+    known = known && d50_from_primaries(bt709, d50);
   for (int c = 0; c < 3 && known; c++) {
     const uint8_t *const tag = find_tag(profile, size, grey ? "kTRC" : curves[c], &length);
     known = tag && read_curve(tag, length, out->light[c]);

@@ -324,7 +324,7 @@ static file_bytes make_profile(bool formula) {
   static const int32_t numbers[] = {157286, 62119, 3417, 5072, 2651};
   uint8_t head[128] = {0};
   file_bytes out = {0};
-  memcpy(head + 16, "RGB ", 4);
+  memcpy(head + 16, "RGB XYZ ", 8);
   memcpy(head + 36, "acsp", 4);
   bytes_put(&out, head, sizeof head);
   const size_t first = 132 + 6 * 12, curve = first + 60, curve_size = formula ? 32 : 14;
