@@ -32,7 +32,7 @@
 #   make check-tools  what pags export writes for other tools, in Babylon.js, Godot 4 and OpenUSD, of SCENE=FOLDER, by default the demo's, with pictures
 #                into build/tools; GODOT=PROGRAM, else scripts/setup_godot.sh fetches one (0.7 GB)
 #   make check-view  pags view, train --view and pages of pags report in a headless Chromium, and ten thousand hostile requests (two minutes)
-#   make check-recordings  imported recordings beside what the sources' own Python packages read of them; raw trees with damaged files (two minutes)
+#   make check-recordings  imported recordings beside what the sources' own Python packages read of them; raw trees with damaged files, damaged tables (five minutes)
 #   make check-photos  photographs and a video without cameras, by COLMAP, as far as a trained scene (apt-get install colmap ffmpeg; five minutes)
 #   make check-blender      the add-on's tests in Debian's Blender; part of make check
 #   make check-obey  local view, borders, clipping and the tool that selects in a window of it
@@ -180,6 +180,7 @@ check-recordings: all
 	tests/recordings/.venv/bin/python -B tests/recordings/check_sources.py build/pags
 	tests/recordings/.venv/bin/python -B tests/recordings/check_blind.py build/pags
 	tests/recordings/.venv/bin/python -B tests/recordings/check_damage.py build/pags
+	for table in pickle parquet feather; do tests/recordings/.venv/bin/python -B tests/recordings/fuzz_tables.py $$table 60 || exit 1; done
 	TOOL_PYTHON=own tests/recordings/.venv/bin/python -B tests/recordings/test_ncore.py build/pags
 
 check-photos: all

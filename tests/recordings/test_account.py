@@ -148,6 +148,17 @@ class Damage(Case):
             self.assertEqual(done, count)
             self.assertGreater(read_whole, 0, name)  # some changes do no harm
 
+    def test_row_groups_that_claim_more(self):
+        """A number of rows that isn't the file's: pyarrow would make room for it."""
+        whole, said = fuzz_tables.parquets("vehicle_pose")[0], []
+        for at in (i for i in range(whole.rindex(b"PAR1") - 1500, len(whole)) if whole[i] == 12):  # 6 rows, as its notation has them
+            write(self.path("vehicle_pose", "a.parquet"), whole[:at] + bytes([10]) + whole[at + 1 :])
+            try:
+                fuzz_tables.read_parquet(self.path("vehicle_pose", "a.parquet"))
+            except RecordingError as error:
+                said.append(str(error))
+        self.assertTrue(any("5 rows and up to" in words and "the file 6 rows; one of these is wrong" in words for words in said), said)
+
     def table_of(self, thing):
         path = self.path("00.pkl")
         write(path, old_pickle.dumps(thing))

@@ -19,6 +19,7 @@ USUAL = ("front", "front_left", "front_right")
 CLASSES = {0: "Unknown", 1: "Vehicle", 2: "Pedestrian", 3: "Sign", 4: "Cyclist"}
 FRAME, CAMERA, LASER, THING = "key.frame_timestamp_micros", "key.camera_name", "key.laser_name", "key.laser_object_id"
 ROWS = 8  # in memory at once: a row of the roof's LiDAR takes 5 MB
+MOST_VALUES = 1 << 31  # in a column of a row group: the largest range images of a whole segment have an eighth
 FARTHEST_POSE = 0.1  # seconds between a photograph's pose and the middle of its exposure over which its velocity isn't trusted
 
 
@@ -33,6 +34,7 @@ class Component:
         self.columns = columns
         try:
             self.file = parquet.ParquetFile(self.path)
+            self.check_counts()
             there = set(self.file.schema_arrow.names)
             lacking = [name for name in [*keys, *(self.prefix + column for column in columns)] if name not in there]
             if lacking:
@@ -56,6 +58,14 @@ class Component:
         groups = self.file.metadata
         self.begins = np.cumsum([0, *(groups.row_group(i).num_rows for i in range(groups.num_row_groups))])
         self.group = None
+
+    def check_counts(self):
+        """Row groups that claim more than the file has would make room for it: terabytes."""
+        about = self.file.metadata
+        groups = [about.row_group(i) for i in range(about.num_row_groups)]
+        values = max((group.column(i).num_values for group in groups for i in range(group.num_columns)), default=0)
+        if sum(group.num_rows for group in groups) != about.num_rows or any(group.num_rows < 0 for group in groups) or not values <= MOST_VALUES:
+            raise RecordingError(f"{self.path}: its row groups have {sum(group.num_rows for group in groups)} rows and up to {values} values, the file {about.num_rows} rows; one of these is wrong")
 
     def unreadable(self, error):
         return RecordingError(f"{self.path}: can't be read as parquet: {str(error).splitlines()[0] if str(error) else type(error).__name__}")
