@@ -165,17 +165,26 @@ pags_result pags_find_file(pags_file_finder *finder, const char *folder, const c
   if (!*out)
     return pags_out_of_memory("%s", name);
   *exists = pags_path_exists(*out);
+  char *found = NULL;
   for (size_t i = 0; i < sizeof usual / sizeof *usual && !*exists && !pags_is_picture_name(name); i++) {
     char *longer = pags_text_format("%s%s", *out, usual[i]);
     if (!longer)
       continue; /* the search below may still find it */
-    *exists = pags_file_exists(longer);
-    if (*exists) {
-      free(*out);
-      *out = longer;
+    if (pags_file_exists(longer) && !found) {
+      found = longer;
     } else {
+      if (found && pags_file_exists(longer) && !same_letters(found, longer, strlen(longer) + 1) &&
+          !finder->counts[PAGS_SPELLING_SEVERAL]++) {
+        finder->named[PAGS_SPELLING_SEVERAL] = pags_text_copy(name);
+        finder->found[PAGS_SPELLING_SEVERAL] = pags_text_copy(found);
+      }
       free(longer);
     }
+  }
+  if (found) {
+    free(*out);
+    *out = found;
+    *exists = true;
   }
   if (*exists)
     return PAGS_OK;
@@ -186,7 +195,7 @@ pags_result pags_find_file(pags_file_finder *finder, const char *folder, const c
       *c = '/';
       how = PAGS_SPELLING_SLASHES;
     }
-  char *found = slashes ? search(finder, folder, slashes, &how) : NULL;
+  found = slashes ? search(finder, folder, slashes, &how) : NULL;
   free(slashes);
   if (!found)
     return PAGS_OK;
@@ -221,9 +230,12 @@ void pags_file_finder_drop(pags_file_finder *finder) {
 }
 
 void pags_file_finder_end(pags_file_finder *finder, const char *source, const char *what) {
-  static const char *const ways[PAGS_SPELLINGS] = {"", "by reading backslashes as slashes",
+  static const char *const ways[PAGS_SPELLINGS] = {"",
+                                                   "by reading backslashes as slashes",
                                                    "below this folder, not below the one that they name",
-                                                   "in other letter case", "with another extension"};
+                                                   "in other letter case",
+                                                   "with another extension",
+                                                   "with several extensions, of which the first is taken"};
   for (int i = PAGS_SPELLING_SAME + 1; i < PAGS_SPELLINGS; i++)
     if (finder->counts[i] && finder->named[i] && finder->found[i])
       pags_log_message(PAGS_LOG_WARNING, "%s: %lld of %lld %s are found %s, the first is %s for '%s'", source,

@@ -17,6 +17,7 @@ typedef enum pags_spelling {
   PAGS_SPELLING_FOLDER,    /* the name's last components, below the data set's folder */
   PAGS_SPELLING_CASE,      /* other letter case */
   PAGS_SPELLING_EXTENSION, /* another extension of a picture */
+  PAGS_SPELLING_SEVERAL,   /* no extension, and there are pictures of several */
   PAGS_SPELLINGS
 } pags_spelling;
 

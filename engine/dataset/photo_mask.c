@@ -143,6 +143,18 @@ static pags_result say_unused(const char *folder, const pags_parsed_dataset *par
   for (int64_t i = 0; i < parsed->count; i++)
     used[i] = parsed->views[i].mask_path ? parsed->views[i].mask_path + strlen(folder) + 1 : "";
   pags_sort(used, parsed->count, sizeof *used, by_text);
+  long long shared = 0;
+  const char *first_shared = NULL;
+  for (int64_t i = 1; i < parsed->count; i++)
+    if (*used[i] && strcmp(used[i], used[i - 1]) == 0) {
+      first_shared = first_shared ? first_shared : used[i];
+      shared++;
+    }
+  if (shared)
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s: %lld photographs share the mask of another whose name differs in the extension alone, the "
+                     "first is %s; a mask for each is NAME.jpg.png and NAME.png.png",
+                     folder, shared, first_shared);
   pags_result result = pags_dir_list_read(folder, &list);
   for (int64_t i = 0; result == PAGS_OK && i < list.count; i++) {
     const char *name = list.names[i];

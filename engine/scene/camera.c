@@ -168,6 +168,9 @@ pags_result pags_rigid_check(double m[12], const char *what) {
   for (int i = 0; i < 12; i++)
     if (!isfinite(m[i]))
       return pags_fail(PAGS_ERROR_FORMAT, "%s: the pose is not finite", what);
+  const double away = fmax(fmax(fabs(m[3]), fabs(m[7])), fabs(m[11]));
+  if (away > 1e12)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: the pose is %.3g away; expected at most 1e12", what, away);
   double c[9], turned[12];
   const double error = orthonormal_error(m), volume = cofactors(m, c);
   memcpy(turned, m, sizeof turned);

@@ -4,6 +4,7 @@
 #include "scene/scene_json.h"
 
 #include <ctype.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -100,6 +101,17 @@ static pags_result read_raw(const pags_json *json, const pags_json_value *root, 
   return PAGS_OK;
 }
 
+/* Fails if one of three numbers is larger than what float arithmetic can hold with something added. */
+static pags_result check_sizes(const pags_json *json, const pags_json_value *object, const char *key,
+                               const double numbers[3]) {
+  static const double most = 1e12;
+  for (int k = 0; k < 3; k++)
+    if (!(fabs(numbers[k]) <= most))
+      return pags_json_fail(json, pags_json_member(object, key), "expected numbers from -%g to %g for '%s', found %g",
+                            most, most, key, numbers[k]);
+  return PAGS_OK;
+}
+
 /* Reads how the photographs were opened for the training. */
 static pags_result read_photographs(const pags_json *json, const pags_json_value *root, pags_scene *scene) {
   const char *folder, *alpha;
@@ -147,6 +159,7 @@ static pags_result read_root(const pags_json *json, pags_scene *scene, pags_scen
                           units);
 
   PAGS_TRY(pags_json_numbers(json, root, "origin", 3, scene->origin));
+  PAGS_TRY(check_sizes(json, root, "origin", scene->origin));
   PAGS_TRY(read_up(json, root, &scene->up));
   PAGS_TRY(pags_json_numbers(json, root, "time", 2, time));
   scene->time_begin = time[0];
@@ -154,6 +167,7 @@ static pags_result read_root(const pags_json *json, pags_scene *scene, pags_scen
   PAGS_TRY(pags_json_bool_or(json, root, "antialiased", false, &antialiased));
   scene->antialiased = antialiased;
   PAGS_TRY(pags_json_numbers(json, root, "background", 3, background));
+  PAGS_TRY(check_sizes(json, root, "background", background));
   for (int k = 0; k < 3; k++)
     scene->background[k] = (float)background[k];
   PAGS_TRY(pags_json_number_or(json, root, "fps", 0, &scene->fps));
@@ -195,6 +209,8 @@ static pags_result read_root(const pags_json *json, pags_scene *scene, pags_scen
     PAGS_TRY(pags_json_integer_or(json, value, "frame", -1, INT32_MAX, -1, &frame));
     PAGS_TRY(read_three_or(json, value, "gain", 1, view->gain));
     PAGS_TRY(read_three_or(json, value, "offset", 0, view->offset));
+    PAGS_TRY(check_sizes(json, value, "gain", view->gain));
+    PAGS_TRY(check_sizes(json, value, "offset", view->offset));
     view->test = test;
     view->sensor = (int)sensor;
     view->frame = (int)frame;

@@ -81,6 +81,14 @@ class BadScenes(Case):
             bad["objects"][1]["knots"][2][key] = value
             self.write("scene/scene.json", json.dumps(bad))
             self.refused("scene.json:1: a pose", "expected at most")
+        for key, value in [("origin", [0, 1e300, 0]), ("background", [1e300, 0, 0])]:
+            self.write("scene/scene.json", json.dumps({**good, key: value}))
+            self.refused("scene.json:1: expected numbers from -1e+12 to 1e+12", key)
+        for key, value, words in [("gain", [1e300, 1, 1], "'gain'"), ("camera_from_world_translation", [0, 0, 1e300], " away; expected at most 1e12")]:
+            bad = json.loads(json.dumps(good))
+            bad["cameras"][1][key] = value
+            self.write("scene/scene.json", json.dumps(bad))
+            self.refused("scene.json:1", words)
 
 
 class BadCameras(Case):

@@ -331,6 +331,17 @@ class Transforms(DataCase):
         self.save(frames=frames)
         self.fails(["info", self.data], "the last row of 'transform_matrix'", "expected 0 0 0 1")
 
+    def test_names_without_extension(self):
+        """Where two pictures may be meant, the one that is taken is named."""
+        names = [f["file_path"] for f in self.content["frames"]]
+        self.save(frames=[{**f, "file_path": name[: -len(".png")]} for f, name in zip(self.content["frames"], names, strict=True)])
+        self.assertEqual(self.info()[0]["warnings"], [])
+        write(os.path.join(self.data, names[2][: -len("png")] + "jpg"), read(os.path.join(self.data, names[3])))
+        facts, _ = self.info()
+        self.assertEqual(len(facts["warnings"]), 1, facts["warnings"])
+        self.assertIn("1 of 9 files are found with several extensions", facts["warnings"][0])
+        self.assertIn("images/002.png for 'images/002'", facts["warnings"][0])
+
     def test_dialects(self):
         """Names of camera models, angles in degrees, and keys that aren't used."""
         angle = 56.144973871  # twice the arc tangent of 32 / 60, degrees

@@ -542,6 +542,19 @@ class Photographs(fixtures.Case):
         self.masks(lambda i: nothing)
         self.one_warning(self.info(), "leave no pixel of any of the 9 photographs, and are ignored")
 
+    def test_a_mask_for_two_photographs(self):
+        frames = self.change()["frames"]
+        write(f"{self.set}/images/000.jpg", fixtures.read(f"{self.set}/images/001.png"))
+        os.remove(f"{self.set}/images/001.png")
+        frames[1]["file_path"] = "images/000.jpg"
+        self.change(frames=frames)
+        some = png(WIDTH, HEIGHT, self.left_half(), 1)
+        for i in (0, *range(2, VIEWS)):
+            write(f"{self.set}/masks/{i:03d}.png", some)
+        self.one_warning(self.info(), "1 photographs share the mask of another", "000.png")
+        write(f"{self.set}/masks/000.jpg.png", some)
+        self.assertEqual(self.info()["warnings"], [])
+
     # ---- Extent and view ----
 
     def point_set(self, jitter, move=0.0):

@@ -88,10 +88,10 @@ PAGS_API pags_result pags_camera_check(pags_camera *camera, const char *what);
  * pixels. The remainder at the right and bottom edges of the source, which fills no whole pixel, is cut off. */
 PAGS_API pags_camera pags_camera_downscale(const pags_camera *camera, double factor);
 
-/* Checks that a 3x4 [R|t] is finite and that R is a rotation: about 1e-3 off in each entry is accepted (R R^T
- * within 2e-3 of the identity, determinant positive). R is then replaced by the nearest rotation (Newton's
- * iteration for the polar factor, Higham 1986); an R that is orthonormal already keeps its bits. Returns
- * PAGS_ERROR_FORMAT otherwise; `what` names the pose in the message. */
+/* Checks that a 3x4 [R|t] is finite, t at most 1e12 on each axis, and that R is a rotation: about 1e-3 off in each
+ * entry is accepted (R R^T within 2e-3 of the identity, determinant positive). R is then replaced by the nearest
+ * rotation (Newton's iteration for the polar factor, Higham 1986); an R that is orthonormal already keeps its bits.
+ * Returns PAGS_ERROR_FORMAT otherwise; `what` names the pose in the message. */
 PAGS_API pags_result pags_rigid_check(double m[12], const char *what);
 
 /* Divides the 3x3 part of a pose by its uniform scale, where it has one that pags_rigid_check would refuse, and returns
