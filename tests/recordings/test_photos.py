@@ -158,7 +158,7 @@ class Photos(WithStandIn):
         self.refused("raw: has no JPEG or PNG files", "left out: 1 photograph: IMG_1.HEIC: HEIC isn't read; convert to JPEG or PNG first")
         picture(os.path.join(self.raw, "1.png"))
         write(os.path.join(self.raw, "2.png"), "no picture")
-        self.refused("files that can be read: 1;", "2.png: can't be read")
+        self.refused("1 of 2 JPEG and PNG files can be read;", "2.png: can't be read")
         self.refused("is missing", raw=self.path("none"))
         write(self.path("a.txt"), "x")
         self.refused("is no folder and no video", raw=self.path("a.txt"))
@@ -302,7 +302,7 @@ class Damage(WithStandIn):
     def test_one_and_none(self):
         for number in range(1, 5):
             os.remove(os.path.join(self.raw, f"{number}.jpg"))
-        self.refused("raw: JPEG and PNG files that can be read: 1; cameras are found of three photographs or more")
+        self.refused("raw: 1 of 1 JPEG and PNG files can be read; cameras are found of three photographs or more")
         os.remove(os.path.join(self.raw, "0.jpg"))
         self.refused("raw: has no JPEG or PNG files")
 

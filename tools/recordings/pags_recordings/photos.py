@@ -94,7 +94,7 @@ class Photographs:
 
     def __init__(self, folder):
         self.folder, self.account, self.camera, self.masks, self.damage, self.video, self.squared = folder, Account(), {}, 0, None, [], 0
-        self.sizes, self.digests, self.turns = {}, {}, {}
+        self.sizes, self.digests, self.turns, self.tried = {}, {}, {}, 0
 
     def is_copy(self, source, name):
         """Whether another photograph has the same bytes: held out, it would be known from training."""
@@ -112,6 +112,7 @@ class Photographs:
     def add(self, source, name):
         """Copies a photograph byte by byte; one that is turned by its EXIF orientation, or whose pixels aren't square, is written upright and square anew."""
         target = os.path.join(self.folder, *name.split("/"))
+        self.tried += 1
         try:
             with Image.open(source) as picture:
                 if self.is_copy(source, name):
@@ -221,7 +222,7 @@ def gather(raw, output, pictures, quiet, people=None):
     progress.end()
     if len(photographs.camera) < 3:
         why = "".join(f"; {line}" for line in lines(list(photographs.account.rows.values()), 3))
-        raise RecordingError(f"{raw}: {'has no JPEG or PNG files' if not photographs.camera else f'JPEG and PNG files that can be read: {len(photographs.camera)}'}; cameras are found of three photographs or more{why}")
+        raise RecordingError(f"{raw}: {f'{len(photographs.camera)} of {photographs.tried} JPEG and PNG files can be read' if photographs.tried else 'has no JPEG or PNG files'}; cameras are found of three photographs or more{why}")
     return photographs
 
 
