@@ -65,8 +65,11 @@ static void say_lost(const char *path, const pags_scene *scene, const pags_splat
     put_item(lost, "colours that change with the view");
   if (lost[0])
     pags_log_message(PAGS_LOG_WARNING, "%s: .splat can't hold %s", path, lost);
-  if (spz && moved)
-    pags_log_message(PAGS_LOG_INFO, "%s: %s is in a record that only PAGS reads", path, item);
+  if (moved && !splat && !has_extension(path, ".pagsz"))
+    pags_log_message(PAGS_LOG_INFO, "%s: %s is in %s", path, item,
+                     ply   ? "the comment 'offset', which few programs read"
+                     : spz ? "a record that only PAGS reads"
+                           : "its asset, which only PAGS reads");
   if (scene->sky.size > 0)
     put_item(aside, "the sky");
   if (priorities && !ply && !has_extension(path, ".pagsz"))
