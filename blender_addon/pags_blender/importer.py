@@ -27,6 +27,7 @@ FROM_UP = {
 UP_AXES = [("AUTO", "As the file says", "Where a splat file says nothing: -Y, as programs that train splats write them")]
 UP_AXES += [(axis.upper(), axis.upper(), f"The file's {axis.upper()} axis points up") for axis in FROM_UP]
 EMPTY_SIZE = 0.25  # metres, of the Empties of tracks
+MAP = 20e3  # metres, up to which scenes in a map's coordinates are laid beside each other
 FRAMED = 1.1  # how much larger than what it frames the view of a new camera is
 
 
@@ -37,6 +38,8 @@ NOTES = {
     "category": ("What kind of thing the class is", None),
     "critical": ("Whether its quality comes first: vehicles, pedestrians, cyclists", None),
     "gaussians": ("How many Gaussians it has", None),
+    "origin": ("What is added to all positions of a scene in a map's coordinates, metres", None),
+    "up": ("Which axis of those coordinates points up", None),
     "size": ("Length, width and height of the labelled box, metres", "DISTANCE"),
     "view": ("File name of the photograph; of a sensor's camera, of its first", None),
     "test": ("Whether training held the photograph out", None),
@@ -70,7 +73,8 @@ class Import:
         self.first = float(context.scene.frame_start)
         self.name = os.path.basename(os.path.normpath(path)) or "scene"
         up = self.info["up"] if options.up == "AUTO" else options.up.lower()
-        self.turn = np.array(FROM_UP.get(up, FROM_UP["z"]), dtype=np.float64)
+        self.up = up if up in FROM_UP else "z"
+        self.turn = np.array(FROM_UP[self.up], dtype=np.float64)
         self.collection = self.root = None
         self.sensors = []  # cameras of sensors
         self.of_class = {}
@@ -83,7 +87,7 @@ class Import:
         self.root.pags.path = self.path
         self.root.pags.frame_start, self.root.pags.fps = self.first, self.fps
         note(self.root, "gaussians", self.info["gaussians"])
-        self.root.matrix_world = Matrix(self.turn.tolist()).to_4x4()
+        self.root.matrix_world = self.place()
         share = self.budget / max(1, self.info["gaussians"])
         background = self.info["gaussians"] - sum(o["gaussians"] for o in self.objects)
         if background > 0:
@@ -100,6 +104,20 @@ class Import:
                 self.add_framing_camera()
             if self.context.scene.camera is None or self.replaces_camera:
                 self.context.scene.camera = next((o for o in self.collection.objects if o.type == "CAMERA"), self.context.scene.camera)
+
+    def place(self):
+        """Where the root goes: to zero, but a scene in a map's coordinates beside the first other one, as the map has them; not where that is far
+        off, since Blender's coordinates are floats."""
+        turn = Matrix(self.turn.tolist()).to_4x4()
+        if not self.origin.any():
+            return turn
+        note(self.root, "origin", self.origin.tolist())
+        note(self.root, "up", self.up)
+        others = [o for o in self.context.scene.objects if o.pags.kind == "ROOT" and o != self.root and o.get("pags_up") == self.up]
+        if not others:
+            return turn
+        apart = self.origin - np.array(others[0]["pags_origin"])
+        return others[0].matrix_world @ Matrix.Translation(apart) if 0 < np.linalg.norm(apart) < MAP else turn
 
     def frame_of(self, time):
         return self.first + (np.asarray(time) - self.info["time_begin"]) * self.fps

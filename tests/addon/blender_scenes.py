@@ -4,6 +4,7 @@
 import math
 import os
 import random
+import struct
 import sys
 
 import bpy
@@ -54,6 +55,26 @@ class SeveralScenes(BlenderCase):
         for part in second.children:
             part.hide_render = True
         self.assertGreater(self.difference(together, self.f12()), 100)
+
+    def test_scenes_of_one_map(self):
+        """Splat files in a map's coordinates, whose origins differ, lie beside each other as the map has them; others at zero."""
+        names = ["f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]
+        head = "".join(f"property double {k}\n" for k in "xyz") + "".join(f"property float {k}\n" for k in names)
+
+        def far(name, x, y):
+            row = struct.pack("<3d11f", x, y, 0.5, 1, 0, 0, 3, -2, -2, -2, 1, 0, 0, 0)
+            self.write(name, f"ply\nformat binary_little_endian 1.0\nelement vertex 1\n{head}end_header\n".encode() + row)
+            return self.bring_in(name)
+
+        roots = [far("a.ply", 500000.25, 4600000.5), far("b.ply", 500040.5, 4599990.25), far("c.ply", 900000, 4600000)]
+        self.write("some.ply", ply_bytes(some_splats()))
+        roots.append(self.bring_in("some.ply"))
+        places = [root.matrix_world @ next(p for p in root.children if p.type == "MESH").data.vertices[0].co for root in roots[:3]]
+        apart = places[1] - places[0]  # y is down in the files
+        for found, wanted in zip(apart, (40.25, 0, 10.25)):
+            self.assertAlmostEqual(found, wanted, places=4)
+        for root in (roots[0], *roots[2:]):
+            self.assertEqual(tuple(root.location), (0, 0, 0))
 
     def test_duplicates_and_instances(self):
         """A scene that was duplicated has a root of its own; an instance of its collection follows the instance."""
