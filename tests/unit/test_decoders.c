@@ -102,12 +102,12 @@ static void test_every_kind(void **state) {
   assert_int_equal(different, 0);
 }
 
-/* Files that are cut off, and files of which a few bits are turned. libpng's and libjpeg's decoders are the same as
- * OpenImageIO's, so that both sides agree on what can still be read, but for cut-off JPEG files, which only OpenImageIO
- * reads. Its EXR reader is another one, and may take what ours refuses or refuse what ours takes. */
+/* Files that are cut off, and files of which a few bits are turned. libpng's decoder is the same as OpenImageIO's, so
+ * that both sides agree on what can still be read. So is libjpeg's, but OpenImageIO's module takes its warnings for
+ * errors, and cut-off files are refused here alone. The EXR readers differ, and may take what the other one refuses. */
 static void test_damage(void **state) {
   need_oiio();
-  int same = 0, stricter = 0, different = 0;
+  int same = 0, stricter = 0, laxer = 0, different = 0;
   for (picture_format format = PICTURE_PNG; format <= PICTURE_EXR; format++)
     for (int round = 0; round < 6; round++) {
       file_bytes bytes;
@@ -124,13 +124,16 @@ static void test_damage(void **state) {
         pags_image ours;
         const pags_result result = pags_image_load(path, PAGS_F32, 0, &ours);
         pags_image_destroy(&ours);
-        if (result == PAGS_OK) {
+        decoded theirs = decode_theirs(path, 4);
+        pags_image_destroy(&theirs.image);
+        if (result == PAGS_OK && theirs.result != PAGS_OK) {
+          laxer++;
+          different += format == PICTURE_PNG;
+        } else if (result == PAGS_OK) {
           const int outcome = compare(path, name);
           same += outcome == 1;
           different += outcome != 1 && format != PICTURE_EXR;
         } else {
-          decoded theirs = decode_theirs(path, 4);
-          pags_image_destroy(&theirs.image);
           assert_true(result == PAGS_ERROR_FORMAT || result == PAGS_ERROR_UNSUPPORTED);
           same += theirs.result != PAGS_OK;
           stricter += theirs.result == PAGS_OK;
@@ -140,7 +143,8 @@ static void test_damage(void **state) {
         remove(path);
       }
     }
-  printf("%d damaged files: the same; %d are refused that OpenImageIO reads; %d differ\n", same, stricter, different);
+  printf("%d damaged files: the same; OpenImageIO reads %d more, and refuses %d more; %d differ\n", same, stricter,
+         laxer, different);
   assert_int_equal(different, 0);
 }
 
