@@ -254,7 +254,9 @@ class Drive(Case):
             for i in range(1, len(values), 4):
                 values[i] = -values[i]
             write(path, values.tobytes())
-        self.warns("pairs of photographs better mirrored", "left-handed", "negate y")
+        self.warns("pairs of photographs fit their cameras' poses better mirrored", "left-handed", "negate y")
+        shutil.rmtree(os.path.join(self.set, "lidar"))
+        self.warns("left-handed")
 
     def turned(self, turn, offset):
         product = lambda m: [[sum(turn[i][k] * m[k][j] for k in range(3)) + (offset[i] if j == 3 else 0) for j in range(4)]

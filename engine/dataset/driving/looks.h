@@ -13,7 +13,7 @@ pags_result pags_driving_views_check(pags_dataset *dataset, const pags_dataset_o
 /* Warns of photographs without content and of those that a moving camera repeats (look_photographs.c). */
 pags_result pags_look_at_photographs(const pags_dataset *dataset);
 
-/* Warns if the LiDAR points fit the photographs mirrored (look_mirrored.c). */
+/* Warns if the photographs fit the poses of their cameras mirrored (look_mirrored.c). */
 pags_result pags_look_for_mirror(const pags_dataset *dataset);
 
 #endif
