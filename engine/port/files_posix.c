@@ -8,6 +8,7 @@
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <limits.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/file.h>
@@ -79,7 +80,16 @@ char *pags_port_read_link(const char *path) {
 }
 
 char *pags_port_real_path(const char *path) {
-  return realpath(path, NULL);
+  char real[PATH_MAX];
+  if (!realpath(path, real))
+    return NULL;
+  const size_t size = strlen(real) + 1;
+  char *const copy = malloc(size);
+  if (copy)
+    memcpy(copy, real, size);
+  else
+    errno = ENOMEM;
+  return copy;
 }
 
 /* ---- Streams ---- */
