@@ -356,7 +356,7 @@ static pags_result describe(pags_report *report, info_arguments *arguments, cons
   /* Anything else is a file of another program, which the data set's reader names, or a splat file: its loader tells
    * the format. */
   const bool splat = is_splat(path, head);
-  if (!splat && !begins_as_splat(head))
+  if (!splat && (!begins_as_splat(head) || memcmp(head, "PK", 2) == 0))
     PAGS_TRY(pags_unread_splats_refuse(path, head, got, NULL));
   if (!splat && pags_foreign_knows(path))
     return describe_dataset(report, arguments, path);

@@ -14,6 +14,7 @@
 #include "image/layers.h"
 #include "image/module.h"
 #include "image/oiio.h"
+#include "image/tiff_check.h"
 #include "port/port.h"
 
 /* A file that OpenImageIO has opened, at the part that is read. */
@@ -240,6 +241,7 @@ static void multiply_by_alpha(const other_picture *other, pags_image *image) {
 
 pags_result pags_other_load(const char *path, int most, pags_image *out, pags_colour *colour) {
   other_picture other;
+  PAGS_TRY(pags_tiff_check(path));
   PAGS_TRY(open_other(path, &other));
   find_colour(path, &other.info, colour);
   const bool straighten = other.layer.alpha && other.info.sample != PAGS_F32 && !other.info.straight;

@@ -353,50 +353,63 @@ static void put32(uint8_t *to, uint32_t value) {
     to[k] = (uint8_t)(value >> (8 * k));
 }
 
-/* Writes an uncompressed TIFF of 12 x 8 pixels of bytes, in strips of two rows, the directory first. Returns its size.
- */
-static size_t make_tiff(uint8_t *out) {
-  enum { WIDTH = 12, HEIGHT = 8, STRIPS = 4, STRIP = WIDTH * 2 * 3, FIELDS = 10, LISTS = 10 + 12 * FIELDS + 4 };
-  const uint32_t pixels = LISTS + 6 + 8 * STRIPS;
-  const uint32_t fields[FIELDS][4] = {{256, 3, 1, WIDTH}, {257, 3, 1, HEIGHT},
-                                      {258, 3, 3, LISTS}, {259, 3, 1, 1},
-                                      {262, 3, 1, 2},     {273, 4, STRIPS, LISTS + 6},
-                                      {277, 3, 1, 3},     {278, 3, 1, 2},
-                                      {284, 3, 1, 1},     {279, 4, STRIPS, LISTS + 6 + 4 * STRIPS}};
-  memset(out, 0, pixels);
+/* Writes a TIFF of 12 x 8 pixels of bytes in one strip, the directory first: stored or compressed by Deflate. Returns
+ * its size. */
+static size_t make_tiff(bool deflate, uint8_t *out) {
+  enum {
+    WIDTH = 12,
+    HEIGHT = 8,
+    BYTES = WIDTH * HEIGHT * 3,
+    FIELDS = 10,
+    BITS = 10 + 12 * FIELDS + 4,
+    PIXELS = BITS + 6
+  };
+  uint8_t pixels[BYTES];
+  uLongf size = 512;
+  for (int i = 0; i < BYTES; i++)
+    pixels[i] = (uint8_t)(1 + (i * i + 7 * i) % 251);
+  memset(out, 0, PIXELS);
+  if (deflate)
+    assert_int_equal(compress(out + PIXELS, &size, pixels, BYTES), Z_OK);
+  else
+    memcpy(out + PIXELS, pixels, size = BYTES);
+  const uint32_t fields[FIELDS][4] = {
+      {256, 3, 1, WIDTH},  {257, 3, 1, HEIGHT}, {258, 3, 3, BITS},   {259, 3, 1, deflate ? 8 : 1}, {262, 3, 1, 2},
+      {273, 4, 1, PIXELS}, {277, 3, 1, 3},      {278, 3, 1, HEIGHT}, {279, 4, 1, (uint32_t)size},  {284, 3, 1, 1}};
   memcpy(out, "II*\0\x8\0\0\0\xa", 9);
   for (int i = 0, at = 10; i < FIELDS; i++, at += 12) {
-    const int k = i < 8 ? i : 17 - i; /* ordered by their numbers: 279 before 284 */
-    put32(out + at, fields[k][0] | fields[k][1] << 16);
-    put32(out + at + 4, fields[k][2]);
-    put32(out + at + 8, fields[k][3]);
+    put32(out + at, fields[i][0] | fields[i][1] << 16);
+    put32(out + at + 4, fields[i][2]);
+    put32(out + at + 8, fields[i][3]);
   }
   for (int k = 0; k < 3; k++)
-    out[LISTS + 2 * k] = 8;
-  for (uint32_t k = 0; k < STRIPS; k++) {
-    put32(out + LISTS + 6 + 4 * k, pixels + k * STRIP);
-    put32(out + LISTS + 6 + 4 * (STRIPS + k), STRIP);
-  }
-  for (uint32_t i = 0; i < STRIPS * STRIP; i++)
-    out[pixels + i] = (uint8_t)(1 + i % 251);
-  return pixels + STRIPS * STRIP;
+    out[BITS + 2 * k] = 8;
+  return PIXELS + size;
 }
 
-/* A picture that OpenImageIO reads is refused, wherever it is cut off. */
+/* A picture that OpenImageIO reads is refused, wherever it is cut off; a compressed one, too, where it has zeros in
+ * place of its bytes. */
 static void test_cut_off_files_of_other_formats(void **state) {
   scratch *s = *state;
   pags_image image = {0};
-  uint8_t file[1024];
-  const size_t size = make_tiff(file);
-  scratch_write(s, "a.tif", file, size);
-  if (!has_oiio())
-    return;
-  assert_int_equal(pags_image_load(s->path, PAGS_U8, 3, &image), PAGS_OK);
-  assert_int_equal(((uint8_t *)image.data)[287], 1 + 287 % 251);
-  pags_image_destroy(&image);
-  for (size_t keep = 1; keep < size; keep += 7) {
-    scratch_write(s, "a.tif", file, keep);
-    scratch_expect(pags_image_load(s->path, PAGS_U8, 3, &image), PAGS_ERROR_FORMAT, "a.tif");
+  for (int deflate = 0; deflate < 2 && has_oiio(); deflate++) {
+    uint8_t file[1024];
+    const size_t size = make_tiff(deflate, file);
+    scratch_write(s, "a.tif", file, size);
+    assert_int_equal(pags_image_load(s->path, PAGS_U8, 3, &image), PAGS_OK);
+    assert_int_equal(((uint8_t *)image.data)[287], 1 + (287 * 287 + 7 * 287) % 251);
+    pags_image_destroy(&image);
+    for (size_t keep = 1; keep < size; keep += 7) {
+      scratch_write(s, "a.tif", file, keep);
+      scratch_expect(pags_image_load(s->path, PAGS_U8, 3, &image), PAGS_ERROR_FORMAT, "a.tif");
+    }
+    for (size_t at = size - 200; deflate && at < size - 20; at += 20) {
+      uint8_t damaged[1024];
+      memcpy(damaged, file, size);
+      memset(damaged + at, 0, 20);
+      scratch_write(s, "a.tif", damaged, size);
+      scratch_expect(pags_image_load(s->path, PAGS_U8, 3, &image), PAGS_ERROR_FORMAT, "damaged");
+    }
   }
   const char *const never[] = {"\0\0\1\0\1\0", "FOR4\0\0"}; /* their readers crash */
   for (int i = 0; i < 2; i++) {
