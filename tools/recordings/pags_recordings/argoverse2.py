@@ -11,7 +11,7 @@ import numpy as np
 
 from . import poses
 from .errors import RecordingError
-from .importing import Tracks, chosen, existing, inside, joined, listed, optional
+from .importing import Tracks, chosen, existing, inside, joined, listed, optional, others_reading
 
 CAMERAS = ("ring_front_center", "ring_front_left", "ring_front_right", "ring_side_left", "ring_side_right", "ring_rear_left", "ring_rear_right")
 LARGEST_GAP = 0.03  # seconds between a sweep and a photograph of its step: a little more than half of the cameras' 50 ms
@@ -31,14 +31,12 @@ TEXTS = ("sensor_name", "track_uuid", "category")
 
 def table(path, columns):
     import pandas
-    from pyarrow import ArrowException, feather
+    from pyarrow import feather
 
-    try:
+    with others_reading(path, "can't be read as feather"):
         content = feather.read_table(existing(path), memory_map=False)
         content.validate(full=True)  # it isn't looked at before: offsets of texts beyond the file crash the process
         rows = content.to_pandas()
-    except (ArrowException, OSError, ValueError, TypeError, LookupError) as error:
-        raise RecordingError(f"{path}: can't be read as feather: {str(error).splitlines()[0] if str(error) else type(error).__name__}") from None
     lacking = [name for name in columns if list(rows.columns).count(name) != 1]
     if lacking or len(rows) == 0:
         raise RecordingError(f"{path}: {f'has no column {lacking[0]!r}' if lacking else 'has no rows'}; expected {', '.join(columns)}")

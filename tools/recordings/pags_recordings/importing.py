@@ -2,6 +2,7 @@
 """What the importers share: files in their forms, the choice of cameras and time steps, photographs that belong together, boxes between their
 labels, progress."""
 
+import contextlib
 import os
 import sys
 import time
@@ -26,6 +27,17 @@ def inside(root, name, where):
     if os.path.isabs(plain) or plain.split(os.sep)[0] == os.pardir:
         raise RecordingError(f"{where}: names the file {str(name)[:200]!r}, which isn't below {root}")
     return os.path.join(root, plain)
+
+
+@contextlib.contextmanager
+def others_reading(where, what):
+    """What a package of others raises for a damaged file, of whatever type, as one line of ours: they assert, index and decode."""
+    try:
+        yield
+    except (RecordingError, MemoryError):
+        raise
+    except Exception as error:  # noqa: BLE001
+        raise RecordingError(f"{where}: {what}: {type(error).__name__}: {' '.join(str(error).split())[:300]}") from None
 
 
 PACKED = (".zip", ".tar", ".tar.gz", ".tgz", ".gz", ".7z", ".rar", ".bz2", ".xz", ".zst")

@@ -6,7 +6,6 @@ picture's corners at 0, rays and distances of LiDAR, boxes in the frame of a sen
 One time step is one photograph of the first camera, with the photograph nearest to it of each other camera and the nearest sweep. A photograph's time
 and pose are those of the middle of its exposure. The package moves the points of a sweep to its end."""
 
-import contextlib
 import os
 import pathlib
 
@@ -14,7 +13,7 @@ import numpy as np
 
 from . import poses
 from .errors import RecordingError
-from .importing import Tracks, chosen, joined, sweeps_of_steps
+from .importing import Tracks, chosen, joined, others_reading, sweeps_of_steps
 
 STORE = ".ncore4"  # NAME.ncore4.zarr.itar, NAME.ncore4-GROUP.zarr
 LARGEST_GAP = 0.05  # seconds between the photographs of a step
@@ -24,15 +23,8 @@ FIT = 0.2  # pixels by which a polynomial of ours may differ from an F-theta cam
 WORLD, RIG = "world", "rig"
 
 
-@contextlib.contextmanager
 def reading(where):
-    """What the package raises for a damaged store, of whatever type, as one line of ours."""
-    try:
-        yield
-    except (RecordingError, MemoryError):
-        raise
-    except Exception as error:  # noqa: BLE001  it asserts, indexes and decodes
-        raise RecordingError(f"{where}: nvidia-ncore can't read it: {type(error).__name__}: {str(error)[:300]}") from None
+    return others_reading(where, "nvidia-ncore can't read it")
 
 
 def store_name(file):

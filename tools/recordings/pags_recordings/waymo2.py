@@ -12,14 +12,14 @@ import numpy as np
 
 from . import poses
 from .errors import RecordingError
-from .importing import TWICE, choose_steps, chosen, complete, existing, optional
+from .importing import TWICE, choose_steps, chosen, complete, existing, optional, others_reading
 
 NAMES = {1: "front", 2: "front_left", 3: "front_right", 4: "side_left", 5: "side_right"}
 USUAL = ("front", "front_left", "front_right")
 CLASSES = {0: "Unknown", 1: "Vehicle", 2: "Pedestrian", 3: "Sign", 4: "Cyclist"}
 FRAME, CAMERA, LASER, THING = "key.frame_timestamp_micros", "key.camera_name", "key.laser_name", "key.laser_object_id"
 ROWS = 8  # in memory at once: a row of the roof's LiDAR takes 5 MB
-MOST_VALUES = 1 << 31  # in a column of a row group: the largest range images of a whole segment have an eighth
+MOST_ROWS = 10_000_000  # of a file: the largest tables, the boxes, have some 100,000
 FARTHEST_POSE = 0.1  # seconds between a photograph's pose and the middle of its exposure over which its velocity isn't trusted
 
 
@@ -27,12 +27,11 @@ class Component:
     """A parquet file, read a few rows at a time, quickest in their order. `prefix` is left off the columns' names."""
 
     def __init__(self, raw, folder, segment, prefix, columns, keys):
-        from pyarrow import ArrowException, parquet
+        from pyarrow import parquet
 
         self.path = existing(raw, folder, f"{segment}.parquet")
-        self.prefix, self.wrong = f"[{prefix}].", (ArrowException, OSError, ValueError)
-        self.columns = columns
-        try:
+        self.prefix, self.columns = f"[{prefix}].", columns
+        with self.reading():
             self.file = parquet.ParquetFile(self.path)
             self.check_counts()
             there = set(self.file.schema_arrow.names)
@@ -44,10 +43,6 @@ class Component:
                 if not fits(kind, name):
                     raise RecordingError(f"{self.path}: column {name!r} is of the type {kind}, which it can't be")
             rows = self.file.read(columns=keys).to_pylist()
-        except RecordingError:
-            raise
-        except self.wrong as error:
-            raise self.unreadable(error) from None
         self.places, self.twice = {}, []  # number of the row by key; keys of further rows
         for number, row in enumerate(rows):
             key = tuple(row[name] for name in keys)
@@ -60,15 +55,15 @@ class Component:
         self.group = None
 
     def check_counts(self):
-        """Row groups that claim more than the file has would make room for it: terabytes."""
+        """Row groups that claim more than the file has would make room for it: terabytes. (Their columns aren't looked at: of a damaged one pyarrow ends
+        the process.)"""
         about = self.file.metadata
-        groups = [about.row_group(i) for i in range(about.num_row_groups)]
-        values = max((group.column(i).num_values for group in groups for i in range(group.num_columns)), default=0)
-        if sum(group.num_rows for group in groups) != about.num_rows or any(group.num_rows < 0 for group in groups) or not values <= MOST_VALUES:
-            raise RecordingError(f"{self.path}: its row groups have {sum(group.num_rows for group in groups)} rows and up to {values} values, the file {about.num_rows} rows; one of these is wrong")
+        rows = [about.row_group(i).num_rows for i in range(about.num_row_groups)]
+        if sum(rows) != about.num_rows or min(rows, default=0) < 0 or about.num_rows > MOST_ROWS:
+            raise RecordingError(f"{self.path}: its row groups have {sum(rows)} rows, the file {about.num_rows}; expected the same number, at most {MOST_ROWS}")
 
-    def unreadable(self, error):
-        return RecordingError(f"{self.path}: can't be read as parquet: {str(error).splitlines()[0] if str(error) else type(error).__name__}")
+    def reading(self):
+        return others_reading(self.path, "can't be read as parquet")
 
     def enter(self, group):
         """Begins a row group anew: of rows in the order of chance no more than theirs are read."""
@@ -83,16 +78,14 @@ class Component:
         group = int(np.searchsorted(self.begins, number, "right")) - 1
         if group != self.group or number < self.first:
             self.enter(group)
-        try:
+        with self.reading():
             while self.batch is None or number >= self.first + self.batch.num_rows:
                 self.first += self.batch.num_rows if self.batch else 0
                 self.batch = next(self.batches, None)
                 if self.batch is None:
                     raise RecordingError(f"{self.path}: has fewer rows than it says")
                 self.batch.validate(full=True)
-        except self.wrong as error:
-            raise self.unreadable(error) from None
-        return {column: plain(self.batch.column(self.prefix + column)[number - self.first]) for column in self.columns}
+            return {column: plain(self.batch.column(self.prefix + column)[number - self.first]) for column in self.columns}
 
     def whole(self, *key):
         """The row of a key in which nothing may be missing."""
