@@ -362,7 +362,8 @@ static void missing_pictures_may_be_left_out(void **state) {
   scratch_end(&s);
 }
 
-/* SfM points: points that fewer than two training views see are left out; image ids are matched by image name. */
+/* SfM points: points that fewer than two training views see, and points 10 km away, are left out; image ids are matched
+ * by image name. */
 static void sfm_points_are_added(void **state) {
   (void)state;
   pags_dataset_options options = tree_options("pandaset");
@@ -378,7 +379,8 @@ static void sfm_points_are_added(void **state) {
   tree_text(&s, "sfm/sparse/0/images.txt",
             "5 1 0 0 0 0 0 0 1 000_0.png\n\n6 1 0 0 0 0 0 0 1 cam1/001_1.png\n\n9 1 0 0 0 0 0 0 1 004_0.png\n\n");
   tree_text(&s, "sfm/sparse/0/points3D.txt",
-            "1 1 2 3 10 20 30 0.5 5 0 6 0\n2 4 5 6 40 50 60 0.5 5 0 9 0\n3 7 8 9 70 80 90 0.5 6 0 5 0 9 0\n");
+            "1 1 2 3 10 20 30 0.5 5 0 6 0\n2 4 5 6 40 50 60 0.5 5 0 9 0\n3 7 8 9 70 80 90 0.5 6 0 5 0 9 0\n"
+            "4 1e7 8 9 70 80 90 0.5 6 0 5 0 9 0\n");
   options.sfm = "sfm";
   scratch_ok(pags_dataset_open(s.folder, &options, &dataset));
   pags_dataset_points(dataset, &count, &xyz, &rgb, &random);

@@ -59,8 +59,8 @@ static int64_t sort_out(pags_labels *all, const pags_object *object, pags_label 
   }
   pags_sort(labels, usable, sizeof *labels, by_frame);
   for (int64_t i = 0; i < usable; i++) {
-    pags_label *last = &labels[kept - 1];
-    if (kept == 0 || last->knot.frame != labels[i].knot.frame) {
+    pags_label *last = kept ? &labels[kept - 1] : NULL;
+    if (!last || last->knot.frame != labels[i].knot.frame) {
       labels[kept++] = labels[i];
       continue;
     }

@@ -4,6 +4,7 @@
 #include "dataset/driving/reader.h"
 
 #include "base/file.h"
+#include "base/log.h"
 #include "base/text.h"
 
 #include <stdlib.h>
@@ -41,8 +42,30 @@ static int64_t match_views(const pags_parsed_dataset *model, pags_parsed_dataset
   return matched;
 }
 
-static pags_result take_points(pags_parsed_dataset *model, pags_parsed_dataset *parsed) {
+enum { FARTHEST = 10000 }; /* m; beyond it, a photograph of a street shows nothing that a point could stand for */
+
+/* Leaves out the points that are farther than FARTHEST from the car's place in the middle of the recording. */
+static void drop_far(const pags_driving *driving, pags_parsed_points *points, const char *model) {
+  const double *eye = driving->steps[driving->step_count / 2].eye;
+  const int64_t all = points->count;
+  points->count = 0;
+  for (int64_t i = 0; i < all; i++) {
+    double square = 0;
+    for (int k = 0; k < 3; k++)
+      square += (points->items[i].xyz[k] - eye[k]) * (points->items[i].xyz[k] - eye[k]);
+    if (!(square > (double)FARTHEST * FARTHEST))
+      points->items[points->count++] = points->items[i];
+  }
+  if (points->count < all)
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s: %lld of %lld points are more than %d km from the car and left out; expected a model in the "
+                     "recording's world, in metres",
+                     model, (long long)(all - points->count), (long long)all, FARTHEST / 1000);
+}
+
+static pags_result take_points(pags_parsed_dataset *model, const char *folder, pags_parsed_dataset *parsed) {
   pags_driving *driving = parsed->driving;
+  drop_far(driving, &model->points, folder);
   long long count = (long long)model->points.count;
   int64_t matched = match_views(model, parsed);
   parsed->points = model->points;
@@ -64,7 +87,7 @@ pags_result pags_sfm_points_read(const char *named, pags_parsed_dataset *parsed)
   pags_parsed_dataset model;
   pags_result result = pags_colmap_read(folder, folder, &model);
   if (result == PAGS_OK) {
-    result = take_points(&model, parsed);
+    result = take_points(&model, folder, parsed);
     pags_parsed_destroy(&model);
   }
   free(folder);
