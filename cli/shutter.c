@@ -41,5 +41,5 @@ pags_result pags_shutter_choose(pags_shutter_choice choice, const pags_scene *sc
   return pags_fail(
       PAGS_ERROR_ARGUMENT,
       "--shutter rolling: neither the cameras nor the scene's views have a rolling shutter; expected cameras "
-      "with rolling_shutter (docs/rolling-shutter.md), or --shutter global");
+      "with rolling_shutter (docs/lenses.md), or --shutter global");
 }

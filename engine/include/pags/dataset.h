@@ -65,7 +65,7 @@ typedef struct pags_dataset_options {
    * separated by commas (docs/masks.md). NULL: vehicles, pedestrians and cyclists. */
   const char *critical;
   /* 1: the contents of photographs and sweeps are looked at, too, which takes a second or so; faults are warnings in
-   * the log, as those that show on opening are (docs/driving-checks.md). Default 0. */
+   * the log, as those that show on opening are (docs/driving.md). Default 0. */
   int look;
   const char *sfm; /* folder of a COLMAP model in the same world, whose points are added; NULL: none */
 } pags_dataset_options;

@@ -17,7 +17,7 @@
  * saturated. "The paper" is Priority-Adaptive Gaussian Splatting (arXiv:2510.12282).
  *
  * With a rolling shutter (pags_camera.shutter) each Gaussian is drawn as the camera and its part stood when the line
- * was read on which its mean is seen, and its depth and colour are those of that moment (docs/rolling-shutter.md). */
+ * was read on which its mean is seen, and its depth and colour are those of that moment (docs/lenses.md). */
 #ifndef PAGS_FRAME_H
 #define PAGS_FRAME_H
 
@@ -189,7 +189,7 @@ typedef struct pags_frame_stats {
   int64_t tiles, tiles_full;         /* tiles of the picture; tiles saturated before the last slab (0 with one) */
   int64_t occluders;                 /* EARLY_Z_PAPER: Gaussians that wrote depth */
   int64_t slabs;                     /* slabs of depth drawn one after another; 1 with OFF */
-  int64_t held;   /* too fast for the rolling shutter, so drawn as at mid-exposure (docs/rolling-shutter.md) */
+  int64_t held;   /* too fast for the rolling shutter, so drawn as at mid-exposure (docs/lenses.md) */
   int64_t beyond; /* of clusters in view, farther from the axis than the lens sees, so not drawn (docs/lenses.md) */
 } pags_frame_stats;
 
