@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """Ablation: trains one data set once for each row of a table, the rows differing in one option or a few, and compares held-out quality,
-size, training and rendering time, at each row's own count, at equal training time and at equal count (docs/ablation.md).
+size, training and rendering time, at each row's own count, at equal training time and at equal count (docs/priority.md).
 
 Rows with the same training options share a run, which is a folder of TABLE.runs named by the options:
   scene/                    the scene that pags train writes
@@ -580,7 +580,7 @@ def parse_arguments(words):
                    help="write TABLE.md, TABLE.csv, TABLE_curve.csv and TABLE.svg after every row; trainings are kept in TABLE.runs")
     p.add_argument("-n", "--iterations", type=whole(1), default=5000, metavar="N", help="steps of each training [default %(default)s]")
     p.add_argument("--rows", default="plain,sp,sd,sp+sd,spr,pdr,spr+pdr,default", metavar="NAME,...",
-                   help="rows of the table; NAME*K: with K seeds; parts joined by +, later ones win (docs/ablation.md); any option of "
+                   help="rows of the table; NAME*K: with K seeds; parts joined by +, later ones win (docs/priority.md); any option of "
                    "pags train: --NAME=VALUE or set:NAME=VALUE [default %(default)s]")
     p.add_argument("--seeds", type=whole(1, MOST_SEEDS), default=1, metavar="K", help="repeat each row with K seeds [default %(default)s]")
     p.add_argument("--seed", type=whole(0), default=0, metavar="N", help="the first seed [default %(default)s]")
