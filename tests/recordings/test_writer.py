@@ -228,8 +228,8 @@ class Lenses(Case):
             out.add_camera("side", (160, 120), [[90, 0, 79.5], [0, 90, 59.5], [0, 0, 1]], [-0.1, 0.01, 0, 0])
             for number in range(2):
                 step = out.add_step(number / 10)
-                for name in ("front", "side"):
-                    step.photograph(name, np.random.default_rng(number).integers(0, 256, (120, 160, 3), np.uint8), poses.pose(about([1, 0, 0], -np.pi / 2), [number, 0, 1]))
+                for camera, name in enumerate(("front", "side")):
+                    step.photograph(name, np.random.default_rng(2 * number + camera).integers(0, 256, (120, 160, 3), np.uint8), poses.pose(about([1, 0, 0], -np.pi / 2), [number, 0, 1]))
 
     def spoil(self, key, value):
         """Opens the set with its lens changed; returns what pags says."""
