@@ -15,7 +15,7 @@
 #                windows-x64, macos-arm64, macos-x64, linux-x64-glibc2.17 or linux-arm64
 #   make packages  wheels, archives and add-ons of all cross builds, and the Debian packages, into dist/; TARGETS="NAME ...": those of these alone;
 #                and of the add-ons there one zip for Blender 3.4 to 4.1 on all of their systems
-#   make container  the program of the Linux archive as a container image in dist/ (docs/containers.md)
+#   make container  the program of the Linux archive as a container image in dist/ (docs/release.md)
 #   make check-wheel  the wheel for Linux, installed into a fresh environment, beside build/pags, bit by bit (OLD=FOLDER: in an older Debian, too);
 #                the wheel for 64-bit ARM in the same way under an emulator, and what those for macOS promise, as far as they are in dist/
 #   make check-reproducible TARGETS="NAME ..."  build their packages again in another folder, at another time: the same bytes (an hour a target)

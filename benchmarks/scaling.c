@@ -63,7 +63,7 @@ static const pags_verb verb = {
     .about =
         "Records frames, or the steps, densify, prune, checkpoint and scene of a training, on one worker, and replays "
         "them by the pool's own scheduling for 1 to 256 workers: predicted times as fast as a range, critical path, "
-        "and what limits, stage by stage. docs/scale.md says what is predicted and what isn't.",
+        "and what limits, stage by stage. docs/cluster.md says what is predicted and what isn't.",
     .positionals = positionals,
     .options = options};
 

@@ -177,7 +177,7 @@ class Bench(Case):
         docs = os.path.join(os.path.dirname(__file__), "../../docs")
         chapter = read(os.path.join(docs, "pags-bench.md")).decode()
         chapter += read(os.path.join(docs, "command-line.md")).decode().split("\n## train\n")[0]
-        chapter += read(os.path.join(docs, "scale.md")).decode()
+        chapter += read(os.path.join(docs, "cluster.md")).decode()
         for what in ["stages", "roofline", "error", "reference", "train", "render", "scale", "scaling", "proxies"]:
             shown = fixtures.run(what, "--help").stdout  # empty if this build lacks the command
             for name in re.findall(r"^  (?:-., |    )(--[a-z0-9-]+)", shown, re.M):
