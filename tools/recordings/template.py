@@ -3,8 +3,8 @@
 
 usage: PYTHONPATH=tools/recordings python template.py RAW DATASET
 
-As it stands it reads RAW/index.json of an awkward kind: nanoseconds, quaternions x y z w, poses from the world to the camera, LiDAR in the
-sensor's frame, boxes in LiDAR's axes. Whatever your recording lacks (boxes, LiDAR, masks, the car's poses), leave out.
+This example reads RAW/index.json with awkward conventions: nanoseconds, quaternions x y z w, world-to-camera poses, LiDAR in the sensor's
+frame, boxes in LiDAR's axes. Leave out whatever your recording lacks (boxes, LiDAR, masks, the car's poses).
 """
 
 import json
