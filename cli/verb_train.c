@@ -69,7 +69,7 @@ static pags_option options[] = {
     PAGS_VALUE("preview-every", 0, INT64, RUN(preview_every), 0, PAGS_UNLIMITED, "N", "steps", NULL,
                "write a preview PNG so often, and log PSNR of held-out views if given; 0: none"),
     PAGS_VALUE("view", 0, INT, AT(view_port), 0, 65535, "[PORT]", "0: a free one", NULL,
-               "show the run in a browser on this machine, with curves (docs/train-view.md)"),
+               "show the run in a browser on this machine, with curves (docs/view.md)"),
     PAGS_VALUE("view-share", 0, DOUBLE, AT(view_share), 0, 0.9, "S", NULL, NULL,
                "--view: let pictures take this share of the time at most"),
     PAGS_VALUE("time-limit", 0, DURATION, RUN(time_limit_seconds), 1, PAGS_UNLIMITED, "TIME", "90s, 30m, 2h", "",

@@ -131,7 +131,7 @@ static pags_result find_network(const pags_npz *npz, const char *path, const net
   if (!found[0] && !found[1])
     return pags_fail(PAGS_ERROR_FORMAT,
                      "%s: expected LPIPS weights of SqueezeNet 1.1 ('fire2.squeeze.weight', ...) or AlexNet "
-                     "('conv2.weight', ...) as docs/lpips.md makes them, found %lld arrays%s%s%s",
+                     "('conv2.weight', ...) as docs/eval.md makes them, found %lld arrays%s%s%s",
                      path, (long long)npz->count, npz->count ? ", the first '" : "",
                      npz->count ? npz->arrays[0].name : "", npz->count ? "'" : "");
   *out = &networks[found[0] ? 0 : 1];

@@ -337,7 +337,7 @@ def build(parts):
 WORDS = {
     r"put the timeline to frame `(\d+)`": to_frame,
     r"(delete .*)": remove,
-    r"click the X beside the distance": forget_distance,
+    r"click the X next to the distance": forget_distance,
     r"double-click `(scene\.json)` in the scene's folder": lambda name: choose(name, STREET),
     r"double-click `(scene\.json)` in the folder `(\w+)`": lambda name, folder: choose(name, os.path.join(FOLDER, folder)),
     r"double-click `([\w.]+)` in the scene's folder `(\w+)`": choose_part,

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """LPIPS of pags eval (and of benchmarks/ablation.py) over SqueezeNet 1.1 and AlexNet beside numpy in double, with random weights that
 numpy.savez wrote, on pictures that pags render wrote as floats. What is computed here follows torchvision's description of the networks and
-docs/lpips.md. AlexNet's trained weights aren't at hand: whether a file of them is made as that page says is not tested here."""
+docs/eval.md. AlexNet's trained weights aren't at hand: whether a file of them is made as that page says is not tested here."""
 
 import json
 import os
@@ -28,7 +28,7 @@ ALEX = [(64, 3, 11), (192, 64, 5), (384, 192, 3), (256, 384, 3), (256, 256, 3)] 
 
 
 def random_weights(name):
-    """Arrays by name as docs/lpips.md lists them, of a size that keeps that of the activations."""
+    """Arrays by name as docs/eval.md lists them, of a size that keeps that of the activations."""
     dice, out = np.random.default_rng(len(name)), {}
 
     def conv(layer, outputs, inputs, size):
@@ -135,7 +135,7 @@ class Lpips(Case):
         scene, data = self.write("a.ply", ply_bytes(some_splats())), make_dataset(self.path("data"), views=1)
         w = random_weights("AlexNet")
         cases = [
-            ({f"features.{k}": v for k, v in w.items() if "lin" in k}, ["SqueezeNet 1.1", "AlexNet", "docs/lpips.md"]),
+            ({f"features.{k}": v for k, v in w.items() if "lin" in k}, ["SqueezeNet 1.1", "AlexNet", "docs/eval.md"]),
             ({**w, "lin1": w["lin0"]}, ["'lin1' is 64", "expected 192"]),
             ({**w, "conv3.bias": w["conv3.bias"] * np.float32(np.nan)}, ["'conv3.bias'", "not finite"]),
             ({k: v for k, v in w.items() if k != "conv5.weight"}, ["AlexNet", "'conv5.weight'"]),

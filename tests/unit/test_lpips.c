@@ -454,7 +454,7 @@ static void test_wrong_files(void **state) {
   put_random(&neither, "features.0.weight", 1, &three, 0, 1, NULL);
   put_random(&neither, "lin0", 1, &three, 0, 1, NULL);
   finish(&neither);
-  refuses(neither.file, "found 2 arrays, the first 'features.0.weight'", "docs/lpips.md");
+  refuses(neither.file, "found 2 arrays, the first 'features.0.weight'", "docs/eval.md");
   put_random(&both, "conv2.weight", 1, &three, 0, 1, NULL);
   put_random(&both, "fire9.squeeze.bias", 1, &three, 0, 1, NULL);
   finish(&both);

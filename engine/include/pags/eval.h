@@ -38,7 +38,7 @@ PAGS_API pags_result pags_eval_regions(const pags_image *a, const pags_image *b,
  * can't be compared. */
 typedef struct pags_lpips pags_lpips;
 
-/* Reads the weights from an .npz file of stored (not compressed) float32 members in the layout of docs/lpips.md; the
+/* Reads the weights from an .npz file of stored (not compressed) float32 members in the layout of docs/eval.md; the
  * members' names tell the network.
  * PAGS_ERROR_IO, PAGS_ERROR_FORMAT (damaged, or members missing or of the wrong shape), PAGS_ERROR_UNSUPPORTED
  * (compressed, another sample type) or PAGS_ERROR_MEMORY; then *out is NULL. */
