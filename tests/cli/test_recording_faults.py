@@ -94,6 +94,17 @@ class Boxes(Street):
             self.assertTrue([w for w in said["warnings"] if "has a box at a time step used" in w], said["warnings"])
             self.assertTrue([n for n in said["notes"] if "left out of the loss" in n], said["notes"])
 
+    def test_steps_without_a_box(self):
+        """As in a set without boxes, nothing models what moves there."""
+        for v in self.instances.values():
+            at = v["frame_annotations"]
+            for key in list(at):
+                at[key] = [x for f, x in zip(at["frame_idx"], at[key]) if f < 7] if key != "frame_idx" else at[key]
+            at["frame_idx"] = [f for f in at["frame_idx"] if f < 7]
+        self.save()
+        said = self.info()
+        self.assertTrue([n for n in said["notes"] if "no boxes at 5 of 12 time steps, the first is 007" in n], said["notes"])
+
     def test_boxes_of_no_size(self):
         name, at = self.cyclist()
         for i in (2, 3):

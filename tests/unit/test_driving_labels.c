@@ -78,7 +78,7 @@ static int box_bits(const pags_dataset *dataset, const pags_view *view, int x, i
 }
 
 /* Compares the label bits of every pixel with the expected ones. `files` lists the sources that were written: s sky
- * masks, c semantic classes, d dynamic masks, b boxes. */
+ * masks, c semantic classes, d dynamic masks, b boxes, e boxes at the other frames alone. */
 static void check_labels(scratch *s, const char *files, int shrink) {
   pags_dataset_options options = tree_options("pandaset");
   pags_dataset *dataset;
@@ -117,7 +117,7 @@ static void check_labels(scratch *s, const char *files, int shrink) {
 
 static void labels_come_from_what_there_is(void **state) {
   (void)state;
-  static const char *const sets[] = {"s", "c", "d", "b", "sc", "cb", "db", "sdb", "scdb"};
+  static const char *const sets[] = {"s", "c", "d", "b", "sc", "cb", "db", "sdb", "scdb", "ce", "de"};
   for (size_t i = 0; i < sizeof sets / sizeof *sets; i++)
     for (int shrink = 1; shrink <= 2; shrink++) {
       scratch s;
@@ -131,6 +131,10 @@ static void labels_come_from_what_there_is(void **state) {
         tree_write_grey(&s, "dynamic_masks/all/002_0.png", white_right);
       if (strchr(sets[i], 'b'))
         tree_write_boxes(&s, &tree_kinds[1]);
+      if (strchr(sets[i], 'e')) { /* boxes at all frames but this one */
+        tree_write_boxes(&s, &tree_kinds[1]);
+        tree_text(&s, "instances/frame_instances.json", "{\"0\":[0],\"1\":[0,1],\"3\":[1,0],\"4\":[0]}");
+      }
       check_labels(&s, sets[i], shrink);
       scratch_end(&s);
     }

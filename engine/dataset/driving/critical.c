@@ -269,8 +269,18 @@ pags_result pags_critical_note(pags_driving *driving, const pags_parsed_dataset 
                              text, *classes ? "; classes of " : "", *classes ? set->name : "", *classes ? ": " : "",
                              classes));
 
-  if ((t.semantic > 0 || t.dynamic > 0) && !(driving->provides & PAGS_PROVIDES_BOXES))
-    return pags_driving_note(driving,
-                             "no boxes: pixels of dynamic classes and of dynamic_masks are left out of the loss");
-  return PAGS_OK;
+  int64_t bare = 0, first = 0;
+  for (int64_t i = driving->step_count - 1; i >= 0; i--)
+    if (!pags_driving_has_boxes(driving, driving->steps[i].frame)) {
+      bare++;
+      first = i;
+    }
+  if ((t.semantic == 0 && t.dynamic == 0) || bare == 0)
+    return PAGS_OK;
+  const char *left_out = "pixels of dynamic classes and of dynamic_masks are left out of the loss";
+  if (bare == driving->step_count)
+    return pags_driving_note(driving, "no boxes: %s", left_out);
+  return pags_driving_note(driving, "no boxes at %lld of %lld time steps, the first is %0*d: there, %s",
+                           (long long)bare, (long long)driving->step_count, driving->digits,
+                           driving->steps[first].frame, left_out);
 }

@@ -45,6 +45,13 @@ int64_t pags_driving_step(const pags_driving *driving, int64_t frame) {
   return low < driving->step_count && driving->steps[low].frame == frame ? low : -1;
 }
 
+bool pags_driving_has_boxes(const pags_driving *driving, int frame) {
+  for (int64_t i = 0; i < driving->object_count; i++)
+    if (pags_object_knot(&driving->objects[i], frame))
+      return true;
+  return false;
+}
+
 pags_sensor *pags_driving_sensor(const pags_driving *driving, int number) {
   for (int64_t i = 0; i < driving->sensor_count; i++)
     if (driving->sensors[i].number == number)

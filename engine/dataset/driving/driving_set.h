@@ -88,6 +88,8 @@ void pags_driving_destroy(pags_driving *driving); /* `driving` may be NULL */
 
 /* Returns the index of the time step with this frame number; -1 if it is not used. */
 int64_t pags_driving_step(const pags_driving *driving, int64_t frame);
+/* Whether an object has a box at this frame. */
+bool pags_driving_has_boxes(const pags_driving *driving, int frame);
 pags_sensor *pags_driving_sensor(const pags_driving *driving, int number); /* NULL if the camera is not used */
 
 /* Adds a line that says how the set was read; `pags info` and `pags train` print it. */

@@ -64,12 +64,12 @@ static pags_result clear_ego(const pags_sensor *sensor, const pags_lens *lens, p
   return PAGS_OK;
 }
 
-/* Loads the label files of a view into `labels`. In a set without boxes no model can be trained for moving objects,
- * so that pixels of moving classes and of dynamic masks are excluded from the loss by `mask`. */
+/* Loads the label files of a view into `labels`. At a time step without boxes no model shows moving objects, so that
+ * pixels of moving classes and of dynamic masks are excluded from the loss by `mask`. */
 static pags_result load_files(const pags_driving *driving, const pags_parsed_view *view, uint8_t *labels,
                               pags_image *mask) {
   bool without =
-      (view->semantic_path || view->dynamic_path || view->part_path) && !(driving->provides & PAGS_PROVIDES_BOXES);
+      (view->semantic_path || view->dynamic_path || view->part_path) && !pags_driving_has_boxes(driving, view->frame);
   if (without)
     PAGS_TRY(make_mask(&view->lens, mask));
   uint8_t *left_out = without ? mask->data : NULL;
