@@ -179,7 +179,8 @@ class Together(Faults):
             ]
             training = self.start(*self.train_command(out, "--resume"), "-n", "1000000")
             deadline = time.monotonic() + 60
-            while ".pags.lock" not in os.listdir(out):
+            lock = os.path.join(out, ".pags.lock")
+            while not (os.path.exists(lock) and os.path.getsize(lock)):  # what it says is written once it is locked
                 self.assertLess(time.monotonic(), deadline)
                 time.sleep(0.002)
             dice.shuffle(others)
