@@ -47,6 +47,6 @@ proxies=OFF
 [ ! -e "$cross/$target/lib/cmake/TinyGLTF" ] || proxies=ON
 build=${PAGS_BUILD:-build-cross/$target}
 cmake -S . -B "$build" -DCMAKE_BUILD_TYPE=Release -DCMAKE_TOOLCHAIN_FILE="$PWD/cmake/zig.cmake" -DPAGS_TARGET="$target" -DPAGS_CROSS="$cross" \
-  -DPAGS_IMAGES=OFF -DPAGS_EMBREE=$proxies -DPAGS_EXPORT=$proxies -DPAGS_TESTS=OFF "$@"
+  -DPAGS_COMPLETE=ON -DPAGS_IMAGES=OFF -DPAGS_VIEW=OFF -DPAGS_EMBREE=$proxies -DPAGS_EXPORT=$proxies -DPAGS_TESTS=OFF "$@"
 cmake --build "$build" --parallel "$jobs"
 python3 scripts/cross_report.py "$build"

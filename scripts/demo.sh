@@ -24,12 +24,19 @@ step $pags render "$out/scene" --path ego -o "$out/drive"
 step $pags render "$out/scene" --path ego --shift 2 -o "$out/drive_right"
 step $pags eval "$out/scene" --shift --images "$out/compared" --split test --json "$out/eval.json"
 step $pags info "$out/scene"
-step $pags export "$out/scene" "$out/proxies.glb" --json "$out/export.json"
+if $pags --version | grep -q '^with:.* proxies'; then # a build without proxies exports splats
+  exported=proxies.glb
+  set -- "proxies, glTF" "$out/proxies.glb" "their errors" "$out/export.json"
+else
+  exported=splats.spz
+  set -- "splats, SPZ" "$out/splats.spz"
+fi
+step $pags export "$out/scene" "$out/$exported" --json "$out/export.json"
 
 printf '\nResults of the demo:\n'
 printf '  %-24s %s\n' "recording and truth" "$out/data" "trained scene" "$out/scene" "the drive" "$out/drive" \
   "two metres to the right" "$out/drive_right" "held-out views, truth" "$out/compared" "training's figures" "$out/train.json" \
-  "quality, held-out views" "$out/eval.json" "proxies, glTF" "$out/proxies.glb" "their errors" "$out/export.json"
+  "quality, held-out views" "$out/eval.json" "$@"
 python3 - "$out" <<'END'
 import json, sys
 train, scores, export = (json.load(open(f"{sys.argv[1]}/{name}.json")) for name in ("train", "eval", "export"))
@@ -40,6 +47,8 @@ print(f"  held-out views: PSNR {test['psnr']:.2f} dB, SSIM {test['ssim']:.4f}; w
       f"what moves {test['psnr_moving']:.2f} dB")
 for shift in scores["shift"]:
     print(f"  camera moved, {shift['name']}: PSNR {shift['psnr']:.2f} dB, SSIM {shift['ssim']:.4f}")
+if "proxies" not in export:
+    sys.exit()
 critical = [proxy for proxy in export["proxies"] if proxy["critical"]]
 off = sorted(proxy["error"]["proxy_to_gaussians"]["mean"] for proxy in critical if "proxy_to_gaussians" in proxy["error"])
 print(f"  proxies of {len(critical)} cars, pedestrians and cyclists, {sum(proxy['watertight'] for proxy in critical)} of them closed, "

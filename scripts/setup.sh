@@ -1,33 +1,40 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# Installs the missing packages of those that the build, the demo and the tests need. Needs no root where none is missing.
+# setup.sh [min|demo]: installs missing Debian packages: all that make check uses, or only those of the core, the program and make quick (min),
+# or these and Embree (demo). Requires no root where nothing is missing.
 set -u
 
-needed="build-essential cmake pkg-config zlib1g-dev libzstd-dev libwebp-dev libpng-dev libjpeg62-turbo-dev libopenexr-dev libopenimageio-dev openimageio-tools libembree-dev libprotobuf-c-dev protobuf-c-compiler libexpat1-dev libtinygltf-dev nlohmann-json3-dev libmeshoptimizer-dev libqhull-dev libosd-dev libwebsockets-dev libcmocka-dev python3 python3-venv"
-# For the tests of the NEON kernels, the Python module and the tests in Blender; the rest works without these.
-wanted="gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user python3-dev blender python3-numpy xvfb xauth imagemagick libgl1-mesa-dri"
-# For several processes that share work out (docs/cluster.md) and their tests.
-wanted="$wanted libopenmpi-dev openmpi-bin"
-# For make fuzz: libFuzzer and the sanitizers of Debian 12's clang.
-wanted="$wanted clang libclang-rt-dev"
-# For the tests of pictures taken out of videos.
-wanted="$wanted ffmpeg"
-# For make valgrind.
-wanted="$wanted valgrind"
-# For the tests in which other programs read exported files, one of them in a browser. An npm that is there already is used.
-wanted="$wanted chromium"
-command -v npm >/dev/null || wanted="$wanted nodejs npm"
+min="gcc libc6-dev make cmake pkg-config zlib1g-dev libzstd-dev libpng-dev libjpeg62-turbo-dev libopenexr-dev libcmocka-dev python3"
+case ${1:-all} in
+  min) needed="$min python3-venv" wanted="" ;;
+  demo) needed="$min libembree-dev" wanted="" ;;
+  all)
+    # Parts of the program: pictures, synthetic scenes, import, proxies, SOG, pags view.
+    needed="$min build-essential python3-venv libwebp-dev libopenimageio-dev openimageio-tools libembree-dev libprotobuf-c-dev protobuf-c-compiler"
+    needed="$needed libexpat1-dev libtinygltf-dev nlohmann-json3-dev libmeshoptimizer-dev libqhull-dev libosd-dev libwebsockets-dev"
+    # The Python module, ranks (docs/cluster.md), and tests: NEON kernels, Blender, fuzzing (clang), videos, valgrind, exports in a browser.
+    wanted="python3-dev libopenmpi-dev openmpi-bin gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user"
+    wanted="$wanted blender python3-numpy xvfb xauth imagemagick libgl1-mesa-dri clang libclang-rt-dev ffmpeg valgrind chromium"
+    command -v npm >/dev/null || wanted="$wanted nodejs npm"
+    ;;
+  *)
+    echo "usage: setup.sh [min|demo]" >&2
+    exit 2
+    ;;
+esac
 
 if ! command -v dpkg-query >/dev/null || ! command -v apt-get >/dev/null; then
-  echo "setup: this is no Debian; please see to these yourself:"
-  echo "  a C17 and C++17 compiler (gcc 12 or clang 14 or later), CMake 3.24, make, pkg-config,"
-  echo "  zlib and zstd with their static libraries, libpng 1.6, libjpeg-turbo 2, OpenEXR 3.1 or later, OpenImageIO 2.4 to 3,"
-  echo "  Embree 3 or 4, libwebp with its static library (for SOG),"
-  echo "  protobuf-c with protoc-c, expat, tinygltf, meshoptimizer, qhull, OpenSubdiv, libwebsockets 4, cmocka, Python 3;"
-  echo "  for several processes at one piece of work: Open MPI 4 or another MPI;"
-  echo "  for the NEON kernels' tests: aarch64-linux-gnu-gcc and qemu-aarch64;"
-  echo "  for the Python module and the Blender add-on: the headers of Python 3.11 or later; for their tests Blender, Xvfb, ImageMagick;"
-  echo "  for the exporters' tests: node, npm and Chromium"
+  echo "setup: not a Debian system. Please install:"
+  echo "  for make, make quick: a C17 compiler (gcc 12 or clang 14 or later), CMake 3.24, make, pkg-config, zlib and zstd with their static"
+  echo "    libraries, libpng 1.6, libjpeg-turbo 2, OpenEXR 3.1 or later, cmocka, Python 3"
+  [ "${1:-all}" = min ] || echo "  for make demo: Embree 3 or 4"
+  [ "${1:-all}" != all ] || cat <<'END'
+  for the other parts of the program, which are left out where a library is missing: a C++17 compiler; OpenImageIO 2.4 to 3; libwebp with its
+    static library (SOG); protobuf-c with protoc-c, expat (pags import); tinygltf, meshoptimizer, qhull, OpenSubdiv (proxies);
+    libwebsockets 4 (pags view); Open MPI 4 or another MPI; the headers of Python 3.11 or later (Python module, Blender add-on)
+  for the tests: Blender, Xvfb, ImageMagick; aarch64-linux-gnu-gcc and qemu-aarch64 (NEON kernels); node, npm and Chromium (exporters);
+    clang, valgrind, ffmpeg
+END
   exit 0
 fi
 
@@ -66,7 +73,7 @@ install() {
 }
 
 echo "setup: installing $missing_needed$missing_wanted"
-$as_root apt-get update -q || echo "setup: apt-get update failed; trying with the lists that are here"
+$as_root apt-get update -q || echo "setup: apt-get update failed; trying with the present lists"
 # shellcheck disable=SC2086
 if [ -n "$missing_needed" ] && ! install $missing_needed; then
   echo "setup: could not install $missing_needed" >&2
@@ -74,5 +81,5 @@ if [ -n "$missing_needed" ] && ! install $missing_needed; then
 fi
 # shellcheck disable=SC2086
 if [ -n "$missing_wanted" ] && ! install $missing_wanted; then
-  echo "setup: could not install $missing_wanted; going on without the NEON kernels' tests, the Python module, Blender's tests or other programs' readers in the exporters'"
+  echo "setup: could not install $missing_wanted; continuing without the parts and tests that use them"
 fi

@@ -1,10 +1,11 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# check_deb.sh [FOLDER [ROOT]]: installs the Debian packages of FOLDER, by default dist/, into a fresh Debian 12 in a folder of its own
-# (mmdebstrap; as root; 2.5 GB, most of it Blender's), makes a street there, trains, exports and draws it, in the program, in Python and in Blender, and
-# removes them again. Fails where a command fails or a file is left. ROOT: a Debian 12 that is there already is taken, and stays.
-set -eu
-cd "$(dirname "$0")/.."
+# Debian packages of dist/ in a fresh Debian 12: installed, used, in Blender too, removed (root, mmdebstrap; 15 minutes).
+# deb.sh [FOLDER [ROOT]]: packages of FOLDER (default dist/). The Debian takes 2.5 GB, mostly for Blender. A street is made there, trained,
+# exported and drawn by the program, in Python and in Blender. Fails where a command fails or a file is left over. ROOT: an existing Debian
+# 12, which is used and kept.
+. "${0%/*}/common.sh"
+[ $# -gt 0 ] || ls dist/pags_*.deb >/dev/null 2>&1 || make --no-print-directory deb JOBS="$jobs"
 packages=$(cd "${1:-dist}" && pwd)
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT

@@ -1,20 +1,19 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# check_arm64.sh: the engine on 64-bit ARM, under qemu. Builds program and unit tests for it without fused multiply-add, runs the tests, and
-# trains and renders a tiny street beside the same build for this machine, which has to give the same bits: with plain C on both, and with
-# NEON beside AVX2 or AVX-512.
-set -eu
-cd "$(dirname "$0")/.."
+# Unit tests and a short training for 64-bit ARM, under an emulator, compared with x86-64 bit by bit.
+# Builds program and unit tests without fused multiply-add, runs the tests, and trains and renders a tiny street. The same build for this
+# machine must give the same bits: with plain C on both machines, and with NEON compared with AVX2 or AVX-512.
+. "${0%/*}/common.sh"
 for tool in qemu-aarch64 aarch64-linux-gnu-gcc; do # the second brings the C library that the tests load
   if ! command -v $tool >/dev/null; then
     echo "check-arm64: no $tool (Debian: qemu-user gcc-aarch64-linux-gnu libc6-dev-arm64-cross)" >&2
     exit 1
   fi
 done
-jobs=${JOBS:-$(nproc)}
 build=build-cross/linux-arm64-reproducible
 
 PAGS_BUILD=$build JOBS=$jobs sh scripts/cross.sh linux-arm64 -DPAGS_TESTS=ON -DPAGS_REPRODUCIBLE=ON
+cmake --build $build --parallel "$jobs" --target tests
 ctest --test-dir $build --output-on-failure --no-tests=error --parallel "$jobs" --exclude-regex '^(style|figures|docs|tools|outside)(\.|$)'
 
 # The program as a script that starts it under the emulator; same_bits.py knows a program by the hash of its file.

@@ -1,16 +1,16 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# check_windows.sh: builds the program and the tests for Windows (scripts/cross.sh), runs the tests under wine, those of the kernels per
-# instruction set and those of the add-on in Blender's Windows module, and compares the program with the Linux build in build/
-# (tests/windows.py). WINEPREFIX is wine's own folder.
-set -eu
-cd "$(dirname "$0")/.."
+# Program and tests for Windows, under wine, compared with the program for Linux bit by bit.
+# Tests of kernels run once per instruction set, those of the add-on in Blender's module for Windows; tests/windows.py compares the programs.
+# WINEPREFIX is wine's own folder.
+. "${0%/*}/common.sh"
 for tool in wine ctest python3; do
   if ! command -v $tool >/dev/null; then
     echo "check-windows: no $tool; on Debian: apt-get install wine wine64 cmake python3" >&2
     exit 1
   fi
 done
+build
 build=build-cross/windows-x64
 export WINEDEBUG="${WINEDEBUG:--all}"
 python=""
@@ -20,6 +20,7 @@ else
   echo "check-windows: the add-on's tests are left out: there is no Python for Windows (it takes pip and, of Debian, maven)"
 fi
 sh scripts/cross.sh windows-x64 -DPAGS_TESTS=ON -DCMAKE_CROSSCOMPILING_EMULATOR=wine -DPAGS_WINDOWS_PYTHON="$python"
+cmake --build "$build" --parallel "$jobs" --target tests
 
 # Makes the prefix, which takes a while, before a test's time runs, and keeps wine's own programs running: where a test starts them they hold
 # its output open, and ctest waits for them.
@@ -28,7 +29,7 @@ wine cmd /c exit 0 </dev/null >/dev/null 2>&1
 
 failed=0
 # What is left out needs no Windows: checks of the sources. A test may be named twice: for the machine's best kernels and for a set of them.
-ctest --test-dir "$build" --parallel "${JOBS:-$(nproc)}" --output-on-failure -E '^(style|figures|docs|tools\.|outside\.)' || failed=1
+ctest --test-dir "$build" --parallel "$jobs" --output-on-failure -E '^(style|figures|docs|tools\.|outside\.)' || failed=1
 grep -h '\.\.\. skipped \|^skipped: ' "$build/Testing/Temporary/LastTest.log" | sort -u || true
 grep -v '^#' tests/windows_lacks.txt | sed 's/^/left out: /'
 python3 -B tests/windows.py "$build/pags.exe" build/pags || failed=1

@@ -1,11 +1,11 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# check_reproducible.sh [TARGET...]: builds the packages of cross builds that lie in dist/ a second time, from a clone of the commit in another
-# folder, with the compiler and the libraries fetched and built anew, another umask, locale and time zone, one job and the clock a day later
-# (faketime), and compares them byte by byte. Files that were fetched already are taken from PAGS_CROSS, by their hashes.
-set -eu
-cd "$(dirname "$0")/.."
-[ $# -gt 0 ] || set -- linux-x64-glibc2.17
+# Builds the packages of TARGETS="NAME ..." again, in another folder at another time: the same bytes (an hour per target).
+# The second build is of a clone of the commit, with compiler and libraries built again, another umask, locale and time zone, one job and the
+# clock a day later (faketime). The packages of the first lie in dist/. Downloads come from PAGS_CROSS, by their hashes.
+. "${0%/*}/common.sh"
+# shellcheck disable=SC2086 # a list of names
+set -- ${TARGETS:-linux-x64-glibc2.17}
 cross=$(realpath "${PAGS_CROSS:-$HOME/.cache/pags-cross}")
 dist=$PWD/dist
 command -v faketime >/dev/null || { echo "check-reproducible: no faketime (Debian: faketime)" >&2; exit 1; }

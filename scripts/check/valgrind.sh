@@ -1,13 +1,15 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# valgrind.sh PAGS [FOLDER]: the way of a data set through the program under valgrind: made, trained 30 steps, rendered, judged, exported,
-# packed. Fails at the first reads of what was never written, accesses out of bounds or blocks that nothing points to any more. AVX2,
-# since valgrind knows no AVX-512. FOLDER is written afresh and kept; without one a temporary folder is used and removed. Some minutes.
-set -eu
-[ $# -ge 1 ] || { echo "usage: valgrind.sh PAGS [FOLDER]" >&2; exit 2; }
+# A street made, trained, rendered, evaluated and exported under valgrind (some minutes).
+# valgrind.sh [PAGS [FOLDER]]: fails at the first read of uninitialised memory, access out of bounds or lost block. Uses AVX2, since valgrind
+# does not support AVX-512. FOLDER is replaced and kept; the default is a temporary folder.
+. "${0%/*}/common.sh"
 command -v valgrind >/dev/null || { echo "skipped: valgrind isn't installed"; exit 77; }
-pags=$1
-here=$(cd "$(dirname "$0")" && pwd)
+if [ $# -ge 1 ]; then
+  pags=$1
+else
+  build
+fi
 if [ $# -ge 2 ]; then
   work=$2
   rm -rf "$work"
@@ -23,7 +25,7 @@ check() {
   shift
   begin=$(date +%s)
   if PAGS_CPU=avx2 valgrind -q --error-exitcode=99 --leak-check=full --errors-for-leak-kinds=definite,indirect \
-    --show-leak-kinds=definite,indirect --num-callers=24 --suppressions="$here/valgrind.supp" --log-file="$work/$name.valgrind" \
+    --show-leak-kinds=definite,indirect --num-callers=24 --suppressions=tests/valgrind.supp --log-file="$work/$name.valgrind" \
     "$pags" "$@" >"$work/$name.log" 2>&1; then
     echo "$name: no error, $(($(date +%s) - begin)) s"
   else

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+# The parts of PAGS that need a library of their own. A part whose library is missing is left out, and CMake says so in one line; with
+# PAGS_COMPLETE it stops instead. Packages and cross builds, which choose their parts, set the options below.
+option(PAGS_COMPLETE "Stop where the library of a part is missing; otherwise the part is left out" OFF)
+option(PAGS_IMAGES "Read pictures other than PNG, JPEG and EXR, by OpenImageIO" ON)
+option(PAGS_SOG "Read and write SOG, by libwebp" ON)
+option(PAGS_IMPORT "Import KITTI and Waymo recordings: expat, protobuf-c" ON)
+option(PAGS_EMBREE "Ray-trace synthetic scenes (pags synth) and proxies (pags export) with Embree" ON)
+option(PAGS_EXPORT "Write proxy meshes, glTF and USD (pags export): Embree, tinygltf, meshoptimizer, qhull, OpenSubdiv" ON)
+option(PAGS_VIEW "Show scenes in a browser (pags view, train --view), by libwebsockets" ON)
+option(PAGS_MPI "Share a training among the processes that mpirun starts (docs/cluster.md)" ON)
+option(PAGS_TESTS "Offer the tests: make check, make quick" ON)
+
+# pags_need(PART text LIBRARY text OPTION name FOUND condition...): if the option is on and the condition is false, sets it to OFF.
+function(pags_need)
+  cmake_parse_arguments(arg "" "PART;LIBRARY;OPTION" "FOUND" ${ARGN})
+  if(NOT ${arg_OPTION})
+    return()
+  endif()
+  foreach(variable ${arg_FOUND})
+    if(NOT ${variable})
+      if(PAGS_COMPLETE)
+        message(FATAL_ERROR "${arg_PART}: ${arg_LIBRARY} is missing. Install it, or configure with -D${arg_OPTION}=OFF.")
+      endif()
+      message(STATUS "left out: ${arg_PART} (missing: ${arg_LIBRARY})")
+      set(${arg_OPTION} OFF PARENT_SCOPE)
+      return()
+    endif()
+  endforeach()
+endfunction()
+
+include(CheckLanguage)
+check_language(CXX)
+if(CMAKE_CXX_COMPILER)
+  enable_language(CXX)
+endif()
+
+if(PAGS_IMAGES AND CMAKE_CXX_COMPILER)
+  find_package(OpenImageIO QUIET) # 2.4 up to 3.x; its own version file accepts one of them only
+endif()
+pags_need(PART "pictures other than PNG, JPEG and EXR" LIBRARY "a C++ compiler or OpenImageIO" OPTION PAGS_IMAGES FOUND OpenImageIO_FOUND)
+
+if(PAGS_SOG)
+  find_library(PAGS_WEBP libwebp.a)
+  find_path(PAGS_WEBP_INCLUDE webp/encode.h)
+endif()
+pags_need(PART "the splat format SOG" LIBRARY "libwebp.a" OPTION PAGS_SOG FOUND PAGS_WEBP PAGS_WEBP_INCLUDE)
+
+if(PAGS_IMPORT)
+  find_package(EXPAT QUIET)
+  find_package(PkgConfig QUIET)
+  if(PkgConfig_FOUND)
+    pkg_check_modules(PROTOBUF_C QUIET IMPORTED_TARGET libprotobuf-c)
+  endif()
+  find_program(PAGS_PROTOC_C protoc-c)
+endif()
+pags_need(PART "pags import" LIBRARY "expat, protobuf-c or protoc-c" OPTION PAGS_IMPORT FOUND EXPAT_FOUND PROTOBUF_C_FOUND PAGS_PROTOC_C)
+
+if(PAGS_EMBREE)
+  find_package(embree QUIET)
+endif()
+pags_need(PART "pags synth, and with it make demo" LIBRARY "Embree 3 or 4" OPTION PAGS_EMBREE FOUND embree_FOUND)
+
+if(PAGS_EXPORT AND CMAKE_CXX_COMPILER)
+  find_package(TinyGLTF QUIET)
+  find_package(meshoptimizer QUIET)
+  find_library(PAGS_QHULL qhull_r)
+  find_library(PAGS_OSD osdCPU) # Debian's package file of OpenSubdiv names libraries that Debian doesn't have
+endif()
+pags_need(PART "proxy meshes, glTF and USD of pags export" LIBRARY "a C++ compiler, Embree, tinygltf, meshoptimizer, qhull or OpenSubdiv"
+  OPTION PAGS_EXPORT FOUND PAGS_EMBREE TinyGLTF_FOUND meshoptimizer_FOUND PAGS_QHULL PAGS_OSD)
+
+if(PAGS_VIEW)
+  find_library(PAGS_WEBSOCKETS_LIBRARY websockets)
+  find_path(PAGS_WEBSOCKETS_INCLUDE libwebsockets.h)
+endif()
+pags_need(PART "pags view and train --view" LIBRARY "libwebsockets" OPTION PAGS_VIEW FOUND PAGS_WEBSOCKETS_LIBRARY PAGS_WEBSOCKETS_INCLUDE)
+
+if(PAGS_MPI AND NOT CMAKE_CROSSCOMPILING)
+  find_package(MPI QUIET COMPONENTS C)
+  pags_need(PART "training on several machines" LIBRARY "MPI (Debian: libopenmpi-dev)" OPTION PAGS_MPI FOUND MPI_C_FOUND)
+endif()
+
+if(PAGS_TESTS)
+  find_package(PkgConfig QUIET)
+  if(PkgConfig_FOUND)
+    pkg_check_modules(CMOCKA QUIET IMPORTED_TARGET cmocka)
+  endif()
+  if(NOT CMOCKA_FOUND)
+    message(STATUS "left out: unit tests (missing: cmocka)")
+  endif()
+endif()
