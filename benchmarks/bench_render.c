@@ -1,8 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* pags-bench render: measures rendering speed against error, by mode (early-z, exp degree, SH degree) and by stage;
- * writes a table, JSON, CSV and an SVG plot. */
+ * writes a table, JSON and CSV. */
 #include "benchmarks/modes.h"
-#include "benchmarks/plot.h"
 #include "benchmarks/verbs.h"
 #include "cli/camera_paths.h"
 #include "cli/deadline_report.h"
@@ -21,7 +20,7 @@ enum { MOST_MODES = PAGS_BENCH_MOST_MODES, MOST_SIZES = 8, NAME = 32 };
 
 typedef struct render_bench_arguments {
   pags_session session;
-  const char *input, *path, *sizes, *modes, *csv, *plot;
+  const char *input, *path, *sizes, *modes, *csv;
   int64_t frames;
   int repetitions, exp_degree; /* exp_degree: index in "3|5" */
   int packed;
@@ -44,11 +43,18 @@ static const pags_option options[] = {
                "draw the pictures once more, one after the other, as pags render --budget-ms does, all held against "
                "full quality"),
     PAGS_TEXT("csv", 0, AT(csv), "FILE", NULL, "write a row per size and mode"),
-    PAGS_TEXT("plot", 0, AT(plot), "FILE.svg", NULL, "draw time along the path, and speed against error"),
     PAGS_SESSION_OPTIONS(render_bench_arguments),
     {0}};
 
 static const pags_positional positionals[] = {{"SCENE", "a scene folder or a splat file"}, {NULL, NULL}};
+
+/* Names the replacement of a removed option. */
+static bool replacement(const char *name, char *text, size_t size) {
+  if (strcmp(name, "plot") != 0)
+    return false;
+  snprintf(text, size, "--json FILE, and benchmarks/plot_render.py FILE");
+  return true;
+}
 
 static const pags_verb verb = {.name = "render",
                                .usage = "SCENE [options]",
@@ -60,7 +66,8 @@ static const pags_verb verb = {.name = "render",
                                    "the stages' data structures, and what the picture lost against the first mode: "
                                    "PSNR, largest error, pixels with other bits.",
                                .positionals = positionals,
-                               .options = options};
+                               .options = options,
+                               .replacement = replacement};
 
 typedef struct size_row {
   int width, height; /* px; 0: the cameras' own size */
@@ -268,7 +275,7 @@ static void say_size(const render_bench *self, int index) {
     pags_deadline_report_print(&self->deadlines[index], session);
 }
 
-static void put_mode(pags_json_writer *json, const char *name, const pags_bench_mode_result *r) {
+static void put_mode(pags_json_writer *json, const char *name, const pags_bench_mode_result *r, int64_t pictures) {
   const pags_frame_stats *s = &r->counts;
   pags_json_begin_object(json, NULL);
   pags_json_put_string(json, "mode", name);
@@ -282,6 +289,10 @@ static void put_mode(pags_json_writer *json, const char *name, const pags_bench_
     pags_json_end_object(json);
   }
   pags_json_end_object(json);
+  pags_json_begin_array(json, "frame_ms"); /* of each picture along the path */
+  for (int64_t i = 0; i < pictures; i++)
+    pags_json_put_number(json, NULL, r->frame_ms[i]);
+  pags_json_end_array(json);
   pags_json_put_number(json, "fps", 1000 / r->ms[PAGS_BENCH_STAGES - 1].median);
   pags_json_put_number(json, "speed_up", r->speed_up);
   pags_json_put_integer(json, "gaussians", s->gaussians);
@@ -308,7 +319,7 @@ static void put_mode(pags_json_writer *json, const char *name, const pags_bench_
   pags_json_end_object(json);
 }
 
-/* ---- CSV and plot ---- */
+/* ---- CSV ---- */
 
 static pags_result put_csv_row(pags_file_writer *file, const render_bench *self, int size, int mode) {
   const pags_bench_mode_result *r = &self->results[size][mode];
@@ -351,50 +362,6 @@ static pags_result write_csv(const render_bench *self) {
   return pags_file_writer_commit(&file);
 }
 
-/* Plots one point per mode: error (PSNR or maximum) against speed-up. PSNR is cut at 100 dB, which then means equal
- * pictures. */
-static void plot_error(const render_bench *self, pags_plot *plot, int size, bool decibels) {
-  pags_plot_line lines[MOST_MODES];
-  double x[MOST_MODES], y[MOST_MODES];
-  char title[80];
-  for (int k = 0; k < self->modes.count; k++) {
-    const pags_bench_mode_result *r = &self->results[size][k];
-    x[k] = r->speed_up;
-    y[k] = decibels ? fmin(r->psnr, 100) : r->max_error;
-    lines[k] = (pags_plot_line){self->modes.modes[k].name, 1, x + k, y + k};
-  }
-  snprintf(title, sizeof title, decibels ? "PSNR (100: no error), %dx%d" : "Largest error, %dx%d",
-           self->sizes[size].width, self->sizes[size].height);
-  pags_plot_lines(plot, title, "speed-up", decibels ? "dB" : "colour, 0..1", lines, self->modes.count);
-}
-
-static pags_result write_plot(const render_bench *self) {
-  pags_plot plot;
-  if (!self->arguments->plot)
-    return PAGS_OK;
-  double *numbers = malloc((size_t)self->path.count * sizeof *numbers);
-  if (!numbers)
-    return pags_out_of_memory("%s: the plot", self->arguments->plot);
-  for (int64_t i = 0; i < self->path.count; i++)
-    numbers[i] = (double)i;
-  pags_plot_begin(&plot, 3);
-  for (int size = 0; size < self->size_count; size++) {
-    /* One panel per size: frame time along the path. */
-    pags_plot_line lines[MOST_MODES];
-    char title[64];
-    for (int k = 0; k < self->modes.count; k++)
-      lines[k] =
-          (pags_plot_line){self->modes.modes[k].name, (int)self->path.count, numbers, self->results[size][k].frame_ms};
-    snprintf(title, sizeof title, "Time along the path, %dx%d", self->sizes[size].width, self->sizes[size].height);
-    pags_plot_lines(&plot, title, "picture", "ms (median)", lines, self->modes.count);
-
-    plot_error(self, &plot, size, false);
-    plot_error(self, &plot, size, true);
-  }
-  free(numbers);
-  return pags_plot_save(&plot, self->arguments->plot);
-}
-
 /* ---- The benchmark ---- */
 
 static pags_result load(render_bench *self) {
@@ -421,8 +388,6 @@ static pags_result run(render_bench *self) {
   const render_bench_arguments *a = self->arguments;
   if (a->csv)
     PAGS_TRY(pags_check_writable(a->csv));
-  if (a->plot)
-    PAGS_TRY(pags_check_writable(a->plot));
   PAGS_TRY(load(self));
 
   /* Parse --modes, each mode being a change of the scene's options with early-z off. */
@@ -443,7 +408,6 @@ static pags_result run(render_bench *self) {
   for (int i = 0; i < self->size_count; i++)
     say_size(self, i);
   PAGS_TRY(write_csv(self));
-  PAGS_TRY(write_plot(self));
 
   /* Write the results as JSON, by size and mode. */
   pags_json_writer json;
@@ -461,7 +425,7 @@ static pags_result run(render_bench *self) {
     pags_json_put_number(&json, "gaussians_per_pixel", self->layers[i]);
     pags_json_begin_array(&json, "modes");
     for (int k = 0; k < self->modes.count; k++)
-      put_mode(&json, self->modes.modes[k].name, &self->results[i][k]);
+      put_mode(&json, self->modes.modes[k].name, &self->results[i][k], self->path.count);
     pags_json_end_array(&json);
     if (self->arguments->budget_ms > 0)
       pags_deadline_report_put(&self->deadlines[i], &json);
