@@ -282,8 +282,7 @@ static const struct own_entry {
   const char *name, *about;
   int (*run)(int argc, char **argv);
 } own_entries[] = {
-    {"render", "Speed of drawing against error, mode by mode and stage by stage; table and CSV.",
-     pags_bench_render},
+    {"render", "Speed of drawing against error, mode by mode and stage by stage; table and CSV.", pags_bench_render},
     {"scale", "Whether the time of a frame follows what is visible or what exists, to 50 million Gaussians.",
      pags_bench_scale},
     {"scaling",
