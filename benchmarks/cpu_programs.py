@@ -7,7 +7,7 @@ programs get the same .ply without a sky, on black, and the view's camera with s
 others. Errors are taken against the picture in double precision (pags-bench reference). Rows: PAGS by mode and threads; OpenSplat (--opensplat);
 Babylon.js, Spark and PlayCanvas of tests/outside/node_modules and GaussianSplats3D of --modules, in a headless Chromium by SwiftShader and by Mesa's
 llvmpipe. What isn't found or doesn't run is left out and named. Rows take turns for --rounds. Writes TABLE.md and TABLE.json, and what programs read
-and drew to TABLE.work. Python 3.9, no packages; docs/cpu-benchmarks.md tells who is favoured by what."""
+and drew to TABLE.work. Python 3.9, no packages; docs/compare.md says how fair each row is."""
 
 import argparse
 import array
