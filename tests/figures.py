@@ -1,13 +1,15 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Measures the structure of the code and the size of the manual: at a commit and now (--reference COMMIT), or fails if a rule is
-broken (--check). Both states are counted after the same clang-format, so that a line means the same in both.
+"""Measures structure, size and language of the code and the manual: at a commit and now (--reference COMMIT), or fails where a limit
+is exceeded (--check). Both states are counted after the same clang-format, so that a line means the same in both.
 
     tests/figures.py --reference COMMIT     a table in Markdown, before and after
-    tests/figures.py --check                FILE: what is wrong, for the test suite
+    tests/figures.py --check                FILE: fault, for the test suite
     tests/figures.py --list once            functions called once, with their length, by file
+    tests/figures.py --list phrases         unidiomatic phrases, with file and line
+    tests/figures.py --list headers         internal headers below 25 lines
 
-What is counted:
+Definitions:
 - Function: a definition in C or C++ (at file scope, also below `extern "C"` and in namespaces) or in Python (methods and nested ones too) in
   engine, simd, threads, exporters, cli, blender_addon and benchmarks. Tests, tools and scripts neither define nor call here.
 - Called once: one call in all of these folders, calls to itself left out, and no other mention. A function whose address is passed or
@@ -16,7 +18,11 @@ What is counted:
 - Length: lines from the signature to the closing brace after formatting, without comments and empty lines.
 - Circle: a group of files that reach each other by calls (a strongly connected component). A header and its source are one file.
 - Lines: neither empty nor comment (in Python, docstrings are comments), after formatting.
-- Words: as wc -w; of a page of the manual what stands between `<!-- generated` and `<!-- end -->` is left out (tests/docs.py checks that).
+- Words: as wc -w; text of the manual between `<!-- generated` and `<!-- end -->` is not counted (tests/docs.py checks it).
+- Phrases: matches of PHRASES, per 1,000 words, in comments (C, C++, JavaScript, Python with docstrings; tests too), in the manual (docs/*.md,
+  README, CONTRIBUTING), and in string literals of C and of the add-on: help, field texts, messages.
+- Internal headers: those of the program's folders outside of include/pags.
+- Makefile targets: those with a line in `make help`, without the names check-NAME.
 """
 
 import argparse
@@ -37,11 +43,22 @@ from pathlib import Path
 FORMATTER = "19.1.7"
 LONGEST_FUNCTION = 120  # lines
 LONGEST_PAGE = 1500     # words
+SMALL_HEADER = 25       # lines
+# Limits of --check: the values reached. They may only fall.
+MOST_PHRASES = {"comments": 4.1, "manual": 2.5}  # per 1,000 words
+MOST_PHRASES_IN_STRINGS = 230
+MOST_SMALL_HEADERS = 110
+MOST_TARGETS = 25
 PROGRAM_FOLDERS = ["engine", "simd", "threads", "exporters", "cli", "blender_addon", "benchmarks"]
 LINE_FOLDERS = PROGRAM_FOLDERS + ["tools", "scripts"]
 FORMATTED_FOLDERS = LINE_FOLDERS + ["tests", "examples"]
 SKIPPED = re.compile(r"^(build.*|\.git|\.venv|node_modules|__pycache__|external|third_party|musl)$")
 C_KINDS = {".c", ".h", ".inl", ".cc", ".hh", ".cpp"}
+# English that a native engineer would not write (CONTRIBUTING.md, rule 1).
+PHRASES = re.compile(r"\b(?:so (?:often|many|far|long|much)|beside|stands? for|as (?:it|they) stands?|says? (?:what|how|which|where|who)|by chance"
+                     r"|(?:is|are) (?:told|asked)|goes on|is none|are none|apart|what (?:is|are|was) (?:kept|left|seen|drawn|shown|meant)"
+                     r"|is no field|is no Debian)\b", re.I)
+FIRST_WORDS = re.compile(r"(?:(?<=[.!?:] )|^)(?:Of|What|Who) ", re.M)
 KEYWORDS = set("if for while switch return sizeof do else case goto default typeof alignof _Alignof _Static_assert static_assert defined "
                "catch throw new delete alignas _Alignas decltype static_cast reinterpret_cast const_cast noexcept operator".split())
 
@@ -423,12 +440,82 @@ def help_lines(program):
     return len(subprocess.run([program, "train", "--help"], capture_output=True, text=True).stdout.splitlines())
 
 
-# ---- What is printed ----
+# ---- Language ----
+def comments_of(path, text):
+    """The comments of a file, line by line, as (line, text)."""
+    if path.suffix == ".py":
+        found = []
+        for token in tokenize.generate_tokens(io.StringIO(text).readline):
+            if token.type == tokenize.COMMENT:
+                found.append((token.start[0], token.string.lstrip("# ")))
+            elif token.type == tokenize.STRING and token.string.startswith(('"""', 'r"""')):
+                found += enumerate(token.string.strip('r"').split("\n"), token.start[0])
+        return found
+    found = []
+    for match in re.finditer(r"/\*.*?\*/|//[^\n]*", text, re.S):
+        bare = re.sub(r"^\s*\*+ ?|/\*+|\*/", "", match.group(0), flags=re.M)
+        found += enumerate(bare.split("\n"), text.count("\n", 0, match.start()) + 1)
+    return found
+
+
+def strings_of(path, text):
+    """The string literals of a file as (line, text); adjacent ones are one."""
+    if path.suffix == ".py":
+        return [(node.lineno, node.value) for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Constant) and isinstance(node.value, str)
+                and " " in node.value and "\n    " not in node.value]
+    bare = re.sub(r"/\*.*?\*/|(?<![:\"])//[^\n]*", lambda match: re.sub(r"[^\n]", " ", match.group(0)), text, flags=re.S)
+    literal = r'"(?:\\.|[^"\\\n])*"'
+    return [(bare.count("\n", 0, match.start()) + 1, re.sub(r'"\s*(?:PRI\w+\s*)?"', "", match.group(0))[1:-1])
+            for match in re.finditer(rf"{literal}(?:\s*{literal})*", bare)]
+
+
+def language(root):
+    """{kind: (words, [(path, line, phrase, text)])} of comments, manual and strings."""
+    kinds = {kind: [0, []] for kind in ("comments", "manual", "strings")}
+
+    def add(kind, path, parts):
+        for line, text in parts:
+            kinds[kind][0] += len(text.split())
+            kinds[kind][1] += [(path, line, match.group(0), text.strip()) for pattern in (PHRASES, FIRST_WORDS) for match in pattern.finditer(text)]
+
+    for path in walk(root, FORMATTED_FOLDERS):
+        if path.suffix in C_KINDS | {".py", ".mjs", ".js"}:
+            text = (root / path).read_text(encoding="utf-8", errors="replace")
+            add("comments", path, comments_of(path, text))
+            if path.parts[0] in ("engine", "exporters", "cli", "threads", "blender_addon") and path.suffix in C_KINDS | {".py"}:
+                add("strings", path, strings_of(path, text))
+    for path in [*sorted((root / "docs").glob("*.md")), root / "README.md", root / "CONTRIBUTING.md"]:
+        if path.exists():
+            add("manual", path.relative_to(root), enumerate(path.read_text(encoding="utf-8").split("\n"), 1))
+    return kinds
+
+
+def per_thousand(kind):
+    words, found = kind
+    return 1000 * len(found) / max(words, 1)
+
+
+def small_headers(root):
+    """The internal headers, and those of them below SMALL_HEADER lines."""
+    headers = [path for path in walk(root, PROGRAM_FOLDERS) if path.suffix == ".h" and "include/pags" not in str(path)]
+    return headers, [path for path in headers if (root / path).read_bytes().count(b"\n") < SMALL_HEADER]
+
+
+def targets(root):
+    """The Makefile's targets: those with a text for `make help`; in Makefiles without such texts, all."""
+    text = (root / "Makefile").read_text(encoding="utf-8")
+    named = re.findall(r"^([a-z%-]+):.*## ", text, re.M)
+    return named or [name for line in re.findall(r"^\.PHONY:(.*)$", text, re.M) for name in line.split()]
+
+
+# ---- Output ----
 def figures(state, program_path):
     program = Program(state)
     functions, once, counts = program.functions, program.once(), line_counts(state)
     manual, lab = pages(state.root, "docs"), pages(state.root, "docs/lab")
     largest = max(manual, key=manual.get) if manual else ""
+    words, (headers, small) = language(state.root), small_headers(state.root)
+    changelog = (state.root / "CHANGELOG.md").read_text(encoding="utf-8")
     lines = sorted(f.length for f in functions)
     plain = sum(n for folder, n in counts.items() if folder not in ("Python", "benchmarks"))
     rows = [("functions", f"{len(functions)}", ""),
@@ -439,11 +526,18 @@ def figures(state, program_path):
             ("circles of files", f"{len(program.circles())}", "0"),
             ("files in these circles", f"{sum(map(len, program.circles()))}", "0"),
             ("files out of format", f"{len(state.unformatted)} of {len(state.code)}", "0"),
-            ("lines without tests, Python and benchmarks", f"{plain}", "4,500 fewer")]
+            ("product lines: without tests, Python and benchmarks", f"{plain}", "80,000")]
     rows += [(f"lines of {folder}", f"{counts[folder]}", "") for folder in LINE_FOLDERS if folder != "benchmarks" and counts[folder]]
     rows += [("lines of benchmarks", f"{counts['benchmarks']}", ""), ("lines of Python elsewhere", f"{counts['Python']}", ""),
              ("lines of `pags train --help`", str(help_lines(program_path) or "-"), "<= 110"),
-             ("words of the manual", f"{sum(manual.values())}", ""), ("words of the notebook", f"{sum(lab.values())}", ""),
+             ("phrases per 1,000 words of comments", f"{per_thousand(words['comments']):.2f}", "0.3"),
+             ("phrases per 1,000 words of the manual", f"{per_thousand(words['manual']):.2f}", "0.3"),
+             ("phrases in help, field texts and messages", f"{len(words['strings'][1])}", "0"),
+             (f"internal headers below {SMALL_HEADER} lines", f"{len(small)} of {len(headers)}", "35"),
+             ("Makefile targets", f"{len(targets(state.root))}", f"{MOST_TARGETS}"),
+             ("pages of the manual", f"{len(manual)}", "40"),
+             ("words of the manual", f"{sum(manual.values())}", "38,000"), ("words of the notebook", f"{sum(lab.values())}", "40,000"),
+             ("words of CHANGELOG.md", f"{len(changelog.split())}", ""),
              ("largest page", f"{manual.get(largest, 0)} ({largest})", f"<= {LONGEST_PAGE}")]
     return rows
 
@@ -454,6 +548,15 @@ def check(state):
     faults = [f"{path}: out of format; make format mends it" for path in state.unformatted]
     faults += [f"{f.path}:{f.line}: {f.name} has {f.length} lines, more than {LONGEST_FUNCTION}" for f in program.functions if f.length > LONGEST_FUNCTION]
     faults += [f"{circle[0]}: {program.describe(circle)}" for circle in program.circles()]
+    kinds, (_, small) = language(state.root), small_headers(state.root)
+    for kind, most in MOST_PHRASES.items():
+        if per_thousand(kinds[kind]) > most:
+            faults.append(f"{kind}: {per_thousand(kinds[kind]):.2f} unidiomatic phrases per 1,000 words, more than {most}; figures.py --list phrases")
+    for what, count, most in (("unidiomatic phrases in strings; figures.py --list phrases", len(kinds["strings"][1]), MOST_PHRASES_IN_STRINGS),
+                              (f"internal headers below {SMALL_HEADER} lines; figures.py --list headers", len(small), MOST_SMALL_HEADERS),
+                              ("Makefile targets", len(targets(state.root)), MOST_TARGETS)):
+        if count > most:
+            faults.append(f"{count} {what}: more than {most}")
     return faults
 
 
@@ -466,11 +569,11 @@ def extract(commit, root, folder):
 
 
 def main():
-    parser = argparse.ArgumentParser(description="Counts what can be counted of the code's shape and of the manual.")
-    parser.add_argument("--reference", metavar="COMMIT", help="count this commit beside the present state")
+    parser = argparse.ArgumentParser(description="Measures structure, size and language of the code and the manual.")
+    parser.add_argument("--reference", metavar="COMMIT", help="count this commit, too")
     parser.add_argument("--root", metavar="FOLDER", help="the present state [default this repository]")
-    parser.add_argument("--check", action="store_true", help="print FILE: what is wrong, fail where anything is")
-    parser.add_argument("--list", choices=["once", "long", "circles", "format", "lines"], help="print what is behind a figure")
+    parser.add_argument("--check", action="store_true", help="print FILE: fault for each exceeded limit; fail if there is one")
+    parser.add_argument("--list", choices=["once", "long", "circles", "format", "lines", "phrases", "headers"], help="list what a figure counts")
     parser.add_argument("--clang-format", metavar="PROGRAM", help=f"clang-format {FORMATTER} [default scripts/.venv/bin/clang-format]")
     parser.add_argument("--program", metavar="PATH", help="its train --help is counted [default build/pags]")
     parser.add_argument("--reference-program", metavar="PATH", help="of the reference [default as make same-bits builds it]")
@@ -512,6 +615,14 @@ def show(state, what):
     if what == "lines":
         for path in walk(state.copy, LINE_FOLDERS):
             print(f"{lines_of(state, path):6} {path}")
+        return
+    if what == "phrases":
+        for kind, (_, found) in language(state.root).items():
+            for path, line, phrase, text in found:
+                print(f"{path}:{line}: {kind}: {phrase.strip()!r}: {text[:150]}")
+        return
+    if what == "headers":
+        print("\n".join(map(str, small_headers(state.root)[1])))
         return
     program = Program(state)
     if what == "circles":
