@@ -171,7 +171,7 @@ static pags_result drive(const pags_camera *const *knots, int64_t count, int64_t
   double begin = knots[0]->time, span = knots[count - 1]->time - begin, even = span * fps;
   bool recorded = frames == 0 && fps == 0;
   if (even > 1e6)
-    return pags_fail(PAGS_ERROR_ARGUMENT, "--fps: %g frames a second for %g s are more than a million", fps, span);
+    return pags_fail(PAGS_ERROR_ARGUMENT, "--fps: %g frames/s for %g s are more than a million frames", fps, span);
   int64_t total = frames ? frames : recorded ? count : (int64_t)(even + 1e-6) + 1;
   PAGS_TRY(create_path(total, out));
   int64_t knot = 0;

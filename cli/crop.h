@@ -15,23 +15,23 @@ typedef struct pags_crop {
 } pags_crop;
 
 /* Rows of these options for a verb's option table; `where` is the offset of a pags_crop in the verb's struct. */
-#define PAGS_CROP_OPTIONS(where)                                                                                  \
-  PAGS_GROUP("Leaving out Gaussians"),                                                                            \
-      PAGS_TEXT("crop-box", 0, (where) + offsetof(pags_crop, box), "X,Y,Z,X,Y,Z", "none",                         \
-                "keep what is between these two corners; metres relative to the scene's origin, as in exported "  \
-                "files"),                                                                                         \
-      PAGS_TEXT("crop-sphere", 0, (where) + offsetof(pags_crop, sphere), "X,Y,Z,R", "none",                       \
-                "keep what is within R metres of this point"),                                                    \
-      PAGS_VALUE("min-opacity", 0, DOUBLE, (where) + offsetof(pags_crop, least_opacity), 0, 1, "A", "0..1", NULL, \
-                 "leave out what is less opaque"),                                                                \
-      PAGS_VALUE("min-size", 0, DOUBLE, (where) + offsetof(pags_crop, least_size), 0, PAGS_UNLIMITED, "M",        \
-                 "metres, the largest sigma", NULL, "leave out what is smaller"),                                 \
-      PAGS_VALUE("max-size", 0, DOUBLE, (where) + offsetof(pags_crop, greatest_size), 0, PAGS_UNLIMITED, "M",     \
-                 "metres, the largest sigma; 0: unlimited", NULL, "leave out what is larger"),                    \
-      PAGS_VALUE("min-views", 0, INT, (where) + offsetof(pags_crop, least_views), 0, 1e9, "N",                    \
-                 "training views; 0: any", NULL, "leave out what is in the picture of fewer"),                    \
-      PAGS_TEXT("edits", 0, (where) + offsetof(pags_crop, edits), "FILE", "none",                                 \
-                "rules of clean-up and look, JSON as docs/cleanup.md has them")
+#define PAGS_CROP_OPTIONS(where)                                                                                   \
+  PAGS_GROUP("Selection of Gaussians"),                                                                            \
+      PAGS_TEXT("crop-box", 0, (where) + offsetof(pags_crop, box), "X,Y,Z,X,Y,Z", "none",                          \
+                "Keep only Gaussians in the box between these two corners; metres from the scene's origin, as in " \
+                "exported files."),                                                                                \
+      PAGS_TEXT("crop-sphere", 0, (where) + offsetof(pags_crop, sphere), "X,Y,Z,R", "none",                        \
+                "Keep only Gaussians within R metres of this point."),                                             \
+      PAGS_VALUE("min-opacity", 0, DOUBLE, (where) + offsetof(pags_crop, least_opacity), 0, 1, "A", "0..1", NULL,  \
+                 "Remove Gaussians of lower opacity."),                                                            \
+      PAGS_VALUE("min-size", 0, DOUBLE, (where) + offsetof(pags_crop, least_size), 0, PAGS_UNLIMITED, "M",         \
+                 "metres, largest sigma", NULL, "Remove smaller Gaussians."),                                      \
+      PAGS_VALUE("max-size", 0, DOUBLE, (where) + offsetof(pags_crop, greatest_size), 0, PAGS_UNLIMITED, "M",      \
+                 "metres, largest sigma; 0: no limit", NULL, "Remove larger Gaussians."),                          \
+      PAGS_VALUE("min-views", 0, INT, (where) + offsetof(pags_crop, least_views), 0, 1e9, "N",                     \
+                 "training views; 0: no limit", NULL, "Remove Gaussians that are in the frame of fewer views."),   \
+      PAGS_TEXT("edits", 0, (where) + offsetof(pags_crop, edits), "FILE", "none",                                  \
+                "Clean-up and appearance rules, JSON (docs/cleanup.md).")
 
 /* Converts the arguments; returns the first that is not of its form, with the form in `expected`, or NULL. */
 const char *pags_crop_parse(const pags_crop *crop, pags_filter *out, const char **expected);

@@ -96,17 +96,17 @@ void pags_deadline_report_print(const pags_deadline_report *d, const pags_sessio
       /* Print what this step reduces, and in which share of the frames (in per cent) it was used. */
       double share = 100 * (double)d->at_step[k] / n;
       if (step->eps <= 0) /* only the first step draws in full; every other step is bounded */
-        pags_say(session, "  %5.1f %% of frames: in full\n", share);
+        pags_say(session, "  %5.1f %% of frames: full quality\n", share);
       else
         pags_say(session,
-                 "  %5.1f %% of frames: bounded by %.4f; the rest %s, %d degrees of colour less, without what is below "
-                 "%g px\n",
-                 share, (double)step->eps, step->sampled ? "at a quarter of the size" : "in full size", step->sh_less,
-                 (double)step->cut);
+                 "  %5.1f %% of frames: early stop at %.4f; non-critical areas %s, SH degree reduced by %d, without "
+                 "Gaussians below %g px\n",
+                 share, (double)step->eps, step->sampled ? "at a quarter of the resolution" : "at full resolution",
+                 step->sh_less, (double)step->cut);
     }
   }
-  pags_say(session, "  %.0f %% of tiles in full size; against full quality (%lld frames)", 100 * d->sum_full_tiles / n,
-           (long long)d->checked);
+  pags_say(session, "  %.0f %% of tiles at full resolution; against full quality (%lld frames)",
+           100 * d->sum_full_tiles / n, (long long)d->checked);
   say_error(session, "all", d->squared, d->samples, d->largest);
   say_error(session, "critical", d->squared_critical, d->samples_critical, d->largest_critical);
   pags_say(session, "\n");

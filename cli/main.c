@@ -64,25 +64,25 @@ static int run_verb(const verb_entry *verb, int argc, char **argv) {
     code = verb->run(argc, argv);
   else if (pags_ranks_lead())
     fprintf(stderr,
-            "pags: '%s' runs as one process, and mpirun started %d; train, render and eval share their work out\n",
+            "pags: '%s' runs as one process, but mpirun started %d; only train, render and eval run on several ranks\n",
             verb->name, pags_transport_ranks(pags_ranks()));
   pags_ranks_leave();
   return code;
 }
 
 static const verb_entry verbs[] = {
-    {"train", "reconstruct a scene from posed photographs", pags_verb_train, NULL},
-    {"render", "draw a scene or a splat file into pictures", pags_verb_render, NULL},
-    {"eval", "compare a scene with its photographs: PSNR, SSIM, LPIPS", pags_verb_eval, NULL},
-    {"view", "show a scene in a browser", IF_VIEW(pags_verb_view)},
-    {"report", "write one page on a scene, or on two side by side: report.html", pags_verb_report, NULL},
-    {"info", "say what a data set, scene, splat, camera, image or checkpoint file holds", pags_verb_info, NULL},
-    {"export", "write proxy geometry or splat files of a scene", pags_verb_export, EXPORT_LACKS},
-    {"import", "turn a recording of KITTI, Waymo, Argoverse 2 or nuScenes into a data set",
+    {"train", "Reconstruct a scene from posed photographs", pags_verb_train, NULL},
+    {"render", "Render pictures of a scene or a splat file", pags_verb_render, NULL},
+    {"eval", "Compare a scene with its photographs: PSNR, SSIM, LPIPS", pags_verb_eval, NULL},
+    {"view", "Show a scene in a browser", IF_VIEW(pags_verb_view)},
+    {"report", "Write an HTML report of a scene, or of two scenes side by side", pags_verb_report, NULL},
+    {"info", "Describe a data set, scene, splat file, camera path, image or checkpoint", pags_verb_info, NULL},
+    {"export", "Export proxy meshes, splat files or a web page of a scene", pags_verb_export, EXPORT_LACKS},
+    {"import", "Import kitti, waymo, argoverse2, nuscenes, pandaset, waymo2, kitti360, ncore, or photos",
      IF_IMPORT(pags_verb_import)},
-    {"split", "cut a long drive into blocks that are trained each by itself", pags_verb_split, NULL},
-    {"merge", "put the scenes of a split drive's blocks together", pags_verb_merge, NULL},
-    {"synth", "write a data set with known truth, ray-traced", IF_SYNTH(pags_verb_synth)},
+    {"split", "Split a long drive into blocks that are trained separately", pags_verb_split, NULL},
+    {"merge", "Merge the scenes of a split drive's blocks", pags_verb_merge, NULL},
+    {"synth", "Generate a synthetic data set with ground truth", IF_SYNTH(pags_verb_synth)},
 };
 enum { VERB_COUNT = sizeof verbs / sizeof verbs[0] };
 
@@ -98,7 +98,7 @@ static int run(int argc, char **argv) {
       printf("  %-8s %s%s%s\n", verbs[i].name, verbs[i].summary, verbs[i].lacking ? "; this build lacks " : "",
              verbs[i].lacking ? verbs[i].lacking : "");
     printf(
-        "\n'pags VERB --help' lists a verb's options with units and defaults; 'pags --version' prints version and "
+        "\n'pags VERB --help' lists a verb's options with units and defaults. 'pags --version' prints version and "
         "build.\n");
     printf("Exit codes: 0 done, 1 failed, 2 wrong usage, 3 interrupted with its state saved.\n");
 
@@ -119,7 +119,7 @@ static int run(int argc, char **argv) {
   /* The verb is unknown: suggest the nearest one. */
   if (!strcmp(argv[1], "bench")) {
     fprintf(stderr,
-            "pags: 'bench' is not a verb; benchmarks are the program pags-bench, which a build puts beside pags\n");
+            "pags: 'bench' is not a verb; benchmarks are in the program pags-bench, in the same folder of a build\n");
     return PAGS_EXIT_USAGE;
   }
   const char *names[VERB_COUNT + 1];

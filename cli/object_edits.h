@@ -16,12 +16,12 @@ typedef struct pags_object_edits {
  * struct. */
 #define PAGS_EDIT_OPTIONS(where)                                                                                  \
   PAGS_VALUE("without", 0, WORDS, (where) + offsetof(pags_object_edits, without), 0, 0, "OBJECT,...", NULL, NULL, \
-             "leave out these objects; may be given again"),                                                      \
+             "Hide these objects; repeatable."),                                                                  \
       PAGS_VALUE("move", 0, PAIRS, (where) + offsetof(pags_object_edits, move), 0, 0, "OBJECT X,Y,Z,YAW",         \
-                 "metres forward, left, up in its own frame; degrees to the left", NULL,                          \
-                 "draw an object elsewhere, along its track; also OBJECT=X,Y,Z,YAW; may be given again"),         \
+                 "metres forward, left, up in the object's frame; degrees to the left", NULL,                     \
+                 "Move an object off its track by this offset; also OBJECT=X,Y,Z,YAW; repeatable."),              \
       PAGS_VALUE("add", 0, PAIRS, (where) + offsetof(pags_object_edits, add), 0, 0, "OBJECT X,Y,Z,YAW",           \
-                 "as for --move", NULL, "draw an object there as well")
+                 "as for --move", NULL, "Add a copy of an object at this offset.")
 
 /* Returns the first value of --move or --add that is not of the form X,Y,Z,YAW; NULL if all are. */
 const char *pags_object_edits_misspelt(const pags_object_edits *words);

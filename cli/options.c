@@ -589,7 +589,6 @@ void pags_options_help(const pags_verb *verb, const void *defaults) {
              option->required ? " (required)" : "");
     pags_options_entry(left, text, HELP_WIDTH);
   }
-  pags_options_entry("  --check-options", "check the command line's options, do nothing", HELP_WIDTH);
-  pags_options_entry("  -h, --help", "print this", HELP_WIDTH);
+  pags_options_entry("  -h, --help", "Print this help.", HELP_WIDTH);
   printf("\nExit codes: 0 done, 1 failed, 2 wrong usage, 3 interrupted with its state saved.\n");
 }

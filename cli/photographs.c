@@ -40,7 +40,7 @@ static pags_result scene_downscale(const pags_scene *scene, const pags_dataset *
   if (index < 0 && given && !pags_dir_exists(pags_dataset_path(dataset)))
     index = 0; /* another part of the capture, by the same camera */
   if (index < 0)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: has no photograph '%s', on which the scene was trained",
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: has no photograph '%s', which the scene was trained on",
                      pags_dataset_path(dataset), scene->views[0].name);
   double quotient = pags_dataset_view(dataset, index)->camera.fx / scene->views[mine].camera.fx;
   double rounded = floor(quotient * 1e6 + 0.5) / 1e6;
@@ -101,8 +101,7 @@ static pags_result choose_views(const pags_scene *scene, bool given, pags_photog
   const bool file = given && scene->view_count && !pags_dir_exists(path);
   const bool other = file && is_other_part(scene, photographs->dataset);
   if (other)
-    pags_log_message(PAGS_LOG_INFO,
-                     "%s: has no view that the scene was trained with: all of its %lld count as held out", path,
+    pags_log_message(PAGS_LOG_INFO, "%s: has no view that the scene was trained with: all %lld count as held out", path,
                      (long long)count);
   photographs->views = calloc((size_t)count + 1, sizeof *photographs->views);
   if (!photographs->views)
@@ -121,7 +120,7 @@ static pags_result choose_views(const pags_scene *scene, bool given, pags_photog
     const bool missing = find_dataset_view(photographs->dataset, scene->views[i].name) < 0;
     lacking += missing;
     if (missing && !file)
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: the photograph '%s', on which the scene was trained, is missing",
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: the photograph '%s', which the scene was trained on, is missing",
                        pags_dataset_path(photographs->dataset), scene->views[i].name);
   }
   if (lacking)

@@ -54,7 +54,7 @@ pags_result pags_picture_writer_create(const pags_composition *composition, unsi
        priorities = has(out, PAGS_CHANNEL_PRIORITY) || has(out, PAGS_CHANNEL_HEAT);
   if (has(out, PAGS_CHANNEL_ID) && gaussians > largest_float_id)
     return pags_fail(PAGS_ERROR_LIMIT,
-                     "--channel id: %lld Gaussians are more than the 2^24 ids that a float EXR tells apart",
+                     "--channel id: %lld Gaussians are more than the 2^24 ids that a float EXR can represent",
                      (long long)gaussians);
   if (objects)
     out->object_of = malloc(count * sizeof *out->object_of);

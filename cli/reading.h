@@ -13,13 +13,13 @@ typedef struct pags_reading {
 } pags_reading;
 
 /* Rows for a pags_reading at offset `where`. The choices are in the order of pags_axes and pags_up. */
-#define PAGS_READING_OPTIONS(where)                                                                                  \
-  PAGS_CHOICE("up", (where) + offsetof(pags_reading, up), "file|z|-y|y", NULL,                                       \
-              "the axis that is up; file: as it says, of splat files that don't say it -y"),                         \
-      PAGS_CHOICE("axes", (where) + offsetof(pags_reading, axes),                                                    \
-                  "file|ldb|rdb|lub|rub|ldf|rdf|luf|ruf|lfd|rfd|lfu|rfu|lbd|rbd|lbu|rbu", NULL,                      \
-                  "of splat files: where x, y and z point (left or right, up or down, forward or back); file: as a " \
-                  ".spz's record says, without one rub; all others rdf, as PLY")
+#define PAGS_READING_OPTIONS(where)                                                                             \
+  PAGS_CHOICE("up", (where) + offsetof(pags_reading, up), "file|z|-y|y", NULL,                                  \
+              "Up axis; \"file\": as stored in the file, -y for splat files that store none."),                 \
+      PAGS_CHOICE("axes", (where) + offsetof(pags_reading, axes),                                               \
+                  "file|ldb|rdb|lub|rub|ldf|rdf|luf|ruf|lfd|rfd|lfu|rfu|lbd|rbd|lbu|rbu", NULL,                 \
+                  "Axes of a splat file: where x, y and z point (left or right, up or down, forward or back); " \
+                  "\"file\": as recorded in the .spz, else rub for .spz and rdf (as PLY) for other formats.")
 
 /* Sets what the options say of a scene that has been loaded with the axes chosen. */
 static inline void pags_reading_apply(const pags_reading *reading, pags_scene *scene) {

@@ -105,7 +105,8 @@ pags_result pags_session_begin(pags_session *session) {
   pags_log_set(receive_log, session);
   if (!pags_port_is_writable(stdout) && pags_ranks_lead()) {
     if (json_on_stdout || (session->people && session->answers && !session->json))
-      return pags_fail(PAGS_ERROR_IO, "standard output is closed, and the result goes there; --json FILE writes it");
+      return pags_fail(PAGS_ERROR_IO,
+                       "standard output is closed, but the result goes there; expected an open one, or --json FILE");
     session->people = session->people == stdout ? NULL : session->people;
   }
   if (session->json && !json_on_stdout && pags_ranks_lead())

@@ -30,41 +30,40 @@ typedef struct pags_session {
 } pags_session;
 
 /* Rows for the end of a verb's option table; `owner` is the verb's struct, which has a member `session`. */
-#define PAGS_SESSION_OPTIONS(owner)                                                                                   \
-  PAGS_GROUP("In general"),                                                                                           \
-      PAGS_VALUE("threads", 'j', INT, offsetof(owner, session.threads), 0, 256, "N", NULL,                            \
-                 "0: as affinity and cgroup allow", "use so many threads; results are the same bits for any number"), \
-      PAGS_TEXT("json", 0, offsetof(owner, session.json), "FILE|-", NULL,                                             \
-                "write what a machine reads to FILE, or to standard output"),                                         \
-      PAGS_FLAG("strict", 0, offsetof(owner, session.strict), "treat warnings about the input as errors"),            \
-      PAGS_FLAG("quiet", 'q', offsetof(owner, session.quiet),                                                         \
-                "print nothing but warnings and errors, on standard error")
+#define PAGS_SESSION_OPTIONS(owner)                                                                         \
+  PAGS_GROUP("General"),                                                                                    \
+      PAGS_VALUE("threads", 'j', INT, offsetof(owner, session.threads), 0, 256, "N", NULL,                  \
+                 "0: as CPU affinity and cgroup allow",                                                     \
+                 "Number of threads. Results are bit-identical for any number."),                           \
+      PAGS_TEXT("json", 0, offsetof(owner, session.json), "FILE|-", NULL,                                   \
+                "Write the results as JSON to FILE (\"-\": standard output)."),                             \
+      PAGS_FLAG("strict", 0, offsetof(owner, session.strict), "Treat warnings about the input as errors."), \
+      PAGS_FLAG("quiet", 'q', offsetof(owner, session.quiet), "Print only warnings and errors, on standard error.")
 
 /* Rows for verbs that open photographs; `where` is the offset of a pags_dataset_options in the verb's struct. */
 #define PAGS_PHOTOGRAPH_OPTIONS(where, standard)                                                                 \
   PAGS_TEXT("image-folder", 0, (where) + offsetof(pags_dataset_options, image_folder), "FOLDER", standard,       \
-            "take the photographs from this folder, and scale intrinsics"),                                      \
+            "Read the photographs from this folder; intrinsics are scaled."),                                    \
       PAGS_CHOICE("image-alpha", (where) + offsetof(pags_dataset_options, image_alpha), "composite|mask|ignore", \
-                  standard, "lay alpha over --background, or take it as a mask")
+                  standard, "Blend alpha over --background, use it as a mask, or ignore it.")
 
 /* Rows for verbs that open driving sets; `where` is the offset of a pags_dataset_options in the verb's struct. */
 #define PAGS_DRIVING_OPTIONS(where)                                                                                   \
   PAGS_TEXT("kind", 0, (where) + offsetof(pags_dataset_options, kind),                                                \
-            "waymo|pandaset|kitti|nuscenes|argoverse2|nuplan|street-gaussians", "as dataset.json says",               \
-            "driving sets: read drivestudio's layout by the rules of this source"),                                   \
+            "waymo|pandaset|kitti|nuscenes|argoverse2|nuplan|street-gaussians", "from dataset.json",                  \
+            "Source, which selects the layout rules."),                                                               \
       PAGS_TEXT("cameras", 0, (where) + offsetof(pags_dataset_options, cameras), "LIST", "all",                       \
-                "driving sets: use these cameras, separated by commas"),                                              \
+                "Cameras to use, separated by commas."),                                                              \
       PAGS_VALUE("frames", 0, SPAN, (where) + offsetof(pags_dataset_options, frame_first), 0, 0, "A-B", "time steps", \
-                 "all", "driving sets: use these time steps, both ends included"),                                    \
+                 "all", "Time steps to use, both ends included."),                                                    \
       PAGS_TEXT("holdout-camera", 0, (where) + offsetof(pags_dataset_options, holdout_camera), "N", "none",           \
-                "driving sets: hold this camera out altogether"),                                                     \
+                "Hold out all photographs of this camera."),                                                          \
       PAGS_TEXT("ego-mask", 0, (where) + offsetof(pags_dataset_options, ego_mask), "FILE|FOLDER",                     \
-                "ego_masks/C.png, else found", "driving sets: leave out what is white here, the recording car"),      \
+                "ego_masks/C.png, else detected", "Mask of the recording car; white pixels are excluded."),           \
       PAGS_TEXT("critical", 0, (where) + offsetof(pags_dataset_options, critical), "LIST",                            \
-                "vehicle,pedestrian,cyclist",                                                                         \
-                "driving sets: treat these kinds or classes (of semantic or of boxes) as critical"),                  \
+                "vehicle,pedestrian,cyclist", "Critical categories or classes."),                                     \
       PAGS_TEXT("sfm", 0, (where) + offsetof(pags_dataset_options, sfm), "FOLDER", "",                                \
-                "driving sets: add the points of this COLMAP model of the same world")
+                "Add the points of this COLMAP model, in the same world frame.")
 
 /* Chooses the message stream, checks that the --json file can be written, sends the library's notes to the message
  * stream and its warnings to standard error, and starts the threads. A standard output that is closed takes no

@@ -36,7 +36,7 @@ static pags_result open_photographs(const char *path, const pags_camera *full, c
   PAGS_TRY(pags_image_load_display(path, 3, &bytes));
   pags_result result = PAGS_OK;
   if (bytes.width != full->width || bytes.height != full->height)
-    result = pags_fail(PAGS_ERROR_FORMAT, "%s: is %dx%d, expected %dx%d as path.json says", path, bytes.width,
+    result = pags_fail(PAGS_ERROR_FORMAT, "%s: is %dx%d, expected %dx%d as in path.json", path, bytes.width,
                        bytes.height, full->width, full->height);
   if (result == PAGS_OK && small->width != full->width) {
     result = pags_image_create(&shrunk, small->width, small->height, 3, PAGS_U8);
@@ -77,7 +77,7 @@ static pags_result compare_road(const pags_image *render, const pags_image *phot
     result = pags_image_load(path, PAGS_U8, 1, &classes);
   if (there && result == PAGS_OK) {
     if (classes.width != full->width || classes.height != full->height)
-      result = pags_fail(PAGS_ERROR_FORMAT, "%s: is %dx%d, expected %dx%d as path.json says", path, classes.width,
+      result = pags_fail(PAGS_ERROR_FORMAT, "%s: is %dx%d, expected %dx%d as in path.json", path, classes.width,
                          classes.height, full->width, full->height);
     uint8_t *const road = calloc((size_t)render->width * (size_t)render->height, 1);
     if (!road)

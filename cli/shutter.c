@@ -16,7 +16,7 @@ static pags_result roll_along(const pags_shutter *from, pags_viewpoints *v) {
     pags_camera *const camera = &v->items[i].camera;
     if (!(b->time - a->time > 0))
       return pags_fail(PAGS_ERROR_ARGUMENT,
-                       "--shutter rolling: expected a path whose time runs, so that the cameras' velocities are known; "
+                       "--shutter rolling: expected a path whose times increase, which gives the cameras' velocities; "
                        "%s is at %g s and %s at %g s",
                        v->items[before].name, a->time, v->items[behind].name, b->time);
     camera->shutter.across = from->across, camera->shutter.down = from->down;

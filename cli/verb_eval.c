@@ -46,61 +46,61 @@ typedef struct eval_arguments {
 #define AT(member) offsetof(eval_arguments, member)
 
 static const pags_option options[] = {
-    PAGS_TEXT("dataset", 0, AT(dataset), "DATASET", "the one that the scene was trained on", "the photographs"),
+    PAGS_TEXT("dataset", 0, AT(dataset), "DATASET", "the scene's training data", "Data set with the photographs."),
     PAGS_TEXT("lpips-weights", 0, AT(lpips_weights), "FILE", "none: no LPIPS",
-              "weights of LPIPS v0.1 over SqueezeNet 1.1 or AlexNet (.npz)"),
+              "Weights of LPIPS v0.1 on SqueezeNet 1.1 or AlexNet (.npz)."),
     PAGS_TEXT("images", 0, AT(images), "FOLDER", NULL,
-              "write NAME_render.png and NAME_photo.png of every view compared"),
-    PAGS_FLAG("shift", 0, AT(shift), "of synthetic data: compare with the true pictures from shifted cameras, too"),
+              "Write NAME_render.png and NAME_photo.png of every view compared."),
+    PAGS_FLAG("shift", 0, AT(shift),
+              "Synthetic data: also compare with the ground-truth pictures from shifted cameras."),
     PAGS_FLAG("fit-poses", 0, AT(fit_poses),
-              "of captures: score right halves, too, as the poses are and fitted to the left halves"),
-    PAGS_CHOICE("split", AT(split), "all|train|test", NULL, "which views to compare"),
-    PAGS_VALUE("views", 0, INT64, AT(views), 0, 1e9, "N", "0: all", NULL,
-               "compare so many of them only, evenly spread"),
+              "Captures: also score the right half of each photograph, with the given pose and with the pose fitted to "
+              "the left half."),
+    PAGS_CHOICE("split", AT(split), "all|train|test", NULL, "Views to compare."),
+    PAGS_VALUE("views", 0, INT64, AT(views), 0, 1e9, "N", "0: all", NULL, "Compare only N of them, evenly spaced."),
     PAGS_TEXT("early-z", 0, AT(early_z), "off|lossless|bounded[=EPS]|paper", NULL,
-              "how to leave out what is hidden, as for render"),
-    PAGS_CHOICE("order", AT(order), "depth|paper", NULL, "as for render"),
+              "Skip hidden Gaussians, as for render."),
+    PAGS_CHOICE("order", AT(order), "depth|paper", NULL, "As for render."),
     PAGS_VALUE("image-cache", 0, SIZE, AT(image_cache), 1, PAGS_UNLIMITED, "SIZE", "bytes; K, M, G", NULL,
-               "memory for decoded photographs"),
+               "Memory for decoded photographs."),
 
-    PAGS_VALUE("background", 0, COLOR, AT(background), 0, 0, "R,G,B", "sRGB, 0..1", "the scene's",
-               "colour behind everything, of the pictures and of photographs with alpha"),
-    PAGS_FLAG("antialiased", 0, AT(antialiased), "as for render"),
-    PAGS_FLAG("no-antialiased", 0, AT(antialiased), "don't, even where the scene asks for it"),
-    PAGS_VALUE("low-pass", 0, FLOAT, AT(low_pass), 0, 100, "V", "px^2", "the training's, else 0.3", "as for render"),
-    PAGS_VALUE("near", 0, FLOAT, AT(near_plane), 1e-6, PAGS_UNLIMITED, "Z", "metres", "the training's, else 0.01",
-               "as for render"),
-    PAGS_PHOTOGRAPH_OPTIONS(AT(options), "the training's"),
+    PAGS_VALUE("background", 0, COLOR, AT(background), 0, 0, "R,G,B", "sRGB, 0..1", "as in the scene",
+               "Background colour of the renderings and of photographs with alpha."),
+    PAGS_FLAG("antialiased", 0, AT(antialiased), "As for render."),
+    PAGS_FLAG("no-antialiased", 0, AT(antialiased), "Don't compensate, even if the scene was trained so."),
+    PAGS_VALUE("low-pass", 0, FLOAT, AT(low_pass), 0, 100, "V", "px^2", "as in training, else 0.3", "As for render."),
+    PAGS_VALUE("near", 0, FLOAT, AT(near_plane), 1e-6, PAGS_UNLIMITED, "Z", "metres", "as in training, else 0.01",
+               "As for render."),
+    PAGS_PHOTOGRAPH_OPTIONS(AT(options), "as in training"),
 
-    PAGS_GROUP("For splat files, which record no views"),
-    PAGS_VALUE("downscale", 0, DOUBLE, AT(options.downscale), 1, 64, "F", "times", NULL, "shrink the photographs"),
+    PAGS_GROUP("Splat files, which store no views"),
+    PAGS_VALUE("downscale", 0, DOUBLE, AT(options.downscale), 1, 64, "F", "times", NULL,
+               "Downscale the photographs by this factor."),
     PAGS_VALUE("split-every", 0, INT, AT(options.split_every), 0, 1e9, "N", "views; 0: none",
-               "as stated, else 8; driving sets 4", "every Nth view counts as held out"),
-    PAGS_FLAG("allow-missing", 0, AT(options.allow_missing), "leave out views whose photograph or pose is missing"),
+               "as the data set says, else 8; driving sets 4", "Count every Nth view as held out."),
+    PAGS_FLAG("allow-missing", 0, AT(options.allow_missing), "Skip views whose photograph or pose is missing."),
     PAGS_TEXT("colmap", 0, AT(options.colmap), "FOLDER", NULL,
-              "take cameras from this COLMAP model (a scene remembers the one it was trained with)"),
+              "Read cameras from this COLMAP model (a scene stores the one it was trained with)."),
 
     PAGS_GROUP("Driving sets, as for train"),
     PAGS_DRIVING_OPTIONS(AT(options)),
     PAGS_SESSION_OPTIONS(eval_arguments),
     {0}};
 
-static const pags_positional positionals[] = {{"SCENE", "a scene folder or a splat file"}, {NULL, NULL}};
+static const pags_positional positionals[] = {{"SCENE", "Scene folder or splat file."}, {NULL, NULL}};
 
 static const pags_verb verb = {
     .name = "eval",
     .usage = "SCENE [--dataset DATASET] [options]",
     .about =
-        "Renders a scene's training and held-out views and compares each with its photograph, undistorted and "
-        "downscaled as for training. Renderings are clamped to [0, 1] and compared as float, not rounded to 8 bits. "
-        "Means are over views, pixels outside of a view's mask left out. LPIPS figures over different networks "
-        "(SqueezeNet, AlexNet, VGG) can't be compared. Driving scenes: also by region (critical: vehicles, pedestrians "
-        "and "
-        "cyclists; "
-        "moving: dynamic_masks/all, else the boxes of what moves; vehicles, pedestrians and cyclists: those boxes), "
-        "each over the views that have such pixels; depth beside LiDAR; without the exposures found in training; and "
-        "of "
-        "synthetic data the error of the tracks' poses, as labelled and as trained.",
+        "Render a scene's training and held-out views and compare each with its photograph, undistorted and downscaled "
+        "as for training. Renderings are clamped to [0, 1] and compared as float, not rounded to 8 bits. Means are "
+        "over views; masked pixels are excluded. LPIPS values on different networks (SqueezeNet, AlexNet, VGG) can't "
+        "be compared. For driving scenes, figures are also given per region: critical (vehicles, pedestrians and "
+        "cyclists); moving (dynamic_masks/all, else the boxes of moving objects); vehicles, pedestrians and cyclists "
+        "(their boxes). Each region's mean is over the views that show it. Driving scenes also get depth errors "
+        "against LiDAR and scores without the trained exposures; synthetic data sets also get the pose errors of the "
+        "tracks, as labelled and as trained.",
     .positionals = positionals,
     .options = options};
 
@@ -324,9 +324,10 @@ static void print_poses(const pags_session *session, const pags_pose_errors *e) 
            "poses of %lld objects: off by %.3f m and %.2f degrees as labelled, %.3f m and %.2f degrees as trained\n",
            (long long)e->objects, e->absolute.label_metres, e->absolute.label_degrees, e->absolute.metres,
            e->absolute.degrees);
-  pags_say(session,
-           "  but for each track's mean: %.3f m and %.2f degrees as labelled, %.3f m and %.2f degrees as trained\n",
-           e->relative.label_metres, e->relative.label_degrees, e->relative.metres, e->relative.degrees);
+  pags_say(
+      session,
+      "  without each track's mean error: %.3f m and %.2f degrees as labelled, %.3f m and %.2f degrees as trained\n",
+      e->relative.label_metres, e->relative.label_degrees, e->relative.metres, e->relative.degrees);
   if (e->held_out_knots)
     pags_say(session,
              "  at held-out time steps: %.3f m and %.2f degrees as labelled, %.3f m and %.2f degrees as drawn\n",
@@ -341,13 +342,13 @@ static void print_priority_truth(const pags_session *session, const pags_priorit
   if (!o->seen)
     return;
   pags_say(session,
-           "priorities beside the truth: %.1f %% of %lld Gaussians on critical objects and %.1f %% of %lld others have "
-           "one over 0.5\n",
+           "priorities against ground truth: %.1f %% of %lld Gaussians on critical objects and %.1f %% of %lld others "
+           "have a priority over 0.5\n",
            percent(o->critical_high, o->critical), (long long)o->critical, percent(o->other_high, o->other),
            (long long)o->other);
   pags_say(session,
-           "  not counted: %.1f %% of %lld seen Gaussians (%.1f %% by weight): %.1f %% over 5 cm from any surface, "
-           "%.1f %% within 15 cm of a critical and another surface\n",
+           "  not counted: %.1f %% of %lld visible Gaussians (%.1f %% by weight): %.1f %% over 5 cm from any surface, "
+           "%.1f %% within 15 cm of both a critical and another surface\n",
            percent(o->seen - o->counted, o->seen), (long long)o->seen, 100 * o->left_out_weight,
            percent(o->astray, o->seen), percent(o->between, o->seen));
 }
@@ -358,8 +359,8 @@ static void print_more(const evaluation *self) {
   for (int test = 0; test < 2; test++)
     if (self->depth[test].samples)
       pags_say(session,
-               "depth beside LiDAR, %s: off by %.3f m (median), %.3f m (mean), %.3f m (mean of the best 95 %%); "
-               "%.1f %% within 5 %%\n",
+               "depth against LiDAR, %s: off by %.3f m (median), %.3f m (mean), %.3f m (mean of the best 95 %%); %.1f "
+               "%% within 5 %%\n",
                sets[test], self->depth[test].median, self->depth[test].mean, self->depth[test].mean95,
                100 * self->depth[test].within);
   for (int64_t i = 0; i < self->shifts.count; i++) {
@@ -416,8 +417,7 @@ static pags_result check_effect(const evaluation *self, const char *scene_path) 
     return PAGS_OK;
   return pags_fail(
       PAGS_ERROR_ARGUMENT,
-      "%s: %s: no effect, since the scene records its views, their size and which are held out; expected a "
-      "splat file",
+      "%s: %s: no effect, since the scene stores its views, their size and which are held out; expected a splat file",
       scene_path, names);
 }
 
@@ -428,8 +428,7 @@ static pags_result open_all(evaluation *self, const char *scene_path) {
   PAGS_TRY(check_effect(self, scene_path));
   const char *dataset = arguments->dataset ? arguments->dataset : self->scene->dataset;
   if (!dataset)
-    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: doesn't say what it was trained on; expected --dataset DATASET",
-                     scene_path);
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: doesn't name its training data; expected --dataset DATASET", scene_path);
   if (arguments->lpips_weights)
     PAGS_TRY(pags_lpips_load(arguments->lpips_weights, &self->lpips));
   pags_dataset_options opened = choose_photographs(self);
@@ -439,8 +438,8 @@ static pags_result open_all(evaluation *self, const char *scene_path) {
                                  arguments->image_cache, &self->photographs));
   if (arguments->fit_poses && pags_dataset_fps(self->photographs.dataset) > 0)
     return pags_fail(PAGS_ERROR_ARGUMENT,
-                     "%s: --fit-poses is for captures; in a driving set held-out views take the corrections that lie "
-                     "between those of their neighbours",
+                     "%s: --fit-poses is for captures; in a driving set, the pose corrections of held-out views are "
+                     "interpolated from their neighbours",
                      dataset);
   PAGS_TRY(pags_session_check(&arguments->session));
   self->scores = calloc((size_t)self->photographs.count, sizeof *self->scores);
@@ -570,12 +569,12 @@ static pags_result evaluate(evaluation *self, const char *scene_path) {
     const int64_t first = self->photographs.views[self->without_pixels[0]].index;
     char masks[160];
     pags_dataset_masks_of(self->photographs.dataset, first, masks, sizeof masks);
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld of %lld views have no pixel that is used, and no figures; the first is %s, whose pixels "
-                     "are left out by %s",
-                     pags_dataset_path(self->photographs.dataset), (long long)self->without_count,
-                     (long long)(self->count + self->without_count),
-                     pags_dataset_view(self->photographs.dataset, first)->name, masks);
+    pags_log_message(
+        PAGS_LOG_WARNING,
+        "%s: %lld of %lld views are fully masked and have no figures; the first is %s, whose pixels are left out by %s",
+        pags_dataset_path(self->photographs.dataset), (long long)self->without_count,
+        (long long)(self->count + self->without_count), pags_dataset_view(self->photographs.dataset, first)->name,
+        masks);
   }
   if (self->count && !self->shown)
     pags_log_message(PAGS_LOG_WARNING, "%s: nothing of the scene is in view in any of %lld views", scene_path,
@@ -597,7 +596,7 @@ static pags_result evaluate(evaluation *self, const char *scene_path) {
                                         &self->options, &arguments->session, arguments->images, &self->shifts));
   pags_view_scores_print(&arguments->session, self->scores, self->count);
   if (self->lpips)
-    pags_say(&arguments->session, "LPIPS: v0.1 over %s\n", pags_lpips_network(self->lpips));
+    pags_say(&arguments->session, "LPIPS: v0.1 on %s\n", pags_lpips_network(self->lpips));
   print_more(self);
 
   /* Write the scores as JSON. */

@@ -34,73 +34,73 @@ typedef struct export_arguments {
 
 static const pags_option options[] = {
     PAGS_GROUP("Proxies (.glb, .gltf; with the Gaussians, .usda, .usdz)"),
+    PAGS_CHOICE("proxy", AT(level), "mesh|cage|hull|box|convex", NULL,
+                "Shape of each object: its surface, a subdivided closed cage, its convex hull, its labelled box, or up "
+                "to 8 convex parts."),
+    PAGS_FLAG("lod", 0, AT(proxy.lod),
+              "Write mesh, cage, hull and box into one file with MSFT_lod, instead of --proxy."),
     PAGS_CHOICE(
-        "proxy", AT(level), "mesh|cage|hull|box|convex", NULL,
-        "what stands for each object: its surface, a closed cage subdivided, its convex hull, its labelled box, or up "
-        "to 8 convex parts"),
-    PAGS_FLAG("lod", 0, AT(proxy.lod), "mesh, cage, hull and box in one file by MSFT_lod, in place of --proxy"),
-    PAGS_CHOICE("naming", AT(naming), "plain|unreal|godot", NULL,
-                "names that a program's importer makes collision shapes of: UCX_NAME_00 and UBX_NAME_00, or -col and "
-                "-convcolonly; a hull, box or convex parts come beside the surface that is seen"),
+        "naming", AT(naming), "plain|unreal|godot", NULL,
+        "Node names from which an importer makes collision shapes: UCX_NAME_00 and UBX_NAME_00 (unreal), -col and "
+        "-convcolonly (godot). Hulls, boxes and convex parts are then written in addition to the visible surface."),
     PAGS_VALUE("only", 0, WORDS, AT(only), 0, 0, "OBJECT,...", NULL, NULL,
-               "these objects alone: ids as pags info --objects lists them, or class:vehicle, ...; may be given again"),
+               "Export only these objects: ids listed by pags info --objects, or class:vehicle, ...; repeatable."),
     PAGS_VALUE("triangles", 0, INT64, AT(proxy.triangles), 12, 1e7, "N", "triangles", NULL,
-               "most of an object's mesh or hull"),
+               "Maximum per object's mesh or hull."),
     PAGS_VALUE("cage-level", 0, INT, AT(proxy.cage_level), 0, 3, "0..3", "subdivisions", NULL,
-               "of the cage as written; 0: the cage itself"),
-    PAGS_FLAG("no-background", 0, AT(proxy.background), "labelled objects alone, without ground and chunks"),
+               "Subdivision of the cage as written; 0: the cage itself."),
+    PAGS_FLAG("no-background", 0, AT(proxy.background),
+              "Export only labelled objects, without ground and background chunks."),
     PAGS_VALUE("ground-triangles", 0, INT64, AT(proxy.ground_triangles), 2, 1e8, "N", "triangles", NULL,
-               "most of the ground"),
+               "Maximum for the ground."),
     PAGS_VALUE("chunk-triangles", 0, INT64, AT(proxy.chunk_triangles), 12, 1e8, "N", "triangles", NULL,
-               "most of all chunks of the background together"),
-    PAGS_VALUE("chunk", 0, DOUBLE, AT(proxy.chunk), 2, 1000, "M", "metres", "20; of a splat file a quarter of its side",
-               "side of the background's chunks"),
-    PAGS_VALUE("voxel", 0, DOUBLE, AT(proxy.voxel), 1e-4, 2, "M", "metres", "0.15; of a splat file by its extent",
-               "fineness of the background's surface"),
-    PAGS_VALUE("range", 0, DOUBLE, AT(proxy.range), 0.1, 10000, "M", "metres",
-               "60; of a splat file a third of its side",
-               "what is farther from the cameras is left out of the background"),
+               "Maximum for all background chunks together."),
+    PAGS_VALUE("chunk", 0, DOUBLE, AT(proxy.chunk), 2, 1000, "M", "metres", "20; splat files: a quarter of the side",
+               "Side of a background chunk."),
+    PAGS_VALUE("voxel", 0, DOUBLE, AT(proxy.voxel), 1e-4, 2, "M", "metres", "0.15; splat files: by extent",
+               "Voxel size of the background surface."),
+    PAGS_VALUE("range", 0, DOUBLE, AT(proxy.range), 0.1, 10000, "M", "metres", "60; splat files: a third of the side",
+               "Leave out background farther than this from the cameras."),
     PAGS_CHOICE("stand", AT(stand), "auto|around|inside", NULL,
-                "from where to look at what has no photographs, to find its surface: all round it, or within a room"),
-    PAGS_VALUE("texture", 0, INT, AT(proxy.texture), 64, 8192, "SIDE", "pixels a side", "none",
-               "bake a picture for every surface, cage and chunk, in place of a colour at each vertex"),
-    PAGS_FLAG("cameras", 0, AT(proxy.cameras), "the training views as cameras, and the recording car's way"),
-    PAGS_FLAG("invisible", 0, AT(proxy.visibility), "KHR_node_visibility: readers that know it show nothing"),
-    PAGS_FLAG("physics", 0, AT(proxy.physics), "KHR_physics_rigid_bodies: objects as kinematic bodies"),
+                "For scenes without photographs: find the surface from viewpoints around the scene, or inside a room."),
+    PAGS_VALUE("texture", 0, INT, AT(proxy.texture), 64, 8192, "SIDE", "pixels per side", "none",
+               "Bake a texture for every surface, cage and chunk, instead of vertex colours."),
+    PAGS_FLAG("cameras", 0, AT(proxy.cameras), "Add the training views as cameras, and the path of the recording car."),
+    PAGS_FLAG("invisible", 0, AT(proxy.visibility), "Hide the proxies in readers that support KHR_node_visibility."),
+    PAGS_FLAG("physics", 0, AT(proxy.physics), "Make objects kinematic bodies with KHR_physics_rigid_bodies."),
     PAGS_GROUP("Gaussians (.ply, .spz, .sog, .splat, .pagsz; .glb and .gltf with --splats)"),
-    PAGS_FLAG("splats", 0, AT(splats), "write the Gaussians themselves, KHR_gaussian_splatting"),
-    PAGS_FLAG("tracks", 0, AT(splat.tracks), "with --splats: a node for each object, with its track as animation"),
-    PAGS_VALUE("time", 0, DOUBLE, AT(time), 0, PAGS_UNLIMITED, "T", "seconds since the scene's begin", NULL,
-               "objects are put where they are then"),
-    PAGS_VALUE("sh-degree", 0, INT, AT(splat.sh_degree), 0, 3, "0..3", NULL, NULL, "higher terms of colour are cut"),
-    PAGS_VALUE("spz-version", 0, INT, AT(splat.spz_version), 3, 4, "3|4", NULL, NULL, "3: gzip; 4: zstd"),
-    PAGS_CHOICE(
-        "spz-axes", AT(spz_axes), "rub|rdf", NULL,
-        "the axes of .spz, which a record in it names: rub, as its specification says; rdf, PLY's, for programs "
-        "that don't read the record and take SPZ so (splat-transform, SuperSplat)"),
-    PAGS_GROUP("Page (.html): the scene with a player, drawn by the browser, without a network"),
-    PAGS_VALUE("target-size", 0, SIZE, AT(target_size), 0, 0, "SIZE", "bytes", "no limit",
-               "most that the file may take: first view-dependent colour is given up, then Gaussians, those that "
-               "contribute least to the pictures first; --sh-degree applies as well"),
+    PAGS_FLAG("splats", 0, AT(splats), "Write the Gaussians instead, with KHR_gaussian_splatting."),
+    PAGS_FLAG("tracks", 0, AT(splat.tracks), "With --splats: one node per object, with its track as animation."),
+    PAGS_VALUE("time", 0, DOUBLE, AT(time), 0, PAGS_UNLIMITED, "T", "seconds since the start of the scene", NULL,
+               "Place objects where they are at this time."),
+    PAGS_VALUE("sh-degree", 0, INT, AT(splat.sh_degree), 0, 3, "0..3", NULL, NULL,
+               "Maximum degree of the spherical harmonics of colour; higher degrees are dropped."),
+    PAGS_VALUE("spz-version", 0, INT, AT(splat.spz_version), 3, 4, "3|4", NULL, NULL,
+               "Version of .spz. 3: gzip; 4: zstd."),
+    PAGS_CHOICE("spz-axes", AT(spz_axes), "rub|rdf", NULL,
+                "Axes of .spz, named in a record of the file: rub, as specified; rdf, as PLY, for programs that ignore "
+                "the record and expect rdf (splat-transform, SuperSplat)."),
+    PAGS_GROUP("Web page (.html): the scene with a player; works offline"),
+    PAGS_VALUE("target-size", 0, SIZE, AT(target_size), 0, 0, "SIZE", "bytes", "none",
+               "Maximum file size. View-dependent colour is dropped first, then the Gaussians that contribute least to "
+               "the pictures. --sh-degree applies as well."),
     PAGS_CROP_OPTIONS(AT(crop)),
-    PAGS_GROUP("Reading"),
+    PAGS_GROUP("Input"),
     PAGS_READING_OPTIONS(AT(reading)),
     PAGS_SESSION_OPTIONS(export_arguments),
     {0}};
 
-static const pags_positional positionals[] = {{"SCENE", "a scene folder, or a splat file"},
-                                              {"FILE", "what to write; its extension says which format"},
-                                              {NULL, NULL}};
+static const pags_positional positionals[] = {
+    {"SCENE", "Scene folder or splat file."}, {"FILE", "Output file; its extension selects the format."}, {NULL, NULL}};
 
 static const pags_verb verb = {
     .name = "export",
     .usage = "SCENE FILE [options]",
     .about =
-        "Writes proxy geometry of a scene (.glb, .gltf): a named node for each labelled object with "
-        "its class, its track as animation and its measured error. Or its Gaussians, for "
-        "other programs: .ply, .spz, .sog (or meta.json in a folder), .splat; or packed, to be drawn without "
-        "unpacking: .pagsz. Or both as a USD stage: "
-        ".usda, or .usdz, the same in one archive. Or a page that plays the scene in any browser: .html.",
+        "Export a scene. Proxy meshes (.glb, .gltf): one named node per labelled object with its class, its track as "
+        "animation, and its measured error. Gaussians for other programs: .ply, .spz, .sog (or meta.json in a folder), "
+        ".splat. Packed Gaussians, rendered without unpacking: .pagsz. Both as a USD stage: .usda, or .usdz (one "
+        "archive). A web page that plays the scene in any browser: .html.",
     .positionals = positionals,
     .options = options};
 
@@ -238,7 +238,7 @@ static pags_result export_page(export_arguments *arguments, pags_scene *scene, c
              report.sh_degree);
   if (report.left_out)
     pags_say(&arguments->session,
-             "left out for --target-size: the %lld faintest Gaussians, %.2f %% of what pictures show\n",
+             "left out for --target-size: the %lld faintest Gaussians, %.2f %% of the pictures' light\n",
              (long long)report.left_out, 100 * report.left);
   pags_json_writer writer;
   pags_json_writer_init(&writer, 2);
@@ -314,9 +314,9 @@ int pags_verb_export(int argc, char **argv) {
     return pags_usage_error(&verb, "--target-size: no effect on a file that doesn't end in .html, got '%s'",
                             parsed.positionals[1]);
   if (arguments.naming && (!gltf || arguments.splats || arguments.proxy.lod))
-    return pags_usage_error(&verb, "--naming: no effect but on proxies in a .glb or .gltf, without --lod");
+    return pags_usage_error(&verb, "--naming: only affects proxies in a .glb or .gltf, without --lod");
   if (arguments.proxy.texture && (!gltf || arguments.splats))
-    return pags_usage_error(&verb, "--texture: no effect but on proxies in a .glb or .gltf");
+    return pags_usage_error(&verb, "--texture: only affects proxies in a .glb or .gltf");
   const char *expected;
   pags_filter filter;
   const char *misspelt = pags_crop_parse(&arguments.crop, &filter, &expected);

@@ -25,20 +25,19 @@ typedef struct import_arguments {
 #define AT(member) offsetof(import_arguments, member)
 
 static const pags_option options[] = {
-    PAGS_OUTPUT(AT(output), "DATASET", "folder to write the data set to"),
+    PAGS_OUTPUT(AT(output), "DATASET", "Folder for the data set."),
     PAGS_TEXT("cameras", 0, AT(options.cameras), "LIST",
-              "waymo 0,1,2; kitti 0,1 if there; others: all but stereo pairs",
-              "cameras to import: waymo 0 front, 1 front left, 2 front right, 3 side left, 4 side right; kitti 0 "
-              "image_02, 1 image_03; the others: names such as ring_front_center, CAM_FRONT, front_camera"),
+              "waymo 0,1,2; kitti 0,1 if present; others: all except stereo pairs",
+              "Cameras to import. waymo: 0 front, 1 front left, 2 front right, 3 side left, 4 side right; kitti: 0 "
+              "image_02, 1 image_03; others: names such as ring_front_center, CAM_FRONT, front_camera."),
     PAGS_VALUE("frames", 0, SPAN, AT(options.frame_first), 0, 0, "A-B", NULL, "all",
-               "frames to import, both included; A- to the end; they count from 0 in DATASET"),
-    PAGS_TEXT(
-        "sequence", 0, AT(options.sequence), "NAME", "the only one there is",
-        "kitti: the sequence (0000), or of raw recordings the drive (0001); argoverse2: the log; nuscenes: the scene; "
-        "pandaset: the sequence (002)"),
+               "Frames to import, both ends included (A-: to the end). DATASET numbers them from 0."),
+    PAGS_TEXT("sequence", 0, AT(options.sequence), "NAME", "required if there are several",
+              "kitti: sequence (0000), or drive of a raw recording (0001); argoverse2: log; nuscenes: scene; pandaset: "
+              "sequence (002)."),
     PAGS_VALUE("pictures", 0, INT, AT(pictures), 3, 2000, "N", "photographs", "120 of a video, all of a folder",
-               "photos: take at most so many, well spread"),
-    PAGS_FLAG("overwrite", 0, AT(options.overwrite), "remove another data set's files from the folder first"),
+               "photos: maximum number of photographs, well spread."),
+    PAGS_FLAG("overwrite", 0, AT(options.overwrite), "Remove the files of another data set from the folder first."),
     PAGS_SESSION_OPTIONS(import_arguments),
     {0}};
 
@@ -53,22 +52,21 @@ enum { KIND_COUNT = sizeof kinds / sizeof kinds[0] };
 
 static const pags_positional positionals[] = {
     {"KIND",
-     "kitti: the tracking benchmark, or a synchronised raw recording; waymo: a segment of the Open Dataset v1; "
-     "argoverse2: a log of the sensor data set; nuscenes: a scene of v1.0; pandaset: a sequence; waymo2: a "
-     "segment of the Open Dataset v2 (parquet); kitti360: a drive; ncore: a sequence of NCore v4; photos: photographs "
-     "without cameras, or a video, whose cameras COLMAP finds; these seven by the Python package in "
-     "tools/recordings"},
-    {"RAW", "the recording's folder, Waymo's .tfrecord file, or a video"},
+     "kitti: tracking benchmark, or synchronised raw recording; waymo: segment of the Open Dataset v1; argoverse2: log "
+     "of the sensor data set; nuscenes: scene of v1.0; pandaset: sequence; waymo2: segment of the Open Dataset v2 "
+     "(parquet); kitti360: drive; ncore: sequence of NCore v4; photos: photographs without cameras, or a video (COLMAP "
+     "finds the cameras). All except kitti and waymo run the Python package in tools/recordings."},
+    {"RAW", "Folder of the recording, Waymo's .tfrecord file, or video."},
     {NULL, NULL}};
 
-static const pags_verb verb = {.name = "import",
-                               .usage = "KIND RAW -o DATASET [options]",
-                               .about =
-                                   "Turns a recording, or photographs without cameras, into a data set that "
-                                   "'pags train' reads. Photographs are copied byte by byte. What was stopped goes on "
-                                   "where it was when the same command is given again.",
-                               .positionals = positionals,
-                               .options = options};
+static const pags_verb verb = {
+    .name = "import",
+    .usage = "KIND RAW -o DATASET [options]",
+    .about =
+        "Convert a recording, or photographs without cameras, to a data set that 'pags train' reads. Photographs are "
+        "copied unchanged. An interrupted import resumes when the same command is run again.",
+    .positionals = positionals,
+    .options = options};
 
 /* ---- Report ---- */
 
@@ -163,7 +161,7 @@ static pags_result import(import_arguments *arguments, const struct kind *kind, 
                                           pags_progress_watch, &progress);
   pags_progress_end(&progress);
   if (result == PAGS_CANCELLED)
-    return pags_fail(result, "interrupted; the same command goes on from here");
+    return pags_fail(result, "interrupted; the same command resumes from here");
   PAGS_TRY(result);
 
   return report(arguments, kind->name, pags_seconds() - begun);
@@ -184,9 +182,9 @@ int pags_verb_import(int argc, char **argv) {
     return pags_usage_error(&verb, "KIND: expected kitti, waymo, " PAGS_FOREIGN_KINDS ", got '%s'",
                             parsed.positionals[0]);
   if (arguments.pictures && strcmp(parsed.positionals[0], "photos"))
-    return pags_usage_error(&verb, "--pictures: is for the kind photos");
+    return pags_usage_error(&verb, "--pictures: only for KIND photos");
   if (arguments.options.sequence && kind && kind->import == pags_import_waymo)
-    return pags_usage_error(&verb, "--sequence: a segment of Waymo is one sequence; give its file");
+    return pags_usage_error(&verb, "--sequence: a Waymo segment is one sequence; give its file as RAW");
   pags_result result = pags_session_begin(&arguments.session);
   if (result == PAGS_OK && foreign)
     result = pags_foreign_recording_import(parsed.positionals[0], parsed.positionals[1], arguments.output,

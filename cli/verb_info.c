@@ -42,36 +42,36 @@ typedef struct info_arguments {
 #define AT(member) offsetof(info_arguments, member)
 
 static const pags_option options[] = {
-    PAGS_FLAG(
-        "memory", 0, AT(memory),
-        "of scenes and splat files: bytes per Gaussian for storage, rendering (measured on one frame) and training"),
-    PAGS_FLAG("objects", 0, AT(objects), "of scenes: list every object"),
+    PAGS_FLAG("memory", 0, AT(memory),
+              "Scenes and splat files: print bytes per Gaussian for storage, rendering (measured on one frame) and "
+              "training."),
+    PAGS_FLAG("objects", 0, AT(objects), "Scenes: list every object."),
     PAGS_TEXT("overlay", 0, AT(overlay), "FOLDER", NULL,
-              "of driving sets: draw boxes (a cross on the front, parked objects dim) and LiDAR (red near, blue far) "
-              "onto the "
-              "photographs of "
-              "at most 20 time steps, and say how well they agree"),
+              "Driving sets: draw boxes (with a cross on the front; parked objects dim) and LiDAR (red near, blue far) "
+              "onto the photographs of at most 20 time steps, and report how well they agree."),
     PAGS_TEXT("sheet", 0, AT(sheet), "FILE", NULL,
-              "of data sets: small photographs of all cameras and a map from above as one picture (.png, .jpg)"),
-    PAGS_VALUE("downscale", 0, DOUBLE, AT(options.downscale), 1, 64, "F", "times", NULL, "of data sets: as for train"),
+              "Data sets: write a contact sheet of all cameras with a map from above (.png, .jpg)."),
+    PAGS_VALUE("downscale", 0, DOUBLE, AT(options.downscale), 1, 64, "F", "times", NULL, "Data sets: as for train."),
     PAGS_VALUE("split-every", 0, INT, AT(options.split_every), 0, 1e9, "N", "views; 0: none",
-               "as stated, else 8; driving sets 4", "of data sets: as for train"),
-    PAGS_TEXT("colmap", 0, AT(options.colmap), "FOLDER", NULL, "of data sets: as for train"),
-    PAGS_FLAG("allow-missing", 0, AT(options.allow_missing), "of data sets: as for train"),
-    PAGS_FLAG("undistort", 0, AT(options.undistort), "of data sets: as for train"),
-    PAGS_TEXT("image-folder", 0, AT(options.image_folder), "FOLDER", NULL, "of data sets: as for train"),
-    PAGS_CHOICE("image-alpha", AT(options.image_alpha), "composite|mask|ignore", NULL, "of data sets: as for train"),
+               "as the data set says, else 8; driving sets 4", "Data sets: as for train."),
+    PAGS_TEXT("colmap", 0, AT(options.colmap), "FOLDER", NULL, "Data sets: as for train."),
+    PAGS_FLAG("allow-missing", 0, AT(options.allow_missing), "Data sets: as for train."),
+    PAGS_FLAG("undistort", 0, AT(options.undistort), "Data sets: as for train."),
+    PAGS_TEXT("image-folder", 0, AT(options.image_folder), "FOLDER", NULL, "Data sets: as for train."),
+    PAGS_CHOICE("image-alpha", AT(options.image_alpha), "composite|mask|ignore", NULL, "Data sets: as for train."),
+    PAGS_GROUP("Driving sets, as for train"),
     PAGS_DRIVING_OPTIONS(AT(options)),
+    PAGS_GROUP("Splat files"),
     PAGS_READING_OPTIONS(AT(reading)),
     PAGS_SESSION_OPTIONS(info_arguments),
     {0}};
 
 static const pags_positional positionals[] = {
-    {"ANY", "a data set, scene folder, splat file, camera or path file, checkpoint or image"}, {NULL, NULL}};
+    {"ANY", "Data set, scene folder, splat file, camera or path file, checkpoint or image."}, {NULL, NULL}};
 
 static const pags_verb verb = {.name = "info",
                                .usage = "ANY [--memory] [--objects] [--overlay FOLDER] [--sheet FILE] [--json FILE|-]",
-                               .about = "Says what a file or folder is, by its content, and what it holds.",
+                               .about = "Recognise a file or folder by its content and describe it.",
                                .positionals = positionals,
                                .options = options};
 
@@ -296,8 +296,8 @@ static bool is_scene_folder(const char *path) {
   }
   if (!kind || strcmp(kind, "training output") != 0 || !capture)
     return kind != NULL;
-  pags_log_message(PAGS_LOG_INFO, "%s: a data set that holds a training output, too: render and export take that one",
-                   path);
+  pags_log_message(PAGS_LOG_INFO,
+                   "%s: a data set that also contains a training output: render and export take that one", path);
   return false;
 }
 
@@ -365,7 +365,7 @@ static pags_result describe(pags_report *report, info_arguments *arguments, cons
   if (result != PAGS_ERROR_FORMAT || splat || begins_as_splat(head))
     return result;
   char *const why = pags_text_copy(pags_error_message());
-  pags_fail(result, "%s; info takes data sets, scenes, cameras, paths, checkpoints and pictures, too",
+  pags_fail(result, "%s; info also takes data sets, scenes, cameras, paths, checkpoints and pictures",
             why ? why : path);
   free(why);
   return result;

@@ -12,19 +12,19 @@ typedef struct merge_arguments {
 } merge_arguments;
 
 static const pags_option options[] = {
-    PAGS_OUTPUT(offsetof(merge_arguments, output), "SCENE", "folder to write the scene of the whole drive to"),
+    PAGS_OUTPUT(offsetof(merge_arguments, output), "SCENE", "Folder for the scene of the whole drive."),
     PAGS_SESSION_OPTIONS(merge_arguments),
     {0}};
 
 static const pags_positional positionals[] = {
-    {"BLOCKS", "what pags split wrote, with the scene of each block in BLOCKS/000/scene and so on"}, {NULL, NULL}};
+    {"BLOCKS", "Folder written by pags split, with the scene of each block in BLOCKS/000/scene, ..."}, {NULL, NULL}};
 
 static const pags_verb verb = {
     .name = "merge",
     .usage = "BLOCKS -o SCENE [options]",
     .about =
-        "Puts the scenes of the blocks together. Of each block what lies nearest to its own stretch of the drive is "
-        "kept; a moving object comes whole from the block that sees most of it.",
+        "Merge the scenes of all blocks. Each block contributes the Gaussians nearest to its own stretch of the drive; "
+        "a moving object comes entirely from the block that sees most of it.",
     .positionals = positionals,
     .options = options};
 
@@ -38,12 +38,11 @@ static pags_result merge(merge_arguments *arguments, const char *folder) {
   if (result == PAGS_CANCELLED)
     return pags_fail(result, "interrupted; nothing was written");
   PAGS_TRY(result);
-  pags_say(
-      &arguments->session,
-      "%s: %lld Gaussians of %d blocks, without %lld that stood for what lies beyond their block; %lld views, %lld "
-      "objects, %lld of them with a model of their own\n",
-      arguments->output, (long long)facts.gaussians, facts.blocks, (long long)facts.ghosts, (long long)facts.views,
-      (long long)facts.objects, (long long)facts.object_models);
+  pags_say(&arguments->session,
+           "%s: %lld Gaussians of %d blocks, without %lld that imitated the view beyond their block; %lld views, %lld "
+           "objects, %lld of them with a model of their own\n",
+           arguments->output, (long long)facts.gaussians, facts.blocks, (long long)facts.ghosts, (long long)facts.views,
+           (long long)facts.objects, (long long)facts.object_models);
   pags_json_writer w;
   pags_json_writer_init(&w, 2);
   pags_json_begin_object(&w, NULL);

@@ -51,100 +51,107 @@ typedef struct render_arguments {
 #define AT(member) offsetof(render_arguments, member)
 
 static const pags_option options[] = {
-    PAGS_OUTPUT(AT(output), "FOLDER", "folder for the pictures, made if missing; files of the same name are replaced"),
+    PAGS_OUTPUT(AT(output), "FOLDER",
+                "Folder for the pictures; created if missing. Files of the same name are replaced."),
 
-    PAGS_GROUP("What to draw (one of --split, --path and --camera; default --path orbit)"),
-    PAGS_CHOICE("split", AT(split), "train|test|all", "", "the scene's training views, its held-out views, or both"),
-    PAGS_TEXT(
-        "path", 0, AT(path), "FILE|orbit|ego", "orbit",
-        "a path file; orbit: round the scene; ego: smoothly through the training views, or along the drive that was "
-        "recorded, time running"),
-    PAGS_TEXT("camera", 0, AT(camera), "FILE", NULL, "a camera file"),
+    PAGS_GROUP("Views (one of --split, --path and --camera; default --path orbit)"),
+    PAGS_CHOICE("split", AT(split), "train|test|all", "",
+                "Render the scene's training views, its held-out views, or both."),
+    PAGS_TEXT("path", 0, AT(path), "FILE|orbit|ego", "orbit",
+              "Render a camera path: a path file; orbit: around the scene; ego: along the training views, smoothed, or "
+              "along the recorded drive, with time running."),
+    PAGS_TEXT("camera", 0, AT(camera), "FILE", NULL, "Render the view of a camera file."),
     PAGS_CHOICE("stand", AT(stand), "auto|around|inside", NULL,
-                "of orbit: from outside, or from within a room; auto: near the photographs' cameras, else what fits"),
-    PAGS_VALUE("frames", 'n', INT64, AT(frames), 1, 1e6, "N", NULL, "120; a drive: as recorded",
-               "frames of orbit and ego"),
-    PAGS_VALUE("fps", 0, DOUBLE, AT(fps), 1e-3, 1e4, "F", "frames a second", "as recorded",
-               "of ego along a drive, in place of --frames"),
+                "Orbit: around the scene from outside, or inside a room; auto: near the training cameras, else "
+                "whichever fits."),
+    PAGS_VALUE("frames", 'n', INT64, AT(frames), 1, 1e6, "N", NULL, "120; drives: as recorded",
+               "Number of frames of orbit and ego."),
+    PAGS_VALUE("fps", 0, DOUBLE, AT(fps), 1e-3, 1e4, "F", "frames/s", "as recorded",
+               "Frame rate of ego along a drive, instead of --frames."),
     PAGS_VALUE("shift", 0, DOUBLE, AT(shift), 0, 0, "METRES", "metres", "0",
-               "of ego: cameras so far to their right, negative to their left"),
-    PAGS_VALUE("time", 0, DOUBLE, AT(time), 0, PAGS_UNLIMITED, "T", "seconds since the scene's begin", "the views'",
-               "draw everything as it was then, whatever the time of the views"),
+               "Ego: offset of the cameras to their right; negative: to their left."),
+    PAGS_VALUE("time", 0, DOUBLE, AT(time), 0, PAGS_UNLIMITED, "T", "seconds since the start of the scene",
+               "each view's own", "Render all views at this time instead of their own."),
     PAGS_TEXT("dataset", 0, AT(dataset), "DATASET", NULL,
-              "take the views of --split from this data set in place of the scene's own"),
+              "Take the views of --split from this data set instead of the scene."),
     PAGS_VALUE("split-every", 0, INT, AT(dataset_options.split_every), 0, 1e9, "N", "views; 0: none",
-               "as stated, else 8; driving sets 4", "with --dataset: every Nth is held out"),
-    PAGS_TEXT("colmap", 0, AT(dataset_options.colmap), "FOLDER", NULL, "with --dataset: use this COLMAP model"),
+               "as the data set says, else 8; driving sets 4", "With --dataset: hold out every Nth view."),
+    PAGS_TEXT("colmap", 0, AT(dataset_options.colmap), "FOLDER", NULL,
+              "With --dataset: read cameras from this COLMAP model."),
     PAGS_FLAG("allow-missing", 0, AT(dataset_options.allow_missing),
-              "with --dataset: leave out views whose photograph is missing"),
+              "With --dataset: skip views whose photograph is missing."),
     PAGS_TEXT("image-folder", 0, AT(dataset_options.image_folder), "FOLDER", NULL,
-              "with --dataset: its photographs are in this folder"),
-    PAGS_VALUE("downscale", 0, DOUBLE, AT(downscale), 1, 64, "F", "times", NULL, "shrink the pictures"),
-    PAGS_CHOICE("shutter", AT(shutter), "global|rolling", "as the cameras have it",
-                "read all lines at once, or one after another as the scene's cameras do"),
+              "With --dataset: folder of its photographs."),
+    PAGS_VALUE("downscale", 0, DOUBLE, AT(downscale), 1, 64, "F", "times", NULL,
+               "Downscale the pictures by this factor."),
+    PAGS_CHOICE("shutter", AT(shutter), "global|rolling", "as in the cameras",
+                "Expose all lines at the same time, or one after another as the scene's cameras do."),
 
-    PAGS_GROUP("Reading"),
+    PAGS_GROUP("Input"),
     PAGS_READING_OPTIONS(AT(reading)),
 
     PAGS_GROUP("Files"),
-    PAGS_CHOICE("format", AT(format), "png|exr", NULL, "png: rounded; exr: float32, display-referred sRGB as it is"),
-    PAGS_VALUE("bits", 0, INT, AT(bits), 8, 16, "8|16", "bits a channel", NULL, "of png"),
+    PAGS_CHOICE("format", AT(format), "png|exr", NULL, "png: rounded to --bits; exr: float32, display-referred sRGB."),
+    PAGS_VALUE("bits", 0, INT, AT(bits), 8, 16, "8|16", "bits per channel", NULL, "Bit depth of PNG files."),
     PAGS_TEXT(
         "channel", 0, AT(channels), "LIST", NULL,
-        "color, alpha, depth (metres), id, object, priority, normal (of depth, world axes), heat (priority as "
-        "colours), crypto-object, crypto-class (Cryptomattes), expected-normal (of Gaussians), motion (of a path, to "
-        "the picture before and after), count (of Gaussians blended), overdraw (of those computed for the pixel), "
-        "separated by commas; each to its own file: NAME.png, NAME_alpha.png, NAME_depth.exr, ...; all but color, "
-        "alpha "
-        "and heat, which is png, are always exr; object brings objects.json along, which says which number is which "
-        "object; unless --format exr, priority brings heat along"),
+        "Channels to write, separated by commas: color, alpha, depth (metres), id, object, priority, normal (of depth, "
+        "world axes), heat (priority as colours), crypto-object and crypto-class (Cryptomatte), expected-normal (mean "
+        "of the Gaussians' normals), motion (--path only: to the frame before and after), count (Gaussians blended per "
+        "pixel), overdraw (Gaussians evaluated per pixel). Each has its own file: NAME.png, NAME_alpha.png, "
+        "NAME_depth.exr, ... Only color, alpha and heat can be PNG; heat always is. With object, objects.json lists "
+        "the object of each number. With priority, heat is written too, unless --format exr."),
 
-    PAGS_GROUP("Objects (OBJECT: an id as pags info --objects lists them, or class:vehicle, ...)"),
+    PAGS_GROUP("Objects (OBJECT: an id listed by pags info --objects, or class:vehicle, ...)"),
     PAGS_EDIT_OPTIONS(AT(edits)),
     PAGS_CROP_OPTIONS(AT(crop)),
 
     PAGS_GROUP("Picture"),
     PAGS_FLAG("no-exposure", 0, AT(exposure),
-              "the scene's colours as they are; without it views of --split and frames of a drive are exposed as the "
-              "camera that took them"),
-    PAGS_VALUE("background", 0, COLOR, AT(background), 0, 0, "R,G,B", "sRGB, 0..1", "the scene's",
-               "colour behind everything"),
+              "Render without the exposure of the cameras. By default, views of --split and frames of a drive have the "
+              "exposure of their camera."),
+    PAGS_VALUE("background", 0, COLOR, AT(background), 0, 0, "R,G,B", "sRGB, 0..1", "as in the scene",
+               "Background colour."),
     PAGS_FLAG("antialiased", 0, AT(antialiased),
-              "scale opacities by what the low-pass takes, also where the scene doesn't ask for it"),
-    PAGS_FLAG("no-antialiased", 0, AT(antialiased), "don't, even where the scene asks for it"),
-    PAGS_VALUE("low-pass", 0, FLOAT, AT(low_pass), 0, 100, "V", "px^2", "the training's, else 0.3",
-               "added to both variances on the screen"),
-    PAGS_VALUE("near", 0, FLOAT, AT(near_plane), 1e-6, PAGS_UNLIMITED, "Z", "metres", "the training's, else 0.01",
-               "don't draw Gaussians nearer than this"),
-    PAGS_VALUE("sh-degree", 0, INT, AT(sh_degree), 0, 3, "0..3", NULL, NULL, "highest degree of colour used"),
+              "Compensate opacities for the low-pass filter (the 2D filter of Mip-Splatting), even if the scene wasn't "
+              "trained so."),
+    PAGS_FLAG("no-antialiased", 0, AT(antialiased), "Don't compensate, even if the scene was trained so."),
+    PAGS_VALUE("low-pass", 0, FLOAT, AT(low_pass), 0, 100, "V", "px^2", "as in training, else 0.3",
+               "Variance added to both axes of each projected Gaussian."),
+    PAGS_VALUE("near", 0, FLOAT, AT(near_plane), 1e-6, PAGS_UNLIMITED, "Z", "metres", "as in training, else 0.01",
+               "Skip Gaussians nearer than this."),
+    PAGS_VALUE("sh-degree", 0, INT, AT(sh_degree), 0, 3, "0..3", NULL, NULL,
+               "Maximum degree of the spherical harmonics of colour."),
     PAGS_CHOICE("exp-degree", AT(exp_degree), "3|5", NULL,
-                "degree of the polynomial behind exp: 3 is faster (7.5e-5 relative error), 5 exact to 4e-7"),
+                "Degree of the polynomial for exp: 3 is faster (relative error 7.5e-5), 5 more accurate (4e-7)."),
     PAGS_TEXT("early-z", 0, AT(early_z), "off|lossless|bounded[=EPS]|paper", NULL,
-              "leave out what is hidden before it is read, shaded, sorted or binned. lossless: the same bits as off; "
-              "bounded: a pixel counts as full when no more than EPS (default 1/255) of what lies behind would show; "
-              "paper: draw nothing behind what is critical and opaque, at a loss"),
+              "Skip hidden Gaussians before they are read, shaded, sorted or binned. lossless: bit-identical to off. "
+              "bounded: a pixel is full when everything behind it would change it by at most EPS (default 1/255). "
+              "paper: draw nothing behind opaque critical Gaussians; less accurate."),
     PAGS_CHOICE("order", AT(order), "depth|paper", NULL,
-                "paper: everything critical in front of the rest, as the paper sorts; blends wrongly"),
-    PAGS_VALUE("budget-ms", 0, DOUBLE, AT(budget_ms), 0.1, 1e6, "T", "milliseconds a frame", "none",
-               "keep within this time: critical Gaussians at full quality but for a few grey levels, the rest reduced "
-               "as much as needed; every eighth frame is held "
-               "against full quality. What is drawn then depends on how fast this machine is"),
-    PAGS_FLAG("packed", 0, AT(packed),
-              "draw from the packed form: less memory, rounded as docs/splat-files.md says (a packed file always is)"),
+                "Blending order: depth; paper: all critical Gaussians first, as in arXiv:2510.12282, which blends "
+                "incorrectly."),
+    PAGS_VALUE(
+        "budget-ms", 0, DOUBLE, AT(budget_ms), 0.1, 1e6, "T", "milliseconds per frame", "none",
+        "Time limit per frame: critical Gaussians keep full quality within a few grey levels, the rest is reduced as "
+        "needed. Every eighth frame is compared with full quality. The pictures depend on the speed of this machine."),
+    PAGS_FLAG(
+        "packed", 0, AT(packed),
+        "Render from the packed form: less memory, rounded values (docs/splat-files.md). Packed files always are."),
     PAGS_SESSION_OPTIONS(render_arguments),
     {0}};
 
 static const pags_positional positionals[] = {
-    {"SCENE", "a scene folder, or a splat file: .ply (also compressed), .spz, .splat, .pagsz (mapped, not read)"},
+    {"SCENE", "Scene folder, or splat file: .ply (also compressed), .spz, .splat, .pagsz (memory-mapped)."},
     {NULL, NULL}};
 
 static const pags_verb verb = {
     .name = "render",
     .usage = "SCENE [--split train|test|all | --path FILE|orbit|ego | --camera FILE] -o FOLDER [options]",
     .about =
-        "Draws a scene or a splat file. Pictures are named as the photographs of their views, or 00000, 00001, ... "
-        "With "
-        "--json: milliseconds by stage and counts of every frame, pairs counted, which costs some per cent of speed.",
+        "Render pictures of a scene or a splat file. Pictures are named after the photographs of their views, or "
+        "00000, 00001, ... --json adds milliseconds per stage and counts for every frame; counting costs a few per "
+        "cent of speed.",
     .positionals = positionals,
     .options = options};
 
@@ -431,9 +438,9 @@ static pags_result open_packed(renderer *self, const pags_parsed *parsed, pags_e
   const char *expected;
   pags_crop_parse(&self->arguments->crop, &filter, &expected);
   if (pags_filter_is_set(&filter))
-    return pags_fail(
-        PAGS_ERROR_UNSUPPORTED,
-        "%s: a packed file is drawn as it is; crop when it is exported (pags export with the same options)", path);
+    return pags_fail(PAGS_ERROR_UNSUPPORTED,
+                     "%s: a packed file can't be cropped; give the same options to pags export when you write it",
+                     path);
   if (!self->arguments->camera && (!strcmp(way, "orbit") || !strcmp(way, "ego")))
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: a packed file has no views: expected --camera FILE or --path FILE",
                      path);
@@ -539,7 +546,7 @@ static pags_result render(renderer *self, const pags_parsed *parsed, unsigned ch
   if (self->report)
     pags_deadline_report_print(&self->deadline, &self->arguments->session);
   if (self->packed)
-    pags_say(&self->arguments->session, "packed: %.1f MB, %.1f bytes a Gaussian\n",
+    pags_say(&self->arguments->session, "packed: %.1f MB, %.1f bytes per Gaussian\n",
              (double)pags_composition_bytes(self->composition) * 1e-6,
              count ? (double)pags_composition_bytes(self->composition) / (double)count : 0.0);
 
@@ -585,15 +592,15 @@ static int check_usage(const render_arguments *arguments, const pags_parsed *par
     return pags_usage_error(&verb, "--budget-ms excludes --early-z paper and --order paper");
   if (arguments->budget_ms > 0 && pags_ranks())
     return pags_usage_error(&verb,
-                            "--budget-ms: a frame's quality follows from the times of those before it: expected "
-                            "one process, and mpirun started several");
+                            "--budget-ms: requires one process, since the quality of a frame depends on the times of "
+                            "earlier frames; mpirun started several");
   if (*channels & PAGS_CHANNELS_PASSES && (arguments->budget_ms > 0 || early_z.early_z == PAGS_EARLY_Z_PAPER))
     return pags_usage_error(
         &verb,
         "--channel crypto-object, crypto-class, expected-normal, motion, count and overdraw exclude --budget-ms and "
         "--early-z paper");
   if (*channels >> PAGS_CHANNEL_MOTION & 1 && (pags_option_given(parsed, "split") || arguments->camera))
-    return pags_usage_error(&verb, "--channel motion: needs pictures one after another: expected --path in place of %s",
+    return pags_usage_error(&verb, "--channel motion: requires consecutive pictures: expected --path instead of %s",
                             arguments->camera ? "--camera" : "--split");
   if (*channels >> PAGS_CHANNEL_PRIORITY & 1 && arguments->format == PAGS_PICTURE_PNG)
     *channels |= 1u << PAGS_CHANNEL_HEAT;

@@ -22,16 +22,17 @@ typedef struct report_arguments {
 #define AT(member) offsetof(report_arguments, member)
 
 static const pags_option options[] = {
-    PAGS_TEXT("output", 'o', AT(output), "FILE", "SCENE/report.html", "write the page to this file; needed for two"),
+    PAGS_TEXT("output", 'o', AT(output), "FILE", "SCENE/report.html", "Output file; required for two scenes."),
     PAGS_VALUE("views", 0, INT64, AT(pictures), 0, 1000, "N", "views", NULL,
-               "show so many of the held-out views as pictures, evenly spread; all are measured"),
+               "Number of held-out views shown as pictures, evenly spaced; all are measured."),
 
-    PAGS_GROUP("The photographs"),
-    PAGS_TEXT("dataset", 0, AT(dataset), "DATASET", "as the scene says",
-              "compare with the photographs of this data set"),
-    PAGS_TEXT("colmap", 0, AT(dataset_options.colmap), "FOLDER", NULL, "with --dataset: use this COLMAP model"),
-    PAGS_TEXT("image-folder", 0, AT(dataset_options.image_folder), "FOLDER", "the training's",
-              "take the photographs from this folder"),
+    PAGS_GROUP("Photographs"),
+    PAGS_TEXT("dataset", 0, AT(dataset), "DATASET", "as stored in the scene",
+              "Compare with the photographs of this data set."),
+    PAGS_TEXT("colmap", 0, AT(dataset_options.colmap), "FOLDER", NULL,
+              "With --dataset: read cameras from this COLMAP model."),
+    PAGS_TEXT("image-folder", 0, AT(dataset_options.image_folder), "FOLDER", "as in training",
+              "Read the photographs from this folder."),
 
     PAGS_GROUP("Driving sets, as for train"),
     PAGS_DRIVING_OPTIONS(AT(dataset_options)),
@@ -39,16 +40,16 @@ static const pags_option options[] = {
     {0}};
 
 static const pags_positional positionals[] = {
-    {"SCENE", "a scene folder, or a splat file"}, {"[OTHER]", "another one, to be shown beside it"}, {NULL, NULL}};
+    {"SCENE", "Scene folder or splat file."}, {"[OTHER]", "Another scene, for comparison."}, {NULL, NULL}};
 
 static const pags_verb verb = {
     .name = "report",
     .usage = "SCENE [OTHER] [-o FILE] [options]",
     .about =
-        "Writes one HTML page that needs no other file and no script: figures and curves of the training, held-out "
-        "views with photograph, rendering and error, classes and objects, what was modelled and why, histograms, time "
-        "by stage, command line. Of two scenes: side by side. What isn't there, as a log or photographs, is said to be "
-        "left out.",
+        "Write one HTML page without scripts or other files: figures and curves of the training, held-out views "
+        "(photograph, rendering, error), classes and objects, how each object was modelled, histograms, time per "
+        "stage, command line. Two scenes are shown side by side. The page names missing inputs, such as the log or the "
+        "photographs.",
     .positionals = positionals,
     .options = options};
 
@@ -92,7 +93,7 @@ static pags_result write_report(report_arguments *arguments, char *const *paths,
                                               .cancel = pags_interrupt_flag()};
   if (!arguments->output && !pags_dir_exists(paths[0]))
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: %s; expected a scene folder, or -o FILE", paths[0],
-                     pags_path_exists(paths[0]) ? "a file, in which no page can be written" : "no such folder");
+                     pags_path_exists(paths[0]) ? "a file, not a folder" : "no such folder");
   char *output = arguments->output ? pags_text_copy(arguments->output) : pags_path_join(paths[0], "report.html");
   pags_result result = output ? pags_prepare_file(&arguments->session, output) : pags_out_of_memory("a path");
   pags_interrupt_install(arguments->session.tasks);
@@ -100,7 +101,7 @@ static pags_result write_report(report_arguments *arguments, char *const *paths,
     result = pags_html_report_write(&settings, output, facts);
   pags_progress_end(&progress);
   if (result != PAGS_OK && pags_interrupted())
-    result = pags_fail(PAGS_CANCELLED, "interrupted; %s isn't written", output);
+    result = pags_fail(PAGS_CANCELLED, "interrupted; %s wasn't written", output);
   if (result == PAGS_OK) {
     for (int k = 0; k < count; k++)
       pags_say(&arguments->session, "%s: %lld of %lld views measured, %lld shown\n", paths[k],
@@ -125,7 +126,7 @@ int pags_verb_report(int argc, char **argv) {
     return pags_usage_error(&verb, "%s: no effect without %s", names, idle->needs);
   const int count = parsed.positionals[1] ? 2 : 1;
   if (count == 2 && !arguments.output)
-    return pags_usage_error(&verb, "two scenes: expected -o FILE, where to write the page");
+    return pags_usage_error(&verb, "two scenes: expected -o FILE, the page to write");
   char *paths[2] = {folder_of(parsed.positionals[0]), count == 2 ? folder_of(parsed.positionals[1]) : NULL};
   pags_result result = pags_session_begin(&arguments.session);
   if (result == PAGS_OK && (!paths[0] || (count == 2 && !paths[1])))

@@ -35,31 +35,31 @@ typedef struct split_arguments {
 #define AT(member) offsetof(split_arguments, member)
 
 static const pags_option options[] = {
-    PAGS_OUTPUT(AT(output), "BLOCKS", "folder to write the blocks to"),
+    PAGS_OUTPUT(AT(output), "BLOCKS", "Folder for the blocks."),
     {"length", 0, true, PAGS_OPTION_DOUBLE, AT(length), 1, 1e7, "M", "metres", NULL,
-     "cut the drive into as few equal blocks as are no longer than this", NULL},
+     "Maximum length of a block; all blocks are equally long.", NULL},
     PAGS_VALUE("overlap", 0, DOUBLE, AT(overlap), 0, 1e6, "M", "metres", NULL,
-               "train each block on so much of the drive before it and after it, too"),
-    PAGS_GROUP("The recording, for all blocks"),
+               "Also train each block on this length of the drive before and after it."),
+    PAGS_GROUP("Recording (applies to all blocks)"),
     PAGS_VALUE("split-every", 0, INT, AT(dataset.split_every), 0, 1e9, "N", NULL, "4",
-               "hold out every Nth time step; 0: none"),
-    PAGS_FLAG("reconstruction", 0, AT(reconstruction), "hold nothing out: train on every photograph"),
-    PAGS_FLAG("allow-missing", 0, AT(dataset.allow_missing), "leave out views whose photograph or pose is missing"),
+               "Hold out every Nth time step; 0: none."),
+    PAGS_FLAG("reconstruction", 0, AT(reconstruction), "Train on every photograph; hold out none."),
+    PAGS_FLAG("allow-missing", 0, AT(dataset.allow_missing), "Skip views whose photograph or pose is missing."),
     PAGS_DRIVING_OPTIONS(AT(dataset)),
     PAGS_SESSION_OPTIONS(split_arguments),
     {0}};
 
-static const pags_positional positionals[] = {{"DATASET", "a driving set"}, {NULL, NULL}};
+static const pags_positional positionals[] = {{"DATASET", "Driving set."}, {NULL, NULL}};
 
 static const pags_verb verb = {
     .name = "split",
     .usage = "DATASET -o BLOCKS --length M [options]",
     .about =
-        "Cuts a long drive into blocks BLOCKS/000, BLOCKS/001, ..., which overlap and name the drive's own files "
-        "instead of copying them. Train each by itself (pags train BLOCKS/000 -o BLOCKS/000/scene), here or on "
-        "other machines, and put the scenes together with pags merge. First a small scene of the whole drive is "
-        "trained into BLOCKS/whole, which gives all blocks one sky and one exposure. Ctrl-C saves that training; "
-        "the same command goes on with it.",
+        "Split a long drive into overlapping blocks BLOCKS/000, BLOCKS/001, ..., which refer to the drive's files "
+        "instead of copying them. Train each one separately (pags train BLOCKS/000 -o BLOCKS/000/scene), here or on "
+        "other machines, and merge the scenes with pags merge. First, a small scene of the whole drive is trained into "
+        "BLOCKS/whole, which gives all blocks the same sky and exposure. Ctrl-C saves that training; the same command "
+        "resumes it.",
     .positionals = positionals,
     .options = options};
 
@@ -111,7 +111,8 @@ static pags_result train_whole(split_arguments *arguments, const pags_dataset *s
   pags_progress_end(&progress);
   PAGS_TRY(status);
   if (!result.finished)
-    return pags_fail(PAGS_CANCELLED, "interrupted after step %lld of the whole drive's scene; the same command goes on",
+    return pags_fail(PAGS_CANCELLED,
+                     "interrupted after step %lld of the whole drive's scene; the same command resumes it",
                      (long long)result.iterations);
   char time[32];
   pags_say(&arguments->session, "%s: %lld Gaussians after %lld steps in %s\n", folder, (long long)result.gaussians,
@@ -147,7 +148,7 @@ static pags_result make_whole(split_arguments *arguments, const char *path, int 
   bool finished = false;
   pags_result result = checkpoint ? find_finished(folder, &finished) : pags_out_of_memory("a path");
   if (result == PAGS_OK && finished) {
-    pags_say(&arguments->session, "%s: taken as it is\n", folder);
+    pags_say(&arguments->session, "%s: finished earlier, used unchanged\n", folder);
   } else if (result == PAGS_OK) {
     pags_dataset *small = NULL;
     result = open_small(arguments, path, width, &small);
@@ -173,9 +174,10 @@ static pags_result begin_folder(pags_session *session, const char *folder, const
   if (pags_folder_has(folder, "split.json")) {
     pags_result result = pags_blocks_load(folder, &there);
     if (result == PAGS_OK && strcmp(there.id, split->id) != 0)
-      result = pags_fail(PAGS_ERROR_ARGUMENT,
-                         "%s: holds another split: %d blocks of %.1f m of %s; give another folder, or remove it",
-                         folder, there.count, there.block, there.recording);
+      result =
+          pags_fail(PAGS_ERROR_ARGUMENT,
+                    "%s: holds another split: %d blocks of %.1f m of %s; choose another folder, or remove this one",
+                    folder, there.count, there.block, there.recording);
     pags_blocks_destroy(&there);
     PAGS_TRY(result);
   } else if (!empty) {
@@ -189,7 +191,7 @@ static pags_result begin_folder(pags_session *session, const char *folder, const
 }
 
 static void say_blocks(const split_arguments *arguments, const pags_dataset *dataset, const pags_blocks *split) {
-  pags_say(&arguments->session, "%s: %.1f m in %d blocks of %.1f m, with %.1f m more at either end\n",
+  pags_say(&arguments->session, "%s: %.1f m in %d blocks of %.1f m, with %.1f m more at each end\n",
            pags_dataset_path(dataset), split->length, split->count, split->block, split->overlap);
   for (int b = 0; b < split->count; b++)
     pags_say(&arguments->session, "  %03d: time steps %d to %d, trained on %d to %d\n", b, split->ranges[b].own_first,
@@ -225,7 +227,8 @@ static pags_result split_set(split_arguments *arguments, const char *path, const
   PAGS_TRY(pags_blocks_plan(dataset, arguments->length, arguments->overlap, split));
   say_blocks(arguments, dataset, split);
   if (split->count == 1)
-    pags_say(&arguments->session, "one block is the whole drive: training it as it is gives the same\n");
+    pags_say(&arguments->session,
+             "one block is the whole drive: training the data set without pags split gives the same result\n");
   PAGS_TRY(pags_session_check(&arguments->session));
   PAGS_TRY(begin_folder(&arguments->session, arguments->output, split));
   int width = 1;
@@ -235,7 +238,7 @@ static pags_result split_set(split_arguments *arguments, const char *path, const
   }
   PAGS_TRY(make_whole(arguments, path, width));
   PAGS_TRY(pags_blocks_write(split, arguments->output, &arguments->dataset, "../whole"));
-  pags_say(&arguments->session, "now: pags train %s/000 -o %s/000/scene, and so on; then pags merge %s -o SCENE\n",
+  pags_say(&arguments->session, "next: pags train %s/000 -o %s/000/scene, and so on; then pags merge %s -o SCENE\n",
            arguments->output, arguments->output, arguments->output);
   return write_json(arguments, split);
 }

@@ -26,43 +26,44 @@ typedef struct synth_arguments {
 #define AT(member) offsetof(synth_arguments, member)
 
 static const pags_option options[] = {
-    PAGS_OUTPUT(AT(output), "FOLDER", "folder to write the data set, or the town's scene, to"),
-    PAGS_FLAG("overwrite", 0, AT(overwrite), "write into a folder that is not empty"),
-    PAGS_TEXT("size", 0, AT(size), "WxH", "street 480x270, town 960x540", "width and height of each picture, pixels"),
-    PAGS_VALUE("samples", 0, INT, AT(samples), 1, 1024, "N", "rays a pixel", "8",
-               "of a street: more give smoother edges"),
-    PAGS_VALUE("seed", 0, UINT64, AT(seed), 0, 0, "N", NULL, NULL, "of everything that is drawn by chance"),
-    PAGS_GROUP("Of a street"),
+    PAGS_OUTPUT(AT(output), "FOLDER", "Folder for the data set or the town's scene."),
+    PAGS_FLAG("overwrite", 0, AT(overwrite), "Write into a folder that isn't empty."),
+    PAGS_TEXT("size", 0, AT(size), "WxH", "street 480x270, town 960x540",
+              "Width and height of each picture in pixels."),
+    PAGS_VALUE("samples", 0, INT, AT(samples), 1, 1024, "N", "rays per pixel", "8",
+               "Street: more samples give smoother edges."),
+    PAGS_VALUE("seed", 0, UINT64, AT(seed), 0, 0, "N", NULL, NULL, "Seed of all random numbers."),
+    PAGS_GROUP("Street"),
     PAGS_VALUE("frames", 0, INT, AT(frames), 1, 10000, "N", "time steps", "street 40, town 24",
-               "driven along the street, about a metre each; of a town: evenly along its middle street"),
-    PAGS_VALUE("fps", 0, DOUBLE, AT(street.fps), 0.1, 1000, "R", "frames a second", NULL,
-               "rate of recording, at about 10 m/s"),
-    PAGS_VALUE("cameras", 0, INT, AT(street.cameras), 1, 3, "N", NULL, NULL, "front; and front left; and front right"),
+               "Number of time steps. Street: about one metre each; town: evenly spaced along its middle street."),
+    PAGS_VALUE("fps", 0, DOUBLE, AT(street.fps), 0.1, 1000, "R", "frames/s", NULL, "Recording rate, at about 10 m/s."),
+    PAGS_VALUE("cameras", 0, INT, AT(street.cameras), 1, 3, "N", NULL, NULL,
+               "Number of cameras: front; front left; front right."),
     PAGS_VALUE("objects", 0, INT, AT(street.objects), 0, 64, "N", NULL, NULL,
-               "cars, pedestrians and cyclists that move"),
-    PAGS_VALUE("lidar-points", 0, INT64, AT(street.lidar_points), 0, 1e6, "N", "rays", NULL, "of each sweep"),
-    PAGS_VALUE("lidar-noise", 0, DOUBLE, AT(street.lidar_noise), 0, 10, "M", "metres", NULL, "sigma of each range"),
+               "Number of moving cars, pedestrians and cyclists."),
+    PAGS_VALUE("lidar-points", 0, INT64, AT(street.lidar_points), 0, 1e6, "N", "rays", NULL, "LiDAR rays per sweep."),
+    PAGS_VALUE("lidar-noise", 0, DOUBLE, AT(street.lidar_noise), 0, 10, "M", "metres", NULL,
+               "Standard deviation of the error of each range."),
     PAGS_VALUE("pose-noise", 0, DOUBLE, AT(street.pose_noise), 0, 10, "M", "metres", NULL,
-               "sigma of the error put on x and y of each box of what moves"),
+               "Standard deviation of the error added to x and y of the boxes of moving objects."),
     PAGS_VALUE("yaw-noise", 0, DOUBLE, AT(street.yaw_noise), 0, 180, "A", "degrees", NULL,
-               "sigma of the error put on its yaw"),
-    PAGS_FLAG("lively", 0, AT(street.lively), "let the car brake, speed up and swerve"),
-    PAGS_FLAG("no-shifts", 0, AT(street.shifts), "leave out the true pictures from 1, 2, 3 m to the right and 1 m up"),
+               "Standard deviation of the error added to their yaw."),
+    PAGS_FLAG("lively", 0, AT(street.lively), "Make the recording car brake, accelerate and swerve."),
+    PAGS_FLAG("no-shifts", 0, AT(street.shifts),
+              "Don't write the ground-truth pictures from 1, 2 and 3 m to the right and 1 m up."),
     {.name = "fault",
      .type = PAGS_OPTION_WORDS,
      .offset = AT(faults),
      .metavar = "NAME=VALUE",
-     .help =
-         "what is wrong with the cameras; may be repeated. rolling-down, -up, -right, -left: seconds to read a picture "
-         "that way; delay: sigma of how late each camera is, seconds; position, angle: error of the car's pose, metres "
-         "and degrees; mount-position, mount-angle: of each camera's in the car; vignette: share of light lost in "
-         "the corners; response: exponent less 1; distortion: k1; "
-         "fisheye: degrees across"},
-    PAGS_GROUP("Of a town"),
+     .help = "Fault of the cameras; repeatable. rolling-down, -up, -right, -left: readout time in that direction, "
+             "seconds; delay: standard deviation of each camera's delay, seconds; position, angle: pose error of the "
+             "car, metres and degrees; mount-position, mount-angle: error of each camera's mounting; vignette: share "
+             "of light lost in the corners; response: exponent less 1; distortion: k1; fisheye: degrees across."},
+    PAGS_GROUP("Town"),
     PAGS_VALUE("gaussians", 0, INT64, AT(town.gaussians), 1000, 2e8, "N", "Gaussians", NULL,
-               "at density 1; the town is as large as they cover"),
+               "Number at density 1; it determines the size of the town."),
     PAGS_VALUE("density", 0, DOUBLE, AT(town.density), 0.05, 20, "F", "times", NULL,
-               "so many times the Gaussians on the same surfaces; 1: 150 a square metre, as trained streets have"),
+               "Multiply the Gaussians on the same surfaces; 1: 150 per square metre, as in trained streets."),
     PAGS_SESSION_OPTIONS(synth_arguments),
     {0}};
 
@@ -100,12 +101,11 @@ static void tell_street(const synth_arguments *a, double seconds, pags_json_writ
 
 static void tell_town(const synth_arguments *a, double seconds, pags_json_writer *json) {
   const pags_town_facts *f = &a->town_facts;
-  pags_say(
-      &a->session,
-      "%s: %lld Gaussians, %d streets and %d blocks on %.0f x %.0f m, %.0f a square metre seen, %d views of %dx%d, in "
-      "%.1f s\n",
-      a->output, (long long)f->gaussians, f->streets, f->blocks, f->length, f->breadth,
-      (double)f->gaussians / f->square_metres, 3 * a->town.frames, a->town.width, a->town.height, seconds);
+  pags_say(&a->session,
+           "%s: %lld Gaussians, %d streets and %d blocks on %.0f x %.0f m, %.0f per visible square metre, %d views of "
+           "%dx%d, in %.1f s\n",
+           a->output, (long long)f->gaussians, f->streets, f->blocks, f->length, f->breadth,
+           (double)f->gaussians / f->square_metres, 3 * a->town.frames, a->town.width, a->town.height, seconds);
   pags_json_put_integer(json, "gaussians", f->gaussians);
   pags_json_put_integer(json, "streets", f->streets);
   pags_json_put_integer(json, "blocks", f->blocks);
@@ -130,20 +130,16 @@ static const struct kind {
 enum { KIND_COUNT = sizeof kinds / sizeof kinds[0] };
 
 static const pags_positional positionals[] = {
-    {"KIND", "street: seen from a car that drives along it; town: a scene of Gaussians on streets and houses"},
-    {NULL, NULL}};
+    {"KIND", "street: recorded by a driving car; town: a scene of Gaussians on streets and houses."}, {NULL, NULL}};
 
 static const pags_verb verb = {
     .name = "synth",
     .usage = "KIND -o FOLDER [options]",
     .about =
-        "Writes scenes with known truth. A street: a driving set in drivestudio's layout, ray-traced, with poses, "
-        "LiDAR, "
-        "tracks and masks, and in truth/ the exact tracks, depth, object ids and pictures from shifted cameras. A "
-        "town: "
-        "no data set but a scene to render and to measure with: Gaussians on houses, roads, trees and cars of several "
-        "blocks, whose sizes and opacities are drawn as a trained street has them. The same bytes for any number of "
-        "threads.",
+        "Generate data with ground truth. street: a ray-traced driving set in drivestudio's layout with poses, LiDAR, "
+        "tracks and masks; truth/ has the exact tracks, depth, object ids and pictures from shifted cameras. town: a "
+        "scene for rendering and benchmarks, with Gaussians on houses, roads, trees and cars; their sizes and "
+        "opacities are distributed as in a trained street. Output is bit-identical for any number of threads.",
     .positionals = positionals,
     .options = options};
 
@@ -191,7 +187,7 @@ int pags_verb_synth(int argc, char **argv) {
     return pags_usage_error(&verb, "KIND: expected street or town, got '%s'", parsed.positionals[0]);
   for (int i = 0; kind->foreign[i]; i++)
     if (pags_option_given(&parsed, kind->foreign[i]))
-      return pags_usage_error(&verb, "--%s: a %s has no such option", kind->foreign[i], kind->name);
+      return pags_usage_error(&verb, "--%s: not an option of KIND %s", kind->foreign[i], kind->name);
   for (int i = 0; i < arguments.faults.count; i++)
     if (pags_street_faults_set(&arguments.street.faults, arguments.faults.items[i].name) != PAGS_OK)
       return pags_usage_error(&verb, "--fault: %s", pags_error_message());

@@ -11,6 +11,7 @@
 #include "cli/view/watch.h"
 
 #include <assert.h>
+#include <ctype.h>
 #include <math.h>
 #include <pags/dataset.h>
 #include <pags/train.h>
@@ -51,50 +52,53 @@ typedef struct train_arguments {
 /* Rows made by PAGS_FIELD are incomplete here; complete_rows fills them from the training's field table before the
  * command line is parsed. */
 static pags_option options[] = {
-    PAGS_TEXT("output", 'o', AT(output), "SCENE", NULL, "write the scene to this folder; needed unless --estimate"),
+    PAGS_TEXT("output", 'o', AT(output), "SCENE", NULL, "Folder for the scene; required without --estimate."),
 
-    PAGS_GROUP("The run"),
+    PAGS_GROUP("Run"),
     PAGS_TEXT("preset", 0, AT(preset), "default|fast|plain|paper", NULL,
-              "choose all that is left to auto: fast at a loss, plain as 3DGS, paper"),
+              "Preset for options left at \"auto\": default; fast (smaller, less accurate); plain (as 3DGS); paper (as "
+              "in arXiv:2510.12282)."),
     PAGS_FIELD("iterations", 'n', "N", "iterations"),
     PAGS_FIELD("batch", 0, "B", "batch"),
-    PAGS_FLAG("resume", 0, RUN(resume), "go on from SCENE's checkpoint, or begin where there is none and no scene"),
-    PAGS_FLAG("overwrite", 0, RUN(overwrite), "train afresh into a SCENE that isn't empty"),
-    PAGS_VALUE("checkpoint-every", 0, INT64, RUN(checkpoint_every), 0, PAGS_UNLIMITED, "N", "steps", NULL,
-               "write a checkpoint so often; 0: only at the end"),
+    PAGS_FLAG("resume", 0, RUN(resume), "Resume from SCENE's checkpoint, or start if there is no scene yet."),
+    PAGS_FLAG("overwrite", 0, RUN(overwrite), "Start over in a SCENE folder that isn't empty."),
+    PAGS_VALUE("checkpoint-every", 0, INT64, RUN(checkpoint_every), 0, PAGS_UNLIMITED, "N", NULL, NULL,
+               "Write a checkpoint every N steps (0: only at the end)."),
     PAGS_VALUE("checkpoint-minutes", 0, DOUBLE, RUN(checkpoint_minutes), 0, 1e6, "M", "minutes; 0: none", NULL,
-               "and so often"),
+               "Also write one every M minutes."),
     PAGS_VALUE("log-every", 0, INT64, RUN(log_every), 1, PAGS_UNLIMITED, "N", "steps", NULL,
-               "add a line to SCENE/log.jsonl so often"),
+               "Add a line to SCENE/log.jsonl every N steps."),
     PAGS_VALUE("preview-every", 0, INT64, RUN(preview_every), 0, PAGS_UNLIMITED, "N", "steps", NULL,
-               "write a preview PNG so often, and log PSNR of held-out views if given; 0: none"),
-    PAGS_VALUE("view", 0, INT, AT(view_port), 0, 65535, "[PORT]", "0: a free one", NULL,
-               "show the run in a browser on this machine, with curves (docs/view.md)"),
+               "Write a preview PNG every N steps (0: never); if given, also log PSNR of held-out views."),
+    PAGS_VALUE("view", 0, INT, AT(view_port), 0, 65535, "[PORT]", "0: a free port", NULL,
+               "Show the run with its curves in a browser on this machine (docs/view.md)."),
     PAGS_VALUE("view-share", 0, DOUBLE, AT(view_share), 0, 0.9, "S", NULL, NULL,
-               "--view: let pictures take this share of the time at most"),
+               "--view: maximum share of the run time spent on pictures."),
     PAGS_VALUE("time-limit", 0, DURATION, RUN(time_limit_seconds), 1, PAGS_UNLIMITED, "TIME", "90s, 30m, 2h", "",
-               "fit the number of steps to this time; not reproducible"),
-    PAGS_FLAG("estimate", 0, RUN(estimate), "run 50 steps, print time and memory of the whole run, write nothing"),
+               "Fit the number of steps to this time; not reproducible."),
+    PAGS_FLAG("estimate", 0, RUN(estimate), "Run 50 steps, print the time and memory of the whole run, and exit."),
     PAGS_FIELD("seed", 0, "N", "seed"),
     PAGS_VALUE("max-bad-rows", 0, INT64, RUN(bad_rows_most), 0, PAGS_UNLIMITED, "N", "updates", NULL,
-               "fail when more updates aren't finite"),
+               "Fail when more than N updates aren't finite."),
 
-    PAGS_GROUP("The photographs"),
-    PAGS_VALUE("downscale", 0, DOUBLE, AT(dataset.downscale), 1, 64, "F", "times", NULL, "shrink the photographs"),
-    PAGS_VALUE("split-every", 0, INT, AT(dataset.split_every), 0, 1e9, "N", NULL, "as stated, else 8; driving sets 4",
-               "hold out every Nth photograph, of driving sets every Nth time step; 0: none"),
-    PAGS_FLAG("reconstruction", 0, AT(reconstruction), "hold nothing out: train on every photograph"),
-    PAGS_TEXT("colmap", 0, AT(dataset.colmap), "FOLDER", NULL, "take cameras and points from this COLMAP model"),
-    PAGS_FLAG("allow-missing", 0, AT(dataset.allow_missing), "leave out views whose photograph or pose is missing"),
-    PAGS_FLAG("undistort", 0, AT(dataset.undistort), "resample fisheyes and panoramas to pinholes, too"),
+    PAGS_GROUP("Photographs"),
+    PAGS_VALUE("downscale", 0, DOUBLE, AT(dataset.downscale), 1, 64, "F", "times", NULL,
+               "Downscale the photographs by this factor."),
+    PAGS_VALUE("split-every", 0, INT, AT(dataset.split_every), 0, 1e9, "N", NULL,
+               "as the data set says, else 8; driving sets 4",
+               "Hold out every Nth photograph (driving sets: time step); 0: none."),
+    PAGS_FLAG("reconstruction", 0, AT(reconstruction), "Train on every photograph; hold out none."),
+    PAGS_TEXT("colmap", 0, AT(dataset.colmap), "FOLDER", NULL, "Read cameras and points from this COLMAP model."),
+    PAGS_FLAG("allow-missing", 0, AT(dataset.allow_missing), "Skip views whose photograph or pose is missing."),
+    PAGS_FLAG("undistort", 0, AT(dataset.undistort), "Also resample fisheyes and panoramas to pinhole cameras."),
     PAGS_PHOTOGRAPH_OPTIONS(AT(dataset), NULL),
-    PAGS_DRIVING_OPTIONS(AT(dataset)),
     PAGS_VALUE("random-points", 0, INT64, AT(dataset.random_points), 1, 1e8, "N", NULL, NULL,
-               "start from so many points where the data set has none"),
+               "Random initial points if the data set has none."),
     PAGS_VALUE("image-cache", 0, SIZE, RUN(image_cache), 1, PAGS_UNLIMITED, "SIZE", "bytes; K, M, G",
-               "1G, at most a quarter of the memory allowed", "limit the memory for decoded photographs"),
+               "1G, at most a quarter of the available memory", "Memory for decoded photographs."),
 
-    PAGS_GROUP("Driving scenes (docs/driving.md)"),
+    PAGS_GROUP("Driving sets (docs/driving.md)"),
+    PAGS_DRIVING_OPTIONS(AT(dataset)),
     PAGS_FIELD("no-objects", 0, NULL, "objects"),
     PAGS_FIELD("no-tracks", 0, NULL, "tracks"),
     PAGS_FIELD("no-sky", 0, NULL, "sky"),
@@ -103,16 +107,16 @@ static pags_option options[] = {
     PAGS_GROUP("Size limits (docs/budgets.md)"),
     PAGS_FIELD("max-gaussians", 0, "N", "max_gaussians"),
     PAGS_VALUE("max-memory", 0, SIZE, RUN(max_memory), 0, PAGS_UNLIMITED, "SIZE", "bytes; K, M, G",
-               "four fifths of the memory allowed, less the image cache",
-               "limit the number of Gaussians by the memory that they take; 0: none"),
+               "four fifths of the available memory, less the image cache",
+               "Limit the memory for Gaussians; 0: no limit."),
     PAGS_FIELD("target-size", 0, "MB", "target_size"),
 
     PAGS_GROUP("Priority (docs/priority.md)"),
     PAGS_FIELD("alpha", 0, "A", "alpha"),
     PAGS_FIELD("critical-weight", 0, "W", "critical_weight"),
     PAGS_FIELD("critical-growth", 0, "G", "critical_growth"),
-    PAGS_TEXT("prune-rate", 0, AT(prune_rate), "EARLY/LATE", "the preset's",
-              "set prune_early and prune_late: the share of the Gaussians that each prune by score removes"),
+    PAGS_TEXT("prune-rate", 0, AT(prune_rate), "EARLY/LATE", "as in the preset",
+              "Set prune_early and prune_late: share of the Gaussians that each pruning by score removes."),
 
     PAGS_GROUP("Model and picture"),
     PAGS_FIELD("strategy", 0, NULL, "strategy"),
@@ -121,19 +125,19 @@ static pags_option options[] = {
     PAGS_FIELD("antialiased", 0, NULL, "antialiased"),
     PAGS_FIELD("no-exposure", 0, NULL, "exposure"),
 
-    PAGS_GROUP("Every other setting"),
+    PAGS_GROUP("All other settings"),
     {.name = "set",
      .type = PAGS_OPTION_WORDS,
      .offset = AT(set),
      .metavar = "NAME=VALUE",
-     .help = "set a field of the training, after the flags; may be repeated"},
-    PAGS_FLAG("fields", 0, AT(fields), "list all fields with unit, range and default, do nothing"),
+     .help = "Set a training field, after the options above; repeatable."},
+    PAGS_FLAG("fields", 0, AT(fields), "List all training fields with unit, range and default, and exit."),
     PAGS_SESSION_OPTIONS(train_arguments),
     {0}};
 
 static const pags_positional positionals[] = {{"DATASET",
-                                               "a folder with transforms.json or a COLMAP model and images, a "
-                                               "transforms file, or a driving set in drivestudio's layout"},
+                                               "Folder with transforms.json, or with a COLMAP model and images; a "
+                                               "transforms file; or a driving set in drivestudio's layout."},
                                               {NULL, NULL}};
 
 /* ---- Completing the option table ---- */
@@ -167,7 +171,8 @@ static void complete_rows(void) {
     option->help = f->text;
     if (strncmp(option->name, "no-", 3) == 0) {
       assert(negated_count < 8);
-      snprintf(negated[negated_count], sizeof negated[0], "don't %s", f->text);
+      snprintf(negated[negated_count], sizeof negated[0], "Don't %c%s", tolower((unsigned char)f->text[0]),
+               f->text + 1);
       option->help = negated[negated_count++];
     }
   }
@@ -195,24 +200,23 @@ static bool replacement(const char *name, char *text, size_t size) {
   return true;
 }
 
-static const pags_verb verb = {.name = "train",
-                               .usage = "DATASET -o SCENE [options]",
-                               .about =
-                                   "Reconstructs a scene from photographs with known cameras. Ctrl-C, SIGTERM, SIGHUP "
-                                   "or SIGUSR1 writes a checkpoint "
-                                   "and the scene as it stands and exits with 3; --resume goes on to the same bits as "
-                                   "an undisturbed run. A number "
-                                   "of \"steps of 30 000\" is multiplied by iterations / 30 000.",
-                               .positionals = positionals,
-                               .options = options,
-                               .replacement = replacement};
+static const pags_verb verb = {
+    .name = "train",
+    .usage = "DATASET -o SCENE [options]",
+    .about =
+        "Reconstruct a scene from photographs with known cameras. Ctrl-C, SIGTERM, SIGHUP or SIGUSR1 writes a "
+        "checkpoint and the current scene, and exits with 3. A run continued by --resume is bit-identical to an "
+        "uninterrupted one. A number of \"steps of 30 000\" is multiplied by iterations / 30 000.",
+    .positionals = positionals,
+    .options = options,
+    .replacement = replacement};
 
 /* --fields: prints the training's field table, group by group. */
 static void list_fields(void) {
   enum { WIDTH = 120 };
   const pags_train_field *f;
   const char *group = "";
-  printf("Fields of the training, for --set NAME=VALUE, with [unit; range; default].\n");
+  printf("Training fields, for --set NAME=VALUE, with [unit; range; default].\n");
   for (int i = 0; (f = pags_train_field_at(i)); i++) {
     char left[40], text[1024], least[32], most[32], standard[96], range[96];
     if (strcmp(group, f->group) != 0)
@@ -295,7 +299,7 @@ static int show_progress(void *user, const pags_train_progress *now) {
   if (now->level > 1)
     snprintf(size, sizeof size, ", 1/%d size", now->level);
   if (now->bad_rows > 0)
-    snprintf(bad, sizeof bad, ", %lld rows left out", (long long)now->bad_rows);
+    snprintf(bad, sizeof bad, ", %lld rows skipped", (long long)now->bad_rows);
   pags_progress_show(progress, "step %lld of %lld%s, %.1f it/s, %lld Gaussians, loss %.4f, PSNR %.2f dB%s, %s left",
                      (long long)now->step, (long long)now->iterations, size, now->it_per_second,
                      (long long)now->gaussians, now->loss, now->psnr, bad,
@@ -357,7 +361,7 @@ static void report(const train_arguments *arguments, const pags_train_result *re
     pags_say(&arguments->session, "%s", shares);
   }
   if (result->bad_rows > 0)
-    pags_say(&arguments->session, "%lld updates were left out because a number wasn't finite; the first was %s\n",
+    pags_say(&arguments->session, "%lld updates were skipped because a value wasn't finite; the first was %s\n",
              (long long)result->bad_rows, result->first_bad_row);
 }
 
@@ -489,9 +493,8 @@ static int apply_settings(train_arguments *arguments) {
     if (!equals && pags_train_field_find(name))
       return pags_usage_error(&verb, "--set %s: expected %s=VALUE", word, word);
     if (nearest)
-      return pags_usage_error(&verb, "--set %s: '%s' is no field of the training; did you mean '%s'?", word, name,
-                              nearest);
-    return pags_usage_error(&verb, "--set %s: '%s' is no field of the training; 'pags train --fields' lists them", word,
+      return pags_usage_error(&verb, "--set %s: unknown training field '%s'; did you mean '%s'?", word, name, nearest);
+    return pags_usage_error(&verb, "--set %s: unknown training field '%s'; 'pags train --fields' lists them", word,
                             name);
   }
   return PAGS_EXIT_OK;
@@ -507,18 +510,18 @@ static int usage_conflict(const train_arguments *arguments, const pags_parsed *p
   if (pags_train_config_check(&arguments->config) != PAGS_OK)
     return pags_usage_error(&verb, "%s", pags_error_message());
   if (arguments->view && pags_ranks())
-    return pags_usage_error(&verb, "--view needs one process, and mpirun started %d",
+    return pags_usage_error(&verb, "--view requires one process, but mpirun started %d",
                             pags_transport_ranks(pags_ranks()));
   if (arguments->view && arguments->session.quiet)
-    return pags_usage_error(&verb, "--view prints the address to open, which --quiet would leave out");
+    return pags_usage_error(&verb, "--view prints the address to open, which --quiet would suppress");
   if (arguments->view && arguments->options.estimate)
     return pags_usage_error(&verb, "--view and --estimate exclude each other");
   if (!arguments->view && pags_option_given(parsed, "view-share"))
-    return pags_usage_error(&verb, "view-share: no effect without --view");
+    return pags_usage_error(&verb, "--view-share: no effect without --view");
   const pags_train_config *c = &arguments->config;
   const bool never_prunes = c->schedule.preset == PAGS_PRESET_PLAIN || c->density.strategy == PAGS_STRATEGY_MCMC;
   if (arguments->prune_rate && (c->priority.prunes < 0 ? never_prunes : c->priority.prunes == 0))
-    return pags_usage_error(&verb, "--prune-rate: no effect where nothing is pruned by score");
+    return pags_usage_error(&verb, "--prune-rate: no effect, since these settings don't prune by score");
   return PAGS_EXIT_OK;
 }
 
@@ -584,7 +587,7 @@ int pags_verb_train(int argc, char **argv) {
   free(arguments.shares.each);
   if (outcome == PAGS_OK && !result.finished && !arguments.options.estimate)
     outcome = pags_fail(PAGS_CANCELLED,
-                        "interrupted after iteration %lld; the state is saved in %s, --resume goes on from it",
+                        "interrupted after iteration %lld; the state is saved in %s, --resume continues from it",
                         (long long)result.iterations, arguments.output);
   return pags_session_end(&arguments.session, outcome);
 }

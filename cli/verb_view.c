@@ -25,37 +25,38 @@ typedef struct view_arguments {
 #define AT(member) offsetof(view_arguments, member)
 
 static const pags_option options[] = {
-    PAGS_GROUP("Where to serve"),
-    PAGS_VALUE("port", 0, INT, AT(port), 0, 65535, "N", "0: a free one", NULL, "of this machine"),
+    PAGS_GROUP("Server"),
+    PAGS_VALUE("port", 0, INT, AT(port), 0, 65535, "N", "0: a free port", NULL, "Port on this machine."),
     PAGS_TEXT("bind", 0, AT(bind), "ADDRESS", NULL,
-              "listen there: this machine's address in a network that you trust, since the line isn't encrypted"),
-    PAGS_TEXT("host", 0, AT(hosts), "NAME,...", "the address",
-              "names by which browsers come, with :PORT if it is another: of a proxy, or of ssh's end"),
-    PAGS_VALUE("clients", 0, INT, AT(clients), 1, 64, "N", "pages", NULL, "open at once, at most"),
+              "Address of this machine to listen on. Use trusted networks only: the connection isn't encrypted."),
+    PAGS_TEXT("host", 0, AT(hosts), "NAME,...", "the address of --bind",
+              "Host names to accept in requests, with :PORT if it differs (reverse proxy, SSH tunnel)."),
+    PAGS_VALUE("clients", 0, INT, AT(clients), 1, 64, "N", "pages", NULL, "Maximum number of open pages."),
 
     PAGS_GROUP("Picture"),
-    PAGS_VALUE("budget-ms", 0, DOUBLE, AT(budget_ms), 0.1, 1e6, "T", "milliseconds a picture", NULL,
-               "while the camera moves; when it is still a picture of full quality follows"),
+    PAGS_VALUE("budget-ms", 0, DOUBLE, AT(budget_ms), 0.1, 1e6, "T", "milliseconds per picture", NULL,
+               "Time limit while the camera moves; when it stops, a picture of full quality follows."),
 
-    PAGS_GROUP("Reading"),
+    PAGS_GROUP("Input"),
     PAGS_READING_OPTIONS(AT(reading)),
-    PAGS_TEXT("dataset", 0, AT(dataset), "DATASET", "as the scene says",
-              "compare with the photographs of this data set"),
-    PAGS_TEXT("colmap", 0, AT(dataset_options.colmap), "FOLDER", NULL, "with --dataset: use this COLMAP model"),
+    PAGS_TEXT("dataset", 0, AT(dataset), "DATASET", "as stored in the scene",
+              "Compare with the photographs of this data set."),
+    PAGS_TEXT("colmap", 0, AT(dataset_options.colmap), "FOLDER", NULL,
+              "With --dataset: read cameras from this COLMAP model."),
     PAGS_TEXT("image-folder", 0, AT(dataset_options.image_folder), "FOLDER", NULL,
-              "with --dataset: its photographs are in this folder"),
+              "With --dataset: folder of its photographs."),
     PAGS_SESSION_OPTIONS(view_arguments),
     {0}};
 
 static const pags_positional positionals[] = {
-    {"SCENE", "a scene folder, or a splat file: .ply (also compressed), .spz, .sog, .glb, .splat"}, {NULL, NULL}};
+    {"SCENE", "Scene folder, or splat file: .ply (also compressed), .spz, .sog, .glb, .splat."}, {NULL, NULL}};
 
 static const pags_verb verb = {
     .name = "view",
     .usage = "SCENE [--port N] [options]",
     .about =
-        "Shows a scene in a browser: prints an address to open, and draws what the page looks at until Ctrl-C. The "
-        "page changes nothing. From another machine: ssh -L 8765:localhost:8765 HOST, and open the same address.",
+        "Show a scene in a browser: print an address to open and serve it until Ctrl-C. The scene isn't changed. From "
+        "another machine: ssh -L 8765:localhost:8765 HOST, and open the same address.",
     .positionals = positionals,
     .options = options};
 
@@ -63,9 +64,9 @@ static pags_result open_scene(const view_arguments *arguments, const char *path,
                               pags_composition **out) {
   pags_scene scene;
   if (pags_packed_is_file(path))
-    return pags_fail(PAGS_ERROR_UNSUPPORTED,
-                     "%s: a packed file has no views to begin at: expected the scene or splat file that it was made of",
-                     path);
+    return pags_fail(
+        PAGS_ERROR_UNSUPPORTED,
+        "%s: a packed file has no views to start at: expected the scene or splat file from which it was made", path);
   PAGS_TRY(pags_scene_load_in_axes(path, arguments->reading.axes, &scene));
   pags_reading_apply(&arguments->reading, &scene);
   const pags_result result = pags_view_start_find(&scene, start);
@@ -141,7 +142,7 @@ int pags_verb_view(int argc, char **argv) {
     return pags_usage_error(&verb, "%s: no effect without %s", names, idle->needs);
   if (!strcmp(arguments.bind, "0.0.0.0") && !arguments.hosts)
     return pags_usage_error(&verb,
-                            "--bind 0.0.0.0 needs --host NAME, the name or address by which browsers come; or give "
+                            "--bind 0.0.0.0 requires --host NAME, the name or address that browsers use; or give "
                             "--bind one address of this machine");
   pags_result result = pags_session_begin(&arguments.session);
   if (result == PAGS_OK)

@@ -22,9 +22,9 @@ static pags_result open_run(const char *path, const pags_html_report_settings *s
   pags_scene scene;
   *run = (pags_report_run){.path = path, .name = *pags_path_name(path) ? pags_path_name(path) : path};
   if (pags_packed_is_file(path))
-    return pags_fail(PAGS_ERROR_UNSUPPORTED,
-                     "%s: a packed file has no views to compare: expected the scene or splat file that it was made of",
-                     path);
+    return pags_fail(
+        PAGS_ERROR_UNSUPPORTED,
+        "%s: a packed file has no views to compare: expected the scene or splat file from which it was made", path);
   PAGS_TRY(pags_scene_load(path, &scene));
   pags_result result = pags_scene_contents_find(path, &scene, &run->contents);
   if (result == PAGS_OK)

@@ -42,7 +42,7 @@ void pags_html_report_of_training(const pags_session *session, const char *scene
   else if (written == PAGS_CANCELLED)
     pags_say(session, "interrupted: no report was written; 'pags report %s' writes it\n", scene);
   else
-    pags_log_message(PAGS_LOG_WARNING, "the scene is written, but not its report: %s", pags_error_message());
+    pags_log_message(PAGS_LOG_WARNING, "the scene was written, but its report wasn't: %s", pags_error_message());
   free(page);
 }
 

@@ -34,7 +34,7 @@ static pags_result note_absence(const char *path, pags_report_views *views) {
   views->absent = pags_text_copy(pags_error_message());
   if (!views->absent)
     return pags_out_of_memory("%s", path);
-  pags_log_message(PAGS_LOG_WARNING, "%s: the report does without photographs: %s", path, views->absent);
+  pags_log_message(PAGS_LOG_WARNING, "%s: the report has no photographs: %s", path, views->absent);
   return PAGS_OK;
 }
 
@@ -45,7 +45,7 @@ static pags_result open_photographs(const pags_scene *scene, const char *path,
       settings->dataset || scene->dataset
           ? pags_photographs_open_for(scene, settings->dataset, &settings->dataset_options, settings->session->tasks,
                                       CACHE, &out->photographs)
-          : pags_fail(PAGS_ERROR_ARGUMENT, "%s: doesn't say what it was trained on; --dataset DATASET names it", path);
+          : pags_fail(PAGS_ERROR_ARGUMENT, "%s: doesn't name its training data; expected --dataset DATASET", path);
   out->opened = result == PAGS_OK;
   if (!settings->dataset && is_absence(result))
     result = note_absence(path, out);

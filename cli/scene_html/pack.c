@@ -437,7 +437,7 @@ static pags_result put_all(packer *p) {
 static pags_result compress_all(const packer *p, pags_web_pack *out) {
   const size_t size = 4 + p->header.size + p->size;
   if (size > INT32_MAX)
-    return pags_fail(PAGS_ERROR_LIMIT, "%lld Gaussians: no browser takes so many", (long long)p->count);
+    return pags_fail(PAGS_ERROR_LIMIT, "%lld Gaussians are too many for a browser", (long long)p->count);
   uint8_t *plain = malloc(size);
   z_stream z = {.next_in = plain, .avail_in = (uInt)size};
   pags_result result = plain ? PAGS_OK : pags_out_of_memory("%zu bytes", size);

@@ -99,8 +99,8 @@ static pags_result shrink(pags_composition *composition, pags_web_settings *web,
     const int64_t next = fewer > all / 10 ? fewer : all / 10;
     if (next == kept || !pack->gaussians)
       return pags_fail(PAGS_ERROR_LIMIT,
-                       "--target-size %llu: without view-dependent colour and with a tenth of the Gaussians the file "
-                       "takes %llu bytes: expected at least that",
+                       "--target-size %llu: the file takes %llu bytes even without view-dependent colour and with a "
+                       "tenth of the Gaussians: expected at least that",
                        (unsigned long long)settings->target_size, (unsigned long long)file_size(pack));
     web->least_rank = all - next;
     PAGS_TRY(pack_again(composition, web, pack));

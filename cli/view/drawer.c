@@ -302,7 +302,7 @@ static pags_result open_photographs(pags_drawer *self) {
   }
   if (!self->settings.dataset && !scene->dataset)
     return pags_fail(PAGS_ERROR_ARGUMENT,
-                     "the scene doesn't say what data set it is of: start pags view with --dataset DATASET");
+                     "the scene doesn't name its data set: start pags view with --dataset DATASET");
   PAGS_TRY(pags_photographs_open_for(scene, self->settings.dataset, &self->settings.dataset_options,
                                      self->settings.tasks, CACHE, &self->photographs));
   self->opened = true;
@@ -354,7 +354,7 @@ static pags_result draw_photograph(pags_drawer *self, const pags_view_look *look
                                    pags_deadline_result *drawn) {
   const pags_scene *scene = pags_composition_scene(self->settings.composition);
   if (look->view < 0 || look->view >= scene->view_count)
-    return pags_fail(PAGS_ERROR_ARGUMENT, "no recorded camera is chosen");
+    return pags_fail(PAGS_ERROR_ARGUMENT, "no recorded camera is selected");
   PAGS_TRY(open_photographs(self));
   for (int64_t i = 0; i < self->photographs.count; i++)
     if (self->photographs.borrowed ? i == look->view

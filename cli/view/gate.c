@@ -25,7 +25,7 @@ static pags_result allow(pags_gate *gate, const char *name, size_t length, int p
     return pags_fail(PAGS_ERROR_ARGUMENT, "--host: expected names of 1 to %d letters, separated by commas, got '%.*s'",
                      PAGS_GATE_NAME - 8, (int)length, name);
   if (gate->host_count == PAGS_GATE_HOSTS)
-    return pags_fail(PAGS_ERROR_ARGUMENT, "--host: more names than %d", PAGS_GATE_HOSTS - 2);
+    return pags_fail(PAGS_ERROR_ARGUMENT, "--host: expected at most %d names", PAGS_GATE_HOSTS - 2);
   char *host = gate->hosts[gate->host_count++];
   const char *colon = memchr(name, ':', length);
   const bool bare = name[0] == '[' ? name[length - 1] == ']' : !colon;

@@ -107,7 +107,7 @@ static pags_result read_root(const pags_json *json, pags_view_request *out) {
 pags_result pags_view_request_parse(const char *text, size_t size, pags_view_request *out) {
   memset(out, 0, sizeof *out);
   if (size > PAGS_VIEW_MESSAGE)
-    return pags_fail(PAGS_ERROR_LIMIT, "a message of %zu bytes: at most %d are taken", size, PAGS_VIEW_MESSAGE);
+    return pags_fail(PAGS_ERROR_LIMIT, "a message of %zu bytes: expected at most %d", size, PAGS_VIEW_MESSAGE);
   pags_json *json;
   PAGS_TRY(pags_json_parse_text("message", text, size, &json));
   const pags_result result = read_root(json, out);

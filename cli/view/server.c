@@ -333,7 +333,7 @@ pags_result pags_server_create(const pags_server_settings *settings, pags_server
   atomic_init(&self->goodbye, NULL);
   PAGS_TRY(open_port(self));
   if (lws_get_random(self->context, random, sizeof random) != sizeof random)
-    return pags_fail(PAGS_ERROR_IO, "the system gives no random numbers for the token");
+    return pags_fail(PAGS_ERROR_IO, "the system provides no random numbers for the token");
   PAGS_TRY(pags_gate_make(&self->gate, random, settings->bind, self->port, settings->hosts));
   snprintf(self->url, sizeof self->url, "http://%s/?token=%s", self->gate.hosts[0], self->gate.token);
   return pags_studio_create(&(pags_studio_settings){.drawer = settings->drawer,

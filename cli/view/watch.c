@@ -35,7 +35,7 @@ struct pags_watch {
 static void *serve(void *user) {
   pags_watch *self = user;
   if (pags_server_run(self->server, &self->stop) != PAGS_OK)
-    pags_log_message(PAGS_LOG_WARNING, "--view: %s; the run goes on without its page", pags_error_message());
+    pags_log_message(PAGS_LOG_WARNING, "--view: %s; the run continues without its page", pags_error_message());
   return NULL;
 }
 

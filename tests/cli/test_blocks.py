@@ -370,7 +370,7 @@ class Street(Case):
                 break
         _, said = run.communicate(timeout=300)
         self.assertEqual(run.returncode, 3, said)
-        self.assertIn("the same command goes on", said)
+        self.assertIn("the same command resumes", said)
         self.assertTrue(os.path.exists(self.path("b", "whole", "checkpoint.pags")))
         self.assertFalse(os.path.exists(self.path("b", "000")))
         self.fails(["train", self.path("b"), "-o", self.path("x")], "split into blocks")

@@ -283,7 +283,7 @@ class Transforms(DataCase):
         done = self.succeeds("eval", scene, "--dataset", test, "--json", self.path("out.json"))
         scores = json.loads(read(self.path("out.json")))
         self.assertEqual((scores["train"]["views"], scores["test"]["views"]), (0, 3))
-        self.assertIn("all of its 3 count as held out", done.stdout)
+        self.assertIn("all 3 count as held out", done.stdout)
         done = self.succeeds("eval", scene, "--dataset", self.path("data"), "--split", "train")
         self.save("transforms_some.json", self.content["frames"][3:5])
         done = self.succeeds("eval", scene, "--dataset", os.path.join(self.data, "transforms_some.json"))

@@ -36,7 +36,7 @@ class Effect(DataCase):
         self.assertEqual(done.stderr.count("warning: "), 1, done.stderr)
         self.assertIn(f"{self.data}: --no-sky, --no-lidar-start: no effect on a static set", done.stderr)
         self.fails([*verb, "--no-sky", "--strict"], "--no-sky", "because of --strict")
-        self.fails([*verb, "--preset", "plain", "--prune-rate", "0.5/0.2"], "--prune-rate", "pruned by score", code=2)
+        self.fails([*verb, "--preset", "plain", "--prune-rate", "0.5/0.2"], "--prune-rate", "don't prune by score", code=2)
 
     def test_render(self):
         camera = self.write("camera.json", json.dumps(fixtures.FRONT))
@@ -58,7 +58,7 @@ class Effect(DataCase):
 
     def test_eval(self):
         for option in [["--split-every", "3"], ["--downscale", "2"], ["--allow-missing"]]:
-            self.fails(["eval", self.scene, *option], self.scene, option[0], "no effect", "records its views")
+            self.fails(["eval", self.scene, *option], self.scene, option[0], "no effect", "stores its views")
         self.succeeds("eval", self.splat, "--dataset", self.data, "--split-every", "3", "--downscale", "2")
 
     def test_info(self):

@@ -147,7 +147,7 @@ class Import(Case):
         running.send_signal(signal.SIGINT)
         error = running.communicate(timeout=60)[1].decode()
         self.assertEqual(running.returncode, 3, error)
-        self.assertIn("goes on from here", error)
+        self.assertIn("the same command resumes", error)
         self.assertFalse(os.path.exists(os.path.join(out, "dataset.json")))
         self.succeeds("import", "kitti", raw, "-o", out)
         fixtures.write(os.path.join(whole, "import.json.part"), b"{")  # killed as it began

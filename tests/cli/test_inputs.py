@@ -42,7 +42,7 @@ class Warnings(Case):
         done = self.succeeds("info", self.good, "--strict", "--json", "-")
         self.assertEqual(json.loads(done.stdout)["warnings"], [])
     def test_unknown_files_say_what_was_found(self):
-        self.fails(["info", self.write("a.yaml", "a: 1\n")], "found text", "info takes data sets")
+        self.fails(["info", self.write("a.yaml", "a: 1\n")], "found text", "info also takes data sets")
         self.fails(["render", self.write("a.bin", b"\x0f\xaf\x73\x40"), "-o", self.path("out")], "found bytes 0f af 73 40")
         self.fails(["info", self.write("times.json", '{"frames": [1.5, 2.5], "cameras": {}}')], "not a data set", "transform_matrix")
         self.fails(["info", self.write("raw.spz", b"NGSP" + struct.pack("<II4B", 2, 1, 0, 8, 0, 0) + bytes(40))], "without gzip", "`gzip` makes it")

@@ -171,8 +171,8 @@ class Passes(Case):
 
     def test_what_excludes_passes(self):
         common = ["render", self.scene, "-o", self.path("out"), "--channel"]
-        self.fails([*common, "motion", "--camera", self.front], "--channel motion", "--path in place of --camera", code=2)
-        self.fails([*common, "motion", "--split", "all"], "--path in place of --split", code=2)
+        self.fails([*common, "motion", "--camera", self.front], "--channel motion", "--path instead of --camera", code=2)
+        self.fails([*common, "motion", "--split", "all"], "--path instead of --split", code=2)
         self.fails([*common, "color,crypto-class", "--budget-ms", 5], "--budget-ms", code=2)
         self.fails([*common, "expected-normal", "--early-z", "paper"], "--early-z paper", code=2)
         self.fails([*common, "crypto"], "crypto-object", "'crypto'", code=2)

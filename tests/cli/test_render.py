@@ -76,7 +76,7 @@ class Render(Case):
             self.assertLess(max(abs(x - y) for x, y in zip(first, second)), 3)
         still = [{k: v for k, v in frame.items() if k != "time"} for frame in frames]
         path = self.write("timeless.json", json.dumps({"fps": 10, "frames": still}))
-        self.fails(["render", folder, "--path", path, "-o", self.path("no"), "--shutter", "rolling"], "expected a path whose time runs")
+        self.fails(["render", folder, "--path", path, "-o", self.path("no"), "--shutter", "rolling"], "expected a path whose times increase")
 
     def test_packed_file(self):
         scene, packed = self.write("a.ply", ply_bytes(some_splats())), self.path("a.pagsz")

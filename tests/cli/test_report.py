@@ -206,7 +206,7 @@ class Report(DataCase):
         described = json.loads(read(self.path("b", "scene", "scene.json")))
         self.write("b/scene/scene.json", json.dumps({**described, "dataset": None}))
         page, _, errors = self.report(self.path("b", "scene"), self.scene)
-        self.assertIn("--dataset DATASET names it", errors)
+        self.assertIn("expected --dataset DATASET", errors)
         self.assertEqual([alt for alt, _ in page.jpegs()[:4]], ["photograph", "rendered, A", "rendered, B", "error, B"])
         self.succeeds("report", self.path("b", "scene") + "/")
         self.assertEqual(Page(self.path("b", "scene", "report.html")).headings[0], self.path("b", "scene") + "/")
@@ -231,7 +231,7 @@ class Report(DataCase):
         page, said, errors = self.report(scene)
         self.assertIn(data, page.text)
         self.assertIn("Photographs that can't be had are left out", page.text)
-        self.assertIn(f"warning: {scene}: the report does without photographs: {data}", errors)
+        self.assertIn(f"warning: {scene}: the report has no photographs: {data}", errors)
         self.assertEqual([alt for alt, _ in page.jpegs()], ["rendered"] * 3)
         self.assertEqual((said["scenes"][0]["measured"], said["scenes"][0]["psnr"]), (0, None))
         self.assertIsNone(page.row("whole picture"))
@@ -369,7 +369,7 @@ class Report(DataCase):
             return caught and int(caught[1], 16) >> (signal.SIGINT - 1) & 1
 
         code, errors = self.stopped(["report", scene, "-o", page, "-q"], catches, signal.SIGINT)
-        self.assertEqual((code, errors), (3, f"pags: interrupted; {page} isn't written\n"))
+        self.assertEqual((code, errors), (3, f"pags: interrupted; {page} wasn't written\n"))
         self.assertEqual(read(page), b"what was there before")
 
     def train_until(self, out, number, *more):
@@ -397,7 +397,7 @@ class Report(DataCase):
         out = self.path("scene")
         os.makedirs(os.path.join(out, "report.html"))
         done = self.succeeds("train", self.data, "-o", out, "-n", 3, "--resume", *SMALL)
-        self.assertIn("warning: the scene is written, but not its report: ", done.stderr)
+        self.assertIn("warning: the scene was written, but its report wasn't: ", done.stderr)
         self.succeeds("info", out)
 
     def test_errors(self):

@@ -111,7 +111,7 @@ class Usage(Case):
         for good in ["densify_from=0", "densify_until=auto", "densify_until=-1", "strategy=mcmc", "background_b=0.5", "seed=18446744073709551615"]:
             self.succeeds(*train, "--set", good)
         self.refused([*train, "--set", "densify_fro=5"], "densify_fro=5", "did you mean 'densify_from'")
-        self.refused([*train, "--set", "qqqqqqqq=5"], "'qqqqqqqq' is no field", "--fields")
+        self.refused([*train, "--set", "qqqqqqqq=5"], "unknown training field 'qqqqqqqq'", "--fields")
         self.refused([*train, "--set", "densify_from"], "expected densify_from=VALUE")
         self.refused([*train, "--set", "densify_from=x"], "densify_from: expected a whole number, got 'x'")
         self.refused([*train, "--set", "densify_from=auto"], "densify_from: expected a whole number, got 'auto'")
