@@ -3,9 +3,9 @@
  * separate from pags because its verb `error` links the tests' double-precision renderer. */
 #include "benchmarks/bench.h"
 #include "benchmarks/verbs.h"
-#include "cli/camera_paths.h"
-#include "cli/interrupt.h"
-#include "cli/session.h"
+#include "cli/common/interrupt.h"
+#include "cli/common/session.h"
+#include "cli/draw/camera_paths.h"
 
 #include <locale.h>
 #include <pags/compose.h>

@@ -3,10 +3,10 @@
  * writes a table, JSON and CSV. */
 #include "benchmarks/modes.h"
 #include "benchmarks/verbs.h"
-#include "cli/camera_paths.h"
-#include "cli/deadline_report.h"
-#include "cli/interrupt.h"
-#include "cli/session.h"
+#include "cli/common/interrupt.h"
+#include "cli/common/session.h"
+#include "cli/draw/camera_paths.h"
+#include "cli/draw/deadline_report.h"
 
 #include <math.h>
 #include <pags/compose.h>

@@ -9,7 +9,7 @@
 #include "synth/street_labels.h"
 
 #include "benchmarks/glb.h"
-#include "cli/session.h"
+#include "cli/common/session.h"
 
 typedef struct pags_proxy_bench {
   pags_session session;

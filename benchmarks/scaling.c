@@ -9,9 +9,9 @@
 #include "benchmarks/modes.h"
 #include "benchmarks/scaling_report.h"
 #include "benchmarks/verbs.h"
-#include "cli/camera_paths.h"
-#include "cli/interrupt.h"
-#include "cli/session.h"
+#include "cli/common/interrupt.h"
+#include "cli/common/session.h"
+#include "cli/draw/camera_paths.h"
 
 #include <pags/compose.h>
 #include <stdlib.h>

@@ -1,13 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The program pags: prints the general help, or finds the verb and runs it. */
 #include "base/lock.h"
-#include "cli/options.h"
-#include "cli/ranks.h"
-#include "cli/session.h"
-#include "cli/verbs.h"
-#include "cli/version.h"
+#include "cli/common/options.h"
+#include "cli/common/ranks.h"
+#include "cli/common/session.h"
+#include "cli/verbs/verbs.h"
 #include "port/port.h"
+#include "simd/kernels.h"
 
+#include <build_facts.h>
 #include <locale.h>
 #include <pags/base.h>
 #include <stdio.h>
@@ -86,6 +87,22 @@ static const verb_entry verbs[] = {
 };
 enum { VERB_COUNT = sizeof verbs / sizeof verbs[0] };
 
+/* Prints the version alone in the first line, then the facts of the build (cmake/build_facts.cmake). */
+static void print_version(void) {
+  static const char *const names[] = {"avx512", "avx2", "neon", "scalar"};
+  printf("pags %s\n", PAGS_VERSION_STRING);
+  printf("commit:   %s\n", PAGS_BUILD_COMMIT);
+  printf("compiler: %s\n", PAGS_BUILD_COMPILER);
+  printf("kernels:  ");
+  for (size_t i = 0; i < sizeof names / sizeof *names; i++)
+    if (pags_kernels_named(names[i]))
+      printf("%s ", names[i]);
+  const char *why = NULL;
+  const pags_kernels *const used = pags_kernels_get(&why);
+  printf("run here; %s%s\n", used ? used->name : why, used ? " is used" : "");
+  printf("with:    %s\nwithout: %s\n", PAGS_BUILD_WITH, PAGS_BUILD_WITHOUT);
+}
+
 static int run(int argc, char **argv) {
   if (argc < 2) {
     fprintf(stderr, "pags: no verb given; 'pags --help' lists them\n");
@@ -105,7 +122,7 @@ static int run(int argc, char **argv) {
     return PAGS_EXIT_OK;
   }
   if (!strcmp(argv[1], "--version")) {
-    pags_print_version();
+    print_version();
     return PAGS_EXIT_OK;
   }
   for (int i = 0; i < VERB_COUNT; i++)

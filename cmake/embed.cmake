@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-# cmake -DFOLDER=page -DOUT=page.c -P embed.cmake: writes the files of a folder as the C array of cli/view/files.h.
+# cmake -DFOLDERS=page,... -DOUT=page.c -P embed.cmake: writes the files of folders as the C array of cli/view/files.h.
 cmake_minimum_required(VERSION 3.24)
-file(GLOB files ${FOLDER}/*)
+string(REPLACE "," "/*;" globs "${FOLDERS}/*")
+file(GLOB files ${globs})
 set(text "/* Made by cmake/embed.cmake. */\n#include \"cli/view/files.h\"\n\n")
 set(table "")
 set(number 0)

@@ -26,6 +26,7 @@ CODE = re.compile(r"\.([ch]|inl|cc)$")
 CORE = ["engine/port", "threads", "simd", "engine/maths", "engine/base", "engine/scene", "engine/frame"]  # the folders linked into libpags.so and the Python module
 DATA = ["engine/image", "engine/dataset"]
 ENGINE = CORE + DATA + ["engine/import", "engine/init", "engine/train", "engine/eval", "engine/synth", "engine/blocks", "engine/cluster"]
+CLI = ["cli/" + name for name in ("common", "draw", "measure", "view", "html_report", "scene_html", "verbs")]
 
 # A folder -> the folders, with those inside of them, that it includes from. Itself is always allowed.
 KNOWS = {
@@ -47,7 +48,14 @@ KNOWS = {
     "engine/synth": ["engine/port", "threads", "engine/maths", "engine/base", "engine/scene"] + DATA,
     "exporters/proxy": CORE + DATA,
     "exporters/format": CORE + DATA + ["exporters/proxy"],
-    "cli": ENGINE + ["exporters"],
+    "cli": ENGINE + ["exporters"] + CLI,
+    "cli/common": ENGINE,
+    "cli/draw": ENGINE + ["cli/common"],
+    "cli/measure": ENGINE + ["cli/common", "cli/draw"],
+    "cli/view": ENGINE + ["cli/common", "cli/draw"],
+    "cli/html_report": ENGINE + ["cli/common", "cli/draw", "cli/measure"],
+    "cli/scene_html": ENGINE + ["exporters", "cli/common", "cli/draw"],
+    "cli/verbs": ENGINE + ["exporters"] + [folder for folder in CLI if folder != "cli/verbs"],
     "blender_addon": CORE,
     "benchmarks": ENGINE + ["exporters", "cli", "tests/reference"],
     "examples": ENGINE + ["exporters"],

@@ -3,8 +3,8 @@
 #ifndef PAGS_CLI_HTML_REPORT_HTML_REPORT_H
 #define PAGS_CLI_HTML_REPORT_HTML_REPORT_H
 
-#include "cli/progress.h"
-#include "cli/session.h"
+#include "cli/common/progress.h"
+#include "cli/common/session.h"
 
 #include <pags/dataset.h>
 

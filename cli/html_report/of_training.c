@@ -9,7 +9,7 @@
 #include "base/file.h"
 #include "base/log.h"
 #include "base/memory.h"
-#include "cli/interrupt.h"
+#include "cli/common/interrupt.h"
 #include "image/encoded.h"
 
 static pags_result write_page(const pags_session *session, const char *scene,

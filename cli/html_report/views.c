@@ -9,7 +9,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
-#include "cli/picture.h"
+#include "cli/draw/picture.h"
 #include "image/convert.h"
 #include "image/jpeg.h"
 #include "image/resample.h"

@@ -3,9 +3,9 @@
 #ifndef PAGS_CLI_HTML_REPORT_VIEWS_H
 #define PAGS_CLI_HTML_REPORT_VIEWS_H
 
+#include "cli/common/photographs.h"
 #include "cli/html_report/html_report.h"
-#include "cli/photographs.h"
-#include "cli/view_scores.h"
+#include "cli/measure/view_scores.h"
 #include "image/encoded.h"
 
 #include <pags/compose.h>

@@ -3,11 +3,11 @@
  * a scene says, names of objects above all, is within the pack, so that none of it can be read as HTML. */
 #include "cli/scene_html/write.h"
 
-#include "cli/camera_paths.h"
+#include "cli/draw/camera_paths.h"
+#include "cli/draw/describe.h"
 #include "cli/scene_html/contribution.h"
 #include "cli/scene_html/pack.h"
 #include "cli/scene_html/player.h"
-#include "cli/view/describe.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -3,8 +3,8 @@
  */
 #include "cli/view/drawer.h"
 
-#include "cli/photographs.h"
-#include "cli/picture.h"
+#include "cli/common/photographs.h"
+#include "cli/draw/picture.h"
 
 #include <assert.h>
 #include <math.h>

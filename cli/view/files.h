@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The files of the page, which cmake/embed.cmake makes a part of the program from the folder cli/view/page/. */
+/* The files of the page, which cmake/embed.cmake makes a part of the program from cli/view/page/ and cli/common/page/.
+ */
 #ifndef PAGS_CLI_VIEW_FILES_H
 #define PAGS_CLI_VIEW_FILES_H
 

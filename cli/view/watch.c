@@ -4,7 +4,7 @@
  * it took is taken away, so that one picture can make a debt, which the next steps pay first. */
 #include "cli/view/watch.h"
 
-#include "cli/view/describe.h"
+#include "cli/draw/describe.h"
 #include "cli/view/server.h"
 
 #include <math.h>

@@ -13,7 +13,7 @@
 
 #include <pags/scene.h>
 
-#include "cli/camera_paths.h"
+#include "cli/draw/camera_paths.h"
 #include "scene/survey.h"
 
 const char pags_program_name[] = "test";

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Signals, as the program pags takes them (cli/interrupt.c): what asks a process to end is KeyboardInterrupt, once; a Ctrl-C more than 0.3 s later ends it at once."""
+"""Signals, as the program pags takes them (cli/common/interrupt.c): what asks a process to end is KeyboardInterrupt, once; a Ctrl-C more than 0.3 s later ends it at once."""
 
 import os
 import signal

@@ -1,0 +1,48 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Writes each fact of a report in two forms from one call: as a line of text for people and as a JSON member for
+ * programs. */
+#ifndef PAGS_CLI_REPORT_H
+#define PAGS_CLI_REPORT_H
+
+#include "cli/common/session.h"
+
+#include <pags/place.h>
+
+typedef struct pags_report {
+  pags_json_writer json;
+  char *text; /* lines gathered so far, printed at the end only, so that a failure half way prints nothing */
+  size_t size, capacity;
+  int indent;
+  bool failed;
+} pags_report;
+
+void pags_report_begin(pags_report *report);
+/* Prints the gathered lines and writes the JSON if `result` is PAGS_OK; frees everything in either case. Returns the
+ * first failure. */
+pags_result pags_report_end(pags_report *report, const pags_session *session, pags_result result);
+
+/* Each adds one fact. `key` is the JSON key; in the printed line its underscores become spaces. */
+void pags_report_text(pags_report *report, const char *key, const char *value);
+void pags_report_count(pags_report *report, const char *key, int64_t value);
+void pags_report_number(pags_report *report, const char *key, double value); /* NaN: "-", null in JSON */
+void pags_report_bytes(pags_report *report, const char *key, double value);
+void pags_report_flag(pags_report *report, const char *key, bool value);
+void pags_report_vector(pags_report *report, const char *key, const double *values, int count);
+/* Vector "geographic_origin": latitude and longitude in degrees, altitude in metres; nothing if the place is unknown.
+ */
+void pags_report_place(pags_report *report, const pags_place *place);
+
+/* Adds a printed line only; the caller writes the JSON counterpart to `json` itself. */
+void pags_report_line(pags_report *report, const char *key, const char *format, ...) PAGS_PRINTF(3, 4);
+/* The same with a name of the data, an object's id say, which is printed as options take it. */
+void pags_report_named(pags_report *report, const char *name, const char *format, ...) PAGS_PRINTF(3, 4);
+
+void pags_report_begin_group(pags_report *report, const char *key); /* opens a JSON object */
+void pags_report_end_group(pags_report *report);
+void pags_report_begin_list(pags_report *report, const char *key);  /* opens a JSON array */
+void pags_report_sentence(pags_report *report, const char *text);   /* adds a string to the list */
+void pags_report_begin_item(pags_report *report, const char *name); /* opens a JSON object with that "name" */
+void pags_report_end_item(pags_report *report);
+void pags_report_end_list(pags_report *report);
+
+#endif

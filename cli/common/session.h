@@ -1,0 +1,107 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* State and functions shared by all verbs: --threads, --json, --strict and --quiet, the thread pool, the stream for
+ * messages, the warnings, the error line and the exit code. */
+#ifndef PAGS_CLI_SESSION_H
+#define PAGS_CLI_SESSION_H
+
+#include "cli/common/options.h"
+#include "cli/common/progress.h"
+
+#include <pags/base.h>
+#include <pags/tasks.h>
+#include "base/json.h"
+#include "base/lock.h"
+
+typedef struct pags_session {
+  int threads;      /* 0: the number of processors that this process may use */
+  const char *json; /* file, "-" for stdout, NULL: none */
+  int strict, quiet;
+  bool answers; /* what it prints is the verb's result, unless --json takes it */
+  FILE *people; /* stream for messages to people: stdout; stderr if JSON goes to stdout; NULL if quiet */
+  pags_tasks *tasks;
+  /* The warnings that the library logged so far, each once. */
+  char **warnings;
+  int64_t warning_count;
+  /* Its informative lines so far, each once. */
+  char **notes;
+  int64_t note_count;
+  pags_lock *lock; /* of the output folder, or file; NULL: none */
+  bool parted;     /* the ranks have agreed on a failure, and call nothing collective any more */
+} pags_session;
+
+/* Rows for the end of a verb's option table; `owner` is the verb's struct, which has a member `session`. */
+#define PAGS_SESSION_OPTIONS(owner)                                                                         \
+  PAGS_GROUP("General"),                                                                                    \
+      PAGS_VALUE("threads", 'j', INT, offsetof(owner, session.threads), 0, 256, "N", NULL,                  \
+                 "0: as CPU affinity and cgroup allow",                                                     \
+                 "Number of threads. Results are bit-identical for any number."),                           \
+      PAGS_TEXT("json", 0, offsetof(owner, session.json), "FILE|-", NULL,                                   \
+                "Write the results as JSON to FILE (\"-\": standard output)."),                             \
+      PAGS_FLAG("strict", 0, offsetof(owner, session.strict), "Treat warnings about the input as errors."), \
+      PAGS_FLAG("quiet", 'q', offsetof(owner, session.quiet), "Print only warnings and errors, on standard error.")
+
+/* Rows for verbs that open photographs; `where` is the offset of a pags_dataset_options in the verb's struct. */
+#define PAGS_PHOTOGRAPH_OPTIONS(where, standard)                                                                 \
+  PAGS_TEXT("image-folder", 0, (where) + offsetof(pags_dataset_options, image_folder), "FOLDER", standard,       \
+            "Read the photographs from this folder; intrinsics are scaled."),                                    \
+      PAGS_CHOICE("image-alpha", (where) + offsetof(pags_dataset_options, image_alpha), "composite|mask|ignore", \
+                  standard, "Blend alpha over --background, use it as a mask, or ignore it.")
+
+/* Rows for verbs that open driving sets; `where` is the offset of a pags_dataset_options in the verb's struct. */
+#define PAGS_DRIVING_OPTIONS(where)                                                                                   \
+  PAGS_TEXT("kind", 0, (where) + offsetof(pags_dataset_options, kind),                                                \
+            "waymo|pandaset|kitti|nuscenes|argoverse2|nuplan|street-gaussians", "from dataset.json",                  \
+            "Source, which selects the layout rules."),                                                               \
+      PAGS_TEXT("cameras", 0, (where) + offsetof(pags_dataset_options, cameras), "LIST", "all",                       \
+                "Cameras to use, separated by commas."),                                                              \
+      PAGS_VALUE("frames", 0, SPAN, (where) + offsetof(pags_dataset_options, frame_first), 0, 0, "A-B", "time steps", \
+                 "all", "Time steps to use, both ends included."),                                                    \
+      PAGS_TEXT("holdout-camera", 0, (where) + offsetof(pags_dataset_options, holdout_camera), "N", "none",           \
+                "Hold out all photographs of this camera."),                                                          \
+      PAGS_TEXT("ego-mask", 0, (where) + offsetof(pags_dataset_options, ego_mask), "FILE|FOLDER",                     \
+                "ego_masks/C.png, else detected", "Mask of the recording car; white pixels are excluded."),           \
+      PAGS_TEXT("critical", 0, (where) + offsetof(pags_dataset_options, critical), "LIST",                            \
+                "vehicle,pedestrian,cyclist", "Critical categories or classes."),                                     \
+      PAGS_TEXT("sfm", 0, (where) + offsetof(pags_dataset_options, sfm), "FOLDER", "",                                \
+                "Add the points of this COLMAP model, in the same world frame.")
+
+/* Chooses the message stream, checks that the --json file can be written, sends the library's notes to the message
+ * stream and its warnings to standard error, and starts the threads. A standard output that is closed takes no
+ * messages; it is an error where the verb's result goes there. */
+pags_result pags_session_begin(pags_session *session);
+
+/* The ranks of a job meet here at the end of each piece of work: all get the same result, that of the lowest rank that
+ * failed, and rank 0 gets everyone's warnings. The first piece of work that a rank fails in must be the last. With one
+ * process it returns `result`. */
+pags_result pags_session_meet(pags_session *session, pags_result result);
+
+/* Ends the threads, prints the error message if `result` is an error, and returns the exit code. With several ranks,
+ * all meet, and one prints. */
+int pags_session_end(pags_session *session, pags_result result);
+
+/* Prints to the message stream; nothing with --quiet. */
+void pags_say(const pags_session *session, const char *format, ...) PAGS_PRINTF(2, 3);
+
+/* Fails if --strict was given and there are warnings. Verbs call it once their inputs are open; pags_session_end does
+ * as well. */
+pags_result pags_session_check(const pags_session *session);
+
+/* Adds the warnings to the JSON document, closes its object and writes it where --json says; nothing without --json.
+ * Destroys the writer. */
+pags_result pags_session_json(const pags_session *session, pags_json_writer *writer);
+
+/* Checks that a file of this name could be created, without leaving one. */
+pags_result pags_check_writable(const char *path);
+
+/* Creates the folder if it is missing, checks that files can be created in it and locks it until the session ends, on
+ * rank 0 alone. A folder that was created and has stayed empty is removed then. */
+pags_result pags_prepare_folder(pags_session *session, const char *path);
+
+/* Checks that a file of this name could be created, and locks it until the session ends. */
+pags_result pags_prepare_file(pags_session *session, const char *path);
+
+/* Writes the name of a view without extension into `out`: "cam0/DSC_01.JPG" -> "cam0/DSC_01". Of a name that would
+ * leave the folder that it is put in, as "../DSC_01.JPG", only what follows the last slash is taken. */
+void pags_stem(const char *name, char *out, size_t size);
+
+#endif

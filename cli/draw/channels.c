@@ -1,0 +1,59 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Computes surface normals from a picture's depth plane, for --channel normal: cross products of depth differences
+ * between neighbouring pixels. */
+#include "cli/draw/channels.h"
+
+#include <math.h>
+#include <stdbool.h>
+
+/* Unprojects pixel (x, y) by its depth into camera coordinates; returns false if the pixel lies outside or has no
+ * depth. */
+static bool point_at(const pags_picture *picture, const pags_camera *camera, int x, int y, double p[3]) {
+  if (x < 0 || y < 0 || x >= picture->width || y >= picture->height)
+    return false;
+  const double depth = (double)picture->depth[(int64_t)y * picture->stride + x];
+  return depth > 0 && pags_camera_point(camera, x + 0.5, y + 0.5, depth, p);
+}
+
+/* Computes the surface tangent for one pixel in direction (dx, dy): the difference to that of the two neighbours
+ * which is nearer in depth, so that at a depth edge both sides keep the normal of their own surface. */
+static bool step_along(const pags_picture *picture, const pags_camera *camera, int x, int y, int dx, int dy,
+                       const double here[3], double step[3]) {
+  double ahead[3], behind[3];
+  bool has_ahead = point_at(picture, camera, x + dx, y + dy, ahead);
+  const bool has_behind = point_at(picture, camera, x - dx, y - dy, behind);
+  if (has_ahead && has_behind) {
+    if (fabs(behind[2] - here[2]) < fabs(ahead[2] - here[2]))
+      has_ahead = false;
+  }
+  for (int k = 0; k < 3; k++)
+    step[k] = has_ahead ? ahead[k] - here[k] : here[k] - behind[k];
+  return has_ahead || has_behind;
+}
+
+/* Computes the unit normal at a pixel in camera axes, facing the camera; zeros if it can't be determined. */
+static void normal_at(const pags_picture *picture, const pags_camera *camera, int x, int y, double n[3]) {
+  double here[3], right[3], down[3];
+  n[0] = n[1] = n[2] = 0;
+  if (!point_at(picture, camera, x, y, here) || !step_along(picture, camera, x, y, 1, 0, here, right) ||
+      !step_along(picture, camera, x, y, 0, 1, here, down))
+    return;
+  double cross[3] = {down[1] * right[2] - down[2] * right[1], down[2] * right[0] - down[0] * right[2],
+                     down[0] * right[1] - down[1] * right[0]};
+  double length = sqrt(cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2]);
+  double towards = -(cross[0] * here[0] + cross[1] * here[1] + cross[2] * here[2]);
+  for (int k = 0; k < 3 && length > 0; k++)
+    n[k] = cross[k] / (towards < 0 ? -length : length);
+}
+
+void pags_normals_from_depth(const pags_picture *picture, const pags_camera *camera, float *const out[3]) {
+  const double *m = camera->world_from_camera;
+  for (int y = 0; y < picture->height; y++)
+    for (int x = 0; x < picture->stride; x++) {
+      double n[3] = {0, 0, 0};
+      if (x < picture->width)
+        normal_at(picture, camera, x, y, n);
+      for (int k = 0; k < 3; k++)
+        out[k][(int64_t)y * picture->stride + x] = (float)(m[4 * k] * n[0] + m[4 * k + 1] * n[1] + m[4 * k + 2] * n[2]);
+    }
+}

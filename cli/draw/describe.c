@@ -1,0 +1,149 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Describes a scene as JSON: the place to begin, recorded cameras, objects with their boxes and tracks. */
+#include "cli/draw/describe.h"
+
+#include "cli/draw/camera_paths.h"
+#include "cli/draw/vectors.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/memory.h"
+#include "scene/camera_json.h"
+
+/* ---- Where to begin ---- */
+
+/* The mean of the cameras' own up axes, where they agree; else the scene's. */
+static pags_vec3 find_up(const pags_scene *scene) {
+  pags_vec3 sum = {0, 0, 0};
+  for (int64_t i = 0; i < scene->view_count; i++)
+    sum = pags_vec_sub(sum, pags_camera_column(&scene->views[i].camera, 1));
+  if (scene->up == PAGS_UP_Z)
+    return (pags_vec3){0, 0, 1};
+  if (scene->view_count && pags_vec_length(sum) > 0.3 * (double)scene->view_count)
+    return pags_vec_normalized(sum);
+  return (pags_vec3){0, scene->up == PAGS_UP_Y ? 1 : -1, 0};
+}
+
+pags_result pags_view_start_find(const pags_scene *scene, pags_view_start *out) {
+  enum { FRAMES = 8, AHEAD = 10 };
+  pags_camera_path path = {0};
+  const bool drive = pags_scene_is_drive(scene) && pags_camera_path_drive(scene, 0, 0, &path) == PAGS_OK;
+  if (!drive)
+    PAGS_TRY(pags_camera_path_orbit(scene, FRAMES, PAGS_STAND_AUTO, &path));
+  const pags_vec3 up = find_up(scene);
+  *out = (pags_view_start){.camera = path.cameras[0], .up = {up.x, up.y, up.z}, .distance = AHEAD};
+  if (!drive) {
+    /* The two cameras that look at the centre of an orbit from opposite sides are twice as far apart as it is. */
+    const pags_vec3 a = pags_camera_column(&path.cameras[0], 3), b = pags_camera_column(&path.cameras[FRAMES / 2], 3);
+    out->distance = fmax(0.5 * pags_vec_length(pags_vec_sub(a, b)), 1e-3);
+  }
+  pags_camera_path_destroy(&path);
+  return PAGS_OK;
+}
+
+/* ---- The description ---- */
+
+static void put_camera(pags_json_writer *json, const char *key, const pags_camera *camera) {
+  pags_json_begin_object(json, key);
+  pags_camera_lens_to_json(json, camera);
+  pags_json_put_numbers(json, "pose", camera->world_from_camera, 12);
+  pags_json_put_number(json, "time", camera->time);
+  pags_json_end_object(json);
+}
+
+static void put_views(pags_json_writer *json, const pags_scene *scene) {
+  pags_json_begin_array(json, "views");
+  for (int64_t i = 0; i < scene->view_count; i++) {
+    const pags_scene_view *view = &scene->views[i];
+    pags_json_begin_object(json, NULL);
+    pags_json_put_string(json, "name", view->name);
+    pags_json_put_bool(json, "test", view->test);
+    pags_json_put_integer(json, "sensor", view->sensor);
+    put_camera(json, "camera", &view->camera);
+    pags_json_end_object(json);
+  }
+  pags_json_end_array(json);
+}
+
+/* Rounded to a tenth of a millimetre, which keeps the text short. */
+static double rounded(double value) {
+  return round(value * 1e4) * 1e-4;
+}
+
+static void put_track(pags_json_writer *json, const pags_object *object) {
+  pags_json_begin_array(json, "track");
+  for (int64_t k = 0; k < object->knot_count; k++) {
+    double pose[12], row[13];
+    if (!pags_object_pose(object, object->knots[k].time, pose))
+      continue;
+    row[0] = object->knots[k].time;
+    for (int i = 0; i < 12; i++)
+      row[1 + i] = rounded(pose[i]);
+    pags_json_put_numbers(json, NULL, row, 13);
+  }
+  pags_json_end_array(json);
+}
+
+static void put_objects(pags_json_writer *json, const pags_composition *composition, const int64_t *gaussians) {
+  const pags_scene *scene = pags_composition_scene(composition);
+  pags_json_begin_array(json, "objects");
+  for (int64_t i = 0; i < scene->object_count; i++) {
+    const pags_scene_object *object = &scene->objects[i];
+    pags_json_begin_object(json, NULL);
+    pags_json_put_string(json, "id", object->record.id);
+    pags_json_put_string(json, "class", object->record.class_name);
+    pags_json_put_string(json, "category", pags_category_name(object->record.category));
+    pags_json_put_numbers(json, "size", object->record.size, 3);
+    pags_json_put_bool(json, "critical", object->critical);
+    pags_json_put_bool(json, "tracked", pags_composition_is_tracked(composition, i));
+    pags_json_put_integer(json, "gaussians", gaussians[i]);
+    put_track(json, &object->record);
+    pags_json_end_object(json);
+  }
+  pags_json_end_array(json);
+}
+
+/* Counts the Gaussians of each object. */
+static pags_result count_gaussians(const pags_composition *composition, int64_t **out) {
+  const int64_t count = pags_composition_gaussian_count(composition);
+  const int64_t objects = pags_composition_scene(composition)->object_count;
+  int32_t *object_of = malloc(((size_t)count + 1) * sizeof *object_of);
+  *out = calloc((size_t)objects + 1, sizeof **out);
+  if (!object_of || !*out) {
+    free(object_of);
+    free(*out);
+    return pags_out_of_memory("the objects of %lld Gaussians", (long long)count);
+  }
+  pags_composition_objects(composition, object_of);
+  for (int64_t i = 0; i < count; i++)
+    if (object_of[i] >= 0 && object_of[i] < objects)
+      (*out)[object_of[i]]++;
+  free(object_of);
+  return PAGS_OK;
+}
+
+pags_result pags_view_describe(const pags_composition *composition, const pags_view_start *start, const char *name,
+                               bool live, pags_json_writer *out) {
+  const pags_scene *scene = pags_composition_scene(composition);
+  const double time[2] = {scene->time_begin, scene->time_end};
+  int64_t *gaussians;
+  pags_json_writer_init(out, 0);
+  PAGS_TRY(count_gaussians(composition, &gaussians));
+  pags_json_begin_object(out, NULL);
+  pags_json_put_string(out, "name", name);
+  pags_json_put_string(out, "version", PAGS_VERSION_STRING);
+  pags_json_put_bool(out, "live", live);
+  pags_json_put_integer(out, "gaussians", pags_composition_gaussian_count(composition));
+  pags_json_put_numbers(out, "time", time, 2);
+  pags_json_put_number(out, "fps", scene->fps);
+  pags_json_put_numbers(out, "up", start->up, 3);
+  pags_json_put_number(out, "distance", start->distance);
+  put_camera(out, "start", &start->camera);
+  pags_json_put_integer(out, "driveSensor", pags_camera_path_drive_sensor(scene));
+  put_views(out, scene);
+  put_objects(out, composition, gaussians);
+  pags_json_end_object(out);
+  free(gaussians);
+  return pags_json_writer_finish(out);
+}

@@ -1,0 +1,369 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Orbits: closed paths round a scene's middle. How far off and how high the eye is may differ from azimuth to azimuth:
+ * it stays near the cameras that took the photographs, or where there are none as far away as shows the whole object,
+ * or within the room (scene/survey.h), and out of walls. World coordinates are absolute, in double. */
+#include <math.h>
+#include <stdbool.h>
+#include <stdlib.h>
+
+#include "base/memory.h"
+#include "cli/draw/camera_paths.h"
+#include "cli/draw/vectors.h"
+#include "maths/maths.h"
+#include "scene/far_cameras.h"
+
+enum { PATH_FPS = 30, AZIMUTHS = 72, SPREAD = 4 }; /* SPREAD: azimuths on either side that are smoothed over */
+enum { DEFAULT_WIDTH = 1280, DEFAULT_HEIGHT = 720, OBJECT_FOCAL = 1000, ROOM_FOCAL = 700 };
+
+static const double pi = 3.14159265358979323846;
+static const double closed =
+    1; /* cells of a room for each solid one: less is a street or a corner, which shows better from outside */
+
+/* An orbit's geometry and lens. */
+typedef struct orbit {
+  pags_vec3 centre, up, u, v;                /* u, v: axes of the horizontal plane */
+  double radius[AZIMUTHS], height[AZIMUTHS]; /* horizontal distance of the eye from the centre; height above it */
+  double middle_angle, half_arc;             /* of the azimuths covered; half_arc = pi: a full turn */
+  pags_camera lens;
+} orbit;
+
+static pags_vec3 scene_up(const pags_scene *scene) {
+  return scene->up == PAGS_UP_Z ? (pags_vec3){0, 0, 1} : (pags_vec3){0, scene->up == PAGS_UP_Y ? 1 : -1, 0};
+}
+
+static pags_camera default_lens(double focal) {
+  return (pags_camera){.width = DEFAULT_WIDTH,
+                       .height = DEFAULT_HEIGHT,
+                       .fx = focal,
+                       .fy = focal,
+                       .cx = DEFAULT_WIDTH / 2.0,
+                       .cy = DEFAULT_HEIGHT / 2.0,
+                       .time = (double)NAN};
+}
+
+/* Finds two axes u, v that span the plane perpendicular to `up`. */
+static void horizontal_axes(pags_vec3 up, pags_vec3 *u, pags_vec3 *v) {
+  *u = pags_vec_normalized(pags_vec_cross(up, fabs(up.x) < 0.9 ? (pags_vec3){1, 0, 0} : (pags_vec3){0, 1, 0}));
+  *v = pags_vec_cross(up, *u);
+}
+
+static void stand_up(orbit *o, pags_vec3 up) {
+  o->up = up;
+  horizontal_axes(up, &o->u, &o->v);
+}
+
+/* ---- The eye ---- */
+
+/* Interpolates one of the eye's two distances at an azimuth (radians). */
+static double at_azimuth(const double values[AZIMUTHS], double angle) {
+  const double turn = angle / (2 * pi), place = (turn - floor(turn)) * AZIMUTHS;
+  const int i = (int)place % AZIMUTHS;
+  const double t = place - floor(place);
+  return (1 - t) * values[i] + t * values[(i + 1) % AZIMUTHS];
+}
+
+static pags_vec3 eye_at(const orbit *o, double angle, double radius, double height) {
+  const pags_vec3 across = pags_vec_add(pags_vec_scale(o->u, pags_cos(angle)), pags_vec_scale(o->v, pags_sin(angle)));
+  return pags_vec_add(o->centre, pags_vec_add(pags_vec_scale(across, radius), pags_vec_scale(o->up, height)));
+}
+
+/* Orients a camera from `eye` towards the centre, with its picture as upright as possible. */
+static void look_from(const orbit *o, pags_vec3 eye, pags_camera *camera) {
+  const pags_vec3 forward = pags_vec_normalized(pags_vec_sub(o->centre, eye));
+  pags_vec3 right = pags_vec_cross(forward, o->up);
+  if (pags_vec_length(right) < 1e-6) /* looking straight up or down: any right axis will do */
+    right = pags_vec_cross(forward, fabs(forward.x) < 0.9 ? (pags_vec3){1, 0, 0} : (pags_vec3){0, 1, 0});
+  right = pags_vec_normalized(right);
+  *camera = o->lens;
+  pags_camera_set_column(camera, 0, right);
+  pags_camera_set_column(camera, 1, pags_vec_cross(forward, right));
+  pags_camera_set_column(camera, 2, forward);
+  pags_camera_set_column(camera, 3, eye);
+}
+
+/* Smooths distances round the circle so that none grows: first the least of the neighbours, then their mean, in which
+ * each of the least is at most the distance itself. */
+static void smooth_down(double values[AZIMUTHS]) {
+  double least[AZIMUTHS];
+  for (int i = 0; i < AZIMUTHS; i++) {
+    least[i] = values[i];
+    for (int j = -SPREAD; j <= SPREAD; j++)
+      least[i] = fmin(least[i], values[(i + j + AZIMUTHS) % AZIMUTHS]);
+  }
+  for (int i = 0; i < AZIMUTHS; i++) {
+    values[i] = 0;
+    for (int j = -SPREAD; j <= SPREAD; j++)
+      values[i] += least[(i + j + AZIMUTHS) % AZIMUTHS] / (2 * SPREAD + 1);
+  }
+}
+
+static int cell_of(const pags_scene *scene, const pags_survey *survey, pags_vec3 p) {
+  const double own[3] = {p.x - scene->origin[0], p.y - scene->origin[1], p.z - scene->origin[2]};
+  return pags_survey_cell(survey, own);
+}
+
+/* ---- Without photographs ---- */
+
+/* Whether all corners of the box show, with some margin, from all azimuths at this distance. */
+static bool shows_box(const orbit *o, const pags_vec3 corners[8], double radius, double slope) {
+  for (int a = 0; a < AZIMUTHS; a += 3) {
+    pags_camera camera;
+    look_from(o, eye_at(o, 2 * pi * a / AZIMUTHS, radius, slope * radius), &camera);
+    for (int i = 0; i < 8; i++) {
+      const pags_vec3 p = pags_vec_sub(corners[i], pags_camera_column(&camera, 3));
+      const double z = pags_vec_dot(p, pags_camera_column(&camera, 2)), margin = 0.94;
+      if (!(z > 0.05 * radius) ||
+          fabs(pags_vec_dot(p, pags_camera_column(&camera, 0))) * camera.fx > margin * camera.cx * z ||
+          fabs(pags_vec_dot(p, pags_camera_column(&camera, 1))) * camera.fy > margin * camera.cy * z)
+        return false;
+    }
+  }
+  return true;
+}
+
+/* Round an object: as near as shows all of the box. */
+static void orbit_of_box(const pags_scene *scene, const pags_survey *survey, orbit *o) {
+  static const double slope = 0.25; /* looking a little down */
+  const double *lo = survey->lo, *hi = survey->hi, *origin = scene->origin;
+  pags_vec3 corners[8];
+  for (int i = 0; i < 8; i++)
+    corners[i] = (pags_vec3){(i & 1 ? hi[0] : lo[0]) + origin[0], (i & 2 ? hi[1] : lo[1]) + origin[1],
+                             (i & 4 ? hi[2] : lo[2]) + origin[2]};
+  const double diagonal = fmax(pags_vec_length(pags_vec_sub(corners[7], corners[0])), 1e-3);
+  double near = 0.3 * diagonal, far = 8 * diagonal;
+  o->centre = pags_vec_scale(pags_vec_add(corners[0], corners[7]), 0.5);
+  o->lens = default_lens(OBJECT_FOCAL);
+  for (int i = 0; i < 24; i++) {
+    const double between = 0.5 * (near + far);
+    if (shows_box(o, corners, between, slope))
+      far = between;
+    else
+      near = between;
+  }
+  for (int a = 0; a < AZIMUTHS; a++) {
+    o->radius[a] = far;
+    o->height[a] = slope * far;
+  }
+}
+
+/* Within a room: from its sides across its middle, seven eighths of the way to where it ends. */
+static void orbit_of_room(const pags_scene *scene, const pags_survey *survey, orbit *o) {
+  double sorted[AZIMUTHS];
+  const double *m = survey->middle, reach = survey->step * (survey->n[0] + survey->n[1] + survey->n[2]);
+  o->centre = (pags_vec3){m[0] + scene->origin[0], m[1] + scene->origin[1], m[2] + scene->origin[2]};
+  o->lens = default_lens(ROOM_FOCAL);
+  for (int a = 0; a < AZIMUTHS; a++) {
+    double begins = 0, ends = 0;
+    for (double r = 0; r < reach; r += 0.5 * survey->step) {
+      const int cell = cell_of(scene, survey, eye_at(o, 2 * pi * a / AZIMUTHS, r, 0));
+      if (cell != PAGS_CELL_ROOM && ends > 0)
+        break;
+      if (cell == PAGS_CELL_ROOM && ends == 0)
+        begins = r;
+      if (cell == PAGS_CELL_ROOM)
+        ends = r;
+    }
+    sorted[a] = o->radius[a] = fmax(0.875 * ends, begins);
+    o->height[a] = 0;
+  }
+  const double usual = fmax(pags_percentile(sorted, AZIMUTHS, 0.5), survey->step);
+  for (int a = 0; a < AZIMUTHS; a++)
+    o->radius[a] = fmin(o->radius[a], 1.5 * usual);
+  smooth_down(o->radius);
+}
+
+/* ---- With photographs ---- */
+
+/* Solves the symmetric 3x3 system a x = b by Cramer's rule; returns false if the determinant is nearly 0 relative to
+ * the trace. */
+static bool solve3(const double a[6], pags_vec3 b, pags_vec3 *x) { /* a: xx xy xz yy yz zz */
+  pags_vec3 r0 = {a[0], a[1], a[2]}, r1 = {a[1], a[3], a[4]}, r2 = {a[2], a[4], a[5]};
+  double determinant = pags_vec_dot(r0, pags_vec_cross(r1, r2)), trace = (a[0] + a[3] + a[5]) / 3;
+  if (!(fabs(determinant) > 1e-4 * trace * trace * trace))
+    return false;
+  pags_vec3 sum = pags_vec_add(
+      pags_vec_add(pags_vec_scale(pags_vec_cross(r1, r2), b.x), pags_vec_scale(pags_vec_cross(r2, r0), b.y)),
+      pags_vec_scale(pags_vec_cross(r0, r1), b.z));
+  *x = pags_vec_scale(sum, 1 / determinant);
+  return true;
+}
+
+/* Finds the point with the least sum of squared distances to the views' optical axes: sum (I - d d') (x - p) = 0.
+ * Returns false if the axes are nearly parallel or the point isn't in front of most cameras. */
+static bool nearest_to_axes(const pags_scene *scene, pags_vec3 *out) {
+  double a[6] = {0};
+  pags_vec3 b = {0, 0, 0}, base = pags_camera_column(&scene->views[0].camera, 3);
+  int64_t ahead = 0;
+  for (int64_t i = 0; i < scene->view_count; i++) {
+    pags_vec3 d = pags_camera_column(&scene->views[i].camera, 2),
+              p = pags_vec_sub(pags_camera_column(&scene->views[i].camera, 3), base);
+    double m[6] = {1 - d.x * d.x, -d.x * d.y, -d.x * d.z, 1 - d.y * d.y, -d.y * d.z, 1 - d.z * d.z};
+    for (int k = 0; k < 6; k++)
+      a[k] += m[k];
+    b = pags_vec_add(b, pags_vec_sub(p, pags_vec_scale(d, pags_vec_dot(d, p))));
+  }
+  if (!solve3(a, b, out))
+    return false;
+  *out = pags_vec_add(*out, base);
+  for (int64_t i = 0; i < scene->view_count; i++) {
+    const pags_camera *camera = &scene->views[i].camera;
+    ahead += pags_vec_dot(pags_vec_sub(*out, pags_camera_column(camera, 3)), pags_camera_column(camera, 2)) > 0;
+  }
+  /* for cameras that look outwards, the point nearest to their axes lies behind them */
+  return ahead * 10 >= scene->view_count * 8;
+}
+
+/* Keeps the eye near the photographs' cameras: its distance and height are means of theirs, in which those of like
+ * azimuth count most. */
+static void follow_cameras(const double *angles, const double *radii, const double *heights, int64_t count, orbit *o) {
+  static const double like = 0.25; /* radians */
+  for (int a = 0; a < AZIMUTHS; a++) {
+    double weight = 1e-12, radius = 0, height = 0;
+    for (int64_t i = 0; i < count; i++) {
+      const double turn = (angles[i] - 2 * pi * a / AZIMUTHS) / (2 * pi), off = 2 * pi * (turn - floor(turn + 0.5));
+      const double w = 1e-9 + pags_exp(-0.5 * off * off / (like * like));
+      weight += w;
+      radius += w * radii[i];
+      height += w * heights[i];
+    }
+    o->radius[a] = fmax(radius / weight, 1e-3);
+    o->height[a] = height / weight;
+  }
+}
+
+/* Finds the arc that the sorted azimuths cover: everything but the widest gap between two of them. */
+static void find_arc(double *angles, int64_t count, orbit *o) {
+  pags_sort_doubles(angles, count);
+  double widest = angles[0] + 2 * pi - angles[count - 1], start = angles[0];
+  for (int64_t i = 1; i < count; i++)
+    if (angles[i] - angles[i - 1] > widest) {
+      widest = angles[i] - angles[i - 1];
+      start = angles[i];
+    }
+  o->half_arc = widest < pi / 2 ? pi : (2 * pi - widest) / 2;
+  o->middle_angle = start + (2 * pi - widest) / 2;
+}
+
+static pags_result orbit_of_views(const pags_scene *scene, const pags_survey *survey, orbit *o) {
+  const size_t count = (size_t)scene->view_count;
+  double *radii = malloc(3 * count * sizeof *radii), *heights = radii + count, *angles = heights + count;
+  if (!radii)
+    return pags_out_of_memory(NULL);
+  if (!nearest_to_axes(scene, &o->centre))
+    o->centre = (pags_vec3){survey->middle[0] + scene->origin[0], survey->middle[1] + scene->origin[1],
+                            survey->middle[2] + scene->origin[2]};
+
+  /* Up is the mean of the cameras' up axes; the scene's up if these disagree. */
+  pags_vec3 sum = {0, 0, 0};
+  for (size_t i = 0; i < count; i++)
+    sum = pags_vec_sub(sum, pags_camera_column(&scene->views[i].camera, 1));
+  stand_up(o, pags_vec_length(sum) > 0.3 * (double)count ? pags_vec_normalized(sum) : scene_up(scene));
+  for (size_t i = 0; i < count; i++) {
+    const pags_vec3 offset = pags_vec_sub(pags_camera_column(&scene->views[i].camera, 3), o->centre);
+    heights[i] = pags_vec_dot(offset, o->up);
+    radii[i] = pags_hypot(pags_vec_dot(offset, o->u), pags_vec_dot(offset, o->v));
+    angles[i] = pags_atan2(pags_vec_dot(offset, o->v), pags_vec_dot(offset, o->u));
+  }
+  follow_cameras(angles, radii, heights, scene->view_count, o);
+  find_arc(angles, scene->view_count, o);
+  o->lens = scene->views[0].camera;
+  o->lens.lens = (pags_lens_model){0}; /* pictures of an orbit are pinholes' */
+  free(radii);
+
+  /* Where the eye would be in something solid it is moved towards the centre. */
+  for (int a = 0; a < AZIMUTHS; a++)
+    for (int k = 0; k < 40; k++) {
+      const pags_vec3 eye = eye_at(o, 2 * pi * a / AZIMUTHS, o->radius[a], o->height[a]);
+      const pags_vec3 beyond = eye_at(o, 2 * pi * a / AZIMUTHS, o->radius[a] + 2 * survey->step, o->height[a]);
+      if (cell_of(scene, survey, eye) != PAGS_CELL_SOLID && cell_of(scene, survey, beyond) != PAGS_CELL_SOLID)
+        break;
+      o->radius[a] *= 0.96;
+    }
+  smooth_down(o->radius);
+  return PAGS_OK;
+}
+
+/* The same without the cameras that stand far from all others. */
+static pags_result orbit_of_near_views(const pags_scene *scene, const pags_survey *survey, orbit *o) {
+  const size_t count = (size_t)scene->view_count;
+  const double *lo = survey->lo, *hi = survey->hi;
+  pags_far_cameras found;
+  pags_scene near = *scene;
+  double *positions = malloc(3 * count * sizeof *positions);
+  bool *far = malloc(count * sizeof *far);
+  near.views = malloc(count * sizeof *near.views);
+  pags_result result = positions && far && near.views ? PAGS_OK : pags_out_of_memory(NULL);
+  for (size_t i = 0; result == PAGS_OK && i < 3 * count; i++)
+    positions[i] = scene->views[i / 3].camera.world_from_camera[4 * (i % 3) + 3];
+  if (result == PAGS_OK)
+    result = pags_far_cameras_find(positions, scene->view_count,
+                                   fmax(fmax(hi[0] - lo[0], hi[1] - lo[1]), hi[2] - lo[2]) / 2, far, &found);
+  if (result == PAGS_OK) {
+    near.view_count = 0;
+    for (size_t i = 0; i < count; i++)
+      if (!far[i])
+        near.views[near.view_count++] = scene->views[i];
+    result = orbit_of_views(&near, survey, o);
+  }
+  free(positions);
+  free(far);
+  free(near.views);
+  return result;
+}
+
+/* Orbit for a drive, whose cameras look along a street and so have no common centre: circles, from above, a place
+ * ahead of the mean camera position, nearer where something is in the way. */
+static void orbit_of_drive(const pags_scene *scene, const pags_survey *survey, orbit *o) {
+  enum { AHEAD = 6, RADIUS = 14, HEIGHT = 9 }; /* metres; low enough to show the sides that the cameras saw */
+  const pags_vec3 base = pags_camera_column(&scene->views[0].camera, 3);
+  pags_vec3 sum = {0, 0, 0};
+  for (int64_t i = 0; i < scene->view_count; i++) {
+    const pags_camera *camera = &scene->views[i].camera;
+    sum = pags_vec_add(sum, pags_vec_add(pags_vec_sub(pags_camera_column(camera, 3), base),
+                                         pags_vec_scale(pags_camera_column(camera, 2), AHEAD)));
+  }
+  o->centre = pags_vec_add(base, pags_vec_scale(sum, 1.0 / (double)scene->view_count));
+  o->lens = scene->views[0].camera;
+  o->lens.lens = (pags_lens_model){0}; /* pictures of an orbit are pinholes' */
+  for (int a = 0; a < AZIMUTHS; a++) {
+    double share = 0.35; /* what is nearer to the centre is what is looked at */
+    while (share < 1 &&
+           cell_of(scene, survey, eye_at(o, 2 * pi * a / AZIMUTHS, share * RADIUS, share * HEIGHT)) != PAGS_CELL_SOLID)
+      share += 0.02;
+    o->radius[a] = RADIUS * fmin(share < 1 ? share - 0.06 : 1, 1);
+  }
+  smooth_down(o->radius);
+  for (int a = 0; a < AZIMUTHS; a++)
+    o->height[a] = o->radius[a] * HEIGHT / RADIUS;
+}
+
+/* ---- The path ---- */
+
+pags_result pags_camera_path_orbit(const pags_scene *scene, int64_t frames, pags_stand stand, pags_camera_path *out) {
+  orbit o = {.half_arc = pi};
+  pags_survey survey;
+  if (!scene->view_count && !pags_scene_gaussian_count(scene))
+    return pags_fail(PAGS_ERROR_ARGUMENT, "an orbit needs at least one Gaussian or camera; the scene has none");
+  PAGS_TRY(pags_survey_make(scene, &survey));
+  stand_up(&o, scene_up(scene));
+  pags_result result = PAGS_OK;
+  if (stand == PAGS_STAND_AUTO && pags_scene_is_drive(scene))
+    orbit_of_drive(scene, &survey, &o);
+  else if (stand == PAGS_STAND_AUTO && scene->view_count > 1)
+    result = orbit_of_near_views(scene, &survey, &o);
+  else if (stand == PAGS_STAND_INSIDE || (stand == PAGS_STAND_AUTO && survey.inside && survey.surrounded > closed))
+    orbit_of_room(scene, &survey, &o);
+  else
+    orbit_of_box(scene, &survey, &o);
+  pags_survey_destroy(&survey);
+  PAGS_TRY(result);
+  *out = (pags_camera_path){.fps = PATH_FPS, .count = frames, .cameras = calloc((size_t)frames, sizeof *out->cameras)};
+  if (!out->cameras)
+    return pags_out_of_memory("a path of %lld frames", (long long)frames);
+  for (int64_t i = 0; i < frames; i++) {
+    const double turn = 2 * pi * (double)i / (double)frames;
+    const double angle = o.middle_angle + (o.half_arc >= pi ? turn : o.half_arc * pags_sin(turn));
+    look_from(&o, eye_at(&o, angle, at_azimuth(o.radius, angle), at_azimuth(o.height, angle)), &out->cameras[i]);
+  }
+  return PAGS_OK;
+}

@@ -1,0 +1,96 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Makes the names of pictures differ; see picture_names.h. */
+#include "cli/draw/picture_names.h"
+
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+#include "base/file.h"
+#include "base/memory.h"
+#include "base/sort.h"
+#include "base/text.h"
+
+typedef struct entry {
+  const char *view;
+  char *name;
+  int64_t number; /* of the view */
+  int tries;
+} entry;
+
+static int by_name(const void *a, const void *b) {
+  const entry *left = a, *right = b;
+  const int order = strcasecmp(left->name, right->name);
+  return order ? order : (left->number > right->number) - (left->number < right->number);
+}
+
+/* Gives an entry the next of its names: the stem of its view, the whole name, then that with its number. */
+static pags_result rename_entry(entry *e) {
+  const char *whole = pags_path_is_inside(e->view) ? e->view : pags_path_name(e->view);
+  const size_t length = strlen(whole), stem = length - strlen(pags_path_extension(whole));
+  char *name = e->tries == 0   ? pags_text_format("%.*s", (int)(stem ? stem : length), whole)
+               : e->tries == 1 ? pags_text_copy(whole)
+                               : pags_text_format("%s-%lld", e->name, (long long)e->number);
+  if (!name)
+    return pags_out_of_memory("the name of a picture");
+  free(e->name);
+  e->name = name;
+  e->tries++;
+  return PAGS_OK;
+}
+
+/* Renames every entry that an earlier view has the name of, until there is none. */
+static pags_result make_differ(entry *entries, int64_t count) {
+  for (bool same = true; same;) {
+    same = false;
+    pags_sort(entries, count, sizeof *entries, by_name);
+    const char *first = NULL;
+    for (int64_t i = 0; i < count; i++) {
+      const bool taken = first && strcasecmp(first, entries[i].name) == 0;
+      first = taken ? first : entries[i].name;
+      if (taken)
+        PAGS_TRY(rename_entry(&entries[i]));
+      same = same || taken;
+    }
+  }
+  return PAGS_OK;
+}
+
+static pags_result make(entry *entries, int64_t count, pags_picture_names *out) {
+  *out = (pags_picture_names){.count = count, .items = calloc((size_t)count + 1, sizeof *out->items)};
+  pags_result result = entries && out->items ? PAGS_OK : pags_out_of_memory("%lld names", (long long)count);
+  for (int64_t i = 0; i < count && result == PAGS_OK; i++)
+    result = rename_entry(&entries[i]);
+  if (result == PAGS_OK)
+    result = make_differ(entries, count);
+  for (int64_t i = 0; entries && out->items && i < count; i++)
+    out->items[entries[i].number] = entries[i].name;
+  free(entries);
+  if (result != PAGS_OK)
+    pags_picture_names_destroy(out);
+  return result;
+}
+
+pags_result pags_picture_names_of_scene(const pags_scene *scene, pags_picture_names *out) {
+  entry *entries = calloc((size_t)scene->view_count + 1, sizeof *entries);
+  for (int64_t i = 0; entries && i < scene->view_count; i++)
+    entries[i] = (entry){.view = scene->views[i].name, .number = i};
+  return make(entries, scene->view_count, out);
+}
+
+pags_result pags_picture_names_of_dataset(const pags_dataset *dataset, pags_picture_names *out) {
+  const int64_t count = pags_dataset_view_count(dataset);
+  entry *entries = calloc((size_t)count + 1, sizeof *entries);
+  for (int64_t i = 0; entries && i < count; i++)
+    entries[i] = (entry){.view = pags_dataset_view(dataset, i)->name, .number = i};
+  return make(entries, count, out);
+}
+
+void pags_picture_names_destroy(pags_picture_names *names) {
+  for (int64_t i = 0; names->items && i < names->count; i++)
+    free(names->items[i]);
+  free(names->items);
+  *names = (pags_picture_names){0};
+}

@@ -1,0 +1,72 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Implements render_passes.h: copies of the parts at other times, and the names of the parts. */
+#include "cli/draw/render_passes.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/memory.h"
+
+static bool wants(const pags_render_passes *self, pags_channel channel) {
+  return self->writer->channels >> channel & 1;
+}
+
+pags_result pags_render_passes_moment(pags_render_passes *self, int side, const pags_camera *camera) {
+  const pags_part *parts;
+  pags_moment *const moment = &self->moments[side];
+  self->known[side] = camera != NULL;
+  if (!camera)
+    return PAGS_OK;
+  moment->camera = *camera;
+  pags_compose(self->composition, camera->time, &parts, &moment->part_count);
+  if (moment->part_count > self->capacity[side] || !self->copies[side]) {
+    pags_part *const copies = realloc(self->copies[side], ((size_t)moment->part_count + 1) * sizeof *copies);
+    if (!copies)
+      return pags_out_of_memory("%d parts", moment->part_count);
+    self->copies[side] = copies;
+    self->capacity[side] = moment->part_count;
+  }
+  memcpy(self->copies[side], parts, (size_t)moment->part_count * sizeof *parts);
+  moment->parts = self->copies[side];
+  return PAGS_OK;
+}
+
+pags_result pags_render_passes_draw(pags_render_passes *self, pags_frame *frame, const pags_part *parts, int part_count,
+                                    pags_passes *out) {
+  pags_matte mattes[2];
+  pags_pass_request request = {.normal = wants(self, PAGS_CHANNEL_EXPECTED_NORMAL),
+                               .pairs = wants(self, PAGS_CHANNEL_BLENDED) || wants(self, PAGS_CHANNEL_OVERDRAW)};
+  if (part_count > self->capacity[2] || !self->names[0]) {
+    for (int m = 0; m < 2; m++) {
+      int32_t *const names = realloc(self->names[m], ((size_t)part_count + 1) * sizeof *names);
+      if (!names)
+        return pags_out_of_memory("%d parts", part_count);
+      self->names[m] = names;
+    }
+    self->capacity[2] = part_count;
+  }
+  for (int m = 0; m < 2; m++) {
+    const pags_matte_names *const names = &self->writer->mattes[m];
+    if (!wants(self, m ? PAGS_CHANNEL_CRYPTO_CLASS : PAGS_CHANNEL_CRYPTO_OBJECT))
+      continue;
+    for (int p = 0; p < part_count; p++) /* the last label is the background's */
+      self->names[m][p] = names->name_of_label[parts[p].label < 0 ? names->label_count - 1 : parts[p].label];
+    mattes[m] = (pags_matte){names->count, names->values, self->names[m]};
+    request.matte[m] = &mattes[m];
+  }
+  if (wants(self, PAGS_CHANNEL_MOTION)) {
+    /* The first and the last picture of a sequence have one neighbour; a single one has none, and nothing moves. */
+    request.before = self->known[0] ? &self->moments[0] : NULL;
+    request.after = self->known[1] ? &self->moments[1] : NULL;
+    request.motion = 1;
+  }
+  return pags_frame_passes(frame, &request, out);
+}
+
+void pags_render_passes_destroy(pags_render_passes *self) {
+  for (int k = 0; k < 2; k++) {
+    free(self->copies[k]);
+    free(self->names[k]);
+  }
+  *self = (pags_render_passes){0};
+}

@@ -1,0 +1,292 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* pags info --overlay: draws LiDAR points and object boxes onto a driving set's photographs and measures how well
+ * they agree, to check the set's conventions.
+ *
+ * A wrong axis, a box at the wrong time or a pose in the wrong frame is obvious in the pictures; the figures and
+ * warnings let a program find the same errors. */
+#include "cli/measure/overlay.h"
+
+#include "cli/common/interrupt.h"
+#include "cli/draw/picture.h"
+#include "cli/measure/overlay_draw.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/file.h"
+#include "base/memory.h"
+#include "train/lidar_depth.h"
+
+enum { MOST_STEPS = 20, MOST_SAMPLES = 20000 };
+
+/* Metres: a point counts as inside a box enlarged by inside_slack, and as near a box enlarged by about_slack. The
+ * lowest `ground` of a box is left out, since LiDAR points there lie on the road. */
+static const double inside_slack = 0.1, about_slack = 0.4, ground = 0.3;
+/* m/s: above this speed, a vehicle's motion tells its forward direction. */
+static const double least_speed = 2.0;
+
+/* A fraction hits / of, kept as two counts. */
+typedef struct share {
+  int64_t of, hits;
+} share;
+
+static double share_value(share s) {
+  return s.of ? (double)s.hits / (double)s.of : (double)NAN;
+}
+
+typedef struct overlay {
+  const pags_dataset *dataset;
+  const char *folder;
+  pags_photo_cache *photos;
+  uint8_t *outlines; /* of the current picture, a byte a pixel: 1 inside a moving object's box */
+  int64_t pictures, points;
+  share under_sky;   /* of the LiDAR points: those on sky pixels */
+  share on_vehicles; /* of the points inside moving vehicles' boxes: those on pixels labelled critical */
+  share in_boxes;    /* of the points inside or near moving vehicles' boxes: those inside */
+  share union_;      /* of the pixels in a moving box's outline or in the moving-object mask: those in both */
+  share boxes;       /* of the boxes at the view's time: those in front of the camera */
+} overlay;
+
+static const uint8_t colours[4][3] = {{200, 200, 200}, {0, 255, 255}, {255, 80, 255}, {255, 220, 0}};
+static const uint8_t parked_colour[3] = {110, 150, 150};
+
+/* ---- LiDAR points against boxes and masks ---- */
+
+/* Returns where a world point lies relative to a box: 2 inside, 1 near, 0 neither. */
+static int place_in_box(const pags_object *object, const double pose[12], const double world[3]) {
+  double inverse[12], beyond = -HUGE_VAL, p[3];
+  pags_rigid_inverse(pose, inverse);
+  for (int k = 0; k < 3; k++) {
+    const double *m = inverse + 4 * k;
+    p[k] = m[0] * world[0] + m[1] * world[1] + m[2] * world[2] + m[3];
+    beyond = fmax(beyond, fabs(p[k]) - 0.5 * object->size[k]);
+  }
+  if (p[2] < ground - 0.5 * object->size[2])
+    return 0;
+  return beyond <= inside_slack ? 2 : beyond <= about_slack;
+}
+
+/* Returns the highest place_in_box of a world point over the boxes of all moving vehicles at `time`. */
+static int place_of(const overlay *o, double time, const double world[3]) {
+  int best = 0;
+  for (int64_t i = 0; i < pags_dataset_object_count(o->dataset) && best < 2; i++) {
+    const pags_object *object = pags_dataset_object(o->dataset, i);
+    double pose[12];
+    if (!object->moving || object->category != PAGS_CATEGORY_VEHICLE || !pags_object_pose(object, time, pose))
+      continue;
+    int place = place_in_box(object, pose, world);
+    best = place > best ? place : best;
+  }
+  return best;
+}
+
+static void measure_point(overlay *o, const pags_view *view, const pags_photo *photo,
+                          const pags_lidar_depth_sample *sample) {
+  double world[3];
+  unsigned labels = photo->labels ? photo->labels[(size_t)sample->y * (size_t)photo->stride + (size_t)sample->x] : 0;
+
+  /* Unproject the sample to the world. */
+  double p[3];
+  if (!pags_camera_point(&view->camera, (double)sample->x, (double)sample->y, (double)sample->depth, p))
+    return;
+  pags_rigid_point(view->camera.world_from_camera, p, world);
+
+  int place = place_of(o, view->camera.time, world);
+  o->in_boxes.of += place > 0;
+  o->in_boxes.hits += place == 2;
+  o->points++;
+  if (!photo->labels)
+    return;
+  o->under_sky.of++;
+  o->under_sky.hits += (labels & PAGS_LABEL_SKY) != 0;
+  o->on_vehicles.of += place == 2;
+  o->on_vehicles.hits += place == 2 && labels & PAGS_LABEL_CRITICAL;
+}
+
+static pags_result draw_points(overlay *o, int64_t index, const pags_photo *photo, pags_image *image) {
+  const pags_view *view = pags_dataset_view(o->dataset, index);
+  pags_lidar_depth_sample *samples;
+  int64_t count;
+  PAGS_TRY(pags_lidar_depth_samples(o->dataset, index, MOST_SAMPLES, &count, &samples));
+  for (int64_t i = 0; i < count; i++) {
+    uint8_t rgb[3];
+    pags_depth_colour((double)samples[i].depth, rgb);
+    pags_draw_dot(image, (double)samples[i].x, (double)samples[i].y, image->width >= 800, rgb);
+    measure_point(o, view, photo, &samples[i]);
+  }
+  free(samples);
+  return PAGS_OK;
+}
+
+/* ---- Drawing the pictures ---- */
+
+static pags_result draw_view(overlay *o, int64_t index) {
+  const pags_view *view = pags_dataset_view(o->dataset, index);
+  pags_photo photo;
+  pags_image image = {0};
+  PAGS_TRY(pags_photo_cache_get(o->photos, index, 1, &photo));
+
+  PAGS_TRY(pags_photo_image(&photo, &image));
+
+  size_t pixels = (size_t)photo.width * (size_t)photo.height;
+  uint8_t *grown = realloc(o->outlines, pixels);
+  pags_result result = grown ? PAGS_OK : pags_out_of_memory(NULL);
+  if (grown) {
+    o->outlines = grown;
+    memset(o->outlines, 0, pixels);
+    result = draw_points(o, index, &photo, &image);
+  }
+  if (result == PAGS_OK) {
+    /* Draw the boxes of all objects at the view's time; fill the outlines of the moving ones. */
+    for (int64_t i = 0; i < pags_dataset_object_count(o->dataset); i++) {
+      const pags_object *object = pags_dataset_object(o->dataset, i);
+      double pose[12], corners[32];
+      if (!pags_object_pose(object, view->camera.time, pose))
+        continue;
+      int count = pags_box_outline(&view->camera, pose, object->size, corners);
+      o->boxes.of++;
+      if (!count)
+        continue;
+      o->boxes.hits++;
+      pags_draw_box(&image, &view->camera, pose, object->size,
+                    object->moving ? colours[object->category] : parked_colour);
+      if (object->moving)
+        pags_outline_fill(corners, count, image.width, image.height, image.width, 1, o->outlines);
+    }
+
+    if (photo.labels && pags_dataset_provides(o->dataset) & PAGS_PROVIDES_DYNAMIC_MASKS) {
+      /* Compare the outlines with the mask of moving objects, pixel by pixel. */
+      for (int y = 0; y < photo.height; y++)
+        for (int x = 0; x < photo.width; x++) {
+          bool box = o->outlines[(size_t)y * (size_t)photo.width + (size_t)x] != 0;
+          bool mask = (photo.labels[(size_t)y * (size_t)photo.stride + (size_t)x] & PAGS_LABEL_MOVING) != 0;
+          o->union_.of += box || mask;
+          o->union_.hits += box && mask;
+        }
+    }
+    o->pictures++;
+
+    /* Save the picture as NAME.jpg, NAME being the photograph's stem. */
+    char stem[PAGS_STEM], file[PAGS_STEM + 16];
+    pags_stem(view->name, stem, sizeof stem);
+    snprintf(file, sizeof file, "%s.jpg", stem);
+    result = pags_image_save_in(o->folder, file, &image);
+  }
+  pags_image_destroy(&image);
+  return result;
+}
+
+/* Returns whether a time step, counted from 0, is among the at most MOST_STEPS evenly chosen ones. */
+static bool is_drawn(int64_t step, int64_t steps) {
+  return steps <= MOST_STEPS || step * MOST_STEPS / steps != (step + 1) * MOST_STEPS / steps;
+}
+
+/* Whether the view is the first of its time step; views are sorted by it. */
+static bool begins_step(const pags_dataset *dataset, int64_t view) {
+  return view == 0 || pags_dataset_view(dataset, view)->frame != pags_dataset_view(dataset, view - 1)->frame;
+}
+
+static pags_result draw_all(overlay *o, const pags_session *session) {
+  const int64_t count = pags_dataset_view_count(o->dataset);
+  int64_t steps = 0, step = -1;
+  pags_result result = PAGS_OK;
+  for (int64_t i = 0; i < count; i++)
+    steps += begins_step(o->dataset, i);
+  pags_progress progress = pags_progress_begin(session->people);
+  pags_interrupt_install(session->tasks);
+  for (int64_t i = 0; result == PAGS_OK && i < count; i++) {
+    step += begins_step(o->dataset, i);
+    if (pags_interrupted())
+      result = pags_fail(PAGS_CANCELLED, "interrupted after %lld pictures", (long long)o->pictures);
+    else if (is_drawn(step, steps))
+      result = draw_view(o, i);
+    if (pags_progress_due(&progress))
+      pags_progress_show(&progress, "view %lld of %lld", (long long)i + 1, (long long)count);
+  }
+  pags_progress_end(&progress);
+  return result;
+}
+
+/* ---- Figures and warnings ---- */
+
+/* Returns the mean cosine of the angle between the forward axis of vehicles and their direction of motion; NaN if no
+ * vehicle is fast enough. */
+static double front_cosine(const pags_dataset *dataset) {
+  double sum = 0;
+  int64_t count = 0;
+  for (int64_t i = 0; i < pags_dataset_object_count(dataset); i++) {
+    const pags_object *object = pags_dataset_object(dataset, i);
+    for (int64_t n = 0; object->category == PAGS_CATEGORY_VEHICLE && n + 1 < object->knot_count; n++) {
+      const pags_knot *a = &object->knots[n], *b = &object->knots[n + 1];
+      double way[3], dot = 0, square = 0;
+      for (int k = 0; k < 3; k++) {
+        way[k] = b->world_from_object[4 * k + 3] - a->world_from_object[4 * k + 3];
+        dot += way[k] * a->world_from_object[4 * k];
+        square += way[k] * way[k];
+      }
+      if (b->time > a->time && sqrt(square) > least_speed * (b->time - a->time)) {
+        sum += dot / sqrt(square);
+        count++;
+      }
+    }
+  }
+  return count ? sum / (double)count : (double)NAN;
+}
+
+pags_result pags_overlay(const pags_dataset *dataset, const char *folder, pags_session *session, pags_report *report) {
+  overlay o = {.dataset = dataset, .folder = folder};
+  if (!(pags_dataset_fps(dataset) > 0))
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: --overlay is for driving sets, which have boxes or LiDAR",
+                     pags_dataset_path(dataset));
+  PAGS_TRY(pags_prepare_folder(session, folder));
+  PAGS_TRY(pags_photo_cache_create(dataset, session->tasks, (uint64_t)128 << 20, &o.photos));
+  pags_result result = draw_all(&o, session);
+  pags_photo_cache_destroy(o.photos);
+  free(o.outlines);
+  if (result != PAGS_OK)
+    return result;
+  double cosine = front_cosine(dataset);
+  pags_report_begin_group(report, "overlay");
+
+  /* Report the figures. */
+  pags_report_text(report, "folder", o.folder);
+  pags_report_count(report, "pictures", o.pictures);
+  pags_report_count(report, "lidar_points", o.points);
+  pags_report_number(report, "lidar_under_sky", share_value(o.under_sky));
+  pags_report_number(report, "lidar_in_boxes", share_value(o.in_boxes));
+  pags_report_number(report, "lidar_in_boxes_on_mask", share_value(o.on_vehicles));
+  pags_report_number(report, "outline_mask_overlap", share_value(o.union_));
+  pags_report_number(report, "boxes_in_pictures", share_value(o.boxes));
+  pags_report_number(report, "front_cosine", cosine);
+
+  /* Report a warning for each figure that is out of its expected range. */
+  bool lidar = (pags_dataset_provides(o.dataset) & PAGS_PROVIDES_LIDAR) != 0;
+  const struct {
+    bool holds;
+    const char *text;
+  } warnings[] = {{cosine < 0.5,
+                   "vehicles don't go where their fronts point: object_forward of dataset.json (--kind) may be wrong"},
+                  {share_value(o.under_sky) > 0.05,
+                   "more than 5 % of the LiDAR points lie on sky: extrinsics, camera_axes or "
+                   "lidar_frame of dataset.json (--kind) may be wrong"},
+                  {share_value(o.in_boxes) < 0.5,
+                   "most LiDAR points about the boxes of moving vehicles lie outside of them: boxes, "
+                   "LiDAR or their times may be wrong"},
+                  {share_value(o.on_vehicles) < 0.5,
+                   "most LiDAR points in the boxes of moving vehicles don't lie on vehicles in the "
+                   "photographs: extrinsics or times may be wrong"},
+                  {share_value(o.union_) < 0.5,
+                   "the boxes' outlines and dynamic_masks overlap by less than half: boxes, "
+                   "extrinsics or object_forward may be wrong"},
+                  {lidar && !o.points,
+                   "no LiDAR point lies in a photograph: lidar_columns, lidar_frame or extrinsics may be wrong"},
+                  {o.boxes.of && !o.boxes.hits, "no box lies in a photograph: boxes or extrinsics may be wrong"}};
+  pags_report_begin_list(report, "warnings");
+  for (size_t i = 0; i < sizeof warnings / sizeof warnings[0]; i++)
+    if (warnings[i].holds)
+      pags_report_sentence(report, warnings[i].text);
+  pags_report_end_list(report);
+
+  pags_report_end_group(report);
+  return PAGS_OK;
+}

@@ -1,0 +1,521 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Reports the facts of a scene for pags info: models, objects, tracks, priorities, views, sky, exposure, memory, and
+ * the notes that training left. */
+#include "cli/measure/scene_facts.h"
+
+#include "cli/draw/camera_paths.h"
+
+#include <math.h>
+#include <pags/compose.h>
+#include <pags/train.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include "base/file.h"
+#include "base/memory.h"
+#include "base/text.h"
+#include "base/vec3.h"
+
+const char *pags_up_name(pags_up up) {
+  return up == PAGS_UP_Z ? "+z" : up == PAGS_UP_MINUS_Y ? "-y" : up == PAGS_UP_Y ? "+y" : "unknown";
+}
+
+/* ---- Models ---- */
+
+/* Reports how many Gaussians need each degree of spherical harmonics, which is what packing by degree would have to
+ * store. */
+static void put_degrees(pags_report *report, const pags_scene *scene) {
+  static const char *const names[] = {"degree_0", "degree_1", "degree_2", "degree_3"};
+  int64_t count[4] = {0};
+  int most = 0;
+  for (int64_t m = 0; m < scene->model_count; m++) {
+    const pags_gaussians *g = &scene->models[m].gaussians;
+    most = g->sh_degree > most ? g->sh_degree : most;
+    for (int64_t i = 0; i < g->count; i++)
+      ++count[pags_gaussians_row_degree(g, i)];
+  }
+  pags_report_begin_group(report, "gaussians_by_colour");
+  for (int degree = 0; degree <= most; degree++)
+    pags_report_count(report, names[degree], count[degree]);
+  pags_report_end_group(report);
+}
+
+static const pags_scene_object *object_of(const pags_scene *scene, int64_t model) {
+  for (int64_t o = 0; o < scene->object_count; o++)
+    if (scene->objects[o].model == model)
+      return &scene->objects[o];
+  return NULL;
+}
+
+/* Computes the bounding box of the means of all models that aren't placed by an object's track, in absolute
+ * coordinates; returns false if there are no such Gaussians. */
+static bool scene_bounds(const pags_scene *scene, double lo[3], double hi[3]) {
+  for (int axis = 0; axis < 3; axis++) {
+    lo[axis] = HUGE_VAL;
+    hi[axis] = -HUGE_VAL;
+    for (int64_t m = 0; m < scene->model_count; m++) {
+      const pags_gaussians *gaussians = &scene->models[m].gaussians;
+      for (int64_t i = 0; i < gaussians->count && !object_of(scene, m); i++) {
+        double at = scene->origin[axis] + (double)pags_plane(gaussians, PAGS_MEAN + axis)[i];
+        lo[axis] = fmin(lo[axis], at);
+        hi[axis] = fmax(hi[axis], at);
+      }
+    }
+  }
+  return lo[0] <= hi[0];
+}
+
+/* Size in bytes of a SOG that lies in a folder: its meta.json and all WebP pictures beside it. */
+static pags_result sog_bytes(const char *meta, uint64_t *bytes) {
+  pags_dir_list list = {0};
+  uint64_t size;
+  char *folder = pags_path_folder(meta);
+  pags_result result = folder ? pags_dir_list_read(folder, &list) : pags_out_of_memory(NULL);
+  if (result == PAGS_OK)
+    result = pags_file_size(meta, bytes);
+  for (int64_t i = 0; i < list.count && result == PAGS_OK; i++)
+    if (strcasecmp(pags_path_extension(list.names[i]), ".webp") == 0) {
+      char *picture = pags_path_join(folder, list.names[i]);
+      result = picture ? pags_file_size(picture, &size) : pags_out_of_memory(NULL);
+      *bytes += result == PAGS_OK ? size : 0;
+      free(picture);
+    }
+  pags_dir_list_destroy(&list);
+  free(folder);
+  return result;
+}
+
+/* Size in bytes of the splat file `path`, or, if `path` is a scene folder, of `file` in it. */
+static pags_result file_bytes(const char *path, const char *file, bool folder, uint64_t *bytes) {
+  if (!folder)
+    return strcasecmp(pags_path_name(path), "meta.json") == 0 ? sog_bytes(path, bytes) : pags_file_size(path, bytes);
+  char *inside = pags_path_join(path, file);
+  if (!inside)
+    return pags_out_of_memory(NULL);
+  const pags_result result = file_bytes(inside, NULL, false, bytes);
+  free(inside);
+  return result;
+}
+
+static pags_result put_models(pags_report *report, const char *path, const pags_scene *scene, uint64_t *total) {
+  bool folder = pags_dir_exists(path);
+  *total = 0;
+  pags_report_begin_list(report, "models");
+  for (int64_t i = 0; i < scene->model_count; i++) {
+    const pags_model *model = &scene->models[i];
+    const pags_scene_object *object = object_of(scene, i);
+    uint64_t bytes;
+
+    PAGS_TRY(file_bytes(path, model->file, folder, &bytes));
+    *total += bytes;
+    if (object) {
+      /* Print one line per object's model, since there may be a hundred of them. */
+      const pags_gaussians *g = &model->gaussians;
+      char size[32];
+      pags_report_named(report, model->name, "%s, %lld Gaussians of SH degree %d, %s%s%s", object->record.class_name,
+                        (long long)g->count, g->sh_degree, pags_format_bytes((double)bytes, size, sizeof size),
+                        g->fourier ? ", colour over time" : "", object->rigid ? "" : ", not rigid");
+      pags_json_writer *w = &report->json;
+      pags_json_begin_object(w, NULL);
+      pags_json_put_string(w, "name", model->name);
+      pags_json_put_string(w, "file", model->file);
+      pags_json_put_integer(w, "gaussians", g->count);
+      pags_json_put_integer(w, "sh_degree", g->sh_degree);
+      pags_json_put_unsigned(w, "bytes", bytes);
+      pags_json_put_string(w, "object", object->record.id);
+      pags_json_put_string(w, "class", object->record.class_name);
+      pags_json_put_bool(w, "fourier_colour", g->fourier != NULL);
+      pags_json_put_bool(w, "rigid", object->rigid != 0);
+      pags_json_end_object(w);
+
+      continue;
+    }
+    pags_report_begin_item(report, model->name);
+    if (folder)
+      pags_report_text(report, "file", model->file);
+    pags_report_count(report, "gaussians", model->gaussians.count);
+    pags_report_count(report, "sh_degree", model->gaussians.sh_degree);
+    pags_report_bytes(report, "bytes", (double)bytes);
+    pags_report_end_item(report);
+  }
+  pags_report_end_list(report);
+  return PAGS_OK;
+}
+
+/* ---- Objects and tracks ---- */
+
+/* Reports how many objects of a category there are, and how many of them are critical, moving, parked, and have
+ * models of their own. */
+static void put_category(pags_report *report, const pags_scene *scene, pags_category category) {
+  int64_t count = 0, moving = 0, own = 0, critical = 0, rigid = 0, fourier = 0;
+  for (int64_t o = 0; o < scene->object_count; o++) {
+    const pags_scene_object *object = &scene->objects[o];
+    if (object->record.category != category)
+      continue;
+    count++;
+    moving += object->record.moving != 0;
+    critical += object->critical != 0;
+    own += object->model >= 0;
+    rigid += object->model >= 0 && object->rigid;
+    fourier += object->model >= 0 && scene->models[object->model].gaussians.fourier;
+  }
+  if (!count)
+    return;
+  pags_report_begin_item(report, pags_category_name(category));
+  pags_report_count(report, "count", count);
+  pags_report_count(report, "critical", critical);
+  pags_report_count(report, "moving", moving);
+  pags_report_count(report, "parked", count - moving);
+  pags_report_count(report, "own_models", own);
+  pags_report_count(report, "rigid_models", rigid);
+  pags_report_count(report, "fourier_models", fourier);
+  pags_report_end_item(report);
+}
+
+pags_result pags_scene_object_gaussians(const pags_scene *scene, int64_t **out) {
+  int64_t *counts = calloc((size_t)scene->object_count + 1, sizeof *counts);
+  *out = counts;
+  if (!counts)
+    return pags_out_of_memory("%lld objects", (long long)scene->object_count);
+  for (int64_t m = 0; m < scene->model_count; m++) {
+    const pags_gaussians *g = &scene->models[m].gaussians;
+    for (int64_t i = 0; g->object_id && !object_of(scene, m) && i < g->count; i++)
+      if (g->object_id[i] >= 0)
+        counts[g->object_id[i]]++;
+  }
+  for (int64_t o = 0; o < scene->object_count; o++)
+    if (scene->objects[o].model >= 0)
+      counts[o] = scene->models[scene->objects[o].model].gaussians.count;
+  return PAGS_OK;
+}
+
+static pags_result list_objects(pags_report *report, const pags_scene *scene) {
+  int64_t *gaussians;
+  PAGS_TRY(pags_scene_object_gaussians(scene, &gaussians));
+  pags_report_begin_list(report, "every_object");
+  for (int64_t o = 0; o < scene->object_count; o++) {
+    const pags_scene_object *object = &scene->objects[o];
+    const pags_object *record = &object->record;
+    double seen[2] = {record->knots[0].time - scene->time_begin,
+                      record->knots[record->knot_count - 1].time - scene->time_begin};
+    pags_report_begin_item(report, record->id);
+    pags_report_text(report, "class", record->class_name);
+    pags_report_text(report, "category", pags_category_name(record->category));
+    pags_report_flag(report, "moving", record->moving != 0);
+    pags_report_text(report, "model", object->model >= 0 ? scene->models[object->model].name : "background");
+    pags_report_count(report, "gaussians", gaussians[o]);
+    pags_report_vector(report, "size", record->size, 3);
+    pags_report_vector(report, "seconds", seen, 2);
+    pags_report_end_item(report);
+  }
+  pags_report_end_list(report);
+  free(gaussians);
+  return PAGS_OK;
+}
+
+/* Reports the mean correction that training made to the poses of objects with models, in metres and degrees. */
+static void put_tracks(pags_report *report, const pags_scene *scene) {
+  int64_t tracks = 0, knots = 0, trained = 0;
+  double metres = 0, radians = 0;
+  for (int64_t o = 0; o < scene->object_count; o++) {
+    const pags_object *record = &scene->objects[o].record;
+    if (scene->objects[o].model < 0)
+      continue;
+    tracks++;
+    knots += record->knot_count;
+    for (int64_t k = 0; k < record->knot_count; k++) {
+      if (!record->knots[k].trained)
+        continue;
+      trained++;
+      metres += pags_length3(record->knots[k].translation);
+      radians += pags_length3(record->knots[k].rotation);
+    }
+  }
+  if (!tracks)
+    return;
+  pags_report_begin_group(report, "tracks");
+  pags_report_count(report, "count", tracks);
+  pags_report_count(report, "knots", knots);
+  pags_report_count(report, "trained_knots", trained);
+  pags_report_number(report, "mean_correction_metres", trained ? metres / (double)trained : 0);
+  pags_report_number(report, "mean_correction_degrees", trained ? radians / (double)trained * 57.29577951308232 : 0);
+  pags_report_end_group(report);
+}
+
+static pags_result put_objects(pags_report *report, const pags_scene *scene, bool every) {
+  if (!scene->object_count)
+    return PAGS_OK;
+  pags_report_begin_list(report, "objects");
+  for (int c = PAGS_CATEGORY_VEHICLE; c <= PAGS_CATEGORY_CYCLIST; c++)
+    put_category(report, scene, (pags_category)c);
+  put_category(report, scene, PAGS_CATEGORY_OTHER);
+  pags_report_end_list(report);
+  put_tracks(report, scene);
+  return every ? list_objects(report, scene) : PAGS_OK;
+}
+
+/* ---- Exposure, views and the trainer's notes ---- */
+
+static void put_exposure(pags_report *report, const pags_scene *scene) {
+  int64_t exposed = 0;
+  double lo = HUGE_VAL, hi = -HUGE_VAL;
+  for (int64_t i = 0; i < scene->view_count; i++) {
+    const pags_scene_view *view = &scene->views[i];
+    bool changed = false;
+    for (int k = 0; k < 3; k++) {
+      changed = changed || view->gain[k] != 1 || view->offset[k] != 0;
+      lo = fmin(lo, view->gain[k]);
+      hi = fmax(hi, view->gain[k]);
+    }
+    exposed += changed;
+  }
+  if (!exposed) {
+    pags_report_text(report, "exposure", "the same in every view");
+    return;
+  }
+  pags_report_begin_group(report, "exposure");
+  pags_report_count(report, "views", exposed);
+  pags_report_vector(report, "gains", (double[]){lo, hi}, 2);
+  pags_report_end_group(report);
+}
+
+static void put_views(pags_report *report, const pags_scene *scene) {
+  int64_t held_out = 0;
+  for (int64_t i = 0; i < scene->view_count; i++)
+    held_out += scene->views[i].test != 0;
+  if (!scene->view_count)
+    return;
+  pags_report_count(report, "views_train", scene->view_count - held_out);
+  pags_report_count(report, "views_test", held_out);
+  pags_report_count(report, "width", scene->views[0].camera.width);
+  pags_report_count(report, "height", scene->views[0].camera.height);
+}
+
+const char *pags_spoken_value(const pags_json_value *v, char text[PAGS_DOUBLE_TEXT]) {
+  switch (v->type) {
+    case PAGS_JSON_STRING: return v->text;
+    case PAGS_JSON_NUMBER: snprintf(text, PAGS_DOUBLE_TEXT, "%.6g", v->number); return text;
+    case PAGS_JSON_BOOL: return v->boolean ? "yes" : "no";
+    case PAGS_JSON_NULL: return "-";
+    case PAGS_JSON_ARRAY:
+    case PAGS_JSON_OBJECT: break;
+  }
+  return "...";
+}
+
+void pags_spoken_members(const pags_json_value *parent, const char *but, char *text, size_t size) {
+  size_t used = 0;
+  text[0] = 0;
+  for (const pags_json_value *v = parent->first; v && used < size; v = v->next) {
+    char number[PAGS_DOUBLE_TEXT];
+    if (!v->key || !but || strcmp(v->key, but) != 0)
+      used += (size_t)snprintf(text + used, size - used, "%s%s%s%s", used ? ", " : "", v->key ? v->key : "",
+                               v->key ? " " : "", pags_spoken_value(v, number));
+  }
+}
+
+/* Prints an array of JSON objects, one line each, beginning with the object's "id". */
+static void list_notes(pags_report *report, const pags_json_value *array) {
+  char text[1000];
+  pags_report_line(report, array->key, "%s", "");
+  report->indent += 2;
+  for (const pags_json_value *v = array->first; v; v = v->next) {
+    const pags_json_value *id = pags_json_member(v, "id");
+    pags_spoken_members(v, "id", text, sizeof text);
+    pags_report_named(report, id && id->type == PAGS_JSON_STRING ? id->text : "-", "%s", text);
+  }
+  report->indent -= 2;
+}
+
+static pags_result put_modelled(pags_report *report, const pags_scene *scene) {
+  pags_json *json;
+  if (!scene->notes)
+    return PAGS_OK;
+  PAGS_TRY(pags_json_parse_text("modelled", scene->notes, strlen(scene->notes), &json));
+  pags_report_line(report, "modelled", "%s", "");
+  report->indent += 2;
+
+  /* Print the trainer's notes for people key by key, whatever keys they have: the trainer alone decides what it
+   * notes. */
+  const pags_json_value *object = pags_json_root(json);
+  for (const pags_json_value *v = object->first; v; v = v->next) {
+    char text[1000];
+    if (v->type == PAGS_JSON_OBJECT) {
+      pags_spoken_members(v, NULL, text, sizeof text);
+      pags_report_line(report, v->key, "%s", text);
+    } else if (v->type == PAGS_JSON_ARRAY && v->first && v->first->type == PAGS_JSON_OBJECT) {
+      list_notes(report, v);
+    } else if (v->type == PAGS_JSON_ARRAY) {
+      for (const pags_json_value *e = v->first; e; e = e->next)
+        pags_report_line(report, e == v->first ? v->key : "", "%s", pags_spoken_value(e, text));
+    } else {
+      pags_report_line(report, v->key, "%s", pags_spoken_value(v, text));
+    }
+  }
+
+  report->indent -= 2;
+  pags_json_put_raw(&report->json, "modelled", scene->notes);
+  pags_json_destroy(json);
+  return PAGS_OK;
+}
+
+/* ---- Memory and priorities ---- */
+
+/* Returns the bytes of the parameters of all models (float32), and in `degree` the highest SH degree among them. */
+static double stored_bytes(const pags_scene *scene, int *degree) {
+  double stored = 0;
+  *degree = 0;
+  for (int64_t i = 0; i < scene->model_count; i++) {
+    const pags_gaussians *g = &scene->models[i].gaussians;
+    int planes = pags_plane_count(g->sh_degree) + (g->s_sem ? 1 : 0) + (g->object_id ? 1 : 0) + (g->fourier ? 12 : 0);
+    stored += (double)g->count * 4.0 * planes;
+    *degree = g->sh_degree > *degree ? g->sh_degree : *degree;
+  }
+  return stored;
+}
+
+/* Renders one frame from the first camera of an orbit and reports the bytes per Gaussian of storage, rendering and
+ * training. Takes over the scene's contents. */
+static pags_result put_memory(pags_report *report, pags_tasks *tasks, pags_scene *scene) {
+  pags_camera_path path = {0};
+  pags_frame *frame;
+  pags_picture picture;
+  pags_composition *composition = NULL;
+  const pags_part *parts;
+  int part_count, degree;
+  double stored = stored_bytes(scene, &degree);
+  PAGS_TRY(pags_camera_path_orbit(scene, 1, PAGS_STAND_AUTO, &path));
+  pags_camera camera = path.cameras[0];
+  pags_camera_path_destroy(&path);
+  PAGS_TRY(pags_frame_create(tasks, &frame));
+  pags_result result = pags_composition_create(scene, &composition);
+  if (result == PAGS_OK) {
+    pags_frame_options options = pags_composition_options(composition);
+    pags_compose(composition, camera.time, &parts, &part_count);
+    result = pags_frame_render(frame, parts, part_count, &camera, &options, NULL, NULL, &picture);
+  }
+  if (result == PAGS_OK) {
+    int64_t gaussians = pags_composition_gaussian_count(composition);
+    double count = (double)(gaussians ? gaussians : 1);
+    pags_report_begin_group(report, "memory");
+    pags_report_text(report, "unit", "bytes per Gaussian");
+    pags_report_number(report, "parameters", stored / count);
+    pags_report_number(report, "ready_to_draw", (double)pags_composition_bytes(composition) / count);
+    pags_report_number(report, "frame", (double)pags_frame_bytes(frame) / count);
+    pags_report_number(report, "training",
+                       (double)pags_train_bytes(gaussians, degree, camera.width, camera.height) / count);
+    pags_report_count(report, "width", camera.width);
+    pags_report_count(report, "height", camera.height);
+    pags_report_end_group(report);
+  }
+  pags_composition_destroy(composition);
+  pags_frame_destroy(frame);
+  return result;
+}
+
+/* Reports the mean priority of the Gaussians that have one, and the shares over 0.1, 0.5 and 0.9. */
+static void put_priorities(pags_report *report, const pags_scene *scene) {
+  static const float bounds[3] = {0.1f, 0.5f, 0.9f};
+  static const char *const names[3] = {"over_0.1", "over_0.5", "over_0.9"};
+  int64_t known = 0, over[3] = {0};
+  double sum = 0;
+  for (int64_t i = 0; i < scene->model_count; i++) {
+    const pags_gaussians *g = &scene->models[i].gaussians;
+    known += g->s_sem ? g->count : 0;
+    for (int64_t row = 0; g->s_sem && row < g->count; row++) {
+      sum += (double)g->s_sem[row];
+      for (int k = 0; k < 3; k++)
+        over[k] += g->s_sem[row] > bounds[k];
+    }
+  }
+  if (!known)
+    return;
+  pags_report_begin_group(report, "priority");
+  pags_report_count(report, "gaussians", known);
+  pags_report_number(report, "mean", sum / (double)known);
+  for (int k = 0; k < 3; k++)
+    pags_report_number(report, names[k], (double)over[k] / (double)known);
+  pags_report_end_group(report);
+}
+
+/* ---- The whole report ---- */
+
+/* Says which axes a splat file was read in, and who says so, where that is a question. */
+static void put_axes(pags_report *report, const pags_splat_facts *file) {
+  char text[64];
+  if (file->axes == PAGS_AXES_UNKNOWN)
+    return;
+  snprintf(text, sizeof text, "%s, by the %s", pags_axes_name(file->axes), file->axes_from);
+  pags_report_text(report, "axes", text);
+}
+
+/* Says which axis is up, and who says so: the file (also by the record of its axes), an option, or nobody, so that -y
+ * is assumed. */
+static void put_up(pags_report *report, const pags_scene *scene, const pags_reading *reading) {
+  const pags_splat_facts *file = &scene->file;
+  const bool record = file->axes_from && strcmp(file->axes_from, "record") == 0;
+  const char *const from = reading->up || (reading->axes && file->up == PAGS_UP_UNKNOWN) ? "option"
+                           : !file->kind || file->up != PAGS_UP_UNKNOWN || record        ? "file"
+                                                                                         : "default";
+  const char *const name = pags_up_name(scene->up);
+  pags_report_line(report, "up", "%s%s", name, strcmp(from, "default") == 0 ? ", assumed; --up overrides" : "");
+  pags_json_put_string(&report->json, "up", name);
+  pags_json_put_string(&report->json, "up_from", from);
+}
+
+pags_result pags_scene_facts(pags_report *report, const char *path, const pags_scene_facts_options *options) {
+  pags_scene scene;
+  uint64_t bytes = 0;
+  PAGS_TRY(pags_scene_load_in_axes(path, options->reading.axes, &scene));
+  pags_reading_apply(&options->reading, &scene);
+  const char *const folder = pags_dir_exists(path) ? pags_scene_folder_kind(path) : NULL;
+  pags_report_text(report, "kind", folder ? folder : scene.file.kind ? scene.file.kind : "scene");
+  pags_report_count(report, "gaussians", pags_scene_gaussian_count(&scene));
+  pags_result result = put_models(report, path, &scene, &bytes);
+  pags_report_bytes(report, "bytes", (double)bytes);
+  put_degrees(report, &scene);
+
+  /* Report up, origin, place and bounds in the world. */
+  double lo[3], hi[3];
+  put_axes(report, &scene.file);
+  put_up(report, &scene, &options->reading);
+  pags_report_flag(report, "antialiased", scene.antialiased != 0);
+  if (scene.model_count > 0 && scene.models[0].gaussians.alpha_min > 0.0f)
+    pags_report_number(report, "alpha_min", (double)scene.models[0].gaussians.alpha_min);
+  pags_report_vector(report, "origin", scene.origin, 3);
+  pags_report_place(report, &scene.place);
+  if (scene_bounds(&scene, lo, hi)) {
+    pags_report_vector(report, "bounds_lo", lo, 3);
+    pags_report_vector(report, "bounds_hi", hi, 3);
+  }
+  if (scene.iterations)
+    pags_report_count(report, "iterations", scene.iterations);
+  if (scene.dataset)
+    pags_report_text(report, "dataset", scene.dataset);
+
+  put_priorities(report, &scene);
+  put_views(report, &scene);
+
+  /* Report the time span and exposure of scenes that have time. */
+  double time[2] = {scene.time_begin, scene.time_end};
+  if (scene.time_end > scene.time_begin || scene.fps > 0) {
+    pags_report_line(report, "time", "%.3f to %.3f s", time[0], time[1]);
+    pags_json_put_numbers(&report->json, "time", time, 2);
+    pags_report_number(report, "seconds", scene.time_end - scene.time_begin);
+    pags_report_number(report, "steps_per_second", scene.fps);
+    put_exposure(report, &scene);
+  }
+  if (scene.sky.size > 0)
+    pags_report_count(report, "sky_texels_a_side", scene.sky.size);
+  else if (scene.object_count)
+    pags_report_text(report, "sky", "none");
+
+  if (result == PAGS_OK)
+    result = put_objects(report, &scene, options->objects);
+  if (result == PAGS_OK)
+    result = put_modelled(report, &scene);
+  if (result == PAGS_OK && options->memory)
+    result = put_memory(report, options->tasks, &scene);
+  pags_scene_destroy(&scene);
+  return result;
+}

@@ -1,0 +1,263 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Draws the map of a data set (sheet_map.h): ground first, then boxes, the cameras on top. */
+#include "cli/measure/sheet_map.h"
+
+#include "cli/measure/overlay_draw.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "maths/maths.h"
+
+static const uint8_t path_colour[3] = {40, 90, 220}, held_colour[3] = {220, 40, 40}, cone_colour[3] = {20, 40, 120},
+                     bar_colour[3] = {0, 0, 0}, parked_colour[3] = {150, 150, 150}, lidar_colour[3] = {165, 165, 165};
+static const uint8_t category_colours[4][3] = {{120, 120, 120}, {0, 150, 150}, {200, 40, 200}, {200, 140, 0}};
+
+static double dot3(const double a[3], const double b[3]) {
+  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+static void centre_of(const pags_camera *camera, double out[3]) {
+  for (int k = 0; k < 3; k++)
+    out[k] = camera->world_from_camera[4 * k + 3];
+}
+
+/* ---- Where it lies ---- */
+
+/* Two axes of the ground plane, seen from above: the second is a quarter turn to the left of the first. */
+static void ground_axes(pags_up up, double right[3], double forward[3]) {
+  memset(right, 0, 3 * sizeof *right);
+  memset(forward, 0, 3 * sizeof *forward);
+  right[0] = 1;
+  if (up == PAGS_UP_MINUS_Y)
+    forward[2] = 1;
+  else if (up == PAGS_UP_Y)
+    forward[2] = -1;
+  else
+    forward[1] = 1;
+}
+
+/* Turns the axes so that the cameras' way is longest along the first, by the principal axis of their positions. */
+static void turn_along(const pags_dataset *dataset, double right[3], double forward[3]) {
+  const int64_t count = pags_dataset_view_count(dataset);
+  double mean[2] = {0}, xx = 0, xy = 0, yy = 0;
+  for (int pass = 0; pass < 2; pass++)
+    for (int64_t i = 0; i < count; i++) {
+      double c[3];
+      centre_of(&pags_dataset_view(dataset, i)->camera, c);
+      const double x = dot3(c, right), y = dot3(c, forward);
+      if (pass == 0) {
+        mean[0] += x / (double)count;
+        mean[1] += y / (double)count;
+      } else {
+        xx += (x - mean[0]) * (x - mean[0]);
+        xy += (x - mean[0]) * (y - mean[1]);
+        yy += (y - mean[1]) * (y - mean[1]);
+      }
+    }
+  const double angle = 0.5 * pags_atan2(2 * xy, xx - yy), c = pags_cos(angle), s = pags_sin(angle);
+  for (int k = 0; k < 3; k++) {
+    const double r = right[k], f = forward[k];
+    right[k] = c * r + s * f;
+    forward[k] = c * f - s * r;
+  }
+}
+
+pags_map pags_map_fit(const pags_dataset *dataset, int width, int most_height) {
+  pags_map map;
+  double low[2] = {HUGE_VAL, HUGE_VAL}, high[2] = {-HUGE_VAL, -HUGE_VAL};
+  double forward[3];
+  ground_axes(pags_dataset_up(dataset), map.across, forward);
+  turn_along(dataset, map.across, forward);
+  for (int k = 0; k < 3; k++)
+    map.down[k] = -forward[k];
+  for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++) {
+    double c[3];
+    centre_of(&pags_dataset_view(dataset, i)->camera, c);
+    const double p[2] = {dot3(c, map.across), dot3(c, map.down)};
+    for (int k = 0; k < 2; k++) {
+      low[k] = fmin(low[k], p[k]);
+      high[k] = fmax(high[k], p[k]);
+    }
+  }
+  /* A drive has 25 m around it; a capture as much as it is wide. */
+  const double way = fmax(high[0] - low[0], high[1] - low[1]);
+  const double around = pags_dataset_fps(dataset) > 0 ? 25 : fmax(0.5 * way, 1e-3);
+  const double size[2] = {high[0] - low[0] + 2 * around, high[1] - low[1] + 2 * around};
+  map.scale = fmin(width / size[0], most_height / size[1]);
+  map.width = width;
+  map.height = (int)fmax(1, fmin(ceil(map.scale * size[1]), most_height));
+  for (int k = 0; k < 2; k++)
+    map.at[k] = 0.5 * (k ? map.height : map.width) - map.scale * 0.5 * (low[k] + high[k]);
+  return map;
+}
+
+/* ---- What is on it ---- */
+
+typedef struct drawing {
+  const pags_map *map;
+  const pags_dataset *dataset;
+  pags_image *image;
+  int top;
+} drawing;
+
+static bool to_pixel(const drawing *d, const double world[3], double out[2]) {
+  out[0] = d->map->scale * dot3(world, d->map->across) + d->map->at[0];
+  out[1] = d->map->scale * dot3(world, d->map->down) + d->map->at[1];
+  const bool inside = out[0] >= 0 && out[0] < d->map->width && out[1] >= 0 && out[1] < d->map->height;
+  out[1] += d->top;
+  return inside;
+}
+
+static void draw_point(const drawing *d, const double world[3], int half, const uint8_t rgb[3]) {
+  double at[2];
+  if (to_pixel(d, world, at))
+    pags_draw_dot(d->image, at[0], at[1], half, rgb);
+}
+
+static pags_result draw_sweep(const drawing *d, const pags_sweep *sweep, int64_t index) {
+  float *xyz;
+  int64_t count;
+  PAGS_TRY(pags_dataset_sweep_load(d->dataset, index, &count, &xyz));
+  for (int64_t i = 0; i < count; i++) {
+    const double p[3] = {(double)xyz[3 * i], (double)xyz[3 * i + 1], (double)xyz[3 * i + 2]};
+    double world[3];
+    for (int k = 0; k < 3; k++) {
+      const double *const m = sweep->world_from_sweep + 4 * k;
+      world[k] = dot3(m, p) + m[3];
+    }
+    draw_point(d, world, 0, lidar_colour);
+  }
+  free(xyz);
+  return PAGS_OK;
+}
+
+/* Draws the sweeps of the numbered time steps or, where there is no LiDAR, the data set's points. */
+static pags_result draw_ground(const drawing *d, const int64_t *views, int count) {
+  const int64_t sweeps = pags_dataset_sweep_count(d->dataset);
+  for (int64_t i = 0; i < sweeps; i++) {
+    const pags_sweep *const sweep = pags_dataset_sweep(d->dataset, i);
+    for (int v = 0; v < count; v++)
+      if (pags_dataset_view(d->dataset, views[v])->frame == sweep->frame) {
+        PAGS_TRY(draw_sweep(d, sweep, i));
+        break;
+      }
+  }
+  int64_t points;
+  const float *xyz;
+  const uint8_t *rgb;
+  int random;
+  const double *const origin = pags_dataset_origin(d->dataset);
+  pags_dataset_points(d->dataset, &points, &xyz, &rgb, &random);
+  for (int64_t i = 0; sweeps == 0 && !random && i < points; i++) {
+    double world[3];
+    for (int k = 0; k < 3; k++)
+      world[k] = (double)xyz[3 * i + k] + origin[k];
+    draw_point(d, world, 0, rgb + 3 * i);
+  }
+  return PAGS_OK;
+}
+
+/* Draws the base of a box, with a stroke from its middle to its front. */
+static void draw_box(const drawing *d, const pags_object *object, const double pose[12], const uint8_t rgb[3]) {
+  static const double corners[6][2] = {{0.5, 0.5}, {-0.5, 0.5}, {-0.5, -0.5}, {0.5, -0.5}, {0, 0}, {0.5, 0}};
+  double pixels[6][2];
+  bool inside = true;
+  for (int i = 0; i < 6; i++) {
+    double world[3];
+    for (int k = 0; k < 3; k++)
+      world[k] = pose[4 * k] * corners[i][0] * object->size[0] + pose[4 * k + 1] * corners[i][1] * object->size[1] +
+                 pose[4 * k + 3];
+    inside = to_pixel(d, world, pixels[i]) && inside;
+  }
+  for (int i = 0; inside && i < 4; i++)
+    pags_draw_line(d->image, pixels[i], pixels[(i + 1) % 4], rgb);
+  if (inside)
+    pags_draw_line(d->image, pixels[4], pixels[5], rgb);
+}
+
+static void draw_boxes(const drawing *d, const int64_t *views, int count) {
+  for (int64_t i = 0; i < pags_dataset_object_count(d->dataset); i++) {
+    const pags_object *const object = pags_dataset_object(d->dataset, i);
+    for (int v = 0; v < count; v++) {
+      double pose[12];
+      if (!pags_object_pose(object, pags_dataset_view(d->dataset, views[v])->camera.time, pose))
+        continue;
+      draw_box(d, object, pose, object->moving ? category_colours[object->category] : parked_colour);
+      if (!object->moving)
+        break;
+    }
+  }
+}
+
+/* Draws a camera's edges of view, 30 pixels long, as they point on the ground. */
+static void draw_cone(const drawing *d, const pags_camera *camera) {
+  enum { LENGTH = 30 };
+  double at[2], centre[3];
+  centre_of(camera, centre);
+  if (!to_pixel(d, centre, at))
+    return;
+  for (int side = 0; side < 2; side++) {
+    const double x = ((side ? camera->width : 0) - camera->cx) / camera->fx;
+    double way[3], end[2], ray[3] = {x, 0, 1};
+    if (pags_camera_bends(camera) && !pags_camera_look(camera, side ? camera->width : 0, camera->cy, ray)) {
+      const double widest = pags_lens_model_widest(&camera->lens);
+      ray[0] = (side ? 1 : -1) * pags_sin(widest), ray[1] = 0, ray[2] = pags_cos(widest);
+    }
+    for (int k = 0; k < 3; k++)
+      way[k] = camera->world_from_camera[4 * k] * ray[0] + camera->world_from_camera[4 * k + 2] * ray[2];
+    end[0] = dot3(way, d->map->across);
+    end[1] = dot3(way, d->map->down);
+    const double length = sqrt(end[0] * end[0] + end[1] * end[1]);
+    for (int k = 0; k < 2; k++)
+      end[k] = at[k] + (length > 0 ? LENGTH * end[k] / length : 0);
+    if (end[0] >= 0 && end[0] < d->map->width && end[1] >= d->top && end[1] < d->top + d->map->height)
+      pags_draw_line(d->image, at, end, cone_colour);
+  }
+}
+
+static void draw_cameras(const drawing *d, const int64_t *views, int count) {
+  for (int v = 0; v < count; v++)
+    draw_cone(d, &pags_dataset_view(d->dataset, views[v])->camera);
+  for (int pass = 0; pass < 2; pass++) /* held-out ones on top */
+    for (int64_t i = 0; i < pags_dataset_view_count(d->dataset); i++) {
+      const pags_view *const view = pags_dataset_view(d->dataset, i);
+      double centre[3];
+      centre_of(&view->camera, centre);
+      if ((view->test != 0) == pass)
+        draw_point(d, centre, 1, pass ? held_colour : path_colour);
+    }
+  for (int v = 0; v < count; v++) {
+    const pags_view *const view = pags_dataset_view(d->dataset, views[v]);
+    double centre[3], at[2];
+    centre_of(&view->camera, centre);
+    const bool first = view->frame < 0 || v == 0 || pags_dataset_view(d->dataset, views[v - 1])->frame != view->frame;
+    if (first && to_pixel(d, centre, at))
+      pags_draw_number(d->image, (int)at[0] + 6, (int)at[1] + 6, view->frame < 0 ? views[v] : view->frame);
+  }
+}
+
+/* Draws a bar of 1, 2 or 5 times a power of ten, a sixth of the map long at most, and its length if that is whole. */
+static void draw_bar(const drawing *d) {
+  const double most = d->map->width / 6.0 / d->map->scale, power = pags_pow(10, floor(pags_log10(most)));
+  const double length = power * (most >= 5 * power ? 5 : most >= 2 * power ? 2 : 1);
+  const double y = d->top + d->map->height - 12, a[2] = {12, y}, b[2] = {12 + length * d->map->scale, y};
+  pags_draw_line(d->image, a, b, bar_colour);
+  for (int k = 0; k < 2; k++) {
+    const double *const end = k ? b : a, up[2] = {end[0], y - 6}, down[2] = {end[0], y};
+    pags_draw_line(d->image, up, down, bar_colour);
+  }
+  if (length >= 1)
+    pags_draw_number(d->image, 18, (int)y - 18, (int64_t)(length + 0.5));
+}
+
+pags_result pags_map_draw(const pags_map *map, const pags_dataset *dataset, const int64_t *views, int count,
+                          pags_image *image, int top) {
+  const drawing d = {map, dataset, image, top};
+  PAGS_TRY(draw_ground(&d, views, count));
+  draw_boxes(&d, views, count);
+  draw_cameras(&d, views, count);
+  draw_bar(&d);
+  return PAGS_OK;
+}

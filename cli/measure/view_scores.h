@@ -1,0 +1,59 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Scores of rendered views against their photographs: PSNR, SSIM and LPIPS per view, of the whole picture and by
+ * region, and their means. */
+#ifndef PAGS_CLI_VIEW_SCORES_H
+#define PAGS_CLI_VIEW_SCORES_H
+
+#include "cli/common/photographs.h"
+#include "cli/common/session.h"
+
+#include <pags/dataset.h>
+#include <pags/image.h>
+
+/* Regions of a photograph, defined by its pixel labels. */
+typedef enum pags_region {
+  PAGS_REGION_WHOLE,
+  PAGS_REGION_CRITICAL,
+  PAGS_REGION_NONCRITICAL,
+  PAGS_REGION_MOVING,
+  PAGS_REGION_VEHICLES,
+  PAGS_REGION_PEDESTRIANS,
+  PAGS_REGION_CYCLISTS,
+  PAGS_REGION_COUNT
+} pags_region;
+
+typedef struct pags_view_score {
+  const char *name;
+  int test;
+  double psnr[PAGS_REGION_COUNT], ssim[PAGS_REGION_COUNT]; /* NaN: not measured, or no pixel of that region */
+  /* NaN: not measured. psnr_unexposed: of the picture in the scene's own colours; the other scores are of the picture
+   * as the camera exposes it */
+  double lpips, psnr_unexposed;
+  /* NaN: not measured. Of the right half of the picture, by the pose as it is and fitted to the left half */
+  double psnr_right, psnr_right_fitted;
+} pags_view_score;
+
+pags_view_score pags_view_score_make(const char *name, int test);
+
+/* Fills `regions`: bit r of a pixel is set if the pixel counts in region r; 0 outside the mask. `mask` (one byte a
+ * pixel) and `labels` (`stride` bytes a row) may be NULL; without labels only the whole picture is a region. */
+void pags_regions_fill(int width, int height, const uint8_t *mask, const uint8_t *labels, int stride,
+                       uint16_t *regions);
+
+/* Fills the score's PSNR and SSIM of each region: of the rendering (F32) beside the photograph. */
+pags_result pags_view_score_measure(const pags_image *render, const pags_photograph *photograph, pags_tasks *tasks,
+                                    pags_view_score *score);
+
+typedef struct pags_mean_score {
+  int64_t views;
+  pags_view_score mean; /* the mean of each score over the views in which it was measured */
+} pags_mean_score;
+
+pags_mean_score pags_view_scores_mean(const pags_view_score *scores, int64_t count, int test);
+
+/* Writes the members psnr, ssim, ... into an open JSON object. */
+void pags_view_scores_put_json(pags_json_writer *writer, const pags_view_score *score);
+/* Prints one line per view; then, for each split, one line for its mean and one for each region that occurs. */
+void pags_view_scores_print(const pags_session *session, const pags_view_score *scores, int64_t count);
+
+#endif

@@ -1,0 +1,646 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* pags eval: renders a scene's views and compares them with their photographs (PSNR, SSIM, LPIPS, by region), with
+ * LiDAR depth, and with the truth of synthetic data sets. */
+#include "cli/common/interrupt.h"
+#include "cli/common/option_rules.h"
+#include "cli/common/photographs.h"
+#include "cli/common/ranks.h"
+#include "cli/common/session.h"
+#include "cli/draw/picture.h"
+#include "cli/draw/picture_names.h"
+#include "cli/measure/camera_errors.h"
+#include "cli/measure/depth_errors.h"
+#include "cli/measure/pose_errors.h"
+#include "cli/measure/priority_truth.h"
+#include "cli/measure/shifted_views.h"
+#include "cli/measure/view_scores.h"
+#include "cli/verbs/verbs.h"
+
+#include <pags/compose.h>
+#include <pags/eval.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/file.h"
+#include "base/log.h"
+#include "base/memory.h"
+#include "base/psnr.h"
+#include "base/text.h"
+#include "dataset/photo_mask.h"
+#include "train/fit_pose.h"
+
+typedef struct eval_arguments {
+  pags_session session;
+  const char *early_z;
+  int order; /* pags_order */
+  const char *dataset, *lpips_weights, *images;
+  int split; /* index in "all|train|test" */
+  int shift, fit_poses;
+  int64_t views; /* how many views to compare; 0: all */
+  double background[3];
+  float near_plane, low_pass;
+  int antialiased;
+  pags_dataset_options options;
+  uint64_t image_cache;
+} eval_arguments;
+
+#define AT(member) offsetof(eval_arguments, member)
+
+static const pags_option options[] = {
+    PAGS_TEXT("dataset", 0, AT(dataset), "DATASET", "the scene's training data", "Data set with the photographs."),
+    PAGS_TEXT("lpips-weights", 0, AT(lpips_weights), "FILE", "none: no LPIPS",
+              "Weights of LPIPS v0.1 on SqueezeNet 1.1 or AlexNet (.npz)."),
+    PAGS_TEXT("images", 0, AT(images), "FOLDER", NULL,
+              "Write NAME_render.png and NAME_photo.png of every view compared."),
+    PAGS_FLAG("shift", 0, AT(shift),
+              "Synthetic data: also compare with the ground-truth pictures from shifted cameras."),
+    PAGS_FLAG("fit-poses", 0, AT(fit_poses),
+              "Captures: also score the right half of each photograph, with the given pose and with the pose fitted to "
+              "the left half."),
+    PAGS_CHOICE("split", AT(split), "all|train|test", NULL, "Views to compare."),
+    PAGS_VALUE("views", 0, INT64, AT(views), 0, 1e9, "N", "0: all", NULL, "Compare only N of them, evenly spaced."),
+    PAGS_TEXT("early-z", 0, AT(early_z), "off|lossless|bounded[=EPS]|paper", NULL,
+              "Skip hidden Gaussians, as for render."),
+    PAGS_CHOICE("order", AT(order), "depth|paper", NULL, "As for render."),
+    PAGS_VALUE("image-cache", 0, SIZE, AT(image_cache), 1, PAGS_UNLIMITED, "SIZE", "bytes; K, M, G", NULL,
+               "Memory for decoded photographs."),
+
+    PAGS_VALUE("background", 0, COLOR, AT(background), 0, 0, "R,G,B", "sRGB, 0..1", "as in the scene",
+               "Background colour of the renderings and of photographs with alpha."),
+    PAGS_FLAG("antialiased", 0, AT(antialiased), "As for render."),
+    PAGS_FLAG("no-antialiased", 0, AT(antialiased), "Don't compensate, even if the scene was trained so."),
+    PAGS_VALUE("low-pass", 0, FLOAT, AT(low_pass), 0, 100, "V", "px^2", "as in training, else 0.3", "As for render."),
+    PAGS_VALUE("near", 0, FLOAT, AT(near_plane), 1e-6, PAGS_UNLIMITED, "Z", "metres", "as in training, else 0.01",
+               "As for render."),
+    PAGS_PHOTOGRAPH_OPTIONS(AT(options), "as in training"),
+
+    PAGS_GROUP("Splat files, which store no views"),
+    PAGS_VALUE("downscale", 0, DOUBLE, AT(options.downscale), 1, 64, "F", "times", NULL,
+               "Downscale the photographs by this factor."),
+    PAGS_VALUE("split-every", 0, INT, AT(options.split_every), 0, 1e9, "N", "views; 0: none",
+               "as the data set says, else 8; driving sets 4", "Count every Nth view as held out."),
+    PAGS_FLAG("allow-missing", 0, AT(options.allow_missing), "Skip views whose photograph or pose is missing."),
+    PAGS_TEXT("colmap", 0, AT(options.colmap), "FOLDER", NULL,
+              "Read cameras from this COLMAP model (a scene stores the one it was trained with)."),
+
+    PAGS_GROUP("Driving sets, as for train"),
+    PAGS_DRIVING_OPTIONS(AT(options)),
+    PAGS_SESSION_OPTIONS(eval_arguments),
+    {0}};
+
+static const pags_positional positionals[] = {{"SCENE", "Scene folder or splat file."}, {NULL, NULL}};
+
+static const pags_verb verb = {
+    .name = "eval",
+    .usage = "SCENE [--dataset DATASET] [options]",
+    .about =
+        "Render a scene's training and held-out views and compare each with its photograph, undistorted and downscaled "
+        "as for training. Renderings are clamped to [0, 1] and compared as float, not rounded to 8 bits. Means are "
+        "over views; masked pixels are excluded. LPIPS values on different networks (SqueezeNet, AlexNet, VGG) can't "
+        "be compared. For driving scenes, figures are also given per region: critical (vehicles, pedestrians and "
+        "cyclists); moving (dynamic_masks/all, else the boxes of moving objects); vehicles, pedestrians and cyclists "
+        "(their boxes). Each region's mean is over the views that show it. Driving scenes also get depth errors "
+        "against LiDAR and scores without the trained exposures; synthetic data sets also get the pose errors of the "
+        "tracks, as labelled and as trained.",
+    .positionals = positionals,
+    .options = options};
+
+typedef struct evaluation {
+  const eval_arguments *arguments;
+  pags_session *session;
+  const pags_parsed *parsed;
+  pags_composition *composition;
+  const pags_scene *scene;
+  pags_photographs photographs;
+  pags_lpips *lpips;
+  pags_frame *frame;
+  pags_frame_options options;
+  pags_view_score *scores;
+  pags_picture_names names; /* of --images, of all views of the data set */
+  int64_t *score_views;     /* of each score the index of its view among the photographs' */
+  int64_t count;            /* scores; of this rank until the ranks' are gathered */
+  int64_t *without_pixels;  /* indices of views whose mask leaves no pixel: they have no figures */
+  int64_t without_count;
+  int64_t shown;                     /* views in which a Gaussian is in view */
+  pags_depth_errors depth_errors[2]; /* [0] training views, [1] held-out views */
+  pags_depth_figures depth[2];
+  pags_pose_errors poses;
+  pags_camera_errors cameras;
+  pags_shifted_view_scores shifts;
+  pags_priority_truth priority_truth;
+} evaluation;
+
+/* ---- Comparing one view ---- */
+
+static pags_result save_image(const char *folder, const char *name, const char *what, const pags_image *image) {
+  char *file = pags_text_format("%s_%s.png", name, what);
+  const pags_result result = file ? pags_image_save_in(folder, file, image) : pags_out_of_memory("%s", name);
+  free(file);
+  return result;
+}
+
+/* `view`: its index in the data set. */
+static pags_result measure(const evaluation *self, int64_t view, pags_image *render, const pags_photograph *photo,
+                           pags_view_score *score) {
+  PAGS_TRY(pags_view_score_measure(render, photo, self->arguments->session.tasks, score));
+  if (self->arguments->images) {
+    PAGS_TRY(save_image(self->arguments->images, self->names.items[view], "render", render));
+    PAGS_TRY(save_image(self->arguments->images, self->names.items[view], "photo", &photo->image));
+  }
+  if (self->lpips) {
+    if (photo->mask) {
+      /* LPIPS has no mask: copy the photograph's pixels into the rendering where the mask is 0, so that these pixels
+       * add no distance. */
+      float *to = render->data;
+      const float *from = photo->image.data;
+      size_t count = (size_t)render->width * (size_t)render->height;
+      for (size_t i = 0; i < count; i++)
+        if (!photo->mask[i])
+          memcpy(to + 3 * i, from + 3 * i, 3 * sizeof *to);
+    }
+    PAGS_TRY(pags_lpips_distance(self->lpips, render, &photo->image, self->arguments->session.tasks, &score->lpips));
+  }
+  return PAGS_OK;
+}
+
+static pags_result compare_picture(evaluation *self, const pags_photographs_view *at, const pags_picture *picture,
+                                   const pags_photograph *photo) {
+  pags_view_score *score = &self->scores[self->count];
+  pags_image render = {0};
+  PAGS_TRY(pags_picture_to_image(picture, PAGS_F32, &render));
+  pags_result result = measure(self, at->index, &render, photo, score);
+  pags_image_destroy(&render);
+  if (result == PAGS_OK && picture->depth)
+    result = pags_depth_errors_add(&self->depth_errors[at->test != 0], self->photographs.dataset, at->index, picture,
+                                   photo->mask);
+  if (result == PAGS_OK)
+    self->score_views[self->count++] = at - self->photographs.views;
+  return result;
+}
+
+/* Renders the scene's colours without the camera's exposure and measures their PSNR against the photograph. */
+static pags_result compare_unexposed(evaluation *self, const pags_camera *camera, const pags_part *parts,
+                                     int part_count, const pags_photograph *photo, pags_view_score *score) {
+  pags_picture picture;
+  pags_image render;
+  PAGS_TRY(pags_frame_render(self->frame, parts, part_count, camera, &self->options, NULL, NULL, &picture));
+  PAGS_TRY(pags_picture_to_image(&picture, PAGS_F32, &render));
+  pags_result result = pags_eval_psnr(&render, &photo->image, photo->mask, &score->psnr_unexposed);
+  score->psnr_unexposed = pags_psnr_capped(score->psnr_unexposed);
+  pags_image_destroy(&render);
+  return result;
+}
+
+/* Scores the right half of the photograph, as its pose is and as its left half has it. */
+static pags_result compare_fitted(evaluation *self, const pags_camera *camera, const pags_frame_options *exposed,
+                                  const pags_part *parts, int part_count, const pags_photo *photo,
+                                  pags_view_score *score) {
+  pags_fitted_pose pose;
+  PAGS_TRY(pags_fit_pose(self->frame, parts, part_count, camera, exposed, NULL, NULL, photo, &pose));
+  score->psnr_right = pose.given;
+  score->psnr_right_fitted = pose.fitted;
+  return PAGS_OK;
+}
+
+/* Whether the mask of a photograph leaves no pixel. */
+static bool is_blank(const pags_photograph *photo) {
+  const size_t count = (size_t)photo->image.width * (size_t)photo->image.height;
+  for (size_t i = 0; photo->mask && i < count; i++)
+    if (photo->mask[i])
+      return false;
+  return photo->mask != NULL;
+}
+
+static pags_result compare_view(evaluation *self, int64_t i) {
+  const pags_photographs_view *at = &self->photographs.views[i];
+  const pags_view *view = pags_dataset_view(self->photographs.dataset, at->index);
+  const pags_camera camera = pags_photographs_camera(&self->photographs, i);
+  pags_view_score *score = &self->scores[self->count];
+  pags_photograph photo;
+  pags_picture picture;
+  const pags_part *parts;
+  int part_count;
+  pags_frame_options exposed = self->options;
+  *score = pags_view_score_make(view->name, at->test);
+  pags_compose(self->composition, camera.time, &parts, &part_count);
+  PAGS_TRY(pags_photographs_read(&self->photographs, i, &photo));
+  pags_result result = PAGS_OK;
+  if (is_blank(&photo)) {
+    self->without_pixels[self->without_count++] = i;
+    pags_photograph_destroy(&photo);
+    return PAGS_OK;
+  }
+  if (at->scene_view)
+    exposed.light = at->scene_view->light;
+  if (at->scene_view && pags_frame_options_expose(&exposed, at->scene_view->gain, at->scene_view->offset))
+    result = compare_unexposed(self, &camera, parts, part_count, &photo, score);
+  if (result == PAGS_OK && self->arguments->fit_poses)
+    result = compare_fitted(self, &camera, &exposed, parts, part_count, &photo.photo, score);
+  if (result == PAGS_OK)
+    result = pags_frame_render(self->frame, parts, part_count, &camera, &exposed, NULL, NULL, &picture);
+  if (result == PAGS_OK) {
+    self->shown += pags_frame_stats_get(self->frame)->binned > 0;
+    result = compare_picture(self, at, &picture, &photo);
+  }
+  pags_photograph_destroy(&photo);
+  return result;
+}
+
+static bool wanted(const eval_arguments *arguments, int test) {
+  return arguments->split == 0 || (arguments->split == 2) == (test != 0);
+}
+
+/* Whether view `number` of `count` is among the --views evenly spread ones: those where number * views / count
+ * changes. */
+static bool chosen(const eval_arguments *arguments, int64_t number, int64_t count) {
+  if (arguments->views == 0 || arguments->views >= count)
+    return true;
+  return number == 0 || number * arguments->views / count != (number - 1) * arguments->views / count;
+}
+
+/* ---- JSON and printed lines ---- */
+
+static void put_split(pags_json_writer *writer, const evaluation *self, const char *key, int test) {
+  pags_mean_score mean = pags_view_scores_mean(self->scores, self->count, test);
+  pags_json_begin_object(writer, key);
+  pags_json_put_integer(writer, "views", mean.views);
+  pags_view_scores_put_json(writer, &mean.mean);
+  pags_depth_figures_put_json(writer, &self->depth[test]);
+  pags_json_begin_array(writer, "per_view");
+  for (int64_t i = 0; i < self->count; i++) {
+    if (self->scores[i].test != test)
+      continue;
+    pags_json_begin_object(writer, NULL);
+    pags_json_put_string(writer, "name", self->scores[i].name);
+    pags_view_scores_put_json(writer, &self->scores[i]);
+    pags_json_end_object(writer);
+  }
+  pags_json_end_array(writer);
+  if (self->without_count) {
+    pags_json_begin_array(writer, "without_pixels");
+    for (int64_t i = 0; i < self->without_count; i++) {
+      const pags_photographs_view *view = &self->photographs.views[self->without_pixels[i]];
+      if ((view->test != 0) == (test != 0))
+        pags_json_put_string(writer, NULL, pags_dataset_view(self->photographs.dataset, view->index)->name);
+    }
+    pags_json_end_array(writer);
+  }
+  pags_json_end_object(writer);
+}
+
+static void put_shifts(pags_json_writer *writer, const evaluation *self) {
+  if (!self->arguments->shift) {
+    pags_json_put_null(writer, "shift");
+    return;
+  }
+  pags_json_begin_array(writer, "shift");
+  for (int64_t i = 0; i < self->shifts.count; i++) {
+    const pags_shifted_view_score *score = &self->shifts.items[i];
+    pags_json_begin_object(writer, NULL);
+    pags_json_put_string(writer, "name", score->name);
+    pags_json_put_integer(writer, "views", score->views);
+    pags_json_put_number(writer, "psnr", score->psnr);
+    pags_json_put_number(writer, "ssim", score->ssim);
+    pags_json_put_integer(writer, "road_views", score->road_views);
+    pags_json_put_number(writer, "road_psnr", score->road_psnr);
+    pags_json_end_object(writer);
+  }
+  pags_json_end_array(writer);
+}
+
+static void print_cameras(const pags_session *session, const pags_camera_errors *e) {
+  for (int test = 0; test < 2; test++)
+    if (e->views[test] > 0 && e->recorded[test].metres > 1e-6)
+      pags_say(
+          session,
+          "cameras of %lld %s views: off by %.3f m and %.2f degrees as recorded, %.3f m and %.2f degrees as used\n",
+          (long long)e->views[test], test ? "held-out" : "training", e->recorded[test].metres,
+          e->recorded[test].degrees, e->corrected[test].metres, e->corrected[test].degrees);
+}
+
+static void print_poses(const pags_session *session, const pags_pose_errors *e) {
+  if (!e->knots)
+    return;
+  pags_say(session,
+           "poses of %lld objects: off by %.3f m and %.2f degrees as labelled, %.3f m and %.2f degrees as trained\n",
+           (long long)e->objects, e->absolute.label_metres, e->absolute.label_degrees, e->absolute.metres,
+           e->absolute.degrees);
+  pags_say(
+      session,
+      "  without each track's mean error: %.3f m and %.2f degrees as labelled, %.3f m and %.2f degrees as trained\n",
+      e->relative.label_metres, e->relative.label_degrees, e->relative.metres, e->relative.degrees);
+  if (e->held_out_knots)
+    pags_say(session,
+             "  at held-out time steps: %.3f m and %.2f degrees as labelled, %.3f m and %.2f degrees as drawn\n",
+             e->held_out.label_metres, e->held_out.label_degrees, e->held_out.metres, e->held_out.degrees);
+}
+
+static double percent(int64_t part, int64_t whole) {
+  return whole ? 100 * (double)part / (double)whole : 0;
+}
+
+static void print_priority_truth(const pags_session *session, const pags_priority_truth *o) {
+  if (!o->seen)
+    return;
+  pags_say(session,
+           "priorities against ground truth: %.1f %% of %lld Gaussians on critical objects and %.1f %% of %lld others "
+           "have a priority over 0.5\n",
+           percent(o->critical_high, o->critical), (long long)o->critical, percent(o->other_high, o->other),
+           (long long)o->other);
+  pags_say(session,
+           "  not counted: %.1f %% of %lld visible Gaussians (%.1f %% by weight): %.1f %% over 5 cm from any surface, "
+           "%.1f %% within 15 cm of both a critical and another surface\n",
+           percent(o->seen - o->counted, o->seen), (long long)o->seen, 100 * o->left_out_weight,
+           percent(o->astray, o->seen), percent(o->between, o->seen));
+}
+
+static void print_more(const evaluation *self) {
+  static const char *const sets[2] = {"training views", "held-out views"};
+  const pags_session *session = &self->arguments->session;
+  for (int test = 0; test < 2; test++)
+    if (self->depth[test].samples)
+      pags_say(session,
+               "depth against LiDAR, %s: off by %.3f m (median), %.3f m (mean), %.3f m (mean of the best 95 %%); %.1f "
+               "%% within 5 %%\n",
+               sets[test], self->depth[test].median, self->depth[test].mean, self->depth[test].mean95,
+               100 * self->depth[test].within);
+  for (int64_t i = 0; i < self->shifts.count; i++) {
+    const pags_shifted_view_score *const score = &self->shifts.items[i];
+    pags_say(session, "shifted cameras %-16s %9.3f %8.4f", score->name, score->psnr, score->ssim);
+    if (score->road_views > 0)
+      pags_say(session, "   road %9.3f", score->road_psnr);
+    pags_say(session, "\n");
+  }
+  print_poses(session, &self->poses);
+  print_cameras(session, &self->cameras);
+  print_priority_truth(session, &self->priority_truth);
+}
+
+/* ---- The verb ---- */
+
+/* The options that open the photographs: those of the training, unless the command line has others. */
+static pags_dataset_options choose_photographs(const evaluation *self) {
+  pags_dataset_options chosen = self->arguments->options;
+  if (!pags_option_given(self->parsed, "image-folder"))
+    chosen.image_folder = self->scene->image_folder;
+  if (!pags_option_given(self->parsed, "image-alpha"))
+    chosen.image_alpha = (pags_image_alpha)self->scene->image_alpha;
+  for (int c = 0; c < 3; c++)
+    chosen.background[c] = pags_option_given(self->parsed, "background") ? self->arguments->background[c]
+                                                                         : (double)self->scene->background[c];
+  return chosen;
+}
+
+/* The options that draw the pictures, likewise. */
+static void choose_picture(evaluation *self) {
+  const eval_arguments *arguments = self->arguments;
+  pags_frame_options *frame = &self->options;
+  *frame = pags_composition_options(self->composition);
+  for (int c = 0; c < 3 && pags_option_given(self->parsed, "background"); c++) {
+    frame->background[c] = (float)arguments->background[c];
+    frame->sky = NULL;
+  }
+  if (pags_option_given(self->parsed, "antialiased") || pags_option_given(self->parsed, "no-antialiased"))
+    frame->antialiased = arguments->antialiased;
+  if (pags_option_given(self->parsed, "near"))
+    frame->near_plane = arguments->near_plane;
+  if (pags_option_given(self->parsed, "low-pass"))
+    frame->low_pass = arguments->low_pass;
+}
+
+/* Refuses options that the scene's own views overrule: their size and, but for the sweeps of a drive, the split. */
+static pags_result check_effect(const evaluation *self, const char *scene_path) {
+  const bool free = self->scene->view_count == 0;
+  const pags_option_rule rules[] = {
+      {"downscale allow-missing", free, NULL}, {"split-every", free || self->scene->fps > 0, NULL}, {0}};
+  char names[128];
+  if (!pags_option_idle(self->parsed, rules, names, sizeof names))
+    return PAGS_OK;
+  return pags_fail(
+      PAGS_ERROR_ARGUMENT,
+      "%s: %s: no effect, since the scene stores its views, their size and which are held out; expected a splat file",
+      scene_path, names);
+}
+
+static pags_result open_all(evaluation *self, const char *scene_path) {
+  const eval_arguments *arguments = self->arguments;
+  PAGS_TRY(pags_composition_load(scene_path, &self->composition));
+  self->scene = pags_composition_scene(self->composition);
+  PAGS_TRY(check_effect(self, scene_path));
+  const char *dataset = arguments->dataset ? arguments->dataset : self->scene->dataset;
+  if (!dataset)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: doesn't name its training data; expected --dataset DATASET", scene_path);
+  if (arguments->lpips_weights)
+    PAGS_TRY(pags_lpips_load(arguments->lpips_weights, &self->lpips));
+  pags_dataset_options opened = choose_photographs(self);
+  if (!opened.colmap && !arguments->dataset)
+    opened.colmap = self->scene->colmap;
+  PAGS_TRY(pags_photographs_open(self->scene, dataset, &opened, arguments->dataset != NULL, arguments->session.tasks,
+                                 arguments->image_cache, &self->photographs));
+  if (arguments->fit_poses && pags_dataset_fps(self->photographs.dataset) > 0)
+    return pags_fail(PAGS_ERROR_ARGUMENT,
+                     "%s: --fit-poses is for captures; in a driving set, the pose corrections of held-out views are "
+                     "interpolated from their neighbours",
+                     dataset);
+  PAGS_TRY(pags_session_check(&arguments->session));
+  self->scores = calloc((size_t)self->photographs.count, sizeof *self->scores);
+  self->score_views = calloc((size_t)self->photographs.count, sizeof *self->score_views);
+  self->without_pixels = calloc((size_t)self->photographs.count, sizeof *self->without_pixels);
+  if (!self->scores || !self->score_views || !self->without_pixels)
+    return pags_out_of_memory("%lld views", (long long)self->photographs.count);
+  choose_picture(self);
+  PAGS_TRY(pags_early_z_parse(arguments->early_z, &self->options));
+  self->options.order = (pags_order)arguments->order;
+  self->options.extra_channels = (pags_dataset_provides(self->photographs.dataset) & PAGS_PROVIDES_LIDAR) != 0;
+  PAGS_TRY(pags_frame_create(arguments->session.tasks, &self->frame));
+  if (!arguments->images)
+    return PAGS_OK;
+  PAGS_TRY(pags_picture_names_of_dataset(self->photographs.dataset, &self->names));
+  return pags_prepare_folder(self->session, arguments->images);
+}
+
+/* Compares every chosen view with its photograph, this rank its share of them. */
+static pags_result compare_all(evaluation *self) {
+  pags_progress progress = pags_progress_begin(self->arguments->session.people);
+  pags_result result = PAGS_OK;
+  int64_t number = 0, count = 0, compared = 0;
+  for (int64_t i = 0; i < self->photographs.count; i++)
+    count += wanted(self->arguments, self->photographs.views[i].test);
+  pags_interrupt_install(self->arguments->session.tasks);
+  for (int64_t i = 0; result == PAGS_OK && i < self->photographs.count; i++) {
+    if (pags_interrupted() || pags_ranks_stopping())
+      result = PAGS_CANCELLED;
+    else if (wanted(self->arguments, self->photographs.views[i].test) && chosen(self->arguments, number++, count) &&
+             pags_ranks_mine(compared++))
+      result = compare_view(self, i);
+    const int64_t done = pags_ranks_tell(self->count, result != PAGS_OK);
+    if (pags_progress_due(&progress))
+      pags_progress_show(&progress, "view %lld of %lld", pags_ranks() ? (long long)done : (long long)i + 1,
+                         (long long)self->photographs.count);
+  }
+  pags_progress_end(&progress);
+  int64_t done = self->count;
+  PAGS_TRY(pags_ranks_sum(&done));
+  if (result == PAGS_CANCELLED || (result != PAGS_OK && pags_interrupted()))
+    return pags_fail(PAGS_CANCELLED, "interrupted after %lld of %lld views", (long long)done,
+                     (long long)self->photographs.count);
+  return result;
+}
+
+/* ---- Gathering what the ranks have found ---- */
+
+static int compare_indices(const void *a, const void *b) {
+  const int64_t x = *(const int64_t *)a, y = *(const int64_t *)b;
+  return (x > y) - (x < y);
+}
+
+/* A score on its way to rank 0; its name belongs to the rank that found it. */
+typedef struct sent_score {
+  int64_t view; /* compare_indices sorts by it */
+  pags_view_score score;
+} sent_score;
+
+static pags_result gather_scores(evaluation *self) {
+  sent_score *own = calloc((size_t)self->count + 1, sizeof *own);
+  void *gathered;
+  int64_t bytes;
+  if (!own)
+    return pags_out_of_memory("%lld views", (long long)self->count);
+  for (int64_t i = 0; i < self->count; i++)
+    own[i] = (sent_score){self->score_views[i], self->scores[i]};
+  const pags_result result = pags_ranks_gather(own, self->count * (int64_t)sizeof *own, &gathered, &bytes);
+  free(own);
+  PAGS_TRY(result);
+  sent_score *const all = gathered;
+  if (all) {
+    self->count = bytes / (int64_t)sizeof *all;
+    qsort(all, (size_t)self->count, sizeof *all, compare_indices);
+    for (int64_t i = 0; i < self->count; i++) {
+      self->scores[i] = all[i].score;
+      self->scores[i].name =
+          pags_dataset_view(self->photographs.dataset, self->photographs.views[all[i].view].index)->name;
+    }
+  }
+  free(gathered);
+  return PAGS_OK;
+}
+
+/* Depth errors are sorted before they are added up, so that their order doesn't matter. */
+static pags_result gather_depths(pags_depth_errors *errors) {
+  void *gathered;
+  int64_t bytes;
+  PAGS_TRY(pags_ranks_sum(&errors->within));
+  PAGS_TRY(pags_ranks_sum(&errors->unblended));
+  PAGS_TRY(pags_ranks_gather(errors->errors, errors->count * (int64_t)sizeof *errors->errors, &gathered, &bytes));
+  if (gathered)
+    errors->count = 0;
+  const pags_result result = pags_depth_errors_append(errors, gathered, bytes / (int64_t)sizeof *errors->errors);
+  free(gathered);
+  return result;
+}
+
+static pags_result gather_all(evaluation *self) {
+  if (!pags_ranks())
+    return PAGS_OK;
+  void *gathered;
+  int64_t bytes;
+  PAGS_TRY(gather_scores(self));
+  PAGS_TRY(pags_ranks_gather(self->without_pixels, self->without_count * (int64_t)sizeof *self->without_pixels,
+                             &gathered, &bytes));
+  if (gathered) {
+    self->without_count = bytes / (int64_t)sizeof *self->without_pixels;
+    memcpy(self->without_pixels, gathered, (size_t)bytes);
+    qsort(self->without_pixels, (size_t)self->without_count, sizeof *self->without_pixels, compare_indices);
+    free(gathered);
+  }
+  for (int test = 0; test < 2; test++)
+    PAGS_TRY(gather_depths(&self->depth_errors[test]));
+  return pags_ranks_sum(&self->shown);
+}
+
+static pags_result evaluate(evaluation *self, const char *scene_path) {
+  const eval_arguments *arguments = self->arguments;
+  PAGS_TRY(pags_session_meet(self->session, open_all(self, scene_path)));
+  PAGS_TRY(pags_session_meet(self->session, compare_all(self)));
+  PAGS_TRY(gather_all(self));
+  if (!pags_ranks_lead())
+    return PAGS_OK;
+
+  if (self->without_count) {
+    const int64_t first = self->photographs.views[self->without_pixels[0]].index;
+    char masks[160];
+    pags_dataset_masks_of(self->photographs.dataset, first, masks, sizeof masks);
+    pags_log_message(
+        PAGS_LOG_WARNING,
+        "%s: %lld of %lld views are fully masked and have no figures; the first is %s, whose pixels are left out by %s",
+        pags_dataset_path(self->photographs.dataset), (long long)self->without_count,
+        (long long)(self->count + self->without_count), pags_dataset_view(self->photographs.dataset, first)->name,
+        masks);
+  }
+  if (self->count && !self->shown)
+    pags_log_message(PAGS_LOG_WARNING, "%s: nothing of the scene is in view in any of %lld views", scene_path,
+                     (long long)self->count);
+  if (!self->count)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: no %s to compare", scene_path,
+                     arguments->split == 0   ? "views"
+                     : arguments->split == 1 ? "training views"
+                                             : "held-out views");
+  for (int test = 0; test < 2; test++)
+    self->depth[test] = pags_depth_errors_figures(&self->depth_errors[test]);
+  const char *dataset = pags_dataset_path(self->photographs.dataset);
+  PAGS_TRY(pags_pose_errors_measure(dataset, self->scene, &self->poses));
+  PAGS_TRY(pags_camera_errors_measure(dataset, self->scene, &self->cameras));
+  PAGS_TRY(pags_priority_truth_measure(self->composition, &self->photographs, self->frame, &self->options,
+                                       &self->priority_truth));
+  if (arguments->shift)
+    PAGS_TRY(pags_shifted_views_measure(dataset, self->photographs.downscale, self->composition, self->frame,
+                                        &self->options, &arguments->session, arguments->images, &self->shifts));
+  pags_view_scores_print(&arguments->session, self->scores, self->count);
+  if (self->lpips)
+    pags_say(&arguments->session, "LPIPS: v0.1 on %s\n", pags_lpips_network(self->lpips));
+  print_more(self);
+
+  /* Write the scores as JSON. */
+  pags_json_writer writer;
+  pags_json_writer_init(&writer, 2);
+  pags_json_begin_object(&writer, NULL);
+  pags_json_put_integer(&writer, "gaussians", pags_composition_gaussian_count(self->composition));
+  if (self->lpips)
+    pags_json_put_string(&writer, "lpips_network", pags_lpips_network(self->lpips));
+  else
+    pags_json_put_null(&writer, "lpips_network");
+  put_split(&writer, self, "train", 0);
+  put_split(&writer, self, "test", 1);
+  put_shifts(&writer, self);
+  pags_pose_errors_put_json(&writer, &self->poses);
+  pags_camera_errors_put_json(&writer, &self->cameras);
+  pags_priority_truth_put_json(&writer, &self->priority_truth);
+  return pags_session_json(&self->arguments->session, &writer);
+}
+
+int pags_verb_eval(int argc, char **argv) {
+  eval_arguments arguments = {
+      .early_z = "lossless", .options = pags_dataset_options_default(), .image_cache = (uint64_t)256 << 20};
+  pags_parsed parsed;
+  evaluation self = {.arguments = &arguments, .session = &arguments.session, .parsed = &parsed};
+  pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
+  if (status != PAGS_PARSE_OK)
+    return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
+  arguments.session.answers = true;
+  pags_result result = pags_session_begin(&arguments.session);
+  if (result == PAGS_OK)
+    result = evaluate(&self, parsed.positionals[0]);
+  if (self.frame)
+    pags_frame_destroy(self.frame);
+  pags_picture_names_destroy(&self.names);
+  pags_photographs_close(&self.photographs);
+  if (self.lpips)
+    pags_lpips_destroy(self.lpips);
+  pags_composition_destroy(self.composition);
+  pags_shifted_view_scores_destroy(&self.shifts);
+  for (int test = 0; test < 2; test++)
+    pags_depth_errors_destroy(&self.depth_errors[test]);
+  free(self.scores);
+  free(self.score_views);
+  free(self.without_pixels);
+  return pags_session_end(&arguments.session, result);
+}

@@ -1,0 +1,329 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* pags export: writes a scene's proxy geometry (glTF), its Gaussians (splat files), or both (USD). */
+#include "cli/common/crop.h"
+#include "cli/common/interrupt.h"
+#include "cli/common/object_edits.h"
+#include "cli/common/reading.h"
+#include "cli/common/session.h"
+#include "cli/scene_html/write.h"
+#include "cli/verbs/verbs.h"
+
+#include <math.h>
+#include <pags/export.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include "base/file.h"
+#include "base/memory.h"
+
+typedef struct export_arguments {
+  pags_session session;
+  pags_proxy_options proxy;
+  pags_splat_options splat;
+  int splats;
+  double time;
+  pags_words only;
+  pags_crop crop;
+  int level, naming, stand, spz_axes; /* spz_axes: index in "rub|rdf" */
+  uint64_t target_size;
+  pags_reading reading;
+} export_arguments;
+
+#define AT(member) offsetof(export_arguments, member)
+
+static const pags_option options[] = {
+    PAGS_GROUP("Proxies (.glb, .gltf; with the Gaussians, .usda, .usdz)"),
+    PAGS_CHOICE("proxy", AT(level), "mesh|cage|hull|box|convex", NULL,
+                "Shape of each object: its surface, a subdivided closed cage, its convex hull, its labelled box, or up "
+                "to 8 convex parts."),
+    PAGS_FLAG("lod", 0, AT(proxy.lod),
+              "Write mesh, cage, hull and box into one file with MSFT_lod, instead of --proxy."),
+    PAGS_CHOICE(
+        "naming", AT(naming), "plain|unreal|godot", NULL,
+        "Node names from which an importer makes collision shapes: UCX_NAME_00 and UBX_NAME_00 (unreal), -col and "
+        "-convcolonly (godot). Hulls, boxes and convex parts are then written in addition to the visible surface."),
+    PAGS_VALUE("only", 0, WORDS, AT(only), 0, 0, "OBJECT,...", NULL, NULL,
+               "Export only these objects: ids listed by pags info --objects, or class:vehicle, ...; repeatable."),
+    PAGS_VALUE("triangles", 0, INT64, AT(proxy.triangles), 12, 1e7, "N", "triangles", NULL,
+               "Maximum per object's mesh or hull."),
+    PAGS_VALUE("cage-level", 0, INT, AT(proxy.cage_level), 0, 3, "0..3", "subdivisions", NULL,
+               "Subdivision of the cage as written; 0: the cage itself."),
+    PAGS_FLAG("no-background", 0, AT(proxy.background),
+              "Export only labelled objects, without ground and background chunks."),
+    PAGS_VALUE("ground-triangles", 0, INT64, AT(proxy.ground_triangles), 2, 1e8, "N", "triangles", NULL,
+               "Maximum for the ground."),
+    PAGS_VALUE("chunk-triangles", 0, INT64, AT(proxy.chunk_triangles), 12, 1e8, "N", "triangles", NULL,
+               "Maximum for all background chunks together."),
+    PAGS_VALUE("chunk", 0, DOUBLE, AT(proxy.chunk), 2, 1000, "M", "metres", "20; splat files: a quarter of the side",
+               "Side of a background chunk."),
+    PAGS_VALUE("voxel", 0, DOUBLE, AT(proxy.voxel), 1e-4, 2, "M", "metres", "0.15; splat files: by extent",
+               "Voxel size of the background surface."),
+    PAGS_VALUE("range", 0, DOUBLE, AT(proxy.range), 0.1, 10000, "M", "metres", "60; splat files: a third of the side",
+               "Leave out background farther than this from the cameras."),
+    PAGS_CHOICE("stand", AT(stand), "auto|around|inside", NULL,
+                "For scenes without photographs: find the surface from viewpoints around the scene, or inside a room."),
+    PAGS_VALUE("texture", 0, INT, AT(proxy.texture), 64, 8192, "SIDE", "pixels per side", "none",
+               "Bake a texture for every surface, cage and chunk, instead of vertex colours."),
+    PAGS_FLAG("cameras", 0, AT(proxy.cameras), "Add the training views as cameras, and the path of the recording car."),
+    PAGS_FLAG("invisible", 0, AT(proxy.visibility), "Hide the proxies in readers that support KHR_node_visibility."),
+    PAGS_FLAG("physics", 0, AT(proxy.physics), "Make objects kinematic bodies with KHR_physics_rigid_bodies."),
+    PAGS_GROUP("Gaussians (.ply, .spz, .sog, .splat, .pagsz; .glb and .gltf with --splats)"),
+    PAGS_FLAG("splats", 0, AT(splats), "Write the Gaussians instead, with KHR_gaussian_splatting."),
+    PAGS_FLAG("tracks", 0, AT(splat.tracks), "With --splats: one node per object, with its track as animation."),
+    PAGS_VALUE("time", 0, DOUBLE, AT(time), 0, PAGS_UNLIMITED, "T", "seconds since the start of the scene", NULL,
+               "Place objects where they are at this time."),
+    PAGS_VALUE("sh-degree", 0, INT, AT(splat.sh_degree), 0, 3, "0..3", NULL, NULL,
+               "Maximum degree of the spherical harmonics of colour; higher degrees are dropped."),
+    PAGS_VALUE("spz-version", 0, INT, AT(splat.spz_version), 3, 4, "3|4", NULL, NULL,
+               "Version of .spz. 3: gzip; 4: zstd."),
+    PAGS_CHOICE("spz-axes", AT(spz_axes), "rub|rdf", NULL,
+                "Axes of .spz, named in a record of the file: rub, as specified; rdf, as PLY, for programs that ignore "
+                "the record and expect rdf (splat-transform, SuperSplat)."),
+    PAGS_GROUP("Web page (.html): the scene with a player; works offline"),
+    PAGS_VALUE("target-size", 0, SIZE, AT(target_size), 0, 0, "SIZE", "bytes", "none",
+               "Maximum file size. View-dependent colour is dropped first, then the Gaussians that contribute least to "
+               "the pictures. --sh-degree applies as well."),
+    PAGS_CROP_OPTIONS(AT(crop)),
+    PAGS_GROUP("Input"),
+    PAGS_READING_OPTIONS(AT(reading)),
+    PAGS_SESSION_OPTIONS(export_arguments),
+    {0}};
+
+static const pags_positional positionals[] = {
+    {"SCENE", "Scene folder or splat file."}, {"FILE", "Output file; its extension selects the format."}, {NULL, NULL}};
+
+static const pags_verb verb = {
+    .name = "export",
+    .usage = "SCENE FILE [options]",
+    .about =
+        "Export a scene. Proxy meshes (.glb, .gltf): one named node per labelled object with its class, its track as "
+        "animation, and its measured error. Gaussians for other programs: .ply, .spz, .sog (or meta.json in a folder), "
+        ".splat. Packed Gaussians, rendered without unpacking: .pagsz. Both as a USD stage: .usda, or .usdz (one "
+        "archive). A web page that plays the scene in any browser: .html.",
+    .positionals = positionals,
+    .options = options};
+
+/* ---- Exporting proxies ---- */
+
+static pags_result export_proxies(export_arguments *arguments, const pags_scene *scene, const char *path) {
+  pags_progress progress = pags_progress_begin(arguments->session.people);
+  const double begun = pags_seconds();
+  pags_proxy_report report;
+  arguments->proxy.level = (pags_proxy_level)arguments->level;
+  arguments->proxy.naming = (pags_proxy_naming)arguments->naming;
+  arguments->proxy.stand = (pags_stand)arguments->stand;
+  pags_result result = pags_export_proxies(scene, path, &arguments->proxy, arguments->session.tasks,
+                                           pags_progress_watch, &progress, &report);
+  pags_progress_end(&progress);
+  if (result != PAGS_OK)
+    return result;
+  int64_t triangles = 0;
+  for (int64_t i = 0; i < report.count; i++) {
+    /* Print one line for the proxy: size, distances to the Gaussians and back, silhouette IoU, observed share. */
+    pags_say(&arguments->session, "%-28s %-5s %7lld triangles", report.proxies[i].name,
+             pags_proxy_level_name(report.proxies[i].level), (long long)report.proxies[i].triangles);
+    if (!isnan(report.proxies[i].to_gaussians.mean))
+      pags_say(&arguments->session, ", to Gaussians %.3f (p95 %.3f, max %.2f), back %.3f (%.3f, %.2f) m",
+               report.proxies[i].to_gaussians.mean, report.proxies[i].to_gaussians.p95,
+               report.proxies[i].to_gaussians.max, report.proxies[i].from_gaussians.mean,
+               report.proxies[i].from_gaussians.p95, report.proxies[i].from_gaussians.max);
+    if (!isnan(report.proxies[i].silhouette_iou))
+      pags_say(&arguments->session, ", IoU %.3f", report.proxies[i].silhouette_iou);
+    pags_say(&arguments->session, ", %s, observed %.0f %%%s%s\n", report.proxies[i].closed ? "watertight" : "open",
+             100 * report.proxies[i].observed, report.proxies[i].note ? "; " : "",
+             report.proxies[i].note ? report.proxies[i].note : "");
+
+    triangles += report.proxies[i].triangles;
+  }
+  double seconds = pags_seconds() - begun;
+  pags_say(&arguments->session, "%s: %lld proxies, %lld triangles, %.1f s\n", path, (long long)report.count,
+           (long long)triangles, seconds);
+
+  /* Write the same figures as JSON. */
+  pags_json_writer writer;
+  pags_json_writer_init(&writer, 2);
+  pags_json_begin_object(&writer, NULL);
+  pags_json_put_string(&writer, "file", path);
+  pags_json_put_number(&writer, "seconds", seconds);
+  pags_json_begin_array(&writer, "proxies");
+  for (int64_t i = 0; i < report.count; i++) {
+    pags_json_begin_object(&writer, NULL);
+    pags_json_put_string(&writer, "name", report.proxies[i].name);
+    pags_proxy_facts_put(&writer, &report.proxies[i]);
+    pags_json_end_object(&writer);
+  }
+  pags_json_end_array(&writer);
+  result = pags_session_json(&arguments->session, &writer);
+
+  pags_proxy_report_destroy(&report);
+  return result;
+}
+
+/* Finds the objects that --only names, or all where a crop may leave some out: one byte an object, 1 if chosen; NULL
+ * without these options, which means all objects. */
+static pags_result choose(const export_arguments *arguments, const pags_scene *scene, uint8_t **chosen) {
+  pags_object_edits words = {.without = arguments->only};
+  pags_edit *edits = NULL;
+  int64_t count = 0;
+  *chosen = NULL;
+  if (!arguments->only.count && !arguments->crop.box && !arguments->crop.sphere)
+    return PAGS_OK;
+  PAGS_TRY(pags_object_edits_find(&words, scene, &edits, &count));
+  *chosen = calloc((size_t)scene->object_count + 1, 1);
+  for (int64_t i = 0; *chosen && i < count; i++)
+    (*chosen)[edits[i].object] = 1;
+  free(edits);
+  if (*chosen && !arguments->only.count)
+    memset(*chosen, 1, (size_t)scene->object_count);
+  return *chosen ? PAGS_OK : pags_out_of_memory("%lld objects", (long long)scene->object_count);
+}
+
+/* ---- Exporting Gaussians ---- */
+
+static pags_result write_count(const export_arguments *arguments, const char *path, int64_t count) {
+  pags_json_writer writer;
+  pags_json_writer_init(&writer, 2);
+  pags_json_begin_object(&writer, NULL);
+  pags_json_put_string(&writer, "file", path);
+  pags_json_put_integer(&writer, "gaussians", count);
+  return pags_session_json(&arguments->session, &writer);
+}
+
+static pags_result export_splats(export_arguments *arguments, pags_scene *scene, const char *path) {
+  int64_t count = 0;
+  arguments->splat.time = scene->time_begin + arguments->time;
+  arguments->splat.spz_axes = arguments->spz_axes ? PAGS_AXES_RDF : PAGS_AXES_RUB;
+  PAGS_TRY(pags_export_splats(scene, path, &arguments->splat, &count));
+  pags_say(&arguments->session, "%s: %lld Gaussians\n", path, (long long)count);
+  return write_count(arguments, path, count);
+}
+
+static pags_result export_usd(export_arguments *arguments, pags_scene *scene, const char *path) {
+  pags_progress progress = pags_progress_begin(arguments->session.people);
+  const double begun = pags_seconds();
+  int64_t count = 0;
+  arguments->splat.time = scene->time_begin + arguments->time;
+  arguments->proxy.level = (pags_proxy_level)arguments->level;
+  arguments->proxy.stand = (pags_stand)arguments->stand;
+  const pags_result result = pags_export_usd(scene, path, &arguments->proxy, &arguments->splat,
+                                             arguments->session.tasks, pags_progress_watch, &progress, &count);
+  pags_progress_end(&progress);
+  PAGS_TRY(result);
+  pags_say(&arguments->session, "%s: %lld Gaussians, %.1f s\n", path, (long long)count, pags_seconds() - begun);
+  return write_count(arguments, path, count);
+}
+
+/* ---- Exporting a page ---- */
+
+static pags_result export_page(export_arguments *arguments, pags_scene *scene, const char *from, const char *path) {
+  pags_progress progress = pags_progress_begin(arguments->session.people);
+  const double begun = pags_seconds();
+  pags_html_report report;
+  char size[32];
+  const pags_html_settings settings = {.name = pags_path_name(from),
+                                       .sh_degree = arguments->splat.sh_degree,
+                                       .target_size = arguments->target_size,
+                                       .tasks = arguments->session.tasks,
+                                       .progress = pags_progress_watch,
+                                       .user = &progress};
+  const pags_result result = pags_html_write(scene, path, &settings, &report);
+  pags_progress_end(&progress);
+  PAGS_TRY(result);
+  pags_say(&arguments->session, "%s: %lld Gaussians, view-dependent colour of degree %d, %s, %.1f s\n", path,
+           (long long)report.gaussians, report.sh_degree, pags_format_bytes((double)report.bytes, size, sizeof size),
+           pags_seconds() - begun);
+  if (report.sh_degree < report.sh_degree_asked)
+    pags_say(&arguments->session, "left out for --target-size: view-dependent colour above degree %d\n",
+             report.sh_degree);
+  if (report.left_out)
+    pags_say(&arguments->session,
+             "left out for --target-size: the %lld faintest Gaussians, %.2f %% of the pictures' light\n",
+             (long long)report.left_out, 100 * report.left);
+  pags_json_writer writer;
+  pags_json_writer_init(&writer, 2);
+  pags_json_begin_object(&writer, NULL);
+  pags_json_put_string(&writer, "file", path);
+  pags_json_put_integer(&writer, "gaussians", report.gaussians);
+  pags_json_put_integer(&writer, "sh_degree", report.sh_degree);
+  pags_json_put_integer(&writer, "left_out", report.left_out);
+  pags_json_put_number(&writer, "left_out_share", report.left);
+  pags_json_put_unsigned(&writer, "bytes", report.bytes);
+  return pags_session_json(&arguments->session, &writer);
+}
+
+/* ---- The verb ---- */
+
+static bool is_page(const char *path) {
+  return !strcasecmp(pags_path_extension(path), ".html");
+}
+
+static bool is_usd(const char *path) {
+  return !strcasecmp(pags_path_extension(path), ".usda") || !strcasecmp(pags_path_extension(path), ".usdz");
+}
+
+static pags_result run(export_arguments *arguments, const char *from, const char *to) {
+  pags_scene scene;
+  PAGS_TRY(pags_prepare_file(&arguments->session, to));
+  pags_interrupt_install(arguments->session.tasks);
+  pags_file_stop_when(pags_interrupt_flag());
+  PAGS_TRY(pags_scene_load_in_axes(from, arguments->reading.axes, &scene));
+  pags_reading_apply(&arguments->reading, &scene);
+  uint8_t *chosen;
+  pags_result result = choose(arguments, &scene, &chosen);
+  if (result == PAGS_OK)
+    result = pags_crop_apply(&arguments->crop, &scene, scene.time_begin + arguments->time, chosen, &arguments->session);
+  if (result == PAGS_OK)
+    result = pags_session_check(&arguments->session);
+  arguments->proxy.chosen = chosen;
+  pags_filter filter;
+  const char *expected;
+  pags_crop_parse(&arguments->crop, &filter, &expected);
+  const double box[6] = {filter.lo[0], filter.lo[1], filter.lo[2], filter.hi[0], filter.hi[1], filter.hi[2]};
+  const double ball[4] = {filter.middle[0], filter.middle[1], filter.middle[2], filter.radius};
+  arguments->proxy.box = filter.has_box ? box : NULL;
+  arguments->proxy.ball = filter.has_ball ? ball : NULL;
+  if (result == PAGS_OK && (arguments->splats || pags_export_is_splat(to)))
+    result = export_splats(arguments, &scene, to);
+  else if (result == PAGS_OK && is_page(to))
+    result = export_page(arguments, &scene, from, to);
+  else if (result == PAGS_OK && is_usd(to))
+    result = export_usd(arguments, &scene, to);
+  else if (result == PAGS_OK)
+    result = export_proxies(arguments, &scene, to);
+  free(chosen);
+  pags_scene_destroy(&scene);
+  return result;
+}
+
+int pags_verb_export(int argc, char **argv) {
+  export_arguments arguments = {.proxy = pags_proxy_options_default(), .splat = pags_splat_options_default()};
+  pags_parsed parsed;
+  pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
+  if (status != PAGS_PARSE_OK)
+    return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
+  const char *extension = pags_path_extension(parsed.positionals[1]);
+  const bool gltf = !strcasecmp(extension, ".glb") || !strcasecmp(extension, ".gltf");
+  if (!gltf && !is_usd(parsed.positionals[1]) && !is_page(parsed.positionals[1]) &&
+      !pags_export_is_splat(parsed.positionals[1]))
+    return pags_usage_error(&verb,
+                            "expected a file name ending in .glb, .gltf, .ply, .spz, .sog, .splat, .pagsz, .usda, "
+                            ".usdz or .html, or meta.json of a SOG folder, got '%s'",
+                            parsed.positionals[1]);
+  if (arguments.target_size && !is_page(parsed.positionals[1]))
+    return pags_usage_error(&verb, "--target-size: no effect on a file that doesn't end in .html, got '%s'",
+                            parsed.positionals[1]);
+  if (arguments.naming && (!gltf || arguments.splats || arguments.proxy.lod))
+    return pags_usage_error(&verb, "--naming: only affects proxies in a .glb or .gltf, without --lod");
+  if (arguments.proxy.texture && (!gltf || arguments.splats))
+    return pags_usage_error(&verb, "--texture: only affects proxies in a .glb or .gltf");
+  const char *expected;
+  pags_filter filter;
+  const char *misspelt = pags_crop_parse(&arguments.crop, &filter, &expected);
+  if (misspelt)
+    return pags_usage_error(&verb, "%s, got '%s'", expected, misspelt);
+  pags_result result = pags_session_begin(&arguments.session);
+  if (result == PAGS_OK)
+    result = run(&arguments, parsed.positionals[0], parsed.positionals[1]);
+  return pags_session_end(&arguments.session, result);
+}

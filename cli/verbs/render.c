@@ -1,0 +1,656 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* pags render: renders a scene or a splat file from a list of cameras into picture files, with stage times as
+ * JSON. */
+#include "cli/common/crop.h"
+#include "cli/common/interrupt.h"
+#include "cli/common/object_edits.h"
+#include "cli/common/option_rules.h"
+#include "cli/common/ranks.h"
+#include "cli/common/reading.h"
+#include "cli/common/session.h"
+#include "cli/draw/camera_paths.h"
+#include "cli/draw/deadline_report.h"
+#include "cli/draw/object_table.h"
+#include "cli/draw/picture_queue.h"
+#include "cli/draw/render_passes.h"
+#include "cli/draw/shutter.h"
+#include "cli/draw/viewpoints.h"
+#include "cli/verbs/verbs.h"
+
+#include <math.h>
+#include <pags/packed.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/file.h"
+#include "base/log.h"
+#include "base/memory.h"
+#include "port/port.h"
+
+typedef struct render_arguments {
+  pags_session session;
+  const char *output, *dataset, *path, *camera, *channels;
+  int split; /* index in "train|test|all" */
+  int64_t frames;
+  int format, bits;
+  double downscale, time, shift, fps;
+  pags_object_edits edits;
+  pags_crop crop;
+  double background[3];
+  float near_plane, low_pass;
+  int exposure, antialiased, sh_degree, exp_degree; /* exp_degree: index in "3|5" */
+  const char *early_z;
+  int order;   /* pags_order */
+  int stand;   /* pags_stand */
+  int shutter; /* pags_shutter_choice */
+  pags_dataset_options dataset_options;
+  pags_reading reading;
+  int packed;
+  double budget_ms; /* 0: none */
+} render_arguments;
+
+#define AT(member) offsetof(render_arguments, member)
+
+static const pags_option options[] = {
+    PAGS_OUTPUT(AT(output), "FOLDER",
+                "Folder for the pictures; created if missing. Files of the same name are replaced."),
+
+    PAGS_GROUP("Views (one of --split, --path and --camera; default --path orbit)"),
+    PAGS_CHOICE("split", AT(split), "train|test|all", "",
+                "Render the scene's training views, its held-out views, or both."),
+    PAGS_TEXT("path", 0, AT(path), "FILE|orbit|ego", "orbit",
+              "Render a camera path: a path file; orbit: around the scene; ego: along the training views, smoothed, or "
+              "along the recorded drive, with time running."),
+    PAGS_TEXT("camera", 0, AT(camera), "FILE", NULL, "Render the view of a camera file."),
+    PAGS_CHOICE("stand", AT(stand), "auto|around|inside", NULL,
+                "Orbit: around the scene from outside, or inside a room; auto: near the training cameras, else "
+                "whichever fits."),
+    PAGS_VALUE("frames", 'n', INT64, AT(frames), 1, 1e6, "N", NULL, "120; drives: as recorded",
+               "Number of frames of orbit and ego."),
+    PAGS_VALUE("fps", 0, DOUBLE, AT(fps), 1e-3, 1e4, "F", "frames/s", "as recorded",
+               "Frame rate of ego along a drive, instead of --frames."),
+    PAGS_VALUE("shift", 0, DOUBLE, AT(shift), 0, 0, "METRES", "metres", "0",
+               "Ego: offset of the cameras to their right; negative: to their left."),
+    PAGS_VALUE("time", 0, DOUBLE, AT(time), 0, PAGS_UNLIMITED, "T", "seconds since the start of the scene",
+               "each view's own", "Render all views at this time instead of their own."),
+    PAGS_TEXT("dataset", 0, AT(dataset), "DATASET", NULL,
+              "Take the views of --split from this data set instead of the scene."),
+    PAGS_VALUE("split-every", 0, INT, AT(dataset_options.split_every), 0, 1e9, "N", "views; 0: none",
+               "as the data set says, else 8; driving sets 4", "With --dataset: hold out every Nth view."),
+    PAGS_TEXT("colmap", 0, AT(dataset_options.colmap), "FOLDER", NULL,
+              "With --dataset: read cameras from this COLMAP model."),
+    PAGS_FLAG("allow-missing", 0, AT(dataset_options.allow_missing),
+              "With --dataset: skip views whose photograph is missing."),
+    PAGS_TEXT("image-folder", 0, AT(dataset_options.image_folder), "FOLDER", NULL,
+              "With --dataset: folder of its photographs."),
+    PAGS_VALUE("downscale", 0, DOUBLE, AT(downscale), 1, 64, "F", "times", NULL,
+               "Downscale the pictures by this factor."),
+    PAGS_CHOICE("shutter", AT(shutter), "global|rolling", "as in the cameras",
+                "Expose all lines at the same time, or one after another as the scene's cameras do."),
+
+    PAGS_GROUP("Input"),
+    PAGS_READING_OPTIONS(AT(reading)),
+
+    PAGS_GROUP("Files"),
+    PAGS_CHOICE("format", AT(format), "png|exr", NULL, "png: rounded to --bits; exr: float32, display-referred sRGB."),
+    PAGS_VALUE("bits", 0, INT, AT(bits), 8, 16, "8|16", "bits per channel", NULL, "Bit depth of PNG files."),
+    PAGS_TEXT(
+        "channel", 0, AT(channels), "LIST", NULL,
+        "Channels to write, separated by commas: color, alpha, depth (metres), id, object, priority, normal (of depth, "
+        "world axes), heat (priority as colours), crypto-object and crypto-class (Cryptomatte), expected-normal (mean "
+        "of the Gaussians' normals), motion (--path only: to the frame before and after), count (Gaussians blended per "
+        "pixel), overdraw (Gaussians evaluated per pixel). Each has its own file: NAME.png, NAME_alpha.png, "
+        "NAME_depth.exr, ... Only color, alpha and heat can be PNG; heat always is. With object, objects.json lists "
+        "the object of each number. With priority, heat is written too, unless --format exr."),
+
+    PAGS_GROUP("Objects (OBJECT: an id listed by pags info --objects, or class:vehicle, ...)"),
+    PAGS_EDIT_OPTIONS(AT(edits)),
+    PAGS_CROP_OPTIONS(AT(crop)),
+
+    PAGS_GROUP("Picture"),
+    PAGS_FLAG("no-exposure", 0, AT(exposure),
+              "Render without the exposure of the cameras. By default, views of --split and frames of a drive have the "
+              "exposure of their camera."),
+    PAGS_VALUE("background", 0, COLOR, AT(background), 0, 0, "R,G,B", "sRGB, 0..1", "as in the scene",
+               "Background colour."),
+    PAGS_FLAG("antialiased", 0, AT(antialiased),
+              "Compensate opacities for the low-pass filter (the 2D filter of Mip-Splatting), even if the scene wasn't "
+              "trained so."),
+    PAGS_FLAG("no-antialiased", 0, AT(antialiased), "Don't compensate, even if the scene was trained so."),
+    PAGS_VALUE("low-pass", 0, FLOAT, AT(low_pass), 0, 100, "V", "px^2", "as in training, else 0.3",
+               "Variance added to both axes of each projected Gaussian."),
+    PAGS_VALUE("near", 0, FLOAT, AT(near_plane), 1e-6, PAGS_UNLIMITED, "Z", "metres", "as in training, else 0.01",
+               "Skip Gaussians nearer than this."),
+    PAGS_VALUE("sh-degree", 0, INT, AT(sh_degree), 0, 3, "0..3", NULL, NULL,
+               "Maximum degree of the spherical harmonics of colour."),
+    PAGS_CHOICE("exp-degree", AT(exp_degree), "3|5", NULL,
+                "Degree of the polynomial for exp: 3 is faster (relative error 7.5e-5), 5 more accurate (4e-7)."),
+    PAGS_TEXT("early-z", 0, AT(early_z), "off|lossless|bounded[=EPS]|paper", NULL,
+              "Skip hidden Gaussians before they are read, shaded, sorted or binned. lossless: bit-identical to off. "
+              "bounded: a pixel is full when everything behind it would change it by at most EPS (default 1/255). "
+              "paper: draw nothing behind opaque critical Gaussians; less accurate."),
+    PAGS_CHOICE("order", AT(order), "depth|paper", NULL,
+                "Blending order: depth; paper: all critical Gaussians first, as in arXiv:2510.12282, which blends "
+                "incorrectly."),
+    PAGS_VALUE(
+        "budget-ms", 0, DOUBLE, AT(budget_ms), 0.1, 1e6, "T", "milliseconds per frame", "none",
+        "Time limit per frame: critical Gaussians keep full quality within a few grey levels, the rest is reduced as "
+        "needed. Every eighth frame is compared with full quality. The pictures depend on the speed of this machine."),
+    PAGS_FLAG(
+        "packed", 0, AT(packed),
+        "Render from the packed form: less memory, rounded values (docs/splat-files.md). Packed files always are."),
+    PAGS_SESSION_OPTIONS(render_arguments),
+    {0}};
+
+static const pags_positional positionals[] = {
+    {"SCENE", "Scene folder, or splat file: .ply (also compressed), .spz, .splat, .pagsz (memory-mapped)."},
+    {NULL, NULL}};
+
+static const pags_verb verb = {
+    .name = "render",
+    .usage = "SCENE [--split train|test|all | --path FILE|orbit|ego | --camera FILE] -o FOLDER [options]",
+    .about =
+        "Render pictures of a scene or a splat file. Pictures are named after the photographs of their views, or "
+        "00000, 00001, ... --json adds milliseconds per stage and counts for every frame; counting costs a few per "
+        "cent of speed.",
+    .positionals = positionals,
+    .options = options};
+
+/* State of a render run. */
+typedef struct renderer {
+  const render_arguments *arguments;
+  pags_session *session;
+  pags_composition *composition;
+  bool packed; /* the Gaussians are rendered from their packed form */
+  pags_viewpoints viewpoints;
+  pags_frame *frame;
+  pags_frame_options options;
+  pags_picture_writer writer;
+  pags_render_passes passes;
+  pags_picture_queue queue;
+  pags_frame_stats *stats;       /* of each finished frame */
+  pags_deadline_report deadline; /* with --budget-ms */
+  pags_deadline_result *report;  /* of each finished frame, with --budget-ms */
+  int64_t done;                  /* frames; of this rank until the ranks' are gathered */
+} renderer;
+
+/* ---- Viewpoints and frame options ---- */
+
+static pags_result find_ego(const render_arguments *arguments, bool counted, const pags_scene *scene,
+                            pags_camera_path *path) {
+  if (pags_scene_is_drive(scene))
+    PAGS_TRY(pags_camera_path_drive(scene, counted ? arguments->frames : 0, arguments->fps, path));
+  else
+    PAGS_TRY(pags_camera_path_ego(scene, arguments->frames, path));
+  pags_camera_path_shift(path, arguments->shift);
+  return PAGS_OK;
+}
+
+static pags_result find_viewpoints(const render_arguments *arguments, const pags_parsed *parsed,
+                                   const pags_scene *scene, pags_viewpoints *out) {
+  if (pags_option_given(parsed, "split") && arguments->dataset) {
+    pags_dataset *dataset;
+    PAGS_TRY(pags_dataset_open(arguments->dataset, &arguments->dataset_options, &dataset));
+    pags_result result = pags_viewpoints_of_dataset(dataset, (pags_split)arguments->split, out);
+    pags_dataset_close(dataset);
+    return result;
+  }
+  if (pags_option_given(parsed, "split"))
+    return pags_viewpoints_of_scene(scene, parsed->positionals[0], (pags_split)arguments->split, out);
+  pags_camera_path path;
+  if (arguments->camera)
+    PAGS_TRY(pags_camera_path_load(arguments->camera, &path));
+  else if (!strcmp(arguments->path, "orbit"))
+    PAGS_TRY(pags_camera_path_orbit(scene, arguments->frames, (pags_stand)arguments->stand, &path));
+  else if (!strcmp(arguments->path, "ego"))
+    PAGS_TRY(find_ego(arguments, pags_option_given(parsed, "frames"), scene, &path));
+  else
+    PAGS_TRY(pags_camera_path_load(arguments->path, &path));
+  pags_result result = pags_viewpoints_of_path(&path, out);
+  pags_camera_path_destroy(&path);
+  if (result == PAGS_OK && !arguments->camera && !strcmp(arguments->path, "ego")) {
+    /* Expose each frame as the drive's sensor was exposed at the frame's time. */
+    for (int64_t i = 0; i < out->count && pags_scene_is_drive(scene); i++) {
+      pags_viewpoint *v = &out->items[i];
+      pags_scene_exposure(scene, pags_camera_path_drive_sensor(scene), v->camera.time, v->gain, v->offset);
+    }
+  }
+  return result;
+}
+
+static void choose_options(renderer *self, const pags_parsed *parsed) {
+  const render_arguments *arguments = self->arguments;
+  pags_frame_options *frame = &self->options;
+  *frame = pags_composition_options(self->composition);
+  for (int c = 0; c < 3 && pags_option_given(parsed, "background"); c++) {
+    frame->background[c] = (float)arguments->background[c];
+    frame->sky = NULL;
+  }
+  if (pags_option_given(parsed, "antialiased") || pags_option_given(parsed, "no-antialiased"))
+    frame->antialiased = arguments->antialiased;
+  if (pags_option_given(parsed, "near"))
+    frame->near_plane = arguments->near_plane;
+  if (pags_option_given(parsed, "low-pass"))
+    frame->low_pass = arguments->low_pass;
+  frame->sh_degree = arguments->sh_degree;
+  frame->exp_degree = arguments->exp_degree ? 5 : 3;
+  pags_early_z_parse(arguments->early_z, frame); /* check_usage has checked that the value parses */
+  frame->order = (pags_order)arguments->order;
+  frame->extra_channels = pags_picture_writer_needs_extras(&self->writer);
+  frame->keep_for_passes = (self->writer.channels & PAGS_CHANNELS_PASSES) != 0;
+  frame->count_pairs = arguments->session.json != NULL;
+}
+
+/* ---- Statistics as JSON ---- */
+
+static double total_ms(const pags_frame_stats *s) {
+  return s->ms_cull + s->ms_project + s->ms_shade + s->ms_sort + s->ms_bin + s->ms_raster + s->ms_occlude;
+}
+
+static void put_stats(pags_json_writer *writer, const pags_frame_stats *s) {
+  pags_json_begin_object(writer, "ms");
+  pags_json_put_number(writer, "cull", s->ms_cull);
+  pags_json_put_number(writer, "project", s->ms_project);
+  pags_json_put_number(writer, "shade", s->ms_shade);
+  pags_json_put_number(writer, "sort", s->ms_sort);
+  pags_json_put_number(writer, "bin", s->ms_bin);
+  pags_json_put_number(writer, "raster", s->ms_raster);
+  pags_json_put_number(writer, "occlude", s->ms_occlude);
+  pags_json_put_number(writer, "total", total_ms(s));
+  pags_json_end_object(writer);
+  pags_json_put_integer(writer, "gaussians", s->gaussians);
+  pags_json_put_integer(writer, "in_view", s->in_view);
+  pags_json_put_integer(writer, "loaded", s->loaded);
+  pags_json_put_integer(writer, "hidden", s->hidden);
+  pags_json_put_integer(writer, "shaded", s->shaded);
+  pags_json_put_integer(writer, "binned", s->binned);
+  pags_json_put_integer(writer, "pairs_hidden", s->pairs_hidden);
+  pags_json_put_integer(writer, "pairs_binned", s->pairs_binned);
+  pags_json_put_integer(writer, "pairs_evaluated", s->pairs_evaluated);
+  pags_json_put_integer(writer, "pairs_blended", s->pairs_blended);
+  pags_json_put_integer(writer, "clusters", s->clusters);
+  pags_json_put_integer(writer, "clusters_hidden", s->clusters_hidden);
+  pags_json_put_integer(writer, "tiles", s->tiles);
+  pags_json_put_integer(writer, "tiles_full", s->tiles_full);
+  pags_json_put_integer(writer, "slabs", s->slabs);
+  pags_json_put_integer(writer, "occluders", s->occluders);
+  pags_json_put_integer(writer, "held", s->held);
+  pags_json_put_integer(writer, "beyond", s->beyond);
+}
+
+/* Mean of the frames' times and counts; counts are rounded down. */
+static pags_frame_stats mean_stats(const pags_frame_stats *stats, int64_t count) {
+  pags_frame_stats mean = {0};
+  double n = count ? (double)count : 1;
+  for (int64_t i = 0; i < count; i++)
+    pags_frame_stats_add(&mean, &stats[i]);
+  pags_frame_stats_divide(&mean, n);
+  return mean;
+}
+
+static pags_result write_json(const renderer *self) {
+  pags_json_writer writer;
+  pags_frame_stats mean = mean_stats(self->stats, self->done);
+  pags_json_writer_init(&writer, 2);
+  pags_json_begin_object(&writer, NULL);
+  pags_json_put_integer(&writer, "threads", pags_tasks_workers(self->arguments->session.tasks));
+  pags_json_put_integer(&writer, "gaussians", pags_composition_gaussian_count(self->composition));
+  pags_json_put_integer(&writer, "bytes", (int64_t)pags_composition_bytes(self->composition));
+  pags_json_begin_array(&writer, "frames");
+  for (int64_t i = 0; i < self->done; i++) {
+    pags_json_begin_object(&writer, NULL);
+    pags_json_put_string(&writer, "name", self->viewpoints.items[i].name);
+    pags_json_put_integer(&writer, "width", self->viewpoints.items[i].camera.width);
+    pags_json_put_integer(&writer, "height", self->viewpoints.items[i].camera.height);
+    pags_json_put_number(&writer, "time", self->viewpoints.items[i].camera.time);
+    put_stats(&writer, &self->stats[i]);
+    if (self->report)
+      pags_deadline_report_put_frame(&self->report[i], &writer);
+    pags_json_end_object(&writer);
+  }
+  pags_json_end_array(&writer);
+  if (self->report)
+    pags_deadline_report_put(&self->deadline, &writer);
+  pags_json_begin_object(&writer, "mean");
+  put_stats(&writer, &mean);
+  pags_json_end_object(&writer);
+  return pags_session_json(&self->arguments->session, &writer);
+}
+
+/* ---- Drawing ---- */
+
+static pags_result draw(renderer *self, int64_t index) {
+  const pags_viewpoint *viewpoint = &self->viewpoints.items[index];
+  const pags_part *parts;
+  int part_count;
+  pags_picture picture;
+  pags_passes passes = {.normal = {NULL}};
+  const bool motion = self->writer.channels >> PAGS_CHANNEL_MOTION & 1;
+  PAGS_TRY(pags_render_passes_moment(&self->passes, 0, motion && index > 0 ? &viewpoint[-1].camera : NULL));
+  PAGS_TRY(pags_render_passes_moment(&self->passes, 1,
+                                     motion && index + 1 < self->viewpoints.count ? &viewpoint[1].camera : NULL));
+  pags_compose(self->composition, viewpoint->camera.time, &parts, &part_count);
+  if (self->arguments->exposure) {
+    self->options.light = viewpoint->light;
+    pags_frame_options_expose(&self->options, viewpoint->gain, viewpoint->offset);
+  }
+  if (self->report) {
+    PAGS_TRY(pags_deadline_report_draw(&self->deadline, parts, part_count, &viewpoint->camera, &self->options, &picture,
+                                       &self->report[index]));
+    self->stats[index] = self->report[index].stats;
+  } else {
+    PAGS_TRY(
+        pags_frame_render(self->frame, parts, part_count, &viewpoint->camera, &self->options, NULL, NULL, &picture));
+    self->stats[index] = *pags_frame_stats_get(self->frame);
+  }
+  if (self->options.keep_for_passes)
+    PAGS_TRY(pags_render_passes_draw(&self->passes, self->frame, parts, part_count, &passes));
+  PAGS_TRY(pags_picture_queue_put(&self->queue, &picture, &passes, &viewpoint->camera, viewpoint->name));
+  self->done++;
+  return PAGS_OK;
+}
+
+static pags_result draw_all(renderer *self) {
+  const pags_session *session = &self->arguments->session;
+  pags_progress progress = pags_progress_begin(session->people);
+  pags_interrupt_install(session->tasks);
+  const int64_t count = self->viewpoints.count;
+  for (int64_t i = 0; i < count; i++) { /* all, since motion looks at the cameras before and after */
+    pags_camera *camera = &self->viewpoints.items[i].camera;
+    *camera = pags_camera_downscale(camera, self->arguments->downscale);
+  }
+  pags_result result = PAGS_OK;
+  for (int64_t i = 0; result == PAGS_OK && i < count && !pags_ranks_stopping(); i++) {
+    if (!pags_ranks_mine(i))
+      continue;
+    result = draw(self, i);
+    const int64_t drawn = pags_ranks_tell(self->done, false);
+    if (result == PAGS_OK && pags_progress_due(&progress))
+      pags_progress_show(&progress, "frame %lld of %lld, %.1f ms each", (long long)drawn, (long long)count,
+                         total_ms(&self->stats[i]));
+  }
+  pags_result written = pags_picture_queue_finish(&self->queue);
+  pags_progress_end(&progress);
+  if (written == PAGS_OK && self->done && self->writer.channels >> PAGS_CHANNEL_OBJECT & 1 && pags_ranks_lead())
+    written = pags_object_table_write(pags_composition_scene(self->composition), self->arguments->output);
+  const bool stopped = pags_interrupted() || pags_ranks_stopping();
+  pags_ranks_tell(self->done, stopped || result != PAGS_OK || written != PAGS_OK);
+
+  int64_t drawn = self->done;
+  if (written != PAGS_OK)
+    result = written;
+  PAGS_TRY(pags_ranks_sum(&drawn));
+  if (stopped && written == PAGS_OK && drawn < count && (result == PAGS_OK || pags_interrupted()))
+    result = pags_fail(PAGS_CANCELLED, "interrupted after %lld of %lld frames; those are in %s", (long long)drawn,
+                       (long long)count, self->arguments->output);
+  return result;
+}
+
+/* Brings the statistics of all frames to rank 0. */
+static pags_result gather_stats(renderer *self) {
+  if (!pags_ranks())
+    return PAGS_OK;
+  pags_frame_stats *own = malloc((size_t)self->viewpoints.count * sizeof *own), *all;
+  int64_t drawn = 0, bytes;
+  void *gathered;
+  if (!own)
+    return pags_out_of_memory("%lld frames", (long long)self->viewpoints.count);
+  for (int64_t i = 0; i < self->viewpoints.count; i++)
+    if (pags_ranks_mine(i))
+      own[drawn++] = self->stats[i];
+  const pags_result result = pags_ranks_gather(own, drawn * (int64_t)sizeof *own, &gathered, &bytes);
+  free(own);
+  all = gathered;
+  const int64_t ranks = pags_transport_ranks(pags_ranks());
+  for (int64_t rank = 0; all && rank < ranks; rank++)
+    for (int64_t i = rank; i < self->viewpoints.count; i += ranks)
+      self->stats[i] = *all++;
+  free(gathered);
+  self->done = self->viewpoints.count;
+  return result;
+}
+
+/* ---- Opening the scene ---- */
+
+static pags_result find_work(renderer *self, const pags_parsed *parsed, const pags_scene *scene, pags_edit **edits,
+                             int64_t *edit_count) {
+  const render_arguments *arguments = self->arguments;
+  PAGS_TRY(find_viewpoints(arguments, parsed, scene, &self->viewpoints));
+  PAGS_TRY(pags_shutter_choose(
+      pags_option_given(parsed, "shutter") ? (pags_shutter_choice)arguments->shutter : PAGS_SHUTTER_AS_RECORDED, scene,
+      &self->viewpoints));
+  if (pags_option_given(parsed, "time")) {
+    /* Set --time for all viewpoints. A time up to one frame interval after the last frame is allowed, since a drive's
+     * last frame lasts as long as any other. */
+    double span = scene->time_end - scene->time_begin;
+    if (arguments->time > span + (scene->fps > 0 ? 1 / scene->fps : 0) + 1e-6)
+      return pags_fail(PAGS_ERROR_ARGUMENT, "--time: the scene lasts from 0 to %g s; got %g", span, arguments->time);
+    for (int64_t i = 0; i < self->viewpoints.count; i++)
+      self->viewpoints.items[i].camera.time = scene->time_begin + arguments->time;
+  }
+  return pags_object_edits_find(&arguments->edits, scene, edits, edit_count);
+}
+
+/* Opens a packed file (.pagsz), which is memory-mapped, not read. A packed file has neither views nor objects. */
+static pags_result open_packed(renderer *self, const pags_parsed *parsed, pags_edit **edits, int64_t *edit_count) {
+  const char *path = parsed->positionals[0];
+  const char *way = self->arguments->path;
+  pags_filter filter;
+  const char *expected;
+  pags_crop_parse(&self->arguments->crop, &filter, &expected);
+  if (pags_filter_is_set(&filter))
+    return pags_fail(PAGS_ERROR_UNSUPPORTED,
+                     "%s: a packed file can't be cropped; give the same options to pags export when you write it",
+                     path);
+  if (!self->arguments->camera && (!strcmp(way, "orbit") || !strcmp(way, "ego")))
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: a packed file has no views: expected --camera FILE or --path FILE",
+                     path);
+  if (self->arguments->reading.axes)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: a packed file's axes are known: expected no --axes", path);
+  PAGS_TRY(pags_composition_open_packed(path, &self->composition));
+  self->packed = true;
+  return find_work(self, parsed, pags_composition_scene(self->composition), edits, edit_count);
+}
+
+/* Loads a scene. Views, times and edits are resolved before the composition is made, so that errors in them are found
+ * before the Gaussians are sorted. */
+static pags_result open_scene(renderer *self, const pags_parsed *parsed, pags_edit **edits, int64_t *edit_count) {
+  pags_scene scene;
+  PAGS_TRY(pags_scene_load_in_axes(parsed->positionals[0], self->arguments->reading.axes, &scene));
+  pags_reading_apply(&self->arguments->reading, &scene);
+  pags_result result = pags_crop_apply(&self->arguments->crop, &scene, scene.time_begin + self->arguments->time, NULL,
+                                       &self->arguments->session);
+  if (result == PAGS_OK)
+    result = find_work(self, parsed, &scene, edits, edit_count);
+  if (result == PAGS_OK)
+    PAGS_TRY(pags_composition_create(&scene, &self->composition));
+  else
+    pags_scene_destroy(&scene);
+  self->packed = self->arguments->packed;
+  if (result == PAGS_OK && self->packed)
+    PAGS_TRY(pags_composition_pack(self->composition));
+  return result;
+}
+
+static pags_result compose(renderer *self, const pags_parsed *parsed) {
+  pags_edit *edits = NULL;
+  int64_t edit_count = 0;
+  pags_result result = pags_packed_is_file(parsed->positionals[0]) ? open_packed(self, parsed, &edits, &edit_count)
+                                                                   : open_scene(self, parsed, &edits, &edit_count);
+  if (result == PAGS_OK)
+    result = pags_composition_edit(self->composition, edits, edit_count);
+  if (result == PAGS_OK)
+    result = pags_session_check(&self->arguments->session);
+  free(edits);
+  return result;
+}
+
+/* ---- The verb ---- */
+
+static pags_result begin_deadline(renderer *self) {
+  enum { CHECK_EVERY = 8 };
+  if (self->arguments->budget_ms <= 0)
+    return PAGS_OK;
+  self->report = calloc((size_t)self->viewpoints.count + 1, sizeof *self->report);
+  if (!self->report)
+    return pags_out_of_memory("%lld frames", (long long)self->viewpoints.count);
+  return pags_deadline_report_create(self->composition, self->arguments->session.tasks, self->arguments->budget_ms,
+                                     CHECK_EVERY, &self->deadline);
+}
+
+static pags_result prepare(renderer *self, const pags_parsed *parsed, unsigned channels) {
+  const render_arguments *arguments = self->arguments;
+  PAGS_TRY(compose(self, parsed));
+  PAGS_TRY(pags_picture_writer_create(self->composition, channels, (pags_picture_format)arguments->format,
+                                      arguments->bits, &self->writer));
+  self->passes = (pags_render_passes){.composition = self->composition, .writer = &self->writer};
+  choose_options(self, parsed);
+  self->stats = calloc((size_t)self->viewpoints.count, sizeof *self->stats);
+  if (!self->stats)
+    return pags_out_of_memory("%lld frames", (long long)self->viewpoints.count);
+  PAGS_TRY(pags_frame_create(arguments->session.tasks, &self->frame));
+  PAGS_TRY(begin_deadline(self));
+  PAGS_TRY(pags_picture_queue_create(&self->writer, arguments->session.tasks, arguments->output, &self->queue));
+  return pags_prepare_folder(self->session, arguments->output);
+}
+
+static pags_result render(renderer *self, const pags_parsed *parsed, unsigned channels) {
+  const render_arguments *arguments = self->arguments;
+  PAGS_TRY(pags_session_meet(self->session, prepare(self, parsed, channels)));
+  pags_result result = pags_session_meet(self->session, draw_all(self));
+  if (result == PAGS_OK)
+    result = gather_stats(self);
+  if (result != PAGS_OK || !pags_ranks_lead())
+    return result;
+
+  int64_t shown = 0;
+  for (int64_t i = 0; i < self->done; i++)
+    shown += self->stats[i].binned > 0;
+  if (!shown && self->done)
+    pags_log_message(PAGS_LOG_WARNING, "%s: nothing of the scene is in view in any of %lld pictures", arguments->output,
+                     (long long)self->done);
+
+  /* Print the mean times and the statistics of --budget-ms and --packed. */
+  pags_frame_stats mean = mean_stats(self->stats, self->done);
+  int threads = pags_tasks_workers(self->arguments->session.tasks);
+  char of_ranks[32] = "";
+  if (pags_ranks())
+    snprintf(of_ranks, sizeof of_ranks, "%d ranks of ", pags_transport_ranks(pags_ranks()));
+  pags_say(
+      &self->arguments->session,
+      "%s: %lld %s of %lld Gaussians, %.2f ms each (cull %.2f, project %.2f, shade %.2f, sort %.2f, bin %.2f, raster "
+      "%.2f) on %s%d %s\n",
+      self->arguments->output, (long long)self->done, self->done == 1 ? "frame" : "frames",
+      (long long)pags_composition_gaussian_count(self->composition), total_ms(&mean), mean.ms_cull, mean.ms_project,
+      mean.ms_shade, mean.ms_sort, mean.ms_bin, mean.ms_raster, of_ranks, threads, threads == 1 ? "thread" : "threads");
+  const int64_t count = pags_composition_gaussian_count(self->composition);
+  if (self->report)
+    pags_deadline_report_print(&self->deadline, &self->arguments->session);
+  if (self->packed)
+    pags_say(&self->arguments->session, "packed: %.1f MB, %.1f bytes per Gaussian\n",
+             (double)pags_composition_bytes(self->composition) * 1e-6,
+             count ? (double)pags_composition_bytes(self->composition) / (double)count : 0.0);
+
+  return write_json(self);
+}
+
+/* Refuses options that have no effect on what is drawn. */
+static int check_effect(const render_arguments *arguments, const pags_parsed *parsed) {
+  const bool along = !pags_option_given(parsed, "split") && !arguments->camera;
+  const bool orbit = along && !strcmp(arguments->path, "orbit"), ego = along && !strcmp(arguments->path, "ego");
+  const pags_option_rule rules[] = {
+      {"split-every colmap allow-missing image-folder", arguments->dataset != NULL, "--dataset"},
+      {"shift fps", ego, "--path ego"},
+      {"frames", orbit || ego, "--path orbit or ego"},
+      {"stand", orbit, "--path orbit"},
+      {"bits", arguments->format == PAGS_PICTURE_PNG, "--format png"},
+      {0}};
+  char names[128];
+  const pags_option_rule *idle = pags_option_idle(parsed, rules, names, sizeof names);
+  return idle ? pags_usage_error(&verb, "%s: no effect without %s", names, idle->needs) : PAGS_EXIT_OK;
+}
+
+static int check_usage(const render_arguments *arguments, const pags_parsed *parsed, unsigned *channels) {
+  char unknown[80];
+  int ways =
+      pags_option_given(parsed, "split") + pags_option_given(parsed, "path") + pags_option_given(parsed, "camera");
+  if (ways > 1)
+    return pags_usage_error(&verb, "--split, --path and --camera exclude each other");
+  if (arguments->dataset && !pags_option_given(parsed, "split"))
+    return pags_usage_error(&verb, "--dataset needs --split");
+  if (arguments->bits != 8 && arguments->bits != 16)
+    return pags_usage_error(&verb, "--bits: expected 8 or 16, got '%d'", arguments->bits);
+  if (!pags_channels_parse(arguments->channels, channels, unknown, sizeof unknown))
+    return pags_usage_error(
+        &verb,
+        "--channel: expected color, alpha, depth, id, object, priority, normal, heat, crypto-object, crypto-class, "
+        "expected-normal, motion, count or overdraw, got '%s'",
+        unknown);
+  pags_frame_options early_z;
+  if (pags_early_z_parse(arguments->early_z, &early_z) != PAGS_OK)
+    return pags_usage_error(&verb, "--%s", pags_error_message());
+  if (arguments->budget_ms > 0 && (early_z.early_z == PAGS_EARLY_Z_PAPER || arguments->order != 0))
+    return pags_usage_error(&verb, "--budget-ms excludes --early-z paper and --order paper");
+  if (arguments->budget_ms > 0 && pags_ranks())
+    return pags_usage_error(&verb,
+                            "--budget-ms: requires one process, since the quality of a frame depends on the times of "
+                            "earlier frames; mpirun started several");
+  if (*channels & PAGS_CHANNELS_PASSES && (arguments->budget_ms > 0 || early_z.early_z == PAGS_EARLY_Z_PAPER))
+    return pags_usage_error(
+        &verb,
+        "--channel crypto-object, crypto-class, expected-normal, motion, count and overdraw exclude --budget-ms and "
+        "--early-z paper");
+  if (*channels >> PAGS_CHANNEL_MOTION & 1 && (pags_option_given(parsed, "split") || arguments->camera))
+    return pags_usage_error(&verb, "--channel motion: requires consecutive pictures: expected --path instead of %s",
+                            arguments->camera ? "--camera" : "--split");
+  if (*channels >> PAGS_CHANNEL_PRIORITY & 1 && arguments->format == PAGS_PICTURE_PNG)
+    *channels |= 1u << PAGS_CHANNEL_HEAT;
+  if (check_effect(arguments, parsed))
+    return PAGS_EXIT_USAGE;
+  if (arguments->fps > 0 && pags_option_given(parsed, "frames"))
+    return pags_usage_error(&verb, "--fps and --frames exclude each other");
+  const char *expected;
+  pags_filter filter;
+  const char *crop = pags_crop_parse(&arguments->crop, &filter, &expected);
+  if (crop)
+    return pags_usage_error(&verb, "%s, got '%s'", expected, crop);
+  const char *misspelt = pags_object_edits_misspelt(&arguments->edits);
+  if (misspelt)
+    return pags_usage_error(&verb, "--move and --add: expected X,Y,Z,YAW, four numbers, got '%s'", misspelt);
+  return PAGS_EXIT_OK;
+}
+
+int pags_verb_render(int argc, char **argv) {
+  pags_frame_options standard = pags_frame_options_default();
+  render_arguments arguments = {.path = "orbit",
+                                .channels = "color",
+                                .early_z = "lossless",
+                                .frames = 120,
+                                .bits = 8,
+                                .exposure = 1,
+                                .downscale = 1,
+                                .sh_degree = standard.sh_degree,
+                                .exp_degree = standard.exp_degree == 5,
+                                .dataset_options = pags_dataset_options_default()};
+  renderer self = {.arguments = &arguments, .session = &arguments.session};
+  unsigned channels;
+  pags_parsed parsed;
+  pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
+  if (status != PAGS_PARSE_OK)
+    return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
+  if (check_usage(&arguments, &parsed, &channels))
+    return PAGS_EXIT_USAGE;
+  pags_result result = pags_session_begin(&arguments.session);
+  if (result == PAGS_OK)
+    result = render(&self, &parsed, channels);
+  if (self.frame)
+    pags_frame_destroy(self.frame);
+  pags_picture_queue_destroy(&self.queue);
+  pags_picture_writer_destroy(&self.writer);
+  pags_render_passes_destroy(&self.passes);
+  pags_viewpoints_destroy(&self.viewpoints);
+  pags_composition_destroy(self.composition);
+  pags_deadline_report_destroy(&self.deadline);
+  free(self.report);
+  free(self.stats);
+  return pags_session_end(&arguments.session, result);
+}

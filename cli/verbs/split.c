@@ -1,0 +1,269 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* pags split: cuts a long drive into blocks that are trained each by itself (docs/blocks.md). Before that it trains a
+ * small scene of the whole drive, from which all blocks take their sky and their mean exposure. */
+#include "cli/common/interrupt.h"
+#include "cli/common/session.h"
+#include "cli/verbs/verbs.h"
+
+#include <math.h>
+#include <pags/blocks.h>
+#include <pags/train.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/file.h"
+#include "base/memory.h"
+#include "base/text.h"
+#include "port/port.h"
+
+enum {
+  WHOLE_WIDTH = 480, /* pixels: photographs of the whole drive are shrunk to at most this */
+  WHOLE_VISITS = 4,  /* steps of its training for each photograph, within these bounds */
+  WHOLE_LEAST_STEPS = 1000,
+  WHOLE_MOST_STEPS = 30000,
+  WHOLE_GAUSSIANS = 200000 /* at most */
+};
+
+typedef struct split_arguments {
+  pags_session session;
+  const char *output;
+  double length, overlap;
+  int reconstruction;
+  pags_dataset_options dataset;
+} split_arguments;
+
+#define AT(member) offsetof(split_arguments, member)
+
+static const pags_option options[] = {
+    PAGS_OUTPUT(AT(output), "BLOCKS", "Folder for the blocks."),
+    {"length", 0, true, PAGS_OPTION_DOUBLE, AT(length), 1, 1e7, "M", "metres", NULL,
+     "Maximum length of a block; all blocks are equally long.", NULL},
+    PAGS_VALUE("overlap", 0, DOUBLE, AT(overlap), 0, 1e6, "M", "metres", NULL,
+               "Also train each block on this length of the drive before and after it."),
+    PAGS_GROUP("Recording (applies to all blocks)"),
+    PAGS_VALUE("split-every", 0, INT, AT(dataset.split_every), 0, 1e9, "N", NULL, "4",
+               "Hold out every Nth time step; 0: none."),
+    PAGS_FLAG("reconstruction", 0, AT(reconstruction), "Train on every photograph; hold out none."),
+    PAGS_FLAG("allow-missing", 0, AT(dataset.allow_missing), "Skip views whose photograph or pose is missing."),
+    PAGS_DRIVING_OPTIONS(AT(dataset)),
+    PAGS_SESSION_OPTIONS(split_arguments),
+    {0}};
+
+static const pags_positional positionals[] = {{"DATASET", "Driving set."}, {NULL, NULL}};
+
+static const pags_verb verb = {
+    .name = "split",
+    .usage = "DATASET -o BLOCKS --length M [options]",
+    .about =
+        "Split a long drive into overlapping blocks BLOCKS/000, BLOCKS/001, ..., which refer to the drive's files "
+        "instead of copying them. Train each one separately (pags train BLOCKS/000 -o BLOCKS/000/scene), here or on "
+        "other machines, and merge the scenes with pags merge. First, a small scene of the whole drive is trained into "
+        "BLOCKS/whole, which gives all blocks the same sky and exposure. Ctrl-C saves that training; the same command "
+        "resumes it.",
+    .positionals = positionals,
+    .options = options};
+
+/* ---- The scene of the whole drive ---- */
+
+static int show_progress(void *user, const pags_train_progress *now) {
+  pags_progress *progress = user;
+  char eta[32];
+  if (pags_progress_due(progress))
+    pags_progress_show(progress, "the whole drive: step %lld of %lld, %.1f it/s, %lld Gaussians, PSNR %.2f dB, %s left",
+                       (long long)now->step, (long long)now->iterations, now->it_per_second, (long long)now->gaussians,
+                       now->psnr, pags_format_duration(now->eta_seconds, eta, sizeof eta));
+  return 1;
+}
+
+/* Opens the recording with photographs small enough for the scene of the whole drive. */
+static pags_result open_small(const split_arguments *arguments, const char *path, int width, pags_dataset **out) {
+  pags_dataset_options chosen = arguments->dataset;
+  chosen.downscale = fmax(1, (double)width / WHOLE_WIDTH);
+  return pags_dataset_open(path, &chosen, out);
+}
+
+/* Trains the scene of the whole drive, or goes on with it. */
+static pags_result train_whole(split_arguments *arguments, const pags_dataset *small, const char *folder) {
+  int64_t training = 0;
+  for (int64_t i = 0; i < pags_dataset_view_count(small); i++)
+    training += !pags_dataset_view(small, i)->test;
+  const int64_t steps = WHOLE_VISITS * training;
+  pags_train_config config = pags_train_config_default();
+  config.schedule.iterations = steps < WHOLE_LEAST_STEPS  ? WHOLE_LEAST_STEPS
+                               : steps > WHOLE_MOST_STEPS ? WHOLE_MOST_STEPS
+                                                          : steps;
+  config.size_limit.max_gaussians = WHOLE_GAUSSIANS;
+  pags_progress progress = pags_progress_begin(arguments->session.people);
+  pags_train_options run = pags_train_options_default();
+  const uint64_t available = pags_available_memory();
+  run.image_cache = run.image_cache > available / 4 ? available / 4 : run.image_cache;
+  run.dataset = small;
+  run.output = folder;
+  run.tasks = arguments->session.tasks;
+  run.preview_every = 0;
+  run.resume = 1;
+  run.cancel = pags_interrupt_flag();
+  run.progress = show_progress;
+  run.progress_user = &progress;
+  pags_interrupt_install(NULL); /* the trainer polls the flag and finishes its step before it stops */
+  pags_train_result result = {0};
+  const pags_result status = pags_train(&config, &run, &result);
+  pags_progress_end(&progress);
+  PAGS_TRY(status);
+  if (!result.finished)
+    return pags_fail(PAGS_CANCELLED,
+                     "interrupted after step %lld of the whole drive's scene; the same command resumes it",
+                     (long long)result.iterations);
+  char time[32];
+  pags_say(&arguments->session, "%s: %lld Gaussians after %lld steps in %s\n", folder, (long long)result.gaussians,
+           (long long)result.iterations, pags_format_duration(result.seconds, time, sizeof time));
+  return PAGS_OK;
+}
+
+/* Whether the folder has a scene whose training has come to its end. */
+static pags_result find_finished(const char *folder, bool *finished) {
+  int64_t done = 0, asked = 0;
+  *finished = false;
+  if (!pags_folder_has(folder, "scene.json"))
+    return PAGS_OK;
+  char *path = pags_path_join(folder, "scene.json");
+  pags_json *json = NULL;
+  pags_result result = path ? pags_json_parse_file(path, &json) : pags_out_of_memory("a path");
+  const pags_json_value *root = result == PAGS_OK ? pags_json_root(json) : NULL;
+  if (result == PAGS_OK)
+    result = pags_json_integer_or(json, root, "iterations", 0, INT64_MAX, 0, &done);
+  if (result == PAGS_OK)
+    result = pags_json_integer_or(json, pags_json_member(root, "config"), "iterations", 0, INT64_MAX, 0, &asked);
+  *finished = result == PAGS_OK && done >= asked;
+  pags_json_destroy(json);
+  free(path);
+  return result;
+}
+
+/* Makes the scene of the whole drive unless it is there: trained by an earlier call, or by the user. Of a finished
+ * training the scene is kept, but not the checkpoint. */
+static pags_result make_whole(split_arguments *arguments, const char *path, int width) {
+  char *folder = pags_path_join(arguments->output, "whole");
+  char *checkpoint = folder ? pags_path_join(folder, "checkpoint.pags") : NULL;
+  bool finished = false;
+  pags_result result = checkpoint ? find_finished(folder, &finished) : pags_out_of_memory("a path");
+  if (result == PAGS_OK && finished) {
+    pags_say(&arguments->session, "%s: finished earlier, used unchanged\n", folder);
+  } else if (result == PAGS_OK) {
+    pags_dataset *small = NULL;
+    result = open_small(arguments, path, width, &small);
+    if (result == PAGS_OK)
+      result = train_whole(arguments, small, folder);
+    pags_dataset_close(small);
+    if (result == PAGS_OK)
+      result = pags_remove_tree(checkpoint);
+  }
+  free(checkpoint);
+  free(folder);
+  return result;
+}
+
+/* ---- The verb ---- */
+
+/* Writes split.json into a folder that is empty, or holds the same split or a scene of the whole drive. */
+static pags_result begin_folder(pags_session *session, const char *folder, const pags_blocks *split) {
+  pags_blocks there;
+  bool empty;
+  PAGS_TRY(pags_prepare_folder(session, folder));
+  PAGS_TRY(pags_dir_is_empty(folder, &empty));
+  if (pags_folder_has(folder, "split.json")) {
+    pags_result result = pags_blocks_load(folder, &there);
+    if (result == PAGS_OK && strcmp(there.id, split->id) != 0)
+      result =
+          pags_fail(PAGS_ERROR_ARGUMENT,
+                    "%s: holds another split: %d blocks of %.1f m of %s; choose another folder, or remove this one",
+                    folder, there.count, there.block, there.recording);
+    pags_blocks_destroy(&there);
+    PAGS_TRY(result);
+  } else if (!empty) {
+    char *whole = pags_path_join(folder, "whole");
+    const bool ours = whole && pags_folder_has(whole, "scene.json");
+    free(whole);
+    if (!ours)
+      return pags_fail(PAGS_ERROR_ARGUMENT, "%s: not empty; expected a new folder", folder);
+  }
+  return pags_blocks_save(split, folder);
+}
+
+static void say_blocks(const split_arguments *arguments, const pags_dataset *dataset, const pags_blocks *split) {
+  pags_say(&arguments->session, "%s: %.1f m in %d blocks of %.1f m, with %.1f m more at each end\n",
+           pags_dataset_path(dataset), split->length, split->count, split->block, split->overlap);
+  for (int b = 0; b < split->count; b++)
+    pags_say(&arguments->session, "  %03d: time steps %d to %d, trained on %d to %d\n", b, split->ranges[b].own_first,
+             split->ranges[b].own_last, split->ranges[b].first, split->ranges[b].last);
+}
+
+static pags_result write_json(const split_arguments *arguments, const pags_blocks *split) {
+  pags_json_writer w;
+  pags_json_writer_init(&w, 2);
+  pags_json_begin_object(&w, NULL);
+  pags_json_put_string(&w, "split", split->id);
+  pags_json_put_string(&w, "recording", split->recording);
+  pags_json_put_number(&w, "length", split->length);
+  pags_json_put_number(&w, "block_length", split->block);
+  pags_json_put_number(&w, "overlap", split->overlap);
+  pags_json_begin_array(&w, "blocks");
+  for (int b = 0; b < split->count; b++) {
+    const struct pags_block_range *range = &split->ranges[b];
+    char name[16];
+    snprintf(name, sizeof name, "%03d", b);
+    pags_json_begin_object(&w, NULL);
+    pags_json_put_string(&w, "name", name);
+    pags_json_put_numbers(&w, "frames", (double[]){range->first, range->last}, 2);
+    pags_json_put_numbers(&w, "own", (double[]){range->own_first, range->own_last}, 2);
+    pags_json_end_object(&w);
+  }
+  pags_json_end_array(&w);
+  return pags_session_json(&arguments->session, &w);
+}
+
+static pags_result split_set(split_arguments *arguments, const char *path, const pags_dataset *dataset,
+                             pags_blocks *split) {
+  PAGS_TRY(pags_blocks_plan(dataset, arguments->length, arguments->overlap, split));
+  say_blocks(arguments, dataset, split);
+  if (split->count == 1)
+    pags_say(&arguments->session,
+             "one block is the whole drive: training the data set without pags split gives the same result\n");
+  PAGS_TRY(pags_session_check(&arguments->session));
+  PAGS_TRY(begin_folder(&arguments->session, arguments->output, split));
+  int width = 1;
+  for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++) {
+    const int wide = pags_dataset_view(dataset, i)->camera.width;
+    width = wide > width ? wide : width;
+  }
+  PAGS_TRY(make_whole(arguments, path, width));
+  PAGS_TRY(pags_blocks_write(split, arguments->output, &arguments->dataset, "../whole"));
+  pags_say(&arguments->session, "next: pags train %s/000 -o %s/000/scene, and so on; then pags merge %s -o SCENE\n",
+           arguments->output, arguments->output, arguments->output);
+  return write_json(arguments, split);
+}
+
+int pags_verb_split(int argc, char **argv) {
+  split_arguments arguments = {.dataset = pags_dataset_options_default(), .overlap = 50};
+  pags_parsed parsed;
+  const pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
+  if (status != PAGS_PARSE_OK)
+    return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
+  if (arguments.reconstruction && pags_option_given(&parsed, "split-every"))
+    return pags_usage_error(&verb, "--reconstruction and --split-every exclude each other");
+  if (arguments.reconstruction)
+    arguments.dataset.split_every = 0;
+  pags_result result = pags_session_begin(&arguments.session);
+  pags_dataset *dataset = NULL;
+  pags_blocks split = {0};
+  char *absolute = pags_port_real_path(parsed.positionals[0]); /* blocks find the recording from any folder */
+  const char *path = absolute ? absolute : parsed.positionals[0];
+  if (result == PAGS_OK)
+    result = pags_dataset_open(path, &arguments.dataset, &dataset);
+  if (result == PAGS_OK)
+    result = split_set(&arguments, path, dataset, &split);
+  pags_blocks_destroy(&split);
+  pags_dataset_close(dataset);
+  free(absolute);
+  return pags_session_end(&arguments.session, result);
+}

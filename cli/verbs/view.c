@@ -1,0 +1,156 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* pags view: shows a scene in a browser. */
+#include "cli/common/interrupt.h"
+#include "cli/common/option_rules.h"
+#include "cli/common/reading.h"
+#include "cli/common/session.h"
+#include "cli/draw/describe.h"
+#include "cli/verbs/verbs.h"
+#include "cli/view/gate.h"
+#include "cli/view/server.h"
+
+#include <pags/packed.h>
+#include <string.h>
+#include "base/file.h"
+
+typedef struct view_arguments {
+  pags_session session;
+  const char *bind, *hosts, *dataset;
+  int port, clients;
+  double budget_ms;
+  pags_dataset_options dataset_options;
+  pags_reading reading;
+} view_arguments;
+
+#define AT(member) offsetof(view_arguments, member)
+
+static const pags_option options[] = {
+    PAGS_GROUP("Server"),
+    PAGS_VALUE("port", 0, INT, AT(port), 0, 65535, "N", "0: a free port", NULL, "Port on this machine."),
+    PAGS_TEXT("bind", 0, AT(bind), "ADDRESS", NULL,
+              "Address of this machine to listen on. Use trusted networks only: the connection isn't encrypted."),
+    PAGS_TEXT("host", 0, AT(hosts), "NAME,...", "the address of --bind",
+              "Host names to accept in requests, with :PORT if it differs (reverse proxy, SSH tunnel)."),
+    PAGS_VALUE("clients", 0, INT, AT(clients), 1, 64, "N", "pages", NULL, "Maximum number of open pages."),
+
+    PAGS_GROUP("Picture"),
+    PAGS_VALUE("budget-ms", 0, DOUBLE, AT(budget_ms), 0.1, 1e6, "T", "milliseconds per picture", NULL,
+               "Time limit while the camera moves; when it stops, a picture of full quality follows."),
+
+    PAGS_GROUP("Input"),
+    PAGS_READING_OPTIONS(AT(reading)),
+    PAGS_TEXT("dataset", 0, AT(dataset), "DATASET", "as stored in the scene",
+              "Compare with the photographs of this data set."),
+    PAGS_TEXT("colmap", 0, AT(dataset_options.colmap), "FOLDER", NULL,
+              "With --dataset: read cameras from this COLMAP model."),
+    PAGS_TEXT("image-folder", 0, AT(dataset_options.image_folder), "FOLDER", NULL,
+              "With --dataset: folder of its photographs."),
+    PAGS_SESSION_OPTIONS(view_arguments),
+    {0}};
+
+static const pags_positional positionals[] = {
+    {"SCENE", "Scene folder, or splat file: .ply (also compressed), .spz, .sog, .glb, .splat."}, {NULL, NULL}};
+
+static const pags_verb verb = {
+    .name = "view",
+    .usage = "SCENE [--port N] [options]",
+    .about =
+        "Show a scene in a browser: print an address to open and serve it until Ctrl-C. The scene isn't changed. From "
+        "another machine: ssh -L 8765:localhost:8765 HOST, and open the same address.",
+    .positionals = positionals,
+    .options = options};
+
+static pags_result open_scene(const view_arguments *arguments, const char *path, pags_view_start *start,
+                              pags_composition **out) {
+  pags_scene scene;
+  if (pags_packed_is_file(path))
+    return pags_fail(
+        PAGS_ERROR_UNSUPPORTED,
+        "%s: a packed file has no views to start at: expected the scene or splat file from which it was made", path);
+  PAGS_TRY(pags_scene_load_in_axes(path, arguments->reading.axes, &scene));
+  pags_reading_apply(&arguments->reading, &scene);
+  const pags_result result = pags_view_start_find(&scene, start);
+  if (result != PAGS_OK) {
+    pags_scene_destroy(&scene);
+    return result;
+  }
+  return pags_composition_create(&scene, out);
+}
+
+/* Says to a machine where the server listens, once it does. */
+static pags_result write_json(const view_arguments *arguments, const pags_server *server) {
+  pags_json_writer json;
+  pags_json_writer_init(&json, 2);
+  pags_json_begin_object(&json, NULL);
+  pags_json_put_string(&json, "url", pags_server_url(server));
+  pags_json_put_integer(&json, "port", pags_server_port(server));
+  return pags_session_json(&arguments->session, &json);
+}
+
+static pags_result serve(const view_arguments *arguments, const char *path, pags_composition *composition,
+                         const pags_view_start *start) {
+  pags_json_writer description;
+  pags_drawer *drawer = NULL;
+  pags_server *server = NULL;
+  const pags_drawer_settings drawing = {.composition = composition,
+                                        .tasks = arguments->session.tasks,
+                                        .budget_ms = arguments->budget_ms,
+                                        .dataset = arguments->dataset,
+                                        .dataset_options = arguments->dataset_options};
+  pags_result result = pags_view_describe(composition, start, pags_path_name(path), false, &description);
+  if (result == PAGS_OK)
+    result = pags_drawer_create(&drawing, &drawer);
+  if (result == PAGS_OK)
+    result = pags_server_create(&(pags_server_settings){.drawer = drawer,
+                                                        .tasks = arguments->session.tasks,
+                                                        .description = description.data,
+                                                        .bind = arguments->bind,
+                                                        .port = arguments->port,
+                                                        .hosts = arguments->hosts,
+                                                        .clients = arguments->clients},
+                                &server);
+  if (result == PAGS_OK)
+    result = write_json(arguments, server);
+  if (result == PAGS_OK) {
+    pags_interrupt_install(NULL);
+    pags_say(&arguments->session, "%s: %lld Gaussians. Open\n  %s\nCtrl-C ends it.\n", path,
+             (long long)pags_composition_gaussian_count(composition), pags_server_url(server));
+    result = pags_server_run(server, pags_interrupt_flag());
+  }
+  pags_server_destroy(server);
+  pags_drawer_destroy(drawer);
+  pags_json_writer_destroy(&description);
+  return result;
+}
+
+int pags_verb_view(int argc, char **argv) {
+  view_arguments arguments = {.bind = "127.0.0.1",
+                              .port = 8765,
+                              .clients = 8,
+                              .budget_ms = 40,
+                              .dataset_options = pags_dataset_options_default()};
+  pags_parsed parsed;
+  pags_view_start start;
+  pags_composition *composition = NULL;
+  const pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
+  if (status != PAGS_PARSE_OK)
+    return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
+  const pags_option_rule rules[] = {{"colmap image-folder", arguments.dataset != NULL, "--dataset"}, {0}};
+  char names[64];
+  const pags_option_rule *idle = pags_option_idle(&parsed, rules, names, sizeof names);
+  if (idle)
+    return pags_usage_error(&verb, "%s: no effect without %s", names, idle->needs);
+  if (!strcmp(arguments.bind, "0.0.0.0") && !arguments.hosts)
+    return pags_usage_error(&verb,
+                            "--bind 0.0.0.0 requires --host NAME, the name or address that browsers use; or give "
+                            "--bind one address of this machine");
+  pags_result result = pags_session_begin(&arguments.session);
+  if (result == PAGS_OK)
+    result = open_scene(&arguments, parsed.positionals[0], &start, &composition);
+  if (result == PAGS_OK)
+    result = pags_session_check(&arguments.session);
+  if (result == PAGS_OK)
+    result = serve(&arguments, parsed.positionals[0], composition, &start);
+  pags_composition_destroy(composition);
+  return pags_session_end(&arguments.session, result);
+}
