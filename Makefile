@@ -92,7 +92,7 @@ figures: ## Count functions, lines, words and more at REFERENCE=COMMIT and now.
 docs: all ## Write the options and fields of pags train into docs/command-line.md.
 	python3 scripts/options_page.py build/pags
 
-format: ## Format all C and C++ files.
+format: ## Format the C, C++ and Python files, and check the format of all sources.
 	sh scripts/format.sh
 
 install: all ## Install program, library, headers and Python module below PREFIX=/usr/local.

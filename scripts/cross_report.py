@@ -12,19 +12,19 @@ PROCESSORS = {62: "x64", 183: "arm64", 0x01000007: "x64", 0x0100000C: "arm64", 0
 
 
 def text_at(data, at):
-    return data[at:data.index(b"\0", at)].decode()
+    return data[at : data.index(b"\0", at)].decode()
 
 
 def elf(data):
     """Returns kind, processor, needed libraries, and the highest version of each library's symbols that is asked for."""
-    machine, = struct.unpack_from("<H", data, 18)
+    (machine,) = struct.unpack_from("<H", data, 18)
     start, size, count = (*struct.unpack_from("<Q", data, 40), *struct.unpack_from("<HH", data, 58))
     sections = [struct.unpack_from("<IIQQQQIIQQ", data, start + i * size) for i in range(count)]
     needed, highest = [], {}
     for _, kind, _, _, offset, length, link, info, _, _ in sections:
         strings = sections[link][4] if link < count else 0
         if kind == 6:  # dynamic
-            for tag, value in struct.iter_unpack("<QQ", data[offset:offset + length]):
+            for tag, value in struct.iter_unpack("<QQ", data[offset : offset + length]):
                 if tag == 1:
                     needed.append(text_at(data, strings + value))
         elif kind == 0x6FFFFFFE:  # versions needed
@@ -45,15 +45,15 @@ def elf(data):
 
 
 def macho(data):
-    machine, = struct.unpack_from("<I", data, 4)
-    count, = struct.unpack_from("<I", data, 16)
+    (machine,) = struct.unpack_from("<I", data, 4)
+    (count,) = struct.unpack_from("<I", data, 16)
     needed, floor, signed, at = [], "", False, 32
     for _ in range(count):
         command, size = struct.unpack_from("<II", data, at)
         if command in (0x0C, 0x80000018, 0x8000001F):  # load a library; weakly; load and export it again
             needed.append(text_at(data, at + struct.unpack_from("<I", data, at + 8)[0]))
         elif command == 0x32:  # the system that it was built for
-            version, = struct.unpack_from("<I", data, at + 12)
+            (version,) = struct.unpack_from("<I", data, at + 12)
             floor = f"macOS {version >> 16}.{version >> 8 & 255}"
         elif command == 0x1D:
             signed = True
@@ -62,19 +62,24 @@ def macho(data):
 
 
 def pe(data):
-    start, = struct.unpack_from("<I", data, 60)
+    (start,) = struct.unpack_from("<I", data, 60)
     machine, count = struct.unpack_from("<HH", data, start + 4)
     optional = start + 24
     major, minor = struct.unpack_from("<HH", data, optional + 48)
-    imports, = struct.unpack_from("<I", data, optional + 112 + 8)
-    sections = [struct.unpack_from("<IIII", data, optional + struct.unpack_from("<H", data, start + 20)[0] + 40 * i + 8) for i in range(count)]
+    (imports,) = struct.unpack_from("<I", data, optional + 112 + 8)
+    sections = [
+        struct.unpack_from("<IIII", data, optional + struct.unpack_from("<H", data, start + 20)[0] + 40 * i + 8)
+        for i in range(count)
+    ]
 
     def offset(address):
-        return next(raw + address - virtual for _, virtual, length, raw in sections if virtual <= address < virtual + length)
+        return next(
+            raw + address - virtual for _, virtual, length, raw in sections if virtual <= address < virtual + length
+        )
 
     needed, at = [], offset(imports) if imports else None
     while at is not None:
-        name, = struct.unpack_from("<I", data, at + 12)
+        (name,) = struct.unpack_from("<I", data, at + 12)
         if not name:
             break
         needed.append(text_at(data, offset(name)))
@@ -101,9 +106,15 @@ def main():
             else:
                 continue
             kind, machine, needed, floor = facts
-            needed = list(dict.fromkeys("UCRT" if word.startswith("api-ms-win-crt-") else os.path.basename(word) for word in needed))
-            rows.append(f"{os.path.relpath(path, folder):24} {kind} {PROCESSORS.get(machine, machine)}, {len(data) / 1e6:.2f} MB; needs "
-                        f"{' '.join(needed) or 'no library'}; {floor or 'any version'}")
+            needed = list(
+                dict.fromkeys(
+                    "UCRT" if word.startswith("api-ms-win-crt-") else os.path.basename(word) for word in needed
+                )
+            )
+            rows.append(
+                f"{os.path.relpath(path, folder):24} {kind} {PROCESSORS.get(machine, machine)}, {len(data) / 1e6:.2f} MB; needs "
+                f"{' '.join(needed) or 'no library'}; {floor or 'any version'}"
+            )
     print("\n".join(rows) if rows else f"{folder}: no program or library is there")
     return 0 if rows else 1
 

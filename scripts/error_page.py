@@ -25,7 +25,9 @@ def counts(rows):
     counts that the approximation changes in no scene."""
     parts = []
     for i, first in enumerate(rows[0]["counts"]):
-        every = [row["counts"][i] for row in rows if len(row["counts"]) > i and row["counts"][i]["what"] == first["what"]]
+        every = [
+            row["counts"][i] for row in rows if len(row["counts"]) > i and row["counts"][i]["what"] == first["what"]
+        ]
         pairs = [f"{amount(c['exact'])} -> {amount(c['used'])}" for c in every]
         pairs = [pair for pair in pairs if len(set(pair.split(" -> "))) > 1]
         if pairs:
@@ -51,11 +53,16 @@ def main(paths):
     found = {name: [other[name] for other in rows] for name in names}
     titles = [scene["scene"] for scene in scenes]
     for scene in scenes:
-        print(f"- {scene['scene']}: {scene['views']} views of {scene['width']}x{scene['height']}, {scene['threads']} thread(s)")
+        print(
+            f"- {scene['scene']}: {scene['views']} views of {scene['width']}x{scene['height']}, {scene['threads']} thread(s)"
+        )
     print()
     table(
         ["approximation", "against", "unit", *titles],
-        [[n, f[0]["against"], f[0]["unit"], *[f"{error(r['max'])}, {error(r['mean'])}" for r in f]] for n, f in found.items()],
+        [
+            [n, f[0]["against"], f[0]["unit"], *[f"{error(r['max'])}, {error(r['mean'])}" for r in f]]
+            for n, f in found.items()
+        ],
     )
     print()
     gains = {n: f for n, f in found.items() if f[0]["gain"] is not None or counts(f)}

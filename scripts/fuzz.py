@@ -51,13 +51,31 @@ def run_target(name, program, minutes, folder):
     for path in (corpus, findings):
         os.makedirs(path, exist_ok=True)
     subprocess.run([program, f"--target={name}", f"--words={words}", f"--seeds={seeds}"], check=True)
-    flags = [f"-dict={words}", f"-artifact_prefix={findings}/", "-timeout=20", "-rss_limit_mb=2048", "-malloc_limit_mb=600"]
+    flags = [
+        f"-dict={words}",
+        f"-artifact_prefix={findings}/",
+        "-timeout=20",
+        "-rss_limit_mb=2048",
+        "-malloc_limit_mb=600",
+    ]
     flags += ["-max_len=65536", "-print_final_stats=1", "-verbosity=1"]
     known_leaks = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "tests", "lsan.supp")
     fast = int(name not in PICTURES)
-    environment = dict(os.environ, ASAN_OPTIONS=f"allocator_may_return_null=1:detect_leaks=1:handle_abort=1:fast_unwind_on_malloc={fast}",
-                       LSAN_OPTIONS=f"suppressions={known_leaks}:print_suppressions=0", TMPDIR=scratch())
-    row = {"target": name, "executions": 0, "coverage": 0, "features": 0, "corpus": 0, "findings": 0, "cpu_seconds": 0.0}
+    environment = dict(
+        os.environ,
+        ASAN_OPTIONS=f"allocator_may_return_null=1:detect_leaks=1:handle_abort=1:fast_unwind_on_malloc={fast}",
+        LSAN_OPTIONS=f"suppressions={known_leaks}:print_suppressions=0",
+        TMPDIR=scratch(),
+    )
+    row = {
+        "target": name,
+        "executions": 0,
+        "coverage": 0,
+        "features": 0,
+        "corpus": 0,
+        "findings": 0,
+        "cpu_seconds": 0.0,
+    }
     begin, budget = cpu_seconds(), 60 * minutes
     while row["cpu_seconds"] < budget:
         wall = max(5, min(ROUND, int(budget - row["cpu_seconds"])))
@@ -95,9 +113,16 @@ def main():
     rows = []
     for name in given.targets or known:
         minutes = given.long_minutes if name in LONG and given.long_minutes else given.minutes
-        row = run_target(name, known[name], minutes, os.path.abspath(given.corpus or os.path.join(given.build, "corpus")))
+        row = run_target(
+            name, known[name], minutes, os.path.abspath(given.corpus or os.path.join(given.build, "corpus"))
+        )
         rows.append(row)
-        print("| {target} | {executions} | {coverage} | {features} | {corpus} | {cpu_seconds:.0f} | {findings} |".format(**row), flush=True)
+        print(
+            "| {target} | {executions} | {coverage} | {features} | {corpus} | {cpu_seconds:.0f} | {findings} |".format(
+                **row
+            ),
+            flush=True,
+        )
     if given.json:
         with open(given.json, "w") as file:
             json.dump(rows, file, indent=1)

@@ -26,7 +26,7 @@ def read(text):
         if entries:
             sections.append((" ".join(heading), [(left, " ".join(words)) for left, words in entries]))
         elif block.startswith("usage: "):
-            usage = " ".join(heading)[len("usage: "):]
+            usage = " ".join(heading)[len("usage: ") :]
         else:
             paragraphs.append(" ".join(heading))
     return usage, paragraphs, sections
@@ -35,7 +35,9 @@ def read(text):
 def verbs(program):
     """The verbs of this build, {name: summary}; those that it lacks are left out."""
     rows = re.findall(r"^  (\w+) +(.*)$", printed(program, "--help"), re.M)
-    lacking = [name for name, _ in rows if subprocess.run([program, name, "--help"], capture_output=True).returncode != 0]
+    lacking = [
+        name for name, _ in rows if subprocess.run([program, name, "--help"], capture_output=True).returncode != 0
+    ]
     return {name: summary.split("; this build lacks")[0] for name, summary in rows if name not in lacking}
 
 

@@ -20,7 +20,9 @@ def table(heading, kind, entries):
 
 def generated(program):
     text = "\n"
-    for heading, entries in help_text.read(help_text.printed(program, "train", "--help"))[2][1:]:  # the first section lists DATASET and --output
+    for heading, entries in help_text.read(help_text.printed(program, "train", "--help"))[2][
+        1:
+    ]:  # the first section lists DATASET and --output
         text += table(heading, "option", entries)
     text += "The fields, in the groups of `pags_train_config`; `auto` is a value, too:\n\n"
     for heading, entries in help_text.read(help_text.printed(program, "train", "--fields"))[2]:

@@ -29,7 +29,9 @@ def merge(zips):
                     name = name.replace("pags_blender/", f"pags_blender/{system}/", 1)
                 file = archive.read(entry), entry.external_attr >> 16 & 0o777
                 if files.setdefault(name, file)[0] != file[0]:
-                    sys.exit(f"package_addon: {path}: its {name} isn't that of {first[name]}; expected zips of one commit: make packages builds them all")
+                    sys.exit(
+                        f"package_addon: {path}: its {name} isn't that of {first[name]}; expected zips of one commit: make packages builds them all"
+                    )
                 first.setdefault(name, path)
         if not any(name.startswith(f"pags_blender/{system}/pags.") for name in files):
             sys.exit(f"package_addon: {path}: has no module; expected one that scripts/package_cross.py has made")
@@ -40,7 +42,9 @@ def main():
     if len(sys.argv) != 2:
         sys.exit(__doc__)
     folder = sys.argv[1]
-    systems = [target.split("-glibc")[0] for target in TARGETS if target != "linux-arm64"]  # there is no Blender up to 4.1 for Linux on ARM
+    systems = [
+        target.split("-glibc")[0] for target in TARGETS if target != "linux-arm64"
+    ]  # there is no Blender up to 4.1 for Linux on ARM
     there = {system: os.path.join(folder, f"pags-blender-{version()}-{system}.zip") for system in systems}
     zips = {system: path for system, path in there.items() if os.path.exists(path)}
     if not zips and os.path.exists(os.path.join(folder, f"pags-blender-{version()}-linux-arm64.zip")):
@@ -52,7 +56,9 @@ def main():
     with open(os.path.join(folder, file), "wb") as out:
         out.write(content)
     lacking = "".join(f"; without {system}, whose zip isn't there" for system in systems if system not in zips)
-    print(f"{file} {len(content)} bytes, SHA-256 {hashlib.sha256(content).hexdigest()}, for {', '.join(sorted(zips))}{lacking}")
+    print(
+        f"{file} {len(content)} bytes, SHA-256 {hashlib.sha256(content).hexdigest()}, for {', '.join(sorted(zips))}{lacking}"
+    )
 
 
 if __name__ == "__main__":

@@ -52,7 +52,12 @@ def version():
 
 def epoch():
     given = os.environ.get("SOURCE_DATE_EPOCH")
-    return int(given or subprocess.run(["git", "-C", ROOT, "log", "-1", "--format=%ct"], capture_output=True, text=True, check=True).stdout)
+    return int(
+        given
+        or subprocess.run(
+            ["git", "-C", ROOT, "log", "-1", "--format=%ct"], capture_output=True, text=True, check=True
+        ).stdout
+    )
 
 
 def zip_bytes(files):
@@ -62,14 +67,21 @@ def zip_bytes(files):
     with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
         for name, (content, mode) in sorted(files.items()):
             info = zipfile.ZipInfo(name, date)
-            info.create_system, info.external_attr, info.compress_type = 3, (0o100000 | mode) << 16, zipfile.ZIP_DEFLATED
+            info.create_system, info.external_attr, info.compress_type = (
+                3,
+                (0o100000 | mode) << 16,
+                zipfile.ZIP_DEFLATED,
+            )
             archive.writestr(info, content)
     return data.getvalue()
 
 
 def tar_bytes(files):
     data = io.BytesIO()
-    with gzip.GzipFile("", "wb", 9, data, mtime=0) as packed, tarfile.open(fileobj=packed, mode="w", format=tarfile.USTAR_FORMAT) as archive:
+    with (
+        gzip.GzipFile("", "wb", 9, data, mtime=0) as packed,
+        tarfile.open(fileobj=packed, mode="w", format=tarfile.USTAR_FORMAT) as archive,
+    ):
         for name, (content, mode) in sorted(files.items()):
             info = tarfile.TarInfo(name)
             info.size, info.mode, info.mtime = len(content), mode, epoch()
@@ -80,17 +92,38 @@ def tar_bytes(files):
 def wheel(name, tags, lines, text, files):
     """A wheel of {name: (bytes, mode)}, its file name and bytes. `lines` are further ones of its metadata, `text` describes it."""
     info = f"{name.replace('-', '_')}-{version()}.dist-info"
-    metadata = [f"Metadata-Version: 2.1\nName: {name}\nVersion: {version()}\nLicense: Apache-2.0\nLicense-File: LICENSE", *lines,
-                "Description-Content-Type: text/markdown", "", text, ""]
+    metadata = [
+        f"Metadata-Version: 2.1\nName: {name}\nVersion: {version()}\nLicense: Apache-2.0\nLicense-File: LICENSE",
+        *lines,
+        "Description-Content-Type: text/markdown",
+        "",
+        text,
+        "",
+    ]
     files = {
         **files,
         f"{info}/METADATA": ("\n".join(metadata).encode(), 0o644),
-        f"{info}/WHEEL": ("\n".join(["Wheel-Version: 1.0", "Generator: pags", f"Root-Is-Purelib: {str('none-any' in tags).lower()}",
-                                     *(f"Tag: {'-'.join(tags.split('-')[:-1])}-{platform}" for platform in tags.split("-")[-1].split(".")), ""]).encode(), 0o644),
+        f"{info}/WHEEL": (
+            "\n".join(
+                [
+                    "Wheel-Version: 1.0",
+                    "Generator: pags",
+                    f"Root-Is-Purelib: {str('none-any' in tags).lower()}",
+                    *(
+                        f"Tag: {'-'.join(tags.split('-')[:-1])}-{platform}"
+                        for platform in tags.split("-")[-1].split(".")
+                    ),
+                    "",
+                ]
+            ).encode(),
+            0o644,
+        ),
         f"{info}/licenses/LICENSE": (read(ROOT, "LICENSE"), 0o644),
     }
-    record = "".join(f"{path},sha256={base64.urlsafe_b64encode(hashlib.sha256(content).digest()).rstrip(b'=').decode()},{len(content)}\n"
-                     for path, (content, _) in sorted(files.items()))
+    record = "".join(
+        f"{path},sha256={base64.urlsafe_b64encode(hashlib.sha256(content).digest()).rstrip(b'=').decode()},{len(content)}\n"
+        for path, (content, _) in sorted(files.items())
+    )
     files[f"{info}/RECORD"] = ((record + f"{info}/RECORD,,\n").encode(), 0o644)
     return f"{name.replace('-', '_')}-{version()}-{tags}.whl", zip_bytes(files)
 
@@ -98,7 +131,10 @@ def wheel(name, tags, lines, text, files):
 def licences(target):
     """The licences of all code of others that is linked: {name: (bytes, mode)}."""
     zig = os.path.join(os.path.dirname(os.path.realpath(os.path.join(CROSS, "zig"))), "lib")
-    found = {"musl": os.path.join(ROOT, "engine/maths/musl/COPYRIGHT"), "llvm-libcxx": os.path.join(zig, "libcxx/LICENSE.TXT")}
+    found = {
+        "musl": os.path.join(ROOT, "engine/maths/musl/COPYRIGHT"),
+        "llvm-libcxx": os.path.join(zig, "libcxx/LICENSE.TXT"),
+    }
     if target.startswith("windows"):
         found["mingw-w64"] = os.path.join(zig, "libc/mingw/COPYING")
     for line in read(ROOT, "scripts/cross_sources.txt").decode().splitlines():
@@ -106,14 +142,20 @@ def licences(target):
         if kind == "wheel" or name in NOT_SHIPPED:
             continue
         if name not in FOR_PROXIES or os.path.isdir(os.path.join(CROSS, target, "lib/cmake/TinyGLTF")):
-            found[name] = os.path.join(CROSS, "sources", name, "debian/copyright" if kind == "debian" else "LICENSE.txt")
+            found[name] = os.path.join(
+                CROSS, "sources", name, "debian/copyright" if kind == "debian" else "LICENSE.txt"
+            )
     for path in found.values():
         if not os.path.exists(path):
-            sys.exit(f"package_cross: {path}, a licence, isn't there: make setup-cross fetches it into PAGS_CROSS, {CROSS}")
+            sys.exit(
+                f"package_cross: {path}, a licence, isn't there: make setup-cross fetches it into PAGS_CROSS, {CROSS}"
+            )
     texts = {f"{name}.txt": (read(path), 0o644) for name, path in found.items()}
-    if "embree" in found and target.endswith("arm64"):  # the header by which Embree's code for SSE2 becomes NEON's has its licence in its head
+    if "embree" in found and target.endswith(
+        "arm64"
+    ):  # the header by which Embree's code for SSE2 becomes NEON's has its licence in its head
         header = read(CROSS, "sources/embree/common/simd/arm/sse2neon.h")
-        texts["sse2neon.txt"] = (header[header.index(b"// This header"):header.index(b"*/") + 3], 0o644)
+        texts["sse2neon.txt"] = (header[header.index(b"// This header") : header.index(b"*/") + 3], 0o644)
     return texts
 
 
@@ -124,44 +166,69 @@ def refuse_folders(files):
         for folder in sorted(folders):
             at = content.find(folder.encode() + b"/")
             if at >= 0:
-                text = content[at:at + 120].split(b"\0")[0].decode(errors="replace")
-                sys.exit(f"package_cross: {name} has this machine's path {text} at byte {at}; packages name no folder of the machine that built them")
+                text = content[at : at + 120].split(b"\0")[0].decode(errors="replace")
+                sys.exit(
+                    f"package_cross: {name} has this machine's path {text} at byte {at}; packages name no folder of the machine that built them"
+                )
 
 
 def refuse_new_names(name, content):
     """Ends where a module asks for what Python 3.10 hasn't."""
     for new in NEW_IN_PYTHON_3_11:
         if b"\0" + new.encode() + b"\0" in content:
-            sys.exit(f"package_cross: {name} asks for {new}, which Python has from 3.11 on; the packages are for Python 3.10 and later")
+            sys.exit(
+                f"package_cross: {name} asks for {new}, which Python has from 3.11 on; the packages are for Python 3.10 and later"
+            )
 
 
 def engine_wheel(build, target, others):
     """The module and the program, which lies among the scripts, so that it is started without a Python."""
     platform, python, program, module = TARGETS[target]
     base = f"pags-{version()}"
-    return wheel("pags", f"cp3{python}-abi3-{platform}", [
-        "Summary: Gaussian splatting of driving scenes on processors", "License-File: THIRD_PARTY.md",
-        *(f"License-File: third_party/{name}" for name in sorted(others)), f"Requires-Python: >=3.{python}",
-        "Provides-Extra: recordings", f'Requires-Dist: pags-recordings == {version()}; extra == "recordings"',
-    ], "Turns recordings of a driving car and photographs of static scenes into 3D Gaussians, draws them, and exports meshes and splat files, on ordinary\n"
-       "processors: the module `pags` (`help(pags)`) and the program `pags` (`pags --help`).", {
-        module: (read(build, "python", module), 0o755),
-        "pags-stubs/__init__.pyi": (read(build, "python", "pags.pyi"), 0o644),
-        f"{base}.data/scripts/{program}": (read(build, program), 0o755),
-        f"{base}.dist-info/licenses/THIRD_PARTY.md": (read(ROOT, "THIRD_PARTY.md"), 0o644),
-        **{f"{base}.dist-info/licenses/third_party/{name}": file for name, file in others.items()},
-    })
+    return wheel(
+        "pags",
+        f"cp3{python}-abi3-{platform}",
+        [
+            "Summary: Gaussian splatting of driving scenes on processors",
+            "License-File: THIRD_PARTY.md",
+            *(f"License-File: third_party/{name}" for name in sorted(others)),
+            f"Requires-Python: >=3.{python}",
+            "Provides-Extra: recordings",
+            f'Requires-Dist: pags-recordings == {version()}; extra == "recordings"',
+        ],
+        "Turns recordings of a driving car and photographs of static scenes into 3D Gaussians, draws them, and exports meshes and splat files, on ordinary\n"
+        "processors: the module `pags` (`help(pags)`) and the program `pags` (`pags --help`).",
+        {
+            module: (read(build, "python", module), 0o755),
+            "pags-stubs/__init__.pyi": (read(build, "python", "pags.pyi"), 0o644),
+            f"{base}.data/scripts/{program}": (read(build, program), 0o755),
+            f"{base}.dist-info/licenses/THIRD_PARTY.md": (read(ROOT, "THIRD_PARTY.md"), 0o644),
+            **{f"{base}.dist-info/licenses/third_party/{name}": file for name, file in others.items()},
+        },
+    )
 
 
 def recordings_wheel():
     """What writes and imports recordings, in Python alone."""
     folder = os.path.join(ROOT, "tools/recordings")
-    needed = [line for line in read(folder, "requirements.txt").decode().splitlines() if line and not line.startswith("#")]
-    return wheel("pags-recordings", "py3-none-any", ["Summary: writes and imports recordings of driving for pags", "Requires-Python: >=3.9",
-                                                     *(f"Requires-Dist: {line}" for line in needed)],
-                 "Writes recordings of driving in the layout that `pags train` reads, and imports those of other sources.",
-                 {f"pags_recordings/{name}": (read(folder, "pags_recordings", name), 0o644)
-                  for name in os.listdir(os.path.join(folder, "pags_recordings")) if name.endswith(".py")})
+    needed = [
+        line for line in read(folder, "requirements.txt").decode().splitlines() if line and not line.startswith("#")
+    ]
+    return wheel(
+        "pags-recordings",
+        "py3-none-any",
+        [
+            "Summary: writes and imports recordings of driving for pags",
+            "Requires-Python: >=3.9",
+            *(f"Requires-Dist: {line}" for line in needed),
+        ],
+        "Writes recordings of driving in the layout that `pags train` reads, and imports those of other sources.",
+        {
+            f"pags_recordings/{name}": (read(folder, "pags_recordings", name), 0o644)
+            for name in os.listdir(os.path.join(folder, "pags_recordings"))
+            if name.endswith(".py")
+        },
+    )
 
 
 def main():
@@ -181,17 +248,27 @@ def main():
     refuse_folders({path: (read(build, path), 0) for path in (program, "python/" + module)})
     refuse_new_names(module, read(build, "python", module))
     packages = dict([engine_wheel(build, target, others), recordings_wheel()])
-    alone = {f"{name}/{program}": (read(build, program), 0o755),
-             **{f"{name}/{text}": (read(ROOT, text), 0o644) for text in ("LICENSE", "THIRD_PARTY.md", "README.md", "CHANGELOG.md")},
-             **{f"{name}/third_party/{text}": file for text, file in others.items()}}
+    alone = {
+        f"{name}/{program}": (read(build, program), 0o755),
+        **{
+            f"{name}/{text}": (read(ROOT, text), 0o644)
+            for text in ("LICENSE", "THIRD_PARTY.md", "README.md", "CHANGELOG.md")
+        },
+        **{f"{name}/third_party/{text}": file for text, file in others.items()},
+    }
     if program.endswith(".exe"):
         packages[name + ".zip"] = zip_bytes(alone)
     else:
         packages[name + ".tar.gz"] = tar_bytes(alone)
     with zipfile.ZipFile(os.path.join(build, addon)) as built:
-        inside = {entry.filename: (built.read(entry), 0o755 if entry.external_attr >> 16 & 0o100 else 0o644)
-                  for entry in built.infolist() if not entry.is_dir()}
-    packages[addon] = zip_bytes({**inside, **{f"pags_blender/third_party/{text}": file for text, file in others.items()}})
+        inside = {
+            entry.filename: (built.read(entry), 0o755 if entry.external_attr >> 16 & 0o100 else 0o644)
+            for entry in built.infolist()
+            if not entry.is_dir()
+        }
+    packages[addon] = zip_bytes(
+        {**inside, **{f"pags_blender/third_party/{text}": file for text, file in others.items()}}
+    )
     os.makedirs(folder, exist_ok=True)
     for file, content in packages.items():
         with open(os.path.join(folder, file), "wb") as out:

@@ -64,7 +64,10 @@ def check_listings(path, text):
         line = text.count("\n", 0, match.start()) + 1
         if not os.path.exists(os.path.join(ROOT, match.group(1))):
             fault(path, line, f"shows {match.group(1)}, which is not there")
-        elif match.group(2).strip() != re.sub(r"^.*SPDX-License-Identifier.*\n", "", read(match.group(1)), flags=re.M).strip():
+        elif (
+            match.group(2).strip()
+            != re.sub(r"^.*SPDX-License-Identifier.*\n", "", read(match.group(1)), flags=re.M).strip()
+        ):
             fault(path, line, f"shows another text than {match.group(1)} has")
 
 

@@ -42,8 +42,8 @@ from pathlib import Path
 
 FORMATTER = "19.1.7"
 LONGEST_FUNCTION = 120  # lines
-LONGEST_PAGE = 1500     # words
-SMALL_HEADER = 25       # lines
+LONGEST_PAGE = 1500  # words
+SMALL_HEADER = 25  # lines
 # Limits of --check: the values reached. They may only fall.
 MOST_PHRASES = {"comments": 4.1, "manual": 2.5}  # per 1,000 words
 MOST_PHRASES_IN_STRINGS = 230
@@ -55,12 +55,17 @@ FORMATTED_FOLDERS = LINE_FOLDERS + ["tests", "examples"]
 SKIPPED = re.compile(r"^(build.*|\.git|\.venv|node_modules|__pycache__|external|third_party|musl)$")
 C_KINDS = {".c", ".h", ".inl", ".cc", ".hh", ".cpp"}
 # English that a native engineer would not write (CONTRIBUTING.md, rule 1).
-PHRASES = re.compile(r"\b(?:so (?:often|many|far|long|much)|beside|stands? for|as (?:it|they) stands?|says? (?:what|how|which|where|who)|by chance"
-                     r"|(?:is|are) (?:told|asked)|goes on|is none|are none|apart|what (?:is|are|was) (?:kept|left|seen|drawn|shown|meant)"
-                     r"|is no field|is no Debian)\b", re.I)
+PHRASES = re.compile(
+    r"\b(?:so (?:often|many|far|long|much)|beside|stands? for|as (?:it|they) stands?|says? (?:what|how|which|where|who)|by chance"
+    r"|(?:is|are) (?:told|asked)|goes on|is none|are none|apart|what (?:is|are|was) (?:kept|left|seen|drawn|shown|meant)"
+    r"|is no field|is no Debian)\b",
+    re.I,
+)
 FIRST_WORDS = re.compile(r"(?:(?<=[.!?:] )|^)(?:Of|What|Who) ", re.M)
-KEYWORDS = set("if for while switch return sizeof do else case goto default typeof alignof _Alignof _Static_assert static_assert defined "
-               "catch throw new delete alignas _Alignas decltype static_cast reinterpret_cast const_cast noexcept operator".split())
+KEYWORDS = set(
+    "if for while switch return sizeof do else case goto default typeof alignof _Alignof _Static_assert static_assert defined "
+    "catch throw new delete alignas _Alignas decltype static_cast reinterpret_cast const_cast noexcept operator".split()
+)
 
 
 # ---- The files of a commit or of the working tree ----
@@ -102,8 +107,14 @@ class State:
         shutil.copyfile(style, scratch / ".clang-format")
         pieces = [self.code[i::4] for i in range(4)]
         with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
-            for done in pool.map(lambda piece: subprocess.run([formatter, "-i", *map(str, piece)], cwd=scratch, capture_output=True,
-                                                              text=True) if piece else None, pieces):
+            for done in pool.map(
+                lambda piece: (
+                    subprocess.run([formatter, "-i", *map(str, piece)], cwd=scratch, capture_output=True, text=True)
+                    if piece
+                    else None
+                ),
+                pieces,
+            ):
                 if done is not None and done.returncode != 0:
                     sys.exit(f"figures: {formatter}: {done.stderr.strip()[:500]}")
         self.unformatted = [path for path in self.code if (root / path).read_bytes() != (scratch / path).read_bytes()]
@@ -118,17 +129,27 @@ TOKEN = re.compile(r"[A-Za-z_]\w*|->|::|&&|\|\||==|!=|<=|>=|\.?\d[\w.]*|\S")
 
 def without_comments(text):
     """The text with comments and the contents of literals replaced by blanks, so that line numbers stay."""
+
     def blank(match):
         word = match.group(0)
         if word[0] in "\"'":
             return word[0] + word[0]
         return re.sub(r"[^\n]", " ", word)
+
     return re.sub(r'"(?:\\.|[^"\\\n])*"|\'(?:\\.|[^\'\\\n])*\'|//[^\n]*|/\*.*?\*/', blank, text, flags=re.S)
 
 
 class Function:
     def __init__(self, name, path, line, static, outside, length, tokens):
-        self.name, self.path, self.line, self.static, self.outside, self.length, self.tokens = name, path, line, static, outside, length, tokens
+        self.name, self.path, self.line, self.static, self.outside, self.length, self.tokens = (
+            name,
+            path,
+            line,
+            static,
+            outside,
+            length,
+            tokens,
+        )
         self.calls, self.mentions, self.callers = 0, 0, []
 
 
@@ -139,13 +160,15 @@ class CFile:
         self.path, self.functions, self.rest = path, [], []
         bare = without_comments(text)
         filled = [bool(line.strip()) for line in bare.split("\n")]
+
         def take_macro(match):
             found = re.match(r"\s*#\s*define\s+(\w+)(?:\([^)]*\))?(.*)", match.group(0).replace("\\\n", " "), re.S)
             if found:
                 self.rest.append([(word, 0) for word in TOKEN.findall(found.group(2))])
             return re.sub(r"[^\n]", " ", match.group(0))
+
         bare = re.sub(r"^[ \t]*#(?:[^\n\\]|\\\n|\\.)*", take_macro, bare, flags=re.M)
-        tokens, line = [], 1
+        tokens = []
         for number, content in enumerate(bare.split("\n"), 1):
             tokens += [(word, number) for word in TOKEN.findall(content)]
         self.scan(tokens, filled)
@@ -157,7 +180,7 @@ class CFile:
             if word == ";":
                 statement = tokens[start:i]
                 if any(token[0] == "=" for token in statement):
-                    self.rest.append(statement[next(k for k, t in enumerate(statement) if t[0] == "="):])
+                    self.rest.append(statement[next(k for k, t in enumerate(statement) if t[0] == "=") :])
                 i += 1
                 start = i
             elif word == "{":
@@ -169,9 +192,12 @@ class CFile:
                 end = self.matching(tokens, i)
                 name = self.function_name(head)
                 if name:
-                    lines = sum(filled[tokens[start][1] - 1:tokens[end][1]])
-                    self.functions.append(Function(name, self.path, tokens[start][1], "static" in head, False, lines,
-                                                   tokens[start:end + 1]))
+                    lines = sum(filled[tokens[start][1] - 1 : tokens[end][1]])
+                    self.functions.append(
+                        Function(
+                            name, self.path, tokens[start][1], "static" in head, False, lines, tokens[start : end + 1]
+                        )
+                    )
                     i = end + 1
                     start = i
                 else:
@@ -196,8 +222,13 @@ class CFile:
         """The function's name, that is the identifier before the parameters, or None if `head` isn't the head of a function."""
         if "=" in head or "(" not in head or head[0] in ("typedef", "enum"):
             return None
-        while len(head) > 1 and head[1] == "(" and re.fullmatch(r"[A-Z][A-Z0-9_]+", head[0]) and CFile.after_parenthesis(head, 1) < len(head):
-            head = head[CFile.after_parenthesis(head, 1):]  # VARIANT(...) without a semicolon, before the function
+        while (
+            len(head) > 1
+            and head[1] == "("
+            and re.fullmatch(r"[A-Z][A-Z0-9_]+", head[0])
+            and CFile.after_parenthesis(head, 1) < len(head)
+        ):
+            head = head[CFile.after_parenthesis(head, 1) :]  # VARIANT(...) without a semicolon, before the function
         if "(" not in head:
             return None
         depth, k = 0, 0
@@ -242,9 +273,9 @@ def uses(tokens):
         if k and words[k - 1] in (".", "->"):
             continue
         call = k + 1 < len(words) and words[k + 1] == "("
-        if words[k + 1:k + 2] == ["<"]:  # name<type>(...)
+        if words[k + 1 : k + 2] == ["<"]:  # name<type>(...)
             close = next((at for at in range(k + 2, min(k + 8, len(words))) if words[at] == ">"), None)
-            call = close is not None and words[close + 1:close + 2] == ["("]
+            call = close is not None and words[close + 1 : close + 2] == ["("]
         if call and k and re.match(r"[A-Za-z_]\w*$", words[k - 1]) and words[k - 1] not in KEYWORDS:
             if words[k - 1] not in ("else", "do"):
                 continue  # a declaration: TYPE name(
@@ -252,8 +283,29 @@ def uses(tokens):
 
 
 # ---- Python ----
-BLENDER_CALLS = {"draw", "execute", "invoke", "modal", "poll", "cancel", "check", "register", "unregister", "main", "update", "render", "view_update",
-                 "view_draw", "draw_item", "filter_items", "draw_header", "cancel", "description", "handle_drop", "poll_drop"}
+BLENDER_CALLS = {
+    "draw",
+    "execute",
+    "invoke",
+    "modal",
+    "poll",
+    "cancel",
+    "check",
+    "register",
+    "unregister",
+    "main",
+    "update",
+    "render",
+    "view_update",
+    "view_draw",
+    "draw_item",
+    "filter_items",
+    "draw_header",
+    "cancel",
+    "description",
+    "handle_drop",
+    "poll_drop",
+}
 
 
 class PythonFile:
@@ -294,10 +346,20 @@ def python_code_lines(text, tree):
     """Numbers of the lines that hold code, not only comments or docstrings."""
     lines = set()
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
-        if token.type not in (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER):
+        if token.type not in (
+            tokenize.COMMENT,
+            tokenize.NL,
+            tokenize.NEWLINE,
+            tokenize.INDENT,
+            tokenize.DEDENT,
+            tokenize.ENDMARKER,
+        ):
             lines.update(range(token.start[0], token.end[0] + 1))
     for node in ast.walk(tree):
-        if isinstance(node, (ast.Module, ast.FunctionDef, ast.ClassDef, ast.AsyncFunctionDef)) and ast.get_docstring(node, False) is not None:
+        if (
+            isinstance(node, (ast.Module, ast.FunctionDef, ast.ClassDef, ast.AsyncFunctionDef))
+            and ast.get_docstring(node, False) is not None
+        ):
             lines.difference_update(range(node.body[0].lineno, node.body[0].end_lineno + 1))
     return lines
 
@@ -335,7 +397,9 @@ class Program:
                     targets = private.get((file.path, name)) or [f for f in targets if f.path == file.path] or targets
                     for target in targets:
                         self.count(target, call, f"{file.path}: {owner.name}" if owner else str(file.path))
-                        if call and len(targets) == 1:  # a function that several files define, one for each ISA, gives no edge
+                        if (
+                            call and len(targets) == 1
+                        ):  # a function that several files define, one for each ISA, gives no edge
                             self.edge(file.path, target.path, name)
 
     def count_python(self):
@@ -431,7 +495,10 @@ def words_of(text):
 
 
 def pages(root, folder):
-    return {str(path.relative_to(root)): words_of(path.read_text(encoding="utf-8")) for path in sorted((root / folder).glob("*.md"))}
+    return {
+        str(path.relative_to(root)): words_of(path.read_text(encoding="utf-8"))
+        for path in sorted((root / folder).glob("*.md"))
+    }
 
 
 def help_lines(program):
@@ -461,12 +528,22 @@ def comments_of(path, text):
 def strings_of(path, text):
     """The string literals of a file as (line, text); adjacent ones are one."""
     if path.suffix == ".py":
-        return [(node.lineno, node.value) for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Constant) and isinstance(node.value, str)
-                and " " in node.value and "\n    " not in node.value]
-    bare = re.sub(r"/\*.*?\*/|(?<![:\"])//[^\n]*", lambda match: re.sub(r"[^\n]", " ", match.group(0)), text, flags=re.S)
+        return [
+            (node.lineno, node.value)
+            for node in ast.walk(ast.parse(text))
+            if isinstance(node, ast.Constant)
+            and isinstance(node.value, str)
+            and " " in node.value
+            and "\n    " not in node.value
+        ]
+    bare = re.sub(
+        r"/\*.*?\*/|(?<![:\"])//[^\n]*", lambda match: re.sub(r"[^\n]", " ", match.group(0)), text, flags=re.S
+    )
     literal = r'"(?:\\.|[^"\\\n])*"'
-    return [(bare.count("\n", 0, match.start()) + 1, re.sub(r'"\s*(?:PRI\w+\s*)?"', "", match.group(0))[1:-1])
-            for match in re.finditer(rf"{literal}(?:\s*{literal})*", bare)]
+    return [
+        (bare.count("\n", 0, match.start()) + 1, re.sub(r'"\s*(?:PRI\w+\s*)?"', "", match.group(0))[1:-1])
+        for match in re.finditer(rf"{literal}(?:\s*{literal})*", bare)
+    ]
 
 
 def language(root):
@@ -476,13 +553,23 @@ def language(root):
     def add(kind, path, parts):
         for line, text in parts:
             kinds[kind][0] += len(text.split())
-            kinds[kind][1] += [(path, line, match.group(0), text.strip()) for pattern in (PHRASES, FIRST_WORDS) for match in pattern.finditer(text)]
+            kinds[kind][1] += [
+                (path, line, match.group(0), text.strip())
+                for pattern in (PHRASES, FIRST_WORDS)
+                for match in pattern.finditer(text)
+            ]
 
     for path in walk(root, FORMATTED_FOLDERS):
         if path.suffix in C_KINDS | {".py", ".mjs", ".js"}:
             text = (root / path).read_text(encoding="utf-8", errors="replace")
             add("comments", path, comments_of(path, text))
-            if path.parts[0] in ("engine", "exporters", "cli", "threads", "blender_addon") and path.suffix in C_KINDS | {".py"}:
+            if path.parts[0] in (
+                "engine",
+                "exporters",
+                "cli",
+                "threads",
+                "blender_addon",
+            ) and path.suffix in C_KINDS | {".py"}:
                 add("strings", path, strings_of(path, text))
     for path in [*sorted((root / "docs").glob("*.md")), root / "README.md", root / "CONTRIBUTING.md"]:
         if path.exists():
@@ -518,27 +605,41 @@ def figures(state, program_path):
     changelog = (state.root / "CHANGELOG.md").read_text(encoding="utf-8")
     lines = sorted(f.length for f in functions)
     plain = sum(n for folder, n in counts.items() if folder not in ("Python", "benchmarks"))
-    rows = [("functions", f"{len(functions)}", ""),
-            ("called once in the whole program", f"{100 * len(once) / len(functions):.1f} % ({len(once)})", "38 %"),
-            ("of these of at most 8 lines", f"{sum(f.length <= 8 for f in once)}", ""),
-            ("function's length, median, p90, longest", f"{lines[len(lines) // 2]}, {lines[len(lines) * 9 // 10]}, {lines[-1]}", "<= 120"),
-            (f"functions over {LONGEST_FUNCTION} lines", f"{sum(f.length > LONGEST_FUNCTION for f in functions)}", "0"),
-            ("circles of files", f"{len(program.circles())}", "0"),
-            ("files in these circles", f"{sum(map(len, program.circles()))}", "0"),
-            ("files out of format", f"{len(state.unformatted)} of {len(state.code)}", "0"),
-            ("product lines: without tests, Python and benchmarks", f"{plain}", "80,000")]
-    rows += [(f"lines of {folder}", f"{counts[folder]}", "") for folder in LINE_FOLDERS if folder != "benchmarks" and counts[folder]]
-    rows += [("lines of benchmarks", f"{counts['benchmarks']}", ""), ("lines of Python elsewhere", f"{counts['Python']}", ""),
-             ("lines of `pags train --help`", str(help_lines(program_path) or "-"), "<= 110"),
-             ("phrases per 1,000 words of comments", f"{per_thousand(words['comments']):.2f}", "0.3"),
-             ("phrases per 1,000 words of the manual", f"{per_thousand(words['manual']):.2f}", "0.3"),
-             ("phrases in help, field texts and messages", f"{len(words['strings'][1])}", "0"),
-             (f"internal headers below {SMALL_HEADER} lines", f"{len(small)} of {len(headers)}", "35"),
-             ("Makefile targets", f"{len(targets(state.root))}", f"{MOST_TARGETS}"),
-             ("pages of the manual", f"{len(manual)}", "40"),
-             ("words of the manual", f"{sum(manual.values())}", "38,000"), ("words of the notebook", f"{sum(lab.values())}", "40,000"),
-             ("words of CHANGELOG.md", f"{len(changelog.split())}", ""),
-             ("largest page", f"{manual.get(largest, 0)} ({largest})", f"<= {LONGEST_PAGE}")]
+    rows = [
+        ("functions", f"{len(functions)}", ""),
+        ("called once in the whole program", f"{100 * len(once) / len(functions):.1f} % ({len(once)})", "38 %"),
+        ("of these of at most 8 lines", f"{sum(f.length <= 8 for f in once)}", ""),
+        (
+            "function's length, median, p90, longest",
+            f"{lines[len(lines) // 2]}, {lines[len(lines) * 9 // 10]}, {lines[-1]}",
+            "<= 120",
+        ),
+        (f"functions over {LONGEST_FUNCTION} lines", f"{sum(f.length > LONGEST_FUNCTION for f in functions)}", "0"),
+        ("circles of files", f"{len(program.circles())}", "0"),
+        ("files in these circles", f"{sum(map(len, program.circles()))}", "0"),
+        ("files out of format", f"{len(state.unformatted)} of {len(state.code)}", "0"),
+        ("product lines: without tests, Python and benchmarks", f"{plain}", "80,000"),
+    ]
+    rows += [
+        (f"lines of {folder}", f"{counts[folder]}", "")
+        for folder in LINE_FOLDERS
+        if folder != "benchmarks" and counts[folder]
+    ]
+    rows += [
+        ("lines of benchmarks", f"{counts['benchmarks']}", ""),
+        ("lines of Python elsewhere", f"{counts['Python']}", ""),
+        ("lines of `pags train --help`", str(help_lines(program_path) or "-"), "<= 110"),
+        ("phrases per 1,000 words of comments", f"{per_thousand(words['comments']):.2f}", "0.3"),
+        ("phrases per 1,000 words of the manual", f"{per_thousand(words['manual']):.2f}", "0.3"),
+        ("phrases in help, field texts and messages", f"{len(words['strings'][1])}", "0"),
+        (f"internal headers below {SMALL_HEADER} lines", f"{len(small)} of {len(headers)}", "35"),
+        ("Makefile targets", f"{len(targets(state.root))}", f"{MOST_TARGETS}"),
+        ("pages of the manual", f"{len(manual)}", "40"),
+        ("words of the manual", f"{sum(manual.values())}", "38,000"),
+        ("words of the notebook", f"{sum(lab.values())}", "40,000"),
+        ("words of CHANGELOG.md", f"{len(changelog.split())}", ""),
+        ("largest page", f"{manual.get(largest, 0)} ({largest})", f"<= {LONGEST_PAGE}"),
+    ]
     return rows
 
 
@@ -546,15 +647,27 @@ def check(state):
     """Returns a line for each broken rule."""
     program = Program(state)
     faults = [f"{path}: out of format; make format mends it" for path in state.unformatted]
-    faults += [f"{f.path}:{f.line}: {f.name} has {f.length} lines, more than {LONGEST_FUNCTION}" for f in program.functions if f.length > LONGEST_FUNCTION]
+    faults += [
+        f"{f.path}:{f.line}: {f.name} has {f.length} lines, more than {LONGEST_FUNCTION}"
+        for f in program.functions
+        if f.length > LONGEST_FUNCTION
+    ]
     faults += [f"{circle[0]}: {program.describe(circle)}" for circle in program.circles()]
     kinds, (_, small) = language(state.root), small_headers(state.root)
     for kind, most in MOST_PHRASES.items():
         if per_thousand(kinds[kind]) > most:
-            faults.append(f"{kind}: {per_thousand(kinds[kind]):.2f} unidiomatic phrases per 1,000 words, more than {most}; figures.py --list phrases")
-    for what, count, most in (("unidiomatic phrases in strings; figures.py --list phrases", len(kinds["strings"][1]), MOST_PHRASES_IN_STRINGS),
-                              (f"internal headers below {SMALL_HEADER} lines; figures.py --list headers", len(small), MOST_SMALL_HEADERS),
-                              ("Makefile targets", len(targets(state.root)), MOST_TARGETS)):
+            faults.append(
+                f"{kind}: {per_thousand(kinds[kind]):.2f} unidiomatic phrases per 1,000 words, more than {most}; figures.py --list phrases"
+            )
+    for what, count, most in (
+        (
+            "unidiomatic phrases in strings; figures.py --list phrases",
+            len(kinds["strings"][1]),
+            MOST_PHRASES_IN_STRINGS,
+        ),
+        (f"internal headers below {SMALL_HEADER} lines; figures.py --list headers", len(small), MOST_SMALL_HEADERS),
+        ("Makefile targets", len(targets(state.root)), MOST_TARGETS),
+    ):
         if count > most:
             faults.append(f"{count} {what}: more than {most}")
     return faults
@@ -572,11 +685,21 @@ def main():
     parser = argparse.ArgumentParser(description="Measures structure, size and language of the code and the manual.")
     parser.add_argument("--reference", metavar="COMMIT", help="count this commit, too")
     parser.add_argument("--root", metavar="FOLDER", help="the present state [default this repository]")
-    parser.add_argument("--check", action="store_true", help="print FILE: fault for each exceeded limit; fail if there is one")
-    parser.add_argument("--list", choices=["once", "long", "circles", "format", "lines", "phrases", "headers"], help="list what a figure counts")
-    parser.add_argument("--clang-format", metavar="PROGRAM", help=f"clang-format {FORMATTER} [default scripts/.venv/bin/clang-format]")
+    parser.add_argument(
+        "--check", action="store_true", help="print FILE: fault for each exceeded limit; fail if there is one"
+    )
+    parser.add_argument(
+        "--list",
+        choices=["once", "long", "circles", "format", "lines", "phrases", "headers"],
+        help="list what a figure counts",
+    )
+    parser.add_argument(
+        "--clang-format", metavar="PROGRAM", help=f"clang-format {FORMATTER} [default scripts/.venv/bin/clang-format]"
+    )
     parser.add_argument("--program", metavar="PATH", help="its train --help is counted [default build/pags]")
-    parser.add_argument("--reference-program", metavar="PATH", help="of the reference [default as make same-bits builds it]")
+    parser.add_argument(
+        "--reference-program", metavar="PATH", help="of the reference [default as make same-bits builds it]"
+    )
     options = parser.parse_args()
     root = Path(options.root).resolve() if options.root else root_of_repository()
     formatter = find_formatter(options.clang_format, root)
@@ -585,7 +708,12 @@ def main():
         now = State(root, formatter, style, scratch / "now")
         if options.check:
             faults = check(now)
-            print("\n".join(faults + [f"figures: {len(faults)} faults" if faults else f"figures: {len(now.code)} files, no fault"]))
+            print(
+                "\n".join(
+                    faults
+                    + [f"figures: {len(faults)} faults" if faults else f"figures: {len(now.code)} files, no fault"]
+                )
+            )
             return 1 if faults else 0
         if options.list:
             show(now, options.list)
@@ -597,11 +725,20 @@ def main():
             return 0
         extract(options.reference, root, scratch / "tree")
         before = State(scratch / "tree", formatter, style, scratch / "before")
-        own = scratch / "tree" / ".clang-format"  # a file counts as badly formatted if it differs from the format rules of its own commit
+        own = (
+            scratch / "tree" / ".clang-format"
+        )  # a file counts as badly formatted if it differs from the format rules of its own commit
         if own.exists() and own.read_bytes() != style.read_bytes():
             before.unformatted = State(scratch / "tree", formatter, own, scratch / "own").unformatted
-        commit = subprocess.run(["git", "rev-parse", options.reference], cwd=root, capture_output=True, text=True).stdout.strip()
-        rows = dict((name, value) for name, value, _ in figures(before, options.reference_program or root / "build/same-bits" / commit[:12] / "build/pags"))
+        commit = subprocess.run(
+            ["git", "rev-parse", options.reference], cwd=root, capture_output=True, text=True
+        ).stdout.strip()
+        rows = dict(
+            (name, value)
+            for name, value, _ in figures(
+                before, options.reference_program or root / "build/same-bits" / commit[:12] / "build/pags"
+            )
+        )
         print(f"| figure | {options.reference} | now | goal |\n|---|---|---|---|")
         for name, value, goal in after:
             print(f"| {name} | {rows.get(name, '-')} | {value} | {goal} |")

@@ -52,7 +52,7 @@ def macho_exports(data):
     for command, at in load_commands(data):
         if command in (0x80000033, 0x80000022):  # the trie alone; within the information for dyld
             start, size = struct.unpack_from("<II", data, at + (8 if command == 0x80000033 else 40))
-            trie, nodes = data[start:start + size], [(0, b"")] if size else []
+            trie, nodes = data[start : start + size], [(0, b"")] if size else []
             while nodes:
                 offset, name = nodes.pop()
                 length, offset = uleb(trie, offset)
@@ -81,12 +81,16 @@ def signature_faults(data):
         return ["no code directory"]
     _, _, _, flags, hashes, _, _, pages, limit = struct.unpack_from(">9I", data, directory)
     size, kind, _, page = struct.unpack_from(">4B", data, directory + 36)
-    faults = [] if flags & ADHOC and (kind, size) == (SHA256, 32) else [f"flags {flags:#x}, hashes of kind {kind} and {size} bytes"]
+    faults = (
+        []
+        if flags & ADHOC and (kind, size) == (SHA256, 32)
+        else [f"flags {flags:#x}, hashes of kind {kind} and {size} bytes"]
+    )
     if limit != start or pages != -(-limit >> page):
         faults.append(f"{pages} pages up to {limit} of {start} bytes before the signature")
     for i in range(pages):
-        found = hashlib.sha256(data[i << page:min(limit, i + 1 << page)]).digest()
-        if found != data[directory + hashes + 32 * i:directory + hashes + 32 * (i + 1)]:
+        found = hashlib.sha256(data[i << page : min(limit, i + 1 << page)]).digest()
+        if found != data[directory + hashes + 32 * i : directory + hashes + 32 * (i + 1)]:
             faults.append(f"page {i} has another hash")
     return faults
 
@@ -97,8 +101,11 @@ def elf_exports(data):
     names = set()
     for _, kind, _, _, offset, length, link, _, _, _ in sections:
         if kind == 11:  # names for the linker at run time
-            names |= {cross_report.text_at(data, sections[link][4] + name) for name, _, _, section, _, _ in
-                      struct.iter_unpack("<IBBHQQ", data[offset:offset + length]) if section}
+            names |= {
+                cross_report.text_at(data, sections[link][4] + name)
+                for name, _, _, section, _, _ in struct.iter_unpack("<IBBHQQ", data[offset : offset + length])
+                if section
+            }
     return names
 
 
@@ -122,11 +129,17 @@ class Wheels(unittest.TestCase):
             major, minor, processor = re.search(r"macosx_(\d+)_(\d+)_(arm64|x86_64)\.whl", path.name).groups()
             for data in (program, module):
                 kind, machine, needed, floor = cross_report.macho(data)
-                self.assertEqual((kind, cross_report.PROCESSORS[machine]), ("Mach-O", processor.replace("x86_64", "x64")))
+                self.assertEqual(
+                    (kind, cross_report.PROCESSORS[machine]), ("Mach-O", processor.replace("x86_64", "x64"))
+                )
                 self.assertEqual(needed, ["/usr/lib/libSystem.B.dylib"])
                 self.assertEqual(floor.split(",")[0], f"macOS {major}.{minor}")
-                local = next(struct.unpack_from("<I", data, at + 12)[0] for command, at in load_commands(data) if command == 0xB)
-                self.assertLess(local, 500, "names that no one asks for: the linker's -x takes most of them away (cmake/zig.cmake)")
+                local = next(
+                    struct.unpack_from("<I", data, at + 12)[0] for command, at in load_commands(data) if command == 0xB
+                )
+                self.assertLess(
+                    local, 500, "names that no one asks for: the linker's -x takes most of them away (cmake/zig.cmake)"
+                )
                 if processor == "arm64":
                     self.assertEqual(signature_faults(data), [])
             self.assertIn("_PyInit_pags", macho_exports(module))
@@ -136,8 +149,11 @@ class Wheels(unittest.TestCase):
             for data in (program, module):
                 kind, machine, needed, floor = cross_report.elf(data)
                 self.assertEqual((kind, cross_report.PROCESSORS[machine]), ("ELF", "arm64"))
-                self.assertLessEqual(set(needed), {f"lib{name}.so.{n}" for name, n in [("c", 6), ("m", 6), ("pthread", 0), ("dl", 2), ("rt", 1)]}
-                                     | {"ld-linux-aarch64.so.1"})
+                self.assertLessEqual(
+                    set(needed),
+                    {f"lib{name}.so.{n}" for name, n in [("c", 6), ("m", 6), ("pthread", 0), ("dl", 2), ("rt", 1)]}
+                    | {"ld-linux-aarch64.so.1"},
+                )
                 self.assertRegex(floor, r"^GLIBC 2\.(\d|1[0-7])$")
             self.assertIn("PyInit_pags", elf_exports(module))
 
@@ -148,21 +164,42 @@ class Wheels(unittest.TestCase):
             folder = Path(tempfile.mkdtemp(prefix="pags-wheels-"))
             self.addCleanup(shutil.rmtree, folder, True)
             # pip refuses a wheel of another processor unless it is told to take that one's, into a folder.
-            self.succeeds(sys.executable, "-m", "pip", "install", "-q", "--no-index", "--no-deps", "--disable-pip-version-check", "--only-binary", ":all:",
-                          "--platform", "manylinux_2_17_aarch64", "--target", folder / "installed", path)
+            self.succeeds(
+                sys.executable,
+                "-m",
+                "pip",
+                "install",
+                "-q",
+                "--no-index",
+                "--no-deps",
+                "--disable-pip-version-check",
+                "--only-binary",
+                ":all:",
+                "--platform",
+                "manylinux_2_17_aarch64",
+                "--target",
+                folder / "installed",
+                path,
+            )
             arm = ["qemu-aarch64", "-L", ARM_ROOT, folder / "installed/bin/pags"]
             said = self.succeeds(*arm, "--version")
             self.assertRegex(said, r"Linux aarch64\nkernels:  neon scalar run here; neon is used")
-            self.succeeds(self.reference, "synth", "street", "-o", folder / "street", "--frames", 4, "--size", "96x64", "-q")
+            self.succeeds(
+                self.reference, "synth", "street", "-o", folder / "street", "--frames", 4, "--size", "96x64", "-q"
+            )
             parts = re.search(r"^with: +(.*)$", said, re.M)[1].split()
             for side, program in [("here", [self.reference]), ("arm", arm)]:
                 (folder / side).mkdir()
                 self.succeeds(*program, "train", folder / "street", "-o", folder / side / "scene", "-n", 20, "-q")
-                self.succeeds(*program, "render", folder / "here/scene", "-o", folder / side / "pictures", "-n", 2, "-q")
+                self.succeeds(
+                    *program, "render", folder / "here/scene", "-o", folder / side / "pictures", "-n", 2, "-q"
+                )
                 self.succeeds(*program, "export", folder / "here/scene", folder / side / "scene.spz", "-q")
             self.assertEqual(same_bits.compare_folders(folder / "here", folder / "arm"), [])
             if "proxies" in parts:  # rays of NEON's have other last bits than those of AVX2 (docs/porting.md)
-                self.succeeds(*arm, "synth", "street", "-o", folder / "arm/street", "--frames", 2, "--size", "48x32", "-q")
+                self.succeeds(
+                    *arm, "synth", "street", "-o", folder / "arm/street", "--frames", 2, "--size", "48x32", "-q"
+                )
                 self.succeeds(*arm, "export", folder / "here/scene", folder / "arm/proxies.glb", "-q")
                 self.assertEqual((folder / "arm/proxies.glb").read_bytes()[:4], b"glTF")
 

@@ -17,7 +17,9 @@ KNOWN = {name + kind for name in FUNCTIONS for kind in ("", "f", "l")}
 
 
 # Objects that may ask for more, with the reason.
-EXCEPTIONS = {"subdiv.cc.o": {"sin", "cos", "sincos"}}  # OpenSubdiv's headers: masks of limit tangents, which nothing of ours reads
+EXCEPTIONS = {
+    "subdiv.cc.o": {"sin", "cos", "sincos"}
+}  # OpenSubdiv's headers: masks of limit tangents, which nothing of ours reads
 
 # What shared libraries get from libwebp, which is linked in: its encoder estimates sizes of files by them. What the pictures decode to
 # doesn't depend on that. Our own objects are checked in their static libraries.

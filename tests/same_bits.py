@@ -44,7 +44,10 @@ class Program:
             sys.exit(f"same_bits: {path}: no such program; build it first")
         self.path = path
         digest = hashlib.sha256()
-        for part in [path, *sorted(path.parent.glob("pags_*.so"))]:  # the image module is loaded at run time, so it belongs to the program
+        for part in [
+            path,
+            *sorted(path.parent.glob("pags_*.so")),
+        ]:  # the image module is loaded at run time, so it belongs to the program
             digest.update(part.read_bytes())
         self.hash = digest.hexdigest()[:16]
         self.store = path.parent / "same-bits" / self.hash
@@ -52,7 +55,9 @@ class Program:
 
     def text(self, *arguments):
         if arguments not in self.texts:
-            done = subprocess.run([str(self.path), *arguments], stdin=subprocess.DEVNULL, capture_output=True, text=True)
+            done = subprocess.run(
+                [str(self.path), *arguments], stdin=subprocess.DEVNULL, capture_output=True, text=True
+            )
             self.texts[arguments] = done.stdout if done.returncode == 0 else ""
         return self.texts[arguments]
 
@@ -114,7 +119,9 @@ EVENTS = {
     "prune": lambda log, scene: any(line.get("pruned", 0) > 0 for line in log),
     # An opacity reset has no line of its own in the log. It follows a densify, and the loss of the next view, drawn almost
     # transparent, jumps.
-    "reset": lambda log, scene: any(after > 1.5 * max(before) for step, before, after in jumps(log) if step in densifies(log)),
+    "reset": lambda log, scene: any(
+        after > 1.5 * max(before) for step, before, after in jumps(log) if step in densifies(log)
+    ),
     "SH rise": lambda log, scene: len({line["sh_degree"] for line in log if "sh_degree" in line}) > 1,
     "resolution rise": lambda log, scene: len({line["shrink"] for line in log if "shrink" in line}) > 1,
     "object term": lambda log, scene: any(line.get("view_objects", 0) > 0 for line in log),
@@ -130,11 +137,21 @@ def densifies(log):
 def jumps(log):
     """Yields (step, losses of the step and the five before it, loss of the next step) for each densify."""
     views = [(line["step"], line["view_loss"]) for line in log if "view_loss" in line]
-    return [(views[i][0], [loss for _, loss in views[max(0, i - 5):i + 1]], views[i + 1][1]) for i in range(len(views) - 1)]
+    return [
+        (views[i][0], [loss for _, loss in views[max(0, i - 5) : i + 1]], views[i + 1][1])
+        for i in range(len(views) - 1)
+    ]
 
 
 MODES = ["off", "lossless", "bounded", "paper"]
-SPLATS = ["biker.compressed.ply", "biker.spz", "equinor_banana.ply", "fox_31k.ply", "lod1_tile_0_0.5x.ply", "luma-seal.splat"]
+SPLATS = [
+    "biker.compressed.ply",
+    "biker.spz",
+    "equinor_banana.ply",
+    "fox_31k.ply",
+    "lod1_tile_0_0.5x.ply",
+    "luma-seal.splat",
+]
 TRAINED = dict(sh_degree=3, log_every=1, preview_every=0, checkpoint_every=0, quiet=True)
 STATIC = ["densify", "prune", "reset", "SH rise", "resolution rise"]
 DRIVING = STATIC + ["object term", "colour over time"]
@@ -147,83 +164,266 @@ def trainings(name, dataset, needs, events, **options):
         label = f"train {name}" + (" default" if preset == "default" else "")
         expected = events + ["priority prune"] * (preset == "default")
         for threads in (2, 1):
-            yield Row(f"{label}, {threads} thread" + "s" * (threads == 2),
-                      Command("train", dataset, output="{out}/scene", iterations=300, threads=threads, preset=preset, **TRAINED, **options),
-                      needs=needs, events=expected if threads == 2 else (), reference=f"{label}, 2 threads")
+            yield Row(
+                f"{label}, {threads} thread" + "s" * (threads == 2),
+                Command(
+                    "train",
+                    dataset,
+                    output="{out}/scene",
+                    iterations=300,
+                    threads=threads,
+                    preset=preset,
+                    **TRAINED,
+                    **options,
+                ),
+                needs=needs,
+                events=expected if threads == 2 else (),
+                reference=f"{label}, 2 threads",
+            )
     small = dict(options, downscale=4)
-    yield Row(f"train {name}, plain C",
-              Command("train", dataset, output="{out}/scene", iterations=100, threads=2, preset="plain", environment={"PAGS_CPU": "scalar"}, **TRAINED,
-                      **small),
-              needs=needs)
+    yield Row(
+        f"train {name}, plain C",
+        Command(
+            "train",
+            dataset,
+            output="{out}/scene",
+            iterations=100,
+            threads=2,
+            preset="plain",
+            environment={"PAGS_CPU": "scalar"},
+            **TRAINED,
+            **small,
+        ),
+        needs=needs,
+    )
 
 
 def all_rows():
     street, tiny = "{ref:synth street}/street", "{ref:synth street, tiny}/street"
     scene, tiny_scene = "{ref:train street, 2 threads}/scene", "{ref:train street, tiny}/scene"
-    yield Row("synth street, tiny", Command("synth", "street", output="{out}/street", size="160x96", frames=6, cameras=1, objects=3,
-                                            lidar_points=1500, samples=2), quick=True)
-    yield Row("train street, tiny", Command("train", tiny, output="{out}/scene", iterations=60, threads=2, fourier_gain=0, preset="plain",
-                                            **TRAINED), quick=True)
-    yield Row("train street, tiny, default", Command("train", tiny, output="{out}/scene", iterations=60, threads=2, fourier_gain=0,
-                                                     preset="default", **TRAINED), quick=True)
-    yield Row("train street, tiny, plain C", Command("train", tiny, output="{out}/scene", iterations=20, threads=2, fourier_gain=0, preset="plain",
-                                                     environment={"PAGS_CPU": "scalar"}, **TRAINED), quick=True)
+    yield Row(
+        "synth street, tiny",
+        Command(
+            "synth",
+            "street",
+            output="{out}/street",
+            size="160x96",
+            frames=6,
+            cameras=1,
+            objects=3,
+            lidar_points=1500,
+            samples=2,
+        ),
+        quick=True,
+    )
+    yield Row(
+        "train street, tiny",
+        Command(
+            "train", tiny, output="{out}/scene", iterations=60, threads=2, fourier_gain=0, preset="plain", **TRAINED
+        ),
+        quick=True,
+    )
+    yield Row(
+        "train street, tiny, default",
+        Command(
+            "train", tiny, output="{out}/scene", iterations=60, threads=2, fourier_gain=0, preset="default", **TRAINED
+        ),
+        quick=True,
+    )
+    yield Row(
+        "train street, tiny, plain C",
+        Command(
+            "train",
+            tiny,
+            output="{out}/scene",
+            iterations=20,
+            threads=2,
+            fourier_gain=0,
+            preset="plain",
+            environment={"PAGS_CPU": "scalar"},
+            **TRAINED,
+        ),
+        quick=True,
+    )
     for mode, form in (("lossless", "png"), ("bounded", "exr")):
-        yield Row(f"render street, tiny, {mode}", Command("render", tiny_scene, output="{out}", path="ego", early_z=mode, format=form,
-                                                          channel="color,depth,id,priority"), quick=True)
-    yield Row("export street, tiny", Command("export", tiny_scene, "{out}/hull.glb", proxy="hull", no_background=True),
-              Command("export", tiny_scene, "{out}/splats.ply"), Command("export", tiny_scene, "{out}/packed.pagsz"), quick=True)
-    yield Row("synth street", Command("synth", "street", output="{out}/street", size="256x144", frames=8, cameras=2, objects=4,
-                                      lidar_points=3000, samples=2))
-    yield Row("synth street, noise", Command("synth", "street", output="{out}/street", size="128x72", frames=3, cameras=3, objects=4,
-                                             lidar_points=2000, samples=1, pose_noise=0.1, yaw_noise=1, no_shifts=True, seed=7))
+        yield Row(
+            f"render street, tiny, {mode}",
+            Command(
+                "render",
+                tiny_scene,
+                output="{out}",
+                path="ego",
+                early_z=mode,
+                format=form,
+                channel="color,depth,id,priority",
+            ),
+            quick=True,
+        )
+    yield Row(
+        "export street, tiny",
+        Command("export", tiny_scene, "{out}/hull.glb", proxy="hull", no_background=True),
+        Command("export", tiny_scene, "{out}/splats.ply"),
+        Command("export", tiny_scene, "{out}/packed.pagsz"),
+        quick=True,
+    )
+    yield Row(
+        "synth street",
+        Command(
+            "synth",
+            "street",
+            output="{out}/street",
+            size="256x144",
+            frames=8,
+            cameras=2,
+            objects=4,
+            lidar_points=3000,
+            samples=2,
+        ),
+    )
+    yield Row(
+        "synth street, noise",
+        Command(
+            "synth",
+            "street",
+            output="{out}/street",
+            size="128x72",
+            frames=3,
+            cameras=3,
+            objects=4,
+            lidar_points=2000,
+            samples=1,
+            pose_noise=0.1,
+            yaw_noise=1,
+            no_shifts=True,
+            seed=7,
+        ),
+    )
     yield Row("synth town", Command("synth", "town", output="{out}/town", size="128x72", frames=3, gaussians=20000))
     # A compromise: enough views that each part is seen, few enough that each interval, which isn't shorter than a pass over the
     # views, fits in 300 steps.
     yield from trainings("street", street, [], DRIVING, fourier_gain=0)
-    yield from trainings("pandaset-002", "{data}/pandaset-002", ["pandaset-002"], DRIVING, cameras="0,1", frames="20-27", downscale=3,
-                         split_every=4, fourier_gain=0)
+    yield from trainings(
+        "pandaset-002",
+        "{data}/pandaset-002",
+        ["pandaset-002"],
+        DRIVING,
+        cameras="0,1",
+        frames="20-27",
+        downscale=3,
+        split_every=4,
+        fourier_gain=0,
+    )
     yield from trainings("fox", "{data}/fox", ["fox"], STATIC, downscale=2, split_every=2, no_exposure=True)
-    for label, options in {"mcmc": dict(strategy="mcmc", preset="plain"), "absgrad, dropout, LiDAR pull": dict(preset="plain", absgrad=True, dropout=True, lidar_pull=0.2),
-                           "antialiased, paper's prunes": dict(antialiased=True, preset="paper", dropout=True),
-                           "without objects, sky, exposure": dict(preset="plain", no_objects=True, no_sky=True, no_exposure=True)}.items():
-        yield Row(f"train street, {label}", Command("train", tiny, output="{out}/scene", iterations=100, threads=2, **TRAINED, **options))
+    for label, options in {
+        "mcmc": dict(strategy="mcmc", preset="plain"),
+        "absgrad, dropout, LiDAR pull": dict(preset="plain", absgrad=True, dropout=True, lidar_pull=0.2),
+        "antialiased, paper's prunes": dict(antialiased=True, preset="paper", dropout=True),
+        "without objects, sky, exposure": dict(preset="plain", no_objects=True, no_sky=True, no_exposure=True),
+    }.items():
+        yield Row(
+            f"train street, {label}",
+            Command("train", tiny, output="{out}/scene", iterations=100, threads=2, **TRAINED, **options),
+        )
 
     for file in SPLATS:
         for mode in MODES:
             kind = dict(format="exr") if mode == "off" else {}
-            yield Row(f"render {file}, {mode}",
-                      Command("render", "{data}/splats/" + file, output="{out}", frames=2, downscale=2, channel="color,depth,id", early_z=mode, **kind),
-                      needs=["splats/" + file])
+            yield Row(
+                f"render {file}, {mode}",
+                Command(
+                    "render",
+                    "{data}/splats/" + file,
+                    output="{out}",
+                    frames=2,
+                    downscale=2,
+                    channel="color,depth,id",
+                    early_z=mode,
+                    **kind,
+                ),
+                needs=["splats/" + file],
+            )
     channels = "color,alpha,depth,id,object,priority,normal,heat"
     for mode in MODES:
-        yield Row(f"render street, {mode}", Command("render", scene, output="{out}", split="all", channel=channels, early_z=mode, format="exr"))
-    for label, options in {"drive": dict(path="ego"), "drive aside": dict(path="ego", shift=1, no_exposure=True),
-                           "orbit, 16 bits": dict(frames=3, bits=16), "the paper's order": dict(split="test", order="paper"),
-                           "packed": dict(split="test", packed=True), "antialiased": dict(split="test", antialiased=True),
-                           "short polynomial": dict(split="test", exp_degree=3), "degree 1": dict(split="test", sh_degree=1),
-                           "without vehicles": dict(split="test", without="class:vehicle")}.items():
+        yield Row(
+            f"render street, {mode}",
+            Command("render", scene, output="{out}", split="all", channel=channels, early_z=mode, format="exr"),
+        )
+    for label, options in {
+        "drive": dict(path="ego"),
+        "drive aside": dict(path="ego", shift=1, no_exposure=True),
+        "orbit, 16 bits": dict(frames=3, bits=16),
+        "the paper's order": dict(split="test", order="paper"),
+        "packed": dict(split="test", packed=True),
+        "antialiased": dict(split="test", antialiased=True),
+        "short polynomial": dict(split="test", exp_degree=3),
+        "degree 1": dict(split="test", sh_degree=1),
+        "without vehicles": dict(split="test", without="class:vehicle"),
+    }.items():
         yield Row(f"render street, {label}", Command("render", scene, output="{out}", channel="color,depth", **options))
-    yield Row("render street, plain C", Command("render", scene, output="{out}", split="test", channel=channels, format="exr",
-                                                environment={"PAGS_CPU": "scalar"}))
-    yield Row("render packed file", Command("render", "{ref:export street, packed}/packed.pagsz", output="{out}", channel="color,depth",
-                                            path=street + "/truth/shift/up1/path.json"))
-    yield Row("render town", Command("render", "{ref:synth town}/town", output="{out}", split="all", channel="color,depth,id"))
+    yield Row(
+        "render street, plain C",
+        Command(
+            "render",
+            scene,
+            output="{out}",
+            split="test",
+            channel=channels,
+            format="exr",
+            environment={"PAGS_CPU": "scalar"},
+        ),
+    )
+    yield Row(
+        "render packed file",
+        Command(
+            "render",
+            "{ref:export street, packed}/packed.pagsz",
+            output="{out}",
+            channel="color,depth",
+            path=street + "/truth/shift/up1/path.json",
+        ),
+    )
+    yield Row(
+        "render town", Command("render", "{ref:synth town}/town", output="{out}", split="all", channel="color,depth,id")
+    )
 
     for proxy in ("mesh", "cage", "hull", "box"):
-        yield Row(f"export street, {proxy}", Command("export", scene, "{out}/proxies.glb", proxy=proxy, **{} if proxy == "mesh" else {"no_background": True}))
-    yield Row("export street, lod", Command("export", tiny_scene, "{out}/proxies.gltf", lod=True, cameras=True, physics=True, no_background=True))
-    for label, file, options in (("PLY", "splats.ply", {}), ("SPZ 3", "splats.spz", {}), ("SPZ 4", "splats.spz", dict(spz_version=4)),
-                                 ("splat", "splats.splat", dict(time=0.3)), ("packed", "packed.pagsz", {}),
-                                 ("splats in glTF", "splats.glb", dict(splats=True, tracks=True))):
+        yield Row(
+            f"export street, {proxy}",
+            Command(
+                "export", scene, "{out}/proxies.glb", proxy=proxy, **{} if proxy == "mesh" else {"no_background": True}
+            ),
+        )
+    yield Row(
+        "export street, lod",
+        Command("export", tiny_scene, "{out}/proxies.gltf", lod=True, cameras=True, physics=True, no_background=True),
+    )
+    for label, file, options in (
+        ("PLY", "splats.ply", {}),
+        ("SPZ 3", "splats.spz", {}),
+        ("SPZ 4", "splats.spz", dict(spz_version=4)),
+        ("splat", "splats.splat", dict(time=0.3)),
+        ("packed", "packed.pagsz", {}),
+        ("splats in glTF", "splats.glb", dict(splats=True, tracks=True)),
+    ):
         yield Row(f"export street, {label}", Command("export", scene, "{out}/" + file, **options))
     yield Row("export street, USD", Command("export", tiny_scene, "{out}/scene.usda"))
     for file in ("splats.ply", "packed.pagsz"):
-        yield Row(f"export biker.spz, {file}", Command("export", "{data}/splats/biker.spz", "{out}/" + file), needs=["splats/biker.spz"])
+        yield Row(
+            f"export biker.spz, {file}",
+            Command("export", "{data}/splats/biker.spz", "{out}/" + file),
+            needs=["splats/biker.spz"],
+        )
 
-    yield Row("import waymo", Command("import", "waymo", "{data}/waymo/pvps_data_one_frame.tfrecord", output="{out}/set"),
-              needs=["waymo/pvps_data_one_frame.tfrecord"])
-    yield Row("import kitti", Command("import", "kitti", "{kitti}", output="{out}/set"), needs=["kitti/raw_2011_09_26", "kitti/tracking"])
+    yield Row(
+        "import waymo",
+        Command("import", "waymo", "{data}/waymo/pvps_data_one_frame.tfrecord", output="{out}/set"),
+        needs=["waymo/pvps_data_one_frame.tfrecord"],
+    )
+    yield Row(
+        "import kitti",
+        Command("import", "kitti", "{kitti}", output="{out}/set"),
+        needs=["kitti/raw_2011_09_26", "kitti/tracking"],
+    )
 
 
 # ---- A tree of KITTI's tracking benchmark, made of the available samples ----
@@ -243,20 +443,40 @@ def make_kitti(data, folder):
         for camera in ("image_02", "image_03"):
             shutil.copyfile(picture, part / camera / "0000" / f"{i:06d}.png")
         shutil.copyfile(cloud, part / "velodyne" / "0000" / f"{i:06d}.bin")
-    calibration = (raw / "calib.txt").read_text().replace("R0_rect:", "R_rect").replace("Tr_velo_to_cam:", "Tr_velo_cam")
+    calibration = (
+        (raw / "calib.txt").read_text().replace("R0_rect:", "R_rect").replace("Tr_velo_to_cam:", "Tr_velo_cam")
+    )
     calibration = calibration.replace("Tr_imu_to_velo:", "Tr_imu_velo")
     (part / "calib" / "0000.txt").write_text(calibration)
     rows = [f"{49.01 + i * 9e-6:.9f} 8.43 113.0 0.01 0.005 {0.5 + 0.01 * i}" + " 0" * 24 for i in range(len(pictures))]
     (part / "oxts" / "0000.txt").write_text("\n".join(rows) + "\n")
     labels = (data / "kitti" / "tracking" / "label_02" / "0000.txt").read_text().splitlines()
-    (part / "label_02" / "0000.txt").write_text("\n".join(line for line in labels if int(line.split()[0]) < len(pictures)) + "\n")
+    (part / "label_02" / "0000.txt").write_text(
+        "\n".join(line for line in labels if int(line.split()[0]) < len(pictures)) + "\n"
+    )
     part.rename(folder)
 
 
 # ---- Payloads: a file as named arrays ----
 # An array is (name, fields, bytes): fields is a list of (name, struct code) of one row, little-endian; or None for a list of words.
-PLY_CODES = {"char": "b", "uchar": "B", "int8": "b", "uint8": "B", "short": "h", "ushort": "H", "int16": "h", "uint16": "H", "int": "i",
-             "uint": "I", "int32": "i", "uint32": "I", "float": "f", "float32": "f", "double": "d", "float64": "d"}
+PLY_CODES = {
+    "char": "b",
+    "uchar": "B",
+    "int8": "b",
+    "uint8": "B",
+    "short": "h",
+    "ushort": "H",
+    "int16": "h",
+    "uint16": "H",
+    "int": "i",
+    "uint": "I",
+    "int32": "i",
+    "uint32": "I",
+    "float": "f",
+    "float32": "f",
+    "double": "d",
+    "float64": "d",
+}
 
 
 def bytes_of(name, data):
@@ -276,12 +496,14 @@ def read_ply(data):
             elements.append((word[1], int(word[2]), []))
         elif word[:1] == ["property"]:
             elements[-1][2].append((word[-1], PLY_CODES.get(word[1])))
-    arrays = [("layout", None, [f"{name}.{field}:{code}" for name, count, fields in elements for field, code in fields])]
+    arrays = [
+        ("layout", None, [f"{name}.{field}:{code}" for name, count, fields in elements for field, code in fields])
+    ]
     for name, count, fields in elements:
         if any(code is None for _, code in fields) or b"format ascii" in data[:end]:
             return arrays + bytes_of("rest", data[end:])
         size = struct.calcsize("<" + "".join(code for _, code in fields)) * count
-        arrays.append((name, fields, data[end:end + size]))
+        arrays.append((name, fields, data[end : end + size]))
         end += size
     return arrays
 
@@ -290,7 +512,9 @@ def read_npy(data):
     length = struct.unpack_from("<H", data, 8)[0] if data[6] == 1 else struct.unpack_from("<I", data, 8)[0]
     start = (10 if data[6] == 1 else 12) + length
     header = data[10:start].decode("latin-1")
-    code = {"f2": "e", "f4": "f", "f8": "d", "u1": "B", "i4": "i"}.get(re.search(r"[<|]([a-z]\d)", header).group(1), "B")
+    code = {"f2": "e", "f4": "f", "f8": "d", "u1": "B", "i4": "i"}.get(
+        re.search(r"[<|]([a-z]\d)", header).group(1), "B"
+    )
     return words_of("shape", header) + [("values", [("value", code)], data[start:])]
 
 
@@ -298,7 +522,7 @@ def read_png(data):
     position, idat, head = 8, b"", None
     while position < len(data):
         size, kind = struct.unpack_from(">I4s", data, position)
-        body = data[position + 8:position + 8 + size]
+        body = data[position + 8 : position + 8 + size]
         head = struct.unpack(">IIBBBBB", body) if kind == b"IHDR" else head
         idat += body if kind == b"IDAT" else b""
         position += size + 12
@@ -307,7 +531,7 @@ def read_png(data):
     bpp, stride = max(1, channels * depth // 8), (width * channels * depth + 7) // 8
     raw, rows, above = zlib.decompress(idat), [], bytearray(stride)
     for y in range(height):
-        mode, row = raw[y * (stride + 1)], bytearray(raw[y * (stride + 1) + 1:(y + 1) * (stride + 1)])
+        mode, row = raw[y * (stride + 1)], bytearray(raw[y * (stride + 1) + 1 : (y + 1) * (stride + 1)])
         for x in range(stride) if mode else ():
             a, b, c = (row[x - bpp] if x >= bpp else 0), above[x], (above[x - bpp] if x >= bpp else 0)
             if mode == 4:
@@ -319,7 +543,9 @@ def read_png(data):
             row[x] = (row[x] + guess) & 255
         rows.append(bytes(row))
         above = row
-    return words_of("shape", f"{width} {height} {depth} {kind}") + bytes_of(f"bytes of {width}x{height}x{channels}", b"".join(rows))
+    return words_of("shape", f"{width} {height} {depth} {kind}") + bytes_of(
+        f"bytes of {width}x{height}x{channels}", b"".join(rows)
+    )
 
 
 def read_exr(data):
@@ -329,7 +555,7 @@ def read_exr(data):
         name_end = data.index(0, position)
         type_end = data.index(0, name_end + 1)
         size = struct.unpack_from("<i", data, type_end + 1)[0]
-        header[data[position:name_end].decode()] = data[type_end + 5:type_end + 5 + size]
+        header[data[position:name_end].decode()] = data[type_end + 5 : type_end + 5 + size]
         position = type_end + 5 + size
     channels, at = [], 0
     while header["channels"][at]:
@@ -347,7 +573,7 @@ def read_exr(data):
     planes, at = {name: [] for name, _ in channels}, offsets
     while at < len(data):
         y, size = struct.unpack_from("<ii", data, at)
-        block, expected = data[at + 8:at + 8 + size], min(lines, y1 + 1 - y) * line
+        block, expected = data[at + 8 : at + 8 + size], min(lines, y1 + 1 - y) * line
         at += 8 + size
         if compression and size < expected:
             delta = zlib.decompress(block)
@@ -356,13 +582,16 @@ def read_exr(data):
                 last = (last + byte - 128) & 255
                 out.append(last)
             block = bytearray(len(out))
-            block[0::2], block[1::2] = out[:(len(out) + 1) // 2], out[(len(out) + 1) // 2:]
+            block[0::2], block[1::2] = out[: (len(out) + 1) // 2], out[(len(out) + 1) // 2 :]
         for row in range(0, len(block), line):
             start = row
             for name, kind in channels:
-                planes[name].append(bytes(block[start:start + (4, 2, 4)[kind] * width]))
+                planes[name].append(bytes(block[start : start + (4, 2, 4)[kind] * width]))
                 start += (4, 2, 4)[kind] * width
-    return shape + [(f"channel {name}", [("pixel", "IeF"[kind].lower() if kind else "I")], b"".join(planes[name])) for name, kind in channels]
+    return shape + [
+        (f"channel {name}", [("pixel", "IeF"[kind].lower() if kind else "I")], b"".join(planes[name]))
+        for name, kind in channels
+    ]
 
 
 def flatten(value, path=""):
@@ -382,10 +611,20 @@ def read_scene(data):
     """The models, tracks, exposures and cameras of a scene.json, without the configuration and the facts about the training."""
     scene = json.loads(data)
     take = lambda thing, keys: {key: thing.get(key) for key in keys if key in thing}
-    return [("models", None, list(flatten(scene.get("models", [])))),
-            ("tracks", None, list(flatten([take(o, ("id", "size", "knots", "moving", "model")) for o in scene.get("objects", [])]))),
-            ("cameras and exposures", None, list(flatten(scene.get("cameras", [])))),
-            ("rest", None, list(flatten(take(scene, ("origin", "time", "fps", "background", "sky", "sensors", "exposures")))))]
+    return [
+        ("models", None, list(flatten(scene.get("models", [])))),
+        (
+            "tracks",
+            None,
+            list(flatten([take(o, ("id", "size", "knots", "moving", "model")) for o in scene.get("objects", [])])),
+        ),
+        ("cameras and exposures", None, list(flatten(scene.get("cameras", [])))),
+        (
+            "rest",
+            None,
+            list(flatten(take(scene, ("origin", "time", "fps", "background", "sky", "sensors", "exposures")))),
+        ),
+    ]
 
 
 def read_json(data):
@@ -403,8 +642,11 @@ def gltf_arrays(document, buffer_of):
         row = struct.calcsize(code) * parts
         start, stride = view.get("byteOffset", 0) + accessor.get("byteOffset", 0), view.get("byteStride", row)
         source = buffer_of(view["buffer"])
-        data = source[start:start + row * accessor["count"]] if stride == row else b"".join(
-            source[start + k * stride:start + k * stride + row] for k in range(accessor["count"]))
+        data = (
+            source[start : start + row * accessor["count"]]
+            if stride == row
+            else b"".join(source[start + k * stride : start + k * stride + row] for k in range(accessor["count"]))
+        )
         arrays.append((f"accessor {i}", [(str(k), code) for k in range(parts)], data))
     plain = {key: value for key, value in document.items() if key not in ("asset", "buffers", "bufferViews")}
     return [("document", None, list(flatten(plain)))] + arrays
@@ -412,8 +654,8 @@ def gltf_arrays(document, buffer_of):
 
 def read_glb(data):
     length = struct.unpack_from("<I", data, 12)[0]
-    binary = data[20 + length + 8:]
-    return gltf_arrays(json.loads(data[20:20 + length]), lambda index: binary)
+    binary = data[20 + length + 8 :]
+    return gltf_arrays(json.loads(data[20 : 20 + length]), lambda index: binary)
 
 
 def read_usda(data):
@@ -433,8 +675,18 @@ def read_floats(data):
     return [("values", [("value", "f")], data)] if len(data) % 4 == 0 else bytes_of("file", data)
 
 
-READERS = {".ply": read_ply, ".npy": read_npy, ".png": read_png, ".exr": read_exr, ".json": read_json, ".glb": read_glb, ".usda": read_usda,
-           ".spz": read_spz, ".txt": read_text, ".bin": read_floats}
+READERS = {
+    ".ply": read_ply,
+    ".npy": read_npy,
+    ".png": read_png,
+    ".exr": read_exr,
+    ".json": read_json,
+    ".glb": read_glb,
+    ".usda": read_usda,
+    ".spz": read_spz,
+    ".txt": read_text,
+    ".bin": read_floats,
+}
 LEFT_OUT = re.compile(r"(^|/)(report\.(json|html)|log\.jsonl|import\.json|checkpoint\.pags|preview[^/]*\.png)$")
 
 
@@ -455,7 +707,7 @@ def first_difference(a, b):
     """The first index at which two byte strings differ, or the length of the shorter."""
     size = min(len(a), len(b))
     for start in range(0, size, 65536):
-        if a[start:start + 65536] != b[start:start + 65536]:
+        if a[start : start + 65536] != b[start : start + 65536]:
             return next(i for i in range(start, min(start + 65536, size)) if a[i] != b[i])
     return size
 
@@ -482,10 +734,14 @@ def compare_arrays(was, now):
         index = first_difference(old, new) // row.size
         pair = row.unpack_from(old, index * row.size), row.unpack_from(new, index * row.size)
         offset = first_difference(old, new) - index * row.size
-        field = next(k for k in range(len(fields)) if struct.calcsize("<" + "".join(c for _, c in fields[:k + 1])) > offset)
-        rows = sum(old[k:k + row.size] != new[k:k + row.size] for k in range(0, len(old) - row.size + 1, row.size))
-        return (f"{name}[{index}].{fields[field][0]}: {pair[0][field]!r} became {pair[1][field]!r}; "
-                f"{rows} of {len(old) // row.size} differ")
+        field = next(
+            k for k in range(len(fields)) if struct.calcsize("<" + "".join(c for _, c in fields[: k + 1])) > offset
+        )
+        rows = sum(old[k : k + row.size] != new[k : k + row.size] for k in range(0, len(old) - row.size + 1, row.size))
+        return (
+            f"{name}[{index}].{fields[field][0]}: {pair[0][field]!r} became {pair[1][field]!r}; "
+            f"{rows} of {len(old) // row.size} differ"
+        )
     return None
 
 
@@ -494,7 +750,17 @@ def compare_files(was, now):
         return None
     try:
         return compare_arrays(payload(was), payload(now))
-    except (ValueError, KeyError, IndexError, StopIteration, struct.error, zlib.error, OSError, EOFError, AttributeError) as error:
+    except (
+        ValueError,
+        KeyError,
+        IndexError,
+        StopIteration,
+        struct.error,
+        zlib.error,
+        OSError,
+        EOFError,
+        AttributeError,
+    ) as error:
         return f"can't be read as {was.suffix[1:] or 'a file'} ({type(error).__name__}: {error}), and the bytes differ"
 
 
@@ -537,12 +803,24 @@ class Bench:
                 make_kitti(self.data, kitti)
             words = []
             for word in command.spelled(program):
-                word = word.replace("{out}", str(folder)).replace("{data}", str(self.data)).replace("{kitti}", str(kitti))
-                words.append(re.sub(r"\{ref:([^}]+)\}", lambda m: str(self.reference_folder(self.rows[m.group(1)])), word))
-            done = subprocess.run([str(program.path), *words], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
-                                  text=True, env=dict(os.environ, **command.environment))
+                word = (
+                    word.replace("{out}", str(folder)).replace("{data}", str(self.data)).replace("{kitti}", str(kitti))
+                )
+                words.append(
+                    re.sub(r"\{ref:([^}]+)\}", lambda m: str(self.reference_folder(self.rows[m.group(1)])), word)
+                )
+            done = subprocess.run(
+                [str(program.path), *words],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                text=True,
+                env=dict(os.environ, **command.environment),
+            )
             if done.returncode != 0:
-                raise Failure(f"exit code {done.returncode} of {program.path.name} {' '.join(words)}: {done.stderr.strip()[-400:]}")
+                raise Failure(
+                    f"exit code {done.returncode} of {program.path.name} {' '.join(words)}: {done.stderr.strip()[-400:]}"
+                )
 
     def reference_folder(self, row):
         """The folder of the reference's output of a row, which is run if that hasn't been done. Several instances of this script may ask at
@@ -572,7 +850,9 @@ class Bench:
         scene = json.loads((folder / "scene" / "scene.json").read_text())
         missing = [name for name in row.events if not EVENTS[name](log, scene)]
         if missing:
-            raise Failure(f"the reference's training shows no {', no '.join(missing)}: its schedule has to be changed, or EVENTS read its log")
+            raise Failure(
+                f"the reference's training shows no {', no '.join(missing)}: its schedule has to be changed, or EVENTS read its log"
+            )
 
     def row(self, row):
         """Runs a row and compares: returns 'same' or the lines of its differences."""
@@ -595,7 +875,7 @@ class Bench:
 
 def prove(bench):
     """Tests the comparison itself: flips a byte of one file of each kind, late in the file where its payload is, and expects a
-        difference."""
+    difference."""
     seen, failed = set(), 0
     scratch = bench.reference.store / "prove"
     for mark in sorted(bench.reference.store.glob("*.done")):
@@ -616,7 +896,10 @@ def prove(bench):
             (scratch / path).write_bytes(data)
             lines = compare_folders(folder, scratch)
             failed += not lines
-            print(f"{'found   ' if lines else 'MISSED  '} {kind:11} byte {at} of {folder.name}/{path}" + (f": {lines[0].split(': ', 1)[1]}" if lines else ""))
+            print(
+                f"{'found   ' if lines else 'MISSED  '} {kind:11} byte {at} of {folder.name}/{path}"
+                + (f": {lines[0].split(': ', 1)[1]}" if lines else "")
+            )
     shutil.rmtree(scratch, ignore_errors=True)
     print(f"{len(seen)} kinds of files, {failed} flipped bytes missed")
     return failed == 0 and bool(seen)
@@ -640,7 +923,10 @@ def build_reference(commit):
         if added.returncode != 0:
             sys.exit(f"same_bits: git worktree: {added.stderr.strip()}")
     print(f"building {commit[:12]} in {tree}", flush=True)
-    for words in (["cmake", "--preset", "release", "-DPAGS_TESTS=OFF"], ["cmake", "--build", "--preset", "release", "--parallel", str(os.cpu_count())]):
+    for words in (
+        ["cmake", "--preset", "release", "-DPAGS_TESTS=OFF"],
+        ["cmake", "--build", "--preset", "release", "--parallel", str(os.cpu_count())],
+    ):
         done = subprocess.run(words, cwd=tree, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
         if done.returncode != 0:
             sys.exit(f"same_bits: {' '.join(words)} in {tree}:\n{done.stdout[-3000:]}")
@@ -649,15 +935,27 @@ def build_reference(commit):
 
 def main():
     parser = argparse.ArgumentParser(description="Compares what two builds of pags write, bit by bit.")
-    parser.add_argument("--reference", metavar="COMMIT", help="build this commit below build/same-bits and compare with it")
-    parser.add_argument("--reference-build", metavar="PATH", help="compare with this program, or the one in this build folder")
-    parser.add_argument("--program", metavar="PATH", default="build/pags", help="the program that is tried [default build/pags]")
-    parser.add_argument("--data", metavar="FOLDER", default="../shared/data", help="real recordings [default ../shared/data]")
+    parser.add_argument(
+        "--reference", metavar="COMMIT", help="build this commit below build/same-bits and compare with it"
+    )
+    parser.add_argument(
+        "--reference-build", metavar="PATH", help="compare with this program, or the one in this build folder"
+    )
+    parser.add_argument(
+        "--program", metavar="PATH", default="build/pags", help="the program that is tried [default build/pags]"
+    )
+    parser.add_argument(
+        "--data", metavar="FOLDER", default="../shared/data", help="real recordings [default ../shared/data]"
+    )
     parser.add_argument("--quick", action="store_true", help="a few small rows of the synthetic street")
     parser.add_argument("--only", metavar="REGEX", help="rows whose name matches")
     parser.add_argument("--list", action="store_true", help="print the rows' names, run nothing")
     parser.add_argument("--keep", action="store_true", help="keep what the program wrote also where it is the same")
-    parser.add_argument("--prove", action="store_true", help="flip a byte of each kind of file that the reference wrote: each must be found")
+    parser.add_argument(
+        "--prove",
+        action="store_true",
+        help="flip a byte of each kind of file that the reference wrote: each must be found",
+    )
     options = parser.parse_args()
     rows = [row for row in all_rows() if (row.quick or not options.quick) and re.search(options.only or "", row.name)]
     if options.list:
@@ -691,7 +989,10 @@ def main():
             print(f"         {line}", flush=True)
         if len(lines) > 8:
             print(f"         and {len(lines) - 8} more files", flush=True)
-    print(", ".join(f"{count} {word}" for word, count in counts.items()) + f"; reference {reference.hash}, program {bench.program.hash}")
+    print(
+        ", ".join(f"{count} {word}" for word, count in counts.items())
+        + f"; reference {reference.hash}, program {bench.program.hash}"
+    )
     return 1 if counts["DIFFERS"] + counts["FAILED"] or not counts["same"] else 0
 
 

@@ -39,15 +39,25 @@ def static_libraries(build, binary):
         if "link.txt" in files:
             with open(os.path.join(base, "link.txt"), encoding="utf-8") as file:
                 folder = os.path.dirname(os.path.dirname(base))
-                lines += [text for text in file if any(os.path.normpath(os.path.join(folder, word)) == os.path.join(build, name)
-                                                       for word in re.findall(r"-o (\S+)", text))]
+                lines += [
+                    text
+                    for text in file
+                    if any(
+                        os.path.normpath(os.path.join(folder, word)) == os.path.join(build, name)
+                        for word in re.findall(r"-o (\S+)", text)
+                    )
+                ]
     if os.path.exists(os.path.join(build, "build.ninja")):
         with open(os.path.join(build, "build.ninja"), encoding="utf-8") as file:
             lines += re.findall(rf"^build {re.escape(name)}:.*?LINK_LIBRARIES = ([^\n]*)", file.read(), re.M | re.S)
     if not lines:
         sys.exit(f"third_party: {build} has no link line of {name}")
-    return {os.path.basename(word) for text in lines for word in text.split() if word.endswith(".a") and os.path.isabs(word)
-            and not word.startswith(build + os.sep)}
+    return {
+        os.path.basename(word)
+        for text in lines
+        for word in text.split()
+        if word.endswith(".a") and os.path.isabs(word) and not word.startswith(build + os.sep)
+    }
 
 
 def main():
@@ -55,7 +65,7 @@ def main():
     complete = "--complete" in arguments
     arguments = [argument for argument in arguments if argument != "--complete"]
     split = arguments.index("--tests") if "--tests" in arguments else len(arguments)
-    build, products, tests = os.path.realpath(arguments[0]), arguments[1:split], arguments[split + 1:]
+    build, products, tests = os.path.realpath(arguments[0]), arguments[1:split], arguments[split + 1 :]
     pairs, names = read_table()
     linked = {}  # (linked file, product) -> binary
     for binary in products + tests:
@@ -63,15 +73,30 @@ def main():
         for name in needed(binary) | (static_libraries(build, binary) if binary in products else set()):
             if name != "libpags.so":
                 linked.setdefault((name, product), binary)
-    faults = [f"{binary}: links {name}, which THIRD_PARTY.md {f'lists ({names[name]}), but not for {product}' if name in names else 'does not list'}"
-              for (name, product), binary in sorted(linked.items()) if (name, product) not in pairs]
+    faults = [
+        f"{binary}: links {name}, which THIRD_PARTY.md {f'lists ({names[name]}), but not for {product}' if name in names else 'does not list'}"
+        for (name, product), binary in sorted(linked.items())
+        if (name, product) not in pairs
+    ]
     if complete:
         libraries = {(names[name], product) for name, product in linked if name in names}
         built = {product for _, product in linked} - {"tests"}
-        faults += [f"THIRD_PARTY.md: {library} is listed for {product}, which does not link it"
-                   for library, product in sorted({(names[name], product) for name, product in pairs if product in built} - libraries)]
-    print("\n".join(faults + [f"third_party: {len(faults)} faults" if faults else
-                              f"third_party: {len({name for name, _ in linked})} libraries of {len(products) + len(tests)} binaries are listed"]))
+        faults += [
+            f"THIRD_PARTY.md: {library} is listed for {product}, which does not link it"
+            for library, product in sorted(
+                {(names[name], product) for name, product in pairs if product in built} - libraries
+            )
+        ]
+    print(
+        "\n".join(
+            faults
+            + [
+                f"third_party: {len(faults)} faults"
+                if faults
+                else f"third_party: {len({name for name, _ in linked})} libraries of {len(products) + len(tests)} binaries are listed"
+            ]
+        )
+    )
     return 1 if faults else 0
 
 

@@ -38,7 +38,9 @@ print(*(hashlib.sha256(memoryview(pixels).tobytes()).hexdigest() for pixels in (
 
 
 def run(*words, **more):
-    return subprocess.run([str(word) for word in words], capture_output=True, text=True, timeout=1800, **{"env": CLEAN, **more})
+    return subprocess.run(
+        [str(word) for word in words], capture_output=True, text=True, timeout=1800, **{"env": CLEAN, **more}
+    )
 
 
 class Wheel(unittest.TestCase):
@@ -49,7 +51,10 @@ class Wheel(unittest.TestCase):
         cls.folder = Path(tempfile.mkdtemp(prefix="pags-wheel-"))
         cls.addClassCleanup(shutil.rmtree, cls.folder, True)
         shutil.copy(cls.wheel, cls.folder)
-        for words in [(sys.executable, "-m", "venv", "fresh"), ("fresh/bin/pip", "install", "-q", "--no-index", "--disable-pip-version-check", cls.wheel.name)]:
+        for words in [
+            (sys.executable, "-m", "venv", "fresh"),
+            ("fresh/bin/pip", "install", "-q", "--no-index", "--disable-pip-version-check", cls.wheel.name),
+        ]:
             done = run(*words, cwd=cls.folder)
             if done.returncode:
                 raise AssertionError(f"{' '.join(words)}: {done.stderr}")
@@ -67,8 +72,11 @@ class Wheel(unittest.TestCase):
         for side, program in [("build", self.reference), ("wheel", self.program)]:
             folder = self.folder / side
             (folder / name if words[0] == "export" else folder).mkdir(parents=True, exist_ok=True)
-            self.succeeds(program, *(str(word).replace("{out}", str(folder)) for word in words),
-                          env={**CLEAN, **({"LD_PRELOAD": str(self.folder / "sse2.so")} if side == "build" else {})})
+            self.succeeds(
+                program,
+                *(str(word).replace("{out}", str(folder)) for word in words),
+                env={**CLEAN, **({"LD_PRELOAD": str(self.folder / "sse2.so")} if side == "build" else {})},
+            )
         found = same_bits.compare_folders(self.folder / "build" / name, self.folder / "wheel" / name)
         self.assertEqual(found, [], " ".join(map(str, words)))
 
@@ -81,8 +89,11 @@ class Wheel(unittest.TestCase):
     def test_it_asks_for_an_old_system(self):
         for path in [self.program, *self.folder.glob("fresh/lib/python3*/site-packages/pags.abi3.so")]:
             _, _, needed, floor = cross_report.elf(path.read_bytes())
-            self.assertLessEqual(set(needed), {f"lib{name}.so.{n}" for name, n in [("c", 6), ("m", 6), ("pthread", 0), ("dl", 2), ("rt", 1)]}
-                                 | {"ld-linux-x86-64.so.2"})
+            self.assertLessEqual(
+                set(needed),
+                {f"lib{name}.so.{n}" for name, n in [("c", 6), ("m", 6), ("pthread", 0), ("dl", 2), ("rt", 1)]}
+                | {"ld-linux-x86-64.so.2"},
+            )
             self.assertRegex(floor, r"^GLIBC 2\.(\d|1[0-7])$")
 
     def test_auditwheel(self):
@@ -98,11 +109,25 @@ class Wheel(unittest.TestCase):
         scene = self.folder / "build/scene"
         self.same("pictures", "render", scene, "-o", "{out}/pictures", "--path", "ego", "-q")
         for proxy in ["mesh", "hull", "cage", "box"]:
-            self.same(proxy, "export", scene, "{out}/" + proxy + "/proxies.glb", "--proxy", proxy, *[] if proxy == "mesh" else ["--no-background"], "-q")
+            self.same(
+                proxy,
+                "export",
+                scene,
+                "{out}/" + proxy + "/proxies.glb",
+                "--proxy",
+                proxy,
+                *[] if proxy == "mesh" else ["--no-background"],
+                "-q",
+            )
         for name in ["scene.spz", "scene.ply", "scene.usda", "scene.sog"]:
             self.same("files-" + name, "export", scene, "{out}/files-" + name + "/" + name, "-q")
-        drawn = [self.succeeds(python, "-c", DRAWN, scene, cwd=self.folder, env=environment) for python, environment in
-                 [(self.folder / "fresh/bin/python", CLEAN), (sys.executable, {**CLEAN, "PYTHONPATH": self.reference.parent / "python"})]]
+        drawn = [
+            self.succeeds(python, "-c", DRAWN, scene, cwd=self.folder, env=environment)
+            for python, environment in [
+                (self.folder / "fresh/bin/python", CLEAN),
+                (sys.executable, {**CLEAN, "PYTHONPATH": self.reference.parent / "python"}),
+            ]
+        ]
         self.assertEqual(drawn[0], drawn[1])
 
     def test_a_capture(self):
@@ -122,8 +147,11 @@ class Wheel(unittest.TestCase):
         work = Path(tempfile.mkdtemp(prefix="pags-wheel-", dir=f"{old}/tmp"))
         self.addCleanup(shutil.rmtree, work, True)
         inside = f"/tmp/{work.name}"
-        for words in [("synth", "street", "-o", inside + "/street", "--frames", 4, "--size", "96x64"), ("train", inside + "/street", "-o", inside + "/scene", "-n", 20),
-                      ("export", inside + "/scene", inside + "/proxies.glb")]:
+        for words in [
+            ("synth", "street", "-o", inside + "/street", "--frames", 4, "--size", "96x64"),
+            ("train", inside + "/street", "-o", inside + "/scene", "-n", 20),
+            ("export", inside + "/scene", inside + "/proxies.glb"),
+        ]:
             self.succeeds("/usr/sbin/chroot", old, "/pags", *words, "-q")
         self.assertEqual((work / "proxies.glb").read_bytes()[:4], b"glTF")
 

@@ -31,7 +31,9 @@ JAPANESE = "日本語 と Ümläüte"
 
 def run_windows(*arguments, program=None, **more):
     command = ["wine", program or WINDOWS, *[str(word) for word in arguments]]
-    return subprocess.run(command, capture_output=True, timeout=600, **{"env": {**os.environ, "WINEDEBUG": "-all"}, **more})
+    return subprocess.run(
+        command, capture_output=True, timeout=600, **{"env": {**os.environ, "WINEDEBUG": "-all"}, **more}
+    )
 
 
 def run_linux(*arguments, **more):
@@ -44,7 +46,11 @@ def drive(path):
 
 
 def has_pictures():
-    return b"reads no pictures" not in run_windows("train", "--help").stdout and os.path.exists(PICTURES) and not run_windows("info", PICTURES).returncode
+    return (
+        b"reads no pictures" not in run_windows("train", "--help").stdout
+        and os.path.exists(PICTURES)
+        and not run_windows("info", PICTURES).returncode
+    )
 
 
 def writes_gltf():
@@ -92,12 +98,25 @@ class Case(unittest.TestCase):
 class Bits(Case):
     """What both programs write."""
 
-    kinds = [("out.ply",), ("out.spz", "--spz-version", "3"), ("out.spz", "--spz-version", "4"), ("out.splat",), ("out.pagsz",)]
+    kinds = [
+        ("out.ply",),
+        ("out.spz", "--spz-version", "3"),
+        ("out.spz", "--spz-version", "4"),
+        ("out.splat",),
+        ("out.pagsz",),
+    ]
 
     def inputs(self):
-        found = [path for path in sorted(glob.glob(os.path.join(SHARED, "splats", "*"))) if path.endswith((".ply", ".spz", ".splat"))]
+        found = [
+            path
+            for path in sorted(glob.glob(os.path.join(SHARED, "splats", "*")))
+            if path.endswith((".ply", ".spz", ".splat"))
+        ]
         if not found:
-            print(f"no splat files in {SHARED}/splats (PAGS_SHARED_DATA says where they are): the small ones alone", file=sys.stderr)
+            print(
+                f"no splat files in {SHARED}/splats (PAGS_SHARED_DATA says where they are): the small ones alone",
+                file=sys.stderr,
+            )
         scenes.make_scene(self.path("scene"))
         return [self.path("scene"), write(self.path("small.ply"), ply_bytes(some_splats()))] + found
 
@@ -264,7 +283,13 @@ class Places(Case):
             for path in [where, *(os.path.join(where, name) for name in names)]:
                 os.chown(path, nobody.pw_uid, nobody.pw_gid)
         environment = {**os.environ, "HOME": home, "WINEPREFIX": os.path.join(home, "wine"), "WINEDEBUG": "-all"}
-        someone = {"user": nobody.pw_uid, "group": nobody.pw_gid, "extra_groups": [], "env": environment, "cwd": self.folder}
+        someone = {
+            "user": nobody.pw_uid,
+            "group": nobody.pw_gid,
+            "extra_groups": [],
+            "env": environment,
+            "cwd": self.folder,
+        }
         self.addCleanup(subprocess.run, ["wineserver", "-k"], **someone)
         return {"program": program, **someone}
 
@@ -328,7 +353,9 @@ class Interrupt(Case):
         fixtures.make_dataset(self.path("data"))
         options = ["--iterations", "20000", "--checkpoint-every", "1000", "--threads", "1", "--quiet", *fixtures.SMALL]
         begun = drive(self.path("stopped/checkpoint.pags"))
-        code, shown = self.interrupted(begun, drive(WINDOWS), "train", self.path("data"), "-o", self.path("stopped"), *options)
+        code, shown = self.interrupted(
+            begun, drive(WINDOWS), "train", self.path("data"), "-o", self.path("stopped"), *options
+        )
         self.assertEqual(code, 3, shown)
         half = read(self.path("stopped/background.ply"))
         self.succeeds("train", self.path("data"), "-o", self.path("stopped"), "--resume", *options)

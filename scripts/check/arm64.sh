@@ -10,7 +10,7 @@ for tool in qemu-aarch64 aarch64-linux-gnu-gcc; do # the second brings the C lib
     exit 1
   fi
 done
-build=build-cross/linux-arm64-reproducible
+build="build-cross/linux-arm64-reproducible"
 
 PAGS_BUILD=$build JOBS=$jobs sh scripts/cross.sh linux-arm64 -DPAGS_TESTS=ON -DPAGS_REPRODUCIBLE=ON
 cmake --build $build --parallel "$jobs" --target tests

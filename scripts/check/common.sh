@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-# shellcheck shell=sh
+# shellcheck shell=sh disable=SC2034
 # Read by the scripts of this folder, each of which is `make check-NAME`. The second comment line of a script is its line of `make help`.
 set -eu
 cd "$(dirname "$0")/../.."

@@ -11,7 +11,7 @@ for tool in wine ctest python3; do
   fi
 done
 build
-build=build-cross/windows-x64
+build="build-cross/windows-x64"
 export WINEDEBUG="${WINEDEBUG:--all}"
 python=""
 if sh scripts/setup_windows.sh; then

@@ -7,14 +7,24 @@ import subprocess
 
 def environment(**more):
     """Open MPI's settings for tests, and `more`."""
-    settings = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1", "OMPI_MCA_rmaps_base_oversubscribe": "1",
-                "OMPI_MCA_hwloc_base_binding_policy": "none"}
+    settings = {
+        "OMPI_ALLOW_RUN_AS_ROOT": "1",
+        "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+        "OMPI_MCA_rmaps_base_oversubscribe": "1",
+        "OMPI_MCA_hwloc_base_binding_policy": "none",
+    }
     return {**os.environ, **settings, **more}
 
 
 def start(ranks, command, **more):
-    return subprocess.Popen(["mpirun", "-np", str(ranks), *command], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-                            stderr=subprocess.PIPE, text=True, env=environment(**more))
+    return subprocess.Popen(
+        ["mpirun", "-np", str(ranks), *command],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment(**more),
+    )
 
 
 def run(ranks, command, timeout=120, **more):

@@ -50,7 +50,22 @@ class Jobs(unittest.TestCase):
     def setUpClass(cls):
         cls.root = tempfile.mkdtemp(prefix="pags-ranks-")
         cls.street = os.path.join(cls.root, "street")
-        cls.make(["synth", "street", "-q", "-o", cls.street, "--size", "128x72", "--frames", "7", "--cameras", "1", "--no-shifts"])
+        cls.make(
+            [
+                "synth",
+                "street",
+                "-q",
+                "-o",
+                cls.street,
+                "--size",
+                "128x72",
+                "--frames",
+                "7",
+                "--cameras",
+                "1",
+                "--no-shifts",
+            ]
+        )
 
     @classmethod
     def tearDownClass(cls):
@@ -64,14 +79,32 @@ class Jobs(unittest.TestCase):
     def path(self, name):
         return os.path.join(self.root, name)
 
-    SHORT = ["--iterations", "240", "--batch", "4", "--max-gaussians", "4500", "--log-every", "1", "--set", "resolution_floor=24", "--set", "fourier_gain=0", "--threads", "1", "-q"]
+    SHORT = [
+        "--iterations",
+        "240",
+        "--batch",
+        "4",
+        "--max-gaussians",
+        "4500",
+        "--log-every",
+        "1",
+        "--set",
+        "resolution_floor=24",
+        "--set",
+        "fourier_gain=0",
+        "--threads",
+        "1",
+        "-q",
+    ]
 
     def training(self, name, *more):
         return [PAGS, "train", self.street, "-o", self.path(name), *self.SHORT, *more]
 
     def trained(self, name):
         """All files of a scene's folder but those with times and the command line."""
-        return {file: data for file, data in contents(self.path(name)).items() if file not in ("report.json", "report.html")}
+        return {
+            file: data for file, data in contents(self.path(name)).items() if file not in ("report.json", "report.html")
+        }
 
     def same_training(self, name):
         """The folder is that of one process, which is made once."""

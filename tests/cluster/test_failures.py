@@ -55,17 +55,28 @@ class Failures(rank_jobs.Jobs):
         """The rank whose turn it is finds that out, in the middle of a step."""
         street = self.path("removed")
         shutil.copytree(self.street, street)
-        command = [word if word != self.street else street for word in self.training("unread", "--image-cache", "1", "--iterations", "100000")]
+        command = [
+            word if word != self.street else street
+            for word in self.training("unread", "--image-cache", "1", "--iterations", "100000")
+        ]
         process = mpirun.start(3, command)
         wait_for(lambda: os.path.exists(os.path.join(self.path("unread"), "log.jsonl")))
         images = os.path.join(street, "images")
         os.remove(os.path.join(images, sorted(os.listdir(images))[1]))
         err = self.ends(process)
-        self.has_ended(subprocess.CompletedProcess(command, process.returncode, "", err), "pags: rank ", "images/", "No such file")
+        self.has_ended(
+            subprocess.CompletedProcess(command, process.returncode, "", err), "pags: rank ", "images/", "No such file"
+        )
 
     def refuse(self, rank, number, **more):
-        return mpirun.run(3, self.training("refused", "--overwrite", "--checkpoint-every", "5"), LD_PRELOAD=FAILING, PAGS_REFUSE=str(number),
-                          PAGS_REFUSE_RANK=str(rank), **more)
+        return mpirun.run(
+            3,
+            self.training("refused", "--overwrite", "--checkpoint-every", "5"),
+            LD_PRELOAD=FAILING,
+            PAGS_REFUSE=str(number),
+            PAGS_REFUSE_RANK=str(rank),
+            **more,
+        )
 
     def test_memory_of_one_rank(self):
         count = self.path("count")
@@ -110,7 +121,11 @@ class Failures(rank_jobs.Jobs):
                 self.resumes(name)
 
     def shards(self, name):
-        found = sorted(file for file in self.trained(name) if file.startswith("checkpoint")) if os.path.isdir(self.path(name)) else []
+        found = (
+            sorted(file for file in self.trained(name) if file.startswith("checkpoint"))
+            if os.path.isdir(self.path(name))
+            else []
+        )
         return ", ".join(found) or "no checkpoint yet"
 
     @LONG
@@ -133,7 +148,9 @@ class Failures(rank_jobs.Jobs):
         size = os.path.getsize(os.path.join(self.path("alone"), "checkpoint.pags")) // 1024
         disk = tempfile.mkdtemp(prefix="pags-disk-")
         self.addCleanup(os.rmdir, disk)
-        mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={3 * size // 2}k", "tmpfs", disk], capture_output=True, text=True)
+        mounted = subprocess.run(
+            ["mount", "-t", "tmpfs", "-o", f"size={3 * size // 2}k", "tmpfs", disk], capture_output=True, text=True
+        )
         if mounted.returncode:
             self.skipTest(f"no small disk can be mounted here (root can): {mounted.stderr.strip()}")
         self.addCleanup(subprocess.run, ["umount", disk], check=False)
@@ -154,13 +171,17 @@ class Failures(rank_jobs.Jobs):
         said = self.path("said")
         with open(said, "w", encoding="utf-8") as file:
             command = [*machines.mpirun(), "-x", "PAGS_WATCHDOG", *self.training("parted", "--checkpoint-every", "5")]
-            process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=file, stderr=file, env=mpirun.environment(PAGS_WATCHDOG="3"))
+            process = subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=file, stderr=file, env=mpirun.environment(PAGS_WATCHDOG="3")
+            )
         wait_for(lambda: self.has_shards("parted"))
         self.assertEqual(list(machines.processes().values()).count("pags"), 2)
         since = time.monotonic()
         machines.cut()
         wait_for(lambda: "pags" not in machines.processes().values())
-        print(f"both ended {time.monotonic() - since:.1f} s after the link went down; {self.shards('parted')}", flush=True)
+        print(
+            f"both ended {time.monotonic() - since:.1f} s after the link went down; {self.shards('parted')}", flush=True
+        )
         machines.remove()  # mpirun waits for the other machine until TCP gives it up
         self.assertNotEqual(process.wait(timeout=60), 0)
         with open(said, encoding="utf-8") as file:

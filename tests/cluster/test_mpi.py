@@ -3,7 +3,6 @@
 """test_mpi.py MPI_RANKS: the transport over MPI, 2 ranks under mpirun (mpi_ranks.c)."""
 
 import os
-import subprocess
 import sys
 import unittest
 

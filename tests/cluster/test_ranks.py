@@ -20,6 +20,7 @@ from rank_jobs import children_of, contents, wait_for
 
 KILLS = int(os.environ.get("PAGS_KILLS", "0"))
 
+
 def without_times(value):
     if isinstance(value, dict):
         return {key: without_times(item) for key, item in value.items() if key != "ms"}
@@ -39,7 +40,18 @@ class Ranks(rank_jobs.Jobs):
         for ranks in (1, 2):
             folder, report = self.path(f"{verb}-{ranks}"), self.path(f"{verb}-{ranks}.json")
             shutil.rmtree(folder, ignore_errors=True)
-            command = [PAGS, verb, self.scene, "--images" if verb == "eval" else "-o", folder, "--json", report, "--threads", "1", *arguments]
+            command = [
+                PAGS,
+                verb,
+                self.scene,
+                "--images" if verb == "eval" else "-o",
+                folder,
+                "--json",
+                report,
+                "--threads",
+                "1",
+                *arguments,
+            ]
             done = mpirun.run(2, command) if ranks == 2 else subprocess.run(command, capture_output=True, text=True)
             self.assertEqual(done.returncode, 0, done.stderr)
             with open(report, encoding="utf-8") as file:
@@ -49,21 +61,27 @@ class Ranks(rank_jobs.Jobs):
         return reports[1][2]
 
     def test_render(self):
-        said = self.compare("render", "--path", "ego", "--frames", "5", "--downscale", "2", "--channel", "color,depth,motion")
+        said = self.compare(
+            "render", "--path", "ego", "--frames", "5", "--downscale", "2", "--channel", "color,depth,motion"
+        )
         self.assertIn("5 frames", said)
         self.assertIn("on 2 ranks of 1 thread", said)
         self.assertEqual(said.count("ms each (cull"), 1)
 
     def test_eval(self):
         said = self.compare("eval")
-        self.assertEqual(len([line for line in said.split("\n") if line.startswith("mean") or "training views" in line]),
-                         len({line for line in said.split("\n") if line.startswith("mean") or "training views" in line}))
+        self.assertEqual(
+            len([line for line in said.split("\n") if line.startswith("mean") or "training views" in line]),
+            len({line for line in said.split("\n") if line.startswith("mean") or "training views" in line}),
+        )
 
     # ---- Training ----
 
     def test_train(self):
         report = self.path("train.json")
-        done = mpirun.run(2, [word for word in self.training("shared", "--checkpoint-every", "20", "--json", report) if word != "-q"])
+        done = mpirun.run(
+            2, [word for word in self.training("shared", "--checkpoint-every", "20", "--json", report) if word != "-q"]
+        )
         self.assertEqual(done.returncode, 0, done.stderr)
         self.assertEqual(done.stdout.count("on 2 ranks of 1 thread"), 1, done.stdout)
         self.assertEqual(done.stdout.count("after 240 iterations"), 1, done.stdout)
@@ -104,7 +122,11 @@ class Ranks(rank_jobs.Jobs):
         os.kill(children_of(process.pid)[1], signal.SIGKILL)
         self.assertIn("signal 9", self.ends(process))
         self.assertTrue(self.has_shards("killed"))
-        said = subprocess.run([PAGS, "info", "--json", "-", os.path.join(self.path("killed"), "checkpoint.pags")], capture_output=True, text=True)
+        said = subprocess.run(
+            [PAGS, "info", "--json", "-", os.path.join(self.path("killed"), "checkpoint.pags")],
+            capture_output=True,
+            text=True,
+        )
         self.assertEqual(json.loads(said.stdout)["shards"], 2, said.stderr)
         self.goes_on("killed", [1, 2])
 
@@ -119,8 +141,10 @@ class Ranks(rank_jobs.Jobs):
 
     def test_train_refuses(self):
         """Once, with a way out, before anything is written."""
-        for given, said, code in ((["--estimate"], "pags: an estimate can't be shared out to several ranks; ask for it in one process", 1),
-                                  (["--view"], "--view needs one process", 2)):
+        for given, said, code in (
+            (["--estimate"], "pags: an estimate can't be shared out to several ranks; ask for it in one process", 1),
+            (["--view"], "--view needs one process", 2),
+        ):
             with self.subTest(given=given):
                 done = mpirun.run(2, [word for word in self.training("refused", *given) if word != "-q"])
                 self.assertEqual(done.returncode, code, done.stderr)
@@ -133,7 +157,9 @@ class Ranks(rank_jobs.Jobs):
         """A render that lasts for minutes, once a picture of it is there."""
         out = self.path("long")
         shutil.rmtree(out, ignore_errors=True)
-        process = mpirun.start(ranks, [PAGS, "render", self.scene, "-o", out, "--frames", "100000", "--threads", "1"], **more)
+        process = mpirun.start(
+            ranks, [PAGS, "render", self.scene, "-o", out, "--frames", "100000", "--threads", "1"], **more
+        )
         wait_for(lambda: os.path.isdir(out) and any(name.endswith(".png") for name in os.listdir(out)))
         return process, out
 

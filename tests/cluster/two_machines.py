@@ -8,7 +8,11 @@ import subprocess
 
 
 def can_be_made():
-    return os.geteuid() == 0 and shutil.which("ip") is not None and subprocess.run(["ip", "netns"], capture_output=True).returncode == 0
+    return (
+        os.geteuid() == 0
+        and shutil.which("ip") is not None
+        and subprocess.run(["ip", "netns"], capture_output=True).returncode == 0
+    )
 
 
 class Machines:
@@ -16,7 +20,11 @@ class Machines:
 
     def __init__(self, folder):
         mark = f"{os.getpid() % 100000}"
-        self.names, self.ends, self.addresses = [f"pags{mark}a", f"pags{mark}b"], [f"p{mark}a", f"p{mark}b"], ["10.77.0.1", "10.77.0.2"]
+        self.names, self.ends, self.addresses = (
+            [f"pags{mark}a", f"pags{mark}b"],
+            [f"p{mark}a", f"p{mark}b"],
+            ["10.77.0.1", "10.77.0.2"],
+        )
         for name in self.names:
             self._ip("netns", "add", name)
         self._ip("link", "add", self.ends[0], "type", "veth", "peer", "name", self.ends[1])
@@ -41,9 +49,27 @@ class Machines:
     def mpirun(self):
         """The begin of a command, up to what mpirun starts."""
         network = f"{self.addresses[0].rsplit('.', 1)[0]}.0/24"
-        settings = {"plm_rsh_agent": self.agent, "btl": "tcp,self", "btl_tcp_if_include": network, "oob_tcp_if_include": network}
+        settings = {
+            "plm_rsh_agent": self.agent,
+            "btl": "tcp,self",
+            "btl_tcp_if_include": network,
+            "oob_tcp_if_include": network,
+        }
         options = [word for name, value in settings.items() for word in ("--mca", name, value)]
-        return ["ip", "netns", "exec", self.names[0], "mpirun", *options, "--hostfile", self.hosts, "-np", "2", "--bind-to", "none"]
+        return [
+            "ip",
+            "netns",
+            "exec",
+            self.names[0],
+            "mpirun",
+            *options,
+            "--hostfile",
+            self.hosts,
+            "-np",
+            "2",
+            "--bind-to",
+            "none",
+        ]
 
     def cut(self):
         """Takes the cable out."""

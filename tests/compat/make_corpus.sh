@@ -28,7 +28,7 @@ rm -rf pictures scene.glb blocks scene/report.html
 
 "$pags" --version >version.txt
 "$pags" --help >help/pags.txt
-for verb in $(sed -n 's/^  \([a-z]*\)  .*/\1/p' help/pags.txt); do
+sed -n 's/^  \([a-z]*\)  .*/\1/p' help/pags.txt | while read -r verb; do
   "$pags" "$verb" --help >"help/$verb.txt"
 done
 "$pags" train --fields >fields.txt

@@ -19,7 +19,19 @@ PROGRAMS, MODULE = [*MORE, "", ""][:2]
 GONE_OPTIONS = {}
 GONE_KEYS = {}
 
-TRAIN = ["train", "street", "--max-gaussians", "150", "--checkpoint-every", "10", "--preview-every", "0", "--split-every", "2", "-q"]
+TRAIN = [
+    "train",
+    "street",
+    "--max-gaussians",
+    "150",
+    "--checkpoint-every",
+    "10",
+    "--preview-every",
+    "0",
+    "--split-every",
+    "2",
+    "-q",
+]
 CAMERA = {
     "width": 64,
     "height": 36,
@@ -100,7 +112,9 @@ class Compat(unittest.TestCase):
         for name, words in commands.items():
             with self.subTest(name):
                 self.succeeds(*words, "--json", f"{name}.json")
-                then, now = (keys(json.loads(self.read(*path))) for path in (["json", f"{name}.json"], [f"{name}.json"]))
+                then, now = (
+                    keys(json.loads(self.read(*path))) for path in (["json", f"{name}.json"], [f"{name}.json"])
+                )
                 self.assertEqual(then - now - set(GONE_KEYS.get(name, ())), set())
 
     def test_options(self):
@@ -140,7 +154,9 @@ class Compat(unittest.TestCase):
         }
         for name, words in programs.items():
             with self.subTest(name):
-                done = subprocess.run([os.path.join(PROGRAMS, f"compat_{name}"), *words], cwd=self.work, capture_output=True, text=True)
+                done = subprocess.run(
+                    [os.path.join(PROGRAMS, f"compat_{name}"), *words], cwd=self.work, capture_output=True, text=True
+                )
                 self.assertEqual(done.returncode, 0, done.stderr)
 
     def test_python(self):
@@ -148,7 +164,13 @@ class Compat(unittest.TestCase):
         if not MODULE:
             self.skipTest("the Python module is not built")
         script = self.path("programs", "first.py")
-        done = subprocess.run([sys.executable, "-B", script, "scene"], cwd=self.work, env={**os.environ, "PYTHONPATH": MODULE}, capture_output=True, text=True)
+        done = subprocess.run(
+            [sys.executable, "-B", script, "scene"],
+            cwd=self.work,
+            env={**os.environ, "PYTHONPATH": MODULE},
+            capture_output=True,
+            text=True,
+        )
         self.assertEqual(done.returncode, 0, done.stderr)
         self.assertIn("(64, 36)", done.stdout)
 

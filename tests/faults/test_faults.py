@@ -24,7 +24,18 @@ from fixtures import Case, files_below, make_dataset, ply_bytes, read, splat, wr
 from test_import import make_tree  # noqa: E402
 
 MOMENTS = int(os.environ.get("PAGS_FAULTS", "3"))
-SMALL = ["--random-points", "500", "--max-gaussians", "1500", "--checkpoint-every", "20", "--preview-every", "40", "--log-every", "10"]
+SMALL = [
+    "--random-points",
+    "500",
+    "--max-gaussians",
+    "1500",
+    "--checkpoint-every",
+    "20",
+    "--preview-every",
+    "40",
+    "--log-every",
+    "10",
+]
 ITERATIONS = 150
 LIMITS = max(6, min(MOMENTS, 60))  # number of memory limits tried between too little and enough
 SANITIZED = os.environ.get("PAGS_SANITIZED", "") not in ("", "OFF")
@@ -37,7 +48,9 @@ def contents(folder):
 
 def many_splats(count):
     dice = random.Random(5)
-    rows = [splat(*[dice.uniform(-2, 2) for _ in range(3)], [dice.random() for _ in range(3)], 0.02) for _ in range(count)]
+    rows = [
+        splat(*[dice.uniform(-2, 2) for _ in range(3)], [dice.random() for _ in range(3)], 0.02) for _ in range(count)
+    ]
     return ply_bytes(rows)
 
 
@@ -68,7 +81,9 @@ class Faults(Case):
             out, begin = os.path.join(self.shared, "alone"), time.monotonic()
             self.succeeds(*self.train_command(out))
             own.seconds = time.monotonic() - begin
-            own.whole = {name: data for name, data in contents(out).items() if name not in ("report.json", "report.html")}
+            own.whole = {
+                name: data for name, data in contents(out).items() if name not in ("report.json", "report.html")
+            }
         return own.whole
 
     def assert_trained(self, out):
@@ -139,7 +154,9 @@ class Kills(Faults):
         while kills < MOMENTS:
             rounds += 1
             out = self.path(f"out{rounds}")
-            while kills < MOMENTS and self.kill_at(self.start("import", "kitti", raw, "-o", out), dice.uniform(0, seconds)):
+            while kills < MOMENTS and self.kill_at(
+                self.start("import", "kitti", raw, "-o", out), dice.uniform(0, seconds)
+            ):
                 kills += 1
                 for name, data in contents(out).items() if os.path.isdir(out) else []:
                     if not name.endswith(".part") and name != "import.json":
@@ -213,7 +230,9 @@ class Signals(Faults):
 
         self.check(["render", scene, "--path", "orbit", "-n", 60, "-o", out], check_pictures)
         target = self.path("a.glb")
-        self.check(["export", scene, target, "--splats"], lambda: os.path.exists(target) and read(target)[:4] == b"glTF")
+        self.check(
+            ["export", scene, target, "--splats"], lambda: os.path.exists(target) and read(target)[:4] == b"glTF"
+        )
 
 
 class Disks(Faults):
@@ -222,7 +241,12 @@ class Disks(Faults):
     def mount(self, size):
         folder = self.path("disk")
         os.makedirs(folder)
-        done = subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size}k", "tmpfs", folder], capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            ["mount", "-t", "tmpfs", "-o", f"size={size}k", "tmpfs", folder],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
         if done.returncode != 0:
             print(f"skipped: no small disk can be mounted here (root can): {done.stderr.strip()}")
             self.skipTest("mount")
@@ -259,7 +283,9 @@ class Disks(Faults):
             write(os.path.join(disk, "fill"), bytes(60 * 1024))
             self.fails_somehow(fixtures.run("export", scene, os.path.join(disk, name), *options), "No space left", name)
             self.assertEqual(files_below(disk), ["fill"])
-        self.fails_somehow(fixtures.run("render", scene, "--path", "orbit", "-n", 2, "-o", os.path.join(disk, "out")), "out")
+        self.fails_somehow(
+            fixtures.run("render", scene, "--path", "orbit", "-n", 2, "-o", os.path.join(disk, "out")), "out"
+        )
         self.assertEqual(files_below(disk), ["fill"])
 
     def test_read_only(self):
@@ -278,7 +304,9 @@ class Disks(Faults):
         """A full disk simulated without root: a limit by which no file may grow beyond 20 kB."""
         scene, target = self.write("scene.ply", many_splats(3000)), self.path("a.ply")
 
-        done = fixtures.run("export", scene, target, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20000, 20000)))
+        done = fixtures.run(
+            "export", scene, target, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20000, 20000))
+        )
         self.fails_somehow(done, "a.ply", "File too large")
         self.assertFalse([name for name in files_below(self.folder) if name.startswith("a.ply")])
 
@@ -324,7 +352,9 @@ class Changes(Faults):
 
     def test_output(self):
         running, out = self.begin_training(make_dataset(self.path("data"), views=5))
-        gone = self.path("gone")  # in one step, as files being written appear and vanish while a folder is being removed
+        gone = self.path(
+            "gone"
+        )  # in one step, as files being written appear and vanish while a folder is being removed
         os.rename(out, gone)
         shutil.rmtree(gone, ignore_errors=True)
         self.ends_with(running, out)
@@ -372,7 +402,9 @@ class Memory(Faults):
         said = 0
         for share in [0.4 + 0.6 * i / LIMITS for i in range(LIMITS)]:
             done = self.limited(share * enough, *arguments)
-            if done.returncode == 127 and "shared libraries" in done.stderr:  # the dynamic loader failed before the program began
+            if (
+                done.returncode == 127 and "shared libraries" in done.stderr
+            ):  # the dynamic loader failed before the program began
                 continue
             if done.returncode == 0:
                 continue
@@ -382,7 +414,22 @@ class Memory(Faults):
 
     def test_train(self):
         out = self.path("scene")
-        self.check("train", self.data, "-o", out, "-n", "2", "-j", "2", "-q", "--random-points", "10000", "--overwrite", "--split-every", "0")
+        self.check(
+            "train",
+            self.data,
+            "-o",
+            out,
+            "-n",
+            "2",
+            "-j",
+            "2",
+            "-q",
+            "--random-points",
+            "10000",
+            "--overwrite",
+            "--split-every",
+            "0",
+        )
 
     def test_render(self):
         scene = self.write("scene.ply", many_splats(60000))
@@ -398,7 +445,9 @@ class Memory(Faults):
             self.skipTest("module")
         scene = self.write("scene.ply", many_splats(60000))
         program = os.path.join(HERE, "memory_of_module.py")
-        done = subprocess.run([sys.executable, "-B", program, module, scene], capture_output=True, text=True, timeout=300, check=False)
+        done = subprocess.run(
+            [sys.executable, "-B", program, module, scene], capture_output=True, text=True, timeout=300, check=False
+        )
         self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
         self.assertIn("MemoryError", done.stdout)
 

@@ -26,7 +26,11 @@ from test_import import make_tree  # noqa: E402
 MOMENTS = int(os.environ.get("PAGS_MOMENTS", "1"))
 TOGETHER = int(os.environ.get("PAGS_TOGETHER", "2"))
 ORDINARY = int(os.environ.get("PAGS_ORDINARY", "5"))
-SAVE = [number for number in map(signal.Signals.__members__.get, ("SIGHUP", "SIGINT", "SIGTERM", "SIGUSR1", "SIGUSR2", "SIGXCPU")) if number]
+SAVE = [
+    number
+    for number in map(signal.Signals.__members__.get, ("SIGHUP", "SIGINT", "SIGTERM", "SIGUSR1", "SIGUSR2", "SIGXCPU"))
+    if number
+]
 STOP = [signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU]
 REAL_TIME = range(signal.SIGRTMIN + 1, signal.SIGRTMAX)  # of these the first and the last stand for all
 CATCHABLE = sorted(signal.valid_signals() - {signal.SIGKILL, signal.SIGSTOP} - set(REAL_TIME))
@@ -49,7 +53,9 @@ class Interrupts(Faults):
                 time.sleep(0.05)
                 running.send_signal(signal.SIGCONT)
         _, errors = running.communicate(timeout=120)
-        allowed = [0] if late or number in STOP else [0, 3, -number] if number in SAVE else [0, -number]  # the program may not have begun to catch them
+        allowed = (
+            [0] if late or number in STOP else [0, 3, -number] if number in SAVE else [0, -number]
+        )  # the program may not have begun to catch them
         self.assertIn(running.returncode, allowed, f"{name_of(number)} after {after:.3f} s: {arguments}: {errors}")
         return None if late else running.returncode
 
@@ -69,8 +75,19 @@ class Interrupts(Faults):
                     seconds, tries = 0.9 * seconds, tries + 1
                 with self.subTest(verb=verb, signal=name_of(number), moment=moment, code=code):
                     check(command)
-            ended["had ended before" if code is None else "done" if code == 0 else "saved" if code == 3 else "ended by the signal"] += 1
-        print(f"{verb}: {len(CHOSEN)} signals at {MOMENTS} moments: {', '.join(f'{count} {how}' for how, count in sorted(ended.items()))}", flush=True)
+            ended[
+                "had ended before"
+                if code is None
+                else "done"
+                if code == 0
+                else "saved"
+                if code == 3
+                else "ended by the signal"
+            ] += 1
+        print(
+            f"{verb}: {len(CHOSEN)} signals at {MOMENTS} moments: {', '.join(f'{count} {how}' for how, count in sorted(ended.items()))}",
+            flush=True,
+        )
 
     def assert_same(self, found, expected):
         self.assertEqual(sorted(found), sorted(expected))
@@ -94,7 +111,9 @@ class Interrupts(Faults):
 
         def check(command):
             for name, data in contents(command[4]).items() if os.path.isdir(command[4]) else []:
-                self.assertTrue(name.endswith(".part") or name == "import.json" or data == expected[name], f"{name} is torn")
+                self.assertTrue(
+                    name.endswith(".part") or name == "import.json" or data == expected[name], f"{name} is torn"
+                )
             self.succeeds(*command)
             self.assert_same(contents(command[4]), expected)
             shutil.rmtree(command[4])
@@ -125,7 +144,9 @@ class Interrupts(Faults):
         def check(command):
             if not os.path.exists(os.path.join(command[3], "scene.json")):
                 self.succeeds(*command)
-            self.assert_same({name: data for name, data in contents(command[3]).items() if not name.endswith(".part")}, expected)
+            self.assert_same(
+                {name: data for name, data in contents(command[3]).items() if not name.endswith(".part")}, expected
+            )
             shutil.rmtree(command[3])
 
         self.each("merge", lambda name: ["merge", self.path("blocks"), "-o", self.path(name)], check)
@@ -155,14 +176,19 @@ class Together(Faults):
         for count in (2, 4):
             for number in range(TOGETHER):
                 out = self.path(f"scene{count}-{number}")
-                codes = self.run_together([self.train_command(out, "--resume")] * count, dice, dice.choice([0, self.seconds]))
+                codes = self.run_together(
+                    [self.train_command(out, "--resume")] * count, dice, dice.choice([0, self.seconds])
+                )
                 refused, done = refused + sum(codes), done + codes.count(0)
                 self.assertIn(0, codes)
                 self.assert_trained(out)
                 self.succeeds(*self.train_command(out, "--resume"))
                 self.assert_trained(out)
                 shutil.rmtree(out)
-        print(f"{TOGETHER} times two and four trainings at one folder: {done} done, {refused} refused, no bit changed", flush=True)
+        print(
+            f"{TOGETHER} times two and four trainings at one folder: {done} done, {refused} refused, no bit changed",
+            flush=True,
+        )
 
     def test_of_all_kinds(self):
         """A training, an import, an export and a rendering into one folder: those that are refused change nothing."""
@@ -192,7 +218,9 @@ class Together(Faults):
                 refused += 1
             training.kill()
             training.communicate()
-            self.assertFalse([name for name in os.listdir(out) if name.startswith("a.") or name == "images" or re.match(r"\d", name)])
+            self.assertFalse(
+                [name for name in os.listdir(out) if name.startswith("a.") or name == "images" or re.match(r"\d", name)]
+            )
             self.succeeds(*others[0] if others[0][0] != "import" else others[1])
             shutil.rmtree(out)
         print(f"{TOGETHER} times a training beside three others: {refused} refused", flush=True)
@@ -212,7 +240,9 @@ class Together(Faults):
                 time.sleep(0.1)
                 running.kill()
                 running.communicate()
-        self.assertFalse([name for name in fixtures.files_below(self.folder) if name.endswith(".pags.lock") and "killed" not in name])
+        self.assertFalse(
+            [name for name in fixtures.files_below(self.folder) if name.endswith(".pags.lock") and "killed" not in name]
+        )
         print(f"{ORDINARY} ordinary runs: none refused", flush=True)
 
 

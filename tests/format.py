@@ -1,0 +1,119 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""format.py [--fix]: checks Python by ruff (format and rules of ruff.toml), shell scripts by shellcheck, and the width of Markdown. Prints
+each fault as FILE:LINE: fault, and fails if there is one; --fix formats the Python code first. C is checked by tests/figures.py. Where ruff
+or shellcheck is missing (make setup-min installs them into scripts/.venv), the test says so in one line."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+
+ROOT = os.path.abspath(os.path.join(os.path.dirname(__file__), ".."))
+SKIPPED = re.compile(r"^(build.*|\.git|\.venv|node_modules|__pycache__|musl)$")
+MOST_COLUMNS = 120
+
+# Folders and files in this format. The rest is to follow.
+PYTHON = [
+    "scripts",
+    "tests/compat",
+    "tests/faults",
+    "tests/fuzz",
+    "tests/cluster",
+    *[
+        f"tests/{name}.py"
+        for name in (
+            "figures",
+            "format",
+            "docs",
+            "wheel",
+            "windows",
+            "third_party",
+            "foreign_wheels",
+            "tool_python",
+            "maths_symbols",
+            "same_bits",
+        )
+    ],
+]
+MARKDOWN = [".github"]
+
+
+def find(pattern):
+    """Files of the repository whose path matches, relative to its root."""
+    for base, folders, names in os.walk(ROOT):
+        folders[:] = sorted(folder for folder in folders if not SKIPPED.match(folder))
+        for name in sorted(names):
+            path = os.path.relpath(os.path.join(base, name), ROOT)
+            if re.search(pattern, path):
+                yield path
+
+
+def chosen(path, places):
+    """Whether a path is one of `places`: files, folders, or FOLDER/*.KIND for the files of a folder but not below."""
+    folder, kind = os.path.dirname(path), os.path.splitext(path)[1]
+    return any(path == place or path.startswith(place + "/") or f"{folder}/*{kind}" == place for place in places)
+
+
+def tool(name):
+    own = os.path.join(ROOT, "scripts", ".venv", "bin", name)
+    found = own if os.path.exists(own) else shutil.which(name)
+    if not found:
+        print(f"format: no {name}; make setup-min installs it into scripts/.venv")
+    return found
+
+
+def run(*command):
+    """The lines that a checker prints where it finds a fault."""
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    if done.returncode == 0:
+        return []
+    return [line for line in (done.stdout + done.stderr).splitlines() if line.strip()] or [f"{command[0]} fails"]
+
+
+def check_python(fix):
+    files = [path for path in find(r"\.py$") if chosen(path, PYTHON)]
+    ruff = tool("ruff")
+    if not ruff:
+        return []
+    if fix:
+        subprocess.run([ruff, "format", "-q", *files], cwd=ROOT, check=True)
+    out_of_format = run(ruff, "format", "--check", "--output-format", "concise", *files)
+    return out_of_format + run(ruff, "check", "-q", "--output-format", "concise", *files)
+
+
+def check_shell():
+    checker = tool("shellcheck")
+    if not checker:
+        return []
+    files = [".ci/run", *find(r"\.sh$")]
+    return run(checker, "-x", "-P", "SCRIPTDIR", "-e", "SC2012,SC2015,SC2016,SC2119,SC2120", "-f", "gcc", *files)
+
+
+def check_markdown():
+    """Lines of more than MOST_COLUMNS characters, except in code, tables, and where a word or link is longer."""
+    faults = []
+    for path in find(r"\.md$"):
+        if not chosen(path, MARKDOWN):
+            continue
+        code = False
+        with open(os.path.join(ROOT, path), encoding="utf-8") as file:
+            for number, line in enumerate(file, 1):
+                line = line.rstrip("\n")
+                code ^= line.lstrip().startswith("```")
+                if code or len(line) <= MOST_COLUMNS or re.match(r"\s*(\||<|\[[^\]]+\]:)", line):
+                    continue
+                if " " in line[:MOST_COLUMNS].strip():
+                    faults.append(f"{path}:{number}: {len(line)} characters, more than {MOST_COLUMNS}")
+    return faults
+
+
+def main():
+    faults = check_python("--fix" in sys.argv[1:]) + check_shell() + check_markdown()
+    print("\n".join(faults + [f"format: {len(faults)} faults" if faults else "format: no fault"]))
+    return 1 if faults else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
