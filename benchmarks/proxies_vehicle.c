@@ -177,7 +177,8 @@ static pags_result take_view(pags_proxy_bench *self, vehicle *v, const pags_scen
   if (!pags_object_pose(v->record, camera->time, world_from_box)) {
     if (v->record->moving)
       return PAGS_OK;
-    memcpy(world_from_box, v->record->knots[v->record->knot_count / 2].world_from_object, sizeof world_from_box);
+    memcpy(world_from_box, v->record->keyframes[v->record->keyframe_count / 2].world_from_object,
+           sizeof world_from_box);
   }
   pags_rigid_inverse(world_from_box, f.proxy_from_world);
   pags_rigid_multiply(f.proxy_from_world, camera->world_from_camera, own.world_from_camera);
@@ -376,11 +377,11 @@ static int actor_of(const pags_proxy_bench *self, const char *id) {
 /* Computes truth_from_proxy at the middle of the track, to whose time the stage is set. */
 static pags_result relate(pags_proxy_bench *self, vehicle *v) {
   double truth[12], truth_from_world[12], proxy[12];
-  const pags_knot *knot = &v->record->knots[v->record->knot_count / 2];
-  PAGS_TRY(pags_proxy_bench_time(self, knot->time));
-  pags_actor_pose(&self->street.actors[v->actor], knot->time, truth);
-  if (!pags_object_pose(v->record, knot->time, proxy))
-    memcpy(proxy, knot->world_from_object, sizeof proxy);
+  const pags_keyframe *keyframe = &v->record->keyframes[v->record->keyframe_count / 2];
+  PAGS_TRY(pags_proxy_bench_time(self, keyframe->time));
+  pags_actor_pose(&self->street.actors[v->actor], keyframe->time, truth);
+  if (!pags_object_pose(v->record, keyframe->time, proxy))
+    memcpy(proxy, keyframe->world_from_object, sizeof proxy);
   pags_rigid_inverse(truth, truth_from_world);
   pags_rigid_multiply(truth_from_world, proxy, v->truth_from_proxy);
   return PAGS_OK;

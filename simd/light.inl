@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A camera's vignette and response curve (pags/light.h) over a row of pixels, and the way back. With the squared
+/* A camera's vignette and response curve (pags/photometric.h) over a row of pixels, and the way back. With the squared
  * distance q and the value x,
  *
  *   u = b x,  b = base + v_0 q + v_1 max(q - 1/3, 0) + v_2 max(q - 2/3, 0), at least 0.01

@@ -265,10 +265,10 @@ static pags_result write_day_calib(const raw_kitti *s, const rig *r, const char 
 
 /* ---- Labels ---- */
 
-static void put_2d_box(const raw_kitti *s, out_file *f, const pags_object *object, const pags_knot *knot) {
-  const pags_camera *camera = &find_view(s, s->sensor, knot->frame)->camera;
+static void put_2d_box(const raw_kitti *s, out_file *f, const pags_object *object, const pags_keyframe *keyframe) {
+  const pags_camera *camera = &find_view(s, s->sensor, keyframe->frame)->camera;
   double corners[32], box[4] = {0, 0, 0, 0};
-  const int count = pags_box_outline(camera, knot->world_from_object, object->size, corners);
+  const int count = pags_box_outline(camera, keyframe->world_from_object, object->size, corners);
   for (int i = 0; i < count; i++)
     for (int k = 0; k < 2; k++) {
       const double value = fmin(fmax(corners[2 * i + k], 0), k ? camera->height : camera->width);
@@ -280,17 +280,17 @@ static void put_2d_box(const raw_kitti *s, out_file *f, const pags_object *objec
 }
 
 static void put_label(const raw_kitti *s, const rig *r, out_file *f, int64_t track, const pags_object *object,
-                      const pags_knot *knot) {
+                      const pags_keyframe *keyframe) {
   double velo_from_world[12], cam0_from_object[12];
-  pags_rigid_inverse(world_from_velo(s, knot->frame), velo_from_world);
-  pags_rigid_multiply(velo_from_world, knot->world_from_object, cam0_from_object);
+  pags_rigid_inverse(world_from_velo(s, keyframe->frame), velo_from_world);
+  pags_rigid_multiply(velo_from_world, keyframe->world_from_object, cam0_from_object);
   pags_rigid_multiply(r->cam0_from_velo, cam0_from_object, cam0_from_object);
   /* The forward axis is (cos, ., -sin) of the label's rotation_y. */
   const double *m = cam0_from_object, yaw = atan2(-m[8], m[0]);
   const double numbers[7] = {
       object->size[2], object->size[1], object->size[0], m[3], m[7] + object->size[2] / 2, m[11], yaw};
-  put(f, "%d %lld %s 0 0 %.6f ", knot->frame, (long long)track, object->class_name, yaw - atan2(m[3], m[11]));
-  put_2d_box(s, f, object, knot);
+  put(f, "%d %lld %s 0 0 %.6f ", keyframe->frame, (long long)track, object->class_name, yaw - atan2(m[3], m[11]));
+  put_2d_box(s, f, object, keyframe);
   for (int i = 0; i < 7; i++)
     put(f, s->kitti_digits ? "%.6f%s" : "%.17g%s", numbers[i], i < 6 ? " " : "\n");
 }
@@ -302,19 +302,20 @@ static pags_result write_labels(const raw_kitti *s, const rig *r, const char *fo
     put(&f, " -1000.000000 -1000.000000 -1000.000000 -10.000000 -1.000000 -1.000000 -1.000000\n");
     for (int64_t i = 0; i < pags_dataset_object_count(s->dataset); i++) {
       const pags_object *object = pags_dataset_object(s->dataset, i);
-      const pags_knot *knot = pags_object_knot(object, frame);
-      if (knot)
-        put_label(s, r, &f, i, object, knot);
+      const pags_keyframe *keyframe = pags_object_keyframe(object, frame);
+      if (keyframe)
+        put_label(s, r, &f, i, object, keyframe);
     }
   }
   return save(&f, folder, "label_02/0000.txt");
 }
 
-static void put_tracklet_pose(const raw_kitti *s, out_file *f, const pags_object *object, const pags_knot *knot) {
+static void put_tracklet_pose(const raw_kitti *s, out_file *f, const pags_object *object,
+                              const pags_keyframe *keyframe) {
   double velo_from_world[12], m[12], a[3];
   static const char *const names[] = {"tx", "ty", "tz", "rx", "ry", "rz"};
-  pags_rigid_inverse(world_from_velo(s, knot->frame), velo_from_world);
-  pags_rigid_multiply(velo_from_world, knot->world_from_object, m);
+  pags_rigid_inverse(world_from_velo(s, keyframe->frame), velo_from_world);
+  pags_rigid_multiply(velo_from_world, keyframe->world_from_object, m);
   angles_of(m, &a[0], &a[1], &a[2]);
   put(f, "        <item>\n");
   for (int i = 0; i < 6; i++) {
@@ -326,23 +327,24 @@ static void put_tracklet_pose(const raw_kitti *s, out_file *f, const pags_object
 
 static int64_t run_length(const pags_object *object, int64_t first) {
   int64_t count = 1;
-  while (first + count < object->knot_count && object->knots[first + count].frame == object->knots[first].frame + count)
+  while (first + count < object->keyframe_count &&
+         object->keyframes[first + count].frame == object->keyframes[first].frame + count)
     count++;
   return count;
 }
 
 static void put_tracklets(const raw_kitti *s, out_file *f, const pags_object *object) {
-  for (int64_t first = 0, count; first < object->knot_count; first += count) {
+  for (int64_t first = 0, count; first < object->keyframe_count; first += count) {
     count = run_length(object, first);
     put(f, "    <item class_id=\"1\" tracking_level=\"0\" version=\"1\">\n      <objectType>%s</objectType>\n",
         object->class_name);
     put(f, "      <h>%.17g</h>\n      <w>%.17g</w>\n      <l>%.17g</l>\n", object->size[2], object->size[1],
         object->size[0]);
     put(f, "      <first_frame>%d</first_frame>\n      <poses class_id=\"2\">\n        <count>%lld</count>\n",
-        object->knots[first].frame, (long long)count);
+        object->keyframes[first].frame, (long long)count);
     put(f, "        <item_version>2</item_version>\n");
     for (int64_t k = first; k < first + count; k++)
-      put_tracklet_pose(s, f, object, &object->knots[k]);
+      put_tracklet_pose(s, f, object, &object->keyframes[k]);
     put(f, "      </poses>\n      <finished>1</finished>\n    </item>\n");
   }
 }

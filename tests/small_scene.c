@@ -25,14 +25,15 @@ static void add_objects(pags_scene *scene) {
                                              .category = PAGS_CATEGORY_VEHICLE,
                                              .size = {4, 2, 1.5},
                                              .moving = i,
-                                             .knot_count = 2,
-                                             .knots = need(calloc(2, sizeof(pags_knot)))};
+                                             .keyframe_count = 2,
+                                             .keyframes = need(calloc(2, sizeof(pags_keyframe)))};
     for (int k = 0; k < 2; k++)
-      scene->objects[i].record.knots[k] = (pags_knot){.frame = k,
-                                                      .trained = 1,
-                                                      .time = 0.5 * k,
-                                                      .world_from_object = {0, -1, 0, 10, 1, 0, 0, 2, 0, 0, 1, k},
-                                                      .rotation = {0, 0, 0.01}};
+      scene->objects[i].record.keyframes[k] =
+          (pags_keyframe){.frame = k,
+                          .trained = 1,
+                          .time = 0.5 * k,
+                          .world_from_object = {0, -1, 0, 10, 1, 0, 0, 2, 0, 0, 1, k},
+                          .rotation = {0, 0, 0.01}};
   }
 }
 

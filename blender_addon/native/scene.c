@@ -367,14 +367,14 @@ static PyObject *scene_track(PyObject *self, PyObject *arguments) {
   if (object < 0)
     return NULL;
   const pags_object *record = &scene_of(self)->objects[object].record;
-  double *rows = malloc((size_t)record->knot_count * 13 * sizeof *rows);
+  double *rows = malloc((size_t)record->keyframe_count * 13 * sizeof *rows);
   if (!rows)
     return PyErr_NoMemory();
-  for (int64_t i = 0; i < record->knot_count; i++) {
-    rows[13 * i] = record->knots[i].time;
-    pags_object_pose(record, record->knots[i].time, rows + 13 * i + 1);
+  for (int64_t i = 0; i < record->keyframe_count; i++) {
+    rows[13 * i] = record->keyframes[i].time;
+    pags_object_pose(record, record->keyframes[i].time, rows + 13 * i + 1);
   }
-  const Py_ssize_t shape[2] = {(Py_ssize_t)record->knot_count, 13};
+  const Py_ssize_t shape[2] = {(Py_ssize_t)record->keyframe_count, 13};
   return native_buffer_own(native_state_of(self), rows, 'd', 2, shape);
 }
 
@@ -529,7 +529,7 @@ static PyMethodDef scene_methods[] = {
      "exposure($self, sensor, time, /)\n--\n\nGain and offset, 6 numbers: how that camera of the rig exposes at that "
      "time."},
     {"track", scene_track, METH_VARARGS,
-     "track($self, object, /)\n--\n\nBuffer [knots][13]: time and world_from_object at each label."},
+     "track($self, object, /)\n--\n\nBuffer [keyframes][13]: time and world_from_object at each label."},
     {"points", scene_points, METH_VARARGS,
      "points($self, object, budget, /)\n--\n\nAn even sample of at most `budget` Gaussians in the object's frame; "
      "object "

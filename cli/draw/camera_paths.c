@@ -41,11 +41,11 @@ static void slerp(const double a[4], const double b[4], double t, double out[4])
     out[i] = wa * a[i] + sign * wb * b[i];
 }
 
-/* Interpolates a camera at parameter t (0..1) between knots[1] and knots[2]; knots[0] and knots[3] shape the position
- * spline. Picture size and intrinsics are those of `lens`. */
-static pags_camera between(const pags_camera *const knots[4], const pags_camera *lens, double t) {
+/* Interpolates a camera at parameter t (0..1) between keyframes[1] and keyframes[2]; keyframes[0] and keyframes[3]
+ * shape the position spline. Picture size and intrinsics are those of `lens`. */
+static pags_camera between(const pags_camera *const keyframes[4], const pags_camera *lens, double t) {
   pags_camera camera = *lens;
-  const pags_camera *a = knots[1], *b = knots[2];
+  const pags_camera *a = keyframes[1], *b = keyframes[2];
   double ra[9], rb[9], r[9], qa[4], qb[4], q[4];
   for (int row = 0; row < 3; row++)
     for (int c = 0; c < 3; c++) {
@@ -59,8 +59,8 @@ static pags_camera between(const pags_camera *const knots[4], const pags_camera 
   for (int c = 0; c < 3; c++)
     pags_camera_set_column(&camera, c, (pags_vec3){r[c], r[3 + c], r[6 + c]});
   pags_camera_set_column(&camera, 3,
-                         catmull_rom3(pags_camera_column(knots[0], 3), pags_camera_column(a, 3),
-                                      pags_camera_column(b, 3), pags_camera_column(knots[3], 3), t));
+                         catmull_rom3(pags_camera_column(keyframes[0], 3), pags_camera_column(a, 3),
+                                      pags_camera_column(b, 3), pags_camera_column(keyframes[3], 3), t));
   camera.time = a->time + t * (b->time - a->time);
   return camera;
 }
@@ -77,33 +77,34 @@ pags_result pags_camera_path_views(const pags_scene *scene, pags_camera_path *ou
 
 pags_result pags_camera_path_ego(const pags_scene *scene, int64_t frames, pags_camera_path *out) {
   size_t views = (size_t)scene->view_count;
-  const pags_camera **knots = calloc(views + 1, sizeof *knots);
-  double *reached = calloc(views + 1, sizeof *reached); /* path length up to each knot, metres */
+  const pags_camera **keyframes = calloc(views + 1, sizeof *keyframes);
+  double *reached = calloc(views + 1, sizeof *reached); /* path length up to each keyframe, metres */
   int64_t count = 0;
-  pags_result result = knots && reached ? PAGS_OK : pags_out_of_memory(NULL);
+  pags_result result = keyframes && reached ? PAGS_OK : pags_out_of_memory(NULL);
   for (size_t i = 0; result == PAGS_OK && i < views; i++)
     if (!scene->views[i].test)
-      knots[count++] = &scene->views[i].camera;
+      keyframes[count++] = &scene->views[i].camera;
   if (result == PAGS_OK && count < 2)
     result = pags_fail(PAGS_ERROR_ARGUMENT, "an ego path needs at least 2 training views; the scene has %lld",
                        (long long)count);
   if (result == PAGS_OK)
     result = create_path(frames, out);
   for (int64_t i = 1; result == PAGS_OK && i < count; i++)
-    reached[i] =
-        reached[i - 1] +
-        fmax(pags_vec_length(pags_vec_sub(pags_camera_column(knots[i], 3), pags_camera_column(knots[i - 1], 3))), 1e-9);
-  int64_t knot = 0;
+    reached[i] = reached[i - 1] + fmax(pags_vec_length(pags_vec_sub(pags_camera_column(keyframes[i], 3),
+                                                                    pags_camera_column(keyframes[i - 1], 3))),
+                                       1e-9);
+  int64_t keyframe = 0;
   for (int64_t i = 0; result == PAGS_OK && i < frames; i++) {
     double at = frames > 1 ? reached[count - 1] * (double)i / (double)(frames - 1) : 0;
-    while (knot + 2 < count && reached[knot + 1] < at)
-      knot++;
-    const pags_camera *around[4] = {knots[knot > 0 ? knot - 1 : 0], knots[knot], knots[knot + 1],
-                                    knots[knot + 2 < count ? knot + 2 : knot + 1]};
-    double t = (at - reached[knot]) / (reached[knot + 1] - reached[knot]);
-    out->cameras[i] = between(around, knots[0], fmin(fmax(t, 0), 1));
+    while (keyframe + 2 < count && reached[keyframe + 1] < at)
+      keyframe++;
+    const pags_camera *around[4] = {keyframes[keyframe > 0 ? keyframe - 1 : 0], keyframes[keyframe],
+                                    keyframes[keyframe + 1],
+                                    keyframes[keyframe + 2 < count ? keyframe + 2 : keyframe + 1]};
+    double t = (at - reached[keyframe]) / (reached[keyframe + 1] - reached[keyframe]);
+    out->cameras[i] = between(around, keyframes[0], fmin(fmax(t, 0), 1));
   }
-  free(knots);
+  free(keyframes);
   free(reached);
   return result;
 }
@@ -137,58 +138,58 @@ int pags_camera_path_drive_sensor(const pags_scene *scene) {
 
 /* Lists the cameras of the sensor with the lowest number in order of time, without repeated times; returns how
  * many. */
-static int64_t first_sensor(const pags_scene *scene, const pags_camera **knots) {
+static int64_t first_sensor(const pags_scene *scene, const pags_camera **keyframes) {
   int64_t count = 0, kept = 0;
   const int sensor = pags_camera_path_drive_sensor(scene);
   for (int64_t i = 0; i < scene->view_count; i++)
     if (is_recorded(&scene->views[i]) && scene->views[i].sensor == sensor)
-      knots[count++] = &scene->views[i].camera;
-  pags_sort(knots, count, sizeof *knots, compare_times);
+      keyframes[count++] = &scene->views[i].camera;
+  pags_sort(keyframes, count, sizeof *keyframes, compare_times);
   for (int64_t i = 0; i < count; i++)
-    if (kept == 0 || knots[i]->time > knots[kept - 1]->time)
-      knots[kept++] = knots[i];
+    if (kept == 0 || keyframes[i]->time > keyframes[kept - 1]->time)
+      keyframes[kept++] = keyframes[i];
   return kept;
 }
 
-/* Interpolates the camera at `time`, which lies between the first and the last of `knots`. *knot is the index of the
- * knot before it; calls must be in order of time, since it only grows. */
-static pags_camera driven(const pags_camera *const *knots, int64_t count, double time, int64_t *knot) {
-  while (*knot + 2 < count && knots[*knot + 1]->time <= time)
-    ++*knot;
-  const pags_camera *a = knots[*knot], *b = knots[*knot + 1];
-  const pags_camera *around[4] = {knots[*knot > 0 ? *knot - 1 : 0], a, b,
-                                  knots[*knot + 2 < count ? *knot + 2 : *knot + 1]};
-  pags_camera camera = between(around, knots[0], fmin(fmax((time - a->time) / (b->time - a->time), 0), 1));
+/* Interpolates the camera at `time`, which lies between the first and the last of `keyframes`. *keyframe is the index
+ * of the keyframe before it; calls must be in order of time, since it only grows. */
+static pags_camera driven(const pags_camera *const *keyframes, int64_t count, double time, int64_t *keyframe) {
+  while (*keyframe + 2 < count && keyframes[*keyframe + 1]->time <= time)
+    ++*keyframe;
+  const pags_camera *a = keyframes[*keyframe], *b = keyframes[*keyframe + 1];
+  const pags_camera *around[4] = {keyframes[*keyframe > 0 ? *keyframe - 1 : 0], a, b,
+                                  keyframes[*keyframe + 2 < count ? *keyframe + 2 : *keyframe + 1]};
+  pags_camera camera = between(around, keyframes[0], fmin(fmax((time - a->time) / (b->time - a->time), 0), 1));
   camera.time = time;
   return camera;
 }
 
-static pags_result drive(const pags_camera *const *knots, int64_t count, int64_t frames, double fps,
+static pags_result drive(const pags_camera *const *keyframes, int64_t count, int64_t frames, double fps,
                          pags_camera_path *out) {
   if (count < 2)
     return pags_fail(PAGS_ERROR_ARGUMENT, "an ego path needs at least 2 views of the first sensor; the scene has %lld",
                      (long long)count);
-  double begin = knots[0]->time, span = knots[count - 1]->time - begin, even = span * fps;
+  double begin = keyframes[0]->time, span = keyframes[count - 1]->time - begin, even = span * fps;
   bool recorded = frames == 0 && fps == 0;
   if (even > 1e6)
     return pags_fail(PAGS_ERROR_ARGUMENT, "--fps: %g frames/s for %g s are more than a million frames", fps, span);
   int64_t total = frames ? frames : recorded ? count : (int64_t)(even + 1e-6) + 1;
   PAGS_TRY(create_path(total, out));
-  int64_t knot = 0;
+  int64_t keyframe = 0;
   for (int64_t i = 0; i < total; i++) {
     double share = total > 1 ? (double)i / (double)(total - 1) : 0;
-    double time = recorded ? knots[i]->time : frames ? begin + share * span : begin + (double)i / fps;
-    out->cameras[i] = driven(knots, count, fmin(time, begin + span), &knot);
+    double time = recorded ? keyframes[i]->time : frames ? begin + share * span : begin + (double)i / fps;
+    out->cameras[i] = driven(keyframes, count, fmin(time, begin + span), &keyframe);
   }
   return PAGS_OK;
 }
 
 pags_result pags_camera_path_drive(const pags_scene *scene, int64_t frames, double fps, pags_camera_path *out) {
-  const pags_camera **knots = calloc((size_t)scene->view_count + 1, sizeof *knots);
-  if (!knots)
+  const pags_camera **keyframes = calloc((size_t)scene->view_count + 1, sizeof *keyframes);
+  if (!keyframes)
     return pags_out_of_memory(NULL);
-  pags_result result = drive(knots, first_sensor(scene, knots), frames, fps, out);
-  free(knots);
+  pags_result result = drive(keyframes, first_sensor(scene, keyframes), frames, fps, out);
+  free(keyframes);
   return result;
 }
 

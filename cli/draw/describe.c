@@ -73,11 +73,11 @@ static double rounded(double value) {
 
 static void put_track(pags_json_writer *json, const pags_object *object) {
   pags_json_begin_array(json, "track");
-  for (int64_t k = 0; k < object->knot_count; k++) {
+  for (int64_t k = 0; k < object->keyframe_count; k++) {
     double pose[12], row[13];
-    if (!pags_object_pose(object, object->knots[k].time, pose))
+    if (!pags_object_pose(object, object->keyframes[k].time, pose))
       continue;
-    row[0] = object->knots[k].time;
+    row[0] = object->keyframes[k].time;
     for (int i = 0; i < 12; i++)
       row[1 + i] = rounded(pose[i]);
     pags_json_put_numbers(json, NULL, row, 13);

@@ -63,7 +63,7 @@ pags_result pags_viewpoints_of_scene(const pags_scene *scene, const char *path, 
     if (result == PAGS_OK) {
       memcpy(out->items[out->count - 1].gain, view->gain, sizeof view->gain);
       memcpy(out->items[out->count - 1].offset, view->offset, sizeof view->offset);
-      out->items[out->count - 1].light = view->light;
+      out->items[out->count - 1].photometric = view->photometric;
     }
   }
   pags_picture_names_destroy(&names);

@@ -9,8 +9,8 @@
 typedef struct pags_viewpoint {
   char *name; /* file name of the picture, without folder and extension */
   pags_camera camera;
-  double gain[3], offset[3]; /* exposure of the camera at that moment; 1 and 0 if unknown */
-  pags_light light;          /* of the camera; plain if unknown */
+  double gain[3], offset[3];    /* exposure of the camera at that moment; 1 and 0 if unknown */
+  pags_photometric photometric; /* of the camera; zeros if unknown */
 } pags_viewpoint;
 
 typedef struct pags_viewpoints {

@@ -114,8 +114,8 @@ static void put_object(pags_html *html, const pags_report_run *run, int64_t o) {
   pags_html_cell(html, why && why->type == PAGS_JSON_STRING ? why->text : record->moving ? "moves" : "parked");
   pags_html_number(html, 3, note_number(note, "mean_shift_metres"));
   pags_html_number(html, 2, note_number(note, "mean_turn_degrees"));
-  pags_html_put(html, "<td class=\"n\">%.1f to %.1f</td></tr>\n", record->knots[0].time - run->scene->time_begin,
-                record->knots[record->knot_count - 1].time - run->scene->time_begin);
+  pags_html_put(html, "<td class=\"n\">%.1f to %.1f</td></tr>\n", record->keyframes[0].time - run->scene->time_begin,
+                record->keyframes[record->keyframe_count - 1].time - run->scene->time_begin);
 }
 
 typedef struct ranked {

@@ -225,7 +225,7 @@ static pags_result draw_view(pags_report_views *views, pags_report_view *view, p
   pags_image render = {0};
   pags_compose(composition, camera.time, &parts, &part_count);
   if (view->scene_view) {
-    options.light = view->scene_view->light;
+    options.photometric = view->scene_view->photometric;
     pags_frame_options_expose(&options, view->scene_view->gain, view->scene_view->offset);
   }
   pags_result result = pags_frame_render(frame, parts, part_count, &camera, &options, NULL, NULL, &picture);

@@ -216,8 +216,8 @@ static double front_cosine(const pags_dataset *dataset) {
   int64_t count = 0;
   for (int64_t i = 0; i < pags_dataset_object_count(dataset); i++) {
     const pags_object *object = pags_dataset_object(dataset, i);
-    for (int64_t n = 0; object->category == PAGS_CATEGORY_VEHICLE && n + 1 < object->knot_count; n++) {
-      const pags_knot *a = &object->knots[n], *b = &object->knots[n + 1];
+    for (int64_t n = 0; object->category == PAGS_CATEGORY_VEHICLE && n + 1 < object->keyframe_count; n++) {
+      const pags_keyframe *a = &object->keyframes[n], *b = &object->keyframes[n + 1];
       double way[3], dot = 0, square = 0;
       for (int k = 0; k < 3; k++) {
         way[k] = b->world_from_object[4 * k + 3] - a->world_from_object[4 * k + 3];

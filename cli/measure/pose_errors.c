@@ -22,7 +22,7 @@ typedef struct offset {
   double degrees;
 } offset;
 
-/* ---- Errors of one knot and of one track ---- */
+/* ---- Errors of one keyframe and of one track ---- */
 
 static offset offset_of(const double photographs[12], const double pose[12]) {
   double inverse[12], between[12];
@@ -79,10 +79,10 @@ static pags_result make_room(reading *r) {
   return PAGS_OK;
 }
 
-/* Computes the errors of one knot against the true pose `matrix`. Errors of held-out knots are added to the sums at
- * once; those of trained knots are kept in `r` until the track's mean is known. */
-static pags_result add_knot(reading *r, const pags_object *object, const pags_knot *knot, const pags_json_value *matrix,
-                            pags_pose_errors *out) {
+/* Computes the errors of one keyframe against the true pose `matrix`. Errors of held-out keyframes are added to the
+ * sums at once; those of trained keyframes are kept in `r` until the track's mean is known. */
+static pags_result add_keyframe(reading *r, const pags_object *object, const pags_keyframe *keyframe,
+                                const pags_json_value *matrix, pags_pose_errors *out) {
   double photographs[12], pose[12];
 
   /* Read the 4x4 matrix, given as four rows, and keep its first three rows. */
@@ -107,13 +107,13 @@ static pags_result add_knot(reading *r, const pags_object *object, const pags_kn
     photographs[4 * k + 1] = -x;
   }
 
-  if (!pags_object_pose(object, knot->time, pose))
+  if (!pags_object_pose(object, keyframe->time, pose))
     return PAGS_OK;
-  const offset labelled = offset_of(photographs, knot->world_from_object), drawn = offset_of(photographs, pose);
-  if (!knot->trained) {
+  const offset labelled = offset_of(photographs, keyframe->world_from_object), drawn = offset_of(photographs, pose);
+  if (!keyframe->trained) {
     add_offset(&out->held_out, 1, labelled.p, labelled.degrees);
     add_offset(&out->held_out, 0, drawn.p, drawn.degrees);
-    out->held_out_knots++;
+    out->held_out_keyframes++;
     return PAGS_OK;
   }
   PAGS_TRY(make_room(r));
@@ -140,14 +140,14 @@ static pags_result add_object(reading *r, const pags_scene *scene, const pags_js
   for (const pags_json_value *frame = frames->first; frame && pose; frame = frame->next, pose = pose->next) {
     double number;
     PAGS_TRY(pags_json_as_number(r->json, frame, "an entry of 'frame_idx'", &number));
-    const pags_knot *knot = pags_object_knot(&object->record, (int64_t)number);
-    if (knot)
-      PAGS_TRY(add_knot(r, &object->record, knot, pose, out));
+    const pags_keyframe *keyframe = pags_object_keyframe(&object->record, (int64_t)number);
+    if (keyframe)
+      PAGS_TRY(add_keyframe(r, &object->record, keyframe, pose, out));
   }
   if (!r->count)
     return PAGS_OK;
   out->objects++;
-  out->knots += r->count;
+  out->keyframes += r->count;
   add_track(r->labelled, r->count, 1, out);
   add_track(r->trained, r->count, 0, out);
   return PAGS_OK;
@@ -171,10 +171,10 @@ static pags_result read_forward(const char *dataset, int *forward_y) {
   return result;
 }
 
-static void divide(pags_pose_error *sum, int64_t knots) {
+static void divide(pags_pose_error *sum, int64_t keyframes) {
   double *sums[] = {&sum->label_metres, &sum->label_degrees, &sum->metres, &sum->degrees};
-  for (size_t i = 0; knots && i < sizeof sums / sizeof sums[0]; i++)
-    *sums[i] /= (double)knots;
+  for (size_t i = 0; keyframes && i < sizeof sums / sizeof sums[0]; i++)
+    *sums[i] /= (double)keyframes;
 }
 
 static pags_result measure(const char *path, const char *dataset, const pags_scene *scene, pags_pose_errors *out) {
@@ -189,9 +189,9 @@ static pags_result measure(const char *path, const char *dataset, const pags_sce
   free(r.labelled);
   free(r.trained);
   pags_json_destroy(json);
-  divide(&out->absolute, out->knots);
-  divide(&out->relative, out->knots);
-  divide(&out->held_out, out->held_out_knots);
+  divide(&out->absolute, out->keyframes);
+  divide(&out->relative, out->keyframes);
+  divide(&out->held_out, out->held_out_keyframes);
   return result;
 }
 
@@ -226,17 +226,17 @@ static void put_kind(pags_json_writer *writer, const char *key, const pags_pose_
 }
 
 void pags_pose_errors_put_json(pags_json_writer *writer, const pags_pose_errors *e) {
-  if (!e->knots) {
+  if (!e->keyframes) {
     pags_json_put_null(writer, "poses");
     return;
   }
   pags_json_begin_object(writer, "poses");
   pags_json_put_integer(writer, "objects", e->objects);
-  pags_json_put_integer(writer, "knots", e->knots);
+  pags_json_put_integer(writer, "knots", e->keyframes);
   put_kind(writer, "absolute", &e->absolute);
   put_kind(writer, "relative", &e->relative);
-  pags_json_put_integer(writer, "held_out_knots", e->held_out_knots);
-  if (e->held_out_knots)
+  pags_json_put_integer(writer, "held_out_knots", e->held_out_keyframes);
+  if (e->held_out_keyframes)
     put_kind(writer, "held_out", &e->held_out);
   else
     pags_json_put_null(writer, "held_out");

@@ -6,7 +6,7 @@
 #include <pags/scene.h>
 #include "base/json.h"
 
-/* Mean pose errors over the knots of the tracks. */
+/* Mean pose errors over the keyframes of the tracks. */
 typedef struct pags_pose_error {
   double label_metres, label_degrees; /* errors of the labelled poses */
   double metres, degrees;             /* errors of the scene's poses, corrected by training */
@@ -16,9 +16,9 @@ typedef struct pags_pose_error {
  * frame, is subtracted first: where the origin lies in an object is a convention of the labels that no photograph
  * determines. */
 typedef struct pags_pose_errors {
-  int64_t objects, knots, held_out_knots; /* objects 0: the data set has no truth */
-  pags_pose_error absolute, relative;     /* errors at trained knots */
-  pags_pose_error held_out;               /* errors at the other knots, whose times training never saw */
+  int64_t objects, keyframes, held_out_keyframes; /* objects 0: the data set has no truth */
+  pags_pose_error absolute, relative;             /* errors at trained keyframes */
+  pags_pose_error held_out;                       /* errors at the other keyframes, whose times training never saw */
 } pags_pose_errors;
 
 /* Measures the errors against truth/instances/instances_info.json of the data set; all zero if there is no such

@@ -196,8 +196,8 @@ static pags_result list_objects(pags_report *report, const pags_scene *scene) {
   for (int64_t o = 0; o < scene->object_count; o++) {
     const pags_scene_object *object = &scene->objects[o];
     const pags_object *record = &object->record;
-    double seen[2] = {record->knots[0].time - scene->time_begin,
-                      record->knots[record->knot_count - 1].time - scene->time_begin};
+    double seen[2] = {record->keyframes[0].time - scene->time_begin,
+                      record->keyframes[record->keyframe_count - 1].time - scene->time_begin};
     pags_report_begin_item(report, record->id);
     pags_report_text(report, "class", record->class_name);
     pags_report_text(report, "category", pags_category_name(record->category));
@@ -215,27 +215,27 @@ static pags_result list_objects(pags_report *report, const pags_scene *scene) {
 
 /* Reports the mean correction that training made to the poses of objects with models, in metres and degrees. */
 static void put_tracks(pags_report *report, const pags_scene *scene) {
-  int64_t tracks = 0, knots = 0, trained = 0;
+  int64_t tracks = 0, keyframes = 0, trained = 0;
   double metres = 0, radians = 0;
   for (int64_t o = 0; o < scene->object_count; o++) {
     const pags_object *record = &scene->objects[o].record;
     if (scene->objects[o].model < 0)
       continue;
     tracks++;
-    knots += record->knot_count;
-    for (int64_t k = 0; k < record->knot_count; k++) {
-      if (!record->knots[k].trained)
+    keyframes += record->keyframe_count;
+    for (int64_t k = 0; k < record->keyframe_count; k++) {
+      if (!record->keyframes[k].trained)
         continue;
       trained++;
-      metres += pags_length3(record->knots[k].translation);
-      radians += pags_length3(record->knots[k].rotation);
+      metres += pags_length3(record->keyframes[k].translation);
+      radians += pags_length3(record->keyframes[k].rotation);
     }
   }
   if (!tracks)
     return;
   pags_report_begin_group(report, "tracks");
   pags_report_count(report, "count", tracks);
-  pags_report_count(report, "knots", knots);
+  pags_report_count(report, "knots", keyframes);
   pags_report_count(report, "trained_knots", trained);
   pags_report_number(report, "mean_correction_metres", trained ? metres / (double)trained : 0);
   pags_report_number(report, "mean_correction_degrees", trained ? radians / (double)trained * 57.29577951308232 : 0);

@@ -39,10 +39,11 @@ static void put_samples(pags_json_writer *json, const pags_scene *scene, const p
 
 pags_result pags_web_track_put(pags_json_writer *json, const pags_scene *scene, int64_t object) {
   const pags_object *o = &scene->objects[object].record;
-  const double ends[2] = {o->knots[0].time - scene->time_begin, o->knots[o->knot_count - 1].time - scene->time_begin};
+  const double ends[2] = {o->keyframes[0].time - scene->time_begin,
+                          o->keyframes[o->keyframe_count - 1].time - scene->time_begin};
   pags_presence presence;
   PAGS_TRY(pags_presence_find(scene, object, &presence));
-  double *times = malloc(((size_t)o->knot_count * PARTS + 4) * sizeof *times);
+  double *times = malloc(((size_t)o->keyframe_count * PARTS + 4) * sizeof *times);
   if (!times) {
     pags_presence_destroy(&presence);
     return pags_out_of_memory("a track");
@@ -54,10 +55,10 @@ pags_result pags_web_track_put(pags_json_writer *json, const pags_scene *scene, 
       const double *span = presence.spans[s], inside = fmin(1e-6, 0.25 * (span[1] - span[0]));
       int64_t count = 0;
       times[count++] = span[0] + inside; /* the ends themselves may fall outside by rounding */
-      for (int64_t k = 0; k < o->knot_count; k++) {
-        const double next = k + 1 < o->knot_count ? o->knots[k + 1].time : o->knots[k].time;
-        for (int part = 0; part < (k + 1 < o->knot_count ? PARTS : 1); part++) {
-          const double time = o->knots[k].time + (next - o->knots[k].time) * part / PARTS;
+      for (int64_t k = 0; k < o->keyframe_count; k++) {
+        const double next = k + 1 < o->keyframe_count ? o->keyframes[k + 1].time : o->keyframes[k].time;
+        for (int part = 0; part < (k + 1 < o->keyframe_count ? PARTS : 1); part++) {
+          const double time = o->keyframes[k].time + (next - o->keyframes[k].time) * part / PARTS;
           if (time > span[0] + inside && time < span[1] - inside)
             times[count++] = time;
         }

@@ -230,7 +230,7 @@ static pags_result compare_view(evaluation *self, int64_t i) {
     return PAGS_OK;
   }
   if (at->scene_view)
-    exposed.light = at->scene_view->light;
+    exposed.photometric = at->scene_view->photometric;
   if (at->scene_view && pags_frame_options_expose(&exposed, at->scene_view->gain, at->scene_view->offset))
     result = compare_unexposed(self, &camera, parts, part_count, &photo, score);
   if (result == PAGS_OK && self->arguments->fit_poses)
@@ -318,7 +318,7 @@ static void print_cameras(const pags_session *session, const pags_camera_errors 
 }
 
 static void print_poses(const pags_session *session, const pags_pose_errors *e) {
-  if (!e->knots)
+  if (!e->keyframes)
     return;
   pags_say(session,
            "poses of %lld objects: off by %.3f m and %.2f degrees as labelled, %.3f m and %.2f degrees as trained\n",
@@ -328,7 +328,7 @@ static void print_poses(const pags_session *session, const pags_pose_errors *e) 
       session,
       "  without each track's mean error: %.3f m and %.2f degrees as labelled, %.3f m and %.2f degrees as trained\n",
       e->relative.label_metres, e->relative.label_degrees, e->relative.metres, e->relative.degrees);
-  if (e->held_out_knots)
+  if (e->held_out_keyframes)
     pags_say(session,
              "  at held-out time steps: %.3f m and %.2f degrees as labelled, %.3f m and %.2f degrees as drawn\n",
              e->held_out.label_metres, e->held_out.label_degrees, e->held_out.metres, e->held_out.degrees);

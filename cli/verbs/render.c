@@ -330,7 +330,7 @@ static pags_result draw(renderer *self, int64_t index) {
                                      motion && index + 1 < self->viewpoints.count ? &viewpoint[1].camera : NULL));
   pags_compose(self->composition, viewpoint->camera.time, &parts, &part_count);
   if (self->arguments->exposure) {
-    self->options.light = viewpoint->light;
+    self->options.photometric = viewpoint->photometric;
     pags_frame_options_expose(&self->options, viewpoint->gain, viewpoint->offset);
   }
   if (self->report) {

@@ -320,7 +320,7 @@ static pags_result draw_view(pags_drawer *self, const pags_view_look *look, cons
     return pags_fail(PAGS_ERROR_FORMAT, "%s: the photograph has %dx%d pixels, its camera %dx%d", view->name, width,
                      height, camera.width, camera.height);
   PAGS_TRY(compose(self, look, camera.time, &count));
-  options.light = view->light;
+  options.photometric = view->photometric;
   pags_frame_options_expose(&options, view->gain, view->offset);
   PAGS_TRY(pags_deadline_render_step(self->deadline, 0, self->parts, count, &camera, &options, &picture, drawn));
   return pags_picture_to_image(&picture, PAGS_F32, out);

@@ -63,11 +63,11 @@ static double how_seen(const pags_scene *head, const pags_object *object) {
   double sum = 0;
   for (int64_t i = 0; i < head->view_count; i++) {
     const pags_scene_view *view = &head->views[i];
-    const pags_knot *knot = view->test ? NULL : pags_object_knot(object, view->frame);
+    const pags_keyframe *keyframe = view->test ? NULL : pags_object_keyframe(object, view->frame);
     double inverse[12], at[3];
-    if (!knot)
+    if (!keyframe)
       continue;
-    const double *p = knot->world_from_object;
+    const double *p = keyframe->world_from_object;
     pags_rigid_inverse(view->camera.world_from_camera, inverse);
     for (int k = 0; k < 3; k++)
       at[k] = inverse[4 * k] * p[3] + inverse[4 * k + 1] * p[7] + inverse[4 * k + 2] * p[11] + inverse[4 * k + 3];
@@ -132,10 +132,10 @@ static void place_objects(merger *m) {
   for (int64_t j = 0; j < m->out.object_count; j++) {
     const pags_object *object = &m->out.objects[j].record;
     double middle[3] = {0, 0, 0};
-    for (int64_t k = 0; k < object->knot_count; k++)
+    for (int64_t k = 0; k < object->keyframe_count; k++)
       for (int a = 0; a < 3; a++)
-        middle[a] += object->knots[k].world_from_object[4 * a + 3] / (double)object->knot_count;
-    m->objects[j].cell = object->moving || object->knot_count == 0 ? -1 : pags_cells_find(&m->cells, middle);
+        middle[a] += object->keyframes[k].world_from_object[4 * a + 3] / (double)object->keyframe_count;
+    m->objects[j].cell = object->moving || object->keyframe_count == 0 ? -1 : pags_cells_find(&m->cells, middle);
   }
 }
 

@@ -185,10 +185,10 @@ static bool is_used(const pags_block *block, int64_t frame) {
 /* Whether a label of the track is at a time step of the block. Labels at others become held out. */
 static bool keep_track(const pags_block *block, pags_object *object) {
   bool seen = false;
-  for (int64_t k = 0; k < object->knot_count; k++) {
-    const bool used = is_used(block, object->knots[k].frame);
+  for (int64_t k = 0; k < object->keyframe_count; k++) {
+    const bool used = is_used(block, object->keyframes[k].frame);
     seen |= used;
-    object->knots[k].trained &= used;
+    object->keyframes[k].trained &= used;
   }
   return seen;
 }

@@ -400,12 +400,12 @@ pags_result pags_composition_edit(pags_composition *composition, const pags_edit
 
 /* The pose of a parked object at a time that its labels don't cover: that of the label nearest in time. */
 static void nearest_pose(const pags_object *object, double time, double out[12]) {
-  double best = object->knots[0].time;
-  for (int64_t i = 1; i < object->knot_count; i++)
-    if (fabs(object->knots[i].time - time) < fabs(best - time))
-      best = object->knots[i].time;
+  double best = object->keyframes[0].time;
+  for (int64_t i = 1; i < object->keyframe_count; i++)
+    if (fabs(object->keyframes[i].time - time) < fabs(best - time))
+      best = object->keyframes[i].time;
   if (!pags_object_pose(object, best, out))
-    memcpy(out, object->knots[0].world_from_object, 12 * sizeof *out);
+    memcpy(out, object->keyframes[0].world_from_object, 12 * sizeof *out);
 }
 
 /* Computes a group's world_from_model, relative to the scene's origin, with the edit's `motion` (NULL: not edited).
@@ -437,7 +437,7 @@ static double phase(const pags_scene *scene, const group *g, double time) {
   if (g->object < 0)
     return pags_fourier_phase(scene->time_begin, scene->time_end, time);
   const pags_object *object = &scene->objects[g->object].record;
-  return pags_fourier_phase(object->knots[0].time, object->knots[object->knot_count - 1].time, time);
+  return pags_fourier_phase(object->keyframes[0].time, object->keyframes[object->keyframe_count - 1].time, time);
 }
 
 /* Evaluates the group's Fourier series of the constant SH term at `time`, unless dc holds that time already. */

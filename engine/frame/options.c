@@ -58,14 +58,14 @@ double pags_frame_enlargement(const pags_frame_options *options, const pags_came
     least = fmin(least, (double)options->background[c]);
     most = fmax(most, (double)options->background[c]);
     if (options->exposed)
-      gain = fmax(gain, fabs((double)options->gain[c]) * pags_light_most(&options->light, camera));
+      gain = fmax(gain, fabs((double)options->gain[c]) * pags_photometric_max_gain(&options->photometric, camera));
   }
   const double dip = sky ? (double)options->sky->dip : least < 0.0 ? fmin(-least / most, 1.0) : 0.0;
   return fmax(gain, 1.0) * (1.0 + dip);
 }
 
 int pags_frame_options_expose(pags_frame_options *options, const double gain[3], const double offset[3]) {
-  options->exposed = !pags_light_is_plain(&options->light);
+  options->exposed = !pags_photometric_is_identity(&options->photometric);
   for (int c = 0; c < 3; c++) {
     options->gain[c] = (float)gain[c];
     options->offset[c] = (float)offset[c];

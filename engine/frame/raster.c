@@ -156,26 +156,26 @@ pags_result pags_stage_sample(pags_frame *frame, const frame_samples *samples) {
   return run_tiles(frame, samples, sample_tiles);
 }
 
-/* Applies the camera's vignette and response curve to the colours of a tile. */
-static void show_light(const pags_frame *frame, int64_t tile) {
-  const pags_light *const light = &frame->options.light;
+/* Applies vignetting and response of the camera to the colours of a tile. */
+static void apply_photometric(const pags_frame *frame, int64_t tile) {
+  const pags_photometric *const calibration = &frame->options.photometric;
   const int64_t at = frame_tile_offset(frame, tile);
   const int64_t left = at % frame->stride, top = at / frame->stride;
   for (int y = 0; y < PAGS_TILE; y++)
     for (int x = 0; x < PAGS_TILE; x++) {
-      const double q = pags_light_distance(&frame->camera, (double)(left + x) + 0.5, (double)(top + y) + 0.5);
-      const double bright = pags_light_vignette(light, q);
+      const double q = pags_photometric_radius2(&frame->camera, (double)(left + x) + 0.5, (double)(top + y) + 0.5);
+      const double bright = pags_photometric_vignetting(calibration, q);
       for (int c = 0; c < 3; c++) {
         float *const value = frame_plane(frame, PLANE_R + c) + at + y * frame->stride + x;
-        *value = (float)pags_light_response(light, bright * (double)*value, NULL);
+        *value = (float)pags_photometric_response(calibration, bright * (double)*value, NULL);
       }
     }
 }
 
 void pags_frame_expose(const pags_frame *frame, int64_t tile) {
   const int64_t at = frame_tile_offset(frame, tile);
-  if (!pags_light_is_plain(&frame->options.light))
-    show_light(frame, tile);
+  if (!pags_photometric_is_identity(&frame->options.photometric))
+    apply_photometric(frame, tile);
   for (int c = 0; c < 3; c++) {
     const float gain = frame->options.gain[c], offset = frame->options.offset[c];
     float *row = frame_plane(frame, PLANE_R + c) + at;

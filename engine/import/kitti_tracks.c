@@ -21,9 +21,9 @@ void pags_kitti_tracks_destroy(pags_kitti_tracks *tracks) {
   *tracks = (pags_kitti_tracks){0};
 }
 
-/* Makes a track without knots, with room for `knots` of them. Its id is the number, with "-SUFFIX" unless the suffix
- * is empty. */
-static pags_result begin_track(int64_t id, const char *suffix, const char *type, int64_t knots,
+/* Makes a track without keyframes, with room for `keyframes` of them. Its id is the number, with "-SUFFIX" unless the
+ * suffix is empty. */
+static pags_result begin_track(int64_t id, const char *suffix, const char *type, int64_t keyframes,
                                pags_layout_track *track) {
   char text[64];
   snprintf(text, sizeof text, "%lld%s%s", (long long)id, *suffix ? "-" : "", suffix);
@@ -31,20 +31,20 @@ static pags_result begin_track(int64_t id, const char *suffix, const char *type,
   track->object.id = pags_text_copy(text);
   track->object.class_name = pags_text_copy(type);
   track->object.category = pags_category_of(type);
-  track->object.knots = calloc((size_t)knots, sizeof *track->object.knots);
-  if (track->object.id && track->object.class_name && track->object.knots)
+  track->object.keyframes = calloc((size_t)keyframes, sizeof *track->object.keyframes);
+  if (track->object.id && track->object.class_name && track->object.keyframes)
     return PAGS_OK;
   pags_layout_track_destroy(track);
   return pags_out_of_memory("the track of a %s", type);
 }
 
-static void add_knot(pags_object *object, const pags_kitti_span *span, int64_t frame,
-                     const double velo_from_object[12]) {
-  pags_knot *knot = &object->knots[object->knot_count++];
-  knot->frame = (int32_t)(frame - span->first);
-  knot->trained = 1;
-  knot->time = span->times[knot->frame];
-  pags_rigid_multiply(span->world_from_velo[knot->frame], velo_from_object, knot->world_from_object);
+static void add_keyframe(pags_object *object, const pags_kitti_span *span, int64_t frame,
+                         const double velo_from_object[12]) {
+  pags_keyframe *keyframe = &object->keyframes[object->keyframe_count++];
+  keyframe->frame = (int32_t)(frame - span->first);
+  keyframe->trained = 1;
+  keyframe->time = span->times[keyframe->frame];
+  pags_rigid_multiply(span->world_from_velo[keyframe->frame], velo_from_object, keyframe->world_from_object);
 }
 
 /* ---- Tracking benchmark ---- */
@@ -131,7 +131,7 @@ static pags_result make_track(const pags_kitti_label *rows, int64_t count, const
     double size[3], pose[12];
     pags_kitti_label_pose(&rows[i], pose);
     pags_rigid_multiply(velo_from_cam0, pose, pose);
-    add_knot(&track->object, span, rows[i].frame, pose);
+    add_keyframe(&track->object, span, rows[i].frame, pose);
     get_size(&rows[i], size);
     constant = constant && !memcmp(size, track->object.size, sizeof size);
   }
@@ -274,7 +274,7 @@ static pags_result add_tracklet(const pags_kitti_tracklet *tracklet, int64_t id,
   for (int64_t frame = begin; frame < end; frame++) {
     double pose[12];
     pags_kitti_tracklet_pose(tracklet, frame - tracklet->first_frame, pose);
-    add_knot(&track->object, span, frame, pose);
+    add_keyframe(&track->object, span, frame, pose);
   }
   pags_object_classify_motion(&track->object);
   return PAGS_OK;

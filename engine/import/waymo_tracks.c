@@ -132,9 +132,9 @@ static int64_t group(pags_waymo_boxes *boxes) {
 static void fill_track(const pags_waymo_box *boxes, int64_t count, pags_layout_track *track) {
   pags_object *object = &track->object;
   for (int64_t i = 0; i < count; i++) {
-    pags_knot *knot = &object->knots[i];
-    *knot = (pags_knot){.frame = (int32_t)boxes[i].frame, .trained = 1, .time = boxes[i].time};
-    memcpy(knot->world_from_object, boxes[i].world_from_object, sizeof knot->world_from_object);
+    pags_keyframe *keyframe = &object->keyframes[i];
+    *keyframe = (pags_keyframe){.frame = (int32_t)boxes[i].frame, .trained = 1, .time = boxes[i].time};
+    memcpy(keyframe->world_from_object, boxes[i].world_from_object, sizeof keyframe->world_from_object);
     for (int k = 0; k < 3; k++) {
       track->sizes[3 * i + k] = boxes[i].size[k];
       object->size[k] += boxes[i].size[k] / (double)count;
@@ -153,11 +153,11 @@ static pags_result make_track(const pags_waymo_box *boxes, int64_t count, const 
       boxes->renamed ? pags_text_format("%s-%s", boxes->id, class_name(boxes->type)) : pags_text_copy(boxes->id);
   object->class_name = pags_text_copy(class_name(boxes->type));
   object->category = pags_category_of(class_name(boxes->type));
-  object->knots = calloc((size_t)count, sizeof *object->knots);
+  object->keyframes = calloc((size_t)count, sizeof *object->keyframes);
   track->sizes = calloc((size_t)count, 3 * sizeof *track->sizes);
-  if (!object->id || !object->class_name || !object->knots || !track->sizes)
+  if (!object->id || !object->class_name || !object->keyframes || !track->sizes)
     return pags_out_of_memory("%s", where);
-  object->knot_count = count;
+  object->keyframe_count = count;
   fill_track(boxes, count, track);
   return PAGS_OK;
 }

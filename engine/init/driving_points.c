@@ -161,10 +161,10 @@ static bool swept_by_object(const pags_dataset *dataset, const float *p) {
   const double *origin = pags_dataset_origin(dataset);
   for (int64_t i = 0; i < pags_dataset_object_count(dataset); i++) {
     const pags_object *object = pags_dataset_object(dataset, i);
-    for (int64_t n = 0; object->moving && n < object->knot_count; n++) {
+    for (int64_t n = 0; object->moving && n < object->keyframe_count; n++) {
       double inverse[12], local = 0;
       int inside = 1;
-      pags_rigid_inverse(object->knots[n].world_from_object, inverse);
+      pags_rigid_inverse(object->keyframes[n].world_from_object, inverse);
       for (int k = 0; k < 3 && inside; k++) {
         const double *m = inverse + 4 * k;
         local = m[0] * ((double)p[0] + origin[0]) + m[1] * ((double)p[1] + origin[1]) +

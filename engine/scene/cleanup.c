@@ -128,8 +128,8 @@ static void find_frame(const pags_scene *scene, const rule *r, int64_t own, doub
     return;
   const pags_object *o = &scene->objects[r->object].record;
   double pose[12];
-  if (!pags_object_pose(o, scene->time_begin, pose) && !pags_object_pose(o, o->knots[0].time, pose))
-    memcpy(pose, o->knots[0].world_from_object, sizeof pose);
+  if (!pags_object_pose(o, scene->time_begin, pose) && !pags_object_pose(o, o->keyframes[0].time, pose))
+    memcpy(pose, o->keyframes[0].world_from_object, sizeof pose);
   for (int k = 0; k < 3; k++)
     pose[4 * k + 3] -= scene->origin[k];
   pags_rigid_inverse(pose, out);

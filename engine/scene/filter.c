@@ -88,7 +88,7 @@ static bool object_is_within(const pags_scene *scene, int64_t object, const pags
   const pags_object *o = &scene->objects[object].record;
   double pose[12], p[3];
   if (!pags_object_pose(o, time, pose))
-    memcpy(pose, o->knots[0].world_from_object, sizeof pose);
+    memcpy(pose, o->keyframes[0].world_from_object, sizeof pose);
   for (int k = 0; k < 3; k++)
     p[k] = pose[4 * k + 3] - scene->origin[k];
   return is_within(f, p);

@@ -109,13 +109,13 @@ pags_category pags_category_of(const char *class_name) {
 void pags_object_destroy(pags_object *object) {
   free(object->id);
   free(object->class_name);
-  free(object->knots);
+  free(object->keyframes);
   memset(object, 0, sizeof *object);
 }
 
-const pags_knot *pags_object_knot(const pags_object *object, int64_t frame) {
-  for (int64_t i = 0; i < object->knot_count; i++)
-    if (object->knots[i].frame == frame)
-      return &object->knots[i];
+const pags_keyframe *pags_object_keyframe(const pags_object *object, int64_t frame) {
+  for (int64_t i = 0; i < object->keyframe_count; i++)
+    if (object->keyframes[i].frame == frame)
+      return &object->keyframes[i];
   return NULL;
 }

@@ -62,7 +62,7 @@ static pags_result check_rigid(const pags_json *json, const pags_json_value *val
 
 /* Checks that a pose and its correction are of a size that arithmetic, and the float positions made of them, can hold.
  */
-static pags_result check_sizes(const pags_json *json, const pags_json_value *value, const pags_knot *k) {
+static pags_result check_sizes(const pags_json *json, const pags_json_value *value, const pags_keyframe *k) {
   static const double farthest = 1e12, most_turn = 1e3; /* metres, radians */
   double away = 0, moved = 0, turned = 0;
   for (int i = 0; i < 3; i++) {
@@ -104,33 +104,33 @@ static pags_result read_record(const pags_json *json, const pags_json_value *obj
   PAGS_TRY(pags_json_bool_or(json, object, "moving", false, &moving));
   record->moving = moving;
 
-  /* The knots: labelled poses in ascending order of time. */
-  const pags_json_value *knots;
-  PAGS_TRY(pags_json_array(json, object, "knots", &knots));
-  if (knots->count == 0)
-    return pags_json_fail(json, knots, "expected at least one pose in 'knots'");
-  record->knots = calloc((size_t)knots->count, sizeof *record->knots);
-  if (!record->knots)
+  /* The keyframes: labelled poses in ascending order of time. */
+  const pags_json_value *keyframes;
+  PAGS_TRY(pags_json_array(json, object, "knots", &keyframes));
+  if (keyframes->count == 0)
+    return pags_json_fail(json, keyframes, "expected at least one pose in 'knots'");
+  record->keyframes = calloc((size_t)keyframes->count, sizeof *record->keyframes);
+  if (!record->keyframes)
     return fail_memory(json);
-  for (const pags_json_value *value = knots->first; value; value = value->next) {
-    pags_knot *knot = &record->knots[record->knot_count++];
+  for (const pags_json_value *value = keyframes->first; value; value = value->next) {
+    pags_keyframe *keyframe = &record->keyframes[record->keyframe_count++];
 
     int64_t frame;
     bool trained;
     PAGS_TRY(pags_json_integer(json, value, "frame", INT32_MIN, INT32_MAX, &frame));
-    PAGS_TRY(pags_json_number(json, value, "time", &knot->time));
+    PAGS_TRY(pags_json_number(json, value, "time", &keyframe->time));
     PAGS_TRY(pags_json_bool_or(json, value, "trained", false, &trained));
-    PAGS_TRY(pags_json_numbers(json, value, "world_from_object", 12, knot->world_from_object));
-    PAGS_TRY(check_rigid(json, pags_json_member(value, "world_from_object"), knot->world_from_object));
-    PAGS_TRY(pags_json_numbers(json, value, "rotation", 3, knot->rotation));
-    PAGS_TRY(pags_json_numbers(json, value, "translation", 3, knot->translation));
-    PAGS_TRY(check_sizes(json, value, knot));
-    knot->frame = (int32_t)frame;
-    knot->trained = trained;
+    PAGS_TRY(pags_json_numbers(json, value, "world_from_object", 12, keyframe->world_from_object));
+    PAGS_TRY(check_rigid(json, pags_json_member(value, "world_from_object"), keyframe->world_from_object));
+    PAGS_TRY(pags_json_numbers(json, value, "rotation", 3, keyframe->rotation));
+    PAGS_TRY(pags_json_numbers(json, value, "translation", 3, keyframe->translation));
+    PAGS_TRY(check_sizes(json, value, keyframe));
+    keyframe->frame = (int32_t)frame;
+    keyframe->trained = trained;
 
-    if (knot > record->knots && !(knot->time > knot[-1].time))
-      return pags_json_fail(json, value, "expected a 'time' after the previous one's %.17g, found %.17g", knot[-1].time,
-                            knot->time);
+    if (keyframe > record->keyframes && !(keyframe->time > keyframe[-1].time))
+      return pags_json_fail(json, value, "expected a 'time' after the previous one's %.17g, found %.17g",
+                            keyframe[-1].time, keyframe->time);
   }
   return PAGS_OK;
 }
@@ -199,17 +199,17 @@ pags_result pags_scene_objects_from_json(const pags_json *json, const pags_json_
 
 /* ---- Writing ---- */
 
-static void write_knots(pags_json_writer *w, const pags_object *record) {
+static void write_keyframes(pags_json_writer *w, const pags_object *record) {
   pags_json_begin_array(w, "knots");
-  for (int64_t i = 0; i < record->knot_count; i++) {
-    const pags_knot *knot = &record->knots[i];
+  for (int64_t i = 0; i < record->keyframe_count; i++) {
+    const pags_keyframe *keyframe = &record->keyframes[i];
     pags_json_begin_object(w, NULL);
-    pags_json_put_integer(w, "frame", knot->frame);
-    pags_json_put_number(w, "time", knot->time);
-    pags_json_put_bool(w, "trained", knot->trained);
-    pags_json_put_numbers(w, "world_from_object", knot->world_from_object, 12);
-    pags_json_put_numbers(w, "rotation", knot->rotation, 3);
-    pags_json_put_numbers(w, "translation", knot->translation, 3);
+    pags_json_put_integer(w, "frame", keyframe->frame);
+    pags_json_put_number(w, "time", keyframe->time);
+    pags_json_put_bool(w, "trained", keyframe->trained);
+    pags_json_put_numbers(w, "world_from_object", keyframe->world_from_object, 12);
+    pags_json_put_numbers(w, "rotation", keyframe->rotation, 3);
+    pags_json_put_numbers(w, "translation", keyframe->translation, 3);
     pags_json_end_object(w);
   }
   pags_json_end_array(w);
@@ -229,7 +229,7 @@ void pags_scene_objects_to_json(pags_json_writer *writer, const pags_scene *scen
     pags_json_put_bool(writer, "moving", record->moving);
     pags_json_put_bool(writer, "rigid", object->rigid);
     pags_json_put_string(writer, "model", object->model >= 0 ? scene->models[object->model].name : NULL);
-    write_knots(writer, record);
+    write_keyframes(writer, record);
     pags_json_end_object(writer);
   }
   pags_json_end_array(writer);

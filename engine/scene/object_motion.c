@@ -19,21 +19,21 @@ static double square_between(const double *a, const double *b) {
   return square;
 }
 
-static void place_of(const pags_knot *knot, double place[3]) {
+static void place_of(const pags_keyframe *keyframe, double place[3]) {
   for (int k = 0; k < 3; k++)
-    place[k] = knot->world_from_object[4 * k + 3];
+    place[k] = keyframe->world_from_object[4 * k + 3];
 }
 
 /* Mean places of equal stretches of the track, relative to the first label. */
 static void mean_places(const pags_object *object, double places[STRETCHES][3]) {
   double first[3];
-  place_of(&object->knots[0], first);
+  place_of(&object->keyframes[0], first);
   for (int s = 0; s < STRETCHES; s++) {
-    const int64_t begin = s * object->knot_count / STRETCHES, end = (s + 1) * object->knot_count / STRETCHES;
+    const int64_t begin = s * object->keyframe_count / STRETCHES, end = (s + 1) * object->keyframe_count / STRETCHES;
     memset(places[s], 0, sizeof places[s]);
     for (int64_t i = begin; i < end; i++)
       for (int k = 0; k < 3; k++)
-        places[s][k] += (object->knots[i].world_from_object[4 * k + 3] - first[k]) / (double)(end - begin);
+        places[s][k] += (object->keyframes[i].world_from_object[4 * k + 3] - first[k]) / (double)(end - begin);
   }
 }
 
@@ -44,18 +44,18 @@ static void mean_places(const pags_object *object, double places[STRETCHES][3]) 
  * way along them is longer than twice the farthest distance; a vehicle that goes somewhere doesn't turn back so
  * often. */
 static bool lies_about_one_place(const pags_object *object) {
-  if (object->knot_count < LEAST_LABELS)
+  if (object->keyframe_count < LEAST_LABELS)
     return false;
   double mean[3] = {0}, steps = 0, spread = 0, places[STRETCHES][3], at[3], before[3], first[3];
-  place_of(&object->knots[0], first);
+  place_of(&object->keyframes[0], first);
   mean_places(object, places);
-  for (int64_t i = 0; i < object->knot_count; i++)
+  for (int64_t i = 0; i < object->keyframe_count; i++)
     for (int k = 0; k < 3; k++)
-      mean[k] += (object->knots[i].world_from_object[4 * k + 3] - first[k]) / (double)object->knot_count;
+      mean[k] += (object->keyframes[i].world_from_object[4 * k + 3] - first[k]) / (double)object->keyframe_count;
   for (int k = 0; k < 3; k++)
     mean[k] += first[k];
-  for (int64_t i = 0; i < object->knot_count; i++) {
-    place_of(&object->knots[i], at);
+  for (int64_t i = 0; i < object->keyframe_count; i++) {
+    place_of(&object->keyframes[i], at);
     spread += square_between(at, mean);
     steps += i ? square_between(at, before) : 0;
     memcpy(before, at, sizeof before);
@@ -77,34 +77,34 @@ static bool lies_about_one_place(const pags_object *object) {
  * than `least` metres at more than `speed` m/s. The distances to a straight line of constant speed must be small beside
  * the way. */
 static bool goes_straight(const pags_object *object, double travel, double least, double speed) {
-  const pags_knot *first = &object->knots[0], *last = &object->knots[object->knot_count - 1];
+  const pags_keyframe *first = &object->keyframes[0], *last = &object->keyframes[object->keyframe_count - 1];
   const double duration = last->time - first->time;
   if (!(duration > 0) || travel < least || travel < speed * duration)
     return false;
   double square = 0;
-  for (int64_t i = 0; i < object->knot_count; i++) {
-    const double share = (object->knots[i].time - first->time) / duration;
+  for (int64_t i = 0; i < object->keyframe_count; i++) {
+    const double share = (object->keyframes[i].time - first->time) / duration;
     for (int axis = 3; axis < 12; axis += 4) {
       const double from = first->world_from_object[axis], to = last->world_from_object[axis];
-      const double d = object->knots[i].world_from_object[axis] - from - share * (to - from);
+      const double d = object->keyframes[i].world_from_object[axis] - from - share * (to - from);
       square += d * d;
     }
   }
-  return sqrt(square / (double)object->knot_count) < 0.15 * travel;
+  return sqrt(square / (double)object->keyframe_count) < 0.15 * travel;
 }
 
 /* The distance between the first and the last label, and whether it or the spread of the labels is that of an object
  * that moves. */
 static bool goes_far(const pags_object *object, double *travel) {
-  const double *first = object->knots[0].world_from_object;
-  const double *last = object->knots[object->knot_count - 1].world_from_object;
-  double between = 0, largest = 0, count = (double)object->knot_count;
+  const double *first = object->keyframes[0].world_from_object;
+  const double *last = object->keyframes[object->keyframe_count - 1].world_from_object;
+  double between = 0, largest = 0, count = (double)object->keyframe_count;
   for (int axis = 3; axis < 12; axis += 4) {
     double mean = 0, square = 0;
-    for (int64_t i = 0; i < object->knot_count; i++)
-      mean += (object->knots[i].world_from_object[axis] - first[axis]) / count;
-    for (int64_t i = 0; i < object->knot_count; i++) {
-      double d = object->knots[i].world_from_object[axis] - first[axis] - mean;
+    for (int64_t i = 0; i < object->keyframe_count; i++)
+      mean += (object->keyframes[i].world_from_object[axis] - first[axis]) / count;
+    for (int64_t i = 0; i < object->keyframe_count; i++) {
+      double d = object->keyframes[i].world_from_object[axis] - first[axis] - mean;
       square += d * d / count;
     }
     between += (last[axis] - first[axis]) * (last[axis] - first[axis]);
@@ -125,10 +125,10 @@ bool pags_object_jitters(const pags_object *object) {
  * 1 m/s. At least three labels are needed for that. Labels that jitter by more than half a metre don't make a parked
  * car move. */
 void pags_object_classify_motion(pags_object *object) {
-  assert(object->knot_count > 0);
+  assert(object->keyframe_count > 0);
   double travel;
   const bool person = object->category == PAGS_CATEGORY_PEDESTRIAN || object->category == PAGS_CATEGORY_CYCLIST;
   object->moving = goes_far(object, &travel) && !lies_about_one_place(object);
-  if (object->category != PAGS_CATEGORY_OTHER && object->knot_count > 2)
+  if (object->category != PAGS_CATEGORY_OTHER && object->keyframe_count > 2)
     object->moving = object->moving || goes_straight(object, travel, person ? 0.8 : 1.2, person ? 0.5 : 1.0);
 }

@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Computes the pose of an object at a time from its track.
  *
- * A trained track is a curve through the poses of its trained knots, label * Exp(increment). Labels of held-out knots
- * are not used: such a label carries its own jitter, and the increments of its neighbours, by which it would have to
- * be corrected, make up for the jitter of the neighbours' labels. Between two trained knots the curve is a cubic
- * Hermite spline in six numbers, the rotation vector and the translation relative to the first of the two. Its
- * velocity at a knot is that of the parabola through the knot and its two neighbours, so that velocities are
+ * A trained track is a curve through the poses of its trained keyframes, label * Exp(increment). Labels of held-out
+ * keyframes are not used: such a label carries its own jitter, and the increments of its neighbours, by which it would
+ * have to be corrected, make up for the jitter of the neighbours' labels. Between two trained keyframes the curve is a
+ * cubic Hermite spline in six numbers, the rotation vector and the translation relative to the first of the two. Its
+ * velocity at a keyframe is that of the parabola through the keyframe and its two neighbours, so that velocities are
  * continuous and motion of constant acceleration is met exactly.
  *
- * Where no increment is, or the gap between trained knots is too long, the labels are interpolated (translation
+ * Where no increment is, or the gap between trained keyframes is too long, the labels are interpolated (translation
  * linearly, rotation along the shorter arc of the quaternions) and multiplied by the linearly interpolated
  * increments.
  */
@@ -25,8 +25,8 @@
 /* Times that differ by at most this many seconds count as the same: a tenth of the shortest shutter time, and four
  * steps of a double at Unix time. */
 static const double same_time = 1e-6;
-/* The longest gap between two trained knots that the curve spans, in multiples of the median spacing of the knots:
- * long enough for one held-out knot between them. */
+/* The longest gap between two trained keyframes that the curve spans, in multiples of the median spacing of the
+ * keyframes: long enough for one held-out keyframe between them. */
 static const double longest_bridge = 2.5;
 
 enum { CHANNELS = 6 }; /* of a relative pose: rotation vector (3), translation (3) */
@@ -90,26 +90,26 @@ static void interpolate_pose(const double a[12], const double b[12], double shar
 
 /* ---- Labels ---- */
 
-/* Returns whether the median time between neighbouring knots (for an even number, the upper of the middle two) is at
- * least `length` seconds. It suffices to count the shorter ones, without sorting. A single knot has the spacing of the
- * time steps. */
+/* Returns whether the median time between neighbouring keyframes (for an even number, the upper of the middle two) is
+ * at least `length` seconds. It suffices to count the shorter ones, without sorting. A single keyframe has the spacing
+ * of the time steps. */
 static bool median_reaches(const pags_object *object, double length) {
-  int64_t spacings = object->knot_count - 1, shorter = 0;
+  int64_t spacings = object->keyframe_count - 1, shorter = 0;
   if (spacings == 0)
     return object->time_step >= length - same_time;
   for (int64_t i = 0; i < spacings; i++)
-    shorter += object->knots[i + 1].time - object->knots[i].time < length - same_time;
+    shorter += object->keyframes[i + 1].time - object->keyframes[i].time < length - same_time;
   return shorter <= spacings / 2;
 }
 
-/* Computes the labelled pose at `time` into `out`, `after` being the number of knots at or before `time`. Returns 0
+/* Computes the labelled pose at `time` into `out`, `after` being the number of keyframes at or before `time`. Returns 0
  * if the object isn't there: more than half a median spacing beyond an end of its track or into a gap of more than
  * 1.5. */
 static bool label_at(const pags_object *object, double time, int64_t after, double out[12]) {
-  const pags_knot *before = after > 0 ? &object->knots[after - 1] : NULL;
-  const pags_knot *behind = after < object->knot_count ? &object->knots[after] : NULL;
+  const pags_keyframe *before = after > 0 ? &object->keyframes[after - 1] : NULL;
+  const pags_keyframe *behind = after < object->keyframe_count ? &object->keyframes[after] : NULL;
   double since = before ? time - before->time : INFINITY, until = behind ? behind->time - time : INFINITY;
-  const pags_knot *nearest = since <= until ? before : behind;
+  const pags_keyframe *nearest = since <= until ? before : behind;
   double distance = fmin(since, until);
   if (!(distance < INFINITY)) /* `time` is NaN or infinite */
     return false;
@@ -122,44 +122,44 @@ static bool label_at(const pags_object *object, double time, int64_t after, doub
   return true;
 }
 
-/* ---- The curve through trained knots ---- */
+/* ---- The curve through trained keyframes ---- */
 
-/* Returns the last trained knot before index `end`; NULL if there is none. */
-static const pags_knot *last_trained(const pags_object *object, int64_t end) {
+/* Returns the last trained keyframe before index `end`; NULL if there is none. */
+static const pags_keyframe *last_trained(const pags_object *object, int64_t end) {
   for (int64_t i = end - 1; i >= 0; i--)
-    if (object->knots[i].trained)
-      return &object->knots[i];
+    if (object->keyframes[i].trained)
+      return &object->keyframes[i];
   return NULL;
 }
 
-/* Returns the first trained knot from index `begin` on; NULL if there is none. */
-static const pags_knot *first_trained(const pags_object *object, int64_t begin) {
-  for (int64_t i = begin; i < object->knot_count; i++)
-    if (object->knots[i].trained)
-      return &object->knots[i];
+/* Returns the first trained keyframe from index `begin` on; NULL if there is none. */
+static const pags_keyframe *first_trained(const pags_object *object, int64_t begin) {
+  for (int64_t i = begin; i < object->keyframe_count; i++)
+    if (object->keyframes[i].trained)
+      return &object->keyframes[i];
   return NULL;
 }
 
-static bool has_increment(const pags_knot *k) {
+static bool has_increment(const pags_keyframe *k) {
   return k->rotation[0] != 0 || k->rotation[1] != 0 || k->rotation[2] != 0 || k->translation[0] != 0 ||
          k->translation[1] != 0 || k->translation[2] != 0;
 }
 
-/* The pose of a trained knot: label * Exp(increment). */
-static void trained_pose(const pags_knot *k, double out[12]) {
+/* The pose of a trained keyframe: label * Exp(increment). */
+static void trained_pose(const pags_keyframe *k, double out[12]) {
   double motion[12];
   pags_increment_matrix(k->rotation, k->translation, motion);
   pags_rigid_multiply(k->world_from_object, motion, out);
 }
 
-/* Returns whether the curve spans the gap from trained knot a to b, the next (either may be NULL: no). */
-static bool bridges(const pags_object *object, const pags_knot *a, const pags_knot *b) {
+/* Returns whether the curve spans the gap from trained keyframe a to b, the next (either may be NULL: no). */
+static bool bridges(const pags_object *object, const pags_keyframe *a, const pags_keyframe *b) {
   return a && b && b->time - a->time > same_time && median_reaches(object, (b->time - a->time) / longest_bridge);
 }
 
-/* Computes the pose of trained knot k relative to the pose `from`: the rotation vector in the frame of `from`, then
+/* Computes the pose of trained keyframe k relative to the pose `from`: the rotation vector in the frame of `from`, then
  * the translation along the world's axes. */
-static void displacement(const double from[12], const pags_knot *k, double out[CHANNELS]) {
+static void displacement(const double from[12], const pags_keyframe *k, double out[CHANNELS]) {
   double to[12], back[12], between[12];
   trained_pose(k, to);
   pags_rigid_inverse(from, back);
@@ -169,18 +169,19 @@ static void displacement(const double from[12], const pags_knot *k, double out[C
     out[3 + i] = to[4 * i + 3] - from[4 * i + 3];
 }
 
-/* The velocity, at the middle one of three knots, of the parabola through the three: v0 is the mean velocity over the
- * h0 seconds before it, v1 that over the h1 seconds after it. */
+/* The velocity, at the middle one of three keyframes, of the parabola through the three: v0 is the mean velocity over
+ * the h0 seconds before it, v1 that over the h1 seconds after it. */
 static double middle_velocity(double v0, double h0, double v1, double h1) {
   return (v0 * h1 + v1 * h0) / (h0 + h1);
 }
 
-/* Computes the pose at `time` on the curve between trained knots a and b. If no trained knot is near enough before a
- * (or after b), the velocity there is that of the parabola through the other three knots; if neither side has one,
- * the curve is a straight line from a to b. */
-static void curve_at(const pags_object *object, const pags_knot *a, const pags_knot *b, double time, double out[12]) {
-  const pags_knot *before = last_trained(object, a - object->knots),
-                  *behind = first_trained(object, b - object->knots + 1);
+/* Computes the pose at `time` on the curve between trained keyframes a and b. If no trained keyframe is near enough
+ * before a (or after b), the velocity there is that of the parabola through the other three keyframes; if neither side
+ * has one, the curve is a straight line from a to b. */
+static void curve_at(const pags_object *object, const pags_keyframe *a, const pags_keyframe *b, double time,
+                     double out[12]) {
+  const pags_keyframe *before = last_trained(object, a - object->keyframes),
+                      *behind = first_trained(object, b - object->keyframes + 1);
   const int has_before = bridges(object, before, a), has_behind = bridges(object, b, behind);
   const double gap = b->time - a->time, u = (time - a->time) / gap, zero[3] = {0, 0, 0};
   double pose[12], turn[12], to_b[CHANNELS], to_before[CHANNELS], to_behind[CHANNELS], x[CHANNELS];
@@ -207,9 +208,9 @@ static void curve_at(const pags_object *object, const pags_knot *a, const pags_k
 
 /* ---- Increments and the pose at a time ---- */
 
-/* Multiplies the labelled pose `out` by the increment at `time`, interpolated linearly between those of trained knots
- * a and b. One of them may be NULL: then the other's increment is taken. */
-static void correct(const pags_knot *a, const pags_knot *b, double time, double out[12]) {
+/* Multiplies the labelled pose `out` by the increment at `time`, interpolated linearly between those of trained
+ * keyframes a and b. One of them may be NULL: then the other's increment is taken. */
+static void correct(const pags_keyframe *a, const pags_keyframe *b, double time, double out[12]) {
   double rotation[3], translation[3], motion[12];
   a = a ? a : b;
   b = b ? b : a;
@@ -225,11 +226,11 @@ static void correct(const pags_knot *a, const pags_knot *b, double time, double 
 }
 
 int pags_object_pose(const pags_object *object, double time, double out[12]) {
-  /* Bisection: `after` is the number of knots at or before `time`. */
-  int64_t low = 0, high = object->knot_count;
+  /* Bisection: `after` is the number of keyframes at or before `time`. */
+  int64_t low = 0, high = object->keyframe_count;
   while (low < high) {
     int64_t middle = low + (high - low) / 2;
-    if (object->knots[middle].time <= time)
+    if (object->keyframes[middle].time <= time)
       low = middle + 1;
     else
       high = middle;
@@ -238,10 +239,10 @@ int pags_object_pose(const pags_object *object, double time, double out[12]) {
 
   if (!label_at(object, time, after, out))
     return 0;
-  /* A knot at this very time counts both as the last one before it and as the first one after it. */
-  const int next_is_now = after < object->knot_count && object->knots[after].time - time <= same_time;
-  const int last_is_now = after > 0 && time - object->knots[after - 1].time <= same_time;
-  const pags_knot *a = last_trained(object, after + next_is_now), *b = first_trained(object, after - last_is_now);
+  /* A keyframe at this very time counts both as the last one before it and as the first one after it. */
+  const int next_is_now = after < object->keyframe_count && object->keyframes[after].time - time <= same_time;
+  const int last_is_now = after > 0 && time - object->keyframes[after - 1].time <= same_time;
+  const pags_keyframe *a = last_trained(object, after + next_is_now), *b = first_trained(object, after - last_is_now);
   if (bridges(object, a, b) && (has_increment(a) || has_increment(b)))
     curve_at(object, a, b, time, out);
   else if (a || b)

@@ -218,10 +218,10 @@ static pags_result read_root(const pags_json *json, pags_scene *scene, pags_scen
     if (pags_json_member(value, "correction"))
       PAGS_TRY(pags_json_numbers(json, value, "correction", 6, view->correction));
     if (pags_json_member(value, "vignette"))
-      PAGS_TRY(pags_json_numbers(json, value, "vignette", PAGS_LIGHT_RINGS, view->light.vignette));
+      PAGS_TRY(pags_json_numbers(json, value, "vignette", PAGS_VIGNETTING_RINGS, view->photometric.vignette));
     if (pags_json_member(value, "response"))
-      PAGS_TRY(pags_json_numbers(json, value, "response", PAGS_LIGHT_PIECES - 1, view->light.response));
-    if (!pags_light_is_sound(&view->light))
+      PAGS_TRY(pags_json_numbers(json, value, "response", PAGS_RESPONSE_PIECES - 1, view->photometric.response));
+    if (!pags_photometric_is_valid(&view->photometric))
       return pags_json_fail(json, value, "expected a 'response' that rises from 0 to 1");
   }
   return PAGS_OK;
@@ -267,9 +267,9 @@ static void write_views(pags_json_writer *w, const pags_scene *scene) {
     pags_camera_to_json(w, &view->camera);
     if (pags_scene_view_is_corrected(view))
       pags_json_put_numbers(w, "correction", view->correction, 6);
-    if (!pags_light_is_plain(&view->light)) {
-      pags_json_put_numbers(w, "vignette", view->light.vignette, PAGS_LIGHT_RINGS);
-      pags_json_put_numbers(w, "response", view->light.response, PAGS_LIGHT_PIECES - 1);
+    if (!pags_photometric_is_identity(&view->photometric)) {
+      pags_json_put_numbers(w, "vignette", view->photometric.vignette, PAGS_VIGNETTING_RINGS);
+      pags_json_put_numbers(w, "response", view->photometric.response, PAGS_RESPONSE_PIECES - 1);
     }
     pags_json_end_object(w);
   }

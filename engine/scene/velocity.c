@@ -49,8 +49,8 @@ void pags_camera_see(const pags_camera *camera, const double middle[3], double o
 void pags_object_velocity(const pags_object *object, double time, double velocity[6]) {
   const double half = 0.05; /* seconds: where labels are a tenth apart, the parabola through three of them */
   /* Beyond its ends a track stands still, which isn't the object's motion. */
-  const double begin = fmax(time - half, object->knots[0].time),
-               end = fmin(time + half, object->knots[object->knot_count - 1].time);
+  const double begin = fmax(time - half, object->keyframes[0].time),
+               end = fmin(time + half, object->keyframes[object->keyframe_count - 1].time);
   double before[12], now[12], after[12];
   memset(velocity, 0, 6 * sizeof *velocity);
   if (end - begin > 1e-6 && pags_object_pose(object, begin, before) && pags_object_pose(object, time, now) &&

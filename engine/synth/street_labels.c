@@ -51,30 +51,31 @@ static bool make_track(const pags_street *street, const pags_actor *actor, bool 
   pags_object *object = &out->object;
   object->id = pags_text_format("%s_%s_%03d", actor->moving ? "moving" : "parked", words[actor->role], actor->number);
   object->class_name = pags_text_copy(classes[actor->role]);
-  object->knots = calloc((size_t)o->frames, sizeof *object->knots);
-  if (!object->id || !object->class_name || !object->knots)
+  object->keyframes = calloc((size_t)o->frames, sizeof *object->keyframes);
+  if (!object->id || !object->class_name || !object->keyframes)
     return false;
   for (int k = 0; k < 3; k++)
     object->size[k] = (double)actor->size[k];
   for (int f = 0; f < o->frames; f++) {
     if (!labelled(street, actor, f))
       continue;
-    pags_knot *knot = &object->knots[object->knot_count++];
-    knot->frame = f;
-    pags_actor_pose(actor, frame_time(street, f), knot->world_from_object);
+    pags_keyframe *keyframe = &object->keyframes[object->keyframe_count++];
+    keyframe->frame = f;
+    pags_actor_pose(actor, frame_time(street, f), keyframe->world_from_object);
     if (!exact && actor->moving && (o->pose_noise > 0.0 || o->yaw_noise > 0.0)) {
       /* Label noise of a box: normal errors of x, y and yaw, independent from frame to frame. */
       double move[2], turn[2];
       const uint64_t stream = STREAM_POSE_NOISE + 2 * (uint64_t)actor->number;
       pags_rng_normal2(o->seed, stream, (uint64_t)f, move);
       pags_rng_normal2(o->seed, stream + 1, (uint64_t)f, turn);
-      const double yaw = pags_atan2(knot->world_from_object[4], knot->world_from_object[0]) +
+      const double yaw = pags_atan2(keyframe->world_from_object[4], keyframe->world_from_object[0]) +
                          turn[0] * o->yaw_noise * 0.017453292519943295;
       const double c = pags_cos(yaw), s = pags_sin(yaw);
-      memcpy(knot->world_from_object,
-             (double[12]){c, -s, 0, knot->world_from_object[3] + o->pose_noise * move[0], s, c, 0,
-                          knot->world_from_object[7] + o->pose_noise * move[1], 0, 0, 1, knot->world_from_object[11]},
-             12 * sizeof *knot->world_from_object);
+      memcpy(keyframe->world_from_object,
+             (double[12]){c, -s, 0, keyframe->world_from_object[3] + o->pose_noise * move[0], s, c, 0,
+                          keyframe->world_from_object[7] + o->pose_noise * move[1], 0, 0, 1,
+                          keyframe->world_from_object[11]},
+             12 * sizeof *keyframe->world_from_object);
     }
   }
   return true;

@@ -25,7 +25,7 @@ static const char magic[8] = {'P', 'A', 'G', 'S', 'R', 'U', 'N', '4'};
 
 /* Payload of section RUN0: the numbers of the run. */
 typedef struct run_record {
-  int64_t step, stop, resets, cap, clocked, views, models, knots, sky_size, exposures, lidar_points;
+  int64_t step, stop, resets, cap, clocked, views, models, keyframes, sky_size, exposures, lidar_points;
   double extent, loss, mse, sky_share;
   uint64_t fingerprint;
 } run_record;
@@ -148,11 +148,11 @@ static pags_result put_columns(section_writer *w, const char tag[4], const pags_
   return close_section(w);
 }
 
-static int64_t knots_of(const pags_track_poses *tracks) {
-  int64_t knots = 0;
+static int64_t keyframes_of(const pags_track_poses *tracks) {
+  int64_t keyframes = 0;
   for (int64_t i = 0; i < tracks->count; i++)
-    knots += tracks->objects[i].knot_count;
-  return knots;
+    keyframes += tracks->objects[i].keyframe_count;
+  return keyframes;
 }
 
 static size_t sky_bytes(int64_t size) {
@@ -188,11 +188,11 @@ static pags_result put_model(section_writer *w, const pags_train_model *m) {
   return m->density.squared ? put_columns(w, "SQUA", m, m->density.squared, NULL, 1) : PAGS_OK;
 }
 
-/* One knot's record in section TRAK. */
-typedef struct knot_record {
+/* One keyframe's record in section TRAK. */
+typedef struct keyframe_record {
   double increment[6]; /* rotation, translation */
   pags_adam6 moments;
-} knot_record;
+} keyframe_record;
 
 /* Payload of section BADR: updates left out because a number wasn't finite. */
 typedef struct nonfinite_record {
@@ -205,12 +205,12 @@ static size_t exposure_bytes(const pags_exposures *exposures) {
 }
 
 static pags_result put_tracks(section_writer *w, const pags_track_poses *tracks) {
-  PAGS_TRY(open_section(w, "TRAK", (uint64_t)knots_of(tracks) * sizeof(knot_record)));
+  PAGS_TRY(open_section(w, "TRAK", (uint64_t)keyframes_of(tracks) * sizeof(keyframe_record)));
   for (int64_t i = 0; i < tracks->count; i++)
-    for (int64_t k = 0; k < tracks->objects[i].knot_count; k++) {
-      knot_record record = {.moments = tracks->moments[i][k]};
-      memcpy(record.increment, tracks->objects[i].knots[k].rotation, 3 * sizeof(double));
-      memcpy(record.increment + 3, tracks->objects[i].knots[k].translation, 3 * sizeof(double));
+    for (int64_t k = 0; k < tracks->objects[i].keyframe_count; k++) {
+      keyframe_record record = {.moments = tracks->moments[i][k]};
+      memcpy(record.increment, tracks->objects[i].keyframes[k].rotation, 3 * sizeof(double));
+      memcpy(record.increment + 3, tracks->objects[i].keyframes[k].translation, 3 * sizeof(double));
       PAGS_TRY(put(w, &record, sizeof record));
     }
   return close_section(w);
@@ -318,7 +318,7 @@ static pags_result put_state(section_writer *w, const pags_train_state *s, uint6
                        .clocked = s->clocked,
                        .views = s->schedule.views,
                        .models = s->model_count,
-                       .knots = knots_of(&s->tracks),
+                       .keyframes = keyframes_of(&s->tracks),
                        .sky_size = written_sky(w, &s->sky),
                        .exposures = s->exposures.count,
                        .lidar_points = s->lidar_points,
@@ -456,9 +456,9 @@ static bool is_sound_run(const run_record *r, const pags_dataset *dataset, const
       r->step >= 0 && r->stop >= r->step && r->stop <= PAGS_CONFIG_STEPS && r->resets >= 0 && r->resets <= r->step;
   int known = r->cap >= 0 && (r->clocked == 0 || r->clocked == 1) && r->lidar_points >= 0 && r->views >= 1 &&
               r->views <= INT32_MAX && isfinite(r->extent) && r->extent > 0;
-  return in_order && known && r->models >= 1 && r->models <= 1 + tracks->count && r->knots == knots_of(tracks) &&
-         (r->exposures == 0 || r->exposures == views) && r->sky_size >= 0 && r->sky_size <= 4096 &&
-         (r->sky_size == 0 || dataset);
+  return in_order && known && r->models >= 1 && r->models <= 1 + tracks->count &&
+         r->keyframes == keyframes_of(tracks) && (r->exposures == 0 || r->exposures == views) && r->sky_size >= 0 &&
+         r->sky_size <= 4096 && (r->sky_size == 0 || dataset);
 }
 
 /* Checks a model's record. Models are stored in rising order of their object number, the background (-1) first;
@@ -561,16 +561,16 @@ static pags_result get_model(section_reader *r, pags_train_state *s) {
 
 static pags_result get_tracks(section_reader *r, pags_track_poses *tracks) {
   const uint8_t *at = NULL;
-  PAGS_TRY(next_sized(r, "TRAK", (uint64_t)knots_of(tracks) * sizeof(knot_record), &at));
+  PAGS_TRY(next_sized(r, "TRAK", (uint64_t)keyframes_of(tracks) * sizeof(keyframe_record), &at));
   for (int64_t i = 0; i < tracks->count; i++)
-    for (int64_t k = 0; k < tracks->objects[i].knot_count; k++, at += sizeof(knot_record)) {
-      knot_record record;
+    for (int64_t k = 0; k < tracks->objects[i].keyframe_count; k++, at += sizeof(keyframe_record)) {
+      keyframe_record record;
       memcpy(&record, at, sizeof record);
       for (int j = 0; j < 6; j++)
         if (!isfinite(record.increment[j]) || record.moments.count < 0)
           return out_of_range(r, "TRAK");
-      memcpy(tracks->objects[i].knots[k].rotation, record.increment, 3 * sizeof(double));
-      memcpy(tracks->objects[i].knots[k].translation, record.increment + 3, 3 * sizeof(double));
+      memcpy(tracks->objects[i].keyframes[k].rotation, record.increment, 3 * sizeof(double));
+      memcpy(tracks->objects[i].keyframes[k].translation, record.increment + 3, 3 * sizeof(double));
       tracks->moments[i][k] = record.moments;
     }
   return PAGS_OK;
@@ -646,8 +646,8 @@ static pags_result get_photometry(section_reader *r, const pags_dataset *dataset
   if (fitted)
     memcpy(p->parts, payload + sizeof record, (size_t)p->count * sizeof *p->parts);
   for (int64_t s = 0; s < p->count; s++) {
-    const pags_light light = pags_photometry_light(p, (int)s);
-    if (!pags_light_is_sound(&light) || p->parts[s].by_vignette.count < 0 || p->parts[s].by_slopes.count < 0)
+    const pags_photometric light = pags_photometry_of_sensor(p, (int)s);
+    if (!pags_photometric_is_valid(&light) || p->parts[s].by_vignette.count < 0 || p->parts[s].by_slopes.count < 0)
       return out_of_range(r, "LITE");
   }
   p->trial = record.trial;

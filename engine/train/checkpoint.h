@@ -7,11 +7,11 @@
  * checkpoint.c. Then, for each model: MODL the numbers of model_record; then planes of count floats: GAUS the
  * parameters, MOM1 and MOM2 the moments (Fourier terms after the standard planes); STEP the two steps of each cluster
  * (pending Adam steps are stored as pending); STAT the densify statistics; and, each only if the model has them, OBJI
- * object numbers, SSEM priorities, SQUA squared derivatives. TRAK holds the increments and moments of all knots (the
- * labelled poses come from the data set), SKY0 texels, moments and visits, EXPO the exposures, CAMS
- * (only if they were tried) the corrections of camera poses, LITE (likewise) the cameras' light, BADR (only if there
- * was one) the number of updates left out and the first of them, KERN (absent in old files) the kernels that computed
- * it, END! nothing. Sections come in this order. */
+ * object numbers, SSEM priorities, SQUA squared derivatives. TRAK holds the increments and moments of all keyframes
+ * (the labelled poses come from the data set), SKY0 texels, moments and visits, EXPO the exposures, CAMS (only if they
+ * were tried) the corrections of camera poses, LITE (likewise) the cameras' light, BADR (only if there was one) the
+ * number of updates left out and the first of them, KERN (absent in old files) the kernels that computed it, END!
+ * nothing. Sections come in this order. */
 #ifndef PAGS_TRAIN_CHECKPOINT_H
 #define PAGS_TRAIN_CHECKPOINT_H
 

@@ -22,10 +22,11 @@ static double mean_square(const pags_picture *picture, const pags_photo *photo, 
       if (photo->mask && photo->mask[at] == 0)
         continue;
       counted++;
-      const double bright = pags_light_vignette(&view->light, pags_light_distance(camera, x + 0.5, y + 0.5));
+      const double bright =
+          pags_photometric_vignetting(&view->photometric, pags_photometric_radius2(camera, x + 0.5, y + 0.5));
       for (int c = 0; c < 3; c++) {
         const double drawn = (double)picture->rgb[c][(int64_t)y * picture->stride + x];
-        const double seen = pags_light_response(&view->light, bright * drawn, NULL);
+        const double seen = pags_photometric_response(&view->photometric, bright * drawn, NULL);
         const double exposed = fmin(fmax(view->gain[c] * seen + view->offset[c], 0), 1);
         const double away = exposed - photo->rgb[((int64_t)c * photo->height + y) * photo->stride + x] / 255.0;
         row += away * away;

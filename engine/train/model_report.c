@@ -33,19 +33,19 @@ static void put_object(pags_json_writer *w, const pags_train_state *s, int64_t o
 
     /* Mean length of a track's trained increments: how far smoothing and training moved the labelled poses. */
     double metres = 0.0, radians = 0.0;
-    int64_t knots = 0;
-    for (int64_t k = 0; k < o->knot_count; k++) {
-      const pags_knot *n = &o->knots[k];
+    int64_t keyframes = 0;
+    for (int64_t k = 0; k < o->keyframe_count; k++) {
+      const pags_keyframe *n = &o->keyframes[k];
       if (!n->trained)
         continue;
       metres += sqrt(n->translation[0] * n->translation[0] + n->translation[1] * n->translation[1] +
                      n->translation[2] * n->translation[2]);
       radians +=
           sqrt(n->rotation[0] * n->rotation[0] + n->rotation[1] * n->rotation[1] + n->rotation[2] * n->rotation[2]);
-      knots++;
+      keyframes++;
     }
-    pags_json_put_number(w, "mean_shift_metres", knots > 0 ? metres / (double)knots : 0.0);
-    pags_json_put_number(w, "mean_turn_degrees", knots > 0 ? radians / (double)knots * 57.29577951308232 : 0.0);
+    pags_json_put_number(w, "mean_shift_metres", keyframes > 0 ? metres / (double)keyframes : 0.0);
+    pags_json_put_number(w, "mean_turn_degrees", keyframes > 0 ? radians / (double)keyframes * 57.29577951308232 : 0.0);
 
     pags_json_put_bool(w, "fourier", m->gaussians.fourier != NULL);
     if (isfinite(m->fourier_gain))

@@ -71,7 +71,7 @@ void pags_nonfinite_describe(const pags_nonfinite *nonfinite, const char *name, 
                (long long)o->step);
       break;
     case PAGS_NONFINITE_POSE:
-      snprintf(text, PAGS_GUARD_TEXT, "the gradient by the pose of %s at its knot %lld at step %lld", model,
+      snprintf(text, PAGS_GUARD_TEXT, "the gradient by the pose of %s at its keyframe %lld at step %lld", model,
                (long long)o->row, (long long)o->step);
       break;
     case PAGS_NONFINITE_EXPOSURE:

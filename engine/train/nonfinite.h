@@ -12,7 +12,7 @@
 typedef enum pags_nonfinite_kind {
   PAGS_NONFINITE_GRADIENT,  /* the gradient of a Gaussian: not finite, or so large that its square isn't finite */
   PAGS_NONFINITE_PARAMETER, /* a parameter of a Gaussian */
-  PAGS_NONFINITE_POSE,      /* the gradient of a knot of an object's track */
+  PAGS_NONFINITE_POSE,      /* the gradient of a keyframe of an object's track */
   PAGS_NONFINITE_EXPOSURE,  /* the gradient of a view's exposure */
   PAGS_NONFINITE_CAMERA     /* the gradient of a view's camera pose */
 } pags_nonfinite_kind;
@@ -20,13 +20,13 @@ typedef enum pags_nonfinite_kind {
 typedef struct pags_nonfinite_row {
   int64_t step;
   int64_t object; /* object number in the data set, of the model or track; -1: the background */
-  int64_t row;    /* row of the model at that step; or knot of the track; or view */
+  int64_t row;    /* row of the model at that step; or keyframe of the track; or view */
   int32_t plane;  /* plane of a Gaussian, as in pags/gaussians.h, Fourier terms from PAGS_MAX_PLANES on; else 0 */
   int32_t kind;   /* pags_nonfinite_kind */
 } pags_nonfinite_row;
 
 typedef struct pags_nonfinite {
-  int64_t count; /* updates left out in the whole run: rows of Gaussians, knots' poses, views' exposures */
+  int64_t count; /* updates left out in the whole run: rows of Gaussians, keyframes' poses, views' exposures */
   pags_nonfinite_row first;
   atomic_flag busy;
 } pags_nonfinite;

@@ -13,7 +13,7 @@
 #include "maths/maths.h"
 #include "simd/kernels.h"
 
-enum { RINGS = PAGS_LIGHT_RINGS, PIECES = PAGS_LIGHT_PIECES, GRAIN = 8 };
+enum { RINGS = PAGS_VIGNETTING_RINGS, PIECES = PAGS_RESPONSE_PIECES, GRAIN = 8 };
 static const double final_share = 0.1; /* the learning rate at the schedule's end as a share of the first */
 
 /* Sets the share of the picture that each number of the vignette has. */
@@ -22,7 +22,8 @@ static void find_shares(const pags_camera *camera, double share[RINGS]) {
   memset(share, 0, RINGS * sizeof *share);
   for (int y = 0; y < GRID; y++)
     for (int x = 0; x < GRID; x++) {
-      const double q = pags_light_distance(camera, (x + 0.5) / GRID * camera->width, (y + 0.5) / GRID * camera->height);
+      const double q =
+          pags_photometric_radius2(camera, (x + 0.5) / GRID * camera->width, (y + 0.5) / GRID * camera->height);
       const int ring = q < 2.0 / 3.0 ? (int)(3.0 * q) : 2;
       share[ring] += (1.0 + ring - 3.0 * q) / (GRID * GRID);
       share[ring + 1] += (3.0 * q - ring) / (GRID * GRID);
@@ -60,8 +61,8 @@ static void shares_of(const double slopes[PIECES], double shares[PIECES]) {
     shares[i] /= sum;
 }
 
-pags_light pags_photometry_light(const pags_photometry *p, int sensor) {
-  pags_light light = {.vignette = {0.0}};
+pags_photometric pags_photometry_of_sensor(const pags_photometry *p, int sensor) {
+  pags_photometric light = {.vignette = {0.0}};
   double shares[PIECES], at = 0.0;
   if (sensor < 0 || sensor >= p->count)
     return light;
@@ -81,11 +82,11 @@ typedef struct light_job {
   const pags_camera *camera;
   const pags_picture *picture;
   float *const *planes;
-  pags_light_row row;        /* the members that are the same for all rows */
-  pags_light_gradient *rows; /* one a row; NULL: the planes receive the light's values */
+  pags_light_row row;              /* the members that are the same for all rows */
+  pags_photometric_gradient *rows; /* one a row; NULL: the planes receive the light's values */
 } light_job;
 
-static pags_result prepare(const pags_light *light, const pags_camera *camera, const pags_picture *picture,
+static pags_result prepare(const pags_photometric *light, const pags_camera *camera, const pags_picture *picture,
                            float *const planes[3], light_job *job) {
   const char *why;
   *job = (light_job){.kernels = pags_kernels_get(&why), .camera = camera, .picture = picture, .planes = planes};
@@ -104,7 +105,7 @@ static pags_result prepare(const pags_light *light, const pags_camera *camera, c
   }
   slope = 1.0;
   for (int i = 0; i < PIECES; i++) {
-    const double next = PIECES * (pags_light_knot(light, i + 1) - pags_light_knot(light, i));
+    const double next = PIECES * (pags_photometric_curve_point(light, i + 1) - pags_photometric_curve_point(light, i));
     row->bends[i] = (float)(next - slope);
     slope = next;
   }
@@ -129,7 +130,7 @@ static void light_rows(void *context, int64_t begin, int64_t end, int worker) {
   }
 }
 
-pags_result pags_photometry_apply(pags_tasks *tasks, const pags_light *light, const pags_camera *camera,
+pags_result pags_photometry_apply(pags_tasks *tasks, const pags_photometric *light, const pags_camera *camera,
                                   const pags_picture *picture, float *const out[3]) {
   light_job job;
   PAGS_TRY(prepare(light, camera, picture, out, &job));
@@ -137,8 +138,9 @@ pags_result pags_photometry_apply(pags_tasks *tasks, const pags_light *light, co
                                                                             : pags_fail(PAGS_CANCELLED, "cancelled");
 }
 
-pags_result pags_photometry_back(pags_tasks *tasks, const pags_light *light, const pags_camera *camera,
-                                 const pags_picture *picture, float *const gradient[3], pags_light_gradient *out) {
+pags_result pags_photometry_back(pags_tasks *tasks, const pags_photometric *light, const pags_camera *camera,
+                                 const pags_picture *picture, float *const gradient[3],
+                                 pags_photometric_gradient *out) {
   light_job job;
   memset(out, 0, sizeof *out);
   PAGS_TRY(prepare(light, camera, picture, gradient, &job));
@@ -150,7 +152,8 @@ pags_result pags_photometry_back(pags_tasks *tasks, const pags_light *light, con
     for (int k = 0; k < RINGS; k++)
       out->vignette[k] += job.rows[y].vignette[k];
     for (int i = 0; i < PIECES; i++)
-      out->slopes[i] += job.rows[y].slopes[i] * (pags_light_knot(light, i + 1) - pags_light_knot(light, i));
+      out->slopes[i] +=
+          job.rows[y].slopes[i] * (pags_photometric_curve_point(light, i + 1) - pags_photometric_curve_point(light, i));
   }
   free(job.rows);
   return done ? PAGS_OK : pags_fail(PAGS_CANCELLED, "cancelled");
@@ -183,7 +186,7 @@ static void hold_means(pags_photometry *p) {
   }
 }
 
-bool pags_photometry_update(pags_photometry *p, int sensor, const pags_light_gradient *gradient,
+bool pags_photometry_update(pags_photometry *p, int sensor, const pags_photometric_gradient *gradient,
                             const pags_schedule *schedule, int64_t step) {
   const pags_train_config *c = &schedule->config;
   pags_photometry_part *part = &p->parts[sensor];

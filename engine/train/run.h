@@ -22,12 +22,12 @@ typedef struct pags_step_rest {
     int64_t view;
     double by_exposure[6];
     pags_exact_sum by_world; /* by a motion of everything that the camera sees (camera_poses.h) */
-    pags_light_gradient by_light;
+    pags_photometric_gradient by_light;
   } *photographs; /* [batch] */
   int64_t pose_count;
   struct {
-    int64_t object, knot;
-    double by_pose[6]; /* dLoss/d(rotation, translation) of the object at that knot */
+    int64_t object, keyframe;
+    double by_pose[6]; /* dLoss/d(rotation, translation) of the object at that keyframe */
   } *poses;            /* [batch * models] */
 } pags_step_rest;
 
@@ -82,7 +82,7 @@ typedef struct pags_step_view {
   pags_picture picture;
   bool objects_drawn; /* the object opacity term was evaluated */
   pags_photometric_loss loss;
-  pags_light_gradient by_light; /* of the loss, by the camera's light */
+  pags_photometric_gradient by_light; /* of the loss, by the camera's light */
   pags_driving_losses terms;
 } pags_step_view;
 

@@ -11,7 +11,7 @@
 typedef struct view_result {
   pags_photometric_loss loss;
   pags_driving_losses terms;
-  pags_light_gradient by_light;
+  pags_photometric_gradient by_light;
   bool objects_drawn;
 } view_result;
 

@@ -16,7 +16,7 @@ enum {
   FOURIER_BYTES = 4 * PAGS_FOURIER_PLANES,
   HEADER_BYTES = 4096,       /* header of a PLY, at most */
   GENERAL_BYTES = 8192,      /* the data set's path, and counts and notes that get longer */
-  KNOT_BYTES = 6 * 24,       /* six numbers of a knot's increment, which are 0 at the start */
+  KEYFRAME_BYTES = 6 * 24,   /* six numbers of a keyframe's increment, which are 0 at the start */
   VIEW_BYTES = 12 * 24,      /* a view's gains and offsets, which may be missing at the start */
   CORRECTION_BYTES = 8 * 24, /* a view's correction */
   LIGHT_BYTES = 12 * 24      /* a view's vignette and response */
@@ -42,7 +42,7 @@ static int64_t to_come(const pags_dataset *dataset, const pags_train_state *s) {
   if (s->exposures.count > 0)
     bytes += VIEW_BYTES * pags_dataset_view_count(dataset);
   for (int64_t i = 1; i < s->model_count && s->schedule.config.objects.tracks; i++)
-    bytes += KNOT_BYTES * s->tracks.objects[s->models[i].object].knot_count;
+    bytes += KEYFRAME_BYTES * s->tracks.objects[s->models[i].object].keyframe_count;
   return bytes;
 }
 

@@ -293,7 +293,7 @@ static pags_result compare(pags_trainer *t, pags_step_view *v, const pags_compar
   const pags_photometry *const p = &t->state.photometry;
   if (p->count == 0)
     return pags_photometric_loss_evaluate(t->tasks, &v->picture, &v->photo, how, gradient, &v->loss);
-  const pags_light light = pags_photometry_light(p, pags_dataset_view(t->dataset, v->view)->sensor);
+  const pags_photometric light = pags_photometry_of_sensor(p, pags_dataset_view(t->dataset, v->view)->sensor);
   pags_picture picture = v->picture;
   PAGS_TRY(pags_photometry_apply(t->tasks, &light, &v->camera, &v->picture, shown));
   for (int c = 0; c < 3; c++)
@@ -356,7 +356,7 @@ static void add_by_world(const double (*pose)[6], int64_t clusters, const double
   }
 }
 
-/* Keeps what the photograph says about exposure and poses until the step's end. The pose of a knot is summed over
+/* Keeps what the photograph says about exposure and poses until the step's end. The pose of a keyframe is summed over
  * clusters in their order; all clusters of an object are those of one rank. */
 static void keep_rest(pags_trainer *t, const pags_step_view *v) {
   pags_step_rest *r = &t->rest;
@@ -373,13 +373,13 @@ static void keep_rest(pags_trainer *t, const pags_step_view *v) {
     if (t->state.cameras.count > 0)
       add_by_world(pose, m->clusters.count, t->render.parts[i].world_from_model, by_world);
     const bool own = m->gaussians.count > 0 || (m->total == 0 && t->shared.rank == 0);
-    if (!own || m->object < 0 || t->render.drawn[i].knot < 0)
+    if (!own || m->object < 0 || t->render.drawn[i].keyframe < 0)
       continue;
     for (int64_t c = 0; c < m->clusters.count; c++)
       for (int k = 0; k < 6; k++)
         sum[k] += pose[c][k];
     r->poses[r->pose_count].object = m->object;
-    r->poses[r->pose_count].knot = t->render.drawn[i].knot;
+    r->poses[r->pose_count].keyframe = t->render.drawn[i].keyframe;
     memcpy(r->poses[r->pose_count++].by_pose, sum, sizeof sum);
   }
 }
@@ -618,9 +618,11 @@ pags_result pags_train_finish(pags_trainer *t, int64_t step) {
   if (shares(t))
     PAGS_TRY(pags_sky_parts_spread(&t->sky_parts, t->shared.transport, &t->state.sky));
   for (int64_t i = 0; s->config.objects.tracks && step > s->tracks_from && i < r->pose_count; i++)
-    if (!pags_track_poses_update(&t->state.tracks, r->poses[i].object, r->poses[i].knot, r->poses[i].by_pose, s, step))
-      pags_nonfinite_note(&t->state.nonfinite, 1,
-                          &(pags_nonfinite_row){step, r->poses[i].object, r->poses[i].knot, 0, PAGS_NONFINITE_POSE});
+    if (!pags_track_poses_update(&t->state.tracks, r->poses[i].object, r->poses[i].keyframe, r->poses[i].by_pose, s,
+                                 step))
+      pags_nonfinite_note(
+          &t->state.nonfinite, 1,
+          &(pags_nonfinite_row){step, r->poses[i].object, r->poses[i].keyframe, 0, PAGS_NONFINITE_POSE});
   for (int64_t i = 0; t->state.exposures.count > 0 && i < r->count; i++)
     if (!pags_exposures_update(&t->state.exposures, t->dataset, r->photographs[i].view, r->photographs[i].by_exposure,
                                s, step))

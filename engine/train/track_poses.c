@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Optimises the poses of labelled objects in training: an increment per knot, by Adam. */
+/* Optimises the poses of labelled objects in training: an increment per keyframe, by Adam. */
 #include "train/track_poses.h"
 
 #include <math.h>
@@ -19,14 +19,14 @@ static const double reference_visits = 100.0; /* visits of each photograph in a 
 
 static pags_result copy_object(const pags_object *from, pags_object *to, pags_adam6 **moments) {
   *to = *from;
-  size_t knots = (size_t)(from->knot_count > 0 ? from->knot_count : 1);
+  size_t keyframes = (size_t)(from->keyframe_count > 0 ? from->keyframe_count : 1);
   to->id = pags_text_copy(from->id);
   to->class_name = pags_text_copy(from->class_name);
-  to->knots = malloc(knots * sizeof *to->knots);
-  *moments = calloc(knots, sizeof **moments);
-  if (!to->id || !to->class_name || !to->knots || !*moments)
-    return pags_out_of_memory("a track of %lld knots", (long long)from->knot_count);
-  memcpy(to->knots, from->knots, (size_t)from->knot_count * sizeof *to->knots);
+  to->keyframes = malloc(keyframes * sizeof *to->keyframes);
+  *moments = calloc(keyframes, sizeof **moments);
+  if (!to->id || !to->class_name || !to->keyframes || !*moments)
+    return pags_out_of_memory("a track of %lld keyframes", (long long)from->keyframe_count);
+  memcpy(to->keyframes, from->keyframes, (size_t)from->keyframe_count * sizeof *to->keyframes);
   return PAGS_OK;
 }
 
@@ -60,48 +60,48 @@ void pags_track_poses_destroy(pags_track_poses *tracks) {
   *tracks = (pags_track_poses){0};
 }
 
-int64_t pags_track_poses_knot(const pags_object *object, int frame) {
-  for (int64_t k = 0; k < object->knot_count; k++)
-    if (object->knots[k].frame == frame)
+int64_t pags_track_poses_keyframe(const pags_object *object, int frame) {
+  for (int64_t k = 0; k < object->keyframe_count; k++)
+    if (object->keyframes[k].frame == frame)
       return k;
   return -1;
 }
 
-/* Returns the factor on the learning rates, 0.25 to 4. A knot takes one step per visit of one of its photographs, so
- * a run that is short or has many photographs must take longer steps to move a pose as far. */
+/* Returns the factor on the learning rates, 0.25 to 4. A keyframe takes one step per visit of one of its photographs,
+ * so a run that is short or has many photographs must take longer steps to move a pose as far. */
 static double hurry(const pags_schedule *schedule) {
   double visits = (double)(schedule->length * schedule->batch) / (double)schedule->views;
   return fmin(fmax(reference_visits / visits, 0.25), 4.0);
 }
 
-/* Keeps the mean of a track's increments: the step `gone` that one knot was moved by is divided by the number of
- * knots that photographs have moved so far and added back to each of them. No photograph shows where in its box an
+/* Keeps the mean of a track's increments: the step `gone` that one keyframe was moved by is divided by the number of
+ * keyframes that photographs have moved so far and added back to each of them. No photograph shows where in its box an
  * object lies, since moving all poses one way and the Gaussians the other way changes no picture; the mean of the
  * labels is the best estimate. */
 static void hold_mean(pags_track_poses *tracks, int64_t object, const double gone[6]) {
   const pags_adam6 *m = tracks->moments[object];
   pags_object *o = &tracks->objects[object];
   double moved = 0.0;
-  for (int64_t k = 0; k < o->knot_count; k++)
+  for (int64_t k = 0; k < o->keyframe_count; k++)
     moved += m[k].count > 0;
-  for (int64_t k = 0; k < o->knot_count; k++)
+  for (int64_t k = 0; k < o->keyframe_count; k++)
     for (int i = 0; i < 3 && m[k].count > 0; i++) {
-      o->knots[k].rotation[i] += gone[i] / moved;
-      o->knots[k].translation[i] += gone[3 + i] / moved;
+      o->keyframes[k].rotation[i] += gone[i] / moved;
+      o->keyframes[k].translation[i] += gone[3 + i] / moved;
     }
 }
 
-bool pags_track_poses_update(pags_track_poses *tracks, int64_t object, int64_t knot, const double gradient[6],
+bool pags_track_poses_update(pags_track_poses *tracks, int64_t object, int64_t keyframe, const double gradient[6],
                              const pags_schedule *schedule, int64_t step) {
   const pags_train_config *c = &schedule->config;
-  pags_knot *k = &tracks->objects[object].knots[knot];
+  pags_keyframe *k = &tracks->objects[object].keyframes[keyframe];
   double turn[12], zero[3] = {0.0, 0.0, 0.0}, g[6], direction[6];
   pags_increment_matrix(k->rotation, zero, turn);
   memcpy(g, gradient, sizeof g);
   for (int i = 0; i < 3; i++)
     g[3 + i] = turn[4 * i] * gradient[3] + turn[4 * i + 1] * gradient[4] + turn[4 * i + 2] * gradient[5];
   double t = fmin((double)step / (double)schedule->length, 1.0), fall = pags_pow(final_share, t) * hurry(schedule);
-  if (!pags_adam6_step(&tracks->moments[object][knot], g, c, direction))
+  if (!pags_adam6_step(&tracks->moments[object][keyframe], g, c, direction))
     return false;
   for (int i = 0; i < 3; i++) {
     direction[i] *= fall * c->objects.track_rotation_rate;

@@ -2,7 +2,7 @@
 /* Removes the jitter of labelled tracks. An object on wheels or on foot moves with little jerk, so a labelled track
  * is the true one plus an independent error at each time step. The smoothed track x minimises
  *
- *     sum over knots |x_k - label_k|^2 + lambda * sum over four neighbouring knots |third divided difference|^2
+ *     sum over keyframes |x_k - label_k|^2 + lambda * sum over four neighbouring keyframes |third divided difference|^2
  *
  * (Whittaker 1923), with times in median spacings; constant acceleration costs nothing. The strength of smoothing is
  * estimated from the labels themselves: one lambda for all positions of a data set and one for all rotations, those
@@ -11,8 +11,8 @@
  *     N * sum |label - x|^2 / (N - trace)^2,
  *
  * where trace is that of the matrix that maps labels to x, and the sums are over all tracks. So labels without jitter
- * stay as they are. Rotations are smoothed as rotation vectors relative to the first knot, which is exact for
- * rotations about one axis, such as the yaw of an object on a road. Only trained knots are used. */
+ * stay as they are. Rotations are smoothed as rotation vectors relative to the first keyframe, which is exact for
+ * rotations about one axis, such as the yaw of an object on a road. Only trained keyframes are used. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -25,17 +25,17 @@
 #include "maths/maths.h"
 #include "train/track_poses.h"
 
-enum { WINDOW = 4, CHANNELS = 6, LEAST_KNOTS = 8, STRENGTHS = 23 };
+enum { WINDOW = 4, CHANNELS = 6, LEAST_KEYFRAMES = 8, STRENGTHS = 23 };
 enum { ROTATION, TRANSLATION, KINDS };   /* channels 0-2 are the rotation, 3-5 the translation */
 static const double least_lambda = 1e-4; /* hardly smooths; each further strength is half a decade more */
 static const double longest_gap = 4.0;   /* median spacings; a longer gap splits the track in two runs */
 
-/* A run: consecutive trained knots of an object without a long gap. */
+/* A run: consecutive trained keyframes of an object without a long gap. */
 typedef struct run {
   pags_object *object;
-  int64_t *knots; /* indices of the run's knots in the object */
+  int64_t *keyframes; /* indices of the run's keyframes in the object */
   int64_t count;
-  double spacing; /* median spacing of the object's trained knots, seconds */
+  double spacing; /* median spacing of the object's trained keyframes, seconds */
   double (*label)[CHANNELS];
   double (*smooth)[CHANNELS];
   double (*band)[WINDOW]; /* lower band of the matrix A: band[i][j] = A[i][i - j]; then of its Cholesky factor */
@@ -67,8 +67,8 @@ static void factor(run *r, double lambda) {
       d[i] = 6.0;
       for (int j = 0; j < WINDOW; j++)
         if (j != i)
-          d[i] *=
-              r->spacing / (r->object->knots[r->knots[first + i]].time - r->object->knots[r->knots[first + j]].time);
+          d[i] *= r->spacing / (r->object->keyframes[r->keyframes[first + i]].time -
+                                r->object->keyframes[r->keyframes[first + j]].time);
     }
     for (int i = 0; i < WINDOW; i++)
       for (int j = 0; j <= i; j++)
@@ -144,8 +144,8 @@ static int best_strength(const scores *s, int kind) {
 
 /* ---- Labels and increments ---- */
 
-/* Computes the rotation vector of `m` relative to the run's first knot. Of the equivalent vectors, whole turns apart,
- * `out` receives the one nearest to `before`, the vector of the knot before. */
+/* Computes the rotation vector of `m` relative to the run's first keyframe. Of the equivalent vectors, whole turns
+ * apart, `out` receives the one nearest to `before`, the vector of the keyframe before. */
 static void rotation_from(const double first[12], const double m[12], const double before[3], double out[3]) {
   double back[12], relative[12], least[3], best = INFINITY;
   pags_rigid_inverse(first, back);
@@ -167,10 +167,10 @@ static void rotation_from(const double first[12], const double m[12], const doub
 }
 
 static void fill_labels(run *r) {
-  const double *first = r->object->knots[r->knots[0]].world_from_object;
+  const double *first = r->object->keyframes[r->keyframes[0]].world_from_object;
   double before[3] = {0.0, 0.0, 0.0};
   for (int64_t i = 0; i < r->count; i++) {
-    const double *m = r->object->knots[r->knots[i]].world_from_object;
+    const double *m = r->object->keyframes[r->keyframes[i]].world_from_object;
     rotation_from(first, m, before, r->label[i]);
     memcpy(before, r->label[i], sizeof before);
     for (int k = 0; k < 3; k++)
@@ -185,21 +185,21 @@ static void smooth_run(run *r, const int best[KINDS]) {
     solve(r, r->smooth, 3 * kind, 3 * kind + 3);
   }
 
-  /* Compute each knot's increment from the label to the smoothed pose. */
+  /* Compute each keyframe's increment from the label to the smoothed pose. */
   double first[12], zero[3] = {0.0, 0.0, 0.0};
-  memcpy(first, r->object->knots[r->knots[0]].world_from_object, sizeof first);
+  memcpy(first, r->object->keyframes[r->keyframes[0]].world_from_object, sizeof first);
   for (int64_t i = 0; i < r->count; i++) {
-    pags_knot *knot = &r->object->knots[r->knots[i]];
+    pags_keyframe *keyframe = &r->object->keyframes[r->keyframes[i]];
     double turn[12], pose[12], back[12], increment[12];
     pags_increment_matrix(r->smooth[i], zero, turn);
     pags_rigid_multiply(first, turn, pose);
     for (int k = 0; k < 3; k++)
       pose[4 * k + 3] = first[4 * k + 3] + r->smooth[i][3 + k];
-    pags_rigid_inverse(knot->world_from_object, back);
+    pags_rigid_inverse(keyframe->world_from_object, back);
     pags_rigid_multiply(back, pose, increment);
-    pags_increment_rotation(increment, knot->rotation);
+    pags_increment_rotation(increment, keyframe->rotation);
     for (int k = 0; k < 3; k++)
-      knot->translation[k] = increment[4 * k + 3];
+      keyframe->translation[k] = increment[4 * k + 3];
   }
 }
 
@@ -209,48 +209,48 @@ static void smooth_run(run *r, const int best[KINDS]) {
 typedef struct run_list {
   run *items;
   int64_t count;
-  int64_t *knots;
+  int64_t *keyframes;
   double (*label)[CHANNELS], (*smooth)[CHANNELS], (*band)[WINDOW];
-  int64_t used; /* knots taken from the arrays */
+  int64_t used; /* keyframes taken from the arrays */
 } run_list;
 
 static void list_runs(run_list *list, pags_object *o) {
-  int64_t *knots = list->knots + list->used, count = 0;
-  for (int64_t k = 0; k < o->knot_count; k++)
-    if (o->knots[k].trained)
-      knots[count++] = k;
-  if (count < LEAST_KNOTS)
+  int64_t *keyframes = list->keyframes + list->used, count = 0;
+  for (int64_t k = 0; k < o->keyframe_count; k++)
+    if (o->keyframes[k].trained)
+      keyframes[count++] = k;
+  if (count < LEAST_KEYFRAMES)
     return;
 
-  /* The median spacing of the knots' times; `smooth` serves as scratch. */
+  /* The median spacing of the keyframes' times; `smooth` serves as scratch. */
   for (int64_t i = 1; i < count; i++)
-    (&list->smooth[list->used][0])[i - 1] = o->knots[knots[i]].time - o->knots[knots[i - 1]].time;
+    (&list->smooth[list->used][0])[i - 1] = o->keyframes[keyframes[i]].time - o->keyframes[keyframes[i - 1]].time;
   pags_sort_doubles(&list->smooth[list->used][0], count - 1);
   double spacing = (&list->smooth[list->used][0])[(count - 1) / 2];
 
   for (int64_t begin = 0, i = 1; i <= count; i++) {
-    if (i < count && o->knots[knots[i]].time - o->knots[knots[i - 1]].time <= longest_gap * spacing)
+    if (i < count && o->keyframes[keyframes[i]].time - o->keyframes[keyframes[i - 1]].time <= longest_gap * spacing)
       continue;
     int64_t at = list->used + begin;
-    if (i - begin >= LEAST_KNOTS)
+    if (i - begin >= LEAST_KEYFRAMES)
       list->items[list->count++] =
-          (run){o, knots + begin, i - begin, spacing, list->label + at, list->smooth + at, list->band + at};
+          (run){o, keyframes + begin, i - begin, spacing, list->label + at, list->smooth + at, list->band + at};
     begin = i;
   }
   list->used += count;
 }
 
 static pags_result list_all(run_list *list, pags_track_poses *tracks) {
-  size_t knots = 1;
+  size_t keyframes = 1;
   for (int64_t i = 0; i < tracks->count; i++)
-    knots += (size_t)tracks->objects[i].knot_count;
-  *list = (run_list){.items = malloc(knots / LEAST_KNOTS * sizeof(run) + sizeof(run)),
-                     .knots = malloc(knots * sizeof *list->knots),
-                     .label = malloc(knots * sizeof *list->label),
-                     .smooth = malloc(knots * sizeof *list->smooth),
-                     .band = malloc(knots * sizeof *list->band)};
-  if (!list->items || !list->knots || !list->label || !list->smooth || !list->band)
-    return pags_out_of_memory("tracks of %zu knots", knots);
+    keyframes += (size_t)tracks->objects[i].keyframe_count;
+  *list = (run_list){.items = malloc(keyframes / LEAST_KEYFRAMES * sizeof(run) + sizeof(run)),
+                     .keyframes = malloc(keyframes * sizeof *list->keyframes),
+                     .label = malloc(keyframes * sizeof *list->label),
+                     .smooth = malloc(keyframes * sizeof *list->smooth),
+                     .band = malloc(keyframes * sizeof *list->band)};
+  if (!list->items || !list->keyframes || !list->label || !list->smooth || !list->band)
+    return pags_out_of_memory("tracks of %zu keyframes", keyframes);
   for (int64_t i = 0; i < tracks->count; i++)
     if (tracks->objects[i].moving)
       list_runs(list, &tracks->objects[i]);
@@ -276,7 +276,7 @@ pags_result pags_tracks_smooth(pags_track_poses *tracks) {
                        sqrt(s.rest[best[ROTATION]][ROTATION] / s.freedom[best[ROTATION]]) * 57.29577951308232);
   }
   free(list.items);
-  free(list.knots);
+  free(list.keyframes);
   free(list.label);
   free(list.smooth);
   free(list.band);

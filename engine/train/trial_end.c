@@ -48,7 +48,7 @@ static void set_pair(const pags_trainer *t, trial_of what, int64_t view, const p
     memcpy(without->shown.camera.world_from_camera, pags_dataset_view(t->dataset, view)->camera.world_from_camera,
            sizeof without->shown.camera.world_from_camera);
   else
-    without->shown.light = (pags_light){.vignette = {0.0}};
+    without->shown.photometric = (pags_photometric){.vignette = {0.0}};
 }
 
 /* Chooses at most `most` views of those that are kept out, spread evenly over them; returns their number. */

@@ -67,7 +67,7 @@ pags_result pags_view_render_reserve_factors(pags_trainer *t) {
   return PAGS_OK;
 }
 
-static void add_part(pags_trainer *t, int64_t model, int32_t first_id, int64_t knot,
+static void add_part(pags_trainer *t, int64_t model, int32_t first_id, int64_t keyframe,
                      const double world_from_model[12]) {
   pags_view_render *p = &t->render;
   const pags_train_model *m = &t->state.models[model];
@@ -76,7 +76,7 @@ static void add_part(pags_trainer *t, int64_t model, int32_t first_id, int64_t k
       (pags_part){.gaussians = &m->gaussians, .clusters = &m->clusters, .first_id = first_id + (int32_t)m->first_row};
   memcpy(part->world_from_model, world_from_model, sizeof part->world_from_model);
   p->drawn[p->part_count].model = model;
-  p->drawn[p->part_count++].knot = knot;
+  p->drawn[p->part_count++].keyframe = keyframe;
 }
 
 void pags_view_render_compose(pags_trainer *t, int64_t view) {
@@ -94,9 +94,9 @@ void pags_view_render_compose(pags_trainer *t, int64_t view) {
       if (pags_object_pose(object, v->camera.time, pose)) {
         for (int k = 0; k < 3; k++)
           pose[4 * k + 3] -= origin[k];
-        double begin = object->knots[0].time, end = object->knots[object->knot_count - 1].time;
+        double begin = object->keyframes[0].time, end = object->keyframes[object->keyframe_count - 1].time;
         pags_fourier_basis(pags_fourier_phase(begin, end, v->camera.time), t->render.models[i].basis);
-        add_part(t, i, first_id, pags_track_poses_knot(object, v->frame), pose);
+        add_part(t, i, first_id, pags_track_poses_keyframe(object, v->frame), pose);
         if (pags_camera_rolls(&v->camera))
           pags_object_velocity(object, v->camera.time, t->render.parts[t->render.part_count - 1].velocity);
       }

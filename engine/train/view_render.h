@@ -28,7 +28,7 @@ typedef struct pags_model_room {
 /* The model, and the labelled pose, that a part of the view was made from. */
 typedef struct pags_drawn_model {
   int64_t model;
-  int64_t knot; /* index of the track's knot at the view's time step; -1: none, or the background */
+  int64_t keyframe; /* index of the track's keyframe at the view's time step; -1: none, or the background */
 } pags_drawn_model;
 
 /* Frames and buffers for rendering in training, besides the run's state; kept from step to step. */

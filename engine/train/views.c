@@ -44,9 +44,9 @@ static uint64_t fingerprint_of(const pags_dataset *dataset) {
   for (int64_t i = 0; i < pags_dataset_object_count(dataset); i++) {
     const pags_object *o = pags_dataset_object(dataset, i);
     hash = hash_bytes(hash, o->id, strlen(o->id) + 1);
-    for (int64_t k = 0; k < o->knot_count; k++) {
-      hash = hash_bytes(hash, &o->knots[k].time, sizeof o->knots[k].time);
-      hash = hash_bytes(hash, o->knots[k].world_from_object, sizeof o->knots[k].world_from_object);
+    for (int64_t k = 0; k < o->keyframe_count; k++) {
+      hash = hash_bytes(hash, &o->keyframes[k].time, sizeof o->keyframes[k].time);
+      hash = hash_bytes(hash, o->keyframes[k].world_from_object, sizeof o->keyframes[k].world_from_object);
     }
   }
   if (pags_dataset_critical(dataset))

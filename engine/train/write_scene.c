@@ -43,7 +43,7 @@ pags_result pags_output_list_views(const pags_dataset *dataset, const pags_train
                                         .camera = pags_camera_poses_view(&state->cameras, dataset, i),
                                         .test = view->test,
                                         .sensor = view->sensor,
-                                        .light = pags_photometry_light(&state->photometry, view->sensor),
+                                        .photometric = pags_photometry_of_sensor(&state->photometry, view->sensor),
                                         .frame = view->frame};
 
     if (state->cameras.count > 0) {

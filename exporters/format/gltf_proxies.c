@@ -89,8 +89,8 @@ static pags_result put_extras(exporter *self, int node, const pags_proxy_facts *
     pags_json_put_string(&w, "track", record->id);
     pags_json_put_string(&w, "category", pags_category_name(record->category));
     pags_json_put_numbers(&w, "size", record->size, 3);
-    pags_json_put_number(&w, "time_begin", record->knots[0].time - self->time_zero);
-    pags_json_put_number(&w, "time_end", record->knots[record->knot_count - 1].time - self->time_zero);
+    pags_json_put_number(&w, "time_begin", record->keyframes[0].time - self->time_zero);
+    pags_json_put_number(&w, "time_end", record->keyframes[record->keyframe_count - 1].time - self->time_zero);
   }
   pags_json_end_object(&w);
   pags_result result = pags_json_writer_finish(&w);
@@ -103,9 +103,9 @@ static pags_result put_extras(exporter *self, int node, const pags_proxy_facts *
 /* ---- Objects ---- */
 
 /* The pose of an object at one of its labels, relative to the scene's origin. */
-static void pose_at(const exporter *self, const pags_object *object, const pags_knot *knot, double out[12]) {
-  if (!pags_object_pose(object, knot->time, out))
-    memcpy(out, knot->world_from_object, 12 * sizeof *out);
+static void pose_at(const exporter *self, const pags_object *object, const pags_keyframe *keyframe, double out[12]) {
+  if (!pags_object_pose(object, keyframe->time, out))
+    memcpy(out, keyframe->world_from_object, 12 * sizeof *out);
   for (int k = 0; k < 3; k++)
     out[4 * k + 3] -= self->maker.scene->origin[k];
 }
@@ -114,19 +114,19 @@ static void pose_at(const exporter *self, const pags_object *object, const pags_
  * parked one the pose of the middle one of its labels. */
 static pags_result place(exporter *self, int node, const pags_object *object) {
   double first[12];
-  pose_at(self, object, &object->knots[object->moving ? 0 : object->knot_count / 2], first);
+  pose_at(self, object, &object->keyframes[object->moving ? 0 : object->keyframe_count / 2], first);
   pags_gltf_node_pose(self->gltf, node, first);
-  if (!object->moving || object->knot_count < 2)
+  if (!object->moving || object->keyframe_count < 2)
     return PAGS_OK;
-  double *times = malloc((size_t)object->knot_count * sizeof *times);
-  double(*poses)[12] = malloc((size_t)object->knot_count * sizeof *poses);
+  double *times = malloc((size_t)object->keyframe_count * sizeof *times);
+  double(*poses)[12] = malloc((size_t)object->keyframe_count * sizeof *poses);
   pags_result result = times && poses ? PAGS_OK : pags_out_of_memory("a track");
-  for (int64_t i = 0; i < object->knot_count && result == PAGS_OK; i++) {
-    times[i] = object->knots[i].time - self->time_zero;
-    pose_at(self, object, &object->knots[i], poses[i]);
+  for (int64_t i = 0; i < object->keyframe_count && result == PAGS_OK; i++) {
+    times[i] = object->keyframes[i].time - self->time_zero;
+    pose_at(self, object, &object->keyframes[i], poses[i]);
   }
   if (result == PAGS_OK)
-    pags_gltf_node_track(self->gltf, node, object->knot_count, times, (const double(*)[12])poses);
+    pags_gltf_node_track(self->gltf, node, object->keyframe_count, times, (const double(*)[12])poses);
   free(times);
   free(poses);
   return result;
@@ -289,7 +289,7 @@ static void find_time_zero(exporter *self) {
   const pags_scene *scene = self->maker.scene;
   self->time_zero = scene->time_begin;
   for (int64_t i = 0; i < scene->object_count; i++)
-    self->time_zero = fmin(self->time_zero, scene->objects[i].record.knots[0].time);
+    self->time_zero = fmin(self->time_zero, scene->objects[i].record.keyframes[0].time);
 }
 
 static int tell_background(void *user, double fraction, const char *what) {

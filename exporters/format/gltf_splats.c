@@ -179,7 +179,7 @@ pags_result pags_gltf_tracks_save(const char *path, pags_composition *compositio
   int root = pags_gltf_node(gltf, -1, "scene");
   pags_gltf_node_up(gltf, root, scene->up);
   for (int64_t i = 0; i < scene->object_count; i++)
-    time_zero = fmin(time_zero, scene->objects[i].record.knots[0].time);
+    time_zero = fmin(time_zero, scene->objects[i].record.keyframes[0].time);
   pags_result result = put_asset(gltf, scene, 0.0f);
   *count = 0;
   for (int64_t i = -1; i < scene->object_count && result == PAGS_OK; i++)

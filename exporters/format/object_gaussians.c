@@ -13,9 +13,9 @@
 /* The pose of a parked object relative to the scene's origin: the pose of the middle one of its labels, by which its
  * proxy is made, too. */
 static void parked_pose(const pags_scene *scene, const pags_object *record, double out[12]) {
-  const pags_knot *knot = &record->knots[record->knot_count / 2];
-  if (!pags_object_pose(record, knot->time, out))
-    memcpy(out, knot->world_from_object, 12 * sizeof *out);
+  const pags_keyframe *keyframe = &record->keyframes[record->keyframe_count / 2];
+  if (!pags_object_pose(record, keyframe->time, out))
+    memcpy(out, keyframe->world_from_object, 12 * sizeof *out);
   for (int k = 0; k < 3; k++)
     out[4 * k + 3] -= scene->origin[k];
 }
@@ -64,7 +64,7 @@ pags_result pags_object_gaussians_track_make(const pags_composition *composition
                                              pags_object_gaussians_track *out) {
   const pags_scene *scene = pags_composition_scene(composition);
   const pags_object *record = &scene->objects[object].record;
-  int64_t count = record->moving ? record->knot_count : 1;
+  int64_t count = record->moving ? record->keyframe_count : 1;
   *out = (pags_object_gaussians_track){.count = count,
                                        .times = malloc((size_t)count * sizeof *out->times),
                                        .poses = malloc((size_t)count * sizeof *out->poses)};
@@ -73,14 +73,14 @@ pags_result pags_object_gaussians_track_make(const pags_composition *composition
     return pags_out_of_memory("a track");
   }
   for (int64_t i = 0; i < count; i++) {
-    const pags_knot *knot = &record->knots[i];
-    out->times[i] = knot->time - time_zero;
+    const pags_keyframe *keyframe = &record->keyframes[i];
+    out->times[i] = keyframe->time - time_zero;
     if (!record->moving) {
       parked_pose(scene, record, out->poses[i]);
       continue;
     }
-    if (!pags_object_pose(record, knot->time, out->poses[i]))
-      memcpy(out->poses[i], knot->world_from_object, sizeof out->poses[i]);
+    if (!pags_object_pose(record, keyframe->time, out->poses[i]))
+      memcpy(out->poses[i], keyframe->world_from_object, sizeof out->poses[i]);
     for (int k = 0; k < 3; k++)
       out->poses[i][4 * k + 3] -= scene->origin[k];
   }

@@ -22,21 +22,21 @@ pags_result pags_presence_find(const pags_scene *scene, int64_t object, pags_pre
   *out = (pags_presence){.always = true};
   if (scene->objects[object].model < 0 && !o->moving)
     return PAGS_OK;
-  double *spacings = malloc((size_t)o->knot_count * sizeof *spacings);
-  out->spans = malloc((size_t)o->knot_count * sizeof *out->spans);
+  double *spacings = malloc((size_t)o->keyframe_count * sizeof *spacings);
+  out->spans = malloc((size_t)o->keyframe_count * sizeof *out->spans);
   if (!spacings || !out->spans) {
     free(spacings);
     pags_presence_destroy(out);
     return pags_out_of_memory("a track");
   }
-  for (int64_t i = 0; i + 1 < o->knot_count; i++)
-    spacings[i] = o->knots[i + 1].time - o->knots[i].time;
-  pags_sort_doubles(spacings, o->knot_count - 1);
-  const double usual = o->knot_count > 1 ? spacings[(o->knot_count - 1) / 2] : o->time_step;
+  for (int64_t i = 0; i + 1 < o->keyframe_count; i++)
+    spacings[i] = o->keyframes[i + 1].time - o->keyframes[i].time;
+  pags_sort_doubles(spacings, o->keyframe_count - 1);
+  const double usual = o->keyframe_count > 1 ? spacings[(o->keyframe_count - 1) / 2] : o->time_step;
   free(spacings);
-  for (int64_t i = 0; i < o->knot_count; i++) {
-    const double begins = o->knots[i].time - 0.5 * usual, ends = o->knots[i].time + 0.5 * usual;
-    if (out->count && o->knots[i].time - o->knots[i - 1].time <= 1.5 * usual + same_time)
+  for (int64_t i = 0; i < o->keyframe_count; i++) {
+    const double begins = o->keyframes[i].time - 0.5 * usual, ends = o->keyframes[i].time + 0.5 * usual;
+    if (out->count && o->keyframes[i].time - o->keyframes[i - 1].time <= 1.5 * usual + same_time)
       out->spans[out->count - 1][1] = ends;
     else
       memcpy(out->spans[out->count++], (double[2]){begins, ends}, sizeof *out->spans);

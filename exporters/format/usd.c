@@ -364,7 +364,7 @@ static pags_result write_stage(usd_export *self, const char *path) {
   const pags_scene *scene = pags_composition_scene(self->composition);
   self->time_zero = scene->time_begin;
   for (int64_t i = 0; i < scene->object_count; i++)
-    self->time_zero = fmin(self->time_zero, scene->objects[i].record.knots[0].time);
+    self->time_zero = fmin(self->time_zero, scene->objects[i].record.keyframes[0].time);
   self->rate = scene->fps > 0 ? scene->fps : 24;
   PAGS_TRY(pags_object_gaussians_degree(self->composition, self->splats->sh_degree, &self->degree));
   self->degree = self->degree > 0 ? PADDED_DEGREE : 0;

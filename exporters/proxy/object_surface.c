@@ -38,9 +38,9 @@ void pags_object_shape_destroy(pags_object_shape *shape) {
 
 /* The pose of a parked object relative to the scene's origin: the pose of the middle one of its labels. */
 static void parked_pose(const pags_proxy_maker *w, const pags_object *object, double out[12]) {
-  const pags_knot *knot = &object->knots[object->knot_count / 2];
-  if (!pags_object_pose(object, knot->time, out))
-    memcpy(out, knot->world_from_object, 12 * sizeof *out);
+  const pags_keyframe *keyframe = &object->keyframes[object->keyframe_count / 2];
+  if (!pags_object_pose(object, keyframe->time, out))
+    memcpy(out, keyframe->world_from_object, 12 * sizeof *out);
   for (int k = 0; k < 3; k++)
     out[4 * k + 3] -= w->scene->origin[k];
 }

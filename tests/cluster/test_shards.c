@@ -105,7 +105,7 @@ static pags_result make(int rank, const int64_t *begin, const int64_t *end, pags
   const pags_schedule schedule = pags_schedule_make(&config, 2.5, 44);
   PAGS_TRY(pags_state_create(state, &schedule, 1000, MODELS));
   PAGS_TRY(pags_track_poses_create(&state->tracks, dataset));
-  state->tracks.objects[1].knots[2].translation[1] = rank == 0 ? 0.25 : 0;
+  state->tracks.objects[1].keyframes[2].translation[1] = rank == 0 ? 0.25 : 0;
   for (int64_t k = 0; k < MODELS; k++) {
     pags_gaussians g;
     PAGS_TRY(pags_gaussians_create(&g, end[k] - begin[k], 1));
@@ -135,9 +135,9 @@ static pags_result make(int rank, const int64_t *begin, const int64_t *end, pags
 }
 
 static bool is_right(pags_train_state *state, const int64_t *begin, const int64_t *end) {
-  bool right = state->tracks.objects[1].knots[2].translation[1] == 0.25 && state->step == 900 && state->stop == 1000 &&
-               state->loss == 0.125 && state->model_count == MODELS && state->schedule.extent == 2.5 &&
-               state->schedule.views == 44;
+  bool right = state->tracks.objects[1].keyframes[2].translation[1] == 0.25 && state->step == 900 &&
+               state->stop == 1000 && state->loss == 0.125 && state->model_count == MODELS &&
+               state->schedule.extent == 2.5 && state->schedule.views == 44;
   for (int64_t k = 0; right && k < MODELS; k++) {
     pags_train_model *m = &state->models[k];
     right = (k == 0 || m->half_size[0] == 0.5 * state->tracks.objects[k - 1].size[0]) && m->object == k - 1 &&

@@ -235,11 +235,11 @@ static void check_drive(const pags_driving *driving) {
   FUZZ_CHECK(isfinite(driving->fps) && driving->fps > 0);
   for (int64_t i = 0; i < driving->object_count; i++) {
     const pags_object *const o = &driving->objects[i];
-    FUZZ_CHECK(o->id && o->class_name && o->knot_count > 0);
-    for (int64_t k = 0; k < o->knot_count; k++) {
-      FUZZ_CHECK(k == 0 || o->knots[k].time > o->knots[k - 1].time);
+    FUZZ_CHECK(o->id && o->class_name && o->keyframe_count > 0);
+    for (int64_t k = 0; k < o->keyframe_count; k++) {
+      FUZZ_CHECK(k == 0 || o->keyframes[k].time > o->keyframes[k - 1].time);
       for (int j = 0; j < 12; j++)
-        FUZZ_CHECK(isfinite(o->knots[k].world_from_object[j]));
+        FUZZ_CHECK(isfinite(o->keyframes[k].world_from_object[j]));
     }
   }
 }

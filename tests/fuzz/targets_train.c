@@ -20,14 +20,14 @@
 
 /* ---- Checkpoints ---- */
 
-enum { VIEWS = 3, OBJECTS = 2, KNOTS = 3, SECTION = 12 };
+enum { VIEWS = 3, OBJECTS = 2, KEYFRAMES = 3, SECTION = 12 };
 
 /* A driving set made in memory, to which a checkpoint's tracks, sky and exposures belong. */
 static struct pags_dataset set;
 static pags_view views[VIEWS];
 static pags_driving driving;
 static pags_object objects[OBJECTS];
-static pags_knot knots[OBJECTS][KNOTS];
+static pags_keyframe keyframes[OBJECTS][KEYFRAMES];
 
 static void make_dataset(void) {
   for (int i = 0; i < OBJECTS; i++) {
@@ -37,11 +37,11 @@ static void make_dataset(void) {
                                .category = PAGS_CATEGORY_VEHICLE,
                                .size = {4, 2, 1.5},
                                .moving = 1,
-                               .knot_count = KNOTS};
-    objects[i].knots = knots[i];
-    for (int k = 0; k < KNOTS; k++)
-      knots[i][k] =
-          (pags_knot){.frame = k, .trained = 1, .time = k, .world_from_object = {1, 0, 0, k, 0, 1, 0, 0, 0, 0, 1, 0}};
+                               .keyframe_count = KEYFRAMES};
+    objects[i].keyframes = keyframes[i];
+    for (int k = 0; k < KEYFRAMES; k++)
+      keyframes[i][k] = (pags_keyframe){
+          .frame = k, .trained = 1, .time = k, .world_from_object = {1, 0, 0, k, 0, 1, 0, 0, 0, 0, 1, 0}};
   }
   for (int i = 0; i < VIEWS; i++)
     views[i] = (pags_view){.name = "v",

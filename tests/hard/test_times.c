@@ -18,10 +18,10 @@
 static const double long_time = 1e6; /* seconds */
 
 /* A straight drive of a kilometre that turns by 90 degrees about z. */
-static void drive(pags_knot *knots, int count, double begin, double end) {
+static void drive(pags_keyframe *keyframes, int count, double begin, double end) {
   for (int k = 0; k < count; k++) {
     const double u = count > 1 ? k / (count - 1.0) : 0, angle = 1.5707963267948966 * u;
-    knots[k] = (pags_knot){
+    keyframes[k] = (pags_keyframe){
         .frame = k,
         .trained = 1,
         .time = begin + u * (end - begin),
@@ -31,11 +31,11 @@ static void drive(pags_knot *knots, int count, double begin, double end) {
 
 static void tracks(void **state) {
   (void)state;
-  pags_knot knots[3];
-  pags_object o = {.size = {4, 2, 1.5}, .knots = knots};
+  pags_keyframe keyframes[3];
+  pags_object o = {.size = {4, 2, 1.5}, .keyframes = keyframes};
   double pose[12], worst = 0;
-  drive(knots, 3, 0, long_time);
-  o.knot_count = 3;
+  drive(keyframes, 3, 0, long_time);
+  o.keyframe_count = 3;
   for (int i = 0; i <= 1000; i++) {
     const double u = i / 1000.0, angle = 1.5707963267948966 * u;
     assert_int_equal(pags_object_pose(&o, u * long_time, pose), 1);
@@ -46,8 +46,8 @@ static void tracks(void **state) {
   assert_int_equal(pags_object_pose(&o, 2 * long_time, pose), 0);
   for (int k = 0; k < 2; k++) { /* a range of zero length, also at a Unix time */
     const double when = k ? 1.7e9 : 0;
-    drive(knots, 1, when, when);
-    o.knot_count = 1;
+    drive(keyframes, 1, when, when);
+    o.keyframe_count = 1;
     assert_int_equal(pags_object_pose(&o, when, pose), 1);
     assert_true(pose[0] == 1 && pose[3] == 0);
     assert_int_equal(pags_object_pose(&o, when + 1, pose), 0);

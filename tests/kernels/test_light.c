@@ -10,7 +10,7 @@ enum { PIECES = PAGS_LIGHT_BENDS, WIDEST = 960 };
 
 typedef struct row_case {
   pags_light_row row;
-  double knots[4];      /* of the vignette: the factor at q = k/3 */
+  double keyframes[4];  /* of the vignette: the factor at q = k/3 */
   double rises[PIECES]; /* of the curve's pieces */
   float *by_shown[3];
   int padded; /* pixels up to the end of the last SIMD lane */
@@ -21,7 +21,7 @@ static row_case make_case(int width) {
   row_case c = {.padded = (width + 15) / 16 * 16};
   double sum = 0.0, before = 0.0;
   for (int k = 0; k < 4; k++)
-    c.knots[k] = 1.1 - 0.25 * k + 0.1 * (double)check_uniform(-1.0f, 1.0f);
+    c.keyframes[k] = 1.1 - 0.25 * k + 0.1 * (double)check_uniform(-1.0f, 1.0f);
   for (int i = 0; i < PIECES; i++)
     sum += c.rises[i] = (double)check_uniform(0.5f, 2.0f);
   const float cx = check_uniform(0.3f, 0.7f) * (float)width, cy = 300.0f, down = check_uniform(-cy, cy);
@@ -29,9 +29,9 @@ static row_case make_case(int width) {
                            .cx = cx,
                            .y_squared = down * down,
                            .per_corner = 1.0f / (cx * cx + cy * cy),
-                           .vignette = {(float)c.knots[0]}};
+                           .vignette = {(float)c.keyframes[0]}};
   for (int k = 1; k < 4; k++) {
-    const double next = 3.0 * (c.knots[k] - c.knots[k - 1]);
+    const double next = 3.0 * (c.keyframes[k] - c.keyframes[k - 1]);
     c.row.vignette[k] = (float)(next - before);
     before = next;
   }
@@ -98,7 +98,8 @@ static void check_case_of(const pags_kernels *k, int width) {
     const double right = x + 0.5 - (double)c.row.cx;
     const double q = (right * right + (double)c.row.y_squared) * (double)c.row.per_corner;
     const int ring = q < 2.0 / 3.0 ? (int)(3.0 * q) : 2;
-    const double along = 3.0 * q - ring, bright = c.knots[ring] + along * (c.knots[ring + 1] - c.knots[ring]);
+    const double along = 3.0 * q - ring,
+                 bright = c.keyframes[ring] + along * (c.keyframes[ring + 1] - c.keyframes[ring]);
     for (int i = 0; i < 3; i++) {
       const double value = (double)c.row.rgb[i][x], by_y = (double)c.by_shown[i][x];
       double share;

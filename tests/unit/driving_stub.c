@@ -33,16 +33,16 @@ static void make_object(pags_object *o, int index) {
   static const double speed[STUB_OBJECTS] = {1.5, 0, 0.4, 1.5};
   *o = (pags_object){.category = index == STUB_WALKER ? PAGS_CATEGORY_PEDESTRIAN : PAGS_CATEGORY_VEHICLE,
                      .moving = speed[index] > 0,
-                     .knot_count = STUB_STEPS};
+                     .keyframe_count = STUB_STEPS};
   memcpy(o->size, sizes[index], sizeof o->size);
-  o->knots = calloc(STUB_STEPS, sizeof *o->knots);
+  o->keyframes = calloc(STUB_STEPS, sizeof *o->keyframes);
   for (int t = 0; t < STUB_STEPS; t++) {
     /* The objects' poses: their forward axis is world +y, their left axis is world -x. */
     const double pose[12] = {0, -1, 0, stub_origin[0] + begin[index][0],
                              1, 0,  0, stub_origin[1] + begin[index][1] + speed[index] * t,
                              0, 0,  1, 0.5 * sizes[index][2]};
-    o->knots[t] = (pags_knot){.frame = t, .trained = t != STUB_HELD_OUT, .time = 0.1 * t};
-    memcpy(o->knots[t].world_from_object, pose, sizeof pose);
+    o->keyframes[t] = (pags_keyframe){.frame = t, .trained = t != STUB_HELD_OUT, .time = 0.1 * t};
+    memcpy(o->keyframes[t].world_from_object, pose, sizeof pose);
   }
 }
 
@@ -68,7 +68,7 @@ pags_dataset *stub_open(void) {
 
 void stub_close(pags_dataset *d) {
   for (int i = 0; i < STUB_OBJECTS; i++)
-    free(d->objects[i].knots);
+    free(d->objects[i].keyframes);
   free(d);
 }
 
@@ -76,7 +76,7 @@ void stub_close(pags_dataset *d) {
  * the box. */
 static double enter_box(const pags_object *o, int step, const double from[3], const double direction[3]) {
   double inverse[12], low = 1e-6, high = INFINITY;
-  pags_rigid_inverse(o->knots[step].world_from_object, inverse);
+  pags_rigid_inverse(o->keyframes[step].world_from_object, inverse);
   for (int k = 0; k < 3; k++) {
     const double *m = inverse + 4 * k;
     double p = m[0] * from[0] + m[1] * from[1] + m[2] * from[2] + m[3];

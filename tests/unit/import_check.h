@@ -97,12 +97,12 @@ static inline void check_import_objects(const raw_kitti *raw, const pags_dataset
     assert_string_equal(a->class_name, b->class_name);
     assert_int_equal(a->category, b->category);
     assert_int_equal(a->moving, b->moving);
-    assert_int_equal(a->knot_count, b->knot_count);
+    assert_int_equal(a->keyframe_count, b->keyframe_count);
     for (int k = 0; k < 3; k++)
       assert_true(fabs(a->size[k] - b->size[k]) <= size_slack);
-    for (int64_t k = 0; k < a->knot_count; k++) {
-      assert_int_equal(a->knots[k].frame, b->knots[k].frame);
-      compare_pose(b->knots[k].world_from_object, a->knots[k].world_from_object, origin, &error->box_place,
+    for (int64_t k = 0; k < a->keyframe_count; k++) {
+      assert_int_equal(a->keyframes[k].frame, b->keyframes[k].frame);
+      compare_pose(b->keyframes[k].world_from_object, a->keyframes[k].world_from_object, origin, &error->box_place,
                    &error->box_turn);
     }
   }
@@ -119,11 +119,11 @@ static inline void check_import_mask(const raw_kitti *raw, const char *folder, i
   assert_non_null(plane);
   for (int64_t i = 0; i < pags_dataset_object_count(raw->dataset); i++) {
     const pags_object *object = pags_dataset_object(raw->dataset, i);
-    for (int64_t k = 0; object->moving && k < object->knot_count; k++) {
+    for (int64_t k = 0; object->moving && k < object->keyframe_count; k++) {
       double corners[32];
-      if (object->knots[k].frame != frame)
+      if (object->keyframes[k].frame != frame)
         continue;
-      const int count = pags_box_outline(camera, object->knots[k].world_from_object, object->size, corners);
+      const int count = pags_box_outline(camera, object->keyframes[k].world_from_object, object->size, corners);
       pags_outline_fill(corners, count, camera->width, camera->height, camera->width, 255, plane);
     }
   }

@@ -32,20 +32,20 @@ static void put_gaussian(pags_gaussians *g, int64_t row, double x, double y, dou
   pags_plane(g, PAGS_OPACITY)[row] = 8;
 }
 
-static pags_object make_track(const char *id, int knots, const double from[3], const double to[3], double yaw) {
+static pags_object make_track(const char *id, int keyframes, const double from[3], const double to[3], double yaw) {
   pags_object object = {.id = pags_text_copy(id),
                         .class_name = pags_text_copy("Car"),
                         .category = PAGS_CATEGORY_VEHICLE,
                         .size = {4, 2, 1.5},
                         .moving = from != to,
-                        .knot_count = knots,
-                        .knots = calloc((size_t)knots, sizeof(pags_knot))};
-  for (int i = 0; i < knots; i++) {
+                        .keyframe_count = keyframes,
+                        .keyframes = calloc((size_t)keyframes, sizeof(pags_keyframe))};
+  for (int i = 0; i < keyframes; i++) {
     double c = cos(yaw), s = sin(yaw), pose[12] = {c, -s, 0, 0, s, c, 0, 0, 0, 0, 1, 0};
     for (int k = 0; k < 3; k++)
-      pose[4 * k + 3] = origin[k] + from[k] + (to[k] - from[k]) * i / (knots > 1 ? knots - 1 : 1);
-    object.knots[i] = (pags_knot){.frame = i, .trained = 1, .time = 100 + i};
-    memcpy(object.knots[i].world_from_object, pose, sizeof pose);
+      pose[4 * k + 3] = origin[k] + from[k] + (to[k] - from[k]) * i / (keyframes > 1 ? keyframes - 1 : 1);
+    object.keyframes[i] = (pags_keyframe){.frame = i, .trained = 1, .time = 100 + i};
+    memcpy(object.keyframes[i].world_from_object, pose, sizeof pose);
   }
   return object;
 }
@@ -149,7 +149,7 @@ static void corrections_move_the_track(void **state) {
   pags_scene scene = make_scene();
   /* Along the car's forward axis, which points right in the picture. */
   for (int i = 0; i < 3; i++)
-    scene.objects[CAR].record.knots[i].translation[0] = 0.5;
+    scene.objects[CAR].record.keyframes[i].translation[0] = 0.5;
   pags_composition *c = compose_scene(scene);
   assert_column(c, 101, 0, 55);
   pags_composition_destroy(c);
@@ -251,8 +251,8 @@ static void absurd_numbers_stay_finite(void **state) {
     for (int p = 0; p < 12; p++)
       car->fourier[p * car->stride] = 3e38f;
     if (n)
-      scene.objects[CAR].record.knots[1].world_from_object[3 + 4 * (n - 1)] = far[n];
-    scene.objects[CAR].record.knots[2].translation[n] = far[n];
+      scene.objects[CAR].record.keyframes[1].world_from_object[3 + 4 * (n - 1)] = far[n];
+    scene.objects[CAR].record.keyframes[2].translation[n] = far[n];
     pags_composition *c = compose_scene(scene);
     edit(c, &(pags_edit){.kind = PAGS_EDIT_MOVE, .object = PARKED, .translation = {far[n], 0, 0}}, 1);
     for (int t = 0; t < 5; t++) {

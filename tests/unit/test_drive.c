@@ -89,8 +89,8 @@ static void scene_has_what_the_street_has(void **unused) {
     const pags_scene_object *o = &scene.objects[i];
     moving += o->model >= 0;
     assert_true(o->model < 0 || o->record.moving);
-    for (int64_t k = 0; k < o->record.knot_count; k++)
-      moved += o->model >= 0 && fabs(o->record.knots[k].translation[0]) > 0.0;
+    for (int64_t k = 0; k < o->record.keyframe_count; k++)
+      moved += o->model >= 0 && fabs(o->record.keyframes[k].translation[0]) > 0.0;
   }
   for (int64_t i = 0; scene.models[0].gaussians.object_id && i < scene.models[0].gaussians.count; i++)
     parked += scene.models[0].gaussians.object_id[i] >= 0;

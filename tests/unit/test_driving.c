@@ -43,13 +43,14 @@ static void check_objects(const pags_dataset *dataset) {
     assert_int_equal(object->category, i ? PAGS_CATEGORY_PEDESTRIAN : PAGS_CATEGORY_VEHICLE);
     assert_memory_equal(object->size, tree_sizes[i], sizeof tree_sizes[i]);
     assert_int_equal(object->moving, i == 0);
-    assert_int_equal(object->knot_count, i ? 3 : TREE_FRAMES);
-    for (int k = 0; k < object->knot_count; k++) {
-      const pags_knot *knot = &object->knots[k];
+    assert_int_equal(object->keyframe_count, i ? 3 : TREE_FRAMES);
+    for (int k = 0; k < object->keyframe_count; k++) {
+      const pags_keyframe *keyframe = &object->keyframes[k];
       double pose[12];
-      tree_box(i, knot->frame, pose);
-      expect_matrix(knot->world_from_object, pose);
-      assert_true(knot->frame == k + i && knot->time == 100 + 0.5 * knot->frame && knot->trained == (knot->frame != 4));
+      tree_box(i, keyframe->frame, pose);
+      expect_matrix(keyframe->world_from_object, pose);
+      assert_true(keyframe->frame == k + i && keyframe->time == 100 + 0.5 * keyframe->frame &&
+                  keyframe->trained == (keyframe->frame != 4));
     }
   }
 }
@@ -167,7 +168,7 @@ static void options_choose(void **state) {
     const pags_view *view = pags_dataset_view(dataset, i);
     assert_true(view->sensor == 1 && view->frame == i + 1 && view->test == (i == 1) && view->camera.width == 24);
     assert_true(pags_dataset_sweep(dataset, i)->test == (i == 1));
-    assert_true(pags_dataset_object(dataset, 0)->knots[i].trained == (i != 1));
+    assert_true(pags_dataset_object(dataset, 0)->keyframes[i].trained == (i != 1));
   }
   pags_dataset_close(dataset);
   options = tree_options("kitti");
@@ -320,9 +321,9 @@ static void pandaset_boxes_look_ahead(void **state) {
   for (int64_t i = 0; i < pags_dataset_object_count(dataset); i++) {
     const pags_object *object = pags_dataset_object(dataset, i);
     assert_true(object->size[0] >= object->size[1] || object->category != PAGS_CATEGORY_VEHICLE);
-    for (int64_t k = 1; k + 1 < object->knot_count && object->category == PAGS_CATEGORY_VEHICLE; k++) {
-      const pags_knot *a = &object->knots[k - 1], *b = &object->knots[k + 1];
-      const double *m = object->knots[k].world_from_object;
+    for (int64_t k = 1; k + 1 < object->keyframe_count && object->category == PAGS_CATEGORY_VEHICLE; k++) {
+      const pags_keyframe *a = &object->keyframes[k - 1], *b = &object->keyframes[k + 1];
+      const double *m = object->keyframes[k].world_from_object;
       double step[3], length, dt = b->time - a->time;
       for (int c = 0; c < 3; c++)
         step[c] = b->world_from_object[4 * c + 3] - a->world_from_object[4 * c + 3];

@@ -414,10 +414,10 @@ static void pandaset_boxes_match_masks(void **state) {
     assert_non_null(plane);
     for (int64_t k = 0; k < pags_dataset_object_count(dataset); k++) {
       const pags_object *object = pags_dataset_object(dataset, k);
-      const pags_knot *knot = pags_object_knot(object, view->frame);
+      const pags_keyframe *keyframe = pags_object_keyframe(object, view->frame);
       double corners[32];
-      if (knot)
-        pags_outline_fill(corners, pags_box_outline(&view->camera, knot->world_from_object, object->size, corners),
+      if (keyframe)
+        pags_outline_fill(corners, pags_box_outline(&view->camera, keyframe->world_from_object, object->size, corners),
                           photo.width, photo.height, photo.stride, 1, plane);
     }
     for (int j = 0; j < photo.stride * photo.height; j++) {
@@ -438,10 +438,10 @@ static void pandaset_boxes_match_masks(void **state) {
 static bool in_vehicle(const pags_dataset *dataset, int frame, const double p[3]) {
   for (int64_t k = 0; k < pags_dataset_object_count(dataset); k++) {
     const pags_object *object = pags_dataset_object(dataset, k);
-    const pags_knot *knot = pags_object_knot(object, frame);
-    if (!knot || !object->moving || object->category != PAGS_CATEGORY_VEHICLE)
+    const pags_keyframe *keyframe = pags_object_keyframe(object, frame);
+    if (!keyframe || !object->moving || object->category != PAGS_CATEGORY_VEHICLE)
       continue;
-    const double *m = knot->world_from_object;
+    const double *m = keyframe->world_from_object;
     bool inside = true;
     for (int c = 0; c < 3; c++)
       inside = inside && fabs(m[c] * (p[0] - m[3]) + m[4 + c] * (p[1] - m[7]) + m[8 + c] * (p[2] - m[11])) <

@@ -335,8 +335,9 @@ static void test_bound_is_of_the_picture(void **unused) {
     scene_create(&s, k % 2 ? INSIDE : MIXTURE, MOST_GAUSSIANS);
     s.options.sh_degree = 0;
     if (k % 3 == 0)
-      s.options.light = (pags_light){.vignette = {0.0, 0.4, 0.9, 1.5}, .response = {0.1, 0.3, 0.25, 0.2, 0.1}};
-    assert_true(pags_light_is_sound(&s.options.light));
+      s.options.photometric =
+          (pags_photometric){.vignette = {0.0, 0.4, 0.9, 1.5}, .response = {0.1, 0.3, 0.25, 0.2, 0.1}};
+    assert_true(pags_photometric_is_valid(&s.options.photometric));
     if (k % 3 < 2)
       pags_frame_options_expose(&s.options, (double[3]){1, 4, -2.5}, (double[3]){0, -0.5, 0.1});
     s.sky.dip = 1.0f;

@@ -444,22 +444,22 @@ static void add_views(pags_scene *scene, int count) {
   }
 }
 
-static void add_object(pags_scene *scene, const char *id, int64_t model, double size, double left, int64_t knots) {
+static void add_object(pags_scene *scene, const char *id, int64_t model, double size, double left, int64_t keyframes) {
   static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
   pags_scene_object *o = &scene->objects[scene->object_count++];
   *o = (pags_scene_object){.model = model, .critical = 1, .rigid = 1};
   o->record.id = pags_text_copy(id);
   o->record.class_name = pags_text_copy("Regular Vehicle");
   o->record.category = PAGS_CATEGORY_VEHICLE;
-  o->record.moving = knots > 1;
+  o->record.moving = keyframes > 1;
   for (int k = 0; k < 3; k++)
     o->record.size[k] = size;
-  o->record.knot_count = knots;
-  o->record.knots = calloc((size_t)knots, sizeof *o->record.knots);
-  for (int64_t i = 0; i < knots; i++) {
-    memcpy(o->record.knots[i].world_from_object, identity, sizeof identity);
-    o->record.knots[i].world_from_object[7] = left;
-    o->record.knots[i].time = 0.1 * (double)i;
+  o->record.keyframe_count = keyframes;
+  o->record.keyframes = calloc((size_t)keyframes, sizeof *o->record.keyframes);
+  for (int64_t i = 0; i < keyframes; i++) {
+    memcpy(o->record.keyframes[i].world_from_object, identity, sizeof identity);
+    o->record.keyframes[i].world_from_object[7] = left;
+    o->record.keyframes[i].time = 0.1 * (double)i;
   }
 }
 

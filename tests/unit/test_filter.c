@@ -93,10 +93,10 @@ static void objects_are_judged_whole(void **state) {
   (void)state;
   pags_scene scene = {0};
   pags_model models[2] = {{0}};
-  pags_knot knots[2] = {{.time = 0, .world_from_object = {1, 0, 0, 5, 0, 1, 0, 0, 0, 0, 1, 0}},
-                        {.frame = 1, .time = 1, .world_from_object = {1, 0, 0, 9, 0, 1, 0, 0, 0, 0, 1, 0}}};
+  pags_keyframe keyframes[2] = {{.time = 0, .world_from_object = {1, 0, 0, 5, 0, 1, 0, 0, 0, 0, 1, 0}},
+                                {.frame = 1, .time = 1, .world_from_object = {1, 0, 0, 9, 0, 1, 0, 0, 0, 0, 1, 0}}};
   for (int time = 0; time < 2; time++) {
-    pags_scene_object object = {.record = {.size = {1, 1, 1}, .moving = 1, .knot_count = 2, .knots = knots},
+    pags_scene_object object = {.record = {.size = {1, 1, 1}, .moving = 1, .keyframe_count = 2, .keyframes = keyframes},
                                 .model = 1};
     uint8_t chosen = 1;
     int64_t count;

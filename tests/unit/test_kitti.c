@@ -182,8 +182,8 @@ static void frames_and_cameras_are_chosen(void **state) {
   assert_true(place < 1e-7 && turn < 1e-9);
   const pags_place where = pags_dataset_place(part);
   assert_true(where.known && fabs(where.latitude - 49.015) < 1e-4 && fabs(where.longitude - 8.4343) < 1e-4);
-  assert_int_equal(pags_dataset_object(part, 1)->knot_count, 3);
-  assert_int_equal(pags_dataset_object(part, 1)->knots[0].frame, 0);
+  assert_int_equal(pags_dataset_object(part, 1)->keyframe_count, 3);
+  assert_int_equal(pags_dataset_object(part, 1)->keyframes[0].frame, 0);
   pags_dataset_close(part);
 }
 

@@ -94,15 +94,18 @@ static void world_point(int frame, int index, double out[3]) {
 
 /* Makes an object whose box moves along with the first LiDAR point, `above` metres below it. At the foot of a box,
  * where the point may belong to something else, it isn't taken; in the upper half it is. */
-static void follow(pags_object *object, pags_knot *knots, double above) {
-  *object = (pags_object){
-      .category = PAGS_CATEGORY_VEHICLE, .moving = 1, .size = {2, 1, 2}, .knot_count = TREE_FRAMES, .knots = knots};
+static void follow(pags_object *object, pags_keyframe *keyframes, double above) {
+  *object = (pags_object){.category = PAGS_CATEGORY_VEHICLE,
+                          .moving = 1,
+                          .size = {2, 1, 2},
+                          .keyframe_count = TREE_FRAMES,
+                          .keyframes = keyframes};
   for (int t = 0; t < TREE_FRAMES; t++) {
     double p[3];
     world_point(t, 0, p);
     const double pose[12] = {0, -1, 0, p[0], 1, 0, 0, p[1] - 0.3, 0, 0, 1, p[2] - above};
-    knots[t] = (pags_knot){.frame = t, .trained = 1, .time = 100 + 0.5 * t};
-    memcpy(knots[t].world_from_object, pose, sizeof pose);
+    keyframes[t] = (pags_keyframe){.frame = t, .trained = 1, .time = 100 + 0.5 * t};
+    memcpy(keyframes[t].world_from_object, pose, sizeof pose);
   }
 }
 
@@ -112,15 +115,15 @@ static void points_are_sorted_by_boxes(void **state) {
   const tree_kind kind = {"waymo", 1, 0, 0, 0, 14, 3};
   pags_scene_object objects[2] = {{.model = -1}, {.model = -1}};
   pags_scene_view views[TREE_FRAMES] = {0};
-  pags_knot knots[2][TREE_FRAMES];
+  pags_keyframe keyframes[2][TREE_FRAMES];
   scratch s;
   scratch_begin(&s);
   tree_write(&s, &kind);
   tree_text(&s, "dataset.json", "{\"kind\": \"waymo\"}");
   pags_scene scene = {
       .dataset = s.folder, .fps = 2, .object_count = 2, .objects = objects, .view_count = TREE_FRAMES, .views = views};
-  follow(&objects[0].record, knots[0], -0.9);
-  follow(&objects[1].record, knots[1], 0.4);
+  follow(&objects[0].record, keyframes[0], -0.9);
+  follow(&objects[1].record, keyframes[1], 0.4);
   for (int t = 0; t < TREE_FRAMES; t++)
     views[t] = (pags_scene_view){.frame = t, .test = t == 4};
   scene.origin[0] = 7;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Objects: categories, classification of motion, poses between labelled knots, optimised pose increments. */
+/* Objects: categories, classification of motion, poses between labelled keyframes, optimised pose increments. */
 #include <pags/object.h>
 
 #include <pags/camera.h>
@@ -20,16 +20,16 @@ static void turn_about_z(double angle, double x, double y, double z, double out[
   memcpy(out, m, sizeof m);
 }
 
-/* A car on an arc: `count` knots at the times 1000 + 0.1 i with heading 0.1 i, all of them trained. */
+/* A car on an arc: `count` keyframes at the times 1000 + 0.1 i with heading 0.1 i, all of them trained. */
 static pags_object sample(int count) {
-  pags_object object = {.category = PAGS_CATEGORY_VEHICLE, .size = {4, 2, 1.5}, .knot_count = count};
-  object.knots = calloc((size_t)count, sizeof *object.knots);
-  assert_non_null(object.knots);
+  pags_object object = {.category = PAGS_CATEGORY_VEHICLE, .size = {4, 2, 1.5}, .keyframe_count = count};
+  object.keyframes = calloc((size_t)count, sizeof *object.keyframes);
+  assert_non_null(object.keyframes);
   for (int i = 0; i < count; i++) {
-    object.knots[i].frame = i;
-    object.knots[i].trained = 1;
-    object.knots[i].time = 1000 + 0.1 * i;
-    turn_about_z(0.1 * i, i, 2 * i, 0, object.knots[i].world_from_object);
+    object.keyframes[i].frame = i;
+    object.keyframes[i].trained = 1;
+    object.keyframes[i].time = 1000 + 0.1 * i;
+    turn_about_z(0.1 * i, i, 2 * i, 0, object.keyframes[i].world_from_object);
   }
   return object;
 }
@@ -89,7 +89,8 @@ static void names_become_categories(void **state) {
 static int moves(const double (*positions)[3], int count) {
   pags_object object = sample(count);
   for (int i = 0; i < count; i++)
-    turn_about_z(0, 1e6 + positions[i][0], -2e6 + positions[i][1], positions[i][2], object.knots[i].world_from_object);
+    turn_about_z(0, 1e6 + positions[i][0], -2e6 + positions[i][1], positions[i][2],
+                 object.keyframes[i].world_from_object);
   object.moving = -1;
   pags_object_classify_motion(&object);
   int moving = object.moving;
@@ -104,8 +105,8 @@ static void motion_is_travel_or_spread(void **state) {
   assert_false(moves((const double[][3]){{0, 0, 0}, {0.99, 0, 0}}, 2));
   assert_true(moves((const double[][3]){{0, 0, 0}, {1.01, 0, 0}}, 2));
   assert_true(moves((const double[][3]){{0, 0, 0}, {0, 4, 0}, {0, 0, 0}}, 3));
-  /* Ten knots on a way with a bend and a stop: the spread on each axis is below 0.5 m, so that the distance travelled
-   * decides. */
+  /* Ten keyframes on a way with a bend and a stop: the spread on each axis is below 0.5 m, so that the distance
+   * travelled decides. */
   double way[10][3];
   for (int far = 0; far < 2; far++) {
     for (int i = 0; i < 10; i++) {
@@ -141,8 +142,8 @@ static int walks(pags_category category, double metres, int count, double jitter
   pags_object object = sample(count);
   object.category = category;
   for (int i = 0; i < count; i++) {
-    object.knots[i].time = 50 + 0.1 * i;
-    turn_about_z(0, metres * i / (count - 1), i % 2 ? jitter : 0, 0, object.knots[i].world_from_object);
+    object.keyframes[i].time = 50 + 0.1 * i;
+    turn_about_z(0, metres * i / (count - 1), i % 2 ? jitter : 0, 0, object.keyframes[i].world_from_object);
   }
   pags_object_classify_motion(&object);
   int moving = object.moving;
@@ -164,18 +165,18 @@ static void walkers_of_a_short_clip_move(void **state) {
   assert_false(walks(PAGS_CATEGORY_OTHER, 1.5, 12, 0));
 }
 
-static void a_knot_is_taken_as_it_stands(void **state) {
+static void a_keyframe_is_taken_as_it_stands(void **state) {
   (void)state;
   pags_object object = sample(5);
   double pose[12];
   for (int i = 0; i < 5; i++) {
-    assert_true(pags_object_pose(&object, object.knots[i].time + (i % 2 ? 4e-7 : -4e-7), pose));
-    assert_memory_equal(pose, object.knots[i].world_from_object, sizeof pose);
+    assert_true(pags_object_pose(&object, object.keyframes[i].time + (i % 2 ? 4e-7 : -4e-7), pose));
+    assert_memory_equal(pose, object.keyframes[i].world_from_object, sizeof pose);
   }
   pags_object_destroy(&object);
 }
 
-static void between_knots_labels_are_interpolated(void **state) {
+static void between_keyframes_labels_are_interpolated(void **state) {
   (void)state;
   pags_object object = sample(5);
   double pose[12], expected[12];
@@ -183,8 +184,8 @@ static void between_knots_labels_are_interpolated(void **state) {
   assert_true(pags_object_pose(&object, 1000.125, pose));
   assert_true(difference(pose, expected) < 1e-9);
   /* Between headings on either side of half a turn the interpolation takes the shorter arc. */
-  turn_about_z(3.0, 0, 0, 0, object.knots[1].world_from_object);
-  turn_about_z(-3.0, 0, 0, 0, object.knots[2].world_from_object);
+  turn_about_z(3.0, 0, 0, 0, object.keyframes[1].world_from_object);
+  turn_about_z(-3.0, 0, 0, 0, object.keyframes[2].world_from_object);
   turn_about_z(acos(-1.0), 0, 0, 0, expected);
   assert_true(pags_object_pose(&object, 1000.15, pose));
   assert_true(difference(pose, expected) < 1e-6);
@@ -197,14 +198,14 @@ static void ends_and_gaps_hold_half_a_spacing(void **state) {
   const double untouched[12] = {7, 7, 7, 7, 7, 7, 7, 7, 7, 7, 7, 7};
   double pose[12];
   for (int i = 4; i < 7; i++)
-    object.knots[i].time += 0.1; /* a gap from 1000.3 to 1000.5, twice the median, isn't bridged */
+    object.keyframes[i].time += 0.1; /* a gap from 1000.3 to 1000.5, twice the median, isn't bridged */
   memcpy(pose, untouched, sizeof pose);
   assert_true(pags_object_pose(&object, 999.951, pose));
-  assert_memory_equal(pose, object.knots[0].world_from_object, sizeof pose);
+  assert_memory_equal(pose, object.keyframes[0].world_from_object, sizeof pose);
   assert_true(pags_object_pose(&object, 1000.34, pose));
-  assert_memory_equal(pose, object.knots[3].world_from_object, sizeof pose);
+  assert_memory_equal(pose, object.keyframes[3].world_from_object, sizeof pose);
   assert_true(pags_object_pose(&object, 1000.46, pose));
-  assert_memory_equal(pose, object.knots[4].world_from_object, sizeof pose);
+  assert_memory_equal(pose, object.keyframes[4].world_from_object, sizeof pose);
   memcpy(pose, untouched, sizeof pose);
   assert_false(pags_object_pose(&object, 999.9, pose));
   assert_false(pags_object_pose(&object, 1000.76, pose));
@@ -212,10 +213,10 @@ static void ends_and_gaps_hold_half_a_spacing(void **state) {
   assert_false(pags_object_pose(&object, (double)INFINITY, pose));
   assert_memory_equal(pose, untouched, sizeof pose);
   for (int i = 4; i < 7; i++)
-    object.knots[i].time -= 0.06; /* a gap of 1.4 times the median is bridged */
+    object.keyframes[i].time -= 0.06; /* a gap of 1.4 times the median is bridged */
   assert_true(pags_object_pose(&object, 1000.37, pose));
   assert_true(fabs(pose[3] - 3.5) < 1e-6);
-  object.knot_count = 1; /* a track of one knot lasts a time step */
+  object.keyframe_count = 1; /* a track of one keyframe lasts a time step */
   object.time_step = 0.1;
   assert_true(pags_object_pose(&object, 1000, pose));
   assert_true(pags_object_pose(&object, 999.951, pose));
@@ -231,11 +232,11 @@ static void true_pose(double time, double out[12]) {
 }
 
 /* Labels of that car with errors of up to half a metre and 0.2 rad, and increments that correct them exactly at
- * trained knots: all but those in `held_out`, whose increments must not be used. */
+ * trained keyframes: all but those in `held_out`, whose increments must not be used. */
 static pags_object trained_sample(int count, const int *held_out, int held_out_count) {
   pags_object object = sample(count);
   for (int i = 0; i < count; i++) {
-    pags_knot *k = &object.knots[i];
+    pags_keyframe *k = &object.keyframes[i];
     double truth[12], back[12], off[12], random[4];
     k->time += 0.02 * sin(2.0 * i); /* uneven time steps */
     pags_rng_normal2(1, 0, (uint64_t)i, random);
@@ -250,40 +251,40 @@ static pags_object trained_sample(int count, const int *held_out, int held_out_c
     pags_rigid_multiply(truth, back, k->world_from_object);
   }
   for (int i = 0; i < held_out_count; i++) {
-    object.knots[held_out[i]].trained = 0;
-    object.knots[held_out[i]].translation[0] = 1e9;
+    object.keyframes[held_out[i]].trained = 0;
+    object.keyframes[held_out[i]].translation[0] = 1e9;
   }
   return object;
 }
 
-/* A track with constant accelerations is reproduced to rounding: at trained knots, between them, and at single
- * held-out knots. */
-static void a_trained_track_follows_its_trained_knots(void **state) {
+/* A track with constant accelerations is reproduced to rounding: at trained keyframes, between them, and at single
+ * held-out keyframes. */
+static void a_trained_track_follows_its_trained_keyframes(void **state) {
   (void)state;
   const int held_out[] = {2, 4, 8};
   pags_object object = trained_sample(12, held_out, 3);
   double pose[12], truth[12];
-  for (double time = object.knots[0].time; time <= object.knots[11].time; time += 0.003) {
+  for (double time = object.keyframes[0].time; time <= object.keyframes[11].time; time += 0.003) {
     true_pose(time, truth);
     assert_true(pags_object_pose(&object, time, pose));
     assert_true(difference(pose, truth) < 1e-8);
   }
   for (int i = 0; i < 12; i++) {
-    true_pose(object.knots[i].time, truth);
-    assert_true(pags_object_pose(&object, object.knots[i].time, pose));
+    true_pose(object.keyframes[i].time, truth);
+    assert_true(pags_object_pose(&object, object.keyframes[i].time, pose));
     assert_true(difference(pose, truth) < 1e-8);
   }
-  /* Without increments the pose at a knot is its label, whether held out or not. */
+  /* Without increments the pose at a keyframe is its label, whether held out or not. */
   for (int i = 0; i < 12; i++)
-    memset(object.knots[i].rotation, 0, 6 * sizeof(double));
+    memset(object.keyframes[i].rotation, 0, 6 * sizeof(double));
   for (int i = 0; i < 12; i++) {
-    assert_true(pags_object_pose(&object, object.knots[i].time, pose));
-    assert_memory_equal(pose, object.knots[i].world_from_object, sizeof pose);
+    assert_true(pags_object_pose(&object, object.keyframes[i].time, pose));
+    assert_memory_equal(pose, object.keyframes[i].world_from_object, sizeof pose);
   }
   pags_object_destroy(&object);
 }
 
-/* Neither position nor velocity jumps between knots, however irregular the knots are. */
+/* Neither position nor velocity jumps between keyframes, however irregular the keyframes are. */
 static void a_trained_track_has_no_corners(void **state) {
   (void)state;
   const int held_out[] = {5};
@@ -291,11 +292,11 @@ static void a_trained_track_has_no_corners(void **state) {
   const double h = 1e-4;
   for (int i = 0; i < 9; i++)
     for (int j = 0; j < 3; j++)
-      object.knots[i].translation[j] += 0.3 * sin(5.0 * i + j);
+      object.keyframes[i].translation[j] += 0.3 * sin(5.0 * i + j);
   for (int i = 1; i < 8; i++) {
     double p[5][12], largest = 0;
     for (int j = 0; j < 5; j++)
-      assert_true(pags_object_pose(&object, object.knots[i].time + (j - 2) * h, p[j]));
+      assert_true(pags_object_pose(&object, object.keyframes[i].time + (j - 2) * h, p[j]));
     /* One-sided differences of second order: a jump of the velocity by 1 m/s would give 1. */
     for (int k = 0; k < 12; k++)
       largest =
@@ -305,16 +306,16 @@ static void a_trained_track_has_no_corners(void **state) {
   pags_object_destroy(&object);
 }
 
-/* Before the first and after the last trained knot, and in gaps of several held-out knots, the pose is the label with
- * the increments of the neighbouring trained knots. */
+/* Before the first and after the last trained keyframe, and in gaps of several held-out keyframes, the pose is the
+ * label with the increments of the neighbouring trained keyframes. */
 static void elsewhere_labels_are_corrected(void **state) {
   (void)state;
   const int held_out[] = {0, 3, 4, 7};
   pags_object object = trained_sample(8, held_out, 4);
   double pose[12], motion[12], expected[12], rotation[3], translation[3];
   for (int n = 0; n < 4; n++) {
-    const pags_knot *k = &object.knots[held_out[n]], *a = &object.knots[n == 0 ? 1 : n == 3 ? 6 : 2];
-    const pags_knot *b = &object.knots[n == 0 ? 1 : n == 3 ? 6 : 5];
+    const pags_keyframe *k = &object.keyframes[held_out[n]], *a = &object.keyframes[n == 0 ? 1 : n == 3 ? 6 : 2];
+    const pags_keyframe *b = &object.keyframes[n == 0 ? 1 : n == 3 ? 6 : 5];
     const double share = b > a ? (k->time - a->time) / (b->time - a->time) : 0;
     for (int i = 0; i < 3; i++) {
       rotation[i] = (1 - share) * a->rotation[i] + share * b->rotation[i];
@@ -326,9 +327,9 @@ static void elsewhere_labels_are_corrected(void **state) {
     assert_true(difference(pose, expected) < 1e-9);
   }
   for (int i = 0; i < 8; i++)
-    object.knots[i].trained = 0;
-  assert_true(pags_object_pose(&object, object.knots[1].time, pose));
-  assert_memory_equal(pose, object.knots[1].world_from_object, sizeof pose);
+    object.keyframes[i].trained = 0;
+  assert_true(pags_object_pose(&object, object.keyframes[1].time, pose));
+  assert_memory_equal(pose, object.keyframes[1].world_from_object, sizeof pose);
   pags_object_destroy(&object);
 }
 
@@ -390,10 +391,10 @@ int main(void) {
       cmocka_unit_test(motion_is_travel_or_spread),
       cmocka_unit_test(jitter_is_no_motion),
       cmocka_unit_test(walkers_of_a_short_clip_move),
-      cmocka_unit_test(a_knot_is_taken_as_it_stands),
-      cmocka_unit_test(between_knots_labels_are_interpolated),
+      cmocka_unit_test(a_keyframe_is_taken_as_it_stands),
+      cmocka_unit_test(between_keyframes_labels_are_interpolated),
       cmocka_unit_test(ends_and_gaps_hold_half_a_spacing),
-      cmocka_unit_test(a_trained_track_follows_its_trained_knots),
+      cmocka_unit_test(a_trained_track_follows_its_trained_keyframes),
       cmocka_unit_test(a_trained_track_has_no_corners),
       cmocka_unit_test(elsewhere_labels_are_corrected),
       cmocka_unit_test(the_exponential_is_exact),

@@ -42,7 +42,7 @@ static pags_photometry create(void) {
 }
 
 static double loss_of(const pags_photometry *p, int sensor) {
-  const pags_light light = pags_photometry_light(p, sensor);
+  const pags_photometric light = pags_photometry_of_sensor(p, sensor);
   const pags_picture picture = picture_of();
   float *const out[3] = {shown[0], shown[1], shown[2]};
   double sum = 0.0;
@@ -59,23 +59,23 @@ static void test_gradient(void **state) {
   pags_photometry p = create();
   fill();
   pags_photometry_part *part = &p.parts[1];
-  for (int k = 0; k < PAGS_LIGHT_RINGS; k++)
+  for (int k = 0; k < PAGS_VIGNETTING_RINGS; k++)
     part->vignette[k] = 0.3 * hashed(k, 31) - 0.3;
-  for (int i = 0; i < PAGS_LIGHT_PIECES; i++)
+  for (int i = 0; i < PAGS_RESPONSE_PIECES; i++)
     part->slopes[i] = hashed(i, 32) - 0.5;
-  const pags_light light = pags_photometry_light(&p, 1);
-  assert_true(pags_light_is_sound(&light) && !pags_light_is_plain(&light));
+  const pags_photometric light = pags_photometry_of_sensor(&p, 1);
+  assert_true(pags_photometric_is_valid(&light) && !pags_photometric_is_identity(&light));
   const pags_picture picture = picture_of();
   static float gradient[3][PLANE];
   float *const planes[3] = {gradient[0], gradient[1], gradient[2]};
-  pags_light_gradient got, other;
+  pags_photometric_gradient got, other;
   memcpy(gradient, weights, sizeof gradient);
   assert_int_equal(pags_photometry_back(tasks, &light, &camera, &picture, planes, &got), PAGS_OK);
 
   double *const numbers[2] = {part->vignette, part->slopes};
   const double *const by[2] = {got.vignette, got.slopes};
   for (int kind = 0; kind < 2; kind++)
-    for (int i = 0; i < (kind ? PAGS_LIGHT_PIECES : PAGS_LIGHT_RINGS); i++) {
+    for (int i = 0; i < (kind ? PAGS_RESPONSE_PIECES : PAGS_VIGNETTING_RINGS); i++) {
       const double step = 1e-3, begun = numbers[kind][i];
       double sides[2];
       for (int side = 0; side < 2; side++) {
@@ -120,13 +120,13 @@ static void test_found(void **state) {
   schedule.length = STEPS;
   for (int s = 0; s < 3; s++) {
     double mean = 0.0;
-    for (int k = 0; k < PAGS_LIGHT_RINGS; k++) {
+    for (int k = 0; k < PAGS_VIGNETTING_RINGS; k++) {
       truth.parts[s].vignette[k] = -(0.05 + 0.02 * s) * k;
       mean += truth.parts[s].share[k] * truth.parts[s].vignette[k];
     }
-    for (int k = 0; k < PAGS_LIGHT_RINGS; k++)
+    for (int k = 0; k < PAGS_VIGNETTING_RINGS; k++)
       truth.parts[s].vignette[k] -= mean; /* as training holds it */
-    for (int i = 0; i < PAGS_LIGHT_PIECES; i++)
+    for (int i = 0; i < PAGS_RESPONSE_PIECES; i++)
       truth.parts[s].slopes[i] = (s - 1) * 0.3 * (i - 2.5) / 2.5; /* mean 0 over the cameras and over the pieces */
   }
   fill();
@@ -135,13 +135,13 @@ static void test_found(void **state) {
   static float wanted[3][3][PLANE];
   for (int s = 0; s < 3; s++) {
     float *const planes[3] = {wanted[s][0], wanted[s][1], wanted[s][2]};
-    const pags_light light = pags_photometry_light(&truth, s);
+    const pags_photometric light = pags_photometry_of_sensor(&truth, s);
     assert_int_equal(pags_photometry_apply(tasks, &light, &camera, &picture, planes), PAGS_OK);
   }
   for (int step = 1; step <= STEPS; step++) {
     const int s = step % 3;
-    const pags_light light = pags_photometry_light(&p, s);
-    pags_light_gradient gradient;
+    const pags_photometric light = pags_photometry_of_sensor(&p, s);
+    pags_photometric_gradient gradient;
     assert_int_equal(pags_photometry_apply(tasks, &light, &camera, &picture, out), PAGS_OK);
     for (int c = 0; c < 3; c++)
       for (int i = 0; i < PLANE; i++)
@@ -151,17 +151,17 @@ static void test_found(void **state) {
   }
   double worst = 0.0;
   for (int s = 0; s < 3; s++) {
-    const pags_light got = pags_photometry_light(&p, s), want = pags_photometry_light(&truth, s);
+    const pags_photometric got = pags_photometry_of_sensor(&p, s), want = pags_photometry_of_sensor(&truth, s);
     for (double q = 0.0; q <= 1.0; q += 0.1)
-      worst = fmax(worst, fabs(pags_light_vignette(&got, q) - pags_light_vignette(&want, q)));
-    for (int i = 0; i <= PAGS_LIGHT_PIECES; i++)
-      worst = fmax(worst, fabs(pags_light_knot(&got, i) - pags_light_knot(&want, i)));
+      worst = fmax(worst, fabs(pags_photometric_vignetting(&got, q) - pags_photometric_vignetting(&want, q)));
+    for (int i = 0; i <= PAGS_RESPONSE_PIECES; i++)
+      worst = fmax(worst, fabs(pags_photometric_curve_point(&got, i) - pags_photometric_curve_point(&want, i)));
   }
   print_message("off by %.4f at most\n", worst);
   assert_true(worst < 0.02);
-  for (int i = 0; i < PAGS_LIGHT_PIECES; i++)
+  for (int i = 0; i < PAGS_RESPONSE_PIECES; i++)
     assert_true(fabs(p.parts[0].slopes[i] + p.parts[1].slopes[i] + p.parts[2].slopes[i]) < 1e-9);
-  const pags_light_gradient bad = {.slopes = {(double)NAN}};
+  const pags_photometric_gradient bad = {.slopes = {(double)NAN}};
   const pags_photometry_part kept = p.parts[2];
   assert_false(pags_photometry_update(&p, 2, &bad, &schedule, 5));
   assert_memory_equal(kept.slopes, p.parts[2].slopes, sizeof kept.slopes);
@@ -179,17 +179,18 @@ static void test_frame(void **state) {
   assert_int_equal(pags_frame_create(tasks, &frame), PAGS_OK);
   for (int c = 0; c < 3; c++)
     options.background[c] = 0.4f + 0.2f * (float)c;
-  options.light = (pags_light){.vignette = {0.0, -0.1, -0.2, -0.4}, .response = {0.02, 0.03, 0.01, -0.01, -0.02}};
+  options.photometric =
+      (pags_photometric){.vignette = {0.0, -0.1, -0.2, -0.4}, .response = {0.02, 0.03, 0.01, -0.01, -0.02}};
   assert_true(pags_frame_options_expose(&options, gain, offset));
   assert_int_equal(pags_frame_render(frame, NULL, 0, &camera, &options, NULL, NULL, &picture), PAGS_OK);
   for (int c = 0; c < 3; c++)
     for (int y = 0; y < HEIGHT; y++)
       for (int x = 0; x < WIDTH; x++) {
         const double u = (x - 19.5) / 20.0, v = (y - 11.5) / 12.0, q = (u * u * 400.0 + v * v * 144.0) / 544.0;
-        const double knots[4] = {1.0, 0.9, 0.8, 0.6};
+        const double keyframes[4] = {1.0, 0.9, 0.8, 0.6};
         const int ring = q < 1.0 / 3.0 ? 0 : q < 2.0 / 3.0 ? 1 : 2;
-        const double value =
-            (double)options.background[c] * (knots[ring] + (knots[ring + 1] - knots[ring]) * (3.0 * q - ring));
+        const double value = (double)options.background[c] *
+                             (keyframes[ring] + (keyframes[ring + 1] - keyframes[ring]) * (3.0 * q - ring));
         const double curve[7] = {0.0, 1.0 / 6 + 0.02, 2.0 / 6 + 0.03, 3.0 / 6 + 0.01, 4.0 / 6 - 0.01, 5.0 / 6 - 0.02,
                                  1.0};
         const int piece = (int)(6.0 * value);
@@ -197,7 +198,7 @@ static void test_frame(void **state) {
         const double got = (double)picture.rgb[c][y * picture.stride + x];
         assert_true(fabs(got - (gain[c] * seen + offset[c])) < 1e-5);
       }
-  options.light = (pags_light){.vignette = {0.0}};
+  options.photometric = (pags_photometric){.vignette = {0.0}};
   assert_false(pags_frame_options_expose(&options, (double[3]){1, 1, 1}, (double[3]){0, 0, 0}));
   pags_frame_destroy(frame);
 }

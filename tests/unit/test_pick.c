@@ -351,9 +351,9 @@ static void test_objects(void **state) {
     o->class_name = pags_text_copy(i ? "Car" : "Hydrant");
     o->size[0] = o->size[1] = o->size[2] = 2;
     o->moving = i;
-    o->knot_count = 1;
-    o->knots = calloc(1, sizeof *o->knots);
-    double *pose = o->knots[0].world_from_object;
+    o->keyframe_count = 1;
+    o->keyframes = calloc(1, sizeof *o->keyframes);
+    double *pose = o->keyframes[0].world_from_object;
     pose[0] = pose[5] = pose[10] = 1;
     for (int k = 0; k < 3; k++)
       pose[4 * k + 3] = origin[k] + (k ? 0 : i ? 15 : 5);

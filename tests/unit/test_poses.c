@@ -20,16 +20,16 @@
 
 static pags_track_poses one_track(void) {
   pags_track_poses t = {.count = 1, .objects = calloc(1, sizeof *t.objects), .moments = calloc(1, sizeof *t.moments)};
-  t.objects[0] = (pags_object){.knot_count = 3, .knots = calloc(3, sizeof(pags_knot))};
+  t.objects[0] = (pags_object){.keyframe_count = 3, .keyframes = calloc(3, sizeof(pags_keyframe))};
   t.moments[0] = calloc(3, sizeof(pags_adam6));
-  t.objects[0].knots[1].frame = 4;
-  t.objects[0].knots[2].frame = 8;
+  t.objects[0].keyframes[1].frame = 4;
+  t.objects[0].keyframes[2].frame = 8;
   return t;
 }
 
-/* Adds the gradient of the loss |p - target|^2 / 2 by a perturbation of the knot's pose, p being a point fixed in the
- * object's box. */
-static void gradient_of(const pags_knot *k, const double point[3], const double target[3], double g[6]) {
+/* Adds the gradient of the loss |p - target|^2 / 2 by a perturbation of the keyframe's pose, p being a point fixed in
+ * the object's box. */
+static void gradient_of(const pags_keyframe *k, const double point[3], const double target[3], double g[6]) {
   double m[12], error[3], local[3];
   pags_increment_matrix(k->rotation, k->translation, m);
   for (int i = 0; i < 3; i++)
@@ -43,8 +43,8 @@ static void gradient_of(const pags_knot *k, const double point[3], const double 
   }
 }
 
-/* The labels of two knots are off by opposite amounts, so that the errors have zero mean, which the optimisation
- * keeps; a third knot is seen in no photograph. */
+/* The labels of two keyframes are off by opposite amounts, so that the errors have zero mean, which the optimisation
+ * keeps; a third keyframe is seen in no photograph. */
 static void poses_are_found(void **unused) {
   (void)unused;
   static const double points[4][3] = {{2, 0, 0}, {0, 1, 0}, {0, 0, 1}, {-2, 1, 0.5}};
@@ -57,30 +57,30 @@ static void poses_are_found(void **unused) {
   pags_track_poses tracks = one_track();
   for (int step = 1; step <= 1200; step++) {
     double g[6] = {0.0}, m[12], sign = step % 2 ? 1.0 : -1.0;
-    int64_t k = pags_track_poses_knot(&tracks.objects[0], step % 2 ? 4 : 0);
+    int64_t k = pags_track_poses_keyframe(&tracks.objects[0], step % 2 ? 4 : 0);
     pags_increment_matrix((double[]){0, 0, 0.1 * sign}, (double[]){0.3 * sign, -0.2 * sign, 0.05 * sign}, m);
     for (int p = 0; p < 4; p++) {
       double target[3];
       for (int i = 0; i < 3; i++)
         target[i] = m[4 * i] * points[p][0] + m[4 * i + 1] * points[p][1] + m[4 * i + 2] * points[p][2] + m[4 * i + 3];
-      gradient_of(&tracks.objects[0].knots[k], points[p], target, g);
+      gradient_of(&tracks.objects[0].keyframes[k], points[p], target, g);
     }
     pags_track_poses_update(&tracks, 0, k, g, &schedule, step);
   }
   const double turn[3] = {0, 0, 0.1}, way[3] = {0.3, -0.2, 0.05};
-  pags_knot *knot = &tracks.objects[0].knots[1], *opposite = &tracks.objects[0].knots[0];
+  pags_keyframe *keyframe = &tracks.objects[0].keyframes[1], *opposite = &tracks.objects[0].keyframes[0];
   for (int i = 0; i < 3; i++) {
-    assert_true(fabs(knot->rotation[i] - turn[i]) < 0.005 && fabs(opposite->rotation[i] + turn[i]) < 0.005);
-    assert_true(fabs(knot->translation[i] - way[i]) < 0.01 && fabs(opposite->translation[i] + way[i]) < 0.01);
+    assert_true(fabs(keyframe->rotation[i] - turn[i]) < 0.005 && fabs(opposite->rotation[i] + turn[i]) < 0.005);
+    assert_true(fabs(keyframe->translation[i] - way[i]) < 0.01 && fabs(opposite->translation[i] + way[i]) < 0.01);
     /* The mean of the increments stays zero. */
-    assert_true(fabs(knot->translation[i] + opposite->translation[i]) < 1e-12);
-    assert_true(tracks.objects[0].knots[2].translation[i] == 0.0);
+    assert_true(fabs(keyframe->translation[i] + opposite->translation[i]) < 1e-12);
+    assert_true(tracks.objects[0].keyframes[2].translation[i] == 0.0);
   }
   double bad[6] = {NAN};
-  pags_knot kept = *knot;
+  pags_keyframe kept = *keyframe;
   pags_track_poses_update(&tracks, 0, 1, bad, &schedule, 601);
-  assert_memory_equal(&kept, knot, sizeof kept);
-  assert_int_equal(pags_track_poses_knot(&tracks.objects[0], 3), -1);
+  assert_memory_equal(&kept, keyframe, sizeof kept);
+  assert_int_equal(pags_track_poses_keyframe(&tracks.objects[0], 3), -1);
   pags_track_poses_destroy(&tracks);
 }
 
@@ -88,15 +88,16 @@ static void poses_are_found(void **unused) {
  * track doesn't change, even one that swerves twice a second, which a fixed amount of smoothing would flatten. */
 static void jitter_goes_and_motion_stays(void **unused) {
   (void)unused;
-  enum { KNOTS = 40 };
+  enum { KEYFRAMES = 40 };
   for (int kind = 0; kind < 3; kind++) {
     const int noisy = kind == 1;
     const double swerve = kind == 2 ? 0.3 : 0.0;
     pags_track_poses t = {.count = 1, .objects = calloc(1, sizeof *t.objects), .moments = calloc(1, sizeof *t.moments)};
-    double truth[KNOTS][3], before = 0.0, after = 0.0, yaw_before = 0.0, yaw_after = 0.0;
-    t.objects[0] = (pags_object){.knot_count = KNOTS, .moving = 1, .knots = calloc(KNOTS, sizeof(pags_knot))};
-    t.moments[0] = calloc(KNOTS, sizeof(pags_adam6));
-    for (int k = 0; k < KNOTS; k++) {
+    double truth[KEYFRAMES][3], before = 0.0, after = 0.0, yaw_before = 0.0, yaw_after = 0.0;
+    t.objects[0] =
+        (pags_object){.keyframe_count = KEYFRAMES, .moving = 1, .keyframes = calloc(KEYFRAMES, sizeof(pags_keyframe))};
+    t.moments[0] = calloc(KEYFRAMES, sizeof(pags_adam6));
+    for (int k = 0; k < KEYFRAMES; k++) {
       double s = 0.1 * k, u[2], e[4];
       pags_rng_normal2(7, 1, (uint64_t)k, e);
       pags_rng_normal2(7, 2, (uint64_t)k, e + 2);
@@ -105,22 +106,24 @@ static void jitter_goes_and_motion_stays(void **unused) {
       truth[k][1] = 0.2 * s * s + swerve * sin(12.0 * s);
       truth[k][2] = 0.04 * s;
       double yaw = truth[k][2] + noisy * 0.05 * e[2];
-      pags_knot knot = {.frame = k, .trained = 1, .time = 1.5e9 + s};
+      pags_keyframe keyframe = {.frame = k, .trained = 1, .time = 1.5e9 + s};
       double m[12] = {cos(yaw), -sin(yaw), 0, truth[k][0] + u[0], sin(yaw), cos(yaw), 0, truth[k][1] + u[1], 0,
                       0,        1,         0};
-      memcpy(knot.world_from_object, m, sizeof m);
-      t.objects[0].knots[k] = knot;
+      memcpy(keyframe.world_from_object, m, sizeof m);
+      t.objects[0].keyframes[k] = keyframe;
     }
     assert_int_equal(pags_tracks_smooth(&t), PAGS_OK);
-    for (int k = 0; k < KNOTS; k++) {
-      const pags_knot *knot = &t.objects[0].knots[k];
+    for (int k = 0; k < KEYFRAMES; k++) {
+      const pags_keyframe *keyframe = &t.objects[0].keyframes[k];
       double m[12], pose[12];
-      pags_increment_matrix(knot->rotation, knot->translation, m);
-      pags_rigid_multiply(knot->world_from_object, m, pose);
-      before += hypot(knot->world_from_object[3] - truth[k][0], knot->world_from_object[7] - truth[k][1]) / KNOTS;
-      after += hypot(pose[3] - truth[k][0], pose[7] - truth[k][1]) / KNOTS;
-      yaw_before += fabs(atan2(knot->world_from_object[4], knot->world_from_object[0]) - truth[k][2]) / KNOTS;
-      yaw_after += fabs(atan2(pose[4], pose[0]) - truth[k][2]) / KNOTS;
+      pags_increment_matrix(keyframe->rotation, keyframe->translation, m);
+      pags_rigid_multiply(keyframe->world_from_object, m, pose);
+      before +=
+          hypot(keyframe->world_from_object[3] - truth[k][0], keyframe->world_from_object[7] - truth[k][1]) / KEYFRAMES;
+      after += hypot(pose[3] - truth[k][0], pose[7] - truth[k][1]) / KEYFRAMES;
+      yaw_before +=
+          fabs(atan2(keyframe->world_from_object[4], keyframe->world_from_object[0]) - truth[k][2]) / KEYFRAMES;
+      yaw_after += fabs(atan2(pose[4], pose[0]) - truth[k][2]) / KEYFRAMES;
     }
     if (noisy) {
       assert_true(after < 0.5 * before);

@@ -28,13 +28,13 @@ static void test_motion(void **state) {
 /* An object that drives round a circle: 0.5 radians and 6 metres a second, labelled ten times a second. */
 static void test_object(void **state) {
   (void)state;
-  pags_knot knots[11] = {0};
-  const pags_object object = {.knot_count = 11, .knots = knots};
+  pags_keyframe keyframes[11] = {0};
+  const pags_object object = {.keyframe_count = 11, .keyframes = keyframes};
   double velocity[6];
   for (int k = 0; k < 11; k++) {
-    knots[k].time = 0.1 * k;
-    knots[k].frame = k;
-    tree_turn(0.05 * k, 12 * sin(0.05 * k), 12 * (1 - cos(0.05 * k)), 0, knots[k].world_from_object);
+    keyframes[k].time = 0.1 * k;
+    keyframes[k].frame = k;
+    tree_turn(0.05 * k, 12 * sin(0.05 * k), 12 * (1 - cos(0.05 * k)), 0, keyframes[k].world_from_object);
   }
   const double expected[6] = {0, 0, 0.5, 6, 0, 0};
   pags_object_velocity(&object, 0.5, velocity);

@@ -59,18 +59,19 @@ static pags_scene driving_sample(void) {
                                    .category = i ? PAGS_CATEGORY_VEHICLE : PAGS_CATEGORY_PEDESTRIAN,
                                    .size = {4.5, 1.9, 1.0 / 3},
                                    .moving = i,
-                                   .knot_count = 2,
-                                   .knots = calloc(2, sizeof *object->record.knots)};
+                                   .keyframe_count = 2,
+                                   .keyframes = calloc(2, sizeof *object->record.keyframes)};
     object->model = i ? 1 : -1;
     object->critical = i;
     object->rigid = !i;
     for (int k = 0; k < 2; k++)
-      object->record.knots[k] = (pags_knot){.frame = k + 3,
-                                            .trained = k,
-                                            .time = 0.1 + 0.1 * k,
-                                            .world_from_object = {0, -1, 0, 500000.1, 1, 0, 0, 2.0 / 3, 0, 0, 1, k},
-                                            .rotation = {1e-3, 0, -0.1},
-                                            .translation = {0.1 * k, 1.0 / 7, 0}};
+      object->record.keyframes[k] =
+          (pags_keyframe){.frame = k + 3,
+                          .trained = k,
+                          .time = 0.1 + 0.1 * k,
+                          .world_from_object = {0, -1, 0, 500000.1, 1, 0, 0, 2.0 / 3, 0, 0, 1, k},
+                          .rotation = {1e-3, 0, -0.1},
+                          .translation = {0.1 * k, 1.0 / 7, 0}};
   }
   for (int i = 0; i < 2; i++) {
     scene.views[i].sensor = i ? 2 : -1;
@@ -165,8 +166,8 @@ static void a_driving_scene_comes_back(void **state) {
     assert_int_equal(b->model, a->model);
     assert_int_equal(b->critical, a->critical);
     assert_int_equal(b->rigid, a->rigid);
-    assert_int_equal(b->record.knot_count, 2);
-    assert_memory_equal(b->record.knots, a->record.knots, 2 * sizeof *a->record.knots);
+    assert_int_equal(b->record.keyframe_count, 2);
+    assert_memory_equal(b->record.keyframes, a->record.keyframes, 2 * sizeof *a->record.keyframes);
     assert_int_equal(back.views[i].sensor, scene.views[i].sensor);
     assert_int_equal(back.views[i].frame, scene.views[i].frame);
     assert_memory_equal(back.views[i].gain, scene.views[i].gain, 3 * sizeof(double));

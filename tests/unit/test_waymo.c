@@ -178,7 +178,7 @@ static void check_a_real_box(const char *folder) {
   double ego[16], back[12], local[12];
   read_matrix(at("%s/ego_pose/000.txt", folder), ego);
   pags_rigid_inverse(ego, back);
-  pags_rigid_multiply(back, found->knots[0].world_from_object, local);
+  pags_rigid_multiply(back, found->keyframes[0].world_from_object, local);
   assert_true(fabs(local[3] - 10.23) < 0.005 && fabs(local[7] - 1.98) < 0.005 && fabs(local[11] - 0.83) < 0.005);
   assert_true(fabs(atan2(local[4], local[0]) - 1.55) < 0.005);
   assert_true(fabs(found->size[0] - 1.03) < 0.005 && fabs(found->size[1] - 0.87) < 0.005 &&
@@ -277,10 +277,10 @@ static void check_dynamic_masks(const pags_dataset *set, const char *folder) {
       scratch_ok(pags_lens_prepare(&lens, "test"));
       for (int64_t i = 0; i < TRACKS; i++) {
         const pags_object *o = pags_dataset_object(set, i);
-        const pags_knot *k = o->knots;
-        while (k < o->knots + o->knot_count && k->frame != t)
+        const pags_keyframe *k = o->keyframes;
+        while (k < o->keyframes + o->keyframe_count && k->frame != t)
           k++;
-        if (k == o->knots + o->knot_count || strcmp(o->class_name, "Vehicle") != 0)
+        if (k == o->keyframes + o->keyframe_count || strcmp(o->class_name, "Vehicle") != 0)
           continue;
         double ego[12], on[12];
         waymo_set_ego(t, ego);

@@ -42,12 +42,12 @@ static inline void check_same_objects(const pags_dataset *a, const pags_dataset 
     const pags_object *o = pags_dataset_object(a, i), *p = object_of(b, o->id);
     assert_int_equal(o->category, p->category);
     assert_int_equal(o->moving, p->moving);
-    assert_int_equal(o->knot_count, p->knot_count);
+    assert_int_equal(o->keyframe_count, p->keyframe_count);
     for (int k = 0; k < 3; k++)
       assert_true(fabs(o->size[k] - p->size[k]) < 1e-12);
-    for (int64_t t = 0; t < o->knot_count; t++) {
-      assert_int_equal(o->knots[t].frame, p->knots[t].frame);
-      check_same_pose(o->knots[t].world_from_object, p->knots[t].world_from_object, place, turn);
+    for (int64_t t = 0; t < o->keyframe_count; t++) {
+      assert_int_equal(o->keyframes[t].frame, p->keyframes[t].frame);
+      check_same_pose(o->keyframes[t].world_from_object, p->keyframes[t].world_from_object, place, turn);
     }
   }
 }

@@ -54,15 +54,15 @@ static pags_layout_track make_track(int i) {
   o->id = strdup(id);
   o->class_name = strdup(class_names[i]);
   o->category = pags_category_of(o->class_name);
-  o->knots = calloc(FRAMES, sizeof *o->knots);
-  assert_non_null(o->knots);
+  o->keyframes = calloc(FRAMES, sizeof *o->keyframes);
+  assert_non_null(o->keyframes);
   for (int t = i; t < FRAMES; t++) { /* object i is labelled from frame i on */
     double ego[12], box[12];
     waymo_set_ego(t, ego);
     box_at(i, t, box);
-    pags_knot *knot = &o->knots[o->knot_count++];
-    *knot = (pags_knot){.frame = t, .time = 1553735853.462203 + 0.1 * t};
-    pags_rigid_multiply(ego, box, knot->world_from_object);
+    pags_keyframe *keyframe = &o->keyframes[o->keyframe_count++];
+    *keyframe = (pags_keyframe){.frame = t, .time = 1553735853.462203 + 0.1 * t};
+    pags_rigid_multiply(ego, box, keyframe->world_from_object);
   }
   for (int k = 0; k < 3; k++)
     o->size[k] = 1 + i + 0.3 * (2 - k);

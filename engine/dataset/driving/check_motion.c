@@ -98,16 +98,16 @@ void pags_driving_check_places(const pags_driving *driving) {
   int64_t all = 0;
   for (int64_t i = 0; i < driving->object_count; i++) {
     const pags_object *object = &driving->objects[i];
-    for (int64_t k = 0; k < object->knot_count; k++, all++) {
-      const double *eye = driving->steps[pags_driving_step(driving, object->knots[k].frame)].eye;
+    for (int64_t k = 0; k < object->keyframe_count; k++, all++) {
+      const double *eye = driving->steps[pags_driving_step(driving, object->keyframes[k].frame)].eye;
       double square = 0;
       for (int axis = 0; axis < 3; axis++) {
-        const double d = object->knots[k].world_from_object[4 * axis + 3] - eye[axis];
+        const double d = object->keyframes[k].world_from_object[4 * axis + 3] - eye[axis];
         square += d * d;
       }
       if (square > (double)FARTHEST * FARTHEST)
-        pags_tally_add(&far, "%s '%s' in frame %d, at %.0f m", object->class_name, object->id, object->knots[k].frame,
-                       sqrt(square));
+        pags_tally_add(&far, "%s '%s' in frame %d, at %.0f m", object->class_name, object->id,
+                       object->keyframes[k].frame, sqrt(square));
     }
   }
   if (far.count)

@@ -84,8 +84,8 @@ void pags_world_check(const pags_driving *driving, const pags_parsed_dataset *pa
         driving->root, folder, off, (long long)cameras.count);
 
   for (int64_t i = 0; i < driving->object_count; i++)
-    for (int64_t k = 0; k < driving->objects[i].knot_count; k++)
-      add(&boxes, driving->objects[i].knots[k].world_from_object, 2, 1);
+    for (int64_t k = 0; k < driving->objects[i].keyframe_count; k++)
+      add(&boxes, driving->objects[i].keyframes[k].world_from_object, 2, 1);
   const double apart = angle(&boxes, cameras.sum);
   if (apart > steepest && angle(&boxes, up) > steepest)
     pags_log_message(

@@ -47,7 +47,7 @@ int64_t pags_driving_step(const pags_driving *driving, int64_t frame) {
 
 bool pags_driving_has_boxes(const pags_driving *driving, int frame) {
   for (int64_t i = 0; i < driving->object_count; i++)
-    if (pags_object_knot(&driving->objects[i], frame))
+    if (pags_object_keyframe(&driving->objects[i], frame))
       return true;
   return false;
 }

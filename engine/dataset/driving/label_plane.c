@@ -133,15 +133,15 @@ pags_result pags_label_plane_add(const pags_dataset *dataset, int64_t index, con
 
   for (int64_t i = 0; i < driving->object_count; i++) {
     const pags_object *object = &driving->objects[i];
-    const pags_knot *knot = pags_object_knot(object, view->frame);
+    const pags_keyframe *keyframe = pags_object_keyframe(object, view->frame);
     double corners[32];
     if (rays.direction) {
-      if (knot)
-        pags_pixel_rays_fill_box(&rays, camera, knot->world_from_object, object->size, stride,
+      if (keyframe)
+        pags_pixel_rays_fill_box(&rays, camera, keyframe->world_from_object, object->size, stride,
                                  bits_of(driving, i, view), plane);
       continue;
     }
-    int count = knot ? pags_box_outline(camera, knot->world_from_object, object->size, corners) : 0;
+    int count = keyframe ? pags_box_outline(camera, keyframe->world_from_object, object->size, corners) : 0;
     pags_outline_fill(corners, count, camera->width, camera->height, stride, bits_of(driving, i, view), plane);
   }
 

@@ -19,7 +19,7 @@ static const double least_side = 0.01;
 /* ---- Boxes that are left out ---- */
 
 static int by_frame(const void *a, const void *b) {
-  return ((const pags_label *)a)->knot.frame - ((const pags_label *)b)->knot.frame;
+  return ((const pags_label *)a)->keyframe.frame - ((const pags_label *)b)->keyframe.frame;
 }
 
 /* The time of a frame in seconds: of its time step; between two steps in proportion, beyond them at the usual rate. */
@@ -37,7 +37,7 @@ static double time_of(const pags_driving *driving, int frame) {
   return a->time + (b->time - a->time) * (frame - a->frame) / (b->frame - a->frame);
 }
 
-static double distance(const pags_knot *a, const pags_knot *b) {
+static double distance(const pags_keyframe *a, const pags_keyframe *b) {
   double square = 0;
   for (int axis = 3; axis < 12; axis += 4)
     square += (a->world_from_object[axis] - b->world_from_object[axis]) *
@@ -51,21 +51,22 @@ static int64_t sort_out(pags_labels *all, const pags_object *object, pags_label 
   int64_t kept = 0, usable = 0;
   for (int64_t i = 0; i < count; i++) {
     pags_label *label = &labels[i];
-    label->knot.time = time_of(all->driving, label->knot.frame);
+    label->keyframe.time = time_of(all->driving, label->keyframe.frame);
     if (fmin(fmin(label->size[0], label->size[1]), label->size[2]) < least_side)
-      pags_tally_add(&all->flat, "%s '%s' in frame %d", object->class_name, object->id, label->knot.frame);
+      pags_tally_add(&all->flat, "%s '%s' in frame %d", object->class_name, object->id, label->keyframe.frame);
     else
       labels[usable++] = *label;
   }
   pags_sort(labels, usable, sizeof *labels, by_frame);
   for (int64_t i = 0; i < usable; i++) {
     pags_label *last = kept ? &labels[kept - 1] : NULL;
-    if (!last || last->knot.frame != labels[i].knot.frame) {
+    if (!last || last->keyframe.frame != labels[i].keyframe.frame) {
       labels[kept++] = labels[i];
       continue;
     }
-    pags_tally_add(&all->twice, "%s '%s' in frame %d", object->class_name, object->id, last->knot.frame);
-    if (kept > 1 && distance(&labels[kept - 2].knot, &labels[i].knot) < distance(&labels[kept - 2].knot, &last->knot))
+    pags_tally_add(&all->twice, "%s '%s' in frame %d", object->class_name, object->id, last->keyframe.frame);
+    if (kept > 1 && distance(&labels[kept - 2].keyframe, &labels[i].keyframe) <
+                        distance(&labels[kept - 2].keyframe, &last->keyframe))
       *last = labels[i];
   }
   return kept;
@@ -94,7 +95,7 @@ static pags_result mend_sizes(pags_labels *all, const pags_object *object, pags_
         wrong = true;
       }
     if (wrong)
-      pags_tally_add(&all->sized, "%s '%s' in frame %d", object->class_name, object->id, labels[i].knot.frame);
+      pags_tally_add(&all->sized, "%s '%s' in frame %d", object->class_name, object->id, labels[i].keyframe.frame);
   }
   return PAGS_OK;
 }
@@ -103,16 +104,17 @@ static pags_result mend_sizes(pags_labels *all, const pags_object *object, pags_
  * that the result doesn't depend on the time steps used. */
 static void mend_poses(pags_labels *all, pags_object *whole, pags_label *labels, uint8_t *mended) {
   pags_track_mend(whole, mended);
-  for (int64_t i = 0; i < whole->knot_count; i++) {
-    labels[i].knot = whole->knots[i];
+  for (int64_t i = 0; i < whole->keyframe_count; i++) {
+    labels[i].keyframe = whole->keyframes[i];
     if (mended[i])
       pags_tally_add(mended[i] & PAGS_MENDED_MOVED ? &all->moved : &all->turned, "%s '%s' in frame %d",
-                     whole->class_name, whole->id, labels[i].knot.frame);
+                     whole->class_name, whole->id, labels[i].keyframe.frame);
   }
   const pags_track_leap leap = pags_track_find_leap(whole);
   if (leap.metres > 0)
     pags_tally_add(&all->leaping, "%s '%s' from frame %d to %d, %.2f m off in %.2f s", whole->class_name, whole->id,
-                   whole->knots[leap.knot].frame, whole->knots[leap.knot + 1].frame, leap.metres, leap.seconds);
+                   whole->keyframes[leap.keyframe].frame, whole->keyframes[leap.keyframe + 1].frame, leap.metres,
+                   leap.seconds);
   pags_object_classify_motion(whole);
   if (pags_object_jitters(whole) && !whole->moving)
     pags_tally_add(&all->shaken, "%s '%s'", whole->class_name, whole->id);
@@ -162,51 +164,52 @@ static pags_result add_object(pags_labels *all, pags_object *object) {
   return PAGS_OK;
 }
 
-/* Makes the knots of the labels at the time steps used. */
+/* Makes the keyframes of the labels at the time steps used. */
 static void use_labels(pags_labels *all, const uint8_t *present, const pags_label *labels, int64_t count,
                        pags_object *object) {
   const pags_driving *driving = all->driving;
   for (int64_t i = 0; i < count; i++) {
-    const int64_t step = pags_driving_step(driving, labels[i].knot.frame);
+    const int64_t step = pags_driving_step(driving, labels[i].keyframe.frame);
     if (step < 0)
       continue;
     if (present && !present[step]) {
-      pags_tally_add(&all->unlisted, "%s '%s' in frame %d", object->class_name, object->id, labels[i].knot.frame);
+      pags_tally_add(&all->unlisted, "%s '%s' in frame %d", object->class_name, object->id, labels[i].keyframe.frame);
       continue;
     }
-    pags_knot *knot = &object->knots[object->knot_count];
-    *knot = labels[i].knot;
-    knot->trained = !driving->steps[step].test;
-    knot->time = driving->steps[step].time;
+    pags_keyframe *keyframe = &object->keyframes[object->keyframe_count];
+    *keyframe = labels[i].keyframe;
+    keyframe->trained = !driving->steps[step].test;
+    keyframe->time = driving->steps[step].time;
     /* The size of an object is the mean of its labelled sizes, as a running mean that leaves equal sizes
      * bit-identical. */
     for (int k = 0; k < 3; k++)
-      object->size[k] = object->knot_count == 0 ? labels[i].size[k]
-                                                : object->size[k] + (labels[i].size[k] - object->size[k]) /
-                                                                        (double)(object->knot_count + 1);
-    object->knot_count++;
+      object->size[k] = object->keyframe_count == 0 ? labels[i].size[k]
+                                                    : object->size[k] + (labels[i].size[k] - object->size[k]) /
+                                                                            (double)(object->keyframe_count + 1);
+    object->keyframe_count++;
   }
 }
 
-/* Makes the object of the labels of one thing. `whole` has its id, class and room for all knots. */
+/* Makes the object of the labels of one thing. `whole` has its id, class and room for all keyframes. */
 static pags_result take_thing(pags_labels *all, const uint8_t *present, pags_label *labels, int64_t count,
                               uint8_t *mended, pags_object *whole) {
   pags_object object = {.category = whole->category};
   object.id = pags_text_copy(whole->id);
   object.class_name = pags_text_copy(whole->class_name);
-  object.knots = calloc((size_t)count, sizeof *object.knots);
-  pags_result result = object.id && object.class_name && object.knots ? PAGS_OK : pags_out_of_memory("%s", all->source);
+  object.keyframes = calloc((size_t)count, sizeof *object.keyframes);
+  pags_result result =
+      object.id && object.class_name && object.keyframes ? PAGS_OK : pags_out_of_memory("%s", all->source);
   if (result == PAGS_OK)
     result = mend_sizes(all, whole, labels, count);
   for (int64_t i = 0; i < count; i++)
-    whole->knots[i] = labels[i].knot;
-  whole->knot_count = count;
+    whole->keyframes[i] = labels[i].keyframe;
+  whole->keyframe_count = count;
   if (result == PAGS_OK) {
     mend_poses(all, whole, labels, mended);
     object.moving = whole->moving;
     use_labels(all, present, labels, count, &object);
   }
-  if (result == PAGS_OK && object.knot_count > 0)
+  if (result == PAGS_OK && object.keyframe_count > 0)
     result = add_object(all, &object);
   pags_object_destroy(&object);
   return result;
@@ -226,8 +229,8 @@ static pags_result take_things(pags_labels *all, const uint8_t *present, const p
                                work *w, pags_object *whole) {
   char *const id = whole->id;
   for (int64_t i = 0; i < count; i++)
-    whole->knots[i] = labels[i].knot;
-  whole->knot_count = count;
+    whole->keyframes[i] = labels[i].keyframe;
+  whole->keyframe_count = count;
   const int parts = pags_track_split(whole, w->part, w->mended, w->scratch);
   if (parts > 1)
     pags_tally_add(&all->split, "%s '%s', to %d things", whole->class_name, id, parts);
@@ -255,11 +258,11 @@ pags_result pags_labels_take(pags_labels *all, const char *id, const char *class
   pags_object whole = {.id = pags_text_copy(id),
                        .class_name = pags_text_copy(class_name),
                        .category = pags_category_of(class_name),
-                       .knots = calloc(room, sizeof *whole.knots)};
+                       .keyframes = calloc(room, sizeof *whole.keyframes)};
   work w = {calloc(room, sizeof *w.part), calloc(room, 1), calloc(2 * room, sizeof *w.scratch),
             calloc(room, sizeof *w.labels), calloc(room, 1)};
   const bool made =
-      whole.id && whole.class_name && whole.knots && w.part && w.mended && w.scratch && w.labels && w.mended_of_one;
+      whole.id && whole.class_name && whole.keyframes && w.part && w.mended && w.scratch && w.labels && w.mended_of_one;
   all->ids++;
   all->boxes += count;
   pags_result result = made ? PAGS_OK : pags_out_of_memory("%s", all->source);

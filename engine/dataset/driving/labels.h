@@ -7,9 +7,9 @@
 #include "base/log.h"
 #include "dataset/driving/driving_set.h"
 
-/* A labelled box: frame and pose of the knot, length, width and height in metres. */
+/* A labelled box: frame and pose of the keyframe, length, width and height in metres. */
 typedef struct pags_label {
-  pags_knot knot;
+  pags_keyframe keyframe;
   double size[3];
 } pags_label;
 
@@ -20,9 +20,9 @@ typedef struct pags_labels {
   pags_tally flat, twice, sized, turned, moved, split, leaping, shaken, unlisted, renamed;
 } pags_labels;
 
-/* Adds the object of an id to driving->objects, with a knot at each time step used, or several objects if the id goes
- * from one thing to another; none without a box at a time step used. `present`: by time step, whether a list of the
- * frame has the object; NULL: there is no such list. The labels are sorted and changed. */
+/* Adds the object of an id to driving->objects, with a keyframe at each time step used, or several objects if the id
+ * goes from one thing to another; none without a box at a time step used. `present`: by time step, whether a list of
+ * the frame has the object; NULL: there is no such list. The labels are sorted and changed. */
 pags_result pags_labels_take(pags_labels *all, const char *id, const char *class_name, const uint8_t *present,
                              pags_label *labels, int64_t count);
 

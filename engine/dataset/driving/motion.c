@@ -39,7 +39,7 @@ static double angle_between(const double a[12], const double b[12]) {
   return degrees * pags_acos(fmax(-1, fmin(1, 0.5 * (trace - 1))));
 }
 
-/* Poses with their times at equal distances in memory, as arrays or as members of knots. */
+/* Poses with their times at equal distances in memory, as arrays or as members of keyframes. */
 typedef struct sequence {
   const double *poses, *times;
   size_t pose_stride, time_stride; /* in doubles */
@@ -140,8 +140,9 @@ pags_leaps pags_find_leaps(const double (*poses)[12], const double *times, int64
 }
 
 pags_track_leap pags_track_find_leap(const pags_object *object) {
-  const size_t stride = sizeof(pags_knot) / sizeof(double);
-  const sequence s = {object->knots->world_from_object, &object->knots->time, stride, stride, object->knot_count};
+  const size_t stride = sizeof(pags_keyframe) / sizeof(double);
+  const sequence s = {object->keyframes->world_from_object, &object->keyframes->time, stride, stride,
+                      object->keyframe_count};
   for (int64_t i = 0; i + 1 < s.count; i++) {
     const double dt = step_time(&s, i), off = step_error(&s, i);
     if (dt > 0 && is_leap(off, dt))
@@ -153,7 +154,7 @@ pags_track_leap pags_track_find_leap(const pags_object *object) {
 /* ---- Labels that are turned by half a turn ---- */
 
 /* Whether no object of this category turns so far from one label to the next. Walkers may turn on the spot. */
-static bool is_flip(const pags_object *object, const pags_knot *a, const pags_knot *b) {
+static bool is_flip(const pags_object *object, const pags_keyframe *a, const pags_keyframe *b) {
   const double angle = angle_between(a->world_from_object, b->world_from_object);
   const double fastest = object->category == PAGS_CATEGORY_PEDESTRIAN ? 500 : 200; /* degrees a second */
   return angle > 135 && angle > fastest * (b->time - a->time);
@@ -172,36 +173,36 @@ static void turn_flips(const pags_object *object, uint8_t *mended) {
   int64_t flips = 0, turned = 0;
   bool side = false;
   double along = 0; /* way along the front of the first group minus that of the second */
-  for (int64_t i = 0; i < object->knot_count; i++) {
-    const double *m = object->knots[i].world_from_object, *next = m;
-    if (i > 0 && is_flip(object, &object->knots[i - 1], &object->knots[i]))
+  for (int64_t i = 0; i < object->keyframe_count; i++) {
+    const double *m = object->keyframes[i].world_from_object, *next = m;
+    if (i > 0 && is_flip(object, &object->keyframes[i - 1], &object->keyframes[i]))
       side = !side, flips++;
     turned += side;
-    if (i + 1 < object->knot_count)
-      next = object->knots[i + 1].world_from_object;
+    if (i + 1 < object->keyframe_count)
+      next = object->keyframes[i + 1].world_from_object;
     for (int k = 0; k < 3; k++)
       along += (side ? -1 : 1) * m[4 * k] * (next[4 * k + 3] - m[4 * k + 3]);
     mended[i] = (uint8_t)((mended[i] & PAGS_MENDED_MOVED) | (side ? PAGS_MENDED_TURNED : 0));
   }
-  const bool swap = 2 * turned > object->knot_count || (2 * turned == object->knot_count && along < 0);
-  for (int64_t i = 0; i < object->knot_count && flips; i++) {
+  const bool swap = 2 * turned > object->keyframe_count || (2 * turned == object->keyframe_count && along < 0);
+  for (int64_t i = 0; i < object->keyframe_count && flips; i++) {
     if (swap)
       mended[i] ^= PAGS_MENDED_TURNED;
     if (mended[i] & PAGS_MENDED_TURNED)
-      turn_back(object->knots[i].world_from_object);
+      turn_back(object->keyframes[i].world_from_object);
   }
 }
 
 /* ---- Labels that lie aside ---- */
 
-enum { LEAST_KNOTS = 5, NEAR = 2 }; /* NEAR: labels on either side that predict the one between them */
+enum { LEAST_KEYFRAMES = 5, NEAR = 2 }; /* NEAR: labels on either side that predict the one between them */
 
 /* Collects the nearest good labels before (step -1) or behind (step 1) a label; returns their number. */
 static int near_labels(const pags_object *object, const uint8_t *mended, int64_t at, int step, double longest,
                        int64_t out[NEAR]) {
   int n = 0;
-  for (int64_t i = at + step; i >= 0 && i < object->knot_count && n < NEAR; i += step)
-    if (!(mended[i] & PAGS_MENDED_MOVED) && fabs(object->knots[i].time - object->knots[at].time) <= longest)
+  for (int64_t i = at + step; i >= 0 && i < object->keyframe_count && n < NEAR; i += step)
+    if (!(mended[i] & PAGS_MENDED_MOVED) && fabs(object->keyframes[i].time - object->keyframes[at].time) <= longest)
       out[n++] = i;
   return n;
 }
@@ -221,8 +222,8 @@ static int predict(const pags_object *object, const uint8_t *mended, int64_t at,
   for (int k = 0; k < 3 && n; k++) {
     double values[2 * NEAR];
     for (int i = 0; i < n; i++) {
-      const pags_knot *from = &object->knots[pairs[i][0]], *to = &object->knots[pairs[i][1]];
-      const double share = (object->knots[at].time - from->time) / (to->time - from->time);
+      const pags_keyframe *from = &object->keyframes[pairs[i][0]], *to = &object->keyframes[pairs[i][1]];
+      const double share = (object->keyframes[at].time - from->time) / (to->time - from->time);
       const double p = from->world_from_object[4 * k + 3], q = to->world_from_object[4 * k + 3];
       values[i] = p + share * (q - p);
     }
@@ -234,7 +235,7 @@ static int predict(const pags_object *object, const uint8_t *mended, int64_t at,
 /* How far a label lies beside its prediction, in units of what motion and noise explain; `place` is the prediction. */
 static double place_error(const pags_object *object, const uint8_t *mended, int64_t at, double spacing,
                           double place[3]) {
-  const double *m = object->knots[at].world_from_object;
+  const double *m = object->keyframes[at].world_from_object;
   double square = 0;
   const int kind = predict(object, mended, at, 4.5 * spacing, place);
   for (int k = 0; k < 3 && kind; k++)
@@ -247,21 +248,21 @@ static double place_error(const pags_object *object, const uint8_t *mended, int6
 static bool is_noisy(const pags_object *object, const uint8_t *mended, double spacing, double worst) {
   int64_t off = 0;
   double place[3];
-  for (int64_t i = 0; i < object->knot_count; i++)
+  for (int64_t i = 0; i < object->keyframe_count; i++)
     off += 4 * place_error(object, mended, i, spacing, place) > worst;
-  return 2 * off > object->knot_count;
+  return 2 * off > object->keyframe_count;
 }
 
 /* Turns a label as the one before it if that and the one behind agree and it differs. */
 static bool mend_turn(const pags_object *object, int64_t at) {
-  if (at == 0 || at + 1 == object->knot_count)
+  if (at == 0 || at + 1 == object->keyframe_count)
     return false;
-  double *m = object->knots[at].world_from_object;
-  const pags_knot *a = &object->knots[at - 1], *b = &object->knots[at + 1];
+  double *m = object->keyframes[at].world_from_object;
+  const pags_keyframe *a = &object->keyframes[at - 1], *b = &object->keyframes[at + 1];
   const double apart = angle_between(a->world_from_object, b->world_from_object);
   const double off = fmin(angle_between(a->world_from_object, m), angle_between(b->world_from_object, m));
   if (off < 30 || off < 3 * apart ||
-      off < 200 * fmax(b->time - object->knots[at].time, object->knots[at].time - a->time))
+      off < 200 * fmax(b->time - object->keyframes[at].time, object->keyframes[at].time - a->time))
     return false;
   for (int row = 0; row < 12; row += 4)
     memcpy(m + row, a->world_from_object + row, 3 * sizeof *m);
@@ -272,17 +273,17 @@ void pags_track_mend(const pags_object *object, uint8_t *mended) {
   double spacing = INFINITY, place[3];
   int64_t moved = 0;
   turn_flips(object, mended);
-  for (int64_t i = 0; i < object->knot_count; i++) {
-    spacing = i ? fmin(spacing, object->knots[i].time - object->knots[i - 1].time) : spacing;
+  for (int64_t i = 0; i < object->keyframe_count; i++) {
+    spacing = i ? fmin(spacing, object->keyframes[i].time - object->keyframes[i - 1].time) : spacing;
     moved += (mended[i] & PAGS_MENDED_MOVED) != 0;
   }
 
   /* Move the label that is farthest off first, since a wrong label makes its neighbours' predictions worse; at most a
    * quarter of them, for a track of which more is wrong has no neighbours to trust. */
-  for (; object->knot_count >= LEAST_KNOTS && 4 * moved < object->knot_count; moved++) {
+  for (; object->keyframe_count >= LEAST_KEYFRAMES && 4 * moved < object->keyframe_count; moved++) {
     double worst = 1;
     int64_t at = -1;
-    for (int64_t i = 0; i < object->knot_count; i++) {
+    for (int64_t i = 0; i < object->keyframe_count; i++) {
       const double error = mended[i] & PAGS_MENDED_MOVED ? 0 : place_error(object, mended, i, spacing, place);
       if (error > worst) {
         worst = error;
@@ -294,11 +295,11 @@ void pags_track_mend(const pags_object *object, uint8_t *mended) {
     mended[at] |= PAGS_MENDED_MOVED;
   }
   /* A moved label gets the place that those which weren't moved predict. */
-  for (int64_t i = 0; i < object->knot_count; i++)
+  for (int64_t i = 0; i < object->keyframe_count; i++)
     if (mended[i] & PAGS_MENDED_MOVED && predict(object, mended, i, 4.5 * spacing, place))
       for (int k = 0; k < 3; k++)
-        object->knots[i].world_from_object[4 * k + 3] = place[k];
-  for (int64_t i = 0; i < object->knot_count && object->knot_count >= LEAST_KNOTS; i++)
+        object->keyframes[i].world_from_object[4 * k + 3] = place[k];
+  for (int64_t i = 0; i < object->keyframe_count && object->keyframe_count >= LEAST_KEYFRAMES; i++)
     if (mend_turn(object, i))
       mended[i] |= PAGS_MENDED_TURNED;
 }
@@ -314,10 +315,10 @@ static double side_speed(const pags_object *object, const int *part, int64_t at,
   double speeds[SIDE];
   int n = 0;
   int64_t from = at;
-  for (int64_t i = at + direction; i >= 0 && i < object->knot_count && n < SIDE; i += direction) {
+  for (int64_t i = at + direction; i >= 0 && i < object->keyframe_count && n < SIDE; i += direction) {
     if (part[i] != part[at])
       continue;
-    const pags_knot *a = &object->knots[from], *b = &object->knots[i];
+    const pags_keyframe *a = &object->keyframes[from], *b = &object->keyframes[i];
     speeds[n++] = (b->world_from_object[axis] - a->world_from_object[axis]) / (b->time - a->time);
     from = i;
   }
@@ -327,10 +328,10 @@ static double side_speed(const pags_object *object, const int *part, int64_t at,
 /* How far label `b` is from where the labels before `a` lead or, if that is less, `a` from where those behind `b` come
  * from: in metres. */
 static double gap_error(const pags_object *object, const int *part, int64_t a, int64_t b) {
-  const double dt = object->knots[b].time - object->knots[a].time;
+  const double dt = object->keyframes[b].time - object->keyframes[a].time;
   double before = 0, behind = 0;
   for (int axis = 3; axis < 12; axis += 4) {
-    const double step = object->knots[b].world_from_object[axis] - object->knots[a].world_from_object[axis];
+    const double step = object->keyframes[b].world_from_object[axis] - object->keyframes[a].world_from_object[axis];
     const double ahead = step - dt * side_speed(object, part, a, -1, axis);
     const double back = step - dt * side_speed(object, part, b, 1, axis);
     before += ahead * ahead;
@@ -344,8 +345,8 @@ static double gap_error(const pags_object *object, const int *part, int64_t a, i
  * steps, which is that of the labels. Returns the number of pieces. */
 static int cut(const pags_object *object, int *part, const double *errors, double usual) {
   int pieces = 1;
-  for (int64_t i = 0; i + 1 < object->knot_count; i++) {
-    const double dt = object->knots[i + 1].time - object->knots[i].time;
+  for (int64_t i = 0; i + 1 < object->keyframe_count; i++) {
+    const double dt = object->keyframes[i + 1].time - object->keyframes[i].time;
     pieces += errors[i] > 1 + 12 * dt * dt + 5 * usual;
     part[i + 1] = pieces - 1;
   }
@@ -360,14 +361,14 @@ static void join(const pags_object *object, int *part, int64_t begin, double usu
   for (int64_t a = begin - 1, last[MOST_PARTS] = {0}; a >= 0; a--) {
     if (part[a] == part[begin - 1] || last[part[a]]++)
       continue;
-    const double dt = object->knots[begin].time - object->knots[a].time;
+    const double dt = object->keyframes[begin].time - object->keyframes[a].time;
     const double error = gap_error(object, part, a, begin) / (1 + 2 * dt + 5 * usual);
     if (error < least) {
       least = error;
       best = part[a];
     }
   }
-  for (int64_t i = begin, piece = part[begin]; best >= 0 && i < object->knot_count && part[i] == piece; i++)
+  for (int64_t i = begin, piece = part[begin]; best >= 0 && i < object->keyframe_count && part[i] == piece; i++)
     part[i] = best;
 }
 
@@ -376,11 +377,11 @@ static void join(const pags_object *object, int *part, int64_t begin, double usu
 static int number_parts(const pags_object *object, int *part, uint8_t *mended, int pieces) {
   int64_t sizes[MOST_PARTS] = {0}, aside = 0, first = -1, last = -1;
   int names[MOST_PARTS], main_part = 0, parts = 1;
-  for (int64_t i = 0; i < object->knot_count; i++)
+  for (int64_t i = 0; i < object->keyframe_count; i++)
     sizes[part[i]]++;
   for (int p = 1; p < pieces; p++)
     main_part = sizes[p] > sizes[main_part] ? p : main_part;
-  for (int64_t i = 0; i < object->knot_count; i++)
+  for (int64_t i = 0; i < object->keyframe_count; i++)
     if (part[i] == main_part) {
       first = first < 0 ? i : first;
       last = i;
@@ -388,9 +389,9 @@ static int number_parts(const pags_object *object, int *part, uint8_t *mended, i
   for (int p = 0; p < pieces; p++)
     names[p] = -1;
   names[main_part] = 0;
-  for (int64_t i = 0; i < object->knot_count; i++) {
+  for (int64_t i = 0; i < object->keyframe_count; i++) {
     const int p = part[i];
-    const bool few = sizes[p] < LEAST_PART || (i > first && i < last && 4 * sizes[p] <= object->knot_count);
+    const bool few = sizes[p] < LEAST_PART || (i > first && i < last && 4 * sizes[p] <= object->keyframe_count);
     if (names[p] < 0)
       names[p] = few ? 0 : parts++;
     if (p != main_part && names[p] == 0) {
@@ -399,13 +400,13 @@ static int number_parts(const pags_object *object, int *part, uint8_t *mended, i
     }
     part[i] = names[p];
   }
-  if (4 * aside > object->knot_count)
-    memset(mended, PAGS_MENDED_NOT, (size_t)object->knot_count);
+  if (4 * aside > object->keyframe_count)
+    memset(mended, PAGS_MENDED_NOT, (size_t)object->keyframe_count);
   return parts;
 }
 
 int pags_track_split(const pags_object *object, int *part, uint8_t *mended, double *errors) {
-  const int64_t count = object->knot_count;
+  const int64_t count = object->keyframe_count;
   memset(part, 0, (size_t)count * sizeof *part);
   memset(mended, PAGS_MENDED_NOT, (size_t)count);
   if (count < 2 * LEAST_PART)

@@ -26,10 +26,10 @@ typedef struct pags_leaps {
  * seconds, ascending; `poses`: 3x4, world from car or camera. */
 pags_leaps pags_find_leaps(const double (*poses)[12], const double *times, int64_t count);
 
-/* The first step of a track, from knot `knot` to the next, whose speed differs by more than 30 m/s^2 and 0.8 m of noise
- * from the steps around it: how far it is off and its length in time. `metres` 0: there is none. */
+/* The first step of a track, from keyframe `keyframe` to the next, whose speed differs by more than 30 m/s^2 and 0.8 m
+ * of noise from the steps around it: how far it is off and its length in time. `metres` 0: there is none. */
 typedef struct pags_track_leap {
-  int64_t knot;
+  int64_t keyframe;
   double metres, seconds;
 } pags_track_leap;
 pags_track_leap pags_track_find_leap(const pags_object *object);
@@ -37,10 +37,10 @@ pags_track_leap pags_track_find_leap(const pags_object *object);
 /* Bits that say what was done to a label. */
 enum { PAGS_MENDED_NOT = 0, PAGS_MENDED_TURNED = 1, PAGS_MENDED_MOVED = 2 };
 
-/* Mends the labelled poses of a track, whose knots are sorted by time. Labels that face the other way than most of
+/* Mends the labelled poses of a track, whose keyframes are sorted by time. Labels that face the other way than most of
  * their track are turned by half a turn; a label that lies aside or is turned, while those around it agree on where it
- * ought to be, is put there. `mended` has a byte per knot: PAGS_MENDED_MOVED for labels that are known to lie aside,
- * and becomes PAGS_MENDED_*. */
+ * ought to be, is put there. `mended` has a byte per keyframe: PAGS_MENDED_MOVED for labels that are known to lie
+ * aside, and becomes PAGS_MENDED_*. */
 void pags_track_mend(const pags_object *object, uint8_t *mended);
 
 /* Finds the things that the labels of one id follow: an id that a tracker hands to another car leaps there and stays.

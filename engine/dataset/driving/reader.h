@@ -24,7 +24,7 @@ pags_result pags_times_read(pags_driving *driving, pags_parsed_dataset *parsed);
 /* Reads the direction of the cameras' rolling shutters from dataset.json and the times of their read-outs from
  * timestamps.json, and finds the cameras' velocities from their poses (rolling.c). */
 pags_result pags_rolling_read(pags_driving *driving, pags_parsed_dataset *parsed);
-/* Reads the objects with their knots at the used time steps from instances/ (tracks.c). */
+/* Reads the objects with their keyframes at the used time steps from instances/ (tracks.c). */
 pags_result pags_tracks_read(pags_driving *driving);
 /* Whether the set has track/track_info.txt, and reads the objects from it (street_tracks.c). */
 bool pags_street_tracks_exist(const char *root);

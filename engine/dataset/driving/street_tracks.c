@@ -175,8 +175,8 @@ static pags_result make_objects(pags_labels *all, const rows *list) {
     for (end = begin; end < list->count && list->items[end].track == first->track; end++) {
       const row *item = &list->items[end];
       pags_label *label = &labels[end - begin];
-      *label = (pags_label){.knot = {.frame = item->frame}};
-      memcpy(label->knot.world_from_object, item->pose, sizeof item->pose);
+      *label = (pags_label){.keyframe = {.frame = item->frame}};
+      memcpy(label->keyframe.world_from_object, item->pose, sizeof item->pose);
       memcpy(label->size, item->size, sizeof item->size);
     }
     snprintf(id, sizeof id, "%lld", (long long)first->track);

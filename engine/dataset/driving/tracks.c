@@ -103,7 +103,7 @@ static pags_result take_size(const reader *r, const pags_json_value *value, cons
   return PAGS_OK;
 }
 
-/* ---- Knots and motion ---- */
+/* ---- Keyframes and motion ---- */
 
 /* Position in the three parallel lists of frame_annotations. */
 typedef struct annotation {
@@ -134,8 +134,8 @@ static pags_result read_boxes(reader *r, const char *id, const char *class_name,
     if (frame != floor(frame) || frame < 0 || frame > 1e9)
       return pags_json_fail(r->info, at.frame, "%s '%s': expected a frame number, found %g", class_name, id, frame);
     const place where = {id, class_name, (int)frame};
-    labels[i] = (pags_label){.knot = {.frame = (int32_t)frame}};
-    PAGS_TRY(take_pose(r, at.pose, &where, labels[i].knot.world_from_object));
+    labels[i] = (pags_label){.keyframe = {.frame = (int32_t)frame}};
+    PAGS_TRY(take_pose(r, at.pose, &where, labels[i].keyframe.world_from_object));
     PAGS_TRY(take_size(r, at.size, &where, labels[i].size));
   }
   return PAGS_OK;

@@ -192,7 +192,7 @@ pags_result pags_layout_put_account(const pags_layout *layout, const pags_accoun
   for (int64_t frame = 0; frame < info->frame_count; frame++)
     counts.sweeps += pags_layout_has(layout, "lidar", frame, -1, ".bin");
   for (int64_t i = 0; i < track_count; i++)
-    counts.boxes += tracks[i].object.knot_count;
+    counts.boxes += tracks[i].object.keyframe_count;
   pags_json_writer writer;
   char *marker = NULL;
   begin_marker(info, &writer);

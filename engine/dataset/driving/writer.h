@@ -62,8 +62,8 @@ typedef struct pags_layout_info {
   const char *const *lidar_columns; /* names ended by NULL, e.g. "x", "y", "z", "reflectance"; NULL: no LiDAR */
 } pags_layout_info;
 
-/* A labelled object; the frames of its knots are those of the layout. `sizes` has 3 numbers per knot, or is NULL if
- * every knot has object.size. */
+/* A labelled object; the frames of its keyframes are those of the layout. `sizes` has 3 numbers per keyframe, or is
+ * NULL if every keyframe has object.size. */
 typedef struct pags_layout_track {
   pags_object object;
   double *sizes;
@@ -151,7 +151,7 @@ pags_result pags_layout_finish(const pags_layout *layout, const pags_layout_time
 
 /* Writes instances_info.json; the keys of the tracks are 0, 1, ... */
 pags_result pags_layout_write_instances(const char *path, const pags_layout_track *tracks, int64_t count);
-/* Writes frame_instances.json: for each frame, the tracks that have a knot there. */
+/* Writes frame_instances.json: for each frame, the tracks that have a keyframe there. */
 pags_result pags_layout_write_frame_instances(const char *path, const pags_layout_track *tracks, int64_t count,
                                               int64_t frame_count);
 /* Writes timestamps.json; a member of the exposures is written if any exposure has it. */

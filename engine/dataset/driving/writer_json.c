@@ -38,15 +38,15 @@ static void put_annotations(pags_json_writer *writer, const pags_layout_track *t
   const pags_object *object = &track->object;
   pags_json_begin_object(writer, "frame_annotations");
   pags_json_begin_array(writer, "frame_idx");
-  for (int64_t i = 0; i < object->knot_count; i++)
-    pags_json_put_integer(writer, NULL, object->knots[i].frame);
+  for (int64_t i = 0; i < object->keyframe_count; i++)
+    pags_json_put_integer(writer, NULL, object->keyframes[i].frame);
   pags_json_end_array(writer);
   pags_json_begin_array(writer, "obj_to_world");
-  for (int64_t i = 0; i < object->knot_count; i++)
-    put_pose(writer, object->knots[i].world_from_object);
+  for (int64_t i = 0; i < object->keyframe_count; i++)
+    put_pose(writer, object->keyframes[i].world_from_object);
   pags_json_end_array(writer);
   pags_json_begin_array(writer, "box_size");
-  for (int64_t i = 0; i < object->knot_count; i++)
+  for (int64_t i = 0; i < object->keyframe_count; i++)
     pags_json_put_numbers(writer, NULL, track->sizes ? track->sizes + 3 * i : object->size, 3);
   pags_json_end_array(writer);
   pags_json_end_object(writer);
@@ -79,7 +79,7 @@ pags_result pags_layout_write_frame_instances(const char *path, const pags_layou
     snprintf(key, sizeof key, "%lld", (long long)frame);
     pags_json_begin_array(&writer, key);
     for (int64_t i = 0; i < count; i++)
-      if (pags_object_knot(&tracks[i].object, frame))
+      if (pags_object_keyframe(&tracks[i].object, frame))
         pags_json_put_integer(&writer, NULL, i);
     pags_json_end_array(&writer);
   }

@@ -37,12 +37,12 @@ pags_result pags_layout_put_mask(const pags_layout *layout, const char *folder, 
 static void draw_track(const pags_camera *camera, const pags_layout_track *track, int64_t frame,
                        uint8_t *planes[MASKS]) {
   const pags_object *object = &track->object;
-  const pags_knot *knot = object->moving ? pags_object_knot(object, frame) : NULL;
+  const pags_keyframe *keyframe = object->moving ? pags_object_keyframe(object, frame) : NULL;
   double corners[32];
-  if (!knot)
+  if (!keyframe)
     return;
-  const double *size = track->sizes ? track->sizes + 3 * (knot - object->knots) : object->size;
-  const int count = pags_box_outline(camera, knot->world_from_object, size, corners);
+  const double *size = track->sizes ? track->sizes + 3 * (keyframe - object->keyframes) : object->size;
+  const int count = pags_box_outline(camera, keyframe->world_from_object, size, corners);
   if (count == 0)
     return;
   pags_outline_fill(corners, count, camera->width, camera->height, camera->width, 255, planes[ALL]);

@@ -210,7 +210,7 @@ PAGS_API double pags_dataset_fps(const pags_dataset *dataset);
 /* Returns the geographic position of the world, as dataset.json says. */
 PAGS_API pags_place pags_dataset_place(const pags_dataset *dataset);
 
-/* The objects: every labelled box with at least one knot within the frames used. Knots of held-out time steps
+/* The objects: every labelled box with at least one keyframe within the frames used. Keyframes of held-out time steps
  * have trained = 0. */
 PAGS_API int64_t pags_dataset_object_count(const pags_dataset *dataset);
 PAGS_API const pags_object *pags_dataset_object(const pags_dataset *dataset, int64_t index);

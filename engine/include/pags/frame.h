@@ -25,7 +25,7 @@
 #include <pags/camera.h>
 #include <pags/clusters.h>
 #include <pags/gaussians.h>
-#include <pags/light.h>
+#include <pags/photometric.h>
 #include <pags/sky.h>
 #include <pags/tasks.h>
 
@@ -121,7 +121,10 @@ typedef struct pags_frame_options {
    * (pags_scene_exposure). Not with keep_for_backward. Default 0. */
   int exposed;
   float gain[3], offset[3];
-  pags_light light;     /* what the camera makes of the colours before that (pags/light.h); default plain: zeros */
+  union { /* vignetting and response, applied before gain and offset (pags/photometric.h); default zeros: none */
+    pags_photometric photometric;
+    pags_photometric light; /* deprecated name */
+  };
   pags_early_z early_z; /* default LOSSLESS; a render with one of the keep options is always drawn with OFF */
   float early_z_eps;    /* eps of BOUNDED: 0 < eps < 1, default 1/255 */
   pags_order order;     /* default DEPTH; PAPER not with keep_for_backward */
@@ -139,8 +142,7 @@ typedef struct pags_frame_options {
 
 PAGS_API pags_frame_options pags_frame_options_default(void);
 
-/* Sets gain and offset, and `exposed` to whether they, or the light that the options have, change anything; returns
- * `exposed`. */
+/* Sets gain and offset, and `exposed` to whether they or `photometric` change anything; returns `exposed`. */
 PAGS_API int pags_frame_options_expose(pags_frame_options *options, const double gain[3], const double offset[3]);
 
 /* Parses "off", "lossless", "paper", "bounded" or "bounded=EPS" (0 < EPS < 1) into early_z and early_z_eps. For

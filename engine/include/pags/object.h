@@ -35,18 +35,22 @@ static inline int pags_category_is_critical(pags_category category) {
   return category != PAGS_CATEGORY_OTHER;
 }
 
-/* One labelled pose of a track, with the increment that training adds to it. The pose of a trained knot is
+/* One labelled pose of a track, with the increment that training adds to it. The pose of a trained keyframe is
  * world_from_object * exp(increment), which maps a point of the object as
  *
  *     p_world = R (Exp(rotation) p + translation) + t        with world_from_object = [R|t] */
-typedef struct pags_knot {
+typedef struct pags_keyframe {
   int32_t frame;                /* time step of the data set */
   int32_t trained;              /* 1: this frame was trained on, so that its increment counts; 0: held out */
   double time;                  /* seconds; ascending along the track */
   double world_from_object[12]; /* as labelled */
   double rotation[3];           /* increment: axis times angle, radians, in the object's frame */
   double translation[3];        /* increment: metres, in the object's frame */
-} pags_knot;
+} pags_keyframe;
+
+/* Deprecated names, as are the members knot_count and knots. */
+#define pags_knot pags_keyframe
+#define pags_object_knot pags_object_keyframe
 
 typedef struct pags_object {
   char *id;         /* the data set's name of the track, unique */
@@ -54,12 +58,19 @@ typedef struct pags_object {
   pags_category category;
   double size[3]; /* full extents along the object's x, y, z: length, width, height; metres, > 0 */
   int moving;     /* 1: moves, by the rule of pags_object_classify_motion; 0: parked */
-  int64_t knot_count;
-  pags_knot *knots; /* at least one */
-  double time_step; /* seconds between the time steps of the scene or data set: the spacing of a track of one knot */
+  union {
+    int64_t keyframe_count; /* at least 1 */
+    int64_t knot_count;     /* deprecated name */
+  };
+  union {
+    pags_keyframe *keyframes;
+    pags_keyframe *knots; /* deprecated name */
+  };
+  double
+      time_step; /* seconds between the time steps of the scene or data set: the spacing of a track of one keyframe */
 } pags_object;
 
-/* Frees the strings and the knots, and zeroes the struct. A zeroed struct is allowed. */
+/* Frees the strings and the keyframes, and zeroes the struct. A zeroed struct is allowed. */
 PAGS_API void pags_object_destroy(pags_object *object);
 
 /* Sets object->moving from the labelled poses by the rule of Street Gaussians: 1 if the first and the last
@@ -70,22 +81,23 @@ PAGS_API void pags_object_destroy(pags_object *object);
  */
 PAGS_API void pags_object_classify_motion(pags_object *object);
 
-/* Returns the knot of a time step, which the object owns; NULL if the track has none there. */
-PAGS_API const pags_knot *pags_object_knot(const pags_object *object, int64_t frame);
+/* Returns the keyframe of a time step, which the object owns; NULL if the track has none there. */
+PAGS_API const pags_keyframe *pags_object_keyframe(const pags_object *object, int64_t frame);
 
 /* Computes the pose of an object at `time` (seconds). Returns 1; or 0, with `out` unchanged, if the object isn't
  * present at that time.
  *
- * The labelled pose: at a knot (within 1e-6 s) the label itself; between two knots at most 1.5 median spacings of
- * the track apart the interpolated labels (translation linear, rotation along the shorter arc); up to half a median
- * spacing beyond an end of the track, or into a longer gap, the label of the nearest knot. Otherwise the object
- * isn't present. A track of one knot has the spacing `time_step`, so that the object is there for a whole time step.
+ * The labelled pose: at a keyframe (within 1e-6 s) the label itself; between two keyframes at most 1.5 median spacings
+ * of the track apart the interpolated labels (translation linear, rotation along the shorter arc); up to half a median
+ * spacing beyond an end of the track, or into a longer gap, the label of the nearest keyframe. Otherwise the object
+ * isn't present. A track of one keyframe has the spacing `time_step`, so that the object is there for a whole time
+ * step.
  *
- * Increments: without increments the pose is the labelled pose. If the nearest trained knots before and after
+ * Increments: without increments the pose is the labelled pose. If the nearest trained keyframes before and after
  * `time` are at most 2.5 median spacings apart and at least one of them has an increment, the pose lies on the
- * cubic through the trained poses, and a held-out knot between them is ignored (docs/scene-folder.md, "Pose at a
+ * cubic through the trained poses, and a held-out keyframe between them is ignored (docs/scene-folder.md, "Pose at a
  * time"). Otherwise the labelled pose is multiplied by the increment, which is interpolated linearly between
- * these two knots; before the first and after the last trained knot, that knot's increment holds. */
+ * these two keyframes; before the first and after the last trained keyframe, that keyframe's increment holds. */
 PAGS_API int pags_object_pose(const pags_object *object, double time, double out[12]);
 
 /* Computes the velocity of an object at `time` in its own frame: (w, v) of pags_shutter, radians and metres a second,

@@ -9,8 +9,8 @@
 #include <pags/base.h>
 #include <pags/camera.h>
 #include <pags/gaussians.h>
-#include <pags/light.h>
 #include <pags/object.h>
+#include <pags/photometric.h>
 #include <pags/place.h>
 #include <pags/sky.h>
 
@@ -40,7 +40,10 @@ typedef struct pags_scene_view {
   /* What training found its pose to be off by: rotation vector, radians, and translation, metres, in the recorded
    * camera's frame. `camera` has it already: camera = recorded * pags_increment_matrix(correction). 0: none. */
   double correction[6];
-  pags_light light; /* of the camera, before the exposure; zeros: plain */
+  union { /* vignetting and response of the camera, applied before the exposure; zeros: none */
+    pags_photometric photometric;
+    pags_photometric light; /* deprecated name */
+  };
 } pags_scene_view;
 
 typedef struct pags_scene_object {

@@ -272,8 +272,8 @@ typedef struct pags_train_cameras {
   double camera_rotation_rate;    /* radians per step, falling to a tenth; divided by the visits of a time step / 100 */
   double camera_translation_rate; /* metres per step, likewise */
   double camera_delay_rate;       /* seconds per step, likewise, by the visits of a camera */
-  /* 1: a vignette and a response curve of each camera (pags/light.h) are fitted on trial and kept, likewise; auto: as
-   * of camera_poses. */
+  /* 1: a vignette and a response curve of each camera (pags/photometric.h) are fitted on trial and kept, likewise;
+   * auto: as of camera_poses. */
   int light;
   double
       light_rate; /* per step, of the vignette's numbers and the logarithms of the curve's slopes; falls to a tenth */
