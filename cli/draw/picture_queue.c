@@ -8,7 +8,9 @@
 
 #include "base/memory.h"
 
-enum { MOST_SLOTS = 16, PICTURE_PLANES = 6, PLANES = PICTURE_PLANES + 2 * PAGS_MATTE_PLANES + 3 + 4 };
+/* pags_passes has only pointers to planes. */
+enum { MOST_SLOTS = 16, PICTURE_PLANES = 6, PASS_PLANES = sizeof(pags_passes) / sizeof(const float *) };
+enum { PLANES = PICTURE_PLANES + PASS_PLANES };
 
 struct pags_picture_slot {
   pags_picture picture; /* its planes and those of the passes point into `memory` */
@@ -63,12 +65,9 @@ static int list_planes(pags_picture_slot *slot, const float **list[PLANES]) {
   list[count++] = &slot->picture.transmittance;
   list[count++] = &slot->picture.depth;
   list[count++] = (const float **)(void *)&slot->picture.id;
-  for (int k = 0; k < 2 * PAGS_MATTE_PLANES; k++)
-    list[count++] = &slot->passes.matte[k / PAGS_MATTE_PLANES][k % PAGS_MATTE_PLANES];
-  for (int c = 0; c < 3; c++)
-    list[count++] = &slot->passes.normal[c];
-  for (int c = 0; c < 4; c++)
-    list[count++] = &slot->passes.motion[c];
+  const float **const passes = (const float **)&slot->passes;
+  for (int k = 0; k < PASS_PLANES; k++)
+    list[count++] = &passes[k];
   return count;
 }
 

@@ -160,7 +160,7 @@ class Passes(Case):
         self.assertEqual(max(max(map(abs, row)) for c in "XY" for row in first[c]), 0)
 
     def test_same_bytes(self):
-        channels = "color,crypto-object,crypto-class,expected-normal,motion"
+        channels = "color,crypto-object,crypto-class,expected-normal,motion,count,overdraw"
         outs = [self.render("--path", "ego", "--channel", channels, "-j", n) for n in (1, 2, 5)]
         plain = self.render("--path", "ego")
         for name in files_below(outs[0]):
