@@ -101,7 +101,7 @@ typedef struct pags_projection {
   const pags_scan *scan; /* NULL: all pixels are read at once */
 } pags_projection;
 
-enum { PAGS_SLOT_FLOATS = 12 }; /* partial gradient of one (Gaussian, tile) pair */
+enum { PAGS_SLOT_FLOATS = 12 }; /* partial gradient of one (Gaussian, tile) pair; the last two are 0 */
 enum {                          /* the layout of a slot: sums over the pair's pixels; s = dL/d(exponent), base 2 */
        PAGS_SLOT_S,
        PAGS_SLOT_SU,
@@ -112,9 +112,7 @@ enum {                          /* the layout of a slot: sums over the pair's pi
        PAGS_SLOT_R,
        PAGS_SLOT_G,
        PAGS_SLOT_B,
-       PAGS_SLOT_Z,
-       PAGS_SLOT_ABS_X,
-       PAGS_SLOT_ABS_Y
+       PAGS_SLOT_Z
 };
 
 /* One entry of a tile's list: the index of the splat, and either the splat's key, by which the list is sorted, or the
@@ -190,7 +188,6 @@ typedef struct pags_raster_back {
   const float *rgb_gradient[3];
   const float *transmittance_gradient; /* NULL: zero */
   const float *depth_gradient;         /* NULL: zero */
-  int32_t absolute;                    /* 1: fill the absolute sums too, else zeros */
   /* The tile that the same worker processes next, to be prefetched. */
   int64_t next_count;                  /* its entries, which follow these */
   const float *next[PAGS_BACK_PLANES]; /* planes at the tile's top left pixel, NULL: none */
@@ -254,13 +251,12 @@ typedef struct pags_sky_step {
   const float *gradient, *rate, *correction;
 } pags_sky_step;
 
-/* Output of project_backward: dL/d(raw parameters) of consecutive rows, and three values for densification, as in
- * pags_cluster_gradient: |dL/d(projected mean)| in NDC, the same of sums of absolute per-pixel gradients, and the
- * radius of three sigma, px. */
+/* Output of project_backward: dL/d(raw parameters) of consecutive rows, and two values for densification, as in
+ * pags_cluster_gradient: |dL/d(projected mean)| in NDC, and the radius of three sigma, px. */
 typedef struct pags_row_gradient {
   float *data; /* plane p at data + p * stride */
   int64_t stride;
-  float *mean2d, *mean2d_abs, *radius;
+  float *mean2d, *radius;
   uint8_t *bad; /* written only for rows set to zero, a value not being finite: 1 + the first such plane; may be
                  * NULL */
 } pags_row_gradient;

@@ -249,7 +249,7 @@ static inline void colour_gradient(const slot_sums *sums, const pags_splat *spla
 
 V_INLINE int rows_backward(bool rolls, const pags_projection *view, const float *data, int64_t stride,
                            const slot_sums *sums, unsigned drawn, const pags_splat *splats, float *out,
-                           int64_t out_stride, float *mean2d, float *mean2d_abs, float *radius, uint8_t *name) {
+                           int64_t out_stride, float *mean2d, float *radius, uint8_t *name) {
   projected s;
   scanned scan;
   project_all(&s, rolls ? &scan : NULL, view, data, stride);
@@ -317,9 +317,6 @@ V_INLINE int rows_backward(bool rolls, const pags_projection *view, const float 
   const vf half_w = v_set(0.5f * view->width), half_h = v_set(0.5f * view->height);
   const vf nx = v_mul(gmx, half_w), ny = v_mul(gmy, half_h);
   v_store(mean2d, v_maskz(good, v_sqrt(v_fma(nx, nx, v_mul(ny, ny)))));
-  const vf ax = v_mul(v_mul(v_mul(two, p), f[PAGS_SLOT_ABS_X]), half_w),
-           ay = v_mul(v_mul(two, f[PAGS_SLOT_ABS_Y]), half_h);
-  v_store(mean2d_abs, v_maskz(good, v_sqrt(v_fma(ax, ax, v_mul(ay, ay)))));
   const vf middle = v_mul(v_set(0.5f), v_add(s.a, s.c));
   const vf largest = v_add(middle, v_sqrt(v_max(v_set(0.1f), v_fma(middle, middle, v_sub(v_zero(), s.d)))));
   v_store(radius, v_maskz(m_from_bits(drawn), v_mul(v_set(3.0f), v_sqrt(largest))));
@@ -337,14 +334,13 @@ V_INLINE int all_rows_backward(bool rolls, const pags_projection *view, const fl
     const unsigned drawn = gather_slots(&sums, lanes, keys + first, splats + first, slot_start + first, slots);
     if (drawn) {
       bad += rows_backward(rolls, view, data + first, stride, &sums, drawn, splats + first, out->data + first,
-                           out->stride, out->mean2d + first, out->mean2d_abs + first, out->radius + first,
+                           out->stride, out->mean2d + first, out->radius + first,
                            out->bad ? out->bad + first : NULL);
       continue;
     }
     for (int p = 0; p < planes; p++)
       v_store(out->data + p * out->stride + first, v_zero());
     v_store(out->mean2d + first, v_zero());
-    v_store(out->mean2d_abs + first, v_zero());
     v_store(out->radius + first, v_zero());
   }
   return bad;

@@ -56,7 +56,7 @@ V_INLINE backward_cover backward_alpha(const backward_tile *tile, const pags_spl
 }
 
 V_INLINE void backward_step(backward_tile *tile, const pags_splat *s, const backward_cover *cover, int b, bool depth,
-                            bool absolute, vf *sum) {
+                            vf *sum) {
   const vf u = cover->u, v = cover->v, alpha = cover->alpha;
   const vf t = tile->t[b], next = v_fnma(t, alpha, t);
   const vm goes_on = v_ge(next, v_set(PAGS_T_STOP));
@@ -85,11 +85,6 @@ V_INLINE void backward_step(backward_tile *tile, const pags_splat *s, const back
   sum[PAGS_SLOT_B] = v_fma(w, tile->g[2][b], sum[PAGS_SLOT_B]);
   if (depth)
     sum[PAGS_SLOT_Z] = v_fma(w, tile->g[3][b], sum[PAGS_SLOT_Z]);
-  if (absolute) {
-    sum[PAGS_SLOT_ABS_X] = v_add(sum[PAGS_SLOT_ABS_X], v_abs(su));
-    const vf along_y = v_fnma(v_set(s->p * s->h), su, v_mul(v_set(s->w), sv));
-    sum[PAGS_SLOT_ABS_Y] = v_add(sum[PAGS_SLOT_ABS_Y], v_abs(along_y));
-  }
 }
 
 enum { BACKWARD_SOON = 8, BACKWARD_LATER = 16 }; /* how many splats ahead is prefetched */
@@ -116,7 +111,7 @@ V_INLINE void backward_fetch_row(const pags_raster_back *in, int64_t i) {
       __builtin_prefetch(in->next[k] + row);
 }
 
-V_INLINE void backward_all(const pags_raster_back *in, bool depth, bool absolute) {
+V_INLINE void backward_all(const pags_raster_back *in, bool depth) {
   backward_tile tile;
   backward_load(&tile, in, depth);
   for (int64_t i = 0; i < in->count; i++) {
@@ -139,27 +134,18 @@ V_INLINE void backward_all(const pags_raster_back *in, bool depth, bool absolute
     for (blocks &= blocks - 1; blocks; blocks &= blocks - 1) {
       const int next = __builtin_ctz(blocks);
       const backward_cover next_cover = backward_alpha(&tile, s, next);
-      backward_step(&tile, s, &cover, b, depth, absolute, sum);
+      backward_step(&tile, s, &cover, b, depth, sum);
       cover = next_cover;
       b = next;
     }
-    backward_step(&tile, s, &cover, b, depth, absolute, sum);
+    backward_step(&tile, s, &cover, b, depth, sum);
     v_store12(slot, v_sum12(sum));
   }
 }
 
-#define BACKWARD_VARIANT(name, depth, absolute)  \
-  static void name(const pags_raster_back *in) { \
-    backward_all(in, depth, absolute);           \
-  }
-BACKWARD_VARIANT(backward_colour, false, false)
-BACKWARD_VARIANT(backward_absolute, false, true)
-BACKWARD_VARIANT(backward_depth, true, false)
-BACKWARD_VARIANT(backward_depth_absolute, true, true)
-
 static void raster_backward(const pags_raster_back *in) {
   if (in->depth_gradient)
-    (in->absolute ? backward_depth_absolute : backward_depth)(in);
+    backward_all(in, true);
   else
-    (in->absolute ? backward_absolute : backward_colour)(in);
+    backward_all(in, false);
 }

@@ -316,7 +316,7 @@ def all_rows():
     yield from trainings("fox", "{data}/fox", ["fox"], STATIC, downscale=2, split_every=2, no_exposure=True)
     for label, options in {
         "mcmc": dict(strategy="mcmc", preset="plain"),
-        "absgrad, dropout, LiDAR pull": dict(preset="plain", absgrad=True, dropout=True, lidar_pull=0.2),
+        "dropout, LiDAR pull": dict(preset="plain", dropout=True, lidar_pull=0.2),
         "antialiased, paper's prunes": dict(antialiased=True, preset="paper", dropout=True),
         "without objects, sky, exposure": dict(preset="plain", no_objects=True, no_sky=True, no_exposure=True),
     }.items():

@@ -481,11 +481,11 @@ static int apply_settings(train_arguments *arguments) {
     const char *names[128];
     int count = 0;
     snprintf(name, sizeof name, "%.*s", equals && equals - word < 63 ? (int)(equals - word) : 63, word);
-    if (equals && pags_train_field_find(name)) {
-      if (pags_train_config_set(&arguments->config, name, equals + 1) != PAGS_OK)
-        return pags_usage_error(&verb, "--set %s", pags_error_message());
+    const pags_result set = equals ? pags_train_config_set(&arguments->config, name, equals + 1) : PAGS_ERROR_ARGUMENT;
+    if (set == PAGS_OK)
       continue;
-    }
+    if (equals && (pags_train_field_find(name) || set == PAGS_ERROR_UNSUPPORTED)) /* a field, or a former one */
+      return pags_usage_error(&verb, "--set %s", pags_error_message());
     for (const pags_train_field *f; (f = pags_train_field_at(count)) && count < 127;)
       names[count++] = f->name;
     names[count] = NULL;

@@ -28,7 +28,7 @@ typedef struct backward_context {
   atomic_llong bad_rows;
 } backward_context;
 
-enum { MOST_MEMBERS = 256, SCRATCH_PLANES = PAGS_MAX_PLANES + 3 };
+enum { MOST_MEMBERS = 256, SCRATCH_PLANES = PAGS_MAX_PLANES + 2 };
 enum { TILES_AT_A_TIME = 4 }; /* a worker's block of tiles, as in raster.c */
 
 static const float *at_tile(const float *plane, int64_t at) {
@@ -84,7 +84,6 @@ static void tiles_backward(void *context, int64_t begin, int64_t end, int worker
                            .y0 = y0,
                            .width = f->camera.width,
                            .height = f->camera.height,
-                           .absolute = f->options.absolute_gradient,
                            .stride = f->stride,
                            .transmittance = frame_plane(f, PLANE_T) + at,
                            .depth_sum = frame_plane(f, PLANE_DEPTH_SUM) + at,
@@ -116,7 +115,7 @@ static void clusters_backward(void *context, int64_t begin, int64_t end, int wor
     const pags_projection *const view = f->projections + v->part;
     const int stride = (v->count + 15) / 16 * 16, planes = pags_plane_count(view->sh_degree);
     float *const extra = scratch + (int64_t)planes * stride;
-    const pags_row_gradient rows = {scratch, stride, extra, extra + stride, extra + 2 * stride, bad_planes};
+    const pags_row_gradient rows = {scratch, stride, extra, extra + stride, bad_planes};
     memset(bad_planes, 0, (size_t)v->count);
     const frame_members members = pags_frame_members(f, v, c->kept, worker);
     const int bad = f->lens ? pags_frame_lens_backward(f, v, &members, c->slots, &rows)
@@ -134,7 +133,6 @@ static void clusters_backward(void *context, int64_t begin, int64_t end, int wor
                                        .planes = planes,
                                        .data = scratch,
                                        .mean2d = rows.mean2d,
-                                       .mean2d_abs = rows.mean2d_abs,
                                        .radius = rows.radius,
                                        .drawn = drawn,
                                        .bad = bad_planes};

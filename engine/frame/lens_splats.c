@@ -309,7 +309,6 @@ static void shape_backward(const struct frame_lens *l, const pags_projection *v,
 
   const double half_w = 0.5 * (double)v->width, half_h = 0.5 * (double)v->height, middle = 0.5 * (s->a + s->c);
   out->mean2d[k] = (float)pags_hypot(by_pixel[0] * half_w, by_pixel[1] * half_h);
-  out->mean2d_abs[k] = (float)pags_hypot(2 * p * f[PAGS_SLOT_ABS_X] * half_w, 2 * f[PAGS_SLOT_ABS_Y] * half_h);
   out->radius[k] = (float)(3 * sqrt(middle + sqrt(fmax(0.1, middle * middle - s->d))));
 }
 
@@ -323,7 +322,7 @@ static bool guard_row(int planes, int k, const pags_row_gradient *out) {
   out->bad[k] = (uint8_t)(p + 1);
   for (p = 0; p < planes; p++)
     out->data[p * out->stride + k] = 0.0f;
-  out->mean2d[k] = out->mean2d_abs[k] = 0.0f;
+  out->mean2d[k] = 0.0f;
   return true;
 }
 

@@ -22,6 +22,9 @@ static const float least_square = 1e-7f;
  * spread over more than that. */
 static const double least_share = 0.25;
 
+/* Upper bound of the initial sigma, fraction of the extent. */
+static const double most_sigma = 0.1;
+
 /* Smallest initial colour, in levels of 0..255: rendering clamps colours at 0, where no gradient flows back, so that
  * a black point cloud would stay black. */
 static const double least_level = 0.5;
@@ -102,8 +105,8 @@ static int64_t choose_points(int64_t points, const float *xyz, int64_t most, int
 
 static void fill_row(const pags_train_config *config, const float *xyz, const uint8_t *rgb, float square, double extent,
                      pags_gaussians *g, int64_t row) {
-  double sigma = config->start.init_scale * sqrt((double)fmaxf(square, least_square));
-  float log_sigma = (float)pags_log(fmin(sigma, config->start.init_scale_max * extent));
+  double sigma = sqrt((double)fmaxf(square, least_square));
+  float log_sigma = (float)pags_log(fmin(sigma, most_sigma * extent));
   for (int k = 0; k < 3; k++) {
     pags_plane(g, PAGS_MEAN + k)[row] = xyz[k];
     pags_plane(g, PAGS_SCALE + k)[row] = log_sigma;

@@ -17,8 +17,8 @@
 pags_result pags_init_extent(const pags_dataset *dataset, const int64_t *views, int64_t count, int64_t points,
                              const float *xyz, double *extent);
 
-/* Makes one isotropic Gaussian per point, in Morton order. Its sigma is init_scale times the root mean square
- * distance of the three nearest neighbours, at most init_scale_max times `extent`; it has the point's colour and the
+/* Makes one isotropic Gaussian per point, in Morton order. Its sigma is the root mean square
+ * distance of the three nearest neighbours, at most 0.1 times `extent`; it has the point's colour and the
  * opacity init_opacity. Points that are not finite are left out; of more than `most` points every (points / most)th
  * is taken. Of these Gaussians `out` receives the rows [rows[0], rows[1]); NULL: all. */
 pags_result pags_init_gaussians(const pags_train_config *config, int64_t points, const float *xyz, const uint8_t *rgb,

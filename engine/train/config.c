@@ -84,6 +84,27 @@ static void print_value(const pags_train_config *config, const pags_train_field 
 
 /* ---- Checking, setting and resolving ---- */
 
+/* Sets a field that no longer exists: checkpoints and command lines may still name it with its constant value. */
+static pags_result set_retired(const char *name, const char *text) {
+  static const struct {
+    const char *name;
+    double value;
+  } retired[] = {
+      {"absgrad", 0},         {"absgrad_gradient", 8e-4}, {"dense_percent", 0.01},     {"extent_most", 20},
+      {"init_scale", 1},      {"init_scale_max", 0.1},    {"mcmc_growth", 0.05},       {"prune_scale", 0.1},
+      {"revised_opacity", 0}, {"scale_reset_from", 6000}, {"scale_reset_every", 3000}, {"scale_reset_until", 21000},
+      {"sky_rate", 0.01},     {"split_divisor", 1.6}};
+  for (size_t i = 0; i < sizeof retired / sizeof retired[0]; i++)
+    if (strcmp(name, retired[i].name) == 0) {
+      char *end;
+      const bool same = strtod(text, &end) == retired[i].value && end != text && !*end;
+      return same ? PAGS_OK
+                  : pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: always %g since PAGS 0.2, got '%s'", name, retired[i].value,
+                              text);
+    }
+  return pags_fail(PAGS_ERROR_ARGUMENT, "unknown training field '%s'", name);
+}
+
 pags_result pags_train_config_check(const pags_train_config *config) {
   if (config->cookie != CONFIG_COOKIE)
     return pags_fail(PAGS_ERROR_ARGUMENT, "training configuration doesn't come from pags_train_config_default");
@@ -132,7 +153,7 @@ pags_result pags_train_config_check(const pags_train_config *config) {
 pags_result pags_train_config_set(pags_train_config *config, const char *name, const char *text) {
   const pags_train_field *f = pags_train_field_find(name);
   if (!f)
-    return pags_fail(PAGS_ERROR_ARGUMENT, "'%s' is no field of the training configuration", name);
+    return set_retired(name, text);
   void *p = (char *)config + f->offset;
   char *end = NULL;
   if (f->type == PAGS_FIELD_CHOICE) {

@@ -29,6 +29,10 @@ enum { ROWS_AT_A_TIME = 1024 }; /* a worker's block */
  * and with a few rows it can still end in an orderly way. */
 static const int64_t least_survivors = 16;
 
+/* Kerbl et al. (2023). Fractions of the extent: a Gaussian with a larger sigma is split, others are cloned; one with a
+ * larger sigma is removed after the first reset. Ratio of the parent's sigma to that of a split's children. */
+static const double dense_sigma = 0.01, most_sigma = 0.1, split_divisor = 1.6;
+
 static float logit(double probability) {
   return (float)pags_log(probability / (1.0 - probability));
 }
@@ -54,19 +58,17 @@ static double scaled_opacity(const pags_schedule *s, double opacity) {
 }
 
 typedef struct thresholds {
-  float gradient, dense_sigma, prune_logit, prune_sigma, split_divisor;
+  float gradient, dense_sigma, prune_logit, prune_sigma;
 } thresholds;
 
 static thresholds thresholds_of(const pags_train_model *model) {
   const pags_schedule *s = &model->schedule;
   const pags_train_config *c = &s->config;
   int prune_large = pags_schedule_prunes_large(s, model->step);
-  return (thresholds){
-      .gradient = (float)(c->density.absgrad ? c->density.absgrad_gradient : c->density.densify_gradient),
-      .dense_sigma = (float)(c->density.dense_percent * s->extent),
-      .prune_logit = logit(scaled_opacity(s, c->density.prune_opacity)),
-      .prune_sigma = prune_large ? (float)(c->density.prune_scale * s->extent) : INFINITY,
-      .split_divisor = (float)c->density.split_divisor};
+  return (thresholds){.gradient = (float)(c->density.densify_gradient),
+                      .dense_sigma = (float)(dense_sigma * s->extent),
+                      .prune_logit = logit(scaled_opacity(s, c->density.prune_opacity)),
+                      .prune_sigma = prune_large ? (float)(most_sigma * s->extent) : INFINITY};
 }
 
 /* An object's Gaussians are kept in its box times this factor: boxes are labelled tightly, and mirrors and other
@@ -89,7 +91,7 @@ static pags_edit decide_row(const pags_train_model *model, const thresholds *t, 
   float sigma = pags_expf(s);
   int pulled = mean_gradient(model, row) >= t->gradient;
   if (pulled && sigma > t->dense_sigma) /* the limit on sigma applies to its children */
-    return sigma / t->split_divisor > t->prune_sigma ? PAGS_EDIT_PRUNE : PAGS_EDIT_SPLIT;
+    return sigma / (float)split_divisor > t->prune_sigma ? PAGS_EDIT_PRUNE : PAGS_EDIT_SPLIT;
   if (sigma > t->prune_sigma)
     return PAGS_EDIT_PRUNE;
   return pulled ? PAGS_EDIT_CLONE : PAGS_EDIT_KEEP;
@@ -203,15 +205,14 @@ static int longest_axis(const pags_gaussians *g, int64_t row) {
 
 /* Turns `row`, a copy of its parent, into a child of a split: draws its mean from the parent's distribution and
  * divides its sigmas. (step, child, parent) determine the random numbers. With long_axis_split, the children lie on
- * either side on the longest axis instead, by sqrt(1 - 1 / divisor^2) sigma, and only that axis' sigma is divided, so
- * that both together have the parent's variance. */
+ * either side on the longest axis instead, by sqrt(1 - 1 / split_divisor^2) sigma, and only that axis' sigma is
+ * divided, so that both together have the parent's variance. */
 static void make_child(const pags_train_model *model, pags_gaussians *g, int64_t row, int child, int64_t parent) {
   const pags_train_config *c = &model->schedule.config;
-  const double divisor = c->density.split_divisor;
   const int purpose = PAGS_DRAW_SPLIT + 2 * child, axis = c->density.long_axis_split ? longest_axis(g, row) : -1;
   double n[4] = {0}, q[4], r[9], offset[3];
   if (axis >= 0) {
-    n[axis] = (child ? -1.0 : 1.0) * sqrt(1.0 - 1.0 / (divisor * divisor));
+    n[axis] = (child ? -1.0 : 1.0) * sqrt(1.0 - 1.0 / (split_divisor * split_divisor));
   } else {
     pags_rng_normal2(c->schedule.seed, pags_draw(model->step, purpose), (uint64_t)parent, n);
     pags_rng_normal2(c->schedule.seed, pags_draw(model->step, purpose + 1), (uint64_t)parent, n + 2);
@@ -226,12 +227,7 @@ static void make_child(const pags_train_model *model, pags_gaussians *g, int64_t
     double moved = (double)*mean + r[3 * i] * offset[0] + r[3 * i + 1] * offset[1] + r[3 * i + 2] * offset[2];
     *mean = fabs(moved) < 3e38 ? (float)moved : *mean; /* sigma may be so large that the mean would overflow */
     if (axis < 0 || i == axis)
-      pags_plane(g, PAGS_SCALE + i)[row] -= (float)pags_log(divisor);
-  }
-  if (c->density.revised_opacity) {
-    float *opacity = &pags_plane(g, PAGS_OPACITY)[row];
-    double rest = 1.0 / (1.0 + pags_exp((double)*opacity)); /* 1 minus the opacity */
-    *opacity = logit(fmin(fmax(1.0 - sqrt(rest), 1e-6), 1.0 - 1e-6));
+      pags_plane(g, PAGS_SCALE + i)[row] -= (float)pags_log(split_divisor);
   }
 }
 

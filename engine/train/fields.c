@@ -133,14 +133,9 @@ const pags_train_field pags_fields[] = {
     SWITCH(start, random_start, 0,
            "Start from random points instead of matched features if the data set has no points."),
     NUMBER(start, init_opacity, 0.1, LEAST_OPACITY, 0.999, "1", "Initial opacity of Gaussians."),
-    NUMBER(start, init_scale, 1, 1e-6, 1e6, "times the distance to the 3 nearest points",
-           "set the sigma of the first Gaussians"),
-    NUMBER(start, init_scale_max, 0.1, 1e-6, 1e6, EXTENT, "limit the sigma of the first Gaussians"),
     SWITCH(start, lidar_start, 1, "Start from LiDAR points."),
     PRESET(start, lidar_points, 100000, 100000, 200000, 200000, "", 1000, 600000, "points",
            "Maximum number of initial LiDAR points of the background; voxels merge the rest."),
-    NUMBER(start, extent_most, 20, 1e-3, 1e6, "metres",
-           "limit the extent of a driving set's background, to which rates and sizes are relative"),
 
     AUTO(color, sh_degree, 0, 3, "1", "3; driving sets 1", "Highest degree of the spherical harmonics."),
     NUMBER(color, sh_interval, 1000, 0, MOST_STEPS, STEPS,
@@ -158,18 +153,9 @@ const pags_train_field pags_fields[] = {
            "Minimum number of steps between two densify steps, or a 40th of the schedule if that is less."),
     PRESET(density, densify_gradient, 0.0003, 0.0003, 0.0002, 0.0002, "", 0, 1e6, "NDC",
            "Clone or split Gaussians whose mean gradient in screen space is larger."),
-    SWITCH(density, absgrad, 0, "densify by absolute per-pixel gradients (Ye et al. 2024)"),
-    NUMBER(density, absgrad_gradient, 8e-4, 0, 1e6, "NDC", "use this threshold with absgrad"),
-    NUMBER(density, dense_percent, 0.01, 0, 1e6, EXTENT,
-           "split a Gaussian whose sigma is larger, clone one whose sigma is smaller"),
-    NUMBER(density, split_divisor, 1.6, 1, 100, "1", "divide the parent's sigma by this for the children of a split"),
     PRESET_SWITCH(density, long_axis_split, 1, 1, 0, 0, "Split along the longest axis only."),
-    SWITCH(density, revised_opacity, 0,
-           "give the children of a split the opacity 1 - sqrt(1 - o) (Rota Bulo et al. 2024)"),
     NUMBER(density, prune_opacity, 0.005, 0, 1, "1",
            "Remove Gaussians with a lower opacity. Multiplied by 255 alpha_min unless alpha_min is 0."),
-    NUMBER(density, prune_scale, 0.1, 0, 1e6, EXTENT,
-           "remove Gaussians whose sigma is larger, once opacities have been reset"),
     NUMBER(density, reset_every, 3000, 1, MOST_STEPS, STEPS,
            "Reset opacities every N steps until densify_until, but at most once per three passes over the training "
            "views."),
@@ -177,10 +163,6 @@ const pags_train_field pags_fields[] = {
            "Upper bound of opacities after a reset. Multiplied by 255 alpha_min unless alpha_min is 0."),
     PRESET(density, scale_reset, 0.6, 0.6, 1, 1, "; 1 with strategy mcmc", 0.1, 1, "times",
            "Factor on all sigmas at each scale reset; 1: no scale resets."),
-    NUMBER(density, scale_reset_from, 6000, 1, MOST_STEPS, STEPS, "reset scales after this step first"),
-    NUMBER(density, scale_reset_every, 3000, 1, MOST_STEPS, STEPS,
-           "reset scales so often, but at most every 200 steps"),
-    NUMBER(density, scale_reset_until, 21000, 0, MOST_STEPS, STEPS, "reset scales up to this step"),
     NUMBER(density, lidar_pull, 0, 0, 1, "of the way",
            "Every densify_every steps, move Gaussians of the background this fraction of the way to the nearby plane "
            "of LiDAR points; 0: off."),
@@ -188,8 +170,6 @@ const pags_train_field pags_fields[] = {
            "Every densify_every / 20 steps, flatten Gaussians of the background within 0.1 m of the LiDAR ground by "
            "this fraction; 0: off."),
 
-    NUMBER(mcmc, mcmc_growth, 0.05, 0, 10, "of the Gaussians",
-           "add so many Gaussians at each densify step of strategy mcmc"),
     NUMBER(mcmc, mcmc_noise, 5e5, 0, 1e9, "times the position rate",
            "Amplitude of the position noise of strategy mcmc."),
     NUMBER(mcmc, mcmc_opacity_reg, 0.01, 0, 1e3, "1", "Weight of the mean opacity in the loss of strategy mcmc."),
@@ -269,7 +249,6 @@ const pags_train_field pags_fields[] = {
            "Minimum expected gain in PSNR on the object's pixels for a colour that varies over time."),
 
     SWITCH(sky, sky, 1, "Model the sky as a cube map."),
-    NUMBER(sky, sky_rate, 0.01, 0, 1, "per step", "set the learning rate of the sky; it falls to a hundredth"),
 
     AUTO_SWITCH(exposure, exposure, "1; presets plain and paper 0 on static sets",
                 "Fit a gain and an offset for each photograph."),

@@ -12,6 +12,7 @@
 
 static const double dead_opacity = 0.005; /* a Gaussian at or below it is dead: relocated, and given most noise */
 static const double gate_slope = 100.0;   /* slope of the noise's gate over opacity */
+static const double growth = 0.05;        /* Gaussians added at each densify step, per existing one */
 enum { MOST_COPIES = 51, NOISE_GRAIN = 16 };
 
 /* ---- Relocation and growth ---- */
@@ -188,7 +189,7 @@ static pags_result relocate(pags_train_model *model) {
  * the caller frees, receives the places of this rank's rows among those of all. */
 static pags_result grow(pags_train_model *model, pags_tasks *tasks, uint32_t **numbers) {
   const int64_t own = model->gaussians.count, count = model->total, most = model->cap > 0 ? model->cap : 1000000;
-  int64_t target = (int64_t)((1.0 + model->schedule.config.mcmc.mcmc_growth) * (double)count), added = 0;
+  int64_t target = (int64_t)((1.0 + growth) * (double)count), added = 0;
   target = target > most ? most : target;
   target = target > count ? target : count;
   const size_t room = (size_t)(own + target - count + 1);

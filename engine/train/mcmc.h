@@ -7,7 +7,7 @@
 #include "train/model.h"
 
 /* Call at every densify step, on a settled model (no pending Adam steps). Moves dead Gaussians onto live ones drawn
- * in proportion to opacity, then adds mcmc_growth of the count, up to the limit on Gaussians. Opacity and sigma of
+ * in proportion to opacity, then adds 5 % of the count, up to the limit on Gaussians. Opacity and sigma of
  * the Gaussians that share a place are changed so that the picture hardly changes. Sorts the Gaussians. */
 pags_result pags_mcmc_refine(pags_train_model *model, pags_tasks *tasks);
 

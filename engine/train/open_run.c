@@ -21,6 +21,9 @@
 #include "train/shards.h"
 #include "train/whole.h"
 
+/* Upper bound, metres, of the extent of the background of a driving set. */
+static const double most_extent = 20;
+
 /* ---- Limit on Gaussians ---- */
 
 static void largest_picture(const pags_trainer *t, int *width, int *height) {
@@ -275,7 +278,7 @@ static pags_result start(pags_trainer *t, const pags_train_config *config, start
     PAGS_TRY(find_points(t, config, points));
   PAGS_TRY(pags_init_extent(t->dataset, t->views, t->view_count, points->count, points->xyz, &extent));
   if (driving) /* in metres: a car that stands still sees a street, too */
-    extent = fmin(fmax(extent, 1.0), config->start.extent_most);
+    extent = fmin(fmax(extent, 1.0), most_extent);
   pags_schedule schedule = pags_schedule_make(config, extent, t->view_count);
   PAGS_TRY(pags_state_create(&t->state, &schedule, pags_schedule_steps(&schedule, config->schedule.iterations),
                              1 + pags_dataset_object_count(t->dataset)));

@@ -18,6 +18,9 @@ static const double reference_iterations = 30000.0;
 /* Photographs that Gaussians need to fill the picture again after their scales were reset, however short the run. */
 static const int64_t least_recovery = 200;
 
+/* Steps of 30 000. */
+static const int64_t first_scale_reset = 6000, scale_reset_interval = 3000, last_scale_reset = 21000;
+
 static int64_t scaled(int64_t step, int64_t length) {
   return (long long)pags_round((double)step * (double)length / reference_iterations);
 }
@@ -72,10 +75,9 @@ pags_schedule pags_schedule_make(const pags_train_config *config, double extent,
   int64_t reset =
       at_least(scaled(config->density.reset_every, s.length), pags_schedule_steps(&s, at_least(3 * views, 1)));
   s.reset_every = (reset + s.densify_every - 1) / s.densify_every * s.densify_every;
-  s.scale_reset_from = scaled(config->density.scale_reset_from, s.length);
-  s.scale_reset_every =
-      at_least(scaled(config->density.scale_reset_every, s.length), pags_schedule_steps(&s, least_recovery));
-  s.scale_reset_until = scaled(config->density.scale_reset_until, s.length);
+  s.scale_reset_from = scaled(first_scale_reset, s.length);
+  s.scale_reset_every = at_least(scaled(scale_reset_interval, s.length), pags_schedule_steps(&s, least_recovery));
+  s.scale_reset_until = scaled(last_scale_reset, s.length);
   s.sh_interval = at_least(scaled(config->color.sh_interval, s.length), 1);
   s.quarter_until = (long long)pags_round(config->schedule.quarter_until * (double)s.length);
   const double half = s.config.schedule.half_until;

@@ -13,6 +13,7 @@
 
 enum { LOOK_SHRINK = 8, LEAST_SIZE = 64, MOST_SIZE = 1024 };
 static const double least_share = 1e-3;
+static const double first_rate = 0.01;  /* learning rate of texels at the first step */
 static const double final_share = 0.01; /* the learning rate's final share */
 
 /* Adds up the colours and the number of one photograph's sky pixels, and the number of all its pixels. */
@@ -248,7 +249,6 @@ pags_result pags_sky_fit_finish(pags_sky_fit *fit, const pags_schedule *schedule
 
 pags_result pags_sky_fit_receive(pags_sky_fit *fit, const pags_schedule *schedule, int64_t step,
                                  pags_picture_gradient *gradient) {
-  const pags_train_config *c = &schedule->config;
   const double t = fmin((double)step / (double)schedule->length, 1.0);
   if (!fit->correction) {
     /* Compute the bias corrections once. */
@@ -266,7 +266,7 @@ pags_result pags_sky_fit_receive(pags_sky_fit *fit, const pags_schedule *schedul
   }
   fit->beta1 = (float)schedule->beta1;
   fit->beta2 = (float)schedule->beta2;
-  fit->rate = (float)(schedule->rate_factor * c->sky.sky_rate * pags_pow(final_share, t));
+  fit->rate = (float)(schedule->rate_factor * first_rate * pags_pow(final_share, t));
   fit->step = step;
   if (schedule->batch > 1)
     PAGS_TRY(pags_gradient_store_reserve(&fit->sum, pags_sky_fit_own_blocks(fit, fit->rank), BLOCK_FLOATS));

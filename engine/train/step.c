@@ -155,11 +155,10 @@ static void receive(void *user, const pags_cluster_gradient *g, int worker) {
     return;
 
   /* Add the densify statistics. */
-  const float *pull = m->schedule.config.density.absgrad ? g->mean2d_abs : g->mean2d;
   for (int i = 0; i < g->count; i++) {
     if (!g->drawn[i])
       continue;
-    m->density.gradient[g->first + i] += pull[i];
+    m->density.gradient[g->first + i] += g->mean2d[i];
     m->density.seen[g->first + i]++;
   }
 
@@ -393,7 +392,6 @@ static pags_result read_view(pags_trainer *t, pags_step_view *v) {
 static pags_frame_options options_of(const pags_trainer *t, int64_t step, const pags_step_view *v) {
   pags_frame_options options = pags_view_render_options(t, step);
   options.keep_for_backward = 1;
-  options.absolute_gradient = t->state.schedule.config.density.absgrad;
   options.depth_sum = t->render.depth[v->view].count > 0;
   return options;
 }

@@ -274,7 +274,7 @@ class Train(DataCase):
         self.assertLessEqual(result["gaussians"], 600)
 
     def test_strategies(self):
-        for more in [["--strategy", "mcmc"], ["--set", "absgrad=1"], ["--antialiased"], ["--sh-degree", "0"]]:
+        for more in [["--strategy", "mcmc"], ["--set", "long_axis_split=0"], ["--antialiased"], ["--sh-degree", "0"]]:
             out = self.path("scene")
             result = self.train(out, *more, "--reconstruction", iterations=120)
             self.assertTrue(result["finished"])

@@ -112,6 +112,9 @@ class Usage(Case):
             self.succeeds(*train, "--set", good)
         self.refused([*train, "--set", "densify_fro=5"], "densify_fro=5", "did you mean 'densify_from'")
         self.refused([*train, "--set", "qqqqqqqq=5"], "unknown training field 'qqqqqqqq'", "--fields")
+        for former in ["absgrad=0", "sky_rate=1e-2", "extent_most=20"]:
+            self.succeeds(*train, "--set", former)
+        self.refused([*train, "--set", "absgrad=1"], "absgrad: always 0 since PAGS 0.2, got '1'")
         self.refused([*train, "--set", "densify_from"], "expected densify_from=VALUE")
         self.refused([*train, "--set", "densify_from=x"], "densify_from: expected a whole number, got 'x'")
         self.refused([*train, "--set", "densify_from=auto"], "densify_from: expected a whole number, got 'auto'")
@@ -142,7 +145,7 @@ class Usage(Case):
 
     def test_options_of_old_are_told(self):
         """A former option that is now a field is refused with a message that shows the form --set FIELD=VALUE."""
-        for flag, form in [(["--densify-from", "500"], "--set densify_from=N"), (["--no-fourier"], "--set fourier=0"), (["--absgrad"], "--set absgrad=1"),
+        for flag, form in [(["--densify-from", "500"], "--set densify_from=N"), (["--no-fourier"], "--set fourier=0"), (["--rolling-shutter"], "--set rolling_shutter=1"),
                            (["--near=1"], "--set near_plane=N"), (["--position-rate", "1"], "--set position_rate_begin=N"),
                            (["--hybrid", "sum"], "--set hybrid=auto|sum|product")]:
             said = self.refused(["train", "x", "-o", "y", *flag])

@@ -27,7 +27,7 @@ typedef struct parameter_group {
   int first, planes; /* planes past the last parameter plane: the statistics of dL/dmean2D */
 } parameter_group;
 
-enum { GROUPS = 8, SH_REST = 5, MEAN2D = 6, MEAN2D_ABS = 7 };
+enum { GROUPS = 7, SH_REST = 5, MEAN2D = 6 };
 static const parameter_group groups[GROUPS] = {
     {"mean", PAGS_MEAN, 3},
     {"scale", PAGS_SCALE, 3},
@@ -36,7 +36,6 @@ static const parameter_group groups[GROUPS] = {
     {"sh dc", PAGS_SH, 3},
     {"sh rest", PAGS_SH + 3, 45},
     {"mean2d", -1, 1},
-    {"mean2d abs", -1, 1},
 };
 
 typedef struct error_list {
@@ -54,7 +53,7 @@ typedef struct gradient_case {
   /* 1: two of three rows, the first ones included, are mirrored behind the camera (case 22 of docs/lab/numerics.md).
    * */
   int behind;
-  int plain; /* 1: no loss on depth and no absolute gradient, as a trainer requests by default */
+  int plain; /* 1: no loss on depth, as in most steps of a training */
   /* 1: a quarter of the rows are dropped, the opacities of the others are raised by up to a third, for some above 1.
    * */
   int dropped;
@@ -101,8 +100,8 @@ static void find_group_errors(const reference_part_gradient *exact, const frame_
       norm[i] = exact_norm(exact, planes, i);
       difference[i] = difference_norm(exact, drawn, planes, i);
     } else {
-      norm[i] = exact_mean2d(group == MEAN2D ? exact->mean2d : exact->mean2d_abs, camera, i);
-      difference[i] = fabs((double)(group == MEAN2D ? drawn->mean2d : drawn->mean2d_abs)[i] - norm[i]);
+      norm[i] = exact_mean2d(exact->mean2d, camera, i);
+      difference[i] = fabs((double)drawn->mean2d[i] - norm[i]);
     }
     square += norm[i] * norm[i];
     count++;
@@ -153,7 +152,6 @@ static reference_picture make_scene(const gradient_case *c, reference_random *ra
   static const double stretches[3][3] = {{0.5, 0.5, 0.5}, {-1.5, 0.7, 1.2}, {3, 3, 3}};
   *camera = reference_random_camera(random, 160, 120);
   *options = c->options;
-  options->absolute_gradient = !c->plain;
   for (int k = 0; k < 3; k++)
     options->background[k] = (float)reference_uniform(random, 0, 1);
   if (c->street) {
@@ -235,15 +233,13 @@ static void run_scene(const gradient_case *c, uint64_t seed, error_list *errors,
   assert_true(frame_result_finite(&drawn));
   int64_t first = 0;
   for (int p = 0; p < part_count; first += parts[p++].count) {
-    for (int group = 0; group < GROUPS - c->plain; group++) {
+    for (int group = 0; group < GROUPS; group++) {
       parameter_group planes = groups[group];
       if (group == SH_REST)
         planes.planes = pags_plane_count(parts[p].sh_degree) - planes.first;
       find_group_errors(&exact[p], &drawn.parts[p], picture.splats + first, &camera, group, &planes, errors);
     }
     check_dropped(&parts[p], &drawn.parts[p]);
-    for (int64_t i = 0; i < parts[p].count; i++) /* case 29 of docs/lab/numerics.md */
-      assert_true(drawn.parts[p].mean2d_abs[i] >= (c->plain ? 0 : drawn.parts[p].mean2d[i] * 0.9999f));
   }
   if (c->street) {
     check_sky(&drawn, sky_gradient);

@@ -139,8 +139,6 @@ static void check_gradient(test_scene *scene, double skip_share) {
         assert_true(error <= 1e-6);
         worst = fmax(worst, error);
       }
-      for (int axis = 0; axis < 2; axis++)
-        assert_true(gradient[p].mean2d_abs[2 * i + axis] >= fabs(gradient[p].mean2d[2 * i + axis]) * (1 - 1e-12));
     }
   }
   print_message("  %d compared, %d skipped, worst relative error %.2g\n", (int)compared, (int)skipped, worst);

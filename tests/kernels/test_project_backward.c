@@ -41,7 +41,7 @@ static frame make_frame(const pags_kernels *k, int count, row_kind kind, int deg
   }
   f.slots = CHECK_NEW(float, f.slot_count *PAGS_SLOT_FLOATS);
   for (int64_t s = 0; s < f.slot_count * PAGS_SLOT_FLOATS; s++)
-    f.slots[s] = check_normal() * (s % PAGS_SLOT_FLOATS >= PAGS_SLOT_ABS_X ? 1.0f : 3.0f);
+    f.slots[s] = check_normal() * (s % PAGS_SLOT_FLOATS > PAGS_SLOT_Z ? 1.0f : 3.0f);
   for (int i = 0; i < count; i++)
     if (poison && f.keys[i] != UINT32_MAX && f.splats[i].tiles > 0 && check_below(6) == 0) {
       const int field = check_below(PAGS_SLOT_Z + 1);
@@ -58,7 +58,7 @@ static frame make_frame(const pags_kernels *k, int count, row_kind kind, int deg
 }
 
 typedef struct gradient {
-  float *data, *mean2d, *mean2d_abs, *radius;
+  float *data, *mean2d, *radius;
   uint8_t *names;
   int64_t stride;
   int bad;
@@ -69,11 +69,10 @@ static gradient backward(const pags_kernels *k, const frame *f) {
   const int64_t padded = round_up_16(f->rows.count);
   g.data = CHECK_NEW(float, (f->rows.planes - 1) * g.stride + padded);
   g.mean2d = CHECK_NEW(float, padded);
-  g.mean2d_abs = CHECK_NEW(float, padded);
   g.radius = CHECK_NEW(float, padded);
   g.names = CHECK_NEW(uint8_t, padded);
   memset(g.names, 0, (size_t)padded);
-  const pags_row_gradient out = {g.data, g.stride, g.mean2d, g.mean2d_abs, g.radius, g.names};
+  const pags_row_gradient out = {g.data, g.stride, g.mean2d, g.radius, g.names};
   g.bad = k->project_backward(&f->view, f->rows.data, f->rows.stride, f->rows.count, f->keys, f->splats, f->slot_start,
                               f->slots, &out);
   return g;
@@ -97,7 +96,7 @@ static void check_form(const frame *f, const gradient *g) {
   }
   for (int64_t i = 0; i < padded; i++)
     if (!has_gradient(f, (int)i))
-      CHECK(g->mean2d[i] == 0.0f && g->mean2d_abs[i] == 0.0f && g->radius[i] == 0.0f);
+      CHECK(g->mean2d[i] == 0.0f && g->radius[i] == 0.0f);
 }
 
 static void check_scalar(const frame *f, const gradient *got, const gradient *want) {
@@ -108,7 +107,6 @@ static void check_scalar(const frame *f, const gradient *got, const gradient *wa
   for (int p = 0; p < f->rows.planes; p++)
     CHECK_SAME("gradient", got->data + p * got->stride, want->data + p * want->stride, padded);
   CHECK_SAME("mean2d", got->mean2d, want->mean2d, padded);
-  CHECK_SAME("mean2d_abs", got->mean2d_abs, want->mean2d_abs, padded);
   CHECK_SAME("radius", got->radius, want->radius, padded);
 }
 
@@ -175,12 +173,11 @@ static void check_row(const frame *f, const gradient *g, int i, const double row
   }
   const double ln2 = log(2.0), half_w = 0.5 * (double)f->view.width, half_h = 0.5 * (double)f->view.height;
   const double middle = 0.5 * (p.a + p.c), P = sqrt(0.5 / ln2 * p.c / p.d);
-  const double others[3] = {hypot(weights[0] * half_w, weights[1] * half_h),
-                            2.0 * ln2 * hypot(P * sums[PAGS_SLOT_ABS_X] * half_w, sums[PAGS_SLOT_ABS_Y] * half_h),
+  const double others[2] = {hypot(weights[0] * half_w, weights[1] * half_h),
                             3.0 * sqrt(middle + sqrt(fmax(0.1, middle * middle - p.d)))};
-  const float got[3] = {g->mean2d[i], g->mean2d_abs[i], g->radius[i]};
+  const float got[2] = {g->mean2d[i], g->radius[i]};
   const double terms = fabs(weights[0]) + 2.0 * ln2 * P * fabs(p.b / p.c * sums[PAGS_SLOT_SU]) * half_h;
-  for (int j = 0; j < 3; j++)
+  for (int j = 0; j < 2; j++)
     if (!(fabs((double)got[j] - others[j]) <= 1e-4 * others[j] + (j == 0 ? 1e-4 * terms : 1e-6)))
       CHECK_FAIL("row %d, statistic %d: %.9g, should be %.9g", i, j, (double)got[j], others[j]);
 }
@@ -269,7 +266,7 @@ static void test_rolling(const pags_kernels *k) {
 static void test_bench(const pags_kernels *k) {
   const frame f = make_frame(k, 256, ROWS_ORDINARY, 3, false, false);
   const gradient g = backward(k, &f);
-  const pags_row_gradient out = {g.data, g.stride, g.mean2d, g.mean2d_abs, g.radius, NULL};
+  const pags_row_gradient out = {g.data, g.stride, g.mean2d, g.radius, NULL};
   CHECK_BENCH("project_backward", f.rows.count, "row")
   k->project_backward(&f.view, f.rows.data, f.rows.stride, f.rows.count, f.keys, f.splats, f.slot_start, f.slots, &out);
 }

@@ -9,7 +9,7 @@
 #include <string.h>
 
 typedef struct choice {
-  bool transmittance, depth, absolute;
+  bool transmittance, depth;
 } choice;
 
 static pags_raster_back arguments(const tile *t, choice c, float *slots) {
@@ -24,8 +24,7 @@ static pags_raster_back arguments(const tile *t, choice c, float *slots) {
                          .width = t->width,
                          .height = t->height,
                          .stride = TILE_STRIDE,
-                         .transmittance = t->plane[3],
-                         .absolute = c.absolute};
+                         .transmittance = t->plane[3]};
   for (int j = 0; j < 3; j++) {
     in.rgb[j] = t->plane[j];
     in.rgb_gradient[j] = t->gradient[j];
@@ -76,12 +75,6 @@ static void add_step(tile_sums *s, const tile *t, choice c, const pags_splat *g,
   const double moment[6] = {1.0, u, v, u * u, u * v, v * v};
   for (int m = 0; m < 6; m++)
     tile_add(s, PAGS_SLOT_S + m, ds * moment[m], size * fmax(fabs(moment[m]), 0.01));
-  if (c.absolute) {
-    const double along_y = (double)g->w * v * ds - (double)g->p * (double)g->h * u * ds;
-    tile_add(s, PAGS_SLOT_ABS_X, fabs(ds * u), size * fabs(u));
-    tile_add(s, PAGS_SLOT_ABS_Y, fabs(along_y),
-             size * ((double)g->w * fabs(v) + (double)g->p * fabs((double)g->h * u)));
-  }
 }
 
 static int walk(const tile *t, float px, float py, bool fused, step *steps, double *left) {
@@ -138,8 +131,8 @@ static void test_plainly(const pags_kernels *k) {
   static const int counts[] = {0, 1, 2, 7, 8, 9, 15, 16, 17, 63, 64, 255, 256, 257, 500};
   const splat_mix *const mixes[] = {&splats_translucent, &splats_opaque, &splats_awkward};
   for (size_t n = 0; n < sizeof counts / sizeof *counts; n++)
-    for (int which = 0; which < 8; which++) {
-      const choice c = {which & 1, which & 2, which & 4};
+    for (int which = 0; which < 4; which++) {
+      const choice c = {which & 1, which & 2};
       tile t = tile_make(counts[n], mixes[check_below(3)], check_below(2));
       tile_draw(k, &t);
       const float *const slots = backward(k, &t, c);
@@ -151,7 +144,7 @@ static void test_plainly(const pags_kernels *k) {
 
 static void test_scalar(const pags_kernels *k) {
   for (int round = 0; round < 16; round++) {
-    const choice c = {round & 1, round & 2, round & 4};
+    const choice c = {round & 1, round & 2};
     tile t = tile_make(300, round & 8 ? &splats_awkward : &splats_opaque, round & 1);
     tile_draw(k, &t);
     const float *const got = backward(k, &t, c), *const want = backward(&pags_kernels_scalar, &t, c);
@@ -167,9 +160,9 @@ static void test_bench(const pags_kernels *k) {
   tile t = tile_make(256, &usual, false);
   tile_draw(k, &t);
   float *const slots = CHECK_NEW(float, t.slot_count *PAGS_SLOT_FLOATS);
-  static const choice choices[] = {{false, false, false}, {true, true, false}, {true, true, true}};
-  static const char *const names[] = {"raster_backward, colour", "raster_backward, depth", "raster_backward, all"};
-  for (int i = 0; i < 3; i++) {
+  static const choice choices[] = {{false, false}, {true, true}};
+  static const char *const names[] = {"raster_backward, colour", "raster_backward, depth"};
+  for (int i = 0; i < 2; i++) {
     const pags_raster_back in = arguments(&t, choices[i], slots);
     CHECK_BENCH(names[i], tile_lanes(&t), "lane") k->raster_backward(&in);
   }

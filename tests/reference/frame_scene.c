@@ -150,7 +150,6 @@ static void receive(void *user, const pags_cluster_gradient *from, int worker) {
     for (int plane = 0; plane < from->planes; plane++)
       to->planes[plane * to->count + row] = from->data[plane * from->stride + i];
     to->mean2d[row] = from->mean2d[i];
-    to->mean2d_abs[row] = from->mean2d_abs[i];
     to->radius[row] = from->radius[i];
     to->drawn[row] = from->drawn[i];
   }
@@ -174,7 +173,6 @@ static void create_result(frame_result *result, const frame_scene *scene, const 
     part->plane_count = pags_plane_count(scene->gaussians[p].sh_degree);
     part->planes = reference_alloc(part->count * part->plane_count, sizeof(float));
     part->mean2d = reference_alloc(part->count, sizeof(float));
-    part->mean2d_abs = reference_alloc(part->count, sizeof(float));
     part->radius = reference_alloc(part->count, sizeof(float));
     part->drawn = reference_alloc(part->count, 1);
     part->cluster_count = scene->clusters[p].count;
@@ -285,7 +283,6 @@ void frame_result_destroy(frame_result *result) {
     frame_part_result *part = &result->parts[p];
     free(part->planes);
     free(part->mean2d);
-    free(part->mean2d_abs);
     free(part->radius);
     free(part->drawn);
     free(part->touched);
@@ -310,8 +307,7 @@ int frame_result_finite(const frame_result *result) {
   for (int p = 0; p < result->part_count; p++) {
     const frame_part_result *part = &result->parts[p];
     finite = finite && all_finite(part->planes, part->count * part->plane_count) &&
-             all_finite(part->mean2d, part->count) && all_finite(part->mean2d_abs, part->count) &&
-             all_finite(part->radius, part->count);
+             all_finite(part->mean2d, part->count) && all_finite(part->radius, part->count);
   }
   return finite;
 }
@@ -335,7 +331,6 @@ uint64_t frame_result_hash(const frame_result *result) {
     const frame_part_result *part = &result->parts[p];
     hash_bytes(&hash, part->planes, 4 * part->count * part->plane_count);
     hash_bytes(&hash, part->mean2d, 4 * part->count);
-    hash_bytes(&hash, part->mean2d_abs, 4 * part->count);
     hash_bytes(&hash, part->radius, 4 * part->count);
     hash_bytes(&hash, part->drawn, part->count);
   }

@@ -33,7 +33,7 @@ typedef struct frame_part_result { /* results by row of the reference part, howe
   int64_t count;
   int plane_count;
   float *planes; /* dL/d raw parameters, plane p of row i at p * count + i */
-  float *mean2d, *mean2d_abs, *radius;
+  float *mean2d, *radius;
   uint8_t *drawn;
   int64_t cluster_count;
   uint8_t *touched, *received; /* number of callback calls for each cluster */

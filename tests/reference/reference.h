@@ -146,8 +146,7 @@ typedef struct reference_part_gradient {
   int64_t count;
   /* Laid out like reference_part.planes; the gradient of the constant SH term is by `dc` if the part has one. */
   double *planes;
-  double *mean2d;     /* dL/d mean2D in px, x and y of Gaussian i at 2 i */
-  double *mean2d_abs; /* sums over pixels of the absolute values */
+  double *mean2d; /* dL/d mean2D in px, x and y of Gaussian i at 2 i */
 } reference_part_gradient;
 
 /* Writes one gradient per part. `picture` is the render of the same arguments. */

@@ -11,7 +11,7 @@
 
 /* Derivatives of the loss by the values of a Gaussian that pixels use. */
 typedef struct splat_gradient {
-  double mean2d[2], mean2d_abs[2], conic[3], opacity, colour[3], depth;
+  double mean2d[2], conic[3], opacity, colour[3], depth;
 } splat_gradient;
 
 /* Pixels, back to front.
@@ -42,8 +42,6 @@ static void contribution_backward(const reference_contribution *c, const referen
   g->opacity += by_alpha * splat->gain * c->falloff;
   g->mean2d[0] += x;
   g->mean2d[1] += y;
-  g->mean2d_abs[0] += fabs(x);
-  g->mean2d_abs[1] += fabs(y);
   g->conic[0] -= 0.5 * by_power * dx * dx;
   g->conic[1] -= by_power * dx * dy;
   g->conic[2] -= 0.5 * by_power * dy * dy;
@@ -247,14 +245,12 @@ void reference_backward(const reference_part *parts, int part_count, const pags_
     out[p].count = part->count;
     out[p].planes = reference_alloc(part->count * pags_plane_count(part->sh_degree), sizeof(double));
     out[p].mean2d = reference_alloc(2 * part->count, sizeof(double));
-    out[p].mean2d_abs = reference_alloc(2 * part->count, sizeof(double));
     reference_view view = reference_view_of(part, camera, options);
     for (int64_t i = 0; i < part->count; i++, next++) {
       if (!picture->splats[next].drawn)
         continue;
       splat_backward(part, i, &view, camera, options, &picture->splats[next], &splats[next], out[p].planes);
       memcpy(&out[p].mean2d[2 * i], splats[next].mean2d, sizeof splats[next].mean2d);
-      memcpy(&out[p].mean2d_abs[2 * i], splats[next].mean2d_abs, sizeof splats[next].mean2d_abs);
     }
   }
   free(splats);
@@ -264,7 +260,6 @@ void reference_gradient_destroy(reference_part_gradient *gradients, int part_cou
   for (int p = 0; p < part_count; p++) {
     free(gradients[p].planes);
     free(gradients[p].mean2d);
-    free(gradients[p].mean2d_abs);
     gradients[p] = (reference_part_gradient){0};
   }
 }

@@ -12,7 +12,6 @@
 fixture fixture_create(uint64_t seed, int64_t count) {
   fixture f = {.random = {seed}, .options = reference_options()};
   f.options.extra_channels = 1;
-  f.options.absolute_gradient = 1;
   f.options.background[0] = 0.25f;
   f.options.background[1] = 0.5f;
   f.options.background[2] = 0.75f;

@@ -32,7 +32,7 @@ static void make(pags_train_state *state) {
   pags_train_config config = pags_train_config_default();
   config.schedule.iterations = 777;
   config.color.sh_degree = 1;
-  config.density.absgrad = 1;
+  config.density.long_axis_split = 0;
   pags_schedule schedule = pags_schedule_make(&config, 2.5, 44);
   pags_gaussians g;
   assert_int_equal(pags_gaussians_create(&g, ROWS, 1), PAGS_OK);
@@ -67,7 +67,7 @@ static void comes_back_whole(void **unused) {
   assert_true(fingerprint == 0x1234567890abcdefu);
   assert_true(b.step == 900 && b.stop == 1000 && b.resets == 2 && b.loss == 0.125 && b.mse == 0.25);
   assert_true(b.schedule.extent == 2.5 && b.schedule.views == 44 && b.schedule.length == 777);
-  assert_int_equal(b.schedule.config.density.absgrad, 1);
+  assert_int_equal(b.schedule.config.density.long_axis_split, 0);
   const pags_train_model *m = &a.models[0], *n = &b.models[0];
   assert_int_equal(n->gaussians.count, ROWS);
   for (int p = 0; p < pags_plane_count(1); p++) {

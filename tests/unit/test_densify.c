@@ -98,23 +98,6 @@ static void each_rule_decides(void **unused) {
   end(&f);
 }
 
-static void absgrad_has_its_own_threshold(void **unused) {
-  (void)unused;
-  fixture f;
-  pags_edits e;
-  pags_train_config config = pags_train_config_default();
-  config.schedule.preset = PAGS_PRESET_PLAIN;
-  config.density.absgrad = 1;
-  begin(&f, config);
-  pull(&f, 1, 7e-4f);
-  pull(&f, 2, 9e-4f);
-  assert_int_equal(pags_densify_decide(&f.state, f.tasks, &e), PAGS_OK);
-  assert_int_equal(e.cloned, 1);
-  assert_int_equal(e.kind[2], PAGS_EDIT_CLONE);
-  pags_edits_destroy(&e);
-  end(&f);
-}
-
 /* The threshold is 2e-4. Row 1 shows nothing critical (S_sem 0), row 2 only critical things (1), row 3 a quarter
  * (0.25). */
 static void growth_counts_what_is_critical_by_itself(void **unused) {
@@ -282,7 +265,6 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(each_rule_decides),
       cmocka_unit_test(a_split_follows_the_longest_axis),
-      cmocka_unit_test(absgrad_has_its_own_threshold),
       cmocka_unit_test(growth_counts_what_is_critical_by_itself),
       cmocka_unit_test(the_bound_takes_the_strongest),
       cmocka_unit_test(a_run_is_never_left_with_nothing),

@@ -262,6 +262,8 @@ static void a_configuration_of_old_is_read(void **unused) {
   assert_int_equal(pags_config_read(&config, old, strlen(old), "old"), PAGS_OK);
   assert_null(pags_config_difference(&config, &expected));
   assert_int_equal(config.schedule.iterations, 300);
+  assert_int_equal(pags_config_read(&config, "sky_rate=0.02\n", 14, "old"), PAGS_ERROR_UNSUPPORTED);
+  assert_non_null(strstr(pags_error_message(), "sky_rate: always 0.01"));
 }
 
 int main(void) {

@@ -19,7 +19,7 @@ enum { FIRST = 900, SECOND = 333, ALL = FIRST + SECOND, SKY = 30 };
 /* What a frame's backward pass hands over, by id; and the picture. */
 typedef struct outcome {
   int64_t count;
-  float *gradient, *statistics; /* [count][PAGS_MAX_PLANES]; [count][3]: mean2d, mean2d_abs, radius */
+  float *gradient, *statistics; /* [count][PAGS_MAX_PLANES]; [count][2]: mean2d, radius */
   uint8_t *drawn, *bad;
   double *scores; /* [count][SCORES] */
   float planes[5][STRIDE * HEIGHT];
@@ -51,7 +51,7 @@ static outcome *outcome_create(int64_t count) {
   outcome *const o = zeros(1, sizeof *o);
   o->count = count;
   o->gradient = zeros(count * PAGS_MAX_PLANES, sizeof(float));
-  o->statistics = zeros(count * 3, sizeof(float));
+  o->statistics = zeros(count * 2, sizeof(float));
   o->drawn = zeros(count, 1);
   o->bad = zeros(count, 1);
   o->scores = zeros(count * SCORES, sizeof(double));
@@ -76,9 +76,8 @@ static void receive(void *user, const pags_cluster_gradient *g, int worker) {
     const int64_t id = p->parts[g->part].first_id + g->first + i;
     for (int k = 0; k < g->planes; k++)
       p->out->gradient[id * PAGS_MAX_PLANES + k] = g->data[k * g->stride + i];
-    p->out->statistics[3 * id] = g->mean2d[i];
-    p->out->statistics[3 * id + 1] = g->mean2d_abs[i];
-    p->out->statistics[3 * id + 2] = g->radius[i];
+    p->out->statistics[2 * id] = g->mean2d[i];
+    p->out->statistics[2 * id + 1] = g->radius[i];
     p->out->drawn[id] = g->drawn[i];
     p->out->bad[id] = g->bad[i];
   }
@@ -246,7 +245,7 @@ static void assert_same(const outcome *expected, const outcome *got, int64_t fir
   const size_t rows = (size_t)(expected->count - first);
   assert_memory_equal(expected->gradient + first * PAGS_MAX_PLANES, got->gradient + first * PAGS_MAX_PLANES,
                       rows * PAGS_MAX_PLANES * sizeof(float));
-  assert_memory_equal(expected->statistics + 3 * first, got->statistics + 3 * first, 3 * rows * sizeof(float));
+  assert_memory_equal(expected->statistics + 2 * first, got->statistics + 2 * first, 2 * rows * sizeof(float));
   assert_memory_equal(expected->drawn + first, got->drawn + first, rows);
   assert_memory_equal(expected->bad + first, got->bad + first, rows);
   for (int64_t i = 0; i < first; i++)
@@ -286,7 +285,6 @@ static void scene_create(scene_of_two *s, uint64_t seed) {
   o->early_z = PAGS_EARLY_Z_OFF; /* as training */
   o->keep_for_backward = 1;
   o->depth_sum = 1;
-  o->absolute_gradient = 1;
   o->sky = &s->sky;
   fill_planes(&s->first);
 }

@@ -133,11 +133,9 @@ typedef struct pags_frame_options {
    * by how much was hidden in the previous frame, so that a view without occlusion is drawn in one go; the first
    * frame is, too, with up to eight million Gaussians. Changes no bit of the result. */
   int64_t slab_size;
-  float rest_cut;        /* px: non-critical Gaussians (S_sem <= 0.5) whose opacity times area on the picture is
-                            smaller are not drawn; default 0 */
-  int rest_sh_less;      /* SH degrees taken off clusters without critical Gaussians, 0..3; default 0 */
-  int absolute_gradient; /* 1: fill pags_cluster_gradient.mean2d_abs (costs a few per cent of the backward pass);
-                            0 (default): it is 0 */
+  float rest_cut;   /* px: non-critical Gaussians (S_sem <= 0.5) whose opacity times area on the picture is
+                       smaller are not drawn; default 0 */
+  int rest_sh_less; /* SH degrees taken off clusters without critical Gaussians, 0..3; default 0 */
 } pags_frame_options;
 
 PAGS_API pags_frame_options pags_frame_options_default(void);
@@ -262,10 +260,9 @@ typedef struct pags_cluster_gradient {
   /* dL/d(parameter): plane p of member i is data[p * stride + i]; 0 for members that were not drawn. The gradient
    * of the constant colour term is with respect to the term that was drawn, the part's `dc` if it has one. */
   const float *data;
-  const float *mean2d;     /* |dL/d(projected mean)| in NDC: the gradient per pixel times W/2, H/2; 0 if not drawn */
-  const float *mean2d_abs; /* the same of sums of absolute per-pixel gradients (gsplat's absgrad), if asked for */
-  const float *radius;     /* 3 sigma along the larger axis of the 2D covariance, px; 0 if not drawn */
-  const uint8_t *drawn;    /* 1: the member passed the projection and touches at least one tile */
+  const float *mean2d;  /* |dL/d(projected mean)| in NDC: the gradient per pixel times W/2, H/2; 0 if not drawn */
+  const float *radius;  /* 3 sigma along the larger axis of the 2D covariance, px; 0 if not drawn */
+  const uint8_t *drawn; /* 1: the member passed the projection and touches at least one tile */
   /* 0, or 1 + the index of the first plane whose gradient wasn't finite; all gradients of such a member are set
    * to 0. */
   const uint8_t *bad;

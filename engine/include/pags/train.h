@@ -120,13 +120,10 @@ typedef struct pags_train_losses {
 /* The first Gaussians. They are made from the points of the data set, or, if it has none, from points that
  * matching the photographs finds (pags_dataset_match_points). */
 typedef struct pags_train_start {
-  int random_start;      /* 1: random points in the common view of the cameras instead of matched ones */
-  double init_opacity;   /* their opacity; more than 1/255, below which nothing is drawn */
-  double init_scale;     /* their sigma, times the root mean square distance to the 3 nearest points */
-  double init_scale_max; /* upper bound of that sigma, fraction of extent */
-  int lidar_start;       /* 1: driving sets start from LiDAR points */
-  int lidar_points;      /* LiDAR points of the background to start from, at most, merged by voxels; objects' apart */
-  double extent_most;    /* metres: upper bound of the extent of a driving set's background */
+  int random_start;    /* 1: random points in the common view of the cameras instead of matched ones */
+  double init_opacity; /* their opacity; more than 1/255, below which nothing is drawn */
+  int lidar_start;     /* 1: driving sets start from LiDAR points */
+  int lidar_points;    /* LiDAR points of the background to start from, at most, merged by voxels; objects' apart */
 } pags_train_start;
 
 /* Spherical harmonics of the colour. */
@@ -143,26 +140,19 @@ typedef struct pags_train_density {
   int64_t densify_every;   /* steps of 30 000 between densify steps, but at least one pass over the training views */
   int64_t densify_apart;   /* and at least so many steps, or a 40th of the schedule if that is less */
   double densify_gradient; /* NDC: a Gaussian with a larger mean screen-space gradient is cloned or split */
-  int absgrad;             /* 1: use the mean of absolute per-pixel gradients instead (Ye et al. 2024) */
-  double absgrad_gradient; /* NDC: the threshold with absgrad */
-  double dense_percent;    /* fraction of extent: a Gaussian with a larger sigma is split, others are cloned */
-  double split_divisor;    /* the sigma of a split's children is the parent's divided by this */
   /* 1: the children of a split lie on either side of the parent's mean on its longest axis, and only that axis' sigma
    * is divided (ImprovedGS+, arXiv:2603.08661); 0: their means are drawn from the parent, and all sigmas are divided.
    */
   int long_axis_split;
-  int revised_opacity;  /* 1: children of a split get the opacity 1 - sqrt(1 - o) (Rota Bulo et al. 2024) */
   double prune_opacity; /* Gaussians with a lower opacity are removed; times 255 alpha_min if that is set */
-  double prune_scale;   /* fraction of extent: Gaussians with a larger sigma are removed after the first reset */
   int64_t reset_every;  /* steps of 30 000 between opacity resets, but at least three passes over the training
                            views; until densify_until */
   double reset_opacity; /* a reset lowers opacities to at most this; times 255 alpha_min if that is set */
-  /* After step scale_reset_from and then every scale_reset_every steps up to scale_reset_until, all sigmas are
-   * multiplied by `scale_reset` and their moments forgotten (ShorterSplatting, arXiv:2603.09277): lists of pixels get
-   * shorter, and what is missing afterwards grows back only where it is needed. Steps of 30 000, with at least 200
-   * steps from one reset to the next and to the end; 1: never. */
+  /* After steps 6000, 9000, ... 21 000, all sigmas are multiplied by `scale_reset` and their moments forgotten
+   * (ShorterSplatting, arXiv:2603.09277): lists of pixels get shorter, and what is missing afterwards grows back only
+   * where it is needed. Steps of 30 000, with at least 200 steps from one reset to the next and to the end; 1: never.
+   */
   double scale_reset;
-  int64_t scale_reset_from, scale_reset_every, scale_reset_until;
   /* Every densify_every steps from densify_from to the end of the schedule, Gaussians of the background move by
    * this fraction of the way to the plane that LiDAR shows nearby (docs/driving.md); 0: they don't. */
   double lidar_pull;
@@ -174,7 +164,6 @@ typedef struct pags_train_density {
 
 /* The strategy MCMC (Kheradmand et al. 2024). */
 typedef struct pags_train_mcmc {
-  double mcmc_growth;      /* Gaussians added at each densify step, fraction of those there are */
   double mcmc_noise;       /* scale of the noise added to positions, times the position rate */
   double mcmc_opacity_reg; /* weight of the mean opacity in the loss */
   double mcmc_scale_reg;   /* weight of the mean sigma in the loss */
@@ -340,7 +329,8 @@ PAGS_API const pags_train_field *pags_train_field_at(int index);
 PAGS_API const pags_train_field *pags_train_field_find(const char *name);
 
 /* Sets the field `name` from text: a number, one of the field's choices, or "auto" if the field has a rule.
- * Returns PAGS_ERROR_ARGUMENT for an unknown field or for text that is no such value. Ranges are not checked here
+ * A field of earlier versions that is constant now accepts only that constant; PAGS_ERROR_UNSUPPORTED otherwise.
+ * Returns PAGS_ERROR_ARGUMENT for an unknown field or an invalid value. Ranges are not checked here
  * but by pags_train_config_check. */
 PAGS_API pags_result pags_train_config_set(pags_train_config *config, const char *name, const char *value);
 
