@@ -42,7 +42,7 @@ int pags_colmap_kind_by_id(int64_t id);
 int pags_colmap_kind_by_name(const char *name);
 enum { PAGS_COLMAP_PARAMETERS = 16 };
 int pags_colmap_parameters(int kind); /* number of parameters of the camera model, at most PAGS_COLMAP_PARAMETERS */
-/* Fails, naming the model, if no pinhole camera can stand for it. `name` is what the file says. */
+/* Fails, naming the model, if no pinhole camera can represent it. `name` is what the file says. */
 pags_result pags_colmap_check_kind(const char *where, int kind, const char *name);
 void pags_colmap_set_lens(int kind, const double *parameters, pags_lens *lens);
 

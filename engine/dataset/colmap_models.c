@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Looks for COLMAP models below a folder, compares their numbers of pictures and says what is left out. */
+/* Looks for COLMAP models below a folder, compares their numbers of pictures and states what is left out. */
 #include "dataset/colmap_models.h"
 
 #include <stdio.h>
@@ -24,7 +24,7 @@ typedef struct candidate {
 typedef struct candidates {
   int count;
   candidate items[64]; /* of one parent; more are not looked at */
-  /* Other captures beside that one, found on the same level: how many, the folder of the first, and whether they have
+  /* Other captures next to that one, found on the same level: how many, the folder of the first, and whether they have
    * pictures of their own or another number of them. */
   int others;
   char *other;
@@ -126,8 +126,9 @@ static bool has_images(const char *folder) {
   return found;
 }
 
-/* Notes that `folder`, a data set with the models `more`, if any, lies beside `home`, which has those of `all`. Models
- * of the same pictures, dense/sparse beside distorted/sparse say, have as many, and one of the folders has no pictures.
+/* Notes that `folder`, a data set with the models `more`, if any, lies next to `home`, which has those of `all`. Models
+ * of the same pictures, dense/sparse next to distorted/sparse say, have as many, and one of the folders has no
+ * pictures.
  */
 static pags_result add_other(candidates *all, const char *home, const candidates *more, const char *folder) {
   all->others += 1 + more->others;
@@ -153,8 +154,8 @@ static pags_result consider_below(candidates *all, const char *folder, int level
   return result;
 }
 
-/* Looks for models `depth` levels below the children of `folder`. Of those beside the child that has them, data sets a
- * level further down are noted, too: a/sparse lies beside b/sparse/0. */
+/* Looks for models `depth` levels below the children of `folder`. Of those next to the child that has them, data sets a
+ * level further down are noted, too: a/sparse lies next to b/sparse/0. */
 static pags_result consider_level(candidates *all, const char *folder, int depth, int *left, bool *found) {
   pags_dir_list list = list_of(folder);
   pags_result result = PAGS_OK;
@@ -184,7 +185,7 @@ static pags_result consider_level(candidates *all, const char *folder, int depth
 
 /* ---- Choosing ---- */
 
-/* Says which of several models was chosen. Others with as many pictures are copies or refinements as a rule. */
+/* Reports which of several models was chosen. Others with as many pictures are copies or refinements as a rule. */
 static void say_choice(const char *root, const candidates *all, const candidate *chosen) {
   const candidate *other = NULL;
   bool differ = false;

@@ -68,7 +68,7 @@ static pags_result read_named_model(const char *path, const char *name, pags_par
   return result;
 }
 
-/* Reads the transforms.json of a folder. Files of a split beside it are said to be ignored. */
+/* Reads the transforms.json of a folder. Files of a split next to it are said to be ignored. */
 static pags_result read_transforms_of(const char *folder, const char *transforms, pags_parsed_dataset *parsed) {
   if (pags_folder_has(folder, "transforms_train.json"))
     pags_log_message(PAGS_LOG_WARNING,
@@ -197,7 +197,7 @@ static void number_views(pags_parsed_dataset *parsed) {
 }
 
 /* Moves the views without an image file or without a pose to the end of the array; the others keep their order, and
- * dataset->count becomes their number. What is missing is an error unless `allowed` is nonzero and a view is left. */
+ * dataset->count becomes their number. A missing one is an error unless `allowed` is nonzero and a view is left. */
 static pags_result leave_out_missing(pags_dataset *dataset, int allowed) {
   pags_parsed_dataset *parsed = &dataset->parsed;
   pags_parsed_view first_image = {0}, first_pose = {0}; /* copies, since views change places */
@@ -333,7 +333,7 @@ static pags_result check_plausible(const pags_dataset *dataset) {
   return PAGS_OK;
 }
 
-/* Says which statement the split follows, or that it is overruled. */
+/* Reports which statement the split follows, or that it is overruled. */
 static void report_split(const pags_dataset *dataset, const pags_dataset_options *options) {
   const char *const by = dataset->parsed.split_by;
   int64_t held_out = 0;

@@ -15,7 +15,7 @@
 #include "scene/far_cameras.h"
 #include "scene/large.h"
 
-static const double seen_share = 0.25; /* of the distance of what is seen: from_points.c has the same least extent */
+static const double seen_share = 0.25; /* of the distance of the scene: from_points.c has the same least extent */
 enum { MOST_POINTS = 100000 };
 
 static double distance(const double a[3], const double b[3]) {

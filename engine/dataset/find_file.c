@@ -66,7 +66,7 @@ static bool list_folder(pags_file_finder *finder, const char *folder) {
   return false;
 }
 
-/* The only entry of the listed folder that has the name but for letter case; NULL if there is none or several. */
+/* The only entry of the listed folder that has the name but for letter case; NULL if not found or several. */
 static const char *entry_of_case(const pags_file_finder *finder, const char *name, size_t length) {
   const char *found = NULL;
   for (int64_t i = 0; i < finder->list.count; i++)
@@ -79,7 +79,7 @@ static const char *entry_of_case(const pags_file_finder *finder, const char *nam
 }
 
 /* The only picture of the listed folder whose name without extension is `name`, or `name` without its own; NULL if
- * there is none or several. *bare: `name` has no extension of a picture. */
+ * none exists or several. *bare: `name` has no extension of a picture. */
 static const char *entry_of_stem(const pags_file_finder *finder, const char *name, bool *bare) {
   const char *found = NULL;
   *bare = !pags_is_picture_name(name);
@@ -102,7 +102,7 @@ static pags_spelling worse(pags_spelling a, pags_spelling b) {
   return a > b ? a : b;
 }
 
-/* Follows `name` from `folder`, component by component, and returns the path of the file; NULL if there is none.
+/* Follows `name` from `folder`, component by component, and returns the path of the file; NULL if not found.
  * *how: the worst spelling on the way. */
 static char *follow(pags_file_finder *finder, const char *folder, const char *name, pags_spelling *how) {
   char *at = pags_text_copy(folder);

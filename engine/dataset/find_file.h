@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Finds the files that a data set names where the names were written on another system: with backslashes, in other
  * letter case, with another extension, or below a folder of another machine. A name that is a file is taken as it is.
- * What was found in another way is counted and said once a kind. */
+ * Files found in another way are counted and reported once per kind. */
 #ifndef PAGS_DATASET_FIND_FILE_H
 #define PAGS_DATASET_FIND_FILE_H
 
@@ -31,7 +31,7 @@ typedef struct pags_file_finder {
 } pags_file_finder;
 
 /* Looks for the file `name`, relative to `folder` or absolute. *out is its path, freed by the caller; where there is no
- * such file it is the path that the name stands for, and *exists is false. PAGS_ERROR_MEMORY; then *out is NULL. */
+ * such file it is the path that the name represents, and *exists is false. PAGS_ERROR_MEMORY; then *out is NULL. */
 pags_result pags_find_file(pags_file_finder *finder, const char *folder, const char *name, char **out, bool *exists);
 
 /* Returns the only folder in `folder` whose name is `name` but for letter case, freed by the caller; NULL if there is
@@ -44,7 +44,7 @@ void pags_file_finder_end(pags_file_finder *finder, const char *source, const ch
 void pags_file_finder_drop(pags_file_finder *finder); /* frees it without a word */
 
 /* Looks in `folder` for the file whose name is the first `length` bytes of `name` and `extension`. *out is its path,
- * freed by the caller; NULL: there is none. PAGS_ERROR_MEMORY. */
+ * freed by the caller; NULL: not found. PAGS_ERROR_MEMORY. */
 pags_result pags_find_extension(const char *folder, const char *name, int length, const char *extension, char **out);
 
 /* Whether a file of this name is a picture by its extension. */

@@ -120,7 +120,7 @@ bool pags_camera_sees(const pags_camera *camera, const double point[3], double n
 
 /* The range comes from measured depths: in a COLMAP model of a room with an object in its middle (data/fox), 98 % of
  * all observations have a depth above 0.45 times the distance of the subject and most are below 1.6 times; the range
- * goes on to 4 times because outdoors the background begins there. */
+ * continues to 4 times because outdoors the background begins there. */
 double pags_focus_depth(double distance, double draw) {
   const double low = 0.45, high = 4;
   return distance * low * pags_pow(high / low, draw);

@@ -16,7 +16,7 @@
 
 /* ---- Folders ---- */
 
-/* Files or folders that tell a format. A name that begins with '*' stands for any file with this ending. */
+/* Files or folders that tell a format. A name that begins with '*' matches any file with this ending. */
 static const struct sign {
   const char *names[3]; /* all of them; NULL: fewer */
   bool importable;

@@ -11,7 +11,7 @@ extern "C" {
 #endif
 
 /* Fails with PAGS_ERROR_UNSUPPORTED and a message that names the format and what would do if the file or folder is of
- * a recording that has no reader, or (`importers`) that an importer reads; PAGS_OK if it is none of those known. */
+ * a recording that has no reader, or (`importers`) that an importer reads; PAGS_OK if it is not one of those known. */
 pags_result pags_foreign_recording_check(const char *path, bool importers);
 
 #ifdef __cplusplus

@@ -41,7 +41,7 @@ void pags_lens_project_row(const pags_lens *lens, int count, double x, double st
 pags_result pags_lens_check_inverse(const pags_lens *lens, const char *where, double *share);
 
 /* Inverse projection: computes the point (x, y, 1) of the camera frame that projects to the distorted pixel position
- * (u, v); returns false if there is none. */
+ * (u, v); returns false if not found. */
 bool pags_lens_unproject(const pags_lens *lens, double u, double v, double *x, double *y);
 
 /* Computes the size and the intrinsics of the pinhole camera to which the pictures are resampled. The pinhole keeps

@@ -190,7 +190,7 @@ static double angle_at(const double point[3], const pags_camera *a, const pags_c
 
 /* Returns the cost of matching picture `a` with picture `b`; smaller is better, infinity means that `b` is of no use.
  * The cost is |log(angle / 10 degrees)| of the angle between the two cameras as seen from the subject: ten degrees
- * are wide enough to tell depths apart and narrow enough for the patches to look alike. */
+ * are wide enough to distinguish depths and narrow enough for the patches to look alike. */
 static double partner_cost(const matcher *m, const picture *a, const picture *b) {
   double point[3];
   point_on_ray(&a->camera, 0.5 * a->width, 0.5 * a->height, m->distance, point);

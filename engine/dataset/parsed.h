@@ -81,7 +81,7 @@ pags_result pags_parsed_add_point(pags_parsed_points *points, int64_t id, const 
                                   const char *where);
 /* Adds the view with id `view` to the observers of the last point. */
 pags_result pags_parsed_observe(pags_parsed_points *points, int64_t view, const char *where);
-/* Says how many points were left out for want of a finite position; fails if all were. */
+/* Reports how many points were left out for want of a finite position; fails if all were. */
 pags_result pags_parsed_check_points(const pags_parsed_points *points, const char *where);
 void pags_parsed_sort_points(pags_parsed_points *points);
 

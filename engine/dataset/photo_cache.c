@@ -103,7 +103,7 @@ static void harvest(pags_photo_cache *cache, slot *s) {
 /* ---- Eviction and decoding ahead ---- */
 
 /* Returns the slot to evict next among the ready slots that are wanted later than `position` (-1: all of them); NULL
- * if there is none. */
+ * if none exists. */
 static slot *find_victim(pags_photo_cache *cache, int64_t position) {
   slot *victim = NULL;
   for (int64_t i = 0; i < cache->count; i++) {

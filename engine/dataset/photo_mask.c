@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Masks of photographs (photo_mask.h). A mask has one meaning whatever its file is: 128 of 255 and above uses the
- * pixel. Files of 0 and 1 are told by their largest value. */
+ * pixel. Files with only 0 and 1 are recognised by their largest value. */
 #include "dataset/photo_mask.h"
 
 #include <assert.h>
@@ -102,7 +102,7 @@ pags_result pags_photo_mask_fit(const char *path, int width, int height, int tur
   return PAGS_OK;
 }
 
-/* ---- Finding those beside the images ---- */
+/* ---- Finding those next to the images ---- */
 
 /* The place in a path at which its folder of images begins (images, images_4, input); the last, if it has several.
  * NULL: it has none. */
@@ -118,7 +118,7 @@ static const char *find_images(const char *path) {
 }
 
 /* Looks for the mask of the picture `name` in `folder`: the name with another extension or with one more. *out NULL:
- * there is none. */
+ * none exists. */
 static pags_result find_mask(const char *folder, const char *name, char **out) {
   static const char *const extensions[] = {".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG"};
   const int whole = (int)strlen(name), stem = whole - (int)strlen(pags_path_extension(name));
@@ -132,7 +132,7 @@ static int by_text(const void *a, const void *b) {
   return strcmp(*(const char *const *)a, *(const char *const *)b);
 }
 
-/* Says which files of the folder are the mask of no photograph. Only the folder itself is looked at. */
+/* Reports which files of the folder are the mask of no photograph. Only the folder itself is looked at. */
 static pags_result say_unused(const char *folder, const pags_parsed_dataset *parsed) {
   pags_dir_list list;
   long long unused = 0;
@@ -206,7 +206,7 @@ pags_result pags_photo_masks_find(const char *root, pags_parsed_dataset *parsed)
   for (int64_t i = 0; i < parsed->count; i++)
     if (parsed->views[i].mask_path)
       return PAGS_OK;
-  /* Beside the folder of images; for images_4, masks_4 comes first. */
+  /* Next to the folder of images; for images_4, masks_4 comes first. */
   const char *path = parsed->views[0].image_path, *images = find_images(path);
   char *base = !images         ? pags_text_copy(root)
                : images > path ? pags_text_format("%.*s", (int)(images - path), path)

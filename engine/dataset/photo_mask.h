@@ -29,12 +29,12 @@ pags_result pags_photo_mask_load(const char *path, pags_image *mask, pags_mask_f
 pags_result pags_photo_mask_fit(const char *path, int width, int height, int turn, pags_image *mask);
 
 /* Looks for the masks of a static set whose views have none: FOLDER/NAME.png, FOLDER/NAME.png.png and the like in the
- * folder masks beside the images. `root`: the data set's folder. Says which photographs have none and which masks no
- * photograph. */
+ * folder masks next to the images. `root`: the data set's folder. Reports which photographs have none and which masks
+ * no photograph. */
 pags_result pags_photo_masks_find(const char *root, pags_parsed_dataset *parsed);
 
-/* Compares the sizes of all masks with their photographs', and says how the masks that are looked at are read and which
- * of them leave no pixel. Those of a set in which no mask leaves any are dropped. */
+/* Compares the sizes of all masks with their photographs', and states how the masks that are looked at are read and
+ * which of them leave no pixel. Those of a set in which no mask leaves any are dropped. */
 pags_result pags_photo_masks_check(pags_parsed_dataset *parsed);
 
 /* Writes what may leave out pixels of a view's photograph: "the ego mask of camera 1", if that leaves out all of them,

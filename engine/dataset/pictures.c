@@ -32,7 +32,7 @@ const char *pags_path_below(const char *root, const char *path) {
 }
 
 /* Looks in `folder` for the picture that the set calls `name`, below as many of its folders as there are, with its
- * extension or another. *out NULL: there is none. */
+ * extension or another. *out NULL: not found. */
 static pags_result find_in(const char *folder, const char *name, char **out) {
   static const char *const extensions[] = {"",     ".png",  ".jpg", ".jpeg", ".JPG",
                                            ".PNG", ".JPEG", ".exr", ".webp", ".tif"};
@@ -195,8 +195,8 @@ typedef struct findings {
   int lens_width, lens_height; /* of the first that is scaled */
 } findings;
 
-/* How well a picture of so many pixels fits its camera; one whose pixels aren't square may also fit it stretched to
- * square ones. `aspect` is a pixel's width over its height. */
+/* How well a picture of this number of pixels fits its camera; one whose pixels aren't square may also fit it stretched
+ * to square ones. `aspect` is a pixel's width over its height. */
 static pags_size_fit fit_size(const pags_lens *lens, int width, int height, double aspect) {
   const pags_size_fit fit = pags_size_fits(width, height, lens->width, lens->height);
   if (fit != PAGS_FIT_NONE || aspect == 1)
@@ -287,7 +287,7 @@ static const char *layer_of(const pags_parsed_view *view) {
   return view->picture.layer[0] ? view->picture.layer : "what has no layer";
 }
 
-/* Says how the files of photographs were read where they leave a choice. */
+/* Reports how the files of photographs were read where they leave a choice. */
 static void report_files(const pags_parsed_dataset *parsed, const findings *found, pags_image_alpha alpha) {
   static const char *const rest[] = {"the background colour", "left out of the loss", "black"};
   if (found->partial.count)
@@ -328,7 +328,7 @@ static void report_files(const pags_parsed_dataset *parsed, const findings *foun
                      layer_of(found->layer.first));
 }
 
-/* Says what is no fault: how many there are of a kind. */
+/* Reports findings that are no faults, as counts per kind. */
 static void note(const pags_parsed_dataset *parsed, const findings *found, const tally *t, const char *what) {
   if (t->count)
     pags_log_message(PAGS_LOG_INFO, "%s: %lld of %lld photographs %s; the first is %s", parsed->source, t->count,

@@ -34,7 +34,7 @@ static void draw_point(const pags_camera *const *cameras, int64_t count, double 
   const double depth = pags_focus_depth(distance, pags_rng_uniform(seed, STREAM + DRAW_DEPTH, draw));
   double p[3];
   if (!pags_camera_point(camera, pixel[0] * camera->width, pixel[1] * camera->height, depth, p))
-    p[0] = p[1] = 0, p[2] = depth; /* beside its circle a lens sees nothing: along its axis then */
+    p[0] = p[1] = 0, p[2] = depth; /* outside its circle a lens sees nothing: use its axis then */
   for (int i = 0; i < 3; i++)
     point[i] = m[4 * i] * p[0] + m[4 * i + 1] * p[1] + m[4 * i + 2] * p[2] + m[4 * i + 3];
 }

@@ -236,7 +236,7 @@ static pags_result read_points(reader *r) {
 
 /* ---- What is not used ---- */
 
-/* Says which keys with a meaning of their own are ignored: how many frames have them, or the top. */
+/* Reports which keys with a meaning of their own are ignored: how many frames have them, or the top. */
 static void report_unused(const reader *r, const pags_json_value *frames) {
   static const struct {
     const char *key, *what;

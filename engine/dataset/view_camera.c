@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Chooses the camera of a view's photographs (view_camera.h), and masks what its lens doesn't see.
  *
- * What is seen lies within the image of the circle at the lens's widest angle from its axis, a smooth closed curve
+ * Whatever is seen lies within the image of the circle at the lens's widest angle from its axis, a smooth closed curve
  * around the principal point; a polygon of it is a thousandth of a pixel off. */
 #include "dataset/view_camera.h"
 
@@ -68,7 +68,7 @@ pags_result pags_view_camera_choose(pags_dataset *dataset, int64_t index, bool u
       return PAGS_OK;
     }
   PAGS_TRY(pags_lens_prepare(lens, where));
-  if (!(lens->model.field > 0)) /* else the field says how far it is right */
+  if (!(lens->model.field > 0)) /* else the field states how far it is right */
     PAGS_TRY(pags_lens_check_inverse(lens, where, share));
   if (undistort || pags_lens_is_pinhole(lens))
     return pags_lens_pinhole(lens, where, out);

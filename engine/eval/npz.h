@@ -28,7 +28,7 @@ pags_result pags_npz_load(const char *path, pags_npz *out);
 pags_result pags_npz_parse(const uint8_t *bytes, size_t size, const char *path, pags_npz *out);
 void pags_npz_destroy(pags_npz *npz); /* frees and zeroes */
 
-/* Returns the array of that name, NULL if there is none. */
+/* Returns the array of that name, NULL if not found. */
 const pags_npz_array *pags_npz_find(const pags_npz *npz, const char *name);
 
 #endif

@@ -252,7 +252,7 @@ static double load_fixed(const uint8_t *p) {
   return (double)(int32_t)load_big(p, 4) / 65536;
 }
 
-/* A tag's bytes; NULL: there is none, or it doesn't lie in the profile. At least 8 bytes: its type and four of padding.
+/* A tag's bytes; NULL: not found, or it doesn't lie in the profile. At least 8 bytes: its type and four of padding.
  */
 static const uint8_t *find_tag(const uint8_t *profile, size_t size, const char *signature, size_t *length) {
   const size_t count = load_big(profile + 128, 4);
@@ -326,7 +326,7 @@ static void read_name(const uint8_t *profile, size_t size, char name[PAGS_IMAGE_
     snprintf(name, PAGS_IMAGE_NAME, "an ICC profile without a name");
 }
 
-/* The columns of the matrix; false: there is none. */
+/* The columns of the matrix; false: not found. */
 static bool read_matrix(const uint8_t *profile, size_t size, double d50[9]) {
   static const char *const signatures[] = {"rXYZ", "gXYZ", "bXYZ"};
   for (int c = 0; c < 3; c++) {

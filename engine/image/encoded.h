@@ -33,7 +33,7 @@ pags_result pags_encoded_check(const pags_encoded *file, const pags_picture_info
 pags_result pags_encoded_bad_header(const pags_encoded *file, const char *name, const char *text);
 pags_result pags_encoded_bad_samples(const pags_encoded *file, const char *name, const char *text);
 
-/* The ratio that a file states of a pixel's sides, or 1 for one that is none: not finite, not positive, or within 1 %
+/* The ratio that a file states of a pixel's sides, or 1 for an invalid one: not finite, not positive, or within 1 %
  * of a square. */
 static inline double pags_pixel_aspect(double stated) {
   return stated > 0.05 && stated < 20 && (stated < 0.99 || stated > 1.01) ? stated : 1;

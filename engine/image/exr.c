@@ -34,7 +34,7 @@ typedef struct exr_state {
 /* ---- Callbacks ---- */
 
 /* Counts the thread's allocations that failed. OpenEXRCore's allocator knows of no context, and its error code for
- * lack of memory also stands for damaged blocks. */
+ * PAGS_ERROR_MEMORY is also returned for damaged blocks. */
 static _Thread_local int failed_allocations;
 
 static void *allocate(size_t size) {
@@ -194,7 +194,7 @@ static pags_result begin(exr_state *state, uint64_t *least) {
   return code == EXR_ERR_SUCCESS ? read_header(state, least) : explain(state, code, pags_encoded_bad_header);
 }
 
-/* Converts a row of one channel, stored little-endian, to floats that lie `step` apart. */
+/* Converts a row of one channel, stored little-endian, to floats with a stride of `step`. */
 static void convert_row(const uint8_t *from, exr_pixel_type_t type, int width, float *to, size_t step) {
   for (int x = 0; x < width; x++, to += step) {
     if (type == EXR_PIXEL_HALF) {
@@ -208,7 +208,7 @@ static void convert_row(const uint8_t *from, exr_pixel_type_t type, int width, f
 }
 
 /* Converts a block that lies decompressed in the pipeline, row by row and in each channel by channel: line `y` of the
- * data window and what follows. What lies outside of the picture is left out. OpenEXRCore's own conversion (3.1.5)
+ * data window and what follows. Pixels outside of the picture are left out. OpenEXRCore's own conversion (3.1.5)
  * mixes up four channels of halves. */
 static void convert_block(const exr_state *state, const exr_decode_pipeline_t *pipeline, const pags_image *out, int y) {
   const uint8_t *from = pipeline->unpacked_buffer;

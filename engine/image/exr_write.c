@@ -13,7 +13,7 @@
 
 enum { BLOCK_ROWS = 16, LEVEL = 4 }; /* rows of a ZIP block; of compression */
 
-/* A sink, and whether all puts so far have succeeded. Numbers are little-endian. */
+/* A sink, and whether all puts have succeeded. Numbers are little-endian. */
 typedef struct exr_output {
   pags_sink *sink;
   bool ok;

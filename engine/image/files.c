@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Reading and writing picture files. The decoder is chosen by how a file begins: PNG, JPEG and EXR have their own, what
- * is none of these, or of another kind than they read, is given to OpenImageIO (other.h). */
+ * is not one of these, or of another kind than they read, is given to OpenImageIO (other.h). */
 #include <pags/image.h>
 
 #include "base/file.h"

@@ -140,7 +140,7 @@ static bool read_rows(jpeg_reader *r, uint8_t *row, pags_image *out) {
   return true;
 }
 
-/* The fewest bytes of a file with so many pixels: one bit for each block of 8 x 8. Arithmetic coding takes less. */
+/* The fewest bytes of a file with that many pixels: one bit for each block of 8 x 8. Arithmetic coding takes less. */
 static uint64_t least_bytes(const struct jpeg_decompress_struct *jpeg) {
   const uint64_t blocks = (((uint64_t)jpeg->image_width + 7) / 8) * (((uint64_t)jpeg->image_height + 7) / 8);
   return blocks / (jpeg->arith_code ? 512 : 8);
@@ -184,7 +184,7 @@ static double find_pixel_aspect(const struct jpeg_decompress_struct *jpeg) {
 }
 
 /* Joins the parts of an ICC profile, which segments APP2 hold: a name of 12 bytes, the part's number from 1 on, the
- * number of parts (ICC.1, B.4). NULL: there is none (*size 0), it isn't whole, or there is no memory (*size not 0). */
+ * number of parts (ICC.1, B.4). NULL: not found (*size 0), it isn't whole, or there is no memory (*size not 0). */
 static uint8_t *join_profile(const pags_encoded *file, size_t *size) {
   static const uint8_t name[12] = "ICC_PROFILE";
   const uint8_t *parts[256] = {NULL};

@@ -10,7 +10,7 @@
 
 /* ---- Names ---- */
 
-/* Length of LAYER in LAYER.SUFFIX, 0 where there is none. */
+/* Length of LAYER in LAYER.SUFFIX, 0 where none exists. */
 static size_t layer_length(const char *name) {
   const char *const dot = strrchr(name, '.');
   return dot ? (size_t)(dot - name) : 0;
@@ -190,8 +190,8 @@ pags_result pags_layer_choose(const char *path, const pags_layer_channel *channe
 
 /* ---- Windows ---- */
 
-/* A display window of so many pixels is taken whatever the data window has; a larger one, up to so many times its
- * pixels: a few bytes must not make the reader allocate gigabytes. */
+/* A display window of this number of pixels is taken whatever the data window has; a larger one, up to that many times
+ * its pixels: a few bytes must not make the reader allocate gigabytes. */
 enum { PIXELS = 1 << 24, TIMES = 64 };
 
 pags_result pags_window_compare(const char *path, const pags_window_box *data, const pags_window_box *display,

@@ -35,7 +35,7 @@ typedef struct pags_layer {
 pags_result pags_layer_choose(const char *path, const pags_layer_channel *channels, int count, pags_layer *out);
 
 /* Channels of the picture that is decoded with at most `most`: where the data window covers only a part of it, alpha is
- * added that says which, if the layer has none and there is room. */
+ * added that states which, if the layer has none and there is room. */
 static inline int pags_layer_channels(const pags_layer *layer, pags_image_window window, int most) {
   const int channels = layer->channels + (window == PAGS_WINDOW_PARTIAL && !layer->alpha);
   return channels < most ? channels : most;

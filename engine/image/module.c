@@ -18,7 +18,7 @@ pags_result pags_oiio_module(const pags_oiio **out) {
 
 #define MODULE_NAME "pags_oiio.so"
 
-/* The loaded module, or why there is none. Written once under pthread_once, constant afterwards. */
+/* The loaded module, or why it is missing. Written once under pthread_once, constant afterwards. */
 static pthread_once_t once = PTHREAD_ONCE_INIT;
 static pags_port_module module;
 

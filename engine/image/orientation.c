@@ -41,7 +41,7 @@ static bool open_exif(const uint8_t *bytes, size_t size, exif *out) {
   return true;
 }
 
-/* The entry of a tag in the directory at a byte; NULL: there is none. */
+/* The entry of a tag in the directory at a byte; NULL: not found. */
 static const uint8_t *find_entry(const exif *e, size_t directory, unsigned tag) {
   if (directory > e->size - 2)
     return NULL;

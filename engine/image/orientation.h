@@ -16,7 +16,7 @@ int pags_orientation_of_exif(const uint8_t *bytes, size_t size);
  */
 bool pags_exif_says_adobe_rgb(const uint8_t *bytes, size_t size);
 
-/* A JPEG file's first EXIF segment, without its name; NULL: there is none. */
+/* A JPEG file's first EXIF segment, without its name; NULL: not found. */
 const uint8_t *pags_exif_of_jpeg(const uint8_t *bytes, size_t size, size_t *exif_size);
 
 #endif

@@ -138,7 +138,7 @@ static bool find_in_container(const char *path, pags_colour *colour) {
   return found;
 }
 
-/* The space of the colours. What OpenImageIO names it counts where the file has neither profile nor numbers; names of
+/* The space of the colours. OpenImageIO's name for it counts where the file has neither profile nor numbers; names of
  * what it has converted itself, or assumes, mean nothing here. */
 static void find_colour(const char *path, const pags_oiio_info *info, pags_colour *colour) {
   double xy[8], gamma;

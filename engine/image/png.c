@@ -160,7 +160,7 @@ static pags_result explain(const png_state *state,
 }
 
 /* Reads the header and fills `info` for the picture as it will be decoded; `least` gets the fewest bytes of a file
- * with so many samples. */
+ * with that many samples. */
 static pags_result begin(png_state *state, int most, pags_picture_info *info, uint64_t *least) {
   PAGS_TRY(check_chunks(state->file));
   if (!create_reader(state))
@@ -187,7 +187,7 @@ static int find_orientation(const png_state *state) {
   return 1;
 }
 
-/* A chunk before the pixels; NULL: there is none. check_chunks has found that all lie in the file. */
+/* A chunk before the pixels; NULL: not found. check_chunks has found that all lie in the file. */
 static const uint8_t *find_chunk(const pags_encoded *file, const char *type, uint32_t least) {
   for (size_t at = SIGNATURE; file->size >= HEAD && at <= file->size - HEAD;) {
     const uint8_t *const head = file->bytes + at;

@@ -13,7 +13,7 @@ pags_result pags_png_inspect(const pags_encoded *file, pags_image_facts *facts, 
 
 /* Decodes a picture: U16 for 16 bits a sample, else U8. Fewer bits are scaled to 8, a palette becomes RGB, a
  * transparent colour becomes alpha; alpha is straight. Gamma and colour profile are not applied. With `most` 3, alpha
- * is left out. With file->rows, the picture ends after so many rows, unless it is interlaced. PAGS_ERROR_FORMAT or
+ * is left out. With file->rows, the picture ends after that many rows, unless it is interlaced. PAGS_ERROR_FORMAT or
  * PAGS_ERROR_MEMORY; then `out` is zeroed. */
 pags_result pags_png_decode(const pags_encoded *file, int most, pags_image *out);
 

@@ -125,16 +125,16 @@ typedef struct pags_kitti_form {
   double scale; /* metres per unit */
 } pags_kitti_form;
 
-/* Finds the form of a sweep by its numbers. PAGS_ERROR_FORMAT if they are none that a LiDAR measures, or places in the
+/* Finds the form of a sweep by its numbers. PAGS_ERROR_FORMAT if no LiDAR measures such numbers, or places in the
  * world's axes. */
 pags_result pags_kitti_form_find(const char *path, pags_kitti_form *out);
 bool pags_kitti_form_is_usual(const pags_kitti_form *form);
-/* Reads a sweep as rows of x y z reflectance in velo, metres; the reflectance is 0 if there is none. The caller frees
- * *xyzr. */
+/* Reads a sweep as rows of x y z reflectance in velo, metres; the reflectance is 0 if the file has none. The caller
+ * frees *xyzr. */
 pags_result pags_kitti_points_read(const char *path, const pags_kitti_form *form, int64_t *count, float **xyzr);
 
 /* Reads timestamps.txt of a raw recording, lines like "2011-09-26 13:02:25.594360375", as seconds since 1970; the
- * clock is taken as UTC, whatever it was. An empty line stands for a time that was lost, as in drives with
+ * clock is taken as UTC, whatever it was. An empty line represents a time that was lost, as in drives with
  * lost sweeps: it becomes NaN, and the lines behind it keep their numbers. Empty lines at the end aren't counted. The
  * caller frees *seconds. */
 pags_result pags_kitti_times_read(const char *path, int64_t *count, double **seconds);

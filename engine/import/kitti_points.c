@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Reads the sweeps of KITTI's Velodyne and of programs that write them in other forms (kitti_files.h).
  *
- * The bytes of a sweep don't say what they are. A form is taken if the numbers that it gives are what a LiDAR can
+ * The bytes of a sweep don't state what they are. A form is taken if the numbers that it gives are what a LiDAR can
  * measure: places within its reach, and a reflectance that isn't negative. Read with the wrong width or the wrong
  * number of columns, they aren't. */
 #include <math.h>

@@ -21,7 +21,7 @@ char *pags_lines_next(pags_lines *lines);
 
 /* Takes the next word, ended by blanks or commas, from *text and moves *text behind it; NULL at the end. */
 char *pags_take_word(char **text);
-/* Parse a whole word as a finite number, or as an integer of lo..hi; false if it is none. */
+/* Parse a whole word as a finite number, or as an integer of lo..hi; false if it is not. */
 bool pags_word_number(const char *word, double *out);
 bool pags_word_integer(const char *word, int64_t lo, int64_t hi, int64_t *out);
 

@@ -16,7 +16,7 @@ typedef struct pags_kitti_span {
   int64_t first, last, total;          /* first and last included; total: number of frames of the whole sequence */
   const double *times;                 /* seconds, one per frame from `first` on */
   const double (*world_from_velo)[12]; /* of each frame from `first` on */
-  pags_account *account;               /* what is left out is added to it; NULL: nowhere */
+  pags_account *account;               /* omissions are added to it; NULL: nowhere */
 } pags_kitti_span;
 
 /* Make tracks from the boxes of the imported frames; other boxes, and tracks without a box in these frames, are left

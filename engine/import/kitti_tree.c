@@ -32,7 +32,7 @@ static char *join_format(const char *folder, const char *format, ...) {
 static const char *const extensions[] = {".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG"};
 enum { EXTENSIONS = sizeof extensions / sizeof extensions[0] };
 
-/* Returns the path of the photograph that is there; with KITTI's own extension if there is none. */
+/* Returns the path of the photograph that is there; with KITTI's own extension if none exists. */
 char *pags_kitti_image_path(const pags_kitti_tree *tree, int camera, int64_t frame) {
   for (int i = 0; i <= EXTENSIONS; i++) {
     const char *extension = extensions[i % EXTENSIONS];
@@ -114,7 +114,7 @@ static bool want(missing *m, exists_fn *exists, const char *format, ...) {
   return there;
 }
 
-/* Says what is missing of the cameras, if nothing else is, and what would do. */
+/* Reports what is missing of the cameras, if nothing else is, and what would do. */
 static void add_camera_hint(const pags_kitti_tree *tree, char *hint, size_t size) {
   char *grey = pags_path_join(tree->root, "image_00");
   char *left = pags_path_join(tree->root, "image_02");
@@ -436,7 +436,7 @@ static void want_file(missing *m, char *path) {
   free(path);
 }
 
-/* Says why there is no LiDAR; sweeps in another form than KITTI's are an error. */
+/* Reports why there is no LiDAR; sweeps in another form than KITTI's are an error. */
 static pags_result explain_no_sweeps(pags_kitti_tree *tree, const char *velodyne) {
   char *path = pags_kitti_points_path(tree, tree->first), *folder = path ? pags_path_folder(path) : NULL;
   pags_result result = folder ? PAGS_OK : pags_out_of_memory("%s", tree->root);

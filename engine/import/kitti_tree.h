@@ -17,7 +17,7 @@ typedef struct pags_kitti_tree {
   int camera_count;
   int64_t frames;              /* number of frames of the whole sequence */
   int64_t first, last;         /* imported frames, both included */
-  pags_account account;        /* what is left out, and why */
+  pags_account account;        /* omissions and their reasons */
   bool has_points, has_labels; /* whether there are any sweeps; whether there is a file of labels */
 } pags_kitti_tree;
 

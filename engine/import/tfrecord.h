@@ -34,7 +34,7 @@ pags_result pags_tfrecord_next(pags_tfrecord *reader, pags_tfrecord_item *item);
  * the file. */
 pags_result pags_tfrecord_skip(pags_tfrecord *reader, int *end);
 
-/* Returns the fraction of the file's bytes read so far, 0..1. */
+/* Returns the fraction of the file's bytes read until now, 0..1. */
 double pags_tfrecord_fraction(const pags_tfrecord *reader);
 
 /* CRC-32C of `size` bytes, unmasked. */

@@ -66,7 +66,7 @@ typedef struct importer {
   double *camera_poses;            /* 12 numbers per photograph: camera-to-world */
   int64_t labelled;                /* number of photographs with panoptic labels */
   int64_t sweeps;                  /* number of frames with LiDAR points */
-  pags_account account;            /* what is left out, and why */
+  pags_account account;            /* omissions and their reasons */
 } importer;
 
 /* Calls the progress function; fails if it asks to cancel. */
@@ -245,7 +245,7 @@ static pags_result read_frame(importer *im, const pags_waymo_frame *message, int
 
 /* ---- Reading the file ---- */
 
-/* Says what a file is that begins with no record, if that is known; else keeps the message that there is. */
+/* Reports what a file is that begins with no record, if that is known; else keeps the message that there is. */
 static pags_result explain(const char *source, pags_result result) {
   if (pags_foreign_recording_check(source, false) == PAGS_OK)
     return result;

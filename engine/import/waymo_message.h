@@ -32,7 +32,7 @@ void pags_waymo_free_matrix(pags_waymo_matrix *matrix); /* NULL is allowed */
 pags_result pags_waymo_transform(const Pags__Waymo__Transform *transform, const char *where, const char *what,
                                  double out[12]);
 
-/* Return the calibration or the image with Waymo's name `name` (1..5); NULL if there is none. */
+/* Return the calibration or the image with Waymo's name `name` (1..5); NULL if not found. */
 const Pags__Waymo__CameraCalibration *pags_waymo_camera(const pags_waymo_frame *frame, int name);
 const Pags__Waymo__LaserCalibration *pags_waymo_lidar_calibration(const pags_waymo_frame *frame, int name);
 const Pags__Waymo__CameraImage *pags_waymo_image(const pags_waymo_frame *frame, int name);

@@ -94,7 +94,7 @@ void pags_actors_park(pags_street *street, pags_dice *dice, const pags_cast *mod
 /* ---- Moving actors ---- */
 
 /* Returns the time, seconds, at which the ego vehicle meets actor `index` of the `count` actors of one role. These
- * times are spread about the middle of the recording, at least `gap` seconds apart. */
+ * times are spread about the middle of the recording, at least `gap` seconds from each other. */
 static double meeting(const pags_street *street, int index, int count, double gap) {
   return 0.5 * street->duration + (index - 0.5 * (count - 1)) * fmax(street->duration / count, gap);
 }
@@ -149,7 +149,8 @@ static void cross(pags_street *street, const pags_cast *models, pags_dice *dice,
   const double speed = 1.4, spacing = (double)street->markings.spacing;
   const int crossings = 1 + (int)(street->end / spacing), chosen = crossings - 1 - p.index % crossings;
   const double x = (double)street->markings.first_crossing - spacing * (crossings - 1 - chosen);
-  const double row = p.index / crossings; /* pedestrians on one crossing walk in up to four files, 0.9 s apart */
+  const double row =
+      p.index / crossings; /* pedestrians on one crossing walk in up to four files, 0.9 s from each other */
   const double when = fmax(0.0, (x - 45.0) / 10.0) - 0.9 * row; /* time in the middle of the ego lane, seconds */
   pags_actors_stand(street, &models->people[p.look % PAGS_PERSON_KINDS],
                     (pags_actor){.moving = 1,

@@ -52,7 +52,7 @@ typedef struct pags_markings {
   float first_crossing, spacing; /* x of the middle of one crossing; metres from each crossing to the next */
 } pags_markings;
 
-/* The size, in metres, of the piece of surface that one sample stands for. Finer patterns fade to their mean. */
+/* The size, in metres, of the piece of surface that one sample represents. Finer patterns fade to their mean. */
 typedef struct pags_footprint {
   float mean; /* geometric mean of the piece's two sides */
   float x, y; /* extents of the piece along the world's x and y */

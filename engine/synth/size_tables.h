@@ -4,7 +4,7 @@
  *
  * Ground and house fronts were measured on the background of a trained real street (`pags train pandaset-002
  * --iterations 10000`; 3 cameras of 960x540, SH degree 1, 753 thousand Gaussians): 22 x 8 m of road in front of the
- * car (33 thousand Gaussians) and two house fronts 20 and 28 m beside it (8 thousand). Things were measured on parked
+ * car (33 thousand Gaussians) and two house fronts 20 and 28 m next to it (8 thousand). Things were measured on parked
  * cars and trees of a trained synthetic street (`pags synth street`; 40 frames, 3 cameras of 480x270; 3,000 steps; 59
  * thousand Gaussians), because few of them are visible in the real one. House fronts in that synthetic street are
  * fainter, since it was trained for far fewer steps: half of the opacities lie below 0.12 instead of 0.27, and the

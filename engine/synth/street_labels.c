@@ -142,8 +142,8 @@ static pags_layout_info info_of(const pags_street *street, pags_layout_camera ca
                             .lidar_columns = columns};
 }
 
-/* All exposures of a frame have the frame's time: nobody knows of a camera's delay. Of a rolling shutter, the begin and
- * the end of the read-out are known; a line is exposed for no time. */
+/* All exposures of a frame have the frame's time: nobody knows of a camera's delay. With a rolling shutter, the begin
+ * and the end of the read-out are known; a line is exposed for no time. */
 pags_result pags_street_write_timestamps(const pags_street *street, const char *path) {
   pags_layout_camera cameras[3];
   const pags_layout_info info = info_of(street, cameras);

@@ -21,7 +21,7 @@ float pags_town_length(const pags_town_plan *plan); /* length of each street, me
 /* The x of the middle of the lane that follows block column `column`. */
 float pags_town_lane_x(const pags_town_plan *plan, int column);
 
-/* Builds the meshes and placements of the whole town as one pags_street. Of `options` only the seed is used; they
+/* Builds the meshes and placements of the whole town as one pags_street. Only the seed of `options` is used; they
  * must outlive the town. */
 pags_result pags_town_build(const pags_street_options *options, const pags_town_plan *plan, pags_street *town);
 

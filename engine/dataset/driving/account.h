@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The account of an import: what was left out and why. It becomes "result" of import.json, in the shape that the
+/* The account of an import: the data left out, and why. It becomes "result" of import.json, in the shape that the
  * Python importers write (tools/recordings/pags_recordings/account.py), and `pags import` prints it. */
 #ifndef PAGS_DATASET_DRIVING_ACCOUNT_H
 #define PAGS_DATASET_DRIVING_ACCOUNT_H

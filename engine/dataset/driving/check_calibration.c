@@ -22,7 +22,7 @@ static bool same_size(const pags_parsed_view *a, const pags_parsed_view *b) {
   return a->lens.width == b->lens.width && a->lens.height == b->lens.height;
 }
 
-/* Returns the first photograph of the camera, or the first of another size than `usual` has; NULL: there is none. */
+/* Returns the first photograph of the camera, or the first of another size than `usual` has; NULL: not found. */
 static const pags_parsed_view *find_view(const pags_parsed_dataset *parsed, const pags_sensor *sensor,
                                          const pags_parsed_view *usual) {
   for (int64_t i = 0; i < parsed->count; i++)
@@ -64,7 +64,7 @@ static pags_result check_sizes(const pags_driving *driving, const pags_parsed_da
 /* ---- Intrinsics ---- */
 
 /* Shares of the picture's side: the least focal length of a pinhole camera (157 degrees); how far the principal point
- * lies from the middle before it is told, and before another size of the picture is looked for. */
+ * lies from the middle before it is reported, and before another size of the picture is looked for. */
 static const double least_focal = 0.1, most_focal = 30, far_off = 0.3, off = 0.06;
 
 /* Whether the principal point is the middle of a picture of another size; *scale: that size by this one's. */

@@ -20,7 +20,7 @@ typedef struct track {
 } track;
 
 /* Copies the poses of a camera at the time steps where it has one; returns their number. `any`: cameras are fixed to
- * the car, so that at a step without a photograph of this one another camera's pose says where it is. */
+ * the car, so that at a step without a photograph of this one another camera's pose states where it is. */
 static int64_t take_poses(const pags_driving *driving, const pags_parsed_dataset *parsed, int64_t sensor, bool any,
                           track *out) {
   int64_t count = 0;

@@ -23,7 +23,7 @@ enum { MOST_POINTS = 1500, MOST_HEIGHTS = 256, SLOTS = 4096 };
 /* Metres: side of a voxel, distance driven between the sweeps (least, best), height above the ground and distance from
  * the car of the points that count. */
 static const double voxel = 1, least_way = 2, best_way = 6, above_ground = 0.7, reach = 60;
-/* Another reading of the poses is told if its share is so much larger and at least so large. */
+/* Another reading of the poses is reported if its share is larger by the first number and at least the second. */
 static const double least_ratio = 1.4, least_share = 0.35;
 
 typedef struct points {

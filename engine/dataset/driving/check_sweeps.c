@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Looks at the sweep of the middle of a driving set: refuses values that can't be points in metres, and rows of another
- * number of columns, and says what the file looks like instead.
+ * number of columns, and states what the file looks like instead.
  *
- * The number of columns is told by their spread. Read with the right number, x, y, z, intensity, ... differ in their
- * standard deviations s_j; read with another, every column mixes all of them and has the standard deviation s of all
- * values. The gain mean_j log(s / s_j) is 0.6 and more for the first and about 0 for the second; multiples of the right
- * number have its gain, and divisors a part of it. */
+ * The spread of the values tells the number of columns. Read with the right number, x, y, z, intensity, ... differ in
+ * their standard deviations s_j; read with another, every column mixes all of them and has the standard deviation s of
+ * all values. The gain mean_j log(s / s_j) is 0.6 and more for the first and about 0 for the second; multiples of the
+ * right number have its gain, and divisors a part of it. */
 #include "dataset/driving/checks.h"
 #include "dataset/driving/reader.h"
 
@@ -141,7 +141,7 @@ static bool fits(const sample *s, const reading *how) {
   return look.points > 0 && is_plausible(&look) && look.median >= 4 && look.median <= 60;
 }
 
-/* Says what the points look like, if they aren't what the rules say. */
+/* Reports what the points look like, if they aren't what the rules say. */
 static const char *guess(const sample *s, const reading *declared, const pags_sweep *sweep) {
   reading how = *declared;
   how.wide = true;
@@ -182,7 +182,7 @@ static bool is_no_return(const sample *s, const reading *declared, int piece, si
   return true;
 }
 
-/* Returns the gain of reading the values in rows of so many columns (see above); -1 if there are too few. */
+/* Returns the gain of reading the values in rows of this number of columns (see above); -1 if there are too few. */
 static double gain_of(const sample *s, const reading *declared, int columns) {
   double sum[MOST] = {0}, square[MOST] = {0}, total = 0, squares = 0, gain = 0;
   int64_t counts[MOST] = {0}, all = 0;

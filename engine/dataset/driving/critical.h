@@ -10,7 +10,7 @@
  * after the rules, the views and the tracks have been read. */
 pags_result pags_critical_choose(pags_driving *driving, const char *list, pags_parsed_dataset *parsed);
 
-/* Adds the notes that say which masks exist and what the sky and critical pixels are taken from. Call it after the
+/* Adds the notes that state which masks exist and what the sky and critical pixels are taken from. Call it after the
  * sweeps have been found. */
 pags_result pags_critical_note(pags_driving *driving, const pags_parsed_dataset *parsed);
 

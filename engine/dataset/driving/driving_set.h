@@ -32,7 +32,7 @@ typedef struct pags_sensor {
   int number;
   char *name;
   pags_lens lens;             /* width and height are not set */
-  bool lens_stated;           /* dataset.json says what lens it is, not the count of numbers in its intrinsics */
+  bool lens_stated;           /* dataset.json states what lens it is, not the count of numbers in its intrinsics */
   double ego_from_camera[12]; /* OpenCV axes; only with constant extrinsics */
   pags_image ego;   /* one channel, size of the photographs, 255 where the ego vehicle is seen; data NULL: none */
   bool ego_of_ones; /* the file of `ego` has 1 in place of 255 */
@@ -92,7 +92,7 @@ int64_t pags_driving_step(const pags_driving *driving, int64_t frame);
 bool pags_driving_has_boxes(const pags_driving *driving, int frame);
 pags_sensor *pags_driving_sensor(const pags_driving *driving, int number); /* NULL if the camera is not used */
 
-/* Adds a line that says how the set was read; `pags info` and `pags train` print it. */
+/* Adds a line that states how the set was read; `pags info` and `pags train` print it. */
 pags_result pags_driving_note(pags_driving *driving, const char *format, ...) PAGS_PRINTF(2, 3);
 
 #endif

@@ -2,9 +2,9 @@
 /* Finds the pixels in which each camera sees the ego vehicle: from masks of the user, else by a search for pixels
  * that never change.
  *
- * The search compares training photographs of one camera, at least half a metre apart and spread over the distance
- * driven, shrunk to a width of about 240 pixels. A pixel is still if the standard deviation of its brightness over
- * the photographs is below two of 255 levels; the texture of a road varies by more, however grey it looks. After a
+ * The search compares training photographs of one camera, at least half a metre from each other and spread over the
+ * distance driven, shrunk to a width of about 240 pixels. A pixel is still if the standard deviation of its brightness
+ * over the photographs is below two of 255 levels; the texture of a road varies by more, however grey it looks. After a
  * 3x3 morphological opening, which removes isolated pixels, a connected component of still pixels becomes the mask if
  * it covers at least a hundredth of the picture and touches at least a twentieth of its lower edge. Four photographs
  * rule out most cameras; only the remaining ones are searched with all chosen photographs (up to twelve). Cameras that

@@ -111,8 +111,8 @@ pags_result pags_label_plane_load(const pags_dataset *dataset, int64_t index, pa
   return load_files(driving, view, labels->data, mask);
 }
 
-/* Label bits that the box of an object sets in a view. Where the view has dynamic masks, these say what moves, and
- * where it has label images, these say what is critical, because both are more precise than boxes. */
+/* Label bits that the box of an object sets in a view. Where the view has dynamic masks, these state what moves, and
+ * where it has label images, these state what is critical, because both are more precise than boxes. */
 static uint8_t bits_of(const pags_driving *driving, int64_t index, const pags_parsed_view *view) {
   const pags_object *object = &driving->objects[index];
   static const uint8_t kinds[] = {0, PAGS_LABEL_VEHICLE, PAGS_LABEL_PEDESTRIAN, PAGS_LABEL_CYCLIST};

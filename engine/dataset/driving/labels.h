@@ -26,8 +26,8 @@ typedef struct pags_labels {
 pags_result pags_labels_take(pags_labels *all, const char *id, const char *class_name, const uint8_t *present,
                              pags_label *labels, int64_t count);
 
-/* Says what was found and what was mended. A file without any object is told, and is no file of boxes. `of`: added to
- * the note after the number of objects. */
+/* Reports what was found and what was mended. A file without any object is reported and does not count as boxes. `of`:
+ * added to the note after the number of objects. */
 pags_result pags_labels_end(pags_labels *all, const char *of);
 
 #endif

@@ -3,12 +3,12 @@
  * CARLA and Unreal have them, all of it is consistent but for the photographs, which show the street the other way
  * round.
  *
- * What a patch of a photograph shows is found on its epipolar line in another one, which the camera took some metres
- * away. If the recording is mirrored, the line lies there for the mirrored motion of the camera. The two lines are the
- * same where a camera moves straight along its axis, and apart where it turns, by half a degree even, or looks aside.
- * For patches rich in contrast the best correlation on a line is taken; the mean over a pair of photographs is 0.02 to
- * 0.2 larger for the right motion in the recordings tried, and hardly ever smaller. The warning wants three pairs in
- * which the mirrored motion is better by 0.03, four times as many as the opposite, and 0.015 in the mean. */
+ * The content of a patch of a photograph is found on its epipolar line in another one, which the camera took some
+ * metres away. If the recording is mirrored, the line lies there for the mirrored motion of the camera. The two lines
+ * are the same where a camera moves straight along its axis, and differ where it turns, by half a degree even, or looks
+ * aside. For patches rich in contrast the best correlation on a line is taken; the mean over a pair of photographs is
+ * 0.02 to 0.2 larger for the right motion in the recordings tried, and hardly ever smaller. The warning wants three
+ * pairs in which the mirrored motion is better by 0.03, four times as many as the opposite, and 0.015 in the mean. */
 #include "dataset/driving/looks.h"
 
 #include "base/log.h"
@@ -126,7 +126,7 @@ static double best_match(const pags_dataset *dataset, const plane pair[2], const
 }
 
 /* Compares the photographs of a pair by the patches of more than the mean contrast: each is found somewhere on its
- * epipolar line if the motion of the camera is right, and only by chance on that of the mirrored motion. */
+ * epipolar line if the motion of the camera is right, and only at random on that of the mirrored motion. */
 static int64_t compare_patches(const pags_dataset *dataset, const plane pair[2], double *read, double *flipped) {
   double to[12], b_from_a[12], mean = 0;
   int64_t count = 0, all = 0;

@@ -2,7 +2,7 @@
 /* Finds poses of a car that leap, labels of objects that lie aside, and tracks that go from one object to another
  * (motion.h).
  *
- * A fault is told from motion by its neighbours: a value is compared with the median of what the poses around it
+ * The neighbours distinguish a fault from motion: a value is compared with the median of what the poses around it
  * predict. The median stays right as long as most of them are, so that one wrong pose, or two in a row, don't make
  * their neighbours suspicious. */
 #include "dataset/driving/motion.h"
@@ -153,7 +153,7 @@ pags_track_leap pags_track_find_leap(const pags_object *object) {
 
 /* ---- Labels that are turned by half a turn ---- */
 
-/* Whether no object of this category turns so far from one label to the next. Walkers may turn on the spot. */
+/* Whether no object of this category turns that far from one label to the next. Walkers may turn on the spot. */
 static bool is_flip(const pags_object *object, const pags_keyframe *a, const pags_keyframe *b) {
   const double angle = angle_between(a->world_from_object, b->world_from_object);
   const double fastest = object->category == PAGS_CATEGORY_PEDESTRIAN ? 500 : 200; /* degrees a second */
@@ -232,7 +232,7 @@ static int predict(const pags_object *object, const uint8_t *mended, int64_t at,
   return n == 0 ? 0 : a && b ? 1 : 2;
 }
 
-/* How far a label lies beside its prediction, in units of what motion and noise explain; `place` is the prediction. */
+/* Distance of a label from its prediction, in units of what motion and noise explain; `place` is the prediction. */
 static double place_error(const pags_object *object, const uint8_t *mended, int64_t at, double spacing,
                           double place[3]) {
   const double *m = object->keyframes[at].world_from_object;
@@ -306,7 +306,7 @@ void pags_track_mend(const pags_object *object, uint8_t *mended) {
 
 /* ---- Tracks that go from one thing to another ---- */
 
-/* Labels of a thing of its own, at least; steps beside a gap that tell the speed there; most pieces of a track. */
+/* Labels of a thing of its own, at least; steps next to a gap that tell the speed there; most pieces of a track. */
 enum { LEAST_PART = 3, SIDE = 3, MOST_PARTS = 32 };
 
 /* Velocity along an axis at a label, from at most SIDE steps to labels of the same part before (direction -1) or behind
@@ -353,8 +353,8 @@ static int cut(const pags_object *object, int *part, const double *errors, doubl
   return pieces;
 }
 
-/* Joins a piece to an earlier part that it goes on from, but for the one just before it: what comes back after a leap.
- * Its labels must be within a metre and 2 m/s of where that part leads. */
+/* Joins a piece to an earlier part that it continues from, except for the piece just before it: a track that comes back
+ * after a leap. Its labels must be within a metre and 2 m/s of where that part leads. */
 static void join(const pags_object *object, int *part, int64_t begin, double usual) {
   int best = -1;
   double least = 1;

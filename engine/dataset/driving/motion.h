@@ -27,14 +27,14 @@ typedef struct pags_leaps {
 pags_leaps pags_find_leaps(const double (*poses)[12], const double *times, int64_t count);
 
 /* The first step of a track, from keyframe `keyframe` to the next, whose speed differs by more than 30 m/s^2 and 0.8 m
- * of noise from the steps around it: how far it is off and its length in time. `metres` 0: there is none. */
+ * of noise from the steps around it: how far it is off and its length in time. `metres` 0: none exists. */
 typedef struct pags_track_leap {
   int64_t keyframe;
   double metres, seconds;
 } pags_track_leap;
 pags_track_leap pags_track_find_leap(const pags_object *object);
 
-/* Bits that say what was done to a label. */
+/* Bits that state what was done to a label. */
 enum { PAGS_MENDED_NOT = 0, PAGS_MENDED_TURNED = 1, PAGS_MENDED_MOVED = 2 };
 
 /* Mends the labelled poses of a track, whose keyframes are sorted by time. Labels that face the other way than most of

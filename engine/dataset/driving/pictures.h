@@ -13,7 +13,7 @@ typedef struct pags_driving_picture {
   const char *name; /* file name, owned by the listing of the folder */
 } pags_driving_picture;
 
-/* Reads a decimal number and moves *at behind it; returns false if there is none or if it is above 99999999. */
+/* Reads a decimal number and moves *at behind it; returns false if not found or if it is above 99999999. */
 bool pags_driving_number(const char **at, int *out);
 
 /* Parses the name of a picture like "012_3.jpg": frame 12, camera 3. */
@@ -26,7 +26,7 @@ bool pags_driving_same_picture(const pags_driving_picture *a, const pags_driving
 pags_result pags_driving_pictures(const char *folder, const pags_dir_list *list, int64_t *count,
                                   pags_driving_picture **out);
 
-/* Whether the sorted pictures have one of that frame and camera; -1 stands for any. */
+/* Whether the sorted pictures have one of that frame and camera; -1 matches any. */
 bool pags_driving_has_picture(const pags_driving_picture *pictures, int64_t count, int frame, int camera);
 
 #endif

@@ -33,7 +33,7 @@ static const pags_json_value *of_camera(const pags_json *json, const char *key, 
 
 /* A camera's list of numbers in timestamps.json, read along the frames. */
 typedef struct time_list {
-  const pags_json_value *item; /* of `frame`; NULL: there is none */
+  const pags_json_value *item; /* of `frame`; NULL: not found */
   int frame;
 } time_list;
 
@@ -42,7 +42,7 @@ static time_list times_of(const rolling *r, const char *what, const char *camera
   return (time_list){list && list->type == PAGS_JSON_ARRAY ? list->first : NULL, 0};
 }
 
-/* The number at a frame, which isn't before the last one asked for; NaN where there is none. */
+/* The number at a frame, which isn't before the last one asked for; NaN where none exists. */
 static double time_at(time_list *t, int frame) {
   for (; t->item && t->frame < frame; t->frame++)
     t->item = t->item->next;
@@ -127,7 +127,7 @@ static pags_result read_all(const rolling *r) {
   return PAGS_OK;
 }
 
-/* Parses a file of the set; *out is NULL if there is none. */
+/* Parses a file of the set; *out is NULL if not found. */
 static pags_result parse(const pags_driving *driving, const char *name, pags_json **out) {
   char *path = pags_path_join(driving->root, name);
   *out = NULL;

@@ -10,8 +10,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Finds the folder of the model: `named` itself or one of COLMAP's subfolders, taken as a path as it stands, then
- * relative to the data set. Returns NULL if there is none; the caller frees the path. */
+/* Finds the folder of the model: `named` itself or one of COLMAP's subfolders, taken as a path as it is, then
+ * relative to the data set. Returns NULL if not found; the caller frees the path. */
 static char *find_model(const char *root, const char *named) {
   static const char *const below[] = {"", "sparse/0", "sparse"};
   const char *const bases[] = {NULL, root};
@@ -42,7 +42,7 @@ static int64_t match_views(const pags_parsed_dataset *model, pags_parsed_dataset
   return matched;
 }
 
-enum { FARTHEST = 10000 }; /* m; beyond it, a photograph of a street shows nothing that a point could stand for */
+enum { FARTHEST = 10000 }; /* m; beyond it, a photograph of a street shows nothing that a point could represent */
 
 /* Leaves out the points that are farther than FARTHEST from the car's place in the middle of the recording. */
 static void drop_far(const pags_driving *driving, pags_parsed_points *points, const char *model) {

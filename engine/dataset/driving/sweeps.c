@@ -52,7 +52,7 @@ static pags_result check_size(const pags_driving *driving, const char *path, uin
       driving->rules.columns, driving->rules.kind);
 }
 
-/* Reads the pose of a sweep; *missing: there is none, and the sweep is left out as its photographs are. */
+/* Reads the pose of a sweep; *missing: none exists, and the sweep is left out as its photographs are. */
 static pags_result read_pose(const pags_driving *driving, int frame, double out[12], bool *missing, pags_tally *lost) {
   static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
   memcpy(out, identity, sizeof identity);
@@ -149,8 +149,8 @@ static bool is_zero(const float p[3]) {
 }
 
 /* Finds places where many rows lie: beams without a return are rows of zeros, which a converter may have moved to the
- * scanner's place in the car or in the world. Of at most SAMPLED rows, REPEATED are at the same place to the last bit:
- * no surface gives more than a few returns of equal coordinates. Returns the number of such places. */
+ * scanner's place in the car or in the world. At most SAMPLED rows are looked at; REPEATED are at the same place to the
+ * last bit: no surface gives more than a few returns of equal coordinates. Returns the number of such places. */
 static int find_places(const pags_rules *rules, const uint8_t *bytes, int64_t rows, float places[MOST_PLACES][3]) {
   float sampled[SAMPLED][3];
   const int count = rows < SAMPLED ? (int)rows : SAMPLED;
@@ -167,7 +167,7 @@ static int find_places(const pags_rules *rules, const uint8_t *bytes, int64_t ro
   return found;
 }
 
-/* Copies the points of the rows to `xyz` and counts the rows that are none; returns the number of points. `centre`: the
+/* Copies the points of the rows to `xyz` and counts the invalid rows; returns the number of points. `centre`: the
  * car's place in the frame of the sweep. */
 static int64_t take_points(const pags_rules *rules, const uint8_t *bytes, const double centre[3], float *xyz,
                            pags_sweep_rows *rows) {

@@ -17,8 +17,8 @@
 
 static const double usual_fps = 10;
 
-/* Seconds between time steps that are plausible for a recording: a unit is looked for if they are farther apart than
- * `longest`, and taken if they then are between `least` and `most`, so that one unit at most fits. */
+/* Seconds between time steps that are plausible for a recording: a unit is looked for if the gap between them is larger
+ * than `longest`, and taken if they then are between `least` and `most`, so that one unit at most fits. */
 static const double longest = 20, least = 0.02, most = 2;
 
 typedef struct times {

@@ -30,7 +30,7 @@ typedef struct known_folder {
 
 /* ---- Names ---- */
 
-/* Files that tools leave beside data: hidden ones, notes, records and films. */
+/* Files that tools leave next to data: hidden ones, notes, records and films. */
 static bool is_companion(const char *name) {
   static const char *const extensions[] = {".json", ".md", ".mp4", ".log", ".part", ".yaml", ".yml", ".db", ".ini"};
   if (*name == '.')
@@ -52,7 +52,7 @@ static void write_name(const survey *s, const known_folder *folder, int frame, i
     snprintf(out, size, "%d%s", camera, folder->extension);
 }
 
-/* Reads a number that is filled up with zeros to so many digits, and to no more. */
+/* Reads a number that is filled up with zeros to that number of digits, and to no more. */
 static bool has_number(const char **at, int digits, int *out) {
   const char *begin = *at;
   return pags_driving_number(at, out) && (*at - begin == digits || (*at - begin > digits && *begin != '0'));
@@ -193,7 +193,7 @@ static const char *meant_by(const char *name) {
   return NULL;
 }
 
-/* Whether a name of the set's folder is one that the reader opens, or another tool's beside it. */
+/* Whether a name of the set's folder is one that the reader opens, or another tool's next to it. */
 static bool is_known(const pags_driving *driving, const char *name) {
   static const char *const
       names[] = {"images",    "intrinsics", "extrinsics",    "ego_pose",  "lidar",
@@ -227,7 +227,7 @@ static pags_result count_files(const survey *s, const char *path, int64_t *files
   return PAGS_OK;
 }
 
-/* Whether a file beside the folders holds data of a part of the set, by its name. */
+/* Whether a file next to the folders holds data of a part of the set, by its name. */
 static bool is_data_file(const char *name) {
   static const char *const extensions[] = {".npz", ".npy", ".pkl", ".pcd",     ".las",     ".laz",
                                            ".bin", ".h5",  ".bag", ".feather", ".parquet", ".tfrecord"};
